@@ -1,0 +1,245 @@
+//! The asset: strands at rest in the scalp's space, as a file holds them.
+
+use glam::Vec3;
+
+/// Where a strand is rooted: a triangle of the body's mesh and a point in it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RootBinding {
+    /// Index of the triangle in [`TriMesh::triangles`](crate::body::TriMesh::triangles).
+    pub triangle: u32,
+    /// Barycentric coordinates of the nearest point of that triangle; they sum to 1.
+    pub barycentric: [f32; 3],
+    /// Signed distance in metres from that point to the root; positive outside the body.
+    pub distance: f32,
+}
+
+/// Strands at rest, root first, in metres, y up, in the scalp's space.
+///
+/// Strand `s` owns particles `strand_offsets[s]..strand_offsets[s + 1]`. Optional attributes are either absent or
+/// hold one entry a particle or a strand, as each says.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Groom {
+    positions: Vec<Vec3>,
+    strand_offsets: Vec<u32>,
+    /// Width (diameter) of the hair in metres, one a particle.
+    pub widths: Option<Vec<f32>>,
+    /// Linear RGB in 0–1, one a particle.
+    pub colours: Option<Vec<[f32; 3]>>,
+    /// 0 opaque to 1 clear, one a particle.
+    pub transparencies: Option<Vec<f32>>,
+    /// Texture coordinates of the root on the scalp, one a strand.
+    pub root_uvs: Option<Vec<[f32; 2]>>,
+    /// Particles held fixed at the root, one a strand (TressFX: those with w = 0).
+    pub pinned: Option<Vec<u16>>,
+    /// Root bindings, one a strand.
+    pub bindings: Option<Vec<RootBinding>>,
+}
+
+/// Why a groom cannot be built from the arrays given.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum GroomError {
+    /// The offsets do not start at 0, do not grow, or do not end at the number of particles.
+    #[error("strand offsets are inconsistent at strand {strand}: {detail}")]
+    Offsets {
+        /// The strand at which they break.
+        strand: usize,
+        /// What is wrong there.
+        detail: String,
+    },
+    /// An attribute has neither one entry a particle nor one a strand, as it should.
+    #[error("attribute `{name}` has {found} entries, but {expected} were expected")]
+    AttributeLength {
+        /// The attribute's field name.
+        name: &'static str,
+        /// Entries it should have.
+        expected: usize,
+        /// Entries it has.
+        found: usize,
+    },
+    /// More particles than 32-bit offsets can index.
+    #[error("a groom of {0} particles is over the limit of 4,294,967,295")]
+    TooManyParticles(usize),
+}
+
+impl Groom {
+    /// A groom of `positions` (metres, y up) split by `strand_offsets` (S + 1 entries, first 0, growing, last = P).
+    ///
+    /// Non-finite positions are let through: `repair` removes them and counts them.
+    ///
+    /// # Errors
+    /// [`GroomError`] if the offsets do not describe the positions.
+    pub fn new(positions: Vec<Vec3>, strand_offsets: Vec<u32>) -> Result<Self, GroomError> {
+        if u32::try_from(positions.len()).is_err() {
+            return Err(GroomError::TooManyParticles(positions.len()));
+        }
+        let fail = |strand: usize, detail: String| Err(GroomError::Offsets { strand, detail });
+        match (strand_offsets.first(), strand_offsets.last()) {
+            (Some(0), Some(&last)) if last as usize == positions.len() => {}
+            (Some(0), Some(&last)) => {
+                return fail(
+                    strand_offsets.len() - 1,
+                    format!("the last offset is {last}, but there are {} particles", positions.len()),
+                );
+            }
+            _ => return fail(0, "the first offset must be 0".into()),
+        }
+        if let Some(strand) = strand_offsets.windows(2).position(|w| w[1] < w[0]) {
+            return fail(
+                strand,
+                format!("{} is followed by {}", strand_offsets[strand], strand_offsets[strand + 1]),
+            );
+        }
+        Ok(Self { positions, strand_offsets, ..Self::default() })
+    }
+
+    /// A groom from a list of strands, each root first, in metres.
+    ///
+    /// # Errors
+    /// [`GroomError::TooManyParticles`].
+    pub fn from_strands<S: AsRef<[Vec3]>>(strands: impl IntoIterator<Item = S>) -> Result<Self, GroomError> {
+        let mut positions = Vec::new();
+        let mut offsets = vec![0u32];
+        for strand in strands {
+            positions.extend_from_slice(strand.as_ref());
+            offsets.push(
+                u32::try_from(positions.len()).map_err(|_| GroomError::TooManyParticles(positions.len()))?,
+            );
+        }
+        Self::new(positions, offsets)
+    }
+
+    /// Checks that every attribute has the length it should.
+    ///
+    /// # Errors
+    /// [`GroomError::AttributeLength`] for the first that has not.
+    pub fn check_attributes(&self) -> Result<(), GroomError> {
+        let (particles, strands) = (self.particle_count(), self.strand_count());
+        let lengths = [
+            ("widths", self.widths.as_ref().map(Vec::len), particles),
+            ("colours", self.colours.as_ref().map(Vec::len), particles),
+            ("transparencies", self.transparencies.as_ref().map(Vec::len), particles),
+            ("root_uvs", self.root_uvs.as_ref().map(Vec::len), strands),
+            ("pinned", self.pinned.as_ref().map(Vec::len), strands),
+            ("bindings", self.bindings.as_ref().map(Vec::len), strands),
+        ];
+        for (name, found, expected) in lengths {
+            if let Some(found) = found.filter(|&found| found != expected) {
+                return Err(GroomError::AttributeLength { name, expected, found });
+            }
+        }
+        Ok(())
+    }
+
+    /// Number of strands, S.
+    pub fn strand_count(&self) -> usize {
+        self.strand_offsets.len().saturating_sub(1)
+    }
+
+    /// Number of particles, P.
+    pub fn particle_count(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// All positions, [P], metres.
+    pub fn positions(&self) -> &[Vec3] {
+        &self.positions
+    }
+
+    /// All positions, to be moved but not added or removed.
+    pub fn positions_mut(&mut self) -> &mut [Vec3] {
+        &mut self.positions
+    }
+
+    /// Offsets, [S + 1].
+    pub fn strand_offsets(&self) -> &[u32] {
+        &self.strand_offsets
+    }
+
+    /// The particle indices of strand `strand`.
+    ///
+    /// # Panics
+    /// If there is no such strand.
+    pub fn range(&self, strand: usize) -> std::ops::Range<usize> {
+        self.strand_offsets[strand] as usize..self.strand_offsets[strand + 1] as usize
+    }
+
+    /// The positions of strand `strand`, root first.
+    ///
+    /// # Panics
+    /// If there is no such strand.
+    pub fn strand(&self, strand: usize) -> &[Vec3] {
+        &self.positions[self.range(strand)]
+    }
+
+    /// All strands in order.
+    pub fn strands(&self) -> impl ExactSizeIterator<Item = &[Vec3]> {
+        (0..self.strand_count()).map(|strand| self.strand(strand))
+    }
+
+    /// Length of strand `strand` along its particles, in metres.
+    ///
+    /// # Panics
+    /// If there is no such strand.
+    pub fn length(&self, strand: usize) -> f32 {
+        self.strand(strand).windows(2).map(|w| w[0].distance(w[1])).sum()
+    }
+
+    /// The strands for which `keep` answers true, in order, with all their attributes.
+    #[must_use]
+    pub fn select(&self, mut keep: impl FnMut(usize) -> bool) -> Self {
+        let kept: Vec<usize> = (0..self.strand_count()).filter(|&strand| keep(strand)).collect();
+        let mut positions = Vec::with_capacity(kept.iter().map(|&s| self.range(s).len()).sum());
+        let mut strand_offsets = Vec::with_capacity(kept.len() + 1);
+        strand_offsets.push(0);
+        for &strand in &kept {
+            positions.extend_from_slice(self.strand(strand));
+            #[expect(
+                clippy::cast_possible_truncation,
+                reason = "no more particles than the source's, which fit"
+            )]
+            strand_offsets.push(positions.len() as u32);
+        }
+        let per_particle = |range: usize| self.range(range);
+        Self {
+            positions,
+            strand_offsets,
+            widths: self.widths.as_ref().map(|a| gather(a, &kept, per_particle)),
+            colours: self.colours.as_ref().map(|a| gather(a, &kept, per_particle)),
+            transparencies: self.transparencies.as_ref().map(|a| gather(a, &kept, per_particle)),
+            root_uvs: self.root_uvs.as_ref().map(|a| gather(a, &kept, |s| s..s + 1)),
+            pinned: self.pinned.as_ref().map(|a| gather(a, &kept, |s| s..s + 1)),
+            bindings: self.bindings.as_ref().map(|a| gather(a, &kept, |s| s..s + 1)),
+        }
+    }
+}
+
+fn gather<T: Copy>(values: &[T], kept: &[usize], range: impl Fn(usize) -> std::ops::Range<usize>) -> Vec<T> {
+    kept.iter().flat_map(|&strand| values[range(strand)].iter().copied()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn offsets_are_checked() {
+        let p = vec![Vec3::ZERO; 3];
+        assert!(Groom::new(p.clone(), vec![0, 2, 3]).is_ok());
+        for bad in [vec![], vec![1, 3], vec![0, 4], vec![0, 3, 2, 3]] {
+            assert!(Groom::new(p.clone(), bad).is_err());
+        }
+    }
+
+    #[test]
+    fn select_keeps_attributes_aligned() {
+        let strand = |x: f32| vec![Vec3::X * x, Vec3::X * (x + 1.0)];
+        let mut groom = Groom::from_strands([strand(0.0), strand(10.0), strand(20.0)]).unwrap();
+        groom.widths = Some(vec![0.0, 1.0, 2.0, 3.0, 4.0, 5.0]);
+        groom.pinned = Some(vec![1, 2, 3]);
+        let kept = groom.select(|s| s != 1);
+        assert_eq!(kept.strand(1), groom.strand(2));
+        assert_eq!(kept.widths, Some(vec![0.0, 1.0, 4.0, 5.0]));
+        assert_eq!(kept.pinned, Some(vec![1, 3]));
+        kept.check_attributes().unwrap();
+    }
+}

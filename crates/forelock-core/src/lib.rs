@@ -1,0 +1,15 @@
+//! Strands, bodies, parameters and the solvers of Forelock on the CPU.
+//!
+//! Four kinds of data, never mixed:
+//!
+//! - [`Groom`](groom::Groom): the asset, strands at rest in the scalp's space, what a file holds;
+//! - `Model`: what is derived once from groom, body and parameters, constant afterwards;
+//! - `State`: what each step changes, and what a snapshot saves;
+//! - `Workspace`: scratch that nothing may rely on between steps.
+//!
+//! Units are SI (metres, seconds, radians) and y is up, unless a name says otherwise.
+
+pub mod body;
+pub mod groom;
+pub mod pose;
+pub mod solver;
