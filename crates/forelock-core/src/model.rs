@@ -1,0 +1,251 @@
+//! Model: what is derived once from a groom and its parameters, constant afterwards.
+
+use crate::lane::{LANES, Real, Row};
+
+/// Strands of equal particle count, one a lane.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Block {
+    /// First particle's place: particle `i` of the block has component `c` in row `3 (first + i) + c`.
+    pub first: usize,
+    /// Particles a strand.
+    pub particles: usize,
+    /// The groom's strand in each lane. Lanes from `live` on repeat the last strand and are ignored on output.
+    pub strands: [u32; LANES],
+    /// Lanes that carry a strand of their own.
+    pub live: usize,
+}
+
+impl Block {
+    /// The block's places in arrays of one row a particle.
+    pub fn range(&self) -> std::ops::Range<usize> {
+        self.first..self.first + self.particles
+    }
+}
+
+/// Strands as plain arrays, the input of [`Model::new`].
+#[derive(Clone, Copy, Debug)]
+pub struct Strands<'a, T> {
+    /// Rest positions in the head's frame, [P].
+    pub positions: &'a [[T; 3]],
+    /// Offsets, [S + 1].
+    pub offsets: &'a [u32],
+    /// Stiffness of each strand's springs and ties relative to the parameters', [S]; none = 1.
+    pub stiffness: Option<&'a [f32]>,
+}
+
+/// Packed strands at rest. The arrays hold rows of [`LANES`] strands: see [`Block::first`].
+#[derive(Clone, Debug)]
+pub struct Model<T> {
+    /// Blocks in memory order.
+    pub blocks: Vec<Block>,
+    /// Rest positions relative to `centre`, head frame, [3 × places] rows, metres.
+    pub rest: Vec<Row<T>>,
+    /// Rest lengths to the next, second and third next particle, [3 × places] rows, metres; 0 past the tip.
+    pub rest_lengths: Vec<Row<T>>,
+    /// A row a block: length of the strand, metres.
+    pub strand_lengths: Vec<Row<T>>,
+    /// A row a block: the strand's relative stiffness.
+    pub stiffness: Vec<Row<T>>,
+    /// The point, in the head's frame, about which rest positions are stored: the middle of their box. It keeps
+    /// coordinates small, so that float32 resolves edges anywhere in the world.
+    pub centre: [f64; 3],
+    /// Strands of the groom, S.
+    pub strand_count: usize,
+    /// Particles of the groom, P.
+    pub particle_count: usize,
+    /// Where each strand's particles start in the groom's order, [S + 1].
+    pub offsets: Vec<u32>,
+}
+
+/// Why strands cannot be packed.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum PackError {
+    /// No strands at all.
+    #[error("the groom has no strands: nothing to simulate")]
+    Empty,
+    /// A strand with fewer than two particles.
+    #[error("strand {strand} has {particles} particle(s), but a strand needs 2 or more: repair the groom first")]
+    TooShort {
+        /// Which strand.
+        strand: usize,
+        /// Particles it has.
+        particles: usize,
+    },
+    /// A position that is not finite.
+    #[error("strand {strand} has a position that is not finite at its particle {particle}: repair the groom first")]
+    NonFinite {
+        /// Which strand.
+        strand: usize,
+        /// Which of its particles.
+        particle: usize,
+    },
+    /// An edge of no length.
+    #[error("strand {strand} repeats a point at its particle {particle}: repair the groom first")]
+    Repeated {
+        /// Which strand.
+        strand: usize,
+        /// The second of the two particles.
+        particle: usize,
+    },
+}
+
+impl<T: Real> Model<T> {
+    /// Packs `strands` into blocks: strands of equal particle count side by side, in the groom's order.
+    ///
+    /// # Errors
+    /// [`PackError`] if there are no strands, or one that no solver can take.
+    pub fn new(strands: &Strands<'_, T>) -> Result<Self, PackError> {
+        check(strands)?;
+        let strand_count = strands.offsets.len() - 1;
+        let count = |s: u32| (strands.offsets[s as usize + 1] - strands.offsets[s as usize]) as usize;
+        #[expect(clippy::cast_possible_truncation, reason = "offsets are 32-bit, so strand numbers are")]
+        let mut order: Vec<u32> = (0..strand_count as u32).collect();
+        order.sort_by_key(|&s| count(s)); // stable: neighbours in the groom stay neighbours
+
+        let mut blocks = Vec::new();
+        let mut first = 0;
+        for same in order.chunk_by(|&a, &b| count(a) == count(b)) {
+            for chunk in same.chunks(LANES) {
+                let particles = count(chunk[0]);
+                let lane = |k: usize| chunk[k.min(chunk.len() - 1)];
+                blocks.push(Block { first, particles, strands: std::array::from_fn(lane), live: chunk.len() });
+                first += particles;
+            }
+        }
+        let mut model = Self {
+            rest: vec![Row([T::zero(); LANES]); 3 * first],
+            rest_lengths: vec![Row([T::zero(); LANES]); 3 * first],
+            strand_lengths: vec![Row([T::zero(); LANES]); blocks.len()],
+            stiffness: vec![Row([T::one(); LANES]); blocks.len()],
+            centre: centre(strands.positions),
+            blocks,
+            strand_count,
+            particle_count: strands.positions.len(),
+            offsets: strands.offsets.to_vec(),
+        };
+        for block in 0..model.blocks.len() {
+            for lane in 0..LANES {
+                model.fill_lane(strands, block, lane);
+            }
+        }
+        Ok(model)
+    }
+
+    fn fill_lane(&mut self, strands: &Strands<'_, T>, index: usize, lane: usize) {
+        let block = &self.blocks[index];
+        let strand = block.strands[lane] as usize;
+        let from = strands.offsets[strand] as usize;
+        let points = &strands.positions[from..from + block.particles];
+        for (i, point) in points.iter().enumerate() {
+            for c in 0..3 {
+                let centred = point[c].to_f64().unwrap_or(0.0) - self.centre[c];
+                self.rest[3 * (block.first + i) + c].0[lane] = T::from(centred).unwrap_or_else(T::zero);
+            }
+        }
+        let rest = |i: usize, c: usize| self.rest[3 * (block.first + i) + c].0[lane];
+        let distance = |i: usize, j: usize| {
+            (0..3).fold(T::zero(), |sum, c| sum + (rest(j, c) - rest(i, c)).powi(2)).sqrt()
+        };
+        let mut length = T::zero();
+        for i in 0..points.len() {
+            for reach in 1..=3usize.min(points.len() - 1 - i) {
+                self.rest_lengths[3 * (block.first + i) + reach - 1].0[lane] = distance(i, i + reach);
+            }
+            length = length + self.rest_lengths[3 * (block.first + i)].0[lane];
+        }
+        self.strand_lengths[index].0[lane] = length;
+        if let Some(scale) = strands.stiffness.and_then(|s| T::from(s[strand])) {
+            self.stiffness[index].0[lane] = scale;
+        }
+    }
+
+    /// Places: particles a lane, over all blocks.
+    pub fn places(&self) -> usize {
+        self.rest.len() / 3
+    }
+
+    /// Bytes that the model holds.
+    pub fn bytes(&self) -> usize {
+        let rows = self.rest.len() + self.rest_lengths.len() + self.strand_lengths.len() + self.stiffness.len();
+        rows * size_of::<Row<T>>() + size_of_val(&*self.blocks) + size_of_val(&*self.offsets)
+    }
+
+    /// Most particles of a strand.
+    pub fn longest(&self) -> usize {
+        self.blocks.iter().map(|b| b.particles).max().unwrap_or(0)
+    }
+}
+
+fn check<T: Real>(strands: &Strands<'_, T>) -> Result<(), PackError> {
+    if strands.offsets.len() < 2 {
+        return Err(PackError::Empty);
+    }
+    for (strand, ends) in strands.offsets.windows(2).enumerate() {
+        let points = &strands.positions[ends[0] as usize..ends[1] as usize];
+        if points.len() < 2 {
+            return Err(PackError::TooShort { strand, particles: points.len() });
+        }
+        if let Some(particle) = points.iter().position(|p| p.iter().any(|x| !x.is_finite())) {
+            return Err(PackError::NonFinite { strand, particle });
+        }
+        if let Some(edge) = points.windows(2).position(|w| w[0] == w[1]) {
+            return Err(PackError::Repeated { strand, particle: edge + 1 });
+        }
+    }
+    Ok(())
+}
+
+/// The middle of the points' box.
+fn centre<T: Real>(points: &[[T; 3]]) -> [f64; 3] {
+    std::array::from_fn(|c| {
+        let values = points.iter().filter_map(|p| p[c].to_f64());
+        let (lo, hi) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), x| (lo.min(x), hi.max(x)));
+        0.5 * (lo + hi)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn straight(counts: &[usize]) -> (Vec<[f64; 3]>, Vec<u32>) {
+        let mut positions = Vec::new();
+        let mut offsets = vec![0];
+        for (s, &n) in counts.iter().enumerate() {
+            positions.extend((0..n).map(|i| [s as f64, -(i as f64), 0.0]));
+            offsets.push(positions.len() as u32);
+        }
+        (positions, offsets)
+    }
+
+    #[test]
+    fn equal_counts_share_blocks_and_every_strand_has_one_lane() {
+        let counts: Vec<usize> = (0..100).map(|s| 2 + s % 3).chain([1000]).collect();
+        let (positions, offsets) = straight(&counts);
+        let model = Model::new(&Strands { positions: &positions, offsets: &offsets, stiffness: None }).unwrap();
+        let mut seen = vec![0; counts.len()];
+        for block in &model.blocks {
+            for &s in &block.strands[..block.live] {
+                seen[s as usize] += 1;
+                assert_eq!(counts[s as usize], block.particles);
+            }
+        }
+        assert!(seen.iter().all(|&n| n == 1));
+        assert_eq!(model.longest(), 1000);
+        let last = model.blocks.last().unwrap();
+        assert_eq!(model.rest_lengths[3 * last.first + 2].0[0], 3.0);
+        assert_eq!(model.strand_lengths.last().unwrap().0[15], 999.0);
+    }
+
+    #[test]
+    fn strands_that_no_solver_can_take_are_named() {
+        let build = |positions: &[[f64; 3]], offsets: &[u32]| {
+            Model::new(&Strands { positions, offsets, stiffness: None }).map(|_| ())
+        };
+        assert_eq!(build(&[], &[0]), Err(PackError::Empty));
+        assert_eq!(build(&[[0.0; 3]], &[0, 1]), Err(PackError::TooShort { strand: 0, particles: 1 }));
+        let nan = [[0.0; 3], [1.0, f64::NAN, 0.0]];
+        assert_eq!(build(&nan, &[0, 2]), Err(PackError::NonFinite { strand: 0, particle: 1 }));
+        assert_eq!(build(&[[0.0; 3], [0.0; 3]], &[0, 2]), Err(PackError::Repeated { strand: 0, particle: 1 }));
+    }
+}

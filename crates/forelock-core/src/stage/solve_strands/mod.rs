@@ -1,0 +1,214 @@
+//! One implicit substep of a strand: assembly and exact solve in a single sweep.
+//!
+//! # Theory
+//! Backward Euler on springs linearised about the start of the substep (Selle 2008; AMS Eq. 9), multiplied by the
+//! mass so that it is symmetric positive definite:
+//!
+//! ```text
+//! A_ii = (m_i + h c_i) I + h² Σ_j K_ij + h² s_i κ_I I + angular
+//! A_ij = −h² K_ij                                            0 < |i−j| ≤ 3
+//! b_i  = m_i v_i + h (f_i + S_i) + h c_i u + h² s_i κ_I w_i + angular
+//! ```
+//!
+//! with K of [`spring`](springs), the ghost's terms of [`ghost`], and 3×3 blocks in a band of half-width 3. The
+//! block LDLᵀ of [`factor`] solves it exactly. Clamped particles have v = w; their columns move to b.
+//!
+//! # Practice
+//! Row `i` needs springs from rows `i−3..=i`, so one loop computes the three springs that start at `i`, adds them to
+//! a ring of four rows, and eliminates row `i` at once. The matrix never exists in memory: only the factors that the
+//! backward sweep needs are kept, 30 numbers a particle.
+//!
+//! # Limitations
+//! In float32 the factors are good while h² κ ≤ 1e3; see [`AmsParams::validate`](crate::solver::AmsParams::validate).
+
+mod altitude;
+mod factor;
+mod ghost;
+mod springs;
+mod terms;
+
+pub use terms::{FrameTerms, RowTerms, SubstepTerms};
+
+use crate::lane::{Lane, Real, Row, V3};
+use factor::{Link, Ring};
+use ghost::Ghost;
+
+/// One block's arrays, as a stage sees them. Rows as in [`Model`](crate::model::Model), this block's alone.
+#[derive(Debug)]
+pub struct BlockView<'a, T> {
+    /// Particles a strand.
+    pub particles: usize,
+    /// Rest positions about the model's centre, head frame.
+    pub rest: &'a [Row<T>],
+    /// Rest lengths to the next three particles.
+    pub rest_lengths: &'a [Row<T>],
+    /// Strand length.
+    pub strand_length: &'a Row<T>,
+    /// Relative stiffness of the strand.
+    pub stiffness: &'a Row<T>,
+    /// Positions relative to the frame's origin, world axes.
+    pub positions: &'a mut [Row<T>],
+    /// Velocities, world axes.
+    pub velocities: &'a mut [Row<T>],
+    /// Intact share s of each integrity tie.
+    pub integrity: &'a mut [Row<T>],
+    /// Lower bound on the distance to the nearest solid; negative: depth inside it; −∞: unknown.
+    pub clearance: &'a mut [Row<T>],
+}
+
+/// Scratch of one worker for strands of up to a fixed count of particles.
+#[derive(Debug)]
+pub struct Scratch<T> {
+    rows: Vec<Row<T>>,
+}
+
+/// Rows of scratch a particle: three 3×3 links and a vector.
+const SCRATCH_ROWS: usize = 30;
+
+impl<T: Real> Scratch<T> {
+    /// Scratch for strands of up to `particles`.
+    pub fn new(particles: usize) -> Self {
+        Self { rows: vec![Row([T::zero(); crate::lane::LANES]); SCRATCH_ROWS * (particles + 1)] }
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&*self.rows)
+    }
+
+    /// The scratch as vectors of lanes, one after the other.
+    #[inline(always)]
+    pub fn vectors<L: Lane<Scalar = T>>(&mut self) -> &mut [V3<L>] {
+        let numbers: &mut [T] = bytemuck::cast_slice_mut(&mut self.rows);
+        let usable = numbers.len() / (3 * L::WIDTH) * (3 * L::WIDTH);
+        bytemuck::cast_slice_mut(&mut numbers[..usable])
+    }
+}
+
+/// Advances one group of lanes (`first..first + L::WIDTH`) by a substep: velocities by the implicit solve, then
+/// x += h v; clamped particles go to their ghosts exactly.
+#[inline(always)]
+pub fn advance<L: Lane>(
+    frame: &FrameTerms,
+    substep: &SubstepTerms<L>,
+    view: &mut BlockView<'_, L::Scalar>,
+    first: usize,
+    scratch: &mut Scratch<L::Scalar>,
+) {
+    let n = view.particles;
+    let clamped = frame.clamped.min(n);
+    let scratch = scratch.vectors::<L>();
+    let (links, half_solved) = scratch.split_at_mut(9 * n);
+    let (links, _) = links.as_chunks_mut::<9>();
+    eliminate(frame, substep, view, first, (links, &mut *half_solved));
+
+    // Backward sweep: v_i = D_i⁻¹ z_i − Σ_j L_jiᵀ v_j, with −L stored.
+    let mut later = [V3::zero(); 3];
+    for i in (0..n).rev() {
+        let mut v = half_solved[i];
+        if i >= clamped {
+            for (reach, v_later) in later.iter().enumerate().take((n - 1 - i).min(3)) {
+                v = v.add_transposed(&factor::link(&links[i + reach + 1], reach), *v_later);
+            }
+            let x = V3::load(view.positions, i, first).add_scaled(substep.h, v);
+            x.store(view.positions, i, first);
+        } else {
+            let rest = V3::load(view.rest, i, first);
+            substep.ghost_at_end(rest).store(view.positions, i, first);
+        }
+        v.store(view.velocities, i, first);
+        later = [v, later[0], later[1]];
+    }
+}
+
+/// Forward sweep: assembles row after row and eliminates it. Leaves −L in `links` and D⁻¹z in `half_solved` (the
+/// ghost's velocity for clamped particles).
+#[inline(always)]
+fn eliminate<L: Lane>(
+    frame: &FrameTerms,
+    substep: &SubstepTerms<L>,
+    view: &mut BlockView<'_, L::Scalar>,
+    first: usize,
+    (links, half_solved): (&mut [Link<L>], &mut [V3<L>]),
+) {
+    let n = view.particles;
+    let clamped = frame.clamped.min(n);
+    let stiffness = L::load(view.stiffness, first);
+    let mut ring = Ring::new();
+    let mut ghost = Ghost::new(substep, V3::load(view.rest, 0, first));
+    for i in 0..n {
+        let terms = frame.row::<L>(i, n, stiffness);
+        ring.open(i);
+        if i >= clamped {
+            tie_to_ghost(frame, substep, view, (i, first), &terms, &ghost, &mut ring);
+        }
+        let next = Ghost::new(substep, V3::load(view.rest, (i + 1).min(n - 1), first));
+        let x = V3::load(view.positions, i, first);
+        for reach in 1..=3usize.min(n - 1 - i) {
+            let j = i + reach;
+            if j < clamped {
+                continue;
+            }
+            let d = V3::load(view.positions, j, first) - x;
+            let rest_length = L::load(&view.rest_lengths[3 * i + reach - 1], first);
+            let mut spring = springs::spring(substep, terms.springs[reach - 1], frame.tension, d, rest_length);
+            if reach == 1 && frame.angular_edge {
+                let edge = (d, rest_length, spring.inverse_length);
+                let couple = ghost::angular_edge(substep, terms.angular, edge, [&ghost, &next]);
+                spring.stiffness = spring.stiffness.add_identity(couple.stiffness);
+                spring.impulse -= couple.impulse;
+            }
+            ring.add_spring((i, j), clamped, &spring, ghost.w);
+        }
+        if frame.k_altitude > 0.0 && i + 3 < n {
+            let tetrahedron = tetrahedron(substep, view, i, first);
+            altitude::add(substep, &terms, &tetrahedron, i, clamped, &mut ring);
+        }
+        half_solved[i] = if i < clamped { ghost.w } else { ring.eliminate(i, clamped, links) };
+        ghost = next;
+    }
+}
+
+/// Mass, air and ghost ties of row `i`.
+#[inline(always)]
+fn tie_to_ghost<L: Lane>(
+    frame: &FrameTerms,
+    substep: &SubstepTerms<L>,
+    view: &mut BlockView<'_, L::Scalar>,
+    (i, first): (usize, usize),
+    terms: &RowTerms<L>,
+    ghost: &Ghost<L>,
+    ring: &mut Ring<L>,
+) {
+    let x = V3::load(view.positions, i, first);
+    let (diagonal, rhs) = ring.row(i);
+    ghost::inertia(substep, terms, V3::load(view.velocities, i, first), diagonal, rhs);
+    if frame.k_integrity > 0.0 {
+        let mut intact = L::load(&view.integrity[i], first);
+        if frame.non_hookean.is_some() {
+            intact = ghost::damage(frame, intact, x - ghost.y, L::load(view.strand_length, first));
+            intact.store(&mut view.integrity[i], first);
+        }
+        ghost::integrity(frame, substep, terms, ghost, (x, intact), (&mut *diagonal, &mut *rhs));
+    }
+    if frame.angular_paper && i > 0 {
+        let points = [V3::load(view.positions, i - 1, first), x];
+        let rest_length = L::load(&view.rest_lengths[3 * (i - 1)], first);
+        ghost::angular_paper(frame, substep, terms.angular, ghost, (points, rest_length), (diagonal, rhs));
+    }
+}
+
+#[inline(always)]
+fn tetrahedron<L: Lane>(
+    substep: &SubstepTerms<L>,
+    view: &BlockView<'_, L::Scalar>,
+    i: usize,
+    first: usize,
+) -> altitude::Tetrahedron<L> {
+    let rest = [0, 1, 2, 3].map(|k| V3::load(view.rest, i + k, first));
+    altitude::Tetrahedron {
+        positions: [0, 1, 2, 3].map(|k| V3::load(view.positions, i + k, first)),
+        ghost_velocities: rest.map(|y0| Ghost::new(substep, y0).w),
+        rest,
+    }
+}
