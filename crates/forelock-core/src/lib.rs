@@ -16,3 +16,4 @@ pub mod model;
 pub mod pose;
 pub mod solver;
 pub mod stage;
+pub mod state;

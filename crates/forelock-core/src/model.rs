@@ -64,7 +64,9 @@ pub enum PackError {
     #[error("the groom has no strands: nothing to simulate")]
     Empty,
     /// A strand with fewer than two particles.
-    #[error("strand {strand} has {particles} particle(s), but a strand needs 2 or more: repair the groom first")]
+    #[error(
+        "strand {strand} has {particles} particle(s), but a strand needs 2 or more: repair the groom first"
+    )]
     TooShort {
         /// Which strand.
         strand: usize,
@@ -72,7 +74,9 @@ pub enum PackError {
         particles: usize,
     },
     /// A position that is not finite.
-    #[error("strand {strand} has a position that is not finite at its particle {particle}: repair the groom first")]
+    #[error(
+        "strand {strand} has a position that is not finite at its particle {particle}: repair the groom first"
+    )]
     NonFinite {
         /// Which strand.
         strand: usize,
@@ -108,7 +112,12 @@ impl<T: Real> Model<T> {
             for chunk in same.chunks(LANES) {
                 let particles = count(chunk[0]);
                 let lane = |k: usize| chunk[k.min(chunk.len() - 1)];
-                blocks.push(Block { first, particles, strands: std::array::from_fn(lane), live: chunk.len() });
+                blocks.push(Block {
+                    first,
+                    particles,
+                    strands: std::array::from_fn(lane),
+                    live: chunk.len(),
+                });
                 first += particles;
             }
         }
@@ -166,7 +175,8 @@ impl<T: Real> Model<T> {
 
     /// Bytes that the model holds.
     pub fn bytes(&self) -> usize {
-        let rows = self.rest.len() + self.rest_lengths.len() + self.strand_lengths.len() + self.stiffness.len();
+        let rows =
+            self.rest.len() + self.rest_lengths.len() + self.strand_lengths.len() + self.stiffness.len();
         rows * size_of::<Row<T>>() + size_of_val(&*self.blocks) + size_of_val(&*self.offsets)
     }
 
@@ -222,7 +232,8 @@ mod tests {
     fn equal_counts_share_blocks_and_every_strand_has_one_lane() {
         let counts: Vec<usize> = (0..100).map(|s| 2 + s % 3).chain([1000]).collect();
         let (positions, offsets) = straight(&counts);
-        let model = Model::new(&Strands { positions: &positions, offsets: &offsets, stiffness: None }).unwrap();
+        let model =
+            Model::new(&Strands { positions: &positions, offsets: &offsets, stiffness: None }).unwrap();
         let mut seen = vec![0; counts.len()];
         for block in &model.blocks {
             for &s in &block.strands[..block.live] {
@@ -246,6 +257,9 @@ mod tests {
         assert_eq!(build(&[[0.0; 3]], &[0, 1]), Err(PackError::TooShort { strand: 0, particles: 1 }));
         let nan = [[0.0; 3], [1.0, f64::NAN, 0.0]];
         assert_eq!(build(&nan, &[0, 2]), Err(PackError::NonFinite { strand: 0, particle: 1 }));
-        assert_eq!(build(&[[0.0; 3], [0.0; 3]], &[0, 2]), Err(PackError::Repeated { strand: 0, particle: 1 }));
+        assert_eq!(
+            build(&[[0.0; 3], [0.0; 3]], &[0, 2]),
+            Err(PackError::Repeated { strand: 0, particle: 1 })
+        );
     }
 }

@@ -122,24 +122,36 @@ impl Collider {
     /// The collider during one frame in which the head goes from `head_from` to `head_to`.
     pub fn frame(&self, head_from: &Pose, head_to: &Pose) -> ColliderFrame<'_> {
         let (from, to) = match self.attachment {
-            Attachment::World => (self.pose, self.pose),
-            Attachment::Head => (head_from.after(&self.pose), head_to.after(&self.pose)),
+            Attachment::World => (Pose::IDENTITY, Pose::IDENTITY),
+            Attachment::Head => (*head_from, *head_to),
         };
-        ColliderFrame { shape: &self.shape, from, to, friction: self.friction }
+        ColliderFrame { shape: &self.shape, local: self.pose, from, to, friction: self.friction }
     }
 }
 
-/// A solid during one frame. The solver interpolates between the poses ([`Pose::interpolate`]).
+/// A solid during one frame, carried by something that moves from pose `from` to pose `to`.
+///
+/// Carrier and place are apart because interpolating their product would take a solid far from the carrier's origin
+/// along the chord instead of the arc, away from the hair that the same carrier moves.
 #[derive(Clone, Copy, Debug)]
 pub struct ColliderFrame<'a> {
     /// The shape, in local space.
     pub shape: &'a Shape,
-    /// World from local at the frame's start.
+    /// Carrier from local: where the shape sits on what carries it.
+    pub local: Pose,
+    /// World from carrier at the frame's start.
     pub from: Pose,
-    /// World from local at the frame's end.
+    /// World from carrier at the frame's end.
     pub to: Pose,
     /// Coulomb friction coefficient μ.
     pub friction: f64,
+}
+
+impl ColliderFrame<'_> {
+    /// World from local, `fraction` of the way through the frame.
+    pub fn pose(&self, fraction: f64) -> Pose {
+        self.from.interpolate(&self.to, fraction).after(&self.local)
+    }
 }
 
 /// A constant in the caller's precision.

@@ -31,6 +31,8 @@ pub struct Groom {
     pub root_uvs: Option<Vec<[f32; 2]>>,
     /// Particles held fixed at the root, one a strand (TressFX: those with w = 0).
     pub pinned: Option<Vec<u16>>,
+    /// Stiffness of a strand's springs and ties relative to the parameters', one a strand.
+    pub stiffness: Option<Vec<f32>>,
     /// Root bindings, one a strand.
     pub bindings: Option<Vec<RootBinding>>,
 }
@@ -120,6 +122,7 @@ impl Groom {
             ("transparencies", self.transparencies.as_ref().map(Vec::len), particles),
             ("root_uvs", self.root_uvs.as_ref().map(Vec::len), strands),
             ("pinned", self.pinned.as_ref().map(Vec::len), strands),
+            ("stiffness", self.stiffness.as_ref().map(Vec::len), strands),
             ("bindings", self.bindings.as_ref().map(Vec::len), strands),
         ];
         for (name, found, expected) in lengths {
@@ -208,6 +211,7 @@ impl Groom {
             transparencies: self.transparencies.as_ref().map(|a| gather(a, &kept, per_particle)),
             root_uvs: self.root_uvs.as_ref().map(|a| gather(a, &kept, |s| s..s + 1)),
             pinned: self.pinned.as_ref().map(|a| gather(a, &kept, |s| s..s + 1)),
+            stiffness: self.stiffness.as_ref().map(|a| gather(a, &kept, |s| s..s + 1)),
             bindings: self.bindings.as_ref().map(|a| gather(a, &kept, |s| s..s + 1)),
         }
     }

@@ -101,11 +101,7 @@ impl<L: Lane> V3<L> {
     pub fn cross(self, b: Self) -> Self {
         let [ax, ay, az] = self.0;
         let [bx, by, bz] = b.0;
-        Self([
-            ay.mul_add(bz, -(az * by)),
-            az.mul_add(bx, -(ax * bz)),
-            ax.mul_add(by, -(ay * bx)),
-        ])
+        Self([ay.mul_add(bz, -(az * by)), az.mul_add(bx, -(ax * bz)), ax.mul_add(by, -(ay * bx))])
     }
 
     /// `self · a`.
@@ -117,11 +113,7 @@ impl<L: Lane> V3<L> {
     /// `self + a b`.
     #[inline(always)]
     pub fn add_scaled(self, a: L, b: Self) -> Self {
-        Self([
-            a.mul_add(b.0[0], self.0[0]),
-            a.mul_add(b.0[1], self.0[1]),
-            a.mul_add(b.0[2], self.0[2]),
-        ])
+        Self([a.mul_add(b.0[0], self.0[0]), a.mul_add(b.0[1], self.0[1]), a.mul_add(b.0[2], self.0[2])])
     }
 }
 

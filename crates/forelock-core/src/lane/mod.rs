@@ -30,7 +30,10 @@ pub const LANES: usize = 16;
 pub struct Row<T>(pub [T; LANES]);
 
 /// The numbers that lanes are made of: `f32` and `f64`, no others.
-pub trait Real: Float + bytemuck::Pod + Default + Send + Sync + std::fmt::Debug + sealed::Sealed + 'static {}
+pub trait Real:
+    Float + bytemuck::Pod + Default + Send + Sync + std::fmt::Debug + sealed::Sealed + 'static
+{
+}
 impl Real for f32 {}
 impl Real for f64 {}
 
@@ -91,8 +94,8 @@ pub trait Lane:
     fn lt(self, other: Self) -> Self::Mask;
     /// `yes` where the mask holds, else `no`.
     fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
-    /// Whether the mask holds in some lane.
-    fn any(mask: Self::Mask) -> bool;
+    /// Whether the mask holds in every lane.
+    fn all(mask: Self::Mask) -> bool;
     /// asin(u)/u for u = √`square`, with `square` in 0–1: half an angle over its sine.
     fn asin_ratio(square: Self) -> Self;
     /// The angle of the point (`x`, `y`) = (`other`, `self`), lane by lane: slow, for options that are not the default.
@@ -254,8 +257,8 @@ impl<const W: usize, const FMA: bool> Lane for Pack<W, FMA> {
         self.zip(other, f32::atan2)
     }
     #[inline(always)]
-    fn any(mask: [bool; W]) -> bool {
-        mask.iter().fold(false, |any, &m| any | m)
+    fn all(mask: [bool; W]) -> bool {
+        mask.iter().fold(true, |all, &m| all & m)
     }
 
     /// A polynomial on 0–½ and the half-angle identity asin u = π/2 − 2 asin √((1−u)/2) above; relative error
@@ -340,7 +343,7 @@ macro_rules! scalar_lane {
                 <$float>::atan2(self, other)
             }
             #[inline(always)]
-            fn any(mask: bool) -> bool {
+            fn all(mask: bool) -> bool {
                 mask
             }
             #[inline(always)]

@@ -1,5 +1,9 @@
 //! Solvers: each an ordered list of stages over the same Model, State and Workspace.
 
+mod block;
 pub mod params;
+mod simulation;
 
-pub use params::AmsParams;
+pub use block::{STAGES, Simd, SolverReal};
+pub use params::{AmsParams, ParamsError};
+pub use simulation::{BuildError, Frame, FrameReport, Memory, Options, Simulation, Teleport};

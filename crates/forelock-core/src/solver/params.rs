@@ -145,3 +145,134 @@ impl Default for AmsParams {
         }
     }
 }
+
+/// The largest h² κ that the float32 solve holds without failures (float64 has no such bound).
+pub const FLOAT32_STIFFNESS_LIMIT: f64 = 1e3;
+
+/// A parameter out of its range.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ParamsError {
+    /// Not a number in its range.
+    #[error("`{name}` is {value}, but it must be {expected}")]
+    Range {
+        /// The field.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it should be.
+        expected: &'static str,
+    },
+    /// h² κ too large for float32.
+    #[error(
+        "`{name}` = {value:e} at {substeps} substep(s) of a {dt_secs:.4} s frame is beyond float32 \
+         (h²κ = {product:.0}, limit {FLOAT32_STIFFNESS_LIMIT:.0}): set substeps to {needed} or more, or lower it to {allowed:.1e}"
+    )]
+    TooStiff {
+        /// The field.
+        name: &'static str,
+        /// Its value, s⁻².
+        value: f64,
+        /// Substeps a frame.
+        substeps: u32,
+        /// Frame time, seconds.
+        dt_secs: f64,
+        /// h² κ.
+        product: f64,
+        /// Substeps that would do.
+        needed: u32,
+        /// The stiffness that would do.
+        allowed: f64,
+    },
+}
+
+impl AmsParams {
+    /// Checks every parameter against its range.
+    ///
+    /// # Errors
+    /// [`ParamsError::Range`] for the first that is not in it.
+    pub fn validate(&self) -> Result<(), ParamsError> {
+        const NON_NEGATIVE: (&str, fn(f64) -> bool) = ("a finite number of 0 or more", |x| x >= 0.0);
+        const POSITIVE: (&str, fn(f64) -> bool) = ("a finite number above 0", |x| x > 0.0);
+        const SHARE: (&str, fn(f64) -> bool) = ("between 0 and 1", |x| (0.0..=1.0).contains(&x));
+        const COUNT: (&str, fn(f64) -> bool) = ("between 1 and 1000", |x| (1.0..=1000.0).contains(&x));
+        let checks = [
+            ("k_edge", self.k_edge, NON_NEGATIVE),
+            ("k_bend", self.k_bend, NON_NEGATIVE),
+            ("k_torsion", self.k_torsion, NON_NEGATIVE),
+            ("k_integrity", self.k_integrity, NON_NEGATIVE),
+            ("k_angular", self.k_angular, NON_NEGATIVE),
+            ("k_altitude", self.k_altitude, NON_NEGATIVE),
+            ("tip_scale_springs", self.tip_scale_springs, SHARE),
+            ("tip_scale_integrity", self.tip_scale_integrity, SHARE),
+            ("tip_scale_angular", self.tip_scale_angular, SHARE),
+            ("drag", self.drag, NON_NEGATIVE),
+            ("clamped", f64::from(self.clamped), COUNT),
+            ("substeps", f64::from(self.substeps), COUNT),
+            ("elastic_limit", self.elastic_limit, SHARE),
+            ("breaking_point", self.breaking_point, POSITIVE),
+            ("breaking_width", self.breaking_width, POSITIVE),
+            ("healing_secs", self.healing_secs, NON_NEGATIVE),
+            ("healing_limit", self.healing_limit, SHARE),
+            ("dftl_damping", self.dftl_damping, SHARE),
+            ("skin_thickness", self.skin_thickness, NON_NEGATIVE),
+            ("depenetration_speed", self.depenetration_speed, POSITIVE),
+        ];
+        for (name, value, (expected, holds)) in checks {
+            if !value.is_finite() || !holds(value) {
+                return Err(ParamsError::Range { name, value, expected });
+            }
+        }
+        if self.breaking_point <= self.elastic_limit {
+            let (name, value) = ("breaking_point", self.breaking_point);
+            return Err(ParamsError::Range { name, value, expected: "above `elastic_limit`" });
+        }
+        Ok(())
+    }
+
+    /// Checks that frames of `dt_secs` can be stepped: a positive time, and h² κ within what float32 solves unless
+    /// `beyond_float32`.
+    ///
+    /// # Errors
+    /// [`ParamsError`] for the first that fails.
+    pub fn validate_step(&self, dt_secs: f64, beyond_float32: bool) -> Result<(), ParamsError> {
+        if !(dt_secs.is_finite() && dt_secs > 0.0) {
+            let expected = "a finite number above 0";
+            return Err(ParamsError::Range { name: "dt_secs", value: dt_secs, expected });
+        }
+        if beyond_float32 {
+            return Ok(());
+        }
+        let h = dt_secs / f64::from(self.substeps);
+        let stiffest = [
+            ("k_edge", self.k_edge),
+            ("k_bend", self.k_bend),
+            ("k_torsion", self.k_torsion),
+            ("k_integrity", self.k_integrity),
+            ("k_altitude", self.k_altitude),
+        ];
+        for (name, value) in stiffest {
+            let product = h * h * value;
+            // A hair's breadth of slack, so that a limit computed from a rounded frame time is not refused.
+            if product > FLOAT32_STIFFNESS_LIMIT * (1.0 + 1e-9) {
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "positive, saturating"
+                )]
+                let needed = (dt_secs * (value / FLOAT32_STIFFNESS_LIMIT).sqrt()).ceil() as u32;
+                let allowed = FLOAT32_STIFFNESS_LIMIT / (h * h);
+                let substeps = self.substeps;
+                return Err(ParamsError::TooStiff {
+                    name,
+                    value,
+                    substeps,
+                    dt_secs,
+                    product,
+                    needed,
+                    allowed,
+                });
+            }
+        }
+        Ok(())
+    }
+}

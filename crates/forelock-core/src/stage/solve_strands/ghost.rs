@@ -47,10 +47,15 @@ pub fn integrity<L: Lane>(
     let pull = ghost.y - x;
     let kappa = terms.integrity * intact;
     *rhs = rhs.add_scaled(substep.h * kappa, pull);
+    let mut direction = pull;
     if frame.sag_free {
         *rhs = rhs.add_scaled(-(substep.h * intact), substep.carried_weight);
+        if frame.directional {
+            // The same force as from a ghost raised by m g/κ_I: the tie points there.
+            direction = pull.add_scaled(-(L::one() / terms.integrity), substep.carried_weight);
+        }
     }
-    implicit_tie(frame, substep, kappa, pull, ghost.w, (diagonal, rhs));
+    implicit_tie(frame, substep, kappa, direction, ghost.w, (diagonal, rhs));
 }
 
 /// h² κ I (or κ D with D along `pull`, as printed) on the diagonal and times w on the right.

@@ -29,61 +29,10 @@ mod terms;
 
 pub use terms::{FrameTerms, RowTerms, SubstepTerms};
 
-use crate::lane::{Lane, Real, Row, V3};
+use super::{BlockView, Scratch};
+use crate::lane::{Lane, V3};
 use factor::{Link, Ring};
 use ghost::Ghost;
-
-/// One block's arrays, as a stage sees them. Rows as in [`Model`](crate::model::Model), this block's alone.
-#[derive(Debug)]
-pub struct BlockView<'a, T> {
-    /// Particles a strand.
-    pub particles: usize,
-    /// Rest positions about the model's centre, head frame.
-    pub rest: &'a [Row<T>],
-    /// Rest lengths to the next three particles.
-    pub rest_lengths: &'a [Row<T>],
-    /// Strand length.
-    pub strand_length: &'a Row<T>,
-    /// Relative stiffness of the strand.
-    pub stiffness: &'a Row<T>,
-    /// Positions relative to the frame's origin, world axes.
-    pub positions: &'a mut [Row<T>],
-    /// Velocities, world axes.
-    pub velocities: &'a mut [Row<T>],
-    /// Intact share s of each integrity tie.
-    pub integrity: &'a mut [Row<T>],
-    /// Lower bound on the distance to the nearest solid; negative: depth inside it; −∞: unknown.
-    pub clearance: &'a mut [Row<T>],
-}
-
-/// Scratch of one worker for strands of up to a fixed count of particles.
-#[derive(Debug)]
-pub struct Scratch<T> {
-    rows: Vec<Row<T>>,
-}
-
-/// Rows of scratch a particle: three 3×3 links and a vector.
-const SCRATCH_ROWS: usize = 30;
-
-impl<T: Real> Scratch<T> {
-    /// Scratch for strands of up to `particles`.
-    pub fn new(particles: usize) -> Self {
-        Self { rows: vec![Row([T::zero(); crate::lane::LANES]); SCRATCH_ROWS * (particles + 1)] }
-    }
-
-    /// Bytes held.
-    pub fn bytes(&self) -> usize {
-        size_of_val(&*self.rows)
-    }
-
-    /// The scratch as vectors of lanes, one after the other.
-    #[inline(always)]
-    pub fn vectors<L: Lane<Scalar = T>>(&mut self) -> &mut [V3<L>] {
-        let numbers: &mut [T] = bytemuck::cast_slice_mut(&mut self.rows);
-        let usable = numbers.len() / (3 * L::WIDTH) * (3 * L::WIDTH);
-        bytemuck::cast_slice_mut(&mut numbers[..usable])
-    }
-}
 
 /// Advances one group of lanes (`first..first + L::WIDTH`) by a substep: velocities by the implicit solve, then
 /// x += h v; clamped particles go to their ghosts exactly.
@@ -151,7 +100,8 @@ fn eliminate<L: Lane>(
             }
             let d = V3::load(view.positions, j, first) - x;
             let rest_length = L::load(&view.rest_lengths[3 * i + reach - 1], first);
-            let mut spring = springs::spring(substep, terms.springs[reach - 1], frame.tension, d, rest_length);
+            let mut spring =
+                springs::spring(substep, terms.springs[reach - 1], frame.tension, d, rest_length);
             if reach == 1 && frame.angular_edge {
                 let edge = (d, rest_length, spring.inverse_length);
                 let couple = ghost::angular_edge(substep, terms.angular, edge, [&ghost, &next]);

@@ -148,7 +148,7 @@ impl<L: Lane> SubstepTerms<L> {
             tiny: L::from_f64(1e-24),
             gravity: V3::splat(gravity),
             air: V3::splat(air),
-            carried_weight: V3::splat(poses[0].transform_vector(rest_gravity)),
+            carried_weight: V3::splat(poses[1].transform_vector(rest_gravity)),
             start: matrices[0],
             end: matrices[1],
         }

@@ -1,0 +1,316 @@
+//! A frame of the AMS solver for one block of strands, and its instantiations for every instruction set.
+
+use crate::body::ColliderFrame;
+use crate::lane::{LANES, Lane, Pack, Real, V3};
+use crate::pose::Pose;
+use crate::stage::resolve_solids::{self, Contacts, Since, SolidPose, Solids};
+use crate::stage::restore_lengths::{self, LengthTerms};
+use crate::stage::solve_strands::{self, FrameTerms, SubstepTerms};
+use crate::stage::{BlockView, Scratch};
+use glam::DVec3;
+use std::time::Instant;
+
+/// The stages of a frame, in order, as reports name them.
+pub const STAGES: [&str; 4] = ["solve_strands", "resolve_solids", "restore_lengths", "check_strands"];
+
+/// All that a block needs to know of a frame.
+#[derive(Debug)]
+pub struct FrameJob<'a, T> {
+    /// Coefficients.
+    pub terms: &'a FrameTerms,
+    /// Head poses at the substeps' ends, M + 1, from the model's centre to the frame's origin.
+    pub poses: &'a [Pose],
+    /// What the length pass needs.
+    pub lengths: LengthTerms,
+    /// Gravity, m/s².
+    pub gravity: DVec3,
+    /// Gravity in the head's rest frame.
+    pub rest_gravity: DVec3,
+    /// Velocity of the air, m/s.
+    pub air_velocity: DVec3,
+    /// To be added to stored positions, which are relative to the last frame's origin.
+    pub shift: DVec3,
+    /// Solids of the frame.
+    pub solids: &'a [ColliderFrame<'a>],
+    /// Their poses, M × solids.
+    pub solid_poses: &'a [SolidPose<T>],
+    /// Skin thickness, metres.
+    pub skin_thickness: f64,
+    /// Depth that a particle may come out of a solid in a substep, metres.
+    pub way_out: f64,
+}
+
+/// What a block, or all, found in a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct BlockReport {
+    /// Largest |l/l₀ − 1| after the length pass.
+    pub max_edge_stretch: f64,
+    /// The same at the frame's end, after solids.
+    pub max_edge_stretch_final: f64,
+    /// Solids at the frame's end.
+    pub contacts: Contacts,
+    /// Strands reset because they were not finite.
+    pub quarantined: u32,
+    /// Nanoseconds a stage, summed over threads.
+    pub stage_nanos: [u64; STAGES.len()],
+}
+
+impl BlockReport {
+    /// Both together; the same whatever the order.
+    #[must_use]
+    pub fn merge(self, other: Self) -> Self {
+        Self {
+            max_edge_stretch: self.max_edge_stretch.max(other.max_edge_stretch),
+            max_edge_stretch_final: self.max_edge_stretch_final.max(other.max_edge_stretch_final),
+            contacts: Contacts {
+                touching: self.contacts.touching + other.contacts.touching,
+                deepest: self.contacts.deepest.max(other.contacts.deepest),
+            },
+            quarantined: self.quarantined + other.quarantined,
+            stage_nanos: std::array::from_fn(|k| self.stage_nanos[k] + other.stage_nanos[k]),
+        }
+    }
+}
+
+/// Advances a block, of which `live` lanes count, by a frame.
+///
+/// # Safety
+/// The processor must have the instruction set that the function was made for.
+pub type BlockFn<T> =
+    unsafe fn(&FrameJob<'_, T>, &mut BlockView<'_, T>, live: usize, &mut Scratch<T>) -> BlockReport;
+
+/// An instruction set and a width.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
+pub enum Simd {
+    /// The best that the processor has.
+    #[default]
+    Auto,
+    /// What every processor of this architecture has, one strand at a time.
+    Scalar,
+    /// What every processor of this architecture has, 4 strands.
+    Portable,
+    /// AVX2 and FMA, 4 strands: for comparing widths.
+    Avx2x4,
+    /// AVX2 and FMA, 8 strands.
+    Avx2,
+    /// AVX2 and FMA, 16 strands in two registers: for comparing widths.
+    Avx2x16,
+    /// AVX-512, 16 strands.
+    Avx512,
+}
+
+impl Simd {
+    /// All but `Auto`, narrow to wide.
+    pub const ALL: [Self; 6] =
+        [Self::Scalar, Self::Portable, Self::Avx2x4, Self::Avx2, Self::Avx2x16, Self::Avx512];
+
+    /// Whether this processor can run it.
+    pub fn is_supported(self) -> bool {
+        match self {
+            Self::Auto | Self::Scalar | Self::Portable => true,
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2x4 | Self::Avx2 | Self::Avx2x16 => {
+                is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma")
+            }
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => {
+                ["avx512f", "avx512vl", "avx512dq", "avx512bw"].len() == 4
+                    && is_x86_feature_detected!("avx512f")
+                    && is_x86_feature_detected!("avx512vl")
+                    && is_x86_feature_detected!("avx512dq")
+                    && is_x86_feature_detected!("avx512bw")
+                    && is_x86_feature_detected!("fma")
+            }
+            #[cfg(not(target_arch = "x86_64"))]
+            _ => false,
+        }
+    }
+
+    /// This choice, or for `Auto` the best one supported.
+    pub fn resolve(self) -> Self {
+        if self != Self::Auto {
+            return self;
+        }
+        [Self::Avx512, Self::Avx2].into_iter().find(|s| s.is_supported()).unwrap_or(Self::Portable)
+    }
+}
+
+/// Numbers that the solver runs in.
+pub trait SolverReal: Real {
+    /// The function for `simd` (supported, not `Auto`).
+    fn block_fn(simd: Simd) -> BlockFn<Self>;
+}
+
+/// The specification: one strand at a time, plain float64.
+impl SolverReal for f64 {
+    fn block_fn(_: Simd) -> BlockFn<Self> {
+        advance_block::<f64>
+    }
+}
+
+/// Whether the target has fused multiply–add without asking.
+const BASELINE_FMA: bool = cfg!(any(target_arch = "aarch64", target_feature = "fma"));
+
+impl SolverReal for f32 {
+    fn block_fn(simd: Simd) -> BlockFn<Self> {
+        match simd {
+            Simd::Scalar => advance_block::<Pack<1, BASELINE_FMA>>,
+            #[cfg(target_arch = "x86_64")]
+            Simd::Avx2x4 => avx2_4,
+            #[cfg(target_arch = "x86_64")]
+            Simd::Avx2 => avx2_8,
+            #[cfg(target_arch = "x86_64")]
+            Simd::Avx2x16 => avx2_16,
+            #[cfg(target_arch = "x86_64")]
+            Simd::Avx512 => avx512_16,
+            _ => advance_block::<Pack<4, BASELINE_FMA>>,
+        }
+    }
+}
+
+macro_rules! instantiate {
+    ($($name:ident $features:literal $width:literal;)*) => {$(
+        #[cfg(target_arch = "x86_64")]
+        #[target_feature(enable = $features)]
+        fn $name(
+            job: &FrameJob<'_, f32>,
+            view: &mut BlockView<'_, f32>,
+            live: usize,
+            scratch: &mut Scratch<f32>,
+        ) -> BlockReport {
+            advance_block::<Pack<$width, true>>(job, view, live, scratch)
+        }
+    )*};
+}
+instantiate! {
+    avx2_4 "avx2,fma" 4;
+    avx2_8 "avx2,fma" 8;
+    avx2_16 "avx2,fma" 16;
+    avx512_16 "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma" 16;
+}
+
+/// Advances a block by a frame, group of lanes by group of lanes.
+#[inline(always)]
+fn advance_block<L: Lane>(
+    job: &FrameJob<'_, L::Scalar>,
+    view: &mut BlockView<'_, L::Scalar>,
+    live: usize,
+    scratch: &mut Scratch<L::Scalar>,
+) -> BlockReport {
+    let mut report = BlockReport::default();
+    for first in (0..live.min(LANES)).step_by(L::WIDTH) {
+        report = report.merge(advance_lanes::<L>(job, view, (first, live), scratch));
+    }
+    report
+}
+
+/// One group of lanes by a frame: all its substeps while its data is in the cache.
+#[inline(always)]
+fn advance_lanes<L: Lane>(
+    job: &FrameJob<'_, L::Scalar>,
+    view: &mut BlockView<'_, L::Scalar>,
+    (first, live): (usize, usize),
+    scratch: &mut Scratch<L::Scalar>,
+) -> BlockReport {
+    let mut report = BlockReport::default();
+    let mut clock = Clock::start();
+    shift_positions::<L>(job.shift, view, first);
+    let solids = job.solids.len();
+    let look = |step: usize, way_out: f64| Solids {
+        solids: job.solids,
+        poses: &job.solid_poses[step * solids..(step + 1) * solids],
+        thickness: crate::state::number(job.skin_thickness),
+        way_out: crate::state::number(way_out),
+        h: crate::state::number(job.terms.h),
+        clamped: job.terms.clamped,
+    };
+    let substeps = job.poses.len() - 1;
+    for step in 0..substeps {
+        let poses = [&job.poses[step], &job.poses[step + 1]];
+        let substep =
+            SubstepTerms::<L>::new(job.terms.h, poses, job.gravity, job.rest_gravity, job.air_velocity);
+        solve_strands::advance(job.terms, &substep, view, first, scratch);
+        report.stage_nanos[0] += clock.lap();
+        report.contacts =
+            resolve_solids::resolve::<L>(&look(step, job.way_out), &Since::Substep, view, first, live);
+        report.stage_nanos[1] += clock.lap();
+    }
+    if job.lengths.kind != crate::solver::params::Inextensibility::Off {
+        let (before, work) = scratch.vectors::<L>().split_at_mut(view.particles);
+        for (i, x) in before.iter_mut().enumerate() {
+            *x = V3::load(view.positions, i, first);
+        }
+        let stretch = restore_lengths::restore(&job.lengths, view, first, work);
+        report.max_edge_stretch = worst(stretch, live - first);
+        report.stage_nanos[2] += clock.lap();
+        let since = Since::Positions(before);
+        report.contacts = resolve_solids::resolve::<L>(&look(substeps - 1, 0.0), &since, view, first, live);
+        report.stage_nanos[1] += clock.lap();
+    }
+    report.max_edge_stretch_final = worst(restore_lengths::largest_stretch::<L>(view, first), live - first);
+    if job.lengths.kind == crate::solver::params::Inextensibility::Off {
+        report.max_edge_stretch = report.max_edge_stretch_final;
+    }
+    for lane in 0..L::WIDTH.min(live - first) {
+        report.quarantined += u32::from(quarantine(job, view, first + lane));
+    }
+    report.stage_nanos[3] += clock.lap();
+    report
+}
+
+fn worst<L: Lane>(stretch: L, live: usize) -> f64 {
+    (0..L::WIDTH.min(live))
+        .filter_map(|lane| num_traits::ToPrimitive::to_f64(&stretch.get(lane)))
+        .fold(0.0, f64::max)
+}
+
+#[inline(always)]
+fn shift_positions<L: Lane>(shift: DVec3, view: &mut BlockView<'_, L::Scalar>, first: usize) {
+    if shift == DVec3::ZERO {
+        return;
+    }
+    let shift = V3::<L>::splat(shift);
+    for i in 0..view.particles {
+        (V3::load(view.positions, i, first) + shift).store(view.positions, i, first);
+    }
+}
+
+/// Whether the strand in `lane` had a number that is not finite. If so it is put back to its rest shape, moving with
+/// the head, with whole ties; the other strands do not notice.
+fn quarantine<T: Real>(job: &FrameJob<'_, T>, view: &mut BlockView<'_, T>, lane: usize) -> bool {
+    let finite = |rows: &[crate::lane::Row<T>]| rows.iter().all(|row| row.0[lane].is_finite());
+    if finite(view.positions) && finite(view.velocities) {
+        return false;
+    }
+    let [.., before, last] = job.poses else { return false };
+    for i in 0..view.particles {
+        let rest = crate::state::vector(view.rest, i, lane).map(|x| x.to_f64().unwrap_or(0.0)).into();
+        let x = last.transform_point(rest);
+        let v = (x - before.transform_point(rest)) / job.terms.h;
+        for c in 0..3 {
+            view.positions[3 * i + c].0[lane] = crate::state::number(x[c]);
+            view.velocities[3 * i + c].0[lane] = crate::state::number(v[c]);
+        }
+        view.integrity[i].0[lane] = T::one();
+        view.clearance[i].0[lane] = T::neg_infinity();
+    }
+    true
+}
+
+/// Laps of a stage's time.
+struct Clock(Instant);
+
+impl Clock {
+    fn start() -> Self {
+        Self(Instant::now())
+    }
+
+    #[expect(clippy::cast_possible_truncation, reason = "a lap is far under 584 years")]
+    fn lap(&mut self) -> u64 {
+        let now = Instant::now();
+        let nanos = (now - self.0).as_nanos() as u64;
+        self.0 = now;
+        nanos
+    }
+}

@@ -1,0 +1,419 @@
+//! The AMS solver as a whole: Model, State and Workspace, a frame at a time.
+
+use super::block::{BlockFn, BlockReport, FrameJob, STAGES, Simd, SolverReal};
+use super::params::{AmsParams, ParamsError};
+use crate::body::ColliderFrame;
+use crate::groom::Groom;
+use crate::lane::Row;
+use crate::model::{Block, Model, PackError, Strands};
+use crate::pose::Pose;
+use crate::stage::resolve_solids::SolidPose;
+use crate::stage::restore_lengths::LengthTerms;
+use crate::stage::solve_strands::FrameTerms;
+use crate::stage::{BlockView, Scratch};
+use crate::state::{Snapshot, SnapshotError, State};
+use glam::{DVec3, Vec3};
+use std::sync::{Mutex, PoisonError};
+
+/// How a simulation runs, beside its physics.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Options {
+    /// Instruction set.
+    pub simd: Simd,
+    /// The head's pose at rest: where the groom is drawn, and against which gravity it was shaped.
+    pub rest_pose: Pose,
+    /// Gravity that the rest shape carries, m/s², world axes.
+    pub rest_gravity: DVec3,
+    /// Lets h²κ go beyond what float32 solves (for showing what happens then).
+    pub beyond_float32: bool,
+}
+
+/// Why a simulation cannot be built.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum BuildError {
+    /// The groom cannot be packed.
+    #[error(transparent)]
+    Pack(#[from] PackError),
+    /// A parameter is out of its range.
+    #[error(transparent)]
+    Params(#[from] ParamsError),
+    /// The instruction set asked for is not there.
+    #[error("this processor cannot run simd = {0:?}: choose \"auto\"")]
+    Simd(Simd),
+}
+
+/// What happens in a frame.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame<'a> {
+    /// The head's pose at the frame's start and end.
+    pub head: [Pose; 2],
+    /// Solids.
+    pub colliders: &'a [ColliderFrame<'a>],
+    /// Gravity, m/s².
+    pub gravity: DVec3,
+    /// Velocity of the air, m/s.
+    pub air_velocity: DVec3,
+    /// Length of the frame, seconds.
+    pub dt_secs: f64,
+}
+
+/// What a frame did.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct FrameReport {
+    /// Largest |l/l₀ − 1| of an edge after the length pass.
+    pub max_edge_stretch: f64,
+    /// The same at the end of the frame, after solids.
+    pub max_edge_stretch_final: f64,
+    /// Deepest particle under a solid's surface, metres.
+    pub max_penetration_m: f64,
+    /// Particles in touch with a solid.
+    pub touching: u32,
+    /// Strands that were not finite and were put back to their rest shape.
+    pub quarantined_strands: u32,
+    /// Seconds of work in each stage, summed over threads, in the order of [`STAGES`].
+    pub stage_secs: [(&'static str, f64); STAGES.len()],
+}
+
+/// Bytes held.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Memory {
+    /// By the model.
+    pub model: usize,
+    /// By the state.
+    pub state: usize,
+    /// By the workspace.
+    pub workspace: usize,
+}
+
+/// What becomes of the hair when the head jumps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
+pub enum Teleport {
+    /// Back to the rest shape, without motion.
+    Reset,
+    /// The shape goes along, without motion.
+    #[default]
+    CarryShape,
+    /// Shape and motion go along.
+    CarryShapeAndVelocity,
+}
+
+/// Strands under the augmented mass-spring model.
+///
+/// `T` is `f32` in use; `f64` runs the same text as specification.
+#[derive(Debug)]
+pub struct Simulation<T: SolverReal = f32> {
+    model: Model<T>,
+    state: State<T>,
+    workspace: Workspace<T>,
+    params: AmsParams,
+    options: Options,
+    block_fn: BlockFn<T>,
+}
+
+/// Scratch that nothing relies on between steps.
+#[derive(Debug)]
+struct Workspace<T> {
+    /// One a thread; a lock that only its thread takes.
+    scratch: Vec<Mutex<Scratch<T>>>,
+    poses: Vec<Pose>,
+    solid_poses: Vec<SolidPose<T>>,
+}
+
+impl Simulation<f32> {
+    /// A simulation of `groom`, at rest at `options.rest_pose`. Threads are those of the rayon pool it is called in.
+    ///
+    /// # Errors
+    /// [`BuildError`] if the groom cannot be packed, a parameter is out of range, or the instruction set is not there.
+    pub fn new(groom: &Groom, params: &AmsParams, options: &Options) -> Result<Self, BuildError> {
+        let strands = Strands {
+            positions: bytemuck::cast_slice(groom.positions()),
+            offsets: groom.strand_offsets(),
+            stiffness: groom.stiffness.as_deref(),
+        };
+        Self::from_strands(&strands, params, options)
+    }
+
+    /// Positions in world space and the groom's order, [P], metres.
+    pub fn positions(&self, out: &mut Vec<Vec3>) {
+        out.resize(self.model.particle_count, Vec3::ZERO);
+        State::each_particle(&self.model, |p, place, lane| {
+            let relative = crate::state::vector(&self.state.positions, place, lane);
+            out[p] = (self.state.origin + Vec3::from_array(relative).as_dvec3()).as_vec3();
+        });
+    }
+}
+
+impl<T: SolverReal> Simulation<T> {
+    /// A simulation of plain arrays: see [`Simulation::new`].
+    ///
+    /// # Errors
+    /// As [`Simulation::new`].
+    pub fn from_strands(
+        strands: &Strands<'_, T>,
+        params: &AmsParams,
+        options: &Options,
+    ) -> Result<Self, BuildError> {
+        params.validate()?;
+        let simd = options.simd.resolve();
+        if !simd.is_supported() {
+            return Err(BuildError::Simd(simd));
+        }
+        let model = Model::new(strands)?;
+        let state = State::at_rest(&model, &options.rest_pose);
+        let threads = rayon::current_num_threads().max(1);
+        let scratch = (0..threads).map(|_| Mutex::new(Scratch::new(model.longest()))).collect();
+        let workspace = Workspace {
+            scratch,
+            poses: Vec::with_capacity(params.substeps as usize + 1),
+            solid_poses: Vec::new(),
+        };
+        let block_fn = T::block_fn(simd);
+        Ok(Self { model, state, workspace, params: params.clone(), options: *options, block_fn })
+    }
+
+    /// Advances by a frame. Allocates nothing once it has seen a frame with as many solids.
+    ///
+    /// # Errors
+    /// [`ParamsError`] if the frame's time and stiffness are beyond float32, or the time is not positive.
+    pub fn step_frame(&mut self, frame: &Frame<'_>) -> Result<FrameReport, ParamsError> {
+        self.params.validate_step(frame.dt_secs, self.options.beyond_float32 || size_of::<T>() > 4)?;
+        let origin = frame.head[1].transform_point(self.model.centre.into());
+        let shift = self.state.origin - origin;
+        self.state.origin = origin;
+        let terms = FrameTerms::new(&self.params, frame.dt_secs);
+        self.workspace.place(&self.params, frame, &self.model, origin);
+        let job = FrameJob {
+            terms: &terms,
+            poses: &self.workspace.poses,
+            lengths: LengthTerms {
+                kind: self.params.inextensibility,
+                damping: self.params.dftl_damping,
+                dt_secs: frame.dt_secs,
+                clamped: terms.clamped,
+            },
+            gravity: frame.gravity,
+            rest_gravity: self.options.rest_pose.inverse().transform_vector(self.options.rest_gravity),
+            air_velocity: frame.air_velocity,
+            shift,
+            solids: frame.colliders,
+            solid_poses: &self.workspace.solid_poses,
+            skin_thickness: self.params.skin_thickness,
+            way_out: self.params.depenetration_speed * terms.h,
+        };
+        let arrays = Arrays {
+            positions: &mut self.state.positions,
+            velocities: &mut self.state.velocities,
+            integrity: &mut self.state.integrity,
+            clearance: &mut self.state.clearance,
+        };
+        let crew =
+            Crew { job, model: &self.model, scratch: &self.workspace.scratch, block_fn: self.block_fn };
+        Ok(report(&crew.run(&self.model.blocks, 0, arrays)))
+    }
+
+    /// The model.
+    pub fn model(&self) -> &Model<T> {
+        &self.model
+    }
+
+    /// The state.
+    pub fn state(&self) -> &State<T> {
+        &self.state
+    }
+
+    /// The state, to be changed from outside.
+    pub fn state_mut(&mut self) -> &mut State<T> {
+        &mut self.state
+    }
+
+    /// The parameters.
+    pub fn params(&self) -> &AmsParams {
+        &self.params
+    }
+
+    /// Changes the parameters from the next frame on.
+    ///
+    /// # Errors
+    /// [`ParamsError`] if one is out of range; nothing is changed then.
+    pub fn set_params(&mut self, params: &AmsParams) -> Result<(), ParamsError> {
+        params.validate()?;
+        self.params = params.clone();
+        Ok(())
+    }
+
+    /// A copy of the state that resumes bit for bit.
+    pub fn snapshot(&self) -> Snapshot<T> {
+        self.state.snapshot(&self.model)
+    }
+
+    /// Goes back to a snapshot.
+    ///
+    /// # Errors
+    /// [`SnapshotError`] if it is of another groom.
+    pub fn restore(&mut self, snapshot: &Snapshot<T>) -> Result<(), SnapshotError> {
+        self.state.restore(&self.model, snapshot)
+    }
+
+    /// Forgets where solids were: to be called when the set of solids changes.
+    pub fn forget_solids(&mut self) {
+        for row in &mut self.state.clearance {
+            row.0.fill(T::neg_infinity());
+        }
+    }
+
+    /// The head jumps from pose `from` to pose `to` between frames.
+    pub fn teleport(&mut self, from: &Pose, to: &Pose, mode: Teleport) {
+        let at_rest = State::at_rest(&self.model, to);
+        if mode == Teleport::Reset {
+            self.state = at_rest;
+            return;
+        }
+        let jump = to.after(&from.inverse());
+        let origin = jump.transform_point(self.state.origin);
+        for rows in self.state.positions.chunks_exact_mut(3) {
+            turn(rows, &jump);
+        }
+        for rows in self.state.velocities.chunks_exact_mut(3) {
+            if mode == Teleport::CarryShape {
+                rows.fill(Row([T::zero(); crate::lane::LANES]));
+            } else {
+                turn(rows, &jump);
+            }
+        }
+        self.state.origin = origin;
+        self.forget_solids();
+    }
+
+    /// A 64-bit hash of the state: see [`Snapshot::hash`].
+    pub fn state_hash(&self) -> u64 {
+        self.snapshot().hash()
+    }
+
+    /// Bytes held.
+    pub fn memory(&self) -> Memory {
+        let locked = |s: &Mutex<Scratch<T>>| s.lock().unwrap_or_else(PoisonError::into_inner).bytes();
+        Memory {
+            model: self.model.bytes(),
+            state: self.state.bytes(),
+            workspace: self.workspace.scratch.iter().map(locked).sum::<usize>()
+                + size_of_val(&*self.workspace.poses)
+                + size_of_val(&*self.workspace.solid_poses),
+        }
+    }
+}
+
+/// Turns the vectors in three rows.
+fn turn<T: SolverReal>(rows: &mut [Row<T>], jump: &Pose) {
+    for lane in 0..crate::lane::LANES {
+        let v = DVec3::from_array([0, 1, 2].map(|c| rows[c].0[lane].to_f64().unwrap_or(0.0)));
+        for (row, x) in rows.iter_mut().zip(jump.transform_vector(v).to_array()) {
+            row.0[lane] = crate::state::number(x);
+        }
+    }
+}
+
+impl<T: SolverReal> Workspace<T> {
+    /// Poses of head and solids at the substeps, relative to `origin`.
+    fn place(&mut self, params: &AmsParams, frame: &Frame<'_>, model: &Model<T>, origin: DVec3) {
+        let substeps = f64::from(params.substeps);
+        let centre = Pose { translation: model.centre.into(), ..Pose::IDENTITY };
+        self.poses.clear();
+        self.poses.extend((0..=params.substeps).map(|step| {
+            let head = frame.head[0].interpolate(&frame.head[1], f64::from(step) / substeps);
+            Pose { rotation: head.rotation, translation: head.transform_point(centre.translation) - origin }
+        }));
+        self.solid_poses.clear();
+        for step in 0..params.substeps {
+            let fractions = [f64::from(step) / substeps, f64::from(step + 1) / substeps];
+            self.solid_poses
+                .extend(frame.colliders.iter().map(|solid| SolidPose::new(solid, fractions, origin)));
+        }
+    }
+}
+
+/// The state's arrays, or the part of them that some blocks own.
+struct Arrays<'a, T> {
+    positions: &'a mut [Row<T>],
+    velocities: &'a mut [Row<T>],
+    integrity: &'a mut [Row<T>],
+    clearance: &'a mut [Row<T>],
+}
+
+impl<'a, T> Arrays<'a, T> {
+    fn split(self, places: usize) -> (Self, Self) {
+        let (positions, positions_right) = self.positions.split_at_mut(3 * places);
+        let (velocities, velocities_right) = self.velocities.split_at_mut(3 * places);
+        let (integrity, integrity_right) = self.integrity.split_at_mut(places);
+        let (clearance, clearance_right) = self.clearance.split_at_mut(places);
+        (
+            Self { positions, velocities, integrity, clearance },
+            Self {
+                positions: positions_right,
+                velocities: velocities_right,
+                integrity: integrity_right,
+                clearance: clearance_right,
+            },
+        )
+    }
+}
+
+/// Runs blocks over the threads of the pool, halving the work as it goes: no allocation, and no result that depends on
+/// who did what.
+struct Crew<'a, T> {
+    job: FrameJob<'a, T>,
+    model: &'a Model<T>,
+    scratch: &'a [Mutex<Scratch<T>>],
+    block_fn: BlockFn<T>,
+}
+
+impl<T: SolverReal> Crew<'_, T> {
+    fn run(&self, blocks: &[Block], index: usize, arrays: Arrays<'_, T>) -> BlockReport {
+        match blocks {
+            [] => BlockReport::default(),
+            [block] => self.run_block(block, index, arrays),
+            _ => {
+                let middle = blocks.len() / 2;
+                let (left, right) = blocks.split_at(middle);
+                let (left_arrays, right_arrays) = arrays.split(right[0].first - left[0].first);
+                let (a, b) = rayon::join(
+                    || self.run(left, index, left_arrays),
+                    || self.run(right, index + middle, right_arrays),
+                );
+                a.merge(b)
+            }
+        }
+    }
+
+    fn run_block(&self, block: &Block, index: usize, arrays: Arrays<'_, T>) -> BlockReport {
+        let rows = 3 * block.first..3 * (block.first + block.particles);
+        let mut view = BlockView {
+            particles: block.particles,
+            rest: &self.model.rest[rows.clone()],
+            rest_lengths: &self.model.rest_lengths[rows],
+            strand_length: &self.model.strand_lengths[index],
+            stiffness: &self.model.stiffness[index],
+            positions: arrays.positions,
+            velocities: arrays.velocities,
+            integrity: arrays.integrity,
+            clearance: arrays.clearance,
+        };
+        let worker = rayon::current_thread_index().unwrap_or(0) % self.scratch.len();
+        let mut scratch = self.scratch[worker].lock().unwrap_or_else(PoisonError::into_inner);
+        // SAFETY: `Simulation::from_strands` checked that the processor supports the instruction set.
+        unsafe { (self.block_fn)(&self.job, &mut view, block.live, &mut scratch) }
+    }
+}
+
+fn report(sum: &BlockReport) -> FrameReport {
+    #[expect(clippy::cast_precision_loss, reason = "nanoseconds of a frame")]
+    let secs = |k: usize| (STAGES[k], sum.stage_nanos[k] as f64 * 1e-9);
+    FrameReport {
+        max_edge_stretch: sum.max_edge_stretch,
+        max_edge_stretch_final: sum.max_edge_stretch_final,
+        max_penetration_m: sum.contacts.deepest,
+        touching: sum.contacts.touching,
+        quarantined_strands: sum.quarantined,
+        stage_secs: std::array::from_fn(secs),
+    }
+}

@@ -1,0 +1,176 @@
+//! State: what each step changes, and what a snapshot saves.
+
+use crate::lane::{LANES, Real, Row};
+use crate::model::Model;
+use crate::pose::Pose;
+use glam::DVec3;
+
+/// Packed positions, velocities and what the strands remember. Rows as in [`Model`].
+#[derive(Clone, Debug)]
+pub struct State<T> {
+    /// Positions relative to `origin`, world axes, [3 × places] rows, metres.
+    pub positions: Vec<Row<T>>,
+    /// Velocities, world axes, [3 × places] rows, m/s.
+    pub velocities: Vec<Row<T>>,
+    /// Intact share of each integrity tie, 1 to 0, [places] rows.
+    pub integrity: Vec<Row<T>>,
+    /// Lower bound on the distance to the nearest solid's skin; negative: depth inside it; −∞: not looked yet. [places] rows, metres.
+    pub clearance: Vec<Row<T>>,
+    /// The point of the world that positions are relative to: where the head carries the model's centre.
+    pub origin: DVec3,
+}
+
+/// A state in the groom's order: resumes bit for bit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Snapshot<T> {
+    /// Positions relative to `origin`, [P], metres.
+    pub positions: Vec<[T; 3]>,
+    /// Velocities, [P], m/s.
+    pub velocities: Vec<[T; 3]>,
+    /// Intact share of each integrity tie, [P].
+    pub integrity: Vec<T>,
+    /// Clearances, [P], metres.
+    pub clearance: Vec<T>,
+    /// The point of the world that positions are relative to.
+    pub origin: [f64; 3],
+}
+
+/// A snapshot of another groom.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "the snapshot holds {found} particles in `{array}`, but the groom has {expected}: it belongs to another run"
+)]
+pub struct SnapshotError {
+    /// Which array.
+    pub array: &'static str,
+    /// Particles of the groom.
+    pub expected: usize,
+    /// Entries of the array.
+    pub found: usize,
+}
+
+impl<T: Real> State<T> {
+    /// At rest with the head at `pose`.
+    pub fn at_rest(model: &Model<T>, pose: &Pose) -> Self {
+        let places = model.places();
+        let mut state = Self {
+            positions: model.rest.clone(),
+            velocities: vec![Row([T::zero(); LANES]); 3 * places],
+            integrity: vec![Row([T::one(); LANES]); places],
+            clearance: vec![Row([T::neg_infinity(); LANES]); places],
+            origin: pose.transform_point(model.centre.into()),
+        };
+        let r = pose.matrix();
+        for rows in state.positions.chunks_exact_mut(3) {
+            for lane in 0..LANES {
+                let local = DVec3::from_array([0, 1, 2].map(|c| rows[c].0[lane].to_f64().unwrap_or(0.0)));
+                for (row, x) in rows.iter_mut().zip((r * local).to_array()) {
+                    row.0[lane] = number(x);
+                }
+            }
+        }
+        state
+    }
+
+    /// Bytes that the state holds.
+    pub fn bytes(&self) -> usize {
+        let rows = self.positions.len() + self.velocities.len() + self.integrity.len() + self.clearance.len();
+        rows * size_of::<Row<T>>()
+    }
+
+    /// Calls `visit(particle in the groom's order, place, lane)` for every particle, block by block.
+    pub fn each_particle(model: &Model<T>, mut visit: impl FnMut(usize, usize, usize)) {
+        for block in &model.blocks {
+            for (lane, &strand) in block.strands[..block.live].iter().enumerate() {
+                let from = model.offsets[strand as usize] as usize;
+                for i in 0..block.particles {
+                    visit(from + i, block.first + i, lane);
+                }
+            }
+        }
+    }
+
+    /// The state in the groom's order.
+    pub fn snapshot(&self, model: &Model<T>) -> Snapshot<T> {
+        let particles = model.particle_count;
+        let mut snapshot = Snapshot {
+            positions: vec![[T::zero(); 3]; particles],
+            velocities: vec![[T::zero(); 3]; particles],
+            integrity: vec![T::zero(); particles],
+            clearance: vec![T::zero(); particles],
+            origin: self.origin.to_array(),
+        };
+        Self::each_particle(model, |p, place, lane| {
+            snapshot.positions[p] = vector(&self.positions, place, lane);
+            snapshot.velocities[p] = vector(&self.velocities, place, lane);
+            snapshot.integrity[p] = self.integrity[place].0[lane];
+            snapshot.clearance[p] = self.clearance[place].0[lane];
+        });
+        snapshot
+    }
+
+    /// Takes a snapshot's values over.
+    ///
+    /// # Errors
+    /// [`SnapshotError`] if it belongs to a groom of another size; nothing is changed then.
+    pub fn restore(&mut self, model: &Model<T>, snapshot: &Snapshot<T>) -> Result<(), SnapshotError> {
+        let expected = model.particle_count;
+        for (array, found) in [
+            ("positions", snapshot.positions.len()),
+            ("velocities", snapshot.velocities.len()),
+            ("integrity", snapshot.integrity.len()),
+            ("clearance", snapshot.clearance.len()),
+        ] {
+            if found != expected {
+                return Err(SnapshotError { array, expected, found });
+            }
+        }
+        self.origin = snapshot.origin.into();
+        for block in &model.blocks {
+            for (lane, &strand) in block.strands.iter().enumerate() {
+                let from = model.offsets[strand as usize] as usize;
+                for (p, place) in (from..from + block.particles).zip(block.range()) {
+                    for c in 0..3 {
+                        self.positions[3 * place + c].0[lane] = snapshot.positions[p][c];
+                        self.velocities[3 * place + c].0[lane] = snapshot.velocities[p][c];
+                    }
+                    self.integrity[place].0[lane] = snapshot.integrity[p];
+                    self.clearance[place].0[lane] = snapshot.clearance[p];
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl<T: Real> Snapshot<T> {
+    /// A 64-bit hash of every bit: the same for any number of threads and any SIMD width on one instruction set.
+    pub fn hash(&self) -> u64 {
+        let mut hash = 0xcbf2_9ce4_8422_2325;
+        let mut take = |bytes: &[u8]| {
+            for word in bytes.chunks(8) {
+                let mut padded = [0; 8];
+                padded[..word.len()].copy_from_slice(word);
+                // A multiply–rotate round a word (the shape of wyhash's mixing): every bit reaches the next round.
+                hash =
+                    (hash ^ u64::from_le_bytes(padded)).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29);
+            }
+        };
+        take(bytemuck::cast_slice(&self.positions));
+        take(bytemuck::cast_slice(&self.velocities));
+        take(bytemuck::cast_slice(&self.integrity));
+        take(bytemuck::cast_slice(&self.clearance));
+        take(bytemuck::cast_slice(&self.origin));
+        hash ^ (hash >> 32)
+    }
+}
+
+/// The vector of a place and lane.
+pub fn vector<T: Copy>(rows: &[Row<T>], place: usize, lane: usize) -> [T; 3] {
+    [0, 1, 2].map(|c| rows[3 * place + c].0[lane])
+}
+
+/// `x` in the state's precision.
+pub fn number<T: Real>(x: f64) -> T {
+    T::from(x).unwrap_or_else(T::nan)
+}
