@@ -1,6 +1,16 @@
 //! The asset: strands at rest in the scalp's space, as a file holds them.
 
+mod info;
+mod repair;
+mod resample;
+mod units;
+
 use glam::Vec3;
+
+pub use info::{Info, Spread, UnitGuess};
+pub use repair::{REPEATED_FRACTION, RepairReport, repair};
+pub use resample::{ResampleError, resample};
+pub use units::{Import, Unit, UnknownWord, Up, ZUp};
 
 /// Where a strand is rooted: a triangle of the body's mesh and a point in it.
 #[derive(Clone, Copy, Debug, PartialEq)]

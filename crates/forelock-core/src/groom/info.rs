@@ -1,0 +1,257 @@
+//! What a groom holds, in words: counts, lengths, box, a guess at the unit, and what is odd.
+
+use std::fmt;
+
+use glam::Vec3;
+
+use super::{Groom, Unit, repair};
+
+/// Extent of the roots on a human head, in metres, at which the guess at the unit aims.
+const HEAD_METRES: f64 = 0.18;
+/// How far from it, as a factor, a head's roots may be (a child's parting, a doll's wig, a cartoon's).
+const HEAD_TOLERANCE: f64 = 2.0;
+
+/// Smallest, mean and largest of a quantity.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct Spread {
+    /// Smallest value.
+    pub min: f64,
+    /// Arithmetic mean.
+    pub mean: f64,
+    /// Largest value.
+    pub max: f64,
+}
+
+impl Spread {
+    /// Of `values`; all zero if there are none.
+    fn of(values: impl Iterator<Item = f64>) -> Self {
+        let (mut lo, mut hi, mut sum, mut count) = (f64::INFINITY, f64::NEG_INFINITY, 0.0, 0usize);
+        for value in values {
+            (lo, hi, sum, count) = (lo.min(value), hi.max(value), sum + value, count + 1);
+        }
+        if count == 0 { Self::default() } else { Self { min: lo, mean: sum / count as f64, max: hi } }
+    }
+}
+
+/// Which unit the numbers of a groom are in, judged by the extent of its roots.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct UnitGuess {
+    /// The unit in which the groom would be as large as hair on a head; none fits if absent. [`Unit::Metre`] means that
+    /// the groom is right as it is.
+    pub unit: Option<Unit>,
+    /// Why, in one sentence.
+    pub reason: String,
+}
+
+/// What a groom holds; see [`Info::of`]. Lengths are in the groom's own numbers, metres if its unit was right.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct Info {
+    /// Strands, S.
+    pub strands: usize,
+    /// Particles, P.
+    pub particles: usize,
+    /// Particles a strand.
+    pub particles_per_strand: Spread,
+    /// Lengths of the strands along their particles.
+    pub length: Spread,
+    /// Smallest corner of the box that holds all finite particles.
+    pub min: Vec3,
+    /// Largest corner.
+    pub max: Vec3,
+    /// Extent of the roots' box along its largest side.
+    pub root_extent: f64,
+    /// Names of the attributes that are there.
+    pub attributes: Vec<&'static str>,
+    /// Which unit the numbers are probably in.
+    pub unit_guess: UnitGuess,
+    /// What a person should know before simulating it, one sentence each.
+    pub odd: Vec<String>,
+}
+
+impl Info {
+    /// What `groom` holds.
+    pub fn of(groom: &Groom) -> Self {
+        let strands = groom.strand_count();
+        let lengths: Vec<f64> = (0..strands).map(|s| f64::from(groom.length(s))).collect();
+        let (min, max) = bounds(groom.positions().iter().copied());
+        let (root_min, root_max) = bounds(groom.strands().filter_map(|s| s.first().copied()));
+        let root_extent = f64::from((root_max - root_min).max_element());
+        let present = [
+            ("widths", groom.widths.is_some()),
+            ("colours", groom.colours.is_some()),
+            ("transparencies", groom.transparencies.is_some()),
+            ("root UVs", groom.root_uvs.is_some()),
+            ("pinned counts", groom.pinned.is_some()),
+            ("root bindings", groom.bindings.is_some()),
+        ];
+        let unit_guess = guess_unit(root_extent);
+        let mut odd = repair(groom.clone()).1.sentences();
+        odd.extend(odd_shapes(groom, &lengths));
+        Self {
+            strands,
+            particles: groom.particle_count(),
+            particles_per_strand: Spread::of((0..strands).map(|s| groom.range(s).len() as f64)),
+            length: Spread::of(lengths.into_iter().filter(|length| length.is_finite())),
+            min,
+            max,
+            root_extent,
+            attributes: present.into_iter().filter_map(|(name, there)| there.then_some(name)).collect(),
+            unit_guess,
+            odd,
+        }
+    }
+}
+
+/// The box of the finite points; both corners zero if there are none.
+fn bounds(points: impl Iterator<Item = Vec3>) -> (Vec3, Vec3) {
+    let (lo, hi) = points
+        .filter(|p| p.is_finite())
+        .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)));
+    if lo.x <= hi.x { (lo, hi) } else { (Vec3::ZERO, Vec3::ZERO) }
+}
+
+fn guess_unit(root_extent: f64) -> UnitGuess {
+    let off = |unit: &Unit| (root_extent * unit.metres() / HEAD_METRES).ln().abs();
+    let nearest = Unit::ALL.into_iter().min_by(|a, b| off(a).total_cmp(&off(b)));
+    let extent = three_digits(root_extent);
+    match nearest.filter(|unit| off(unit) <= HEAD_TOLERANCE.ln()) {
+        Some(unit) => UnitGuess {
+            unit: Some(unit),
+            reason: format!(
+                "the roots span {extent}, in {unit} {} m; those of a head span 0.15 to 0.25 m",
+                three_digits(root_extent * unit.metres())
+            ),
+        },
+        None if root_extent > 0.0 && root_extent.is_finite() => UnitGuess {
+            unit: None,
+            reason: format!(
+                "the roots span {extent}, in no known unit the 0.15 to 0.25 m of a head; a scale of {} would make it so, \
+                 unless this is a part of a groom, or no head's",
+                three_digits(HEAD_METRES / root_extent)
+            ),
+        },
+        None => UnitGuess { unit: None, reason: "the roots have no extent to judge by".into() },
+    }
+}
+
+/// `x` to three significant digits, without an exponent.
+fn three_digits(x: f64) -> String {
+    let magnitude = if x == 0.0 || !x.is_finite() { 0.0 } else { x.abs().log10().floor() };
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 0 and 300")]
+    let decimals = (2.0 - magnitude).max(0.0) as usize;
+    format!("{x:.decimals$}")
+}
+
+/// Odd shapes that are no defect of the data: uneven edges, strands that fold back, lengths far from the others.
+fn odd_shapes(groom: &Groom, lengths: &[f64]) -> Vec<String> {
+    let mut uneven = 0;
+    let mut folded = 0;
+    for strand in groom.strands().filter(|s| s.len() > 2 && s.iter().all(|p| p.is_finite())) {
+        let edges: Vec<Vec3> = strand.windows(2).map(|w| w[1] - w[0]).collect();
+        let mean = edges.iter().map(|e| e.length()).sum::<f32>() / edges.len() as f32;
+        uneven += usize::from(edges.iter().any(|e| e.length() > 10.0 * mean || e.length() < 0.01 * mean));
+        folded += usize::from(edges.windows(2).any(|e| e[0].angle_between(e[1]) > 2.6));
+    }
+    let mut sorted: Vec<f64> = lengths.iter().copied().filter(|l| l.is_finite()).collect();
+    sorted.sort_by(f64::total_cmp);
+    let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    let long = sorted.iter().filter(|&&l| l > 10.0 * median).count();
+
+    let said = [
+        (
+            uneven,
+            "with very uneven edges (over 10 or under 0.01 times their mean); resampling evens them out",
+        ),
+        (
+            folded,
+            "that fold back on themselves by more than 150° at a particle; the file may be misread or broken",
+        ),
+        (long, "more than ten times as long as the median"),
+    ];
+    let tell = |(count, words): (usize, &str)| {
+        let noun = if count == 1 { "strand" } else { "strands" };
+        (count > 0).then(|| format!("{count} {noun} {words}"))
+    };
+    said.into_iter().filter_map(tell).collect()
+}
+
+impl fmt::Display for Info {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let digits = three_digits;
+        let Spread { min, mean, max } = self.particles_per_strand;
+        writeln!(f, "strands     {}", self.strands)?;
+        write!(f, "particles   {}", self.particles)?;
+        if min == max {
+            writeln!(f, ", {min} a strand")?;
+        } else {
+            writeln!(f, ", {min} to {max} a strand, {mean:.1} on average")?;
+        }
+        let Spread { min, mean, max } = self.length;
+        writeln!(f, "length      {} to {}, {} on average", digits(min), digits(max), digits(mean))?;
+        let corner = |p: Vec3| p.to_array().map(|x| digits(f64::from(x))).join(" ");
+        writeln!(f, "box         {}  to  {}", corner(self.min), corner(self.max))?;
+        let attributes = if self.attributes.is_empty() { "none".into() } else { self.attributes.join(", ") };
+        writeln!(f, "attributes  {attributes}")?;
+        let unit = self.unit_guess.unit.map_or_else(|| "unknown".into(), |unit| unit.to_string());
+        write!(f, "unit        {unit}: {}", self.unit_guess.reason)?;
+        self.odd.iter().try_for_each(|odd| write!(f, "\nodd         {odd}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn groom(scale: f32) -> Groom {
+        let strand = |x: f32, n: u8| (0..n).map(move |i| Vec3::new(x, -0.1 * f32::from(i), 0.0) * scale);
+        Groom::from_strands([strand(0.0, 3).collect::<Vec<_>>(), strand(0.2, 5).collect()]).unwrap()
+    }
+
+    #[test]
+    fn counts_lengths_and_box() {
+        let info = Info::of(&groom(1.0));
+        assert_eq!((info.strands, info.particles), (2, 8));
+        assert_eq!(info.particles_per_strand, Spread { min: 3.0, mean: 4.0, max: 5.0 });
+        assert!((info.length.mean - 0.3).abs() < 1e-6);
+        assert_eq!((info.min, info.max), (Vec3::new(0.0, -0.4, 0.0), Vec3::new(0.2, 0.0, 0.0)));
+        assert!(info.odd.is_empty(), "{:?}", info.odd);
+        assert!(info.to_string().contains("3 to 5 a strand, 4.0 on average"), "{info}");
+    }
+
+    #[test]
+    fn the_unit_is_guessed_from_the_roots() {
+        for (scale, unit) in [
+            (1.0, Some(Unit::Metre)),
+            (100.0, Some(Unit::Centimetre)),
+            (1000.0, Some(Unit::Millimetre)),
+            (39.37, Some(Unit::Inch)),
+        ] {
+            let scaled = groom(scale);
+            let guess = Info::of(&scaled).unit_guess;
+            let near = |u: Unit| ((0.2 * f64::from(scale) * u.metres()) / 0.18).ln().abs();
+            // Inches and centimetres are close enough that only the nearer of the two can be told.
+            assert!(
+                guess.unit.is_some_and(|g| near(g) <= unit.map_or(0.0, near) + 1e-6),
+                "{scale}: {guess:?}"
+            );
+        }
+        let none = Info::of(&groom(1e6)).unit_guess;
+        assert_eq!(none.unit, None);
+        assert!(none.reason.contains("a scale of 0.000000900"), "{}", none.reason);
+        assert_eq!(Info::of(&Groom::default()).unit_guess.unit, None);
+    }
+
+    #[test]
+    fn oddities_are_told() {
+        let folded = vec![Vec3::ZERO, Vec3::Y, Vec3::new(0.01, 0.0, 0.0)];
+        let uneven = vec![Vec3::ZERO, Vec3::Y * 1e-4, Vec3::Y, Vec3::Y * 2.0];
+        let broken = vec![Vec3::ZERO, Vec3::NAN];
+        let odd = Info::of(&Groom::from_strands([folded, uneven, broken]).unwrap()).odd.join("\n");
+        for words in ["not finite", "uneven", "fold back"] {
+            assert!(odd.contains(words), "no `{words}` in:\n{odd}");
+        }
+    }
+}

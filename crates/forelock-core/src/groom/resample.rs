@@ -1,0 +1,196 @@
+//! Resampling by arc length: every strand gets the same number of particles, equally spaced along it.
+//!
+//! # Theory
+//! A strand's curve C(s), s the arc length in [0, L], is sampled at s_k = k L / (n − 1). Root and tip stay exact. What
+//! the curve between particles is depends on the direction:
+//!
+//! - fewer particles, or as many: the polyline itself. Every sample lies on the given hair and no length is invented;
+//! - more particles: a centripetal Catmull–Rom spline (Yuksel, Schaefer, Keyser 2011, 'Parameterization and applications
+//!   of Catmull–Rom curves'), which passes through all particles without loops or cusps and goes on beyond the ends as
+//!   a circular arc. The polyline would cut the corners of a curl, and its straight pieces would become the rest shape.
+//!
+//! Any point of C is within L / (2 (n − 1)) of a sample, and chords are never longer than their arcs, so the result is
+//! never longer than C.
+//!
+//! # Practice
+//! Particle attributes are interpolated linearly along the strand; strand attributes stay. Pinned particles: none stays
+//! none, one stays one (the root), and two or more (root and direction clamped) become those within the same length, at
+//! least two. Strands that have n equally spaced particles already are copied bit for bit.
+//!
+//! # Limitations
+//! A curl needs about six particles a turn; with fewer the samples cut through it and the strand gets shorter, which
+//! no choice of samples on the curve avoids.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::{Groom, GroomError};
+
+/// Pieces into which a spline between two particles is cut to measure it.
+const PIECES: usize = 16;
+/// Spacing that differs by no more than this part counts as equal.
+const EQUAL_SPACING: f32 = 1e-4;
+
+/// Why a groom cannot be resampled.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum ResampleError {
+    /// Fewer than two particles were asked for.
+    #[error("a strand needs at least 2 particles, not {0}")]
+    TooFew(usize),
+    /// A strand has no length to be divided; `repair` drops such strands.
+    #[error("strand {0} has no finite length above zero: repair the groom before resampling it")]
+    NoLength(usize),
+    /// An attribute or the result has a wrong size.
+    #[error(transparent)]
+    Groom(#[from] GroomError),
+}
+
+/// `groom` with `particles_per_strand` particles on every strand, equally spaced by arc length.
+///
+/// # Errors
+/// [`ResampleError`] if fewer than two particles are asked for, a strand has no finite length, or the result has more
+/// than 2³² − 1 particles.
+pub fn resample(groom: &Groom, particles_per_strand: usize) -> Result<Groom, ResampleError> {
+    let n = particles_per_strand;
+    if n < 2 {
+        return Err(ResampleError::TooFew(n));
+    }
+    groom.check_attributes()?;
+    let strands = groom.strand_count();
+    let total = n.saturating_mul(strands);
+    if u32::try_from(total).is_err() {
+        return Err(GroomError::TooManyParticles(total).into());
+    }
+    let has_length = |s: usize| (f32::MIN_POSITIVE..f32::INFINITY).contains(&groom.length(s));
+    if let Some(strand) = (0..strands).find(|&s| !has_length(s)) {
+        return Err(ResampleError::NoLength(strand));
+    }
+    let samples: Vec<Vec<Sample>> =
+        (0..strands).into_par_iter().map(|strand| sample_strand(groom.strand(strand), n)).collect();
+
+    let positions = samples.iter().flatten().map(|sample| sample.position).collect();
+    #[expect(clippy::cast_possible_truncation, reason = "the total fits, checked above")]
+    let offsets = (0..=strands).map(|strand| (strand * n) as u32).collect();
+    let mut out = Groom::new(positions, offsets)?;
+    let at = |strand: usize, sample: &Sample| (groom.range(strand).start + sample.edge, sample.fraction);
+    let each = |interpolate: &dyn Fn(usize, f32) -> [f32; 3]| -> Vec<[f32; 3]> {
+        let along = samples.iter().enumerate().flat_map(|(strand, s)| s.iter().map(move |s| (strand, s)));
+        along.map(|(strand, sample)| at(strand, sample)).map(|(i, t)| interpolate(i, t)).collect()
+    };
+    let lerp = |a: f32, b: f32, t: f32| if a == b { a } else { a + (b - a) * t };
+    let scalar = |values: &Vec<f32>| -> Vec<f32> {
+        each(&|i, t| [lerp(values[i], values[i + 1], t), 0.0, 0.0]).into_iter().map(|[v, ..]| v).collect()
+    };
+    out.widths = groom.widths.as_ref().map(scalar);
+    out.transparencies = groom.transparencies.as_ref().map(scalar);
+    out.colours = groom
+        .colours
+        .as_ref()
+        .map(|c| each(&|i, t| std::array::from_fn(|axis| lerp(c[i][axis], c[i + 1][axis], t))));
+    out.root_uvs.clone_from(&groom.root_uvs);
+    out.bindings.clone_from(&groom.bindings);
+    out.pinned = groom
+        .pinned
+        .as_ref()
+        .map(|p| p.iter().zip(&samples).map(|(&count, samples)| pin(count, samples)).collect());
+    Ok(out)
+}
+
+/// A point of a strand's curve: `fraction` of the way, by arc length, from source particle `edge` to the next.
+#[derive(Clone, Copy)]
+struct Sample {
+    position: Vec3,
+    edge: usize,
+    fraction: f32,
+}
+
+/// How many of `samples` stand for the first `count` particles of the source.
+fn pin(count: u16, samples: &[Sample]) -> u16 {
+    if count < 2 {
+        return count;
+    }
+    let last = usize::from(count) - 1;
+    let within = samples.iter().filter(|s| s.edge < last || (s.edge == last && s.fraction == 0.0)).count();
+    // The tip is at fraction 1 of the last edge: it is within only if all particles are pinned.
+    u16::try_from(within.max(2)).unwrap_or(u16::MAX)
+}
+
+fn sample_strand(strand: &[Vec3], n: usize) -> Vec<Sample> {
+    if strand.len() == n && equally_spaced(strand) {
+        let edge_of = |i: usize| (i.min(n - 2), if i == n - 1 { 1.0 } else { 0.0 });
+        return (0..n)
+            .map(|i| Sample { position: strand[i], edge: edge_of(i).0, fraction: edge_of(i).1 })
+            .collect();
+    }
+    let pieces = if n > strand.len() && strand.len() > 2 { PIECES } else { 1 };
+    let curve: Vec<Vec3> = if pieces == 1 { strand.to_vec() } else { smooth(strand) };
+    // s of every point of the curve, in f64: a thousand additions must not drift.
+    let mut lengths = Vec::with_capacity(curve.len());
+    let mut total = 0.0;
+    lengths.push(0.0);
+    for edge in curve.windows(2) {
+        total += f64::from(edge[0].distance(edge[1]));
+        lengths.push(total);
+    }
+    let mut samples = Vec::with_capacity(n);
+    let mut at = 0;
+    for k in 0..n {
+        let s = total * k as f64 / (n - 1) as f64;
+        while at + 2 < curve.len() && lengths[at + 1] <= s {
+            at += 1;
+        }
+        let position = curve[at] + (curve[at + 1] - curve[at]) * part(s, lengths[at], lengths[at + 1]);
+        let edge = at / pieces;
+        let fraction = part(s, lengths[edge * pieces], lengths[(edge + 1) * pieces]);
+        samples.push(Sample { position, edge, fraction });
+    }
+    samples[0] = Sample { position: strand[0], edge: 0, fraction: 0.0 };
+    samples[n - 1] = Sample { position: strand[strand.len() - 1], edge: strand.len() - 2, fraction: 1.0 };
+    samples
+}
+
+/// How far `s` is from `from` to `to`, in [0, 1].
+fn part(s: f64, from: f64, to: f64) -> f32 {
+    #[expect(clippy::cast_possible_truncation, reason = "a fraction in [0, 1]")]
+    if to > from { ((s - from) / (to - from)).clamp(0.0, 1.0) as f32 } else { 0.0 }
+}
+
+fn equally_spaced(strand: &[Vec3]) -> bool {
+    let (shortest, longest) = strand.windows(2).fold((f32::INFINITY, 0.0f32), |(lo, hi), edge| {
+        let length = edge[0].distance(edge[1]);
+        (lo.min(length), hi.max(length))
+    });
+    longest - shortest <= EQUAL_SPACING * longest
+}
+
+/// The centripetal Catmull–Rom spline through `strand` (at least three particles), `PIECES` chords an edge.
+fn smooth(strand: &[Vec3]) -> Vec<Vec3> {
+    let last = strand.len() - 1;
+    let mut curve = Vec::with_capacity(last * PIECES + 1);
+    for edge in 0..last {
+        let (p1, p2) = (strand[edge], strand[edge + 1]);
+        let p0 = if edge == 0 { beyond(p1, p2, strand[2]) } else { strand[edge - 1] };
+        let p3 = if edge + 1 == last { beyond(p2, p1, p0) } else { strand[edge + 2] };
+        // Knots t_{i+1} − t_i = |p_{i+1} − p_i|^½; tangents of the non-uniform Catmull–Rom spline, scaled to [0, 1].
+        let knot = |a: Vec3, b: Vec3| a.distance(b).sqrt().max(f32::MIN_POSITIVE);
+        let (d0, d1, d2) = (knot(p0, p1), knot(p1, p2), knot(p2, p3));
+        let m1 = ((p1 - p0) / d0 - (p2 - p0) / (d0 + d1) + (p2 - p1) / d1) * d1;
+        let m2 = ((p2 - p1) / d1 - (p3 - p1) / (d1 + d2) + (p3 - p2) / d2) * d1;
+        for piece in 0..PIECES {
+            let u = piece as f32 / PIECES as f32;
+            let (u2, u3) = (u * u, u * u * u);
+            let rise = 3.0 * u2 - 2.0 * u3;
+            curve.push(p1 + (p2 - p1) * rise + m1 * (u3 - 2.0 * u2 + u) + m2 * (u3 - u2));
+        }
+    }
+    curve.push(strand[last]);
+    curve
+}
+
+/// The particle before `end`, if the strand went on beyond its end as it bends there: the edge from `next` to `after`
+/// mirrored in the last edge's bisecting plane, as on a circular arc, with the last edge's length.
+fn beyond(end: Vec3, next: Vec3, after: Vec3) -> Vec3 {
+    let edge = next - end;
+    let (along, bent) = (edge.normalize_or_zero(), (after - next).normalize_or_zero());
+    end - (along * (2.0 * bent.dot(along)) - bent) * edge.length()
+}
