@@ -1,1 +1,227 @@
-//! Placeholder front page.
+//! Files of Forelock: grooms, meshes and caches, one module a format.
+//!
+//! | ending | what | read | written |
+//! | --- | --- | --- | --- |
+//! | `.hair` | [Cem Yuksel's models](hair) | yes | yes |
+//! | `.data` | [USC-HairSalon](usc) | yes | yes |
+//! | `.tfx` | [TressFX](tfx) 3.0 and 4.0 | yes | 4.0 |
+//! | `.npz` | [NumPy](npz): grooms, DiffLocks, caches | yes | yes |
+//! | `.obj` | [Wavefront](obj): meshes, polylines | yes | yes |
+//! | `.bin` | [CT2Hair](ct2hair) | yes | no |
+//!
+//! Readers take bytes, check every count against what is there before they take memory, and never panic; errors name file,
+//! byte and strand. Writers make a file whole or not at all.
+//!
+//! ```
+//! use forelock_core::groom::{Groom, Import, Unit};
+//! use glam::Vec3;
+//!
+//! let folder = tempfile::tempdir()?;
+//! let path = folder.path().join("two.data");
+//! let strand = |x: f32| vec![Vec3::new(x, 0.0, 0.0), Vec3::new(x, -30.0, 0.0)];
+//! forelock_io::write_groom(&path, &Groom::from_strands([strand(0.0), strand(1.0)])?)?;
+//!
+//! let import = Import { unit: Unit::Centimetre, ..Import::default() };
+//! let imported = forelock_io::read_groom(&path, &import)?;
+//! assert!(imported.repairs.is_clean());
+//! assert!((imported.groom.length(0) - 0.3).abs() < 1e-6);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod atomic;
+mod bytes;
+mod error;
+
+pub mod ct2hair;
+pub mod hair;
+pub mod npz;
+pub mod obj;
+pub mod tfx;
+pub mod usc;
+
+use std::{
+    fmt,
+    fs::{self, File},
+    io::{BufReader, Read},
+    path::Path,
+};
+
+use forelock_core::{
+    body::TriMesh,
+    groom::{Groom, Import, RepairReport, ZUp, repair},
+};
+
+pub use atomic::atomic_write;
+pub use error::{FormatError, Problem, ReadError, WriteError};
+pub use npz::{Array, Cache, CacheWriter, Data, read_npz, write_npz};
+
+/// A format that holds grooms.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// Cem Yuksel's `.hair`.
+    Hair,
+    /// USC-HairSalon's `.data`.
+    Usc,
+    /// TressFX `.tfx`.
+    Tfx,
+    /// NumPy's `.npz`.
+    Npz,
+    /// Wavefront `.obj`.
+    Obj,
+    /// CT2Hair's `.bin`.
+    Ct2Hair,
+}
+
+impl Format {
+    /// Every format.
+    pub const ALL: [Self; 6] = [Self::Hair, Self::Usc, Self::Tfx, Self::Npz, Self::Obj, Self::Ct2Hair];
+
+    /// Its ending, without the dot.
+    pub fn ending(self) -> &'static str {
+        match self {
+            Self::Hair => "hair",
+            Self::Usc => "data",
+            Self::Tfx => "tfx",
+            Self::Npz => "npz",
+            Self::Obj => "obj",
+            Self::Ct2Hair => "bin",
+        }
+    }
+
+    /// Whether it can be written too.
+    pub fn is_written(self) -> bool {
+        self != Self::Ct2Hair
+    }
+
+    /// The format that the ending of `path` names, in either case.
+    pub fn of(path: &Path) -> Option<Self> {
+        let ending = path.extension()?;
+        Self::ALL.into_iter().find(|format| ending.eq_ignore_ascii_case(format.ending()))
+    }
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Hair => "Cem Yuksel HAIR",
+            Self::Usc => "USC-HairSalon data",
+            Self::Tfx => "TressFX",
+            Self::Npz => "NumPy npz",
+            Self::Obj => "Wavefront OBJ polylines",
+            Self::Ct2Hair => "CT2Hair",
+        })
+    }
+}
+
+/// A groom as it came from a file.
+#[derive(Clone, Debug)]
+pub struct Imported {
+    /// The groom in metres, y up, repaired.
+    pub groom: Groom,
+    /// What had to be repaired.
+    pub repairs: RepairReport,
+    /// The file's format.
+    pub format: Format,
+}
+
+/// Reads the groom `path`, in the format that its ending names; brings it to metres and y up as `import` says; repairs it.
+///
+/// # Errors
+/// [`ReadError`] if the file cannot be read, is not what its ending says, or no strand of it can be used.
+pub fn read_groom(path: &Path, import: &Import) -> Result<Imported, ReadError> {
+    let Some(format) = Format::of(path) else {
+        return Err(ReadError::UnknownEnding { path: path.into(), known: known(|_| true) });
+    };
+    let decode = |read: fn(&[u8]) -> Result<Groom, FormatError>| {
+        read(&read_bytes(path)?).map_err(ReadError::format(path))
+    };
+    let mut groom = match format {
+        Format::Hair => decode(hair::read)?,
+        Format::Usc => decode(usc::read)?,
+        Format::Tfx => decode(tfx::read)?,
+        Format::Obj => decode(obj::read_groom)?,
+        Format::Ct2Hair => decode(ct2hair::read)?,
+        // Through the file: of a long cache only the first frame is wanted.
+        Format::Npz => npz::read_groom(BufReader::new(open(path)?)).map_err(|e| e.at(path))?,
+    };
+    import.apply(&mut groom, if format == Format::Hair { ZUp::Yuksel } else { ZUp::Common });
+    let (groom, repairs) = repair(groom);
+    if groom.strand_count() == 0 {
+        let found =
+            if repairs.strands_before == 0 { "it holds none".into() } else { repairs.sentences().join("; ") };
+        return Err(ReadError::NoStrands { path: path.into(), found });
+    }
+    Ok(Imported { groom, repairs, format })
+}
+
+/// Writes `groom` as the file `path`, in the format that its ending names: metres, y up, and the attributes that the format
+/// has a place for.
+///
+/// # Errors
+/// [`WriteError`] if the ending names no format that is written, the format cannot hold the groom, or the disk refuses.
+pub fn write_groom(path: &Path, groom: &Groom) -> Result<(), WriteError> {
+    let unfit = |problem: String| WriteError::Unfit { path: path.into(), problem };
+    groom.check_attributes().map_err(|e| unfit(e.to_string()))?;
+    let bytes = match Format::of(path) {
+        Some(Format::Hair) => hair::write(groom).map_err(unfit)?,
+        Some(Format::Usc) => usc::write(groom).map_err(unfit)?,
+        Some(Format::Tfx) => tfx::write(groom).map_err(unfit)?,
+        Some(Format::Npz) => npz::write_groom(groom),
+        Some(Format::Obj) => obj::write_groom(groom),
+        Some(Format::Ct2Hair) | None => {
+            return Err(WriteError::UnknownEnding { path: path.into(), known: known(Format::is_written) });
+        }
+    };
+    atomic_write(path, |file| file.write_all(&bytes))
+}
+
+/// Reads the mesh `path` (`.obj`) and brings it to metres and y up as `import` says.
+///
+/// # Errors
+/// [`ReadError`] if the file cannot be read, is no OBJ, or holds no proper mesh.
+pub fn read_mesh(path: &Path, import: &Import) -> Result<TriMesh, ReadError> {
+    if Format::of(path) != Some(Format::Obj) {
+        return Err(ReadError::UnknownEnding { path: path.into(), known: ".obj".into() });
+    }
+    let mut mesh = obj::read_mesh(&read_bytes(path)?).map_err(ReadError::format(path))?;
+    for p in &mut mesh.positions {
+        *p = import.point(*p, ZUp::Common);
+    }
+    Ok(mesh)
+}
+
+/// Writes `mesh` as the file `path` (`.obj`).
+///
+/// # Errors
+/// [`WriteError`] if the ending is another, or the disk refuses.
+pub fn write_mesh(path: &Path, mesh: &TriMesh) -> Result<(), WriteError> {
+    if Format::of(path) != Some(Format::Obj) {
+        return Err(WriteError::UnknownEnding { path: path.into(), known: ".obj".into() });
+    }
+    atomic_write(path, |file| file.write_all(&obj::write_mesh(mesh)))
+}
+
+/// The endings of the formats that `which` lets through, as a list for people.
+fn known(which: impl Fn(Format) -> bool) -> String {
+    let endings: Vec<String> =
+        Format::ALL.into_iter().filter(|&format| which(format)).map(|f| format!(".{}", f.ending())).collect();
+    endings.join(" ")
+}
+
+/// Opens a file that is a file and not empty.
+fn open(path: &Path) -> Result<File, ReadError> {
+    let metadata = fs::metadata(path).map_err(ReadError::io(path))?;
+    if !metadata.is_file() {
+        return Err(ReadError::NotAFile { path: path.into(), what: atomic::kind(&metadata) });
+    }
+    if metadata.len() == 0 {
+        return Err(ReadError::Empty { path: path.into() });
+    }
+    File::open(path).map_err(ReadError::io(path))
+}
+
+fn read_bytes(path: &Path) -> Result<Vec<u8>, ReadError> {
+    let mut bytes = Vec::new();
+    open(path)?.read_to_end(&mut bytes).map_err(ReadError::io(path))?;
+    Ok(bytes)
+}

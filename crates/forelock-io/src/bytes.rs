@@ -1,0 +1,74 @@
+//! A place in a byte slice from which values are taken; every count is checked against what is left first.
+
+use bytemuck::AnyBitPattern;
+
+use crate::error::{FormatError, Problem};
+
+const _: () =
+    assert!(cfg!(target_endian = "little"), "the formats are little-endian and read without swapping");
+
+/// A reader of `all` that knows where it is, for errors.
+pub(crate) struct Bytes<'a> {
+    all: &'a [u8],
+    at: usize,
+    format: &'static str,
+    strand: Option<usize>,
+}
+
+impl<'a> Bytes<'a> {
+    pub fn new(all: &'a [u8], format: &'static str) -> Self {
+        Self { all, at: 0, format, strand: None }
+    }
+
+    /// The same bytes from `offset` on, which may lie beyond the end: the next read says so.
+    pub fn at(&self, offset: u64) -> Self {
+        let at = usize::try_from(offset).unwrap_or(usize::MAX).min(self.all.len());
+        Self { at, ..*self }
+    }
+
+    /// Names the strand that is read from here on.
+    pub fn enter_strand(&mut self, strand: usize) {
+        self.strand = Some(strand);
+    }
+
+    pub fn left(&self) -> usize {
+        self.all.len() - self.at
+    }
+
+    pub fn take(&mut self, count: u64, each: usize, what: &'static str) -> Result<&'a [u8], FormatError> {
+        let needed = count.saturating_mul(each as u64);
+        let taken = usize::try_from(needed).ok().and_then(|n| self.all[self.at..].get(..n));
+        let Some(taken) = taken else {
+            return Err(self.error(Problem::Short { what, needed, left: self.left() as u64 }));
+        };
+        self.at += taken.len();
+        Ok(taken)
+    }
+
+    /// `count` values, copied out.
+    pub fn array<T>(&mut self, count: u64, what: &'static str) -> Result<Vec<T>, FormatError>
+    where
+        T: AnyBitPattern + bytemuck::NoUninit,
+    {
+        Ok(bytemuck::pod_collect_to_vec(self.take(count, size_of::<T>(), what)?))
+    }
+
+    pub fn value<T: AnyBitPattern>(&mut self, what: &'static str) -> Result<T, FormatError> {
+        Ok(bytemuck::pod_read_unaligned(self.take(1, size_of::<T>(), what)?))
+    }
+
+    /// A count that the format stores as a signed number.
+    pub fn count(&mut self, what: &'static str) -> Result<u64, FormatError> {
+        let here = Self { ..*self };
+        let count: i32 = self.value(what)?;
+        u64::try_from(count).map_err(|_| here.invalid(format!("{what} is {count}, below 0")))
+    }
+
+    pub fn error(&self, problem: Problem) -> FormatError {
+        FormatError { format: self.format, offset: self.at as u64, strand: self.strand, problem }
+    }
+
+    pub fn invalid(&self, words: impl Into<String>) -> FormatError {
+        self.error(Problem::Invalid(words.into()))
+    }
+}

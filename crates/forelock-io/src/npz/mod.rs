@@ -1,0 +1,268 @@
+//! NumPy's `.npz`: grooms, small sets of arrays, and caches of motion.
+//!
+//! # Theory
+//! A ZIP archive of `.npy` files. What the arrays mean here, lengths in metres, y up:
+//!
+//! | | array | type and shape |
+//! | --- | --- | --- |
+//! | groom | `positions` | float32 [P, 3], or [S, N, 3] without offsets |
+//! | | `strand_offsets` | uint32 [S + 1] |
+//! | | `widths`, `transparencies` | float32 [P] |
+//! | | `colours` | float32 [P, 3] |
+//! | | `root_uv` | float32 [S, 2] |
+//! | | `pinned` | uint32 [S] |
+//! | | `binding_triangles`, `binding_barycentric`, `binding_distances` | uint32 [S], float32 [S, 3], float32 [S] |
+//! | cache | `positions` | float32 [F, P, 3] |
+//! | | `strand_offsets` | uint32 [S + 1] |
+//! | | `times` | float64 [F], seconds |
+//!
+//! The root of strand s in frame f is `positions[f, strand_offsets[s]]`.
+//!
+//! # Practice
+//! Read are stored and deflated members, float64 and any integer type, either byte order and either array order.
+//! DiffLocks files (`positions` [S, N, 3], `root_uv`) are grooms as they are; of a cache the first frame is the groom.
+//! Written are stored members in NumPy's own layout, the same arrays giving the same bytes.
+//!
+//! # Limitations
+//! No float16, no structured types, no encrypted archives.
+
+mod cache;
+mod npy;
+mod writer;
+mod zip;
+
+use std::{
+    collections::BTreeMap,
+    io::{self, BufReader, Read, Seek},
+    path::Path,
+};
+
+use forelock_core::groom::{Groom, GroomError, RootBinding};
+use glam::Vec3;
+use zip::{Archive, Entry};
+
+pub use cache::Cache;
+pub use npy::{Array, Data};
+pub use writer::CacheWriter;
+
+use crate::{
+    atomic::atomic_write,
+    error::{FormatError, Problem, ReadError, WriteError},
+};
+
+/// Why an `.npz` cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub enum NpzError {
+    /// Reading failed on the way.
+    #[error(transparent)]
+    Io(#[from] io::Error),
+    /// The bytes are wrong.
+    #[error(transparent)]
+    Format(#[from] FormatError),
+}
+
+impl NpzError {
+    pub(crate) fn at(self, path: &Path) -> ReadError {
+        match self {
+            Self::Io(source) => ReadError::Io { path: path.into(), source },
+            Self::Format(source) => ReadError::Format { path: path.into(), source },
+        }
+    }
+}
+
+fn invalid(words: impl Into<String>) -> NpzError {
+    FormatError { format: ".npz", offset: 0, strand: None, problem: Problem::Invalid(words.into()) }.into()
+}
+
+fn from_groom(error: GroomError) -> NpzError {
+    FormatError { format: ".npz", offset: 0, strand: None, problem: error.into() }.into()
+}
+
+/// All arrays of an archive by name. For small ones: everything is read into memory.
+///
+/// # Errors
+/// [`NpzError`] if the bytes are no such archive or an array has a type that is not read.
+pub fn read(file: impl Read + Seek) -> Result<BTreeMap<String, Array>, NpzError> {
+    let mut archive = Archive::open(file)?;
+    let entries = archive.entries.clone();
+    let mut arrays = BTreeMap::new();
+    for entry in &entries {
+        if let Some(name) = entry.name.strip_suffix(".npy") {
+            arrays.insert(name.to_owned(), Array::from_npy(&archive.read(entry)?)?);
+        }
+    }
+    Ok(arrays)
+}
+
+/// All arrays of the file `path` by name; see [`read`].
+///
+/// # Errors
+/// [`ReadError`] naming the file.
+pub fn read_npz(path: &Path) -> Result<BTreeMap<String, Array>, ReadError> {
+    read(BufReader::new(crate::open(path)?)).map_err(|e| e.at(path))
+}
+
+/// The bytes of an archive of `arrays`, in their order.
+pub fn write(arrays: &[(&str, Array)]) -> Vec<u8> {
+    let mut out = Vec::new();
+    let mut entries = Vec::new();
+    for (name, array) in arrays {
+        let npy = array.to_npy();
+        let entry =
+            Entry::stored(&format!("{name}.npy"), crc32fast::hash(&npy), npy.len() as u64, out.len() as u64);
+        out.extend(entry.local());
+        out.extend(npy);
+        entries.push(entry);
+    }
+    let directory = zip::directory(&entries, out.len() as u64);
+    out.extend(directory);
+    out
+}
+
+/// Writes `arrays` as the file `path`, whole or not at all.
+///
+/// # Errors
+/// [`WriteError`] if it cannot be written.
+pub fn write_npz(path: &Path, arrays: &[(&str, Array)]) -> Result<(), WriteError> {
+    atomic_write(path, |file| file.write_all(&write(arrays)))
+}
+
+/// The groom in an archive, in the file's own units and axes; of a cache its first frame.
+///
+/// # Errors
+/// [`NpzError`] if arrays are missing, of the wrong type, or do not fit each other.
+pub fn read_groom(file: impl Read + Seek) -> Result<Groom, NpzError> {
+    let mut archive = Archive::open(file)?;
+    let offsets = archive.array("strand_offsets")?;
+    let positions = read_positions(&mut archive, offsets.as_ref())?;
+    let mut groom = assemble(&positions, offsets.as_ref()).map_err(|e| match e {
+        Ok(words) => invalid(words),
+        Err(error) => from_groom(error),
+    })?;
+    let wrong = |name: &str| invalid(format!("the array `{name}` has the wrong type"));
+    let mut floats = |name: &str| -> Result<Option<Vec<f32>>, NpzError> {
+        archive
+            .array(name)?
+            .map(|a| a.floats().map(|v| v.into_owned()).ok_or_else(|| wrong(name)))
+            .transpose()
+    };
+    groom.widths = floats("widths")?;
+    groom.transparencies = floats("transparencies")?;
+    groom.colours = floats("colours")?.map(groups);
+    groom.root_uvs = floats("root_uv")?.map(groups);
+    let (barycentric, distances) = (floats("binding_barycentric")?, floats("binding_distances")?);
+    let mut counts = |name: &str| -> Result<Option<Vec<u32>>, NpzError> {
+        archive
+            .array(name)?
+            .map(|a| a.counts().map(|v| v.into_owned()).ok_or_else(|| wrong(name)))
+            .transpose()
+    };
+    groom.pinned = counts("pinned")?
+        .map(|pins| pins.into_iter().map(|count| u16::try_from(count).unwrap_or(u16::MAX)).collect());
+    if let (Some(triangles), Some(barycentric), Some(distances)) =
+        (counts("binding_triangles")?, barycentric, distances)
+    {
+        let bound = triangles.into_iter().zip(groups::<3>(barycentric)).zip(distances);
+        groom.bindings = Some(
+            bound
+                .map(|((triangle, barycentric), distance)| RootBinding { triangle, barycentric, distance })
+                .collect(),
+        );
+    }
+    groom.check_attributes().map_err(from_groom)?;
+    Ok(groom)
+}
+
+/// The array `positions`; of frames whose particles `offsets` split, the first alone.
+fn read_positions<R: Read + Seek>(
+    archive: &mut Archive<R>,
+    offsets: Option<&Array>,
+) -> Result<Array, NpzError> {
+    let entry =
+        archive.find("positions.npy").ok_or_else(|| invalid("there is no array `positions` in it"))?;
+    let last = offsets.and_then(Array::counts).and_then(|offsets| offsets.last().copied());
+    let header = archive.header(&entry)?;
+    if let [_, particles, 3] = header.shape[..]
+        && last.is_some_and(|last| last as usize == particles)
+        && header.has_frames()
+    {
+        let mut raw = Vec::new();
+        let bytes = particles as u64 * 3 * header.item_bytes as u64;
+        let mut member = archive.member(&entry)?;
+        io::copy(&mut member.by_ref().take(header.at as u64), &mut io::sink())?;
+        member.take(bytes).read_to_end(&mut raw)?;
+        if raw.len() as u64 == bytes {
+            return Ok(Array { shape: vec![1, particles, 3], data: header.decode(&raw) });
+        }
+    }
+    Ok(Array::from_npy(&archive.read(&entry)?)?)
+}
+
+/// `positions` split into strands; a sentence or the groom's own error if that cannot be.
+fn assemble(positions: &Array, offsets: Option<&Array>) -> Result<Groom, Result<String, GroomError>> {
+    let shape = &positions.shape;
+    let all =
+        positions.floats().ok_or_else(|| Ok("the array `positions` must be float32 or float64".into()))?;
+    let mut points: Vec<Vec3> = groups::<3>(all.into_owned()).into_iter().map(Vec3::from_array).collect();
+    let offsets = match (shape.as_slice(), offsets) {
+        ([.., 3], Some(offsets)) => {
+            let offsets = offsets.counts().ok_or_else(|| {
+                Ok("the array `strand_offsets` must hold integers from 0 to 4,294,967,295".into())
+            })?;
+            // [F, P, 3] is a cache: frame 0 comes first.
+            if let [_, particles, 3] = shape.as_slice()
+                && offsets.last().is_some_and(|&last| last as usize == *particles)
+            {
+                points.truncate(*particles);
+            }
+            offsets.into_owned()
+        }
+        ([.., each, 3], None) if shape.len() > 2 && *each > 0 => {
+            let count =
+                u32::try_from(points.len()).map_err(|_| Err(GroomError::TooManyParticles(points.len())))?;
+            let each = u32::try_from(*each).map_err(|_| Err(GroomError::TooManyParticles(points.len())))?;
+            (0..=count / each).map(|strand| strand * each).collect()
+        }
+        _ => {
+            return Err(Ok(format!(
+                "`positions` has the shape {shape:?}; [P, 3] with `strand_offsets`, or [S, N, 3], are read"
+            )));
+        }
+    };
+    Groom::new(points, offsets).map_err(Err)
+}
+
+/// The values in groups of `N`; a rest is left out.
+fn groups<const N: usize>(values: Vec<f32>) -> Vec<[f32; N]> {
+    values.as_chunks::<N>().0.to_vec()
+}
+
+/// The bytes of an archive that holds `groom` with all its attributes.
+pub fn write_groom(groom: &Groom) -> Vec<u8> {
+    let shaped =
+        |n: usize, each: usize, values: Vec<f32>| Array { shape: vec![n, each], data: values.into() };
+    let (particles, strands) = (groom.particle_count(), groom.strand_count());
+    let offsets = if groom.strand_offsets().is_empty() { vec![0] } else { groom.strand_offsets().to_vec() };
+    let mut arrays = vec![
+        ("positions", shaped(particles, 3, bytemuck::cast_slice(groom.positions()).to_vec())),
+        ("strand_offsets", Array::vector(offsets)),
+    ];
+    let mut add = |name, array: Option<Array>| arrays.extend(array.map(|array| (name, array)));
+    add("widths", groom.widths.clone().map(Array::vector));
+    add("transparencies", groom.transparencies.clone().map(Array::vector));
+    add("colours", groom.colours.as_ref().map(|c| shaped(particles, 3, c.as_flattened().to_vec())));
+    add("root_uv", groom.root_uvs.as_ref().map(|uv| shaped(strands, 2, uv.as_flattened().to_vec())));
+    let pins = |pins: &Vec<u16>| pins.iter().map(|&count| u32::from(count)).collect::<Vec<_>>();
+    add("pinned", groom.pinned.as_ref().map(|p| Array::vector(pins(p))));
+    if let Some(bindings) = &groom.bindings {
+        let triangles: Vec<u32> = bindings.iter().map(|b| b.triangle).collect();
+        let distances: Vec<f32> = bindings.iter().map(|b| b.distance).collect();
+        add("binding_triangles", Some(Array::vector(triangles)));
+        add(
+            "binding_barycentric",
+            Some(shaped(strands, 3, bindings.iter().flat_map(|b| b.barycentric).collect())),
+        );
+        add("binding_distances", Some(Array::vector(distances)));
+    }
+    write(&arrays)
+}

@@ -1,0 +1,59 @@
+//! USC-HairSalon `.data` (Hu et al. 2015, 'Single-View Hair Modeling Using A Hairstyle Database').
+//!
+//! # Theory
+//! `i32 strands`; each: `i32 n`, then `n × f32 xyz`, root first. No header, no attributes.
+//!
+//! # Practice
+//! Units vary: the database's own are about 0.82 m, others use centimetres. One-point strands mean 'no strand here';
+//! they are kept in reading, and `repair` drops and counts them.
+
+use forelock_core::groom::Groom;
+use glam::Vec3;
+
+use crate::{bytes::Bytes, error::FormatError};
+
+/// The groom in `bytes`, in the file's own units and axes.
+///
+/// # Errors
+/// [`FormatError`] if a count is negative or announces more than the bytes hold.
+pub fn read(bytes: &[u8]) -> Result<Groom, FormatError> {
+    read_points(bytes, ".data", size_of::<Vec3>())
+}
+
+/// Counted strands of counted points, `stride` bytes each, that begin with the position.
+pub(crate) fn read_points(bytes: &[u8], format: &'static str, stride: usize) -> Result<Groom, FormatError> {
+    let mut bytes = Bytes::new(bytes, format);
+    let start = bytes.at(0);
+    let strands = bytes.count("the number of strands")?;
+    // Each strand has a count at least.
+    bytes.at(4).take(strands, 4, "the strands")?;
+    let mut positions: Vec<Vec3> = Vec::with_capacity(bytes.left() / stride);
+    let mut offsets = vec![0];
+    for strand in 0..strands {
+        bytes.enter_strand(usize::try_from(strand).unwrap_or(usize::MAX));
+        let count = bytes.count("the number of points")?;
+        let points = bytes.take(count, stride, "the points")?;
+        positions.extend(
+            points
+                .chunks_exact(stride)
+                .map(|p| bytemuck::pod_read_unaligned::<Vec3>(&p[..size_of::<Vec3>()])),
+        );
+        offsets.push(u32::try_from(positions.len()).map_err(|_| bytes.invalid("over 4,294,967,295 points"))?);
+    }
+    Groom::new(positions, offsets).map_err(|e| start.error(e.into()))
+}
+
+/// The bytes of a `.data` file that holds the strands of `groom`; attributes have no place in it.
+///
+/// # Errors
+/// A sentence if there are more than 2³¹ − 1 strands, or points in one.
+pub fn write(groom: &Groom) -> Result<Vec<u8>, String> {
+    let count = |n: usize| i32::try_from(n).map(i32::to_le_bytes).map_err(|_| "over 2,147,483,647 of a kind");
+    let mut out = Vec::with_capacity(4 + 4 * groom.strand_count() + size_of_val(groom.positions()));
+    out.extend(count(groom.strand_count())?);
+    for strand in groom.strands() {
+        out.extend(count(strand.len())?);
+        out.extend_from_slice(bytemuck::cast_slice(strand));
+    }
+    Ok(out)
+}

@@ -1,0 +1,90 @@
+//! Grooms, heads and a cache's worth of files that were not made here; ignored where they are missing.
+
+use std::path::{Path, PathBuf};
+
+use forelock_core::groom::{Groom, Import, Info, Unit, Up, resample};
+use forelock_io::{read_groom, read_mesh};
+
+fn data(name: &str) -> PathBuf {
+    Path::new(option_env!("FORELOCK_DATA_FOLDER").unwrap_or_default()).join(name)
+}
+
+fn read(name: &str, import: &Import) -> Groom {
+    let imported = read_groom(&data(name), import).unwrap();
+    println!("{name}: {}\n{}\n", imported.repairs, Info::of(&imported.groom));
+    imported.groom
+}
+
+#[test]
+#[cfg_attr(not(forelock_data), ignore = "no real data: set FORELOCK_DATA to its folder")]
+fn strand_counts_are_those_of_the_files() {
+    for (name, strands, each) in [
+        ("sintel/SintelHairOriginal-sintel_hair.16points.tfx", 11_400, 16),
+        ("sintel/sintel_lite_228x32.tfx", 228, 32),
+        ("harolongo/harolongo.data", 7_905, 21),
+        ("ponytail/back.tfx", 517, 16),
+        ("ponytail/front_top.tfx", 876, 16),
+        ("ponytail/side.tfx", 3_066, 16),
+        ("ponytail/tail.tfx", 474, 16),
+        ("yuksel/straight.hair", 10_000, 16),
+    ] {
+        let groom = read(name, &Import::default());
+        assert_eq!(groom.strand_count(), strands, "{name}");
+        assert_eq!(groom.particle_count(), strands * each, "{name}");
+    }
+}
+
+#[test]
+#[cfg_attr(not(forelock_data), ignore = "no real data: set FORELOCK_DATA to its folder")]
+fn units_axes_and_attributes_are_right() {
+    let sintel = read("sintel/SintelHairOriginal-sintel_hair.16points.tfx", &Import::default());
+    assert_eq!(Info::of(&sintel).unit_guess.unit, Some(Unit::Metre));
+    assert!(sintel.pinned.unwrap().iter().all(|&n| n == 1));
+
+    let centimetres = Import { unit: Unit::Centimetre, ..Import::default() };
+    let harolongo = read("harolongo/harolongo.data", &centimetres);
+    assert_eq!(Info::of(&harolongo).unit_guess.unit, Some(Unit::Metre));
+    let as_metres = read("harolongo/harolongo.data", &Import::default());
+    assert_eq!(Info::of(&as_metres).unit_guess.unit, Some(Unit::Centimetre));
+
+    let import = Import { unit: Unit::Inch, up: Up::Z, scale: 0.1 };
+    let straight = read("yuksel/straight.hair", &import);
+    let info = Info::of(&straight);
+    assert!((0.15..0.3).contains(&info.root_extent), "{info}");
+    // Hair hangs: its lowest point is far below the roots only if the axes are right.
+    let lowest_root = straight.strands().map(|s| s[0].y).fold(f32::INFINITY, f32::min);
+    assert!(info.min.y < lowest_root - 0.1 && info.max.y - lowest_root < 0.3, "{info}");
+}
+
+#[test]
+#[cfg_attr(not(forelock_data), ignore = "no real data: set FORELOCK_DATA to its folder")]
+fn resampling_keeps_the_curls_of_a_real_groom() {
+    let groom = read("harolongo/harolongo.data", &Import { unit: Unit::Centimetre, ..Import::default() });
+    let mean = |groom: &Groom| Info::of(groom).length.mean;
+    for (n, kept) in [(16, 0.97), (21, 0.98), (30, 0.995), (64, 0.999)] {
+        let ratio = mean(&resample(&groom, n).unwrap()) / mean(&groom);
+        println!("{n} particles keep {ratio:.4} of the length");
+        assert!(ratio > kept && ratio < 1.05, "{n} particles keep {ratio} of the length");
+    }
+}
+
+#[test]
+#[cfg_attr(not(forelock_data), ignore = "no real data: set FORELOCK_DATA to its folder")]
+fn heads_are_read() {
+    for name in [
+        "sintel/sintel.obj",
+        "sintel/sintel-collider.obj",
+        "sintel/sintel_lite.obj",
+        "ponytail/ponytail_mesh.obj",
+        "harolongo/Retopologised_Female_Head_01_mod.obj",
+        "harolongo/hand.obj",
+        "makehuman/base.obj",
+        "collision/bunny_10k.obj",
+    ] {
+        let mesh = read_mesh(&data(name), &Import::default()).unwrap();
+        println!("{name}: {} vertices, {} triangles", mesh.positions.len(), mesh.triangles.len());
+        assert!(mesh.triangles.len() > 100);
+    }
+    let bunny = read_mesh(&data("collision/bunny_10k.obj"), &Import::default()).unwrap();
+    assert_eq!(bunny.triangles.len(), 10_000);
+}
