@@ -57,11 +57,11 @@ impl<'a> Bytes<'a> {
         Ok(bytemuck::pod_read_unaligned(self.take(1, size_of::<T>(), what)?))
     }
 
-    /// A count that the format stores as a signed number.
+    /// How many of `what` follow, which the format stores as a signed number.
     pub fn count(&mut self, what: &'static str) -> Result<u64, FormatError> {
         let here = Self { ..*self };
-        let count: i32 = self.value(what)?;
-        u64::try_from(count).map_err(|_| here.invalid(format!("{what} is {count}, below 0")))
+        let count: i32 = self.value("the counts")?;
+        u64::try_from(count).map_err(|_| here.invalid(format!("the number of {what} is {count}, below 0")))
     }
 
     pub fn error(&self, problem: Problem) -> FormatError {

@@ -131,7 +131,7 @@ impl fmt::Display for FormatError {
 pub enum Problem {
     /// More is announced than the file holds.
     #[error(
-        "{what} need {needed} bytes and {left} are left; the file is cut short, or not of this format \
+        "{what} take {needed} bytes, but {left} are left; the file is cut short, or not of this format \
          (copy or export it again)"
     )]
     Short {

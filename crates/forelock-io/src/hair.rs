@@ -53,7 +53,7 @@ struct Header {
 pub fn read(bytes: &[u8]) -> Result<Groom, FormatError> {
     let mut bytes = Bytes::new(bytes, ".hair");
     let start = bytes.at(0);
-    let header: Header = bytes.value("the 128-byte header")?;
+    let header: Header = bytes.value("the fields of the header")?;
     if !header.magic.eq_ignore_ascii_case(b"HAIR") {
         return Err(start.invalid("it does not begin with HAIR, so it is no file of this format"));
     }
@@ -116,8 +116,9 @@ fn prefix_sums(segments: &[u16], points: u32) -> Result<Vec<u32>, String> {
 /// The bytes of a `.hair` file that holds `groom`; root UVs, pins and bindings have no place in it.
 ///
 /// # Errors
-/// A sentence if a strand has no particle or more than 65,536.
+/// A sentence if a strand has no particle or more than 65,536, or an attribute does not fit the groom.
 pub fn write(groom: &Groom) -> Result<Vec<u8>, String> {
+    groom.check_attributes().map_err(|e| e.to_string())?;
     let mut segments = Vec::with_capacity(groom.strand_count());
     for strand in 0..groom.strand_count() {
         let count = groom.range(strand).len();

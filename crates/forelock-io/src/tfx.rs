@@ -54,14 +54,16 @@ struct Header {
 pub fn read(bytes: &[u8]) -> Result<Groom, FormatError> {
     let mut bytes = Bytes::new(bytes, ".tfx");
     let start = bytes.at(0);
-    let version: f32 = bytes.value("the version")?;
-    let strands: u32 = bytes.value("the number of strands")?;
-    let each: u32 = bytes.value("the number of vertices a strand")?;
+    let version: f32 = bytes.value("the fields of the header")?;
+    let strands: u32 = bytes.value("the fields of the header")?;
+    let each: u32 = bytes.value("the fields of the header")?;
     let layout = if version == 4.0 {
-        let [positions, strand_uv, _, thickness, colour] = bytes.value::<[u32; 5]>("the offsets")?;
+        let [positions, strand_uv, _, thickness, colour] =
+            bytes.value::<[u32; 5]>("the fields of the header")?;
         Layout { positions, thickness, strand_uv, colour, has_pins: true }
     } else if version == 3.0 {
-        let [positions, thickness, strand_uv, colour] = start.at(144).value::<[u32; 4]>("the offsets")?;
+        let [positions, thickness, strand_uv, colour] =
+            start.at(144).value::<[u32; 4]>("the fields of the header")?;
         Layout { positions, thickness, strand_uv, colour, has_pins: false }
     } else {
         return Err(start.invalid(format!(
@@ -114,8 +116,10 @@ fn split_pins(vertices: &[Vec4], each: usize) -> (Vec<Vec3>, Option<Vec<u16>>) {
 /// The bytes of a version 4.0 file that holds `groom`.
 ///
 /// # Errors
-/// A sentence if the strands differ in their number of particles, or the arrays go beyond 4 GiB.
+/// A sentence if the strands differ in their number of particles, an attribute does not fit the groom, or the arrays go
+/// beyond 4 GiB.
 pub fn write(groom: &Groom) -> Result<Vec<u8>, String> {
+    groom.check_attributes().map_err(|e| e.to_string())?;
     let strands = groom.strand_count();
     let each = if strands == 0 { 0 } else { groom.range(0).len() };
     if let Some(strand) = (0..strands).find(|&s| groom.range(s).len() != each) {

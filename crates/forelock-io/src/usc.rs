@@ -24,14 +24,14 @@ pub fn read(bytes: &[u8]) -> Result<Groom, FormatError> {
 pub(crate) fn read_points(bytes: &[u8], format: &'static str, stride: usize) -> Result<Groom, FormatError> {
     let mut bytes = Bytes::new(bytes, format);
     let start = bytes.at(0);
-    let strands = bytes.count("the number of strands")?;
+    let strands = bytes.count("strands")?;
     // Each strand has a count at least.
     bytes.at(4).take(strands, 4, "the strands")?;
     let mut positions: Vec<Vec3> = Vec::with_capacity(bytes.left() / stride);
     let mut offsets = vec![0];
     for strand in 0..strands {
         bytes.enter_strand(usize::try_from(strand).unwrap_or(usize::MAX));
-        let count = bytes.count("the number of points")?;
+        let count = bytes.count("points")?;
         let points = bytes.take(count, stride, "the points")?;
         positions.extend(
             points

@@ -1,5 +1,7 @@
 //! The streamed cache: complete whenever it is finished, the same bytes however it was interrupted.
 
+#![expect(clippy::unwrap_used, reason = "a helper of tests fails by panicking")]
+
 use std::{fs, io::Cursor, path::Path};
 
 use forelock_core::groom::Import;

@@ -1,5 +1,7 @@
 //! Grooms, heads and a cache's worth of files that were not made here; ignored where they are missing.
 
+#![expect(clippy::unwrap_used, reason = "a helper of tests fails by panicking")]
+
 use std::path::{Path, PathBuf};
 
 use forelock_core::groom::{Groom, Import, Info, Unit, Up, resample};
@@ -11,7 +13,7 @@ fn data(name: &str) -> PathBuf {
 
 fn read(name: &str, import: &Import) -> Groom {
     let imported = read_groom(&data(name), import).unwrap();
-    println!("{name}: {}\n{}\n", imported.repairs, Info::of(&imported.groom));
+    eprintln!("{name}: {}\n{}\n", imported.repairs, Info::of(&imported.groom));
     imported.groom
 }
 
@@ -50,7 +52,7 @@ fn units_axes_and_attributes_are_right() {
     let import = Import { unit: Unit::Inch, up: Up::Z, scale: 0.1 };
     let straight = read("yuksel/straight.hair", &import);
     let info = Info::of(&straight);
-    assert!((0.15..0.3).contains(&info.root_extent), "{info}");
+    assert!((0.09..0.3).contains(&info.root_extent), "{info}");
     // Hair hangs: its lowest point is far below the roots only if the axes are right.
     let lowest_root = straight.strands().map(|s| s[0].y).fold(f32::INFINITY, f32::min);
     assert!(info.min.y < lowest_root - 0.1 && info.max.y - lowest_root < 0.3, "{info}");
@@ -61,10 +63,10 @@ fn units_axes_and_attributes_are_right() {
 fn resampling_keeps_the_curls_of_a_real_groom() {
     let groom = read("harolongo/harolongo.data", &Import { unit: Unit::Centimetre, ..Import::default() });
     let mean = |groom: &Groom| Info::of(groom).length.mean;
-    for (n, kept) in [(16, 0.97), (21, 0.98), (30, 0.995), (64, 0.999)] {
+    for (n, kept) in [(16, 0.975), (21, 0.995), (30, 0.999), (64, 1.0)] {
         let ratio = mean(&resample(&groom, n).unwrap()) / mean(&groom);
-        println!("{n} particles keep {ratio:.4} of the length");
-        assert!(ratio > kept && ratio < 1.05, "{n} particles keep {ratio} of the length");
+        eprintln!("{n} particles keep {ratio:.4} of the length");
+        assert!(ratio > kept && ratio < 1.01, "{n} particles keep {ratio} of the length");
     }
 }
 
@@ -82,7 +84,7 @@ fn heads_are_read() {
         "collision/bunny_10k.obj",
     ] {
         let mesh = read_mesh(&data(name), &Import::default()).unwrap();
-        println!("{name}: {} vertices, {} triangles", mesh.positions.len(), mesh.triangles.len());
+        eprintln!("{name}: {} vertices, {} triangles", mesh.positions.len(), mesh.triangles.len());
         assert!(mesh.triangles.len() > 100);
     }
     let bunny = read_mesh(&data("collision/bunny_10k.obj"), &Import::default()).unwrap();

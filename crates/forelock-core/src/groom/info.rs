@@ -118,18 +118,22 @@ fn guess_unit(root_extent: f64) -> UnitGuess {
     let nearest = Unit::ALL.into_iter().min_by(|a, b| off(a).total_cmp(&off(b)));
     let extent = three_digits(root_extent);
     match nearest.filter(|unit| off(unit) <= HEAD_TOLERANCE.ln()) {
+        Some(Unit::Metre) => UnitGuess {
+            unit: Some(Unit::Metre),
+            reason: format!("the roots span {extent} m; a head's span 0.15 to 0.25 m"),
+        },
         Some(unit) => UnitGuess {
             unit: Some(unit),
             reason: format!(
-                "the roots span {extent}, in {unit} {} m; those of a head span 0.15 to 0.25 m",
+                "the roots span {extent}, with unit `{unit}` {} m; a head's span 0.15 to 0.25 m",
                 three_digits(root_extent * unit.metres())
             ),
         },
         None if root_extent > 0.0 && root_extent.is_finite() => UnitGuess {
             unit: None,
             reason: format!(
-                "the roots span {extent}, in no known unit the 0.15 to 0.25 m of a head; a scale of {} would make it so, \
-                 unless this is a part of a groom, or no head's",
+                "the roots span {extent}, in no known unit the 0.15 to 0.25 m of a head; a scale of {} would make it so \
+                 (if this is all of a head's hair)",
                 three_digits(HEAD_METRES / root_extent)
             ),
         },

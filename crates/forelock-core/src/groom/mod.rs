@@ -153,7 +153,7 @@ impl Groom {
         self.positions.len()
     }
 
-    /// All positions, [P], metres.
+    /// All positions, `[P]`, metres.
     pub fn positions(&self) -> &[Vec3] {
         &self.positions
     }
@@ -163,7 +163,7 @@ impl Groom {
         &mut self.positions
     }
 
-    /// Offsets, [S + 1].
+    /// Offsets, `[S + 1]`.
     pub fn strand_offsets(&self) -> &[u32] {
         &self.strand_offsets
     }

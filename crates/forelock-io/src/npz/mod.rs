@@ -5,22 +5,22 @@
 //!
 //! | | array | type and shape |
 //! | --- | --- | --- |
-//! | groom | `positions` | float32 [P, 3], or [S, N, 3] without offsets |
-//! | | `strand_offsets` | uint32 [S + 1] |
-//! | | `widths`, `transparencies` | float32 [P] |
-//! | | `colours` | float32 [P, 3] |
-//! | | `root_uv` | float32 [S, 2] |
-//! | | `pinned` | uint32 [S] |
-//! | | `binding_triangles`, `binding_barycentric`, `binding_distances` | uint32 [S], float32 [S, 3], float32 [S] |
-//! | cache | `positions` | float32 [F, P, 3] |
-//! | | `strand_offsets` | uint32 [S + 1] |
-//! | | `times` | float64 [F], seconds |
+//! | groom | `positions` | float32 `[P, 3]`, or `[S, N, 3]` without offsets |
+//! | | `strand_offsets` | uint32 `[S + 1]` |
+//! | | `widths`, `transparencies` | float32 `[P]` |
+//! | | `colours` | float32 `[P, 3]` |
+//! | | `root_uv` | float32 `[S, 2]` |
+//! | | `pinned` | uint32 `[S]` |
+//! | | `binding_triangles`, `binding_barycentric`, `binding_distances` | uint32 `[S]`, float32 `[S, 3]`, float32 `[S]` |
+//! | cache | `positions` | float32 `[F, P, 3]` |
+//! | | `strand_offsets` | uint32 `[S + 1]` |
+//! | | `times` | float64 `[F]`, seconds |
 //!
 //! The root of strand s in frame f is `positions[f, strand_offsets[s]]`.
 //!
 //! # Practice
 //! Read are stored and deflated members, float64 and any integer type, either byte order and either array order.
-//! DiffLocks files (`positions` [S, N, 3], `root_uv`) are grooms as they are; of a cache the first frame is the groom.
+//! DiffLocks files (`positions` `[S, N, 3]`, `root_uv`) are grooms as they are; of a cache the first frame is the groom.
 //! Written are stored members in NumPy's own layout, the same arrays giving the same bytes.
 //!
 //! # Limitations

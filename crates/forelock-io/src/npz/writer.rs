@@ -9,7 +9,7 @@
 //! While it grows, the cache `hair.npz` is `hair.npz.part`, with the times beside it in `hair.npz.times.part`: memory does
 //! not grow with frames, and a run that was killed can be resumed from its whole frames. [`CacheWriter::finish`] renames it.
 //! Finishing early gives a complete cache of the frames so far, even after a failed
-//! [`append`](CacheWriter::append): that takes back what it wrote of its frame, which makes room for the end on a full disk.
+//! [`append`](CacheWriter::append): that takes back what it wrote of its frame, which as a rule makes room for the end on a full disk.
 //! A cache written in several goes has the same bytes as one written in one.
 //!
 //! # Limitations
@@ -53,7 +53,7 @@ pub struct CacheWriter {
 }
 
 impl CacheWriter {
-    /// Begins the cache `path` for strands at `strand_offsets`, [S + 1], with further constant arrays by name (any but
+    /// Begins the cache `path` for strands at `strand_offsets`, `[S + 1]`, with further constant arrays by name (any but
     /// `positions`, `strand_offsets` and `times`). What stands under the name stays until [`finish`](Self::finish).
     ///
     /// # Errors

@@ -1,5 +1,7 @@
 //! Grooms for round trips.
 
+#![expect(clippy::expect_used, reason = "a helper of tests fails by panicking")]
+
 use forelock_core::groom::{Groom, RootBinding};
 use glam::Vec3;
 use proptest::{prelude::*, sample::select};
@@ -31,7 +33,7 @@ pub fn grooms() -> impl Strategy<Value = Groom> {
                     Some(*sum)
                 }));
                 let positions = positions.into_iter().map(Vec3::from_array).collect();
-                let mut groom = Groom::new(positions, offsets).unwrap();
+                let mut groom = Groom::new(positions, offsets).expect("the offsets end at the particles");
                 (groom.widths, groom.transparencies, groom.colours, groom.root_uvs) = attributes;
                 groom.pinned = pinned;
                 let bind =
@@ -41,9 +43,4 @@ pub fn grooms() -> impl Strategy<Value = Groom> {
             },
         )
     })
-}
-
-/// The same strands without attributes.
-pub fn bare(groom: &Groom) -> Groom {
-    Groom::new(groom.positions().to_vec(), groom.strand_offsets().to_vec()).unwrap()
 }
