@@ -1,4 +1,5 @@
-//! Finds the real grooms that some tests read, so that those tests are ignored, not passed, where the files are missing.
+//! Finds the real grooms that some tests read, so that those tests are ignored, not passed, where the files
+//! are missing.
 
 use std::{env, path::Path};
 

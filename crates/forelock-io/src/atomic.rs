@@ -8,11 +8,12 @@ use std::{
 
 use crate::error::WriteError;
 
-/// Writes a file through `write`: beside its name first, renamed when whole. On an error nothing is left behind and a file
-/// that stood there before is untouched. The folder must exist.
+/// Writes a file through `write`: beside its name first, renamed when whole. On an error nothing is left
+/// behind and a file that stood there before is untouched. The folder must exist.
 ///
 /// # Errors
-/// [`WriteError`] if the folder or disk refuses, `write` fails, or the name belongs to something that is not a file.
+/// [`WriteError`] if the folder or disk refuses, `write` fails, or the name belongs to something that is not
+/// a file.
 pub fn atomic_write(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,

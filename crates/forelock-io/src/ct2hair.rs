@@ -1,4 +1,5 @@
-//! CT2Hair `.bin` (Shen et al. 2023, 'CT2Hair: High-Fidelity 3D Hair Modeling using Computed Tomography'), reading only.
+//! CT2Hair `.bin` (Shen et al. 2023, 'CT2Hair: High-Fidelity 3D Hair Modeling using Computed Tomography'),
+//! reading only.
 //!
 //! # Theory
 //! `i32 strands`; each: `i32 n`, then n × 28 bytes: `f32 xyz`, `f32 normal[3]`, a 4-byte label.

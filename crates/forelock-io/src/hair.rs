@@ -1,14 +1,15 @@
 //! Cem Yuksel's `.hair` (cyHairFile.h of the cyCodeBase; models at cemyuksel.com/research/hairmodels).
 //!
 //! # Theory
-//! A 128-byte header (magic, strands, points, flags, defaults, 88 characters of text), then, each where its flag is set:
-//! `u16 segments[strands]`, `f32 xyz[points]`, `f32 thickness[points]`, `f32 transparency[points]`, `f32 rgb[points]`.
-//! A strand has segments + 1 points, root first.
+//! A 128-byte header (magic, strands, points, flags, defaults, 88 characters of text), then, each where its
+//! flag is set: `u16 segments[strands]`, `f32 xyz[points]`, `f32 thickness[points]`, `f32
+//! transparency[points]`, `f32 rgb[points]`. A strand has segments + 1 points, root first.
 //!
 //! # Practice
-//! The magic may be `HAIR` or `hair`. Where thickness, transparency or colour have no array, the header's default fills the
-//! attribute, unless it is the value of a header that nobody filled in (1, 0, white): then the attribute is absent.
-//! The numbers are taken as they are; the well-known models are z up, 0.00254 m a unit.
+//! The magic may be `HAIR` or `hair`. Where thickness, transparency or colour have no array, the header's
+//! default fills the attribute, unless it is the value of a header that nobody filled in (1, 0, white): then
+//! the attribute is absent. The numbers are taken as they are; the well-known models are z up, 0.00254 m a
+//! unit.
 //!
 //! # Limitations
 //! At most 65,535 segments a strand.

@@ -9,8 +9,8 @@
 //! | `.obj` | [Wavefront](obj): meshes, polylines | yes | yes |
 //! | `.bin` | [CT2Hair](ct2hair) | yes | no |
 //!
-//! Readers take bytes, check every count against what is there before they take memory, and never panic; errors name file,
-//! byte and strand. Writers make a file whole or not at all.
+//! Readers take bytes, check every count against what is there before they take memory, and never panic;
+//! errors name file, byte and strand. Writers make a file whole or not at all.
 //!
 //! ```
 //! use forelock_core::groom::{Groom, Import, Unit};
@@ -124,7 +124,8 @@ pub struct Imported {
     pub format: Format,
 }
 
-/// Reads the groom `path`, in the format that its ending names; brings it to metres and y up as `import` says; repairs it.
+/// Reads the groom `path`, in the format that its ending names; brings it to metres and y up as `import`
+/// says; repairs it.
 ///
 /// # Errors
 /// [`ReadError`] if the file cannot be read, is not what its ending says, or no strand of it can be used.
@@ -154,11 +155,12 @@ pub fn read_groom(path: &Path, import: &Import) -> Result<Imported, ReadError> {
     Ok(Imported { groom, repairs, format })
 }
 
-/// Writes `groom` as the file `path`, in the format that its ending names: metres, y up, and the attributes that the format
-/// has a place for.
+/// Writes `groom` as the file `path`, in the format that its ending names: metres, y up, and the attributes
+/// that the format has a place for.
 ///
 /// # Errors
-/// [`WriteError`] if the ending names no format that is written, the format cannot hold the groom, or the disk refuses.
+/// [`WriteError`] if the ending names no format that is written, the format cannot hold the groom, or the
+/// disk refuses.
 pub fn write_groom(path: &Path, groom: &Groom) -> Result<(), WriteError> {
     let unfit = |problem: String| WriteError::Unfit { path: path.into(), problem };
     groom.check_attributes().map_err(|e| unfit(e.to_string()))?;

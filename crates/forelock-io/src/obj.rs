@@ -1,13 +1,13 @@
 //! Wavefront OBJ: meshes, and grooms as polylines.
 //!
 //! # Theory
-//! Text, one element a line: `v x y z`, faces `f a b c …` and polylines `l a b …`, whose entries are vertex indices from 1
-//! (or from −1 backwards), each perhaps followed by `/texture/normal`.
+//! Text, one element a line: `v x y z`, faces `f a b c …` and polylines `l a b …`, whose entries are vertex
+//! indices from 1 (or from −1 backwards), each perhaps followed by `/texture/normal`.
 //!
 //! # Practice
-//! Faces with more than three corners become fans. All objects and groups of a file make one mesh. A polyline is a strand,
-//! root first; where it begins with the vertex that ended the one before, it goes on with that strand, as some
-//! programs write a curve as many short lines.
+//! Faces with more than three corners become fans. All objects and groups of a file make one mesh. A polyline
+//! is a strand, root first; where it begins with the vertex that ended the one before, it goes on with that
+//! strand, as some programs write a curve as many short lines.
 //!
 //! # Limitations
 //! Texture coordinates, normals and materials are not kept. Fans of concave faces may overlap.
@@ -49,7 +49,8 @@ impl Place {
 /// The mesh in `bytes`, in the file's own units and axes.
 ///
 /// # Errors
-/// [`FormatError`] if a line is malformed, an index is out of range, a vertex is not finite, or there is no face.
+/// [`FormatError`] if a line is malformed, an index is out of range, a vertex is not finite, or there is no
+/// face.
 pub fn read_mesh(bytes: &[u8]) -> Result<TriMesh, FormatError> {
     let elements = parse(bytes)?;
     TriMesh::new(elements.positions, elements.triangles).map_err(|e| whole(e.into()))

@@ -1,7 +1,8 @@
 //! TressFX `.tfx`, versions 3.0 (read) and 4.0 (read and written).
 //!
 //! # Theory
-//! A header, then arrays at the offsets it names; offset 0 means absent. Every strand has the same number of vertices.
+//! A header, then arrays at the offsets it names; offset 0 means absent. Every strand has the same number of
+//! vertices.
 //!
 //! | | 3.0 | 4.0 |
 //! | --- | --- | --- |
@@ -11,8 +12,9 @@
 //! | strand UV, vertex colour | `f32[2]`, `f32[4]` | `f32[2]`, `f32[4]` |
 //!
 //! # Practice
-//! The vertices with w = 0 from the root on give [`Groom::pinned`]; pins further along are let go. In writing, a groom that
-//! says nothing of pins pins its roots, and the thickness of a strand is the mean of its widths.
+//! The vertices with w = 0 from the root on give [`Groom::pinned`]; pins further along are let go. In
+//! writing, a groom that says nothing of pins pins its roots, and the thickness of a strand is the mean of
+//! its widths.
 //!
 //! # Limitations
 //! Follow strands, vertex UVs, alpha and 'both ends immovable' are not kept.
@@ -116,8 +118,8 @@ fn split_pins(vertices: &[Vec4], each: usize) -> (Vec<Vec3>, Option<Vec<u16>>) {
 /// The bytes of a version 4.0 file that holds `groom`.
 ///
 /// # Errors
-/// A sentence if the strands differ in their number of particles, an attribute does not fit the groom, or the arrays go
-/// beyond 4 GiB.
+/// A sentence if the strands differ in their number of particles, an attribute does not fit the groom, or the
+/// arrays go beyond 4 GiB.
 pub fn write(groom: &Groom) -> Result<Vec<u8>, String> {
     groom.check_attributes().map_err(|e| e.to_string())?;
     let strands = groom.strand_count();

@@ -4,8 +4,8 @@
 //! `i32 strands`; each: `i32 n`, then `n × f32 xyz`, root first. No header, no attributes.
 //!
 //! # Practice
-//! Units vary: the database's own are about 0.82 m, others use centimetres. One-point strands mean 'no strand here';
-//! they are kept in reading, and `repair` drops and counts them.
+//! Units vary: the database's own are about 0.82 m, others use centimetres. One-point strands mean 'no strand
+//! here'; they are kept in reading, and `repair` drops and counts them.
 
 use forelock_core::groom::Groom;
 use glam::Vec3;

@@ -37,6 +37,11 @@ fn files(groom: &Groom) -> Vec<(&'static str, Reader, Vec<u8>)> {
         .collect()
 }
 
+/// Places in a file and what is written there.
+fn spots() -> impl Strategy<Value = Vec<(prop::sample::Index, u8)>> {
+    prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8)
+}
+
 proptest! {
     #[test]
     fn random_bytes_never_panic(mut bytes in prop::collection::vec(any::<u8>(), 0..400), dress in 0usize..6) {
@@ -49,7 +54,7 @@ proptest! {
     }
 
     #[test]
-    fn damaged_files_never_panic(groom in grooms(), spots in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8)) {
+    fn damaged_files_never_panic(groom in grooms(), spots in spots()) {
         for (_, reader, mut bytes) in files(&groom) {
             for (spot, value) in &spots {
                 let at = spot.index(bytes.len());

@@ -38,14 +38,15 @@ impl Spread {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct UnitGuess {
-    /// The unit in which the groom would be as large as hair on a head; none fits if absent. [`Unit::Metre`] means that
-    /// the groom is right as it is.
+    /// The unit in which the groom would be as large as hair on a head; none fits if absent. [`Unit::Metre`]
+    /// means that the groom is right as it is.
     pub unit: Option<Unit>,
     /// Why, in one sentence.
     pub reason: String,
 }
 
-/// What a groom holds; see [`Info::of`]. Lengths are in the groom's own numbers, metres if its unit was right.
+/// What a groom holds; see [`Info::of`]. Lengths are in the groom's own numbers, metres if its unit was
+/// right.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Info {
@@ -149,7 +150,8 @@ fn three_digits(x: f64) -> String {
     format!("{x:.decimals$}")
 }
 
-/// Odd shapes that are no defect of the data: uneven edges, strands that fold back, lengths far from the others.
+/// Odd shapes that are no defect of the data: uneven edges, strands that fold back, lengths far from the
+/// others.
 fn odd_shapes(groom: &Groom, lengths: &[f64]) -> Vec<String> {
     let mut uneven = 0;
     let mut folded = 0;

@@ -1,13 +1,13 @@
 //! Repair on import: what a simulation cannot use is taken out, and counted.
 //!
 //! # Theory
-//! A solver divides by edge lengths, so a strand needs at least two particles, all apart from each other and finite. Two
-//! consecutive particles count as one where they are closer than [`REPEATED_FRACTION`] of the strand's length: the
-//! direction of so short an edge is rounding noise in float32.
+//! A solver divides by edge lengths, so a strand needs at least two particles, all apart from each other and
+//! finite. Two consecutive particles count as one where they are closer than [`REPEATED_FRACTION`] of the
+//! strand's length: the direction of so short an edge is rounding noise in float32.
 //!
 //! # Practice
-//! Of repeated particles the first stays, so the root never moves. One-point strands mean 'no strand here' in USC
-//! `.data` files and are common there. A clean groom passes through untouched and uncopied.
+//! Of repeated particles the first stays, so the root never moves. One-point strands mean 'no strand here' in
+//! USC `.data` files and are common there. A clean groom passes through untouched and uncopied.
 //!
 //! # Limitations
 //! Strands inside a body are repaired elsewhere, where the body is known.
@@ -94,6 +94,15 @@ enum Verdict {
 
 /// `groom` without what a simulation cannot use, and the account of it. No strand may be left: ask
 /// [`Groom::strand_count`].
+///
+/// ```
+/// # use forelock_core::groom::{Groom, repair};
+/// # use glam::Vec3;
+/// let groom = Groom::from_strands([vec![Vec3::ZERO, Vec3::Y], vec![Vec3::X]])?;
+/// let (groom, report) = repair(groom);
+/// assert_eq!((groom.strand_count(), report.one_point_strands), (1, 1));
+/// # Ok::<(), forelock_core::groom::GroomError>(())
+/// ```
 pub fn repair(mut groom: Groom) -> (Groom, RepairReport) {
     let mut report = RepairReport { strands_before: groom.strand_count(), ..RepairReport::default() };
     drop_bad_attributes(&mut groom, &mut report);

@@ -1,24 +1,26 @@
 //! Resampling by arc length: every strand gets the same number of particles, equally spaced along it.
 //!
 //! # Theory
-//! A strand's curve C(s), s the arc length in `[0, L]`, is sampled at s_k = k L / (n − 1). Root and tip stay exact. C is the
-//! centripetal Catmull–Rom spline through the particles (Yuksel, Schaefer, Keyser 2011, 'Parameterization and applications of
-//! Catmull–Rom curves'): no loops or cusps between particles, and beyond the ends it goes on as a circular arc. The
-//! polyline instead would cut the corners of curls, whether into more particles (its straight pieces would become the rest
-//! shape) or fewer (its chords lie inside the curl: on a real curly groom, 21 to 16 particles a strand, it keeps 96.4 % of the
-//! length and the spline 98.0 %).
+//! A strand's curve C(s), s the arc length in `[0, L]`, is sampled at s_k = k L / (n − 1). Root and tip stay
+//! exact. C is the centripetal Catmull–Rom spline through the particles (Yuksel, Schaefer, Keyser 2011,
+//! 'Parameterization and applications of Catmull–Rom curves'): no loops or cusps between particles, and
+//! beyond the ends it goes on as a circular arc. The polyline instead would cut the corners of curls, whether
+//! into more particles (its straight pieces would become the rest shape) or fewer (its chords lie inside the
+//! curl: on a real curly groom, 21 to 16 particles a strand, it keeps 96.4 % of the length and the spline
+//! 98.0 %).
 //!
-//! Any point of C is within L / (2 (n − 1)) of a sample, and chords are never longer than their arcs, so the result is
-//! never longer than C. It may be longer than the polyline it came from, which cut corners too.
+//! Any point of C is within L / (2 (n − 1)) of a sample, and chords are never longer than their arcs, so the
+//! result is never longer than C. It may be longer than the polyline it came from, which cut corners too.
 //!
 //! # Practice
-//! Particle attributes are interpolated linearly along the strand; strand attributes stay. Pinned particles: none stays
-//! none, one stays one (the root), and two or more (root and direction clamped) become those within the same length, at
-//! least two. Strands that have n equally spaced particles already are copied bit for bit.
+//! Particle attributes are interpolated linearly along the strand; strand attributes stay. Pinned particles:
+//! none stays none, one stays one (the root), and two or more (root and direction clamped) become those
+//! within the same length, at least two. Strands that have n equally spaced particles already are copied bit
+//! for bit.
 //!
 //! # Limitations
-//! A curl needs about six particles a turn; with fewer the samples cut through it and the strand gets shorter, which
-//! no choice of samples on the curve avoids.
+//! A curl needs about six particles a turn; with fewer the samples cut through it and the strand gets
+//! shorter, which no choice of samples on the curve avoids.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -47,8 +49,17 @@ pub enum ResampleError {
 /// `groom` with `particles_per_strand` particles on every strand, equally spaced by arc length.
 ///
 /// # Errors
-/// [`ResampleError`] if fewer than two particles are asked for, a strand has no finite length, or the result has more
-/// than 2³² − 1 particles.
+/// [`ResampleError`] if fewer than two particles are asked for, a strand has no finite length, or the result
+/// has more than 2³² − 1 particles.
+///
+/// ```
+/// # use forelock_core::groom::{Groom, resample};
+/// # use glam::Vec3;
+/// let groom = Groom::from_strands([[Vec3::ZERO, Vec3::Y * 0.3, Vec3::Y * 0.4]])?;
+/// let equal = resample(&groom, 5)?;
+/// assert!(equal.strand(0).iter().zip([0.0, 0.1, 0.2, 0.3, 0.4]).all(|(p, y)| (p.y - y).abs() < 1e-6));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn resample(groom: &Groom, particles_per_strand: usize) -> Result<Groom, ResampleError> {
     let n = particles_per_strand;
     if n < 2 {
@@ -95,7 +106,8 @@ pub fn resample(groom: &Groom, particles_per_strand: usize) -> Result<Groom, Res
     Ok(out)
 }
 
-/// A point of a strand's curve: `fraction` of the way, by arc length, from source particle `edge` to the next.
+/// A point of a strand's curve: `fraction` of the way, by arc length, from source particle `edge` to the
+/// next.
 #[derive(Clone, Copy)]
 struct Sample {
     position: Vec3,
@@ -170,7 +182,7 @@ fn smooth(strand: &[Vec3]) -> Vec<Vec3> {
         let (p1, p2) = (strand[edge], strand[edge + 1]);
         let p0 = if edge == 0 { beyond(p1, p2, strand[2]) } else { strand[edge - 1] };
         let p3 = if edge + 1 == last { beyond(p2, p1, p0) } else { strand[edge + 2] };
-        // Knots t_{i+1} − t_i = |p_{i+1} − p_i|^½; tangents of the non-uniform Catmull–Rom spline, scaled to [0, 1].
+        // Knots t_{i+1} − t_i = |p_{i+1} − p_i|^½; tangents of the non-uniform spline, scaled to [0, 1].
         let knot = |a: Vec3, b: Vec3| a.distance(b).sqrt().max(f32::MIN_POSITIVE);
         let (d0, d1, d2) = (knot(p0, p1), knot(p1, p2), knot(p2, p3));
         let m1 = ((p1 - p0) / d0 - (p2 - p0) / (d0 + d1) + (p2 - p1) / d1) * d1;
@@ -186,8 +198,8 @@ fn smooth(strand: &[Vec3]) -> Vec<Vec3> {
     curve
 }
 
-/// The particle before `end`, if the strand went on beyond its end as it bends there: the edge from `next` to `after`
-/// mirrored in the last edge's bisecting plane, as on a circular arc, with the last edge's length.
+/// The particle before `end`, if the strand went on beyond its end as it bends there: the edge from `next` to
+/// `after` mirrored in the last edge's bisecting plane, as on a circular arc, with the last edge's length.
 fn beyond(end: Vec3, next: Vec3, after: Vec3) -> Vec3 {
     let edge = next - end;
     let (along, bent) = (edge.normalize_or_zero(), (after - next).normalize_or_zero());

@@ -1,11 +1,11 @@
 //! Units and axes of files, brought to metres and y up.
 //!
 //! # Theory
-//! A file's point f becomes the groom's point p = m R f: m metres a unit, R a proper rotation (no mirror, so that curls
-//! keep their handedness). From z up to y up there are two customs, a quarter turn about y apart:
+//! A file's point f becomes the groom's point p = m R f: m metres a unit, R a proper rotation (no mirror, so
+//! that curls keep their handedness). From z up to y up there are two customs, a quarter turn about y apart:
 //!
 //! - [`ZUp::Common`]: (x, y, z) → (x, z, −y), what Blender, glTF and Alembic exporters do;
-//! - [`ZUp::Yuksel`]: (x, y, z) → (y, z, x), which turns Cem Yuksel's `.hair` models to face +z.
+//! - [`ZUp::Yuksel`]: (x, y, z) → (y, z, x), the custom for Cem Yuksel's `.hair` models.
 //!
 //! # Practice
 //! [`Import`] is read from the scene file and the command line alike, and applied once, right after reading.
@@ -160,8 +160,8 @@ pub struct Import {
     pub unit: Unit,
     /// Up axis of the file, default y.
     pub up: Up,
-    /// Further factor on all lengths, for files in units of their own (0.1 with `in` is right for Yuksel's models);
-    /// default 1, finite and above 0.
+    /// Further factor on all lengths, for files in units of their own (0.1 with `in` is right for Yuksel's
+    /// models); default 1, finite and above 0.
     pub scale: f64,
 }
 

@@ -17,8 +17,8 @@ use crate::error::ReadError;
 
 /// A cache file of which frames are read as they are wanted; only offsets and times are in memory.
 ///
-/// Frames of stored caches are reached at once; a deflated one is unpacked from its beginning for each frame. Checksums are
-/// not tested, since that would read everything.
+/// Frames of stored caches are reached at once; a deflated one is unpacked from its beginning for each frame.
+/// Checksums are not tested, since that would read everything.
 pub struct Cache {
     path: PathBuf,
     archive: Archive<BufReader<File>>,
@@ -34,7 +34,8 @@ impl Cache {
     /// Opens the cache `path`.
     ///
     /// # Errors
-    /// [`ReadError`] if it is no cache: `positions` `[F, P, 3]` and `strand_offsets` `[S + 1]` that fit each other.
+    /// [`ReadError`] if it is no cache: `positions` `[F, P, 3]` and `strand_offsets` `[S + 1]` that fit each
+    /// other.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
         let file = BufReader::new(crate::open(path)?);
         Self::from_file(path, file).map_err(|e| e.at(path))

@@ -19,9 +19,10 @@
 //! The root of strand s in frame f is `positions[f, strand_offsets[s]]`.
 //!
 //! # Practice
-//! Read are stored and deflated members, float64 and any integer type, either byte order and either array order.
-//! DiffLocks files (`positions` `[S, N, 3]`, `root_uv`) are grooms as they are; of a cache the first frame is the groom.
-//! Written are stored members in NumPy's own layout, the same arrays giving the same bytes.
+//! Read are stored and deflated members, float64 and any integer type, either byte order and either array
+//! order. DiffLocks files (`positions` `[S, N, 3]`, `root_uv`) are grooms as they are; of a cache the first
+//! frame is the groom. Written are stored members in NumPy's own layout, the same arrays giving the same
+//! bytes.
 //!
 //! # Limitations
 //! No float16, no structured types, no encrypted archives.

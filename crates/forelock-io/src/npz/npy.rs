@@ -1,4 +1,5 @@
-//! One array in NumPy's `.npy` layout (NEP 1): magic, version, a Python dictionary as text, then the raw elements.
+//! One array in NumPy's `.npy` layout (NEP 1): magic, version, a Python dictionary as text, then the raw
+//! elements.
 
 use std::borrow::Cow;
 

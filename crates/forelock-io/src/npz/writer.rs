@@ -1,16 +1,18 @@
 //! Writing a cache of motion frame by frame.
 //!
 //! # Theory
-//! `strand_offsets` and other constant arrays come first, then `positions`, whose header has room for any number of frames,
-//! then what is only known at the end: `times` and the directory. At the end the header of `positions` is patched with F,
-//! sizes and CRC-32; the checksum of header + frames is combined from the two, so that nothing is read twice.
+//! `strand_offsets` and other constant arrays come first, then `positions`, whose header has room for any
+//! number of frames, then what is only known at the end: `times` and the directory. At the end the header of
+//! `positions` is patched with F, sizes and CRC-32; the checksum of header + frames is combined from the two,
+//! so that nothing is read twice.
 //!
 //! # Practice
-//! While it grows, the cache `hair.npz` is `hair.npz.part`, with the times beside it in `hair.npz.times.part`: memory does
-//! not grow with frames, and a run that was killed can be resumed from its whole frames. [`CacheWriter::finish`] renames it.
-//! Finishing early gives a complete cache of the frames so far, even after a failed
-//! [`append`](CacheWriter::append): that takes back what it wrote of its frame, which as a rule makes room for the end on a full disk.
-//! A cache written in several goes has the same bytes as one written in one.
+//! While it grows, the cache `hair.npz` is `hair.npz.part`, with the times beside it in
+//! `hair.npz.times.part`: memory does not grow with frames, and a run that was killed can be resumed from its
+//! whole frames. [`CacheWriter::finish`] renames it. Finishing early gives a complete cache of the frames so
+//! far, even after a failed [`append`](CacheWriter::append): that takes back what it wrote of its frame,
+//! which as a rule makes room for the end on a full disk. A cache written in several goes has the same bytes
+//! as one written in one.
 //!
 //! # Limitations
 //! One writer a name at a time. A writer dropped unfinished leaves its `.part` files if they hold a frame.
@@ -37,6 +39,25 @@ const TIMES: &str = "times.npy";
 const TIME_BYTES: u64 = 8;
 
 /// A cache that is being written.
+///
+/// ```
+/// use forelock_io::{Cache, CacheWriter};
+/// use glam::Vec3;
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("hair.npz");
+/// let mut writer = CacheWriter::create(&path, &[0, 2], &[])?;
+/// for frame in 0..3 {
+///     writer.append(frame as f64 / 60.0, &[Vec3::ZERO, Vec3::Y * frame as f32])?;
+/// }
+/// writer.finish()?;
+///
+/// let mut cache = Cache::open(&path)?;
+/// let mut positions = Vec::new();
+/// cache.read_frame(2, &mut positions)?;
+/// assert_eq!((cache.frames(), positions[1].y), (3, 2.0));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct CacheWriter {
     path: PathBuf,
     file: File,
@@ -53,8 +74,9 @@ pub struct CacheWriter {
 }
 
 impl CacheWriter {
-    /// Begins the cache `path` for strands at `strand_offsets`, `[S + 1]`, with further constant arrays by name (any but
-    /// `positions`, `strand_offsets` and `times`). What stands under the name stays until [`finish`](Self::finish).
+    /// Begins the cache `path` for strands at `strand_offsets`, `[S + 1]`, with further constant arrays by
+    /// name (any but `positions`, `strand_offsets` and `times`). What stands under the name stays until
+    /// [`finish`](Self::finish).
     ///
     /// # Errors
     /// [`WriteError`] if the place cannot be written to, or the offsets hold no particle.
@@ -139,8 +161,8 @@ impl CacheWriter {
     /// Adds the frame at `time_secs` with the P `positions` in metres.
     ///
     /// # Errors
-    /// [`WriteError`] if the number of positions is wrong, or the disk refuses; the frames so far are safe then, and
-    /// [`finish`](Self::finish) makes a complete cache of them.
+    /// [`WriteError`] if the number of positions is wrong, or the disk refuses; the frames so far are safe
+    /// then, and [`finish`](Self::finish) makes a complete cache of them.
     pub fn append(&mut self, time_secs: f64, positions: &[Vec3]) -> Result<(), WriteError> {
         if positions.len() != self.particles {
             let problem =
@@ -259,8 +281,8 @@ struct Found {
 }
 
 impl Found {
-    /// Walks through the members of a cache from its beginning. Where its bytes are no cache's, the error's kind is
-    /// `InvalidData` or `UnexpectedEof`.
+    /// Walks through the members of a cache from its beginning. Where its bytes are no cache's, the error's
+    /// kind is `InvalidData` or `UnexpectedEof`.
     fn open(path: &Path, is_part: bool, times_path: &Path) -> io::Result<Self> {
         let mut file = OpenOptions::new().read(true).write(true).open(path)?;
         let length = file.metadata()?.len();

@@ -1,7 +1,8 @@
 //! As much of ZIP (PKWARE APPNOTE 6.3) as `.npz` needs: stored and deflated members, sizes beyond 4 GiB.
 //!
-//! Records written here carry their sizes twice in the local header (32-bit fields saturated, the truth in the ZIP64 extra
-//! field, as NumPy does), so that the header of a member whose size is not yet known has the same length.
+//! Records written here carry their sizes twice in the local header (32-bit fields saturated, the truth in
+//! the ZIP64 extra field, as NumPy does), so that the header of a member whose size is not yet known has the
+//! same length.
 
 use std::io::{self, Read, Seek, SeekFrom};
 
@@ -81,8 +82,8 @@ impl Entry {
         out
     }
 
-    /// Reads a local header as [`local`](Self::local) writes it, which begins at byte `at`; the kind of error is
-    /// `InvalidData` for any other.
+    /// Reads a local header as [`local`](Self::local) writes it, which begins at byte `at`; the kind of error
+    /// is `InvalidData` for any other.
     pub fn read_local(file: &mut impl Read, at: u64) -> io::Result<Self> {
         let mut fixed = [0; 30];
         file.read_exact(&mut fixed)?;
