@@ -11,7 +11,12 @@
 //! distance errs by at most cell²/(8 r) per axis where the surface's radius of curvature is r, and rounds sharp edges by about
 //! a third of a cell.
 
+mod build;
+mod bytes;
+
 use glam::{UVec3, Vec3};
+
+pub use bytes::SdfBytesError;
 
 /// Signed distances in metres on the nodes of a regular grid, negative inside; x varies fastest.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,6 +52,17 @@ pub enum SdfError {
         /// The cell given.
         cell: f32,
     },
+    /// More or fewer nodes than a field is made with, or a padding that is not a length.
+    #[error("a field is made with 8 to 1024 nodes and a padding of 0 m or more, not {nodes} and {padding} m")]
+    Resolution {
+        /// Nodes along the longest axis.
+        nodes: u32,
+        /// Padding in metres.
+        padding: f32,
+    },
+    /// The mesh encloses nothing.
+    #[error("the mesh encloses no volume, so it has no inside")]
+    NothingInside,
     /// A value is not finite.
     #[error("value {0} of the field is not finite")]
     NonFinite(usize),
@@ -149,4 +165,73 @@ fn node_count(dims: UVec3) -> Option<usize> {
     }
     let nodes = u64::from(dims.x).checked_mul(u64::from(dims.y))?.checked_mul(u64::from(dims.z))?;
     usize::try_from(nodes).ok().filter(|&nodes| nodes <= isize::MAX as usize / 4)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::shapes_for_tests::lattice;
+    use super::*;
+
+    /// A ball of radius 0.4 on a grid that reaches from −0.5 to 0.5.
+    fn ball() -> Sdf {
+        let values = (0..21 * 21 * 21)
+            .map(|i| {
+                let p = UVec3::new(i % 21, i / 21 % 21, i / 441).as_vec3() * 0.05 - 0.5;
+                p.length() - 0.4
+            })
+            .collect();
+        Sdf::new(UVec3::splat(21), Vec3::splat(-0.5), 0.05, values).unwrap()
+    }
+
+    #[test]
+    fn the_gradient_is_the_derivative_of_the_value() {
+        let (sdf, h) = (ball(), 1e-3);
+        let mut compared = 0;
+        for p in lattice(3000, 0.7) {
+            let at = (p + 0.5) / 0.05;
+            // Within a cell only: the slope jumps between cells.
+            if (at - at.round()).abs().min_element() < 0.05 {
+                continue;
+            }
+            let (_, gradient) = sdf.sample(p);
+            let slope = Vec3::from_array(std::array::from_fn(|axis| {
+                let step = Vec3::AXES[axis] * h;
+                (sdf.sample(p + step).0 - sdf.sample(p - step).0) / (2.0 * h)
+            }));
+            assert!((slope - gradient).length() < 2e-3, "{p}: {gradient} for {slope}");
+            compared += 1;
+        }
+        assert!(compared > 1000);
+    }
+
+    #[test]
+    fn outside_the_grid_the_distance_is_a_positive_lower_bound() {
+        let sdf = ball();
+        for p in lattice(3000, 4.0) {
+            if p.abs().max_element() > 0.5 {
+                let (distance, gradient) = sdf.sample(p);
+                assert!(distance > 0.0 && distance <= p.length() - 0.4 + 1e-3, "{p}: {distance}");
+                assert!(gradient.dot(p) > 0.0);
+            }
+        }
+        let (distance, _) = sdf.sample(Vec3::X * 3.0);
+        assert!(distance > 2.5, "{distance}");
+    }
+
+    #[test]
+    fn a_flat_place_still_has_a_direction() {
+        let flat = Sdf::new(UVec3::splat(2), Vec3::ZERO, 1.0, vec![-1.0; 8]).unwrap();
+        assert_eq!(flat.sample(Vec3::splat(0.5)), (-1.0, Vec3::Y));
+        assert!(flat.sample(Vec3::NAN).1.is_finite() || flat.sample(Vec3::NAN).0.is_nan());
+    }
+
+    #[test]
+    fn fields_that_cannot_be_are_refused() {
+        let new = |dims: [u32; 3], cell, values| Sdf::new(dims.into(), Vec3::ZERO, cell, values);
+        assert!(matches!(new([1, 8, 1], 1.0, vec![0.0; 8]), Err(SdfError::Dims(_))));
+        assert!(matches!(new([u32::MAX; 3], 1.0, vec![]), Err(SdfError::Dims(_))));
+        assert!(matches!(new([2; 3], 1.0, vec![0.0; 7]), Err(SdfError::Length { .. })));
+        assert!(matches!(new([2; 3], 0.0, vec![0.0; 8]), Err(SdfError::Frame { .. })));
+        assert!(matches!(new([2; 3], 1.0, vec![f32::NAN; 8]), Err(SdfError::NonFinite(0))));
+    }
 }

@@ -1,0 +1,135 @@
+//! A field as bytes, for a cache on disk.
+//!
+//! Little-endian: 8 bytes of magic with the version, `dims` 3 × u32, `origin` 3 × f32, `cell` f32, the values f32, and a
+//! 64-bit FNV-1a hash of all words before it.
+
+use glam::{UVec3, Vec3};
+
+use super::{Sdf, SdfError, node_count};
+
+/// Names the format and its version.
+const MAGIC: &[u8; 8] = b"FLSDF\0\0\x01";
+const HEADER: usize = 8 + 7 * 4;
+const TRAILER: usize = 8;
+
+/// Why bytes are not a field.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SdfBytesError {
+    /// They do not begin as a field of this version does.
+    #[error("not a distance field of version {}", MAGIC[7])]
+    Magic,
+    /// They end early, or go on too long.
+    #[error("a field of this size takes {expected} bytes, but there are {found}")]
+    Length {
+        /// Bytes that the header announces.
+        expected: u64,
+        /// Bytes there are.
+        found: usize,
+    },
+    /// They were changed since they were written.
+    #[error("the checksum of the field does not match")]
+    Checksum,
+    /// They are whole, but do not describe a field.
+    #[error(transparent)]
+    Field(#[from] SdfError),
+}
+
+impl Sdf {
+    /// The field as bytes; [`Sdf::from_bytes`] gives back the same field, bit for bit.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let mut bytes = Vec::with_capacity(HEADER + self.values.len() * 4 + TRAILER);
+        bytes.extend_from_slice(MAGIC);
+        self.dims.to_array().iter().for_each(|n| bytes.extend_from_slice(&n.to_le_bytes()));
+        let frame = self.origin.to_array().into_iter().chain([self.cell]);
+        frame.chain(self.values.iter().copied()).for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
+        let hash = checksum(&bytes);
+        bytes.extend_from_slice(&hash.to_le_bytes());
+        bytes
+    }
+
+    /// The field that [`Sdf::to_bytes`] wrote.
+    ///
+    /// # Errors
+    /// [`SdfBytesError`]: nothing is allocated before the length is found right.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, SdfBytesError> {
+        let wrong = |expected| SdfBytesError::Length { expected, found: bytes.len() };
+        let Some(header) = bytes.get(..HEADER) else {
+            return Err(if bytes.starts_with(MAGIC) { wrong(HEADER as u64) } else { SdfBytesError::Magic });
+        };
+        if !header.starts_with(MAGIC) {
+            return Err(SdfBytesError::Magic);
+        }
+        let words = words(&header[8..]);
+        let dims = UVec3::new(words[0], words[1], words[2]);
+        let [x, y, z, cell] = [words[3], words[4], words[5], words[6]].map(f32::from_bits);
+        let nodes = node_count(dims).ok_or(SdfError::Dims(dims))?;
+        let expected = nodes as u64 * 4 + (HEADER + TRAILER) as u64;
+        if bytes.len() as u64 != expected {
+            return Err(wrong(expected));
+        }
+        let (body, trailer) = bytes.split_at(bytes.len() - TRAILER);
+        if trailer != checksum(body).to_le_bytes() {
+            return Err(SdfBytesError::Checksum);
+        }
+        let values = self::words(&body[HEADER..]).into_iter().map(f32::from_bits).collect();
+        Ok(Self::new(dims, Vec3::new(x, y, z), cell, values)?)
+    }
+}
+
+/// `bytes` as little-endian words.
+fn words(bytes: &[u8]) -> Vec<u32> {
+    bytes.as_chunks().0.iter().map(|word| u32::from_le_bytes(*word)).collect()
+}
+
+/// FNV-1a over words of four bytes.
+fn checksum(bytes: &[u8]) -> u64 {
+    let step = |hash: u64, word: &[u8; 4]| {
+        (hash ^ u64::from(u32::from_le_bytes(*word))).wrapping_mul(0x0000_0100_0000_01b3)
+    };
+    bytes.as_chunks().0.iter().fold(0xcbf2_9ce4_8422_2325, step)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn field() -> Sdf {
+        let values = (0..24).map(|i| i as f32 * 0.25 - 3.0).collect();
+        Sdf::new(UVec3::new(2, 3, 4), Vec3::new(0.5, -1.0, 2.0), 0.125, values).unwrap()
+    }
+
+    #[test]
+    fn bytes_give_the_same_field() {
+        assert_eq!(Sdf::from_bytes(&field().to_bytes()), Ok(field()));
+    }
+
+    #[test]
+    fn cut_or_changed_bytes_are_refused() {
+        let bytes = field().to_bytes();
+        for length in 0..bytes.len() {
+            assert!(Sdf::from_bytes(&bytes[..length]).is_err(), "{length} bytes");
+        }
+        for at in 0..bytes.len() {
+            let mut changed = bytes.clone();
+            changed[at] ^= 0x10;
+            assert!(Sdf::from_bytes(&changed).is_err(), "byte {at}");
+        }
+    }
+
+    #[test]
+    fn a_header_of_four_billion_nodes_allocates_nothing() {
+        let mut bytes = field().to_bytes();
+        bytes[8..20].fill(0xff);
+        assert!(matches!(Sdf::from_bytes(&bytes), Err(SdfBytesError::Field(SdfError::Dims(_)))));
+    }
+
+    proptest! {
+        #[test]
+        fn random_bytes_never_panic(tail in prop::collection::vec(any::<u8>(), 0..200)) {
+            let bytes = [&MAGIC[..], &tail].concat();
+            prop_assert!(Sdf::from_bytes(&tail).is_err());
+            prop_assert!(Sdf::from_bytes(&bytes).is_err());
+        }
+    }
+}
