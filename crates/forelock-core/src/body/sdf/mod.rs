@@ -13,6 +13,7 @@
 
 mod build;
 mod bytes;
+mod sample;
 
 use glam::{UVec3, Vec3};
 
@@ -25,15 +26,22 @@ pub struct Sdf {
     origin: Vec3,
     cell: f32,
     values: Vec<f32>,
-    /// 1 / cell, and the last node's index, so that a sample need not derive them.
+    /// Derived from the above, so that a sample need not: 1 / cell, nodes a layer, the last node's index.
     inv_cell: f32,
+    layer: u32,
     top: Vec3,
+    /// The least value of each block of `BLOCK` cells a side, borders included; blocks along x and y; the last block.
+    least: Vec<f32>,
+    blocks: [u32; 2],
+    top_block: Vec3,
 }
 
+/// Cells along the side of a block.
+const BLOCK: usize = 4;
 /// Why values do not make a field.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SdfError {
-    /// Fewer than two nodes along an axis, or more than memory can index.
+    /// Fewer than two nodes along an axis, or more nodes than 32 bits can count.
     #[error("a grid of {} x {} x {} nodes cannot hold a field", .0.x, .0.y, .0.z)]
     Dims(UVec3),
     /// The number of values is not the number of nodes.
@@ -85,8 +93,19 @@ impl Sdf {
         if let Some(node) = values.iter().position(|v| !v.is_finite()) {
             return Err(SdfError::NonFinite(node));
         }
-        let top = (dims - 1).as_vec3();
-        Ok(Self { dims, origin, cell, values, inv_cell: 1.0 / cell, top })
+        let (least, blocks) = block_minima(dims, &values);
+        Ok(Self {
+            dims,
+            origin,
+            cell,
+            values,
+            inv_cell: 1.0 / cell,
+            layer: dims.x * dims.y,
+            top: (dims - 1).as_vec3(),
+            least,
+            blocks: [blocks.x, blocks.y],
+            top_block: (blocks - 1).as_vec3(),
+        })
     }
 
     /// Nodes along x, y and z, each at least 2.
@@ -113,49 +132,25 @@ impl Sdf {
     pub fn bounds(&self) -> (Vec3, Vec3) {
         (self.origin, self.origin + self.top * self.cell)
     }
+}
 
-    /// The signed distance in metres at `p` and its gradient (not of unit length, but never zero: +y stands in where
-    /// the interpolant is flat).
-    ///
-    /// Outside the grid the distance is a lower bound and positive.
-    #[inline]
-    pub fn sample(&self, p: Vec3) -> (f32, Vec3) {
-        let at = (p - self.origin) * self.inv_cell;
-        let inside = at.clamp(Vec3::ZERO, self.top);
-        let low = inside.min(self.top - 1.0);
-        let (i, j, k) = (low.x as usize, low.y as usize, low.z as usize);
-        let f = inside - Vec3::new(i as f32, j as f32, k as f32);
-        let (row, layer) = (self.dims.x as usize, self.dims.x as usize * self.dims.y as usize);
-        let first = i + row * j + layer * k;
-        let pair = |at: usize| {
-            let pair = &self.values[at..at + 2];
-            (pair[0] + (pair[1] - pair[0]) * f.x, pair[1] - pair[0])
-        };
-        let (v00, d00) = pair(first);
-        let (v10, d10) = pair(first + row);
-        let (v01, d01) = pair(first + layer);
-        let (v11, d11) = pair(first + layer + row);
-        let (v0, v1) = (v00 + (v10 - v00) * f.y, v01 + (v11 - v01) * f.y);
-        let (d0, d1) = (d00 + (d10 - d00) * f.y, d01 + (d11 - d01) * f.y);
-        let (e0, e1) = (v10 - v00, v11 - v01);
-        let value = v0 + (v1 - v0) * f.z;
-        let slope = Vec3::new(d0 + (d1 - d0) * f.z, e0 + (e1 - e0) * f.z, v1 - v0) * self.inv_cell;
-        if at == inside {
-            (value, if slope.length_squared() > 1e-12 { slope } else { Vec3::Y })
-        } else {
-            self.beyond(at, inside, value, slope)
+/// The least value of each block, x fastest, and how many blocks there are.
+fn block_minima(dims: UVec3, values: &[f32]) -> (Vec<f32>, UVec3) {
+    let [width, height, depth] = dims.to_array().map(|n| n as usize);
+    let blocks = [width, height, depth].map(|n| (n - 1).div_ceil(BLOCK));
+    let mut least = Vec::with_capacity(blocks.iter().product());
+    let nodes = |block: usize, end: usize| block * BLOCK..(block * BLOCK + BLOCK + 1).min(end);
+    for c in 0..blocks[2] {
+        for b in 0..blocks[1] {
+            for a in 0..blocks[0] {
+                let rows =
+                    nodes(c, depth).flat_map(|k| nodes(b, height).map(move |j| width * (j + height * k)));
+                let value = |row: usize| nodes(a, width).map(move |i| values[row + i]);
+                least.push(rows.flat_map(value).fold(f32::INFINITY, f32::min));
+            }
         }
     }
-
-    /// A sample outside the grid, from the value and slope at the nearest point of its box.
-    #[cold]
-    fn beyond(&self, at: Vec3, inside: Vec3, value: f32, slope: Vec3) -> (f32, Vec3) {
-        let away = (at - inside) * self.cell;
-        let distance = (away.length_squared() + value * value).sqrt();
-        let along = Vec3::select(away.cmpeq(Vec3::ZERO), slope, Vec3::ZERO);
-        let gradient = (away + along * value.max(0.0)) / distance;
-        (distance, if gradient.length_squared() > 1e-12 { gradient } else { Vec3::Y })
-    }
+    (least, UVec3::from_array(blocks.map(|n| n as u32)))
 }
 
 /// Nodes of a grid of `dims`, if it has at least two along each axis and memory can index them.
@@ -164,66 +159,12 @@ fn node_count(dims: UVec3) -> Option<usize> {
         return None;
     }
     let nodes = u64::from(dims.x).checked_mul(u64::from(dims.y))?.checked_mul(u64::from(dims.z))?;
-    usize::try_from(nodes).ok().filter(|&nodes| nodes <= isize::MAX as usize / 4)
+    usize::try_from(nodes).ok().filter(|&nodes| nodes <= u32::MAX as usize)
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::shapes_for_tests::lattice;
     use super::*;
-
-    /// A ball of radius 0.4 on a grid that reaches from −0.5 to 0.5.
-    fn ball() -> Sdf {
-        let values = (0..21 * 21 * 21)
-            .map(|i| {
-                let p = UVec3::new(i % 21, i / 21 % 21, i / 441).as_vec3() * 0.05 - 0.5;
-                p.length() - 0.4
-            })
-            .collect();
-        Sdf::new(UVec3::splat(21), Vec3::splat(-0.5), 0.05, values).unwrap()
-    }
-
-    #[test]
-    fn the_gradient_is_the_derivative_of_the_value() {
-        let (sdf, h) = (ball(), 1e-3);
-        let mut compared = 0;
-        for p in lattice(3000, 0.7) {
-            let at = (p + 0.5) / 0.05;
-            // Within a cell only: the slope jumps between cells.
-            if (at - at.round()).abs().min_element() < 0.05 {
-                continue;
-            }
-            let (_, gradient) = sdf.sample(p);
-            let slope = Vec3::from_array(std::array::from_fn(|axis| {
-                let step = Vec3::AXES[axis] * h;
-                (sdf.sample(p + step).0 - sdf.sample(p - step).0) / (2.0 * h)
-            }));
-            assert!((slope - gradient).length() < 2e-3, "{p}: {gradient} for {slope}");
-            compared += 1;
-        }
-        assert!(compared > 1000);
-    }
-
-    #[test]
-    fn outside_the_grid_the_distance_is_a_positive_lower_bound() {
-        let sdf = ball();
-        for p in lattice(3000, 4.0) {
-            if p.abs().max_element() > 0.5 {
-                let (distance, gradient) = sdf.sample(p);
-                assert!(distance > 0.0 && distance <= p.length() - 0.4 + 1e-3, "{p}: {distance}");
-                assert!(gradient.dot(p) > 0.0);
-            }
-        }
-        let (distance, _) = sdf.sample(Vec3::X * 3.0);
-        assert!(distance > 2.5, "{distance}");
-    }
-
-    #[test]
-    fn a_flat_place_still_has_a_direction() {
-        let flat = Sdf::new(UVec3::splat(2), Vec3::ZERO, 1.0, vec![-1.0; 8]).unwrap();
-        assert_eq!(flat.sample(Vec3::splat(0.5)), (-1.0, Vec3::Y));
-        assert!(flat.sample(Vec3::NAN).1.is_finite() || flat.sample(Vec3::NAN).0.is_nan());
-    }
 
     #[test]
     fn fields_that_cannot_be_are_refused() {
