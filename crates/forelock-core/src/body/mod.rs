@@ -4,12 +4,16 @@ mod bvh;
 mod closed;
 mod collider;
 mod mesh;
+mod motion;
 mod sdf;
 #[cfg(test)]
-mod shapes_for_tests;
+pub(crate) mod shapes_for_tests;
 
 pub use bvh::{Bvh, Nearest};
 pub use closed::{ClosedMesh, ClosingReport};
 pub use collider::{Attachment, Collider, ColliderFrame, Shape};
 pub use mesh::{MeshError, TriMesh};
+pub use motion::{
+    BuiltinMotion, KeyframeInterpolation, Keyframes, KeyframesError, Motion, MotionKind, UnknownMotion,
+};
 pub use sdf::{Sdf, SdfBytesError, SdfError};

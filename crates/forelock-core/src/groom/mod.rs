@@ -1,13 +1,17 @@
 //! The asset: strands at rest in the scalp's space, as a file holds them.
 
+mod binding;
 mod info;
+mod lift;
 mod repair;
 mod resample;
 mod units;
 
 use glam::Vec3;
 
+pub use binding::{BindingReport, bind_roots};
 pub use info::{Info, Spread, UnitGuess};
+pub use lift::{LiftParams, LiftReport, lift_out};
 pub use repair::{REPEATED_FRACTION, RepairReport, repair};
 pub use resample::{ResampleError, resample};
 pub use units::{Import, Unit, UnknownWord, Up, ZUp};

@@ -37,7 +37,8 @@ impl Sdf {
     /// # Errors
     /// As [`Sdf::from_mesh`].
     pub fn from_closed(closed: &ClosedMesh, nodes: u32, padding: f32) -> Result<Self, SdfError> {
-        if !(8..=FINEST).contains(&nodes) || !(padding >= 0.0 && padding.is_finite()) {
+        let sound = (8..=FINEST).contains(&nodes) && padding >= 0.0 && padding.is_finite();
+        if !sound {
             return Err(SdfError::Resolution { nodes, padding });
         }
         if !closed.encloses_something() {

@@ -1,0 +1,256 @@
+//! Bringing a groom out of the body it grows on.
+//!
+//! # Theory
+//! The rest shape is where the ghosts are, and ghosts pull for ever: a particle at rest inside the head would be drawn
+//! into it against the contact that pushes it out. So the rest shape itself is brought out, and as little as possible
+//! is changed: a root not deeper than `max_depth` moves to the surface and takes its strand along; then each
+//! particle beyond the clamped ones that lies inside is moved to `margin` along the gradient, and the edges are given
+//! back their lengths from the root outwards, each particle keeping its direction from the one before it (follow the
+//! leader). Both are repeated; the last word has the body, and what edges changed is told.
+//!
+//! # Limitations
+//! A root deeper than `max_depth` stays: a strand planted in the middle of the head is a mistake of the groom's scale or
+//! place, to be told and not to be hidden.
+
+use std::ops::Range;
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::Groom;
+use crate::body::Sdf;
+
+/// Sweeps over a strand before the body has the last word.
+const SWEEPS: usize = 24;
+
+/// What is brought out, and how far.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LiftParams {
+    /// Distance in metres at which particles are kept from the surface. Default 0.0005, range 0 or more.
+    pub margin: f32,
+    /// Deepest root in metres that is moved to the surface. Default 0.01, range 0 or more; 0 moves none.
+    pub max_depth: f32,
+    /// Particles from the root that may lie under the skin, for they follow the head: at least 1. Default 1.
+    pub clamped: usize,
+}
+
+impl Default for LiftParams {
+    fn default() -> Self {
+        Self { margin: 5e-4, max_depth: 0.01, clamped: 1 }
+    }
+}
+
+/// What [`lift_out`] found and did.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LiftReport {
+    /// Strands whose root lay inside and was moved to the surface, strand and all.
+    pub roots_lifted: usize,
+    /// Strands whose root lies too deep to be moved.
+    pub roots_too_deep: usize,
+    /// Particles beyond the clamped ones that lay inside before.
+    pub inside_before: usize,
+    /// And after.
+    pub inside_after: usize,
+    /// Depth of the deepest of them before, in metres.
+    pub deepest: f32,
+    /// Strands of which a particle beyond the clamped ones was moved.
+    pub strands_bent: usize,
+    /// Greatest relative change of an edge's length.
+    pub max_stretch: f32,
+}
+
+impl std::fmt::Display for LiftReport {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        if *self == Self::default() {
+            return write!(f, "no strand lies inside the body");
+        }
+        let Self { roots_lifted, roots_too_deep, inside_before, inside_after, strands_bent, .. } = self;
+        write!(
+            f,
+            "{inside_before} particles lay inside the body (deepest {:.2} mm): {roots_lifted} strands moved to the surface by their \
+             roots, {strands_bent} bent out of it, edges changed by {:.1} % at most; {inside_after} particles still inside",
+            self.deepest * 1e3,
+            self.max_stretch * 1e2
+        )?;
+        if *roots_too_deep > 0 {
+            write!(f, "; {roots_too_deep} roots lie too deep to be moved: check the groom's unit and place")?;
+        }
+        Ok(())
+    }
+}
+
+/// Brings the strands of `groom` out of the `body` in the same space, and reports what that took. Strands outside are
+/// left as they are, bit for bit.
+pub fn lift_out(groom: &mut Groom, body: &Sdf, params: &LiftParams) -> LiftReport {
+    let ranges: Vec<Range<usize>> = (0..groom.strand_count()).map(|strand| groom.range(strand)).collect();
+    let pinned: Vec<usize> = match &groom.pinned {
+        Some(pinned) => pinned.iter().map(|&n| usize::from(n)).collect(),
+        None => vec![0; ranges.len()],
+    };
+    let mut strands = Vec::with_capacity(ranges.len());
+    let mut rest = groom.positions_mut();
+    for range in &ranges {
+        let (strand, after) = rest.split_at_mut(range.len());
+        strands.push(strand);
+        rest = after;
+    }
+    let reports: Vec<LiftReport> = strands
+        .into_par_iter()
+        .zip(pinned)
+        .map(|(strand, pinned)| lift_strand(strand, body, params, params.clamped.max(pinned).max(1)))
+        .collect();
+    reports.iter().fold(LiftReport::default(), |sum, one| LiftReport {
+        roots_lifted: sum.roots_lifted + one.roots_lifted,
+        roots_too_deep: sum.roots_too_deep + one.roots_too_deep,
+        inside_before: sum.inside_before + one.inside_before,
+        inside_after: sum.inside_after + one.inside_after,
+        deepest: sum.deepest.max(one.deepest),
+        strands_bent: sum.strands_bent + one.strands_bent,
+        max_stretch: sum.max_stretch.max(one.max_stretch),
+    })
+}
+
+fn lift_strand(strand: &mut [Vec3], body: &Sdf, params: &LiftParams, clamped: usize) -> LiftReport {
+    let mut report = LiftReport::default();
+    let Some(&root) = strand.first().filter(|_| strand.iter().all(|p| p.is_finite())) else { return report };
+    let deepest = |strand: &[Vec3]| {
+        let free = strand.iter().skip(clamped).map(|&p| body.sample(p).0).filter(|d| *d < 0.0);
+        free.fold((0, 0.0f32), |(count, deepest), d| (count + 1, deepest.max(-d)))
+    };
+    (report.inside_before, report.deepest) = deepest(strand);
+    let lengths: Vec<f32> = strand.windows(2).map(|w| w[0].distance(w[1])).collect();
+    let depth = -body.sample(root).0;
+    if depth > params.max_depth {
+        report.roots_too_deep = 1;
+        report.inside_after = report.inside_before;
+        return report;
+    }
+    if depth > 0.0 {
+        report.roots_lifted = 1;
+        let shift = pushed_out(root, body, 0.0) - root;
+        strand.iter_mut().for_each(|p| *p += shift);
+    }
+    if deepest(strand).0 > 0 {
+        report.strands_bent = 1;
+        bend_out(strand, &lengths, body, params.margin, clamped);
+    }
+    report.inside_after = deepest(strand).0;
+    report.max_stretch = strand
+        .windows(2)
+        .zip(&lengths)
+        .filter(|(_, length)| **length > 0.0)
+        .map(|(w, length)| (w[0].distance(w[1]) / length - 1.0).abs())
+        .fold(0.0, f32::max);
+    report
+}
+
+/// Sweeps from the root to the tip: out of the body, then back to the edge's length; last out of the body again.
+fn bend_out(strand: &mut [Vec3], lengths: &[f32], body: &Sdf, margin: f32, clamped: usize) {
+    for sweep in 0..=SWEEPS {
+        let mut settled = true;
+        for i in clamped..strand.len() {
+            if body.sample(strand[i]).0 < margin {
+                strand[i] = pushed_out(strand[i], body, margin);
+                settled = false;
+            }
+            let (leader, length) = (strand[i - 1], lengths[i - 1]);
+            let edge = strand[i] - leader;
+            let distance = edge.length();
+            if sweep < SWEEPS && distance > 0.0 && (distance - length).abs() > 1e-5 * length {
+                strand[i] = leader + edge * (length / distance);
+                settled = false;
+            }
+        }
+        if settled {
+            return;
+        }
+    }
+}
+
+/// `p` moved along the gradient until it lies `margin` outside, as far as a few Newton steps bring it.
+fn pushed_out(mut p: Vec3, body: &Sdf, margin: f32) -> Vec3 {
+    for _ in 0..8 {
+        let (distance, gradient) = body.sample(p);
+        if distance >= margin {
+            break;
+        }
+        // Half a micron more, so that rounding does not leave it inside.
+        p += gradient * ((margin - distance + 5e-7) / gradient.length_squared().max(0.25));
+    }
+    p
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::body::shapes_for_tests::uv_sphere;
+
+    const RADIUS: f32 = 0.1;
+
+    fn ball() -> Sdf {
+        Sdf::from_mesh(&uv_sphere(RADIUS, 48, 24), 48, 0.02).unwrap()
+    }
+
+    /// A strand of `count` particles 5 mm apart from `root` along `direction`.
+    fn straight(root: Vec3, direction: Vec3, count: usize) -> Vec<Vec3> {
+        (0..count).map(|i| root + direction.normalize() * (i as f32 * 0.005)).collect()
+    }
+
+    #[test]
+    fn strands_outside_are_left_alone() {
+        let strands =
+            [straight(Vec3::Y * 0.102, Vec3::Y, 20), straight(Vec3::new(0.2, 0.0, 0.0), Vec3::Y, 20)];
+        let mut groom = Groom::from_strands(strands).unwrap();
+        let before = groom.clone();
+        let report = lift_out(&mut groom, &ball(), &LiftParams::default());
+        assert_eq!(groom, before);
+        assert_eq!(report.to_string(), "no strand lies inside the body");
+    }
+
+    #[test]
+    fn a_shallow_root_takes_its_strand_along() {
+        let mut groom = Groom::from_strands([straight(Vec3::Y * 0.096, Vec3::Y, 10)]).unwrap();
+        let shape: Vec<Vec3> = groom.positions().iter().map(|&p| p - groom.positions()[0]).collect();
+        let report = lift_out(&mut groom, &ball(), &LiftParams::default());
+        assert_eq!((report.roots_lifted, report.strands_bent, report.roots_too_deep), (1, 0, 0));
+        assert!((groom.positions()[0].y - RADIUS).abs() < 5e-4);
+        for (p, offset) in groom.positions().iter().zip(shape) {
+            assert!((*p - groom.positions()[0] - offset).length() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn a_strand_through_the_body_is_bent_around_it() {
+        let body = ball();
+        let chord = straight(Vec3::new(-0.06, 0.0825, 0.0), Vec3::new(1.0, -0.1, 0.05), 25);
+        let tangled = straight(Vec3::new(0.0, 0.0, 0.1), Vec3::new(0.2, 1.0, -0.3), 40);
+        let mut groom = Groom::from_strands([chord, tangled]).unwrap();
+        let report = lift_out(&mut groom, &body, &LiftParams::default());
+        assert!(report.inside_before > 20 && report.strands_bent == 2, "{report}");
+        assert_eq!(report.inside_after, 0, "{report}");
+        assert!(report.max_stretch < 0.02, "{report}");
+        for strand in groom.strands() {
+            assert!(strand.iter().skip(1).all(|p| p.length() > RADIUS - 5e-4));
+        }
+    }
+
+    #[test]
+    fn a_root_in_the_middle_is_told_and_left() {
+        let mut groom = Groom::from_strands([straight(Vec3::Y * 0.05, Vec3::Y, 20)]).unwrap();
+        let before = groom.clone();
+        let report = lift_out(&mut groom, &ball(), &LiftParams::default());
+        assert_eq!((report.roots_too_deep, report.inside_after), (1, report.inside_before));
+        assert_eq!(groom, before);
+        assert!(report.to_string().contains("1 roots lie too deep"));
+    }
+
+    #[test]
+    fn pinned_particles_may_stay_under_the_skin() {
+        let mut groom =
+            Groom::from_strands([straight(Vec3::Y * 0.1005, Vec3::new(1.0, -0.2, 0.0), 3)]).unwrap();
+        groom.pinned = Some(vec![3]);
+        let before = groom.clone();
+        assert_eq!(lift_out(&mut groom, &ball(), &LiftParams::default()), LiftReport::default());
+        assert_eq!(groom, before);
+    }
+}
