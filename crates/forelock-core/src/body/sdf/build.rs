@@ -3,13 +3,13 @@
 //! # Theory
 //! Every node holds its exact distance to the surface of the [`ClosedMesh`], found in the tree from the answer of the
 //! node before it: neighbours differ by less than a cell, so that the search starts nearly done, and no band or
-//! propagation with its errors is needed. Signs come from rows along x: each triangle is drawn once onto the yz plane, every row it
-//! covers is told where it is crossed and which way, and a running sum along the row is the winding number. The crossing
-//! test is that of [`Bvh::winding_number`](super::super::Bvh::winding_number): exact, so that no row leaks.
+//! propagation with its errors is needed. Signs come from rows along x: each triangle is drawn once onto the yz plane,
+//! every row it covers is told where it is crossed and which way, and a running sum along the row is the winding
+//! number. The crossing test is that of [`Bvh::winding_number`](super::super::Bvh::winding_number): exact, so that no row leaks.
 //!
 //! # Practice
-//! Layers are independent: any number of threads gives the same field. 30,000 triangles at 128³ take about a second on
-//! two cores.
+//! Layers are independent: any number of threads gives the same field. A node takes about 2 µs of one core; a head of
+//! 21,510 triangles on 77 × 128 × 98 nodes takes 1.3 s on two.
 
 use glam::{UVec3, Vec3};
 use rayon::prelude::*;
@@ -136,7 +136,7 @@ mod tests {
     fn a_sphere_has_the_distances_of_a_sphere() {
         let (radius, around) = (0.1f32, 96);
         let sdf = Sdf::from_mesh(&uv_sphere(radius, around, 48), 64, 0.02).unwrap();
-        // The facets lie under the sphere by radius (1 − cos(π/96))² terms; interpolation adds cell²/(8 r) an axis.
+        // Facets of 3.75° lie under the sphere by radius (1 − cos(π/48)) at most; interpolation adds cell²/(8 r) an axis.
         let facet = radius * (1.0 - (std::f32::consts::PI / 48.0).cos());
         for p in lattice(4000, 0.12) {
             let r = p.length();
@@ -185,6 +185,16 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn the_number_of_threads_does_not_matter() {
+        let mesh = uv_sphere(0.1, 24, 12);
+        let with = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| Sdf::from_mesh(&mesh, 20, 0.01).unwrap())
+        };
+        assert_eq!(with(1), with(3));
     }
 
     #[test]
