@@ -4,15 +4,16 @@
 //! The boundary of a sum of oriented triangles is a set of directed edges with as many arriving as leaving at every
 //! vertex, so it falls apart into loops, whatever the mesh. Each loop is closed by a cone from its centroid; then the
 //! surface has no boundary and its winding number is an integer everywhere (a cone also undoes a triangle turned the
-//! wrong way). Inside is where the number is positive. Where parts overlap (eyes in a head, an ear stuck into it), the
-//! triangles with inside on both sides bound nothing: they are left out of the distance.
+//! wrong way). Inside is where the number is positive. Where parts overlap (eyes in a head, an ear stuck into it),
+//! the triangles with inside on both sides bound nothing: they are left out of the distance.
 //!
-//! Against the generalised winding number of a mesh with holes (Jacobson 2013; Barill 2018, by dipoles), which also closes holes
-//! but leaves the distance to the lid undefined, the lid here is part of the surface: distance and sign agree.
+//! Against the generalised winding number of a mesh with holes (Jacobson 2013; Barill 2018, by dipoles), which also
+//! closes holes but leaves the distance to the lid undefined, the lid here is part of the surface: distance and sign
+//! agree.
 //!
 //! # Limitations
-//! A lid is a cone over the hole's rim: right for necks, eyes and small holes, crude for a rim that folds back on itself.
-//! A single sheet closes to a body without thickness, which holds nothing.
+//! A lid is a cone over the hole's rim: right for necks, eyes and small holes, crude for a rim that folds back on
+//! itself. A single sheet closes to a body without thickness, which holds nothing.
 
 use std::collections::HashMap;
 
@@ -100,8 +101,8 @@ impl ClosedMesh {
         self.winding.winding_number(p) > 0
     }
 
-    /// The point of the surface between inside and outside nearest to `p`, faster when `hint` is the answer nearby. Its
-    /// triangle index is internal. `None` if nothing is enclosed.
+    /// The point of the surface between inside and outside nearest to `p`, faster when `hint` is the answer nearby.
+    /// Its triangle index is internal. `None` if nothing is enclosed.
     pub(super) fn nearest_from(&self, p: Vec3, hint: Option<&Nearest>) -> Option<Nearest> {
         self.surface.nearest_from(p, hint)
     }
@@ -145,7 +146,8 @@ fn weld(mesh: &TriMesh, low: Vec3, tolerance: f32) -> (Vec<Vec3>, Vec<[u32; 3]>)
 
 /// Loops whose cones, added to `faces`, leave no boundary.
 fn boundary_loops(faces: &[[u32; 3]]) -> Vec<Vec<u32>> {
-    // Each undirected edge with +1 where it runs up, −1 where it runs down; those that do not cancel are the boundary.
+    // Each undirected edge with +1 where it runs up, −1 where it runs down; those that do not cancel are the
+    // boundary.
     let mut directed: Vec<(u32, u32, i32)> = faces
         .iter()
         .flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)])

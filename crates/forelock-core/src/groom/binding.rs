@@ -1,9 +1,9 @@
 //! Binding roots to the body: the triangle each strand grows from.
 //!
 //! # Practice
-//! The nearest triangle of the mesh itself, whatever its distance: a strand whose root sits off the scalp (a ponytail's
-//! band) is bound to the place below it and follows it rigidly. The sign of the distance comes from the closed mesh, so
-//! that it holds beside holes and folds where a normal would mislead.
+//! The nearest triangle of the mesh itself, whatever its distance: a strand whose root sits off the scalp (a
+//! ponytail's band) is bound to the place below it and follows it rigidly. The sign of the distance comes from the
+//! closed mesh, so that it holds beside holes and folds where a normal would mislead.
 
 use rayon::prelude::*;
 
@@ -29,7 +29,8 @@ impl std::fmt::Display for BindingReport {
         let (median, max) = (median_distance * 1e3, max_distance * 1e3);
         write!(
             f,
-            "{bound} roots bound, {median:.2} mm off the surface (median), {max:.2} mm at most; {inside} inside the body"
+            "{bound} roots bound, {median:.2} mm off the surface (median), {max:.2} mm at most; \
+             {inside} inside the body"
         )
     }
 }

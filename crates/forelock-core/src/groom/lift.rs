@@ -1,16 +1,17 @@
 //! Bringing a groom out of the body it grows on.
 //!
 //! # Theory
-//! The rest shape is where the ghosts are, and ghosts pull for ever: a particle at rest inside the head would be drawn
-//! into it against the contact that pushes it out. So the rest shape itself is brought out, and as little as possible
-//! is changed: a root not deeper than `max_depth` moves to the surface and takes its strand along; then, from the root
-//! outwards, each particle beyond the clamped ones keeps its direction from the one before it (follow the leader), turned
-//! just so far that it lies `margin` outside, at its edge's length. The point on the sphere about the leader and on the
-//! surface is found by alternating projections; an edge that runs straight in is laid along the skin instead.
+//! The rest shape is where the ghosts are, and ghosts pull for ever: a particle at rest inside the head would be
+//! drawn into it against the contact that pushes it out. So the rest shape itself is brought out, and as little as
+//! possible is changed: a root not deeper than `max_depth` moves to the surface and takes its strand along; then,
+//! from the root outwards, each particle beyond the clamped ones keeps its direction from the one before it (follow
+//! the leader), turned just so far that it lies `margin` outside, at its edge's length. The point on the sphere about
+//! the leader and on the surface is found by alternating projections; an edge that runs straight in is laid along the
+//! skin instead.
 //!
 //! # Limitations
-//! A root deeper than `max_depth` stays: a strand planted in the middle of the head is a mistake of the groom's scale or
-//! place, to be told and not to be hidden.
+//! A root deeper than `max_depth` stays: a strand planted in the middle of the head is a mistake of the groom's scale
+//! or place, to be told and not to be hidden.
 
 use std::ops::Range;
 
@@ -64,8 +65,9 @@ impl std::fmt::Display for LiftReport {
         let Self { roots_lifted, roots_too_deep, inside_before, inside_after, strands_bent, .. } = self;
         write!(
             f,
-            "{inside_before} particles lay inside the body (deepest {:.2} mm): {roots_lifted} strands moved to the surface by their \
-             roots, {strands_bent} bent out of it, edges changed by {:.1} % at most; {inside_after} particles still inside",
+            "{inside_before} particles lay inside the body (deepest {:.2} mm): {roots_lifted} strands moved to the \
+             surface by their roots, {strands_bent} bent out of it, edges changed by {:.1} % at most; {inside_after} \
+             particles still inside",
             self.deepest * 1e3,
             self.max_stretch * 1e2
         )?;
@@ -153,8 +155,8 @@ fn bend_out(strand: &mut [Vec3], lengths: &[f32], body: &Sdf, margin: f32, clamp
     }
 }
 
-/// The point `length` from `leader`, nearest in direction to `edge`, that lies `margin` outside the body; within a tenth
-/// of the margin.
+/// The point `length` from `leader`, nearest in direction to `edge`, that lies `margin` outside the body; within a
+/// tenth of the margin.
 fn placed(leader: Vec3, edge: Vec3, length: f32, body: &Sdf, margin: f32) -> Vec3 {
     let clear = |p: Vec3| body.sample(p).0 >= 0.9 * margin;
     let mut p = leader + edge.normalize_or_zero() * length;

@@ -1,10 +1,10 @@
 //! Poses at times, and the poses between them.
 //!
 //! # Theory
-//! Linear: translation linear, rotation along the shorter arc at constant speed. Smooth: cubic Hermite pieces with the
-//! slopes of the parabola through each key and its neighbours (Catmull and Rom 1974, with uneven times), for the
-//! translation and for the four components of the rotation, made unit again. Slopes at the ends are zero, so the motion
-//! starts and stops at rest.
+//! Linear: translation linear, rotation along the shorter arc at constant speed. Smooth: cubic Hermite pieces with
+//! the slopes of the parabola through each key and its neighbours (Catmull and Rom 1974, with uneven times), for the
+//! translation and for the four components of the rotation, made unit again. Slopes at the ends are zero, so the
+//! motion starts and stops at rest.
 //!
 //! # Limitations
 //! Smooth motion is once continuously differentiable: accelerations jump at keys. Rotations of more than half a turn
@@ -61,11 +61,12 @@ pub enum KeyframesError {
 }
 
 impl Keyframes {
-    /// The motion through `poses` at `times` (seconds, increasing). It stays at the first pose before and at the last one
-    /// after. Rotations off unit length are made unit.
+    /// The motion through `poses` at `times` (seconds, increasing). It stays at the first pose before and at the last
+    /// one after. Rotations off unit length are made unit.
     ///
     /// # Errors
-    /// [`KeyframesError`] if there are no keys, not one pose a time, times that do not increase, or a pose that is none.
+    /// [`KeyframesError`] if there are no keys, not one pose a time, times that do not increase, or a pose that is
+    /// none.
     pub fn new(
         times: Vec<f64>,
         mut poses: Vec<Pose>,

@@ -2,14 +2,14 @@
 //!
 //! # Theory
 //! The built-in motions start from the identity with zero velocity and acceleration and are twice continuously
-//! differentiable: they are made of sines, of sin⁴, and of steps s(u) = 6u⁵ − 15u⁴ + 10u³, under an envelope
-//! s(t/T) − s((t − t₁)/T) that fades in over one period T and out before `rest_after_secs`. Spin is the exact integral of that
+//! differentiable: they are made of sines, of sin⁴, and of steps s(u) = 6u⁵ − 15u⁴ + 10u³, under an envelope s(t/T) −
+//! s((t − t₁)/T) that fades in over one period T and out before `rest_after_secs`. Spin is the exact integral of that
 //! envelope, so it stops where it has come to.
 //!
 //! # Practice
-//! The head turns about the pivot, the base of the neck. Peak accelerations of a point 20 cm above the pivot and 10 cm
-//! before it, at the motion's own frequency and amplitude 1, stand at each [`MotionKind`]; they grow with the amplitude and,
-//! but for the roller-coaster, with the square of the frequency.
+//! The head turns about the pivot, the base of the neck. Peak accelerations of a point 20 cm above the pivot and 10
+//! cm before it, at the motion's own frequency and amplitude 1, stand at each [`MotionKind`]; they grow with the
+//! amplitude and, but for the roller-coaster, with the square of the frequency.
 
 mod keyframes;
 
@@ -51,11 +51,11 @@ pub enum MotionKind {
     Spin,
     /// Up by 20 cm and down; 1.2 Hz. Peak 11.4 m/s².
     Jump,
-    /// A second of violent shaking (35°, 4 cm, 2.5 Hz) and a second of jumps (15 cm, 2 Hz) by turns; its frequency, 0.5 Hz,
-    /// is that of the whole. Peak 39 m/s².
+    /// A second of violent shaking (35°, 4 cm, 2.5 Hz) and a second of jumps (15 cm, 2 Hz) by turns; its frequency,
+    /// 0.5 Hz, is that of the whole. Peak 39 m/s².
     ShakeAndJump,
-    /// A ride that pulls up to 3 g up and down and 1.5 g sideways whatever its frequency, pitching by 20°; 1 Hz, as in the AMS paper.
-    /// Peak 33 m/s².
+    /// A ride that pulls up to 3 g up and down and 1.5 g sideways whatever its frequency, pitching by 20°; 1 Hz, as
+    /// in the AMS paper. Peak 33 m/s².
     RollerCoaster,
 }
 
@@ -71,7 +71,7 @@ pub struct BuiltinMotion {
     pub kind: MotionKind,
     /// Factor on the motion's angles and lengths. No unit, default 1, range 0 or more; 0 is still.
     pub amplitude: f64,
-    /// Frequency in Hz, above 0; absent: the motion's own.
+    /// Frequency in Hz, above 0 (otherwise nothing moves); absent: the motion's own.
     pub frequency_hz: Option<f64>,
     /// When the motion has come to rest, in seconds; absent: never.
     pub rest_after_secs: Option<f64>,
@@ -154,7 +154,8 @@ impl BuiltinMotion {
     /// The pose at `time` seconds.
     pub fn pose(&self, time: f64) -> Pose {
         let frequency = self.frequency_hz.unwrap_or(self.kind.frequency_hz());
-        if time <= 0.0 || frequency <= 0.0 {
+        let moves = time > 0.0 && frequency > 0.0 && frequency.is_finite();
+        if !moves {
             return Pose::IDENTITY;
         }
         let periods = time * frequency;

@@ -3,9 +3,10 @@
 //! # Theory
 //! Every node holds its exact distance to the surface of the [`ClosedMesh`], found in the tree from the answer of the
 //! node before it: neighbours differ by less than a cell, so that the search starts nearly done, and no band or
-//! propagation with its errors is needed. Signs come from rows along x: each triangle is drawn once onto the yz plane,
-//! every row it covers is told where it is crossed and which way, and a running sum along the row is the winding
-//! number. The crossing test is that of [`Bvh::winding_number`](super::super::Bvh::winding_number): exact, so that no row leaks.
+//! propagation with its errors is needed. Signs come from rows along x: each triangle is drawn once onto the yz
+//! plane, every row it covers is told where it is crossed and which way, and a running sum along the row is the
+//! winding number. The crossing test is that of [`Bvh::winding_number`](super::super::Bvh::winding_number): exact, so
+//! that no row leaks.
 //!
 //! # Practice
 //! Layers are independent: any number of threads gives the same field. A node takes about 2 µs of one core; a head of
@@ -22,8 +23,8 @@ use super::{Sdf, SdfError};
 const FINEST: u32 = 1024;
 
 impl Sdf {
-    /// The field of `mesh` on a grid with `nodes` nodes (8–1024) along the longest axis, reaching `padding` metres (at
-    /// least one cell) beyond the mesh. Holes are closed first, see [`ClosedMesh`].
+    /// The field of `mesh` on a grid with `nodes` nodes (8–1024) along the longest axis, reaching `padding` metres
+    /// (at least one cell) beyond the mesh. Holes are closed first, see [`ClosedMesh`].
     ///
     /// # Errors
     /// [`SdfError::Resolution`] for another number of nodes or a negative padding, [`SdfError::NothingInside`] if the
@@ -136,7 +137,8 @@ mod tests {
     fn a_sphere_has_the_distances_of_a_sphere() {
         let (radius, around) = (0.1f32, 96);
         let sdf = Sdf::from_mesh(&uv_sphere(radius, around, 48), 64, 0.02).unwrap();
-        // Facets of 3.75° lie under the sphere by radius (1 − cos(π/48)) at most; interpolation adds cell²/(8 r) an axis.
+        // Facets of 3.75° lie under the sphere by radius (1 − cos(π/48)) at most; interpolation adds cell²/(8 r) an
+        // axis.
         let facet = radius * (1.0 - (std::f32::consts::PI / 48.0).cos());
         for p in lattice(4000, 0.12) {
             let r = p.length();

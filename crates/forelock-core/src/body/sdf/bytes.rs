@@ -1,7 +1,7 @@
 //! A field as bytes, for a cache on disk.
 //!
-//! Little-endian: 8 bytes of magic with the version, `dims` 3 × u32, `origin` 3 × f32, `cell` f32, the values f32, and a
-//! 64-bit FNV-1a hash of all words before it.
+//! Little-endian: 8 bytes of magic with the version, `dims` 3 × u32, `origin` 3 × f32, `cell` f32, the values f32,
+//! and a 64-bit FNV-1a hash of all words before it.
 
 use glam::{UVec3, Vec3};
 

@@ -8,8 +8,8 @@
 //!
 //! # Limitations
 //! Features thinner than a cell are seen only where a node falls into them. Trilinear interpolation of an exact
-//! distance errs by at most cell²/(8 r) per axis where the surface's radius of curvature is r, and rounds sharp edges by about
-//! a third of a cell.
+//! distance errs by at most cell²/(8 r) per axis where the surface's radius of curvature is r, and rounds sharp edges
+//! by about a third of a cell.
 
 mod build;
 mod bytes;
@@ -37,7 +37,7 @@ pub struct Sdf {
 }
 
 /// Cells along the side of a block.
-const BLOCK: usize = 4;
+const BLOCK: usize = 2;
 /// Why values do not make a field.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SdfError {
