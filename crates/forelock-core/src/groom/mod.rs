@@ -1,6 +1,7 @@
 //! The asset: strands at rest in the scalp's space, as a file holds them.
 
 mod binding;
+pub mod grow;
 mod info;
 mod lift;
 mod repair;
