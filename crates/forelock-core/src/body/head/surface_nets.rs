@@ -10,7 +10,7 @@
 //!
 //! # Practice
 //!
-//! The grid is visited in blocks of 8³ cells. A block whose centre is farther from the surface than its corners can
+//! The grid is visited in blocks of 4³ cells. A block whose centre is farther from the surface than its corners can
 //! be is left out, so the work grows with the area and not with the volume. Blocks run in parallel; vertices are
 //! numbered in block order, so the mesh does not depend on the number of threads.
 //!
@@ -24,11 +24,11 @@ use rayon::prelude::*;
 use crate::body::TriMesh;
 
 /// Cells along a block's side.
-const BLOCK: u32 = 8;
+const BLOCK: u32 = 4;
 /// Samples along a block's side.
 const SAMPLES: u32 = BLOCK + 1;
 /// How much faster than the true distance the function may change; blocks are kept by this factor too generously.
-const LIPSCHITZ: f32 = 1.6;
+const LIPSCHITZ: f32 = 1.3;
 /// Marks a cell without a vertex.
 const NONE: u32 = u32::MAX;
 
@@ -93,14 +93,13 @@ pub fn surface_nets<W: Fn(Vec3) -> Vec3 + Sync>(
     TriMesh { positions, triangles }
 }
 
-/// Moves `point` onto the zero surface of `distance` by at most `reach`, with two Newton steps.
+/// Moves `point` onto the zero surface of `distance` by at most `reach`: a Newton step, and one more along the same
+/// gradient.
 pub fn project(point: Vec3, distance: impl Fn(Vec3) -> f32, reach: f32) -> Vec3 {
-    let mut moved = point;
-    for _ in 0..2 {
-        let gradient = super::implicit::gradient(&distance, moved);
-        let length = gradient.length_squared().max(1e-6);
-        moved -= gradient * (distance(moved) / length);
-    }
+    let gradient = super::implicit::gradient(&distance, point);
+    let step = gradient / gradient.length_squared().max(1e-6);
+    let moved = point - step * distance(point);
+    let moved = moved - step * distance(moved);
     point + (moved - point).clamp_length_max(reach)
 }
 

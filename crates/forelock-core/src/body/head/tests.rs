@@ -35,8 +35,11 @@ fn mesh_is_closed_manifold_and_of_genus_zero() {
 
 #[test]
 fn vertices_lie_on_the_surface() {
-    let worst = Head::builtin().mesh.positions.iter().map(|&p| Head::distance(p).abs()).fold(0.0, f32::max);
-    assert!(worst < 5e-4, "{worst} m");
+    let mut off: Vec<f32> = Head::builtin().mesh.positions.iter().map(|&p| Head::distance(p).abs()).collect();
+    off.sort_by(f32::total_cmp);
+    // All but the creases of eyes and lips, where a vertex may move less than half a cell.
+    assert!(off[off.len() * 99 / 100] < 5e-5, "{} m", off[off.len() * 99 / 100]);
+    assert!(off[off.len() - 1] < 1e-3, "{} m", off[off.len() - 1]);
 }
 
 #[test]
