@@ -1,0 +1,367 @@
+//! Strands on their way to the picture: children, widths, and curves in pixels.
+//!
+//! # Theory
+//! Between particles a strand is the Catmull-Rom curve through their projections. It is cut into pieces of a few pixels,
+//! short enough that the order of their middles is the order of what is in front.
+//!
+//! A simulated strand stands for many hairs. A scalp bears about 1.7 million hairs a square metre (100,000 on a head); where the
+//! groom has fewer roots on the same area, each strand drawn is widened by (hairs it stands for)^0.7, at most 8 times: the
+//! covered area grows nearly as the missing hair would have it, and single strands stay fine. The area is half the
+//! surface of the box around the roots. [`Settings::width_scale`] overrides it.
+//!
+//! Children are copies of a strand, each beside it by a fixed random offset of at most half the distance between roots that
+//! narrows towards the tip. They are for display only: no physics knows of them.
+//!
+//! # Practice
+//! Strands are prepared in chunks of a fixed size, each with its own lists of tiles, so that nothing depends on the
+//! number of threads. A piece is made, sorted and lit only in the tile that shows it.
+//!
+//! # Limitations
+//! A strand's edge with a control point behind the near plane is left out rather than cut. A piece is lit at its ends, and linearly between.
+
+use glam::{Vec2, Vec3, Vec3Swizzles};
+use rayon::prelude::*;
+
+use crate::camera::View;
+use crate::colour::luminance;
+use crate::random;
+use crate::scene::{Scene, Settings, Strands};
+use crate::tiles::{Bins, TILE, TileGrid};
+
+/// Hairs on a square metre of scalp.
+const HAIRS_PER_M2: f32 = 1.7e6;
+/// The largest automatic factor on widths.
+const MAX_WIDTH_SCALE: f32 = 8.0;
+/// Strands drawn that an automatic number of children aims at.
+const DRAWN_AIM: usize = 40_000;
+/// Curves (strands times children) in a chunk; they are indexed with `CURVE_BITS`.
+const CURVES_PER_CHUNK: usize = 2048;
+/// Bits for the edge in an item of a tile's list; the rest count curves.
+const EDGE_BITS: u32 = 20;
+/// The most particles a strand may have.
+pub(crate) const MAX_PARTICLES: usize = 1_000_000;
+/// Aim for the length of a piece, pixels.
+const PIECE_PX: f32 = 7.0;
+/// The most pieces an edge is cut into.
+const MAX_PIECES: f32 = 24.0;
+/// Radius of the pixel filter.
+pub(crate) const FILTER_RADIUS: f32 = 1.0;
+
+/// A strand or one of its children.
+#[derive(Clone, Copy, Debug)]
+struct Curve {
+    strand: u32,
+    child: u32,
+    /// Where its points start in [`Chunk::points`].
+    start: u32,
+}
+
+/// Some strands of one group, projected.
+#[derive(Debug)]
+pub(crate) struct Chunk {
+    group: usize,
+    curves: Vec<Curve>,
+    /// Pixel x, pixel y, inverse depth; for each curve one point before its root and one after its tip. NaN behind the
+    /// near plane.
+    points: Vec<Vec3>,
+    bins: Bins,
+}
+
+/// A short straight piece of a curve in pixels.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Piece {
+    pub from: Vec2,
+    pub to: Vec2,
+    /// Inverse depth at the middle.
+    pub nearness: f32,
+    chunk: u32,
+    item: u32,
+    /// Where its ends lie on their edge, 0–1.
+    t: [f32; 2],
+    /// Whether the strand ends at `from`, at `to`.
+    pub ends: [bool; 2],
+}
+
+/// What lighting needs to know of a point on a strand.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct StrandPoint {
+    pub position: Vec3,
+    /// Unit, root to tip.
+    pub tangent: Vec3,
+    pub albedo: Vec3,
+    /// Tilt that differs from strand to strand, radians.
+    pub tilt: f32,
+}
+
+/// All strands of a scene, ready to be drawn.
+pub(crate) struct Hair<'a> {
+    groups: Vec<Group<'a>>,
+    pub chunks: Vec<Chunk>,
+    seed: u32,
+}
+
+/// One group with what was derived from it.
+pub(crate) struct Group<'a> {
+    pub strands: Strands<'a>,
+    pub children: u32,
+    pub width_scale: f32,
+    /// The largest offset of a child, metres.
+    radius: f32,
+    albedo: Vec3,
+}
+
+/// The strands of `strands` that can be drawn: (index, particle range).
+pub(crate) fn drawable<'a>(
+    strands: &Strands<'a>,
+    range: std::ops::Range<usize>,
+) -> impl Iterator<Item = (usize, std::ops::Range<usize>)> + Clone + use<'a> {
+    let (positions, offsets) = (strands.positions, strands.strand_offsets);
+    range.filter_map(move |s| {
+        let particles = offsets[s] as usize..offsets[s + 1] as usize;
+        let usable = particles.len() >= 2 && positions[particles.clone()].iter().all(|p| p.is_finite());
+        usable.then_some((s, particles))
+    })
+}
+
+pub(crate) fn strand_count(strands: &Strands<'_>) -> usize {
+    strands.strand_offsets.len().saturating_sub(1)
+}
+
+impl<'a> Group<'a> {
+    fn new(strands: Strands<'a>, total: usize, settings: &Settings) -> Self {
+        let count = strand_count(&strands).max(1);
+        let (mut lo, mut hi) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        for (_, particles) in drawable(&strands, 0..strand_count(&strands)) {
+            let root = strands.positions[particles.start];
+            (lo, hi) = (lo.min(root), hi.max(root));
+        }
+        let side = (hi - lo).max(Vec3::ZERO);
+        let area = side.x * side.y + side.y * side.z + side.z * side.x;
+        let automatic = (DRAWN_AIM / total.max(1)).clamp(1, 4) as u32;
+        let children = settings.children.unwrap_or(automatic);
+        let hairs_each = HAIRS_PER_M2 * area / (count as f32 * children as f32);
+        let width_scale = settings.width_scale.unwrap_or(hairs_each.powf(0.7).clamp(1.0, MAX_WIDTH_SCALE));
+        let radius = 0.5 * (area / count as f32).sqrt();
+        Self { strands, children, width_scale, radius, albedo: strands.colour.albedo() }
+    }
+
+    /// Diameter drawn at particle coordinate `at` (particle index plus fraction), `s` from root 0 to tip 1.
+    pub fn width(&self, first: usize, at: f32, s: f32) -> f32 {
+        let width = match self.strands.widths {
+            Some(widths) => {
+                let i = first + at as usize;
+                let next = widths[(i + 1).min(widths.len() - 1)];
+                widths[i] + (next - widths[i]) * at.fract()
+            }
+            None => self.strands.width * taper(s),
+        };
+        if width.is_finite() { width.max(0.0) * self.width_scale } else { 0.0 }
+    }
+
+    /// How far child `child` of strand `strand` stands off at `s`.
+    fn offset(&self, seed: u32, strand: u32, child: u32, s: f32) -> Vec3 {
+        if child == 0 {
+            return Vec3::ZERO;
+        }
+        let draw = |stream| random::signed(seed, strand, child * 4 + stream);
+        let offset = Vec3::new(draw(0), draw(1), draw(2)).clamp_length_max(1.0);
+        // Waves of their own keep children from lying parallel like wires.
+        let wave = (draw(3) * 3.0 + s * 9.0).sin() * 0.35;
+        let profile = (0.6 + 2.0 * s).min(1.0) * (1.0 - 0.65 * s * s);
+        (offset + offset.yzx() * wave * s) * (profile * self.radius)
+    }
+}
+
+/// Width along a strand without widths of its own: full for two thirds, then narrowing to a fifth.
+fn taper(s: f32) -> f32 {
+    let t = ((s - 0.6) / 0.4).clamp(0.0, 1.0);
+    1.0 - 0.8 * t * t
+}
+
+impl<'a> Hair<'a> {
+    /// Projects the strands of `scene`, whose offsets have been checked.
+    pub fn new(scene: &Scene<'a>, settings: &Settings, view: &View, tiles: TileGrid) -> Self {
+        let total = scene.strands.iter().map(strand_count).sum();
+        let groups: Vec<_> = scene.strands.iter().map(|&s| Group::new(s, total, settings)).collect();
+        let ranges: Vec<_> = groups
+            .iter()
+            .enumerate()
+            .flat_map(|(index, group)| {
+                let step = CURVES_PER_CHUNK / group.children as usize;
+                let count = strand_count(&group.strands);
+                (0..count).step_by(step).map(move |s| (index, s..(s + step).min(count)))
+            })
+            .collect();
+        let chunks = ranges
+            .into_par_iter()
+            .map(|(index, range)| Chunk::new(&groups[index], index, range, settings.seed, view, tiles))
+            .collect();
+        Self { groups, chunks, seed: settings.seed }
+    }
+
+    pub fn groups(&self) -> &[Group<'a>] {
+        &self.groups
+    }
+
+    /// Adds to `pieces` all that touch the tile `tile` with its upper left pixel at `corner`, unless farther than
+    /// 1/`farthest`.
+    pub fn gather(&self, tile: usize, corner: Vec2, farthest: f32, pieces: &mut Vec<Piece>) {
+        let (lo, hi) = (corner - 4.0, corner + (TILE as f32 + 4.0));
+        for (index, chunk) in self.chunks.iter().enumerate() {
+            for &item in chunk.bins.of(tile) {
+                let (curve, edge) = chunk.unpack(item);
+                let start = chunk.curves[curve].start as usize;
+                let p: [Vec3; 4] = std::array::from_fn(|i| chunk.points[start + edge + i]);
+                if p[1].z.max(p[2].z) < farthest {
+                    continue;
+                }
+                let count = (p[1].xy().distance(p[2].xy()) / PIECE_PX).ceil().clamp(1.0, MAX_PIECES);
+                let last = chunk.edges(curve) - 1;
+                let mut from = p[1];
+                for i in 0..count as u32 {
+                    let to = catmull_rom(p, (i + 1) as f32 / count);
+                    let (a, b) = (from.xy(), to.xy());
+                    from = to;
+                    if a.min(b).cmplt(hi).all() && a.max(b).cmpgt(lo).all() {
+                        let t = [i as f32 / count, (i + 1) as f32 / count];
+                        let nearness = p[1].z + (p[2].z - p[1].z) * 0.5 * (t[0] + t[1]);
+                        let ends = [edge == 0 && i == 0, edge == last && i + 1 == count as u32];
+                        pieces.push(Piece { from: a, to: b, nearness, chunk: index as u32, item, t, ends });
+                    }
+                }
+            }
+        }
+    }
+
+    /// Diameter drawn in the middle of `piece`, metres.
+    pub fn width(&self, piece: &Piece) -> f32 {
+        let chunk = &self.chunks[piece.chunk as usize];
+        let group = &self.groups[chunk.group];
+        let (curve, edge) = chunk.unpack(piece.item);
+        let first = group.strands.strand_offsets[chunk.curves[curve].strand as usize] as usize;
+        let at = edge as f32 + 0.5 * (piece.t[0] + piece.t[1]);
+        group.width(first, at, at / chunk.edges(curve) as f32)
+    }
+
+    /// The first (0) or last (1) point of `piece` in the world.
+    pub fn point(&self, piece: &Piece, end: usize) -> StrandPoint {
+        let chunk = &self.chunks[piece.chunk as usize];
+        let group = &self.groups[chunk.group];
+        let (curve, edge) = chunk.unpack(piece.item);
+        let Curve { strand, child, .. } = chunk.curves[curve];
+        let offsets = group.strands.strand_offsets;
+        let (first, past) = (offsets[strand as usize] as usize, offsets[strand as usize + 1] as usize);
+        let t = piece.t[end];
+        let s = (edge as f32 + t) / (past - first - 1) as f32;
+        let particle = |i: isize| {
+            let i = (first + edge) as isize + i;
+            group.strands.positions[i.clamp(first as isize, past as isize - 1) as usize]
+        };
+        let p = [particle(-1), particle(0), particle(1), particle(2)];
+        let tangent = catmull_rom_slope(p, t).normalize_or((p[2] - p[1]).normalize_or(Vec3::Y));
+        let draw = |stream| random::signed(self.seed, strand, 1000 + child * 8 + stream);
+        StrandPoint {
+            position: catmull_rom(p, t) + group.offset(self.seed, strand, child, s),
+            tangent,
+            albedo: group.albedo(first + edge, t, s, draw),
+            tilt: draw(2) * 0.03,
+        }
+    }
+}
+
+impl Group<'_> {
+    /// Albedo at particle `particle` plus `t`: the groom's own, or the group's colour with each strand a little
+    /// darker or lighter, redder or not, roots darker and tips bleached.
+    fn albedo(&self, particle: usize, t: f32, s: f32, draw: impl Fn(u32) -> f32) -> Vec3 {
+        if let Some(colours) = self.strands.colours {
+            let [a, b] = [particle, particle + 1].map(|i| Vec3::from(colours[i]));
+            return a.lerp(b, t).clamp(Vec3::splat(0.002), Vec3::splat(0.95));
+        }
+        // A power of the albedo is a factor on the square root of the absorption.
+        let root = 1.0 + 0.22 * (1.0 - (s / 0.25).min(1.0));
+        let power = root * (1.0 + 0.13 * draw(0)) * (1.04 - 0.12 * s);
+        let varied = self.albedo.map(|c| c.powf(power));
+        let grey = Vec3::splat(luminance(varied));
+        varied.lerp(grey, 0.06 + 0.06 * draw(1)).clamp(Vec3::splat(0.002), Vec3::splat(0.95))
+    }
+}
+
+impl Chunk {
+    fn new(
+        group: &Group<'_>,
+        index: usize,
+        range: std::ops::Range<usize>,
+        seed: u32,
+        view: &View,
+        tiles: TileGrid,
+    ) -> Self {
+        let (mut curves, mut points) = (Vec::new(), Vec::new());
+        // Half the widest a strand may be, by the nearest and widest of its particles.
+        let mut reach = 0.0_f32;
+        for (strand, particles) in drawable(&group.strands, range) {
+            let strand_points = &group.strands.positions[particles.clone()];
+            let last = strand_points.len() - 1;
+            for child in 0..group.children {
+                let start = points.len();
+                curves.push(Curve { strand: strand as u32, child, start: start as u32 });
+                points.push(Vec3::NAN);
+                for (i, &p) in strand_points.iter().enumerate() {
+                    let s = i as f32 / last as f32;
+                    let p = view.to_camera(p + group.offset(seed, strand as u32, child, s));
+                    let pixel = if p.z > view.near { view.to_pixels(p) } else { Vec3::NAN };
+                    let width = group.width(particles.start, i as f32, s) * view.focal * pixel.z;
+                    reach = reach.max(0.5 * width);
+                    points.push(pixel);
+                }
+                points[start] = points[start + 1] * 2.0 - points[start + 2];
+                points.push(points[start + last + 1] * 2.0 - points[start + last]);
+            }
+        }
+        let mut chunk = Self { group: index, curves, points, bins: Bins::default() };
+        chunk.bins = Bins::new(tiles, chunk.items(tiles, reach + FILTER_RADIUS));
+        chunk
+    }
+
+    /// Every visible edge with the tiles that it may touch.
+    fn items(&self, tiles: TileGrid, pad: f32) -> impl Iterator<Item = (u32, crate::tiles::TileRect)> + Clone {
+        (0..self.curves.len()).flat_map(move |curve| {
+            let start = self.curves[curve].start as usize;
+            (0..self.edges(curve)).filter_map(move |edge| {
+                let p = &self.points[start + edge..start + edge + 4];
+                if p.iter().any(|p| p.is_nan()) {
+                    return None;
+                }
+                // The Bézier points of the same curve: it stays in their box.
+                let (b, c) = (p[1] + (p[2] - p[0]) / 6.0, p[2] - (p[3] - p[1]) / 6.0);
+                let lo = p[1].min(p[2]).min(b).min(c) - pad;
+                let hi = p[1].max(p[2]).max(b).max(c) + pad;
+                let rect = tiles.rect([lo.x, lo.y], [hi.x, hi.y])?;
+                Some(((curve as u32) << EDGE_BITS | edge as u32, rect))
+            })
+        })
+    }
+
+    fn unpack(&self, item: u32) -> (usize, usize) {
+        ((item >> EDGE_BITS) as usize, (item & ((1 << EDGE_BITS) - 1)) as usize)
+    }
+
+    /// Edges of a curve: two points are before the root and after the tip.
+    fn edges(&self, curve: usize) -> usize {
+        let end = self.curves.get(curve + 1).map_or(self.points.len(), |next| next.start as usize);
+        end - self.curves[curve].start as usize - 3
+    }
+}
+
+/// The uniform Catmull-Rom curve from p₁ (t = 0) to p₂ (t = 1).
+fn catmull_rom([p0, p1, p2, p3]: [Vec3; 4], t: f32) -> Vec3 {
+    let a = (p1 - p2) * 1.5 + (p3 - p0) * 0.5;
+    let b = p0 - p1 * 2.5 + p2 * 2.0 - p3 * 0.5;
+    ((a * t + b) * t + (p2 - p0) * 0.5) * t + p1
+}
+
+/// Its derivative.
+fn catmull_rom_slope([p0, p1, p2, p3]: [Vec3; 4], t: f32) -> Vec3 {
+    let a = (p1 - p2) * 1.5 + (p3 - p0) * 0.5;
+    let b = p0 - p1 * 2.5 + p2 * 2.0 - p3 * 0.5;
+    (a * (3.0 * t) + b * 2.0) * t + (p2 - p0) * 0.5
+}

@@ -1,0 +1,183 @@
+//! What light reaches a point, through bodies and hair.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use crate::fibre::Fibre;
+use crate::hair::{Hair, StrandPoint, drawable, strand_count};
+use crate::light::{Ambient, Light};
+use crate::scene::Scene;
+use crate::shadow_map::ShadowMap;
+use crate::solids::{Solids, SurfacePoint};
+use crate::volume::{Deposits, Grid, Layout, openness};
+
+/// Cells along the longest side of the grid that casts shadows.
+const SHADOW_CELLS: u32 = 96;
+/// Cells along the longest side of the grid for ambient occlusion.
+const OCCLUSION_CELLS: u32 = 40;
+/// The share of a strand's optical depth that counts: hair scatters mostly forward.
+const EXTINCTION: f32 = 0.6;
+/// The optical depth of a body's surface in the occlusion grid.
+const SURFACE_DEPTH: f32 = 1.6;
+/// How far light wraps around skin, a channel: red goes deepest.
+const WRAP: Vec3 = Vec3::new(0.30, 0.18, 0.14);
+
+/// The lights of a scene with their shadows.
+pub(crate) struct Lighting {
+    lights: Vec<(Light, Option<ShadowMap>, Option<Grid>)>,
+    ambient: Ambient,
+    /// The share of ambient light that arrives.
+    openness: Option<Grid>,
+    eye: Vec3,
+}
+
+impl Lighting {
+    pub fn new(scene: &Scene<'_>, solids: &Solids, hair: &Hair<'_>) -> Self {
+        let (body_lo, body_hi) = solids.bounds();
+        let (hair_lo, hair_hi) = hair_bounds(hair);
+        let (lo, hi) = (body_lo.min(hair_lo), body_hi.max(hair_hi));
+        let anything = lo.is_finite() && hi.is_finite() && lo.cmple(hi).all();
+        let has_hair = hair_lo.cmple(hair_hi).all();
+        // The grids cover the hair and what is near enough to be shaded by it.
+        let margin = if has_hair { 0.2 * (hair_hi - hair_lo).length() } else { 0.0 };
+        let (grid_lo, grid_hi) =
+            if has_hair { ((hair_lo - margin).max(lo), (hair_hi + margin).min(hi)) } else { (lo, hi) };
+
+        let density = has_hair.then(|| {
+            let deposits = Deposits::new(Layout::covering(grid_lo, grid_hi, SHADOW_CELLS));
+            deposit_hair(hair, &deposits);
+            deposits.finish()
+        });
+        let openness = anything.then(|| {
+            let deposits = Deposits::new(Layout::covering(grid_lo, grid_hi, OCCLUSION_CELLS));
+            deposit_hair(hair, &deposits);
+            deposit_solids(solids, &deposits);
+            openness(&deposits.finish())
+        });
+        let lights = scene
+            .lights
+            .par_iter()
+            .map(|light| {
+                let direction = light.direction.normalize_or(Vec3::Y);
+                let light = Light { direction, ..*light };
+                let map = (light.shadows && !solids.triangles.is_empty()).then(|| {
+                    let (centre, radius) = ((body_lo + body_hi) * 0.5, 0.5 * (body_hi - body_lo).length());
+                    let triangles = (0..solids.triangles.len()).map(|t| solids.corners(t));
+                    ShadowMap::new(triangles, direction, centre, radius)
+                });
+                let depths = density.as_ref().filter(|_| light.shadows).map(|g| g.sweep(-direction));
+                (light, map, depths)
+            })
+            .collect();
+        Self { lights, ambient: scene.ambient, openness, eye: scene.camera.eye }
+    }
+
+    /// Radiance of a piece of hair towards the eye.
+    pub fn of_hair(&self, point: &StrandPoint) -> Vec3 {
+        let to_eye = (self.eye - point.position).normalize_or(Vec3::Z);
+        let fibre = Fibre { tangent: point.tangent, to_eye, albedo: point.albedo, tilt: point.tilt };
+        let mut radiance = Vec3::ZERO;
+        for (light, map, depths) in &self.lights {
+            let out = |map: &ShadowMap| point.position + light.direction * (4.0 * map.texel());
+            let lit = map.as_ref().map_or(1.0, |map| map.visibility(out(map)));
+            if lit > 0.0 {
+                let depth = depths.as_ref().map_or(0.0, |g| g.sample(point.position)) * EXTINCTION;
+                radiance += light.colour * fibre.scatter(light.direction, depth) * (lit * std::f32::consts::PI);
+            }
+        }
+        // Light from all around arrives at the side that faces the eye and at the top.
+        let facing = (to_eye - point.tangent * point.tangent.dot(to_eye) + Vec3::Y * 0.5).normalize_or(Vec3::Y);
+        let open = self.openness.as_ref().map_or(1.0, |g| g.sample(point.position));
+        radiance + self.ambient.at(facing) * point.albedo.map(|c| c.powf(0.7)) * (0.6 * open)
+    }
+
+    /// Radiance of a body's surface towards the eye.
+    pub fn of_body(&self, point: &SurfacePoint) -> Vec3 {
+        let SurfacePoint { position, normal, albedo } = *point;
+        let to_eye = (self.eye - position).normalize_or(Vec3::Z);
+        let (mut diffuse, mut gloss) = (Vec3::ZERO, Vec3::ZERO);
+        for (light, map, depths) in &self.lights {
+            let cos = normal.dot(light.direction);
+            let out = |map: &ShadowMap| position + (normal * 2.5 + light.direction * 2.0) * map.texel();
+            let lit = map.as_ref().map_or(1.0, |map| map.visibility(out(map)));
+            let depth = depths.as_ref().map_or(0.0, |g| g.sample(position)) * EXTINCTION;
+            let arriving = light.colour * (lit * (-depth).exp());
+            // Light wraps through skin where the surface turns away, but not behind another surface.
+            let wrapped = (Vec3::splat(cos) + WRAP).max(Vec3::ZERO) / (Vec3::ONE + WRAP);
+            diffuse += arriving * wrapped * wrapped;
+            let half = (light.direction + to_eye).normalize_or(normal);
+            let m = 1.0 - to_eye.dot(half).clamp(0.0, 1.0);
+            let fresnel = 0.028 + 0.972 * (m * m) * (m * m) * m;
+            let lobe = normal.dot(half).max(0.0).powi(22) * 3.0;
+            gloss += arriving * (lobe * fresnel * cos.max(0.0));
+        }
+        let open = self.openness.as_ref().map_or(1.0, |g| {
+            // Out of the cells that hold the surface itself.
+            let open = g.sample(position + normal * (1.6 * g.layout.cell));
+            (open * 1.5).min(1.0)
+        });
+        albedo * (diffuse + self.ambient.at(normal) * open) + gloss
+    }
+}
+
+fn hair_bounds(hair: &Hair<'_>) -> (Vec3, Vec3) {
+    let mut bounds = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    for group in hair.groups() {
+        for (_, particles) in drawable(&group.strands, 0..strand_count(&group.strands)) {
+            for &p in &group.strands.positions[particles] {
+                bounds = (bounds.0.min(p), bounds.1.max(p));
+            }
+        }
+    }
+    bounds
+}
+
+/// Adds the area that each strand, children included, shows from its side.
+fn deposit_hair(hair: &Hair<'_>, deposits: &Deposits) {
+    let cell = deposits.layout.cell;
+    for group in hair.groups() {
+        let count = strand_count(&group.strands);
+        (0..count.div_ceil(256)).into_par_iter().for_each(|block| {
+            let range = block * 256..((block + 1) * 256).min(count);
+            for (_, particles) in drawable(&group.strands, range) {
+                let points = &group.strands.positions[particles.clone()];
+                let last = (points.len() - 1) as f32;
+                for (i, edge) in points.windows(2).enumerate() {
+                    let at = i as f32 + 0.5;
+                    let length = edge[0].distance(edge[1]);
+                    let width = group.width(particles.start, at, at / last) * group.children as f32;
+                    let steps = (length / (1.5 * cell)).ceil().clamp(1.0, 64.0);
+                    for step in 0..steps as u32 {
+                        let point = edge[0].lerp(edge[1], (step as f32 + 0.5) / steps);
+                        deposits.add(point, length * width / steps);
+                    }
+                }
+            }
+        });
+    }
+}
+
+/// Adds bodies' surfaces, opaque from either side.
+fn deposit_solids(solids: &Solids, deposits: &Deposits) {
+    let cell = deposits.layout.cell;
+    (0..solids.triangles.len()).into_par_iter().for_each(|triangle| {
+        let [a, b, c] = solids.corners(triangle);
+        let area = 0.5 * (b - a).cross(c - a).length();
+        let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
+        let rows = (longest / cell).ceil().clamp(1.0, 64.0) as u32;
+        // The middles of rows² equal triangles, upright ones first, then those between.
+        let share = SURFACE_DEPTH * area / (rows * rows) as f32;
+        for i in 0..rows {
+            for j in 0..rows - i {
+                let place = |third: f32| {
+                    let (u, v) = ((i as f32 + third) / rows as f32, (j as f32 + third) / rows as f32);
+                    a + (b - a) * u + (c - a) * v
+                };
+                deposits.add(place(1.0 / 3.0), share);
+                if i + j + 1 < rows {
+                    deposits.add(place(2.0 / 3.0), share);
+                }
+            }
+        }
+    });
+}

@@ -1,0 +1,141 @@
+//! Bodies on their way to the picture: world space, cut at the near plane, sorted into tiles.
+
+use glam::{DVec3, Vec3};
+
+use crate::camera::View;
+use crate::scene::{Body, RenderError};
+use crate::tiles::{Bins, TileGrid};
+
+/// A triangle in pixels: x, y and inverse depth of each corner.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ScreenTriangle {
+    pub corners: [Vec3; 3],
+    /// Which of [`Solids::triangles`].
+    pub source: u32,
+}
+
+/// All bodies of a scene in world space.
+#[derive(Debug, Default)]
+pub(crate) struct Solids {
+    pub positions: Vec<Vec3>,
+    pub normals: Vec<Vec3>,
+    pub triangles: Vec<[u32; 3]>,
+    /// For each body: its first triangle past the end, and its albedo.
+    colours: Vec<(u32, Vec3)>,
+    pub screen: Vec<ScreenTriangle>,
+    pub bins: Bins,
+}
+
+/// A point of a body's surface.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SurfacePoint {
+    pub position: Vec3,
+    /// Unit; faces the eye's side of the triangle's front.
+    pub normal: Vec3,
+    pub albedo: Vec3,
+}
+
+impl Solids {
+    pub fn new(bodies: &[Body<'_>], view: &View, tiles: TileGrid) -> Result<Self, RenderError> {
+        let mut solids = Self::default();
+        for (index, body) in bodies.iter().enumerate() {
+            let vertices = body.mesh.positions.len();
+            let bad = |corners: &[u32; 3]| corners.iter().any(|&v| v as usize >= vertices);
+            if let Some(triangle) = body.mesh.triangles.iter().position(bad) {
+                return Err(RenderError::Triangle { body: index, triangle });
+            }
+            solids.append(body);
+        }
+        for source in 0..solids.triangles.len() as u32 {
+            let corners = solids.corners(source as usize);
+            if corners.iter().all(|c| c.is_finite()) {
+                cut_at_near_plane(corners.map(|c| view.to_camera(c)), view.near, |triangle| {
+                    let corners = triangle.map(|c| view.to_pixels(c));
+                    solids.screen.push(ScreenTriangle { corners, source });
+                });
+            }
+        }
+        let rects = solids.screen.iter().enumerate().filter_map(|(i, t)| {
+            let [a, b, c] = t.corners;
+            let (lo, hi) = (a.min(b).min(c), a.max(b).max(c));
+            tiles.rect([lo.x, lo.y], [hi.x, hi.y]).map(|rect| (i as u32, rect))
+        });
+        solids.bins = Bins::new(tiles, rects);
+        Ok(solids)
+    }
+
+    fn append(&mut self, body: &Body<'_>) {
+        let base = self.positions.len() as u32;
+        let place = |p: &Vec3| body.pose.transform_point(p.as_dvec3()).as_vec3();
+        let turn = |n: Vec3| body.pose.transform_vector(DVec3::from(n)).as_vec3();
+        self.positions.extend(body.mesh.positions.iter().map(place));
+        self.normals.extend(body.mesh.vertex_normals().into_iter().map(turn));
+        self.triangles.extend(body.mesh.triangles.iter().map(|t| t.map(|v| v + base)));
+        self.colours.push((self.triangles.len() as u32, body.colour));
+    }
+
+    pub fn corners(&self, triangle: usize) -> [Vec3; 3] {
+        self.triangles[triangle].map(|v| self.positions[v as usize])
+    }
+
+    /// The smallest box around all finite vertices; empty (min > max) where there is none.
+    pub fn bounds(&self) -> (Vec3, Vec3) {
+        let finite = self.positions.iter().filter(|p| p.is_finite());
+        finite.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), &p| (lo.min(p), hi.max(p)))
+    }
+
+    /// The point of triangle `source` nearest to `point`, which lies on its plane but for rounding.
+    pub fn surface_point(&self, source: u32, point: Vec3) -> SurfacePoint {
+        let triangle = self.triangles[source as usize];
+        let [a, b, c] = self.corners(source as usize);
+        let flat = (b - a).cross(c - a);
+        let twice_area = flat.length_squared().max(f32::MIN_POSITIVE);
+        let u = ((c - b).cross(point - b).dot(flat) / twice_area).clamp(0.0, 1.0);
+        let v = ((a - c).cross(point - c).dot(flat) / twice_area).clamp(0.0, 1.0 - u);
+        let [na, nb, nc] = triangle.map(|v| self.normals[v as usize]);
+        let normal = (na * u + nb * v + nc * (1.0 - u - v)).normalize_or(flat.normalize_or(Vec3::Y));
+        let body = self.colours.partition_point(|&(end, _)| end <= source);
+        SurfacePoint { position: a * u + b * v + c * (1.0 - u - v), normal, albedo: self.colours[body].1 }
+    }
+}
+
+/// The part of a triangle in camera space beyond z = `near`, as up to two triangles.
+fn cut_at_near_plane(corners: [Vec3; 3], near: f32, mut emit: impl FnMut([Vec3; 3])) {
+    let behind = corners.iter().filter(|c| c.z < near).count();
+    if behind == 0 {
+        return emit(corners);
+    }
+    let cross = |a: Vec3, b: Vec3| a.lerp(b, ((near - a.z) / (b.z - a.z)).clamp(0.0, 1.0)).with_z(near);
+    for i in 0..3 {
+        let [a, b, c] = [corners[i], corners[(i + 1) % 3], corners[(i + 2) % 3]];
+        if behind == 1 && a.z < near {
+            let (ab, ca) = (cross(a, b), cross(a, c));
+            emit([ab, b, c]);
+            emit([ab, c, ca]);
+        } else if behind == 2 && a.z >= near {
+            emit([a, cross(a, b), cross(a, c)]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cutting_keeps_the_part_beyond() {
+        let area = |t: [Vec3; 3]| 0.5 * (t[1] - t[0]).cross(t[2] - t[0]).length();
+        let whole = [Vec3::new(0.0, 0.0, -1.0), Vec3::new(2.0, 0.0, 1.0), Vec3::new(-2.0, 0.0, 1.0)];
+        for (near, share) in [(-2.0, 1.0), (0.0, 0.75), (1.5, 0.0)] {
+            let mut kept = 0.0;
+            cut_at_near_plane(whole, near, |t| {
+                assert!(t.iter().all(|c| c.z >= near));
+                kept += area(t);
+            });
+            assert!((kept - share * area(whole)).abs() < 1e-5);
+        }
+        let mut kept = 0.0;
+        cut_at_near_plane(whole.map(|c| -c), 0.0, |t| kept += area(t));
+        assert!((kept - 0.25 * area(whole)).abs() < 1e-5);
+    }
+}
