@@ -62,7 +62,7 @@ impl Camera {
 }
 
 /// A camera with a picture's size: world space to pixels, x right, y down, (0, 0) the upper left corner.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct View {
     pub eye: Vec3,
     pub right: Vec3,
@@ -120,8 +120,7 @@ mod tests {
                 let pick = |bit: usize, axis: usize| {
                     if corner & bit == 0 { bounds.0[axis] } else { bounds.1[axis] }
                 };
-                let p =
-                    view.to_pixels(view.to_camera(Vec3::new(pick(1, 0), pick(2, 1), pick(4, 2))));
+                let p = view.to_pixels(view.to_camera(Vec3::new(pick(1, 0), pick(2, 1), pick(4, 2))));
                 assert!(p.z > 0.0);
                 farthest = farthest.max((p.x - 150.0).abs()).max((p.y - 100.0).abs());
             }

@@ -37,7 +37,7 @@ impl HairColour {
     /// Chestnut hair.
     pub const CHESTNUT: Self = Self { eumelanin: 0.32, pheomelanin: 0.4 };
     /// Blonde hair.
-    pub const BLONDE: Self = Self { eumelanin: 0.06, pheomelanin: 0.12 };
+    pub const BLONDE: Self = Self { eumelanin: 0.045, pheomelanin: 0.16 };
     /// Red hair.
     pub const RED: Self = Self { eumelanin: 0.06, pheomelanin: 1.1 };
     /// White hair.
@@ -48,8 +48,7 @@ impl HairColour {
 
     /// The preset called `name`, if there is one.
     pub fn by_name(name: &str) -> Option<Self> {
-        let presets =
-            [Self::BLACK, Self::DARK_BROWN, Self::CHESTNUT, Self::BLONDE, Self::RED, Self::WHITE];
+        let presets = [Self::BLACK, Self::DARK_BROWN, Self::CHESTNUT, Self::BLONDE, Self::RED, Self::WHITE];
         Self::NAMES.iter().position(|&known| known == name).map(|i| presets[i])
     }
 

@@ -33,10 +33,14 @@ pub(crate) struct Fibre {
     pub tangent: Vec3,
     /// Unit vector to the eye.
     pub to_eye: Vec3,
-    /// Linear RGB in (0, 1).
-    pub albedo: Vec3,
-    /// Added to the tilt: differs from strand to strand, radians.
-    pub tilt: f32,
+    /// Logarithm of the albedo, linear RGB.
+    log_albedo: Vec3,
+    /// What light that many hairs passed on is multiplied with.
+    tint: Vec3,
+    /// How fast depth takes each channel of it.
+    fading: Vec3,
+    /// Tilt of the cuticle's scales, radians.
+    tilt: f32,
 }
 
 fn gaussian(x: f32, deviation: f32) -> f32 {
@@ -49,6 +53,21 @@ fn fresnel(cos: f32) -> f32 {
 }
 
 impl Fibre {
+    /// A hair of unit `tangent`, root to tip, seen from the unit direction `to_eye`, with `albedo` in linear RGB in (0, 1) and
+    /// `tilt` radians added to the tilt of its scales.
+    pub fn new(tangent: Vec3, to_eye: Vec3, albedo: Vec3, tilt: f32) -> Self {
+        let albedo = albedo.max(Vec3::splat(1e-4));
+        let log_albedo = albedo.map(f32::ln);
+        let tint = (log_albedo * REMAINDER_POWER).map(f32::exp);
+        let fading = 0.75 - 0.12 * (albedo / luminance(albedo)).min(Vec3::splat(2.0));
+        Self { tangent, to_eye, log_albedo, tint, fading, tilt: SCALE_TILT + tilt }
+    }
+
+    /// The share of light from all around that leaves towards the eye, times π.
+    pub fn ambient(&self) -> Vec3 {
+        self.tint * 0.6
+    }
+
     /// Radiance towards the eye for unit radiance from `to_light` that has crossed the optical depth `depth` of
     /// other hair: what the depth lets through is scattered once, the rest softens into the diffuse remainder.
     pub fn scatter(&self, to_light: Vec3, depth: f32) -> Vec3 {
@@ -60,10 +79,8 @@ impl Fibre {
         let cos_phi = l_flat.dot(v_flat) / (cos_l * cos_v).max(1e-4);
         let cos_half = (0.5 + 0.5 * cos_phi).max(0.0).sqrt();
 
-        let log_albedo = self.albedo.max(Vec3::splat(1e-4)).map(f32::ln);
-        let tinted = |power: f32| (log_albedo * power).map(f32::exp);
-        let sum = sin_l + sin_v;
-        let tilt = SCALE_TILT + self.tilt;
+        let tinted = |power: f32| (self.log_albedo * power).map(f32::exp);
+        let (sum, tilt) = (sin_l + sin_v, self.tilt);
 
         let m_r = gaussian(sum + 2.0 * tilt, ROUGHNESS);
         let r = m_r * 0.25 * cos_half * fresnel((0.5 + 0.5 * v.dot(l)).max(0.0).sqrt());
@@ -77,8 +94,7 @@ impl Fibre {
 
         let m_trt = gaussian(sum - 4.0 * tilt, 2.0 * ROUGHNESS);
         let f = fresnel(0.5 * cos_d);
-        let trt = tinted(0.8 / cos_d)
-            * (m_trt * (1.0 - f) * (1.0 - f) * f * (17.0 * cos_phi - 16.78).exp());
+        let trt = tinted(0.8 / cos_d) * (m_trt * (1.0 - f) * (1.0 - f) * f * (17.0 * cos_phi - 16.78).exp());
 
         let direct = (-depth).exp();
         (Vec3::splat(r) + tt + trt) * (direct * cos_l) + self.remainder(l, v - t * sin_v, depth)
@@ -88,10 +104,8 @@ impl Fibre {
     fn remainder(&self, to_light: Vec3, facing: Vec3, depth: f32) -> Vec3 {
         let normal = facing.normalize_or(self.to_eye);
         let wrapped = 0.25 * (1.0 + normal.dot(to_light));
-        let tint = self.albedo.map(|c| c.powf(REMAINDER_POWER));
-        let spread = self.albedo / luminance(self.albedo).max(1e-4);
-        let passed = spread.map(|s| (-depth * (0.75 - 0.12 * s.min(2.0))).exp());
-        tint * passed * (wrapped * std::f32::consts::FRAC_1_PI)
+        let passed = (self.fading * -depth).map(f32::exp);
+        self.tint * passed * (wrapped * std::f32::consts::FRAC_1_PI)
     }
 }
 
@@ -100,7 +114,7 @@ mod tests {
     use super::*;
 
     fn fibre(albedo: Vec3) -> Fibre {
-        Fibre { tangent: Vec3::X, to_eye: Vec3::Z, albedo, tilt: 0.0 }
+        Fibre::new(Vec3::X, Vec3::Z, albedo, 0.0)
     }
 
     /// Light from an angle `theta` along the fibre, in the eye's plane.

@@ -10,7 +10,8 @@
 //! surface of the box around the roots. [`Settings::width_scale`] overrides it.
 //!
 //! Children are copies of a strand, each beside it by a fixed random offset of at most half the distance between roots that
-//! narrows towards the tip. They are for display only: no physics knows of them.
+//! narrows towards the tip. They are for display only: no physics knows of them. By default there are as many as make 50
+//! strands for each pixel of the picture's shorter side (40,000 at 800 pixels), but at most 4.
 //!
 //! # Practice
 //! Strands are prepared in chunks of a fixed size, each with its own lists of tiles, so that nothing depends on the
@@ -32,8 +33,8 @@ use crate::tiles::{Bins, TILE, TileGrid};
 const HAIRS_PER_M2: f32 = 1.7e6;
 /// The largest automatic factor on widths.
 const MAX_WIDTH_SCALE: f32 = 8.0;
-/// Strands drawn that an automatic number of children aims at.
-const DRAWN_AIM: usize = 40_000;
+/// Strands drawn, for each pixel of the picture's shorter side, that an automatic number of children aims at.
+const DRAWN_PER_PIXEL: usize = 50;
 /// Curves (strands times children) in a chunk; they are indexed with `CURVE_BITS`.
 const CURVES_PER_CHUNK: usize = 2048;
 /// Bits for the edge in an item of a tile's list; the rest count curves.
@@ -78,6 +79,8 @@ pub(crate) struct Piece {
     item: u32,
     /// Where its ends lie on their edge, 0–1.
     t: [f32; 2],
+    /// Numbers of its ends among the points that pieces of one tile share.
+    pub points: [u32; 2],
     /// Whether the strand ends at `from`, at `to`.
     pub ends: [bool; 2],
 }
@@ -107,7 +110,7 @@ pub(crate) struct Group<'a> {
     pub width_scale: f32,
     /// The largest offset of a child, metres.
     radius: f32,
-    albedo: Vec3,
+    log_albedo: Vec3,
 }
 
 /// The strands of `strands` that can be drawn: (index, particle range).
@@ -137,12 +140,13 @@ impl<'a> Group<'a> {
         }
         let side = (hi - lo).max(Vec3::ZERO);
         let area = side.x * side.y + side.y * side.z + side.z * side.x;
-        let automatic = (DRAWN_AIM / total.max(1)).clamp(1, 4) as u32;
+        let aim = DRAWN_PER_PIXEL * settings.width.min(settings.height) as usize;
+        let automatic = (aim / total.max(1)).clamp(1, 4) as u32;
         let children = settings.children.unwrap_or(automatic);
         let hairs_each = HAIRS_PER_M2 * area / (count as f32 * children as f32);
         let width_scale = settings.width_scale.unwrap_or(hairs_each.powf(0.7).clamp(1.0, MAX_WIDTH_SCALE));
         let radius = 0.5 * (area / count as f32).sqrt();
-        Self { strands, children, width_scale, radius, albedo: strands.colour.albedo() }
+        Self { strands, children, width_scale, radius, log_albedo: strands.colour.albedo().map(f32::ln) }
     }
 
     /// Diameter drawn at particle coordinate `at` (particle index plus fraction), `s` from root 0 to tip 1.
@@ -204,9 +208,10 @@ impl<'a> Hair<'a> {
     }
 
     /// Adds to `pieces` all that touch the tile `tile` with its upper left pixel at `corner`, unless farther than
-    /// 1/`farthest`.
-    pub fn gather(&self, tile: usize, corner: Vec2, farthest: f32, pieces: &mut Vec<Piece>) {
+    /// 1/`farthest`. Answers how many points they share.
+    pub fn gather(&self, tile: usize, corner: Vec2, farthest: f32, pieces: &mut Vec<Piece>) -> usize {
         let (lo, hi) = (corner - 4.0, corner + (TILE as f32 + 4.0));
+        let mut points = 0_u32;
         for (index, chunk) in self.chunks.iter().enumerate() {
             for &item in chunk.bins.of(tile) {
                 let (curve, edge) = chunk.unpack(item);
@@ -225,12 +230,25 @@ impl<'a> Hair<'a> {
                     if a.min(b).cmplt(hi).all() && a.max(b).cmpgt(lo).all() {
                         let t = [i as f32 / count, (i + 1) as f32 / count];
                         let nearness = p[1].z + (p[2].z - p[1].z) * 0.5 * (t[0] + t[1]);
+                        // Pieces come in the order of their strand: most begin where the one before ended.
+                        let joined = pieces.last().is_some_and(|p| p.to == a && p.chunk == index as u32);
+                        points += if joined { 1 } else { 2 };
                         let ends = [edge == 0 && i == 0, edge == last && i + 1 == count as u32];
-                        pieces.push(Piece { from: a, to: b, nearness, chunk: index as u32, item, t, ends });
+                        pieces.push(Piece {
+                            from: a,
+                            to: b,
+                            nearness,
+                            chunk: index as u32,
+                            item,
+                            t,
+                            points: [points - 2, points - 1],
+                            ends,
+                        });
                     }
                 }
             }
         }
+        points as usize
     }
 
     /// Diameter drawn in the middle of `piece`, metres.
@@ -280,7 +298,7 @@ impl Group<'_> {
         // A power of the albedo is a factor on the square root of the absorption.
         let root = 1.0 + 0.22 * (1.0 - (s / 0.25).min(1.0));
         let power = root * (1.0 + 0.13 * draw(0)) * (1.04 - 0.12 * s);
-        let varied = self.albedo.map(|c| c.powf(power));
+        let varied = (self.log_albedo * power).map(f32::exp);
         let grey = Vec3::splat(luminance(varied));
         varied.lerp(grey, 0.06 + 0.06 * draw(1)).clamp(Vec3::splat(0.002), Vec3::splat(0.95))
     }
@@ -323,7 +341,11 @@ impl Chunk {
     }
 
     /// Every visible edge with the tiles that it may touch.
-    fn items(&self, tiles: TileGrid, pad: f32) -> impl Iterator<Item = (u32, crate::tiles::TileRect)> + Clone {
+    fn items(
+        &self,
+        tiles: TileGrid,
+        pad: f32,
+    ) -> impl Iterator<Item = (u32, crate::tiles::TileRect)> + Clone {
         (0..self.curves.len()).flat_map(move |curve| {
             let start = self.curves[curve].start as usize;
             (0..self.edges(curve)).filter_map(move |edge| {

@@ -1,8 +1,41 @@
-//! Pictures of hair without a GPU or any system library.
+//! Pictures of hair without a GPU or any system library: stills, contact sheets and short films.
+//!
+//! ```
+//! use forelock_core::{body::TriMesh, groom::Groom, pose::Pose};
+//! use forelock_render::{Body, Camera, HairColour, Scene, Settings, Strands, render};
+//! use glam::Vec3;
+//!
+//! let strand = |x: f32| (0..8).map(|i| Vec3::new(x, 0.1 - 0.02 * i as f32, 0.02)).collect::<Vec<_>>();
+//! let groom = Groom::from_strands((0..40).map(|i| strand(0.002 * i as f32 - 0.04)))?;
+//! let corners = vec![Vec3::new(-0.1, -0.1, 0.0), Vec3::new(0.1, -0.1, 0.0), Vec3::new(0.0, 0.1, 0.0)];
+//! let board = TriMesh::new(corners, vec![[0, 1, 2]])?;
+//!
+//! let camera = Camera::framing(board.bounds(), 0.4, 0.1);
+//! let bodies = vec![Body::new(&board, Pose::IDENTITY)];
+//! let scene = Scene::new(bodies, vec![Strands::from_groom(&groom, HairColour::RED)], camera);
+//! let image = render(&scene, &Settings { width: 96, height: 96, ..Settings::default() })?;
+//! assert_eq!(image.to_png()?[1..4], *b"PNG");
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # Theory
+//! Each part's module says its own: [`hair`] curves, widths and children; `raster` coverage and order (Gupta & Sproull
+//! 1981; Porter & Duff 1984); `fibre` the scattering of one hair (Marschner et al. 2003; Karis 2016); `volume` hair as a
+//! medium that casts shadows on itself (after Yuksel & Keyser 2008); [`colour`] melanin, film curve and sRGB.
+//!
+//! # Practice
+//! The picture is cut into tiles of 32 × 32 pixels. Projection, shadows and ambient occlusion come first, for the whole
+//! scene; then every tile samples its bodies, sorts its pieces of strands, lays them from front to back, and lights
+//! only what is seen. Memory grows with the particles (12 bytes for each one drawn), not with the fragments.
+//!
+//! # Limitations
+//! Light is scattered once, but for a soft remainder; bodies reflect none onto hair. There is no depth of field and no motion
+//! blur. Shapes of different size look the same only if widths and the sizes they belong to are scaled alike.
 
 pub mod camera;
 pub mod colour;
 mod fibre;
+pub mod film;
 mod font;
 pub mod hair;
 pub mod image;
@@ -19,6 +52,7 @@ mod volume;
 
 pub use camera::Camera;
 pub use colour::HairColour;
+pub use film::Film;
 pub use image::{Image, ImageError, MAX_SIDE};
 pub use light::{Ambient, Light};
 pub use scene::{Backdrop, Body, HAIR_WIDTH, RenderError, Scene, Settings, Strands};
@@ -46,8 +80,7 @@ pub fn render(scene: &Scene<'_>, settings: &Settings) -> Result<Image, RenderErr
     let solids = solids::Solids::new(&scene.bodies, &view, grid)?;
     let hair = hair::Hair::new(scene, settings, &view, grid);
     let lighting = lighting::Lighting::new(scene, &solids, &hair);
-    let frame =
-        raster::Frame { settings: *settings, view, backdrop: scene.backdrop, solids, hair, lighting };
+    let frame = raster::Frame { settings: *settings, view, backdrop: scene.backdrop, solids, hair, lighting };
 
     let tiles: Vec<_> = (0..grid.len())
         .into_par_iter()

@@ -75,20 +75,22 @@ impl Lighting {
     /// Radiance of a piece of hair towards the eye.
     pub fn of_hair(&self, point: &StrandPoint) -> Vec3 {
         let to_eye = (self.eye - point.position).normalize_or(Vec3::Z);
-        let fibre = Fibre { tangent: point.tangent, to_eye, albedo: point.albedo, tilt: point.tilt };
+        let fibre = Fibre::new(point.tangent, to_eye, point.albedo, point.tilt);
         let mut radiance = Vec3::ZERO;
         for (light, map, depths) in &self.lights {
             let out = |map: &ShadowMap| point.position + light.direction * (4.0 * map.texel());
-            let lit = map.as_ref().map_or(1.0, |map| map.visibility(out(map)));
+            let lit = map.as_ref().map_or(1.0, |map| map.visibility(out(map), 0));
             if lit > 0.0 {
                 let depth = depths.as_ref().map_or(0.0, |g| g.sample(point.position)) * EXTINCTION;
-                radiance += light.colour * fibre.scatter(light.direction, depth) * (lit * std::f32::consts::PI);
+                radiance +=
+                    light.colour * fibre.scatter(light.direction, depth) * (lit * std::f32::consts::PI);
             }
         }
         // Light from all around arrives at the side that faces the eye and at the top.
-        let facing = (to_eye - point.tangent * point.tangent.dot(to_eye) + Vec3::Y * 0.5).normalize_or(Vec3::Y);
+        let facing =
+            (to_eye - point.tangent * point.tangent.dot(to_eye) + Vec3::Y * 0.5).normalize_or(Vec3::Y);
         let open = self.openness.as_ref().map_or(1.0, |g| g.sample(point.position));
-        radiance + self.ambient.at(facing) * point.albedo.map(|c| c.powf(0.7)) * (0.6 * open)
+        radiance + self.ambient.at(facing) * fibre.ambient() * open
     }
 
     /// Radiance of a body's surface towards the eye.
@@ -99,7 +101,7 @@ impl Lighting {
         for (light, map, depths) in &self.lights {
             let cos = normal.dot(light.direction);
             let out = |map: &ShadowMap| position + (normal * 2.5 + light.direction * 2.0) * map.texel();
-            let lit = map.as_ref().map_or(1.0, |map| map.visibility(out(map)));
+            let lit = map.as_ref().map_or(1.0, |map| map.visibility(out(map), 2));
             let depth = depths.as_ref().map_or(0.0, |g| g.sample(position)) * EXTINCTION;
             let arriving = light.colour * (lit * (-depth).exp());
             // Light wraps through skin where the surface turns away, but not behind another surface.

@@ -3,14 +3,15 @@
 //! # Theory
 //! A strand is nearly always thinner than a pixel. What a pixel should show is its share under the pixel filter: for a straight
 //! strand of width w at distance d from the pixel's centre, F(d + w/2) − F(d − w/2), with F the integral of the filter across
-//! the strand (Gupta & Sproull 1981, *Filtering edges for gray-scale displays*). The filter is a tent of radius one pixel. This
-//! share is the fragment's opacity; pieces, sorted by depth, are laid under one another from front to back:
+//! the strand (Gupta & Sproull 1981, *Filtering edges for gray-scale displays*). The filter is a tent whose radius is a pixel's side as seen
+//! along the nearer axis, max(|cos|, |sin|) of the strand's angle: pixels of one column (or row) then share each strand out
+//! exactly, at every angle and offset. This share is the fragment's opacity; pieces, sorted by depth, are laid under one another from front to back:
 //! C += T a c, T ← T (1 − a) (Porter & Duff 1984).
 //!
 //! # Practice
 //! A pixel belongs to the piece on whose length its centre falls, so joints are neither doubled nor missing; only
-//! where a strand ends does its last pixel count in part. A pixel that lets less than 1/500 through takes no more
-//! fragments, and a piece that no pixel shows is never lit. Bodies keep n × n depths a pixel; a fragment counts by
+//! where a strand ends does its last pixel count in part. A pixel that lets less than 1/100 through takes no more
+//! fragments and is scaled to full opacity, and a piece that no pixel shows is never lit. Bodies keep n × n depths a pixel; a fragment counts by
 //! the share of them behind it.
 //!
 //! # Limitations
@@ -29,7 +30,7 @@ use crate::tiles::TILE;
 /// Pixels in a tile.
 const PIXELS: usize = (TILE * TILE) as usize;
 /// A pixel that lets less through is done.
-const OPAQUE: f32 = 0.002;
+const OPAQUE: f32 = 0.01;
 /// No triangle.
 const NONE: u32 = u32::MAX;
 
@@ -48,10 +49,22 @@ pub(crate) struct Frame<'a> {
 pub(crate) struct Tile {
     /// Nearest triangle and inverse depth of each sample, pixel by pixel.
     samples: Vec<(u32, f32)>,
-    /// Light gathered by strands, and what they let through.
-    hair: Vec<(Vec3, f32)>,
+    pixels: Vec<Pixel>,
     pieces: Vec<Piece>,
+    /// Light from each point that pieces share, once one is seen.
+    lit: Vec<Option<Vec3>>,
     order: Vec<u64>,
+}
+
+/// What strands have done to a pixel so far.
+#[derive(Clone, Copy)]
+struct Pixel {
+    /// Light gathered.
+    gathered: Vec3,
+    /// The share of what is behind that still comes through.
+    through: f32,
+    /// Least and greatest inverse depth of the bodies' samples.
+    bodies: [f32; 2],
 }
 
 impl Tile {
@@ -84,7 +97,8 @@ impl Tile {
             return;
         }
         let side = TILE * n;
-        let range = |lo: f32, hi: f32| lo.ceil().max(0.0) as u32..((hi.floor() + 1.0).max(0.0) as u32).min(side);
+        let range =
+            |lo: f32, hi: f32| lo.ceil().max(0.0) as u32..((hi.floor() + 1.0).max(0.0) as u32).min(side);
         let (lo, hi) = (a.min(b).min(c), a.max(b).max(c));
         for y in range(lo.y, hi.y) {
             for x in range(lo.x, hi.x) {
@@ -105,12 +119,18 @@ impl Tile {
     }
 
     fn draw_hair(&mut self, frame: &Frame<'_>, index: usize, corner: [u32; 2]) {
-        self.hair.clear();
-        self.hair.resize(PIXELS, (Vec3::ZERO, 1.0));
-        let farthest = self.samples.iter().map(|s| s.1).fold(f32::INFINITY, f32::min);
+        let per_pixel = self.samples.len() / PIXELS;
+        self.pixels.clear();
+        self.pixels.extend(self.samples.chunks_exact(per_pixel).map(|samples| {
+            let range = |f: fn(f32, f32) -> f32| samples.iter().map(|s| s.1).reduce(f).unwrap_or(0.0);
+            Pixel { gathered: Vec3::ZERO, through: 1.0, bodies: [range(f32::min), range(f32::max)] }
+        }));
+        let farthest = self.pixels.iter().map(|p| p.bodies[0]).fold(f32::INFINITY, f32::min);
         let origin = Vec2::new(corner[0] as f32, corner[1] as f32);
         self.pieces.clear();
-        frame.hair.gather(index, origin, farthest, &mut self.pieces);
+        let points = frame.hair.gather(index, origin, farthest, &mut self.pieces);
+        self.lit.clear();
+        self.lit.resize(points, None);
         // Inverse depths are positive, so their bits order as they do; the index settles ties.
         self.order.clear();
         self.order.extend(
@@ -118,22 +138,60 @@ impl Tile {
         );
         self.order.sort_unstable();
         let mut open = PIXELS;
-        for &key in &self.order {
+        for i in 0..self.order.len() {
             if open == 0 {
                 break;
             }
-            let piece = &self.pieces[(key & 0xffff_ffff) as usize];
-            open -= draw_piece(frame, piece, origin, &self.samples, &mut self.hair);
+            open -= self.draw_piece(frame, (self.order[i] & 0xffff_ffff) as usize, origin);
         }
+    }
+
+    /// Lays a piece under what the pixels already show; answers how many became opaque.
+    fn draw_piece(&mut self, frame: &Frame<'_>, piece: usize, origin: Vec2) -> usize {
+        let piece = &self.pieces[piece];
+        let half_width = 0.5 * frame.hair.width(piece) * frame.view.focal * piece.nearness;
+        let Some(strip) = Strip::new(piece, origin, half_width) else { return 0 };
+        let per_pixel = self.samples.len() / PIXELS;
+        let mut light = None;
+        let mut closed = 0;
+        for y in strip.rows() {
+            for x in strip.columns(y) {
+                let i = (y * TILE + x) as usize;
+                let pixel = &mut self.pixels[i];
+                if pixel.through <= OPAQUE || piece.nearness < pixel.bodies[0] {
+                    continue;
+                }
+                let (along, mut coverage) = strip.coverage(x, y, piece.ends);
+                if piece.nearness < pixel.bodies[1] {
+                    let samples = &self.samples[i * per_pixel..(i + 1) * per_pixel];
+                    let seen = samples.iter().filter(|s| s.1 <= piece.nearness).count();
+                    coverage *= seen as f32 / per_pixel as f32;
+                }
+                if coverage > 0.0 {
+                    let [from, to] = *light.get_or_insert_with(|| {
+                        [0, 1].map(|end| {
+                            *self.lit[piece.points[end] as usize]
+                                .get_or_insert_with(|| frame.lighting.of_hair(&frame.hair.point(piece, end)))
+                        })
+                    });
+                    pixel.gathered += from.lerp(to, along) * (pixel.through * coverage);
+                    pixel.through *= 1.0 - coverage;
+                    closed += usize::from(pixel.through <= OPAQUE);
+                }
+            }
+        }
+        closed
     }
 
     /// The colour of pixel `i`: hair over body over backdrop.
     fn resolve(&self, frame: &Frame<'_>, corner: [u32; 2], i: usize) -> [u8; 4] {
         let Settings { width, height, samples: n, exposure, .. } = frame.settings;
         let (x, y) = (corner[0] + i as u32 % TILE, corner[1] + i as u32 / TILE);
-        let (gathered, through) = self.hair[i];
+        let Pixel { gathered, through, .. } = self.pixels[i];
         let mut colour = gathered;
-        if through > OPAQUE {
+        if through <= OPAQUE {
+            colour /= 1.0 - through;
+        } else {
             let count = (n * n) as usize;
             let samples = &self.samples[i * count..(i + 1) * count];
             let centre = [x as f32 + 0.5, y as f32 + 0.5];
@@ -171,75 +229,43 @@ fn behind_hair(frame: &Frame<'_>, samples: &[(u32, f32)], centre: [f32; 2], back
     sum
 }
 
-/// Lays `piece` under what the tile's pixels already show; answers how many became opaque.
-fn draw_piece(
-    frame: &Frame<'_>,
-    piece: &Piece,
-    origin: Vec2,
-    samples: &[(u32, f32)],
-    pixels: &mut [(Vec3, f32)],
-) -> usize {
-    let per_pixel = samples.len() / PIXELS;
-    let Some(strip) = Strip::new(piece, origin) else { return 0 };
-    let half_width = 0.5 * frame.hair.width(piece) * frame.view.focal * piece.nearness;
-    let mut lit = None;
-    let mut closed = 0;
-    for y in strip.rows(half_width) {
-        for x in strip.columns(y, half_width) {
-            let i = (y * TILE + x) as usize;
-            let (gathered, through) = &mut pixels[i];
-            if *through <= OPAQUE {
-                continue;
-            }
-            let behind = &samples[i * per_pixel..(i + 1) * per_pixel];
-            let seen = behind.iter().filter(|s| s.1 <= piece.nearness).count() as f32 / per_pixel as f32;
-            let coverage = seen * strip.coverage(x, y, half_width, piece.ends);
-            if coverage > 0.0 {
-                let [from, to] = *lit.get_or_insert_with(|| {
-                    [0, 1].map(|end| frame.lighting.of_hair(&frame.hair.point(piece, end)))
-                });
-                *gathered += from.lerp(to, strip.fraction(x, y)) * (*through * coverage);
-                *through *= 1.0 - coverage;
-                closed += usize::from(*through <= OPAQUE);
-            }
-        }
-    }
-    closed
-}
-
 /// A piece as a strip of pixels in a tile.
 struct Strip {
     from: Vec2,
     along: Vec2,
     length: f32,
+    half_width: f32,
+    /// Radius of the filter across, pixels.
+    radius: f32,
 }
 
 impl Strip {
-    fn new(piece: &Piece, origin: Vec2) -> Option<Self> {
+    fn new(piece: &Piece, origin: Vec2, half_width: f32) -> Option<Self> {
         // Relative to the first pixel's centre.
         let from = piece.from - origin - 0.5;
         let span = piece.to - piece.from;
         let length = span.length();
-        (length > 1e-6 && length.is_finite()).then(|| Self { from, along: span / length, length })
+        let along = span / length;
+        let radius = FILTER_RADIUS * along.abs().max_element();
+        (length > 1e-6 && length.is_finite()).then_some(Self { from, along, length, half_width, radius })
     }
 
-    fn rows(&self, half_width: f32) -> std::ops::Range<u32> {
-        let reach = half_width + FILTER_RADIUS;
+    fn rows(&self) -> std::ops::Range<u32> {
+        let reach = self.half_width + self.radius;
         let to = self.from.y + self.along.y * self.length;
         whole(self.from.y.min(to) - reach, self.from.y.max(to) + reach)
     }
 
     /// The pixels of row `y` whose centres are near enough to the line and to its length.
-    fn columns(&self, y: u32, half_width: f32) -> std::ops::Range<u32> {
-        let reach = half_width + FILTER_RADIUS;
+    fn columns(&self, y: u32) -> std::ops::Range<u32> {
+        let reach = self.half_width + self.radius;
         let dy = y as f32 - self.from.y;
         let Vec2 { x: tx, y: ty } = self.along;
         // |across| ≤ reach with across = ty dx − tx dy, and −½ ≤ along ≤ length + ½ with along = tx dx + ty dy.
         let (mut lo, mut hi) = (f32::NEG_INFINITY, f32::INFINITY);
-        for (slope, a, b) in [
-            (ty, -reach + tx * dy, reach + tx * dy),
-            (tx, -0.5 - ty * dy, self.length + 0.5 - ty * dy),
-        ] {
+        for (slope, a, b) in
+            [(ty, -reach + tx * dy, reach + tx * dy), (tx, -0.5 - ty * dy, self.length + 0.5 - ty * dy)]
+        {
             if slope.abs() > 1e-6 {
                 lo = lo.max((a / slope).min(b / slope));
                 hi = hi.min((a / slope).max(b / slope));
@@ -250,21 +276,17 @@ impl Strip {
         whole(self.from.x + lo, self.from.x + hi)
     }
 
-    /// How far along the strip pixel (`x`, `y`) is, 0–1.
-    fn fraction(&self, x: u32, y: u32) -> f32 {
-        let offset = Vec2::new(x as f32, y as f32) - self.from;
-        (self.along.dot(offset) / self.length).clamp(0.0, 1.0)
-    }
-
-    /// The share of pixel (`x`, `y`) under the strip.
-    fn coverage(&self, x: u32, y: u32, half_width: f32, ends: [bool; 2]) -> f32 {
+    /// How far along the strip pixel (`x`, `y`) is, 0–1, and its share under the strip.
+    fn coverage(&self, x: u32, y: u32, ends: [bool; 2]) -> (f32, f32) {
         let offset = Vec2::new(x as f32, y as f32) - self.from;
         let (along, across) = (self.along.dot(offset), self.along.perp_dot(offset));
         let owned = |inside: bool| if inside { 1.0 } else { 0.0 };
         let start = if ends[0] { (along + 0.5).clamp(0.0, 1.0) } else { owned(along >= 0.0) };
         let end =
             if ends[1] { (self.length - along + 0.5).clamp(0.0, 1.0) } else { owned(along < self.length) };
-        (tent_integral(across + half_width) - tent_integral(across - half_width)) * start.min(end)
+        let below = |edge: f32| tent_integral((across + edge) / self.radius);
+        let share = below(self.half_width) - below(-self.half_width);
+        ((along / self.length).clamp(0.0, 1.0), share * start.min(end))
     }
 }
 
@@ -274,8 +296,10 @@ fn tent_integral(x: f32) -> f32 {
     0.5 + x - 0.5 * x * x.abs()
 }
 
-/// The whole numbers from `lo` to `hi` within a tile.
+/// The whole numbers from `lo` to `hi` within a tile; casts that cut off stand for floor and ceil, which are slow.
 fn whole(lo: f32, hi: f32) -> std::ops::Range<u32> {
-    let end = (hi.floor() + 1.0).clamp(0.0, TILE as f32) as u32;
-    (lo.ceil().max(0.0) as u32).min(end)..end
+    let end = if hi < 0.0 { 0 } else { (hi as u32).saturating_add(1).min(TILE) };
+    let below = lo.max(0.0) as u32;
+    let start = below.saturating_add(u32::from((below as f32) < lo));
+    start.min(end)..end
 }

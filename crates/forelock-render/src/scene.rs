@@ -7,6 +7,7 @@ use glam::Vec3;
 
 use crate::camera::Camera;
 use crate::colour::HairColour;
+use crate::hair::MAX_PARTICLES;
 use crate::image::ImageError;
 use crate::light::{Ambient, Light};
 
@@ -100,8 +101,13 @@ impl<'a> Strands<'a> {
         if !grows || self.strand_offsets.last().is_some_and(|&last| last as usize != particles) {
             return Err(RenderError::Offsets { group });
         }
-        let lengths =
-            [("widths", self.widths.map(<[_]>::len)), ("colours", self.colours.map(<[_]>::len))];
+        for (strand, range) in self.strand_offsets.windows(2).enumerate() {
+            let particles = (range[1] - range[0]) as usize;
+            if particles > MAX_PARTICLES {
+                return Err(RenderError::StrandLength { group, strand, particles });
+            }
+        }
+        let lengths = [("widths", self.widths.map(<[_]>::len)), ("colours", self.colours.map(<[_]>::len))];
         for (name, found) in lengths {
             if let Some(found) = found.filter(|&found| found != particles) {
                 return Err(RenderError::AttributeLength { group, name, expected: particles, found });
@@ -143,11 +149,11 @@ pub struct Settings {
     pub width: u32,
     /// Height of the picture, pixels, 1–4096, default 800.
     pub height: u32,
-    /// Samples along each side of a pixel for the edges of bodies, 1–4, default 2. Strands need none: their coverage is exact.
+    /// Samples along each side of a pixel for the edges of bodies, 1–4, default 2; strands need none.
     pub samples: u32,
-    /// Factor on the strands' widths; `None` (default) lets the strands drawn stand for a full head ([`crate::hair`]).
+    /// Factor on the strands' widths, above 0; `None` (default) lets them stand for a full head ([`crate::hair`]).
     pub width_scale: Option<f32>,
-    /// Strands drawn for each simulated one, 1–64, beside it by about the distance between roots; for display only. `None` (default): enough for 40,000, at most 4.
+    /// Strands drawn for each simulated one, 1–64, for display only; `None` (default): 1–4 ([`crate::hair`]).
     pub children: Option<u32>,
     /// Factor on all light, default 1, above 0.
     pub exposure: f32,
@@ -157,7 +163,15 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { width: 800, height: 800, samples: 2, width_scale: None, children: None, exposure: 1.0, seed: 1 }
+        Self {
+            width: 800,
+            height: 800,
+            samples: 2,
+            width_scale: None,
+            children: None,
+            exposure: 1.0,
+            seed: 1,
+        }
     }
 }
 

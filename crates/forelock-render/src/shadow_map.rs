@@ -9,15 +9,17 @@ pub(crate) struct ShadowMap {
     origin: Vec3,
     /// Side of a texel, metres.
     texel: f32,
-    side: usize,
     /// Distance towards the light of the nearest surface, metres; −∞ where there is none.
     heights: Vec<f32>,
+    /// Lowest and highest of each block of texels: most points need no more.
+    blocks: Vec<[f32; 2]>,
 }
 
+/// Texels along the side of a block.
+const BLOCK: usize = 8;
+
 /// Texels along a side.
-const SIDE: usize = 1024;
-/// Half width of the soft edge, texels.
-const SOFTNESS: i32 = 2;
+const SIDE: usize = 768;
 
 impl ShadowMap {
     /// The map of `triangles` (world space, within the sphere `centre`, `radius`) for light from `to_light`.
@@ -31,10 +33,15 @@ impl ShadowMap {
         let up = to_light.cross(right);
         let texel = (2.0 * radius / SIDE as f32).max(1e-12);
         let origin = centre - (right + up) * radius;
-        let mut map =
-            Self { axes: [right, up, to_light], origin, texel, side: SIDE, heights: vec![f32::NEG_INFINITY; SIDE * SIDE] };
+        let heights = vec![f32::NEG_INFINITY; SIDE * SIDE];
+        let mut map = Self { axes: [right, up, to_light], origin, texel, heights, blocks: Vec::new() };
         for triangle in triangles {
             map.draw(triangle.map(|p| map.locate(p)));
+        }
+        map.blocks = vec![[f32::INFINITY, f32::NEG_INFINITY]; (SIDE / BLOCK) * (SIDE / BLOCK)];
+        for (i, &height) in map.heights.iter().enumerate() {
+            let [lo, hi] = &mut map.blocks[i / SIDE / BLOCK * (SIDE / BLOCK) + i % SIDE / BLOCK];
+            (*lo, *hi) = (lo.min(height), hi.max(height));
         }
         map
     }
@@ -53,7 +60,7 @@ impl ShadowMap {
         }
         let (lo, hi) = (a.min(b).min(c), a.max(b).max(c));
         let range = |lo: f32, hi: f32| {
-            (lo - 0.5).ceil().max(0.0) as usize..((hi + 0.5).floor().max(0.0) as usize).min(self.side)
+            (lo - 0.5).ceil().max(0.0) as usize..((hi + 0.5).floor().max(0.0) as usize).min(SIDE)
         };
         for y in range(lo.y, hi.y) {
             let py = y as f32 + 0.5;
@@ -64,7 +71,7 @@ impl ShadowMap {
                 let w = 1.0 - u - v;
                 if u >= 0.0 && v >= 0.0 && w >= 0.0 {
                     let height = u * a.z + v * b.z + w * c.z;
-                    let texel = &mut self.heights[y * self.side + x];
+                    let texel = &mut self.heights[y * SIDE + x];
                     *texel = texel.max(height);
                 }
             }
@@ -76,20 +83,36 @@ impl ShadowMap {
         self.texel
     }
 
-    /// The share of light that reaches `point`, 0–1; all of it outside the map.
-    pub fn visibility(&self, point: Vec3) -> f32 {
+    /// The share of light that reaches `point`, 0–1; all of it outside the map. An edge is `2 softness + 2` texels wide.
+    pub fn visibility(&self, point: Vec3, softness: u8) -> f32 {
         let p = self.locate(point);
-        let (x, y) = ((p.x - 0.5).floor(), (p.y - 0.5).floor());
-        let (fx, fy) = (p.x - 0.5 - x, p.y - 0.5 - y);
-        let (x, y) = (x as i32, y as i32);
+        let margin = f32::from(softness) + 1.0;
+        if p.x.min(p.y) < margin || p.x.max(p.y) > SIDE as f32 - margin - 1.0 {
+            return 1.0;
+        }
+        let (x, y) = ((p.x - 0.5) as usize, (p.y - 0.5) as usize);
+        let (fx, fy) = (p.x - 0.5 - x as f32, p.y - 0.5 - y as f32);
+        let [lo, hi] = self.range(x, y, usize::from(softness));
+        if p.z >= hi {
+            return 1.0;
+        } else if p.z < lo {
+            return 0.0;
+        }
         let (mut lit, mut total) = (0.0, 0.0);
         // A box of texels whose outer rows fade with the position between them: smooth as the point moves.
-        for j in -SOFTNESS..=SOFTNESS + 1 {
-            let wy = edge_weight(j, fy);
-            for i in -SOFTNESS..=SOFTNESS + 1 {
-                let weight = wy * edge_weight(i, fx);
+        let reach = i32::from(softness);
+        let edge = |i: i32, fraction: f32| match i {
+            _ if i == -reach => 1.0 - fraction,
+            _ if i == reach + 1 => fraction,
+            _ => 1.0,
+        };
+        for j in -reach..=reach + 1 {
+            let wy = edge(j, fy);
+            for i in -reach..=reach + 1 {
+                let weight = wy * edge(i, fx);
                 total += weight;
-                if self.height(x + i, y + j) <= p.z {
+                let texel = (y as i32 + j) * SIDE as i32 + x as i32 + i;
+                if self.heights[texel as usize] <= p.z {
                     lit += weight;
                 }
             }
@@ -97,17 +120,16 @@ impl ShadowMap {
         lit / total
     }
 
-    fn height(&self, x: i32, y: i32) -> f32 {
-        let inside = (0..self.side as i32).contains(&x) && (0..self.side as i32).contains(&y);
-        if inside { self.heights[y as usize * self.side + x as usize] } else { f32::NEG_INFINITY }
-    }
-}
-
-fn edge_weight(i: i32, fraction: f32) -> f32 {
-    match i {
-        _ if i == -SOFTNESS => 1.0 - fraction,
-        _ if i == SOFTNESS + 1 => fraction,
-        _ => 1.0,
+    /// Bounds on all heights that the soft edge around texel (`x`, `y`) can see.
+    fn range(&self, x: usize, y: usize, reach: usize) -> [f32; 2] {
+        let blocks = |at: usize| [(at - reach) / BLOCK, (at + reach + 1) / BLOCK];
+        let (columns, rows) = (blocks(x), blocks(y));
+        let mut range = [f32::INFINITY, f32::NEG_INFINITY];
+        for (column, row) in rows.iter().flat_map(|&r| columns.map(|c| (c, r))) {
+            let [lo, hi] = self.blocks[row * (SIDE / BLOCK) + column];
+            range = [range[0].min(lo), range[1].max(hi)];
+        }
+        range
     }
 }
 
@@ -123,10 +145,10 @@ mod tests {
             [corner(-1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)],
         ];
         let map = ShadowMap::new(plate.into_iter(), Vec3::Y, Vec3::ZERO, 2.0);
-        assert_eq!(map.visibility(Vec3::new(0.3, 0.0, 0.2)), 0.0);
-        assert_eq!(map.visibility(Vec3::new(0.3, 1.5, 0.2)), 1.0);
-        assert_eq!(map.visibility(Vec3::new(1.5, 0.0, 0.2)), 1.0);
-        let edge = map.visibility(Vec3::new(1.0, 0.0, 0.2));
+        assert_eq!(map.visibility(Vec3::new(0.3, 0.0, 0.2), 2), 0.0);
+        assert_eq!(map.visibility(Vec3::new(0.3, 1.5, 0.2), 2), 1.0);
+        assert_eq!(map.visibility(Vec3::new(1.5, 0.0, 0.2), 2), 1.0);
+        let edge = map.visibility(Vec3::new(1.0, 0.0, 0.2), 2);
         assert!((0.3..0.7).contains(&edge), "{edge}");
     }
 }

@@ -17,7 +17,7 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use glam::{IVec3, UVec3, Vec3};
+use glam::{UVec3, Vec3};
 
 /// A deposit of 1 in fixed point; 2³² of them fit.
 const ONE: f32 = 4_294_967_296.0;
@@ -42,11 +42,9 @@ impl Layout {
         self.size.x as usize * self.size.y as usize * self.size.z as usize
     }
 
-    /// The cell whose centre is below `point` on every axis, and how far `point` is past it, 0–1.
-    fn locate(&self, point: Vec3) -> (IVec3, Vec3) {
-        let scaled = (point - self.origin) / self.cell;
-        let base = scaled.floor();
-        (base.as_ivec3(), scaled - base)
+    /// `point` in cells from the centre of the first.
+    fn locate(&self, point: Vec3) -> Vec3 {
+        (point - self.origin) / self.cell
     }
 
     /// Memory distance between neighbours along each axis.
@@ -54,18 +52,18 @@ impl Layout {
         [1, self.size.x as usize, self.size.x as usize * self.size.y as usize]
     }
 
-    /// The corner cells around a point with their weights; cells outside are moved to the border.
+    /// The eight cells around a point with their weights; points outside are moved to the border.
     fn corners(&self, point: Vec3) -> [(usize, f32); 8] {
-        let (base, f) = self.locate(point);
-        let last = self.size.as_ivec3() - 1;
-        let (lo, hi) = (base.clamp(IVec3::ZERO, last), (base + 1).clamp(IVec3::ZERO, last));
+        // At least three cells a side, and not negative after the clamp: the cast is the floor.
+        let scaled = self.locate(point).clamp(Vec3::ZERO, (self.size - 1).as_vec3());
+        let base = scaled.as_uvec3().min(self.size - 2);
+        let f = scaled - base.as_vec3();
         let [_, sy, sz] = self.strides();
+        let first = base.x as usize + base.y as usize * sy + base.z as usize * sz;
+        let (x, y, z) = ([1.0 - f.x, f.x], [1.0 - f.y, f.y], [1.0 - f.z, f.z]);
         std::array::from_fn(|i| {
-            let pick = |bit: usize, axis: usize| {
-                if i & bit == 0 { (lo[axis] as usize, 1.0 - f[axis]) } else { (hi[axis] as usize, f[axis]) }
-            };
-            let ((x, wx), (y, wy), (z, wz)) = (pick(1, 0), pick(2, 1), pick(4, 2));
-            (x + y * sy + z * sz, wx * wy * wz)
+            let (dx, dy, dz) = (i & 1, i >> 1 & 1, i >> 2);
+            (first + dx + dy * sy + dz * sz, x[dx] * y[dy] * z[dz])
         })
     }
 }
@@ -84,8 +82,8 @@ impl Deposits {
     /// Spreads `area` (m²) over the cells around `point`; points outside the grid are ignored.
     pub fn add(&self, point: Vec3, area: f32) {
         let depth = area / (self.layout.cell * self.layout.cell);
-        let (base, _) = self.layout.locate(point);
-        let inside = base.cmpge(IVec3::ZERO).all() && base.cmplt(self.layout.size.as_ivec3() - 1).all();
+        let at = self.layout.locate(point);
+        let inside = at.cmpge(Vec3::ZERO).all() && at.cmple((self.layout.size - 1).as_vec3()).all();
         if inside && depth.is_finite() {
             for (cell, weight) in self.layout.corners(point) {
                 self.cells[cell].fetch_add((depth * weight * ONE) as u64, Ordering::Relaxed);
