@@ -20,7 +20,9 @@
 //! # Limitations
 //! A strand's edge with a control point behind the near plane is left out rather than cut. A piece is lit at its ends, and linearly between.
 
-use glam::{Vec2, Vec3, Vec3Swizzles};
+use std::ops::{Add, Mul};
+
+use glam::{Vec2, Vec3, Vec3Swizzles, Vec4, Vec4Swizzles};
 use rayon::prelude::*;
 
 use crate::camera::View;
@@ -62,9 +64,9 @@ struct Curve {
 pub(crate) struct Chunk {
     group: usize,
     curves: Vec<Curve>,
-    /// Pixel x, pixel y, inverse depth; for each curve one point before its root and one after its tip. NaN behind the
+    /// Pixel x, pixel y, inverse depth, half the width in pixels; for each curve one point before its root and one after its tip. NaN behind the
     /// near plane.
-    points: Vec<Vec3>,
+    points: Vec<Vec4>,
     bins: Bins,
 }
 
@@ -75,6 +77,8 @@ pub(crate) struct Piece {
     pub to: Vec2,
     /// Inverse depth at the middle.
     pub nearness: f32,
+    /// Half the width at the middle, pixels.
+    pub half_width: f32,
     chunk: u32,
     item: u32,
     /// Where its ends lie on their edge, 0–1.
@@ -210,55 +214,45 @@ impl<'a> Hair<'a> {
     /// Adds to `pieces` all that touch the tile `tile` with its upper left pixel at `corner`, unless farther than
     /// 1/`farthest`. Answers how many points they share.
     pub fn gather(&self, tile: usize, corner: Vec2, farthest: f32, pieces: &mut Vec<Piece>) -> usize {
-        let (lo, hi) = (corner - 4.0, corner + (TILE as f32 + 4.0));
-        let mut points = 0_u32;
+        let mut points = 0;
         for (index, chunk) in self.chunks.iter().enumerate() {
             for &item in chunk.bins.of(tile) {
                 let (curve, edge) = chunk.unpack(item);
-                let start = chunk.curves[curve].start as usize;
-                let p: [Vec3; 4] = std::array::from_fn(|i| chunk.points[start + edge + i]);
+                let start = chunk.curves[curve].start as usize + edge;
+                let p: [Vec4; 4] = std::array::from_fn(|i| chunk.points[start + i]);
                 if p[1].z.max(p[2].z) < farthest {
                     continue;
                 }
                 let count = (p[1].xy().distance(p[2].xy()) / PIECE_PX).ceil().clamp(1.0, MAX_PIECES);
-                let last = chunk.edges(curve) - 1;
-                let mut from = p[1];
+                let is_last = edge + 1 == chunk.edges(curve);
+                let mut to = p[1].xy();
                 for i in 0..count as u32 {
-                    let to = catmull_rom(p, (i + 1) as f32 / count);
-                    let (a, b) = (from.xy(), to.xy());
-                    from = to;
-                    if a.min(b).cmplt(hi).all() && a.max(b).cmpgt(lo).all() {
-                        let t = [i as f32 / count, (i + 1) as f32 / count];
-                        let nearness = p[1].z + (p[2].z - p[1].z) * 0.5 * (t[0] + t[1]);
-                        // Pieces come in the order of their strand: most begin where the one before ended.
-                        let joined = pieces.last().is_some_and(|p| p.to == a && p.chunk == index as u32);
-                        points += if joined { 1 } else { 2 };
-                        let ends = [edge == 0 && i == 0, edge == last && i + 1 == count as u32];
-                        pieces.push(Piece {
-                            from: a,
-                            to: b,
-                            nearness,
-                            chunk: index as u32,
-                            item,
-                            t,
-                            points: [points - 2, points - 1],
-                            ends,
-                        });
+                    let t = [i as f32 / count, (i + 1) as f32 / count];
+                    let from = std::mem::replace(&mut to, blend(p, catmull_rom(t[1])).xy());
+                    let middle = p[1].lerp(p[2], 0.5 * (t[0] + t[1]));
+                    let pad = middle.w + FILTER_RADIUS;
+                    let seen = from.min(to).cmplt(corner + (TILE as f32 + pad)).all();
+                    if !(seen && from.max(to).cmpgt(corner - pad).all()) {
+                        continue;
                     }
+                    // Pieces come in the order of their strand: most begin where the one before ended.
+                    let follows = |p: &Piece| p.to == from && p.chunk == index as u32 && !p.ends[1];
+                    points += if pieces.last().is_some_and(follows) { 1 } else { 2 };
+                    pieces.push(Piece {
+                        from,
+                        to,
+                        nearness: middle.z,
+                        half_width: middle.w,
+                        points: [points - 2, points - 1],
+                        ends: [edge == 0 && i == 0, is_last && i + 1 == count as u32],
+                        chunk: index as u32,
+                        item,
+                        t,
+                    });
                 }
             }
         }
         points as usize
-    }
-
-    /// Diameter drawn in the middle of `piece`, metres.
-    pub fn width(&self, piece: &Piece) -> f32 {
-        let chunk = &self.chunks[piece.chunk as usize];
-        let group = &self.groups[chunk.group];
-        let (curve, edge) = chunk.unpack(piece.item);
-        let first = group.strands.strand_offsets[chunk.curves[curve].strand as usize] as usize;
-        let at = edge as f32 + 0.5 * (piece.t[0] + piece.t[1]);
-        group.width(first, at, at / chunk.edges(curve) as f32)
     }
 
     /// The first (0) or last (1) point of `piece` in the world.
@@ -276,10 +270,10 @@ impl<'a> Hair<'a> {
             group.strands.positions[i.clamp(first as isize, past as isize - 1) as usize]
         };
         let p = [particle(-1), particle(0), particle(1), particle(2)];
-        let tangent = catmull_rom_slope(p, t).normalize_or((p[2] - p[1]).normalize_or(Vec3::Y));
+        let tangent = blend(p, catmull_rom_slope(t)).normalize_or((p[2] - p[1]).normalize_or(Vec3::Y));
         let draw = |stream| random::signed(self.seed, strand, 1000 + child * 8 + stream);
         StrandPoint {
-            position: catmull_rom(p, t) + group.offset(self.seed, strand, child, s),
+            position: blend(p, catmull_rom(t)) + group.offset(self.seed, strand, child, s),
             tangent,
             albedo: group.albedo(first + edge, t, s, draw),
             tilt: draw(2) * 0.03,
@@ -322,14 +316,14 @@ impl Chunk {
             for child in 0..group.children {
                 let start = points.len();
                 curves.push(Curve { strand: strand as u32, child, start: start as u32 });
-                points.push(Vec3::NAN);
+                points.push(Vec4::NAN);
                 for (i, &p) in strand_points.iter().enumerate() {
                     let s = i as f32 / last as f32;
                     let p = view.to_camera(p + group.offset(seed, strand as u32, child, s));
                     let pixel = if p.z > view.near { view.to_pixels(p) } else { Vec3::NAN };
-                    let width = group.width(particles.start, i as f32, s) * view.focal * pixel.z;
-                    reach = reach.max(0.5 * width);
-                    points.push(pixel);
+                    let half_width = 0.5 * group.width(particles.start, i as f32, s) * view.focal * pixel.z;
+                    reach = reach.max(half_width);
+                    points.push(pixel.extend(half_width));
                 }
                 points[start] = points[start + 1] * 2.0 - points[start + 2];
                 points.push(points[start + last + 1] * 2.0 - points[start + last]);
@@ -350,7 +344,7 @@ impl Chunk {
             let start = self.curves[curve].start as usize;
             (0..self.edges(curve)).filter_map(move |edge| {
                 let p = &self.points[start + edge..start + edge + 4];
-                if p.iter().any(|p| p.is_nan()) {
+                if !p.iter().all(|p| p.is_finite()) {
                     return None;
                 }
                 // The Bézier points of the same curve: it stays in their box.
@@ -374,16 +368,59 @@ impl Chunk {
     }
 }
 
-/// The uniform Catmull-Rom curve from p₁ (t = 0) to p₂ (t = 1).
-fn catmull_rom([p0, p1, p2, p3]: [Vec3; 4], t: f32) -> Vec3 {
-    let a = (p1 - p2) * 1.5 + (p3 - p0) * 0.5;
-    let b = p0 - p1 * 2.5 + p2 * 2.0 - p3 * 0.5;
-    ((a * t + b) * t + (p2 - p0) * 0.5) * t + p1
+/// Weights of four points for the uniform Catmull-Rom curve from the second (t = 0) to the third (t = 1).
+fn catmull_rom(t: f32) -> [f32; 4] {
+    let (t2, t3) = (t * t, t * t * t);
+    [t2 - 0.5 * (t3 + t), 1.0 + 1.5 * t3 - 2.5 * t2, 2.0 * t2 - 1.5 * t3 + 0.5 * t, 0.5 * (t3 - t2)]
 }
 
-/// Its derivative.
-fn catmull_rom_slope([p0, p1, p2, p3]: [Vec3; 4], t: f32) -> Vec3 {
-    let a = (p1 - p2) * 1.5 + (p3 - p0) * 0.5;
-    let b = p0 - p1 * 2.5 + p2 * 2.0 - p3 * 0.5;
-    (a * (3.0 * t) + b * 2.0) * t + (p2 - p0) * 0.5
+/// Their derivatives.
+fn catmull_rom_slope(t: f32) -> [f32; 4] {
+    let t2 = t * t;
+    [2.0 * t - 1.5 * t2 - 0.5, 4.5 * t2 - 5.0 * t, 4.0 * t - 4.5 * t2 + 0.5, 1.5 * t2 - t]
+}
+
+fn blend<V: Copy + Add<Output = V> + Mul<f32, Output = V>>(p: [V; 4], w: [f32; 4]) -> V {
+    p[0] * w[0] + p[1] * w[1] + p[2] * w[2] + p[3] * w[3]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn curves_pass_through_their_points_without_a_kink() {
+        let p = [Vec3::ZERO, Vec3::X, Vec3::new(2.0, 1.0, 0.0), Vec3::new(2.0, 3.0, 1.0), Vec3::Z];
+        let (first, second) = ([p[0], p[1], p[2], p[3]], [p[1], p[2], p[3], p[4]]);
+        assert_eq!(blend(first, catmull_rom(0.0)), p[1]);
+        assert_eq!(blend(first, catmull_rom(1.0)), p[2]);
+        assert_eq!(blend(first, catmull_rom_slope(1.0)), blend(second, catmull_rom_slope(0.0)));
+        let step = (blend(first, catmull_rom(0.501)) - blend(first, catmull_rom(0.499))) / 0.002;
+        assert!(step.distance(blend(first, catmull_rom_slope(0.5))) < 1e-3);
+    }
+
+    #[test]
+    fn fewer_strands_are_drawn_wider_and_with_children() {
+        // A scalp of about 20 × 15 cm with `side`² straight hairs.
+        let scalp = |side: usize| -> (Vec<Vec3>, Vec<u32>) {
+            let root =
+                |i: usize| Vec3::new((i % side) as f32 * 0.2, 0.0, (i / side) as f32 * 0.15) / side as f32;
+            let points = (0..side * side).flat_map(|i| [root(i), root(i) + Vec3::Y * 0.1]).collect();
+            (points, (0..=(side * side) as u32).map(|i| i * 2).collect())
+        };
+        let derived = |side, settings: &Settings| {
+            let (points, offsets) = scalp(side);
+            let strands = Strands::new(&points, &offsets, crate::HairColour::RED);
+            let group = Group::new(strands, side * side, settings);
+            (group.children, group.width_scale, group.radius)
+        };
+        let settings = Settings::default();
+        let (few, some, all) = (derived(30, &settings), derived(100, &settings), derived(300, &settings));
+        assert_eq!((few.0, some.0, all.0), (4, 4, 1));
+        assert!(few.1 > some.1 && some.1 > all.1 && all.1 == 1.0, "{few:?} {some:?} {all:?}");
+        assert!((some.2 - 0.5 * 0.03_f32.sqrt() / 100.0).abs() < 1e-5);
+        let fixed = Settings { width_scale: Some(3.0), children: Some(2), ..settings };
+        assert_eq!(derived(30, &fixed).0, 2);
+        assert_eq!(derived(30, &fixed).1, 3.0);
+    }
 }

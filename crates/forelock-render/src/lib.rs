@@ -26,7 +26,7 @@
 //! # Practice
 //! The picture is cut into tiles of 32 × 32 pixels. Projection, shadows and ambient occlusion come first, for the whole
 //! scene; then every tile samples its bodies, sorts its pieces of strands, lays them from front to back, and lights
-//! only what is seen. Memory grows with the particles (12 bytes for each one drawn), not with the fragments.
+//! only what is seen. Memory grows with the particles (16 bytes for each one drawn), not with the fragments.
 //!
 //! # Limitations
 //! Light is scattered once, but for a soft remainder; bodies reflect none onto hair. There is no depth of field and no motion

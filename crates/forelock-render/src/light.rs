@@ -24,7 +24,7 @@ impl Light {
         let from = |x: f32, y: f32, z: f32| turn * Vec3::new(x, y, z).normalize();
         vec![
             Self { direction: from(-0.62, 0.85, 0.80), colour: Vec3::new(2.0, 1.9, 1.76), shadows: true },
-            Self { direction: from(0.95, 0.15, 0.60), colour: Vec3::new(0.28, 0.32, 0.38), shadows: true },
+            Self { direction: from(0.95, 0.15, 0.60), colour: Vec3::new(0.42, 0.46, 0.53), shadows: true },
             Self { direction: from(0.65, 0.80, -0.85), colour: Vec3::new(1.5, 1.56, 1.68), shadows: true },
         ]
     }

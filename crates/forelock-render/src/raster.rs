@@ -149,8 +149,7 @@ impl Tile {
     /// Lays a piece under what the pixels already show; answers how many became opaque.
     fn draw_piece(&mut self, frame: &Frame<'_>, piece: usize, origin: Vec2) -> usize {
         let piece = &self.pieces[piece];
-        let half_width = 0.5 * frame.hair.width(piece) * frame.view.focal * piece.nearness;
-        let Some(strip) = Strip::new(piece, origin, half_width) else { return 0 };
+        let Some(strip) = Strip::new(piece, origin) else { return 0 };
         let per_pixel = self.samples.len() / PIXELS;
         let mut light = None;
         let mut closed = 0;
@@ -240,14 +239,20 @@ struct Strip {
 }
 
 impl Strip {
-    fn new(piece: &Piece, origin: Vec2, half_width: f32) -> Option<Self> {
+    fn new(piece: &Piece, origin: Vec2) -> Option<Self> {
         // Relative to the first pixel's centre.
         let from = piece.from - origin - 0.5;
         let span = piece.to - piece.from;
         let length = span.length();
         let along = span / length;
         let radius = FILTER_RADIUS * along.abs().max_element();
-        (length > 1e-6 && length.is_finite()).then_some(Self { from, along, length, half_width, radius })
+        (length > 1e-6 && length.is_finite()).then_some(Self {
+            from,
+            along,
+            length,
+            half_width: piece.half_width,
+            radius,
+        })
     }
 
     fn rows(&self) -> std::ops::Range<u32> {

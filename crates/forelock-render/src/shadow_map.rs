@@ -87,7 +87,8 @@ impl ShadowMap {
     pub fn visibility(&self, point: Vec3, softness: u8) -> f32 {
         let p = self.locate(point);
         let margin = f32::from(softness) + 1.0;
-        if p.x.min(p.y) < margin || p.x.max(p.y) > SIDE as f32 - margin - 1.0 {
+        let inside = p.x.min(p.y) >= margin && p.x.max(p.y) <= SIDE as f32 - margin - 1.0;
+        if !inside {
             return 1.0;
         }
         let (x, y) = ((p.x - 0.5) as usize, (p.y - 0.5) as usize);

@@ -90,13 +90,18 @@ impl Solids {
         let [a, b, c] = self.corners(source as usize);
         let flat = (b - a).cross(c - a);
         let twice_area = flat.length_squared().max(f32::MIN_POSITIVE);
-        let u = ((c - b).cross(point - b).dot(flat) / twice_area).clamp(0.0, 1.0);
-        let v = ((a - c).cross(point - c).dot(flat) / twice_area).clamp(0.0, 1.0 - u);
+        let u = unit((c - b).cross(point - b).dot(flat) / twice_area);
+        let v = unit((a - c).cross(point - c).dot(flat) / twice_area).min(1.0 - u);
         let [na, nb, nc] = triangle.map(|v| self.normals[v as usize]);
         let normal = (na * u + nb * v + nc * (1.0 - u - v)).normalize_or(flat.normalize_or(Vec3::Y));
         let body = self.colours.partition_point(|&(end, _)| end <= source);
         SurfacePoint { position: a * u + b * v + c * (1.0 - u - v), normal, albedo: self.colours[body].1 }
     }
+}
+
+/// `x` held to 0–1, with 0 for a NaN (of triangles too large for their areas to be numbers).
+fn unit(x: f32) -> f32 {
+    if x > 0.0 { x.min(1.0) } else { 0.0 }
 }
 
 /// The part of a triangle in camera space beyond z = `near`, as up to two triangles.

@@ -211,6 +211,28 @@ fn an_empty_scene_is_its_backdrop() {
 }
 
 #[test]
+fn absurd_sizes_do_no_harm() {
+    for size in [1e-30, 1e12, 1e25, 3e38] {
+        let positions = [Vec3::ZERO, Vec3::X * size, Vec3::NEG_ONE * size, Vec3::ZERO];
+        let strands = Strands::new(&positions, &[0, 2, 4], HairColour::RED);
+        let corners = vec![Vec3::NEG_ONE * size, Vec3::X * size, Vec3::Y * size];
+        let mesh = TriMesh::new(corners, vec![[0, 1, 2], [0, 0, 1]]).unwrap();
+        for camera in [camera(), Camera::framing(mesh.bounds(), 0.3, 0.2)] {
+            let scene = Scene::new(vec![Body::new(&mesh, Pose::IDENTITY)], vec![strands], camera);
+            let result = render(&scene, &Settings { width: 40, height: 40, ..Settings::default() });
+            assert!(matches!(result, Ok(_) | Err(RenderError::Camera(_))));
+        }
+    }
+}
+
+#[test]
+fn a_wide_strand_is_whole_across_tiles() {
+    let image = draw_lines(&[line(3.0, 0.0, 90.0, 200.0, 9)], 38.0);
+    let row: Vec<_> = (0..SIDE).map(|x| linear(image.pixel(x, 70)[1]) < 0.1).collect();
+    assert_eq!(row.iter().filter(|&&dark| dark).count(), 38);
+}
+
+#[test]
 fn threads_do_not_change_the_picture() {
     let (positions, offsets) = block();
     let mesh = plate(-0.02);
