@@ -71,7 +71,7 @@ impl Image {
         Ok(Self { width, height, rgba: rgba.repeat(width as usize * height as usize) })
     }
 
-    /// A picture from `rgba`, [height × width × 4] bytes.
+    /// A picture from `rgba`, `[height × width × 4]` bytes.
     ///
     /// # Errors
     /// [`ImageError::Size`] or [`ImageError::Bytes`].
@@ -94,7 +94,7 @@ impl Image {
         self.height
     }
 
-    /// All bytes, [height × width × 4].
+    /// All bytes, `[height × width × 4]`.
     pub fn rgba(&self) -> &[u8] {
         &self.rgba
     }

@@ -65,13 +65,13 @@ impl<'a> Body<'a> {
 /// A strand with a non-finite particle, or with fewer than two, is left out.
 #[derive(Clone, Copy, Debug)]
 pub struct Strands<'a> {
-    /// Particles, root first, [P], metres.
+    /// Particles, root first, `[P]`, metres.
     pub positions: &'a [Vec3],
-    /// Where each strand starts, [S + 1], the last = P.
+    /// Where each strand starts, `[S + 1]`, the last = P.
     pub strand_offsets: &'a [u32],
-    /// Diameters, [P], metres; `None`: [`width`](Self::width), tapering to the tip.
+    /// Diameters, `[P]`, metres; `None`: [`width`](Self::width), tapering to the tip.
     pub widths: Option<&'a [f32]>,
-    /// Albedos, [P], linear RGB in 0–1; `None`: [`colour`](Self::colour) with variation.
+    /// Albedos, `[P]`, linear RGB in 0–1; `None`: [`colour`](Self::colour) with variation.
     pub colours: Option<&'a [[f32; 3]]>,
     /// Diameter where `widths` is `None`, metres.
     pub width: f32,
