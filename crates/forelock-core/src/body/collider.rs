@@ -296,7 +296,10 @@ mod tests {
         };
         let to = Pose::new(glam::DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2), DVec3::Y);
         let frame = collider.frame(&Pose::IDENTITY, &to);
-        assert_eq!(frame.from, collider.pose);
-        assert!((frame.to.translation - DVec3::new(0.0, 1.0, -1.0)).length() < 1e-15);
+        assert_eq!(frame.pose(0.0), collider.pose);
+        // Halfway it is on the arc about the head, not on the chord.
+        let half = frame.pose(0.5).translation - DVec3::new(0.0, 0.5, 0.0);
+        assert!((half.length() - 1.0).abs() < 1e-15);
+        assert!((frame.pose(1.0).translation - DVec3::new(0.0, 1.0, -1.0)).length() < 1e-15);
     }
 }

@@ -205,6 +205,7 @@ fn thin(groom: &Groom, whole: Groom, kept: &[usize]) -> Groom {
         transparencies: groom.transparencies.as_deref().map(|a| pick(a, kept)),
         root_uvs: whole.root_uvs,
         pinned,
+        stiffness: whole.stiffness,
         bindings: whole.bindings,
     }
 }
@@ -230,6 +231,7 @@ fn drop_bad_attributes(groom: &mut Groom, report: &mut RepairReport) {
         check("transparencies", &mut groom.transparencies, particles, |t| t.is_finite()),
         check("root_uvs", &mut groom.root_uvs, strands, |uv| all_finite(uv)),
         check("pinned", &mut groom.pinned, strands, |_| true),
+        check("stiffness", &mut groom.stiffness, strands, |k| k.is_finite() && *k >= 0.0),
         check("bindings", &mut groom.bindings, strands, |b| {
             all_finite(&b.barycentric) && b.distance.is_finite()
         }),
