@@ -98,6 +98,7 @@ pub fn resample(groom: &Groom, particles_per_strand: usize) -> Result<Groom, Res
         .as_ref()
         .map(|c| each(&|i, t| std::array::from_fn(|axis| lerp(c[i][axis], c[i + 1][axis], t))));
     out.root_uvs.clone_from(&groom.root_uvs);
+    out.stiffness.clone_from(&groom.stiffness);
     out.bindings.clone_from(&groom.bindings);
     out.pinned = groom
         .pinned

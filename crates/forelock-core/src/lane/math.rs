@@ -29,7 +29,7 @@ impl<L: Lane> Neg for V3<L> {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
-        Self(self.0.map(|x| -x))
+        Self([-self.0[0], -self.0[1], -self.0[2]])
     }
 }
 
@@ -131,7 +131,8 @@ impl<L: Lane> Sym3<L> {
     /// `self · a`.
     #[inline(always)]
     pub fn scale(&self, a: L) -> Self {
-        Self(self.0.map(|x| x * a))
+        let [xx, xy, xz, yy, yz, zz] = self.0;
+        Self([xx * a, xy * a, xz * a, yy * a, yz * a, zz * a])
     }
 
     /// `a v vᵀ + b I`.
@@ -198,7 +199,8 @@ impl<L: Lane> AddAssign for Sym3<L> {
 }
 
 /// A 3×3 matrix a lane, row by row.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(transparent)]
 pub struct Mat3<L>(pub [[L; 3]; 3]);
 
 impl<L: Lane> From<Sym3<L>> for Mat3<L> {
@@ -219,7 +221,7 @@ impl<L: Lane> Mat3<L> {
     /// The same matrix in every lane.
     #[inline(always)]
     pub fn splat(m: DMat3) -> Self {
-        Self([m.row(0), m.row(1), m.row(2)].map(|row| V3::splat(row).0))
+        Self([V3::splat(m.row(0)).0, V3::splat(m.row(1)).0, V3::splat(m.row(2)).0])
     }
 
     /// `self v`.

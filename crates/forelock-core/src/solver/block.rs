@@ -90,6 +90,8 @@ pub enum Simd {
     Scalar,
     /// What every processor of this architecture has, 4 strands.
     Portable,
+    /// AVX2 and FMA, 1 strand: for comparing widths.
+    Avx2x1,
     /// AVX2 and FMA, 4 strands: for comparing widths.
     Avx2x4,
     /// AVX2 and FMA, 8 strands.
@@ -102,21 +104,20 @@ pub enum Simd {
 
 impl Simd {
     /// All but `Auto`, narrow to wide.
-    pub const ALL: [Self; 6] =
-        [Self::Scalar, Self::Portable, Self::Avx2x4, Self::Avx2, Self::Avx2x16, Self::Avx512];
+    pub const ALL: [Self; 7] =
+        [Self::Scalar, Self::Portable, Self::Avx2x1, Self::Avx2x4, Self::Avx2, Self::Avx2x16, Self::Avx512];
 
     /// Whether this processor can run it.
     pub fn is_supported(self) -> bool {
         match self {
             Self::Auto | Self::Scalar | Self::Portable => true,
             #[cfg(target_arch = "x86_64")]
-            Self::Avx2x4 | Self::Avx2 | Self::Avx2x16 => {
+            Self::Avx2x1 | Self::Avx2x4 | Self::Avx2 | Self::Avx2x16 => {
                 is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma")
             }
             #[cfg(target_arch = "x86_64")]
             Self::Avx512 => {
-                ["avx512f", "avx512vl", "avx512dq", "avx512bw"].len() == 4
-                    && is_x86_feature_detected!("avx512f")
+                is_x86_feature_detected!("avx512f")
                     && is_x86_feature_detected!("avx512vl")
                     && is_x86_feature_detected!("avx512dq")
                     && is_x86_feature_detected!("avx512bw")
@@ -157,6 +158,8 @@ impl SolverReal for f32 {
         match simd {
             Simd::Scalar => advance_block::<Pack<1, BASELINE_FMA>>,
             #[cfg(target_arch = "x86_64")]
+            Simd::Avx2x1 => avx2_1,
+            #[cfg(target_arch = "x86_64")]
             Simd::Avx2x4 => avx2_4,
             #[cfg(target_arch = "x86_64")]
             Simd::Avx2 => avx2_8,
@@ -170,7 +173,7 @@ impl SolverReal for f32 {
 }
 
 macro_rules! instantiate {
-    ($($name:ident $features:literal $width:literal;)*) => {$(
+    ($($name:ident $features:literal $lane:ty;)*) => {$(
         #[cfg(target_arch = "x86_64")]
         #[target_feature(enable = $features)]
         fn $name(
@@ -179,15 +182,16 @@ macro_rules! instantiate {
             live: usize,
             scratch: &mut Scratch<f32>,
         ) -> BlockReport {
-            advance_block::<Pack<$width, true>>(job, view, live, scratch)
+            advance_block::<$lane>(job, view, live, scratch)
         }
     )*};
 }
 instantiate! {
-    avx2_4 "avx2,fma" 4;
-    avx2_8 "avx2,fma" 8;
-    avx2_16 "avx2,fma" 16;
-    avx512_16 "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma" 16;
+    avx2_1 "avx2,fma" Pack<1, true>;
+    avx2_4 "avx2,fma" Pack<4, true>;
+    avx2_8 "avx2,fma" crate::lane::Avx2;
+    avx2_16 "avx2,fma" Pack<16, true>;
+    avx512_16 "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma" crate::lane::Avx512;
 }
 
 /// Advances a block by a frame, group of lanes by group of lanes.

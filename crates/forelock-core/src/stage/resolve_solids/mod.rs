@@ -78,13 +78,22 @@ impl<T: Real> SolidPose<T> {
     /// How far a particle moved in the solid's own space, a lane.
     #[inline(always)]
     fn moved<L: Lane<Scalar = T>>(&self, from: V3<L>, to: V3<L>) -> L {
-        let local = |end: usize, x: V3<L>| {
-            let rotation = Mat3(self.rotations[end].map(|row| row.map(L::splat)));
-            rotation.mul_transposed(x - V3(self.translations[end].map(L::splat)))
-        };
-        let d = local(1, to) - local(0, from);
+        let d = self.lanes_to_local(1, to) - self.lanes_to_local(0, from);
         d.dot(d).sqrt()
     }
+
+    #[inline(always)]
+    fn lanes_to_local<L: Lane<Scalar = T>>(&self, end: usize, x: V3<L>) -> V3<L> {
+        let (r, [px, py, pz]) = (&self.rotations[end], self.translations[end]);
+        let d = x - V3([L::splat(px), L::splat(py), L::splat(pz)]);
+        let [a, b, c] = r;
+        Mat3([splat_row(a), splat_row(b), splat_row(c)]).mul_transposed(d)
+    }
+}
+
+#[inline(always)]
+fn splat_row<L: Lane>([x, y, z]: &[L::Scalar; 3]) -> [L; 3] {
+    [L::splat(*x), L::splat(*y), L::splat(*z)]
 }
 
 #[inline(always)]
@@ -147,7 +156,11 @@ pub fn resolve<L: Lane>(
         let moved = match since {
             Since::Substep => {
                 let from = x.add_scaled(L::splat(-solids.h), v);
-                solids.poses.iter().fold(L::zero(), |moved, pose| pose.moved(from, x).max(moved))
+                let mut moved = L::zero();
+                for pose in solids.poses {
+                    moved = pose.moved(from, x).max(moved);
+                }
+                moved
             }
             Since::Positions(positions) => {
                 let d = x - positions[i];

@@ -13,38 +13,27 @@ use crate::lane::{Lane, Mat3, Sym3, V3};
 /// Smallest pivot, over the mass: exact ones are at least 1.
 const PIVOT_FLOOR: f64 = 0.999;
 
-/// −L of a row to its three earlier rows, nearest first: rows of three 3×3 matrices.
-pub type Link<L> = [V3<L>; 9];
-
-/// The 3×3 matrix of `link` towards the row `reach + 1` before.
-#[inline(always)]
-pub fn link<L: Lane>(link: &Link<L>, reach: usize) -> Mat3<L> {
-    Mat3([link[3 * reach].0, link[3 * reach + 1].0, link[3 * reach + 2].0])
-}
-
-#[inline(always)]
-fn store<L: Lane>(m: &Mat3<L>, link: &mut Link<L>, reach: usize) {
-    for r in 0..3 {
-        link[3 * reach + r] = V3(m.0[r]);
-    }
-}
+/// −L of a row to its three earlier rows, nearest first.
+pub type Link<L> = [Mat3<L>; 3];
 
 /// The rows that are open at once: four of A and b, and what the last three eliminated rows left.
 #[derive(Debug)]
 pub struct Ring<L> {
+    accumulate: bool,
     diagonal: [Sym3<L>; 4],
     rhs: [V3<L>; 4],
-    /// h²K from a row to the next three: rows i − 3 to i + 2 are in use.
+    /// h²K from a row to the next three; only added to with `accumulate`: rows i − 3 to i + 2 are in use.
     coupling: [[Sym3<L>; 3]; 8],
     inverse: [Sym3<L>; 4],
     z: [V3<L>; 4],
 }
 
 impl<L: Lane> Ring<L> {
-    /// An empty ring.
+    /// An empty ring. `accumulate` if couplings are added to before their springs come.
     #[inline(always)]
-    pub fn new() -> Self {
+    pub fn new(accumulate: bool) -> Self {
         Self {
+            accumulate,
             diagonal: [Sym3::zero(); 4],
             rhs: [V3::zero(); 4],
             coupling: [[Sym3::zero(); 3]; 8],
@@ -53,12 +42,14 @@ impl<L: Lane> Ring<L> {
         }
     }
 
-    /// Makes room for the rows that springs from row `i` reach first.
+    /// Makes room for the row that springs from row `i` reach first.
     #[inline(always)]
     pub fn open(&mut self, i: usize) {
         self.diagonal[(i + 3) & 3] = Sym3::zero();
         self.rhs[(i + 3) & 3] = V3::zero();
-        self.coupling[(i + 2) & 7] = [Sym3::zero(); 3];
+        if self.accumulate {
+            self.coupling[(i + 2) & 7] = [Sym3::zero(); 3];
+        }
     }
 
     /// Row `i` of A's diagonal and of b.
@@ -77,7 +68,12 @@ impl<L: Lane> Ring<L> {
         } else {
             self.diagonal[i & 3] += spring.stiffness;
             self.rhs[i & 3] += spring.impulse;
-            self.coupling[i & 7][j - i - 1] += spring.stiffness;
+            let coupling = &mut self.coupling[i & 7][j - i - 1];
+            if self.accumulate {
+                *coupling += spring.stiffness;
+            } else {
+                *coupling = spring.stiffness;
+            }
         }
     }
 
@@ -100,25 +96,46 @@ impl<L: Lane> Ring<L> {
     /// Eliminates row `i` against the rows before it, writes its links, and returns D_i⁻¹ z_i.
     #[inline(always)]
     pub fn eliminate(&mut self, i: usize, clamped: usize, links: &mut [Link<L>]) -> V3<L> {
-        let free = i - clamped; // rows before this one
+        match i - clamped {
+            0 => self.eliminate_row::<0>(i, links),
+            1 => self.eliminate_row::<1>(i, links),
+            2 => self.eliminate_row::<2>(i, links),
+            _ => self.eliminate_row::<3>(i, links),
+        }
+    }
+
+    /// [`Self::eliminate`] for a row with `REACH` free rows within reach before it.
+    #[inline(always)]
+    fn eliminate_row<const REACH: usize>(&mut self, i: usize, links: &mut [Link<L>]) -> V3<L> {
+        let (before, rest) = links.split_at_mut(i);
         let mut d = self.diagonal[i & 3];
         let mut z = self.rhs[i & 3];
         let mut w = [Mat3::zero(); 3];
-        for reach in (0..3).rev() {
-            if reach >= free {
-                continue;
+        if REACH > 2 {
+            w[2] = Mat3::from(self.coupling[(i - 3) & 7][2]);
+        }
+        if REACH > 1 {
+            // W_ij −= W_ik L_jkᵀ, here and below
+            w[1] = Mat3::from(self.coupling[(i - 2) & 7][1]);
+            if REACH > 2 {
+                w[1] = w[1].add_mul_transposed(&w[2], &before[i - 2][0]);
             }
-            let j = i - reach - 1;
-            let mut w_ij = Mat3::from(self.coupling[j & 7][reach]);
-            for further in reach + 1..3.min(free) {
-                // W_ij −= W_ik L_jkᵀ with k = i − further − 1
-                w_ij = w_ij.add_mul_transposed(&w[further], &link(&links[j], further - reach - 1));
+        }
+        if REACH > 0 {
+            w[0] = Mat3::from(self.coupling[(i - 1) & 7][0]);
+            if REACH > 2 {
+                w[0] = w[0].add_mul_transposed(&w[2], &before[i - 1][1]);
             }
-            let l_ij = w_ij.mul_sym(&self.inverse[j & 3]);
-            d = d.sub_mul_transposed(&w_ij, &l_ij);
-            z = z.add_mul(&l_ij, self.z[j & 3]);
-            store(&l_ij, &mut links[i], reach);
-            w[reach] = w_ij;
+            if REACH > 1 {
+                w[0] = w[0].add_mul_transposed(&w[1], &before[i - 1][0]);
+            }
+        }
+        for reach in (0..REACH).rev() {
+            let j = (i - reach - 1) & 3;
+            let l = w[reach].mul_sym(&self.inverse[j]);
+            d = d.sub_mul_transposed(&w[reach], &l);
+            z = z.add_mul(&l, self.z[j]);
+            rest[0][reach] = l;
         }
         let inverse = d.inverse(L::from_f64(PIVOT_FLOOR));
         self.inverse[i & 3] = inverse;

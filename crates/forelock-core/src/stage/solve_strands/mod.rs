@@ -48,7 +48,7 @@ pub fn advance<L: Lane>(
     let clamped = frame.clamped.min(n);
     let scratch = scratch.vectors::<L>();
     let (links, half_solved) = scratch.split_at_mut(9 * n);
-    let (links, _) = links.as_chunks_mut::<9>();
+    let links: &mut [Link<L>] = bytemuck::cast_slice_mut(links);
     eliminate(frame, substep, view, first, (links, &mut *half_solved));
 
     // Backward sweep: v_i = D_i⁻¹ z_i − Σ_j L_jiᵀ v_j, with −L stored.
@@ -57,7 +57,7 @@ pub fn advance<L: Lane>(
         let mut v = half_solved[i];
         if i >= clamped {
             for (reach, v_later) in later.iter().enumerate().take((n - 1 - i).min(3)) {
-                v = v.add_transposed(&factor::link(&links[i + reach + 1], reach), *v_later);
+                v = v.add_transposed(&links[i + reach + 1][reach], *v_later);
             }
             let x = V3::load(view.positions, i, first).add_scaled(substep.h, v);
             x.store(view.positions, i, first);
@@ -83,7 +83,7 @@ fn eliminate<L: Lane>(
     let n = view.particles;
     let clamped = frame.clamped.min(n);
     let stiffness = L::load(view.stiffness, first);
-    let mut ring = Ring::new();
+    let mut ring = Ring::new(frame.k_altitude > 0.0);
     let mut ghost = Ghost::new(substep, V3::load(view.rest, 0, first));
     for i in 0..n {
         let terms = frame.row::<L>(i, n, stiffness);

@@ -87,10 +87,16 @@ impl FrameTerms {
     pub fn row<L: Lane>(&self, i: usize, n: usize, stiffness: L) -> RowTerms<L> {
         #[expect(clippy::cast_precision_loss, reason = "particle numbers are small")]
         let fraction = i as f64 / (n - 1) as f64;
-        let scale = |tip: f64| 1.0 + (tip - 1.0) * fraction;
-        let [springs, integrity, angular] = self.tip_scales.map(scale);
+        let springs = 1.0 + (self.tip_scales[0] - 1.0) * fraction;
+        let integrity = 1.0 + (self.tip_scales[1] - 1.0) * fraction;
+        let angular = 1.0 + (self.tip_scales[2] - 1.0) * fraction;
+        let [edge, bend, torsion] = self.k_springs;
         RowTerms {
-            springs: self.k_springs.map(|k| L::from_f64(k * springs) * stiffness),
+            springs: [
+                L::from_f64(edge * springs) * stiffness,
+                L::from_f64(bend * springs) * stiffness,
+                L::from_f64(torsion * springs) * stiffness,
+            ],
             integrity: L::from_f64(self.k_integrity * integrity) * stiffness,
             angular: L::from_f64(self.k_angular * angular) * stiffness,
             altitude: L::from_f64(self.k_altitude * springs) * stiffness,
@@ -129,7 +135,7 @@ pub struct SubstepTerms<L> {
     pub gravity: V3<L>,
     /// Velocity of the air, m/s.
     pub air: V3<L>,
-    /// R g_head: the weight at rest, turned with the head at the start of the substep.
+    /// R g_head: the weight at rest, turned with the head at the end of the substep.
     pub carried_weight: V3<L>,
     start: (Mat3<L>, V3<L>),
     end: (Mat3<L>, V3<L>),
@@ -140,7 +146,7 @@ impl<L: Lane> SubstepTerms<L> {
     /// the frame's origin, at the start and at the end; `rest_gravity` is gravity in the head's rest frame.
     #[inline(always)]
     pub fn new(h: f64, poses: [&Pose; 2], gravity: DVec3, rest_gravity: DVec3, air: DVec3) -> Self {
-        let matrices = poses.map(|pose| (Mat3::splat(pose.matrix()), V3::splat(pose.translation)));
+        let [start, end] = poses;
         Self {
             h: L::from_f64(h),
             h2: L::from_f64(h * h),
@@ -148,9 +154,9 @@ impl<L: Lane> SubstepTerms<L> {
             tiny: L::from_f64(1e-24),
             gravity: V3::splat(gravity),
             air: V3::splat(air),
-            carried_weight: V3::splat(poses[1].transform_vector(rest_gravity)),
-            start: matrices[0],
-            end: matrices[1],
+            carried_weight: V3::splat(end.transform_vector(rest_gravity)),
+            start: (Mat3::splat(start.matrix()), V3::splat(start.translation)),
+            end: (Mat3::splat(end.matrix()), V3::splat(end.translation)),
         }
     }
 
