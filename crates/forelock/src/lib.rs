@@ -1,1 +1,41 @@
-//! Placeholder front page.
+//! Forelock: real-time simulation of dense hair, strand by strand.
+//!
+//! A [`Scene`] is a TOML file in which every key has a default; [`simulate`] runs one into a folder; [`Studio`] takes its
+//! pictures. The parts are [`core`] (grooms, bodies, solvers), [`io`] (files) and [`render`] (pictures).
+//!
+//! ```
+//! use std::sync::atomic::AtomicBool;
+//! use forelock::scene::Override;
+//! use forelock::{RunOptions, Scene, simulate};
+//!
+//! # let folder = std::env::temp_dir().join("forelock-doc");
+//! let small = ["groom.strands=20", "time.frames=3", "output.film=false", "output.picture=false", "body.sdf_cells=32"];
+//! let sets: Result<Vec<_>, _> = small.iter().map(|set| Override::set(set)).collect();
+//! let scene = Scene::builtin(&sets?)?;
+//! let options = RunOptions { out: folder, resume: false };
+//! let summary = simulate(&scene, &options, &mut |_| {}, &AtomicBool::new(false))?;
+//! assert_eq!((summary.strands, summary.frames), (20, 3));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod assets;
+mod hash;
+pub mod paper;
+mod pictures;
+pub mod report;
+mod run;
+pub mod scene;
+mod sdf_cache;
+mod sheets;
+mod snapshot;
+pub mod summary;
+mod tessellate;
+
+pub use assets::{AssetError, Assets};
+pub use pictures::{PictureError, Studio, write_png};
+pub use run::{Observer, Progress, RunError, RunOptions, simulate};
+pub use scene::Scene;
+pub use sheets::growth_sheets;
+pub use snapshot::SnapshotError;
+pub use summary::Summary;
+pub use {forelock_core as core, forelock_io as io, forelock_render as render};

@@ -1,0 +1,113 @@
+//! The strands of a scene: read or grown, repaired, resampled, brought out of the body.
+
+use forelock_core::groom::grow::{self, grow};
+use forelock_core::groom::{Groom, LiftParams, LiftReport, lift_out, resample};
+use glam::{DVec3, Vec3};
+
+use super::solids::Body;
+use super::{AssetError, neck};
+use crate::scene::{GroomSource, Scene};
+
+/// The groom of `scene` on `body`; what was changed is added to `notes`.
+pub(super) fn load(scene: &Scene, body: Option<&Body>, notes: &mut Vec<String>) -> Result<Groom, AssetError> {
+    let section = &scene.groom;
+    let mut groom = match (&section.source, body) {
+        (GroomSource::Files(files), _) => {
+            let mut grooms = Vec::with_capacity(files.len());
+            for path in files {
+                let imported = forelock_io::read_groom(path, &section.import())?;
+                let repairs = imported.repairs.sentences();
+                notes.extend(repairs.into_iter().map(|repair| format!("{}: {repair}", path.display())));
+                grooms.push(imported.groom);
+            }
+            join(grooms)?
+        }
+        (GroomSource::Grow, Some(body)) => grow_on(scene, body)?,
+        (GroomSource::Grow, None) => return Err(grow::GrowError::EmptyRegion.into()),
+    };
+    let count = section.vertices_per_strand as usize;
+    if count > 0 {
+        groom = resample(&groom, count)?;
+    }
+    // Growth keeps out of the body by itself.
+    let lift = section.lift && section.source != GroomSource::Grow;
+    if let Some(sdf) = body.and_then(|body| body.sdf.as_ref()).filter(|_| lift) {
+        let ams = &scene.solver.ams;
+        let params = LiftParams {
+            margin: ams.skin_thickness as f32,
+            clamped: ams.clamped as usize,
+            ..LiftParams::default()
+        };
+        let report = lift_out(&mut groom, sdf, &params);
+        if report != LiftReport::default() {
+            notes.push(report.to_string());
+        }
+    }
+    Ok(groom)
+}
+
+fn grow_on(scene: &Scene, body: &Body) -> Result<Groom, AssetError> {
+    let params = &scene.groom.grow;
+    if scene.body.mesh == "builtin:head" {
+        return Ok(grow::grow_on_head(params)?);
+    }
+    let weights: Vec<f32> = match scene.groom.region_box {
+        None => vec![1.0; body.mesh.positions.len()],
+        Some(corners) => {
+            let [a, b] = corners.map(|corner| DVec3::from_array(corner).as_vec3());
+            let (lo, hi) = (a.min(b), a.max(b));
+            let inside = |p: &Vec3| p.cmpge(lo).all() && p.cmple(hi).all();
+            body.mesh.positions.iter().map(|p| if inside(p) { 1.0 } else { 0.0 }).collect()
+        }
+    };
+    let field = body.sdf.as_deref();
+    let avoid = |p: Vec3, reach: f32| {
+        let (distance, gradient) = field?.sample_near(p, reach)?;
+        Some((distance, gradient.normalize_or_zero()))
+    };
+    Ok(grow(&body.mesh, &weights, params, field.map(|_| &avoid as &grow::Avoid<'_>))?)
+}
+
+/// All strands of `grooms` in order. An attribute is kept where every groom has it.
+fn join(mut grooms: Vec<Groom>) -> Result<Groom, AssetError> {
+    if grooms.len() == 1 {
+        return Ok(grooms.swap_remove(0));
+    }
+    fn all<T: Copy>(grooms: &[Groom], get: impl Fn(&Groom) -> Option<&Vec<T>>) -> Option<Vec<T>> {
+        let parts: Option<Vec<&Vec<T>>> = grooms.iter().map(get).collect();
+        parts.map(|parts| parts.into_iter().flatten().copied().collect())
+    }
+    let mut joined = Groom::from_strands(grooms.iter().flat_map(Groom::strands))?;
+    joined.widths = all(&grooms, |g| g.widths.as_ref());
+    joined.colours = all(&grooms, |g| g.colours.as_ref());
+    joined.transparencies = all(&grooms, |g| g.transparencies.as_ref());
+    joined.root_uvs = all(&grooms, |g| g.root_uvs.as_ref());
+    joined.pinned = all(&grooms, |g| g.pinned.as_ref());
+    joined.stiffness = all(&grooms, |g| g.stiffness.as_ref());
+    Ok(joined)
+}
+
+/// About where hair without a body turns.
+pub(super) fn middle_of_roots(groom: &Groom) -> DVec3 {
+    let roots = groom.strands().filter_map(|strand| strand.first());
+    let (lo, hi) = roots.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), &p| (lo.min(p), hi.max(p)));
+    neck(lo.as_dvec3(), hi.as_dvec3())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn joined_grooms_keep_the_attributes_that_all_have() {
+        let strand = |x: f32| [Vec3::X * x, Vec3::X * (x + 1.0)];
+        let mut a = Groom::from_strands([strand(0.0)]).unwrap();
+        let mut b = Groom::from_strands([strand(1.0), strand(2.0)]).unwrap();
+        a.pinned = Some(vec![1]);
+        b.pinned = Some(vec![2, 3]);
+        b.widths = Some(vec![0.1; 4]);
+        let joined = join(vec![a, b]).unwrap();
+        assert_eq!(joined.strand_offsets(), [0, 2, 4, 6]);
+        assert_eq!((joined.pinned, joined.widths), (Some(vec![1, 2, 3]), None));
+    }
+}

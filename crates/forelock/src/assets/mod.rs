@@ -1,0 +1,155 @@
+//! What a scene names, loaded: strands, body, solids and their motions.
+//!
+//! # Practice
+//! [`Assets::load`] reads or grows the groom, repairs and resamples it, reads or makes the body, turns meshes into distance
+//! grids, and brings strands that start inside the body out of it. Whatever had to be changed is told in a note.
+
+mod groom;
+mod motion;
+mod solids;
+
+use forelock_core::body::{ColliderFrame, Motion, Sdf, SdfError, TriMesh};
+use forelock_core::groom::Groom;
+use forelock_core::pose::Pose;
+use glam::DVec3;
+
+use crate::hash::Fnv;
+use crate::run::{Observer, Progress};
+use crate::scene::{CameraSection, GroomSource, HairSection, OutputSection, Scene};
+use solids::{Body, Solid};
+
+/// Why something that a scene names cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum AssetError {
+    /// A file cannot be read.
+    #[error(transparent)]
+    Read(#[from] forelock_io::ReadError),
+    /// Growth failed.
+    #[error("hair cannot be grown: {0}")]
+    Grow(#[from] forelock_core::groom::grow::GrowError),
+    /// Several files do not make one groom.
+    #[error(transparent)]
+    Groom(#[from] forelock_core::groom::GroomError),
+    /// Strands cannot be resampled.
+    #[error("the strands cannot be resampled: {0}")]
+    Resample(#[from] forelock_core::groom::ResampleError),
+    /// No motion of that name.
+    #[error("there is no motion `{0}`")]
+    Motion(String),
+    /// Keyframes do not make a motion.
+    #[error("the keyframes do not make a motion: {0}")]
+    Keyframes(#[from] forelock_core::body::KeyframesError),
+    /// A mesh that strands should collide with encloses nothing.
+    #[error("{mesh} cannot be made solid: {error}; set {key} or close the mesh")]
+    Solid {
+        /// The mesh.
+        mesh: String,
+        /// What is wrong.
+        error: SdfError,
+        /// The key that would help.
+        key: &'static str,
+    },
+}
+
+/// What a scene names, ready to be simulated.
+#[derive(Debug)]
+pub struct Assets {
+    /// The strands at rest, in metres, y up, in the body's space.
+    pub groom: Groom,
+    /// What was changed on import, one sentence each.
+    pub notes: Vec<String>,
+    body: Option<Body>,
+    head: Motion,
+    solids: Vec<Solid>,
+}
+
+impl Assets {
+    /// Loads what `scene` names; `observer` is told what was changed.
+    ///
+    /// # Errors
+    /// [`AssetError`] if a file cannot be used.
+    pub fn load(scene: &Scene, observer: &mut Observer<'_>) -> Result<Self, AssetError> {
+        let body = Body::load(scene)?;
+        let mut notes = Vec::new();
+        let groom = groom::load(scene, body.as_ref(), &mut notes)?;
+        let pivot = body.as_ref().map_or_else(|| groom::middle_of_roots(&groom), Body::pivot);
+        let head = motion::motion(&scene.body.motion, pivot)?;
+        let solids = solids::load(scene, body.as_ref())?;
+        for note in &notes {
+            observer(&Progress::Note(note));
+        }
+        Ok(Self { groom, notes, body, head, solids })
+    }
+
+    /// What `scene` names around a `groom` that is there already; nothing collides. For pictures.
+    ///
+    /// # Errors
+    /// [`AssetError`] if a file cannot be used.
+    pub fn around(scene: &Scene, groom: Groom) -> Result<Self, AssetError> {
+        let mut scene = scene.clone();
+        scene.body.collide = false;
+        let body = Body::load(&scene)?;
+        let pivot = body.as_ref().map_or_else(|| groom::middle_of_roots(&groom), Body::pivot);
+        let head = motion::motion(&scene.body.motion, pivot)?;
+        let solids = solids::load(&scene, None)?;
+        Ok(Self { groom, notes: Vec::new(), body, head, solids })
+    }
+
+    /// The body's mesh in its own space, if there is a body.
+    pub fn body_mesh(&self) -> Option<&TriMesh> {
+        self.body.as_ref().map(|body| body.mesh.as_ref())
+    }
+
+    /// The body's pose at `time` seconds.
+    pub fn head_pose(&self, time: f64) -> Pose {
+        self.head.pose(time)
+    }
+
+    /// All solids in the frame between two `times` (seconds) at which the body is at `head`.
+    pub fn collider_frames(&self, times: [f64; 2], head: [Pose; 2]) -> Vec<ColliderFrame<'_>> {
+        self.solids.iter().map(|solid| solid.frame(times, head)).collect()
+    }
+
+    /// Meshes of all solids but the body, with their poses at `time` seconds, for pictures.
+    pub fn solid_meshes(&self, time: f64) -> Vec<(&TriMesh, Pose)> {
+        let head = self.head_pose(time);
+        self.solids.iter().filter_map(|solid| Some((solid.mesh.as_ref()?, solid.pose(time, &head)))).collect()
+    }
+
+    /// A hash of all that decides how the simulation goes on: strands, meshes and the scene's physics. The number of
+    /// frames, the outputs, the looks and where files lie are no part of it.
+    pub fn fingerprint(&self, scene: &Scene) -> u64 {
+        let mut physics = scene.clone();
+        physics.name = String::new();
+        physics.time.frames = Scene::default().time.frames;
+        physics.groom.source = GroomSource::Grow;
+        physics.body.mesh = String::new();
+        physics.colliders.iter_mut().for_each(|collider| collider.mesh = None);
+        physics.output = OutputSection::default();
+        physics.camera = CameraSection::default();
+        physics.hair = HairSection::default();
+        let mut hash = Fnv::new().bytes(physics.to_toml().as_bytes());
+        for offset in self.groom.strand_offsets() {
+            hash = hash.bytes(&offset.to_le_bytes());
+        }
+        let meshes = self.body_mesh().into_iter().chain(self.solids.iter().filter_map(|s| s.mesh.as_ref()));
+        let points = meshes.flat_map(|mesh| &mesh.positions).chain(self.groom.positions());
+        points.flat_map(|p| p.to_array()).fold(hash, |hash, x| hash.bytes(&x.to_le_bytes())).value()
+    }
+}
+
+/// The point about which a body of bounds (`lo`, `hi`) turns: in its middle, a quarter of the way up, where a bust has
+/// its neck.
+fn neck(lo: DVec3, hi: DVec3) -> DVec3 {
+    let middle = (lo + hi) * 0.5;
+    DVec3::new(middle.x, lo.y + 0.25 * (hi.y - lo.y), middle.z)
+}
+
+/// The distance grid of `mesh`, from the cache if it is there.
+fn distance_grid(mesh: &TriMesh, name: &str, cells: u32, key: &'static str) -> Result<Sdf, AssetError> {
+    crate::sdf_cache::load_or_compute(mesh, cells).map_err(|error| AssetError::Solid {
+        mesh: name.to_owned(),
+        error,
+        key,
+    })
+}

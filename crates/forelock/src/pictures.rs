@@ -1,0 +1,265 @@
+//! Pictures of a scene: one of a moment, a sheet of many, a film.
+
+use std::io::Cursor;
+use std::path::{Path, PathBuf};
+
+use forelock_core::pose::Pose;
+use forelock_io::Cache;
+use forelock_render::{
+    Body, Camera, Film, HAIR_WIDTH, HairColour, Image, ImageError, Labelled, RenderError, Settings, Strands,
+    contact_sheet,
+};
+use glam::Vec3;
+use rayon::prelude::*;
+
+use crate::assets::Assets;
+use crate::run::{Observer, Progress};
+use crate::scene::Scene;
+
+/// Pictures on a contact sheet of a cache, and in a row of it.
+const SHEET: (usize, u32) = (12, 4);
+
+/// Why a picture cannot be made.
+#[derive(Debug, thiserror::Error)]
+pub enum PictureError {
+    /// The scene cannot be drawn.
+    #[error("the picture cannot be drawn: {0}")]
+    Render(#[from] RenderError),
+    /// The image cannot be made.
+    #[error("the picture cannot be made: {0}")]
+    Image(#[from] ImageError),
+    /// The cache cannot be read back.
+    #[error(transparent)]
+    Read(#[from] forelock_io::ReadError),
+    /// The picture cannot be written.
+    #[error(transparent)]
+    Write(#[from] forelock_io::WriteError),
+    /// The cache does not have the frame.
+    #[error("{}: there is no frame {frame}: the cache has {frames}, counted from 0", .path.display())]
+    NoFrame {
+        /// The cache.
+        path: PathBuf,
+        /// The frame asked for.
+        frame: usize,
+        /// Frames that it has.
+        frames: usize,
+    },
+}
+
+/// A camera before a scene.
+pub struct Studio<'a> {
+    scene: &'a Scene,
+    assets: &'a Assets,
+    colour: HairColour,
+    camera: Camera,
+}
+
+impl<'a> Studio<'a> {
+    /// The camera that `scene` asks for, before `assets` at rest.
+    pub fn new(scene: &'a Scene, assets: &'a Assets) -> Self {
+        let points =
+            assets.groom.positions().iter().chain(assets.body_mesh().into_iter().flat_map(|m| &m.positions));
+        let bounds = points.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), &p| (lo.min(p), hi.max(p)));
+        let section = &scene.camera;
+        let angles = [section.yaw_degrees, section.pitch_degrees].map(|degrees| degrees.to_radians() as f32);
+        let mut camera = Camera::framing(bounds, angles[0], angles[1]);
+        camera.eye = camera.target + (camera.eye - camera.target) * section.distance as f32;
+        let colour = HairColour::by_name(&scene.hair.colour).unwrap_or(HairColour::DARK_BROWN);
+        Self { scene, assets, colour, camera }
+    }
+
+    /// The same camera walked around to `yaw_degrees`.
+    #[must_use]
+    pub fn from_side(&self, yaw_degrees: f64) -> Self {
+        let turn =
+            glam::Quat::from_rotation_y((yaw_degrees - self.scene.camera.yaw_degrees).to_radians() as f32);
+        let camera =
+            Camera { eye: self.camera.target + turn * (self.camera.eye - self.camera.target), ..self.camera };
+        Self { camera, ..*self }
+    }
+
+    /// The strands at `positions` (metres, world space) with the body where it is at `time_secs`, in a picture of `scale`
+    /// times the size that the scene asks for.
+    ///
+    /// # Errors
+    /// [`PictureError`] if there is no such picture.
+    pub fn picture(&self, positions: &[Vec3], time_secs: f64, scale: f64) -> Result<Image, PictureError> {
+        let section = &self.scene.hair;
+        let width = section.width as f32;
+        let groom = &self.assets.groom;
+        let strands = Strands {
+            widths: groom.widths.as_deref().filter(|_| width == 0.0),
+            colours: groom.colours.as_deref(),
+            width: if width > 0.0 { width } else { HAIR_WIDTH },
+            ..Strands::new(positions, groom.strand_offsets(), self.colour)
+        };
+        let head = self.assets.head_pose(time_secs);
+        let body = self.assets.body_mesh().map(|mesh| Body::new(mesh, head));
+        let solids = self.assets.solid_meshes(time_secs);
+        let solids = solids.iter().map(|&(mesh, pose): &(_, Pose)| Body::new(mesh, pose));
+        let bodies = body.into_iter().chain(solids).collect();
+        let output = &self.scene.output;
+        let side = |pixels: u32| ((f64::from(pixels) * scale) as u32).max(1);
+        let settings = Settings {
+            width: side(output.width),
+            height: side(output.height),
+            width_scale: (width > 0.0).then_some(1.0),
+            ..Settings::default()
+        };
+        Ok(forelock_render::render(
+            &forelock_render::Scene::new(bodies, vec![strands], self.camera),
+            &settings,
+        )?)
+    }
+
+    /// Frame `frame` of `cache`, read from `path`, at `scale` times the size that the scene asks for.
+    ///
+    /// # Errors
+    /// [`PictureError`] if there is no such frame or picture.
+    pub fn frame(
+        &self,
+        cache: &mut Cache,
+        path: &Path,
+        frame: usize,
+        scale: f64,
+    ) -> Result<Image, PictureError> {
+        if frame >= cache.frames() {
+            return Err(PictureError::NoFrame { path: path.to_path_buf(), frame, frames: cache.frames() });
+        }
+        let mut positions = Vec::new();
+        cache.read_frame(frame, &mut positions)?;
+        self.picture(&positions, self.time_secs(cache, frame), scale)
+    }
+
+    /// Several frames at once.
+    fn frames(&self, cache: &mut Cache, frames: &[usize], scale: f64) -> Result<Vec<Image>, PictureError> {
+        let mut moments = Vec::with_capacity(frames.len());
+        for &frame in frames {
+            let mut positions = Vec::new();
+            cache.read_frame(frame, &mut positions)?;
+            moments.push((positions, self.time_secs(cache, frame)));
+        }
+        moments.par_iter().map(|(positions, time)| self.picture(positions, *time, scale)).collect()
+    }
+
+    fn time_secs(&self, cache: &Cache, frame: usize) -> f64 {
+        let time = cache.times_secs().and_then(|times| times.get(frame).copied());
+        time.unwrap_or(frame as f64 / self.scene.time.fps)
+    }
+
+    /// Every `output.film_every`-th frame of `cache` as an animated PNG of half the size of a picture.
+    ///
+    /// # Errors
+    /// [`PictureError`] if a frame cannot be read or drawn.
+    pub fn film(&self, cache: &mut Cache, observer: &mut Observer<'_>) -> Result<Vec<u8>, PictureError> {
+        let every = self.scene.output.film_every as usize;
+        let frames: Vec<usize> = (0..cache.frames()).step_by(every).collect();
+        let fps = (self.scene.time.fps / every as f64).round().clamp(1.0, 1000.0) as u32;
+        observer(&Progress::Begin { what: "filming", done: 0, total: frames.len() as u64 });
+        let mut film = None;
+        // As many frames at a time as there are threads: parts of a picture are drawn by one.
+        for batch in frames.chunks(rayon::current_num_threads().max(1)) {
+            for image in self.frames(cache, batch, 0.5)? {
+                if film.is_none() {
+                    film = Some(Film::new(Cursor::new(Vec::new()), image.width(), image.height(), fps)?);
+                }
+                if let Some(film) = &mut film {
+                    film.push(&image)?;
+                }
+                observer(&Progress::Step);
+            }
+        }
+        observer(&Progress::End);
+        let bytes = film.map(Film::finish).transpose()?;
+        Ok(bytes.map(Cursor::into_inner).unwrap_or_default())
+    }
+
+    /// A sheet of frames of `cache` at equal times, from the first to the last.
+    ///
+    /// # Errors
+    /// [`PictureError`] if a frame cannot be read or drawn.
+    pub fn sheet(&self, cache: &mut Cache) -> Result<Image, PictureError> {
+        let count = SHEET.0.min(cache.frames()).max(1);
+        let last = cache.frames().saturating_sub(1);
+        let frames: Vec<usize> = (0..count).map(|index| index * last / (count - 1).max(1)).collect();
+        let labels = frames.iter().map(|&frame| format!("{:.2} S", self.time_secs(cache, frame)));
+        let labels: Vec<String> = labels.collect();
+        let pictures: Vec<_> = self.frames(cache, &frames, 0.4)?.into_iter().zip(labels).collect();
+        labelled(&pictures, SHEET.1)
+    }
+
+    /// A sheet of the rest shape from four sides.
+    ///
+    /// # Errors
+    /// [`PictureError`] if it cannot be drawn.
+    pub fn sides(&self) -> Result<Image, PictureError> {
+        let mut pictures = Vec::new();
+        for (name, yaw) in [("FRONT", 0.0), ("THREE QUARTERS", 40.0), ("SIDE", 90.0), ("BACK", 180.0)] {
+            pictures.push((
+                self.from_side(yaw).picture(self.assets.groom.positions(), 0.0, 0.6)?,
+                name.to_owned(),
+            ));
+        }
+        labelled(&pictures, 4)
+    }
+}
+
+/// Pictures with their labels as one.
+pub(crate) fn labelled(pictures: &[(Image, String)], columns: u32) -> Result<Image, PictureError> {
+    let cells: Vec<Labelled<'_>> = pictures.iter().map(|(image, label)| Labelled { image, label }).collect();
+    Ok(contact_sheet(&cells, columns)?)
+}
+
+/// Writes `image` as the PNG `path`, whole or not at all.
+///
+/// # Errors
+/// [`PictureError`] if it cannot be written.
+pub fn write_png(path: &Path, image: &Image) -> Result<(), PictureError> {
+    let png = image.to_png()?;
+    Ok(forelock_io::atomic_write(path, |file| file.write_all(&png))?)
+}
+
+/// What pictures a run left.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct RunPictures {
+    pub(crate) files: Vec<PathBuf>,
+    pub(crate) shown: crate::report::Pictures,
+}
+
+/// Makes the pictures that `scene` asks for of a run into the folder `out`, whose strands are at `positions` at
+/// `time_secs` at its end.
+///
+/// # Errors
+/// [`PictureError`] if one cannot be made.
+pub(crate) fn of_run(
+    studio: &Studio<'_>,
+    (positions, time_secs): (&[Vec3], f64),
+    cache: Option<&Path>,
+    out: &Path,
+    observer: &mut Observer<'_>,
+) -> Result<RunPictures, PictureError> {
+    let output = &studio.scene.output;
+    let mut made = RunPictures::default();
+    let mut write = |name: &str, bytes: &[u8]| {
+        let path = out.join(name);
+        forelock_io::atomic_write(&path, |file| file.write_all(bytes)).map(|()| made.files.push(path))
+    };
+    if output.picture {
+        let png = studio.picture(positions, time_secs, 1.0)?.to_png()?;
+        write("picture.png", &png)?;
+        made.shown.picture = Some(png);
+    }
+    let Some(path) = cache.filter(|_| output.film || output.contact_sheet) else {
+        return Ok(made);
+    };
+    let mut cache = Cache::open(path)?;
+    if output.contact_sheet {
+        write("contact-sheet.png", &studio.sheet(&mut cache)?.to_png()?)?;
+        made.shown.contact_sheet = Some("contact-sheet.png".to_owned());
+    }
+    if output.film {
+        write("film.png", &studio.film(&mut cache, observer)?)?;
+        made.shown.film = Some("film.png".to_owned());
+    }
+    Ok(made)
+}

@@ -1,0 +1,341 @@
+//! A run: a scene simulated frame by frame into an output folder.
+//!
+//! # Practice
+//! [`simulate`] loads what the scene names, steps through its frames while the cache goes to disk, and leaves in the
+//! output folder: the cache, `snapshot.npz` (the state after the last frame), `scene.toml` (every key written out), the
+//! pictures, `summary.json` and `report.html`. Nothing is written before everything has been loaded.
+//!
+//! When `cancel` is set the frame at hand is finished and the run ends as if its scene were that long. A later run
+//! with [`RunOptions::resume`] goes on from the snapshot: cache and state hash come out as if nothing had happened.
+//!
+//! # Limitations
+//! A resumed run must have the scene and the files of the first one: all but `time.frames`, the outputs and the looks
+//! is compared, and a difference is an error.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+use forelock_core::body::ColliderFrame;
+use forelock_core::pose::Pose;
+use forelock_core::solver::{Frame, FrameReport, Options, Simd, Simulation};
+use forelock_io::CacheWriter;
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use crate::assets::{AssetError, Assets};
+use crate::pictures::{self, PictureError, Studio};
+use crate::report;
+use crate::scene::Scene;
+use crate::snapshot::{Snapshot, SnapshotError};
+use crate::summary::{FrameRow, Spread, Summary, device_name, median_stages, peak_memory_bytes};
+
+/// Where and how a scene is run.
+#[derive(Clone, Debug)]
+pub struct RunOptions {
+    /// The output folder; made if it is not there.
+    pub out: PathBuf,
+    /// Whether to go on where an earlier run into the same folder ended.
+    pub resume: bool,
+}
+
+/// What a run tells while it runs.
+#[derive(Clone, Copy, Debug)]
+pub enum Progress<'a> {
+    /// Something worth knowing, one sentence.
+    Note(&'a str),
+    /// A piece of work begins, of which `done` of `total` steps are done already.
+    Begin {
+        /// What it is, a word or two.
+        what: &'static str,
+        /// Steps done before.
+        done: u64,
+        /// Steps in all.
+        total: u64,
+    },
+    /// One more step is done.
+    Step,
+    /// The piece of work is done.
+    End,
+}
+
+/// Receives what a run tells.
+pub type Observer<'a> = dyn FnMut(&Progress<'_>) + 'a;
+
+/// Why a run failed.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// The scene itself is wrong.
+    #[error(transparent)]
+    Scene(#[from] crate::scene::SceneError),
+    /// Something that the scene names cannot be used.
+    #[error(transparent)]
+    Asset(#[from] AssetError),
+    /// The solver refuses groom or parameters.
+    #[error("the solver cannot take this scene: {0}")]
+    Build(#[from] forelock_core::solver::BuildError),
+    /// There is nothing to resume, or it does not fit.
+    #[error(transparent)]
+    Snapshot(#[from] SnapshotError),
+    /// The snapshot is of another groom.
+    #[error("the snapshot does not fit: {0}")]
+    Restore(#[from] forelock_core::state::SnapshotError),
+    /// The solver refuses a frame.
+    #[error("the solver cannot step this scene: {0}")]
+    Step(#[from] forelock_core::solver::ParamsError),
+    /// A file cannot be written.
+    #[error(transparent)]
+    Write(#[from] forelock_io::WriteError),
+    /// The output folder cannot be made.
+    #[error("{}: the output folder cannot be made: {error}; name another with --out", .path.display())]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// What the system said.
+        error: std::io::Error,
+    },
+    /// A picture cannot be made.
+    #[error(transparent)]
+    Picture(#[from] PictureError),
+}
+
+/// Runs `scene` and writes its outputs; `observer` is told how it goes, `cancel` ends it early and cleanly.
+///
+/// # Errors
+/// [`RunError`]; what was written until then is whole.
+pub fn simulate(
+    scene: &Scene,
+    options: &RunOptions,
+    observer: &mut Observer<'_>,
+    cancel: &AtomicBool,
+) -> Result<Summary, RunError> {
+    let assets = Assets::load(scene, observer)?;
+    let mut run = Run::start(scene, &assets, options)?;
+    run.step_through(observer, cancel)?;
+    run.finish(observer)
+}
+
+/// A simulation and what it is fed with.
+pub(crate) struct Stepper<'a> {
+    scene: &'a Scene,
+    assets: &'a Assets,
+    pub(crate) simulation: Simulation,
+}
+
+impl<'a> Stepper<'a> {
+    /// The simulation of `assets` at rest as `scene` asks for it.
+    pub(crate) fn new(scene: &'a Scene, assets: &'a Assets) -> Result<Self, RunError> {
+        let options = Options {
+            simd: scene.solver.simd.into(),
+            rest_pose: assets.head_pose(0.0),
+            rest_gravity: DVec3::from_array(scene.gravity),
+            beyond_float32: scene.solver.beyond_float32,
+        };
+        let simulation = Simulation::new(&assets.groom, &scene.solver.params(), &options)?;
+        Ok(Self { scene, assets, simulation })
+    }
+
+    /// Time of frame `frame`, seconds.
+    fn time_secs(&self, frame: u32) -> f64 {
+        f64::from(frame) / self.scene.time.fps
+    }
+
+    /// All solids between frame `frame` and the next, and the head's poses then.
+    fn surroundings(&self, frame: u32) -> ([Pose; 2], Vec<ColliderFrame<'a>>) {
+        let times = [frame, frame + 1].map(|frame| self.time_secs(frame));
+        let head = times.map(|time| self.assets.head_pose(time));
+        (head, self.assets.collider_frames(times, head))
+    }
+
+    /// From frame `frame` to the next.
+    pub(crate) fn step(&mut self, frame: u32) -> Result<FrameReport, RunError> {
+        let (head, colliders) = self.surroundings(frame);
+        Ok(self.simulation.step_frame(&Frame {
+            head,
+            colliders: &colliders,
+            gravity: DVec3::from_array(self.scene.gravity),
+            air_velocity: DVec3::from_array(self.scene.wind.velocity),
+            dt_secs: 1.0 / self.scene.time.fps,
+        })?)
+    }
+}
+
+/// A run under way.
+struct Run<'a> {
+    stepper: Stepper<'a>,
+    out: &'a Path,
+    cache: Option<CacheWriter>,
+    /// Frames done, and the worst values over them.
+    so_far: Snapshot,
+    rows: Vec<FrameRow>,
+    positions: Vec<Vec3>,
+}
+
+impl<'a> Run<'a> {
+    fn start(scene: &'a Scene, assets: &'a Assets, options: &'a RunOptions) -> Result<Self, RunError> {
+        let out = options.out.as_path();
+        let mut stepper = Stepper::new(scene, assets)?;
+        let fingerprint = assets.fingerprint(scene);
+        let cache_path = cache_path(scene, out);
+        let mut so_far = Snapshot::begin(fingerprint);
+        let cache = if options.resume {
+            so_far = Snapshot::read(&out.join(SNAPSHOT), fingerprint)?;
+            if let Some(state) = so_far.state.take() {
+                stepper.simulation.restore(&state)?;
+            }
+            cache_path.map(|path| CacheWriter::resume(&path, so_far.frame as usize + 1)).transpose()?
+        } else {
+            std::fs::create_dir_all(out)
+                .map_err(|error| RunError::Folder { path: out.to_path_buf(), error })?;
+            let offsets = assets.groom.strand_offsets();
+            cache_path.map(|path| CacheWriter::create(&path, offsets, &[])).transpose()?
+        };
+        let mut run = Self { stepper, out, cache, so_far, rows: Vec::new(), positions: Vec::new() };
+        run.stepper.simulation.positions(&mut run.positions);
+        if !options.resume {
+            run.append()?;
+        }
+        Ok(run)
+    }
+
+    /// Appends the present positions to the cache.
+    fn append(&mut self) -> Result<(), RunError> {
+        let time = self.stepper.time_secs(self.so_far.frame);
+        if let Some(cache) = &mut self.cache {
+            cache.append(time, &self.positions)?;
+        }
+        Ok(())
+    }
+
+    fn step_through(&mut self, observer: &mut Observer<'_>, cancel: &AtomicBool) -> Result<(), RunError> {
+        let frames = self.stepper.scene.time.frames;
+        let done = self.so_far.frame.into();
+        observer(&Progress::Begin { what: "simulating", done, total: frames.into() });
+        while self.so_far.frame < frames && !cancel.load(Ordering::SeqCst) {
+            self.step()?;
+            let written = Instant::now();
+            self.append()?;
+            if let Some(row) = self.rows.last_mut() {
+                row.stages.push(("write_cache", written.elapsed().as_secs_f64() * 1e3));
+            }
+            observer(&Progress::Step);
+        }
+        observer(&Progress::End);
+        Ok(())
+    }
+
+    /// One frame.
+    fn step(&mut self) -> Result<(), RunError> {
+        let frame = self.so_far.frame;
+        let started = Instant::now();
+        let report = self.stepper.step(frame)?;
+        let ms = started.elapsed().as_secs_f64() * 1e3;
+        self.stepper.simulation.positions(&mut self.positions);
+        let (_, colliders) = self.stepper.surroundings(frame);
+        let deep = deep_particles(&self.positions, &colliders);
+        let share = deep as f64 / self.positions.len().max(1) as f64;
+        let worst = [report.max_edge_stretch, report.max_edge_stretch_final, report.max_penetration_m, share];
+        let so_far = &mut self.so_far;
+        so_far.frame += 1;
+        so_far.worst = std::array::from_fn(|i| so_far.worst[i].max(worst[i]));
+        so_far.quarantined_strands += u64::from(report.quarantined_strands);
+        self.rows.push(FrameRow {
+            ms,
+            stretch: report.max_edge_stretch,
+            penetration_m: report.max_penetration_m,
+            stages: report.stage_secs.iter().map(|&(stage, secs)| (stage, secs * 1e3)).collect(),
+        });
+        Ok(())
+    }
+
+    /// Closes the cache, saves the state, takes the pictures, and writes summary and report.
+    fn finish(mut self, observer: &mut Observer<'_>) -> Result<Summary, RunError> {
+        let mut outputs = Vec::new();
+        if let (Some(cache), Some(path)) = (self.cache.take(), cache_path(self.stepper.scene, self.out)) {
+            cache.finish()?;
+            outputs.push(path);
+        }
+        self.so_far.state = Some(self.stepper.simulation.snapshot());
+        let snapshot = self.out.join(SNAPSHOT);
+        self.so_far.write(&snapshot)?;
+        outputs.push(snapshot);
+        let text = |name: &str, text: &str| {
+            let path = self.out.join(name);
+            forelock_io::atomic_write(&path, |file| file.write_all(text.as_bytes())).map(|()| path)
+        };
+        outputs.push(text("scene.toml", &self.stepper.scene.to_toml())?);
+        let studio = Studio::new(self.stepper.scene, self.stepper.assets);
+        let last = (self.positions.as_slice(), self.stepper.time_secs(self.so_far.frame));
+        // An interrupted run gets its film when it has been resumed.
+        let whole = self.so_far.frame >= self.stepper.scene.time.frames;
+        let cache = cache_path(self.stepper.scene, self.out).filter(|_| whole);
+        let pictures = pictures::of_run(&studio, last, cache.as_deref(), self.out, observer)?;
+        outputs.extend(pictures.files);
+
+        let mut summary = self.summary(outputs);
+        summary.outputs.push(self.out.join("summary.json"));
+        if self.stepper.scene.output.report {
+            summary.outputs.push(self.out.join("report.html"));
+            text("report.html", &report::html(self.stepper.scene, &summary, &self.rows, &pictures.shown))?;
+        }
+        let json = serde_json::to_string_pretty(&summary).unwrap_or_default();
+        text("summary.json", &json)?;
+        Ok(summary)
+    }
+
+    fn summary(&self, outputs: Vec<PathBuf>) -> Summary {
+        let times: Vec<f64> = self.rows.iter().map(|row| row.ms).collect();
+        let memory = self.stepper.simulation.memory();
+        let so_far = &self.so_far;
+        Summary {
+            scene: self.stepper.scene.name.clone(),
+            solver: self.stepper.scene.solver.kind.name().to_owned(),
+            backend: "cpu",
+            device: device_name(),
+            simd: format!("{:?}", Simd::from(self.stepper.scene.solver.simd).resolve()).to_lowercase(),
+            threads: rayon::current_num_threads(),
+            strands: self.stepper.assets.groom.strand_count(),
+            particles: self.stepper.assets.groom.particle_count(),
+            frames: so_far.frame,
+            frames_asked: self.stepper.scene.time.frames,
+            fps: self.stepper.scene.time.fps,
+            substeps: self.stepper.scene.substeps(),
+            ms_per_frame: Spread::of(&times),
+            ms_per_stage: median_stages(&self.rows),
+            peak_memory_bytes: peak_memory_bytes(),
+            simulation_bytes: (memory.model + memory.state + memory.workspace) as u64,
+            max_edge_stretch: so_far.worst[0],
+            max_edge_stretch_after_solids: so_far.worst[1],
+            max_penetration_m: so_far.worst[2],
+            max_share_1mm_inside: so_far.worst[3],
+            quarantined_strands: so_far.quarantined_strands,
+            state_hash: format!("{:016x}", self.stepper.simulation.state_hash()),
+            notes: self.stepper.assets.notes.clone(),
+            outputs,
+        }
+    }
+}
+
+/// Name of the snapshot in the output folder.
+const SNAPSHOT: &str = "snapshot.npz";
+
+/// Where the cache goes, if there is to be one.
+fn cache_path(scene: &Scene, out: &Path) -> Option<PathBuf> {
+    let name = &scene.output.cache;
+    (!name.as_os_str().is_empty()).then(|| out.join(name))
+}
+
+/// Depth under a surface from which a particle counts as inside, metres.
+const DEEP_M: f64 = 1e-3;
+
+/// Particles more than [`DEEP_M`] inside a solid at the end of its frame.
+fn deep_particles(positions: &[Vec3], solids: &[ColliderFrame<'_>]) -> usize {
+    let local: Vec<_> = solids.iter().map(|solid| (solid.shape, solid.pose(1.0).inverse())).collect();
+    let deep = |p: &Vec3| {
+        local.iter().any(|(shape, local_from_world): &(_, Pose)| {
+            let p = local_from_world.transform_point(p.as_dvec3()).as_vec3().to_array();
+            shape.sample_near(p, 0.0).is_some_and(|(distance, _)| f64::from(distance) < -DEEP_M)
+        })
+    };
+    positions.par_chunks(4096).map(|chunk| chunk.iter().filter(|p| deep(p)).count()).sum()
+}

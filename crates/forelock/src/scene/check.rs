@@ -1,0 +1,264 @@
+//! The values that a scene may hold.
+//!
+//! Each check names the dotted key and says what would be right. The ranges are those of the doc lines; a test reads
+//! both and compares them.
+
+use forelock_core::body::Motion;
+use forelock_core::groom::grow::GrowError;
+use forelock_core::solver::params::FLOAT32_STIFFNESS_LIMIT;
+use forelock_core::solver::{AmsParams, ParamsError};
+
+use forelock_render::HairColour;
+
+use super::document::Document;
+use super::error::one_of;
+use super::sections::{ColliderSection, GroomSource, InteractionKind, ShapeKind, SolverKind};
+use super::{MotionSection, Scene};
+
+/// Key and message of what is wrong.
+type Wrong = (String, String);
+
+/// A range of numbers and its words.
+#[derive(Clone, Copy)]
+enum Range {
+    AtLeast(f64),
+    Above(f64),
+    Within(f64, f64),
+}
+
+impl Range {
+    fn check(self, key: &str, value: f64) -> Result<(), Wrong> {
+        let (inside, words) = match self {
+            Self::AtLeast(low) => (value >= low, format!("{low} or more")),
+            Self::Above(low) => (value > low, format!("above {low}")),
+            Self::Within(low, high) => ((low..=high).contains(&value), format!("from {low} to {high}")),
+        };
+        if inside && value.is_finite() {
+            return Ok(());
+        }
+        Err((key.to_owned(), format!("should be {words}, not {value}")))
+    }
+}
+
+/// Checks every value of `scene`; `document` tells what its author wrote himself.
+pub(super) fn check(scene: &Scene, document: &Document<'_>) -> Result<(), Wrong> {
+    check_finite(scene)?;
+    check_available(scene)?;
+    check_numbers(scene)?;
+    check_motion("body.motion", &scene.body.motion)?;
+    if scene.body.is_named() && !matches!(scene.body.mesh.as_str(), "none" | "builtin:head") {
+        return Err(("body.mesh".to_owned(), one_of(&scene.body.mesh, &["builtin:head", "none", "a path"])));
+    }
+    if !HairColour::NAMES.contains(&scene.hair.colour.as_str()) {
+        return Err(("hair.colour".to_owned(), one_of(&scene.hair.colour, &HairColour::NAMES)));
+    }
+    for (index, collider) in scene.colliders.iter().enumerate() {
+        check_collider(&format!("collider.{index}"), collider)?;
+    }
+    check_output(scene)?;
+    check_growth(scene, document)?;
+    if scene.time.substeps.is_some() && document.sets("solver.ams.substeps") {
+        let message = "is set, and so is `solver.ams.substeps`, which means the same: keep one".to_owned();
+        return Err(("time.substeps".to_owned(), message));
+    }
+    let substeps = scene.time.substeps.unwrap_or(scene.solver.ams.substeps);
+    check_ams(&AmsParams { substeps, ..scene.solver.ams.clone() }, scene)
+}
+
+/// Every number of the scene is finite.
+fn check_finite(scene: &Scene) -> Result<(), Wrong> {
+    fn walk(key: &str, value: &toml::Value) -> Result<(), Wrong> {
+        match value {
+            toml::Value::Float(number) if !number.is_finite() => {
+                Err((key.to_owned(), format!("should be a finite number, not {number}")))
+            }
+            toml::Value::Table(table) => table.iter().try_for_each(|(name, value)| {
+                walk(&if key.is_empty() { name.clone() } else { format!("{key}.{name}") }, value)
+            }),
+            // Names the list, not its entry: users think of a vector as one value.
+            toml::Value::Array(list) => list.iter().enumerate().try_for_each(|(index, value)| {
+                walk(&if value.is_table() { format!("{key}.{index}") } else { key.to_owned() }, value)
+            }),
+            _ => Ok(()),
+        }
+    }
+    let value = toml::Value::try_from(scene)
+        .map_err(|error| (String::new(), format!("holds a value that TOML cannot express: {error}")))?;
+    walk("", &value)
+}
+
+/// Kinds that later versions bring are refused, not ignored.
+fn check_available(scene: &Scene) -> Result<(), Wrong> {
+    let later = |key: &str, what: &str, now: &str| {
+        Err((key.to_owned(), format!("asks for {what}, which this version does not have yet: {now}")))
+    };
+    match scene.solver.kind {
+        SolverKind::Ams | SolverKind::MassSpring => {}
+        kind => {
+            let what = format!("the solver \"{}\"", kind.name());
+            return later("solver.kind", &what, "use \"ams\" or \"mass-spring\"");
+        }
+    }
+    match scene.interaction.kind {
+        InteractionKind::None => {}
+        InteractionKind::Grid => {
+            return later("interaction.kind", "hair against hair through a grid", "use \"none\"");
+        }
+        InteractionKind::Sph => {
+            return later("interaction.kind", "hair against hair through particles", "use \"none\"");
+        }
+    }
+    let wind = &scene.wind;
+    for (key, value) in
+        [("gusts", &wind.gusts), ("turbulence", &wind.turbulence), ("occlusion", &wind.occlusion)]
+    {
+        if value.is_some() {
+            return later(&format!("wind.{key}"), &format!("wind {key}"), "use a steady wind.velocity");
+        }
+    }
+    Ok(())
+}
+
+fn check_numbers(scene: &Scene) -> Result<(), Wrong> {
+    let whole = f64::from;
+    let (groom, body, time, output) = (&scene.groom, &scene.body, &scene.time, &scene.output);
+    let rows = [
+        ("groom.strands", whole(groom.strands), Range::Within(1.0, 1e6)),
+        ("groom.scale", groom.scale, Range::Above(0.0)),
+        ("body.scale", body.scale, Range::Above(0.0)),
+        ("body.friction", body.friction, Range::AtLeast(0.0)),
+        ("body.sdf_cells", whole(body.sdf_cells), Range::Within(8.0, 512.0)),
+        ("time.fps", time.fps, Range::Within(1.0, 1e4)),
+        ("time.substeps", whole(time.substeps.unwrap_or(1)), Range::Within(1.0, 1e3)),
+        ("time.frames", whole(time.frames), Range::Within(1.0, 1e6)),
+        ("output.film_every", whole(output.film_every), Range::Within(1.0, 1e3)),
+        ("output.width", whole(output.width), Range::Within(16.0, 4096.0)),
+        ("output.height", whole(output.height), Range::Within(16.0, 4096.0)),
+        ("camera.pitch_degrees", scene.camera.pitch_degrees, Range::Within(-89.0, 89.0)),
+        ("camera.distance", scene.camera.distance, Range::Within(0.01, 100.0)),
+        ("hair.width", scene.hair.width, Range::Within(0.0, 0.01)),
+    ];
+    rows.into_iter().try_for_each(|(key, value, range)| range.check(key, value))?;
+    if groom.vertices_per_strand != 0 {
+        Range::Within(2.0, 1000.0).check("groom.vertices_per_strand", whole(groom.vertices_per_strand))?;
+    }
+    match &groom.source {
+        GroomSource::Files(files) if files.is_empty() => {
+            Err(("groom.source".to_owned(), "is an empty list: name a file, or use \"grow\"".to_owned()))
+        }
+        GroomSource::Grow if body.mesh == "none" => {
+            let message = "is \"grow\", but `body.mesh` is \"none\": hair needs a body to grow on".to_owned();
+            Err(("groom.source".to_owned(), message))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn check_motion(key: &str, motion: &MotionSection) -> Result<(), Wrong> {
+    if motion.builtin_name().is_none_or(|name| !Motion::NAMES.contains(&name)) {
+        let known = Motion::NAMES.map(|name| format!("builtin:{name}"));
+        return Err((key.to_owned(), one_of(&motion.name, &known.each_ref().map(String::as_str))));
+    }
+    Range::AtLeast(0.0).check(&format!("{key}.amplitude"), motion.amplitude)?;
+    Range::Above(0.0).check(&format!("{key}.frequency_hz"), motion.frequency_hz.unwrap_or(1.0))?;
+    Range::AtLeast(0.0).check(&format!("{key}.rest_after_secs"), motion.rest_after_secs)?;
+    let frames = &motion.keyframes;
+    if frames.first().is_some_and(|first| first.time_secs != 0.0) {
+        return Err((
+            format!("{key}.keyframe.0.time_secs"),
+            "should be 0: the first is the start".to_owned(),
+        ));
+    }
+    match frames.windows(2).position(|pair| pair[1].time_secs <= pair[0].time_secs) {
+        None => Ok(()),
+        Some(index) => {
+            let message = "should be later than that of the keyframe before it".to_owned();
+            Err((format!("{key}.keyframe.{}.time_secs", index + 1), message))
+        }
+    }
+}
+
+fn check_collider(key: &str, collider: &ColliderSection) -> Result<(), Wrong> {
+    let shape = collider.shape;
+    let round = matches!(shape, ShapeKind::Sphere | ShapeKind::HollowSphere | ShapeKind::Capsule);
+    for (name, set, fits) in [
+        ("radius", collider.radius.is_some(), round),
+        ("half_length", collider.half_length.is_some(), shape == ShapeKind::Capsule),
+        ("half_extents", collider.half_extents.is_some(), shape == ShapeKind::Box),
+        ("mesh", collider.mesh.is_some(), shape == ShapeKind::Mesh),
+    ] {
+        if set && !fits {
+            let message =
+                format!("does not apply to this `shape` ({shape:?}): remove one of the two").to_lowercase();
+            return Err((format!("{key}.{name}"), message));
+        }
+    }
+    if shape == ShapeKind::Mesh && collider.mesh.is_none() {
+        return Err((
+            format!("{key}.shape"),
+            "is \"mesh\", but there is no `mesh` file: name one".to_owned(),
+        ));
+    }
+    Range::Above(0.0).check(&format!("{key}.radius"), collider.radius.unwrap_or(1.0))?;
+    Range::AtLeast(0.0).check(&format!("{key}.half_length"), collider.half_length.unwrap_or(1.0))?;
+    for side in collider.half_extents.unwrap_or([1.0; 3]) {
+        Range::Above(0.0).check(&format!("{key}.half_extents"), side)?;
+    }
+    Range::Above(0.0).check(&format!("{key}.scale"), collider.scale)?;
+    Range::AtLeast(0.0).check(&format!("{key}.friction"), collider.friction)?;
+    check_motion(&format!("{key}.motion"), &collider.motion)
+}
+
+/// Growth parameters, and that none is set twice.
+fn check_growth(scene: &Scene, document: &Document<'_>) -> Result<(), Wrong> {
+    for (key, same) in [("groom.grow.strands", "groom.strands"), ("groom.grow.seed", "seed")] {
+        if document.sets(key) {
+            return Err((key.to_owned(), format!("is called `{same}` in a scene")));
+        }
+    }
+    scene.groom.grow.check().map_err(|error| match error {
+        GrowError::Parameter { name, value, low, high } => {
+            let low = if low == f32::MIN_POSITIVE { "above 0".to_owned() } else { format!("from {low}") };
+            let key = name.split('[').next().unwrap_or(name);
+            (format!("groom.grow.{key}"), format!("should be {low} to {high}, not {value}"))
+        }
+        other => ("groom.grow".to_owned(), other.to_string()),
+    })
+}
+
+fn check_output(scene: &Scene) -> Result<(), Wrong> {
+    let output = &scene.output;
+    let key = || "output.cache".to_owned();
+    if output.cache.as_os_str().is_empty() {
+        return match (output.film, output.contact_sheet) {
+            (false, false) => Ok(()),
+            _ => Err((key(), "is empty, but the film and the contact sheet are made from it".to_owned())),
+        };
+    }
+    match output.cache.extension().and_then(|ending| ending.to_str()) {
+        Some("npz") => Ok(()),
+        ending => {
+            let ending = ending.map_or("has no ending".to_owned(), |e| format!("ends in .{e}"));
+            Err((key(), format!("{ending}: this version writes .npz")))
+        }
+    }
+}
+
+/// What the solver says of its parameters, with the scene's keys.
+fn check_ams(ams: &AmsParams, scene: &Scene) -> Result<(), Wrong> {
+    let fps = scene.time.fps;
+    let checked = ams.validate().and_then(|()| ams.validate_step(1.0 / fps, scene.solver.beyond_float32));
+    checked.map_err(|error| match error {
+        ParamsError::Range { name, value, expected } => {
+            (format!("solver.ams.{name}"), format!("should be {expected}, not {value}"))
+        }
+        ParamsError::TooStiff { name, value, substeps, product, needed, allowed, .. } => {
+            let raise = if needed <= 1000 { format!("raise time.substeps to {needed} or ") } else { String::new() };
+            let message = format!(
+                "= {value:e} with {fps} frames a second and {substeps} substeps makes h²κ = {product:.3e}, and float32 \
+                 holds up to {FLOAT32_STIFFNESS_LIMIT:e}: {raise}lower it to {allowed:.3e}"
+            );
+            (format!("solver.ams.{name}"), message)
+        }
+    })
+}

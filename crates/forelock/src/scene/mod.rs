@@ -1,0 +1,194 @@
+//! The scene file: what to simulate, in TOML.
+//!
+//! # Theory
+//! A scene is one TOML document in which every key has a default, so that the empty file is a scene. [`Scene`] is that
+//! document as a plain struct; its doc lines are the reference for the keys.
+//!
+//! # Practice
+//! [`Scene::load`] reads a file, [`Scene::parse`] a text; both lay the `key=value` overrides of the command line over
+//! it before anything is interpreted, so that an override meets the same checks and the same messages as the file.
+//! Unknown keys are refused with the nearest known one; wrong types and values out of range name the key, the line and
+//! what would be right. Paths are taken relative to the scene file.
+//!
+//! # Limitations
+//! The simulation runs in float32, so a scene in which h²κ exceeds [`FLOAT32_STIFFNESS_LIMIT`](forelock_core::solver::params::FLOAT32_STIFFNESS_LIMIT) is refused.
+
+mod check;
+mod document;
+mod error;
+mod motion;
+mod sections;
+
+pub use document::Override;
+pub use error::{Place, SceneError};
+pub use motion::{Keyframe, MotionSection};
+pub use sections::{
+    BodySection, CameraSection, ColliderSection, GroomSection, GroomSource, HairSection, InteractionKind,
+    InteractionSection, OutputSection, ShapeKind, SimdChoice, SolverKind, SolverSection, TimeSection,
+    WindSection,
+};
+
+use std::path::{Path, PathBuf};
+
+use document::{Document, Layer};
+use serde::{Deserialize, Serialize};
+
+/// The scene that `forelock demo` runs: `scenes/default.toml`, built in.
+pub const DEFAULT_SCENE: &str = include_str!("../../../../scenes/default.toml");
+
+/// A whole scene, as its file holds it: every value checked, every path absolute or relative to the current folder.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Scene {
+    /// Name of the scene, for reports and the output folder. Default: the file's name without its ending.
+    pub name: String,
+    /// Seed of everything random. No unit, default 1, range 0 or more; 0 is a seed like any other.
+    pub seed: u64,
+    /// Gravity, [x, y, z]. Unit m/s², default [0, -9.81, 0]; zeros switch it off.
+    pub gravity: [f64; 3],
+    /// The strands.
+    pub groom: GroomSection,
+    /// What they grow on, and how it moves.
+    pub body: BodySection,
+    /// Further solids, each a `[[collider]]` table.
+    #[serde(rename = "collider")]
+    pub colliders: Vec<ColliderSection>,
+    /// Moving air.
+    pub wind: WindSection,
+    /// Which solver, and its parameters.
+    pub solver: SolverSection,
+    /// Hair against hair.
+    pub interaction: InteractionSection,
+    /// Frames and substeps.
+    pub time: TimeSection,
+    /// What is written.
+    pub output: OutputSection,
+    /// From where pictures are taken.
+    pub camera: CameraSection,
+    /// How the hair looks in pictures.
+    pub hair: HairSection,
+}
+
+impl Default for Scene {
+    fn default() -> Self {
+        Self {
+            name: String::new(),
+            seed: 1,
+            gravity: [0.0, -9.81, 0.0],
+            groom: GroomSection::default(),
+            body: BodySection::default(),
+            colliders: Vec::new(),
+            wind: WindSection::default(),
+            solver: SolverSection::default(),
+            interaction: InteractionSection::default(),
+            time: TimeSection::default(),
+            output: OutputSection::default(),
+            camera: CameraSection::default(),
+            hair: HairSection::default(),
+        }
+    }
+}
+
+impl Scene {
+    /// Reads the scene file at `path` with `overrides` laid over it.
+    ///
+    /// # Errors
+    /// [`SceneError`] if the file cannot be read, is not TOML, holds an unknown key or a value that is wrong.
+    pub fn load(path: &Path, overrides: &[Override]) -> Result<Self, SceneError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|error| SceneError::Read { path: path.to_path_buf(), error })?;
+        let mut scene = Self::parse(&text, path, overrides)?;
+        if scene.name.is_empty() {
+            scene.name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        }
+        Ok(scene)
+    }
+
+    /// The built-in scene of `forelock demo` with `overrides` laid over it.
+    ///
+    /// # Errors
+    /// [`SceneError`] if an override holds an unknown key or a value that is wrong.
+    pub fn builtin(overrides: &[Override]) -> Result<Self, SceneError> {
+        Self::parse(DEFAULT_SCENE, Path::new("the built-in scene"), overrides)
+    }
+
+    /// Reads a scene from `text`. `path` names the text in messages, and paths inside it are taken relative to the
+    /// folder that holds `path`.
+    ///
+    /// # Errors
+    /// [`SceneError`] as for [`Scene::load`], except that nothing is read from disk.
+    pub fn parse(text: &str, path: &Path, overrides: &[Override]) -> Result<Self, SceneError> {
+        let layers = Layer::stack(text.len(), overrides)?;
+        let written = Document::parse(text, path, &layers, "")?;
+        let preset = written.text_at("groom", "preset").unwrap_or_else(|| GroomSection::default().preset);
+        let growth =
+            sections::preset_toml(&preset).map_err(|message| written.refuse("groom.preset", message))?;
+        let below = written.below(&growth);
+        let document = Document::parse(text, path, &layers, &below)?;
+        let mut scene: Self = document.deserialize()?;
+        check::check(&scene, &document).map_err(|(key, message)| document.refuse(&key, message))?;
+        if let Some(substeps) = scene.time.substeps {
+            scene.solver.ams.substeps = substeps;
+        }
+        scene.time.substeps = Some(scene.solver.ams.substeps);
+        (scene.groom.grow.strands, scene.groom.grow.seed) = (scene.groom.strands, scene.seed);
+        scene.resolve_paths(path.parent().unwrap_or(Path::new("")));
+        Ok(scene)
+    }
+
+    /// Substeps a frame, M.
+    pub fn substeps(&self) -> u32 {
+        self.solver.ams.substeps
+    }
+
+    /// The scene as a TOML document with every key written out; [`Scene::parse`] reads it back to an equal scene.
+    pub fn to_toml(&self) -> String {
+        let table = toml::Table::try_from(self).map(|mut table| {
+            // Keys that say the same as another: `solver.ams.substeps`, `groom.strands`, `seed`.
+            remove(&mut table, &["time", "substeps"]);
+            remove(&mut table, &["groom", "grow", "strands"]);
+            remove(&mut table, &["groom", "grow", "seed"]);
+            if let Some(grow) = table.get_mut("groom").and_then(|groom| groom.get_mut("grow")) {
+                shorten(grow);
+            }
+            table.to_string()
+        });
+        table.unwrap_or_else(|error| format!("# this scene cannot be written as TOML: {error}\n"))
+    }
+
+    fn resolve_paths(&mut self, folder: &Path) {
+        let resolve = |path: &mut PathBuf| *path = folder.join(&*path);
+        if let GroomSource::Files(files) = &mut self.groom.source {
+            files.iter_mut().for_each(resolve);
+        }
+        if !self.body.is_named() {
+            self.body.mesh = folder.join(&self.body.mesh).to_string_lossy().into_owned();
+        }
+        self.colliders.iter_mut().filter_map(|c| c.mesh.as_mut()).for_each(resolve);
+    }
+}
+
+/// Writes numbers that were float32 with no more digits than float32 needs to read them back.
+fn shorten(value: &mut toml::Value) {
+    match value {
+        toml::Value::Float(number) => *number = (*number as f32).to_string().parse().unwrap_or(*number),
+        toml::Value::Array(list) => list.iter_mut().for_each(shorten),
+        toml::Value::Table(table) => table.iter_mut().for_each(|(_, value)| shorten(value)),
+        _ => {}
+    }
+}
+
+fn remove(table: &mut toml::Table, path: &[&str]) {
+    match path {
+        [] => {}
+        [key] => drop(table.remove(*key)),
+        [key, rest @ ..] => {
+            if let Some(toml::Value::Table(inner)) = table.get_mut(*key) {
+                remove(inner, rest);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,105 @@
+//! How the body or a collider moves, as a scene says it: a name, or a table.
+
+use std::fmt;
+
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{Deserialize, Deserializer, MapAccess, Visitor};
+
+/// A motion: `motion = "builtin:turn"`, or a table `[body.motion]` with these keys.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct MotionSection {
+    /// "builtin:still", "builtin:turn", "builtin:nod", "builtin:shake", "builtin:spin", "builtin:jump", "builtin:shake-and-jump" or "builtin:roller-coaster". Default "builtin:still".
+    pub name: String,
+    /// Factor on the motion's angles and lengths. No unit, default 1, range 0 or more; 0 stands still.
+    pub amplitude: f64,
+    /// How often the motion repeats. Unit Hz, default the motion's own, range above 0.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frequency_hz: Option<f64>,
+    /// When the motion comes to rest. Unit s, default 0, range 0 or more; 0 never rests.
+    pub rest_after_secs: f64,
+    /// The point about which rotations turn, [x, y, z]. Unit m, default: the neck of the body, the collider's position.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pivot: Option<[f64; 3]>,
+    /// Poses to pass through instead of a named motion, in order of time. Default none.
+    #[serde(rename = "keyframe", skip_serializing_if = "Vec::is_empty")]
+    pub keyframes: Vec<Keyframe>,
+}
+
+/// One pose of a motion by keyframes, a `[[body.motion.keyframe]]` table.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Keyframe {
+    /// When. Unit s, default 0, range 0 or more; the first must be 0.
+    pub time_secs: f64,
+    /// Where, as a shift from rest, [x, y, z]. Unit m, default [0, 0, 0].
+    pub translation: [f64; 3],
+    /// How turned from rest about the pivot: yaw about y, pitch about x, roll about z, in this order. Unit degrees, default [0, 0, 0].
+    pub rotation_degrees: [f64; 3],
+}
+
+impl Default for MotionSection {
+    fn default() -> Self {
+        Self::named("builtin:still")
+    }
+}
+
+impl MotionSection {
+    /// The motion called `name`, unchanged.
+    pub fn named(name: &str) -> Self {
+        Self {
+            name: name.to_owned(),
+            amplitude: 1.0,
+            frequency_hz: None,
+            rest_after_secs: 0.0,
+            pivot: None,
+            keyframes: Vec::new(),
+        }
+    }
+
+    /// The name after `builtin:`.
+    pub fn builtin_name(&self) -> Option<&str> {
+        self.name.strip_prefix("builtin:")
+    }
+}
+
+/// The table form, with the same keys.
+#[derive(serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct Table {
+    name: String,
+    amplitude: f64,
+    frequency_hz: Option<f64>,
+    rest_after_secs: f64,
+    pivot: Option<[f64; 3]>,
+    #[serde(rename = "keyframe")]
+    keyframes: Vec<Keyframe>,
+}
+
+impl Default for Table {
+    fn default() -> Self {
+        let MotionSection { name, amplitude, frequency_hz, rest_after_secs, pivot, keyframes } =
+            MotionSection::default();
+        Self { name, amplitude, frequency_hz, rest_after_secs, pivot, keyframes }
+    }
+}
+
+impl<'de> Deserialize<'de> for MotionSection {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct NameOrTable;
+        impl<'de> Visitor<'de> for NameOrTable {
+            type Value = MotionSection;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a motion's name in quotes or a table with one")
+            }
+            fn visit_str<E>(self, name: &str) -> Result<MotionSection, E> {
+                Ok(MotionSection::named(name))
+            }
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<MotionSection, A::Error> {
+                let Table { name, amplitude, frequency_hz, rest_after_secs, pivot, keyframes } =
+                    Table::deserialize(MapAccessDeserializer::new(map))?;
+                Ok(MotionSection { name, amplitude, frequency_hz, rest_after_secs, pivot, keyframes })
+            }
+        }
+        deserializer.deserialize_any(NameOrTable)
+    }
+}

@@ -1,0 +1,458 @@
+//! The tables of a scene file. Every field's doc line is the reference for its key.
+
+use std::fmt;
+use std::path::PathBuf;
+
+use forelock_core::groom::grow::{GrowParams, PRESETS};
+use forelock_core::groom::{Import, Unit, Up};
+use forelock_core::solver::{AmsParams, Simd};
+use serde::de::value::SeqAccessDeserializer;
+use serde::de::{Deserializer, SeqAccess, Visitor};
+use serde::{Deserialize, Serialize, Serializer};
+
+use super::error::one_of;
+use super::motion::MotionSection;
+
+/// Where strands come from.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum GroomSource {
+    /// Grown on the body.
+    #[default]
+    Grow,
+    /// Read from files, one groom after another.
+    Files(Vec<PathBuf>),
+}
+
+impl Serialize for GroomSource {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Self::Grow => serializer.serialize_str("grow"),
+            Self::Files(files) => files.serialize(serializer),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for GroomSource {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct GrowOrFiles;
+        impl<'de> Visitor<'de> for GrowOrFiles {
+            type Value = GroomSource;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("\"grow\", a file's path or a list of paths")
+            }
+            fn visit_str<E>(self, text: &str) -> Result<GroomSource, E> {
+                Ok(if text == "grow" { GroomSource::Grow } else { GroomSource::Files(vec![text.into()]) })
+            }
+            fn visit_seq<A: SeqAccess<'de>>(self, list: A) -> Result<GroomSource, A::Error> {
+                Vec::deserialize(SeqAccessDeserializer::new(list)).map(GroomSource::Files)
+            }
+        }
+        deserializer.deserialize_any(GrowOrFiles)
+    }
+}
+
+/// The preset of scenes that name none.
+const PRESET: &str = "wavy";
+
+/// The growth parameters of preset `name` as TOML, but for those that other keys of a scene set.
+pub(super) fn preset_toml(name: &str) -> Result<String, String> {
+    let params = GrowParams::preset(name).map_err(|_| one_of(name, &PRESETS))?;
+    let mut grow = toml::Table::try_from(&params).map_err(|error| error.to_string())?;
+    grow.remove("strands");
+    grow.remove("seed");
+    let groom = toml::Table::from_iter([("grow".to_owned(), toml::Value::Table(grow))]);
+    Ok(toml::Table::from_iter([("groom".to_owned(), toml::Value::Table(groom))]).to_string())
+}
+
+/// `[groom]`: the strands.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct GroomSection {
+    /// "grow", a file (.hair, .data, .tfx, .npz) or a list of files. Default "grow".
+    pub source: GroomSource,
+    /// Preset that `grow` starts from; the keys of `[groom.grow]` change single parameters of it. Default "wavy".
+    pub preset: String,
+    /// Number of strands to grow; files keep theirs. Unit strands, default 10000, range 1 to 1000000.
+    pub strands: u32,
+    /// Particles a strand after resampling by arc length. Unit particles, default 0, range 2 to 1000; 0 keeps those of the file or of the growth (25).
+    pub vertices_per_strand: u32,
+    /// Unit of length of the files: "m", "cm", "mm" or "in". Default "m".
+    pub unit: Unit,
+    /// Axis that points up in the files: "y" or "z". Default "y".
+    pub up: Up,
+    /// Further factor on lengths, for files in units of their own. No unit, default 1, range above 0.
+    pub scale: f64,
+    /// Whether strands that start inside the body are brought out before the simulation. Default true.
+    pub lift: bool,
+    /// Where on a mesh of one's own to grow: two opposite corners of a box, [[x, y, z], [x, y, z]]. Unit m, default the whole mesh; the built-in head has its regions.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub region_box: Option<[[f64; 3]; 2]>,
+    /// Growth parameters. Default the preset's.
+    pub grow: GrowParams,
+}
+
+impl Default for GroomSection {
+    fn default() -> Self {
+        Self {
+            source: GroomSource::Grow,
+            preset: PRESET.to_owned(),
+            strands: 10_000,
+            vertices_per_strand: 0,
+            unit: Unit::default(),
+            up: Up::default(),
+            scale: 1.0,
+            lift: true,
+            region_box: None,
+            grow: GrowParams::preset(PRESET).unwrap_or_default(),
+        }
+    }
+}
+
+/// `[body]`: what the hair grows on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct BodySection {
+    /// "builtin:head", "none" or an .obj file. Default "builtin:head".
+    pub mesh: String,
+    /// Unit of length of the file: "m", "cm", "mm" or "in". Default "m".
+    pub unit: Unit,
+    /// Axis that points up in the file: "y" or "z". Default "y".
+    pub up: Up,
+    /// Further factor on lengths, for files in units of their own. No unit, default 1, range above 0.
+    pub scale: f64,
+    /// How the body and the roots move: a name such as "builtin:turn", or a table. Default "builtin:turn".
+    pub motion: MotionSection,
+    /// Whether strands collide with the body. Default true.
+    pub collide: bool,
+    /// Coulomb friction of the body's surface. No unit, default 0.3, range 0 or more; 0 is ice.
+    pub friction: f64,
+    /// Cells of the body's signed distance grid along its longest side. Unit cells, default 128, range 8 to 512.
+    pub sdf_cells: u32,
+}
+
+impl GroomSection {
+    /// How the files' numbers become metres, y up.
+    pub fn import(&self) -> Import {
+        Import { unit: self.unit, up: self.up, scale: self.scale }
+    }
+}
+
+impl BodySection {
+    /// How the file's numbers become metres, y up.
+    pub fn import(&self) -> Import {
+        Import { unit: self.unit, up: self.up, scale: self.scale }
+    }
+
+    /// Whether `mesh` is a name rather than a file.
+    pub fn is_named(&self) -> bool {
+        self.mesh == "none" || self.mesh.starts_with("builtin:")
+    }
+}
+
+impl Default for BodySection {
+    fn default() -> Self {
+        Self {
+            mesh: "builtin:head".to_owned(),
+            unit: Unit::default(),
+            up: Up::default(),
+            scale: 1.0,
+            motion: MotionSection::named("builtin:turn"),
+            collide: true,
+            friction: 0.3,
+            sdf_cells: 128,
+        }
+    }
+}
+
+/// The solids that a `[[collider]]` can be.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ShapeKind {
+    /// A ball of `radius`.
+    #[default]
+    Sphere,
+    /// A cylinder along y of `half_length` with round ends of `radius`.
+    Capsule,
+    /// A box of `half_extents`.
+    Box,
+    /// All below y = 0 of its own space.
+    Plane,
+    /// A closed mesh, as a signed distance grid.
+    Mesh,
+    /// All outside a ball of `radius`: hair is kept within.
+    HollowSphere,
+}
+
+/// `[[collider]]`: one further solid.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ColliderSection {
+    /// "sphere", "hollow-sphere", "capsule", "box", "plane" or "mesh". Default "sphere".
+    pub shape: ShapeKind,
+    /// Where its centre is at the start, [x, y, z]. Unit m, default [0, 0, 0].
+    pub position: [f64; 3],
+    /// How it is turned at the start: yaw about y, pitch about x, roll about z, in this order. Unit degrees, default [0, 0, 0].
+    pub rotation_degrees: [f64; 3],
+    /// Radius of a sphere, hollow sphere or capsule. Unit m, default 0.1, range above 0.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub radius: Option<f64>,
+    /// Half the length of a capsule's axis. Unit m, default 0.1, range 0 or more; 0 is a sphere.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub half_length: Option<f64>,
+    /// Half the sides of a box, [x, y, z]. Unit m, default [0.1, 0.1, 0.1], range above 0.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub half_extents: Option<[f64; 3]>,
+    /// The .obj file of a mesh. No default: a mesh needs one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mesh: Option<PathBuf>,
+    /// Unit of length of that file: "m", "cm", "mm" or "in". Default "m".
+    pub unit: Unit,
+    /// Axis that points up in that file: "y" or "z". Default "y".
+    pub up: Up,
+    /// Further factor on that file's lengths. No unit, default 1, range above 0.
+    pub scale: f64,
+    /// Whether it is fixed to the body and moves with it; otherwise it stands in the world. Default false.
+    pub on_body: bool,
+    /// How it moves: a name such as "builtin:nod", or a table. Default "builtin:still".
+    pub motion: MotionSection,
+    /// Coulomb friction of its surface. No unit, default 0.3, range 0 or more; 0 is ice.
+    pub friction: f64,
+}
+
+impl ColliderSection {
+    /// How the file's numbers become metres, y up.
+    pub fn import(&self) -> Import {
+        Import { unit: self.unit, up: self.up, scale: self.scale }
+    }
+}
+
+impl Default for ColliderSection {
+    fn default() -> Self {
+        Self {
+            shape: ShapeKind::default(),
+            position: [0.0; 3],
+            rotation_degrees: [0.0; 3],
+            radius: None,
+            half_length: None,
+            half_extents: None,
+            mesh: None,
+            unit: Unit::default(),
+            up: Up::default(),
+            scale: 1.0,
+            on_body: false,
+            motion: MotionSection::default(),
+            friction: 0.3,
+        }
+    }
+}
+
+/// `[wind]`: moving air.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct WindSection {
+    /// Velocity of the air, [x, y, z]. Unit m/s, default [0, 0, 0]; zeros are still air.
+    pub velocity: [f64; 3],
+    /// Not yet available.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gusts: Option<toml::Value>,
+    /// Not yet available.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub turbulence: Option<toml::Value>,
+    /// Not yet available.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub occlusion: Option<toml::Value>,
+}
+
+/// The solvers that a scene can name.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SolverKind {
+    /// Augmented mass-spring.
+    #[default]
+    Ams,
+    /// The plain mass-spring baseline: no integrity and no angular ties.
+    MassSpring,
+    /// Dynamic follow the leader. Not yet available.
+    Dftl,
+    /// Position-based Cosserat rods. Not yet available.
+    Xpbd,
+    /// The learned simulator. Not yet available.
+    Neural,
+}
+
+impl SolverKind {
+    /// The name in scene files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ams => "ams",
+            Self::MassSpring => "mass-spring",
+            Self::Dftl => "dftl",
+            Self::Xpbd => "xpbd",
+            Self::Neural => "neural",
+        }
+    }
+}
+
+/// Which instructions the solver may use.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SimdChoice {
+    /// The widest that the processor has.
+    #[default]
+    Auto,
+    /// No more than every processor of the kind has.
+    Portable,
+    /// AVX2 with fused multiply-add.
+    Avx2,
+    /// AVX-512.
+    Avx512,
+    /// One strand at a time.
+    Scalar,
+}
+
+/// `[solver]`: which solver, and its parameters.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SolverSection {
+    /// "ams" or "mass-spring". Default "ams".
+    pub kind: SolverKind,
+    /// Instructions to use: "auto", "portable", "avx2", "avx512" or "scalar". Default "auto".
+    pub simd: SimdChoice,
+    /// Whether stiffness may go beyond what float32 solves, to see what happens then. Default false.
+    pub beyond_float32: bool,
+    /// Parameters of both kinds; "mass-spring" takes `k_integrity` and `k_angular` as 0.
+    pub ams: AmsParams,
+}
+
+impl From<SimdChoice> for Simd {
+    fn from(choice: SimdChoice) -> Self {
+        match choice {
+            SimdChoice::Auto => Self::Auto,
+            SimdChoice::Scalar => Self::Scalar,
+            SimdChoice::Portable => Self::Portable,
+            SimdChoice::Avx2 => Self::Avx2,
+            SimdChoice::Avx512 => Self::Avx512,
+        }
+    }
+}
+
+impl SolverSection {
+    /// The parameters that the solver gets: those of `ams`, without its ties for plain mass-spring.
+    pub fn params(&self) -> AmsParams {
+        match self.kind {
+            SolverKind::MassSpring => AmsParams { k_integrity: 0.0, k_angular: 0.0, ..self.ams.clone() },
+            _ => self.ams.clone(),
+        }
+    }
+}
+
+/// How hair meets hair.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum InteractionKind {
+    /// Strands pass through each other.
+    #[default]
+    None,
+    /// Through a grid. Not yet available.
+    Grid,
+    /// Through smoothed particles. Not yet available.
+    Sph,
+}
+
+/// `[interaction]`: hair against hair.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct InteractionSection {
+    /// "none". Default "none".
+    pub kind: InteractionKind,
+}
+
+/// `[time]`: frames and substeps.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TimeSection {
+    /// Frames a second. Unit s⁻¹, default 60, range 1 to 10000.
+    pub fps: f64,
+    /// Substeps a frame; the same as `solver.ams.substeps`. Unit substeps, default 4, range 1 to 1000.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub substeps: Option<u32>,
+    /// Frames to simulate after the start. Unit frames, default 240, range 1 to 1000000.
+    pub frames: u32,
+}
+
+impl Default for TimeSection {
+    fn default() -> Self {
+        Self { fps: 60.0, substeps: None, frames: 240 }
+    }
+}
+
+/// `[output]`: what is written into the output folder.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct OutputSection {
+    /// Whether to take a picture of the last frame, `picture.png`. Default true.
+    pub picture: bool,
+    /// Whether to make a sheet of frames over time, `contact-sheet.png`. Default false.
+    pub contact_sheet: bool,
+    /// Whether to make an animated PNG, `film.png`. Default false.
+    pub film: bool,
+    /// Frames from one picture of the film to the next. Unit frames, default 4, range 1 to 1000.
+    pub film_every: u32,
+    /// Width of the picture; the film is half as wide. Unit pixels, default 900, range 16 to 4096.
+    pub width: u32,
+    /// Height of the picture; the film is half as high. Unit pixels, default 900, range 16 to 4096.
+    pub height: u32,
+    /// Name of the cache, an .npz file. Default "hair.npz"; empty writes none.
+    pub cache: PathBuf,
+    /// Whether to write the page `report.html`. Default true.
+    pub report: bool,
+}
+
+impl Default for OutputSection {
+    fn default() -> Self {
+        Self {
+            picture: true,
+            contact_sheet: false,
+            film: false,
+            film_every: 4,
+            width: 900,
+            height: 900,
+            cache: PathBuf::from("hair.npz"),
+            report: true,
+        }
+    }
+}
+
+/// `[camera]`: from where pictures are taken.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CameraSection {
+    /// Angle around the body from its front towards its left side. Unit degrees, default 30.
+    pub yaw_degrees: f64,
+    /// Angle above the horizon. Unit degrees, default 5, range -89 to 89.
+    pub pitch_degrees: f64,
+    /// Distance over that at which body and hair just fill the picture. No unit, default 1, range 0.01 to 100.
+    pub distance: f64,
+}
+
+impl Default for CameraSection {
+    fn default() -> Self {
+        Self { yaw_degrees: 30.0, pitch_degrees: 5.0, distance: 1.0 }
+    }
+}
+
+/// `[hair]`: how the hair looks in pictures.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct HairSection {
+    /// Name of the colour. Default "dark-brown".
+    pub colour: String,
+    /// Width of a drawn strand. Unit m, default 0, range 0 to 0.01; 0 chooses one by the number of strands.
+    pub width: f64,
+}
+
+impl Default for HairSection {
+    fn default() -> Self {
+        Self { colour: "dark-brown".to_owned(), width: 0.0 }
+    }
+}

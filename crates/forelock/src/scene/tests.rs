@@ -1,0 +1,163 @@
+//! What a scene file may say, and what is answered when it says something else.
+
+use forelock_core::groom::grow::GrowParams;
+
+use super::*;
+
+fn parse(text: &str, sets: &[&str]) -> Result<Scene, SceneError> {
+    let overrides: Result<Vec<_>, _> = sets.iter().map(|set| Override::set(set)).collect();
+    Scene::parse(text, Path::new("dir/scene.toml"), &overrides?)
+}
+
+fn message(text: &str, sets: &[&str]) -> String {
+    parse(text, sets).unwrap_err().to_string()
+}
+
+#[test]
+fn the_empty_file_is_the_default_scene() {
+    let scene = parse("", &[]).unwrap();
+    let mut expected = Scene::default();
+    expected.time.substeps = Some(4);
+    expected.groom.grow.seed = 1;
+    assert_eq!(scene, expected);
+}
+
+#[test]
+fn the_built_in_scene_reads_and_round_trips() {
+    let scene = Scene::builtin(&[]).unwrap();
+    assert_eq!(scene.groom.strands, 10_000);
+    let again = Scene::parse(&scene.to_toml(), Path::new(""), &[]);
+    assert_eq!(again.unwrap(), scene);
+}
+
+#[test]
+fn unknown_keys_are_refused_by_name_with_line_and_nearest_key() {
+    assert_eq!(
+        message("[groom]\nstrands = 5\nstrnds = 3\n", &[]),
+        "dir/scene.toml, line 3, column 1: there is no key `groom.strnds`; did you mean `groom.strands`?"
+    );
+    assert_eq!(
+        message("[grom]\nstrands = 5", &[]),
+        "dir/scene.toml, line 1, column 2: there is no key `grom`; did you mean `groom`?"
+    );
+    assert!(message("[solver.ams]\nk_egde = 1.0", &[]).contains("did you mean `solver.ams.k_edge`?"));
+    assert!(message("[[collider]]\n[[collider]]\nradios = 1", &[]).contains(
+        "line 3, column 1: there is no key `collider.1.radios`; did you mean `collider.1.radius`?"
+    ));
+    assert!(message("[interaction]\nzzz = 1", &[]).ends_with("no key `interaction.zzz`; known here: kind"));
+    assert!(message("[body.motion]\nnam = \"x\"", &[]).contains("`body.motion.name`?"));
+}
+
+#[test]
+fn wrong_types_say_what_is_expected() {
+    for (text, expected) in [
+        ("[time]\nfps = \"fast\"", "line 2, column 7: `time.fps` should be a number, not the text \"fast\""),
+        (
+            "[groom]\nstrands = -3",
+            "line 2, column 11: `groom.strands` should be a whole number, 0 or more, not -3",
+        ),
+        ("[groom]\nstrands = 2.5", "should be a whole number, 0 or more, not 2.5"),
+        ("gravity = [0, 1]", "`gravity` should be a list of 3, not of 2"),
+        ("groom = 3", "`groom` should be a table of keys, not 3"),
+        ("[output]\npicture = 1", "`output.picture` should be true or false, not 1"),
+        ("[groom]\nsource = 3", "should be \"grow\", a file's path or a list of paths, not 3"),
+        ("[groom]\nunit = \"furlong\"", "`groom.unit` is wrong: `furlong` is not a unit of length"),
+        ("[solver]\nkind = \"amx\"", "`solver.kind` cannot be \"amx\": it is one of ams, mass-spring"),
+        ("[time]\nfps = ", "line 2, column 7: this is not TOML"),
+        ("[time]\nfps = 1\nfps = 2", "line 3, column 1: this is not TOML: duplicate key"),
+    ] {
+        let message = message(text, &[]);
+        assert!(message.contains(expected), "{text:?}: {message}");
+        assert_eq!(message.lines().count(), 1, "{message}");
+    }
+}
+
+#[test]
+fn values_out_of_range_are_refused_where_they_are_set() {
+    for (text, expected) in [
+        ("[time]\nfps = 0", "line 2, column 7: `time.fps` should be from 1 to 10000, not 0"),
+        ("[time]\nfps = nan", "`time.fps` should be a finite number, not NaN"),
+        ("gravity = [0, inf, 0]", "`gravity` should be a finite number"),
+        ("[time]\nsubsteps = 0", "`time.substeps` should be from 1 to 1000, not 0"),
+        ("[time]\nframes = 0", "`time.frames` should be from 1 to 1000000"),
+        (
+            "[solver.ams]\nk_bend = -1.0",
+            "line 2, column 10: `solver.ams.k_bend` should be a finite number of 0 or more, not -1",
+        ),
+        ("[groom]\nvertices_per_strand = 1", "should be from 2 to 1000, not 1"),
+        ("[groom]\npreset = \"wayv\"", "`groom.preset` cannot be \"wayv\": it is one of straight, wavy"),
+        ("[groom.grow]\nnoise = -1", "line 2, column 9: `groom.grow.noise` should be from 0 to 10, not -1"),
+        ("[groom.grow]\nseed = 2", "`groom.grow.seed` is called `seed` in a scene"),
+        ("[body]\nmotion = \"builtin:trn\"", "did you mean \"builtin:turn\"?"),
+        ("[hair]\ncolour = \"blond\"", "did you mean \"blonde\"?"),
+        ("[groom]\nsource = []", "is an empty list"),
+        ("[body]\nmesh = \"none\"", "hair needs a body to grow on"),
+        ("[[collider]]\nshape = \"box\"\nradius = 1", "does not apply to this `shape` (box)"),
+        ("[[collider]]\nshape = \"mesh\"", "there is no `mesh` file"),
+        ("[[collider]]\nradius = -1", "line 2, column 10: `collider.0.radius` should be above 0, not -1"),
+        ("[output]\ncache = \"x.abc\"", "ends in .abc: this version writes .npz"),
+        ("[time]\nsubsteps = 2\n[solver.ams]\nsubsteps = 2", "which means the same: keep one"),
+        (
+            "[solver]\nkind = \"neural\"",
+            "asks for the solver \"neural\", which this version does not have yet",
+        ),
+        ("[interaction]\nkind = \"grid\"", "does not have yet"),
+        ("[wind]\ngusts = 1", "asks for wind gusts, which this version does not have yet"),
+    ] {
+        let message = message(text, &[]);
+        assert!(message.contains(expected), "{text:?}: {message}");
+    }
+}
+
+#[test]
+fn stiffness_beyond_float32_says_how_to_mend_it() {
+    // h = 1/240 s: the bound is 1e3 · 240² = 5.76e7 s⁻².
+    assert!(parse("[solver.ams]\nk_edge = 5.76e7", &[]).is_ok());
+    let message = message("[solver.ams]\nk_edge = 1e9", &[]);
+    assert!(message.contains("raise time.substeps to 17 or lower it to 5.760e7"), "{message}");
+    assert!(parse("[solver.ams]\nk_edge = 1e9", &["time.substeps=17"]).is_ok());
+    assert!(parse("[solver.ams]\nk_edge = 1e9", &["time.substeps=16"]).is_err());
+}
+
+#[test]
+fn overrides_are_read_like_the_file() {
+    let sets = ["time.fps=30", "solver.kind=mass-spring", "collider.0.radius=0.5", "body.motion.amplitude=2"];
+    let scene = parse("[[collider]]\nradius = 1", &sets).unwrap();
+    assert_eq!((scene.time.fps, scene.solver.kind), (30.0, SolverKind::MassSpring));
+    assert_eq!(scene.colliders[0].radius, Some(0.5));
+    assert_eq!(scene.body.motion.amplitude, 2.0);
+    for (set, expected) in [
+        ("time.fsp=30", "--set time.fsp=30: there is no key `time.fsp`; did you mean `time.fps`?"),
+        ("time.fps=6O", "--set time.fps=6O: `time.fps` should be a number, not the text \"6O\""),
+        ("time.fps=-1", "--set time.fps=-1: `time.fps` should be from 1 to 10000, not -1"),
+        ("time.=1", "--set time.=1: this is not TOML"),
+        ("nothing", "`nothing` is not of the form key=value"),
+        ("time.fps=1\nseed=2", "--set time.fps=1 seed=2: `time.fps` should be a number, not the text"),
+    ] {
+        let message = message("[time]\nfps = 24 # ä", &[set]);
+        assert!(message.starts_with(expected) || message.contains(expected), "{set:?}: {message}");
+    }
+    // The last of two overrides is the one that holds, and the one that is named.
+    assert!(message("", &["seed=1", "time.fps=0"]).starts_with("--set time.fps=0:"));
+    assert_eq!(parse("", &["seed=5", "seed=7"]).unwrap().seed, 7);
+}
+
+#[test]
+fn growth_parameters_lie_over_their_preset() {
+    let scene =
+        parse("[groom]\npreset = \"bob\"\nstrands = 7\n[groom.grow]\nnoise = 0.5", &["seed=3"]).unwrap();
+    let expected = GrowParams { noise: 0.5, strands: 7, seed: 3, ..GrowParams::preset("bob").unwrap() };
+    assert_eq!(scene.groom.grow, expected);
+    assert!(
+        message("[groom.grow]\nnoize = 1", &[])
+            .contains("line 2, column 1: there is no key `groom.grow.noize`; did")
+    );
+}
+
+#[test]
+fn paths_are_relative_to_the_file() {
+    let scene =
+        parse("[groom]\nsource = [\"a.hair\", \"/b.hair\"]\n[body]\nmesh = \"head.obj\"", &[]).unwrap();
+    let expected = GroomSource::Files(vec!["dir/a.hair".into(), "/b.hair".into()]);
+    assert_eq!((scene.groom.source, scene.body.mesh.as_str()), (expected, "dir/head.obj"));
+}

@@ -1,0 +1,59 @@
+//! Distance grids, computed once a mesh and kept in the user's cache folder.
+//!
+//! The folder is `forelock` in `$XDG_CACHE_HOME`, `~/.cache` or `%LOCALAPPDATA%`, and files are named by a hash of mesh and
+//! resolution. A file that is missing, damaged or of another version means that the grid is computed anew; a folder that
+//! cannot be written means that it is computed each time. Neither fails a run.
+
+use std::path::PathBuf;
+
+use forelock_core::body::{Sdf, SdfError, TriMesh};
+
+use crate::hash::Fnv;
+
+/// Cells of air around the mesh.
+const MARGIN_CELLS: f32 = 4.0;
+
+/// The signed distance grid of `mesh` with `cells` cells along its longest side.
+///
+/// # Errors
+/// [`SdfError`] if the mesh encloses nothing.
+pub(crate) fn load_or_compute(mesh: &TriMesh, cells: u32) -> Result<Sdf, SdfError> {
+    let path = folder().map(|folder| folder.join(file_name(mesh, cells)));
+    if let Some(path) = &path {
+        match std::fs::read(path).map(|bytes| Sdf::from_bytes(&bytes)) {
+            Ok(Ok(sdf)) => return Ok(sdf),
+            Ok(Err(error)) => {
+                tracing::info!(path = %path.display(), %error, "computing a distance grid anew")
+            }
+            Err(error) => tracing::debug!(path = %path.display(), %error, "no distance grid kept"),
+        }
+    }
+    let (lo, hi) = mesh.bounds();
+    let padding = MARGIN_CELLS * (hi - lo).max_element() / cells as f32;
+    let sdf = Sdf::from_mesh(mesh, cells, padding)?;
+    if let Some(path) = &path {
+        let kept = path.parent().map(std::fs::create_dir_all).transpose().is_ok()
+            && forelock_io::atomic_write(path, |file| file.write_all(&sdf.to_bytes())).is_ok();
+        tracing::info!(path = %path.display(), kept, "computed a distance grid");
+    }
+    Ok(sdf)
+}
+
+fn folder() -> Option<PathBuf> {
+    let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
+    let base = absolute("XDG_CACHE_HOME")
+        .or_else(|| absolute("HOME").map(|home| home.join(".cache")))
+        .or_else(|| absolute("LOCALAPPDATA"))?;
+    Some(base.join("forelock"))
+}
+
+fn file_name(mesh: &TriMesh, cells: u32) -> String {
+    let mut hash = Fnv::new().bytes(&cells.to_le_bytes());
+    for p in &mesh.positions {
+        hash = p.to_array().iter().fold(hash, |hash, x| hash.bytes(&x.to_le_bytes()));
+    }
+    for corners in &mesh.triangles {
+        hash = corners.iter().fold(hash, |hash, v| hash.bytes(&v.to_le_bytes()));
+    }
+    format!("sdf-{:016x}.bin", hash.value())
+}

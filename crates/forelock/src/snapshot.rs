@@ -1,0 +1,155 @@
+//! Snapshots: what a later run needs to go on bit for bit, as an `.npz` file.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use forelock_core::state::Snapshot as State;
+use forelock_io::npz::{Array, Data, read_npz, write_npz};
+
+/// The state after a frame, and the worst values of all frames until then.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Snapshot {
+    /// What it belongs to: see [`Assets::fingerprint`](crate::assets::Assets::fingerprint).
+    pub(crate) fingerprint: u64,
+    /// Frames done.
+    pub(crate) frame: u32,
+    pub(crate) quarantined_strands: u64,
+    /// Largest stretch after the length pass, the same after solids, deepest penetration in metres, largest share of particles
+    /// more than 1 mm inside.
+    pub(crate) worst: [f64; 4],
+    pub(crate) state: Option<State<f32>>,
+}
+
+/// Why a run cannot be resumed.
+#[derive(Debug, thiserror::Error)]
+pub enum SnapshotError {
+    /// The snapshot cannot be read.
+    #[error("there is nothing to resume: {0}")]
+    Read(#[from] forelock_io::ReadError),
+    /// It holds something else.
+    #[error("{}: this is no snapshot of a run: {problem}; run once without --resume", .path.display())]
+    Content {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
+    /// It belongs to another scene.
+    #[error("{}: the scene or a file that it names has changed since; run once without --resume", .0.display())]
+    Other(PathBuf),
+}
+
+impl Snapshot {
+    /// Before the first frame.
+    pub(crate) fn begin(fingerprint: u64) -> Self {
+        Self { fingerprint, frame: 0, quarantined_strands: 0, worst: [0.0; 4], state: None }
+    }
+
+    /// Writes the snapshot, whole or not at all.
+    ///
+    /// # Errors
+    /// [`forelock_io::WriteError`] if the disk refuses.
+    pub(crate) fn write(&self, path: &Path) -> Result<(), forelock_io::WriteError> {
+        let mut arrays = vec![
+            ("counters", Array::vector(vec![self.fingerprint, self.frame.into(), self.quarantined_strands])),
+            ("worst", Array::vector(self.worst.to_vec())),
+        ];
+        if let Some(state) = &self.state {
+            let flat = |vectors: &[[f32; 3]]| Array {
+                shape: vec![vectors.len(), 3],
+                data: Data::F32(vectors.as_flattened().to_vec()),
+            };
+            arrays.extend([
+                ("positions", flat(&state.positions)),
+                ("velocities", flat(&state.velocities)),
+                ("integrity", Array::vector(state.integrity.clone())),
+                ("clearance", Array::vector(state.clearance.clone())),
+                ("origin", Array::vector(state.origin.to_vec())),
+            ]);
+        }
+        write_npz(path, &arrays)
+    }
+
+    /// Reads the snapshot of the run with `fingerprint`.
+    ///
+    /// # Errors
+    /// [`SnapshotError`] if there is none, or it is of another run.
+    pub(crate) fn read(path: &Path, fingerprint: u64) -> Result<Self, SnapshotError> {
+        let arrays = read_npz(path)?;
+        let snapshot = Self::from_arrays(&arrays).map_err(|name| SnapshotError::Content {
+            path: path.to_path_buf(),
+            problem: format!("the array `{name}` is missing or of the wrong type"),
+        })?;
+        if snapshot.fingerprint != fingerprint {
+            return Err(SnapshotError::Other(path.to_path_buf()));
+        }
+        Ok(snapshot)
+    }
+
+    fn from_arrays(arrays: &BTreeMap<String, Array>) -> Result<Self, &'static str> {
+        let data = |name: &'static str| arrays.get(name).map(|array| &array.data).ok_or(name);
+        let floats = |name| match data(name)? {
+            Data::F32(values) => Ok(values.clone()),
+            _ => Err(name),
+        };
+        let doubles = |name| match data(name)? {
+            Data::F64(values) => Ok(values.as_slice()),
+            _ => Err(name),
+        };
+        let vectors = |name| {
+            let (vectors, rest) = {
+                let values = floats(name)?;
+                (values.as_chunks::<3>().0.to_vec(), values.len() % 3)
+            };
+            if rest == 0 { Ok(vectors) } else { Err(name) }
+        };
+        let &[fingerprint, frame, quarantined_strands] = (match data("counters")? {
+            Data::U64(values) => values.as_slice(),
+            _ => return Err("counters"),
+        }) else {
+            return Err("counters");
+        };
+        Ok(Self {
+            fingerprint,
+            frame: u32::try_from(frame).map_err(|_| "counters")?,
+            quarantined_strands,
+            worst: doubles("worst")?.try_into().map_err(|_| "worst")?,
+            state: Some(State {
+                positions: vectors("positions")?,
+                velocities: vectors("velocities")?,
+                integrity: floats("integrity")?,
+                clearance: floats("clearance")?,
+                origin: doubles("origin")?.try_into().map_err(|_| "origin")?,
+            }),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn comes_back_bit_for_bit_and_only_to_its_own_run() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("snapshot.npz");
+        let snapshot = Snapshot {
+            fingerprint: u64::MAX,
+            frame: 7,
+            quarantined_strands: 2,
+            worst: [1e-7, 0.1, f64::MIN_POSITIVE, 0.25],
+            state: Some(State {
+                positions: vec![[-0.0, f32::MIN_POSITIVE, 3.0]],
+                velocities: vec![[1.0, 2.0, 3.0]],
+                integrity: vec![0.5],
+                clearance: vec![f32::NEG_INFINITY],
+                origin: [1.0, 2.0, 0.1],
+            }),
+        };
+        snapshot.write(&path).unwrap();
+        assert_eq!(Snapshot::read(&path, u64::MAX).unwrap(), snapshot);
+        assert!(matches!(Snapshot::read(&path, 1), Err(SnapshotError::Other(_))));
+        std::fs::write(&path, b"no archive").unwrap();
+        assert!(matches!(Snapshot::read(&path, 1), Err(SnapshotError::Read(_))));
+    }
+}

@@ -1,0 +1,140 @@
+//! What a run did, as numbers: the JSON summary and the times it is made from.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use serde::Serialize;
+
+/// The JSON summary of a run. Field names and units are part of the interface.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Summary {
+    /// Name of the scene.
+    pub scene: String,
+    /// Solver: "ams" or "mass-spring".
+    pub solver: String,
+    /// Backend: "cpu".
+    pub backend: &'static str,
+    /// Name of the processor.
+    pub device: String,
+    /// Instructions that the solver used.
+    pub simd: String,
+    /// Threads of the simulation.
+    pub threads: usize,
+    /// Strands, S.
+    pub strands: usize,
+    /// Particles, P.
+    pub particles: usize,
+    /// Frames simulated since the start of the scene, over all runs that it took.
+    pub frames: u32,
+    /// Frames that the scene asks for; more than `frames` after an interruption.
+    pub frames_asked: u32,
+    /// Frames a second.
+    pub fps: f64,
+    /// Substeps a frame.
+    pub substeps: u32,
+    /// Wall time of a frame's simulation, milliseconds.
+    pub ms_per_frame: Spread,
+    /// Median time of each stage, milliseconds a frame: the solver's stages and `write_cache`.
+    pub ms_per_stage: BTreeMap<String, f64>,
+    /// Largest resident memory of the process, bytes; `null` where the system does not tell.
+    pub peak_memory_bytes: Option<u64>,
+    /// Bytes of Model, State and Workspace.
+    pub simulation_bytes: u64,
+    /// Largest |l/l₀ − 1| of any edge after the length pass of any frame. No unit.
+    pub max_edge_stretch: f64,
+    /// The same at the end of the frame, after solids had the last word. No unit.
+    pub max_edge_stretch_after_solids: f64,
+    /// Largest depth of any particle inside a solid at the end of any frame, metres.
+    pub max_penetration_m: f64,
+    /// Largest share of particles more than 1 mm inside a solid at the end of a frame. No unit.
+    pub max_share_1mm_inside: f64,
+    /// Strands that became non-finite and were reset to rest, over all frames.
+    pub quarantined_strands: u64,
+    /// Hash of the final state, 16 hexadecimal digits; equal for any number of threads.
+    pub state_hash: String,
+    /// What import and growth had to say, one sentence each.
+    pub notes: Vec<String>,
+    /// Files written.
+    pub outputs: Vec<PathBuf>,
+}
+
+/// Median, 95th percentile and maximum of a set of times, milliseconds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Spread {
+    /// Half of the values are at most this.
+    pub median: f64,
+    /// 95 in 100 are at most this.
+    pub p95: f64,
+    /// All are at most this.
+    pub max: f64,
+}
+
+impl Spread {
+    /// The spread of `values`; zeros for none.
+    pub fn of(values: &[f64]) -> Self {
+        let mut sorted = values.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        // The nearest-rank percentile: always one of the values.
+        let at = |share: f64| {
+            let rank = (share * sorted.len() as f64).ceil() as usize;
+            sorted.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
+        };
+        Self { median: at(0.5), p95: at(0.95), max: at(1.0) }
+    }
+}
+
+/// One simulated frame, for progress and plots.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FrameRow {
+    /// Wall time of its simulation, milliseconds.
+    pub ms: f64,
+    /// Largest edge stretch at its end. No unit.
+    pub stretch: f64,
+    /// Deepest particle at its end, metres.
+    pub penetration_m: f64,
+    /// Time of each stage, milliseconds.
+    pub stages: Vec<(&'static str, f64)>,
+}
+
+/// Median time of each stage over `rows`, milliseconds.
+pub(crate) fn median_stages(rows: &[FrameRow]) -> BTreeMap<String, f64> {
+    let mut times: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
+    for (stage, ms) in rows.iter().flat_map(|row| &row.stages) {
+        times.entry(stage).or_default().push(*ms);
+    }
+    times.into_iter().map(|(stage, ms)| (stage.to_owned(), Spread::of(&ms).median)).collect()
+}
+
+/// Largest resident memory of this process in bytes, where the system tells (Linux).
+pub fn peak_memory_bytes() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kib| kib * 1024)
+}
+
+/// Name of the processor, where the system tells; else the name of its architecture.
+pub fn device_name() -> String {
+    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let model = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(": "));
+    model.map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, name)| name.trim().to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spread_is_by_nearest_rank() {
+        let values: Vec<f64> = (1..=100).rev().map(f64::from).collect();
+        assert_eq!(Spread::of(&values), Spread { median: 50.0, p95: 95.0, max: 100.0 });
+        assert_eq!(Spread::of(&[3.0]), Spread { median: 3.0, p95: 3.0, max: 3.0 });
+        assert_eq!(Spread::of(&[]), Spread::default());
+    }
+
+    #[test]
+    fn stages_are_summed_up_by_name() {
+        let row = |a, b| FrameRow { stages: vec![("solve", a), ("solids", b)], ..FrameRow::default() };
+        let medians = median_stages(&[row(1.0, 9.0), row(3.0, 8.0), row(2.0, 7.0)]);
+        assert_eq!(medians, BTreeMap::from([("solve".into(), 2.0), ("solids".into(), 8.0)]));
+    }
+}

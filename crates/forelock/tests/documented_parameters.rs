@@ -1,0 +1,84 @@
+//! The doc lines of `AmsParams` are the reference that users read: each default they state is the one that holds, and
+//! each range they state is the one that scenes are held to.
+
+#![expect(clippy::unwrap_used, reason = "a test fails where its source is not as expected")]
+
+use std::path::Path;
+
+use forelock::Scene;
+use forelock::scene::Override;
+use forelock_core::solver::AmsParams;
+
+const SOURCE: &str = include_str!("../../forelock-core/src/solver/params.rs");
+
+/// Name, stated default and stated range of every field of `AmsParams`.
+fn documented() -> Vec<(String, String, Option<String>)> {
+    let (_, body) = SOURCE.split_once("pub struct AmsParams {").unwrap();
+    let (body, _) = body.split_once("\n}").unwrap();
+    let mut doc = String::new();
+    let mut fields = Vec::new();
+    for line in body.lines().map(str::trim) {
+        if let Some(text) = line.strip_prefix("///") {
+            doc.push_str(text);
+        } else if let Some((name, _)) = line.strip_prefix("pub ").and_then(|rest| rest.split_once(':')) {
+            let default = after(&doc, "efault ").unwrap_or_else(|| panic!("`{name}` states no default"));
+            fields.push((name.to_owned(), default.trim_end_matches('.').to_owned(), after(&doc, "range ")));
+            doc.clear();
+        }
+    }
+    fields
+}
+
+/// What follows `word` up to the next comma, semicolon or end of sentence.
+fn after(doc: &str, word: &str) -> Option<String> {
+    let rest = doc.split_once(word)?.1;
+    let end = [", ", "; ", ". "].iter().filter_map(|stop| rest.find(stop)).min().unwrap_or(rest.len());
+    Some(rest[..end].trim_end_matches('.').to_owned())
+}
+
+#[test]
+fn every_documented_default_holds() {
+    let fields = documented();
+    let defaults = toml::Table::try_from(AmsParams::default()).unwrap();
+    assert_eq!(fields.len(), defaults.len(), "every field is documented");
+    for (name, stated, _) in fields {
+        let stated: toml::Value =
+            toml::from_str::<toml::Table>(&format!("x = {stated}")).unwrap()["x"].clone();
+        let number = |v: &toml::Value| v.as_float().or(v.as_integer().map(|i| i as f64));
+        match (number(&stated), number(&defaults[&name])) {
+            (Some(stated), Some(held)) => assert_eq!(stated, held, "{name}"),
+            _ => assert_eq!(stated, defaults[&name], "{name}"),
+        }
+    }
+}
+
+#[test]
+fn every_documented_range_is_held_to() {
+    let accepts = |name: &str, value: String| {
+        let set = Override::set(&format!("solver.ams.{name}={value}")).unwrap();
+        Scene::parse("", Path::new("scene.toml"), &[set]).is_ok()
+    };
+    let mut ranges = 0;
+    for (name, _, range) in documented() {
+        let Some(range) = range else { continue };
+        ranges += 1;
+        let whole = name == "substeps" || name == "clamped";
+        let write = |value: f64| if whole { format!("{value}") } else { format!("{value:?}") };
+        let (inside, outside) = match range.as_str() {
+            "0 or more" => (vec![0.0, 1e3], vec![-1e-3, f64::NAN]),
+            "0 to the float32 bound" => (vec![0.0, 5.76e7], vec![-1.0, 5.77e7]),
+            "0 to 1" => (vec![0.0, 0.9, 1.0], vec![-1e-3, 1.001]),
+            "1 to 1000" => (vec![1.0, 1000.0], vec![0.0, 1001.0]),
+            "above 0" => (vec![1e-3], vec![0.0, -1.0]),
+            "above `elastic_limit`" => (vec![0.501], vec![0.5]),
+            other => panic!("`{name}`: no test knows the range {other:?}"),
+        };
+        for value in inside.into_iter().filter(|v| name != "elastic_limit" || *v < 1.0) {
+            assert!(accepts(&name, write(value)), "{name} = {value} is in its range");
+        }
+        for value in outside {
+            assert!(!accepts(&name, write(value)), "{name} = {value} is not in its range");
+        }
+    }
+    assert!(ranges > 15, "only {ranges} ranges were found");
+}
