@@ -1,1 +1,26 @@
-fn main() {}
+//! The `forelock` command.
+//!
+//! Exit status: 0 done, 1 failed with one message on standard error, 2 wrong usage, 130 interrupted after everything
+//! was put in order.
+
+mod arguments;
+mod commands;
+mod interrupt;
+mod progress;
+mod terminal;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+fn main() -> ExitCode {
+    let cli = arguments::Cli::parse();
+    terminal::start_log(cli.verbose);
+    match commands::run(cli) {
+        Ok(status) => status,
+        Err(error) => {
+            terminal::error(&error);
+            ExitCode::FAILURE
+        }
+    }
+}

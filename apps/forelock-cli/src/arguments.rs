@@ -1,0 +1,237 @@
+//! The command line.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap_complete::Shell;
+use forelock_core::groom::{Import, Unit, Up};
+
+/// Real-time simulation of dense hair, strand by strand.
+///
+/// Start with `forelock demo`. Exit status: 0 done, 1 failed with one message, 2 wrong usage, 130 interrupted after
+/// everything was put in order.
+#[derive(Debug, Parser)]
+#[command(
+    name = "forelock",
+    version,
+    propagate_version = true,
+    arg_required_else_help = true,
+    args_override_self = true
+)]
+pub struct Cli {
+    #[command(subcommand)]
+    pub command: Command,
+    /// Log what is done; twice for details.
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    pub verbose: u8,
+    /// Threads to use [default: one a processor].
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Simulate the built-in scene: hair on a turning head; writes pictures, a cache and a report.
+    Demo(RunArgs),
+    /// Simulate a scene.
+    Simulate(SimulateArgs),
+    /// Take pictures of a scene at rest or of a cache.
+    Render(RenderArgs),
+    /// Grow a groom and write it to a file.
+    Grow(GrowArgs),
+    /// Tell what a groom or cache holds, and what is odd in it.
+    Info(InfoArgs),
+    /// Convert a groom between formats.
+    Convert(ConvertArgs),
+    /// Rerun the papers' figures as tables.
+    Bench(BenchArgs),
+    /// Write completions for a shell to standard output.
+    Completions {
+        /// The shell.
+        shell: Shell,
+    },
+}
+
+/// What `demo` and `simulate` have in common.
+#[derive(Debug, Args)]
+pub struct RunArgs {
+    /// Change one key of the scene, as in `--set solver.ams.k_edge=1e7`; may be repeated, the last holds.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub sets: Vec<String>,
+    /// Frames to simulate, the same as `--set time.frames=N`.
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    pub frames: Option<i64>,
+    /// Where to compute.
+    #[arg(long, value_enum, default_value_t = Backend::Cpu)]
+    pub backend: Backend,
+    /// Solver, the same as `--set solver.kind=NAME`.
+    #[arg(long, value_name = "NAME")]
+    pub solver: Option<String>,
+    /// Folder for everything that is written [default: forelock-out/NAME].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Name of the cache, the same as `--set output.cache=FILE`; the ending picks the format.
+    #[arg(long, value_name = "FILE")]
+    pub cache: Option<PathBuf>,
+    /// Go on where an interrupted or shorter run into the same folder ended, bit for bit.
+    #[arg(long)]
+    pub resume: bool,
+    /// Print the summary as one JSON object on standard output, and nothing else there.
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct SimulateArgs {
+    /// The scene file (TOML).
+    #[arg(value_name = "SCENE")]
+    pub scene: PathBuf,
+    #[command(flatten)]
+    pub run: RunArgs,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Backend {
+    /// This processor.
+    Cpu,
+    /// A graphics processor; not yet available.
+    Gpu,
+}
+
+#[derive(Debug, Args)]
+pub struct RenderArgs {
+    /// A scene file (.toml), a cache that `simulate` wrote, or a groom.
+    #[arg(value_name = "SCENE|CACHE")]
+    pub input: PathBuf,
+    /// Change one key of the scene, as in `--set camera.yaw_degrees=90`; may be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub sets: Vec<String>,
+    /// The picture to write; with `--film` an animated PNG [default: picture.png beside the input].
+    #[arg(short, long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Frame of the cache [default: the last].
+    #[arg(long, value_name = "N")]
+    pub frame: Option<usize>,
+    /// Make a film of the whole cache.
+    #[arg(long, conflicts_with_all = ["frame", "sheet"])]
+    pub film: bool,
+    /// Make a sheet: of a cache frames over time, of a groom or scene its sides.
+    #[arg(long, conflicts_with = "frame")]
+    pub sheet: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct GrowArgs {
+    /// The groom to write (.hair, .data, .tfx, .npz).
+    #[arg(value_name = "FILE", required_unless_present_any = ["sheets", "picture"])]
+    pub out: Option<PathBuf>,
+    /// Preset to grow; a wrong one lists all.
+    #[arg(long, default_value = "wavy")]
+    pub preset: String,
+    /// Number of strands.
+    #[arg(long, default_value_t = 10_000)]
+    pub strands: u32,
+    /// Particles a strand.
+    #[arg(long, default_value_t = 25)]
+    pub vertices: u32,
+    /// Seed of everything random.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Change one growth parameter, as in `--set length=0.2`; may be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub sets: Vec<String>,
+    /// Also take a picture.
+    #[arg(long, value_name = "FILE")]
+    pub picture: Option<PathBuf>,
+    /// Make the two picture sheets of the AMS paper's Figs. 13 and 14 in this folder.
+    #[arg(long, value_name = "DIR")]
+    pub sheets: Option<PathBuf>,
+    /// Print what was grown as one JSON object.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// How the numbers of a file become metres, y up.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct ImportArgs {
+    /// Unit of length of the file: m, cm, mm or in.
+    #[arg(long, default_value = "m", value_parser = parse::<Unit>)]
+    pub unit: Unit,
+    /// Axis that points up in the file: y or z.
+    #[arg(long, default_value = "y", value_parser = parse::<Up>)]
+    pub up: Up,
+    /// Further factor on all lengths.
+    #[arg(long, default_value_t = 1.0, value_parser = positive, allow_negative_numbers = true)]
+    pub scale: f64,
+}
+
+impl ImportArgs {
+    /// The same as the library takes it.
+    pub fn import(self) -> Import {
+        Import { unit: self.unit, up: self.up, scale: self.scale }
+    }
+}
+
+#[derive(Debug, Args)]
+pub struct InfoArgs {
+    /// The groom or cache.
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    #[command(flatten)]
+    pub import: ImportArgs,
+    /// Print one JSON object.
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct ConvertArgs {
+    /// The groom to read.
+    #[arg(value_name = "IN")]
+    pub input: PathBuf,
+    /// The groom to write; its ending picks the format.
+    #[arg(value_name = "OUT")]
+    pub output: PathBuf,
+    #[command(flatten)]
+    pub import: ImportArgs,
+    /// Resample every strand to this many particles [default: as they are].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=1000))]
+    pub resample: Option<u32>,
+    /// Print what was converted as one JSON object.
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct BenchArgs {
+    /// What to rerun.
+    #[command(subcommand)]
+    pub what: BenchCommand,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum BenchCommand {
+    /// A figure of the AMS paper as a table.
+    Paper {
+        /// Which figure: 4 (sag) or 5 (the angular spring).
+        #[arg(long, value_parser = clap::value_parser!(u8).range(4..=5))]
+        figure: u8,
+        /// Folder for the table as Markdown and JSON [default: print only].
+        #[arg(long, value_name = "DIR")]
+        out: Option<PathBuf>,
+        /// Print one JSON object instead of the table.
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+fn parse<T: std::str::FromStr>(word: &str) -> Result<T, T::Err> {
+    word.parse()
+}
+
+fn positive(word: &str) -> Result<f64, String> {
+    match word.parse::<f64>() {
+        Ok(value) if value.is_finite() && value > 0.0 => Ok(value),
+        _ => Err("should be a number above 0".to_owned()),
+    }
+}

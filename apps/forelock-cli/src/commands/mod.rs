@@ -1,0 +1,42 @@
+//! The commands, one file each.
+
+mod bench;
+mod convert;
+mod grow;
+mod info;
+mod render;
+mod simulate;
+
+use std::process::ExitCode;
+
+use anyhow::Context;
+use clap::CommandFactory;
+use forelock::scene::Override;
+
+use crate::arguments::{Cli, Command};
+
+/// Runs what the command line asks for.
+pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
+    if let Some(threads) = cli.threads {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.into());
+        pool.build_global().context("the threads cannot be started")?;
+    }
+    match cli.command {
+        Command::Demo(run) => return simulate::demo(&run),
+        Command::Simulate(arguments) => return simulate::simulate(&arguments),
+        Command::Render(arguments) => render::render(&arguments)?,
+        Command::Grow(arguments) => grow::grow(&arguments)?,
+        Command::Info(arguments) => info::info(&arguments)?,
+        Command::Convert(arguments) => convert::convert(&arguments)?,
+        Command::Bench(arguments) => bench::bench(&arguments)?,
+        Command::Completions { shell } => {
+            clap_complete::generate(shell, &mut Cli::command(), "forelock", &mut std::io::stdout());
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The overrides that `--set` gave.
+fn overrides(sets: &[String]) -> anyhow::Result<Vec<Override>> {
+    Ok(sets.iter().map(|set| Override::set(set)).collect::<Result<_, _>>()?)
+}

@@ -1,0 +1,81 @@
+//! `render`: pictures, sheets and films of scenes, caches and grooms.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::bail;
+use forelock::{Assets, Scene, Studio, write_png};
+use forelock_core::groom::Groom;
+use forelock_io::Cache;
+
+use crate::arguments::RenderArgs;
+use crate::progress::Reporter;
+use crate::terminal;
+
+/// The scene of a cache or groom that comes without one. The source is not read: the strands are there already.
+const HAIR_ALONE: &str = "groom.source = \"hair\"\nbody.mesh = \"none\"\nbody.motion = \"builtin:still\"\ncamera.yaw_degrees = 0\n";
+
+/// Draws the input.
+pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
+    let input = arguments.input.as_path();
+    let mut reporter = Reporter::new(false);
+    let is_scene = input.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("toml"));
+    let mut cache = None;
+    let (scene, assets) = if is_scene {
+        let scene = Scene::load(input, &super::overrides(&arguments.sets)?)?;
+        let assets = Assets::load(&scene, &mut |progress| reporter.report(progress))?;
+        (scene, assets)
+    } else {
+        let scene = scene_beside(input, &arguments.sets)?;
+        let groom = match Cache::open(input) {
+            Ok(opened) => first_frame(cache.insert(opened))?,
+            Err(_) => forelock_io::read_groom(input, &scene.groom.import())?.groom,
+        };
+        let assets = Assets::around(&scene, groom)?;
+        (scene, assets)
+    };
+    let studio = Studio::new(&scene, &assets);
+    let out = arguments.out.clone().unwrap_or_else(|| default_name(arguments));
+    match &mut cache {
+        Some(cache) if arguments.film => {
+            let film = studio.film(cache, &mut |progress| reporter.report(progress))?;
+            forelock_io::atomic_write(&out, |file| file.write_all(&film))?;
+        }
+        Some(cache) if arguments.sheet => write_png(&out, &studio.sheet(cache)?)?,
+        Some(cache) => {
+            let frame = arguments.frame.unwrap_or(cache.frames().saturating_sub(1));
+            write_png(&out, &studio.frame(cache, input, frame, 1.0)?)?;
+        }
+        None if arguments.film || arguments.frame.is_some() => {
+            bail!("{}: a film or a frame needs a cache: run `forelock simulate` first", input.display());
+        }
+        None if arguments.sheet => write_png(&out, &studio.sides()?)?,
+        None => write_png(&out, &studio.picture(assets.groom.positions(), 0.0, 1.0)?)?,
+    }
+    terminal::line(out.display().to_string());
+    Ok(())
+}
+
+/// The `scene.toml` that a run left beside its cache; without one, a scene of hair alone.
+fn scene_beside(input: &Path, sets: &[String]) -> anyhow::Result<Scene> {
+    let beside = input.with_file_name("scene.toml");
+    let overrides = super::overrides(sets)?;
+    if beside.is_file() {
+        return Ok(Scene::load(&beside, &overrides)?);
+    }
+    Ok(Scene::parse(HAIR_ALONE, input, &overrides)?)
+}
+
+fn first_frame(cache: &mut Cache) -> anyhow::Result<Groom> {
+    let mut positions = Vec::new();
+    cache.read_frame(0, &mut positions)?;
+    Ok(Groom::new(positions, cache.strand_offsets().to_vec())?)
+}
+
+fn default_name(arguments: &RenderArgs) -> PathBuf {
+    let name = match (arguments.film, arguments.sheet) {
+        (true, _) => "film.png",
+        (_, true) => "sheet.png",
+        _ => "picture.png",
+    };
+    arguments.input.with_file_name(name)
+}

@@ -1,0 +1,106 @@
+//! `demo` and `simulate`: a scene, run.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::bail;
+use forelock::scene::Override;
+use forelock::{RunOptions, Scene, Summary};
+
+use crate::arguments::{Backend, RunArgs, SimulateArgs};
+use crate::progress::Reporter;
+use crate::{interrupt, terminal};
+
+/// Runs the built-in scene.
+pub fn demo(run: &RunArgs) -> anyhow::Result<ExitCode> {
+    simulate_scene(&Scene::builtin(&overrides(run)?)?, run)
+}
+
+/// Runs the scene of a file.
+pub fn simulate(arguments: &SimulateArgs) -> anyhow::Result<ExitCode> {
+    simulate_scene(&Scene::load(&arguments.scene, &overrides(&arguments.run)?)?, &arguments.run)
+}
+
+/// `--set` first, then the options of their own, which hold over it.
+fn overrides(run: &RunArgs) -> anyhow::Result<Vec<Override>> {
+    let mut overrides = super::overrides(&run.sets)?;
+    overrides.extend(run.frames.map(|frames| Override::option("--frames", "time.frames", frames)));
+    overrides.extend(run.solver.as_ref().map(|name| Override::option("--solver", "solver.kind", name)));
+    if let Some(file) = &run.cache {
+        let absolute = std::path::absolute(file).unwrap_or_else(|_| file.clone());
+        overrides.push(Override::option("--cache", "output.cache", absolute.display()));
+    }
+    Ok(overrides)
+}
+
+fn simulate_scene(scene: &Scene, run: &RunArgs) -> anyhow::Result<ExitCode> {
+    if run.backend == Backend::Gpu {
+        bail!("--backend gpu: this version computes on the CPU only; leave the option out");
+    }
+    let cancel = interrupt::listen()?;
+    let out = run.out.clone().unwrap_or_else(|| default_folder(&scene.name));
+    let options = RunOptions { out, resume: run.resume };
+    let mut reporter = Reporter::new(run.json);
+    let summary = forelock::simulate(scene, &options, &mut |progress| reporter.report(progress), cancel)?;
+    if run.json {
+        terminal::json(&summary)?;
+    } else {
+        tell(&summary);
+    }
+    if summary.frames < summary.frames_asked {
+        terminal::note(format!(
+            "interrupted after frame {} of {}; what is done is whole: the same command with --resume goes on",
+            summary.frames, summary.frames_asked
+        ));
+        return Ok(ExitCode::from(interrupt::STATUS));
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// `forelock-out/NAME`, with a name that is one folder whatever it holds.
+fn default_folder(name: &str) -> PathBuf {
+    let plain = |c: char| if c.is_alphanumeric() || "-_. ".contains(c) { c } else { '-' };
+    let name: String = name.chars().map(plain).collect();
+    let name = name.trim_matches(['.', ' ']);
+    Path::new("forelock-out").join(if name.is_empty() { "scene" } else { name })
+}
+
+fn tell(summary: &Summary) {
+    terminal::line(format!(
+        "{}: {} strands, {} particles, {} frames with {} on {} ({} threads, {})",
+        summary.scene,
+        summary.strands,
+        summary.particles,
+        summary.frames,
+        summary.solver,
+        summary.device,
+        summary.threads,
+        summary.simd,
+    ));
+    terminal::line(format!(
+        "{:.1} ms a frame (median; 95 % within {:.1}), stretch {:.1e}, penetration {:.2} mm, {} strands reset, state {}",
+        summary.ms_per_frame.median,
+        summary.ms_per_frame.p95,
+        summary.max_edge_stretch,
+        summary.max_penetration_m * 1e3,
+        summary.quarantined_strands,
+        summary.state_hash,
+    ));
+    for path in &summary.outputs {
+        terminal::line(format!("  {}", path.display()));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn folders_stay_below_the_default() {
+        for (name, folder) in
+            [("demo", "demo"), ("../../etc", "-..-etc"), ("..", "scene"), ("", "scene"), ("a/b", "a-b")]
+        {
+            assert_eq!(default_folder(name), Path::new("forelock-out").join(folder));
+        }
+    }
+}
