@@ -36,7 +36,10 @@ fn draw(sheet: &Sheet, path: &Path, observer: &mut Observer<'_>) -> Result<(), R
         let groom = grow_on_head(params).map_err(AssetError::from)?;
         let assets = Assets::around(&scene, groom)?;
         let image = Studio::new(&scene, &assets).picture(assets.groom.positions(), 0.0, 1.0)?;
-        let label = format!("{}  {}", sheet.rows[index / columns], sheet.columns[index % columns]);
+        // The labels' letters are Latin.
+        let label = format!("{}  {}", sheet.rows[index / columns], sheet.columns[index % columns])
+            .replace('τ', "tau")
+            .replace('γ', "gamma");
         pictures.push((image, label));
         observer(&Progress::Step);
     }
