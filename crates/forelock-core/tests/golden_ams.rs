@@ -72,6 +72,7 @@ fn params(p: &Value) -> AmsParams {
         dftl_damping: f("dftl_damp"),
         skin_thickness: f("thick"),
         depenetration_speed: 1e3,
+        lay_along_solids: false,
         ..AmsParams::default()
     }
 }

@@ -34,6 +34,8 @@ pub struct FrameJob<'a, T> {
     pub solids: &'a [ColliderFrame<'a>],
     /// Their poses, M × solids.
     pub solid_poses: &'a [SolidPose<T>],
+    /// Whether edges that solids stretched are laid along them.
+    pub lay_along: bool,
     /// Skin thickness, metres.
     pub skin_thickness: f64,
     /// Depth that a particle may come out of a solid in a substep, metres.
@@ -252,7 +254,12 @@ fn advance_lanes<L: Lane>(
         report.contacts = resolve_solids::resolve::<L>(&look(substeps - 1, 0.0), &since, view, first, live);
         report.stage_nanos[1] += clock.lap();
     }
-    report.max_edge_stretch_final = worst(restore_lengths::largest_stretch::<L>(view, first), live - first);
+    let mut stretch = restore_lengths::largest_stretch::<L>(view, first);
+    if job.lay_along && solids > 0 {
+        resolve_solids::lay_along(&look(substeps - 1, 0.0), stretch, view, first, live);
+        stretch = restore_lengths::largest_stretch::<L>(view, first);
+    }
+    report.max_edge_stretch_final = worst(stretch, live - first);
     if job.lengths.kind == crate::solver::params::Inextensibility::Off {
         report.max_edge_stretch = report.max_edge_stretch_final;
     }

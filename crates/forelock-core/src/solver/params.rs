@@ -107,6 +107,8 @@ pub struct AmsParams {
     pub inextensibility: Inextensibility,
     /// Share of a follow-the-leader correction handed up as velocity. No unit, default 0.9, range 0 to 1; 0 never settles.
     pub dftl_damping: f64,
+    /// Whether edges that solids stretched at the end of a frame are laid along their surface at rest length. Default true; false leaves them stretched, as the paper does.
+    pub lay_along_solids: bool,
     /// Distance that particles keep from solids. Unit m, default 0.0005, range 0 or more; 0 touches the skin.
     pub skin_thickness: f64,
     /// Fastest that a particle which starts a frame inside a solid is brought out. Unit m/s, default 1, range above 0; 0 is refused.
@@ -140,6 +142,7 @@ impl Default for AmsParams {
             healing_limit: 0.25,
             inextensibility: Inextensibility::default(),
             dftl_damping: 0.9,
+            lay_along_solids: true,
             skin_thickness: 5e-4,
             depenetration_speed: 1.0,
         }

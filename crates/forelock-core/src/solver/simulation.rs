@@ -1,7 +1,7 @@
 //! The AMS solver as a whole: Model, State and Workspace, a frame at a time.
 
 use super::block::{BlockFn, BlockReport, FrameJob, STAGES, Simd, SolverReal};
-use super::params::{AmsParams, ParamsError};
+use super::params::{AmsParams, Inextensibility, ParamsError};
 use crate::body::ColliderFrame;
 use crate::groom::Groom;
 use crate::lane::Row;
@@ -198,6 +198,7 @@ impl<T: SolverReal> Simulation<T> {
             shift,
             solids: frame.colliders,
             solid_poses: &self.workspace.solid_poses,
+            lay_along: self.params.lay_along_solids && self.params.inextensibility != Inextensibility::Off,
             skin_thickness: self.params.skin_thickness,
             way_out: self.params.depenetration_speed * terms.h,
         };

@@ -189,6 +189,94 @@ pub fn resolve<L: Lane>(
     contacts
 }
 
+/// Gives edges back the length that solids took: root to tip, each particle of a strand whose `stretch` is over
+/// [`STRETCHED`] goes to its rest length from the one before, and where that is inside a solid, along the surface.
+///
+/// # Theory
+/// Where the surface is flat, with normal n and the leader at height a above it, the points of the surface at distance l
+/// from the leader are on a circle; the one nearest to the follower is p − a n + √(l² − a²) τ, τ its direction along
+/// the surface. On a curved surface a few rounds of this converge; where a ≥ l there is no such point and the length
+/// gives way.
+#[inline(always)]
+pub fn lay_along<L: Lane>(
+    solids: &Solids<'_, L::Scalar>,
+    stretch: L,
+    view: &mut BlockView<'_, L::Scalar>,
+    first: usize,
+    live: usize,
+) {
+    let stretched = L::from_f64(STRETCHED);
+    if L::all(stretch.lt(stretched)) {
+        return;
+    }
+    for i in solids.clamped.max(1)..view.particles {
+        let leader = V3::<L>::load(view.positions, i - 1, first);
+        let old = V3::load(view.positions, i, first);
+        let rest_length = L::load(&view.rest_lengths[3 * (i - 1)], first);
+        let d = old - leader;
+        let inverse = L::one() / d.dot(d).max(L::from_f64(1e-24)).sqrt();
+        let mut x = leader.add_scaled(rest_length * inverse, d);
+        let back = old - x;
+        let mut clearance = L::load(&view.clearance[i], first);
+        let left = clearance - back.dot(back).sqrt();
+        for lane in 0..L::WIDTH.min(live - first) {
+            if !(stretch.get(lane) > stretched.get(lane)) {
+                x.set(lane, old.get(lane));
+                continue;
+            }
+            if left.get(lane) > <L::Scalar as num_traits::Zero>::zero() {
+                clearance.set(lane, left.get(lane));
+            } else if !(clearance.get(lane) < <L::Scalar as num_traits::Zero>::zero()) {
+                let (place, bound) = slide(solids, leader.get(lane), x.get(lane), rest_length.get(lane));
+                x.set(lane, place);
+                clearance.set(lane, bound);
+            }
+        }
+        clearance.store(&mut view.clearance[i], first);
+        x.store(view.positions, i, first);
+    }
+}
+
+/// Stretch, over the rest length, from which a strand's edges are laid anew.
+const STRETCHED: f64 = 1e-5;
+
+/// The point at `length` from `leader` near `x` that is outside all solids, if there is one, and its clearance.
+fn slide<T: Real>(solids: &Solids<'_, T>, leader: [T; 3], mut x: [T; 3], length: T) -> ([T; 3], T) {
+    const ROUNDS: usize = 4;
+    let zero = T::zero();
+    let mut clearance = T::infinity();
+    for (solid, pose) in solids.solids.iter().zip(solids.poses) {
+        for round in 0..=ROUNDS {
+            let (distance, gradient) = solid.shape.sample(pose.to_local(1, x));
+            let sigma = distance - solids.thickness;
+            if !(sigma < zero) {
+                clearance = clearance.min(sigma / lipschitz(solid.shape));
+                break;
+            }
+            let n = pose.turn(1, gradient);
+            if round == ROUNDS {
+                // No such point: solids go before lengths.
+                x = [0, 1, 2].map(|c| x[c] - sigma * n[c]);
+                clearance = zero;
+                break;
+            }
+            let d = [0, 1, 2].map(|c| x[c] - leader[c]);
+            let height = sigma - dot(d, n);
+            let along = [0, 1, 2].map(|c| d[c] - dot(d, n) * n[c]);
+            let reach = (length * length - height * height).max(zero).sqrt();
+            let scale = reach / dot(along, along).sqrt().max(T::min_positive_value());
+            x = [0, 1, 2].map(|c| leader[c] - height * n[c] + scale * along[c]);
+        }
+    }
+    (x, clearance)
+}
+
+/// How much faster than distance a shape's field can rise.
+#[inline(always)]
+fn lipschitz<T: Real>(shape: &Shape) -> T {
+    if matches!(shape, Shape::Sdf(_)) { T::from(3.0).unwrap_or_else(T::one).sqrt() } else { T::one() }
+}
+
 struct Particle<T> {
     x: [T; 3],
     v: [T; 3],
@@ -226,8 +314,7 @@ fn settle<T: Real>(solids: &Solids<'_, T>, particle: &mut Particle<T>, contacts:
             }
             sigma = depth_allowed;
         }
-        let lipschitz = if is_grid { T::from(3.0).unwrap_or_else(T::one).sqrt() } else { T::one() };
-        clearance = clearance.min(if sigma > zero { sigma / lipschitz } else { sigma });
+        clearance = clearance.min(if sigma > zero { sigma / lipschitz(solid.shape) } else { sigma });
     }
     particle.clearance = clearance;
     contacts.touching += u32::from(touches);
