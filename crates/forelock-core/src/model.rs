@@ -42,6 +42,8 @@ pub struct Model<T> {
     pub rest: Vec<Row<T>>,
     /// Rest lengths to the next, second and third next particle, [3 × places] rows, metres; 0 past the tip.
     pub rest_lengths: Vec<Row<T>>,
+    /// One over the rest length to the next particle, [places] rows, 1/m; 0 past the tip.
+    pub inverse_edges: Vec<Row<T>>,
     /// A row a block: length of the strand, metres.
     pub strand_lengths: Vec<Row<T>>,
     /// A row a block: the strand's relative stiffness.
@@ -124,6 +126,7 @@ impl<T: Real> Model<T> {
         let mut model = Self {
             rest: vec![Row([T::zero(); LANES]); 3 * first],
             rest_lengths: vec![Row([T::zero(); LANES]); 3 * first],
+            inverse_edges: vec![Row([T::zero(); LANES]); first],
             strand_lengths: vec![Row([T::zero(); LANES]); blocks.len()],
             stiffness: vec![Row([T::one(); LANES]); blocks.len()],
             centre: centre(strands.positions),
@@ -160,7 +163,11 @@ impl<T: Real> Model<T> {
             for reach in 1..=3usize.min(points.len() - 1 - i) {
                 self.rest_lengths[3 * (block.first + i) + reach - 1].0[lane] = distance(i, i + reach);
             }
-            length = length + self.rest_lengths[3 * (block.first + i)].0[lane];
+            let edge = self.rest_lengths[3 * (block.first + i)].0[lane];
+            if edge > T::zero() {
+                self.inverse_edges[block.first + i].0[lane] = edge.recip();
+            }
+            length = length + edge;
         }
         self.strand_lengths[index].0[lane] = length;
         if let Some(scale) = strands.stiffness.and_then(|s| T::from(s[strand])) {

@@ -276,16 +276,26 @@ impl<const W: usize, const FMA: bool> Lane for Pack<W, FMA> {
 #[inline(always)]
 fn asin_ratio<L: Lane<Scalar = f32>>(square: L) -> L {
     let half = L::splat(0.5);
+    let quarter = L::splat(0.25);
+    let small = square.lt(quarter);
+    if L::all(small) {
+        return asin_polynomial(square); // the usual case: no strand is bent by 60° against its ghost
+    }
     let u = square.sqrt();
     let folded = (L::one() - u) * half;
-    let quarter = L::splat(0.25);
-    let z = L::select(square.lt(quarter), square, folded);
+    let z = L::select(small, square, folded);
+    let ratio = asin_polynomial(z);
+    let above = (L::splat(std::f32::consts::FRAC_PI_2) - z.sqrt() * ratio * L::splat(2.0)) / u.max(half);
+    L::select(small, ratio, above)
+}
+
+#[inline(always)]
+fn asin_polynomial<L: Lane<Scalar = f32>>(z: L) -> L {
     let mut ratio = L::splat(ASIN_RATIO[4]);
     for k in [3, 2, 1, 0] {
         ratio = ratio.mul_add(z, L::splat(ASIN_RATIO[k]));
     }
-    let above = (L::splat(std::f32::consts::FRAC_PI_2) - z.sqrt() * ratio * L::splat(2.0)) / u.max(half);
-    L::select(square.lt(quarter), ratio, above)
+    ratio
 }
 
 /// asin(√z)/√z on 0 ≤ z ≤ ¼: interpolation at Chebyshev nodes, constant term rounded to 1; relative error 2e-7.

@@ -3,6 +3,7 @@
 use crate::body::ColliderFrame;
 use crate::lane::{LANES, Lane, Pack, Real, V3};
 use crate::pose::Pose;
+use crate::solver::params::Inextensibility;
 use crate::stage::resolve_solids::{self, Contacts, Since, SolidPose, Solids};
 use crate::stage::restore_lengths::{self, LengthTerms};
 use crate::stage::solve_strands::{self, FrameTerms, SubstepTerms};
@@ -242,29 +243,39 @@ fn advance_lanes<L: Lane>(
             resolve_solids::resolve::<L>(&look(step, job.way_out), &Since::Substep, view, first, live);
         report.stage_nanos[1] += clock.lap();
     }
-    if job.lengths.kind != crate::solver::params::Inextensibility::Off {
+    let restored = job.lengths.kind != Inextensibility::Off;
+    let mut stretch = L::zero();
+    if restored {
         let (before, work) = scratch.vectors::<L>().split_at_mut(view.particles);
         for (i, x) in before.iter_mut().enumerate() {
             *x = V3::load(view.positions, i, first);
         }
-        let stretch = restore_lengths::restore(&job.lengths, view, first, work);
+        stretch = restore_lengths::restore(&job.lengths, view, first, work);
         report.max_edge_stretch = worst(stretch, live - first);
         report.stage_nanos[2] += clock.lap();
         let since = Since::Positions(before);
         report.contacts = resolve_solids::resolve::<L>(&look(substeps - 1, 0.0), &since, view, first, live);
         report.stage_nanos[1] += clock.lap();
     }
-    let mut stretch = restore_lengths::largest_stretch::<L>(view, first);
-    if job.lay_along && solids > 0 {
+    stretch = if report.contacts.touching > 0 || !restored {
+        restore_lengths::largest_stretch::<L>(view, first)
+    } else {
+        stretch
+    };
+    if job.lay_along && report.contacts.touching > 0 {
         resolve_solids::lay_along(&look(substeps - 1, 0.0), stretch, view, first, live);
         stretch = restore_lengths::largest_stretch::<L>(view, first);
     }
     report.max_edge_stretch_final = worst(stretch, live - first);
-    if job.lengths.kind == crate::solver::params::Inextensibility::Off {
+    if !restored {
         report.max_edge_stretch = report.max_edge_stretch_final;
     }
+    let sum = finiteness::<L>(view, first);
     for lane in 0..L::WIDTH.min(live - first) {
-        report.quarantined += u32::from(quarantine(job, view, first + lane));
+        if !num_traits::Float::is_finite(sum.get(lane)) {
+            quarantine(job, view, first + lane);
+            report.quarantined += 1;
+        }
     }
     report.stage_nanos[3] += clock.lap();
     report
@@ -287,14 +298,23 @@ fn shift_positions<L: Lane>(shift: DVec3, view: &mut BlockView<'_, L::Scalar>, f
     }
 }
 
-/// Whether the strand in `lane` had a number that is not finite. If so it is put back to its rest shape, moving with
-/// the head, with whole ties; the other strands do not notice.
-fn quarantine<T: Real>(job: &FrameJob<'_, T>, view: &mut BlockView<'_, T>, lane: usize) -> bool {
-    let finite = |rows: &[crate::lane::Row<T>]| rows.iter().all(|row| row.0[lane].is_finite());
-    if finite(view.positions) && finite(view.velocities) {
-        return false;
+/// Zero in the lanes whose numbers are all finite, not a number in the others.
+#[inline(always)]
+fn finiteness<L: Lane>(view: &BlockView<'_, L::Scalar>, first: usize) -> L {
+    let mut sum = L::zero();
+    for i in 0..view.particles {
+        let both = V3::<L>::load(view.positions, i, first) + V3::load(view.velocities, i, first);
+        sum = both.0[0].mul_add(L::zero(), sum);
+        sum = both.0[1].mul_add(L::zero(), sum);
+        sum = both.0[2].mul_add(L::zero(), sum);
     }
-    let [.., before, last] = job.poses else { return false };
+    sum
+}
+
+/// Puts the strand in `lane`, which has a number that is not finite, back to its rest shape, moving with the head, with
+/// whole ties; the other strands do not notice.
+fn quarantine<T: Real>(job: &FrameJob<'_, T>, view: &mut BlockView<'_, T>, lane: usize) {
+    let [.., before, last] = job.poses else { return };
     for i in 0..view.particles {
         let rest = crate::state::vector(view.rest, i, lane).map(|x| x.to_f64().unwrap_or(0.0)).into();
         let x = last.transform_point(rest);
@@ -306,7 +326,6 @@ fn quarantine<T: Real>(job: &FrameJob<'_, T>, view: &mut BlockView<'_, T>, lane:
         view.integrity[i].0[lane] = T::one();
         view.clearance[i].0[lane] = T::neg_infinity();
     }
-    true
 }
 
 /// Laps of a stage's time.

@@ -392,6 +392,7 @@ impl<T: SolverReal> Crew<'_, T> {
             particles: block.particles,
             rest: &self.model.rest[rows.clone()],
             rest_lengths: &self.model.rest_lengths[rows],
+            inverse_edges: &self.model.inverse_edges[block.range()],
             strand_length: &self.model.strand_lengths[index],
             stiffness: &self.model.stiffness[index],
             positions: arrays.positions,

@@ -15,6 +15,8 @@ pub struct BlockView<'a, T> {
     pub rest: &'a [Row<T>],
     /// Rest lengths to the next three particles.
     pub rest_lengths: &'a [Row<T>],
+    /// One over the rest length to the next particle.
+    pub inverse_edges: &'a [Row<T>],
     /// Strand length.
     pub strand_length: &'a Row<T>,
     /// Relative stiffness of the strand.

@@ -25,6 +25,8 @@ use glam::DVec3;
 pub struct SolidPose<T> {
     rotations: [[[T; 3]; 3]; 2],
     translations: [[T; 3]; 2],
+    /// World to world, from the start to the end, for a point that moves with the solid.
+    carry: ([[T; 3]; 3], [T; 3]),
     /// The carrier at the end: where it is, its rotation vector and its translation over the substep.
     carrier: [[T; 3]; 3],
 }
@@ -42,6 +44,11 @@ impl<T: Real> SolidPose<T> {
         Self {
             rotations: [matrix(&poses[0]), matrix(&poses[1])],
             translations: poses.map(|pose| (pose.translation - origin).to_array().map(number)),
+            carry: {
+                let relative = poses.map(|pose| Pose { translation: pose.translation - origin, ..pose });
+                let carry = relative[1].after(&relative[0].inverse());
+                (matrix(&carry), carry.translation.to_array().map(number))
+            },
             carrier: [
                 carrier[1].translation - origin,
                 (carrier[1].rotation * carrier[0].rotation.conjugate()).to_scaled_axis(),
@@ -75,19 +82,14 @@ impl<T: Real> SolidPose<T> {
         ]
     }
 
-    /// How far a particle moved in the solid's own space, a lane.
+    /// How far a particle moved relative to the solid, a lane.
     #[inline(always)]
     fn moved<L: Lane<Scalar = T>>(&self, from: V3<L>, to: V3<L>) -> L {
-        let d = self.lanes_to_local(1, to) - self.lanes_to_local(0, from);
+        let ([a, b, c], [x, y, z]) = &self.carry;
+        let carried = V3([L::splat(*x), L::splat(*y), L::splat(*z)])
+            .add_mul(&Mat3([splat_row(a), splat_row(b), splat_row(c)]), from);
+        let d = to - carried;
         d.dot(d).sqrt()
-    }
-
-    #[inline(always)]
-    fn lanes_to_local<L: Lane<Scalar = T>>(&self, end: usize, x: V3<L>) -> V3<L> {
-        let (r, [px, py, pz]) = (&self.rotations[end], self.translations[end]);
-        let d = x - V3([L::splat(px), L::splat(py), L::splat(pz)]);
-        let [a, b, c] = r;
-        Mat3([splat_row(a), splat_row(b), splat_row(c)]).mul_transposed(d)
     }
 }
 

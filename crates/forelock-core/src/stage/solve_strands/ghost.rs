@@ -115,11 +115,10 @@ pub struct Couple<L> {
 pub fn angular_edge<L: Lane>(
     substep: &SubstepTerms<L>,
     kappa: L,
-    (d, rest_length, inverse_length): (V3<L>, L, L),
+    (d, inverse_rest, inverse_length): (V3<L>, L, L),
     ghosts: [&Ghost<L>; 2],
 ) -> Couple<L> {
     let g = ghosts[1].y - ghosts[0].y;
-    let inverse_rest = L::one() / rest_length;
     let half = L::from_f64(0.5);
     // sin²(θ/2) = (1 − cos θ)/2; where this cancels, the ratio is 1 to rounding.
     let cosine = g.dot(d) * inverse_rest * inverse_length;

@@ -92,24 +92,10 @@ fn eliminate<L: Lane>(
             tie_to_ghost(frame, substep, view, (i, first), &terms, &ghost, &mut ring);
         }
         let next = Ghost::new(substep, V3::load(view.rest, (i + 1).min(n - 1), first));
-        let x = V3::load(view.positions, i, first);
-        for reach in 1..=3usize.min(n - 1 - i) {
-            let j = i + reach;
-            if j < clamped {
-                continue;
-            }
-            let d = V3::load(view.positions, j, first) - x;
-            let rest_length = L::load(&view.rest_lengths[3 * i + reach - 1], first);
-            let mut spring =
-                springs::spring(substep, terms.springs[reach - 1], frame.tension, d, rest_length);
-            if reach == 1 && frame.angular_edge {
-                let edge = (d, rest_length, spring.inverse_length);
-                let couple = ghost::angular_edge(substep, terms.angular, edge, [&ghost, &next]);
-                spring.stiffness = spring.stiffness.add_identity(couple.stiffness);
-                spring.impulse -= couple.impulse;
-            }
-            ring.add_spring((i, j), clamped, &spring, ghost.w);
-        }
+        let ghosts = [&ghost, &next];
+        add_spring::<1, L>(frame, substep, view, (i, first), &terms, ghosts, &mut ring);
+        add_spring::<2, L>(frame, substep, view, (i, first), &terms, ghosts, &mut ring);
+        add_spring::<3, L>(frame, substep, view, (i, first), &terms, ghosts, &mut ring);
         if frame.k_altitude > 0.0 && i + 3 < n {
             let tetrahedron = tetrahedron(substep, view, i, first);
             altitude::add(substep, &terms, &tetrahedron, i, clamped, &mut ring);
@@ -117,6 +103,33 @@ fn eliminate<L: Lane>(
         half_solved[i] = if i < clamped { ghost.w } else { ring.eliminate(i, clamped, links) };
         ghost = next;
     }
+}
+
+/// The spring from `i` to `i + REACH`, with the angular tie if it is an edge.
+#[inline(always)]
+fn add_spring<const REACH: usize, L: Lane>(
+    frame: &FrameTerms,
+    substep: &SubstepTerms<L>,
+    view: &BlockView<'_, L::Scalar>,
+    (i, first): (usize, usize),
+    terms: &RowTerms<L>,
+    ghosts: [&Ghost<L>; 2],
+    ring: &mut Ring<L>,
+) {
+    let j = i + REACH;
+    if j >= view.particles || j < frame.clamped {
+        return;
+    }
+    let d = V3::load(view.positions, j, first) - V3::load(view.positions, i, first);
+    let rest_length = L::load(&view.rest_lengths[3 * i + REACH - 1], first);
+    let mut spring = springs::spring(substep, terms.springs[REACH - 1], frame.tension, d, rest_length);
+    if REACH == 1 && frame.angular_edge {
+        let edge = (d, L::load(&view.inverse_edges[i], first), spring.inverse_length);
+        let couple = ghost::angular_edge(substep, terms.angular, edge, ghosts);
+        spring.stiffness = spring.stiffness.add_identity(couple.stiffness);
+        spring.impulse -= couple.impulse;
+    }
+    ring.add_spring((i, j), frame.clamped, &spring, ghosts[0].w);
 }
 
 /// Mass, air and ghost ties of row `i`.
