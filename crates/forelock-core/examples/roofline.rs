@@ -1,0 +1,253 @@
+//! The strand solve beside what the machine can do: operations counted, not estimated.
+//!
+//! `cargo run --release -p forelock-core --example roofline`
+//!
+//! The solve's text is run once with a lane that counts its own arithmetic, and timed with the widest registers; the
+//! peak is a loop of independent fused multiply–adds in the same registers on one core.
+
+use bytemuck::{Pod, Zeroable};
+use forelock_core::lane::{LANES, Lane, Row};
+use forelock_core::model::Strands;
+use forelock_core::pose::Pose;
+use forelock_core::solver::params::Inextensibility;
+use forelock_core::solver::{AmsParams, Frame, Options, Simd, Simulation};
+use forelock_core::stage::solve_strands::{self, FrameTerms, SubstepTerms};
+use forelock_core::stage::{BlockView, Scratch};
+use glam::DVec3;
+use std::cell::Cell;
+use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
+use std::time::Instant;
+
+const STRANDS: usize = 10_298;
+const PARTICLES: usize = 30;
+const GRAVITY: DVec3 = DVec3::new(0.0, -9.81, 0.0);
+
+thread_local! {
+    static OPERATIONS: Cell<u64> = const { Cell::new(0) };
+}
+
+/// A float64 lane that counts additions, multiplications, divisions and roots.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(transparent)]
+struct Counted(f64);
+
+fn counted(operations: u64, value: f64) -> Counted {
+    OPERATIONS.with(|n| n.set(n.get() + operations));
+    Counted(value)
+}
+
+macro_rules! operator {
+    ($($trait:ident $method:ident $op:tt),*) => {$(
+        impl $trait for Counted {
+            type Output = Self;
+            fn $method(self, rhs: Self) -> Self {
+                counted(1, self.0 $op rhs.0)
+            }
+        }
+    )*};
+}
+operator!(Add add +, Sub sub -, Mul mul *, Div div /);
+
+impl Neg for Counted {
+    type Output = Self;
+    fn neg(self) -> Self {
+        Self(-self.0)
+    }
+}
+
+impl AddAssign for Counted {
+    fn add_assign(&mut self, rhs: Self) {
+        *self = *self + rhs;
+    }
+}
+
+impl SubAssign for Counted {
+    fn sub_assign(&mut self, rhs: Self) {
+        *self = *self - rhs;
+    }
+}
+
+impl Lane for Counted {
+    type Scalar = f64;
+    type Mask = bool;
+    const WIDTH: usize = 1;
+    fn splat(value: f64) -> Self {
+        Self(value)
+    }
+    fn from_f64(value: f64) -> Self {
+        Self(value)
+    }
+    fn load(row: &Row<f64>, first: usize) -> Self {
+        Self(row.0[first])
+    }
+    fn store(self, row: &mut Row<f64>, first: usize) {
+        row.0[first] = self.0;
+    }
+    fn get(self, _lane: usize) -> f64 {
+        self.0
+    }
+    fn set(&mut self, _lane: usize, value: f64) {
+        self.0 = value;
+    }
+    fn mul_add(self, a: Self, b: Self) -> Self {
+        counted(2, self.0 * a.0 + b.0)
+    }
+    fn sqrt(self) -> Self {
+        counted(1, self.0.sqrt())
+    }
+    fn max(self, other: Self) -> Self {
+        Self(self.0.max(other.0))
+    }
+    fn min(self, other: Self) -> Self {
+        Self(self.0.min(other.0))
+    }
+    fn lt(self, other: Self) -> bool {
+        self.0 < other.0
+    }
+    fn select(mask: bool, yes: Self, no: Self) -> Self {
+        if mask { yes } else { no }
+    }
+    fn all(mask: bool) -> bool {
+        mask
+    }
+    fn asin_ratio(square: Self) -> Self {
+        counted(8, f64::asin_ratio(square.0)) // the float32 polynomial's four multiply–adds
+    }
+    fn atan2(self, other: Self) -> Self {
+        Self(self.0.atan2(other.0))
+    }
+}
+
+/// A curly strand of [`PARTICLES`] particles and 30 cm.
+fn helix() -> Vec<[f64; 3]> {
+    (0..PARTICLES)
+        .map(|i| {
+            let (s, angle) = (i as f64 / (PARTICLES - 1) as f64, 0.9 * i as f64);
+            [0.006 * angle.cos(), -0.27 * s, 0.006 * angle.sin()]
+        })
+        .collect()
+}
+
+/// Operations of one strand's substep.
+fn count_operations() -> Result<u64, Box<dyn std::error::Error>> {
+    let positions = helix();
+    let offsets = [0, PARTICLES as u32];
+    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let params = AmsParams::default();
+    let simulation = Simulation::<f64>::from_strands(&strands, &params, &Options::default())?;
+    let (model, mut state) = (simulation.model(), simulation.state().clone());
+    let mut scratch = Scratch::new(PARTICLES);
+    let terms = FrameTerms::new(&params, 1.0 / 60.0);
+    let pose = Pose::IDENTITY;
+    let substep = SubstepTerms::<Counted>::new(terms.h, [&pose, &pose], GRAVITY, GRAVITY, DVec3::ZERO);
+    let mut view = BlockView {
+        particles: PARTICLES,
+        rest: &model.rest,
+        rest_lengths: &model.rest_lengths,
+        inverse_edges: &model.inverse_edges,
+        strand_length: &model.strand_lengths[0],
+        stiffness: &model.stiffness[0],
+        positions: &mut state.positions,
+        velocities: &mut state.velocities,
+        integrity: &mut state.integrity,
+        clearance: &mut state.clearance,
+    };
+    OPERATIONS.with(|n| n.set(0));
+    solve_strands::advance(&terms, &substep, &mut view, 0, &mut scratch);
+    Ok(OPERATIONS.with(Cell::get))
+}
+
+/// Least seconds of a substep's solve over all strands, on one thread.
+fn time_solve() -> Result<f64, Box<dyn std::error::Error + Send + Sync>> {
+    let helix: Vec<[f32; 3]> = helix().iter().map(|p| p.map(|x| x as f32)).collect();
+    let positions: Vec<_> = (0..STRANDS).flat_map(|_| helix.iter().copied()).collect();
+    let offsets: Vec<u32> = (0..=STRANDS).map(|s| (s * PARTICLES) as u32).collect();
+    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let params = AmsParams { inextensibility: Inextensibility::Off, ..AmsParams::default() };
+    let options = Options { rest_gravity: GRAVITY, ..Options::default() };
+    let mut simulation = Simulation::<f32>::from_strands(&strands, &params, &options)?;
+    let mut least = f64::INFINITY;
+    for frame in 0..40 {
+        let pose = |f: f64| Pose::new(glam::DQuat::from_rotation_y(0.3 * (0.1 * f).sin()), DVec3::ZERO);
+        let head = [pose(f64::from(frame)), pose(f64::from(frame + 1))];
+        let frame =
+            Frame { head, colliders: &[], gravity: GRAVITY, air_velocity: DVec3::ZERO, dt_secs: 1.0 / 60.0 };
+        let report = simulation.step_frame(&frame)?;
+        least = least.min(report.stage_secs[0].1 / f64::from(params.substeps));
+    }
+    Ok(least)
+}
+
+/// Peak of independent fused multiply–adds on one core, in operations a second.
+fn peak() -> f64 {
+    const ROUNDS: u32 = 2_000_000;
+    let mut best = 0.0f64;
+    for _ in 0..10 {
+        let start = Instant::now();
+        let lanes = fma_rounds(ROUNDS);
+        best = best.max(f64::from(ROUNDS) * f64::from(lanes) * 2.0 / start.elapsed().as_secs_f64());
+    }
+    best
+}
+
+/// Runs `rounds` of independent multiply–adds; answers how many numbers a round has.
+fn fma_rounds(rounds: u32) -> u32 {
+    #[cfg(target_arch = "x86_64")]
+    {
+        if Simd::Avx512.is_supported() {
+            // SAFETY: checked above.
+            return unsafe { x86::fma_512(rounds) };
+        }
+        if Simd::Avx2.is_supported() {
+            // SAFETY: checked above.
+            return unsafe { x86::fma_256(rounds) };
+        }
+    }
+    let mut sums = [0.5f32; 64];
+    for _ in 0..rounds {
+        for sum in &mut sums {
+            *sum = *sum * 0.999 + 0.001;
+        }
+    }
+    std::hint::black_box(sums);
+    64
+}
+
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    use std::arch::x86_64::*;
+
+    macro_rules! fma {
+        ($name:ident $feature:literal $register:ty, $width:literal, $set1:ident $fmadd:ident) => {
+            #[target_feature(enable = $feature)]
+            pub fn $name(rounds: u32) -> u32 {
+                let (a, b) = ($set1(0.999), $set1(0.001));
+                let mut sums: [$register; 12] = [$set1(0.5); 12];
+                for _ in 0..rounds {
+                    for sum in &mut sums {
+                        *sum = $fmadd(*sum, a, b);
+                    }
+                }
+                std::hint::black_box(sums);
+                12 * $width
+            }
+        };
+    }
+    fma!(fma_256 "avx2,fma" __m256, 8, _mm256_set1_ps _mm256_fmadd_ps);
+    fma!(fma_512 "avx512f" __m512, 16, _mm512_set1_ps _mm512_fmadd_ps);
+}
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let operations = count_operations()?;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    let secs = pool.install(time_solve).map_err(|e| e.to_string())?;
+    let peak = peak();
+    let rate = operations as f64 * STRANDS as f64 / secs;
+    let particles = (STRANDS * PARTICLES) as f64;
+    println!("strand solve, {STRANDS} x {PARTICLES}, one thread, {:?}", Simd::Auto.resolve());
+    println!("  {:.0} operations a particle and substep (counted)", operations as f64 / PARTICLES as f64);
+    println!("  {:.2} ms a substep, {:.1} ns a particle", secs * 1e3, secs * 1e9 / particles);
+    println!("  {:.1} GFLOP/s of a measured peak of {:.1} ({:.0} %)", rate / 1e9, peak / 1e9, 100.0 * rate / peak);
+    println!("  factors of a group of strands: {} KiB", 30 * 4 * LANES.min(8) * PARTICLES / 1024);
+    Ok(())
+}
