@@ -235,3 +235,23 @@ fn positive(word: &str) -> Result<f64, String> {
         _ => Err("should be a number above 0".to_owned()),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_readme_s_commands_are_understood() {
+        let readme = include_str!("../../../README.md");
+        let blocks = readme.split("```sh\n").skip(1).filter_map(|rest| rest.split("```").next());
+        let lines =
+            blocks.flat_map(str::lines).map(|line| line.replace("cargo run --release --", "forelock"));
+        let commands: Vec<String> = lines.filter(|line| line.starts_with("forelock ")).collect();
+        assert!(commands.len() >= 12, "{commands:?}");
+        for command in commands {
+            if let Err(error) = Cli::try_parse_from(command.split_whitespace()) {
+                panic!("{command}: {error}");
+            }
+        }
+    }
+}

@@ -3,7 +3,10 @@
 use std::io::Write;
 
 use serde::Serialize;
-use tracing_subscriber::filter::EnvFilter;
+use tracing_subscriber::filter::{LevelFilter, Targets};
+use tracing_subscriber::fmt;
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
 
 /// Writes one line to standard output. A reader that went away (`| head`) is no failure of ours.
 pub fn line(text: impl AsRef<str>) {
@@ -38,7 +41,12 @@ pub fn error(error: &anyhow::Error) {
 
 /// Sends `tracing` to standard error: warnings, with `-v` what is done, with `-vv` details. `RUST_LOG` overrides.
 pub fn start_log(verbose: u8) {
-    let level = ["warn", "info", "debug"].get(usize::from(verbose)).copied().unwrap_or("trace");
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).without_time().init();
+    let level = [LevelFilter::WARN, LevelFilter::INFO, LevelFilter::DEBUG];
+    let level = level.get(usize::from(verbose)).copied().unwrap_or(LevelFilter::TRACE);
+    let asked = std::env::var("RUST_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
+    let filter = asked.unwrap_or_else(|| Targets::new().with_default(level));
+    tracing_subscriber::registry()
+        .with(fmt::layer().with_writer(std::io::stderr).without_time())
+        .with(filter)
+        .init();
 }

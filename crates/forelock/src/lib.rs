@@ -39,3 +39,8 @@ pub use sheets::growth_sheets;
 pub use snapshot::SnapshotError;
 pub use summary::Summary;
 pub use {forelock_core as core, forelock_io as io, forelock_render as render};
+
+/// The README's examples, run as tests.
+#[cfg(doctest)]
+#[doc = include_str!("../../../README.md")]
+struct Readme;
