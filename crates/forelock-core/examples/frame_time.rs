@@ -3,6 +3,8 @@
 //!
 //! `cargo run --release -p forelock-core --example frame_time -- [threads] [frames] [simd]`
 
+#![expect(clippy::print_stdout, reason = "an example that measures says what")]
+
 use forelock_core::body::{ColliderFrame, Head, Motion, Sdf, Shape};
 use forelock_core::groom::grow::{GrowParams, grow_on_head};
 use forelock_core::pose::Pose;

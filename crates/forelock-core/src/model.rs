@@ -149,8 +149,8 @@ impl<T: Real> Model<T> {
         let from = strands.offsets[strand] as usize;
         let points = &strands.positions[from..from + block.particles];
         for (i, point) in points.iter().enumerate() {
-            for c in 0..3 {
-                let centred = point[c].to_f64().unwrap_or(0.0) - self.centre[c];
+            for (c, x) in point.iter().enumerate() {
+                let centred = x.to_f64().unwrap_or(0.0) - self.centre[c];
                 self.rest[3 * (block.first + i) + c].0[lane] = T::from(centred).unwrap_or_else(T::zero);
             }
         }

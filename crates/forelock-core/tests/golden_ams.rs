@@ -1,6 +1,12 @@
 //! The AMS step against reference results in float64 (`tests/golden/ams/README.md`): the float64 instantiation at the
 //! files' float64 tolerances, and every float32 one that this processor runs at their float32 tolerances.
 
+#![expect(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "a test fails where its file is not as expected, and tells how near it came"
+)]
+
 use forelock_core::body::{ColliderFrame, Shape};
 use forelock_core::lane::Real;
 use forelock_core::model::Strands;

@@ -14,6 +14,8 @@
 //! `FMA = false` rounds products before the sum, so results differ between the portable path and the others;
 //! among widths with the same `FMA` they are equal to the bit.
 
+#![expect(clippy::needless_range_loop, reason = "one index for several arrays is what vectorises")]
+
 mod math;
 #[cfg(target_arch = "x86_64")]
 mod x86;

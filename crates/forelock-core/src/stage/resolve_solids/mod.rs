@@ -19,6 +19,7 @@ use crate::lane::{Lane, Mat3, Real, V3};
 use crate::pose::Pose;
 use crate::stage::BlockView;
 use glam::DVec3;
+use num_traits::Float;
 
 /// Where a solid is at the start and the end of a substep, relative to the frame's origin.
 #[derive(Clone, Copy, Debug)]
@@ -59,7 +60,7 @@ impl<T: Real> SolidPose<T> {
     }
 
     #[inline(always)]
-    fn to_local(&self, end: usize, x: [T; 3]) -> [T; 3] {
+    fn local(&self, end: usize, x: [T; 3]) -> [T; 3] {
         let (r, p) = (&self.rotations[end], &self.translations[end]);
         let d = [x[0] - p[0], x[1] - p[1], x[2] - p[2]];
         [0, 1, 2].map(|c| r[0][c] * d[0] + r[1][c] * d[1] + r[2][c] * d[2])
@@ -175,8 +176,8 @@ pub fn resolve<L: Lane>(
             continue;
         }
         for lane in 0..L::WIDTH.min(live - first) {
-            // Negated, so that a clearance which is not a number is looked at.
-            if !(clearance.get(lane) > <L::Scalar as num_traits::Zero>::zero()) {
+            let left = clearance.get(lane);
+            if left <= <L::Scalar as num_traits::Zero>::zero() || left.is_nan() {
                 let mut particle = Particle { x: x.get(lane), v: v.get(lane), clearance: last.get(lane) };
                 settle(solids, &mut particle, &mut contacts);
                 x.set(lane, particle.x);
@@ -222,13 +223,14 @@ pub fn lay_along<L: Lane>(
         let mut clearance = L::load(&view.clearance[i], first);
         let left = clearance - back.dot(back).sqrt();
         for lane in 0..L::WIDTH.min(live - first) {
-            if !(stretch.get(lane) > stretched.get(lane)) {
+            let is_stretched = stretch.get(lane) > stretched.get(lane);
+            if !is_stretched {
                 x.set(lane, old.get(lane));
                 continue;
             }
             if left.get(lane) > <L::Scalar as num_traits::Zero>::zero() {
                 clearance.set(lane, left.get(lane));
-            } else if !(clearance.get(lane) < <L::Scalar as num_traits::Zero>::zero()) {
+            } else if clearance.get(lane) >= <L::Scalar as num_traits::Zero>::zero() {
                 let (place, bound) = slide(solids, leader.get(lane), x.get(lane), rest_length.get(lane));
                 x.set(lane, place);
                 clearance.set(lane, bound);
@@ -249,9 +251,9 @@ fn slide<T: Real>(solids: &Solids<'_, T>, leader: [T; 3], mut x: [T; 3], length:
     let mut clearance = T::infinity();
     for (solid, pose) in solids.solids.iter().zip(solids.poses) {
         for round in 0..=ROUNDS {
-            let (distance, gradient) = solid.shape.sample(pose.to_local(1, x));
+            let (distance, gradient) = solid.shape.sample(pose.local(1, x));
             let sigma = distance - solids.thickness;
-            if !(sigma < zero) {
+            if sigma >= zero || sigma.is_nan() {
                 clearance = clearance.min(sigma / lipschitz(solid.shape));
                 break;
             }
@@ -296,10 +298,10 @@ fn settle<T: Real>(solids: &Solids<'_, T>, particle: &mut Particle<T>, contacts:
         let mut sigma = zero;
         // A grid's gradient is not exactly its direction to the surface: look again after a push.
         for attempt in 0..if is_grid { 3 } else { 1 } {
-            let q = pose.to_local(1, particle.x);
+            let q = pose.local(1, particle.x);
             let (distance, gradient) = solid.shape.sample(q);
             sigma = distance - solids.thickness;
-            if !(sigma < zero) {
+            if sigma >= zero || sigma.is_nan() {
                 break;
             }
             let normal = pose.turn(1, gradient);
@@ -311,9 +313,7 @@ fn settle<T: Real>(solids: &Solids<'_, T>, particle: &mut Particle<T>, contacts:
             if sigma >= depth_allowed {
                 break;
             }
-            for c in 0..3 {
-                particle.x[c] = particle.x[c] + (depth_allowed - sigma) * normal[c];
-            }
+            particle.x = [0, 1, 2].map(|c| particle.x[c] + (depth_allowed - sigma) * normal[c]);
             sigma = depth_allowed;
         }
         clearance = clearance.min(if sigma > zero { sigma / lipschitz(solid.shape) } else { sigma });
@@ -330,7 +330,7 @@ fn rub<T: Real>(solids: &Solids<'_, T>, friction: f64, displacement: [T; 3], nor
     let solid_velocity = displacement.map(|d| d / solids.h);
     let relative = [0, 1, 2].map(|c| v[c] - solid_velocity[c]);
     let approach = dot(relative, normal);
-    if !(approach < T::zero()) {
+    if approach >= T::zero() || approach.is_nan() {
         return;
     }
     let tangential = [0, 1, 2].map(|c| relative[c] - approach * normal[c]);

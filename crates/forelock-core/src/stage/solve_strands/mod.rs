@@ -73,6 +73,7 @@ pub fn advance<L: Lane>(
 /// Forward sweep: assembles row after row and eliminates it. Leaves −L in `links` and D⁻¹z in `half_solved` (the
 /// ghost's velocity for clamped particles).
 #[inline(always)]
+#[expect(clippy::needless_range_loop, reason = "the row's number is what the equations speak of")]
 fn eliminate<L: Lane>(
     frame: &FrameTerms,
     substep: &SubstepTerms<L>,
