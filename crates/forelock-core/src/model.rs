@@ -25,11 +25,11 @@ impl Block {
 /// Strands as plain arrays, the input of [`Model::new`].
 #[derive(Clone, Copy, Debug)]
 pub struct Strands<'a, T> {
-    /// Rest positions in the head's frame, [P].
+    /// Rest positions in the head's frame, `[P]`.
     pub positions: &'a [[T; 3]],
-    /// Offsets, [S + 1].
+    /// Offsets, `[S + 1]`.
     pub offsets: &'a [u32],
-    /// Stiffness of each strand's springs and ties relative to the parameters', [S]; none = 1.
+    /// Stiffness of each strand's springs and ties relative to the parameters', `[S]`; none = 1.
     pub stiffness: Option<&'a [f32]>,
 }
 
@@ -38,9 +38,9 @@ pub struct Strands<'a, T> {
 pub struct Model<T> {
     /// Blocks in memory order.
     pub blocks: Vec<Block>,
-    /// Rest positions relative to `centre`, head frame, [3 × places] rows, metres.
+    /// Rest positions relative to `centre`, head frame, `[3 × places]` rows, metres.
     pub rest: Vec<Row<T>>,
-    /// Rest lengths to the next, second and third next particle, [3 × places] rows, metres; 0 past the tip.
+    /// Rest lengths to the next, second and third next particle, `[3 × places]` rows, metres; 0 past the tip.
     pub rest_lengths: Vec<Row<T>>,
     /// One over the rest length to the next particle, [places] rows, 1/m; 0 past the tip.
     pub inverse_edges: Vec<Row<T>>,
@@ -55,7 +55,7 @@ pub struct Model<T> {
     pub strand_count: usize,
     /// Particles of the groom, P.
     pub particle_count: usize,
-    /// Where each strand's particles start in the groom's order, [S + 1].
+    /// Where each strand's particles start in the groom's order, `[S + 1]`.
     pub offsets: Vec<u32>,
 }
 

@@ -8,13 +8,13 @@ use glam::DVec3;
 /// Packed positions, velocities and what the strands remember. Rows as in [`Model`].
 #[derive(Clone, Debug)]
 pub struct State<T> {
-    /// Positions relative to `origin`, world axes, [3 × places] rows, metres.
+    /// Positions relative to `origin`, world axes, `[3 × places]` rows, metres.
     pub positions: Vec<Row<T>>,
-    /// Velocities, world axes, [3 × places] rows, m/s.
+    /// Velocities, world axes, `[3 × places]` rows, m/s.
     pub velocities: Vec<Row<T>>,
-    /// Intact share of each integrity tie, 1 to 0, [places] rows.
+    /// Intact share of each integrity tie, 1 to 0, `[places]` rows.
     pub integrity: Vec<Row<T>>,
-    /// Lower bound on the distance to the nearest solid's skin; negative: depth inside it; −∞: not looked yet. [places] rows, metres.
+    /// Lower bound on the distance to the nearest solid's skin; negative: depth inside it; −∞: not looked yet. `[places]` rows, metres.
     pub clearance: Vec<Row<T>>,
     /// The point of the world that positions are relative to: where the head carries the model's centre.
     pub origin: DVec3,
@@ -23,13 +23,13 @@ pub struct State<T> {
 /// A state in the groom's order: resumes bit for bit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Snapshot<T> {
-    /// Positions relative to `origin`, [P], metres.
+    /// Positions relative to `origin`, `[P]`, metres.
     pub positions: Vec<[T; 3]>,
-    /// Velocities, [P], m/s.
+    /// Velocities, `[P]`, m/s.
     pub velocities: Vec<[T; 3]>,
-    /// Intact share of each integrity tie, [P].
+    /// Intact share of each integrity tie, `[P]`.
     pub integrity: Vec<T>,
-    /// Clearances, [P], metres.
+    /// Clearances, `[P]`, metres.
     pub clearance: Vec<T>,
     /// The point of the world that positions are relative to.
     pub origin: [f64; 3],

@@ -5,9 +5,9 @@ use glam::Vec3;
 /// A triangle mesh in metres, y up; counter-clockwise triangles seen from outside.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TriMesh {
-    /// Vertices, [V], metres.
+    /// Vertices, `[V]`, metres.
     pub positions: Vec<Vec3>,
-    /// Triangles, [T], indices into `positions`.
+    /// Triangles, `[T]`, indices into `positions`.
     pub triangles: Vec<[u32; 3]>,
 }
 

@@ -134,7 +134,7 @@ impl Simulation<f32> {
         Self::from_strands(&strands, params, options)
     }
 
-    /// Positions in world space and the groom's order, [P], metres.
+    /// Positions in world space and the groom's order, `[P]`, metres.
     pub fn positions(&self, out: &mut Vec<Vec3>) {
         out.resize(self.model.particle_count, Vec3::ZERO);
         State::each_particle(&self.model, |p, place, lane| {

@@ -193,7 +193,7 @@ pub fn resolve<L: Lane>(
 }
 
 /// Gives edges back the length that solids took: root to tip, each particle of a strand whose `stretch` is over
-/// [`STRETCHED`] goes to its rest length from the one before, and where that is inside a solid, along the surface.
+/// `STRETCHED` goes to its rest length from the one before, and where that is inside a solid, along the surface.
 ///
 /// # Theory
 /// Where the surface is flat, with normal n and the leader at height a above it, the points of the surface at distance l

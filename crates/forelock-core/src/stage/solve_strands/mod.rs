@@ -10,8 +10,8 @@
 //! b_i  = m_i v_i + h (f_i + S_i) + h c_i u + h² s_i κ_I w_i + angular
 //! ```
 //!
-//! with K of [`spring`](springs), the ghost's terms of [`ghost`], and 3×3 blocks in a band of half-width 3. The
-//! block LDLᵀ of [`factor`] solves it exactly. Clamped particles have v = w; their columns move to b.
+//! with K of `springs`, the ghost's terms of `ghost`, and 3×3 blocks in a band of half-width 3. The
+//! block LDLᵀ of `factor` solves it exactly. Clamped particles have v = w; their columns move to b.
 //!
 //! # Practice
 //! Row `i` needs springs from rows `i−3..=i`, so one loop computes the three springs that start at `i`, adds them to
