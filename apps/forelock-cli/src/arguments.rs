@@ -137,7 +137,7 @@ pub struct GrowArgs {
     /// Seed of everything random.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Change one growth parameter, as in `--set length=0.2`; may be repeated.
+    /// Change one growth parameter, as in `--set wave_radius=0.01`; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub sets: Vec<String>,
     /// Also take a picture.
@@ -238,6 +238,9 @@ fn positive(word: &str) -> Result<f64, String> {
 
 #[cfg(test)]
 mod tests {
+    use forelock::Scene;
+    use forelock::scene::{Override, SceneError};
+
     use super::*;
 
     #[test]
@@ -249,9 +252,24 @@ mod tests {
         let commands: Vec<String> = lines.filter(|line| line.starts_with("forelock ")).collect();
         assert!(commands.len() >= 12, "{commands:?}");
         for command in commands {
-            if let Err(error) = Cli::try_parse_from(command.split_whitespace()) {
-                panic!("{command}: {error}");
+            match Cli::try_parse_from(command.split_whitespace()) {
+                Ok(cli) => check_keys(&cli.command).unwrap_or_else(|error| panic!("{command}: {error}")),
+                Err(error) => panic!("{command}: {error}"),
             }
         }
+    }
+
+    /// Whether a scene has every key that the command sets.
+    fn check_keys(command: &Command) -> Result<(), SceneError> {
+        let (prefix, sets) = match command {
+            Command::Demo(run) => ("", &run.sets),
+            Command::Simulate(simulate) => ("", &simulate.run.sets),
+            Command::Render(render) => ("", &render.sets),
+            Command::Grow(grow) => ("groom.grow.", &grow.sets),
+            _ => return Ok(()),
+        };
+        let sets: Result<Vec<_>, _> =
+            sets.iter().map(|set| Override::set(&format!("{prefix}{set}"))).collect();
+        Scene::builtin(&sets?).map(drop)
     }
 }
