@@ -1,5 +1,6 @@
 //! Model: what is derived once from a groom and its parameters, constant afterwards.
 
+use crate::groom::Groom;
 use crate::lane::{LANES, Real, Row};
 
 /// Strands of equal particle count, one a lane.
@@ -31,6 +32,16 @@ pub struct Strands<'a, T> {
     pub offsets: &'a [u32],
     /// Stiffness of each strand's springs and ties relative to the parameters', `[S]`; none = 1.
     pub stiffness: Option<&'a [f32]>,
+}
+
+impl<'a> From<&'a Groom> for Strands<'a, f32> {
+    fn from(groom: &'a Groom) -> Self {
+        Self {
+            positions: bytemuck::cast_slice(groom.positions()),
+            offsets: groom.strand_offsets(),
+            stiffness: groom.stiffness.as_deref(),
+        }
+    }
 }
 
 /// Packed strands at rest. The arrays hold rows of [`LANES`] strands: see [`Block::first`].
@@ -193,7 +204,8 @@ impl<T: Real> Model<T> {
     }
 }
 
-fn check<T: Real>(strands: &Strands<'_, T>) -> Result<(), PackError> {
+/// Whether a solver can take `strands`.
+pub(crate) fn check<T: Real>(strands: &Strands<'_, T>) -> Result<(), PackError> {
     if strands.offsets.len() < 2 {
         return Err(PackError::Empty);
     }

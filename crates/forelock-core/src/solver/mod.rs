@@ -1,9 +1,11 @@
 //! Solvers: each an ordered list of stages over the same Model, State and Workspace.
 
 mod block;
+mod mass_spring;
 pub mod params;
 mod simulation;
 
 pub use block::{STAGES, Simd, SolverReal};
+pub use mass_spring::MassSpringParams;
 pub use params::{AmsParams, ParamsError};
 pub use simulation::{BuildError, Frame, FrameReport, Memory, Options, Simulation, Teleport};

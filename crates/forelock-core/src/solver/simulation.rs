@@ -109,6 +109,8 @@ pub struct Simulation<T: SolverReal = f32> {
     params: AmsParams,
     options: Options,
     block_fn: BlockFn<T>,
+    /// One in so many particles of a strand is the groom's; the others are virtual.
+    every: u32,
 }
 
 /// Scratch that nothing relies on between steps.
@@ -126,21 +128,25 @@ impl Simulation<f32> {
     /// # Errors
     /// [`BuildError`] if the groom cannot be packed, a parameter is out of range, or the instruction set is not there.
     pub fn new(groom: &Groom, params: &AmsParams, options: &Options) -> Result<Self, BuildError> {
-        let strands = Strands {
-            positions: bytemuck::cast_slice(groom.positions()),
-            offsets: groom.strand_offsets(),
-            stiffness: groom.stiffness.as_deref(),
-        };
-        Self::from_strands(&strands, params, options)
+        Self::from_strands(&groom.into(), params, options)
     }
 
-    /// Positions in world space and the groom's order, `[P]`, metres.
+    /// Positions in world space and the groom's order, `[P]`, metres. Virtual particles are left out.
     pub fn positions(&self, out: &mut Vec<Vec3>) {
-        out.resize(self.model.particle_count, Vec3::ZERO);
-        State::each_particle(&self.model, |p, place, lane| {
-            let relative = crate::state::vector(&self.state.positions, place, lane);
-            out[p] = (self.state.origin + Vec3::from_array(relative).as_dvec3()).as_vec3();
-        });
+        let every = self.every as usize;
+        // A strand of N particles of the groom has (N − 1) every + 1 here.
+        let groom = |chain: usize, strands: usize| (chain + strands * (every - 1)) / every;
+        out.resize(groom(self.model.particle_count, self.model.strand_count), Vec3::ZERO);
+        for block in &self.model.blocks {
+            for (lane, &strand) in block.strands[..block.live].iter().enumerate() {
+                let strand = strand as usize;
+                let from = groom(self.model.offsets[strand] as usize, strand);
+                for (p, place) in block.range().step_by(every).enumerate() {
+                    let relative = crate::state::vector(&self.state.positions, place, lane);
+                    out[from + p] = (self.state.origin + Vec3::from_array(relative).as_dvec3()).as_vec3();
+                }
+            }
+        }
     }
 }
 
@@ -169,7 +175,12 @@ impl<T: SolverReal> Simulation<T> {
             solid_poses: Vec::new(),
         };
         let block_fn = T::block_fn(simd);
-        Ok(Self { model, state, workspace, params: params.clone(), options: *options, block_fn })
+        Ok(Self { model, state, workspace, params: params.clone(), options: *options, block_fn, every: 1 })
+    }
+
+    /// The same, with only one in `every` particles of a strand the groom's.
+    pub(super) fn keeping_every(self, every: u32) -> Self {
+        Self { every, ..self }
     }
 
     /// Advances by a frame. Allocates nothing once it has seen a frame with as many solids.

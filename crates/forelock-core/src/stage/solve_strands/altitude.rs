@@ -86,8 +86,8 @@ pub fn add<L: Lane>(
     clamped: usize,
     ring: &mut Ring<L>,
 ) {
-    // Squared areas scale as length⁴: `tiny` is a squared length.
-    let tiny = substep.tiny * substep.tiny;
+    // The least squared area, in m⁴: far under any hair's, and far over the least float32.
+    let tiny = L::from_f64(1e-30);
     let mut best = altitude(&FEATURES[0], &tetrahedron.positions, tiny);
     let mut best_rest = altitude(&FEATURES[0], &tetrahedron.rest, tiny);
     let mut largest = best.normal.dot(best.normal);
