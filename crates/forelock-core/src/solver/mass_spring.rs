@@ -110,6 +110,7 @@ impl MassSpringParams {
             angular: AngularForm::Off,
             sag_free: false,
             inextensibility: self.inextensibility,
+            lay_along_solids: self.inextensibility != Inextensibility::Off,
             skin_thickness: self.skin_thickness,
             depenetration_speed: self.depenetration_speed,
             ..AmsParams::default()
@@ -179,7 +180,10 @@ fn with_virtual_particles<T: Real>(strands: &Strands<'_, T>, offset: f64) -> (Ve
             positions.push(point);
             positions.extend(between.get(i).map(|p| p.to_array().map(crate::state::number::<T>)));
         }
-        #[expect(clippy::cast_possible_truncation, reason = "twice a groom's particles; packing counts them")]
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "twice a groom's particles; packing counts them"
+        )]
         offsets.push(positions.len() as u32);
     }
     (positions, offsets)
@@ -197,7 +201,8 @@ fn virtual_particles(points: &[DVec3], offset: f64) -> Vec<DVec3> {
         let tangent = along.normalize();
         // Parallel transport (Bishop 1975), as far as dropping the tangent's share does it.
         let carried = normal.unwrap_or_else(|| tangent.any_orthonormal_vector());
-        let n = carried.reject_from(tangent).try_normalize().unwrap_or_else(|| tangent.any_orthonormal_vector());
+        let n =
+            carried.reject_from(tangent).try_normalize().unwrap_or_else(|| tangent.any_orthonormal_vector());
         let b = tangent.cross(n);
         normal = Some(n);
         let place = |turn: usize| {
