@@ -2,6 +2,8 @@
 //!
 //! The stages of a frame run fused, block by block, so each is measured as a frame that has it, beside one that has not.
 
+#![expect(clippy::expect_used, reason = "a bench fails where its input cannot be made")]
+
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use forelock_core::body::{ColliderFrame, Head, Sdf, Shape};
 use forelock_core::groom::grow::{GrowParams, grow_on_head};
@@ -17,7 +19,8 @@ const GRAVITY: DVec3 = DVec3::new(0.0, -9.81, 0.0);
 
 fn groom() -> Groom {
     let preset = GrowParams::preset("straight").expect("a preset by that name");
-    grow_on_head(&GrowParams { strands: 1024, vertices_per_strand: 30, ..preset }).expect("a head that hair grows on")
+    grow_on_head(&GrowParams { strands: 1024, vertices_per_strand: 30, ..preset })
+        .expect("a head that hair grows on")
 }
 
 fn head_field() -> Shape {

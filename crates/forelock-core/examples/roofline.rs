@@ -5,6 +5,8 @@
 //! The solve's text is run once with a lane that counts its own arithmetic, and timed with the widest registers; the
 //! peak is a loop of independent fused multiply–adds in the same registers on one core.
 
+#![expect(clippy::print_stdout, reason = "an example that measures says what")]
+
 use bytemuck::{Pod, Zeroable};
 use forelock_core::lane::{LANES, Lane, Row};
 use forelock_core::model::Strands;
@@ -247,7 +249,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("strand solve, {STRANDS} x {PARTICLES}, one thread, {:?}", Simd::Auto.resolve());
     println!("  {:.0} operations a particle and substep (counted)", operations as f64 / PARTICLES as f64);
     println!("  {:.2} ms a substep, {:.1} ns a particle", secs * 1e3, secs * 1e9 / particles);
-    println!("  {:.1} GFLOP/s of a measured peak of {:.1} ({:.0} %)", rate / 1e9, peak / 1e9, 100.0 * rate / peak);
+    println!(
+        "  {:.1} GFLOP/s of a measured peak of {:.1} ({:.0} %)",
+        rate / 1e9,
+        peak / 1e9,
+        100.0 * rate / peak
+    );
     println!("  factors of a group of strands: {} KiB", 30 * 4 * LANES.min(8) * PARTICLES / 1024);
     Ok(())
 }
