@@ -13,9 +13,11 @@ const PARALLELS: u32 = 24;
 /// a half length of 0 it is a sphere.
 pub(crate) fn capsule(half_length: f64, radius: f64) -> TriMesh {
     let mut positions = Vec::new();
-    // The equator twice: at the foot of the upper cap and at the head of the lower one.
+    // The equator twice: at the foot of the upper cap and at the head of the lower one. A sphere's two would be one
+    // line, with a normal of its own on each side: a seam.
+    let lower = PARALLELS / 2 + u32::from(half_length == 0.0);
     let rings = (0..=PARALLELS / 2).map(|k| (k, half_length));
-    let rings = rings.chain((PARALLELS / 2..=PARALLELS).map(|k| (k, -half_length)));
+    let rings = rings.chain((lower..=PARALLELS).map(|k| (k, -half_length)));
     for (parallel, middle) in rings {
         let (sin, cos) = (PI * f64::from(parallel) / f64::from(PARALLELS)).sin_cos();
         for meridian in 0..MERIDIANS {
@@ -25,7 +27,7 @@ pub(crate) fn capsule(half_length: f64, radius: f64) -> TriMesh {
         }
     }
     let mut triangles = Vec::new();
-    for ring in 0..=PARALLELS {
+    for ring in 0..PARALLELS + PARALLELS / 2 + 1 - lower {
         for meridian in 0..MERIDIANS {
             let at = |down: u32, round: u32| (ring + down) * MERIDIANS + (meridian + round) % MERIDIANS;
             triangles.push([at(0, 0), at(0, 1), at(1, 0)]);
@@ -74,5 +76,17 @@ mod tests {
         // 4/3 π r³ + 2 h π r², less what the facets cut off.
         let (capsule, exact) = (volume(&capsule(1.5, 1.0)), 4.18879 + 9.42478);
         assert!(capsule < exact && capsule > 0.99 * exact, "{capsule}");
+        let sphere = volume(&super::capsule(0.0, 1.0));
+        assert!(sphere < 4.18879 && sphere > 0.98 * 4.18879, "{sphere}");
+    }
+
+    #[test]
+    fn a_sphere_has_no_seam() {
+        let mut equator: Vec<_> =
+            capsule(0.0, 1.0).positions.into_iter().filter(|p| p.y.abs() < 1e-6).collect();
+        let points = equator.len();
+        equator.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.z.total_cmp(&b.z)));
+        equator.dedup_by(|a, b| a.distance(*b) < 1e-6);
+        assert_eq!((points, equator.len()), (MERIDIANS as usize, MERIDIANS as usize));
     }
 }
