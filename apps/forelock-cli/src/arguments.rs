@@ -211,12 +211,12 @@ pub struct BenchArgs {
 
 #[derive(Debug, Subcommand)]
 pub enum BenchCommand {
-    /// A figure of the AMS paper as a table.
+    /// A figure of the AMS paper as a table, the reference beside it.
     Paper {
         /// Which figure: 4 (sag) or 5 (the angular spring).
         #[arg(long, value_parser = clap::value_parser!(u8).range(4..=5))]
         figure: u8,
-        /// Folder for the table as Markdown and JSON [default: print only].
+        /// Folder for the table as Markdown and JSON, and the picture [default: print only].
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
         /// Print one JSON object instead of the table.

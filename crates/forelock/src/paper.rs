@@ -1,22 +1,26 @@
-//! The AMS paper's ablations (Figs. 4 and 5) as tables.
+//! The AMS paper's ablations (Figs. 4 and 5) as tables and pictures.
 //!
 //! # Practice
 //! Each figure is a scene in `scenes/ams`, built in; a row of its table is that scene with a few keys changed, simulated in
-//! memory. Measured are, over the strand's length L: how far the worst particle ends from its place at rest; the
-//! largest stretch of an edge in any frame; and the root-mean-square acceleration in the last second, over gravity.
+//! memory. Measured are: how far the particles end from their places at rest, in the mean and over the strand's length L; the
+//! largest stretch of an edge in any frame; and the root-mean-square acceleration in the last second, over gravity. Beside
+//! each stands the reference, where there is one: what two float64 implementations of the paper's equations agree on. A variant
+//! that breaks (a number is not finite) ends there.
 //!
 //! # Limitations
 //! The paper states neither masses, substeps nor the strand; stiffness is taken per unit mass, and the strands are ours. The
-//! trend is what can be compared, not single values.
+//! trend is what can be compared with the paper, single values only with the reference.
 
 use std::fmt::Write as _;
 use std::path::Path;
 
 use forelock_core::groom::Groom;
+use forelock_render::Image;
 use glam::Vec3;
 use serde::Serialize;
 
 use crate::assets::Assets;
+use crate::pictures::{Studio, labelled};
 use crate::run::{RunError, Stepper};
 use crate::scene::{Override, Scene};
 
@@ -29,20 +33,31 @@ pub enum Figure {
     Angular,
 }
 
-/// What was measured of one variant of a figure's scene.
+/// What can be measured of a variant of a figure's scene; `null` for what is not there.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Measures {
+    /// Mean distance of the particles from their places at rest at the end, over the strand's length.
+    pub sag: Option<f64>,
+    /// Largest |l/l₀ − 1| in any frame.
+    pub max_stretch: Option<f64>,
+    /// Root-mean-square acceleration in the last second, over 9.81 m/s².
+    pub late_jitter_g: Option<f64>,
+    /// Time at which the simulation broke, seconds.
+    pub broke_at_secs: Option<f64>,
+}
+
+/// One variant of a figure's scene.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PaperRow {
     /// What was varied, in words.
     pub variant: String,
-    /// Mean distance of the particles from their places at rest at the end, over the strand's length; `null` if the
-    /// simulation broke.
-    pub sag: Option<f64>,
-    /// Largest |l/l₀ − 1| in any frame; `null` if the simulation broke.
-    pub max_stretch: Option<f64>,
-    /// Root-mean-square acceleration in the last second, over 9.81 m/s²; `null` if the simulation broke.
-    pub late_jitter_g: Option<f64>,
-    /// Times that a strand became non-finite and was put back to rest.
-    pub breaks: u64,
+    /// What came out.
+    pub measured: Measures,
+    /// What the reference says.
+    pub reference: Measures,
+    /// Positions at the end or before the break, metres.
+    #[serde(skip)]
+    pub shape: Vec<Vec3>,
 }
 
 /// A figure's table.
@@ -61,6 +76,79 @@ struct Source {
     strands: &'static [u8],
 }
 
+/// A variant: its name, the keys that make it, and its reference.
+struct Variant {
+    name: String,
+    keys: Vec<String>,
+    reference: Measures,
+}
+
+impl Variant {
+    fn new(name: String, keys: &[String], reference: Measures) -> Self {
+        Self { name, keys: keys.to_vec(), reference }
+    }
+}
+
+/// A reference sag.
+fn sag(sag: f64) -> Measures {
+    Measures { sag: Some(sag), ..Measures::default() }
+}
+
+/// The keys that set edge, bend and torsion springs of the solver `table` to `k`.
+fn springs(table: &str, k: f64) -> Vec<String> {
+    ["edge", "bend", "torsion"].map(|spring| format!("solver.{table}.k_{spring}={k:e}")).to_vec()
+}
+
+/// Fig. 4: mass-spring on the groom's particles, where the reference is from, and with virtual particles; then AMS.
+fn sag_variants() -> Vec<Variant> {
+    let mut variants = Vec::new();
+    let breaks = Measures { broke_at_secs: Some(0.0), ..Measures::default() };
+    let plain = [(1e4, sag(0.45)), (1e6, sag(0.37)), (1e7, sag(0.30)), (1e8, sag(0.25))];
+    for (k, reference) in plain.into_iter().chain([(1e10, breaks)]) {
+        let mut keys = springs("mass_spring", k);
+        keys.push("solver.kind=mass-spring".to_owned());
+        variants.push(Variant::new(format!("mass-spring, κ_L {k:e}"), &keys, reference));
+    }
+    for k in [1e4, 1e6, 1e7, 1e8, 1e10] {
+        let mut keys = springs("mass_spring", k);
+        keys.extend(
+            [
+                "kind=mass-spring",
+                "mass_spring.virtual_particles=true",
+                &format!("mass_spring.k_altitude={k:e}"),
+            ]
+            .map(|key| format!("solver.{key}")),
+        );
+        variants.push(Variant::new(format!("mass-spring 2N-1, κ_L {k:e}"), &keys, Measures::default()));
+    }
+    // Without preload and at the default substeps, the sag that each κ_I leaves.
+    let ties =
+        [(0.0, 0.37), (10.0, 0.35), (30.0, 0.30), (100.0, 0.21), (300.0, 0.087), (1e3, 0.030), (1e4, 0.003)];
+    for (k, expected) in ties {
+        let mut keys = springs("ams", 1e6);
+        keys.extend(
+            ["sag_free=false", "substeps=4", "jacobian=tension", &format!("k_integrity={k:e}")]
+                .map(|key| format!("solver.ams.{key}")),
+        );
+        variants.push(Variant::new(format!("AMS, κ_L 1e6, κ_I {k}, no preload"), &keys, sag(expected)));
+    }
+    let without = ["solver.ams.sag_free=false".to_owned()];
+    variants.push(Variant::new("AMS, κ_L 1e7, κ_I 100, no preload".to_owned(), &without, sag(0.18)));
+    variants.push(Variant::new("AMS, κ_L 1e7, κ_I 100".to_owned(), &[], sag(0.0)));
+    variants
+}
+
+/// Fig. 5.
+fn angular_variants() -> Vec<Variant> {
+    [(100, 0.01, 0.0), (10, 0.9, 0.6), (1, 2.9, 1.2), (0, 3.6, 1.1)]
+        .map(|(k, stretch, jitter)| {
+            let reference =
+                Measures { max_stretch: Some(stretch), late_jitter_g: Some(jitter), ..Measures::default() };
+            Variant::new(format!("κ_α {k}, M 1"), &[format!("solver.ams.k_angular={k}")], reference)
+        })
+        .into()
+}
+
 impl Figure {
     fn source(self) -> Source {
         match self {
@@ -77,48 +165,42 @@ impl Figure {
         }
     }
 
-    /// Name of each variant and the keys that make it.
-    fn variants(self) -> Vec<(String, Vec<String>)> {
-        match self {
-            Self::Sag => {
-                let springs = |k: f64| ["edge", "bend", "torsion"].map(|s| format!("solver.ams.k_{s}={k:e}"));
-                let mut variants: Vec<_> = [1e4, 1e6, 1e7, 1e8, 1e9, 1e10]
-                    .into_iter()
-                    .map(|k| {
-                        let mut keys = springs(k).to_vec();
-                        keys.extend(
-                            ["solver.kind=mass-spring", "solver.ams.sag_free=false", "solver.ams.substeps=5"]
-                                .map(Into::into),
-                        );
-                        (format!("mass-spring, κ_L {k:e}, M 5"), keys)
-                    })
-                    .collect();
-                let without = vec!["solver.ams.sag_free=false".to_owned()];
-                variants.push(("AMS, κ_L 1e7, κ_I 1e2, M 10, without preload".to_owned(), without));
-                variants.push(("AMS, κ_L 1e7, κ_I 1e2, M 10".to_owned(), Vec::new()));
-                variants
-            }
-            Self::Angular => [100, 10, 1, 0]
-                .map(|k| (format!("κ_α {k}, M 1"), vec![format!("solver.ams.k_angular={k}")]))
-                .to_vec(),
-        }
-    }
-
     /// Runs every variant.
     ///
     /// # Errors
     /// [`RunError`] if a variant cannot be simulated.
     pub fn table(self) -> Result<PaperTable, RunError> {
         let source = self.source();
-        let mut rows = Vec::new();
-        for (variant, keys) in self.variants() {
-            rows.push(measure(&source, variant, &keys)?);
+        let variants = match self {
+            Self::Sag => sag_variants(),
+            Self::Angular => angular_variants(),
+        };
+        let rows = variants.into_iter().map(|variant| measure(&source, variant));
+        Ok(PaperTable { title: source.title, rows: rows.collect::<Result<_, _>>()? })
+    }
+
+    /// The strands of every row of `table`, which is this figure's, at its end, side by side.
+    ///
+    /// # Errors
+    /// [`RunError`] if they cannot be drawn.
+    pub fn picture(self, table: &PaperTable) -> Result<Image, RunError> {
+        let (scene, assets) = load(&self.source(), &[])?;
+        let studio = Studio::new(&scene, &assets);
+        let end_secs = f64::from(scene.time.frames) / scene.time.fps;
+        let mut pictures = Vec::new();
+        for row in &table.rows {
+            let broken = row.measured.broke_at_secs.map(|secs| format!(" - broke at {secs:.2} s"));
+            let label = format!("{}{}", row.variant, broken.unwrap_or_default());
+            // The sheet's letters are Latin.
+            let label = label.replace('κ', "k").replace('α', "a");
+            pictures.push((studio.picture(&row.shape, end_secs, 1.0)?, label));
         }
-        Ok(PaperTable { title: source.title, rows })
+        Ok(labelled(&pictures, if self == Self::Sag { 5 } else { 4 })?)
     }
 }
 
-fn measure(source: &Source, variant: String, keys: &[String]) -> Result<PaperRow, RunError> {
+/// The scene with `keys` over it, and its strands.
+fn load(source: &Source, keys: &[String]) -> Result<(Scene, Assets), RunError> {
     let mut overrides = vec![Override::option("", "solver.beyond_float32", true)];
     for key in keys {
         overrides.push(Override::set(key)?);
@@ -128,15 +210,26 @@ fn measure(source: &Source, variant: String, keys: &[String]) -> Result<PaperRow
         .map_err(|error| forelock_io::ReadError::Format { path: "scenes/ams".into(), source: error });
     let groom = groom.map_err(crate::assets::AssetError::from)?;
     let assets = Assets::around(&scene, groom)?;
+    Ok((scene, assets))
+}
+
+fn measure(source: &Source, variant: Variant) -> Result<PaperRow, RunError> {
+    let (scene, assets) = load(source, &variant.keys)?;
     let mut stepper = Stepper::new(&scene, &assets)?;
     let frames = scene.time.frames;
     let late = frames.saturating_sub(scene.time.fps as u32);
-    let (mut stretch, mut breaks, mut square_sum, mut terms) = (0.0_f64, 0, 0.0, 0usize);
+    let (mut stretch, mut square_sum, mut terms) = (0.0_f64, 0.0, 0usize);
     let mut tracks: [Vec<Vec3>; 3] = Default::default();
+    stepper.simulation.positions(&mut tracks[2]);
     for frame in 0..frames {
         let report = stepper.step(frame)?;
+        if report.quarantined_strands > 0 {
+            let broke_at_secs = Some(f64::from(frame + 1) / scene.time.fps);
+            let measured = Measures { broke_at_secs, ..Measures::default() };
+            let [_, _, shape] = tracks;
+            return Ok(PaperRow { variant: variant.name, measured, reference: variant.reference, shape });
+        }
         stretch = stretch.max(report.max_edge_stretch_final);
-        breaks += u64::from(report.quarantined_strands);
         tracks.rotate_left(1);
         stepper.simulation.positions(&mut tracks[2]);
         if frame >= late {
@@ -147,19 +240,18 @@ fn measure(source: &Source, variant: String, keys: &[String]) -> Result<PaperRow
             }
         }
     }
-    let sound = breaks == 0 && stretch.is_finite();
     let end = assets.head_pose(f64::from(frames) / scene.time.fps);
     let rest = assets.groom.positions().iter().map(|p| end.transform_point(p.as_dvec3()).as_vec3());
     let distances = tracks[2].iter().zip(rest).map(|(x, y)| f64::from(x.distance(y)));
     let mean = distances.sum::<f64>() / tracks[2].len().max(1) as f64;
-    let jitter = (square_sum / terms.max(1) as f64).sqrt() / 9.81;
-    Ok(PaperRow {
-        variant,
-        sag: sound.then_some(mean / longest(&assets.groom)),
-        max_stretch: sound.then_some(stretch),
-        late_jitter_g: sound.then_some(jitter),
-        breaks,
-    })
+    let measured = Measures {
+        sag: Some(mean / longest(&assets.groom)),
+        max_stretch: Some(stretch),
+        late_jitter_g: Some((square_sum / terms.max(1) as f64).sqrt() / 9.81),
+        broke_at_secs: None,
+    };
+    let [_, _, shape] = tracks;
+    Ok(PaperRow { variant: variant.name, measured, reference: variant.reference, shape })
 }
 
 fn longest(groom: &Groom) -> f64 {
@@ -167,29 +259,36 @@ fn longest(groom: &Groom) -> f64 {
 }
 
 impl PaperTable {
-    /// The table as Markdown.
+    /// The table as Markdown: what was measured, and in brackets the reference.
     pub fn to_markdown(&self) -> String {
         let mut text = format!(
-            "{}\n\n| variant | sag / L | largest stretch | late jitter, g | breaks |\n| --- | ---: | ---: | ---: | ---: |\n",
+            "{}\n\n| variant | sag / L | largest stretch | late jitter, g |\n| --- | ---: | ---: | ---: |\n",
             self.title
         );
-        let number = |value: Option<f64>| match value {
-            None => "broke".to_owned(),
-            Some(value) if value != 0.0 && value.abs() < 0.01 => format!("{value:.1e}"),
-            Some(value) => format!("{value:.2}"),
-        };
         for row in &self.rows {
-            let _ = writeln!(
-                text,
-                "| {} | {} | {} | {} | {} |",
-                row.variant,
-                number(row.sag),
-                number(row.max_stretch),
-                number(row.late_jitter_g),
-                row.breaks
-            );
+            let PaperRow { variant, measured, reference, .. } = row;
+            let cell = |measure: fn(&Measures) -> Option<f64>| {
+                let measured = measure(measured).map_or_else(
+                    || measured.broke_at_secs.map_or(String::new(), |secs| format!("broke at {secs:.2} s")),
+                    number,
+                );
+                let broken = reference.broke_at_secs.map(|_| "breaks".to_owned());
+                let reference = measure(reference).map(number).or(broken);
+                reference.map_or(measured.clone(), |reference| format!("{measured} ({reference})"))
+            };
+            let cells = [cell(|m| m.sag), cell(|m| m.max_stretch), cell(|m| m.late_jitter_g)];
+            let _ = writeln!(text, "| {variant} | {} |", cells.join(" | "));
         }
+        text.push_str("\nIn brackets: the reference, in float64.\n");
         text
+    }
+}
+
+fn number(value: f64) -> String {
+    match value {
+        value if value != 0.0 && value.abs() < 0.001 => format!("{value:.1e}"),
+        value if value.abs() < 0.1 => format!("{value:.3}"),
+        value => format!("{value:.2}"),
     }
 }
 
@@ -197,37 +296,46 @@ impl PaperTable {
 mod tests {
     use super::*;
 
+    /// Every reference sag is met within 0.01 of a length, and what should break does.
     #[test]
     fn ams_keeps_the_shape_where_mass_spring_sags_and_then_breaks() {
         let rows = Figure::Sag.table().unwrap().rows;
-        let (ams, others) = rows.split_last().unwrap();
-        let (without_preload, mass_spring) = others.split_last().unwrap();
-        assert!(ams.sag.unwrap() < 1e-5, "{ams:?}");
-        assert!((0.1..0.3).contains(&without_preload.sag.unwrap()), "{without_preload:?}");
-        let (stiffest, others) = mass_spring.split_last().unwrap();
-        assert!(stiffest.breaks > 0, "{stiffest:?}");
-        assert!(others.iter().all(|row| row.sag.unwrap() > 0.4), "{others:?}");
+        for row in &rows {
+            if let Some(reference) = row.reference.sag {
+                assert!((row.measured.sag.unwrap() - reference).abs() < 0.01, "{row:?}");
+            }
+            if row.reference.broke_at_secs.is_some() {
+                assert!(row.measured.broke_at_secs.unwrap() < 1.0, "{row:?}");
+            }
+        }
+        let find = |name: &str| rows.iter().find(|row| row.variant == name).unwrap().measured;
+        assert!(find("AMS, κ_L 1e7, κ_I 100").sag.unwrap() < 1e-5);
+        // Virtual particles and altitude springs make it sag less as it stiffens, but sag.
+        let sags = [1e4, 1e6, 1e7, 1e8].map(|k| find(&format!("mass-spring 2N-1, κ_L {k:e}")).sag.unwrap());
+        assert!(sags.is_sorted_by(|a, b| a > b) && sags[3] > 0.1, "{sags:?}");
     }
 
     #[test]
     fn a_weaker_angular_spring_is_less_stable() {
         let rows = Figure::Angular.table().unwrap().rows;
-        let stretch: Vec<f64> = rows.iter().map(|row| row.max_stretch.unwrap()).collect();
+        let stretch: Vec<f64> = rows.iter().map(|row| row.measured.max_stretch.unwrap()).collect();
         assert!(stretch.is_sorted() && stretch[0] < 0.02 && stretch[3] > 2.0, "{stretch:?}");
-        assert!(rows[0].late_jitter_g.unwrap() < 1e-3, "{:?}", rows[0]);
-        assert!(rows[1..].iter().all(|row| row.late_jitter_g.unwrap() > 0.5), "{rows:?}");
+        let jitter: Vec<f64> = rows.iter().map(|row| row.measured.late_jitter_g.unwrap()).collect();
+        assert!(jitter[0] < 1e-3 && jitter[1..].iter().all(|g| *g > 0.5), "{jitter:?}");
     }
 
     #[test]
-    fn tables_say_what_broke() {
-        let broken = PaperRow {
+    fn tables_put_the_reference_beside_the_figure() {
+        let row = |measured, reference| PaperRow {
             variant: "stiff".into(),
-            sag: None,
-            max_stretch: Some(0.5),
-            late_jitter_g: Some(1e-3),
-            breaks: 2,
+            measured,
+            reference,
+            shape: Vec::new(),
         };
-        let text = PaperTable { title: "A figure", rows: vec![broken] }.to_markdown();
-        assert!(text.ends_with("| stiff | broke | 0.50 | 1.0e-3 | 2 |\n"), "{text}");
+        let broken = Measures { broke_at_secs: Some(0.5), ..Measures::default() };
+        let rows = vec![row(sag(0.449), sag(0.45)), row(broken, broken)];
+        let text = PaperTable { title: "A figure", rows }.to_markdown();
+        assert!(text.contains("\n| stiff | 0.45 (0.45) |  |  |\n"), "{text}");
+        assert!(text.contains("| stiff | broke at 0.50 s (breaks) |"), "{text}");
     }
 }

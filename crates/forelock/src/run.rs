@@ -26,7 +26,7 @@ use rayon::prelude::*;
 use crate::assets::{AssetError, Assets};
 use crate::pictures::{self, PictureError, Studio};
 use crate::report;
-use crate::scene::Scene;
+use crate::scene::{Scene, SolverKind};
 use crate::snapshot::{Snapshot, SnapshotError};
 use crate::summary::{FrameRow, Spread, Summary, device_name, median_stages, peak_memory_bytes};
 
@@ -131,7 +131,11 @@ impl<'a> Stepper<'a> {
             rest_gravity: DVec3::from_array(scene.gravity),
             beyond_float32: scene.solver.beyond_float32,
         };
-        let simulation = Simulation::new(&assets.groom, &scene.solver.params(), &options)?;
+        let (groom, solver) = (&assets.groom, &scene.solver);
+        let simulation = match solver.kind {
+            SolverKind::MassSpring => Simulation::mass_spring(groom, &solver.mass_spring, &options)?,
+            _ => Simulation::new(groom, &solver.ams, &options)?,
+        };
         Ok(Self { scene, assets, simulation })
     }
 

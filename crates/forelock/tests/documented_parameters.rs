@@ -1,4 +1,4 @@
-//! The doc lines of `AmsParams` are the reference that users read: each default they state is the one that holds, and
+//! The doc lines of `AmsParams` and `MassSpringParams` are the reference that users read: each default they state is the one that holds, and
 //! each range they state is the one that scenes are held to.
 
 #![expect(clippy::unwrap_used, reason = "a test fails where its source is not as expected")]
@@ -7,13 +7,17 @@ use std::path::Path;
 
 use forelock::Scene;
 use forelock::scene::Override;
-use forelock_core::solver::AmsParams;
+use forelock_core::solver::{AmsParams, MassSpringParams};
 
-const SOURCE: &str = include_str!("../../forelock-core/src/solver/params.rs");
+/// Kind of solver, its table in scenes, and its parameters in the source.
+const SOLVERS: [(&str, &str, &str); 2] = [
+    ("ams", "ams", include_str!("../../forelock-core/src/solver/params.rs")),
+    ("mass-spring", "mass_spring", include_str!("../../forelock-core/src/solver/mass_spring.rs")),
+];
 
-/// Name, stated default and stated range of every field of `AmsParams`.
-fn documented() -> Vec<(String, String, Option<String>)> {
-    let (_, body) = SOURCE.split_once("pub struct AmsParams {").unwrap();
+/// Name, stated default and stated range of every field of the parameters in `source`.
+fn documented(source: &str) -> Vec<(String, String, Option<String>)> {
+    let (_, body) = source.split_once("Params {").unwrap();
     let (body, _) = body.split_once("\n}").unwrap();
     let mut doc = String::new();
     let mut fields = Vec::new();
@@ -38,47 +42,56 @@ fn after(doc: &str, word: &str) -> Option<String> {
 
 #[test]
 fn every_documented_default_holds() {
-    let fields = documented();
-    let defaults = toml::Table::try_from(AmsParams::default()).unwrap();
-    assert_eq!(fields.len(), defaults.len(), "every field is documented");
-    for (name, stated, _) in fields {
-        let stated: toml::Value =
-            toml::from_str::<toml::Table>(&format!("x = {stated}")).unwrap()["x"].clone();
-        let number = |v: &toml::Value| v.as_float().or(v.as_integer().map(|i| i as f64));
-        match (number(&stated), number(&defaults[&name])) {
-            (Some(stated), Some(held)) => assert_eq!(stated, held, "{name}"),
-            _ => assert_eq!(stated, defaults[&name], "{name}"),
+    let defaults = [
+        toml::Table::try_from(AmsParams::default()).unwrap(),
+        toml::Table::try_from(MassSpringParams::default()).unwrap(),
+    ];
+    for ((_, _, source), defaults) in SOLVERS.into_iter().zip(defaults) {
+        let fields = documented(source);
+        assert_eq!(fields.len(), defaults.len(), "every field is documented");
+        for (name, stated, _) in fields {
+            let stated: toml::Value =
+                toml::from_str::<toml::Table>(&format!("x = {stated}")).unwrap()["x"].clone();
+            let number = |v: &toml::Value| v.as_float().or(v.as_integer().map(|i| i as f64));
+            match (number(&stated), number(&defaults[&name])) {
+                (Some(stated), Some(held)) => assert_eq!(stated, held, "{name}"),
+                _ => assert_eq!(stated, defaults[&name], "{name}"),
+            }
         }
     }
 }
 
 #[test]
 fn every_documented_range_is_held_to() {
-    let accepts = |name: &str, value: String| {
-        let set = Override::set(&format!("solver.ams.{name}={value}")).unwrap();
-        Scene::parse("", Path::new("scene.toml"), &[set]).is_ok()
-    };
-    let mut ranges = 0;
-    for (name, _, range) in documented() {
-        let Some(range) = range else { continue };
-        ranges += 1;
-        let whole = name == "substeps" || name == "clamped";
-        let write = |value: f64| if whole { format!("{value}") } else { format!("{value:?}") };
-        let (inside, outside) = match range.as_str() {
-            "0 or more" => (vec![0.0, 1e3], vec![-1e-3, f64::NAN]),
-            "0 to the float32 bound" => (vec![0.0, 5.76e7], vec![-1.0, 5.77e7]),
-            "0 to 1" => (vec![0.0, 0.9, 1.0], vec![-1e-3, 1.001]),
-            "1 to 1000" => (vec![1.0, 1000.0], vec![0.0, 1001.0]),
-            "above 0" => (vec![1e-3], vec![0.0, -1.0]),
-            "above `elastic_limit`" => (vec![0.501], vec![0.5]),
-            other => panic!("`{name}`: no test knows the range {other:?}"),
+    for (kind, table, source) in SOLVERS {
+        let accepts = |name: &str, value: String| {
+            let sets = [format!("solver.kind={kind}"), format!("solver.{table}.{name}={value}")];
+            let sets = sets.map(|set| Override::set(&set).unwrap());
+            Scene::parse("", Path::new("scene.toml"), &sets).is_ok()
         };
-        for value in inside.into_iter().filter(|v| name != "elastic_limit" || *v < 1.0) {
-            assert!(accepts(&name, write(value)), "{name} = {value} is in its range");
+        let mut ranges = 0;
+        for (name, _, range) in documented(source) {
+            let Some(range) = range else { continue };
+            ranges += 1;
+            let whole = name == "substeps" || name == "clamped";
+            let write = |value: f64| if whole { format!("{value}") } else { format!("{value:?}") };
+            let (inside, outside) = match range.as_str() {
+                "0 or more" => (vec![0.0, 1e3], vec![-1e-3, f64::NAN]),
+                "0 to the float32 bound" => (vec![0.0, 5.76e7], vec![-1.0, 5.77e7]),
+                "0 to 1" => (vec![0.0, 0.9, 1.0], vec![-1e-3, 1.001]),
+                "0.01 to 1" => (vec![0.01, 1.0], vec![0.0099, 1.001]),
+                "1 to 1000" => (vec![1.0, 1000.0], vec![0.0, 1001.0]),
+                "above 0" => (vec![1e-3], vec![0.0, -1.0]),
+                "above `elastic_limit`" => (vec![0.501], vec![0.5]),
+                other => panic!("`{name}`: no test knows the range {other:?}"),
+            };
+            for value in inside.into_iter().filter(|v| name != "elastic_limit" || *v < 1.0) {
+                assert!(accepts(&name, write(value)), "{name} = {value} is in its range");
+            }
+            for value in outside {
+                assert!(!accepts(&name, write(value)), "{name} = {value} is not in its range");
+            }
         }
-        for value in outside {
-            assert!(!accepts(&name, write(value)), "{name} = {value} is not in its range");
-        }
+        assert!(ranges > 9, "only {ranges} ranges of {kind} were found");
     }
-    assert!(ranges > 15, "only {ranges} ranges were found");
 }

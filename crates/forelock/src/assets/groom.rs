@@ -6,7 +6,7 @@ use glam::{DVec3, Vec3};
 
 use super::solids::Body;
 use super::{AssetError, neck};
-use crate::scene::{GroomSource, Scene};
+use crate::scene::{GroomSource, Scene, SolverKind};
 
 /// The groom of `scene` on `body`; what was changed is added to `notes`.
 pub(super) fn load(scene: &Scene, body: Option<&Body>, notes: &mut Vec<String>) -> Result<Groom, AssetError> {
@@ -32,12 +32,12 @@ pub(super) fn load(scene: &Scene, body: Option<&Body>, notes: &mut Vec<String>) 
     // Growth keeps out of the body by itself.
     let lift = section.lift && section.source != GroomSource::Grow;
     if let Some(sdf) = body.and_then(|body| body.sdf.as_ref()).filter(|_| lift) {
-        let ams = &scene.solver.ams;
-        let params = LiftParams {
-            margin: ams.skin_thickness as f32,
-            clamped: ams.clamped as usize,
-            ..LiftParams::default()
+        let solver = &scene.solver;
+        let (margin, clamped) = match solver.kind {
+            SolverKind::MassSpring => (solver.mass_spring.skin_thickness, solver.mass_spring.clamped),
+            _ => (solver.ams.skin_thickness, solver.ams.clamped),
         };
+        let params = LiftParams { margin: margin as f32, clamped: clamped as usize, ..LiftParams::default() };
         let report = lift_out(&mut groom, sdf, &params);
         if report != LiftReport::default() {
             notes.push(report.to_string());

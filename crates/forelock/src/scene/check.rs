@@ -5,8 +5,8 @@
 
 use forelock_core::body::Motion;
 use forelock_core::groom::grow::GrowError;
+use forelock_core::solver::ParamsError;
 use forelock_core::solver::params::FLOAT32_STIFFNESS_LIMIT;
-use forelock_core::solver::{AmsParams, ParamsError};
 
 use forelock_render::HairColour;
 
@@ -57,12 +57,13 @@ pub(super) fn check(scene: &Scene, document: &Document<'_>) -> Result<(), Wrong>
     }
     check_output(scene)?;
     check_growth(scene, document)?;
-    if scene.time.substeps.is_some() && document.sets("solver.ams.substeps") {
-        let message = "is set, and so is `solver.ams.substeps`, which means the same: keep one".to_owned();
-        return Err(("time.substeps".to_owned(), message));
+    for key in ["solver.ams.substeps", "solver.mass_spring.substeps"] {
+        if scene.time.substeps.is_some() && document.sets(key) {
+            let message = format!("is set, and so is `{key}`, which means the same: keep one");
+            return Err(("time.substeps".to_owned(), message));
+        }
     }
-    let substeps = scene.time.substeps.unwrap_or(scene.solver.ams.substeps);
-    check_ams(&AmsParams { substeps, ..scene.solver.ams.clone() }, scene)
+    check_solver(scene)
 }
 
 /// Every number of the scene is finite.
@@ -244,21 +245,36 @@ fn check_output(scene: &Scene) -> Result<(), Wrong> {
     }
 }
 
-/// What the solver says of its parameters, with the scene's keys.
-fn check_ams(ams: &AmsParams, scene: &Scene) -> Result<(), Wrong> {
+/// What the solvers say of their parameters, with the scene's keys.
+fn check_solver(scene: &Scene) -> Result<(), Wrong> {
+    let mut solver = scene.solver.clone();
+    if let Some(substeps) = scene.time.substeps {
+        solver.set_substeps(substeps);
+    }
+    solver.ams.validate().map_err(|error| solver_error("ams", &error, scene))?;
+    solver.mass_spring.validate().map_err(|error| solver_error("mass_spring", &error, scene))?;
+    let (table, stepped) = match solver.kind {
+        SolverKind::MassSpring => ("mass_spring", solver.mass_spring.ams()),
+        _ => ("ams", solver.ams),
+    };
+    let checked = stepped.validate_step(1.0 / scene.time.fps, solver.beyond_float32);
+    checked.map_err(|error| solver_error(table, &error, scene))
+}
+
+fn solver_error(table: &str, error: &ParamsError, scene: &Scene) -> Wrong {
     let fps = scene.time.fps;
-    let checked = ams.validate().and_then(|()| ams.validate_step(1.0 / fps, scene.solver.beyond_float32));
-    checked.map_err(|error| match error {
+    match error {
         ParamsError::Range { name, value, expected } => {
-            (format!("solver.ams.{name}"), format!("should be {expected}, not {value}"))
+            (format!("solver.{table}.{name}"), format!("should be {expected}, not {value}"))
         }
         ParamsError::TooStiff { name, value, substeps, product, needed, allowed, .. } => {
-            let raise = if needed <= 1000 { format!("raise time.substeps to {needed} or ") } else { String::new() };
+            let raise =
+                if *needed <= 1000 { format!("raise time.substeps to {needed} or ") } else { String::new() };
             let message = format!(
                 "= {value:e} with {fps} frames a second and {substeps} substeps makes h²κ = {product:.3e}, and float32 \
                  holds up to {FLOAT32_STIFFNESS_LIMIT:e}: {raise}lower it to {allowed:.3e}"
             );
-            (format!("solver.ams.{name}"), message)
+            (format!("solver.{table}.{name}"), message)
         }
-    })
+    }
 }

@@ -128,9 +128,9 @@ impl Scene {
         let mut scene: Self = document.deserialize()?;
         check::check(&scene, &document).map_err(|(key, message)| document.refuse(&key, message))?;
         if let Some(substeps) = scene.time.substeps {
-            scene.solver.ams.substeps = substeps;
+            scene.solver.set_substeps(substeps);
         }
-        scene.time.substeps = Some(scene.solver.ams.substeps);
+        scene.time.substeps = Some(scene.solver.substeps());
         (scene.groom.grow.strands, scene.groom.grow.seed) = (scene.groom.strands, scene.seed);
         scene.resolve_paths(path.parent().unwrap_or(Path::new("")));
         Ok(scene)
@@ -138,13 +138,13 @@ impl Scene {
 
     /// Substeps a frame, M.
     pub fn substeps(&self) -> u32 {
-        self.solver.ams.substeps
+        self.solver.substeps()
     }
 
     /// The scene as a TOML document with every key written out; [`Scene::parse`] reads it back to an equal scene.
     pub fn to_toml(&self) -> String {
         let table = toml::Table::try_from(self).map(|mut table| {
-            // Keys that say the same as another: `solver.ams.substeps`, `groom.strands`, `seed`.
+            // Keys that say the same as another: the solver's `substeps`, `groom.strands`, `seed`.
             remove(&mut table, &["time", "substeps"]);
             remove(&mut table, &["groom", "grow", "strands"]);
             remove(&mut table, &["groom", "grow", "seed"]);

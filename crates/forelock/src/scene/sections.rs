@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use forelock_core::groom::grow::{GrowParams, PRESETS};
 use forelock_core::groom::{Import, Unit, Up};
-use forelock_core::solver::{AmsParams, Simd};
+use forelock_core::solver::{AmsParams, MassSpringParams, Simd};
 use serde::de::value::SeqAccessDeserializer;
 use serde::de::{Deserializer, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize, Serializer};
@@ -270,7 +270,7 @@ pub enum SolverKind {
     /// Augmented mass-spring.
     #[default]
     Ams,
-    /// The plain mass-spring baseline: no integrity and no angular ties.
+    /// The plain mass-spring baseline: no ties to the rest shape.
     MassSpring,
     /// Dynamic follow the leader. Not yet available.
     Dftl,
@@ -320,8 +320,10 @@ pub struct SolverSection {
     pub simd: SimdChoice,
     /// Whether stiffness may go beyond what float32 solves, to see what happens then. Default false.
     pub beyond_float32: bool,
-    /// Parameters of both kinds; "mass-spring" takes `k_integrity` and `k_angular` as 0.
+    /// Parameters of "ams".
     pub ams: AmsParams,
+    /// Parameters of "mass-spring".
+    pub mass_spring: MassSpringParams,
 }
 
 impl From<SimdChoice> for Simd {
@@ -337,12 +339,17 @@ impl From<SimdChoice> for Simd {
 }
 
 impl SolverSection {
-    /// The parameters that the solver gets: those of `ams`, without its ties for plain mass-spring.
-    pub fn params(&self) -> AmsParams {
+    /// Substeps a frame, M, of the solver that is chosen.
+    pub fn substeps(&self) -> u32 {
         match self.kind {
-            SolverKind::MassSpring => AmsParams { k_integrity: 0.0, k_angular: 0.0, ..self.ams.clone() },
-            _ => self.ams.clone(),
+            SolverKind::MassSpring => self.mass_spring.substeps,
+            _ => self.ams.substeps,
         }
+    }
+
+    /// Substeps a frame, M, for every solver.
+    pub(super) fn set_substeps(&mut self, substeps: u32) {
+        (self.ams.substeps, self.mass_spring.substeps) = (substeps, substeps);
     }
 }
 
@@ -373,7 +380,7 @@ pub struct InteractionSection {
 pub struct TimeSection {
     /// Frames a second. Unit s⁻¹, default 60, range 1 to 10000.
     pub fps: f64,
-    /// Substeps a frame; the same as `solver.ams.substeps`. Unit substeps, default 4, range 1 to 1000.
+    /// Substeps a frame; the same as `substeps` of the solver. Unit substeps, default 4, range 1 to 1000.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub substeps: Option<u32>,
     /// Frames to simulate after the start. Unit frames, default 240, range 1 to 1000000.
