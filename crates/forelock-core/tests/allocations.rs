@@ -1,0 +1,73 @@
+//! A frame allocates nothing once the first has been seen. A test program of its own, because it counts for the whole
+//! process.
+
+use forelock_core::body::{ColliderFrame, Shape};
+use forelock_core::groom::Groom;
+use forelock_core::pose::Pose;
+use forelock_core::solver::{AmsParams, Frame, Options, Simulation};
+use glam::{DQuat, DVec3, Vec3};
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+struct Counting;
+
+static ALLOCATIONS: AtomicUsize = AtomicUsize::new(0);
+
+// SAFETY: every call goes to the system's allocator as it came.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
+        // SAFETY: the caller's promise.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: the caller's promise.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// Allocations of forty frames against a ball, after ten to warm up.
+fn allocations_of_frames() -> usize {
+    let strand = |s: u16| {
+        let root = Vec3::new(f32::from(s) * 1e-3, 0.0, 0.0);
+        (0..25u8).map(move |i| root + Vec3::new(0.0, -0.01 * f32::from(i), 0.0)).collect::<Vec<_>>()
+    };
+    let groom = Groom::from_strands((0..500).map(strand)).unwrap();
+    let gravity = DVec3::new(0.0, -9.81, 0.0);
+    let options = Options { rest_gravity: gravity, ..Options::default() };
+    let mut simulation = Simulation::new(&groom, &AmsParams::default(), &options).unwrap();
+    let shape = Shape::Sphere { radius: 0.1 };
+    let local = Pose::new(DQuat::IDENTITY, DVec3::new(0.25, -0.15, 0.1));
+    let pose = |frame: u32| Pose::new(DQuat::from_rotation_y(0.05 * f64::from(frame)), DVec3::ZERO);
+    let mut counted = 0;
+    for frame in 0..50 {
+        let head = [pose(frame), pose(frame + 1)];
+        let colliders = [ColliderFrame { shape: &shape, local, from: head[0], to: head[1], friction: 0.3 }];
+        let air_velocity = DVec3::ZERO;
+        let before = ALLOCATIONS.load(Ordering::SeqCst);
+        let frame_of = Frame { head, colliders: &colliders, gravity, air_velocity, dt_secs: 1.0 / 60.0 };
+        let report = simulation.step_frame(&frame_of).unwrap();
+        if frame >= 10 {
+            counted += ALLOCATIONS.load(Ordering::SeqCst) - before;
+        }
+        assert_eq!(report.quarantined_strands, 0);
+    }
+    counted
+}
+
+#[test]
+fn frames_allocate_nothing() {
+    for threads in [1, 2] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let counted = pool.install(allocations_of_frames);
+        println!("{threads} thread(s): {counted} allocations in 40 frames");
+        assert_eq!(counted, 0, "{threads} thread(s)");
+    }
+    let before = ALLOCATIONS.load(Ordering::SeqCst);
+    drop(std::hint::black_box(vec![1u8; 64]));
+    assert_eq!(ALLOCATIONS.load(Ordering::SeqCst) - before, 1, "the counter counts");
+}

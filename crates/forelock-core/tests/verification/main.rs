@@ -1,0 +1,13 @@
+//! The AMS solver against what is known of it beforehand: closed forms, conservation, invariances and the bounds of the
+//! project's table of thresholds. Nothing here compares with stored output; `golden_ams` does that.
+
+mod closed_forms;
+mod dense;
+mod faults;
+mod hash;
+mod invariance;
+mod non_hookean;
+mod rig;
+mod solids;
+mod system;
+mod thresholds;

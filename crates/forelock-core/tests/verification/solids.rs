@@ -1,0 +1,133 @@
+//! Hair and solids: depth at a frame's end, friction, and the way out for hair that starts inside.
+
+use crate::rig::{DT, LENGTH, Rig, bare, helix, real, shake, simds, tuft};
+use forelock_core::body::{ColliderFrame, Shape};
+use forelock_core::pose::Pose;
+use forelock_core::solver::{AmsParams, Simd, SolverReal};
+use glam::{DQuat, DVec3};
+
+fn on_head(shape: &Shape, local: Pose, from: Pose, to: Pose) -> ColliderFrame<'_> {
+    ColliderFrame { shape, local, from, to, friction: 0.3 }
+}
+
+fn distance(shape: &Shape, place: Pose, x: DVec3) -> f64 {
+    shape.sample(place.inverse().transform_point(x).to_array()).0
+}
+
+/// Solids beside or under the hanging tuft, clear of its clamped roots.
+fn obstacles() -> Vec<(Shape, Pose)> {
+    let at = |turn: f64, x: f64, y: f64, z: f64| Pose::new(DQuat::from_rotation_z(turn), DVec3::new(x, y, z));
+    vec![
+        (Shape::Sphere { radius: 0.1 }, at(0.0, 0.02, -0.2, 0.01)),
+        (Shape::Capsule { half_length: 0.2, radius: 0.03 }, at(1.2, 0.0, -0.15, 0.0)),
+        (Shape::Box { half_extents: DVec3::new(0.08, 0.05, 0.2) }, at(0.4, 0.02, -0.18, 0.0)),
+        (Shape::Plane, at(-0.3, 0.0, -0.2, 0.0)),
+        (Shape::HollowSphere { radius: 0.28 }, at(0.0, 0.0, -0.05, 0.0)),
+    ]
+}
+
+#[test]
+fn nothing_ends_a_frame_inside() {
+    let params = AmsParams::default();
+    let mut worst = f64::NEG_INFINITY;
+    for (simd, (shape, local)) in simds().flat_map(|s| obstacles().into_iter().map(move |o| (s, o))) {
+        let mut rig = Rig::<f32>::new(&tuft(9, 30), &params, simd);
+        let mut touched = 0;
+        for frame in 1..=150 {
+            let to = shake(4.0, 2.0, f64::from(frame) * DT);
+            let report = rig.step_among(to, &[on_head(&shape, local, rig.head, to)]);
+            touched += report.touching;
+            if frame <= 30 {
+                continue; // Hair that starts inside needs 0.2 m at 1 m/s to come out.
+            }
+            let place = to.after(&local);
+            for (i, &x) in rig.positions().iter().enumerate().filter(|(i, _)| i % 30 >= 2) {
+                let depth = params.skin_thickness - distance(&shape, place, x);
+                assert!(depth <= 1e-5, "{simd:?} {shape:?}, frame {frame}, particle {i}: {depth:e}");
+                worst = worst.max(depth);
+            }
+            assert!(report.max_penetration_m <= 1e-5, "{}", report.max_penetration_m);
+        }
+        assert!(touched > 100, "{shape:?}: {touched}");
+    }
+    println!("depth under the skin at a frame's end: {worst:.1e} m (at most 1e-5)");
+}
+
+/// Speed along the solid after a particle meets it at 100 along and 50 into it, the solid moving at `carried`.
+fn speed_after<T: SolverReal>(mu: f64, simd: Simd, carried: DVec3) -> f64 {
+    let params = AmsParams { substeps: 1, ..bare() };
+    let mut rig = Rig::<T>::new(&[vec![[0.0, 2.0, 0.0], [0.0, 0.1, 0.0]]], &params, simd);
+    rig.gravity = DVec3::ZERO;
+    rig.edit(|snapshot| {
+        snapshot.velocities[1] = (DVec3::new(60.0, -50.0, 80.0) + carried).to_array().map(real);
+        snapshot.clearance[1] = real(0.1);
+    });
+    let (from, to) = (Pose::IDENTITY, Pose::new(DQuat::IDENTITY, carried * DT));
+    let plane = ColliderFrame { shape: &Shape::Plane, local: Pose::IDENTITY, from, to, friction: mu };
+    rig.step_among(Pose::IDENTITY, &[plane]);
+    let v = rig.velocities()[1] - carried;
+    assert!(v.y.abs() < 1e-4, "{v}");
+    (v.x * v.x + v.z * v.z).sqrt()
+}
+
+#[test]
+fn friction_is_coulombs() {
+    for carried in [DVec3::ZERO, DVec3::new(3.0, 2.0, -1.0)] {
+        for (mu, expected) in [(0.0, 100.0), (0.3, 85.0), (1.0, 50.0), (3.0, 0.0)] {
+            let v = speed_after::<f64>(mu, Simd::Auto, carried);
+            println!("friction {mu}, solid at {carried}: {v} after (expected {expected})");
+            assert!((v - expected).abs() < 1e-10, "{mu}: {v}");
+            for simd in simds() {
+                let v = speed_after::<f32>(mu, simd, carried);
+                assert!((v - expected).abs() < 1e-3, "{simd:?}, {mu}: {v}");
+            }
+        }
+    }
+}
+
+/// A particle that nothing else moves comes out at exactly the speed given, and stops on the skin.
+#[test]
+fn the_way_out_has_a_speed() {
+    let (speed, radius, start) = (0.6, 0.1, 0.04);
+    let params = AmsParams { depenetration_speed: speed, ..bare() };
+    let strand = vec![[0.0, 1.0, 0.0], [0.0, start, 0.0]];
+    let shape = Shape::Sphere { radius };
+    let mut rig = Rig::<f64>::new(&[strand], &params, Simd::Auto);
+    rig.gravity = DVec3::ZERO;
+    let solid = on_head(&shape, Pose::IDENTITY, Pose::IDENTITY, Pose::IDENTITY);
+    let skin = radius + params.skin_thickness;
+    for frame in 1..=20 {
+        rig.step_among(Pose::IDENTITY, &[solid]);
+        let height = rig.positions()[1].y;
+        let expected = (start + speed * DT * f64::from(frame)).min(skin);
+        assert!((height - expected).abs() < 1e-12, "frame {frame}: {height} for {expected}");
+    }
+}
+
+/// Whole hair with all its ties, spawned across a ball: it comes out, and no part of it shoots off.
+#[test]
+fn hair_spawned_inside_comes_out_gently() {
+    let params = AmsParams::default();
+    let shape = Shape::Sphere { radius: 0.08 };
+    let local = Pose::new(DQuat::IDENTITY, DVec3::new(0.03, -0.15, 0.0));
+    let mut rig = Rig::<f32>::new(&[helix(30)], &params, Simd::Auto);
+    let depths = |rig: &Rig<f32>| -> Vec<f64> {
+        rig.positions().iter().map(|&x| params.skin_thickness - distance(&shape, local, x)).collect()
+    };
+    let (mut before, mut fastest, mut quickest_out) = (depths(&rig), 0.0f64, 0.0f64);
+    assert!(before.iter().any(|&d| d > 0.04));
+    for _ in 0..120 {
+        rig.step_among(Pose::IDENTITY, &[on_head(&shape, local, Pose::IDENTITY, Pose::IDENTITY)]);
+        let now = depths(&rig);
+        for (was, is) in before.iter().zip(&now).filter(|(was, _)| **was > 0.0) {
+            quickest_out = quickest_out.max((was - is.max(0.0)) / DT);
+        }
+        fastest = rig.velocities().iter().map(|v| v.length()).fold(fastest, f64::max);
+        before = now;
+    }
+    let deepest = before.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    println!("spawned inside: out at {quickest_out:.2} m/s at most, fastest particle {fastest:.2} m/s");
+    assert!(deepest <= 1e-5, "{deepest}");
+    assert!(quickest_out <= params.depenetration_speed * 1.001, "{quickest_out}");
+    assert!(fastest <= 0.5 * LENGTH / DT, "{fastest}");
+}
