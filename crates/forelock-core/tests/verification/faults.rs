@@ -10,9 +10,7 @@ const N: usize = 12;
 
 /// A number that is not finite goes into particle 5 of `strand`, in the array that `poison` picks.
 fn poisoned(simd: Simd, strand: usize, poison: fn(&mut Snapshot<f32>, usize)) -> (Rig<f32>, Rig<f32>) {
-    let params = AmsParams { non_hookean: true, ..AmsParams::default() };
-    let mut clean = Rig::<f32>::new(&tuft(33, N), &params, simd);
-    let mut sick = Rig::<f32>::new(&tuft(33, N), &params, simd);
+    let [mut clean, mut sick] = [(); 2].map(|()| Rig::<f32>::new(&tuft(33, N), &AmsParams::default(), simd));
     for rig in [&mut clean, &mut sick] {
         rig.play(0.2, |t| shake(2.0, 2.0, t));
     }

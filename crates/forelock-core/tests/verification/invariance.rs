@@ -80,7 +80,7 @@ fn run_at(fps: u32, substeps: u32) -> Vec<DVec3> {
 #[test]
 fn frame_rates_agree() {
     let reference = run_at(60, 4);
-    for (fps, substeps, bound) in [(30, 8, 5e-3), (120, 2, 5e-3), (30, 4, 0.03), (120, 4, 0.02)] {
+    for (fps, substeps, bound) in [(30, 8, 1e-3), (120, 2, 1e-3), (30, 4, 5e-3), (120, 4, 5e-3)] {
         let error = largest(&reference, &run_at(fps, substeps)) / LENGTH;
         println!("{fps} fps x {substeps} against 60 x 4: {error:.1e} L (at most {bound})");
         assert!(error <= bound, "{error}");
@@ -155,6 +155,8 @@ fn lengths_from_2_to_1000_particles_go_together() {
         (0..n).map(|i| point(i as f64)).collect()
     };
     let strands = counts.map(curl);
+    // Coordinates up to 5 m are rounded to 2.4e-7 m at each end of an edge of 1 cm.
+    let rounding = 2.0 * 3f64.sqrt() * 2.4e-7 / 0.01;
     for simd in simds() {
         for clamped in [1, 2, 5] {
             let params = AmsParams { clamped, ..AmsParams::default() };
@@ -162,7 +164,8 @@ fn lengths_from_2_to_1000_particles_go_together() {
             for frame in 1..=40 {
                 let report = rig.step(shake(2.0, 2.0, f64::from(frame) * DT));
                 assert_eq!(report.quarantined_strands, 0, "{simd:?}");
-                assert!(report.max_edge_stretch <= 1e-5, "{simd:?}: {:e}", report.max_edge_stretch);
+                let stretch = report.max_edge_stretch;
+                assert!(stretch <= rounding, "{simd:?}: {stretch:e} for {rounding:e}");
             }
             assert!(rig.positions().iter().all(|x| x.is_finite()));
         }

@@ -1,6 +1,6 @@
 //! Hair and solids: depth at a frame's end, friction, and the way out for hair that starts inside.
 
-use crate::rig::{DT, LENGTH, Rig, bare, helix, real, shake, simds, tuft};
+use crate::rig::{DT, Rig, bare, helix, real, shake, simds, tuft};
 use forelock_core::body::{ColliderFrame, Shape};
 use forelock_core::pose::Pose;
 use forelock_core::solver::{AmsParams, Simd, SolverReal};
@@ -22,7 +22,7 @@ fn obstacles() -> Vec<(Shape, Pose)> {
         (Shape::Capsule { half_length: 0.2, radius: 0.03 }, at(1.2, 0.0, -0.15, 0.0)),
         (Shape::Box { half_extents: DVec3::new(0.08, 0.05, 0.2) }, at(0.4, 0.02, -0.18, 0.0)),
         (Shape::Plane, at(-0.3, 0.0, -0.2, 0.0)),
-        (Shape::HollowSphere { radius: 0.28 }, at(0.0, 0.0, -0.05, 0.0)),
+        (Shape::HollowSphere { radius: 0.22 }, at(0.0, 0.0, -0.05, 0.0)),
     ]
 }
 
@@ -128,6 +128,7 @@ fn hair_spawned_inside_comes_out_gently() {
     let deepest = before.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     println!("spawned inside: out at {quickest_out:.2} m/s at most, fastest particle {fastest:.2} m/s");
     assert!(deepest <= 1e-5, "{deepest}");
-    assert!(quickest_out <= params.depenetration_speed * 1.001, "{quickest_out}");
-    assert!(fastest <= 0.5 * LENGTH / DT, "{fastest}");
+    // The push is bounded; its own ties may swing it out on top, but no faster than that again.
+    assert!(fastest <= params.depenetration_speed, "{fastest}");
+    assert!(quickest_out <= params.depenetration_speed + fastest, "{quickest_out}");
 }
