@@ -19,6 +19,9 @@ use crate::scene::Scene;
 /// Pictures on a contact sheet of a cache, and in a row of it.
 const SHEET: (usize, u32) = (12, 4);
 
+/// Moments at which the camera looks where the body is.
+const MOMENTS: u32 = 256;
+
 /// Why a picture cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum PictureError {
@@ -55,11 +58,12 @@ pub struct Studio<'a> {
 }
 
 impl<'a> Studio<'a> {
-    /// The camera that `scene` asks for, before `assets` at rest.
+    /// The camera that `scene` asks for, before `assets` and all that the body's motion does to their place.
     pub fn new(scene: &'a Scene, assets: &'a Assets) -> Self {
         let points =
             assets.groom.positions().iter().chain(assets.body_mesh().into_iter().flat_map(|m| &m.positions));
         let bounds = points.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), &p| (lo.min(p), hi.max(p)));
+        let bounds = wherever_it_moves(bounds, scene, assets);
         let section = &scene.camera;
         let angles = [section.yaw_degrees, section.pitch_degrees].map(|degrees| degrees.to_radians() as f32);
         let mut camera = Camera::framing(bounds, angles[0], angles[1]);
@@ -202,6 +206,18 @@ impl<'a> Studio<'a> {
         }
         labelled(&pictures, 4)
     }
+}
+
+/// The box `bounds`, grown so that it holds itself wherever its middle is in the scene's time.
+fn wherever_it_moves((lo, hi): (Vec3, Vec3), scene: &Scene, assets: &Assets) -> (Vec3, Vec3) {
+    let middle = ((lo + hi) * 0.5).as_dvec3();
+    let shift = |moment: u32| {
+        let time = f64::from(moment) / f64::from(MOMENTS) * f64::from(scene.time.frames) / scene.time.fps;
+        (assets.head_pose(time).transform_point(middle) - middle).as_vec3()
+    };
+    let shifts = (0..=MOMENTS).map(shift).filter(|shift| shift.is_finite());
+    let (least, most) = shifts.fold((Vec3::ZERO, Vec3::ZERO), |(a, b), s| (a.min(s), b.max(s)));
+    (lo + least, hi + most)
 }
 
 /// Pictures with their labels as one.

@@ -267,7 +267,7 @@ impl<'a> Run<'a> {
             let path = self.out.join(name);
             forelock_io::atomic_write(&path, |file| file.write_all(text.as_bytes())).map(|()| path)
         };
-        outputs.push(text("scene.toml", &self.stepper.scene.to_toml())?);
+        outputs.push(text("scene.toml", &self.stepper.scene.clone().with_absolute_paths().to_toml())?);
         let studio = Studio::new(self.stepper.scene, self.stepper.assets);
         let last = (self.positions.as_slice(), self.stepper.time_secs(self.so_far.frame));
         // An interrupted run gets its film when it has been resumed.

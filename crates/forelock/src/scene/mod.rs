@@ -156,15 +156,27 @@ impl Scene {
         table.unwrap_or_else(|error| format!("# this scene cannot be written as TOML: {error}\n"))
     }
 
+    /// The scene with every path absolute, so that its text means the same wherever it is kept. A path stays as it is
+    /// where the system does not tell the current folder.
+    #[must_use]
+    pub fn with_absolute_paths(mut self) -> Self {
+        self.each_path(|path| std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf()));
+        self
+    }
+
     fn resolve_paths(&mut self, folder: &Path) {
-        let resolve = |path: &mut PathBuf| *path = folder.join(&*path);
+        self.each_path(|path| folder.join(path));
+    }
+
+    /// Puts `of(path)` in place of every path of an input.
+    fn each_path(&mut self, of: impl Fn(&Path) -> PathBuf) {
         if let GroomSource::Files(files) = &mut self.groom.source {
-            files.iter_mut().for_each(resolve);
+            files.iter_mut().for_each(|path| *path = of(path));
         }
         if !self.body.is_named() {
-            self.body.mesh = folder.join(&self.body.mesh).to_string_lossy().into_owned();
+            self.body.mesh = of(self.body.mesh.as_ref()).to_string_lossy().into_owned();
         }
-        self.colliders.iter_mut().filter_map(|c| c.mesh.as_mut()).for_each(resolve);
+        self.colliders.iter_mut().filter_map(|c| c.mesh.as_mut()).for_each(|path| *path = of(path));
     }
 }
 

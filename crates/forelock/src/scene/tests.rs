@@ -161,3 +161,15 @@ fn paths_are_relative_to_the_file() {
     let expected = GroomSource::Files(vec!["dir/a.hair".into(), "/b.hair".into()]);
     assert_eq!((scene.groom.source, scene.body.mesh.as_str()), (expected, "dir/head.obj"));
 }
+
+#[test]
+fn a_scene_with_absolute_paths_means_the_same_in_any_folder() {
+    let text =
+        "groom.source = \"a.hair\"\nbody.mesh = \"b.obj\"\n[[collider]]\nshape = \"mesh\"\nmesh = \"c.obj\"";
+    let scene = parse(text, &[]).unwrap().with_absolute_paths();
+    let elsewhere = Scene::parse(&scene.to_toml(), Path::new("other/scene.toml"), &[]).unwrap();
+    assert_eq!(elsewhere, scene);
+    assert_eq!(Path::new(&scene.body.mesh), std::env::current_dir().unwrap().join("dir/b.obj"));
+    let named = parse("", &[]).unwrap();
+    assert_eq!(named.clone().with_absolute_paths(), named);
+}

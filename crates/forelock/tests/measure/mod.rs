@@ -1,0 +1,129 @@
+//! What a run's cache shows, measured without the solver: depths against the body's own triangles, not against the
+//! distance grid that pushed the strands out; lengths, drift and jitter from positions alone.
+
+use std::path::Path;
+
+use forelock::core::body::ClosedMesh;
+use forelock::io::Cache;
+use forelock::{Assets, Scene};
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+/// Depth from which a particle counts as inside, metres.
+const DEEP_M: f64 = 1e-3;
+/// Standard gravity, m/s².
+const GRAVITY: f64 = 9.80665;
+
+/// What a cache shows over its frames.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Shown {
+    /// Strands, S.
+    pub strands: usize,
+    /// Particles, P.
+    pub particles: usize,
+    /// Coordinates that are not finite, over all frames.
+    pub non_finite: usize,
+    /// Largest |l/l₀ − 1| of an edge, against the first frame. No unit.
+    pub stretch: f64,
+    /// Largest share of particles more than 1 mm inside the mesh in a frame looked at. No unit.
+    pub share_inside: f64,
+    /// The same at the start. No unit.
+    pub share_inside_at_start: f64,
+    /// Deepest particle inside the mesh in a frame looked at, metres.
+    pub deepest_m: f64,
+    /// Farthest that a particle is from its rest place in the head's frame, in the last frame, metres.
+    pub drift_m: f64,
+    /// Largest acceleration of a particle in the last half second, g.
+    pub jitter_g: f64,
+    /// Its root mean square over particles and frames, g.
+    pub jitter_rms_g: f64,
+}
+
+/// Reads `hair.npz` beside the `scene.toml` that a run left in `folder`; depths in every `every`-th frame.
+pub fn shown(folder: &Path, every: usize) -> Shown {
+    let scene = Scene::load(&folder.join("scene.toml"), &[]).expect("the scene of a run");
+    let mut cache = Cache::open(&folder.join("hair.npz")).expect("the cache of a run");
+    let offsets = cache.strand_offsets().to_vec();
+    let mut rest = Vec::new();
+    cache.read_frame(0, &mut rest).expect("a first frame");
+    let groom = forelock::core::groom::Groom::new(rest.clone(), offsets.clone()).expect("a groom");
+    let assets = Assets::around(&scene, groom).expect("the scene's assets");
+    let mut depths = assets.body_mesh().map(|mesh| Depths::new(ClosedMesh::new(mesh), rest.len()));
+
+    let mut shown = Shown { strands: offsets.len() - 1, particles: rest.len(), ..Shown::default() };
+    let last = cache.frames() - 1;
+    let settled = last.saturating_sub((scene.time.fps / 2.0) as usize).max(2);
+    let mut window: [Vec<Vec3>; 3] = Default::default();
+    let (mut squares, mut accelerations) = (0.0, 0usize);
+    for frame in 0..=last {
+        window.rotate_left(1);
+        cache.read_frame(frame, &mut window[2]).expect("a whole frame");
+        let positions = &window[2];
+        shown.non_finite += positions.iter().filter(|p| !p.is_finite()).count();
+        shown.stretch = shown.stretch.max(stretch(positions, &rest, &offsets));
+        let head_from_world = assets.head_pose(frame as f64 / scene.time.fps).inverse();
+        let local = |p: &Vec3| head_from_world.transform_point(p.as_dvec3());
+        if let Some(depths) = depths.as_mut().filter(|_| frame % every == 0 || frame == last) {
+            let (deep, deepest) = depths.look(&positions.par_iter().map(local).collect::<Vec<_>>());
+            let share = deep as f64 / rest.len() as f64;
+            if frame == 0 {
+                shown.share_inside_at_start = share;
+            }
+            shown.share_inside = shown.share_inside.max(share);
+            shown.deepest_m = shown.deepest_m.max(deepest);
+        }
+        if frame > settled {
+            for ((a, b), c) in window[0].iter().zip(&window[1]).zip(positions) {
+                let second = (a.as_dvec3() - 2.0 * b.as_dvec3() + c.as_dvec3()).length();
+                let g = second * scene.time.fps * scene.time.fps / GRAVITY;
+                shown.jitter_g = shown.jitter_g.max(g);
+                squares += g * g;
+                accelerations += 1;
+            }
+        }
+        if frame == last {
+            let start = assets.head_pose(0.0).inverse();
+            let away = |(p, q): (&Vec3, &Vec3)| local(p).distance(start.transform_point(q.as_dvec3()));
+            shown.drift_m = positions.iter().zip(&rest).map(away).fold(0.0, f64::max);
+        }
+    }
+    shown.jitter_rms_g = (squares / accelerations.max(1) as f64).sqrt();
+    shown
+}
+
+fn stretch(positions: &[Vec3], rest: &[Vec3], offsets: &[u32]) -> f64 {
+    let length = |points: &[Vec3], i: usize| points[i].as_dvec3().distance(points[i + 1].as_dvec3());
+    let strand = |ends: &[u32]| {
+        let edges = ends[0] as usize..(ends[1] as usize).saturating_sub(1);
+        edges.map(|i| (length(positions, i) / length(rest, i) - 1.0).abs()).fold(0.0, f64::max)
+    };
+    offsets.par_windows(2).map(strand).reduce(|| 0.0, f64::max)
+}
+
+/// Depths under a surface of particles that move: the distance falls no faster than a particle moves, so that only
+/// those which may have come inside are measured again.
+struct Depths {
+    surface: ClosedMesh,
+    /// Where a particle was when it was measured last, and its signed distance then, metres.
+    known: Vec<(DVec3, f64)>,
+}
+
+impl Depths {
+    fn new(surface: ClosedMesh, particles: usize) -> Self {
+        Self { surface, known: vec![(DVec3::ZERO, f64::NEG_INFINITY); particles] }
+    }
+
+    /// Particles deeper than [`DEEP_M`] and the greatest depth in metres, for `positions` in the body's frame.
+    fn look(&mut self, positions: &[DVec3]) -> (usize, f64) {
+        let surface = &self.surface;
+        let depth = |(known, p): (&mut (DVec3, f64), &DVec3)| {
+            if known.1 - known.0.distance(*p) <= 0.0 {
+                *known = (*p, surface.signed_distance(p.as_vec3()).into());
+                return (-known.1).max(0.0);
+            }
+            0.0
+        };
+        let depths: Vec<f64> = self.known.par_iter_mut().zip(positions).map(depth).collect();
+        (depths.iter().filter(|d| **d > DEEP_M).count(), depths.iter().copied().fold(0.0, f64::max))
+    }
+}
