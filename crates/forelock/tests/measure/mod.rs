@@ -33,6 +33,8 @@ pub struct Shown {
     pub deepest_m: f64,
     /// Farthest that a particle is from its rest place in the head's frame, in the last frame, metres.
     pub drift_m: f64,
+    /// The median of that over particles, metres.
+    pub median_drift_m: f64,
     /// Largest acceleration of a particle in the last half second, g.
     pub jitter_g: f64,
     /// Its root mean square over particles and frames, g.
@@ -84,7 +86,10 @@ pub fn shown(folder: &Path, every: usize) -> Shown {
         if frame == last {
             let start = assets.head_pose(0.0).inverse();
             let away = |(p, q): (&Vec3, &Vec3)| local(p).distance(start.transform_point(q.as_dvec3()));
-            shown.drift_m = positions.iter().zip(&rest).map(away).fold(0.0, f64::max);
+            let mut drifts: Vec<f64> = positions.iter().zip(&rest).map(away).collect();
+            drifts.sort_by(f64::total_cmp);
+            shown.median_drift_m = drifts[drifts.len() / 2];
+            shown.drift_m = drifts[drifts.len() - 1];
         }
     }
     shown.jitter_rms_g = (squares / accelerations.max(1) as f64).sqrt();
