@@ -48,7 +48,7 @@ pub fn restore<L: Lane>(
 ) -> L {
     let (directions, sweep) = work.split_at_mut(view.particles);
     // The first edge with a free end; edges between clamped particles keep the rest shape's length anyway.
-    let from = terms.clamped.saturating_sub(1);
+    let from = terms.clamped.min(view.particles).saturating_sub(1);
     match terms.kind {
         Inextensibility::Off => {}
         Inextensibility::Projection => {
