@@ -244,26 +244,28 @@ fn advance_lanes<L: Lane>(
         report.stage_nanos[1] += clock.lap();
     }
     let restored = job.lengths.kind != Inextensibility::Off;
-    let mut stretch = L::zero();
+    let mut stretch_restored = L::zero();
     if restored {
         let (before, work) = scratch.vectors::<L>().split_at_mut(view.particles);
         for (i, x) in before.iter_mut().enumerate() {
             *x = V3::load(view.positions, i, first);
         }
-        stretch = restore_lengths::restore(&job.lengths, view, first, work);
-        report.max_edge_stretch = worst(stretch, live - first);
+        stretch_restored = restore_lengths::restore(&job.lengths, view, first, work);
+        report.max_edge_stretch = worst(stretch_restored, live - first);
         report.stage_nanos[2] += clock.lap();
         let since = Since::Positions(before);
         report.contacts = resolve_solids::resolve::<L>(&look(substeps - 1, 0.0), &since, view, first, live);
         report.stage_nanos[1] += clock.lap();
     }
-    stretch = if report.contacts.touching > 0 || !restored {
+    let mut stretch = if report.contacts.touching > 0 || !restored {
         restore_lengths::largest_stretch::<L>(view, first)
     } else {
-        stretch
+        stretch_restored
     };
     if job.lay_along && report.contacts.touching > 0 {
-        resolve_solids::lay_along(&look(substeps - 1, 0.0), stretch, view, first, live);
+        // Of the strands beside one that touches, only those that solids stretched: the width must not matter.
+        let by_solids = L::select(stretch_restored.lt(stretch), stretch, L::zero());
+        resolve_solids::lay_along(&look(substeps - 1, 0.0), by_solids, view, first, live);
         stretch = restore_lengths::largest_stretch::<L>(view, first);
     }
     report.max_edge_stretch_final = worst(stretch, live - first);
