@@ -62,6 +62,7 @@ fn check(name: &str) {
     assert!(summary.max_edge_stretch <= 1e-5, "stretch {} after the pass", summary.max_edge_stretch);
     assert!(shaken.share_inside <= 1e-3, "{} of the particles more than 1 mm inside", shaken.share_inside);
     assert!(shaken.jitter_g > 0.5, "at 4 g the hair moves");
+    assert_eq!((summary.strands, summary.particles), (shaken.strands, shaken.particles));
 
     let (_, still) = run(name, &["time.frames=60", "body.motion=builtin:still"]);
     println!("{name} at rest: {still:?}");
