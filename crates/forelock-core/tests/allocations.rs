@@ -1,6 +1,8 @@
 //! A frame allocates nothing once the first has been seen. A test program of its own, because it counts for the whole
 //! process.
 
+#![expect(clippy::unwrap_used, reason = "in a test a failure to build is a failure of the test")]
+
 use forelock_core::body::{ColliderFrame, Shape};
 use forelock_core::groom::Groom;
 use forelock_core::pose::Pose;

@@ -1,6 +1,8 @@
 //! The AMS solver against what is known of it beforehand: closed forms, conservation, invariances and the bounds of the
 //! project's table of thresholds. Nothing here compares with stored output; `golden_ams` does that.
 
+#![expect(clippy::unwrap_used, reason = "in a test a failure to build is a failure of the test")]
+
 mod closed_forms;
 mod dense;
 mod faults;
