@@ -57,7 +57,7 @@ fn elsewhere(path: &Path, data: &Path) -> Vec<Override> {
 /// The bounds that every real groom must hold.
 fn check(name: &str) {
     let (summary, shaken) = run(name, &["time.frames=180", "body.motion.rest_after_secs=0"]);
-    println!("{name} shaken: {shaken:?}");
+    eprintln!("{name} shaken: {shaken:?}");
     assert_eq!((summary.quarantined_strands, shaken.non_finite), (0, 0));
     assert!(summary.max_edge_stretch <= 1e-5, "stretch {} after the pass", summary.max_edge_stretch);
     assert!(shaken.share_inside <= 1e-3, "{} of the particles more than 1 mm inside", shaken.share_inside);
@@ -65,7 +65,7 @@ fn check(name: &str) {
     assert_eq!((summary.strands, summary.particles), (shaken.strands, shaken.particles));
 
     let (_, still) = run(name, &["time.frames=60", "body.motion=builtin:still"]);
-    println!("{name} at rest: {still:?}");
+    eprintln!("{name} at rest: {still:?}");
     assert!(still.drift_m <= 2e-3, "sags by {} m", still.drift_m);
     assert!(still.jitter_rms_g <= 1e-3, "jitters at {} g", still.jitter_rms_g);
 }

@@ -250,11 +250,12 @@ fn is_positive(mut a: Vec<Vec<f64>>) -> bool {
         if a[k][k] <= 0.0 {
             return false;
         }
-        for i in k + 1..a.len() {
-            let factor = a[i][k] / a[k][k];
-            for j in k..a.len() {
-                let upper = a[k][j];
-                a[i][j] -= factor * upper;
+        let (done, below) = a.split_at_mut(k + 1);
+        let pivot = &done[k];
+        for row in below {
+            let factor = row[k] / pivot[k];
+            for (x, upper) in row[k..].iter_mut().zip(&pivot[k..]) {
+                *x -= factor * upper;
             }
         }
     }
