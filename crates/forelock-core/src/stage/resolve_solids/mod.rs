@@ -294,10 +294,14 @@ fn settle<T: Real>(solids: &Solids<'_, T>, particle: &mut Particle<T>, contacts:
     let mut clearance = T::infinity();
     let mut touches = false;
     for (solid, pose) in solids.solids.iter().zip(solids.poses) {
-        let is_grid = matches!(solid.shape, Shape::Sdf(_));
         let mut sigma = zero;
-        // A grid's gradient is not exactly its direction to the surface: look again after a push.
-        for attempt in 0..if is_grid { 3 } else { 1 } {
+        // A grid's gradient is not exactly its direction to the surface: look again after a push that is not small
+        // against a cell. Primitives are exact.
+        let small_push = match solid.shape {
+            Shape::Sdf(sdf) => T::from(0.1 * sdf.cell()).unwrap_or_else(T::zero),
+            _ => T::infinity(),
+        };
+        for attempt in 0..3 {
             let q = pose.local(1, particle.x);
             let (distance, gradient) = solid.shape.sample(q);
             sigma = distance - solids.thickness;
@@ -314,7 +318,11 @@ fn settle<T: Real>(solids: &Solids<'_, T>, particle: &mut Particle<T>, contacts:
                 break;
             }
             particle.x = [0, 1, 2].map(|c| particle.x[c] + (depth_allowed - sigma) * normal[c]);
+            let push = depth_allowed - sigma;
             sigma = depth_allowed;
+            if push < small_push {
+                break;
+            }
         }
         clearance = clearance.min(if sigma > zero { sigma / lipschitz(solid.shape) } else { sigma });
     }
