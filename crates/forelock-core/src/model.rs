@@ -53,7 +53,7 @@ pub struct Model<T> {
     pub rest: Vec<Row<T>>,
     /// Rest lengths to the next, second and third next particle, `[3 × places]` rows, metres; 0 past the tip.
     pub rest_lengths: Vec<Row<T>>,
-    /// One over the rest length to the next particle, [places] rows, 1/m; 0 past the tip.
+    /// One over the rest length to the next particle, `[places]` rows, 1/m; 0 past the tip.
     pub inverse_edges: Vec<Row<T>>,
     /// A row a block: length of the strand, metres.
     pub strand_lengths: Vec<Row<T>>,
