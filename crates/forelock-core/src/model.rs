@@ -193,8 +193,11 @@ impl<T: Real> Model<T> {
 
     /// Bytes that the model holds.
     pub fn bytes(&self) -> usize {
-        let rows =
-            self.rest.len() + self.rest_lengths.len() + self.strand_lengths.len() + self.stiffness.len();
+        let rows = self.rest.len()
+            + self.rest_lengths.len()
+            + self.inverse_edges.len()
+            + self.strand_lengths.len()
+            + self.stiffness.len();
         rows * size_of::<Row<T>>() + size_of_val(&*self.blocks) + size_of_val(&*self.offsets)
     }
 
