@@ -196,10 +196,14 @@ pub fn resolve<L: Lane>(
 /// `STRETCHED` goes to its rest length from the one before, and where that is inside a solid, along the surface.
 ///
 /// # Theory
-/// Where the surface is flat, with normal n and the leader at height a above it, the points of the surface at distance l
-/// from the leader are on a circle; the one nearest to the follower is p − a n + √(l² − a²) τ, τ its direction along
-/// the surface. On a curved surface a few rounds of this converge; where a ≥ l there is no such point and the length
-/// gives way.
+/// The points of the surface at distance l from the leader are found by projecting in turn onto the surface and onto
+/// the sphere about the leader, each time to the nearest point: no round moves the particle further than it is wrong, so
+/// that a small change of the start is a small change of the end. (The formula for a flat surface, which divides by the
+/// part of the edge along it, makes strands that stand on a ridge jump from one side to the other.) Where the two do not
+/// meet the length gives way.
+///
+/// The edge then turns but does not stretch: the follower's velocity relative to the leader loses its part along the
+/// edge, as in the length pass.
 #[inline(always)]
 pub fn lay_along<L: Lane>(
     solids: &Solids<'_, L::Scalar>,
@@ -238,6 +242,12 @@ pub fn lay_along<L: Lane>(
         }
         clearance.store(&mut view.clearance[i], first);
         x.store(view.positions, i, first);
+        let edge = x - leader;
+        let edge = edge.scale(L::one() / edge.dot(edge).max(L::from_f64(1e-24)).sqrt());
+        let v = V3::<L>::load(view.velocities, i, first);
+        let parting = edge.dot(v - V3::load(view.velocities, i - 1, first));
+        let parting = L::select(stretched.lt(stretch), parting, L::zero());
+        v.add_scaled(-parting, edge).store(view.velocities, i, first);
     }
 }
 
@@ -264,12 +274,9 @@ fn slide<T: Real>(solids: &Solids<'_, T>, leader: [T; 3], mut x: [T; 3], length:
                 clearance = zero;
                 break;
             }
-            let d = [0, 1, 2].map(|c| x[c] - leader[c]);
-            let height = sigma - dot(d, n);
-            let along = [0, 1, 2].map(|c| d[c] - dot(d, n) * n[c]);
-            let reach = (length * length - height * height).max(zero).sqrt();
-            let scale = reach / dot(along, along).sqrt().max(T::min_positive_value());
-            x = [0, 1, 2].map(|c| leader[c] - height * n[c] + scale * along[c]);
+            let edge = [0, 1, 2].map(|c| x[c] - sigma * n[c] - leader[c]);
+            let scale = length / dot(edge, edge).sqrt().max(T::min_positive_value());
+            x = [0, 1, 2].map(|c| leader[c] + scale * edge[c]);
         }
     }
     (x, clearance)
