@@ -109,8 +109,8 @@ impl Lane for Counted {
     fn select(mask: bool, yes: Self, no: Self) -> Self {
         if mask { yes } else { no }
     }
-    fn all(mask: bool) -> bool {
-        mask
+    fn bits(mask: bool) -> u32 {
+        mask.into()
     }
     fn asin_ratio(square: Self) -> Self {
         counted(8, f64::asin_ratio(square.0)) // the float32 polynomial's four multiply–adds

@@ -12,7 +12,7 @@ pub(crate) mod shapes_for_tests;
 
 pub use bvh::{Bvh, Nearest};
 pub use closed::{ClosedMesh, ClosingReport};
-pub use collider::{Attachment, Collider, ColliderFrame, Shape};
+pub use collider::{Attachment, Collider, ColliderFrame, PACKET, Shape};
 pub use head::{Head, Region};
 pub use mesh::{MeshError, TriMesh};
 pub use motion::{

@@ -100,12 +100,18 @@ pub trait Lane:
     fn lt(self, other: Self) -> Self::Mask;
     /// `yes` where the mask holds, else `no`.
     fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
-    /// Whether the mask holds in every lane.
-    fn all(mask: Self::Mask) -> bool;
+    /// The lanes in which the mask holds, as bits from the lowest.
+    fn bits(mask: Self::Mask) -> u32;
     /// asin(u)/u for u = √`square`, with `square` in 0–1: half an angle over its sine.
     fn asin_ratio(square: Self) -> Self;
     /// The angle of the point (`x`, `y`) = (`other`, `self`), lane by lane: slow, for options that are not the default.
     fn atan2(self, other: Self) -> Self;
+
+    /// Whether the mask holds in every lane.
+    #[inline(always)]
+    fn all(mask: Self::Mask) -> bool {
+        Self::bits(mask) == u32::MAX >> (32 - Self::WIDTH)
+    }
 
     /// Zero in every lane.
     #[inline(always)]
@@ -263,8 +269,12 @@ impl<const W: usize, const FMA: bool> Lane for Pack<W, FMA> {
         self.zip(other, f32::atan2)
     }
     #[inline(always)]
-    fn all(mask: [bool; W]) -> bool {
-        mask.iter().fold(true, |all, &m| all & m)
+    fn bits(mask: [bool; W]) -> u32 {
+        let mut bits = 0;
+        for k in 0..W {
+            bits |= u32::from(mask[k]) << k;
+        }
+        bits
     }
 
     #[inline(always)]
@@ -363,8 +373,8 @@ macro_rules! scalar_lane {
                 <$float>::atan2(self, other)
             }
             #[inline(always)]
-            fn all(mask: bool) -> bool {
-                mask
+            fn bits(mask: bool) -> u32 {
+                mask.into()
             }
             #[inline(always)]
             fn asin_ratio(square: Self) -> Self {

@@ -12,7 +12,7 @@ macro_rules! register {
         $(#[$doc:meta])* $name:ident, $register:ty, $width:literal, $mask:ty;
         $add:ident $sub:ident $mul:ident $div:ident $fmadd:ident $fnmadd:ident $sqrt:ident $max:ident $min:ident
         $set1:ident $loadu:ident $storeu:ident;
-        lt |$la:ident, $lb:ident| $lt:expr; select |$no:ident, $yes:ident, $m:ident| $select:expr; all |$ma:ident| $all:expr;
+        lt |$la:ident, $lb:ident| $lt:expr; select |$no:ident, $yes:ident, $m:ident| $select:expr; bits |$ma:ident| $bits:expr;
     ) => {
         $(#[$doc])*
         ///
@@ -108,9 +108,9 @@ macro_rules! register {
                 Self(unsafe { $select })
             }
             #[inline(always)]
-            fn all(mask: $mask) -> bool {
+            fn bits(mask: $mask) -> u32 {
                 let $ma = mask;
-                $all
+                $bits
             }
             #[inline(always)]
             fn asin_ratio(square: Self) -> Self {
@@ -143,7 +143,7 @@ register! {
     _mm256_max_ps _mm256_min_ps _mm256_set1_ps _mm256_loadu_ps _mm256_storeu_ps;
     lt |a, b| _mm256_cmp_ps::<_CMP_LT_OQ>(a, b);
     select |no, yes, mask| _mm256_blendv_ps(no, yes, mask);
-    all |mask| unsafe { _mm256_movemask_ps(mask) == 0xff };
+    bits |mask| unsafe { _mm256_movemask_ps(mask).cast_unsigned() };
 }
 
 register! {
@@ -153,5 +153,5 @@ register! {
     _mm512_max_ps _mm512_min_ps _mm512_set1_ps _mm512_loadu_ps _mm512_storeu_ps;
     lt |a, b| _mm512_cmp_ps_mask::<_CMP_LT_OQ>(a, b);
     select |no, yes, mask| _mm512_mask_blend_ps(mask, no, yes);
-    all |mask| mask == u16::MAX;
+    bits |mask| u32::from(mask);
 }

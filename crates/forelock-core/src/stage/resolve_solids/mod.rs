@@ -14,12 +14,11 @@
 //! is a lane's own, so results do not depend on the SIMD width. Trilinear grids can rise √3 times as fast along a
 //! diagonal: their clearance counts 1/√3.
 
-use crate::body::{ColliderFrame, Shape};
-use crate::lane::{Lane, Mat3, Real, V3};
+use crate::body::{ColliderFrame, PACKET, Shape};
+use crate::lane::{LANES, Lane, Mat3, Real, V3};
 use crate::pose::Pose;
 use crate::stage::BlockView;
 use glam::DVec3;
-use num_traits::Float;
 
 /// Where a solid is at the start and the end of a substep, relative to the frame's origin.
 #[derive(Clone, Copy, Debug)]
@@ -64,6 +63,20 @@ impl<T: Real> SolidPose<T> {
         let (r, p) = (&self.rotations[end], &self.translations[end]);
         let d = [x[0] - p[0], x[1] - p[1], x[2] - p[2]];
         [0, 1, 2].map(|c| r[0][c] * d[0] + r[1][c] * d[1] + r[2][c] * d[2])
+    }
+
+    /// The same for a packet of points.
+    #[inline(always)]
+    fn local_packet(&self, x: &[[T; PACKET]; 3]) -> [[T; PACKET]; 3] {
+        let (r, p) = (&self.rotations[1], &self.translations[1]);
+        let mut local = [[T::zero(); PACKET]; 3];
+        for c in 0..3 {
+            for k in 0..PACKET {
+                let (d0, d1, d2) = (x[0][k] - p[0], x[1][k] - p[1], x[2][k] - p[2]);
+                local[c][k] = r[0][c] * d0 + r[1][c] * d1 + r[2][c] * d2;
+            }
+        }
+        local
     }
 
     #[inline(always)]
@@ -152,13 +165,14 @@ pub fn resolve<L: Lane>(
     if solids.solids.is_empty() {
         return contacts;
     }
+    let mut queue = Queue::new();
+    let own = u32::MAX >> (32 - L::WIDTH.min(live - first));
     for i in solids.clamped.min(view.particles)..view.particles {
-        let mut x = V3::<L>::load(view.positions, i, first);
-        let mut v = V3::load(view.velocities, i, first);
+        let x = V3::<L>::load(view.positions, i, first);
         let last = L::load(&view.clearance[i], first);
         let moved = match since {
             Since::Substep => {
-                let from = x.add_scaled(L::splat(-solids.h), v);
+                let from = x.add_scaled(L::splat(-solids.h), V3::load(view.velocities, i, first));
                 let mut moved = L::zero();
                 for pose in solids.poses {
                     moved = pose.moved(from, x).max(moved);
@@ -170,26 +184,95 @@ pub fn resolve<L: Lane>(
                 d.dot(d).sqrt()
             }
         };
-        let mut clearance = last - moved;
-        if L::all(L::zero().lt(clearance)) {
-            clearance.store(&mut view.clearance[i], first);
-            continue;
+        let left = last - moved;
+        let mut used_up = !L::bits(L::zero().lt(left)) & own;
+        while used_up != 0 {
+            let lane = used_up.trailing_zeros() as usize;
+            queue.push((i, first + lane), last.get(lane));
+            used_up &= used_up - 1;
         }
-        for lane in 0..L::WIDTH.min(live - first) {
-            let left = clearance.get(lane);
-            if left <= <L::Scalar as num_traits::Zero>::zero() || left.is_nan() {
-                let mut particle = Particle { x: x.get(lane), v: v.get(lane), clearance: last.get(lane) };
-                settle(solids, &mut particle, &mut contacts);
-                x.set(lane, particle.x);
-                v.set(lane, particle.v);
-                clearance.set(lane, particle.clearance);
-            }
+        left.store(&mut view.clearance[i], first);
+        let rest = if i + 1 < view.particles { PACKET } else { 1 };
+        while queue.len >= rest {
+            queue.settle(solids, view, &mut contacts);
         }
-        clearance.store(&mut view.clearance[i], first);
-        x.store(view.positions, i, first);
-        v.store(view.velocities, i, first);
     }
     contacts
+}
+
+/// Particles that need a look, taken [`PACKET`] at a time, so that their lookups share instructions and wait together.
+struct Queue<T> {
+    len: usize,
+    /// Place in the block and lane.
+    at: [(usize, usize); PACKET + LANES],
+    /// Clearance at the last look.
+    last: [T; PACKET + LANES],
+}
+
+impl<T: Real> Queue<T> {
+    #[inline(always)]
+    fn new() -> Self {
+        Self { len: 0, at: [(0, 0); PACKET + LANES], last: [T::zero(); PACKET + LANES] }
+    }
+
+    #[inline(always)]
+    fn push(&mut self, at: (usize, usize), last: T) {
+        self.at[self.len] = at;
+        self.last[self.len] = last;
+        self.len += 1;
+    }
+
+    /// Takes a packet from the end and resolves it against all solids. A function of its own for every instruction set:
+    /// most of its time is loads, and inlined into the frame it costs the strand solve its registers.
+    #[inline(never)]
+    fn settle(&mut self, solids: &Solids<'_, T>, view: &mut BlockView<'_, T>, contacts: &mut Contacts) {
+        let taken = self.len.min(PACKET);
+        self.len -= taken;
+        let at = &self.at[self.len..self.len + taken];
+        let mut x = [[T::zero(); PACKET]; 3];
+        let mut v = [[T::zero(); PACKET]; 3];
+        for (k, &(i, lane)) in at.iter().enumerate() {
+            for c in 0..3 {
+                x[c][k] = view.positions[3 * i + c].0[lane];
+                v[c][k] = view.velocities[3 * i + c].0[lane];
+            }
+        }
+        let mut clearance = [T::infinity(); PACKET];
+        let mut touches = [false; PACKET];
+        for (solid, pose) in solids.solids.iter().zip(solids.poses) {
+            let (distances, gradients) = solid.shape.sample_packet(&pose.local_packet(&x));
+            for k in 0..taken {
+                let mut particle = Particle {
+                    x: [x[0][k], x[1][k], x[2][k]],
+                    v: [v[0][k], v[1][k], v[2][k]],
+                    was: self.last[self.len + k],
+                };
+                let found = (distances[k], [gradients[0][k], gradients[1][k], gradients[2][k]]);
+                let sigma = settle(solids, (solid, pose), found, &mut particle);
+                if found.0 < solids.thickness {
+                    touches[k] = true;
+                    for c in 0..3 {
+                        x[c][k] = particle.x[c];
+                        v[c][k] = particle.v[c];
+                    }
+                }
+                let rise = if sigma > T::zero() { lipschitz(solid.shape) } else { T::one() };
+                clearance[k] = clearance[k].min(sigma / rise);
+            }
+        }
+        for (k, &(i, lane)) in at.iter().enumerate() {
+            view.clearance[i].0[lane] = clearance[k];
+            if touches[k] {
+                for c in 0..3 {
+                    view.positions[3 * i + c].0[lane] = x[c][k];
+                    view.velocities[3 * i + c].0[lane] = v[c][k];
+                }
+            }
+            contacts.touching += u32::from(touches[k]);
+            let depth = -(clearance[k] + solids.thickness).to_f64().unwrap_or(0.0);
+            contacts.deepest = contacts.deepest.max(depth);
+        }
+    }
 }
 
 /// Gives edges back the length that solids took: root to tip, each particle of a strand whose `stretch` is over
@@ -291,53 +374,54 @@ fn lipschitz<T: Real>(shape: &Shape) -> T {
 struct Particle<T> {
     x: [T; 3],
     v: [T; 3],
-    clearance: T,
+    /// Clearance at the last look.
+    was: T,
 }
 
-/// One particle against all solids.
-fn settle<T: Real>(solids: &Solids<'_, T>, particle: &mut Particle<T>, contacts: &mut Contacts) {
+/// One particle against one solid, of which distance and gradient were `found` where it is; the distance to its skin
+/// that is left.
+#[inline(always)]
+fn settle<T: Real>(
+    solids: &Solids<'_, T>,
+    (solid, pose): (&ColliderFrame<'_>, &SolidPose<T>),
+    found: (T, [T; 3]),
+    particle: &mut Particle<T>,
+) -> T {
     let zero = T::zero();
-    let was = particle.clearance;
-    let mut clearance = T::infinity();
-    let mut touches = false;
-    for (solid, pose) in solids.solids.iter().zip(solids.poses) {
-        let mut sigma = zero;
-        // A grid's gradient is not exactly its direction to the surface: look again after a push that is not small
-        // against a cell. Primitives are exact.
-        let small_push = match solid.shape {
-            Shape::Sdf(sdf) => T::from(0.1 * sdf.cell()).unwrap_or_else(T::zero),
-            _ => T::infinity(),
-        };
-        for attempt in 0..3 {
-            let q = pose.local(1, particle.x);
-            let (distance, gradient) = solid.shape.sample(q);
-            sigma = distance - solids.thickness;
-            if sigma >= zero || sigma.is_nan() {
-                break;
-            }
-            let normal = pose.turn(1, gradient);
-            if attempt == 0 {
-                touches = true;
-                rub(solids, solid.friction, pose.displacement(particle.x), normal, &mut particle.v);
-            }
-            let depth_allowed = if was < zero { (was.max(sigma) + solids.way_out).min(zero) } else { zero };
-            if sigma >= depth_allowed {
-                break;
-            }
-            particle.x = [0, 1, 2].map(|c| particle.x[c] + (depth_allowed - sigma) * normal[c]);
-            let push = depth_allowed - sigma;
-            sigma = depth_allowed;
-            if push < small_push {
-                break;
-            }
-        }
-        clearance = clearance.min(if sigma > zero { sigma / lipschitz(solid.shape) } else { sigma });
+    let (mut sigma, mut gradient) = (found.0 - solids.thickness, found.1);
+    if sigma >= zero || sigma.is_nan() {
+        return sigma;
     }
-    particle.clearance = clearance;
-    contacts.touching += u32::from(touches);
-    let depth = -(clearance + solids.thickness).to_f64().unwrap_or(0.0);
-    contacts.deepest = contacts.deepest.max(depth);
+    rub(solids, solid.friction, pose.displacement(particle.x), pose.turn(1, gradient), &mut particle.v);
+    // A grid's gradient is not exactly its direction to the surface: look again after a push that is not small
+    // against a cell. Primitives are exact.
+    let small_push = match solid.shape {
+        Shape::Sdf(sdf) => T::from(0.1 * sdf.cell()).unwrap_or_else(T::zero),
+        _ => T::infinity(),
+    };
+    for look in 1..=LOOKS {
+        let allowed =
+            if particle.was < zero { (particle.was.max(sigma) + solids.way_out).min(zero) } else { zero };
+        let push = allowed - sigma;
+        if push <= zero {
+            return sigma;
+        }
+        let normal = pose.turn(1, gradient);
+        particle.x = [0, 1, 2].map(|c| particle.x[c] + push * normal[c]);
+        if push < small_push || look == LOOKS {
+            return allowed;
+        }
+        let (distance, there) = solid.shape.sample(pose.local(1, particle.x));
+        (sigma, gradient) = (distance - solids.thickness, there);
+        if sigma >= zero || sigma.is_nan() {
+            return sigma;
+        }
+    }
+    sigma
 }
+
+/// Pushes out of a field at one look.
+const LOOKS: usize = 3;
 
 /// Stops the approach to a solid whose point moves by `displacement` in h, with Coulomb friction.
 #[inline(always)]
