@@ -4,11 +4,12 @@
 //! Every frame is timed in each of `repeats` runs from the same start, and its least time counts: on a machine that is
 //! shared, the rest is other people's work.
 //!
-//! `cargo run --release -p forelock-core --example frame_time -- [threads] [frames] [repeats] [simd]`
+//! `cargo run --release -p forelock-core --example frame_time -- [threads] [frames] [repeats] [none|RESOLUTION of the grid] [simd]`
 
 #![expect(clippy::print_stdout, reason = "an example that measures says what")]
 
 use forelock_core::body::{ColliderFrame, Head, Motion, Sdf, Shape};
+use forelock_core::grid::GridParams;
 use forelock_core::groom::grow::{GrowParams, grow_on_head};
 use forelock_core::pose::Pose;
 use forelock_core::solver::{AmsParams, Frame, FrameReport, Options, STAGES, Simd, Simulation};
@@ -24,6 +25,10 @@ fn main() -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     let threads = arguments.next().map_or(Ok(2), |a| a.parse())?;
     let frames = arguments.next().map_or(Ok(120), |a| a.parse())?;
     let repeats = arguments.next().map_or(Ok(3), |a| a.parse())?;
+    let grid = match arguments.next().as_deref() {
+        None | Some("none") => None,
+        Some(resolution) => Some(GridParams { resolution: resolution.parse()?, ..GridParams::default() }),
+    };
     let simd = match arguments.next().as_deref() {
         None => Simd::Auto,
         Some(name) => *Simd::ALL.iter().find(|s| format!("{s:?}") == name).ok_or("no such simd")?,
@@ -31,13 +36,13 @@ fn main() -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .build()?
-        .install(|| run(threads, frames, repeats, simd))
+        .install(|| run(threads, (frames, repeats), grid.as_ref(), simd))
 }
 
 fn run(
     threads: usize,
-    frames: u32,
-    repeats: u32,
+    (frames, repeats): (u32, u32),
+    grid: Option<&GridParams>,
     simd: Simd,
 ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     let preset = GrowParams::preset("straight")?;
@@ -46,6 +51,7 @@ fn run(
     let gravity = DVec3::new(0.0, -9.81, 0.0);
     let options = Options { simd, rest_gravity: gravity, ..Options::default() };
     let mut simulation = Simulation::new(&groom, &AmsParams::default(), &options)?;
+    simulation.set_grid(grid)?;
     let start = simulation.snapshot();
     let motion = Motion::by_name("turn")?;
     let dt_secs = 1.0 / 60.0;
@@ -93,6 +99,9 @@ fn run(
         "stretch {:.1e}, after solids {:.1e}, penetration {:.1e} m",
         last.max_edge_stretch, last.max_edge_stretch_final, last.max_penetration_m
     );
+    if grid.is_some() {
+        println!("grid {:?}", last.grid);
+    }
     println!("state {:016x}", simulation.state_hash());
     Ok(())
 }

@@ -10,6 +10,7 @@
 //! Units are SI (metres, seconds, radians) and y is up, unless a name says otherwise.
 
 pub mod body;
+pub mod grid;
 pub mod groom;
 pub mod lane;
 pub mod model;

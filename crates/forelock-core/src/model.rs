@@ -106,8 +106,42 @@ pub enum PackError {
     },
 }
 
+/// Numbers points along a Morton curve: near numbers, near points.
+struct Nearness {
+    low: [f64; 3],
+    per_metre: f64,
+}
+
+impl Nearness {
+    fn new<T: Real>(positions: &[[T; 3]]) -> Self {
+        let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        for x in positions {
+            for c in 0..3 {
+                let x = x[c].to_f64().unwrap_or(0.0);
+                (low[c], high[c]) = (low[c].min(x), high[c].max(x));
+            }
+        }
+        let side = (0..3).map(|c| high[c] - low[c]).fold(f64::MIN_POSITIVE, f64::max);
+        Self { low, per_metre: 1023.0 / side }
+    }
+
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "0 to 1023, and casts saturate"
+    )]
+    fn code<T: Real>(&self, x: &[T; 3]) -> u32 {
+        let spread = |c: usize| {
+            let bits = ((x[c].to_f64().unwrap_or(0.0) - self.low[c]) * self.per_metre) as u32;
+            (0..10).fold(0, |code, bit| code | (bits >> bit & 1) << (3 * bit))
+        };
+        spread(0) | spread(1) << 1 | spread(2) << 2
+    }
+}
+
 impl<T: Real> Model<T> {
-    /// Packs `strands` into blocks: strands of equal particle count side by side, in the groom's order.
+    /// Packs `strands` into blocks: strands of equal particle count side by side, and of those the ones whose middles are
+    /// near each other, so that a block touches few cells of a grid or a distance field.
     ///
     /// # Errors
     /// [`PackError`] if there are no strands, or one that no solver can take.
@@ -117,7 +151,11 @@ impl<T: Real> Model<T> {
         let count = |s: u32| (strands.offsets[s as usize + 1] - strands.offsets[s as usize]) as usize;
         #[expect(clippy::cast_possible_truncation, reason = "offsets are 32-bit, so strand numbers are")]
         let mut order: Vec<u32> = (0..strand_count as u32).collect();
-        order.sort_by_key(|&s| count(s)); // stable: neighbours in the groom stay neighbours
+        let near = Nearness::new(strands.positions);
+        order.sort_by_cached_key(|&s| {
+            let middle = strands.offsets[s as usize] as usize + count(s) / 2;
+            (count(s), near.code(&strands.positions[middle]))
+        });
 
         let mut blocks = Vec::new();
         let mut first = 0;

@@ -4,6 +4,7 @@
 #![expect(clippy::unwrap_used, reason = "in a test a failure to build is a failure of the test")]
 
 use forelock_core::body::{ColliderFrame, Shape};
+use forelock_core::grid::GridParams;
 use forelock_core::groom::Groom;
 use forelock_core::pose::Pose;
 use forelock_core::solver::{AmsParams, Frame, Options, Simulation};
@@ -32,8 +33,8 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// Allocations of forty frames against a ball, after ten to warm up.
-fn allocations_of_frames() -> usize {
+/// Allocations of forty frames against a ball, after fifty to warm up: a grid grows with the hair's box.
+fn allocations_of_frames(grid: Option<&GridParams>) -> usize {
     let strand = |s: u16| {
         let root = Vec3::new(f32::from(s) * 1e-3, 0.0, 0.0);
         (0..25u8).map(move |i| root + Vec3::new(0.0, -0.01 * f32::from(i), 0.0)).collect::<Vec<_>>()
@@ -42,18 +43,20 @@ fn allocations_of_frames() -> usize {
     let gravity = DVec3::new(0.0, -9.81, 0.0);
     let options = Options { rest_gravity: gravity, ..Options::default() };
     let mut simulation = Simulation::new(&groom, &AmsParams::default(), &options).unwrap();
+    simulation.set_grid(grid).unwrap();
     let shape = Shape::Sphere { radius: 0.1 };
     let local = Pose::new(DQuat::IDENTITY, DVec3::new(0.25, -0.15, 0.1));
-    let pose = |frame: u32| Pose::new(DQuat::from_rotation_y(0.05 * f64::from(frame)), DVec3::ZERO);
+    let pose =
+        |frame: u32| Pose::new(DQuat::from_rotation_y(0.5 * (0.2 * f64::from(frame)).sin()), DVec3::ZERO);
     let mut counted = 0;
-    for frame in 0..50 {
+    for frame in 0..90 {
         let head = [pose(frame), pose(frame + 1)];
         let colliders = [ColliderFrame { shape: &shape, local, from: head[0], to: head[1], friction: 0.3 }];
         let air_velocity = DVec3::ZERO;
         let before = ALLOCATIONS.load(Ordering::SeqCst);
         let frame_of = Frame { head, colliders: &colliders, gravity, air_velocity, dt_secs: 1.0 / 60.0 };
         let report = simulation.step_frame(&frame_of).unwrap();
-        if frame >= 10 {
+        if frame >= 50 {
             counted += ALLOCATIONS.load(Ordering::SeqCst) - before;
         }
         assert_eq!(report.quarantined_strands, 0);
@@ -65,9 +68,11 @@ fn allocations_of_frames() -> usize {
 fn frames_allocate_nothing() {
     for threads in [1, 2] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let counted = pool.install(allocations_of_frames);
-        println!("{threads} thread(s): {counted} allocations in 40 frames");
-        assert_eq!(counted, 0, "{threads} thread(s)");
+        for grid in [None, Some(GridParams::default())] {
+            let counted = pool.install(|| allocations_of_frames(grid.as_ref()));
+            println!("{threads} thread(s), {grid:?}: {counted} allocations in 40 frames");
+            assert_eq!(counted, 0, "{threads} thread(s), {grid:?}");
+        }
     }
     let before = ALLOCATIONS.load(Ordering::SeqCst);
     drop(std::hint::black_box(vec![1u8; 64]));

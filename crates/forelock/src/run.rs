@@ -26,7 +26,7 @@ use rayon::prelude::*;
 use crate::assets::{AssetError, Assets};
 use crate::pictures::{self, PictureError, Studio};
 use crate::report;
-use crate::scene::{Scene, SolverKind};
+use crate::scene::{InteractionKind, Scene, SolverKind};
 use crate::snapshot::{Snapshot, SnapshotError};
 use crate::summary::{FrameRow, Spread, Summary, device_name, median_stages, peak_memory_bytes};
 
@@ -132,10 +132,13 @@ impl<'a> Stepper<'a> {
             beyond_float32: scene.solver.beyond_float32,
         };
         let (groom, solver) = (&assets.groom, &scene.solver);
-        let simulation = match solver.kind {
+        let mut simulation = match solver.kind {
             SolverKind::MassSpring => Simulation::mass_spring(groom, &solver.mass_spring, &options)?,
             _ => Simulation::new(groom, &solver.ams, &options)?,
         };
+        if scene.interaction.kind == InteractionKind::Grid {
+            simulation.set_grid(Some(&scene.interaction.grid))?;
+        }
         Ok(Self { scene, assets, simulation })
     }
 

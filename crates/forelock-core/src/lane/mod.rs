@@ -17,10 +17,12 @@
 #![expect(clippy::needless_range_loop, reason = "one index for several arrays is what vectorises")]
 
 mod math;
+mod quad;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
 pub use math::{Mat3, Sym3, V3};
+pub(crate) use quad::Quad;
 #[cfg(target_arch = "x86_64")]
 pub(crate) use x86::{Avx2, Avx512};
 

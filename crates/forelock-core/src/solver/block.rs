@@ -12,11 +12,26 @@ use glam::DVec3;
 use std::time::Instant;
 
 /// The stages of a frame, in order, as reports name them.
-pub const STAGES: [&str; 4] = ["solve_strands", "resolve_solids", "restore_lengths", "check_strands"];
+pub const STAGES: [&str; 7] = [
+    "solve_strands",
+    "resolve_solids",
+    "restore_lengths",
+    "check_strands",
+    "splat_segments",
+    "solve_pressure",
+    "gather_velocities",
+];
+
+/// Those of them that a block runs by itself: the first.
+pub const BLOCK_STAGES: usize = 4;
 
 /// All that a block needs to know of a frame.
 #[derive(Debug)]
 pub struct FrameJob<'a, T> {
+    /// Which part of the frame.
+    pub part: Part,
+    /// How far particles may have moved since the part before, metres.
+    pub moved: f64,
     /// Coefficients.
     pub terms: &'a FrameTerms,
     /// Head poses at the substeps' ends, M + 1, from the model's centre to the frame's origin.
@@ -43,6 +58,17 @@ pub struct FrameJob<'a, T> {
     pub way_out: f64,
 }
 
+/// Which part of a frame a block runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// All of it at once: strands do not meet.
+    Whole,
+    /// What comes before strands meet: substeps, lengths.
+    Before,
+    /// What comes after: solids, checks.
+    After,
+}
+
 /// What a block, or all, found in a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BlockReport {
@@ -55,10 +81,21 @@ pub struct BlockReport {
     /// Strands reset because they were not finite.
     pub quarantined: u32,
     /// Nanoseconds a stage, summed over threads.
-    pub stage_nanos: [u64; STAGES.len()],
+    pub stage_nanos: [u64; BLOCK_STAGES],
 }
 
 impl BlockReport {
+    /// This part of a frame and the one that comes `after` it.
+    #[must_use]
+    pub fn then(self, after: &Self) -> Self {
+        Self {
+            max_edge_stretch: self.max_edge_stretch,
+            quarantined: self.quarantined + after.quarantined,
+            stage_nanos: std::array::from_fn(|k| self.stage_nanos[k] + after.stage_nanos[k]),
+            ..*after
+        }
+    }
+
     /// Both together; the same whatever the order.
     #[must_use]
     pub fn merge(self, other: Self) -> Self {
@@ -222,16 +259,39 @@ fn advance_lanes<L: Lane>(
 ) -> BlockReport {
     let mut report = BlockReport::default();
     let mut clock = Clock::start();
-    shift_positions::<L>(job.shift, view, first);
+    let mut restored = None;
+    if job.part != Part::After {
+        restored = Some(advance_substeps::<L>(job, view, (first, live), scratch, (&mut clock, &mut report)));
+    }
+    if job.part != Part::Before {
+        finish::<L>(job, view, (first, live), restored, (&mut clock, &mut report));
+    }
+    report
+}
+
+/// The solids, as substep `step` meets them.
+fn look<'a, T: Real>(job: &'a FrameJob<'_, T>, step: usize, way_out: f64) -> Solids<'a, T> {
     let solids = job.solids.len();
-    let look = |step: usize, way_out: f64| Solids {
+    Solids {
         solids: job.solids,
         poses: &job.solid_poses[step * solids..(step + 1) * solids],
         thickness: crate::state::number(job.skin_thickness),
         way_out: crate::state::number(way_out),
         h: crate::state::number(job.terms.h),
         clamped: job.terms.clamped,
-    };
+    }
+}
+
+/// All substeps, then the lengths; the largest stretch after them.
+#[inline(always)]
+fn advance_substeps<L: Lane>(
+    job: &FrameJob<'_, L::Scalar>,
+    view: &mut BlockView<'_, L::Scalar>,
+    (first, live): (usize, usize),
+    scratch: &mut Scratch<L::Scalar>,
+    (clock, report): (&mut Clock, &mut BlockReport),
+) -> L {
+    shift_positions::<L>(job.shift, view, first);
     let substeps = job.poses.len() - 1;
     for step in 0..substeps {
         let poses = [&job.poses[step], &job.poses[step + 1]];
@@ -240,38 +300,55 @@ fn advance_lanes<L: Lane>(
         solve_strands::advance(job.terms, &substep, view, first, scratch);
         report.stage_nanos[0] += clock.lap();
         report.contacts =
-            resolve_solids::resolve::<L>(&look(step, job.way_out), &Since::Substep, view, first, live);
+            resolve_solids::resolve::<L>(&look(job, step, job.way_out), Since::Substep, view, first, live);
         report.stage_nanos[1] += clock.lap();
     }
-    let restored = job.lengths.kind != Inextensibility::Off;
-    let mut stretch_restored = L::zero();
-    if restored {
-        let (before, work) = scratch.vectors::<L>().split_at_mut(view.particles);
-        for (i, x) in before.iter_mut().enumerate() {
-            *x = V3::load(view.positions, i, first);
+    if job.lengths.kind == Inextensibility::Off {
+        let stretch = restore_lengths::largest_stretch::<L>(view, first);
+        report.max_edge_stretch = worst(stretch, live - first);
+        return stretch;
+    }
+    let (before, work) = scratch.vectors::<L>().split_at_mut(view.particles);
+    for (i, x) in before.iter_mut().enumerate() {
+        *x = V3::load(view.positions, i, first);
+    }
+    let stretch = restore_lengths::restore(&job.lengths, view, first, work);
+    resolve_solids::note_moves::<L>(before, view, first);
+    report.max_edge_stretch = worst(stretch, live - first);
+    report.stage_nanos[2] += clock.lap();
+    stretch
+}
+
+/// Solids have the last word; then checks. `restored` is the largest stretch before, where it is known.
+#[inline(always)]
+fn finish<L: Lane>(
+    job: &FrameJob<'_, L::Scalar>,
+    view: &mut BlockView<'_, L::Scalar>,
+    (first, live): (usize, usize),
+    restored: Option<L>,
+    (clock, report): (&mut Clock, &mut BlockReport),
+) {
+    if job.moved > 0.0 {
+        resolve_solids::note_move::<L>(L::from_f64(job.moved), view, first);
+    }
+    let before = restored.unwrap_or_else(|| restore_lengths::largest_stretch::<L>(view, first));
+    let mut stretch = before;
+    if job.lengths.kind != Inextensibility::Off || restored.is_none() {
+        let last = job.poses.len() - 2;
+        report.contacts =
+            resolve_solids::resolve::<L>(&look(job, last, 0.0), Since::Noted, view, first, live);
+        report.stage_nanos[1] += clock.lap();
+        if report.contacts.touching > 0 {
+            stretch = restore_lengths::largest_stretch::<L>(view, first);
+            if job.lay_along {
+                // Of the strands beside one that touches, only those that solids stretched: the width must not matter.
+                let by_solids = L::select(before.lt(stretch), stretch, L::zero());
+                resolve_solids::lay_along(&look(job, last, 0.0), by_solids, view, first, live);
+                stretch = restore_lengths::largest_stretch::<L>(view, first);
+            }
         }
-        stretch_restored = restore_lengths::restore(&job.lengths, view, first, work);
-        report.max_edge_stretch = worst(stretch_restored, live - first);
-        report.stage_nanos[2] += clock.lap();
-        let since = Since::Positions(before);
-        report.contacts = resolve_solids::resolve::<L>(&look(substeps - 1, 0.0), &since, view, first, live);
-        report.stage_nanos[1] += clock.lap();
-    }
-    let mut stretch = if report.contacts.touching > 0 || !restored {
-        restore_lengths::largest_stretch::<L>(view, first)
-    } else {
-        stretch_restored
-    };
-    if job.lay_along && report.contacts.touching > 0 {
-        // Of the strands beside one that touches, only those that solids stretched: the width must not matter.
-        let by_solids = L::select(stretch_restored.lt(stretch), stretch, L::zero());
-        resolve_solids::lay_along(&look(substeps - 1, 0.0), by_solids, view, first, live);
-        stretch = restore_lengths::largest_stretch::<L>(view, first);
     }
     report.max_edge_stretch_final = worst(stretch, live - first);
-    if !restored {
-        report.max_edge_stretch = report.max_edge_stretch_final;
-    }
     let sum = finiteness::<L>(view, first);
     for lane in 0..L::WIDTH.min(live - first) {
         if !num_traits::Float::is_finite(sum.get(lane)) {
@@ -280,7 +357,6 @@ fn advance_lanes<L: Lane>(
         }
     }
     report.stage_nanos[3] += clock.lap();
-    report
 }
 
 fn worst<L: Lane>(stretch: L, live: usize) -> f64 {

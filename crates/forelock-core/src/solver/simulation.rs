@@ -1,8 +1,9 @@
 //! The AMS solver as a whole: Model, State and Workspace, a frame at a time.
 
-use super::block::{BlockFn, BlockReport, FrameJob, STAGES, Simd, SolverReal};
+use super::block::{BLOCK_STAGES, BlockFn, BlockReport, FrameJob, Part, STAGES, Simd, SolverReal};
 use super::params::{AmsParams, Inextensibility, ParamsError};
 use crate::body::ColliderFrame;
+use crate::grid::{Grid, GridFrame, GridMoment, GridParams, GridReport};
 use crate::groom::Groom;
 use crate::lane::Row;
 use crate::model::{Block, Model, PackError, Strands};
@@ -70,7 +71,10 @@ pub struct FrameReport {
     pub touching: u32,
     /// Strands that were not finite and were put back to their rest shape.
     pub quarantined_strands: u32,
-    /// Seconds of work in each stage, summed over threads, in the order of [`STAGES`].
+    /// What the grid did, if there is one.
+    pub grid: GridReport,
+    /// Seconds of work in each stage, summed over threads (for stages that all threads share, their time times the
+    /// threads), in the order of [`STAGES`].
     pub stage_secs: [(&'static str, f64); STAGES.len()],
 }
 
@@ -111,6 +115,8 @@ pub struct Simulation<T: SolverReal = f32> {
     block_fn: BlockFn<T>,
     /// One in so many particles of a strand is the groom's; the others are virtual.
     every: u32,
+    /// Where strands meet, if they do.
+    grid: Option<Grid>,
 }
 
 /// Scratch that nothing relies on between steps.
@@ -175,12 +181,36 @@ impl<T: SolverReal> Simulation<T> {
             solid_poses: Vec::new(),
         };
         let block_fn = T::block_fn(simd);
-        Ok(Self { model, state, workspace, params: params.clone(), options: *options, block_fn, every: 1 })
+        Ok(Self {
+            model,
+            state,
+            workspace,
+            params: params.clone(),
+            options: *options,
+            block_fn,
+            every: 1,
+            grid: None,
+        })
     }
 
     /// The same, with only one in `every` particles of a strand the groom's.
     pub(super) fn keeping_every(self, every: u32) -> Self {
         Self { every, ..self }
+    }
+
+    /// Lets strands meet on a grid from the next frame on, or not any more.
+    ///
+    /// # Errors
+    /// [`ParamsError`] if a parameter is out of range; nothing is changed then.
+    pub fn set_grid(&mut self, params: Option<&GridParams>) -> Result<(), ParamsError> {
+        self.grid = match params {
+            None => None,
+            Some(params) => {
+                params.validate()?;
+                Some(Grid::new(&self.model, params))
+            }
+        };
+        Ok(())
     }
 
     /// Advances by a frame. Allocates nothing once it has seen a frame with as many solids.
@@ -194,7 +224,9 @@ impl<T: SolverReal> Simulation<T> {
         self.state.origin = origin;
         let terms = FrameTerms::new(&self.params, frame.dt_secs);
         self.workspace.place(&self.params, frame, &self.model, origin);
-        let job = FrameJob {
+        let mut job = FrameJob {
+            part: Part::Whole,
+            moved: 0.0,
             terms: &terms,
             poses: &self.workspace.poses,
             lengths: LengthTerms {
@@ -213,15 +245,34 @@ impl<T: SolverReal> Simulation<T> {
             skin_thickness: self.params.skin_thickness,
             way_out: self.params.depenetration_speed * terms.h,
         };
-        let arrays = Arrays {
-            positions: &mut self.state.positions,
-            velocities: &mut self.state.velocities,
-            integrity: &mut self.state.integrity,
-            clearance: &mut self.state.clearance,
+        let Some(grid) = &mut self.grid else {
+            let crew =
+                Crew { job, model: &self.model, scratch: &self.workspace.scratch, block_fn: self.block_fn };
+            let sum = crew.run(&self.model.blocks, 0, Arrays::of(&mut self.state));
+            return Ok(report(&sum, None));
         };
-        let crew =
+        job.part = Part::Before;
+        let mut crew =
             Crew { job, model: &self.model, scratch: &self.workspace.scratch, block_fn: self.block_fn };
-        Ok(report(&crew.run(&self.model.blocks, 0, arrays)))
+        let before = crew.run(&self.model.blocks, 0, Arrays::of(&mut self.state));
+        let [.., last, now] = &*self.workspace.poses else { return Ok(report(&before, None)) };
+        let met = grid.exchange(
+            &self.model,
+            &mut self.state.positions,
+            &mut self.state.velocities,
+            &GridMoment {
+                frame: GridFrame::new(last, now, terms.h),
+                solids: frame.colliders,
+                last_substep: 1.0 - 1.0 / f64::from(self.params.substeps),
+                origin,
+                clamped: terms.clamped,
+                dt_secs: frame.dt_secs,
+            },
+        );
+        crew.job.part = Part::After;
+        crew.job.moved = met.farthest_m;
+        let after = crew.run(&self.model.blocks, 0, Arrays::of(&mut self.state));
+        Ok(report(&before.then(&after), Some(met)))
     }
 
     /// The model.
@@ -310,7 +361,8 @@ impl<T: SolverReal> Simulation<T> {
             state: self.state.bytes(),
             workspace: self.workspace.scratch.iter().map(locked).sum::<usize>()
                 + size_of_val(&*self.workspace.poses)
-                + size_of_val(&*self.workspace.solid_poses),
+                + size_of_val(&*self.workspace.solid_poses)
+                + self.grid.as_ref().map_or(0, Grid::bytes),
         }
     }
 }
@@ -353,6 +405,15 @@ struct Arrays<'a, T> {
 }
 
 impl<'a, T> Arrays<'a, T> {
+    fn of(state: &'a mut State<T>) -> Self {
+        Self {
+            positions: &mut state.positions,
+            velocities: &mut state.velocities,
+            integrity: &mut state.integrity,
+            clearance: &mut state.clearance,
+        }
+    }
+
     fn split(self, places: usize) -> (Self, Self) {
         let (positions, positions_right) = self.positions.split_at_mut(3 * places);
         let (velocities, velocities_right) = self.velocities.split_at_mut(3 * places);
@@ -418,15 +479,20 @@ impl<T: SolverReal> Crew<'_, T> {
     }
 }
 
-fn report(sum: &BlockReport) -> FrameReport {
-    #[expect(clippy::cast_precision_loss, reason = "nanoseconds of a frame")]
-    let secs = |k: usize| (STAGES[k], sum.stage_nanos[k] as f64 * 1e-9);
+fn report(sum: &BlockReport, grid: Option<GridReport>) -> FrameReport {
+    let grid = grid.unwrap_or_default();
+    #[expect(clippy::cast_precision_loss, reason = "nanoseconds of a frame, and threads")]
+    let secs = |k: usize| match k.checked_sub(BLOCK_STAGES) {
+        None => sum.stage_nanos[k] as f64 * 1e-9,
+        Some(k) => grid.secs[k] * rayon::current_num_threads() as f64,
+    };
     FrameReport {
         max_edge_stretch: sum.max_edge_stretch,
         max_edge_stretch_final: sum.max_edge_stretch_final,
         max_penetration_m: sum.contacts.deepest,
         touching: sum.contacts.touching,
         quarantined_strands: sum.quarantined,
-        stage_secs: std::array::from_fn(secs),
+        grid,
+        stage_secs: std::array::from_fn(|k| (STAGES[k], secs(k))),
     }
 }

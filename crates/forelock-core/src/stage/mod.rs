@@ -1,8 +1,11 @@
 //! Stages: what happens to a block of strands in a step. Each is one lane-generic text with its equations beside it.
 
+pub mod gather_velocities;
 pub mod resolve_solids;
 pub mod restore_lengths;
+pub mod solve_pressure;
 pub mod solve_strands;
+pub mod splat_segments;
 
 use crate::lane::{Lane, Real, Row, V3};
 

@@ -6,6 +6,7 @@
 mod closed_forms;
 mod dense;
 mod faults;
+mod grid;
 mod hash;
 mod invariance;
 mod non_hookean;

@@ -101,12 +101,13 @@ fn check_available(scene: &Scene) -> Result<(), Wrong> {
         }
     }
     match scene.interaction.kind {
-        InteractionKind::None => {}
-        InteractionKind::Grid => {
-            return later("interaction.kind", "hair against hair through a grid", "use \"none\"");
-        }
+        InteractionKind::None | InteractionKind::Grid => {}
         InteractionKind::Sph => {
-            return later("interaction.kind", "hair against hair through particles", "use \"none\"");
+            return later(
+                "interaction.kind",
+                "hair against hair through particles",
+                "use \"grid\" or \"none\"",
+            );
         }
     }
     let wind = &scene.wind;
@@ -251,11 +252,12 @@ fn check_solver(scene: &Scene) -> Result<(), Wrong> {
     if let Some(substeps) = scene.time.substeps {
         solver.set_substeps(substeps);
     }
-    solver.ams.validate().map_err(|error| solver_error("ams", &error, scene))?;
-    solver.mass_spring.validate().map_err(|error| solver_error("mass_spring", &error, scene))?;
+    scene.interaction.grid.validate().map_err(|error| solver_error("interaction.grid", &error, scene))?;
+    solver.ams.validate().map_err(|error| solver_error("solver.ams", &error, scene))?;
+    solver.mass_spring.validate().map_err(|error| solver_error("solver.mass_spring", &error, scene))?;
     let (table, stepped) = match solver.kind {
-        SolverKind::MassSpring => ("mass_spring", solver.mass_spring.ams()),
-        _ => ("ams", solver.ams),
+        SolverKind::MassSpring => ("solver.mass_spring", solver.mass_spring.ams()),
+        _ => ("solver.ams", solver.ams),
     };
     let checked = stepped.validate_step(1.0 / scene.time.fps, solver.beyond_float32);
     checked.map_err(|error| solver_error(table, &error, scene))
@@ -265,7 +267,7 @@ fn solver_error(table: &str, error: &ParamsError, scene: &Scene) -> Wrong {
     let fps = scene.time.fps;
     match error {
         ParamsError::Range { name, value, expected } => {
-            (format!("solver.{table}.{name}"), format!("should be {expected}, not {value}"))
+            (format!("{table}.{name}"), format!("should be {expected}, not {value}"))
         }
         ParamsError::TooStiff { name, value, substeps, product, needed, allowed, .. } => {
             let raise =
@@ -274,7 +276,7 @@ fn solver_error(table: &str, error: &ParamsError, scene: &Scene) -> Wrong {
                 "= {value:e} with {fps} frames a second and {substeps} substeps makes h²κ = {product:.3e}, and float32 \
                  holds up to {FLOAT32_STIFFNESS_LIMIT:e}: {raise}lower it to {allowed:.3e}"
             );
-            (format!("solver.{table}.{name}"), message)
+            (format!("{table}.{name}"), message)
         }
     }
 }

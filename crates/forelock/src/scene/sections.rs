@@ -3,6 +3,7 @@
 use std::fmt;
 use std::path::PathBuf;
 
+use forelock_core::grid::GridParams;
 use forelock_core::groom::grow::{GrowParams, PRESETS};
 use forelock_core::groom::{Import, Unit, Up};
 use forelock_core::solver::{AmsParams, MassSpringParams, Simd};
@@ -360,7 +361,7 @@ pub enum InteractionKind {
     /// Strands pass through each other.
     #[default]
     None,
-    /// Through a grid. Not yet available.
+    /// Through a grid: pressed together, it pushes apart.
     Grid,
     /// Through smoothed particles. Not yet available.
     Sph,
@@ -370,8 +371,10 @@ pub enum InteractionKind {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct InteractionSection {
-    /// "none". Default "none".
+    /// "none": strands pass through each other; "grid": they keep their volume. Default "none".
     pub kind: InteractionKind,
+    /// Parameters of the grid.
+    pub grid: GridParams,
 }
 
 /// `[time]`: frames and substeps.

@@ -44,7 +44,9 @@ fn unknown_keys_are_refused_by_name_with_line_and_nearest_key() {
     assert!(message("[[collider]]\n[[collider]]\nradios = 1", &[]).contains(
         "line 3, column 1: there is no key `collider.1.radios`; did you mean `collider.1.radius`?"
     ));
-    assert!(message("[interaction]\nzzz = 1", &[]).ends_with("no key `interaction.zzz`; known here: kind"));
+    assert!(
+        message("[interaction]\nzzz = 1", &[]).ends_with("no key `interaction.zzz`; known here: grid, kind")
+    );
     assert!(message("[body.motion]\nnam = \"x\"", &[]).contains("`body.motion.name`?"));
 }
 
@@ -101,7 +103,11 @@ fn values_out_of_range_are_refused_where_they_are_set() {
             "[solver]\nkind = \"neural\"",
             "asks for the solver \"neural\", which this version does not have yet",
         ),
-        ("[interaction]\nkind = \"grid\"", "does not have yet"),
+        ("[interaction]\nkind = \"sph\"", "does not have yet"),
+        (
+            "[interaction.grid]\nresolution = 4",
+            "`interaction.grid.resolution` should be between 8 and 512, not 4",
+        ),
         ("[wind]\ngusts = 1", "asks for wind gusts, which this version does not have yet"),
     ] {
         let message = message(text, &[]);

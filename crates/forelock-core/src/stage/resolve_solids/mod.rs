@@ -143,20 +143,46 @@ pub struct Contacts {
     pub deepest: f64,
 }
 
-/// Where the particles were at the last look.
-#[derive(Debug)]
-pub enum Since<'a, L> {
-    /// One substep ago: at x − h v.
+/// What has happened since the last look.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Since {
+    /// A substep: particles were at x − h v, and solids moved.
     Substep,
-    /// At these positions, with the solids where they are now.
-    Positions(&'a [V3<L>]),
+    /// Nothing that [`note_moves`] did not take off the clearances.
+    Noted,
+}
+
+/// Takes off the clearances of lanes `first..first + L::WIDTH` what their particles moved from where they were `before`,
+/// with solids where they are.
+#[inline(always)]
+pub fn note_moves<L: Lane>(before: &[V3<L>], view: &mut BlockView<'_, L::Scalar>, first: usize) {
+    for (i, &from) in before.iter().enumerate() {
+        let d = V3::load(view.positions, i, first) - from;
+        note::<L>(d.dot(d).sqrt(), view, i, first);
+    }
+}
+
+/// The same where no particle moved farther than `distance`.
+#[inline(always)]
+pub fn note_move<L: Lane>(distance: L, view: &mut BlockView<'_, L::Scalar>, first: usize) {
+    for i in 0..view.particles {
+        note::<L>(distance, view, i, first);
+    }
+}
+
+#[inline(always)]
+fn note<L: Lane>(moved: L, view: &mut BlockView<'_, L::Scalar>, i: usize, first: usize) {
+    let clearance = L::load(&view.clearance[i], first);
+    // Below zero it is a depth, not a distance.
+    let left = (clearance - moved).max(L::zero());
+    L::select(clearance.lt(L::zero()), clearance, left).store(&mut view.clearance[i], first);
 }
 
 /// Resolves lanes `first..first + L::WIDTH`, of which those from `live` on are padding.
 #[inline(always)]
 pub fn resolve<L: Lane>(
     solids: &Solids<'_, L::Scalar>,
-    since: &Since<'_, L>,
+    since: Since,
     view: &mut BlockView<'_, L::Scalar>,
     first: usize,
     live: usize,
@@ -170,21 +196,15 @@ pub fn resolve<L: Lane>(
     for i in solids.clamped.min(view.particles)..view.particles {
         let x = V3::<L>::load(view.positions, i, first);
         let last = L::load(&view.clearance[i], first);
-        let moved = match since {
-            Since::Substep => {
-                let from = x.add_scaled(L::splat(-solids.h), V3::load(view.velocities, i, first));
-                let mut moved = L::zero();
-                for pose in solids.poses {
-                    moved = pose.moved(from, x).max(moved);
-                }
-                moved
+        let mut left = last;
+        if since == Since::Substep {
+            let from = x.add_scaled(L::splat(-solids.h), V3::load(view.velocities, i, first));
+            let mut moved = L::zero();
+            for pose in solids.poses {
+                moved = pose.moved(from, x).max(moved);
             }
-            Since::Positions(positions) => {
-                let d = x - positions[i];
-                d.dot(d).sqrt()
-            }
-        };
-        let left = last - moved;
+            left -= moved;
+        }
         let mut used_up = !L::bits(L::zero().lt(left)) & own;
         while used_up != 0 {
             let lane = used_up.trailing_zeros() as usize;
