@@ -30,11 +30,14 @@ pub struct LiftParams {
     pub max_depth: f32,
     /// Particles from the root that may lie under the skin, for they follow the head: at least 1. Default 1.
     pub clamped: usize,
+    /// Whether roots may move at all; where they may not, a strand is brought out from its root on, however deep that
+    /// lies. Default true.
+    pub move_roots: bool,
 }
 
 impl Default for LiftParams {
     fn default() -> Self {
-        Self { margin: 5e-4, max_depth: 0.02, clamped: 1 }
+        Self { margin: 5e-4, max_depth: 0.02, clamped: 1, move_roots: true }
     }
 }
 
@@ -55,6 +58,22 @@ pub struct LiftReport {
     pub strands_bent: usize,
     /// Greatest relative change of an edge's length.
     pub max_stretch: f32,
+}
+
+impl LiftReport {
+    /// Both together.
+    #[must_use]
+    pub fn and(&self, other: &Self) -> Self {
+        Self {
+            roots_lifted: self.roots_lifted + other.roots_lifted,
+            roots_too_deep: self.roots_too_deep + other.roots_too_deep,
+            inside_before: self.inside_before + other.inside_before,
+            inside_after: self.inside_after + other.inside_after,
+            deepest: self.deepest.max(other.deepest),
+            strands_bent: self.strands_bent + other.strands_bent,
+            max_stretch: self.max_stretch.max(other.max_stretch),
+        }
+    }
 }
 
 impl std::fmt::Display for LiftReport {
@@ -98,15 +117,7 @@ pub fn lift_out(groom: &mut Groom, body: &Sdf, params: &LiftParams) -> LiftRepor
         .zip(pinned)
         .map(|(strand, pinned)| lift_strand(strand, body, params, params.clamped.max(pinned).max(1)))
         .collect();
-    reports.iter().fold(LiftReport::default(), |sum, one| LiftReport {
-        roots_lifted: sum.roots_lifted + one.roots_lifted,
-        roots_too_deep: sum.roots_too_deep + one.roots_too_deep,
-        inside_before: sum.inside_before + one.inside_before,
-        inside_after: sum.inside_after + one.inside_after,
-        deepest: sum.deepest.max(one.deepest),
-        strands_bent: sum.strands_bent + one.strands_bent,
-        max_stretch: sum.max_stretch.max(one.max_stretch),
-    })
+    reports.iter().fold(LiftReport::default(), |sum, one| sum.and(one))
 }
 
 fn lift_strand(strand: &mut [Vec3], body: &Sdf, params: &LiftParams, clamped: usize) -> LiftReport {
@@ -119,12 +130,12 @@ fn lift_strand(strand: &mut [Vec3], body: &Sdf, params: &LiftParams, clamped: us
     (report.inside_before, report.deepest) = deepest(strand);
     let lengths: Vec<f32> = strand.windows(2).map(|w| w[0].distance(w[1])).collect();
     let depth = -body.sample(root).0;
-    if depth > params.max_depth {
+    if params.move_roots && depth > params.max_depth {
         report.roots_too_deep = 1;
         report.inside_after = report.inside_before;
         return report;
     }
-    if depth > 0.0 {
+    if params.move_roots && depth > 0.0 {
         report.roots_lifted = 1;
         let shift = pushed_out(root, body, 0.0) - root;
         strand.iter_mut().for_each(|p| *p += shift);

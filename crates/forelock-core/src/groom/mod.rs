@@ -1,9 +1,11 @@
 //! The asset: strands at rest in the scalp's space, as a file holds them.
 
 mod binding;
+pub mod edit;
 pub mod grow;
 mod info;
 mod lift;
+mod nearest;
 mod repair;
 mod resample;
 mod units;
@@ -206,28 +208,35 @@ impl Groom {
     #[must_use]
     pub fn select(&self, mut keep: impl FnMut(usize) -> bool) -> Self {
         let kept: Vec<usize> = (0..self.strand_count()).filter(|&strand| keep(strand)).collect();
+        self.only(&kept)
+    }
+
+    /// The strands `kept`, in that order, with all their attributes.
+    ///
+    /// # Panics
+    /// If there is no such strand, or one of them so often that the particles are beyond 32-bit offsets.
+    #[must_use]
+    pub fn only(&self, kept: &[usize]) -> Self {
         let mut positions = Vec::with_capacity(kept.iter().map(|&s| self.range(s).len()).sum());
         let mut strand_offsets = Vec::with_capacity(kept.len() + 1);
         strand_offsets.push(0);
-        for &strand in &kept {
+        for &strand in kept {
             positions.extend_from_slice(self.strand(strand));
-            #[expect(
-                clippy::cast_possible_truncation,
-                reason = "no more particles than the source's, which fit"
-            )]
+            assert!(u32::try_from(positions.len()).is_ok(), "more particles than a groom can hold");
+            #[expect(clippy::cast_possible_truncation, reason = "it fits, as the line above says")]
             strand_offsets.push(positions.len() as u32);
         }
         let per_particle = |range: usize| self.range(range);
         Self {
             positions,
             strand_offsets,
-            widths: self.widths.as_ref().map(|a| gather(a, &kept, per_particle)),
-            colours: self.colours.as_ref().map(|a| gather(a, &kept, per_particle)),
-            transparencies: self.transparencies.as_ref().map(|a| gather(a, &kept, per_particle)),
-            root_uvs: self.root_uvs.as_ref().map(|a| gather(a, &kept, |s| s..s + 1)),
-            pinned: self.pinned.as_ref().map(|a| gather(a, &kept, |s| s..s + 1)),
-            stiffness: self.stiffness.as_ref().map(|a| gather(a, &kept, |s| s..s + 1)),
-            bindings: self.bindings.as_ref().map(|a| gather(a, &kept, |s| s..s + 1)),
+            widths: self.widths.as_ref().map(|a| gather(a, kept, per_particle)),
+            colours: self.colours.as_ref().map(|a| gather(a, kept, per_particle)),
+            transparencies: self.transparencies.as_ref().map(|a| gather(a, kept, per_particle)),
+            root_uvs: self.root_uvs.as_ref().map(|a| gather(a, kept, |s| s..s + 1)),
+            pinned: self.pinned.as_ref().map(|a| gather(a, kept, |s| s..s + 1)),
+            stiffness: self.stiffness.as_ref().map(|a| gather(a, kept, |s| s..s + 1)),
+            bindings: self.bindings.as_ref().map(|a| gather(a, kept, |s| s..s + 1)),
         }
     }
 }

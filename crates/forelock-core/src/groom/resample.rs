@@ -116,6 +116,12 @@ struct Sample {
     fraction: f32,
 }
 
+/// `strand` (two points or more, of a length above zero) with `n` points: each with the edge that it lies on and the
+/// fraction of that edge.
+pub(super) fn respaced(strand: &[Vec3], n: usize) -> Vec<(Vec3, usize, f32)> {
+    sample_strand(strand, n).into_iter().map(|s| (s.position, s.edge, s.fraction)).collect()
+}
+
 /// How many of `samples` stand for the first `count` particles of the source.
 fn pin(count: u16, samples: &[Sample]) -> u16 {
     if count < 2 {

@@ -27,7 +27,7 @@
 
 mod params;
 mod presets;
-mod random;
+pub(super) mod random;
 mod roots;
 mod sheets;
 mod strand;

@@ -1,0 +1,63 @@
+//! Drawing strands together into locks.
+
+use super::EditError;
+use super::chain::Chain;
+use super::change::Change;
+use super::error::{above_zero, within};
+use super::locks::locks;
+use crate::groom::Groom;
+use crate::groom::grow::random::Random;
+
+/// `clump`: draws strands towards the strand in the middle of their lock; lengths stay.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
+pub struct Clump {
+    /// Least distance of the locks' middles. Unit m, default 0.012, range above 0.
+    pub spacing: f32,
+    /// Share of the way to the middle at the root. No unit, default 0, range 0 to 1; 0 does nothing there.
+    pub root: f32,
+    /// Share of the way at the tip, reached evenly from the root. No unit, default 0.7, range 0 to 1; 1 makes tips meet.
+    pub tip: f32,
+    /// Share of the strands that keep out of it. No unit, default 0.02, range 0 to 1; 0 takes all.
+    pub flyaways: f32,
+    /// Seed of all that is random. No unit, default 1; 0 is a seed like any other.
+    pub seed: u64,
+}
+
+impl Default for Clump {
+    fn default() -> Self {
+        Self { spacing: 0.012, root: 0.0, tip: 0.7, flyaways: 0.02, seed: 1 }
+    }
+}
+
+impl Clump {
+    pub(super) fn validate(&self) -> Result<(), EditError> {
+        above_zero("spacing", self.spacing)?;
+        within("root", self.root, 0.0, 1.0)?;
+        within("tip", self.tip, 0.0, 1.0)?;
+        within("flyaways", self.flyaways, 0.0, 1.0)
+    }
+
+    pub(super) fn change(&self, groom: &Groom, selected: &[bool]) -> Change {
+        let locks = locks(groom, selected, self.spacing, self.seed);
+        Change::moved(groom, selected, |chain| {
+            let middle = locks[chain.strand] as usize;
+            let stray = Random::new(self.seed, chain.strand as u64).unit() < self.flyaways;
+            if middle == chain.strand || stray {
+                return None;
+            }
+            let middle = Chain::of(groom, middle);
+            let (arcs, length, middle_arcs) = (chain.arcs(), chain.length(), middle.arcs());
+            let mut targets = chain.points.clone();
+            for (target, &arc) in targets.iter_mut().zip(&arcs).skip(chain.hold) {
+                let share = self.root + (self.tip - self.root) * (arc / length) as f32;
+                *target = target.lerp(middle.at(&middle_arcs, arc), share.into());
+            }
+            Some(chain.led(&targets))
+        })
+    }
+}

@@ -1,0 +1,93 @@
+//! Combing along a stroke.
+//!
+//! # Theory
+//! From its root on the strand is laid edge by edge. Where an edge comes to lie within the stroke's reach it is turned
+//! towards the stroke's direction there, by the rotation that turns the strand's own flow (its direction averaged over
+//! `detail`) into that direction. So hair is led along the stroke, and waves finer than `detail` stay in it.
+
+use glam::Vec3;
+
+use super::chain::{falloff, rise, turn};
+use super::change::Change;
+use super::error::{at_least, within};
+use super::{EditError, Stroke};
+use crate::groom::Groom;
+
+/// `comb`: turns hair along a stroke; lengths stay.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
+pub struct Comb {
+    /// The line that is combed along, two points or more; its effect fades with the distance from it. Unit m, no default.
+    pub points: Vec<Vec3>,
+    /// How far around the line it reaches. Unit m, default 0.03, range above 0.
+    #[cfg_attr(feature = "serde", serde(default = "radius"))]
+    pub radius: f32,
+    /// How far hair on the line is turned. No unit, default 1, range 0 to 1; 0 does nothing, 1 lays it along the line.
+    #[cfg_attr(feature = "serde", serde(default = "strength"))]
+    pub strength: f32,
+    /// Length over which the hair's own direction is averaged; curls finer than that stay. Unit m, default 0.03, range 0 or more; 0 straightens.
+    #[cfg_attr(feature = "serde", serde(default = "detail"))]
+    pub detail: f32,
+    /// Length from the root over which the effect sets in. Unit m, default 0.005, range 0 or more; 0 turns the first edge at once.
+    #[cfg_attr(feature = "serde", serde(default = "ease"))]
+    pub ease: f32,
+}
+
+fn radius() -> f32 {
+    0.03
+}
+fn strength() -> f32 {
+    1.0
+}
+fn detail() -> f32 {
+    0.03
+}
+fn ease() -> f32 {
+    0.005
+}
+
+impl Comb {
+    /// Combing along `points` (metres) with everything else at its default.
+    pub fn along(points: Vec<Vec3>) -> Self {
+        Self { points, radius: radius(), strength: strength(), detail: detail(), ease: ease() }
+    }
+
+    fn stroke(&self) -> Stroke {
+        Stroke { points: self.points.clone(), radius: self.radius }
+    }
+
+    pub(super) fn validate(&self) -> Result<(), EditError> {
+        self.stroke().validate().map_err(|error| match error {
+            EditError::Parameter { name, value, expected } => {
+                EditError::Parameter { name: name.trim_start_matches("stroke."), value, expected }
+            }
+            other => other,
+        })?;
+        within("strength", self.strength, 0.0, 1.0)?;
+        at_least("detail", self.detail, 0.0)?;
+        at_least("ease", self.ease, 0.0)
+    }
+
+    pub(super) fn change(&self, groom: &Groom, selected: &[bool]) -> Change {
+        let stroke = self.stroke();
+        let (reach, ease) = (f64::from(self.radius), f64::from(self.ease));
+        Change::moved(groom, selected, |chain| {
+            let own = chain.directions();
+            let flow = chain.smoothed_directions(self.detail.into());
+            let arcs = chain.arcs();
+            let mut touched = false;
+            let points = chain.laid(|edge, from| {
+                let middle = from + own[edge] * (0.5 * chain.lengths[edge]);
+                let (distance, along) = stroke.nearest(middle.as_vec3());
+                let set_in = if ease > 0.0 { rise(arcs[edge + 1] / ease) } else { 1.0 };
+                let share = f64::from(self.strength) * falloff(f64::from(distance) / reach) * set_in;
+                if share == 0.0 {
+                    return own[edge];
+                }
+                touched = true;
+                turn(flow[edge], along.as_dvec3(), share) * own[edge]
+            });
+            touched.then_some(points)
+        })
+    }
+}

@@ -1,0 +1,237 @@
+//! Winding hair up, and taking the curl out.
+//!
+//! # Theory
+//! A helix of radius r that advances λ a turn has L = √(λ² + (2πr)²) of arc in each turn, and leans 2πr/L (the sine) from its axis. So each
+//! edge t of a strand, in a frame (t, n, b) carried along it without twist (Bishop 1975), is turned to
+//! λ/L t + 2πr/L (cos φ n + sin φ b), with dφ/ds = 2π/L: a helix about the strand as it was, with every edge at its length. A wave swings in one plane;
+//! a roll bends steadily towards a point, as over a roller.
+
+use std::f64::consts::TAU;
+
+use glam::{DQuat, DVec3, Vec3};
+
+use super::EditError;
+use super::chain::{Chain, rise};
+use super::change::Change;
+use super::error::{above_zero, at_least, finite, within};
+use super::locks::locks;
+use crate::groom::Groom;
+use crate::groom::grow::random::{Random, sin_cos};
+
+/// Edges a turn below which a curl is too coarse to be one.
+const EDGES_PER_TURN: f64 = 6.0;
+
+/// The ways to curl.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
+pub enum CurlKind {
+    /// About the strand, as a corkscrew.
+    #[default]
+    Helix,
+    /// To and fro in one plane.
+    Wave,
+    /// Steadily towards `centre`, on a circle of `radius`.
+    Roll,
+}
+
+/// `curl`: winds hair up; lengths stay, so that tips rise.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
+pub struct Curl {
+    /// "helix", "wave" or "roll". Default "helix".
+    pub kind: CurlKind,
+    /// Share of the curl. No unit, default 1, range -1 to 1; 0 does nothing, below 0 it turns the other way.
+    pub amount: f32,
+    /// Radius of helix or roll; of a wave the height. Unit m, default 0.006, range above 0.
+    pub radius: f32,
+    /// Way along the strand from one turn to the next; a roll has none. Unit m, default 0.035, range above 0.
+    pub wavelength: f32,
+    /// Turns a metre, instead of the wavelength. Unit 1/m, default 0, range 0 or more; 0 leaves it to the wavelength.
+    pub frequency: f32,
+    /// Fraction of the strand at which the curl sets in. No unit, default 0, range 0 to 1; 0 is the root.
+    pub start: f32,
+    /// Fraction of the strand at which it is full. No unit, default 0.3, range 0 to 1.
+    pub full: f32,
+    /// Where a roll turns to: the point, at the height of each edge. Unit m, default the middle of the roots.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    pub centre: Option<Vec3>,
+    /// Width of the locks that turn together. Unit m, default 0.015, range above 0.
+    pub lock_size: f32,
+    /// How much the strands of a lock turn as one. No unit, default 0.8, range 0 to 1; 0 each on its own.
+    pub coherence: f32,
+    /// Seed of all that is random. No unit, default 1; 0 is a seed like any other.
+    pub seed: u64,
+}
+
+impl Default for Curl {
+    fn default() -> Self {
+        Self {
+            kind: CurlKind::Helix,
+            amount: 1.0,
+            radius: 0.006,
+            wavelength: 0.035,
+            frequency: 0.0,
+            start: 0.0,
+            full: 0.3,
+            centre: None,
+            lock_size: 0.015,
+            coherence: 0.8,
+            seed: 1,
+        }
+    }
+}
+
+impl Curl {
+    pub(super) fn validate(&self) -> Result<(), EditError> {
+        within("amount", self.amount, -1.0, 1.0)?;
+        above_zero("radius", self.radius)?;
+        above_zero("wavelength", self.wavelength)?;
+        at_least("frequency", self.frequency, 0.0)?;
+        within("start", self.start, 0.0, 1.0)?;
+        within("full", self.full, 0.0, 1.0)?;
+        self.centre.iter().try_for_each(|&centre| finite("centre", centre))?;
+        above_zero("lock_size", self.lock_size)?;
+        within("coherence", self.coherence, 0.0, 1.0)
+    }
+
+    fn wavelength(&self) -> f64 {
+        if self.frequency > 0.0 { 1.0 / f64::from(self.frequency) } else { self.wavelength.into() }
+    }
+
+    /// Arc length of a turn at `share` of the radius, and the sine of the lean.
+    fn turn(&self, share: f64) -> (f64, f64) {
+        let around = TAU * f64::from(self.radius) * share;
+        let arc = self.wavelength().hypot(around);
+        (arc, around / arc)
+    }
+
+    pub(super) fn change(&self, groom: &Groom, selected: &[bool]) -> Change {
+        if self.amount == 0.0 {
+            return Change::moved(groom, selected, |_| None);
+        }
+        let locks = locks(groom, selected, self.lock_size, self.seed);
+        let centre = self.centre.map_or_else(|| middle_of_roots(groom), Vec3::as_dvec3);
+        let mut change = Change::moved(groom, selected, |chain| {
+            Some(match self.kind {
+                CurlKind::Roll => self.rolled(chain, centre),
+                _ => self.wound(chain, locks[chain.strand]),
+            })
+        });
+        let turn = match self.kind {
+            CurlKind::Roll => TAU * f64::from(self.radius / self.amount.abs()),
+            _ => self.turn(self.amount.abs().into()).0,
+        };
+        let coarse = |s: &usize| {
+            let edges = groom.range(*s).len().saturating_sub(1) as f64;
+            selected[*s] && f64::from(groom.length(*s)) * EDGES_PER_TURN > turn * edges
+        };
+        change.coarse = (0..groom.strand_count()).filter(coarse).count();
+        change
+    }
+
+    /// How far the curl has set in at fraction `at` of the strand, with its sign.
+    fn share(&self, at: f64) -> f64 {
+        let (start, full) = (f64::from(self.start), f64::from(self.full));
+        let set_in = if full > start { rise((at - start) / (full - start)) } else { f64::from(u8::from(at >= start)) };
+        set_in * f64::from(self.amount)
+    }
+
+    fn wound(&self, chain: &Chain, lock: u32) -> Vec<DVec3> {
+        let own = chain.directions();
+        let (arcs, length) = (chain.arcs(), chain.length());
+        let mut together = Random::new(self.seed, 2 * u64::from(lock));
+        let mut alone = Random::new(self.seed, 2 * chain.strand as u64 + 1);
+        let loose = 1.0 - f64::from(self.coherence);
+        let mut phase = TAU * (f64::from(together.unit()) + loose * f64::from(alone.signed()) * 0.5);
+        let sense = if together.unit() < 0.5 { -1.0 } else { 1.0 };
+        let mut before = own[0];
+        // A frame to begin with that neighbours share: as far towards the front as the first edge allows.
+        let mut aside = DVec3::Z.reject_from(before).try_normalize().unwrap_or(before.any_orthonormal_vector());
+        chain.laid(|edge, _| {
+            let along = own[edge];
+            aside = DQuat::from_rotation_arc(before, along) * aside;
+            before = along;
+            let share = self.share(0.5 * (arcs[edge] + arcs[edge + 1]) / length);
+            let (turn, lean) = self.turn(share);
+            let across = along.cross(aside);
+            phase += 0.5 * TAU * chain.lengths[edge] / turn;
+            let (sin, cos) = sin_cos(phase);
+            phase += 0.5 * TAU * chain.lengths[edge] / turn;
+            let (sin, cos) = (f64::from(sin) * sense, f64::from(cos));
+            let (lean, around) = match self.kind {
+                CurlKind::Wave => (lean * cos, aside),
+                _ => (lean, aside * cos + across * sin),
+            };
+            (along * (1.0 - lean * lean).max(0.0).sqrt() + around * lean).normalize_or(along)
+        })
+    }
+
+    fn rolled(&self, chain: &Chain, centre: DVec3) -> Vec<DVec3> {
+        let own = chain.directions();
+        let (arcs, length) = (chain.arcs(), chain.length());
+        let mut angle = 0.0;
+        chain.laid(|edge, _| {
+            let along = own[edge];
+            let inwards = (centre - chain.points[edge]) * DVec3::new(1.0, 0.0, 1.0);
+            let rate = self.share(0.5 * (arcs[edge] + arcs[edge + 1]) / length) / f64::from(self.radius);
+            angle += 0.5 * rate * chain.lengths[edge];
+            let (sin, cos) = sin_cos(angle);
+            angle += 0.5 * rate * chain.lengths[edge];
+            let Some(aside) = inwards.reject_from(along).try_normalize() else { return along };
+            (along * f64::from(cos) + aside * f64::from(sin)).normalize_or(along)
+        })
+    }
+}
+
+/// The middle of the finite roots' box.
+fn middle_of_roots(groom: &Groom) -> DVec3 {
+    let roots = groom.strands().filter_map(|strand| strand.first()).filter(|p| p.is_finite());
+    let (lo, hi) = roots.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), &p| (lo.min(p), hi.max(p)));
+    if lo.x <= hi.x { ((lo + hi) * 0.5).as_dvec3() } else { DVec3::ZERO }
+}
+
+/// `straighten`: turns edges towards the strand's flow; lengths stay.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
+pub struct Straighten {
+    /// Share of the way. No unit, default 1, range 0 to 1; 0 does nothing.
+    pub amount: f32,
+    /// Length over which the flow is averaged: curls finer than that go. Unit m, default 0.05, range 0 or more; 0 does nothing.
+    pub reach: f32,
+    /// Fraction of the strand at which it sets in. No unit, default 0, range 0 to 1; 0 is the root.
+    pub start: f32,
+}
+
+impl Default for Straighten {
+    fn default() -> Self {
+        Self { amount: 1.0, reach: 0.05, start: 0.0 }
+    }
+}
+
+impl Straighten {
+    pub(super) fn validate(&self) -> Result<(), EditError> {
+        within("amount", self.amount, 0.0, 1.0)?;
+        at_least("reach", self.reach, 0.0)?;
+        within("start", self.start, 0.0, 1.0)
+    }
+
+    pub(super) fn change(&self, groom: &Groom, selected: &[bool]) -> Change {
+        Change::moved(groom, selected, |chain| {
+            let (arcs, length) = (chain.arcs(), chain.length());
+            let own = chain.directions();
+            let flow = chain.smoothed_directions(self.reach.into());
+            Some(chain.laid(|edge, _| {
+                let share = if arcs[edge] >= f64::from(self.start) * length { self.amount } else { 0.0 };
+                own[edge].lerp(flow[edge], share.into()).normalize_or(own[edge])
+            }))
+        })
+    }
+}

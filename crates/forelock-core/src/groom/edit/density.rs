@@ -1,0 +1,172 @@
+//! Fewer strands, or more between those there are.
+//!
+//! # Theory
+//! A new strand lies between a parent and two of its near neighbours, at barycentric weights drawn evenly from their triangle. It has the
+//! parent's shape, moved along by the weighted difference of the three strands' flows (each strand's points averaged over `detail`): curls
+//! are the parent's, where it goes is between the three. Edges have the parent's shares of the three strands' mean length.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::EditError;
+use super::chain::{Chain, falloff};
+use super::change::{Change, NewStrand, Particle, What};
+use super::error::{at_least, within};
+use crate::groom::Groom;
+use crate::groom::grow::random::{Random, mix};
+use crate::groom::nearest::Nearest;
+
+/// Neighbours of which two are drawn.
+const NEIGHBOURS: usize = 7;
+/// Distance at which a strand without neighbours gets company, metres.
+const ALONE: f64 = 1e-3;
+
+/// `density`: thins hair out, or adds strands between those there are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
+pub struct Density {
+    /// Strands after it over strands before. No unit, default 1, range 0 to 100; 0 leaves none, 2 doubles them.
+    pub factor: f32,
+    /// Distance of tips beyond which neighbours do not mix, as on both sides of a parting. Unit m, default 0.05, range 0 or more; 0 mixes none.
+    pub spread: f32,
+    /// Length over which a strand's flow is averaged. Unit m, default 0.03, range 0 or more; 0 mixes curls too.
+    pub detail: f32,
+    /// Seed of all that is random. No unit, default 1; 0 is a seed like any other.
+    pub seed: u64,
+}
+
+impl Default for Density {
+    fn default() -> Self {
+        Self { factor: 1.0, spread: 0.05, detail: 0.03, seed: 1 }
+    }
+}
+
+impl Density {
+    pub(super) fn validate(&self) -> Result<(), EditError> {
+        within("factor", self.factor, 0.0, 100.0)?;
+        at_least("spread", self.spread, 0.0)?;
+        at_least("detail", self.detail, 0.0)
+    }
+
+    pub(super) fn change(&self, groom: &Groom, selected: &[bool]) -> Change {
+        let mut order: Vec<usize> = (0..groom.strand_count()).filter(|&s| selected[s]).collect();
+        order.sort_by_key(|&s| (mix(self.seed ^ mix(s as u64 + 1)), s));
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "100 strands a strand at most")]
+        let wanted = (order.len() as f64 * f64::from(self.factor)).round() as usize;
+        let mut keep = vec![true; groom.strand_count()];
+        order.iter().skip(wanted).for_each(|&s| keep[s] = false);
+        let kept = (0..groom.strand_count()).filter(|&s| keep[s]).map(NewStrand::kept);
+        let tree = Nearest::new(order.iter().map(|&s| groom.strand(s)[0]));
+        let new = (order.len()..wanted).into_par_iter();
+        let new: Vec<NewStrand> =
+            new.map(|number| self.between(groom, &order, &tree, order[number % order.len()], number)).collect();
+        Change { what: What::Rebuilt(kept.chain(new).collect()), coarse: 0 }
+    }
+
+    /// New strand `number`, between `parent` and two of its neighbours, which `tree` knows by their place in `order`.
+    fn between(
+        &self,
+        groom: &Groom,
+        order: &[usize],
+        tree: &Nearest,
+        parent: usize,
+        number: usize,
+    ) -> NewStrand {
+        let mut random = Random::new(self.seed, number as u64 + 1);
+        let strand = groom.strand(parent);
+        let tip = strand[strand.len() - 1];
+        let mut found = Vec::with_capacity(NEIGHBOURS + 2);
+        tree.find(strand[0], NEIGHBOURS + 1, f32::INFINITY, &mut found);
+        let near = |s: usize| groom.strand(s).last().is_some_and(|p| p.distance(tip) <= self.spread);
+        let mut others: Vec<usize> = found.iter().map(|&(_, n)| order[n as usize]).collect();
+        others.retain(|&s| s != parent && near(s));
+        let mut draw = |others: &mut Vec<usize>| {
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an index")]
+            let index = (random.unit() * others.len() as f32) as usize;
+            (!others.is_empty()).then(|| others.swap_remove(index.min(others.len() - 1)))
+        };
+        let pair = [draw(&mut others), draw(&mut others)];
+        let (u, v) = (random.unit(), random.unit());
+        let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+        let mut parents = vec![(parent, 1.0)];
+        for (other, weight) in pair.into_iter().zip([u, v]) {
+            if let Some(other) = other {
+                parents.push((other, weight));
+                parents[0].1 -= weight;
+            }
+        }
+        let aside = if parents.len() == 1 { random.cube().as_dvec3() * ALONE } else { DVec3::ZERO };
+        let particles = self.mixed(groom, &parents, aside);
+        NewStrand { source: parent, particles: Some(particles), parents: Some(parents) }
+    }
+
+    /// The particles of the strand between `parents`, the first of which gives its shape, moved `aside`.
+    fn mixed(&self, groom: &Groom, parents: &[(usize, f32)], aside: DVec3) -> Vec<Particle> {
+        let chains: Vec<(Chain, f64)> =
+            parents.iter().map(|&(s, weight)| (Chain::of(groom, s), f64::from(weight))).collect();
+        let first = &chains[0].0;
+        let (arcs, length) = (first.arcs(), first.length());
+        let flows: Vec<Flow> = chains.iter().map(|(chain, _)| Flow::new(chain, self.detail.into())).collect();
+        let share = |arc: f64| if length > 0.0 { arc / length } else { 0.0 };
+        let moved = |i: usize| {
+            let here = flows[0].at(share(arcs[i]));
+            let shift: DVec3 =
+                chains.iter().zip(&flows).map(|((_, w), flow)| (flow.at(share(arcs[i])) - here) * *w).sum();
+            first.points[i] + shift + aside
+        };
+        let targets: Vec<DVec3> = (0..arcs.len()).map(moved).collect();
+        let mean: f64 = chains.iter().map(|(chain, weight)| chain.length() * weight).sum();
+        let mut at = targets[0].as_vec3();
+        let mut particles = vec![Particle { position: at, edge: 0, fraction: 0.0 }];
+        for (i, target) in targets.iter().enumerate().skip(1) {
+            let along = (*target - at.as_dvec3())
+                .try_normalize()
+                .unwrap_or_else(|| (first.points[i] - first.points[i - 1]).normalize_or_zero());
+            at = (at.as_dvec3() + along * (mean * share(first.lengths[i - 1]))).as_vec3();
+            particles.push(Particle { position: at, edge: i, fraction: 0.0 });
+        }
+        particles
+    }
+}
+
+/// A strand's points averaged over a length, which shrinks to nothing towards root and tip.
+struct Flow {
+    chain: Chain,
+    arcs: Vec<f64>,
+}
+
+impl Flow {
+    fn new(chain: &Chain, reach: f64) -> Self {
+        let (arcs, length) = (chain.arcs(), chain.length());
+        let mut points = chain.points.clone();
+        for (i, point) in points.iter_mut().enumerate() {
+            let reach = reach.min(arcs[i]).min(length - arcs[i]);
+            if reach <= 0.0 {
+                continue;
+            }
+            let from = arcs.partition_point(|&a| a < arcs[i] - reach);
+            let (mut sum, mut weights) = (DVec3::ZERO, 0.0);
+            for j in (from..arcs.len()).take_while(|&j| arcs[j] <= arcs[i] + reach) {
+                let weight = falloff((arcs[j] - arcs[i]) / reach);
+                sum += chain.points[j] * weight;
+                weights += weight;
+            }
+            *point = sum / weights;
+        }
+        Self { chain: Chain { points, ..chain.clone() }, arcs }
+    }
+
+    /// The point at fraction `share` of the strand.
+    fn at(&self, share: f64) -> DVec3 {
+        let length = self.arcs[self.arcs.len() - 1];
+        let arc = share * length;
+        let edge = self.arcs.partition_point(|&a| a <= arc).saturating_sub(1).min(self.arcs.len() - 2);
+        let width = self.arcs[edge + 1] - self.arcs[edge];
+        let part = if width > 0.0 { ((arc - self.arcs[edge]) / width).clamp(0.0, 1.0) } else { 0.0 };
+        self.chain.points[edge].lerp(self.chain.points[edge + 1], part)
+    }
+}

@@ -1,0 +1,155 @@
+//! A groom with its edits, to be undone and redone.
+
+use glam::Vec3;
+
+use super::{Body, Edit, EditError, EditReport};
+use crate::groom::Groom;
+
+/// A groom and the edits that made it.
+///
+/// Undoing restores every bit: of an edit that moved particles only, the positions that they had are kept; of any other, the
+/// groom before it.
+#[derive(Clone, Debug)]
+pub struct EditHistory {
+    groom: Groom,
+    done: Vec<Step>,
+    undone: Vec<Step>,
+}
+
+/// An edit and what lies on its other side.
+#[derive(Clone, Debug)]
+struct Step {
+    edit: Edit,
+    other: Other,
+}
+
+#[derive(Clone, Debug)]
+enum Other {
+    /// Strands, and their particles one after another.
+    Moved { strands: Vec<u32>, positions: Vec<Vec3> },
+    Whole(Box<Groom>),
+}
+
+impl EditHistory {
+    /// A history that begins with `groom`.
+    pub fn new(groom: Groom) -> Self {
+        Self { groom, done: Vec::new(), undone: Vec::new() }
+    }
+
+    /// The groom as it is now.
+    pub fn groom(&self) -> &Groom {
+        &self.groom
+    }
+
+    /// The groom as it is now, without its history.
+    pub fn into_groom(self) -> Groom {
+        self.groom
+    }
+
+    /// The edits that made it, oldest first.
+    pub fn edits(&self) -> impl ExactSizeIterator<Item = &Edit> {
+        self.done.iter().map(|step| &step.edit)
+    }
+
+    /// Does `edit`; what was undone before can no longer be redone.
+    ///
+    /// # Errors
+    /// As [`Edit::apply`]; nothing has changed then.
+    pub fn apply(&mut self, edit: &Edit, body: Option<&Body<'_>>) -> Result<EditReport, EditError> {
+        let mut after = self.groom.clone();
+        let report = edit.apply(&mut after, body)?;
+        let before = std::mem::replace(&mut self.groom, after);
+        let other = Other::before(before, &self.groom);
+        self.undone.clear();
+        self.done.push(Step { edit: edit.clone(), other });
+        Ok(report)
+    }
+
+    /// Takes the last edit back and names it.
+    pub fn undo(&mut self) -> Option<&Edit> {
+        let mut step = self.done.pop()?;
+        step.other.swap(&mut self.groom);
+        self.undone.push(step);
+        self.undone.last().map(|step| &step.edit)
+    }
+
+    /// Does the edit again that was undone last, and names it.
+    pub fn redo(&mut self) -> Option<&Edit> {
+        let mut step = self.undone.pop()?;
+        step.other.swap(&mut self.groom);
+        self.done.push(step);
+        self.done.last().map(|step| &step.edit)
+    }
+
+    /// Forgets all but the last `steps` edits, and all that was undone, so that memory does not grow.
+    pub fn keep_last(&mut self, steps: usize) {
+        self.done.drain(..self.done.len().saturating_sub(steps));
+        self.undone.clear();
+    }
+
+    /// Bytes that the history holds beside the groom, about.
+    pub fn bytes(&self) -> usize {
+        self.done.iter().chain(&self.undone).map(|step| step.other.bytes()).sum()
+    }
+}
+
+impl Other {
+    /// What is needed to come back from `after` to `before`.
+    fn before(mut before: Groom, after: &Groom) -> Self {
+        if before.strand_offsets() != after.strand_offsets() {
+            return Self::Whole(Box::new(before));
+        }
+        let bits = |points: &[Vec3]| bytemuck::cast_slice::<Vec3, u32>(points).to_vec();
+        let moved = (0..after.strand_count()).filter(|&s| bits(before.strand(s)) != bits(after.strand(s)));
+        let moved: Vec<usize> = moved.collect();
+        let positions: Vec<Vec3> = moved.iter().flat_map(|&s| before.strand(s).iter().copied()).collect();
+        // With the same positions the two differ in their attributes alone. A value that is not a number equals nothing,
+        // and its groom is kept whole.
+        for &strand in &moved {
+            let range = before.range(strand);
+            before.positions_mut()[range].copy_from_slice(after.strand(strand));
+        }
+        if before == *after {
+            #[expect(clippy::cast_possible_truncation, reason = "offsets are 32-bit, so strand numbers are")]
+            let strands = moved.iter().map(|&s| s as u32).collect();
+            return Self::Moved { strands, positions };
+        }
+        let mut from = 0;
+        for &strand in &moved {
+            let range = before.range(strand);
+            let count = range.len();
+            before.positions_mut()[range].copy_from_slice(&positions[from..from + count]);
+            from += count;
+        }
+        Self::Whole(Box::new(before))
+    }
+
+    /// Puts this in place of what `groom` has, and keeps that.
+    fn swap(&mut self, groom: &mut Groom) {
+        match self {
+            Self::Whole(other) => std::mem::swap(other.as_mut(), groom),
+            Self::Moved { strands, positions } => {
+                let mut from = 0;
+                for &strand in strands.iter() {
+                    let range = groom.range(strand as usize);
+                    let count = range.len();
+                    groom.positions_mut()[range].swap_with_slice(&mut positions[from..from + count]);
+                    from += count;
+                }
+            }
+        }
+    }
+
+    fn bytes(&self) -> usize {
+        match self {
+            Self::Moved { strands, positions } => size_of_val(&**strands) + size_of_val(&**positions),
+            Self::Whole(groom) => {
+                // Positions, offsets, and the attributes of a particle that are there.
+                let attributes = usize::from(groom.widths.is_some())
+                    + usize::from(groom.transparencies.is_some())
+                    + 3 * usize::from(groom.colours.is_some());
+                groom.particle_count() * (12 + 4 * attributes) + size_of_val(groom.strand_offsets())
+            }
+        }
+    }
+}

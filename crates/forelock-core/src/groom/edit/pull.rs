@@ -1,0 +1,92 @@
+//! Drawing hair to a point, and pushing it from one.
+//!
+//! # Theory
+//! Particles within reach get a target: nearer to the point by the falloff's share of the way, or on the way out to the
+//! reach's border. The strand is then brought to its targets by FABRIK (Aristidou and Lasenby 2011): laid from tip to root
+//! and back again, each edge at its length.
+
+use glam::{DVec3, Vec3};
+
+use super::EditError;
+use super::chain::{Chain, falloff};
+use super::change::Change;
+use super::error::{above_zero, finite, within};
+use crate::groom::Groom;
+
+/// Rounds from tip to root and back.
+const ROUNDS: usize = 8;
+
+/// `attract` and `repel`: draws hair to a point or pushes it away; lengths stay.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
+pub struct Pull {
+    /// The point. Unit m, no default.
+    pub centre: Vec3,
+    /// How far around it hair is moved. Unit m, default 0.05, range above 0.
+    #[cfg_attr(feature = "serde", serde(default = "radius"))]
+    pub radius: f32,
+    /// Share of the way to the point, or to the border of its reach. No unit, default 0.5, range 0 to 1; 0 does nothing.
+    #[cfg_attr(feature = "serde", serde(default = "strength"))]
+    pub strength: f32,
+}
+
+fn radius() -> f32 {
+    0.05
+}
+fn strength() -> f32 {
+    0.5
+}
+
+impl Pull {
+    /// About `centre` (metres) with everything else at its default.
+    pub fn about(centre: Vec3) -> Self {
+        Self { centre, radius: radius(), strength: strength() }
+    }
+
+    pub(super) fn validate(&self) -> Result<(), EditError> {
+        finite("centre", self.centre)?;
+        above_zero("radius", self.radius)?;
+        within("strength", self.strength, 0.0, 1.0)
+    }
+
+    /// `sign` is 1 to draw to the point, -1 to push away.
+    pub(super) fn change(&self, groom: &Groom, selected: &[bool], sign: f64) -> Change {
+        let (centre, reach) = (self.centre.as_dvec3(), f64::from(self.radius));
+        Change::moved(groom, selected, |chain| {
+            let mut targets = chain.points.clone();
+            let mut touched = false;
+            for (i, target) in targets.iter_mut().enumerate().skip(chain.hold) {
+                let away = chain.points[i] - centre;
+                let distance = away.length();
+                if distance >= reach || self.strength == 0.0 {
+                    continue;
+                }
+                touched = true;
+                let strength = f64::from(self.strength);
+                *target -= if sign > 0.0 {
+                    away * (strength * falloff(distance / reach))
+                } else {
+                    let edge = chain.points[i] - chain.points[i - 1];
+                    let aside = || edge.normalize_or(DVec3::Y).any_orthonormal_vector();
+                    away.try_normalize().unwrap_or_else(aside) * (-strength * (reach - distance))
+                };
+            }
+            touched.then(|| reached(chain, targets))
+        })
+    }
+}
+
+/// The strand as near to `targets` as its edges allow.
+fn reached(chain: &Chain, mut targets: Vec<DVec3>) -> Vec<DVec3> {
+    for _ in 0..ROUNDS {
+        for i in (chain.hold..targets.len() - 1).rev() {
+            let from = targets[i + 1];
+            let back = (targets[i] - from).try_normalize();
+            if let Some(back) = back {
+                targets[i] = from + back * chain.lengths[i];
+            }
+        }
+        targets = chain.led(&targets);
+    }
+    targets
+}

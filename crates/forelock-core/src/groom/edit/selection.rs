@@ -1,0 +1,95 @@
+//! Which strands an edit works on.
+
+use super::error::{finite, within};
+use super::{Ball, EditError, HalfSpace};
+use crate::body::Region;
+use crate::groom::Groom;
+use crate::groom::grow::random::Random;
+use glam::Vec3;
+
+/// A box along the axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
+pub struct Cuboid {
+    /// One corner. Unit m.
+    pub from: Vec3,
+    /// The opposite corner. Unit m.
+    pub to: Vec3,
+}
+
+/// Strands by where their roots are, by number, and by chance. All that is given must hold.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
+pub struct Selection {
+    /// Roots in this ball. Default everywhere.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    pub sphere: Option<Ball>,
+    /// Roots in this box; `box` in scripts. Default everywhere.
+    #[cfg_attr(feature = "serde", serde(rename = "box", skip_serializing_if = "Option::is_none"))]
+    pub cuboid: Option<Cuboid>,
+    /// Roots on the side of this plane to which its normal points. Default everywhere.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    pub plane: Option<HalfSpace>,
+    /// Roots in this region of the built-in head: "scalp" or "beard". Default everywhere.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    pub region: Option<Region>,
+    /// Strands by number, from the first up to but not including the second. Default all.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    pub strands: Option<[u32; 2]>,
+    /// Share of them, drawn at random. No unit, default 1, range 0 to 1; 0 is none.
+    pub share: f32,
+    /// Seed of that draw. No unit, default 1; 0 is a seed like any other.
+    pub seed: u64,
+    /// Whether to take the other strands instead. Default false.
+    pub invert: bool,
+}
+
+impl Default for Selection {
+    fn default() -> Self {
+        Self {
+            sphere: None,
+            cuboid: None,
+            plane: None,
+            region: None,
+            strands: None,
+            share: 1.0,
+            seed: 1,
+            invert: false,
+        }
+    }
+}
+
+impl Selection {
+    pub(super) fn validate(&self) -> Result<(), EditError> {
+        self.sphere.iter().try_for_each(Ball::validate)?;
+        self.plane.iter().try_for_each(HalfSpace::validate)?;
+        if let Some(cuboid) = &self.cuboid {
+            finite("box.from", cuboid.from)?;
+            finite("box.to", cuboid.to)?;
+        }
+        within("share", self.share, 0.0, 1.0)
+    }
+
+    /// Whether each strand of `groom` is selected.
+    pub fn strands(&self, groom: &Groom) -> Vec<bool> {
+        (0..groom.strand_count()).map(|strand| self.takes(groom, strand) != self.invert).collect()
+    }
+
+    fn takes(&self, groom: &Groom, strand: usize) -> bool {
+        let Some(&root) = groom.strand(strand).first() else { return false };
+        let inside = |cuboid: &Cuboid| {
+            let (lo, hi): (Vec3, Vec3) = (cuboid.from.min(cuboid.to), cuboid.from.max(cuboid.to));
+            root.cmpge(lo).all() && root.cmple(hi).all()
+        };
+        self.sphere.is_none_or(|ball| root.distance(ball.centre) <= ball.radius)
+            && self.cuboid.as_ref().is_none_or(inside)
+            && self.plane.is_none_or(|plane| plane.distance(root) <= 0.0)
+            && self.region.is_none_or(|region| region.weight(root) > 0.0)
+            && self.strands.is_none_or(|[from, to]| (from as usize..to as usize).contains(&strand))
+            && Random::new(self.seed, strand as u64).unit() < self.share
+    }
+}

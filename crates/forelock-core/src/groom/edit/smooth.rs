@@ -1,0 +1,86 @@
+//! Evening hair out, along strands and between neighbours.
+
+use glam::DVec3;
+
+use super::EditError;
+use super::chain::{Chain, falloff};
+use super::change::Change;
+use super::error::{at_least, within};
+use crate::groom::Groom;
+use crate::groom::nearest::Nearest;
+
+/// Most neighbours that a strand is evened out with.
+const NEIGHBOURS: usize = 16;
+
+/// `smooth`: turns edges towards the mean of those around them; lengths stay.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
+pub struct Smooth {
+    /// Share of the way. No unit, default 0.5, range 0 to 1; 0 does nothing.
+    pub amount: f32,
+    /// How far along the strand edges count. Unit m, default 0.01, range 0 or more; 0 none but the edge itself.
+    pub along: f32,
+    /// How far around the root other strands count, at the same length from their roots; the 16 nearest at most. Unit m, default 0.01, range 0 or more; 0 none.
+    pub across: f32,
+}
+
+impl Default for Smooth {
+    fn default() -> Self {
+        Self { amount: 0.5, along: 0.01, across: 0.01 }
+    }
+}
+
+impl Smooth {
+    pub(super) fn validate(&self) -> Result<(), EditError> {
+        within("amount", self.amount, 0.0, 1.0)?;
+        at_least("along", self.along, 0.0)?;
+        at_least("across", self.across, 0.0)
+    }
+
+    pub(super) fn change(&self, groom: &Groom, selected: &[bool]) -> Change {
+        // Strands that are not selected count as neighbours too, so that a selection has no seam.
+        let whole = |s: usize| groom.strand(s).len() >= 2 && groom.strand(s).iter().all(|p| p.is_finite());
+        let usable: Vec<usize> = (0..groom.strand_count()).filter(|&s| whole(s)).collect();
+        let tree = Nearest::new(usable.iter().map(|&s| groom.strand(s)[0]));
+        let reach = f64::from(self.across);
+        Change::moved(groom, selected, |chain| {
+            if self.amount == 0.0 {
+                return None;
+            }
+            let mut flow = chain.smoothed_directions(self.along.into());
+            let mut found = Vec::with_capacity(NEIGHBOURS + 2);
+            if self.across > 0.0 {
+                tree.find(groom.strand(chain.strand)[0], NEIGHBOURS + 1, self.across, &mut found);
+            }
+            let others = found.iter().map(|&(d, n)| (f64::from(d).sqrt(), usable[n as usize]));
+            let others = others.filter(|&(_, other)| other != chain.strand);
+            let others: Vec<(f64, Chain)> =
+                others.map(|(d, other)| (falloff(d / reach), Chain::of(groom, other))).collect();
+            add_neighbours(chain, &others, &mut flow);
+            let own = chain.directions();
+            Some(chain.laid(|edge, _| {
+                own[edge].lerp(flow[edge].normalize_or(own[edge]), self.amount.into()).normalize_or(own[edge])
+            }))
+        })
+    }
+}
+
+/// Adds to each edge's direction those of `others` at the same arc length, by weight.
+fn add_neighbours(chain: &Chain, others: &[(f64, Chain)], flow: &mut [DVec3]) {
+    let arcs = chain.arcs();
+    for (weight, other) in others {
+        let (directions, other_arcs) = (other.directions(), other.arcs());
+        for (edge, sum) in flow.iter_mut().enumerate() {
+            let middle = 0.5 * (arcs[edge] + arcs[edge + 1]);
+            let at = other_arcs.partition_point(|&a| a <= middle);
+            // Beyond its tip a neighbour has nothing to say.
+            if at < other_arcs.len() {
+                *sum += directions[at - 1] * *weight;
+            }
+        }
+    }
+}
