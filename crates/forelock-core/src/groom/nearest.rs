@@ -60,9 +60,12 @@ fn arrange(nodes: &mut [Node]) {
         .iter()
         .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), n| (lo.min(n.point), hi.max(n.point)));
     let size = hi - lo;
-    let axis = (0..3u8).fold(0, |best, axis| {
-        if size[usize::from(axis)] > size[usize::from(best)] { axis } else { best }
-    });
+    let axis = (0..3u8).fold(
+        0,
+        |best, axis| {
+            if size[usize::from(axis)] > size[usize::from(best)] { axis } else { best }
+        },
+    );
     let along = |node: &Node| node.point[usize::from(axis)];
     let middle = nodes.len() / 2;
     nodes.select_nth_unstable_by(middle, |a, b| along(a).total_cmp(&along(b)).then(a.number.cmp(&b.number)));

@@ -169,9 +169,10 @@ fn built(groom: &Groom, strands: &[NewStrand]) -> Result<Groom, GroomError> {
         None => value(strand.source),
         Some(parents) => parents.iter().map(|&(parent, weight)| value(parent) * weight).sum(),
     };
-    out.root_uvs = groom.root_uvs.as_ref().map(|uvs| {
-        strands.iter().map(|s| [0, 1].map(|c| mixed(s, &|parent| uvs[parent][c]))).collect()
-    });
+    out.root_uvs = groom
+        .root_uvs
+        .as_ref()
+        .map(|uvs| strands.iter().map(|s| [0, 1].map(|c| mixed(s, &|parent| uvs[parent][c]))).collect());
     out.stiffness =
         groom.stiffness.as_ref().map(|k| strands.iter().map(|s| mixed(s, &|parent| k[parent])).collect());
     out.bindings = groom.bindings.as_ref().map(|b| strands.iter().map(|s| b[s.source]).collect());

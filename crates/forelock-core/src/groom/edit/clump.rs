@@ -22,6 +22,8 @@ pub struct Clump {
     pub root: f32,
     /// Share of the way at the tip, reached evenly from the root. No unit, default 0.7, range 0 to 1; 1 makes tips meet.
     pub tip: f32,
+    /// Distance of a strand's tip from the middle strand beyond which it keeps out, as on the other side of a parting. Unit m, default 0.05, range above 0.
+    pub spread: f32,
     /// Share of the strands that keep out of it. No unit, default 0.02, range 0 to 1; 0 takes all.
     pub flyaways: f32,
     /// Seed of all that is random. No unit, default 1; 0 is a seed like any other.
@@ -30,7 +32,7 @@ pub struct Clump {
 
 impl Default for Clump {
     fn default() -> Self {
-        Self { spacing: 0.012, root: 0.0, tip: 0.7, flyaways: 0.02, seed: 1 }
+        Self { spacing: 0.012, root: 0.0, tip: 0.7, spread: 0.05, flyaways: 0.02, seed: 1 }
     }
 }
 
@@ -39,6 +41,7 @@ impl Clump {
         above_zero("spacing", self.spacing)?;
         within("root", self.root, 0.0, 1.0)?;
         within("tip", self.tip, 0.0, 1.0)?;
+        above_zero("spread", self.spread)?;
         within("flyaways", self.flyaways, 0.0, 1.0)
     }
 
@@ -52,6 +55,10 @@ impl Clump {
             }
             let middle = Chain::of(groom, middle);
             let (arcs, length, middle_arcs) = (chain.arcs(), chain.length(), middle.arcs());
+            let apart = chain.points[arcs.len() - 1].distance(middle.at(&middle_arcs, length));
+            if apart > self.spread.into() {
+                return None;
+            }
             let mut targets = chain.points.clone();
             for (target, &arc) in targets.iter_mut().zip(&arcs).skip(chain.hold) {
                 let share = self.root + (self.tip - self.root) * (arc / length) as f32;

@@ -57,12 +57,7 @@ impl Comb {
     }
 
     pub(super) fn validate(&self) -> Result<(), EditError> {
-        self.stroke().validate().map_err(|error| match error {
-            EditError::Parameter { name, value, expected } => {
-                EditError::Parameter { name: name.trim_start_matches("stroke."), value, expected }
-            }
-            other => other,
-        })?;
+        self.stroke().validate()?;
         within("strength", self.strength, 0.0, 1.0)?;
         at_least("detail", self.detail, 0.0)?;
         at_least("ease", self.ease, 0.0)

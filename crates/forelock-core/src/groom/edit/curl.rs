@@ -136,7 +136,8 @@ impl Curl {
     /// How far the curl has set in at fraction `at` of the strand, with its sign.
     fn share(&self, at: f64) -> f64 {
         let (start, full) = (f64::from(self.start), f64::from(self.full));
-        let set_in = if full > start { rise((at - start) / (full - start)) } else { f64::from(u8::from(at >= start)) };
+        let set_in =
+            if full > start { rise((at - start) / (full - start)) } else { f64::from(u8::from(at >= start)) };
         set_in * f64::from(self.amount)
     }
 
@@ -150,7 +151,8 @@ impl Curl {
         let sense = if together.unit() < 0.5 { -1.0 } else { 1.0 };
         let mut before = own[0];
         // A frame to begin with that neighbours share: as far towards the front as the first edge allows.
-        let mut aside = DVec3::Z.reject_from(before).try_normalize().unwrap_or(before.any_orthonormal_vector());
+        let mut aside =
+            DVec3::Z.reject_from(before).try_normalize().unwrap_or(before.any_orthonormal_vector());
         chain.laid(|edge, _| {
             let along = own[edge];
             aside = DQuat::from_rotation_arc(before, along) * aside;

@@ -98,7 +98,7 @@ impl Cut {
     }
 
     pub(super) fn validate(&self) -> Result<(), EditError> {
-        self.shape.validate()?;
+        self.shape.validate().map_err(|e| e.under("shape"))?;
         at_least("variation", self.variation, 0.0)?;
         at_least("stub", self.stub, 0.0)
     }

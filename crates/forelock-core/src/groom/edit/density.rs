@@ -55,15 +55,20 @@ impl Density {
     pub(super) fn change(&self, groom: &Groom, selected: &[bool]) -> Change {
         let mut order: Vec<usize> = (0..groom.strand_count()).filter(|&s| selected[s]).collect();
         order.sort_by_key(|&s| (mix(self.seed ^ mix(s as u64 + 1)), s));
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "100 strands a strand at most")]
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "100 strands a strand at most"
+        )]
         let wanted = (order.len() as f64 * f64::from(self.factor)).round() as usize;
         let mut keep = vec![true; groom.strand_count()];
         order.iter().skip(wanted).for_each(|&s| keep[s] = false);
         let kept = (0..groom.strand_count()).filter(|&s| keep[s]).map(NewStrand::kept);
         let tree = Nearest::new(order.iter().map(|&s| groom.strand(s)[0]));
         let new = (order.len()..wanted).into_par_iter();
-        let new: Vec<NewStrand> =
-            new.map(|number| self.between(groom, &order, &tree, order[number % order.len()], number)).collect();
+        let new: Vec<NewStrand> = new
+            .map(|number| self.between(groom, &order, &tree, order[number % order.len()], number))
+            .collect();
         Change { what: What::Rebuilt(kept.chain(new).collect()), coarse: 0 }
     }
 

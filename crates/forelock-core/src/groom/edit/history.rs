@@ -26,7 +26,10 @@ struct Step {
 #[derive(Clone, Debug)]
 enum Other {
     /// Strands, and their particles one after another.
-    Moved { strands: Vec<u32>, positions: Vec<Vec3> },
+    Moved {
+        strands: Vec<u32>,
+        positions: Vec<Vec3>,
+    },
     Whole(Box<Groom>),
 }
 

@@ -8,10 +8,10 @@
 
 use glam::{DQuat, DVec3};
 
+use super::EditError;
 use super::chain::Chain;
 use super::change::{Change, Particle};
 use super::error::at_least;
-use super::EditError;
 use crate::groom::Groom;
 use crate::groom::resample::respaced;
 
@@ -64,7 +64,8 @@ fn longer(chain: &Chain, groom: &Groom, extra: f64) -> Vec<Particle> {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "bounded by the next line")]
     let new = (extra / usual).round().min(MOST_PARTICLES as f64 * 4.0) as usize;
     if new == 0 {
-        let tip = chain.points[edges] + (chain.points[edges] - chain.points[edges - 1]).normalize_or_zero() * extra;
+        let tip =
+            chain.points[edges] + (chain.points[edges] - chain.points[edges - 1]).normalize_or_zero() * extra;
         particles[edges].position = tip.as_vec3();
         return particles;
     }
@@ -101,7 +102,8 @@ fn continuation(chain: &Chain, usual: f64, step: f64) -> impl Iterator<Item = DV
     for pair in last.windows(2) {
         let cross = pair[0].cross(pair[1]);
         bends.push(cross.length().atan2(pair[0].dot(pair[1])));
-        binormals.push(cross.try_normalize().unwrap_or_else(|| binormals.last().copied().unwrap_or(binormal)));
+        binormals
+            .push(cross.try_normalize().unwrap_or_else(|| binormals.last().copied().unwrap_or(binormal)));
     }
     if let Some(end) = binormals.last() {
         binormal = *end;
@@ -119,7 +121,9 @@ fn continuation(chain: &Chain, usual: f64, step: f64) -> impl Iterator<Item = DV
         let torsion = reflected(&torsions, there_and_back) * scale;
         let bend = reflected(&bends, there_and_back) * scale;
         there_and_back += 1;
-        binormal = (DQuat::from_axis_angle(direction, torsion) * binormal).reject_from(direction).normalize_or(binormal);
+        binormal = (DQuat::from_axis_angle(direction, torsion) * binormal)
+            .reject_from(direction)
+            .normalize_or(binormal);
         direction = (DQuat::from_axis_angle(binormal, bend) * direction).normalize();
         Some(direction)
     })

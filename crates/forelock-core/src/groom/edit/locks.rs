@@ -24,9 +24,8 @@ pub(super) fn locks(groom: &Groom, selected: &[bool], spacing: f32, seed: u64) -
     let mut centres = Vec::new();
     for &strand in &order {
         let p = root(strand);
-        let close = neighbours(cell(p)).any(|c| {
-            taken.get(&c).is_some_and(|there| there.iter().any(|&t| root(t).distance(p) < spacing))
-        });
+        let close = neighbours(cell(p))
+            .any(|c| taken.get(&c).is_some_and(|there| there.iter().any(|&t| root(t).distance(p) < spacing)));
         if !close {
             taken.entry(cell(p)).or_default().push(strand);
             centres.push(strand);

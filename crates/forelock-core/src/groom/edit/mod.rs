@@ -226,7 +226,8 @@ impl std::fmt::Display for EditReport {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { selected, changed, .. } = self;
         write!(f, "{changed} of {selected} strands changed")?;
-        for (count, word) in [(self.added, "added"), (self.removed, "removed"), (self.refused, "not finite and left")]
+        for (count, word) in
+            [(self.added, "added"), (self.removed, "removed"), (self.refused, "not finite and left")]
         {
             if count > 0 {
                 write!(f, ", {count} {word}")?;
@@ -261,7 +262,7 @@ impl Edit {
     /// [`EditError::Parameter`] for the first outside its range.
     pub fn validate(&self) -> Result<(), EditError> {
         self.operation.validate()?;
-        self.only.validate()
+        self.only.validate().map_err(|error| error.under("only"))
     }
 
     /// Does it to `groom`, in whose space all its points are, and keeps strands out of `body`.

@@ -71,22 +71,31 @@ impl Pull {
                     away.try_normalize().unwrap_or_else(aside) * (-strength * (reach - distance))
                 };
             }
-            touched.then(|| reached(chain, targets))
+            // What was pushed away must not be drawn back in by its strand.
+            let away = |target: &DVec3| if sign < 0.0 { target.distance(centre).min(reach) } else { 0.0 };
+            let least: Vec<f64> = targets.iter().map(away).collect();
+            touched.then(|| reached(chain, targets, centre, &least))
         })
     }
 }
 
-/// The strand as near to `targets` as its edges allow.
-fn reached(chain: &Chain, mut targets: Vec<DVec3>) -> Vec<DVec3> {
+/// The strand as near to `targets` as its edges allow, each particle at `least` so far from `centre`.
+fn reached(chain: &Chain, mut targets: Vec<DVec3>, centre: DVec3, least: &[f64]) -> Vec<DVec3> {
+    let kept_away = |target: DVec3, least: f64| {
+        let away = target - centre;
+        if away.length() < least { centre + away.normalize_or(DVec3::Y) * least } else { target }
+    };
     for _ in 0..ROUNDS {
         for i in (chain.hold..targets.len() - 1).rev() {
             let from = targets[i + 1];
-            let back = (targets[i] - from).try_normalize();
-            if let Some(back) = back {
-                targets[i] = from + back * chain.lengths[i];
+            if let Some(back) = (targets[i] - from).try_normalize() {
+                targets[i] = kept_away(from + back * chain.lengths[i], least[i]);
             }
         }
         targets = chain.led(&targets);
+        for (target, &least) in targets.iter_mut().zip(least).skip(chain.hold) {
+            *target = kept_away(*target, least);
+        }
     }
-    targets
+    chain.led(&targets)
 }

@@ -64,9 +64,13 @@ impl Default for Selection {
 }
 
 impl Selection {
-    pub(super) fn validate(&self) -> Result<(), EditError> {
-        self.sphere.iter().try_for_each(Ball::validate)?;
-        self.plane.iter().try_for_each(HalfSpace::validate)?;
+    /// Checks every field against its documented range.
+    ///
+    /// # Errors
+    /// [`EditError::Parameter`] for the first that is outside.
+    pub fn validate(&self) -> Result<(), EditError> {
+        self.sphere.iter().try_for_each(Ball::validate).map_err(|e| e.under("sphere"))?;
+        self.plane.iter().try_for_each(HalfSpace::validate).map_err(|e| e.under("plane"))?;
         if let Some(cuboid) = &self.cuboid {
             finite("box.from", cuboid.from)?;
             finite("box.to", cuboid.to)?;

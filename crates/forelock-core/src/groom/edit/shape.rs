@@ -78,15 +78,15 @@ pub enum CutShape {
 
 impl Ball {
     pub(super) fn validate(&self) -> Result<(), EditError> {
-        finite("sphere.centre", self.centre)?;
-        above_zero("sphere.radius", self.radius)
+        finite("centre", self.centre)?;
+        above_zero("radius", self.radius)
     }
 }
 
 impl HalfSpace {
     pub(super) fn validate(&self) -> Result<(), EditError> {
-        finite("plane.point", self.point)?;
-        direction("plane.normal", self.normal)
+        finite("point", self.point)?;
+        direction("normal", self.normal)
     }
 
     /// Signed distance of `p`: positive on the side to which the normal does not point.
@@ -95,15 +95,31 @@ impl HalfSpace {
     }
 }
 
+impl TurnedBox {
+    fn validate(&self) -> Result<(), EditError> {
+        finite("centre", self.centre)?;
+        finite("rotation_degrees", self.rotation_degrees)?;
+        self.half_extents.to_array().into_iter().try_for_each(|h| above_zero("half_extents", h))
+    }
+}
+
+impl Capsule {
+    fn validate(&self) -> Result<(), EditError> {
+        finite("from", self.from)?;
+        finite("to", self.to)?;
+        above_zero("radius", self.radius)
+    }
+}
+
 impl Stroke {
     pub(super) fn validate(&self) -> Result<(), EditError> {
-        above_zero("stroke.radius", self.radius)?;
+        above_zero("radius", self.radius)?;
         if self.points.len() < 2 {
-            return Err(EditError::new("stroke.points", self.points.len(), "two points or more"));
+            return Err(EditError::new("points", self.points.len(), "two points or more"));
         }
-        self.points.iter().try_for_each(|&p| finite("stroke.points", p))?;
+        self.points.iter().try_for_each(|&p| finite("points", p))?;
         let apart = self.points.windows(2).any(|w| w[0].distance(w[1]) > 0.0);
-        if apart { Ok(()) } else { Err(EditError::new("stroke.points", "one place", "points that differ")) }
+        if apart { Ok(()) } else { Err(EditError::new("points", "one place", "points that differ")) }
     }
 
     /// Distance of `p` from the line, and the line's direction there: it turns evenly from one segment's middle to the next's.
@@ -138,19 +154,11 @@ fn to_segment(p: Vec3, a: Vec3, b: Vec3) -> (f32, f32) {
 impl CutShape {
     pub(super) fn validate(&self) -> Result<(), EditError> {
         match self {
-            Self::Plane(plane) => plane.validate(),
-            Self::Sphere(ball) => ball.validate(),
-            Self::Box(cuboid) => {
-                finite("box.centre", cuboid.centre)?;
-                finite("box.rotation_degrees", cuboid.rotation_degrees)?;
-                cuboid.half_extents.to_array().into_iter().try_for_each(|h| above_zero("box.half_extents", h))
-            }
-            Self::Capsule(capsule) => {
-                finite("capsule.from", capsule.from)?;
-                finite("capsule.to", capsule.to)?;
-                above_zero("capsule.radius", capsule.radius)
-            }
-            Self::Stroke(stroke) => stroke.validate(),
+            Self::Plane(plane) => plane.validate().map_err(|e| e.under("plane")),
+            Self::Sphere(ball) => ball.validate().map_err(|e| e.under("sphere")),
+            Self::Box(cuboid) => cuboid.validate().map_err(|e| e.under("box")),
+            Self::Capsule(capsule) => capsule.validate().map_err(|e| e.under("capsule")),
+            Self::Stroke(stroke) => stroke.validate().map_err(|e| e.under("stroke")),
         }
     }
 
@@ -204,14 +212,18 @@ mod tests {
         };
         let capsule =
             Capsule { from: Vec3::new(-1.0, -0.5, 0.0), to: Vec3::new(1.0, -0.5, 0.0), radius: 0.25 };
-        let stroke = Stroke { points: vec![Vec3::new(-1.0, -0.5, 0.0), Vec3::new(1.0, -0.5, 0.0)], radius: 0.25 };
-        for shape in [plane, ball, CutShape::Box(turned), CutShape::Capsule(capsule), CutShape::Stroke(stroke)] {
+        let stroke =
+            Stroke { points: vec![Vec3::new(-1.0, -0.5, 0.0), Vec3::new(1.0, -0.5, 0.0)], radius: 0.25 };
+        for shape in
+            [plane, ball, CutShape::Box(turned), CutShape::Capsule(capsule), CutShape::Stroke(stroke)]
+        {
             let met = far(&shape).unwrap();
             assert!((met - 0.25).abs() < 2e-4, "{shape:?}: {met}");
             assert_eq!(shape.first_met(Vec3::ZERO, Vec3::Y), None, "{shape:?}");
         }
         // Thinner than the segment is long, and both ends outside.
-        let wire = Stroke { points: vec![Vec3::new(-1.0, -0.5, 0.0), Vec3::new(1.0, -0.5, 0.0)], radius: 1e-3 };
+        let wire =
+            Stroke { points: vec![Vec3::new(-1.0, -0.5, 0.0), Vec3::new(1.0, -0.5, 0.0)], radius: 1e-3 };
         assert!((far(&CutShape::Stroke(wire)).unwrap() - 0.499).abs() < 2e-4);
     }
 

@@ -24,7 +24,7 @@ pub struct Smooth {
     pub amount: f32,
     /// How far along the strand edges count. Unit m, default 0.01, range 0 or more; 0 none but the edge itself.
     pub along: f32,
-    /// How far around the root other strands count, at the same length from their roots; the 16 nearest at most. Unit m, default 0.01, range 0 or more; 0 none.
+    /// How far around the root other strands count, at the same length from their roots, as far as they run the same way; the 16 nearest at most. Unit m, default 0.01, range 0 or more; 0 none.
     pub across: f32,
 }
 
@@ -69,9 +69,11 @@ impl Smooth {
     }
 }
 
-/// Adds to each edge's direction those of `others` at the same arc length, by weight.
+/// Adds to each edge's direction those of `others` at the same arc length, by weight and by how far they agree: hair on the other
+/// side of a parting has no say.
 fn add_neighbours(chain: &Chain, others: &[(f64, Chain)], flow: &mut [DVec3]) {
     let arcs = chain.arcs();
+    let own = flow.to_vec();
     for (weight, other) in others {
         let (directions, other_arcs) = (other.directions(), other.arcs());
         for (edge, sum) in flow.iter_mut().enumerate() {
@@ -79,7 +81,8 @@ fn add_neighbours(chain: &Chain, others: &[(f64, Chain)], flow: &mut [DVec3]) {
             let at = other_arcs.partition_point(|&a| a <= middle);
             // Beyond its tip a neighbour has nothing to say.
             if at < other_arcs.len() {
-                *sum += directions[at - 1] * *weight;
+                let agreement = directions[at - 1].dot(own[edge]).max(0.0);
+                *sum += directions[at - 1] * (weight * agreement * agreement);
             }
         }
     }

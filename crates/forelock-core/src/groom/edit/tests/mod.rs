@@ -24,7 +24,8 @@ fn strand(root: Vec3, count: usize, seed: u64) -> Vec<Vec3> {
 fn groom(counts: &[usize], seed: u64) -> Groom {
     let mut random = Random::new(seed, 1);
     let roots: Vec<Vec3> = counts.iter().map(|_| random.cube() * Vec3::new(0.06, 0.01, 0.06)).collect();
-    let strands = roots.iter().zip(counts).zip(seed..).map(|((root, count), seed)| strand(*root, *count, seed));
+    let strands =
+        roots.iter().zip(counts).zip(seed..).map(|((root, count), seed)| strand(*root, *count, seed));
     let mut groom = Groom::from_strands(strands).unwrap();
     let particles = groom.particle_count();
     let mut values = |count: usize| (0..count).map(|_| random.unit()).collect::<Vec<f32>>();
@@ -58,13 +59,20 @@ fn operations() -> (Vec<Operation>, usize) {
     let others = [
         Operation::Trim(Trim { to: 0.1, by: 0.01, variation: 0.01, ..Trim::default() }),
         Operation::Cut(Cut { variation: 0.002, ..Cut::new(CutShape::Stroke(stroke)) }),
-        Operation::Cut(Cut::new(CutShape::Plane(HalfSpace { point: Vec3::NEG_Y * 0.04, normal: Vec3::NEG_Y }))),
+        Operation::Cut(Cut::new(CutShape::Plane(HalfSpace {
+            point: Vec3::NEG_Y * 0.04,
+            normal: Vec3::NEG_Y,
+        }))),
         Operation::Lengthen(Lengthen { by: 0.02, factor: 1.2 }),
         Operation::Resample(Resample { particles: 12 }),
         Operation::Density(Density { factor: 0.5, ..Density::default() }),
         Operation::Density(Density { factor: 2.3, ..Density::default() }),
         Operation::Mirror(Mirror::default()),
-        Operation::Mirror(Mirror { mode: MirrorMode::Add, normal: Vec3::new(1.0, 0.0, -3.0), ..Mirror::default() }),
+        Operation::Mirror(Mirror {
+            mode: MirrorMode::Add,
+            normal: Vec3::new(1.0, 0.0, -3.0),
+            ..Mirror::default()
+        }),
         Operation::Mirror(Mirror { mode: MirrorMode::Flip, ..Mirror::default() }),
     ];
     (keeping.into_iter().chain(others).collect(), count)
@@ -108,7 +116,10 @@ fn check(operation: &Operation, keeps_lengths: bool, start: &Groom) {
     }
     if matches!(operation, Operation::Trim(_) | Operation::Cut(_)) {
         for s in 0..start.strand_count() {
-            assert!(after.length(s) <= start.length(s) * (1.0 + 1e-6), "{operation:?} made strand {s} longer");
+            assert!(
+                after.length(s) <= start.length(s) * (1.0 + 1e-6),
+                "{operation:?} made strand {s} longer"
+            );
             assert_eq!(after.strand(s)[0], start.strand(s)[0]);
         }
     }
@@ -186,7 +197,8 @@ fn strands_that_are_not_finite_are_left_alone_and_counted() {
         let old = broken.clone();
         let report = Edit::all(operation.clone()).apply(&mut broken, None).unwrap();
         assert_eq!((report.selected, report.refused), (3, 1), "{operation:?}");
-        let same = |a: &[Vec3]| a.iter().zip(old.strand(1)).all(|(a, b)| a == b || (a.is_nan() && b.is_nan()));
+        let same =
+            |a: &[Vec3]| a.iter().zip(old.strand(1)).all(|(a, b)| a == b || (a.is_nan() && b.is_nan()));
         assert!(broken.strands().any(same), "{operation:?} lost the strand");
     }
 }
@@ -197,7 +209,10 @@ fn parameters_out_of_range_are_refused_by_name() {
     let error = Edit::all(Operation::Curl(curl)).apply(&mut groom(&[3], 1), None).unwrap_err();
     assert_eq!(error.to_string(), "`radius` should be above 0, not 0");
     let stroke = Operation::Comb(Comb::along(vec![Vec3::ZERO; 2]));
-    assert_eq!(stroke.validate().unwrap_err().to_string(), "`points` should be points that differ, not one place");
+    assert_eq!(
+        stroke.validate().unwrap_err().to_string(),
+        "`points` should be points that differ, not one place"
+    );
     assert!(Operation::Trim(Trim { to: f32::NAN, ..Trim::default() }).validate().is_err());
 }
 
@@ -235,7 +250,8 @@ fn strands_do_not_end_up_inside_the_body() {
     let body = Body { sdf: &sdf, mesh: None, margin: 5e-4 };
     let roots = (0..40).map(|i| 0.15 * i as f32).map(|a| Vec3::new(0.02 * a.cos(), -0.0085, 0.02 * a.sin()));
     let outwards = |root: Vec3| (root + Vec3::Y * 0.055).normalize();
-    let strands = roots.map(|root| (0..15).map(|i| root + outwards(root) * (0.01 * i as f32)).collect::<Vec<_>>());
+    let strands =
+        roots.map(|root| (0..15).map(|i| root + outwards(root) * (0.01 * i as f32)).collect::<Vec<_>>());
     let start = Groom::from_strands(strands).unwrap();
     for operation in [
         Operation::Attract(Pull { radius: 0.3, strength: 1.0, ..Pull::about(Vec3::NEG_Y * 0.055) }),
@@ -259,4 +275,4 @@ fn strands_do_not_end_up_inside_the_body() {
     }
 }
 
-
+mod purposes;
