@@ -3,6 +3,7 @@
 mod binding;
 pub mod edit;
 pub mod grow;
+pub mod guides;
 mod info;
 mod lift;
 mod nearest;
