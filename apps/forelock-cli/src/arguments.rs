@@ -39,6 +39,8 @@ pub enum Command {
     Render(RenderArgs),
     /// Grow a groom and write it to a file.
     Grow(GrowArgs),
+    /// Edit a groom as a script says: cut, comb, curl and the like.
+    Groom(GroomArgs),
     /// Tell what a groom or cache holds, and what is odd in it.
     Info(InfoArgs),
     /// Convert a groom between formats.
@@ -147,6 +149,25 @@ pub struct GrowArgs {
     #[arg(long, value_name = "DIR")]
     pub sheets: Option<PathBuf>,
     /// Print what was grown as one JSON object.
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct GroomArgs {
+    /// The script: a scene file (TOML) with `[[edit]]` tables.
+    #[arg(value_name = "SCRIPT")]
+    pub script: PathBuf,
+    /// Change one key of the script, as in `--set edit.0.strength=0.5`; may be repeated, the last holds.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub sets: Vec<String>,
+    /// Folder for everything that is written [default: forelock-out/NAME].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Also take a picture after each edit, into the folder `steps`.
+    #[arg(long)]
+    pub steps: bool,
+    /// Print what was done as one JSON object.
     #[arg(long)]
     pub json: bool,
 }

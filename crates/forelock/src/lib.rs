@@ -19,6 +19,7 @@
 //! ```
 
 mod assets;
+mod grooming;
 mod hash;
 pub mod paper;
 mod pictures;
@@ -32,6 +33,7 @@ pub mod summary;
 mod tessellate;
 
 pub use assets::{AssetError, Assets};
+pub use grooming::{Counts, EditRow, Grooming, GroomingOptions, groom};
 pub use pictures::{PictureError, Studio, write_png};
 pub use run::{Observer, Progress, RunError, RunOptions, simulate};
 pub use scene::Scene;

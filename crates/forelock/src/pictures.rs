@@ -72,6 +72,16 @@ impl<'a> Studio<'a> {
         Self { scene, assets, colour, camera }
     }
 
+    /// Where the camera is.
+    pub(crate) fn camera(&self) -> Camera {
+        self.camera
+    }
+
+    /// The same with the camera at another place.
+    pub(crate) fn at(self, camera: Camera) -> Self {
+        Self { camera, ..self }
+    }
+
     /// The same camera walked around to `yaw_degrees`.
     #[must_use]
     pub fn from_side(&self, yaw_degrees: f64) -> Self {

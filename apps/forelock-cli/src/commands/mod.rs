@@ -2,6 +2,7 @@
 
 mod bench;
 mod convert;
+mod groom;
 mod grow;
 mod info;
 mod render;
@@ -26,6 +27,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Simulate(arguments) => return simulate::simulate(&arguments),
         Command::Render(arguments) => render::render(&arguments)?,
         Command::Grow(arguments) => grow::grow(&arguments)?,
+        Command::Groom(arguments) => groom::groom(&arguments)?,
         Command::Info(arguments) => info::info(&arguments)?,
         Command::Convert(arguments) => convert::convert(&arguments)?,
         Command::Bench(arguments) => bench::bench(&arguments)?,

@@ -1,5 +1,6 @@
 //! The strands of a scene: read or grown, repaired, resampled, brought out of the body.
 
+use forelock_core::groom::edit::{self, EditReport};
 use forelock_core::groom::grow::{self, grow};
 use forelock_core::groom::{Groom, LiftParams, LiftReport, lift_out, resample};
 use glam::{DVec3, Vec3};
@@ -32,18 +33,42 @@ pub(super) fn load(scene: &Scene, body: Option<&Body>, notes: &mut Vec<String>) 
     // Growth keeps out of the body by itself.
     let lift = section.lift && section.source != GroomSource::Grow;
     if let Some(sdf) = body.and_then(|body| body.sdf.as_ref()).filter(|_| lift) {
-        let solver = &scene.solver;
-        let (margin, clamped) = match solver.kind {
-            SolverKind::MassSpring => (solver.mass_spring.skin_thickness, solver.mass_spring.clamped),
-            _ => (solver.ams.skin_thickness, solver.ams.clamped),
-        };
-        let params = LiftParams { margin: margin as f32, clamped: clamped as usize, ..LiftParams::default() };
+        let (margin, clamped) = skin(scene);
+        let params = LiftParams { margin, clamped, ..LiftParams::default() };
         let report = lift_out(&mut groom, sdf, &params);
         if report != LiftReport::default() {
             notes.push(report.to_string());
         }
     }
     Ok(groom)
+}
+
+/// How far over the skin the solver of `scene` keeps hair, metres, and how many particles of a strand it holds there.
+fn skin(scene: &Scene) -> (f32, usize) {
+    let solver = &scene.solver;
+    let (thickness, clamped) = match solver.kind {
+        SolverKind::MassSpring => (solver.mass_spring.skin_thickness, solver.mass_spring.clamped),
+        _ => (solver.ams.skin_thickness, solver.ams.clamped),
+    };
+    (thickness as f32, clamped as usize)
+}
+
+/// Does edit `number` (from 0) of `scene` to `groom`, which keeps out of `body`.
+pub(super) fn edit(
+    scene: &Scene,
+    number: usize,
+    groom: &mut Groom,
+    body: Option<&Body>,
+) -> Result<EditReport, AssetError> {
+    let Some(edit) = scene.edits.0.get(number) else { return Ok(EditReport::default()) };
+    let solid = body.and_then(|body| {
+        let (sdf, mesh) = (body.sdf.as_deref()?, Some(body.mesh.as_ref()));
+        Some(edit::Body { sdf, mesh, margin: skin(scene).0 })
+    });
+    edit.apply(groom, solid.as_ref()).map_err(|error| {
+        let number = number + 1;
+        AssetError::Edit { number, operation: edit.operation.name(), error }
+    })
 }
 
 fn grow_on(scene: &Scene, body: &Body) -> Result<Groom, AssetError> {

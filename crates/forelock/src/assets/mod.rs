@@ -10,6 +10,7 @@ mod solids;
 
 use forelock_core::body::{ColliderFrame, Motion, Sdf, SdfError, TriMesh};
 use forelock_core::groom::Groom;
+use forelock_core::groom::edit::EditReport;
 use forelock_core::pose::Pose;
 use glam::DVec3;
 
@@ -33,6 +34,16 @@ pub enum AssetError {
     /// Strands cannot be resampled.
     #[error("the strands cannot be resampled: {0}")]
     Resample(#[from] forelock_core::groom::ResampleError),
+    /// An edit cannot be done.
+    #[error("edit {number} ({operation}) cannot be done: {error}")]
+    Edit {
+        /// Which, from 1.
+        number: usize,
+        /// Its `op`.
+        operation: &'static str,
+        /// What is wrong.
+        error: forelock_core::groom::edit::EditError,
+    },
     /// No motion of that name.
     #[error("there is no motion `{0}`")]
     Motion(String),
@@ -69,6 +80,21 @@ impl Assets {
     /// # Errors
     /// [`AssetError`] if a file cannot be used.
     pub fn load(scene: &Scene, observer: &mut Observer<'_>) -> Result<Self, AssetError> {
+        let mut assets = Self::unedited(scene, observer)?;
+        for number in 0..scene.edits.0.len() {
+            let report = assets.edit(scene, number)?;
+            let note = format!("edit {} ({}): {report}", number + 1, scene.edits.0[number].operation.name());
+            observer(&Progress::Note(&note));
+            assets.notes.push(note);
+        }
+        Ok(assets)
+    }
+
+    /// What `scene` names, with the groom as it is before the first edit.
+    ///
+    /// # Errors
+    /// [`AssetError`] if a file cannot be used.
+    pub fn unedited(scene: &Scene, observer: &mut Observer<'_>) -> Result<Self, AssetError> {
         let body = Body::load(scene)?;
         let mut notes = Vec::new();
         let groom = groom::load(scene, body.as_ref(), &mut notes)?;
@@ -79,6 +105,14 @@ impl Assets {
             observer(&Progress::Note(note));
         }
         Ok(Self { groom, notes, body, head, solids })
+    }
+
+    /// Does edit `number`, from 0, of `scene` to the groom.
+    ///
+    /// # Errors
+    /// [`AssetError`] if it cannot be done; the groom is as it was then.
+    pub fn edit(&mut self, scene: &Scene, number: usize) -> Result<EditReport, AssetError> {
+        groom::edit(scene, number, &mut self.groom, self.body.as_ref())
     }
 
     /// What `scene` names around a `groom` that is there already; nothing collides. For pictures.

@@ -8,6 +8,7 @@ use forelock_core::groom::grow::GrowError;
 use forelock_core::solver::ParamsError;
 use forelock_core::solver::params::FLOAT32_STIFFNESS_LIMIT;
 
+use forelock_io::Format;
 use forelock_render::HairColour;
 
 use super::document::Document;
@@ -230,6 +231,12 @@ fn check_growth(scene: &Scene, document: &Document<'_>) -> Result<(), Wrong> {
 
 fn check_output(scene: &Scene) -> Result<(), Wrong> {
     let output = &scene.output;
+    if !Format::of(&output.groom).is_some_and(Format::is_written) {
+        let written: Vec<String> =
+            Format::ALL.into_iter().filter(|f| f.is_written()).map(|f| format!(".{}", f.ending())).collect();
+        let message = format!("should end in one of {}", written.join(", "));
+        return Err(("output.groom".to_owned(), message));
+    }
     let key = || "output.cache".to_owned();
     if output.cache.as_os_str().is_empty() {
         return match (output.film, output.contact_sheet) {

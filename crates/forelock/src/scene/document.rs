@@ -121,8 +121,21 @@ impl<'a> Document<'a> {
     }
 
     pub(super) fn deserialize<T: DeserializeOwned>(&self) -> Result<T, SceneError> {
-        let root = Spanned::new(0..self.text.len(), self.table.clone());
-        T::deserialize(toml::Deserializer::from(root)).map_err(|error| {
+        self.read(self.table.clone(), 0..self.text.len())
+    }
+
+    /// What stands at the top-level key `key`, if something does.
+    pub(super) fn list(&self, key: &str) -> Option<&DeValue<'a>> {
+        self.table.get(key).map(Spanned::get_ref)
+    }
+
+    /// A part of this document, `table`, which stands at `span`.
+    pub(super) fn read<T: DeserializeOwned>(
+        &self,
+        table: DeTable<'_>,
+        span: Range<usize>,
+    ) -> Result<T, SceneError> {
+        T::deserialize(toml::Deserializer::from(Spanned::new(span, table))).map_err(|error| {
             let span = error.span().unwrap_or(0..0);
             reword(error.message(), self.key_at(&span), self.place(span))
         })

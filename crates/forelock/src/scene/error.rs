@@ -122,6 +122,9 @@ pub(super) fn reword(message: &str, key: String, place: Place) -> SceneError {
         let found = quoted.first().copied().unwrap_or_default();
         return SceneError::Value { place, message: one_of(found, &quoted[1.min(quoted.len())..]), key };
     }
+    if let Some(field) = message.strip_prefix("missing field `").and_then(|rest| rest.strip_suffix('`')) {
+        return SceneError::Value { place, key, message: format!("has no `{field}`, which it needs") };
+    }
     let message = ["invalid type: ", "invalid value: ", "invalid length "]
         .iter()
         .find_map(|start| message.strip_prefix(start))
@@ -147,6 +150,7 @@ fn type_words(expected: &str) -> String {
         "a boolean" => "true or false".to_owned(),
         "a string" => "text in quotes".to_owned(),
         "a sequence" => "a list".to_owned(),
+        "a sequence of 3 f32 values" => "a list of 3 numbers".to_owned(),
         _ if expected.starts_with("struct ") => "a table of keys".to_owned(),
         _ => expected.replace("an array of length", "a list of").replace("string or map", "text in quotes"),
     }

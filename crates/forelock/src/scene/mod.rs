@@ -15,11 +15,13 @@
 
 mod check;
 mod document;
+mod edits;
 mod error;
 mod motion;
 mod sections;
 
 pub use document::Override;
+pub use edits::EditSections;
 pub use error::{Place, SceneError};
 pub use motion::{Keyframe, MotionSection};
 pub use sections::{
@@ -48,6 +50,9 @@ pub struct Scene {
     pub gravity: [f64; 3],
     /// The strands.
     pub groom: GroomSection,
+    /// What is done to them before the simulation, each an `[[edit]]` table: `op` names the operation, its parameters stand beside it.
+    #[serde(rename = "edit", skip_serializing_if = "EditSections::is_empty")]
+    pub edits: EditSections,
     /// What they grow on, and how it moves.
     pub body: BodySection,
     /// Further solids, each a `[[collider]]` table.
@@ -76,6 +81,7 @@ impl Default for Scene {
             seed: 1,
             gravity: [0.0, -9.81, 0.0],
             groom: GroomSection::default(),
+            edits: EditSections::default(),
             body: BodySection::default(),
             colliders: Vec::new(),
             wind: WindSection::default(),
@@ -126,6 +132,7 @@ impl Scene {
         let below = written.below(&growth);
         let document = Document::parse(text, path, &layers, &below)?;
         let mut scene: Self = document.deserialize()?;
+        scene.edits = edits::read(&document)?;
         check::check(&scene, &document).map_err(|(key, message)| document.refuse(&key, message))?;
         if let Some(substeps) = scene.time.substeps {
             scene.solver.set_substeps(substeps);

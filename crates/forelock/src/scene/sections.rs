@@ -416,6 +416,8 @@ pub struct OutputSection {
     pub cache: PathBuf,
     /// Whether to write the page `report.html`. Default true.
     pub report: bool,
+    /// Name of the groom that `forelock groom` writes; its ending picks the format. Default "groom.npz".
+    pub groom: PathBuf,
 }
 
 impl Default for OutputSection {
@@ -429,6 +431,7 @@ impl Default for OutputSection {
             height: 900,
             cache: PathBuf::from("hair.npz"),
             report: true,
+            groom: PathBuf::from("groom.npz"),
         }
     }
 }
