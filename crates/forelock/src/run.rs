@@ -17,6 +17,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use forelock_core::body::ColliderFrame;
+use forelock_core::groom::guides::Skinning;
 use forelock_core::pose::Pose;
 use forelock_core::solver::{Frame, FrameReport, Options, Simd, Simulation};
 use forelock_io::CacheWriter;
@@ -74,6 +75,9 @@ pub enum RunError {
     /// The solver refuses groom or parameters.
     #[error("the solver cannot take this scene: {0}")]
     Build(#[from] forelock_core::solver::BuildError),
+    /// The hair cannot be carried by guides.
+    #[error("groom.guides: {0}")]
+    Guides(#[from] forelock_core::groom::guides::GuidesError),
     /// There is nothing to resume, or it does not fit.
     #[error(transparent)]
     Snapshot(#[from] SnapshotError),
@@ -120,6 +124,10 @@ pub(crate) struct Stepper<'a> {
     scene: &'a Scene,
     assets: &'a Assets,
     pub(crate) simulation: Simulation,
+    /// How guides carry all strands, if only guides are simulated.
+    skinning: Option<Skinning>,
+    /// The guides' positions.
+    guides: Vec<Vec3>,
 }
 
 impl<'a> Stepper<'a> {
@@ -131,7 +139,9 @@ impl<'a> Stepper<'a> {
             rest_gravity: DVec3::from_array(scene.gravity),
             beyond_float32: scene.solver.beyond_float32,
         };
-        let (groom, solver) = (&assets.groom, &scene.solver);
+        let (count, solver) = (scene.groom.guides as usize, &scene.solver);
+        let skinning = (count > 0).then(|| Skinning::new(&assets.groom, count, scene.seed)).transpose()?;
+        let groom = skinning.as_ref().map_or(&assets.groom, Skinning::guides);
         let mut simulation = match solver.kind {
             SolverKind::MassSpring => Simulation::mass_spring(groom, &solver.mass_spring, &options)?,
             _ => Simulation::new(groom, &solver.ams, &options)?,
@@ -139,7 +149,14 @@ impl<'a> Stepper<'a> {
         if scene.interaction.kind == InteractionKind::Grid {
             simulation.set_grid(Some(&scene.interaction.grid))?;
         }
-        Ok(Self { scene, assets, simulation })
+        Ok(Self { scene, assets, simulation, skinning, guides: Vec::new() })
+    }
+
+    /// All strands at frame `frame`, which the simulation has reached: positions in world space and the groom's order, metres.
+    fn positions(&mut self, frame: u32, out: &mut Vec<Vec3>) {
+        let Some(skinning) = &mut self.skinning else { return self.simulation.positions(out) };
+        self.simulation.positions(&mut self.guides);
+        skinning.skin(&self.assets.head_pose(f64::from(frame) / self.scene.time.fps), &self.guides, out);
     }
 
     /// Time of frame `frame`, seconds.
@@ -198,7 +215,7 @@ impl<'a> Run<'a> {
             cache_path.map(|path| CacheWriter::create(&path, offsets, &[])).transpose()?
         };
         let mut run = Self { stepper, out, cache, so_far, rows: Vec::new(), positions: Vec::new() };
-        run.stepper.simulation.positions(&mut run.positions);
+        run.stepper.positions(run.so_far.frame, &mut run.positions);
         if !options.resume {
             run.append()?;
         }
@@ -236,22 +253,28 @@ impl<'a> Run<'a> {
         let frame = self.so_far.frame;
         let started = Instant::now();
         let report = self.stepper.step(frame)?;
-        let ms = started.elapsed().as_secs_f64() * 1e3;
-        self.stepper.simulation.positions(&mut self.positions);
+        let stepped = Instant::now();
+        self.stepper.positions(frame + 1, &mut self.positions);
+        let skin_ms = stepped.elapsed().as_secs_f64() * 1e3;
+        let guided = self.stepper.skinning.is_some();
+        let mut ms = stepped.duration_since(started).as_secs_f64() * 1e3;
         let (_, colliders) = self.stepper.surroundings(frame);
-        let deep = deep_particles(&self.positions, &colliders);
+        let (deep, deepest) = deep_particles(&self.positions, &colliders);
         let share = deep as f64 / self.positions.len().max(1) as f64;
-        let worst = [report.max_edge_stretch, report.max_edge_stretch_final, report.max_penetration_m, share];
+        let mut penetration_m = report.max_penetration_m;
+        let mut stages: Vec<_> = report.stage_secs.iter().map(|&(stage, secs)| (stage, secs * 1e3)).collect();
+        if guided {
+            ms += skin_ms;
+            stages.push(("skin_strands", skin_ms));
+            // What the solver knows is how deep its guides are.
+            penetration_m = penetration_m.max(deepest);
+        }
+        let worst = [report.max_edge_stretch, report.max_edge_stretch_final, penetration_m, share];
         let so_far = &mut self.so_far;
         so_far.frame += 1;
         so_far.worst = std::array::from_fn(|i| so_far.worst[i].max(worst[i]));
         so_far.quarantined_strands += u64::from(report.quarantined_strands);
-        self.rows.push(FrameRow {
-            ms,
-            stretch: report.max_edge_stretch,
-            penetration_m: report.max_penetration_m,
-            stages: report.stage_secs.iter().map(|&(stage, secs)| (stage, secs * 1e3)).collect(),
-        });
+        self.rows.push(FrameRow { ms, stretch: report.max_edge_stretch, penetration_m, stages });
         Ok(())
     }
 
@@ -293,6 +316,7 @@ impl<'a> Run<'a> {
     fn summary(&self, outputs: Vec<PathBuf>) -> Summary {
         let times: Vec<f64> = self.rows.iter().map(|row| row.ms).collect();
         let memory = self.stepper.simulation.memory();
+        let skinning_bytes = self.stepper.skinning.as_ref().map_or(0, Skinning::bytes);
         let so_far = &self.so_far;
         Summary {
             scene: self.stepper.scene.name.clone(),
@@ -303,6 +327,7 @@ impl<'a> Run<'a> {
             threads: rayon::current_num_threads(),
             strands: self.stepper.assets.groom.strand_count(),
             particles: self.stepper.assets.groom.particle_count(),
+            guides: self.stepper.skinning.as_ref().map_or(0, |skinning| skinning.chosen().len()),
             frames: so_far.frame,
             frames_asked: self.stepper.scene.time.frames,
             fps: self.stepper.scene.time.fps,
@@ -310,7 +335,7 @@ impl<'a> Run<'a> {
             ms_per_frame: Spread::of(&times),
             ms_per_stage: median_stages(&self.rows),
             peak_memory_bytes: peak_memory_bytes(),
-            simulation_bytes: (memory.model + memory.state + memory.workspace) as u64,
+            simulation_bytes: (memory.model + memory.state + memory.workspace + skinning_bytes) as u64,
             max_edge_stretch: so_far.worst[0],
             max_edge_stretch_after_solids: so_far.worst[1],
             max_penetration_m: so_far.worst[2],
@@ -335,14 +360,21 @@ fn cache_path(scene: &Scene, out: &Path) -> Option<PathBuf> {
 /// Depth under a surface from which a particle counts as inside, metres.
 const DEEP_M: f64 = 1e-3;
 
-/// Particles more than [`DEEP_M`] inside a solid at the end of its frame.
-fn deep_particles(positions: &[Vec3], solids: &[ColliderFrame<'_>]) -> usize {
+/// Particles more than [`DEEP_M`] inside a solid at the end of its frame, and the depth of the deepest, metres.
+fn deep_particles(positions: &[Vec3], solids: &[ColliderFrame<'_>]) -> (usize, f64) {
     let local: Vec<_> = solids.iter().map(|solid| (solid.shape, solid.pose(1.0).inverse())).collect();
-    let deep = |p: &Vec3| {
-        local.iter().any(|(shape, local_from_world): &(_, Pose)| {
+    let depth = |p: &Vec3| {
+        let depths = local.iter().map(|(shape, local_from_world): &(_, Pose)| {
             let p = local_from_world.transform_point(p.as_dvec3()).as_vec3().to_array();
-            shape.sample_near(p, 0.0).is_some_and(|(distance, _)| f64::from(distance) < -DEEP_M)
+            shape.sample_near(p, 0.0).map_or(0.0, |(distance, _)| -f64::from(distance))
+        });
+        depths.fold(0.0, f64::max)
+    };
+    let of_chunk = |chunk: &[Vec3]| {
+        chunk.iter().map(depth).fold((0, 0.0), |(count, deepest): (usize, f64), depth| {
+            (count + usize::from(depth > DEEP_M), deepest.max(depth))
         })
     };
-    positions.par_chunks(4096).map(|chunk| chunk.iter().filter(|p| deep(p)).count()).sum()
+    let both = |a: (usize, f64), b: (usize, f64)| (a.0 + b.0, a.1.max(b.1));
+    positions.par_chunks(4096).map(of_chunk).reduce(|| (0, 0.0), both)
 }

@@ -24,6 +24,8 @@ pub struct Summary {
     pub strands: usize,
     /// Particles, P.
     pub particles: usize,
+    /// Strands that were simulated as guides, which all others followed; 0 if all were simulated.
+    pub guides: usize,
     /// Frames simulated since the start of the scene, over all runs that it took.
     pub frames: u32,
     /// Frames that the scene asks for; more than `frames` after an interruption.

@@ -85,6 +85,8 @@ pub struct GroomSection {
     pub scale: f64,
     /// Whether strands that start inside the body are brought out before the simulation. Default true.
     pub lift: bool,
+    /// Strands that are simulated; all others follow the nearest of them. Unit strands, default 0, range 0 or more; 0 simulates all.
+    pub guides: u32,
     /// Where on a mesh of one's own to grow: two opposite corners of a box, [[x, y, z], [x, y, z]]. Unit m, default the whole mesh; the built-in head has its regions.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub region_box: Option<[[f64; 3]; 2]>,
@@ -103,6 +105,7 @@ impl Default for GroomSection {
             up: Up::default(),
             scale: 1.0,
             lift: true,
+            guides: 0,
             region_box: None,
             grow: GrowParams::preset(PRESET).unwrap_or_default(),
         }
