@@ -6,6 +6,7 @@
 use forelock_core::body::{ColliderFrame, Shape};
 use forelock_core::grid::GridParams;
 use forelock_core::groom::Groom;
+use forelock_core::groom::guides::Skinning;
 use forelock_core::pose::Pose;
 use forelock_core::solver::{AmsParams, Frame, Options, Simulation};
 use glam::{DQuat, DVec3, Vec3};
@@ -64,6 +65,22 @@ fn allocations_of_frames(grid: Option<&GridParams>) -> usize {
     counted
 }
 
+/// Allocations of ten frames of strands that follow guides, after one to make room.
+fn allocations_of_skinning() -> usize {
+    let strand = |s: u16| {
+        let root = Vec3::new(f32::from(s) * 1e-3, 0.0, 0.0);
+        (0..25u8).map(move |i| root + Vec3::new(0.0, -0.01 * f32::from(i), 0.0)).collect::<Vec<_>>()
+    };
+    let groom = Groom::from_strands((0..3000).map(strand)).unwrap();
+    let mut skinning = Skinning::new(&groom, 200, 1).unwrap();
+    let guides = skinning.guides().positions().to_vec();
+    let mut out = Vec::new();
+    skinning.skin(&Pose::IDENTITY, &guides, &mut out);
+    let before = ALLOCATIONS.load(Ordering::SeqCst);
+    (0..10).for_each(|_| skinning.skin(&Pose::IDENTITY, &guides, &mut out));
+    ALLOCATIONS.load(Ordering::SeqCst) - before
+}
+
 #[test]
 fn frames_allocate_nothing() {
     for threads in [1, 2] {
@@ -73,6 +90,7 @@ fn frames_allocate_nothing() {
             println!("{threads} thread(s), {grid:?}: {counted} allocations in 40 frames");
             assert_eq!(counted, 0, "{threads} thread(s), {grid:?}");
         }
+        assert_eq!(pool.install(allocations_of_skinning), 0, "skinning, {threads} thread(s)");
     }
     let before = ALLOCATIONS.load(Ordering::SeqCst);
     drop(std::hint::black_box(vec![1u8; 64]));

@@ -1,0 +1,244 @@
+//! Linear hair skinning: a few simulated guides carry all the strands of a groom.
+//!
+//! # Theory
+//! Each particle of a guide carries a rigid motion T_g,j: x ↦ c_j + R_j (x − c̄_j), from its place c̄_j at rest to where it is now, c_j. The
+//! rotations follow the strand without twist: at the root R is the head's rotation, and from each edge to the next it is
+//! turned by the smallest rotation that takes the edge, as it would be, to the edge as it is. A strand's particle at rest place x̄
+//! and fraction s of its length comes to lie at
+//!
+//! x = Σ_g w_g ((1 − t) T_g,j + t T_g,j+1) x̄,
+//!
+//! where s falls on edge j of guide g at fraction t. The weights of a strand's k nearest guides, by the distance d of their roots, are
+//! those of Franke and Little, w ∝ ((D − d)/(D d))² with D the distance of the next guide after them, and sum to 1: they do not jump from one strand to
+//! its neighbour where a guide leaves the set.
+//!
+//! Rigid motions rather than mere displacements, x̄ + Σ w (c − c̄): a displacement keeps the offset of a strand from its guide as it was at
+//! rest, so hair that swings up loses its volume and the far side of a lock passes through the near one. With rotations the whole lock turns.
+//! They cost little, for they are computed for guides only.
+//!
+//! At rest every T is the identity, and when head and guides move as one rigid body every T is that motion: strands come out exactly, to rounding.
+//!
+//! # Practice
+//! [`Skinning::new`] chooses guides by farthest-point sampling of the roots (Gonzalez 1985), so that no root is far from one, and
+//! finds every strand's guides once; [`Skinning::guides`] is the groom to simulate; [`Skinning::skin`] places all strands, in parallel,
+//! without allocating. Guides and strands may have any numbers of particles.
+//!
+//! # Limitations
+//! The mean of rigid motions that differ is not rigid: strands between guides that part are shortened, and nothing keeps them out of solids. Guides are
+//! near by their roots alone: a strand beside a parting follows guides on both sides of it.
+
+mod choose;
+#[cfg(test)]
+mod tests;
+
+use glam::{Affine3A, DQuat, DVec3, Vec3, Vec3A};
+use rayon::prelude::*;
+
+use super::Groom;
+use super::nearest::Nearest;
+use crate::pose::Pose;
+
+pub use choose::choose_guides;
+use choose::{fractions, influence, place};
+
+/// Guides that a strand follows, at most.
+pub const GUIDES_PER_STRAND: usize = 4;
+
+/// Strands that one task places.
+const STRANDS_PER_TASK: usize = 64;
+
+/// Why a groom cannot be carried by guides.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum GuidesError {
+    /// No guides were asked for.
+    #[error("hair needs 1 guide or more to follow")]
+    None,
+    /// A strand that nothing can follow or carry.
+    #[error("strand {0} has fewer than 2 particles, or one that is not finite: repair the groom first")]
+    Strand(usize),
+}
+
+/// Which guides a strand follows.
+#[derive(Clone, Copy, Debug, Default)]
+struct Influence {
+    guides: [u32; GUIDES_PER_STRAND],
+    weights: [f32; GUIDES_PER_STRAND],
+}
+
+/// Where on each of its guides a particle is carried: the particle before it, among all guides', and the fraction of the edge.
+#[derive(Clone, Copy, Debug, Default)]
+struct Place {
+    particles: [u32; GUIDES_PER_STRAND],
+    fractions: [f32; GUIDES_PER_STRAND],
+}
+
+/// A groom and the guides that carry it.
+#[derive(Clone, Debug)]
+pub struct Skinning {
+    chosen: Vec<usize>,
+    guides: Groom,
+    /// Of the whole groom.
+    rest: Vec<Vec3>,
+    offsets: Vec<u32>,
+    influences: Vec<Influence>,
+    places: Vec<Place>,
+    /// Workspace: T, one a guide's particle.
+    motions: Vec<Affine3A>,
+}
+
+impl Skinning {
+    /// `groom` carried by `count` of its strands, chosen with `seed`.
+    ///
+    /// # Errors
+    /// [`GuidesError`] if there are to be no guides, or a strand can neither carry nor follow.
+    pub fn new(groom: &Groom, count: usize, seed: u64) -> Result<Self, GuidesError> {
+        let usable = |s: usize| groom.strand(s).len() >= 2 && groom.strand(s).iter().all(|p| p.is_finite());
+        if let Some(strand) = (0..groom.strand_count()).find(|&s| !usable(s)) {
+            return Err(GuidesError::Strand(strand));
+        }
+        let chosen = choose_guides(groom, count, seed);
+        if chosen.is_empty() {
+            return Err(GuidesError::None);
+        }
+        let guides = groom.only(&chosen);
+        let tree = Nearest::new(guides.strands().map(|s| s[0]));
+        let fractions: Vec<Vec<f32>> = guides.strands().map(fractions).collect();
+        let strands = (0..groom.strand_count()).into_par_iter();
+        let found = strands.map(|s| {
+            let strand = groom.strand(s);
+            let influence = influence(&tree, strand[0], guides.strand_count());
+            let at = choose::fractions(strand);
+            (influence, at.iter().map(|&at| place(&guides, &fractions, &influence, at)).collect::<Vec<_>>())
+        });
+        let (influences, places): (Vec<Influence>, Vec<Vec<Place>>) = found.unzip();
+        Ok(Self {
+            chosen,
+            rest: groom.positions().to_vec(),
+            offsets: groom.strand_offsets().to_vec(),
+            influences,
+            places: places.concat(),
+            motions: vec![Affine3A::IDENTITY; guides.particle_count()],
+            guides,
+        })
+    }
+
+    /// The guides, as a groom to be simulated.
+    pub fn guides(&self) -> &Groom {
+        &self.guides
+    }
+
+    /// Which strands of the groom the guides are, in order.
+    pub fn chosen(&self) -> &[usize] {
+        &self.chosen
+    }
+
+    /// The guides that strand `strand` follows, by their number among the guides, and their weights, which sum to 1.
+    ///
+    /// # Panics
+    /// If there is no such strand.
+    pub fn follows(&self, strand: usize) -> impl Iterator<Item = (usize, f32)> {
+        let Influence { guides, weights } = self.influences[strand];
+        guides.into_iter().map(|g| g as usize).zip(weights).filter(|&(_, weight)| weight > 0.0)
+    }
+
+    /// Places all strands into `out` (metres, world space, the groom's order) when the head is at `head` and the guides' particles at `guides`
+    /// (metres, world space, the guides' order). Allocates nothing if `out` has the room.
+    ///
+    /// # Panics
+    /// If `guides` are not as many particles as the guides have.
+    pub fn skin(&mut self, head: &Pose, guides: &[Vec3], out: &mut Vec<Vec3>) {
+        assert_eq!(guides.len(), self.motions.len(), "one position for each of the guides' particles");
+        out.resize(self.rest.len(), Vec3::ZERO);
+        let strands = 0..self.guides.strand_count();
+        each(strands, self.guides.strand_offsets(), &mut self.motions, &|strand, motions| {
+            let range = self.guides.range(strand);
+            follow(&self.guides.positions()[range.clone()], &guides[range], head, motions);
+        });
+        let strands = 0..self.influences.len();
+        each(strands, &self.offsets, out, &|strand, points| {
+            let from = self.offsets[strand] as usize;
+            let Influence { weights, .. } = &self.influences[strand];
+            let places = &self.places[from..from + points.len()];
+            for ((point, place), &rest) in points.iter_mut().zip(places).zip(&self.rest[from..]) {
+                *point = carried(&self.motions, weights, place, rest);
+            }
+        });
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&*self.rest)
+            + size_of_val(&*self.offsets)
+            + size_of_val(&*self.influences)
+            + size_of_val(&*self.places)
+            + size_of_val(&*self.motions)
+            + size_of_val(self.guides.positions())
+    }
+}
+
+/// Σ_g w_g ((1 − t) T_g,j + t T_g,j+1) x̄.
+fn carried(motions: &[Affine3A], weights: &[f32; GUIDES_PER_STRAND], place: &Place, rest: Vec3) -> Vec3 {
+    let rest = Vec3A::from(rest);
+    let mut sum = Vec3A::ZERO;
+    for ((&weight, &j), &t) in weights.iter().zip(&place.particles).zip(&place.fractions) {
+        if weight == 0.0 {
+            break;
+        }
+        let by = |motion: &Affine3A| motion.transform_point3a(rest);
+        sum += weight * by(&motions[j as usize]).lerp(by(&motions[j as usize + 1]), t);
+    }
+    sum.into()
+}
+
+/// Calls `work(strand, its part of the values)` for every strand, over the threads of the pool; allocates nothing.
+fn each<T: Send>(
+    strands: std::ops::Range<usize>,
+    offsets: &[u32],
+    values: &mut [T],
+    work: &(impl Fn(usize, &mut [T]) + Sync),
+) {
+    if strands.len() > STRANDS_PER_TASK {
+        let middle = strands.start + strands.len() / 2;
+        let (left, right) = values.split_at_mut((offsets[middle] - offsets[strands.start]) as usize);
+        rayon::join(
+            || each(strands.start..middle, offsets, left, work),
+            || each(middle..strands.end, offsets, right, work),
+        );
+        return;
+    }
+    let mut rest = values;
+    for strand in strands {
+        let (own, after) = rest.split_at_mut((offsets[strand + 1] - offsets[strand]) as usize);
+        work(strand, own);
+        rest = after;
+    }
+}
+
+/// The motion of each particle of a guide from `rest` in the head's space to `now` in the world.
+fn follow(rest: &[Vec3], now: &[Vec3], head: &Pose, motions: &mut [Affine3A]) {
+    let edge = |points: &[Vec3], i: usize| (points[i + 1] - points[i]).as_dvec3().normalize_or_zero();
+    let motion = |turn: DQuat, i: usize| {
+        let shift = now[i].as_dvec3() - turn * rest[i].as_dvec3();
+        Affine3A::from_rotation_translation(turn.as_quat(), shift.as_vec3())
+    };
+    // The root is on the head, and so is the hair around it.
+    motions[0] = motion(head.rotation, 0);
+    let mut before = turned(head.rotation, edge(rest, 0), edge(now, 0));
+    for (i, out) in motions.iter_mut().enumerate().skip(1) {
+        let mut after = before;
+        if i + 1 < rest.len() {
+            after = turned(before, edge(rest, i), edge(now, i));
+        }
+        // Both are within half a turn of each other, as unit quaternions of the same sign.
+        *out = motion((before + after).normalize(), i);
+        before = after;
+    }
+}
+
+/// The rotation `turn` followed by the smallest that takes the turned `rest` to `now`.
+fn turned(turn: DQuat, rest: DVec3, now: DVec3) -> DQuat {
+    if rest == DVec3::ZERO || now == DVec3::ZERO {
+        return turn;
+    }
+    (DQuat::from_rotation_arc((turn * rest).normalize(), now) * turn).normalize()
+}
