@@ -121,6 +121,11 @@ impl Grid {
         grid
     }
 
+    /// Its parameters.
+    pub fn params(&self) -> &GridParams {
+        &self.params
+    }
+
     /// Side of a cell, metres.
     pub fn cell(&self) -> f64 {
         self.cell

@@ -3,9 +3,11 @@
 mod block;
 mod mass_spring;
 pub mod params;
+mod regroom;
 mod simulation;
 
 pub use block::{STAGES, Simd, SolverReal};
 pub use mass_spring::MassSpringParams;
 pub use params::{AmsParams, ParamsError};
+pub use regroom::RegroomError;
 pub use simulation::{BuildError, Frame, FrameReport, Memory, Options, Simulation, Teleport};

@@ -107,14 +107,14 @@ pub enum Teleport {
 /// `T` is `f32` in use; `f64` runs the same text as specification.
 #[derive(Debug)]
 pub struct Simulation<T: SolverReal = f32> {
-    model: Model<T>,
-    state: State<T>,
+    pub(super) model: Model<T>,
+    pub(super) state: State<T>,
     workspace: Workspace<T>,
     params: AmsParams,
     options: Options,
     block_fn: BlockFn<T>,
     /// One in so many particles of a strand is the groom's; the others are virtual.
-    every: u32,
+    pub(super) every: u32,
     /// Where strands meet, if they do.
     grid: Option<Grid>,
 }
@@ -173,10 +173,8 @@ impl<T: SolverReal> Simulation<T> {
         }
         let model = Model::new(strands)?;
         let state = State::at_rest(&model, &options.rest_pose);
-        let threads = rayon::current_num_threads().max(1);
-        let scratch = (0..threads).map(|_| Mutex::new(Scratch::new(model.longest()))).collect();
         let workspace = Workspace {
-            scratch,
+            scratch: scratch(&model),
             poses: Vec::with_capacity(params.substeps as usize + 1),
             solid_poses: Vec::new(),
         };
@@ -211,6 +209,12 @@ impl<T: SolverReal> Simulation<T> {
             }
         };
         Ok(())
+    }
+
+    /// Makes the workspace anew for a model that has changed.
+    pub(super) fn fit_workspace(&mut self) {
+        self.workspace.scratch = scratch(&self.model);
+        self.grid = self.grid.take().map(|grid| Grid::new(&self.model, grid.params()));
     }
 
     /// Advances by a frame. Allocates nothing once it has seen a frame with as many solids.
@@ -365,6 +369,12 @@ impl<T: SolverReal> Simulation<T> {
                 + self.grid.as_ref().map_or(0, Grid::bytes),
         }
     }
+}
+
+/// Scratch for every thread.
+fn scratch<T: SolverReal>(model: &Model<T>) -> Vec<Mutex<Scratch<T>>> {
+    let threads = rayon::current_num_threads().max(1);
+    (0..threads).map(|_| Mutex::new(Scratch::new(model.longest()))).collect()
 }
 
 /// Turns the vectors in three rows.

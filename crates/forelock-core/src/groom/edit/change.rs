@@ -4,7 +4,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::chain::Chain;
-use super::{Body, EditReport, Touched};
+use super::{Body, EditReport, Source, Touched};
 use crate::body::Bvh;
 use crate::groom::{Groom, GroomError, RootBinding};
 
@@ -115,7 +115,13 @@ fn write_moved(groom: &mut Groom, strands: Vec<(usize, Vec<Vec3>)>, report: &mut
         }
     }
     report.changed = touched.changed.len();
+    report.sources = (0..groom.strand_count()).map(|strand| source(strand, false)).collect();
     touched
+}
+
+fn source(strand: usize, fresh: bool) -> Source {
+    #[expect(clippy::cast_possible_truncation, reason = "offsets are 32-bit, so strand numbers are")]
+    Source { strand: strand as u32, fresh }
 }
 
 fn rebuild(
@@ -141,6 +147,7 @@ fn rebuild(
     }
     report.changed = touched.changed.len();
     report.added = touched.fresh.len();
+    report.sources = strands.iter().map(|s| source(s.source, s.parents.is_some())).collect();
     report.removed = groom.strand_count() - (strands.len() - touched.fresh.len());
     let mut built = built(groom, &strands)?;
     if built.bindings.is_some() && !touched.fresh.is_empty() && !bind(&mut built, body, &touched.fresh) {
