@@ -107,6 +107,29 @@ fn a_shorter_run_resumed_is_the_longer_run() {
     assert!(stderr(&other).contains("has changed since"), "{}", stderr(&other));
 }
 
+#[test]
+fn guides_carry_all_strands_and_resume() {
+    let place = Workplace::new();
+    let quiet = ["--json", "--set", "output.film=false", "--set", "output.picture=false"];
+    let run = |out: &str, more: &[&str]| json(&place.run(small_demo(out, &[&quiet[..], more].concat())));
+    let guides = ["--set", "groom.guides=7"];
+    let whole = run("whole", &guides);
+    assert_eq!(
+        (&whole["strands"], &whole["guides"], &whole["particles"]),
+        (&40.into(), &7.into(), &320.into())
+    );
+    assert!(whole["ms_per_stage"]["skin_strands"].is_number());
+    assert_eq!(json(&place.run(["info", "whole/hair.npz", "--json"]))["strands"], 40);
+    run("parts", &["--set", "groom.guides=7", "--frames", "2"]);
+    run("parts", &["--set", "groom.guides=7", "--resume"]);
+    assert!(
+        fs::read(place.path("parts/hair.npz")).unwrap() == fs::read(place.path("whole/hair.npz")).unwrap()
+    );
+    // As many guides as strands: each follows itself.
+    let (all, each) = (run("all", &[]), run("each", &["--set", "groom.guides=40"]));
+    assert_eq!((&all["state_hash"], &all["guides"]), (&each["state_hash"], &0.into()));
+}
+
 #[cfg(unix)]
 #[test]
 fn an_interrupted_run_is_whole_and_goes_on_bit_for_bit() {
@@ -192,7 +215,8 @@ fn pictures_of_scenes_caches_and_grooms() {
 fn help_and_completions() {
     let place = Workplace::new();
     let help = place.run(["help"]);
-    for command in ["demo", "simulate", "render", "grow", "info", "convert", "bench", "completions"] {
+    for command in ["demo", "simulate", "render", "grow", "groom", "info", "convert", "bench", "completions"]
+    {
         assert!(stdout(&help).contains(command), "{command}");
     }
     assert!(stdout(&place.run(["help", "simulate"])).contains("--resume"));
