@@ -71,6 +71,33 @@ fn a_scene_with_edits_simulates_the_edited_groom() {
 }
 
 #[test]
+fn hair_is_cut_while_it_moves_and_a_resumed_run_is_the_same() {
+    let place = Workplace::new();
+    let edit =
+        "[[edit]]\nop = \"trim\"\nto = 0.05\nat_secs = 0.05\n[[edit]]\nop = \"curl\"\nat_secs = 0.03\n";
+    place.write("cut.toml", edit);
+    let run = |out: &str, more: &[&str]| {
+        let mut arguments: Vec<String> =
+            ["simulate", "cut.toml", "--out", out, "--json"].map(str::to_owned).to_vec();
+        arguments.extend(sets(SMALL.into_iter().chain(["output.picture=false"])));
+        arguments.extend(more.iter().map(|s| (*s).to_owned()));
+        json(&place.run(arguments))
+    };
+    let whole = run("whole", &[]);
+    assert_eq!((&whole["strands"], &whole["particles"]), (&40.into(), &320.into()));
+    assert!(whole["notes"].to_string().contains("edit 1 (trim) at 0.05 s: 40 of 40"), "{}", whole["notes"]);
+    for frames in ["1", "2", "3", "4"] {
+        run("parts", &["--frames", frames]);
+        let resumed = run("parts", &["--resume"]);
+        assert_eq!(resumed["state_hash"], whole["state_hash"], "from frame {frames}");
+        assert!(
+            fs::read(place.path("parts/hair.npz")).unwrap()
+                == fs::read(place.path("whole/hair.npz")).unwrap()
+        );
+    }
+}
+
+#[test]
 fn scripts_with_mistakes() {
     let place = Workplace::new();
     let edit = |text: &str| format!("[groom]\nstrands = 9\n[[edit]]\n{text}\n");
@@ -106,6 +133,13 @@ fn scripts_with_mistakes() {
         (edit("op = \"trim\"\nonly.share = 2"), "`edit.0.only.share` should be from 0 to 1, not 2"),
         (edit("op = \"trim\"\nonly.shere = 2"), "did you mean"),
         (edit("op = \"trim\"\n[output]\ngroom = \"x.bin\""), "`output.groom` should end in one of .hair"),
+        (
+            edit("op = \"trim\"\nat_secs = -1"),
+            "line 5, column 11: `edit.0.at_secs` should be 0 or more, not -1",
+        ),
+        (edit("op = \"trim\"\nat_secs = \"soon\""), "`edit.0.at_secs` should be a number, not the text"),
+        (edit("op = \"density\"\nat_secs = 1"), "`edit.0.at_secs` does not go with op = \"density\""),
+        (edit("op = \"trim\"\nat_secs = 1\n[solver]\nkind = \"mass-spring\""), "virtual_particles` = false"),
         ("edit = 3".to_owned(), "`edit` should be a list of tables: write [[edit]]"),
         ("[[edits]]\nop = \"trim\"".to_owned(), "did you mean `edit`?"),
     ] {

@@ -5,7 +5,7 @@
 //! `[hair]` what is written and how it looks. The same file simulates: a scene's edits are done before its first frame.
 //! Into the output folder go the groom (`output.groom`), with `output.picture` the sheet `before-after.png`, and with
 //! [`GroomingOptions::steps`] a picture after each edit, `steps/01-comb.png` and so on, beside `steps/00.png` of the beginning.
-//! Nothing is written before every edit has been done.
+//! Nothing is written before every edit has been done. Edits with a time, `at_secs`, wait for a simulation and are left out.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -99,8 +99,8 @@ pub fn groom(
     // Pictures of the steps are drawn once the camera knows the last of them.
     let mut stages = vec![before.clone()];
     let mut edits = Vec::with_capacity(scene.edits.0.len());
-    observer(&Progress::Begin { what: "editing", done: 0, total: scene.edits.0.len() as u64 });
-    for (number, edit) in scene.edits.0.iter().enumerate() {
+    observer(&Progress::Begin { what: "editing", done: 0, total: scene.edits.before().count() as u64 });
+    for (number, edit) in scene.edits.before() {
         let started = Instant::now();
         let report = assets.edit(scene, number)?;
         let ms = started.elapsed().as_secs_f64() * 1e3;

@@ -26,6 +26,7 @@ use rayon::prelude::*;
 
 use crate::assets::{AssetError, Assets};
 use crate::pictures::{self, PictureError, Studio};
+use crate::regrooming::Regrooming;
 use crate::report;
 use crate::scene::{InteractionKind, Scene, SolverKind};
 use crate::snapshot::{Snapshot, SnapshotError};
@@ -78,6 +79,9 @@ pub enum RunError {
     /// The hair cannot be carried by guides.
     #[error("groom.guides: {0}")]
     Guides(#[from] forelock_core::groom::guides::GuidesError),
+    /// An edited groom cannot be taken over.
+    #[error("the simulation cannot take the edited groom over: {0}")]
+    Regroom(#[from] forelock_core::solver::RegroomError),
     /// There is nothing to resume, or it does not fit.
     #[error(transparent)]
     Snapshot(#[from] SnapshotError),
@@ -128,6 +132,8 @@ pub(crate) struct Stepper<'a> {
     skinning: Option<Skinning>,
     /// The guides' positions.
     guides: Vec<Vec3>,
+    /// Edits while the hair moves.
+    regrooming: Regrooming,
 }
 
 impl<'a> Stepper<'a> {
@@ -149,12 +155,15 @@ impl<'a> Stepper<'a> {
         if scene.interaction.kind == InteractionKind::Grid {
             simulation.set_grid(Some(&scene.interaction.grid))?;
         }
-        Ok(Self { scene, assets, simulation, skinning, guides: Vec::new() })
+        let regrooming = Regrooming::new(scene);
+        Ok(Self { scene, assets, simulation, skinning, guides: Vec::new(), regrooming })
     }
 
     /// All strands at frame `frame`, which the simulation has reached: positions in world space and the groom's order, metres.
     fn positions(&mut self, frame: u32, out: &mut Vec<Vec3>) {
-        let Some(skinning) = &mut self.skinning else { return self.simulation.positions(out) };
+        let Some(skinning) = &mut self.skinning else {
+            return self.regrooming.positions(&self.simulation, out);
+        };
         self.simulation.positions(&mut self.guides);
         skinning.skin(&self.assets.head_pose(f64::from(frame) / self.scene.time.fps), &self.guides, out);
     }
@@ -171,8 +180,16 @@ impl<'a> Stepper<'a> {
         (head, self.assets.collider_frames(times, head))
     }
 
+    /// Does the edits that are to be done by frame `frame`.
+    fn regroom(&mut self, frame: u32) -> Result<(), RunError> {
+        let time = self.time_secs(frame);
+        let moment = (time, self.assets.head_pose(time));
+        self.regrooming.advance(self.scene, self.assets, &mut self.simulation, moment)
+    }
+
     /// From frame `frame` to the next.
     pub(crate) fn step(&mut self, frame: u32) -> Result<FrameReport, RunError> {
+        self.regroom(frame)?;
         let (head, colliders) = self.surroundings(frame);
         Ok(self.simulation.step_frame(&Frame {
             head,
@@ -204,6 +221,10 @@ impl<'a> Run<'a> {
         let mut so_far = Snapshot::begin(fingerprint);
         let cache = if options.resume {
             so_far = Snapshot::read(&out.join(SNAPSHOT), fingerprint)?;
+            // What was edited before its last frame.
+            if let Some(last) = so_far.frame.checked_sub(1) {
+                stepper.regroom(last)?;
+            }
             if let Some(state) = so_far.state.take() {
                 stepper.simulation.restore(&state)?;
             }
@@ -342,7 +363,7 @@ impl<'a> Run<'a> {
             max_share_1mm_inside: so_far.worst[3],
             quarantined_strands: so_far.quarantined_strands,
             state_hash: format!("{:016x}", self.stepper.simulation.state_hash()),
-            notes: self.stepper.assets.notes.clone(),
+            notes: [&self.stepper.assets.notes[..], &self.stepper.regrooming.notes].concat(),
             outputs,
         }
     }

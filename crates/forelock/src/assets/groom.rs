@@ -60,7 +60,9 @@ pub(super) fn edit(
     groom: &mut Groom,
     body: Option<&Body>,
 ) -> Result<EditReport, AssetError> {
-    let Some(edit) = scene.edits.0.get(number) else { return Ok(EditReport::default()) };
+    let Some(edit) = scene.edits.0.get(number).map(|section| &section.edit) else {
+        return Ok(EditReport::default());
+    };
     let solid = body.and_then(|body| {
         let (sdf, mesh) = (body.sdf.as_deref()?, Some(body.mesh.as_ref()));
         Some(edit::Body { sdf, mesh, margin: skin(scene).0 })

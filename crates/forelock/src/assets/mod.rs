@@ -81,9 +81,9 @@ impl Assets {
     /// [`AssetError`] if a file cannot be used.
     pub fn load(scene: &Scene, observer: &mut Observer<'_>) -> Result<Self, AssetError> {
         let mut assets = Self::unedited(scene, observer)?;
-        for number in 0..scene.edits.0.len() {
+        for (number, edit) in scene.edits.before() {
             let report = assets.edit(scene, number)?;
-            let note = format!("edit {} ({}): {report}", number + 1, scene.edits.0[number].operation.name());
+            let note = format!("edit {} ({}): {report}", number + 1, edit.operation.name());
             observer(&Progress::Note(&note));
             assets.notes.push(note);
         }
@@ -113,6 +113,19 @@ impl Assets {
     /// [`AssetError`] if it cannot be done; the groom is as it was then.
     pub fn edit(&mut self, scene: &Scene, number: usize) -> Result<EditReport, AssetError> {
         groom::edit(scene, number, &mut self.groom, self.body.as_ref())
+    }
+
+    /// Does edit `number`, from 0, of `scene` to `groom`, which may be another than the one here.
+    ///
+    /// # Errors
+    /// [`AssetError`] if it cannot be done; `groom` is as it was then.
+    pub fn edit_other(
+        &self,
+        scene: &Scene,
+        number: usize,
+        groom: &mut Groom,
+    ) -> Result<EditReport, AssetError> {
+        groom::edit(scene, number, groom, self.body.as_ref())
     }
 
     /// What `scene` names around a `groom` that is there already; nothing collides. For pictures.

@@ -58,6 +58,7 @@ pub(super) fn check(scene: &Scene, document: &Document<'_>) -> Result<(), Wrong>
     }
     check_output(scene)?;
     check_growth(scene, document)?;
+    check_timed_edits(scene)?;
     for key in ["solver.ams.substeps", "solver.mass_spring.substeps"] {
         if scene.time.substeps.is_some() && document.sets(key) {
             let message = format!("is set, and so is `{key}`, which means the same: keep one");
@@ -210,6 +211,27 @@ fn check_collider(key: &str, collider: &ColliderSection) -> Result<(), Wrong> {
     Range::Above(0.0).check(&format!("{key}.scale"), collider.scale)?;
     Range::AtLeast(0.0).check(&format!("{key}.friction"), collider.friction)?;
     check_motion(&format!("{key}.motion"), &collider.motion)
+}
+
+/// Edits while the hair moves: the cache has one layout, and not every solver can take an edited groom over.
+fn check_timed_edits(scene: &Scene) -> Result<(), Wrong> {
+    for (number, _) in scene.edits.timed() {
+        let wrong = |message: String| Err((format!("edit.{number}.at_secs"), message));
+        let name = scene.edits.0[number].edit.operation.name();
+        if matches!(name, "lengthen" | "resample" | "density" | "mirror") {
+            return wrong(format!(
+                "does not go with op = \"{name}\", for particles must not be added while the hair moves"
+            ));
+        }
+        if scene.groom.guides > 0 {
+            return wrong("does not go with `groom.guides`: remove one of the two".to_owned());
+        }
+        if scene.solver.kind == SolverKind::MassSpring && scene.solver.mass_spring.virtual_particles {
+            let message = "needs `solver.mass_spring.virtual_particles` = false";
+            return wrong(message.to_owned());
+        }
+    }
+    Ok(())
 }
 
 /// Growth parameters, and that none is set twice.

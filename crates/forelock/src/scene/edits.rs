@@ -1,8 +1,8 @@
-//! `[[edit]]`: what is done to the groom before it is simulated.
+//! `[[edit]]`: what is done to the groom, before it is simulated or while it is.
 //!
 //! # Practice
 //! An edit's table names its operation, `op = "comb"`, and holds that operation's parameters beside it; `[edit.only]` picks the strands.
-//! Which keys there are depends on `op`, so each table is read twice: for its `op`, and then for what that takes. Messages name
+//! `at_secs` puts it off until the hair moves. Which keys there are depends on `op`, so each table is read twice: for its `op`, and then for what that takes. Messages name
 //! line and key as everywhere in a scene.
 
 use forelock_core::groom::edit::{Edit, EditError, Operation, Selection};
@@ -16,9 +16,32 @@ use super::error::{SceneError, one_of};
 
 /// The edits of a scene, in order.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct EditSections(pub Vec<Edit>);
+pub struct EditSections(pub Vec<EditSection>);
+
+/// `[[edit]]`: one edit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EditSection {
+    /// What is done, and to which strands.
+    pub edit: Edit,
+    /// When, while the hair moves. Unit s, default none, range 0 or more; without it the edit is done before the first frame.
+    pub at_secs: Option<f64>,
+}
 
 impl EditSections {
+    /// The edits that are done before the first frame, with their numbers from 0.
+    pub fn before(&self) -> impl Iterator<Item = (usize, &Edit)> {
+        self.0.iter().enumerate().filter(|(_, section)| section.at_secs.is_none()).map(|(n, s)| (n, &s.edit))
+    }
+
+    /// The edits that are done while the hair moves: their numbers from 0, and when, seconds; in order of time.
+    pub fn timed(&self) -> Vec<(usize, f64)> {
+        let timed =
+            self.0.iter().enumerate().filter_map(|(number, section)| Some((number, section.at_secs?)));
+        let mut timed: Vec<(usize, f64)> = timed.collect();
+        timed.sort_by(|a, b| a.1.total_cmp(&b.1));
+        timed
+    }
+
     /// Whether there is none.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
@@ -39,8 +62,9 @@ impl Serialize for EditSections {
     }
 }
 
-/// The keys of `edit`.
-fn table(edit: &Edit) -> Result<toml::Table, toml::ser::Error> {
+/// The keys of an edit.
+fn table(section: &EditSection) -> Result<toml::Table, toml::ser::Error> {
+    let edit = &section.edit;
     let mut table = match &edit.operation {
         Operation::Trim(op) => toml::Table::try_from(op),
         Operation::Cut(op) => toml::Table::try_from(op),
@@ -60,6 +84,7 @@ fn table(edit: &Edit) -> Result<toml::Table, toml::ser::Error> {
         table.insert("only".to_owned(), toml::Value::try_from(&edit.only)?);
     }
     table.iter_mut().for_each(|(_, value)| super::shorten(value));
+    table.extend(section.at_secs.map(|secs| ("at_secs".to_owned(), secs.into())));
     Ok(table)
 }
 
@@ -75,17 +100,23 @@ pub(super) fn read(document: &Document<'_>) -> Result<EditSections, SceneError> 
         let DeValue::Table(table) = entry.get_ref() else {
             return Err(wrong(&key, "should be a table of keys"));
         };
-        let edit = read_edit(document, &key, table, entry.span())?;
+        let section = read_edit(document, &key, table, entry.span())?;
         let refuse = |error: EditError| match error {
             EditError::Parameter { name, value, expected } => {
                 document.refuse(&format!("{key}.{name}"), format!("should be {expected}, not {value}"))
             }
             other => document.refuse(&key, other.to_string()),
         };
-        edit.validate().map_err(refuse)?;
-        Ok(edit)
+        section.edit.validate().map_err(refuse)?;
+        Ok(section)
     });
     edits.collect::<Result<_, _>>().map(EditSections)
+}
+
+/// When an edit is done.
+#[derive(Deserialize)]
+struct Timed {
+    at_secs: f64,
 }
 
 fn read_edit(
@@ -93,7 +124,7 @@ fn read_edit(
     key: &str,
     table: &DeTable<'_>,
     span: std::ops::Range<usize>,
-) -> Result<Edit, SceneError> {
+) -> Result<EditSection, SceneError> {
     let mut table = table.clone();
     let names = Operation::NAMES.join(", ");
     let Some(op) = table.remove("op") else {
@@ -107,6 +138,19 @@ fn read_edit(
             DeValue::Table(inner) => document.read(inner.clone(), only.span())?,
             _ => return Err(document.refuse(&format!("{key}.only"), "should be a table of keys".to_owned())),
         },
+    };
+    let at_secs = match table.remove_entry("at_secs") {
+        None => None,
+        Some((name, value)) => {
+            let mut alone = DeTable::default();
+            alone.insert(name, value);
+            let Timed { at_secs } = document.read(alone, span.clone())?;
+            if !(at_secs.is_finite() && at_secs >= 0.0) {
+                let message = format!("should be 0 or more, not {at_secs}");
+                return Err(document.refuse(&format!("{key}.at_secs"), message));
+            }
+            Some(at_secs)
+        }
     };
     let table = Spanned::new(span, table);
     let operation = match op {
@@ -125,7 +169,7 @@ fn read_edit(
         "smooth" => Operation::Smooth(take(document, table)?),
         _ => return Err(refuse(one_of(op, &Operation::NAMES))),
     };
-    Ok(Edit { operation, only })
+    Ok(EditSection { edit: Edit { operation, only }, at_secs })
 }
 
 fn take<T: serde::de::DeserializeOwned>(

@@ -21,7 +21,7 @@ mod motion;
 mod sections;
 
 pub use document::Override;
-pub use edits::EditSections;
+pub use edits::{EditSection, EditSections};
 pub use error::{Place, SceneError};
 pub use motion::{Keyframe, MotionSection};
 pub use sections::{
@@ -50,7 +50,8 @@ pub struct Scene {
     pub gravity: [f64; 3],
     /// The strands.
     pub groom: GroomSection,
-    /// What is done to them before the simulation, each an `[[edit]]` table: `op` names the operation, its parameters stand beside it.
+    /// What is done to them, each an `[[edit]]` table: `op` names the operation, its parameters stand beside it, and `at_secs` says when if not
+    /// before the first frame.
     #[serde(rename = "edit", skip_serializing_if = "EditSections::is_empty")]
     pub edits: EditSections,
     /// What they grow on, and how it moves.

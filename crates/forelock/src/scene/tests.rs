@@ -183,15 +183,15 @@ fn a_scene_with_absolute_paths_means_the_same_in_any_folder() {
 #[test]
 fn edits_are_read_in_order_and_round_trip() {
     use forelock_core::groom::edit::{CutShape, Operation};
-    let text = "[[edit]]\nop = \"trim\"\nto = 0.3\n[[edit]]\nop = \"cut\"\nshape.sphere = { centre = [0, 0.1, 0], radius = 0.05 }\n\
+    let text = "[[edit]]\nop = \"trim\"\nto = 0.3\nat_secs = 1\n[[edit]]\nop = \"cut\"\nshape.sphere = { centre = [0, 0.1, 0], radius = 0.05 }\n\
                 [edit.only]\nbox = { from = [-1, -1, -1], to = [1, 1, 0.25] }\n";
     let scene = parse(text, &["edit.0.by=0.1"]).unwrap();
     let [trim, cut] = scene.edits.0.as_slice() else { panic!("{:?}", scene.edits) };
-    assert!(matches!(&trim.operation, Operation::Trim(trim) if trim.to == 0.3 && trim.by == 0.1));
+    assert!(matches!(&trim.edit.operation, Operation::Trim(trim) if trim.to == 0.3 && trim.by == 0.1));
     assert!(
-        matches!(&cut.operation, Operation::Cut(cut) if matches!(cut.shape, CutShape::Sphere(_)) && cut.seed == 1)
+        matches!(&cut.edit.operation, Operation::Cut(cut) if matches!(cut.shape, CutShape::Sphere(_)) && cut.seed == 1)
     );
-    assert!(cut.only.cuboid.is_some() && cut.only.share == 1.0);
+    assert!(cut.edit.only.cuboid.is_some() && cut.edit.only.share == 1.0);
     assert_eq!(Scene::parse(&scene.to_toml(), Path::new(""), &[]).unwrap(), scene);
     for name in Operation::NAMES {
         let message = message(&format!("[[edit]]\nop = \"{name}\"\nzzz = 1"), &[]);
