@@ -48,7 +48,7 @@ impl EditSections {
     }
 }
 
-/// A scene's other keys are read first; these wait for [`read`].
+/// A scene's other keys are read first; these wait for `read`.
 impl<'de> Deserialize<'de> for EditSections {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         IgnoredAny::deserialize(deserializer).map(|_| Self::default())
