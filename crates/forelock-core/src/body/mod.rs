@@ -1,14 +1,17 @@
-//! Bodies: triangle meshes, signed distances, primitive solids, how they move, and the built-in head.
+//! Bodies: triangle meshes, signed distances, primitive solids, how they move, the built-in head and props.
 
 mod bvh;
 mod closed;
 mod collider;
 mod head;
+mod implicit;
 mod mesh;
 mod motion;
+mod props;
 mod sdf;
 #[cfg(test)]
 pub(crate) mod shapes_for_tests;
+mod surface_nets;
 
 pub use bvh::{Bvh, Nearest};
 pub use closed::{ClosedMesh, ClosingReport};
@@ -18,4 +21,5 @@ pub use mesh::{MeshError, TriMesh};
 pub use motion::{
     BuiltinMotion, KeyframeInterpolation, Keyframes, KeyframesError, Motion, MotionKind, UnknownMotion,
 };
+pub use props::Prop;
 pub use sdf::{Sdf, SdfBytesError, SdfError};

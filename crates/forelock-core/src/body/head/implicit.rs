@@ -1,11 +1,11 @@
 //! The shape of the head as one function of space. Lengths in centimetres inside this file.
 //!
-//! Theory: ellipsoids to first order, capsules exact but for their taper, and polynomial smooth unions and cuts
-//! (Quílez, "Distance functions", "Smooth minimum"). A smooth union of radius k differs from the nearer of its parts
-//! only where their distances are within k, so parts farther than that are left out by a bounding ball. All parts
-//! are drawn for x ≥ 0 and mirrored with a rounded |x|, which leaves no crease in the middle.
+//! A smooth union of radius k differs from the nearer of its parts only where their distances are within k, so parts farther than that are left
+//! out by a bounding ball. All parts are drawn for x ≥ 0 and mirrored with a rounded |x|, which leaves no crease in the middle.
 
 use glam::{Vec3, vec3};
+
+use crate::body::implicit::{carve, cone, ellipsoid, join, meet};
 
 /// Signed distance in metres, negative inside.
 pub fn distance(point: Vec3) -> f32 {
@@ -20,44 +20,6 @@ pub fn distance_with_face_space(point: Vec3) -> f32 {
     // Hair goes over an ear, not between it and the skull.
     let ear = ellipsoid(vec3(p.x.abs(), p.y, p.z), vec3(7.6, -1.6, -1.2), vec3(1.4, 3.1, 1.6));
     join(join(distance_cm(p), space, 2.0), ear, 0.6) * 0.01
-}
-
-/// Gradient of `distance` by four samples at the corners of a tetrahedron, in units of `distance` a metre.
-pub fn gradient(distance: impl Fn(Vec3) -> f32, point: Vec3) -> Vec3 {
-    const H: f32 = 4e-4;
-    let corners = [vec3(1.0, -1.0, -1.0), vec3(-1.0, -1.0, 1.0), vec3(-1.0, 1.0, -1.0), vec3(1.0, 1.0, 1.0)];
-    corners.into_iter().map(|k| k * distance(point + k * H)).sum::<Vec3>() / (4.0 * H)
-}
-
-/// An ellipsoid: exact on its surface, to first order near it.
-fn ellipsoid(p: Vec3, centre: Vec3, radii: Vec3) -> f32 {
-    let q = (p - centre) / radii;
-    let length = q.length();
-    let slope = (q / radii).length();
-    if slope < 1e-6 { -radii.min_element() } else { length * (length - 1.0) / slope }
-}
-
-/// A capsule from `a` to `b` whose radius goes from `ra` to `rb`.
-fn cone(p: Vec3, a: Vec3, b: Vec3, ra: f32, rb: f32) -> f32 {
-    let axis = b - a;
-    let t = ((p - a).dot(axis) / axis.length_squared()).clamp(0.0, 1.0);
-    (p - a - axis * t).length() - (ra + (rb - ra) * t)
-}
-
-/// Union, rounded over `k`.
-fn join(a: f32, b: f32, k: f32) -> f32 {
-    let h = (k - (a - b).abs()).max(0.0) / k;
-    a.min(b) - h * h * k * 0.25
-}
-
-/// Intersection, rounded over `k`.
-fn meet(a: f32, b: f32, k: f32) -> f32 {
-    -join(-a, -b, k)
-}
-
-/// `a` without `b`, rounded over `k`.
-fn carve(a: f32, b: f32, k: f32) -> f32 {
-    meet(a, -b, k)
 }
 
 fn distance_cm(p: Vec3) -> f32 {

@@ -20,7 +20,6 @@
 
 mod implicit;
 mod region;
-mod surface_nets;
 #[cfg(test)]
 mod tests;
 
@@ -29,7 +28,7 @@ use std::sync::OnceLock;
 use glam::{Vec3, vec3};
 use rayon::prelude::*;
 
-use super::TriMesh;
+use super::{TriMesh, surface_nets};
 pub use region::Region;
 
 /// Side of the finest cells of the mesh, in metres.
@@ -91,7 +90,7 @@ impl Head {
         move |point, reach| {
             let distance = solid(point);
             (distance < reach).then(|| {
-                let gradient = implicit::gradient(solid, point);
+                let gradient = super::implicit::gradient(solid, point);
                 let slope = gradient.length().max(0.1);
                 (distance / slope, gradient / slope)
             })

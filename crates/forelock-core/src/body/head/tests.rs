@@ -89,7 +89,7 @@ fn keep_out_points_outwards_with_the_distance() {
     }
     // The bound that the module states.
     let slopes = head.mesh.positions.iter().zip(&normals).step_by(97).flat_map(|(&p, &n)| {
-        [0.005, 0.01, 0.02].map(|out| implicit::gradient(Head::distance, p + n * out).length())
+        [0.005, 0.01, 0.02].map(|out| crate::body::implicit::gradient(Head::distance, p + n * out).length())
     });
     let (all, within) = slopes.fold((0, 0), |(a, w), s| (a + 1, w + i32::from((0.5..1.5).contains(&s))));
     assert!(f64::from(within) > 0.97 * f64::from(all), "{within} of {all}");
