@@ -153,6 +153,10 @@ fn count_operations() -> Result<u64, Box<dyn std::error::Error>> {
         velocities: &mut state.velocities,
         integrity: &mut state.integrity,
         clearance: &mut state.clearance,
+        exposure: &[],
+        wind: &mut [],
+        air: &mut [],
+        drag: &mut [],
     };
     OPERATIONS.with(|n| n.set(0));
     solve_strands::advance(&terms, &substep, &mut view, 0, &mut scratch);

@@ -9,6 +9,7 @@
 //!
 //! Units are SI (metres, seconds, radians) and y is up, unless a name says otherwise.
 
+pub mod air;
 pub mod body;
 pub mod grid;
 pub mod groom;

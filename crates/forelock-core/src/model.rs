@@ -44,6 +44,9 @@ impl<'a> From<&'a Groom> for Strands<'a, f32> {
     }
 }
 
+/// [`Model::reach`] over the hair's own radius at rest.
+const REACH: f64 = 1.15;
+
 /// Packed strands at rest. The arrays hold rows of [`LANES`] strands: see [`Block::first`].
 #[derive(Clone, Debug)]
 pub struct Model<T> {
@@ -62,6 +65,8 @@ pub struct Model<T> {
     /// The point, in the head's frame, about which rest positions are stored: the middle of their box. It keeps
     /// coordinates small, so that float32 resolves edges anywhere in the world.
     pub centre: [f64; 3],
+    /// Radius of the ball about `centre` that holds the hair at rest and a little more, metres.
+    pub reach: f64,
     /// Strands of the groom, S.
     pub strand_count: usize,
     /// Particles of the groom, P.
@@ -179,6 +184,7 @@ impl<T: Real> Model<T> {
             strand_lengths: vec![Row([T::zero(); LANES]); blocks.len()],
             stiffness: vec![Row([T::one(); LANES]); blocks.len()],
             centre: centre(strands.positions),
+            reach: 0.0,
             blocks,
             strand_count,
             particle_count: strands.positions.len(),
@@ -189,6 +195,7 @@ impl<T: Real> Model<T> {
                 model.fill_lane(strands, block, lane);
             }
         }
+        model.reach = REACH * model.farthest();
         Ok(model)
     }
 
@@ -222,6 +229,16 @@ impl<T: Real> Model<T> {
         if let Some(scale) = strands.stiffness.and_then(|s| T::from(s[strand])) {
             self.stiffness[index].0[lane] = scale;
         }
+    }
+
+    /// The farthest that a particle at rest is from the centre, metres.
+    fn farthest(&self) -> f64 {
+        let square = |rows: &[Row<T>], lane: usize| {
+            rows.iter().map(|row| row.0[lane].to_f64().unwrap_or(0.0).powi(2)).sum::<f64>()
+        };
+        let squares =
+            self.rest.chunks_exact(3).flat_map(|rows| (0..LANES).map(move |lane| square(rows, lane)));
+        squares.fold(0.0, f64::max).sqrt()
     }
 
     /// Places: particles a lane, over all blocks.

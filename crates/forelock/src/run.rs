@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
+use forelock_core::air::{Wind, WindError, WindParams};
 use forelock_core::body::ColliderFrame;
 use forelock_core::groom::guides::Skinning;
 use forelock_core::pose::Pose;
@@ -82,6 +83,9 @@ pub enum RunError {
     /// An edited groom cannot be taken over.
     #[error("the simulation cannot take the edited groom over: {0}")]
     Regroom(#[from] forelock_core::solver::RegroomError),
+    /// The wind is none.
+    #[error("the wind cannot blow: {0}")]
+    Wind(#[from] WindError),
     /// There is nothing to resume, or it does not fit.
     #[error(transparent)]
     Snapshot(#[from] SnapshotError),
@@ -127,6 +131,7 @@ pub fn simulate(
 pub(crate) struct Stepper<'a> {
     scene: &'a Scene,
     assets: &'a Assets,
+    wind: Wind,
     pub(crate) simulation: Simulation,
     /// How guides carry all strands, if only guides are simulated.
     skinning: Option<Skinning>,
@@ -156,7 +161,10 @@ impl<'a> Stepper<'a> {
             simulation.set_grid(Some(&scene.interaction.grid))?;
         }
         let regrooming = Regrooming::new(scene);
-        Ok(Self { scene, assets, simulation, skinning, guides: Vec::new(), regrooming })
+        // A scene's seed is that of everything random.
+        let wind = WindParams { seed: scene.seed.wrapping_add(scene.wind.seed), ..scene.wind.clone() };
+        let wind = Wind::new(&wind)?;
+        Ok(Self { scene, assets, wind, simulation, skinning, guides: Vec::new(), regrooming })
     }
 
     /// All strands at frame `frame`, which the simulation has reached: positions in world space and the groom's order, metres.
@@ -191,13 +199,18 @@ impl<'a> Stepper<'a> {
     pub(crate) fn step(&mut self, frame: u32) -> Result<FrameReport, RunError> {
         self.regroom(frame)?;
         let (head, colliders) = self.surroundings(frame);
-        Ok(self.simulation.step_frame(&Frame {
+        let air = self.wind.at(self.time_secs(frame));
+        // What is the same everywhere goes the quick way.
+        let (air_velocity, field) =
+            if self.wind.params().is_uniform() { (air.mean, None) } else { (DVec3::ZERO, Some(&air)) };
+        let frame = Frame {
             head,
             colliders: &colliders,
             gravity: DVec3::from_array(self.scene.gravity),
-            air_velocity: DVec3::from_array(self.scene.wind.velocity),
+            air_velocity,
             dt_secs: 1.0 / self.scene.time.fps,
-        })?)
+        };
+        Ok(self.simulation.step_frame_in(&frame, field)?)
     }
 }
 

@@ -6,6 +6,7 @@ use crate::pose::Pose;
 use crate::solver::params::Inextensibility;
 use crate::stage::resolve_solids::{self, Contacts, Since, SolidPose, Solids};
 use crate::stage::restore_lengths::{self, LengthTerms};
+use crate::stage::sample_air::{self, AirTerms};
 use crate::stage::solve_strands::{self, FrameTerms, SubstepTerms};
 use crate::stage::{BlockView, Scratch};
 use glam::DVec3;
@@ -44,6 +45,8 @@ pub struct FrameJob<'a, T> {
     pub rest_gravity: DVec3,
     /// Velocity of the air, m/s.
     pub air_velocity: DVec3,
+    /// The air where it is not the same everywhere; then `air_velocity` is in it.
+    pub air: Option<AirTerms<'a, T>>,
     /// To be added to stored positions, which are relative to the last frame's origin.
     pub shift: DVec3,
     /// Solids of the frame.
@@ -292,11 +295,18 @@ fn advance_substeps<L: Lane>(
     (clock, report): (&mut Clock, &mut BlockReport),
 ) -> L {
     shift_positions::<L>(job.shift, view, first);
+    if let Some(air) = &job.air {
+        sample_air::sample::<L>(air, view.positions, view.exposure, first, view.wind);
+        sample_air::draw::<L>(job.terms, view, first);
+    }
     let substeps = job.poses.len() - 1;
     for step in 0..substeps {
         let poses = [&job.poses[step], &job.poses[step + 1]];
         let substep =
             SubstepTerms::<L>::new(job.terms.h, poses, job.gravity, job.rest_gravity, job.air_velocity);
+        if job.terms.slender && job.air.is_some() {
+            sample_air::draw::<L>(job.terms, view, first);
+        }
         solve_strands::advance(job.terms, &substep, view, first, scratch);
         report.stage_nanos[0] += clock.lap();
         report.contacts =

@@ -79,6 +79,10 @@ pub struct AmsParams {
     pub tip_scale_angular: f64,
     /// Drag rate against the air. Unit s⁻¹, default 2, range 0 or more; 0 is a vacuum.
     pub drag: f64,
+    /// Drag of air that flows along the strand over that of air across it. No unit, default 1, range 0 to 1; a thin rod has 0.5, 0 lets air slip along the strand.
+    pub drag_along: f64,
+    /// Growth of the drag rate with the speed of the air relative to the hair. Unit 1/m, default 0, range 0 or more; 0 is drag in proportion to the speed.
+    pub drag_quadratic: f64,
     /// Particles that follow the head exactly, from the root. Unit particles, default 2, range 1 to 1000; 1 makes the root a hinge, 0 is refused.
     pub clamped: u32,
     /// Substeps a frame, M. Unit substeps, default 4, range 1 to 1000; 0 is refused.
@@ -128,6 +132,8 @@ impl Default for AmsParams {
             tip_scale_integrity: 1.0,
             tip_scale_angular: 1.0,
             drag: 2.0,
+            drag_along: 1.0,
+            drag_quadratic: 0.0,
             clamped: 2,
             substeps: 4,
             jacobian: Jacobian::default(),
@@ -209,6 +215,8 @@ impl AmsParams {
             ("tip_scale_integrity", self.tip_scale_integrity, SHARE),
             ("tip_scale_angular", self.tip_scale_angular, SHARE),
             ("drag", self.drag, NON_NEGATIVE),
+            ("drag_along", self.drag_along, SHARE),
+            ("drag_quadratic", self.drag_quadratic, NON_NEGATIVE),
             ("clamped", f64::from(self.clamped), COUNT),
             ("substeps", f64::from(self.substeps), COUNT),
             ("elastic_limit", self.elastic_limit, SHARE),

@@ -2,6 +2,7 @@
 
 use super::block::{BLOCK_STAGES, BlockFn, BlockReport, FrameJob, Part, STAGES, Simd, SolverReal};
 use super::params::{AmsParams, Inextensibility, ParamsError};
+use crate::air::{Wake, WindField};
 use crate::body::ColliderFrame;
 use crate::grid::{Grid, GridFrame, GridMoment, GridParams, GridReport};
 use crate::groom::Groom;
@@ -10,8 +11,9 @@ use crate::model::{Block, Model, PackError, Strands};
 use crate::pose::Pose;
 use crate::stage::resolve_solids::SolidPose;
 use crate::stage::restore_lengths::LengthTerms;
+use crate::stage::sample_air::AirTerms;
 use crate::stage::solve_strands::FrameTerms;
-use crate::stage::{BlockView, Scratch};
+use crate::stage::{AIR_ROWS, BlockView, Scratch};
 use crate::state::{Snapshot, SnapshotError, State};
 use glam::{DVec3, Vec3};
 use std::sync::{Mutex, PoisonError};
@@ -126,6 +128,9 @@ struct Workspace<T> {
     scratch: Vec<Mutex<Scratch<T>>>,
     poses: Vec<Pose>,
     solid_poses: Vec<SolidPose<T>>,
+    wake: Wake,
+    /// Share of the wind that reaches each particle, a row a place; empty: all of it.
+    exposure: Vec<Row<T>>,
 }
 
 impl Simulation<f32> {
@@ -177,6 +182,8 @@ impl<T: SolverReal> Simulation<T> {
             scratch: scratch(&model),
             poses: Vec::with_capacity(params.substeps as usize + 1),
             solid_poses: Vec::new(),
+            wake: Wake::default(),
+            exposure: Vec::new(),
         };
         let block_fn = T::block_fn(simd);
         Ok(Self {
@@ -222,12 +229,31 @@ impl<T: SolverReal> Simulation<T> {
     /// # Errors
     /// [`ParamsError`] if the frame's time and stiffness are beyond float32, or the time is not positive.
     pub fn step_frame(&mut self, frame: &Frame<'_>) -> Result<FrameReport, ParamsError> {
+        self.step_frame_in(frame, None)
+    }
+
+    /// The same in a `wind` that is not the same everywhere; the frame's own air velocity comes on top.
+    ///
+    /// # Errors
+    /// As [`Simulation::step_frame`].
+    pub fn step_frame_in(
+        &mut self,
+        frame: &Frame<'_>,
+        wind: Option<&WindField>,
+    ) -> Result<FrameReport, ParamsError> {
         self.params.validate_step(frame.dt_secs, self.options.beyond_float32 || size_of::<T>() > 4)?;
         let origin = frame.head[1].transform_point(self.model.centre.into());
         let shift = self.state.origin - origin;
         self.state.origin = origin;
         let terms = FrameTerms::new(&self.params, frame.dt_secs);
         self.workspace.place(&self.params, frame, &self.model, origin);
+        // Drag that differs from particle to particle goes the way of a wind that does.
+        let still = terms.slender.then_some(WindField::default());
+        let wind = wind.copied().or(still);
+        let wind = wind.map(|wind| WindField { mean: wind.mean + frame.air_velocity, ..wind });
+        if let Some(wind) = wind.filter(|wind| wind.shelter > 0.0) {
+            self.workspace.wake.update(frame.colliders, origin, self.model.reach, wind.mean);
+        }
         let mut job = FrameJob {
             part: Part::Whole,
             moved: 0.0,
@@ -242,6 +268,7 @@ impl<T: SolverReal> Simulation<T> {
             gravity: frame.gravity,
             rest_gravity: self.options.rest_pose.inverse().transform_vector(self.options.rest_gravity),
             air_velocity: frame.air_velocity,
+            air: wind.map(|wind| AirTerms::new(&wind, &self.workspace.wake, origin)),
             shift,
             solids: frame.colliders,
             solid_poses: &self.workspace.solid_poses,
@@ -250,14 +277,24 @@ impl<T: SolverReal> Simulation<T> {
             way_out: self.params.depenetration_speed * terms.h,
         };
         let Some(grid) = &mut self.grid else {
-            let crew =
-                Crew { job, model: &self.model, scratch: &self.workspace.scratch, block_fn: self.block_fn };
+            let crew = Crew {
+                job,
+                model: &self.model,
+                scratch: &self.workspace.scratch,
+                exposure: &self.workspace.exposure,
+                block_fn: self.block_fn,
+            };
             let sum = crew.run(&self.model.blocks, 0, Arrays::of(&mut self.state));
             return Ok(report(&sum, None));
         };
         job.part = Part::Before;
-        let mut crew =
-            Crew { job, model: &self.model, scratch: &self.workspace.scratch, block_fn: self.block_fn };
+        let mut crew = Crew {
+            job,
+            model: &self.model,
+            scratch: &self.workspace.scratch,
+            exposure: &self.workspace.exposure,
+            block_fn: self.block_fn,
+        };
         let before = crew.run(&self.model.blocks, 0, Arrays::of(&mut self.state));
         let [.., last, now] = &*self.workspace.poses else { return Ok(report(&before, None)) };
         let met = grid.exchange(
@@ -307,6 +344,14 @@ impl<T: SolverReal> Simulation<T> {
         params.validate()?;
         self.params = params.clone();
         Ok(())
+    }
+
+    /// Share of the wind that reaches each particle, 0 to 1, a row a place of the model: all 1 until changed. For what finds out how much
+    /// hair stands in the wind's way; it counts in a wind field ([`Simulation::step_frame_in`]) only.
+    pub fn air_exposure(&mut self) -> &mut [Row<T>] {
+        let places = self.model.places();
+        self.workspace.exposure.resize(places, Row([T::one(); crate::lane::LANES]));
+        &mut self.workspace.exposure
     }
 
     /// A copy of the state that resumes bit for bit.
@@ -366,6 +411,8 @@ impl<T: SolverReal> Simulation<T> {
             workspace: self.workspace.scratch.iter().map(locked).sum::<usize>()
                 + size_of_val(&*self.workspace.poses)
                 + size_of_val(&*self.workspace.solid_poses)
+                + size_of_val(&*self.workspace.exposure)
+                + self.workspace.wake.bytes()
                 + self.grid.as_ref().map_or(0, Grid::bytes),
         }
     }
@@ -447,6 +494,7 @@ struct Crew<'a, T> {
     job: FrameJob<'a, T>,
     model: &'a Model<T>,
     scratch: &'a [Mutex<Scratch<T>>],
+    exposure: &'a [Row<T>],
     block_fn: BlockFn<T>,
 }
 
@@ -470,6 +518,12 @@ impl<T: SolverReal> Crew<'_, T> {
 
     fn run_block(&self, block: &Block, index: usize, arrays: Arrays<'_, T>) -> BlockReport {
         let rows = 3 * block.first..3 * (block.first + block.particles);
+        let worker = rayon::current_thread_index().unwrap_or(0) % self.scratch.len();
+        let mut scratch = self.scratch[worker].lock().unwrap_or_else(PoisonError::into_inner);
+        let mut air = scratch.take_air();
+        let blown = if self.job.air.is_some() { block.particles } else { 0 };
+        let (wind, rest) = air[..AIR_ROWS * blown].split_at_mut(3 * blown);
+        let (drawn, drag) = rest.split_at_mut(3 * blown);
         let mut view = BlockView {
             particles: block.particles,
             rest: &self.model.rest[rows.clone()],
@@ -481,11 +535,15 @@ impl<T: SolverReal> Crew<'_, T> {
             velocities: arrays.velocities,
             integrity: arrays.integrity,
             clearance: arrays.clearance,
+            exposure: self.exposure.get(block.range()).unwrap_or_default(),
+            wind,
+            air: drawn,
+            drag,
         };
-        let worker = rayon::current_thread_index().unwrap_or(0) % self.scratch.len();
-        let mut scratch = self.scratch[worker].lock().unwrap_or_else(PoisonError::into_inner);
         // SAFETY: `Simulation::from_strands` checked that the processor supports the instruction set.
-        unsafe { (self.block_fn)(&self.job, &mut view, block.live, &mut scratch) }
+        let report = unsafe { (self.block_fn)(&self.job, &mut view, block.live, &mut scratch) };
+        scratch.put_air(air);
+        report
     }
 }
 

@@ -3,6 +3,7 @@
 pub mod gather_velocities;
 pub mod resolve_solids;
 pub mod restore_lengths;
+pub mod sample_air;
 pub mod solve_pressure;
 pub mod solve_strands;
 pub mod splat_segments;
@@ -32,26 +33,49 @@ pub struct BlockView<'a, T> {
     pub integrity: &'a mut [Row<T>],
     /// Lower bound on the distance to the nearest solid; negative: depth inside it; −∞: unknown.
     pub clearance: &'a mut [Row<T>],
+    /// Share of the wind that reaches each particle, a row a particle; empty: all of it.
+    pub exposure: &'a [Row<T>],
+    /// Velocity of the wind at each particle in this frame, three rows a particle; empty: the same everywhere.
+    pub wind: &'a mut [Row<T>],
+    /// The velocity to which drag draws each particle in this substep, three rows a particle; empty: that of the air.
+    pub air: &'a mut [Row<T>],
+    /// h c/m of each particle in this substep, a row a particle; empty: the same for all.
+    pub drag: &'a mut [Row<T>],
 }
 
 /// Scratch of one worker for strands of up to a fixed count of particles.
 #[derive(Debug)]
 pub struct Scratch<T> {
     rows: Vec<Row<T>>,
+    air: Vec<Row<T>>,
 }
 
 /// Rows of scratch a particle: three 3×3 links and a vector.
 const SCRATCH_ROWS: usize = 30;
 
+/// Rows a particle that moving air takes: wind, air, drag.
+pub(crate) const AIR_ROWS: usize = 7;
+
 impl<T: Real> Scratch<T> {
     /// Scratch for strands of up to `particles`.
     pub fn new(particles: usize) -> Self {
-        Self { rows: vec![Row([T::zero(); crate::lane::LANES]); SCRATCH_ROWS * (particles + 1)] }
+        let rows = |count: usize| vec![Row([T::zero(); crate::lane::LANES]); count];
+        Self { rows: rows(SCRATCH_ROWS * (particles + 1)), air: rows(AIR_ROWS * particles) }
+    }
+
+    /// Takes the rows for the air out, to be put back with [`Scratch::put_air`].
+    pub(crate) fn take_air(&mut self) -> Vec<Row<T>> {
+        std::mem::take(&mut self.air)
+    }
+
+    /// Puts the rows for the air back.
+    pub(crate) fn put_air(&mut self, air: Vec<Row<T>>) {
+        self.air = air;
     }
 
     /// Bytes held.
     pub fn bytes(&self) -> usize {
-        size_of_val(&*self.rows)
+        size_of_val(&*self.rows) + size_of_val(&*self.air)
     }
 
     /// The scratch as vectors of lanes, one after the other.

@@ -3,6 +3,7 @@
 
 #![expect(clippy::unwrap_used, reason = "in a test a failure to build is a failure of the test")]
 
+mod air;
 mod closed_forms;
 mod dense;
 mod faults;

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
-use forelock_core::body::{ColliderFrame, Head, Motion, Sdf, Shape, TriMesh};
+use forelock_core::body::{ColliderFrame, Head, Motion, Prop, Sdf, Shape, TriMesh};
 use forelock_core::pose::Pose;
 use glam::DVec3;
 
@@ -113,9 +113,13 @@ fn solid(section: &ColliderSection) -> Result<Solid, AssetError> {
             let path = section.mesh.as_deref().unwrap_or("".as_ref());
             let mesh = forelock_io::read_mesh(path, &section.import())?;
             let name = path.display().to_string();
-            let sdf = distance_grid(&mesh, &name, COLLIDER_CELLS, "another `shape`")?;
+            let cells = section.sdf_cells.unwrap_or(COLLIDER_CELLS);
+            let sdf = distance_grid(&mesh, &name, cells, "another `shape`")?;
             (Shape::Sdf(Arc::new(sdf)), Some(mesh))
         }
+        ShapeKind::Hand => prop(Prop::Hand, section)?,
+        ShapeKind::Comb => prop(Prop::Comb, section)?,
+        ShapeKind::HoledSphere => prop(Prop::HoledSphere { radius: radius as f32 }, section)?,
     };
     let position = DVec3::from_array(section.position);
     Ok(Solid {
@@ -126,4 +130,12 @@ fn solid(section: &ColliderSection) -> Result<Solid, AssetError> {
         motion: motion::motion(&section.motion, position)?,
         mesh,
     })
+}
+
+/// A built-in solid as a distance grid.
+fn prop(prop: Prop, section: &ColliderSection) -> Result<(Shape, Option<TriMesh>), AssetError> {
+    let mesh = prop.mesh();
+    let cells = section.sdf_cells.unwrap_or_else(|| prop.field_nodes());
+    let sdf = distance_grid(&mesh, section.shape.name(), cells, "fewer `sdf_cells`")?;
+    Ok((Shape::Sdf(Arc::new(sdf)), Some(mesh)))
 }

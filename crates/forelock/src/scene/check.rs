@@ -3,6 +3,7 @@
 //! Each check names the dotted key and says what would be right. The ranges are those of the doc lines; a test reads
 //! both and compares them.
 
+use forelock_core::air::WindError;
 use forelock_core::body::Motion;
 use forelock_core::groom::grow::GrowError;
 use forelock_core::solver::ParamsError;
@@ -55,6 +56,9 @@ pub(super) fn check(scene: &Scene, document: &Document<'_>) -> Result<(), Wrong>
     }
     for (index, collider) in scene.colliders.iter().enumerate() {
         check_collider(&format!("collider.{index}"), collider)?;
+    }
+    if let Err(WindError { name, value, expected }) = scene.wind.validate() {
+        return Err((format!("wind.{name}"), format!("should be {expected}, not {value}")));
     }
     check_output(scene)?;
     check_growth(scene, document)?;
@@ -110,14 +114,6 @@ fn check_available(scene: &Scene) -> Result<(), Wrong> {
                 "hair against hair through particles",
                 "use \"grid\" or \"none\"",
             );
-        }
-    }
-    let wind = &scene.wind;
-    for (key, value) in
-        [("gusts", &wind.gusts), ("turbulence", &wind.turbulence), ("occlusion", &wind.occlusion)]
-    {
-        if value.is_some() {
-            return later(&format!("wind.{key}"), &format!("wind {key}"), "use a steady wind.velocity");
         }
     }
     Ok(())
@@ -184,16 +180,15 @@ fn check_motion(key: &str, motion: &MotionSection) -> Result<(), Wrong> {
 
 fn check_collider(key: &str, collider: &ColliderSection) -> Result<(), Wrong> {
     let shape = collider.shape;
-    let round = matches!(shape, ShapeKind::Sphere | ShapeKind::HollowSphere | ShapeKind::Capsule);
     for (name, set, fits) in [
-        ("radius", collider.radius.is_some(), round),
+        ("radius", collider.radius.is_some(), shape.is_round()),
         ("half_length", collider.half_length.is_some(), shape == ShapeKind::Capsule),
         ("half_extents", collider.half_extents.is_some(), shape == ShapeKind::Box),
         ("mesh", collider.mesh.is_some(), shape == ShapeKind::Mesh),
+        ("sdf_cells", collider.sdf_cells.is_some(), shape.has_grid()),
     ] {
         if set && !fits {
-            let message =
-                format!("does not apply to this `shape` ({shape:?}): remove one of the two").to_lowercase();
+            let message = format!("does not apply to this `shape` ({}): remove one of the two", shape.name());
             return Err((format!("{key}.{name}"), message));
         }
     }
@@ -209,6 +204,8 @@ fn check_collider(key: &str, collider: &ColliderSection) -> Result<(), Wrong> {
         Range::Above(0.0).check(&format!("{key}.half_extents"), side)?;
     }
     Range::Above(0.0).check(&format!("{key}.scale"), collider.scale)?;
+    Range::Within(8.0, 512.0)
+        .check(&format!("{key}.sdf_cells"), f64::from(collider.sdf_cells.unwrap_or(96)))?;
     Range::AtLeast(0.0).check(&format!("{key}.friction"), collider.friction)?;
     check_motion(&format!("{key}.motion"), &collider.motion)
 }

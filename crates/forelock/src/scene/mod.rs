@@ -27,12 +27,12 @@ pub use motion::{Keyframe, MotionSection};
 pub use sections::{
     BodySection, CameraSection, ColliderSection, GroomSection, GroomSource, HairSection, InteractionKind,
     InteractionSection, OutputSection, ShapeKind, SimdChoice, SolverKind, SolverSection, TimeSection,
-    WindSection,
 };
 
 use std::path::{Path, PathBuf};
 
 use document::{Document, Layer};
+use forelock_core::air::WindParams;
 use serde::{Deserialize, Serialize};
 
 /// The scene that `forelock demo` runs: `scenes/default.toml`, built in.
@@ -59,8 +59,8 @@ pub struct Scene {
     /// Further solids, each a `[[collider]]` table.
     #[serde(rename = "collider")]
     pub colliders: Vec<ColliderSection>,
-    /// Moving air.
-    pub wind: WindSection,
+    /// `[wind]`: moving air.
+    pub wind: WindParams,
     /// Which solver, and its parameters.
     pub solver: SolverSection,
     /// Hair against hair.
@@ -85,7 +85,7 @@ impl Default for Scene {
             edits: EditSections::default(),
             body: BodySection::default(),
             colliders: Vec::new(),
-            wind: WindSection::default(),
+            wind: WindParams::default(),
             solver: SolverSection::default(),
             interaction: InteractionSection::default(),
             time: TimeSection::default(),

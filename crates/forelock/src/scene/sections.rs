@@ -185,19 +185,52 @@ pub enum ShapeKind {
     Mesh,
     /// All outside a ball of `radius`: hair is kept within.
     HollowSphere,
+    /// The built-in open hand, fingers to +y, palm to +z, wrist at the origin.
+    Hand,
+    /// The built-in comb, teeth to −y.
+    Comb,
+    /// The built-in shell of `radius` with round openings.
+    HoledSphere,
+}
+
+impl ShapeKind {
+    /// The name in scene files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Sphere => "sphere",
+            Self::HollowSphere => "hollow-sphere",
+            Self::Capsule => "capsule",
+            Self::Box => "box",
+            Self::Plane => "plane",
+            Self::Mesh => "mesh",
+            Self::Hand => "hand",
+            Self::Comb => "comb",
+            Self::HoledSphere => "holed-sphere",
+        }
+    }
+
+    /// Whether it has a `radius`.
+    pub(super) fn is_round(self) -> bool {
+        matches!(self, Self::Sphere | Self::HollowSphere | Self::Capsule | Self::HoledSphere)
+    }
+
+    /// Whether it becomes a distance grid.
+    pub(super) fn has_grid(self) -> bool {
+        matches!(self, Self::Mesh | Self::Hand | Self::Comb | Self::HoledSphere)
+    }
 }
 
 /// `[[collider]]`: one further solid.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ColliderSection {
-    /// "sphere", "hollow-sphere", "capsule", "box", "plane" or "mesh". Default "sphere".
+    /// "sphere", "hollow-sphere", "capsule", "box", "plane", "mesh", or one of the built-in "hand", "comb" and "holed-sphere". Default "sphere".
     pub shape: ShapeKind,
     /// Where its centre is at the start, [x, y, z]. Unit m, default [0, 0, 0].
     pub position: [f64; 3],
     /// How it is turned at the start: yaw about y, pitch about x, roll about z, in this order. Unit degrees, default [0, 0, 0].
     pub rotation_degrees: [f64; 3],
-    /// Radius of a sphere, hollow sphere or capsule. Unit m, default 0.1, range above 0.
+    /// Radius of a sphere, hollow or holed sphere, or capsule. Unit m, default 0.1, range above 0.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub radius: Option<f64>,
     /// Half the length of a capsule's axis. Unit m, default 0.1, range 0 or more; 0 is a sphere.
@@ -215,6 +248,9 @@ pub struct ColliderSection {
     pub up: Up,
     /// Further factor on that file's lengths. No unit, default 1, range above 0.
     pub scale: f64,
+    /// Cells of a mesh's, hand's, comb's or holed sphere's distance grid along its longest side. Unit cells, default 96 and what a built-in one needs, range 8 to 512.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sdf_cells: Option<u32>,
     /// Whether it is fixed to the body and moves with it; otherwise it stands in the world. Default false.
     pub on_body: bool,
     /// How it moves: a name such as "builtin:nod", or a table. Default "builtin:still".
@@ -243,28 +279,12 @@ impl Default for ColliderSection {
             unit: Unit::default(),
             up: Up::default(),
             scale: 1.0,
+            sdf_cells: None,
             on_body: false,
             motion: MotionSection::default(),
             friction: 0.3,
         }
     }
-}
-
-/// `[wind]`: moving air.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct WindSection {
-    /// Velocity of the air, [x, y, z]. Unit m/s, default [0, 0, 0]; zeros are still air.
-    pub velocity: [f64; 3],
-    /// Not yet available.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub gusts: Option<toml::Value>,
-    /// Not yet available.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub turbulence: Option<toml::Value>,
-    /// Not yet available.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub occlusion: Option<toml::Value>,
 }
 
 /// The solvers that a scene can name.

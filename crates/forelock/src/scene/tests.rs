@@ -108,7 +108,15 @@ fn values_out_of_range_are_refused_where_they_are_set() {
             "[interaction.grid]\nresolution = 4",
             "`interaction.grid.resolution` should be between 8 and 512, not 4",
         ),
-        ("[wind]\ngusts = 1", "asks for wind gusts, which this version does not have yet"),
+        ("[wind]\ngusts = 1", "there is no key `wind.gusts`"),
+        ("[wind]\ngust_strength = 2", "line 2, column 17: `wind.gust_strength` should be from 0 to 1, not 2"),
+        ("[wind]\nturbulence_scale = 0", "`wind.turbulence_scale` should be above 0, not 0"),
+        ("[wind]\nvelocity = [1, 0]", "`wind.velocity`"),
+        ("[[collider]]\nshape = \"comb\"\nradius = 1", "does not apply to this `shape` (comb)"),
+        (
+            "[[collider]]\nshape = \"hand\"\nsdf_cells = 4",
+            "`collider.0.sdf_cells` should be from 8 to 512, not 4",
+        ),
     ] {
         let message = message(text, &[]);
         assert!(message.contains(expected), "{text:?}: {message}");

@@ -27,7 +27,7 @@
 
 mod params;
 mod presets;
-pub(super) mod random;
+pub(crate) mod random;
 mod roots;
 mod sheets;
 mod strand;

@@ -2,11 +2,11 @@
 
 /// The SplitMix64 generator (Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators").
 #[derive(Clone, Copy, Debug)]
-pub(in crate::groom) struct Random(u64);
+pub(crate) struct Random(u64);
 
 impl Random {
     /// A generator of its own for each `stream` of a `seed`.
-    pub(in crate::groom) fn new(seed: u64, stream: u64) -> Self {
+    pub(crate) fn new(seed: u64, stream: u64) -> Self {
         Self(mix(seed ^ mix(stream.wrapping_add(0x9E37_79B9_7F4A_7C15))))
     }
 
@@ -16,31 +16,31 @@ impl Random {
     }
 
     /// Uniform in [0, 1), a multiple of 2⁻²⁴.
-    pub(in crate::groom) fn unit(&mut self) -> f32 {
+    pub(crate) fn unit(&mut self) -> f32 {
         (self.next() >> 40) as f32 / 16_777_216.0
     }
 
     /// Uniform in [-1, 1).
-    pub(in crate::groom) fn signed(&mut self) -> f32 {
+    pub(crate) fn signed(&mut self) -> f32 {
         2.0 * self.unit() - 1.0
     }
 
     /// Uniform in the cube [-1, 1)³.
-    pub(in crate::groom) fn cube(&mut self) -> glam::Vec3 {
+    pub(crate) fn cube(&mut self) -> glam::Vec3 {
         let (x, y) = (self.signed(), self.signed());
         glam::Vec3::new(x, y, self.signed())
     }
 }
 
 /// A bijection of 64-bit words whose every output bit depends on every input bit.
-pub(in crate::groom) fn mix(word: u64) -> u64 {
+pub(crate) fn mix(word: u64) -> u64 {
     let word = (word ^ (word >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     let word = (word ^ (word >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
     word ^ (word >> 31)
 }
 
 /// (sin, cos) of an angle in radians, to 2e-7 for angles under a thousand turns.
-pub(in crate::groom) fn sin_cos(angle: f64) -> (f32, f32) {
+pub(crate) fn sin_cos(angle: f64) -> (f32, f32) {
     let turns = angle / std::f64::consts::TAU;
     (sin_turns(turns), sin_turns(turns + 0.25))
 }

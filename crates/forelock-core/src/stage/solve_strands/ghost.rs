@@ -25,13 +25,13 @@ impl<L: Lane> Ghost<L> {
 #[inline(always)]
 pub fn inertia<L: Lane>(
     substep: &SubstepTerms<L>,
-    terms: &RowTerms<L>,
     v: V3<L>,
+    (drag, air): (L, V3<L>),
     diagonal: &mut Sym3<L>,
     rhs: &mut V3<L>,
 ) {
-    *diagonal = diagonal.add_identity(L::one() + terms.drag);
-    *rhs += v.add_scaled(substep.h, substep.gravity).add_scaled(terms.drag, substep.air);
+    *diagonal = diagonal.add_identity(L::one() + drag);
+    *rhs += v.add_scaled(substep.h, substep.gravity).add_scaled(drag, air);
 }
 
 /// Integrity tie with intact share s: s κ_I (y − x) − s m R g_head explicitly, s κ_I implicitly.

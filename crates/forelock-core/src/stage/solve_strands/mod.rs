@@ -7,7 +7,7 @@
 //! ```text
 //! A_ii = (m_i + h c_i) I + h² Σ_j K_ij + h² s_i κ_I I + angular
 //! A_ij = −h² K_ij                                            0 < |i−j| ≤ 3
-//! b_i  = m_i v_i + h (f_i + S_i) + h c_i u + h² s_i κ_I w_i + angular
+//! b_i  = m_i v_i + h (f_i + S_i) + h c_i u_i + h² s_i κ_I w_i + angular
 //! ```
 //!
 //! with K of `springs`, the ghost's terms of `ghost`, and 3×3 blocks in a band of half-width 3. The
@@ -145,8 +145,14 @@ fn tie_to_ghost<L: Lane>(
     ring: &mut Ring<L>,
 ) {
     let x = V3::load(view.positions, i, first);
+    let v = V3::load(view.velocities, i, first);
+    let air = if view.air.is_empty() {
+        (terms.drag, substep.air)
+    } else {
+        (L::load(&view.drag[i], first), V3::load(view.air, i, first))
+    };
     let (diagonal, rhs) = ring.row(i);
-    ghost::inertia(substep, terms, V3::load(view.velocities, i, first), diagonal, rhs);
+    ghost::inertia(substep, v, air, diagonal, rhs);
     if frame.k_integrity > 0.0 {
         let mut intact = L::load(&view.integrity[i], first);
         if frame.non_hookean.is_some() {

@@ -39,6 +39,12 @@ pub struct FrameTerms {
     pub tip_scales: [f64; 3],
     /// Drag rate, s⁻¹.
     pub drag: f64,
+    /// Drag along the strand over that across it.
+    pub drag_along: f64,
+    /// Growth of the drag rate with the relative speed, 1/m.
+    pub drag_quadratic: f64,
+    /// Whether drag depends on direction or speed.
+    pub slender: bool,
     /// Whether tension acts implicitly across springs.
     pub tension: bool,
     /// Whether there is the edge form's angular tie.
@@ -67,6 +73,9 @@ impl FrameTerms {
             k_altitude: params.k_altitude,
             tip_scales: [params.tip_scale_springs, params.tip_scale_integrity, params.tip_scale_angular],
             drag: params.drag,
+            drag_along: params.drag_along,
+            drag_quadratic: params.drag_quadratic,
+            slender: params.drag_along != 1.0 || params.drag_quadratic != 0.0,
             tension: params.jacobian == Jacobian::Tension,
             angular_edge: params.angular == AngularForm::Edge && params.k_angular > 0.0,
             angular_paper: params.angular == AngularForm::Paper && params.k_angular > 0.0,

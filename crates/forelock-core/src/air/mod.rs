@@ -1,0 +1,182 @@
+//! The air that hair moves in: a mean wind with gusts, turbulence, and shelter behind solids.
+//!
+//! # Theory
+//! u(x, t) = [U g(t) + u'(x − U t)] (1 − s D(x)):
+//!
+//! - U is the mean velocity and g ≥ 0 its gusts, 1 + σ n(t/T), with n a seeded sum of cosines of mean 0 and variance 1 (`gusts`);
+//! - u' is turbulence, the curl of a random potential that the mean wind carries along unchanged (Taylor 1938, "The spectrum of turbulence", frozen
+//!   turbulence), so that ∇·u' = 0 exactly (`turbulence`);
+//! - D is the deficit in the wake of solids, marched downwind (`wake`), and s how much of it counts.
+//!
+//! What a strand does in that air is its drag: see [`AmsParams::drag`](crate::solver::AmsParams::drag), `drag_along` and `drag_quadratic`.
+//!
+//! # Practice
+//! [`Wind::new`] draws the random numbers once; [`Wind::at`] is the wind of one moment, a plain value that
+//! [`Simulation::step_frame_in`](crate::solver::Simulation::step_frame_in) takes. The solver evaluates it once a frame at every particle. The same seed gives the same
+//! wind on every machine and for any number of threads.
+//!
+//! # Limitations
+//! The wind does not feel the hair. Gusts come everywhere at once. In the lee the turbulence is damped with the mean, where real wakes are
+//! rougher, and the sheltered field is not free of divergence. The wake follows the direction of the mean wind alone.
+
+mod gusts;
+mod turbulence;
+mod wake;
+
+use glam::DVec3;
+
+pub(crate) use turbulence::MODES;
+pub use turbulence::Mode;
+pub use wake::Wake;
+
+use gusts::Gusts;
+use turbulence::Turbulence;
+
+/// The wind of a scene.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
+pub struct WindParams {
+    /// Mean velocity of the air, [x, y, z]. Unit m/s, default [0, 0, 0]; zeros are still air, without gusts and turbulence.
+    pub velocity: DVec3,
+    /// Standard deviation of the wind's speed over time, over the mean. No unit, default 0, range 0 to 1; 0 blows steadily.
+    pub gust_strength: f64,
+    /// Time from gust to gust, about. Unit s, default 2, range above 0.
+    pub gust_period_secs: f64,
+    /// Standard deviation of each component of the velocity from place to place, over the mean speed. No unit, default 0, range 0 to 1; 0 is a uniform flow.
+    pub turbulence: f64,
+    /// Wavelength of the largest eddies; the smallest are a sixth of it. Unit m, default 0.3, range above 0.
+    pub turbulence_scale: f64,
+    /// Share of the wind that solids keep off what lies behind them. No unit, default 0, range 0 to 1; 0 lets it blow through them.
+    pub shelter: f64,
+    /// Seed of gusts and turbulence; a scene adds its own. No unit, default 0, range 0 or more.
+    pub seed: u64,
+}
+
+impl Default for WindParams {
+    fn default() -> Self {
+        Self {
+            velocity: DVec3::ZERO,
+            gust_strength: 0.0,
+            gust_period_secs: 2.0,
+            turbulence: 0.0,
+            turbulence_scale: 0.3,
+            shelter: 0.0,
+            seed: 0,
+        }
+    }
+}
+
+/// A parameter of the wind out of its range.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("`{name}` should be {expected}, not {value}")]
+pub struct WindError {
+    /// Which parameter.
+    pub name: &'static str,
+    /// Its value.
+    pub value: f64,
+    /// What it should be.
+    pub expected: &'static str,
+}
+
+impl WindParams {
+    /// Checks every parameter against its range.
+    ///
+    /// # Errors
+    /// [`WindError`] for the first that is not in it.
+    pub fn validate(&self) -> Result<(), WindError> {
+        let share = |value: f64| (0.0..=1.0).contains(&value);
+        let positive = |value: f64| value > 0.0 && value.is_finite();
+        let refuse = |name, value, expected| Err(WindError { name, value, expected });
+        for value in self.velocity.to_array() {
+            if !value.is_finite() {
+                return refuse("velocity", value, "finite");
+            }
+        }
+        for (name, value) in [
+            ("gust_strength", self.gust_strength),
+            ("turbulence", self.turbulence),
+            ("shelter", self.shelter),
+        ] {
+            if !share(value) {
+                return refuse(name, value, "from 0 to 1");
+            }
+        }
+        for (name, value) in
+            [("gust_period_secs", self.gust_period_secs), ("turbulence_scale", self.turbulence_scale)]
+        {
+            if !positive(value) {
+                return refuse(name, value, "above 0");
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether the wind is the same everywhere, so that one velocity a frame says all.
+    pub fn is_uniform(&self) -> bool {
+        self.velocity == DVec3::ZERO || (self.turbulence == 0.0 && self.shelter == 0.0)
+    }
+}
+
+/// A wind over time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Wind {
+    params: WindParams,
+    gusts: Gusts,
+    turbulence: Turbulence,
+}
+
+impl Wind {
+    /// The wind of `params`.
+    ///
+    /// # Errors
+    /// [`WindError`] if one of them is out of range.
+    pub fn new(params: &WindParams) -> Result<Self, WindError> {
+        params.validate()?;
+        let turbulence = Turbulence::new(params.turbulence_scale, params.seed);
+        Ok(Self { params: params.clone(), gusts: Gusts::new(params.seed), turbulence })
+    }
+
+    /// What it was made from.
+    pub fn params(&self) -> &WindParams {
+        &self.params
+    }
+
+    /// The wind at `time_secs`.
+    pub fn at(&self, time_secs: f64) -> WindField {
+        let p = &self.params;
+        let gust = self.gusts.at(time_secs / p.gust_period_secs);
+        let drift = p.velocity * time_secs;
+        let rms = p.turbulence * p.velocity.length();
+        WindField {
+            mean: p.velocity * (1.0 + p.gust_strength * gust).max(0.0),
+            modes: (rms > 0.0).then(|| self.turbulence.modes(rms, drift)),
+            shelter: if p.velocity == DVec3::ZERO { 0.0 } else { p.shelter },
+        }
+    }
+}
+
+/// The wind at one moment, without the solids in it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct WindField {
+    /// Mean velocity at this moment, gust included, m/s.
+    pub mean: DVec3,
+    /// Turbulence, if there is any.
+    pub modes: Option<[Mode; MODES]>,
+    /// Share of the wind that solids keep off what lies behind them.
+    pub shelter: f64,
+}
+
+impl WindField {
+    /// Velocity at `point` (metres, world space) in the open, m/s.
+    pub fn velocity(&self, point: DVec3) -> DVec3 {
+        let modes = self.modes.iter().flatten();
+        self.mean + modes.map(|mode| mode.velocity(point)).sum::<DVec3>()
+    }
+}
+
+#[cfg(test)]
+mod tests;

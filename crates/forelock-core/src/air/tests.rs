@@ -1,0 +1,141 @@
+use super::*;
+use crate::body::{ColliderFrame, Shape};
+use crate::pose::Pose;
+
+fn windy() -> WindParams {
+    WindParams {
+        velocity: DVec3::new(4.0, 0.0, 3.0),
+        gust_strength: 0.25,
+        turbulence: 0.2,
+        turbulence_scale: 0.4,
+        ..WindParams::default()
+    }
+}
+
+/// An irrational lattice in the cube of half side `half`.
+fn points(count: u32, half: f64) -> impl Iterator<Item = DVec3> {
+    (1..=count).map(move |i| {
+        let at = |step: f64| (f64::from(i) * step).fract() * 2.0 - 1.0;
+        DVec3::new(at(0.819_172_513), at(0.671_043_607), at(0.549_700_478)) * half
+    })
+}
+
+#[test]
+fn turbulence_is_free_of_divergence() {
+    let field = Wind::new(&windy()).unwrap().at(1.3);
+    let h = 1e-5;
+    let (mut divergence, mut slope) = (0.0f64, 0.0f64);
+    for p in points(2000, 2.0) {
+        let rise =
+            DVec3::AXES.map(|axis| (field.velocity(p + axis * h) - field.velocity(p - axis * h)) / (2.0 * h));
+        divergence = divergence.max((rise[0].x + rise[1].y + rise[2].z).abs());
+        slope = slope.max(rise[0].length());
+    }
+    // What is left is what central differences leave of waves of 15 turns a metre, (2π 15 h)²/6 = 1.5e-7.
+    assert!(slope > 5.0 && divergence < 2e-7 * slope, "{divergence} of {slope}");
+}
+
+#[test]
+fn turbulence_has_the_mean_and_the_variance_asked_for() {
+    for seed in 0..8 {
+        let params = WindParams { seed, gust_strength: 0.0, ..windy() };
+        let field = Wind::new(&params).unwrap().at(0.0);
+        let count = 20_000;
+        let (mut sum, mut squares) = (DVec3::ZERO, DVec3::ZERO);
+        // Fifty wavelengths: what the finite box leaves of the waves' means is under a percent.
+        for p in points(count, 20.0) {
+            let u = field.velocity(p) - params.velocity;
+            sum += u / f64::from(count);
+            squares += u * u / f64::from(count);
+        }
+        let asked = 0.2 * 5.0;
+        assert!(sum.length() < 0.05 * asked, "{sum}");
+        let total = (squares.element_sum() / 3.0).sqrt();
+        assert!((total / asked - 1.0).abs() < 0.02, "{total}");
+        // Sixteen directions are not quite alike.
+        for rms in squares.to_array().map(f64::sqrt) {
+            assert!((rms / asked - 1.0).abs() < 0.35, "{squares}");
+        }
+    }
+}
+
+#[test]
+fn gusts_have_the_mean_and_the_variance_asked_for() {
+    for seed in 0..8 {
+        let params = WindParams { seed, ..windy() };
+        let wind = Wind::new(&params).unwrap();
+        let count = 20_000;
+        let (mut mean, mut square) = (0.0, 0.0);
+        for i in 0..count {
+            let share = wind.at(f64::from(i) * 0.1).mean.length() / 5.0;
+            mean += share / f64::from(count);
+            square += (share - 1.0).powi(2) / f64::from(count);
+        }
+        assert!((mean - 1.0).abs() < 0.01, "{mean}");
+        assert!((square.sqrt() - 0.25).abs() < 0.01, "{}", square.sqrt());
+    }
+    // Smooth: no jump from one millisecond to the next.
+    let wind = Wind::new(&windy()).unwrap();
+    for i in 0..5000 {
+        let [a, b] = [i, i + 1].map(|i| wind.at(f64::from(i) * 1e-3).mean);
+        assert!((a - b).length() < 0.02 * 5.0);
+    }
+}
+
+#[test]
+fn turbulence_drifts_with_the_mean_wind() {
+    let params = WindParams { gust_strength: 0.0, ..windy() };
+    let wind = Wind::new(&params).unwrap();
+    let (now, later) = (wind.at(0.2), wind.at(0.7));
+    for p in points(50, 1.0) {
+        let carried = p + params.velocity * 0.5;
+        assert!((now.velocity(p) - later.velocity(carried)).length() < 1e-9);
+    }
+    let other = Wind::new(&WindParams { seed: 1, ..params }).unwrap();
+    assert!((other.at(0.2).velocity(DVec3::ZERO) - now.velocity(DVec3::ZERO)).length() > 1e-2);
+}
+
+#[test]
+fn behind_a_sphere_there_is_shelter_and_elsewhere_none() {
+    let (origin, radius) = (DVec3::new(100.0, 2.0, -30.0), 0.08);
+    let shape = Shape::Sphere { radius };
+    let place = Pose { translation: origin, ..Pose::IDENTITY };
+    let ball = ColliderFrame { shape: &shape, local: Pose::IDENTITY, from: place, to: place, friction: 0.0 };
+    for along in [DVec3::X, DVec3::new(1.0, -2.0, 0.5).normalize()] {
+        let mut wake = Wake::default();
+        wake.update(&[ball], origin, 0.5, along * 3.0);
+        let across = along.any_orthonormal_vector();
+        let deficit = |s: f64, r: f64| wake.deficit((along * s + across * r).as_vec3().to_array());
+        // On the axis the deficit falls monotonically.
+        assert!(deficit(1.5 * radius, 0.0) > 0.6, "{}", deficit(1.5 * radius, 0.0));
+        let falling = [1.5, 2.0, 3.0, 4.0, 5.0].map(|s| deficit(s * radius, 0.0));
+        assert!(falling.windows(2).all(|w| w[1] < w[0] && w[1] > 0.05), "{falling:?}");
+        // In front, beside and far across there is none.
+        for (s, r) in [(-2.0, 0.0), (-4.0, 0.5), (0.0, 2.2), (0.0, -3.0), (3.0, 4.5), (-9.0, 9.0)] {
+            let d = deficit(s * radius, r * radius);
+            assert!(d < 0.02, "{s} {r}: {d}");
+        }
+        // The same from all sides.
+        let around = along.cross(across);
+        let other = wake.deficit((along * 0.2 + around * 0.05).as_vec3().to_array());
+        assert!((other - deficit(0.2, 0.05)).abs() < 0.05);
+    }
+    let mut none = Wake::default();
+    none.update(&[], origin, 0.5, DVec3::X);
+    assert_eq!(none.deficit([0.1; 3]), 0.0);
+}
+
+#[test]
+fn parameters_out_of_range_are_named() {
+    let wrong = [
+        (WindParams { gust_strength: 1.5, ..windy() }, "gust_strength"),
+        (WindParams { turbulence: -0.1, ..windy() }, "turbulence"),
+        (WindParams { turbulence_scale: 0.0, ..windy() }, "turbulence_scale"),
+        (WindParams { gust_period_secs: f64::NAN, ..windy() }, "gust_period_secs"),
+        (WindParams { shelter: 2.0, ..windy() }, "shelter"),
+        (WindParams { velocity: DVec3::splat(f64::INFINITY), ..windy() }, "velocity"),
+    ];
+    for (params, name) in wrong {
+        assert_eq!(Wind::new(&params).unwrap_err().name, name);
+    }
+}
