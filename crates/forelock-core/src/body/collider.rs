@@ -14,7 +14,7 @@ use std::sync::Arc;
 use glam::{DVec3, Vec3};
 use num_traits::Float;
 
-use super::Sdf;
+use super::{Morph, Sdf};
 use crate::pose::Pose;
 
 /// A solid in its own space, in metres, y up.
@@ -46,17 +46,31 @@ pub enum Shape {
     Plane,
     /// A field on a grid, in metres; sampled in float32 whatever the solver computes in.
     Sdf(Arc<Sdf>),
+    /// A sequence of fields during one frame; sampled in float32 too.
+    Morph {
+        /// The sequence.
+        morph: Arc<Morph>,
+        /// Where in it the frame starts and ends, in fields after the first.
+        phases: [f64; 2],
+    },
 }
 
 /// Points in a packet of lookups.
 pub const PACKET: usize = 8;
 
 impl Shape {
-    /// The signed distance in metres from `p` to the surface, negative inside, and its unit gradient (outwards).
+    /// The signed distance in metres from `p` to the surface, negative inside, and its unit gradient (outwards); of a shape that changes,
+    /// as it is at the frame's end.
     ///
     /// Exact for the primitives; for [`Shape::Sdf`] as [`Sdf::sample`] says, with the gradient normalised.
     #[inline]
     pub fn sample<T: Float>(&self, p: [T; 3]) -> (T, [T; 3]) {
+        self.sample_at(p, 1.0)
+    }
+
+    /// [`Shape::sample`] at `fraction` of the frame, which matters to shapes that change.
+    #[inline]
+    pub fn sample_at<T: Float>(&self, p: [T; 3], fraction: f64) -> (T, [T; 3]) {
         match self {
             Self::Sphere { radius } => {
                 let (length, direction) = unit(p);
@@ -74,16 +88,43 @@ impl Shape {
             Self::Box { half_extents } => sample_box(half_extents.to_array().map(cast), p),
             Self::Plane => (p[1], [T::zero(), T::one(), T::zero()]),
             Self::Sdf(sdf) => from_field(sdf.sample(to_vec3(p))),
+            Self::Morph { morph, phases: [from, to] } => {
+                from_field(morph.sample(to_vec3(p), from + (to - from) * fraction))
+            }
         }
     }
 
-    /// [`Shape::sample`] at a packet of points, component-major; bit for bit what the points alone give.
+    /// The side of the cells of a field in metres, if it is one.
+    pub fn cell(&self) -> Option<f32> {
+        match self {
+            Self::Sdf(sdf) => Some(sdf.cell()),
+            Self::Morph { morph, .. } => Some(morph.cell()),
+            _ => None,
+        }
+    }
+
+    /// Half the thickness of its thinnest part in metres, as far as is known: what moves less than that cannot pass through. A field's thinnest part is
+    /// two cells.
+    pub fn thinness(&self) -> f64 {
+        match self {
+            Self::Sphere { radius } | Self::Capsule { radius, .. } => *radius,
+            Self::Box { half_extents } => half_extents.min_element(),
+            Self::HollowSphere { .. } | Self::Plane => f64::INFINITY,
+            Self::Sdf(_) | Self::Morph { .. } => self.cell().map_or(f64::INFINITY, f64::from),
+        }
+    }
+
+    /// [`Shape::sample_at`] at a packet of points, component-major; bit for bit what the points alone give.
     #[inline(always)]
-    pub fn sample_packet<T: Float>(&self, p: &[[T; PACKET]; 3]) -> ([T; PACKET], [[T; PACKET]; 3]) {
+    pub fn sample_packet<T: Float>(
+        &self,
+        p: &[[T; PACKET]; 3],
+        fraction: f64,
+    ) -> ([T; PACKET], [[T; PACKET]; 3]) {
         let (mut distances, mut gradients) = ([T::zero(); PACKET], [[T::zero(); PACKET]; 3]);
         let Self::Sdf(sdf) = self else {
             for k in 0..PACKET {
-                let (distance, gradient) = self.sample([p[0][k], p[1][k], p[2][k]]);
+                let (distance, gradient) = self.sample_at([p[0][k], p[1][k], p[2][k]], fraction);
                 distances[k] = distance;
                 for c in 0..3 {
                     gradients[c][k] = gradient[c];
@@ -130,6 +171,7 @@ impl Shape {
             Self::Box { half_extents } => *half_extents,
             Self::HollowSphere { .. } | Self::Plane => return None,
             Self::Sdf(sdf) => return Some(sdf.bounds()),
+            Self::Morph { morph, .. } => return Some(morph.bounds()),
         };
         let half = half.as_vec3() * (1.0 + f32::EPSILON);
         Some((-half, half))

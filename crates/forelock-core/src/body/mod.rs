@@ -6,6 +6,7 @@ mod collider;
 mod head;
 mod implicit;
 mod mesh;
+mod morph;
 mod motion;
 mod props;
 mod sdf;
@@ -18,6 +19,7 @@ pub use closed::{ClosedMesh, ClosingReport};
 pub use collider::{Attachment, Collider, ColliderFrame, PACKET, Shape};
 pub use head::{Head, Region};
 pub use mesh::{MeshError, TriMesh};
+pub use morph::Morph;
 pub use motion::{
     BuiltinMotion, KeyframeInterpolation, Keyframes, KeyframesError, Motion, MotionKind, UnknownMotion,
 };

@@ -13,5 +13,6 @@ mod invariance;
 mod non_hookean;
 mod rig;
 mod solids;
+mod swept;
 mod system;
 mod thresholds;

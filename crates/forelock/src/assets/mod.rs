@@ -160,7 +160,7 @@ impl Assets {
     /// Meshes of all solids but the body, with their poses at `time` seconds, for pictures.
     pub fn solid_meshes(&self, time: f64) -> Vec<(&TriMesh, Pose)> {
         let head = self.head_pose(time);
-        self.solids.iter().filter_map(|solid| Some((solid.mesh.as_ref()?, solid.pose(time, &head)))).collect()
+        self.solids.iter().filter_map(|solid| Some((solid.mesh_at(time)?, solid.pose(time, &head)))).collect()
     }
 
     /// A hash of all that decides how the simulation goes on: strands, meshes and the scene's physics. The number of
@@ -171,7 +171,10 @@ impl Assets {
         physics.time.frames = Scene::default().time.frames;
         physics.groom.source = GroomSource::Grow;
         physics.body.mesh = String::new();
-        physics.colliders.iter_mut().for_each(|collider| collider.mesh = None);
+        for collider in &mut physics.colliders {
+            collider.mesh = None;
+            collider.mesh_sequence.clear();
+        }
         physics.output = OutputSection::default();
         physics.camera = CameraSection::default();
         physics.hair = HairSection::default();
@@ -179,7 +182,7 @@ impl Assets {
         for offset in self.groom.strand_offsets() {
             hash = hash.bytes(&offset.to_le_bytes());
         }
-        let meshes = self.body_mesh().into_iter().chain(self.solids.iter().filter_map(|s| s.mesh.as_ref()));
+        let meshes = self.body_mesh().into_iter().chain(self.solids.iter().flat_map(|s| &s.meshes));
         let points = meshes.flat_map(|mesh| &mesh.positions).chain(self.groom.positions());
         points.flat_map(|p| p.to_array()).fold(hash, |hash, x| hash.bytes(&x.to_le_bytes())).value()
     }

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
-use forelock_core::body::{ColliderFrame, Head, Motion, Prop, Sdf, Shape, TriMesh};
+use forelock_core::body::{ColliderFrame, Head, Morph, Motion, Prop, Sdf, Shape, TriMesh};
 use forelock_core::pose::Pose;
 use glam::DVec3;
 
@@ -13,6 +13,9 @@ use crate::tessellate;
 
 /// Cells along the longest side of a mesh collider's distance grid.
 const COLLIDER_CELLS: u32 = 96;
+
+/// Meshes a second of a sequence that does not say.
+const SEQUENCE_FPS: f64 = 24.0;
 
 /// What hair grows on.
 #[derive(Debug)]
@@ -49,14 +52,19 @@ impl Body {
 /// A solid and how it moves.
 #[derive(Debug)]
 pub(super) struct Solid {
-    shape: Shape,
+    /// Its shape in every frame, the last one for all that follow.
+    shapes: Vec<Shape>,
+    /// Frames a second.
+    fps: f64,
     friction: f64,
     on_body: bool,
     /// Where it is before its motion.
     base: Pose,
     motion: Motion,
-    /// How it is drawn; the body is drawn as itself.
-    pub(super) mesh: Option<TriMesh>,
+    /// How it is drawn, one after the other; the body is drawn as itself.
+    pub(super) meshes: Vec<TriMesh>,
+    /// Meshes a second.
+    sequence_fps: f64,
 }
 
 impl Solid {
@@ -68,7 +76,13 @@ impl Solid {
     /// The solid between two `times` at which the body is at `head`.
     pub(super) fn frame(&self, times: [f64; 2], head: [Pose; 2]) -> ColliderFrame<'_> {
         let [from, to] = [0, 1].map(|end| self.carrier(times[end], &head[end]));
-        ColliderFrame { shape: &self.shape, local: self.base, from, to, friction: self.friction }
+        let shape = &self.shapes[nearest(times[0] * self.fps, self.shapes.len())];
+        ColliderFrame { shape, local: self.base, from, to, friction: self.friction }
+    }
+
+    /// How it is drawn at `time` seconds: the nearest mesh of its sequence.
+    pub(super) fn mesh_at(&self, time: f64) -> Option<&TriMesh> {
+        self.meshes.get(nearest(time * self.sequence_fps, self.meshes.len()))
     }
 
     /// What carries the solid: its motion, on the body or in the world.
@@ -78,26 +92,33 @@ impl Solid {
     }
 }
 
+/// The whole number nearest to `at`, within 0 to `count` − 1.
+fn nearest(at: f64, count: usize) -> usize {
+    (at.round().max(0.0) as usize).min(count.saturating_sub(1))
+}
+
 /// All solids of `scene`, the body first.
 pub(super) fn load(scene: &Scene, body: Option<&Body>) -> Result<Vec<Solid>, AssetError> {
     let mut solids = Vec::with_capacity(scene.colliders.len() + 1);
     if let Some(sdf) = body.and_then(|body| body.sdf.as_ref()) {
         solids.push(Solid {
-            shape: Shape::Sdf(sdf.clone()),
+            shapes: vec![Shape::Sdf(sdf.clone())],
+            fps: scene.time.fps,
             friction: scene.body.friction,
             on_body: true,
             base: Pose::IDENTITY,
             motion: Motion::default(),
-            mesh: None,
+            meshes: Vec::new(),
+            sequence_fps: 1.0,
         });
     }
     for section in &scene.colliders {
-        solids.push(solid(section)?);
+        solids.push(solid(section, scene.time.fps)?);
     }
     Ok(solids)
 }
 
-fn solid(section: &ColliderSection) -> Result<Solid, AssetError> {
+fn solid(section: &ColliderSection, fps: f64) -> Result<Solid, AssetError> {
     let radius = section.radius.unwrap_or(0.1);
     let half_length = section.half_length.unwrap_or(0.1);
     let half_extents = DVec3::from_array(section.half_extents.unwrap_or([0.1; 3]));
@@ -109,6 +130,8 @@ fn solid(section: &ColliderSection) -> Result<Solid, AssetError> {
         }
         ShapeKind::Box => (Shape::Box { half_extents }, Some(tessellate::cuboid(half_extents.as_vec3()))),
         ShapeKind::Plane => (Shape::Plane, None),
+        // Its shapes come from the sequence.
+        ShapeKind::Mesh if !section.mesh_sequence.is_empty() => (Shape::Plane, None),
         ShapeKind::Mesh => {
             let path = section.mesh.as_deref().unwrap_or("".as_ref());
             let mesh = forelock_io::read_mesh(path, &section.import())?;
@@ -122,14 +145,41 @@ fn solid(section: &ColliderSection) -> Result<Solid, AssetError> {
         ShapeKind::HoledSphere => prop(Prop::HoledSphere { radius: radius as f32 }, section)?,
     };
     let position = DVec3::from_array(section.position);
+    let sequence_fps = section.sequence_fps.unwrap_or(SEQUENCE_FPS);
+    let (shapes, meshes) = if section.mesh_sequence.is_empty() {
+        (vec![shape], mesh.into_iter().collect())
+    } else {
+        sequence(section, sequence_fps / fps)?
+    };
     Ok(Solid {
-        shape,
+        shapes,
+        fps,
         friction: section.friction,
         on_body: section.on_body,
         base: Pose::new(motion::rotation(section.rotation_degrees), position),
         motion: motion::motion(&section.motion, position)?,
-        mesh,
+        meshes,
+        sequence_fps,
     })
+}
+
+/// A mesh that changes: its shape in each frame, in which it goes on by `step` meshes, and its meshes.
+fn sequence(section: &ColliderSection, step: f64) -> Result<(Vec<Shape>, Vec<TriMesh>), AssetError> {
+    let cells = section.sdf_cells.unwrap_or(COLLIDER_CELLS);
+    let (mut fields, mut meshes) = (Vec::new(), Vec::new());
+    for path in &section.mesh_sequence {
+        let mesh = forelock_io::read_mesh(path, &section.import())?;
+        fields.push(distance_grid(&mesh, &path.display().to_string(), cells, "another `shape`")?);
+        meshes.push(mesh);
+    }
+    let frames = ((fields.len() - 1) as f64 / step).ceil() as u32;
+    let Some(morph) = Morph::new(fields).map(Arc::new) else { return Ok((Vec::new(), meshes)) };
+    let shape = |frame: u32| Shape::Morph {
+        morph: morph.clone(),
+        phases: [frame, frame + 1].map(|frame| f64::from(frame) * step),
+    };
+    // One more, in which it stands still.
+    Ok(((0..=frames).map(shape).collect(), meshes))
 }
 
 /// A built-in solid as a distance grid.

@@ -185,6 +185,8 @@ fn check_collider(key: &str, collider: &ColliderSection) -> Result<(), Wrong> {
         ("half_length", collider.half_length.is_some(), shape == ShapeKind::Capsule),
         ("half_extents", collider.half_extents.is_some(), shape == ShapeKind::Box),
         ("mesh", collider.mesh.is_some(), shape == ShapeKind::Mesh),
+        ("mesh_sequence", !collider.mesh_sequence.is_empty(), shape == ShapeKind::Mesh),
+        ("sequence_fps", collider.sequence_fps.is_some(), !collider.mesh_sequence.is_empty()),
         ("sdf_cells", collider.sdf_cells.is_some(), shape.has_grid()),
     ] {
         if set && !fits {
@@ -192,7 +194,12 @@ fn check_collider(key: &str, collider: &ColliderSection) -> Result<(), Wrong> {
             return Err((format!("{key}.{name}"), message));
         }
     }
-    if shape == ShapeKind::Mesh && collider.mesh.is_none() {
+    if collider.mesh.is_some() && !collider.mesh_sequence.is_empty() {
+        let message = "is set, and so is `mesh`, which stands still: keep one".to_owned();
+        return Err((format!("{key}.mesh_sequence"), message));
+    }
+    Range::Above(0.0).check(&format!("{key}.sequence_fps"), collider.sequence_fps.unwrap_or(1.0))?;
+    if shape == ShapeKind::Mesh && collider.mesh.is_none() && collider.mesh_sequence.is_empty() {
         return Err((
             format!("{key}.shape"),
             "is \"mesh\", but there is no `mesh` file: name one".to_owned(),

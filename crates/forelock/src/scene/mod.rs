@@ -184,7 +184,8 @@ impl Scene {
         if !self.body.is_named() {
             self.body.mesh = of(self.body.mesh.as_ref()).to_string_lossy().into_owned();
         }
-        self.colliders.iter_mut().filter_map(|c| c.mesh.as_mut()).for_each(|path| *path = of(path));
+        let meshes = self.colliders.iter_mut().flat_map(|c| c.mesh.iter_mut().chain(&mut c.mesh_sequence));
+        meshes.for_each(|path| *path = of(path));
     }
 }
 

@@ -242,6 +242,12 @@ pub struct ColliderSection {
     /// The .obj file of a mesh. No default: a mesh needs one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mesh: Option<PathBuf>,
+    /// The .obj files of a mesh that changes its shape, in order, instead of `mesh`. Parts must move by less than half their thickness from one to the next. Default none.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub mesh_sequence: Vec<PathBuf>,
+    /// Meshes of `mesh_sequence` a second; the last one stays. Unit s⁻¹, default 24, range above 0.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sequence_fps: Option<f64>,
     /// Unit of length of that file: "m", "cm", "mm" or "in". Default "m".
     pub unit: Unit,
     /// Axis that points up in that file: "y" or "z". Default "y".
@@ -276,6 +282,8 @@ impl Default for ColliderSection {
             half_length: None,
             half_extents: None,
             mesh: None,
+            mesh_sequence: Vec::new(),
+            sequence_fps: None,
             unit: Unit::default(),
             up: Up::default(),
             scale: 1.0,

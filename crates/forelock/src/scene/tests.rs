@@ -112,6 +112,11 @@ fn values_out_of_range_are_refused_where_they_are_set() {
         ("[wind]\ngust_strength = 2", "line 2, column 17: `wind.gust_strength` should be from 0 to 1, not 2"),
         ("[wind]\nturbulence_scale = 0", "`wind.turbulence_scale` should be above 0, not 0"),
         ("[wind]\nvelocity = [1, 0]", "`wind.velocity`"),
+        (
+            "[[collider]]\nshape = \"mesh\"\nmesh = \"a.obj\"\nmesh_sequence = [\"b.obj\"]",
+            "`collider.0.mesh_sequence` is set, and so is `mesh`",
+        ),
+        ("[[collider]]\nmesh_sequence = [\"b.obj\"]", "does not apply to this `shape` (sphere)"),
         ("[[collider]]\nshape = \"comb\"\nradius = 1", "does not apply to this `shape` (comb)"),
         (
             "[[collider]]\nshape = \"hand\"\nsdf_cells = 4",

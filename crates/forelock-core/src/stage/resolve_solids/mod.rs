@@ -13,12 +13,18 @@
 //! particle carries that clearance, less what it has moved since, and is sampled only when it is used up. The decision
 //! is a lane's own, so results do not depend on the SIMD width. Trilinear grids can rise √3 times as fast along a
 //! diagonal: their clearance counts 1/√3.
+//!
+//! What moves far in a substep is looked for on its whole way (`sweep`), so that thin solids may be fast. A shape that changes
+//! ([`Shape::Morph`]) meets hair with its surface's own velocity.
+
+mod sweep;
 
 use crate::body::{ColliderFrame, PACKET, Shape};
 use crate::lane::{LANES, Lane, Mat3, Real, V3};
 use crate::pose::Pose;
 use crate::stage::BlockView;
 use glam::DVec3;
+use sweep::{Way, sweep};
 
 /// Where a solid is at the start and the end of a substep, relative to the frame's origin.
 #[derive(Clone, Copy, Debug)]
@@ -29,6 +35,12 @@ pub struct SolidPose<T> {
     carry: ([[T; 3]; 3], [T; 3]),
     /// The carrier at the end: where it is, its rotation vector and its translation over the substep.
     carrier: [[T; 3]; 3],
+    /// A ball that holds the solid at the end; of infinite radius where there is none.
+    ball: ([T; 3], T),
+    /// The substep's start and end as fractions of the frame.
+    fractions: [f64; 2],
+    /// How far a shape that changes may move its surface in the substep.
+    swell: T,
 }
 
 impl<T: Real> SolidPose<T> {
@@ -55,7 +67,44 @@ impl<T: Real> SolidPose<T> {
                 carrier[1].translation - carrier[0].translation,
             ]
             .map(|v| v.to_array().map(number)),
+            ball: solid.shape.bounds().map_or(([T::zero(); 3], T::infinity()), |(low, high)| {
+                let (low, high) = (low.as_dvec3(), high.as_dvec3());
+                let centre = poses[1].transform_point(0.5 * (low + high)) - origin;
+                (centre.to_array().map(number), number(0.5 * low.distance(high)))
+            }),
+            fractions,
+            swell: match solid.shape {
+                Shape::Morph { morph, phases: [from, to] } => {
+                    let phases = (to - from).abs() * (fractions[1] - fractions[0]);
+                    number(f64::from(morph.change()) * phases)
+                }
+                _ => T::zero(),
+            },
         }
+    }
+
+    #[inline(always)]
+    fn world(&self, end: usize, q: [T; 3]) -> [T; 3] {
+        let (turned, p) = (self.turn(end, q), self.translations[end]);
+        [0, 1, 2].map(|c| turned[c] + p[c])
+    }
+
+    /// The way in the solid's space of a particle that goes from `from` (where it is at `start`: 0 the substep's start, 1 its end) to `to` at the
+    /// substep's end.
+    fn way(&self, start: usize, from: [T; 3], to: [T; 3]) -> Way<T> {
+        Way {
+            ends: [self.local(start, from), self.local(1, to)],
+            fractions: [self.fractions[start], self.fractions[1]],
+            swell: if start == 0 { self.swell } else { T::zero() },
+        }
+    }
+
+    /// A lower bound of the distance of particles at `x` from the solid at the end of the substep, a lane.
+    #[inline(always)]
+    fn outside<L: Lane<Scalar = T>>(&self, x: V3<L>) -> L {
+        let ([a, b, c], radius) = self.ball;
+        let d = x - V3([L::splat(a), L::splat(b), L::splat(c)]);
+        d.dot(d).sqrt() - L::splat(radius)
     }
 
     #[inline(always)]
@@ -103,7 +152,7 @@ impl<T: Real> SolidPose<T> {
         let carried = V3([L::splat(*x), L::splat(*y), L::splat(*z)])
             .add_mul(&Mat3([splat_row(a), splat_row(b), splat_row(c)]), from);
         let d = to - carried;
-        d.dot(d).sqrt()
+        d.dot(d).sqrt() + L::splat(self.swell)
     }
 }
 
@@ -191,24 +240,34 @@ pub fn resolve<L: Lane>(
     if solids.solids.is_empty() {
         return contacts;
     }
-    let mut queue = Queue::new();
+    let start = usize::from(since == Since::Noted);
+    let apart = solids.poses.len() > 1;
+    let mut queue = Queue::new(start);
     let own = u32::MAX >> (32 - L::WIDTH.min(live - first));
     for i in solids.clamped.min(view.particles)..view.particles {
         let x = V3::<L>::load(view.positions, i, first);
         let last = L::load(&view.clearance[i], first);
-        let mut left = last;
-        if since == Since::Substep {
-            let from = x.add_scaled(L::splat(-solids.h), V3::load(view.velocities, i, first));
-            let mut moved = L::zero();
-            for pose in solids.poses {
-                moved = pose.moved(from, x).max(moved);
+        let (from, moved, left) = match since {
+            Since::Substep => {
+                let from = x.add_scaled(L::splat(-solids.h), V3::load(view.velocities, i, first));
+                let (mut moved, mut left) = (L::zero(), L::from_f64(f64::INFINITY));
+                for pose in solids.poses {
+                    let by = pose.moved(from, x);
+                    // On all its way a particle is as far from this solid as it was from the nearest, or as it is now from the ball around this
+                    // one, less the way: what moves far off costs nothing.
+                    let distance =
+                        if apart { last.max(pose.outside(x) - L::splat(solids.thickness)) } else { last };
+                    left = left.min(distance - by);
+                    moved = by.max(moved);
+                }
+                (from, moved, left)
             }
-            left -= moved;
-        }
+            Since::Noted => (x, L::zero(), last),
+        };
         let mut used_up = !L::bits(L::zero().lt(left)) & own;
         while used_up != 0 {
             let lane = used_up.trailing_zeros() as usize;
-            queue.push((i, first + lane), last.get(lane));
+            queue.push((i, first + lane), (last.get(lane), moved.get(lane)), from.get(lane));
             used_up &= used_up - 1;
         }
         left.store(&mut view.clearance[i], first);
@@ -222,23 +281,32 @@ pub fn resolve<L: Lane>(
 
 /// Particles that need a look, taken [`PACKET`] at a time, so that their lookups share instructions and wait together.
 struct Queue<T> {
+    /// Where the solids were when the particles set out: at the substep's start (0) or end (1).
+    start: usize,
     len: usize,
     /// Place in the block and lane.
     at: [(usize, usize); PACKET + LANES],
     /// Clearance at the last look.
     last: [T; PACKET + LANES],
+    /// From where the particle came, and how far, relative to the solid that moved most against it.
+    from: [[T; 3]; PACKET + LANES],
+    moved: [T; PACKET + LANES],
 }
 
 impl<T: Real> Queue<T> {
     #[inline(always)]
-    fn new() -> Self {
-        Self { len: 0, at: [(0, 0); PACKET + LANES], last: [T::zero(); PACKET + LANES] }
+    fn new(start: usize) -> Self {
+        let none = [T::zero(); PACKET + LANES];
+        let from = [[T::zero(); 3]; PACKET + LANES];
+        Self { start, len: 0, at: [(0, 0); PACKET + LANES], last: none, from, moved: none }
     }
 
     #[inline(always)]
-    fn push(&mut self, at: (usize, usize), last: T) {
+    fn push(&mut self, at: (usize, usize), (last, moved): (T, T), from: [T; 3]) {
         self.at[self.len] = at;
         self.last[self.len] = last;
+        self.from[self.len] = from;
+        self.moved[self.len] = moved;
         self.len += 1;
     }
 
@@ -260,7 +328,8 @@ impl<T: Real> Queue<T> {
         let mut clearance = [T::infinity(); PACKET];
         let mut touches = [false; PACKET];
         for (solid, pose) in solids.solids.iter().zip(solids.poses) {
-            let (distances, gradients) = solid.shape.sample_packet(&pose.local_packet(&x));
+            let (distances, gradients) = solid.shape.sample_packet(&pose.local_packet(&x), pose.fractions[1]);
+            let thin = crate::state::number(solid.shape.thinness());
             for k in 0..taken {
                 let mut particle = Particle {
                     x: [x[0][k], x[1][k], x[2][k]],
@@ -268,8 +337,12 @@ impl<T: Real> Queue<T> {
                     was: self.last[self.len + k],
                 };
                 let found = (distances[k], [gradients[0][k], gradients[1][k], gradients[2][k]]);
-                let sigma = settle(solids, (solid, pose), found, &mut particle);
-                if found.0 < solids.thickness {
+                let way = (self.start, self.from[self.len + k]);
+                let caught = self.moved[self.len + k] > thin
+                    && catch(solids, (solid, pose), found, way, &mut particle);
+                let sigma =
+                    if caught { T::zero() } else { settle(solids, (solid, pose), found, &mut particle) };
+                if caught || found.0 < solids.thickness {
                     touches[k] = true;
                     for c in 0..3 {
                         x[c][k] = particle.x[c];
@@ -338,7 +411,8 @@ pub fn lay_along<L: Lane>(
             if left.get(lane) > <L::Scalar as num_traits::Zero>::zero() {
                 clearance.set(lane, left.get(lane));
             } else if clearance.get(lane) >= <L::Scalar as num_traits::Zero>::zero() {
-                let (place, bound) = slide(solids, leader.get(lane), x.get(lane), rest_length.get(lane));
+                let way = [old.get(lane), x.get(lane)];
+                let (place, bound) = slide(solids, leader.get(lane), way, rest_length.get(lane));
                 x.set(lane, place);
                 clearance.set(lane, bound);
             }
@@ -357,14 +431,26 @@ pub fn lay_along<L: Lane>(
 /// Stretch, over the rest length, from which a strand's edges are laid anew.
 const STRETCHED: f64 = 1e-5;
 
-/// The point at `length` from `leader` near `x` that is outside all solids, if there is one, and its clearance.
-fn slide<T: Real>(solids: &Solids<'_, T>, leader: [T; 3], mut x: [T; 3], length: T) -> ([T; 3], T) {
+/// The point at `length` from `leader` near `x` that is outside all solids and on the side of them where `old` is, if there is one, and its
+/// clearance.
+fn slide<T: Real>(
+    solids: &Solids<'_, T>,
+    leader: [T; 3],
+    [old, mut x]: [[T; 3]; 2],
+    length: T,
+) -> ([T; 3], T) {
     const ROUNDS: usize = 4;
     let zero = T::zero();
     let mut clearance = T::infinity();
     for (solid, pose) in solids.solids.iter().zip(solids.poses) {
+        let d = [0, 1, 2].map(|c| x[c] - old[c]);
+        if dot(d, d).sqrt().to_f64().unwrap_or(0.0) > solid.shape.thinness()
+            && let Some((place, _)) = sweep(solid.shape, solids.thickness, &pose.way(1, old, x))
+        {
+            x = pose.world(1, place);
+        }
         for round in 0..=ROUNDS {
-            let (distance, gradient) = solid.shape.sample(pose.local(1, x));
+            let (distance, gradient) = solid.shape.sample_at(pose.local(1, x), pose.fractions[1]);
             let sigma = distance - solids.thickness;
             if sigma >= zero || sigma.is_nan() {
                 clearance = clearance.min(sigma / lipschitz(solid.shape));
@@ -388,7 +474,7 @@ fn slide<T: Real>(solids: &Solids<'_, T>, leader: [T; 3], mut x: [T; 3], length:
 /// How much faster than distance a shape's field can rise.
 #[inline(always)]
 fn lipschitz<T: Real>(shape: &Shape) -> T {
-    if matches!(shape, Shape::Sdf(_)) { T::from(3.0).unwrap_or_else(T::one).sqrt() } else { T::one() }
+    if shape.cell().is_some() { T::from(3.0).unwrap_or_else(T::one).sqrt() } else { T::one() }
 }
 
 struct Particle<T> {
@@ -412,13 +498,12 @@ fn settle<T: Real>(
     if sigma >= zero || sigma.is_nan() {
         return sigma;
     }
-    rub(solids, solid.friction, pose.displacement(particle.x), pose.turn(1, gradient), &mut particle.v);
+    let normal = pose.turn(1, gradient);
+    rub(solids, solid.friction, carried(solid, pose, particle.x, normal), normal, &mut particle.v);
     // A grid's gradient is not exactly its direction to the surface: look again after a push that is not small
     // against a cell. Primitives are exact.
-    let small_push = match solid.shape {
-        Shape::Sdf(sdf) => T::from(0.1 * sdf.cell()).unwrap_or_else(T::zero),
-        _ => T::infinity(),
-    };
+    let small_push =
+        solid.shape.cell().map_or(T::infinity(), |cell| T::from(0.1 * cell).unwrap_or_else(T::zero));
     for look in 1..=LOOKS {
         let allowed =
             if particle.was < zero { (particle.was.max(sigma) + solids.way_out).min(zero) } else { zero };
@@ -431,7 +516,7 @@ fn settle<T: Real>(
         if push < small_push || look == LOOKS {
             return allowed;
         }
-        let (distance, there) = solid.shape.sample(pose.local(1, particle.x));
+        let (distance, there) = solid.shape.sample_at(pose.local(1, particle.x), pose.fractions[1]);
         (sigma, gradient) = (distance - solids.thickness, there);
         if sigma >= zero || sigma.is_nan() {
             return sigma;
@@ -442,6 +527,45 @@ fn settle<T: Real>(
 
 /// Pushes out of a field at one look.
 const LOOKS: usize = 3;
+
+/// Stops a particle at the surface that it went through on its way from `from`, if it came out elsewhere or would be pushed out elsewhere; whether it did.
+#[inline(never)]
+fn catch<T: Real>(
+    solids: &Solids<'_, T>,
+    (solid, pose): (&ColliderFrame<'_>, &SolidPose<T>),
+    found: (T, [T; 3]),
+    (start, from): (usize, [T; 3]),
+    particle: &mut Particle<T>,
+) -> bool {
+    // What was inside at the last look is on its way out.
+    if particle.was < T::zero() {
+        return false;
+    }
+    let way = pose.way(start, from, particle.x);
+    if way.length() <= crate::state::number(solid.shape.thinness()) {
+        return false;
+    }
+    let Some((place, normal)) = sweep(solid.shape, solids.thickness, &way) else { return false };
+    let same_side = dot(found.1, normal) > crate::state::number(0.5);
+    if found.0 < solids.thickness && same_side {
+        return false;
+    }
+    particle.x = pose.world(1, place);
+    let normal = pose.turn(1, normal);
+    rub(solids, solid.friction, carried(solid, pose, particle.x, normal), normal, &mut particle.v);
+    true
+}
+
+/// How far the solid's surface at `x`, of normal `normal`, moves in the substep: with the solid, and along the normal where its shape changes.
+#[inline(always)]
+fn carried<T: Real>(solid: &ColliderFrame<'_>, pose: &SolidPose<T>, x: [T; 3], normal: [T; 3]) -> [T; 3] {
+    let moved = pose.displacement(x);
+    if pose.swell == T::zero() {
+        return moved;
+    }
+    let [before, now] = pose.fractions.map(|fraction| solid.shape.sample_at(pose.local(1, x), fraction).0);
+    [0, 1, 2].map(|c| moved[c] + (before - now) * normal[c])
+}
 
 /// Stops the approach to a solid whose point moves by `displacement` in h, with Coulomb friction.
 #[inline(always)]

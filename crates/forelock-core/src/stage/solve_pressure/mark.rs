@@ -345,7 +345,7 @@ fn mark(walls: &mut [bool], row: usize, at: [usize; 3], end: usize, solid: &Grid
             points[c][k] = local[c];
         }
     }
-    let (distances, _) = solid.shape.sample_packet(&points);
+    let (distances, _) = solid.shape.sample_packet(&points, 1.0);
     for i in at[0]..end {
         walls[row + i] |= distances[i - at[0]] < 0.0;
     }

@@ -1,0 +1,187 @@
+//! Fast solids and solids that change: nothing passes through them.
+
+use crate::rig::{DT, Rig, Strand};
+use forelock_core::body::{ColliderFrame, Morph, Prop, Sdf, Shape};
+use forelock_core::pose::Pose;
+use forelock_core::solver::{AmsParams, Simd};
+use glam::{DQuat, DVec3};
+use std::sync::Arc;
+
+/// Straight strands of 30 cm and `n` particles that hang from a patch of 4 cm by 2 cm.
+fn wisp(n: u32) -> Vec<Strand> {
+    let place = |s: u32| DVec3::new(0.004 * f64::from(s % 11) - 0.02, 0.0, 0.005 * f64::from(s / 11) - 0.01);
+    let strand = |s| {
+        (0..n)
+            .map(|i| (place(s) + DVec3::NEG_Y * (0.3 * f64::from(i) / f64::from(n - 1))).to_array())
+            .collect()
+    };
+    (0..55).map(strand).collect()
+}
+
+/// What a solid that comes from behind at `speed` for `travel` metres did to a wisp.
+struct Passage {
+    /// Greatest depth of a particle under the surface at a frame's end, metres.
+    deepest: f64,
+    /// Frames × particles at a depth of a millimetre and more, over all.
+    deep_share: f64,
+    /// Frames × strands of which a place at the solid's height is behind its middle.
+    behind: usize,
+    /// How far the wisp's particles were pushed along at the end, at most.
+    pushed: f64,
+}
+
+/// `height`: where strands must be before the solid's middle, over its origin.
+fn pass(shape: &Shape, turn: DQuat, start: DVec3, speed: f64, travel: f64, height: Option<f64>) -> Passage {
+    let mut rig = Rig::<f32>::new(&wisp(30), &AmsParams::default(), Simd::Auto);
+    let (mut deep, mut all) = (0, 0);
+    let mut found = Passage { deepest: 0.0, deep_share: 0.0, behind: 0, pushed: 0.0 };
+    let frames = (travel / speed / DT).ceil() as u32;
+    let at = |frame: u32| {
+        let gone = (speed * DT * f64::from(frame)).min(travel);
+        Pose::new(turn, start + DVec3::Z * gone)
+    };
+    for frame in 0..frames + 5 {
+        let (from, to) = (at(frame), at(frame + 1));
+        let solid = ColliderFrame { shape, local: Pose::IDENTITY, from, to, friction: 0.3 };
+        rig.step_among(Pose::IDENTITY, &[solid]);
+        let positions = rig.positions();
+        for x in &positions {
+            let depth = -shape.sample(to.inverse().transform_point(*x).to_array()).0;
+            found.deepest = found.deepest.max(depth);
+            deep += usize::from(depth > 1e-3);
+            all += 1;
+            found.pushed = found.pushed.max(x.z);
+        }
+        let Some(height) = height else { continue };
+        for strand in positions.chunks(30) {
+            let level = to.translation.y + height;
+            let crossing = strand.windows(2).find(|ends| ends[0].y >= level && ends[1].y < level);
+            found.behind += usize::from(crossing.is_some_and(|ends| {
+                let z = ends[0].lerp(ends[1], (level - ends[0].y) / (ends[1].y - ends[0].y)).z;
+                z < to.translation.z
+            }));
+        }
+    }
+    found.deep_share = f64::from(deep as u32) / f64::from(all);
+    found
+}
+
+/// The plate at any speed: nothing is behind it. A finger is hardly thicker than the strands' edges are long, and contact is that of particles: strands
+/// slip round it, an edge at a time, but no particle ends inside.
+#[test]
+fn what_is_fast_and_thin_does_not_pass_through() {
+    let plate = Shape::Box { half_extents: DVec3::new(0.15, 0.12, 0.005) };
+    let finger = Shape::Capsule { half_length: 0.1, radius: 0.0075 };
+    let start = DVec3::new(0.0, -0.17, -0.1);
+    let across = DQuat::from_rotation_z(std::f64::consts::FRAC_PI_2);
+    for (name, shape, turn) in [("plate", &plate, DQuat::IDENTITY), ("finger", &finger, across)] {
+        for speed in [0.2, 1.0, 5.0, 12.0] {
+            let Passage { deepest, behind, pushed, .. } = pass(shape, turn, start, speed, 0.2, Some(0.0));
+            println!("{name} at {speed} m/s: {behind} behind, depth {deepest:.1e} m, pushed {pushed:.3} m");
+            assert!(name == "finger" || behind == 0, "{name} at {speed}: {behind}");
+            assert!(deepest < 1e-3, "{name} at {speed}: {deepest}");
+            assert!(pushed > 0.01, "{name} at {speed}: {pushed}");
+        }
+    }
+}
+
+#[test]
+fn the_hand_passes_between_the_strands_and_not_through_them() {
+    let sdf = Sdf::from_mesh(&Prop::Hand.mesh(), Prop::Hand.field_nodes(), 0.008).unwrap();
+    let shape = Shape::Sdf(Arc::new(sdf));
+    // Fingers across the wisp, the palm ahead.
+    let turn = DQuat::from_rotation_z(std::f64::consts::FRAC_PI_2);
+    for speed in [0.2, 1.0, 5.0] {
+        let passage = pass(&shape, turn, DVec3::new(0.11, -0.14, -0.12), speed, 0.25, None);
+        let Passage { deepest, deep_share, pushed, .. } = passage;
+        println!(
+            "hand at {speed} m/s: depth {deepest:.1e} m, {deep_share:.1e} deeper than 1 mm, pushed {pushed:.3} m"
+        );
+        assert!(deepest < 1e-3, "{speed}: {deepest}");
+        assert!(pushed > 0.08, "{speed}: {pushed}");
+    }
+}
+
+/// A solid far off, however fast, changes no bit.
+#[test]
+fn what_is_far_does_not_matter() {
+    let params = AmsParams::default();
+    let near = Shape::Sphere { radius: 0.05 };
+    let far =
+        Shape::Sdf(Arc::new(Sdf::from_mesh(&Prop::HoledSphere { radius: 0.1 }.mesh(), 32, 0.01).unwrap()));
+    let run = |others: usize| {
+        let mut rig = Rig::<f32>::new(&wisp(30), &params, Simd::Auto);
+        for frame in 0..40 {
+            let at = |frame: u32| Pose {
+                translation: DVec3::new(0.0, -0.2, 0.004 * f64::from(frame) - 0.1),
+                ..Pose::IDENTITY
+            };
+            let mut solids = vec![ColliderFrame {
+                shape: &near,
+                local: Pose::IDENTITY,
+                from: at(frame),
+                to: at(frame + 1),
+                friction: 0.3,
+            }];
+            for k in 0..others {
+                let at = |frame: u32| {
+                    Pose::new(
+                        DQuat::from_rotation_x(f64::from(frame)),
+                        DVec3::new(1.0 + k as f64, 0.2 * f64::from(frame % 2), 0.0),
+                    )
+                };
+                solids.push(ColliderFrame {
+                    shape: &far,
+                    local: Pose::IDENTITY,
+                    from: at(frame),
+                    to: at(frame + 1),
+                    friction: 0.3,
+                });
+            }
+            rig.step_among(Pose::IDENTITY, &solids);
+        }
+        (rig.simulation.snapshot().positions, rig.simulation.snapshot().velocities)
+    };
+    assert!(run(0) == run(6), "positions or velocities differ");
+}
+
+/// A ball that grows takes hair along at the speed of its surface.
+#[test]
+fn a_growing_ball_pushes_hair_out() {
+    let ball = |radius: f64| {
+        let count = 25;
+        let half = 0.12;
+        let cell = 2.0 * half / f64::from(count - 1);
+        let values = (0..count * count * count).map(|i| {
+            let at =
+                DVec3::new(f64::from(i % count), f64::from(i / count % count), f64::from(i / count / count))
+                    * cell
+                    - half;
+            (at.length() - radius) as f32
+        });
+        let dims = glam::UVec3::splat(count as u32);
+        Sdf::new(dims, glam::Vec3::splat(-half as f32), cell as f32, values.collect()).unwrap()
+    };
+    let morph = Arc::new(Morph::new([0.02, 0.06, 0.1].map(ball).into()).unwrap());
+    let mut rig = Rig::<f32>::new(&wisp(30), &AmsParams::default(), Simd::Auto);
+    let place = Pose { translation: DVec3::new(0.0, -0.16, -0.035), ..Pose::IDENTITY };
+    // 8 cm in 8 frames: 0.6 m/s.
+    let phase = |frame: u32| (0.25 * f64::from(frame)).min(2.0);
+    for frame in 0..12 {
+        let shape = Shape::Morph { morph: morph.clone(), phases: [phase(frame), phase(frame + 1)] };
+        let solid =
+            ColliderFrame { shape: &shape, local: Pose::IDENTITY, from: place, to: place, friction: 0.3 };
+        rig.step_among(Pose::IDENTITY, &[solid]);
+        let radius = 0.02 + 0.04 * phase(frame + 1);
+        for x in rig.positions() {
+            let depth = radius - (x - place.translation).length();
+            // Cells of 1 cm on a ball of 2 cm err by cell²/(8 r) an axis.
+            assert!(depth < 2e-3, "frame {frame}: {depth}");
+        }
+        if frame == 4 {
+            let fastest = rig.velocities().iter().map(|v| v.z).fold(0.0, f64::max);
+            assert!(fastest > 0.3, "the surface's speed, not rest: {fastest}");
+        }
+    }
+    assert!(rig.positions().iter().any(|x| x.z > 0.06));
+}
