@@ -411,8 +411,7 @@ pub fn lay_along<L: Lane>(
             if left.get(lane) > <L::Scalar as num_traits::Zero>::zero() {
                 clearance.set(lane, left.get(lane));
             } else if clearance.get(lane) >= <L::Scalar as num_traits::Zero>::zero() {
-                let way = [old.get(lane), x.get(lane)];
-                let (place, bound) = slide(solids, leader.get(lane), way, rest_length.get(lane));
+                let (place, bound) = slide(solids, leader.get(lane), x.get(lane), rest_length.get(lane));
                 x.set(lane, place);
                 clearance.set(lane, bound);
             }
@@ -431,24 +430,12 @@ pub fn lay_along<L: Lane>(
 /// Stretch, over the rest length, from which a strand's edges are laid anew.
 const STRETCHED: f64 = 1e-5;
 
-/// The point at `length` from `leader` near `x` that is outside all solids and on the side of them where `old` is, if there is one, and its
-/// clearance.
-fn slide<T: Real>(
-    solids: &Solids<'_, T>,
-    leader: [T; 3],
-    [old, mut x]: [[T; 3]; 2],
-    length: T,
-) -> ([T; 3], T) {
+/// The point at `length` from `leader` near `x` that is outside all solids, if there is one, and its clearance.
+fn slide<T: Real>(solids: &Solids<'_, T>, leader: [T; 3], mut x: [T; 3], length: T) -> ([T; 3], T) {
     const ROUNDS: usize = 4;
     let zero = T::zero();
     let mut clearance = T::infinity();
     for (solid, pose) in solids.solids.iter().zip(solids.poses) {
-        let d = [0, 1, 2].map(|c| x[c] - old[c]);
-        if dot(d, d).sqrt().to_f64().unwrap_or(0.0) > solid.shape.thinness()
-            && let Some((place, _)) = sweep(solid.shape, solids.thickness, &pose.way(1, old, x))
-        {
-            x = pose.world(1, place);
-        }
         for round in 0..=ROUNDS {
             let (distance, gradient) = solid.shape.sample_at(pose.local(1, x), pose.fractions[1]);
             let sigma = distance - solids.thickness;
