@@ -296,7 +296,9 @@ impl<'a> Run<'a> {
         let (deep, deepest) = deep_particles(&self.positions, &colliders);
         let share = deep as f64 / self.positions.len().max(1) as f64;
         let mut penetration_m = report.max_penetration_m;
-        let mut stages: Vec<_> = report.stage_secs.iter().map(|&(stage, secs)| (stage, secs * 1e3)).collect();
+        // Stages that did not run are left out.
+        let ran = report.stage_secs.iter().filter(|(_, secs)| *secs > 0.0);
+        let mut stages: Vec<_> = ran.map(|&(stage, secs)| (stage, secs * 1e3)).collect();
         if guided {
             ms += skin_ms;
             stages.push(("skin_strands", skin_ms));
