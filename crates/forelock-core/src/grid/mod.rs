@@ -30,7 +30,7 @@ mod segments;
 
 pub use frame::{GridFrame, GridSolid};
 pub use params::GridParams;
-pub(crate) use segments::{Bounds, Chunk, Sample, Segments, View, between, samples_per_edge, split_rows};
+pub(crate) use segments::{Bounds, Chunk, Sample, Segments, View, between, split_rows};
 
 use crate::body::ColliderFrame;
 use crate::lane::{LANES, Real, Row};
@@ -169,21 +169,14 @@ impl Grid {
         let solved = clock.elapsed().as_secs_f64();
         crate::stage::gather_velocities::gather(self, (model, positions), velocities, moment);
         let gathered = clock.elapsed().as_secs_f64();
-        let dense = crate::stage::solve_pressure::solve_displacements(self, moment, &mut report);
+        report.farthest_m = crate::stage::solve_pressure::solve_displacements(self, moment, &mut report);
         let again = clock.elapsed().as_secs_f64();
-        if dense {
+        if report.farthest_m > 0.0 {
             crate::stage::gather_velocities::gather_displacements(self, model, positions, moment);
-            report.farthest_m = self.farthest();
         }
         let end = clock.elapsed().as_secs_f64();
         report.secs = [splat, solved - splat + again - gathered, gathered - solved + end - again];
         report
-    }
-
-    /// A bound on the displacements on the faces, metres.
-    fn farthest(&self) -> f64 {
-        let largest = |faces: &Vec<[f32; 2]>| faces.iter().fold(0.0, |most: f32, f| most.max(f[1].abs()));
-        self.faces.iter().map(|faces| f64::from(largest(faces)).powi(2)).sum::<f64>().sqrt()
     }
 
     /// Fills `rooms`: see the module's Practice.

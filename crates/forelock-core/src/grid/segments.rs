@@ -84,6 +84,8 @@ pub(crate) struct Segments<'a, T> {
 #[derive(Debug)]
 pub(crate) struct Chunk {
     pub blocks: Range<usize>,
+    /// Samples on each edge, a block.
+    pub points: Vec<usize>,
     pub samples: Vec<Sample>,
     /// Where the samples of each slab start, `[slabs + 1]`.
     pub starts: Vec<u32>,
@@ -91,7 +93,7 @@ pub(crate) struct Chunk {
 
 /// Samples on an edge of a block: as many as keep them within the two cells that one sample spreads over.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a count of 1 to 8")]
-pub(crate) fn samples_per_edge<T: Real>(model: &Model<T>, block: &Block, cell: f64) -> usize {
+fn samples_per_edge<T: Real>(model: &Model<T>, block: &Block, cell: f64) -> usize {
     let lengths = block.range().flat_map(|place| &model.rest_lengths[3 * place].0[..block.live]);
     let longest = lengths.filter_map(num_traits::ToPrimitive::to_f64).fold(0.0, f64::max);
     (0.5 * longest / cell).ceil().clamp(1.0, 8.0) as usize
@@ -106,16 +108,20 @@ pub(crate) fn chunks<T: Real>(model: &Model<T>, cell: f64) -> Vec<Chunk> {
         .step_by(per_chunk)
         .map(|from| {
             let range = from..(from + per_chunk).min(blocks);
-            let count = |b: &Block| b.live * (b.particles - 1) * samples_per_edge(model, b, cell);
-            let samples = model.blocks[range.clone()].iter().map(count).sum();
-            Chunk { blocks: range, samples: Vec::with_capacity(samples), starts: Vec::new() }
+            let own = &model.blocks[range.clone()];
+            let points: Vec<usize> = own.iter().map(|b| samples_per_edge(model, b, cell)).collect();
+            let samples =
+                own.iter().zip(&points).map(|(b, points)| b.live * (b.particles - 1) * points).sum();
+            Chunk { blocks: range, points, samples: Vec::with_capacity(samples), starts: Vec::new() }
         })
         .collect()
 }
 
 impl Chunk {
     pub fn bytes(&self) -> usize {
-        self.samples.capacity() * size_of::<Sample>() + self.starts.capacity() * 4
+        self.samples.capacity() * size_of::<Sample>()
+            + self.starts.capacity() * 4
+            + size_of_val(&*self.points)
     }
 
     /// The samples of a slab.
@@ -130,8 +136,7 @@ impl Chunk {
         let starts = &mut self.starts;
         super::clear(starts, bounds.slabs() + 1, 0);
         let view = View::new(frame, bounds, cell);
-        for block in &hair.model.blocks[self.blocks.clone()] {
-            let points = samples_per_edge(hair.model, block, cell);
+        for (block, &points) in hair.model.blocks[self.blocks.clone()].iter().zip(&self.points) {
             view.visit(hair, block, points, false, |_, _, sample| {
                 if bounds.holds(sample.at) {
                     starts[slab(sample.at) + 1] += 1;
@@ -143,8 +148,7 @@ impl Chunk {
         }
         super::clear(&mut self.samples, starts[starts.len() - 1] as usize, Sample::default());
         let samples = &mut self.samples;
-        for block in &hair.model.blocks[self.blocks.clone()] {
-            let points = samples_per_edge(hair.model, block, cell);
+        for (block, &points) in hair.model.blocks[self.blocks.clone()].iter().zip(&self.points) {
             view.visit(hair, block, points, true, |_, _, sample| {
                 if bounds.holds(sample.at) {
                     let next = &mut starts[slab(sample.at)];

@@ -254,8 +254,8 @@ impl<T: SolverReal> Simulation<T> {
         if let Some(wind) = wind.filter(|wind| wind.shelter > 0.0) {
             self.workspace.wake.update(frame.colliders, origin, self.model.reach, wind.mean);
         }
-        let mut job = FrameJob {
-            part: Part::Whole,
+        let job = FrameJob {
+            part: if self.grid.is_some() { Part::Before } else { Part::Whole },
             moved: 0.0,
             terms: &terms,
             poses: &self.workspace.poses,
@@ -276,18 +276,6 @@ impl<T: SolverReal> Simulation<T> {
             skin_thickness: self.params.skin_thickness,
             way_out: self.params.depenetration_speed * terms.h,
         };
-        let Some(grid) = &mut self.grid else {
-            let crew = Crew {
-                job,
-                model: &self.model,
-                scratch: &self.workspace.scratch,
-                exposure: &self.workspace.exposure,
-                block_fn: self.block_fn,
-            };
-            let sum = crew.run(&self.model.blocks, 0, Arrays::of(&mut self.state));
-            return Ok(report(&sum, None));
-        };
-        job.part = Part::Before;
         let mut crew = Crew {
             job,
             model: &self.model,
@@ -296,6 +284,7 @@ impl<T: SolverReal> Simulation<T> {
             block_fn: self.block_fn,
         };
         let before = crew.run(&self.model.blocks, 0, Arrays::of(&mut self.state));
+        let Some(grid) = &mut self.grid else { return Ok(report(&before, None)) };
         let [.., last, now] = &*self.workspace.poses else { return Ok(report(&before, None)) };
         let met = grid.exchange(
             &self.model,

@@ -13,7 +13,7 @@
 
 #![expect(clippy::needless_range_loop, reason = "one lane of several arrays")]
 
-use crate::grid::{Bounds, Grid, GridMoment, View, between, samples_per_edge, split_rows};
+use crate::grid::{Bounds, Grid, GridMoment, View, between, split_rows};
 use crate::lane::{LANES, Quad, Real, Row};
 use crate::model::{Block, Model};
 use crate::stage::splat_segments::{Stencils, stencils, weights};
@@ -29,11 +29,11 @@ pub fn gather<T: Real>(
     let gather = Gather::new(grid, moment, Some(pic));
     split_rows(&grid.chunks, &model.blocks, velocities, &|chunk, velocities| {
         let blocks = &model.blocks[chunk.blocks.clone()];
-        for block in blocks {
+        for (block, &points) in blocks.iter().zip(&chunk.points) {
             let own = 3 * (block.first - blocks[0].first);
             let velocities = &mut velocities[own..own + 3 * block.particles];
             let positions = &positions[3 * block.first..3 * (block.first + block.particles)];
-            gather.block(model, block, Some(positions), velocities);
+            gather.block(model, (block, points), Some(positions), velocities);
         }
     });
 }
@@ -48,9 +48,9 @@ pub fn gather_displacements<T: Real>(
     let gather = Gather::new(grid, moment, None);
     split_rows(&grid.chunks, &model.blocks, positions, &|chunk, positions| {
         let blocks = &model.blocks[chunk.blocks.clone()];
-        for block in blocks {
+        for (block, &points) in blocks.iter().zip(&chunk.points) {
             let own = 3 * (block.first - blocks[0].first);
-            gather.block(model, block, None, &mut positions[own..own + 3 * block.particles]);
+            gather.block(model, (block, points), None, &mut positions[own..own + 3 * block.particles]);
         }
     });
 }
@@ -81,7 +81,7 @@ impl<'a> Gather<'a> {
     fn block<T: Real>(
         &self,
         model: &Model<T>,
-        block: &Block,
+        (block, points): (&Block, usize),
         positions: Option<&[Row<T>]>,
         rows: &mut [Row<T>],
     ) {
@@ -90,7 +90,6 @@ impl<'a> Gather<'a> {
             Some(positions) => self.view.velocity(positions, rows, i),
             None => [[0.0; LANES]; 3],
         };
-        let points = samples_per_edge(model, block, self.grid.cell);
         let share = 1.0 / points as f32;
         let mut from = place(rows, 0);
         let mut from_velocity = velocity(rows, 0);

@@ -16,8 +16,8 @@ const LOOSE: f32 = 0.05;
 pub(crate) struct Fields {
     /// One over the mass of each lower face, 0 where nothing passes.
     pub(super) mobility: [Vec<f32>; 3],
-    /// Whether a solid fills the cell.
-    walls: Vec<bool>,
+    /// The solid that fills the cell, counted from 1; 0 is none. Of several, the first.
+    walls: Vec<u16>,
     /// What the velocities' divergence lacks, m/s; −∞ where nothing can be held.
     pub(super) lack: Vec<f32>,
     /// Whether the cell is to be held in the next round.
@@ -44,7 +44,8 @@ impl Fields {
             [&self.lack, &self.inverse, &self.pressure, &self.residual, &self.direction, &self.product];
         let floats: usize = fields.into_iter().chain(&self.mobility).map(|f| size_of_val(&**f)).sum();
         floats
-            + 2 * self.walls.len()
+            + self.hold.len()
+            + size_of_val(&*self.walls)
             + size_of_val(&*self.spans)
             + size_of_val(&*self.partial)
             + self.touched.len()
@@ -61,7 +62,7 @@ impl Fields {
         self.pressure.clear();
         self.pressure.resize(cells, 0.0);
         self.walls.clear();
-        self.walls.resize(cells, false);
+        self.walls.resize(cells, 0);
         self.hold.resize(cells, false);
         self.spans.resize(bounds.dims[1] * bounds.dims[2], [0; 2]);
         self.partial.resize(bounds.dims[2], [0.0; 2]);
@@ -83,13 +84,14 @@ impl Fields {
         }
     }
 
-    /// Marks the cells that `solid` fills, next to hair, and gives their faces its velocity and no mobility.
+    /// Marks the cells that `solid`, the `number`th from 1, fills next to hair, and gives their faces its velocity and no
+    /// mobility.
     pub(super) fn wall_off(
         &mut self,
         bounds: &Bounds,
         faces: &mut [Vec<[f32; 2]>; 3],
         (filled, cell): (&[f32], f64),
-        solid: &GridSolid<'_>,
+        (number, solid): (u16, &GridSolid<'_>),
     ) {
         let [nx, ny, nz] = bounds.dims;
         let layer = bounds.layer();
@@ -105,7 +107,7 @@ impl Fields {
                     let beside = [row - nx, row + nx, row - layer, row + layer];
                     if has_hair(row + i - 1, row + end + 1) || beside.iter().any(|r| has_hair(r + i, r + end))
                     {
-                        mark(walls, nx * j, [i, j, k], end, solid, cell as f32);
+                        mark((walls, number), nx * j, [i, j, k], end, solid, cell as f32);
                     }
                 }
             }
@@ -114,7 +116,7 @@ impl Fields {
             for j in 1..ny - 1 {
                 let row = nx * (j + ny * k);
                 for i in 1..nx - 1 {
-                    if self.walls[row + i] {
+                    if self.walls[row + i] == number {
                         self.stop(faces, [i, j, k], row + i, [1, nx, layer], solid);
                     }
                 }
@@ -166,13 +168,13 @@ impl Fields {
                 let index = strides[2] * k + i;
                 let share = filled[index];
                 *fullest = f64::max(*fullest, share.into());
-                if share < LOOSE || walls[index] {
+                if share < LOOSE || walls[index] > 0 {
                     continue;
                 }
                 // A side without hair gives nothing to push against, unless it is a wall.
                 let open = |axis: usize| {
                     let (low, high) = (index, index + strides[axis]);
-                    let pushes = |face: usize, beyond: usize| mobility[axis][face] > 0.0 || walls[beyond];
+                    let pushes = |face: usize, beyond: usize| mobility[axis][face] > 0.0 || walls[beyond] > 0;
                     !(pushes(low, index - strides[axis]) && pushes(high, high))
                 };
                 if open(0) || open(1) || open(2) {
@@ -266,29 +268,32 @@ impl Fields {
         self.partial.iter().any(|p| p[0] > 0.0)
     }
 
-    /// Turns (mass, velocity) of the faces into (new velocity, change).
-    pub(super) fn push(&self, bounds: &Bounds, faces: &mut [Vec<[f32; 2]>; 3]) {
+    /// Turns (mass, velocity) of the faces into (new velocity, change); a bound on the changes.
+    pub(super) fn push(&mut self, bounds: &Bounds, faces: &mut [Vec<[f32; 2]>; 3]) -> f64 {
         let layer = bounds.layer();
-        for ((faces, mobility), stride) in
-            faces.iter_mut().zip(&self.mobility).zip([1, bounds.dims[0], layer])
-        {
-            faces.par_chunks_mut(layer).enumerate().for_each(|(k, faces)| {
+        let Self { pressure, mobility, partial, .. } = self;
+        let pressure = &*pressure;
+        let mut bound = 0.0;
+        for ((faces, mobility), stride) in faces.iter_mut().zip(mobility).zip([1, bounds.dims[0], layer]) {
+            let layers = faces.par_chunks_mut(layer).zip(partial.par_iter_mut()).enumerate();
+            layers.for_each(|(k, (faces, [most, _]))| {
+                *most = 0.0;
                 if k == 0 {
                     return;
                 }
                 for (face, index) in faces.iter_mut().zip(layer * k..) {
                     // What pulls is let go of, also after the last round.
-                    let [under, over] =
-                        [self.pressure[index - stride], self.pressure[index]].map(|p| p.max(0.0));
+                    let [under, over] = [pressure[index - stride], pressure[index]].map(|p| p.max(0.0));
                     let change = mobility[index] * (under - over);
                     *face = [face[1] + change, change];
+                    *most = f64::max(*most, change.abs().into());
                 }
             });
+            bound += partial.iter().map(|p| p[0]).fold(0.0, f64::max).powi(2);
         }
+        bound.sqrt()
     }
-}
 
-impl Fields {
     /// Marks the blocks of cells in which a sample may touch a face that the pressure pushes.
     pub(super) fn mark_touched(&mut self, bounds: &Bounds) {
         let [nx, ny, nz] = bounds.dims;
@@ -332,7 +337,14 @@ fn touched_blocks(bounds: &Bounds) -> [usize; 3] {
 }
 
 /// Marks the cells from `at` to `end` along the row whose middles are inside `solid`.
-fn mark(walls: &mut [bool], row: usize, at: [usize; 3], end: usize, solid: &GridSolid<'_>, cell: f32) {
+fn mark(
+    (walls, number): (&mut [u16], u16),
+    row: usize,
+    at: [usize; 3],
+    end: usize,
+    solid: &GridSolid<'_>,
+    cell: f32,
+) {
     let middle = |i: usize| [i as f32 + 0.5, at[1] as f32 + 0.5, at[2] as f32 + 0.5];
     let reach = cell * PACKET as f32 * 0.5;
     if solid.shape.sample_near(solid.local(middle(at[0] + PACKET / 2)), reach).is_none() {
@@ -347,6 +359,8 @@ fn mark(walls: &mut [bool], row: usize, at: [usize; 3], end: usize, solid: &Grid
     }
     let (distances, _) = solid.shape.sample_packet(&points, 1.0);
     for i in at[0]..end {
-        walls[row + i] |= distances[i - at[0]] < 0.0;
+        if walls[row + i] == 0 && distances[i - at[0]] < 0.0 {
+            walls[row + i] = number;
+        }
     }
 }

@@ -45,10 +45,10 @@ pub fn solve_velocities(grid: &mut Grid, moment: &GridMoment<'_>) -> GridReport 
     fields.fit(bounds);
     fields.divide(bounds, faces, *sample_mass);
     let h = moment.dt_secs * (1.0 - moment.last_substep);
-    for solid in moment.solids {
+    for (number, solid) in (1..=u16::MAX).zip(moment.solids) {
         let at = (moment.last_substep, h);
         let solid = GridSolid::new(solid, at, moment.origin, &moment.frame, (bounds, *cell));
-        fields.wall_off(bounds, faces, (filled, *cell), &solid);
+        fields.wall_off(bounds, faces, (filled, *cell), (number, &solid));
     }
     let slack = (*cell / moment.dt_secs) as f32;
     let lack = |share: f32, divergence: f32| slack * ((share - 1.0) / share).min(0.0) - divergence;
@@ -59,12 +59,12 @@ pub fn solve_velocities(grid: &mut Grid, moment: &GridMoment<'_>) -> GridReport 
 }
 
 /// Turns the faces into displacements, twice, where some hair is too dense; nothing, where none is. After
-/// [`solve_velocities`], whose walls and masses hold.
-pub fn solve_displacements(grid: &mut Grid, moment: &GridMoment<'_>, report: &mut GridReport) -> bool {
+/// [`solve_velocities`], whose walls and masses hold. Returns a bound on them, metres; 0 where there are none.
+pub fn solve_displacements(grid: &mut Grid, moment: &GridMoment<'_>, report: &mut GridReport) -> f64 {
     let Grid { params, bounds, cell, faces, filled, pressure: fields, .. } = grid;
     let share = (1.0 - (-params.volume_rate * moment.dt_secs).exp()) as f32;
     if report.fullest <= 1.0 || share <= 0.0 {
-        return false;
+        return 0.0;
     }
     let cell = *cell as f32;
     for face in faces.iter_mut() {
@@ -79,11 +79,11 @@ pub fn solve_displacements(grid: &mut Grid, moment: &GridMoment<'_>, report: &mu
     let found = find_pressure(fields, bounds, params);
     report.iterations += found.iterations;
     report.residual = report.residual.max(found.residual);
-    if found.cells > 0 {
-        fields.mark_touched(bounds);
-        fields.push(bounds, faces);
+    if found.cells == 0 {
+        return 0.0;
     }
-    found.cells > 0
+    fields.mark_touched(bounds);
+    fields.push(bounds, faces)
 }
 
 /// The pressure of the cells that lack divergence.

@@ -1,8 +1,10 @@
 //! What the pressure does to the grid itself.
 
+use crate::body::{ColliderFrame, Shape};
 use crate::grid::{Grid, GridFrame, GridMoment, GridParams, Segments};
 use crate::lane::Row;
 use crate::model::{Model, Strands};
+use crate::pose::Pose;
 use glam::DVec3;
 
 /// A block of hair, a side of 20 cm: strands along y, 5 mm apart, a particle every centimetre.
@@ -73,4 +75,41 @@ fn what_presses_dense_hair_together_falls_a_thousandfold() {
     let (before, after) = (pressed(&grid, false), pressed(&grid, true));
     println!("pressed together at {before:.3e} m/s a cell, then {after:.3e}; {report:?}");
     assert!(after < 1e-3 * before, "{before} {after}");
+}
+
+/// Two slabs reach into the hair, one still, one that moves along x at 6 m/s: each one's walls move as it does.
+#[test]
+fn walls_move_as_their_own_solid() {
+    let model = block();
+    let mut grid = Grid::new(&model, &GridParams { resolution: 32, ..GridParams::default() });
+    let shape = Shape::Box { half_extents: DVec3::new(0.03, 0.2, 0.2) };
+    let at = |x: f64| Pose { translation: DVec3::X * x, ..Pose::IDENTITY };
+    let slab = |from: f64, to: f64| ColliderFrame {
+        shape: &shape,
+        local: Pose::IDENTITY,
+        from: at(from),
+        to: at(to),
+        friction: 0.0,
+    };
+    let solids = [slab(-0.06, -0.06), slab(-0.04, 0.06)];
+    let moment = GridMoment { solids: &solids, ..moment() };
+    let still = vec![Row([0.0; 16]); model.rest.len()];
+    let (mut positions, mut velocities) = (model.rest.clone(), still);
+    grid.exchange(&model, &mut positions, &mut velocities, &moment);
+    super::solve_velocities(&mut grid, &moment);
+    let [nx, ny, _] = grid.bounds.dims;
+    let mut seen = [0; 2];
+    for (index, face) in grid.faces[0].iter().enumerate() {
+        let middle = |c: usize, i: usize| (f64::from(grid.bounds.low[c]) + i as f64 + 0.5) * grid.cell;
+        let (y, z) = (middle(1, index / nx % ny), middle(2, index / (nx * ny)));
+        let x = middle(0, index % nx) - 0.5 * grid.cell;
+        let inside = |centre: f64| (x - centre).abs() < 0.02 && y.abs() < 0.08 && z.abs() < 0.08;
+        for (k, (centre, speed)) in [(-0.06, 0.0), (0.06, 6.0)].into_iter().enumerate() {
+            if inside(centre) {
+                assert!((f64::from(face[0]) - speed).abs() < 1e-4, "{x} {y} {z}: {face:?}");
+                seen[k] += 1;
+            }
+        }
+    }
+    assert!(seen[0] > 1000 && seen[1] > 1000, "{seen:?}");
 }
