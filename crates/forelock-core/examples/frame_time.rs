@@ -4,11 +4,12 @@
 //! Every frame is timed in each of `repeats` runs from the same start, and its least time counts: on a machine that is
 //! shared, the rest is other people's work.
 //!
-//! `cargo run --release -p forelock-core --example frame_time -- [threads] [frames] [repeats] [none|RESOLUTION of the grid] [simd]`
+//! `cargo run --release -p forelock-core --example frame_time -- [threads] [frames] [repeats] [none|RESOLUTION of the grid] [contacts|free] [simd]`
 
 #![expect(clippy::print_stdout, reason = "an example that measures says what")]
 
 use forelock_core::body::{ColliderFrame, Head, Motion, Sdf, Shape};
+use forelock_core::contact::ContactParams;
 use forelock_core::grid::GridParams;
 use forelock_core::groom::grow::{GrowParams, grow_on_head};
 use forelock_core::pose::Pose;
@@ -29,6 +30,7 @@ fn main() -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
         None | Some("none") => None,
         Some(resolution) => Some(GridParams { resolution: resolution.parse()?, ..GridParams::default() }),
     };
+    let contacts = arguments.next().is_some_and(|a| a == "contacts").then(ContactParams::default);
     let simd = match arguments.next().as_deref() {
         None => Simd::Auto,
         Some(name) => *Simd::ALL.iter().find(|s| format!("{s:?}") == name).ok_or("no such simd")?,
@@ -36,13 +38,13 @@ fn main() -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .build()?
-        .install(|| run(threads, (frames, repeats), grid.as_ref(), simd))
+        .install(|| run(threads, (frames, repeats), (grid.as_ref(), contacts.as_ref()), simd))
 }
 
 fn run(
     threads: usize,
     (frames, repeats): (u32, u32),
-    grid: Option<&GridParams>,
+    (grid, contacts): (Option<&GridParams>, Option<&ContactParams>),
     simd: Simd,
 ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     let preset = GrowParams::preset("straight")?;
@@ -52,6 +54,7 @@ fn run(
     let options = Options { simd, rest_gravity: gravity, ..Options::default() };
     let mut simulation = Simulation::new(&groom, &AmsParams::default(), &options)?;
     simulation.set_grid(grid)?;
+    simulation.set_contacts(contacts)?;
     let start = simulation.snapshot();
     let motion = Motion::by_name("turn")?;
     let dt_secs = 1.0 / 60.0;
@@ -101,6 +104,9 @@ fn run(
     );
     if grid.is_some() {
         println!("grid {:?}", last.grid);
+    }
+    if contacts.is_some() {
+        println!("contacts {:?}", last.strand_contacts);
     }
     println!("state {:016x}", simulation.state_hash());
     Ok(())

@@ -11,6 +11,7 @@
 
 pub mod air;
 pub mod body;
+pub mod contact;
 pub mod grid;
 pub mod groom;
 pub mod lane;

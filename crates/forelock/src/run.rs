@@ -160,6 +160,9 @@ impl<'a> Stepper<'a> {
         if scene.interaction.kind == InteractionKind::Grid {
             simulation.set_grid(Some(&scene.interaction.grid))?;
         }
+        if scene.interaction.contacts {
+            simulation.set_contacts(Some(&scene.interaction.contact))?;
+        }
         let regrooming = Regrooming::new(scene);
         // A scene's seed is that of everything random.
         let wind = WindParams { seed: scene.seed.wrapping_add(scene.wind.seed), ..scene.wind.clone() };

@@ -1,4 +1,4 @@
-//! The doc lines of `AmsParams`, `MassSpringParams` and `GridParams` are the reference that users read: each default they state is the one that holds, and
+//! The doc lines of `AmsParams`, `MassSpringParams`, `GridParams` and `ContactParams` are the reference that users read: each default they state is the one that holds, and
 //! each range they state is the one that scenes are held to.
 
 #![expect(clippy::unwrap_used, reason = "a test fails where its source is not as expected")]
@@ -7,14 +7,16 @@ use std::path::Path;
 
 use forelock::Scene;
 use forelock::scene::Override;
+use forelock_core::contact::ContactParams;
 use forelock_core::grid::GridParams;
 use forelock_core::solver::{AmsParams, MassSpringParams};
 
 /// Kind of solver, the parameters' table in scenes, and their source.
-const TABLES: [(&str, &str, &str); 3] = [
+const TABLES: [(&str, &str, &str); 4] = [
     ("ams", "solver.ams", include_str!("../../forelock-core/src/solver/params.rs")),
     ("mass-spring", "solver.mass_spring", include_str!("../../forelock-core/src/solver/mass_spring.rs")),
     ("ams", "interaction.grid", include_str!("../../forelock-core/src/grid/params.rs")),
+    ("ams", "interaction.contact", include_str!("../../forelock-core/src/contact/params.rs")),
 ];
 
 /// Name, stated default and stated range of every field of the parameters in `source`.
@@ -48,6 +50,7 @@ fn every_documented_default_holds() {
         toml::Table::try_from(AmsParams::default()).unwrap(),
         toml::Table::try_from(MassSpringParams::default()).unwrap(),
         toml::Table::try_from(GridParams::default()).unwrap(),
+        toml::Table::try_from(ContactParams::default()).unwrap(),
     ];
     for ((_, _, source), defaults) in TABLES.into_iter().zip(defaults) {
         let fields = documented(source);

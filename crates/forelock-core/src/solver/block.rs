@@ -13,7 +13,7 @@ use glam::DVec3;
 use std::time::Instant;
 
 /// The stages of a frame, in order, as reports name them.
-pub const STAGES: [&str; 7] = [
+pub const STAGES: [&str; 9] = [
     "solve_strands",
     "resolve_solids",
     "restore_lengths",
@@ -21,6 +21,8 @@ pub const STAGES: [&str; 7] = [
     "splat_segments",
     "solve_pressure",
     "gather_velocities",
+    "find_contacts",
+    "resolve_contacts",
 ];
 
 /// Those of them that a block runs by itself: the first.
@@ -33,6 +35,8 @@ pub struct FrameJob<'a, T> {
     pub part: Part,
     /// How far particles may have moved since the part before, metres.
     pub moved: f64,
+    /// Whether edges have been stretched since the part before.
+    pub stretched: bool,
     /// Coefficients.
     pub terms: &'a FrameTerms,
     /// Head poses at the substeps' ends, M + 1, from the model's centre to the frame's origin.
@@ -194,7 +198,7 @@ impl SolverReal for f64 {
 }
 
 /// Whether the target has fused multiply–add without asking.
-const BASELINE_FMA: bool = cfg!(any(target_arch = "aarch64", target_feature = "fma"));
+pub(crate) const BASELINE_FMA: bool = cfg!(any(target_arch = "aarch64", target_feature = "fma"));
 
 impl SolverReal for f32 {
     fn block_fn(simd: Simd) -> BlockFn<Self> {
@@ -262,9 +266,16 @@ fn advance_lanes<L: Lane>(
 ) -> BlockReport {
     let mut report = BlockReport::default();
     let mut clock = Clock::start();
-    let mut restored = None;
     if job.part != Part::After {
-        restored = Some(advance_substeps::<L>(job, view, (first, live), scratch, (&mut clock, &mut report)));
+        advance_substeps::<L>(job, view, (first, live), scratch, (&mut clock, &mut report));
+    }
+    // What the edges are stretched by, once they have their lengths back.
+    let mut restored = None;
+    if job.part != Part::After || job.stretched {
+        let stretch = restore::<L>(job, view, first, scratch);
+        report.max_edge_stretch = worst(stretch, live - first);
+        restored = Some(stretch);
+        report.stage_nanos[2] += clock.lap();
     }
     if job.part != Part::Before {
         finish::<L>(job, view, (first, live), restored, (&mut clock, &mut report));
@@ -285,7 +296,7 @@ fn look<'a, T: Real>(job: &'a FrameJob<'_, T>, step: usize, way_out: f64) -> Sol
     }
 }
 
-/// All substeps, then the lengths; the largest stretch after them.
+/// All substeps.
 #[inline(always)]
 fn advance_substeps<L: Lane>(
     job: &FrameJob<'_, L::Scalar>,
@@ -293,7 +304,7 @@ fn advance_substeps<L: Lane>(
     (first, live): (usize, usize),
     scratch: &mut Scratch<L::Scalar>,
     (clock, report): (&mut Clock, &mut BlockReport),
-) -> L {
+) {
     shift_positions::<L>(job.shift, view, first);
     if let Some(air) = &job.air {
         sample_air::sample::<L>(air, view.positions, view.exposure, first, view.wind);
@@ -313,10 +324,18 @@ fn advance_substeps<L: Lane>(
             resolve_solids::resolve::<L>(&look(job, step, job.way_out), Since::Substep, view, first, live);
         report.stage_nanos[1] += clock.lap();
     }
+}
+
+/// Brings edges back to their lengths, if that is asked for; the largest stretch left.
+#[inline(always)]
+fn restore<L: Lane>(
+    job: &FrameJob<'_, L::Scalar>,
+    view: &mut BlockView<'_, L::Scalar>,
+    first: usize,
+    scratch: &mut Scratch<L::Scalar>,
+) -> L {
     if job.lengths.kind == Inextensibility::Off {
-        let stretch = restore_lengths::largest_stretch::<L>(view, first);
-        report.max_edge_stretch = worst(stretch, live - first);
-        return stretch;
+        return restore_lengths::largest_stretch::<L>(view, first);
     }
     let (before, work) = scratch.vectors::<L>().split_at_mut(view.particles);
     for (i, x) in before.iter_mut().enumerate() {
@@ -324,8 +343,6 @@ fn advance_substeps<L: Lane>(
     }
     let stretch = restore_lengths::restore(&job.lengths, view, first, work);
     resolve_solids::note_moves::<L>(before, view, first);
-    report.max_edge_stretch = worst(stretch, live - first);
-    report.stage_nanos[2] += clock.lap();
     stretch
 }
 

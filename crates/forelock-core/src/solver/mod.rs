@@ -6,6 +6,7 @@ pub mod params;
 mod regroom;
 mod simulation;
 
+pub(crate) use block::BASELINE_FMA;
 pub use block::{STAGES, Simd, SolverReal};
 pub use mass_spring::MassSpringParams;
 pub use params::{AmsParams, ParamsError};

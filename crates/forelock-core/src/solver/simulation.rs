@@ -4,6 +4,7 @@ use super::block::{BLOCK_STAGES, BlockFn, BlockReport, FrameJob, Part, STAGES, S
 use super::params::{AmsParams, Inextensibility, ParamsError};
 use crate::air::{Wake, WindField};
 use crate::body::ColliderFrame;
+use crate::contact::{ContactParams, ContactReport, Contacts};
 use crate::grid::{Grid, GridFrame, GridMoment, GridParams, GridReport};
 use crate::groom::Groom;
 use crate::lane::Row;
@@ -75,6 +76,8 @@ pub struct FrameReport {
     pub quarantined_strands: u32,
     /// What the grid did, if there is one.
     pub grid: GridReport,
+    /// What contacts between strands did, if there are any.
+    pub strand_contacts: ContactReport,
     /// Seconds of work in each stage, summed over threads (for stages that all threads share, their time times the
     /// threads), in the order of [`STAGES`].
     pub stage_secs: [(&'static str, f64); STAGES.len()],
@@ -119,6 +122,8 @@ pub struct Simulation<T: SolverReal = f32> {
     pub(super) every: u32,
     /// Where strands meet, if they do.
     grid: Option<Grid>,
+    /// What keeps segments from passing through each other, if anything does.
+    contacts: Option<Contacts>,
 }
 
 /// Scratch that nothing relies on between steps.
@@ -195,6 +200,7 @@ impl<T: SolverReal> Simulation<T> {
             block_fn,
             every: 1,
             grid: None,
+            contacts: None,
         })
     }
 
@@ -218,10 +224,27 @@ impl<T: SolverReal> Simulation<T> {
         Ok(())
     }
 
+    /// Lets segments of strands touch from the next frame on, or not any more.
+    ///
+    /// # Errors
+    /// [`ParamsError`] if a parameter is out of range; nothing is changed then.
+    pub fn set_contacts(&mut self, params: Option<&ContactParams>) -> Result<(), ParamsError> {
+        self.contacts = match params {
+            None => None,
+            Some(params) => {
+                params.validate()?;
+                Some(Contacts::new(&self.model, params, self.options.simd.resolve()))
+            }
+        };
+        Ok(())
+    }
+
     /// Makes the workspace anew for a model that has changed.
     pub(super) fn fit_workspace(&mut self) {
         self.workspace.scratch = scratch(&self.model);
         self.grid = self.grid.take().map(|grid| Grid::new(&self.model, grid.params()));
+        let simd = self.options.simd.resolve();
+        self.contacts = self.contacts.take().map(|c| Contacts::new(&self.model, c.params(), simd));
     }
 
     /// Advances by a frame. Allocates nothing once it has seen a frame with as many solids.
@@ -244,6 +267,10 @@ impl<T: SolverReal> Simulation<T> {
         self.params.validate_step(frame.dt_secs, self.options.beyond_float32 || size_of::<T>() > 4)?;
         let origin = frame.head[1].transform_point(self.model.centre.into());
         let shift = self.state.origin - origin;
+        if let Some(contacts) = &mut self.contacts {
+            let head = about_centre(&frame.head[0], &self.model, self.state.origin);
+            contacts.note_start(&self.model, &self.state.positions, &head);
+        }
         self.state.origin = origin;
         let terms = FrameTerms::new(&self.params, frame.dt_secs);
         self.workspace.place(&self.params, frame, &self.model, origin);
@@ -255,8 +282,9 @@ impl<T: SolverReal> Simulation<T> {
             self.workspace.wake.update(frame.colliders, origin, self.model.reach, wind.mean);
         }
         let job = FrameJob {
-            part: if self.grid.is_some() { Part::Before } else { Part::Whole },
+            part: if self.grid.is_some() || self.contacts.is_some() { Part::Before } else { Part::Whole },
             moved: 0.0,
+            stretched: false,
             terms: &terms,
             poses: &self.workspace.poses,
             lengths: LengthTerms {
@@ -284,25 +312,35 @@ impl<T: SolverReal> Simulation<T> {
             block_fn: self.block_fn,
         };
         let before = crew.run(&self.model.blocks, 0, Arrays::of(&mut self.state));
-        let Some(grid) = &mut self.grid else { return Ok(report(&before, None)) };
-        let [.., last, now] = &*self.workspace.poses else { return Ok(report(&before, None)) };
-        let met = grid.exchange(
-            &self.model,
-            &mut self.state.positions,
-            &mut self.state.velocities,
-            &GridMoment {
+        if crew.job.part == Part::Whole {
+            return Ok(report(&before, GridReport::default(), ContactReport::default()));
+        }
+        let [.., last, now] = &*self.workspace.poses else { return Ok(FrameReport::default()) };
+        let met = self.grid.as_mut().map_or_else(GridReport::default, |grid| {
+            let moment = GridMoment {
                 frame: GridFrame::new(last, now, terms.h),
                 solids: frame.colliders,
                 last_substep: 1.0 - 1.0 / f64::from(self.params.substeps),
                 origin,
                 clamped: terms.clamped,
                 dt_secs: frame.dt_secs,
-            },
-        );
+            };
+            grid.exchange(&self.model, &mut self.state.positions, &mut self.state.velocities, &moment)
+        });
+        let touched = self.contacts.as_mut().map_or_else(ContactReport::default, |contacts| {
+            let State { positions, velocities, clearance, .. } = &mut self.state;
+            contacts.resolve(
+                &self.model,
+                (positions, velocities, clearance),
+                now,
+                (terms.clamped, frame.dt_secs),
+            )
+        });
         crew.job.part = Part::After;
         crew.job.moved = met.farthest_m;
+        crew.job.stretched = touched.contacts > 0;
         let after = crew.run(&self.model.blocks, 0, Arrays::of(&mut self.state));
-        Ok(report(&before.then(&after), Some(met)))
+        Ok(report(&before.then(&after), met, touched))
     }
 
     /// The model.
@@ -402,7 +440,8 @@ impl<T: SolverReal> Simulation<T> {
                 + size_of_val(&*self.workspace.solid_poses)
                 + size_of_val(&*self.workspace.exposure)
                 + self.workspace.wake.bytes()
-                + self.grid.as_ref().map_or(0, Grid::bytes),
+                + self.grid.as_ref().map_or(0, Grid::bytes)
+                + self.contacts.as_ref().map_or(0, Contacts::bytes),
         }
     }
 }
@@ -427,11 +466,10 @@ impl<T: SolverReal> Workspace<T> {
     /// Poses of head and solids at the substeps, relative to `origin`.
     fn place(&mut self, params: &AmsParams, frame: &Frame<'_>, model: &Model<T>, origin: DVec3) {
         let substeps = f64::from(params.substeps);
-        let centre = Pose { translation: model.centre.into(), ..Pose::IDENTITY };
         self.poses.clear();
         self.poses.extend((0..=params.substeps).map(|step| {
             let head = frame.head[0].interpolate(&frame.head[1], f64::from(step) / substeps);
-            Pose { rotation: head.rotation, translation: head.transform_point(centre.translation) - origin }
+            about_centre(&head, model, origin)
         }));
         self.solid_poses.clear();
         for step in 0..params.substeps {
@@ -440,6 +478,12 @@ impl<T: SolverReal> Workspace<T> {
                 .extend(frame.colliders.iter().map(|solid| SolidPose::new(solid, fractions, origin)));
         }
     }
+}
+
+/// The head's pose from the model's centre to positions relative to `origin`.
+fn about_centre<T>(head: &Pose, model: &Model<T>, origin: DVec3) -> Pose {
+    let translation = head.transform_point(model.centre.into()) - origin;
+    Pose { rotation: head.rotation, translation }
 }
 
 /// The state's arrays, or the part of them that some blocks own.
@@ -536,12 +580,14 @@ impl<T: SolverReal> Crew<'_, T> {
     }
 }
 
-fn report(sum: &BlockReport, grid: Option<GridReport>) -> FrameReport {
-    let grid = grid.unwrap_or_default();
+fn report(sum: &BlockReport, grid: GridReport, strand_contacts: ContactReport) -> FrameReport {
+    let [splat, solve, gather] = grid.secs;
+    let [find, resolve] = strand_contacts.secs;
+    let shared = [splat, solve, gather, find, resolve];
     #[expect(clippy::cast_precision_loss, reason = "nanoseconds of a frame, and threads")]
     let secs = |k: usize| match k.checked_sub(BLOCK_STAGES) {
         None => sum.stage_nanos[k] as f64 * 1e-9,
-        Some(k) => grid.secs[k] * rayon::current_num_threads() as f64,
+        Some(k) => shared[k] * rayon::current_num_threads() as f64,
     };
     FrameReport {
         max_edge_stretch: sum.max_edge_stretch,
@@ -550,6 +596,7 @@ fn report(sum: &BlockReport, grid: Option<GridReport>) -> FrameReport {
         touching: sum.contacts.touching,
         quarantined_strands: sum.quarantined,
         grid,
+        strand_contacts,
         stage_secs: std::array::from_fn(|k| (STAGES[k], secs(k))),
     }
 }

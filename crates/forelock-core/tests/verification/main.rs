@@ -5,6 +5,7 @@
 
 mod air;
 mod closed_forms;
+mod contacts;
 mod dense;
 mod faults;
 mod grid;

@@ -286,6 +286,8 @@ fn check_solver(scene: &Scene) -> Result<(), Wrong> {
         solver.set_substeps(substeps);
     }
     scene.interaction.grid.validate().map_err(|error| solver_error("interaction.grid", &error, scene))?;
+    let contact = scene.interaction.contact.validate();
+    contact.map_err(|error| solver_error("interaction.contact", &error, scene))?;
     solver.ams.validate().map_err(|error| solver_error("solver.ams", &error, scene))?;
     solver.mass_spring.validate().map_err(|error| solver_error("solver.mass_spring", &error, scene))?;
     let (table, stepped) = match solver.kind {

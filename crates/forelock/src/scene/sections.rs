@@ -3,6 +3,7 @@
 use std::fmt;
 use std::path::PathBuf;
 
+use forelock_core::contact::ContactParams;
 use forelock_core::grid::GridParams;
 use forelock_core::groom::grow::{GrowParams, PRESETS};
 use forelock_core::groom::{Import, Unit, Up};
@@ -406,6 +407,10 @@ pub struct InteractionSection {
     pub kind: InteractionKind,
     /// Parameters of the grid.
     pub grid: GridParams,
+    /// Whether segments of strands touch, one by one, so that locks do not pass through each other. Default false.
+    pub contacts: bool,
+    /// Parameters of the contacts.
+    pub contact: ContactParams,
 }
 
 /// `[time]`: frames and substeps.

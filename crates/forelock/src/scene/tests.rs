@@ -45,7 +45,8 @@ fn unknown_keys_are_refused_by_name_with_line_and_nearest_key() {
         "line 3, column 1: there is no key `collider.1.radios`; did you mean `collider.1.radius`?"
     ));
     assert!(
-        message("[interaction]\nzzz = 1", &[]).ends_with("no key `interaction.zzz`; known here: kind, grid")
+        message("[interaction]\nzzz = 1", &[])
+            .ends_with("no key `interaction.zzz`; known here: kind, grid, contacts, contact")
     );
     assert!(message("[body.motion]\nnam = \"x\"", &[]).contains("`body.motion.name`?"));
 }

@@ -1,0 +1,241 @@
+//! The motion that neighbours share: a smooth field of how far hair moves in a frame.
+
+use super::Ways;
+use crate::lane::{LANES, Real};
+use crate::model::Model;
+use glam::{Vec3, Vec4};
+use rayon::prelude::*;
+
+/// Least distance of nodes, metres.
+const SPACING: f32 = 0.03;
+/// Nodes along an axis at most.
+const NODES: usize = 48;
+/// Parts in which hair is summed: a fixed count, for sums must not depend on threads.
+const PARTS: usize = 16;
+/// One lane in so many is summed.
+const EVERY: usize = 4;
+
+/// Bins of strays: a float's exponent and the first three bits after it.
+const BINS: usize = 1 << 11;
+const BIN_BITS: u32 = 20;
+
+/// Trilinear field of displacements a frame, on nodes.
+#[derive(Debug, Default)]
+pub(crate) struct Drift {
+    low: Vec3,
+    spacing: f32,
+    dims: [usize; 3],
+    /// Σ w Δx, Σ w; then the mean over the nodes about each.
+    nodes: Vec<Vec4>,
+    parts: Vec<Vec<Vec4>>,
+    /// How far hair strays from the drift about each node, at most, metres.
+    stir: Vec<f32>,
+    parts_stir: Vec<Vec<f32>>,
+    /// How many particles stray how far: [`BINS`] a part.
+    counts: Vec<u32>,
+    /// Root mean square and largest stray, metres.
+    pub strays: (f32, f32),
+    /// The box of hair, start and end.
+    pub extent: [Vec3; 2],
+}
+
+/// A point's node below, and how far beyond it.
+type Corner = ([usize; 3], Vec3);
+
+impl Drift {
+    pub fn bytes(&self) -> usize {
+        (self.parts.len() + 1) * 20 * self.nodes.capacity() + 4 * self.counts.capacity()
+    }
+
+    /// Measures the field, and with it how far every particle strays from it.
+    pub fn measure<T: Real>(&mut self, model: &Model<T>, ways: &mut Ways) {
+        self.fit(model, ways);
+        let count = self.dims.iter().product();
+        let per_part = model.places().div_ceil(PARTS).max(1);
+        self.parts.resize_with(PARTS, Vec::new);
+        self.parts_stir.resize_with(PARTS, Vec::new);
+        let mut parts = std::mem::take(&mut self.parts);
+        parts.par_iter_mut().enumerate().for_each(|(k, nodes)| {
+            clear(nodes, count, Vec4::ZERO);
+            for place in k * per_part..((k + 1) * per_part).min(model.places()) {
+                for lane in (0..model.blocks[ways.block[place] as usize].live).step_by(EVERY) {
+                    let p = LANES * place + lane;
+                    let way = ways.way(p);
+                    if way.is_finite() {
+                        self.add(nodes, ways.at(p, 0.5), way);
+                    }
+                }
+            }
+        });
+        clear(&mut self.nodes, count, Vec4::ZERO);
+        for part in &parts {
+            for (sum, x) in self.nodes.iter_mut().zip(part) {
+                *sum += *x;
+            }
+        }
+        self.smooth(&mut parts[0]);
+        self.parts = parts;
+        self.measure_strays(model, ways, per_part);
+    }
+
+    /// The least stray, `least` or more, that at most `most` particles exceed, metres.
+    pub fn exceeded_by(&self, most: usize, least: f32) -> f32 {
+        let mut sum = 0;
+        for bin in (0..BINS).rev() {
+            sum += self.counts.iter().skip(bin).step_by(BINS).map(|&n| n as usize).sum::<usize>();
+            if sum > most {
+                return f32::from_bits((bin as u32 + 1) << BIN_BITS).max(least);
+            }
+        }
+        least
+    }
+
+    /// Whether hair about `at` strays from the drift by more than `least`.
+    #[inline]
+    pub fn stirs(&self, at: Vec3, least: f32) -> bool {
+        let (node, beyond) = self.corner(at);
+        let near = [0, 1, 2].map(|c| node[c] + usize::from(beyond[c] > 0.5));
+        self.stir[self.index(near)] > least
+    }
+
+    /// The box about all ways, and nodes that fill it.
+    fn fit<T: Real>(&mut self, model: &Model<T>, ways: &Ways) {
+        const EMPTY: [Vec3; 2] = [Vec3::INFINITY, Vec3::NEG_INFINITY];
+        let join = |a: [Vec3; 2], b: [Vec3; 2]| [a[0].min(b[0]), a[1].max(b[1])];
+        let around = |k: usize| {
+            let live = model.blocks[ways.block[k] as usize].live;
+            let range = LANES * k..LANES * k + live;
+            let points = ways.start[range.clone()].iter().chain(&ways.end[range]);
+            points.filter(|x| x.is_finite()).fold(EMPTY, |sum, &x| join(sum, [x, x]))
+        };
+        let extent = (0..model.places()).into_par_iter().with_min_len(256).map(around).reduce(|| EMPTY, join);
+        self.extent = if extent[0].is_finite() { extent } else { [Vec3::ZERO; 2] };
+        let side = (self.extent[1] - self.extent[0]).max_element();
+        self.spacing = SPACING.max(side / (NODES - 2) as f32);
+        self.low = self.extent[0];
+        let nodes = (self.extent[1] - self.low) / self.spacing;
+        self.dims = nodes.to_array().map(|nodes| (nodes as usize + 2).min(NODES + 1));
+    }
+
+    #[inline]
+    fn index(&self, node: [usize; 3]) -> usize {
+        node[0] + self.dims[0] * (node[1] + self.dims[1] * node[2])
+    }
+
+    #[inline]
+    fn corner(&self, at: Vec3) -> Corner {
+        let u = ((at - self.low) / self.spacing).max(Vec3::ZERO);
+        let node = |u: f32, nodes: usize| (u as usize).min(nodes - 2);
+        let [x, y, z] = [node(u.x, self.dims[0]), node(u.y, self.dims[1]), node(u.z, self.dims[2])];
+        ([x, y, z], (u - Vec3::new(x as f32, y as f32, z as f32)).min(Vec3::ONE))
+    }
+
+    /// The eight nodes about a point and their weights.
+    #[inline]
+    fn about(&self, at: Vec3) -> [(usize, f32); 8] {
+        let (node, f) = self.corner(at);
+        let (first, g) = (self.index(node), 1.0 - f);
+        let (y, z) = (self.dims[0], self.dims[0] * self.dims[1]);
+        let [low, high] = [[g.y * g.z, f.y * g.z], [g.y * f.z, f.y * f.z]];
+        [
+            (first, g.x * low[0]),
+            (first + 1, f.x * low[0]),
+            (first + y, g.x * low[1]),
+            (first + y + 1, f.x * low[1]),
+            (first + z, g.x * high[0]),
+            (first + z + 1, f.x * high[0]),
+            (first + z + y, g.x * high[1]),
+            (first + z + y + 1, f.x * high[1]),
+        ]
+    }
+
+    fn add(&self, nodes: &mut [Vec4], at: Vec3, way: Vec3) {
+        for (node, w) in self.about(at) {
+            nodes[node] += w * way.extend(1.0);
+        }
+    }
+
+    /// Sums become means over the nodes about each, `work` is scratch.
+    fn smooth(&mut self, work: &mut Vec<Vec4>) {
+        for axis in 0..3 {
+            let stride = [1, self.dims[0], self.dims[0] * self.dims[1]][axis];
+            work.clone_from(&self.nodes);
+            for (k, sum) in self.nodes.iter_mut().enumerate() {
+                let along = k / stride % self.dims[axis];
+                for (beside, there) in
+                    [(k.wrapping_sub(stride), along > 0), (k + stride, along + 1 < self.dims[axis])]
+                {
+                    if there {
+                        *sum += work[beside];
+                    }
+                }
+            }
+        }
+        for sum in &mut self.nodes {
+            *sum /= sum.w.max(f32::MIN_POSITIVE);
+        }
+    }
+
+    fn measure_strays<T: Real>(&mut self, model: &Model<T>, ways: &mut Ways, per_part: usize) {
+        let count = self.nodes.len();
+        let mut parts = std::mem::take(&mut self.parts_stir);
+        let Ways { start, end, stray, block } = ways;
+        let (start, end, block) = (&*start, &*end, &*block);
+        let mut sums = [(0.0, 0.0); PARTS];
+        let mut counts = std::mem::take(&mut self.counts);
+        clear(&mut counts, PARTS * BINS, 0);
+        let field = &*self;
+        stray
+            .par_chunks_mut(LANES * per_part)
+            .zip(&mut parts)
+            .zip(&mut sums)
+            .zip(counts.par_chunks_mut(BINS))
+            .enumerate()
+            .for_each(|(k, (((stray, stir), sums), counts))| {
+                clear(stir, count, 0.0);
+                let (mut sum, mut most) = (0.0f64, 0.0f32);
+                for (own, stray) in stray.chunks_mut(LANES).enumerate() {
+                    let place = k * per_part + own;
+                    for (lane, stray) in
+                        stray[..model.blocks[block[place] as usize].live].iter_mut().enumerate()
+                    {
+                        let p = LANES * place + lane;
+                        let at = 0.5 * (start[p] + end[p]);
+                        let mut way = end[p] - start[p];
+                        let about = field.about(at);
+                        for (node, w) in about {
+                            way -= w * field.nodes[node].truncate();
+                        }
+                        *stray = way.length();
+                        if !stray.is_finite() {
+                            continue;
+                        }
+                        sum += f64::from(*stray) * f64::from(*stray);
+                        most = most.max(*stray);
+                        counts[(stray.to_bits() >> BIN_BITS) as usize] += 1;
+                        for (node, _) in about {
+                            stir[node] = stir[node].max(*stray);
+                        }
+                    }
+                }
+                *sums = (sum, most);
+            });
+        self.counts = counts;
+        self.strays = (
+            ((sums.iter().map(|s| s.0).sum::<f64>() / model.particle_count.max(1) as f64).sqrt()) as f32,
+            sums.iter().map(|s| s.1).fold(0.0, f32::max),
+        );
+        clear(&mut self.stir, count, 0.0);
+        for part in &parts {
+            for (stir, &x) in self.stir.iter_mut().zip(part) {
+                *stir = stir.max(x);
+            }
+        }
+        self.parts_stir = parts;
+    }
+}
+
+fn clear<V: Copy>(list: &mut Vec<V>, len: usize, value: V) {
+    list.clear();
+    list.resize(len, value);
+}

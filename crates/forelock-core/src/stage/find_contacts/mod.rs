@@ -1,0 +1,138 @@
+//! Finds the segments that come too near each other in a frame.
+//!
+//! # Theory
+//! Two segments of different strands, each moving straight from where it was to where it is, touch at the first time at
+//! which they are nearer than the contact distance, or at the start if they are so already and approach. What counts is
+//! less for strands that lie nearer at rest: hair must be able to go back to its rest shape.
+//!
+//! # Practice
+//! A frame is cut into as many slices as it takes for hair to stray from the drift about it by less than a cell in each.
+//! In the middle of a slice each active segment, and each other near one, is entered in all cells nearer to it than its reach r, half the contact
+//! distance and what it strays in half a slice. Two that touch in the slice are then nearer than r_a + r_b, and the point that
+//! divides their distance in the ratio of the reaches lies in a cell that holds both: only there the pair counts, so it is met
+//! once ([`cells`]). Pairs of which one is active are tested many at a time by the distance of the segments against what the two move relative to each other
+//! ([`pairs`]), and the few that are left are followed through the slice step by step, by no more than their distance
+//! allows ([`meet`]). Layers of cells go in parallel; the order in which contacts come does not depend on threads.
+
+mod cells;
+mod meet;
+mod pairs;
+
+use crate::contact::{Contact, ContactParams, Drift, Ways};
+use crate::lane::Real;
+use crate::model::Model;
+use crate::solver::Simd;
+use cells::{Cells, Chunk, Marks, Slab};
+use rayon::prelude::*;
+
+/// Cell over the mean length of an edge.
+const CELL_PER_EDGE: f64 = 0.4;
+/// Cell over the contact distance, at least.
+const CELL_PER_DISTANCE: f64 = 4.0;
+/// Slices of a frame at most.
+const SLICES: u32 = 16;
+/// Motion in a frame, over the contact distance, that is none.
+const SLOP: f32 = 2e-3;
+
+/// Finds contacts; holds the scratch for it.
+#[derive(Debug)]
+pub(crate) struct Finder {
+    cell: f32,
+    test: pairs::Test,
+    chunks: Vec<Chunk>,
+    slabs: Vec<Slab>,
+    marks: Marks,
+    found: Vec<Contact>,
+}
+
+/// A part of the frame, as the search sees it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Slice {
+    /// Its start and end, as fractions of the frame.
+    pub span: [f32; 2],
+    /// The contact distance, metres.
+    pub distance: f32,
+    /// What two may approach in a frame and be let pass, metres.
+    pub slip: f32,
+    /// What makes a segment active if it strays farther, metres.
+    pub active: f32,
+}
+
+impl Slice {
+    pub fn middle(&self) -> f32 {
+        0.5 * (self.span[0] + self.span[1])
+    }
+
+    pub fn length(&self) -> f32 {
+        self.span[1] - self.span[0]
+    }
+}
+
+impl Finder {
+    pub fn new<T: Real>(model: &Model<T>, params: &ContactParams, simd: Simd) -> Self {
+        let (mut sum, mut edges) = (0.0, 0.0);
+        for block in &model.blocks {
+            for lane in 0..block.live {
+                let length = |place: usize| model.rest_lengths[3 * place].0[lane].to_f64().unwrap_or(0.0);
+                sum += block.range().map(length).sum::<f64>();
+                edges += block.particles as f64 - 1.0;
+            }
+        }
+        let cell = f64::max(CELL_PER_EDGE * sum / f64::max(edges, 1.0), CELL_PER_DISTANCE * params.distance);
+        Self {
+            cell: cell as f32,
+            test: pairs::test_for(simd),
+            chunks: cells::chunks(model),
+            slabs: Vec::new(),
+            marks: Marks::default(),
+            found: Vec::new(),
+        }
+    }
+
+    pub fn bytes(&self) -> usize {
+        let chunks: usize = self.chunks.iter().map(Chunk::bytes).sum();
+        let slabs: usize = self.slabs.iter().map(Slab::bytes).sum();
+        chunks + slabs + self.marks.bytes() + self.found.capacity() * size_of::<Contact>()
+    }
+
+    /// Everything that touches in the frame, slice by slice; a pair may come more than once, the first time counts.
+    pub fn find<T: Real>(
+        &mut self,
+        model: &Model<T>,
+        (params, dt_secs): (&ContactParams, f64),
+        ways: &Ways,
+        drift: &Drift,
+    ) -> &[Contact] {
+        self.found.clear();
+        let distance = params.distance as f32;
+        let slip = ((params.slip * dt_secs) as f32).max(SLOP * distance);
+        let active = drift.exceeded_by(params.budget as usize, 0.5 * slip);
+        let (typical, most) = drift.strays;
+        if most <= active {
+            return &self.found;
+        }
+        let slices = (typical / self.cell).max(most / (4.0 * self.cell)).ceil().clamp(1.0, SLICES as f32);
+        let cells = Cells::around(drift.extent, self.cell);
+        cells.slabs(&mut self.slabs);
+        for k in 0..slices as u32 {
+            let span = [k as f32 / slices, (k + 1) as f32 / slices];
+            let slice = Slice { span, distance, slip, active };
+            self.marks.clear();
+            let (chunks, marks) = (&mut self.chunks, &self.marks);
+            chunks.par_iter_mut().for_each(|chunk| chunk.enter_active(model, ways, &slice, (&cells, marks)));
+            chunks
+                .par_iter_mut()
+                .for_each(|chunk| chunk.enter_others(model, (ways, drift), &slice, (&cells, marks)));
+            let (chunks, test) = (&*self.chunks, self.test);
+            self.slabs.par_iter_mut().enumerate().for_each(|(k, slab)| {
+                slab.search(k, (chunks, &cells), (test, distance / cells.side), |pair| {
+                    meet::follow(model, ways, &slice, pair)
+                });
+            });
+            for slab in &self.slabs {
+                self.found.extend_from_slice(&slab.found);
+            }
+        }
+        &self.found
+    }
+}
