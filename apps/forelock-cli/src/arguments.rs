@@ -120,6 +120,9 @@ pub struct RenderArgs {
     /// Make a sheet: of a cache frames over time, of a groom or scene its sides.
     #[arg(long, conflicts_with = "frame")]
     pub sheet: bool,
+    /// Make a strip: the frames of the cache at these seconds, side by side, as in `--at 0,0.5,2`.
+    #[arg(long, value_name = "SECS", value_delimiter = ',', conflicts_with_all = ["film", "frame", "sheet"])]
+    pub at: Vec<f64>,
 }
 
 #[derive(Debug, Args)]
@@ -232,12 +235,21 @@ pub struct BenchArgs {
 
 #[derive(Debug, Subcommand)]
 pub enum BenchCommand {
-    /// A figure of the AMS paper as a table, the reference beside it.
+    /// The AMS paper: its Table 1, every scene timed, beside ours; or one figure measured.
     Paper {
-        /// Which figure: 4 (sag) or 5 (the angular spring).
-        #[arg(long, value_parser = clap::value_parser!(u8).range(4..=5))]
-        figure: u8,
-        /// Folder for the table as Markdown and JSON, and the picture [default: print only].
+        /// Which figure [default: Table 1].
+        #[arg(long, value_enum)]
+        figure: Option<PaperFigure>,
+        /// Share of the strands, where they are grown.
+        #[arg(long, default_value_t = 1.0, value_parser = share, allow_negative_numbers = true)]
+        share: f64,
+        /// Frames of each scene that Table 1 times.
+        #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+        frames: u32,
+        /// Frames of each scene before those.
+        #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u32).range(0..=100_000))]
+        warm_up: u32,
+        /// Folder for Markdown, JSON, a page and plots [default: print only].
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
         /// Print one JSON object instead of the table.
@@ -246,8 +258,37 @@ pub enum BenchCommand {
     },
 }
 
+/// The figures that can be rerun.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum PaperFigure {
+    /// Sag of one strand, against mass-spring.
+    #[value(name = "4")]
+    Sag,
+    /// What the angular spring does for a wisp.
+    #[value(name = "5")]
+    Angular,
+    /// A beard, against mass-spring.
+    #[value(name = "9")]
+    Beard,
+    /// The roller-coaster: damage, healing, what is left of the shape.
+    #[value(name = "10")]
+    RollerCoaster,
+    /// A trim, geometric and simulated.
+    #[value(name = "11")]
+    Grooming,
+    /// The asymmetric style of Fig. 1, against mass-spring.
+    Asymmetric,
+}
+
 fn parse<T: std::str::FromStr>(word: &str) -> Result<T, T::Err> {
     word.parse()
+}
+
+fn share(word: &str) -> Result<f64, String> {
+    match positive(word) {
+        Ok(value) if value <= 1.0 => Ok(value),
+        _ => Err("should be a number above 0, and 1 at most".to_owned()),
+    }
 }
 
 fn positive(word: &str) -> Result<f64, String> {

@@ -23,6 +23,7 @@ mod grooming;
 mod hash;
 pub mod paper;
 mod pictures;
+pub mod plot;
 mod regrooming;
 pub mod report;
 mod run;

@@ -9,7 +9,7 @@ use forelock_render::{
     Body, Camera, Film, HAIR_WIDTH, HairColour, Image, ImageError, Labelled, RenderError, Settings, Strands,
     contact_sheet,
 };
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::assets::Assets;
@@ -63,11 +63,15 @@ impl<'a> Studio<'a> {
         let points =
             assets.groom.positions().iter().chain(assets.body_mesh().into_iter().flat_map(|m| &m.positions));
         let bounds = points.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), &p| (lo.min(p), hi.max(p)));
-        let bounds = wherever_it_moves(bounds, scene, assets);
         let section = &scene.camera;
+        let bounds = if section.follow { bounds } else { wherever_it_moves(bounds, scene, assets) };
         let angles = [section.yaw_degrees, section.pitch_degrees].map(|degrees| degrees.to_radians() as f32);
         let mut camera = Camera::framing(bounds, angles[0], angles[1]);
         camera.eye = camera.target + (camera.eye - camera.target) * section.distance as f32;
+        if let Some(point) = section.look_at {
+            let shift = DVec3::from_array(point).as_vec3() - camera.target;
+            (camera.eye, camera.target) = (camera.eye + shift, camera.target + shift);
+        }
         let colour = HairColour::by_name(&scene.hair.colour).unwrap_or(HairColour::DARK_BROWN);
         Self { scene, assets, colour, camera }
     }
@@ -80,6 +84,16 @@ impl<'a> Studio<'a> {
     /// The same with the camera at another place.
     pub(crate) fn at(self, camera: Camera) -> Self {
         Self { camera, ..self }
+    }
+
+    /// The camera at `time_secs`: where the body has gone, if it follows.
+    fn camera_at(&self, time_secs: f64) -> Camera {
+        if !self.scene.camera.follow {
+            return self.camera;
+        }
+        let target = self.camera.target.as_dvec3();
+        let shift = (self.assets.head_pose(time_secs).transform_point(target) - target).as_vec3();
+        Camera { eye: self.camera.eye + shift, target: self.camera.target + shift, ..self.camera }
     }
 
     /// The same camera walked around to `yaw_degrees`.
@@ -121,7 +135,7 @@ impl<'a> Studio<'a> {
             ..Settings::default()
         };
         Ok(forelock_render::render(
-            &forelock_render::Scene::new(bodies, vec![strands], self.camera),
+            &forelock_render::Scene::new(bodies, vec![strands], self.camera_at(time_secs)),
             &settings,
         )?)
     }
@@ -200,6 +214,26 @@ impl<'a> Studio<'a> {
         let labels: Vec<String> = labels.collect();
         let pictures: Vec<_> = self.frames(cache, &frames, 0.4)?.into_iter().zip(labels).collect();
         labelled(&pictures, SHEET.1)
+    }
+
+    /// The frames of `cache` that are nearest to `times` (seconds), side by side, each of the size that the scene asks for.
+    ///
+    /// # Errors
+    /// [`PictureError`] if a frame cannot be read or drawn, or there is no time.
+    pub fn strip(&self, cache: &mut Cache, times: &[f64]) -> Result<Image, PictureError> {
+        let stored: Vec<f64> = (0..cache.frames()).map(|frame| self.time_secs(cache, frame)).collect();
+        let nearest = |time: &f64| {
+            let distance = |frame: &usize| (stored[*frame] - time).abs();
+            (0..stored.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0)
+        };
+        let frames: Vec<usize> = times.iter().map(nearest).collect();
+        let pictures = self.frames(cache, &frames, 1.0)?;
+        let [width, height] = pictures.first().map_or([0; 2], |first| [first.width(), first.height()]);
+        let mut strip = Image::filled(width.saturating_mul(pictures.len() as u32), height, [0, 0, 0, 255])?;
+        for (place, picture) in pictures.iter().enumerate() {
+            strip.paste(picture, place as u32 * width, 0);
+        }
+        Ok(strip)
     }
 
     /// A sheet of the rest shape from four sides.

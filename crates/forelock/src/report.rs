@@ -5,6 +5,7 @@
 
 use std::fmt::Write as _;
 
+use crate::plot::escape;
 use crate::scene::Scene;
 use crate::summary::{FrameRow, Summary};
 
@@ -23,29 +24,23 @@ pub struct Pictures {
 
 /// The page for a run of `scene` that `summary` sums up and whose frames were `rows`.
 pub fn html(scene: &Scene, summary: &Summary, rows: &[FrameRow], pictures: &Pictures) -> String {
-    let title = escape(&format!("Forelock · {}", summary.scene));
-    let mut page = format!(
-        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
-         <title>{title}</title><style>{STYLE}</style></head><body><main>\n"
-    );
-    push(&mut page, &headline(summary));
-    push(&mut page, &figures(pictures));
-    push(&mut page, &cards(summary));
-    push(&mut page, &plots(rows));
-    push(&mut page, &stages(summary));
+    let mut parts = vec![headline(summary), figures(pictures), cards(summary), plots(rows), stages(summary)];
     if !summary.notes.is_empty() {
         let items: String = summary.notes.iter().map(|note| format!("<li>{}</li>", escape(note))).collect();
-        push(&mut page, &format!("<h2>Notes</h2><ul>{items}</ul>"));
+        parts.push(format!("<h2>Notes</h2><ul>{items}</ul>"));
     }
-    push(&mut page, &settings(scene));
-    page.push_str("</main></body></html>\n");
-    page
+    parts.push(settings(scene));
+    page(&format!("Forelock · {}", summary.scene), &parts.join("\n"))
 }
 
-fn push(page: &mut String, part: &str) {
-    page.push_str(part);
-    page.push('\n');
+/// A whole page around `body`.
+pub(crate) fn page(title: &str, body: &str) -> String {
+    format!(
+        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
+         <title>{}</title><style>{STYLE}</style></head><body><main>\n{body}\n</main></body></html>\n",
+        escape(title)
+    )
 }
 
 fn headline(summary: &Summary) -> String {
@@ -166,7 +161,7 @@ fn settings(scene: &Scene) -> String {
     )
 }
 
-fn thousands(number: usize) -> String {
+pub(crate) fn thousands(number: usize) -> String {
     let digits = number.to_string();
     let mut text = String::new();
     for (i, digit) in digits.chars().enumerate() {
@@ -178,12 +173,8 @@ fn thousands(number: usize) -> String {
     text
 }
 
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
-}
-
 /// RFC 4648 base64 with padding.
-fn base64(bytes: &[u8]) -> String {
+pub(crate) fn base64(bytes: &[u8]) -> String {
     const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
     for group in bytes.chunks(3) {

@@ -171,7 +171,7 @@ impl<'a> Stepper<'a> {
     }
 
     /// All strands at frame `frame`, which the simulation has reached: positions in world space and the groom's order, metres.
-    fn positions(&mut self, frame: u32, out: &mut Vec<Vec3>) {
+    pub(crate) fn positions(&mut self, frame: u32, out: &mut Vec<Vec3>) {
         let Some(skinning) = &mut self.skinning else {
             return self.regrooming.positions(&self.simulation, out);
         };
@@ -180,7 +180,7 @@ impl<'a> Stepper<'a> {
     }
 
     /// Time of frame `frame`, seconds.
-    fn time_secs(&self, frame: u32) -> f64 {
+    pub(crate) fn time_secs(&self, frame: u32) -> f64 {
         f64::from(frame) / self.scene.time.fps
     }
 
@@ -192,7 +192,7 @@ impl<'a> Stepper<'a> {
     }
 
     /// Does the edits that are to be done by frame `frame`.
-    fn regroom(&mut self, frame: u32) -> Result<(), RunError> {
+    pub(crate) fn regroom(&mut self, frame: u32) -> Result<(), RunError> {
         let time = self.time_secs(frame);
         let moment = (time, self.assets.head_pose(time));
         self.regrooming.advance(self.scene, self.assets, &mut self.simulation, moment)

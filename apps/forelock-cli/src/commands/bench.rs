@@ -1,29 +1,84 @@
-//! `bench`: the papers' figures as tables and pictures.
+//! `bench`: the papers' tables and figures, rerun.
 
-use forelock::paper::Figure;
+use std::path::Path;
 
-use crate::arguments::{BenchArgs, BenchCommand};
+use clap::ValueEnum;
+use forelock::paper::{Experiment, Figure, Study, Table1Options, table1};
+use serde::Serialize;
+
+use crate::arguments::{BenchArgs, BenchCommand, PaperFigure};
+use crate::progress::Reporter;
 use crate::terminal;
 
-/// Runs a figure and prints its table.
+/// Runs what is asked for and prints its table.
 pub fn bench(arguments: &BenchArgs) -> anyhow::Result<()> {
-    let BenchCommand::Paper { figure, out, json } = &arguments.what;
-    let (number, figure) = (figure, if *figure == 4 { Figure::Sag } else { Figure::Angular });
-    let table = figure.table()?;
-    let markdown = table.to_markdown();
-    if let Some(folder) = out {
+    let BenchCommand::Paper { figure, share, frames, warm_up, out, json } = &arguments.what;
+    let mut reporter = Reporter::new(*json);
+    let mut observer = |progress: &forelock::Progress<'_>| reporter.report(progress);
+    let name = figure.as_ref().and_then(ValueEnum::to_possible_value);
+    let name =
+        name.map_or_else(|| "ams-table1".to_owned(), |value| format!("ams-figure-{}", value.get_name()));
+    let report = Report { out: out.as_deref(), name, json: *json };
+    let experiment = match figure {
+        None => {
+            let table =
+                table1(&Table1Options { warm_up: *warm_up, frames: *frames, share: *share }, &mut observer)?;
+            return report.study(&table.study(), &table);
+        }
+        Some(PaperFigure::Sag) => return report.ablation(Figure::Sag),
+        Some(PaperFigure::Angular) => return report.ablation(Figure::Angular),
+        Some(PaperFigure::Beard) => Experiment::Beard,
+        Some(PaperFigure::RollerCoaster) => Experiment::RollerCoaster,
+        Some(PaperFigure::Grooming) => Experiment::Grooming,
+        Some(PaperFigure::Asymmetric) => Experiment::Asymmetric,
+    };
+    let study = experiment.study(*share, &mut observer)?;
+    report.study(&study, &study)
+}
+
+/// Where and how results are told.
+struct Report<'a> {
+    out: Option<&'a Path>,
+    name: String,
+    json: bool,
+}
+
+impl Report<'_> {
+    /// One of the ablations: a table, and a picture of every variant.
+    fn ablation(&self, figure: Figure) -> anyhow::Result<()> {
+        let table = figure.table()?;
+        if let Some(folder) = self.out {
+            std::fs::create_dir_all(folder)?;
+            forelock::write_png(&folder.join(format!("{}.png", self.name)), &figure.picture(&table)?)?;
+        }
+        self.tell(&table.to_markdown(), &table)
+    }
+
+    /// A study, of which `data` is what JSON holds.
+    fn study(&self, study: &Study, data: &impl Serialize) -> anyhow::Result<()> {
+        if self.out.is_some() {
+            self.write(".html", &study.to_html())?;
+            for (plot, _, svg) in study.pictures() {
+                self.write(&format!("-{plot}.svg"), &svg)?;
+            }
+        }
+        self.tell(&study.to_markdown(), data)
+    }
+
+    fn tell(&self, markdown: &str, data: &impl Serialize) -> anyhow::Result<()> {
+        self.write(".md", markdown)?;
+        self.write(".json", &serde_json::to_string_pretty(data)?)?;
+        if self.json {
+            return terminal::json(data);
+        }
+        terminal::line(markdown.trim_end());
+        Ok(())
+    }
+
+    fn write(&self, ending: &str, text: &str) -> anyhow::Result<()> {
+        let Some(folder) = self.out else { return Ok(()) };
         std::fs::create_dir_all(folder)?;
-        let write = |ending: &str, text: &str| {
-            let path = folder.join(format!("ams-figure{number}.{ending}"));
-            forelock_io::atomic_write(&path, |file| file.write_all(text.as_bytes()))
-        };
-        write("md", &markdown)?;
-        write("json", &serde_json::to_string_pretty(&table)?)?;
-        forelock::write_png(&folder.join(format!("ams-figure{number}.png")), &figure.picture(&table)?)?;
+        let path = folder.join(format!("{}{ending}", self.name));
+        Ok(forelock_io::atomic_write(&path, |file| file.write_all(text.as_bytes()))?)
     }
-    if *json {
-        return terminal::json(&table);
-    }
-    terminal::line(markdown.trim_end());
-    Ok(())
 }

@@ -41,12 +41,16 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
             forelock_io::atomic_write(&out, |file| file.write_all(&film))?;
         }
         Some(cache) if arguments.sheet => write_png(&out, &studio.sheet(cache)?)?,
+        Some(cache) if !arguments.at.is_empty() => write_png(&out, &studio.strip(cache, &arguments.at)?)?,
         Some(cache) => {
             let frame = arguments.frame.unwrap_or(cache.frames().saturating_sub(1));
             write_png(&out, &studio.frame(cache, input, frame, 1.0)?)?;
         }
-        None if arguments.film || arguments.frame.is_some() => {
-            bail!("{}: a film or a frame needs a cache: run `forelock simulate` first", input.display());
+        None if arguments.film || arguments.frame.is_some() || !arguments.at.is_empty() => {
+            bail!(
+                "{}: a film, a frame or a strip needs a cache: run `forelock simulate` first",
+                input.display()
+            );
         }
         None if arguments.sheet => write_png(&out, &studio.sides()?)?,
         None => write_png(&out, &studio.picture(assets.groom.positions(), 0.0, 1.0)?)?,

@@ -482,11 +482,16 @@ pub struct CameraSection {
     pub pitch_degrees: f64,
     /// Distance over that at which body and hair just fill the picture. No unit, default 1, range 0.01 to 100.
     pub distance: f64,
+    /// The point in the middle of the picture, [x, y, z], where body and hair are at rest. Unit m, default their middle.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub look_at: Option<[f64; 3]>,
+    /// Whether the camera goes where the body goes, without turning with it, so that the body stays in the picture's middle. Default false.
+    pub follow: bool,
 }
 
 impl Default for CameraSection {
     fn default() -> Self {
-        Self { yaw_degrees: 30.0, pitch_degrees: 5.0, distance: 1.0 }
+        Self { yaw_degrees: 30.0, pitch_degrees: 5.0, distance: 1.0, look_at: None, follow: false }
     }
 }
 

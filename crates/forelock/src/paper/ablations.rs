@@ -154,13 +154,13 @@ impl Figure {
         match self {
             Self::Sag => Source {
                 title: "AMS, Fig. 4: one curly strand under gravity for 5 s",
-                scene: include_str!("../../../scenes/ams/figure4.toml"),
-                strands: include_bytes!("../../../scenes/ams/helix.obj"),
+                scene: include_str!("../../../../scenes/ams/figure4.toml"),
+                strands: include_bytes!("../../../../scenes/ams/helix.obj"),
             },
             Self::Angular => Source {
                 title: "AMS, Fig. 5: a wisp tilted by 45° in 1 s and held for 3 s",
-                scene: include_str!("../../../scenes/ams/figure5.toml"),
-                strands: include_bytes!("../../../scenes/ams/wisp.obj"),
+                scene: include_str!("../../../../scenes/ams/figure5.toml"),
+                strands: include_bytes!("../../../../scenes/ams/wisp.obj"),
             },
         }
     }

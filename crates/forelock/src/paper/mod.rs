@@ -1,0 +1,50 @@
+//! The experiments of the AMS paper, rerun: tables, series over time, plots and pictures.
+//!
+//! # Practice
+//! [`Figure`] reruns the ablations of Figs. 4 and 5 on one strand and a wisp. [`Experiment`] reruns what the paper shows as film strips and leaves to the
+//! eye (Figs. 9, 10, 11 and the asymmetric style), measured: how far hair is from its rest shape, over time. [`table1`] runs every scene of
+//! Table 1 and puts our times beside the paper's. The scenes are those of `scenes/ams`, built in; only grooms from files must be there.
+
+mod ablations;
+
+mod coaster;
+mod keeping;
+mod scenes;
+mod study;
+mod table1;
+mod trim;
+mod watch;
+
+pub use ablations::{Figure, Measures, PaperRow, PaperTable};
+pub use study::{Study, Table};
+pub use table1::{Table1, Table1Options, Table1Row, table1};
+
+use crate::run::{Observer, RunError};
+
+/// An experiment whose outcome the paper shows in pictures only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Experiment {
+    /// Fig. 9: a beard under AMS and under plain mass-spring.
+    Beard,
+    /// Fig. 1, middle: a style that is long on one side and short on the other, under both.
+    Asymmetric,
+    /// Fig. 10: a ride that damages the ties to the rest shape, and what is left of the shape after it.
+    RollerCoaster,
+    /// Fig. 11: a trim, purely geometric and simulated.
+    Grooming,
+}
+
+impl Experiment {
+    /// Runs it with `share` (0 to 1) of its strands, where they are grown.
+    ///
+    /// # Errors
+    /// [`RunError`] if its scene cannot be simulated, for one because a groom's file is missing.
+    pub fn study(self, share: f64, observer: &mut Observer<'_>) -> Result<Study, RunError> {
+        match self {
+            Self::Beard => keeping::study(&keeping::BEARD, share, &[], observer),
+            Self::Asymmetric => keeping::study(&keeping::ASYMMETRIC, share, &[], observer),
+            Self::RollerCoaster => coaster::study(share, &[], observer),
+            Self::Grooming => trim::study(observer),
+        }
+    }
+}

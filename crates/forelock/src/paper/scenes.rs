@@ -1,0 +1,72 @@
+//! The scenes of `scenes/ams`, built in, and their assets.
+
+use std::path::Path;
+
+use crate::assets::Assets;
+use crate::run::{Observer, RunError};
+use crate::scene::{GroomSource, Override, Scene};
+
+/// A scene file as it is built in.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Builtin {
+    /// Name of the file, without its ending.
+    pub name: &'static str,
+    text: &'static str,
+}
+
+macro_rules! scene {
+    ($name:literal) => {
+        Builtin { name: $name, text: include_str!(concat!("../../../../scenes/ams/", $name, ".toml")) }
+    };
+}
+
+pub(super) const FIGURE4: Builtin = scene!("figure4");
+pub(super) const FIGURE5: Builtin = scene!("figure5");
+pub(super) const WIG: Builtin = scene!("wig-wind");
+pub(super) const HAND: Builtin = scene!("hand");
+pub(super) const HOLLOW_SPHERE: Builtin = scene!("hollow-sphere");
+pub(super) const WIND: Builtin = scene!("wind");
+pub(super) const ASYMMETRIC: Builtin = scene!("asymmetric");
+pub(super) const BEARD: Builtin = scene!("beard");
+pub(super) const ROLLER_COASTER: Builtin = scene!("roller-coaster");
+pub(super) const GROOMING: Builtin = scene!("grooming");
+
+/// The strand of Fig. 4 and the wisp of Fig. 5, OBJ.
+pub(super) const HELIX: &[u8] = include_bytes!("../../../../scenes/ams/helix.obj");
+pub(super) const WISP: &[u8] = include_bytes!("../../../../scenes/ams/wisp.obj");
+
+impl Builtin {
+    /// The scene with `keys` over it and, where its strands are grown, `share` of them. Its paths are as if it lay in `scenes/ams` under the current folder.
+    pub fn scene(self, share: f64, keys: &[String]) -> Result<Scene, RunError> {
+        let mut overrides = keys.iter().map(|key| Override::set(key)).collect::<Result<Vec<_>, _>>()?;
+        let path = Path::new("scenes/ams").join(self.name).with_extension("toml");
+        let mut scene = Scene::parse(self.text, &path, &overrides)?;
+        if share != 1.0 && scene.groom.source == GroomSource::Grow {
+            let strands = (f64::from(scene.groom.strands) * share).round().max(1.0);
+            overrides.push(Override::set(&format!("groom.strands={strands}"))?);
+            scene = Scene::parse(self.text, &path, &overrides)?;
+        }
+        scene.name = self.name.to_owned();
+        Ok(scene)
+    }
+
+    /// The same with its assets.
+    pub fn load(
+        self,
+        share: f64,
+        keys: &[String],
+        observer: &mut Observer<'_>,
+    ) -> Result<(Scene, Assets), RunError> {
+        let scene = self.scene(share, keys)?;
+        let assets = Assets::load(&scene, observer)?;
+        Ok((scene, assets))
+    }
+}
+
+/// The strands in `obj` without a body, as `scene` moves them.
+pub(super) fn alone(scene: &Scene, obj: &[u8]) -> Result<Assets, RunError> {
+    let groom = forelock_io::obj::read_groom(obj)
+        .map_err(|error| forelock_io::ReadError::Format { path: scene.name.clone().into(), source: error })
+        .map_err(crate::assets::AssetError::from)?;
+    Ok(Assets::around(scene, groom)?)
+}
