@@ -130,6 +130,20 @@ fn guides_carry_all_strands_and_resume() {
     assert_eq!((&all["state_hash"], &all["guides"]), (&each["state_hash"], &0.into()));
 }
 
+#[test]
+fn a_strip_has_a_picture_for_every_time() {
+    let place = Workplace::new();
+    place.run(small_demo("out", &["--set", "output.film=false", "--set", "output.picture=false"]));
+    let strip = |input: &str| place.run(["render", input, "--at", "0,0.05,9", "--out", "strip.png"]);
+    assert!(strip("out/hair.npz").status.success());
+    let png = fs::read(place.path("strip.png")).unwrap();
+    // The header's width and height, big-endian.
+    let side = |at: usize| u32::from_be_bytes(png[at..at + 4].try_into().unwrap());
+    assert_eq!((side(16), side(20)), (3 * 64, 64));
+    let refused = strip("out/scene.toml");
+    assert!(stderr(&refused).contains("needs a cache"), "{}", stderr(&refused));
+}
+
 #[cfg(unix)]
 #[test]
 fn an_interrupted_run_is_whole_and_goes_on_bit_for_bit() {

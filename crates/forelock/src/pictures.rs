@@ -323,3 +323,35 @@ pub(crate) fn of_run(
     }
     Ok(made)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Override;
+    use forelock_core::groom::Groom;
+
+    /// Share of pixels that a jump of the body changes, seen by a camera with `keys`.
+    fn changed(keys: &[&str]) -> f64 {
+        let jump = ["body.motion=\"builtin:jump\"", "output.width=64", "output.height=64"];
+        let sets: Vec<Override> = jump.iter().chain(keys).map(|key| Override::set(key).unwrap()).collect();
+        let scene = Scene::builtin(&sets).unwrap();
+        let strand = [Vec3::Y * 0.12, Vec3::Y * 0.2];
+        let assets = Assets::around(&scene, Groom::from_strands([strand]).unwrap()).unwrap();
+        let studio = Studio::new(&scene, &assets);
+        let pictures = [0.0, 0.4].map(|time| {
+            let head = assets.head_pose(time);
+            let moved = strand.map(|p| head.transform_point(p.as_dvec3()).as_vec3());
+            studio.picture(&moved, time, 1.0).unwrap()
+        });
+        let [a, b] = pictures.each_ref().map(|picture| picture.rgba().chunks_exact(4));
+        let far = |(a, b): &(&[u8], &[u8])| a.iter().zip(*b).any(|(a, b)| a.abs_diff(*b) > 16);
+        a.zip(b).filter(far).count() as f64 / (64.0 * 64.0)
+    }
+
+    #[test]
+    fn a_camera_that_follows_sees_the_body_stand_still() {
+        assert!(changed(&[]) > 0.05, "the head jumps out of its place");
+        assert!(changed(&["camera.follow=true"]) < 0.01);
+        assert!(changed(&["camera.follow=true", "camera.look_at=[0.0, 0.1, 0.0]"]) < 0.01);
+    }
+}
