@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use serde::Serialize;
 
 /// Size of a plot, and of the frame that the lines are in: left, top, right and bottom, pixels.
-const SIZE: [f64; 2] = [760.0, 320.0];
+const SIZE: [f64; 2] = [840.0, 320.0];
 const FRAME: [f64; 4] = [64.0, 34.0, 540.0, 276.0];
 /// Ticks along an axis, about.
 const TICKS: f64 = 5.0;

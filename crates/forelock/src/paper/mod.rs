@@ -2,14 +2,14 @@
 //!
 //! # Practice
 //! [`Figure`] reruns the ablations of Figs. 4 and 5 on one strand and a wisp. [`Experiment`] reruns what the paper shows as film strips and leaves to the
-//! eye (Figs. 9, 10, 11 and the asymmetric style), measured: how far hair is from its rest shape, over time. [`table1`] runs every scene of
+//! eye (Figs. 9, 10, 11 and the asymmetric style), measured: how far hair is from its rest shape, over time. [`table1()`] runs every scene of
 //! Table 1 and puts our times beside the paper's. The scenes are those of `scenes/ams`, built in; only grooms from files must be there.
 
 mod ablations;
-
 mod coaster;
 mod keeping;
 mod scenes;
+mod strand;
 mod study;
 mod table1;
 mod trim;

@@ -89,7 +89,6 @@ pub(super) fn study(observer: &mut Observer<'_>) -> Result<Study, RunError> {
                 trimmed.len(),
                 stepper.time_secs(cut_frame),
             ),
-            "The other strands were not touched by the trim.".to_owned(),
         ],
         tables: vec![table],
         plots: vec![Plot {
