@@ -8,7 +8,7 @@ use forelock_core::groom::{Groom, Import, Info, Unit, Up, resample};
 use forelock_io::{read_groom, read_mesh};
 
 fn data(name: &str) -> PathBuf {
-    Path::new(option_env!("FORELOCK_DATA_FOLDER").unwrap_or_default()).join(name)
+    Path::new(option_env!("REAL_DATA").unwrap_or_default()).join(name)
 }
 
 fn read(name: &str, import: &Import) -> Groom {
@@ -18,7 +18,7 @@ fn read(name: &str, import: &Import) -> Groom {
 }
 
 #[test]
-#[cfg_attr(not(forelock_data), ignore = "no real data: set FORELOCK_DATA to its folder")]
+#[cfg_attr(not(real_data), ignore = "no real data: set FORELOCK_DATA to its folder")]
 fn strand_counts_are_those_of_the_files() {
     for (name, strands, each) in [
         ("sintel/SintelHairOriginal-sintel_hair.16points.tfx", 11_400, 16),
@@ -37,7 +37,7 @@ fn strand_counts_are_those_of_the_files() {
 }
 
 #[test]
-#[cfg_attr(not(forelock_data), ignore = "no real data: set FORELOCK_DATA to its folder")]
+#[cfg_attr(not(real_data), ignore = "no real data: set FORELOCK_DATA to its folder")]
 fn units_axes_and_attributes_are_right() {
     let sintel = read("sintel/SintelHairOriginal-sintel_hair.16points.tfx", &Import::default());
     assert_eq!(Info::of(&sintel).unit_guess.unit, Some(Unit::Metre));
@@ -59,7 +59,7 @@ fn units_axes_and_attributes_are_right() {
 }
 
 #[test]
-#[cfg_attr(not(forelock_data), ignore = "no real data: set FORELOCK_DATA to its folder")]
+#[cfg_attr(not(real_data), ignore = "no real data: set FORELOCK_DATA to its folder")]
 fn resampling_keeps_the_curls_of_a_real_groom() {
     let groom = read("harolongo/harolongo.data", &Import { unit: Unit::Centimetre, ..Import::default() });
     let mean = |groom: &Groom| Info::of(groom).length.mean;
@@ -71,7 +71,7 @@ fn resampling_keeps_the_curls_of_a_real_groom() {
 }
 
 #[test]
-#[cfg_attr(not(forelock_data), ignore = "no real data: set FORELOCK_DATA to its folder")]
+#[cfg_attr(not(real_data), ignore = "no real data: set FORELOCK_DATA to its folder")]
 fn heads_are_read() {
     for name in [
         "sintel/sintel.obj",

@@ -5,7 +5,7 @@
 //! layout, so strands are written as they were at the start: particles beyond a cut lie at the tip. A resumed run does the edits again that were done
 //! before its snapshot.
 
-use forelock_core::groom::Groom;
+use forelock_core::groom::{Groom, arc_lengths};
 use forelock_core::pose::Pose;
 use forelock_core::solver::Simulation;
 use glam::Vec3;
@@ -80,21 +80,12 @@ impl Regrooming {
 
 /// Where the particles of `start` are on `now`, strand by strand at the same arc length, or at the tip.
 fn places(start: &Groom, now: &Groom) -> Vec<(u32, f32)> {
-    let arcs = |strand: &[Vec3]| {
-        let mut arc = 0.0;
-        let mut arcs = vec![0.0];
-        for edge in strand.windows(2) {
-            arc += f64::from(edge[0].distance(edge[1]));
-            arcs.push(arc);
-        }
-        arcs
-    };
     let mut places = Vec::with_capacity(start.particle_count());
     for strand in 0..start.strand_count() {
         let first = now.range(strand).start;
-        let there = arcs(now.strand(strand));
+        let there = arc_lengths(now.strand(strand));
         let last = there.len() - 1;
-        for arc in arcs(start.strand(strand)) {
+        for arc in arc_lengths(start.strand(strand)) {
             let edge = there.partition_point(|&a| a <= arc).saturating_sub(1).min(last.saturating_sub(1));
             let width = there.get(edge + 1).map_or(0.0, |&next| next - there[edge]);
             let fraction = if width > 0.0 { ((arc - there[edge]) / width).clamp(0.0, 1.0) } else { 0.0 };

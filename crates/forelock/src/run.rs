@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use forelock_core::air::{Wind, WindError, WindParams};
+use forelock_core::air::{Wind, WindParams};
 use forelock_core::body::ColliderFrame;
 use forelock_core::groom::guides::Skinning;
 use forelock_core::pose::Pose;
@@ -85,7 +85,7 @@ pub enum RunError {
     Regroom(#[from] forelock_core::solver::RegroomError),
     /// The wind is none.
     #[error("the wind cannot blow: {0}")]
-    Wind(#[from] WindError),
+    Wind(forelock_core::solver::ParamsError),
     /// There is nothing to resume, or it does not fit.
     #[error(transparent)]
     Snapshot(#[from] SnapshotError),
@@ -166,7 +166,7 @@ impl<'a> Stepper<'a> {
         let regrooming = Regrooming::new(scene);
         // A scene's seed is that of everything random.
         let wind = WindParams { seed: scene.seed.wrapping_add(scene.wind.seed), ..scene.wind.clone() };
-        let wind = Wind::new(&wind)?;
+        let wind = Wind::new(&wind).map_err(RunError::Wind)?;
         Ok(Self { scene, assets, wind, simulation, skinning, guides: Vec::new(), regrooming })
     }
 

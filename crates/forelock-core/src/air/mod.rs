@@ -29,6 +29,7 @@ pub(crate) use turbulence::MODES;
 pub use turbulence::Mode;
 pub use wake::Wake;
 
+use crate::solver::ParamsError;
 use gusts::Gusts;
 use turbulence::Turbulence;
 
@@ -70,27 +71,15 @@ impl Default for WindParams {
     }
 }
 
-/// A parameter of the wind out of its range.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("`{name}` should be {expected}, not {value}")]
-pub struct WindError {
-    /// Which parameter.
-    pub name: &'static str,
-    /// Its value.
-    pub value: f64,
-    /// What it should be.
-    pub expected: &'static str,
-}
-
 impl WindParams {
     /// Checks every parameter against its range.
     ///
     /// # Errors
-    /// [`WindError`] for the first that is not in it.
-    pub fn validate(&self) -> Result<(), WindError> {
+    /// [`ParamsError::Range`] for the first that is not in it.
+    pub fn validate(&self) -> Result<(), ParamsError> {
         let share = |value: f64| (0.0..=1.0).contains(&value);
         let positive = |value: f64| value > 0.0 && value.is_finite();
-        let refuse = |name, value, expected| Err(WindError { name, value, expected });
+        let refuse = |name, value, expected| Err(ParamsError::Range { name, value, expected });
         for value in self.velocity.to_array() {
             if !value.is_finite() {
                 return refuse("velocity", value, "finite");
@@ -133,8 +122,8 @@ impl Wind {
     /// The wind of `params`.
     ///
     /// # Errors
-    /// [`WindError`] if one of them is out of range.
-    pub fn new(params: &WindParams) -> Result<Self, WindError> {
+    /// [`ParamsError::Range`] if one of them is out of range.
+    pub fn new(params: &WindParams) -> Result<Self, ParamsError> {
         params.validate()?;
         let turbulence = Turbulence::new(params.turbulence_scale, params.seed);
         Ok(Self { params: params.clone(), gusts: Gusts::new(params.seed), turbulence })

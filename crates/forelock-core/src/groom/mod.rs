@@ -55,6 +55,19 @@ pub struct Groom {
     pub bindings: Option<Vec<RootBinding>>,
 }
 
+/// Length of `strand` (one point or more) from its root to each of its points, in the points' unit; float64, for a thousand
+/// additions must not drift.
+pub fn arc_lengths(strand: &[Vec3]) -> Vec<f64> {
+    let mut arc = 0.0;
+    let mut arcs = Vec::with_capacity(strand.len());
+    arcs.push(arc);
+    for edge in strand.windows(2) {
+        arc += f64::from(edge[0].distance(edge[1]));
+        arcs.push(arc);
+    }
+    arcs
+}
+
 /// Why a groom cannot be built from the arrays given.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum GroomError {

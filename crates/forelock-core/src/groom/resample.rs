@@ -25,7 +25,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::{Groom, GroomError};
+use super::{Groom, GroomError, arc_lengths};
 
 /// Pieces into which a spline between two particles is cut to measure it.
 const PIECES: usize = 16;
@@ -142,14 +142,8 @@ fn sample_strand(strand: &[Vec3], n: usize) -> Vec<Sample> {
     }
     let pieces = if strand.len() > 2 { PIECES } else { 1 };
     let curve: Vec<Vec3> = if pieces == 1 { strand.to_vec() } else { smooth(strand) };
-    // s of every point of the curve, in f64: a thousand additions must not drift.
-    let mut lengths = Vec::with_capacity(curve.len());
-    let mut total = 0.0;
-    lengths.push(0.0);
-    for edge in curve.windows(2) {
-        total += f64::from(edge[0].distance(edge[1]));
-        lengths.push(total);
-    }
+    let lengths = arc_lengths(&curve);
+    let total = lengths[lengths.len() - 1];
     let mut samples = Vec::with_capacity(n);
     let mut at = 0;
     for k in 0..n {

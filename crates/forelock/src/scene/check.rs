@@ -3,7 +3,6 @@
 //! Each check names the dotted key and says what would be right. The ranges are those of the doc lines; a test reads
 //! both and compares them.
 
-use forelock_core::air::WindError;
 use forelock_core::body::Motion;
 use forelock_core::groom::grow::GrowError;
 use forelock_core::solver::ParamsError;
@@ -57,9 +56,7 @@ pub(super) fn check(scene: &Scene, document: &Document<'_>) -> Result<(), Wrong>
     for (index, collider) in scene.colliders.iter().enumerate() {
         check_collider(&format!("collider.{index}"), collider)?;
     }
-    if let Err(WindError { name, value, expected }) = scene.wind.validate() {
-        return Err((format!("wind.{name}"), format!("should be {expected}, not {value}")));
-    }
+    scene.wind.validate().map_err(|error| params_error("wind", &error, scene))?;
     check_output(scene)?;
     check_growth(scene, document)?;
     check_timed_edits(scene)?;
@@ -285,20 +282,20 @@ fn check_solver(scene: &Scene) -> Result<(), Wrong> {
     if let Some(substeps) = scene.time.substeps {
         solver.set_substeps(substeps);
     }
-    scene.interaction.grid.validate().map_err(|error| solver_error("interaction.grid", &error, scene))?;
+    scene.interaction.grid.validate().map_err(|error| params_error("interaction.grid", &error, scene))?;
     let contact = scene.interaction.contact.validate();
-    contact.map_err(|error| solver_error("interaction.contact", &error, scene))?;
-    solver.ams.validate().map_err(|error| solver_error("solver.ams", &error, scene))?;
-    solver.mass_spring.validate().map_err(|error| solver_error("solver.mass_spring", &error, scene))?;
+    contact.map_err(|error| params_error("interaction.contact", &error, scene))?;
+    solver.ams.validate().map_err(|error| params_error("solver.ams", &error, scene))?;
+    solver.mass_spring.validate().map_err(|error| params_error("solver.mass_spring", &error, scene))?;
     let (table, stepped) = match solver.kind {
         SolverKind::MassSpring => ("solver.mass_spring", solver.mass_spring.ams()),
         _ => ("solver.ams", solver.ams),
     };
     let checked = stepped.validate_step(1.0 / scene.time.fps, solver.beyond_float32);
-    checked.map_err(|error| solver_error(table, &error, scene))
+    checked.map_err(|error| params_error(table, &error, scene))
 }
 
-fn solver_error(table: &str, error: &ParamsError, scene: &Scene) -> Wrong {
+fn params_error(table: &str, error: &ParamsError, scene: &Scene) -> Wrong {
     let fps = scene.time.fps;
     match error {
         ParamsError::Range { name, value, expected } => {

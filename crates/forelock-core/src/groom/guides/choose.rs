@@ -4,9 +4,9 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{GUIDES_PER_STRAND, Influence, Place};
-use crate::groom::Groom;
 use crate::groom::grow::random::Random;
 use crate::groom::nearest::Nearest;
+use crate::groom::{Groom, arc_lengths};
 
 /// `count` strands of `groom` whose roots cover it evenly: each the farthest from those before it, the first one drawn with `seed`.
 ///
@@ -67,15 +67,11 @@ pub(super) fn influence(tree: &Nearest, root: Vec3, guides: usize) -> Influence 
 
 /// The fraction of the strand's length at each of its particles.
 pub(super) fn fractions(strand: &[Vec3]) -> Vec<f32> {
-    let mut arc = 0.0;
-    let mut arcs = vec![0.0];
-    for edge in strand.windows(2) {
-        arc += f64::from(edge[0].distance(edge[1]));
-        arcs.push(arc);
-    }
+    let arcs = arc_lengths(strand);
+    let length = arcs[arcs.len() - 1];
     let last = (strand.len() - 1) as f64;
     // A strand without length is taken as evenly spaced.
-    let share = |(i, at): (usize, &f64)| if arc > 0.0 { at / arc } else { i as f64 / last };
+    let share = |(i, at): (usize, &f64)| if length > 0.0 { at / length } else { i as f64 / last };
     #[expect(clippy::cast_possible_truncation, reason = "fractions in [0, 1]")]
     arcs.iter().enumerate().map(|entry| share(entry) as f32).collect()
 }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 fn main() {
-    println!("cargo::rerun-if-changed=build.rs");
+    println!("cargo::rerun-if-changed=../real_data.rs");
     println!("cargo::rerun-if-env-changed=FORELOCK_DATA");
     println!("cargo::rustc-check-cfg=cfg(real_data)");
     let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data");
