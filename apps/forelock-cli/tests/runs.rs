@@ -108,6 +108,22 @@ fn a_shorter_run_resumed_is_the_longer_run() {
 }
 
 #[test]
+fn hair_that_meets_itself_and_keeps_wind_off_resumes() {
+    let place = Workplace::new();
+    let sets =
+        ["interaction.kind=grid", "wind.velocity=[5,0,2]", "wind.turbulence=0.3", "wind.hair_depth=0.02"];
+    let sets = ["output.film=false", "output.picture=false"].into_iter().chain(sets);
+    let quiet: Vec<&str> = std::iter::once("--json").chain(sets.flat_map(|set| ["--set", set])).collect();
+    let run = |out: &str, more: &[&str]| json(&place.run(small_demo(out, &[&quiet[..], more].concat())));
+    let whole = run("whole", &[]);
+    run("parts", &["--frames", "3"]);
+    let resumed = run("parts", &["--resume"]);
+    assert_eq!(resumed["state_hash"], whole["state_hash"]);
+    let open = run("open", &["--set", "wind.hair_depth=0"]);
+    assert_ne!(open["state_hash"], whole["state_hash"], "hair keeps wind off");
+}
+
+#[test]
 fn guides_carry_all_strands_and_resume() {
     let place = Workplace::new();
     let quiet = ["--json", "--set", "output.film=false", "--set", "output.picture=false"];

@@ -1,5 +1,7 @@
 use super::*;
 use crate::body::{ColliderFrame, Shape};
+use crate::lane::Row;
+use crate::model::{Model, Strands};
 use crate::pose::Pose;
 
 fn windy() -> WindParams {
@@ -131,6 +133,7 @@ fn parameters_out_of_range_are_named() {
         (WindParams { gust_strength: 1.5, ..windy() }, "gust_strength"),
         (WindParams { turbulence: -0.1, ..windy() }, "turbulence"),
         (WindParams { turbulence_scale: 0.0, ..windy() }, "turbulence_scale"),
+        (WindParams { hair_depth: -0.01, ..windy() }, "hair_depth"),
         (WindParams { gust_period_secs: f64::NAN, ..windy() }, "gust_period_secs"),
         (WindParams { shelter: 2.0, ..windy() }, "shelter"),
         (WindParams { velocity: DVec3::splat(f64::INFINITY), ..windy() }, "velocity"),
@@ -139,4 +142,63 @@ fn parameters_out_of_range_are_named() {
         let found = Wind::new(&params).unwrap_err();
         assert!(matches!(found, ParamsError::Range { name: n, .. } if n == name), "{found}");
     }
+}
+
+/// A block of hair, its sides in metres, that hangs along y, as plain arrays: its strands stand at random in x and z.
+fn block_of_hair(sides: DVec3, strands: u32) -> (Vec<[f32; 3]>, Vec<u32>) {
+    let particles = 21;
+    let roots = points(strands, 0.5).map(|root| root * sides);
+    let along = |root: DVec3| {
+        (0..particles).map(move |i| {
+            let y = sides.y * (0.5 - f64::from(i) / f64::from(particles - 1));
+            DVec3::new(root.x, y, root.z).as_vec3().to_array()
+        })
+    };
+    (roots.flat_map(along).collect(), (0..=strands).map(|strand| strand * particles).collect())
+}
+
+#[test]
+fn wind_falls_exponentially_in_hair_as_dense_as_at_rest() {
+    let sides = DVec3::new(0.2, 0.16, 0.08);
+    let (positions, offsets) = block_of_hair(sides, 24_000);
+    let model = Model::new(&Strands { positions: &positions, offsets: &offsets, stiffness: None }).unwrap();
+    let shift = DVec3::new(0.3, -0.2, 0.1);
+    let mut canopy = Canopy::default();
+    let depth = 0.08;
+    for wind in [DVec3::Z, DVec3::new(0.0, 0.0, -7.0)] {
+        canopy.update(&model, (&model.rest, shift), wind, depth);
+        let mean = |z: f64| {
+            let open = points(400, 1.0).map(|p| {
+                let at = DVec3::new(0.3 * sides.x * p.x, 0.3 * sides.y * p.y, z * wind.z.signum()) + shift;
+                f64::from(canopy.open(at.as_vec3().to_array()))
+            });
+            open.sum::<f64>() / 400.0
+        };
+        // From upwind to the far side, 8 mm at a time; cells are of 7 mm.
+        for step in 0..=10 {
+            let way = 0.008 * f64::from(step);
+            let (open, expected) = (mean(way - 0.5 * sides.z), (-way / depth).exp());
+            // The hair's surface is blurred over a cell.
+            let near = if step == 0 { 0.06 } else { 0.05 * expected };
+            println!("{way:.3} m deep: {open:.4}, closed form {expected:.4}");
+            assert!((open - expected).abs() < near, "{way} m deep: {open} for {expected}");
+        }
+        let before = mean(-0.5 * sides.z - 0.01);
+        let behind = mean(0.5 * sides.z + 0.01);
+        assert!(
+            before > 1.0 - 1e-6 && (behind / (-sides.z / depth).exp() - 1.0).abs() < 0.05,
+            "{before}, {behind}"
+        );
+    }
+    // Beside the hair, in no wind, and with half as much hair as at rest.
+    let beside = shift + DVec3::new(0.12, 0.0, 0.2);
+    assert_eq!(canopy.open(beside.as_vec3().to_array()), 1.0);
+    let twice: Vec<_> = model.rest.iter().map(|row| Row(row.0.map(|x| x * 2f32.cbrt()))).collect();
+    canopy.update(&model, (&twice, DVec3::ZERO), DVec3::Z, depth);
+    let behind = f64::from(canopy.open([0.01, 0.02, 0.08]));
+    // Half as dense, and farther by the cube root.
+    let expected = (-0.5 * sides.z * 2f64.cbrt() / depth).exp();
+    assert!((behind / expected - 1.0).abs() < 0.08, "{behind} for {expected}");
+    canopy.update(&model, (&model.rest, shift), DVec3::ZERO, depth);
+    assert_eq!(canopy.open(shift.as_vec3().to_array()), 1.0);
 }

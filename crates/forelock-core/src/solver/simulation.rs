@@ -2,7 +2,7 @@
 
 use super::block::{BLOCK_STAGES, BlockFn, BlockReport, FrameJob, Part, STAGES, Simd, SolverReal};
 use super::params::{AmsParams, Inextensibility, ParamsError};
-use crate::air::{Wake, WindField};
+use crate::air::{Canopy, Wake, WindField};
 use crate::body::ColliderFrame;
 use crate::contact::{ContactParams, ContactReport, Contacts};
 use crate::grid::{Grid, GridFrame, GridMoment, GridParams, GridReport};
@@ -134,6 +134,7 @@ struct Workspace<T> {
     poses: Vec<Pose>,
     solid_poses: Vec<SolidPose<T>>,
     wake: Wake,
+    canopy: Canopy,
     /// Share of the wind that reaches each particle, a row a place; empty: all of it.
     exposure: Vec<Row<T>>,
 }
@@ -188,6 +189,7 @@ impl<T: SolverReal> Simulation<T> {
             poses: Vec::with_capacity(params.substeps as usize + 1),
             solid_poses: Vec::new(),
             wake: Wake::default(),
+            canopy: Canopy::default(),
             exposure: Vec::new(),
         };
         let block_fn = T::block_fn(simd);
@@ -242,6 +244,7 @@ impl<T: SolverReal> Simulation<T> {
     /// Makes the workspace anew for a model that has changed.
     pub(super) fn fit_workspace(&mut self) {
         self.workspace.scratch = scratch(&self.model);
+        self.workspace.canopy = Canopy::default();
         self.grid = self.grid.take().map(|grid| Grid::new(&self.model, grid.params()));
         let simd = self.options.simd.resolve();
         self.contacts = self.contacts.take().map(|c| Contacts::new(&self.model, c.params(), simd));
@@ -281,6 +284,10 @@ impl<T: SolverReal> Simulation<T> {
         if let Some(wind) = wind.filter(|wind| wind.shelter > 0.0) {
             self.workspace.wake.update(frame.colliders, origin, self.model.reach, wind.mean);
         }
+        if let Some(wind) = wind.filter(|wind| wind.hair_depth > 0.0) {
+            let hair = (&*self.state.positions, shift);
+            self.workspace.canopy.update(&self.model, hair, wind.mean, wind.hair_depth);
+        }
         let job = FrameJob {
             part: if self.grid.is_some() || self.contacts.is_some() { Part::Before } else { Part::Whole },
             moved: 0.0,
@@ -296,7 +303,8 @@ impl<T: SolverReal> Simulation<T> {
             gravity: frame.gravity,
             rest_gravity: self.options.rest_pose.inverse().transform_vector(self.options.rest_gravity),
             air_velocity: frame.air_velocity,
-            air: wind.map(|wind| AirTerms::new(&wind, &self.workspace.wake, origin)),
+            air: wind
+                .map(|wind| AirTerms::new(&wind, (&self.workspace.wake, &self.workspace.canopy), origin)),
             shift,
             solids: frame.colliders,
             solid_poses: &self.workspace.solid_poses,
@@ -440,6 +448,7 @@ impl<T: SolverReal> Simulation<T> {
                 + size_of_val(&*self.workspace.solid_poses)
                 + size_of_val(&*self.workspace.exposure)
                 + self.workspace.wake.bytes()
+                + self.workspace.canopy.bytes()
                 + self.grid.as_ref().map_or(0, Grid::bytes)
                 + self.contacts.as_ref().map_or(0, Contacts::bytes),
         }

@@ -75,6 +75,7 @@ fn gale() -> Wind {
         gust_strength: 0.3,
         turbulence: 0.3,
         shelter: 0.8,
+        hair_depth: 0.02,
         ..WindParams::default()
     };
     Wind::new(&params).unwrap()

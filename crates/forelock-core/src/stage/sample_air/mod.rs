@@ -1,14 +1,14 @@
-//! The air at every particle, once a frame: turbulence, wake and exposure.
+//! The air at every particle, once a frame: turbulence, and shelter behind solids and inside the hair.
 //!
 //! # Theory
-//! u = [U + Σ_j a_j e_j cos 2π(k_j·x + φ_j)] (1 − s D(x)) E, with the wind of [`air`](crate::air), its wake D, and E the share of the wind
-//! that the hair around a particle lets through, which others may set ([`Simulation::air_exposure`](crate::solver::Simulation::air_exposure)).
+//! u = [U + Σ_j a_j e_j cos 2π(k_j·x + φ_j)] (1 − s D(x)) e^−τ(x), with the wind of [`air`](crate::air), the wake D of solids, and the hair's optical
+//! depth τ.
 //!
 //! # Practice
 //! Phases are taken at the frame's origin in float64 and reduced to a turn, so that float32 serves anywhere in the world. The cosine
 //! is a polynomial of degree 9 over a quarter turn, good to 4e-6. About 6 ns a particle on AVX2.
 
-use crate::air::{MODES, Wake, WindField};
+use crate::air::{Canopy, MODES, Wake, WindField};
 use crate::lane::{Lane, Real, Row, V3};
 use crate::stage::BlockView;
 use crate::stage::solve_strands::FrameTerms;
@@ -25,11 +25,12 @@ pub struct AirTerms<'a, T> {
     modes: Option<[Wave<T>; MODES]>,
     /// The wake and how much of it counts.
     wake: Option<(&'a Wake, f32)>,
+    canopy: Option<&'a Canopy>,
 }
 
 impl<'a, T: Real> AirTerms<'a, T> {
-    /// The air of `wind` with its `wake`, about `origin`.
-    pub fn new(wind: &WindField, wake: &'a Wake, origin: DVec3) -> Self {
+    /// The air of `wind` with the shelter of solids and hair in it, about `origin`.
+    pub fn new(wind: &WindField, (wake, canopy): (&'a Wake, &'a Canopy), origin: DVec3) -> Self {
         let modes = wind.modes.map(|modes| {
             modes.map(|mode| {
                 let phase = (mode.phase + mode.wave.dot(origin)).rem_euclid(1.0);
@@ -39,7 +40,21 @@ impl<'a, T: Real> AirTerms<'a, T> {
         });
         #[expect(clippy::cast_possible_truncation, reason = "a share")]
         let wake = (wind.shelter > 0.0).then_some((wake, wind.shelter as f32));
-        Self { mean: wind.mean, modes, wake }
+        let canopy = (wind.hair_depth > 0.0).then_some(canopy);
+        Self { mean: wind.mean, modes, wake, canopy }
+    }
+
+    /// The share of the wind that shelter leaves at `place`, metres from the origin.
+    #[inline(always)]
+    fn open(&self, place: [f32; 3]) -> f32 {
+        let mut open = 1.0;
+        if let Some((wake, shelter)) = self.wake {
+            open -= shelter * wake.deficit(place);
+        }
+        if let Some(canopy) = self.canopy {
+            open *= canopy.open(place);
+        }
+        open
     }
 }
 
@@ -65,11 +80,11 @@ pub fn sample<L: Lane>(
                 u = u.add_scaled(cos_turns(turns), V3([L::splat(a), L::splat(b), L::splat(c)]));
             }
         }
-        if let Some((wake, shelter)) = air.wake {
+        if air.wake.is_some() || air.canopy.is_some() {
             let mut open = L::one();
             for lane in 0..L::WIDTH {
                 let place = x.get(lane).map(|c| num_traits::ToPrimitive::to_f32(&c).unwrap_or(0.0));
-                open.set(lane, number(f64::from(1.0 - shelter * wake.deficit(place))));
+                open.set(lane, number(f64::from(air.open(place))));
             }
             u = u.scale(open);
         }
