@@ -132,3 +132,43 @@ fn hair_spawned_inside_comes_out_gently() {
     assert!(fastest <= params.depenetration_speed, "{fastest}");
     assert!(quickest_out <= params.depenetration_speed + fastest, "{quickest_out}");
 }
+
+/// A ball presses hair to a wall at 1 m/s until a gap of 3 mm is left: hair is in the gap or beside it, in neither solid, whichever is named first.
+#[test]
+fn between_two_solids_hair_is_in_neither() {
+    let params = AmsParams::default();
+    let (ball, wall) = (Shape::Sphere { radius: 0.06 }, Shape::Plane);
+    // The wall's outside is +x.
+    let upright =
+        Pose::new(DQuat::from_rotation_z(-std::f64::consts::FRAC_PI_2), DVec3::new(-0.04, 0.0, 0.0));
+    let turned = upright.transform_vector(DVec3::Y);
+    assert!((turned - DVec3::X).length() < 1e-12, "{turned}");
+    let ball_at = |frame: u32| {
+        let x = (0.15 - DT * f64::from(frame)).max(upright.translation.x + 0.06 + 0.003);
+        Pose::new(DQuat::IDENTITY, DVec3::new(x, -0.18, 0.0))
+    };
+    // Straight ones from a patch of 4 cm by 5 cm.
+    let root = |s: u32| DVec3::new(0.01 * f64::from(s % 5) - 0.02, 0.0, 0.005 * f64::from(s / 5) - 0.025);
+    let hang =
+        |s: u32| (0..30).map(|i| (root(s) + DVec3::NEG_Y * (0.01 * f64::from(i))).to_array()).collect();
+    let strands: Vec<Vec<[f64; 3]>> = (0..55).map(hang).collect();
+    for wall_first in [true, false] {
+        let mut rig = Rig::<f32>::new(&strands, &params, Simd::Auto);
+        let (mut deepest, mut pressed) = (f64::NEG_INFINITY, 0);
+        for frame in 0..40 {
+            let (from, to) = (ball_at(frame), ball_at(frame + 1));
+            let still = on_head(&wall, upright, Pose::IDENTITY, Pose::IDENTITY);
+            let moving = on_head(&ball, Pose::IDENTITY, from, to);
+            let solids = if wall_first { [still, moving] } else { [moving, still] };
+            rig.step_among(Pose::IDENTITY, &solids);
+            for &x in &rig.positions() {
+                let [in_wall, in_ball] = [distance(&wall, upright, x), distance(&ball, to, x)];
+                deepest = deepest.max(-in_wall.min(in_ball));
+                pressed += usize::from(in_wall.max(in_ball) < 2.5e-3);
+            }
+        }
+        println!("wall first {wall_first}: depth {deepest:.1e} m, {pressed} particles × frames touch both");
+        assert!(deepest < 1e-5, "wall first {wall_first}: {deepest}");
+        assert!(pressed > 20, "{pressed}");
+    }
+}

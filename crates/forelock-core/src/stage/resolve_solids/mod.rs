@@ -8,6 +8,9 @@
 //! A particle that was inside at the last look (hair spawned in a solid, or a solid that jumped) is not pushed out at
 //! once: it gains `depenetration_speed`·h of depth a substep, so that nothing explodes.
 //!
+//! Between two solids a particle is taken out of one after the other until it is in none (projections onto sets in turn); where they leave it no room it stays in one, and the
+//! report says how deep.
+//!
 //! # Practice
 //! σ is 1-Lipschitz, so a particle at distance σ cannot touch before it has moved σ relative to the solid. Each
 //! particle carries that clearance, less what it has moved since, and is sampled only when it is used up. The decision
@@ -327,15 +330,15 @@ impl<T: Real> Queue<T> {
         }
         let mut clearance = [T::infinity(); PACKET];
         let mut touches = [false; PACKET];
+        // Whether what took it out of one solid may have put it into another.
+        let mut between = [false; PACKET];
         for (solid, pose) in solids.solids.iter().zip(solids.poses) {
             let (distances, gradients) = solid.shape.sample_packet(&pose.local_packet(&x), pose.fractions[1]);
             let thin = crate::state::number(solid.shape.thinness());
             for k in 0..taken {
-                let mut particle = Particle {
-                    x: [x[0][k], x[1][k], x[2][k]],
-                    v: [v[0][k], v[1][k], v[2][k]],
-                    was: self.last[self.len + k],
-                };
+                let place = [x[0][k], x[1][k], x[2][k]];
+                let mut particle =
+                    Particle { x: place, v: [v[0][k], v[1][k], v[2][k]], was: self.last[self.len + k] };
                 let found = (distances[k], [gradients[0][k], gradients[1][k], gradients[2][k]]);
                 let way = (self.start, self.from[self.len + k]);
                 let caught = self.moved[self.len + k] > thin
@@ -344,6 +347,8 @@ impl<T: Real> Queue<T> {
                     if caught { T::zero() } else { settle(solids, (solid, pose), found, &mut particle) };
                 if caught || found.0 < solids.thickness {
                     touches[k] = true;
+                    let gone = [0, 1, 2].map(|c| particle.x[c] - place[c]);
+                    between[k] |= clearance[k] < dot(gone, gone).sqrt();
                     for c in 0..3 {
                         x[c][k] = particle.x[c];
                         v[c][k] = particle.v[c];
@@ -351,6 +356,18 @@ impl<T: Real> Queue<T> {
                 }
                 let rise = if sigma > T::zero() { lipschitz(solid.shape) } else { T::one() };
                 clearance[k] = clearance[k].min(sigma / rise);
+            }
+        }
+        for k in 0..taken {
+            // What was inside at the last look comes out by and by.
+            if between[k] && self.last[self.len + k] >= T::zero() {
+                let (place, velocity) = ([x[0][k], x[1][k], x[2][k]], [v[0][k], v[1][k], v[2][k]]);
+                let mut particle = Particle { x: place, v: velocity, was: T::zero() };
+                clearance[k] = settle_among(solids, &mut particle);
+                for c in 0..3 {
+                    x[c][k] = particle.x[c];
+                    v[c][k] = particle.v[c];
+                }
             }
         }
         for (k, &(i, lane)) in at.iter().enumerate() {
@@ -432,30 +449,51 @@ const STRETCHED: f64 = 1e-5;
 
 /// The point at `length` from `leader` near `x` that is outside all solids, if there is one, and its clearance.
 fn slide<T: Real>(solids: &Solids<'_, T>, leader: [T; 3], mut x: [T; 3], length: T) -> ([T; 3], T) {
-    const ROUNDS: usize = 4;
-    let zero = T::zero();
-    let mut clearance = T::infinity();
-    for (solid, pose) in solids.solids.iter().zip(solids.poses) {
-        for round in 0..=ROUNDS {
-            let (distance, gradient) = solid.shape.sample_at(pose.local(1, x), pose.fractions[1]);
-            let sigma = distance - solids.thickness;
-            if sigma >= zero || sigma.is_nan() {
-                clearance = clearance.min(sigma / lipschitz(solid.shape));
-                break;
-            }
-            let n = pose.turn(1, gradient);
-            if round == ROUNDS {
-                // No such point: solids go before lengths.
-                x = [0, 1, 2].map(|c| x[c] - sigma * n[c]);
-                clearance = zero;
-                break;
-            }
-            let edge = [0, 1, 2].map(|c| x[c] - sigma * n[c] - leader[c]);
-            let scale = length / dot(edge, edge).sqrt().max(T::min_positive_value());
-            x = [0, 1, 2].map(|c| leader[c] + scale * edge[c]);
+    // Once more where the way out of one solid may have ended in another.
+    for _ in 0..3 {
+        let (mut clearance, mut between) = (T::infinity(), false);
+        for (solid, pose) in solids.solids.iter().zip(solids.poses) {
+            let (place, bound) = slide_along(solids, (solid, pose), leader, x, length);
+            let gone = [0, 1, 2].map(|c| place[c] - x[c]);
+            between |= clearance < dot(gone, gone).sqrt();
+            (x, clearance) = (place, clearance.min(bound));
+        }
+        if !between {
+            return (x, clearance);
         }
     }
-    (x, clearance)
+    (x, T::zero())
+}
+
+/// The same among one solid.
+#[inline]
+fn slide_along<T: Real>(
+    solids: &Solids<'_, T>,
+    (solid, pose): (&ColliderFrame<'_>, &SolidPose<T>),
+    leader: [T; 3],
+    mut x: [T; 3],
+    length: T,
+) -> ([T; 3], T) {
+    const ROUNDS: usize = 4;
+    for _ in 0..ROUNDS {
+        let (distance, gradient) = solid.shape.sample_at(pose.local(1, x), pose.fractions[1]);
+        let sigma = distance - solids.thickness;
+        if sigma >= T::zero() || sigma.is_nan() {
+            return (x, sigma / lipschitz(solid.shape));
+        }
+        let n = pose.turn(1, gradient);
+        let edge = [0, 1, 2].map(|c| x[c] - sigma * n[c] - leader[c]);
+        let scale = length / dot(edge, edge).sqrt().max(T::min_positive_value());
+        x = [0, 1, 2].map(|c| leader[c] + scale * edge[c]);
+    }
+    let (distance, gradient) = solid.shape.sample_at(pose.local(1, x), pose.fractions[1]);
+    let sigma = distance - solids.thickness;
+    if sigma >= T::zero() || sigma.is_nan() {
+        return (x, sigma / lipschitz(solid.shape));
+    }
+    // No such point: solids go before lengths.
+    let n = pose.turn(1, gradient);
+    ([0, 1, 2].map(|c| x[c] - sigma * n[c]), T::zero())
 }
 
 /// How much faster than distance a shape's field can rise.
@@ -514,6 +552,32 @@ fn settle<T: Real>(
 
 /// Pushes out of a field at one look.
 const LOOKS: usize = 3;
+
+/// Takes a particle out of one solid after the other until it is in none; the clearance that is left, negative where solids leave no room between them.
+#[inline(never)]
+fn settle_among<T: Real>(solids: &Solids<'_, T>, particle: &mut Particle<T>) -> T {
+    for round in 0..=ROUNDS {
+        let mut clearance = T::infinity();
+        for (solid, pose) in solids.solids.iter().zip(solids.poses) {
+            let found = solid.shape.sample_at(pose.local(1, particle.x), pose.fractions[1]);
+            let sigma = found.0 - solids.thickness;
+            let rise = if sigma > T::zero() { lipschitz(solid.shape) } else { T::one() };
+            clearance = clearance.min(sigma / rise);
+            // The last round only looks.
+            if round < ROUNDS && sigma < T::zero() {
+                settle(solids, (solid, pose), found, particle);
+            }
+        }
+        // Out to rounding.
+        if round == ROUNDS || clearance > -crate::state::number::<T>(1e-6) {
+            return clearance;
+        }
+    }
+    T::zero()
+}
+
+/// Rounds in which a particle between solids is taken out of each.
+const ROUNDS: usize = 8;
 
 /// Stops a particle at the surface that it went through on its way from `from`, if it came out elsewhere or would be pushed out elsewhere; whether it did.
 #[inline(never)]
