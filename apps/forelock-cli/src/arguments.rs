@@ -267,6 +267,9 @@ pub enum PaperFigure {
     /// What the angular spring does for a wisp.
     #[value(name = "5")]
     Angular,
+    /// A hand through hair that guides carry, and through hair of which all strands are simulated.
+    #[value(name = "7")]
+    Guides,
     /// A beard, against mass-spring.
     #[value(name = "9")]
     Beard,

@@ -185,7 +185,7 @@ impl<'a> Stepper<'a> {
     }
 
     /// All solids between frame `frame` and the next, and the head's poses then.
-    fn surroundings(&self, frame: u32) -> ([Pose; 2], Vec<ColliderFrame<'a>>) {
+    pub(crate) fn surroundings(&self, frame: u32) -> ([Pose; 2], Vec<ColliderFrame<'a>>) {
         let times = [frame, frame + 1].map(|frame| self.time_secs(frame));
         let head = times.map(|time| self.assets.head_pose(time));
         (head, self.assets.collider_frames(times, head))
@@ -400,7 +400,7 @@ fn cache_path(scene: &Scene, out: &Path) -> Option<PathBuf> {
 const DEEP_M: f64 = 1e-3;
 
 /// Particles more than [`DEEP_M`] inside a solid at the end of its frame, and the depth of the deepest, metres.
-fn deep_particles(positions: &[Vec3], solids: &[ColliderFrame<'_>]) -> (usize, f64) {
+pub(crate) fn deep_particles(positions: &[Vec3], solids: &[ColliderFrame<'_>]) -> (usize, f64) {
     let local: Vec<_> = solids.iter().map(|solid| (solid.shape, solid.pose(1.0).inverse())).collect();
     let depth = |p: &Vec3| {
         let depths = local.iter().map(|(shape, local_from_world): &(_, Pose)| {

@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use clap::ValueEnum;
-use forelock::paper::{Experiment, Figure, Study, Table1Options, table1};
+use forelock::paper::{Experiment, Figure, GUIDES, GuidesTable, Study, Table1Options, table1};
+use forelock::scene::Override;
 use serde::Serialize;
 
 use crate::arguments::{BenchArgs, BenchCommand, PaperFigure};
@@ -27,6 +28,17 @@ pub fn bench(arguments: &BenchArgs) -> anyhow::Result<()> {
         }
         Some(PaperFigure::Sag) => return report.ablation(Figure::Sag),
         Some(PaperFigure::Angular) => return report.ablation(Figure::Angular),
+        Some(PaperFigure::Guides) => {
+            // Those of the scene, Table 1.
+            let strands = (15_000.0 * share).ceil();
+            let keys = [Override::option("--share", "groom.strands", strands)];
+            let table = GuidesTable::run(&GUIDES, &keys, &mut observer)?;
+            if let Some(folder) = report.out {
+                std::fs::create_dir_all(folder)?;
+                forelock::write_png(&folder.join(format!("{}.png", report.name)), &table.picture(&keys)?)?;
+            }
+            return report.tell(&table.to_markdown(), &table);
+        }
         Some(PaperFigure::Beard) => Experiment::Beard,
         Some(PaperFigure::RollerCoaster) => Experiment::RollerCoaster,
         Some(PaperFigure::Grooming) => Experiment::Grooming,

@@ -7,6 +7,7 @@
 
 mod ablations;
 mod coaster;
+mod guides;
 mod keeping;
 mod scenes;
 mod strand;
@@ -15,6 +16,7 @@ mod table1;
 mod trim;
 mod watch;
 
+pub use guides::{GUIDES, GuidesRow, GuidesTable};
 pub use ablations::{Figure, Measures, PaperRow, PaperTable};
 pub use study::{Study, Table};
 pub use table1::{Table1, Table1Options, Table1Row, table1};
