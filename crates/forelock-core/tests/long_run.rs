@@ -8,6 +8,7 @@
 //! ```
 
 #![expect(clippy::unwrap_used, reason = "in a test a failure to build is a failure of the test")]
+#![expect(clippy::print_stdout, reason = "a long run says how it goes")]
 
 use forelock_core::air::{Wind, WindParams};
 use forelock_core::body::{ColliderFrame, Head, Sdf, Shape};

@@ -108,10 +108,9 @@ impl Nodes {
     fn coordinates<T: Real>(&self, rows: &[Row<T>], place: usize) -> [[f32; LANES]; 3] {
         let [x, y, z] = [0, 1, 2].map(|c| rows[3 * place + c].0.map(|x| x.to_f32().unwrap_or(0.0)));
         let mut at = [[0.0; LANES]; 3];
-        for c in 0..3 {
-            let [a, b, d] = self.axes[c];
+        for ((at, [a, b, d]), low) in at.iter_mut().zip(self.axes).zip(self.low) {
             for lane in 0..LANES {
-                at[c][lane] = a * x[lane] + b * y[lane] + d * z[lane] - self.low[c];
+                at[lane] = a * x[lane] + b * y[lane] + d * z[lane] - low;
             }
         }
         at
@@ -163,11 +162,12 @@ impl Canopy {
         if !self.any {
             return 1.0;
         }
-        let mut at = [0.0; 3];
-        for c in 0..3 {
-            let [a, b, d] = self.grid.axes[c];
-            at[c] = a * x[0] + b * x[1] + d * x[2] - self.grid.low[c];
-        }
+        let grid = &self.grid;
+        let at = [
+            dot(grid.axes[0], x) - grid.low[0],
+            dot(grid.axes[1], x) - grid.low[1],
+            dot(grid.axes[2], x) - grid.low[2],
+        ];
         let (first, [fx, fy, fz]) = self.grid.corner(at);
         let (row, layer) = (self.grid.dims[0], self.grid.layer());
         let open = &self.open[first..first + layer + row + 2];
