@@ -8,6 +8,9 @@ use std::ops::Range;
 /// Layers that a thread takes at once, at least.
 const GRAIN: usize = 4;
 
+/// Compressibility of held cells, over the diagonal: without it a pocket between walls has no solution.
+const SLACK: f32 = 1e-6;
+
 /// Solves A P = lack on the held cells, from the pressure there is; iterations, and the residual over the right side.
 pub(super) fn solve(fields: &mut Fields, bounds: &Bounds, (iterations, tolerance): (u32, f64)) -> (u32, f64) {
     let size = multiply(fields, bounds, Factor::Pressure);
@@ -63,7 +66,8 @@ fn multiply(fields: &mut Fields, bounds: &Bounds, factor: Factor) -> f64 {
                     + yr[i] * (mid[i] - above[i])
                     + zl[i] * (mid[i] - behind[i])
                     + zr[i] * (mid[i] - before[i]);
-                out[i] = if held[i] > 0.0 { flow } else { 0.0 };
+                let diagonal = xl[i] + xr[i] + yl[i] + yr[i] + zl[i] + zr[i];
+                out[i] = if held[i] > 0.0 { flow + SLACK * diagonal * mid[i] } else { 0.0 };
             }
             sums[0] += match factor {
                 Factor::Direction => dot(mid, out),
