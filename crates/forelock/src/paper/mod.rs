@@ -16,8 +16,8 @@ mod table1;
 mod trim;
 mod watch;
 
-pub use guides::{GUIDES, GuidesRow, GuidesTable};
 pub use ablations::{Figure, Measures, PaperRow, PaperTable};
+pub use guides::{GUIDES, GuidesRow, GuidesTable};
 pub use study::{Study, Table};
 pub use table1::{Table1, Table1Options, Table1Row, table1};
 
