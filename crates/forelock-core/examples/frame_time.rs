@@ -1,10 +1,10 @@
 //! Milliseconds a frame of the AMS solver, stage by stage: 10,298 strands × 30 particles on the built-in head, with
-//! springs, both ghost ties, the length pass and the head's distance field, the head turning.
+//! springs, both ghost ties, the length pass and the head's distance field, the head turning or in another built-in motion.
 //!
 //! Every frame is timed in each of `repeats` runs from the same start, and its least time counts: on a machine that is
 //! shared, the rest is other people's work.
 //!
-//! `cargo run --release -p forelock-core --example frame_time -- [threads] [frames] [repeats] [none|RESOLUTION of the grid] [contacts|free] [simd]`
+//! `cargo run --release -p forelock-core --example frame_time -- [threads] [frames] [repeats] [none|RESOLUTION of the grid] [contacts|free] [motion] [simd]`
 
 #![expect(clippy::print_stdout, reason = "an example that measures says what")]
 
@@ -31,6 +31,7 @@ fn main() -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
         Some(resolution) => Some(GridParams { resolution: resolution.parse()?, ..GridParams::default() }),
     };
     let contacts = arguments.next().is_some_and(|a| a == "contacts").then(ContactParams::default);
+    let motion = Motion::by_name(arguments.next().as_deref().unwrap_or("turn"))?;
     let simd = match arguments.next().as_deref() {
         None => Simd::Auto,
         Some(name) => *Simd::ALL.iter().find(|s| format!("{s:?}") == name).ok_or("no such simd")?,
@@ -38,13 +39,14 @@ fn main() -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .build()?
-        .install(|| run(threads, (frames, repeats), (grid.as_ref(), contacts.as_ref()), simd))
+        .install(|| run(threads, (frames, repeats), (grid.as_ref(), contacts.as_ref()), &motion, simd))
 }
 
 fn run(
     threads: usize,
     (frames, repeats): (u32, u32),
     (grid, contacts): (Option<&GridParams>, Option<&ContactParams>),
+    motion: &Motion,
     simd: Simd,
 ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     let preset = GrowParams::preset("straight")?;
@@ -56,7 +58,6 @@ fn run(
     simulation.set_grid(grid)?;
     simulation.set_contacts(contacts)?;
     let start = simulation.snapshot();
-    let motion = Motion::by_name("turn")?;
     let dt_secs = 1.0 / 60.0;
     // Milliseconds: the whole frame, then each stage; a row a frame, the least of all runs.
     let mut times = vec![[f64::INFINITY; 1 + STAGES.len()]; frames as usize];

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use anyhow::Context as _;
 use clap::ValueEnum;
 use forelock::paper::{Experiment, Figure, GUIDES, GuidesTable, Study, Table1Options, table1};
 use forelock::scene::Override;
@@ -20,6 +21,11 @@ pub fn bench(arguments: &BenchArgs) -> anyhow::Result<()> {
     let name =
         name.map_or_else(|| "ams-table1".to_owned(), |value| format!("ams-figure-{}", value.get_name()));
     let report = Report { out: out.as_deref(), name, json: *json };
+    // Before minutes of work, not after them.
+    if let Some(folder) = report.out {
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    }
     let experiment = match figure {
         None => {
             let table =
@@ -34,7 +40,6 @@ pub fn bench(arguments: &BenchArgs) -> anyhow::Result<()> {
             let keys = [Override::option("--share", "groom.strands", strands)];
             let table = GuidesTable::run(&GUIDES, &keys, &mut observer)?;
             if let Some(folder) = report.out {
-                std::fs::create_dir_all(folder)?;
                 forelock::write_png(&folder.join(format!("{}.png", report.name)), &table.picture(&keys)?)?;
             }
             return report.tell(&table.to_markdown(), &table);
@@ -60,7 +65,6 @@ impl Report<'_> {
     fn ablation(&self, figure: Figure) -> anyhow::Result<()> {
         let table = figure.table()?;
         if let Some(folder) = self.out {
-            std::fs::create_dir_all(folder)?;
             forelock::write_png(&folder.join(format!("{}.png", self.name)), &figure.picture(&table)?)?;
         }
         self.tell(&table.to_markdown(), &table)
@@ -89,7 +93,6 @@ impl Report<'_> {
 
     fn write(&self, ending: &str, text: &str) -> anyhow::Result<()> {
         let Some(folder) = self.out else { return Ok(()) };
-        std::fs::create_dir_all(folder)?;
         let path = folder.join(format!("{}{ending}", self.name));
         Ok(forelock_io::atomic_write(&path, |file| file.write_all(text.as_bytes()))?)
     }

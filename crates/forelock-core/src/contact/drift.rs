@@ -8,6 +8,8 @@ use rayon::prelude::*;
 
 /// Least distance of nodes, metres.
 const SPACING: f32 = 0.03;
+/// Hair farther from the groom's middle than so many times its own reach is left alone.
+const FAR: f32 = 4.0;
 /// Nodes along an axis at most.
 const NODES: usize = 48;
 /// Parts in which hair is summed: a fixed count, for sums must not depend on threads.
@@ -41,6 +43,27 @@ pub(crate) struct Drift {
 
 /// A point's node below, and how far beyond it.
 type Corner = ([usize; 3], Vec3);
+
+/// Which particles stray farthest: see [`Drift::farthest`].
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Farthest {
+    /// What counts as a stray at all, metres.
+    pub least: f32,
+    bin: u32,
+    /// How many of those in the bin belong.
+    share: f32,
+}
+
+impl Farthest {
+    /// Whether number `a`, that strays so far, belongs: in the last bin a share of all, spread evenly.
+    #[inline]
+    pub fn has(&self, a: usize, stray: f32) -> bool {
+        let bin = stray.to_bits() >> BIN_BITS;
+        // The fractional parts of multiples of the golden ratio are even.
+        let chance = (a as u32).wrapping_mul(0x9e37_79b9) as f32 * (0.5f32).powi(32);
+        stray > self.least && (bin > self.bin || bin == self.bin && chance < self.share)
+    }
+}
 
 impl Drift {
     pub fn bytes(&self) -> usize {
@@ -78,16 +101,29 @@ impl Drift {
         self.measure_strays(model, ways, per_part);
     }
 
-    /// The least stray, `least` or more, that at most `most` particles exceed, metres.
-    pub fn exceeded_by(&self, most: usize, least: f32) -> f32 {
-        let mut sum = 0;
+    /// The stray that at most `most` particles exceed, to an eighth, metres.
+    pub fn exceeded_by(&self, most: usize) -> f32 {
+        f32::from_bits((self.bin_beyond(most).0 as u32 + 1) << BIN_BITS)
+    }
+
+    /// The `most` particles that stray farthest, of those that stray farther than `least` metres.
+    pub fn farthest(&self, most: usize, least: f32) -> Farthest {
+        let (bin, above, own) = self.bin_beyond(most);
+        let share = if own == 0 { 1.0 } else { (most - above) as f32 / own as f32 };
+        Farthest { least, bin: bin as u32, share }
+    }
+
+    /// The highest bin with which more than `most` particles are in it or above, how many are above, and how many in it.
+    fn bin_beyond(&self, most: usize) -> (usize, usize, usize) {
+        let mut above = 0;
         for bin in (0..BINS).rev() {
-            sum += self.counts.iter().skip(bin).step_by(BINS).map(|&n| n as usize).sum::<usize>();
-            if sum > most {
-                return f32::from_bits((bin as u32 + 1) << BIN_BITS).max(least);
+            let own = self.counts.iter().skip(bin).step_by(BINS).map(|&n| n as usize).sum::<usize>();
+            if above + own > most {
+                return (bin, above, own);
             }
+            above += own;
         }
-        least
+        (0, above, 0)
     }
 
     /// Whether hair about `at` strays from the drift by more than `least`.
@@ -102,16 +138,18 @@ impl Drift {
     fn fit<T: Real>(&mut self, model: &Model<T>, ways: &Ways) {
         const EMPTY: [Vec3; 2] = [Vec3::INFINITY, Vec3::NEG_INFINITY];
         let join = |a: [Vec3; 2], b: [Vec3; 2]| [a[0].min(b[0]), a[1].max(b[1])];
+        // What was thrown far away must not make the cells of all others coarse.
+        let far = FAR * model.reach as f32;
         let around = |k: usize| {
             let live = model.blocks[ways.block[k] as usize].live;
             let range = LANES * k..LANES * k + live;
             let points = ways.start[range.clone()].iter().chain(&ways.end[range]);
-            points.filter(|x| x.is_finite()).fold(EMPTY, |sum, &x| join(sum, [x, x]))
+            points.filter(|x| x.length_squared() < far * far).fold(EMPTY, |sum, &x| join(sum, [x, x]))
         };
         let extent = (0..model.places()).into_par_iter().with_min_len(256).map(around).reduce(|| EMPTY, join);
         self.extent = if extent[0].is_finite() { extent } else { [Vec3::ZERO; 2] };
         let side = (self.extent[1] - self.extent[0]).max_element();
-        self.spacing = SPACING.max(side / (NODES - 2) as f32);
+        self.spacing = SPACING.max(4.0 * ways.longest).max(side / (NODES - 2) as f32);
         self.low = self.extent[0];
         let nodes = (self.extent[1] - self.low) / self.spacing;
         self.dims = nodes.to_array().map(|nodes| (nodes as usize + 2).min(NODES + 1));
@@ -179,7 +217,7 @@ impl Drift {
     fn measure_strays<T: Real>(&mut self, model: &Model<T>, ways: &mut Ways, per_part: usize) {
         let count = self.nodes.len();
         let mut parts = std::mem::take(&mut self.parts_stir);
-        let Ways { start, end, stray, block } = ways;
+        let Ways { start, end, stray, block, .. } = ways;
         let (start, end, block) = (&*start, &*end, &*block);
         let mut sums = [(0.0, 0.0); PARTS];
         let mut counts = std::mem::take(&mut self.counts);

@@ -11,7 +11,7 @@
 //! start to its end, in the head's frame, taken as straight. Most of that way is common to neighbours: [`Drift`] is a
 //! smooth field of it. Only what a segment moves against the drift makes it reach farther in the search, so that hair
 //! that swings together costs no more than hair at rest. Contacts are sought only of segments that stray from the drift faster
-//! than [`ContactParams::slip`], and of no more of them than [`ContactParams::budget`].
+//! than [`ContactParams::slip`], fastest first, and [`ContactParams::budget`] bounds the work.
 //!
 //! # Limitations
 //! Strands do not meet themselves. In a cell with more than [`CELL_SEGMENTS`] segments the others are left to the grid.
@@ -20,7 +20,7 @@ mod drift;
 mod params;
 mod ways;
 
-pub(crate) use drift::Drift;
+pub(crate) use drift::{Drift, Farthest};
 pub use params::ContactParams;
 pub(crate) use ways::{Ways, closest};
 
@@ -132,7 +132,8 @@ impl Contacts {
             &self.params,
             (model, found, &self.ways),
             (positions, velocities, clearance),
-            (head, clamped),
+            head,
+            (clamped, dt_secs),
         );
         report.secs = [secs, clock.elapsed().as_secs_f64() - secs];
         report

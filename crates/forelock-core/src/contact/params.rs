@@ -14,13 +14,13 @@ pub struct ContactParams {
     pub distance: f64,
     /// Relative speed up to which strands are let pass each other: what is slower is left to the grid. Unit m/s, default 0.01, range 0 or more.
     pub slip: f64,
-    /// Segments of which contacts are sought in a frame at most: those that move most against their neighbours. Unit segments, default 32768, range 1 or more.
+    /// Contacts in a frame at most, those of the fastest approach; sought of a quarter as many segments, those that move most against their neighbours. Unit contacts, default 32768, range 4 or more.
     pub budget: u32,
     /// Coulomb friction between strands. No unit, default 0.3, range 0 or more.
     pub friction: f64,
     /// Length of strand that takes part in what a contact gives it, at least. Unit m, default 0.05, range 0 to 10.
     pub spread: f64,
-    /// Rounds of the solve at most. Unit rounds, default 32, range 1 to 1000.
+    /// Rounds of the solve at most. Unit rounds, default 16, range 1 to 1000.
     pub rounds: u32,
     /// Contacts of a segment at most, the first in time. Unit contacts, default 128, range 1 to 1024.
     pub per_segment: u32,
@@ -34,7 +34,7 @@ impl Default for ContactParams {
             budget: 32_768,
             friction: 0.3,
             spread: 0.05,
-            rounds: 32,
+            rounds: 16,
             per_segment: 128,
         }
     }
@@ -52,7 +52,7 @@ impl ContactParams {
         let checks = [
             ("distance", self.distance, "between 1e-6 and 0.1", (1e-6..=0.1).contains(&self.distance)),
             ("slip", self.slip, NON_NEGATIVE, not_negative(self.slip)),
-            ("budget", self.budget.into(), "1 or more", self.budget > 0),
+            ("budget", self.budget.into(), "4 or more", self.budget >= 4),
             ("friction", self.friction, NON_NEGATIVE, not_negative(self.friction)),
             ("spread", self.spread, "between 0 and 10", (0.0..=10.0).contains(&self.spread)),
             ("rounds", rounds, "between 1 and 1000", (1.0..=1e3).contains(&rounds)),

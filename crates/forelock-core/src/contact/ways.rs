@@ -16,6 +16,8 @@ pub(crate) struct Ways {
     pub stray: Vec<f32>,
     /// The block of each place.
     pub block: Vec<u32>,
+    /// The longest edge at rest, metres.
+    pub longest: f32,
 }
 
 impl Ways {
@@ -25,11 +27,14 @@ impl Ways {
             block[b.range()].fill(k as u32);
         }
         let particles = LANES * model.places();
+        let lengths = model.rest_lengths.iter().step_by(3).flat_map(|row| row.0);
+        let longest = lengths.filter_map(|l| l.to_f32()).fold(0.0, f32::max);
         Self {
             start: vec![Vec3::ZERO; particles],
             end: vec![Vec3::ZERO; particles],
             stray: vec![0.0; particles],
             block,
+            longest,
         }
     }
 

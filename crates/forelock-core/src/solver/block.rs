@@ -360,7 +360,8 @@ fn finish<L: Lane>(
     }
     let before = restored.unwrap_or_else(|| restore_lengths::largest_stretch::<L>(view, first));
     let mut stretch = before;
-    if job.lengths.kind != Inextensibility::Off || restored.is_none() {
+    // In a whole frame without a length pass the last substep's solids were the last word.
+    if job.part == Part::After || job.lengths.kind != Inextensibility::Off {
         let last = job.poses.len() - 2;
         report.contacts =
             resolve_solids::resolve::<L>(&look(job, last, 0.0), Since::Noted, view, first, live);

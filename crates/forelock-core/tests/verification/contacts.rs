@@ -1,10 +1,12 @@
 //! Hair against hair, segment by segment.
 
 use crate::rig::{DT, Random, Rig, Strand, largest, shake, simds, tuft, vector};
+use forelock_core::body::{ColliderFrame, Shape};
 use forelock_core::contact::{ContactParams, Contacts};
 use forelock_core::lane::Row;
 use forelock_core::model::{Model, Strands};
 use forelock_core::pose::Pose;
+use forelock_core::solver::params::Inextensibility;
 use forelock_core::solver::{AmsParams, Simd};
 use glam::{DQuat, DVec3};
 
@@ -248,6 +250,50 @@ fn hair_goes_back_to_its_rest_shape() {
     let off = largest(&rig.positions(), &rest);
     println!("{met} contacts in a shake; 3 s later the farthest particle is {off:.1e} m from its rest shape");
     assert!(met > 1000 && off < 5e-3, "{met} {off:e}");
+}
+
+/// Without a length pass, too, nothing that contacts moved is left inside a solid.
+#[test]
+fn solids_have_the_last_word() {
+    let params = AmsParams { inextensibility: Inextensibility::Off, ..AmsParams::default() };
+    let mut rig = Rig::<f32>::new(&tuft(300, 12), &params, Simd::Auto);
+    let contact = ContactParams { distance: 3e-3, ..ContactParams::default() };
+    rig.simulation.set_contacts(Some(&contact)).unwrap();
+    let (shape, radius) = (Shape::Sphere { radius: 0.03 }, 0.03);
+    let (mut met, mut touching) = (0, 0);
+    for frame in 0..40 {
+        let [from, to] = [frame, frame + 1]
+            .map(|f| Pose::new(DQuat::IDENTITY, DVec3::new(-0.2 + 5e-3 * f64::from(f), -0.1, 0.0)));
+        let ball = ColliderFrame { shape: &shape, local: Pose::IDENTITY, from, to, friction: 0.3 };
+        let report = rig.step_among(Pose::IDENTITY, &[ball]);
+        met += report.strand_contacts.contacts;
+        touching += report.touching;
+        for x in rig.positions() {
+            let depth = radius - x.distance(to.translation);
+            assert!(depth < 1e-5, "frame {frame}: {depth}");
+        }
+    }
+    assert!(met > 500 && touching > 500, "{met} {touching}");
+}
+
+/// A strand that was thrown far away takes nothing from the others.
+#[test]
+fn a_strand_far_away_does_not_matter() {
+    for far in [10.0f32, 1e20, f32::MAX] {
+        let mut rig = Rig::<f32>::new(&tuft(300, 12), &AmsParams::default(), Simd::Auto);
+        rig.simulation.set_contacts(Some(&ContactParams::default())).unwrap();
+        rig.edit(|snapshot| {
+            if let Some(last) = snapshot.positions.last_mut() {
+                last[2] = far;
+            }
+        });
+        let mut met = 0;
+        for frame in 1..=30 {
+            met += rig.step(shake(4.0, 2.0, f64::from(frame) * DT)).strand_contacts.contacts;
+        }
+        println!("{far:e} m: {met} contacts");
+        assert!(met > 100, "{far}: {met}");
+    }
 }
 
 /// The same bits for any number of threads and any instruction set with the same rounding.

@@ -12,10 +12,11 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 /// Parts of the blocks, and of the layers: fixed counts, for results must not depend on threads.
 const CHUNKS: usize = 64;
 const SLABS: usize = 64;
-/// Cells along an axis at most.
-const SIDE: usize = 1000;
-/// How far a segment reaches into cells at most, in cells.
-const REACH: f32 = 2.0;
+/// Cells at most.
+const CELLS: usize = 1 << 28;
+/// How far an active segment reaches into cells at most, and how far another one, in cells: others stray less, but where
+/// there are more than the budget has room for.
+const REACH: [f32; 2] = [1.0, 0.2];
 
 /// The box of cells.
 #[derive(Clone, Copy, Debug)]
@@ -29,16 +30,26 @@ pub(crate) struct Cells {
 }
 
 impl Cells {
-    /// Cells of `side` metres that hold the box from `low` to `high`, at most [`SIDE`] along each axis about its middle.
+    /// Cells that hold the box from `low` to `high`: of `side` metres, or larger where that would be more than [`CELLS`].
     pub fn around([low, high]: [Vec3; 2], side: f32) -> Self {
-        let dims = ((high - low) / side).to_array().map(|cells| (cells as usize + 1).min(SIDE));
-        let half = 0.5 * side * Vec3::from_array(dims.map(|cells| cells as f32));
-        Self { low: 0.5 * (low + high) - half, side, dims, layers: dims[2].div_ceil(SLABS) }
+        let size = high - low;
+        let mut cells = Self { low, side, dims: [1; 3], layers: 1 };
+        loop {
+            let counts =
+                (size / cells.side).to_array().map(|count| count.clamp(0.0, CELLS as f32) as usize + 1);
+            if counts.into_iter().fold(1, usize::saturating_mul) <= CELLS {
+                cells.dims = counts;
+                break;
+            }
+            cells.side *= 1.25;
+        }
+        cells.layers = cells.dims[2].div_ceil(SLABS);
+        cells
     }
 
-    /// Makes as many slabs as there are.
-    pub fn slabs(&self, slabs: &mut Vec<Slab>) {
-        slabs.resize_with(self.dims[2].div_ceil(self.layers), Slab::default);
+    /// How many slabs there are.
+    pub fn slabs(&self) -> usize {
+        self.dims[2].div_ceil(self.layers)
     }
 
     /// The slab of a cell, its place in it, and what is there.
@@ -47,6 +58,13 @@ impl Cells {
         let slab = z / self.layers;
         let cell = x + self.dims[0] * (y + self.dims[1] * (z - slab * self.layers));
         [slab as u32, cell as u32, number]
+    }
+
+    /// Where a cell of slab `slab` is, in cells.
+    fn corner(&self, slab: usize, cell: usize) -> Vec3 {
+        let (x, rest) = (cell % self.dims[0], cell / self.dims[0]);
+        let (y, z) = (rest % self.dims[1], rest / self.dims[1] + slab * self.layers);
+        Vec3::new(x as f32, y as f32, z as f32)
     }
 
     /// Calls `f` with all cells of the box nearer than `entry.reach` to the entry's segment, and some more.
@@ -196,7 +214,8 @@ impl Chunk {
     ) {
         self.each_segment(model, |chunk, a| {
             if !is_active(ways, slice, a)
-                && drift.stirs(ways.at(a, 0.5), slice.active)
+                && (drift.stirs(ways.at(a, 0.5), slice.active.least)
+                    || drift.stirs(ways.at(a + LANES, 0.5), slice.active.least))
                 && let Some(entry) = entry(ways, slice, cells, a)
             {
                 let number = chunk.entries.len() as u32;
@@ -227,7 +246,7 @@ impl Chunk {
     /// Sorts what was entered by slab.
     fn sort(&mut self, cells: &Cells) {
         self.starts.clear();
-        self.starts.resize(cells.dims[2].div_ceil(cells.layers) + 1, 0);
+        self.starts.resize(cells.slabs() + 1, 0);
         for [slab, ..] in &self.unsorted {
             self.starts[*slab as usize + 1] += 1;
         }
@@ -254,7 +273,7 @@ impl Chunk {
 /// Whether contacts of segment `a` are sought.
 #[inline]
 fn is_active(ways: &Ways, slice: &Slice, a: usize) -> bool {
-    ways.stray[a].max(ways.stray[a + LANES]) > slice.active
+    slice.active.has(a, ways.stray[a].max(ways.stray[a + LANES]))
 }
 
 /// Segment `a` in the middle of the slice, in cells, if it is somewhere.
@@ -264,7 +283,7 @@ fn entry(ways: &Ways, slice: &Slice, cells: &Cells, a: usize) -> Option<Entry> {
     if !(lower.is_finite() && upper.is_finite()) {
         return None;
     }
-    let scale = 1.0 / cells.side;
+    let (scale, active) = (1.0 / cells.side, is_active(ways, slice, a));
     // A quarter more, for the drift is not quite the same for both of a pair.
     let stray = 1.25 * ways.stray[a].max(ways.stray[a + LANES]);
     let reach = 0.5 * (slice.distance + slice.length() * stray) * scale;
@@ -272,11 +291,11 @@ fn entry(ways: &Ways, slice: &Slice, cells: &Cells, a: usize) -> Option<Entry> {
     let (way, next) = (share * ways.way(a), share * ways.way(a + LANES));
     Some(Entry {
         segment: a as u32,
-        active: is_active(ways, slice, a),
+        active,
         at: (lower - cells.low) * scale,
         edge: (upper - lower) * scale,
         inverse: 1.0 / ((upper - lower) * scale).length_squared().max(1e-12),
-        reach: reach.min(REACH),
+        reach: reach.min(REACH[usize::from(!active)]),
         way: 0.5 * (way + next),
         spread: 0.5 * way.distance(next),
     })
@@ -285,23 +304,20 @@ fn entry(ways: &Ways, slice: &Slice, cells: &Cells, a: usize) -> Option<Entry> {
 /// Some layers of cells.
 #[derive(Debug, Default)]
 pub(crate) struct Slab {
-    /// Where the entries of each cell start.
-    starts: Vec<u32>,
-    /// Chunk and entry ([`pack`]), cell by cell.
-    order: Vec<u32>,
+    /// Cell, chunk and entry of all that is in the slab: 32 bits, then [`CHUNK_BITS`], then the rest.
+    order: Vec<u64>,
     group: Group,
     /// What was found in the slab.
     pub found: Vec<Contact>,
 }
 
-/// Bits of an entry's number in its chunk.
-const NUMBER_BITS: u32 = 26;
+/// Bits of a chunk's number.
+const CHUNK_BITS: u32 = CHUNKS.ilog2();
+const NUMBER_BITS: u32 = 32 - CHUNK_BITS;
 
 impl Slab {
     pub fn bytes(&self) -> usize {
-        4 * (self.starts.capacity() + self.order.capacity())
-            + self.group.bytes()
-            + self.found.capacity() * size_of::<Contact>()
+        8 * self.order.capacity() + self.group.bytes() + self.found.capacity() * size_of::<Contact>()
     }
 
     /// Lets the segments in each cell of slab `k` meet: `meet` says of the pairs that pass the test what becomes of them.
@@ -312,58 +328,35 @@ impl Slab {
         (test, distance): (Test, f32),
         meet: impl Fn([u32; 2]) -> Option<Contact>,
     ) {
-        self.sort(k, chunks, cells);
+        self.order.clear();
+        for (chunk, c) in chunks.iter().zip(0u64..) {
+            let key =
+                |&[cell, number]: &[u32; 2]| u64::from(cell) << 32 | c << NUMBER_BITS | u64::from(number);
+            self.order.extend(chunk.slab(k).iter().map(key));
+        }
+        // By cell, otherwise in the order of strands: no two are the same.
+        self.order.sort_unstable();
         self.found.clear();
-        for cell in 0..self.starts.len() - 1 {
-            let own = &self.order[self.starts[cell] as usize..self.starts[cell + 1] as usize];
-            if own.len() < 2 {
-                continue;
-            }
+        for own in self.order.chunk_by(|a, b| a >> 32 == b >> 32).filter(|own| own.len() > 1) {
+            let entry = |key: &u64| {
+                let (chunk, number) = (*key as u32 >> NUMBER_BITS, *key as u32 & (u32::MAX >> CHUNK_BITS));
+                &chunks[chunk as usize].entries[number as usize]
+            };
             // Active ones first: each pair has one.
             self.group.clear();
-            let entry = |id: u32| {
-                let chunk = &chunks[(id >> NUMBER_BITS) as usize];
-                &chunk.entries[(id & !(u32::MAX << NUMBER_BITS)) as usize]
-            };
-            let own = own.iter().map(|&id| entry(id));
-            for entry in own.clone().filter(|entry| entry.active).take(CELL_SEGMENTS) {
+            for entry in own.iter().map(entry).filter(|entry| entry.active).take(CELL_SEGMENTS) {
                 self.group.push(entry);
             }
             let active = self.group.len();
             if active == 0 {
                 continue;
             }
-            for entry in own.filter(|entry| !entry.active).take(CELL_SEGMENTS - active) {
+            let others = own.iter().map(entry).filter(|entry| !entry.active);
+            for entry in others.take(CELL_SEGMENTS - active) {
                 self.group.push(entry);
             }
-            let (x, rest) = (cell % cells.dims[0], cell / cells.dims[0]);
-            let (y, z) = (rest % cells.dims[1], rest / cells.dims[1] + k * cells.layers);
-            let corner = Vec3::new(x as f32, y as f32, z as f32);
+            let corner = cells.corner(k, (own[0] >> 32) as usize);
             self.found.extend(self.group.pairs(test, active, (corner, distance)).filter_map(&meet));
         }
-    }
-
-    /// Sorts the chunks' entries of slab `k` by cell, otherwise in the order of strands.
-    fn sort(&mut self, k: usize, chunks: &[Chunk], cells: &Cells) {
-        let count = cells.dims[0] * cells.dims[1] * cells.layers;
-        self.starts.clear();
-        self.starts.resize(count + 1, 0);
-        for &[cell, _] in chunks.iter().flat_map(|chunk| chunk.slab(k)) {
-            self.starts[cell as usize + 1] += 1;
-        }
-        for c in 1..=count {
-            self.starts[c] += self.starts[c - 1];
-        }
-        self.order.clear();
-        self.order.resize(self.starts[count] as usize, 0);
-        for (chunk, c) in chunks.iter().zip(0u32..) {
-            for &[cell, number] in chunk.slab(k) {
-                let next = &mut self.starts[cell as usize];
-                self.order[*next as usize] = c << NUMBER_BITS | number;
-                *next += 1;
-            }
-        }
-        self.starts.rotate_right(1);
-        self.starts[0] = 0;
     }
 }

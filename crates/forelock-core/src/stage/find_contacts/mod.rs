@@ -18,7 +18,7 @@ mod cells;
 mod meet;
 mod pairs;
 
-use crate::contact::{Contact, ContactParams, Drift, Ways};
+use crate::contact::{Contact, ContactParams, Drift, Farthest, Ways};
 use crate::lane::Real;
 use crate::model::Model;
 use crate::solver::Simd;
@@ -30,7 +30,13 @@ const CELL_PER_EDGE: f64 = 0.4;
 /// Cell over the contact distance, at least.
 const CELL_PER_DISTANCE: f64 = 4.0;
 /// Slices of a frame at most.
-const SLICES: u32 = 16;
+const SLICES: u32 = 4;
+/// Contacts in the budget for each segment of which they are sought.
+const SEGMENT_CONTACTS: usize = 4;
+/// One in so many particles may stray farther than slices are made for.
+const FEW: usize = 512;
+/// Bits of a float below its exponent and three more.
+const BIN_BITS: u32 = 20;
 /// Motion in a frame, over the contact distance, that is none.
 const SLOP: f32 = 2e-3;
 
@@ -54,8 +60,8 @@ pub(crate) struct Slice {
     pub distance: f32,
     /// What two may approach in a frame and be let pass, metres.
     pub slip: f32,
-    /// What makes a segment active if it strays farther, metres.
-    pub active: f32,
+    /// Which segments are active: contacts of theirs are sought.
+    pub active: Farthest,
 }
 
 impl Slice {
@@ -106,14 +112,19 @@ impl Finder {
         self.found.clear();
         let distance = params.distance as f32;
         let slip = ((params.slip * dt_secs) as f32).max(SLOP * distance);
-        let active = drift.exceeded_by(params.budget as usize, 0.5 * slip);
+        let budget = params.budget as usize;
+        let active = drift.farthest(budget / SEGMENT_CONTACTS, 0.5 * slip);
         let (typical, most) = drift.strays;
-        if most <= active {
+        if most <= active.least {
             return &self.found;
         }
-        let slices = (typical / self.cell).max(most / (4.0 * self.cell)).ceil().clamp(1.0, SLICES as f32);
+        let most = drift.exceeded_by(model.particle_count / FEW);
         let cells = Cells::around(drift.extent, self.cell);
-        cells.slabs(&mut self.slabs);
+        let slices = (typical / cells.side).max(most / (4.0 * cells.side)).ceil().clamp(1.0, SLICES as f32);
+        let count = cells.slabs();
+        if self.slabs.len() < count {
+            self.slabs.resize_with(count, Slab::default);
+        }
         for k in 0..slices as u32 {
             let span = [k as f32 / slices, (k + 1) as f32 / slices];
             let slice = Slice { span, distance, slip, active };
@@ -124,15 +135,40 @@ impl Finder {
                 .par_iter_mut()
                 .for_each(|chunk| chunk.enter_others(model, (ways, drift), &slice, (&cells, marks)));
             let (chunks, test) = (&*self.chunks, self.test);
-            self.slabs.par_iter_mut().enumerate().for_each(|(k, slab)| {
+            self.slabs[..count].par_iter_mut().enumerate().for_each(|(k, slab)| {
                 slab.search(k, (chunks, &cells), (test, distance / cells.side), |pair| {
                     meet::follow(model, ways, &slice, pair)
                 });
             });
-            for slab in &self.slabs {
+            for slab in &self.slabs[..count] {
                 self.found.extend_from_slice(&slab.found);
             }
         }
+        self.keep_fastest(budget);
         &self.found
+    }
+
+    /// Leaves at most `most` contacts: those of the greatest approach, otherwise the first.
+    fn keep_fastest(&mut self, most: usize) {
+        if self.found.len() <= most {
+            return;
+        }
+        let bin = |contact: &Contact| (contact.approach.to_bits() >> BIN_BITS) as usize;
+        let mut counts = [0usize; 1 << (31 - BIN_BITS)];
+        for contact in &self.found {
+            counts[bin(contact)] += 1;
+        }
+        let mut room = most;
+        let mut last = counts.len() - 1;
+        while counts[last] <= room {
+            room -= counts[last];
+            last -= 1;
+        }
+        self.found.retain(|contact| {
+            let own = bin(contact);
+            let fits = own > last || own == last && room > 0;
+            room -= usize::from(own == last && fits);
+            fits
+        });
     }
 }

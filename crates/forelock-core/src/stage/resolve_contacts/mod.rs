@@ -95,7 +95,8 @@ impl Resolver {
         params: &ContactParams,
         (model, found, ways): (&Model<T>, &[Contact], &Ways),
         (positions, velocities, clearance): Rows<'_, T>,
-        (head, clamped): (&Pose, usize),
+        head: &Pose,
+        (clamped, dt_secs): (usize, f64),
     ) -> ContactReport {
         self.choose(found, params.per_segment as usize);
         self.join(model, found, ways);
@@ -119,7 +120,7 @@ impl Resolver {
             // Nesterov's sequence; the last round ends on what is feasible.
             let last = settled || k + 1 == params.rounds;
             let momentum = if last { 0.0 } else { k as f32 / (k + 3) as f32 };
-            let lack = self.round((params.friction as f32, momentum));
+            let lack = self.round((params.friction as f32, momentum, dt_secs as f32));
             if last {
                 break;
             }
@@ -240,8 +241,9 @@ impl Resolver {
         }
     }
 
-    /// One round: what all contacts add, then how each strand takes it. Returns the most that a pair lacked to its gap.
-    fn round(&mut self, terms: (f32, f32)) -> f32 {
+    /// One round: what all contacts add, then how each strand takes it. Returns the most that a pair lacked to its gap, or
+    /// would come nearer in a frame.
+    fn round(&mut self, terms: (f32, f32, f32)) -> f32 {
         let bodies = &*self.bodies;
         let joints = self.joints.par_iter_mut().with_min_len(TASK);
         let lack = joints.map(|joint| joint.press(bodies, terms)).reduce(|| 0.0, f32::max);
@@ -263,7 +265,7 @@ impl Resolver {
 
 impl Joint {
     #[inline]
-    fn press(&mut self, bodies: &[Body], (friction, momentum): (f32, f32)) -> f32 {
+    fn press(&mut self, bodies: &[Body], (friction, momentum, dt_secs): (f32, f32, f32)) -> f32 {
         let (mut apart, mut u) = (Vec3::ZERO, Vec3::ZERO);
         for (&k, w) in self.bodies.iter().zip(self.weights) {
             let body = &bodies[k as usize];
@@ -283,7 +285,7 @@ impl Joint {
         self.push = [push, next[0]];
         self.press = [press, next[1]];
         self.rub = [rub, next_rub];
-        if self.inverse > 0.0 { lack } else { 0.0 }
+        if self.inverse > 0.0 { lack.max(-along * dt_secs) } else { 0.0 }
     }
 }
 

@@ -569,7 +569,10 @@ fn settle_among<T: Real>(solids: &Solids<'_, T>, particle: &mut Particle<T>) -> 
             }
         }
         // Out to rounding.
-        if round == ROUNDS || clearance > -crate::state::number::<T>(1e-6) {
+        if clearance > -crate::state::number::<T>(1e-6) {
+            return clearance.max(T::zero());
+        }
+        if round == ROUNDS {
             return clearance;
         }
     }

@@ -9,10 +9,20 @@ use std::ops::Range;
 const GRAIN: usize = 4;
 
 /// Compressibility of held cells, over the diagonal: without it a pocket between walls has no solution.
-const SLACK: f32 = 1e-6;
+const SLACK: f32 = 3e-6;
 
-/// Solves A P = lack on the held cells, from the pressure there is; iterations, and the residual over the right side.
-pub(super) fn solve(fields: &mut Fields, bounds: &Bounds, (iterations, tolerance): (u32, f64)) -> (u32, f64) {
+/// Solves A P = lack on the held cells, from the pressure there is; iterations, and the residual over the right side. A pressure that
+/// leaves more than there was is worse than none, and becomes none.
+pub(super) fn solve(fields: &mut Fields, bounds: &Bounds, limits: (u32, f64)) -> (u32, f64) {
+    let (iterations, residual) = iterate(fields, bounds, limits);
+    if residual > 1.0 {
+        fields.pressure.fill(0.0);
+        return (iterations, 1.0);
+    }
+    (iterations, residual)
+}
+
+fn iterate(fields: &mut Fields, bounds: &Bounds, (iterations, tolerance): (u32, f64)) -> (u32, f64) {
     let size = multiply(fields, bounds, Factor::Pressure);
     let (mut left, mut rz) = start(fields, bounds);
     let target = tolerance * tolerance * size;
