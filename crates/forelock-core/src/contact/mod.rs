@@ -3,12 +3,12 @@
 //! # Theory
 //! The grid keeps dense hair from being pressed together, but locks that cross slip through it. So segments meet one by
 //! one as well (AMS, Sec. 3.2, after McAdams 2009): those that come too near in a frame are found
-//! ([`find_contacts`](crate::stage::find_contacts)), and what brought them there is taken from their motion, without
-//! bounce and with Coulomb friction ([`resolve_contacts`](crate::stage::resolve_contacts)).
+//! (`stage::find_contacts`), and what brought them there is taken from their motion, without
+//! bounce and with Coulomb friction (`stage::resolve_contacts`).
 //!
 //! # Practice
 //! Between frames hair moves much farther than it is thick, so what counts is the way of each pair from the frame's
-//! start to its end, in the head's frame, taken as straight. Most of that way is common to neighbours: [`Drift`] is a
+//! start to its end, in the head's frame, taken as straight. Most of that way is common to neighbours: `Drift` is a
 //! smooth field of it. Only what a segment moves against the drift makes it reach farther in the search, so that hair
 //! that swings together costs no more than hair at rest. Contacts are sought only of segments that stray from the drift faster
 //! than [`ContactParams::slip`], fastest first, and [`ContactParams::budget`] bounds the work.

@@ -119,7 +119,6 @@ pub(super) fn each(strands: &[Strand], bodies: &mut [Body], f: &(impl Fn(&Strand
 }
 
 #[cfg(test)]
-#[expect(clippy::unwrap_used, reason = "a test")]
 mod tests {
     use super::*;
     use crate::model::Strands;
