@@ -79,12 +79,25 @@ fn every_documented_range_is_held_to() {
         for (name, _, range) in documented(source) {
             let Some(range) = range else { continue };
             ranges += 1;
-            let whole =
-                ["substeps", "clamped", "resolution", "iterations", "max_cells"].contains(&name.as_str());
+            let whole = [
+                "substeps",
+                "clamped",
+                "resolution",
+                "iterations",
+                "max_cells",
+                "budget",
+                "rounds",
+                "per_segment",
+            ]
+            .contains(&name.as_str());
             let write = |value: f64| if whole { format!("{value}") } else { format!("{value:?}") };
             let (inside, outside) = match range.as_str() {
                 "0 or more" => (vec![0.0, 1e3], vec![-1e-3, f64::NAN]),
                 "0 to the float32 bound" => (vec![0.0, 5.76e7], vec![-1.0, 5.77e7]),
+                "4 or more" => (vec![4.0, 1e6], vec![3.0, -1.0]),
+                "0 to 10" => (vec![0.0, 10.0], vec![-1e-3, 10.1]),
+                "1e-6 to 0.1" => (vec![1e-6, 0.1], vec![9e-7, 0.11]),
+                "1 to 1024" => (vec![1.0, 1024.0], vec![0.0, 1025.0]),
                 "0 to 1" => (vec![0.0, 0.9, 1.0], vec![-1e-3, 1.001]),
                 "0.01 to 1" => (vec![0.01, 1.0], vec![0.0099, 1.001]),
                 "1 to 1000" => (vec![1.0, 1000.0], vec![0.0, 1001.0]),
