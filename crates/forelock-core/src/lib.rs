@@ -17,6 +17,7 @@ pub mod groom;
 pub mod lane;
 pub mod model;
 pub mod pose;
+mod scratch;
 pub mod solver;
 pub mod stage;
 pub mod state;

@@ -2,6 +2,8 @@
 
 use crate::groom::Groom;
 use crate::lane::{LANES, Real, Row};
+use rayon::prelude::*;
+use std::ops::Range;
 
 /// Strands of equal particle count, one a lane.
 #[derive(Clone, Debug, PartialEq)]
@@ -18,7 +20,7 @@ pub struct Block {
 
 impl Block {
     /// The block's places in arrays of one row a particle.
-    pub fn range(&self) -> std::ops::Range<usize> {
+    pub fn range(&self) -> Range<usize> {
         self.first..self.first + self.particles
     }
 }
@@ -239,6 +241,40 @@ impl<T: Real> Model<T> {
         let squares =
             self.rest.chunks_exact(3).flat_map(|rows| (0..LANES).map(move |lane| square(rows, lane)));
         squares.fold(0.0, f64::max).sqrt()
+    }
+
+    /// The blocks in at most `count` ranges of equal length: a split that does not depend on threads.
+    pub(crate) fn parts(&self, count: usize) -> impl Iterator<Item = Range<usize>> + use<T> {
+        let blocks = self.blocks.len();
+        let share = blocks.div_ceil(count).max(1);
+        (0..blocks).step_by(share).map(move |from| from..(from + share).min(blocks))
+    }
+
+    /// The least and the greatest of what `at` finds for each place, over the strands that count: lanes that are left over need not be
+    /// where their strand is.
+    pub(crate) fn extent(&self, at: impl Fn(usize) -> [[f32; LANES]; 3] + Sync) -> [[f32; 3]; 2] {
+        const NONE: [[f32; 3]; 2] = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
+        let of = |block: &Block| {
+            let mut ends = [[[f32::INFINITY; LANES]; 3], [[f32::NEG_INFINITY; LANES]; 3]];
+            for place in block.range() {
+                let at = at(place);
+                for c in 0..3 {
+                    for (k, x) in at[c].into_iter().enumerate() {
+                        ends[0][c][k] = ends[0][c][k].min(x);
+                        ends[1][c][k] = ends[1][c][k].max(x);
+                    }
+                }
+            }
+            let live = |row: [f32; LANES]| row.into_iter().take(block.live);
+            [
+                ends[0].map(|row| live(row).fold(f32::INFINITY, f32::min)),
+                ends[1].map(|row| live(row).fold(f32::NEG_INFINITY, f32::max)),
+            ]
+        };
+        let join = |a: [[f32; 3]; 2], b: [[f32; 3]; 2]| {
+            [[0, 1, 2].map(|c| a[0][c].min(b[0][c])), [0, 1, 2].map(|c| a[1][c].max(b[1][c]))]
+        };
+        self.blocks.par_iter().with_min_len(16).map(of).reduce(|| NONE, join)
     }
 
     /// Places: particles a lane, over all blocks.

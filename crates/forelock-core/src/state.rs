@@ -3,7 +3,7 @@
 use crate::lane::{LANES, Real, Row};
 use crate::model::Model;
 use crate::pose::Pose;
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 /// Packed positions, velocities and what the strands remember. Rows as in [`Model`].
 #[derive(Clone, Debug)]
@@ -168,6 +168,12 @@ impl<T: Real> Snapshot<T> {
 /// The vector of a place and lane.
 pub fn vector<T: Copy>(rows: &[Row<T>], place: usize, lane: usize) -> [T; 3] {
     [0, 1, 2].map(|c| rows[3 * place + c].0[lane])
+}
+
+/// The same in single precision; 0 for what that does not hold.
+#[inline]
+pub(crate) fn vec3<T: Real>(rows: &[Row<T>], place: usize, lane: usize) -> Vec3 {
+    Vec3::from_array(vector(rows, place, lane).map(|x| x.to_f32().unwrap_or(0.0)))
 }
 
 /// `x` in the state's precision.

@@ -5,7 +5,6 @@ use std::path::Path;
 use anyhow::Context as _;
 use clap::ValueEnum;
 use forelock::paper::{Experiment, Figure, GUIDES, GuidesTable, Study, Table1Options, table1};
-use forelock::scene::Override;
 use serde::Serialize;
 
 use crate::arguments::{BenchArgs, BenchCommand, PaperFigure};
@@ -35,12 +34,9 @@ pub fn bench(arguments: &BenchArgs) -> anyhow::Result<()> {
         Some(PaperFigure::Sag) => return report.ablation(Figure::Sag),
         Some(PaperFigure::Angular) => return report.ablation(Figure::Angular),
         Some(PaperFigure::Guides) => {
-            // Those of the scene, Table 1.
-            let strands = (15_000.0 * share).ceil();
-            let keys = [Override::option("--share", "groom.strands", strands)];
-            let table = GuidesTable::run(&GUIDES, &keys, &mut observer)?;
+            let table = GuidesTable::run(&GUIDES, (*share, &[]), &mut observer)?;
             if let Some(folder) = report.out {
-                forelock::write_png(&folder.join(format!("{}.png", report.name)), &table.picture(&keys)?)?;
+                forelock::write_png(&folder.join(format!("{}.png", report.name)), &table.picture)?;
             }
             return report.tell(&table.to_markdown(), &table);
         }

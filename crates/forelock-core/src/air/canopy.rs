@@ -25,7 +25,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::lane::{LANES, Real, Row};
-use crate::model::{Block, Model};
+use crate::model::Model;
+use crate::scratch::fill;
 
 /// Nodes along the longest side.
 const NODES: usize = 32;
@@ -66,24 +67,7 @@ impl Nodes {
         let (u, v) = along.any_orthonormal_pair();
         let axes = [u, v, along].map(|axis| axis.as_vec3().to_array());
         let metres = Self { axes, ..Self::default() };
-        let none = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-        let extent = |block: &Block| {
-            let (mut low, mut high) = none;
-            for place in block.range() {
-                let at = metres.coordinates(positions, place);
-                // Lanes that are left over need not be where their strand is.
-                for c in 0..3 {
-                    for x in &at[c][..block.live] {
-                        (low[c], high[c]) = (low[c].min(*x), high[c].max(*x));
-                    }
-                }
-            }
-            (low, high)
-        };
-        let both = |a: ([f32; 3], [f32; 3]), b: ([f32; 3], [f32; 3])| {
-            ([0, 1, 2].map(|c| a.0[c].min(b.0[c])), [0, 1, 2].map(|c| a.1[c].max(b.1[c])))
-        };
-        let (low, high) = model.blocks.par_iter().map(extent).reduce(|| none, both);
+        let [low, high] = model.extent(|place| metres.coordinates(positions, place));
         let sides = [0, 1, 2].map(|c| (high[c] - low[c]).max(0.0));
         let longest = sides.into_iter().fold(0.0, f32::max).max(1e-6);
         let cell = longest / (NODES - 1 - 2 * MARGIN) as f32;
@@ -135,7 +119,7 @@ impl Nodes {
 
 impl Canopy {
     /// The shelter of hair at `positions` (rows as in `model`, metres) moved by `shift`, in wind along `wind` that reaches `depth` metres deep; none in no
-    /// wind. Allocates at its first calls only.
+    /// wind. Allocates only where there are more nodes than ever before.
     pub fn update<T: Real>(
         &mut self,
         model: &Model<T>,
@@ -179,21 +163,17 @@ impl Canopy {
 
     /// Bytes held.
     pub fn bytes(&self) -> usize {
-        self.parts.iter().map(|part| size_of_val(&**part)).sum::<usize>() + size_of_val(&*self.open)
+        4 * (self.parts.iter().map(Vec::capacity).sum::<usize>() + self.open.capacity())
     }
 
     /// Leaves the metres of hair at the nodes around `positions`, in `parts[0]`.
     fn splat<T: Real>(&mut self, model: &Model<T>, positions: &[Row<T>], along: DVec3) {
         self.grid = Nodes::around(model, positions, along);
         self.parts.resize_with(PARTS, Vec::new);
-        let (grid, blocks) = (&self.grid, &model.blocks);
-        let share = blocks.len().div_ceil(PARTS);
+        let grid = &self.grid;
         self.parts.par_iter_mut().enumerate().for_each(|(part, nodes)| {
-            nodes.clear();
-            nodes.reserve(NODES.pow(3));
-            nodes.resize(grid.count(), 0.0);
-            let mine = (part * share).min(blocks.len())..((part + 1) * share).min(blocks.len());
-            for block in &blocks[mine] {
+            fill(nodes, grid.count(), 0.0);
+            for block in model.parts(PARTS).nth(part).map_or(&[][..], |mine| &model.blocks[mine]) {
                 let mut before = grid.coordinates(positions, block.first);
                 for place in block.first + 1..block.first + block.particles {
                     let here = grid.coordinates(positions, place);
@@ -232,9 +212,7 @@ impl Canopy {
         // Half of what a metre at a node adds to τ over a cell.
         let half = 0.5 / (grid.cell.powi(2) * self.rest_density * depth);
         let (half, layer) = (half as f32, grid.layer());
-        self.open.clear();
-        self.open.reserve(NODES.pow(3));
-        self.open.resize(grid.count(), 0.0);
+        fill(&mut self.open, grid.count(), 0.0);
         for at in layer..grid.count() {
             self.open[at] = self.open[at - layer] + half * (lengths[at] + lengths[at - layer]);
         }

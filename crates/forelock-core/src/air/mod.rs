@@ -33,6 +33,7 @@ pub use turbulence::Mode;
 pub use wake::Wake;
 
 use crate::solver::ParamsError;
+use crate::solver::params::{Range, check};
 use gusts::Gusts;
 use turbulence::Turbulence;
 
@@ -83,34 +84,19 @@ impl WindParams {
     /// # Errors
     /// [`ParamsError::Range`] for the first that is not in it.
     pub fn validate(&self) -> Result<(), ParamsError> {
-        let share = |value: f64| (0.0..=1.0).contains(&value);
-        let positive = |value: f64| value > 0.0 && value.is_finite();
-        let refuse = |name, value, expected| Err(ParamsError::Range { name, value, expected });
-        for value in self.velocity.to_array() {
-            if !value.is_finite() {
-                return refuse("velocity", value, "finite");
-            }
-        }
-        for (name, value) in [
-            ("gust_strength", self.gust_strength),
-            ("turbulence", self.turbulence),
-            ("shelter", self.shelter),
-        ] {
-            if !share(value) {
-                return refuse(name, value, "from 0 to 1");
-            }
-        }
-        if !(self.hair_depth >= 0.0 && self.hair_depth.is_finite()) {
-            return refuse("hair_depth", self.hair_depth, "0 or more");
-        }
-        for (name, value) in
-            [("gust_period_secs", self.gust_period_secs), ("turbulence_scale", self.turbulence_scale)]
-        {
-            if !positive(value) {
-                return refuse(name, value, "above 0");
-            }
-        }
-        Ok(())
+        const FINITE: Range = ("finite", |_| true);
+        const DEPTH: Range = ("0 or more", |x| x >= 0.0);
+        const SHARE: Range = ("from 0 to 1", |x| (0.0..=1.0).contains(&x));
+        const POSITIVE: Range = ("above 0", |x| x > 0.0);
+        check(&self.velocity.to_array().map(|value| ("velocity", value, FINITE)))?;
+        check(&[
+            ("gust_strength", self.gust_strength, SHARE),
+            ("turbulence", self.turbulence, SHARE),
+            ("shelter", self.shelter, SHARE),
+            ("hair_depth", self.hair_depth, DEPTH),
+            ("gust_period_secs", self.gust_period_secs, POSITIVE),
+            ("turbulence_scale", self.turbulence_scale, POSITIVE),
+        ])
     }
 
     /// Whether the wind is the same everywhere, so that one velocity a frame says all.

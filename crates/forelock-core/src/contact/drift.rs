@@ -1,10 +1,13 @@
 //! The motion that neighbours share: a smooth field of how far hair moves in a frame.
 
 use super::Ways;
+use super::fastest::{Histogram, Last};
 use crate::lane::{LANES, Real};
 use crate::model::Model;
+use crate::scratch::fill;
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
+use std::cmp::Ordering;
 
 /// Least distance of nodes, metres.
 const SPACING: f32 = 0.03;
@@ -16,10 +19,6 @@ const NODES: usize = 48;
 const PARTS: usize = 16;
 /// One lane in so many is summed.
 const EVERY: usize = 4;
-
-/// Bins of strays: a float's exponent and the first three bits after it.
-const BINS: usize = 1 << 11;
-const BIN_BITS: u32 = 20;
 
 /// Trilinear field of displacements a frame, on nodes.
 #[derive(Debug, Default)]
@@ -33,8 +32,8 @@ pub(crate) struct Drift {
     /// How far hair strays from the drift about each node, at most, metres.
     stir: Vec<f32>,
     parts_stir: Vec<Vec<f32>>,
-    /// How many particles stray how far: [`BINS`] a part.
-    counts: Vec<u32>,
+    /// How many particles stray how far; the first becomes the sum.
+    parts_strays: Vec<Histogram>,
     /// Root mean square and largest stray, metres.
     pub strays: (f32, f32),
     /// The box of hair, start and end.
@@ -49,8 +48,8 @@ type Corner = ([usize; 3], Vec3);
 pub(crate) struct Farthest {
     /// What counts as a stray at all, metres.
     pub least: f32,
-    bin: u32,
-    /// How many of those in the bin belong.
+    last: Last,
+    /// How many of those in the last bin belong.
     share: f32,
 }
 
@@ -58,16 +57,22 @@ impl Farthest {
     /// Whether number `a`, that strays so far, belongs: in the last bin a share of all, spread evenly.
     #[inline]
     pub fn has(&self, a: usize, stray: f32) -> bool {
-        let bin = stray.to_bits() >> BIN_BITS;
         // The fractional parts of multiples of the golden ratio are even.
         let chance = (a as u32).wrapping_mul(0x9e37_79b9) as f32 * (0.5f32).powi(32);
-        stray > self.least && (bin > self.bin || bin == self.bin && chance < self.share)
+        stray > self.least
+            && match self.last.against(stray) {
+                Ordering::Greater => true,
+                Ordering::Equal => chance < self.share,
+                Ordering::Less => false,
+            }
     }
 }
 
 impl Drift {
     pub fn bytes(&self) -> usize {
-        (self.parts.len() + 1) * 20 * self.nodes.capacity() + 4 * self.counts.capacity()
+        let nodes = 16 * (self.nodes.capacity() + self.parts.iter().map(Vec::capacity).sum::<usize>());
+        let stir = 4 * (self.stir.capacity() + self.parts_stir.iter().map(Vec::capacity).sum::<usize>());
+        nodes + stir + self.parts_strays.iter().map(Histogram::bytes).sum::<usize>()
     }
 
     /// Measures the field, and with it how far every particle strays from it.
@@ -79,7 +84,7 @@ impl Drift {
         self.parts_stir.resize_with(PARTS, Vec::new);
         let mut parts = std::mem::take(&mut self.parts);
         parts.par_iter_mut().enumerate().for_each(|(k, nodes)| {
-            clear(nodes, count, Vec4::ZERO);
+            fill(nodes, count, Vec4::ZERO);
             for place in k * per_part..((k + 1) * per_part).min(model.places()) {
                 for lane in (0..model.blocks[ways.block[place] as usize].live).step_by(EVERY) {
                     let p = LANES * place + lane;
@@ -90,7 +95,7 @@ impl Drift {
                 }
             }
         });
-        clear(&mut self.nodes, count, Vec4::ZERO);
+        fill(&mut self.nodes, count, Vec4::ZERO);
         for part in &parts {
             for (sum, x) in self.nodes.iter_mut().zip(part) {
                 *sum += *x;
@@ -103,27 +108,14 @@ impl Drift {
 
     /// The stray that at most `most` particles exceed, to an eighth, metres.
     pub fn exceeded_by(&self, most: usize) -> f32 {
-        f32::from_bits((self.bin_beyond(most).0 as u32 + 1) << BIN_BITS)
+        self.parts_strays[0].last_of(most).bound()
     }
 
     /// The `most` particles that stray farthest, of those that stray farther than `least` metres.
     pub fn farthest(&self, most: usize, least: f32) -> Farthest {
-        let (bin, above, own) = self.bin_beyond(most);
-        let share = if own == 0 { 1.0 } else { (most - above) as f32 / own as f32 };
-        Farthest { least, bin: bin as u32, share }
-    }
-
-    /// The highest bin with which more than `most` particles are in it or above, how many are above, and how many in it.
-    fn bin_beyond(&self, most: usize) -> (usize, usize, usize) {
-        let mut above = 0;
-        for bin in (0..BINS).rev() {
-            let own = self.counts.iter().skip(bin).step_by(BINS).map(|&n| n as usize).sum::<usize>();
-            if above + own > most {
-                return (bin, above, own);
-            }
-            above += own;
-        }
-        (0, above, 0)
+        let last = self.parts_strays[0].last_of(most);
+        let share = if last.own == 0 { 1.0 } else { last.room as f32 / last.own as f32 };
+        Farthest { least, last, share }
     }
 
     /// Whether hair about `at` strays from the drift by more than `least`.
@@ -220,17 +212,18 @@ impl Drift {
         let Ways { start, end, stray, block, .. } = ways;
         let (start, end, block) = (&*start, &*end, &*block);
         let mut sums = [(0.0, 0.0); PARTS];
-        let mut counts = std::mem::take(&mut self.counts);
-        clear(&mut counts, PARTS * BINS, 0);
+        let mut strays = std::mem::take(&mut self.parts_strays);
+        strays.resize_with(PARTS, Histogram::default);
         let field = &*self;
         stray
             .par_chunks_mut(LANES * per_part)
             .zip(&mut parts)
             .zip(&mut sums)
-            .zip(counts.par_chunks_mut(BINS))
+            .zip(&mut strays)
             .enumerate()
-            .for_each(|(k, (((stray, stir), sums), counts))| {
-                clear(stir, count, 0.0);
+            .for_each(|(k, (((stray, stir), sums), strays))| {
+                fill(stir, count, 0.0);
+                strays.clear();
                 let (mut sum, mut most) = (0.0f64, 0.0f32);
                 for (own, stray) in stray.chunks_mut(LANES).enumerate() {
                     let place = k * per_part + own;
@@ -250,7 +243,7 @@ impl Drift {
                         }
                         sum += f64::from(*stray) * f64::from(*stray);
                         most = most.max(*stray);
-                        counts[(stray.to_bits() >> BIN_BITS) as usize] += 1;
+                        strays.add(*stray);
                         for (node, _) in about {
                             stir[node] = stir[node].max(*stray);
                         }
@@ -258,12 +251,15 @@ impl Drift {
                 }
                 *sums = (sum, most);
             });
-        self.counts = counts;
+        if let [all, others @ ..] = &mut *strays {
+            others.iter().for_each(|other| all.join(other));
+        }
+        self.parts_strays = strays;
         self.strays = (
             ((sums.iter().map(|s| s.0).sum::<f64>() / model.particle_count.max(1) as f64).sqrt()) as f32,
             sums.iter().map(|s| s.1).fold(0.0, f32::max),
         );
-        clear(&mut self.stir, count, 0.0);
+        fill(&mut self.stir, count, 0.0);
         for part in &parts {
             for (stir, &x) in self.stir.iter_mut().zip(part) {
                 *stir = stir.max(x);
@@ -271,9 +267,4 @@ impl Drift {
         }
         self.parts_stir = parts;
     }
-}
-
-fn clear<V: Copy>(list: &mut Vec<V>, len: usize, value: V) {
-    list.clear();
-    list.resize(len, value);
 }

@@ -17,10 +17,12 @@
 //! Strands do not meet themselves. In a cell with more than [`CELL_SEGMENTS`] segments the others are left to the grid.
 
 mod drift;
+mod fastest;
 mod params;
 mod ways;
 
 pub(crate) use drift::{Drift, Farthest};
+pub(crate) use fastest::Histogram;
 pub use params::ContactParams;
 pub(crate) use ways::{Ways, closest};
 

@@ -1,6 +1,7 @@
 //! Parameters of the contacts.
 
 use crate::solver::ParamsError;
+use crate::solver::params::{COUNT, NON_NEGATIVE, check};
 
 /// Parameters of hair against hair, segment by segment.
 #[derive(Clone, Debug, PartialEq)]
@@ -14,7 +15,7 @@ pub struct ContactParams {
     pub distance: f64,
     /// Relative speed up to which strands are let pass each other: what is slower is left to the grid. Unit m/s, default 0.01, range 0 or more.
     pub slip: f64,
-    /// Contacts in a frame at most, those of the fastest approach; sought of a quarter as many segments, those that move most against their neighbours. Unit contacts, default 32768, range 4 or more.
+    /// Contacts in a frame at most, those of the fastest approach; sought of the segments of a quarter as many particles, those that move most against their neighbours. Unit contacts, default 32768, range 4 or more.
     pub budget: u32,
     /// Coulomb friction between strands. No unit, default 0.3, range 0 or more.
     pub friction: f64,
@@ -46,21 +47,14 @@ impl ContactParams {
     /// # Errors
     /// [`ParamsError::Range`] for the first that is not in it.
     pub fn validate(&self) -> Result<(), ParamsError> {
-        const NON_NEGATIVE: &str = "a finite number of 0 or more";
-        let (rounds, per_segment) = (f64::from(self.rounds), f64::from(self.per_segment));
-        let not_negative = |x: f64| x >= 0.0 && x.is_finite();
-        let checks = [
-            ("distance", self.distance, "between 1e-6 and 0.1", (1e-6..=0.1).contains(&self.distance)),
-            ("slip", self.slip, NON_NEGATIVE, not_negative(self.slip)),
-            ("budget", self.budget.into(), "4 or more", self.budget >= 4),
-            ("friction", self.friction, NON_NEGATIVE, not_negative(self.friction)),
-            ("spread", self.spread, "between 0 and 10", (0.0..=10.0).contains(&self.spread)),
-            ("rounds", rounds, "between 1 and 1000", (1.0..=1e3).contains(&rounds)),
-            ("per_segment", per_segment, "between 1 and 1024", (1.0..=1024.0).contains(&per_segment)),
-        ];
-        match checks.into_iter().find(|(.., holds)| !holds) {
-            Some((name, value, expected, _)) => Err(ParamsError::Range { name, value, expected }),
-            None => Ok(()),
-        }
+        check(&[
+            ("distance", self.distance, ("between 1e-6 and 0.1", |x| (1e-6..=0.1).contains(&x))),
+            ("slip", self.slip, NON_NEGATIVE),
+            ("budget", self.budget.into(), ("4 or more", |x| x >= 4.0)),
+            ("friction", self.friction, NON_NEGATIVE),
+            ("spread", self.spread, ("between 0 and 10", |x| (0.0..=10.0).contains(&x))),
+            ("rounds", self.rounds.into(), COUNT),
+            ("per_segment", self.per_segment.into(), ("between 1 and 1024", |x| (1.0..=1024.0).contains(&x))),
+        ])
     }
 }

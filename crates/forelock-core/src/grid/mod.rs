@@ -35,6 +35,7 @@ pub(crate) use segments::{Bounds, Chunk, Sample, Segments, View, between, split_
 use crate::body::ColliderFrame;
 use crate::lane::{LANES, Real, Row};
 use crate::model::Model;
+use crate::scratch::fill;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -104,7 +105,7 @@ impl Grid {
     pub fn new<T: Real>(model: &Model<T>, params: &GridParams) -> Self {
         let frame = GridFrame::at_rest();
         let extent = segments::extent(model, &model.rest, &frame);
-        let longest = (0..3).map(|c| extent.1[c] - extent.0[c]).fold(0.0, f32::max);
+        let longest = (0..3).map(|c| extent[1][c] - extent[0][c]).fold(0.0, f32::max);
         let cell = f64::from(longest.max(f32::MIN_POSITIVE)) / f64::from(params.resolution);
         let mut grid = Self {
             params: params.clone(),
@@ -133,9 +134,9 @@ impl Grid {
 
     /// Bytes held.
     pub fn bytes(&self) -> usize {
-        let faces: usize = self.faces.iter().map(|f| size_of_val(&**f)).sum();
+        let faces: usize = self.faces.iter().map(|face| 8 * face.capacity()).sum();
         let chunks: usize = self.chunks.iter().map(Chunk::bytes).sum();
-        faces + chunks + size_of_val(&*self.rooms) + size_of_val(&*self.filled) + self.pressure.bytes()
+        faces + chunks + size_of_val(&*self.rooms) + 4 * self.filled.capacity() + self.pressure.bytes()
     }
 
     /// Makes the box fit the hair and empties it.
@@ -144,9 +145,9 @@ impl Grid {
         self.bounds = Bounds::around(extent, self.cell, self.params.max_cells as usize);
         let cells = self.bounds.cells();
         for face in &mut self.faces {
-            clear(face, cells, [0.0; 2]);
+            fill(face, cells, [0.0; 2]);
         }
-        clear(&mut self.filled, cells, 0.0);
+        fill(&mut self.filled, cells, 0.0);
     }
 
     /// Lets hair meet: splats it, solves, and changes velocities, and positions where hair is too dense, of all particles
@@ -216,10 +217,4 @@ impl Grid {
         crate::stage::splat_segments::splat(self);
         segments::at_edges(model, &self.filled, &self.bounds, self.cell, frame)
     }
-}
-
-/// `list` with `len` times `value`; keeps what memory it has.
-fn clear<V: Copy>(list: &mut Vec<V>, len: usize, value: V) {
-    list.clear();
-    list.resize(len, value);
 }

@@ -1,6 +1,7 @@
 //! Parameters of the grid.
 
 use crate::solver::ParamsError;
+use crate::solver::params::{NON_NEGATIVE, check};
 
 /// Parameters of hair against hair through a grid.
 #[derive(Clone, Debug, PartialEq)]
@@ -46,23 +47,19 @@ impl GridParams {
     /// # Errors
     /// [`ParamsError::Range`] for the first that is not in it.
     pub fn validate(&self) -> Result<(), ParamsError> {
-        const NON_NEGATIVE: &str = "a finite number of 0 or more";
-        let not_negative = |x: f64| x >= 0.0 && x.is_finite();
         let (resolution, iterations) = (f64::from(self.resolution), f64::from(self.iterations));
-        let (tolerance, max_cells) = (self.tolerance, f64::from(self.max_cells));
-        let within = |x: f64, low: f64, high: f64| (low..=high).contains(&x);
-        let checks = [
-            ("resolution", resolution, "between 8 and 512", within(resolution, 8.0, 512.0)),
-            ("pic_rate", self.pic_rate, NON_NEGATIVE, not_negative(self.pic_rate)),
-            ("rest_density", self.rest_density, NON_NEGATIVE, not_negative(self.rest_density)),
-            ("volume_rate", self.volume_rate, NON_NEGATIVE, not_negative(self.volume_rate)),
-            ("iterations", iterations, "between 1 and 10000", within(iterations, 1.0, 1e4)),
-            ("tolerance", tolerance, "above 0 and below 1", tolerance > 0.0 && tolerance < 1.0),
-            ("max_cells", max_cells, "between 4096 and 1000000000", within(max_cells, 4096.0, 1e9)),
-        ];
-        match checks.into_iter().find(|(.., holds)| !holds) {
-            Some((name, value, expected, _)) => Err(ParamsError::Range { name, value, expected }),
-            None => Ok(()),
-        }
+        check(&[
+            ("resolution", resolution, ("between 8 and 512", |x| (8.0..=512.0).contains(&x))),
+            ("pic_rate", self.pic_rate, NON_NEGATIVE),
+            ("rest_density", self.rest_density, NON_NEGATIVE),
+            ("volume_rate", self.volume_rate, NON_NEGATIVE),
+            ("iterations", iterations, ("between 1 and 10000", |x| (1.0..=1e4).contains(&x))),
+            ("tolerance", self.tolerance, ("above 0 and below 1", |x| x > 0.0 && x < 1.0)),
+            (
+                "max_cells",
+                self.max_cells.into(),
+                ("between 4096 and 1000000000", |x| (4096.0..=1e9).contains(&x)),
+            ),
+        ])
     }
 }

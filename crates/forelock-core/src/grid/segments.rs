@@ -6,7 +6,6 @@ use super::frame::single;
 use super::{GridFrame, MARGIN, SLAB};
 use crate::lane::{LANES, Real, Row};
 use crate::model::{Block, Model};
-use rayon::prelude::*;
 use std::ops::Range;
 
 /// A point of a segment.
@@ -34,7 +33,7 @@ pub(crate) struct Bounds {
 impl Bounds {
     /// The box around hair that spans `extent` (metres along the grid's axes), at most `most` cells: where it would be
     /// more, its longest sides are cut, about the grid's origin.
-    pub fn around((low, high): ([f32; 3], [f32; 3]), cell: f64, most: usize) -> Self {
+    pub fn around([low, high]: [[f32; 3]; 2], cell: f64, most: usize) -> Self {
         #[expect(clippy::cast_possible_truncation, reason = "clamped to what 16 bits hold")]
         let index = |x: f32| (f64::from(x) / cell).floor().clamp(-3e4, 3e4) as i32;
         let mut span: [[i32; 2]; 3] =
@@ -102,16 +101,13 @@ fn samples_per_edge<T: Real>(model: &Model<T>, block: &Block, cell: f64) -> usiz
 /// The blocks of `model` in a number of chunks that does not depend on threads.
 pub(crate) fn chunks<T: Real>(model: &Model<T>, cell: f64) -> Vec<Chunk> {
     const CHUNKS: usize = 64;
-    let blocks = model.blocks.len();
-    let per_chunk = blocks.div_ceil(CHUNKS).max(1);
-    (0..blocks)
-        .step_by(per_chunk)
-        .map(|from| {
-            let range = from..(from + per_chunk).min(blocks);
+    model
+        .parts(CHUNKS)
+        .map(|range| {
             let own = &model.blocks[range.clone()];
             let points: Vec<usize> = own.iter().map(|b| samples_per_edge(model, b, cell)).collect();
             let samples =
-                own.iter().zip(&points).map(|(b, points)| b.live * (b.particles - 1) * points).sum();
+                own.iter().zip(&points).map(|(b, points)| b.live * (b.particles - 1) * points).sum::<usize>();
             Chunk { blocks: range, points, samples: Vec::with_capacity(samples), starts: Vec::new() }
         })
         .collect()
@@ -134,7 +130,7 @@ impl Chunk {
     pub fn fill<T: Real>(&mut self, hair: &Segments<'_, T>, frame: &GridFrame, bounds: &Bounds, cell: f64) {
         let slab = |at: [f32; 3]| at[2] as usize / SLAB;
         let starts = &mut self.starts;
-        super::clear(starts, bounds.slabs() + 1, 0);
+        crate::scratch::fill(starts, bounds.slabs() + 1, 0);
         let view = View::new(frame, bounds, cell);
         for (block, &points) in hair.model.blocks[self.blocks.clone()].iter().zip(&self.points) {
             view.visit(hair, block, points, false, |_, _, sample| {
@@ -146,7 +142,7 @@ impl Chunk {
         for k in 1..starts.len() {
             starts[k] += starts[k - 1];
         }
-        super::clear(&mut self.samples, starts[starts.len() - 1] as usize, Sample::default());
+        crate::scratch::fill(&mut self.samples, starts[starts.len() - 1] as usize, Sample::default());
         let samples = &mut self.samples;
         for (block, &points) in hair.model.blocks[self.blocks.clone()].iter().zip(&self.points) {
             view.visit(hair, block, points, true, |_, _, sample| {
@@ -288,39 +284,10 @@ fn load<T: Real>(rows: &[Row<T>], place: usize) -> Lanes {
 }
 
 /// The least and the greatest coordinates of the hair along the grid's axes, metres; zero where nothing is finite.
-pub(crate) fn extent<T: Real>(
-    model: &Model<T>,
-    positions: &[Row<T>],
-    frame: &GridFrame,
-) -> ([f32; 3], [f32; 3]) {
+pub(crate) fn extent<T: Real>(model: &Model<T>, positions: &[Row<T>], frame: &GridFrame) -> [[f32; 3]; 2] {
     let view = View::new(frame, &Bounds::default(), 1.0);
-    let empty = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-    let (low, high) = model
-        .blocks
-        .par_iter()
-        .with_min_len(16)
-        .map(|block| {
-            let (mut low, mut high) = ([[f32::INFINITY; LANES]; 3], [[f32::NEG_INFINITY; LANES]; 3]);
-            for place in block.range() {
-                let x = view.place(positions, place);
-                for c in 0..3 {
-                    for k in 0..LANES {
-                        low[c][k] = low[c][k].min(x[c][k]);
-                        high[c][k] = high[c][k].max(x[c][k]);
-                    }
-                }
-            }
-            (
-                low.map(|l| l.into_iter().fold(f32::INFINITY, f32::min)),
-                high.map(|h| h.into_iter().fold(f32::NEG_INFINITY, f32::max)),
-            )
-        })
-        .reduce(
-            || empty,
-            |a, b| ([0, 1, 2].map(|c| a.0[c].min(b.0[c])), [0, 1, 2].map(|c| a.1[c].max(b.1[c]))),
-        );
-    let finite = |v: [f32; 3]| v.map(|x| if x.is_finite() { x } else { 0.0 });
-    (finite(low), finite(high))
+    let extent = model.extent(|place| view.place(positions, place));
+    extent.map(|ends| ends.map(|x| if x.is_finite() { x } else { 0.0 }))
 }
 
 /// The mean over all hair of `at_edges`, each edge counted by its length.

@@ -194,17 +194,31 @@ pub enum ParamsError {
     },
 }
 
+/// What a finite number must be: in words, and as a test.
+pub(crate) type Range = (&'static str, fn(f64) -> bool);
+pub(crate) const NON_NEGATIVE: Range = ("a finite number of 0 or more", |x| x >= 0.0);
+pub(crate) const POSITIVE: Range = ("a finite number above 0", |x| x > 0.0);
+pub(crate) const SHARE: Range = ("between 0 and 1", |x| (0.0..=1.0).contains(&x));
+pub(crate) const COUNT: Range = ("between 1 and 1000", |x| (1.0..=1000.0).contains(&x));
+
+/// Checks parameters, each a name, a value and its range.
+///
+/// # Errors
+/// [`ParamsError::Range`] for the first that is not finite or not in its range.
+pub(crate) fn check(values: &[(&'static str, f64, Range)]) -> Result<(), ParamsError> {
+    match values.iter().find(|(_, value, (_, holds))| !(value.is_finite() && holds(*value))) {
+        Some(&(name, value, (expected, _))) => Err(ParamsError::Range { name, value, expected }),
+        None => Ok(()),
+    }
+}
+
 impl AmsParams {
     /// Checks every parameter against its range.
     ///
     /// # Errors
     /// [`ParamsError::Range`] for the first that is not in it.
     pub fn validate(&self) -> Result<(), ParamsError> {
-        const NON_NEGATIVE: (&str, fn(f64) -> bool) = ("a finite number of 0 or more", |x| x >= 0.0);
-        const POSITIVE: (&str, fn(f64) -> bool) = ("a finite number above 0", |x| x > 0.0);
-        const SHARE: (&str, fn(f64) -> bool) = ("between 0 and 1", |x| (0.0..=1.0).contains(&x));
-        const COUNT: (&str, fn(f64) -> bool) = ("between 1 and 1000", |x| (1.0..=1000.0).contains(&x));
-        let checks = [
+        check(&[
             ("k_edge", self.k_edge, NON_NEGATIVE),
             ("k_bend", self.k_bend, NON_NEGATIVE),
             ("k_torsion", self.k_torsion, NON_NEGATIVE),
@@ -227,12 +241,7 @@ impl AmsParams {
             ("dftl_damping", self.dftl_damping, SHARE),
             ("skin_thickness", self.skin_thickness, NON_NEGATIVE),
             ("depenetration_speed", self.depenetration_speed, POSITIVE),
-        ];
-        for (name, value, (expected, holds)) in checks {
-            if !value.is_finite() || !holds(value) {
-                return Err(ParamsError::Range { name, value, expected });
-            }
-        }
+        ])?;
         if self.breaking_point <= self.elastic_limit {
             let (name, value) = ("breaking_point", self.breaking_point);
             return Err(ParamsError::Range { name, value, expected: "above `elastic_limit`" });

@@ -12,17 +12,17 @@
 //! trend is what can be compared with the paper, single values only with the reference.
 
 use std::fmt::Write as _;
-use std::path::Path;
 
 use forelock_core::groom::Groom;
 use forelock_render::Image;
 use glam::Vec3;
 use serde::Serialize;
 
+use super::scenes;
 use crate::assets::Assets;
 use crate::pictures::{Studio, labelled};
 use crate::run::{RunError, Stepper};
-use crate::scene::{Override, Scene};
+use crate::scene::Scene;
 
 /// A figure of the paper.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,13 +67,6 @@ pub struct PaperTable {
     pub title: &'static str,
     /// One row a variant.
     pub rows: Vec<PaperRow>,
-}
-
-/// A figure's scene and strands.
-struct Source {
-    title: &'static str,
-    scene: &'static str,
-    strands: &'static [u8],
 }
 
 /// A variant: its name, the keys that make it, and its reference.
@@ -150,19 +143,16 @@ fn angular_variants() -> Vec<Variant> {
 }
 
 impl Figure {
-    fn source(self) -> Source {
-        match self {
-            Self::Sag => Source {
-                title: "AMS, Fig. 4: one curly strand under gravity for 5 s",
-                scene: include_str!("../../../../scenes/ams/figure4.toml"),
-                strands: include_bytes!("../../../../scenes/ams/helix.obj"),
-            },
-            Self::Angular => Source {
-                title: "AMS, Fig. 5: a wisp tilted by 45° in 1 s and held for 3 s",
-                scene: include_str!("../../../../scenes/ams/figure5.toml"),
-                strands: include_bytes!("../../../../scenes/ams/wisp.obj"),
-            },
-        }
+    /// Its scene with `keys` over it, and its strands.
+    fn load(self, keys: &[String]) -> Result<(Scene, Assets), RunError> {
+        let keys = [&["solver.beyond_float32=true".to_owned()], keys].concat();
+        let (scene, strands) = match self {
+            Self::Sag => (scenes::FIGURE4, scenes::HELIX),
+            Self::Angular => (scenes::FIGURE5, scenes::WISP),
+        };
+        let scene = scene.scene(1.0, &keys)?;
+        let assets = scenes::alone(&scene, strands)?;
+        Ok((scene, assets))
     }
 
     /// Runs every variant.
@@ -170,13 +160,14 @@ impl Figure {
     /// # Errors
     /// [`RunError`] if a variant cannot be simulated.
     pub fn table(self) -> Result<PaperTable, RunError> {
-        let source = self.source();
-        let variants = match self {
-            Self::Sag => sag_variants(),
-            Self::Angular => angular_variants(),
+        let (title, variants) = match self {
+            Self::Sag => ("AMS, Fig. 4: one curly strand under gravity for 5 s", sag_variants()),
+            Self::Angular => {
+                ("AMS, Fig. 5: a wisp tilted by 45° in 1 s and held for 3 s", angular_variants())
+            }
         };
-        let rows = variants.into_iter().map(|variant| measure(&source, variant));
-        Ok(PaperTable { title: source.title, rows: rows.collect::<Result<_, _>>()? })
+        let rows = variants.into_iter().map(|variant| measure(self, variant));
+        Ok(PaperTable { title, rows: rows.collect::<Result<_, _>>()? })
     }
 
     /// The strands of every row of `table`, which is this figure's, at its end, side by side.
@@ -184,7 +175,7 @@ impl Figure {
     /// # Errors
     /// [`RunError`] if they cannot be drawn.
     pub fn picture(self, table: &PaperTable) -> Result<Image, RunError> {
-        let (scene, assets) = load(&self.source(), &[])?;
+        let (scene, assets) = self.load(&[])?;
         let studio = Studio::new(&scene, &assets);
         let end_secs = f64::from(scene.time.frames) / scene.time.fps;
         let mut pictures = Vec::new();
@@ -199,22 +190,8 @@ impl Figure {
     }
 }
 
-/// The scene with `keys` over it, and its strands.
-fn load(source: &Source, keys: &[String]) -> Result<(Scene, Assets), RunError> {
-    let mut overrides = vec![Override::option("", "solver.beyond_float32", true)];
-    for key in keys {
-        overrides.push(Override::set(key)?);
-    }
-    let scene = Scene::parse(source.scene, Path::new("scenes/ams"), &overrides)?;
-    let groom = forelock_io::obj::read_groom(source.strands)
-        .map_err(|error| forelock_io::ReadError::Format { path: "scenes/ams".into(), source: error });
-    let groom = groom.map_err(crate::assets::AssetError::from)?;
-    let assets = Assets::around(&scene, groom)?;
-    Ok((scene, assets))
-}
-
-fn measure(source: &Source, variant: Variant) -> Result<PaperRow, RunError> {
-    let (scene, assets) = load(source, &variant.keys)?;
+fn measure(figure: Figure, variant: Variant) -> Result<PaperRow, RunError> {
+    let (scene, assets) = figure.load(&variant.keys)?;
     let mut stepper = Stepper::new(&scene, &assets)?;
     let frames = scene.time.frames;
     let late = frames.saturating_sub(scene.time.fps as u32);

@@ -9,20 +9,17 @@
 //! Guides are chosen by their roots, not for the scene. Carried strands are not brought out of solids afterwards, which is what the paper's figure shows.
 
 use std::fmt::Write as _;
-use std::path::Path;
 
 use forelock_render::Image;
 use glam::Vec3;
 use serde::Serialize;
 
+use super::scenes::HAND;
 use crate::assets::Assets;
 use crate::pictures::{Studio, labelled};
 use crate::run::{Observer, Progress, RunError, Stepper, deep_particles};
-use crate::scene::{Override, Scene};
+use crate::scene::Scene;
 use crate::summary::Spread;
-
-/// The scene.
-const HAND: &str = include_str!("../../../../scenes/ams/hand.toml");
 
 /// Guides of each variant; 0 simulates all strands.
 pub const GUIDES: [u32; 3] = [128, 2048, 0];
@@ -63,21 +60,23 @@ pub struct GuidesTable {
     pub frames: u32,
     /// One row a variant.
     pub rows: Vec<GuidesRow>,
-}
-
-fn scene(keys: &[Override]) -> Result<Scene, RunError> {
-    Ok(Scene::parse(HAND, Path::new("scenes/ams/hand.toml"), keys)?)
+    /// All variants at one moment, side by side.
+    #[serde(skip)]
+    pub picture: Image,
 }
 
 impl GuidesTable {
-    /// Simulates the scene, with `keys` over it, with each of `guides`; `observer` is told how it goes.
+    /// Simulates the scene, with `share` of its strands and `keys` over it, with each of `guides`; `observer` is told how it goes.
     ///
     /// # Errors
-    /// [`RunError`] if a variant cannot be simulated.
-    pub fn run(guides: &[u32], keys: &[Override], observer: &mut Observer<'_>) -> Result<Self, RunError> {
+    /// [`RunError`] if a variant cannot be simulated or drawn.
+    pub fn run(
+        guides: &[u32],
+        (share, keys): (f64, &[String]),
+        observer: &mut Observer<'_>,
+    ) -> Result<Self, RunError> {
         let mut rows = Vec::with_capacity(guides.len());
-        let base = scene(keys)?;
-        let assets = Assets::load(&base, observer)?;
+        let (base, assets) = HAND.load(share, keys, observer)?;
         let frames = base.time.frames;
         for &guides in guides {
             let mut scene = base.clone();
@@ -88,7 +87,8 @@ impl GuidesTable {
         }
         let strands = assets.groom.strand_count();
         let title = format!("AMS, Fig. 7: a hand through {strands} strands, carried by guides or simulated");
-        Ok(Self { title, strands, frames, rows })
+        let picture = picture((&base, &assets), &rows)?;
+        Ok(Self { title, strands, frames, rows, picture })
     }
 
     /// The table as Markdown.
@@ -119,26 +119,22 @@ impl GuidesTable {
         }
         text
     }
+}
 
-    /// All variants at one moment, side by side. `keys` are those of the run.
-    ///
-    /// # Errors
-    /// [`RunError`] if they cannot be drawn.
-    pub fn picture(&self, keys: &[Override]) -> Result<Image, RunError> {
-        let scene = scene(keys)?;
-        let assets = Assets::load(&scene, &mut |_| {})?;
-        let studio = Studio::new(&scene, &assets);
-        let time_secs = f64::from(moment(&scene)) / scene.time.fps;
-        let mut pictures = Vec::with_capacity(self.rows.len());
-        for row in &self.rows {
-            let label = match row.simulated {
-                all if all == self.strands => format!("ALL {all} STRANDS SIMULATED"),
-                guides => format!("{guides} GUIDES"),
-            };
-            pictures.push((studio.picture(&row.shape, time_secs, 0.6)?, label));
-        }
-        Ok(labelled(&pictures, 3)?)
+/// The variants of `rows` at one moment, side by side.
+fn picture((scene, assets): (&Scene, &Assets), rows: &[GuidesRow]) -> Result<Image, RunError> {
+    let studio = Studio::new(scene, assets);
+    let time_secs = f64::from(moment(scene)) / scene.time.fps;
+    let all = assets.groom.strand_count();
+    let mut pictures = Vec::with_capacity(rows.len());
+    for row in rows {
+        let label = match row.simulated {
+            strands if strands == all => format!("ALL {all} STRANDS SIMULATED"),
+            guides => format!("{guides} GUIDES"),
+        };
+        pictures.push((studio.picture(&row.shape, time_secs, 0.6)?, label));
     }
+    Ok(labelled(&pictures, 3)?)
 }
 
 /// The frame of the pictures.
@@ -207,8 +203,8 @@ mod tests {
     /// The paper's claim at a fiftieth of the strands: guides let strands into the hand, simulated ones stay out; and these close again behind it.
     #[test]
     fn guides_let_strands_into_the_hand_and_simulated_ones_give_way_and_close() {
-        let keys = ["groom.strands=300", "body.sdf_cells=64"].map(|key| Override::set(key).unwrap());
-        let table = GuidesTable::run(&[16, 0], &keys, &mut |_| {}).unwrap();
+        let keys = ["body.sdf_cells=64".to_owned()];
+        let table = GuidesTable::run(&[16, 0], (0.02, &keys), &mut |_| {}).unwrap();
         println!("{}", table.to_markdown());
         let [guided, all] = &*table.rows else { panic!() };
         assert_eq!((guided.simulated, all.simulated, table.strands), (16, 300, 300));

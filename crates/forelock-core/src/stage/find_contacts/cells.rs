@@ -5,6 +5,7 @@ use super::pairs::{Entry, Group, Test};
 use crate::contact::{CELL_SEGMENTS, Contact, Drift, Ways};
 use crate::lane::{LANES, Real};
 use crate::model::Model;
+use crate::scratch::fill;
 use glam::Vec3;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
@@ -160,16 +161,14 @@ pub(crate) struct Chunk {
 
 /// The blocks of `model` in a number of chunks that does not depend on threads.
 pub(super) fn chunks<T: Real>(model: &Model<T>) -> Vec<Chunk> {
-    let blocks = model.blocks.len();
-    let per_chunk = blocks.div_ceil(CHUNKS).max(1);
-    let chunk = |from: usize| Chunk {
-        blocks: from..(from + per_chunk).min(blocks),
+    let chunk = |blocks| Chunk {
+        blocks,
         entries: Vec::new(),
         unsorted: Vec::new(),
         sorted: Vec::new(),
         starts: Vec::new(),
     };
-    (0..blocks).step_by(per_chunk).map(chunk).collect()
+    model.parts(CHUNKS).map(chunk).collect()
 }
 
 impl Chunk {
@@ -245,16 +244,14 @@ impl Chunk {
 
     /// Sorts what was entered by slab.
     fn sort(&mut self, cells: &Cells) {
-        self.starts.clear();
-        self.starts.resize(cells.slabs() + 1, 0);
+        fill(&mut self.starts, cells.slabs() + 1, 0);
         for [slab, ..] in &self.unsorted {
             self.starts[*slab as usize + 1] += 1;
         }
         for k in 1..self.starts.len() {
             self.starts[k] += self.starts[k - 1];
         }
-        self.sorted.clear();
-        self.sorted.resize(self.unsorted.len(), [0; 2]);
+        fill(&mut self.sorted, self.unsorted.len(), [0; 2]);
         for &[slab, cell, number] in &self.unsorted {
             let next = &mut self.starts[slab as usize];
             self.sorted[*next as usize] = [cell, number];

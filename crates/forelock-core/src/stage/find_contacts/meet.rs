@@ -4,7 +4,7 @@ use super::Slice;
 use crate::contact::{Contact, Ways, closest};
 use crate::lane::{LANES, Real};
 use crate::model::Model;
-use crate::state::vector;
+use crate::state::vec3;
 use glam::Vec3;
 
 /// Steps at most; a pair that still has not met only brushes by.
@@ -88,9 +88,7 @@ fn direction(r: Vec3, distance: f32, (a, b): ([Vec3; 2], [Vec3; 2]), relative: V
 }
 
 fn rest_distance<T: Real>(model: &Model<T>, a: usize, b: usize) -> f32 {
-    let point = |p: usize| {
-        Vec3::from_array(vector(&model.rest, p / LANES, p % LANES).map(|x| x.to_f32().unwrap_or(0.0)))
-    };
+    let point = |p: usize| vec3(&model.rest, p / LANES, p % LANES);
     let segment = |p: usize| [point(p), point(p + LANES)];
     closest(segment(a), segment(b)).1.length()
 }

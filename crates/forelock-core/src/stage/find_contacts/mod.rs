@@ -18,12 +18,13 @@ mod cells;
 mod meet;
 mod pairs;
 
-use crate::contact::{Contact, ContactParams, Drift, Farthest, Ways};
+use crate::contact::{Contact, ContactParams, Drift, Farthest, Histogram, Ways};
 use crate::lane::Real;
 use crate::model::Model;
 use crate::solver::Simd;
 use cells::{Cells, Chunk, Marks, Slab};
 use rayon::prelude::*;
+use std::cmp::Ordering;
 
 /// Cell over the mean length of an edge.
 const CELL_PER_EDGE: f64 = 0.4;
@@ -35,8 +36,6 @@ const SLICES: u32 = 4;
 const SEGMENT_CONTACTS: usize = 4;
 /// One in so many particles may stray farther than slices are made for.
 const FEW: usize = 512;
-/// Bits of a float below its exponent and three more.
-const BIN_BITS: u32 = 20;
 /// Motion in a frame, over the contact distance, that is none.
 const SLOP: f32 = 2e-3;
 
@@ -49,6 +48,7 @@ pub(crate) struct Finder {
     slabs: Vec<Slab>,
     marks: Marks,
     found: Vec<Contact>,
+    approaches: Histogram,
 }
 
 /// A part of the frame, as the search sees it.
@@ -92,13 +92,15 @@ impl Finder {
             slabs: Vec::new(),
             marks: Marks::default(),
             found: Vec::new(),
+            approaches: Histogram::default(),
         }
     }
 
     pub fn bytes(&self) -> usize {
         let chunks: usize = self.chunks.iter().map(Chunk::bytes).sum();
         let slabs: usize = self.slabs.iter().map(Slab::bytes).sum();
-        chunks + slabs + self.marks.bytes() + self.found.capacity() * size_of::<Contact>()
+        let found = self.found.capacity() * size_of::<Contact>() + self.approaches.bytes();
+        chunks + slabs + self.marks.bytes() + found
     }
 
     /// Everything that touches in the frame, slice by slice; a pair may come more than once, the first time counts.
@@ -153,22 +155,18 @@ impl Finder {
         if self.found.len() <= most {
             return;
         }
-        let bin = |contact: &Contact| (contact.approach.to_bits() >> BIN_BITS) as usize;
-        let mut counts = [0usize; 1 << (31 - BIN_BITS)];
-        for contact in &self.found {
-            counts[bin(contact)] += 1;
-        }
-        let mut room = most;
-        let mut last = counts.len() - 1;
-        while counts[last] <= room {
-            room -= counts[last];
-            last -= 1;
-        }
-        self.found.retain(|contact| {
-            let own = bin(contact);
-            let fits = own > last || own == last && room > 0;
-            room -= usize::from(own == last && fits);
-            fits
+        self.approaches.clear();
+        self.found.iter().for_each(|contact| self.approaches.add(contact.approach));
+        let last = self.approaches.last_of(most);
+        let mut room = last.room;
+        self.found.retain(|contact| match last.against(contact.approach) {
+            Ordering::Greater => true,
+            Ordering::Less => false,
+            Ordering::Equal => {
+                let fits = room > 0;
+                room -= usize::from(fits);
+                fits
+            }
         });
     }
 }

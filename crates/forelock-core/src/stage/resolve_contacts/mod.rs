@@ -31,6 +31,9 @@ use crate::contact::{Contact, ContactParams, ContactReport, NONE, Rows, Ways};
 use crate::lane::{LANES, Real, Row};
 use crate::model::Model;
 use crate::pose::Pose;
+use crate::scratch::fill;
+use crate::stage::resolve_solids::note_one;
+use crate::state::{number, vec3};
 use glam::Vec3;
 use rayon::prelude::*;
 use spread::{Body, Strand};
@@ -101,12 +104,12 @@ impl Resolver {
         self.choose(found, params.per_segment as usize);
         self.join(model, found, ways);
         let back = head.rotation.inverse().as_quat();
-        let velocity = |place: usize, lane: usize| back * vector(velocities, place, lane);
+        let velocity = |place: usize, lane: usize| back * vec3(velocities, place, lane);
         spread::each(&self.strands, &mut self.bodies, &|strand, bodies| {
             strand.prepare(bodies, (model, clamped), strand.bend.max(params.spread as f32));
             for (body, place) in bodies.iter_mut().zip(strand.place..) {
-                body.position = ways.end[LANES * place + strand.lane];
-                body.velocity = velocity(place, strand.lane);
+                body.position = ways.end[LANES * place + strand.lane()];
+                body.velocity = velocity(place, strand.lane());
             }
         });
         for joint in &mut self.joints {
@@ -130,9 +133,9 @@ impl Resolver {
         let mut farthest = 0.0f32;
         for strand in &self.strands {
             for (body, place) in strand.of(&self.bodies).iter().zip(strand.place..).skip(clamped) {
-                let lane = strand.lane;
+                let lane = strand.lane();
                 let moved = body.position - ways.end[LANES * place + lane];
-                let changed = body.velocity - back * vector(velocities, place, lane);
+                let changed = body.velocity - back * vec3(velocities, place, lane);
                 if !(moved.is_finite() && changed.is_finite()) {
                     continue;
                 }
@@ -140,11 +143,7 @@ impl Resolver {
                 add(velocities, place, lane, forth * changed);
                 let distance = moved.length();
                 farthest = farthest.max(distance);
-                let clear = &mut clearance[place].0[lane];
-                // Below zero it is a depth, not a distance.
-                if *clear >= T::zero() {
-                    *clear = (*clear - crate::state::number(f64::from(distance))).max(T::zero());
-                }
+                note_one(&mut clearance[place].0[lane], number(f64::from(distance)));
             }
         }
         ContactReport { contacts: self.joints.len(), farthest_m: farthest.into(), secs: [0.0; 2] }
@@ -161,8 +160,7 @@ impl Resolver {
             self.sides.extend([[a, when, b, k], [b, when, a, k]]);
         }
         self.sides.par_sort_unstable();
-        self.kept.clear();
-        self.kept.resize(found.len(), 0);
+        fill(&mut self.kept, found.len(), 0);
         for own in self.sides.chunk_by(|x, y| x[0] == y[0]) {
             let mut kept = 0;
             for (i, &[_, _, other, k]) in own.iter().enumerate() {
@@ -202,7 +200,7 @@ impl Resolver {
                     *slot = self.strands.len() as u32;
                     let (place, particles) = (block.first, block.particles);
                     let slot = LANES * number + lane;
-                    self.strands.push(Strand { slot, place, lane, first: bodies, particles, bend: 0.0 });
+                    self.strands.push(Strand { slot, place, first: bodies, particles, bend: 0.0 });
                     bodies += particles;
                 }
                 let strand = &mut self.strands[*slot as usize];
@@ -215,8 +213,7 @@ impl Resolver {
         for strand in &self.strands {
             self.slots[strand.slot] = NONE;
         }
-        self.bodies.clear();
-        self.bodies.resize(bodies, Body::default());
+        fill(&mut self.bodies, bodies, Body::default());
         for joint in &self.joints {
             for (&k, w) in joint.bodies.iter().zip(joint.weights) {
                 let body = &mut self.bodies[k as usize];
@@ -230,8 +227,7 @@ impl Resolver {
             sum += body.count;
             body.count = 0;
         }
-        self.corners.clear();
-        self.corners.resize(sum as usize, 0);
+        fill(&mut self.corners, sum as usize, 0);
         for (joint, k) in self.joints.iter().zip(0u32..) {
             for (&p, corner) in joint.bodies.iter().zip(0u32..) {
                 let body = &mut self.bodies[p as usize];
@@ -290,14 +286,9 @@ impl Joint {
 }
 
 #[inline]
-fn vector<T: Real>(rows: &[Row<T>], place: usize, lane: usize) -> Vec3 {
-    Vec3::from_array(crate::state::vector(rows, place, lane).map(|x| x.to_f32().unwrap_or(0.0)))
-}
-
-#[inline]
 fn add<T: Real>(rows: &mut [Row<T>], place: usize, lane: usize, v: Vec3) {
     for c in 0..3 {
         let x = &mut rows[3 * place + c].0[lane];
-        *x = *x + crate::state::number(f64::from(v[c]));
+        *x = *x + number(f64::from(v[c]));
     }
 }

@@ -22,9 +22,8 @@ const TASK: usize = 32;
 pub(super) struct Strand {
     /// Its block × [`LANES`] + lane.
     pub slot: usize,
-    /// The place of its first particle, and its lane.
+    /// The place of its first particle.
     pub place: usize,
-    pub lane: usize,
     /// Its first body, and how many there are.
     pub first: usize,
     pub particles: usize,
@@ -51,6 +50,10 @@ pub(super) struct Body {
 }
 
 impl Strand {
+    pub fn lane(&self) -> usize {
+        self.slot % LANES
+    }
+
     pub fn of<'a>(&self, bodies: &'a [Body]) -> &'a [Body] {
         &bodies[self.first..self.first + self.particles]
     }
@@ -62,8 +65,7 @@ impl Strand {
         // The pivot less α to the next particle: a sum of what is positive, where the plain pivot would cancel.
         let mut own = 0.0;
         for (i, body) in bodies.iter_mut().enumerate() {
-            debug_assert_eq!(self.slot % LANES, self.lane);
-            let length = model.rest_lengths[3 * (self.place + i)].0[self.lane].to_f32().unwrap_or(0.0);
+            let length = model.rest_lengths[3 * (self.place + i)].0[self.lane()].to_f32().unwrap_or(0.0);
             let ratio = if i < last { spread / length } else { 0.0 };
             body.alpha = ratio * ratio;
             if i < clamped {
@@ -129,7 +131,7 @@ mod tests {
         let positions: Vec<[f32; 3]> = (0..40u8).map(|i| [0.0, -1e-3 * f32::from(i), 0.0]).collect();
         let model =
             Model::new(&Strands { positions: &positions, offsets: &[0, 40], stiffness: None }).unwrap();
-        let strand = Strand { slot: 0, place: 0, lane: 0, first: 0, particles: 40, bend: 0.0 };
+        let strand = Strand { slot: 0, place: 0, first: 0, particles: 40, bend: 0.0 };
         for (clamped, spread, whole) in
             [(0, 0.0, 1.0), (0, 0.01, 1.0), (0, 1.0, 1.0), (0, 10.0, 1.0), (2, 1.0, 0.0)]
         {

@@ -230,6 +230,14 @@ fn note<L: Lane>(moved: L, view: &mut BlockView<'_, L::Scalar>, i: usize, first:
     L::select(clearance.lt(L::zero()), clearance, left).store(&mut view.clearance[i], first);
 }
 
+/// The same for one particle, outside the strands' own stages.
+#[inline]
+pub fn note_one<T: Real>(clearance: &mut T, moved: T) {
+    if *clearance >= T::zero() {
+        *clearance = (*clearance - moved).max(T::zero());
+    }
+}
+
 /// Resolves lanes `first..first + L::WIDTH`, of which those from `live` on are padding.
 #[inline(always)]
 pub fn resolve<L: Lane>(

@@ -4,6 +4,7 @@
 
 use crate::body::PACKET;
 use crate::grid::{Bounds, GridSolid};
+use crate::scratch::{fill, resize};
 use rayon::prelude::*;
 
 /// Hair under which a face lets nothing through, over that of a sample.
@@ -42,13 +43,13 @@ impl Fields {
     pub fn bytes(&self) -> usize {
         let fields =
             [&self.lack, &self.inverse, &self.pressure, &self.residual, &self.direction, &self.product];
-        let floats: usize = fields.into_iter().chain(&self.mobility).map(|f| size_of_val(&**f)).sum();
+        let floats: usize = fields.into_iter().chain(&self.mobility).map(|f| 4 * f.capacity()).sum();
         floats
-            + self.hold.len()
-            + size_of_val(&*self.walls)
-            + size_of_val(&*self.spans)
-            + size_of_val(&*self.partial)
-            + self.touched.len()
+            + self.hold.capacity()
+            + 2 * self.walls.capacity()
+            + 8 * self.spans.capacity()
+            + 16 * self.partial.capacity()
+            + self.touched.capacity()
     }
 
     /// Fields of the box's size; no walls, no pressure.
@@ -57,15 +58,13 @@ impl Fields {
         let fields =
             [&mut self.lack, &mut self.inverse, &mut self.residual, &mut self.direction, &mut self.product];
         for field in fields.into_iter().chain(&mut self.mobility) {
-            field.resize(cells, 0.0);
+            resize(field, cells, 0.0);
         }
-        self.pressure.clear();
-        self.pressure.resize(cells, 0.0);
-        self.walls.clear();
-        self.walls.resize(cells, 0);
-        self.hold.resize(cells, false);
-        self.spans.resize(bounds.dims[1] * bounds.dims[2], [0; 2]);
-        self.partial.resize(bounds.dims[2], [0.0; 2]);
+        fill(&mut self.pressure, cells, 0.0);
+        fill(&mut self.walls, cells, 0);
+        resize(&mut self.hold, cells, false);
+        resize(&mut self.spans, bounds.dims[1] * bounds.dims[2], [0; 2]);
+        resize(&mut self.partial, bounds.dims[2], [0.0; 2]);
     }
 
     /// Turns the faces' momenta into velocities and finds their mobilities; `mass` is that of a sample.
@@ -298,8 +297,7 @@ impl Fields {
     pub(super) fn mark_touched(&mut self, bounds: &Bounds) {
         let [nx, ny, nz] = bounds.dims;
         let blocks = touched_blocks(bounds);
-        self.touched.clear();
-        self.touched.resize(blocks.iter().product(), false);
+        fill(&mut self.touched, blocks.iter().product(), false);
         for k in 0..nz {
             for j in 0..ny {
                 let [from, to] = self.spans[ny * k + j].map(|i| i as usize);

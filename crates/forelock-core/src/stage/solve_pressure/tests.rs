@@ -113,3 +113,38 @@ fn walls_move_as_their_own_solid() {
     }
     assert!(seen[0] > 1000 && seen[1] > 1000, "{seen:?}");
 }
+
+/// Hair in a pocket that walls close on all sides, while one of them moves in at 6 m/s: nothing can give way, so no pressure does away with it all; what there
+/// is stays within what the wall does.
+#[test]
+fn a_pocket_without_a_way_out_has_a_pressure() {
+    let model = block();
+    let params = GridParams { resolution: 32, iterations: 500, ..GridParams::default() };
+    let mut grid = Grid::new(&model, &params);
+    let shape = Shape::Box { half_extents: DVec3::splat(0.15) };
+    // Three cells along x, for each round of the active set takes in one more.
+    let half = [1.5 * grid.cell, 0.04, 0.04];
+    let wall = |axis: usize, side: f64, way: f64| {
+        let along = DVec3::AXES[axis] * side;
+        let at = |x: f64| Pose { translation: along * (0.15 + half[axis] + x), ..Pose::IDENTITY };
+        ColliderFrame { shape: &shape, local: Pose::IDENTITY, from: at(way), to: at(0.0), friction: 0.0 }
+    };
+    let solids: [ColliderFrame<'_>; 6] = std::array::from_fn(|k| {
+        let side = if k % 2 == 0 { 1.0 } else { -1.0 };
+        wall(k / 2, side, if k == 0 { 0.1 } else { 0.0 })
+    });
+    let moment = GridMoment { solids: &solids, ..moment() };
+    let still = vec![Row([0.0; 16]); model.rest.len()];
+    // A fifth closer than at rest, so that no cell has room.
+    let positions: Vec<_> = model.rest.iter().map(|row| Row(row.0.map(|x| 0.8 * x))).collect();
+    grid.fit(&model, &positions, &moment.frame);
+    let hair = Segments { model: &model, positions: &positions, velocities: &still, rooms: &grid.rooms };
+    let (bounds, cell) = (grid.bounds, grid.cell);
+    grid.chunks.iter_mut().for_each(|chunk| chunk.fill(&hair, &moment.frame, &bounds, cell));
+    crate::stage::splat_segments::splat(&mut grid);
+    let report = super::solve_velocities(&mut grid, &moment);
+    assert!(report.cells > 100, "{report:?}");
+    let fastest = grid.faces.iter().flatten().map(|face| face[0].abs()).fold(0.0, f32::max);
+    println!("fastest {fastest} m/s; {report:?}");
+    assert!(fastest < 1.5 * 6.0 && report.residual < 1.0, "{fastest} m/s, {report:?}");
+}

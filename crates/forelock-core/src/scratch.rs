@@ -1,0 +1,33 @@
+//! Lists that are filled anew each frame and keep their memory.
+
+/// `list` with `len` times `value`, of which it keeps what it held before. Where it must grow it takes a quarter more than is asked for, and touches all of
+/// it: so memory soon is what it stays, and no later frame waits for the system to find a page.
+pub(crate) fn resize<V: Copy>(list: &mut Vec<V>, len: usize, value: V) {
+    if list.capacity() < len {
+        list.reserve_exact(len + len / 4 - list.len());
+        list.resize(list.capacity(), value);
+    }
+    list.resize(len, value);
+}
+
+/// `list` with `len` times `value` and nothing else; grows as [`resize`] does.
+pub(crate) fn fill<V: Copy>(list: &mut Vec<V>, len: usize, value: V) {
+    list.clear();
+    resize(list, len, value);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_list_that_has_grown_grows_no_more_within_a_quarter() {
+        let mut list = vec![1u32; 3];
+        resize(&mut list, 100, 2);
+        assert_eq!((&list[..4], list.len()), (&[1, 1, 1, 2][..], 100));
+        let room = list.capacity();
+        fill(&mut list, 125, 3);
+        assert!(list.iter().all(|&x| x == 3) && list.len() == 125);
+        assert_eq!(list.capacity(), room);
+    }
+}
