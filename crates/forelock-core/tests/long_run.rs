@@ -204,7 +204,7 @@ fn ten_seconds_leave_hair_whole() {
 #[test]
 #[ignore = "ten minutes of motion, some minutes of work"]
 fn ten_minutes_leave_hair_whole() {
-    let found = pool().install(|| run(2000, (36_000, 10), 20.0, false));
+    let found = pool().install(|| run(2000, (36_000, 10), 20.0, true));
     holds(&found);
     // Memory is what it was after the first minute.
     if let [warm, .., last] = &*found.resident {

@@ -29,9 +29,6 @@ pub(crate) struct Drift {
     /// Σ w Δx, Σ w; then the mean over the nodes about each.
     nodes: Vec<Vec4>,
     parts: Vec<Vec<Vec4>>,
-    /// How far hair strays from the drift about each node, at most, metres.
-    stir: Vec<f32>,
-    parts_stir: Vec<Vec<f32>>,
     /// How many particles stray how far; the first becomes the sum.
     parts_strays: Vec<Histogram>,
     /// Root mean square and largest stray, metres.
@@ -71,8 +68,7 @@ impl Farthest {
 impl Drift {
     pub fn bytes(&self) -> usize {
         let nodes = 16 * (self.nodes.capacity() + self.parts.iter().map(Vec::capacity).sum::<usize>());
-        let stir = 4 * (self.stir.capacity() + self.parts_stir.iter().map(Vec::capacity).sum::<usize>());
-        nodes + stir + self.parts_strays.iter().map(Histogram::bytes).sum::<usize>()
+        nodes + self.parts_strays.iter().map(Histogram::bytes).sum::<usize>()
     }
 
     /// Measures the field, and with it how far every particle strays from it.
@@ -81,7 +77,6 @@ impl Drift {
         let count = self.dims.iter().product();
         let per_part = model.places().div_ceil(PARTS).max(1);
         self.parts.resize_with(PARTS, Vec::new);
-        self.parts_stir.resize_with(PARTS, Vec::new);
         let mut parts = std::mem::take(&mut self.parts);
         parts.par_iter_mut().enumerate().for_each(|(k, nodes)| {
             fill(nodes, count, Vec4::ZERO);
@@ -116,14 +111,6 @@ impl Drift {
         let last = self.parts_strays[0].last_of(most);
         let share = if last.own == 0 { 1.0 } else { last.room as f32 / last.own as f32 };
         Farthest { least, last, share }
-    }
-
-    /// Whether hair about `at` strays from the drift by more than `least`.
-    #[inline]
-    pub fn stirs(&self, at: Vec3, least: f32) -> bool {
-        let (node, beyond) = self.corner(at);
-        let near = [0, 1, 2].map(|c| node[c] + usize::from(beyond[c] > 0.5));
-        self.stir[self.index(near)] > least
     }
 
     /// The box about all ways, and nodes that fill it.
@@ -207,22 +194,14 @@ impl Drift {
     }
 
     fn measure_strays<T: Real>(&mut self, model: &Model<T>, ways: &mut Ways, per_part: usize) {
-        let count = self.nodes.len();
-        let mut parts = std::mem::take(&mut self.parts_stir);
         let Ways { start, end, stray, block, .. } = ways;
         let (start, end, block) = (&*start, &*end, &*block);
         let mut sums = [(0.0, 0.0); PARTS];
         let mut strays = std::mem::take(&mut self.parts_strays);
         strays.resize_with(PARTS, Histogram::default);
         let field = &*self;
-        stray
-            .par_chunks_mut(LANES * per_part)
-            .zip(&mut parts)
-            .zip(&mut sums)
-            .zip(&mut strays)
-            .enumerate()
-            .for_each(|(k, (((stray, stir), sums), strays))| {
-                fill(stir, count, 0.0);
+        stray.par_chunks_mut(LANES * per_part).zip(&mut sums).zip(&mut strays).enumerate().for_each(
+            |(k, ((stray, sums), strays))| {
                 strays.clear();
                 let (mut sum, mut most) = (0.0f64, 0.0f32);
                 for (own, stray) in stray.chunks_mut(LANES).enumerate() {
@@ -233,8 +212,7 @@ impl Drift {
                         let p = LANES * place + lane;
                         let at = 0.5 * (start[p] + end[p]);
                         let mut way = end[p] - start[p];
-                        let about = field.about(at);
-                        for (node, w) in about {
+                        for (node, w) in field.about(at) {
                             way -= w * field.nodes[node].truncate();
                         }
                         *stray = way.length();
@@ -244,13 +222,11 @@ impl Drift {
                         sum += f64::from(*stray) * f64::from(*stray);
                         most = most.max(*stray);
                         strays.add(*stray);
-                        for (node, _) in about {
-                            stir[node] = stir[node].max(*stray);
-                        }
                     }
                 }
                 *sums = (sum, most);
-            });
+            },
+        );
         if let [all, others @ ..] = &mut *strays {
             others.iter().for_each(|other| all.join(other));
         }
@@ -259,12 +235,5 @@ impl Drift {
             ((sums.iter().map(|s| s.0).sum::<f64>() / model.particle_count.max(1) as f64).sqrt()) as f32,
             sums.iter().map(|s| s.1).fold(0.0, f32::max),
         );
-        fill(&mut self.stir, count, 0.0);
-        for part in &parts {
-            for (stir, &x) in self.stir.iter_mut().zip(part) {
-                *stir = stir.max(x);
-            }
-        }
-        self.parts_stir = parts;
     }
 }

@@ -14,7 +14,7 @@
 //! than [`ContactParams::slip`], fastest first, and [`ContactParams::budget`] bounds the work.
 //!
 //! # Limitations
-//! Strands do not meet themselves. In a cell with more than [`CELL_SEGMENTS`] segments the others are left to the grid.
+//! Strands do not meet themselves. Where more than [`RUN_SEGMENTS`] segments lie in a row of cells, the others are left to the grid.
 
 mod drift;
 mod fastest;
@@ -33,8 +33,8 @@ use crate::solver::Simd;
 use crate::stage::{find_contacts, resolve_contacts};
 use glam::Vec3;
 
-/// Segments in a cell of the search at most.
-pub const CELL_SEGMENTS: usize = 512;
+/// Segments in a row of cells of the search that one segment is tested against, at most.
+pub const RUN_SEGMENTS: usize = 4096;
 /// No segment, no particle.
 pub(crate) const NONE: u32 = u32::MAX;
 

@@ -15,7 +15,7 @@ pub struct ContactParams {
     pub distance: f64,
     /// Relative speed up to which strands are let pass each other: what is slower is left to the grid. Unit m/s, default 0.01, range 0 or more.
     pub slip: f64,
-    /// Contacts in a frame at most, those of the fastest approach; sought of the segments of a quarter as many particles, those that move most against their neighbours. Unit contacts, default 32768, range 4 or more.
+    /// Contacts in a frame at most, those of the fastest approach; sought of the segments of an eighth as many particles, those that move most against their neighbours. Unit contacts, default 32768, range 8 or more.
     pub budget: u32,
     /// Coulomb friction between strands. No unit, default 0.3, range 0 or more.
     pub friction: f64,
@@ -50,7 +50,7 @@ impl ContactParams {
         check(&[
             ("distance", self.distance, ("between 1e-6 and 0.1", |x| (1e-6..=0.1).contains(&x))),
             ("slip", self.slip, NON_NEGATIVE),
-            ("budget", self.budget.into(), ("4 or more", |x| x >= 4.0)),
+            ("budget", self.budget.into(), ("8 or more", |x| x >= 8.0)),
             ("friction", self.friction, NON_NEGATIVE),
             ("spread", self.spread, ("between 0 and 10", |x| (0.0..=10.0).contains(&x))),
             ("rounds", self.rounds.into(), COUNT),

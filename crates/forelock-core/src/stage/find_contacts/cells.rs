@@ -1,116 +1,96 @@
 //! Which segments are near which cells.
 
 use super::Slice;
-use super::pairs::{Entry, Group, Test};
-use crate::contact::{CELL_SEGMENTS, Contact, Drift, Ways};
-use crate::lane::{LANES, Real};
+use super::pairs::{ACTIVE, Entry, FIELDS, Test};
+use crate::contact::{Contact, Ways};
+use crate::lane::{LANES, Real, Row};
 use crate::model::Model;
 use crate::scratch::fill;
 use glam::Vec3;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-/// Parts of the blocks, and of the layers: fixed counts, for results must not depend on threads.
+/// Parts of the blocks: a fixed count, for results must not depend on threads.
 const CHUNKS: usize = 64;
-const SLABS: usize = 64;
 /// Cells at most.
-const CELLS: usize = 1 << 28;
-/// How far an active segment reaches into cells at most, and how far another one, in cells: others stray less, but where
-/// there are more than the budget has room for.
-const REACH: [f32; 2] = [1.0, 0.2];
+const CELLS: usize = 1 << 22;
+/// Longest piece of a segment over the mean length of an edge: longer segments are entered in pieces.
+const PIECE: f32 = 1.25;
+/// Pieces of a segment at most.
+const PIECES: f32 = 64.0;
+/// What an active segment may move against others in half a slice, and what another one may, over the mean length of an edge, at most: others stray less,
+/// but where there are more than the budget has room for.
+const REACH: [f32; 2] = [1.0, 0.25];
 
 /// The box of cells.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Cells {
     low: Vec3,
     /// Side of a cell, metres.
-    pub side: f32,
+    side: f32,
     dims: [usize; 3],
-    /// Layers along z of a slab.
-    layers: usize,
+    /// The mean length of an edge, metres.
+    edge: f32,
 }
 
 impl Cells {
-    /// Cells that hold the box from `low` to `high`: of `side` metres, or larger where that would be more than [`CELLS`].
-    pub fn around([low, high]: [Vec3; 2], side: f32) -> Self {
+    /// Cells that hold the box from `low` to `high`: half an edge wide, or wider where that would be more than [`CELLS`].
+    pub fn around([low, high]: [Vec3; 2], edge: f32) -> Self {
         let size = high - low;
-        let mut cells = Self { low, side, dims: [1; 3], layers: 1 };
+        let mut cells = Self { low, side: 0.5 * edge, dims: [1; 3], edge };
         loop {
             let counts =
                 (size / cells.side).to_array().map(|count| count.clamp(0.0, CELLS as f32) as usize + 1);
             if counts.into_iter().fold(1, usize::saturating_mul) <= CELLS {
                 cells.dims = counts;
-                break;
+                return cells;
             }
             cells.side *= 1.25;
         }
-        cells.layers = cells.dims[2].div_ceil(SLABS);
-        cells
     }
 
-    /// How many slabs there are.
-    pub fn slabs(&self) -> usize {
-        self.dims[2].div_ceil(self.layers)
+    /// Layers of cells along z.
+    pub fn layers(&self) -> usize {
+        self.dims[2]
     }
 
-    /// The slab of a cell, its place in it, and what is there.
+    /// How far from the middle of `entry` the middles of those can be that it meets: of the active ones only those that reach no farther
+    /// than it.
     #[inline]
-    fn place(&self, [x, y, z]: [usize; 3], number: u32) -> [u32; 3] {
-        let slab = z / self.layers;
-        let cell = x + self.dims[0] * (y + self.dims[1] * (z - slab * self.layers));
-        [slab as u32, cell as u32, number]
+    pub fn reach(&self, entry: &Entry) -> f32 {
+        entry.radius + entry.radius.max((0.5 * PIECE + REACH[0].min(REACH[1])) * self.edge)
     }
 
-    /// Where a cell of slab `slab` is, in cells.
-    fn corner(&self, slab: usize, cell: usize) -> Vec3 {
-        let (x, rest) = (cell % self.dims[0], cell / self.dims[0]);
-        let (y, z) = (rest % self.dims[1], rest / self.dims[1] + slab * self.layers);
-        Vec3::new(x as f32, y as f32, z as f32)
-    }
-
-    /// Calls `f` with all cells of the box nearer than `entry.reach` to the entry's segment, and some more.
     #[inline]
-    fn cover(&self, entry: &Entry, mut f: impl FnMut([usize; 3])) {
-        let (p, e, r) = (entry.at.to_array(), entry.edge.to_array(), entry.reach);
-        let steep = entry.edge.abs();
-        let main = if steep.x >= steep.y && steep.x >= steep.z {
-            0
-        } else if steep.y >= steep.z {
-            1
-        } else {
-            2
-        };
-        let (one, two) = ((main + 1) % 3, (main + 2) % 3);
-        let span = |axis: usize, from: f32, to: f32| -> Range<usize> {
-            let (x, y) = (p[axis] + from * e[axis], p[axis] + to * e[axis]);
-            let (low, high) = (x.min(y) - r, x.max(y) + r);
-            if high < 0.0 {
-                return 0..0;
-            }
-            low.max(0.0) as usize..(high as usize + 1).min(self.dims[axis])
-        };
-        let inverse = 1.0 / e[main];
-        for k in span(main, 0.0, 1.0) {
-            let ends = [(k as f32 - r - p[main]) * inverse, (k as f32 + 1.0 + r - p[main]) * inverse];
-            let from = ends[0].min(ends[1]).clamp(0.0, 1.0);
-            let to = ends[0].max(ends[1]).clamp(0.0, 1.0);
-            let (from, to) = if from <= to { (from, to) } else { (0.0, 1.0) };
-            for i in span(one, from, to) {
-                for j in span(two, from, to) {
-                    let mut cell = [k; 3];
-                    cell[one] = i;
-                    cell[two] = j;
-                    f(cell);
-                }
-            }
-        }
+    fn index(&self, axis: usize, x: f32) -> usize {
+        (((x - self.low[axis]) / self.side).max(0.0) as usize).min(self.dims[axis] - 1)
+    }
+
+    /// The cells along an axis within `reach` of `x`.
+    #[inline]
+    pub fn span(&self, axis: usize, x: f32, reach: f32) -> Range<usize> {
+        self.index(axis, x - reach)..self.index(axis, x + reach) + 1
+    }
+
+    /// How far `x` is from cell `cell` along an axis.
+    #[inline]
+    pub fn apart(&self, axis: usize, cell: usize, x: f32) -> f32 {
+        let low = self.low[axis] + cell as f32 * self.side;
+        (low - x).max(x - low - self.side).max(0.0)
+    }
+
+    fn holds(&self, at: Vec3) -> bool {
+        let high = self.low + self.side * Vec3::from_array(self.dims.map(|count| count as f32));
+        at.cmpge(self.low).all() && at.cmple(high).all()
     }
 }
 
 /// Bits of [`Marks`], a power of two.
 const MARKS: usize = 1 << 20;
+/// Side of what is marked, over that of a cell.
+const COARSE: f32 = 3.0;
 
-/// Cells that are marked, by a hash of their place: some others may seem to be.
+/// Where active segments are, in cells [`COARSE`] times as wide, by a hash of their place: some others may seem to be marked.
 #[derive(Debug, Default)]
 pub(crate) struct Marks(Vec<AtomicU32>);
 
@@ -126,37 +106,51 @@ impl Marks {
     }
 
     #[inline]
-    fn bit(cells: &Cells, [x, y, z]: [usize; 3]) -> (usize, u32) {
-        let place = (x + cells.dims[0] * (y + cells.dims[1] * z)) % MARKS;
-        (place / 32, 1 << (place % 32))
+    fn index(cells: &Cells, at: Vec3) -> [usize; 3] {
+        ((at - cells.low) / (COARSE * cells.side)).max(Vec3::ZERO).to_array().map(|x| x as usize)
     }
 
     #[inline]
-    fn set(&self, cells: &Cells, cell: [usize; 3]) {
-        let (word, bit) = Self::bit(cells, cell);
-        if self.0[word].load(Relaxed) & bit == 0 {
-            self.0[word].fetch_or(bit, Relaxed);
+    fn bit([x, y, z]: [usize; 3]) -> (usize, u32) {
+        let place = (x ^ y << 7 ^ z << 14) % MARKS;
+        (place / 32, 1 << (place % 32))
+    }
+
+    fn set(&self, cells: &Cells, at: Vec3, reach: f32) {
+        let [low, high] = [at - reach, at + reach].map(|at| Self::index(cells, at));
+        for z in low[2]..=high[2] {
+            for y in low[1]..=high[1] {
+                for x in low[0]..=high[0] {
+                    let (word, bit) = Self::bit([x, y, z]);
+                    if self.0[word].load(Relaxed) & bit == 0 {
+                        self.0[word].fetch_or(bit, Relaxed);
+                    }
+                }
+            }
         }
     }
 
     #[inline]
-    fn has(&self, cells: &Cells, cell: [usize; 3]) -> bool {
-        let (word, bit) = Self::bit(cells, cell);
+    fn has(&self, cells: &Cells, at: Vec3) -> bool {
+        let (word, bit) = Self::bit(Self::index(cells, at));
         self.0[word].load(Relaxed) & bit != 0
     }
 }
 
-/// Some blocks and the cells near their segments.
+/// Some blocks and their segments.
 #[derive(Debug)]
 pub(crate) struct Chunk {
     blocks: Range<usize>,
+    /// Active ones first.
     entries: Vec<Entry>,
-    /// Slab, cell in the slab, entry; as they come.
-    unsorted: Vec<[u32; 3]>,
-    /// Cell in the slab, entry; slab by slab.
-    sorted: Vec<[u32; 2]>,
-    /// Where each slab starts, `[slabs + 1]`.
+    active: usize,
+    /// Entries by layer, and where each layer starts, `[layers + 1]`.
+    order: Vec<u32>,
     starts: Vec<u32>,
+    /// What is near one entry.
+    near: Vec<u32>,
+    /// What its active ones met.
+    pub found: Vec<Contact>,
 }
 
 /// The blocks of `model` in a number of chunks that does not depend on threads.
@@ -164,9 +158,11 @@ pub(super) fn chunks<T: Real>(model: &Model<T>) -> Vec<Chunk> {
     let chunk = |blocks| Chunk {
         blocks,
         entries: Vec::new(),
-        unsorted: Vec::new(),
-        sorted: Vec::new(),
+        active: 0,
+        order: Vec::new(),
         starts: Vec::new(),
+        near: Vec::new(),
+        found: Vec::new(),
     };
     model.parts(CHUNKS).map(chunk).collect()
 }
@@ -174,9 +170,8 @@ pub(super) fn chunks<T: Real>(model: &Model<T>) -> Vec<Chunk> {
 impl Chunk {
     pub fn bytes(&self) -> usize {
         self.entries.capacity() * size_of::<Entry>()
-            + 12 * self.unsorted.capacity()
-            + 8 * self.sorted.capacity()
-            + 4 * self.starts.capacity()
+            + self.found.capacity() * size_of::<Contact>()
+            + 4 * (self.order.capacity() + self.starts.capacity() + self.near.capacity())
     }
 
     /// Enters the active segments, and marks the cells near them.
@@ -188,82 +183,88 @@ impl Chunk {
         (cells, marks): (&Cells, &Marks),
     ) {
         self.entries.clear();
-        self.unsorted.clear();
-        self.each_segment(model, |chunk, a| {
-            if is_active(ways, slice, a)
-                && let Some(entry) = entry(ways, slice, cells, a)
-            {
-                let number = chunk.entries.len() as u32;
-                chunk.entries.push(entry);
-                cells.cover(&entry, |cell| {
-                    marks.set(cells, cell);
-                    chunk.unsorted.push(cells.place(cell, number));
-                });
+        self.each_segment(model, |entries, a| {
+            if is_active(ways, slice, a) {
+                let before = entries.len();
+                enter(entries, ways, slice, cells, a);
+                for entry in &entries[before..] {
+                    marks.set(cells, entry.middle, cells.reach(entry));
+                }
             }
         });
+        self.active = self.entries.len();
     }
 
-    /// Enters those of the others that are in cells with active ones, and sorts.
+    /// Whether it has no active segments.
+    pub fn is_quiet(&self) -> bool {
+        self.active == 0
+    }
+
+    /// Enters those of the others that are near active ones, and sorts all by layer.
     pub fn enter_others<T: Real>(
         &mut self,
         model: &Model<T>,
-        (ways, drift): (&Ways, &Drift),
+        ways: &Ways,
         slice: &Slice,
         (cells, marks): (&Cells, &Marks),
     ) {
-        self.each_segment(model, |chunk, a| {
-            if !is_active(ways, slice, a)
-                && (drift.stirs(ways.at(a, 0.5), slice.active.least)
-                    || drift.stirs(ways.at(a + LANES, 0.5), slice.active.least))
-                && let Some(entry) = entry(ways, slice, cells, a)
-            {
-                let number = chunk.entries.len() as u32;
-                let before = chunk.unsorted.len();
-                cells.cover(&entry, |cell| {
-                    if marks.has(cells, cell) {
-                        chunk.unsorted.push(cells.place(cell, number));
-                    }
-                });
-                if chunk.unsorted.len() > before {
-                    chunk.entries.push(entry);
-                }
+        self.each_segment(model, |entries, a| {
+            let middle = 0.5 * (ways.at(a, slice.middle()) + ways.at(a + LANES, slice.middle()));
+            // A long segment is in other cells than its middle's.
+            let near = |&at: &Vec3| marks.has(cells, at);
+            let ends = || [ways.at(a, slice.middle()), ways.at(a + LANES, slice.middle())];
+            if (near(&middle) || ends().iter().any(near)) && !is_active(ways, slice, a) {
+                enter(entries, ways, slice, cells, a);
             }
         });
         self.sort(cells);
     }
 
-    fn each_segment<T: Real>(&mut self, model: &Model<T>, mut f: impl FnMut(&mut Self, usize)) {
+    fn each_segment<T: Real>(&mut self, model: &Model<T>, mut f: impl FnMut(&mut Vec<Entry>, usize)) {
         for block in &model.blocks[self.blocks.clone()] {
             for place in block.first..block.first + block.particles - 1 {
                 for lane in 0..block.live {
-                    f(self, LANES * place + lane);
+                    f(&mut self.entries, LANES * place + lane);
                 }
             }
         }
     }
 
-    /// Sorts what was entered by slab.
     fn sort(&mut self, cells: &Cells) {
-        fill(&mut self.starts, cells.slabs() + 1, 0);
-        for [slab, ..] in &self.unsorted {
-            self.starts[*slab as usize + 1] += 1;
+        let layer = |entry: &Entry| cells.index(2, entry.middle.z);
+        fill(&mut self.starts, cells.layers() + 1, 0);
+        for entry in &self.entries {
+            self.starts[layer(entry) + 1] += 1;
         }
         for k in 1..self.starts.len() {
             self.starts[k] += self.starts[k - 1];
         }
-        fill(&mut self.sorted, self.unsorted.len(), [0; 2]);
-        for &[slab, cell, number] in &self.unsorted {
-            let next = &mut self.starts[slab as usize];
-            self.sorted[*next as usize] = [cell, number];
+        fill(&mut self.order, self.entries.len(), 0);
+        for (entry, number) in self.entries.iter().zip(0..) {
+            let next = &mut self.starts[layer(entry)];
+            self.order[*next as usize] = number;
             *next += 1;
         }
-        // Each start now stands where the next slab starts.
+        // Each start now stands where the next layer starts.
         self.starts.rotate_right(1);
         self.starts[0] = 0;
     }
 
-    fn slab(&self, slab: usize) -> &[[u32; 2]] {
-        &self.sorted[self.starts[slab] as usize..self.starts[slab + 1] as usize]
+    fn layer(&self, k: usize) -> impl Iterator<Item = &Entry> {
+        let own = self.starts[k] as usize..self.starts[k + 1] as usize;
+        self.order[own].iter().map(|&number| &self.entries[number as usize])
+    }
+
+    /// Lets the active segments meet what is near: `meet` says of the pairs that pass the test what becomes of them.
+    pub fn search(&mut self, shelf: &Shelf<'_>, test: Test, meet: impl Fn([u32; 2]) -> Option<Contact>) {
+        self.found.clear();
+        for entry in &self.entries[..self.active] {
+            self.near.clear();
+            // SAFETY: `test_for` is asked for what `Simulation` found supported.
+            unsafe { test(shelf, entry, &mut self.near) };
+            let own = entry.segment & !ACTIVE;
+            self.found.extend(self.near.iter().filter_map(|&other| meet([own, other])));
+        }
     }
 }
 
@@ -273,87 +274,115 @@ fn is_active(ways: &Ways, slice: &Slice, a: usize) -> bool {
     slice.active.has(a, ways.stray[a].max(ways.stray[a + LANES]))
 }
 
-/// Segment `a` in the middle of the slice, in cells, if it is somewhere.
+/// Enters segment `a` in the middle of the slice, if it is in the box; a long one in pieces.
 #[inline]
-fn entry(ways: &Ways, slice: &Slice, cells: &Cells, a: usize) -> Option<Entry> {
+fn enter(entries: &mut Vec<Entry>, ways: &Ways, slice: &Slice, cells: &Cells, a: usize) {
     let (lower, upper) = (ways.at(a, slice.middle()), ways.at(a + LANES, slice.middle()));
-    if !(lower.is_finite() && upper.is_finite()) {
-        return None;
-    }
-    let (scale, active) = (1.0 / cells.side, is_active(ways, slice, a));
+    let (edge, active) = (upper - lower, is_active(ways, slice, a));
+    let length = edge.length();
+    let pieces = (length / (PIECE * cells.edge)).ceil().clamp(1.0, PIECES);
+    let half = edge * (0.5 / pieces);
     // A quarter more, for the drift is not quite the same for both of a pair.
     let stray = 1.25 * ways.stray[a].max(ways.stray[a + LANES]);
-    let reach = 0.5 * (slice.distance + slice.length() * stray) * scale;
-    let share = slice.length() * scale;
-    let (way, next) = (share * ways.way(a), share * ways.way(a + LANES));
-    Some(Entry {
-        segment: a as u32,
-        active,
-        at: (lower - cells.low) * scale,
-        edge: (upper - lower) * scale,
-        inverse: 1.0 / ((upper - lower) * scale).length_squared().max(1e-12),
-        reach: reach.min(REACH[usize::from(!active)]),
+    let most = REACH[usize::from(!active)] * cells.edge;
+    let reach = (0.5 * (slice.distance + slice.length() * stray)).min(most);
+    let (way, next) = (slice.length() * ways.way(a), slice.length() * ways.way(a + LANES));
+    let mut entry = Entry {
+        segment: a as u32 | if active { ACTIVE } else { 0 },
+        middle: lower + half,
+        half,
+        inverse: 1.0 / half.length_squared().max(1e-20),
+        radius: 0.5 * length / pieces + reach,
         way: 0.5 * (way + next),
         spread: 0.5 * way.distance(next),
-    })
+    };
+    for _ in 0..pieces as usize {
+        if cells.holds(entry.middle) {
+            entries.push(entry);
+        }
+        entry.middle += 2.0 * half;
+    }
 }
 
-/// Some layers of cells.
+/// A layer of cells: the segments in it by row and cell.
 #[derive(Debug, Default)]
-pub(crate) struct Slab {
-    /// Cell, chunk and entry of all that is in the slab: 32 bits, then [`CHUNK_BITS`], then the rest.
-    order: Vec<u64>,
-    group: Group,
-    /// What was found in the slab.
-    pub found: Vec<Contact>,
+pub(crate) struct Layer {
+    /// Where each cell's segments start, `[cells + 1]`.
+    starts: Vec<u32>,
+    /// Their numbers, with [`ACTIVE`].
+    pub segments: Vec<u32>,
+    /// Sixteen segments each: field by field, as [`Entry::fields`] has them.
+    pub rows: Vec<[Row<f32>; FIELDS]>,
 }
 
-/// Bits of a chunk's number.
-const CHUNK_BITS: u32 = CHUNKS.ilog2();
-const NUMBER_BITS: u32 = 32 - CHUNK_BITS;
-
-impl Slab {
+impl Layer {
     pub fn bytes(&self) -> usize {
-        8 * self.order.capacity() + self.group.bytes() + self.found.capacity() * size_of::<Contact>()
+        4 * (self.starts.capacity() + self.segments.capacity())
+            + self.rows.capacity() * size_of::<[Row<f32>; FIELDS]>()
     }
 
-    /// Lets the segments in each cell of slab `k` meet: `meet` says of the pairs that pass the test what becomes of them.
-    pub fn search(
-        &mut self,
-        k: usize,
-        (chunks, cells): (&[Chunk], &Cells),
-        (test, distance): (Test, f32),
-        meet: impl Fn([u32; 2]) -> Option<Contact>,
-    ) {
-        self.order.clear();
-        for (chunk, c) in chunks.iter().zip(0u64..) {
-            let key =
-                |&[cell, number]: &[u32; 2]| u64::from(cell) << 32 | c << NUMBER_BITS | u64::from(number);
-            self.order.extend(chunk.slab(k).iter().map(key));
+    /// Takes up what all chunks have in layer `k`, in their order.
+    pub fn take(&mut self, k: usize, chunks: &[Chunk], cells: &Cells) {
+        let count: u32 = chunks.iter().map(|chunk| chunk.starts[k + 1] - chunk.starts[k]).sum();
+        fill(&mut self.segments, count as usize, 0);
+        if count == 0 {
+            return;
         }
-        // By cell, otherwise in the order of strands: no two are the same.
-        self.order.sort_unstable();
-        self.found.clear();
-        for own in self.order.chunk_by(|a, b| a >> 32 == b >> 32).filter(|own| own.len() > 1) {
-            let entry = |key: &u64| {
-                let (chunk, number) = (*key as u32 >> NUMBER_BITS, *key as u32 & (u32::MAX >> CHUNK_BITS));
-                &chunks[chunk as usize].entries[number as usize]
-            };
-            // Active ones first: each pair has one.
-            self.group.clear();
-            for entry in own.iter().map(entry).filter(|entry| entry.active).take(CELL_SEGMENTS) {
-                self.group.push(entry);
+        fill(&mut self.starts, cells.dims[0] * cells.dims[1] + 1, 0);
+        fill(&mut self.rows, self.segments.len().div_ceil(LANES), [Row([0.0; LANES]); FIELDS]);
+        let cell =
+            |entry: &Entry| cells.index(0, entry.middle.x) + cells.dims[0] * cells.index(1, entry.middle.y);
+        for entry in chunks.iter().flat_map(|chunk| chunk.layer(k)) {
+            self.starts[cell(entry) + 1] += 1;
+        }
+        for k in 1..self.starts.len() {
+            self.starts[k] += self.starts[k - 1];
+        }
+        for entry in chunks.iter().flat_map(|chunk| chunk.layer(k)) {
+            let next = &mut self.starts[cell(entry)];
+            let place = *next as usize;
+            *next += 1;
+            self.segments[place] = entry.segment;
+            for (row, value) in self.rows[place / LANES].iter_mut().zip(entry.fields()) {
+                row.0[place % LANES] = value;
             }
-            let active = self.group.len();
-            if active == 0 {
+        }
+        // Each start now stands where the next cell starts.
+        self.starts.rotate_right(1);
+        self.starts[0] = 0;
+    }
+}
+
+/// All layers.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Shelf<'a> {
+    pub cells: &'a Cells,
+    pub layers: &'a [Layer],
+    /// The contact distance, metres.
+    pub distance: f32,
+}
+
+impl<'a> Shelf<'a> {
+    /// Calls `visit` with each layer and run of segments in it whose cells are within `reach` of `at`.
+    #[inline(always)]
+    pub fn runs(&self, at: Vec3, reach: f32, mut visit: impl FnMut(&'a Layer, Range<usize>)) {
+        let (cells, row) = (self.cells, self.cells.dims[0]);
+        for z in cells.span(2, at.z, reach) {
+            let layer = &self.layers[z];
+            if layer.segments.is_empty() {
                 continue;
             }
-            let others = own.iter().map(entry).filter(|entry| !entry.active);
-            for entry in others.take(CELL_SEGMENTS - active) {
-                self.group.push(entry);
+            let left = reach * reach - cells.apart(2, z, at.z).powi(2);
+            for y in cells.span(1, at.y, reach) {
+                let left = left - cells.apart(1, y, at.y).powi(2);
+                if left > 0.0 {
+                    let x = cells.span(0, at.x, left.sqrt());
+                    let (from, to) = (layer.starts[row * y + x.start], layer.starts[row * y + x.end]);
+                    if from < to {
+                        visit(layer, from as usize..to as usize);
+                    }
+                }
             }
-            let corner = cells.corner(k, (own[0] >> 32) as usize);
-            self.found.extend(self.group.pairs(test, active, (corner, distance)).filter_map(&meet));
         }
     }
 }

@@ -16,8 +16,8 @@ const REST_SHARE: f32 = 0.95;
 
 /// The contact of two segments in a slice, if they touch and approach.
 ///
-/// Conservative advancement: at distance D nothing can happen before the time (D − d)/V, where V bounds what any two of their points
-/// move relative to each other.
+/// Conservative advancement: the vector between the nearest points of two segments separates them, so at distance D nothing can happen before the time
+/// (D − d)/V, where V is what any two of their ends approach along that vector; and nothing at all if they do not.
 pub(super) fn follow<T: Real>(
     model: &Model<T>,
     ways: &Ways,
@@ -30,16 +30,6 @@ pub(super) fn follow<T: Real>(
     let ([a, b], numbers) = if a < b { ([a, b], [a, b]) } else { ([b, a], [b, a]) };
     let (a, b) = (a as usize, b as usize);
     let (way_a, way_b) = ([ways.way(a), ways.way(a + LANES)], [ways.way(b), ways.way(b + LANES)]);
-    let mut fastest = 0.0f32;
-    for x in way_a {
-        for y in way_b {
-            fastest = fastest.max(x.distance_squared(y));
-        }
-    }
-    let fastest = fastest.sqrt();
-    if fastest <= slice.slip {
-        return None;
-    }
     let mut reach = slice.distance;
     let mut knows_rest = false;
     let mut when = slice.span[0];
@@ -69,8 +59,10 @@ pub(super) fn follow<T: Real>(
                 approach,
             });
         }
-        when += (distance - reach) / fastest;
-        if when >= slice.span[1] {
+        let along = |ways: [Vec3; 2], side: f32| (side * r.dot(ways[0])).max(side * r.dot(ways[1]));
+        let closing = along(way_a, -1.0) + along(way_b, 1.0);
+        when += distance * (distance - reach) / closing;
+        if closing <= 0.0 || when >= slice.span[1] {
             return None;
         }
     }

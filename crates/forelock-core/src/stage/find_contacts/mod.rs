@@ -6,13 +6,12 @@
 //! less for strands that lie nearer at rest: hair must be able to go back to its rest shape.
 //!
 //! # Practice
-//! A frame is cut into as many slices as it takes for hair to stray from the drift about it by less than a cell in each.
-//! In the middle of a slice each active segment, and each other near one, is entered in all cells nearer to it than its reach r, half the contact
-//! distance and what it strays in half a slice. Two that touch in the slice are then nearer than r_a + r_b, and the point that
-//! divides their distance in the ratio of the reaches lies in a cell that holds both: only there the pair counts, so it is met
-//! once ([`cells`]). Pairs of which one is active are tested many at a time by the distance of the segments against what the two move relative to each other
-//! ([`pairs`]), and the few that are left are followed through the slice step by step, by no more than their distance
-//! allows ([`meet`]). Layers of cells go in parallel; the order in which contacts come does not depend on threads.
+//! A frame is cut into as many slices as it takes for hair to stray from the drift about it by less than an edge in each.
+//! In the middle of a slice each active segment, and each other near one, is a ball: about its middle, as large as half its length, half the contact
+//! distance and what it strays in half a slice. All are sorted by the cell of their middle, layer by layer, their fields side by side
+//! ([`cells`]), so that what is within reach of an active one lies in a few runs of memory. Of the runs those pass, many at a time, whose balls meet, and
+//! then whose segments are not farther apart than what they move along the line between them ([`pairs`]). The few that are left are followed through the
+//! slice step by step, by no more than their distance allows ([`meet`]). All goes in parallel; the order in which contacts come does not depend on threads.
 
 mod cells;
 mod meet;
@@ -22,18 +21,16 @@ use crate::contact::{Contact, ContactParams, Drift, Farthest, Histogram, Ways};
 use crate::lane::Real;
 use crate::model::Model;
 use crate::solver::Simd;
-use cells::{Cells, Chunk, Marks, Slab};
+use cells::{Cells, Chunk, Layer, Marks, Shelf};
 use rayon::prelude::*;
 use std::cmp::Ordering;
 
-/// Cell over the mean length of an edge.
-const CELL_PER_EDGE: f64 = 0.4;
-/// Cell over the contact distance, at least.
-const CELL_PER_DISTANCE: f64 = 4.0;
+/// Length of the search over the contact distance, at least.
+const EDGE_PER_DISTANCE: f64 = 8.0;
 /// Slices of a frame at most.
 const SLICES: u32 = 4;
 /// Contacts in the budget for each segment of which they are sought.
-const SEGMENT_CONTACTS: usize = 4;
+const SEGMENT_CONTACTS: usize = 8;
 /// One in so many particles may stray farther than slices are made for.
 const FEW: usize = 512;
 /// Motion in a frame, over the contact distance, that is none.
@@ -42,10 +39,11 @@ const SLOP: f32 = 2e-3;
 /// Finds contacts; holds the scratch for it.
 #[derive(Debug)]
 pub(crate) struct Finder {
-    cell: f32,
+    /// The mean length of an edge, metres.
+    edge: f32,
     test: pairs::Test,
     chunks: Vec<Chunk>,
-    slabs: Vec<Slab>,
+    layers: Vec<Layer>,
     marks: Marks,
     found: Vec<Contact>,
     approaches: Histogram,
@@ -84,12 +82,12 @@ impl Finder {
                 edges += block.particles as f64 - 1.0;
             }
         }
-        let cell = f64::max(CELL_PER_EDGE * sum / f64::max(edges, 1.0), CELL_PER_DISTANCE * params.distance);
+        let edge = f64::max(sum / f64::max(edges, 1.0), EDGE_PER_DISTANCE * params.distance);
         Self {
-            cell: cell as f32,
+            edge: edge as f32,
             test: pairs::test_for(simd),
             chunks: cells::chunks(model),
-            slabs: Vec::new(),
+            layers: Vec::new(),
             marks: Marks::default(),
             found: Vec::new(),
             approaches: Histogram::default(),
@@ -98,9 +96,9 @@ impl Finder {
 
     pub fn bytes(&self) -> usize {
         let chunks: usize = self.chunks.iter().map(Chunk::bytes).sum();
-        let slabs: usize = self.slabs.iter().map(Slab::bytes).sum();
+        let layers: usize = self.layers.iter().map(Layer::bytes).sum();
         let found = self.found.capacity() * size_of::<Contact>() + self.approaches.bytes();
-        chunks + slabs + self.marks.bytes() + found
+        chunks + layers + self.marks.bytes() + found
     }
 
     /// Everything that touches in the frame, slice by slice; a pair may come more than once, the first time counts.
@@ -121,11 +119,11 @@ impl Finder {
             return &self.found;
         }
         let most = drift.exceeded_by(model.particle_count / FEW);
-        let cells = Cells::around(drift.extent, self.cell);
-        let slices = (typical / cells.side).max(most / (4.0 * cells.side)).ceil().clamp(1.0, SLICES as f32);
-        let count = cells.slabs();
-        if self.slabs.len() < count {
-            self.slabs.resize_with(count, Slab::default);
+        let cells = Cells::around(drift.extent, self.edge);
+        let slices = (typical / self.edge).max(most / (4.0 * self.edge)).ceil().clamp(1.0, SLICES as f32);
+        let count = cells.layers();
+        if self.layers.len() < count {
+            self.layers.resize_with(count, Layer::default);
         }
         for k in 0..slices as u32 {
             let span = [k as f32 / slices, (k + 1) as f32 / slices];
@@ -133,17 +131,18 @@ impl Finder {
             self.marks.clear();
             let (chunks, marks) = (&mut self.chunks, &self.marks);
             chunks.par_iter_mut().for_each(|chunk| chunk.enter_active(model, ways, &slice, (&cells, marks)));
-            chunks
-                .par_iter_mut()
-                .for_each(|chunk| chunk.enter_others(model, (ways, drift), &slice, (&cells, marks)));
-            let (chunks, test) = (&*self.chunks, self.test);
-            self.slabs[..count].par_iter_mut().enumerate().for_each(|(k, slab)| {
-                slab.search(k, (chunks, &cells), (test, distance / cells.side), |pair| {
-                    meet::follow(model, ways, &slice, pair)
-                });
+            if chunks.iter().all(Chunk::is_quiet) {
+                continue;
+            }
+            chunks.par_iter_mut().for_each(|chunk| chunk.enter_others(model, ways, &slice, (&cells, marks)));
+            let layers = &mut self.layers[..count];
+            layers.par_iter_mut().enumerate().for_each(|(k, layer)| layer.take(k, chunks, &cells));
+            let (shelf, test) = (Shelf { cells: &cells, layers, distance }, self.test);
+            chunks.par_iter_mut().for_each(|chunk| {
+                chunk.search(&shelf, test, |pair| meet::follow(model, ways, &slice, pair));
             });
-            for slab in &self.slabs[..count] {
-                self.found.extend_from_slice(&slab.found);
+            for chunk in chunks {
+                self.found.extend_from_slice(&chunk.found);
             }
         }
         self.keep_fastest(budget);
