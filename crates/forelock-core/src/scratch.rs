@@ -1,11 +1,10 @@
 //! Lists that are filled anew each frame and keep their memory.
 
-/// `list` with `len` times `value`, of which it keeps what it held before. Where it must grow it takes a quarter more than is asked for, and touches all of
-/// it: so memory soon is what it stays, and no later frame waits for the system to find a page.
+/// `list` with `len` entries: those that it held before, and then `value`. Where it must grow it takes a quarter more than is asked for, so that what grows a little
+/// from frame to frame seldom allocates.
 pub(crate) fn resize<V: Copy>(list: &mut Vec<V>, len: usize, value: V) {
     if list.capacity() < len {
         list.reserve_exact(len + len / 4 - list.len());
-        list.resize(list.capacity(), value);
     }
     list.resize(len, value);
 }

@@ -119,7 +119,7 @@ impl Nodes {
 
 impl Canopy {
     /// The shelter of hair at `positions` (rows as in `model`, metres) moved by `shift`, in wind along `wind` that reaches `depth` metres deep; none in no
-    /// wind. Allocates only where there are more nodes than ever before.
+    /// wind. Allocates at its first calls only.
     pub fn update<T: Real>(
         &mut self,
         model: &Model<T>,
@@ -172,6 +172,8 @@ impl Canopy {
         self.parts.resize_with(PARTS, Vec::new);
         let grid = &self.grid;
         self.parts.par_iter_mut().enumerate().for_each(|(part, nodes)| {
+            nodes.clear();
+            nodes.reserve(NODES.pow(3));
             fill(nodes, grid.count(), 0.0);
             for block in model.parts(PARTS).nth(part).map_or(&[][..], |mine| &model.blocks[mine]) {
                 let mut before = grid.coordinates(positions, block.first);
@@ -212,6 +214,8 @@ impl Canopy {
         // Half of what a metre at a node adds to τ over a cell.
         let half = 0.5 / (grid.cell.powi(2) * self.rest_density * depth);
         let (half, layer) = (half as f32, grid.layer());
+        self.open.clear();
+        self.open.reserve(NODES.pow(3));
         fill(&mut self.open, grid.count(), 0.0);
         for at in layer..grid.count() {
             self.open[at] = self.open[at - layer] + half * (lengths[at] + lengths[at - layer]);

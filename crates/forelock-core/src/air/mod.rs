@@ -33,7 +33,7 @@ pub use turbulence::Mode;
 pub use wake::Wake;
 
 use crate::solver::ParamsError;
-use crate::solver::params::{Range, check};
+use crate::solver::params::{NON_NEGATIVE, POSITIVE, Range, SHARE, check};
 use gusts::Gusts;
 use turbulence::Turbulence;
 
@@ -85,15 +85,12 @@ impl WindParams {
     /// [`ParamsError::Range`] for the first that is not in it.
     pub fn validate(&self) -> Result<(), ParamsError> {
         const FINITE: Range = ("finite", |_| true);
-        const DEPTH: Range = ("0 or more", |x| x >= 0.0);
-        const SHARE: Range = ("from 0 to 1", |x| (0.0..=1.0).contains(&x));
-        const POSITIVE: Range = ("above 0", |x| x > 0.0);
         check(&self.velocity.to_array().map(|value| ("velocity", value, FINITE)))?;
         check(&[
             ("gust_strength", self.gust_strength, SHARE),
             ("turbulence", self.turbulence, SHARE),
             ("shelter", self.shelter, SHARE),
-            ("hair_depth", self.hair_depth, DEPTH),
+            ("hair_depth", self.hair_depth, NON_NEGATIVE),
             ("gust_period_secs", self.gust_period_secs, POSITIVE),
             ("turbulence_scale", self.turbulence_scale, POSITIVE),
         ])

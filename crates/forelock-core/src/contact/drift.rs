@@ -84,7 +84,9 @@ impl Drift {
                 for lane in (0..model.blocks[ways.block[place] as usize].live).step_by(EVERY) {
                     let p = LANES * place + lane;
                     let way = ways.way(p);
-                    if way.is_finite() {
+                    // What was thrown far away would count as the motion of what is at the box's edge.
+                    let is_near = self.holds(ways.start[p]) && self.holds(ways.end[p]);
+                    if is_near && way.is_finite() {
                         self.add(nodes, ways.at(p, 0.5), way);
                     }
                 }
@@ -132,6 +134,11 @@ impl Drift {
         self.low = self.extent[0];
         let nodes = (self.extent[1] - self.low) / self.spacing;
         self.dims = nodes.to_array().map(|nodes| (nodes as usize + 2).min(NODES + 1));
+    }
+
+    #[inline]
+    fn holds(&self, at: Vec3) -> bool {
+        at.cmpge(self.extent[0]).all() && at.cmple(self.extent[1]).all()
     }
 
     #[inline]
@@ -217,6 +224,7 @@ impl Drift {
                         }
                         *stray = way.length();
                         if !stray.is_finite() {
+                            *stray = 0.0;
                             continue;
                         }
                         sum += f64::from(*stray) * f64::from(*stray);

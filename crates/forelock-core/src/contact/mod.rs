@@ -11,10 +11,10 @@
 //! start to its end, in the head's frame, taken as straight. Most of that way is common to neighbours: `Drift` is a
 //! smooth field of it. Only what a segment moves against the drift makes it reach farther in the search, so that hair
 //! that swings together costs no more than hair at rest. Contacts are sought only of segments that stray from the drift faster
-//! than [`ContactParams::slip`], fastest first, and [`ContactParams::budget`] bounds the work.
+//! than half of [`ContactParams::slip`], fastest first, and [`ContactParams::budget`] bounds the work.
 //!
 //! # Limitations
-//! Strands do not meet themselves. Where more than [`RUN_SEGMENTS`] segments lie in a row of cells, the others are left to the grid.
+//! Strands do not meet themselves. Where more than [`RUN_SEGMENTS`] segments lie side by side in a row of cells, those at the ends are left to the grid.
 
 mod drift;
 mod fastest;

@@ -313,7 +313,7 @@ fn asin_polynomial<L: Lane<Scalar = f32>>(z: L) -> L {
 }
 
 /// asin(√z)/√z on 0 ≤ z ≤ ¼: interpolation at Chebyshev nodes, constant term rounded to 1; relative error 2e-7.
-const ASIN_RATIO: [f32; 5] = [1.0, 1.666_522e-1, 7.545_346e-2, 3.979_444e-2, 5.035_768e-2];
+pub const ASIN_RATIO: [f32; 5] = [1.0, 1.666_522e-1, 7.545_346e-2, 3.979_444e-2, 5.035_768e-2];
 
 macro_rules! scalar_lane {
     ($float:ty) => {

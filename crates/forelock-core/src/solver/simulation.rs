@@ -250,7 +250,7 @@ impl<T: SolverReal> Simulation<T> {
         self.contacts = self.contacts.take().map(|c| Contacts::new(&self.model, c.params(), simd));
     }
 
-    /// Advances by a frame. Allocates nothing once it has seen a frame with as many solids.
+    /// Advances by a frame. Allocates nothing once it has seen a frame with as many solids, as large a box of hair on the grid and as many contacts.
     ///
     /// # Errors
     /// [`ParamsError`] if the frame's time and stiffness are beyond float32, or the time is not positive.

@@ -110,8 +110,11 @@ fn values_out_of_range_are_refused_where_they_are_set() {
             "`interaction.grid.resolution` should be between 8 and 512, not 4",
         ),
         ("[wind]\ngusts = 1", "there is no key `wind.gusts`"),
-        ("[wind]\ngust_strength = 2", "line 2, column 17: `wind.gust_strength` should be from 0 to 1, not 2"),
-        ("[wind]\nturbulence_scale = 0", "`wind.turbulence_scale` should be above 0, not 0"),
+        (
+            "[wind]\ngust_strength = 2",
+            "line 2, column 17: `wind.gust_strength` should be between 0 and 1, not 2",
+        ),
+        ("[wind]\nturbulence_scale = 0", "`wind.turbulence_scale` should be a finite number above 0, not 0"),
         ("[wind]\nvelocity = [1, 0]", "`wind.velocity`"),
         (
             "[[collider]]\nshape = \"mesh\"\nmesh = \"a.obj\"\nmesh_sequence = [\"b.obj\"]",

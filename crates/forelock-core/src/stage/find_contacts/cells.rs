@@ -1,35 +1,36 @@
 //! Which segments are near which cells.
 
-use super::Slice;
 use super::pairs::{ACTIVE, Entry, FIELDS, Test};
-use crate::contact::{Contact, Ways};
+use super::{Slice, keep_fastest};
+use crate::contact::{Contact, Histogram, Ways};
 use crate::lane::{LANES, Real, Row};
 use crate::model::Model;
-use crate::scratch::fill;
+use crate::scratch::{fill, resize};
 use glam::Vec3;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 /// Parts of the blocks: a fixed count, for results must not depend on threads.
 const CHUNKS: usize = 64;
-/// Cells at most.
+/// Cells at most, and layers of them.
 const CELLS: usize = 1 << 22;
-/// Longest piece of a segment over the mean length of an edge: longer segments are entered in pieces.
+const LAYERS: usize = 1 << 12;
+/// Longest piece of a segment over [`Cells::edge`]: longer segments are entered in pieces.
 const PIECE: f32 = 1.25;
 /// Pieces of a segment at most.
-const PIECES: f32 = 64.0;
-/// What an active segment may move against others in half a slice, and what another one may, over the mean length of an edge, at most: others stray less,
-/// but where there are more than the budget has room for.
-const REACH: [f32; 2] = [1.0, 0.25];
+const PIECES: f32 = 256.0;
+/// What an active segment and another one may reach beyond themselves, over [`Cells::edge`], at most. The few that stray farther than slices are made for
+/// are met only where they are near in the middle of a slice; others stray less than active ones, but where there are more of these than the budget has room for.
+const REACH: [f32; 2] = [1.25, 0.25];
 
 /// The box of cells.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Cells {
     low: Vec3,
     /// Side of a cell, metres.
     side: f32,
     dims: [usize; 3],
-    /// The mean length of an edge, metres.
+    /// The length that the search is made for, metres.
     edge: f32,
 }
 
@@ -41,7 +42,7 @@ impl Cells {
         loop {
             let counts =
                 (size / cells.side).to_array().map(|count| count.clamp(0.0, CELLS as f32) as usize + 1);
-            if counts.into_iter().fold(1, usize::saturating_mul) <= CELLS {
+            if counts.into_iter().fold(1, usize::saturating_mul) <= CELLS && counts[2] <= LAYERS {
                 cells.dims = counts;
                 return cells;
             }
@@ -54,11 +55,16 @@ impl Cells {
         self.dims[2]
     }
 
+    /// Cells in a layer.
+    fn layer(&self) -> usize {
+        self.dims[0] * self.dims[1]
+    }
+
     /// How far from the middle of `entry` the middles of those can be that it meets: of the active ones only those that reach no farther
     /// than it.
     #[inline]
     pub fn reach(&self, entry: &Entry) -> f32 {
-        entry.radius + entry.radius.max((0.5 * PIECE + REACH[0].min(REACH[1])) * self.edge)
+        entry.radius + entry.radius.max((0.5 * PIECE + REACH[1]) * self.edge)
     }
 
     #[inline]
@@ -107,7 +113,9 @@ impl Marks {
 
     #[inline]
     fn index(cells: &Cells, at: Vec3) -> [usize; 3] {
-        ((at - cells.low) / (COARSE * cells.side)).max(Vec3::ZERO).to_array().map(|x| x as usize)
+        let most = Vec3::from_array(cells.dims.map(|count| count as f32)) / COARSE;
+        let at = ((at - cells.low) / (COARSE * cells.side)).clamp(Vec3::ZERO, most);
+        at.to_array().map(|x| x as usize)
     }
 
     #[inline]
@@ -144,13 +152,16 @@ pub(crate) struct Chunk {
     /// Active ones first.
     entries: Vec<Entry>,
     active: usize,
+    /// Whether some segment is there in pieces.
+    in_pieces: bool,
     /// Entries by layer, and where each layer starts, `[layers + 1]`.
     order: Vec<u32>,
     starts: Vec<u32>,
-    /// What is near one entry.
+    /// What is near one segment.
     near: Vec<u32>,
     /// What its active ones met.
     pub found: Vec<Contact>,
+    approaches: Histogram,
 }
 
 /// The blocks of `model` in a number of chunks that does not depend on threads.
@@ -159,10 +170,12 @@ pub(super) fn chunks<T: Real>(model: &Model<T>) -> Vec<Chunk> {
         blocks,
         entries: Vec::new(),
         active: 0,
+        in_pieces: false,
         order: Vec::new(),
         starts: Vec::new(),
         near: Vec::new(),
         found: Vec::new(),
+        approaches: Histogram::default(),
     };
     model.parts(CHUNKS).map(chunk).collect()
 }
@@ -171,6 +184,7 @@ impl Chunk {
     pub fn bytes(&self) -> usize {
         self.entries.capacity() * size_of::<Entry>()
             + self.found.capacity() * size_of::<Contact>()
+            + self.approaches.bytes()
             + 4 * (self.order.capacity() + self.starts.capacity() + self.near.capacity())
     }
 
@@ -186,7 +200,7 @@ impl Chunk {
         self.each_segment(model, |entries, a| {
             if is_active(ways, slice, a) {
                 let before = entries.len();
-                enter(entries, ways, slice, cells, a);
+                enter(entries, ways, slice, cells, a, |_| true);
                 for entry in &entries[before..] {
                     marks.set(cells, entry.middle, cells.reach(entry));
                 }
@@ -209,12 +223,8 @@ impl Chunk {
         (cells, marks): (&Cells, &Marks),
     ) {
         self.each_segment(model, |entries, a| {
-            let middle = 0.5 * (ways.at(a, slice.middle()) + ways.at(a + LANES, slice.middle()));
-            // A long segment is in other cells than its middle's.
-            let near = |&at: &Vec3| marks.has(cells, at);
-            let ends = || [ways.at(a, slice.middle()), ways.at(a + LANES, slice.middle())];
-            if (near(&middle) || ends().iter().any(near)) && !is_active(ways, slice, a) {
-                enter(entries, ways, slice, cells, a);
+            if !is_active(ways, slice, a) {
+                enter(entries, ways, slice, cells, a, |middle| marks.has(cells, middle));
             }
         });
         self.sort(cells);
@@ -231,6 +241,7 @@ impl Chunk {
     }
 
     fn sort(&mut self, cells: &Cells) {
+        self.in_pieces = self.entries.windows(2).any(|pair| pair[0].segment == pair[1].segment);
         let layer = |entry: &Entry| cells.index(2, entry.middle.z);
         fill(&mut self.starts, cells.layers() + 1, 0);
         for entry in &self.entries {
@@ -255,15 +266,31 @@ impl Chunk {
         self.order[own].iter().map(|&number| &self.entries[number as usize])
     }
 
-    /// Lets the active segments meet what is near: `meet` says of the pairs that pass the test what becomes of them.
-    pub fn search(&mut self, shelf: &Shelf<'_>, test: Test, meet: impl Fn([u32; 2]) -> Option<Contact>) {
+    /// Lets the active segments meet what is near: `meet` says of the pairs that pass the test what becomes of them. Leaves no more than twice as many as `most`,
+    /// those of the greatest approach.
+    pub fn search(
+        &mut self,
+        shelf: &Shelf,
+        (test, distance, most): (Test, f32, usize),
+        meet: impl Fn([u32; 2]) -> Option<Contact>,
+    ) {
         self.found.clear();
-        for entry in &self.entries[..self.active] {
+        for pieces in self.entries[..self.active].chunk_by(|a, b| a.segment == b.segment) {
             self.near.clear();
-            // SAFETY: `test_for` is asked for what `Simulation` found supported.
-            unsafe { test(shelf, entry, &mut self.near) };
-            let own = entry.segment & !ACTIVE;
+            for entry in pieces {
+                // SAFETY: `test_for` gives only what the processor has.
+                unsafe { test(shelf, entry, distance, &mut self.near) };
+            }
+            if pieces.len() > 1 || shelf.has_pieces {
+                // In pieces a pair may come more than once.
+                self.near.sort_unstable();
+                self.near.dedup();
+            }
+            let own = pieces[0].segment & !ACTIVE;
             self.found.extend(self.near.iter().filter_map(|&other| meet([own, other])));
+            if self.found.len() > 2 * most {
+                keep_fastest(&mut self.found, most, &mut self.approaches);
+            }
         }
     }
 }
@@ -274,102 +301,101 @@ fn is_active(ways: &Ways, slice: &Slice, a: usize) -> bool {
     slice.active.has(a, ways.stray[a].max(ways.stray[a + LANES]))
 }
 
-/// Enters segment `a` in the middle of the slice, if it is in the box; a long one in pieces.
+/// Enters segment `a` in the middle of the slice, a long one in pieces: those in the box of which `is_near` holds.
 #[inline]
-fn enter(entries: &mut Vec<Entry>, ways: &Ways, slice: &Slice, cells: &Cells, a: usize) {
+fn enter(
+    entries: &mut Vec<Entry>,
+    ways: &Ways,
+    slice: &Slice,
+    cells: &Cells,
+    a: usize,
+    is_near: impl Fn(Vec3) -> bool,
+) {
     let (lower, upper) = (ways.at(a, slice.middle()), ways.at(a + LANES, slice.middle()));
-    let (edge, active) = (upper - lower, is_active(ways, slice, a));
+    let edge = upper - lower;
     let length = edge.length();
     let pieces = (length / (PIECE * cells.edge)).ceil().clamp(1.0, PIECES);
     let half = edge * (0.5 / pieces);
-    // A quarter more, for the drift is not quite the same for both of a pair.
-    let stray = 1.25 * ways.stray[a].max(ways.stray[a + LANES]);
-    let most = REACH[usize::from(!active)] * cells.edge;
-    let reach = (0.5 * (slice.distance + slice.length() * stray)).min(most);
-    let (way, next) = (slice.length() * ways.way(a), slice.length() * ways.way(a + LANES));
-    let mut entry = Entry {
-        segment: a as u32 | if active { ACTIVE } else { 0 },
-        middle: lower + half,
-        half,
-        inverse: 1.0 / half.length_squared().max(1e-20),
-        radius: 0.5 * length / pieces + reach,
-        way: 0.5 * (way + next),
-        spread: 0.5 * way.distance(next),
-    };
-    for _ in 0..pieces as usize {
-        if cells.holds(entry.middle) {
-            entries.push(entry);
+    for piece in 0..pieces as usize {
+        let middle = lower + (2 * piece + 1) as f32 * half;
+        if !(cells.holds(middle) && is_near(middle)) {
+            continue;
         }
-        entry.middle += 2.0 * half;
+        let active = is_active(ways, slice, a);
+        // A quarter more, for the drift is not quite the same for both of a pair.
+        let stray = 1.25 * ways.stray[a].max(ways.stray[a + LANES]);
+        let most = REACH[usize::from(!active)] * cells.edge;
+        let reach = (0.5 * (slice.distance + slice.length() * stray)).min(most);
+        let (way, next) = (slice.length() * ways.way(a), slice.length() * ways.way(a + LANES));
+        entries.push(Entry {
+            segment: a as u32 | if active { ACTIVE } else { 0 },
+            middle,
+            half,
+            inverse: 1.0 / half.length_squared().max(1e-20),
+            radius: 0.5 * length / pieces + reach,
+            way: 0.5 * (way + next),
+            spread: 0.5 * way.distance(next),
+        });
     }
 }
 
-/// A layer of cells: the segments in it by row and cell.
+/// What is entered, layer by layer, row by row, cell by cell.
 #[derive(Debug, Default)]
-pub(crate) struct Layer {
-    /// Where each cell's segments start, `[cells + 1]`.
+pub(crate) struct Shelf {
+    cells: Cells,
+    /// The first sixteen of each layer, over sixteen, `[layers + 1]`.
+    layers: Vec<u32>,
+    /// Where each cell's segments start in its layer, `[layers × (cells of a layer + 1)]`; of layers with none, nothing.
     starts: Vec<u32>,
-    /// Their numbers, with [`ACTIVE`].
+    /// Numbers of the segments, with [`ACTIVE`].
     pub segments: Vec<u32>,
     /// Sixteen segments each: field by field, as [`Entry::fields`] has them.
     pub rows: Vec<[Row<f32>; FIELDS]>,
+    /// Whether some segment may be there in pieces.
+    has_pieces: bool,
 }
 
-impl Layer {
+/// A layer's part of a shelf.
+struct Layer<'a> {
+    starts: &'a mut [u32],
+    segments: &'a mut [u32],
+    rows: &'a mut [[Row<f32>; FIELDS]],
+}
+
+impl Shelf {
     pub fn bytes(&self) -> usize {
-        4 * (self.starts.capacity() + self.segments.capacity())
+        4 * (self.layers.capacity() + self.starts.capacity() + self.segments.capacity())
             + self.rows.capacity() * size_of::<[Row<f32>; FIELDS]>()
     }
 
-    /// Takes up what all chunks have in layer `k`, in their order.
-    pub fn take(&mut self, k: usize, chunks: &[Chunk], cells: &Cells) {
-        let count: u32 = chunks.iter().map(|chunk| chunk.starts[k + 1] - chunk.starts[k]).sum();
-        fill(&mut self.segments, count as usize, 0);
-        if count == 0 {
-            return;
-        }
-        fill(&mut self.starts, cells.dims[0] * cells.dims[1] + 1, 0);
-        fill(&mut self.rows, self.segments.len().div_ceil(LANES), [Row([0.0; LANES]); FIELDS]);
-        let cell =
-            |entry: &Entry| cells.index(0, entry.middle.x) + cells.dims[0] * cells.index(1, entry.middle.y);
-        for entry in chunks.iter().flat_map(|chunk| chunk.layer(k)) {
-            self.starts[cell(entry) + 1] += 1;
-        }
-        for k in 1..self.starts.len() {
-            self.starts[k] += self.starts[k - 1];
-        }
-        for entry in chunks.iter().flat_map(|chunk| chunk.layer(k)) {
-            let next = &mut self.starts[cell(entry)];
-            let place = *next as usize;
-            *next += 1;
-            self.segments[place] = entry.segment;
-            for (row, value) in self.rows[place / LANES].iter_mut().zip(entry.fields()) {
-                row.0[place % LANES] = value;
-            }
-        }
-        // Each start now stands where the next cell starts.
-        self.starts.rotate_right(1);
-        self.starts[0] = 0;
+    pub fn cells(&self) -> &Cells {
+        &self.cells
     }
-}
 
-/// All layers.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Shelf<'a> {
-    pub cells: &'a Cells,
-    pub layers: &'a [Layer],
-    /// The contact distance, metres.
-    pub distance: f32,
-}
+    /// Takes up what all chunks have, in their order.
+    pub fn take(&mut self, chunks: &[Chunk], cells: &Cells) {
+        self.cells = *cells;
+        fill(&mut self.layers, cells.layers() + 1, 0);
+        for k in 0..cells.layers() {
+            let count: u32 = chunks.iter().map(|chunk| chunk.starts[k + 1] - chunk.starts[k]).sum();
+            self.layers[k + 1] = self.layers[k] + count.div_ceil(LANES as u32);
+        }
+        let groups = self.layers[cells.layers()] as usize;
+        resize(&mut self.starts, cells.layers() * (cells.layer() + 1), 0);
+        resize(&mut self.segments, LANES * groups, 0);
+        resize(&mut self.rows, groups, [Row([0.0; LANES]); FIELDS]);
+        self.has_pieces = chunks.iter().any(|chunk| chunk.in_pieces);
+        let all = Layer { starts: &mut self.starts, segments: &mut self.segments, rows: &mut self.rows };
+        each_layer(0..cells.layers(), &self.layers, all, &|k, layer| layer.take(k, chunks, cells));
+    }
 
-impl<'a> Shelf<'a> {
-    /// Calls `visit` with each layer and run of segments in it whose cells are within `reach` of `at`.
+    /// Calls `visit` with each run of segments whose cells are within `reach` of `at`.
     #[inline(always)]
-    pub fn runs(&self, at: Vec3, reach: f32, mut visit: impl FnMut(&'a Layer, Range<usize>)) {
-        let (cells, row) = (self.cells, self.cells.dims[0]);
+    pub fn runs(&self, at: Vec3, reach: f32, mut visit: impl FnMut(Range<usize>)) {
+        let (cells, row, layer) = (&self.cells, self.cells.dims[0], self.cells.layer() + 1);
         for z in cells.span(2, at.z, reach) {
-            let layer = &self.layers[z];
-            if layer.segments.is_empty() {
+            let first = self.layers[z] as usize;
+            if self.layers[z + 1] as usize == first {
                 continue;
             }
             let left = reach * reach - cells.apart(2, z, at.z).powi(2);
@@ -377,12 +403,64 @@ impl<'a> Shelf<'a> {
                 let left = left - cells.apart(1, y, at.y).powi(2);
                 if left > 0.0 {
                     let x = cells.span(0, at.x, left.sqrt());
-                    let (from, to) = (layer.starts[row * y + x.start], layer.starts[row * y + x.end]);
+                    let starts = &self.starts[layer * z + row * y..layer * z + row * (y + 1) + 1];
+                    let (from, to) = (starts[x.start] as usize, starts[x.end] as usize);
                     if from < to {
-                        visit(layer, from as usize..to as usize);
+                        visit(LANES * first + from..LANES * first + to);
                     }
                 }
             }
         }
+    }
+}
+
+/// Calls `f` for each layer with its part, in parallel.
+fn each_layer(range: Range<usize>, firsts: &[u32], all: Layer<'_>, f: &(impl Fn(usize, Layer<'_>) + Sync)) {
+    if range.len() <= 1 {
+        return f(range.start, all);
+    }
+    let middle = range.start + range.len() / 2;
+    let groups = (firsts[middle] - firsts[range.start]) as usize;
+    let (starts, starts_right) =
+        all.starts.split_at_mut(all.starts.len() / range.len() * (middle - range.start));
+    let (segments, segments_right) = all.segments.split_at_mut(LANES * groups);
+    let (rows, rows_right) = all.rows.split_at_mut(groups);
+    rayon::join(
+        || each_layer(range.start..middle, firsts, Layer { starts, segments, rows }, f),
+        || {
+            let right = Layer { starts: starts_right, segments: segments_right, rows: rows_right };
+            each_layer(middle..range.end, firsts, right, f);
+        },
+    );
+}
+
+impl Layer<'_> {
+    /// Takes up what all chunks have in layer `k`, in their order.
+    fn take(self, k: usize, chunks: &[Chunk], cells: &Cells) {
+        let Self { starts, segments, rows } = self;
+        if rows.is_empty() {
+            return;
+        }
+        starts.fill(0);
+        let cell =
+            |entry: &Entry| cells.index(0, entry.middle.x) + cells.dims[0] * cells.index(1, entry.middle.y);
+        for entry in chunks.iter().flat_map(|chunk| chunk.layer(k)) {
+            starts[cell(entry) + 1] += 1;
+        }
+        for k in 1..starts.len() {
+            starts[k] += starts[k - 1];
+        }
+        for entry in chunks.iter().flat_map(|chunk| chunk.layer(k)) {
+            let next = &mut starts[cell(entry)];
+            let place = *next as usize;
+            *next += 1;
+            segments[place] = entry.segment;
+            for (row, value) in rows[place / LANES].iter_mut().zip(entry.fields()) {
+                row.0[place % LANES] = value;
+            }
+        }
+        // Each start now stands where the next cell starts.
+        starts.rotate_right(1);
+        starts[0] = 0;
     }
 }

@@ -6,7 +6,7 @@
 //! less for strands that lie nearer at rest: hair must be able to go back to its rest shape.
 //!
 //! # Practice
-//! A frame is cut into as many slices as it takes for hair to stray from the drift about it by less than an edge in each.
+//! A frame is cut into as many slices, at most four, as it takes for hair to stray from the drift about it by less than an edge in each, and for all but a few hundredths of it by less than two.
 //! In the middle of a slice each active segment, and each other near one, is a ball: about its middle, as large as half its length, half the contact
 //! distance and what it strays in half a slice. All are sorted by the cell of their middle, layer by layer, their fields side by side
 //! ([`cells`]), so that what is within reach of an active one lies in a few runs of memory. Of the runs those pass, many at a time, whose balls meet, and
@@ -21,7 +21,7 @@ use crate::contact::{Contact, ContactParams, Drift, Farthest, Histogram, Ways};
 use crate::lane::Real;
 use crate::model::Model;
 use crate::solver::Simd;
-use cells::{Cells, Chunk, Layer, Marks, Shelf};
+use cells::{Cells, Chunk, Marks, Shelf};
 use rayon::prelude::*;
 use std::cmp::Ordering;
 
@@ -29,7 +29,7 @@ use std::cmp::Ordering;
 const EDGE_PER_DISTANCE: f64 = 8.0;
 /// Slices of a frame at most.
 const SLICES: u32 = 4;
-/// Contacts in the budget for each segment of which they are sought.
+/// Contacts in the budget for each particle whose segments' contacts are sought.
 const SEGMENT_CONTACTS: usize = 8;
 /// One in so many particles may stray farther than slices are made for.
 const FEW: usize = 512;
@@ -39,11 +39,11 @@ const SLOP: f32 = 2e-3;
 /// Finds contacts; holds the scratch for it.
 #[derive(Debug)]
 pub(crate) struct Finder {
-    /// The mean length of an edge, metres.
+    /// The length that the search is made for: the mean length of an edge, or several times the contact distance. Metres.
     edge: f32,
     test: pairs::Test,
     chunks: Vec<Chunk>,
-    layers: Vec<Layer>,
+    shelf: Shelf,
     marks: Marks,
     found: Vec<Contact>,
     approaches: Histogram,
@@ -87,7 +87,7 @@ impl Finder {
             edge: edge as f32,
             test: pairs::test_for(simd),
             chunks: cells::chunks(model),
-            layers: Vec::new(),
+            shelf: Shelf::default(),
             marks: Marks::default(),
             found: Vec::new(),
             approaches: Histogram::default(),
@@ -96,12 +96,11 @@ impl Finder {
 
     pub fn bytes(&self) -> usize {
         let chunks: usize = self.chunks.iter().map(Chunk::bytes).sum();
-        let layers: usize = self.layers.iter().map(Layer::bytes).sum();
         let found = self.found.capacity() * size_of::<Contact>() + self.approaches.bytes();
-        chunks + layers + self.marks.bytes() + found
+        chunks + self.shelf.bytes() + self.marks.bytes() + found
     }
 
-    /// Everything that touches in the frame, slice by slice; a pair may come more than once, the first time counts.
+    /// What touches an active segment in the frame, slice by slice; a pair may come once a slice, the first time counts.
     pub fn find<T: Real>(
         &mut self,
         model: &Model<T>,
@@ -110,24 +109,14 @@ impl Finder {
         drift: &Drift,
     ) -> &[Contact] {
         self.found.clear();
-        let distance = params.distance as f32;
-        let slip = ((params.slip * dt_secs) as f32).max(SLOP * distance);
         let budget = params.budget as usize;
-        let active = drift.farthest(budget / SEGMENT_CONTACTS, 0.5 * slip);
-        let (typical, most) = drift.strays;
-        if most <= active.least {
+        let Some((slice, slices)) = self.first_slice(model, (params, dt_secs), drift) else {
             return &self.found;
-        }
-        let most = drift.exceeded_by(model.particle_count / FEW);
+        };
         let cells = Cells::around(drift.extent, self.edge);
-        let slices = (typical / self.edge).max(most / (4.0 * self.edge)).ceil().clamp(1.0, SLICES as f32);
-        let count = cells.layers();
-        if self.layers.len() < count {
-            self.layers.resize_with(count, Layer::default);
-        }
-        for k in 0..slices as u32 {
-            let span = [k as f32 / slices, (k + 1) as f32 / slices];
-            let slice = Slice { span, distance, slip, active };
+        for k in 0..slices {
+            let span = [k, k + 1].map(|k| k as f32 / slices as f32);
+            let slice = Slice { span, ..slice };
             self.marks.clear();
             let (chunks, marks) = (&mut self.chunks, &self.marks);
             chunks.par_iter_mut().for_each(|chunk| chunk.enter_active(model, ways, &slice, (&cells, marks)));
@@ -135,37 +124,58 @@ impl Finder {
                 continue;
             }
             chunks.par_iter_mut().for_each(|chunk| chunk.enter_others(model, ways, &slice, (&cells, marks)));
-            let layers = &mut self.layers[..count];
-            layers.par_iter_mut().enumerate().for_each(|(k, layer)| layer.take(k, chunks, &cells));
-            let (shelf, test) = (Shelf { cells: &cells, layers, distance }, self.test);
+            self.shelf.take(chunks, &cells);
+            let (shelf, how) = (&self.shelf, (self.test, slice.distance, budget));
             chunks.par_iter_mut().for_each(|chunk| {
-                chunk.search(&shelf, test, |pair| meet::follow(model, ways, &slice, pair));
+                chunk.search(shelf, how, |pair| meet::follow(model, ways, &slice, pair));
             });
             for chunk in chunks {
                 self.found.extend_from_slice(&chunk.found);
             }
+            keep_fastest(&mut self.found, budget, &mut self.approaches);
         }
-        self.keep_fastest(budget);
         &self.found
     }
 
-    /// Leaves at most `most` contacts: those of the greatest approach, otherwise the first.
-    fn keep_fastest(&mut self, most: usize) {
-        if self.found.len() <= most {
-            return;
+    /// The first slice of a frame, and how many there are; none if nothing strays.
+    fn first_slice<T: Real>(
+        &self,
+        model: &Model<T>,
+        (params, dt_secs): (&ContactParams, f64),
+        drift: &Drift,
+    ) -> Option<(Slice, u32)> {
+        let distance = params.distance as f32;
+        let slip = ((params.slip * dt_secs) as f32).max(SLOP * distance);
+        let active = drift.farthest(params.budget as usize / SEGMENT_CONTACTS, 0.5 * slip);
+        let (typical, most) = drift.strays;
+        if most <= active.least {
+            return None;
         }
-        self.approaches.clear();
-        self.found.iter().for_each(|contact| self.approaches.add(contact.approach));
-        let last = self.approaches.last_of(most);
-        let mut room = last.room;
-        self.found.retain(|contact| match last.against(contact.approach) {
-            Ordering::Greater => true,
-            Ordering::Less => false,
-            Ordering::Equal => {
-                let fits = room > 0;
-                room -= usize::from(fits);
-                fits
-            }
-        });
+        let most = drift.exceeded_by(model.particle_count / FEW);
+        let slices = (typical / self.edge).max(most / (2.0 * self.edge)).ceil().clamp(1.0, SLICES as f32);
+        Some((Slice { span: [0.0, 1.0 / slices], distance, slip, active }, slices as u32))
     }
 }
+
+/// Leaves at most `most` contacts: those of the greatest approach, otherwise the first. `approaches` is scratch.
+fn keep_fastest(found: &mut Vec<Contact>, most: usize, approaches: &mut Histogram) {
+    if found.len() <= most {
+        return;
+    }
+    approaches.clear();
+    found.iter().for_each(|contact| approaches.add(contact.approach));
+    let last = approaches.last_of(most);
+    let mut room = last.room;
+    found.retain(|contact| match last.against(contact.approach) {
+        Ordering::Greater => true,
+        Ordering::Less => false,
+        Ordering::Equal => {
+            let fits = room > 0;
+            room -= usize::from(fits);
+            fits
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests;

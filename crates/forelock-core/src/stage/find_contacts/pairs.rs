@@ -19,7 +19,7 @@ pub(crate) struct Entry {
     pub half: Vec3,
     /// One over the square of that length.
     pub inverse: f32,
-    /// Of the ball about its middle that it does not leave, with half the contact distance, as seen by what moves with the drift.
+    /// Of a ball about its middle: half its length, half the contact distance, and what it strays in half a slice, up to a bound.
     pub radius: f32,
     /// Mean of what its ends move in the slice.
     pub way: Vec3,
@@ -40,15 +40,17 @@ impl Entry {
     }
 }
 
-/// Writes the segments that may touch an active one in the slice; of the active ones only those that reach less far, so that each pair is met once.
+/// Writes the segments that may touch an active one, a piece of which is given, in the slice, `distance` the contact distance; of the active ones only those that reach less
+/// far, so that each pair comes once, or once for each pair of pieces.
 ///
 /// # Safety
 /// The processor must have the instruction set that the function was made for.
-pub(super) type Test = unsafe fn(&Shelf<'_>, &Entry, &mut Vec<u32>);
+pub(super) type Test = unsafe fn(&Shelf, &Entry, f32, &mut Vec<u32>);
 
-/// The test for `simd`, which must be supported.
+/// The test for `simd`, or for what any processor has if `simd` is not supported.
 pub(super) fn test_for(simd: Simd) -> Test {
     match simd {
+        _ if !simd.is_supported() => test::<Pack<4, { crate::solver::BASELINE_FMA }>>,
         #[cfg(target_arch = "x86_64")]
         Simd::Avx2x1 | Simd::Avx2x4 | Simd::Avx2 | Simd::Avx2x16 => avx2,
         #[cfg(target_arch = "x86_64")]
@@ -61,8 +63,8 @@ macro_rules! instantiate {
     ($($name:ident $features:literal $lane:ty;)*) => {$(
         #[cfg(target_arch = "x86_64")]
         #[target_feature(enable = $features)]
-        fn $name(shelf: &Shelf<'_>, entry: &Entry, near: &mut Vec<u32>) {
-            test::<$lane>(shelf, entry, near);
+        fn $name(shelf: &Shelf, entry: &Entry, distance: f32, near: &mut Vec<u32>) {
+            test::<$lane>(shelf, entry, distance, near);
         }
     )*};
 }
@@ -72,27 +74,29 @@ instantiate! {
 }
 
 #[inline(always)]
-fn test<L: Lane<Scalar = f32>>(shelf: &Shelf<'_>, entry: &Entry, near: &mut Vec<u32>) {
+fn test<L: Lane<Scalar = f32>>(shelf: &Shelf, entry: &Entry, distance: f32, near: &mut Vec<u32>) {
     let a = Side::<L>::splat(entry);
-    let distance = L::splat(shelf.distance);
+    let distance = L::splat(distance);
     let reach = L::splat(entry.radius - entry.half.length());
-    shelf.runs(entry.middle, shelf.cells.reach(entry), |layer, mut run| {
-        run.end = run.end.min(run.start + RUN_SEGMENTS);
+    shelf.runs(entry.middle, shelf.cells().reach(entry), |run| {
+        // What is left out is at the ends.
+        let cut = run.len().saturating_sub(RUN_SEGMENTS) / 2;
+        let run = run.start + cut..run.end - cut;
         let mut first = run.start / L::WIDTH * L::WIDTH;
         while first < run.end {
-            let rows = &layer.rows[first / LANES];
+            let rows = &shelf.rows[first / LANES];
             let lane = first % LANES;
+            // Lanes before and after the run are of other cells.
             let mut bits = near_enough(&a, reach, rows, lane);
+            bits &= u32::MAX << run.start.saturating_sub(first);
+            bits &= u32::MAX >> (32 - (run.end - first).min(32));
             if bits != 0 {
                 bits &= touch(&a, &Side::load(rows, lane), distance);
             }
-            // Lanes before and after the run are of other cells.
-            bits &= u32::MAX << run.start.saturating_sub(first);
-            bits &= u32::MAX >> (32 - (run.end - first).min(32));
             while bits != 0 {
                 let k = bits.trailing_zeros() as usize;
                 bits &= bits - 1;
-                let (other, radius) = (layer.segments[first + k], rows[3].0[lane + k]);
+                let (other, radius) = (shelf.segments[first + k], rows[3].0[lane + k]);
                 let own = other & !ACTIVE;
                 if own == other || (radius, other) < (entry.radius, entry.segment) {
                     near.push(own);
@@ -107,7 +111,6 @@ fn test<L: Lane<Scalar = f32>>(shelf: &Shelf<'_>, entry: &Entry, near: &mut Vec<
 #[derive(Clone, Copy)]
 struct Side<L> {
     middle: V3<L>,
-    radius: L,
     half: V3<L>,
     inverse: L,
     way: V3<L>,
@@ -130,7 +133,6 @@ impl<L: Lane<Scalar = f32>> Side<L> {
     fn from(f: impl Fn(usize) -> L) -> Self {
         Self {
             middle: V3([f(0), f(1), f(2)]),
-            radius: f(3),
             half: V3([f(4), f(5), f(6)]),
             inverse: f(7),
             way: V3([f(8), f(9), f(10)]),

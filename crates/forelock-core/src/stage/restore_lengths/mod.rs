@@ -35,7 +35,7 @@ pub struct LengthTerms {
 }
 
 /// Newton steps before the sweep.
-const NEWTON_STEPS: usize = 2;
+pub const NEWTON_STEPS: usize = 2;
 
 /// Restores the lengths of lanes `first..first + L::WIDTH` and returns the largest |l/l₀ − 1| left, a lane. `work` holds
 /// two vectors a particle.

@@ -11,7 +11,7 @@ use super::springs::Spring;
 use crate::lane::{Lane, Mat3, Sym3, V3};
 
 /// Smallest pivot, over the mass: exact ones are at least 1.
-const PIVOT_FLOOR: f64 = 0.999;
+pub const PIVOT_FLOOR: f64 = 0.999;
 
 /// −L of a row to its three earlier rows, nearest first.
 pub type Link<L> = [Mat3<L>; 3];

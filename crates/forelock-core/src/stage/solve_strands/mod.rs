@@ -27,6 +27,7 @@ mod ghost;
 mod springs;
 mod terms;
 
+pub use factor::PIVOT_FLOOR;
 pub use terms::{FrameTerms, RowTerms, SubstepTerms};
 
 use super::{BlockView, Scratch};

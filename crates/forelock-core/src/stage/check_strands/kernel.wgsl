@@ -1,0 +1,38 @@
+// The last look at a strand: its largest stretch, and whether all of it is finite. What is not goes back to rest, moving with the head.
+
+@compute @workgroup_size(WORKGROUP)
+fn check_strands(@builtin(global_invocation_id) id: vec3u) {
+    let strand = strand_of(id.x);
+    if !strand.here {
+        return;
+    }
+    let n = strand.particles;
+    var largest = 0.0;
+    var all_finite = true;
+    var before = position_at(strand, 0u);
+    for (var i = 0u; i < n; i++) {
+        let x = position_at(strand, i);
+        let v = velocity_at(strand, i);
+        all_finite = all_finite && is_finite(x.x) && is_finite(x.y) && is_finite(x.z);
+        all_finite = all_finite && is_finite(v.x) && is_finite(v.y) && is_finite(v.z);
+        if i > 0u {
+            let stretch = abs(distance(x, before) / rest_length(strand, i - 1u, 1u) - 1.0);
+            largest = max(largest, select(0.0, stretch, is_finite(stretch)));
+        }
+        before = x;
+    }
+    atomicMax(&report.stretch, bitcast<u32>(largest));
+    if all_finite {
+        return;
+    }
+    atomicAdd(&report.quarantined, 1u);
+    for (var i = 0u; i < n; i++) {
+        let rest = vec4f(rest_at(strand, i), 1.0);
+        let end = (substep.end * rest).xyz;
+        set_position(strand, i, end);
+        set_velocity(strand, i, (end - (substep.start * rest).xyz) * frame.inverse_h);
+        let at = entry(strand, i, 2u, 0u);
+        memory[at] = 1.0;
+        memory[at + LANES] = frame.unknown;
+    }
+}

@@ -1,0 +1,219 @@
+// What all kernels of strands share: the arrays of Model and State, as `forelock_core::model` lays them out, and 3×3 algebra.
+//
+// A thread has one strand: slot = block × LANES + lane. Neighbours in a workgroup read neighbours in memory.
+
+// Coefficients of a frame: `FrameTerms` on the CPU.
+struct Frame {
+    k_springs: vec3f,
+    k_integrity: f32,
+    tip_scales: vec3f,
+    k_angular: f32,
+    gravity: vec3f,
+    k_altitude: f32,
+    air: vec3f,
+    // h c/m
+    drag: f32,
+    h: f32,
+    inverse_h: f32,
+    // One over the frame's time.
+    inverse_dt: f32,
+    dftl_damping: f32,
+    elastic_limit: f32,
+    breaking_point: f32,
+    breaking_width: f32,
+    healing: f32,
+    healing_limit: f32,
+    clamped: u32,
+    flags: u32,
+    // The clearance of who has not looked yet: no literal can be −∞.
+    unknown: f32,
+}
+
+// Where the head is at a substep's start and end, as maps from rest to positions.
+struct Substep {
+    start: mat4x4f,
+    end: mat4x4f,
+    carried_weight: vec3f,
+    pad_0: f32,
+    // What positions are moved by before the substep: the origin moves with the head.
+    shift: vec3f,
+    pad_1: f32,
+}
+
+struct Block {
+    first: u32,
+    particles: u32,
+    live: u32,
+    pad_0: u32,
+}
+
+// What a frame found, over all strands.
+struct Report {
+    // Bits of the largest |l/l₀ − 1|.
+    stretch: atomic<u32>,
+    quarantined: atomic<u32>,
+    // Particles that touched a solid at a look, all looks together; bits of the greatest depth left.
+    touching: atomic<u32>,
+    deepest: atomic<u32>,
+}
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(1) var<uniform> substep: Substep;
+@group(0) @binding(2) var<storage, read> blocks: array<Block>;
+// Rows of LANES numbers. A particle's rest position, its rest lengths to the next three, one over the first of them: seven rows.
+@group(0) @binding(3) var<storage, read> model: array<f32>;
+// A block's lengths and relative stiffnesses: two rows.
+@group(0) @binding(4) var<storage, read> strands: array<f32>;
+// Three rows a particle each.
+@group(0) @binding(5) var<storage, read_write> positions: array<f32>;
+@group(0) @binding(6) var<storage, read_write> velocities: array<f32>;
+// A particle's integrity and clearance: two rows.
+@group(0) @binding(7) var<storage, read_write> memory: array<f32>;
+// SCRATCH rows a particle.
+@group(0) @binding(8) var<storage, read_write> scratch: array<f32>;
+@group(0) @binding(9) var<storage, read_write> report: Report;
+
+// This thread's strand.
+struct Strand {
+    // Place of its first particle.
+    first: u32,
+    lane: u32,
+    particles: u32,
+    block: u32,
+    here: bool,
+}
+
+fn strand_of(slot: u32) -> Strand {
+    let count = arrayLength(&blocks);
+    let number = min(slot / LANES, count - 1u);
+    let block = blocks[number];
+    let lane = slot % LANES;
+    return Strand(block.first, lane, block.particles, number, slot / LANES < count && lane < block.live);
+}
+
+// The entry of row `row` (of `rows` a particle) of particle `i`.
+fn entry(strand: Strand, i: u32, rows: u32, row: u32) -> u32 {
+    return (rows * (strand.first + i) + row) * LANES + strand.lane;
+}
+
+fn rest_at(strand: Strand, i: u32) -> vec3f {
+    let at = entry(strand, i, 7u, 0u);
+    return vec3f(model[at], model[at + LANES], model[at + 2u * LANES]);
+}
+
+fn position_at(strand: Strand, i: u32) -> vec3f {
+    let at = entry(strand, i, 3u, 0u);
+    return vec3f(positions[at], positions[at + LANES], positions[at + 2u * LANES]);
+}
+
+fn velocity_at(strand: Strand, i: u32) -> vec3f {
+    let at = entry(strand, i, 3u, 0u);
+    return vec3f(velocities[at], velocities[at + LANES], velocities[at + 2u * LANES]);
+}
+
+fn set_position(strand: Strand, i: u32, x: vec3f) {
+    let at = entry(strand, i, 3u, 0u);
+    positions[at] = x.x;
+    positions[at + LANES] = x.y;
+    positions[at + 2u * LANES] = x.z;
+}
+
+fn set_velocity(strand: Strand, i: u32, v: vec3f) {
+    let at = entry(strand, i, 3u, 0u);
+    velocities[at] = v.x;
+    velocities[at + LANES] = v.y;
+    velocities[at + 2u * LANES] = v.z;
+}
+
+// Rest length from particle `i` to `i + reach`, 1 to 3.
+fn rest_length(strand: Strand, i: u32, reach: u32) -> f32 {
+    return model[entry(strand, i, 7u, 2u + reach)];
+}
+
+fn inverse_rest_edge(strand: Strand, i: u32) -> f32 {
+    return model[entry(strand, i, 7u, 6u)];
+}
+
+fn strand_length(strand: Strand) -> f32 {
+    return strands[(2u * strand.block) * LANES + strand.lane];
+}
+
+fn strand_stiffness(strand: Strand) -> f32 {
+    return strands[(2u * strand.block + 1u) * LANES + strand.lane];
+}
+
+fn scratch_vector(strand: Strand, i: u32, row: u32) -> vec3f {
+    let at = entry(strand, i, SCRATCH, row);
+    return vec3f(scratch[at], scratch[at + LANES], scratch[at + 2u * LANES]);
+}
+
+fn set_scratch_vector(strand: Strand, i: u32, row: u32, v: vec3f) {
+    let at = entry(strand, i, SCRATCH, row);
+    scratch[at] = v.x;
+    scratch[at + LANES] = v.y;
+    scratch[at + 2u * LANES] = v.z;
+}
+
+fn has(flag: u32) -> bool {
+    return (frame.flags & flag) != 0u;
+}
+
+// Whether a number is finite: by its bits, for a driver may take it for granted.
+fn is_finite(x: f32) -> bool {
+    return (bitcast<u32>(x) & 0x7f800000u) != 0x7f800000u;
+}
+
+// A symmetric matrix: its diagonal, and xy, xz, yz.
+struct Sym {
+    d: vec3f,
+    o: vec3f,
+}
+
+fn sym_add(a: Sym, b: Sym) -> Sym {
+    return Sym(a.d + b.d, a.o + b.o);
+}
+
+fn sym_mul(s: Sym, v: vec3f) -> vec3f {
+    return vec3f(
+        s.d.x * v.x + s.o.x * v.y + s.o.y * v.z,
+        s.o.x * v.x + s.d.y * v.y + s.o.z * v.z,
+        s.o.y * v.x + s.o.z * v.y + s.d.z * v.z,
+    );
+}
+
+fn sym_matrix(s: Sym) -> mat3x3f {
+    return mat3x3f(s.d.x, s.o.x, s.o.y, s.o.x, s.d.y, s.o.z, s.o.y, s.o.z, s.d.z);
+}
+
+// a d dᵀ + b I.
+fn outer_plus_identity(a: f32, d: vec3f, b: f32) -> Sym {
+    let e = a * d;
+    return Sym(e * d + b, e.xxy * d.yzz);
+}
+
+// s − Σ_k l_k a_kᵀ, known to be symmetric.
+fn sym_sub_product(s: Sym, l: mat3x3f, a: mat3x3f) -> Sym {
+    return Sym(
+        s.d - l[0] * a[0] - l[1] * a[1] - l[2] * a[2],
+        s.o - l[0].xxy * a[0].yzz - l[1].xxy * a[1].yzz - l[2].xxy * a[2].yzz,
+    );
+}
+
+// The inverse of a positive definite matrix by its LDLᵀ factors, pivots no smaller than PIVOT_FLOOR.
+fn sym_inverse(s: Sym) -> Sym {
+    let i0 = 1.0 / max(s.d.x, PIVOT_FLOOR);
+    let l10 = s.o.x * i0;
+    let l20 = s.o.y * i0;
+    let i1 = 1.0 / max(s.d.y - l10 * s.o.x, PIVOT_FLOOR);
+    let t = s.o.z - l20 * s.o.x;
+    let l21 = t * i1;
+    let i2 = 1.0 / max((s.d.z - l20 * s.o.y) - l21 * t, PIVOT_FLOOR);
+    let m20 = l10 * l21 - l20;
+    let n20 = m20 * i2;
+    let n21 = -(l21 * i2);
+    let n10 = l10 * i1;
+    return Sym(
+        vec3f(i0 + l10 * n10 + m20 * n20, i1 - l21 * n21, i2),
+        vec3f(m20 * n21 - n10, n20, n21),
+    );
+}

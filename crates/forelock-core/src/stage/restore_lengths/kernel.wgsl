@@ -1,0 +1,119 @@
+// The pass that brings every edge back to its rest length, one strand a thread: the twin of `restore_lengths::restore`.
+//
+// Scratch rows 0 to 2 of an edge hold its direction, row 3 the right side and then λ, row 4 the eliminated entry; rows 5 to 7 of a particle where it was before.
+
+fn edge_of(strand: Strand, j: u32) -> vec4f {
+    let d = position_at(strand, j + 1u) - position_at(strand, j);
+    let length = sqrt(max(dot(d, d), 1e-24));
+    return vec4f(d / length, length);
+}
+
+// Thomas' algorithm on J W Jᵀ λ = r: r in row 3 before, λ there after.
+fn solve_chain(strand: Strand, first: u32) {
+    var upper = 0.0;
+    var partial = 0.0;
+    var beside = 0.0;
+    var direction = scratch_vector(strand, first, 0u);
+    for (var j = first; j + 1u < strand.particles; j++) {
+        let at = entry(strand, j, SCRATCH, 3u);
+        let diagonal = select(2.0, 1.0, j == first);
+        let pivot = 1.0 / (diagonal - beside * upper);
+        partial = (scratch[at] - beside * partial) * pivot;
+        var next = 0.0;
+        if j + 2u < strand.particles {
+            let after = scratch_vector(strand, j + 1u, 0u);
+            next = -dot(direction, after);
+            direction = after;
+        }
+        upper = next * pivot;
+        scratch[at] = partial;
+        scratch[at + LANES] = upper;
+        beside = next;
+    }
+    var lambda = 0.0;
+    for (var k = 0u; k < strand.particles - 1u - first; k++) {
+        let at = entry(strand, strand.particles - 2u - k, SCRATCH, 3u);
+        lambda = scratch[at] - scratch[at + LANES] * lambda;
+        scratch[at] = lambda;
+    }
+}
+
+// W Jᵀ λ of particle i.
+fn push_of(strand: Strand, i: u32) -> vec3f {
+    var push = scratch[entry(strand, i - 1u, SCRATCH, 3u)] * scratch_vector(strand, i - 1u, 0u);
+    if i + 1u < strand.particles {
+        push -= scratch[entry(strand, i, SCRATCH, 3u)] * scratch_vector(strand, i, 0u);
+    }
+    return push;
+}
+
+// Puts each particle at its rest length from the one before; with `hand_up` velocities take the corrections as DFTL has it.
+fn follow_the_leader(strand: Strand, first: u32, hand_up: bool) {
+    for (var j = first; j + 1u < strand.particles; j++) {
+        let before = position_at(strand, j + 1u);
+        let after = position_at(strand, j) + rest_length(strand, j, 1u) * edge_of(strand, j).xyz;
+        set_position(strand, j + 1u, after);
+        if hand_up {
+            let correction = (after - before) * frame.inverse_dt;
+            set_velocity(strand, j + 1u, velocity_at(strand, j + 1u) + correction);
+            if j > first {
+                set_velocity(strand, j, velocity_at(strand, j) - frame.dftl_damping * correction);
+            }
+        }
+    }
+}
+
+fn restore(strand: Strand, first: u32) {
+    let n = strand.particles;
+    if has(FOLLOW_THE_LEADER) {
+        follow_the_leader(strand, first, true);
+        return;
+    }
+    for (var step = 0u; step < NEWTON_STEPS; step++) {
+        for (var j = first; j + 1u < n; j++) {
+            let edge = edge_of(strand, j);
+            set_scratch_vector(strand, j, 0u, edge.xyz);
+            scratch[entry(strand, j, SCRATCH, 3u)] = rest_length(strand, j, 1u) - edge.w;
+        }
+        solve_chain(strand, first);
+        for (var i = first + 1u; i < n; i++) {
+            set_position(strand, i, position_at(strand, i) + push_of(strand, i));
+        }
+    }
+    follow_the_leader(strand, first, false);
+    for (var j = first; j + 1u < n; j++) {
+        let direction = edge_of(strand, j).xyz;
+        set_scratch_vector(strand, j, 0u, direction);
+        let apart = velocity_at(strand, j + 1u) - velocity_at(strand, j);
+        scratch[entry(strand, j, SCRATCH, 3u)] = -dot(direction, apart);
+    }
+    solve_chain(strand, first);
+    for (var i = first + 1u; i < n; i++) {
+        set_velocity(strand, i, velocity_at(strand, i) + push_of(strand, i));
+    }
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn restore_lengths(@builtin(global_invocation_id) id: vec3u) {
+    let strand = strand_of(id.x);
+    if !strand.here {
+        return;
+    }
+    let n = strand.particles;
+    let first = max(min(frame.clamped, n), 1u) - 1u;
+    // One edge at least has a free end.
+    if first + 1u >= n {
+        return;
+    }
+    for (var i = first + 1u; i < n; i++) {
+        set_scratch_vector(strand, i, 5u, position_at(strand, i));
+    }
+    restore(strand, first);
+    // What particles moved is taken off their clearances. Below zero these are depths, not distances.
+    for (var i = first + 1u; i < n; i++) {
+        let at = entry(strand, i, 2u, 1u);
+        if memory[at] >= 0.0 {
+            memory[at] = max(memory[at] - distance(position_at(strand, i), scratch_vector(strand, i, 5u)), 0.0);
+        }
+    }
+}

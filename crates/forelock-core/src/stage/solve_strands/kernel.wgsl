@@ -1,0 +1,393 @@
+// One implicit substep of a strand, one strand a thread: the twin of `solve_strands::advance`.
+//
+// The same band system, eliminated the other way round: row i is taken out of the three rows after it at once, so that only a window of three rows
+// is open, and that fits into registers. Row i leaves L_{i+k,i} (k = 1, 2, 3) and D_i⁻¹ z_i in scratch; then
+// v_i = D_i⁻¹ z_i − Σ_k L_{i+k,i}ᵀ v_{i+k}, last row first.
+
+// A particle's counterpart in the rest shape.
+struct Ghost {
+    y: vec3f,
+    w: vec3f,
+}
+
+// A spring from i: h² K, h κ (l − l₀) d, 1/l.
+struct Spring {
+    stiffness: Sym,
+    impulse: vec3f,
+    inverse_length: f32,
+}
+
+// Rows i, i + 1, i + 2 and i + 3 of the system, less what the rows before them took.
+struct Window {
+    d0: Sym,
+    d1: Sym,
+    d2: Sym,
+    d3: Sym,
+    a10: mat3x3f,
+    a20: mat3x3f,
+    a30: mat3x3f,
+    a21: mat3x3f,
+    a31: mat3x3f,
+    a32: mat3x3f,
+    b0: vec3f,
+    b1: vec3f,
+    b2: vec3f,
+    b3: vec3f,
+}
+
+fn ghost_of(rest: vec3f) -> Ghost {
+    let y = (substep.start * vec4f(rest, 1.0)).xyz;
+    let end = (substep.end * vec4f(rest, 1.0)).xyz;
+    return Ghost(y, (end - y) * frame.inverse_h);
+}
+
+fn moved_position(strand: Strand, i: u32) -> vec3f {
+    return position_at(strand, i) + substep.shift;
+}
+
+fn asin_polynomial(z: f32) -> f32 {
+    return (((ASIN_RATIO_4 * z + ASIN_RATIO_3) * z + ASIN_RATIO_2) * z + ASIN_RATIO_1) * z + ASIN_RATIO_0;
+}
+
+// asin(u)/u, u = √square.
+fn asin_ratio(square: f32) -> f32 {
+    if square < 0.25 {
+        return asin_polynomial(square);
+    }
+    let u = sqrt(square);
+    let z = (1.0 - u) * 0.5;
+    return (1.5707963267948966 - sqrt(z) * asin_polynomial(z) * 2.0) / max(u, 0.5);
+}
+
+// AMS Eq. 5 and its Jacobian: `springs::spring`.
+fn spring(kappa: f32, d: vec3f, rest_length: f32) -> Spring {
+    let inverse_length = 1.0 / sqrt(max(dot(d, d), 1e-24));
+    let stretch = 1.0 - rest_length * inverse_length;
+    let h2k = kappa * frame.h * frame.h;
+    let tau = select(0.0, max(stretch, 0.0), has(TENSION));
+    let along = h2k * (1.0 - tau) * inverse_length * inverse_length;
+    return Spring(outer_plus_identity(along, d, h2k * tau), d * (kappa * frame.h * stretch), inverse_length);
+}
+
+// h² κ I, or κ D, and that times w: `ghost::implicit_tie`.
+fn tie(window: ptr<function, Window>, kappa: f32, pull: vec3f, w: vec3f) {
+    let h2k = frame.h * frame.h * kappa;
+    if has(DIRECTIONAL) {
+        let along = outer_plus_identity(h2k / max(dot(pull, pull), 1e-24), pull, 0.0);
+        (*window).d0 = sym_add((*window).d0, along);
+        (*window).b0 += sym_mul(along, w);
+    } else {
+        (*window).d0.d += h2k;
+        (*window).b0 += h2k * w;
+    }
+}
+
+// The tie's intact share after this deflection: `ghost::damage`.
+fn damaged(intact: f32, deflection: vec3f, length: f32) -> f32 {
+    let e = sqrt(dot(deflection, deflection)) / length;
+    let over = max(e - frame.elastic_limit, 0.0);
+    let softened = 1.0 - over * over / max(e, 1e-12);
+    let range = frame.breaking_point - frame.elastic_limit;
+    let at_break = 1.0 - range * range / frame.breaking_point;
+    let past = (e - frame.breaking_point) / frame.breaking_width;
+    let broken = max(at_break * (1.0 - past), 0.0);
+    let psi = select(broken, softened, past < 0.0);
+    let healed = (1.0 - intact) * frame.healing + intact;
+    return min(select(intact, healed, e < frame.healing_limit), psi);
+}
+
+// Mass, air and ghost ties of row i.
+fn tie_to_ghost(strand: Strand, i: u32, x: vec3f, ghost: Ghost, kappas: vec2f, window: ptr<function, Window>) {
+    (*window).d0.d += 1.0 + frame.drag;
+    (*window).b0 += velocity_at(strand, i) + frame.h * frame.gravity + frame.drag * frame.air;
+    if frame.k_integrity > 0.0 {
+        let at = entry(strand, i, 2u, 0u);
+        var intact = memory[at];
+        if has(NON_HOOKEAN) {
+            intact = damaged(intact, x - ghost.y, strand_length(strand));
+            memory[at] = intact;
+        }
+        let pull = ghost.y - x;
+        let kappa = kappas.x * intact;
+        (*window).b0 += frame.h * kappa * pull;
+        var direction = pull;
+        if has(SAG_FREE) {
+            (*window).b0 -= frame.h * intact * substep.carried_weight;
+            direction -= substep.carried_weight / kappas.x;
+        }
+        tie(window, kappa, direction, ghost.w);
+    }
+    if has(ANGULAR_PAPER) && i > 0u {
+        let before = moved_position(strand, i - 1u);
+        let pull = ghost.y - x;
+        let rays = array(ghost.y - before, x - before);
+        let across = cross(rays[0], rays[1]);
+        let theta = atan2(sqrt(dot(across, across)), dot(rays[0], rays[1]));
+        let least = rest_length(strand, i - 1u, 1u) * 1e-8;
+        let a = kappas.y * theta / max(sqrt(dot(pull, pull)), least);
+        (*window).b0 += frame.h * a * pull;
+        tie(window, a, pull, ghost.w);
+    }
+}
+
+// Adds a spring from row i to row i + reach.
+fn add_spring(window: ptr<function, Window>, reach: u32, is_free: bool, w: vec3f, own: Spring) {
+    let k = own.stiffness;
+    var to_outer = -own.impulse;
+    if is_free {
+        (*window).d0 = sym_add((*window).d0, k);
+        (*window).b0 += own.impulse;
+    } else {
+        to_outer += sym_mul(k, w);
+    }
+    let coupling = sym_matrix(Sym(-k.d, -k.o));
+    switch reach {
+        case 1u: {
+            (*window).d1 = sym_add((*window).d1, k);
+            (*window).b1 += to_outer;
+            if is_free { (*window).a10 += coupling; }
+        }
+        case 2u: {
+            (*window).d2 = sym_add((*window).d2, k);
+            (*window).b2 += to_outer;
+            if is_free { (*window).a20 += coupling; }
+        }
+        default: {
+            (*window).d3 = sym_add((*window).d3, k);
+            (*window).b3 += to_outer;
+            if is_free { (*window).a30 += coupling; }
+        }
+    }
+}
+
+// Angular tie of the edge d to the ghosts' edge: `ghost::angular_edge`.
+fn add_couple(own: ptr<function, Spring>, kappa: f32, d: vec3f, inverse_rest: f32, ghost: Ghost, next: Ghost) {
+    let g = next.y - ghost.y;
+    let cosine = dot(g, d) * inverse_rest * (*own).inverse_length;
+    let square = clamp(0.5 - 0.5 * cosine, 0.0, 1.0);
+    let a = kappa * inverse_rest * asin_ratio(square);
+    let stiffness = frame.h * frame.h * a;
+    (*own).stiffness.d += stiffness;
+    (*own).impulse -= frame.h * a * (g - d) + stiffness * (next.w - ghost.w);
+}
+
+// Adds a block to A_{kl}, k ≥ l, of the window.
+fn add_block(window: ptr<function, Window>, k: u32, l: u32, s: Sym) {
+    let m = sym_matrix(s);
+    switch 4u * k + l {
+        case 0u: { (*window).d0 = sym_add((*window).d0, s); }
+        case 5u: { (*window).d1 = sym_add((*window).d1, s); }
+        case 10u: { (*window).d2 = sym_add((*window).d2, s); }
+        case 15u: { (*window).d3 = sym_add((*window).d3, s); }
+        case 4u: { (*window).a10 += m; }
+        case 8u: { (*window).a20 += m; }
+        case 12u: { (*window).a30 += m; }
+        case 9u: { (*window).a21 += m; }
+        case 13u: { (*window).a31 += m; }
+        default: { (*window).a32 += m; }
+    }
+}
+
+fn add_impulse(window: ptr<function, Window>, k: u32, impulse: vec3f) {
+    switch k {
+        case 0u: { (*window).b0 += impulse; }
+        case 1u: { (*window).b1 += impulse; }
+        case 2u: { (*window).b2 += impulse; }
+        default: { (*window).b3 += impulse; }
+    }
+}
+
+// An altitude of a tetrahedron: the parallelogram's normal, a vector across, four weights.
+struct Altitude {
+    normal: vec3f,
+    across: vec3f,
+    weights: vec4f,
+}
+
+// The altitude of feature 0 to 6, as `altitude::FEATURES` has them.
+fn altitude(p: array<vec3f, 4>, feature: u32) -> Altitude {
+    var corners = array<vec4u, 7>(
+        vec4u(0u, 1u, 2u, 3u),
+        vec4u(1u, 0u, 3u, 2u),
+        vec4u(2u, 0u, 1u, 3u),
+        vec4u(3u, 0u, 2u, 1u),
+        vec4u(0u, 1u, 2u, 3u),
+        vec4u(0u, 2u, 3u, 1u),
+        vec4u(0u, 3u, 1u, 2u),
+    );
+    let at = corners[feature];
+    var points = p;
+    let q = array<vec3f, 4>(points[at.x], points[at.y], points[at.z], points[at.w]);
+    let is_face = feature < 4u;
+    let e1 = select(q[1] - q[0], q[2] - q[1], is_face);
+    let e2 = select(q[3] - q[2], q[3] - q[1], is_face);
+    let across = select(q[2] - q[0], q[0] - q[1], is_face);
+    let normal = cross(e1, e2);
+    let scale = 1.0 / max(dot(normal, normal), 1e-30);
+    let s = dot(cross(across, e2), normal) * scale;
+    let t = dot(cross(across, e1), normal) * scale;
+    // On a face: of the top 1, then β + γ − 1, −β, −γ, with β = s and γ = −t.
+    let own = select(vec4f(s - 1.0, -s, 1.0 - t, t), vec4f(1.0, s - t - 1.0, -s, t), is_face);
+    var weights = array<f32, 4>(0.0, 0.0, 0.0, 0.0);
+    weights[at.x] = own.x;
+    weights[at.y] = own.y;
+    weights[at.z] = own.z;
+    weights[at.w] = own.w;
+    return Altitude(normal, across, vec4f(weights[0], weights[1], weights[2], weights[3]));
+}
+
+// The altitude spring of the tetrahedron that starts at row i: `altitude::add`.
+fn add_altitude(strand: Strand, i: u32, kappa: f32, window: ptr<function, Window>) {
+    var here: array<vec3f, 4>;
+    var before: array<vec3f, 4>;
+    for (var k = 0u; k < 4u; k++) {
+        here[k] = moved_position(strand, i + k);
+        before[k] = rest_at(strand, i + k);
+    }
+    var feature = 0u;
+    var best = altitude(here, 0u);
+    for (var k = 1u; k < 7u; k++) {
+        let other = altitude(here, k);
+        if dot(other.normal, other.normal) > dot(best.normal, best.normal) {
+            best = other;
+            feature = k;
+        }
+    }
+    let at_rest = altitude(before, feature);
+    let direction = best.normal / sqrt(max(dot(best.normal, best.normal), 1e-30));
+    let height = dot(at_rest.across, at_rest.normal) / sqrt(max(dot(at_rest.normal, at_rest.normal), 1e-30));
+    let impulse = kappa * frame.h * (dot(best.across, direction) - height);
+    let along = outer_plus_identity(kappa * frame.h * frame.h, direction, 0.0);
+    var weights = array<f32, 4>(best.weights.x, best.weights.y, best.weights.z, best.weights.w);
+    for (var k = 0u; k < 4u; k++) {
+        if i + k < frame.clamped {
+            continue;
+        }
+        add_impulse(window, k, -(impulse * weights[k]) * direction);
+        for (var l = 0u; l < 4u; l++) {
+            let share = weights[k] * weights[l];
+            let block = Sym(share * along.d, share * along.o);
+            if i + l < frame.clamped {
+                add_impulse(window, k, -sym_mul(block, ghost_of(before[l]).w));
+            } else if l <= k {
+                add_block(window, k, l, block);
+            }
+        }
+    }
+}
+
+// Takes row i out of the rows after it, writes what the backward sweep needs, and moves the window on.
+fn eliminate(strand: Strand, i: u32, window: ptr<function, Window>) {
+    let inverse = sym_inverse((*window).d0);
+    let p = sym_matrix(inverse);
+    let z = (*window).b0;
+    let l1 = (*window).a10 * p;
+    let l2 = (*window).a20 * p;
+    let l3 = (*window).a30 * p;
+    (*window).d1 = sym_sub_product((*window).d1, l1, (*window).a10);
+    (*window).d2 = sym_sub_product((*window).d2, l2, (*window).a20);
+    (*window).d3 = sym_sub_product((*window).d3, l3, (*window).a30);
+    (*window).a21 -= l2 * transpose((*window).a10);
+    (*window).a31 -= l3 * transpose((*window).a10);
+    (*window).a32 -= l3 * transpose((*window).a20);
+    (*window).b1 -= l1 * z;
+    (*window).b2 -= l2 * z;
+    (*window).b3 -= l3 * z;
+    for (var c = 0u; c < 3u; c++) {
+        set_scratch_vector(strand, i, 3u * c, l1[c]);
+        set_scratch_vector(strand, i, 9u + 3u * c, l2[c]);
+        set_scratch_vector(strand, i, 18u + 3u * c, l3[c]);
+    }
+    set_scratch_vector(strand, i, 27u, sym_mul(inverse, z));
+}
+
+fn advance_window(window: ptr<function, Window>) {
+    (*window).d0 = (*window).d1;
+    (*window).d1 = (*window).d2;
+    (*window).d2 = (*window).d3;
+    (*window).d3 = Sym(vec3f(), vec3f());
+    (*window).a10 = (*window).a21;
+    (*window).a20 = (*window).a31;
+    (*window).a21 = (*window).a32;
+    (*window).a30 = mat3x3f();
+    (*window).a31 = mat3x3f();
+    (*window).a32 = mat3x3f();
+    (*window).b0 = (*window).b1;
+    (*window).b1 = (*window).b2;
+    (*window).b2 = (*window).b3;
+    (*window).b3 = vec3f();
+}
+
+// L_{i+k,i}ᵀ v.
+fn transposed_link(strand: Strand, i: u32, row: u32, v: vec3f) -> vec3f {
+    return vec3f(
+        dot(scratch_vector(strand, i, row), v),
+        dot(scratch_vector(strand, i, row + 3u), v),
+        dot(scratch_vector(strand, i, row + 6u), v),
+    );
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn solve_strands(@builtin(global_invocation_id) id: vec3u) {
+    let strand = strand_of(id.x);
+    if !strand.here {
+        return;
+    }
+    let n = strand.particles;
+    let clamped = min(frame.clamped, n);
+    let stiffness = strand_stiffness(strand);
+    var window: Window;
+    var ghost = ghost_of(rest_at(strand, 0u));
+    for (var i = 0u; i < n; i++) {
+        let fraction = f32(i) / f32(n - 1u);
+        let scales = (1.0 + (frame.tip_scales - 1.0) * fraction) * stiffness;
+        let x = moved_position(strand, i);
+        let is_free = i >= clamped;
+        if is_free {
+            let kappas = vec2f(frame.k_integrity * scales.y, frame.k_angular * scales.z);
+            tie_to_ghost(strand, i, x, ghost, kappas, &window);
+        }
+        let next = ghost_of(rest_at(strand, min(i + 1u, n - 1u)));
+        for (var reach = 1u; reach <= 3u; reach++) {
+            let j = i + reach;
+            if j < n && j >= clamped {
+                let d = moved_position(strand, j) - x;
+                var own = spring(frame.k_springs[reach - 1u] * scales.x, d, rest_length(strand, i, reach));
+                if reach == 1u && has(ANGULAR_EDGE) {
+                    add_couple(&own, frame.k_angular * scales.z, d, inverse_rest_edge(strand, i), ghost, next);
+                }
+                add_spring(&window, reach, is_free, ghost.w, own);
+            }
+        }
+        if frame.k_altitude > 0.0 && i + 3u < n {
+            add_altitude(strand, i, frame.k_altitude * scales.x, &window);
+        }
+        if is_free {
+            eliminate(strand, i, &window);
+        } else {
+            set_scratch_vector(strand, i, 27u, ghost.w);
+        }
+        advance_window(&window);
+        ghost = next;
+    }
+    var v1 = vec3f();
+    var v2 = vec3f();
+    var v3 = vec3f();
+    for (var k = 0u; k < n; k++) {
+        let i = n - 1u - k;
+        var v = scratch_vector(strand, i, 27u);
+        if i >= clamped {
+            // Links beyond the tip are zero, as their springs are.
+            v -= transposed_link(strand, i, 0u, v1);
+            v -= transposed_link(strand, i, 9u, v2);
+            v -= transposed_link(strand, i, 18u, v3);
+            set_position(strand, i, moved_position(strand, i) + frame.h * v);
+        } else {
+            set_position(strand, i, (substep.end * vec4f(rest_at(strand, i), 1.0)).xyz);
+        }
+        set_velocity(strand, i, v);
+        v3 = v2;
+        v2 = v1;
+        v1 = v;
+    }
+}

@@ -1,0 +1,200 @@
+//! Strands in batches that each fit into the bindings of a device.
+
+use crate::kernels::{BINDINGS, Binding, MODEL_ROWS, SCRATCH_ROWS, WORKGROUP};
+use crate::layout::{BlockEntry, SubstepUniform};
+use crate::{Gpu, GpuError};
+use forelock_core::lane::{LANES, Row};
+use forelock_core::model::Model;
+use forelock_core::state::State;
+use std::ops::Range;
+use wgpu::BufferUsages;
+
+/// Bytes of scratch at most, where a device would bind more: batches use it one after the other.
+const SCRATCH_BYTES: u64 = 512 << 20;
+/// Bytes of a row.
+const ROW: u64 = size_of::<Row<f32>>() as u64;
+
+/// What all batches use.
+#[derive(Debug)]
+pub(crate) struct Shared {
+    /// `FrameUniform`.
+    pub frame: wgpu::Buffer,
+    /// A `SubstepUniform` a substep, each at a multiple of `stride`.
+    pub substeps: wgpu::Buffer,
+    pub stride: u32,
+    pub scratch: wgpu::Buffer,
+    /// `ReportEntry`.
+    pub report: wgpu::Buffer,
+}
+
+/// Some blocks of strands on the device.
+#[derive(Debug)]
+pub(crate) struct Batch {
+    /// Places of the model that are here.
+    pub places: Range<usize>,
+    /// Workgroups that its strands take.
+    pub groups: u32,
+    pub positions: wgpu::Buffer,
+    pub velocities: wgpu::Buffer,
+    /// Integrity and clearance, two rows a place.
+    pub memory: wgpu::Buffer,
+    pub bind_group: wgpu::BindGroup,
+    bytes: u64,
+}
+
+/// The blocks of `model` in ranges of which each fits into the device's bindings.
+pub(crate) fn split(gpu: &Gpu, model: &Model<f32>) -> Result<Vec<Range<usize>>, GpuError> {
+    let limits = gpu.device().limits();
+    let limit = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size).min(SCRATCH_BYTES);
+    // Of workgroups along x there may be so many.
+    let most_blocks = limits.max_compute_workgroups_per_dimension as usize * WORKGROUP as usize / LANES;
+    let mut batches: Vec<Range<usize>> = Vec::new();
+    let mut bytes = 0;
+    for (k, block) in model.blocks.iter().enumerate() {
+        let own = block.particles as u64 * u64::from(SCRATCH_ROWS) * ROW;
+        if own > limit {
+            return Err(GpuError::TooLarge { name: gpu.name().to_owned(), bytes: own, limit });
+        }
+        match batches.last_mut() {
+            Some(last) if bytes + own <= limit && last.len() < most_blocks => {
+                last.end = k + 1;
+                bytes += own;
+            }
+            _ => {
+                batches.push(k..k + 1);
+                bytes = own;
+            }
+        }
+    }
+    Ok(batches)
+}
+
+impl Shared {
+    /// For batches of up to `places` places and frames of `substeps`.
+    pub fn new(gpu: &Gpu, places: usize, substeps: u32) -> Self {
+        let aligned = gpu.device().limits().min_uniform_buffer_offset_alignment;
+        let stride = (size_of::<SubstepUniform>() as u32).next_multiple_of(aligned);
+        let uniform = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
+        let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
+        let scratch = places as u64 * u64::from(SCRATCH_ROWS) * ROW;
+        Self {
+            frame: gpu.buffer("frame", size_of::<crate::layout::FrameUniform>() as u64, uniform),
+            substeps: gpu.buffer("substeps", u64::from(stride) * u64::from(substeps), uniform),
+            stride,
+            scratch: gpu.buffer("scratch", scratch, BufferUsages::STORAGE),
+            report: gpu.buffer("report", size_of::<crate::layout::ReportEntry>() as u64, storage),
+        }
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> u64 {
+        [&self.frame, &self.substeps, &self.scratch, &self.report].iter().map(|buffer| buffer.size()).sum()
+    }
+}
+
+impl Batch {
+    /// `blocks` of `model`, not yet with a state.
+    pub fn new(gpu: &Gpu, model: &Model<f32>, blocks: Range<usize>, shared: &Shared) -> Self {
+        let own = &model.blocks[blocks.clone()];
+        let places = own[0].first..own[own.len() - 1].range().end;
+        let entries: Vec<BlockEntry> = own
+            .iter()
+            .map(|block| BlockEntry {
+                first: (block.first - places.start) as u32,
+                particles: block.particles as u32,
+                live: block.live as u32,
+                pad_0: 0,
+            })
+            .collect();
+        let mut rows = Vec::with_capacity(places.len() * MODEL_ROWS as usize);
+        for place in places.clone() {
+            rows.extend_from_slice(&model.rest[3 * place..3 * place + 3]);
+            rows.extend_from_slice(&model.rest_lengths[3 * place..3 * place + 3]);
+            rows.push(model.inverse_edges[place]);
+        }
+        let strands: Vec<Row<f32>> =
+            blocks.flat_map(|block| [model.strand_lengths[block], model.stiffness[block]]).collect();
+        let read = BufferUsages::STORAGE | BufferUsages::COPY_DST;
+        let change = read | BufferUsages::COPY_SRC;
+        let filled = |label: &str, bytes: &[u8]| {
+            let buffer = gpu.buffer(label, bytes.len() as u64, read);
+            gpu.queue().write_buffer(&buffer, 0, bytes);
+            buffer
+        };
+        let blocks = filled("blocks", bytemuck::cast_slice(&entries));
+        let model = filled("model", bytemuck::cast_slice(&rows));
+        let strands = filled("strands", bytemuck::cast_slice(&strands));
+        let room = places.len() as u64 * ROW;
+        let positions = gpu.buffer("positions", 3 * room, change);
+        let velocities = gpu.buffer("velocities", 3 * room, change);
+        let memory = gpu.buffer("memory", 2 * room, change);
+        let entry = |(number, binding): (usize, &Binding)| {
+            let substep = wgpu::BufferBinding {
+                buffer: &shared.substeps,
+                offset: 0,
+                size: std::num::NonZeroU64::new(size_of::<SubstepUniform>() as u64),
+            };
+            let buffer = match binding {
+                Binding::Frame => &shared.frame,
+                Binding::Substep => &shared.substeps,
+                Binding::Read(name) | Binding::Change(name) => match *name {
+                    "blocks" => &blocks,
+                    "model" => &model,
+                    "strands" => &strands,
+                    "positions" => &positions,
+                    "velocities" => &velocities,
+                    "memory" => &memory,
+                    "scratch" => &shared.scratch,
+                    _ => &shared.report,
+                },
+            };
+            let whole = buffer.as_entire_buffer_binding();
+            let part = if *binding == Binding::Substep { substep } else { whole };
+            wgpu::BindGroupEntry { binding: number as u32, resource: wgpu::BindingResource::Buffer(part) }
+        };
+        let entries: Vec<_> = BINDINGS.iter().enumerate().map(entry).collect();
+        let bind_group = gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("strands"),
+            layout: &gpu.kernels().layout,
+            entries: &entries,
+        });
+        let all = [&blocks, &model, &strands, &positions, &velocities, &memory];
+        Self {
+            bytes: all.iter().map(|buffer| buffer.size()).sum(),
+            groups: (own.len() * LANES).div_ceil(WORKGROUP as usize) as u32,
+            places,
+            positions,
+            velocities,
+            memory,
+            bind_group,
+        }
+    }
+
+    /// Bytes held on the device.
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// Brings its part of `state` to the device.
+    pub fn write(&self, gpu: &Gpu, state: &State<f32>) {
+        let (from, to) = (self.places.start, self.places.end);
+        let memory: Vec<Row<f32>> =
+            self.places.clone().flat_map(|place| [state.integrity[place], state.clearance[place]]).collect();
+        let queue = gpu.queue();
+        queue.write_buffer(&self.positions, 0, bytemuck::cast_slice(&state.positions[3 * from..3 * to]));
+        queue.write_buffer(&self.velocities, 0, bytemuck::cast_slice(&state.velocities[3 * from..3 * to]));
+        queue.write_buffer(&self.memory, 0, bytemuck::cast_slice(&memory));
+    }
+
+    /// Brings its part of `state` back, and waits for it.
+    pub fn read(&self, gpu: &Gpu, state: &mut State<f32>) -> Result<(), GpuError> {
+        let (from, to) = (self.places.start, self.places.end);
+        state.positions[3 * from..3 * to].copy_from_slice(&gpu.read::<Row<f32>>(&self.positions)?);
+        state.velocities[3 * from..3 * to].copy_from_slice(&gpu.read::<Row<f32>>(&self.velocities)?);
+        let memory = gpu.read::<[Row<f32>; 2]>(&self.memory)?;
+        for (place, [integrity, clearance]) in self.places.clone().zip(memory) {
+            (state.integrity[place], state.clearance[place]) = (integrity, clearance);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,243 @@
+//! The device that kernels run on.
+
+use crate::GpuError;
+use crate::kernels::Kernels;
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+
+/// Which GPU to take.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Choice {
+    /// The fastest there is; one on the CPU (software Vulkan) if there is no other.
+    #[default]
+    Fastest,
+    /// The one that takes the least power.
+    Frugal,
+    /// The first whose name contains this, whatever the case.
+    Named(String),
+}
+
+/// What has been made on a device, and read back from it, since it was opened.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Buffers.
+    pub buffers: u32,
+    /// Pipelines.
+    pub pipelines: u32,
+    /// Times that the CPU waited for numbers.
+    pub read_backs: u32,
+}
+
+/// A GPU, and what can be shared by all that runs on it.
+///
+/// Cheap to clone: clones are the same device.
+#[derive(Clone, Debug)]
+pub struct Gpu(Arc<Inner>);
+
+#[derive(Debug)]
+struct Inner {
+    device: wgpu::Device,
+    queue: wgpu::Queue,
+    name: String,
+    /// The first thing that went wrong.
+    fault: Arc<Mutex<Option<String>>>,
+    kernels: OnceLock<Kernels>,
+    buffers: AtomicU32,
+    pipelines: AtomicU32,
+    read_backs: AtomicU32,
+}
+
+impl Gpu {
+    /// Opens a GPU.
+    ///
+    /// # Errors
+    /// [`GpuError::None`] if there is none, [`GpuError::Name`] if none has the name asked for, [`GpuError::Unfit`] if it cannot be opened.
+    pub fn open(choice: &Choice) -> Result<Self, GpuError> {
+        pollster::block_on(Self::open_async(choice))
+    }
+
+    /// The same where waiting is not allowed, as in a browser.
+    ///
+    /// # Errors
+    /// As [`Gpu::open`].
+    pub async fn open_async(choice: &Choice) -> Result<Self, GpuError> {
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
+        let adapter = match choice {
+            Choice::Named(name) => named(&instance, name).await?,
+            Choice::Fastest | Choice::Frugal => {
+                let options = wgpu::RequestAdapterOptions {
+                    power_preference: if *choice == Choice::Frugal {
+                        wgpu::PowerPreference::LowPower
+                    } else {
+                        wgpu::PowerPreference::HighPerformance
+                    },
+                    ..Default::default()
+                };
+                let adapter = instance.request_adapter(&options).await;
+                adapter.map_err(|error| GpuError::None { reason: error.to_string() })?
+            }
+        };
+        let (name, limits) = (adapter.get_info().name, adapter.limits());
+        // WebGPU's limits, so that a browser can follow; larger buffers where there are.
+        let needed = wgpu::Limits {
+            max_storage_buffer_binding_size: limits.max_storage_buffer_binding_size,
+            max_buffer_size: limits.max_buffer_size,
+            ..wgpu::Limits::default()
+        };
+        let described = wgpu::DeviceDescriptor {
+            label: Some("forelock"),
+            required_limits: needed,
+            memory_hints: wgpu::MemoryHints::Performance,
+            ..Default::default()
+        };
+        let opened = adapter.request_device(&described).await;
+        let (device, queue) =
+            opened.map_err(|error| GpuError::Unfit { name: name.clone(), reason: error.to_string() })?;
+        let fault = Arc::new(Mutex::new(None));
+        let (own, lost) = (Arc::clone(&fault), Arc::clone(&fault));
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| note(&own, error.to_string())));
+        device.set_device_lost_callback(move |reason, text| {
+            if reason != wgpu::DeviceLostReason::Destroyed {
+                note(&lost, format!("the device was lost ({text})"));
+            }
+        });
+        Ok(Self::around(device, queue, name, fault))
+    }
+
+    /// A device that someone else opened and looks after: an engine, a window, a trainer. It needs WebGPU's default limits.
+    pub fn from_device(device: wgpu::Device, queue: wgpu::Queue) -> Self {
+        let name = device.adapter_info().name;
+        Self::around(device, queue, name, Arc::default())
+    }
+
+    fn around(
+        device: wgpu::Device,
+        queue: wgpu::Queue,
+        name: String,
+        fault: Arc<Mutex<Option<String>>>,
+    ) -> Self {
+        Self(Arc::new(Inner {
+            device,
+            queue,
+            name,
+            fault,
+            kernels: OnceLock::new(),
+            buffers: AtomicU32::new(0),
+            pipelines: AtomicU32::new(0),
+            read_backs: AtomicU32::new(0),
+        }))
+    }
+
+    /// Names of all GPUs there are.
+    pub fn names() -> Vec<String> {
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
+        pollster::block_on(names(&instance)).into_iter().map(|(name, _)| name).collect()
+    }
+
+    /// Its name.
+    pub fn name(&self) -> &str {
+        &self.0.name
+    }
+
+    /// The device.
+    pub fn device(&self) -> &wgpu::Device {
+        &self.0.device
+    }
+
+    /// Its queue.
+    pub fn queue(&self) -> &wgpu::Queue {
+        &self.0.queue
+    }
+
+    /// What has been made on it so far.
+    pub fn counts(&self) -> Counts {
+        Counts {
+            buffers: self.0.buffers.load(Relaxed),
+            pipelines: self.0.pipelines.load(Relaxed),
+            read_backs: self.0.read_backs.load(Relaxed),
+        }
+    }
+
+    /// The kernels, made at the first call.
+    pub(crate) fn kernels(&self) -> &Kernels {
+        self.0.kernels.get_or_init(|| {
+            let kernels = Kernels::new(&self.0.device);
+            self.0.pipelines.fetch_add(Kernels::COUNT, Relaxed);
+            kernels
+        })
+    }
+
+    /// Fails if something has gone wrong since the device was opened.
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`] with the first fault.
+    pub fn check(&self) -> Result<(), GpuError> {
+        match &*self.0.fault.lock().unwrap_or_else(PoisonError::into_inner) {
+            None => Ok(()),
+            Some(reason) => Err(self.failed(reason)),
+        }
+    }
+
+    /// Marks the device as lost, as a driver would: for tests of what happens then.
+    #[doc(hidden)]
+    pub fn lose(&self, reason: &str) {
+        note(&self.0.fault, format!("the device was lost ({reason})"));
+    }
+
+    fn failed(&self, reason: &str) -> GpuError {
+        GpuError::Failed { name: self.0.name.clone(), reason: reason.to_owned() }
+    }
+
+    /// A buffer of `bytes`, all zero.
+    pub(crate) fn buffer(&self, label: &str, bytes: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
+        self.0.buffers.fetch_add(1, Relaxed);
+        let label = Some(label);
+        self.0.device.create_buffer(&wgpu::BufferDescriptor {
+            label,
+            size: bytes,
+            usage,
+            mapped_at_creation: false,
+        })
+    }
+
+    /// Copies `buffer` to the CPU and waits for it.
+    pub(crate) fn read<V: bytemuck::Pod>(&self, buffer: &wgpu::Buffer) -> Result<Vec<V>, GpuError> {
+        self.check()?;
+        self.0.read_backs.fetch_add(1, Relaxed);
+        let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
+        let staging = self.buffer("read-back", buffer.size(), usage);
+        let mut encoder = self.0.device.create_command_encoder(&Default::default());
+        encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, buffer.size());
+        self.0.queue.submit([encoder.finish()]);
+        let done = Arc::new(OnceLock::new());
+        let told = Arc::clone(&done);
+        staging.map_async(wgpu::MapMode::Read, .., move |result| {
+            let _ = told.set(result);
+        });
+        let polled = self.0.device.poll(wgpu::PollType::wait_indefinitely());
+        self.check()?;
+        polled.map_err(|error| self.failed(&error.to_string()))?;
+        match done.get() {
+            Some(Ok(())) => Ok(bytemuck::pod_collect_to_vec(&staging.get_mapped_range(..))),
+            Some(Err(error)) => Err(self.failed(&error.to_string())),
+            None => Err(self.failed("it did not answer")),
+        }
+    }
+}
+
+fn note(fault: &Mutex<Option<String>>, reason: String) {
+    fault.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(reason);
+}
+
+async fn names(instance: &wgpu::Instance) -> Vec<(String, wgpu::Adapter)> {
+    let adapters = instance.enumerate_adapters(wgpu::Backends::all()).await;
+    adapters.into_iter().map(|adapter| (adapter.get_info().name, adapter)).collect()
+}
+
+async fn named(instance: &wgpu::Instance, name: &str) -> Result<wgpu::Adapter, GpuError> {
+    let all = names(instance).await;
+    let found: Vec<String> = all.iter().map(|(name, _)| name.clone()).collect();
+    let fits = |(own, _): &(String, wgpu::Adapter)| own.to_lowercase().contains(&name.to_lowercase());
+    let adapter = all.into_iter().find(fits).map(|(_, adapter)| adapter);
+    adapter.ok_or_else(|| GpuError::Name { name: name.to_owned(), found })
+}

@@ -1,0 +1,77 @@
+//! What can go wrong on a GPU.
+
+use forelock_core::model::PackError;
+use forelock_core::solver::ParamsError;
+use forelock_core::state::SnapshotError;
+
+/// Why something cannot be done on a GPU.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum GpuError {
+    /// There is no GPU, or no driver for it.
+    #[error(
+        "there is no GPU to run on ({reason}): install a Vulkan, Metal or DirectX 12 driver, or run on the CPU"
+    )]
+    None {
+        /// What was looked for, and what came back.
+        reason: String,
+    },
+    /// No GPU has that name.
+    #[error("no GPU is named like \"{name}\": there {}", list(.found))]
+    Name {
+        /// What was asked for.
+        name: String,
+        /// Names of those there are.
+        found: Vec<String>,
+    },
+    /// It cannot do what the kernels need.
+    #[error("{name} cannot run the kernels: {reason}")]
+    Unfit {
+        /// The GPU.
+        name: String,
+        /// What it lacks.
+        reason: String,
+    },
+    /// It stopped working, or refused what it was told to do.
+    #[error("{name} failed: {reason}; the state on it is lost, go on from the last snapshot")]
+    Failed {
+        /// The GPU.
+        name: String,
+        /// What the driver says.
+        reason: String,
+    },
+    /// A strand takes more memory than one binding of this GPU holds.
+    #[error(
+        "a block of strands takes {bytes} bytes, but {name} binds {limit} at once: resample strands to fewer particles"
+    )]
+    TooLarge {
+        /// The GPU.
+        name: String,
+        /// What a block takes.
+        bytes: u64,
+        /// What can be bound.
+        limit: u64,
+    },
+    /// Something that only the CPU does so far.
+    #[error("{what} cannot run on a GPU yet: run on the CPU")]
+    Unsupported {
+        /// What.
+        what: &'static str,
+    },
+    /// The groom cannot be packed.
+    #[error(transparent)]
+    Pack(#[from] PackError),
+    /// A parameter is out of its range.
+    #[error(transparent)]
+    Params(#[from] ParamsError),
+    /// A snapshot of another groom.
+    #[error(transparent)]
+    Snapshot(#[from] SnapshotError),
+}
+
+fn list(names: &[String]) -> String {
+    match names {
+        [] => "are none".to_owned(),
+        [one] => format!("is {one}"),
+        many => format!("are {}", many.join(", ")),
+    }
+}

@@ -1,0 +1,189 @@
+//! Structs as the kernels see them. A test compares each with the kernels' own, field by field.
+
+use bytemuck::{Pod, Zeroable};
+use forelock_core::pose::Pose;
+use forelock_core::solver::AmsParams;
+use forelock_core::solver::params::Inextensibility;
+use forelock_core::stage::solve_strands::FrameTerms;
+use glam::{DMat4, DVec3, Mat4, Vec3};
+
+/// Coefficients of a frame: `Frame` in `prelude.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct FrameUniform {
+    /// κ of edge, bend and torsion springs at the root, s⁻².
+    pub k_springs: Vec3,
+    /// κ_I at the root.
+    pub k_integrity: f32,
+    /// Tip over root, for springs, integrity and angular ties.
+    pub tip_scales: Vec3,
+    /// κ_α at the root.
+    pub k_angular: f32,
+    /// m/s².
+    pub gravity: Vec3,
+    /// κ of altitude springs at the root.
+    pub k_altitude: f32,
+    /// Velocity of the air, m/s.
+    pub air: Vec3,
+    /// h c/m.
+    pub drag: f32,
+    /// Substep, seconds.
+    pub h: f32,
+    /// 1/h.
+    pub inverse_h: f32,
+    /// One over the frame's time.
+    pub inverse_dt: f32,
+    /// Share of a DFTL correction handed up.
+    pub dftl_damping: f32,
+    /// See [`forelock_core::stage::solve_strands::FrameTerms`].
+    pub elastic_limit: f32,
+    /// The same.
+    pub breaking_point: f32,
+    /// The same.
+    pub breaking_width: f32,
+    /// The same.
+    pub healing: f32,
+    /// The same.
+    pub healing_limit: f32,
+    /// Clamped particles from the root.
+    pub clamped: u32,
+    /// [`flags`].
+    pub flags: u32,
+    /// The clearance of who has not looked yet.
+    pub unknown: f32,
+}
+
+/// Bits of [`FrameUniform::flags`].
+pub mod flags {
+    /// Tension acts implicitly across springs.
+    pub const TENSION: u32 = 1;
+    /// The edge form's angular tie.
+    pub const ANGULAR_EDGE: u32 = 1 << 1;
+    /// The paper's angular tie.
+    pub const ANGULAR_PAPER: u32 = 1 << 2;
+    /// The ghost ties' implicit part is κ D instead of κ I.
+    pub const DIRECTIONAL: u32 = 1 << 3;
+    /// Ghosts carry the weight.
+    pub const SAG_FREE: u32 = 1 << 4;
+    /// Ties soften and break.
+    pub const NON_HOOKEAN: u32 = 1 << 5;
+    /// Lengths are restored by dynamic follow the leader, not by projection.
+    pub const FOLLOW_THE_LEADER: u32 = 1 << 6;
+}
+
+/// The same by name, for the kernels.
+pub const FLAGS: [(&str, u32); 7] = [
+    ("TENSION", flags::TENSION),
+    ("ANGULAR_EDGE", flags::ANGULAR_EDGE),
+    ("ANGULAR_PAPER", flags::ANGULAR_PAPER),
+    ("DIRECTIONAL", flags::DIRECTIONAL),
+    ("SAG_FREE", flags::SAG_FREE),
+    ("NON_HOOKEAN", flags::NON_HOOKEAN),
+    ("FOLLOW_THE_LEADER", flags::FOLLOW_THE_LEADER),
+];
+
+/// A substep's poses: `Substep` in `prelude.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct SubstepUniform {
+    /// From rest to positions at its start.
+    pub start: Mat4,
+    /// The same at its end.
+    pub end: Mat4,
+    /// The weight at rest, turned with the head at its end, m/s².
+    pub carried_weight: Vec3,
+    /// Nothing.
+    pub pad_0: f32,
+    /// What positions are moved by before it, metres.
+    pub shift: Vec3,
+    /// Nothing.
+    pub pad_1: f32,
+}
+
+/// A block of strands: `Block` in `prelude.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct BlockEntry {
+    /// Place of its first particle, in its batch.
+    pub first: u32,
+    /// Particles a strand.
+    pub particles: u32,
+    /// Lanes that carry a strand of their own.
+    pub live: u32,
+    /// Nothing.
+    pub pad_0: u32,
+}
+
+/// What a frame found: `Report` in `prelude.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct ReportEntry {
+    /// Bits of the largest |l/l₀ − 1|.
+    pub stretch: u32,
+    /// Strands put back to rest.
+    pub quarantined: u32,
+    /// Particles that touched a solid at a look, all looks together.
+    pub touching: u32,
+    /// Bits of the greatest depth left, metres.
+    pub deepest: u32,
+}
+
+impl FrameUniform {
+    /// Of frames of `dt_secs` under `params`.
+    pub fn new(params: &AmsParams, dt_secs: f64, gravity: DVec3, air: DVec3) -> Self {
+        let terms = FrameTerms::new(params, dt_secs);
+        let curve = terms.non_hookean;
+        let single = |x: f64| x as f32;
+        let [elastic_limit, breaking_point, breaking_width, healing, healing_limit] = curve
+            .map_or([0.0; 5], |c| {
+                [c.elastic_limit, c.breaking_point, c.breaking_width, c.healing, c.healing_limit].map(single)
+            });
+        let on = [
+            (terms.tension, flags::TENSION),
+            (terms.angular_edge, flags::ANGULAR_EDGE),
+            (terms.angular_paper, flags::ANGULAR_PAPER),
+            (terms.directional, flags::DIRECTIONAL),
+            (terms.sag_free, flags::SAG_FREE),
+            (curve.is_some(), flags::NON_HOOKEAN),
+            (params.inextensibility == Inextensibility::Dftl, flags::FOLLOW_THE_LEADER),
+        ];
+        Self {
+            k_springs: DVec3::from_array(terms.k_springs).as_vec3(),
+            k_integrity: single(terms.k_integrity),
+            tip_scales: DVec3::from_array(terms.tip_scales).as_vec3(),
+            k_angular: single(terms.k_angular),
+            gravity: gravity.as_vec3(),
+            k_altitude: single(terms.k_altitude),
+            air: air.as_vec3(),
+            drag: single(terms.h * terms.drag),
+            h: single(terms.h),
+            inverse_h: single(1.0 / terms.h),
+            inverse_dt: single(1.0 / dt_secs),
+            dftl_damping: single(params.dftl_damping),
+            elastic_limit,
+            breaking_point,
+            breaking_width,
+            healing,
+            healing_limit,
+            clamped: params.clamped,
+            flags: on.iter().filter(|(on, _)| *on).map(|(_, flag)| flag).sum(),
+            unknown: f32::NEG_INFINITY,
+        }
+    }
+}
+
+impl SubstepUniform {
+    /// From `poses` about the model's centre at the substep's start and end.
+    pub fn new([start, end]: [&Pose; 2], rest_gravity: DVec3, shift: DVec3) -> Self {
+        let matrix =
+            |pose: &Pose| DMat4::from_rotation_translation(pose.rotation, pose.translation).as_mat4();
+        Self {
+            start: matrix(start),
+            end: matrix(end),
+            carried_weight: end.transform_vector(rest_gravity).as_vec3(),
+            pad_0: 0.0,
+            shift: shift.as_vec3(),
+            pad_1: 0.0,
+        }
+    }
+}

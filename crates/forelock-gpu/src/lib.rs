@@ -1,0 +1,46 @@
+//! Forelock on a GPU: the stages of `forelock-core` as kernels, through wgpu.
+//!
+//! A [`Gpu`] is a device, opened here ([`Gpu::open`]) or by an engine ([`Gpu::from_device`]); a [`GpuSimulation`] is a groom on it. A frame is one
+//! submission: poses go up, nothing comes back unless it is asked for.
+//!
+//! ```
+//! use forelock_core::groom::grow::{GrowParams, grow_on_head};
+//! use forelock_core::pose::Pose;
+//! use forelock_core::solver::{AmsParams, Frame, Options};
+//! use forelock_gpu::{Choice, Gpu, GpuSimulation};
+//! use glam::DVec3;
+//!
+//! let Ok(gpu) = Gpu::open(&Choice::Fastest) else { return Ok(()) };
+//! let groom = grow_on_head(&GrowParams { strands: 100, ..GrowParams::default() })?;
+//! let mut simulation = GpuSimulation::new(&gpu, &groom, &AmsParams::default(), &Options::default())?;
+//! let still = Frame {
+//!     head: [Pose::IDENTITY; 2],
+//!     colliders: &[],
+//!     gravity: DVec3::new(0.0, -9.81, 0.0),
+//!     air_velocity: DVec3::ZERO,
+//!     dt_secs: 1.0 / 60.0,
+//! };
+//! simulation.step_frame(&still)?;
+//! assert_eq!(simulation.report()?.quarantined_strands, 0);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # Practice
+//! Kernels lie as text beside the stages that they are twins of (`forelock-core/src/stage/*/kernel.wgsl`), and the rows of Model and State are on the
+//! device as they are on the CPU. One strand is one thread: 16 neighbours of a block read 64 bytes side by side. Strands go in batches, each within the
+//! device's bindings; scratch is that of the largest batch.
+//!
+//! # Limitations
+//! So far: springs, ghost ties and their damage, lengths, checks. Hair against solids, hair against hair and wind that is not the same everywhere run on
+//! the CPU only.
+
+mod batch;
+mod device;
+mod error;
+pub mod kernels;
+pub mod layout;
+mod simulation;
+
+pub use device::{Choice, Counts, Gpu};
+pub use error::GpuError;
+pub use simulation::{GpuReport, GpuSimulation};

@@ -1,0 +1,204 @@
+//! Strands under the augmented mass-spring model, on a GPU.
+
+use crate::batch::{Batch, Shared, split};
+use crate::kernels::Stage;
+use crate::layout::{FrameUniform, ReportEntry, SubstepUniform};
+use crate::{Gpu, GpuError};
+use forelock_core::groom::Groom;
+use forelock_core::model::{Model, Strands};
+use forelock_core::pose::Pose;
+use forelock_core::solver::params::Inextensibility;
+use forelock_core::solver::{AmsParams, Frame, Options};
+use forelock_core::state::{Snapshot, State};
+use glam::DVec3;
+
+/// A simulation whose state lives on a GPU: [`forelock_core::solver::Simulation`], stage by stage.
+///
+/// Memory, in bytes a particle: 28 of model, 32 of state, 120 of scratch (that of the largest batch).
+#[derive(Debug)]
+pub struct GpuSimulation {
+    gpu: Gpu,
+    model: Model<f32>,
+    /// The state as it was last on the CPU; its origin is always true.
+    mirror: State<f32>,
+    params: AmsParams,
+    options: Options,
+    shared: Shared,
+    batches: Vec<Batch>,
+    substeps: Vec<u8>,
+}
+
+/// What the frames since the last report did.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct GpuReport {
+    /// Largest |l/l₀ − 1| of an edge at the end of a frame.
+    pub max_edge_stretch: f32,
+    /// Strands that were not finite and were put back to their rest shape.
+    pub quarantined_strands: u32,
+}
+
+impl GpuSimulation {
+    /// A simulation of `groom`, at rest at `options.rest_pose`.
+    ///
+    /// # Errors
+    /// [`GpuError`] if the groom cannot be packed, a parameter is out of range, or the GPU has no room.
+    pub fn new(gpu: &Gpu, groom: &Groom, params: &AmsParams, options: &Options) -> Result<Self, GpuError> {
+        Self::from_strands(gpu, &groom.into(), params, options)
+    }
+
+    /// The same from plain arrays.
+    ///
+    /// # Errors
+    /// As [`GpuSimulation::new`].
+    pub fn from_strands(
+        gpu: &Gpu,
+        strands: &Strands<'_, f32>,
+        params: &AmsParams,
+        options: &Options,
+    ) -> Result<Self, GpuError> {
+        params.validate()?;
+        let model = Model::new(strands)?;
+        let mirror = State::at_rest(&model, &options.rest_pose);
+        let ranges = split(gpu, &model)?;
+        let places = |range: &std::ops::Range<usize>| {
+            model.blocks[range.clone()].iter().map(|block| block.particles).sum::<usize>()
+        };
+        let shared = Shared::new(gpu, ranges.iter().map(places).max().unwrap_or(1), params.substeps);
+        let batches: Vec<Batch> =
+            ranges.into_iter().map(|range| Batch::new(gpu, &model, range, &shared)).collect();
+        batches.iter().for_each(|batch| batch.write(gpu, &mirror));
+        gpu.check()?;
+        Ok(Self {
+            gpu: gpu.clone(),
+            model,
+            mirror,
+            params: params.clone(),
+            options: *options,
+            shared,
+            batches,
+            substeps: Vec::new(),
+        })
+    }
+
+    /// The model.
+    pub fn model(&self) -> &Model<f32> {
+        &self.model
+    }
+
+    /// Bytes held on the device.
+    pub fn bytes(&self) -> u64 {
+        self.shared.bytes() + self.batches.iter().map(Batch::bytes).sum::<u64>()
+    }
+
+    /// Hands a frame to the device, in one submission, and does not wait for it.
+    ///
+    /// # Errors
+    /// [`GpuError::Params`] if the frame's time and stiffness are beyond float32, [`GpuError::Unsupported`] for solids, [`GpuError::Failed`] if the
+    /// device has failed.
+    pub fn step_frame(&mut self, frame: &Frame<'_>) -> Result<(), GpuError> {
+        self.gpu.check()?;
+        self.params.validate_step(frame.dt_secs, self.options.beyond_float32)?;
+        if !frame.colliders.is_empty() {
+            return Err(GpuError::Unsupported { what: "hair against solids" });
+        }
+        if self.params.drag_along != 1.0 || self.params.drag_quadratic != 0.0 {
+            return Err(GpuError::Unsupported { what: "drag that differs along a strand" });
+        }
+        self.place(frame);
+        let mut encoder = self.gpu.device().create_command_encoder(&Default::default());
+        {
+            let described = wgpu::ComputePassDescriptor { label: Some("frame"), timestamp_writes: None };
+            let mut pass = encoder.begin_compute_pass(&described);
+            for batch in &self.batches {
+                self.encode(&mut pass, batch);
+            }
+        }
+        self.gpu.queue().submit([encoder.finish()]);
+        Ok(())
+    }
+
+    /// All stages of a frame for one batch.
+    fn encode(&self, pass: &mut wgpu::ComputePass<'_>, batch: &Batch) {
+        let kernels = self.gpu.kernels();
+        let mut run = |stage: Stage, substep: u32| {
+            pass.set_pipeline(kernels.pipeline(stage));
+            pass.set_bind_group(0, &batch.bind_group, &[substep * self.shared.stride]);
+            pass.dispatch_workgroups(batch.groups, 1, 1);
+        };
+        for substep in 0..self.params.substeps {
+            run(Stage::SolveStrands, substep);
+        }
+        let last = self.params.substeps - 1;
+        if self.params.inextensibility != Inextensibility::Off {
+            run(Stage::RestoreLengths, last);
+        }
+        run(Stage::CheckStrands, last);
+    }
+
+    /// Brings what the frame's strands share to the device.
+    fn place(&mut self, frame: &Frame<'_>) {
+        let origin = frame.head[1].transform_point(self.model.centre.into());
+        let shift = self.mirror.origin - origin;
+        self.mirror.origin = origin;
+        let uniform = FrameUniform::new(&self.params, frame.dt_secs, frame.gravity, frame.air_velocity);
+        self.gpu.queue().write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&uniform));
+        let rest_gravity = self.options.rest_pose.inverse().transform_vector(self.options.rest_gravity);
+        let count = self.params.substeps;
+        let pose = |step: u32| {
+            let head = frame.head[0].interpolate(&frame.head[1], f64::from(step) / f64::from(count));
+            let translation = head.transform_point(self.model.centre.into()) - origin;
+            Pose { rotation: head.rotation, translation }
+        };
+        self.substeps.clear();
+        for step in 0..count {
+            let poses = [&pose(step), &pose(step + 1)];
+            let shift = if step == 0 { shift } else { DVec3::ZERO };
+            let substep = SubstepUniform::new(poses, rest_gravity, shift);
+            self.substeps.resize((step * self.shared.stride) as usize, 0);
+            self.substeps.extend_from_slice(bytemuck::bytes_of(&substep));
+        }
+        self.gpu.queue().write_buffer(&self.shared.substeps, 0, &self.substeps);
+    }
+
+    /// What the frames since the last report did. Waits for the device.
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`] if the device has failed.
+    pub fn report(&mut self) -> Result<GpuReport, GpuError> {
+        let found = self.gpu.read::<ReportEntry>(&self.shared.report)?[0];
+        self.gpu.queue().write_buffer(&self.shared.report, 0, &[0; size_of::<ReportEntry>()]);
+        Ok(GpuReport {
+            max_edge_stretch: f32::from_bits(found.stretch),
+            quarantined_strands: found.quarantined,
+        })
+    }
+
+    /// A copy of the state that resumes bit for bit. Waits for the device.
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`] if the device has failed.
+    pub fn snapshot(&mut self) -> Result<Snapshot<f32>, GpuError> {
+        for batch in &self.batches {
+            batch.read(&self.gpu, &mut self.mirror)?;
+        }
+        Ok(self.mirror.snapshot(&self.model))
+    }
+
+    /// Goes back to a snapshot, of this or of a simulation of the same groom on a CPU.
+    ///
+    /// # Errors
+    /// [`GpuError::Snapshot`] if it is of another groom, [`GpuError::Failed`] if the device has failed.
+    pub fn restore(&mut self, snapshot: &Snapshot<f32>) -> Result<(), GpuError> {
+        self.mirror.restore(&self.model, snapshot)?;
+        self.batches.iter().for_each(|batch| batch.write(&self.gpu, &self.mirror));
+        self.gpu.check()
+    }
+
+    /// A 64-bit hash of the state: see [`Snapshot::hash`]. Waits for the device.
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`] if the device has failed.
+    pub fn state_hash(&mut self) -> Result<u64, GpuError> {
+        Ok(self.snapshot()?.hash())
+    }
+}

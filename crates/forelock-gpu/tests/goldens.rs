@@ -1,0 +1,88 @@
+//! The kernels against reference results in float64, at the files' float32 tolerances.
+
+#![expect(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "a test fails where its file is not as expected, and tells how near it came"
+)]
+
+#[path = "common/mod.rs"]
+mod common;
+#[path = "../../forelock-core/tests/golden/mod.rs"]
+mod golden;
+
+use forelock_core::model::{Model, Strands};
+use forelock_core::solver::{AmsParams, Frame, Options};
+use forelock_core::state::Snapshot;
+use forelock_gpu::{Gpu, GpuSimulation};
+use golden::{Backend, load};
+use serde_json::Value;
+
+impl Backend for GpuSimulation {
+    type Real = f32;
+
+    fn step_frame(&mut self, frame: &Frame<'_>) {
+        Self::step_frame(self, frame).unwrap();
+    }
+
+    fn snapshot(&mut self) -> Snapshot<f32> {
+        Self::snapshot(self).unwrap()
+    }
+
+    fn restore(&mut self, snapshot: &Snapshot<f32>) {
+        Self::restore(self, snapshot).unwrap();
+    }
+
+    fn model(&self) -> &Model<f32> {
+        Self::model(self)
+    }
+}
+
+fn on(gpu: &Gpu) -> impl Fn(&Strands<'_, f32>, &AmsParams, Options) -> GpuSimulation {
+    |strands, params, options| GpuSimulation::from_strands(gpu, strands, params, &options).unwrap()
+}
+
+fn check(name: &str) {
+    let Some(gpu) = common::gpu() else { return };
+    let file = load(name);
+    let tolerance = file["tolerance_max_dx_over_L"]["float32"].as_f64().unwrap();
+    let error = golden::worst_error(&file, on(&gpu));
+    println!("{name} on {}: {error:.2e} (tolerance {tolerance:.2e})", gpu.name());
+    assert!(error <= tolerance, "{name}: {error:e}");
+}
+
+macro_rules! goldens {
+    ($($test:ident)*) => {$(
+        #[test]
+        fn $test() {
+            check(stringify!($test));
+        }
+    )*};
+}
+goldens! {
+    g01_preload_static
+    g02_fig4_no_preload
+    g03_ms_sag
+    g04_default_head_turn
+    g05_literal_angular
+    g06_nonhooke_launch
+}
+
+#[test]
+fn g10_one_substep_system() {
+    let Some(gpu) = common::gpu() else { return };
+    for case in load("g10_one_substep_system")["cases"].as_array().unwrap() {
+        let (label, (_, error)) = (case["label"].as_str().unwrap(), golden::substep_error(case, on(&gpu)));
+        println!("{label} on {}: velocities {error:.1e}", gpu.name());
+        assert!(error < 1e-4, "{label}: {error:e}");
+    }
+}
+
+/// The comparison can fail: stiffness off by a thousandth does not pass.
+#[test]
+fn a_perturbed_solver_fails() {
+    let Some(gpu) = common::gpu() else { return };
+    let mut file = load("g04_default_head_turn");
+    file["params"]["kI"] = Value::from(100.1);
+    assert!(golden::worst_error(&file, on(&gpu)) > 1e-5);
+}

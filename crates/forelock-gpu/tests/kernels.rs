@@ -1,0 +1,110 @@
+//! Every kernel is valid, lays its structs out as the CPU does, and can be said in the languages of other devices.
+
+#![expect(clippy::unwrap_used, reason = "in a test a failure to build is a failure of the test")]
+
+use forelock_gpu::kernels::{BINDINGS, Binding, STAGES, text};
+use forelock_gpu::layout::{BlockEntry, FrameUniform, ReportEntry, SubstepUniform};
+use naga::back::{hlsl, msl, spv};
+use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
+use std::mem::offset_of;
+
+fn modules() -> impl Iterator<Item = (&'static str, naga::Module, ModuleInfo)> {
+    STAGES.iter().map(|stage| {
+        let module = naga::front::wgsl::parse_str(&text(stage))
+            .unwrap_or_else(|error| panic!("{}: {}", stage.name, error.emit_to_string(&text(stage))));
+        // No capability beyond what every device of WebGPU has.
+        let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
+        let info = validator.validate(&module).unwrap_or_else(|error| panic!("{}: {error:?}", stage.name));
+        (stage.name, module, info)
+    })
+}
+
+#[test]
+fn kernels_need_nothing_beyond_webgpu_and_have_the_entry_points_of_the_table() {
+    for (name, module, _) in modules() {
+        let entries: Vec<_> = module.entry_points.iter().map(|entry| &*entry.name).collect();
+        assert_eq!(entries, [name]);
+    }
+}
+
+/// Name and offset of a struct's fields, and its size, as a kernel has them.
+fn fields(module: &naga::Module, name: &str) -> (Vec<(String, usize)>, usize) {
+    let found = module.types.iter().find(|(_, kind)| kind.name.as_deref() == Some(name));
+    let naga::TypeInner::Struct { members, span } = &found.unwrap().1.inner else { panic!("{name}") };
+    let field = |member: &naga::StructMember| (member.name.clone().unwrap(), member.offset as usize);
+    (members.iter().map(field).collect(), *span as usize)
+}
+
+macro_rules! same {
+    ($module:expr, $kernel:literal, $own:ty, [$($field:ident)*]) => {{
+        let own = vec![$((stringify!($field).to_owned(), offset_of!($own, $field))),*];
+        assert_eq!(fields($module, $kernel), (own, size_of::<$own>()), "{}", $kernel);
+    }};
+}
+
+#[test]
+fn structs_are_laid_out_alike() {
+    for (_, module, _) in modules() {
+        same!(&module, "Frame", FrameUniform, [
+            k_springs k_integrity tip_scales k_angular gravity k_altitude air drag h inverse_h inverse_dt dftl_damping
+            elastic_limit breaking_point breaking_width healing healing_limit clamped flags unknown
+        ]);
+        same!(&module, "Substep", SubstepUniform, [start end carried_weight pad_0 shift pad_1]);
+        same!(&module, "Block", BlockEntry, [first particles live pad_0]);
+        same!(&module, "Report", ReportEntry, [stretch quarantined touching deepest]);
+    }
+}
+
+#[test]
+fn bindings_are_those_of_the_table() {
+    for (stage, module, _) in modules() {
+        for (_, variable) in module.global_variables.iter() {
+            let Some(place) = &variable.binding else { continue };
+            assert_eq!(place.group, 0, "{stage}");
+            let name = variable.name.as_deref().unwrap();
+            let writes = |space: naga::AddressSpace| match space {
+                naga::AddressSpace::Storage { access } => Some(access.contains(naga::StorageAccess::STORE)),
+                _ => None,
+            };
+            let expected = match BINDINGS[place.binding as usize] {
+                Binding::Frame => ("frame", None),
+                Binding::Substep => ("substep", None),
+                Binding::Read(name) => (name, Some(false)),
+                Binding::Change(name) => (name, Some(true)),
+            };
+            assert_eq!((name, writes(variable.space)), expected, "{stage}");
+        }
+    }
+    let storage = BINDINGS.iter().filter(|b| matches!(b, Binding::Read(_) | Binding::Change(_))).count();
+    assert!(storage <= 8, "WebGPU grants eight storage buffers a stage, these are {storage}");
+}
+
+#[test]
+fn kernels_can_be_said_in_metal_directx_and_vulkan() {
+    for (name, module, info) in modules() {
+        let mut text = String::new();
+        let options = hlsl::Options { fake_missing_bindings: true, ..hlsl::Options::default() };
+        let pipeline = hlsl::PipelineOptions::default();
+        hlsl::Writer::new(&mut text, &options, &pipeline).write(&module, &info, None).unwrap();
+        assert!(text.contains(name), "HLSL of {name}");
+        let options = msl::Options { fake_missing_bindings: true, ..msl::Options::default() };
+        let (text, _) =
+            msl::write_string(&module, &info, &options, &msl::PipelineOptions::default()).unwrap();
+        assert!(text.contains(name), "MSL of {name}");
+        let words = spv::write_vec(&module, &info, &spv::Options::default(), None).unwrap();
+        assert_eq!(words[0], 0x0723_0203, "SPIR-V of {name}");
+    }
+}
+
+/// The checks can fail: two fields that change places are seen.
+#[test]
+fn fields_that_change_places_are_seen() {
+    let whole = text(&STAGES[0]);
+    let moved = whole.replace(
+        "    k_integrity: f32,\n    tip_scales: vec3f,\n    k_angular: f32,",
+        "    k_angular: f32,\n    tip_scales: vec3f,\n    k_integrity: f32,",
+    );
+    let [whole, moved] =
+        [whole, moved].map(|text| fields(&naga::front::wgsl::parse_str(&text).unwrap(), "Frame"));
+    assert_ne!(whole, moved);
+}
