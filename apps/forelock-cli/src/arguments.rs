@@ -96,8 +96,20 @@ pub struct SimulateArgs {
 pub enum Backend {
     /// This processor.
     Cpu,
-    /// A graphics processor; not yet available.
+    /// A graphics processor: free and solid-bound hair; not yet hair against hair, nor wind that is not the same everywhere.
     Gpu,
+    /// A graphics processor if there is one that can do what the scene asks for, else this processor.
+    Auto,
+}
+
+impl From<Backend> for forelock::Backend {
+    fn from(backend: Backend) -> Self {
+        match backend {
+            Backend::Cpu => Self::Cpu,
+            Backend::Gpu => Self::Gpu,
+            Backend::Auto => Self::Auto,
+        }
+    }
 }
 
 #[derive(Debug, Args)]

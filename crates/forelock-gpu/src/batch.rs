@@ -1,7 +1,8 @@
 //! Strands in batches that each fit into the bindings of a device.
 
-use crate::kernels::{BINDINGS, Binding, MODEL_ROWS, SCRATCH_ROWS, WORKGROUP};
+use crate::kernels::{Binding, MODEL_ROWS, SCRATCH_ROWS, WORKGROUP};
 use crate::layout::{BlockEntry, SubstepUniform};
+use crate::solids::{LookUniform, Solids};
 use crate::{Gpu, GpuError};
 use forelock_core::lane::{LANES, Row};
 use forelock_core::model::Model;
@@ -34,12 +35,13 @@ pub(crate) struct Batch {
     pub places: Range<usize>,
     /// Workgroups that its strands take.
     pub groups: u32,
-    pub positions: wgpu::Buffer,
-    pub velocities: wgpu::Buffer,
+    blocks: wgpu::Buffer,
+    model: wgpu::Buffer,
+    strands: wgpu::Buffer,
+    positions: wgpu::Buffer,
+    velocities: wgpu::Buffer,
     /// Integrity and clearance, two rows a place.
-    pub memory: wgpu::Buffer,
-    pub bind_group: wgpu::BindGroup,
-    bytes: u64,
+    memory: wgpu::Buffer,
 }
 
 /// The blocks of `model` in ranges of which each fits into the device's bindings.
@@ -53,7 +55,8 @@ pub(crate) fn split(gpu: &Gpu, model: &Model<f32>) -> Result<Vec<Range<usize>>, 
     for (k, block) in model.blocks.iter().enumerate() {
         let own = block.particles as u64 * u64::from(SCRATCH_ROWS) * ROW;
         if own > limit {
-            return Err(GpuError::TooLarge { name: gpu.name().to_owned(), bytes: own, limit });
+            let (what, name) = ("sixteen strands of that many particles", gpu.name().to_owned());
+            return Err(GpuError::TooLarge { what, name, bytes: own, limit });
         }
         match batches.last_mut() {
             Some(last) if bytes + own <= limit && last.len() < most_blocks => {
@@ -94,7 +97,7 @@ impl Shared {
 
 impl Batch {
     /// `blocks` of `model`, not yet with a state.
-    pub fn new(gpu: &Gpu, model: &Model<f32>, blocks: Range<usize>, shared: &Shared) -> Self {
+    pub fn new(gpu: &Gpu, model: &Model<f32>, blocks: Range<usize>) -> Self {
         let own = &model.blocks[blocks.clone()];
         let places = own[0].first..own[own.len() - 1].range().end;
         let entries: Vec<BlockEntry> = own
@@ -128,51 +131,59 @@ impl Batch {
         let positions = gpu.buffer("positions", 3 * room, change);
         let velocities = gpu.buffer("velocities", 3 * room, change);
         let memory = gpu.buffer("memory", 2 * room, change);
-        let entry = |(number, binding): (usize, &Binding)| {
-            let substep = wgpu::BufferBinding {
-                buffer: &shared.substeps,
-                offset: 0,
-                size: std::num::NonZeroU64::new(size_of::<SubstepUniform>() as u64),
-            };
-            let buffer = match binding {
-                Binding::Frame => &shared.frame,
-                Binding::Substep => &shared.substeps,
-                Binding::Read(name) | Binding::Change(name) => match *name {
-                    "blocks" => &blocks,
-                    "model" => &model,
-                    "strands" => &strands,
-                    "positions" => &positions,
-                    "velocities" => &velocities,
-                    "memory" => &memory,
-                    "scratch" => &shared.scratch,
-                    _ => &shared.report,
-                },
-            };
-            let whole = buffer.as_entire_buffer_binding();
-            let part = if *binding == Binding::Substep { substep } else { whole };
-            wgpu::BindGroupEntry { binding: number as u32, resource: wgpu::BindingResource::Buffer(part) }
-        };
-        let entries: Vec<_> = BINDINGS.iter().enumerate().map(entry).collect();
-        let bind_group = gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("strands"),
-            layout: &gpu.kernels().layout,
-            entries: &entries,
-        });
-        let all = [&blocks, &model, &strands, &positions, &velocities, &memory];
         Self {
-            bytes: all.iter().map(|buffer| buffer.size()).sum(),
             groups: (own.len() * LANES).div_ceil(WORKGROUP as usize) as u32,
             places,
+            blocks,
+            model,
+            strands,
             positions,
             velocities,
             memory,
-            bind_group,
         }
+    }
+
+    /// What a stage that binds `bindings` sees of it.
+    pub fn bind(
+        &self,
+        gpu: &Gpu,
+        (layout, bindings): (&wgpu::BindGroupLayout, &[(u32, Binding)]),
+        (shared, solids): (&Shared, &Solids),
+    ) -> wgpu::BindGroup {
+        let of_size = |buffer, size: usize| wgpu::BufferBinding {
+            buffer,
+            offset: 0,
+            size: std::num::NonZeroU64::new(size as u64),
+        };
+        let entry = |&(binding, what): &(u32, Binding)| {
+            let buffer = match what {
+                Binding::Frame => shared.frame.as_entire_buffer_binding(),
+                Binding::Substep => of_size(&shared.substeps, size_of::<SubstepUniform>()),
+                Binding::Look => of_size(&solids.looks, size_of::<LookUniform>()),
+                Binding::Read(name) | Binding::Change(name) => match name {
+                    "blocks" => &self.blocks,
+                    "model" => &self.model,
+                    "strands" => &self.strands,
+                    "positions" => &self.positions,
+                    "velocities" => &self.velocities,
+                    "memory" => &self.memory,
+                    "scratch" => &shared.scratch,
+                    "fields" => &solids.fields,
+                    _ => &shared.report,
+                }
+                .as_entire_buffer_binding(),
+            };
+            wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::Buffer(buffer) }
+        };
+        let entries: Vec<_> = bindings.iter().map(entry).collect();
+        let described = wgpu::BindGroupDescriptor { label: Some("strands"), layout, entries: &entries };
+        gpu.device().create_bind_group(&described)
     }
 
     /// Bytes held on the device.
     pub fn bytes(&self) -> u64 {
-        self.bytes
+        let all = [&self.blocks, &self.model, &self.strands, &self.positions, &self.velocities, &self.memory];
+        all.iter().map(|buffer| buffer.size()).sum()
     }
 
     /// Brings its part of `state` to the device.

@@ -39,14 +39,16 @@ pub enum GpuError {
         /// What the driver says.
         reason: String,
     },
-    /// A strand takes more memory than one binding of this GPU holds.
+    /// Something takes more memory than one binding of this GPU holds.
     #[error(
-        "a block of strands takes {bytes} bytes, but {name} binds {limit} at once: resample strands to fewer particles"
+        "{what} take {bytes} bytes, but {name} binds {limit} at once: make them smaller, or run on the CPU"
     )]
     TooLarge {
+        /// What.
+        what: &'static str,
         /// The GPU.
         name: String,
-        /// What a block takes.
+        /// What it takes.
         bytes: u64,
         /// What can be bound.
         limit: u64,

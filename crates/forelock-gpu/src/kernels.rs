@@ -1,6 +1,7 @@
 //! The kernels: texts beside the stages that they are twins of, constants from here, pipelines from both.
 
 use crate::layout::{FLAGS, FrameUniform, SubstepUniform};
+use crate::solids::{HOW, KINDS, LookUniform, MOST_SOLIDS};
 use forelock_core::lane::{ASIN_RATIO, LANES};
 use forelock_core::stage::restore_lengths::NEWTON_STEPS;
 use forelock_core::stage::solve_strands::PIVOT_FLOOR;
@@ -18,6 +19,8 @@ pub const MODEL_ROWS: u32 = 7;
 pub enum Stage {
     /// One implicit substep.
     SolveStrands,
+    /// Hair against solids.
+    ResolveSolids,
     /// Edges back to their lengths.
     RestoreLengths,
     /// Stretch, and strands that are not finite.
@@ -33,55 +36,81 @@ pub struct StageKernel {
     pub name: &'static str,
     /// Its text, to come after the prelude.
     pub text: &'static str,
+    /// What it binds, of group 0: number and what. Up to eight of storage, as many as WebGPU grants.
+    pub bindings: &'static [(u32, Binding)],
 }
 
 /// What all kernels of strands begin with.
 const PRELUDE: &str = include_str!("../../forelock-core/src/stage/prelude.wgsl");
 
 /// All stages, in their order.
-pub const STAGES: [StageKernel; 3] = [
+pub const STAGES: [StageKernel; 4] = [
     StageKernel {
         stage: Stage::SolveStrands,
         name: "solve_strands",
         text: include_str!("../../forelock-core/src/stage/solve_strands/kernel.wgsl"),
+        bindings: &STRANDS,
+    },
+    StageKernel {
+        stage: Stage::ResolveSolids,
+        name: "resolve_solids",
+        text: include_str!("../../forelock-core/src/stage/resolve_solids/kernel.wgsl"),
+        bindings: &SOLIDS,
     },
     StageKernel {
         stage: Stage::RestoreLengths,
         name: "restore_lengths",
         text: include_str!("../../forelock-core/src/stage/restore_lengths/kernel.wgsl"),
+        bindings: &STRANDS,
     },
     StageKernel {
         stage: Stage::CheckStrands,
         name: "check_strands",
         text: include_str!("../../forelock-core/src/stage/check_strands/kernel.wgsl"),
+        bindings: &STRANDS,
     },
 ];
 
-/// What each binding of group 0 is.
+/// What a binding is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Binding {
     /// Uniform of a frame.
     Frame,
     /// Uniform of a substep, at a dynamic offset.
     Substep,
+    /// Uniform of a look at solids, at a dynamic offset.
+    Look,
     /// Storage that kernels read.
     Read(&'static str),
     /// Storage that kernels change.
     Change(&'static str),
 }
 
-/// The bindings of group 0, in their order: eight of storage, as many as WebGPU grants.
-pub const BINDINGS: [Binding; 10] = [
-    Binding::Frame,
-    Binding::Substep,
-    Binding::Read("blocks"),
-    Binding::Read("model"),
-    Binding::Read("strands"),
-    Binding::Change("positions"),
-    Binding::Change("velocities"),
-    Binding::Change("memory"),
-    Binding::Change("scratch"),
-    Binding::Change("report"),
+/// What the stages of strands alone bind.
+pub const STRANDS: [(u32, Binding); 10] = [
+    (0, Binding::Frame),
+    (1, Binding::Substep),
+    (2, Binding::Read("blocks")),
+    (3, Binding::Read("model")),
+    (4, Binding::Read("strands")),
+    (5, Binding::Change("positions")),
+    (6, Binding::Change("velocities")),
+    (7, Binding::Change("memory")),
+    (8, Binding::Change("scratch")),
+    (9, Binding::Change("report")),
+];
+
+/// What the look at solids binds.
+pub const SOLIDS: [(u32, Binding); 9] = [
+    (0, Binding::Frame),
+    (2, Binding::Read("blocks")),
+    (3, Binding::Read("model")),
+    (5, Binding::Change("positions")),
+    (6, Binding::Change("velocities")),
+    (7, Binding::Change("memory")),
+    (9, Binding::Change("report")),
+    (10, Binding::Read("fields")),
+    (11, Binding::Look),
 ];
 
 /// The whole text of a stage: constants, prelude, kernel.
@@ -96,8 +125,9 @@ pub fn text(stage: &StageKernel) -> String {
         ("WORKGROUP", WORKGROUP),
         ("SCRATCH", SCRATCH_ROWS),
         ("NEWTON_STEPS", NEWTON_STEPS as u32),
+        ("MOST_SOLIDS", MOST_SOLIDS as u32),
     ];
-    for (name, value) in counts.into_iter().chain(FLAGS) {
+    for (name, value) in counts.into_iter().chain(FLAGS).chain(KINDS).chain(HOW) {
         constant(name, "u32", &value, "u");
     }
     constant("PIVOT_FLOOR", "f32", &(PIVOT_FLOOR as f32), "f");
@@ -109,10 +139,13 @@ pub fn text(stage: &StageKernel) -> String {
     text
 }
 
-/// Pipelines of all stages, and the layout that they share.
+/// Pipelines of all stages, and their layouts.
 #[derive(Debug)]
 pub(crate) struct Kernels {
-    pub layout: wgpu::BindGroupLayout,
+    /// Of [`STRANDS`].
+    pub strands: wgpu::BindGroupLayout,
+    /// Of [`SOLIDS`].
+    pub solids: wgpu::BindGroupLayout,
     pipelines: [wgpu::ComputePipeline; STAGES.len()],
 }
 
@@ -121,16 +154,19 @@ impl Kernels {
     pub const COUNT: u32 = STAGES.len() as u32;
 
     pub fn new(device: &wgpu::Device) -> Self {
-        let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-            label: Some("strands"),
-            entries: &entries(),
-        });
-        let pipeline_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-            label: Some("strands"),
-            bind_group_layouts: &[Some(&layout)],
-            immediate_size: 0,
-        });
+        let layout = |label: &str, bindings: &[(u32, Binding)]| {
+            let entries: Vec<_> = bindings.iter().map(entry).collect();
+            let described = wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries };
+            device.create_bind_group_layout(&described)
+        };
+        let (strands, solids) = (layout("strands", &STRANDS), layout("solids", &SOLIDS));
         let pipelines = STAGES.map(|stage| {
+            let layout = if stage.stage == Stage::ResolveSolids { &solids } else { &strands };
+            let pipeline_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+                label: Some(stage.name),
+                bind_group_layouts: &[Some(layout)],
+                immediate_size: 0,
+            });
             let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
                 label: Some(stage.name),
                 source: wgpu::ShaderSource::Wgsl(text(&stage).into()),
@@ -144,7 +180,7 @@ impl Kernels {
                 cache: None,
             })
         });
-        Self { layout, pipelines }
+        Self { strands, solids, pipelines }
     }
 
     pub fn pipeline(&self, stage: Stage) -> &wgpu::ComputePipeline {
@@ -152,27 +188,24 @@ impl Kernels {
     }
 }
 
-fn entries() -> [wgpu::BindGroupLayoutEntry; BINDINGS.len()] {
-    let mut number = 0;
-    BINDINGS.map(|binding| {
-        let uniform = wgpu::BufferBindingType::Uniform;
-        let storage = |read_only| wgpu::BufferBindingType::Storage { read_only };
-        let (ty, has_dynamic_offset, size) = match binding {
-            Binding::Frame => (uniform, false, size_of::<FrameUniform>()),
-            Binding::Substep => (uniform, true, size_of::<SubstepUniform>()),
-            Binding::Read(_) => (storage(true), false, 0),
-            Binding::Change(_) => (storage(false), false, 0),
-        };
-        number += 1;
-        wgpu::BindGroupLayoutEntry {
-            binding: number - 1,
-            visibility: wgpu::ShaderStages::COMPUTE,
-            ty: wgpu::BindingType::Buffer {
-                ty,
-                has_dynamic_offset,
-                min_binding_size: std::num::NonZeroU64::new(size as u64),
-            },
-            count: None,
-        }
-    })
+fn entry(&(binding, what): &(u32, Binding)) -> wgpu::BindGroupLayoutEntry {
+    let uniform = wgpu::BufferBindingType::Uniform;
+    let storage = |read_only| wgpu::BufferBindingType::Storage { read_only };
+    let (ty, has_dynamic_offset, size) = match what {
+        Binding::Frame => (uniform, false, size_of::<FrameUniform>()),
+        Binding::Substep => (uniform, true, size_of::<SubstepUniform>()),
+        Binding::Look => (uniform, true, size_of::<LookUniform>()),
+        Binding::Read(_) => (storage(true), false, 0),
+        Binding::Change(_) => (storage(false), false, 0),
+    };
+    wgpu::BindGroupLayoutEntry {
+        binding,
+        visibility: wgpu::ShaderStages::COMPUTE,
+        ty: wgpu::BindingType::Buffer {
+            ty,
+            has_dynamic_offset,
+            min_binding_size: std::num::NonZeroU64::new(size as u64),
+        },
+        count: None,
+    }
 }

@@ -69,10 +69,12 @@ pub mod flags {
     pub const NON_HOOKEAN: u32 = 1 << 5;
     /// Lengths are restored by dynamic follow the leader, not by projection.
     pub const FOLLOW_THE_LEADER: u32 = 1 << 6;
+    /// Edges that solids stretched are laid along them.
+    pub const LAY_ALONG: u32 = 1 << 7;
 }
 
 /// The same by name, for the kernels.
-pub const FLAGS: [(&str, u32); 7] = [
+pub const FLAGS: [(&str, u32); 8] = [
     ("TENSION", flags::TENSION),
     ("ANGULAR_EDGE", flags::ANGULAR_EDGE),
     ("ANGULAR_PAPER", flags::ANGULAR_PAPER),
@@ -80,6 +82,7 @@ pub const FLAGS: [(&str, u32); 7] = [
     ("SAG_FREE", flags::SAG_FREE),
     ("NON_HOOKEAN", flags::NON_HOOKEAN),
     ("FOLLOW_THE_LEADER", flags::FOLLOW_THE_LEADER),
+    ("LAY_ALONG", flags::LAY_ALONG),
 ];
 
 /// A substep's poses: `Substep` in `prelude.wgsl`.
@@ -122,10 +125,12 @@ pub struct ReportEntry {
     pub stretch: u32,
     /// Strands put back to rest.
     pub quarantined: u32,
-    /// Particles that touched a solid at a look, all looks together.
+    /// Particles that touched a solid at a frame's last look.
     pub touching: u32,
     /// Bits of the greatest depth left, metres.
     pub deepest: u32,
+    /// Bits of the largest |l/l₀ − 1| after the lengths were restored.
+    pub restored: u32,
 }
 
 impl FrameUniform {
@@ -146,6 +151,7 @@ impl FrameUniform {
             (terms.sag_free, flags::SAG_FREE),
             (curve.is_some(), flags::NON_HOOKEAN),
             (params.inextensibility == Inextensibility::Dftl, flags::FOLLOW_THE_LEADER),
+            (params.lay_along_solids && params.inextensibility != Inextensibility::Off, flags::LAY_ALONG),
         ];
         Self {
             k_springs: DVec3::from_array(terms.k_springs).as_vec3(),

@@ -31,8 +31,8 @@
 //! device's bindings; scratch is that of the largest batch.
 //!
 //! # Limitations
-//! So far: springs, ghost ties and their damage, lengths, checks. Hair against solids, hair against hair and wind that is not the same everywhere run on
-//! the CPU only.
+//! So far: springs, ghost ties and their damage, solids, lengths, checks. Solids that change their shape, hair against hair and wind that is not the same everywhere
+//! run on the CPU only.
 
 mod batch;
 mod device;
@@ -40,6 +40,7 @@ mod error;
 pub mod kernels;
 pub mod layout;
 mod simulation;
+pub mod solids;
 
 pub use device::{Choice, Counts, Gpu};
 pub use error::GpuError;

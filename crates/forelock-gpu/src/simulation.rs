@@ -1,8 +1,9 @@
 //! Strands under the augmented mass-spring model, on a GPU.
 
 use crate::batch::{Batch, Shared, split};
-use crate::kernels::Stage;
+use crate::kernels::{SOLIDS, STRANDS, Stage};
 use crate::layout::{FrameUniform, ReportEntry, SubstepUniform};
+use crate::solids::Solids;
 use crate::{Gpu, GpuError};
 use forelock_core::groom::Groom;
 use forelock_core::model::{Model, Strands};
@@ -24,17 +25,32 @@ pub struct GpuSimulation {
     params: AmsParams,
     options: Options,
     shared: Shared,
-    batches: Vec<Batch>,
+    solids: Solids,
+    batches: Vec<Bound>,
     substeps: Vec<u8>,
+}
+
+/// A batch and what stages see of it.
+#[derive(Debug)]
+struct Bound {
+    batch: Batch,
+    to_strands: wgpu::BindGroup,
+    to_solids: wgpu::BindGroup,
 }
 
 /// What the frames since the last report did.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GpuReport {
-    /// Largest |l/l₀ − 1| of an edge at the end of a frame.
+    /// Largest |l/l₀ − 1| of an edge after the length pass.
     pub max_edge_stretch: f32,
+    /// The same at the end of a frame, after solids.
+    pub max_edge_stretch_final: f32,
     /// Strands that were not finite and were put back to their rest shape.
     pub quarantined_strands: u32,
+    /// Particles in touch with a solid at a frame's end, over all frames.
+    pub touching: u32,
+    /// Deepest particle under a solid's surface at a frame's end, metres.
+    pub max_penetration_m: f32,
 }
 
 impl GpuSimulation {
@@ -64,9 +80,18 @@ impl GpuSimulation {
             model.blocks[range.clone()].iter().map(|block| block.particles).sum::<usize>()
         };
         let shared = Shared::new(gpu, ranges.iter().map(places).max().unwrap_or(1), params.substeps);
-        let batches: Vec<Batch> =
-            ranges.into_iter().map(|range| Batch::new(gpu, &model, range, &shared)).collect();
-        batches.iter().for_each(|batch| batch.write(gpu, &mirror));
+        let solids = Solids::new(gpu, params.substeps);
+        let bound = |range| {
+            let batch = Batch::new(gpu, &model, range);
+            batch.write(gpu, &mirror);
+            let (kernels, rest) = (gpu.kernels(), (&shared, &solids));
+            Bound {
+                to_strands: batch.bind(gpu, (&kernels.strands, &STRANDS), rest),
+                to_solids: batch.bind(gpu, (&kernels.solids, &SOLIDS), rest),
+                batch,
+            }
+        };
+        let batches = ranges.into_iter().map(bound).collect();
         gpu.check()?;
         Ok(Self {
             gpu: gpu.clone(),
@@ -75,6 +100,7 @@ impl GpuSimulation {
             params: params.clone(),
             options: *options,
             shared,
+            solids,
             batches,
             substeps: Vec::new(),
         })
@@ -87,30 +113,34 @@ impl GpuSimulation {
 
     /// Bytes held on the device.
     pub fn bytes(&self) -> u64 {
-        self.shared.bytes() + self.batches.iter().map(Batch::bytes).sum::<u64>()
+        let batches = self.batches.iter().map(|bound| bound.batch.bytes());
+        self.shared.bytes() + self.solids.bytes() + batches.sum::<u64>()
     }
 
     /// Hands a frame to the device, in one submission, and does not wait for it.
     ///
     /// # Errors
-    /// [`GpuError::Params`] if the frame's time and stiffness are beyond float32, [`GpuError::Unsupported`] for solids, [`GpuError::Failed`] if the
+    /// [`GpuError::Params`] if the frame's time and stiffness are beyond float32, [`GpuError::Unsupported`] for what runs on the CPU only, [`GpuError::Failed`] if the
     /// device has failed.
     pub fn step_frame(&mut self, frame: &Frame<'_>) -> Result<(), GpuError> {
         self.gpu.check()?;
         self.params.validate_step(frame.dt_secs, self.options.beyond_float32)?;
-        if !frame.colliders.is_empty() {
-            return Err(GpuError::Unsupported { what: "hair against solids" });
-        }
         if self.params.drag_along != 1.0 || self.params.drag_quadratic != 0.0 {
             return Err(GpuError::Unsupported { what: "drag that differs along a strand" });
+        }
+        if self.solids.hold(&self.gpu, frame.colliders)? {
+            let layout = (&self.gpu.kernels().solids, &SOLIDS[..]);
+            for bound in &mut self.batches {
+                bound.to_solids = bound.batch.bind(&self.gpu, layout, (&self.shared, &self.solids));
+            }
         }
         self.place(frame);
         let mut encoder = self.gpu.device().create_command_encoder(&Default::default());
         {
             let described = wgpu::ComputePassDescriptor { label: Some("frame"), timestamp_writes: None };
             let mut pass = encoder.begin_compute_pass(&described);
-            for batch in &self.batches {
-                self.encode(&mut pass, batch);
+            for bound in &self.batches {
+                self.encode(&mut pass, bound, !frame.colliders.is_empty());
             }
         }
         self.gpu.queue().submit([encoder.finish()]);
@@ -118,21 +148,35 @@ impl GpuSimulation {
     }
 
     /// All stages of a frame for one batch.
-    fn encode(&self, pass: &mut wgpu::ComputePass<'_>, batch: &Batch) {
+    fn encode(&self, pass: &mut wgpu::ComputePass<'_>, bound: &Bound, has_solids: bool) {
         let kernels = self.gpu.kernels();
-        let mut run = |stage: Stage, substep: u32| {
+        let mut run = |stage: Stage, number: u32| {
             pass.set_pipeline(kernels.pipeline(stage));
-            pass.set_bind_group(0, &batch.bind_group, &[substep * self.shared.stride]);
-            pass.dispatch_workgroups(batch.groups, 1, 1);
+            if stage == Stage::ResolveSolids {
+                pass.set_bind_group(0, &bound.to_solids, &[number * self.solids.stride]);
+            } else {
+                pass.set_bind_group(0, &bound.to_strands, &[number * self.shared.stride]);
+            }
+            pass.dispatch_workgroups(bound.batch.groups, 1, 1);
         };
-        for substep in 0..self.params.substeps {
+        let count = self.params.substeps;
+        for substep in 0..count {
             run(Stage::SolveStrands, substep);
+            if has_solids {
+                run(Stage::ResolveSolids, substep);
+            }
         }
-        let last = self.params.substeps - 1;
-        if self.params.inextensibility != Inextensibility::Off {
-            run(Stage::RestoreLengths, last);
+        if self.restores_lengths() {
+            run(Stage::RestoreLengths, count - 1);
+            if has_solids {
+                run(Stage::ResolveSolids, count);
+            }
         }
-        run(Stage::CheckStrands, last);
+        run(Stage::CheckStrands, count - 1);
+    }
+
+    fn restores_lengths(&self) -> bool {
+        self.params.inextensibility != Inextensibility::Off
     }
 
     /// Brings what the frame's strands share to the device.
@@ -158,6 +202,10 @@ impl GpuSimulation {
             self.substeps.extend_from_slice(bytemuck::bytes_of(&substep));
         }
         self.gpu.queue().write_buffer(&self.shared.substeps, 0, &self.substeps);
+        if !frame.colliders.is_empty() {
+            let lengths = self.restores_lengths();
+            self.solids.place(&self.gpu, &self.params, frame, origin, lengths);
+        }
     }
 
     /// What the frames since the last report did. Waits for the device.
@@ -167,9 +215,13 @@ impl GpuSimulation {
     pub fn report(&mut self) -> Result<GpuReport, GpuError> {
         let found = self.gpu.read::<ReportEntry>(&self.shared.report)?[0];
         self.gpu.queue().write_buffer(&self.shared.report, 0, &[0; size_of::<ReportEntry>()]);
+        let restored = if self.restores_lengths() { found.restored } else { found.stretch };
         Ok(GpuReport {
-            max_edge_stretch: f32::from_bits(found.stretch),
+            max_edge_stretch: f32::from_bits(restored),
+            max_edge_stretch_final: f32::from_bits(found.stretch),
             quarantined_strands: found.quarantined,
+            touching: found.touching,
+            max_penetration_m: f32::from_bits(found.deepest),
         })
     }
 
@@ -178,7 +230,7 @@ impl GpuSimulation {
     /// # Errors
     /// [`GpuError::Failed`] if the device has failed.
     pub fn snapshot(&mut self) -> Result<Snapshot<f32>, GpuError> {
-        for batch in &self.batches {
+        for Bound { batch, .. } in &self.batches {
             batch.read(&self.gpu, &mut self.mirror)?;
         }
         Ok(self.mirror.snapshot(&self.model))
@@ -190,7 +242,7 @@ impl GpuSimulation {
     /// [`GpuError::Snapshot`] if it is of another groom, [`GpuError::Failed`] if the device has failed.
     pub fn restore(&mut self, snapshot: &Snapshot<f32>) -> Result<(), GpuError> {
         self.mirror.restore(&self.model, snapshot)?;
-        self.batches.iter().for_each(|batch| batch.write(&self.gpu, &self.mirror));
+        self.batches.iter().for_each(|bound| bound.batch.write(&self.gpu, &self.mirror));
         self.gpu.check()
     }
 

@@ -66,6 +66,7 @@ goldens! {
     g04_default_head_turn
     g05_literal_angular
     g06_nonhooke_launch
+    g07_contact_sphere
 }
 
 #[test]

@@ -2,28 +2,29 @@
 
 #![expect(clippy::unwrap_used, reason = "in a test a failure to build is a failure of the test")]
 
-use forelock_gpu::kernels::{BINDINGS, Binding, STAGES, text};
+use forelock_gpu::kernels::{Binding, STAGES, StageKernel, text};
 use forelock_gpu::layout::{BlockEntry, FrameUniform, ReportEntry, SubstepUniform};
+use forelock_gpu::solids::{LookUniform, SolidEntry};
 use naga::back::{hlsl, msl, spv};
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 use std::mem::offset_of;
 
-fn modules() -> impl Iterator<Item = (&'static str, naga::Module, ModuleInfo)> {
+fn modules() -> impl Iterator<Item = (&'static StageKernel, naga::Module, ModuleInfo)> {
     STAGES.iter().map(|stage| {
         let module = naga::front::wgsl::parse_str(&text(stage))
             .unwrap_or_else(|error| panic!("{}: {}", stage.name, error.emit_to_string(&text(stage))));
         // No capability beyond what every device of WebGPU has.
         let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
         let info = validator.validate(&module).unwrap_or_else(|error| panic!("{}: {error:?}", stage.name));
-        (stage.name, module, info)
+        (stage, module, info)
     })
 }
 
 #[test]
 fn kernels_need_nothing_beyond_webgpu_and_have_the_entry_points_of_the_table() {
-    for (name, module, _) in modules() {
+    for (stage, module, _) in modules() {
         let entries: Vec<_> = module.entry_points.iter().map(|entry| &*entry.name).collect();
-        assert_eq!(entries, [name]);
+        assert_eq!(entries, [stage.name]);
     }
 }
 
@@ -51,37 +52,49 @@ fn structs_are_laid_out_alike() {
         ]);
         same!(&module, "Substep", SubstepUniform, [start end carried_weight pad_0 shift pad_1]);
         same!(&module, "Block", BlockEntry, [first particles live pad_0]);
-        same!(&module, "Report", ReportEntry, [stretch quarantined touching deepest]);
+        if module.types.iter().any(|(_, kind)| kind.name.as_deref() == Some("Look")) {
+            same!(&module, "Solid", SolidEntry, [
+                at_end at_start carry spin friction travel kind pivot thinness size cell ball ball_radius origin pad_0 dims
+                first
+            ]);
+            same!(&module, "Look", LookUniform, [count how thickness way_out solids]);
+        }
+        same!(&module, "Report", ReportEntry, [stretch quarantined touching deepest restored]);
     }
 }
 
 #[test]
 fn bindings_are_those_of_the_table() {
-    for (stage, module, _) in modules() {
-        for (_, variable) in module.global_variables.iter() {
-            let Some(place) = &variable.binding else { continue };
-            assert_eq!(place.group, 0, "{stage}");
+    for (stage, module, info) in modules() {
+        let uses = info.get_entry_point(0);
+        for (handle, variable) in module.global_variables.iter() {
+            let Some(place) = variable.binding.filter(|_| !uses[handle].is_empty()) else { continue };
+            assert_eq!(place.group, 0, "{}", stage.name);
             let name = variable.name.as_deref().unwrap();
             let writes = |space: naga::AddressSpace| match space {
                 naga::AddressSpace::Storage { access } => Some(access.contains(naga::StorageAccess::STORE)),
                 _ => None,
             };
-            let expected = match BINDINGS[place.binding as usize] {
+            let (_, binding) = stage.bindings.iter().find(|(number, _)| *number == place.binding).unwrap();
+            let expected = match *binding {
                 Binding::Frame => ("frame", None),
                 Binding::Substep => ("substep", None),
+                Binding::Look => ("look", None),
                 Binding::Read(name) => (name, Some(false)),
                 Binding::Change(name) => (name, Some(true)),
             };
-            assert_eq!((name, writes(variable.space)), expected, "{stage}");
+            assert_eq!((name, writes(variable.space)), expected, "{}", stage.name);
         }
+        let is_storage = |(_, b): &&(u32, Binding)| matches!(b, Binding::Read(_) | Binding::Change(_));
+        let storage = stage.bindings.iter().filter(is_storage).count();
+        assert!(storage <= 8, "WebGPU grants eight storage buffers a stage, {} has {storage}", stage.name);
     }
-    let storage = BINDINGS.iter().filter(|b| matches!(b, Binding::Read(_) | Binding::Change(_))).count();
-    assert!(storage <= 8, "WebGPU grants eight storage buffers a stage, these are {storage}");
 }
 
 #[test]
 fn kernels_can_be_said_in_metal_directx_and_vulkan() {
-    for (name, module, info) in modules() {
+    for (stage, module, info) in modules() {
+        let name = stage.name;
         let mut text = String::new();
         let options = hlsl::Options { fake_missing_bindings: true, ..hlsl::Options::default() };
         let pipeline = hlsl::PipelineOptions::default();

@@ -6,19 +6,20 @@
 //! ```
 //! use std::sync::atomic::AtomicBool;
 //! use forelock::scene::Override;
-//! use forelock::{RunOptions, Scene, simulate};
+//! use forelock::{Backend, RunOptions, Scene, simulate};
 //!
 //! # let folder = std::env::temp_dir().join("forelock-doc");
 //! let small = ["groom.strands=20", "time.frames=3", "output.film=false", "output.picture=false", "body.sdf_cells=32"];
 //! let sets: Result<Vec<_>, _> = small.iter().map(|set| Override::set(set)).collect();
 //! let scene = Scene::builtin(&sets?)?;
-//! let options = RunOptions { out: folder, resume: false };
+//! let options = RunOptions { out: folder, resume: false, backend: Backend::Cpu };
 //! let summary = simulate(&scene, &options, &mut |_| {}, &AtomicBool::new(false))?;
 //! assert_eq!((summary.strands, summary.frames), (20, 3));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
 mod assets;
+mod backend;
 mod grooming;
 mod hash;
 pub mod paper;
@@ -35,6 +36,7 @@ pub mod summary;
 mod tessellate;
 
 pub use assets::{AssetError, Assets};
+pub use backend::Backend;
 pub use grooming::{Counts, EditRow, Grooming, GroomingOptions, groom};
 pub use pictures::{PictureError, Studio, write_png};
 pub use run::{Observer, Progress, RunError, RunOptions, simulate};

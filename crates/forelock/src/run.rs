@@ -26,6 +26,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::assets::{AssetError, Assets};
+use crate::backend::{Backend, Device};
 use crate::pictures::{self, PictureError, Studio};
 use crate::regrooming::Regrooming;
 use crate::report;
@@ -40,6 +41,8 @@ pub struct RunOptions {
     pub out: PathBuf,
     /// Whether to go on where an earlier run into the same folder ended.
     pub resume: bool,
+    /// Where to compute.
+    pub backend: Backend,
 }
 
 /// What a run tells while it runs.
@@ -92,6 +95,9 @@ pub enum RunError {
     /// The snapshot is of another groom.
     #[error("the snapshot does not fit: {0}")]
     Restore(#[from] forelock_core::state::SnapshotError),
+    /// The GPU cannot do it.
+    #[error(transparent)]
+    Gpu(#[from] forelock_gpu::GpuError),
     /// The solver refuses a frame.
     #[error("the solver cannot step this scene: {0}")]
     Step(#[from] forelock_core::solver::ParamsError),
@@ -123,6 +129,7 @@ pub fn simulate(
 ) -> Result<Summary, RunError> {
     let assets = Assets::load(scene, observer)?;
     let mut run = Run::start(scene, &assets, options)?;
+    run.notes.iter().for_each(|note| observer(&Progress::Note(note)));
     run.step_through(observer, cancel)?;
     run.finish(observer)
 }
@@ -133,6 +140,8 @@ pub(crate) struct Stepper<'a> {
     assets: &'a Assets,
     wind: Wind,
     pub(crate) simulation: Simulation,
+    /// What steps it, if not this processor.
+    device: Option<Device>,
     /// How guides carry all strands, if only guides are simulated.
     skinning: Option<Skinning>,
     /// The guides' positions.
@@ -142,8 +151,17 @@ pub(crate) struct Stepper<'a> {
 }
 
 impl<'a> Stepper<'a> {
-    /// The simulation of `assets` at rest as `scene` asks for it.
+    /// The simulation of `assets` at rest as `scene` asks for it, on this processor.
     pub(crate) fn new(scene: &'a Scene, assets: &'a Assets) -> Result<Self, RunError> {
+        Ok(Self::on(Backend::Cpu, scene, assets)?.0)
+    }
+
+    /// The same on `backend`, and what is worth telling about that.
+    fn on(
+        backend: Backend,
+        scene: &'a Scene,
+        assets: &'a Assets,
+    ) -> Result<(Self, Option<String>), RunError> {
         let options = Options {
             simd: scene.solver.simd.into(),
             rest_pose: assets.head_pose(0.0),
@@ -163,11 +181,13 @@ impl<'a> Stepper<'a> {
         if scene.interaction.contacts {
             simulation.set_contacts(Some(&scene.interaction.contact))?;
         }
+        let (device, note) = backend.device((scene, assets), groom, &options)?;
         let regrooming = Regrooming::new(scene);
         // A scene's seed is that of everything random.
         let wind = WindParams { seed: scene.seed.wrapping_add(scene.wind.seed), ..scene.wind.clone() };
         let wind = Wind::new(&wind).map_err(RunError::Wind)?;
-        Ok(Self { scene, assets, wind, simulation, skinning, guides: Vec::new(), regrooming })
+        let guides = Vec::new();
+        Ok((Self { scene, assets, wind, simulation, device, skinning, guides, regrooming }, note))
     }
 
     /// All strands at frame `frame`, which the simulation has reached: positions in world space and the groom's order, metres.
@@ -213,7 +233,10 @@ impl<'a> Stepper<'a> {
             air_velocity,
             dt_secs: 1.0 / self.scene.time.fps,
         };
-        Ok(self.simulation.step_frame_in(&frame, field)?)
+        match &mut self.device {
+            Some(device) => device.step(&frame, &mut self.simulation),
+            None => Ok(self.simulation.step_frame_in(&frame, field)?),
+        }
     }
 }
 
@@ -226,12 +249,14 @@ struct Run<'a> {
     so_far: Snapshot,
     rows: Vec<FrameRow>,
     positions: Vec<Vec3>,
+    /// What is worth telling of the run itself.
+    notes: Vec<String>,
 }
 
 impl<'a> Run<'a> {
     fn start(scene: &'a Scene, assets: &'a Assets, options: &'a RunOptions) -> Result<Self, RunError> {
         let out = options.out.as_path();
-        let mut stepper = Stepper::new(scene, assets)?;
+        let (mut stepper, note) = Stepper::on(options.backend, scene, assets)?;
         let fingerprint = assets.fingerprint(scene);
         let cache_path = cache_path(scene, out);
         let mut so_far = Snapshot::begin(fingerprint);
@@ -243,6 +268,9 @@ impl<'a> Run<'a> {
             }
             if let Some(state) = so_far.state.take() {
                 stepper.simulation.restore(&state)?;
+                if let Some(device) = &mut stepper.device {
+                    device.take(&stepper.simulation)?;
+                }
             }
             cache_path.map(|path| CacheWriter::resume(&path, so_far.frame as usize + 1)).transpose()?
         } else {
@@ -251,7 +279,8 @@ impl<'a> Run<'a> {
             let offsets = assets.groom.strand_offsets();
             cache_path.map(|path| CacheWriter::create(&path, offsets, &[])).transpose()?
         };
-        let mut run = Self { stepper, out, cache, so_far, rows: Vec::new(), positions: Vec::new() };
+        let notes = note.into_iter().collect();
+        let mut run = Self { stepper, out, cache, so_far, rows: Vec::new(), positions: Vec::new(), notes };
         run.stepper.positions(run.so_far.frame, &mut run.positions);
         if !options.resume {
             run.append()?;
@@ -357,12 +386,14 @@ impl<'a> Run<'a> {
         let memory = self.stepper.simulation.memory();
         let skinning_bytes = self.stepper.skinning.as_ref().map_or(0, Skinning::bytes);
         let so_far = &self.so_far;
+        let on_gpu = self.stepper.device.as_ref();
+        let simd = Simd::from(self.stepper.scene.solver.simd).resolve();
         Summary {
             scene: self.stepper.scene.name.clone(),
             solver: self.stepper.scene.solver.kind.name().to_owned(),
-            backend: "cpu",
-            device: device_name(),
-            simd: format!("{:?}", Simd::from(self.stepper.scene.solver.simd).resolve()).to_lowercase(),
+            backend: if on_gpu.is_some() { "gpu" } else { "cpu" },
+            device: on_gpu.map_or_else(device_name, |device| device.name().to_owned()),
+            simd: if on_gpu.is_some() { "wgsl".to_owned() } else { format!("{simd:?}").to_lowercase() },
             threads: rayon::current_num_threads(),
             strands: self.stepper.assets.groom.strand_count(),
             particles: self.stepper.assets.groom.particle_count(),
@@ -381,7 +412,7 @@ impl<'a> Run<'a> {
             max_share_1mm_inside: so_far.worst[3],
             quarantined_strands: so_far.quarantined_strands,
             state_hash: format!("{:016x}", self.stepper.simulation.state_hash()),
-            notes: [&self.stepper.assets.notes[..], &self.stepper.regrooming.notes].concat(),
+            notes: [&self.stepper.assets.notes[..], &self.notes, &self.stepper.regrooming.notes].concat(),
             outputs,
         }
     }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use forelock::scene::{GroomSource, Override};
-use forelock::{RunOptions, Scene, simulate};
+use forelock::{Backend, RunOptions, Scene, simulate};
 
 /// Keys that make a run small.
 const SMALL: [&str; 8] = [
@@ -28,7 +28,7 @@ fn runs(path: &Path) {
     let sets: Vec<Override> = SMALL.iter().map(|set| Override::set(set).unwrap()).collect();
     let scene = Scene::load(path, &sets).unwrap_or_else(|error| panic!("{error}"));
     let out = tempfile::tempdir().unwrap();
-    let options = RunOptions { out: out.path().to_path_buf(), resume: false };
+    let options = RunOptions { out: out.path().to_path_buf(), resume: false, backend: Backend::Cpu };
     let summary = simulate(&scene, &options, &mut |_| {}, &AtomicBool::new(false))
         .unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     assert_eq!((summary.frames, summary.quarantined_strands), (2, 0), "{}", path.display());

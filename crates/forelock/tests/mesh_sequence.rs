@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-use forelock::{RunOptions, Scene, Summary, simulate};
+use forelock::{Backend, RunOptions, Scene, Summary, simulate};
 
 /// A box of 30 cm by 30 cm and the thickness `depth`, about the origin, as an OBJ file in centimetres.
 fn plate(depth: f64) -> String {
@@ -58,7 +58,7 @@ report = false
 fn run(folder: &Path, scene: &str) -> Result<Summary, Box<dyn std::error::Error>> {
     std::fs::write(folder.join("scene.toml"), scene)?;
     let scene = Scene::load(&folder.join("scene.toml"), &[])?;
-    let options = RunOptions { out: folder.join("out"), resume: false };
+    let options = RunOptions { out: folder.join("out"), resume: false, backend: Backend::Cpu };
     Ok(simulate(&scene, &options, &mut |_| {}, &AtomicBool::new(false))?)
 }
 

@@ -3,7 +3,7 @@
 use std::sync::atomic::AtomicBool;
 
 use forelock::scene::Override;
-use forelock::{RunOptions, Scene, simulate};
+use forelock::{Backend, RunOptions, Scene, simulate};
 
 const README: &str = include_str!("../../../README.md");
 
@@ -24,7 +24,7 @@ fn the_summary_has_these_fields() -> Result<(), Box<dyn std::error::Error>> {
     let none = ["output.film=false", "output.contact_sheet=false", "output.report=false"];
     let sets: Result<Vec<_>, _> = small.iter().chain(&none).map(|set| Override::set(set)).collect();
     let folder = tempfile::tempdir()?;
-    let options = RunOptions { out: folder.path().to_path_buf(), resume: false };
+    let options = RunOptions { out: folder.path().to_path_buf(), resume: false, backend: Backend::Cpu };
     let summary = simulate(&Scene::builtin(&sets?)?, &options, &mut |_| {}, &AtomicBool::new(false))?;
     let is: serde_json::Value = serde_json::to_value(&summary)?;
     let shown: serde_json::Value = serde_json::from_str(block("json"))?;

@@ -10,7 +10,7 @@ use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
 
 use forelock::scene::Override;
-use forelock::{RunOptions, Scene, Summary, simulate};
+use forelock::{Backend, RunOptions, Scene, Summary, simulate};
 use measure::Shown;
 
 /// One run at a time: its cache takes 400 MB of the disk.
@@ -27,7 +27,7 @@ fn run(name: &str, sets: &[&str]) -> (Summary, Shown) {
     let scene = Scene::load(&path, &sets).unwrap();
     let turn = DISK.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
     let folder = tempfile::tempdir().unwrap();
-    let options = RunOptions { out: folder.path().to_path_buf(), resume: false };
+    let options = RunOptions { out: folder.path().to_path_buf(), resume: false, backend: Backend::Cpu };
     let summary = simulate(&scene, &options, &mut |_| {}, &AtomicBool::new(false)).unwrap();
     let shown = measure::shown(folder.path(), 5);
     drop(turn);

@@ -3,11 +3,10 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::bail;
 use forelock::scene::Override;
 use forelock::{RunOptions, Scene, Summary};
 
-use crate::arguments::{Backend, RunArgs, SimulateArgs};
+use crate::arguments::{RunArgs, SimulateArgs};
 use crate::progress::Reporter;
 use crate::{interrupt, terminal};
 
@@ -34,12 +33,9 @@ fn overrides(run: &RunArgs) -> anyhow::Result<Vec<Override>> {
 }
 
 fn simulate_scene(scene: &Scene, run: &RunArgs) -> anyhow::Result<ExitCode> {
-    if run.backend == Backend::Gpu {
-        bail!("--backend gpu: this version computes on the CPU only; leave the option out");
-    }
     let cancel = interrupt::listen()?;
     let out = run.out.clone().unwrap_or_else(|| default_folder(&scene.name));
-    let options = RunOptions { out, resume: run.resume };
+    let options = RunOptions { out, resume: run.resume, backend: run.backend.into() };
     let mut reporter = Reporter::new(run.json);
     let summary = forelock::simulate(scene, &options, &mut |progress| reporter.report(progress), cancel)?;
     if run.json {

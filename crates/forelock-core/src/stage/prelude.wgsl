@@ -52,9 +52,11 @@ struct Report {
     // Bits of the largest |l/l₀ − 1|.
     stretch: atomic<u32>,
     quarantined: atomic<u32>,
-    // Particles that touched a solid at a look, all looks together; bits of the greatest depth left.
+    // Particles that touched a solid at a frame's last look; bits of the greatest depth left.
     touching: atomic<u32>,
     deepest: atomic<u32>,
+    // Bits of the largest |l/l₀ − 1| after the lengths were restored.
+    restored: atomic<u32>,
 }
 
 @group(0) @binding(0) var<uniform> frame: Frame;
@@ -161,6 +163,20 @@ fn has(flag: u32) -> bool {
 // Whether a number is finite: by its bits, for a driver may take it for granted.
 fn is_finite(x: f32) -> bool {
     return (bitcast<u32>(x) & 0x7f800000u) != 0x7f800000u;
+}
+
+// The largest |l/l₀ − 1| of a strand's edges; what is not finite does not count.
+fn largest_stretch(strand: Strand) -> f32 {
+    var largest = 0.0;
+    var before = position_at(strand, 0u);
+    for (var i = 1u; i < strand.particles; i++) {
+        let x = position_at(strand, i);
+        let d = x - before;
+        let stretch = abs(sqrt(max(dot(d, d), 1e-24)) / rest_length(strand, i - 1u, 1u) - 1.0);
+        largest = max(largest, select(0.0, stretch, is_finite(stretch)));
+        before = x;
+    }
+    return largest;
 }
 
 // A symmetric matrix: its diagonal, and xy, xz, yz.

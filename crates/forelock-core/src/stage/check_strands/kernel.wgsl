@@ -7,21 +7,14 @@ fn check_strands(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let n = strand.particles;
-    var largest = 0.0;
     var all_finite = true;
-    var before = position_at(strand, 0u);
     for (var i = 0u; i < n; i++) {
         let x = position_at(strand, i);
         let v = velocity_at(strand, i);
         all_finite = all_finite && is_finite(x.x) && is_finite(x.y) && is_finite(x.z);
         all_finite = all_finite && is_finite(v.x) && is_finite(v.y) && is_finite(v.z);
-        if i > 0u {
-            let stretch = abs(distance(x, before) / rest_length(strand, i - 1u, 1u) - 1.0);
-            largest = max(largest, select(0.0, stretch, is_finite(stretch)));
-        }
-        before = x;
     }
-    atomicMax(&report.stretch, bitcast<u32>(largest));
+    atomicMax(&report.stretch, bitcast<u32>(largest_stretch(strand)));
     if all_finite {
         return;
     }

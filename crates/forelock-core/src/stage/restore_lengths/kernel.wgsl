@@ -116,4 +116,5 @@ fn restore_lengths(@builtin(global_invocation_id) id: vec3u) {
             memory[at] = max(memory[at] - distance(position_at(strand, i), scratch_vector(strand, i, 5u)), 0.0);
         }
     }
+    atomicMax(&report.restored, bitcast<u32>(largest_stretch(strand)));
 }

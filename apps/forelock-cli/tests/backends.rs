@@ -1,0 +1,91 @@
+//! Runs on a graphics processor, and without one.
+
+#![expect(clippy::unwrap_used, reason = "in a test a failure to run is a failure of the test")]
+#![expect(clippy::print_stdout, reason = "a test that is passed over says so")]
+
+use assert_cmd::Command;
+use serde_json::Value;
+use std::path::Path;
+
+/// A short, small demo in `folder`, with `more` arguments and without pictures.
+fn demo(folder: &Path, more: &[&str]) -> Command {
+    let mut command = Command::cargo_bin("forelock").unwrap();
+    command.args([
+        "demo",
+        "--json",
+        "--frames",
+        "12",
+        "--set",
+        "groom.strands=60",
+        "--set",
+        "body.sdf_cells=32",
+    ]);
+    command.args(["--set", "output.film=false", "--set", "output.contact_sheet=false"]).args(more);
+    command.arg("--out").arg(folder);
+    command
+}
+
+/// The same where the loader finds no driver.
+fn without_driver(command: &mut Command) -> &mut Command {
+    command.env("VK_DRIVER_FILES", "/nowhere.json").env("VK_ICD_FILENAMES", "/nowhere.json")
+}
+
+fn summary(command: &mut Command) -> Value {
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// Whether there is a GPU to test on; where one is asked for there must be.
+fn has_gpu() -> bool {
+    let folder = tempfile::tempdir().unwrap();
+    let found = demo(folder.path(), &["--backend", "gpu"]).output().unwrap().status.success();
+    assert!(found || std::env::var_os("FORELOCK_REQUIRE_GPU").is_none(), "no GPU");
+    if !found {
+        println!("not tested: no GPU");
+    }
+    found
+}
+
+#[test]
+fn a_run_on_a_gpu_is_like_one_on_the_cpu_and_resumes_bit_for_bit() {
+    if !has_gpu() {
+        return;
+    }
+    let folders: [_; 3] = std::array::from_fn(|_| tempfile::tempdir().unwrap());
+    let [whole, parts, cpu] = folders.each_ref().map(|folder| folder.path());
+    let whole = summary(&mut demo(whole, &["--backend", "gpu"]));
+    assert_eq!(whole["backend"], "gpu");
+    assert_eq!(whole["quarantined_strands"], 0);
+    summary(&mut demo(parts, &["--backend", "gpu", "--frames", "5"]));
+    let resumed = summary(&mut demo(parts, &["--backend", "gpu", "--resume"]));
+    assert_eq!(resumed["state_hash"], whole["state_hash"]);
+    let cpu = summary(&mut demo(cpu, &["--backend", "cpu"]));
+    assert_eq!(cpu["backend"], "cpu");
+    for key in ["max_penetration_m", "max_edge_stretch", "max_edge_stretch_after_solids"] {
+        let [a, b] = [&whole, &cpu].map(|summary| summary[key].as_f64().unwrap());
+        assert!((a - b).abs() < 1e-4, "{key}: {a} {b}");
+    }
+}
+
+#[test]
+fn without_a_gpu_one_clear_error_or_the_cpu() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = without_driver(&mut demo(folder.path(), &["--backend", "gpu"])).output().unwrap();
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    assert!(text.contains("there is no GPU to run on") && text.contains("run on the CPU"), "{text}");
+    let auto = summary(without_driver(&mut demo(folder.path(), &["--backend", "auto"])));
+    assert_eq!(auto["backend"], "cpu");
+    let notes = auto["notes"].to_string();
+    assert!(notes.contains("on the CPU: there is no GPU"), "{notes}");
+}
+
+#[test]
+fn auto_goes_to_the_cpu_for_what_a_gpu_cannot_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let keys = ["--backend", "auto", "--set", "interaction.kind=grid"];
+    let auto = summary(&mut demo(folder.path(), &keys));
+    assert_eq!(auto["backend"], "cpu");
+    assert!(auto["notes"].to_string().contains("hair against hair on a grid"), "{}", auto["notes"]);
+}

@@ -1,0 +1,453 @@
+// Hair against solids, one strand a thread: the twin of `resolve_solids::resolve` and `resolve_solids::lay_along`.
+
+// A solid in a substep. Maps take positions to the solid's own space.
+struct Solid {
+    at_end: mat4x4f,
+    at_start: mat4x4f,
+    // Positions to positions, from start to end, of what moves with the solid.
+    carry: mat4x4f,
+    // Rotation vector of the carrier over the substep.
+    spin: vec3f,
+    friction: f32,
+    // How far the carrier goes.
+    travel: vec3f,
+    // SPHERE and the others.
+    kind: u32,
+    // Where the carrier is.
+    pivot: vec3f,
+    // What moves less than this cannot pass through.
+    thinness: f32,
+    // Radius; half length and radius; half extents.
+    size: vec3f,
+    // Side of a field's cells; 0 for what is exact.
+    cell: f32,
+    // A ball that holds it.
+    ball: vec3f,
+    ball_radius: f32,
+    // A field: first node in its own space, nodes, and where its values start.
+    origin: vec3f,
+    pad_0: f32,
+    dims: vec3u,
+    first: u32,
+}
+
+// What is looked at, and how.
+struct Look {
+    count: u32,
+    // AFTER_SUBSTEP: a substep has passed since the last look; otherwise moves were taken off clearances. LAST: the frame's last look.
+    how: u32,
+    // Distance kept from surfaces.
+    thickness: f32,
+    // Depth that a particle which was inside may lose now.
+    way_out: f32,
+    solids: array<Solid, MOST_SOLIDS>,
+}
+
+@group(0) @binding(10) var<storage, read> fields: array<f32>;
+@group(0) @binding(11) var<uniform> look: Look;
+
+// Farther than anything.
+const FAR: f32 = 1e30;
+// Pushes out of a field at one look.
+const LOOKS: u32 = 3u;
+// Rounds in which a particle between solids is taken out of each.
+const ROUNDS: u32 = 8u;
+// Steps of a sweep, and the distance that counts as touching there, over the thinness.
+const SWEEP_STEPS: u32 = 48u;
+const TOUCH: f32 = 2e-3;
+// Stretch from which edges are laid anew, and rounds for each of them.
+const STRETCHED: f32 = 1e-5;
+const SLIDES: u32 = 4u;
+
+struct Particle {
+    x: vec3f,
+    v: vec3f,
+    // Clearance at the last look.
+    was: f32,
+}
+
+fn local(map: mat4x4f, x: vec3f) -> vec3f {
+    return (map * vec4f(x, 1.0)).xyz;
+}
+
+// A vector of the solid's own space, in the world.
+fn turned(map: mat4x4f, v: vec3f) -> vec3f {
+    return vec3f(dot(map[0].xyz, v), dot(map[1].xyz, v), dot(map[2].xyz, v));
+}
+
+// Length and direction; +y for none.
+fn unit(v: vec3f) -> vec4f {
+    let length = sqrt(dot(v, v));
+    if length > 1e-37 {
+        return vec4f(v / length, length);
+    }
+    return vec4f(0.0, 1.0, 0.0, 0.0);
+}
+
+fn sample_box(half: vec3f, p: vec3f) -> vec4f {
+    let side = select(vec3f(1.0), vec3f(-1.0), p < vec3f(0.0));
+    let q = abs(p) - half;
+    let out = unit(max(q, vec3f(0.0)));
+    if out.w > 0.0 {
+        return vec4f(side * out.xyz, out.w);
+    }
+    // y first, then x, then z, where faces are equally near.
+    if q.y >= q.x && q.y >= q.z {
+        return vec4f(0.0, side.y, 0.0, q.y);
+    }
+    if q.x >= q.z {
+        return vec4f(side.x, 0.0, 0.0, q.x);
+    }
+    return vec4f(0.0, 0.0, side.z, q.z);
+}
+
+// Trilinear, as `Sdf::sample`; the slope made unit.
+fn sample_field(solid: Solid, p: vec3f) -> vec4f {
+    let at = (p - solid.origin) / solid.cell;
+    let top = vec3f(solid.dims - 1u);
+    let inside = clamp(at, vec3f(0.0), top);
+    let low = vec3u(clamp(inside, vec3f(0.0), top - 1.0));
+    let f = inside - vec3f(low);
+    let row = solid.dims.x;
+    let layer = row * solid.dims.y;
+    let first = solid.first + low.x + row * low.y + layer * low.z;
+    let a = vec4f(fields[first], fields[first + row], fields[first + layer], fields[first + layer + row]);
+    let b = vec4f(
+        fields[first + 1u], fields[first + row + 1u], fields[first + layer + 1u], fields[first + layer + row + 1u],
+    );
+    let dx = b - a;
+    let v = a + dx * f.x;
+    let dy = v.yw - v.xz;
+    let on_layer = v.xz + dy * f.y;
+    let dx_layer = dx.xz + (dx.yw - dx.xz) * f.y;
+    let value = on_layer.x + (on_layer.y - on_layer.x) * f.z;
+    var slope = vec3f(
+        dx_layer.x + (dx_layer.y - dx_layer.x) * f.z,
+        dy.x + (dy.y - dy.x) * f.z,
+        on_layer.y - on_layer.x,
+    ) / solid.cell;
+    if dot(slope, slope) <= 1e-12 {
+        slope = vec3f(0.0, 1.0, 0.0);
+    }
+    if all(at == inside) {
+        return vec4f(slope / sqrt(dot(slope, slope)), value);
+    }
+    // Beyond the grid.
+    let away = (at - inside) * solid.cell;
+    let distance = sqrt(dot(away, away) + value * value);
+    let along = select(vec3f(0.0), slope * max(value, 0.0), away == vec3f(0.0));
+    return vec4f(unit(away + along).xyz, distance);
+}
+
+// Unit gradient and distance at `p` of the solid's own space: `Shape::sample`.
+fn sample_shape(number: u32, p: vec3f) -> vec4f {
+    let size = look.solids[number].size;
+    switch look.solids[number].kind {
+        case SPHERE: {
+            let out = unit(p);
+            return vec4f(out.xyz, out.w - size.x);
+        }
+        case HOLLOW_SPHERE: {
+            let out = unit(p);
+            return vec4f(-out.xyz, size.x - out.w);
+        }
+        case CAPSULE: {
+            let out = unit(vec3f(p.x, p.y - clamp(p.y, -size.x, size.x), p.z));
+            return vec4f(out.xyz, out.w - size.y);
+        }
+        case BOX: {
+            return sample_box(size, p);
+        }
+        case PLANE: {
+            return vec4f(0.0, 1.0, 0.0, p.y);
+        }
+        default: {
+            return sample_field(look.solids[number], p);
+        }
+    }
+}
+
+// How much faster than distance a shape's field can rise.
+fn lipschitz(number: u32) -> f32 {
+    return select(1.0, 1.7320508, look.solids[number].cell > 0.0);
+}
+
+// Stops the approach to a solid at the particle, with Coulomb friction.
+fn rub(number: u32, normal: vec3f, particle: ptr<function, Particle>) {
+    let arm = (*particle).x - look.solids[number].pivot;
+    let own = (look.solids[number].travel + cross(look.solids[number].spin, arm)) * frame.inverse_h;
+    let relative = (*particle).v - own;
+    let approach = dot(relative, normal);
+    if !(approach < 0.0) {
+        return;
+    }
+    let along = relative - approach * normal;
+    let speed = sqrt(dot(along, along));
+    var kept = 0.0;
+    if speed > 0.0 {
+        kept = max(1.0 + look.solids[number].friction * approach / speed, 0.0);
+    }
+    (*particle).v = own + kept * along;
+}
+
+// One particle against one solid, of which `found` is the sample where it is; the distance to its skin that is left.
+fn settle(number: u32, found: vec4f, particle: ptr<function, Particle>) -> f32 {
+    var sigma = found.w - look.thickness;
+    var gradient = found.xyz;
+    if !(sigma < 0.0) {
+        return sigma;
+    }
+    let map = look.solids[number].at_end;
+    rub(number, turned(map, gradient), particle);
+    let cell = look.solids[number].cell;
+    let small_push = select(FAR, 0.1 * cell, cell > 0.0);
+    for (var k = 1u; k <= LOOKS; k++) {
+        var allowed = 0.0;
+        if (*particle).was < 0.0 {
+            allowed = min(max((*particle).was, sigma) + look.way_out, 0.0);
+        }
+        let push = allowed - sigma;
+        if push <= 0.0 {
+            return sigma;
+        }
+        (*particle).x += push * turned(map, gradient);
+        if push < small_push || k == LOOKS {
+            return allowed;
+        }
+        let there = sample_shape(number, local(map, (*particle).x));
+        sigma = there.w - look.thickness;
+        gradient = there.xyz;
+        if !(sigma < 0.0) {
+            return sigma;
+        }
+    }
+    return sigma;
+}
+
+// Takes a particle out of one solid after the other until it is in none; the clearance that is left.
+fn settle_among(particle: ptr<function, Particle>) -> f32 {
+    var clearance = FAR;
+    for (var round = 0u; round <= ROUNDS; round++) {
+        clearance = FAR;
+        for (var number = 0u; number < look.count; number++) {
+            let found = sample_shape(number, local(look.solids[number].at_end, (*particle).x));
+            let sigma = found.w - look.thickness;
+            clearance = min(clearance, sigma / select(1.0, lipschitz(number), sigma > 0.0));
+            // The last round only looks.
+            if round < ROUNDS && sigma < 0.0 {
+                let left = settle(number, found, particle);
+            }
+        }
+        // Out to rounding.
+        if clearance > -1e-6 {
+            return max(clearance, 0.0);
+        }
+    }
+    return clearance;
+}
+
+// Where a particle that goes straight through the solid's own space first touches it, and the normal there: `sweep::sweep`.
+struct Touch {
+    found: bool,
+    place: vec3f,
+    normal: vec3f,
+}
+
+fn sweep(number: u32, start: vec3f, end: vec3f) -> Touch {
+    let none = Touch(false, vec3f(), vec3f());
+    let touch = TOUCH * look.solids[number].thinness;
+    let go = end - start;
+    let fall = sqrt(dot(go, go)) * lipschitz(number);
+    if !(fall > 0.0) {
+        return none;
+    }
+    var share = 0.0;
+    for (var k = 0u; k < SWEEP_STEPS; k++) {
+        let point = start + share * go;
+        let found = sample_shape(number, point);
+        let sigma = found.w - look.thickness;
+        if sigma <= touch && dot(found.xyz, go) < 0.0 {
+            return Touch(true, point + max(-sigma, 0.0) * found.xyz, found.xyz);
+        }
+        share += max(sigma, touch) / fall;
+        if !(share < 1.0) {
+            return none;
+        }
+    }
+    return none;
+}
+
+// Stops a particle at the surface that it went through on its way from `origin`; whether it did.
+fn catch_on_way(number: u32, found: vec4f, origin: vec3f, particle: ptr<function, Particle>) -> bool {
+    // What was inside at the last look is on its way out.
+    if (*particle).was < 0.0 {
+        return false;
+    }
+    let map = look.solids[number].at_end;
+    let start = local(look.solids[number].at_start, origin);
+    let end = local(map, (*particle).x);
+    if distance(start, end) <= look.solids[number].thinness {
+        return false;
+    }
+    let touch = sweep(number, start, end);
+    if !touch.found || (found.w < look.thickness && dot(found.xyz, touch.normal) > 0.5) {
+        return false;
+    }
+    (*particle).x = turned(map, touch.place - map[3].xyz);
+    rub(number, turned(map, touch.normal), particle);
+    return true;
+}
+
+// Looks at particle i, if its clearance is used up; whether it touches something.
+fn look_at(strand: Strand, i: u32) -> bool {
+    let at = entry(strand, i, 2u, 1u);
+    let last = memory[at];
+    let x = position_at(strand, i);
+    let v = velocity_at(strand, i);
+    var origin = x;
+    var left = last;
+    var moved = 0.0;
+    if (look.how & AFTER_SUBSTEP) != 0u {
+        origin = x - frame.h * v;
+        left = FAR;
+        for (var number = 0u; number < look.count; number++) {
+            let by = distance(x, local(look.solids[number].carry, origin));
+            var far = last;
+            if look.count > 1u {
+                // What moves far off costs nothing.
+                far = max(last, distance(x, look.solids[number].ball) - look.solids[number].ball_radius - look.thickness);
+            }
+            left = min(left, far - by);
+            moved = max(moved, by);
+        }
+    }
+    if left > 0.0 {
+        memory[at] = left;
+        return false;
+    }
+    var particle = Particle(x, v, last);
+    var clearance = FAR;
+    var touches = false;
+    var between = false;
+    for (var number = 0u; number < look.count; number++) {
+        let place = particle.x;
+        let found = sample_shape(number, local(look.solids[number].at_end, place));
+        var own = Particle(place, particle.v, last);
+        var sigma = 0.0;
+        let caught = moved > look.solids[number].thinness && catch_on_way(number, found, origin, &own);
+        if !caught {
+            sigma = settle(number, found, &own);
+        }
+        if caught || found.w < look.thickness {
+            touches = true;
+            between = between || clearance < distance(own.x, place);
+            particle.x = own.x;
+            particle.v = own.v;
+        }
+        clearance = min(clearance, sigma / select(1.0, lipschitz(number), sigma > 0.0));
+    }
+    // What was inside at the last look comes out by and by.
+    if between && last >= 0.0 {
+        particle.was = 0.0;
+        clearance = settle_among(&particle);
+    }
+    memory[at] = clearance;
+    if touches {
+        set_position(strand, i, particle.x);
+        set_velocity(strand, i, particle.v);
+    }
+    if (look.how & LAST) != 0u {
+        atomicAdd(&report.touching, u32(touches));
+        atomicMax(&report.deepest, bitcast<u32>(max(-(clearance + look.thickness), 0.0)));
+    }
+    return touches;
+}
+
+// A point at `length` from `leader` near `x` that is outside a solid, and its clearance.
+fn slide_along(number: u32, leader: vec3f, start: vec3f, length: f32) -> vec4f {
+    let map = look.solids[number].at_end;
+    var x = start;
+    for (var round = 0u; round <= SLIDES; round++) {
+        let found = sample_shape(number, local(map, x));
+        let sigma = found.w - look.thickness;
+        if !(sigma < 0.0) {
+            return vec4f(x, sigma / lipschitz(number));
+        }
+        let out = x - sigma * turned(map, found.xyz);
+        if round == SLIDES {
+            // No such point: solids go before lengths.
+            return vec4f(out, 0.0);
+        }
+        let edge = out - leader;
+        x = leader + edge * (length / max(sqrt(dot(edge, edge)), 1e-37));
+    }
+    return vec4f(x, 0.0);
+}
+
+fn slide(leader: vec3f, start: vec3f, length: f32) -> vec4f {
+    var x = start;
+    // Once more where the way out of one solid may have ended in another.
+    for (var round = 0u; round < 3u; round++) {
+        var clearance = FAR;
+        var between = false;
+        for (var number = 0u; number < look.count; number++) {
+            let found = slide_along(number, leader, x, length);
+            between = between || clearance < distance(found.xyz, x);
+            x = found.xyz;
+            clearance = min(clearance, found.w);
+        }
+        if !between {
+            return vec4f(x, clearance);
+        }
+    }
+    return vec4f(x, 0.0);
+}
+
+// Gives edges back the length that solids took: root to tip, along the surface where that is inside a solid.
+fn lay_along(strand: Strand) {
+    for (var i = max(frame.clamped, 1u); i < strand.particles; i++) {
+        let leader = position_at(strand, i - 1u);
+        let old = position_at(strand, i);
+        let length = rest_length(strand, i - 1u, 1u);
+        let d = old - leader;
+        var x = leader + d * (length / sqrt(max(dot(d, d), 1e-24)));
+        let at = entry(strand, i, 2u, 1u);
+        let clearance = memory[at];
+        let left = clearance - distance(old, x);
+        if left > 0.0 {
+            memory[at] = left;
+        } else if clearance >= 0.0 {
+            let found = slide(leader, x, length);
+            x = found.xyz;
+            memory[at] = found.w;
+        }
+        set_position(strand, i, x);
+        let edge = unit(x - leader).xyz;
+        let v = velocity_at(strand, i);
+        set_velocity(strand, i, v - dot(edge, v - velocity_at(strand, i - 1u)) * edge);
+    }
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn resolve_solids(@builtin(global_invocation_id) id: vec3u) {
+    let strand = strand_of(id.x);
+    if !strand.here {
+        return;
+    }
+    let lays = look.how == LAST && has(LAY_ALONG);
+    var before = 0.0;
+    if lays {
+        before = largest_stretch(strand);
+    }
+    var touched = false;
+    for (var i = min(frame.clamped, strand.particles); i < strand.particles; i++) {
+        let touches = look_at(strand, i);
+        touched = touched || touches;
+    }
+    if lays && touched {
+        let stretch = largest_stretch(strand);
+        if stretch > before && stretch >= STRETCHED {
+            lay_along(strand);
+        }
+    }
+}

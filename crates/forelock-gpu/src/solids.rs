@@ -1,0 +1,241 @@
+//! Solids on the device.
+
+use crate::{Gpu, GpuError};
+use bytemuck::{Pod, Zeroable};
+use forelock_core::body::{ColliderFrame, Sdf, Shape};
+use forelock_core::pose::Pose;
+use forelock_core::solver::{AmsParams, Frame};
+use glam::{DMat4, DVec3, Mat4, UVec3, Vec3};
+use std::sync::Arc;
+use wgpu::BufferUsages;
+
+/// Solids of a frame at most.
+pub const MOST_SOLIDS: usize = 32;
+/// Numbers of the shapes.
+pub const KINDS: [(&str, u32); 5] =
+    [("SPHERE", 0), ("HOLLOW_SPHERE", 1), ("CAPSULE", 2), ("BOX", 3), ("PLANE", 4)];
+/// The number of a field.
+const FIELD: u32 = 5;
+/// Bits of [`LookUniform::how`].
+pub const HOW: [(&str, u32); 2] = [("AFTER_SUBSTEP", AFTER_SUBSTEP), ("LAST", LAST)];
+const AFTER_SUBSTEP: u32 = 1;
+const LAST: u32 = 2;
+
+/// A solid in a substep: `Solid` in the kernel.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct SolidEntry {
+    /// From positions to its own space at the substep's end.
+    pub at_end: Mat4,
+    /// The same at its start.
+    pub at_start: Mat4,
+    /// From positions to positions, of what moves with it.
+    pub carry: Mat4,
+    /// Rotation vector of the carrier over the substep.
+    pub spin: Vec3,
+    /// Coulomb friction.
+    pub friction: f32,
+    /// How far the carrier goes, metres.
+    pub travel: Vec3,
+    /// One of [`KINDS`], or a field.
+    pub kind: u32,
+    /// Where the carrier is, metres.
+    pub pivot: Vec3,
+    /// What moves less than this cannot pass through, metres.
+    pub thinness: f32,
+    /// Radius; half length and radius; half extents. Metres.
+    pub size: Vec3,
+    /// Side of a field's cells, metres; 0 for what is exact.
+    pub cell: f32,
+    /// Middle of a ball that holds it.
+    pub ball: Vec3,
+    /// And its radius, metres.
+    pub ball_radius: f32,
+    /// A field's first node, metres.
+    pub origin: Vec3,
+    /// Nothing.
+    pub pad_0: f32,
+    /// A field's nodes.
+    pub dims: UVec3,
+    /// Where its values start.
+    pub first: u32,
+}
+
+/// A look at all solids: `Look` in the kernel.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct LookUniform {
+    /// How many solids there are.
+    pub count: u32,
+    /// Bits of [`HOW`].
+    pub how: u32,
+    /// Distance kept from surfaces, metres.
+    pub thickness: f32,
+    /// Depth that a particle which was inside may lose now, metres.
+    pub way_out: f32,
+    /// The first `count` are there.
+    pub solids: [SolidEntry; MOST_SOLIDS],
+}
+
+/// Nothing is farther, in metres: the kernels know no infinity.
+const FAR: f64 = 1e30;
+
+/// Fields that are on the device, and the looks of a frame.
+#[derive(Debug)]
+pub(crate) struct Solids {
+    /// Values of all fields, one after the other.
+    pub fields: wgpu::Buffer,
+    held: Vec<(Arc<Sdf>, u32)>,
+    /// A `LookUniform` a look, each at a multiple of `stride`.
+    pub looks: wgpu::Buffer,
+    pub stride: u32,
+    look: Box<LookUniform>,
+}
+
+impl Solids {
+    /// For frames of `substeps`, as yet without a field.
+    pub fn new(gpu: &Gpu, substeps: u32) -> Self {
+        let aligned = gpu.device().limits().min_uniform_buffer_offset_alignment;
+        let stride = (size_of::<LookUniform>() as u32).next_multiple_of(aligned);
+        let bytes = u64::from(stride) * u64::from(substeps + 1);
+        Self {
+            fields: fields_of(gpu, &[]),
+            held: Vec::new(),
+            looks: gpu.buffer("looks", bytes, BufferUsages::UNIFORM | BufferUsages::COPY_DST),
+            stride,
+            look: Box::new(LookUniform::zeroed()),
+        }
+    }
+
+    /// Bytes held on the device.
+    pub fn bytes(&self) -> u64 {
+        self.fields.size() + self.looks.size()
+    }
+
+    /// Brings the fields of `solids` to the device; whether they are in a new buffer.
+    pub fn hold(&mut self, gpu: &Gpu, solids: &[ColliderFrame<'_>]) -> Result<bool, GpuError> {
+        if solids.len() > MOST_SOLIDS {
+            return Err(GpuError::Unsupported { what: "more than 32 solids at once" });
+        }
+        if solids.iter().any(|solid| matches!(solid.shape, Shape::Morph { .. })) {
+            return Err(GpuError::Unsupported { what: "a solid that changes its shape" });
+        }
+        let fields = || solids.iter().filter_map(|solid| field_of(solid.shape));
+        if fields().all(|field| self.held.iter().any(|(held, _)| Arc::ptr_eq(held, field))) {
+            return Ok(false);
+        }
+        let mut held: Vec<(Arc<Sdf>, u32)> = Vec::new();
+        let mut values: Vec<f32> = Vec::new();
+        for field in fields() {
+            if !held.iter().any(|(own, _)| Arc::ptr_eq(own, field)) {
+                held.push((Arc::clone(field), values.len() as u32));
+                values.extend_from_slice(field.values());
+            }
+        }
+        let limits = gpu.device().limits();
+        let limit = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+        let bytes = size_of_val(&*values) as u64;
+        if bytes > limit {
+            let name = gpu.name().to_owned();
+            return Err(GpuError::TooLarge {
+                what: "the solids' distance fields together",
+                name,
+                bytes,
+                limit,
+            });
+        }
+        self.fields = fields_of(gpu, &values);
+        self.held = held;
+        Ok(true)
+    }
+
+    /// Brings the looks of a frame to the device: one after each substep, and one after the lengths.
+    pub fn place(&mut self, gpu: &Gpu, params: &AmsParams, frame: &Frame<'_>, origin: DVec3, lengths: bool) {
+        let (count, substeps) = (frame.colliders.len(), params.substeps);
+        let h = frame.dt_secs / f64::from(substeps);
+        self.look.count = count as u32;
+        self.look.thickness = params.skin_thickness as f32;
+        for step in 0..substeps {
+            let fractions = [step, step + 1].map(|step| f64::from(step) / f64::from(substeps));
+            for (entry, solid) in self.look.solids.iter_mut().zip(frame.colliders) {
+                let first = field_of(solid.shape).and_then(|field| {
+                    self.held.iter().find(|(held, _)| Arc::ptr_eq(held, field)).map(|(_, first)| *first)
+                });
+                *entry = entry_of(solid, fractions, origin, first.unwrap_or(0));
+            }
+            let is_last = step + 1 == substeps;
+            self.look.how = if is_last && !lengths { AFTER_SUBSTEP | LAST } else { AFTER_SUBSTEP };
+            self.look.way_out = (params.depenetration_speed * h) as f32;
+            self.write(gpu, step, count);
+        }
+        self.look.how = LAST;
+        self.look.way_out = 0.0;
+        self.write(gpu, substeps, count);
+    }
+
+    fn write(&self, gpu: &Gpu, number: u32, count: usize) {
+        let bytes = size_of::<LookUniform>() - (MOST_SOLIDS - count) * size_of::<SolidEntry>();
+        let look = &bytemuck::bytes_of(&*self.look)[..bytes];
+        gpu.queue().write_buffer(&self.looks, u64::from(number) * u64::from(self.stride), look);
+    }
+}
+
+fn field_of(shape: &Shape) -> Option<&Arc<Sdf>> {
+    match shape {
+        Shape::Sdf(field) => Some(field),
+        _ => None,
+    }
+}
+
+fn fields_of(gpu: &Gpu, values: &[f32]) -> wgpu::Buffer {
+    let bytes = size_of_val(values).max(4) as u64;
+    let buffer = gpu.buffer("fields", bytes, BufferUsages::STORAGE | BufferUsages::COPY_DST);
+    gpu.queue().write_buffer(&buffer, 0, bytemuck::cast_slice(values));
+    buffer
+}
+
+/// `solid` from one fraction of its frame to another, relative to `origin`: [`forelock_core::stage::resolve_solids::SolidPose`].
+fn entry_of(solid: &ColliderFrame<'_>, fractions: [f64; 2], origin: DVec3, first: u32) -> SolidEntry {
+    let carrier = fractions.map(|f| solid.from.interpolate(&solid.to, f));
+    let poses = carrier.map(|pose| {
+        let own = pose.after(&solid.local);
+        Pose { translation: own.translation - origin, ..own }
+    });
+    let matrix = |pose: &Pose| DMat4::from_rotation_translation(pose.rotation, pose.translation).as_mat4();
+    let spin = (carrier[1].rotation * carrier[0].rotation.conjugate()).to_scaled_axis();
+    let number = |name: &str| KINDS.iter().find(|(own, _)| *own == name).map_or(FIELD, |(_, kind)| *kind);
+    let (kind, size) = match solid.shape {
+        Shape::Sphere { radius } => (number("SPHERE"), DVec3::splat(*radius)),
+        Shape::HollowSphere { radius } => (number("HOLLOW_SPHERE"), DVec3::splat(*radius)),
+        Shape::Capsule { half_length, radius } => {
+            (number("CAPSULE"), DVec3::new(*half_length, *radius, *radius))
+        }
+        Shape::Box { half_extents } => (number("BOX"), *half_extents),
+        Shape::Plane => (number("PLANE"), DVec3::ZERO),
+        Shape::Sdf(_) | Shape::Morph { .. } => (FIELD, DVec3::ZERO),
+    };
+    let (ball, ball_radius) = solid.shape.bounds().map_or((DVec3::ZERO, FAR), |(low, high)| {
+        let (low, high) = (low.as_dvec3(), high.as_dvec3());
+        (poses[1].transform_point(0.5 * (low + high)), 0.5 * low.distance(high))
+    });
+    let field = field_of(solid.shape);
+    SolidEntry {
+        at_end: matrix(&poses[1].inverse()),
+        at_start: matrix(&poses[0].inverse()),
+        carry: matrix(&poses[1].after(&poses[0].inverse())),
+        spin: spin.as_vec3(),
+        friction: solid.friction as f32,
+        travel: (carrier[1].translation - carrier[0].translation).as_vec3(),
+        kind,
+        pivot: (carrier[1].translation - origin).as_vec3(),
+        thinness: solid.shape.thinness().min(FAR) as f32,
+        size: size.as_vec3(),
+        cell: field.map_or(0.0, |field| field.cell()),
+        ball: ball.as_vec3(),
+        ball_radius: ball_radius as f32,
+        origin: field.map_or(Vec3::ZERO, |field| field.origin()),
+        pad_0: 0.0,
+        dims: field.map_or(UVec3::ONE, |field| field.dims()),
+        first,
+    }
+}

@@ -1,0 +1,130 @@
+//! Where a run computes.
+//!
+//! # Practice
+//! On a GPU each frame is stepped there, and its state brought to a simulation on the CPU that stands for it: positions, snapshots and hashes are read from that. A snapshot of one goes on on
+//! the other; bits are the same only on the same device.
+//!
+//! # Limitations
+//! What [`unsupported`] names runs on the CPU only.
+
+use forelock_core::body::Shape;
+use forelock_core::groom::Groom;
+use forelock_core::solver::{AmsParams, Frame, FrameReport, Options, Simulation};
+use forelock_gpu::{Choice, Gpu, GpuError, GpuSimulation};
+
+use crate::assets::Assets;
+use crate::run::RunError;
+use crate::scene::{InteractionKind, Scene, SolverKind};
+
+/// Where to compute.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Backend {
+    /// On this processor.
+    #[default]
+    Cpu,
+    /// On a graphics processor; an error where there is none, or where it cannot do what the scene asks for.
+    Gpu,
+    /// On a graphics processor if there is one that can do what the scene asks for, else on this one.
+    Auto,
+}
+
+impl Backend {
+    /// The device of `scene` with `groom`, none for the CPU, and what is worth telling about the choice.
+    pub(crate) fn device(
+        self,
+        (scene, assets): (&Scene, &Assets),
+        groom: &Groom,
+        options: &Options,
+    ) -> Result<(Option<Device>, Option<String>), RunError> {
+        let opened = match self {
+            Self::Cpu => return Ok((None, None)),
+            Self::Gpu | Self::Auto => Device::open((scene, assets), groom, options),
+        };
+        match opened {
+            Ok(device) => Ok((Some(device), None)),
+            Err(error) if self == Self::Auto => Ok((None, Some(format!("on the CPU: {error}")))),
+            Err(error) => Err(error.into()),
+        }
+    }
+}
+
+/// A simulation on a GPU.
+#[derive(Debug)]
+pub(crate) struct Device {
+    name: String,
+    simulation: GpuSimulation,
+}
+
+impl Device {
+    fn open((scene, assets): (&Scene, &Assets), groom: &Groom, options: &Options) -> Result<Self, GpuError> {
+        if let Some(what) = unsupported(scene, assets) {
+            return Err(GpuError::Unsupported { what });
+        }
+        let gpu = Gpu::open(&Choice::Fastest)?;
+        let simulation = GpuSimulation::new(&gpu, groom, &params(scene), options)?;
+        Ok(Self { name: gpu.name().to_owned(), simulation })
+    }
+
+    /// The GPU's name.
+    pub(crate) fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Takes the state of `simulation` over.
+    pub(crate) fn take(&mut self, simulation: &Simulation) -> Result<(), GpuError> {
+        self.simulation.restore(&simulation.snapshot())
+    }
+
+    /// Steps a frame, and brings the state to `simulation`.
+    pub(crate) fn step(
+        &mut self,
+        frame: &Frame<'_>,
+        simulation: &mut Simulation,
+    ) -> Result<FrameReport, RunError> {
+        self.simulation.step_frame(frame)?;
+        let report = self.simulation.report()?;
+        simulation.restore(&self.simulation.snapshot()?)?;
+        Ok(FrameReport {
+            max_edge_stretch: report.max_edge_stretch.into(),
+            max_edge_stretch_final: report.max_edge_stretch_final.into(),
+            max_penetration_m: report.max_penetration_m.into(),
+            touching: report.touching,
+            quarantined_strands: report.quarantined_strands,
+            ..FrameReport::default()
+        })
+    }
+}
+
+fn params(scene: &Scene) -> AmsParams {
+    match scene.solver.kind {
+        SolverKind::MassSpring => scene.solver.mass_spring.ams(),
+        _ => scene.solver.ams.clone(),
+    }
+}
+
+/// What `scene` asks for that a GPU cannot do yet.
+fn unsupported(scene: &Scene, assets: &Assets) -> Option<&'static str> {
+    let (params, wind) = (params(scene), &scene.wind);
+    let mass_spring = scene.solver.kind == SolverKind::MassSpring;
+    let times = [0.0, 1.0 / scene.time.fps];
+    let head = times.map(|time| assets.head_pose(time));
+    let morphs =
+        || assets.collider_frames(times, head).iter().any(|s| matches!(s.shape, Shape::Morph { .. }));
+    [
+        ("hair against hair on a grid (interaction.kind)", scene.interaction.kind == InteractionKind::Grid),
+        ("contacts between strands (interaction.contacts)", scene.interaction.contacts),
+        ("wind that is not the same everywhere (turbulence, shelter, hair_depth)", !wind.is_uniform()),
+        (
+            "drag that differs along a strand (drag_along, drag_quadratic)",
+            params.drag_along != 1.0 || params.drag_quadratic != 0.0,
+        ),
+        (
+            "virtual particles (solver.mass_spring.virtual_particles)",
+            mass_spring && scene.solver.mass_spring.virtual_particles,
+        ),
+        ("an edit while the hair moves (edit.at_secs)", !scene.edits.timed().is_empty()),
+        ("a solid that changes its shape", morphs()),
+    ]
+    .into_iter()
+    .find_map(|(what, asked)| asked.then_some(what))
+}
