@@ -86,6 +86,7 @@ impl Gpu {
         };
         let described = wgpu::DeviceDescriptor {
             label: Some("forelock"),
+            required_features: adapter.features() & wgpu::Features::TIMESTAMP_QUERY,
             required_limits: needed,
             memory_hints: wgpu::MemoryHints::Performance,
             ..Default::default()

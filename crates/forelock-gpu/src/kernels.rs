@@ -27,6 +27,13 @@ pub enum Stage {
     CheckStrands,
 }
 
+impl Stage {
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        STAGES[self as usize].name
+    }
+}
+
 /// A row of the table of stages.
 #[derive(Clone, Copy, Debug)]
 pub struct StageKernel {

@@ -35,6 +35,7 @@
 //! run on the CPU only.
 
 mod batch;
+mod clock;
 mod device;
 mod error;
 pub mod kernels;
@@ -42,6 +43,7 @@ pub mod layout;
 mod simulation;
 pub mod solids;
 
+pub use clock::StageSecs;
 pub use device::{Choice, Counts, Gpu};
 pub use error::GpuError;
 pub use simulation::{GpuReport, GpuSimulation};

@@ -1,6 +1,7 @@
 //! Strands under the augmented mass-spring model, on a GPU.
 
 use crate::batch::{Batch, Shared, split};
+use crate::clock::{Clock, StageSecs};
 use crate::kernels::{SOLIDS, STRANDS, Stage};
 use crate::layout::{FrameUniform, ReportEntry, SubstepUniform};
 use crate::solids::Solids;
@@ -28,6 +29,7 @@ pub struct GpuSimulation {
     solids: Solids,
     batches: Vec<Bound>,
     substeps: Vec<u8>,
+    clock: Option<Clock>,
 }
 
 /// A batch and what stages see of it.
@@ -51,6 +53,8 @@ pub struct GpuReport {
     pub touching: u32,
     /// Deepest particle under a solid's surface at a frame's end, metres.
     pub max_penetration_m: f32,
+    /// Seconds of each stage in the last frame, if stages are timed.
+    pub stage_secs: Option<StageSecs>,
 }
 
 impl GpuSimulation {
@@ -103,6 +107,7 @@ impl GpuSimulation {
             solids,
             batches,
             substeps: Vec::new(),
+            clock: None,
         })
     }
 
@@ -136,43 +141,62 @@ impl GpuSimulation {
         }
         self.place(frame);
         let mut encoder = self.gpu.device().create_command_encoder(&Default::default());
-        {
-            let described = wgpu::ComputePassDescriptor { label: Some("frame"), timestamp_writes: None };
-            let mut pass = encoder.begin_compute_pass(&described);
-            for bound in &self.batches {
-                self.encode(&mut pass, bound, !frame.colliders.is_empty());
-            }
-        }
+        self.encode(&mut encoder, !frame.colliders.is_empty());
         self.gpu.queue().submit([encoder.finish()]);
         Ok(())
     }
 
-    /// All stages of a frame for one batch.
-    fn encode(&self, pass: &mut wgpu::ComputePass<'_>, bound: &Bound, has_solids: bool) {
-        let kernels = self.gpu.kernels();
-        let mut run = |stage: Stage, number: u32| {
-            pass.set_pipeline(kernels.pipeline(stage));
-            if stage == Stage::ResolveSolids {
-                pass.set_bind_group(0, &bound.to_solids, &[number * self.solids.stride]);
-            } else {
-                pass.set_bind_group(0, &bound.to_strands, &[number * self.shared.stride]);
+    /// Times stages from the next frame on, or not any more; whether the device can.
+    pub fn time_stages(&mut self, on: bool) -> bool {
+        let passes = self.batches.len() as u32 * (2 * self.params.substeps + 3);
+        self.clock = on.then(|| Clock::new(&self.gpu, passes)).flatten();
+        self.clock.is_some()
+    }
+
+    /// All stages of a frame: in one pass, or where they are timed each in its own.
+    fn encode(&mut self, encoder: &mut wgpu::CommandEncoder, has_solids: bool) {
+        let mut clock = self.clock.take();
+        if let Some(clock) = &mut clock {
+            clock.begin();
+            for bound in &self.batches {
+                for (stage, number) in self.stages(has_solids) {
+                    let timestamp_writes = Some(clock.next(stage));
+                    let described =
+                        wgpu::ComputePassDescriptor { label: Some(stage.name()), timestamp_writes };
+                    self.run(&mut encoder.begin_compute_pass(&described), bound, stage, number);
+                }
             }
-            pass.dispatch_workgroups(bound.batch.groups, 1, 1);
-        };
-        let count = self.params.substeps;
-        for substep in 0..count {
-            run(Stage::SolveStrands, substep);
-            if has_solids {
-                run(Stage::ResolveSolids, substep);
+            clock.end(encoder);
+        } else {
+            let described = wgpu::ComputePassDescriptor { label: Some("frame"), timestamp_writes: None };
+            let mut pass = encoder.begin_compute_pass(&described);
+            for bound in &self.batches {
+                self.stages(has_solids).for_each(|(stage, number)| self.run(&mut pass, bound, stage, number));
             }
         }
-        if self.restores_lengths() {
-            run(Stage::RestoreLengths, count - 1);
-            if has_solids {
-                run(Stage::ResolveSolids, count);
-            }
+        self.clock = clock;
+    }
+
+    /// The stages of a frame in their order, each with the number of its substep or look.
+    fn stages(&self, has_solids: bool) -> impl Iterator<Item = (Stage, u32)> + use<> {
+        let (count, lengths) = (self.params.substeps, self.restores_lengths());
+        let look = move |number: u32| has_solids.then_some((Stage::ResolveSolids, number));
+        let substeps = (0..count).flat_map(move |number| {
+            [Some((Stage::SolveStrands, number)), look(number)].into_iter().flatten()
+        });
+        let restored = lengths.then_some((Stage::RestoreLengths, count - 1));
+        let last = lengths.then(|| look(count)).flatten();
+        substeps.chain(restored).chain(last).chain([(Stage::CheckStrands, count - 1)])
+    }
+
+    fn run(&self, pass: &mut wgpu::ComputePass<'_>, bound: &Bound, stage: Stage, number: u32) {
+        pass.set_pipeline(self.gpu.kernels().pipeline(stage));
+        if stage == Stage::ResolveSolids {
+            pass.set_bind_group(0, &bound.to_solids, &[number * self.solids.stride]);
+        } else {
+            pass.set_bind_group(0, &bound.to_strands, &[number * self.shared.stride]);
         }
-        run(Stage::CheckStrands, count - 1);
+        pass.dispatch_workgroups(bound.batch.groups, 1, 1);
     }
 
     fn restores_lengths(&self) -> bool {
@@ -222,6 +246,7 @@ impl GpuSimulation {
             quarantined_strands: found.quarantined,
             touching: found.touching,
             max_penetration_m: f32::from_bits(found.deepest),
+            stage_secs: self.clock.as_ref().map(|clock| clock.read(&self.gpu)).transpose()?,
         })
     }
 

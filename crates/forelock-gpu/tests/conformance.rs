@@ -382,6 +382,27 @@ fn a_steady_frame_makes_nothing_and_reads_nothing_back() {
 }
 
 #[test]
+fn stages_are_timed_and_bits_stay_the_same() {
+    let Some(gpu) = common::gpu() else { return };
+    let (positions, offsets) = tuft(200, |_| 20);
+    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let ball = Shape::Sphere { radius: 0.05 };
+    let solid = Solid::new(&ball, [0.03, -0.12, 0.0], [0.0; 3]);
+    let run = |timed: bool| {
+        let mut own = GpuSimulation::from_strands(&gpu, &strands, &AmsParams::default(), &options()).unwrap();
+        let can = own.time_stages(timed);
+        for number in 0..5 {
+            own.step_frame(&Frame { colliders: &[solid.frame(number)], ..frame(number) }).unwrap();
+        }
+        let secs = own.report().unwrap().stage_secs;
+        assert_eq!(secs.is_some(), can);
+        assert!(secs.iter().flatten().all(|(_, secs)| *secs > 0.0 && *secs < 10.0), "{secs:?}");
+        own.state_hash().unwrap()
+    };
+    assert_eq!(run(true), run(false));
+}
+
+#[test]
 fn what_a_gpu_cannot_do_is_said() {
     let Some(gpu) = common::gpu() else { return };
     let named = Gpu::open(&Choice::Named("a name that no one has".to_owned()));

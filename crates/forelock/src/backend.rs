@@ -9,7 +9,7 @@
 
 use forelock_core::body::Shape;
 use forelock_core::groom::Groom;
-use forelock_core::solver::{AmsParams, Frame, FrameReport, Options, Simulation};
+use forelock_core::solver::{AmsParams, Frame, FrameReport, Options, STAGES, Simulation};
 use forelock_gpu::{Choice, Gpu, GpuError, GpuSimulation};
 
 use crate::assets::Assets;
@@ -61,7 +61,8 @@ impl Device {
             return Err(GpuError::Unsupported { what });
         }
         let gpu = Gpu::open(&Choice::Fastest)?;
-        let simulation = GpuSimulation::new(&gpu, groom, &params(scene), options)?;
+        let mut simulation = GpuSimulation::new(&gpu, groom, &params(scene), options)?;
+        simulation.time_stages(true);
         Ok(Self { name: gpu.name().to_owned(), simulation })
     }
 
@@ -90,6 +91,10 @@ impl Device {
             max_penetration_m: report.max_penetration_m.into(),
             touching: report.touching,
             quarantined_strands: report.quarantined_strands,
+            stage_secs: STAGES.map(|name| {
+                let secs = report.stage_secs.iter().flatten().find(|(own, _)| *own == name);
+                (name, secs.map_or(0.0, |(_, secs)| *secs))
+            }),
             ..FrameReport::default()
         })
     }

@@ -1,0 +1,71 @@
+//! The time that each stage takes, by the device's own clock.
+
+use crate::kernels::{STAGES, Stage};
+use crate::{Gpu, GpuError};
+use wgpu::BufferUsages;
+
+/// Queries in a set at most, as WebGPU has it.
+const MOST_QUERIES: u32 = 4096;
+
+/// Seconds of each stage.
+pub type StageSecs = [(&'static str, f64); STAGES.len()];
+
+/// Two timestamps a pass.
+#[derive(Debug)]
+pub(crate) struct Clock {
+    set: wgpu::QuerySet,
+    resolved: wgpu::Buffer,
+    secs_per_tick: f64,
+    /// The stage of each pass of the last frame.
+    passes: Vec<Stage>,
+}
+
+impl Clock {
+    /// A clock for frames of `passes`; none where the device has none, or not for so many.
+    pub fn new(gpu: &Gpu, passes: u32) -> Option<Self> {
+        let count = 2 * passes;
+        if !gpu.device().features().contains(wgpu::Features::TIMESTAMP_QUERY) || count > MOST_QUERIES {
+            return None;
+        }
+        let described =
+            wgpu::QuerySetDescriptor { label: Some("stages"), ty: wgpu::QueryType::Timestamp, count };
+        let usage = BufferUsages::QUERY_RESOLVE | BufferUsages::COPY_SRC;
+        Some(Self {
+            set: gpu.device().create_query_set(&described),
+            resolved: gpu.buffer("timestamps", u64::from(count) * 8, usage),
+            secs_per_tick: f64::from(gpu.queue().get_timestamp_period()) * 1e-9,
+            passes: Vec::with_capacity(passes as usize),
+        })
+    }
+
+    /// Begins a frame.
+    pub fn begin(&mut self) {
+        self.passes.clear();
+    }
+
+    /// The timestamps of the next pass, which is of `stage`.
+    pub fn next(&mut self, stage: Stage) -> wgpu::ComputePassTimestampWrites<'_> {
+        let first = 2 * self.passes.len() as u32;
+        self.passes.push(stage);
+        wgpu::ComputePassTimestampWrites {
+            query_set: &self.set,
+            beginning_of_pass_write_index: Some(first),
+            end_of_pass_write_index: Some(first + 1),
+        }
+    }
+
+    /// Ends the frame.
+    pub fn end(&self, encoder: &mut wgpu::CommandEncoder) {
+        encoder.resolve_query_set(&self.set, 0..2 * self.passes.len() as u32, &self.resolved, 0);
+    }
+
+    /// Seconds of each stage in the last frame. Waits for the device.
+    pub fn read(&self, gpu: &Gpu) -> Result<StageSecs, GpuError> {
+        let ticks = gpu.read::<[u64; 2]>(&self.resolved)?;
+        let mut secs = STAGES.map(|stage| (stage.name, 0.0));
+        for (stage, [from, to]) in self.passes.iter().zip(ticks) {
+            secs[*stage as usize].1 += to.saturating_sub(from) as f64 * self.secs_per_tick;
+        }
+        Ok(secs)
+    }
+}
