@@ -1,7 +1,7 @@
 //! Strands in batches that each fit into the bindings of a device.
 
 use crate::kernels::{Binding, MODEL_ROWS, SCRATCH_ROWS, WORKGROUP};
-use crate::layout::{BlockEntry, SubstepUniform};
+use crate::layout::{BlockEntry, SubstepUniform, UNKNOWN};
 use crate::solids::{LookUniform, Solids};
 use crate::{Gpu, GpuError};
 use forelock_core::lane::{LANES, Row};
@@ -189,8 +189,11 @@ impl Batch {
     /// Brings its part of `state` to the device.
     pub fn write(&self, gpu: &Gpu, state: &State<f32>) {
         let (from, to) = (self.places.start, self.places.end);
-        let memory: Vec<Row<f32>> =
-            self.places.clone().flat_map(|place| [state.integrity[place], state.clearance[place]]).collect();
+        let memory: Vec<Row<f32>> = self
+            .places
+            .clone()
+            .flat_map(|place| [state.integrity[place], known(state.clearance[place])])
+            .collect();
         let queue = gpu.queue();
         queue.write_buffer(&self.positions, 0, bytemuck::cast_slice(&state.positions[3 * from..3 * to]));
         queue.write_buffer(&self.velocities, 0, bytemuck::cast_slice(&state.velocities[3 * from..3 * to]));
@@ -204,8 +207,14 @@ impl Batch {
         state.velocities[3 * from..3 * to].copy_from_slice(&gpu.read::<Row<f32>>(&self.velocities)?);
         let memory = gpu.read::<[Row<f32>; 2]>(&self.memory)?;
         for (place, [integrity, clearance]) in self.places.clone().zip(memory) {
-            (state.integrity[place], state.clearance[place]) = (integrity, clearance);
+            let unknown = |x: f32| if x <= UNKNOWN { f32::NEG_INFINITY } else { x };
+            (state.integrity[place], state.clearance[place]) = (integrity, Row(clearance.0.map(unknown)));
         }
         Ok(())
     }
+}
+
+/// Clearances as the device knows them.
+fn known(clearance: Row<f32>) -> Row<f32> {
+    Row(clearance.0.map(|x| x.max(UNKNOWN)))
 }

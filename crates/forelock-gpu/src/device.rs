@@ -4,6 +4,10 @@ use crate::GpuError;
 use crate::kernels::Kernels;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::time::Duration;
+
+/// How long an answer may take that is on its way.
+const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Which GPU to take.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -39,6 +43,7 @@ struct Inner {
     device: wgpu::Device,
     queue: wgpu::Queue,
     name: String,
+    is_software: bool,
     /// The first thing that went wrong.
     fault: Arc<Mutex<Option<String>>>,
     kernels: OnceLock<Kernels>,
@@ -97,30 +102,38 @@ impl Gpu {
         let fault = Arc::new(Mutex::new(None));
         let (own, lost) = (Arc::clone(&fault), Arc::clone(&fault));
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| note(&own, error.to_string())));
-        device.set_device_lost_callback(move |reason, text| {
-            if reason != wgpu::DeviceLostReason::Destroyed {
-                note(&lost, format!("the device was lost ({text})"));
-            }
-        });
-        Ok(Self::around(device, queue, name, fault))
+        device.set_device_lost_callback(move |_, text| note(&lost, format!("the device was lost ({text})")));
+        Ok(Self::around(device, queue, (name, adapter.get_info().device_type), fault))
     }
 
-    /// A device that someone else opened and looks after: an engine, a window, a trainer. It needs WebGPU's default limits.
-    pub fn from_device(device: wgpu::Device, queue: wgpu::Queue) -> Self {
-        let name = device.adapter_info().name;
-        Self::around(device, queue, name, Arc::default())
+    /// A device that someone else opened and looks after: an engine, a window, a trainer. Its faults go to its owner's handlers, not here: after one, frames do nothing.
+    ///
+    /// # Errors
+    /// [`GpuError::Unfit`] if it has less than WebGPU's default limits.
+    pub fn from_device(device: wgpu::Device, queue: wgpu::Queue) -> Result<Self, GpuError> {
+        let info = device.adapter_info();
+        let (own, needed) = (device.limits(), wgpu::Limits::default());
+        if own.max_storage_buffers_per_shader_stage < needed.max_storage_buffers_per_shader_stage
+            || own.max_uniform_buffer_binding_size < needed.max_uniform_buffer_binding_size
+            || own.max_compute_invocations_per_workgroup < needed.max_compute_invocations_per_workgroup
+        {
+            let reason = "the device was opened with less than WebGPU's default limits".to_owned();
+            return Err(GpuError::Unfit { name: info.name, reason });
+        }
+        Ok(Self::around(device, queue, (info.name, info.device_type), Arc::default()))
     }
 
     fn around(
         device: wgpu::Device,
         queue: wgpu::Queue,
-        name: String,
+        (name, kind): (String, wgpu::DeviceType),
         fault: Arc<Mutex<Option<String>>>,
     ) -> Self {
         Self(Arc::new(Inner {
             device,
             queue,
             name,
+            is_software: kind == wgpu::DeviceType::Cpu,
             fault,
             kernels: OnceLock::new(),
             buffers: AtomicU32::new(0),
@@ -138,6 +151,11 @@ impl Gpu {
     /// Its name.
     pub fn name(&self) -> &str {
         &self.0.name
+    }
+
+    /// Whether it is a processor that plays one.
+    pub fn is_software(&self) -> bool {
+        self.0.is_software
     }
 
     /// The device.
@@ -210,18 +228,23 @@ impl Gpu {
         let mut encoder = self.0.device.create_command_encoder(&Default::default());
         encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, buffer.size());
         self.0.queue.submit([encoder.finish()]);
-        let done = Arc::new(OnceLock::new());
-        let told = Arc::clone(&done);
+        let (tell, told) = std::sync::mpsc::channel();
         staging.map_async(wgpu::MapMode::Read, .., move |result| {
-            let _ = told.set(result);
+            // No one listens any more after an error.
+            let _ = tell.send(result);
         });
-        let polled = self.0.device.poll(wgpu::PollType::wait_indefinitely());
         self.check()?;
+        // A device that is lost while one waits for it is a panic in wgpu.
+        let wait = || self.0.device.poll(wgpu::PollType::wait_indefinitely());
+        let polled = std::panic::catch_unwind(std::panic::AssertUnwindSafe(wait));
+        self.check()?;
+        let polled = polled.map_err(|_| self.failed("it was lost while it was waited for"))?;
         polled.map_err(|error| self.failed(&error.to_string()))?;
-        match done.get() {
-            Some(Ok(())) => Ok(bytemuck::pod_collect_to_vec(&staging.get_mapped_range(..))),
-            Some(Err(error)) => Err(self.failed(&error.to_string())),
-            None => Err(self.failed("it did not answer")),
+        // Another thread's waiting may have taken the answer, and be about to hand it on.
+        match told.recv_timeout(PATIENCE) {
+            Ok(Ok(())) => Ok(bytemuck::pod_collect_to_vec(&staging.get_mapped_range(..))),
+            Ok(Err(error)) => Err(self.failed(&error.to_string())),
+            Err(_) => Err(self.failed("it did not answer")),
         }
     }
 }

@@ -133,6 +133,9 @@ pub struct ReportEntry {
     pub restored: u32,
 }
 
+/// The clearance of who has not looked yet, on the device: it may know no infinity. Metres.
+pub const UNKNOWN: f32 = -1e30;
+
 impl FrameUniform {
     /// Of frames of `dt_secs` under `params`.
     pub fn new(params: &AmsParams, dt_secs: f64, gravity: DVec3, air: DVec3) -> Self {
@@ -173,7 +176,7 @@ impl FrameUniform {
             healing_limit,
             clamped: params.clamped,
             flags: on.iter().filter(|(on, _)| *on).map(|(_, flag)| flag).sum(),
-            unknown: f32::NEG_INFINITY,
+            unknown: UNKNOWN,
         }
     }
 }

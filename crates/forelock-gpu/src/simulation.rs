@@ -6,6 +6,7 @@ use crate::kernels::{SOLIDS, STRANDS, Stage};
 use crate::layout::{FrameUniform, ReportEntry, SubstepUniform};
 use crate::solids::Solids;
 use crate::{Gpu, GpuError};
+use forelock_core::body::ColliderFrame;
 use forelock_core::groom::Groom;
 use forelock_core::model::{Model, Strands};
 use forelock_core::pose::Pose;
@@ -133,16 +134,25 @@ impl GpuSimulation {
         if self.params.drag_along != 1.0 || self.params.drag_quadratic != 0.0 {
             return Err(GpuError::Unsupported { what: "drag that differs along a strand" });
         }
-        if self.solids.hold(&self.gpu, frame.colliders)? {
+        self.hold(frame.colliders)?;
+        self.place(frame);
+        let mut encoder = self.gpu.device().create_command_encoder(&Default::default());
+        self.encode(&mut encoder, !frame.colliders.is_empty());
+        self.gpu.queue().submit([encoder.finish()]);
+        Ok(())
+    }
+
+    /// Brings the fields of `solids` to the device, before a frame asks for them.
+    ///
+    /// # Errors
+    /// [`GpuError::Unsupported`] for solids that it cannot take, [`GpuError::TooLarge`] if their fields have no room.
+    pub fn hold(&mut self, solids: &[ColliderFrame<'_>]) -> Result<(), GpuError> {
+        if self.solids.hold(&self.gpu, solids)? {
             let layout = (&self.gpu.kernels().solids, &SOLIDS[..]);
             for bound in &mut self.batches {
                 bound.to_solids = bound.batch.bind(&self.gpu, layout, (&self.shared, &self.solids));
             }
         }
-        self.place(frame);
-        let mut encoder = self.gpu.device().create_command_encoder(&Default::default());
-        self.encode(&mut encoder, !frame.colliders.is_empty());
-        self.gpu.queue().submit([encoder.finish()]);
         Ok(())
     }
 

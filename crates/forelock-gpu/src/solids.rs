@@ -90,6 +90,8 @@ pub(crate) struct Solids {
     pub looks: wgpu::Buffer,
     pub stride: u32,
     look: Box<LookUniform>,
+    /// All looks as bytes.
+    bytes: Vec<u8>,
 }
 
 impl Solids {
@@ -104,6 +106,7 @@ impl Solids {
             looks: gpu.buffer("looks", bytes, BufferUsages::UNIFORM | BufferUsages::COPY_DST),
             stride,
             look: Box::new(LookUniform::zeroed()),
+            bytes: Vec::new(),
         }
     }
 
@@ -153,6 +156,7 @@ impl Solids {
     pub fn place(&mut self, gpu: &Gpu, params: &AmsParams, frame: &Frame<'_>, origin: DVec3, lengths: bool) {
         let (count, substeps) = (frame.colliders.len(), params.substeps);
         let h = frame.dt_secs / f64::from(substeps);
+        self.bytes.clear();
         self.look.count = count as u32;
         self.look.thickness = params.skin_thickness as f32;
         for step in 0..substeps {
@@ -166,17 +170,17 @@ impl Solids {
             let is_last = step + 1 == substeps;
             self.look.how = if is_last && !lengths { AFTER_SUBSTEP | LAST } else { AFTER_SUBSTEP };
             self.look.way_out = (params.depenetration_speed * h) as f32;
-            self.write(gpu, step, count);
+            self.append(step);
         }
         self.look.how = LAST;
         self.look.way_out = 0.0;
-        self.write(gpu, substeps, count);
+        self.append(substeps);
+        gpu.queue().write_buffer(&self.looks, 0, &self.bytes);
     }
 
-    fn write(&self, gpu: &Gpu, number: u32, count: usize) {
-        let bytes = size_of::<LookUniform>() - (MOST_SOLIDS - count) * size_of::<SolidEntry>();
-        let look = &bytemuck::bytes_of(&*self.look)[..bytes];
-        gpu.queue().write_buffer(&self.looks, u64::from(number) * u64::from(self.stride), look);
+    fn append(&mut self, number: u32) {
+        self.bytes.resize((number * self.stride) as usize, 0);
+        self.bytes.extend_from_slice(bytemuck::bytes_of(&*self.look));
     }
 }
 

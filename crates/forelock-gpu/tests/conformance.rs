@@ -48,7 +48,7 @@ fn tuft(count: u32, particles: impl Fn(u32) -> u32) -> (Vec<[f32; 3]>, Vec<u32>)
 fn head(frame: u32) -> Pose {
     let t = f64::from(frame) / FPS;
     let turn = DQuat::from_rotation_y((3.0 * t).sin()) * DQuat::from_rotation_x(0.5 * (5.0 * t).sin());
-    Pose::new(turn, DVec3::new(0.1 * (9.0 * t).sin(), 0.0, 5.0 * t))
+    Pose::new(turn, DVec3::new(0.1 * (9.0 * t).sin(), 0.0, 2.5 * t * t))
 }
 
 fn frame(number: u32) -> Frame<'static> {
@@ -71,12 +71,13 @@ struct Solid<'a> {
     local: Pose,
     by: DVec3,
     on_head: bool,
+    friction: f64,
 }
 
 impl<'a> Solid<'a> {
     fn new(shape: &'a Shape, at: [f64; 3], by: [f64; 3]) -> Self {
         let turned = DQuat::from_rotation_x(0.3);
-        Self { shape, local: Pose::new(turned, at.into()), by: by.into(), on_head: true }
+        Self { shape, local: Pose::new(turned, at.into()), by: by.into(), on_head: true, friction: 0.4 }
     }
 
     fn frame(&self, number: u32) -> ColliderFrame<'a> {
@@ -85,7 +86,7 @@ impl<'a> Solid<'a> {
             if self.on_head { head(frame).after(&moved) } else { moved }
         };
         let [from, to] = [number, number + 1].map(carrier);
-        ColliderFrame { shape: self.shape, local: self.local, from, to, friction: 0.4 }
+        ColliderFrame { shape: self.shape, local: self.local, from, to, friction: self.friction }
     }
 }
 
@@ -161,6 +162,7 @@ fn any_count_of_strands_and_particles() {
         (64, 12),
         (65, 12),
         (700, 25),
+        (40, 2),
         (40, 3),
         (40, 4),
         (40, 200),
@@ -236,14 +238,14 @@ fn every_solid() {
     let (positions, offsets) = tuft(130, |strand| 20 + strand % 3);
     let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
     let ball = Shape::Sphere { radius: 0.05 };
-    let pea = Shape::Sphere { radius: 0.004 };
+    let fast = Shape::Sphere { radius: 0.03 };
     let hollow = Shape::HollowSphere { radius: 0.2 };
     let capsule = Shape::Capsule { half_length: 0.1, radius: 0.02 };
     let cuboid = Shape::Box { half_extents: DVec3::new(0.05, 0.02, 0.08) };
     let mesh = Shape::Sdf(Arc::new(Sdf::from_mesh(&Head::builtin().mesh, 48, 0.02).unwrap()));
     let still = |shape, at| Solid::new(shape, at, [0.0; 3]);
-    // The head flies along z at 5 m/s, and so does what is to meet it in the world.
-    let flying = Solid { on_head: false, ..Solid::new(&ball, [-0.25, -0.12, 0.01], [1.0, 0.0, 5.0]) };
+    // The head sets out along z, and what is to meet it in the world goes there too.
+    let flying = Solid { on_head: false, ..Solid::new(&ball, [-0.25, -0.12, 0.01], [1.0, 0.0, 0.6]) };
     let scenes: Vec<(&str, Vec<Solid<'_>>)> = vec![
         ("a ball on the head", vec![still(&ball, [0.03, -0.12, 0.0])]),
         ("a ball that flies by", vec![flying]),
@@ -260,7 +262,7 @@ fn every_solid() {
                 Solid::new(&ball, [-0.15, -0.12, 0.01], [0.4, 0.0, 0.0]),
             ],
         ),
-        ("a pea at 30 m/s", vec![Solid::new(&pea, [-1.0, -0.1, 0.02], [30.0, 0.0, 0.0])]),
+        ("a ball at 30 m/s", vec![Solid::new(&fast, [-1.3, -0.12, 0.0], [30.0, 0.0, 0.0])]),
         (
             "two balls that close",
             vec![
@@ -275,23 +277,63 @@ fn every_solid() {
         for (kind, params) in [("lengths", &params), ("stretching", &free)] {
             let [one, many] = [1, 30].map(|frames| errors_among(solids, &gpu, &strands, [params; 2], frames));
             println!("{name}, {kind}: {one:?} after a frame, {many:?} after thirty (GPU, CPU)");
-            assert!(is_close(one) && is_close(many), "{name}, {kind}: {one:?}, {many:?}");
+            // Hair that is hit at 30 m/s goes where it may: of that only single frames are compared, below.
+            let is_wild = *name == "a ball at 30 m/s";
+            assert!(is_close(one) && (is_wild || is_close(many)), "{name}, {kind}: {one:?}, {many:?}");
         }
-        // The comparison can fail: without the solids hair is elsewhere.
-        if *name != "a pea at 30 m/s" {
-            let mut own = GpuSimulation::from_strands(&gpu, &strands, &params, &options()).unwrap();
-            let mut touching = 0;
-            for number in 0..30 {
-                let colliders: Vec<_> = solids.iter().map(|solid| solid.frame(number)).collect();
-                own.step_frame(&Frame { colliders: &colliders, ..frame(number) }).unwrap();
-                touching += own.report().unwrap().touching;
-            }
-            assert!(touching > 20, "{name}: {touching} particles ever touched it");
-        }
+    }
+    // Frame by frame from the CPU's state, so that nothing adds up: every particle counts.
+    for (name, solids) in &scenes {
+        let off = strays(&gpu, &strands, solids, solids, [&params; 2]);
+        println!("{name}: {off:?} particles off, touches");
+        assert!(off[0] <= 3 + off[1] / 200, "{name}: {off:?}");
+        // What is through before a frame ends touches nothing at its end; below it is shown to be met.
+        assert!(off[1] > 20 || *name == "a ball at 30 m/s", "{name}: {off:?}");
+    }
+    // The comparison can fail: other friction, edges that are not laid along, a ball too fast to be seen at the ends of a substep.
+    let slippery = [Solid { friction: 0.0, ..Solid::new(&cuboid, [-0.1, -0.15, 0.0], [0.4, 0.0, 0.1]) }];
+    let loose = AmsParams { lay_along_solids: false, ..AmsParams::default() };
+    for (name, off) in [
+        ("friction", strays(&gpu, &strands, &slippery, &scenes[3].1, [&params; 2])),
+        ("laid along", strays(&gpu, &strands, &scenes[4].1, &scenes[4].1, [&loose, &params])),
+        ("swept", strays(&gpu, &strands, &[], &scenes[8].1, [&params; 2])),
+    ] {
+        println!("other {name}: {off:?} particles off, touches");
+        assert!(off[0] > 3 + off[1] / 200, "{name}: {off:?}");
     }
 }
 
-/// The comparison can fail: every parameter that is off by a hundredth is seen.
+/// Particles that the GPU has elsewhere than the CPU a frame after the same state, and touches on the CPU; over thirty frames. The solids are the GPU's and the CPU's, and so are the parameters.
+fn strays(
+    gpu: &Gpu,
+    strands: &Strands<'_, f32>,
+    own_solids: &[Solid<'_>],
+    cpu_solids: &[Solid<'_>],
+    params: [&AmsParams; 2],
+) -> [usize; 2] {
+    let mut own = GpuSimulation::from_strands(gpu, strands, params[0], &options()).unwrap();
+    let mut cpu = Simulation::from_strands(strands, params[1], &options()).unwrap();
+    let (mut off, mut touching) = (0, 0);
+    for number in 0..30 {
+        own.restore(&cpu.snapshot()).unwrap();
+        let [a, b] =
+            [own_solids, cpu_solids].map(|solids| solids.iter().map(|s| s.frame(number)).collect::<Vec<_>>());
+        own.step_frame(&Frame { colliders: &a, ..frame(number) }).unwrap();
+        touching += cpu.step_frame(&Frame { colliders: &b, ..frame(number) }).unwrap().touching as usize;
+        let (own, cpu) = (own.snapshot().unwrap(), cpu.snapshot());
+        let apart =
+            |a: [f32; 3], b: [f32; 3]| DVec3::from(a.map(f64::from)).distance(DVec3::from(b.map(f64::from)));
+        for p in 0..own.positions.len() {
+            let x = apart(own.positions[p], cpu.positions[p]);
+            let v = apart(own.velocities[p], cpu.velocities[p]) / FPS;
+            // A tenth of a millimetre, and as far in the frame to come.
+            off += usize::from(!(x < 1e-4 && v < 1e-4));
+        }
+    }
+    [off, touching]
+}
+
+/// The comparison can fail: parameters that are off are seen.
 #[test]
 fn a_perturbed_twin_fails() {
     let Some(gpu) = common::gpu() else { return };
@@ -373,12 +415,44 @@ fn a_steady_frame_makes_nothing_and_reads_nothing_back() {
     let gpu = Gpu::open(&Choice::Named(gpu.name().to_owned())).unwrap();
     let mut simulation =
         GpuSimulation::from_strands(&gpu, &strands, &AmsParams::default(), &options()).unwrap();
-    simulation.step_frame(&frame(0)).unwrap();
+    let mesh = Shape::Sdf(Arc::new(Sdf::from_mesh(&Head::builtin().mesh, 32, 0.02).unwrap()));
+    let solid = Solid::new(&mesh, [0.0, -0.16, 0.0], [0.0; 3]);
+    let step = |simulation: &mut GpuSimulation, number: u32| {
+        simulation.step_frame(&Frame { colliders: &[solid.frame(number)], ..frame(number) }).unwrap();
+    };
+    step(&mut simulation, 0);
     let before = gpu.counts();
-    (1..20).for_each(|number| simulation.step_frame(&frame(number)).unwrap());
+    (1..20).for_each(|number| step(&mut simulation, number));
     assert_eq!(gpu.counts(), before);
     simulation.state_hash().unwrap();
     assert!(gpu.counts().read_backs > before.read_backs, "the counter counts");
+}
+
+/// Many batches are as one: on a device that binds little at once, which someone else has opened.
+#[test]
+fn many_batches_are_as_one() {
+    let Some(gpu) = common::gpu() else { return };
+    let (positions, offsets) = tuft(700, |strand| 12 + strand % 5);
+    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let ball = Shape::Sphere { radius: 0.05 };
+    let solid = Solid::new(&ball, [0.03, -0.12, 0.0], [0.0; 3]);
+    let run = |gpu: &Gpu| {
+        let mut own = GpuSimulation::from_strands(gpu, &strands, &AmsParams::default(), &options()).unwrap();
+        for number in 0..5 {
+            own.step_frame(&Frame { colliders: &[solid.frame(number)], ..frame(number) }).unwrap();
+        }
+        (own.state_hash().unwrap(), own.bytes())
+    };
+    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
+    let adapter = pollster::block_on(instance.request_adapter(&Default::default())).unwrap();
+    let required_limits =
+        wgpu::Limits { max_storage_buffer_binding_size: 1 << 18, ..wgpu::Limits::default() };
+    let small = wgpu::DeviceDescriptor { required_limits, ..Default::default() };
+    let (device, queue) = pollster::block_on(adapter.request_device(&small)).unwrap();
+    let small = Gpu::from_device(device, queue).unwrap();
+    let ((one, bytes), (many, fewer)) = (run(&gpu), run(&small));
+    assert_eq!(one, many);
+    assert!(fewer < bytes / 2, "scratch is that of one batch of several: {fewer} of {bytes}");
 }
 
 #[test]
@@ -416,6 +490,13 @@ fn what_a_gpu_cannot_do_is_said() {
     let too_stiff = Frame { dt_secs: 1e3, ..frame(0) };
     assert!(matches!(simulation.step_frame(&too_stiff), Err(GpuError::Params(_))));
     simulation.step_frame(&frame(0)).unwrap();
+    // A device that is gone, and a driver that says so while one waits.
+    let gone = Gpu::open(&Choice::Named(gpu.name().to_owned())).unwrap();
+    let mut on_gone =
+        GpuSimulation::from_strands(&gone, &strands, &AmsParams::default(), &options()).unwrap();
+    gone.device().destroy();
+    assert!(matches!(on_gone.snapshot(), Err(GpuError::Failed { .. })));
+    assert!(matches!(on_gone.step_frame(&frame(0)), Err(GpuError::Failed { .. })));
     gpu.lose("a cable was pulled");
     for error in [simulation.step_frame(&frame(1)).unwrap_err(), simulation.snapshot().unwrap_err()] {
         assert!(

@@ -7,7 +7,6 @@
 //! # Limitations
 //! What [`unsupported`] names runs on the CPU only.
 
-use forelock_core::body::Shape;
 use forelock_core::groom::Groom;
 use forelock_core::solver::{AmsParams, Frame, FrameReport, Options, STAGES, Simulation};
 use forelock_gpu::{Choice, Gpu, GpuError, GpuSimulation};
@@ -38,7 +37,8 @@ impl Backend {
     ) -> Result<(Option<Device>, Option<String>), RunError> {
         let opened = match self {
             Self::Cpu => return Ok((None, None)),
-            Self::Gpu | Self::Auto => Device::open((scene, assets), groom, options),
+            Self::Gpu => Device::open((scene, assets), groom, options),
+            Self::Auto => Device::open((scene, assets), groom, options).and_then(Device::not_software),
         };
         match opened {
             Ok(device) => Ok((Some(device), None)),
@@ -51,24 +51,39 @@ impl Backend {
 /// A simulation on a GPU.
 #[derive(Debug)]
 pub(crate) struct Device {
-    name: String,
+    gpu: Gpu,
     simulation: GpuSimulation,
 }
 
 impl Device {
     fn open((scene, assets): (&Scene, &Assets), groom: &Groom, options: &Options) -> Result<Self, GpuError> {
-        if let Some(what) = unsupported(scene, assets) {
+        if let Some(what) = unsupported(scene) {
             return Err(GpuError::Unsupported { what });
         }
         let gpu = Gpu::open(&Choice::Fastest)?;
         let mut simulation = GpuSimulation::new(&gpu, groom, &params(scene), options)?;
+        let times = [0.0, 1.0 / scene.time.fps];
+        simulation.hold(&assets.collider_frames(times, times.map(|time| assets.head_pose(time))))?;
         simulation.time_stages(true);
-        Ok(Self { name: gpu.name().to_owned(), simulation })
+        Ok(Self { gpu, simulation })
+    }
+
+    /// A processor that plays a GPU is slower than itself.
+    fn not_software(self) -> Result<Self, GpuError> {
+        if self.gpu.is_software() {
+            return Err(GpuError::None { reason: format!("{} is software", self.name()) });
+        }
+        Ok(self)
     }
 
     /// The GPU's name.
     pub(crate) fn name(&self) -> &str {
-        &self.name
+        self.gpu.name()
+    }
+
+    /// Bytes held on it.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.simulation.bytes()
     }
 
     /// Takes the state of `simulation` over.
@@ -107,14 +122,10 @@ fn params(scene: &Scene) -> AmsParams {
     }
 }
 
-/// What `scene` asks for that a GPU cannot do yet.
-fn unsupported(scene: &Scene, assets: &Assets) -> Option<&'static str> {
+/// What `scene` asks for that a GPU cannot do yet, beside what its solids are.
+fn unsupported(scene: &Scene) -> Option<&'static str> {
     let (params, wind) = (params(scene), &scene.wind);
     let mass_spring = scene.solver.kind == SolverKind::MassSpring;
-    let times = [0.0, 1.0 / scene.time.fps];
-    let head = times.map(|time| assets.head_pose(time));
-    let morphs =
-        || assets.collider_frames(times, head).iter().any(|s| matches!(s.shape, Shape::Morph { .. }));
     [
         ("hair against hair on a grid (interaction.kind)", scene.interaction.kind == InteractionKind::Grid),
         ("contacts between strands (interaction.contacts)", scene.interaction.contacts),
@@ -128,7 +139,6 @@ fn unsupported(scene: &Scene, assets: &Assets) -> Option<&'static str> {
             mass_spring && scene.solver.mass_spring.virtual_particles,
         ),
         ("an edit while the hair moves (edit.at_secs)", !scene.edits.timed().is_empty()),
-        ("a solid that changes its shape", morphs()),
     ]
     .into_iter()
     .find_map(|(what, asked)| asked.then_some(what))

@@ -130,8 +130,14 @@ pub fn simulate(
     let assets = Assets::load(scene, observer)?;
     let mut run = Run::start(scene, &assets, options)?;
     run.notes.iter().for_each(|note| observer(&Progress::Note(note)));
-    run.step_through(observer, cancel)?;
-    run.finish(observer)
+    match run.step_through(observer, cancel) {
+        // What is done is not lost with the device: its last frame is here, and can be resumed from.
+        Err(RunError::Gpu(error)) => {
+            run.finish(observer)?;
+            Err(error.into())
+        }
+        stepped => stepped.and_then(|()| run.finish(observer)),
+    }
 }
 
 /// A simulation and what it is fed with.
@@ -384,7 +390,8 @@ impl<'a> Run<'a> {
     fn summary(&self, outputs: Vec<PathBuf>) -> Summary {
         let times: Vec<f64> = self.rows.iter().map(|row| row.ms).collect();
         let memory = self.stepper.simulation.memory();
-        let skinning_bytes = self.stepper.skinning.as_ref().map_or(0, Skinning::bytes);
+        let on_cpu = (memory.model + memory.state + memory.workspace) as u64;
+        let skinning_bytes = self.stepper.skinning.as_ref().map_or(0, Skinning::bytes) as u64;
         let so_far = &self.so_far;
         let on_gpu = self.stepper.device.as_ref();
         let simd = Simd::from(self.stepper.scene.solver.simd).resolve();
@@ -405,7 +412,7 @@ impl<'a> Run<'a> {
             ms_per_frame: Spread::of(&times),
             ms_per_stage: median_stages(&self.rows),
             peak_memory_bytes: peak_memory_bytes(),
-            simulation_bytes: (memory.model + memory.state + memory.workspace + skinning_bytes) as u64,
+            simulation_bytes: on_gpu.map_or(on_cpu, Device::bytes) + skinning_bytes,
             max_edge_stretch: so_far.worst[0],
             max_edge_stretch_after_solids: so_far.worst[1],
             max_penetration_m: so_far.worst[2],

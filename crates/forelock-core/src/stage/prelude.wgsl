@@ -25,7 +25,7 @@ struct Frame {
     healing_limit: f32,
     clamped: u32,
     flags: u32,
-    // The clearance of who has not looked yet: no literal can be −∞.
+    // The clearance of who has not looked yet: a device may know no infinity.
     unknown: f32,
 }
 
@@ -165,6 +165,10 @@ fn is_finite(x: f32) -> bool {
     return (bitcast<u32>(x) & 0x7f800000u) != 0x7f800000u;
 }
 
+fn all_finite(v: vec3f) -> bool {
+    return is_finite(v.x) && is_finite(v.y) && is_finite(v.z);
+}
+
 // The largest |l/l₀ − 1| of a strand's edges; what is not finite does not count.
 fn largest_stretch(strand: Strand) -> f32 {
     var largest = 0.0;
@@ -173,7 +177,7 @@ fn largest_stretch(strand: Strand) -> f32 {
         let x = position_at(strand, i);
         let d = x - before;
         let stretch = abs(sqrt(max(dot(d, d), 1e-24)) / rest_length(strand, i - 1u, 1u) - 1.0);
-        largest = max(largest, select(0.0, stretch, is_finite(stretch)));
+        largest = max(largest, select(0.0, stretch, all_finite(x) && all_finite(before)));
         before = x;
     }
     return largest;

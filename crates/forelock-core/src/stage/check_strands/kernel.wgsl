@@ -7,15 +7,12 @@ fn check_strands(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let n = strand.particles;
-    var all_finite = true;
+    var whole = true;
     for (var i = 0u; i < n; i++) {
-        let x = position_at(strand, i);
-        let v = velocity_at(strand, i);
-        all_finite = all_finite && is_finite(x.x) && is_finite(x.y) && is_finite(x.z);
-        all_finite = all_finite && is_finite(v.x) && is_finite(v.y) && is_finite(v.z);
+        whole = whole && all_finite(position_at(strand, i)) && all_finite(velocity_at(strand, i));
     }
     atomicMax(&report.stretch, bitcast<u32>(largest_stretch(strand)));
-    if all_finite {
+    if whole {
         return;
     }
     atomicAdd(&report.quarantined, 1u);

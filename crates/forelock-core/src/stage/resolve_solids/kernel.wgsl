@@ -357,8 +357,13 @@ fn look_at(strand: Strand, i: u32) -> bool {
         set_velocity(strand, i, particle.v);
     }
     if (look.how & LAST) != 0u {
-        atomicAdd(&report.touching, u32(touches));
-        atomicMax(&report.deepest, bitcast<u32>(max(-(clearance + look.thickness), 0.0)));
+        if touches {
+            atomicAdd(&report.touching, 1u);
+        }
+        let depth = -(clearance + look.thickness);
+        if depth > 0.0 {
+            atomicMax(&report.deepest, bitcast<u32>(depth));
+        }
     }
     return touches;
 }
@@ -446,7 +451,7 @@ fn resolve_solids(@builtin(global_invocation_id) id: vec3u) {
     }
     if lays && touched {
         let stretch = largest_stretch(strand);
-        if stretch > before && stretch >= STRETCHED {
+        if stretch > before && stretch > STRETCHED {
             lay_along(strand);
         }
     }

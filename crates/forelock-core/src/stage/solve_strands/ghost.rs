@@ -52,7 +52,8 @@ pub fn integrity<L: Lane>(
         *rhs = rhs.add_scaled(-(substep.h * intact), substep.carried_weight);
         if frame.directional {
             // The same force as from a ghost raised by m g/κ_I: the tie points there.
-            direction = pull.add_scaled(-(L::one() / terms.integrity), substep.carried_weight);
+            let raised = L::one() / terms.integrity.max(L::from_f64(1e-24));
+            direction = pull.add_scaled(-raised, substep.carried_weight);
         }
     }
     implicit_tie(frame, substep, kappa, direction, ghost.w, (diagonal, rhs));

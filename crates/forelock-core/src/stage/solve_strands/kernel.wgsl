@@ -113,7 +113,8 @@ fn tie_to_ghost(strand: Strand, i: u32, x: vec3f, ghost: Ghost, kappas: vec2f, w
         var direction = pull;
         if has(SAG_FREE) {
             (*window).b0 -= frame.h * intact * substep.carried_weight;
-            direction -= substep.carried_weight / kappas.x;
+            // The same force as from a ghost raised by m g/κ_I: the tie points there.
+            direction -= substep.carried_weight / max(kappas.x, 1e-24);
         }
         tie(window, kappa, direction, ghost.w);
     }
@@ -122,7 +123,9 @@ fn tie_to_ghost(strand: Strand, i: u32, x: vec3f, ghost: Ghost, kappas: vec2f, w
         let pull = ghost.y - x;
         let rays = array(ghost.y - before, x - before);
         let across = cross(rays[0], rays[1]);
-        let theta = atan2(sqrt(dot(across, across)), dot(rays[0], rays[1]));
+        let sine = sqrt(dot(across, across));
+        let cosine = dot(rays[0], rays[1]);
+        let theta = select(atan2(sine, cosine), 0.0, sine == 0.0 && cosine == 0.0);
         let least = rest_length(strand, i - 1u, 1u) * 1e-8;
         let a = kappas.y * theta / max(sqrt(dot(pull, pull)), least);
         (*window).b0 += frame.h * a * pull;
