@@ -2,6 +2,8 @@
 
 use crate::groom::Groom;
 use crate::lane::{LANES, Real, Row};
+use crate::pose::Pose;
+use glam::DVec3;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -143,6 +145,14 @@ impl Nearness {
             (0..10).fold(0, |code, bit| code | (bits >> bit & 1) << (3 * bit))
         };
         spread(0) | spread(1) << 1 | spread(2) << 2
+    }
+}
+
+impl<T> Model<T> {
+    /// The map from the rest shape, about its middle, to positions relative to `origin`, for a head at `head`.
+    pub fn about_centre(&self, head: &Pose, origin: DVec3) -> Pose {
+        let translation = head.transform_point(self.centre.into()) - origin;
+        Pose { rotation: head.rotation, translation }
     }
 }
 

@@ -1,11 +1,12 @@
 //! Strands in batches that each fit into the bindings of a device.
 
-use crate::kernels::{Binding, MODEL_ROWS, SCRATCH_ROWS, WORKGROUP};
+use crate::kernels::{Binding, MODEL_ROWS, WORKGROUP};
 use crate::layout::{BlockEntry, SubstepUniform, UNKNOWN};
 use crate::solids::{LookUniform, Solids};
 use crate::{Gpu, GpuError};
 use forelock_core::lane::{LANES, Row};
 use forelock_core::model::Model;
+use forelock_core::stage::SCRATCH_ROWS;
 use forelock_core::state::State;
 use std::ops::Range;
 use wgpu::BufferUsages;
@@ -53,7 +54,7 @@ pub(crate) fn split(gpu: &Gpu, model: &Model<f32>) -> Result<Vec<Range<usize>>, 
     let mut batches: Vec<Range<usize>> = Vec::new();
     let mut bytes = 0;
     for (k, block) in model.blocks.iter().enumerate() {
-        let own = block.particles as u64 * u64::from(SCRATCH_ROWS) * ROW;
+        let own = block.particles as u64 * SCRATCH_ROWS as u64 * ROW;
         if own > limit {
             let (what, name) = ("sixteen strands of that many particles", gpu.name().to_owned());
             return Err(GpuError::TooLarge { what, name, bytes: own, limit });
@@ -79,7 +80,7 @@ impl Shared {
         let stride = (size_of::<SubstepUniform>() as u32).next_multiple_of(aligned);
         let uniform = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
         let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
-        let scratch = places as u64 * u64::from(SCRATCH_ROWS) * ROW;
+        let scratch = places as u64 * SCRATCH_ROWS as u64 * ROW;
         Self {
             frame: gpu.buffer("frame", size_of::<crate::layout::FrameUniform>() as u64, uniform),
             substeps: gpu.buffer("substeps", u64::from(stride) * u64::from(substeps), uniform),

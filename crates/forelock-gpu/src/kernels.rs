@@ -1,16 +1,16 @@
 //! The kernels: texts beside the stages that they are twins of, constants from here, pipelines from both.
 
 use crate::layout::{FLAGS, FrameUniform, SubstepUniform};
-use crate::solids::{HOW, KINDS, LookUniform, MOST_SOLIDS};
+use crate::solids::{FAR, HOW, KINDS, LookUniform, MOST_SOLIDS};
 use forelock_core::lane::{ASIN_RATIO, LANES};
+use forelock_core::stage::SCRATCH_ROWS;
+use forelock_core::stage::resolve_solids::{LOOKS, ROUNDS, SLIDES, STRETCHED, SWEEP_STEPS, TOUCH};
 use forelock_core::stage::restore_lengths::NEWTON_STEPS;
 use forelock_core::stage::solve_strands::PIVOT_FLOOR;
 use std::fmt::Write as _;
 
 /// Strands of a workgroup.
 pub const WORKGROUP: u32 = 64;
-/// Rows of scratch a particle: three 3×3 links and a vector.
-pub const SCRATCH_ROWS: u32 = 30;
 /// Rows of the model a particle.
 pub const MODEL_ROWS: u32 = 7;
 
@@ -130,14 +130,23 @@ pub fn text(stage: &StageKernel) -> String {
     let counts = [
         ("LANES", LANES as u32),
         ("WORKGROUP", WORKGROUP),
-        ("SCRATCH", SCRATCH_ROWS),
+        ("SCRATCH", SCRATCH_ROWS as u32),
+        ("MODEL_ROWS", MODEL_ROWS),
         ("NEWTON_STEPS", NEWTON_STEPS as u32),
+        ("LOOKS", LOOKS as u32),
+        ("ROUNDS", ROUNDS as u32),
+        ("SLIDES", SLIDES as u32),
+        ("SWEEP_STEPS", SWEEP_STEPS as u32),
         ("MOST_SOLIDS", MOST_SOLIDS as u32),
     ];
     for (name, value) in counts.into_iter().chain(FLAGS).chain(KINDS).chain(HOW) {
         constant(name, "u32", &value, "u");
     }
-    constant("PIVOT_FLOOR", "f32", &(PIVOT_FLOOR as f32), "f");
+    for (name, value) in
+        [("PIVOT_FLOOR", PIVOT_FLOOR), ("FAR", FAR), ("TOUCH", TOUCH), ("STRETCHED", STRETCHED)]
+    {
+        constant(name, "f32", &format_args!("{:e}", value as f32), "f");
+    }
     for (k, value) in ASIN_RATIO.iter().enumerate() {
         constant(&format!("ASIN_RATIO_{k}"), "f32", value, "f");
     }

@@ -9,7 +9,6 @@ use crate::{Gpu, GpuError};
 use forelock_core::body::ColliderFrame;
 use forelock_core::groom::Groom;
 use forelock_core::model::{Model, Strands};
-use forelock_core::pose::Pose;
 use forelock_core::solver::params::Inextensibility;
 use forelock_core::solver::{AmsParams, Frame, Options};
 use forelock_core::state::{Snapshot, State};
@@ -215,23 +214,17 @@ impl GpuSimulation {
 
     /// Brings what the frame's strands share to the device.
     fn place(&mut self, frame: &Frame<'_>) {
-        let origin = frame.head[1].transform_point(self.model.centre.into());
+        let origin = frame.origin(&self.model);
         let shift = self.mirror.origin - origin;
         self.mirror.origin = origin;
         let uniform = FrameUniform::new(&self.params, frame.dt_secs, frame.gravity, frame.air_velocity);
         self.gpu.queue().write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&uniform));
-        let rest_gravity = self.options.rest_pose.inverse().transform_vector(self.options.rest_gravity);
-        let count = self.params.substeps;
-        let pose = |step: u32| {
-            let head = frame.head[0].interpolate(&frame.head[1], f64::from(step) / f64::from(count));
-            let translation = head.transform_point(self.model.centre.into()) - origin;
-            Pose { rotation: head.rotation, translation }
-        };
+        let (count, weight) = (self.params.substeps, self.options.carried_gravity());
+        let poses = || frame.poses(&self.model, count, origin);
         self.substeps.clear();
-        for step in 0..count {
-            let poses = [&pose(step), &pose(step + 1)];
+        for ((step, start), end) in (0..count).zip(poses()).zip(poses().skip(1)) {
             let shift = if step == 0 { shift } else { DVec3::ZERO };
-            let substep = SubstepUniform::new(poses, rest_gravity, shift);
+            let substep = SubstepUniform::new([&start, &end], weight, shift);
             self.substeps.resize((step * self.shared.stride) as usize, 0);
             self.substeps.extend_from_slice(bytemuck::bytes_of(&substep));
         }

@@ -4,7 +4,8 @@ use crate::{Gpu, GpuError};
 use bytemuck::{Pod, Zeroable};
 use forelock_core::body::{ColliderFrame, Sdf, Shape};
 use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams, Frame};
+use forelock_core::solver::{AmsParams, Frame, fractions};
+use forelock_core::stage::resolve_solids::SolidMotion;
 use glam::{DMat4, DVec3, Mat4, UVec3, Vec3};
 use std::sync::Arc;
 use wgpu::BufferUsages;
@@ -12,10 +13,30 @@ use wgpu::BufferUsages;
 /// Solids of a frame at most.
 pub const MOST_SOLIDS: usize = 32;
 /// Numbers of the shapes.
-pub const KINDS: [(&str, u32); 5] =
-    [("SPHERE", 0), ("HOLLOW_SPHERE", 1), ("CAPSULE", 2), ("BOX", 3), ("PLANE", 4)];
-/// The number of a field.
-const FIELD: u32 = 5;
+pub mod kinds {
+    /// A ball.
+    pub const SPHERE: u32 = 0;
+    /// A ball that holds what is in it.
+    pub const HOLLOW_SPHERE: u32 = 1;
+    /// A capsule.
+    pub const CAPSULE: u32 = 2;
+    /// A box.
+    pub const BOX: u32 = 3;
+    /// A plane.
+    pub const PLANE: u32 = 4;
+    /// A field of distances.
+    pub const FIELD: u32 = 5;
+}
+
+/// The same by name, for the kernels.
+pub const KINDS: [(&str, u32); 6] = [
+    ("SPHERE", kinds::SPHERE),
+    ("HOLLOW_SPHERE", kinds::HOLLOW_SPHERE),
+    ("CAPSULE", kinds::CAPSULE),
+    ("BOX", kinds::BOX),
+    ("PLANE", kinds::PLANE),
+    ("FIELD", kinds::FIELD),
+];
 /// Bits of [`LookUniform::how`].
 pub const HOW: [(&str, u32); 2] = [("AFTER_SUBSTEP", AFTER_SUBSTEP), ("LAST", LAST)];
 const AFTER_SUBSTEP: u32 = 1;
@@ -37,7 +58,7 @@ pub struct SolidEntry {
     pub friction: f32,
     /// How far the carrier goes, metres.
     pub travel: Vec3,
-    /// One of [`KINDS`], or a field.
+    /// One of [`kinds`].
     pub kind: u32,
     /// Where the carrier is, metres.
     pub pivot: Vec3,
@@ -78,7 +99,7 @@ pub struct LookUniform {
 }
 
 /// Nothing is farther, in metres: the kernels know no infinity.
-const FAR: f64 = 1e30;
+pub const FAR: f64 = 1e30;
 
 /// Fields that are on the device, and the looks of a frame.
 #[derive(Debug)]
@@ -159,8 +180,7 @@ impl Solids {
         self.bytes.clear();
         self.look.count = count as u32;
         self.look.thickness = params.skin_thickness as f32;
-        for step in 0..substeps {
-            let fractions = [step, step + 1].map(|step| f64::from(step) / f64::from(substeps));
+        for (step, fractions) in (0..substeps).zip(fractions(substeps)) {
             for (entry, solid) in self.look.solids.iter_mut().zip(frame.colliders) {
                 let first = field_of(solid.shape).and_then(|field| {
                     self.held.iter().find(|(held, _)| Arc::ptr_eq(held, field)).map(|(_, first)| *first)
@@ -198,40 +218,31 @@ fn fields_of(gpu: &Gpu, values: &[f32]) -> wgpu::Buffer {
     buffer
 }
 
-/// `solid` from one fraction of its frame to another, relative to `origin`: [`forelock_core::stage::resolve_solids::SolidPose`].
+/// `solid` from one fraction of its frame to another, relative to `origin`.
 fn entry_of(solid: &ColliderFrame<'_>, fractions: [f64; 2], origin: DVec3, first: u32) -> SolidEntry {
-    let carrier = fractions.map(|f| solid.from.interpolate(&solid.to, f));
-    let poses = carrier.map(|pose| {
-        let own = pose.after(&solid.local);
-        Pose { translation: own.translation - origin, ..own }
-    });
+    let motion = SolidMotion::new(solid, fractions, origin);
     let matrix = |pose: &Pose| DMat4::from_rotation_translation(pose.rotation, pose.translation).as_mat4();
-    let spin = (carrier[1].rotation * carrier[0].rotation.conjugate()).to_scaled_axis();
-    let number = |name: &str| KINDS.iter().find(|(own, _)| *own == name).map_or(FIELD, |(_, kind)| *kind);
     let (kind, size) = match solid.shape {
-        Shape::Sphere { radius } => (number("SPHERE"), DVec3::splat(*radius)),
-        Shape::HollowSphere { radius } => (number("HOLLOW_SPHERE"), DVec3::splat(*radius)),
+        Shape::Sphere { radius } => (kinds::SPHERE, DVec3::splat(*radius)),
+        Shape::HollowSphere { radius } => (kinds::HOLLOW_SPHERE, DVec3::splat(*radius)),
         Shape::Capsule { half_length, radius } => {
-            (number("CAPSULE"), DVec3::new(*half_length, *radius, *radius))
+            (kinds::CAPSULE, DVec3::new(*half_length, *radius, *radius))
         }
-        Shape::Box { half_extents } => (number("BOX"), *half_extents),
-        Shape::Plane => (number("PLANE"), DVec3::ZERO),
-        Shape::Sdf(_) | Shape::Morph { .. } => (FIELD, DVec3::ZERO),
+        Shape::Box { half_extents } => (kinds::BOX, *half_extents),
+        Shape::Plane => (kinds::PLANE, DVec3::ZERO),
+        Shape::Sdf(_) | Shape::Morph { .. } => (kinds::FIELD, DVec3::ZERO),
     };
-    let (ball, ball_radius) = solid.shape.bounds().map_or((DVec3::ZERO, FAR), |(low, high)| {
-        let (low, high) = (low.as_dvec3(), high.as_dvec3());
-        (poses[1].transform_point(0.5 * (low + high)), 0.5 * low.distance(high))
-    });
+    let (ball, ball_radius) = motion.ball.unwrap_or((DVec3::ZERO, FAR));
     let field = field_of(solid.shape);
     SolidEntry {
-        at_end: matrix(&poses[1].inverse()),
-        at_start: matrix(&poses[0].inverse()),
-        carry: matrix(&poses[1].after(&poses[0].inverse())),
-        spin: spin.as_vec3(),
+        at_end: matrix(&motion.poses[1].inverse()),
+        at_start: matrix(&motion.poses[0].inverse()),
+        carry: matrix(&motion.carry),
+        spin: motion.spin.as_vec3(),
         friction: solid.friction as f32,
-        travel: (carrier[1].translation - carrier[0].translation).as_vec3(),
+        travel: motion.travel.as_vec3(),
         kind,
-        pivot: (carrier[1].translation - origin).as_vec3(),
+        pivot: motion.pivot.as_vec3(),
         thinness: solid.shape.thinness().min(FAR) as f32,
         size: size.as_vec3(),
         cell: field.map_or(0.0, |field| field.cell()),

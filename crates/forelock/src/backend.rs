@@ -35,12 +35,10 @@ impl Backend {
         groom: &Groom,
         options: &Options,
     ) -> Result<(Option<Device>, Option<String>), RunError> {
-        let opened = match self {
-            Self::Cpu => return Ok((None, None)),
-            Self::Gpu => Device::open((scene, assets), groom, options),
-            Self::Auto => Device::open((scene, assets), groom, options).and_then(Device::not_software),
-        };
-        match opened {
+        if self == Self::Cpu {
+            return Ok((None, None));
+        }
+        match Device::open((scene, assets), groom, options, self == Self::Gpu) {
             Ok(device) => Ok((Some(device), None)),
             Err(error) if self == Self::Auto => Ok((None, Some(format!("on the CPU: {error}")))),
             Err(error) => Err(error.into()),
@@ -56,24 +54,25 @@ pub(crate) struct Device {
 }
 
 impl Device {
-    fn open((scene, assets): (&Scene, &Assets), groom: &Groom, options: &Options) -> Result<Self, GpuError> {
+    /// On a processor that plays a GPU only if `software` will do: it is slower than itself.
+    fn open(
+        (scene, assets): (&Scene, &Assets),
+        groom: &Groom,
+        options: &Options,
+        software: bool,
+    ) -> Result<Self, GpuError> {
         if let Some(what) = unsupported(scene) {
             return Err(GpuError::Unsupported { what });
         }
         let gpu = Gpu::open(&Choice::Fastest)?;
+        if gpu.is_software() && !software {
+            return Err(GpuError::None { reason: format!("{} is software", gpu.name()) });
+        }
         let mut simulation = GpuSimulation::new(&gpu, groom, &params(scene), options)?;
         let times = [0.0, 1.0 / scene.time.fps];
         simulation.hold(&assets.collider_frames(times, times.map(|time| assets.head_pose(time))))?;
         simulation.time_stages(true);
         Ok(Self { gpu, simulation })
-    }
-
-    /// A processor that plays a GPU is slower than itself.
-    fn not_software(self) -> Result<Self, GpuError> {
-        if self.gpu.is_software() {
-            return Err(GpuError::None { reason: format!("{} is software", self.name()) });
-        }
-        Ok(self)
     }
 
     /// The GPU's name.

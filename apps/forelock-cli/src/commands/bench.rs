@@ -34,9 +34,9 @@ pub fn bench(arguments: &BenchArgs) -> anyhow::Result<()> {
         Some(PaperFigure::Sag) => return report.ablation(Figure::Sag),
         Some(PaperFigure::Angular) => return report.ablation(Figure::Angular),
         Some(PaperFigure::Guides) => {
-            let table = GuidesTable::run(&GUIDES, (*share, &[]), &mut observer)?;
-            if let Some(folder) = report.out {
-                forelock::write_png(&folder.join(format!("{}.png", report.name)), &table.picture)?;
+            let table = GuidesTable::run(&GUIDES, (*share, &[]), report.out.is_some(), &mut observer)?;
+            if let (Some(folder), Some(picture)) = (report.out, &table.picture) {
+                forelock::write_png(&folder.join(format!("{}.png", report.name)), picture)?;
             }
             return report.tell(&table.to_markdown(), &table);
         }

@@ -11,4 +11,4 @@ pub use block::{STAGES, Simd, SolverReal};
 pub use mass_spring::MassSpringParams;
 pub use params::{AmsParams, ParamsError};
 pub use regroom::RegroomError;
-pub use simulation::{BuildError, Frame, FrameReport, Memory, Options, Simulation, Teleport};
+pub use simulation::{BuildError, Frame, FrameReport, Memory, Options, Simulation, Teleport, fractions};

@@ -32,6 +32,13 @@ pub struct Options {
     pub beyond_float32: bool,
 }
 
+impl Options {
+    /// The gravity that the rest shape carries, along the head's own axes, m/s².
+    pub fn carried_gravity(&self) -> DVec3 {
+        self.rest_pose.inverse().transform_vector(self.rest_gravity)
+    }
+}
+
 /// Why a simulation cannot be built.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum BuildError {
@@ -59,6 +66,26 @@ pub struct Frame<'a> {
     pub air_velocity: DVec3,
     /// Length of the frame, seconds.
     pub dt_secs: f64,
+}
+
+impl Frame<'_> {
+    /// The point of the world that positions are relative to in this frame: where the head takes the middle of `model`.
+    pub fn origin<T>(&self, model: &Model<T>) -> DVec3 {
+        self.head[1].transform_point(model.centre.into())
+    }
+
+    /// Maps from the rest shape to positions relative to `origin`, at the start of each substep and at the end of the last.
+    pub fn poses<T>(&self, model: &Model<T>, substeps: u32, origin: DVec3) -> impl Iterator<Item = Pose> {
+        (0..=substeps).map(move |step| {
+            let head = self.head[0].interpolate(&self.head[1], f64::from(step) / f64::from(substeps));
+            model.about_centre(&head, origin)
+        })
+    }
+}
+
+/// Start and end of each substep as fractions of the frame.
+pub fn fractions(substeps: u32) -> impl Iterator<Item = [f64; 2]> {
+    (0..substeps).map(move |step| [step, step + 1].map(|step| f64::from(step) / f64::from(substeps)))
 }
 
 /// What a frame did.
@@ -268,10 +295,10 @@ impl<T: SolverReal> Simulation<T> {
         wind: Option<&WindField>,
     ) -> Result<FrameReport, ParamsError> {
         self.params.validate_step(frame.dt_secs, self.options.beyond_float32 || size_of::<T>() > 4)?;
-        let origin = frame.head[1].transform_point(self.model.centre.into());
+        let origin = frame.origin(&self.model);
         let shift = self.state.origin - origin;
         if let Some(contacts) = &mut self.contacts {
-            let head = about_centre(&frame.head[0], &self.model, self.state.origin);
+            let head = self.model.about_centre(&frame.head[0], self.state.origin);
             contacts.note_start(&self.model, &self.state.positions, &head);
         }
         self.state.origin = origin;
@@ -301,7 +328,7 @@ impl<T: SolverReal> Simulation<T> {
                 clamped: terms.clamped,
             },
             gravity: frame.gravity,
-            rest_gravity: self.options.rest_pose.inverse().transform_vector(self.options.rest_gravity),
+            rest_gravity: self.options.carried_gravity(),
             air_velocity: frame.air_velocity,
             air: wind
                 .map(|wind| AirTerms::new(&wind, (&self.workspace.wake, &self.workspace.canopy), origin)),
@@ -474,25 +501,14 @@ fn turn<T: SolverReal>(rows: &mut [Row<T>], jump: &Pose) {
 impl<T: SolverReal> Workspace<T> {
     /// Poses of head and solids at the substeps, relative to `origin`.
     fn place(&mut self, params: &AmsParams, frame: &Frame<'_>, model: &Model<T>, origin: DVec3) {
-        let substeps = f64::from(params.substeps);
         self.poses.clear();
-        self.poses.extend((0..=params.substeps).map(|step| {
-            let head = frame.head[0].interpolate(&frame.head[1], f64::from(step) / substeps);
-            about_centre(&head, model, origin)
-        }));
+        self.poses.extend(frame.poses(model, params.substeps, origin));
         self.solid_poses.clear();
-        for step in 0..params.substeps {
-            let fractions = [f64::from(step) / substeps, f64::from(step + 1) / substeps];
+        for fractions in fractions(params.substeps) {
             self.solid_poses
                 .extend(frame.colliders.iter().map(|solid| SolidPose::new(solid, fractions, origin)));
         }
     }
-}
-
-/// The head's pose from the model's centre to positions relative to `origin`.
-fn about_centre<T>(head: &Pose, model: &Model<T>, origin: DVec3) -> Pose {
-    let translation = head.transform_point(model.centre.into()) - origin;
-    Pose { rotation: head.rotation, translation }
 }
 
 /// The state's arrays, or the part of them that some blocks own.

@@ -53,7 +53,7 @@ pub struct Scratch<T> {
 }
 
 /// Rows of scratch a particle: three 3×3 links and a vector.
-const SCRATCH_ROWS: usize = 30;
+pub const SCRATCH_ROWS: usize = 30;
 
 /// Rows a particle that moving air takes: wind, air, drag.
 pub(crate) const AIR_ROWS: usize = 7;

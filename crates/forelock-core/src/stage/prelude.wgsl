@@ -99,7 +99,7 @@ fn entry(strand: Strand, i: u32, rows: u32, row: u32) -> u32 {
 }
 
 fn rest_at(strand: Strand, i: u32) -> vec3f {
-    let at = entry(strand, i, 7u, 0u);
+    let at = entry(strand, i, MODEL_ROWS, 0u);
     return vec3f(model[at], model[at + LANES], model[at + 2u * LANES]);
 }
 
@@ -129,11 +129,11 @@ fn set_velocity(strand: Strand, i: u32, v: vec3f) {
 
 // Rest length from particle `i` to `i + reach`, 1 to 3.
 fn rest_length(strand: Strand, i: u32, reach: u32) -> f32 {
-    return model[entry(strand, i, 7u, 2u + reach)];
+    return model[entry(strand, i, MODEL_ROWS, 2u + reach)];
 }
 
 fn inverse_rest_edge(strand: Strand, i: u32) -> f32 {
-    return model[entry(strand, i, 7u, 6u)];
+    return model[entry(strand, i, MODEL_ROWS, 6u)];
 }
 
 fn strand_length(strand: Strand) -> f32 {

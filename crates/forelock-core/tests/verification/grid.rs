@@ -1,11 +1,11 @@
 //! Hair against hair through the grid: what it keeps, and what it gives back.
 
-use crate::rig::{DT, Rig, shake, simds, tuft};
+use crate::rig::{DT, Rig, assert_one_hash, shake, tuft};
 use forelock_core::grid::{Grid, GridFrame, GridMoment, GridParams, GridReport};
 use forelock_core::lane::{LANES, Row};
 use forelock_core::model::{Model, Strands};
 use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams, Simd};
+use forelock_core::solver::AmsParams;
 use forelock_core::state::vector;
 use glam::{DQuat, DVec3};
 
@@ -208,26 +208,16 @@ fn hair_at_rest_stays_where_it_is() {
 /// that are left over stay behind, and must not count.
 #[test]
 fn threads_and_widths_do_not_matter() {
-    let hash = |threads: usize, simd: Simd| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| {
-            let mut rig = Rig::<f32>::new(&tuft(18 * LANES + 1, 12), &AmsParams::default(), simd);
-            rig.simulation.set_grid(Some(&params())).unwrap();
-            let mut cells = 0;
-            for frame in 1..=40 {
-                let turned = DQuat::from_rotation_x(0.04 * f64::from(frame));
-                let shaken = shake(4.0, 2.0, f64::from(frame) * DT);
-                cells += rig.step(Pose { rotation: turned, ..shaken }).grid.cells;
-            }
-            assert!(cells > 0, "strands never met");
-            rig.simulation.state_hash()
-        })
-    };
-    let one = hash(1, Simd::Auto);
-    assert_eq!([hash(2, Simd::Auto), hash(3, Simd::Auto)], [one; 2]);
-    for fused in [false, true] {
-        let is_fused = |s: &Simd| !matches!(s, Simd::Scalar | Simd::Portable);
-        let hashes: Vec<u64> = simds().filter(|s| is_fused(s) == fused).map(|s| hash(1, s)).collect();
-        assert!(hashes.windows(2).all(|h| h[0] == h[1]), "{hashes:x?}");
-    }
+    assert_one_hash(|simd| {
+        let mut rig = Rig::<f32>::new(&tuft(18 * LANES + 1, 12), &AmsParams::default(), simd);
+        rig.simulation.set_grid(Some(&params())).unwrap();
+        let mut cells = 0;
+        for frame in 1..=40 {
+            let turned = DQuat::from_rotation_x(0.04 * f64::from(frame));
+            let shaken = shake(4.0, 2.0, f64::from(frame) * DT);
+            cells += rig.step(Pose { rotation: turned, ..shaken }).grid.cells;
+        }
+        assert!(cells > 0, "strands never met");
+        rig.simulation.state_hash()
+    });
 }

@@ -205,3 +205,18 @@ impl Random {
         DVec3::new(self.number(), self.number(), self.number())
     }
 }
+
+/// Whether a hash is the same for one, two and three threads, and for all SIMD widths that round alike. `hash` runs in a pool of its own.
+pub fn assert_one_hash(hash: impl Fn(Simd) -> u64 + Sync) {
+    let of = |threads: usize, simd: Simd| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| hash(simd))
+    };
+    let one = of(1, Simd::Auto);
+    assert_eq!([of(2, Simd::Auto), of(3, Simd::Auto)], [one; 2], "threads");
+    for fused in [false, true] {
+        let is_fused = |s: &Simd| !matches!(s, Simd::Scalar | Simd::Portable);
+        let hashes: Vec<_> = simds().filter(|s| is_fused(s) == fused).map(|s| (s, of(1, s))).collect();
+        assert!(hashes.windows(2).all(|h| h[0].1 == h[1].1), "widths: {hashes:x?}");
+    }
+}

@@ -60,19 +60,20 @@ pub struct GuidesTable {
     pub frames: u32,
     /// One row a variant.
     pub rows: Vec<GuidesRow>,
-    /// All variants at one moment, side by side.
+    /// All variants at one moment, side by side, if asked for.
     #[serde(skip)]
-    pub picture: Image,
+    pub picture: Option<Image>,
 }
 
 impl GuidesTable {
-    /// Simulates the scene, with `share` of its strands and `keys` over it, with each of `guides`; `observer` is told how it goes.
+    /// Simulates the scene, with `share` of its strands and `keys` over it, with each of `guides`, and draws them if `draws`; `observer` is told how it goes.
     ///
     /// # Errors
     /// [`RunError`] if a variant cannot be simulated or drawn.
     pub fn run(
         guides: &[u32],
         (share, keys): (f64, &[String]),
+        draws: bool,
         observer: &mut Observer<'_>,
     ) -> Result<Self, RunError> {
         let mut rows = Vec::with_capacity(guides.len());
@@ -87,7 +88,7 @@ impl GuidesTable {
         }
         let strands = assets.groom.strand_count();
         let title = format!("AMS, Fig. 7: a hand through {strands} strands, carried by guides or simulated");
-        let picture = picture((&base, &assets), &rows)?;
+        let picture = draws.then(|| side_by_side((&base, &assets), &rows)).transpose()?;
         Ok(Self { title, strands, frames, rows, picture })
     }
 
@@ -122,7 +123,7 @@ impl GuidesTable {
 }
 
 /// The variants of `rows` at one moment, side by side.
-fn picture((scene, assets): (&Scene, &Assets), rows: &[GuidesRow]) -> Result<Image, RunError> {
+fn side_by_side((scene, assets): (&Scene, &Assets), rows: &[GuidesRow]) -> Result<Image, RunError> {
     let studio = Studio::new(scene, assets);
     let time_secs = f64::from(moment(scene)) / scene.time.fps;
     let all = assets.groom.strand_count();
@@ -204,7 +205,7 @@ mod tests {
     #[test]
     fn guides_let_strands_into_the_hand_and_simulated_ones_give_way_and_close() {
         let keys = ["body.sdf_cells=64".to_owned()];
-        let table = GuidesTable::run(&[16, 0], (0.02, &keys), &mut |_| {}).unwrap();
+        let table = GuidesTable::run(&[16, 0], (0.02, &keys), false, &mut |_| {}).unwrap();
         println!("{}", table.to_markdown());
         let [guided, all] = &*table.rows else { panic!() };
         assert_eq!((guided.simulated, all.simulated, table.strands), (16, 300, 300));

@@ -6,7 +6,7 @@
 //! less for strands that lie nearer at rest: hair must be able to go back to its rest shape.
 //!
 //! # Practice
-//! A frame is cut into as many slices, at most four, as it takes for hair to stray from the drift about it by less than an edge in each, and for all but a few hundredths of it by less than two.
+//! A frame is cut into as many slices, at most four, as it takes for typical hair to stray from the drift about it by less than an edge in each, and for all but one particle in 512 by less than two.
 //! In the middle of a slice each active segment, and each other near one, is a ball: about its middle, as large as half its length, half the contact
 //! distance and what it strays in half a slice. All are sorted by the cell of their middle, layer by layer, their fields side by side
 //! ([`cells`]), so that what is within reach of an active one lies in a few runs of memory. Of the runs those pass, many at a time, whose balls meet, and

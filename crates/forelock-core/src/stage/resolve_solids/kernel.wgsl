@@ -46,19 +46,6 @@ struct Look {
 @group(0) @binding(10) var<storage, read> fields: array<f32>;
 @group(0) @binding(11) var<uniform> look: Look;
 
-// Farther than anything.
-const FAR: f32 = 1e30;
-// Pushes out of a field at one look.
-const LOOKS: u32 = 3u;
-// Rounds in which a particle between solids is taken out of each.
-const ROUNDS: u32 = 8u;
-// Steps of a sweep, and the distance that counts as touching there, over the thinness.
-const SWEEP_STEPS: u32 = 48u;
-const TOUCH: f32 = 2e-3;
-// Stretch from which edges are laid anew, and rounds for each of them.
-const STRETCHED: f32 = 1e-5;
-const SLIDES: u32 = 4u;
-
 struct Particle {
     x: vec3f,
     v: vec3f,

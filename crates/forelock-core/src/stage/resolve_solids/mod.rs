@@ -26,7 +26,8 @@ use crate::body::{ColliderFrame, PACKET, Shape};
 use crate::lane::{LANES, Lane, Mat3, Real, V3};
 use crate::pose::Pose;
 use crate::stage::BlockView;
-use glam::DVec3;
+use glam::{DVec3, Vec3};
+pub use sweep::{SWEEP_STEPS, TOUCH};
 use sweep::{Way, sweep};
 
 /// Where a solid is at the start and the end of a substep, relative to the frame's origin.
@@ -46,35 +47,64 @@ pub struct SolidPose<T> {
     swell: T,
 }
 
+/// How a solid moves in a substep, relative to the frame's origin: what [`SolidPose`] holds in the solver's precision.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SolidMotion {
+    /// Its poses at the substep's start and end.
+    pub poses: [Pose; 2],
+    /// World to world, from the start to the end, for a point that moves with the solid.
+    pub carry: Pose,
+    /// Where its carrier is at the end.
+    pub pivot: DVec3,
+    /// The carrier's rotation vector over the substep.
+    pub spin: DVec3,
+    /// The carrier's translation over the substep, metres.
+    pub travel: DVec3,
+    /// A ball that holds the solid at the end, if there is one: middle and radius, metres.
+    pub ball: Option<(DVec3, f64)>,
+}
+
+impl SolidMotion {
+    /// The motion of `solid` between two `fractions` of its frame, relative to `origin`.
+    pub fn new(solid: &ColliderFrame<'_>, fractions: [f64; 2], origin: DVec3) -> Self {
+        let carrier = fractions.map(|fraction| solid.from.interpolate(&solid.to, fraction));
+        let poses = carrier.map(|pose| {
+            let own = pose.after(&solid.local);
+            Pose { translation: own.translation - origin, ..own }
+        });
+        let ball = |(low, high): (Vec3, Vec3)| {
+            let (low, high) = (low.as_dvec3(), high.as_dvec3());
+            (poses[1].transform_point(0.5 * (low + high)), 0.5 * low.distance(high))
+        };
+        Self {
+            poses,
+            carry: poses[1].after(&poses[0].inverse()),
+            pivot: carrier[1].translation - origin,
+            spin: (carrier[1].rotation * carrier[0].rotation.conjugate()).to_scaled_axis(),
+            travel: carrier[1].translation - carrier[0].translation,
+            ball: solid.shape.bounds().map(ball),
+        }
+    }
+}
+
 impl<T: Real> SolidPose<T> {
     /// The poses of `solid` at `fractions` of its frame, relative to `origin`.
     pub fn new(solid: &ColliderFrame<'_>, fractions: [f64; 2], origin: DVec3) -> Self {
-        let carrier = fractions.map(|f| solid.from.interpolate(&solid.to, f));
-        let poses = carrier.map(|pose| pose.after(&solid.local));
-        let number = |x: f64| T::from(x).unwrap_or_else(T::zero);
+        let motion = SolidMotion::new(solid, fractions, origin);
+        let number = crate::state::number::<T>;
+        let vector = |v: DVec3| v.to_array().map(number);
         let matrix = |pose: &Pose| {
             let m = pose.matrix();
-            [m.row(0), m.row(1), m.row(2)].map(|row| row.to_array().map(number))
+            [m.row(0), m.row(1), m.row(2)].map(vector)
         };
         Self {
-            rotations: [matrix(&poses[0]), matrix(&poses[1])],
-            translations: poses.map(|pose| (pose.translation - origin).to_array().map(number)),
-            carry: {
-                let relative = poses.map(|pose| Pose { translation: pose.translation - origin, ..pose });
-                let carry = relative[1].after(&relative[0].inverse());
-                (matrix(&carry), carry.translation.to_array().map(number))
-            },
-            carrier: [
-                carrier[1].translation - origin,
-                (carrier[1].rotation * carrier[0].rotation.conjugate()).to_scaled_axis(),
-                carrier[1].translation - carrier[0].translation,
-            ]
-            .map(|v| v.to_array().map(number)),
-            ball: solid.shape.bounds().map_or(([T::zero(); 3], T::infinity()), |(low, high)| {
-                let (low, high) = (low.as_dvec3(), high.as_dvec3());
-                let centre = poses[1].transform_point(0.5 * (low + high)) - origin;
-                (centre.to_array().map(number), number(0.5 * low.distance(high)))
-            }),
+            rotations: [matrix(&motion.poses[0]), matrix(&motion.poses[1])],
+            translations: motion.poses.map(|pose| vector(pose.translation)),
+            carry: (matrix(&motion.carry), vector(motion.carry.translation)),
+            carrier: [motion.pivot, motion.spin, motion.travel].map(vector),
+            ball: motion
+                .ball
+                .map_or(([T::zero(); 3], T::infinity()), |(centre, radius)| (vector(centre), number(radius))),
             fractions,
             swell: match solid.shape {
                 Shape::Morph { morph, phases: [from, to] } => {
@@ -453,7 +483,7 @@ pub fn lay_along<L: Lane>(
 }
 
 /// Stretch, over the rest length, from which a strand's edges are laid anew.
-const STRETCHED: f64 = 1e-5;
+pub const STRETCHED: f64 = 1e-5;
 
 /// The point at `length` from `leader` near `x` that is outside all solids, if there is one, and its clearance.
 fn slide<T: Real>(solids: &Solids<'_, T>, leader: [T; 3], mut x: [T; 3], length: T) -> ([T; 3], T) {
@@ -473,6 +503,9 @@ fn slide<T: Real>(solids: &Solids<'_, T>, leader: [T; 3], mut x: [T; 3], length:
     (x, T::zero())
 }
 
+/// Looks for a point along one solid.
+pub const SLIDES: usize = 4;
+
 /// The same among one solid.
 #[inline]
 fn slide_along<T: Real>(
@@ -482,8 +515,7 @@ fn slide_along<T: Real>(
     mut x: [T; 3],
     length: T,
 ) -> ([T; 3], T) {
-    const ROUNDS: usize = 4;
-    for _ in 0..ROUNDS {
+    for _ in 0..SLIDES {
         let (distance, gradient) = solid.shape.sample_at(pose.local(1, x), pose.fractions[1]);
         let sigma = distance - solids.thickness;
         if sigma >= T::zero() || sigma.is_nan() {
@@ -559,7 +591,7 @@ fn settle<T: Real>(
 }
 
 /// Pushes out of a field at one look.
-const LOOKS: usize = 3;
+pub const LOOKS: usize = 3;
 
 /// Takes a particle out of one solid after the other until it is in none; the clearance that is left, negative where solids leave no room between them.
 #[inline(never)]
@@ -588,7 +620,7 @@ fn settle_among<T: Real>(solids: &Solids<'_, T>, particle: &mut Particle<T>) -> 
 }
 
 /// Rounds in which a particle between solids is taken out of each.
-const ROUNDS: usize = 8;
+pub const ROUNDS: usize = 8;
 
 /// Stops a particle at the surface that it went through on its way from `from`, if it came out elsewhere or would be pushed out elsewhere; whether it did.
 #[inline(never)]

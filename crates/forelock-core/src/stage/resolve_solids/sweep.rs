@@ -19,7 +19,7 @@ use crate::lane::Real;
 use super::dot;
 
 /// Steps of a trace; a way that grazes the surface longer than that counts as free.
-const STEPS: usize = 48;
+pub const SWEEP_STEPS: usize = 48;
 
 /// A way through a solid's own space during a substep.
 #[derive(Clone, Copy, Debug)]
@@ -56,7 +56,7 @@ pub(super) fn sweep<T: Real>(shape: &Shape, thickness: T, way: &Way<T>) -> Optio
         return None;
     }
     let mut share = zero;
-    for _ in 0..STEPS {
+    for _ in 0..SWEEP_STEPS {
         let point = [0, 1, 2].map(|c| from[c] + share * go[c]);
         let time = share.to_f64().unwrap_or(1.0);
         let fraction = way.fractions[0] + (way.fractions[1] - way.fractions[0]) * time;
@@ -76,4 +76,4 @@ pub(super) fn sweep<T: Real>(shape: &Shape, thickness: T, way: &Way<T>) -> Optio
 }
 
 /// Distance that counts as touching, over the thinness.
-const TOUCH: f64 = 2e-3;
+pub const TOUCH: f64 = 2e-3;
