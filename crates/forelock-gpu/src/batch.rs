@@ -1,8 +1,7 @@
 //! Strands in batches that each fit into the bindings of a device.
 
-use crate::kernels::{Binding, MODEL_ROWS, WORKGROUP};
+use crate::kernels::{MODEL_ROWS, WORKGROUP};
 use crate::layout::{BlockEntry, SubstepUniform, UNKNOWN};
-use crate::solids::{LookUniform, Solids};
 use crate::{Gpu, GpuError};
 use forelock_core::lane::{LANES, Row};
 use forelock_core::model::Model;
@@ -32,17 +31,19 @@ pub(crate) struct Shared {
 /// Some blocks of strands on the device.
 #[derive(Debug)]
 pub(crate) struct Batch {
+    /// Blocks of the model that are here.
+    range: Range<usize>,
     /// Places of the model that are here.
     pub places: Range<usize>,
     /// Workgroups that its strands take.
     pub groups: u32,
-    blocks: wgpu::Buffer,
-    model: wgpu::Buffer,
-    strands: wgpu::Buffer,
-    positions: wgpu::Buffer,
-    velocities: wgpu::Buffer,
+    pub blocks: wgpu::Buffer,
+    pub model: wgpu::Buffer,
+    pub strands: wgpu::Buffer,
+    pub positions: wgpu::Buffer,
+    pub velocities: wgpu::Buffer,
     /// Integrity and clearance, two rows a place.
-    memory: wgpu::Buffer,
+    pub memory: wgpu::Buffer,
 }
 
 /// The blocks of `model` in ranges of which each fits into the device's bindings.
@@ -101,15 +102,7 @@ impl Batch {
     pub fn new(gpu: &Gpu, model: &Model<f32>, blocks: Range<usize>) -> Self {
         let own = &model.blocks[blocks.clone()];
         let places = own[0].first..own[own.len() - 1].range().end;
-        let entries: Vec<BlockEntry> = own
-            .iter()
-            .map(|block| BlockEntry {
-                first: (block.first - places.start) as u32,
-                particles: block.particles as u32,
-                live: block.live as u32,
-                pad_0: 0,
-            })
-            .collect();
+        let entries = entries(model, blocks.clone(), |_| 1);
         let mut rows = Vec::with_capacity(places.len() * MODEL_ROWS as usize);
         for place in places.clone() {
             rows.extend_from_slice(&model.rest[3 * place..3 * place + 3]);
@@ -117,7 +110,7 @@ impl Batch {
             rows.push(model.inverse_edges[place]);
         }
         let strands: Vec<Row<f32>> =
-            blocks.flat_map(|block| [model.strand_lengths[block], model.stiffness[block]]).collect();
+            blocks.clone().flat_map(|block| [model.strand_lengths[block], model.stiffness[block]]).collect();
         let read = BufferUsages::STORAGE | BufferUsages::COPY_DST;
         let change = read | BufferUsages::COPY_SRC;
         let filled = |label: &str, bytes: &[u8]| {
@@ -125,6 +118,7 @@ impl Batch {
             gpu.queue().write_buffer(&buffer, 0, bytes);
             buffer
         };
+        let range = blocks;
         let blocks = filled("blocks", bytemuck::cast_slice(&entries));
         let model = filled("model", bytemuck::cast_slice(&rows));
         let strands = filled("strands", bytemuck::cast_slice(&strands));
@@ -135,6 +129,7 @@ impl Batch {
         Self {
             groups: (own.len() * LANES).div_ceil(WORKGROUP as usize) as u32,
             places,
+            range,
             blocks,
             model,
             strands,
@@ -144,41 +139,10 @@ impl Batch {
         }
     }
 
-    /// What a stage that binds `bindings` sees of it.
-    pub fn bind(
-        &self,
-        gpu: &Gpu,
-        (layout, bindings): (&wgpu::BindGroupLayout, &[(u32, Binding)]),
-        (shared, solids): (&Shared, &Solids),
-    ) -> wgpu::BindGroup {
-        let of_size = |buffer, size: usize| wgpu::BufferBinding {
-            buffer,
-            offset: 0,
-            size: std::num::NonZeroU64::new(size as u64),
-        };
-        let entry = |&(binding, what): &(u32, Binding)| {
-            let buffer = match what {
-                Binding::Frame => shared.frame.as_entire_buffer_binding(),
-                Binding::Substep => of_size(&shared.substeps, size_of::<SubstepUniform>()),
-                Binding::Look => of_size(&solids.looks, size_of::<LookUniform>()),
-                Binding::Read(name) | Binding::Change(name) => match name {
-                    "blocks" => &self.blocks,
-                    "model" => &self.model,
-                    "strands" => &self.strands,
-                    "positions" => &self.positions,
-                    "velocities" => &self.velocities,
-                    "memory" => &self.memory,
-                    "scratch" => &shared.scratch,
-                    "fields" => &solids.fields,
-                    _ => &shared.report,
-                }
-                .as_entire_buffer_binding(),
-            };
-            wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::Buffer(buffer) }
-        };
-        let entries: Vec<_> = bindings.iter().map(entry).collect();
-        let described = wgpu::BindGroupDescriptor { label: Some("strands"), layout, entries: &entries };
-        gpu.device().create_bind_group(&described)
+    /// Sets how many samples the grid takes of the edges of each block of `model`.
+    pub fn set_points(&self, gpu: &Gpu, model: &Model<f32>, points: &[u32]) {
+        let entries = entries(model, self.range.clone(), |k| points[k]);
+        gpu.queue().write_buffer(&self.blocks, 0, bytemuck::cast_slice(&entries));
     }
 
     /// Bytes held on the device.
@@ -213,6 +177,21 @@ impl Batch {
         }
         Ok(())
     }
+}
+
+/// The blocks `range` of `model` for the device, numbered from the first place of them, each with its samples an edge.
+fn entries(model: &Model<f32>, range: Range<usize>, points: impl Fn(usize) -> u32) -> Vec<BlockEntry> {
+    let first = model.blocks[range.start].first;
+    let entry = |k: usize| {
+        let block = &model.blocks[k];
+        BlockEntry {
+            first: (block.first - first) as u32,
+            particles: block.particles as u32,
+            live: block.live as u32,
+            points: points(k),
+        }
+    };
+    range.map(entry).collect()
 }
 
 /// Clearances as the device knows them.

@@ -181,7 +181,7 @@ impl Gpu {
     pub(crate) fn kernels(&self) -> &Kernels {
         self.0.kernels.get_or_init(|| {
             let kernels = Kernels::new(&self.0.device);
-            self.0.pipelines.fetch_add(Kernels::COUNT, Relaxed);
+            self.0.pipelines.fetch_add(kernels.count(), Relaxed);
             kernels
         })
     }

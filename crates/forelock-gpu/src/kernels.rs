@@ -1,11 +1,16 @@
 //! The kernels: texts beside the stages that they are twins of, constants from here, pipelines from both.
 
+use crate::grid::{
+    CELLS_GROUP, CELLS_THREADS, FASTEST, GridUniform, MOST_OUT, RELAX_THREADS, RELAXATION, SWEEPS,
+};
 use crate::layout::{FLAGS, FrameUniform, SubstepUniform};
 use crate::solids::{FAR, HOW, KINDS, LookUniform, MOST_SOLIDS};
+use forelock_core::grid::MARGIN;
 use forelock_core::lane::{ASIN_RATIO, LANES};
 use forelock_core::stage::SCRATCH_ROWS;
 use forelock_core::stage::resolve_solids::{LOOKS, ROUNDS, SLIDES, STRETCHED, SWEEP_STEPS, TOUCH};
 use forelock_core::stage::restore_lengths::NEWTON_STEPS;
+use forelock_core::stage::solve_pressure::{LOOSE, SLACK};
 use forelock_core::stage::solve_strands::PIVOT_FLOOR;
 use std::fmt::Write as _;
 
@@ -23,60 +28,158 @@ pub enum Stage {
     ResolveSolids,
     /// Edges back to their lengths.
     RestoreLengths,
+    /// Segments leave their mass and momentum on the grid.
+    SplatSegments,
+    /// What would press hair together is taken out.
+    SolvePressure,
+    /// What the grid changed goes back to the particles.
+    GatherVelocities,
     /// Stretch, and strands that are not finite.
     CheckStrands,
 }
 
-impl Stage {
-    /// Its name.
-    pub fn name(self) -> &'static str {
-        STAGES[self as usize].name
-    }
+/// A kernel: an entry point of a stage's text.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kernel {
+    /// [`Stage::SolveStrands`].
+    SolveStrands,
+    /// [`Stage::ResolveSolids`].
+    ResolveSolids,
+    /// [`Stage::RestoreLengths`].
+    RestoreLengths,
+    /// Extent of the hair on the grid.
+    MeasureHair,
+    /// The box around it.
+    FitGrid,
+    /// Empties the box.
+    ClearGrid,
+    /// [`Stage::SplatSegments`].
+    SplatSegments,
+    /// Cells inside solids.
+    WallOff,
+    /// From sums to velocities.
+    Divide,
+    /// What velocities lack.
+    AimVelocities,
+    /// What displacements lack.
+    AimDisplacements,
+    /// Half a sweep.
+    RelaxEven,
+    /// The other half.
+    RelaxOdd,
+    /// Whether sweeps still change anything.
+    Judge,
+    /// Pressure on velocities.
+    PushVelocities,
+    /// Pressure on displacements.
+    PushDisplacements,
+    /// [`Stage::GatherVelocities`].
+    GatherVelocities,
+    /// The same of displacements.
+    GatherDisplacements,
+    /// [`Stage::CheckStrands`].
+    CheckStrands,
 }
 
 /// A row of the table of stages.
 #[derive(Clone, Copy, Debug)]
-pub struct StageKernel {
+pub struct StageKernels {
     /// Which.
     pub stage: Stage,
-    /// Its name: of the stage, of the entry point and of labels.
+    /// Its name, also of labels.
     pub name: &'static str,
-    /// Its text, to come after the prelude.
-    pub text: &'static str,
-    /// What it binds, of group 0: number and what. Up to eight of storage, as many as WebGPU grants.
-    pub bindings: &'static [(u32, Binding)],
+    /// Its text, to come after constants and prelude.
+    pub texts: &'static [&'static str],
+    /// Its kernels, each with its entry point.
+    pub kernels: &'static [(Kernel, &'static str)],
+    /// What they bind, of group 0.
+    pub group: Group,
 }
 
-/// What all kernels of strands begin with.
+/// What all kernels begin with.
 const PRELUDE: &str = include_str!("../../forelock-core/src/stage/prelude.wgsl");
+const SHAPES: &str = include_str!("../../forelock-core/src/body/shapes.wgsl");
+const GRID: &str = include_str!("../../forelock-core/src/grid/grid.wgsl");
 
-/// All stages, in their order.
-pub const STAGES: [StageKernel; 4] = [
-    StageKernel {
+/// All stages.
+pub const STAGES: [StageKernels; 7] = [
+    StageKernels {
         stage: Stage::SolveStrands,
         name: "solve_strands",
-        text: include_str!("../../forelock-core/src/stage/solve_strands/kernel.wgsl"),
-        bindings: &STRANDS,
+        texts: &[include_str!("../../forelock-core/src/stage/solve_strands/kernel.wgsl")],
+        kernels: &[(Kernel::SolveStrands, "solve_strands")],
+        group: Group::Strands,
     },
-    StageKernel {
+    StageKernels {
         stage: Stage::ResolveSolids,
         name: "resolve_solids",
-        text: include_str!("../../forelock-core/src/stage/resolve_solids/kernel.wgsl"),
-        bindings: &SOLIDS,
+        texts: &[SHAPES, include_str!("../../forelock-core/src/stage/resolve_solids/kernel.wgsl")],
+        kernels: &[(Kernel::ResolveSolids, "resolve_solids")],
+        group: Group::Solids,
     },
-    StageKernel {
+    StageKernels {
         stage: Stage::RestoreLengths,
         name: "restore_lengths",
-        text: include_str!("../../forelock-core/src/stage/restore_lengths/kernel.wgsl"),
-        bindings: &STRANDS,
+        texts: &[include_str!("../../forelock-core/src/stage/restore_lengths/kernel.wgsl")],
+        kernels: &[(Kernel::RestoreLengths, "restore_lengths")],
+        group: Group::Strands,
     },
-    StageKernel {
+    StageKernels {
+        stage: Stage::SplatSegments,
+        name: "splat_segments",
+        texts: &[GRID, include_str!("../../forelock-core/src/stage/splat_segments/kernel.wgsl")],
+        kernels: &[
+            (Kernel::MeasureHair, "measure_hair"),
+            (Kernel::FitGrid, "fit_grid"),
+            (Kernel::ClearGrid, "clear_grid"),
+            (Kernel::SplatSegments, "splat_segments"),
+        ],
+        group: Group::Splat,
+    },
+    StageKernels {
+        stage: Stage::SolvePressure,
+        name: "solve_pressure",
+        texts: &[GRID, SHAPES, include_str!("../../forelock-core/src/stage/solve_pressure/kernel.wgsl")],
+        kernels: &[
+            (Kernel::WallOff, "wall_off"),
+            (Kernel::Divide, "divide"),
+            (Kernel::AimVelocities, "aim_velocities"),
+            (Kernel::AimDisplacements, "aim_displacements"),
+            (Kernel::RelaxEven, "relax_even"),
+            (Kernel::RelaxOdd, "relax_odd"),
+            (Kernel::Judge, "judge"),
+            (Kernel::PushVelocities, "push_velocities"),
+            (Kernel::PushDisplacements, "push_displacements"),
+        ],
+        group: Group::Cells,
+    },
+    StageKernels {
+        stage: Stage::GatherVelocities,
+        name: "gather_velocities",
+        texts: &[GRID, include_str!("../../forelock-core/src/stage/gather_velocities/kernel.wgsl")],
+        kernels: &[
+            (Kernel::GatherVelocities, "gather_velocities"),
+            (Kernel::GatherDisplacements, "gather_displacements"),
+        ],
+        group: Group::Gather,
+    },
+    StageKernels {
         stage: Stage::CheckStrands,
         name: "check_strands",
-        text: include_str!("../../forelock-core/src/stage/check_strands/kernel.wgsl"),
-        bindings: &STRANDS,
+        texts: &[include_str!("../../forelock-core/src/stage/check_strands/kernel.wgsl")],
+        kernels: &[(Kernel::CheckStrands, "check_strands")],
+        group: Group::Strands,
     },
 ];
+
+impl Kernel {
+    /// The stage that it belongs to.
+    pub fn stage(self) -> &'static StageKernels {
+        let of = |row: &&StageKernels| row.kernels.iter().any(|(kernel, _)| *kernel == self);
+        // Every kernel is in the table, which a test checks.
+        STAGES.iter().find(of).unwrap_or(&STAGES[0])
+    }
+}
 
 /// What a binding is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -87,41 +190,94 @@ pub enum Binding {
     Substep,
     /// Uniform of a look at solids, at a dynamic offset.
     Look,
+    /// Uniform of the grid.
+    Grid,
     /// Storage that kernels read.
     Read(&'static str),
     /// Storage that kernels change.
     Change(&'static str),
 }
 
-/// What the stages of strands alone bind.
-pub const STRANDS: [(u32, Binding); 10] = [
-    (0, Binding::Frame),
-    (1, Binding::Substep),
-    (2, Binding::Read("blocks")),
-    (3, Binding::Read("model")),
-    (4, Binding::Read("strands")),
-    (5, Binding::Change("positions")),
-    (6, Binding::Change("velocities")),
-    (7, Binding::Change("memory")),
-    (8, Binding::Change("scratch")),
-    (9, Binding::Change("report")),
-];
+/// What kernels bind together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Group {
+    /// Strands alone.
+    Strands,
+    /// Strands among solids.
+    Solids,
+    /// From strands to the grid.
+    Splat,
+    /// The grid alone.
+    Cells,
+    /// From the grid to strands.
+    Gather,
+}
 
-/// What the look at solids binds.
-pub const SOLIDS: [(u32, Binding); 9] = [
-    (0, Binding::Frame),
-    (2, Binding::Read("blocks")),
-    (3, Binding::Read("model")),
-    (5, Binding::Change("positions")),
-    (6, Binding::Change("velocities")),
-    (7, Binding::Change("memory")),
-    (9, Binding::Change("report")),
-    (10, Binding::Read("fields")),
-    (11, Binding::Look),
-];
+/// All groups, in their order.
+pub const GROUPS: [Group; 5] = [Group::Strands, Group::Solids, Group::Splat, Group::Cells, Group::Gather];
 
-/// The whole text of a stage: constants, prelude, kernel.
-pub fn text(stage: &StageKernel) -> String {
+impl Group {
+    /// Number and what of each binding. Up to eight of storage, as many as WebGPU grants.
+    pub const fn bindings(self) -> &'static [(u32, Binding)] {
+        match self {
+            Self::Strands => &[
+                (0, Binding::Frame),
+                (1, Binding::Substep),
+                (2, Binding::Read("blocks")),
+                (3, Binding::Read("model")),
+                (4, Binding::Read("strands")),
+                (5, Binding::Change("positions")),
+                (6, Binding::Change("velocities")),
+                (7, Binding::Change("memory")),
+                (8, Binding::Change("scratch")),
+                (9, Binding::Change("report")),
+            ],
+            Self::Solids => &[
+                (0, Binding::Frame),
+                (2, Binding::Read("blocks")),
+                (3, Binding::Read("model")),
+                (5, Binding::Change("positions")),
+                (6, Binding::Change("velocities")),
+                (7, Binding::Change("memory")),
+                (9, Binding::Change("report")),
+                (10, Binding::Read("fields")),
+                (11, Binding::Look),
+            ],
+            Self::Splat => &[
+                (2, Binding::Read("blocks")),
+                (3, Binding::Read("model")),
+                (5, Binding::Change("positions")),
+                (6, Binding::Change("velocities")),
+                (12, Binding::Read("rooms")),
+                (13, Binding::Change("cells")),
+                (14, Binding::Change("bounds")),
+                (16, Binding::Grid),
+            ],
+            Self::Cells => &[
+                (10, Binding::Read("fields")),
+                (11, Binding::Look),
+                (13, Binding::Change("cells")),
+                (14, Binding::Change("bounds")),
+                (15, Binding::Change("faces")),
+                (16, Binding::Grid),
+            ],
+            Self::Gather => &[
+                (0, Binding::Frame),
+                (2, Binding::Read("blocks")),
+                (3, Binding::Read("model")),
+                (5, Binding::Change("positions")),
+                (6, Binding::Change("velocities")),
+                (7, Binding::Change("memory")),
+                (14, Binding::Change("bounds")),
+                (15, Binding::Read("faces")),
+                (16, Binding::Grid),
+            ],
+        }
+    }
+}
+
+/// The whole text of a stage: constants, prelude, kernels.
+pub fn text(stage: &StageKernels) -> String {
     let mut text = String::new();
     let mut constant = |name: &str, kind: &str, value: &dyn std::fmt::Display, end: &str| {
         // Writing to a string does not fail.
@@ -138,69 +294,86 @@ pub fn text(stage: &StageKernel) -> String {
         ("SLIDES", SLIDES as u32),
         ("SWEEP_STEPS", SWEEP_STEPS as u32),
         ("MOST_SOLIDS", MOST_SOLIDS as u32),
+        ("CELLS_GROUP", CELLS_GROUP),
+        ("CELLS_THREADS", CELLS_THREADS),
+        ("RELAX_THREADS", RELAX_THREADS),
+        ("SWEEPS", SWEEPS),
     ];
     for (name, value) in counts.into_iter().chain(FLAGS).chain(KINDS).chain(HOW) {
         constant(name, "u32", &value, "u");
     }
-    for (name, value) in
-        [("PIVOT_FLOOR", PIVOT_FLOOR), ("FAR", FAR), ("TOUCH", TOUCH), ("STRETCHED", STRETCHED)]
-    {
-        constant(name, "f32", &format_args!("{:e}", value as f32), "f");
+    constant("MARGIN", "i32", &MARGIN, "");
+    let singles = [PIVOT_FLOOR, FAR, TOUCH, STRETCHED].map(|value| value as f32);
+    let names = ["PIVOT_FLOOR", "FAR", "TOUCH", "STRETCHED"];
+    let grid = [
+        ("LOOSE", LOOSE),
+        ("SLACK", SLACK),
+        ("RELAXATION", RELAXATION),
+        ("FASTEST", FASTEST),
+        ("MOST_OUT", MOST_OUT),
+    ];
+    for (name, value) in names.into_iter().zip(singles).chain(grid) {
+        constant(name, "f32", &format_args!("{value:e}"), "f");
     }
     for (k, value) in ASIN_RATIO.iter().enumerate() {
         constant(&format!("ASIN_RATIO_{k}"), "f32", value, "f");
     }
     text.push_str(PRELUDE);
-    text.push_str(stage.text);
+    stage.texts.iter().for_each(|own| text.push_str(own));
     text
 }
 
-/// Pipelines of all stages, and their layouts.
+/// Pipelines of all kernels, and their layouts.
 #[derive(Debug)]
 pub(crate) struct Kernels {
-    /// Of [`STRANDS`].
-    pub strands: wgpu::BindGroupLayout,
-    /// Of [`SOLIDS`].
-    pub solids: wgpu::BindGroupLayout,
-    pipelines: [wgpu::ComputePipeline; STAGES.len()],
+    layouts: [wgpu::BindGroupLayout; GROUPS.len()],
+    pipelines: Vec<wgpu::ComputePipeline>,
 }
 
 impl Kernels {
-    /// How many pipelines there are.
-    pub const COUNT: u32 = STAGES.len() as u32;
-
     pub fn new(device: &wgpu::Device) -> Self {
-        let layout = |label: &str, bindings: &[(u32, Binding)]| {
-            let entries: Vec<_> = bindings.iter().map(entry).collect();
-            let described = wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries };
+        let layouts = GROUPS.map(|group| {
+            let entries: Vec<_> = group.bindings().iter().map(entry).collect();
+            let described = wgpu::BindGroupLayoutDescriptor { label: None, entries: &entries };
             device.create_bind_group_layout(&described)
-        };
-        let (strands, solids) = (layout("strands", &STRANDS), layout("solids", &SOLIDS));
-        let pipelines = STAGES.map(|stage| {
-            let layout = if stage.stage == Stage::ResolveSolids { &solids } else { &strands };
-            let pipeline_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-                label: Some(stage.name),
-                bind_group_layouts: &[Some(layout)],
-                immediate_size: 0,
-            });
+        });
+        let mut pipelines = Vec::new();
+        for stage in &STAGES {
             let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
                 label: Some(stage.name),
-                source: wgpu::ShaderSource::Wgsl(text(&stage).into()),
+                source: wgpu::ShaderSource::Wgsl(text(stage).into()),
             });
-            device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
                 label: Some(stage.name),
-                layout: Some(&pipeline_layout),
-                module: &module,
-                entry_point: Some(stage.name),
-                compilation_options: wgpu::PipelineCompilationOptions::default(),
-                cache: None,
-            })
-        });
-        Self { strands, solids, pipelines }
+                bind_group_layouts: &[Some(&layouts[stage.group as usize])],
+                immediate_size: 0,
+            });
+            for (kernel, name) in stage.kernels {
+                debug_assert_eq!(*kernel as usize, pipelines.len());
+                pipelines.push(device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                    label: Some(name),
+                    layout: Some(&layout),
+                    module: &module,
+                    entry_point: Some(name),
+                    compilation_options: wgpu::PipelineCompilationOptions::default(),
+                    cache: None,
+                }));
+            }
+        }
+        Self { layouts, pipelines }
     }
 
-    pub fn pipeline(&self, stage: Stage) -> &wgpu::ComputePipeline {
-        &self.pipelines[stage as usize]
+    /// How many pipelines there are.
+    pub fn count(&self) -> u32 {
+        self.pipelines.len() as u32
+    }
+
+    pub fn layout(&self, group: Group) -> &wgpu::BindGroupLayout {
+        &self.layouts[group as usize]
+    }
+
+    pub fn pipeline(&self, kernel: Kernel) -> &wgpu::ComputePipeline {
+        &self.pipelines[kernel as usize]
     }
 }
 
@@ -209,6 +382,7 @@ fn entry(&(binding, what): &(u32, Binding)) -> wgpu::BindGroupLayoutEntry {
     let storage = |read_only| wgpu::BufferBindingType::Storage { read_only };
     let (ty, has_dynamic_offset, size) = match what {
         Binding::Frame => (uniform, false, size_of::<FrameUniform>()),
+        Binding::Grid => (uniform, false, size_of::<GridUniform>()),
         Binding::Substep => (uniform, true, size_of::<SubstepUniform>()),
         Binding::Look => (uniform, true, size_of::<LookUniform>()),
         Binding::Read(_) => (storage(true), false, 0),
@@ -224,4 +398,26 @@ fn entry(&(binding, what): &(u32, Binding)) -> wgpu::BindGroupLayoutEntry {
         },
         count: None,
     }
+}
+
+/// Binds what `find` gives for each of the group's storage and uniforms.
+pub(crate) fn bind<'a>(
+    device: &wgpu::Device,
+    (kernels, group): (&Kernels, Group),
+    find: &dyn Fn(Binding) -> &'a wgpu::Buffer,
+) -> wgpu::BindGroup {
+    let entry = |&(binding, what): &(u32, Binding)| {
+        let buffer = find(what);
+        let size = match what {
+            Binding::Substep => std::num::NonZeroU64::new(size_of::<SubstepUniform>() as u64),
+            Binding::Look => std::num::NonZeroU64::new(size_of::<LookUniform>() as u64),
+            _ => None,
+        };
+        let resource = wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset: 0, size });
+        wgpu::BindGroupEntry { binding, resource }
+    };
+    let entries: Vec<_> = group.bindings().iter().map(entry).collect();
+    let described =
+        wgpu::BindGroupDescriptor { label: None, layout: kernels.layout(group), entries: &entries };
+    device.create_bind_group(&described)
 }

@@ -113,8 +113,8 @@ pub struct BlockEntry {
     pub particles: u32,
     /// Lanes that carry a strand of their own.
     pub live: u32,
-    /// Nothing.
-    pub pad_0: u32,
+    /// Samples that the grid takes of each edge.
+    pub points: u32,
 }
 
 /// What a frame found: `Report` in `prelude.wgsl`.

@@ -2,11 +2,13 @@
 
 use crate::batch::{Batch, Shared, split};
 use crate::clock::{Clock, StageSecs};
-use crate::kernels::{SOLIDS, STRANDS, Stage};
+use crate::grid::{BoundsEntry, CELLS_GROUPS, DeviceGrid, RELAX_GROUPS, SWEEPS};
+use crate::kernels::{self, Binding, GROUPS, Group, Kernel};
 use crate::layout::{FrameUniform, ReportEntry, SubstepUniform};
 use crate::solids::Solids;
 use crate::{Gpu, GpuError};
 use forelock_core::body::ColliderFrame;
+use forelock_core::grid::{GridFrame, GridParams};
 use forelock_core::groom::Groom;
 use forelock_core::model::{Model, Strands};
 use forelock_core::solver::params::Inextensibility;
@@ -29,15 +31,25 @@ pub struct GpuSimulation {
     solids: Solids,
     batches: Vec<Bound>,
     substeps: Vec<u8>,
+    grid: Option<DeviceGrid>,
+    /// What kernels of the grid alone see.
+    to_cells: Option<wgpu::BindGroup>,
     clock: Option<Clock>,
 }
 
-/// A batch and what stages see of it.
+/// A batch and what each group of kernels sees of it: none of a grid that is not there.
 #[derive(Debug)]
 struct Bound {
     batch: Batch,
-    to_strands: wgpu::BindGroup,
-    to_solids: wgpu::BindGroup,
+    groups: [Option<wgpu::BindGroup>; GROUPS.len()],
+}
+
+/// A kernel on a batch, with the number of its substep or look.
+#[derive(Clone, Copy, Debug)]
+struct Call {
+    kernel: Kernel,
+    batch: usize,
+    number: u32,
 }
 
 /// What the frames since the last report did.
@@ -53,8 +65,21 @@ pub struct GpuReport {
     pub touching: u32,
     /// Deepest particle under a solid's surface at a frame's end, metres.
     pub max_penetration_m: f32,
+    /// What the grid did in the last frame; nothing without one.
+    pub grid: Option<DeviceGridReport>,
     /// Seconds of each stage in the last frame, if stages are timed.
     pub stage_secs: Option<StageSecs>,
+}
+
+/// What the grid did in a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct DeviceGridReport {
+    /// The fullest cell: hair in it over what fills it.
+    pub fullest: f32,
+    /// Cells whose hair was kept from being pressed together.
+    pub cells: u32,
+    /// Sweeps of the pressure solves, both together.
+    pub sweeps: u32,
 }
 
 impl GpuSimulation {
@@ -88,16 +113,11 @@ impl GpuSimulation {
         let bound = |range| {
             let batch = Batch::new(gpu, &model, range);
             batch.write(gpu, &mirror);
-            let (kernels, rest) = (gpu.kernels(), (&shared, &solids));
-            Bound {
-                to_strands: batch.bind(gpu, (&kernels.strands, &STRANDS), rest),
-                to_solids: batch.bind(gpu, (&kernels.solids, &SOLIDS), rest),
-                batch,
-            }
+            Bound { batch, groups: Default::default() }
         };
         let batches = ranges.into_iter().map(bound).collect();
         gpu.check()?;
-        Ok(Self {
+        let mut made = Self {
             gpu: gpu.clone(),
             model,
             mirror,
@@ -107,8 +127,66 @@ impl GpuSimulation {
             solids,
             batches,
             substeps: Vec::new(),
+            grid: None,
+            to_cells: None,
             clock: None,
-        })
+        };
+        made.bind();
+        Ok(made)
+    }
+
+    /// Lets strands meet on a grid from the next frame on, or not any more.
+    ///
+    /// # Errors
+    /// [`GpuError::Params`] if a parameter is out of range; nothing is changed then.
+    pub fn set_grid(&mut self, params: Option<&GridParams>) -> Result<(), GpuError> {
+        let batches: Vec<_> = self.batches.iter().map(|bound| &bound.batch).collect();
+        let grid = params.map(|params| DeviceGrid::new(&self.gpu, &self.model, &batches, params));
+        self.grid = grid.transpose()?;
+        self.bind();
+        if self.clock.is_some() {
+            self.time_stages(true);
+        }
+        self.gpu.check()
+    }
+
+    /// Binds what there is.
+    fn bind(&mut self) {
+        let (gpu, shared, solids, grid) = (&self.gpu, &self.shared, &self.solids, &self.grid);
+        let (device, kernels) = (gpu.device(), gpu.kernels());
+        let common = |what: Binding| match (what, grid) {
+            (Binding::Frame, _) => &shared.frame,
+            (Binding::Substep, _) => &shared.substeps,
+            (Binding::Look, _) => &solids.looks,
+            (Binding::Read("fields"), _) => &solids.fields,
+            (Binding::Change("scratch"), _) => &shared.scratch,
+            (Binding::Grid, Some(grid)) => &grid.uniform,
+            (Binding::Change("bounds"), Some(grid)) => &grid.bounds,
+            (Binding::Change("cells"), Some(grid)) => &grid.cells,
+            (Binding::Read("faces") | Binding::Change("faces"), Some(grid)) => &grid.faces,
+            _ => &shared.report,
+        };
+        for (number, Bound { batch, groups }) in self.batches.iter_mut().enumerate() {
+            let find = |what: Binding| match (what, grid) {
+                (Binding::Read("blocks"), _) => &batch.blocks,
+                (Binding::Read("model"), _) => &batch.model,
+                (Binding::Read("strands"), _) => &batch.strands,
+                (Binding::Change("positions"), _) => &batch.positions,
+                (Binding::Change("velocities"), _) => &batch.velocities,
+                (Binding::Change("memory"), _) => &batch.memory,
+                (Binding::Read("rooms"), Some(grid)) => &grid.rooms[number],
+                _ => common(what),
+            };
+            *groups = GROUPS.map(|group| {
+                let is_there = match group {
+                    Group::Strands | Group::Solids => true,
+                    Group::Splat | Group::Gather => grid.is_some(),
+                    Group::Cells => false,
+                };
+                is_there.then(|| kernels::bind(device, (kernels, group), &find))
+            });
+        }
+        self.to_cells = grid.is_some().then(|| kernels::bind(device, (kernels, Group::Cells), &common));
     }
 
     /// The model.
@@ -119,7 +197,8 @@ impl GpuSimulation {
     /// Bytes held on the device.
     pub fn bytes(&self) -> u64 {
         let batches = self.batches.iter().map(|bound| bound.batch.bytes());
-        self.shared.bytes() + self.solids.bytes() + batches.sum::<u64>()
+        let grid = self.grid.as_ref().map_or(0, DeviceGrid::bytes);
+        self.shared.bytes() + self.solids.bytes() + grid + batches.sum::<u64>()
     }
 
     /// Hands a frame to the device, in one submission, and does not wait for it.
@@ -147,65 +226,125 @@ impl GpuSimulation {
     /// [`GpuError::Unsupported`] for solids that it cannot take, [`GpuError::TooLarge`] if their fields have no room.
     pub fn hold(&mut self, solids: &[ColliderFrame<'_>]) -> Result<(), GpuError> {
         if self.solids.hold(&self.gpu, solids)? {
-            let layout = (&self.gpu.kernels().solids, &SOLIDS[..]);
-            for bound in &mut self.batches {
-                bound.to_solids = bound.batch.bind(&self.gpu, layout, (&self.shared, &self.solids));
-            }
+            self.bind();
         }
         Ok(())
     }
 
     /// Times stages from the next frame on, or not any more; whether the device can.
     pub fn time_stages(&mut self, on: bool) -> bool {
-        let passes = self.batches.len() as u32 * (2 * self.params.substeps + 3);
+        let passes = self.plan(true).len() as u32;
         self.clock = on.then(|| Clock::new(&self.gpu, passes)).flatten();
         self.clock.is_some()
     }
 
-    /// All stages of a frame: in one pass, or where they are timed each in its own.
+    /// All kernels of a frame: in one pass, or where they are timed each stage in its own.
     fn encode(&mut self, encoder: &mut wgpu::CommandEncoder, has_solids: bool) {
+        let plan = self.plan(has_solids);
         let mut clock = self.clock.take();
         if let Some(clock) = &mut clock {
             clock.begin();
-            for bound in &self.batches {
-                for (stage, number) in self.stages(has_solids) {
-                    let timestamp_writes = Some(clock.next(stage));
-                    let described =
-                        wgpu::ComputePassDescriptor { label: Some(stage.name()), timestamp_writes };
-                    self.run(&mut encoder.begin_compute_pass(&described), bound, stage, number);
-                }
+            for calls in plan.chunk_by(|a, b| a.kernel.stage().stage == b.kernel.stage().stage) {
+                let stage = calls[0].kernel.stage();
+                let timestamp_writes = Some(clock.next(stage.stage));
+                let described = wgpu::ComputePassDescriptor { label: Some(stage.name), timestamp_writes };
+                let mut pass = encoder.begin_compute_pass(&described);
+                calls.iter().for_each(|call| self.call(&mut pass, call));
             }
             clock.end(encoder);
         } else {
             let described = wgpu::ComputePassDescriptor { label: Some("frame"), timestamp_writes: None };
             let mut pass = encoder.begin_compute_pass(&described);
-            for bound in &self.batches {
-                self.stages(has_solids).for_each(|(stage, number)| self.run(&mut pass, bound, stage, number));
-            }
+            plan.iter().for_each(|call| self.call(&mut pass, call));
         }
         self.clock = clock;
     }
 
-    /// The stages of a frame in their order, each with the number of its substep or look.
-    fn stages(&self, has_solids: bool) -> impl Iterator<Item = (Stage, u32)> + use<> {
+    /// The kernels of a frame in their order. Strands go batch by batch as far as they do not meet.
+    fn plan(&self, has_solids: bool) -> Vec<Call> {
         let (count, lengths) = (self.params.substeps, self.restores_lengths());
-        let look = move |number: u32| has_solids.then_some((Stage::ResolveSolids, number));
-        let substeps = (0..count).flat_map(move |number| {
-            [Some((Stage::SolveStrands, number)), look(number)].into_iter().flatten()
-        });
-        let restored = lengths.then_some((Stage::RestoreLengths, count - 1));
-        let last = lengths.then(|| look(count)).flatten();
-        substeps.chain(restored).chain(last).chain([(Stage::CheckStrands, count - 1)])
+        let mut plan = Vec::new();
+        let batches = 0..self.batches.len();
+        for batch in batches.clone() {
+            let mut add = |kernel, number| plan.push(Call { kernel, batch, number });
+            for number in 0..count {
+                add(Kernel::SolveStrands, number);
+                if has_solids {
+                    add(Kernel::ResolveSolids, number);
+                }
+            }
+            if lengths {
+                add(Kernel::RestoreLengths, count - 1);
+            }
+            if self.grid.is_none() {
+                self.finish(&mut plan, batch, has_solids);
+            }
+        }
+        if let Some(grid) = &self.grid {
+            self.meet(&mut plan, grid.params.iterations);
+            batches.for_each(|batch| self.finish(&mut plan, batch, has_solids));
+        }
+        plan
     }
 
-    fn run(&self, pass: &mut wgpu::ComputePass<'_>, bound: &Bound, stage: Stage, number: u32) {
-        pass.set_pipeline(self.gpu.kernels().pipeline(stage));
-        if stage == Stage::ResolveSolids {
-            pass.set_bind_group(0, &bound.to_solids, &[number * self.solids.stride]);
-        } else {
-            pass.set_bind_group(0, &bound.to_strands, &[number * self.shared.stride]);
+    /// Strands meet on the grid, whose pressure takes so many sweeps at most.
+    fn meet(&self, plan: &mut Vec<Call>, sweeps: u32) {
+        use Kernel::{
+            AimDisplacements, AimVelocities, ClearGrid, Divide, FitGrid, GatherDisplacements,
+            GatherVelocities, Judge, MeasureHair, PushDisplacements, PushVelocities, RelaxEven, RelaxOdd,
+            SplatSegments, WallOff,
+        };
+        let relax = (1..=sweeps).flat_map(|sweep| {
+            let judge = (sweep % SWEEPS == 0).then_some(Judge);
+            [RelaxEven, RelaxOdd].into_iter().chain(judge)
+        });
+        let kernels = [MeasureHair, FitGrid, ClearGrid, SplatSegments, WallOff, Divide, AimVelocities]
+            .into_iter()
+            .chain(relax.clone())
+            .chain([PushVelocities, GatherVelocities, AimDisplacements])
+            .chain(relax)
+            .chain([PushDisplacements, GatherDisplacements]);
+        for kernel in kernels {
+            let is_of_strands =
+                matches!(kernel, MeasureHair | SplatSegments | GatherVelocities | GatherDisplacements);
+            let batches = if is_of_strands { self.batches.len() } else { 1 };
+            plan.extend((0..batches).map(|batch| Call { kernel, batch, number: self.params.substeps }));
         }
-        pass.dispatch_workgroups(bound.batch.groups, 1, 1);
+    }
+
+    /// Solids have the last word; then checks.
+    fn finish(&self, plan: &mut Vec<Call>, batch: usize, has_solids: bool) {
+        let count = self.params.substeps;
+        if has_solids && self.looks_last() {
+            plan.push(Call { kernel: Kernel::ResolveSolids, batch, number: count });
+        }
+        plan.push(Call { kernel: Kernel::CheckStrands, batch, number: count - 1 });
+    }
+
+    fn call(&self, pass: &mut wgpu::ComputePass<'_>, call: &Call) {
+        let (kernel, bound) = (call.kernel, &self.batches[call.batch]);
+        let group = kernel.stage().group;
+        let groups = match kernel {
+            Kernel::FitGrid | Kernel::Judge => 1,
+            Kernel::RelaxEven | Kernel::RelaxOdd => RELAX_GROUPS,
+            Kernel::ClearGrid => CELLS_GROUPS,
+            _ if group == Group::Cells => CELLS_GROUPS,
+            _ => bound.batch.groups,
+        };
+        let of_group = if group == Group::Cells { &self.to_cells } else { &bound.groups[group as usize] };
+        let offset = match group {
+            Group::Strands => Some(call.number * self.shared.stride),
+            Group::Solids | Group::Cells => Some(call.number * self.solids.stride),
+            Group::Splat | Group::Gather => None,
+        };
+        pass.set_pipeline(self.gpu.kernels().pipeline(kernel));
+        pass.set_bind_group(0, of_group, offset.as_slice());
+        pass.dispatch_workgroups(groups, 1, 1);
+    }
+
+    /// Whether solids are looked at once more at the frame's end.
+    fn looks_last(&self) -> bool {
+        self.restores_lengths() || self.grid.is_some()
     }
 
     fn restores_lengths(&self) -> bool {
@@ -230,8 +369,15 @@ impl GpuSimulation {
         }
         self.gpu.queue().write_buffer(&self.shared.substeps, 0, &self.substeps);
         if !frame.colliders.is_empty() {
-            let lengths = self.restores_lengths();
-            self.solids.place(&self.gpu, &self.params, frame, origin, lengths);
+            let looks_last = self.looks_last();
+            self.solids.place(&self.gpu, &self.params, frame, origin, looks_last);
+        }
+        if let Some(grid) = &mut self.grid {
+            let last = frame.poses(&self.model, count, origin).skip(count as usize - 1);
+            if let [before, now] = last.collect::<Vec<_>>()[..] {
+                let moving = GridFrame::new(&before, &now, frame.dt_secs / f64::from(count));
+                grid.place(&self.gpu, (frame, count), &moving, origin);
+            }
         }
     }
 
@@ -242,6 +388,17 @@ impl GpuSimulation {
     pub fn report(&mut self) -> Result<GpuReport, GpuError> {
         let found = self.gpu.read::<ReportEntry>(&self.shared.report)?[0];
         self.gpu.queue().write_buffer(&self.shared.report, 0, &[0; size_of::<ReportEntry>()]);
+        let grid = match &self.grid {
+            None => None,
+            Some(grid) => {
+                let bounds = self.gpu.read::<BoundsEntry>(&grid.bounds)?[0];
+                Some(DeviceGridReport {
+                    fullest: f32::from_bits(bounds.fullest),
+                    cells: bounds.held,
+                    sweeps: bounds.sweeps,
+                })
+            }
+        };
         let restored = if self.restores_lengths() { found.restored } else { found.stretch };
         Ok(GpuReport {
             max_edge_stretch: f32::from_bits(restored),
@@ -249,6 +406,7 @@ impl GpuSimulation {
             quarantined_strands: found.quarantined,
             touching: found.touching,
             max_penetration_m: f32::from_bits(found.deepest),
+            grid,
             stage_secs: self.clock.as_ref().map(|clock| clock.read(&self.gpu)).transpose()?,
         })
     }

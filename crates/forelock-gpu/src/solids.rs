@@ -174,7 +174,14 @@ impl Solids {
     }
 
     /// Brings the looks of a frame to the device: one after each substep, and one after the lengths.
-    pub fn place(&mut self, gpu: &Gpu, params: &AmsParams, frame: &Frame<'_>, origin: DVec3, lengths: bool) {
+    pub fn place(
+        &mut self,
+        gpu: &Gpu,
+        params: &AmsParams,
+        frame: &Frame<'_>,
+        origin: DVec3,
+        looks_last: bool,
+    ) {
         let (count, substeps) = (frame.colliders.len(), params.substeps);
         let h = frame.dt_secs / f64::from(substeps);
         self.bytes.clear();
@@ -188,7 +195,7 @@ impl Solids {
                 *entry = entry_of(solid, fractions, origin, first.unwrap_or(0));
             }
             let is_last = step + 1 == substeps;
-            self.look.how = if is_last && !lengths { AFTER_SUBSTEP | LAST } else { AFTER_SUBSTEP };
+            self.look.how = if is_last && !looks_last { AFTER_SUBSTEP | LAST } else { AFTER_SUBSTEP };
             self.look.way_out = (params.depenetration_speed * h) as f32;
             self.append(step);
         }

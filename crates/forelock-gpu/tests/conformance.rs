@@ -7,6 +7,8 @@
 )]
 
 mod common;
+#[path = "common/little.rs"]
+mod little;
 
 use forelock_core::body::{ColliderFrame, Head, Sdf, Shape};
 use forelock_core::model::Strands;
@@ -443,13 +445,7 @@ fn many_batches_are_as_one() {
         }
         (own.state_hash().unwrap(), own.bytes())
     };
-    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
-    let adapter = pollster::block_on(instance.request_adapter(&Default::default())).unwrap();
-    let required_limits =
-        wgpu::Limits { max_storage_buffer_binding_size: 1 << 18, ..wgpu::Limits::default() };
-    let small = wgpu::DeviceDescriptor { required_limits, ..Default::default() };
-    let (device, queue) = pollster::block_on(adapter.request_device(&small)).unwrap();
-    let small = Gpu::from_device(device, queue).unwrap();
+    let small = little::binding_little(&gpu, 1 << 18);
     let ((one, bytes), (many, fewer)) = (run(&gpu), run(&small));
     assert_eq!(one, many);
     assert!(fewer < bytes / 2, "scratch is that of one batch of several: {fewer} of {bytes}");

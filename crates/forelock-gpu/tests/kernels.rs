@@ -2,14 +2,15 @@
 
 #![expect(clippy::unwrap_used, reason = "in a test a failure to build is a failure of the test")]
 
-use forelock_gpu::kernels::{Binding, STAGES, StageKernel, text};
+use forelock_gpu::grid::{BoundsEntry, GridSolidEntry, GridUniform};
+use forelock_gpu::kernels::{Binding, GROUPS, STAGES, StageKernels, text};
 use forelock_gpu::layout::{BlockEntry, FrameUniform, ReportEntry, SubstepUniform};
 use forelock_gpu::solids::{LookUniform, SolidEntry};
 use naga::back::{hlsl, msl, spv};
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 use std::mem::offset_of;
 
-fn modules() -> impl Iterator<Item = (&'static StageKernel, naga::Module, ModuleInfo)> {
+fn modules() -> impl Iterator<Item = (&'static StageKernels, naga::Module, ModuleInfo)> {
     STAGES.iter().map(|stage| {
         let module = naga::front::wgsl::parse_str(&text(stage))
             .unwrap_or_else(|error| panic!("{}: {}", stage.name, error.emit_to_string(&text(stage))));
@@ -24,8 +25,16 @@ fn modules() -> impl Iterator<Item = (&'static StageKernel, naga::Module, Module
 fn kernels_need_nothing_beyond_webgpu_and_have_the_entry_points_of_the_table() {
     for (stage, module, _) in modules() {
         let entries: Vec<_> = module.entry_points.iter().map(|entry| &*entry.name).collect();
-        assert_eq!(entries, [stage.name]);
+        let mut named: Vec<_> = stage.kernels.iter().map(|(_, name)| *name).collect();
+        named.sort_by_key(|name| entries.iter().position(|entry| entry == name));
+        assert_eq!(entries, named);
     }
+    // Pipelines are found by number.
+    let kernels: Vec<_> = STAGES.iter().flat_map(|stage| stage.kernels).map(|(kernel, _)| *kernel).collect();
+    assert!(kernels.iter().enumerate().all(|(number, kernel)| *kernel as usize == number), "{kernels:?}");
+    assert!(STAGES.iter().enumerate().all(|(number, stage)| stage.stage as usize == number));
+    assert!(kernels.iter().all(|&own| own.stage().kernels.iter().any(|(kernel, _)| *kernel == own)));
+    assert!(GROUPS.iter().enumerate().all(|(number, group)| *group as usize == number));
 }
 
 /// Name and offset of a struct's fields, and its size, as a kernel has them.
@@ -51,8 +60,18 @@ fn structs_are_laid_out_alike() {
             elastic_limit breaking_point breaking_width healing healing_limit clamped flags unknown
         ]);
         same!(&module, "Substep", SubstepUniform, [start end carried_weight pad_0 shift pad_1]);
-        same!(&module, "Block", BlockEntry, [first particles live pad_0]);
-        if module.types.iter().any(|(_, kind)| kind.name.as_deref() == Some("Look")) {
+        same!(&module, "Block", BlockEntry, [first particles live points]);
+        let has = |name: &str| module.types.iter().any(|(_, kind)| kind.name.as_deref() == Some(name));
+        if has("Bounds") {
+            same!(&module, "Bounds", BoundsEntry, [
+                low count dims layer extent fullest lack change held found sweeps listed
+            ]);
+            same!(&module, "GridSolid", GridSolidEntry, [local velocity]);
+            same!(&module, "Grid", GridUniform, [
+                place motion axes cell pic slack expand least unit tolerance capacity most solids pad_0 pad_1 each
+            ]);
+        }
+        if has("Look") {
             same!(&module, "Solid", SolidEntry, [
                 at_end at_start carry spin friction travel kind pivot thinness size cell ball ball_radius origin pad_0 dims
                 first
@@ -66,27 +85,31 @@ fn structs_are_laid_out_alike() {
 #[test]
 fn bindings_are_those_of_the_table() {
     for (stage, module, info) in modules() {
-        let uses = info.get_entry_point(0);
+        let used = |handle: naga::Handle<naga::GlobalVariable>| {
+            (0..module.entry_points.len()).any(|own| !info.get_entry_point(own)[handle].is_empty())
+        };
+        let bindings = stage.group.bindings();
         for (handle, variable) in module.global_variables.iter() {
-            let Some(place) = variable.binding.filter(|_| !uses[handle].is_empty()) else { continue };
+            let Some(place) = variable.binding.filter(|_| used(handle)) else { continue };
             assert_eq!(place.group, 0, "{}", stage.name);
             let name = variable.name.as_deref().unwrap();
             let writes = |space: naga::AddressSpace| match space {
                 naga::AddressSpace::Storage { access } => Some(access.contains(naga::StorageAccess::STORE)),
                 _ => None,
             };
-            let (_, binding) = stage.bindings.iter().find(|(number, _)| *number == place.binding).unwrap();
+            let (_, binding) = bindings.iter().find(|(number, _)| *number == place.binding).unwrap();
             let expected = match *binding {
                 Binding::Frame => ("frame", None),
                 Binding::Substep => ("substep", None),
                 Binding::Look => ("look", None),
+                Binding::Grid => ("grid", None),
                 Binding::Read(name) => (name, Some(false)),
                 Binding::Change(name) => (name, Some(true)),
             };
             assert_eq!((name, writes(variable.space)), expected, "{}", stage.name);
         }
         let is_storage = |(_, b): &&(u32, Binding)| matches!(b, Binding::Read(_) | Binding::Change(_));
-        let storage = stage.bindings.iter().filter(is_storage).count();
+        let storage = bindings.iter().filter(is_storage).count();
         assert!(storage <= 8, "WebGPU grants eight storage buffers a stage, {} has {storage}", stage.name);
     }
 }
@@ -99,11 +122,11 @@ fn kernels_can_be_said_in_metal_directx_and_vulkan() {
         let options = hlsl::Options { fake_missing_bindings: true, ..hlsl::Options::default() };
         let pipeline = hlsl::PipelineOptions::default();
         hlsl::Writer::new(&mut text, &options, &pipeline).write(&module, &info, None).unwrap();
-        assert!(text.contains(name), "HLSL of {name}");
+        assert!(stage.kernels.iter().all(|(_, own)| text.contains(own)), "HLSL of {name}");
         let options = msl::Options { fake_missing_bindings: true, ..msl::Options::default() };
         let (text, _) =
             msl::write_string(&module, &info, &options, &msl::PipelineOptions::default()).unwrap();
-        assert!(text.contains(name), "MSL of {name}");
+        assert!(stage.kernels.iter().all(|(_, own)| text.contains(own)), "MSL of {name}");
         let words = spv::write_vec(&module, &info, &spv::Options::default(), None).unwrap();
         assert_eq!(words[0], 0x0723_0203, "SPIR-V of {name}");
     }

@@ -7,6 +7,7 @@
 //! # Limitations
 //! What [`unsupported`] names runs on the CPU only.
 
+use forelock_core::grid::GridReport;
 use forelock_core::groom::Groom;
 use forelock_core::solver::{AmsParams, Frame, FrameReport, Options, STAGES, Simulation};
 use forelock_gpu::{Choice, Gpu, GpuError, GpuSimulation};
@@ -69,6 +70,9 @@ impl Device {
             return Err(GpuError::None { reason: format!("{} is software", gpu.name()) });
         }
         let mut simulation = GpuSimulation::new(&gpu, groom, &params(scene), options)?;
+        if scene.interaction.kind == InteractionKind::Grid {
+            simulation.set_grid(Some(&scene.interaction.grid))?;
+        }
         let times = [0.0, 1.0 / scene.time.fps];
         simulation.hold(&assets.collider_frames(times, times.map(|time| assets.head_pose(time))))?;
         simulation.time_stages(true);
@@ -105,6 +109,12 @@ impl Device {
             max_penetration_m: report.max_penetration_m.into(),
             touching: report.touching,
             quarantined_strands: report.quarantined_strands,
+            grid: report.grid.map_or_else(GridReport::default, |grid| GridReport {
+                cells: grid.cells as usize,
+                iterations: grid.sweeps,
+                fullest: grid.fullest.into(),
+                ..GridReport::default()
+            }),
             stage_secs: STAGES.map(|name| {
                 let secs = report.stage_secs.iter().flatten().find(|(own, _)| *own == name);
                 (name, secs.map_or(0.0, |(_, secs)| *secs))
@@ -126,7 +136,6 @@ fn unsupported(scene: &Scene) -> Option<&'static str> {
     let (params, wind) = (params(scene), &scene.wind);
     let mass_spring = scene.solver.kind == SolverKind::MassSpring;
     [
-        ("hair against hair on a grid (interaction.kind)", scene.interaction.kind == InteractionKind::Grid),
         ("contacts between strands (interaction.contacts)", scene.interaction.contacts),
         ("wind that is not the same everywhere (turbulence, shelter, hair_depth)", !wind.is_uniform()),
         (

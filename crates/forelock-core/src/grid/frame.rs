@@ -11,9 +11,9 @@ use glam::{DMat3, DVec3};
 #[derive(Clone, Copy, Debug)]
 pub struct GridFrame {
     /// World axes from grid axes.
-    pub(crate) rotation: DMat3,
+    pub rotation: DMat3,
     /// Velocity A x + b in the world of a point that moves with the grid.
-    pub(crate) motion: (DMat3, DVec3),
+    pub motion: (DMat3, DVec3),
 }
 
 impl GridFrame {
@@ -36,6 +36,35 @@ fn motion(before: &Pose, now: &Pose, h: f64) -> (DMat3, DVec3) {
     ((DMat3::IDENTITY - back.matrix()) * (1.0 / h), -back.translation / h)
 }
 
+/// Maps M q + b from cells, counted from the grid's origin, for a solid at the end of the last substep.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SolidMaps {
+    /// To the solid's own space, metres.
+    pub local: (DMat3, DVec3),
+    /// To its velocity relative to the grid, along the grid's axes, m/s.
+    pub velocity: (DMat3, DVec3),
+}
+
+impl SolidMaps {
+    /// Of `solid` at the end of the last substep of `h` seconds, which began at `fraction` of the frame, for a grid of cells of side `cell`.
+    pub fn new(
+        solid: &ColliderFrame<'_>,
+        (fraction, h): (f64, f64),
+        origin: DVec3,
+        (frame, cell): (&GridFrame, f64),
+    ) -> Self {
+        let relative = |pose: Pose| Pose { translation: pose.translation - origin, ..pose };
+        let (before, now) = (relative(solid.pose(fraction)), relative(solid.pose(1.0)));
+        let into = now.inverse();
+        // x = R cell q.
+        let world = frame.rotation * cell;
+        let (a, b) = motion(&before, &now, h);
+        let (a, b) = (a - frame.motion.0, b - frame.motion.1);
+        let axes = frame.rotation.transpose();
+        Self { local: (into.matrix() * world, into.translation), velocity: (axes * a * world, axes * b) }
+    }
+}
+
 /// A solid as the grid sees it: maps from cells to the solid's own space, and its velocity relative to the grid.
 #[derive(Clone, Copy, Debug)]
 pub struct GridSolid<'a> {
@@ -55,17 +84,10 @@ impl<'a> GridSolid<'a> {
         frame: &GridFrame,
         (bounds, cell): (&Bounds, f64),
     ) -> Self {
-        let relative = |pose: Pose| Pose { translation: pose.translation - origin, ..pose };
-        let (before, now) = (relative(solid.pose(fraction)), relative(solid.pose(1.0)));
-        let into = now.inverse();
-        // x = R cell (q + low).
-        let world = frame.rotation * cell;
+        let maps = SolidMaps::new(solid, (fraction, h), origin, (frame, cell));
+        // From the box's first cell.
         let low = DVec3::from_array(bounds.low.map(f64::from));
-        let local = (into.matrix() * world, into.transform_point(world * low));
-        let (a, b) = motion(&before, &now, h);
-        let (a, b) = (a - frame.motion.0, b - frame.motion.1);
-        let axes = frame.rotation.transpose();
-        let velocity = (axes * a * world, axes * (a * (world * low) + b));
+        let [local, velocity] = [maps.local, maps.velocity].map(|(m, b)| (m, m * low + b));
         Self { shape: solid.shape, local: single(local), velocity: single(velocity) }
     }
 

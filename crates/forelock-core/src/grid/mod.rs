@@ -28,7 +28,7 @@ mod frame;
 mod params;
 mod segments;
 
-pub use frame::{GridFrame, GridSolid};
+pub use frame::{GridFrame, GridSolid, SolidMaps};
 pub use params::GridParams;
 pub(crate) use segments::{Bounds, Chunk, Sample, Segments, View, between, split_rows};
 
@@ -40,7 +40,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 /// Empty cells kept around the hair.
-pub(crate) const MARGIN: i32 = 3;
+pub const MARGIN: i32 = 3;
 /// Layers of cells whose samples are splat together.
 pub(crate) const SLAB: usize = 2;
 /// Rounds that spread the room of the rest shape until no cell is too full.
@@ -54,6 +54,8 @@ pub struct Grid {
     pub(crate) cell: f64,
     /// Mean mass of a sample, metres of hair.
     pub(crate) sample_mass: f32,
+    /// Metres of hair that fill a cell of the groom's mean density.
+    full_cell: f32,
     pub(crate) chunks: Vec<Chunk>,
     /// Cells that the hair of each edge fills at rest, `[places]` rows.
     pub(crate) rooms: Vec<Row<f32>>,
@@ -111,6 +113,7 @@ impl Grid {
             params: params.clone(),
             cell,
             sample_mass: 0.0,
+            full_cell: 0.0,
             chunks: segments::chunks(model, cell),
             rooms: vec![Row([0.0; LANES]); model.rest_lengths.len() / 3],
             bounds: Bounds::default(),
@@ -130,6 +133,26 @@ impl Grid {
     /// Side of a cell, metres.
     pub fn cell(&self) -> f64 {
         self.cell
+    }
+
+    /// Cells that the hair of each edge fills at rest, a row a place of the model.
+    pub fn rooms(&self) -> &[Row<f32>] {
+        &self.rooms
+    }
+
+    /// Samples taken of each edge, a number a block of the model.
+    pub fn samples_per_edge(&self) -> impl Iterator<Item = usize> {
+        self.chunks.iter().flat_map(|chunk| &chunk.points).copied()
+    }
+
+    /// Mean mass of a sample, metres of hair.
+    pub fn sample_mass(&self) -> f32 {
+        self.sample_mass
+    }
+
+    /// Metres of hair that fill a cell of the groom's mean density.
+    pub fn full_cell(&self) -> f32 {
+        self.full_cell
     }
 
     /// Bytes held.
@@ -193,6 +216,7 @@ impl Grid {
         self.sample_mass = (mass / f64::max(count, 1.0)) as f32;
         let mean = self.params.rest_density * self.cell.powi(3);
         let mean = if mean > 0.0 { mean as f32 } else { segments::mean(model, &self.rooms, &at_edges) };
+        self.full_cell = mean;
         for place in places.clone() {
             for lane in 0..LANES {
                 self.rooms[place].0[lane] /= at_edges[place].0[lane].max(mean).max(f32::MIN_POSITIVE);

@@ -44,7 +44,8 @@ struct Block {
     first: u32,
     particles: u32,
     live: u32,
-    pad_0: u32,
+    // Samples that the grid takes of each edge.
+    points: u32,
 }
 
 // What a frame found, over all strands.

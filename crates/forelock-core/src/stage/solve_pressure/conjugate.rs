@@ -9,7 +9,7 @@ use std::ops::Range;
 const GRAIN: usize = 4;
 
 /// Compressibility of held cells, over the diagonal: without it a pocket between walls has no solution.
-const SLACK: f32 = 3e-6;
+pub const SLACK: f32 = 3e-6;
 
 /// Solves A P = lack on the held cells, from the pressure there is; iterations, and the residual over the right side. A pressure that
 /// leaves more than there was is worse than none, and becomes none.

@@ -8,9 +8,9 @@ use crate::scratch::{fill, resize};
 use rayon::prelude::*;
 
 /// Hair under which a face lets nothing through, over that of a sample.
-const SPARSE: f32 = 1e-3;
+pub const SPARSE: f32 = 1e-3;
 /// Share of a cell under which its hair is not held.
-const LOOSE: f32 = 0.05;
+pub const LOOSE: f32 = 0.05;
 
 /// Fields on the cells of the box, x fastest.
 #[derive(Debug, Default)]

@@ -32,12 +32,14 @@
 mod conjugate;
 mod mark;
 
+pub use conjugate::SLACK;
 pub(crate) use mark::Fields;
+pub use mark::{LOOSE, SPARSE};
 
 use crate::grid::{Bounds, Grid, GridMoment, GridParams, GridReport, GridSolid};
 
 /// Rounds of the active set at most.
-const ROUNDS: u32 = 3;
+const ROUNDS: u32 = 12;
 
 /// Turns (mass, momentum) of the faces into (new velocity, change).
 pub fn solve_velocities(grid: &mut Grid, moment: &GridMoment<'_>) -> GridReport {

@@ -1,0 +1,153 @@
+// Solids and their distance fields: the twin of `body::Shape`.
+
+// A solid in a substep. Maps take positions to the solid's own space.
+struct Solid {
+    at_end: mat4x4f,
+    at_start: mat4x4f,
+    // Positions to positions, from start to end, of what moves with the solid.
+    carry: mat4x4f,
+    // Rotation vector of the carrier over the substep.
+    spin: vec3f,
+    friction: f32,
+    // How far the carrier goes.
+    travel: vec3f,
+    // SPHERE and the others.
+    kind: u32,
+    // Where the carrier is.
+    pivot: vec3f,
+    // What moves less than this cannot pass through.
+    thinness: f32,
+    // Radius; half length and radius; half extents.
+    size: vec3f,
+    // Side of a field's cells; 0 for what is exact.
+    cell: f32,
+    // A ball that holds it.
+    ball: vec3f,
+    ball_radius: f32,
+    // A field: first node in its own space, nodes, and where its values start.
+    origin: vec3f,
+    pad_0: f32,
+    dims: vec3u,
+    first: u32,
+}
+
+// What is looked at, and how.
+struct Look {
+    count: u32,
+    // AFTER_SUBSTEP: a substep has passed since the last look; otherwise moves were taken off clearances. LAST: the frame's last look.
+    how: u32,
+    // Distance kept from surfaces.
+    thickness: f32,
+    // Depth that a particle which was inside may lose now.
+    way_out: f32,
+    solids: array<Solid, MOST_SOLIDS>,
+}
+
+@group(0) @binding(10) var<storage, read> fields: array<f32>;
+@group(0) @binding(11) var<uniform> look: Look;
+
+fn local(map: mat4x4f, x: vec3f) -> vec3f {
+    return (map * vec4f(x, 1.0)).xyz;
+}
+
+// A vector of the solid's own space, in the world.
+fn turned(map: mat4x4f, v: vec3f) -> vec3f {
+    return vec3f(dot(map[0].xyz, v), dot(map[1].xyz, v), dot(map[2].xyz, v));
+}
+
+// Length and direction; +y for none.
+fn unit(v: vec3f) -> vec4f {
+    let length = sqrt(dot(v, v));
+    if length > 1e-37 {
+        return vec4f(v / length, length);
+    }
+    return vec4f(0.0, 1.0, 0.0, 0.0);
+}
+
+fn sample_box(half: vec3f, p: vec3f) -> vec4f {
+    let side = select(vec3f(1.0), vec3f(-1.0), p < vec3f(0.0));
+    let q = abs(p) - half;
+    let out = unit(max(q, vec3f(0.0)));
+    if out.w > 0.0 {
+        return vec4f(side * out.xyz, out.w);
+    }
+    // y first, then x, then z, where faces are equally near.
+    if q.y >= q.x && q.y >= q.z {
+        return vec4f(0.0, side.y, 0.0, q.y);
+    }
+    if q.x >= q.z {
+        return vec4f(side.x, 0.0, 0.0, q.x);
+    }
+    return vec4f(0.0, 0.0, side.z, q.z);
+}
+
+// Trilinear, as `Sdf::sample`; the slope made unit.
+fn sample_field(solid: Solid, p: vec3f) -> vec4f {
+    let at = (p - solid.origin) / solid.cell;
+    let top = vec3f(solid.dims - 1u);
+    let inside = clamp(at, vec3f(0.0), top);
+    let low = vec3u(clamp(inside, vec3f(0.0), top - 1.0));
+    let f = inside - vec3f(low);
+    let row = solid.dims.x;
+    let layer = row * solid.dims.y;
+    let first = solid.first + low.x + row * low.y + layer * low.z;
+    let a = vec4f(fields[first], fields[first + row], fields[first + layer], fields[first + layer + row]);
+    let b = vec4f(
+        fields[first + 1u], fields[first + row + 1u], fields[first + layer + 1u], fields[first + layer + row + 1u],
+    );
+    let dx = b - a;
+    let v = a + dx * f.x;
+    let dy = v.yw - v.xz;
+    let on_layer = v.xz + dy * f.y;
+    let dx_layer = dx.xz + (dx.yw - dx.xz) * f.y;
+    let value = on_layer.x + (on_layer.y - on_layer.x) * f.z;
+    var slope = vec3f(
+        dx_layer.x + (dx_layer.y - dx_layer.x) * f.z,
+        dy.x + (dy.y - dy.x) * f.z,
+        on_layer.y - on_layer.x,
+    ) / solid.cell;
+    if dot(slope, slope) <= 1e-12 {
+        slope = vec3f(0.0, 1.0, 0.0);
+    }
+    if all(at == inside) {
+        return vec4f(slope / sqrt(dot(slope, slope)), value);
+    }
+    // Beyond the grid.
+    let away = (at - inside) * solid.cell;
+    let distance = sqrt(dot(away, away) + value * value);
+    let along = select(vec3f(0.0), slope * max(value, 0.0), away == vec3f(0.0));
+    return vec4f(unit(away + along).xyz, distance);
+}
+
+// Unit gradient and distance at `p` of the solid's own space: `Shape::sample`.
+fn sample_shape(number: u32, p: vec3f) -> vec4f {
+    let size = look.solids[number].size;
+    switch look.solids[number].kind {
+        case SPHERE: {
+            let out = unit(p);
+            return vec4f(out.xyz, out.w - size.x);
+        }
+        case HOLLOW_SPHERE: {
+            let out = unit(p);
+            return vec4f(-out.xyz, size.x - out.w);
+        }
+        case CAPSULE: {
+            let out = unit(vec3f(p.x, p.y - clamp(p.y, -size.x, size.x), p.z));
+            return vec4f(out.xyz, out.w - size.y);
+        }
+        case BOX: {
+            return sample_box(size, p);
+        }
+        case PLANE: {
+            return vec4f(0.0, 1.0, 0.0, p.y);
+        }
+        default: {
+            return sample_field(look.solids[number], p);
+        }
+    }
+}
+
+// How much faster than distance a shape's field can rise.
+fn lipschitz(number: u32) -> f32 {
+    return select(1.0, 1.7320508, look.solids[number].cell > 0.0);
+}

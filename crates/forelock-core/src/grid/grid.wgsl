@@ -1,0 +1,132 @@
+// The grid on which hair meets hair, as `forelock_core::grid` has it: faces and cells in a box that moves with the head.
+//
+// Cell (i, j, k) owns its lower face along each axis. Planes of `cells`, one after the other, each with room for `grid.capacity` numbers, x fastest:
+// MASS and MOMENTUM of the three faces and how far the cell is FILLED, as integers while hair is splat; then MOBILITY and VELOCITY of the faces and FILLED, as bits of floats;
+// LACK, PRESSURE and WALL of the cell, the same; and a LIST of the cells that can be held, even ones from its start, odd ones from its end.
+
+const MASS: u32 = 0u;
+const MOBILITY: u32 = 0u;
+const MOMENTUM: u32 = 3u;
+const VELOCITY: u32 = 3u;
+const FILLED: u32 = 6u;
+const LACK: u32 = 7u;
+const PRESSURE: u32 = 8u;
+const WALL: u32 = 9u;
+const LIST: u32 = 10u;
+
+// A solid as the grid sees it, from cells: its own space, and its velocity relative to the grid.
+struct GridSolid {
+    local: mat4x4f,
+    velocity: mat4x4f,
+}
+
+struct Grid {
+    // Cells from positions.
+    place: mat4x4f,
+    // Velocity of the grid's points along its axes, from positions.
+    motion: mat4x4f,
+    // Grid axes from world axes.
+    axes: mat4x4f,
+    cell: f32,
+    // Share of PIC.
+    pic: f32,
+    // Cell over the frame's time.
+    slack: f32,
+    // Share of an excess that expands in the frame.
+    expand: f32,
+    // Hair under which a face lets nothing through, metres.
+    least: f32,
+    // Metres of hair that count as one while they are summed.
+    unit: f32,
+    tolerance: f32,
+    capacity: u32,
+    // Cells at most.
+    most: u32,
+    solids: u32,
+    pad_0: u32,
+    pad_1: u32,
+    each: array<GridSolid, MOST_SOLIDS>,
+}
+
+// The box of cells, and what is found on it.
+struct Bounds {
+    // The first cell, in cells from the grid's origin.
+    low: vec3i,
+    count: u32,
+    dims: vec3u,
+    layer: u32,
+    // Least and greatest coordinates of the hair in cells, ordered as integers.
+    extent: array<atomic<u32>, 6>,
+    // Bits of the fullest cell's share, of the largest lack, and of the largest change of the last sweeps.
+    fullest: atomic<u32>,
+    lack: atomic<u32>,
+    change: atomic<u32>,
+    // Cells under pressure.
+    held: atomic<u32>,
+    // Whether the pressure is found.
+    found: u32,
+    // Sweeps that the pressures of the frame took.
+    sweeps: u32,
+    // Even and odd cells on the list.
+    listed: array<atomic<u32>, 2>,
+}
+
+// Integers to the unit, or to a full cell, while hair is splat.
+const SCALE: f32 = 4194304.0;
+
+@group(0) @binding(14) var<storage, read_write> bounds: Bounds;
+@group(0) @binding(16) var<uniform> grid: Grid;
+
+fn forget_list() {
+    atomicStore(&bounds.listed[0], 0u);
+    atomicStore(&bounds.listed[1], 0u);
+}
+
+fn plane(number: u32, cell: u32) -> u32 {
+    return number * grid.capacity + cell;
+}
+
+// How far apart neighbours along an axis are.
+fn stride(axis: u32) -> u32 {
+    return vec3u(1u, bounds.dims.x, bounds.layer)[axis];
+}
+
+// The first of eight places around a point, and how far beyond it along each axis.
+struct Stencil {
+    first: u32,
+    f: vec3f,
+}
+
+// Around the point `at` of the box, of the faces across `axis`, or with 3 of the cells' middles.
+fn stencil(at: vec3f, axis: u32) -> Stencil {
+    let across = vec3u(0u, 1u, 2u) == vec3u(axis);
+    let shifted = select(at - 0.5, at, across);
+    let low = vec3u(shifted);
+    return Stencil(low.x + bounds.dims.x * low.y + bounds.layer * low.z, shifted - vec3f(low));
+}
+
+// Corner 0 to 7 of a stencil: its place and its weight.
+fn corner_place(own: Stencil, corner: u32) -> u32 {
+    return own.first + (corner & 1u) + select(0u, bounds.dims.x, (corner & 2u) != 0u)
+        + select(0u, bounds.layer, (corner & 4u) != 0u);
+}
+
+fn corner_weight(own: Stencil, corner: u32) -> f32 {
+    let w = select(1.0 - own.f, own.f, (vec3u(corner) & vec3u(1u, 2u, 4u)) != vec3u(0u));
+    return w.x * w.y * w.z;
+}
+
+// Whether a point touches only faces of the box.
+fn holds(at: vec3f) -> bool {
+    return all(at >= vec3f(2.0)) && all(at < vec3f(bounds.dims) - 2.0);
+}
+
+// Where a position is, in cells from the box's first.
+fn in_cells(x: vec3f) -> vec3f {
+    return (grid.place * vec4f(x, 1.0)).xyz - vec3f(bounds.low);
+}
+
+// Velocity relative to the grid, along its axes.
+fn on_grid(x: vec3f, v: vec3f) -> vec3f {
+    return (grid.axes * vec4f(v, 0.0)).xyz - (grid.motion * vec4f(x, 1.0)).xyz;
+}

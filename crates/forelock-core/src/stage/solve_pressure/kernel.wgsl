@@ -1,0 +1,249 @@
+// Pressure on the grid, a cell a thread and turn: the twin of `solve_pressure`.
+//
+// The same complementarity problem: P ≥ 0, ∇·u ≥ t, one of them with equality in each cell. Here it is solved by projected successive over-relaxation in two colours
+// (Cryer 1971, "The solution of a quadratic programming problem using systematic overrelaxation"), which needs no sums over the grid and no rounds of an active set: cells let go of by themselves.
+
+@group(0) @binding(13) var<storage, read_write> cells: array<u32>;
+@group(0) @binding(15) var<storage, read_write> faces: array<vec2f>;
+
+// The cell's number along each axis.
+fn cell_at(cell: u32) -> vec3u {
+    return vec3u(cell % bounds.dims.x, cell / bounds.dims.x % bounds.dims.y, cell / bounds.layer);
+}
+
+// Whether a cell has neighbours on all sides.
+fn is_inner(at: vec3u) -> bool {
+    return all(at > vec3u(0u)) && all(at + 1u < bounds.dims);
+}
+
+fn value_of(number: u32, cell: u32) -> f32 {
+    return bitcast<f32>(cells[plane(number, cell)]);
+}
+
+fn put(number: u32, cell: u32, value: f32) {
+    cells[plane(number, cell)] = bitcast<u32>(value);
+}
+
+fn summed(number: u32, cell: u32) -> i32 {
+    return bitcast<i32>(cells[plane(number, cell)]);
+}
+
+// Marks the cells next to hair whose middles are inside a solid: of several, the first.
+@compute @workgroup_size(CELLS_GROUP)
+fn wall_off(@builtin(global_invocation_id) id: vec3u) {
+    for (var cell = id.x; cell < bounds.count; cell += CELLS_THREADS) {
+        var wall = 0.0;
+        let at = cell_at(cell);
+        if grid.solids > 0u && is_inner(at) {
+            var hair = summed(FILLED, cell) > 0;
+            for (var axis = 0u; axis < 3u; axis++) {
+                let beyond = stride(axis);
+                hair = hair || summed(FILLED, cell - beyond) > 0 || summed(FILLED, cell + beyond) > 0;
+            }
+            if hair {
+                let middle = vec3f(vec3i(at) + bounds.low) + 0.5;
+                for (var number = 0u; number < grid.solids; number++) {
+                    if sample_shape(number, local(grid.each[number].local, middle)).w < 0.0 {
+                        wall = f32(number + 1u);
+                        break;
+                    }
+                }
+            }
+        }
+        put(WALL, cell, wall);
+    }
+}
+
+// From sums to mobilities, velocities and shares. Faces of walls move as the solid does and let nothing through.
+@compute @workgroup_size(CELLS_GROUP)
+fn divide(@builtin(global_invocation_id) id: vec3u) {
+    for (var cell = id.x; cell < bounds.count; cell += CELLS_THREADS) {
+        let at = cell_at(cell);
+        let own_wall = value_of(WALL, cell);
+        for (var axis = 0u; axis < 3u; axis++) {
+            let mass = grid.unit * f32(summed(MASS + axis, cell)) / SCALE;
+            let momentum = grid.unit * f32(summed(MOMENTUM + axis, cell)) / SCALE;
+            var mobility = select(0.0, 1.0 / mass, mass > grid.least);
+            var velocity = select(0.0, momentum / mass, mass > 0.0);
+            var wall = own_wall;
+            if at[axis] > 0u {
+                wall = max(wall, value_of(WALL, cell - stride(axis)));
+            }
+            if wall > 0.0 {
+                var middle = vec3f(vec3i(at) + bounds.low) + 0.5;
+                middle[axis] -= 0.5;
+                velocity = local(grid.each[u32(wall) - 1u].velocity, middle)[axis];
+                mobility = 0.0;
+            }
+            put(MOBILITY + axis, cell, mobility);
+            put(VELOCITY + axis, cell, velocity);
+        }
+        put(FILLED, cell, f32(summed(FILLED, cell)) / SCALE);
+    }
+}
+
+// What lacks the cell that is filled by `share`; −FAR where nothing can be held.
+fn aim(cell: u32, displaces: bool) -> f32 {
+    let share = value_of(FILLED, cell);
+    if !displaces && share > bitcast<f32>(atomicLoad(&bounds.fullest)) {
+        atomicMax(&bounds.fullest, bitcast<u32>(share));
+    }
+    if share < LOOSE || value_of(WALL, cell) > 0.0 || !is_inner(cell_at(cell)) {
+        return -FAR;
+    }
+    var divergence = 0.0;
+    for (var axis = 0u; axis < 3u; axis++) {
+        let beyond = cell + stride(axis);
+        // A side without hair gives nothing to push against, unless it is a wall.
+        let below = value_of(MOBILITY + axis, cell) > 0.0 || value_of(WALL, cell - stride(axis)) > 0.0;
+        let above = value_of(MOBILITY + axis, beyond) > 0.0 || value_of(WALL, beyond) > 0.0;
+        if !(below && above) {
+            return -FAR;
+        }
+        divergence += value_of(VELOCITY + axis, beyond) - value_of(VELOCITY + axis, cell);
+    }
+    let excess = (share - 1.0) / share;
+    if displaces {
+        return grid.cell * select(excess, grid.expand * excess, excess > 0.0);
+    }
+    return grid.slack * min(excess, 0.0) - divergence;
+}
+
+// Where the cell stands on the list that is number `number` of its colour.
+fn listed(colour: u32, number: u32) -> u32 {
+    return plane(LIST, select(number, grid.capacity - 1u - number, colour == 1u));
+}
+
+// The order on the list is any, and does not matter: cells of a colour do not feel each other.
+fn enlist(cell: u32) {
+    let at = cell_at(cell);
+    let colour = (at.x + at.y + at.z) & 1u;
+    cells[listed(colour, atomicAdd(&bounds.listed[colour], 1u))] = cell;
+}
+
+fn begin(id: u32, displaces: bool) {
+    var largest = 0.0;
+    for (var cell = id; cell < bounds.count; cell += CELLS_THREADS) {
+        let lack = aim(cell, displaces);
+        put(LACK, cell, lack);
+        put(PRESSURE, cell, 0.0);
+        largest = max(largest, lack);
+        if lack > -FAR {
+            enlist(cell);
+        }
+    }
+    if largest > bitcast<f32>(atomicLoad(&bounds.lack)) {
+        atomicMax(&bounds.lack, bitcast<u32>(largest));
+    }
+    // No thread reads these before the next dispatch.
+    if id == 0u {
+        atomicStore(&bounds.change, 0u);
+        bounds.found = 0u;
+    }
+}
+
+@compute @workgroup_size(CELLS_GROUP)
+fn aim_velocities(@builtin(global_invocation_id) id: vec3u) {
+    begin(id.x, false);
+}
+
+@compute @workgroup_size(CELLS_GROUP)
+fn aim_displacements(@builtin(global_invocation_id) id: vec3u) {
+    begin(id.x, true);
+}
+
+fn pressure_at(cell: u32) -> f32 {
+    return value_of(PRESSURE, cell);
+}
+
+// One colour of a sweep.
+fn relax(id: u32, colour: u32) {
+    if bounds.found != 0u {
+        return;
+    }
+    var largest = 0.0;
+    let count = atomicLoad(&bounds.listed[colour]);
+    for (var number = id; number < count; number += RELAX_THREADS) {
+        let cell = cells[listed(colour, number)];
+        var given = value_of(LACK, cell);
+        var diagonal = 0.0;
+        for (var axis = 0u; axis < 3u; axis++) {
+            let beyond = stride(axis);
+            let below = value_of(MOBILITY + axis, cell);
+            let above = value_of(MOBILITY + axis, cell + beyond);
+            given += below * pressure_at(cell - beyond) + above * pressure_at(cell + beyond);
+            diagonal += below + above;
+        }
+        if !(diagonal > 0.0) {
+            continue;
+        }
+        diagonal *= 1.0 + SLACK;
+        let old = pressure_at(cell);
+        let next = max(old + RELAXATION * (given / diagonal - old), 0.0);
+        put(PRESSURE, cell, next);
+        largest = max(largest, abs(next - old) * diagonal);
+    }
+    if largest > bitcast<f32>(atomicLoad(&bounds.change)) {
+        atomicMax(&bounds.change, bitcast<u32>(largest));
+    }
+}
+
+@compute @workgroup_size(CELLS_GROUP)
+fn relax_even(@builtin(global_invocation_id) id: vec3u) {
+    relax(id.x, 0u);
+}
+
+@compute @workgroup_size(CELLS_GROUP)
+fn relax_odd(@builtin(global_invocation_id) id: vec3u) {
+    relax(id.x, 1u);
+}
+
+// Whether the sweeps since it was last asked changed next to nothing.
+@compute @workgroup_size(1)
+fn judge() {
+    if bounds.found != 0u {
+        return;
+    }
+    bounds.sweeps += SWEEPS;
+    let change = bitcast<f32>(atomicExchange(&bounds.change, 0u));
+    if change <= grid.tolerance * bitcast<f32>(atomicLoad(&bounds.lack)) {
+        bounds.found = 1u;
+    }
+}
+
+fn push(id: u32, displaces: bool) {
+    var held = 0u;
+    for (var cell = id; cell < bounds.count; cell += CELLS_THREADS) {
+        let over = pressure_at(cell);
+        held += select(0u, 1u, over > 0.0);
+        for (var axis = 0u; axis < 3u; axis++) {
+            var change = 0.0;
+            let beyond = stride(axis);
+            if cell >= beyond {
+                change = value_of(MOBILITY + axis, cell) * (pressure_at(cell - beyond) - over);
+            }
+            var old = 0.0;
+            if !displaces {
+                old = value_of(VELOCITY + axis, cell);
+            }
+            faces[plane(axis, cell)] = vec2f(old + change, change);
+        }
+    }
+    if held > 0u && !displaces {
+        atomicAdd(&bounds.held, held);
+    }
+    if id == 0u {
+        atomicStore(&bounds.lack, 0u);
+        forget_list();
+    }
+}
+
+@compute @workgroup_size(CELLS_GROUP)
+fn push_velocities(@builtin(global_invocation_id) id: vec3u) {
+    push(id.x, false);
+}
+
+@compute @workgroup_size(CELLS_GROUP)
+fn push_displacements(@builtin(global_invocation_id) id: vec3u) {
+    push(id.x, true);
+}

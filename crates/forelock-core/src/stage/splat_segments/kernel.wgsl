@@ -1,0 +1,149 @@
+// Particle to grid, one strand a thread: the twin of `splat_segments` and of `grid::Bounds::around`.
+//
+// Shares are summed as integers, so that sums do not depend on their order: 2²² to the unit, in 32 bits; so 512 units fit, of which one is all the hair that fills a
+// cell at rest, or that times a metre a second, or a full cell.
+
+@group(0) @binding(12) var<storage, read> rooms: array<f32>;
+@group(0) @binding(13) var<storage, read_write> cells: array<atomic<i32>>;
+
+// A float's bits in an order that integers have, and back.
+fn ordered(x: f32) -> u32 {
+    let bits = bitcast<u32>(x);
+    return select(bits | 0x80000000u, ~bits, (bits & 0x80000000u) != 0u);
+}
+
+fn unordered(bits: u32) -> f32 {
+    return bitcast<f32>(select(~bits, bits & 0x7fffffffu, (bits & 0x80000000u) != 0u));
+}
+
+// The extent of the hair. Most of what is not extreme is passed over without a write.
+@compute @workgroup_size(WORKGROUP)
+fn measure_hair(@builtin(global_invocation_id) id: vec3u) {
+    let strand = strand_of(id.x);
+    if !strand.here {
+        return;
+    }
+    var low = vec3f(FAR);
+    var high = vec3f(-FAR);
+    for (var i = 0u; i < strand.particles; i++) {
+        let at = (grid.place * vec4f(position_at(strand, i), 1.0)).xyz;
+        if all_finite(at) {
+            low = min(low, at);
+            high = max(high, at);
+        }
+    }
+    for (var c = 0u; c < 3u; c++) {
+        let least = ordered(low[c]);
+        if least < atomicLoad(&bounds.extent[c]) {
+            atomicMin(&bounds.extent[c], least);
+        }
+        let greatest = ordered(high[c]);
+        if greatest > atomicLoad(&bounds.extent[3u + c]) {
+            atomicMax(&bounds.extent[3u + c], greatest);
+        }
+    }
+}
+
+// The box around the hair: where it would be too large, its longest sides are cut, about the grid's origin.
+@compute @workgroup_size(1)
+fn fit_grid() {
+    var low = vec3i();
+    var high = vec3i();
+    for (var c = 0u; c < 3u; c++) {
+        var lowest = unordered(atomicExchange(&bounds.extent[c], 0xffffffffu));
+        var highest = unordered(atomicExchange(&bounds.extent[3u + c], 0u));
+        // Nothing was finite.
+        if !(lowest <= highest) {
+            lowest = 0.0;
+            highest = 0.0;
+        }
+        low[c] = i32(floor(clamp(lowest, -MOST_OUT, MOST_OUT))) - MARGIN;
+        high[c] = i32(floor(clamp(highest, -MOST_OUT, MOST_OUT))) + 1 + MARGIN;
+    }
+    for (;;) {
+        let side = high - low;
+        // In floats, for the product of integers may not fit.
+        if f32(side.x) * f32(side.y) * f32(side.z) <= f32(grid.most) {
+            break;
+        }
+        var longest = 0u;
+        for (var c = 1u; c < 3u; c++) {
+            if side[c] >= side[longest] {
+                longest = c;
+            }
+        }
+        if -low[longest] > high[longest] {
+            low[longest] += 1;
+        } else {
+            high[longest] -= 1;
+        }
+    }
+    bounds.low = low;
+    bounds.dims = vec3u(high - low);
+    bounds.layer = bounds.dims.x * bounds.dims.y;
+    bounds.count = bounds.layer * bounds.dims.z;
+    atomicStore(&bounds.fullest, 0u);
+    atomicStore(&bounds.held, 0u);
+    bounds.sweeps = 0u;
+    forget_list();
+}
+
+@compute @workgroup_size(CELLS_GROUP)
+fn clear_grid(@builtin(global_invocation_id) id: vec3u) {
+    for (var at = id.x; at < bounds.count; at += CELLS_THREADS) {
+        for (var number = 0u; number <= FILLED; number++) {
+            atomicStore(&cells[plane(number, at)], 0);
+        }
+    }
+}
+
+fn add(number: u32, at: u32, value: f32) {
+    atomicAdd(&cells[plane(number, at)], i32(round(value * SCALE)));
+}
+
+fn splat_sample(at: vec3f, mass: f32, velocity: vec3f, room: f32) {
+    let share = mass / grid.unit;
+    for (var axis = 0u; axis < 3u; axis++) {
+        let own = stencil(at, axis);
+        for (var corner = 0u; corner < 8u; corner++) {
+            let place = corner_place(own, corner);
+            let part = share * corner_weight(own, corner);
+            add(MASS + axis, place, part);
+            add(MOMENTUM + axis, place, part * velocity[axis]);
+        }
+    }
+    let own = stencil(at, 3u);
+    for (var corner = 0u; corner < 8u; corner++) {
+        add(FILLED, corner_place(own, corner), room * corner_weight(own, corner));
+    }
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn splat_segments(@builtin(global_invocation_id) id: vec3u) {
+    let strand = strand_of(id.x);
+    if !strand.here {
+        return;
+    }
+    let points = blocks[strand.block].points;
+    let share = 1.0 / f32(points);
+    let root = position_at(strand, 0u);
+    var start = in_cells(root);
+    var start_velocity = on_grid(root, velocity_at(strand, 0u));
+    for (var edge = 0u; edge + 1u < strand.particles; edge++) {
+        let x = position_at(strand, edge + 1u);
+        let end = in_cells(x);
+        let end_velocity = on_grid(x, velocity_at(strand, edge + 1u));
+        let mass = rest_length(strand, edge, 1u) * share;
+        let room = rooms[entry(strand, edge, 1u, 0u)] * share;
+        for (var point = 0u; point < points; point++) {
+            let along = (f32(point) + 0.5) * share;
+            let at = start + along * (end - start);
+            let velocity = start_velocity + along * (end_velocity - start_velocity);
+            if all_finite(velocity) && holds(at) {
+                splat_sample(at, mass, clamp(velocity, vec3f(-FASTEST), vec3f(FASTEST)), room);
+            }
+        }
+        start = end;
+        start_velocity = end_velocity;
+    }
+}

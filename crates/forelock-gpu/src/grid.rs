@@ -1,0 +1,226 @@
+//! The grid on the device.
+//!
+//! # Practice
+//! Its box is found on the device, so that nothing comes back in a frame: there is room for the largest box that the hair can span while no edge is longer than at rest. Cells
+//! are gone through by a fixed count of threads, each of which takes one in so many.
+
+use crate::batch::Batch;
+use crate::solids::MOST_SOLIDS;
+use crate::{Gpu, GpuError};
+use bytemuck::{Pod, Zeroable};
+use forelock_core::grid::{Grid, GridFrame, GridParams, MARGIN, SolidMaps};
+use forelock_core::lane::Row;
+use forelock_core::model::Model;
+use forelock_core::solver::Frame;
+use forelock_core::stage::solve_pressure::SPARSE;
+use glam::{DMat3, DMat4, DVec3, IVec3, Mat4, UVec3};
+use wgpu::BufferUsages;
+
+/// Threads of a workgroup that goes through cells.
+pub const CELLS_GROUP: u32 = 256;
+/// Workgroups of a dispatch over cells.
+pub(crate) const CELLS_GROUPS: u32 = 512;
+/// Threads of a dispatch over cells.
+pub const CELLS_THREADS: u32 = CELLS_GROUP * CELLS_GROUPS;
+/// Workgroups of a dispatch over the cells that can be held.
+pub(crate) const RELAX_GROUPS: u32 = 128;
+/// Threads of such a dispatch.
+pub const RELAX_THREADS: u32 = CELLS_GROUP * RELAX_GROUPS;
+/// Over-relaxation of the pressure: best for hair some eight cells thick with free cells outside, ω = 2/(1 + sin π/n).
+pub const RELAXATION: f32 = 1.5;
+/// Sweeps after which the pressure is looked at.
+pub(crate) const SWEEPS: u32 = 4;
+/// Speed relative to the head with which hair counts at most, m/s.
+pub const FASTEST: f32 = 256.0;
+/// Cells from the grid's origin, beyond which hair is left alone.
+pub const MOST_OUT: f32 = 8192.0;
+/// Planes of numbers a cell.
+const PLANES: u64 = 11;
+
+/// A solid as the grid sees it: `GridSolid` in the kernels.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct GridSolidEntry {
+    /// Its own space from cells.
+    pub local: Mat4,
+    /// Its velocity relative to the grid from cells, m/s.
+    pub velocity: Mat4,
+}
+
+/// The grid in a frame: `Grid` in the kernels.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct GridUniform {
+    /// Cells from positions.
+    pub place: Mat4,
+    /// Velocity of the grid along its axes, from positions.
+    pub motion: Mat4,
+    /// Grid axes from world axes.
+    pub axes: Mat4,
+    /// Side of a cell, metres.
+    pub cell: f32,
+    /// Share of PIC.
+    pub pic: f32,
+    /// Cell over the frame's time, m/s.
+    pub slack: f32,
+    /// Share of an excess that expands in the frame.
+    pub expand: f32,
+    /// Hair under which a face lets nothing through, metres.
+    pub least: f32,
+    /// Metres of hair that count as one while they are summed.
+    pub unit: f32,
+    /// Change of a sweep at which the pressure is found, over what lacks at most.
+    pub tolerance: f32,
+    /// Numbers in a plane.
+    pub capacity: u32,
+    /// Cells at most.
+    pub most: u32,
+    /// Solids.
+    pub solids: u32,
+    /// Nothing.
+    pub pad_0: u32,
+    /// Nothing.
+    pub pad_1: u32,
+    /// The first `solids` are there.
+    pub each: [GridSolidEntry; MOST_SOLIDS],
+}
+
+/// The box and what is found on it: `Bounds` in the kernels.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct BoundsEntry {
+    /// The first cell.
+    pub low: IVec3,
+    /// Cells.
+    pub count: u32,
+    /// Cells along each axis.
+    pub dims: UVec3,
+    /// Cells in a layer.
+    pub layer: u32,
+    /// Extent of the hair, ordered as integers.
+    pub extent: [u32; 6],
+    /// Bits of the fullest cell's share.
+    pub fullest: u32,
+    /// Bits of the largest lack.
+    pub lack: u32,
+    /// Bits of the largest change since it was last looked at.
+    pub change: u32,
+    /// Cells under pressure.
+    pub held: u32,
+    /// Whether the pressure is found.
+    pub found: u32,
+    /// Sweeps that the frame's pressures took.
+    pub sweeps: u32,
+    /// Even and odd cells that can be held.
+    pub listed: [u32; 2],
+    /// Nothing.
+    pub pad_0: [u32; 2],
+}
+
+/// The grid of a simulation.
+#[derive(Debug)]
+pub(crate) struct DeviceGrid {
+    pub params: GridParams,
+    pub uniform: wgpu::Buffer,
+    pub bounds: wgpu::Buffer,
+    pub cells: wgpu::Buffer,
+    pub faces: wgpu::Buffer,
+    /// Cells that the hair of each edge fills at rest, a row a place: a buffer a batch.
+    pub rooms: Vec<wgpu::Buffer>,
+    host: Box<GridUniform>,
+    cell: f64,
+}
+
+impl DeviceGrid {
+    /// A grid for the strands of `model`, which are on the device in `batches`.
+    pub fn new(
+        gpu: &Gpu,
+        model: &Model<f32>,
+        batches: &[&Batch],
+        params: &GridParams,
+    ) -> Result<Self, GpuError> {
+        params.validate()?;
+        let own = Grid::new(model, params);
+        let cell = own.cell();
+        let points: Vec<u32> = own.samples_per_edge().map(|points| points as u32).collect();
+        let side = 2.0 * (model.reach / cell).ceil() + f64::from(2 * MARGIN + 1);
+        let limits = gpu.device().limits();
+        let limit = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+        let capacity = (side.powi(3) as u64).min(params.max_cells.into()).min(limit / (4 * PLANES));
+        let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
+        let bounds = gpu.buffer("bounds", size_of::<BoundsEntry>() as u64, storage);
+        // Nothing has been measured.
+        let extent = [u32::MAX, u32::MAX, u32::MAX, 0, 0, 0];
+        let empty = BoundsEntry { extent, ..BoundsEntry::zeroed() };
+        gpu.queue().write_buffer(&bounds, 0, bytemuck::bytes_of(&empty));
+        let rooms = batches.iter().map(|batch| {
+            batch.set_points(gpu, model, &points);
+            let rooms: &[Row<f32>] = &own.rooms()[batch.places.clone()];
+            let buffer = gpu.buffer("rooms", size_of_val(rooms) as u64, storage);
+            gpu.queue().write_buffer(&buffer, 0, bytemuck::cast_slice(rooms));
+            buffer
+        });
+        let unit = own.full_cell().max(16.0 * own.sample_mass());
+        let host = GridUniform {
+            cell: cell as f32,
+            least: SPARSE * own.sample_mass(),
+            unit,
+            tolerance: params.tolerance as f32,
+            capacity: capacity as u32,
+            most: capacity as u32,
+            ..GridUniform::zeroed()
+        };
+        Ok(Self {
+            rooms: rooms.collect(),
+            params: params.clone(),
+            uniform: gpu.buffer(
+                "grid",
+                size_of::<GridUniform>() as u64,
+                BufferUsages::UNIFORM | BufferUsages::COPY_DST,
+            ),
+            bounds,
+            cells: gpu.buffer("cells", 4 * PLANES * capacity, storage),
+            faces: gpu.buffer("faces", 8 * 3 * capacity, storage),
+            host: Box::new(host),
+            cell,
+        })
+    }
+
+    /// Bytes held on the device.
+    pub fn bytes(&self) -> u64 {
+        let own = [&self.uniform, &self.bounds, &self.cells, &self.faces];
+        own.into_iter().chain(&self.rooms).map(|buffer| buffer.size()).sum()
+    }
+
+    /// Brings a frame of `substeps` to the device, in which the grid moves as `moving` has it, positions being relative to `origin`.
+    pub fn place(
+        &mut self,
+        gpu: &Gpu,
+        (frame, substeps): (&Frame<'_>, u32),
+        moving: &GridFrame,
+        origin: DVec3,
+    ) {
+        let (dt, cell, params) = (frame.dt_secs, self.cell, &self.params);
+        let axes = moving.rotation.transpose();
+        let host = &mut *self.host;
+        host.place = matrix((axes * (1.0 / cell), DVec3::ZERO));
+        host.motion = matrix((axes * moving.motion.0, axes * moving.motion.1));
+        host.axes = matrix((axes, DVec3::ZERO));
+        host.pic = (1.0 - (-params.pic_rate * dt).exp()) as f32;
+        host.slack = (cell / dt) as f32;
+        host.expand = (1.0 - (-params.volume_rate * dt).exp()) as f32;
+        host.solids = frame.colliders.len() as u32;
+        let last = 1.0 - 1.0 / f64::from(substeps);
+        for (entry, solid) in host.each.iter_mut().zip(frame.colliders) {
+            let maps = SolidMaps::new(solid, (last, dt * (1.0 - last)), origin, (moving, cell));
+            *entry = GridSolidEntry { local: matrix(maps.local), velocity: matrix(maps.velocity) };
+        }
+        gpu.queue().write_buffer(&self.uniform, 0, bytemuck::bytes_of(host));
+    }
+}
+
+/// A map M x + b.
+fn matrix((m, b): (DMat3, DVec3)) -> Mat4 {
+    let column = |c: usize| m.col(c).extend(0.0);
+    DMat4::from_cols(column(0), column(1), column(2), b.extend(1.0)).as_mat4()
+}
