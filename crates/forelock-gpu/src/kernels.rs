@@ -1,10 +1,12 @@
 //! The kernels: texts beside the stages that they are twins of, constants from here, pipelines from both.
 
+use crate::air::AirUniform;
 use crate::grid::{
     CELLS_GROUP, CELLS_THREADS, FASTEST, GridUniform, MOST_OUT, RELAX_THREADS, RELAXATION, SWEEPS,
 };
 use crate::layout::{FLAGS, FrameUniform, SubstepUniform};
 use crate::solids::{FAR, HOW, KINDS, LookUniform, MOST_SOLIDS};
+use forelock_core::air::{MODES, canopy, wake};
 use forelock_core::grid::MARGIN;
 use forelock_core::lane::{ASIN_RATIO, LANES};
 use forelock_core::stage::SCRATCH_ROWS;
@@ -22,6 +24,8 @@ pub const MODEL_ROWS: u32 = 7;
 /// A stage that runs on the GPU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
+    /// The air at every particle.
+    SampleAir,
     /// One implicit substep.
     SolveStrands,
     /// Hair against solids.
@@ -41,6 +45,22 @@ pub enum Stage {
 /// A kernel: an entry point of a stage's text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kernel {
+    /// Solids in the wind.
+    FillWake,
+    /// The wind behind them.
+    MarchWake,
+    /// Extent of the hair along the wind.
+    MeasureCanopy,
+    /// The nodes around it.
+    FitCanopy,
+    /// Empties them.
+    ClearCanopy,
+    /// Hair at the nodes.
+    SplatCanopy,
+    /// The wind behind it.
+    MarchCanopy,
+    /// [`Stage::SampleAir`].
+    SampleAir,
     /// [`Stage::SolveStrands`].
     SolveStrands,
     /// [`Stage::ResolveSolids`].
@@ -102,13 +122,29 @@ const SHAPES: &str = include_str!("../../forelock-core/src/body/shapes.wgsl");
 const GRID: &str = include_str!("../../forelock-core/src/grid/grid.wgsl");
 
 /// All stages.
-pub const STAGES: [StageKernels; 7] = [
+pub const STAGES: [StageKernels; 8] = [
+    StageKernels {
+        stage: Stage::SampleAir,
+        name: "sample_air",
+        texts: &[SHAPES, include_str!("../../forelock-core/src/stage/sample_air/kernel.wgsl")],
+        kernels: &[
+            (Kernel::FillWake, "fill_wake"),
+            (Kernel::MarchWake, "march_wake"),
+            (Kernel::MeasureCanopy, "measure_canopy"),
+            (Kernel::FitCanopy, "fit_canopy"),
+            (Kernel::ClearCanopy, "clear_canopy"),
+            (Kernel::SplatCanopy, "splat_canopy"),
+            (Kernel::MarchCanopy, "march_canopy"),
+            (Kernel::SampleAir, "sample_air"),
+        ],
+        group: Group::Air,
+    },
     StageKernels {
         stage: Stage::SolveStrands,
         name: "solve_strands",
         texts: &[include_str!("../../forelock-core/src/stage/solve_strands/kernel.wgsl")],
         kernels: &[(Kernel::SolveStrands, "solve_strands")],
-        group: Group::Strands,
+        group: Group::Solve,
     },
     StageKernels {
         stage: Stage::ResolveSolids,
@@ -192,6 +228,8 @@ pub enum Binding {
     Look,
     /// Uniform of the grid.
     Grid,
+    /// Uniform of the air.
+    Air,
     /// Storage that kernels read.
     Read(&'static str),
     /// Storage that kernels change.
@@ -201,6 +239,10 @@ pub enum Binding {
 /// What kernels bind together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Group {
+    /// From strands and solids to the air.
+    Air,
+    /// Strands in the air.
+    Solve,
     /// Strands alone.
     Strands,
     /// Strands among solids.
@@ -214,18 +256,41 @@ pub enum Group {
 }
 
 /// All groups, in their order.
-pub const GROUPS: [Group; 5] = [Group::Strands, Group::Solids, Group::Splat, Group::Cells, Group::Gather];
+pub const GROUPS: [Group; 7] =
+    [Group::Air, Group::Solve, Group::Strands, Group::Solids, Group::Splat, Group::Cells, Group::Gather];
 
 impl Group {
     /// Number and what of each binding. Up to eight of storage, as many as WebGPU grants.
     pub const fn bindings(self) -> &'static [(u32, Binding)] {
         match self {
-            Self::Strands => &[
+            Self::Air => &[
+                (2, Binding::Read("blocks")),
+                (3, Binding::Read("model")),
+                (5, Binding::Change("positions")),
+                (10, Binding::Read("fields")),
+                (11, Binding::Look),
+                (17, Binding::Change("wind")),
+                (18, Binding::Change("nodes")),
+                (19, Binding::Change("canopy")),
+                (20, Binding::Air),
+            ],
+            Self::Solve => &[
                 (0, Binding::Frame),
                 (1, Binding::Substep),
                 (2, Binding::Read("blocks")),
                 (3, Binding::Read("model")),
                 (4, Binding::Read("strands")),
+                (5, Binding::Change("positions")),
+                (6, Binding::Change("velocities")),
+                (7, Binding::Change("memory")),
+                (8, Binding::Change("scratch")),
+                (17, Binding::Read("wind")),
+            ],
+            Self::Strands => &[
+                (0, Binding::Frame),
+                (1, Binding::Substep),
+                (2, Binding::Read("blocks")),
+                (3, Binding::Read("model")),
                 (5, Binding::Change("positions")),
                 (6, Binding::Change("velocities")),
                 (7, Binding::Change("memory")),
@@ -298,6 +363,10 @@ pub fn text(stage: &StageKernels) -> String {
         ("CELLS_THREADS", CELLS_THREADS),
         ("RELAX_THREADS", RELAX_THREADS),
         ("SWEEPS", SWEEPS),
+        ("MOST_MODES", MODES as u32),
+        ("WAKE_NODES", wake::NODES as u32),
+        ("CANOPY_NODES", canopy::NODES as u32),
+        ("CANOPY_MARGIN", canopy::MARGIN as u32),
     ];
     for (name, value) in counts.into_iter().chain(FLAGS).chain(KINDS).chain(HOW) {
         constant(name, "u32", &value, "u");
@@ -308,6 +377,7 @@ pub fn text(stage: &StageKernels) -> String {
     let grid = [
         ("LOOSE", LOOSE),
         ("SLACK", SLACK),
+        ("SPREAD", wake::SPREAD),
         ("RELAXATION", RELAXATION),
         ("FASTEST", FASTEST),
         ("MOST_OUT", MOST_OUT),
@@ -383,6 +453,7 @@ fn entry(&(binding, what): &(u32, Binding)) -> wgpu::BindGroupLayoutEntry {
     let (ty, has_dynamic_offset, size) = match what {
         Binding::Frame => (uniform, false, size_of::<FrameUniform>()),
         Binding::Grid => (uniform, false, size_of::<GridUniform>()),
+        Binding::Air => (uniform, false, size_of::<AirUniform>()),
         Binding::Substep => (uniform, true, size_of::<SubstepUniform>()),
         Binding::Look => (uniform, true, size_of::<LookUniform>()),
         Binding::Read(_) => (storage(true), false, 0),

@@ -51,6 +51,14 @@ pub struct FrameUniform {
     pub flags: u32,
     /// The clearance of who has not looked yet.
     pub unknown: f32,
+    /// Drag along a strand over that across it.
+    pub drag_along: f32,
+    /// Growth of the drag with speed, times h, 1/m · s.
+    pub drag_quadratic: f32,
+    /// Nothing.
+    pub pad_0: f32,
+    /// Nothing.
+    pub pad_1: f32,
 }
 
 /// Bits of [`FrameUniform::flags`].
@@ -71,10 +79,14 @@ pub mod flags {
     pub const FOLLOW_THE_LEADER: u32 = 1 << 6;
     /// Edges that solids stretched are laid along them.
     pub const LAY_ALONG: u32 = 1 << 7;
+    /// Drag differs along a strand, or with speed.
+    pub const SLENDER: u32 = 1 << 8;
+    /// The air is not the same everywhere.
+    pub const WIND: u32 = 1 << 9;
 }
 
 /// The same by name, for the kernels.
-pub const FLAGS: [(&str, u32); 8] = [
+pub const FLAGS: [(&str, u32); 10] = [
     ("TENSION", flags::TENSION),
     ("ANGULAR_EDGE", flags::ANGULAR_EDGE),
     ("ANGULAR_PAPER", flags::ANGULAR_PAPER),
@@ -83,6 +95,8 @@ pub const FLAGS: [(&str, u32); 8] = [
     ("NON_HOOKEAN", flags::NON_HOOKEAN),
     ("FOLLOW_THE_LEADER", flags::FOLLOW_THE_LEADER),
     ("LAY_ALONG", flags::LAY_ALONG),
+    ("SLENDER", flags::SLENDER),
+    ("WIND", flags::WIND),
 ];
 
 /// A substep's poses: `Substep` in `prelude.wgsl`.
@@ -137,8 +151,8 @@ pub struct ReportEntry {
 pub const UNKNOWN: f32 = -1e30;
 
 impl FrameUniform {
-    /// Of frames of `dt_secs` under `params`.
-    pub fn new(params: &AmsParams, dt_secs: f64, gravity: DVec3, air: DVec3) -> Self {
+    /// Of frames of `dt_secs` under `params`, in a wind that is `air` everywhere or `varies`.
+    pub fn new(params: &AmsParams, dt_secs: f64, gravity: DVec3, (air, varies): (DVec3, bool)) -> Self {
         let terms = FrameTerms::new(params, dt_secs);
         let curve = terms.non_hookean;
         let single = |x: f64| x as f32;
@@ -153,6 +167,8 @@ impl FrameUniform {
             (terms.directional, flags::DIRECTIONAL),
             (terms.sag_free, flags::SAG_FREE),
             (curve.is_some(), flags::NON_HOOKEAN),
+            (terms.slender, flags::SLENDER),
+            (varies, flags::WIND),
             (params.inextensibility == Inextensibility::Dftl, flags::FOLLOW_THE_LEADER),
             (params.lay_along_solids && params.inextensibility != Inextensibility::Off, flags::LAY_ALONG),
         ];
@@ -177,6 +193,10 @@ impl FrameUniform {
             clamped: params.clamped,
             flags: on.iter().filter(|(on, _)| *on).map(|(_, flag)| flag).sum(),
             unknown: UNKNOWN,
+            drag_along: single(terms.drag_along),
+            drag_quadratic: single(terms.h * terms.drag_quadratic),
+            pad_0: 0.0,
+            pad_1: 0.0,
         }
     }
 }

@@ -34,6 +34,7 @@
 //! So far: springs, ghost ties and their damage, solids, lengths, checks. Solids that change their shape, hair against hair and wind that is not the same everywhere
 //! run on the CPU only. Numbers come back by waiting, which a browser does not allow: native only so far. Nothing holds back a caller who steps without ever reading.
 
+pub mod air;
 mod batch;
 mod clock;
 mod device;

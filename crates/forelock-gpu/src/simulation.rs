@@ -1,12 +1,14 @@
 //! Strands under the augmented mass-spring model, on a GPU.
 
+use crate::air::{DeviceAir, Shelter};
 use crate::batch::{Batch, Shared, split};
 use crate::clock::{Clock, StageSecs};
 use crate::grid::{BoundsEntry, CELLS_GROUPS, DeviceGrid, RELAX_GROUPS, SWEEPS};
-use crate::kernels::{self, Binding, GROUPS, Group, Kernel};
+use crate::kernels::{self, Binding, GROUPS, Group, Kernel, WORKGROUP};
 use crate::layout::{FrameUniform, ReportEntry, SubstepUniform};
 use crate::solids::Solids;
 use crate::{Gpu, GpuError};
+use forelock_core::air::{WindField, canopy, wake};
 use forelock_core::body::ColliderFrame;
 use forelock_core::grid::{GridFrame, GridParams};
 use forelock_core::groom::Groom;
@@ -32,6 +34,8 @@ pub struct GpuSimulation {
     batches: Vec<Bound>,
     substeps: Vec<u8>,
     grid: Option<DeviceGrid>,
+    /// What is needed for wind that is not the same everywhere, after the first of it.
+    air: Option<DeviceAir>,
     /// What kernels of the grid alone see.
     to_cells: Option<wgpu::BindGroup>,
     clock: Option<Clock>,
@@ -128,6 +132,7 @@ impl GpuSimulation {
             batches,
             substeps: Vec::new(),
             grid: None,
+            air: None,
             to_cells: None,
             clock: None,
         };
@@ -152,7 +157,7 @@ impl GpuSimulation {
 
     /// Binds what there is.
     fn bind(&mut self) {
-        let (gpu, shared, solids, grid) = (&self.gpu, &self.shared, &self.solids, &self.grid);
+        let (gpu, shared, solids, grid, air) = (&self.gpu, &self.shared, &self.solids, &self.grid, &self.air);
         let (device, kernels) = (gpu.device(), gpu.kernels());
         let common = |what: Binding| match (what, grid) {
             (Binding::Frame, _) => &shared.frame,
@@ -166,6 +171,7 @@ impl GpuSimulation {
             (Binding::Read("faces") | Binding::Change("faces"), Some(grid)) => &grid.faces,
             _ => &shared.report,
         };
+        // Where there is no wind the kernels do not look at it.
         for (number, Bound { batch, groups }) in self.batches.iter_mut().enumerate() {
             let find = |what: Binding| match (what, grid) {
                 (Binding::Read("blocks"), _) => &batch.blocks,
@@ -175,11 +181,19 @@ impl GpuSimulation {
                 (Binding::Change("velocities"), _) => &batch.velocities,
                 (Binding::Change("memory"), _) => &batch.memory,
                 (Binding::Read("rooms"), Some(grid)) => &grid.rooms[number],
-                _ => common(what),
+                _ => match (what, air) {
+                    (Binding::Read("wind") | Binding::Change("wind"), Some(air)) => &air.wind[number],
+                    (Binding::Change("nodes"), Some(air)) => &air.nodes,
+                    (Binding::Change("canopy"), Some(air)) => &air.canopy,
+                    (Binding::Air, Some(air)) => &air.uniform,
+                    (Binding::Read("wind"), None) => &batch.strands,
+                    _ => common(what),
+                },
             };
             *groups = GROUPS.map(|group| {
                 let is_there = match group {
-                    Group::Strands | Group::Solids => true,
+                    Group::Solve | Group::Strands | Group::Solids => true,
+                    Group::Air => air.is_some(),
                     Group::Splat | Group::Gather => grid.is_some(),
                     Group::Cells => false,
                 };
@@ -198,7 +212,8 @@ impl GpuSimulation {
     pub fn bytes(&self) -> u64 {
         let batches = self.batches.iter().map(|bound| bound.batch.bytes());
         let grid = self.grid.as_ref().map_or(0, DeviceGrid::bytes);
-        self.shared.bytes() + self.solids.bytes() + grid + batches.sum::<u64>()
+        let air = self.air.as_ref().map_or(0, DeviceAir::bytes);
+        self.shared.bytes() + self.solids.bytes() + grid + air + batches.sum::<u64>()
     }
 
     /// Hands a frame to the device, in one submission, and does not wait for it.
@@ -207,15 +222,28 @@ impl GpuSimulation {
     /// [`GpuError::Params`] if the frame's time and stiffness are beyond float32, [`GpuError::Unsupported`] for what runs on the CPU only, [`GpuError::Failed`] if the
     /// device has failed.
     pub fn step_frame(&mut self, frame: &Frame<'_>) -> Result<(), GpuError> {
+        self.step_frame_in(frame, None)
+    }
+
+    /// The same in a `wind` that is not the same everywhere; the frame's own air velocity comes on top. The first such frame makes what it takes.
+    ///
+    /// # Errors
+    /// As [`GpuSimulation::step_frame`].
+    pub fn step_frame_in(&mut self, frame: &Frame<'_>, wind: Option<&WindField>) -> Result<(), GpuError> {
         self.gpu.check()?;
         self.params.validate_step(frame.dt_secs, self.options.beyond_float32)?;
-        if self.params.drag_along != 1.0 || self.params.drag_quadratic != 0.0 {
-            return Err(GpuError::Unsupported { what: "drag that differs along a strand" });
-        }
         self.hold(frame.colliders)?;
-        self.place(frame);
+        let wind = wind.map(|wind| WindField { mean: wind.mean + frame.air_velocity, ..*wind });
+        let varies = wind.is_some_and(|wind| !wind.is_uniform());
+        if varies && self.air.is_none() {
+            let batches: Vec<_> = self.batches.iter().map(|bound| &bound.batch).collect();
+            self.air = Some(DeviceAir::new(&self.gpu, &self.model, &batches));
+            self.bind();
+            self.gpu.check()?;
+        }
+        let shelter = self.place(frame, wind.as_ref());
         let mut encoder = self.gpu.device().create_command_encoder(&Default::default());
-        self.encode(&mut encoder, !frame.colliders.is_empty());
+        self.encode(&mut encoder, !frame.colliders.is_empty(), shelter);
         self.gpu.queue().submit([encoder.finish()]);
         Ok(())
     }
@@ -233,14 +261,14 @@ impl GpuSimulation {
 
     /// Times stages from the next frame on, or not any more; whether the device can.
     pub fn time_stages(&mut self, on: bool) -> bool {
-        let passes = self.plan(true).len() as u32;
+        let passes = self.plan(true, Some(Shelter { wake: true, canopy: true })).len() as u32;
         self.clock = on.then(|| Clock::new(&self.gpu, passes)).flatten();
         self.clock.is_some()
     }
 
     /// All kernels of a frame: in one pass, or where they are timed each stage in its own.
-    fn encode(&mut self, encoder: &mut wgpu::CommandEncoder, has_solids: bool) {
-        let plan = self.plan(has_solids);
+    fn encode(&mut self, encoder: &mut wgpu::CommandEncoder, has_solids: bool, air: Option<Shelter>) {
+        let plan = self.plan(has_solids, air);
         let mut clock = self.clock.take();
         if let Some(clock) = &mut clock {
             clock.begin();
@@ -261,10 +289,13 @@ impl GpuSimulation {
     }
 
     /// The kernels of a frame in their order. Strands go batch by batch as far as they do not meet.
-    fn plan(&self, has_solids: bool) -> Vec<Call> {
+    fn plan(&self, has_solids: bool, air: Option<Shelter>) -> Vec<Call> {
         let (count, lengths) = (self.params.substeps, self.restores_lengths());
         let mut plan = Vec::new();
         let batches = 0..self.batches.len();
+        if let Some(shelter) = air {
+            self.blow(&mut plan, shelter);
+        }
         for batch in batches.clone() {
             let mut add = |kernel, number| plan.push(Call { kernel, batch, number });
             for number in 0..count {
@@ -285,6 +316,20 @@ impl GpuSimulation {
             batches.for_each(|batch| self.finish(&mut plan, batch, has_solids));
         }
         plan
+    }
+
+    /// The wind, and the shelter in it.
+    fn blow(&self, plan: &mut Vec<Call>, shelter: Shelter) {
+        use Kernel::{
+            ClearCanopy, FillWake, FitCanopy, MarchCanopy, MarchWake, MeasureCanopy, SampleAir, SplatCanopy,
+        };
+        let wake = [FillWake, MarchWake].into_iter().filter(|_| shelter.wake);
+        let canopy = [MeasureCanopy, FitCanopy, ClearCanopy, SplatCanopy, MarchCanopy];
+        for kernel in wake.chain(canopy.into_iter().filter(|_| shelter.canopy)).chain([SampleAir]) {
+            let is_of_strands = matches!(kernel, MeasureCanopy | SplatCanopy | SampleAir);
+            let batches = if is_of_strands { self.batches.len() } else { 1 };
+            plan.extend((0..batches).map(|batch| Call { kernel, batch, number: 0 }));
+        }
     }
 
     /// Strands meet on the grid, whose pressure takes so many sweeps at most.
@@ -325,7 +370,10 @@ impl GpuSimulation {
         let (kernel, bound) = (call.kernel, &self.batches[call.batch]);
         let group = kernel.stage().group;
         let groups = match kernel {
-            Kernel::FitGrid | Kernel::Judge => 1,
+            Kernel::FitGrid | Kernel::Judge | Kernel::FitCanopy | Kernel::MarchWake => 1,
+            Kernel::FillWake => (wake::NODES.pow(3) as u32).div_ceil(WORKGROUP),
+            Kernel::ClearCanopy => (canopy::NODES.pow(3) as u32).div_ceil(WORKGROUP),
+            Kernel::MarchCanopy => (canopy::NODES.pow(2) as u32).div_ceil(WORKGROUP),
             Kernel::RelaxEven | Kernel::RelaxOdd => RELAX_GROUPS,
             Kernel::ClearGrid => CELLS_GROUPS,
             _ if group == Group::Cells => CELLS_GROUPS,
@@ -333,8 +381,8 @@ impl GpuSimulation {
         };
         let of_group = if group == Group::Cells { &self.to_cells } else { &bound.groups[group as usize] };
         let offset = match group {
-            Group::Strands => Some(call.number * self.shared.stride),
-            Group::Solids | Group::Cells => Some(call.number * self.solids.stride),
+            Group::Solve | Group::Strands => Some(call.number * self.shared.stride),
+            Group::Air | Group::Solids | Group::Cells => Some(call.number * self.solids.stride),
             Group::Splat | Group::Gather => None,
         };
         pass.set_pipeline(self.gpu.kernels().pipeline(kernel));
@@ -351,12 +399,14 @@ impl GpuSimulation {
         self.params.inextensibility != Inextensibility::Off
     }
 
-    /// Brings what the frame's strands share to the device.
-    fn place(&mut self, frame: &Frame<'_>) {
+    /// Brings what the frame's strands share to the device; what shelters from the wind, if it is not the same everywhere.
+    fn place(&mut self, frame: &Frame<'_>, wind: Option<&WindField>) -> Option<Shelter> {
         let origin = frame.origin(&self.model);
         let shift = self.mirror.origin - origin;
         self.mirror.origin = origin;
-        let uniform = FrameUniform::new(&self.params, frame.dt_secs, frame.gravity, frame.air_velocity);
+        let varies = wind.is_some_and(|wind| !wind.is_uniform());
+        let air = wind.map_or(frame.air_velocity, |wind| wind.mean);
+        let uniform = FrameUniform::new(&self.params, frame.dt_secs, frame.gravity, (air, varies));
         self.gpu.queue().write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&uniform));
         let (count, weight) = (self.params.substeps, self.options.carried_gravity());
         let poses = || frame.poses(&self.model, count, origin);
@@ -379,6 +429,9 @@ impl GpuSimulation {
                 grid.place(&self.gpu, (frame, count), &moving, origin);
             }
         }
+        let wind = wind.filter(|_| varies).map(|wind| (wind, frame.colliders.len()));
+        let (model, gpu) = (&self.model, &self.gpu);
+        self.air.as_mut().zip(wind).map(|(air, wind)| air.place(gpu, model, wind, (origin, shift)))
     }
 
     /// What the frames since the last report did. Waits for the device.

@@ -2,6 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "in a test a failure to build is a failure of the test")]
 
+use forelock_gpu::air::{AirUniform, CanopyEntry, ModeEntry};
 use forelock_gpu::grid::{BoundsEntry, GridSolidEntry, GridUniform};
 use forelock_gpu::kernels::{Binding, GROUPS, STAGES, StageKernels, text};
 use forelock_gpu::layout::{BlockEntry, FrameUniform, ReportEntry, SubstepUniform};
@@ -57,19 +58,27 @@ fn structs_are_laid_out_alike() {
     for (_, module, _) in modules() {
         same!(&module, "Frame", FrameUniform, [
             k_springs k_integrity tip_scales k_angular gravity k_altitude air drag h inverse_h inverse_dt dftl_damping
-            elastic_limit breaking_point breaking_width healing healing_limit clamped flags unknown
+            elastic_limit breaking_point breaking_width healing healing_limit clamped flags unknown drag_along
+            drag_quadratic pad_0 pad_1
         ]);
         same!(&module, "Substep", SubstepUniform, [start end carried_weight pad_0 shift pad_1]);
         same!(&module, "Block", BlockEntry, [first particles live points]);
         let has = |name: &str| module.types.iter().any(|(_, kind)| kind.name.as_deref() == Some(name));
         if has("Bounds") {
             same!(&module, "Bounds", BoundsEntry, [
-                low count dims layer extent fullest lack change held found sweeps listed
+                low count dims layer extent fullest lack change held found sweeps listed pad_0
             ]);
             same!(&module, "GridSolid", GridSolidEntry, [local velocity]);
             same!(&module, "Grid", GridUniform, [
                 place motion axes cell pic slack expand least unit tolerance capacity most solids pad_0 pad_1 each
             ]);
+        }
+        if has("Air") {
+            same!(&module, "Mode", ModeEntry, [wave phase amplitude pad_0]);
+            same!(&module, "Air", AirUniform, [
+                to_wake from_wake axes mean shelter shift wake_cell stop scale modes solids each
+            ]);
+            same!(&module, "Canopy", CanopyEntry, [low cell dims pad_0 extent pad_1 pad_2]);
         }
         if has("Look") {
             same!(&module, "Solid", SolidEntry, [
@@ -103,6 +112,7 @@ fn bindings_are_those_of_the_table() {
                 Binding::Substep => ("substep", None),
                 Binding::Look => ("look", None),
                 Binding::Grid => ("grid", None),
+                Binding::Air => ("air", None),
                 Binding::Read(name) => (name, Some(false)),
                 Binding::Change(name) => (name, Some(true)),
             };

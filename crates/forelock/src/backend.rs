@@ -7,6 +7,7 @@
 //! # Limitations
 //! What [`unsupported`] names runs on the CPU only.
 
+use forelock_core::air::WindField;
 use forelock_core::grid::GridReport;
 use forelock_core::groom::Groom;
 use forelock_core::solver::{AmsParams, Frame, FrameReport, Options, STAGES, Simulation};
@@ -98,9 +99,10 @@ impl Device {
     pub(crate) fn step(
         &mut self,
         frame: &Frame<'_>,
+        wind: Option<&WindField>,
         simulation: &mut Simulation,
     ) -> Result<FrameReport, RunError> {
-        self.simulation.step_frame(frame)?;
+        self.simulation.step_frame_in(frame, wind)?;
         let report = self.simulation.report()?;
         simulation.restore(&self.simulation.snapshot()?)?;
         Ok(FrameReport {
@@ -116,8 +118,10 @@ impl Device {
                 ..GridReport::default()
             }),
             stage_secs: STAGES.map(|name| {
-                let secs = report.stage_secs.iter().flatten().find(|(own, _)| *own == name);
-                (name, secs.map_or(0.0, |(_, secs)| *secs))
+                // On the CPU the air is sampled by the stage that it is for.
+                let is_of = |own: &str| own == name || (own == "sample_air" && name == "solve_strands");
+                let secs = report.stage_secs.iter().flatten().filter(|(own, _)| is_of(own));
+                (name, secs.map(|(_, secs)| *secs).sum())
             }),
             ..FrameReport::default()
         })
@@ -133,15 +137,9 @@ fn params(scene: &Scene) -> AmsParams {
 
 /// What `scene` asks for that a GPU cannot do yet, beside what its solids are.
 fn unsupported(scene: &Scene) -> Option<&'static str> {
-    let (params, wind) = (params(scene), &scene.wind);
     let mass_spring = scene.solver.kind == SolverKind::MassSpring;
     [
         ("contacts between strands (interaction.contacts)", scene.interaction.contacts),
-        ("wind that is not the same everywhere (turbulence, shelter, hair_depth)", !wind.is_uniform()),
-        (
-            "drag that differs along a strand (drag_along, drag_quadratic)",
-            params.drag_along != 1.0 || params.drag_quadratic != 0.0,
-        ),
         (
             "virtual particles (solver.mass_spring.virtual_particles)",
             mass_spring && scene.solver.mass_spring.virtual_particles,

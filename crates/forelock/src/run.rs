@@ -240,7 +240,7 @@ impl<'a> Stepper<'a> {
             dt_secs: 1.0 / self.scene.time.fps,
         };
         match &mut self.device {
-            Some(device) => device.step(&frame, &mut self.simulation),
+            Some(device) => device.step(&frame, field, &mut self.simulation),
             None => Ok(self.simulation.step_frame_in(&frame, field)?),
         }
     }

@@ -29,9 +29,9 @@ use crate::model::Model;
 use crate::scratch::fill;
 
 /// Nodes along the longest side.
-const NODES: usize = 32;
+pub const NODES: usize = 32;
 /// Of which at each end are free of hair.
-const MARGIN: usize = 1;
+pub const MARGIN: usize = 1;
 /// Parts in which strands are summed up.
 const PARTS: usize = 16;
 
@@ -130,14 +130,25 @@ impl Canopy {
         self.any = false;
         let Some(along) = wind.try_normalize() else { return };
         if self.rest_density == 0.0 {
-            self.splat(model, &model.rest, DVec3::Z);
-            self.rest_density = self.median_density();
+            self.measure_rest(model);
         }
         self.splat(model, positions, along);
         self.march(depth);
         let moved = |axis: [f32; 3]| dot(axis, shift.as_vec3().to_array());
         self.grid.low = [0, 1, 2].map(|c| self.grid.low[c] + moved(self.grid.axes[c]));
         self.any = true;
+    }
+
+    /// ρ₀ of `model`: the density in which half of its hair lies at rest, m⁻².
+    pub fn rest_density<T: Real>(model: &Model<T>) -> f64 {
+        let mut own = Self::default();
+        own.measure_rest(model);
+        own.rest_density
+    }
+
+    fn measure_rest<T: Real>(&mut self, model: &Model<T>) {
+        self.splat(model, &model.rest, DVec3::Z);
+        self.rest_density = self.median_density();
     }
 
     /// The share of the wind that reaches `x`, metres, moved as the positions were.

@@ -20,15 +20,15 @@
 //! The air's own motion is given: it goes straight on through hair and past solids, weakened. Gusts come everywhere at once. In the lee the turbulence is damped with the mean, where real wakes are
 //! rougher, and the sheltered field is not free of divergence. The wake follows the direction of the mean wind alone.
 
-mod canopy;
+pub mod canopy;
 mod gusts;
 mod turbulence;
-mod wake;
+pub mod wake;
 
 use glam::DVec3;
 
 pub use canopy::Canopy;
-pub(crate) use turbulence::MODES;
+pub use turbulence::MODES;
 pub use turbulence::Mode;
 pub use wake::Wake;
 
@@ -156,6 +156,11 @@ pub struct WindField {
 }
 
 impl WindField {
+    /// Whether it is the same everywhere.
+    pub fn is_uniform(&self) -> bool {
+        self.modes.is_none() && self.shelter == 0.0 && self.hair_depth == 0.0
+    }
+
     /// Velocity at `point` (metres, world space) in the open, m/s.
     pub fn velocity(&self, point: DVec3) -> DVec3 {
         let modes = self.modes.iter().flatten();

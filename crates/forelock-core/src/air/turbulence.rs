@@ -22,7 +22,7 @@ use glam::{DQuat, DVec3};
 use crate::groom::grow::random::Random;
 
 /// Plane waves of a field.
-pub(crate) const MODES: usize = 16;
+pub const MODES: usize = 16;
 /// Shortest over longest wavelength, inverted.
 const RANGE: f64 = 6.0;
 

@@ -20,10 +20,10 @@ use rayon::prelude::*;
 use crate::body::ColliderFrame;
 
 /// Nodes along each side.
-const NODES: usize = 24;
+pub const NODES: usize = 24;
 const LAYER: usize = NODES * NODES;
 /// ε over the cell.
-const SPREAD: f32 = 0.2;
+pub const SPREAD: f32 = 0.2;
 
 /// The deficit around the hair in one frame.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -46,13 +46,11 @@ impl Wake {
         let Some(along) = wind.try_normalize() else { return };
         self.deficit.resize(LAYER * NODES, 0.0);
         self.solid.resize(LAYER * NODES, 0.0);
-        let (u, v) = along.any_orthonormal_pair();
-        #[expect(clippy::cast_precision_loss, reason = "twenty-three")]
-        let cell = 2.0 * radius / (NODES - 1) as f64;
-        self.axes = [u, v, along].map(|axis| (axis / cell).as_vec3());
+        let (axes, cell) = Self::nodes(along, radius);
+        self.axes = axes.map(|axis| (axis / cell).as_vec3());
         let node = |at: usize| {
             let [i, j, k] = [at % NODES, at / NODES % NODES, at / LAYER].map(centred);
-            origin + (u * i + v * j + along * k) * cell
+            origin + (axes[0] * i + axes[1] * j + axes[2] * k) * cell
         };
         let near = 0.5 * cell;
         self.solid.par_chunks_mut(LAYER).enumerate().for_each(|(layer, solid)| {
@@ -70,6 +68,14 @@ impl Wake {
         if self.any {
             self.march();
         }
+    }
+
+    /// Axes across, across and along the wind, and the side of a cell, metres, of nodes in the ball of `radius` (metres) in wind along the unit vector `along`.
+    pub fn nodes(along: DVec3, radius: f64) -> ([DVec3; 3], f64) {
+        let (u, v) = along.any_orthonormal_pair();
+        #[expect(clippy::cast_precision_loss, reason = "twenty-three")]
+        let cell = 2.0 * radius / (NODES - 1) as f64;
+        ([u, v, along], cell)
     }
 
     /// Layer after layer downwind.

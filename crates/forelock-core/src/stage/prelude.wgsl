@@ -27,6 +27,11 @@ struct Frame {
     flags: u32,
     // The clearance of who has not looked yet: a device may know no infinity.
     unknown: f32,
+    // Drag along a strand over that across it; growth of the drag with speed, times h, a metre.
+    drag_along: f32,
+    drag_quadratic: f32,
+    pad_0: f32,
+    pad_1: f32,
 }
 
 // Where the head is at a substep's start and end, as maps from rest to positions.
@@ -168,6 +173,16 @@ fn is_finite(x: f32) -> bool {
 
 fn all_finite(v: vec3f) -> bool {
     return is_finite(v.x) && is_finite(v.y) && is_finite(v.z);
+}
+
+// A float's bits in an order that integers have, and back.
+fn ordered(x: f32) -> u32 {
+    let bits = bitcast<u32>(x);
+    return select(bits | 0x80000000u, ~bits, (bits & 0x80000000u) != 0u);
+}
+
+fn unordered(bits: u32) -> f32 {
+    return bitcast<f32>(select(~bits, bits & 0x7fffffffu, (bits & 0x80000000u) != 0u));
 }
 
 // The largest |l/l₀ − 1| of a strand's edges; what is not finite does not count.

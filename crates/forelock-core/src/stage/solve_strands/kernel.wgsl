@@ -4,6 +4,9 @@
 // is open, and that fits into registers. Row i leaves L_{i+k,i} (k = 1, 2, 3) and D_i⁻¹ z_i in scratch; then
 // v_i = D_i⁻¹ z_i − Σ_k L_{i+k,i}ᵀ v_{i+k}, last row first.
 
+// Velocity of the air at each particle, three rows, if it is not the same everywhere.
+@group(0) @binding(17) var<storage, read> wind: array<f32>;
+
 // A particle's counterpart in the rest shape.
 struct Ghost {
     y: vec3f,
@@ -96,10 +99,29 @@ fn damaged(intact: f32, deflection: vec3f, length: f32) -> f32 {
     return min(select(intact, healed, e < frame.healing_limit), psi);
 }
 
+// What drag draws a particle to, and h c/m: `sample_air::draw`.
+fn drag_of(strand: Strand, i: u32, v: vec3f) -> vec4f {
+    var air = frame.air;
+    if has(WIND) {
+        let at = entry(strand, i, 3u, 0u);
+        air = vec3f(wind[at], wind[at + LANES], wind[at + 2u * LANES]);
+    }
+    if !has(SLENDER) {
+        return vec4f(air, frame.drag);
+    }
+    let slip = air - v;
+    let along = position_at(strand, min(i + 1u, strand.particles - 1u)) - position_at(strand, max(i, 1u) - 1u);
+    let share = dot(along, slip) / max(dot(along, along), 1e-24);
+    let drag = frame.drag + frame.drag_quadratic * sqrt(dot(slip, slip));
+    return vec4f(air + (frame.drag_along - 1.0) * share * along, drag);
+}
+
 // Mass, air and ghost ties of row i.
 fn tie_to_ghost(strand: Strand, i: u32, x: vec3f, ghost: Ghost, kappas: vec2f, window: ptr<function, Window>) {
-    (*window).d0.d += 1.0 + frame.drag;
-    (*window).b0 += velocity_at(strand, i) + frame.h * frame.gravity + frame.drag * frame.air;
+    let v = velocity_at(strand, i);
+    let drag = drag_of(strand, i, v);
+    (*window).d0.d += 1.0 + drag.w;
+    (*window).b0 += v + frame.h * frame.gravity + drag.w * drag.xyz;
     if frame.k_integrity > 0.0 {
         let at = entry(strand, i, 2u, 0u);
         var intact = memory[at];

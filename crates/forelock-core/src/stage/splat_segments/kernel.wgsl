@@ -6,16 +6,6 @@
 @group(0) @binding(12) var<storage, read> rooms: array<f32>;
 @group(0) @binding(13) var<storage, read_write> cells: array<atomic<i32>>;
 
-// A float's bits in an order that integers have, and back.
-fn ordered(x: f32) -> u32 {
-    let bits = bitcast<u32>(x);
-    return select(bits | 0x80000000u, ~bits, (bits & 0x80000000u) != 0u);
-}
-
-fn unordered(bits: u32) -> f32 {
-    return bitcast<f32>(select(~bits, bits & 0x7fffffffu, (bits & 0x80000000u) != 0u));
-}
-
 // The extent of the hair. Most of what is not extreme is passed over without a write.
 @compute @workgroup_size(WORKGROUP)
 fn measure_hair(@builtin(global_invocation_id) id: vec3u) {
