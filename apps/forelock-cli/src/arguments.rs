@@ -261,6 +261,9 @@ pub enum BenchCommand {
         /// Frames of each scene before those.
         #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u32).range(0..=100_000))]
         warm_up: u32,
+        /// Where Table 1 computes; scenes that cannot be computed there are skipped.
+        #[arg(long, value_enum, default_value_t = BenchBackend::Cpu, conflicts_with = "figure")]
+        backend: BenchBackend,
         /// Folder for Markdown, JSON, a page and plots [default: print only].
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
@@ -268,6 +271,36 @@ pub enum BenchCommand {
         #[arg(long)]
         json: bool,
     },
+    /// A frame's time from a thousand strands to many, and the strand solve beside what the device can do at most.
+    Scaling {
+        /// Where to compute.
+        #[arg(long, value_enum, default_value_t = BenchBackend::Cpu)]
+        backend: BenchBackend,
+        /// Strands at most, of 1,000, 10,000, 30,000, 120,000, 400,000 and 1,000,000.
+        #[arg(long, value_name = "N", default_value_t = 120_000, value_parser = clap::value_parser!(u32).range(1_000..=1_000_000))]
+        most: u32,
+        /// Frames of each count that are timed.
+        #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+        frames: u32,
+        /// Strands that do not meet.
+        #[arg(long)]
+        apart: bool,
+        /// Folder for Markdown, JSON and a page [default: print only].
+        #[arg(long, value_name = "DIR")]
+        out: Option<PathBuf>,
+        /// Print one JSON object instead of the table.
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+/// Where a measurement computes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum BenchBackend {
+    /// This processor.
+    Cpu,
+    /// A graphics processor.
+    Gpu,
 }
 
 /// The figures that can be rerun.

@@ -96,9 +96,9 @@ fn command_lines_with_mistakes() {
         ("wrong solver", vec!["demo", "--solver", "asm"], 1, "--solver asm: `solver.kind` cannot be \"asm\""),
         (
             "not on a GPU",
-            vec!["demo", "--backend", "gpu", "--set", "interaction.kind=grid"],
+            vec!["demo", "--backend", "gpu", "--set", "interaction.contacts=true"],
             1,
-            "hair against hair on a grid (interaction.kind) cannot run on a GPU yet: run on the CPU",
+            "contacts between strands (interaction.contacts) cannot run on a GPU yet: run on the CPU",
         ),
         ("wrong cache", vec!["demo", "--cache", "x.abc"], 1, "ends in .abc: this version writes .npz"),
         ("wrong preset", vec!["grow", "x.hair", "--preset", "wvay"], 1, "did you mean \"wavy\"?"),

@@ -219,6 +219,21 @@ impl Gpu {
         })
     }
 
+    /// Waits until all is done that was handed to the device.
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`] if the device has failed.
+    pub fn wait(&self) -> Result<(), GpuError> {
+        self.check()?;
+        // A device that is lost while one waits for it is a panic in wgpu.
+        let wait = || self.0.device.poll(wgpu::PollType::wait_indefinitely());
+        let polled = std::panic::catch_unwind(std::panic::AssertUnwindSafe(wait));
+        self.check()?;
+        let polled = polled.map_err(|_| self.failed("it was lost while it was waited for"))?;
+        polled.map_err(|error| self.failed(&error.to_string()))?;
+        Ok(())
+    }
+
     /// Copies `buffer` to the CPU and waits for it.
     pub(crate) fn read<V: bytemuck::Pod>(&self, buffer: &wgpu::Buffer) -> Result<Vec<V>, GpuError> {
         self.check()?;
@@ -233,13 +248,7 @@ impl Gpu {
             // No one listens any more after an error.
             let _ = tell.send(result);
         });
-        self.check()?;
-        // A device that is lost while one waits for it is a panic in wgpu.
-        let wait = || self.0.device.poll(wgpu::PollType::wait_indefinitely());
-        let polled = std::panic::catch_unwind(std::panic::AssertUnwindSafe(wait));
-        self.check()?;
-        let polled = polled.map_err(|_| self.failed("it was lost while it was waited for"))?;
-        polled.map_err(|error| self.failed(&error.to_string()))?;
+        self.wait()?;
         // Another thread's waiting may have taken the answer, and be about to hand it on.
         match told.recv_timeout(PATIENCE) {
             Ok(Ok(())) => Ok(bytemuck::pod_collect_to_vec(&staging.get_mapped_range(..))),

@@ -1,8 +1,12 @@
 //! The grid on the device.
 //!
 //! # Practice
-//! Its box is found on the device, so that nothing comes back in a frame: there is room for the largest box that the hair can span while no edge is longer than at rest. Cells
-//! are gone through by a fixed count of threads, each of which takes one in so many.
+//! Its box is found on the device, so that nothing comes back in a frame. There is room for a cube about the ball that holds the hair at rest, for `max_cells` and for what the device binds at once,
+//! whichever is least; of hair that spreads farther the ends are left alone, as beyond `max_cells` on the CPU. Cells are gone through by a fixed count of threads, each of which takes one in so
+//! many.
+//!
+//! # Limitations
+//! The pressure's over-relaxation is made for hair as thick as a seventh of the rest shape's longest side; of much thicker hair the allowed sweeps leave more of the pressure out than on the CPU.
 
 use crate::batch::Batch;
 use crate::solids::MOST_SOLIDS;
@@ -18,20 +22,16 @@ use wgpu::BufferUsages;
 
 /// Threads of a workgroup that goes through cells.
 pub const CELLS_GROUP: u32 = 256;
-/// Workgroups of a dispatch over cells.
-pub(crate) const CELLS_GROUPS: u32 = 512;
 /// Threads of a dispatch over cells.
-pub const CELLS_THREADS: u32 = CELLS_GROUP * CELLS_GROUPS;
-/// Workgroups of a dispatch over the cells that can be held.
-pub(crate) const RELAX_GROUPS: u32 = 128;
-/// Threads of such a dispatch.
-pub const RELAX_THREADS: u32 = CELLS_GROUP * RELAX_GROUPS;
-/// Over-relaxation of the pressure: best for hair some eight cells thick with free cells outside, ω = 2/(1 + sin π/n).
-pub const RELAXATION: f32 = 1.5;
+pub const CELLS_THREADS: u32 = 512 * CELLS_GROUP;
+/// Threads of a dispatch over the cells that can be held.
+pub const RELAX_THREADS: u32 = 128 * CELLS_GROUP;
+/// The rest shape's longest side over the thickness of its hair, about.
+const THINNESS: f64 = 7.0;
 /// Sweeps after which the pressure is looked at.
 pub(crate) const SWEEPS: u32 = 4;
 /// Speed relative to the head with which hair counts at most, m/s.
-pub const FASTEST: f32 = 256.0;
+pub const FASTEST: f32 = 64.0;
 /// Cells from the grid's origin, beyond which hair is left alone.
 pub const MOST_OUT: f32 = 8192.0;
 /// Planes of numbers a cell.
@@ -71,16 +71,16 @@ pub struct GridUniform {
     pub unit: f32,
     /// Change of a sweep at which the pressure is found, over what lacks at most.
     pub tolerance: f32,
-    /// Numbers in a plane.
+    /// Numbers in a plane: cells at most.
     pub capacity: u32,
-    /// Cells at most.
-    pub most: u32,
     /// Solids.
     pub solids: u32,
+    /// Over-relaxation of the pressure.
+    pub relaxation: f32,
+    /// Share of a cell that counts as one while rooms are summed.
+    pub room: f32,
     /// Nothing.
     pub pad_0: u32,
-    /// Nothing.
-    pub pad_1: u32,
     /// The first `solids` are there.
     pub each: [GridSolidEntry; MOST_SOLIDS],
 }
@@ -113,8 +113,10 @@ pub struct BoundsEntry {
     pub sweeps: u32,
     /// Even and odd cells that can be held.
     pub listed: [u32; 2],
-    /// Nothing.
-    pub pad_0: [u32; 2],
+    /// Bits of the last change over the largest lack.
+    pub ratio: u32,
+    /// Bits of the largest such ratio with which a pressure of the frame was left.
+    pub residual: u32,
 }
 
 /// The grid of a simulation.
@@ -160,14 +162,15 @@ impl DeviceGrid {
             gpu.queue().write_buffer(&buffer, 0, bytemuck::cast_slice(rooms));
             buffer
         });
-        let unit = own.full_cell().max(16.0 * own.sample_mass());
+        let unit = own.densest().max(own.sample_mass());
         let host = GridUniform {
             cell: cell as f32,
             least: SPARSE * own.sample_mass(),
             unit,
+            room: own.fullest_at_rest().max(f32::MIN_POSITIVE),
             tolerance: params.tolerance as f32,
             capacity: capacity as u32,
-            most: capacity as u32,
+            relaxation: relaxation(params.resolution),
             ..GridUniform::zeroed()
         };
         Ok(Self {
@@ -217,6 +220,12 @@ impl DeviceGrid {
         }
         gpu.queue().write_buffer(&self.uniform, 0, bytemuck::bytes_of(host));
     }
+}
+
+/// The best ω for hair n cells thick with free cells on both sides: 2/(1 + sin π/n) (Young 1954).
+fn relaxation(resolution: u32) -> f32 {
+    let cells = (f64::from(resolution) / THINNESS).max(2.0);
+    (2.0 / (1.0 + (std::f64::consts::PI / cells).sin())) as f32
 }
 
 /// A map M x + b.

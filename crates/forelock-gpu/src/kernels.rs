@@ -1,9 +1,7 @@
 //! The kernels: texts beside the stages that they are twins of, constants from here, pipelines from both.
 
 use crate::air::AirUniform;
-use crate::grid::{
-    CELLS_GROUP, CELLS_THREADS, FASTEST, GridUniform, MOST_OUT, RELAX_THREADS, RELAXATION, SWEEPS,
-};
+use crate::grid::{CELLS_GROUP, CELLS_THREADS, FASTEST, GridUniform, MOST_OUT, RELAX_THREADS, SWEEPS};
 use crate::layout::{FLAGS, FrameUniform, SubstepUniform};
 use crate::solids::{FAR, HOW, KINDS, LookUniform, MOST_SOLIDS};
 use forelock_core::air::{MODES, canopy, wake};
@@ -101,6 +99,25 @@ pub enum Kernel {
     CheckStrands,
 }
 
+/// What the threads of a kernel are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Over {
+    /// Strands of a batch; run for each.
+    Strands,
+    /// One workgroup.
+    Once,
+    /// So many threads.
+    Count(u32),
+    /// [`CELLS_THREADS`].
+    Cells,
+    /// [`RELAX_THREADS`].
+    Held,
+}
+
+const WAKE_COUNT: u32 = wake::NODES.pow(3) as u32;
+const CANOPY_LAYER: u32 = canopy::NODES.pow(2) as u32;
+const CANOPY_COUNT: u32 = canopy::NODES.pow(3) as u32;
+
 /// A row of the table of stages.
 #[derive(Clone, Copy, Debug)]
 pub struct StageKernels {
@@ -108,10 +125,10 @@ pub struct StageKernels {
     pub stage: Stage,
     /// Its name, also of labels.
     pub name: &'static str,
-    /// Its text, to come after constants and prelude.
+    /// Its texts, to come after constants and prelude.
     pub texts: &'static [&'static str],
-    /// Its kernels, each with its entry point.
-    pub kernels: &'static [(Kernel, &'static str)],
+    /// Its kernels, each with its entry point and what its threads are.
+    pub kernels: &'static [(Kernel, &'static str, Over)],
     /// What they bind, of group 0.
     pub group: Group,
 }
@@ -128,14 +145,14 @@ pub const STAGES: [StageKernels; 8] = [
         name: "sample_air",
         texts: &[SHAPES, include_str!("../../forelock-core/src/stage/sample_air/kernel.wgsl")],
         kernels: &[
-            (Kernel::FillWake, "fill_wake"),
-            (Kernel::MarchWake, "march_wake"),
-            (Kernel::MeasureCanopy, "measure_canopy"),
-            (Kernel::FitCanopy, "fit_canopy"),
-            (Kernel::ClearCanopy, "clear_canopy"),
-            (Kernel::SplatCanopy, "splat_canopy"),
-            (Kernel::MarchCanopy, "march_canopy"),
-            (Kernel::SampleAir, "sample_air"),
+            (Kernel::FillWake, "fill_wake", Over::Count(WAKE_COUNT)),
+            (Kernel::MarchWake, "march_wake", Over::Once),
+            (Kernel::MeasureCanopy, "measure_canopy", Over::Strands),
+            (Kernel::FitCanopy, "fit_canopy", Over::Once),
+            (Kernel::ClearCanopy, "clear_canopy", Over::Count(CANOPY_COUNT)),
+            (Kernel::SplatCanopy, "splat_canopy", Over::Strands),
+            (Kernel::MarchCanopy, "march_canopy", Over::Count(CANOPY_LAYER)),
+            (Kernel::SampleAir, "sample_air", Over::Strands),
         ],
         group: Group::Air,
     },
@@ -143,21 +160,21 @@ pub const STAGES: [StageKernels; 8] = [
         stage: Stage::SolveStrands,
         name: "solve_strands",
         texts: &[include_str!("../../forelock-core/src/stage/solve_strands/kernel.wgsl")],
-        kernels: &[(Kernel::SolveStrands, "solve_strands")],
+        kernels: &[(Kernel::SolveStrands, "solve_strands", Over::Strands)],
         group: Group::Solve,
     },
     StageKernels {
         stage: Stage::ResolveSolids,
         name: "resolve_solids",
         texts: &[SHAPES, include_str!("../../forelock-core/src/stage/resolve_solids/kernel.wgsl")],
-        kernels: &[(Kernel::ResolveSolids, "resolve_solids")],
+        kernels: &[(Kernel::ResolveSolids, "resolve_solids", Over::Strands)],
         group: Group::Solids,
     },
     StageKernels {
         stage: Stage::RestoreLengths,
         name: "restore_lengths",
         texts: &[include_str!("../../forelock-core/src/stage/restore_lengths/kernel.wgsl")],
-        kernels: &[(Kernel::RestoreLengths, "restore_lengths")],
+        kernels: &[(Kernel::RestoreLengths, "restore_lengths", Over::Strands)],
         group: Group::Strands,
     },
     StageKernels {
@@ -165,10 +182,10 @@ pub const STAGES: [StageKernels; 8] = [
         name: "splat_segments",
         texts: &[GRID, include_str!("../../forelock-core/src/stage/splat_segments/kernel.wgsl")],
         kernels: &[
-            (Kernel::MeasureHair, "measure_hair"),
-            (Kernel::FitGrid, "fit_grid"),
-            (Kernel::ClearGrid, "clear_grid"),
-            (Kernel::SplatSegments, "splat_segments"),
+            (Kernel::MeasureHair, "measure_hair", Over::Strands),
+            (Kernel::FitGrid, "fit_grid", Over::Once),
+            (Kernel::ClearGrid, "clear_grid", Over::Cells),
+            (Kernel::SplatSegments, "splat_segments", Over::Strands),
         ],
         group: Group::Splat,
     },
@@ -177,15 +194,15 @@ pub const STAGES: [StageKernels; 8] = [
         name: "solve_pressure",
         texts: &[GRID, SHAPES, include_str!("../../forelock-core/src/stage/solve_pressure/kernel.wgsl")],
         kernels: &[
-            (Kernel::WallOff, "wall_off"),
-            (Kernel::Divide, "divide"),
-            (Kernel::AimVelocities, "aim_velocities"),
-            (Kernel::AimDisplacements, "aim_displacements"),
-            (Kernel::RelaxEven, "relax_even"),
-            (Kernel::RelaxOdd, "relax_odd"),
-            (Kernel::Judge, "judge"),
-            (Kernel::PushVelocities, "push_velocities"),
-            (Kernel::PushDisplacements, "push_displacements"),
+            (Kernel::WallOff, "wall_off", Over::Cells),
+            (Kernel::Divide, "divide", Over::Cells),
+            (Kernel::AimVelocities, "aim_velocities", Over::Cells),
+            (Kernel::AimDisplacements, "aim_displacements", Over::Cells),
+            (Kernel::RelaxEven, "relax_even", Over::Held),
+            (Kernel::RelaxOdd, "relax_odd", Over::Held),
+            (Kernel::Judge, "judge", Over::Once),
+            (Kernel::PushVelocities, "push_velocities", Over::Cells),
+            (Kernel::PushDisplacements, "push_displacements", Over::Cells),
         ],
         group: Group::Cells,
     },
@@ -194,8 +211,8 @@ pub const STAGES: [StageKernels; 8] = [
         name: "gather_velocities",
         texts: &[GRID, include_str!("../../forelock-core/src/stage/gather_velocities/kernel.wgsl")],
         kernels: &[
-            (Kernel::GatherVelocities, "gather_velocities"),
-            (Kernel::GatherDisplacements, "gather_displacements"),
+            (Kernel::GatherVelocities, "gather_velocities", Over::Strands),
+            (Kernel::GatherDisplacements, "gather_displacements", Over::Strands),
         ],
         group: Group::Gather,
     },
@@ -203,7 +220,7 @@ pub const STAGES: [StageKernels; 8] = [
         stage: Stage::CheckStrands,
         name: "check_strands",
         texts: &[include_str!("../../forelock-core/src/stage/check_strands/kernel.wgsl")],
-        kernels: &[(Kernel::CheckStrands, "check_strands")],
+        kernels: &[(Kernel::CheckStrands, "check_strands", Over::Strands)],
         group: Group::Strands,
     },
 ];
@@ -211,9 +228,15 @@ pub const STAGES: [StageKernels; 8] = [
 impl Kernel {
     /// The stage that it belongs to.
     pub fn stage(self) -> &'static StageKernels {
-        let of = |row: &&StageKernels| row.kernels.iter().any(|(kernel, _)| *kernel == self);
+        let of = |row: &&StageKernels| row.kernels.iter().any(|(kernel, ..)| *kernel == self);
         // Every kernel is in the table, which a test checks.
         STAGES.iter().find(of).unwrap_or(&STAGES[0])
+    }
+
+    /// What its threads are.
+    pub fn over(self) -> Over {
+        let own = self.stage().kernels.iter().find(|(kernel, ..)| *kernel == self);
+        own.map_or(Over::Strands, |(_, _, over)| *over)
     }
 }
 
@@ -378,7 +401,6 @@ pub fn text(stage: &StageKernels) -> String {
         ("LOOSE", LOOSE),
         ("SLACK", SLACK),
         ("SPREAD", wake::SPREAD),
-        ("RELAXATION", RELAXATION),
         ("FASTEST", FASTEST),
         ("MOST_OUT", MOST_OUT),
     ];
@@ -418,8 +440,8 @@ impl Kernels {
                 bind_group_layouts: &[Some(&layouts[stage.group as usize])],
                 immediate_size: 0,
             });
-            for (kernel, name) in stage.kernels {
-                debug_assert_eq!(*kernel as usize, pipelines.len());
+            // In the order of `Kernel`, which a test checks.
+            for (_, name, _) in stage.kernels {
                 pipelines.push(device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
                     label: Some(name),
                     layout: Some(&layout),

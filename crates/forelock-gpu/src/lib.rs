@@ -42,10 +42,12 @@ mod error;
 pub mod grid;
 pub mod kernels;
 pub mod layout;
+mod peaks;
 mod simulation;
 pub mod solids;
 
 pub use clock::StageSecs;
 pub use device::{Choice, Counts, Gpu};
 pub use error::GpuError;
+pub use peaks::Peaks;
 pub use simulation::{DeviceGridReport, GpuReport, GpuSimulation};

@@ -3,12 +3,12 @@
 use crate::air::{DeviceAir, Shelter};
 use crate::batch::{Batch, Shared, split};
 use crate::clock::{Clock, StageSecs};
-use crate::grid::{BoundsEntry, CELLS_GROUPS, DeviceGrid, RELAX_GROUPS, SWEEPS};
-use crate::kernels::{self, Binding, GROUPS, Group, Kernel, WORKGROUP};
+use crate::grid::{BoundsEntry, CELLS_GROUP, CELLS_THREADS, DeviceGrid, RELAX_THREADS, SWEEPS};
+use crate::kernels::{self, Binding, GROUPS, Group, Kernel, Over, WORKGROUP};
 use crate::layout::{FrameUniform, ReportEntry, SubstepUniform};
 use crate::solids::Solids;
 use crate::{Gpu, GpuError};
-use forelock_core::air::{WindField, canopy, wake};
+use forelock_core::air::WindField;
 use forelock_core::body::ColliderFrame;
 use forelock_core::grid::{GridFrame, GridParams};
 use forelock_core::groom::Groom;
@@ -20,7 +20,8 @@ use glam::DVec3;
 
 /// A simulation whose state lives on a GPU: [`forelock_core::solver::Simulation`], stage by stage.
 ///
-/// Memory, in bytes a particle: 28 of model, 32 of state, 120 of scratch (that of the largest batch).
+/// Memory, in bytes a particle: 28 of model, 32 of state, 120 of scratch (that of the largest batch); 4 more with a grid, and 68 a cell that there is room for; 12 more once there was wind
+/// that is not the same everywhere.
 #[derive(Debug)]
 pub struct GpuSimulation {
     gpu: Gpu,
@@ -56,6 +57,11 @@ struct Call {
     number: u32,
 }
 
+/// Calls of one stage after the other, together.
+fn by_stage(plan: &[Call]) -> impl Iterator<Item = &[Call]> {
+    plan.chunk_by(|a, b| a.kernel.stage().stage == b.kernel.stage().stage)
+}
+
 /// What the frames since the last report did.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GpuReport {
@@ -84,6 +90,8 @@ pub struct DeviceGridReport {
     pub cells: u32,
     /// Sweeps of the pressure solves, both together.
     pub sweeps: u32,
+    /// Largest change of their last sweeps, over the largest residual at the start; of the worse one.
+    pub residual: f32,
 }
 
 impl GpuSimulation {
@@ -143,7 +151,7 @@ impl GpuSimulation {
     /// Lets strands meet on a grid from the next frame on, or not any more.
     ///
     /// # Errors
-    /// [`GpuError::Params`] if a parameter is out of range; nothing is changed then.
+    /// [`GpuError::Params`] if a parameter is out of range; nothing is changed then. [`GpuError::Failed`] if the device has no room for it.
     pub fn set_grid(&mut self, params: Option<&GridParams>) -> Result<(), GpuError> {
         let batches: Vec<_> = self.batches.iter().map(|bound| &bound.batch).collect();
         let grid = params.map(|params| DeviceGrid::new(&self.gpu, &self.model, &batches, params));
@@ -261,7 +269,8 @@ impl GpuSimulation {
 
     /// Times stages from the next frame on, or not any more; whether the device can.
     pub fn time_stages(&mut self, on: bool) -> bool {
-        let passes = self.plan(true, Some(Shelter { wake: true, canopy: true })).len() as u32;
+        let plan = self.plan(true, Some(Shelter { wake: true, canopy: true }));
+        let passes = by_stage(&plan).count() as u32;
         self.clock = on.then(|| Clock::new(&self.gpu, passes)).flatten();
         self.clock.is_some()
     }
@@ -272,7 +281,7 @@ impl GpuSimulation {
         let mut clock = self.clock.take();
         if let Some(clock) = &mut clock {
             clock.begin();
-            for calls in plan.chunk_by(|a, b| a.kernel.stage().stage == b.kernel.stage().stage) {
+            for calls in by_stage(&plan) {
                 let stage = calls[0].kernel.stage();
                 let timestamp_writes = Some(clock.next(stage.stage));
                 let described = wgpu::ComputePassDescriptor { label: Some(stage.name), timestamp_writes };
@@ -326,8 +335,7 @@ impl GpuSimulation {
         let wake = [FillWake, MarchWake].into_iter().filter(|_| shelter.wake);
         let canopy = [MeasureCanopy, FitCanopy, ClearCanopy, SplatCanopy, MarchCanopy];
         for kernel in wake.chain(canopy.into_iter().filter(|_| shelter.canopy)).chain([SampleAir]) {
-            let is_of_strands = matches!(kernel, MeasureCanopy | SplatCanopy | SampleAir);
-            let batches = if is_of_strands { self.batches.len() } else { 1 };
+            let batches = if kernel.over() == Over::Strands { self.batches.len() } else { 1 };
             plan.extend((0..batches).map(|batch| Call { kernel, batch, number: 0 }));
         }
     }
@@ -339,7 +347,8 @@ impl GpuSimulation {
             GatherVelocities, Judge, MeasureHair, PushDisplacements, PushVelocities, RelaxEven, RelaxOdd,
             SplatSegments, WallOff,
         };
-        let relax = (1..=sweeps).flat_map(|sweep| {
+        // A pressure is looked at every few sweeps, and at its last.
+        let relax = (1..=sweeps.next_multiple_of(SWEEPS)).flat_map(|sweep| {
             let judge = (sweep % SWEEPS == 0).then_some(Judge);
             [RelaxEven, RelaxOdd].into_iter().chain(judge)
         });
@@ -350,9 +359,7 @@ impl GpuSimulation {
             .chain(relax)
             .chain([PushDisplacements, GatherDisplacements]);
         for kernel in kernels {
-            let is_of_strands =
-                matches!(kernel, MeasureHair | SplatSegments | GatherVelocities | GatherDisplacements);
-            let batches = if is_of_strands { self.batches.len() } else { 1 };
+            let batches = if kernel.over() == Over::Strands { self.batches.len() } else { 1 };
             plan.extend((0..batches).map(|batch| Call { kernel, batch, number: self.params.substeps }));
         }
     }
@@ -369,15 +376,12 @@ impl GpuSimulation {
     fn call(&self, pass: &mut wgpu::ComputePass<'_>, call: &Call) {
         let (kernel, bound) = (call.kernel, &self.batches[call.batch]);
         let group = kernel.stage().group;
-        let groups = match kernel {
-            Kernel::FitGrid | Kernel::Judge | Kernel::FitCanopy | Kernel::MarchWake => 1,
-            Kernel::FillWake => (wake::NODES.pow(3) as u32).div_ceil(WORKGROUP),
-            Kernel::ClearCanopy => (canopy::NODES.pow(3) as u32).div_ceil(WORKGROUP),
-            Kernel::MarchCanopy => (canopy::NODES.pow(2) as u32).div_ceil(WORKGROUP),
-            Kernel::RelaxEven | Kernel::RelaxOdd => RELAX_GROUPS,
-            Kernel::ClearGrid => CELLS_GROUPS,
-            _ if group == Group::Cells => CELLS_GROUPS,
-            _ => bound.batch.groups,
+        let groups = match kernel.over() {
+            Over::Strands => bound.batch.groups,
+            Over::Once => 1,
+            Over::Count(threads) => threads.div_ceil(WORKGROUP),
+            Over::Cells => CELLS_THREADS / CELLS_GROUP,
+            Over::Held => RELAX_THREADS / CELLS_GROUP,
         };
         let of_group = if group == Group::Cells { &self.to_cells } else { &bound.groups[group as usize] };
         let offset = match group {
@@ -449,6 +453,7 @@ impl GpuSimulation {
                     fullest: f32::from_bits(bounds.fullest),
                     cells: bounds.held,
                     sweeps: bounds.sweeps,
+                    residual: f32::from_bits(bounds.residual),
                 })
             }
         };

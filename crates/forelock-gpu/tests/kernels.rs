@@ -4,7 +4,7 @@
 
 use forelock_gpu::air::{AirUniform, CanopyEntry, ModeEntry};
 use forelock_gpu::grid::{BoundsEntry, GridSolidEntry, GridUniform};
-use forelock_gpu::kernels::{Binding, GROUPS, STAGES, StageKernels, text};
+use forelock_gpu::kernels::{Binding, GROUPS, Group, STAGES, StageKernels, text};
 use forelock_gpu::layout::{BlockEntry, FrameUniform, ReportEntry, SubstepUniform};
 use forelock_gpu::solids::{LookUniform, SolidEntry};
 use naga::back::{hlsl, msl, spv};
@@ -26,15 +26,15 @@ fn modules() -> impl Iterator<Item = (&'static StageKernels, naga::Module, Modul
 fn kernels_need_nothing_beyond_webgpu_and_have_the_entry_points_of_the_table() {
     for (stage, module, _) in modules() {
         let entries: Vec<_> = module.entry_points.iter().map(|entry| &*entry.name).collect();
-        let mut named: Vec<_> = stage.kernels.iter().map(|(_, name)| *name).collect();
+        let mut named: Vec<_> = stage.kernels.iter().map(|(_, name, _)| *name).collect();
         named.sort_by_key(|name| entries.iter().position(|entry| entry == name));
         assert_eq!(entries, named);
     }
     // Pipelines are found by number.
-    let kernels: Vec<_> = STAGES.iter().flat_map(|stage| stage.kernels).map(|(kernel, _)| *kernel).collect();
+    let kernels: Vec<_> = STAGES.iter().flat_map(|stage| stage.kernels).map(|(kernel, ..)| *kernel).collect();
     assert!(kernels.iter().enumerate().all(|(number, kernel)| *kernel as usize == number), "{kernels:?}");
     assert!(STAGES.iter().enumerate().all(|(number, stage)| stage.stage as usize == number));
-    assert!(kernels.iter().all(|&own| own.stage().kernels.iter().any(|(kernel, _)| *kernel == own)));
+    assert!(kernels.iter().all(|&own| own.stage().kernels.iter().any(|(kernel, ..)| *kernel == own)));
     assert!(GROUPS.iter().enumerate().all(|(number, group)| *group as usize == number));
 }
 
@@ -55,7 +55,7 @@ macro_rules! same {
 
 #[test]
 fn structs_are_laid_out_alike() {
-    for (_, module, _) in modules() {
+    for (stage, module, _) in modules() {
         same!(&module, "Frame", FrameUniform, [
             k_springs k_integrity tip_scales k_angular gravity k_altitude air drag h inverse_h inverse_dt dftl_damping
             elastic_limit breaking_point breaking_width healing healing_limit clamped flags unknown drag_along
@@ -64,23 +64,32 @@ fn structs_are_laid_out_alike() {
         same!(&module, "Substep", SubstepUniform, [start end carried_weight pad_0 shift pad_1]);
         same!(&module, "Block", BlockEntry, [first particles live points]);
         let has = |name: &str| module.types.iter().any(|(_, kind)| kind.name.as_deref() == Some(name));
-        if has("Bounds") {
+        let on_grid = matches!(stage.group, Group::Splat | Group::Cells | Group::Gather);
+        let among_solids = matches!(stage.group, Group::Air | Group::Solids | Group::Cells);
+        assert_eq!(
+            [has("Bounds"), has("Air"), has("Look")],
+            [on_grid, stage.group == Group::Air, among_solids],
+            "{}",
+            stage.name
+        );
+        if on_grid {
             same!(&module, "Bounds", BoundsEntry, [
-                low count dims layer extent fullest lack change held found sweeps listed pad_0
+                low count dims layer extent fullest lack change held found sweeps listed ratio
+                residual
             ]);
             same!(&module, "GridSolid", GridSolidEntry, [local velocity]);
             same!(&module, "Grid", GridUniform, [
-                place motion axes cell pic slack expand least unit tolerance capacity most solids pad_0 pad_1 each
+                place motion axes cell pic slack expand least unit tolerance capacity solids relaxation room pad_0 each
             ]);
         }
-        if has("Air") {
+        if stage.group == Group::Air {
             same!(&module, "Mode", ModeEntry, [wave phase amplitude pad_0]);
             same!(&module, "Air", AirUniform, [
                 to_wake from_wake axes mean shelter shift wake_cell stop scale modes solids each
             ]);
             same!(&module, "Canopy", CanopyEntry, [low cell dims pad_0 extent pad_1 pad_2]);
         }
-        if has("Look") {
+        if among_solids {
             same!(&module, "Solid", SolidEntry, [
                 at_end at_start carry spin friction travel kind pivot thinness size cell ball ball_radius origin pad_0 dims
                 first
@@ -132,11 +141,11 @@ fn kernels_can_be_said_in_metal_directx_and_vulkan() {
         let options = hlsl::Options { fake_missing_bindings: true, ..hlsl::Options::default() };
         let pipeline = hlsl::PipelineOptions::default();
         hlsl::Writer::new(&mut text, &options, &pipeline).write(&module, &info, None).unwrap();
-        assert!(stage.kernels.iter().all(|(_, own)| text.contains(own)), "HLSL of {name}");
+        assert!(stage.kernels.iter().all(|(_, own, _)| text.contains(own)), "HLSL of {name}");
         let options = msl::Options { fake_missing_bindings: true, ..msl::Options::default() };
         let (text, _) =
             msl::write_string(&module, &info, &options, &msl::PipelineOptions::default()).unwrap();
-        assert!(stage.kernels.iter().all(|(_, own)| text.contains(own)), "MSL of {name}");
+        assert!(stage.kernels.iter().all(|(_, own, _)| text.contains(own)), "MSL of {name}");
         let words = spv::write_vec(&module, &info, &spv::Options::default(), None).unwrap();
         assert_eq!(words[0], 0x0723_0203, "SPIR-V of {name}");
     }

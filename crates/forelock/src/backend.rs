@@ -114,6 +114,7 @@ impl Device {
             grid: report.grid.map_or_else(GridReport::default, |grid| GridReport {
                 cells: grid.cells as usize,
                 iterations: grid.sweeps,
+                residual: grid.residual.into(),
                 fullest: grid.fullest.into(),
                 ..GridReport::default()
             }),

@@ -28,6 +28,7 @@ pub mod plot;
 mod regrooming;
 pub mod report;
 mod run;
+pub mod scaling;
 pub mod scene;
 mod sdf_cache;
 mod sheets;

@@ -147,7 +147,7 @@ pub(crate) struct Stepper<'a> {
     wind: Wind,
     pub(crate) simulation: Simulation,
     /// What steps it, if not this processor.
-    device: Option<Device>,
+    pub(crate) device: Option<Device>,
     /// How guides carry all strands, if only guides are simulated.
     skinning: Option<Skinning>,
     /// The guides' positions.
@@ -163,7 +163,7 @@ impl<'a> Stepper<'a> {
     }
 
     /// The same on `backend`, and what is worth telling about that.
-    fn on(
+    pub(crate) fn on(
         backend: Backend,
         scene: &'a Scene,
         assets: &'a Assets,

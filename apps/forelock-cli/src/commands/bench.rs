@@ -5,36 +5,69 @@ use std::path::Path;
 use anyhow::Context as _;
 use clap::ValueEnum;
 use forelock::paper::{Experiment, Figure, GUIDES, GuidesTable, Study, Table1Options, table1};
+use forelock::scaling::{ScalingOptions, scaling};
 use serde::Serialize;
 
-use crate::arguments::{BenchArgs, BenchCommand, PaperFigure};
+use crate::arguments::{BenchArgs, BenchBackend, BenchCommand, PaperFigure};
 use crate::progress::Reporter;
 use crate::terminal;
 
 /// Runs what is asked for and prints its table.
 pub fn bench(arguments: &BenchArgs) -> anyhow::Result<()> {
-    let BenchCommand::Paper { figure, share, frames, warm_up, out, json } = &arguments.what;
-    let mut reporter = Reporter::new(*json);
+    let (json, out, name) = match &arguments.what {
+        BenchCommand::Paper { figure, out, json, .. } => {
+            let figure = figure.as_ref().and_then(ValueEnum::to_possible_value);
+            (
+                *json,
+                out,
+                figure.map_or_else(|| "ams-table1".to_owned(), |f| format!("ams-figure-{}", f.get_name())),
+            )
+        }
+        BenchCommand::Scaling { backend, out, json, .. } => {
+            let device = if *backend == BenchBackend::Gpu { "gpu" } else { "cpu" };
+            (*json, out, format!("scaling-{device}"))
+        }
+    };
+    let mut reporter = Reporter::new(json);
     let mut observer = |progress: &forelock::Progress<'_>| reporter.report(progress);
-    let name = figure.as_ref().and_then(ValueEnum::to_possible_value);
-    let name =
-        name.map_or_else(|| "ams-table1".to_owned(), |value| format!("ams-figure-{}", value.get_name()));
-    let report = Report { out: out.as_deref(), name, json: *json };
+    let report = Report { out: out.as_deref(), name, json };
     // Before minutes of work, not after them.
     if let Some(folder) = report.out {
         std::fs::create_dir_all(folder)
             .with_context(|| format!("cannot make the folder {}", folder.display()))?;
     }
+    match &arguments.what {
+        BenchCommand::Paper { figure, share, frames, warm_up, backend, .. } => {
+            let backend =
+                if *backend == BenchBackend::Gpu { forelock::Backend::Gpu } else { forelock::Backend::Cpu };
+            let options = Table1Options { warm_up: *warm_up, frames: *frames, share: *share, backend };
+            paper(&report, *figure, &options, &mut observer)
+        }
+        BenchCommand::Scaling { backend, most, frames, apart, .. } => {
+            let on_gpu = *backend == BenchBackend::Gpu;
+            let options = ScalingOptions { on_gpu, most: *most, frames: *frames, grid: !apart };
+            let found = scaling(&options, &mut observer)?;
+            report.study(&found.study(), &found)
+        }
+    }
+}
+
+/// Table 1 with `options`, or one figure with their share of strands.
+fn paper(
+    report: &Report<'_>,
+    figure: Option<PaperFigure>,
+    options: &Table1Options,
+    observer: &mut forelock::Observer<'_>,
+) -> anyhow::Result<()> {
     let experiment = match figure {
         None => {
-            let table =
-                table1(&Table1Options { warm_up: *warm_up, frames: *frames, share: *share }, &mut observer)?;
+            let table = table1(options, observer)?;
             return report.study(&table.study(), &table);
         }
         Some(PaperFigure::Sag) => return report.ablation(Figure::Sag),
         Some(PaperFigure::Angular) => return report.ablation(Figure::Angular),
         Some(PaperFigure::Guides) => {
-            let table = GuidesTable::run(&GUIDES, (*share, &[]), report.out.is_some(), &mut observer)?;
+            let table = GuidesTable::run(&GUIDES, (options.share, &[]), report.out.is_some(), observer)?;
             if let (Some(folder), Some(picture)) = (report.out, &table.picture) {
                 forelock::write_png(&folder.join(format!("{}.png", report.name)), picture)?;
             }
@@ -45,7 +78,7 @@ pub fn bench(arguments: &BenchArgs) -> anyhow::Result<()> {
         Some(PaperFigure::Grooming) => Experiment::Grooming,
         Some(PaperFigure::Asymmetric) => Experiment::Asymmetric,
     };
-    let study = experiment.study(*share, &mut observer)?;
+    let study = experiment.study(options.share, observer)?;
     report.study(&study, &study)
 }
 

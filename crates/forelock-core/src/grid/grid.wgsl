@@ -39,12 +39,13 @@ struct Grid {
     // Metres of hair that count as one while they are summed.
     unit: f32,
     tolerance: f32,
-    capacity: u32,
     // Cells at most.
-    most: u32,
+    capacity: u32,
     solids: u32,
+    relaxation: f32,
+    // Share of a cell that counts as one while rooms are summed.
+    room: f32,
     pad_0: u32,
-    pad_1: u32,
     each: array<GridSolid, MOST_SOLIDS>,
 }
 
@@ -69,6 +70,9 @@ struct Bounds {
     sweeps: u32,
     // Even and odd cells on the list.
     listed: array<atomic<u32>, 2>,
+    // The last change over the largest lack, and the largest of those with which a pressure of the frame was left.
+    ratio: f32,
+    residual: f32,
 }
 
 // Integers to the unit, or to a full cell, while hair is splat.
@@ -118,7 +122,7 @@ fn corner_weight(own: Stencil, corner: u32) -> f32 {
 
 // Whether a point touches only faces of the box.
 fn holds(at: vec3f) -> bool {
-    return all(at >= vec3f(2.0)) && all(at < vec3f(bounds.dims) - 2.0);
+    return all_finite(at) && all(at >= vec3f(2.0)) && all(at < vec3f(bounds.dims) - 2.0);
 }
 
 // Where a position is, in cells from the box's first.

@@ -54,8 +54,10 @@ pub struct Grid {
     pub(crate) cell: f64,
     /// Mean mass of a sample, metres of hair.
     pub(crate) sample_mass: f32,
-    /// Metres of hair that fill a cell of the groom's mean density.
-    full_cell: f32,
+    /// Metres of hair in the densest cell of the rest shape.
+    densest: f32,
+    /// How full that cell is.
+    fullest_at_rest: f32,
     pub(crate) chunks: Vec<Chunk>,
     /// Cells that the hair of each edge fills at rest, `[places]` rows.
     pub(crate) rooms: Vec<Row<f32>>,
@@ -113,7 +115,8 @@ impl Grid {
             params: params.clone(),
             cell,
             sample_mass: 0.0,
-            full_cell: 0.0,
+            densest: 0.0,
+            fullest_at_rest: 1.0,
             chunks: segments::chunks(model, cell),
             rooms: vec![Row([0.0; LANES]); model.rest_lengths.len() / 3],
             bounds: Bounds::default(),
@@ -150,9 +153,14 @@ impl Grid {
         self.sample_mass
     }
 
-    /// Metres of hair that fill a cell of the groom's mean density.
-    pub fn full_cell(&self) -> f32 {
-        self.full_cell
+    /// Metres of hair in the densest cell of the rest shape, about.
+    pub fn densest(&self) -> f32 {
+        self.densest
+    }
+
+    /// How full that cell is: 1, but less where [`GridParams::rest_density`] is more than the hair has at rest.
+    pub fn fullest_at_rest(&self) -> f32 {
+        self.fullest_at_rest
     }
 
     /// Bytes held.
@@ -216,7 +224,8 @@ impl Grid {
         self.sample_mass = (mass / f64::max(count, 1.0)) as f32;
         let mean = self.params.rest_density * self.cell.powi(3);
         let mean = if mean > 0.0 { mean as f32 } else { segments::mean(model, &self.rooms, &at_edges) };
-        self.full_cell = mean;
+        self.densest = at_edges.iter().flat_map(|row| row.0).fold(0.0, f32::max);
+        self.fullest_at_rest = self.densest / mean.max(self.densest).max(f32::MIN_POSITIVE);
         for place in places.clone() {
             for lane in 0..LANES {
                 self.rooms[place].0[lane] /= at_edges[place].0[lane].max(mean).max(f32::MIN_POSITIVE);

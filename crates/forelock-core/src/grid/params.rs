@@ -19,9 +19,9 @@ pub struct GridParams {
     pub rest_density: f64,
     /// Rate at which hair that is too dense expands. Unit s⁻¹, default 10, range 0 or more; 0 stops it from getting denser only.
     pub volume_rate: f64,
-    /// Iterations of the pressure solve at most. Unit iterations, default 60, range 1 to 10000.
+    /// Iterations of the pressure solve at most: of conjugate gradients in each round of the active set, on a GPU sweeps of relaxation. Unit iterations, default 60, range 1 to 10000.
     pub iterations: u32,
-    /// Residual of the pressure solve, over that at its start. No unit, default 1e-3, range above 0 and below 1.
+    /// Residual of the pressure solve, over that at its start; on a GPU the largest change in four sweeps, over the largest residual at the start. No unit, default 1e-3, range above 0 and below 1.
     pub tolerance: f64,
     /// Cells of the grid at most; hair beyond the box is left alone. Unit cells, default 4000000, range 4096 to 1000000000.
     pub max_cells: u32,

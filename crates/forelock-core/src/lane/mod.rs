@@ -17,6 +17,7 @@
 #![expect(clippy::needless_range_loop, reason = "one index for several arrays is what vectorises")]
 
 mod math;
+pub mod peak;
 mod quad;
 #[cfg(target_arch = "x86_64")]
 mod x86;

@@ -78,7 +78,7 @@ fn divide(@builtin(global_invocation_id) id: vec3u) {
             put(MOBILITY + axis, cell, mobility);
             put(VELOCITY + axis, cell, velocity);
         }
-        put(FILLED, cell, f32(summed(FILLED, cell)) / SCALE);
+        put(FILLED, cell, grid.room * f32(summed(FILLED, cell)) / SCALE);
     }
 }
 
@@ -139,6 +139,7 @@ fn begin(id: u32, displaces: bool) {
     if id == 0u {
         atomicStore(&bounds.change, 0u);
         bounds.found = 0u;
+        bounds.ratio = 0.0;
     }
 }
 
@@ -179,7 +180,7 @@ fn relax(id: u32, colour: u32) {
         }
         diagonal *= 1.0 + SLACK;
         let old = pressure_at(cell);
-        let next = max(old + RELAXATION * (given / diagonal - old), 0.0);
+        let next = max(old + grid.relaxation * (given / diagonal - old), 0.0);
         put(PRESSURE, cell, next);
         largest = max(largest, abs(next - old) * diagonal);
     }
@@ -206,7 +207,9 @@ fn judge() {
     }
     bounds.sweeps += SWEEPS;
     let change = bitcast<f32>(atomicExchange(&bounds.change, 0u));
-    if change <= grid.tolerance * bitcast<f32>(atomicLoad(&bounds.lack)) {
+    let lack = bitcast<f32>(atomicLoad(&bounds.lack));
+    bounds.ratio = change / max(lack, 1e-37);
+    if change <= grid.tolerance * lack {
         bounds.found = 1u;
     }
 }
@@ -234,6 +237,7 @@ fn push(id: u32, displaces: bool) {
     }
     if id == 0u {
         atomicStore(&bounds.lack, 0u);
+        bounds.residual = max(bounds.residual, bounds.ratio);
         forget_list();
     }
 }

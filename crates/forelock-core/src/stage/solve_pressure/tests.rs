@@ -122,7 +122,7 @@ fn a_pocket_without_a_way_out_has_a_pressure() {
     let params = GridParams { resolution: 32, iterations: 500, ..GridParams::default() };
     let mut grid = Grid::new(&model, &params);
     let shape = Shape::Box { half_extents: DVec3::splat(0.15) };
-    // Three cells along x, for each round of the active set takes in one more.
+    // Three cells along x.
     let half = [1.5 * grid.cell, 0.04, 0.04];
     let wall = |axis: usize, side: f64, way: f64| {
         let along = DVec3::AXES[axis] * side;

@@ -1,7 +1,7 @@
 // Particle to grid, one strand a thread: the twin of `splat_segments` and of `grid::Bounds::around`.
 //
-// Shares are summed as integers, so that sums do not depend on their order: 2²² to the unit, in 32 bits; so 512 units fit, of which one is all the hair that fills a
-// cell at rest, or that times a metre a second, or a full cell.
+// Shares are summed as integers, so that sums do not depend on their order: 2²² to the unit, in 32 bits; so 512 units fit, of which one is all the hair in the densest
+// cell at rest, or that times a metre a second, or that cell's fullness.
 
 @group(0) @binding(12) var<storage, read> rooms: array<f32>;
 @group(0) @binding(13) var<storage, read_write> cells: array<atomic<i32>>;
@@ -52,8 +52,8 @@ fn fit_grid() {
     }
     for (;;) {
         let side = high - low;
-        // In floats, for the product of integers may not fit.
-        if f32(side.x) * f32(side.y) * f32(side.z) <= f32(grid.most) {
+        // The product of all three may not fit.
+        if u32(side.x * side.y) <= grid.capacity / u32(side.z) {
             break;
         }
         var longest = 0u;
@@ -75,6 +75,7 @@ fn fit_grid() {
     atomicStore(&bounds.fullest, 0u);
     atomicStore(&bounds.held, 0u);
     bounds.sweeps = 0u;
+    bounds.residual = 0.0;
     forget_list();
 }
 
@@ -104,7 +105,7 @@ fn splat_sample(at: vec3f, mass: f32, velocity: vec3f, room: f32) {
     }
     let own = stencil(at, 3u);
     for (var corner = 0u; corner < 8u; corner++) {
-        add(FILLED, corner_place(own, corner), room * corner_weight(own, corner));
+        add(FILLED, corner_place(own, corner), room / grid.room * corner_weight(own, corner));
     }
 }
 

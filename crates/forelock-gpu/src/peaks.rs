@@ -1,0 +1,90 @@
+//! What a device can do at most, measured: the roof of a roofline.
+
+use crate::{Gpu, GpuError};
+use std::time::Instant;
+use wgpu::BufferUsages;
+
+/// Rounds of multiply–adds a thread, each of 32.
+const ROUNDS: u32 = 512;
+/// Operations of a thread: a multiply–add is two.
+const OPERATIONS: f64 = 2.0 * 32.0 * ROUNDS as f64;
+/// Threads of a dispatch.
+const THREADS: u32 = 256 * 1024;
+/// Bytes copied at once, where a binding holds that.
+const BYTES: u64 = 256 << 20;
+/// A measurement takes so long at least, seconds.
+const LEAST_SECS: f64 = 0.2;
+
+/// Rates of a device.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Peaks {
+    /// Float32 operations a second, in independent multiply–adds.
+    pub operations_per_sec: f64,
+    /// Bytes a second, read and written in a copy of what no cache holds.
+    pub bytes_per_sec: f64,
+}
+
+impl Peaks {
+    /// Measures `gpu`: about a second, and up to half a gigabyte on it.
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`] if the device fails.
+    pub fn measure(gpu: &Gpu) -> Result<Self, GpuError> {
+        let limits = gpu.device().limits();
+        let mut bytes = BYTES.min(limits.max_storage_buffer_binding_size).min(limits.max_buffer_size);
+        if gpu.is_software() {
+            bytes = bytes.min(BYTES / 4);
+        }
+        let storage = BufferUsages::STORAGE | BufferUsages::COPY_SRC;
+        let buffers = ["source", "target"].map(|label| gpu.buffer(label, bytes, storage));
+        let text = format!("const ROUNDS: u32 = {ROUNDS}u;\n{}", include_str!("peaks.wgsl"));
+        let module = gpu.device().create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: Some("peaks"),
+            source: wgpu::ShaderSource::Wgsl(text.into()),
+        });
+        let rate = |entry: &str, groups: u32, work: f64| -> Result<f64, GpuError> {
+            let pipeline = gpu.device().create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label: Some(entry),
+                layout: None,
+                module: &module,
+                entry_point: Some(entry),
+                compilation_options: wgpu::PipelineCompilationOptions::default(),
+                cache: None,
+            });
+            let entries: [_; 2] = std::array::from_fn(|k| wgpu::BindGroupEntry {
+                binding: k as u32,
+                resource: buffers[k].as_entire_binding(),
+            });
+            let bound = gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
+                label: None,
+                layout: &pipeline.get_bind_group_layout(0),
+                entries: &entries,
+            });
+            let run = |times: u32| -> Result<f64, GpuError> {
+                let started = Instant::now();
+                let mut encoder = gpu.device().create_command_encoder(&Default::default());
+                for _ in 0..times {
+                    let mut pass = encoder.begin_compute_pass(&Default::default());
+                    pass.set_pipeline(&pipeline);
+                    pass.set_bind_group(0, &bound, &[]);
+                    pass.dispatch_workgroups(groups, 1, 1);
+                }
+                gpu.queue().submit([encoder.finish()]);
+                gpu.wait()?;
+                Ok(started.elapsed().as_secs_f64())
+            };
+            run(1)?;
+            let mut times = 1;
+            loop {
+                let secs = run(times)?;
+                if secs >= LEAST_SECS {
+                    return Ok(f64::from(times) * work / secs);
+                }
+                times *= 2;
+            }
+        };
+        let operations_per_sec = rate("multiply_add", THREADS / 256, f64::from(THREADS) * OPERATIONS)?;
+        let bytes_per_sec = rate("copy", 16_384, 2.0 * bytes as f64)?;
+        Ok(Self { operations_per_sec, bytes_per_sec })
+    }
+}
