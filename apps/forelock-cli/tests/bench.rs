@@ -40,3 +40,48 @@ fn a_figure_leaves_its_plots() {
         assert!(place.path("bench").join(name).is_file(), "{name}");
     }
 }
+
+#[test]
+fn scaling_is_a_row_a_count_beside_the_peaks() {
+    let place = Workplace::new();
+    let small = ["bench", "scaling", "--most", "1000", "--frames", "2", "--out", "bench", "--json"];
+    let table = json(&place.run(small));
+    assert_eq!(table["rows"].as_array().map(Vec::len), Some(1), "{table}");
+    let row = &table["rows"][0];
+    assert_eq!((row["strands"].as_u64(), row["particles"].as_u64()), (Some(1000), Some(25_000)));
+    let stages = row["ms_per_stage"].to_string();
+    assert!(stages.contains("solve_strands") && stages.contains("solve_pressure"), "{stages}");
+    // No work is done faster than the machine can.
+    let [rate, peak] = [&row["solve_operations_per_sec"], &table["peak_operations_per_sec"]]
+        .map(|rate| rate.as_f64().unwrap_or_default());
+    assert!(rate > 0.01 * peak && rate < peak, "{rate} of {peak}");
+    let page = std::fs::read_to_string(place.path("bench/scaling-cpu.md")).unwrap_or_default();
+    assert!(page.contains("| 1,000 × 25 |") && page.contains("Measured peaks"), "{page}");
+    let apart = json(&place.run(small.iter().copied().chain(["--apart"])));
+    assert!(!apart["rows"].to_string().contains("solve_pressure"), "{apart}");
+}
+
+#[test]
+fn a_gpu_is_measured_by_its_own_clock() {
+    let place = Workplace::new();
+    let output =
+        place.run(["bench", "scaling", "--backend", "gpu", "--most", "1000", "--frames", "1", "--json"]);
+    if !output.status.success() {
+        assert!(std::env::var_os("FORELOCK_REQUIRE_GPU").is_none(), "{}", stderr(&output));
+        assert!(stderr(&output).contains("there is no GPU to run on"), "{}", stderr(&output));
+        return;
+    }
+    let table = json(&output);
+    let row = &table["rows"][0];
+    assert!(row["ms_per_frame"].as_f64().is_some_and(|ms| ms > 0.0), "{table}");
+    assert!(table["peak_bytes_per_sec"].as_f64().is_some_and(|rate| rate > 1e8), "{table}");
+    let small = ["bench", "paper", "--share", "0.001", "--frames", "1", "--warm-up", "0"];
+    let table = json(&place.run(small.iter().copied().chain(["--backend", "gpu", "--json"])));
+    let rows = table["rows"].as_array().map(Vec::as_slice).unwrap_or_default();
+    let ran: Vec<_> = rows.iter().filter(|row| row["skipped"].is_null()).collect();
+    assert!(ran.len() >= 9, "{table}");
+    assert!(
+        ran.iter().all(|row| row["ms_per_frame"]["median"].as_f64().is_some_and(|ms| ms > 0.0)),
+        "{table}"
+    );
+}

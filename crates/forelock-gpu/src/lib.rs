@@ -26,12 +26,12 @@
 //! ```
 //!
 //! # Practice
-//! Kernels lie as text beside the stages that they are twins of (`forelock-core/src/stage/*/kernel.wgsl`), and the rows of Model and State are on the
-//! device as they are on the CPU. One strand is one thread: 16 neighbours of a block read 64 bytes side by side. Strands go in batches, each within the
+//! Kernels lie as text beside what they are twins of (`kernel.wgsl` of each stage in `forelock-core`, `body/shapes.wgsl`, `grid/grid.wgsl`), and the rows of Model and State are on the
+//! device as they are on the CPU. One strand is one thread, on the grid some cells are: 16 neighbours of a block read 64 bytes side by side. Strands go in batches, each within the
 //! device's bindings; scratch is that of the largest batch.
 //!
 //! # Limitations
-//! So far: springs, ghost ties and their damage, solids, lengths, checks. Solids that change their shape, hair against hair and wind that is not the same everywhere
+//! Contacts between strands, solids that change their shape and edits while the hair moves
 //! run on the CPU only. Numbers come back by waiting, which a browser does not allow: native only so far. Nothing holds back a caller who steps without ever reading.
 
 pub mod air;
