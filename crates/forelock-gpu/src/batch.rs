@@ -165,17 +165,21 @@ impl Batch {
         queue.write_buffer(&self.memory, 0, bytemuck::cast_slice(&memory));
     }
 
-    /// Brings its part of `state` back, and waits for it.
-    pub fn read(&self, gpu: &Gpu, state: &mut State<f32>) -> Result<(), GpuError> {
+    /// What holds its part of the state.
+    pub fn state(&self) -> [&wgpu::Buffer; 3] {
+        [&self.positions, &self.velocities, &self.memory]
+    }
+
+    /// Takes its part of `state` from the bytes of what holds it.
+    pub fn take(&self, [positions, velocities, memory]: [&[u8]; 3], state: &mut State<f32>) {
         let (from, to) = (self.places.start, self.places.end);
-        state.positions[3 * from..3 * to].copy_from_slice(&gpu.read::<Row<f32>>(&self.positions)?);
-        state.velocities[3 * from..3 * to].copy_from_slice(&gpu.read::<Row<f32>>(&self.velocities)?);
-        let memory = gpu.read::<[Row<f32>; 2]>(&self.memory)?;
-        for (place, [integrity, clearance]) in self.places.clone().zip(memory) {
+        bytemuck::cast_slice_mut(&mut state.positions[3 * from..3 * to]).copy_from_slice(positions);
+        bytemuck::cast_slice_mut(&mut state.velocities[3 * from..3 * to]).copy_from_slice(velocities);
+        let rows: Vec<[Row<f32>; 2]> = bytemuck::pod_collect_to_vec(memory);
+        for (place, [integrity, clearance]) in self.places.clone().zip(rows) {
             let unknown = |x: f32| if x <= UNKNOWN { f32::NEG_INFINITY } else { x };
             (state.integrity[place], state.clearance[place]) = (integrity, Row(clearance.0.map(unknown)));
         }
-        Ok(())
     }
 }
 

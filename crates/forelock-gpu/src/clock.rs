@@ -1,7 +1,7 @@
 //! The time that each stage takes, by the device's own clock.
 
+use crate::Gpu;
 use crate::kernels::{STAGES, Stage};
-use crate::{Gpu, GpuError};
 use wgpu::BufferUsages;
 
 /// Queries in a set at most, as WebGPU has it.
@@ -59,13 +59,18 @@ impl Clock {
         encoder.resolve_query_set(&self.set, 0..2 * self.passes.len() as u32, &self.resolved, 0);
     }
 
-    /// Seconds of each stage in the last frame. Waits for the device.
-    pub fn read(&self, gpu: &Gpu) -> Result<StageSecs, GpuError> {
-        let ticks = gpu.read::<[u64; 2]>(&self.resolved)?;
+    /// What holds the timestamps.
+    pub fn resolved(&self) -> &wgpu::Buffer {
+        &self.resolved
+    }
+
+    /// Seconds of each stage in the last frame, from the bytes of what holds them.
+    pub fn secs(&self, bytes: &[u8]) -> StageSecs {
+        let ticks: Vec<[u64; 2]> = bytemuck::pod_collect_to_vec(bytes);
         let mut secs = STAGES.map(|stage| (stage.name, 0.0));
         for (stage, [from, to]) in self.passes.iter().zip(ticks) {
             secs[*stage as usize].1 += to.saturating_sub(from) as f64 * self.secs_per_tick;
         }
-        Ok(secs)
+        secs
     }
 }

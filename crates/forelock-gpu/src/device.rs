@@ -234,14 +234,34 @@ impl Gpu {
         Ok(())
     }
 
-    /// Copies `buffer` to the CPU and waits for it.
-    pub(crate) fn read<V: bytemuck::Pod>(&self, buffer: &wgpu::Buffer) -> Result<Vec<V>, GpuError> {
+    /// Copies `buffers` to the CPU, each to a list of bytes, and waits for them: once, where one buffer more has room for all.
+    pub(crate) fn read(&self, buffers: &[&wgpu::Buffer]) -> Result<Vec<Vec<u8>>, GpuError> {
+        let most = self.0.device.limits().max_buffer_size;
+        let mut read = Vec::with_capacity(buffers.len());
+        while read.len() < buffers.len() {
+            let mut bytes = 0;
+            let fits = buffers[read.len()..].iter().take_while(|buffer| {
+                bytes += buffer.size();
+                bytes <= most
+            });
+            let count = fits.count().max(1);
+            read.extend(self.read_together(&buffers[read.len()..read.len() + count])?);
+        }
+        Ok(read)
+    }
+
+    fn read_together(&self, buffers: &[&wgpu::Buffer]) -> Result<Vec<Vec<u8>>, GpuError> {
         self.check()?;
         self.0.read_backs.fetch_add(1, Relaxed);
         let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
-        let staging = self.buffer("read-back", buffer.size(), usage);
+        let bytes = buffers.iter().map(|buffer| buffer.size()).sum();
+        let staging = self.buffer("read-back", bytes, usage);
         let mut encoder = self.0.device.create_command_encoder(&Default::default());
-        encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, buffer.size());
+        let mut first = 0;
+        for buffer in buffers {
+            encoder.copy_buffer_to_buffer(buffer, 0, &staging, first, buffer.size());
+            first += buffer.size();
+        }
         self.0.queue.submit([encoder.finish()]);
         let (tell, told) = std::sync::mpsc::channel();
         staging.map_async(wgpu::MapMode::Read, .., move |result| {
@@ -251,7 +271,16 @@ impl Gpu {
         self.wait()?;
         // Another thread's waiting may have taken the answer, and be about to hand it on.
         match told.recv_timeout(PATIENCE) {
-            Ok(Ok(())) => Ok(bytemuck::pod_collect_to_vec(&staging.get_mapped_range(..))),
+            Ok(Ok(())) => {
+                let mapped = staging.get_mapped_range(..);
+                let mut rest = &*mapped;
+                let part = |buffer: &&wgpu::Buffer| {
+                    let (own, others) = rest.split_at(buffer.size() as usize);
+                    rest = others;
+                    own.to_vec()
+                };
+                Ok(buffers.iter().map(part).collect())
+            }
             Ok(Err(error)) => Err(self.failed(&error.to_string())),
             Err(_) => Err(self.failed("it did not answer")),
         }

@@ -31,7 +31,7 @@
 //! device's bindings; scratch is that of the largest batch.
 //!
 //! # Limitations
-//! Contacts between strands, solids that change their shape and edits while the hair moves
+//! Contacts between strands and solids that change their shape
 //! run on the CPU only. Numbers come back by waiting, which a browser does not allow: native only so far. Nothing holds back a caller who steps without ever reading.
 
 pub mod air;

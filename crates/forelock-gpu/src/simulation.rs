@@ -14,7 +14,7 @@ use forelock_core::grid::{GridFrame, GridParams};
 use forelock_core::groom::Groom;
 use forelock_core::model::{Model, Strands};
 use forelock_core::solver::params::Inextensibility;
-use forelock_core::solver::{AmsParams, Frame, Options};
+use forelock_core::solver::{AmsParams, Frame, Options, Simulation};
 use forelock_core::state::{Snapshot, State};
 use glam::DVec3;
 
@@ -94,6 +94,17 @@ pub struct DeviceGridReport {
     pub residual: f32,
 }
 
+impl From<BoundsEntry> for DeviceGridReport {
+    fn from(bounds: BoundsEntry) -> Self {
+        Self {
+            fullest: f32::from_bits(bounds.fullest),
+            cells: bounds.held,
+            sweeps: bounds.sweeps,
+            residual: f32::from_bits(bounds.residual),
+        }
+    }
+}
+
 impl GpuSimulation {
     /// A simulation of `groom`, at rest at `options.rest_pose`.
     ///
@@ -115,7 +126,25 @@ impl GpuSimulation {
     ) -> Result<Self, GpuError> {
         params.validate()?;
         let model = Model::new(strands)?;
-        let mirror = State::at_rest(&model, &options.rest_pose);
+        let state = State::at_rest(&model, &options.rest_pose);
+        Self::with(gpu, (model, state), params, options)
+    }
+
+    /// What goes on where `simulation` is on the CPU. Strands that meet there do not here until [`GpuSimulation::set_grid`] says so.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] or [`GpuError::Failed`] if the GPU has no room.
+    pub fn continuing(gpu: &Gpu, simulation: &Simulation<f32>) -> Result<Self, GpuError> {
+        let (model, state) = (simulation.model().clone(), simulation.state().clone());
+        Self::with(gpu, (model, state), simulation.params(), simulation.options())
+    }
+
+    fn with(
+        gpu: &Gpu,
+        (model, mirror): (Model<f32>, State<f32>),
+        params: &AmsParams,
+        options: &Options,
+    ) -> Result<Self, GpuError> {
         let ranges = split(gpu, &model)?;
         let places = |range: &std::ops::Range<usize>| {
             model.blocks[range.clone()].iter().map(|block| block.particles).sum::<usize>()
@@ -443,30 +472,53 @@ impl GpuSimulation {
     /// # Errors
     /// [`GpuError::Failed`] if the device has failed.
     pub fn report(&mut self) -> Result<GpuReport, GpuError> {
-        let found = self.gpu.read::<ReportEntry>(&self.shared.report)?[0];
-        self.gpu.queue().write_buffer(&self.shared.report, 0, &[0; size_of::<ReportEntry>()]);
-        let grid = match &self.grid {
-            None => None,
-            Some(grid) => {
-                let bounds = self.gpu.read::<BoundsEntry>(&grid.bounds)?[0];
-                Some(DeviceGridReport {
-                    fullest: f32::from_bits(bounds.fullest),
-                    cells: bounds.held,
-                    sweeps: bounds.sweeps,
-                    residual: f32::from_bits(bounds.residual),
-                })
+        self.fetch(true, false)
+    }
+
+    /// The same and the state, rows as in the model, in one wait.
+    ///
+    /// # Errors
+    /// As [`GpuSimulation::report`].
+    pub fn report_and_state(&mut self) -> Result<(GpuReport, &State<f32>), GpuError> {
+        let report = self.fetch(true, true)?;
+        Ok((report, &self.mirror))
+    }
+
+    /// Reads what is asked for, in one wait.
+    fn fetch(&mut self, report: bool, state: bool) -> Result<GpuReport, GpuError> {
+        let mut buffers = Vec::new();
+        if report {
+            buffers.push(&self.shared.report);
+            buffers.extend(self.grid.as_ref().map(|grid| &grid.bounds));
+            buffers.extend(self.clock.as_ref().map(Clock::resolved));
+        }
+        if state {
+            buffers.extend(self.batches.iter().flat_map(|bound| bound.batch.state()));
+        }
+        let read = self.gpu.read(&buffers)?;
+        let mut read = read.iter();
+        let mut next = || read.next().map_or(&[][..], |bytes| bytes);
+        let mut found = GpuReport::default();
+        if report {
+            self.gpu.queue().write_buffer(&self.shared.report, 0, &[0; size_of::<ReportEntry>()]);
+            let own: ReportEntry = bytemuck::pod_read_unaligned(next());
+            let restored = if self.restores_lengths() { own.restored } else { own.stretch };
+            found = GpuReport {
+                max_edge_stretch: f32::from_bits(restored),
+                max_edge_stretch_final: f32::from_bits(own.stretch),
+                quarantined_strands: own.quarantined,
+                touching: own.touching,
+                max_penetration_m: f32::from_bits(own.deepest),
+                grid: self.grid.as_ref().map(|_| bytemuck::pod_read_unaligned::<BoundsEntry>(next()).into()),
+                stage_secs: self.clock.as_ref().map(|clock| clock.secs(next())),
+            };
+        }
+        if state {
+            for Bound { batch, .. } in &self.batches {
+                batch.take([next(), next(), next()], &mut self.mirror);
             }
-        };
-        let restored = if self.restores_lengths() { found.restored } else { found.stretch };
-        Ok(GpuReport {
-            max_edge_stretch: f32::from_bits(restored),
-            max_edge_stretch_final: f32::from_bits(found.stretch),
-            quarantined_strands: found.quarantined,
-            touching: found.touching,
-            max_penetration_m: f32::from_bits(found.deepest),
-            grid,
-            stage_secs: self.clock.as_ref().map(|clock| clock.read(&self.gpu)).transpose()?,
-        })
+        }
+        Ok(found)
     }
 
     /// A copy of the state that resumes bit for bit. Waits for the device.
@@ -474,9 +526,7 @@ impl GpuSimulation {
     /// # Errors
     /// [`GpuError::Failed`] if the device has failed.
     pub fn snapshot(&mut self) -> Result<Snapshot<f32>, GpuError> {
-        for Bound { batch, .. } in &self.batches {
-            batch.read(&self.gpu, &mut self.mirror)?;
-        }
+        self.fetch(false, true)?;
         Ok(self.mirror.snapshot(&self.model))
     }
 

@@ -8,14 +8,13 @@
 //! What [`unsupported`] names runs on the CPU only.
 
 use forelock_core::air::WindField;
-use forelock_core::grid::GridReport;
-use forelock_core::groom::Groom;
-use forelock_core::solver::{AmsParams, Frame, FrameReport, Options, STAGES, Simulation};
+use forelock_core::grid::{GridParams, GridReport};
+use forelock_core::solver::{Frame, FrameReport, STAGES, Simulation};
 use forelock_gpu::{Choice, Gpu, GpuError, GpuSimulation};
 
 use crate::assets::Assets;
 use crate::run::RunError;
-use crate::scene::{InteractionKind, Scene, SolverKind};
+use crate::scene::{InteractionKind, Scene};
 
 /// Where to compute.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -30,17 +29,16 @@ pub enum Backend {
 }
 
 impl Backend {
-    /// The device of `scene` with `groom`, none for the CPU, and what is worth telling about the choice.
+    /// The device of `scene` on which `simulation` goes on, none for the CPU, and what is worth telling about the choice.
     pub(crate) fn device(
         self,
         (scene, assets): (&Scene, &Assets),
-        groom: &Groom,
-        options: &Options,
+        simulation: &Simulation,
     ) -> Result<(Option<Device>, Option<String>), RunError> {
         if self == Self::Cpu {
             return Ok((None, None));
         }
-        match Device::open((scene, assets), groom, options, self == Self::Gpu) {
+        match Device::open((scene, assets), simulation, self == Self::Gpu) {
             Ok(device) => Ok((Some(device), None)),
             Err(error) if self == Self::Auto => Ok((None, Some(format!("on the CPU: {error}")))),
             Err(error) => Err(error.into()),
@@ -52,6 +50,7 @@ impl Backend {
 #[derive(Debug)]
 pub(crate) struct Device {
     gpu: Gpu,
+    grid: Option<GridParams>,
     simulation: GpuSimulation,
 }
 
@@ -59,8 +58,7 @@ impl Device {
     /// On a processor that plays a GPU only if `software` will do: it is slower than itself.
     fn open(
         (scene, assets): (&Scene, &Assets),
-        groom: &Groom,
-        options: &Options,
+        simulation: &Simulation,
         software: bool,
     ) -> Result<Self, GpuError> {
         if let Some(what) = unsupported(scene) {
@@ -70,14 +68,19 @@ impl Device {
         if gpu.is_software() && !software {
             return Err(GpuError::None { reason: format!("{} is software", gpu.name()) });
         }
-        let mut simulation = GpuSimulation::new(&gpu, groom, &params(scene), options)?;
-        if scene.interaction.kind == InteractionKind::Grid {
-            simulation.set_grid(Some(&scene.interaction.grid))?;
-        }
+        let meets = scene.interaction.kind == InteractionKind::Grid;
+        let grid = meets.then(|| scene.interaction.grid.clone());
+        let mut own = Self { simulation: GpuSimulation::continuing(&gpu, simulation)?, gpu, grid };
+        own.prepare()?;
         let times = [0.0, 1.0 / scene.time.fps];
-        simulation.hold(&assets.collider_frames(times, times.map(|time| assets.head_pose(time))))?;
-        simulation.time_stages(true);
-        Ok(Self { gpu, simulation })
+        own.simulation.hold(&assets.collider_frames(times, times.map(|time| assets.head_pose(time))))?;
+        Ok(own)
+    }
+
+    fn prepare(&mut self) -> Result<(), GpuError> {
+        self.simulation.set_grid(self.grid.as_ref())?;
+        self.simulation.time_stages(true);
+        Ok(())
     }
 
     /// The GPU's name.
@@ -95,6 +98,12 @@ impl Device {
         self.simulation.restore(&simulation.snapshot())
     }
 
+    /// Goes on with `simulation`, whose strands are other ones now.
+    pub(crate) fn begin_anew(&mut self, simulation: &Simulation) -> Result<(), GpuError> {
+        self.simulation = GpuSimulation::continuing(&self.gpu, simulation)?;
+        self.prepare()
+    }
+
     /// Steps a frame, and brings the state to `simulation`.
     pub(crate) fn step(
         &mut self,
@@ -103,8 +112,8 @@ impl Device {
         simulation: &mut Simulation,
     ) -> Result<FrameReport, RunError> {
         self.simulation.step_frame_in(frame, wind)?;
-        let report = self.simulation.report()?;
-        simulation.restore(&self.simulation.snapshot()?)?;
+        let (report, state) = self.simulation.report_and_state()?;
+        simulation.state_mut().clone_from(state);
         Ok(FrameReport {
             max_edge_stretch: report.max_edge_stretch.into(),
             max_edge_stretch_final: report.max_edge_stretch_final.into(),
@@ -129,24 +138,7 @@ impl Device {
     }
 }
 
-fn params(scene: &Scene) -> AmsParams {
-    match scene.solver.kind {
-        SolverKind::MassSpring => scene.solver.mass_spring.ams(),
-        _ => scene.solver.ams.clone(),
-    }
-}
-
 /// What `scene` asks for that a GPU cannot do yet, beside what its solids are.
 fn unsupported(scene: &Scene) -> Option<&'static str> {
-    let mass_spring = scene.solver.kind == SolverKind::MassSpring;
-    [
-        ("contacts between strands (interaction.contacts)", scene.interaction.contacts),
-        (
-            "virtual particles (solver.mass_spring.virtual_particles)",
-            mass_spring && scene.solver.mass_spring.virtual_particles,
-        ),
-        ("an edit while the hair moves (edit.at_secs)", !scene.edits.timed().is_empty()),
-    ]
-    .into_iter()
-    .find_map(|(what, asked)| asked.then_some(what))
+    scene.interaction.contacts.then_some("contacts between strands (interaction.contacts)")
 }

@@ -39,14 +39,15 @@ impl Regrooming {
         }
     }
 
-    /// Does all edits whose time is not after `time_secs`, at which the head is at `head`.
+    /// Does all edits whose time is not after `time_secs`, at which the head is at `head`; whether there were any.
     pub(crate) fn advance(
         &mut self,
         scene: &Scene,
         assets: &Assets,
         simulation: &mut Simulation,
         (time_secs, head): (f64, Pose),
-    ) -> Result<(), RunError> {
+    ) -> Result<bool, RunError> {
+        let waiting = self.waiting.len();
         while let Some((number, at_secs)) = self.waiting.front().copied().filter(|edit| edit.1 <= time_secs) {
             self.waiting.pop_front();
             let mut groom = self.groom.take().unwrap_or_else(|| assets.groom.clone());
@@ -57,7 +58,7 @@ impl Regrooming {
             self.places = places(&assets.groom, &groom);
             self.groom = Some(groom);
         }
-        Ok(())
+        Ok(self.waiting.len() < waiting)
     }
 
     /// Positions of `simulation` in world space and the layout of the groom at the start, metres.

@@ -181,13 +181,13 @@ impl<'a> Stepper<'a> {
             SolverKind::MassSpring => Simulation::mass_spring(groom, &solver.mass_spring, &options)?,
             _ => Simulation::new(groom, &solver.ams, &options)?,
         };
-        if scene.interaction.kind == InteractionKind::Grid {
+        let (device, note) = backend.device((scene, assets), &simulation)?;
+        if device.is_none() && scene.interaction.kind == InteractionKind::Grid {
             simulation.set_grid(Some(&scene.interaction.grid))?;
         }
-        if scene.interaction.contacts {
+        if device.is_none() && scene.interaction.contacts {
             simulation.set_contacts(Some(&scene.interaction.contact))?;
         }
-        let (device, note) = backend.device((scene, assets), groom, &options)?;
         let regrooming = Regrooming::new(scene);
         // A scene's seed is that of everything random.
         let wind = WindParams { seed: scene.seed.wrapping_add(scene.wind.seed), ..scene.wind.clone() };
@@ -221,7 +221,11 @@ impl<'a> Stepper<'a> {
     pub(crate) fn regroom(&mut self, frame: u32) -> Result<(), RunError> {
         let time = self.time_secs(frame);
         let moment = (time, self.assets.head_pose(time));
-        self.regrooming.advance(self.scene, self.assets, &mut self.simulation, moment)
+        let edited = self.regrooming.advance(self.scene, self.assets, &mut self.simulation, moment)?;
+        if let Some(device) = self.device.as_mut().filter(|_| edited) {
+            device.begin_anew(&self.simulation)?;
+        }
+        Ok(())
     }
 
     /// From frame `frame` to the next.

@@ -398,6 +398,11 @@ impl<T: SolverReal> Simulation<T> {
         &self.params
     }
 
+    /// How it runs.
+    pub fn options(&self) -> &Options {
+        &self.options
+    }
+
     /// Changes the parameters from the next frame on.
     ///
     /// # Errors
