@@ -3,7 +3,7 @@
 use crate::air::AirUniform;
 use crate::grid::{CELLS_GROUP, CELLS_THREADS, FASTEST, GridUniform, MOST_OUT, RELAX_THREADS, SWEEPS};
 use crate::layout::{FLAGS, FrameUniform, SubstepUniform};
-use crate::solids::{FAR, HOW, KINDS, LookUniform, MOST_SOLIDS};
+use crate::solids::{FAR, FIELD_NUMBERS, HOW, KINDS, LookUniform, MOST_SOLIDS};
 use forelock_core::air::{MODES, canopy, wake};
 use forelock_core::grid::MARGIN;
 use forelock_core::lane::{ASIN_RATIO, LANES};
@@ -382,6 +382,7 @@ pub fn text(stage: &StageKernels) -> String {
         ("SLIDES", SLIDES as u32),
         ("SWEEP_STEPS", SWEEP_STEPS as u32),
         ("MOST_SOLIDS", MOST_SOLIDS as u32),
+        ("FIELD_NUMBERS", FIELD_NUMBERS),
         ("CELLS_GROUP", CELLS_GROUP),
         ("CELLS_THREADS", CELLS_THREADS),
         ("RELAX_THREADS", RELAX_THREADS),

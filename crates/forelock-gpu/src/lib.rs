@@ -31,8 +31,8 @@
 //! device's bindings; scratch is that of the largest batch.
 //!
 //! # Limitations
-//! Contacts between strands and solids that change their shape
-//! run on the CPU only. Numbers come back by waiting, which a browser does not allow: native only so far. Nothing holds back a caller who steps without ever reading.
+//! Contacts between strands
+//! run on the CPU only. The fields of solids that change are all held at once. Numbers come back by waiting, which a browser does not allow: native only so far. Nothing holds back a caller who steps without ever reading.
 
 pub mod air;
 mod batch;

@@ -6,7 +6,7 @@ use forelock_core::body::{ColliderFrame, Sdf, Shape};
 use forelock_core::pose::Pose;
 use forelock_core::solver::{AmsParams, Frame, fractions};
 use forelock_core::stage::resolve_solids::SolidMotion;
-use glam::{DMat4, DVec3, Mat4, UVec3, Vec3};
+use glam::{DMat4, DVec2, DVec3, Mat4, Vec2, Vec3};
 use std::sync::Arc;
 use wgpu::BufferUsages;
 
@@ -72,15 +72,24 @@ pub struct SolidEntry {
     pub ball: Vec3,
     /// And its radius, metres.
     pub ball_radius: f32,
-    /// A field's first node, metres.
-    pub origin: Vec3,
-    /// Nothing.
-    pub pad_0: f32,
-    /// A field's nodes.
-    pub dims: UVec3,
-    /// Where its values start.
+    /// Where its first field is described.
     pub first: u32,
+    /// How many fields it has, one after the other.
+    pub fields: u32,
+    /// How far along them it is at the substep's start and end.
+    pub phases: Vec2,
+    /// How far its surface may move in the substep, metres.
+    pub swell: f32,
+    /// Nothing.
+    pub pad_0: u32,
+    /// Nothing.
+    pub pad_1: u32,
+    /// Nothing.
+    pub pad_2: u32,
 }
+
+/// Numbers that describe a field: first node, side of a cell, nodes, and where its values start, in two halves.
+pub const FIELD_NUMBERS: u32 = 9;
 
 /// A look at all solids: `Look` in the kernel.
 #[repr(C)]
@@ -106,7 +115,8 @@ pub const FAR: f64 = 1e30;
 pub(crate) struct Solids {
     /// Values of all fields, one after the other.
     pub fields: wgpu::Buffer,
-    held: Vec<(Arc<Sdf>, u32)>,
+    /// Shapes whose fields are there, and where their first is described.
+    held: Vec<(Shape, u32)>,
     /// A `LookUniform` a look, each at a multiple of `stride`.
     pub looks: wgpu::Buffer,
     pub stride: u32,
@@ -122,7 +132,7 @@ impl Solids {
         let stride = (size_of::<LookUniform>() as u32).next_multiple_of(aligned);
         let bytes = u64::from(stride) * u64::from(substeps + 1);
         Self {
-            fields: fields_of(gpu, &[]),
+            fields: buffer_of(gpu, &[]),
             held: Vec::new(),
             looks: gpu.buffer("looks", bytes, BufferUsages::UNIFORM | BufferUsages::COPY_DST),
             stride,
@@ -141,21 +151,26 @@ impl Solids {
         if solids.len() > MOST_SOLIDS {
             return Err(GpuError::Unsupported { what: "more than 32 solids at once" });
         }
-        if solids.iter().any(|solid| matches!(solid.shape, Shape::Morph { .. })) {
-            return Err(GpuError::Unsupported { what: "a solid that changes its shape" });
-        }
-        let fields = || solids.iter().filter_map(|solid| field_of(solid.shape));
-        if fields().all(|field| self.held.iter().any(|(held, _)| Arc::ptr_eq(held, field))) {
+        let shapes = || solids.iter().map(|solid| solid.shape).filter(|shape| !fields_of(shape).is_empty());
+        if shapes().all(|shape| place_of(&self.held, shape).is_some()) {
             return Ok(false);
         }
-        let mut held: Vec<(Arc<Sdf>, u32)> = Vec::new();
+        let mut held: Vec<(Shape, u32)> = Vec::new();
         let mut values: Vec<f32> = Vec::new();
-        for field in fields() {
-            if !held.iter().any(|(own, _)| Arc::ptr_eq(own, field)) {
-                held.push((Arc::clone(field), values.len() as u32));
-                values.extend_from_slice(field.values());
+        let mut described: Vec<f32> = Vec::new();
+        for shape in shapes() {
+            if place_of(&held, shape).is_none() {
+                held.push((shape.clone(), described.len() as u32));
+                for field in fields_of(shape) {
+                    described.extend(describe(field, values.len() as u32));
+                    values.extend_from_slice(field.values());
+                }
             }
         }
+        for (_, first) in &mut held {
+            *first += values.len() as u32;
+        }
+        values.append(&mut described);
         let limits = gpu.device().limits();
         let limit = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
         let bytes = size_of_val(&*values) as u64;
@@ -168,7 +183,7 @@ impl Solids {
                 limit,
             });
         }
-        self.fields = fields_of(gpu, &values);
+        self.fields = buffer_of(gpu, &values);
         self.held = held;
         Ok(true)
     }
@@ -189,10 +204,8 @@ impl Solids {
         self.look.thickness = params.skin_thickness as f32;
         for (step, fractions) in (0..substeps).zip(fractions(substeps)) {
             for (entry, solid) in self.look.solids.iter_mut().zip(frame.colliders) {
-                let first = field_of(solid.shape).and_then(|field| {
-                    self.held.iter().find(|(held, _)| Arc::ptr_eq(held, field)).map(|(_, first)| *first)
-                });
-                *entry = entry_of(solid, fractions, origin, first.unwrap_or(0));
+                let first = place_of(&self.held, solid.shape).unwrap_or(0);
+                *entry = entry_of(solid, fractions, origin, first);
             }
             let is_last = step + 1 == substeps;
             self.look.how = if is_last && !looks_last { AFTER_SUBSTEP | LAST } else { AFTER_SUBSTEP };
@@ -211,14 +224,32 @@ impl Solids {
     }
 }
 
-fn field_of(shape: &Shape) -> Option<&Arc<Sdf>> {
+/// The fields of a shape; none of a primitive.
+fn fields_of(shape: &Shape) -> &[Sdf] {
     match shape {
-        Shape::Sdf(field) => Some(field),
-        _ => None,
+        Shape::Sdf(field) => std::slice::from_ref(field),
+        Shape::Morph { morph, .. } => morph.fields(),
+        _ => &[],
     }
 }
 
-fn fields_of(gpu: &Gpu, values: &[f32]) -> wgpu::Buffer {
+/// Where the first field of `shape` is described, if its fields are held.
+fn place_of(held: &[(Shape, u32)], shape: &Shape) -> Option<u32> {
+    let is_same = |own: &Shape| match (own, shape) {
+        (Shape::Sdf(own), Shape::Sdf(other)) => Arc::ptr_eq(own, other),
+        (Shape::Morph { morph: own, .. }, Shape::Morph { morph: other, .. }) => Arc::ptr_eq(own, other),
+        _ => false,
+    };
+    held.iter().find(|(own, _)| is_same(own)).map(|(_, first)| *first)
+}
+
+/// [`FIELD_NUMBERS`] of a field whose values start at `first`.
+fn describe(field: &Sdf, first: u32) -> [f32; FIELD_NUMBERS as usize] {
+    let ([x, y, z], [i, j, k]) = (field.origin().to_array(), field.dims().as_vec3().to_array());
+    [x, y, z, field.cell(), i, j, k, (first >> 16) as f32, (first & 0xffff) as f32]
+}
+
+fn buffer_of(gpu: &Gpu, values: &[f32]) -> wgpu::Buffer {
     let bytes = size_of_val(values).max(4) as u64;
     let buffer = gpu.buffer("fields", bytes, BufferUsages::STORAGE | BufferUsages::COPY_DST);
     gpu.queue().write_buffer(&buffer, 0, bytemuck::cast_slice(values));
@@ -240,7 +271,10 @@ fn entry_of(solid: &ColliderFrame<'_>, fractions: [f64; 2], origin: DVec3, first
         Shape::Sdf(_) | Shape::Morph { .. } => (kinds::FIELD, DVec3::ZERO),
     };
     let (ball, ball_radius) = motion.ball.unwrap_or((DVec3::ZERO, FAR));
-    let field = field_of(solid.shape);
+    let phases = match solid.shape {
+        Shape::Morph { phases: [from, to], .. } => fractions.map(|fraction| from + (to - from) * fraction),
+        _ => [0.0; 2],
+    };
     SolidEntry {
         at_end: matrix(&motion.poses[1].inverse()),
         at_start: matrix(&motion.poses[0].inverse()),
@@ -252,12 +286,15 @@ fn entry_of(solid: &ColliderFrame<'_>, fractions: [f64; 2], origin: DVec3, first
         pivot: motion.pivot.as_vec3(),
         thinness: solid.shape.thinness().min(FAR) as f32,
         size: size.as_vec3(),
-        cell: field.map_or(0.0, |field| field.cell()),
+        cell: solid.shape.cell().unwrap_or(0.0),
         ball: ball.as_vec3(),
         ball_radius: ball_radius as f32,
-        origin: field.map_or(Vec3::ZERO, |field| field.origin()),
-        pad_0: 0.0,
-        dims: field.map_or(UVec3::ONE, |field| field.dims()),
         first,
+        fields: fields_of(solid.shape).len() as u32,
+        phases: DVec2::from_array(phases).as_vec2(),
+        swell: motion.swell as f32,
+        pad_0: 0,
+        pad_1: 0,
+        pad_2: 0,
     }
 }

@@ -10,7 +10,7 @@ mod common;
 #[path = "common/little.rs"]
 mod little;
 
-use forelock_core::body::{ColliderFrame, Head, Sdf, Shape};
+use forelock_core::body::{ColliderFrame, Head, Morph, Sdf, Shape};
 use forelock_core::model::Strands;
 use forelock_core::pose::Pose;
 use forelock_core::solver::params::{AngularForm, Inextensibility, IntegrityForm, Jacobian};
@@ -69,7 +69,8 @@ fn options() -> Options {
 
 /// A solid that goes from its pose at rest `by` metres a second, in the head's space or in the world.
 struct Solid<'a> {
-    shape: &'a Shape,
+    /// One a frame, of which the last stays.
+    shapes: &'a [Shape],
     local: Pose,
     by: DVec3,
     on_head: bool,
@@ -78,8 +79,13 @@ struct Solid<'a> {
 
 impl<'a> Solid<'a> {
     fn new(shape: &'a Shape, at: [f64; 3], by: [f64; 3]) -> Self {
+        Self::changing(std::slice::from_ref(shape), at, by)
+    }
+
+    /// The same with a shape a frame.
+    fn changing(shapes: &'a [Shape], at: [f64; 3], by: [f64; 3]) -> Self {
         let turned = DQuat::from_rotation_x(0.3);
-        Self { shape, local: Pose::new(turned, at.into()), by: by.into(), on_head: true, friction: 0.4 }
+        Self { shapes, local: Pose::new(turned, at.into()), by: by.into(), on_head: true, friction: 0.4 }
     }
 
     fn frame(&self, number: u32) -> ColliderFrame<'a> {
@@ -88,7 +94,8 @@ impl<'a> Solid<'a> {
             if self.on_head { head(frame).after(&moved) } else { moved }
         };
         let [from, to] = [number, number + 1].map(carrier);
-        ColliderFrame { shape: self.shape, local: self.local, from, to, friction: self.friction }
+        let shape = &self.shapes[(number as usize).min(self.shapes.len() - 1)];
+        ColliderFrame { shape, local: self.local, from, to, friction: self.friction }
     }
 }
 
@@ -234,6 +241,16 @@ fn every_form_of_every_term() {
 }
 
 /// Every shape, still on the head and flying through the hair, several at once, faster than a substep can see, and where there is no room between them.
+/// The field of a ball.
+fn ball_field(radius: f32) -> Sdf {
+    let node = |at: u32| (at as f32 - 15.5) * 0.006;
+    let values = (0..32u32.pow(3)).map(|at| {
+        let [x, y, z] = [at % 32, at / 32 % 32, at / 1024].map(node);
+        (x * x + y * y + z * z).sqrt() - radius
+    });
+    Sdf::new(glam::UVec3::splat(32), glam::Vec3::splat(node(0)), 0.006, values.collect()).unwrap()
+}
+
 #[test]
 fn every_solid() {
     let Some(gpu) = common::gpu() else { return };
@@ -245,6 +262,12 @@ fn every_solid() {
     let capsule = Shape::Capsule { half_length: 0.1, radius: 0.02 };
     let cuboid = Shape::Box { half_extents: DVec3::new(0.05, 0.02, 0.08) };
     let mesh = Shape::Sdf(Arc::new(Sdf::from_mesh(&Head::builtin().mesh, 48, 0.02).unwrap()));
+    // Three fields, gone through in forty frames; the fourth is a plain one, whose numbers come after theirs.
+    let morph = Arc::new(Morph::new([0.02, 0.045, 0.06].map(ball_field).into()).unwrap());
+    let phase = |frame: u32| 0.05 * f64::from(frame);
+    let swelling: Vec<Shape> = (0..40)
+        .map(|frame| Shape::Morph { morph: morph.clone(), phases: [phase(frame), phase(frame + 1)] })
+        .collect();
     let still = |shape, at| Solid::new(shape, at, [0.0; 3]);
     // The head sets out along z, and what is to meet it in the world goes there too.
     let flying = Solid { on_head: false, ..Solid::new(&ball, [-0.25, -0.12, 0.01], [1.0, 0.0, 0.6]) };
@@ -256,6 +279,14 @@ fn every_solid() {
         ("a plane", vec![still(&Shape::Plane, [0.0, -0.2, 0.0])]),
         ("a hollow sphere", vec![still(&hollow, [0.0, -0.1, 0.0])]),
         ("a field", vec![still(&mesh, [0.0, -0.16, 0.0])]),
+        ("a ball that swells", vec![Solid::changing(&swelling, [0.02, -0.14, 0.0], [0.0; 3])]),
+        (
+            "a ball that swells past a field and moves",
+            vec![
+                Solid::changing(&swelling, [-0.1, -0.14, 0.0], [0.2, 0.0, 0.0]),
+                still(&mesh, [0.05, -0.2, 0.0]),
+            ],
+        ),
         (
             "two fields and a ball",
             vec![

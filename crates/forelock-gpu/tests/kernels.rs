@@ -91,8 +91,8 @@ fn structs_are_laid_out_alike() {
         }
         if among_solids {
             same!(&module, "Solid", SolidEntry, [
-                at_end at_start carry spin friction travel kind pivot thinness size cell ball ball_radius origin pad_0 dims
-                first
+                at_end at_start carry spin friction travel kind pivot thinness size cell ball ball_radius first fields
+                phases swell pad_0 pad_1 pad_2
             ]);
             same!(&module, "Look", LookUniform, [count how thickness way_out solids]);
         }

@@ -34,6 +34,11 @@ impl Morph {
         self.fields.len()
     }
 
+    /// The fields.
+    pub fn fields(&self) -> &[Sdf] {
+        &self.fields
+    }
+
     /// Whether there is no field; never.
     pub fn is_empty(&self) -> bool {
         self.fields.is_empty()

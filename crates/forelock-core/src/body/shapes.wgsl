@@ -24,11 +24,15 @@ struct Solid {
     // A ball that holds it.
     ball: vec3f,
     ball_radius: f32,
-    // A field: first node in its own space, nodes, and where its values start.
-    origin: vec3f,
-    pad_0: f32,
-    dims: vec3u,
+    // Fields, one after the other: where the first is described, and how many there are.
     first: u32,
+    fields: u32,
+    // How far along the fields a shape that changes is at the substep's start and end, and how far its surface may move meanwhile.
+    phases: vec2f,
+    swell: f32,
+    pad_0: u32,
+    pad_1: u32,
+    pad_2: u32,
 }
 
 // What is looked at, and how.
@@ -43,6 +47,7 @@ struct Look {
     solids: array<Solid, MOST_SOLIDS>,
 }
 
+// Values of all fields, one after the other; after them, FIELD_NUMBERS numbers a field that say where.
 @group(0) @binding(10) var<storage, read> fields: array<f32>;
 @group(0) @binding(11) var<uniform> look: Look;
 
@@ -81,16 +86,32 @@ fn sample_box(half: vec3f, p: vec3f) -> vec4f {
     return vec4f(0.0, 0.0, side.z, q.z);
 }
 
-// Trilinear, as `Sdf::sample`; the slope made unit.
-fn sample_field(solid: Solid, p: vec3f) -> vec4f {
-    let at = (p - solid.origin) / solid.cell;
-    let top = vec3f(solid.dims - 1u);
-    let inside = clamp(at, vec3f(0.0), top);
+// A field: its first node, cells, nodes, and where its values start.
+struct Field {
+    origin: vec3f,
+    cell: f32,
+    dims: vec3u,
+    first: u32,
+}
+
+fn field_at(at: u32) -> Field {
+    let origin = vec3f(fields[at], fields[at + 1u], fields[at + 2u]);
+    let dims = vec3u(u32(fields[at + 4u]), u32(fields[at + 5u]), u32(fields[at + 6u]));
+    // In two halves, for a float holds 24 bits.
+    return Field(origin, fields[at + 3u], dims, u32(fields[at + 7u]) * 65536u + u32(fields[at + 8u]));
+}
+
+// Slope, of any length, and distance: `Sdf::sample`.
+fn sample_field(at: u32, p: vec3f) -> vec4f {
+    let own = field_at(at);
+    let place = (p - own.origin) / own.cell;
+    let top = vec3f(own.dims - 1u);
+    let inside = clamp(place, vec3f(0.0), top);
     let low = vec3u(clamp(inside, vec3f(0.0), top - 1.0));
     let f = inside - vec3f(low);
-    let row = solid.dims.x;
-    let layer = row * solid.dims.y;
-    let first = solid.first + low.x + row * low.y + layer * low.z;
+    let row = own.dims.x;
+    let layer = row * own.dims.y;
+    let first = own.first + low.x + row * low.y + layer * low.z;
     let a = vec4f(fields[first], fields[first + row], fields[first + layer], fields[first + layer + row]);
     let b = vec4f(
         fields[first + 1u], fields[first + row + 1u], fields[first + layer + 1u], fields[first + layer + row + 1u],
@@ -105,22 +126,38 @@ fn sample_field(solid: Solid, p: vec3f) -> vec4f {
         dx_layer.x + (dx_layer.y - dx_layer.x) * f.z,
         dy.x + (dy.y - dy.x) * f.z,
         on_layer.y - on_layer.x,
-    ) / solid.cell;
+    ) / own.cell;
     if dot(slope, slope) <= 1e-12 {
         slope = vec3f(0.0, 1.0, 0.0);
     }
-    if all(at == inside) {
-        return vec4f(slope / sqrt(dot(slope, slope)), value);
+    if all(place == inside) {
+        return vec4f(slope, value);
     }
     // Beyond the grid.
-    let away = (at - inside) * solid.cell;
+    let away = (place - inside) * own.cell;
     let distance = sqrt(dot(away, away) + value * value);
     let along = select(vec3f(0.0), slope * max(value, 0.0), away == vec3f(0.0));
     return vec4f(unit(away + along).xyz, distance);
 }
 
-// Unit gradient and distance at `p` of the solid's own space: `Shape::sample`.
-fn sample_shape(number: u32, p: vec3f) -> vec4f {
+// The same of a shape that changes: `Morph::sample`.
+fn sample_fields(number: u32, p: vec3f, share: f32) -> vec4f {
+    let first = look.solids[number].first;
+    let last = f32(look.solids[number].fields - 1u);
+    let phase = clamp(mix(look.solids[number].phases.x, look.solids[number].phases.y, share), 0.0, last);
+    let before = sample_field(first + u32(phase) * FIELD_NUMBERS, p);
+    let part = fract(phase);
+    if part == 0.0 {
+        return before;
+    }
+    let after = sample_field(first + (u32(phase) + 1u) * FIELD_NUMBERS, p);
+    let blended = mix(before, after, part);
+    // Opposite gradients cancel where the surface turns inside out.
+    return select(vec4f(before.xyz, blended.w), blended, dot(blended.xyz, blended.xyz) > 1e-6);
+}
+
+// Unit gradient and distance at `p` of the solid's own space, which changes between the substep's start (share 0) and end (1): `Shape::sample_at`.
+fn sample_shape(number: u32, p: vec3f, share: f32) -> vec4f {
     let size = look.solids[number].size;
     switch look.solids[number].kind {
         case SPHERE: {
@@ -142,7 +179,8 @@ fn sample_shape(number: u32, p: vec3f) -> vec4f {
             return vec4f(0.0, 1.0, 0.0, p.y);
         }
         default: {
-            return sample_field(look.solids[number], p);
+            let found = sample_fields(number, p, share);
+            return vec4f(found.xyz / sqrt(dot(found.xyz, found.xyz)), found.w);
         }
     }
 }

@@ -10,7 +10,12 @@ struct Particle {
 // Stops the approach to a solid at the particle, with Coulomb friction.
 fn rub(number: u32, normal: vec3f, particle: ptr<function, Particle>) {
     let arm = (*particle).x - look.solids[number].pivot;
-    let own = (look.solids[number].travel + cross(look.solids[number].spin, arm)) * frame.inverse_h;
+    var gone = look.solids[number].travel + cross(look.solids[number].spin, arm);
+    if look.solids[number].swell > 0.0 {
+        let place = local(look.solids[number].at_end, (*particle).x);
+        gone += (sample_shape(number, place, 0.0).w - sample_shape(number, place, 1.0).w) * normal;
+    }
+    let own = gone * frame.inverse_h;
     let relative = (*particle).v - own;
     let approach = dot(relative, normal);
     if !(approach < 0.0) {
@@ -49,7 +54,7 @@ fn settle(number: u32, found: vec4f, particle: ptr<function, Particle>) -> f32 {
         if push < small_push || k == LOOKS {
             return allowed;
         }
-        let there = sample_shape(number, local(map, (*particle).x));
+        let there = sample_shape(number, local(map, (*particle).x), 1.0);
         sigma = there.w - look.thickness;
         gradient = there.xyz;
         if !(sigma < 0.0) {
@@ -65,7 +70,7 @@ fn settle_among(particle: ptr<function, Particle>) -> f32 {
     for (var round = 0u; round <= ROUNDS; round++) {
         clearance = FAR;
         for (var number = 0u; number < look.count; number++) {
-            let found = sample_shape(number, local(look.solids[number].at_end, (*particle).x));
+            let found = sample_shape(number, local(look.solids[number].at_end, (*particle).x), 1.0);
             let sigma = found.w - look.thickness;
             clearance = min(clearance, sigma / select(1.0, lipschitz(number), sigma > 0.0));
             // The last round only looks.
@@ -81,6 +86,11 @@ fn settle_among(particle: ptr<function, Particle>) -> f32 {
     return clearance;
 }
 
+// How far the surface of a shape that changes may have moved since the last look.
+fn swell_of(number: u32) -> f32 {
+    return select(0.0, look.solids[number].swell, (look.how & AFTER_SUBSTEP) != 0u);
+}
+
 // Where a particle that goes straight through the solid's own space first touches it, and the normal there: `sweep::sweep`.
 struct Touch {
     found: bool,
@@ -92,16 +102,17 @@ fn sweep(number: u32, start: vec3f, end: vec3f) -> Touch {
     let none = Touch(false, vec3f(), vec3f());
     let touch = TOUCH * look.solids[number].thinness;
     let go = end - start;
-    let fall = sqrt(dot(go, go)) * lipschitz(number);
+    let changes = swell_of(number);
+    let fall = sqrt(dot(go, go)) * lipschitz(number) + changes;
     if !(fall > 0.0) {
         return none;
     }
     var share = 0.0;
     for (var k = 0u; k < SWEEP_STEPS; k++) {
         let point = start + share * go;
-        let found = sample_shape(number, point);
+        let found = sample_shape(number, point, select(1.0, share, changes > 0.0));
         let sigma = found.w - look.thickness;
-        if sigma <= touch && dot(found.xyz, go) < 0.0 {
+        if sigma <= touch && (dot(found.xyz, go) < 0.0 || changes > 0.0) {
             return Touch(true, point + max(-sigma, 0.0) * found.xyz, found.xyz);
         }
         share += max(sigma, touch) / fall;
@@ -121,7 +132,7 @@ fn catch_on_way(number: u32, found: vec4f, origin: vec3f, particle: ptr<function
     let map = look.solids[number].at_end;
     let start = local(look.solids[number].at_start, origin);
     let end = local(map, (*particle).x);
-    if distance(start, end) <= look.solids[number].thinness {
+    if distance(start, end) + swell_of(number) <= look.solids[number].thinness {
         return false;
     }
     let touch = sweep(number, start, end);
@@ -146,7 +157,7 @@ fn look_at(strand: Strand, i: u32) -> bool {
         origin = x - frame.h * v;
         left = FAR;
         for (var number = 0u; number < look.count; number++) {
-            let by = distance(x, local(look.solids[number].carry, origin));
+            let by = distance(x, local(look.solids[number].carry, origin)) + look.solids[number].swell;
             var far = last;
             if look.count > 1u {
                 // What moves far off costs nothing.
@@ -166,7 +177,7 @@ fn look_at(strand: Strand, i: u32) -> bool {
     var between = false;
     for (var number = 0u; number < look.count; number++) {
         let place = particle.x;
-        let found = sample_shape(number, local(look.solids[number].at_end, place));
+        let found = sample_shape(number, local(look.solids[number].at_end, place), 1.0);
         var own = Particle(place, particle.v, last);
         var sigma = 0.0;
         let caught = moved > look.solids[number].thinness && catch_on_way(number, found, origin, &own);
@@ -208,7 +219,7 @@ fn slide_along(number: u32, leader: vec3f, start: vec3f, length: f32) -> vec4f {
     let map = look.solids[number].at_end;
     var x = start;
     for (var round = 0u; round <= SLIDES; round++) {
-        let found = sample_shape(number, local(map, x));
+        let found = sample_shape(number, local(map, x), 1.0);
         let sigma = found.w - look.thickness;
         if !(sigma < 0.0) {
             return vec4f(x, sigma / lipschitz(number));

@@ -62,6 +62,8 @@ pub struct SolidMotion {
     pub travel: DVec3,
     /// A ball that holds the solid at the end, if there is one: middle and radius, metres.
     pub ball: Option<(DVec3, f64)>,
+    /// How far a shape that changes may move its surface in the substep, metres.
+    pub swell: f64,
 }
 
 impl SolidMotion {
@@ -83,6 +85,13 @@ impl SolidMotion {
             spin: (carrier[1].rotation * carrier[0].rotation.conjugate()).to_scaled_axis(),
             travel: carrier[1].translation - carrier[0].translation,
             ball: solid.shape.bounds().map(ball),
+            swell: match solid.shape {
+                Shape::Morph { morph, phases: [from, to] } => {
+                    let phases = (to - from).abs() * (fractions[1] - fractions[0]);
+                    f64::from(morph.change()) * phases
+                }
+                _ => 0.0,
+            },
         }
     }
 }
@@ -106,13 +115,7 @@ impl<T: Real> SolidPose<T> {
                 .ball
                 .map_or(([T::zero(); 3], T::infinity()), |(centre, radius)| (vector(centre), number(radius))),
             fractions,
-            swell: match solid.shape {
-                Shape::Morph { morph, phases: [from, to] } => {
-                    let phases = (to - from).abs() * (fractions[1] - fractions[0]);
-                    number(f64::from(morph.change()) * phases)
-                }
-                _ => T::zero(),
-            },
+            swell: number(motion.swell),
         }
     }
 

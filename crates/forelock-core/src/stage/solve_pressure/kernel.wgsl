@@ -43,7 +43,7 @@ fn wall_off(@builtin(global_invocation_id) id: vec3u) {
             if hair {
                 let middle = vec3f(vec3i(at) + bounds.low) + 0.5;
                 for (var number = 0u; number < grid.solids; number++) {
-                    if sample_shape(number, local(grid.each[number].local, middle)).w < 0.0 {
+                    if sample_shape(number, local(grid.each[number].local, middle), 1.0).w < 0.0 {
                         wall = f32(number + 1u);
                         break;
                     }
