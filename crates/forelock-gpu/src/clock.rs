@@ -10,6 +10,15 @@ const MOST_QUERIES: u32 = 4096;
 /// Seconds of each stage.
 pub type StageSecs = [(&'static str, f64); STAGES.len()];
 
+/// What the last frame took by the device's clock.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrameSecs {
+    /// Each stage; 0 of one that did not run.
+    pub stages: StageSecs,
+    /// From the first stage's start to the last one's end.
+    pub whole: f64,
+}
+
 /// Two timestamps a pass.
 #[derive(Debug)]
 pub(crate) struct Clock {
@@ -64,13 +73,16 @@ impl Clock {
         &self.resolved
     }
 
-    /// Seconds of each stage in the last frame, from the bytes of what holds them.
-    pub fn secs(&self, bytes: &[u8]) -> StageSecs {
+    /// What the last frame took, from the bytes of what holds the timestamps.
+    pub fn secs(&self, bytes: &[u8]) -> FrameSecs {
         let ticks: Vec<[u64; 2]> = bytemuck::pod_collect_to_vec(bytes);
-        let mut secs = STAGES.map(|stage| (stage.name, 0.0));
-        for (stage, [from, to]) in self.passes.iter().zip(ticks) {
-            secs[*stage as usize].1 += to.saturating_sub(from) as f64 * self.secs_per_tick;
+        let mut stages = STAGES.map(|stage| (stage.name, 0.0));
+        let secs = |[from, to]: [u64; 2]| to.saturating_sub(from) as f64 * self.secs_per_tick;
+        let ends = ticks.first().zip(self.passes.len().checked_sub(1).and_then(|last| ticks.get(last)));
+        let whole = ends.map_or(0.0, |(first, last)| secs([first[0], last[1]]));
+        for (stage, ticks) in self.passes.iter().zip(ticks) {
+            stages[*stage as usize].1 += secs(ticks);
         }
-        secs
+        FrameSecs { stages, whole }
     }
 }

@@ -46,7 +46,7 @@ mod peaks;
 mod simulation;
 pub mod solids;
 
-pub use clock::StageSecs;
+pub use clock::{FrameSecs, StageSecs};
 pub use device::{Choice, Counts, Gpu};
 pub use error::GpuError;
 pub use peaks::Peaks;

@@ -2,7 +2,7 @@
 
 use crate::air::{DeviceAir, Shelter};
 use crate::batch::{Batch, Shared, split};
-use crate::clock::{Clock, StageSecs};
+use crate::clock::{Clock, FrameSecs};
 use crate::grid::{BoundsEntry, CELLS_GROUP, CELLS_THREADS, DeviceGrid, RELAX_THREADS, SWEEPS};
 use crate::kernels::{self, Binding, GROUPS, Group, Kernel, Over, WORKGROUP};
 use crate::layout::{FrameUniform, ReportEntry, SubstepUniform};
@@ -77,8 +77,8 @@ pub struct GpuReport {
     pub max_penetration_m: f32,
     /// What the grid did in the last frame; nothing without one.
     pub grid: Option<DeviceGridReport>,
-    /// Seconds of each stage in the last frame, if stages are timed.
-    pub stage_secs: Option<StageSecs>,
+    /// What the last frame took, if stages are timed.
+    pub secs: Option<FrameSecs>,
 }
 
 /// What the grid did in a frame.
@@ -270,15 +270,16 @@ impl GpuSimulation {
         self.gpu.check()?;
         self.params.validate_step(frame.dt_secs, self.options.beyond_float32)?;
         self.hold(frame.colliders)?;
-        let wind = wind.map(|wind| WindField { mean: wind.mean + frame.air_velocity, ..*wind });
-        let varies = wind.is_some_and(|wind| !wind.is_uniform());
-        if varies && self.air.is_none() {
+        let air_velocity = wind.map_or(DVec3::ZERO, |wind| wind.mean) + frame.air_velocity;
+        let wind =
+            wind.map(|wind| WindField { mean: air_velocity, ..*wind }).filter(|wind| !wind.is_uniform());
+        if wind.is_some() && self.air.is_none() {
             let batches: Vec<_> = self.batches.iter().map(|bound| &bound.batch).collect();
             self.air = Some(DeviceAir::new(&self.gpu, &self.model, &batches));
             self.bind();
             self.gpu.check()?;
         }
-        let shelter = self.place(frame, wind.as_ref());
+        let shelter = self.place(&Frame { air_velocity, ..*frame }, wind.as_ref());
         let mut encoder = self.gpu.device().create_command_encoder(&Default::default());
         self.encode(&mut encoder, !frame.colliders.is_empty(), shelter);
         self.gpu.queue().submit([encoder.finish()]);
@@ -364,9 +365,14 @@ impl GpuSimulation {
         let wake = [FillWake, MarchWake].into_iter().filter(|_| shelter.wake);
         let canopy = [MeasureCanopy, FitCanopy, ClearCanopy, SplatCanopy, MarchCanopy];
         for kernel in wake.chain(canopy.into_iter().filter(|_| shelter.canopy)).chain([SampleAir]) {
-            let batches = if kernel.over() == Over::Strands { self.batches.len() } else { 1 };
-            plan.extend((0..batches).map(|batch| Call { kernel, batch, number: 0 }));
+            self.call_all(plan, kernel, 0);
         }
+    }
+
+    /// A kernel on all batches, or once, if it is not of strands.
+    fn call_all(&self, plan: &mut Vec<Call>, kernel: Kernel, number: u32) {
+        let batches = if kernel.over() == Over::Strands { self.batches.len() } else { 1 };
+        plan.extend((0..batches).map(|batch| Call { kernel, batch, number }));
     }
 
     /// Strands meet on the grid, whose pressure takes so many sweeps at most.
@@ -388,8 +394,7 @@ impl GpuSimulation {
             .chain(relax)
             .chain([PushDisplacements, GatherDisplacements]);
         for kernel in kernels {
-            let batches = if kernel.over() == Over::Strands { self.batches.len() } else { 1 };
-            plan.extend((0..batches).map(|batch| Call { kernel, batch, number: self.params.substeps }));
+            self.call_all(plan, kernel, self.params.substeps);
         }
     }
 
@@ -432,14 +437,13 @@ impl GpuSimulation {
         self.params.inextensibility != Inextensibility::Off
     }
 
-    /// Brings what the frame's strands share to the device; what shelters from the wind, if it is not the same everywhere.
+    /// Brings what the frame's strands share to the device; what shelters from the `wind`, if there is one that is not the same everywhere.
     fn place(&mut self, frame: &Frame<'_>, wind: Option<&WindField>) -> Option<Shelter> {
         let origin = frame.origin(&self.model);
         let shift = self.mirror.origin - origin;
         self.mirror.origin = origin;
-        let varies = wind.is_some_and(|wind| !wind.is_uniform());
-        let air = wind.map_or(frame.air_velocity, |wind| wind.mean);
-        let uniform = FrameUniform::new(&self.params, frame.dt_secs, frame.gravity, (air, varies));
+        let air = (frame.air_velocity, wind.is_some());
+        let uniform = FrameUniform::new(&self.params, frame.dt_secs, frame.gravity, air);
         self.gpu.queue().write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&uniform));
         let (count, weight) = (self.params.substeps, self.options.carried_gravity());
         let poses = || frame.poses(&self.model, count, origin);
@@ -462,7 +466,7 @@ impl GpuSimulation {
                 grid.place(&self.gpu, (frame, count), &moving, origin);
             }
         }
-        let wind = wind.filter(|_| varies).map(|wind| (wind, frame.colliders.len()));
+        let wind = wind.map(|wind| (wind, frame.colliders.len()));
         let (model, gpu) = (&self.model, &self.gpu);
         self.air.as_mut().zip(wind).map(|(air, wind)| air.place(gpu, model, wind, (origin, shift)))
     }
@@ -510,7 +514,7 @@ impl GpuSimulation {
                 touching: own.touching,
                 max_penetration_m: f32::from_bits(own.deepest),
                 grid: self.grid.as_ref().map(|_| bytemuck::pod_read_unaligned::<BoundsEntry>(next()).into()),
-                stage_secs: self.clock.as_ref().map(|clock| clock.secs(next())),
+                secs: self.clock.as_ref().map(|clock| clock.secs(next())),
             };
         }
         if state {

@@ -9,12 +9,13 @@
 mod common;
 
 use forelock_core::air::{Wind, WindField, WindParams};
-use forelock_core::body::{ColliderFrame, Shape};
+use forelock_core::body::{ColliderFrame, Sdf, Shape};
 use forelock_core::model::Strands;
 use forelock_core::pose::Pose;
 use forelock_core::solver::{AmsParams, Frame, Options, Simulation};
 use forelock_gpu::{Gpu, GpuSimulation};
-use glam::{DQuat, DVec3, Vec3};
+use glam::{DQuat, DVec3, UVec3, Vec3};
+use std::sync::Arc;
 
 const FPS: f64 = 60.0;
 
@@ -55,43 +56,71 @@ fn frame(number: u32) -> Frame<'static> {
     }
 }
 
+/// A ball on the head, and a field of a ball beside it that moves.
+struct Solids([Shape; 2]);
+
+impl Solids {
+    fn new() -> Self {
+        let node = |at: u32| (f64::from(at) - 11.5) * 0.008;
+        let values = (0..24u32.pow(3)).map(|at| {
+            let [x, y, z] = [at % 24, at / 24 % 24, at / 576].map(node);
+            ((x * x + y * y + z * z).sqrt() - 0.06) as f32
+        });
+        let first = Vec3::splat(node(0) as f32);
+        let field = Sdf::new(UVec3::splat(24), first, 0.008, values.collect()).unwrap();
+        Self([Shape::Sphere { radius: 0.1 }, Shape::Sdf(Arc::new(field))])
+    }
+
+    fn at(&self, number: u32) -> [ColliderFrame<'_>; 2] {
+        std::array::from_fn(|k| {
+            let [from, to] = [number, number + 1].map(|frame| {
+                let aside = DVec3::new(-0.15 - 0.002 * f64::from(frame), 0.02, -0.1) * k as f64;
+                head(frame).after(&Pose::new(DQuat::IDENTITY, aside))
+            });
+            ColliderFrame { shape: &self.0[k], local: Pose::IDENTITY, from, to, friction: 0.3 }
+        })
+    }
+}
+
+/// The wind of `params` in a frame.
+fn field(params: &WindParams, number: u32) -> WindField {
+    Wind::new(params).unwrap().at(f64::from(number) / FPS)
+}
+
 /// What a frame changes in `params` and `wind`: on the CPU, of what it is in the mean wind; and on the GPU, with `other` instead, of what it is on the CPU. Velocities, root mean
-/// squares, m/s.
+/// squares, m/s. Before it the GPU has frames without wind, in a wind from elsewhere, and in `wind`.
 fn compare(gpu: &Gpu, params: &AmsParams, [wind, other]: [&WindParams; 2]) -> [f64; 2] {
     let (positions, offsets) = hair(800);
     let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
     let options = Options { rest_pose: head(0), ..Options::default() };
-    let ball = Shape::Sphere { radius: 0.1 };
-    let step = |cpu: &mut Simulation, number: u32, field: &WindField| {
-        let [from, to] = [head(number), head(number + 1)];
-        let solid = ColliderFrame { shape: &ball, local: Pose::IDENTITY, from, to, friction: 0.3 };
-        cpu.step_frame_in(&Frame { colliders: &[solid], ..frame(number) }, Some(field)).unwrap();
-    };
-    let at = |wind: &WindParams, number: u32| Wind::new(wind).unwrap().at(f64::from(number) / FPS);
-    let mut cpu = Simulation::from_strands(&strands, params, &options).unwrap();
-    for number in 0..8 {
-        step(&mut cpu, number, &at(wind, number));
-    }
-    let start = cpu.snapshot();
-    step(&mut cpu, 8, &at(wind, 8));
-    let expected = cpu.snapshot();
-    let mut plain = Simulation::from_strands(&strands, &AmsParams::default(), &options).unwrap();
-    plain.restore(&start).unwrap();
-    step(&mut plain, 8, &WindField { mean: at(wind, 8).mean, ..WindField::default() });
+    let solids = Solids::new();
+    let elsewhere =
+        WindParams { velocity: DVec3::new(-1.0, 2.0, 1.0), shelter: 1.0, hair_depth: 0.2, ..windy() };
     let mut own = GpuSimulation::from_strands(gpu, &strands, params, &options).unwrap();
-    own.restore(&start).unwrap();
-    let [from, to] = [head(8), head(9)];
-    let solid = ColliderFrame { shape: &ball, local: Pose::IDENTITY, from, to, friction: 0.3 };
-    own.step_frame_in(&Frame { colliders: &[solid], ..frame(8) }, Some(&at(other, 8))).unwrap();
+    for (number, wind) in (0..).zip([None, Some(&elsewhere), None, Some(&elsewhere), Some(wind), Some(wind)])
+    {
+        let wind = wind.map(|wind| field(wind, number));
+        own.step_frame_in(&Frame { colliders: &solids.at(number), ..frame(number) }, wind.as_ref()).unwrap();
+    }
+    let start = own.snapshot().unwrap();
+    let (colliders, number) = (solids.at(6), 6);
+    let frame = Frame { colliders: &colliders, ..frame(number) };
+    own.step_frame_in(&frame, Some(&field(other, number))).unwrap();
+    let on_cpu = |params: &AmsParams, field: &WindField| {
+        let mut cpu = Simulation::from_strands(&strands, params, &options).unwrap();
+        cpu.restore(&start).unwrap();
+        cpu.step_frame_in(&frame, Some(field)).unwrap();
+        cpu.snapshot().velocities
+    };
+    let expected = on_cpu(params, &field(wind, number));
+    let mean = WindField { mean: field(wind, number).mean, ..WindField::default() };
+    let plain = on_cpu(&AmsParams::default(), &mean);
     let rms = |a: &[[f32; 3]], b: &[[f32; 3]]| {
         let squares =
             a.iter().zip(b).map(|(a, b)| f64::from(Vec3::from(*a).distance_squared(Vec3::from(*b))));
         (squares.sum::<f64>() / a.len() as f64).sqrt()
     };
-    [
-        rms(&expected.velocities, &plain.snapshot().velocities),
-        rms(&own.snapshot().unwrap().velocities, &expected.velocities),
-    ]
+    [rms(&expected, &plain), rms(&own.snapshot().unwrap().velocities, &expected)]
 }
 
 fn windy() -> WindParams {
@@ -153,12 +182,13 @@ fn wind_is_the_same_bits_and_makes_nothing() {
     let (positions, offsets) = hair(300);
     let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
     let options = Options { rest_pose: head(0), ..Options::default() };
-    let (_, params, wind) = &cases()[5];
+    let ((_, params, wind), solids) = (&cases()[5], Solids::new());
     let run = || {
         let mut own = GpuSimulation::from_strands(&gpu, &strands, params, &options).unwrap();
         let step = |own: &mut GpuSimulation, number: u32| {
-            let field = Wind::new(wind).unwrap().at(f64::from(number) / FPS);
-            own.step_frame_in(&frame(number), Some(&field)).unwrap();
+            let colliders = solids.at(number);
+            let frame = Frame { colliders: &colliders, ..frame(number) };
+            own.step_frame_in(&frame, Some(&field(wind, number))).unwrap();
         };
         step(&mut own, 0);
         let before = gpu.counts();

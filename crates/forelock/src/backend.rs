@@ -52,6 +52,8 @@ pub(crate) struct Device {
     gpu: Gpu,
     grid: Option<GridParams>,
     simulation: GpuSimulation,
+    /// What the last frame took by its own clock, if it has one.
+    pub(crate) frame_secs: Option<f64>,
 }
 
 impl Device {
@@ -70,7 +72,8 @@ impl Device {
         }
         let meets = scene.interaction.kind == InteractionKind::Grid;
         let grid = meets.then(|| scene.interaction.grid.clone());
-        let mut own = Self { simulation: GpuSimulation::continuing(&gpu, simulation)?, gpu, grid };
+        let mut own =
+            Self { simulation: GpuSimulation::continuing(&gpu, simulation)?, gpu, grid, frame_secs: None };
         own.prepare()?;
         let times = [0.0, 1.0 / scene.time.fps];
         own.simulation.hold(&assets.collider_frames(times, times.map(|time| assets.head_pose(time))))?;
@@ -114,6 +117,8 @@ impl Device {
         self.simulation.step_frame_in(frame, wind)?;
         let (report, state) = self.simulation.report_and_state()?;
         simulation.state_mut().clone_from(state);
+        self.frame_secs = report.secs.map(|secs| secs.whole);
+        let stages = report.secs.map(|secs| secs.stages);
         Ok(FrameReport {
             max_edge_stretch: report.max_edge_stretch.into(),
             max_edge_stretch_final: report.max_edge_stretch_final.into(),
@@ -130,7 +135,7 @@ impl Device {
             stage_secs: STAGES.map(|name| {
                 // On the CPU the air is sampled by the stage that it is for.
                 let is_of = |own: &str| own == name || (own == "sample_air" && name == "solve_strands");
-                let secs = report.stage_secs.iter().flatten().filter(|(own, _)| is_of(own));
+                let secs = stages.iter().flatten().filter(|(own, _)| is_of(own));
                 (name, secs.map(|(_, secs)| *secs).sum())
             }),
             ..FrameReport::default()

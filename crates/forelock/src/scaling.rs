@@ -2,11 +2,13 @@
 //!
 //! # Practice
 //! Straight strands of 25 particles grown on the built-in head, which turns against its own distance field; hair meets on a grid, if asked for. A frame's time is the mean of some
-//! after some to warm up, handed over one after the other and waited for at their end; stages are of one frame more, on a GPU by its own clock.
+//! after some to warm up, handed over one after the other and waited for now and then and at their end; stages are means of the same frames, on a GPU of a few frames more, by its own clock.
 //!
 //! The roof is measured first: independent multiply–adds, and a copy of what no cache holds. Beside it stands the strand solve, whose operations are counted by `cargo run --release -p
-//! forelock-core --example roofline`, and whose traffic is what it reads and writes when each number goes to memory once: a frame on the CPU, a substep on a GPU.
+//! forelock-core --example roofline`, and whose traffic is what it reads and writes when each number goes to memory once: a frame on the CPU, a substep on a GPU. Few strands stay in a
+//! cache, so that their share of the memory's peak may be more than there is.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -17,7 +19,7 @@ use forelock_core::groom::grow::{GrowParams, grow_on_head};
 use forelock_core::lane::peak::multiply_adds_per_sec;
 use forelock_core::pose::Pose;
 use forelock_core::solver::{AmsParams, Frame, Options, Simulation};
-use forelock_gpu::{Choice, Gpu, GpuSimulation, Peaks};
+use forelock_gpu::{Choice, Gpu, GpuError, GpuSimulation, Peaks};
 use glam::DVec3;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -34,10 +36,14 @@ pub const STRANDS: [u32; 6] = [1_000, 10_000, 30_000, 120_000, 400_000, 1_000_00
 const PARTICLES: u32 = 25;
 /// Float32 operations of the strand solve, a particle and substep.
 const OPERATIONS: f64 = 770.0;
-/// Bytes that it moves there on a GPU: 28 of the model, 48 of positions and velocities, 8 of ties, 240 of factors, and 6 of blocks and lengths.
-const GPU_BYTES: f64 = 330.0;
+/// Bytes that it moves there on a GPU: 28 of the model, 48 of positions and velocities, 4 of ties, 240 of factors.
+const GPU_BYTES: f64 = 320.0;
 /// Bytes that a particle moves in a frame on the CPU, where all substeps run in the cache.
 const CPU_BYTES: f64 = 92.0;
+/// Frames handed to a GPU before one waits for it.
+const IN_FLIGHT: u32 = 32;
+/// Frames whose stages a GPU times, at most.
+const TIMED: u32 = 10;
 const FPS: f64 = 60.0;
 
 /// How the table is made.
@@ -72,6 +78,8 @@ pub struct Scaling {
     pub peak_bytes_per_sec: f64,
     /// One row a count of strands.
     pub rows: Vec<ScalingRow>,
+    /// Why there are no more rows, if there are not.
+    pub stopped: Option<String>,
 }
 
 /// A count of strands.
@@ -83,14 +91,16 @@ pub struct ScalingRow {
     pub particles: usize,
     /// Milliseconds a frame.
     pub ms_per_frame: f64,
-    /// Milliseconds of each stage in one frame; on the CPU of work, summed over threads and shared out among them.
-    pub ms_per_stage: Vec<(&'static str, f64)>,
+    /// Milliseconds a frame of each stage that ran; on the CPU of work, summed over threads and shared out among them. Empty of a GPU without a clock.
+    pub ms_per_stage: BTreeMap<&'static str, f64>,
     /// Bytes held, a particle.
     pub bytes_per_particle: f64,
-    /// Operations a second of the strand solve.
-    pub solve_operations_per_sec: f64,
-    /// Bytes a second of the strand solve.
-    pub solve_bytes_per_sec: f64,
+    /// Operations a second of the strand solve, where its time is known.
+    pub solve_operations_per_sec: Option<f64>,
+    /// Bytes a second of the strand solve, where its time is known.
+    pub solve_bytes_per_sec: Option<f64>,
+    /// Strands that were not finite and were put back to rest.
+    pub quarantined_strands: u32,
 }
 
 /// What is simulated.
@@ -105,8 +115,25 @@ struct Scene {
     motion: Motion,
 }
 
+/// Seconds of stages, and strands put back.
+#[derive(Default)]
+struct Tally {
+    secs: BTreeMap<&'static str, f64>,
+    quarantined: u32,
+}
+
+impl Tally {
+    fn add(&mut self, secs: &[(&'static str, f64)], quarantined: u32) {
+        for &(name, secs) in secs.iter().filter(|(_, secs)| *secs > 0.0) {
+            *self.secs.entry(name).or_default() += secs;
+        }
+        self.quarantined += quarantined;
+    }
+}
+
 impl Scene {
-    fn step(&self, on: &mut On, number: u32) -> Result<Vec<(&'static str, f64)>, RunError> {
+    /// Steps a frame; on the CPU `tally` is told what it took.
+    fn step(&self, on: &mut On, number: u32, tally: &mut Tally) -> Result<(), RunError> {
         let head = [number, number + 1].map(|number| self.motion.pose(f64::from(number) / FPS));
         let [from, to] = head;
         let colliders =
@@ -119,12 +146,13 @@ impl Scene {
             dt_secs: 1.0 / FPS,
         };
         match on {
-            On::Gpu(simulation) => {
-                simulation.step_frame(&frame)?;
-                Ok(Vec::new())
+            On::Gpu(simulation) => simulation.step_frame(&frame)?,
+            On::Cpu(simulation) => {
+                let report = simulation.step_frame(&frame)?;
+                tally.add(&report.stage_secs, report.quarantined_strands);
             }
-            On::Cpu(simulation) => Ok(simulation.step_frame(&frame)?.stage_secs.to_vec()),
         }
+        Ok(())
     }
 }
 
@@ -149,12 +177,20 @@ pub fn scaling(options: &ScalingOptions, observer: &mut Observer<'_>) -> Result<
     let scene = Scene { shape: Shape::Sdf(Arc::new(field?)), motion };
     let counts: Vec<u32> = STRANDS.into_iter().filter(|&strands| strands <= options.most).collect();
     observer(&Progress::Begin { what: "strands", done: 0, total: counts.len() as u64 });
-    let mut rows = Vec::with_capacity(counts.len());
+    let (mut rows, mut stopped) = (Vec::with_capacity(counts.len()), None);
     for strands in counts {
         let preset = GrowParams::preset("straight").map_err(AssetError::Grow)?;
         let params = GrowParams { strands, vertices_per_strand: PARTICLES, ..preset };
         let groom = grow_on_head(&params).map_err(AssetError::Grow)?;
-        rows.push(row(options, &scene, gpu.as_ref(), &groom)?);
+        match row(options, &scene, gpu.as_ref(), &groom) {
+            Ok(row) => rows.push(row),
+            // What fits is worth telling.
+            Err(RunError::Gpu(error @ (GpuError::TooLarge { .. } | GpuError::Failed { .. }))) => {
+                stopped = Some(format!("{} strands: {error}", thousands(strands as usize)));
+                break;
+            }
+            Err(error) => return Err(error),
+        }
         observer(&Progress::Step);
     }
     observer(&Progress::End);
@@ -167,6 +203,7 @@ pub fn scaling(options: &ScalingOptions, observer: &mut Observer<'_>) -> Result<
         peak_operations_per_sec: peaks.operations_per_sec,
         peak_bytes_per_sec: peaks.bytes_per_sec,
         rows,
+        stopped,
     })
 }
 
@@ -190,63 +227,74 @@ fn row(
             On::Cpu(Box::new(simulation))
         }
     };
+    let wait = || gpu.map_or(Ok(()), Gpu::wait);
     let warm_up = options.frames.min(5);
     for number in 0..warm_up {
-        scene.step(&mut on, number)?;
+        scene.step(&mut on, number, &mut Tally::default())?;
     }
-    gpu.map_or(Ok(()), Gpu::wait)?;
-    let started = Instant::now();
+    wait()?;
+    let (started, mut tally) = (Instant::now(), Tally::default());
     for number in warm_up..warm_up + options.frames {
-        scene.step(&mut on, number)?;
+        scene.step(&mut on, number, &mut tally)?;
+        if number % IN_FLIGHT == 0 {
+            wait()?;
+        }
     }
-    gpu.map_or(Ok(()), Gpu::wait)?;
+    wait()?;
     let ms_per_frame = started.elapsed().as_secs_f64() * 1e3 / f64::from(options.frames);
     let particles = groom.particle_count();
-    let (stages, bytes, traffic) = stages(scene, &mut on, warm_up + options.frames)?;
-    let solve = stages.iter().find(|(name, _)| *name == "solve_strands").map_or(0.0, |(_, secs)| *secs);
-    let per_sec = |work: f64| if solve > 0.0 { work * particles as f64 / solve } else { 0.0 };
+    // Seconds of all threads in a frame, over which they are shared out.
+    let (mut frames, mut threads, mut traffic) =
+        (options.frames, 1.0, GPU_BYTES * f64::from(params.substeps));
+    let bytes = match &mut on {
+        On::Gpu(simulation) => {
+            tally.quarantined = simulation.report()?.quarantined_strands;
+            simulation.time_stages(true);
+            frames = options.frames.min(TIMED);
+            for number in 0..frames {
+                scene.step(&mut on, warm_up + options.frames + number, &mut Tally::default())?;
+                let On::Gpu(simulation) = &mut on else { break };
+                let report = simulation.report()?;
+                let secs = report.secs.map_or_else(Vec::new, |secs| secs.stages.to_vec());
+                tally.add(&secs, report.quarantined_strands);
+            }
+            bytes_of(&on)
+        }
+        On::Cpu(_) => {
+            threads = rayon::current_num_threads() as f64;
+            traffic = CPU_BYTES;
+            bytes_of(&on)
+        }
+    };
+    let secs = |name: &str| tally.secs.get(name).map(|secs| secs / f64::from(frames) / threads);
+    let per_sec = |work: f64| secs("solve_strands").map(|secs| work * particles as f64 / secs);
     Ok(ScalingRow {
         strands: groom.strand_count(),
         particles,
         ms_per_frame,
-        ms_per_stage: stages.iter().map(|&(name, secs)| (name, secs * 1e3)).collect(),
+        ms_per_stage: tally.secs.keys().filter_map(|&name| Some((name, secs(name)? * 1e3))).collect(),
         bytes_per_particle: bytes as f64 / particles as f64,
         solve_operations_per_sec: per_sec(OPERATIONS * f64::from(params.substeps)),
-        solve_bytes_per_sec: per_sec(traffic * f64::from(params.substeps)),
+        solve_bytes_per_sec: per_sec(traffic),
+        quarantined_strands: tally.quarantined,
     })
 }
 
-/// A stage's name and its seconds.
-type StageSecs = Vec<(&'static str, f64)>;
-
-/// Seconds of each stage in one frame more, bytes held, and bytes that a particle moves in the strand solve of a substep.
-fn stages(scene: &Scene, on: &mut On, number: u32) -> Result<(StageSecs, u64, f64), RunError> {
-    if let On::Gpu(simulation) = on {
-        simulation.time_stages(true);
-    }
-    let secs = scene.step(on, number)?;
-    Ok(match on {
-        On::Gpu(simulation) => {
-            let secs = simulation.report()?.stage_secs.map_or_else(Vec::new, |secs| secs.to_vec());
-            let ran = secs.into_iter().filter(|(_, secs)| *secs > 0.0);
-            (ran.collect(), simulation.bytes(), GPU_BYTES)
-        }
+/// Bytes held.
+fn bytes_of(on: &On) -> u64 {
+    match on {
+        On::Gpu(simulation) => simulation.bytes(),
         On::Cpu(simulation) => {
-            let threads = rayon::current_num_threads() as f64;
-            let ran = secs.into_iter().filter(|(_, secs)| *secs > 0.0);
             let memory = simulation.memory();
-            let bytes = (memory.model + memory.state + memory.workspace) as u64;
-            let substeps = f64::from(simulation.params().substeps);
-            (ran.map(|(name, secs)| (name, secs / threads)).collect(), bytes, CPU_BYTES / substeps)
+            (memory.model + memory.state + memory.workspace) as u64
         }
-    })
+    }
 }
 
 /// What the processor's threads do together.
 fn cpu_peaks() -> Peaks {
     const NUMBERS: usize = 1 << 26;
-    let threads = rayon::current_num_threads();
-    let operations = (0..threads).into_par_iter().with_max_len(1).map(|_| multiply_adds_per_sec()).sum();
+    let operations = rayon::broadcast(|_| multiply_adds_per_sec()).into_iter().sum();
     let source = vec![1.0f32; NUMBERS];
     let mut target = vec![0.0f32; NUMBERS];
     let mut best = 0.0f64;
@@ -276,45 +324,51 @@ impl Scaling {
                 "of the peak",
             ],
         );
-        let mut stages = Table::new("Stages, ms of one frame", &["strands", "all"]);
-        let names: Vec<&str> =
-            self.rows.iter().flat_map(|row| &row.ms_per_stage).map(|(name, _)| *name).fold(
-                Vec::new(),
-                |mut names, name| {
-                    if !names.contains(&name) {
-                        names.push(name);
-                    }
-                    names
-                },
-            );
+        let mut stages = Table::new("Stages, ms a frame", &["strands", "all"]);
+        let names: BTreeSet<&str> =
+            self.rows.iter().flat_map(|row| row.ms_per_stage.keys().copied()).collect();
         stages.columns.extend(names.iter().map(|name| name.replace('_', " ")));
         for row in &self.rows {
+            let rate =
+                |rate: Option<f64>| rate.map_or_else(|| "–".to_owned(), |rate| format!("{:.1}", rate / 1e9));
+            let share = |rate: Option<f64>, peak: f64| {
+                rate.map_or_else(|| "–".to_owned(), |rate| format!("{:.0} %", 100.0 * rate / peak))
+            };
             let (operations, bytes) = (row.solve_operations_per_sec, row.solve_bytes_per_sec);
-            let share = |rate: f64, peak: f64| format!("{:.0} %", 100.0 * rate / peak);
             table.rows.push(vec![
                 format!("{} × {}", thousands(row.strands), row.particles / row.strands.max(1)),
                 format!("{:.3}", row.ms_per_frame),
                 format!("{:.0}", row.bytes_per_particle),
-                format!("{:.1}", operations / 1e9),
+                rate(operations),
                 share(operations, self.peak_operations_per_sec),
-                format!("{:.1}", bytes / 1e9),
+                rate(bytes),
                 share(bytes, self.peak_bytes_per_sec),
             ]);
-            let of = |name: &&str| row.ms_per_stage.iter().find(|(own, _)| own == name).map_or(0.0, |s| s.1);
-            let parts: Vec<f64> = names.iter().map(of).collect();
+            let parts: Vec<f64> =
+                names.iter().map(|name| row.ms_per_stage.get(name).copied().unwrap_or(0.0)).collect();
             let all = std::iter::once(parts.iter().sum::<f64>()).chain(parts.iter().copied());
             let cells = all.map(|ms| format!("{ms:.3}"));
             stages.rows.push(std::iter::once(thousands(row.strands)).chain(cells).collect());
         }
+        // Of a device without a clock there are none.
+        let tables = if names.is_empty() { vec![table] } else { vec![table, stages] };
         let threads = match self.threads {
             0 => String::new(),
             threads => format!(", {threads} threads"),
         };
-        let meets = if self.grid { "hair meets on a grid of 64" } else { "hair does not meet" };
+        let resolution = GridParams::default().resolution;
+        let meets = if self.grid {
+            format!("hair meets on a grid of {resolution}")
+        } else {
+            "hair does not meet".to_owned()
+        };
+        let quarantined: u32 = self.rows.iter().map(|row| row.quarantined_strands).sum();
+        let broken = (quarantined > 0)
+            .then(|| format!("{quarantined} strands were not finite and were put back to rest."));
         Study {
             title: format!("Scaling, {}{threads}", self.device),
             claim: String::new(),
-            notes: vec![
+            notes: [
                 format!(
                     "The mean of {} frames, waited for at their end; {} substeps a frame; {meets}.",
                     self.frames, self.substeps
@@ -324,8 +378,12 @@ impl Scaling {
                     self.peak_operations_per_sec / 1e9,
                     self.peak_bytes_per_sec / 1e9
                 ),
-            ],
-            tables: vec![table, stages],
+            ]
+            .into_iter()
+            .chain(broken)
+            .chain(self.stopped.clone())
+            .collect(),
+            tables,
             plots: Vec::new(),
             bars: None,
         }

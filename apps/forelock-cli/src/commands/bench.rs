@@ -38,9 +38,8 @@ pub fn bench(arguments: &BenchArgs) -> anyhow::Result<()> {
     }
     match &arguments.what {
         BenchCommand::Paper { figure, share, frames, warm_up, backend, .. } => {
-            let backend =
-                if *backend == BenchBackend::Gpu { forelock::Backend::Gpu } else { forelock::Backend::Cpu };
-            let options = Table1Options { warm_up: *warm_up, frames: *frames, share: *share, backend };
+            let on_gpu = *backend == BenchBackend::Gpu;
+            let options = Table1Options { warm_up: *warm_up, frames: *frames, share: *share, on_gpu };
             paper(&report, *figure, &options, &mut observer)
         }
         BenchCommand::Scaling { backend, most, frames, apart, .. } => {

@@ -137,7 +137,7 @@ impl Wind {
             mean: p.velocity * (1.0 + p.gust_strength * gust).max(0.0),
             modes: (rms > 0.0).then(|| self.turbulence.modes(rms, drift)),
             shelter: if p.velocity == DVec3::ZERO { 0.0 } else { p.shelter },
-            hair_depth: p.hair_depth,
+            hair_depth: if p.velocity == DVec3::ZERO { 0.0 } else { p.hair_depth },
         }
     }
 }

@@ -3,7 +3,7 @@
 use crate::solver::Simd;
 use std::time::Instant;
 
-/// Operations a second of independent fused multiply–adds on one core, in float32: the best of ten runs.
+/// Operations a second of independent multiply–adds on one core, in float32, fused where the instruction set has that: the best of ten runs.
 pub fn multiply_adds_per_sec() -> f64 {
     const ROUNDS: u32 = 2_000_000;
     let mut best = 0.0f64;

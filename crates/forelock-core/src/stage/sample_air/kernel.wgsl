@@ -47,6 +47,8 @@ struct Canopy {
 
 const WAKE_LAYER: u32 = WAKE_NODES * WAKE_NODES;
 const WAKE_COUNT: u32 = WAKE_LAYER * WAKE_NODES;
+// Nodes of a layer that a thread has.
+const WAKE_EACH: u32 = (WAKE_LAYER + CELLS_GROUP - 1u) / CELLS_GROUP;
 const CANOPY_COUNT: u32 = CANOPY_NODES * CANOPY_NODES * CANOPY_NODES;
 
 // Whether nodes of the wake are in a solid, and its deficit; metres of hair at nodes of the canopy as integers, and the share of the wind there. One after the other.
@@ -95,8 +97,8 @@ fn march_wake(@builtin(local_invocation_index) id: u32) {
     }
     workgroupBarrier();
     for (var layer = 1u; layer < WAKE_NODES; layer++) {
-        var next: array<f32, 3>;
-        for (var k = 0u; k < 3u; k++) {
+        var next: array<f32, WAKE_EACH>;
+        for (var k = 0u; k < WAKE_EACH; k++) {
             let at = id + k * CELLS_GROUP;
             if at < WAKE_LAYER {
                 let here = upwind[at];
@@ -111,7 +113,7 @@ fn march_wake(@builtin(local_invocation_index) id: u32) {
             }
         }
         workgroupBarrier();
-        for (var k = 0u; k < 3u; k++) {
+        for (var k = 0u; k < WAKE_EACH; k++) {
             let at = id + k * CELLS_GROUP;
             if at < WAKE_LAYER {
                 let own = layer * WAKE_LAYER + at;
@@ -209,6 +211,10 @@ fn splat_canopy(@builtin(global_invocation_id) id: vec3u) {
     for (var i = 0u; i + 1u < strand.particles; i++) {
         let end = in_canopy(moved(strand, i + 1u));
         let edge = end - start;
+        if !all_finite(edge) {
+            start = end;
+            continue;
+        }
         let samples = u32(clamp(sqrt(dot(edge, edge)) + 0.5, 1.0, 64.0));
         let share = 1.0 / f32(samples);
         let part = rest_length(strand, i, 1u) * share * air.scale;
