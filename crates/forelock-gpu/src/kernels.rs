@@ -28,6 +28,8 @@ pub enum Stage {
     SolveStrands,
     /// Hair against solids.
     ResolveSolids,
+    /// The same where some of them change their shape.
+    ResolveChanging,
     /// Edges back to their lengths.
     RestoreLengths,
     /// Segments leave their mass and momentum on the grid.
@@ -63,6 +65,8 @@ pub enum Kernel {
     SolveStrands,
     /// [`Stage::ResolveSolids`].
     ResolveSolids,
+    /// [`Stage::ResolveChanging`].
+    ResolveChanging,
     /// [`Stage::RestoreLengths`].
     RestoreLengths,
     /// Extent of the hair on the grid.
@@ -123,7 +127,7 @@ const CANOPY_COUNT: u32 = canopy::NODES.pow(3) as u32;
 pub struct StageKernels {
     /// Which.
     pub stage: Stage,
-    /// Its name, also of labels.
+    /// Its name, also of labels; of hair against solids twice the same.
     pub name: &'static str,
     /// Its texts, to come after constants and prelude.
     pub texts: &'static [&'static str],
@@ -139,7 +143,7 @@ const SHAPES: &str = include_str!("../../forelock-core/src/body/shapes.wgsl");
 const GRID: &str = include_str!("../../forelock-core/src/grid/grid.wgsl");
 
 /// All stages.
-pub const STAGES: [StageKernels; 8] = [
+pub const STAGES: [StageKernels; 9] = [
     StageKernels {
         stage: Stage::SampleAir,
         name: "sample_air",
@@ -168,6 +172,13 @@ pub const STAGES: [StageKernels; 8] = [
         name: "resolve_solids",
         texts: &[SHAPES, include_str!("../../forelock-core/src/stage/resolve_solids/kernel.wgsl")],
         kernels: &[(Kernel::ResolveSolids, "resolve_solids", Over::Strands)],
+        group: Group::Solids,
+    },
+    StageKernels {
+        stage: Stage::ResolveChanging,
+        name: "resolve_solids",
+        texts: &[SHAPES, include_str!("../../forelock-core/src/stage/resolve_solids/kernel.wgsl")],
+        kernels: &[(Kernel::ResolveChanging, "resolve_solids", Over::Strands)],
         group: Group::Solids,
     },
     StageKernels {
@@ -396,6 +407,7 @@ pub fn text(stage: &StageKernels) -> String {
         constant(name, "u32", &value, "u");
     }
     constant("MARGIN", "i32", &MARGIN, "");
+    constant("CHANGES", "bool", &(stage.stage != Stage::ResolveSolids), "");
     let singles = [PIVOT_FLOOR, FAR, TOUCH, STRETCHED].map(|value| value as f32);
     let names = ["PIVOT_FLOOR", "FAR", "TOUCH", "STRETCHED"];
     let grid = [

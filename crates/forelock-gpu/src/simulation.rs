@@ -9,7 +9,7 @@ use crate::layout::{FrameUniform, ReportEntry, SubstepUniform};
 use crate::solids::Solids;
 use crate::{Gpu, GpuError};
 use forelock_core::air::WindField;
-use forelock_core::body::ColliderFrame;
+use forelock_core::body::{ColliderFrame, Shape};
 use forelock_core::grid::{GridFrame, GridParams};
 use forelock_core::groom::Groom;
 use forelock_core::model::{Model, Strands};
@@ -55,6 +55,13 @@ struct Call {
     kernel: Kernel,
     batch: usize,
     number: u32,
+}
+
+/// The kernel that looks at `solids`, if there are any.
+fn look_at(solids: &[ColliderFrame<'_>]) -> Option<Kernel> {
+    let changes = solids.iter().any(|solid| matches!(solid.shape, Shape::Morph { .. }));
+    let kernel = if changes { Kernel::ResolveChanging } else { Kernel::ResolveSolids };
+    (!solids.is_empty()).then_some(kernel)
 }
 
 /// Calls of one stage after the other, together.
@@ -281,7 +288,7 @@ impl GpuSimulation {
         }
         let shelter = self.place(&Frame { air_velocity, ..*frame }, wind.as_ref());
         let mut encoder = self.gpu.device().create_command_encoder(&Default::default());
-        self.encode(&mut encoder, !frame.colliders.is_empty(), shelter);
+        self.encode(&mut encoder, look_at(frame.colliders), shelter);
         self.gpu.queue().submit([encoder.finish()]);
         Ok(())
     }
@@ -299,15 +306,15 @@ impl GpuSimulation {
 
     /// Times stages from the next frame on, or not any more; whether the device can.
     pub fn time_stages(&mut self, on: bool) -> bool {
-        let plan = self.plan(true, Some(Shelter { wake: true, canopy: true }));
+        let plan = self.plan(Some(Kernel::ResolveSolids), Some(Shelter { wake: true, canopy: true }));
         let passes = by_stage(&plan).count() as u32;
         self.clock = on.then(|| Clock::new(&self.gpu, passes)).flatten();
         self.clock.is_some()
     }
 
     /// All kernels of a frame: in one pass, or where they are timed each stage in its own.
-    fn encode(&mut self, encoder: &mut wgpu::CommandEncoder, has_solids: bool, air: Option<Shelter>) {
-        let plan = self.plan(has_solids, air);
+    fn encode(&mut self, encoder: &mut wgpu::CommandEncoder, look: Option<Kernel>, air: Option<Shelter>) {
+        let plan = self.plan(look, air);
         let mut clock = self.clock.take();
         if let Some(clock) = &mut clock {
             clock.begin();
@@ -327,8 +334,8 @@ impl GpuSimulation {
         self.clock = clock;
     }
 
-    /// The kernels of a frame in their order. Strands go batch by batch as far as they do not meet.
-    fn plan(&self, has_solids: bool, air: Option<Shelter>) -> Vec<Call> {
+    /// The kernels of a frame in their order, with the one that looks at solids, if there are any. Strands go batch by batch as far as they do not meet.
+    fn plan(&self, look: Option<Kernel>, air: Option<Shelter>) -> Vec<Call> {
         let (count, lengths) = (self.params.substeps, self.restores_lengths());
         let mut plan = Vec::new();
         let batches = 0..self.batches.len();
@@ -339,20 +346,20 @@ impl GpuSimulation {
             let mut add = |kernel, number| plan.push(Call { kernel, batch, number });
             for number in 0..count {
                 add(Kernel::SolveStrands, number);
-                if has_solids {
-                    add(Kernel::ResolveSolids, number);
+                if let Some(look) = look {
+                    add(look, number);
                 }
             }
             if lengths {
                 add(Kernel::RestoreLengths, count - 1);
             }
             if self.grid.is_none() {
-                self.finish(&mut plan, batch, has_solids);
+                self.finish(&mut plan, batch, look);
             }
         }
         if let Some(grid) = &self.grid {
             self.meet(&mut plan, grid.params.iterations);
-            batches.for_each(|batch| self.finish(&mut plan, batch, has_solids));
+            batches.for_each(|batch| self.finish(&mut plan, batch, look));
         }
         plan
     }
@@ -399,11 +406,10 @@ impl GpuSimulation {
     }
 
     /// Solids have the last word; then checks.
-    fn finish(&self, plan: &mut Vec<Call>, batch: usize, has_solids: bool) {
+    fn finish(&self, plan: &mut Vec<Call>, batch: usize, look: Option<Kernel>) {
         let count = self.params.substeps;
-        if has_solids && self.looks_last() {
-            plan.push(Call { kernel: Kernel::ResolveSolids, batch, number: count });
-        }
+        let last = look.filter(|_| self.looks_last());
+        plan.extend(last.map(|kernel| Call { kernel, batch, number: count }));
         plan.push(Call { kernel: Kernel::CheckStrands, batch, number: count - 1 });
     }
 

@@ -6,7 +6,7 @@ use forelock_core::body::{ColliderFrame, Sdf, Shape};
 use forelock_core::pose::Pose;
 use forelock_core::solver::{AmsParams, Frame, fractions};
 use forelock_core::stage::resolve_solids::SolidMotion;
-use glam::{DMat4, DVec2, DVec3, Mat4, Vec2, Vec3};
+use glam::{DMat4, DVec2, DVec3, Mat4, UVec3, Vec2, Vec3};
 use std::sync::Arc;
 use wgpu::BufferUsages;
 
@@ -26,16 +26,19 @@ pub mod kinds {
     pub const PLANE: u32 = 4;
     /// A field of distances.
     pub const FIELD: u32 = 5;
+    /// Fields, one after the other: a shape that changes.
+    pub const MORPH: u32 = 6;
 }
 
 /// The same by name, for the kernels.
-pub const KINDS: [(&str, u32); 6] = [
+pub const KINDS: [(&str, u32); 7] = [
     ("SPHERE", kinds::SPHERE),
     ("HOLLOW_SPHERE", kinds::HOLLOW_SPHERE),
     ("CAPSULE", kinds::CAPSULE),
     ("BOX", kinds::BOX),
     ("PLANE", kinds::PLANE),
     ("FIELD", kinds::FIELD),
+    ("MORPH", kinds::MORPH),
 ];
 /// Bits of [`LookUniform::how`].
 pub const HOW: [(&str, u32); 2] = [("AFTER_SUBSTEP", AFTER_SUBSTEP), ("LAST", LAST)];
@@ -72,20 +75,20 @@ pub struct SolidEntry {
     pub ball: Vec3,
     /// And its radius, metres.
     pub ball_radius: f32,
-    /// Where its first field is described.
+    /// A field's first node, metres.
+    pub origin: Vec3,
+    /// Of a shape that changes, where its first field is described.
+    pub described: u32,
+    /// A field's nodes.
+    pub dims: UVec3,
+    /// Where its values start.
     pub first: u32,
-    /// How many fields it has, one after the other.
-    pub fields: u32,
-    /// How far along them it is at the substep's start and end.
+    /// How far along its fields a shape that changes is at the substep's start and end.
     pub phases: Vec2,
     /// How far its surface may move in the substep, metres.
     pub swell: f32,
-    /// Nothing.
-    pub pad_0: u32,
-    /// Nothing.
-    pub pad_1: u32,
-    /// Nothing.
-    pub pad_2: u32,
+    /// How many fields it has.
+    pub fields: u32,
 }
 
 /// Numbers that describe a field: first node, side of a cell, nodes, and where its values start, in two halves.
@@ -115,7 +118,7 @@ pub const FAR: f64 = 1e30;
 pub(crate) struct Solids {
     /// Values of all fields, one after the other.
     pub fields: wgpu::Buffer,
-    /// Shapes whose fields are there, and where their first is described.
+    /// Shapes whose fields are there, and where: the first value of a field, or where a shape that changes is described.
     held: Vec<(Shape, u32)>,
     /// A `LookUniform` a look, each at a multiple of `stride`.
     pub looks: wgpu::Buffer,
@@ -160,15 +163,18 @@ impl Solids {
         let mut described: Vec<f32> = Vec::new();
         for shape in shapes() {
             if place_of(&held, shape).is_none() {
-                held.push((shape.clone(), described.len() as u32));
+                let is_one = matches!(shape, Shape::Sdf(_));
+                held.push((shape.clone(), if is_one { values.len() } else { described.len() } as u32));
                 for field in fields_of(shape) {
-                    described.extend(describe(field, values.len() as u32));
+                    if !is_one {
+                        described.extend(describe(field, values.len() as u32));
+                    }
                     values.extend_from_slice(field.values());
                 }
             }
         }
-        for (_, first) in &mut held {
-            *first += values.len() as u32;
+        for (_, place) in held.iter_mut().filter(|(shape, _)| matches!(shape, Shape::Morph { .. })) {
+            *place += values.len() as u32;
         }
         values.append(&mut described);
         let limits = gpu.device().limits();
@@ -204,8 +210,8 @@ impl Solids {
         self.look.thickness = params.skin_thickness as f32;
         for (step, fractions) in (0..substeps).zip(fractions(substeps)) {
             for (entry, solid) in self.look.solids.iter_mut().zip(frame.colliders) {
-                let first = place_of(&self.held, solid.shape).unwrap_or(0);
-                *entry = entry_of(solid, fractions, origin, first);
+                let place = place_of(&self.held, solid.shape).unwrap_or(0);
+                *entry = entry_of(solid, fractions, origin, place);
             }
             let is_last = step + 1 == substeps;
             self.look.how = if is_last && !looks_last { AFTER_SUBSTEP | LAST } else { AFTER_SUBSTEP };
@@ -233,7 +239,7 @@ fn fields_of(shape: &Shape) -> &[Sdf] {
     }
 }
 
-/// Where the first field of `shape` is described, if its fields are held.
+/// Where `shape` is held, if it is.
 fn place_of(held: &[(Shape, u32)], shape: &Shape) -> Option<u32> {
     let is_same = |own: &Shape| match (own, shape) {
         (Shape::Sdf(own), Shape::Sdf(other)) => Arc::ptr_eq(own, other),
@@ -256,8 +262,8 @@ fn buffer_of(gpu: &Gpu, values: &[f32]) -> wgpu::Buffer {
     buffer
 }
 
-/// `solid` from one fraction of its frame to another, relative to `origin`.
-fn entry_of(solid: &ColliderFrame<'_>, fractions: [f64; 2], origin: DVec3, first: u32) -> SolidEntry {
+/// `solid`, which is held at `place`, from one fraction of its frame to another, relative to `origin`.
+fn entry_of(solid: &ColliderFrame<'_>, fractions: [f64; 2], origin: DVec3, place: u32) -> SolidEntry {
     let motion = SolidMotion::new(solid, fractions, origin);
     let matrix = |pose: &Pose| DMat4::from_rotation_translation(pose.rotation, pose.translation).as_mat4();
     let (kind, size) = match solid.shape {
@@ -268,9 +274,11 @@ fn entry_of(solid: &ColliderFrame<'_>, fractions: [f64; 2], origin: DVec3, first
         }
         Shape::Box { half_extents } => (kinds::BOX, *half_extents),
         Shape::Plane => (kinds::PLANE, DVec3::ZERO),
-        Shape::Sdf(_) | Shape::Morph { .. } => (kinds::FIELD, DVec3::ZERO),
+        Shape::Sdf(_) => (kinds::FIELD, DVec3::ZERO),
+        Shape::Morph { .. } => (kinds::MORPH, DVec3::ZERO),
     };
     let (ball, ball_radius) = motion.ball.unwrap_or((DVec3::ZERO, FAR));
+    let field = fields_of(solid.shape).first();
     let phases = match solid.shape {
         Shape::Morph { phases: [from, to], .. } => fractions.map(|fraction| from + (to - from) * fraction),
         _ => [0.0; 2],
@@ -289,12 +297,12 @@ fn entry_of(solid: &ColliderFrame<'_>, fractions: [f64; 2], origin: DVec3, first
         cell: solid.shape.cell().unwrap_or(0.0),
         ball: ball.as_vec3(),
         ball_radius: ball_radius as f32,
-        first,
-        fields: fields_of(solid.shape).len() as u32,
+        origin: field.map_or(Vec3::ZERO, |field| field.origin()),
+        described: place,
+        dims: field.map_or(UVec3::ONE, |field| field.dims()),
+        first: place,
         phases: DVec2::from_array(phases).as_vec2(),
         swell: motion.swell as f32,
-        pad_0: 0,
-        pad_1: 0,
-        pad_2: 0,
+        fields: fields_of(solid.shape).len() as u32,
     }
 }

@@ -91,8 +91,8 @@ fn structs_are_laid_out_alike() {
         }
         if among_solids {
             same!(&module, "Solid", SolidEntry, [
-                at_end at_start carry spin friction travel kind pivot thinness size cell ball ball_radius first fields
-                phases swell pad_0 pad_1 pad_2
+                at_end at_start carry spin friction travel kind pivot thinness size cell ball ball_radius origin described dims
+                first phases swell fields
             ]);
             same!(&module, "Look", LookUniform, [count how thickness way_out solids]);
         }

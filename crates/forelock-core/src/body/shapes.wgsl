@@ -24,15 +24,16 @@ struct Solid {
     // A ball that holds it.
     ball: vec3f,
     ball_radius: f32,
-    // Fields, one after the other: where the first is described, and how many there are.
+    // A field: its first node, its nodes, and where its values start.
+    origin: vec3f,
+    // Of a shape that changes, where its first field is described.
+    described: u32,
+    dims: vec3u,
     first: u32,
-    fields: u32,
-    // How far along the fields a shape that changes is at the substep's start and end, and how far its surface may move meanwhile.
+    // How far along its fields such a shape is at the substep's start and end, how far its surface may move meanwhile, and how many fields there are.
     phases: vec2f,
     swell: f32,
-    pad_0: u32,
-    pad_1: u32,
-    pad_2: u32,
+    fields: u32,
 }
 
 // What is looked at, and how.
@@ -47,7 +48,7 @@ struct Look {
     solids: array<Solid, MOST_SOLIDS>,
 }
 
-// Values of all fields, one after the other; after them, FIELD_NUMBERS numbers a field that say where.
+// Values of all fields, one after the other; after them FIELD_NUMBERS numbers for each field of a shape that changes.
 @group(0) @binding(10) var<storage, read> fields: array<f32>;
 @group(0) @binding(11) var<uniform> look: Look;
 
@@ -102,8 +103,7 @@ fn field_at(at: u32) -> Field {
 }
 
 // Slope, of any length, and distance: `Sdf::sample`.
-fn sample_field(at: u32, p: vec3f) -> vec4f {
-    let own = field_at(at);
+fn sample_field(own: Field, p: vec3f) -> vec4f {
     let place = (p - own.origin) / own.cell;
     let top = vec3f(own.dims - 1u);
     let inside = clamp(place, vec3f(0.0), top);
@@ -142,15 +142,15 @@ fn sample_field(at: u32, p: vec3f) -> vec4f {
 
 // The same of a shape that changes: `Morph::sample`.
 fn sample_fields(number: u32, p: vec3f, share: f32) -> vec4f {
-    let first = look.solids[number].first;
+    let first = look.solids[number].described;
     let last = f32(look.solids[number].fields - 1u);
     let phase = clamp(mix(look.solids[number].phases.x, look.solids[number].phases.y, share), 0.0, last);
-    let before = sample_field(first + u32(phase) * FIELD_NUMBERS, p);
+    let before = sample_field(field_at(first + u32(phase) * FIELD_NUMBERS), p);
     let part = fract(phase);
     if part == 0.0 {
         return before;
     }
-    let after = sample_field(first + (u32(phase) + 1u) * FIELD_NUMBERS, p);
+    let after = sample_field(field_at(first + (u32(phase) + 1u) * FIELD_NUMBERS), p);
     let blended = mix(before, after, part);
     // Opposite gradients cancel where the surface turns inside out.
     return select(vec4f(before.xyz, blended.w), blended, dot(blended.xyz, blended.xyz) > 1e-6);
@@ -178,7 +178,18 @@ fn sample_shape(number: u32, p: vec3f, share: f32) -> vec4f {
         case PLANE: {
             return vec4f(0.0, 1.0, 0.0, p.y);
         }
+        case FIELD: {
+            let own = Field(
+                look.solids[number].origin, look.solids[number].cell, look.solids[number].dims, look.solids[number].first,
+            );
+            let found = sample_field(own, p);
+            return vec4f(found.xyz / sqrt(dot(found.xyz, found.xyz)), found.w);
+        }
         default: {
+            // Solids that change cost all others a tenth of their speed and more: they have a kernel of their own.
+            if !CHANGES {
+                return vec4f(0.0, 1.0, 0.0, FAR);
+            }
             let found = sample_fields(number, p, share);
             return vec4f(found.xyz / sqrt(dot(found.xyz, found.xyz)), found.w);
         }

@@ -11,7 +11,7 @@ struct Particle {
 fn rub(number: u32, normal: vec3f, particle: ptr<function, Particle>) {
     let arm = (*particle).x - look.solids[number].pivot;
     var gone = look.solids[number].travel + cross(look.solids[number].spin, arm);
-    if look.solids[number].swell > 0.0 {
+    if CHANGES && look.solids[number].swell > 0.0 {
         let place = local(look.solids[number].at_end, (*particle).x);
         gone += (sample_shape(number, place, 0.0).w - sample_shape(number, place, 1.0).w) * normal;
     }
@@ -88,7 +88,7 @@ fn settle_among(particle: ptr<function, Particle>) -> f32 {
 
 // How far the surface of a shape that changes may have moved since the last look.
 fn swell_of(number: u32) -> f32 {
-    return select(0.0, look.solids[number].swell, (look.how & AFTER_SUBSTEP) != 0u);
+    return select(0.0, look.solids[number].swell, CHANGES && (look.how & AFTER_SUBSTEP) != 0u);
 }
 
 // Where a particle that goes straight through the solid's own space first touches it, and the normal there: `sweep::sweep`.
