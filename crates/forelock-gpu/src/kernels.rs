@@ -3,6 +3,7 @@
 use crate::air::AirUniform;
 use crate::grid::{CELLS_GROUP, CELLS_THREADS, FASTEST, GridUniform, MOST_OUT, RELAX_THREADS, SWEEPS};
 use crate::layout::{FLAGS, FrameUniform, SubstepUniform};
+use crate::skinning::SkinUniform;
 use crate::solids::{FAR, FIELD_NUMBERS, HOW, KINDS, LookUniform, MOST_SOLIDS};
 use forelock_core::air::{MODES, canopy, wake};
 use forelock_core::grid::MARGIN;
@@ -40,6 +41,10 @@ pub enum Stage {
     GatherVelocities,
     /// Stretch, and strands that are not finite.
     CheckStrands,
+    /// The motion of each particle of the guides.
+    FollowGuides,
+    /// Guides carry all strands.
+    CarryStrands,
 }
 
 /// A kernel: an entry point of a stage's text.
@@ -101,6 +106,10 @@ pub enum Kernel {
     GatherDisplacements,
     /// [`Stage::CheckStrands`].
     CheckStrands,
+    /// [`Stage::FollowGuides`].
+    FollowGuides,
+    /// [`Stage::CarryStrands`].
+    CarryStrands,
 }
 
 /// What the threads of a kernel are.
@@ -141,9 +150,10 @@ pub struct StageKernels {
 const PRELUDE: &str = include_str!("../../forelock-core/src/stage/prelude.wgsl");
 const SHAPES: &str = include_str!("../../forelock-core/src/body/shapes.wgsl");
 const GRID: &str = include_str!("../../forelock-core/src/grid/grid.wgsl");
+const SKIN: &str = include_str!("../../forelock-core/src/groom/guides/skin.wgsl");
 
 /// All stages.
-pub const STAGES: [StageKernels; 9] = [
+pub const STAGES: [StageKernels; 11] = [
     StageKernels {
         stage: Stage::SampleAir,
         name: "sample_air",
@@ -234,6 +244,20 @@ pub const STAGES: [StageKernels; 9] = [
         kernels: &[(Kernel::CheckStrands, "check_strands", Over::Strands)],
         group: Group::Strands,
     },
+    StageKernels {
+        stage: Stage::FollowGuides,
+        name: "follow_guides",
+        texts: &[SKIN, include_str!("../../forelock-core/src/groom/guides/follow.wgsl")],
+        kernels: &[(Kernel::FollowGuides, "follow_guides", Over::Strands)],
+        group: Group::Guides,
+    },
+    StageKernels {
+        stage: Stage::CarryStrands,
+        name: "carry_strands",
+        texts: &[SKIN, include_str!("../../forelock-core/src/groom/guides/carry.wgsl")],
+        kernels: &[(Kernel::CarryStrands, "carry_strands", Over::Cells)],
+        group: Group::Carried,
+    },
 ];
 
 impl Kernel {
@@ -264,6 +288,8 @@ pub enum Binding {
     Grid,
     /// Uniform of the air.
     Air,
+    /// Uniform of guides that carry strands.
+    Skin,
     /// Storage that kernels read.
     Read(&'static str),
     /// Storage that kernels change.
@@ -287,11 +313,24 @@ pub enum Group {
     Cells,
     /// From the grid to strands.
     Gather,
+    /// Guides alone.
+    Guides,
+    /// From guides to the strands that they carry.
+    Carried,
 }
 
 /// All groups, in their order.
-pub const GROUPS: [Group; 7] =
-    [Group::Air, Group::Solve, Group::Strands, Group::Solids, Group::Splat, Group::Cells, Group::Gather];
+pub const GROUPS: [Group; 9] = [
+    Group::Air,
+    Group::Solve,
+    Group::Strands,
+    Group::Solids,
+    Group::Splat,
+    Group::Cells,
+    Group::Gather,
+    Group::Guides,
+    Group::Carried,
+];
 
 impl Group {
     /// Number and what of each binding. Up to eight of storage, as many as WebGPU grants.
@@ -370,6 +409,19 @@ impl Group {
                 (14, Binding::Change("bounds")),
                 (15, Binding::Read("faces")),
                 (16, Binding::Grid),
+            ],
+            Self::Guides => &[
+                (2, Binding::Read("blocks")),
+                (3, Binding::Read("model")),
+                (5, Binding::Change("positions")),
+                (21, Binding::Change("motions")),
+                (22, Binding::Skin),
+            ],
+            Self::Carried => &[
+                (21, Binding::Change("motions")),
+                (22, Binding::Skin),
+                (23, Binding::Read("carried")),
+                (24, Binding::Change("placed")),
             ],
         }
     }
@@ -489,6 +541,7 @@ fn entry(&(binding, what): &(u32, Binding)) -> wgpu::BindGroupLayoutEntry {
         Binding::Frame => (uniform, false, size_of::<FrameUniform>()),
         Binding::Grid => (uniform, false, size_of::<GridUniform>()),
         Binding::Air => (uniform, false, size_of::<AirUniform>()),
+        Binding::Skin => (uniform, false, size_of::<SkinUniform>()),
         Binding::Substep => (uniform, true, size_of::<SubstepUniform>()),
         Binding::Look => (uniform, true, size_of::<LookUniform>()),
         Binding::Read(_) => (storage(true), false, 0),

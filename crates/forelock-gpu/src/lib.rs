@@ -44,6 +44,7 @@ pub mod kernels;
 pub mod layout;
 mod peaks;
 mod simulation;
+pub mod skinning;
 pub mod solids;
 
 pub use clock::{FrameSecs, StageSecs};
@@ -51,3 +52,4 @@ pub use device::{Choice, Counts, Gpu};
 pub use error::GpuError;
 pub use peaks::Peaks;
 pub use simulation::{DeviceGridReport, GpuReport, GpuSimulation};
+pub use skinning::GpuSkinning;

@@ -239,7 +239,7 @@ impl GpuSimulation {
                     Group::Solve | Group::Strands | Group::Solids => true,
                     Group::Air => air.is_some(),
                     Group::Splat | Group::Gather => grid.is_some(),
-                    Group::Cells => false,
+                    Group::Cells | Group::Guides | Group::Carried => false,
                 };
                 is_there.then(|| kernels::bind(device, (kernels, group), &find))
             });
@@ -250,6 +250,11 @@ impl GpuSimulation {
     /// The model.
     pub fn model(&self) -> &Model<f32> {
         &self.model
+    }
+
+    /// Its strands, batch by batch.
+    pub(crate) fn batches(&self) -> impl ExactSizeIterator<Item = &Batch> {
+        self.batches.iter().map(|bound| &bound.batch)
     }
 
     /// Bytes held on the device.
@@ -427,7 +432,7 @@ impl GpuSimulation {
         let offset = match group {
             Group::Solve | Group::Strands => Some(call.number * self.shared.stride),
             Group::Air | Group::Solids | Group::Cells => Some(call.number * self.solids.stride),
-            Group::Splat | Group::Gather => None,
+            Group::Splat | Group::Gather | Group::Guides | Group::Carried => None,
         };
         pass.set_pipeline(self.gpu.kernels().pipeline(kernel));
         pass.set_bind_group(0, of_group, offset.as_slice());

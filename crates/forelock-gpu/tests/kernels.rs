@@ -6,6 +6,7 @@ use forelock_gpu::air::{AirUniform, CanopyEntry, ModeEntry};
 use forelock_gpu::grid::{BoundsEntry, GridSolidEntry, GridUniform};
 use forelock_gpu::kernels::{Binding, GROUPS, Group, STAGES, StageKernels, text};
 use forelock_gpu::layout::{BlockEntry, FrameUniform, ReportEntry, SubstepUniform};
+use forelock_gpu::skinning::{CarriedEntry, SkinUniform};
 use forelock_gpu::solids::{LookUniform, SolidEntry};
 use naga::back::{hlsl, msl, spv};
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
@@ -82,6 +83,12 @@ fn structs_are_laid_out_alike() {
                 place motion axes cell pic slack expand least unit tolerance capacity solids relaxation room pad_0 each
             ]);
         }
+        if matches!(stage.group, Group::Guides | Group::Carried) {
+            same!(&module, "Skin", SkinUniform, [head count pad_0 pad_1 pad_2]);
+        }
+        if stage.group == Group::Carried {
+            same!(&module, "Carried", CarriedEntry, [entries fractions weights rest pad_0]);
+        }
         if stage.group == Group::Air {
             same!(&module, "Mode", ModeEntry, [wave phase amplitude pad_0]);
             same!(&module, "Air", AirUniform, [
@@ -122,6 +129,7 @@ fn bindings_are_those_of_the_table() {
                 Binding::Look => ("look", None),
                 Binding::Grid => ("grid", None),
                 Binding::Air => ("air", None),
+                Binding::Skin => ("skin", None),
                 Binding::Read(name) => (name, Some(false)),
                 Binding::Change(name) => (name, Some(true)),
             };

@@ -72,6 +72,19 @@ struct Place {
     fractions: [f32; GUIDES_PER_STRAND],
 }
 
+/// How a particle is carried.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Carried {
+    /// Where it is at rest, in the head's space, metres.
+    pub rest: Vec3,
+    /// Guides' weights, which sum to 1.
+    pub weights: [f32; GUIDES_PER_STRAND],
+    /// The particle before it on each guide, among all guides'.
+    pub particles: [u32; GUIDES_PER_STRAND],
+    /// The fraction of the edge from there.
+    pub fractions: [f32; GUIDES_PER_STRAND],
+}
+
 /// A groom and the guides that carry it.
 #[derive(Clone, Debug)]
 pub struct Skinning {
@@ -139,6 +152,16 @@ impl Skinning {
     pub fn follows(&self, strand: usize) -> impl Iterator<Item = (usize, f32)> {
         let Influence { guides, weights } = self.influences[strand];
         guides.into_iter().map(|g| g as usize).zip(weights).filter(|&(_, weight)| weight > 0.0)
+    }
+
+    /// How each particle of the groom is carried, in the groom's order.
+    pub fn carried(&self) -> impl Iterator<Item = Carried> {
+        self.offsets.windows(2).zip(&self.influences).flat_map(move |(ends, influence)| {
+            (ends[0] as usize..ends[1] as usize).map(move |p| {
+                let Place { particles, fractions } = self.places[p];
+                Carried { rest: self.rest[p], weights: influence.weights, particles, fractions }
+            })
+        })
     }
 
     /// Places all strands into `out` (metres, world space, the groom's order) when the head is at `head` and the guides' particles at `guides`

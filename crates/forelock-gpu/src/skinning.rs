@@ -1,0 +1,167 @@
+//! Guides on the device carry all strands.
+
+use crate::kernels::{self, Binding, Group, Kernel};
+use crate::{Gpu, GpuError, GpuSimulation};
+use bytemuck::{Pod, Zeroable};
+use forelock_core::groom::guides::Skinning;
+use forelock_core::lane::LANES;
+use forelock_core::pose::Pose;
+use forelock_core::state::State;
+use glam::{Quat, UVec4, Vec3, Vec4};
+use wgpu::BufferUsages;
+
+/// A frame of skinning: `Skin` in the kernels.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct SkinUniform {
+    /// The head's rotation.
+    pub head: Quat,
+    /// Particles that are carried.
+    pub count: u32,
+    /// Nothing.
+    pub pad_0: u32,
+    /// Nothing.
+    pub pad_1: u32,
+    /// Nothing.
+    pub pad_2: u32,
+}
+
+/// Where a particle is carried: `Carried` in the kernels.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct CarriedEntry {
+    /// The particle before it on each guide, as an entry of a row.
+    pub entries: UVec4,
+    /// How far it is from there to the next.
+    pub fractions: Vec4,
+    /// How much each guide counts.
+    pub weights: Vec4,
+    /// Where it is at rest, from the middle of the guides' rest shape, metres.
+    pub rest: Vec3,
+    /// Nothing.
+    pub pad_0: f32,
+}
+
+/// All strands of a groom, carried by guides that are simulated on the same device: [`Skinning`], whose positions need not leave it.
+///
+/// Memory, in bytes a particle: 64 and 12 of all strands, 32 of the guides.
+#[derive(Debug)]
+pub struct GpuSkinning {
+    gpu: Gpu,
+    uniform: wgpu::Buffer,
+    placed: wgpu::Buffer,
+    to_guides: wgpu::BindGroup,
+    to_strands: wgpu::BindGroup,
+    count: u32,
+    groups: u32,
+}
+
+impl GpuSkinning {
+    /// What `skinning` carries, by the guides that `guides` simulates.
+    ///
+    /// # Errors
+    /// [`GpuError::Unsupported`] if the guides are not those of `skinning` or are more than one batch of strands, [`GpuError::TooLarge`] if the strands have no room.
+    pub fn new(gpu: &Gpu, skinning: &Skinning, guides: &GpuSimulation) -> Result<Self, GpuError> {
+        let model = guides.model();
+        let batch = guides.batches().next().filter(|_| guides.batches().len() == 1);
+        let batch = batch.ok_or(GpuError::Unsupported { what: "guides in more than one batch" })?;
+        if model.particle_count != skinning.guides().particle_count() {
+            return Err(GpuError::Unsupported { what: "guides of another groom" });
+        }
+        let mut entries = vec![0u32; model.particle_count];
+        State::each_particle(model, |particle, place, lane| {
+            entries[particle] = (place * LANES + lane) as u32
+        });
+        let middle = Vec3::from_array(model.centre.map(|c| c as f32));
+        let carried: Vec<CarriedEntry> = skinning
+            .carried()
+            .map(|own| CarriedEntry {
+                entries: own.particles.map(|particle| entries[particle as usize]).into(),
+                fractions: own.fractions.into(),
+                weights: own.weights.into(),
+                rest: own.rest - middle,
+                pad_0: 0.0,
+            })
+            .collect();
+        let limits = gpu.device().limits();
+        let limit = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+        let bytes = size_of_val(&*carried) as u64;
+        if bytes > limit {
+            let (what, name) = ("all strands that guides carry", gpu.name().to_owned());
+            return Err(GpuError::TooLarge { what, name, bytes, limit });
+        }
+        let storage = BufferUsages::STORAGE | BufferUsages::COPY_SRC | BufferUsages::COPY_DST;
+        let uniform = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
+        let uniform = gpu.buffer("skin", size_of::<SkinUniform>() as u64, uniform);
+        let motions = gpu.buffer("motions", 32 * (model.places() * LANES) as u64, storage);
+        let places = gpu.buffer("carried", bytes, storage);
+        gpu.queue().write_buffer(&places, 0, bytemuck::cast_slice(&carried));
+        let usage = storage | BufferUsages::VERTEX;
+        let placed = gpu.buffer("placed", 12 * carried.len() as u64, usage);
+        let bound = |group| {
+            kernels::bind(gpu.device(), (gpu.kernels(), group), &|what| match what {
+                Binding::Read("blocks") => &batch.blocks,
+                Binding::Read("model") => &batch.model,
+                Binding::Change("positions") => &batch.positions,
+                Binding::Change("motions") => &motions,
+                Binding::Read("carried") => &places,
+                Binding::Skin => &uniform,
+                _ => &placed,
+            })
+        };
+        let (to_guides, to_strands) = (bound(Group::Guides), bound(Group::Carried));
+        gpu.check()?;
+        Ok(Self {
+            gpu: gpu.clone(),
+            to_guides,
+            to_strands,
+            count: carried.len() as u32,
+            groups: batch.groups,
+            uniform,
+            placed,
+        })
+    }
+
+    /// Hands the placing of all strands to the device, with the head at `head` and the guides where they are; does not wait for it.
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`] if the device has failed.
+    pub fn place(&self, head: &Pose) -> Result<(), GpuError> {
+        self.gpu.check()?;
+        let uniform =
+            SkinUniform { head: head.rotation.as_quat(), count: self.count, pad_0: 0, pad_1: 0, pad_2: 0 };
+        self.gpu.queue().write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
+        let mut encoder = self.gpu.device().create_command_encoder(&Default::default());
+        let calls = [
+            (Kernel::FollowGuides, &self.to_guides, self.groups),
+            (Kernel::CarryStrands, &self.to_strands, crate::grid::CELLS_THREADS / crate::grid::CELLS_GROUP),
+        ];
+        for (kernel, bound, groups) in calls {
+            let mut pass = encoder.begin_compute_pass(&Default::default());
+            pass.set_pipeline(self.gpu.kernels().pipeline(kernel));
+            pass.set_bind_group(0, bound, &[]);
+            pass.dispatch_workgroups(groups, 1, 1);
+        }
+        self.gpu.queue().submit([encoder.finish()]);
+        Ok(())
+    }
+
+    /// Where all strands are, three float32 a particle in the groom's order, relative to the simulation's origin, metres: to be drawn from.
+    pub fn positions(&self) -> &wgpu::Buffer {
+        &self.placed
+    }
+
+    /// The same on the CPU. Waits for the device.
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`] if the device has failed.
+    pub fn read(&self) -> Result<Vec<Vec3>, GpuError> {
+        let bytes = self.gpu.read(&[&self.placed])?;
+        Ok(bytes.first().map_or_else(Vec::new, |bytes| bytemuck::pod_collect_to_vec(bytes)))
+    }
+
+    /// Bytes held on the device.
+    pub fn bytes(&self) -> u64 {
+        76 * u64::from(self.count) + self.uniform.size()
+    }
+}
