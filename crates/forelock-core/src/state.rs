@@ -72,6 +72,15 @@ impl<T: Real> State<T> {
         state
     }
 
+    /// Becomes a copy of `other`, in the memory that it has.
+    pub fn take(&mut self, other: &Self) {
+        self.positions.clone_from(&other.positions);
+        self.velocities.clone_from(&other.velocities);
+        self.integrity.clone_from(&other.integrity);
+        self.clearance.clone_from(&other.clearance);
+        self.origin = other.origin;
+    }
+
     /// Bytes that the state holds.
     pub fn bytes(&self) -> usize {
         let rows = self.positions.len() + self.velocities.len() + self.integrity.len() + self.clearance.len();

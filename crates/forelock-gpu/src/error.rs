@@ -59,6 +59,11 @@ pub enum GpuError {
         /// What.
         what: &'static str,
     },
+    /// Strands are to be carried by other guides than those that are simulated.
+    #[error(
+        "the guides that are simulated are not those that the strands follow: simulate `Skinning::guides`"
+    )]
+    Guides,
     /// The groom cannot be packed.
     #[error(transparent)]
     Pack(#[from] PackError),

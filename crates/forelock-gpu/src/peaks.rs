@@ -10,6 +10,8 @@ const ROUNDS: [u32; 2] = [4096, 512];
 const THREADS: u32 = 256 * 1024;
 /// Bytes copied at once, where a binding holds that.
 const BYTES: u64 = 256 << 20;
+/// Dispatches of a measurement at most.
+const MOST_TIMES: u32 = 1 << 20;
 /// A measurement takes so long at least, seconds.
 const LEAST_SECS: f64 = 0.2;
 
@@ -79,6 +81,10 @@ impl Peaks {
                 let secs = run(times)?;
                 if secs >= LEAST_SECS {
                     return Ok(f64::from(times) * work / secs);
+                }
+                if times >= MOST_TIMES {
+                    let reason = "it does its work in no time".to_owned();
+                    return Err(GpuError::Failed { name: gpu.name().to_owned(), reason });
                 }
                 times *= 2;
             }

@@ -137,7 +137,8 @@ impl GpuSimulation {
         Self::with(gpu, (model, state), params, options)
     }
 
-    /// What goes on where `simulation` is on the CPU. Strands that meet there do not here until [`GpuSimulation::set_grid`] says so.
+    /// What goes on where `simulation` is on the CPU. Strands that meet there do not here until [`GpuSimulation::set_grid`] says so; contacts between segments and the air's exposure
+    /// are left behind.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] or [`GpuError::Failed`] if the GPU has no room.
@@ -250,6 +251,11 @@ impl GpuSimulation {
     /// The model.
     pub fn model(&self) -> &Model<f32> {
         &self.model
+    }
+
+    /// The GPU that it is on.
+    pub fn gpu(&self) -> &Gpu {
+        &self.gpu
     }
 
     /// Its strands, batch by batch.

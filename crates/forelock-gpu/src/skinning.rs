@@ -3,11 +3,13 @@
 use crate::kernels::{self, Binding, Group, Kernel};
 use crate::{Gpu, GpuError, GpuSimulation};
 use bytemuck::{Pod, Zeroable};
+use forelock_core::groom::Groom;
 use forelock_core::groom::guides::Skinning;
 use forelock_core::lane::LANES;
+use forelock_core::model::Model;
 use forelock_core::pose::Pose;
-use forelock_core::state::State;
-use glam::{Quat, UVec4, Vec3, Vec4};
+use forelock_core::state::{State, vector};
+use glam::{DVec3, Quat, UVec4, Vec3, Vec4};
 use wgpu::BufferUsages;
 
 /// A frame of skinning: `Skin` in the kernels.
@@ -44,7 +46,7 @@ pub struct CarriedEntry {
 
 /// All strands of a groom, carried by guides that are simulated on the same device: [`Skinning`], whose positions need not leave it.
 ///
-/// Memory, in bytes a particle: 64 and 12 of all strands, 32 of the guides.
+/// Memory, in bytes a particle: 64 and 12 of all strands, 32 of the guides. It looks at the simulation's own memory: of another simulation, also one that goes on after an edit, a new one is to be made.
 #[derive(Debug)]
 pub struct GpuSkinning {
     gpu: Gpu,
@@ -54,19 +56,20 @@ pub struct GpuSkinning {
     to_strands: wgpu::BindGroup,
     count: u32,
     groups: u32,
+    bytes: u64,
 }
 
 impl GpuSkinning {
     /// What `skinning` carries, by the guides that `guides` simulates.
     ///
     /// # Errors
-    /// [`GpuError::Unsupported`] if the guides are not those of `skinning` or are more than one batch of strands, [`GpuError::TooLarge`] if the strands have no room.
-    pub fn new(gpu: &Gpu, skinning: &Skinning, guides: &GpuSimulation) -> Result<Self, GpuError> {
-        let model = guides.model();
+    /// [`GpuError::Guides`] if the guides are not those of `skinning`, [`GpuError::Unsupported`] if they are more than one batch of strands, [`GpuError::TooLarge`] if the strands have no room.
+    pub fn new(skinning: &Skinning, guides: &GpuSimulation) -> Result<Self, GpuError> {
+        let (gpu, model) = (guides.gpu(), guides.model());
         let batch = guides.batches().next().filter(|_| guides.batches().len() == 1);
         let batch = batch.ok_or(GpuError::Unsupported { what: "guides in more than one batch" })?;
-        if model.particle_count != skinning.guides().particle_count() {
-            return Err(GpuError::Unsupported { what: "guides of another groom" });
+        if !is_of(model, skinning.guides()) {
+            return Err(GpuError::Guides);
         }
         let mut entries = vec![0u32; model.particle_count];
         State::each_particle(model, |particle, place, lane| {
@@ -111,12 +114,14 @@ impl GpuSkinning {
         };
         let (to_guides, to_strands) = (bound(Group::Guides), bound(Group::Carried));
         gpu.check()?;
+        let bytes = [&uniform, &motions, &places, &placed].map(|buffer| buffer.size()).iter().sum();
         Ok(Self {
             gpu: gpu.clone(),
             to_guides,
             to_strands,
             count: carried.len() as u32,
             groups: batch.groups,
+            bytes,
             uniform,
             placed,
         })
@@ -162,6 +167,19 @@ impl GpuSkinning {
 
     /// Bytes held on the device.
     pub fn bytes(&self) -> u64 {
-        76 * u64::from(self.count) + self.uniform.size()
+        self.bytes
     }
+}
+
+/// Whether `model` was made of `groom`, to rounding.
+fn is_of(model: &Model<f32>, groom: &Groom) -> bool {
+    let mut is_same = model.offsets == groom.strand_offsets();
+    let middle = DVec3::from(model.centre);
+    if is_same {
+        State::each_particle(model, |particle, place, lane| {
+            let own = Vec3::from_array(vector(&model.rest, place, lane)).as_dvec3() + middle;
+            is_same &= own.distance(groom.positions()[particle].as_dvec3()) < 1e-5;
+        });
+    }
+    is_same
 }

@@ -36,7 +36,7 @@ fn strands_are_carried_as_on_the_cpu() {
         cpu.step_frame(&Frame { head, colliders: &[], gravity, air_velocity, dt_secs: 1.0 / 60.0 }).unwrap();
     }
     let own = GpuSimulation::continuing(&gpu, &cpu).unwrap();
-    let carried = GpuSkinning::new(&gpu, &skinning, &own).unwrap();
+    let carried = GpuSkinning::new(&skinning, &own).unwrap();
     carried.place(&head(25)).unwrap();
     let found = carried.read().unwrap();
     cpu.positions(&mut guides);
@@ -56,6 +56,8 @@ fn strands_are_carried_as_on_the_cpu() {
     let other = carried.read().unwrap();
     let worst = other.iter().zip(&expected).map(apart).fold(0.0, f64::max);
     assert!(worst > 2e-3, "{worst}");
-    let fewer = Skinning::new(&groom, 30, 7).unwrap();
-    assert!(matches!(GpuSkinning::new(&gpu, &fewer, &own), Err(GpuError::Unsupported { .. })));
+    for (count, seed) in [(30, 7), (40, 8)] {
+        let others = Skinning::new(&groom, count, seed).unwrap();
+        assert!(matches!(GpuSkinning::new(&others, &own), Err(GpuError::Guides)), "{count} of seed {seed}");
+    }
 }

@@ -51,7 +51,8 @@ impl Backend {
 pub(crate) struct Device {
     gpu: Gpu,
     grid: Option<GridParams>,
-    simulation: GpuSimulation,
+    /// None only after an error.
+    simulation: Option<GpuSimulation>,
     /// What the last frame took by its own clock, if it has one.
     pub(crate) frame_secs: Option<f64>,
 }
@@ -72,18 +73,17 @@ impl Device {
         }
         let meets = scene.interaction.kind == InteractionKind::Grid;
         let grid = meets.then(|| scene.interaction.grid.clone());
-        let mut own =
-            Self { simulation: GpuSimulation::continuing(&gpu, simulation)?, gpu, grid, frame_secs: None };
-        own.prepare()?;
+        let mut own = Self { simulation: None, gpu, grid, frame_secs: None };
+        own.begin_anew(simulation)?;
         let times = [0.0, 1.0 / scene.time.fps];
-        own.simulation.hold(&assets.collider_frames(times, times.map(|time| assets.head_pose(time))))?;
+        own.own()?.hold(&assets.collider_frames(times, times.map(|time| assets.head_pose(time))))?;
         Ok(own)
     }
 
-    fn prepare(&mut self) -> Result<(), GpuError> {
-        self.simulation.set_grid(self.grid.as_ref())?;
-        self.simulation.time_stages(true);
-        Ok(())
+    fn own(&mut self) -> Result<&mut GpuSimulation, GpuError> {
+        let name = self.gpu.name();
+        let reason = "it has no simulation after an error".to_owned();
+        self.simulation.as_mut().ok_or_else(|| GpuError::Failed { name: name.to_owned(), reason })
     }
 
     /// The GPU's name.
@@ -93,18 +93,22 @@ impl Device {
 
     /// Bytes held on it.
     pub(crate) fn bytes(&self) -> u64 {
-        self.simulation.bytes()
+        self.simulation.as_ref().map_or(0, GpuSimulation::bytes)
     }
 
     /// Takes the state of `simulation` over.
     pub(crate) fn take(&mut self, simulation: &Simulation) -> Result<(), GpuError> {
-        self.simulation.restore(&simulation.snapshot())
+        self.own()?.restore(&simulation.snapshot())
     }
 
-    /// Goes on with `simulation`, whose strands are other ones now.
+    /// Goes on with `simulation`, whose strands are other ones now. What there was goes first, for there may not be room for both.
     pub(crate) fn begin_anew(&mut self, simulation: &Simulation) -> Result<(), GpuError> {
-        self.simulation = GpuSimulation::continuing(&self.gpu, simulation)?;
-        self.prepare()
+        self.simulation = None;
+        let mut own = GpuSimulation::continuing(&self.gpu, simulation)?;
+        own.set_grid(self.grid.as_ref())?;
+        own.time_stages(true);
+        self.simulation = Some(own);
+        Ok(())
     }
 
     /// Steps a frame, and brings the state to `simulation`.
@@ -114,9 +118,10 @@ impl Device {
         wind: Option<&WindField>,
         simulation: &mut Simulation,
     ) -> Result<FrameReport, RunError> {
-        self.simulation.step_frame_in(frame, wind)?;
-        let (report, state) = self.simulation.report_and_state()?;
-        simulation.state_mut().clone_from(state);
+        let own = self.own()?;
+        own.step_frame_in(frame, wind)?;
+        let (report, state) = own.report_and_state()?;
+        simulation.state_mut().take(state);
         self.frame_secs = report.secs.map(|secs| secs.whole);
         let stages = report.secs.map(|secs| secs.stages);
         Ok(FrameReport {

@@ -39,6 +39,11 @@ impl Regrooming {
         }
     }
 
+    /// Whether edits wait for `time_secs`.
+    pub(crate) fn is_due(&self, time_secs: f64) -> bool {
+        self.waiting.front().is_some_and(|edit| edit.1 <= time_secs)
+    }
+
     /// Does all edits whose time is not after `time_secs`, at which the head is at `head`; whether there were any.
     pub(crate) fn advance(
         &mut self,

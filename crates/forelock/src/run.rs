@@ -154,6 +154,8 @@ pub(crate) struct Stepper<'a> {
     guides: Vec<Vec3>,
     /// Edits while the hair moves.
     regrooming: Regrooming,
+    /// The state before the edits of the frame under way on a device: what a run that fails there is resumed from, for edits are done again then.
+    before_edits: Option<forelock_core::state::Snapshot<f32>>,
 }
 
 impl<'a> Stepper<'a> {
@@ -193,7 +195,11 @@ impl<'a> Stepper<'a> {
         let wind = WindParams { seed: scene.seed.wrapping_add(scene.wind.seed), ..scene.wind.clone() };
         let wind = Wind::new(&wind).map_err(RunError::Wind)?;
         let guides = Vec::new();
-        Ok((Self { scene, assets, wind, simulation, device, skinning, guides, regrooming }, note))
+        let before_edits = None;
+        Ok((
+            Self { scene, assets, wind, simulation, device, skinning, guides, regrooming, before_edits },
+            note,
+        ))
     }
 
     /// All strands at frame `frame`, which the simulation has reached: positions in world space and the groom's order, metres.
@@ -221,6 +227,9 @@ impl<'a> Stepper<'a> {
     pub(crate) fn regroom(&mut self, frame: u32) -> Result<(), RunError> {
         let time = self.time_secs(frame);
         let moment = (time, self.assets.head_pose(time));
+        if self.device.is_some() && self.regrooming.is_due(time) {
+            self.before_edits = Some(self.simulation.snapshot());
+        }
         let edited = self.regrooming.advance(self.scene, self.assets, &mut self.simulation, moment)?;
         if let Some(device) = self.device.as_mut().filter(|_| edited) {
             device.begin_anew(&self.simulation)?;
@@ -243,10 +252,12 @@ impl<'a> Stepper<'a> {
             air_velocity,
             dt_secs: 1.0 / self.scene.time.fps,
         };
-        match &mut self.device {
-            Some(device) => device.step(&frame, field, &mut self.simulation),
-            None => Ok(self.simulation.step_frame_in(&frame, field)?),
-        }
+        let report = match &mut self.device {
+            Some(device) => device.step(&frame, field, &mut self.simulation)?,
+            None => self.simulation.step_frame_in(&frame, field)?,
+        };
+        self.before_edits = None;
+        Ok(report)
     }
 }
 
@@ -281,6 +292,7 @@ impl<'a> Run<'a> {
                 if let Some(device) = &mut stepper.device {
                     device.take(&stepper.simulation)?;
                 }
+                stepper.before_edits = None;
             }
             cache_path.map(|path| CacheWriter::resume(&path, so_far.frame as usize + 1)).transpose()?
         } else {
@@ -363,7 +375,8 @@ impl<'a> Run<'a> {
             cache.finish()?;
             outputs.push(path);
         }
-        self.so_far.state = Some(self.stepper.simulation.snapshot());
+        let before_edits = self.stepper.before_edits.take();
+        self.so_far.state = Some(before_edits.unwrap_or_else(|| self.stepper.simulation.snapshot()));
         let snapshot = self.out.join(SNAPSHOT);
         self.so_far.write(&snapshot)?;
         outputs.push(snapshot);

@@ -185,7 +185,9 @@ pub fn scaling(options: &ScalingOptions, observer: &mut Observer<'_>) -> Result<
         match row(options, &scene, gpu.as_ref(), &groom) {
             Ok(row) => rows.push(row),
             // What fits is worth telling.
-            Err(RunError::Gpu(error @ (GpuError::TooLarge { .. } | GpuError::Failed { .. }))) => {
+            Err(RunError::Gpu(error @ (GpuError::TooLarge { .. } | GpuError::Failed { .. })))
+                if !rows.is_empty() =>
+            {
                 stopped = Some(format!("{} strands: {error}", thousands(strands as usize)));
                 break;
             }
@@ -370,7 +372,7 @@ impl Scaling {
             claim: String::new(),
             notes: [
                 format!(
-                    "The mean of {} frames, waited for at their end; {} substeps a frame; {meets}.",
+                    "The mean of {} frames, waited for now and then and at their end; {} substeps a frame; {meets}.",
                     self.frames, self.substeps
                 ),
                 format!(

@@ -17,7 +17,7 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::body::ColliderFrame;
+use crate::body::{ColliderFrame, Shape};
 
 /// Nodes along each side.
 pub const NODES: usize = 24;
@@ -58,7 +58,11 @@ impl Wake {
                 let point = node(layer * LAYER + at);
                 let inside = |solid: &ColliderFrame<'_>| {
                     let local = solid.pose(0.0).inverse().transform_point(point);
-                    let (distance, _) = solid.shape.sample_near(local.to_array(), near)?;
+                    let (distance, _) = match solid.shape {
+                        // As it is now, too.
+                        Shape::Morph { .. } => solid.shape.sample_at(local.to_array(), 0.0),
+                        shape => shape.sample_near(local.to_array(), near)?,
+                    };
                     Some((0.5 - distance / cell).clamp(0.0, 1.0) as f32)
                 };
                 *value = solids.iter().filter_map(inside).fold(0.0, f32::max);

@@ -137,7 +137,7 @@ fn sample_field(own: Field, p: vec3f) -> vec4f {
     let away = (place - inside) * own.cell;
     let distance = sqrt(dot(away, away) + value * value);
     let along = select(vec3f(0.0), slope * max(value, 0.0), away == vec3f(0.0));
-    return vec4f(unit(away + along).xyz, distance);
+    return vec4f((away + along) / distance, distance);
 }
 
 // The same of a shape that changes: `Morph::sample`.
