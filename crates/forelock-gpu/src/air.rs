@@ -101,11 +101,10 @@ impl DeviceAir {
     /// For strands that are on the device in `batches`.
     pub fn new(gpu: &Gpu, model: &Model<f32>, batches: &[&Batch]) -> Self {
         let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
-        let canopy = gpu.buffer("canopy", size_of::<CanopyEntry>() as u64, storage);
         // Nothing has been measured.
         let extent = [u32::MAX, u32::MAX, u32::MAX, 0, 0, 0];
         let empty = CanopyEntry { extent, ..CanopyEntry::zeroed() };
-        gpu.queue().write_buffer(&canopy, 0, bytemuck::bytes_of(&empty));
+        let canopy = gpu.filled("canopy", bytemuck::bytes_of(&empty), storage);
         let nodes = 2 * WAKE_NODES.pow(3) + 2 * CANOPY_NODES.pow(3);
         let rows = |batch: &&Batch| {
             gpu.buffer("wind", (3 * batch.places.len() * size_of::<Row<f32>>()) as u64, storage)
@@ -150,7 +149,7 @@ impl DeviceAir {
         host.shift = shift.as_vec3();
         host.modes = 0;
         for (entry, mode) in host.each.iter_mut().zip(wind.modes.iter().flatten()) {
-            let phase = (mode.phase + mode.wave.dot(origin)).rem_euclid(1.0);
+            let phase = mode.phase_at(origin);
             let (wave, amplitude) = (mode.wave.as_vec3(), mode.amplitude.as_vec3());
             *entry = ModeEntry { wave, phase: phase as f32, amplitude, pad_0: 0.0 };
             host.modes += 1;

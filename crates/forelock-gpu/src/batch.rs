@@ -49,17 +49,14 @@ pub(crate) struct Batch {
 /// The blocks of `model` in ranges of which each fits into the device's bindings.
 pub(crate) fn split(gpu: &Gpu, model: &Model<f32>) -> Result<Vec<Range<usize>>, GpuError> {
     let limits = gpu.device().limits();
-    let limit = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size).min(SCRATCH_BYTES);
+    let limit = gpu.most_bound().min(SCRATCH_BYTES);
     // Of workgroups along x there may be so many.
     let most_blocks = limits.max_compute_workgroups_per_dimension as usize * WORKGROUP as usize / LANES;
     let mut batches: Vec<Range<usize>> = Vec::new();
     let mut bytes = 0;
     for (k, block) in model.blocks.iter().enumerate() {
         let own = block.particles as u64 * SCRATCH_ROWS as u64 * ROW;
-        if own > limit {
-            let (what, name) = ("sixteen strands of that many particles", gpu.name().to_owned());
-            return Err(GpuError::TooLarge { what, name, bytes: own, limit });
-        }
+        gpu.check_room("sixteen strands of that many particles", own, limit)?;
         match batches.last_mut() {
             Some(last) if bytes + own <= limit && last.len() < most_blocks => {
                 last.end = k + 1;
@@ -113,15 +110,10 @@ impl Batch {
             blocks.clone().flat_map(|block| [model.strand_lengths[block], model.stiffness[block]]).collect();
         let read = BufferUsages::STORAGE | BufferUsages::COPY_DST;
         let change = read | BufferUsages::COPY_SRC;
-        let filled = |label: &str, bytes: &[u8]| {
-            let buffer = gpu.buffer(label, bytes.len() as u64, read);
-            gpu.queue().write_buffer(&buffer, 0, bytes);
-            buffer
-        };
         let range = blocks;
-        let blocks = filled("blocks", bytemuck::cast_slice(&entries));
-        let model = filled("model", bytemuck::cast_slice(&rows));
-        let strands = filled("strands", bytemuck::cast_slice(&strands));
+        let blocks = gpu.filled("blocks", bytemuck::cast_slice(&entries), read);
+        let model = gpu.filled("model", bytemuck::cast_slice(&rows), read);
+        let strands = gpu.filled("strands", bytemuck::cast_slice(&strands), read);
         let room = places.len() as u64 * ROW;
         let positions = gpu.buffer("positions", 3 * room, change);
         let velocities = gpu.buffer("velocities", 3 * room, change);

@@ -234,6 +234,28 @@ impl Gpu {
         Ok(())
     }
 
+    /// The same, filled with `bytes`, or with nothing where there are none: a binding needs a buffer.
+    pub(crate) fn filled(&self, label: &str, bytes: &[u8], usage: wgpu::BufferUsages) -> wgpu::Buffer {
+        let buffer = self.buffer(label, bytes.len().max(4) as u64, usage | wgpu::BufferUsages::COPY_DST);
+        self.0.queue.write_buffer(&buffer, 0, bytes);
+        buffer
+    }
+
+    /// Bytes that it binds at once, at most.
+    pub(crate) fn most_bound(&self) -> u64 {
+        let limits = self.0.device.limits();
+        limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)
+    }
+
+    /// Fails if `what`, of so many `bytes`, is more than may be bound at once: `limit`, or what the device binds.
+    pub(crate) fn check_room(&self, what: &'static str, bytes: u64, limit: u64) -> Result<(), GpuError> {
+        let limit = limit.min(self.most_bound());
+        if bytes > limit {
+            return Err(GpuError::TooLarge { what, name: self.0.name.clone(), bytes, limit });
+        }
+        Ok(())
+    }
+
     /// Copies `buffers` to the CPU, each to a list of bytes, and waits for them: once, where one buffer more has room for all.
     pub(crate) fn read(&self, buffers: &[&wgpu::Buffer]) -> Result<Vec<Vec<u8>>, GpuError> {
         let most = self.0.device.limits().max_buffer_size;

@@ -12,8 +12,7 @@ use crate::batch::Batch;
 use crate::solids::MOST_SOLIDS;
 use crate::{Gpu, GpuError};
 use bytemuck::{Pod, Zeroable};
-use forelock_core::grid::{Grid, GridFrame, GridParams, MARGIN, SolidMaps};
-use forelock_core::lane::Row;
+use forelock_core::grid::{Grid, GridFrame, GridParams, GridReport, MARGIN, SolidMaps};
 use forelock_core::model::Model;
 use forelock_core::solver::Frame;
 use forelock_core::stage::solve_pressure::SPARSE;
@@ -119,6 +118,19 @@ pub struct BoundsEntry {
     pub residual: u32,
 }
 
+impl BoundsEntry {
+    /// What it says of a frame.
+    pub(crate) fn report(&self) -> GridReport {
+        GridReport {
+            cells: self.held as usize,
+            iterations: self.sweeps,
+            residual: f32::from_bits(self.residual).into(),
+            fullest: f32::from_bits(self.fullest).into(),
+            ..GridReport::default()
+        }
+    }
+}
+
 /// The grid of a simulation.
 #[derive(Debug)]
 pub(crate) struct DeviceGrid {
@@ -146,21 +158,16 @@ impl DeviceGrid {
         let cell = own.cell();
         let points: Vec<u32> = own.samples_per_edge().map(|points| points as u32).collect();
         let side = 2.0 * (model.reach / cell).ceil() + f64::from(2 * MARGIN + 1);
-        let limits = gpu.device().limits();
-        let limit = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
-        let capacity = (side.powi(3) as u64).min(params.max_cells.into()).min(limit / (4 * PLANES));
+        let room = gpu.most_bound() / (4 * PLANES);
+        let capacity = (side.powi(3) as u64).min(params.max_cells.into()).min(room);
         let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
-        let bounds = gpu.buffer("bounds", size_of::<BoundsEntry>() as u64, storage);
         // Nothing has been measured.
         let extent = [u32::MAX, u32::MAX, u32::MAX, 0, 0, 0];
         let empty = BoundsEntry { extent, ..BoundsEntry::zeroed() };
-        gpu.queue().write_buffer(&bounds, 0, bytemuck::bytes_of(&empty));
+        let bounds = gpu.filled("bounds", bytemuck::bytes_of(&empty), storage);
         let rooms = batches.iter().map(|batch| {
             batch.set_points(gpu, model, &points);
-            let rooms: &[Row<f32>] = &own.rooms()[batch.places.clone()];
-            let buffer = gpu.buffer("rooms", size_of_val(rooms) as u64, storage);
-            gpu.queue().write_buffer(&buffer, 0, bytemuck::cast_slice(rooms));
-            buffer
+            gpu.filled("rooms", bytemuck::cast_slice(&own.rooms()[batch.places.clone()]), storage)
         });
         let unit = own.densest().max(own.sample_mass());
         let host = GridUniform {
@@ -209,9 +216,9 @@ impl DeviceGrid {
         host.place = matrix((axes * (1.0 / cell), DVec3::ZERO));
         host.motion = matrix((axes * moving.motion.0, axes * moving.motion.1));
         host.axes = matrix((axes, DVec3::ZERO));
-        host.pic = (1.0 - (-params.pic_rate * dt).exp()) as f32;
+        host.pic = params.pic_share(dt) as f32;
         host.slack = (cell / dt) as f32;
-        host.expand = (1.0 - (-params.volume_rate * dt).exp()) as f32;
+        host.expand = params.expansion(dt) as f32;
         host.solids = frame.colliders.len() as u32;
         let last = 1.0 - 1.0 / f64::from(substeps);
         for (entry, solid) in host.each.iter_mut().zip(frame.colliders) {

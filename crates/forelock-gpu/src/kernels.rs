@@ -127,6 +127,19 @@ pub enum Over {
     Held,
 }
 
+impl Over {
+    /// Workgroups that they take, of a batch whose strands take `strands`.
+    pub fn groups(self, strands: u32) -> u32 {
+        match self {
+            Self::Strands => strands,
+            Self::Once => 1,
+            Self::Count(threads) => threads.div_ceil(WORKGROUP),
+            Self::Cells => CELLS_THREADS / CELLS_GROUP,
+            Self::Held => RELAX_THREADS / CELLS_GROUP,
+        }
+    }
+}
+
 const WAKE_COUNT: u32 = wake::NODES.pow(3) as u32;
 const CANOPY_LAYER: u32 = canopy::NODES.pow(2) as u32;
 const CANOPY_COUNT: u32 = canopy::NODES.pow(3) as u32;

@@ -51,5 +51,5 @@ pub use clock::{FrameSecs, StageSecs};
 pub use device::{Choice, Counts, Gpu};
 pub use error::GpuError;
 pub use peaks::Peaks;
-pub use simulation::{DeviceGridReport, GpuReport, GpuSimulation};
+pub use simulation::{GpuReport, GpuSimulation};
 pub use skinning::GpuSkinning;

@@ -30,8 +30,7 @@ impl Peaks {
     /// # Errors
     /// [`GpuError::Failed`] if the device fails.
     pub fn measure(gpu: &Gpu) -> Result<Self, GpuError> {
-        let limits = gpu.device().limits();
-        let mut bytes = BYTES.min(limits.max_storage_buffer_binding_size).min(limits.max_buffer_size);
+        let mut bytes = BYTES.min(gpu.most_bound());
         if gpu.is_software() {
             bytes = bytes.min(BYTES / 4);
         }

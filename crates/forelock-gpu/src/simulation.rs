@@ -3,14 +3,14 @@
 use crate::air::{DeviceAir, Shelter};
 use crate::batch::{Batch, Shared, split};
 use crate::clock::{Clock, FrameSecs};
-use crate::grid::{BoundsEntry, CELLS_GROUP, CELLS_THREADS, DeviceGrid, RELAX_THREADS, SWEEPS};
-use crate::kernels::{self, Binding, GROUPS, Group, Kernel, Over, WORKGROUP};
+use crate::grid::{BoundsEntry, DeviceGrid, SWEEPS};
+use crate::kernels::{self, Binding, GROUPS, Group, Kernel, Over};
 use crate::layout::{FrameUniform, ReportEntry, SubstepUniform};
 use crate::solids::Solids;
 use crate::{Gpu, GpuError};
 use forelock_core::air::WindField;
 use forelock_core::body::{ColliderFrame, Shape};
-use forelock_core::grid::{GridFrame, GridParams};
+use forelock_core::grid::{GridFrame, GridParams, GridReport};
 use forelock_core::groom::Groom;
 use forelock_core::model::{Model, Strands};
 use forelock_core::solver::params::Inextensibility;
@@ -82,34 +82,10 @@ pub struct GpuReport {
     pub touching: u32,
     /// Deepest particle under a solid's surface at a frame's end, metres.
     pub max_penetration_m: f32,
-    /// What the grid did in the last frame; nothing without one.
-    pub grid: Option<DeviceGridReport>,
+    /// What the grid did in the last frame, as far as the device knows; nothing without one. Iterations are sweeps, the residual is their last change over the largest one at the start.
+    pub grid: Option<GridReport>,
     /// What the last frame took, if stages are timed.
     pub secs: Option<FrameSecs>,
-}
-
-/// What the grid did in a frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct DeviceGridReport {
-    /// The fullest cell: hair in it over what fills it.
-    pub fullest: f32,
-    /// Cells whose hair was kept from being pressed together.
-    pub cells: u32,
-    /// Sweeps of the pressure solves, both together.
-    pub sweeps: u32,
-    /// Largest change of their last sweeps, over the largest residual at the start; of the worse one.
-    pub residual: f32,
-}
-
-impl From<BoundsEntry> for DeviceGridReport {
-    fn from(bounds: BoundsEntry) -> Self {
-        Self {
-            fullest: f32::from_bits(bounds.fullest),
-            cells: bounds.held,
-            sweeps: bounds.sweeps,
-            residual: f32::from_bits(bounds.residual),
-        }
-    }
 }
 
 impl GpuSimulation {
@@ -427,13 +403,6 @@ impl GpuSimulation {
     fn call(&self, pass: &mut wgpu::ComputePass<'_>, call: &Call) {
         let (kernel, bound) = (call.kernel, &self.batches[call.batch]);
         let group = kernel.stage().group;
-        let groups = match kernel.over() {
-            Over::Strands => bound.batch.groups,
-            Over::Once => 1,
-            Over::Count(threads) => threads.div_ceil(WORKGROUP),
-            Over::Cells => CELLS_THREADS / CELLS_GROUP,
-            Over::Held => RELAX_THREADS / CELLS_GROUP,
-        };
         let of_group = if group == Group::Cells { &self.to_cells } else { &bound.groups[group as usize] };
         let offset = match group {
             Group::Solve | Group::Strands => Some(call.number * self.shared.stride),
@@ -442,7 +411,7 @@ impl GpuSimulation {
         };
         pass.set_pipeline(self.gpu.kernels().pipeline(kernel));
         pass.set_bind_group(0, of_group, offset.as_slice());
-        pass.dispatch_workgroups(groups, 1, 1);
+        pass.dispatch_workgroups(kernel.over().groups(bound.batch.groups), 1, 1);
     }
 
     /// Whether solids are looked at once more at the frame's end.
@@ -463,11 +432,11 @@ impl GpuSimulation {
         let uniform = FrameUniform::new(&self.params, frame.dt_secs, frame.gravity, air);
         self.gpu.queue().write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&uniform));
         let (count, weight) = (self.params.substeps, self.options.carried_gravity());
-        let poses = || frame.poses(&self.model, count, origin);
+        let poses: Vec<_> = frame.poses(&self.model, count, origin).collect();
         self.substeps.clear();
-        for ((step, start), end) in (0..count).zip(poses()).zip(poses().skip(1)) {
+        for (step, ends) in (0..count).zip(poses.windows(2)) {
             let shift = if step == 0 { shift } else { DVec3::ZERO };
-            let substep = SubstepUniform::new([&start, &end], weight, shift);
+            let substep = SubstepUniform::new([&ends[0], &ends[1]], weight, shift);
             self.substeps.resize((step * self.shared.stride) as usize, 0);
             self.substeps.extend_from_slice(bytemuck::bytes_of(&substep));
         }
@@ -476,12 +445,9 @@ impl GpuSimulation {
             let looks_last = self.looks_last();
             self.solids.place(&self.gpu, &self.params, frame, origin, looks_last);
         }
-        if let Some(grid) = &mut self.grid {
-            let last = frame.poses(&self.model, count, origin).skip(count as usize - 1);
-            if let [before, now] = last.collect::<Vec<_>>()[..] {
-                let moving = GridFrame::new(&before, &now, frame.dt_secs / f64::from(count));
-                grid.place(&self.gpu, (frame, count), &moving, origin);
-            }
+        if let (Some(grid), [.., before, now]) = (&mut self.grid, &*poses) {
+            let moving = GridFrame::new(before, now, frame.dt_secs / f64::from(count));
+            grid.place(&self.gpu, (frame, count), &moving, origin);
         }
         let wind = wind.map(|wind| (wind, frame.colliders.len()));
         let (model, gpu) = (&self.model, &self.gpu);
@@ -530,7 +496,10 @@ impl GpuSimulation {
                 quarantined_strands: own.quarantined,
                 touching: own.touching,
                 max_penetration_m: f32::from_bits(own.deepest),
-                grid: self.grid.as_ref().map(|_| bytemuck::pod_read_unaligned::<BoundsEntry>(next()).into()),
+                grid: self
+                    .grid
+                    .as_ref()
+                    .map(|_| bytemuck::pod_read_unaligned::<BoundsEntry>(next()).report()),
                 secs: self.clock.as_ref().map(|clock| clock.secs(next())),
             };
         }

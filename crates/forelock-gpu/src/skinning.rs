@@ -86,19 +86,12 @@ impl GpuSkinning {
                 pad_0: 0.0,
             })
             .collect();
-        let limits = gpu.device().limits();
-        let limit = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
-        let bytes = size_of_val(&*carried) as u64;
-        if bytes > limit {
-            let (what, name) = ("all strands that guides carry", gpu.name().to_owned());
-            return Err(GpuError::TooLarge { what, name, bytes, limit });
-        }
+        gpu.check_room("all strands that guides carry", size_of_val(&*carried) as u64, u64::MAX)?;
         let storage = BufferUsages::STORAGE | BufferUsages::COPY_SRC | BufferUsages::COPY_DST;
         let uniform = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
         let uniform = gpu.buffer("skin", size_of::<SkinUniform>() as u64, uniform);
         let motions = gpu.buffer("motions", 32 * (model.places() * LANES) as u64, storage);
-        let places = gpu.buffer("carried", bytes, storage);
-        gpu.queue().write_buffer(&places, 0, bytemuck::cast_slice(&carried));
+        let places = gpu.filled("carried", bytemuck::cast_slice(&carried), BufferUsages::STORAGE);
         let usage = storage | BufferUsages::VERTEX;
         let placed = gpu.buffer("placed", 12 * carried.len() as u64, usage);
         let bound = |group| {
@@ -137,15 +130,13 @@ impl GpuSkinning {
             SkinUniform { head: head.rotation.as_quat(), count: self.count, pad_0: 0, pad_1: 0, pad_2: 0 };
         self.gpu.queue().write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
         let mut encoder = self.gpu.device().create_command_encoder(&Default::default());
-        let calls = [
-            (Kernel::FollowGuides, &self.to_guides, self.groups),
-            (Kernel::CarryStrands, &self.to_strands, crate::grid::CELLS_THREADS / crate::grid::CELLS_GROUP),
-        ];
-        for (kernel, bound, groups) in calls {
+        for (kernel, bound) in
+            [(Kernel::FollowGuides, &self.to_guides), (Kernel::CarryStrands, &self.to_strands)]
+        {
             let mut pass = encoder.begin_compute_pass(&Default::default());
             pass.set_pipeline(self.gpu.kernels().pipeline(kernel));
             pass.set_bind_group(0, bound, &[]);
-            pass.dispatch_workgroups(groups, 1, 1);
+            pass.dispatch_workgroups(kernel.over().groups(self.groups), 1, 1);
         }
         self.gpu.queue().submit([encoder.finish()]);
         Ok(())

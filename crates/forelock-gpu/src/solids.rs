@@ -177,18 +177,7 @@ impl Solids {
             *place += values.len() as u32;
         }
         values.append(&mut described);
-        let limits = gpu.device().limits();
-        let limit = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
-        let bytes = size_of_val(&*values) as u64;
-        if bytes > limit {
-            let name = gpu.name().to_owned();
-            return Err(GpuError::TooLarge {
-                what: "the solids' distance fields together",
-                name,
-                bytes,
-                limit,
-            });
-        }
+        gpu.check_room("the solids' distance fields together", size_of_val(&*values) as u64, u64::MAX)?;
         self.fields = buffer_of(gpu, &values);
         self.held = held;
         Ok(true)
@@ -256,10 +245,7 @@ fn describe(field: &Sdf, first: u32) -> [f32; FIELD_NUMBERS as usize] {
 }
 
 fn buffer_of(gpu: &Gpu, values: &[f32]) -> wgpu::Buffer {
-    let bytes = size_of_val(values).max(4) as u64;
-    let buffer = gpu.buffer("fields", bytes, BufferUsages::STORAGE | BufferUsages::COPY_DST);
-    gpu.queue().write_buffer(&buffer, 0, bytemuck::cast_slice(values));
-    buffer
+    gpu.filled("fields", bytemuck::cast_slice(values), BufferUsages::STORAGE)
 }
 
 /// `solid`, which is held at `place`, from one fraction of its frame to another, relative to `origin`.

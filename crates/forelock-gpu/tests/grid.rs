@@ -143,7 +143,7 @@ fn compare(
     let own = own.snapshot().unwrap();
     println!("CPU: {on_cpu:?}; GPU: {on_gpu:?}");
     if params == other {
-        assert!((f64::from(on_gpu.fullest) - on_cpu.fullest).abs() < 1e-5 * (on_cpu.fullest + 1.0));
+        assert!((on_gpu.fullest - on_cpu.fullest).abs() < 1e-5 * (on_cpu.fullest + 1.0));
     }
     let of = |a: &Snapshot<f32>, b: &Snapshot<f32>| {
         [rms(&a.velocities, &b.velocities), rms(&a.positions, &b.positions)]

@@ -8,7 +8,7 @@
 //! What [`unsupported`] names runs on the CPU only.
 
 use forelock_core::air::WindField;
-use forelock_core::grid::{GridParams, GridReport};
+use forelock_core::grid::GridParams;
 use forelock_core::solver::{Frame, FrameReport, STAGES, Simulation};
 use forelock_gpu::{Choice, Gpu, GpuError, GpuSimulation};
 
@@ -130,13 +130,7 @@ impl Device {
             max_penetration_m: report.max_penetration_m.into(),
             touching: report.touching,
             quarantined_strands: report.quarantined_strands,
-            grid: report.grid.map_or_else(GridReport::default, |grid| GridReport {
-                cells: grid.cells as usize,
-                iterations: grid.sweeps,
-                residual: grid.residual.into(),
-                fullest: grid.fullest.into(),
-                ..GridReport::default()
-            }),
+            grid: report.grid.unwrap_or_default(),
             stage_secs: STAGES.map(|name| {
                 // On the CPU the air is sampled by the stage that it is for.
                 let is_of = |own: &str| own == name || (own == "sample_air" && name == "solve_strands");
@@ -148,7 +142,7 @@ impl Device {
     }
 }
 
-/// What `scene` asks for that a GPU cannot do yet, beside what its solids are.
+/// What `scene` asks for that a GPU cannot do yet.
 fn unsupported(scene: &Scene) -> Option<&'static str> {
     scene.interaction.contacts.then_some("contacts between strands (interaction.contacts)")
 }

@@ -407,7 +407,7 @@ impl<'a> Run<'a> {
     fn summary(&self, outputs: Vec<PathBuf>) -> Summary {
         let times: Vec<f64> = self.rows.iter().map(|row| row.ms).collect();
         let memory = self.stepper.simulation.memory();
-        let on_cpu = (memory.model + memory.state + memory.workspace) as u64;
+        let on_cpu = memory.total() as u64;
         let skinning_bytes = self.stepper.skinning.as_ref().map_or(0, Skinning::bytes) as u64;
         let so_far = &self.so_far;
         let on_gpu = self.stepper.device.as_ref();

@@ -109,6 +109,17 @@ enum On {
     Gpu(Box<GpuSimulation>),
 }
 
+impl On {
+    /// Tells `tally` what the last frame took on a GPU, by its clock.
+    fn add_to(&mut self, tally: &mut Tally) -> Result<(), RunError> {
+        if let Self::Gpu(simulation) = self {
+            let report = simulation.report()?;
+            tally.add(report.secs.iter().flat_map(|secs| secs.stages), report.quarantined_strands);
+        }
+        Ok(())
+    }
+}
+
 /// The head's field and how it moves.
 struct Scene {
     shape: Shape,
@@ -123,8 +134,8 @@ struct Tally {
 }
 
 impl Tally {
-    fn add(&mut self, secs: &[(&'static str, f64)], quarantined: u32) {
-        for &(name, secs) in secs.iter().filter(|(_, secs)| *secs > 0.0) {
+    fn add(&mut self, secs: impl IntoIterator<Item = (&'static str, f64)>, quarantined: u32) {
+        for (name, secs) in secs.into_iter().filter(|(_, secs)| *secs > 0.0) {
             *self.secs.entry(name).or_default() += secs;
         }
         self.quarantined += quarantined;
@@ -149,7 +160,7 @@ impl Scene {
             On::Gpu(simulation) => simulation.step_frame(&frame)?,
             On::Cpu(simulation) => {
                 let report = simulation.step_frame(&frame)?;
-                tally.add(&report.stage_secs, report.quarantined_strands);
+                tally.add(report.stage_secs, report.quarantined_strands);
             }
         }
         Ok(())
@@ -245,29 +256,25 @@ fn row(
     wait()?;
     let ms_per_frame = started.elapsed().as_secs_f64() * 1e3 / f64::from(options.frames);
     let particles = groom.particle_count();
-    // Seconds of all threads in a frame, over which they are shared out.
-    let (mut frames, mut threads, mut traffic) =
-        (options.frames, 1.0, GPU_BYTES * f64::from(params.substeps));
     let bytes = match &mut on {
+        On::Cpu(simulation) => simulation.memory().total() as u64,
         On::Gpu(simulation) => {
             tally.quarantined = simulation.report()?.quarantined_strands;
             simulation.time_stages(true);
-            frames = options.frames.min(TIMED);
-            for number in 0..frames {
-                scene.step(&mut on, warm_up + options.frames + number, &mut Tally::default())?;
-                let On::Gpu(simulation) = &mut on else { break };
-                let report = simulation.report()?;
-                let secs = report.secs.map_or_else(Vec::new, |secs| secs.stages.to_vec());
-                tally.add(&secs, report.quarantined_strands);
-            }
-            bytes_of(&on)
-        }
-        On::Cpu(_) => {
-            threads = rayon::current_num_threads() as f64;
-            traffic = CPU_BYTES;
-            bytes_of(&on)
+            simulation.bytes()
         }
     };
+    // Seconds of all threads in a frame, over which they are shared out.
+    let (mut frames, mut threads) = (options.frames, rayon::current_num_threads() as f64);
+    let mut traffic = CPU_BYTES;
+    if gpu.is_some() {
+        (frames, threads) = (options.frames.min(TIMED), 1.0);
+        traffic = GPU_BYTES * f64::from(params.substeps);
+        for number in 0..frames {
+            scene.step(&mut on, warm_up + options.frames + number, &mut tally)?;
+            on.add_to(&mut tally)?;
+        }
+    }
     let secs = |name: &str| tally.secs.get(name).map(|secs| secs / f64::from(frames) / threads);
     let per_sec = |work: f64| secs("solve_strands").map(|secs| work * particles as f64 / secs);
     Ok(ScalingRow {
@@ -280,17 +287,6 @@ fn row(
         solve_bytes_per_sec: per_sec(traffic),
         quarantined_strands: tally.quarantined,
     })
-}
-
-/// Bytes held.
-fn bytes_of(on: &On) -> u64 {
-    match on {
-        On::Gpu(simulation) => simulation.bytes(),
-        On::Cpu(simulation) => {
-            let memory = simulation.memory();
-            (memory.model + memory.state + memory.workspace) as u64
-        }
-    }
 }
 
 /// What the processor's threads do together.

@@ -38,6 +38,11 @@ pub struct Mode {
 }
 
 impl Mode {
+    /// Its phase at `origin` (metres), within a turn.
+    pub fn phase_at(&self, origin: DVec3) -> f64 {
+        (self.phase + self.wave.dot(origin)).rem_euclid(1.0)
+    }
+
     /// Its velocity at `point` (metres), m/s.
     pub fn velocity(&self, point: DVec3) -> DVec3 {
         self.amplitude * (TAU * (self.wave.dot(point) + self.phase)).cos()

@@ -109,15 +109,8 @@ fn stencil(at: vec3f, axis: u32) -> Stencil {
     return Stencil(low.x + bounds.dims.x * low.y + bounds.layer * low.z, shifted - vec3f(low));
 }
 
-// Corner 0 to 7 of a stencil: its place and its weight.
 fn corner_place(own: Stencil, corner: u32) -> u32 {
-    return own.first + (corner & 1u) + select(0u, bounds.dims.x, (corner & 2u) != 0u)
-        + select(0u, bounds.layer, (corner & 4u) != 0u);
-}
-
-fn corner_weight(own: Stencil, corner: u32) -> f32 {
-    let w = select(1.0 - own.f, own.f, (vec3u(corner) & vec3u(1u, 2u, 4u)) != vec3u(0u));
-    return w.x * w.y * w.z;
+    return own.first + corner_offset(bounds.dims.x, bounds.layer, corner);
 }
 
 // Whether a point touches only faces of the box.

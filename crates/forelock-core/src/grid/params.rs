@@ -42,6 +42,16 @@ impl Default for GridParams {
 }
 
 impl GridParams {
+    /// Share of the grid's velocity (PIC) that a particle takes over in `dt_secs`.
+    pub fn pic_share(&self, dt_secs: f64) -> f64 {
+        1.0 - (-self.pic_rate * dt_secs).exp()
+    }
+
+    /// Share of an excess of hair that expands in `dt_secs`.
+    pub fn expansion(&self, dt_secs: f64) -> f64 {
+        1.0 - (-self.volume_rate * dt_secs).exp()
+    }
+
     /// Checks every parameter against its range.
     ///
     /// # Errors

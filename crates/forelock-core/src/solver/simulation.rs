@@ -121,6 +121,13 @@ pub struct Memory {
     pub workspace: usize,
 }
 
+impl Memory {
+    /// All together.
+    pub fn total(&self) -> usize {
+        self.model + self.state + self.workspace
+    }
+}
+
 /// What becomes of the hair when the head jumps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]

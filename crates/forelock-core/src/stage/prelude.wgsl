@@ -185,6 +185,35 @@ fn unordered(bits: u32) -> f32 {
     return bitcast<f32>(select(~bits, bits & 0x7fffffffu, (bits & 0x80000000u) != 0u));
 }
 
+// Least and greatest coordinates of a strand; what is not finite does not count.
+struct Extent {
+    low: vec3f,
+    high: vec3f,
+}
+
+// Of a strand whose positions are moved by `shift`, then mapped.
+fn extent_of(strand: Strand, map: mat4x4f, shift: vec3f) -> Extent {
+    var own = Extent(vec3f(FAR), vec3f(-FAR));
+    for (var i = 0u; i < strand.particles; i++) {
+        let at = (map * vec4f(position_at(strand, i) + shift, 1.0)).xyz;
+        if all_finite(at) {
+            own.low = min(own.low, at);
+            own.high = max(own.high, at);
+        }
+    }
+    return own;
+}
+
+// Corner 0 to 7 of a cell: its weight for what is `f` beyond the first, and how far it is from there.
+fn corner_weight(f: vec3f, corner: u32) -> f32 {
+    let w = select(1.0 - f, f, (vec3u(corner) & vec3u(1u, 2u, 4u)) != vec3u(0u));
+    return w.x * w.y * w.z;
+}
+
+fn corner_offset(row: u32, layer: u32, corner: u32) -> u32 {
+    return (corner & 1u) + select(0u, row, (corner & 2u) != 0u) + select(0u, layer, (corner & 4u) != 0u);
+}
+
 // The largest |l/l₀ − 1| of a strand's edges; what is not finite does not count.
 fn largest_stretch(strand: Strand) -> f32 {
     var largest = 0.0;

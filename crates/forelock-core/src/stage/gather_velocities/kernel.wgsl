@@ -14,7 +14,7 @@ fn found_at(at: vec3f) -> Found {
         let own = stencil(at, axis);
         var sum = vec2f();
         for (var corner = 0u; corner < 8u; corner++) {
-            sum += corner_weight(own, corner) * faces[plane(axis, corner_place(own, corner))];
+            sum += corner_weight(own.f, corner) * faces[plane(axis, corner_place(own, corner))];
         }
         found.next[axis] = sum.x;
         found.change[axis] = sum.y;

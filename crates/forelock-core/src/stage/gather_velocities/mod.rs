@@ -25,7 +25,7 @@ pub fn gather<T: Real>(
     velocities: &mut [Row<T>],
     moment: &GridMoment<'_>,
 ) {
-    let pic = (1.0 - (-grid.params.pic_rate * moment.dt_secs).exp()) as f32;
+    let pic = grid.params.pic_share(moment.dt_secs) as f32;
     let gather = Gather::new(grid, moment, Some(pic));
     split_rows(&grid.chunks, &model.blocks, velocities, &|chunk, velocities| {
         let blocks = &model.blocks[chunk.blocks.clone()];

@@ -139,21 +139,13 @@ fn measure_canopy(@builtin(global_invocation_id) id: vec3u) {
     if !strand.here {
         return;
     }
-    var low = vec3f(FAR);
-    var high = vec3f(-FAR);
-    for (var i = 0u; i < strand.particles; i++) {
-        let at = along_wind(moved(strand, i));
-        if all_finite(at) {
-            low = min(low, at);
-            high = max(high, at);
-        }
-    }
+    let own = extent_of(strand, air.axes, air.shift);
     for (var c = 0u; c < 3u; c++) {
-        let least = ordered(low[c]);
+        let least = ordered(own.low[c]);
         if least < atomicLoad(&canopy.extent[c]) {
             atomicMin(&canopy.extent[c], least);
         }
-        let greatest = ordered(high[c]);
+        let greatest = ordered(own.high[c]);
         if greatest > atomicLoad(&canopy.extent[3u + c]) {
             atomicMax(&canopy.extent[3u + c], greatest);
         }
@@ -221,10 +213,8 @@ fn splat_canopy(@builtin(global_invocation_id) id: vec3u) {
         for (var k = 0u; k < samples; k++) {
             let own = canopy_corner(start + ((f32(k) + 0.5) * share) * edge);
             for (var corner = 0u; corner < 8u; corner++) {
-                let beyond = (vec3u(corner) & vec3u(1u, 2u, 4u)) != vec3u(0u);
-                let w = select(1.0 - own.xyz, own.xyz, beyond);
-                let place = u32(own.w) + dot(select(vec3u(0u), vec3u(1u, row, layer), beyond), vec3u(1u));
-                atomicAdd(&nodes[LENGTHS + place], u32(round(part * w.x * w.y * w.z)));
+                let place = u32(own.w) + corner_offset(row, layer, corner);
+                atomicAdd(&nodes[LENGTHS + place], u32(round(part * corner_weight(own.xyz, corner))));
             }
         }
         start = end;

@@ -33,9 +33,8 @@ impl<'a, T: Real> AirTerms<'a, T> {
     pub fn new(wind: &WindField, (wake, canopy): (&'a Wake, &'a Canopy), origin: DVec3) -> Self {
         let modes = wind.modes.map(|modes| {
             modes.map(|mode| {
-                let phase = (mode.phase + mode.wave.dot(origin)).rem_euclid(1.0);
                 let vector = |v: DVec3| v.to_array().map(number);
-                (vector(mode.wave), vector(mode.amplitude), number(phase))
+                (vector(mode.wave), vector(mode.amplitude), number(mode.phase_at(origin)))
             })
         });
         #[expect(clippy::cast_possible_truncation, reason = "a share")]

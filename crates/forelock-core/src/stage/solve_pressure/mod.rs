@@ -64,7 +64,7 @@ pub fn solve_velocities(grid: &mut Grid, moment: &GridMoment<'_>) -> GridReport 
 /// [`solve_velocities`], whose walls and masses hold. Returns a bound on them, metres; 0 where there are none.
 pub fn solve_displacements(grid: &mut Grid, moment: &GridMoment<'_>, report: &mut GridReport) -> f64 {
     let Grid { params, bounds, cell, faces, filled, pressure: fields, .. } = grid;
-    let share = (1.0 - (-params.volume_rate * moment.dt_secs).exp()) as f32;
+    let share = params.expansion(moment.dt_secs) as f32;
     if report.fullest <= 1.0 || share <= 0.0 {
         return 0.0;
     }

@@ -13,21 +13,13 @@ fn measure_hair(@builtin(global_invocation_id) id: vec3u) {
     if !strand.here {
         return;
     }
-    var low = vec3f(FAR);
-    var high = vec3f(-FAR);
-    for (var i = 0u; i < strand.particles; i++) {
-        let at = (grid.place * vec4f(position_at(strand, i), 1.0)).xyz;
-        if all_finite(at) {
-            low = min(low, at);
-            high = max(high, at);
-        }
-    }
+    let own = extent_of(strand, grid.place, vec3f());
     for (var c = 0u; c < 3u; c++) {
-        let least = ordered(low[c]);
+        let least = ordered(own.low[c]);
         if least < atomicLoad(&bounds.extent[c]) {
             atomicMin(&bounds.extent[c], least);
         }
-        let greatest = ordered(high[c]);
+        let greatest = ordered(own.high[c]);
         if greatest > atomicLoad(&bounds.extent[3u + c]) {
             atomicMax(&bounds.extent[3u + c], greatest);
         }
@@ -98,14 +90,14 @@ fn splat_sample(at: vec3f, mass: f32, velocity: vec3f, room: f32) {
         let own = stencil(at, axis);
         for (var corner = 0u; corner < 8u; corner++) {
             let place = corner_place(own, corner);
-            let part = share * corner_weight(own, corner);
+            let part = share * corner_weight(own.f, corner);
             add(MASS + axis, place, part);
             add(MOMENTUM + axis, place, part * velocity[axis]);
         }
     }
     let own = stencil(at, 3u);
     for (var corner = 0u; corner < 8u; corner++) {
-        add(FILLED, corner_place(own, corner), room / grid.room * corner_weight(own, corner));
+        add(FILLED, corner_place(own, corner), room / grid.room * corner_weight(own.f, corner));
     }
 }
 
