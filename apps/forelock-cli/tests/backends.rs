@@ -51,10 +51,10 @@ fn has_gpu() -> bool {
     false
 }
 
-/// Strands apart; that meet, in a wind; with virtual particles; that are cut and curled while they move.
+/// Strands apart; that meet and touch, in a wind; with virtual particles; that are cut and curled while they move.
 const SCENES: [&str; 4] = [
     "",
-    "[interaction]\nkind = \"grid\"\n[wind]\nvelocity = [3, 0, 1]\nturbulence = 0.3\nshelter = 0.5\nhair_depth = 0.05\n",
+    "[interaction]\nkind = \"grid\"\ncontacts = true\n[wind]\nvelocity = [3, 0, 1]\nturbulence = 0.3\nshelter = 0.5\nhair_depth = 0.05\n",
     "[solver]\nkind = \"mass-spring\"\n",
     "[[edit]]\nop = \"trim\"\nto = 0.05\nat_secs = 0.05\n[[edit]]\nop = \"curl\"\nat_secs = 0.03\n",
 ];
@@ -105,10 +105,20 @@ fn without_a_gpu_one_clear_error_or_the_cpu() {
 }
 
 #[test]
-fn auto_goes_to_the_cpu_for_what_a_gpu_cannot_do() {
+fn what_a_gpu_cannot_do_is_said() {
+    if !has_gpu() {
+        return;
+    }
     let folder = tempfile::tempdir().unwrap();
-    let keys = ["--backend", "auto", "--set", "interaction.contacts=true"];
-    let auto = summary(&mut demo(folder.path(), &keys));
-    assert_eq!(auto["backend"], "cpu");
-    assert!(auto["notes"].to_string().contains("contacts between strands"), "{}", auto["notes"]);
+    let file = folder.path().join("crowd.toml");
+    std::fs::write(&file, "[[collider]]\nshape = \"sphere\"\nradius = 0.01\n".repeat(33)).unwrap();
+    let mut command = Command::cargo_bin("forelock").unwrap();
+    command.arg("simulate").arg(&file).args(["--backend", "gpu", "--frames", "2"]);
+    for key in ["groom.strands=60", "body.sdf_cells=32", "output.picture=false"] {
+        command.args(["--set", key]);
+    }
+    let output = command.arg("--out").arg(folder.path().join("out")).output().unwrap();
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    assert!(text.contains("more than 32 solids at once cannot run on a GPU yet: run on the CPU"), "{text}");
 }

@@ -94,12 +94,6 @@ fn command_lines_with_mistakes() {
         ("no equals sign", vec!["demo", "--set", "time.fps"], 1, "not of the form key=value"),
         ("negative frames", vec!["demo", "--frames", "-3"], 1, "--frames -3: `time.frames` should be"),
         ("wrong solver", vec!["demo", "--solver", "asm"], 1, "--solver asm: `solver.kind` cannot be \"asm\""),
-        (
-            "not on a GPU",
-            vec!["demo", "--backend", "gpu", "--set", "interaction.contacts=true"],
-            1,
-            "contacts between strands (interaction.contacts) cannot run on a GPU yet: run on the CPU",
-        ),
         ("wrong cache", vec!["demo", "--cache", "x.abc"], 1, "ends in .abc: this version writes .npz"),
         ("wrong preset", vec!["grow", "x.hair", "--preset", "wvay"], 1, "did you mean \"wavy\"?"),
         ("wrong growth", vec!["grow", "x.hair", "--set", "noise=-1"], 1, "`groom.grow.noise` should be"),

@@ -102,9 +102,7 @@ impl Batch {
         let entries = entries(model, blocks.clone(), |_| 1);
         let mut rows = Vec::with_capacity(places.len() * MODEL_ROWS as usize);
         for place in places.clone() {
-            rows.extend_from_slice(&model.rest[3 * place..3 * place + 3]);
-            rows.extend_from_slice(&model.rest_lengths[3 * place..3 * place + 3]);
-            rows.push(model.inverse_edges[place]);
+            rows.extend(model_rows(model, place));
         }
         let strands: Vec<Row<f32>> =
             blocks.clone().flat_map(|block| [model.strand_lengths[block], model.stiffness[block]]).collect();
@@ -175,6 +173,13 @@ impl Batch {
     }
 }
 
+/// What the device knows of a place of `model`: rest position, rest lengths, one over the first of them.
+pub(crate) fn model_rows(model: &Model<f32>, place: usize) -> impl Iterator<Item = Row<f32>> {
+    let (rest, lengths) =
+        (&model.rest[3 * place..3 * place + 3], &model.rest_lengths[3 * place..3 * place + 3]);
+    rest.iter().chain(lengths).chain([&model.inverse_edges[place]]).copied()
+}
+
 /// The blocks `range` of `model` for the device, numbered from the first place of them, each with its samples an edge.
 fn entries(model: &Model<f32>, range: Range<usize>, points: impl Fn(usize) -> u32) -> Vec<BlockEntry> {
     let first = model.blocks[range.start].first;
@@ -185,6 +190,8 @@ fn entries(model: &Model<f32>, range: Range<usize>, points: impl Fn(usize) -> u3
             particles: block.particles as u32,
             live: block.live as u32,
             points: points(k),
+            place: block.first as u32,
+            number: k as u32,
         }
     };
     range.map(entry).collect()

@@ -1,14 +1,18 @@
 //! The kernels: texts beside the stages that they are twins of, constants from here, pipelines from both.
 
 use crate::air::AirUniform;
+use crate::contacts::{ATTEMPTS, FOUND, HALF_PIECE, MEET_GROUPS, MeetUniform, ROW_CELLS, ROW_GROUPS, SLOTS};
 use crate::grid::{CELLS_GROUP, CELLS_THREADS, FASTEST, GridUniform, MOST_OUT, RELAX_THREADS, SWEEPS};
 use crate::layout::{FLAGS, FrameUniform, SubstepUniform};
 use crate::skinning::SkinUniform;
 use crate::solids::{FAR, FIELD_NUMBERS, HOW, KINDS, LookUniform, MOST_SOLIDS};
 use forelock_core::air::{MODES, canopy, wake};
+use forelock_core::contact::{drift, fastest};
 use forelock_core::grid::MARGIN;
 use forelock_core::lane::{ASIN_RATIO, LANES};
 use forelock_core::stage::SCRATCH_ROWS;
+use forelock_core::stage::find_contacts::{CLOSE, PIECES, REACH, REST_SHARE, SLICES, STEPS};
+use forelock_core::stage::resolve_contacts::BEND;
 use forelock_core::stage::resolve_solids::{LOOKS, ROUNDS, SLIDES, STRETCHED, SWEEP_STEPS, TOUCH};
 use forelock_core::stage::restore_lengths::NEWTON_STEPS;
 use forelock_core::stage::solve_pressure::{LOOSE, SLACK};
@@ -39,6 +43,14 @@ pub enum Stage {
     SolvePressure,
     /// What the grid changed goes back to the particles.
     GatherVelocities,
+    /// Contacts between strands, strand by strand: what moves how, and where it is.
+    EnterSegments,
+    /// The same among all strands: what meets.
+    FindContacts,
+    /// Contacts resolved, strand by strand.
+    BendStrands,
+    /// The same contact by contact.
+    ResolveContacts,
     /// Stretch, and strands that are not finite.
     CheckStrands,
     /// The motion of each particle of the guides.
@@ -74,6 +86,8 @@ pub enum Kernel {
     ResolveChanging,
     /// [`Stage::RestoreLengths`].
     RestoreLengths,
+    /// The same once more, if contacts moved hair.
+    RestoreAgain,
     /// Extent of the hair on the grid.
     MeasureHair,
     /// The box around it.
@@ -104,6 +118,62 @@ pub enum Kernel {
     GatherVelocities,
     /// The same of displacements.
     GatherDisplacements,
+    /// Where hair is at the frame's start.
+    NoteStart,
+    /// Where it is at its end, and the box around both.
+    NoteEnd,
+    /// The motion that neighbours share.
+    SplatDrift,
+    /// How far each particle strays from it.
+    MeasureStrays,
+    /// Segments whose contacts are sought.
+    ListActive,
+    /// How many segments there are in each cell.
+    CountEntries,
+    /// Which.
+    ShelveEntries,
+    /// The box, and the nodes of the drift in it.
+    FitDrift,
+    /// Empties them.
+    ClearDrift,
+    /// From sums to means.
+    SmoothDrift,
+    /// What counts as active, and how many slices the frame takes.
+    ChooseActive,
+    /// Empties the cells.
+    ClearCells,
+    /// Where each cell's segments begin.
+    LayOut,
+    /// Active segments and what is near them.
+    MeetSegments,
+    /// The next slice of the frame.
+    NextSlice,
+    /// How fast what was found approaches.
+    CountFound,
+    /// What of it there is a budget for.
+    ChooseFound,
+    /// Empties the lists of contacts.
+    ClearLinks,
+    /// Contacts that are to be resolved.
+    TakeUp,
+    /// Factors of the strands that they bend.
+    PrepareStrands,
+    /// What a round gives to a strand.
+    TakeMoves,
+    /// What all rounds gave.
+    ApplyMoves,
+    /// Room for the list of each segment's contacts.
+    ReserveLists,
+    /// The lists.
+    LinkJoints,
+    /// In order of time.
+    OrderJoints,
+    /// How much each contact moves.
+    WeighJoints,
+    /// What a round adds.
+    PressJoints,
+    /// Whether it was the last.
+    JudgeRound,
     /// [`Stage::CheckStrands`].
     CheckStrands,
     /// [`Stage::FollowGuides`].
@@ -125,6 +195,8 @@ pub enum Over {
     Cells,
     /// [`RELAX_THREADS`].
     Held,
+    /// So many workgroups.
+    Groups(u32),
 }
 
 impl Over {
@@ -136,6 +208,7 @@ impl Over {
             Self::Count(threads) => threads.div_ceil(WORKGROUP),
             Self::Cells => CELLS_THREADS / CELLS_GROUP,
             Self::Held => RELAX_THREADS / CELLS_GROUP,
+            Self::Groups(groups) => groups,
         }
     }
 }
@@ -149,7 +222,7 @@ const CANOPY_COUNT: u32 = canopy::NODES.pow(3) as u32;
 pub struct StageKernels {
     /// Which.
     pub stage: Stage,
-    /// Its name, also of labels; of hair against solids twice the same.
+    /// Its name, also of labels; rows of one stage have the same.
     pub name: &'static str,
     /// Its texts, to come after constants and prelude.
     pub texts: &'static [&'static str],
@@ -163,10 +236,11 @@ pub struct StageKernels {
 const PRELUDE: &str = include_str!("../../forelock-core/src/stage/prelude.wgsl");
 const SHAPES: &str = include_str!("../../forelock-core/src/body/shapes.wgsl");
 const GRID: &str = include_str!("../../forelock-core/src/grid/grid.wgsl");
+const CONTACT: &str = include_str!("../../forelock-core/src/contact/contact.wgsl");
 const SKIN: &str = include_str!("../../forelock-core/src/groom/guides/skin.wgsl");
 
 /// All stages.
-pub const STAGES: [StageKernels; 11] = [
+pub const STAGES: [StageKernels; 15] = [
     StageKernels {
         stage: Stage::SampleAir,
         name: "sample_air",
@@ -208,7 +282,10 @@ pub const STAGES: [StageKernels; 11] = [
         stage: Stage::RestoreLengths,
         name: "restore_lengths",
         texts: &[include_str!("../../forelock-core/src/stage/restore_lengths/kernel.wgsl")],
-        kernels: &[(Kernel::RestoreLengths, "restore_lengths", Over::Strands)],
+        kernels: &[
+            (Kernel::RestoreLengths, "restore_lengths", Over::Strands),
+            (Kernel::RestoreAgain, "restore_again", Over::Strands),
+        ],
         group: Group::Strands,
     },
     StageKernels {
@@ -249,6 +326,66 @@ pub const STAGES: [StageKernels; 11] = [
             (Kernel::GatherDisplacements, "gather_displacements", Over::Strands),
         ],
         group: Group::Gather,
+    },
+    StageKernels {
+        stage: Stage::EnterSegments,
+        name: "find_contacts",
+        texts: &[CONTACT, include_str!("../../forelock-core/src/stage/find_contacts/strands.wgsl")],
+        kernels: &[
+            (Kernel::NoteStart, "note_start", Over::Strands),
+            (Kernel::NoteEnd, "note_end", Over::Strands),
+            (Kernel::SplatDrift, "splat_drift", Over::Strands),
+            (Kernel::MeasureStrays, "measure_strays", Over::Strands),
+            (Kernel::ListActive, "list_active", Over::Strands),
+            (Kernel::CountEntries, "count_entries", Over::Strands),
+            (Kernel::ShelveEntries, "shelve_entries", Over::Strands),
+        ],
+        group: Group::Enter,
+    },
+    StageKernels {
+        stage: Stage::FindContacts,
+        name: "find_contacts",
+        texts: &[CONTACT, include_str!("../../forelock-core/src/stage/find_contacts/pairs.wgsl")],
+        kernels: &[
+            (Kernel::FitDrift, "fit_drift", Over::Once),
+            (Kernel::ClearDrift, "clear_drift", Over::Cells),
+            (Kernel::SmoothDrift, "smooth_drift", Over::Cells),
+            (Kernel::ChooseActive, "choose_active", Over::Once),
+            (Kernel::ClearCells, "clear_cells", Over::Cells),
+            (Kernel::LayOut, "lay_out", Over::Groups(ROW_GROUPS)),
+            (Kernel::MeetSegments, "meet_segments", Over::Groups(MEET_GROUPS)),
+            (Kernel::NextSlice, "next_slice", Over::Once),
+            (Kernel::CountFound, "count_found", Over::Cells),
+            (Kernel::ChooseFound, "choose_found", Over::Once),
+            (Kernel::ClearLinks, "clear_links", Over::Cells),
+            (Kernel::TakeUp, "take_up", Over::Cells),
+        ],
+        group: Group::Touch,
+    },
+    StageKernels {
+        stage: Stage::BendStrands,
+        name: "resolve_contacts",
+        texts: &[CONTACT, include_str!("../../forelock-core/src/stage/resolve_contacts/strands.wgsl")],
+        kernels: &[
+            (Kernel::PrepareStrands, "prepare_strands", Over::Strands),
+            (Kernel::TakeMoves, "take_moves", Over::Strands),
+            (Kernel::ApplyMoves, "apply_moves", Over::Strands),
+        ],
+        group: Group::Bend,
+    },
+    StageKernels {
+        stage: Stage::ResolveContacts,
+        name: "resolve_contacts",
+        texts: &[CONTACT, include_str!("../../forelock-core/src/stage/resolve_contacts/joints.wgsl")],
+        kernels: &[
+            (Kernel::ReserveLists, "reserve_lists", Over::Cells),
+            (Kernel::LinkJoints, "link_joints", Over::Cells),
+            (Kernel::OrderJoints, "order_joints", Over::Cells),
+            (Kernel::WeighJoints, "weigh_joints", Over::Cells),
+            (Kernel::PressJoints, "press_joints", Over::Cells),
+            (Kernel::JudgeRound, "judge_round", Over::Once),
+        ],
+        group: Group::Touch,
     },
     StageKernels {
         stage: Stage::CheckStrands,
@@ -303,6 +440,8 @@ pub enum Binding {
     Air,
     /// Uniform of guides that carry strands.
     Skin,
+    /// Uniform of contacts.
+    Meet,
     /// Storage that kernels read.
     Read(&'static str),
     /// Storage that kernels change.
@@ -326,6 +465,12 @@ pub enum Group {
     Cells,
     /// From the grid to strands.
     Gather,
+    /// From strands to what they may touch.
+    Enter,
+    /// What touches, of all strands.
+    Touch,
+    /// Strands that touch.
+    Bend,
     /// Guides alone.
     Guides,
     /// From guides to the strands that they carry.
@@ -333,7 +478,7 @@ pub enum Group {
 }
 
 /// All groups, in their order.
-pub const GROUPS: [Group; 9] = [
+pub const GROUPS: [Group; 12] = [
     Group::Air,
     Group::Solve,
     Group::Strands,
@@ -341,6 +486,9 @@ pub const GROUPS: [Group; 9] = [
     Group::Splat,
     Group::Cells,
     Group::Gather,
+    Group::Enter,
+    Group::Touch,
+    Group::Bend,
     Group::Guides,
     Group::Carried,
 ];
@@ -423,6 +571,37 @@ impl Group {
                 (15, Binding::Read("faces")),
                 (16, Binding::Grid),
             ],
+            Self::Enter => &[
+                (2, Binding::Read("blocks")),
+                (3, Binding::Read("model")),
+                (5, Binding::Change("positions")),
+                (25, Binding::Change("starts")),
+                (26, Binding::Change("work")),
+                (27, Binding::Change("table")),
+                (28, Binding::Change("touch")),
+                (29, Binding::Meet),
+            ],
+            Self::Touch => &[
+                (9, Binding::Change("report")),
+                (25, Binding::Change("starts")),
+                (26, Binding::Change("work")),
+                (27, Binding::Change("table")),
+                (28, Binding::Change("touch")),
+                (29, Binding::Meet),
+                (30, Binding::Read("rest")),
+                (31, Binding::Read("owners")),
+            ],
+            Self::Bend => &[
+                (2, Binding::Read("blocks")),
+                (3, Binding::Read("model")),
+                (5, Binding::Change("positions")),
+                (6, Binding::Change("velocities")),
+                (7, Binding::Change("memory")),
+                (26, Binding::Change("work")),
+                (27, Binding::Change("table")),
+                (28, Binding::Change("touch")),
+                (29, Binding::Meet),
+            ],
             Self::Guides => &[
                 (2, Binding::Read("blocks")),
                 (3, Binding::Read("model")),
@@ -467,6 +646,19 @@ pub fn text(stage: &StageKernels) -> String {
         ("WAKE_NODES", wake::NODES as u32),
         ("CANOPY_NODES", canopy::NODES as u32),
         ("CANOPY_MARGIN", canopy::MARGIN as u32),
+        ("DRIFT_NODES", drift::NODES as u32),
+        ("EVERY", drift::EVERY as u32),
+        ("BINS", fastest::BINS as u32),
+        ("BIN_BITS", fastest::BIN_BITS),
+        ("SLICES", SLICES),
+        ("MEET_STEPS", STEPS as u32),
+        ("MEET_GROUPS", MEET_GROUPS),
+        ("ROW_CELLS", ROW_CELLS),
+        ("ROW_GROUPS", ROW_GROUPS),
+        ("OWN_CELLS", ROW_CELLS / CELLS_GROUP),
+        ("SLOTS", SLOTS),
+        ("FOUND", FOUND),
+        ("ATTEMPTS", ATTEMPTS),
     ];
     for (name, value) in counts.into_iter().chain(FLAGS).chain(KINDS).chain(HOW) {
         constant(name, "u32", &value, "u");
@@ -481,6 +673,15 @@ pub fn text(stage: &StageKernels) -> String {
         ("SPREAD", wake::SPREAD),
         ("FASTEST", FASTEST),
         ("MOST_OUT", MOST_OUT),
+        ("PIECES", PIECES),
+        ("HALF_PIECE", HALF_PIECE),
+        ("REACH_ACTIVE", REACH[0]),
+        ("REACH_OTHER", REACH[1]),
+        ("MEET_CLOSE", CLOSE),
+        ("REST_SHARE", REST_SHARE),
+        ("BEND", BEND),
+        ("DRIFT_UNIT", (1u32 << 30) as f32),
+        ("SQUARE_UNIT", (1u32 << 16) as f32),
     ];
     for (name, value) in names.into_iter().zip(singles).chain(grid) {
         constant(name, "f32", &format_args!("{value:e}"), "f");
@@ -555,6 +756,7 @@ fn entry(&(binding, what): &(u32, Binding)) -> wgpu::BindGroupLayoutEntry {
         Binding::Grid => (uniform, false, size_of::<GridUniform>()),
         Binding::Air => (uniform, false, size_of::<AirUniform>()),
         Binding::Skin => (uniform, false, size_of::<SkinUniform>()),
+        Binding::Meet => (uniform, false, size_of::<MeetUniform>()),
         Binding::Substep => (uniform, true, size_of::<SubstepUniform>()),
         Binding::Look => (uniform, true, size_of::<LookUniform>()),
         Binding::Read(_) => (storage(true), false, 0),

@@ -129,6 +129,10 @@ pub struct BlockEntry {
     pub live: u32,
     /// Samples that the grid takes of each edge.
     pub points: u32,
+    /// Place of its first particle, in the whole model.
+    pub place: u32,
+    /// Its number, in the whole model.
+    pub number: u32,
 }
 
 /// What a frame found: `Report` in `prelude.wgsl`.
@@ -145,6 +149,8 @@ pub struct ReportEntry {
     pub deepest: u32,
     /// Bits of the largest |l/l₀ − 1| after the lengths were restored.
     pub restored: u32,
+    /// Contacts between strands in the last frame.
+    pub contacts: u32,
 }
 
 /// The clearance of who has not looked yet, on the device: it may know no infinity. Metres.
@@ -201,14 +207,17 @@ impl FrameUniform {
     }
 }
 
+/// A pose as a map.
+pub(crate) fn rigid(pose: &Pose) -> Mat4 {
+    DMat4::from_rotation_translation(pose.rotation, pose.translation).as_mat4()
+}
+
 impl SubstepUniform {
     /// From `poses` about the model's centre at the substep's start and end.
     pub fn new([start, end]: [&Pose; 2], rest_gravity: DVec3, shift: DVec3) -> Self {
-        let matrix =
-            |pose: &Pose| DMat4::from_rotation_translation(pose.rotation, pose.translation).as_mat4();
         Self {
-            start: matrix(start),
-            end: matrix(end),
+            start: rigid(start),
+            end: rigid(end),
             carried_weight: end.transform_vector(rest_gravity).as_vec3(),
             pad_0: 0.0,
             shift: shift.as_vec3(),

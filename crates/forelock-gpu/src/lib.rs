@@ -31,12 +31,12 @@
 //! device's bindings; scratch is that of the largest batch.
 //!
 //! # Limitations
-//! Contacts between strands
-//! run on the CPU only. The fields of solids that change are all held at once. Numbers come back by waiting, which a browser does not allow: native only so far. Nothing holds back a caller who steps without ever reading.
+//! At most 32 solids at once. The fields of solids that change are all held at once. Numbers come back by waiting, which a browser does not allow: native only so far. Nothing holds back a caller who steps without ever reading.
 
 pub mod air;
 mod batch;
 mod clock;
+pub mod contacts;
 mod device;
 mod error;
 pub mod grid;

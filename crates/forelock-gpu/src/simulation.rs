@@ -3,6 +3,7 @@
 use crate::air::{DeviceAir, Shelter};
 use crate::batch::{Batch, Shared, split};
 use crate::clock::{Clock, FrameSecs};
+use crate::contacts::{DeviceContacts, TouchEntry};
 use crate::grid::{BoundsEntry, DeviceGrid, SWEEPS};
 use crate::kernels::{self, Binding, GROUPS, Group, Kernel, Over};
 use crate::layout::{FrameUniform, ReportEntry, SubstepUniform};
@@ -10,17 +11,19 @@ use crate::solids::Solids;
 use crate::{Gpu, GpuError};
 use forelock_core::air::WindField;
 use forelock_core::body::{ColliderFrame, Shape};
+use forelock_core::contact::{ContactParams, ContactReport};
 use forelock_core::grid::{GridFrame, GridParams, GridReport};
 use forelock_core::groom::Groom;
 use forelock_core::model::{Model, Strands};
 use forelock_core::solver::params::Inextensibility;
 use forelock_core::solver::{AmsParams, Frame, Options, Simulation};
+use forelock_core::stage::find_contacts::SLICES;
 use forelock_core::state::{Snapshot, State};
 use glam::DVec3;
 
 /// A simulation whose state lives on a GPU: [`forelock_core::solver::Simulation`], stage by stage.
 ///
-/// Memory, in bytes a particle: 28 of model, 32 of state, 120 of scratch (that of the largest batch); 4 more with a grid, and 68 a cell that there is room for; 12 more once there was wind
+/// Memory, in bytes a particle: 28 of model, 32 of state, 120 of scratch (that of the largest batch); 4 more with a grid, and 68 a cell that there is room for; 12 more with contacts, and what [`crate::contacts`] says; 12 more once there was wind
 /// that is not the same everywhere.
 #[derive(Debug)]
 pub struct GpuSimulation {
@@ -35,10 +38,13 @@ pub struct GpuSimulation {
     batches: Vec<Bound>,
     substeps: Vec<u8>,
     grid: Option<DeviceGrid>,
+    contacts: Option<DeviceContacts>,
     /// What is needed for wind that is not the same everywhere, after the first of it.
     air: Option<DeviceAir>,
     /// What kernels of the grid alone see.
     to_cells: Option<wgpu::BindGroup>,
+    /// What kernels of contacts see that are not of strands.
+    to_contacts: Option<wgpu::BindGroup>,
     clock: Option<Clock>,
 }
 
@@ -66,7 +72,7 @@ fn look_at(solids: &[ColliderFrame<'_>]) -> Option<Kernel> {
 
 /// Calls of one stage after the other, together.
 fn by_stage(plan: &[Call]) -> impl Iterator<Item = &[Call]> {
-    plan.chunk_by(|a, b| a.kernel.stage().stage == b.kernel.stage().stage)
+    plan.chunk_by(|a, b| a.kernel.stage().name == b.kernel.stage().name)
 }
 
 /// What the frames since the last report did.
@@ -84,6 +90,8 @@ pub struct GpuReport {
     pub max_penetration_m: f32,
     /// What the grid did in the last frame, as far as the device knows; nothing without one. Iterations are sweeps, the residual is their last change over the largest one at the start.
     pub grid: Option<GridReport>,
+    /// What contacts between strands did in the last frame, but for their times; nothing without them.
+    pub strand_contacts: Option<ContactReport>,
     /// What the last frame took, if stages are timed.
     pub secs: Option<FrameSecs>,
 }
@@ -113,8 +121,8 @@ impl GpuSimulation {
         Self::with(gpu, (model, state), params, options)
     }
 
-    /// What goes on where `simulation` is on the CPU. Strands that meet there do not here until [`GpuSimulation::set_grid`] says so; contacts between segments and the air's exposure
-    /// are left behind.
+    /// What goes on where `simulation` is on the CPU. Strands that meet or touch there do not here until [`GpuSimulation::set_grid`] and [`GpuSimulation::set_contacts`] say so; the air's exposure
+    /// is left behind.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] or [`GpuError::Failed`] if the GPU has no room.
@@ -153,8 +161,10 @@ impl GpuSimulation {
             batches,
             substeps: Vec::new(),
             grid: None,
+            contacts: None,
             air: None,
             to_cells: None,
+            to_contacts: None,
             clock: None,
         };
         made.bind();
@@ -169,6 +179,22 @@ impl GpuSimulation {
         let batches: Vec<_> = self.batches.iter().map(|bound| &bound.batch).collect();
         let grid = params.map(|params| DeviceGrid::new(&self.gpu, &self.model, &batches, params));
         self.grid = grid.transpose()?;
+        self.bind_anew()
+    }
+
+    /// Lets segments of strands touch from the next frame on, or not any more.
+    ///
+    /// # Errors
+    /// [`GpuError::Params`] if a parameter is out of range, [`GpuError::TooLarge`] if the device cannot bind what they take; nothing is changed then. [`GpuError::Failed`] if it has no room.
+    pub fn set_contacts(&mut self, params: Option<&ContactParams>) -> Result<(), GpuError> {
+        let batches: Vec<_> = self.batches.iter().map(|bound| &bound.batch).collect();
+        let strands = (&self.model, &self.shared);
+        let contacts = params.map(|params| DeviceContacts::new(&self.gpu, strands, &batches, params));
+        self.contacts = contacts.transpose()?;
+        self.bind_anew()
+    }
+
+    fn bind_anew(&mut self) -> Result<(), GpuError> {
         self.bind();
         if self.clock.is_some() {
             self.time_stages(true);
@@ -179,6 +205,7 @@ impl GpuSimulation {
     /// Binds what there is.
     fn bind(&mut self) {
         let (gpu, shared, solids, grid, air) = (&self.gpu, &self.shared, &self.solids, &self.grid, &self.air);
+        let contacts = &self.contacts;
         let (device, kernels) = (gpu.device(), gpu.kernels());
         let common = |what: Binding| match (what, grid) {
             (Binding::Frame, _) => &shared.frame,
@@ -190,7 +217,16 @@ impl GpuSimulation {
             (Binding::Change("bounds"), Some(grid)) => &grid.bounds,
             (Binding::Change("cells"), Some(grid)) => &grid.cells,
             (Binding::Read("faces") | Binding::Change("faces"), Some(grid)) => &grid.faces,
-            _ => &shared.report,
+            _ => match (what, contacts) {
+                (Binding::Meet, Some(contacts)) => &contacts.uniform,
+                (Binding::Change("starts"), Some(contacts)) => &contacts.starts,
+                (Binding::Change("work"), Some(contacts)) => &contacts.work,
+                (Binding::Change("table"), Some(contacts)) => &contacts.table,
+                (Binding::Change("touch"), Some(contacts)) => &contacts.touch,
+                (Binding::Read("rest"), Some(contacts)) => &contacts.rest,
+                (Binding::Read("owners"), Some(contacts)) => &contacts.owners,
+                _ => &shared.report,
+            },
         };
         // Where there is no wind the kernels do not look at it.
         for (number, Bound { batch, groups }) in self.batches.iter_mut().enumerate() {
@@ -216,12 +252,15 @@ impl GpuSimulation {
                     Group::Solve | Group::Strands | Group::Solids => true,
                     Group::Air => air.is_some(),
                     Group::Splat | Group::Gather => grid.is_some(),
-                    Group::Cells | Group::Guides | Group::Carried => false,
+                    Group::Enter | Group::Bend => contacts.is_some(),
+                    Group::Cells | Group::Touch | Group::Guides | Group::Carried => false,
                 };
                 is_there.then(|| kernels::bind(device, (kernels, group), &find))
             });
         }
         self.to_cells = grid.is_some().then(|| kernels::bind(device, (kernels, Group::Cells), &common));
+        self.to_contacts =
+            contacts.is_some().then(|| kernels::bind(device, (kernels, Group::Touch), &common));
     }
 
     /// The model.
@@ -244,7 +283,8 @@ impl GpuSimulation {
         let batches = self.batches.iter().map(|bound| bound.batch.bytes());
         let grid = self.grid.as_ref().map_or(0, DeviceGrid::bytes);
         let air = self.air.as_ref().map_or(0, DeviceAir::bytes);
-        self.shared.bytes() + self.solids.bytes() + grid + air + batches.sum::<u64>()
+        let contacts = self.contacts.as_ref().map_or(0, DeviceContacts::bytes);
+        self.shared.bytes() + self.solids.bytes() + grid + air + contacts + batches.sum::<u64>()
     }
 
     /// Hands a frame to the device, in one submission, and does not wait for it.
@@ -326,6 +366,9 @@ impl GpuSimulation {
         let (count, lengths) = (self.params.substeps, self.restores_lengths());
         let mut plan = Vec::new();
         let batches = 0..self.batches.len();
+        if self.contacts.is_some() {
+            self.call_all(&mut plan, Kernel::NoteStart, 0);
+        }
         if let Some(shelter) = air {
             self.blow(&mut plan, shelter);
         }
@@ -340,15 +383,51 @@ impl GpuSimulation {
             if lengths {
                 add(Kernel::RestoreLengths, count - 1);
             }
-            if self.grid.is_none() {
+            if !self.meets() {
                 self.finish(&mut plan, batch, look);
             }
         }
         if let Some(grid) = &self.grid {
             self.meet(&mut plan, grid.params.iterations);
+        }
+        if let Some(contacts) = &self.contacts {
+            self.touch(&mut plan, contacts.params.rounds);
+        }
+        if self.meets() {
             batches.for_each(|batch| self.finish(&mut plan, batch, look));
         }
         plan
+    }
+
+    /// Whether strands meet, on a grid or in contacts: frames are cut there.
+    fn meets(&self) -> bool {
+        self.grid.is_some() || self.contacts.is_some()
+    }
+
+    /// Contacts between strands are found and resolved, in so many rounds at most.
+    fn touch(&self, plan: &mut Vec<Call>, rounds: u32) {
+        use Kernel::{
+            ApplyMoves, ChooseActive, ChooseFound, ClearCells, ClearDrift, ClearLinks, CountEntries,
+            CountFound, FitDrift, JudgeRound, LayOut, LinkJoints, ListActive, MeasureStrays, MeetSegments,
+            NextSlice, NoteEnd, OrderJoints, PrepareStrands, PressJoints, ReserveLists, RestoreAgain,
+            ShelveEntries, SmoothDrift, SplatDrift, TakeMoves, TakeUp, WeighJoints,
+        };
+        let strays = [NoteEnd, FitDrift, ClearDrift, SplatDrift, SmoothDrift, MeasureStrays];
+        // How many slices the frame has the device knows: of those that it has not nothing is searched.
+        let slice = [ClearCells, CountEntries, LayOut, ShelveEntries, MeetSegments, NextSlice];
+        let joints = [CountFound, ChooseFound, ClearLinks, TakeUp, ReserveLists, LinkJoints, OrderJoints];
+        let kernels = strays
+            .into_iter()
+            .chain([ChooseActive, ListActive])
+            .chain((0..SLICES).flat_map(|_| slice))
+            .chain(joints)
+            .chain([PrepareStrands, WeighJoints])
+            .chain((0..rounds).flat_map(|_| [PressJoints, TakeMoves, JudgeRound]))
+            .chain([ApplyMoves]);
+        kernels.for_each(|kernel| self.call_all(plan, kernel, 0));
+        if self.restores_lengths() {
+            self.call_all(plan, RestoreAgain, self.params.substeps - 1);
+        }
     }
 
     /// The wind, and the shelter in it.
@@ -403,11 +482,15 @@ impl GpuSimulation {
     fn call(&self, pass: &mut wgpu::ComputePass<'_>, call: &Call) {
         let (kernel, bound) = (call.kernel, &self.batches[call.batch]);
         let group = kernel.stage().group;
-        let of_group = if group == Group::Cells { &self.to_cells } else { &bound.groups[group as usize] };
+        let of_group = match group {
+            Group::Cells => &self.to_cells,
+            Group::Touch => &self.to_contacts,
+            _ => &bound.groups[group as usize],
+        };
         let offset = match group {
             Group::Solve | Group::Strands => Some(call.number * self.shared.stride),
             Group::Air | Group::Solids | Group::Cells => Some(call.number * self.solids.stride),
-            Group::Splat | Group::Gather | Group::Guides | Group::Carried => None,
+            _ => None,
         };
         pass.set_pipeline(self.gpu.kernels().pipeline(kernel));
         pass.set_bind_group(0, of_group, offset.as_slice());
@@ -416,7 +499,7 @@ impl GpuSimulation {
 
     /// Whether solids are looked at once more at the frame's end.
     fn looks_last(&self) -> bool {
-        self.restores_lengths() || self.grid.is_some()
+        self.restores_lengths() || self.meets()
     }
 
     fn restores_lengths(&self) -> bool {
@@ -426,6 +509,7 @@ impl GpuSimulation {
     /// Brings what the frame's strands share to the device; what shelters from the `wind`, if there is one that is not the same everywhere.
     fn place(&mut self, frame: &Frame<'_>, wind: Option<&WindField>) -> Option<Shelter> {
         let origin = frame.origin(&self.model);
+        let start = self.model.about_centre(&frame.head[0], self.mirror.origin);
         let shift = self.mirror.origin - origin;
         self.mirror.origin = origin;
         let air = (frame.air_velocity, wind.is_some());
@@ -444,6 +528,9 @@ impl GpuSimulation {
         if !frame.colliders.is_empty() {
             let looks_last = self.looks_last();
             self.solids.place(&self.gpu, &self.params, frame, origin, looks_last);
+        }
+        if let (Some(contacts), [.., now]) = (&mut self.contacts, &*poses) {
+            contacts.place(&self.gpu, [&start, now], (self.params.clamped, frame.dt_secs));
         }
         if let (Some(grid), [.., before, now]) = (&mut self.grid, &*poses) {
             let moving = GridFrame::new(before, now, frame.dt_secs / f64::from(count));
@@ -477,6 +564,7 @@ impl GpuSimulation {
         if report {
             buffers.push(&self.shared.report);
             buffers.extend(self.grid.as_ref().map(|grid| &grid.bounds));
+            buffers.extend(self.contacts.as_ref().map(|contacts| &contacts.touch));
             buffers.extend(self.clock.as_ref().map(Clock::resolved));
         }
         if state {
@@ -500,6 +588,10 @@ impl GpuSimulation {
                     .grid
                     .as_ref()
                     .map(|_| bytemuck::pod_read_unaligned::<BoundsEntry>(next()).report()),
+                strand_contacts: self.contacts.as_ref().map(|_| {
+                    let touch = &next()[..size_of::<TouchEntry>()];
+                    bytemuck::pod_read_unaligned::<TouchEntry>(touch).report(own.contacts)
+                }),
                 secs: self.clock.as_ref().map(|clock| clock.secs(next())),
             };
         }

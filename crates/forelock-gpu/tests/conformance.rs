@@ -11,6 +11,7 @@ mod common;
 mod little;
 
 use forelock_core::body::{ColliderFrame, Head, Morph, Sdf, Shape};
+use forelock_core::contact::ContactParams;
 use forelock_core::model::Strands;
 use forelock_core::pose::Pose;
 use forelock_core::solver::params::{AngularForm, Inextensibility, IntegrityForm, Jacobian};
@@ -546,14 +547,20 @@ fn what_a_gpu_cannot_do_is_said() {
     }
 }
 
-/// 15,000 × 30, the paper's hand scene: at most 200 bytes a particle.
+/// 15,000 × 30, the paper's hand scene: at most 200 bytes a particle, also with contacts, but for their table of cells.
 #[test]
 fn two_hundred_bytes_a_particle() {
     let Some(gpu) = common::gpu() else { return };
     let (positions, offsets) = tuft(15_000, |_| 30);
     let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
-    let simulation = GpuSimulation::from_strands(&gpu, &strands, &AmsParams::default(), &options()).unwrap();
-    let bytes = simulation.bytes() as f64 / positions.len() as f64;
-    println!("{bytes:.0} bytes a particle on the device");
-    assert!(bytes <= 200.0, "{bytes}");
+    let mut simulation =
+        GpuSimulation::from_strands(&gpu, &strands, &AmsParams::default(), &options()).unwrap();
+    let bytes = |simulation: &GpuSimulation| simulation.bytes() as f64 / positions.len() as f64;
+    let alone = bytes(&simulation);
+    simulation.set_contacts(Some(&ContactParams::default())).unwrap();
+    let touching = bytes(&simulation);
+    println!("{alone:.1} bytes a particle on the device, with contacts {touching:.1}");
+    // Two numbers a cell, of which there are up to twice as many as segments.
+    let table = f64::from(8 * (15_000 * 29u32).next_power_of_two()) / positions.len() as f64;
+    assert!(alone <= 200.0 && touching <= 200.0 + table, "{alone} {touching}");
 }

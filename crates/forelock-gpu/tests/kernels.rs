@@ -3,6 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "in a test a failure to build is a failure of the test")]
 
 use forelock_gpu::air::{AirUniform, CanopyEntry, ModeEntry};
+use forelock_gpu::contacts::{MeetUniform, TouchEntry};
 use forelock_gpu::grid::{BoundsEntry, GridSolidEntry, GridUniform};
 use forelock_gpu::kernels::{Binding, GROUPS, Group, STAGES, StageKernels, text};
 use forelock_gpu::layout::{BlockEntry, FrameUniform, ReportEntry, SubstepUniform};
@@ -47,9 +48,13 @@ fn fields(module: &naga::Module, name: &str) -> (Vec<(String, usize)>, usize) {
     (members.iter().map(field).collect(), *span as usize)
 }
 
+macro_rules! offsets {
+    ($own:ty, [$($field:ident)*]) => { vec![$((stringify!($field).to_owned(), offset_of!($own, $field))),*] };
+}
+
 macro_rules! same {
     ($module:expr, $kernel:literal, $own:ty, [$($field:ident)*]) => {{
-        let own = vec![$((stringify!($field).to_owned(), offset_of!($own, $field))),*];
+        let own = offsets!($own, [$($field)*]);
         assert_eq!(fields($module, $kernel), (own, size_of::<$own>()), "{}", $kernel);
     }};
 }
@@ -63,7 +68,7 @@ fn structs_are_laid_out_alike() {
             drag_quadratic pad_0 pad_1
         ]);
         same!(&module, "Substep", SubstepUniform, [start end carried_weight pad_0 shift pad_1]);
-        same!(&module, "Block", BlockEntry, [first particles live points]);
+        same!(&module, "Block", BlockEntry, [first particles live points place number]);
         let has = |name: &str| module.types.iter().any(|(_, kind)| kind.name.as_deref() == Some(name));
         let on_grid = matches!(stage.group, Group::Splat | Group::Cells | Group::Gather);
         let among_solids = matches!(stage.group, Group::Air | Group::Solids | Group::Cells);
@@ -89,6 +94,24 @@ fn structs_are_laid_out_alike() {
         if stage.group == Group::Carried {
             same!(&module, "Carried", CarriedEntry, [entries fractions weights rest pad_0]);
         }
+        if matches!(stage.group, Group::Enter | Group::Touch | Group::Bend) {
+            same!(&module, "Meet", MeetUniform, [
+                from_start from_end edge distance slip friction spread dt close far spacing inverse_piece
+                inverse_particles pad_0 budget most_active few per_segment rounds clamped cells entries numbers bodies
+                found joints sides most_actives most_joints strands
+            ]);
+            // Bins and a list come after what is read back.
+            let (mut touch, _) = fields(&module, "Touch");
+            let after = touch.split_off(touch.len() - 2);
+            assert_eq!(after[0], ("bins".to_owned(), size_of::<TouchEntry>()));
+            assert_eq!(
+                touch,
+                offsets!(TouchEntry, [
+                    low spacing high slices dims slice extent squares fastest actives joints taken least bin share found_bin
+                    found_share momentum round last done lack farthest pad_0
+                ])
+            );
+        }
         if stage.group == Group::Air {
             same!(&module, "Mode", ModeEntry, [wave phase amplitude pad_0]);
             same!(&module, "Air", AirUniform, [
@@ -103,7 +126,7 @@ fn structs_are_laid_out_alike() {
             ]);
             same!(&module, "Look", LookUniform, [count how thickness way_out solids]);
         }
-        same!(&module, "Report", ReportEntry, [stretch quarantined touching deepest restored]);
+        same!(&module, "Report", ReportEntry, [stretch quarantined touching deepest restored contacts]);
     }
 }
 
@@ -130,6 +153,7 @@ fn bindings_are_those_of_the_table() {
                 Binding::Grid => ("grid", None),
                 Binding::Air => ("air", None),
                 Binding::Skin => ("skin", None),
+                Binding::Meet => ("meet", None),
                 Binding::Read(name) => (name, Some(false)),
                 Binding::Change(name) => (name, Some(true)),
             };

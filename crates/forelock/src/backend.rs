@@ -3,11 +3,9 @@
 //! # Practice
 //! On a GPU each frame is stepped there, and its state brought to a simulation on the CPU that stands for it: positions, snapshots and hashes are read from that. A snapshot of one goes on on
 //! the other; bits are the same only on the same device.
-//!
-//! # Limitations
-//! What [`unsupported`] names runs on the CPU only.
 
 use forelock_core::air::WindField;
+use forelock_core::contact::ContactParams;
 use forelock_core::grid::GridParams;
 use forelock_core::solver::{Frame, FrameReport, STAGES, Simulation};
 use forelock_gpu::{Choice, Gpu, GpuError, GpuSimulation};
@@ -51,6 +49,7 @@ impl Backend {
 pub(crate) struct Device {
     gpu: Gpu,
     grid: Option<GridParams>,
+    contacts: Option<ContactParams>,
     /// None only after an error.
     simulation: Option<GpuSimulation>,
     /// What the last frame took by its own clock, if it has one.
@@ -64,16 +63,14 @@ impl Device {
         simulation: &Simulation,
         software: bool,
     ) -> Result<Self, GpuError> {
-        if let Some(what) = unsupported(scene) {
-            return Err(GpuError::Unsupported { what });
-        }
         let gpu = Gpu::open(&Choice::Fastest)?;
         if gpu.is_software() && !software {
             return Err(GpuError::None { reason: format!("{} is software", gpu.name()) });
         }
         let meets = scene.interaction.kind == InteractionKind::Grid;
         let grid = meets.then(|| scene.interaction.grid.clone());
-        let mut own = Self { simulation: None, gpu, grid, frame_secs: None };
+        let contacts = scene.interaction.contacts.then(|| scene.interaction.contact.clone());
+        let mut own = Self { simulation: None, gpu, grid, contacts, frame_secs: None };
         own.begin_anew(simulation)?;
         let times = [0.0, 1.0 / scene.time.fps];
         own.own()?.hold(&assets.collider_frames(times, times.map(|time| assets.head_pose(time))))?;
@@ -106,6 +103,7 @@ impl Device {
         self.simulation = None;
         let mut own = GpuSimulation::continuing(&self.gpu, simulation)?;
         own.set_grid(self.grid.as_ref())?;
+        own.set_contacts(self.contacts.as_ref())?;
         own.time_stages(true);
         self.simulation = Some(own);
         Ok(())
@@ -131,18 +129,13 @@ impl Device {
             touching: report.touching,
             quarantined_strands: report.quarantined_strands,
             grid: report.grid.unwrap_or_default(),
+            strand_contacts: report.strand_contacts.unwrap_or_default(),
             stage_secs: STAGES.map(|name| {
                 // On the CPU the air is sampled by the stage that it is for.
                 let is_of = |own: &str| own == name || (own == "sample_air" && name == "solve_strands");
                 let secs = stages.iter().flatten().filter(|(own, _)| is_of(own));
                 (name, secs.map(|(_, secs)| *secs).sum())
             }),
-            ..FrameReport::default()
         })
     }
-}
-
-/// What `scene` asks for that a GPU cannot do yet.
-fn unsupported(scene: &Scene) -> Option<&'static str> {
-    scene.interaction.contacts.then_some("contacts between strands (interaction.contacts)")
 }

@@ -10,15 +10,15 @@ use rayon::prelude::*;
 use std::cmp::Ordering;
 
 /// Least distance of nodes, metres.
-const SPACING: f32 = 0.03;
+pub const SPACING: f32 = 0.03;
 /// Hair farther from the groom's middle than so many times its own reach is left alone.
-const FAR: f32 = 4.0;
+pub const FAR: f32 = 4.0;
 /// Nodes along an axis at most.
-const NODES: usize = 48;
+pub const NODES: usize = 48;
 /// Parts in which hair is summed: a fixed count, for sums must not depend on threads.
 const PARTS: usize = 16;
 /// One lane in so many is summed.
-const EVERY: usize = 4;
+pub const EVERY: usize = 4;
 
 /// Trilinear field of displacements a frame, on nodes.
 #[derive(Debug, Default)]

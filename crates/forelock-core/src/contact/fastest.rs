@@ -1,9 +1,9 @@
 //! Which of many are the largest, without sorting them.
 
 /// Bits of a float below its exponent and the three after it.
-const BIN_BITS: u32 = 20;
+pub const BIN_BITS: u32 = 20;
 /// Bins of non-negative floats: an exponent and three bits.
-const BINS: usize = 1 << (31 - BIN_BITS);
+pub const BINS: usize = 1 << (31 - BIN_BITS);
 
 /// How many non-negative numbers lie in each eighth of a binade.
 #[derive(Clone, Debug)]

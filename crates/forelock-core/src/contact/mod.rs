@@ -16,8 +16,8 @@
 //! # Limitations
 //! Strands do not meet themselves. Where more than [`RUN_SEGMENTS`] segments lie side by side in a row of cells, those at the ends are left to the grid.
 
-mod drift;
-mod fastest;
+pub mod drift;
+pub mod fastest;
 mod params;
 mod ways;
 

@@ -1,8 +1,8 @@
 //! Stages: what happens to a block of strands in a step. Each is one lane-generic text with its equations beside it.
 
-pub(crate) mod find_contacts;
+pub mod find_contacts;
 pub mod gather_velocities;
-pub(crate) mod resolve_contacts;
+pub mod resolve_contacts;
 pub mod resolve_solids;
 pub mod restore_lengths;
 pub mod sample_air;

@@ -51,6 +51,9 @@ struct Block {
     live: u32,
     // Samples that the grid takes of each edge.
     points: u32,
+    // Place of its first particle, and its own number, in the whole model.
+    place: u32,
+    number: u32,
 }
 
 // What a frame found, over all strands.
@@ -63,6 +66,8 @@ struct Report {
     deepest: atomic<u32>,
     // Bits of the largest |l/l₀ − 1| after the lengths were restored.
     restored: atomic<u32>,
+    // Contacts between strands in the last frame.
+    contacts: atomic<u32>,
 }
 
 @group(0) @binding(0) var<uniform> frame: Frame;

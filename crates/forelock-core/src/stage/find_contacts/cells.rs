@@ -15,13 +15,13 @@ const CHUNKS: usize = 64;
 /// Cells at most, and layers of them.
 const CELLS: usize = 1 << 22;
 const LAYERS: usize = 1 << 12;
-/// Longest piece of a segment over [`Cells::edge`]: longer segments are entered in pieces.
-const PIECE: f32 = 1.25;
+/// Longest piece of a segment over [`search_edge`](super::search_edge): longer segments are entered in pieces.
+pub const PIECE: f32 = 1.25;
 /// Pieces of a segment at most.
-const PIECES: f32 = 256.0;
-/// What an active segment and another one may reach beyond themselves, over [`Cells::edge`], at most. The few that stray farther than slices are made for
+pub const PIECES: f32 = 256.0;
+/// What an active segment and another one may reach beyond themselves, over [`search_edge`](super::search_edge), at most. The few that stray farther than slices are made for
 /// are met only where they are near in the middle of a slice; others stray less than active ones, but where there are more of these than the budget has room for.
-const REACH: [f32; 2] = [1.25, 0.25];
+pub const REACH: [f32; 2] = [1.25, 0.25];
 
 /// The box of cells.
 #[derive(Clone, Copy, Debug, Default)]

@@ -8,11 +8,11 @@ use crate::state::vec3;
 use glam::Vec3;
 
 /// Steps at most; a pair that still has not met only brushes by.
-const STEPS: usize = 16;
+pub const STEPS: usize = 16;
 /// How near the contact distance counts as there, over it.
-const CLOSE: f32 = 0.02;
+pub const CLOSE: f32 = 0.02;
 /// How near strands may come that are nearer than the contact distance at rest, over their distance there.
-const REST_SHARE: f32 = 0.95;
+pub const REST_SHARE: f32 = 0.95;
 
 /// The contact of two segments in a slice, if they touch and approach.
 ///

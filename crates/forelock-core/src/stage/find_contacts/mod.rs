@@ -9,13 +9,16 @@
 //! A frame is cut into as many slices, at most four, as it takes for typical hair to stray from the drift about it by less than an edge in each, and for all but one particle in 512 by less than two.
 //! In the middle of a slice each active segment, and each other near one, is a ball: about its middle, as large as half its length, half the contact
 //! distance and what it strays in half a slice. All are sorted by the cell of their middle, layer by layer, their fields side by side
-//! ([`cells`]), so that what is within reach of an active one lies in a few runs of memory. Of the runs those pass, many at a time, whose balls meet, and
-//! then whose segments are not farther apart than what they move along the line between them ([`pairs`]). The few that are left are followed through the
-//! slice step by step, by no more than their distance allows ([`meet`]). All goes in parallel; the order in which contacts come does not depend on threads.
+//! (`cells`), so that what is within reach of an active one lies in a few runs of memory. Of the runs those pass, many at a time, whose balls meet, and
+//! then whose segments are not farther apart than what they move along the line between them (`pairs`). The few that are left are followed through the
+//! slice step by step, by no more than their distance allows (`meet`). All goes in parallel; the order in which contacts come does not depend on threads.
 
 mod cells;
 mod meet;
 mod pairs;
+
+pub use cells::{PIECE, PIECES, REACH};
+pub use meet::{CLOSE, REST_SHARE, STEPS};
 
 use crate::contact::{Contact, ContactParams, Drift, Farthest, Histogram, Ways};
 use crate::lane::Real;
@@ -28,18 +31,18 @@ use std::cmp::Ordering;
 /// Length of the search over the contact distance, at least.
 const EDGE_PER_DISTANCE: f64 = 8.0;
 /// Slices of a frame at most.
-const SLICES: u32 = 4;
+pub const SLICES: u32 = 4;
 /// Contacts in the budget for each particle whose segments' contacts are sought.
-const SEGMENT_CONTACTS: usize = 8;
+pub const SEGMENT_CONTACTS: usize = 8;
 /// One in so many particles may stray farther than slices are made for.
-const FEW: usize = 512;
+pub const FEW: usize = 512;
 /// Motion in a frame, over the contact distance, that is none.
-const SLOP: f32 = 2e-3;
+pub const SLOP: f32 = 2e-3;
 
 /// Finds contacts; holds the scratch for it.
 #[derive(Debug)]
 pub(crate) struct Finder {
-    /// The length that the search is made for: the mean length of an edge, or several times the contact distance. Metres.
+    /// See [`search_edge`].
     edge: f32,
     test: pairs::Test,
     chunks: Vec<Chunk>,
@@ -74,17 +77,8 @@ impl Slice {
 
 impl Finder {
     pub fn new<T: Real>(model: &Model<T>, params: &ContactParams, simd: Simd) -> Self {
-        let (mut sum, mut edges) = (0.0, 0.0);
-        for block in &model.blocks {
-            for lane in 0..block.live {
-                let length = |place: usize| model.rest_lengths[3 * place].0[lane].to_f64().unwrap_or(0.0);
-                sum += block.range().map(length).sum::<f64>();
-                edges += block.particles as f64 - 1.0;
-            }
-        }
-        let edge = f64::max(sum / f64::max(edges, 1.0), EDGE_PER_DISTANCE * params.distance);
         Self {
-            edge: edge as f32,
+            edge: search_edge(model, params),
             test: pairs::test_for(simd),
             chunks: cells::chunks(model),
             shelf: Shelf::default(),
@@ -155,6 +149,19 @@ impl Finder {
         let slices = (typical / self.edge).max(most / (2.0 * self.edge)).ceil().clamp(1.0, SLICES as f32);
         Some((Slice { span: [0.0, 1.0 / slices], distance, slip, active }, slices as u32))
     }
+}
+
+/// The length that the search is made for: the mean length of an edge, or several times the contact distance. Metres.
+pub fn search_edge<T: Real>(model: &Model<T>, params: &ContactParams) -> f32 {
+    let (mut sum, mut edges) = (0.0, 0.0);
+    for block in &model.blocks {
+        for lane in 0..block.live {
+            let length = |place: usize| model.rest_lengths[3 * place].0[lane].to_f64().unwrap_or(0.0);
+            sum += block.range().map(length).sum::<f64>();
+            edges += block.particles as f64 - 1.0;
+        }
+    }
+    f64::max(sum / f64::max(edges, 1.0), EDGE_PER_DISTANCE * params.distance) as f32
 }
 
 /// Leaves at most `most` contacts: those of the greatest approach, otherwise the first. `approaches` is scratch.

@@ -7,7 +7,7 @@
 //! Coulomb friction |j_T| ≤ μ j_N across.
 //!
 //! What a contact gives a particle its strand hands on: the response to forces f along it is S f with
-//! (I − ℓ² ∂²/∂s²) S = I ([`spread`]), as of a strand under tension. A push then bends the strand
+//! (I − ℓ² ∂²/∂s²) S = I (`spread`), as of a strand under tension. A push then bends the strand
 //! over a length ℓ and does not tear single particles out of it, which the pass that restores lengths would undo: ℓ is
 //! several times the approach, so that the bend takes little length. A round of all contacts at once is
 //!
@@ -42,10 +42,10 @@ use spread::{Body, Strand};
 const TASK: usize = 512;
 
 /// The length over which a strand is bent, over how far it and another approach.
-const BEND: f32 = 3.0;
+pub const BEND: f32 = 3.0;
 
 /// What a pair may lack to its gap when the rounds end, over the contact distance.
-const CLOSE: f32 = 0.1;
+pub const CLOSE: f32 = 0.1;
 
 /// A contact in the solve.
 #[derive(Clone, Copy, Debug)]

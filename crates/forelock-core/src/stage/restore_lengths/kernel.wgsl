@@ -93,12 +93,7 @@ fn restore(strand: Strand, first: u32) {
     }
 }
 
-@compute @workgroup_size(WORKGROUP)
-fn restore_lengths(@builtin(global_invocation_id) id: vec3u) {
-    let strand = strand_of(id.x);
-    if !strand.here {
-        return;
-    }
+fn restore_strand(strand: Strand) {
     let n = strand.particles;
     let first = max(min(frame.clamped, n), 1u) - 1u;
     // One edge at least has a free end.
@@ -117,4 +112,21 @@ fn restore_lengths(@builtin(global_invocation_id) id: vec3u) {
         }
     }
     atomicMax(&report.restored, bitcast<u32>(largest_stretch(strand)));
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn restore_lengths(@builtin(global_invocation_id) id: vec3u) {
+    let strand = strand_of(id.x);
+    if strand.here {
+        restore_strand(strand);
+    }
+}
+
+// Once more, if contacts moved hair.
+@compute @workgroup_size(WORKGROUP)
+fn restore_again(@builtin(global_invocation_id) id: vec3u) {
+    let strand = strand_of(id.x);
+    if strand.here && atomicLoad(&report.contacts) > 0u {
+        restore_strand(strand);
+    }
 }

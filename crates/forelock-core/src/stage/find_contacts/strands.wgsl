@@ -1,0 +1,227 @@
+// Contacts, as far as they go strand by strand: one a thread. Ways of particles, the drift about them, entries in cells; the twin of `contact::{ways, drift}` and of `find_contacts::cells`.
+
+fn number_of(strand: Strand, i: u32) -> u32 {
+    return (blocks[strand.block].place + i) * LANES + strand.lane;
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn note_start(@builtin(global_invocation_id) id: vec3u) {
+    let strand = strand_of(id.x);
+    if !strand.here {
+        return;
+    }
+    for (var i = 0u; i < strand.particles; i++) {
+        let x = (meet.from_start * vec4f(position_at(strand, i), 1.0)).xyz;
+        let at = row_of(number_of(strand, i), 3u, 0u);
+        starts[at] = x.x;
+        starts[at + LANES] = x.y;
+        starts[at + 2u * LANES] = x.z;
+    }
+}
+
+fn is_near(x: vec3f) -> bool {
+    return all_finite(x) && dot(x, x) < meet.far * meet.far;
+}
+
+// Also the box about all ways; what was thrown far away must not make its nodes coarse.
+@compute @workgroup_size(WORKGROUP)
+fn note_end(@builtin(global_invocation_id) id: vec3u) {
+    let strand = strand_of(id.x);
+    if !strand.here {
+        return;
+    }
+    var own = Extent(vec3f(FAR), vec3f(-FAR));
+    for (var i = 0u; i < strand.particles; i++) {
+        let number = number_of(strand, i);
+        let end = (meet.from_end * vec4f(position_at(strand, i), 1.0)).xyz;
+        let start = start_of(number);
+        set_work_vector(row_of(number, WAY_ROWS, 0u), end);
+        if is_near(end) {
+            own = Extent(min(own.low, end), max(own.high, end));
+        }
+        if is_near(start) {
+            own = Extent(min(own.low, start), max(own.high, start));
+        }
+    }
+    for (var c = 0u; c < 3u; c++) {
+        let least = ordered(own.low[c]);
+        if least < atomicLoad(&touch.extent[c]) {
+            atomicMin(&touch.extent[c], least);
+        }
+        let greatest = ordered(own.high[c]);
+        if greatest > atomicLoad(&touch.extent[3u + c]) {
+            atomicMax(&touch.extent[3u + c], greatest);
+        }
+    }
+}
+
+// The node below a point of the drift, and how far beyond it.
+struct Corner {
+    first: u32,
+    f: vec3f,
+}
+
+fn corner_at(at: vec3f) -> Corner {
+    let last = vec3f(touch.dims - 2u);
+    let u = max((at - touch.low) / touch.spacing, vec3f());
+    let node = min(floor(u), last);
+    let below = vec3u(node);
+    return Corner(below.x + touch.dims.x * (below.y + touch.dims.y * below.z), min(u - node, vec3f(1.0)));
+}
+
+fn node_of(own: Corner, corner: u32) -> u32 {
+    return own.first + corner_offset(touch.dims.x, touch.dims.x * touch.dims.y, corner);
+}
+
+// Adds to a 64-bit sum, lower half first: what does not fit is handed on, in whatever order.
+fn add_wide(at: u32, x: i32) {
+    let low = bitcast<u32>(x);
+    let before = atomicAdd(&table[at], low);
+    let high = select(0u, NOTHING, x < 0) + select(0u, 1u, before + low < before);
+    if high != 0u {
+        atomicAdd(&table[at + 1u], high);
+    }
+}
+
+// One lane in EVERY is summed, and what was thrown far away is not.
+@compute @workgroup_size(WORKGROUP)
+fn splat_drift(@builtin(global_invocation_id) id: vec3u) {
+    let strand = strand_of(id.x);
+    if !strand.here || strand.lane % EVERY != 0u {
+        return;
+    }
+    let size = touch.high - touch.low;
+    let unit = DRIFT_UNIT / max(max(size.x, size.y), max(size.z, 1e-30));
+    for (var i = 0u; i < strand.particles; i++) {
+        let number = number_of(strand, i);
+        let start = start_of(number);
+        let end = end_of(number);
+        if !(in_box(start) && in_box(end)) {
+            continue;
+        }
+        let way = end - start;
+        let own = corner_at(start + 0.5 * way);
+        for (var corner = 0u; corner < 8u; corner++) {
+            let w = corner_weight(own.f, corner);
+            let node = 8u * node_of(own, corner);
+            for (var c = 0u; c < 3u; c++) {
+                add_wide(node + 2u * c, i32(round(w * way[c] * unit)));
+            }
+            add_wide(node + 6u, i32(round(w * DRIFT_UNIT)));
+        }
+    }
+}
+
+// How far each particle strays from the drift about it.
+@compute @workgroup_size(WORKGROUP)
+fn measure_strays(@builtin(global_invocation_id) id: vec3u) {
+    let strand = strand_of(id.x);
+    if !strand.here {
+        return;
+    }
+    var squares = 0.0;
+    var fastest = 0.0;
+    for (var i = 0u; i < strand.particles; i++) {
+        let number = number_of(strand, i);
+        let start = start_of(number);
+        let end = end_of(number);
+        var stray = 0.0;
+        if all_finite(start) && all_finite(end) {
+            let own = corner_at(0.5 * (start + end));
+            var way = end - start;
+            for (var corner = 0u; corner < 8u; corner++) {
+                let node = meet.bodies + 4u * node_of(own, corner);
+                way -= corner_weight(own.f, corner) * vec3f(real(node), real(node + 1u), real(node + 2u));
+            }
+            stray = length(way);
+            if !is_finite(stray) {
+                stray = 0.0;
+            }
+            let edges = min(stray / meet.edge, 64.0);
+            squares += edges * edges;
+            fastest = max(fastest, stray);
+            atomicAdd(&touch.bins[bin_of(stray)], 1u);
+        }
+        set_real(row_of(number, WAY_ROWS, STRAY), stray);
+    }
+    let before = atomicAdd(&touch.squares[0], u32(round(min(squares, 16384.0) * SQUARE_UNIT)));
+    if before + u32(round(min(squares, 16384.0) * SQUARE_UNIT)) < before {
+        atomicAdd(&touch.squares[1], 1u);
+    }
+    if bitcast<u32>(fastest) > atomicLoad(&touch.fastest) {
+        atomicMax(&touch.fastest, bitcast<u32>(fastest));
+    }
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn list_active(@builtin(global_invocation_id) id: vec3u) {
+    let strand = strand_of(id.x);
+    if !strand.here || touch.slices == 0u {
+        return;
+    }
+    for (var i = 0u; i + 1u < strand.particles; i++) {
+        let segment = number_of(strand, i);
+        if is_active(segment, stray_of(segment)) {
+            let place = atomicAdd(&touch.actives, 1u);
+            if place < meet.most_actives {
+                touch.list[place] = segment;
+            }
+        }
+    }
+}
+
+// What is entered of a strand: with `shelve` put where it belongs, otherwise counted.
+fn enter(strand: Strand, shelve: bool) {
+    let time = middle_of_slice();
+    var number = number_of(strand, 0u);
+    var start = start_of(number);
+    var upper = start + time * (end_of(number) - start);
+    for (var i = 0u; i + 1u < strand.particles; i++) {
+        let segment = number;
+        let lower = upper;
+        number += LANES;
+        start = start_of(number);
+        upper = start + time * (end_of(number) - start);
+        let stray = stray_of(segment);
+        let seeks = is_active(segment, stray);
+        let reach = reach_of(stray, seeks);
+        let pieces = pieces_of(rest_length(strand, i, 1u));
+        for (var k = 0u; k < pieces; k++) {
+            let piece = piece_of(lower, upper, k, pieces, reach);
+            if !in_box(piece.middle) {
+                continue;
+            }
+            let bucket = bucket_of(cell_of(piece.middle));
+            if !shelve {
+                atomicAdd(&table[bucket], 1u);
+                continue;
+            }
+            let place = atomicAdd(&table[meet.cells + bucket], 1u);
+            if place < meet.entries {
+                work[meet.bodies + place] = segment | select(0u, ACTIVE, seeks);
+                let ball = meet.bodies + meet.entries + 4u * place;
+                let bits = bitcast<vec4u>(vec4f(piece.middle, piece.radius));
+                work[ball] = bits.x;
+                work[ball + 1u] = bits.y;
+                work[ball + 2u] = bits.z;
+                work[ball + 3u] = bits.w;
+            }
+        }
+    }
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn count_entries(@builtin(global_invocation_id) id: vec3u) {
+    let strand = strand_of(id.x);
+    if strand.here && is_searched() {
+        enter(strand, false);
+    }
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn shelve_entries(@builtin(global_invocation_id) id: vec3u) {
+    let strand = strand_of(id.x);
+    if strand.here && is_searched() {
+        enter(strand, true);
+    }
+}

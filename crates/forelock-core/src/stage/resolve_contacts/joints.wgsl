@@ -1,0 +1,166 @@
+// Contacts that are resolved, joint by joint: the twin of `resolve_contacts`. What a joint does depends on itself and the bodies alone.
+
+@group(0) @binding(31) var<storage, read> owners: array<u32>;
+
+// A list for each segment.
+@compute @workgroup_size(CELLS_GROUP)
+fn reserve_lists(@builtin(global_invocation_id) id: vec3u) {
+    if joint_count() == 0u {
+        return;
+    }
+    for (var segment = id.x; segment < meet.numbers; segment += CELLS_THREADS) {
+        let count = atomicLoad(&table[count_at(segment)]);
+        if count > 0u {
+            atomicStore(&table[cursor_at(segment)], atomicAdd(&touch.taken, count));
+        }
+    }
+}
+
+@compute @workgroup_size(CELLS_GROUP)
+fn link_joints(@builtin(global_invocation_id) id: vec3u) {
+    for (var joint = id.x; joint < joint_count(); joint += CELLS_THREADS) {
+        for (var side = 0u; side < 2u; side++) {
+            let segment = work[field_at(joint, SEGMENTS + side)];
+            let at = side_at(atomicAdd(&table[cursor_at(segment)], 1u));
+            // Times are positive, and then their bits are in their order.
+            work[at] = work[field_at(joint, WHEN)];
+            work[at + 1u] = work[field_at(joint, SEGMENTS + 1u - side)];
+            work[at + 2u] = 2u * joint + side;
+        }
+    }
+}
+
+// Puts the lists in order of time, and says which joints are among the first of both their segments.
+@compute @workgroup_size(CELLS_GROUP)
+fn order_joints(@builtin(global_invocation_id) id: vec3u) {
+    for (var joint = id.x; joint < joint_count(); joint += CELLS_THREADS) {
+        let when = work[field_at(joint, WHEN)];
+        var kept = true;
+        for (var side = 0u; side < 2u; side++) {
+            let segment = work[field_at(joint, SEGMENTS + side)];
+            let other = work[field_at(joint, SEGMENTS + 1u - side)];
+            let count = atomicLoad(&table[count_at(segment)]);
+            // Where the next one goes is behind all of them.
+            let first = atomicLoad(&table[cursor_at(segment)]) - count;
+            var rank = 0u;
+            for (var k = first; k < first + count; k++) {
+                let at = side_at(k);
+                let earlier = work[at] < when || work[at] == when && work[at + 1u] < other;
+                rank += select(0u, 1u, earlier);
+            }
+            work[sorted_at(first + rank)] = 2u * joint + side;
+            kept = kept && rank < meet.per_segment;
+        }
+        work[field_at(joint, KEPT)] = select(0u, 1u, kept);
+        for (var field = PUSH; field < KEPT; field++) {
+            set_field(joint, field, 0.0);
+        }
+        if !kept {
+            continue;
+        }
+        atomicAdd(&report.contacts, 1u);
+        let bend = bitcast<u32>(BEND * field_of(joint, APPROACH));
+        for (var side = 0u; side < 2u; side++) {
+            let segment = work[field_at(joint, SEGMENTS + side)];
+            atomicMax(&table[bend_at(owners[segment / LANES] * LANES + segment % LANES)], bend);
+        }
+    }
+}
+
+// Particle `corner` of a joint and its share in the distance of the two points.
+struct Part {
+    number: u32,
+    weight: f32,
+}
+
+fn part_of(joint: u32, corner: u32) -> Part {
+    let side = corner / 2u;
+    let upper = corner % 2u;
+    let along = field_of(joint, ALONG + side);
+    let weight = select(1.0 - along, along, upper == 1u);
+    let number = work[field_at(joint, SEGMENTS + side)] + upper * LANES;
+    return Part(number, select(weight, -weight, side == 1u));
+}
+
+@compute @workgroup_size(CELLS_GROUP)
+fn weigh_joints(@builtin(global_invocation_id) id: vec3u) {
+    for (var joint = id.x; joint < joint_count(); joint += CELLS_THREADS) {
+        if work[field_at(joint, KEPT)] == 0u {
+            continue;
+        }
+        var w = 0.0;
+        for (var corner = 0u; corner < 4u; corner++) {
+            let part = part_of(joint, corner);
+            w += abs(part.weight) * real(body_at(part.number, SHARE));
+        }
+        set_field(joint, INVERSE_W, select(0.0, 1.0 / max(w, 1e-6), w > 1e-6));
+    }
+}
+
+@compute @workgroup_size(CELLS_GROUP)
+fn press_joints(@builtin(global_invocation_id) id: vec3u) {
+    if touch.done != 0u {
+        return;
+    }
+    var most = 0.0;
+    for (var joint = id.x; joint < joint_count(); joint += CELLS_THREADS) {
+        if work[field_at(joint, KEPT)] == 0u {
+            continue;
+        }
+        var apart = vec3f();
+        var u = vec3f();
+        for (var corner = 0u; corner < 4u; corner++) {
+            let part = part_of(joint, corner);
+            apart += part.weight * work_vector(body_at(part.number, PLACE));
+            u += part.weight * work_vector(body_at(part.number, VELOCITY));
+        }
+        let normal = field_vector(joint, NORMAL);
+        let inverse = field_of(joint, INVERSE_W);
+        let lack = field_of(joint, GAP) - dot(normal, apart);
+        let along = dot(normal, u);
+        let push = max(field_of(joint, PUSH + 1u) + lack * inverse, 0.0);
+        let press = max(field_of(joint, PRESS + 1u) - along * inverse, 0.0);
+        let rub_before = field_vector(joint, RUB + 3u);
+        var rub = rub_before - (u - along * normal) * inverse;
+        let size = length(rub);
+        let most_rub = meet.friction * press;
+        if size > most_rub {
+            rub *= most_rub / size;
+        }
+        let next_push = push + touch.momentum * (push - field_of(joint, PUSH));
+        let next_press = press + touch.momentum * (press - field_of(joint, PRESS));
+        let next_rub = rub + touch.momentum * (rub - field_vector(joint, RUB));
+        set_field_vector(joint, JOINT_MOVES, (next_push - field_of(joint, PUSH + 1u)) * normal);
+        set_field_vector(joint, JOINT_KICKS, (next_press - field_of(joint, PRESS + 1u)) * normal + (next_rub - rub_before));
+        set_field(joint, PUSH, push);
+        set_field(joint, PUSH + 1u, next_push);
+        set_field(joint, PRESS, press);
+        set_field(joint, PRESS + 1u, next_press);
+        set_field_vector(joint, RUB, rub);
+        set_field_vector(joint, RUB + 3u, next_rub);
+        if inverse > 0.0 {
+            most = max(most, max(lack, -along * meet.dt));
+        }
+    }
+    // Of zeros one may be negative, and then larger as a number.
+    if most > 0.0 && bitcast<u32>(most) > atomicLoad(&touch.lack) {
+        atomicMax(&touch.lack, bitcast<u32>(most));
+    }
+}
+
+// Nesterov's sequence; the last round ends on what is feasible.
+@compute @workgroup_size(1)
+fn judge_round() {
+    if touch.done != 0u {
+        return;
+    }
+    let settled = bitcast<f32>(atomicExchange(&touch.lack, 0u)) < meet.close;
+    if touch.last != 0u {
+        touch.done = 1u;
+        return;
+    }
+    touch.round += 1u;
+    let last = settled || touch.round + 1u == meet.rounds;
+    touch.last = select(0u, 1u, last);
+    touch.momentum = select(f32(touch.round) / f32(touch.round + 3u), 0.0, last);
+}

@@ -1,0 +1,159 @@
+// Contacts that are resolved, strand by strand, one a thread: the twin of `resolve_contacts::spread`. Only strands that a joint bends take part.
+
+fn number_of(strand: Strand, i: u32) -> u32 {
+    return (blocks[strand.block].place + i) * LANES + strand.lane;
+}
+
+// The length over which a strand's joints bend it at least, metres; 0 if it has none.
+fn bend_of(strand: Strand) -> f32 {
+    return bitcast<f32>(atomicLoad(&table[bend_at(blocks[strand.block].number * LANES + strand.lane)]));
+}
+
+// What the joints of particle `i` add to it: moves and kicks, or the sum of their weights.
+struct Sum {
+    moves: vec3f,
+    kicks: vec3f,
+    weight: f32,
+}
+
+fn sum_of(strand: Strand, i: u32) -> Sum {
+    var sum = Sum();
+    // Its own segment, and the one before, whose upper end it is.
+    for (var upper = 0u; upper < 2u; upper++) {
+        if i < upper {
+            break;
+        }
+        let segment = number_of(strand, i - upper);
+        let count = atomicLoad(&table[count_at(segment)]);
+        if count == 0u {
+            continue;
+        }
+        let first = atomicLoad(&table[cursor_at(segment)]) - count;
+        for (var k = first; k < first + count; k++) {
+            let side = work[sorted_at(k)];
+            let joint = side / 2u;
+            if work[field_at(joint, KEPT)] == 0u {
+                continue;
+            }
+            let along = field_of(joint, ALONG + side % 2u);
+            let size = select(1.0 - along, along, upper == 1u);
+            let weight = select(size, -size, side % 2u == 1u);
+            sum.moves += weight * field_vector(joint, JOINT_MOVES);
+            sum.kicks += weight * field_vector(joint, JOINT_KICKS);
+            sum.weight += size;
+        }
+    }
+    return sum;
+}
+
+// Factors the strand's matrix, and spreads the shares.
+@compute @workgroup_size(WORKGROUP)
+fn prepare_strands(@builtin(global_invocation_id) id: vec3u) {
+    let strand = strand_of(id.x);
+    if !strand.here {
+        return;
+    }
+    let bend = bend_of(strand);
+    if bend == 0.0 {
+        return;
+    }
+    let reach = max(bend, meet.spread);
+    // Of the particle before: α, one over the pivot, the share.
+    var before = vec3f();
+    // The pivot less α to the next particle: a sum of what is positive, where the plain pivot would cancel.
+    var own = 0.0;
+    for (var i = 0u; i < strand.particles; i++) {
+        let number = number_of(strand, i);
+        var ratio = 0.0;
+        if i + 1u < strand.particles {
+            ratio = reach / rest_length(strand, i, 1u);
+        }
+        let alpha = ratio * ratio;
+        var now = vec3f(alpha, 0.0, 0.0);
+        if i >= meet.clamped {
+            let held = select(1.0, own * before.y, before.y > 0.0);
+            own = 1.0 + before.x * held;
+            now.y = 1.0 / (own + alpha);
+            now.z = sum_of(strand, i).weight + before.x * before.y * before.z;
+        }
+        set_real(body_at(number, ALPHA), alpha);
+        set_real(body_at(number, PIVOT), now.y);
+        set_real(body_at(number, SHARE), now.z);
+        let velocity = (meet.from_end * vec4f(velocity_at(strand, i), 0.0)).xyz;
+        set_work_vector(body_at(number, PLACE), work_vector(row_of(number, WAY_ROWS, 0u)));
+        set_work_vector(body_at(number, VELOCITY), velocity);
+        before = now;
+    }
+    var next = 0.0;
+    for (var k = 0u; k < strand.particles; k++) {
+        let number = number_of(strand, strand.particles - 1u - k);
+        let at = body_at(number, SHARE);
+        next = (real(at) + real(body_at(number, ALPHA)) * next) * real(body_at(number, PIVOT));
+        set_real(at, next);
+    }
+}
+
+// Moves the strand by S of what its joints add.
+@compute @workgroup_size(WORKGROUP)
+fn take_moves(@builtin(global_invocation_id) id: vec3u) {
+    let strand = strand_of(id.x);
+    if !strand.here || touch.done != 0u || bend_of(strand) == 0.0 {
+        return;
+    }
+    var share = 0.0;
+    var moves = vec3f();
+    var kicks = vec3f();
+    for (var i = 0u; i < strand.particles; i++) {
+        let number = number_of(strand, i);
+        let sum = sum_of(strand, i);
+        moves = sum.moves + share * moves;
+        kicks = sum.kicks + share * kicks;
+        set_work_vector(body_at(number, MOVES), moves);
+        set_work_vector(body_at(number, KICKS), kicks);
+        share = real(body_at(number, ALPHA)) * real(body_at(number, PIVOT));
+    }
+    moves = vec3f();
+    kicks = vec3f();
+    for (var k = 0u; k < strand.particles; k++) {
+        let number = number_of(strand, strand.particles - 1u - k);
+        let alpha = real(body_at(number, ALPHA));
+        let pivot = real(body_at(number, PIVOT));
+        moves = (work_vector(body_at(number, MOVES)) + alpha * moves) * pivot;
+        kicks = (work_vector(body_at(number, KICKS)) + alpha * kicks) * pivot;
+        let place = body_at(number, PLACE);
+        set_work_vector(place, work_vector(place) + moves);
+        let velocity = body_at(number, VELOCITY);
+        set_work_vector(velocity, work_vector(velocity) + kicks);
+    }
+}
+
+// Gives positions and velocities what joints changed.
+@compute @workgroup_size(WORKGROUP)
+fn apply_moves(@builtin(global_invocation_id) id: vec3u) {
+    let strand = strand_of(id.x);
+    if !strand.here || bend_of(strand) == 0.0 {
+        return;
+    }
+    var farthest = 0.0;
+    for (var i = meet.clamped; i < strand.particles; i++) {
+        let number = number_of(strand, i);
+        let x = position_at(strand, i);
+        let v = velocity_at(strand, i);
+        let moved = work_vector(body_at(number, PLACE)) - work_vector(row_of(number, WAY_ROWS, 0u));
+        let changed = work_vector(body_at(number, VELOCITY)) - (meet.from_end * vec4f(v, 0.0)).xyz;
+        if !(all_finite(moved) && all_finite(changed)) {
+            continue;
+        }
+        set_position(strand, i, x + (vec4f(moved, 0.0) * meet.from_end).xyz);
+        set_velocity(strand, i, v + (vec4f(changed, 0.0) * meet.from_end).xyz);
+        let distance = length(moved);
+        farthest = max(farthest, distance);
+        let at = entry(strand, i, 2u, 1u);
+        if memory[at] >= 0.0 {
+            memory[at] = max(memory[at] - distance, 0.0);
+        }
+    }
+    if bitcast<u32>(farthest) > atomicLoad(&touch.farthest) {
+        atomicMax(&touch.farthest, bitcast<u32>(farthest));
+    }
+}

@@ -1,0 +1,296 @@
+//! Contacts between strands on the GPU, against the same on the CPU.
+
+#![expect(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "a test fails where it cannot be set up, and tells how near it came"
+)]
+
+mod common;
+#[path = "common/little.rs"]
+mod little;
+
+use forelock_core::contact::{ContactParams, ContactReport};
+use forelock_core::grid::GridParams;
+use forelock_core::lane::LANES;
+use forelock_core::model::Strands;
+use forelock_core::pose::Pose;
+use forelock_core::solver::params::Inextensibility;
+use forelock_core::solver::{AmsParams, Frame, Options, Simulation};
+use forelock_core::stage::SCRATCH_ROWS;
+use forelock_core::state::Snapshot;
+use forelock_gpu::{Choice, Gpu, GpuError, GpuSimulation};
+use glam::{DQuat, DVec3, Vec3};
+use std::ops::Range;
+
+const FPS: f64 = 60.0;
+/// Strands along a wisp's side.
+const SIDE: usize = 10;
+const PARTICLES: usize = 20;
+/// Of a position 0.2 m from the origin in float32, some times, metres.
+const ROUNDING: f64 = 1e-7;
+
+/// Two wisps that cross at a right angle, 3 cm apart; a few strands of each have edges four times as long, and so are sought in pieces.
+struct Wisps {
+    positions: Vec<[f32; 3]>,
+    offsets: Vec<u32>,
+    /// Strands of one of them.
+    count: usize,
+}
+
+impl Wisps {
+    fn new(side: usize) -> Self {
+        let (wisp_strands, middle) = (side * side, 0.5 * (side - 1) as f64);
+        let (mut positions, mut offsets) = (Vec::new(), vec![0]);
+        for k in 0..2 * wisp_strands {
+            let (wisp, k) = (k / wisp_strands, k % wisp_strands);
+            let sign = 2.0 * wisp as f64 - 1.0;
+            let down = DQuat::from_rotation_x(0.25 * std::f64::consts::PI * sign) * DVec3::NEG_Y;
+            let across = down.cross(DVec3::X);
+            let (u, v) = ((k % side) as f64 - middle, (k / side) as f64 - middle);
+            // About 1.5 mm apart, not in rows that fit each other.
+            let jitter = 0.3e-3 * (k as f64 * 12.9898 + sign).sin();
+            let root = -0.1 * down + across * (1.5e-3 * u + jitter) + DVec3::X * (0.015 * sign + 1.5e-3 * v);
+            let (count, edge) = if k % 7 == 3 { (PARTICLES / 4, 0.04) } else { (PARTICLES, 0.01) };
+            positions.extend((0..count).map(|i| (root + down * (edge * i as f64)).as_vec3().to_array()));
+            offsets.push(positions.len() as u32);
+        }
+        Self { positions, offsets, count: wisp_strands }
+    }
+
+    fn strands(&self) -> Strands<'_, f32> {
+        Strands { positions: &self.positions, offsets: &self.offsets, stiffness: None }
+    }
+
+    /// All of one wisp thrown at the other, each strand a little differently.
+    fn thrown(&self, mut snapshot: Snapshot<f32>) -> Snapshot<f32> {
+        for (strand, range) in self.offsets.windows(2).enumerate() {
+            let way = if strand < self.count { 1.2 } else { -1.2 };
+            for v in &mut snapshot.velocities[range[0] as usize..range[1] as usize] {
+                *v = [way + 0.1 * (strand as f32).sin(), 0.05 * (3.0 * strand as f32).sin(), 0.0];
+            }
+        }
+        snapshot
+    }
+}
+
+/// The head swings all hair about.
+fn head(frame: u32) -> Pose {
+    let t = f64::from(frame) / FPS;
+    Pose::new(DQuat::from_rotation_y(2.0 * t), DVec3::new(0.0, 0.3 * t * t, 0.5 * t))
+}
+
+fn frame(number: u32) -> Frame<'static> {
+    Frame {
+        head: [head(number), head(number + 1)],
+        colliders: &[],
+        gravity: DVec3::new(0.0, -9.81, 0.0),
+        air_velocity: DVec3::ZERO,
+        dt_secs: 1.0 / FPS,
+    }
+}
+
+fn options() -> Options {
+    Options { rest_pose: head(0), ..Options::default() }
+}
+
+/// A frame that begins after `after` frames with contacts, on the CPU under `params` and on the GPU under `other`; with a grid, too, if there is one.
+struct Compared {
+    /// What contacts changed on the CPU, and by how much the GPU is off: velocities and positions, root mean squares.
+    given: [f64; 2],
+    apart: [f64; 2],
+    /// What contacts did, there and here.
+    did: [ContactReport; 2],
+}
+
+impl Compared {
+    fn new(
+        gpu: &Gpu,
+        [params, other]: [&ContactParams; 2],
+        (solver, grid): (&AmsParams, Option<&GridParams>),
+        after: u32,
+    ) -> Self {
+        let wisps = Wisps::new(SIDE);
+        let mut cpu = Simulation::from_strands(&wisps.strands(), solver, &options()).unwrap();
+        let thrown = wisps.thrown(cpu.snapshot());
+        cpu.restore(&thrown).unwrap();
+        cpu.set_contacts(Some(&ContactParams::default())).unwrap();
+        for number in 0..after {
+            cpu.step_frame(&frame(number)).unwrap();
+        }
+        let start = cpu.snapshot();
+        cpu.set_grid(grid).unwrap();
+        cpu.set_contacts(None).unwrap();
+        cpu.step_frame(&frame(after)).unwrap();
+        let alone = cpu.snapshot();
+        cpu.restore(&start).unwrap();
+        cpu.set_contacts(Some(params)).unwrap();
+        let on_cpu = cpu.step_frame(&frame(after)).unwrap().strand_contacts;
+        let cpu = cpu.snapshot();
+        let mut own = GpuSimulation::from_strands(gpu, &wisps.strands(), solver, &options()).unwrap();
+        own.set_grid(grid).unwrap();
+        own.set_contacts(Some(other)).unwrap();
+        own.restore(&start).unwrap();
+        own.step_frame(&frame(after)).unwrap();
+        let on_gpu = own.report().unwrap().strand_contacts.unwrap();
+        let own = own.snapshot().unwrap();
+        let of = |a: &Snapshot<f32>, b: &Snapshot<f32>| {
+            [rms(&a.velocities, &b.velocities), rms(&a.positions, &b.positions)]
+        };
+        let own = Self { given: of(&cpu, &alone), apart: of(&own, &cpu), did: [on_cpu, on_gpu] };
+        let [there, here] = own.did;
+        println!(
+            "m/s and m: given {:?}, apart {:?}; contacts {} and {}, farthest {} and {} m",
+            own.given, own.apart, there.contacts, here.contacts, there.farthest_m, here.farthest_m
+        );
+        own
+    }
+
+    /// Whether velocities and positions are apart by less than `share` of what contacts gave.
+    fn is_within(&self, share: f64) -> bool {
+        self.apart[0] < share * self.given[0] && self.apart[1] < share * self.given[1] + ROUNDING
+    }
+}
+
+fn rms(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
+    let squares = a.iter().zip(b).map(|(a, b)| f64::from(Vec3::from(*a).distance_squared(Vec3::from(*b))));
+    (squares.sum::<f64>() / a.len() as f64).sqrt()
+}
+
+/// The same contacts, found another way. What float64 differs from float32 on the CPU is as much.
+#[test]
+fn strands_touch_as_on_the_cpu() {
+    let Some(gpu) = common::gpu() else { return };
+    let (solver, usual) = (AmsParams::default(), ContactParams::default());
+    for after in [2, 4, 8, 16] {
+        let own = Compared::new(&gpu, [&usual; 2], (&solver, None), after);
+        let [there, here] = own.did.map(|did| did.contacts);
+        assert!(there > 1000 && there.abs_diff(here) < 4);
+        assert!(own.given[0] > 0.02 && own.is_within(1e-3));
+    }
+    for params in [
+        ContactParams { distance: 8e-4, ..usual.clone() },
+        ContactParams { slip: 0.5, ..usual.clone() },
+        ContactParams { friction: 0.0, spread: 0.0, ..usual.clone() },
+        ContactParams { friction: 2.0, spread: 0.3, ..usual.clone() },
+        ContactParams { rounds: 1, ..usual.clone() },
+        ContactParams { rounds: 400, slip: 0.3, ..usual.clone() },
+        ContactParams { per_segment: 3, ..usual.clone() },
+    ] {
+        println!("{params:?}");
+        assert!(Compared::new(&gpu, [&params; 2], (&solver, None), 8).is_within(2e-3));
+    }
+    for solver in [
+        AmsParams { clamped: 3, ..AmsParams::default() },
+        AmsParams { inextensibility: Inextensibility::Off, ..AmsParams::default() },
+        AmsParams { inextensibility: Inextensibility::Dftl, ..AmsParams::default() },
+    ] {
+        // One contact may be there or not by a rounding.
+        assert!(Compared::new(&gpu, [&usual; 2], (&solver, None), 8).is_within(5e-3));
+    }
+    // On the grid two solvers find one pressure, each to its tolerance.
+    let grid = GridParams::default();
+    assert!(Compared::new(&gpu, [&usual; 2], (&solver, Some(&grid)), 8).is_within(1e-2));
+}
+
+/// Where there are more than there is a budget for, both keep as many, the fastest, and come to about the same.
+#[test]
+fn a_budget_keeps_the_fastest() {
+    let Some(gpu) = common::gpu() else { return };
+    for budget in [64, 300, 2000] {
+        let params = ContactParams { budget, ..ContactParams::default() };
+        let own = Compared::new(&gpu, [&params; 2], (&AmsParams::default(), None), 2);
+        let [there, here] = own.did.map(|did| did.contacts);
+        assert!(there.abs_diff(here) < 6 + budget as usize / 16, "{there} {here}");
+        assert!(own.is_within(0.1));
+    }
+    // Hair flies into each other so fast that single segments meet more than are taken up.
+    let own = Compared::new(&gpu, [&ContactParams::default(); 2], (&AmsParams::default(), None), 0);
+    assert!(own.is_within(0.03));
+}
+
+/// The comparison can fail: each parameter is felt.
+#[test]
+fn other_contacts_are_seen() {
+    let Some(gpu) = common::gpu() else { return };
+    let usual = ContactParams::default();
+    for other in [
+        ContactParams { distance: 6e-4, ..usual.clone() },
+        ContactParams { slip: 0.1, ..usual.clone() },
+        ContactParams { budget: 1000, ..usual.clone() },
+        ContactParams { friction: 0.2, ..usual.clone() },
+        ContactParams { spread: 0.06, ..usual.clone() },
+        ContactParams { rounds: 12, ..usual.clone() },
+        ContactParams { per_segment: 4, ..usual.clone() },
+    ] {
+        let own = Compared::new(&gpu, [&usual, &other], (&AmsParams::default(), None), 8);
+        assert!(!own.is_within(5e-3), "{other:?}");
+    }
+}
+
+/// Twice the same bits: also of a run that was interrupted, with stages timed, on the grid, and in many batches on a device that binds little at once.
+#[test]
+fn contacts_are_the_same_bits_whatever_the_order() {
+    let Some(gpu) = common::gpu() else { return };
+    let wisps = Wisps::new(31);
+    // So few that it matters which.
+    let params = ContactParams { budget: 1500, ..ContactParams::default() };
+    let new = |gpu: &Gpu, meets: bool| {
+        let mut own =
+            GpuSimulation::from_strands(gpu, &wisps.strands(), &AmsParams::default(), &options()).unwrap();
+        own.set_contacts(Some(&params)).unwrap();
+        let grid = GridParams { max_cells: 5000, resolution: 24, iterations: 12, ..GridParams::default() };
+        own.set_grid(meets.then_some(&grid)).unwrap();
+        let thrown = wisps.thrown(own.snapshot().unwrap());
+        own.restore(&thrown).unwrap();
+        own
+    };
+    let run = |mut own: GpuSimulation, frames: Range<u32>| {
+        frames.for_each(|number| own.step_frame(&frame(number)).unwrap());
+        own
+    };
+    for meets in [false, true] {
+        let mut whole = run(new(&gpu, meets), 0..8);
+        assert!(whole.report().unwrap().strand_contacts.unwrap().contacts > 100);
+        let whole = whole.state_hash().unwrap();
+        assert_eq!(run(new(&gpu, meets), 0..8).state_hash().unwrap(), whole);
+        let half = run(new(&gpu, meets), 0..3).snapshot().unwrap();
+        let mut resumed = new(&gpu, meets);
+        resumed.restore(&half).unwrap();
+        resumed.time_stages(true);
+        let places = resumed.model().places();
+        assert_eq!(run(resumed, 3..8).state_hash().unwrap(), whole);
+        const LITTLE: u64 = 3_900_000;
+        let small = little::binding_little(&gpu, LITTLE);
+        let scratch = 4 * (SCRATCH_ROWS * LANES * places) as u64;
+        assert!(scratch > LITTLE, "all in one batch");
+        assert_eq!(run(new(&small, meets), 0..8).state_hash().unwrap(), whole);
+    }
+}
+
+/// Nothing is made or read in a steady frame, and what is too large is said to be.
+#[test]
+fn a_steady_frame_with_contacts_makes_nothing_and_reads_nothing_back() {
+    let Some(gpu) = common::gpu() else { return };
+    // A device of its own, for counts are a device's.
+    let gpu = Gpu::open(&Choice::Named(gpu.name().to_owned())).unwrap();
+    let wisps = Wisps::new(SIDE);
+    let mut own =
+        GpuSimulation::from_strands(&gpu, &wisps.strands(), &AmsParams::default(), &options()).unwrap();
+    let wrong = ContactParams { distance: 0.0, ..ContactParams::default() };
+    assert!(matches!(own.set_contacts(Some(&wrong)), Err(GpuError::Params(_))));
+    own.set_contacts(Some(&ContactParams { rounds: 4, ..ContactParams::default() })).unwrap();
+    let thrown = wisps.thrown(own.snapshot().unwrap());
+    own.restore(&thrown).unwrap();
+    own.step_frame(&frame(0)).unwrap();
+    let before = gpu.counts();
+    (1..6).for_each(|number| own.step_frame(&frame(number)).unwrap());
+    assert_eq!(gpu.counts(), before);
+    own.set_contacts(None).unwrap();
+    own.step_frame(&frame(6)).unwrap();
+    assert_eq!(own.report().unwrap().strand_contacts, None);
+    let small = little::binding_little(&gpu, 1 << 18);
+    let mut own =
+        GpuSimulation::from_strands(&small, &wisps.strands(), &AmsParams::default(), &options()).unwrap();
+    assert!(matches!(own.set_contacts(Some(&ContactParams::default())), Err(GpuError::TooLarge { .. })));
+}
