@@ -66,6 +66,9 @@ pub struct RunArgs {
     /// Where to compute.
     #[arg(long, value_enum, default_value_t = Backend::Cpu)]
     pub backend: Backend,
+    /// Compute on a graphics processor, but stages before STAGE on this one: a stage that goes wrong there is found by trying.
+    #[arg(long, value_name = "STAGE", value_parser = gpu_stage, conflicts_with = "backend")]
+    pub gpu_from: Option<forelock::GpuStage>,
     /// Solver, the same as `--set solver.kind=NAME`.
     #[arg(long, value_name = "NAME")]
     pub solver: Option<String>,
@@ -96,10 +99,25 @@ pub struct SimulateArgs {
 pub enum Backend {
     /// This processor.
     Cpu,
-    /// A graphics processor: free and solid-bound hair; not yet hair against hair, nor wind that is not the same everywhere.
+    /// A graphics processor.
     Gpu,
     /// A graphics processor if there is one that can do what the scene asks for, else this processor.
     Auto,
+}
+
+impl RunArgs {
+    /// Where to compute.
+    pub fn backend(&self) -> forelock::Backend {
+        self.gpu_from.map_or_else(|| self.backend.into(), forelock::Backend::GpuFrom)
+    }
+}
+
+fn gpu_stage(name: &str) -> Result<forelock::GpuStage, String> {
+    let all = forelock::GpuStage::ALL;
+    all.into_iter().find(|stage| stage.name() == name).ok_or_else(|| {
+        let names = all.map(forelock::GpuStage::name).join(", ");
+        format!("should be one of {names}; the grid goes as splat_segments, contacts as find_contacts")
+    })
 }
 
 impl From<Backend> for forelock::Backend {

@@ -90,6 +90,53 @@ fn a_run_on_a_gpu_is_like_one_on_the_cpu_and_resumes_bit_for_bit() {
     }
 }
 
+/// Stages before one on the CPU: with the first it is a run on the GPU, with the last, which only looks, one on the CPU, bit for bit; between them like both.
+#[test]
+fn stages_can_be_left_on_the_cpu() {
+    if !has_gpu() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("scene.toml");
+    // Wind that is not the same everywhere is sampled anew after each exchange.
+    std::fs::write(
+        &file,
+        SCENES[1].replace("[wind]", "[body]\nmotion = \"builtin:shake\"\n").split("velocity").next().unwrap(),
+    )
+    .unwrap();
+    let run = |how: [&str; 2]| {
+        let mut command = Command::cargo_bin("forelock").unwrap();
+        command
+            .arg("simulate")
+            .arg(&file)
+            .arg("--json")
+            .args(how)
+            .arg("--out")
+            .arg(folder.path().join("out"));
+        let small = ["time.frames=6", "groom.strands=200", "body.sdf_cells=32", "output.picture=false"];
+        small.iter().for_each(|key| _ = command.args(["--set", key]));
+        summary(&mut command)
+    };
+    let [gpu, cpu] = ["gpu", "cpu"].map(|backend| run(["--backend", backend]));
+    for stage in [
+        "solve_strands",
+        "resolve_solids",
+        "restore_lengths",
+        "splat_segments",
+        "find_contacts",
+        "check_strands",
+    ] {
+        let own = run(["--gpu-from", stage]);
+        assert_eq!(own["backend"], "gpu", "{stage}");
+        for key in ["max_penetration_m", "max_edge_stretch", "max_edge_stretch_after_solids"] {
+            let [a, b] = [&own, &cpu].map(|summary| summary[key].as_f64().unwrap());
+            assert!((a - b).abs() < 1e-4 + 1e-3 * b, "{key}: {a} {b} from {stage}");
+        }
+        let same = |other: &Value| own["state_hash"] == other["state_hash"];
+        assert_eq!([same(&gpu), same(&cpu)], [stage == "solve_strands", stage == "check_strands"], "{stage}");
+    }
+}
+
 #[test]
 #[cfg(target_os = "linux")]
 fn without_a_gpu_one_clear_error_or_the_cpu() {

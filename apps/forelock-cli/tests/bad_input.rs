@@ -94,6 +94,13 @@ fn command_lines_with_mistakes() {
         ("no equals sign", vec!["demo", "--set", "time.fps"], 1, "not of the form key=value"),
         ("negative frames", vec!["demo", "--frames", "-3"], 1, "--frames -3: `time.frames` should be"),
         ("wrong solver", vec!["demo", "--solver", "asm"], 1, "--solver asm: `solver.kind` cannot be \"asm\""),
+        ("no such stage", vec!["demo", "--gpu-from", "solve_pressure"], 2, "the grid goes as splat_segments"),
+        (
+            "two backends",
+            vec!["demo", "--gpu-from", "find_contacts", "--backend", "cpu"],
+            2,
+            "cannot be used with",
+        ),
         ("wrong cache", vec!["demo", "--cache", "x.abc"], 1, "ends in .abc: this version writes .npz"),
         ("wrong preset", vec!["grow", "x.hair", "--preset", "wvay"], 1, "did you mean \"wavy\"?"),
         ("wrong growth", vec!["grow", "x.hair", "--set", "noise=-1"], 1, "`groom.grow.noise` should be"),

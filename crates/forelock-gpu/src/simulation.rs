@@ -16,7 +16,7 @@ use forelock_core::grid::{GridFrame, GridParams, GridReport};
 use forelock_core::groom::Groom;
 use forelock_core::model::{Model, Strands};
 use forelock_core::solver::params::Inextensibility;
-use forelock_core::solver::{AmsParams, Frame, Options, Simulation};
+use forelock_core::solver::{AmsParams, Frame, FrameStep, Meeting, Options, Simulation};
 use forelock_core::stage::find_contacts::SLICES;
 use forelock_core::state::{Snapshot, State};
 use glam::DVec3;
@@ -301,6 +301,19 @@ impl GpuSimulation {
     /// # Errors
     /// As [`GpuSimulation::step_frame`].
     pub fn step_frame_in(&mut self, frame: &Frame<'_>, wind: Option<&WindField>) -> Result<(), GpuError> {
+        self.step_part(frame, wind, &self.steps())
+    }
+
+    /// Some steps of a frame, in their order, for whoever runs the others on the CPU: see [`FrameStep::all`].
+    ///
+    /// # Errors
+    /// As [`GpuSimulation::step_frame`].
+    pub fn step_part(
+        &mut self,
+        frame: &Frame<'_>,
+        wind: Option<&WindField>,
+        steps: &[FrameStep],
+    ) -> Result<(), GpuError> {
         self.gpu.check()?;
         self.params.validate_step(frame.dt_secs, self.options.beyond_float32)?;
         self.hold(frame.colliders)?;
@@ -313,9 +326,9 @@ impl GpuSimulation {
             self.bind();
             self.gpu.check()?;
         }
-        let shelter = self.place(&Frame { air_velocity, ..*frame }, wind.as_ref());
+        let shelter = self.place(&Frame { air_velocity, ..*frame }, wind.as_ref(), steps);
         let mut encoder = self.gpu.device().create_command_encoder(&Default::default());
-        self.encode(&mut encoder, look_at(frame.colliders), shelter);
+        self.encode(&mut encoder, &self.plan(steps, look_at(frame.colliders), shelter));
         self.gpu.queue().submit([encoder.finish()]);
         Ok(())
     }
@@ -333,19 +346,19 @@ impl GpuSimulation {
 
     /// Times stages from the next frame on, or not any more; whether the device can.
     pub fn time_stages(&mut self, on: bool) -> bool {
-        let plan = self.plan(Some(Kernel::ResolveSolids), Some(Shelter { wake: true, canopy: true }));
+        let (look, air) = (Some(Kernel::ResolveSolids), Some(Shelter { wake: true, canopy: true }));
+        let plan = self.plan(&self.steps(), look, air);
         let passes = by_stage(&plan).count() as u32;
         self.clock = on.then(|| Clock::new(&self.gpu, passes)).flatten();
         self.clock.is_some()
     }
 
-    /// All kernels of a frame: in one pass, or where they are timed each stage in its own.
-    fn encode(&mut self, encoder: &mut wgpu::CommandEncoder, look: Option<Kernel>, air: Option<Shelter>) {
-        let plan = self.plan(look, air);
+    /// All kernels of a plan: in one pass, or where they are timed each stage in its own.
+    fn encode(&mut self, encoder: &mut wgpu::CommandEncoder, plan: &[Call]) {
         let mut clock = self.clock.take();
         if let Some(clock) = &mut clock {
             clock.begin();
-            for calls in by_stage(&plan) {
+            for calls in by_stage(plan) {
                 let stage = calls[0].kernel.stage();
                 let timestamp_writes = Some(clock.next(stage.stage));
                 let described = wgpu::ComputePassDescriptor { label: Some(stage.name), timestamp_writes };
@@ -361,47 +374,51 @@ impl GpuSimulation {
         self.clock = clock;
     }
 
-    /// The kernels of a frame in their order, with the one that looks at solids, if there are any. Strands go batch by batch as far as they do not meet.
-    fn plan(&self, look: Option<Kernel>, air: Option<Shelter>) -> Vec<Call> {
-        let (count, lengths) = (self.params.substeps, self.restores_lengths());
+    /// The kernels of `steps` in their order, with the one that looks at solids, if there are any. Strands go batch by batch as far as they do not meet.
+    fn plan(&self, steps: &[FrameStep], look: Option<Kernel>, air: Option<Shelter>) -> Vec<Call> {
         let mut plan = Vec::new();
-        let batches = 0..self.batches.len();
-        if self.contacts.is_some() {
-            self.call_all(&mut plan, Kernel::NoteStart, 0);
-        }
-        if let Some(shelter) = air {
-            self.blow(&mut plan, shelter);
-        }
-        for batch in batches.clone() {
-            let mut add = |kernel, number| plan.push(Call { kernel, batch, number });
-            for number in 0..count {
-                add(Kernel::SolveStrands, number);
-                if let Some(look) = look {
-                    add(look, number);
+        let meets =
+            |step: &FrameStep| matches!(step, FrameStep::NoteStart | FrameStep::Grid | FrameStep::Contacts);
+        for steps in steps.chunk_by(|a, b| meets(a) == meets(b)) {
+            if meets(&steps[0]) {
+                steps.iter().for_each(|step| self.meet(&mut plan, *step));
+                continue;
+            }
+            if let Some(shelter) = air.filter(|_| steps.contains(&FrameStep::SolveStrands(0))) {
+                self.blow(&mut plan, shelter);
+            }
+            for batch in 0..self.batches.len() {
+                let last = self.params.substeps - 1;
+                for step in steps {
+                    let call = match *step {
+                        FrameStep::SolveStrands(number) => Some((Kernel::SolveStrands, number)),
+                        FrameStep::ResolveSolids(number) => look.map(|look| (look, number)),
+                        FrameStep::LastSolids => look.map(|look| (look, last + 1)),
+                        FrameStep::RestoreLengths => Some((Kernel::RestoreLengths, last)),
+                        _ => Some((Kernel::CheckStrands, last)),
+                    };
+                    plan.extend(call.map(|(kernel, number)| Call { kernel, batch, number }));
                 }
             }
-            if lengths {
-                add(Kernel::RestoreLengths, count - 1);
-            }
-            if !self.meets() {
-                self.finish(&mut plan, batch, look);
-            }
-        }
-        if let Some(grid) = &self.grid {
-            self.meet(&mut plan, grid.params.iterations);
-        }
-        if let Some(contacts) = &self.contacts {
-            self.touch(&mut plan, contacts.params.rounds);
-        }
-        if self.meets() {
-            batches.for_each(|batch| self.finish(&mut plan, batch, look));
         }
         plan
     }
 
-    /// Whether strands meet, on a grid or in contacts: frames are cut there.
-    fn meets(&self) -> bool {
-        self.grid.is_some() || self.contacts.is_some()
+    /// A step in which strands meet.
+    fn meet(&self, plan: &mut Vec<Call>, step: FrameStep) {
+        if let (FrameStep::Grid, Some(grid)) = (step, &self.grid) {
+            self.exchange(plan, grid.params.iterations);
+        } else if let Some(contacts) = &self.contacts {
+            match step {
+                FrameStep::NoteStart => self.call_all(plan, Kernel::NoteStart, 0),
+                _ => self.touch(plan, contacts.params.rounds),
+            }
+        }
+    }
+
+    fn steps(&self) -> Vec<FrameStep> {
+        let meeting = Meeting { grid: self.grid.is_some(), contacts: self.contacts.is_some() };
+        FrameStep::all(&self.params, meeting).collect()
     }
 
     /// Contacts between strands are found and resolved, in so many rounds at most.
@@ -448,8 +465,8 @@ impl GpuSimulation {
         plan.extend((0..batches).map(|batch| Call { kernel, batch, number }));
     }
 
-    /// Strands meet on the grid, whose pressure takes so many sweeps at most.
-    fn meet(&self, plan: &mut Vec<Call>, sweeps: u32) {
+    /// Strands exchange what they have on the grid, whose pressure takes so many sweeps at most.
+    fn exchange(&self, plan: &mut Vec<Call>, sweeps: u32) {
         use Kernel::{
             AimDisplacements, AimVelocities, ClearGrid, Divide, FitGrid, GatherDisplacements,
             GatherVelocities, Judge, MeasureHair, PushDisplacements, PushVelocities, RelaxEven, RelaxOdd,
@@ -469,14 +486,6 @@ impl GpuSimulation {
         for kernel in kernels {
             self.call_all(plan, kernel, self.params.substeps);
         }
-    }
-
-    /// Solids have the last word; then checks.
-    fn finish(&self, plan: &mut Vec<Call>, batch: usize, look: Option<Kernel>) {
-        let count = self.params.substeps;
-        let last = look.filter(|_| self.looks_last());
-        plan.extend(last.map(|kernel| Call { kernel, batch, number: count }));
-        plan.push(Call { kernel: Kernel::CheckStrands, batch, number: count - 1 });
     }
 
     fn call(&self, pass: &mut wgpu::ComputePass<'_>, call: &Call) {
@@ -499,19 +508,22 @@ impl GpuSimulation {
 
     /// Whether solids are looked at once more at the frame's end.
     fn looks_last(&self) -> bool {
-        self.restores_lengths() || self.meets()
+        self.steps().contains(&FrameStep::LastSolids)
     }
 
     fn restores_lengths(&self) -> bool {
         self.params.inextensibility != Inextensibility::Off
     }
 
-    /// Brings what the frame's strands share to the device; what shelters from the `wind`, if there is one that is not the same everywhere.
-    fn place(&mut self, frame: &Frame<'_>, wind: Option<&WindField>) -> Option<Shelter> {
+    /// Brings what the frame's strands share to the device, before `steps` of it; what shelters from the `wind`, if there is one that is not the same everywhere.
+    fn place(&mut self, frame: &Frame<'_>, wind: Option<&WindField>, steps: &[FrameStep]) -> Option<Shelter> {
         let origin = frame.origin(&self.model);
         let start = self.model.about_centre(&frame.head[0], self.mirror.origin);
         let shift = self.mirror.origin - origin;
-        self.mirror.origin = origin;
+        // Positions go there in the first substep.
+        if steps.contains(&FrameStep::SolveStrands(0)) {
+            self.mirror.origin = origin;
+        }
         let air = (frame.air_velocity, wind.is_some());
         let uniform = FrameUniform::new(&self.params, frame.dt_secs, frame.gravity, air);
         self.gpu.queue().write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&uniform));

@@ -7,8 +7,8 @@
 use forelock_core::air::WindField;
 use forelock_core::contact::ContactParams;
 use forelock_core::grid::GridParams;
-use forelock_core::solver::{Frame, FrameReport, STAGES, Simulation};
-use forelock_gpu::{Choice, Gpu, GpuError, GpuSimulation};
+use forelock_core::solver::{Frame, FrameReport, FrameStep, STAGES, Simulation};
+use forelock_gpu::{Choice, Gpu, GpuError, GpuReport, GpuSimulation};
 
 use crate::assets::Assets;
 use crate::run::RunError;
@@ -24,6 +24,54 @@ pub enum Backend {
     Gpu,
     /// On a graphics processor if there is one that can do what the scene asks for, else on this one.
     Auto,
+    /// On a graphics processor, but for the stages before this one: if a picture is right from one stage on and wrong from the stage before, that one is wrong.
+    GpuFrom(GpuStage),
+}
+
+/// A stage from which on a run can be on a GPU, in the order of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum GpuStage {
+    /// All of them.
+    SolveStrands,
+    /// Hair against solids.
+    ResolveSolids,
+    /// Edges back to their lengths.
+    RestoreLengths,
+    /// Hair on the grid, whose three stages go together.
+    SplatSegments,
+    /// Contacts between strands, found and resolved together.
+    FindContacts,
+    /// Nothing but the last.
+    CheckStrands,
+}
+
+impl GpuStage {
+    /// All of them, in their order.
+    pub const ALL: [Self; 6] = [
+        Self::SolveStrands,
+        Self::ResolveSolids,
+        Self::RestoreLengths,
+        Self::SplatSegments,
+        Self::FindContacts,
+        Self::CheckStrands,
+    ];
+
+    /// Its name, as reports have it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::SolveStrands => "solve_strands",
+            Self::ResolveSolids => "resolve_solids",
+            Self::RestoreLengths => "restore_lengths",
+            Self::SplatSegments => "splat_segments",
+            Self::FindContacts => "find_contacts",
+            Self::CheckStrands => "check_strands",
+        }
+    }
+
+    /// Whether `step` comes before it.
+    fn is_after(self, step: FrameStep) -> bool {
+        Self::ALL.into_iter().take_while(|stage| *stage < self).any(|stage| stage.name() == step.stage())
+    }
 }
 
 impl Backend {
@@ -36,7 +84,8 @@ impl Backend {
         if self == Self::Cpu {
             return Ok((None, None));
         }
-        match Device::open((scene, assets), simulation, self == Self::Gpu) {
+        let from = if let Self::GpuFrom(stage) = self { stage } else { GpuStage::SolveStrands };
+        match Device::open((scene, assets), simulation, (from, self != Self::Auto)) {
             Ok(device) => Ok((Some(device), None)),
             Err(error) if self == Self::Auto => Ok((None, Some(format!("on the CPU: {error}")))),
             Err(error) => Err(error.into()),
@@ -50,6 +99,8 @@ pub(crate) struct Device {
     gpu: Gpu,
     grid: Option<GridParams>,
     contacts: Option<ContactParams>,
+    /// Stages before this one run on the CPU.
+    from: GpuStage,
     /// None only after an error.
     simulation: Option<GpuSimulation>,
     /// What the last frame took by its own clock, if it has one.
@@ -61,7 +112,7 @@ impl Device {
     fn open(
         (scene, assets): (&Scene, &Assets),
         simulation: &Simulation,
-        software: bool,
+        (from, software): (GpuStage, bool),
     ) -> Result<Self, GpuError> {
         let gpu = Gpu::open(&Choice::Fastest)?;
         if gpu.is_software() && !software {
@@ -70,7 +121,7 @@ impl Device {
         let meets = scene.interaction.kind == InteractionKind::Grid;
         let grid = meets.then(|| scene.interaction.grid.clone());
         let contacts = scene.interaction.contacts.then(|| scene.interaction.contact.clone());
-        let mut own = Self { simulation: None, gpu, grid, contacts, frame_secs: None };
+        let mut own = Self { simulation: None, gpu, grid, contacts, from, frame_secs: None };
         own.begin_anew(simulation)?;
         let times = [0.0, 1.0 / scene.time.fps];
         own.own()?.hold(&assets.collider_frames(times, times.map(|time| assets.head_pose(time))))?;
@@ -86,6 +137,11 @@ impl Device {
     /// The GPU's name.
     pub(crate) fn name(&self) -> &str {
         self.gpu.name()
+    }
+
+    /// Whether some stages run on the CPU.
+    pub(crate) fn is_mixed(&self) -> bool {
+        self.from > GpuStage::SolveStrands
     }
 
     /// Bytes held on it.
@@ -116,26 +172,66 @@ impl Device {
         wind: Option<&WindField>,
         simulation: &mut Simulation,
     ) -> Result<FrameReport, RunError> {
+        if self.is_mixed() {
+            return self.step_mixed(frame, wind, simulation);
+        }
         let own = self.own()?;
         own.step_frame_in(frame, wind)?;
         let (report, state) = own.report_and_state()?;
         simulation.state_mut().take(state);
         self.frame_secs = report.secs.map(|secs| secs.whole);
-        let stages = report.secs.map(|secs| secs.stages);
-        Ok(FrameReport {
-            max_edge_stretch: report.max_edge_stretch.into(),
-            max_edge_stretch_final: report.max_edge_stretch_final.into(),
-            max_penetration_m: report.max_penetration_m.into(),
-            touching: report.touching,
-            quarantined_strands: report.quarantined_strands,
-            grid: report.grid.unwrap_or_default(),
-            strand_contacts: report.strand_contacts.unwrap_or_default(),
-            stage_secs: STAGES.map(|name| {
-                // On the CPU the air is sampled by the stage that it is for.
-                let is_of = |own: &str| own == name || (own == "sample_air" && name == "solve_strands");
-                let secs = stages.iter().flatten().filter(|(own, _)| is_of(own));
-                (name, secs.map(|(_, secs)| *secs).sum())
-            }),
-        })
+        Ok(told(&report))
+    }
+
+    /// Steps a frame, some of it on `simulation`: the state goes to and fro.
+    fn step_mixed(
+        &mut self,
+        frame: &Frame<'_>,
+        wind: Option<&WindField>,
+        simulation: &mut Simulation,
+    ) -> Result<FrameReport, RunError> {
+        let from = self.from;
+        let own = self.own()?;
+        let steps: Vec<_> = FrameStep::all(simulation.params(), simulation.meeting()).collect();
+        let mut sum = FrameReport::default();
+        for part in steps.chunk_by(|a, b| from.is_after(*a) == from.is_after(*b)) {
+            if !from.is_after(part[0]) {
+                own.step_part(frame, wind, part)?;
+                let (report, state) = own.report_and_state()?;
+                simulation.state_mut().take(state);
+                sum = sum.and(&told(&report));
+                continue;
+            }
+            for step in part {
+                let mut report = simulation.step_part(frame, wind, *step)?;
+                if matches!(step, FrameStep::ResolveSolids(_)) && steps.contains(&FrameStep::LastSolids) {
+                    // Solids have their last word later.
+                    (report.touching, report.max_penetration_m) = (0, 0.0);
+                }
+                sum = sum.and(&report);
+            }
+            own.restore(&simulation.snapshot())?;
+        }
+        Ok(sum)
+    }
+}
+
+/// What a GPU tells of a frame, as the CPU tells it.
+fn told(report: &GpuReport) -> FrameReport {
+    let stages = report.secs.map(|secs| secs.stages);
+    FrameReport {
+        max_edge_stretch: report.max_edge_stretch.into(),
+        max_edge_stretch_final: report.max_edge_stretch_final.into(),
+        max_penetration_m: report.max_penetration_m.into(),
+        touching: report.touching,
+        quarantined_strands: report.quarantined_strands,
+        grid: report.grid.unwrap_or_default(),
+        strand_contacts: report.strand_contacts.unwrap_or_default(),
+        stage_secs: STAGES.map(|name| {
+            // On the CPU the air is sampled by the stage that it is for.
+            let is_of = |own: &str| own == name || (own == "sample_air" && name == "solve_strands");
+            let secs = stages.iter().flatten().filter(|(own, _)| is_of(own));
+            (name, secs.map(|(_, secs)| *secs).sum())
+        }),
     }
 }

@@ -37,7 +37,7 @@ pub mod summary;
 mod tessellate;
 
 pub use assets::{AssetError, Assets};
-pub use backend::Backend;
+pub use backend::{Backend, GpuStage};
 pub use grooming::{Counts, EditRow, Grooming, GroomingOptions, groom};
 pub use pictures::{PictureError, Studio, write_png};
 pub use run::{Observer, Progress, RunError, RunOptions, simulate};

@@ -184,10 +184,11 @@ impl<'a> Stepper<'a> {
             _ => Simulation::new(groom, &solver.ams, &options)?,
         };
         let (device, note) = backend.device((scene, assets), &simulation)?;
-        if device.is_none() && scene.interaction.kind == InteractionKind::Grid {
+        let on_cpu = device.as_ref().is_none_or(Device::is_mixed);
+        if on_cpu && scene.interaction.kind == InteractionKind::Grid {
             simulation.set_grid(Some(&scene.interaction.grid))?;
         }
-        if device.is_none() && scene.interaction.contacts {
+        if on_cpu && scene.interaction.contacts {
             simulation.set_contacts(Some(&scene.interaction.contact))?;
         }
         let regrooming = Regrooming::new(scene);

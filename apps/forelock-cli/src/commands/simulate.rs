@@ -35,7 +35,7 @@ fn overrides(run: &RunArgs) -> anyhow::Result<Vec<Override>> {
 fn simulate_scene(scene: &Scene, run: &RunArgs) -> anyhow::Result<ExitCode> {
     let cancel = interrupt::listen()?;
     let out = run.out.clone().unwrap_or_else(|| default_folder(&scene.name));
-    let options = RunOptions { out, resume: run.resume, backend: run.backend.into() };
+    let options = RunOptions { out, resume: run.resume, backend: run.backend() };
     let mut reporter = Reporter::new(run.json);
     let summary = forelock::simulate(scene, &options, &mut |progress| reporter.report(progress), cancel)?;
     if run.json {

@@ -10,6 +10,7 @@ use crate::stage::sample_air::{self, AirTerms};
 use crate::stage::solve_strands::{self, FrameTerms, SubstepTerms};
 use crate::stage::{BlockView, Scratch};
 use glam::DVec3;
+use std::ops::Range;
 use std::time::Instant;
 
 /// The stages of a frame, in order, as reports name them.
@@ -33,10 +34,6 @@ pub const BLOCK_STAGES: usize = 4;
 pub struct FrameJob<'a, T> {
     /// Which part of the frame.
     pub part: Part,
-    /// How far particles may have moved since the part before, metres.
-    pub moved: f64,
-    /// Whether edges have been stretched since the part before.
-    pub stretched: bool,
     /// Coefficients.
     pub terms: &'a FrameTerms,
     /// Head poses at the substeps' ends, M + 1, from the model's centre to the frame's origin.
@@ -66,14 +63,20 @@ pub struct FrameJob<'a, T> {
 }
 
 /// Which part of a frame a block runs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Part {
-    /// All of it at once: strands do not meet.
-    Whole,
-    /// What comes before strands meet: substeps, lengths.
-    Before,
-    /// What comes after: solids, checks.
-    After,
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Part {
+    /// Its substeps.
+    pub substeps: Range<usize>,
+    /// Whether strands are solved in them.
+    pub solves: bool,
+    /// Whether they look at solids.
+    pub looks: bool,
+    /// Whether edges are brought back to their lengths.
+    pub lengths: bool,
+    /// Whether solids are looked at once more.
+    pub looks_last: bool,
+    /// Whether strands are checked.
+    pub checks: bool,
 }
 
 /// What a block, or all, found in a frame.
@@ -266,18 +269,18 @@ fn advance_lanes<L: Lane>(
 ) -> BlockReport {
     let mut report = BlockReport::default();
     let mut clock = Clock::start();
-    if job.part != Part::After {
+    if !job.part.substeps.is_empty() {
         advance_substeps::<L>(job, view, (first, live), scratch, (&mut clock, &mut report));
     }
     // What the edges are stretched by, once they have their lengths back.
     let mut restored = None;
-    if job.part != Part::After || job.stretched {
+    if job.part.lengths {
         let stretch = restore::<L>(job, view, first, scratch);
         report.max_edge_stretch = worst(stretch, live - first);
         restored = Some(stretch);
         report.stage_nanos[2] += clock.lap();
     }
-    if job.part != Part::Before {
+    if job.part.looks_last || job.part.checks {
         finish::<L>(job, view, (first, live), restored, (&mut clock, &mut report));
     }
     report
@@ -296,7 +299,7 @@ fn look<'a, T: Real>(job: &'a FrameJob<'_, T>, step: usize, way_out: f64) -> Sol
     }
 }
 
-/// All substeps.
+/// The part's substeps.
 #[inline(always)]
 fn advance_substeps<L: Lane>(
     job: &FrameJob<'_, L::Scalar>,
@@ -306,23 +309,26 @@ fn advance_substeps<L: Lane>(
     (clock, report): (&mut Clock, &mut BlockReport),
 ) {
     shift_positions::<L>(job.shift, view, first);
-    if let Some(air) = &job.air {
+    if let Some(air) = job.air.as_ref().filter(|_| job.part.solves) {
         sample_air::sample::<L>(air, view.positions, view.exposure, first, view.wind);
         sample_air::draw::<L>(job.terms, view, first);
     }
-    let substeps = job.poses.len() - 1;
-    for step in 0..substeps {
-        let poses = [&job.poses[step], &job.poses[step + 1]];
-        let substep =
-            SubstepTerms::<L>::new(job.terms.h, poses, job.gravity, job.rest_gravity, job.air_velocity);
-        if job.terms.slender && job.air.is_some() {
-            sample_air::draw::<L>(job.terms, view, first);
+    for step in job.part.substeps.clone() {
+        if job.part.solves {
+            let poses = [&job.poses[step], &job.poses[step + 1]];
+            let substep =
+                SubstepTerms::<L>::new(job.terms.h, poses, job.gravity, job.rest_gravity, job.air_velocity);
+            if job.terms.slender && job.air.is_some() {
+                sample_air::draw::<L>(job.terms, view, first);
+            }
+            solve_strands::advance(job.terms, &substep, view, first, scratch);
+            report.stage_nanos[0] += clock.lap();
         }
-        solve_strands::advance(job.terms, &substep, view, first, scratch);
-        report.stage_nanos[0] += clock.lap();
-        report.contacts =
-            resolve_solids::resolve::<L>(&look(job, step, job.way_out), Since::Substep, view, first, live);
-        report.stage_nanos[1] += clock.lap();
+        if job.part.looks {
+            let solids = look(job, step, job.way_out);
+            report.contacts = resolve_solids::resolve::<L>(&solids, Since::Substep, view, first, live);
+            report.stage_nanos[1] += clock.lap();
+        }
     }
 }
 
@@ -355,13 +361,9 @@ fn finish<L: Lane>(
     restored: Option<L>,
     (clock, report): (&mut Clock, &mut BlockReport),
 ) {
-    if job.moved > 0.0 {
-        resolve_solids::note_move::<L>(L::from_f64(job.moved), view, first);
-    }
     let before = restored.unwrap_or_else(|| restore_lengths::largest_stretch::<L>(view, first));
     let mut stretch = before;
-    // In a whole frame without a length pass the last substep's solids were the last word.
-    if job.part == Part::After || job.lengths.kind != Inextensibility::Off {
+    if job.part.looks_last {
         let last = job.poses.len() - 2;
         report.contacts =
             resolve_solids::resolve::<L>(&look(job, last, 0.0), Since::Noted, view, first, live);
@@ -377,6 +379,9 @@ fn finish<L: Lane>(
         }
     }
     report.max_edge_stretch_final = worst(stretch, live - first);
+    if !job.part.checks {
+        return;
+    }
     let sum = finiteness::<L>(view, first);
     for lane in 0..L::WIDTH.min(live - first) {
         if !num_traits::Float::is_finite(sum.get(lane)) {

@@ -5,6 +5,7 @@ mod mass_spring;
 pub mod params;
 mod regroom;
 mod simulation;
+mod steps;
 
 pub(crate) use block::BASELINE_FMA;
 pub use block::{STAGES, Simd, SolverReal};
@@ -12,3 +13,4 @@ pub use mass_spring::MassSpringParams;
 pub use params::{AmsParams, ParamsError};
 pub use regroom::RegroomError;
 pub use simulation::{BuildError, Frame, FrameReport, Memory, Options, Simulation, Teleport, fractions};
+pub use steps::{FrameStep, Meeting};

@@ -2,6 +2,7 @@
 
 use super::block::{BLOCK_STAGES, BlockFn, BlockReport, FrameJob, Part, STAGES, Simd, SolverReal};
 use super::params::{AmsParams, Inextensibility, ParamsError};
+use super::steps::{FrameStep, Meeting};
 use crate::air::{Canopy, Wake, WindField};
 use crate::body::ColliderFrame;
 use crate::contact::{ContactParams, ContactReport, Contacts};
@@ -10,7 +11,7 @@ use crate::groom::Groom;
 use crate::lane::Row;
 use crate::model::{Block, Model, PackError, Strands};
 use crate::pose::Pose;
-use crate::stage::resolve_solids::SolidPose;
+use crate::stage::resolve_solids::{SolidPose, note_one};
 use crate::stage::restore_lengths::LengthTerms;
 use crate::stage::sample_air::AirTerms;
 use crate::stage::solve_strands::FrameTerms;
@@ -108,6 +109,27 @@ pub struct FrameReport {
     /// Seconds of work in each stage, summed over threads (for stages that all threads share, their time times the
     /// threads), in the order of [`STAGES`].
     pub stage_secs: [(&'static str, f64); STAGES.len()],
+}
+
+impl FrameReport {
+    /// This and what `other` steps of the same frame tell.
+    #[must_use]
+    pub fn and(self, other: &Self) -> Self {
+        Self {
+            max_edge_stretch: self.max_edge_stretch.max(other.max_edge_stretch),
+            max_edge_stretch_final: self.max_edge_stretch_final.max(other.max_edge_stretch_final),
+            max_penetration_m: self.max_penetration_m.max(other.max_penetration_m),
+            touching: self.touching + other.touching,
+            quarantined_strands: self.quarantined_strands + other.quarantined_strands,
+            grid: if other.grid == GridReport::default() { self.grid } else { other.grid },
+            strand_contacts: if other.strand_contacts == ContactReport::default() {
+                self.strand_contacts
+            } else {
+                other.strand_contacts
+            },
+            stage_secs: std::array::from_fn(|k| (STAGES[k], self.stage_secs[k].1 + other.stage_secs[k].1)),
+        }
+    }
 }
 
 /// Bytes held.
@@ -284,6 +306,11 @@ impl<T: SolverReal> Simulation<T> {
         self.contacts = self.contacts.take().map(|c| Contacts::new(&self.model, c.params(), simd));
     }
 
+    /// Where strands meet.
+    pub fn meeting(&self) -> Meeting {
+        Meeting { grid: self.grid.is_some(), contacts: self.contacts.is_some() }
+    }
+
     /// Advances by a frame. Allocates nothing once it has seen a frame with as many solids, as large a box of hair on the grid and as many contacts.
     ///
     /// # Errors
@@ -301,19 +328,69 @@ impl<T: SolverReal> Simulation<T> {
         frame: &Frame<'_>,
         wind: Option<&WindField>,
     ) -> Result<FrameReport, ParamsError> {
+        let meets = self.grid.is_some() || self.contacts.is_some();
+        let looks_last = meets || self.params.inextensibility != Inextensibility::Off;
+        let substeps = 0..self.params.substeps as usize;
+        let before = Part { substeps, solves: true, looks: true, lengths: true, ..Part::default() };
+        let after = Part { looks_last, checks: true, ..Part::default() };
+        let work = if meets {
+            Work { notes: true, before, grid: true, contacts: true, after: Some(after) }
+        } else {
+            Work { before: Part { looks_last, checks: true, ..before }, ..Work::default() }
+        };
+        self.work(frame, wind, work)
+    }
+
+    /// One step of a frame, for whoever runs some of them elsewhere. All steps of a frame in their order ([`FrameStep::all`]) are a frame, bit for bit, but that wind that is not the same everywhere is
+    /// sampled in each substep anew. What a step does not tell is zero in its report.
+    ///
+    /// # Errors
+    /// As [`Simulation::step_frame`].
+    pub fn step_part(
+        &mut self,
+        frame: &Frame<'_>,
+        wind: Option<&WindField>,
+        step: FrameStep,
+    ) -> Result<FrameReport, ParamsError> {
+        let nothing = Part::default();
+        let substep = |k: u32| k as usize..k as usize + 1;
+        let before = match step {
+            FrameStep::SolveStrands(k) => Part { substeps: substep(k), solves: true, ..nothing },
+            FrameStep::ResolveSolids(k) => Part { substeps: substep(k), looks: true, ..nothing },
+            FrameStep::RestoreLengths => Part { lengths: true, ..nothing },
+            FrameStep::LastSolids => Part { looks_last: true, ..nothing },
+            FrameStep::CheckStrands => Part { checks: true, ..nothing },
+            FrameStep::NoteStart | FrameStep::Grid | FrameStep::Contacts => nothing,
+        };
+        let (grid, contacts) = (step == FrameStep::Grid, step == FrameStep::Contacts);
+        let after = (grid || contacts).then(Part::default);
+        self.work(frame, wind, Work { notes: step == FrameStep::NoteStart, before, grid, contacts, after })
+    }
+
+    /// Does some `work` of a frame.
+    fn work(
+        &mut self,
+        frame: &Frame<'_>,
+        wind: Option<&WindField>,
+        work: Work,
+    ) -> Result<FrameReport, ParamsError> {
         self.params.validate_step(frame.dt_secs, self.options.beyond_float32 || size_of::<T>() > 4)?;
         let origin = frame.origin(&self.model);
         let shift = self.state.origin - origin;
-        if let Some(contacts) = &mut self.contacts {
+        if let Some(contacts) = self.contacts.as_mut().filter(|_| work.notes) {
             let head = self.model.about_centre(&frame.head[0], self.state.origin);
             contacts.note_start(&self.model, &self.state.positions, &head);
+        }
+        // Positions go to the frame's origin in the first substep.
+        if work.notes && work.before == Part::default() {
+            return Ok(FrameReport::default());
         }
         self.state.origin = origin;
         let terms = FrameTerms::new(&self.params, frame.dt_secs);
         self.workspace.place(&self.params, frame, &self.model, origin);
         // Drag that differs from particle to particle goes the way of a wind that does.
         let still = terms.slender.then_some(WindField::default());
-        let wind = wind.copied().or(still);
+        let wind = wind.copied().or(still).filter(|_| work.before.solves);
         let wind = wind.map(|wind| WindField { mean: wind.mean + frame.air_velocity, ..wind });
         if let Some(wind) = wind.filter(|wind| wind.shelter > 0.0) {
             self.workspace.wake.update(frame.colliders, origin, self.model.reach, wind.mean);
@@ -323,9 +400,7 @@ impl<T: SolverReal> Simulation<T> {
             self.workspace.canopy.update(&self.model, hair, wind.mean, wind.hair_depth);
         }
         let job = FrameJob {
-            part: if self.grid.is_some() || self.contacts.is_some() { Part::Before } else { Part::Whole },
-            moved: 0.0,
-            stretched: false,
+            part: work.before,
             terms: &terms,
             poses: &self.workspace.poses,
             lengths: LengthTerms {
@@ -353,12 +428,16 @@ impl<T: SolverReal> Simulation<T> {
             exposure: &self.workspace.exposure,
             block_fn: self.block_fn,
         };
-        let before = crew.run(&self.model.blocks, 0, Arrays::of(&mut self.state));
-        if crew.job.part == Part::Whole {
+        let before = if crew.job.part == Part::default() {
+            BlockReport::default()
+        } else {
+            crew.run(&self.model.blocks, 0, Arrays::of(&mut self.state))
+        };
+        let Some(after) = work.after else {
             return Ok(report(&before, GridReport::default(), ContactReport::default()));
-        }
+        };
         let [.., last, now] = &*self.workspace.poses else { return Ok(FrameReport::default()) };
-        let met = self.grid.as_mut().map_or_else(GridReport::default, |grid| {
+        let met = self.grid.as_mut().filter(|_| work.grid).map_or_else(GridReport::default, |grid| {
             let moment = GridMoment {
                 frame: GridFrame::new(last, now, terms.h),
                 solids: frame.colliders,
@@ -367,20 +446,27 @@ impl<T: SolverReal> Simulation<T> {
                 clamped: terms.clamped,
                 dt_secs: frame.dt_secs,
             };
-            grid.exchange(&self.model, &mut self.state.positions, &mut self.state.velocities, &moment)
-        });
-        let touched = self.contacts.as_mut().map_or_else(ContactReport::default, |contacts| {
             let State { positions, velocities, clearance, .. } = &mut self.state;
-            contacts.resolve(
-                &self.model,
-                (positions, velocities, clearance),
-                now,
-                (terms.clamped, frame.dt_secs),
-            )
+            let report = grid.exchange(&self.model, positions, velocities, &moment);
+            if report.farthest_m > 0.0 {
+                let moved = crate::state::number(report.farthest_m);
+                clearance.iter_mut().flat_map(|row| &mut row.0).for_each(|own| note_one(own, moved));
+            }
+            report
         });
-        crew.job.part = Part::After;
-        crew.job.moved = met.farthest_m;
-        crew.job.stretched = touched.contacts > 0;
+        let touched = self.contacts.as_mut().filter(|_| work.contacts).map_or_else(
+            ContactReport::default,
+            |contacts| {
+                let State { positions, velocities, clearance, .. } = &mut self.state;
+                contacts.resolve(
+                    &self.model,
+                    (positions, velocities, clearance),
+                    now,
+                    (terms.clamped, frame.dt_secs),
+                )
+            },
+        );
+        crew.job.part = Part { lengths: touched.contacts > 0, ..after };
         let after = crew.run(&self.model.blocks, 0, Arrays::of(&mut self.state));
         Ok(report(&before.then(&after), met, touched))
     }
@@ -521,6 +607,20 @@ impl<T: SolverReal> Workspace<T> {
                 .extend(frame.colliders.iter().map(|solid| SolidPose::new(solid, fractions, origin)));
         }
     }
+}
+
+/// What is to be done of a frame.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+struct Work {
+    /// Contacts note where hair is.
+    notes: bool,
+    /// What strands do by themselves before they meet.
+    before: Part,
+    /// Whether they meet, if there is a grid, and touch, if there are contacts.
+    grid: bool,
+    contacts: bool,
+    /// What they do after.
+    after: Option<Part>,
 }
 
 /// The state's arrays, or the part of them that some blocks own.

@@ -14,6 +14,7 @@ mod invariance;
 mod non_hookean;
 mod rig;
 mod solids;
+mod steps;
 mod swept;
 mod system;
 mod thresholds;

@@ -247,14 +247,6 @@ pub fn note_moves<L: Lane>(before: &[V3<L>], view: &mut BlockView<'_, L::Scalar>
     }
 }
 
-/// The same where no particle moved farther than `distance`.
-#[inline(always)]
-pub fn note_move<L: Lane>(distance: L, view: &mut BlockView<'_, L::Scalar>, first: usize) {
-    for i in 0..view.particles {
-        note::<L>(distance, view, i, first);
-    }
-}
-
 #[inline(always)]
 fn note<L: Lane>(moved: L, view: &mut BlockView<'_, L::Scalar>, i: usize, first: usize) {
     let clearance = L::load(&view.clearance[i], first);
