@@ -3,13 +3,15 @@
 //! # Practice
 //! What the CPU does, found another way: entries lie in a table of cells, sorted by counting, in which neighbours along x are neighbours; each active segment is one workgroup, whose threads share what is near it. Nothing
 //! comes back in a frame, and nothing depends on the order in which threads come: sums are of integers; what does not fit is chosen by what it is, not by when it came; each sum of floats is taken by one thread,
-//! over a list in order of time.
+//! over a list in order of time. Lists have room for more than a budget chooses on the whole, by many deviations of what chance may make of it.
 //!
-//! Memory: 12 bytes a particle, and a table of 8 or more; all else lies in the strands' scratch where that has room, as it does while all strands are one batch.
+//! Memory: 12 bytes a particle, and a table of 8 or more. All else, 76 bytes a particle and more and what the budget takes (13 MB by default), lies in the strands' scratch where that has room: it has from 230,000 particles on, as long as they are
+//! one batch; of many batches there is a second copy of the model, 28 bytes a particle.
 //!
 //! # Limitations
-//! Of an active segment the [`SLOTS`] contacts of the greatest approach are taken up, where it meets more than [`FOUND`] in a slice maybe fewer. Of contacts that approach about as fast as the last that the budget has room for, a
-//! share is taken, spread evenly, where the CPU takes the first. A segment that is stretched by more than a quarter beyond its rest length may be met at its middle only.
+//! Of an active segment the [`SLOTS`] contacts of the greatest approach are taken up, where the CPU takes all. Of contacts that approach about as fast as the last that the budget has room for, a
+//! share is taken, spread evenly, where the CPU takes the first; the budget is of the whole frame, where there it is kept slice by slice. So is a share taken of a run of more than `RUN_SEGMENTS` segments. Particles that stray farther than 64 edges count as such when the frame is cut
+//! into slices. A segment that is stretched by more than a quarter beyond its rest length may be met at its middle only.
 
 use crate::batch::{Batch, Shared, model_rows};
 use crate::kernels::MODEL_ROWS;
@@ -27,10 +29,8 @@ use wgpu::BufferUsages;
 
 /// Contacts that are taken up of an active segment.
 pub const SLOTS: u32 = 64;
-/// Contacts that an active segment may find in a slice.
+/// Contacts that an active segment may find in a slice, with those of earlier slices.
 pub const FOUND: u32 = 512;
-/// Times that it seeks again what approaches faster, where there are more.
-pub const ATTEMPTS: u32 = 64;
 /// Workgroups that active segments are shared by.
 pub const MEET_GROUPS: u32 = 4096;
 /// Cells in a row of the table: entries of one row lie one after the other.
@@ -40,9 +40,10 @@ pub const ROW_GROUPS: u32 = 256;
 /// Half of a piece that is stretched by a quarter, over the length that the search is made for.
 pub const HALF_PIECE: f32 = 0.5 * 1.25 * PIECE;
 
-/// Rows of `work` a place that last, and those of bodies.
-const WAY_ROWS: u64 = 4;
-const BODY_ROWS: u64 = 15;
+/// Rows of `work` a place that last.
+pub const WAY_ROWS: u64 = 4;
+/// Rows of bodies there.
+pub const BODY_ROWS: u64 = 15;
 /// Numbers of a joint, and of its two sides.
 const JOINT_NUMBERS: u64 = 28;
 const SIDE_NUMBERS: u64 = 8;
@@ -112,7 +113,7 @@ pub struct TouchEntry {
     pub done: u32,
     pub lack: u32,
     pub farthest: u32,
-    pub pad_0: u32,
+    pub shelves: u32,
 }
 
 /// The contacts of a simulation.

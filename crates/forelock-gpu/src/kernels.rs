@@ -1,13 +1,15 @@
 //! The kernels: texts beside the stages that they are twins of, constants from here, pipelines from both.
 
 use crate::air::AirUniform;
-use crate::contacts::{ATTEMPTS, FOUND, HALF_PIECE, MEET_GROUPS, MeetUniform, ROW_CELLS, ROW_GROUPS, SLOTS};
+use crate::contacts::{
+    BODY_ROWS, FOUND, HALF_PIECE, MEET_GROUPS, MeetUniform, ROW_CELLS, ROW_GROUPS, SLOTS, WAY_ROWS,
+};
 use crate::grid::{CELLS_GROUP, CELLS_THREADS, FASTEST, GridUniform, MOST_OUT, RELAX_THREADS, SWEEPS};
 use crate::layout::{FLAGS, FrameUniform, SubstepUniform};
 use crate::skinning::SkinUniform;
 use crate::solids::{FAR, FIELD_NUMBERS, HOW, KINDS, LookUniform, MOST_SOLIDS};
 use forelock_core::air::{MODES, canopy, wake};
-use forelock_core::contact::{drift, fastest};
+use forelock_core::contact::{RUN_SEGMENTS, drift, fastest};
 use forelock_core::grid::MARGIN;
 use forelock_core::lane::{ASIN_RATIO, LANES};
 use forelock_core::stage::SCRATCH_ROWS;
@@ -128,10 +130,8 @@ pub enum Kernel {
     MeasureStrays,
     /// Segments whose contacts are sought.
     ListActive,
-    /// How many segments there are in each cell.
-    CountEntries,
-    /// Which.
-    ShelveEntries,
+    /// How many segments there are in each cell, and then which.
+    EnterSegments,
     /// The box, and the nodes of the drift in it.
     FitDrift,
     /// Empties them.
@@ -337,8 +337,7 @@ pub const STAGES: [StageKernels; 15] = [
             (Kernel::SplatDrift, "splat_drift", Over::Strands),
             (Kernel::MeasureStrays, "measure_strays", Over::Strands),
             (Kernel::ListActive, "list_active", Over::Strands),
-            (Kernel::CountEntries, "count_entries", Over::Strands),
-            (Kernel::ShelveEntries, "shelve_entries", Over::Strands),
+            (Kernel::EnterSegments, "enter_segments", Over::Strands),
         ],
         group: Group::Enter,
     },
@@ -658,7 +657,9 @@ pub fn text(stage: &StageKernels) -> String {
         ("OWN_CELLS", ROW_CELLS / CELLS_GROUP),
         ("SLOTS", SLOTS),
         ("FOUND", FOUND),
-        ("ATTEMPTS", ATTEMPTS),
+        ("WAY_ROWS", WAY_ROWS as u32),
+        ("BODY_ROWS", BODY_ROWS as u32),
+        ("RUN_SEGMENTS", RUN_SEGMENTS as u32),
     ];
     for (name, value) in counts.into_iter().chain(FLAGS).chain(KINDS).chain(HOW) {
         constant(name, "u32", &value, "u");
@@ -680,7 +681,7 @@ pub fn text(stage: &StageKernels) -> String {
         ("MEET_CLOSE", CLOSE),
         ("REST_SHARE", REST_SHARE),
         ("BEND", BEND),
-        ("DRIFT_UNIT", (1u32 << 30) as f32),
+        ("DRIFT_UNIT", (1u32 << 22) as f32),
         ("SQUARE_UNIT", (1u32 << 16) as f32),
     ];
     for (name, value) in names.into_iter().zip(singles).chain(grid) {

@@ -424,14 +424,14 @@ impl GpuSimulation {
     /// Contacts between strands are found and resolved, in so many rounds at most.
     fn touch(&self, plan: &mut Vec<Call>, rounds: u32) {
         use Kernel::{
-            ApplyMoves, ChooseActive, ChooseFound, ClearCells, ClearDrift, ClearLinks, CountEntries,
-            CountFound, FitDrift, JudgeRound, LayOut, LinkJoints, ListActive, MeasureStrays, MeetSegments,
+            ApplyMoves, ChooseActive, ChooseFound, ClearCells, ClearDrift, ClearLinks, CountFound,
+            EnterSegments, FitDrift, JudgeRound, LayOut, LinkJoints, ListActive, MeasureStrays, MeetSegments,
             NextSlice, NoteEnd, OrderJoints, PrepareStrands, PressJoints, ReserveLists, RestoreAgain,
-            ShelveEntries, SmoothDrift, SplatDrift, TakeMoves, TakeUp, WeighJoints,
+            SmoothDrift, SplatDrift, TakeMoves, TakeUp, WeighJoints,
         };
         let strays = [NoteEnd, FitDrift, ClearDrift, SplatDrift, SmoothDrift, MeasureStrays];
         // How many slices the frame has the device knows: of those that it has not nothing is searched.
-        let slice = [ClearCells, CountEntries, LayOut, ShelveEntries, MeetSegments, NextSlice];
+        let slice = [ClearCells, EnterSegments, LayOut, EnterSegments, MeetSegments, NextSlice];
         let joints = [CountFound, ChooseFound, ClearLinks, TakeUp, ReserveLists, LinkJoints, OrderJoints];
         let kernels = strays
             .into_iter()
@@ -587,7 +587,9 @@ impl GpuSimulation {
         let mut next = || read.next().map_or(&[][..], |bytes| bytes);
         let mut found = GpuReport::default();
         if report {
-            self.gpu.queue().write_buffer(&self.shared.report, 0, &[0; size_of::<ReportEntry>()]);
+            // All but what is of the last frame alone.
+            let sums = [0; std::mem::offset_of!(ReportEntry, contacts)];
+            self.gpu.queue().write_buffer(&self.shared.report, 0, &sums);
             let own: ReportEntry = bytemuck::pod_read_unaligned(next());
             let restored = if self.restores_lengths() { own.restored } else { own.stretch };
             found = GpuReport {

@@ -108,7 +108,7 @@ fn structs_are_laid_out_alike() {
                 touch,
                 offsets!(TouchEntry, [
                     low spacing high slices dims slice extent squares fastest actives joints taken least bin share found_bin
-                    found_share momentum round last done lack farthest pad_0
+                    found_share momentum round last done lack farthest shelves
                 ])
             );
         }

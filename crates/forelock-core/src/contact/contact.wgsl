@@ -4,7 +4,6 @@
 // frame's end and how far it strays (rows), then from `meet.bodies` on what is needed one after the other: nodes of the drift; entries in cells; bodies (rows). Then lists: of each active segment the
 // contacts found, two numbers each; joints, field by field; their sides.
 
-const WAY_ROWS: u32 = 4u;
 const STRAY: u32 = 3u;
 const NOTHING: u32 = 0xffffffffu;
 // The number of a segment in an entry, and what is set in it of an active one.
@@ -87,7 +86,8 @@ struct Touch {
     // Bits of the most that a pair lacks, and of the farthest that a particle was moved.
     lack: atomic<u32>,
     farthest: atomic<u32>,
-    pad_0: u32,
+    // Whether entries are put where they belong, not only counted.
+    shelves: u32,
     bins: array<atomic<u32>, BINS>,
     // Numbers of the active segments.
     list: array<u32>,
@@ -98,6 +98,14 @@ struct Touch {
 @group(0) @binding(27) var<storage, read_write> table: array<atomic<u32>>;
 @group(0) @binding(28) var<storage, read_write> touch: Touch;
 @group(0) @binding(29) var<uniform> meet: Meet;
+// The model of all strands; the block of each place.
+@group(0) @binding(30) var<storage, read> rest: array<f32>;
+@group(0) @binding(31) var<storage, read> owners: array<u32>;
+
+// The number of particle `i` of a strand.
+fn number_of(strand: Strand, i: u32) -> u32 {
+    return (blocks[strand.block].place + i) * LANES + strand.lane;
+}
 
 // Where in an array of `rows` rows a place a row of a particle is.
 fn row_of(number: u32, rows: u32, row: u32) -> u32 {
@@ -267,7 +275,6 @@ fn joint_count() -> u32 {
 }
 
 // Rows of a body.
-const BODY_ROWS: u32 = 15u;
 const PLACE: u32 = 0u;
 const VELOCITY: u32 = 3u;
 const MOVES: u32 = 6u;

@@ -2,10 +2,6 @@
 //
 // Nothing depends on the order in which threads come: sums are of integers, what is kept of a list is its greatest, and lists that come in any order are only gone through as a whole.
 
-// The model of all strands; the block of each place.
-@group(0) @binding(30) var<storage, read> rest: array<f32>;
-@group(0) @binding(31) var<storage, read> owners: array<u32>;
-
 fn rest_of(number: u32) -> vec3f {
     let at = row_of(number, MODEL_ROWS, 0u);
     return vec3f(rest[at], rest[at + LANES], rest[at + 2u * LANES]);
@@ -69,7 +65,7 @@ fn wide(at: u32) -> f32 {
 @compute @workgroup_size(CELLS_GROUP)
 fn smooth_drift(@builtin(global_invocation_id) id: vec3u) {
     let size = touch.high - touch.low;
-    let side = max(max(size.x, size.y), max(size.z, 1e-30));
+    let side = max(max(size.x, size.y), max(size.z, 1e-20));
     for (var at = id.x; at < node_count(); at += CELLS_THREADS) {
         let node = vec3u(at % touch.dims.x, at / touch.dims.x % touch.dims.y, at / (touch.dims.x * touch.dims.y));
         let first = max(node, vec3u(1u)) - 1u;
@@ -167,6 +163,7 @@ fn choose_active(@builtin(local_invocation_index) t: u32) {
 fn clear_cells(@builtin(global_invocation_id) id: vec3u) {
     if id.x == 0u {
         atomicStore(&touch.taken, 0u);
+        touch.shelves = 0u;
     }
     if !is_searched() {
         return;
@@ -176,17 +173,20 @@ fn clear_cells(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-var<workgroup> quiet: u32;
+var<workgroup> is_quiet: u32;
 var<workgroup> run_start: u32;
 
 // From counts to where each cell's entries start, twice: the second is moved on while they are entered. Cells of one row of the table lie one after the other, rows lie anywhere.
 @compute @workgroup_size(CELLS_GROUP)
 fn lay_out(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t: u32) {
     if t == 0u {
-        quiet = select(1u, 0u, is_searched());
+        is_quiet = select(1u, 0u, is_searched());
     }
-    if workgroupUniformLoad(&quiet) != 0u {
+    if workgroupUniformLoad(&is_quiet) != 0u {
         return;
+    }
+    if group.x == 0u && t == 0u {
+        touch.shelves = 1u;
     }
     for (var row = group.x; row < meet.cells / ROW_CELLS; row += ROW_GROUPS) {
         let first = ROW_CELLS * row + OWN_CELLS * t;
@@ -258,13 +258,13 @@ fn course_of(segment: u32) -> Course {
 // Whether two segments may touch in a slice: the vector between their nearest points in its middle separates them, so at its ends they are farther apart along it than what they move along it.
 fn may_touch(a: Course, b: Course) -> bool {
     let time = middle_of_slice();
-    let length = 1.0 / f32(touch.slices);
+    let share = 1.0 / f32(touch.slices);
     let at = a.start + time * a.way;
     let bt = b.start + time * b.way;
     let near = closest(at[0], at[1], bt[0], bt[1]);
-    let way_a = 0.5 * length * (a.way[0] + a.way[1]);
-    let way_b = 0.5 * length * (b.way[0] + b.way[1]);
-    let spread = 0.5 * length * (distance(a.way[0], a.way[1]) + distance(b.way[0], b.way[1]));
+    let way_a = 0.5 * share * (a.way[0] + a.way[1]);
+    let way_b = 0.5 * share * (b.way[0] + b.way[1]);
+    let spread = 0.5 * share * (distance(a.way[0], a.way[1]) + distance(b.way[0], b.way[1]));
     let square = dot(near.r, near.r);
     let along = abs(dot(near.r, way_a - way_b));
     return !(sqrt(square) * (meet.distance + 0.5 * spread) + 0.5 * along < square);
@@ -344,20 +344,77 @@ fn active_count() -> u32 {
     return min(atomicLoad(&touch.actives), meet.most_actives);
 }
 
-const GONE: vec2u = vec2u(NOTHING, 0u);
-
 var<workgroup> segments: u32;
-var<workgroup> found: array<vec2u, FOUND>;
-var<workgroup> found_count: atomic<u32>;
-var<workgroup> found_now: u32;
+// What an active segment meets, as in its slots; how many that were, and of the first in time.
+var<workgroup> met: array<vec2u, FOUND>;
+var<workgroup> met_count: atomic<u32>;
+var<workgroup> met_now: u32;
 var<workgroup> distinct: atomic<u32>;
+// Where there is no room for all: how many approach how fast, from the slip on; and from where on they are taken.
+var<workgroup> speeds: array<atomic<u32>, SPEEDS>;
+var<workgroup> bar: u32;
+var<workgroup> bar_share: f32;
+
+const SPEEDS: u32 = 512u;
+// How an active segment seeks: it takes all, it counts how fast they approach, it takes the fastest.
+const TAKE_ALL: u32 = 0u;
+const COUNT: u32 = 1u;
+const TAKE_FASTEST: u32 = 2u;
 
 // A workgroup's threads, some to a row of cells.
 const ROW_THREADS: u32 = 16u;
 const ROWS: u32 = WORKGROUP / ROW_THREADS;
 
+fn speed_of(approach: f32) -> u32 {
+    return min(bin_of(approach) - bin_of(meet.slip), SPEEDS - 1u);
+}
+
+// What thread `t` finds an active segment to meet, of which that piece is sought for.
+struct Seeker {
+    segment: u32,
+    stray: f32,
+    how: u32,
+    t: u32,
+    // Which of how many pieces.
+    k: u32,
+    pieces: u32,
+    own: Course,
+}
+
+fn take_met(seeker: Seeker, other: u32, approach: f32) {
+    let speed = speed_of(approach);
+    if seeker.how == COUNT {
+        atomicAdd(&speeds[speed], 1u);
+        return;
+    }
+    if seeker.how == TAKE_FASTEST && (speed < bar || speed == bar && chance(other) >= bar_share) {
+        return;
+    }
+    let place = atomicAdd(&met_count, 1u);
+    if place < FOUND {
+        met[place] = vec2u(other | (touch.slice << SLICE_BITS), bitcast<u32>(approach));
+    }
+}
+
+// The piece of so many in which a segment is met at `along`.
+fn piece_at(along: f32, pieces: u32) -> u32 {
+    return min(u32(along * f32(pieces)), pieces - 1u);
+}
+
+// Whether an entry whose ball is about `middle` is of the piece of `segment` that is met at `along`.
+fn is_met_there(segment: u32, course: Course, middle: vec3f, along: f32) -> bool {
+    let pieces = pieces_of(rest[row_of(segment, MODEL_ROWS, 3u)]);
+    if pieces == 1u {
+        return true;
+    }
+    let lower = course.start[0] + middle_of_slice() * course.way[0];
+    let edge = course.start[1] + middle_of_slice() * course.way[1] - lower;
+    let fraction = dot(middle - lower, edge) / max(dot(edge, edge), 1e-20);
+    return piece_at(max(fraction, 0.0), pieces) == piece_at(along, pieces);
+}
+
 // Lets a piece meet what is in the row of cells (y, z) within `range` of its middle.
-fn search_row(piece: Piece, row: vec2u, range: f32, own: Course, segment: u32, stray: f32, bar: f32, t: u32) {
+fn search_row(seeker: Seeker, piece: Piece, row: vec2u, range: f32) {
     let place = piece.middle - touch.low;
     let low = vec2f(row) * meet.edge;
     let apart = max(max(low - place.yz, place.yz - low - meet.edge), vec2f());
@@ -365,16 +422,18 @@ fn search_row(piece: Piece, row: vec2u, range: f32, own: Course, segment: u32, s
     if left <= 0.0 {
         return;
     }
-    let last_cell = cell_of(touch.high).x;
-    let from_cell = cell_of(piece.middle - vec3f(sqrt(left), 0.0, 0.0)).x;
-    let to_cell = min(cell_of(piece.middle + vec3f(sqrt(left), 0.0, 0.0)).x, last_cell);
+    let reach = vec3f(sqrt(left), 0.0, 0.0);
+    let to_cell = min(cell_of(piece.middle + reach).x, cell_of(touch.high).x);
     let inverse = 1.0 / max(dot(piece.half, piece.half), 1e-20);
     // A run of cells may be cut where one row of the table ends.
-    for (var cell = from_cell; cell <= to_cell;) {
+    for (var cell = cell_of(piece.middle - reach).x; cell <= to_cell;) {
         let bucket = bucket_of(vec3u(cell, row));
         let count = min(to_cell - cell + 1u, ROW_CELLS - bucket % ROW_CELLS);
+        let first = atomicLoad(&table[bucket]);
         let end = min(atomicLoad(&table[meet.cells + bucket + count - 1u]), meet.entries);
-        for (var at = atomicLoad(&table[bucket]) + t % ROW_THREADS; at < end; at += ROW_THREADS) {
+        // Where it is too crowded, some, spread evenly.
+        let share = f32(RUN_SEGMENTS) / f32(max(end, first + 1u) - first);
+        for (var at = first + seeker.t % ROW_THREADS; at < end; at += ROW_THREADS) {
             let ball = meet.bodies + meet.entries + 4u * at;
             let middle = bitcast<vec3f>(vec3u(work[ball], work[ball + 1u], work[ball + 2u]));
             let r = middle - piece.middle;
@@ -386,30 +445,51 @@ fn search_row(piece: Piece, row: vec2u, range: f32, own: Course, segment: u32, s
             }
             let entry = work[meet.bodies + at];
             let other = entry & ~ACTIVE;
+            if share < 1.0 && chance(other) >= share {
+                continue;
+            }
             // Of two active ones that which strays farther seeks the other.
             if entry != other {
                 let strays = stray_of(other);
-                if strays > stray || strays == stray && other >= segment {
+                if strays > seeker.stray || strays == seeker.stray && other >= seeker.segment {
                     continue;
                 }
             }
-            if !may_touch(own, course_of(other)) {
+            let course = course_of(other);
+            if !may_touch(seeker.own, course) {
                 continue;
             }
-            let contact = follow(min(segment, other), max(segment, other), touch.slice);
-            if contact.here && contact.approach > bar {
-                let next = atomicAdd(&found_count, 1u);
-                if next < FOUND {
-                    found[next] = vec2u(other | (touch.slice << SLICE_BITS), bitcast<u32>(contact.approach));
-                }
+            let is_first = seeker.segment < other;
+            let contact = follow(min(seeker.segment, other), max(seeker.segment, other), touch.slice);
+            // Of the pieces of both those meet that hold the contact: so each contact comes once.
+            let along = select(contact.along.yx, contact.along, is_first);
+            if contact.here && piece_at(along.x, seeker.pieces) == seeker.k && is_met_there(other, course, middle, along.y) {
+                take_met(seeker, other, contact.approach);
             }
         }
         cell += count;
     }
 }
 
+// From where on there is room for what approaches so fast, beside what earlier slices found.
+fn find_bar() {
+    var room = FOUND - SLOTS;
+    for (var speed = SPEEDS; speed > 0u; speed--) {
+        let own = atomicLoad(&speeds[speed - 1u]);
+        if own > room {
+            bar = speed - 1u;
+            // A tenth less, for chance gives now more, now less.
+            bar_share = 0.9 * f32(room) / f32(own);
+            return;
+        }
+        room -= own;
+    }
+    bar = 0u;
+    bar_share = 1.0;
+}
+
 // Lets each active segment meet what is near it in the slice: a workgroup each. Of what it meets in the frame the SLOTS of the greatest approach are kept, with each other segment the first. Where it meets more
-// than FOUND in a slice, only what approaches faster counts.
+// in a slice than there is room for, it counts how fast they approach, and then takes the fastest.
 @compute @workgroup_size(WORKGROUP)
 fn meet_segments(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t: u32) {
     if t == 0u {
@@ -424,18 +504,20 @@ fn meet_segments(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_
         let upper = own.start[1] + middle_of_slice() * own.way[1];
         let reach = reach_of(stray, true);
         let pieces = pieces_of(rest[row_of(segment, MODEL_ROWS, 3u)]);
-        var bar = 0.0;
-        for (var attempt = 0u; attempt < ATTEMPTS; attempt++) {
+        for (var how = TAKE_ALL; how <= TAKE_FASTEST; how++) {
             if t == 0u {
-                atomicStore(&found_count, 0u);
+                atomicStore(&met_count, 0u);
                 atomicStore(&distinct, 0u);
+            }
+            for (var speed = t; speed < SPEEDS; speed += WORKGROUP) {
+                atomicStore(&speeds[speed], 0u);
             }
             workgroupBarrier();
             // What was found in earlier slices.
-            if t < SLOTS && touch.slice > 0u {
+            if t < SLOTS && touch.slice > 0u && how != COUNT {
                 let at = slot_at(number, t);
                 if work[at] != NOTHING {
-                    found[atomicAdd(&found_count, 1u)] = vec2u(work[at], work[at + 1u]);
+                    met[atomicAdd(&met_count, 1u)] = vec2u(work[at], work[at + 1u]);
                 }
             }
             workgroupBarrier();
@@ -449,28 +531,28 @@ fn meet_segments(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_
                 let rows = min(cell_of(piece.middle + range).yz, cell_of(touch.high).yz) - first + 1u;
                 for (var row = t / ROW_THREADS; row < rows.x * rows.y; row += ROWS) {
                     let at = first + vec2u(row % rows.x, row / rows.x);
-                    search_row(piece, at, range, own, segment, stray, bar, t);
+                    search_row(Seeker(segment, stray, how, t, k, pieces, own), piece, at, range);
                 }
             }
             workgroupBarrier();
             if t == 0u {
-                found_now = atomicLoad(&found_count);
+                met_now = atomicLoad(&met_count);
+                if how == COUNT {
+                    find_bar();
+                }
             }
-            let now = workgroupUniformLoad(&found_now);
-            if now <= FOUND {
+            if workgroupUniformLoad(&met_now) <= FOUND && how != COUNT {
                 break;
             }
-            bar = max(1.5 * bar, meet.slip);
         }
-        let now = min(workgroupUniformLoad(&found_now), FOUND);
-        // Of a pair the first in time, and once.
+        let now = min(workgroupUniformLoad(&met_now), FOUND);
+        // Of a pair the first in time.
         var twice = 0u;
         for (var i = t; i < now; i += WORKGROUP) {
-            let mine = found[i].x;
+            let mine = met[i].x;
             for (var j = 0u; j < now; j++) {
-                let other = found[j].x;
-                let earlier = other < mine || other == mine && j < i;
-                if ((other ^ mine) & SEGMENT) == 0u && earlier {
+                let other = met[j].x;
+                if ((other ^ mine) & SEGMENT) == 0u && other < mine {
                     twice |= 1u << (i / WORKGROUP);
                 }
             }
@@ -478,20 +560,20 @@ fn meet_segments(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_
         workgroupBarrier();
         for (var i = t; i < now; i += WORKGROUP) {
             if (twice & (1u << (i / WORKGROUP))) != 0u {
-                found[i] = GONE;
+                met[i] = vec2u(NOTHING, 0u);
             } else {
                 atomicAdd(&distinct, 1u);
             }
         }
         workgroupBarrier();
         for (var i = t; i < now; i += WORKGROUP) {
-            let mine = found[i];
+            let mine = met[i];
             if mine.x == NOTHING {
                 continue;
             }
             var rank = 0u;
             for (var j = 0u; j < now; j++) {
-                let other = found[j];
+                let other = met[j];
                 rank += select(0u, 1u, other.y > mine.y || other.y == mine.y && other.x < mine.x);
             }
             if rank < SLOTS {

@@ -1,9 +1,5 @@
 // Contacts, as far as they go strand by strand: one a thread. Ways of particles, the drift about them, entries in cells; the twin of `contact::{ways, drift}` and of `find_contacts::cells`.
 
-fn number_of(strand: Strand, i: u32) -> u32 {
-    return (blocks[strand.block].place + i) * LANES + strand.lane;
-}
-
 @compute @workgroup_size(WORKGROUP)
 fn note_start(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
@@ -75,12 +71,32 @@ fn node_of(own: Corner, corner: u32) -> u32 {
 
 // Adds to a 64-bit sum, lower half first: what does not fit is handed on, in whatever order.
 fn add_wide(at: u32, x: i32) {
+    if x == 0 {
+        return;
+    }
     let low = bitcast<u32>(x);
     let before = atomicAdd(&table[at], low);
     let high = select(0u, NOTHING, x < 0) + select(0u, 1u, before + low < before);
     if high != 0u {
         atomicAdd(&table[at + 1u], high);
     }
+}
+
+// What is summed for the eight nodes about some particles that follow one another.
+struct Load {
+    first: u32,
+    count: u32,
+    nodes: array<vec4i, 8>,
+}
+
+fn unload(sum: ptr<function, Load>) {
+    for (var corner = 0u; corner < 8u && (*sum).count > 0u; corner++) {
+        let node = 8u * ((*sum).first + corner_offset(touch.dims.x, touch.dims.x * touch.dims.y, corner));
+        for (var c = 0u; c < 4u; c++) {
+            add_wide(node + 2u * c, (*sum).nodes[corner][c]);
+        }
+    }
+    *sum = Load();
 }
 
 // One lane in EVERY is summed, and what was thrown far away is not.
@@ -91,7 +107,8 @@ fn splat_drift(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let size = touch.high - touch.low;
-    let unit = DRIFT_UNIT / max(max(size.x, size.y), max(size.z, 1e-30));
+    let unit = DRIFT_UNIT / max(max(size.x, size.y), max(size.z, 1e-20));
+    var sum = Load();
     for (var i = 0u; i < strand.particles; i++) {
         let number = number_of(strand, i);
         let start = start_of(number);
@@ -101,27 +118,33 @@ fn splat_drift(@builtin(global_invocation_id) id: vec3u) {
         }
         let way = end - start;
         let own = corner_at(start + 0.5 * way);
+        // So many fit into 32 bits.
+        if own.first != sum.first || sum.count == 256u {
+            unload(&sum);
+            sum.first = own.first;
+        }
         for (var corner = 0u; corner < 8u; corner++) {
             let w = corner_weight(own.f, corner);
-            let node = 8u * node_of(own, corner);
-            for (var c = 0u; c < 3u; c++) {
-                add_wide(node + 2u * c, i32(round(w * way[c] * unit)));
-            }
-            add_wide(node + 6u, i32(round(w * DRIFT_UNIT)));
+            sum.nodes[corner] += vec4i(round(w * vec4f(way * unit, DRIFT_UNIT)));
         }
+        sum.count += 1u;
     }
+    unload(&sum);
 }
+
+var<workgroup> bins: array<atomic<u32>, BINS>;
 
 // How far each particle strays from the drift about it.
 @compute @workgroup_size(WORKGROUP)
-fn measure_strays(@builtin(global_invocation_id) id: vec3u) {
+fn measure_strays(@builtin(global_invocation_id) id: vec3u, @builtin(local_invocation_index) t: u32) {
     let strand = strand_of(id.x);
-    if !strand.here {
-        return;
+    for (var bin = t; bin < BINS; bin += WORKGROUP) {
+        atomicStore(&bins[bin], 0u);
     }
+    workgroupBarrier();
     var squares = 0.0;
     var fastest = 0.0;
-    for (var i = 0u; i < strand.particles; i++) {
+    for (var i = 0u; i < strand.particles && strand.here; i++) {
         let number = number_of(strand, i);
         let start = start_of(number);
         let end = end_of(number);
@@ -140,12 +163,24 @@ fn measure_strays(@builtin(global_invocation_id) id: vec3u) {
             let edges = min(stray / meet.edge, 64.0);
             squares += edges * edges;
             fastest = max(fastest, stray);
-            atomicAdd(&touch.bins[bin_of(stray)], 1u);
+            atomicAdd(&bins[bin_of(stray)], 1u);
         }
         set_real(row_of(number, WAY_ROWS, STRAY), stray);
     }
-    let before = atomicAdd(&touch.squares[0], u32(round(min(squares, 16384.0) * SQUARE_UNIT)));
-    if before + u32(round(min(squares, 16384.0) * SQUARE_UNIT)) < before {
+    workgroupBarrier();
+    for (var bin = t; bin < BINS; bin += WORKGROUP) {
+        let count = atomicLoad(&bins[bin]);
+        if count > 0u {
+            atomicAdd(&touch.bins[bin], count);
+        }
+    }
+    if !strand.here {
+        return;
+    }
+    // A few that fly far are to count for no more than that.
+    let own = u32(round(min(squares, 16384.0) * SQUARE_UNIT));
+    let before = atomicAdd(&touch.squares[0], own);
+    if before + own < before {
         atomicAdd(&touch.squares[1], 1u);
     }
     if bitcast<u32>(fastest) > atomicLoad(&touch.fastest) {
@@ -170,8 +205,13 @@ fn list_active(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// What is entered of a strand: with `shelve` put where it belongs, otherwise counted.
-fn enter(strand: Strand, shelve: bool) {
+// Segments are entered twice: first they are counted, then put where they belong.
+@compute @workgroup_size(WORKGROUP)
+fn enter_segments(@builtin(global_invocation_id) id: vec3u) {
+    let strand = strand_of(id.x);
+    if !strand.here || !is_searched() {
+        return;
+    }
     let time = middle_of_slice();
     var number = number_of(strand, 0u);
     var start = start_of(number);
@@ -192,7 +232,7 @@ fn enter(strand: Strand, shelve: bool) {
                 continue;
             }
             let bucket = bucket_of(cell_of(piece.middle));
-            if !shelve {
+            if touch.shelves == 0u {
                 atomicAdd(&table[bucket], 1u);
                 continue;
             }
@@ -207,21 +247,5 @@ fn enter(strand: Strand, shelve: bool) {
                 work[ball + 3u] = bits.w;
             }
         }
-    }
-}
-
-@compute @workgroup_size(WORKGROUP)
-fn count_entries(@builtin(global_invocation_id) id: vec3u) {
-    let strand = strand_of(id.x);
-    if strand.here && is_searched() {
-        enter(strand, false);
-    }
-}
-
-@compute @workgroup_size(WORKGROUP)
-fn shelve_entries(@builtin(global_invocation_id) id: vec3u) {
-    let strand = strand_of(id.x);
-    if strand.here && is_searched() {
-        enter(strand, true);
     }
 }

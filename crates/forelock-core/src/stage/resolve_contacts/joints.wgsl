@@ -1,7 +1,5 @@
 // Contacts that are resolved, joint by joint: the twin of `resolve_contacts`. What a joint does depends on itself and the bodies alone.
 
-@group(0) @binding(31) var<storage, read> owners: array<u32>;
-
 // A list for each segment.
 @compute @workgroup_size(CELLS_GROUP)
 fn reserve_lists(@builtin(global_invocation_id) id: vec3u) {

@@ -1,9 +1,5 @@
 // Contacts that are resolved, strand by strand, one a thread: the twin of `resolve_contacts::spread`. Only strands that a joint bends take part.
 
-fn number_of(strand: Strand, i: u32) -> u32 {
-    return (blocks[strand.block].place + i) * LANES + strand.lane;
-}
-
 // The length over which a strand's joints bend it at least, metres; 0 if it has none.
 fn bend_of(strand: Strand) -> f32 {
     return bitcast<f32>(atomicLoad(&table[bend_at(blocks[strand.block].number * LANES + strand.lane)]));
@@ -29,7 +25,8 @@ fn sum_of(strand: Strand, i: u32) -> Sum {
             continue;
         }
         let first = atomicLoad(&table[cursor_at(segment)]) - count;
-        for (var k = first; k < first + count; k++) {
+        // None later than that is kept.
+        for (var k = first; k < first + min(count, meet.per_segment); k++) {
             let side = work[sorted_at(k)];
             let joint = side / 2u;
             if work[field_at(joint, KEPT)] == 0u {
