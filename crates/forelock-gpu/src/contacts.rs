@@ -31,6 +31,8 @@ use wgpu::BufferUsages;
 pub const SLOTS: u32 = 64;
 /// Contacts that an active segment may find in a slice, with those of earlier slices.
 pub const FOUND: u32 = 512;
+/// Entries that the threads of an active segment look at before those are followed that it may touch.
+pub const QUEUE: u32 = 512;
 /// Workgroups that active segments are shared by.
 pub const MEET_GROUPS: u32 = 4096;
 /// Cells in a row of the table: entries of one row lie one after the other.

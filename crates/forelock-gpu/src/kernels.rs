@@ -2,7 +2,7 @@
 
 use crate::air::AirUniform;
 use crate::contacts::{
-    BODY_ROWS, FOUND, HALF_PIECE, MEET_GROUPS, MeetUniform, ROW_CELLS, ROW_GROUPS, SLOTS, WAY_ROWS,
+    BODY_ROWS, FOUND, HALF_PIECE, MEET_GROUPS, MeetUniform, QUEUE, ROW_CELLS, ROW_GROUPS, SLOTS, WAY_ROWS,
 };
 use crate::grid::{CELLS_GROUP, CELLS_THREADS, FASTEST, GridUniform, MOST_OUT, RELAX_THREADS, SWEEPS};
 use crate::layout::{FLAGS, FrameUniform, SubstepUniform};
@@ -657,6 +657,7 @@ pub fn text(stage: &StageKernels) -> String {
         ("OWN_CELLS", ROW_CELLS / CELLS_GROUP),
         ("SLOTS", SLOTS),
         ("FOUND", FOUND),
+        ("QUEUE", QUEUE),
         ("WAY_ROWS", WAY_ROWS as u32),
         ("BODY_ROWS", BODY_ROWS as u32),
         ("RUN_SEGMENTS", RUN_SEGMENTS as u32),

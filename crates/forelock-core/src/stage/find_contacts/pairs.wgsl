@@ -345,6 +345,7 @@ fn active_count() -> u32 {
 }
 
 var<workgroup> segments: u32;
+var<workgroup> own_pieces: u32;
 // What an active segment meets, as in its slots; how many that were, and of the first in time.
 var<workgroup> met: array<vec2u, FOUND>;
 var<workgroup> met_count: atomic<u32>;
@@ -413,61 +414,132 @@ fn is_met_there(segment: u32, course: Course, middle: vec3f, along: f32) -> bool
     return piece_at(max(fraction, 0.0), pieces) == piece_at(along, pieces);
 }
 
-// Lets a piece meet what is in the row of cells (y, z) within `range` of its middle.
-fn search_row(seeker: Seeker, piece: Piece, row: vec2u, range: f32) {
-    let place = piece.middle - touch.low;
-    let low = vec2f(row) * meet.edge;
-    let apart = max(max(low - place.yz, place.yz - low - meet.edge), vec2f());
-    let left = range * range - dot(apart, apart);
-    if left <= 0.0 {
-        return;
+// A piece that contacts are sought of: how far the middles of those can be that it meets, and the rows of cells about it.
+struct Around {
+    piece: Piece,
+    range: f32,
+    first: vec2u,
+    rows: vec2u,
+}
+
+fn around(piece: Piece) -> Around {
+    let range = piece.radius + HALF_PIECE * meet.edge + max(piece.reach, REACH_OTHER * meet.edge);
+    let first = cell_of(piece.middle - range).yz;
+    let rows = min(cell_of(piece.middle + range).yz, cell_of(touch.high).yz) - first + 1u;
+    return Around(piece, range, first, select(vec2u(), rows, in_box(piece.middle)));
+}
+
+// Where a thread is there: its next row; this row, and its next and last cell in it; its next entry in a run of cells, and the run's end.
+struct Walk {
+    next: u32,
+    row: vec2u,
+    cell: u32,
+    last_cell: u32,
+    at: u32,
+    end: u32,
+    // Of a run that is too crowded some are looked at, spread evenly.
+    share: f32,
+}
+
+// The next run of cells, if there is one. A run may be cut where one row of the table ends.
+fn next_run(walk: ptr<function, Walk>, about: Around, t: u32) -> bool {
+    while (*walk).cell > (*walk).last_cell {
+        let next = (*walk).next;
+        if next >= about.rows.x * about.rows.y {
+            return false;
+        }
+        (*walk).next += ROWS;
+        let row = about.first + vec2u(next % about.rows.x, next / about.rows.x);
+        let place = about.piece.middle - touch.low;
+        let low = vec2f(row) * meet.edge;
+        let apart = max(max(low - place.yz, place.yz - low - meet.edge), vec2f());
+        let left = about.range * about.range - dot(apart, apart);
+        if left > 0.0 {
+            let reach = vec3f(sqrt(left), 0.0, 0.0);
+            (*walk).row = row;
+            (*walk).cell = cell_of(about.piece.middle - reach).x;
+            (*walk).last_cell = min(cell_of(about.piece.middle + reach).x, cell_of(touch.high).x);
+        }
     }
-    let reach = vec3f(sqrt(left), 0.0, 0.0);
-    let to_cell = min(cell_of(piece.middle + reach).x, cell_of(touch.high).x);
+    let bucket = bucket_of(vec3u((*walk).cell, (*walk).row));
+    let count = min((*walk).last_cell - (*walk).cell + 1u, ROW_CELLS - bucket % ROW_CELLS);
+    let first = atomicLoad(&table[bucket]);
+    let end = min(atomicLoad(&table[meet.cells + bucket + count - 1u]), meet.entries);
+    (*walk).cell += count;
+    (*walk).at = first + t % ROW_THREADS;
+    (*walk).end = end;
+    (*walk).share = f32(RUN_SEGMENTS) / f32(max(end, first + 1u) - first);
+    return true;
+}
+
+// Entries whose balls a piece touches: few threads of a row find some, and then all look at them.
+var<workgroup> queue: array<u32, QUEUE>;
+var<workgroup> queue_count: atomic<u32>;
+var<workgroup> queue_now: u32;
+// Threads that have not come to their end.
+var<workgroup> walking: atomic<u32>;
+var<workgroup> goes_on: u32;
+
+// Entries that a thread looks at before the queue is gone through.
+const NEXT: u32 = QUEUE / WORKGROUP;
+
+// Puts those of a thread's next entries on the queue whose balls the piece touches; whether there are more.
+fn look_on(walk: ptr<function, Walk>, about: Around, seeker: Seeker) -> bool {
+    let piece = about.piece;
     let inverse = 1.0 / max(dot(piece.half, piece.half), 1e-20);
-    // A run of cells may be cut where one row of the table ends.
-    for (var cell = cell_of(piece.middle - reach).x; cell <= to_cell;) {
-        let bucket = bucket_of(vec3u(cell, row));
-        let count = min(to_cell - cell + 1u, ROW_CELLS - bucket % ROW_CELLS);
-        let first = atomicLoad(&table[bucket]);
-        let end = min(atomicLoad(&table[meet.cells + bucket + count - 1u]), meet.entries);
-        // Where it is too crowded, some, spread evenly.
-        let share = f32(RUN_SEGMENTS) / f32(max(end, first + 1u) - first);
-        for (var at = first + seeker.t % ROW_THREADS; at < end; at += ROW_THREADS) {
-            let ball = meet.bodies + meet.entries + 4u * at;
-            let middle = bitcast<vec3f>(vec3u(work[ball], work[ball + 1u], work[ball + 2u]));
-            let r = middle - piece.middle;
-            let from_piece = r - piece.half * clamp(dot(piece.half, r) * inverse, -1.0, 1.0);
-            let within = piece.reach + real(ball + 3u);
-            // Other rows may have the same place in the table.
-            if !(dot(from_piece, from_piece) < within * within) || any(cell_of(middle).yz != row) {
+    for (var k = 0u; k < NEXT;) {
+        if (*walk).at >= (*walk).end {
+            if !next_run(walk, about, seeker.t) {
+                return false;
+            }
+            continue;
+        }
+        let at = (*walk).at;
+        (*walk).at += ROW_THREADS;
+        k += 1u;
+        let ball = meet.bodies + meet.entries + 4u * at;
+        let middle = bitcast<vec3f>(vec3u(work[ball], work[ball + 1u], work[ball + 2u]));
+        let r = middle - piece.middle;
+        let from_piece = r - piece.half * clamp(dot(piece.half, r) * inverse, -1.0, 1.0);
+        let within = piece.reach + real(ball + 3u);
+        // Other rows may have the same place in the table.
+        if !(dot(from_piece, from_piece) < within * within) || any(cell_of(middle).yz != (*walk).row) {
+            continue;
+        }
+        let entry = work[meet.bodies + at];
+        let other = entry & ~ACTIVE;
+        if (*walk).share < 1.0 && chance(other) >= (*walk).share {
+            continue;
+        }
+        // Of two active ones that which strays farther seeks the other.
+        if entry != other {
+            let strays = stray_of(other);
+            if strays > seeker.stray || strays == seeker.stray && other >= seeker.segment {
                 continue;
-            }
-            let entry = work[meet.bodies + at];
-            let other = entry & ~ACTIVE;
-            if share < 1.0 && chance(other) >= share {
-                continue;
-            }
-            // Of two active ones that which strays farther seeks the other.
-            if entry != other {
-                let strays = stray_of(other);
-                if strays > seeker.stray || strays == seeker.stray && other >= seeker.segment {
-                    continue;
-                }
-            }
-            let course = course_of(other);
-            if !may_touch(seeker.own, course) {
-                continue;
-            }
-            let is_first = seeker.segment < other;
-            let contact = follow(min(seeker.segment, other), max(seeker.segment, other), touch.slice);
-            // Of the pieces of both those meet that hold the contact: so each contact comes once.
-            let along = select(contact.along.yx, contact.along, is_first);
-            if contact.here && piece_at(along.x, seeker.pieces) == seeker.k && is_met_there(other, course, middle, along.y) {
-                take_met(seeker, other, contact.approach);
             }
         }
-        cell += count;
+        queue[atomicAdd(&queue_count, 1u)] = at;
+    }
+    return true;
+}
+
+// Takes the contact with an entry, if there is one.
+fn meet_entry(seeker: Seeker, at: u32) {
+    let other = work[meet.bodies + at] & ~ACTIVE;
+    let course = course_of(other);
+    if !may_touch(seeker.own, course) {
+        return;
+    }
+    let contact = follow(min(seeker.segment, other), max(seeker.segment, other), touch.slice);
+    if !contact.here {
+        return;
+    }
+    // Of the pieces of both those meet that hold the contact: so each contact comes once.
+    let along = select(contact.along.yx, contact.along, seeker.segment < other);
+    let ball = meet.bodies + meet.entries + 4u * at;
+    let middle = bitcast<vec3f>(vec3u(work[ball], work[ball + 1u], work[ball + 2u]));
+    if piece_at(along.x, seeker.pieces) == seeker.k && is_met_there(other, course, middle, along.y) {
+        take_met(seeker, other, contact.approach);
     }
 }
 
@@ -503,7 +575,10 @@ fn meet_segments(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_
         let lower = own.start[0] + middle_of_slice() * own.way[0];
         let upper = own.start[1] + middle_of_slice() * own.way[1];
         let reach = reach_of(stray, true);
-        let pieces = pieces_of(rest[row_of(segment, MODEL_ROWS, 3u)]);
+        if t == 0u {
+            own_pieces = pieces_of(rest[row_of(segment, MODEL_ROWS, 3u)]);
+        }
+        let pieces = workgroupUniformLoad(&own_pieces);
         for (var how = TAKE_ALL; how <= TAKE_FASTEST; how++) {
             if t == 0u {
                 atomicStore(&met_count, 0u);
@@ -522,16 +597,28 @@ fn meet_segments(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_
             }
             workgroupBarrier();
             for (var k = 0u; k < pieces; k++) {
-                let piece = piece_of(lower, upper, k, pieces, reach);
-                if !in_box(piece.middle) {
-                    continue;
-                }
-                let range = piece.radius + HALF_PIECE * meet.edge + max(reach, REACH_OTHER * meet.edge);
-                let first = cell_of(piece.middle - range).yz;
-                let rows = min(cell_of(piece.middle + range).yz, cell_of(touch.high).yz) - first + 1u;
-                for (var row = t / ROW_THREADS; row < rows.x * rows.y; row += ROWS) {
-                    let at = first + vec2u(row % rows.x, row / rows.x);
-                    search_row(Seeker(segment, stray, how, t, k, pieces, own), piece, at, range);
+                let about = around(piece_of(lower, upper, k, pieces, reach));
+                let seeker = Seeker(segment, stray, how, t, k, pieces, own);
+                var walk = Walk();
+                walk.next = t / ROW_THREADS;
+                walk.cell = 1u;
+                loop {
+                    if look_on(&walk, about, seeker) {
+                        atomicStore(&walking, 1u);
+                    }
+                    workgroupBarrier();
+                    if t == 0u {
+                        queue_now = atomicExchange(&queue_count, 0u);
+                        goes_on = atomicExchange(&walking, 0u);
+                    }
+                    let waiting = workgroupUniformLoad(&queue_now);
+                    for (var place = t; place < waiting; place += WORKGROUP) {
+                        meet_entry(seeker, queue[place]);
+                    }
+                    workgroupBarrier();
+                    if workgroupUniformLoad(&goes_on) == 0u {
+                        break;
+                    }
                 }
             }
             workgroupBarrier();
