@@ -34,7 +34,7 @@ pub const FOUND: u32 = 512;
 /// Entries that the threads of an active segment look at before those are followed that it may touch.
 pub const QUEUE: u32 = 512;
 /// Workgroups that active segments are shared by.
-pub const MEET_GROUPS: u32 = 4096;
+pub const MEET_GROUPS: u32 = 2048;
 /// Cells in a row of the table: entries of one row lie one after the other.
 pub const ROW_CELLS: u32 = 1024;
 /// Workgroups that lay out rows.

@@ -23,8 +23,8 @@ use wgpu::BufferUsages;
 pub const CELLS_GROUP: u32 = 256;
 /// Threads of a dispatch over cells.
 pub const CELLS_THREADS: u32 = 512 * CELLS_GROUP;
-/// Threads of a dispatch over the cells that can be held.
-pub const RELAX_THREADS: u32 = 128 * CELLS_GROUP;
+/// Threads of a dispatch over a list: of cells that can be held, of contacts.
+pub const LIST_THREADS: u32 = 128 * CELLS_GROUP;
 /// The rest shape's longest side over the thickness of its hair, about.
 const THINNESS: f64 = 7.0;
 /// Sweeps after which the pressure is looked at.

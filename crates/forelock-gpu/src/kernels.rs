@@ -4,7 +4,7 @@ use crate::air::AirUniform;
 use crate::contacts::{
     BODY_ROWS, FOUND, HALF_PIECE, MEET_GROUPS, MeetUniform, QUEUE, ROW_CELLS, ROW_GROUPS, SLOTS, WAY_ROWS,
 };
-use crate::grid::{CELLS_GROUP, CELLS_THREADS, FASTEST, GridUniform, MOST_OUT, RELAX_THREADS, SWEEPS};
+use crate::grid::{CELLS_GROUP, CELLS_THREADS, FASTEST, GridUniform, LIST_THREADS, MOST_OUT, SWEEPS};
 use crate::layout::{FLAGS, FrameUniform, SubstepUniform};
 use crate::skinning::SkinUniform;
 use crate::solids::{FAR, FIELD_NUMBERS, HOW, KINDS, LookUniform, MOST_SOLIDS};
@@ -193,8 +193,8 @@ pub enum Over {
     Count(u32),
     /// [`CELLS_THREADS`].
     Cells,
-    /// [`RELAX_THREADS`].
-    Held,
+    /// [`LIST_THREADS`].
+    List,
     /// So many workgroups.
     Groups(u32),
 }
@@ -207,7 +207,7 @@ impl Over {
             Self::Once => 1,
             Self::Count(threads) => threads.div_ceil(WORKGROUP),
             Self::Cells => CELLS_THREADS / CELLS_GROUP,
-            Self::Held => RELAX_THREADS / CELLS_GROUP,
+            Self::List => LIST_THREADS / CELLS_GROUP,
             Self::Groups(groups) => groups,
         }
     }
@@ -309,8 +309,8 @@ pub const STAGES: [StageKernels; 15] = [
             (Kernel::Divide, "divide", Over::Cells),
             (Kernel::AimVelocities, "aim_velocities", Over::Cells),
             (Kernel::AimDisplacements, "aim_displacements", Over::Cells),
-            (Kernel::RelaxEven, "relax_even", Over::Held),
-            (Kernel::RelaxOdd, "relax_odd", Over::Held),
+            (Kernel::RelaxEven, "relax_even", Over::List),
+            (Kernel::RelaxOdd, "relax_odd", Over::List),
             (Kernel::Judge, "judge", Over::Once),
             (Kernel::PushVelocities, "push_velocities", Over::Cells),
             (Kernel::PushDisplacements, "push_displacements", Over::Cells),
@@ -347,17 +347,17 @@ pub const STAGES: [StageKernels; 15] = [
         texts: &[CONTACT, include_str!("../../forelock-core/src/stage/find_contacts/pairs.wgsl")],
         kernels: &[
             (Kernel::FitDrift, "fit_drift", Over::Once),
-            (Kernel::ClearDrift, "clear_drift", Over::Cells),
-            (Kernel::SmoothDrift, "smooth_drift", Over::Cells),
+            (Kernel::ClearDrift, "clear_drift", Over::List),
+            (Kernel::SmoothDrift, "smooth_drift", Over::List),
             (Kernel::ChooseActive, "choose_active", Over::Once),
-            (Kernel::ClearCells, "clear_cells", Over::Cells),
+            (Kernel::ClearCells, "clear_cells", Over::List),
             (Kernel::LayOut, "lay_out", Over::Groups(ROW_GROUPS)),
             (Kernel::MeetSegments, "meet_segments", Over::Groups(MEET_GROUPS)),
             (Kernel::NextSlice, "next_slice", Over::Once),
-            (Kernel::CountFound, "count_found", Over::Cells),
+            (Kernel::CountFound, "count_found", Over::List),
             (Kernel::ChooseFound, "choose_found", Over::Once),
-            (Kernel::ClearLinks, "clear_links", Over::Cells),
-            (Kernel::TakeUp, "take_up", Over::Cells),
+            (Kernel::ClearLinks, "clear_links", Over::List),
+            (Kernel::TakeUp, "take_up", Over::List),
         ],
         group: Group::Touch,
     },
@@ -377,11 +377,11 @@ pub const STAGES: [StageKernels; 15] = [
         name: "resolve_contacts",
         texts: &[CONTACT, include_str!("../../forelock-core/src/stage/resolve_contacts/joints.wgsl")],
         kernels: &[
-            (Kernel::ReserveLists, "reserve_lists", Over::Cells),
-            (Kernel::LinkJoints, "link_joints", Over::Cells),
-            (Kernel::OrderJoints, "order_joints", Over::Cells),
-            (Kernel::WeighJoints, "weigh_joints", Over::Cells),
-            (Kernel::PressJoints, "press_joints", Over::Cells),
+            (Kernel::ReserveLists, "reserve_lists", Over::List),
+            (Kernel::LinkJoints, "link_joints", Over::List),
+            (Kernel::OrderJoints, "order_joints", Over::List),
+            (Kernel::WeighJoints, "weigh_joints", Over::List),
+            (Kernel::PressJoints, "press_joints", Over::List),
             (Kernel::JudgeRound, "judge_round", Over::Once),
         ],
         group: Group::Touch,
@@ -639,7 +639,7 @@ pub fn text(stage: &StageKernels) -> String {
         ("FIELD_NUMBERS", FIELD_NUMBERS),
         ("CELLS_GROUP", CELLS_GROUP),
         ("CELLS_THREADS", CELLS_THREADS),
-        ("RELAX_THREADS", RELAX_THREADS),
+        ("LIST_THREADS", LIST_THREADS),
         ("SWEEPS", SWEEPS),
         ("MOST_MODES", MODES as u32),
         ("WAKE_NODES", wake::NODES as u32),
@@ -728,7 +728,11 @@ impl Kernels {
                     layout: Some(&layout),
                     module: &module,
                     entry_point: Some(name),
-                    compilation_options: wgpu::PipelineCompilationOptions::default(),
+                    // Kernels set what they read there.
+                    compilation_options: wgpu::PipelineCompilationOptions {
+                        zero_initialize_workgroup_memory: false,
+                        ..Default::default()
+                    },
                     cache: None,
                 }));
             }

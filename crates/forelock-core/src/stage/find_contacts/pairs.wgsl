@@ -43,7 +43,7 @@ fn node_count() -> u32 {
 
 @compute @workgroup_size(CELLS_GROUP)
 fn clear_drift(@builtin(global_invocation_id) id: vec3u) {
-    for (var at = id.x; at < 8u * node_count(); at += CELLS_THREADS) {
+    for (var at = id.x; at < 8u * node_count(); at += LIST_THREADS) {
         atomicStore(&table[at], 0u);
     }
 }
@@ -66,7 +66,7 @@ fn wide(at: u32) -> f32 {
 fn smooth_drift(@builtin(global_invocation_id) id: vec3u) {
     let size = touch.high - touch.low;
     let side = max(max(size.x, size.y), max(size.z, 1e-20));
-    for (var at = id.x; at < node_count(); at += CELLS_THREADS) {
+    for (var at = id.x; at < node_count(); at += LIST_THREADS) {
         let node = vec3u(at % touch.dims.x, at / touch.dims.x % touch.dims.y, at / (touch.dims.x * touch.dims.y));
         let first = max(node, vec3u(1u)) - 1u;
         let last = min(node + 1u, touch.dims - 1u);
@@ -168,7 +168,7 @@ fn clear_cells(@builtin(global_invocation_id) id: vec3u) {
     if !is_searched() {
         return;
     }
-    for (var at = id.x; at < meet.cells; at += CELLS_THREADS) {
+    for (var at = id.x; at < meet.cells; at += LIST_THREADS) {
         atomicStore(&table[at], 0u);
     }
 }
@@ -583,6 +583,8 @@ fn meet_segments(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_
             if t == 0u {
                 atomicStore(&met_count, 0u);
                 atomicStore(&distinct, 0u);
+                atomicStore(&queue_count, 0u);
+                atomicStore(&walking, 0u);
             }
             for (var speed = t; speed < SPEEDS; speed += WORKGROUP) {
                 atomicStore(&speeds[speed], 0u);
@@ -688,7 +690,7 @@ fn count_found(@builtin(global_invocation_id) id: vec3u) {
     if touch.slices == 0u {
         return;
     }
-    for (var at = id.x; at < SLOTS * active_count(); at += CELLS_THREADS) {
+    for (var at = id.x; at < SLOTS * active_count(); at += LIST_THREADS) {
         let slot = slot_at(0u, at);
         if work[slot] != NOTHING {
             atomicAdd(&touch.bins[work[slot + 1u] >> BIN_BITS], 1u);
@@ -719,10 +721,10 @@ fn choose_found(@builtin(local_invocation_index) t: u32) {
 // Lists of joints, and how far strands are bent.
 @compute @workgroup_size(CELLS_GROUP)
 fn clear_links(@builtin(global_invocation_id) id: vec3u) {
-    for (var at = id.x; at < meet.numbers; at += CELLS_THREADS) {
+    for (var at = id.x; at < meet.numbers; at += LIST_THREADS) {
         atomicStore(&table[count_at(at)], 0u);
     }
-    for (var slot = id.x; slot < meet.strands; slot += CELLS_THREADS) {
+    for (var slot = id.x; slot < meet.strands; slot += LIST_THREADS) {
         atomicStore(&table[bend_at(slot)], 0u);
     }
 }
@@ -733,7 +735,7 @@ fn take_up(@builtin(global_invocation_id) id: vec3u) {
     if touch.slices == 0u {
         return;
     }
-    for (var at = id.x; at < SLOTS * active_count(); at += CELLS_THREADS) {
+    for (var at = id.x; at < SLOTS * active_count(); at += LIST_THREADS) {
         let slot = slot_at(0u, at);
         let own = work[slot];
         if own == NOTHING {

@@ -6,7 +6,7 @@ fn reserve_lists(@builtin(global_invocation_id) id: vec3u) {
     if joint_count() == 0u {
         return;
     }
-    for (var segment = id.x; segment < meet.numbers; segment += CELLS_THREADS) {
+    for (var segment = id.x; segment < meet.numbers; segment += LIST_THREADS) {
         let count = atomicLoad(&table[count_at(segment)]);
         if count > 0u {
             atomicStore(&table[cursor_at(segment)], atomicAdd(&touch.taken, count));
@@ -16,7 +16,7 @@ fn reserve_lists(@builtin(global_invocation_id) id: vec3u) {
 
 @compute @workgroup_size(CELLS_GROUP)
 fn link_joints(@builtin(global_invocation_id) id: vec3u) {
-    for (var joint = id.x; joint < joint_count(); joint += CELLS_THREADS) {
+    for (var joint = id.x; joint < joint_count(); joint += LIST_THREADS) {
         for (var side = 0u; side < 2u; side++) {
             let segment = work[field_at(joint, SEGMENTS + side)];
             let at = side_at(atomicAdd(&table[cursor_at(segment)], 1u));
@@ -31,7 +31,7 @@ fn link_joints(@builtin(global_invocation_id) id: vec3u) {
 // Puts the lists in order of time, and says which joints are among the first of both their segments.
 @compute @workgroup_size(CELLS_GROUP)
 fn order_joints(@builtin(global_invocation_id) id: vec3u) {
-    for (var joint = id.x; joint < joint_count(); joint += CELLS_THREADS) {
+    for (var joint = id.x; joint < joint_count(); joint += LIST_THREADS) {
         let when = work[field_at(joint, WHEN)];
         var kept = true;
         for (var side = 0u; side < 2u; side++) {
@@ -82,7 +82,7 @@ fn part_of(joint: u32, corner: u32) -> Part {
 
 @compute @workgroup_size(CELLS_GROUP)
 fn weigh_joints(@builtin(global_invocation_id) id: vec3u) {
-    for (var joint = id.x; joint < joint_count(); joint += CELLS_THREADS) {
+    for (var joint = id.x; joint < joint_count(); joint += LIST_THREADS) {
         if work[field_at(joint, KEPT)] == 0u {
             continue;
         }
@@ -101,7 +101,7 @@ fn press_joints(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     var most = 0.0;
-    for (var joint = id.x; joint < joint_count(); joint += CELLS_THREADS) {
+    for (var joint = id.x; joint < joint_count(); joint += LIST_THREADS) {
         if work[field_at(joint, KEPT)] == 0u {
             continue;
         }

@@ -164,7 +164,7 @@ fn relax(id: u32, colour: u32) {
     }
     var largest = 0.0;
     let count = atomicLoad(&bounds.listed[colour]);
-    for (var number = id; number < count; number += RELAX_THREADS) {
+    for (var number = id; number < count; number += LIST_THREADS) {
         let cell = cells[listed(colour, number)];
         var given = value_of(LACK, cell);
         var diagonal = 0.0;
