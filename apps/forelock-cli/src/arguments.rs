@@ -303,6 +303,12 @@ pub enum BenchCommand {
         /// Strands that do not meet.
         #[arg(long)]
         apart: bool,
+        /// Segments of strands that touch, too.
+        #[arg(long, conflicts_with = "apart")]
+        contacts: bool,
+        /// Factors of the strand solve kept in 16 bits, on a GPU.
+        #[arg(long)]
+        half_factors: bool,
         /// Folder for Markdown, JSON and a page [default: print only].
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,

@@ -33,6 +33,8 @@ pub enum Stage {
     SampleAir,
     /// One implicit substep.
     SolveStrands,
+    /// The same with factors kept in 16 bits.
+    SolveHalved,
     /// Hair against solids.
     ResolveSolids,
     /// The same where some of them change their shape.
@@ -82,6 +84,8 @@ pub enum Kernel {
     SampleAir,
     /// [`Stage::SolveStrands`].
     SolveStrands,
+    /// [`Stage::SolveHalved`].
+    SolveHalved,
     /// [`Stage::ResolveSolids`].
     ResolveSolids,
     /// [`Stage::ResolveChanging`].
@@ -237,10 +241,13 @@ const PRELUDE: &str = include_str!("../../forelock-core/src/stage/prelude.wgsl")
 const SHAPES: &str = include_str!("../../forelock-core/src/body/shapes.wgsl");
 const GRID: &str = include_str!("../../forelock-core/src/grid/grid.wgsl");
 const CONTACT: &str = include_str!("../../forelock-core/src/contact/contact.wgsl");
+const SOLVE: &str = include_str!("../../forelock-core/src/stage/solve_strands/kernel.wgsl");
+const LINKS: &str = include_str!("../../forelock-core/src/stage/solve_strands/links.wgsl");
+const LINKS_HALVED: &str = include_str!("../../forelock-core/src/stage/solve_strands/links_halved.wgsl");
 const SKIN: &str = include_str!("../../forelock-core/src/groom/guides/skin.wgsl");
 
 /// All stages.
-pub const STAGES: [StageKernels; 15] = [
+pub const STAGES: [StageKernels; 16] = [
     StageKernels {
         stage: Stage::SampleAir,
         name: "sample_air",
@@ -260,8 +267,15 @@ pub const STAGES: [StageKernels; 15] = [
     StageKernels {
         stage: Stage::SolveStrands,
         name: "solve_strands",
-        texts: &[include_str!("../../forelock-core/src/stage/solve_strands/kernel.wgsl")],
+        texts: &[LINKS, SOLVE],
         kernels: &[(Kernel::SolveStrands, "solve_strands", Over::Strands)],
+        group: Group::Solve,
+    },
+    StageKernels {
+        stage: Stage::SolveHalved,
+        name: "solve_strands",
+        texts: &[LINKS_HALVED, SOLVE],
+        kernels: &[(Kernel::SolveHalved, "solve_strands", Over::Strands)],
         group: Group::Solve,
     },
     StageKernels {

@@ -241,6 +241,42 @@ fn every_form_of_every_term() {
     }
 }
 
+/// Factors in 16 bits: velocities stay within a few thousandths of what float64 has, and something is rounded.
+#[test]
+fn half_factors_are_off_by_little() {
+    let Some(gpu) = common::gpu() else { return };
+    let (positions, offsets) = tuft(70, |strand| 20 + strand % 2);
+    let exact: Vec<[f64; 3]> = positions.iter().map(|x| x.map(f64::from)).collect();
+    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let exact = Strands { positions: &exact, offsets: &offsets, stiffness: None };
+    for params in
+        [AmsParams::default(), AmsParams { inextensibility: Inextensibility::Off, ..AmsParams::default() }]
+    {
+        let [mut whole, mut halved] = [false, true].map(|halves| {
+            let mut own = GpuSimulation::from_strands(&gpu, &strands, &params, &options()).unwrap();
+            own.set_half_factors(halves);
+            own
+        });
+        let mut truth = Simulation::<f64>::from_strands(&exact, &params, &options()).unwrap();
+        for number in 0..60 {
+            whole.step_frame(&frame(number)).unwrap();
+            halved.step_frame(&frame(number)).unwrap();
+            truth.step_frame(&frame(number)).unwrap();
+        }
+        let truth = truth.snapshot();
+        let off = |own: &mut GpuSimulation| {
+            let own = own.snapshot().unwrap();
+            let square =
+                |a: &[f32; 3], b: &[f64; 3]| (0..3).map(|c| (f64::from(a[c]) - b[c]).powi(2)).sum::<f64>();
+            let sum = own.positions.iter().zip(&truth.positions).map(|(a, b)| square(a, b)).sum::<f64>();
+            (sum / own.positions.len() as f64).sqrt()
+        };
+        let [whole, halved] = [off(&mut whole), off(&mut halved)];
+        println!("root mean square of positions after a second: {whole} m, with half factors {halved} m");
+        assert!(whole < 1e-4 && halved < 2e-3 && halved > 2.0 * whole);
+    }
+}
+
 /// The field of a ball.
 fn ball_field(radius: f32) -> Sdf {
     // Each in a box of its own size.

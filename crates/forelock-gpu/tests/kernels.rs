@@ -5,7 +5,7 @@
 use forelock_gpu::air::{AirUniform, CanopyEntry, ModeEntry};
 use forelock_gpu::contacts::{MeetUniform, TouchEntry};
 use forelock_gpu::grid::{BoundsEntry, GridSolidEntry, GridUniform};
-use forelock_gpu::kernels::{Binding, GROUPS, Group, STAGES, StageKernels, text};
+use forelock_gpu::kernels::{Binding, GROUPS, Group, STAGES, Stage, StageKernels, text};
 use forelock_gpu::layout::{BlockEntry, FrameUniform, ReportEntry, SubstepUniform};
 use forelock_gpu::skinning::{CarriedEntry, SkinUniform};
 use forelock_gpu::solids::{LookUniform, SolidEntry};
@@ -17,8 +17,13 @@ fn modules() -> impl Iterator<Item = (&'static StageKernels, naga::Module, Modul
     STAGES.iter().map(|stage| {
         let module = naga::front::wgsl::parse_str(&text(stage))
             .unwrap_or_else(|error| panic!("{}: {}", stage.name, error.emit_to_string(&text(stage))));
-        // No capability beyond what every device of WebGPU has.
-        let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
+        // No capability beyond what every device of WebGPU has; it packs halves.
+        let halves = if stage.stage == Stage::SolveHalved {
+            Capabilities::SHADER_FLOAT16_IN_FLOAT32
+        } else {
+            Capabilities::empty()
+        };
+        let mut validator = Validator::new(ValidationFlags::all(), halves);
         let info = validator.validate(&module).unwrap_or_else(|error| panic!("{}: {error:?}", stage.name));
         (stage, module, info)
     })

@@ -13,6 +13,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use forelock_core::body::{ColliderFrame, Head, Motion, Sdf, Shape};
+use forelock_core::contact::ContactParams;
 use forelock_core::grid::GridParams;
 use forelock_core::groom::Groom;
 use forelock_core::groom::grow::{GrowParams, grow_on_head};
@@ -38,6 +39,8 @@ const PARTICLES: u32 = 25;
 const OPERATIONS: f64 = 770.0;
 /// Bytes that it moves there on a GPU: 28 of the model, 48 of positions and velocities, 4 of ties, 240 of factors.
 const GPU_BYTES: f64 = 320.0;
+/// The same with factors in 16 bits.
+const GPU_BYTES_HALVED: f64 = 224.0;
 /// Bytes that a particle moves in a frame on the CPU, where all substeps run in the cache.
 const CPU_BYTES: f64 = 92.0;
 /// Frames handed to a GPU before one waits for it.
@@ -57,6 +60,10 @@ pub struct ScalingOptions {
     pub frames: u32,
     /// Whether hair meets on a grid.
     pub grid: bool,
+    /// Whether segments of strands touch.
+    pub contacts: bool,
+    /// Whether a GPU keeps the strand solve's factors in 16 bits.
+    pub half_factors: bool,
 }
 
 /// The table and what it was made on.
@@ -72,6 +79,10 @@ pub struct Scaling {
     pub frames: u32,
     /// Whether hair meets on a grid.
     pub grid: bool,
+    /// Whether segments of strands touch.
+    pub contacts: bool,
+    /// Whether the strand solve's factors are kept in 16 bits.
+    pub half_factors: bool,
     /// Operations a second at most, measured.
     pub peak_operations_per_sec: f64,
     /// Bytes a second at most, measured.
@@ -213,6 +224,8 @@ pub fn scaling(options: &ScalingOptions, observer: &mut Observer<'_>) -> Result<
         substeps: AmsParams::default().substeps,
         frames: options.frames,
         grid: options.grid,
+        contacts: options.contacts,
+        half_factors: options.half_factors,
         peak_operations_per_sec: peaks.operations_per_sec,
         peak_bytes_per_sec: peaks.bytes_per_sec,
         rows,
@@ -227,16 +240,20 @@ fn row(
     groom: &Groom,
 ) -> Result<ScalingRow, RunError> {
     let (params, grid) = (AmsParams::default(), options.grid.then(GridParams::default));
+    let contacts = options.contacts.then(ContactParams::default);
     let at_rest = Options { rest_gravity: GRAVITY, ..Options::default() };
     let mut on = match gpu {
         Some(gpu) => {
             let mut simulation = GpuSimulation::new(gpu, groom, &params, &at_rest)?;
             simulation.set_grid(grid.as_ref())?;
+            simulation.set_contacts(contacts.as_ref())?;
+            simulation.set_half_factors(options.half_factors);
             On::Gpu(Box::new(simulation))
         }
         None => {
             let mut simulation = Simulation::new(groom, &params, &at_rest)?;
             simulation.set_grid(grid.as_ref())?;
+            simulation.set_contacts(contacts.as_ref())?;
             On::Cpu(Box::new(simulation))
         }
     };
@@ -269,7 +286,8 @@ fn row(
     let mut traffic = CPU_BYTES;
     if gpu.is_some() {
         (frames, threads) = (options.frames.min(TIMED), 1.0);
-        traffic = GPU_BYTES * f64::from(params.substeps);
+        traffic = if options.half_factors { GPU_BYTES_HALVED } else { GPU_BYTES };
+        traffic *= f64::from(params.substeps);
         for number in 0..frames {
             scene.step(&mut on, warm_up + options.frames + number, &mut tally)?;
             on.add_to(&mut tally)?;
@@ -360,6 +378,8 @@ impl Scaling {
         } else {
             "hair does not meet".to_owned()
         };
+        let touches = if self.contacts { ", segments touch" } else { "" };
+        let halves = if self.half_factors { "; factors in 16 bits" } else { "" };
         let quarantined: u32 = self.rows.iter().map(|row| row.quarantined_strands).sum();
         let broken = (quarantined > 0)
             .then(|| format!("{quarantined} strands were not finite and were put back to rest."));
@@ -368,7 +388,7 @@ impl Scaling {
             claim: String::new(),
             notes: [
                 format!(
-                    "The mean of {} frames, waited for now and then and at their end; {} substeps a frame; {meets}.",
+                    "The mean of {} frames, waited for now and then and at their end; {} substeps a frame; {meets}{touches}{halves}.",
                     self.frames, self.substeps
                 ),
                 format!(

@@ -42,9 +42,17 @@ pub fn bench(arguments: &BenchArgs) -> anyhow::Result<()> {
             let options = Table1Options { warm_up: *warm_up, frames: *frames, share: *share, on_gpu };
             paper(&report, *figure, &options, &mut observer)
         }
-        BenchCommand::Scaling { backend, most, frames, apart, .. } => {
+        BenchCommand::Scaling { backend, most, frames, apart, contacts, half_factors, .. } => {
             let on_gpu = *backend == BenchBackend::Gpu;
-            let options = ScalingOptions { on_gpu, most: *most, frames: *frames, grid: !apart };
+            anyhow::ensure!(on_gpu || !half_factors, "--half-factors is for a GPU: add --backend gpu");
+            let options = ScalingOptions {
+                on_gpu,
+                most: *most,
+                frames: *frames,
+                grid: !apart,
+                contacts: *contacts,
+                half_factors: *half_factors,
+            };
             let found = scaling(&options, &mut observer)?;
             report.study(&found.study(), &found)
         }

@@ -82,8 +82,8 @@ struct Report {
 @group(0) @binding(6) var<storage, read_write> velocities: array<f32>;
 // A particle's integrity and clearance: two rows.
 @group(0) @binding(7) var<storage, read_write> memory: array<f32>;
-// SCRATCH rows a particle.
-@group(0) @binding(8) var<storage, read_write> scratch: array<f32>;
+// SCRATCH rows a particle: bits of numbers.
+@group(0) @binding(8) var<storage, read_write> scratch: array<u32>;
 @group(0) @binding(9) var<storage, read_write> report: Report;
 
 // This thread's strand.
@@ -157,14 +157,23 @@ fn strand_stiffness(strand: Strand) -> f32 {
 
 fn scratch_vector(strand: Strand, i: u32, row: u32) -> vec3f {
     let at = entry(strand, i, SCRATCH, row);
-    return vec3f(scratch[at], scratch[at + LANES], scratch[at + 2u * LANES]);
+    return bitcast<vec3f>(vec3u(scratch[at], scratch[at + LANES], scratch[at + 2u * LANES]));
 }
 
 fn set_scratch_vector(strand: Strand, i: u32, row: u32, v: vec3f) {
     let at = entry(strand, i, SCRATCH, row);
-    scratch[at] = v.x;
-    scratch[at + LANES] = v.y;
-    scratch[at + 2u * LANES] = v.z;
+    let bits = bitcast<vec3u>(v);
+    scratch[at] = bits.x;
+    scratch[at + LANES] = bits.y;
+    scratch[at + 2u * LANES] = bits.z;
+}
+
+fn scratch_number(at: u32) -> f32 {
+    return bitcast<f32>(scratch[at]);
+}
+
+fn set_scratch_number(at: u32, x: f32) {
+    scratch[at] = bitcast<u32>(x);
 }
 
 fn has(flag: u32) -> bool {

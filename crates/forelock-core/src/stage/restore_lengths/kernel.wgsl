@@ -18,7 +18,7 @@ fn solve_chain(strand: Strand, first: u32) {
         let at = entry(strand, j, SCRATCH, 3u);
         let diagonal = select(2.0, 1.0, j == first);
         let pivot = 1.0 / (diagonal - beside * upper);
-        partial = (scratch[at] - beside * partial) * pivot;
+        partial = (scratch_number(at) - beside * partial) * pivot;
         var next = 0.0;
         if j + 2u < strand.particles {
             let after = scratch_vector(strand, j + 1u, 0u);
@@ -26,23 +26,23 @@ fn solve_chain(strand: Strand, first: u32) {
             direction = after;
         }
         upper = next * pivot;
-        scratch[at] = partial;
-        scratch[at + LANES] = upper;
+        set_scratch_number(at, partial);
+        set_scratch_number(at + LANES, upper);
         beside = next;
     }
     var lambda = 0.0;
     for (var k = 0u; k < strand.particles - 1u - first; k++) {
         let at = entry(strand, strand.particles - 2u - k, SCRATCH, 3u);
-        lambda = scratch[at] - scratch[at + LANES] * lambda;
-        scratch[at] = lambda;
+        lambda = scratch_number(at) - scratch_number(at + LANES) * lambda;
+        set_scratch_number(at, lambda);
     }
 }
 
 // W Jᵀ λ of particle i.
 fn push_of(strand: Strand, i: u32) -> vec3f {
-    var push = scratch[entry(strand, i - 1u, SCRATCH, 3u)] * scratch_vector(strand, i - 1u, 0u);
+    var push = scratch_number(entry(strand, i - 1u, SCRATCH, 3u)) * scratch_vector(strand, i - 1u, 0u);
     if i + 1u < strand.particles {
-        push -= scratch[entry(strand, i, SCRATCH, 3u)] * scratch_vector(strand, i, 0u);
+        push -= scratch_number(entry(strand, i, SCRATCH, 3u)) * scratch_vector(strand, i, 0u);
     }
     return push;
 }
@@ -73,7 +73,7 @@ fn restore(strand: Strand, first: u32) {
         for (var j = first; j + 1u < n; j++) {
             let edge = edge_of(strand, j);
             set_scratch_vector(strand, j, 0u, edge.xyz);
-            scratch[entry(strand, j, SCRATCH, 3u)] = rest_length(strand, j, 1u) - edge.w;
+            set_scratch_number(entry(strand, j, SCRATCH, 3u), rest_length(strand, j, 1u) - edge.w);
         }
         solve_chain(strand, first);
         for (var i = first + 1u; i < n; i++) {
@@ -85,7 +85,7 @@ fn restore(strand: Strand, first: u32) {
         let direction = edge_of(strand, j).xyz;
         set_scratch_vector(strand, j, 0u, direction);
         let apart = velocity_at(strand, j + 1u) - velocity_at(strand, j);
-        scratch[entry(strand, j, SCRATCH, 3u)] = -dot(direction, apart);
+        set_scratch_number(entry(strand, j, SCRATCH, 3u), -dot(direction, apart));
     }
     solve_chain(strand, first);
     for (var i = first + 1u; i < n; i++) {

@@ -319,9 +319,7 @@ fn eliminate(strand: Strand, i: u32, window: ptr<function, Window>) {
     (*window).b2 -= l2 * z;
     (*window).b3 -= l3 * z;
     for (var c = 0u; c < 3u; c++) {
-        set_scratch_vector(strand, i, 3u * c, l1[c]);
-        set_scratch_vector(strand, i, 9u + 3u * c, l2[c]);
-        set_scratch_vector(strand, i, 18u + 3u * c, l3[c]);
+        leave_links(strand, i, c, l1[c], l2[c], l3[c]);
     }
     set_scratch_vector(strand, i, 27u, sym_mul(inverse, z));
 }
@@ -341,15 +339,6 @@ fn advance_window(window: ptr<function, Window>) {
     (*window).b1 = (*window).b2;
     (*window).b2 = (*window).b3;
     (*window).b3 = vec3f();
-}
-
-// L_{i+k,i}ᵀ v.
-fn transposed_link(strand: Strand, i: u32, row: u32, v: vec3f) -> vec3f {
-    return vec3f(
-        dot(scratch_vector(strand, i, row), v),
-        dot(scratch_vector(strand, i, row + 3u), v),
-        dot(scratch_vector(strand, i, row + 6u), v),
-    );
 }
 
 @compute @workgroup_size(WORKGROUP)
@@ -403,9 +392,11 @@ fn solve_strands(@builtin(global_invocation_id) id: vec3u) {
         var v = scratch_vector(strand, i, 27u);
         if i >= clamped {
             // Links beyond the tip are zero, as their springs are.
-            v -= transposed_link(strand, i, 0u, v1);
-            v -= transposed_link(strand, i, 9u, v2);
-            v -= transposed_link(strand, i, 18u, v3);
+            v -= vec3f(
+                linked(strand, i, 0u, v1, v2, v3),
+                linked(strand, i, 1u, v1, v2, v3),
+                linked(strand, i, 2u, v1, v2, v3),
+            );
             set_position(strand, i, moved_position(strand, i) + frame.h * v);
         } else {
             set_position(strand, i, (substep.end * vec4f(rest_at(strand, i), 1.0)).xyz);
