@@ -91,7 +91,8 @@ impl Gpu {
         };
         let described = wgpu::DeviceDescriptor {
             label: Some("forelock"),
-            required_features: adapter.features() & wgpu::Features::TIMESTAMP_QUERY,
+            required_features: adapter.features()
+                & (wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::SUBGROUP),
             required_limits: needed,
             memory_hints: wgpu::MemoryHints::Performance,
             ..Default::default()

@@ -238,6 +238,8 @@ pub struct StageKernels {
 
 /// What all kernels begin with.
 const PRELUDE: &str = include_str!("../../forelock-core/src/stage/prelude.wgsl");
+const REDUCE: &str = include_str!("../../forelock-core/src/stage/reduce.wgsl");
+const REDUCE_SUBGROUPS: &str = include_str!("../../forelock-core/src/stage/reduce_subgroups.wgsl");
 const SHAPES: &str = include_str!("../../forelock-core/src/body/shapes.wgsl");
 const GRID: &str = include_str!("../../forelock-core/src/grid/grid.wgsl");
 const CONTACT: &str = include_str!("../../forelock-core/src/contact/contact.wgsl");
@@ -632,8 +634,8 @@ impl Group {
     }
 }
 
-/// The whole text of a stage: constants, prelude, kernels.
-pub fn text(stage: &StageKernels) -> String {
+/// The whole text of a stage: constants, prelude, kernels; for a device that has `subgroups` or not.
+pub fn text(stage: &StageKernels, subgroups: bool) -> String {
     let mut text = String::new();
     let mut constant = |name: &str, kind: &str, value: &dyn std::fmt::Display, end: &str| {
         // Writing to a string does not fail.
@@ -706,6 +708,7 @@ pub fn text(stage: &StageKernels) -> String {
         constant(&format!("ASIN_RATIO_{k}"), "f32", value, "f");
     }
     text.push_str(PRELUDE);
+    text.push_str(if subgroups { REDUCE_SUBGROUPS } else { REDUCE });
     stage.texts.iter().for_each(|own| text.push_str(own));
     text
 }
@@ -724,11 +727,12 @@ impl Kernels {
             let described = wgpu::BindGroupLayoutDescriptor { label: None, entries: &entries };
             device.create_bind_group_layout(&described)
         });
+        let subgroups = device.features().contains(wgpu::Features::SUBGROUP);
         let mut pipelines = Vec::new();
         for stage in &STAGES {
             let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
                 label: Some(stage.name),
-                source: wgpu::ShaderSource::Wgsl(text(stage).into()),
+                source: wgpu::ShaderSource::Wgsl(text(stage, subgroups).into()),
             });
             let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
                 label: Some(stage.name),

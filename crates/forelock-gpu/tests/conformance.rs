@@ -517,6 +517,9 @@ fn many_batches_are_as_one() {
         (own.state_hash().unwrap(), own.bytes())
     };
     let small = little::binding_little(&gpu, 1 << 18);
+    let has_subgroups = |gpu: &Gpu| gpu.device().features().contains(wgpu::Features::SUBGROUP);
+    println!("subgroups: {}", has_subgroups(&gpu));
+    assert!(!has_subgroups(&small), "of a device that was opened without features");
     let ((one, bytes), (many, fewer)) = (run(&gpu), run(&small));
     assert_eq!(one, many);
     assert!(fewer < bytes / 2, "scratch is that of one batch of several: {fewer} of {bytes}");

@@ -13,17 +13,20 @@ use naga::back::{hlsl, msl, spv};
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 use std::mem::offset_of;
 
+/// Each stage, for devices with subgroups and without.
 fn modules() -> impl Iterator<Item = (&'static StageKernels, naga::Module, ModuleInfo)> {
-    STAGES.iter().map(|stage| {
-        let module = naga::front::wgsl::parse_str(&text(stage))
-            .unwrap_or_else(|error| panic!("{}: {}", stage.name, error.emit_to_string(&text(stage))));
-        // No capability beyond what every device of WebGPU has; it packs halves.
-        let halves = if stage.stage == Stage::SolveHalved {
-            Capabilities::SHADER_FLOAT16_IN_FLOAT32
-        } else {
-            Capabilities::empty()
-        };
-        let mut validator = Validator::new(ValidationFlags::all(), halves);
+    let texts = STAGES.iter().flat_map(|stage| [false, true].map(|subgroups| (stage, subgroups)));
+    texts.map(|(stage, subgroups)| {
+        let text = text(stage, subgroups);
+        let module = naga::front::wgsl::parse_str(&text)
+            .unwrap_or_else(|error| panic!("{}: {}", stage.name, error.emit_to_string(&text)));
+        // No capability beyond what every device of WebGPU has, and what is asked for; halves are packed on every one.
+        let halves = (stage.stage == Stage::SolveHalved, Capabilities::SHADER_FLOAT16_IN_FLOAT32);
+        let needed = [halves, (subgroups, Capabilities::SUBGROUP)];
+        let needed = needed.into_iter().filter(|(is, _)| *is).map(|(_, capability)| capability);
+        let mut validator = Validator::new(ValidationFlags::all(), needed.collect());
+        validator.subgroup_stages(naga::valid::ShaderStages::COMPUTE);
+        validator.subgroup_operations(naga::valid::SubgroupOperationSet::all());
         let info = validator.validate(&module).unwrap_or_else(|error| panic!("{}: {error:?}", stage.name));
         (stage, module, info)
     })
@@ -175,7 +178,8 @@ fn kernels_can_be_said_in_metal_directx_and_vulkan() {
     for (stage, module, info) in modules() {
         let name = stage.name;
         let mut text = String::new();
-        let options = hlsl::Options { fake_missing_bindings: true, ..hlsl::Options::default() };
+        let shader_model = hlsl::ShaderModel::V6_0;
+        let options = hlsl::Options { fake_missing_bindings: true, shader_model, ..hlsl::Options::default() };
         let pipeline = hlsl::PipelineOptions::default();
         hlsl::Writer::new(&mut text, &options, &pipeline).write(&module, &info, None).unwrap();
         assert!(stage.kernels.iter().all(|(_, own, _)| text.contains(own)), "HLSL of {name}");
@@ -191,7 +195,7 @@ fn kernels_can_be_said_in_metal_directx_and_vulkan() {
 /// The checks can fail: two fields that change places are seen.
 #[test]
 fn fields_that_change_places_are_seen() {
-    let whole = text(&STAGES[0]);
+    let whole = text(&STAGES[0], false);
     let moved = whole.replace(
         "    k_integrity: f32,\n    tip_scales: vec3f,\n    k_angular: f32,",
         "    k_angular: f32,\n    tip_scales: vec3f,\n    k_integrity: f32,",

@@ -11,7 +11,10 @@ fn check_strands(@builtin(global_invocation_id) id: vec3u) {
     for (var i = 0u; i < n; i++) {
         whole = whole && all_finite(position_at(strand, i)) && all_finite(velocity_at(strand, i));
     }
-    atomicMax(&report.stretch, bitcast<u32>(largest_stretch(strand)));
+    let stretch = greatest_of(bitcast<u32>(largest_stretch(strand)));
+    if speaks() && stretch > atomicLoad(&report.stretch) {
+        atomicMax(&report.stretch, stretch);
+    }
     if whole {
         return;
     }

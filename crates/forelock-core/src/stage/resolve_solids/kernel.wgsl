@@ -203,12 +203,16 @@ fn look_at(strand: Strand, i: u32) -> bool {
         set_velocity(strand, i, particle.v);
     }
     if (look.how & LAST) != 0u {
-        if touches {
-            atomicAdd(&report.touching, 1u);
-        }
+        let touching = count_of(touches);
         let depth = -(clearance + look.thickness);
-        if depth > 0.0 {
-            atomicMax(&report.deepest, bitcast<u32>(depth));
+        let deepest = greatest_of(select(0u, bitcast<u32>(depth), depth > 0.0));
+        if speaks() {
+            if touching > 0u {
+                atomicAdd(&report.touching, touching);
+            }
+            if deepest > atomicLoad(&report.deepest) {
+                atomicMax(&report.deepest, deepest);
+            }
         }
     }
     return touches;

@@ -111,7 +111,10 @@ fn restore_strand(strand: Strand) {
             memory[at] = max(memory[at] - distance(position_at(strand, i), scratch_vector(strand, i, 5u)), 0.0);
         }
     }
-    atomicMax(&report.restored, bitcast<u32>(largest_stretch(strand)));
+    let stretch = greatest_of(bitcast<u32>(largest_stretch(strand)));
+    if speaks() && stretch > atomicLoad(&report.restored) {
+        atomicMax(&report.restored, stretch);
+    }
 }
 
 @compute @workgroup_size(WORKGROUP)
