@@ -90,7 +90,7 @@ fn a_run_on_a_gpu_is_like_one_on_the_cpu_and_resumes_bit_for_bit() {
     }
 }
 
-/// Stages before one on the CPU: with the first it is a run on the GPU, with the last, which only looks, one on the CPU, bit for bit; between them like both.
+/// Stages before one on the CPU: with the first it is a run on the GPU, with the last, which only looks, one on the CPU, bit for bit; between them like both; and it goes on like any run.
 #[test]
 fn stages_can_be_left_on_the_cpu() {
     if !has_gpu() {
@@ -98,26 +98,23 @@ fn stages_can_be_left_on_the_cpu() {
     }
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("scene.toml");
-    // Wind that is not the same everywhere is sampled anew after each exchange.
-    std::fs::write(
-        &file,
-        SCENES[1].replace("[wind]", "[body]\nmotion = \"builtin:shake\"\n").split("velocity").next().unwrap(),
-    )
-    .unwrap();
-    let run = |how: [&str; 2]| {
+    let run = |scene: &str, more: &[&str]| {
+        std::fs::write(&file, scene).unwrap();
         let mut command = Command::cargo_bin("forelock").unwrap();
         command
             .arg("simulate")
             .arg(&file)
             .arg("--json")
-            .args(how)
+            .args(more)
             .arg("--out")
             .arg(folder.path().join("out"));
         let small = ["time.frames=6", "groom.strands=200", "body.sdf_cells=32", "output.picture=false"];
         small.iter().for_each(|key| _ = command.args(["--set", key]));
         summary(&mut command)
     };
-    let [gpu, cpu] = ["gpu", "cpu"].map(|backend| run(["--backend", backend]));
+    let hash = |summary: &Value| summary["state_hash"].clone();
+    let meeting = "[interaction]\nkind = \"grid\"\ncontacts = true\n[body]\nmotion = \"builtin:shake\"\n";
+    let [gpu, cpu] = ["gpu", "cpu"].map(|backend| run(meeting, &["--backend", backend]));
     for stage in [
         "solve_strands",
         "resolve_solids",
@@ -126,15 +123,29 @@ fn stages_can_be_left_on_the_cpu() {
         "find_contacts",
         "check_strands",
     ] {
-        let own = run(["--gpu-from", stage]);
+        let own = run(meeting, &["--gpu-from", stage]);
         assert_eq!(own["backend"], "gpu", "{stage}");
         for key in ["max_penetration_m", "max_edge_stretch", "max_edge_stretch_after_solids"] {
             let [a, b] = [&own, &cpu].map(|summary| summary[key].as_f64().unwrap());
             assert!((a - b).abs() < 1e-4 + 1e-3 * b, "{key}: {a} {b} from {stage}");
         }
-        let same = |other: &Value| own["state_hash"] == other["state_hash"];
-        assert_eq!([same(&gpu), same(&cpu)], [stage == "solve_strands", stage == "check_strands"], "{stage}");
+        let same = [&gpu, &cpu].map(|other| hash(&own) == hash(other));
+        assert_eq!(same, [stage == "solve_strands", stage == "check_strands"], "{stage}");
     }
+    // Virtual particles without a length pass; edits while the hair moves.
+    for scene in [SCENES[2], SCENES[3]] {
+        let [cpu, own] = [["--backend", "cpu"], ["--gpu-from", "check_strands"]].map(|how| run(scene, &how));
+        assert_eq!(hash(&own), hash(&cpu), "{scene}");
+        assert_eq!(own["max_penetration_m"], cpu["max_penetration_m"], "{scene}");
+        let whole = run(scene, &["--gpu-from", "restore_lengths"]);
+        run(scene, &["--gpu-from", "restore_lengths", "--frames", "3"]);
+        let resumed = run(scene, &["--gpu-from", "restore_lengths", "--resume"]);
+        assert_eq!(hash(&resumed), hash(&whole), "{scene}");
+    }
+    // Wind is sampled where the strands are solved.
+    let [cpu, own] = [["--backend", "cpu"], ["--gpu-from", "find_contacts"]].map(|how| run(SCENES[1], &how));
+    let [a, b] = [&own, &cpu].map(|summary| summary["max_penetration_m"].as_f64().unwrap());
+    assert!((a - b).abs() < 1e-4, "{a} {b}");
 }
 
 #[test]

@@ -5,11 +5,11 @@
 //! comes back in a frame, and nothing depends on the order in which threads come: sums are of integers; what does not fit is chosen by what it is, not by when it came; each sum of floats is taken by one thread,
 //! over a list in order of time. Lists have room for more than a budget chooses on the whole, by many deviations of what chance may make of it.
 //!
-//! Memory: 12 bytes a particle, and a table of 8 or more. All else, 76 bytes a particle and more and what the budget takes (13 MB by default), lies in the strands' scratch where that has room: it has from 230,000 particles on, as long as they are
+//! Memory: 12 bytes a particle, and a table of 8 or more. All else, 76 bytes a particle and more and what the budget takes (10 MB by default), lies in the strands' scratch where that has room: it has from 230,000 particles on, as long as they are
 //! one batch; of many batches there is a second copy of the model, 28 bytes a particle.
 //!
 //! # Limitations
-//! What one binding holds bounds the strands: 76 bytes a particle, 1.7 million particles where a device binds 128 MiB. Of an active segment the [`SLOTS`] contacts of the greatest approach are taken up, where the CPU takes all. Of contacts that approach about as fast as the last that the budget has room for, a
+//! What one binding holds bounds the strands: 76 bytes a particle, 1.7 million particles where a device binds 128 MiB. Of an active segment the [`SLOTS`] contacts of the greatest approach are taken up, where the CPU takes up all; of those each segment keeps the first `per_segment`, there and here. Of contacts that approach about as fast as the last that the budget has room for, a
 //! share is taken, spread evenly, where the CPU takes the first; the budget is of the whole frame, where there it is kept slice by slice. So is a share taken of a run of more than `RUN_SEGMENTS` segments. Particles that stray farther than 64 edges count as such when the frame is cut
 //! into slices. A segment that is stretched by more than a quarter beyond its rest length may be met at its middle only.
 

@@ -14,7 +14,7 @@ use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 use std::mem::offset_of;
 
 /// Each stage, for devices with subgroups and without.
-fn modules() -> impl Iterator<Item = (&'static StageKernels, naga::Module, ModuleInfo)> {
+fn modules() -> impl Iterator<Item = (&'static StageKernels, bool, naga::Module, ModuleInfo)> {
     let texts = STAGES.iter().flat_map(|stage| [false, true].map(|subgroups| (stage, subgroups)));
     texts.map(|(stage, subgroups)| {
         let text = text(stage, subgroups);
@@ -28,13 +28,13 @@ fn modules() -> impl Iterator<Item = (&'static StageKernels, naga::Module, Modul
         validator.subgroup_stages(naga::valid::ShaderStages::COMPUTE);
         validator.subgroup_operations(naga::valid::SubgroupOperationSet::all());
         let info = validator.validate(&module).unwrap_or_else(|error| panic!("{}: {error:?}", stage.name));
-        (stage, module, info)
+        (stage, subgroups, module, info)
     })
 }
 
 #[test]
 fn kernels_need_nothing_beyond_webgpu_and_have_the_entry_points_of_the_table() {
-    for (stage, module, _) in modules() {
+    for (stage, _, module, _) in modules() {
         let entries: Vec<_> = module.entry_points.iter().map(|entry| &*entry.name).collect();
         let mut named: Vec<_> = stage.kernels.iter().map(|(_, name, _)| *name).collect();
         named.sort_by_key(|name| entries.iter().position(|entry| entry == name));
@@ -69,7 +69,7 @@ macro_rules! same {
 
 #[test]
 fn structs_are_laid_out_alike() {
-    for (stage, module, _) in modules() {
+    for (stage, _, module, _) in modules() {
         same!(&module, "Frame", FrameUniform, [
             k_springs k_integrity tip_scales k_angular gravity k_altitude air drag h inverse_h inverse_dt dftl_damping
             elastic_limit breaking_point breaking_width healing healing_limit clamped flags unknown drag_along
@@ -140,7 +140,7 @@ fn structs_are_laid_out_alike() {
 
 #[test]
 fn bindings_are_those_of_the_table() {
-    for (stage, module, info) in modules() {
+    for (stage, _, module, info) in modules() {
         let used = |handle: naga::Handle<naga::GlobalVariable>| {
             (0..module.entry_points.len()).any(|own| !info.get_entry_point(own)[handle].is_empty())
         };
@@ -175,10 +175,11 @@ fn bindings_are_those_of_the_table() {
 
 #[test]
 fn kernels_can_be_said_in_metal_directx_and_vulkan() {
-    for (stage, module, info) in modules() {
+    for (stage, subgroups, module, info) in modules() {
         let name = stage.name;
         let mut text = String::new();
-        let shader_model = hlsl::ShaderModel::V6_0;
+        let plain = hlsl::Options::default().shader_model;
+        let shader_model = if subgroups { hlsl::ShaderModel::V6_0 } else { plain };
         let options = hlsl::Options { fake_missing_bindings: true, shader_model, ..hlsl::Options::default() };
         let pipeline = hlsl::PipelineOptions::default();
         hlsl::Writer::new(&mut text, &options, &pipeline).write(&module, &info, None).unwrap();

@@ -5,8 +5,8 @@
 //! the other; bits are the same only on the same device.
 
 use forelock_core::air::WindField;
-use forelock_core::contact::ContactParams;
-use forelock_core::grid::GridParams;
+use forelock_core::contact::{ContactParams, ContactReport};
+use forelock_core::grid::{GridParams, GridReport};
 use forelock_core::solver::{Frame, FrameReport, FrameStep, STAGES, Simulation};
 use forelock_gpu::{Choice, Gpu, GpuError, GpuReport, GpuSimulation};
 
@@ -24,7 +24,7 @@ pub enum Backend {
     Gpu,
     /// On a graphics processor if there is one that can do what the scene asks for, else on this one.
     Auto,
-    /// On a graphics processor, but for the stages before this one: if a picture is right from one stage on and wrong from the stage before, that one is wrong.
+    /// On a graphics processor, but for the stages before this one, wherever they come in the frame: if a result is wrong with one stage and right with the next, the first of the two is at fault.
     GpuFrom(GpuStage),
 }
 
@@ -183,8 +183,22 @@ impl Device {
         Ok(told(&report))
     }
 
-    /// Steps a frame, some of it on `simulation`: the state goes to and fro.
+    /// Steps a frame, some of it on `simulation`: the state goes to and fro. After an error the simulation is where it was before the frame.
     fn step_mixed(
+        &mut self,
+        frame: &Frame<'_>,
+        wind: Option<&WindField>,
+        simulation: &mut Simulation,
+    ) -> Result<FrameReport, RunError> {
+        let before = simulation.snapshot();
+        let stepped = self.step_by_step(frame, wind, simulation);
+        if stepped.is_err() {
+            simulation.restore(&before)?;
+        }
+        stepped
+    }
+
+    fn step_by_step(
         &mut self,
         frame: &Frame<'_>,
         wind: Option<&WindField>,
@@ -193,19 +207,29 @@ impl Device {
         let from = self.from;
         let own = self.own()?;
         let steps: Vec<_> = FrameStep::all(simulation.params(), simulation.meeting()).collect();
+        let looks = |step: &FrameStep| matches!(step, FrameStep::ResolveSolids(_) | FrameStep::LastSolids);
+        let last_look = steps.iter().rfind(|step| looks(step)).copied();
         let mut sum = FrameReport::default();
         for part in steps.chunk_by(|a, b| from.is_after(*a) == from.is_after(*b)) {
             if !from.is_after(part[0]) {
                 own.step_part(frame, wind, part)?;
                 let (report, state) = own.report_and_state()?;
                 simulation.state_mut().take(state);
-                sum = sum.and(&told(&report));
+                let mut report = told(&report);
+                // What meets in no step of this part was told before.
+                if !part.contains(&FrameStep::Grid) {
+                    report.grid = GridReport::default();
+                }
+                if !part.contains(&FrameStep::Contacts) {
+                    report.strand_contacts = ContactReport::default();
+                }
+                sum = sum.and(&report);
                 continue;
             }
             for step in part {
                 let mut report = simulation.step_part(frame, wind, *step)?;
-                if matches!(step, FrameStep::ResolveSolids(_)) && steps.contains(&FrameStep::LastSolids) {
-                    // Solids have their last word later.
+                // Solids have their word at the last look.
+                if Some(*step) != last_look {
                     (report.touching, report.max_penetration_m) = (0, 0.0);
                 }
                 sum = sum.and(&report);

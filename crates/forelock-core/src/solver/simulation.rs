@@ -18,6 +18,7 @@ use crate::stage::solve_strands::FrameTerms;
 use crate::stage::{AIR_ROWS, BlockView, Scratch};
 use crate::state::{Snapshot, SnapshotError, State};
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
 
 /// How a simulation runs, beside its physics.
@@ -329,7 +330,8 @@ impl<T: SolverReal> Simulation<T> {
         wind: Option<&WindField>,
     ) -> Result<FrameReport, ParamsError> {
         let meets = self.grid.is_some() || self.contacts.is_some();
-        let looks_last = meets || self.params.inextensibility != Inextensibility::Off;
+        let looks_last =
+            FrameStep::all(&self.params, self.meeting()).any(|step| step == FrameStep::LastSolids);
         let substeps = 0..self.params.substeps as usize;
         let before = Part { substeps, solves: true, looks: true, lengths: true, ..Part::default() };
         let after = Part { looks_last, checks: true, ..Part::default() };
@@ -341,8 +343,8 @@ impl<T: SolverReal> Simulation<T> {
         self.work(frame, wind, work)
     }
 
-    /// One step of a frame, for whoever runs some of them elsewhere. All steps of a frame in their order ([`FrameStep::all`]) are a frame, bit for bit, but that wind that is not the same everywhere is
-    /// sampled in each substep anew. What a step does not tell is zero in its report.
+    /// One step of a frame, for whoever runs some of them elsewhere. All steps of a frame in their order ([`FrameStep::all`]) leave the state of a frame, bit for bit, but that wind that is not the same everywhere is
+    /// sampled in each substep anew; others first would find hair away from the frame's origin, where the first substep brings it. What a step does not tell is zero in its report.
     ///
     /// # Errors
     /// As [`Simulation::step_frame`].
@@ -450,7 +452,8 @@ impl<T: SolverReal> Simulation<T> {
             let report = grid.exchange(&self.model, positions, velocities, &moment);
             if report.farthest_m > 0.0 {
                 let moved = crate::state::number(report.farthest_m);
-                clearance.iter_mut().flat_map(|row| &mut row.0).for_each(|own| note_one(own, moved));
+                let note = |row: &mut Row<T>| row.0.iter_mut().for_each(|own| note_one(own, moved));
+                clearance.par_iter_mut().with_min_len(1024).for_each(note);
             }
             report
         });

@@ -1,17 +1,9 @@
-// What threads tell a report, where a device has subgroups: one speaks for all that come along.
+// What threads tell a report, where a device has subgroups: of those that come along only who has the least or the greatest.
 
-fn least_of(x: u32) -> u32 {
-    return subgroupMin(x);
+fn is_least(x: u32) -> bool {
+    return x == subgroupMin(x);
 }
 
-fn greatest_of(x: u32) -> u32 {
-    return subgroupMax(x);
-}
-
-fn count_of(is: bool) -> u32 {
-    return subgroupAdd(select(0u, 1u, is));
-}
-
-fn speaks() -> bool {
-    return subgroupExclusiveAdd(1u) == 0u;
+fn is_greatest(x: u32) -> bool {
+    return x == subgroupMax(x);
 }

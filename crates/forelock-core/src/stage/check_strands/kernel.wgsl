@@ -11,8 +11,8 @@ fn check_strands(@builtin(global_invocation_id) id: vec3u) {
     for (var i = 0u; i < n; i++) {
         whole = whole && all_finite(position_at(strand, i)) && all_finite(velocity_at(strand, i));
     }
-    let stretch = greatest_of(bitcast<u32>(largest_stretch(strand)));
-    if speaks() && stretch > atomicLoad(&report.stretch) {
+    let stretch = bitcast<u32>(largest_stretch(strand));
+    if is_greatest(stretch) && stretch > atomicLoad(&report.stretch) {
         atomicMax(&report.stretch, stretch);
     }
     if whole {

@@ -543,15 +543,14 @@ fn meet_entry(seeker: Seeker, at: u32) {
     }
 }
 
-// From where on there is room for what approaches so fast, beside what earlier slices found.
+// From where on there is room for what approaches so fast, beside what earlier slices found; half of it, for chance gives now more, now less, and only SLOTS of them stay.
 fn find_bar() {
-    var room = FOUND - SLOTS;
+    var room = (FOUND - SLOTS) / 2u;
     for (var speed = SPEEDS; speed > 0u; speed--) {
         let own = atomicLoad(&speeds[speed - 1u]);
         if own > room {
             bar = speed - 1u;
-            // A tenth less, for chance gives now more, now less.
-            bar_share = 0.9 * f32(room) / f32(own);
+            bar_share = f32(room) / f32(own);
             return;
         }
         room -= own;

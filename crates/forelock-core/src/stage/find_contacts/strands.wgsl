@@ -40,12 +40,12 @@ fn note_end(@builtin(global_invocation_id) id: vec3u) {
         }
     }
     for (var c = 0u; c < 3u; c++) {
-        let least = least_of(ordered(own.low[c]));
-        if speaks() && least < atomicLoad(&touch.extent[c]) {
+        let least = ordered(own.low[c]);
+        if is_least(least) && least < atomicLoad(&touch.extent[c]) {
             atomicMin(&touch.extent[c], least);
         }
-        let greatest = greatest_of(ordered(own.high[c]));
-        if speaks() && greatest > atomicLoad(&touch.extent[3u + c]) {
+        let greatest = ordered(own.high[c]);
+        if is_greatest(greatest) && greatest > atomicLoad(&touch.extent[3u + c]) {
             atomicMax(&touch.extent[3u + c], greatest);
         }
     }

@@ -203,16 +203,13 @@ fn look_at(strand: Strand, i: u32) -> bool {
         set_velocity(strand, i, particle.v);
     }
     if (look.how & LAST) != 0u {
-        let touching = count_of(touches);
+        if touches {
+            atomicAdd(&report.touching, 1u);
+        }
         let depth = -(clearance + look.thickness);
-        let deepest = greatest_of(select(0u, bitcast<u32>(depth), depth > 0.0));
-        if speaks() {
-            if touching > 0u {
-                atomicAdd(&report.touching, touching);
-            }
-            if deepest > atomicLoad(&report.deepest) {
-                atomicMax(&report.deepest, deepest);
-            }
+        let deepest = select(0u, bitcast<u32>(depth), depth > 0.0);
+        if is_greatest(deepest) && deepest > atomicLoad(&report.deepest) {
+            atomicMax(&report.deepest, deepest);
         }
     }
     return touches;

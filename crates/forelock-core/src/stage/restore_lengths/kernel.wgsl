@@ -111,8 +111,8 @@ fn restore_strand(strand: Strand) {
             memory[at] = max(memory[at] - distance(position_at(strand, i), scratch_vector(strand, i, 5u)), 0.0);
         }
     }
-    let stretch = greatest_of(bitcast<u32>(largest_stretch(strand)));
-    if speaks() && stretch > atomicLoad(&report.restored) {
+    let stretch = bitcast<u32>(largest_stretch(strand));
+    if is_greatest(stretch) && stretch > atomicLoad(&report.restored) {
         atomicMax(&report.restored, stretch);
     }
 }

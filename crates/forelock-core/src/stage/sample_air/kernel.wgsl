@@ -141,12 +141,12 @@ fn measure_canopy(@builtin(global_invocation_id) id: vec3u) {
     }
     let own = extent_of(strand, air.axes, air.shift);
     for (var c = 0u; c < 3u; c++) {
-        let least = least_of(ordered(own.low[c]));
-        if speaks() && least < atomicLoad(&canopy.extent[c]) {
+        let least = ordered(own.low[c]);
+        if is_least(least) && least < atomicLoad(&canopy.extent[c]) {
             atomicMin(&canopy.extent[c], least);
         }
-        let greatest = greatest_of(ordered(own.high[c]));
-        if speaks() && greatest > atomicLoad(&canopy.extent[3u + c]) {
+        let greatest = ordered(own.high[c]);
+        if is_greatest(greatest) && greatest > atomicLoad(&canopy.extent[3u + c]) {
             atomicMax(&canopy.extent[3u + c], greatest);
         }
     }

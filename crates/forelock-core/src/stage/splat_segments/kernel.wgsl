@@ -15,12 +15,12 @@ fn measure_hair(@builtin(global_invocation_id) id: vec3u) {
     }
     let own = extent_of(strand, grid.place, vec3f());
     for (var c = 0u; c < 3u; c++) {
-        let least = least_of(ordered(own.low[c]));
-        if speaks() && least < atomicLoad(&bounds.extent[c]) {
+        let least = ordered(own.low[c]);
+        if is_least(least) && least < atomicLoad(&bounds.extent[c]) {
             atomicMin(&bounds.extent[c], least);
         }
-        let greatest = greatest_of(ordered(own.high[c]));
-        if speaks() && greatest > atomicLoad(&bounds.extent[3u + c]) {
+        let greatest = ordered(own.high[c]);
+        if is_greatest(greatest) && greatest > atomicLoad(&bounds.extent[3u + c]) {
             atomicMax(&bounds.extent[3u + c], greatest);
         }
     }
