@@ -129,6 +129,8 @@ fn stages_can_be_left_on_the_cpu() {
             let [a, b] = [&own, &cpu].map(|summary| summary[key].as_f64().unwrap());
             assert!((a - b).abs() < 1e-4 + 1e-3 * b, "{key}: {a} {b} from {stage}");
         }
+        let [a, b] = [&own, &cpu].map(|summary| summary["max_strand_contacts"].as_u64().unwrap());
+        assert!(b > 0 && a.abs_diff(b) < 2, "contacts: {a} {b} from {stage}");
         let same = [&gpu, &cpu].map(|other| hash(&own) == hash(other));
         assert_eq!(same, [stage == "solve_strands", stage == "check_strands"], "{stage}");
     }

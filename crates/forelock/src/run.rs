@@ -360,7 +360,8 @@ impl<'a> Run<'a> {
             // What the solver knows is how deep its guides are.
             penetration_m = penetration_m.max(deepest);
         }
-        let worst = [report.max_edge_stretch, report.max_edge_stretch_final, penetration_m, share];
+        let contacts = report.strand_contacts.contacts as f64;
+        let worst = [report.max_edge_stretch, report.max_edge_stretch_final, penetration_m, share, contacts];
         let so_far = &mut self.so_far;
         so_far.frame += 1;
         so_far.worst = std::array::from_fn(|i| so_far.worst[i].max(worst[i]));
@@ -435,6 +436,7 @@ impl<'a> Run<'a> {
             max_edge_stretch_after_solids: so_far.worst[1],
             max_penetration_m: so_far.worst[2],
             max_share_1mm_inside: so_far.worst[3],
+            max_strand_contacts: so_far.worst[4] as u64,
             quarantined_strands: so_far.quarantined_strands,
             state_hash: format!("{:016x}", self.stepper.simulation.state_hash()),
             notes: [&self.stepper.assets.notes[..], &self.notes, &self.stepper.regrooming.notes].concat(),

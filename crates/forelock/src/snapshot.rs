@@ -16,7 +16,7 @@ pub(crate) struct Snapshot {
     pub(crate) quarantined_strands: u64,
     /// Largest stretch after the length pass, the same after solids, deepest penetration in metres, largest share of particles
     /// more than 1 mm inside.
-    pub(crate) worst: [f64; 4],
+    pub(crate) worst: [f64; 5],
     pub(crate) state: Option<State<f32>>,
 }
 
@@ -42,7 +42,7 @@ pub enum SnapshotError {
 impl Snapshot {
     /// Before the first frame.
     pub(crate) fn begin(fingerprint: u64) -> Self {
-        Self { fingerprint, frame: 0, quarantined_strands: 0, worst: [0.0; 4], state: None }
+        Self { fingerprint, frame: 0, quarantined_strands: 0, worst: [0.0; 5], state: None }
     }
 
     /// Writes the snapshot, whole or not at all.
@@ -137,7 +137,7 @@ mod tests {
             fingerprint: u64::MAX,
             frame: 7,
             quarantined_strands: 2,
-            worst: [1e-7, 0.1, f64::MIN_POSITIVE, 0.25],
+            worst: [1e-7, 0.1, f64::MIN_POSITIVE, 0.25, 300.0],
             state: Some(State {
                 positions: vec![[-0.0, f32::MIN_POSITIVE, 3.0]],
                 velocities: vec![[1.0, 2.0, 3.0]],

@@ -50,6 +50,8 @@ pub struct Summary {
     pub max_penetration_m: f64,
     /// Largest share of particles more than 1 mm inside a solid at the end of a frame. No unit.
     pub max_share_1mm_inside: f64,
+    /// Most contacts between strands that a frame resolved; 0 without `interaction.contacts`, or where hair moves with its neighbours.
+    pub max_strand_contacts: u64,
     /// Strands that became non-finite and were reset to rest, over all frames.
     pub quarantined_strands: u64,
     /// Hash of the final state, 16 hexadecimal digits; equal for any number of threads.

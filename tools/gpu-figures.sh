@@ -1,0 +1,42 @@
+#!/usr/bin/env bash
+# What docs/PERFORMANCE.md needs a graphics card for, in one go: the tests of kernels on its driver, then all figures.
+#
+#   tools/gpu-figures.sh FOLDER
+#
+# leaves them in FOLDER. Where there is no cargo, FORELOCK names a built command and TESTS built tests (as `cargo test --release -p forelock-gpu --no-run` lists them, apart by
+# spaces). MOST bounds the strands (1,000,000), SHARE those of the paper's scenes (1).
+set -uo pipefail
+if [ $# != 1 ]; then
+  echo "usage: tools/gpu-figures.sh FOLDER" >&2
+  exit 2
+fi
+mkdir -p "$1"
+out=$(cd "$1" && pwd)
+cd "$(dirname "$0")/.."
+most=${MOST:-1000000} share=${SHARE:-1}
+export FORELOCK_REQUIRE_GPU=1
+failed=0
+
+# Runs a command with its output shown and left in a file; goes on after a failure.
+step() {
+  local name=$1
+  shift
+  echo "── $name: $*"
+  "$@" 2>&1 | tee "$out/$name.txt" || failed=1
+}
+
+if [ -n "${FORELOCK:-}" ]; then
+  forelock=("$FORELOCK")
+  for test in ${TESTS:-}; do
+    step "test-$(basename "$test" | sed 's/-[0-9a-f]*$//')" "$test" --nocapture
+  done
+else
+  forelock=(cargo run --release --quiet --bin forelock --)
+  step tests cargo test --release -p forelock-gpu -- --nocapture
+fi
+step scaling "${forelock[@]}" bench scaling --backend gpu --most "$most" --out "$out/scaling"
+step scaling-apart "${forelock[@]}" bench scaling --backend gpu --most "$most" --apart --out "$out/scaling-apart"
+step scaling-half "${forelock[@]}" bench scaling --backend gpu --most "$most" --half-factors --out "$out/scaling-half"
+step scaling-contacts "${forelock[@]}" bench scaling --backend gpu --most "$most" --contacts --out "$out/scaling-contacts"
+step paper "${forelock[@]}" bench paper --backend gpu --share "$share" --out "$out/paper"
+exit $failed
