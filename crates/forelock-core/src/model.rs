@@ -243,6 +243,15 @@ impl<T: Real> Model<T> {
         }
     }
 
+    /// The block of each place.
+    pub fn block_of_places(&self) -> Vec<u32> {
+        let mut found = vec![0; self.places()];
+        for (number, block) in (0..).zip(&self.blocks) {
+            found[block.range()].fill(number);
+        }
+        found
+    }
+
     /// The farthest that a particle at rest is from the centre, metres.
     fn farthest(&self) -> f64 {
         let square = |rows: &[Row<T>], lane: usize| {

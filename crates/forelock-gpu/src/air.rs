@@ -2,6 +2,7 @@
 
 use crate::Gpu;
 use crate::batch::Batch;
+use crate::layout::NO_EXTENT;
 use bytemuck::{Pod, Zeroable};
 use forelock_core::air::canopy::NODES as CANOPY_NODES;
 use forelock_core::air::wake::NODES as WAKE_NODES;
@@ -101,9 +102,7 @@ impl DeviceAir {
     /// For strands that are on the device in `batches`.
     pub fn new(gpu: &Gpu, model: &Model<f32>, batches: &[&Batch]) -> Self {
         let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
-        // Nothing has been measured.
-        let extent = [u32::MAX, u32::MAX, u32::MAX, 0, 0, 0];
-        let empty = CanopyEntry { extent, ..CanopyEntry::zeroed() };
+        let empty = CanopyEntry { extent: NO_EXTENT, ..CanopyEntry::zeroed() };
         let canopy = gpu.filled("canopy", bytemuck::bytes_of(&empty), storage);
         let nodes = 2 * WAKE_NODES.pow(3) + 2 * CANOPY_NODES.pow(3);
         let rows = |batch: &&Batch| {

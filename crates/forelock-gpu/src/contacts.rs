@@ -15,14 +15,14 @@
 
 use crate::batch::{Batch, Shared, model_rows};
 use crate::kernels::MODEL_ROWS;
-use crate::layout::rigid;
+use crate::layout::{NO_EXTENT, rigid};
 use crate::{Gpu, GpuError};
 use bytemuck::{Pod, Zeroable};
 use forelock_core::contact::{ContactParams, ContactReport, drift, fastest};
 use forelock_core::lane::{LANES, Row};
 use forelock_core::model::Model;
 use forelock_core::pose::Pose;
-use forelock_core::stage::find_contacts::{FEW, PIECE, PIECES, SEGMENT_CONTACTS, SLOP, search_edge};
+use forelock_core::stage::find_contacts::{FEW, PIECE, PIECES, SEGMENT_CONTACTS, search_edge};
 use forelock_core::stage::resolve_contacts::CLOSE;
 use glam::{Mat4, UVec3, Vec3};
 use wgpu::BufferUsages;
@@ -133,7 +133,6 @@ pub(crate) struct DeviceContacts {
     /// Bytes of those that are no one else's.
     bytes: u64,
     host: Box<MeetUniform>,
-    slip: f64,
 }
 
 impl DeviceContacts {
@@ -181,16 +180,11 @@ impl DeviceContacts {
         let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
         let starts = gpu.buffer("starts", 12 * numbers, storage);
         let table = gpu.buffer("table", table, storage);
-        // Nothing has been measured.
-        let extent = [u32::MAX, u32::MAX, u32::MAX, 0, 0, 0];
-        let mut touch = bytemuck::bytes_of(&TouchEntry { extent, ..TouchEntry::zeroed() }).to_vec();
+        let mut touch =
+            bytemuck::bytes_of(&TouchEntry { extent: NO_EXTENT, ..TouchEntry::zeroed() }).to_vec();
         touch.resize(touch.len() + 4 * (fastest::BINS + most_actives as usize), 0);
         let touch = gpu.filled("touch", &touch, storage);
-        let mut owners = vec![0u32; model.places()];
-        for (number, block) in (0..).zip(&model.blocks) {
-            owners[block.range()].fill(number);
-        }
-        let owners = gpu.filled("owners", bytemuck::cast_slice(&owners), storage);
+        let owners = gpu.filled("owners", bytemuck::cast_slice(&model.block_of_places()), storage);
         let mut bytes = [&starts, &table, &touch, &owners].iter().map(|buffer| buffer.size()).sum::<u64>();
         let work = if shared.scratch.size() >= work {
             shared.scratch.clone()
@@ -238,7 +232,7 @@ impl DeviceContacts {
         let uniform = gpu.buffer("meet", size_of::<MeetUniform>() as u64, uniform);
         bytes += uniform.size();
         let (params, host) = (params.clone(), Box::new(host));
-        Ok(Self { slip: params.slip, params, uniform, starts, work, table, touch, rest, owners, bytes, host })
+        Ok(Self { params, uniform, starts, work, table, touch, rest, owners, bytes, host })
     }
 
     /// Bytes held on the device.
@@ -250,7 +244,7 @@ impl DeviceContacts {
     pub fn place(&mut self, gpu: &Gpu, [start, end]: [&Pose; 2], (clamped, dt_secs): (u32, f64)) {
         let host = &mut *self.host;
         [host.from_start, host.from_end] = [start, end].map(|pose| rigid(&pose.inverse()));
-        host.slip = ((self.slip * dt_secs) as f32).max(SLOP * host.distance);
+        host.slip = self.params.let_pass(dt_secs);
         (host.clamped, host.dt) = (clamped, dt_secs as f32);
         gpu.queue().write_buffer(&self.uniform, 0, bytemuck::bytes_of(host));
     }

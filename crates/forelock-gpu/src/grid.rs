@@ -9,6 +9,7 @@
 //! The pressure's over-relaxation is made for hair as thick as a seventh of the rest shape's longest side; of much thicker hair the allowed sweeps leave more of the pressure out than on the CPU.
 
 use crate::batch::Batch;
+use crate::layout::NO_EXTENT;
 use crate::solids::MOST_SOLIDS;
 use crate::{Gpu, GpuError};
 use bytemuck::{Pod, Zeroable};
@@ -161,9 +162,7 @@ impl DeviceGrid {
         let room = gpu.most_bound() / (4 * PLANES);
         let capacity = (side.powi(3) as u64).min(params.max_cells.into()).min(room);
         let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
-        // Nothing has been measured.
-        let extent = [u32::MAX, u32::MAX, u32::MAX, 0, 0, 0];
-        let empty = BoundsEntry { extent, ..BoundsEntry::zeroed() };
+        let empty = BoundsEntry { extent: NO_EXTENT, ..BoundsEntry::zeroed() };
         let bounds = gpu.filled("bounds", bytemuck::bytes_of(&empty), storage);
         let rooms = batches.iter().map(|batch| {
             batch.set_points(gpu, model, &points);

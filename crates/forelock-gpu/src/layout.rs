@@ -153,6 +153,9 @@ pub struct ReportEntry {
     pub contacts: u32,
 }
 
+/// An extent of which nothing has been measured: least and greatest coordinates, ordered as integers.
+pub(crate) const NO_EXTENT: [u32; 6] = [u32::MAX, u32::MAX, u32::MAX, 0, 0, 0];
+
 /// The clearance of who has not looked yet, on the device: it may know no infinity. Metres.
 pub const UNKNOWN: f32 = -1e30;
 

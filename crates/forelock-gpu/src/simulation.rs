@@ -43,10 +43,6 @@ pub struct GpuSimulation {
     contacts: Option<DeviceContacts>,
     /// What is needed for wind that is not the same everywhere, after the first of it.
     air: Option<DeviceAir>,
-    /// What kernels of the grid alone see.
-    to_cells: Option<wgpu::BindGroup>,
-    /// What kernels of contacts see that are not of strands.
-    to_contacts: Option<wgpu::BindGroup>,
     clock: Option<Clock>,
 }
 
@@ -166,8 +162,6 @@ impl GpuSimulation {
             grid: None,
             contacts: None,
             air: None,
-            to_cells: None,
-            to_contacts: None,
             clock: None,
         };
         made.bind();
@@ -260,16 +254,13 @@ impl GpuSimulation {
                 let is_there = match group {
                     Group::Solve | Group::Strands | Group::Solids => true,
                     Group::Air => air.is_some(),
-                    Group::Splat | Group::Gather => grid.is_some(),
-                    Group::Enter | Group::Bend => contacts.is_some(),
-                    Group::Cells | Group::Touch | Group::Guides | Group::Carried => false,
+                    Group::Splat | Group::Cells | Group::Gather => grid.is_some(),
+                    Group::Enter | Group::Touch | Group::Bend => contacts.is_some(),
+                    Group::Guides | Group::Carried => false,
                 };
                 is_there.then(|| kernels::bind(device, (kernels, group), &find))
             });
         }
-        self.to_cells = grid.is_some().then(|| kernels::bind(device, (kernels, Group::Cells), &common));
-        self.to_contacts =
-            contacts.is_some().then(|| kernels::bind(device, (kernels, Group::Touch), &common));
     }
 
     /// The model.
@@ -415,13 +406,11 @@ impl GpuSimulation {
 
     /// A step in which strands meet.
     fn meet(&self, plan: &mut Vec<Call>, step: FrameStep) {
-        if let (FrameStep::Grid, Some(grid)) = (step, &self.grid) {
-            self.exchange(plan, grid.params.iterations);
-        } else if let Some(contacts) = &self.contacts {
-            match step {
-                FrameStep::NoteStart => self.call_all(plan, Kernel::NoteStart, 0),
-                _ => self.touch(plan, contacts.params.rounds),
-            }
+        match (step, &self.grid, &self.contacts) {
+            (FrameStep::Grid, Some(grid), _) => self.exchange(plan, grid.params.iterations),
+            (FrameStep::NoteStart, _, Some(_)) => self.call_all(plan, Kernel::NoteStart, 0),
+            (FrameStep::Contacts, _, Some(contacts)) => self.touch(plan, contacts.params.rounds),
+            _ => {}
         }
     }
 
@@ -500,18 +489,13 @@ impl GpuSimulation {
     fn call(&self, pass: &mut wgpu::ComputePass<'_>, call: &Call) {
         let (kernel, bound) = (call.kernel, &self.batches[call.batch]);
         let group = kernel.stage().group;
-        let of_group = match group {
-            Group::Cells => &self.to_cells,
-            Group::Touch => &self.to_contacts,
-            _ => &bound.groups[group as usize],
-        };
         let offset = match group {
             Group::Solve | Group::Strands => Some(call.number * self.shared.stride),
             Group::Air | Group::Solids | Group::Cells => Some(call.number * self.solids.stride),
             _ => None,
         };
         pass.set_pipeline(self.gpu.kernels().pipeline(kernel));
-        pass.set_bind_group(0, of_group, offset.as_slice());
+        pass.set_bind_group(0, &bound.groups[group as usize], offset.as_slice());
         pass.dispatch_workgroups(kernel.over().groups(bound.batch.groups), 1, 1);
     }
 

@@ -58,14 +58,15 @@ impl GpuStage {
 
     /// Its name, as reports have it.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::SolveStrands => "solve_strands",
-            Self::ResolveSolids => "resolve_solids",
-            Self::RestoreLengths => "restore_lengths",
-            Self::SplatSegments => "splat_segments",
-            Self::FindContacts => "find_contacts",
-            Self::CheckStrands => "check_strands",
-        }
+        let step = match self {
+            Self::SolveStrands => FrameStep::SolveStrands(0),
+            Self::ResolveSolids => FrameStep::LastSolids,
+            Self::RestoreLengths => FrameStep::RestoreLengths,
+            Self::SplatSegments => FrameStep::Grid,
+            Self::FindContacts => FrameStep::Contacts,
+            Self::CheckStrands => FrameStep::CheckStrands,
+        };
+        step.stage()
     }
 
     /// Whether `step` comes before it.

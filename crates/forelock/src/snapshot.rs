@@ -15,7 +15,7 @@ pub(crate) struct Snapshot {
     pub(crate) frame: u32,
     pub(crate) quarantined_strands: u64,
     /// Largest stretch after the length pass, the same after solids, deepest penetration in metres, largest share of particles
-    /// more than 1 mm inside.
+    /// more than 1 mm inside, most contacts between strands.
     pub(crate) worst: [f64; 5],
     pub(crate) state: Option<State<f32>>,
 }

@@ -146,6 +146,12 @@ fn stray_of(segment: u32) -> f32 {
     return max(real(row_of(segment, WAY_ROWS, STRAY)), real(row_of(segment + LANES, WAY_ROWS, STRAY)));
 }
 
+// The longest side of the box, metres.
+fn side_of_box() -> f32 {
+    let size = touch.high - touch.low;
+    return max(max(size.x, size.y), max(size.z, 1e-20));
+}
+
 fn in_box(at: vec3f) -> bool {
     return all_finite(at) && all(at >= touch.low) && all(at <= touch.high);
 }
@@ -216,6 +222,12 @@ fn count_at(segment: u32) -> u32 {
 
 fn cursor_at(segment: u32) -> u32 {
     return meet.numbers + segment;
+}
+
+// Where a segment's sides begin in the lists, and how many they are, once all are linked: where the next one goes is behind all of them.
+fn list_of(segment: u32) -> vec2u {
+    let count = atomicLoad(&table[count_at(segment)]);
+    return vec2u(atomicLoad(&table[cursor_at(segment)]) - count, count);
 }
 
 fn bend_at(slot: u32) -> u32 {

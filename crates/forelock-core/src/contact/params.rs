@@ -2,6 +2,7 @@
 
 use crate::solver::ParamsError;
 use crate::solver::params::{COUNT, NON_NEGATIVE, check};
+use crate::stage::find_contacts::SLOP;
 
 /// Parameters of hair against hair, segment by segment.
 #[derive(Clone, Debug, PartialEq)]
@@ -42,6 +43,11 @@ impl Default for ContactParams {
 }
 
 impl ContactParams {
+    /// What two may approach in a frame of `dt_secs` and be let pass, metres: as `slip` has it, and a little where that is none.
+    pub fn let_pass(&self, dt_secs: f64) -> f32 {
+        ((self.slip * dt_secs) as f32).max(SLOP * self.distance as f32)
+    }
+
     /// Checks every parameter against its range.
     ///
     /// # Errors

@@ -22,10 +22,7 @@ pub(crate) struct Ways {
 
 impl Ways {
     pub fn new<T: Real>(model: &Model<T>) -> Self {
-        let mut block = vec![0; model.places()];
-        for (k, b) in model.blocks.iter().enumerate() {
-            block[b.range()].fill(k as u32);
-        }
+        let block = model.block_of_places();
         let particles = LANES * model.places();
         let lengths = model.rest_lengths.iter().step_by(3).flat_map(|row| row.0);
         let longest = lengths.filter_map(|l| l.to_f32()).fold(0.0, f32::max);

@@ -37,7 +37,7 @@ pub const SEGMENT_CONTACTS: usize = 8;
 /// One in so many particles may stray farther than slices are made for.
 pub const FEW: usize = 512;
 /// Motion in a frame, over the contact distance, that is none.
-pub const SLOP: f32 = 2e-3;
+pub(crate) const SLOP: f32 = 2e-3;
 
 /// Finds contacts; holds the scratch for it.
 #[derive(Debug)]
@@ -139,7 +139,7 @@ impl Finder {
         drift: &Drift,
     ) -> Option<(Slice, u32)> {
         let distance = params.distance as f32;
-        let slip = ((params.slip * dt_secs) as f32).max(SLOP * distance);
+        let slip = params.let_pass(dt_secs);
         let active = drift.farthest(params.budget as usize / SEGMENT_CONTACTS, 0.5 * slip);
         let (typical, most) = drift.strays;
         if most <= active.least {

@@ -7,6 +7,11 @@ fn rest_of(number: u32) -> vec3f {
     return vec3f(rest[at], rest[at + LANES], rest[at + 2u * LANES]);
 }
 
+// Pieces in which a segment is entered.
+fn own_pieces_of(segment: u32) -> u32 {
+    return pieces_of(rest[row_of(segment, MODEL_ROWS, 3u)]);
+}
+
 // The box of the frame, and nothing found.
 @compute @workgroup_size(1)
 fn fit_drift() {
@@ -64,8 +69,7 @@ fn wide(at: u32) -> f32 {
 // Sums become means over the nodes about each.
 @compute @workgroup_size(CELLS_GROUP)
 fn smooth_drift(@builtin(global_invocation_id) id: vec3u) {
-    let size = touch.high - touch.low;
-    let side = max(max(size.x, size.y), max(size.z, 1e-20));
+    let side = side_of_box();
     for (var at = id.x; at < node_count(); at += LIST_THREADS) {
         let node = vec3u(at % touch.dims.x, at / touch.dims.x % touch.dims.y, at / (touch.dims.x * touch.dims.y));
         let first = max(node, vec3u(1u)) - 1u;
@@ -404,13 +408,13 @@ fn piece_at(along: f32, pieces: u32) -> u32 {
 
 // Whether an entry whose ball is about `middle` is of the piece of `segment` that is met at `along`.
 fn is_met_there(segment: u32, course: Course, middle: vec3f, along: f32) -> bool {
-    let pieces = pieces_of(rest[row_of(segment, MODEL_ROWS, 3u)]);
+    let pieces = own_pieces_of(segment);
     if pieces == 1u {
         return true;
     }
-    let lower = course.start[0] + middle_of_slice() * course.way[0];
-    let edge = course.start[1] + middle_of_slice() * course.way[1] - lower;
-    let fraction = dot(middle - lower, edge) / max(dot(edge, edge), 1e-20);
+    let ends = course.start + middle_of_slice() * course.way;
+    let edge = ends[1] - ends[0];
+    let fraction = dot(middle - ends[0], edge) / max(dot(edge, edge), 1e-20);
     return piece_at(max(fraction, 0.0), pieces) == piece_at(along, pieces);
 }
 
@@ -483,6 +487,12 @@ var<workgroup> goes_on: u32;
 // Entries that a thread looks at before the queue is gone through.
 const NEXT: u32 = QUEUE / WORKGROUP;
 
+// An entry's ball: its middle and its radius.
+fn ball_of(entry: u32) -> vec4f {
+    let at = meet.bodies + meet.entries + 4u * entry;
+    return bitcast<vec4f>(vec4u(work[at], work[at + 1u], work[at + 2u], work[at + 3u]));
+}
+
 // Puts those of a thread's next entries on the queue whose balls the piece touches; whether there are more.
 fn look_on(walk: ptr<function, Walk>, about: Around, seeker: Seeker) -> bool {
     let piece = about.piece;
@@ -497,13 +507,12 @@ fn look_on(walk: ptr<function, Walk>, about: Around, seeker: Seeker) -> bool {
         let at = (*walk).at;
         (*walk).at += ROW_THREADS;
         k += 1u;
-        let ball = meet.bodies + meet.entries + 4u * at;
-        let middle = bitcast<vec3f>(vec3u(work[ball], work[ball + 1u], work[ball + 2u]));
-        let r = middle - piece.middle;
+        let ball = ball_of(at);
+        let r = ball.xyz - piece.middle;
         let from_piece = r - piece.half * clamp(dot(piece.half, r) * inverse, -1.0, 1.0);
-        let within = piece.reach + real(ball + 3u);
+        let within = piece.reach + ball.w;
         // Other rows may have the same place in the table.
-        if !(dot(from_piece, from_piece) < within * within) || any(cell_of(middle).yz != (*walk).row) {
+        if !(dot(from_piece, from_piece) < within * within) || any(cell_of(ball.xyz).yz != (*walk).row) {
             continue;
         }
         let entry = work[meet.bodies + at];
@@ -536,8 +545,7 @@ fn meet_entry(seeker: Seeker, at: u32) {
     }
     // Of the pieces of both those meet that hold the contact: so each contact comes once.
     let along = select(contact.along.yx, contact.along, seeker.segment < other);
-    let ball = meet.bodies + meet.entries + 4u * at;
-    let middle = bitcast<vec3f>(vec3u(work[ball], work[ball + 1u], work[ball + 2u]));
+    let middle = ball_of(at).xyz;
     if piece_at(along.x, seeker.pieces) == seeker.k && is_met_there(other, course, middle, along.y) {
         take_met(seeker, other, contact.approach);
     }
@@ -571,11 +579,10 @@ fn meet_segments(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_
         let segment = touch.list[number];
         let stray = stray_of(segment);
         let own = course_of(segment);
-        let lower = own.start[0] + middle_of_slice() * own.way[0];
-        let upper = own.start[1] + middle_of_slice() * own.way[1];
+        let ends = own.start + middle_of_slice() * own.way;
         let reach = reach_of(stray, true);
         if t == 0u {
-            own_pieces = pieces_of(rest[row_of(segment, MODEL_ROWS, 3u)]);
+            own_pieces = own_pieces_of(segment);
         }
         let pieces = workgroupUniformLoad(&own_pieces);
         for (var how = TAKE_ALL; how <= TAKE_FASTEST; how++) {
@@ -585,7 +592,7 @@ fn meet_segments(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_
                 atomicStore(&queue_count, 0u);
                 atomicStore(&walking, 0u);
             }
-            for (var speed = t; speed < SPEEDS; speed += WORKGROUP) {
+            for (var speed = t; speed < SPEEDS && how == COUNT; speed += WORKGROUP) {
                 atomicStore(&speeds[speed], 0u);
             }
             workgroupBarrier();
@@ -598,7 +605,7 @@ fn meet_segments(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_
             }
             workgroupBarrier();
             for (var k = 0u; k < pieces; k++) {
-                let about = around(piece_of(lower, upper, k, pieces, reach));
+                let about = around(piece_of(ends[0], ends[1], k, pieces, reach));
                 let seeker = Seeker(segment, stray, how, t, k, pieces, own);
                 var walk = Walk();
                 walk.next = t / ROW_THREADS;

@@ -65,8 +65,8 @@ fn corner_at(at: vec3f) -> Corner {
     return Corner(below.x + touch.dims.x * (below.y + touch.dims.y * below.z), min(u - node, vec3f(1.0)));
 }
 
-fn node_of(own: Corner, corner: u32) -> u32 {
-    return own.first + corner_offset(touch.dims.x, touch.dims.x * touch.dims.y, corner);
+fn node_of(first: u32, corner: u32) -> u32 {
+    return first + corner_offset(touch.dims.x, touch.dims.x * touch.dims.y, corner);
 }
 
 // Adds to a 64-bit sum, lower half first: what does not fit is handed on, in whatever order.
@@ -91,7 +91,7 @@ struct Load {
 
 fn unload(sum: ptr<function, Load>) {
     for (var corner = 0u; corner < 8u && (*sum).count > 0u; corner++) {
-        let node = 8u * ((*sum).first + corner_offset(touch.dims.x, touch.dims.x * touch.dims.y, corner));
+        let node = 8u * node_of((*sum).first, corner);
         for (var c = 0u; c < 4u; c++) {
             add_wide(node + 2u * c, (*sum).nodes[corner][c]);
         }
@@ -106,8 +106,7 @@ fn splat_drift(@builtin(global_invocation_id) id: vec3u) {
     if !strand.here || strand.lane % EVERY != 0u {
         return;
     }
-    let size = touch.high - touch.low;
-    let unit = DRIFT_UNIT / max(max(size.x, size.y), max(size.z, 1e-20));
+    let unit = DRIFT_UNIT / side_of_box();
     var sum = Load();
     for (var i = 0u; i < strand.particles; i++) {
         let number = number_of(strand, i);
@@ -153,7 +152,7 @@ fn measure_strays(@builtin(global_invocation_id) id: vec3u, @builtin(local_invoc
             let own = corner_at(0.5 * (start + end));
             var way = end - start;
             for (var corner = 0u; corner < 8u; corner++) {
-                let node = meet.bodies + 4u * node_of(own, corner);
+                let node = meet.bodies + 4u * node_of(own.first, corner);
                 way -= corner_weight(own.f, corner) * vec3f(real(node), real(node + 1u), real(node + 2u));
             }
             stray = length(way);

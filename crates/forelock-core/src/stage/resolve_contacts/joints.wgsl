@@ -37,16 +37,14 @@ fn order_joints(@builtin(global_invocation_id) id: vec3u) {
         for (var side = 0u; side < 2u; side++) {
             let segment = work[field_at(joint, SEGMENTS + side)];
             let other = work[field_at(joint, SEGMENTS + 1u - side)];
-            let count = atomicLoad(&table[count_at(segment)]);
-            // Where the next one goes is behind all of them.
-            let first = atomicLoad(&table[cursor_at(segment)]) - count;
+            let list = list_of(segment);
             var rank = 0u;
-            for (var k = first; k < first + count; k++) {
+            for (var k = list.x; k < list.x + list.y; k++) {
                 let at = side_at(k);
                 let earlier = work[at] < when || work[at] == when && work[at + 1u] < other;
                 rank += select(0u, 1u, earlier);
             }
-            work[sorted_at(first + rank)] = 2u * joint + side;
+            work[sorted_at(list.x + rank)] = 2u * joint + side;
             kept = kept && rank < meet.per_segment;
         }
         work[field_at(joint, KEPT)] = select(0u, 1u, kept);

@@ -20,13 +20,9 @@ fn sum_of(strand: Strand, i: u32) -> Sum {
             break;
         }
         let segment = number_of(strand, i - upper);
-        let count = atomicLoad(&table[count_at(segment)]);
-        if count == 0u {
-            continue;
-        }
-        let first = atomicLoad(&table[cursor_at(segment)]) - count;
+        let list = list_of(segment);
         // None later than that is kept.
-        for (var k = first; k < first + min(count, meet.per_segment); k++) {
+        for (var k = list.x; k < list.x + min(list.y, meet.per_segment); k++) {
             let side = work[sorted_at(k)];
             let joint = side / 2u;
             if work[field_at(joint, KEPT)] == 0u {
