@@ -19,5 +19,6 @@ pub mod model;
 pub mod pose;
 mod scratch;
 pub mod solver;
+pub mod sph;
 pub mod stage;
 pub mod state;

@@ -3,6 +3,7 @@
 use crate::groom::Groom;
 use crate::lane::{LANES, Real, Row};
 use crate::pose::Pose;
+use crate::stage::follow_leader::rest_edges;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -62,6 +63,9 @@ pub struct Model<T> {
     pub rest_lengths: Vec<Row<T>>,
     /// One over the rest length to the next particle, `[places]` rows, 1/m; 0 past the tip.
     pub inverse_edges: Vec<Row<T>>,
+    /// The edge to each particle at rest in the frame of the one before it, and for roots the unit vector across their frame: `[3 × places]` rows, metres, of
+    /// [`rest_edges`](crate::stage::follow_leader::rest_edges). Empty until [`Model::find_frames`].
+    pub local: Vec<Row<T>>,
     /// A row a block: length of the strand, metres.
     pub strand_lengths: Vec<Row<T>>,
     /// A row a block: the strand's relative stiffness.
@@ -193,6 +197,7 @@ impl<T: Real> Model<T> {
             rest: vec![Row([T::zero(); LANES]); 3 * first],
             rest_lengths: vec![Row([T::zero(); LANES]); 3 * first],
             inverse_edges: vec![Row([T::zero(); LANES]); first],
+            local: Vec::new(),
             strand_lengths: vec![Row([T::zero(); LANES]); blocks.len()],
             stiffness: vec![Row([T::one(); LANES]); blocks.len()],
             centre: centre(strands.positions),
@@ -240,6 +245,24 @@ impl<T: Real> Model<T> {
         self.strand_lengths[index].0[lane] = length;
         if let Some(scale) = strands.stiffness.and_then(|s| T::from(s[strand])) {
             self.stiffness[index].0[lane] = scale;
+        }
+    }
+
+    /// Fills `local`, if it is not filled yet.
+    pub fn find_frames(&mut self) {
+        self.local.resize(self.rest.len(), Row([T::zero(); LANES]));
+        for block in &self.blocks {
+            for lane in 0..LANES {
+                let point = |place| {
+                    crate::state::vector(&self.rest, place, lane).map(|x| x.to_f64().unwrap_or(0.0)).into()
+                };
+                let points: Vec<DVec3> = block.range().map(point).collect();
+                for (place, edge) in block.range().zip(rest_edges(&points)) {
+                    for (c, x) in edge.to_array().into_iter().enumerate() {
+                        self.local[3 * place + c].0[lane] = crate::state::number(x);
+                    }
+                }
+            }
         }
     }
 
@@ -306,6 +329,7 @@ impl<T: Real> Model<T> {
         let rows = self.rest.len()
             + self.rest_lengths.len()
             + self.inverse_edges.len()
+            + self.local.len()
             + self.strand_lengths.len()
             + self.stiffness.len();
         rows * size_of::<Row<T>>() + size_of_val(&*self.blocks) + size_of_val(&*self.offsets)

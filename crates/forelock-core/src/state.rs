@@ -16,6 +16,8 @@ pub struct State<T> {
     pub integrity: Vec<Row<T>>,
     /// Lower bound on the distance to the nearest solid's skin; negative: depth inside it; −∞: not looked yet. `[places]` rows, metres.
     pub clearance: Vec<Row<T>>,
+    /// Positions a step before, relative to `origin`, as `positions`; empty for solvers that do not ask for them.
+    pub previous: Vec<Row<T>>,
     /// The point of the world that positions are relative to: where the head carries the model's centre.
     pub origin: DVec3,
 }
@@ -31,6 +33,8 @@ pub struct Snapshot<T> {
     pub integrity: Vec<T>,
     /// Clearances, `[P]`, metres.
     pub clearance: Vec<T>,
+    /// Positions a step before, relative to `origin`, `[P]`, metres; empty for solvers that do not ask for them.
+    pub previous: Vec<[T; 3]>,
     /// The point of the world that positions are relative to.
     pub origin: [f64; 3],
 }
@@ -58,6 +62,7 @@ impl<T: Real> State<T> {
             velocities: vec![Row([T::zero(); LANES]); 3 * places],
             integrity: vec![Row([T::one(); LANES]); places],
             clearance: vec![Row([T::neg_infinity(); LANES]); places],
+            previous: Vec::new(),
             origin: pose.transform_point(model.centre.into()),
         };
         let r = pose.matrix();
@@ -78,12 +83,21 @@ impl<T: Real> State<T> {
         self.velocities.clone_from(&other.velocities);
         self.integrity.clone_from(&other.integrity);
         self.clearance.clone_from(&other.clearance);
+        self.previous.clone_from(&other.previous);
         self.origin = other.origin;
+    }
+
+    /// Begins to remember positions of a step before, as if nothing had moved then; if it does so already, nothing changes.
+    pub fn remember(&mut self) {
+        if self.previous.len() != self.positions.len() {
+            self.previous.clone_from(&self.positions);
+        }
     }
 
     /// Bytes that the state holds.
     pub fn bytes(&self) -> usize {
-        let rows = self.positions.len() + self.velocities.len() + self.integrity.len() + self.clearance.len();
+        let vectors = self.positions.len() + self.velocities.len() + self.previous.len();
+        let rows = vectors + self.integrity.len() + self.clearance.len();
         rows * size_of::<Row<T>>()
     }
 
@@ -107,6 +121,7 @@ impl<T: Real> State<T> {
             velocities: vec![[T::zero(); 3]; particles],
             integrity: vec![T::zero(); particles],
             clearance: vec![T::zero(); particles],
+            previous: vec![[T::zero(); 3]; if self.previous.is_empty() { 0 } else { particles }],
             origin: self.origin.to_array(),
         };
         Self::each_particle(model, |p, place, lane| {
@@ -114,11 +129,14 @@ impl<T: Real> State<T> {
             snapshot.velocities[p] = vector(&self.velocities, place, lane);
             snapshot.integrity[p] = self.integrity[place].0[lane];
             snapshot.clearance[p] = self.clearance[place].0[lane];
+            if let Some(x) = snapshot.previous.get_mut(p) {
+                *x = vector(&self.previous, place, lane);
+            }
         });
         snapshot
     }
 
-    /// Takes a snapshot's values over.
+    /// Takes a snapshot's values over. Where it does not tell positions of a step before, or this state does not remember them, nothing had moved then.
     ///
     /// # Errors
     /// [`SnapshotError`] if it belongs to a groom of another size; nothing is changed then.
@@ -129,19 +147,27 @@ impl<T: Real> State<T> {
             ("velocities", snapshot.velocities.len()),
             ("integrity", snapshot.integrity.len()),
             ("clearance", snapshot.clearance.len()),
+            ("previous", if snapshot.previous.is_empty() { expected } else { snapshot.previous.len() }),
         ] {
             if found != expected {
                 return Err(SnapshotError { array, expected, found });
             }
         }
         self.origin = snapshot.origin.into();
+        let Snapshot { positions, velocities, previous, .. } = snapshot;
+        let before = if previous.is_empty() { positions } else { previous };
         for block in &model.blocks {
             for (lane, &strand) in block.strands.iter().enumerate() {
                 let from = model.offsets[strand as usize] as usize;
                 for (p, place) in (from..from + block.particles).zip(block.range()) {
-                    for c in 0..3 {
-                        self.positions[3 * place + c].0[lane] = snapshot.positions[p][c];
-                        self.velocities[3 * place + c].0[lane] = snapshot.velocities[p][c];
+                    for (c, ((x, v), y)) in
+                        positions[p].iter().zip(&velocities[p]).zip(&before[p]).enumerate()
+                    {
+                        self.positions[3 * place + c].0[lane] = *x;
+                        self.velocities[3 * place + c].0[lane] = *v;
+                        if let Some(row) = self.previous.get_mut(3 * place + c) {
+                            row.0[lane] = *y;
+                        }
                     }
                     self.integrity[place].0[lane] = snapshot.integrity[p];
                     self.clearance[place].0[lane] = snapshot.clearance[p];
@@ -169,6 +195,7 @@ impl<T: Real> Snapshot<T> {
         take(bytemuck::cast_slice(&self.velocities));
         take(bytemuck::cast_slice(&self.integrity));
         take(bytemuck::cast_slice(&self.clearance));
+        take(bytemuck::cast_slice(&self.previous));
         take(bytemuck::cast_slice(&self.origin));
         hash ^ (hash >> 32)
     }

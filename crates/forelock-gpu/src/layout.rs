@@ -2,8 +2,8 @@
 
 use bytemuck::{Pod, Zeroable};
 use forelock_core::pose::Pose;
-use forelock_core::solver::AmsParams;
 use forelock_core::solver::params::Inextensibility;
+use forelock_core::solver::{AmsParams, SolverParams};
 use forelock_core::stage::solve_strands::FrameTerms;
 use glam::{DMat4, DVec3, Mat4, Vec3};
 
@@ -161,7 +161,20 @@ pub const UNKNOWN: f32 = -1e30;
 
 impl FrameUniform {
     /// Of frames of `dt_secs` under `params`, in a wind that is `air` everywhere or `varies`.
-    pub fn new(params: &AmsParams, dt_secs: f64, gravity: DVec3, (air, varies): (DVec3, bool)) -> Self {
+    pub fn new(params: &SolverParams, dt_secs: f64, gravity: DVec3, (air, varies): (DVec3, bool)) -> Self {
+        let params = &match params {
+            SolverParams::Ams(params) => params.clone(),
+            // As far as kernels that solvers share ask for them.
+            SolverParams::Dftl(own) => AmsParams {
+                substeps: 1,
+                clamped: own.clamped,
+                inextensibility: Inextensibility::Dftl,
+                dftl_damping: own.damping,
+                drag: own.drag,
+                lay_along_solids: params.lays_along(),
+                ..AmsParams::default()
+            },
+        };
         let terms = FrameTerms::new(params, dt_secs);
         let curve = terms.non_hookean;
         let single = |x: f64| x as f32;

@@ -16,7 +16,7 @@ use forelock_core::grid::{GridFrame, GridParams, GridReport};
 use forelock_core::groom::Groom;
 use forelock_core::model::{Model, Strands};
 use forelock_core::solver::params::Inextensibility;
-use forelock_core::solver::{AmsParams, Frame, FrameStep, Meeting, Options, Simulation};
+use forelock_core::solver::{Frame, FrameStep, Meeting, Options, Simulation, SolverParams};
 use forelock_core::stage::find_contacts::SLICES;
 use forelock_core::state::{Snapshot, State};
 use glam::DVec3;
@@ -31,7 +31,7 @@ pub struct GpuSimulation {
     model: Model<f32>,
     /// The state as it was last on the CPU; its origin is always true.
     mirror: State<f32>,
-    params: AmsParams,
+    params: SolverParams,
     options: Options,
     shared: Shared,
     solids: Solids,
@@ -99,7 +99,12 @@ impl GpuSimulation {
     ///
     /// # Errors
     /// [`GpuError`] if the groom cannot be packed, a parameter is out of range, or the GPU has no room.
-    pub fn new(gpu: &Gpu, groom: &Groom, params: &AmsParams, options: &Options) -> Result<Self, GpuError> {
+    pub fn new(
+        gpu: &Gpu,
+        groom: &Groom,
+        params: impl Into<SolverParams>,
+        options: &Options,
+    ) -> Result<Self, GpuError> {
         Self::from_strands(gpu, &groom.into(), params, options)
     }
 
@@ -110,13 +115,14 @@ impl GpuSimulation {
     pub fn from_strands(
         gpu: &Gpu,
         strands: &Strands<'_, f32>,
-        params: &AmsParams,
+        params: impl Into<SolverParams>,
         options: &Options,
     ) -> Result<Self, GpuError> {
+        let params = params.into();
         params.validate()?;
         let model = Model::new(strands)?;
         let state = State::at_rest(&model, &options.rest_pose);
-        Self::with(gpu, (model, state), params, options)
+        Self::with(gpu, (model, state), &params, options)
     }
 
     /// What goes on where `simulation` is on the CPU. Strands that meet or touch there do not here until [`GpuSimulation::set_grid`] and [`GpuSimulation::set_contacts`] say so; the air's exposure
@@ -132,15 +138,18 @@ impl GpuSimulation {
     fn with(
         gpu: &Gpu,
         (model, mirror): (Model<f32>, State<f32>),
-        params: &AmsParams,
+        params: &SolverParams,
         options: &Options,
     ) -> Result<Self, GpuError> {
+        if matches!(params, SolverParams::Dftl(_)) {
+            return Err(GpuError::Unsupported { what: "follow the leader" });
+        }
         let ranges = split(gpu, &model)?;
         let places = |range: &std::ops::Range<usize>| {
             model.blocks[range.clone()].iter().map(|block| block.particles).sum::<usize>()
         };
-        let shared = Shared::new(gpu, ranges.iter().map(places).max().unwrap_or(1), params.substeps);
-        let solids = Solids::new(gpu, params.substeps);
+        let shared = Shared::new(gpu, ranges.iter().map(places).max().unwrap_or(1), params.substeps());
+        let solids = Solids::new(gpu, params.substeps());
         let bound = |range| {
             let batch = Batch::new(gpu, &model, range);
             batch.write(gpu, &mirror);
@@ -388,7 +397,7 @@ impl GpuSimulation {
                 self.blow(&mut plan, shelter);
             }
             for batch in 0..self.batches.len() {
-                let last = self.params.substeps - 1;
+                let last = self.params.substeps() - 1;
                 for step in steps {
                     let call = match *step {
                         FrameStep::SolveStrands(number) => Some((self.solve, number)),
@@ -415,7 +424,8 @@ impl GpuSimulation {
     }
 
     fn steps(&self) -> Vec<FrameStep> {
-        let meeting = Meeting { grid: self.grid.is_some(), contacts: self.contacts.is_some() };
+        let meeting =
+            Meeting { grid: self.grid.is_some(), particles: false, contacts: self.contacts.is_some() };
         FrameStep::all(&self.params, meeting).collect()
     }
 
@@ -441,7 +451,7 @@ impl GpuSimulation {
             .chain([ApplyMoves]);
         kernels.for_each(|kernel| self.call_all(plan, kernel, 0));
         if self.restores_lengths() {
-            self.call_all(plan, RestoreAgain, self.params.substeps - 1);
+            self.call_all(plan, RestoreAgain, self.params.substeps() - 1);
         }
     }
 
@@ -482,7 +492,7 @@ impl GpuSimulation {
             .chain(relax)
             .chain([PushDisplacements, GatherDisplacements]);
         for kernel in kernels {
-            self.call_all(plan, kernel, self.params.substeps);
+            self.call_all(plan, kernel, self.params.substeps());
         }
     }
 
@@ -505,7 +515,7 @@ impl GpuSimulation {
     }
 
     fn restores_lengths(&self) -> bool {
-        self.params.inextensibility != Inextensibility::Off
+        self.params.inextensibility().0 != Inextensibility::Off
     }
 
     /// Brings what the frame's strands share to the device, before `steps` of it; what shelters from the `wind`, if there is one that is not the same everywhere.
@@ -520,7 +530,7 @@ impl GpuSimulation {
         let air = (frame.air_velocity, wind.is_some());
         let uniform = FrameUniform::new(&self.params, frame.dt_secs, frame.gravity, air);
         self.gpu.queue().write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&uniform));
-        let (count, weight) = (self.params.substeps, self.options.carried_gravity());
+        let (count, weight) = (self.params.substeps(), self.options.carried_gravity());
         let poses: Vec<_> = frame.poses(&self.model, count, origin).collect();
         self.substeps.clear();
         for (step, ends) in (0..count).zip(poses.windows(2)) {
@@ -535,7 +545,7 @@ impl GpuSimulation {
             self.solids.place(&self.gpu, &self.params, frame, origin, looks_last);
         }
         if let (Some(contacts), [.., now]) = (&mut self.contacts, &*poses) {
-            contacts.place(&self.gpu, [&start, now], (self.params.clamped, frame.dt_secs));
+            contacts.place(&self.gpu, [&start, now], (self.params.clamped(), frame.dt_secs));
         }
         if let (Some(grid), [.., before, now]) = (&mut self.grid, &*poses) {
             let moving = GridFrame::new(before, now, frame.dt_secs / f64::from(count));

@@ -4,7 +4,7 @@ use crate::{Gpu, GpuError};
 use bytemuck::{Pod, Zeroable};
 use forelock_core::body::{ColliderFrame, Sdf, Shape};
 use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams, Frame, fractions};
+use forelock_core::solver::{Frame, SolverParams, fractions};
 use forelock_core::stage::resolve_solids::SolidMotion;
 use glam::{DMat4, DVec2, DVec3, Mat4, UVec3, Vec2, Vec3};
 use std::sync::Arc;
@@ -187,16 +187,16 @@ impl Solids {
     pub fn place(
         &mut self,
         gpu: &Gpu,
-        params: &AmsParams,
+        params: &SolverParams,
         frame: &Frame<'_>,
         origin: DVec3,
         looks_last: bool,
     ) {
-        let (count, substeps) = (frame.colliders.len(), params.substeps);
+        let (count, substeps) = (frame.colliders.len(), params.substeps());
         let h = frame.dt_secs / f64::from(substeps);
         self.bytes.clear();
         self.look.count = count as u32;
-        self.look.thickness = params.skin_thickness as f32;
+        self.look.thickness = params.skin_thickness() as f32;
         for (step, fractions) in (0..substeps).zip(fractions(substeps)) {
             for (entry, solid) in self.look.solids.iter_mut().zip(frame.colliders) {
                 let place = place_of(&self.held, solid.shape).unwrap_or(0);
@@ -204,7 +204,7 @@ impl Solids {
             }
             let is_last = step + 1 == substeps;
             self.look.how = if is_last && !looks_last { AFTER_SUBSTEP | LAST } else { AFTER_SUBSTEP };
-            self.look.way_out = (params.depenetration_speed * h) as f32;
+            self.look.way_out = (params.depenetration_speed() * h) as f32;
             self.append(step);
         }
         self.look.how = LAST;

@@ -12,7 +12,7 @@ mod common;
 mod golden;
 
 use forelock_core::model::{Model, Strands};
-use forelock_core::solver::{AmsParams, Frame, Options};
+use forelock_core::solver::{Frame, Options, SolverParams};
 use forelock_core::state::Snapshot;
 use forelock_gpu::{Gpu, GpuSimulation};
 use golden::{Backend, load};
@@ -38,7 +38,7 @@ impl Backend for GpuSimulation {
     }
 }
 
-fn on(gpu: &Gpu) -> impl Fn(&Strands<'_, f32>, &AmsParams, Options) -> GpuSimulation {
+fn on(gpu: &Gpu) -> impl Fn(&Strands<'_, f32>, &SolverParams, Options) -> GpuSimulation {
     |strands, params, options| GpuSimulation::from_strands(gpu, strands, params, &options).unwrap()
 }
 

@@ -8,6 +8,7 @@ use forelock_core::air::WindField;
 use forelock_core::contact::{ContactParams, ContactReport};
 use forelock_core::grid::{GridParams, GridReport};
 use forelock_core::solver::{Frame, FrameReport, FrameStep, STAGES, Simulation};
+use forelock_core::sph::SphReport;
 use forelock_gpu::{Choice, Gpu, GpuError, GpuReport, GpuSimulation};
 
 use crate::assets::Assets;
@@ -118,6 +119,9 @@ impl Device {
         let gpu = Gpu::open(&Choice::Fastest)?;
         if gpu.is_software() && !software {
             return Err(GpuError::None { reason: format!("{} is software", gpu.name()) });
+        }
+        if scene.interaction.kind == InteractionKind::Sph {
+            return Err(GpuError::Unsupported { what: "hair as smoothed particles" });
         }
         let meets = scene.interaction.kind == InteractionKind::Grid;
         let grid = meets.then(|| scene.interaction.grid.clone());
@@ -252,6 +256,7 @@ fn told(report: &GpuReport) -> FrameReport {
         quarantined_strands: report.quarantined_strands,
         grid: report.grid.unwrap_or_default(),
         strand_contacts: report.strand_contacts.unwrap_or_default(),
+        particles: SphReport::default(),
         stage_secs: STAGES.map(|name| {
             // On the CPU the air is sampled by the stage that it is for.
             let is_of = |own: &str| own == name || (own == "sample_air" && name == "solve_strands");

@@ -44,7 +44,7 @@ impl Regrooming {
         self.waiting.front().is_some_and(|edit| edit.1 <= time_secs)
     }
 
-    /// Does all edits whose time is not after `time_secs`, at which the head is at `head`; whether there were any.
+    /// Does all edits whose time is not after `time_secs`, on a simulation whose head is at `head`; whether there were any.
     pub(crate) fn advance(
         &mut self,
         scene: &Scene,
@@ -66,12 +66,12 @@ impl Regrooming {
         Ok(self.waiting.len() < waiting)
     }
 
-    /// Positions of `simulation` in world space and the layout of the groom at the start, metres.
-    pub(crate) fn positions(&mut self, simulation: &Simulation, out: &mut Vec<Vec3>) {
+    /// Positions in world space and the layout of the groom at the start, metres, of a simulation whose are told by `simulated`.
+    pub(crate) fn positions(&mut self, simulated: impl FnOnce(&mut Vec<Vec3>), out: &mut Vec<Vec3>) {
         if self.groom.is_none() {
-            return simulation.positions(out);
+            return simulated(out);
         }
-        simulation.positions(&mut self.positions);
+        simulated(&mut self.positions);
         let at = |&(particle, fraction): &(u32, f32)| {
             let i = particle as usize;
             match fraction {

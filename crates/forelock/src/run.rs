@@ -181,12 +181,16 @@ impl<'a> Stepper<'a> {
         let groom = skinning.as_ref().map_or(&assets.groom, Skinning::guides);
         let mut simulation = match solver.kind {
             SolverKind::MassSpring => Simulation::mass_spring(groom, &solver.mass_spring, &options)?,
+            SolverKind::Dftl => Simulation::new(groom, &solver.dftl, &options)?,
             _ => Simulation::new(groom, &solver.ams, &options)?,
         };
         let (device, note) = backend.device((scene, assets), &simulation)?;
         let on_cpu = device.as_ref().is_none_or(Device::is_mixed);
         if on_cpu && scene.interaction.kind == InteractionKind::Grid {
             simulation.set_grid(Some(&scene.interaction.grid))?;
+        }
+        if on_cpu && scene.interaction.kind == InteractionKind::Sph {
+            simulation.set_particles(Some(&scene.interaction.sph))?;
         }
         if on_cpu && scene.interaction.contacts {
             simulation.set_contacts(Some(&scene.interaction.contact))?;
@@ -205,11 +209,37 @@ impl<'a> Stepper<'a> {
 
     /// All strands at frame `frame`, which the simulation has reached: positions in world space and the groom's order, metres.
     pub(crate) fn positions(&mut self, frame: u32, out: &mut Vec<Vec3>) {
-        let Some(skinning) = &mut self.skinning else {
-            return self.regrooming.positions(&self.simulation, out);
+        let time = self.time_secs(frame);
+        let head = self.assets.head_pose(time);
+        let (simulation, assets) = (&self.simulation, self.assets);
+        let between = self.steps(frame).filter(|(_, done)| *done > 0);
+        let simulated = |out: &mut Vec<Vec3>| {
+            let Some((step_secs, done)) = between else { return simulation.positions(out) };
+            let at = |step: u64| step as f64 * step_secs;
+            let heads = [done - 1, done].map(|step| assets.head_pose(at(step)));
+            // To rounding the last step is the frame itself.
+            let share = (1.0 - (at(done) - time) / step_secs).clamp(0.0, 1.0);
+            let share = if share > 1.0 - STEP_ROUNDING { 1.0 } else { share as f32 };
+            simulation.positions_between(share, [&heads[0], &heads[1]], &head, out);
         };
-        self.simulation.positions(&mut self.guides);
-        skinning.skin(&self.assets.head_pose(f64::from(frame) / self.scene.time.fps), &self.guides, out);
+        let Some(skinning) = &mut self.skinning else {
+            return self.regrooming.positions(simulated, out);
+        };
+        simulated(&mut self.guides);
+        skinning.skin(&head, &self.guides, out);
+    }
+
+    /// For a solver that steps at its own rate, its step in seconds and the steps that it has done by frame `frame`: those that begin before it.
+    fn steps(&self, frame: u32) -> Option<(f64, u64)> {
+        let step_secs = self.scene.solver.step_secs()?;
+        let steps = self.time_secs(frame) / step_secs;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a count of steps")]
+        Some((step_secs, (steps - STEP_ROUNDING).ceil().max(0.0) as u64))
+    }
+
+    /// The time, seconds, that the simulation has reached by frame `frame`.
+    fn simulated_secs(&self, frame: u32) -> f64 {
+        self.steps(frame).map_or_else(|| self.time_secs(frame), |(step_secs, done)| done as f64 * step_secs)
     }
 
     /// Time of frame `frame`, seconds.
@@ -219,7 +249,11 @@ impl<'a> Stepper<'a> {
 
     /// All solids between frame `frame` and the next, and the head's poses then.
     pub(crate) fn surroundings(&self, frame: u32) -> ([Pose; 2], Vec<ColliderFrame<'a>>) {
-        let times = [frame, frame + 1].map(|frame| self.time_secs(frame));
+        self.surroundings_at([frame, frame + 1].map(|frame| self.time_secs(frame)))
+    }
+
+    /// The same between two times, seconds.
+    fn surroundings_at(&self, times: [f64; 2]) -> ([Pose; 2], Vec<ColliderFrame<'a>>) {
         let head = times.map(|time| self.assets.head_pose(time));
         (head, self.assets.collider_frames(times, head))
     }
@@ -227,7 +261,7 @@ impl<'a> Stepper<'a> {
     /// Does the edits that are to be done by frame `frame`.
     pub(crate) fn regroom(&mut self, frame: u32) -> Result<(), RunError> {
         let time = self.time_secs(frame);
-        let moment = (time, self.assets.head_pose(time));
+        let moment = (time, self.assets.head_pose(self.simulated_secs(frame)));
         if self.device.is_some() && self.regrooming.is_due(time) {
             self.before_edits = Some(self.simulation.snapshot());
         }
@@ -241,8 +275,25 @@ impl<'a> Stepper<'a> {
     /// From frame `frame` to the next.
     pub(crate) fn step(&mut self, frame: u32) -> Result<FrameReport, RunError> {
         self.regroom(frame)?;
-        let (head, colliders) = self.surroundings(frame);
-        let air = self.wind.at(self.time_secs(frame));
+        let report = match self.steps(frame) {
+            None => self.step_between([frame, frame + 1].map(|frame| self.time_secs(frame)))?,
+            Some((step_secs, done)) => {
+                let end = self.steps(frame + 1).map_or(done, |(_, end)| end);
+                // Frames that are shorter than a step may have none.
+                (done..end).try_fold(FrameReport::default(), |sum, step| {
+                    let report = self.step_between([step, step + 1].map(|step| step as f64 * step_secs))?;
+                    Ok::<_, RunError>(sum.then(&report))
+                })?
+            }
+        };
+        self.before_edits = None;
+        Ok(report)
+    }
+
+    /// From one time to another, seconds.
+    fn step_between(&mut self, times: [f64; 2]) -> Result<FrameReport, RunError> {
+        let (head, colliders) = self.surroundings_at(times);
+        let air = self.wind.at(times[0]);
         // What is the same everywhere goes the quick way.
         let (air_velocity, field) =
             if self.wind.params().is_uniform() { (air.mean, None) } else { (DVec3::ZERO, Some(&air)) };
@@ -251,16 +302,17 @@ impl<'a> Stepper<'a> {
             colliders: &colliders,
             gravity: DVec3::from_array(self.scene.gravity),
             air_velocity,
-            dt_secs: 1.0 / self.scene.time.fps,
+            dt_secs: self.scene.solver.step_secs().unwrap_or(1.0 / self.scene.time.fps),
         };
-        let report = match &mut self.device {
+        Ok(match &mut self.device {
             Some(device) => device.step(&frame, field, &mut self.simulation)?,
             None => self.simulation.step_frame_in(&frame, field)?,
-        };
-        self.before_edits = None;
-        Ok(report)
+        })
     }
 }
+
+/// Share of a step within which two times are the same.
+const STEP_ROUNDING: f64 = 1e-6;
 
 /// A run under way.
 struct Run<'a> {
@@ -350,7 +402,9 @@ impl<'a> Run<'a> {
         let (_, colliders) = self.stepper.surroundings(frame);
         let (deep, deepest) = deep_particles(&self.positions, &colliders);
         let share = deep as f64 / self.positions.len().max(1) as f64;
-        let mut penetration_m = report.max_penetration_m;
+        // What follows the leader is shown between steps, and knows a bound only.
+        let follows = self.stepper.scene.solver.kind == SolverKind::Dftl;
+        let mut penetration_m = if follows { deepest } else { report.max_penetration_m };
         // Stages that did not run are left out.
         let ran = report.stage_secs.iter().filter(|(_, secs)| *secs > 0.0);
         let mut stages: Vec<_> = ran.map(|&(stage, secs)| (stage, secs * 1e3)).collect();

@@ -66,6 +66,9 @@ impl Snapshot {
                 ("clearance", Array::vector(state.clearance.clone())),
                 ("origin", Array::vector(state.origin.to_vec())),
             ]);
+            if !state.previous.is_empty() {
+                arrays.push(("previous", flat(&state.previous)));
+            }
         }
         write_npz(path, &arrays)
     }
@@ -119,6 +122,7 @@ impl Snapshot {
                 velocities: vectors("velocities")?,
                 integrity: floats("integrity")?,
                 clearance: floats("clearance")?,
+                previous: if arrays.contains_key("previous") { vectors("previous")? } else { Vec::new() },
                 origin: doubles("origin")?.try_into().map_err(|_| "origin")?,
             }),
         })
@@ -143,6 +147,7 @@ mod tests {
                 velocities: vec![[1.0, 2.0, 3.0]],
                 integrity: vec![0.5],
                 clearance: vec![f32::NEG_INFINITY],
+                previous: vec![[0.5, -0.0, 3.0]],
                 origin: [1.0, 2.0, 0.1],
             }),
         };

@@ -90,6 +90,13 @@ impl<L: Lane> V3<L> {
         self.0[2].set(lane, v[2]);
     }
 
+    /// `yes` where the mask holds, else `no`.
+    #[inline(always)]
+    pub fn select(mask: L::Mask, yes: Self, no: Self) -> Self {
+        let ([a, b, c], [x, y, z]) = (yes.0, no.0);
+        Self([L::select(mask, a, x), L::select(mask, b, y), L::select(mask, c, z)])
+    }
+
     /// `self · b`.
     #[inline(always)]
     pub fn dot(self, b: Self) -> L {

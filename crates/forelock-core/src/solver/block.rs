@@ -1,10 +1,12 @@
-//! A frame of the AMS solver for one block of strands, and its instantiations for every instruction set.
+//! A frame for one block of strands, and its instantiations for every instruction set.
 
 use crate::body::ColliderFrame;
 use crate::lane::{LANES, Lane, Pack, Real, V3};
 use crate::pose::Pose;
+use crate::solver::SolverParams;
 use crate::solver::params::Inextensibility;
-use crate::stage::resolve_solids::{self, Contacts, Since, SolidPose, Solids};
+use crate::stage::follow_leader::{self, FollowStep, FollowTerms};
+use crate::stage::resolve_solids::{self, Contacts, LevelSolids, Since, SolidPose, Solids};
 use crate::stage::restore_lengths::{self, LengthTerms};
 use crate::stage::sample_air::{self, AirTerms};
 use crate::stage::solve_strands::{self, FrameTerms, SubstepTerms};
@@ -14,8 +16,9 @@ use std::ops::Range;
 use std::time::Instant;
 
 /// The stages of a frame, in order, as reports name them.
-pub const STAGES: [&str; 9] = [
+pub const STAGES: [&str; 12] = [
     "solve_strands",
+    "follow_leader",
     "resolve_solids",
     "restore_lengths",
     "check_strands",
@@ -24,18 +27,31 @@ pub const STAGES: [&str; 9] = [
     "gather_velocities",
     "find_contacts",
     "resolve_contacts",
+    "find_neighbours",
+    "push_particles",
 ];
 
 /// Those of them that a block runs by itself: the first.
-pub const BLOCK_STAGES: usize = 4;
+pub const BLOCK_STAGES: usize = 5;
+
+// Their numbers.
+const SOLVE: usize = 0;
+const FOLLOW: usize = 1;
+const SOLIDS: usize = 2;
+const LENGTHS: usize = 3;
+const CHECK: usize = 4;
 
 /// All that a block needs to know of a frame.
 #[derive(Debug)]
 pub struct FrameJob<'a, T> {
     /// Which part of the frame.
     pub part: Part,
-    /// Coefficients.
-    pub terms: &'a FrameTerms,
+    /// Coefficients, which say what strands are under.
+    pub terms: &'a StrandTerms,
+    /// Substep, seconds.
+    pub h: f64,
+    /// Clamped particles from the root.
+    pub clamped: usize,
     /// Head poses at the substeps' ends, M + 1, from the model's centre to the frame's origin.
     pub poses: &'a [Pose],
     /// What the length pass needs.
@@ -60,6 +76,30 @@ pub struct FrameJob<'a, T> {
     pub skin_thickness: f64,
     /// Depth that a particle may come out of a solid in a substep, metres.
     pub way_out: f64,
+}
+
+/// What moves a strand by itself.
+#[derive(Clone, Debug)]
+pub enum StrandTerms {
+    /// `solve_strands`, and `resolve_solids` after it.
+    Ams(FrameTerms),
+    /// `follow_leader`, with solids level by level.
+    Dftl(FollowTerms),
+}
+
+impl StrandTerms {
+    /// The terms of `params` for frames of `dt_secs`.
+    pub fn new(params: &SolverParams, dt_secs: f64) -> Self {
+        match params {
+            SolverParams::Ams(params) => Self::Ams(FrameTerms::new(params, dt_secs)),
+            SolverParams::Dftl(params) => Self::Dftl(FollowTerms::new(params, dt_secs)),
+        }
+    }
+
+    /// Whether drag differs from particle to particle.
+    pub fn is_slender(&self) -> bool {
+        matches!(self, Self::Ams(terms) if terms.slender)
+    }
 }
 
 /// Which part of a frame a block runs.
@@ -104,6 +144,13 @@ impl BlockReport {
             stage_nanos: std::array::from_fn(|k| self.stage_nanos[k] + after.stage_nanos[k]),
             ..*after
         }
+    }
+
+    /// A block's substeps and what came after them, which `looked` at solids once more or did not.
+    #[must_use]
+    pub fn finished(self, after: Self, looked: bool) -> Self {
+        let contacts = if looked { after.contacts } else { self.contacts };
+        Self { contacts, ..self.merge(after) }
     }
 
     /// Both together; the same whatever the order.
@@ -187,66 +234,124 @@ impl Simd {
     }
 }
 
+/// What a block does in a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Task {
+    /// The part's substeps under [`StrandTerms::Ams`].
+    Ams,
+    /// The same under [`StrandTerms::Dftl`].
+    Dftl,
+    /// What comes after them.
+    Finish,
+}
+
 /// Numbers that the solver runs in.
 pub trait SolverReal: Real {
-    /// The function for `simd` (supported, not `Auto`).
-    fn block_fn(simd: Simd) -> BlockFn<Self>;
+    /// The function for `task` on `simd` (supported, not `Auto`).
+    fn block_fn(task: Task, simd: Simd) -> BlockFn<Self>;
 }
 
 /// The specification: one strand at a time, plain float64.
 impl SolverReal for f64 {
-    fn block_fn(_: Simd) -> BlockFn<Self> {
-        advance_block::<f64>
+    fn block_fn(task: Task, _: Simd) -> BlockFn<Self> {
+        match task {
+            Task::Ams => advance_ams::<f64>,
+            Task::Dftl => advance_dftl::<f64>,
+            Task::Finish => finish_block::<f64>,
+        }
     }
 }
 
 /// Whether the target has fused multiply–add without asking.
 pub(crate) const BASELINE_FMA: bool = cfg!(any(target_arch = "aarch64", target_feature = "fma"));
 
-impl SolverReal for f32 {
-    fn block_fn(simd: Simd) -> BlockFn<Self> {
-        match simd {
-            Simd::Scalar => advance_block::<Pack<1, BASELINE_FMA>>,
-            #[cfg(target_arch = "x86_64")]
-            Simd::Avx2x1 => avx2_1,
-            #[cfg(target_arch = "x86_64")]
-            Simd::Avx2x4 => avx2_4,
-            #[cfg(target_arch = "x86_64")]
-            Simd::Avx2 => avx2_8,
-            #[cfg(target_arch = "x86_64")]
-            Simd::Avx2x16 => avx2_16,
-            #[cfg(target_arch = "x86_64")]
-            Simd::Avx512 => avx512_16,
-            _ => advance_block::<Pack<4, BASELINE_FMA>>,
-        }
-    }
-}
-
 macro_rules! instantiate {
-    ($($name:ident $features:literal $lane:ty;)*) => {$(
-        #[cfg(target_arch = "x86_64")]
-        #[target_feature(enable = $features)]
-        fn $name(
-            job: &FrameJob<'_, f32>,
-            view: &mut BlockView<'_, f32>,
-            live: usize,
-            scratch: &mut Scratch<f32>,
-        ) -> BlockReport {
-            advance_block::<$lane>(job, view, live, scratch)
+    ($($task:ident $text:ident: $($simd:ident $name:ident $features:literal $lane:ty),*;)*) => {
+        $($(
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = $features)]
+            fn $name(
+                job: &FrameJob<'_, f32>,
+                view: &mut BlockView<'_, f32>,
+                live: usize,
+                scratch: &mut Scratch<f32>,
+            ) -> BlockReport {
+                $text::<$lane>(job, view, live, scratch)
+            }
+        )*)*
+
+        impl SolverReal for f32 {
+            fn block_fn(task: Task, simd: Simd) -> BlockFn<Self> {
+                match (task, simd) {
+                    $(
+                        (Task::$task, Simd::Scalar) => $text::<Pack<1, BASELINE_FMA>>,
+                        $(
+                            #[cfg(target_arch = "x86_64")]
+                            (Task::$task, Simd::$simd) => $name,
+                        )*
+                        (Task::$task, _) => $text::<Pack<4, BASELINE_FMA>>,
+                    )*
+                }
+            }
         }
-    )*};
+    };
 }
 instantiate! {
-    avx2_1 "avx2,fma" Pack<1, true>;
-    avx2_4 "avx2,fma" Pack<4, true>;
-    avx2_8 "avx2,fma" crate::lane::Avx2;
-    avx2_16 "avx2,fma" Pack<16, true>;
-    avx512_16 "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma" crate::lane::Avx512;
+    Ams advance_ams:
+        Avx2x1 ams_avx2_1 "avx2,fma" Pack<1, true>,
+        Avx2x4 ams_avx2_4 "avx2,fma" Pack<4, true>,
+        Avx2 ams_avx2_8 "avx2,fma" crate::lane::Avx2,
+        Avx2x16 ams_avx2_16 "avx2,fma" Pack<16, true>,
+        Avx512 ams_avx512 "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma" crate::lane::Avx512;
+    Dftl advance_dftl:
+        Avx2x1 dftl_avx2_1 "avx2,fma" Pack<1, true>,
+        Avx2x4 dftl_avx2_4 "avx2,fma" Pack<4, true>,
+        Avx2 dftl_avx2_8 "avx2,fma" crate::lane::Avx2,
+        Avx2x16 dftl_avx2_16 "avx2,fma" Pack<16, true>,
+        Avx512 dftl_avx512 "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma" crate::lane::Avx512;
+    Finish finish_block:
+        Avx2x1 finish_avx2_1 "avx2,fma" Pack<1, true>,
+        Avx2x4 finish_avx2_4 "avx2,fma" Pack<4, true>,
+        Avx2 finish_avx2_8 "avx2,fma" crate::lane::Avx2,
+        Avx2x16 finish_avx2_16 "avx2,fma" Pack<16, true>,
+        Avx512 finish_avx512 "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma" crate::lane::Avx512;
 }
 
-/// Advances a block by a frame, group of lanes by group of lanes.
+/// [`Task::Ams`], group of lanes by group of lanes: all substeps while its data is in the cache.
 #[inline(always)]
-fn advance_block<L: Lane>(
+fn advance_ams<L: Lane>(
+    job: &FrameJob<'_, L::Scalar>,
+    view: &mut BlockView<'_, L::Scalar>,
+    live: usize,
+    scratch: &mut Scratch<L::Scalar>,
+) -> BlockReport {
+    let mut report = BlockReport::default();
+    let StrandTerms::Ams(terms) = job.terms else { return report };
+    for first in (0..live.min(LANES)).step_by(L::WIDTH) {
+        report = report.merge(advance_substeps::<L>(job, terms, view, (first, live), scratch));
+    }
+    report
+}
+
+/// [`Task::Dftl`], group of lanes by group of lanes.
+#[inline(always)]
+fn advance_dftl<L: Lane>(
+    job: &FrameJob<'_, L::Scalar>,
+    view: &mut BlockView<'_, L::Scalar>,
+    live: usize,
+    _: &mut Scratch<L::Scalar>,
+) -> BlockReport {
+    let mut report = BlockReport::default();
+    let StrandTerms::Dftl(terms) = job.terms else { return report };
+    for first in (0..live.min(LANES)).step_by(L::WIDTH) {
+        report = report.merge(advance_step::<L>(job, terms, view, (first, live)));
+    }
+    report
+}
+
+/// [`Task::Finish`], group of lanes by group of lanes.
+#[inline(always)]
+fn finish_block<L: Lane>(
     job: &FrameJob<'_, L::Scalar>,
     view: &mut BlockView<'_, L::Scalar>,
     live: usize,
@@ -254,14 +359,14 @@ fn advance_block<L: Lane>(
 ) -> BlockReport {
     let mut report = BlockReport::default();
     for first in (0..live.min(LANES)).step_by(L::WIDTH) {
-        report = report.merge(advance_lanes::<L>(job, view, (first, live), scratch));
+        report = report.merge(finish_lanes::<L>(job, view, (first, live), scratch));
     }
     report
 }
 
-/// One group of lanes by a frame: all its substeps while its data is in the cache.
+/// What one group of lanes does after its substeps.
 #[inline(always)]
-fn advance_lanes<L: Lane>(
+fn finish_lanes<L: Lane>(
     job: &FrameJob<'_, L::Scalar>,
     view: &mut BlockView<'_, L::Scalar>,
     (first, live): (usize, usize),
@@ -269,16 +374,13 @@ fn advance_lanes<L: Lane>(
 ) -> BlockReport {
     let mut report = BlockReport::default();
     let mut clock = Clock::start();
-    if !job.part.substeps.is_empty() {
-        advance_substeps::<L>(job, view, (first, live), scratch, (&mut clock, &mut report));
-    }
     // What the edges are stretched by, once they have their lengths back.
     let mut restored = None;
     if job.part.lengths {
         let stretch = restore::<L>(job, view, first, scratch);
         report.max_edge_stretch = worst(stretch, live - first);
         restored = Some(stretch);
-        report.stage_nanos[2] += clock.lap();
+        report.stage_nanos[LENGTHS] += clock.lap();
     }
     if job.part.looks_last || job.part.checks {
         finish::<L>(job, view, (first, live), restored, (&mut clock, &mut report));
@@ -294,42 +396,70 @@ fn look<'a, T: Real>(job: &'a FrameJob<'_, T>, step: usize, way_out: f64) -> Sol
         poses: &job.solid_poses[step * solids..(step + 1) * solids],
         thickness: crate::state::number(job.skin_thickness),
         way_out: crate::state::number(way_out),
-        h: crate::state::number(job.terms.h),
-        clamped: job.terms.clamped,
+        h: crate::state::number(job.h),
+        clamped: job.clamped,
+        drags: matches!(job.terms, StrandTerms::Dftl(_)),
     }
 }
 
-/// The part's substeps.
+/// The part's substeps of one group of lanes.
 #[inline(always)]
 fn advance_substeps<L: Lane>(
     job: &FrameJob<'_, L::Scalar>,
+    terms: &FrameTerms,
     view: &mut BlockView<'_, L::Scalar>,
     (first, live): (usize, usize),
     scratch: &mut Scratch<L::Scalar>,
-    (clock, report): (&mut Clock, &mut BlockReport),
-) {
+) -> BlockReport {
+    let mut report = BlockReport::default();
+    let mut clock = Clock::start();
     shift_positions::<L>(job.shift, view, first);
     if let Some(air) = job.air.as_ref().filter(|_| job.part.solves) {
         sample_air::sample::<L>(air, view.positions, view.exposure, first, view.wind);
-        sample_air::draw::<L>(job.terms, view, first);
+        sample_air::draw::<L>(terms, view, first);
     }
     for step in job.part.substeps.clone() {
         if job.part.solves {
             let poses = [&job.poses[step], &job.poses[step + 1]];
             let substep =
-                SubstepTerms::<L>::new(job.terms.h, poses, job.gravity, job.rest_gravity, job.air_velocity);
-            if job.terms.slender && job.air.is_some() {
-                sample_air::draw::<L>(job.terms, view, first);
+                SubstepTerms::<L>::new(terms.h, poses, job.gravity, job.rest_gravity, job.air_velocity);
+            if terms.slender && job.air.is_some() {
+                sample_air::draw::<L>(terms, view, first);
             }
-            solve_strands::advance(job.terms, &substep, view, first, scratch);
-            report.stage_nanos[0] += clock.lap();
+            solve_strands::advance(terms, &substep, view, first, scratch);
+            report.stage_nanos[SOLVE] += clock.lap();
         }
         if job.part.looks {
             let solids = look(job, step, job.way_out);
             report.contacts = resolve_solids::resolve::<L>(&solids, Since::Substep, view, first, live);
-            report.stage_nanos[1] += clock.lap();
+            report.stage_nanos[SOLIDS] += clock.lap();
         }
     }
+    report
+}
+
+/// One group of lanes by a step of follow the leader.
+#[inline(always)]
+fn advance_step<L: Lane>(
+    job: &FrameJob<'_, L::Scalar>,
+    terms: &FollowTerms,
+    view: &mut BlockView<'_, L::Scalar>,
+    lanes: (usize, usize),
+) -> BlockReport {
+    let mut report = BlockReport::default();
+    let mut clock = Clock::start();
+    let mut shift = [job.shift; 2];
+    if let Some(air) = &job.air {
+        shift_positions::<L>(job.shift, view, lanes.0);
+        shift[0] = DVec3::ZERO;
+        sample_air::sample::<L>(air, view.positions, view.exposure, lanes.0, view.wind);
+    }
+    let carried = if terms.sag_free { job.poses[1].transform_vector(job.rest_gravity) } else { DVec3::ZERO };
+    let step = FollowStep::<L>::new(&job.poses[1], job.gravity - carried, job.air_velocity, shift);
+    let solids = LevelSolids::new(look(job, 0, job.way_out));
+    report.contacts = follow_leader::advance(terms, &step, solids, view, lanes);
+    report.stage_nanos[FOLLOW] += clock.lap();
+    report
 }
 
 /// Brings edges back to their lengths, if that is asked for; the largest stretch left.
@@ -363,11 +493,15 @@ fn finish<L: Lane>(
 ) {
     let before = restored.unwrap_or_else(|| restore_lengths::largest_stretch::<L>(view, first));
     let mut stretch = before;
+    if restored.is_none() && matches!(job.terms, StrandTerms::Dftl(_)) {
+        // Lengths were restored level by level.
+        report.max_edge_stretch = worst(before, live - first);
+    }
     if job.part.looks_last {
         let last = job.poses.len() - 2;
         report.contacts =
             resolve_solids::resolve::<L>(&look(job, last, 0.0), Since::Noted, view, first, live);
-        report.stage_nanos[1] += clock.lap();
+        report.stage_nanos[SOLIDS] += clock.lap();
         if report.contacts.touching > 0 {
             stretch = restore_lengths::largest_stretch::<L>(view, first);
             if job.lay_along {
@@ -389,7 +523,7 @@ fn finish<L: Lane>(
             report.quarantined += 1;
         }
     }
-    report.stage_nanos[3] += clock.lap();
+    report.stage_nanos[CHECK] += clock.lap();
 }
 
 fn worst<L: Lane>(stretch: L, live: usize) -> f64 {
@@ -429,10 +563,13 @@ fn quarantine<T: Real>(job: &FrameJob<'_, T>, view: &mut BlockView<'_, T>, lane:
     for i in 0..view.particles {
         let rest = crate::state::vector(view.rest, i, lane).map(|x| x.to_f64().unwrap_or(0.0)).into();
         let x = last.transform_point(rest);
-        let v = (x - before.transform_point(rest)) / job.terms.h;
+        let v = (x - before.transform_point(rest)) / job.h;
         for c in 0..3 {
             view.positions[3 * i + c].0[lane] = crate::state::number(x[c]);
             view.velocities[3 * i + c].0[lane] = crate::state::number(v[c]);
+            if let Some(row) = view.previous.get_mut(3 * i + c) {
+                row.0[lane] = crate::state::number(x[c] - v[c] * job.h);
+            }
         }
         view.integrity[i].0[lane] = T::one();
         view.clearance[i].0[lane] = T::neg_infinity();

@@ -3,6 +3,8 @@
 //! Stiffnesses are rates: stiffness over particle mass, in s⁻². Only those matter, for only they, lengths and gravity
 //! enter the motion. They keep their meaning at any frame rate and number of substeps.
 
+use super::DftlParams;
+
 /// How a stretched spring enters the implicit matrix.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
@@ -255,10 +257,7 @@ impl AmsParams {
     /// # Errors
     /// [`ParamsError`] for the first that fails.
     pub fn validate_step(&self, dt_secs: f64, beyond_float32: bool) -> Result<(), ParamsError> {
-        if !(dt_secs.is_finite() && dt_secs > 0.0) {
-            let expected = "a finite number above 0";
-            return Err(ParamsError::Range { name: "dt_secs", value: dt_secs, expected });
-        }
+        check_time(dt_secs)?;
         if beyond_float32 {
             return Ok(());
         }
@@ -294,5 +293,112 @@ impl AmsParams {
             }
         }
         Ok(())
+    }
+}
+
+/// Checks that `dt_secs` is a time that can be stepped.
+///
+/// # Errors
+/// [`ParamsError::Range`] if it is not finite or not above 0.
+pub(crate) fn check_time(dt_secs: f64) -> Result<(), ParamsError> {
+    check(&[("dt_secs", dt_secs, POSITIVE)])
+}
+
+/// The parameters of a simulation, which say what solver it is.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SolverParams {
+    /// The augmented mass-spring model, or what is said in its terms.
+    Ams(AmsParams),
+    /// Dynamic follow the leader.
+    Dftl(DftlParams),
+}
+
+impl From<&AmsParams> for SolverParams {
+    fn from(params: &AmsParams) -> Self {
+        Self::Ams(params.clone())
+    }
+}
+
+impl From<&DftlParams> for SolverParams {
+    fn from(params: &DftlParams) -> Self {
+        Self::Dftl(params.clone())
+    }
+}
+
+impl From<&Self> for SolverParams {
+    fn from(params: &Self) -> Self {
+        params.clone()
+    }
+}
+
+impl SolverParams {
+    /// Checks every parameter against its range.
+    ///
+    /// # Errors
+    /// [`ParamsError::Range`] for the first that is not in it.
+    pub fn validate(&self) -> Result<(), ParamsError> {
+        match self {
+            Self::Ams(params) => params.validate(),
+            Self::Dftl(params) => params.validate(),
+        }
+    }
+
+    /// Checks that frames of `dt_secs` can be stepped: see [`AmsParams::validate_step`].
+    ///
+    /// # Errors
+    /// [`ParamsError`] if they cannot.
+    pub fn validate_step(&self, dt_secs: f64, beyond_float32: bool) -> Result<(), ParamsError> {
+        match self {
+            Self::Ams(params) => params.validate_step(dt_secs, beyond_float32),
+            Self::Dftl(_) => check_time(dt_secs),
+        }
+    }
+
+    /// Substeps a frame.
+    pub fn substeps(&self) -> u32 {
+        match self {
+            Self::Ams(params) => params.substeps,
+            Self::Dftl(_) => 1,
+        }
+    }
+
+    /// Particles that follow the head exactly, from the root.
+    pub fn clamped(&self) -> u32 {
+        match self {
+            Self::Ams(params) => params.clamped,
+            Self::Dftl(params) => params.clamped,
+        }
+    }
+
+    /// Distance that particles keep from solids, metres.
+    pub fn skin_thickness(&self) -> f64 {
+        match self {
+            Self::Ams(params) => params.skin_thickness,
+            Self::Dftl(params) => params.skin_thickness,
+        }
+    }
+
+    /// Fastest that particles come out of solids, m/s.
+    pub fn depenetration_speed(&self) -> f64 {
+        match self {
+            Self::Ams(params) => params.depenetration_speed,
+            Self::Dftl(params) => params.depenetration_speed,
+        }
+    }
+
+    /// The pass that brings edges back to their lengths, and the share of its corrections that it hands up.
+    pub fn inextensibility(&self) -> (Inextensibility, f64) {
+        match self {
+            Self::Ams(params) => (params.inextensibility, params.dftl_damping),
+            Self::Dftl(params) => (Inextensibility::Dftl, params.damping),
+        }
+    }
+
+    /// Whether edges that solids stretched at the end of a frame are laid along their surface.
+    pub fn lays_along(&self) -> bool {
+        match self {
+            Self::Ams(params) => params.lay_along_solids && params.inextensibility != Inextensibility::Off,
+            Self::Dftl(params) => params.recheck > 0,
+        }
     }
 }

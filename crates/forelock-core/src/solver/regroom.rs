@@ -79,6 +79,7 @@ impl Simulation<f32> {
             return Err(RegroomError::Sources { strands, sources: sources.len(), simulated });
         }
         (self.model, self.state) = (model, state);
+        self.prepare();
         self.fit_workspace();
         Ok(())
     }

@@ -1,7 +1,9 @@
-//! The AMS solver as a whole: Model, State and Workspace, a frame at a time.
+//! A simulation as a whole: Model, State and Workspace, a frame at a time.
 
-use super::block::{BLOCK_STAGES, BlockFn, BlockReport, FrameJob, Part, STAGES, Simd, SolverReal};
-use super::params::{AmsParams, Inextensibility, ParamsError};
+use super::block::{
+    BLOCK_STAGES, BlockFn, BlockReport, FrameJob, Part, STAGES, Simd, SolverReal, StrandTerms, Task,
+};
+use super::params::{ParamsError, SolverParams};
 use super::steps::{FrameStep, Meeting};
 use crate::air::{Canopy, Wake, WindField};
 use crate::body::ColliderFrame;
@@ -11,10 +13,10 @@ use crate::groom::Groom;
 use crate::lane::Row;
 use crate::model::{Block, Model, PackError, Strands};
 use crate::pose::Pose;
+use crate::sph::{Sph, SphParams, SphReport};
 use crate::stage::resolve_solids::{SolidPose, note_one};
 use crate::stage::restore_lengths::LengthTerms;
 use crate::stage::sample_air::AirTerms;
-use crate::stage::solve_strands::FrameTerms;
 use crate::stage::{AIR_ROWS, BlockView, Scratch};
 use crate::state::{Snapshot, SnapshotError, State};
 use glam::{DVec3, Vec3};
@@ -107,12 +109,20 @@ pub struct FrameReport {
     pub grid: GridReport,
     /// What contacts between strands did, if there are any.
     pub strand_contacts: ContactReport,
+    /// What smoothed particles did, if there are any.
+    pub particles: SphReport,
     /// Seconds of work in each stage, summed over threads (for stages that all threads share, their time times the
     /// threads), in the order of [`STAGES`].
     pub stage_secs: [(&'static str, f64); STAGES.len()],
 }
 
 impl FrameReport {
+    /// This and the `later` one, both of whole frames.
+    #[must_use]
+    pub fn then(self, later: &Self) -> Self {
+        Self { touching: later.touching, ..self.and(later) }
+    }
+
     /// This and what `other` steps of the same frame tell.
     #[must_use]
     pub fn and(self, other: &Self) -> Self {
@@ -128,6 +138,7 @@ impl FrameReport {
             } else {
                 other.strand_contacts
             },
+            particles: if other.particles == SphReport::default() { self.particles } else { other.particles },
             stage_secs: std::array::from_fn(|k| (STAGES[k], self.stage_secs[k].1 + other.stage_secs[k].1)),
         }
     }
@@ -164,7 +175,7 @@ pub enum Teleport {
     CarryShapeAndVelocity,
 }
 
-/// Strands under the augmented mass-spring model.
+/// Strands under the solver that its parameters are of.
 ///
 /// `T` is `f32` in use; `f64` runs the same text as specification.
 #[derive(Debug)]
@@ -172,13 +183,14 @@ pub struct Simulation<T: SolverReal = f32> {
     pub(super) model: Model<T>,
     pub(super) state: State<T>,
     workspace: Workspace<T>,
-    params: AmsParams,
+    params: SolverParams,
     options: Options,
-    block_fn: BlockFn<T>,
     /// One in so many particles of a strand is the groom's; the others are virtual.
     pub(super) every: u32,
     /// Where strands meet, if they do.
     grid: Option<Grid>,
+    /// Where strands meet as smoothed particles, if they do.
+    sph: Option<Sph<T>>,
     /// What keeps segments from passing through each other, if anything does.
     contacts: Option<Contacts>,
 }
@@ -192,6 +204,8 @@ struct Workspace<T> {
     solid_poses: Vec<SolidPose<T>>,
     wake: Wake,
     canopy: Canopy,
+    /// Velocities with which hair moves, where the state's are others.
+    motion: Vec<Row<T>>,
     /// Share of the wind that reaches each particle, a row a place; empty: all of it.
     exposure: Vec<Row<T>>,
 }
@@ -201,7 +215,11 @@ impl Simulation<f32> {
     ///
     /// # Errors
     /// [`BuildError`] if the groom cannot be packed, a parameter is out of range, or the instruction set is not there.
-    pub fn new(groom: &Groom, params: &AmsParams, options: &Options) -> Result<Self, BuildError> {
+    pub fn new(
+        groom: &Groom,
+        params: impl Into<SolverParams>,
+        options: &Options,
+    ) -> Result<Self, BuildError> {
         Self::from_strands(&groom.into(), params, options)
     }
 
@@ -231,9 +249,10 @@ impl<T: SolverReal> Simulation<T> {
     /// As [`Simulation::new`].
     pub fn from_strands(
         strands: &Strands<'_, T>,
-        params: &AmsParams,
+        params: impl Into<SolverParams>,
         options: &Options,
     ) -> Result<Self, BuildError> {
+        let params = params.into();
         params.validate()?;
         let simd = options.simd.resolve();
         if !simd.is_supported() {
@@ -243,24 +262,46 @@ impl<T: SolverReal> Simulation<T> {
         let state = State::at_rest(&model, &options.rest_pose);
         let workspace = Workspace {
             scratch: scratch(&model),
-            poses: Vec::with_capacity(params.substeps as usize + 1),
+            poses: Vec::with_capacity(params.substeps() as usize + 1),
             solid_poses: Vec::new(),
             wake: Wake::default(),
             canopy: Canopy::default(),
+            motion: Vec::new(),
             exposure: Vec::new(),
         };
-        let block_fn = T::block_fn(simd);
-        Ok(Self {
+        let options = *options;
+        let mut simulation = Self {
             model,
             state,
             workspace,
-            params: params.clone(),
-            options: *options,
-            block_fn,
+            params,
+            options,
             every: 1,
             grid: None,
+            sph: None,
             contacts: None,
-        })
+        };
+        simulation.prepare();
+        Ok(simulation)
+    }
+
+    /// What a block does in its substeps, and after them.
+    fn block_fns(&self) -> [BlockFn<T>; 2] {
+        let task = match self.params {
+            SolverParams::Ams(_) => Task::Ams,
+            SolverParams::Dftl(_) => Task::Dftl,
+        };
+        [task, Task::Finish].map(|task| T::block_fn(task, self.options.simd.resolve()))
+    }
+
+    /// Makes what the solver asks for of model and state.
+    pub(super) fn prepare(&mut self) {
+        if matches!(self.params, SolverParams::Dftl(_)) {
+            self.model.find_frames();
+            self.state.remember();
+        } else {
+            self.state.previous = Vec::new();
+        }
     }
 
     /// The same, with only one in `every` particles of a strand the groom's.
@@ -278,6 +319,21 @@ impl<T: SolverReal> Simulation<T> {
             Some(params) => {
                 params.validate()?;
                 Some(Grid::new(&self.model, params))
+            }
+        };
+        Ok(())
+    }
+
+    /// Lets strands meet as smoothed particles from the next frame on, or not any more.
+    ///
+    /// # Errors
+    /// [`ParamsError`] if a parameter is out of range; nothing is changed then.
+    pub fn set_particles(&mut self, params: Option<&SphParams>) -> Result<(), ParamsError> {
+        self.sph = match params {
+            None => None,
+            Some(params) => {
+                params.validate()?;
+                Some(Sph::new(&self.model, params))
             }
         };
         Ok(())
@@ -303,13 +359,18 @@ impl<T: SolverReal> Simulation<T> {
         self.workspace.scratch = scratch(&self.model);
         self.workspace.canopy = Canopy::default();
         self.grid = self.grid.take().map(|grid| Grid::new(&self.model, grid.params()));
+        self.sph = self.sph.take().map(|sph| Sph::new(&self.model, sph.params()));
         let simd = self.options.simd.resolve();
         self.contacts = self.contacts.take().map(|c| Contacts::new(&self.model, c.params(), simd));
     }
 
     /// Where strands meet.
     pub fn meeting(&self) -> Meeting {
-        Meeting { grid: self.grid.is_some(), contacts: self.contacts.is_some() }
+        Meeting {
+            grid: self.grid.is_some(),
+            particles: self.sph.is_some(),
+            contacts: self.contacts.is_some(),
+        }
     }
 
     /// Advances by a frame. Allocates nothing once it has seen a frame with as many solids, as large a box of hair on the grid and as many contacts.
@@ -332,13 +393,15 @@ impl<T: SolverReal> Simulation<T> {
         let meets = self.grid.is_some() || self.contacts.is_some();
         let looks_last =
             FrameStep::all(&self.params, self.meeting()).any(|step| step == FrameStep::LastSolids);
-        let substeps = 0..self.params.substeps as usize;
-        let before = Part { substeps, solves: true, looks: true, lengths: true, ..Part::default() };
+        let substeps = 0..self.params.substeps() as usize;
+        let lengths = matches!(self.params, SolverParams::Ams(_));
+        let before = Part { substeps, solves: true, looks: true, lengths, ..Part::default() };
         let after = Part { looks_last, checks: true, ..Part::default() };
         let work = if meets {
-            Work { notes: true, before, grid: true, contacts: true, after: Some(after) }
+            Work { notes: true, particles: true, before, grid: true, contacts: true, after: Some(after) }
         } else {
-            Work { before: Part { looks_last, checks: true, ..before }, ..Work::default() }
+            let before = Part { looks_last, checks: true, ..before };
+            Work { particles: true, before, ..Work::default() }
         };
         self.work(frame, wind, work)
     }
@@ -358,15 +421,17 @@ impl<T: SolverReal> Simulation<T> {
         let substep = |k: u32| k as usize..k as usize + 1;
         let before = match step {
             FrameStep::SolveStrands(k) => Part { substeps: substep(k), solves: true, ..nothing },
+            FrameStep::FollowLeader => Part { substeps: 0..1, solves: true, looks: true, ..nothing },
             FrameStep::ResolveSolids(k) => Part { substeps: substep(k), looks: true, ..nothing },
             FrameStep::RestoreLengths => Part { lengths: true, ..nothing },
             FrameStep::LastSolids => Part { looks_last: true, ..nothing },
             FrameStep::CheckStrands => Part { checks: true, ..nothing },
-            FrameStep::NoteStart | FrameStep::Grid | FrameStep::Contacts => nothing,
+            FrameStep::NoteStart | FrameStep::Particles | FrameStep::Grid | FrameStep::Contacts => nothing,
         };
         let (grid, contacts) = (step == FrameStep::Grid, step == FrameStep::Contacts);
         let after = (grid || contacts).then(Part::default);
-        self.work(frame, wind, Work { notes: step == FrameStep::NoteStart, before, grid, contacts, after })
+        let (notes, particles) = (step == FrameStep::NoteStart, step == FrameStep::Particles);
+        self.work(frame, wind, Work { notes, particles, before, grid, contacts, after })
     }
 
     /// Does some `work` of a frame.
@@ -383,15 +448,25 @@ impl<T: SolverReal> Simulation<T> {
             let head = self.model.about_centre(&frame.head[0], self.state.origin);
             contacts.note_start(&self.model, &self.state.positions, &head);
         }
+        let pushed = match self.sph.as_mut().filter(|_| work.particles) {
+            Some(sph) => sph.push(&mut self.state, frame.dt_secs),
+            None => SphReport::default(),
+        };
         // Positions go to the frame's origin in the first substep.
-        if work.notes && work.before == Part::default() {
-            return Ok(FrameReport::default());
+        if (work.notes || work.particles) && work.before == Part::default() {
+            return Ok(report(
+                &BlockReport::default(),
+                (GridReport::default(), ContactReport::default(), pushed),
+            ));
         }
         self.state.origin = origin;
-        let terms = FrameTerms::new(&self.params, frame.dt_secs);
+        let terms = StrandTerms::new(&self.params, frame.dt_secs);
+        let (h, clamped) =
+            (frame.dt_secs / f64::from(self.params.substeps()), self.params.clamped() as usize);
+        let (inextensibility, damping) = self.params.inextensibility();
         self.workspace.place(&self.params, frame, &self.model, origin);
         // Drag that differs from particle to particle goes the way of a wind that does.
-        let still = terms.slender.then_some(WindField::default());
+        let still = terms.is_slender().then_some(WindField::default());
         let wind = wind.copied().or(still).filter(|_| work.before.solves);
         let wind = wind.map(|wind| WindField { mean: wind.mean + frame.air_velocity, ..wind });
         if let Some(wind) = wind.filter(|wind| wind.shelter > 0.0) {
@@ -404,13 +479,10 @@ impl<T: SolverReal> Simulation<T> {
         let job = FrameJob {
             part: work.before,
             terms: &terms,
+            h,
+            clamped,
             poses: &self.workspace.poses,
-            lengths: LengthTerms {
-                kind: self.params.inextensibility,
-                damping: self.params.dftl_damping,
-                dt_secs: frame.dt_secs,
-                clamped: terms.clamped,
-            },
+            lengths: LengthTerms { kind: inextensibility, damping, dt_secs: frame.dt_secs, clamped },
             gravity: frame.gravity,
             rest_gravity: self.options.carried_gravity(),
             air_velocity: frame.air_velocity,
@@ -419,16 +491,16 @@ impl<T: SolverReal> Simulation<T> {
             shift,
             solids: frame.colliders,
             solid_poses: &self.workspace.solid_poses,
-            lay_along: self.params.lay_along_solids && self.params.inextensibility != Inextensibility::Off,
-            skin_thickness: self.params.skin_thickness,
-            way_out: self.params.depenetration_speed * terms.h,
+            lay_along: self.params.lays_along(),
+            skin_thickness: self.params.skin_thickness(),
+            way_out: self.params.depenetration_speed() * h,
         };
         let mut crew = Crew {
             job,
             model: &self.model,
             scratch: &self.workspace.scratch,
             exposure: &self.workspace.exposure,
-            block_fn: self.block_fn,
+            block_fns: self.block_fns(),
         };
         let before = if crew.job.part == Part::default() {
             BlockReport::default()
@@ -436,20 +508,23 @@ impl<T: SolverReal> Simulation<T> {
             crew.run(&self.model.blocks, 0, Arrays::of(&mut self.state))
         };
         let Some(after) = work.after else {
-            return Ok(report(&before, GridReport::default(), ContactReport::default()));
+            return Ok(report(&before, (GridReport::default(), ContactReport::default(), pushed)));
         };
         let [.., last, now] = &*self.workspace.poses else { return Ok(FrameReport::default()) };
         let met = self.grid.as_mut().filter(|_| work.grid).map_or_else(GridReport::default, |grid| {
             let moment = GridMoment {
-                frame: GridFrame::new(last, now, terms.h),
+                frame: GridFrame::new(last, now, h),
                 solids: frame.colliders,
-                last_substep: 1.0 - 1.0 / f64::from(self.params.substeps),
+                last_substep: 1.0 - 1.0 / f64::from(self.params.substeps()),
                 origin,
-                clamped: terms.clamped,
+                clamped,
                 dt_secs: frame.dt_secs,
             };
-            let State { positions, velocities, clearance, .. } = &mut self.state;
-            let report = grid.exchange(&self.model, positions, velocities, &moment);
+            let moving = (&mut self.workspace.motion, h);
+            let report = with_motion(&mut self.state, moving, |positions, velocities| {
+                grid.exchange(&self.model, positions, velocities, &moment)
+            });
+            let clearance = &mut self.state.clearance;
             if report.farthest_m > 0.0 {
                 let moved = crate::state::number(report.farthest_m);
                 let note = |row: &mut Row<T>| row.0.iter_mut().for_each(|own| note_one(own, moved));
@@ -465,13 +540,16 @@ impl<T: SolverReal> Simulation<T> {
                     &self.model,
                     (positions, velocities, clearance),
                     now,
-                    (terms.clamped, frame.dt_secs),
+                    (clamped, frame.dt_secs),
                 )
             },
         );
-        crew.job.part = Part { lengths: touched.contacts > 0, ..after };
+        // Followers get their lengths back after the last step in which strands meet.
+        let follows = matches!(self.params, SolverParams::Dftl(_)) && self.grid.is_some();
+        let was_last = if self.contacts.is_some() { work.contacts } else { work.grid };
+        crew.job.part = Part { lengths: touched.contacts > 0 || (follows && was_last), ..after };
         let after = crew.run(&self.model.blocks, 0, Arrays::of(&mut self.state));
-        Ok(report(&before.then(&after), met, touched))
+        Ok(report(&before.then(&after), (met, touched, pushed)))
     }
 
     /// The model.
@@ -490,7 +568,7 @@ impl<T: SolverReal> Simulation<T> {
     }
 
     /// The parameters.
-    pub fn params(&self) -> &AmsParams {
+    pub fn params(&self) -> &SolverParams {
         &self.params
     }
 
@@ -499,13 +577,15 @@ impl<T: SolverReal> Simulation<T> {
         &self.options
     }
 
-    /// Changes the parameters from the next frame on.
+    /// Changes the parameters from the next frame on, and with them, if they are of another one, the solver.
     ///
     /// # Errors
     /// [`ParamsError`] if one is out of range; nothing is changed then.
-    pub fn set_params(&mut self, params: &AmsParams) -> Result<(), ParamsError> {
+    pub fn set_params(&mut self, params: impl Into<SolverParams>) -> Result<(), ParamsError> {
+        let params = params.into();
         params.validate()?;
-        self.params = params.clone();
+        self.params = params;
+        self.prepare();
         Ok(())
     }
 
@@ -539,14 +619,15 @@ impl<T: SolverReal> Simulation<T> {
 
     /// The head jumps from pose `from` to pose `to` between frames.
     pub fn teleport(&mut self, from: &Pose, to: &Pose, mode: Teleport) {
-        let at_rest = State::at_rest(&self.model, to);
         if mode == Teleport::Reset {
-            self.state = at_rest;
+            self.state = State::at_rest(&self.model, to);
+            self.prepare();
             return;
         }
         let jump = to.after(&from.inverse());
         let origin = jump.transform_point(self.state.origin);
-        for rows in self.state.positions.chunks_exact_mut(3) {
+        let State { positions, previous, .. } = &mut self.state;
+        for rows in positions.chunks_exact_mut(3).chain(previous.chunks_exact_mut(3)) {
             turn(rows, &jump);
         }
         for rows in self.state.velocities.chunks_exact_mut(3) {
@@ -555,6 +636,9 @@ impl<T: SolverReal> Simulation<T> {
             } else {
                 turn(rows, &jump);
             }
+        }
+        if mode == Teleport::CarryShape && !self.state.previous.is_empty() {
+            self.state.previous.clone_from(&self.state.positions);
         }
         self.state.origin = origin;
         self.forget_solids();
@@ -575,10 +659,12 @@ impl<T: SolverReal> Simulation<T> {
                 + size_of_val(&*self.workspace.poses)
                 + size_of_val(&*self.workspace.solid_poses)
                 + size_of_val(&*self.workspace.exposure)
+                + size_of_val(&*self.workspace.motion)
                 + self.workspace.wake.bytes()
                 + self.workspace.canopy.bytes()
                 + self.grid.as_ref().map_or(0, Grid::bytes)
-                + self.contacts.as_ref().map_or(0, Contacts::bytes),
+                + self.contacts.as_ref().map_or(0, Contacts::bytes)
+                + self.sph.as_ref().map_or(0, Sph::bytes),
         }
     }
 }
@@ -587,6 +673,32 @@ impl<T: SolverReal> Simulation<T> {
 fn scratch<T: SolverReal>(model: &Model<T>) -> Vec<Mutex<Scratch<T>>> {
     let threads = rayon::current_num_threads().max(1);
     (0..threads).map(|_| Mutex::new(Scratch::new(model.longest()))).collect()
+}
+
+/// Lets `change` have positions and velocities of `state`: those with which hair moves, where the state remembers how it moved, for its own hold the load handed up as well. `motion` is room for them,
+/// the step takes `h` seconds.
+fn with_motion<T: SolverReal, R>(
+    state: &mut State<T>,
+    (motion, h): (&mut Vec<Row<T>>, f64),
+    change: impl FnOnce(&mut [Row<T>], &mut [Row<T>]) -> R,
+) -> R {
+    let State { positions, velocities, previous, .. } = state;
+    if previous.is_empty() {
+        return change(positions, velocities);
+    }
+    let inverse_h = crate::state::number::<T>(1.0 / h);
+    motion.resize(previous.len(), Row([T::zero(); crate::lane::LANES]));
+    let rows = motion.par_iter_mut().zip(&mut *velocities).zip(positions.par_iter().zip(&*previous));
+    rows.with_min_len(1024).for_each(|((u, v), (x, before))| {
+        for k in 0..crate::lane::LANES {
+            u.0[k] = (x.0[k] - before.0[k]) * inverse_h;
+            v.0[k] = v.0[k] - u.0[k];
+        }
+    });
+    let result = change(positions, motion);
+    let add = |(v, u): (&mut Row<T>, &Row<T>)| (0..crate::lane::LANES).for_each(|k| v.0[k] = v.0[k] + u.0[k]);
+    velocities.par_iter_mut().zip(&*motion).with_min_len(1024).for_each(add);
+    result
 }
 
 /// Turns the vectors in three rows.
@@ -601,11 +713,11 @@ fn turn<T: SolverReal>(rows: &mut [Row<T>], jump: &Pose) {
 
 impl<T: SolverReal> Workspace<T> {
     /// Poses of head and solids at the substeps, relative to `origin`.
-    fn place(&mut self, params: &AmsParams, frame: &Frame<'_>, model: &Model<T>, origin: DVec3) {
+    fn place(&mut self, params: &SolverParams, frame: &Frame<'_>, model: &Model<T>, origin: DVec3) {
         self.poses.clear();
-        self.poses.extend(frame.poses(model, params.substeps, origin));
+        self.poses.extend(frame.poses(model, params.substeps(), origin));
         self.solid_poses.clear();
-        for fractions in fractions(params.substeps) {
+        for fractions in fractions(params.substeps()) {
             self.solid_poses
                 .extend(frame.colliders.iter().map(|solid| SolidPose::new(solid, fractions, origin)));
         }
@@ -617,6 +729,8 @@ impl<T: SolverReal> Workspace<T> {
 struct Work {
     /// Contacts note where hair is.
     notes: bool,
+    /// Whether smoothed particles push each other, if there are any.
+    particles: bool,
     /// What strands do by themselves before they meet.
     before: Part,
     /// Whether they meet, if there is a grid, and touch, if there are contacts.
@@ -632,6 +746,8 @@ struct Arrays<'a, T> {
     velocities: &'a mut [Row<T>],
     integrity: &'a mut [Row<T>],
     clearance: &'a mut [Row<T>],
+    /// Empty, or as long as the positions.
+    previous: &'a mut [Row<T>],
 }
 
 impl<'a, T> Arrays<'a, T> {
@@ -641,6 +757,7 @@ impl<'a, T> Arrays<'a, T> {
             velocities: &mut state.velocities,
             integrity: &mut state.integrity,
             clearance: &mut state.clearance,
+            previous: &mut state.previous,
         }
     }
 
@@ -649,13 +766,16 @@ impl<'a, T> Arrays<'a, T> {
         let (velocities, velocities_right) = self.velocities.split_at_mut(3 * places);
         let (integrity, integrity_right) = self.integrity.split_at_mut(places);
         let (clearance, clearance_right) = self.clearance.split_at_mut(places);
+        let remembered = (3 * places).min(self.previous.len());
+        let (previous, previous_right) = self.previous.split_at_mut(remembered);
         (
-            Self { positions, velocities, integrity, clearance },
+            Self { positions, velocities, integrity, clearance, previous },
             Self {
                 positions: positions_right,
                 velocities: velocities_right,
                 integrity: integrity_right,
                 clearance: clearance_right,
+                previous: previous_right,
             },
         )
     }
@@ -668,7 +788,8 @@ struct Crew<'a, T> {
     model: &'a Model<T>,
     scratch: &'a [Mutex<Scratch<T>>],
     exposure: &'a [Row<T>],
-    block_fn: BlockFn<T>,
+    /// For the substeps, and for what comes after them.
+    block_fns: [BlockFn<T>; 2],
 }
 
 impl<T: SolverReal> Crew<'_, T> {
@@ -700,11 +821,13 @@ impl<T: SolverReal> Crew<'_, T> {
         let mut view = BlockView {
             particles: block.particles,
             rest: &self.model.rest[rows.clone()],
-            rest_lengths: &self.model.rest_lengths[rows],
+            rest_lengths: &self.model.rest_lengths[rows.clone()],
             inverse_edges: &self.model.inverse_edges[block.range()],
+            local: self.model.local.get(rows.clone()).unwrap_or_default(),
             strand_length: &self.model.strand_lengths[index],
             stiffness: &self.model.stiffness[index],
             positions: arrays.positions,
+            previous: arrays.previous,
             velocities: arrays.velocities,
             integrity: arrays.integrity,
             clearance: arrays.clearance,
@@ -713,17 +836,31 @@ impl<T: SolverReal> Crew<'_, T> {
             air: drawn,
             drag,
         };
-        // SAFETY: `Simulation::from_strands` checked that the processor supports the instruction set.
-        let report = unsafe { (self.block_fn)(&self.job, &mut view, block.live, &mut scratch) };
+        let mut report = BlockReport::default();
+        let part = &self.job.part;
+        let [substeps, finish] = self.block_fns;
+        if !part.substeps.is_empty() {
+            // SAFETY: `Simulation::from_strands` checked that the processor supports the instruction set.
+            report = unsafe { substeps(&self.job, &mut view, block.live, &mut scratch) };
+        }
+        if part.lengths || part.looks_last || part.checks {
+            // SAFETY: as above.
+            let after = unsafe { finish(&self.job, &mut view, block.live, &mut scratch) };
+            report = report.finished(after, part.looks_last);
+        }
         scratch.put_air(air);
         report
     }
 }
 
-fn report(sum: &BlockReport, grid: GridReport, strand_contacts: ContactReport) -> FrameReport {
+fn report(
+    sum: &BlockReport,
+    (grid, strand_contacts, particles): (GridReport, ContactReport, SphReport),
+) -> FrameReport {
     let [splat, solve, gather] = grid.secs;
     let [find, resolve] = strand_contacts.secs;
-    let shared = [splat, solve, gather, find, resolve];
+    let [near, push] = particles.secs;
+    let shared = [splat, solve, gather, find, resolve, near, push];
     #[expect(clippy::cast_precision_loss, reason = "nanoseconds of a frame, and threads")]
     let secs = |k: usize| match k.checked_sub(BLOCK_STAGES) {
         None => sum.stage_nanos[k] as f64 * 1e-9,
@@ -737,6 +874,7 @@ fn report(sum: &BlockReport, grid: GridReport, strand_contacts: ContactReport) -
         quarantined_strands: sum.quarantined,
         grid,
         strand_contacts,
+        particles,
         stage_secs: std::array::from_fn(|k| (STAGES[k], secs(k))),
     }
 }

@@ -1,20 +1,24 @@
 //! A frame as a list of steps, for whoever runs some of them elsewhere.
 
 use super::params::Inextensibility;
-use super::{AmsParams, STAGES};
+use super::{STAGES, SolverParams};
 
 /// A step of a frame: a stage on all strands. See [`Simulation::step_part`](super::Simulation::step_part).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FrameStep {
     /// What contacts need to know of the frame's start.
     NoteStart,
+    /// Hair as smoothed particles: `find_neighbours` and `push_particles`.
+    Particles,
     /// `solve_strands` in a substep; in its first one hair is brought to the frame's origin.
     SolveStrands(u32),
+    /// `follow_leader`, solids included; it brings hair to the frame's origin.
+    FollowLeader,
     /// `resolve_solids` in a substep.
     ResolveSolids(u32),
     /// `restore_lengths`.
     RestoreLengths,
-    /// Hair on the grid: `splat_segments`, `solve_pressure` and `gather_velocities`.
+    /// Hair on the grid: `splat_segments`, `solve_pressure` and `gather_velocities`; where leaders are followed and no contacts come after it, `restore_lengths` too.
     Grid,
     /// Contacts between strands: `find_contacts`, `resolve_contacts` and, if there were any, `restore_lengths`.
     Contacts,
@@ -29,16 +33,23 @@ pub enum FrameStep {
 pub struct Meeting {
     /// On a grid.
     pub grid: bool,
+    /// As smoothed particles.
+    pub particles: bool,
     /// In contacts.
     pub contacts: bool,
 }
 
 impl FrameStep {
     /// All steps of a frame under `params`, in their order.
-    pub fn all(params: &AmsParams, meeting: Meeting) -> impl Iterator<Item = Self> {
-        let lengths = params.inextensibility != Inextensibility::Off;
-        let Meeting { grid, contacts } = meeting;
-        let substeps = (0..params.substeps).flat_map(|k| [Self::SolveStrands(k), Self::ResolveSolids(k)]);
+    pub fn all(params: &SolverParams, meeting: Meeting) -> impl Iterator<Item = Self> {
+        let Meeting { grid, particles, contacts } = meeting;
+        let (lengths, substeps, follows) = match params {
+            SolverParams::Ams(params) => {
+                (params.inextensibility != Inextensibility::Off, params.substeps, false)
+            }
+            SolverParams::Dftl(_) => (false, 0, true),
+        };
+        let substeps = (0..substeps).flat_map(|k| [Self::SolveStrands(k), Self::ResolveSolids(k)]);
         let later = [
             (lengths, Self::RestoreLengths),
             (grid, Self::Grid),
@@ -47,18 +58,22 @@ impl FrameStep {
             (lengths || grid || contacts, Self::LastSolids),
             (true, Self::CheckStrands),
         ];
-        let first = contacts.then_some(Self::NoteStart);
-        first.into_iter().chain(substeps).chain(later.into_iter().filter(|(is, _)| *is).map(|(_, step)| step))
+        let first =
+            [(contacts, Self::NoteStart), (particles, Self::Particles), (follows, Self::FollowLeader)];
+        let some = |(is, step): (bool, Self)| is.then_some(step);
+        first.into_iter().filter_map(some).chain(substeps).chain(later.into_iter().filter_map(some))
     }
 
     /// The first of its stages, as reports name it.
     pub fn stage(self) -> &'static str {
-        let [solve, solids, lengths, check, grid, _, _, contacts, _] = STAGES;
+        let [solve, follow, solids, lengths, check, grid, _, _, contacts, _, particles, _] = STAGES;
         match self {
             Self::SolveStrands(_) => solve,
+            Self::FollowLeader => follow,
             Self::ResolveSolids(_) | Self::LastSolids => solids,
             Self::RestoreLengths => lengths,
             Self::Grid => grid,
+            Self::Particles => particles,
             Self::NoteStart | Self::Contacts => contacts,
             Self::CheckStrands => check,
         }

@@ -1,7 +1,10 @@
 //! Stages: what happens to a block of strands in a step. Each is one lane-generic text with its equations beside it.
 
 pub mod find_contacts;
+pub mod find_neighbours;
+pub mod follow_leader;
 pub mod gather_velocities;
+pub mod push_particles;
 pub mod resolve_contacts;
 pub mod resolve_solids;
 pub mod restore_lengths;
@@ -27,8 +30,12 @@ pub struct BlockView<'a, T> {
     pub strand_length: &'a Row<T>,
     /// Relative stiffness of the strand.
     pub stiffness: &'a Row<T>,
+    /// Rest edges in the frames of the particles before them, three rows a particle; empty where no stage asks for them.
+    pub local: &'a [Row<T>],
     /// Positions relative to the frame's origin, world axes.
     pub positions: &'a mut [Row<T>],
+    /// The same a step before; empty where no stage asks for them.
+    pub previous: &'a mut [Row<T>],
     /// Velocities, world axes.
     pub velocities: &'a mut [Row<T>],
     /// Intact share s of each integrity tie.

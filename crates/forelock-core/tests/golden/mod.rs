@@ -5,7 +5,7 @@ use forelock_core::lane::Real;
 use forelock_core::model::{Model, Strands};
 use forelock_core::pose::Pose;
 use forelock_core::solver::params::{AngularForm, Inextensibility, IntegrityForm, Jacobian};
-use forelock_core::solver::{AmsParams, Frame, Options};
+use forelock_core::solver::{AmsParams, Frame, Options, SolverParams};
 use forelock_core::state::{Snapshot, number};
 use glam::{DQuat, DVec3};
 use num_traits::ToPrimitive;
@@ -21,17 +21,19 @@ pub trait Backend {
     fn model(&self) -> &Model<Self::Real>;
 }
 
+/// The file `name` of its folder: `dftl_…` of one, all others of the other.
 pub fn load(name: &str) -> Value {
-    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../forelock-core/tests/golden/ams");
+    let folder = if name.starts_with("dftl_") { "dftl" } else { "ams" };
+    let folder = format!("{}/../forelock-core/tests/golden/{folder}", env!("CARGO_MANIFEST_DIR"));
     let path = format!("{folder}/{name}.json");
     serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
 }
 
-fn numbers(value: &Value) -> Vec<f64> {
+pub fn numbers(value: &Value) -> Vec<f64> {
     value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect()
 }
 
-fn vectors<T: Real>(value: &Value) -> Vec<[T; 3]> {
+pub fn vectors<T: Real>(value: &Value) -> Vec<[T; 3]> {
     let vector = |v: &Value| [0, 1, 2].map(|c| number(v[c].as_f64().unwrap()));
     value.as_array().unwrap().iter().map(vector).collect()
 }
@@ -41,7 +43,7 @@ fn pose(value: &Value) -> Pose {
     Pose::new(DQuat::from_xyzw(q[1], q[2], q[3], q[0]), DVec3::new(q[4], q[5], q[6]))
 }
 
-fn vec3(value: &Value) -> DVec3 {
+pub fn vec3(value: &Value) -> DVec3 {
     DVec3::from_slice(&numbers(value))
 }
 
@@ -95,7 +97,7 @@ fn options(p: &Value, rest_pose: Pose) -> Options {
 /// Largest distance from the file's positions over the strand's length, over all strands and stored frames.
 pub fn worst_error<B: Backend>(
     file: &Value,
-    build: impl Fn(&Strands<'_, B::Real>, &AmsParams, Options) -> B,
+    build: impl Fn(&Strands<'_, B::Real>, &SolverParams, Options) -> B,
 ) -> f64 {
     let p = &file["params"];
     let poses: Vec<Pose> = file["poses_qw_qx_qy_qz_px_py_pz"].as_array().unwrap().iter().map(pose).collect();
@@ -107,7 +109,7 @@ pub fn worst_error<B: Backend>(
         let rest = vectors::<B::Real>(&strand["rest"]);
         let offsets = [0, rest.len() as u32];
         let strands = Strands { positions: &rest, offsets: &offsets, stiffness: None };
-        let mut simulation = build(&strands, &params(p), options(p, poses[0]));
+        let mut simulation = build(&strands, &(&params(p)).into(), options(p, poses[0]));
         let length = simulation.model().strand_lengths[0].0[0].to_f64().unwrap();
         let frames = numbers(&strand["frames"]);
         for frame in 1..poses.len() {
@@ -147,7 +149,7 @@ pub fn worst_error<B: Backend>(
 /// One substep from a perturbed state: the velocities solve the file's dense system and equal its solution.
 pub fn substep_error<B: Backend>(
     case: &Value,
-    build: impl Fn(&Strands<'_, B::Real>, &AmsParams, Options) -> B,
+    build: impl Fn(&Strands<'_, B::Real>, &SolverParams, Options) -> B,
 ) -> (f64, f64) {
     let p = &case["params"];
     let poses = [pose(&case["pose0"]), pose(&case["pose1"])];
@@ -155,7 +157,7 @@ pub fn substep_error<B: Backend>(
     let offsets = [0, rest.len() as u32];
     let strands = Strands { positions: &rest, offsets: &offsets, stiffness: None };
     let one_substep = AmsParams { substeps: 1, ..params(p) };
-    let mut simulation = build(&strands, &one_substep, options(p, Pose::IDENTITY));
+    let mut simulation = build(&strands, &(&one_substep).into(), options(p, Pose::IDENTITY));
     let origin = poses[0].transform_point(simulation.model().centre.into());
     let relative = |x: [f64; 3]| [0, 1, 2].map(|c| number(x[c] - origin[c]));
     let snapshot = Snapshot {

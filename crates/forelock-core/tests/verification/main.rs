@@ -1,5 +1,5 @@
-//! The AMS solver against what is known of it beforehand: closed forms, conservation, invariances and the bounds of the
-//! project's table of thresholds. Nothing here compares with stored output; `golden_ams` does that.
+//! The solvers against what is known of them beforehand: closed forms, conservation, invariances and the bounds of the
+//! project's table of thresholds. Nothing here compares with stored output; `goldens` does that.
 
 #![expect(clippy::unwrap_used, reason = "in a test a failure to build is a failure of the test")]
 
@@ -8,10 +8,12 @@ mod closed_forms;
 mod contacts;
 mod dense;
 mod faults;
+mod follow;
 mod grid;
 mod hash;
 mod invariance;
 mod non_hookean;
+mod particles;
 mod rig;
 mod solids;
 mod steps;

@@ -5,7 +5,9 @@ use forelock_core::lane::Real;
 use forelock_core::model::Strands;
 use forelock_core::pose::Pose;
 use forelock_core::solver::params::{AngularForm, Inextensibility};
-use forelock_core::solver::{AmsParams, Frame, FrameReport, Options, Simd, Simulation, SolverReal};
+use forelock_core::solver::{
+    AmsParams, Frame, FrameReport, Options, Simd, Simulation, SolverParams, SolverReal,
+};
 use forelock_core::state::Snapshot;
 use glam::{DQuat, DVec3};
 use std::f64::consts::TAU;
@@ -88,12 +90,12 @@ pub struct Rig<T: SolverReal> {
 
 impl<T: SolverReal> Rig<T> {
     /// `strands` at rest under [`GRAVITY`], the head at the origin.
-    pub fn new(strands: &[Strand], params: &AmsParams, simd: Simd) -> Self {
+    pub fn new(strands: &[Strand], params: impl Into<SolverParams>, simd: Simd) -> Self {
         Self::with_options(strands, params, &Options { simd, rest_gravity: GRAVITY, ..Options::default() })
     }
 
     /// `strands` at rest as `options` has it.
-    pub fn with_options(strands: &[Strand], params: &AmsParams, options: &Options) -> Self {
+    pub fn with_options(strands: &[Strand], params: impl Into<SolverParams>, options: &Options) -> Self {
         Self::stiff(strands, None, params, options)
     }
 
@@ -101,7 +103,7 @@ impl<T: SolverReal> Rig<T> {
     pub fn stiff(
         strands: &[Strand],
         stiffness: Option<&[f32]>,
-        params: &AmsParams,
+        params: impl Into<SolverParams>,
         options: &Options,
     ) -> Self {
         let positions: Vec<[T; 3]> = strands.iter().flatten().map(|&p| p.map(real)).collect();

@@ -47,6 +47,7 @@ pub(super) fn load(scene: &Scene, body: Option<&Body>, notes: &mut Vec<String>) 
 fn skin(scene: &Scene) -> (f32, usize) {
     let solver = &scene.solver;
     let (thickness, clamped) = match solver.kind {
+        SolverKind::Dftl => (solver.dftl.skin_thickness, solver.dftl.clamped),
         SolverKind::MassSpring => (solver.mass_spring.skin_thickness, solver.mass_spring.clamped),
         _ => (solver.ams.skin_thickness, solver.ams.clamped),
     };

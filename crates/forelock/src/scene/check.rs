@@ -13,7 +13,7 @@ use forelock_render::HairColour;
 
 use super::document::Document;
 use super::error::one_of;
-use super::sections::{ColliderSection, GroomSource, InteractionKind, ShapeKind, SolverKind};
+use super::sections::{ColliderSection, GroomSource, ShapeKind, SolverKind};
 use super::{MotionSection, Scene};
 
 /// Key and message of what is wrong.
@@ -97,20 +97,10 @@ fn check_available(scene: &Scene) -> Result<(), Wrong> {
         Err((key.to_owned(), format!("asks for {what}, which this version does not have yet: {now}")))
     };
     match scene.solver.kind {
-        SolverKind::Ams | SolverKind::MassSpring => {}
+        SolverKind::Ams | SolverKind::MassSpring | SolverKind::Dftl => {}
         kind => {
             let what = format!("the solver \"{}\"", kind.name());
-            return later("solver.kind", &what, "use \"ams\" or \"mass-spring\"");
-        }
-    }
-    match scene.interaction.kind {
-        InteractionKind::None | InteractionKind::Grid => {}
-        InteractionKind::Sph => {
-            return later(
-                "interaction.kind",
-                "hair against hair through particles",
-                "use \"grid\" or \"none\"",
-            );
+            return later("solver.kind", &what, "use \"ams\", \"mass-spring\" or \"dftl\"");
         }
     }
     Ok(())
@@ -283,11 +273,14 @@ fn check_solver(scene: &Scene) -> Result<(), Wrong> {
         solver.set_substeps(substeps);
     }
     scene.interaction.grid.validate().map_err(|error| params_error("interaction.grid", &error, scene))?;
+    scene.interaction.sph.validate().map_err(|error| params_error("interaction.sph", &error, scene))?;
     let contact = scene.interaction.contact.validate();
     contact.map_err(|error| params_error("interaction.contact", &error, scene))?;
     solver.ams.validate().map_err(|error| params_error("solver.ams", &error, scene))?;
     solver.mass_spring.validate().map_err(|error| params_error("solver.mass_spring", &error, scene))?;
+    solver.dftl.validate().map_err(|error| params_error("solver.dftl", &error, scene))?;
     let (table, stepped) = match solver.kind {
+        SolverKind::Dftl => return Ok(()),
         SolverKind::MassSpring => ("solver.mass_spring", solver.mass_spring.ams()),
         _ => ("solver.ams", solver.ams),
     };

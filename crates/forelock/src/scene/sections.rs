@@ -7,7 +7,8 @@ use forelock_core::contact::ContactParams;
 use forelock_core::grid::GridParams;
 use forelock_core::groom::grow::{GrowParams, PRESETS};
 use forelock_core::groom::{Import, Unit, Up};
-use forelock_core::solver::{AmsParams, MassSpringParams, Simd};
+use forelock_core::solver::{AmsParams, DftlParams, MassSpringParams, Simd};
+use forelock_core::sph::SphParams;
 use serde::de::value::SeqAccessDeserializer;
 use serde::de::{Deserializer, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize, Serializer};
@@ -305,7 +306,7 @@ pub enum SolverKind {
     Ams,
     /// The plain mass-spring baseline: no ties to the rest shape.
     MassSpring,
-    /// Dynamic follow the leader. Not yet available.
+    /// Dynamic follow the leader, with preserved shape.
     Dftl,
     /// Position-based Cosserat rods. Not yet available.
     Xpbd,
@@ -347,7 +348,7 @@ pub enum SimdChoice {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SolverSection {
-    /// "ams" or "mass-spring". Default "ams".
+    /// "ams", "mass-spring" or "dftl". Default "ams".
     pub kind: SolverKind,
     /// Instructions to use: "auto", "portable", "avx2", "avx512" or "scalar". Default "auto".
     pub simd: SimdChoice,
@@ -357,6 +358,8 @@ pub struct SolverSection {
     pub ams: AmsParams,
     /// Parameters of "mass-spring".
     pub mass_spring: MassSpringParams,
+    /// Parameters of "dftl".
+    pub dftl: DftlParams,
 }
 
 impl From<SimdChoice> for Simd {
@@ -376,8 +379,14 @@ impl SolverSection {
     pub fn substeps(&self) -> u32 {
         match self.kind {
             SolverKind::MassSpring => self.mass_spring.substeps,
+            SolverKind::Dftl => 1,
             _ => self.ams.substeps,
         }
+    }
+
+    /// The step of a solver that steps at its own rate, seconds.
+    pub fn step_secs(&self) -> Option<f64> {
+        (self.kind == SolverKind::Dftl && self.dftl.step_secs > 0.0).then_some(self.dftl.step_secs)
     }
 
     /// Substeps a frame, M, for every solver.
@@ -395,7 +404,7 @@ pub enum InteractionKind {
     None,
     /// Through a grid: pressed together, it pushes apart.
     Grid,
-    /// Through smoothed particles. Not yet available.
+    /// Through smoothed particles: it pushes itself apart and shares its speed.
     Sph,
 }
 
@@ -403,10 +412,12 @@ pub enum InteractionKind {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct InteractionSection {
-    /// "none": strands pass through each other; "grid": they keep their volume. Default "none".
+    /// "none": strands pass through each other; "grid": they keep their volume; "sph": as smoothed particles. Default "none".
     pub kind: InteractionKind,
     /// Parameters of the grid.
     pub grid: GridParams,
+    /// Parameters of the smoothed particles.
+    pub sph: SphParams,
     /// Whether segments of strands touch, one by one, so that locks do not pass through each other. Default false.
     pub contacts: bool,
     /// Parameters of the contacts.
@@ -419,7 +430,7 @@ pub struct InteractionSection {
 pub struct TimeSection {
     /// Frames a second. Unit s⁻¹, default 60, range 1 to 10000.
     pub fps: f64,
-    /// Substeps a frame; the same as `substeps` of the solver. Unit substeps, default 4, range 1 to 1000.
+    /// Substeps a frame; the same as `substeps` of the solver, where it has them. Unit substeps, default 4, range 1 to 1000.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub substeps: Option<u32>,
     /// Frames to simulate after the start. Unit frames, default 240, range 1 to 1000000.

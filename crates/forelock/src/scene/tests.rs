@@ -46,7 +46,7 @@ fn unknown_keys_are_refused_by_name_with_line_and_nearest_key() {
     ));
     assert!(
         message("[interaction]\nzzz = 1", &[])
-            .ends_with("no key `interaction.zzz`; known here: kind, grid, contacts, contact")
+            .ends_with("no key `interaction.zzz`; known here: kind, grid, sph, contacts, contact")
     );
     assert!(message("[body.motion]\nnam = \"x\"", &[]).contains("`body.motion.name`?"));
 }
@@ -104,7 +104,6 @@ fn values_out_of_range_are_refused_where_they_are_set() {
             "[solver]\nkind = \"neural\"",
             "asks for the solver \"neural\", which this version does not have yet",
         ),
-        ("[interaction]\nkind = \"sph\"", "does not have yet"),
         (
             "[interaction.grid]\nresolution = 4",
             "`interaction.grid.resolution` should be between 8 and 512, not 4",

@@ -82,7 +82,7 @@ fn positions_are_the_grooms() {
     let groom = Groom::from_strands(strands).unwrap();
     let mut simulation =
         Simulation::mass_spring(&groom, &MassSpringParams::default(), &Options::default()).unwrap();
-    assert_eq!((simulation.model().particle_count, simulation.params().clamped), (9 + 3 + 17, 3));
+    assert_eq!((simulation.model().particle_count, simulation.params().clamped()), (9 + 3 + 17, 3));
     let mut positions = Vec::new();
     simulation.positions(&mut positions);
     for (x, y) in positions.iter().zip(groom.positions()) {

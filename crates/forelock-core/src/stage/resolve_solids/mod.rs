@@ -217,6 +217,8 @@ pub struct Solids<'a, T> {
     pub h: T,
     /// Clamped particles, left alone.
     pub clamped: usize,
+    /// Whether friction changes places too, for particles whose velocities follow from them.
+    pub drags: bool,
 }
 
 /// What was found.
@@ -277,7 +279,6 @@ pub fn resolve<L: Lane>(
         return contacts;
     }
     let start = usize::from(since == Since::Noted);
-    let apart = solids.poses.len() > 1;
     let mut queue = Queue::new(start);
     let own = u32::MAX >> (32 - L::WIDTH.min(live - first));
     for i in solids.clamped.min(view.particles)..view.particles {
@@ -286,16 +287,7 @@ pub fn resolve<L: Lane>(
         let (from, moved, left) = match since {
             Since::Substep => {
                 let from = x.add_scaled(L::splat(-solids.h), V3::load(view.velocities, i, first));
-                let (mut moved, mut left) = (L::zero(), L::from_f64(f64::INFINITY));
-                for pose in solids.poses {
-                    let by = pose.moved(from, x);
-                    // On all its way a particle is as far from this solid as it was from the nearest, or as it is now from the ball around this
-                    // one, less the way: what moves far off costs nothing.
-                    let distance =
-                        if apart { last.max(pose.outside(x) - L::splat(solids.thickness)) } else { last };
-                    left = left.min(distance - by);
-                    moved = by.max(moved);
-                }
+                let (moved, left) = clearance_left(solids, last, from, x);
                 (from, moved, left)
             }
             Since::Noted => (x, L::zero(), last),
@@ -315,7 +307,124 @@ pub fn resolve<L: Lane>(
     contacts
 }
 
+/// How far particles that went from `from` to `x` in a substep, and were `last` from the nearest solid, moved relative to the solid that moved most against them, and what that leaves of
+/// their clearance.
+#[inline(always)]
+fn clearance_left<L: Lane>(solids: &Solids<'_, L::Scalar>, last: L, from: V3<L>, x: V3<L>) -> (L, L) {
+    let apart = solids.poses.len() > 1;
+    let (mut moved, mut left) = (L::zero(), L::from_f64(f64::INFINITY));
+    for pose in solids.poses {
+        let by = pose.moved(from, x);
+        // On all its way a particle is as far from this solid as it was from the nearest, or as it is now from the ball around this one, less the way: what moves far off costs nothing.
+        let distance = if apart { last.max(pose.outside(x) - L::splat(solids.thickness)) } else { last };
+        left = left.min(distance - by);
+        moved = by.max(moved);
+    }
+    (moved, left)
+}
+
+/// Solids that particles meet level by level along their strands, each level before the next is placed.
+#[derive(Debug)]
+pub struct LevelSolids<'a, T> {
+    solids: Solids<'a, T>,
+    queue: Queue<T>,
+    /// What was found so far. The depth is one that no particle exceeds.
+    pub contacts: Contacts,
+}
+
+impl<'a, T: Real> LevelSolids<'a, T> {
+    /// Before the first level; none where there are no solids.
+    #[inline(always)]
+    pub fn new(solids: Solids<'a, T>) -> Option<Self> {
+        let own = Self { solids, queue: Queue::new(0), contacts: Contacts::default() };
+        (!own.solids.solids.is_empty()).then_some(own)
+    }
+
+    /// Takes particles `i` of lanes `first..first + L::WIDTH`, of which those from `live` on are padding, out of solids on their way from `was`; the lanes that it moved.
+    #[inline(always)]
+    pub fn look<L: Lane<Scalar = T>>(
+        &mut self,
+        (i, was): (usize, V3<L>),
+        view: &mut BlockView<'_, T>,
+        (first, live): (usize, usize),
+    ) -> L::Mask {
+        let x = V3::<L>::load(view.positions, i, first);
+        let last = L::load(&view.clearance[i], first);
+        let (moved, left) = clearance_left(&self.solids, last, was, x);
+        left.store(&mut view.clearance[i], first);
+        let own = u32::MAX >> (32 - L::WIDTH.min(live - first));
+        self.enter::<L>((i, first), !L::bits(L::zero().lt(left)) & own, (last, moved, was));
+        self.settle(0, view);
+        let by = V3::load(view.positions, i, first) - x;
+        L::zero().lt(by.dot(by))
+    }
+
+    /// The same again for the lanes of `mask`, with solids where they are.
+    #[inline(always)]
+    pub fn look_again<L: Lane<Scalar = T>>(
+        &mut self,
+        i: usize,
+        mask: L::Mask,
+        view: &mut BlockView<'_, T>,
+        first: usize,
+    ) {
+        let last = L::load(&view.clearance[i], first);
+        let x = V3::<L>::load(view.positions, i, first);
+        self.enter::<L>((i, first), !L::bits(L::zero().lt(last)) & L::bits(mask), (last, L::zero(), x));
+        let touching = self.contacts.touching;
+        self.settle(1, view);
+        self.contacts.touching = touching;
+    }
+
+    /// Moves the lanes of `mask` to `x`.
+    #[inline(always)]
+    pub fn move_to<L: Lane<Scalar = T>>(
+        &mut self,
+        (i, x): (usize, V3<L>),
+        mask: L::Mask,
+        view: &mut BlockView<'_, T>,
+        first: usize,
+    ) {
+        let old = V3::<L>::load(view.positions, i, first);
+        let new = V3::select(mask, x, old);
+        let by = new - old;
+        let moved = by.dot(by).sqrt();
+        let deeper = moved - L::load(&view.clearance[i], first) - L::splat(self.solids.thickness);
+        let mut lanes = L::bits(mask);
+        while lanes != 0 {
+            let depth = deeper.get(lanes.trailing_zeros() as usize).to_f64().unwrap_or(0.0);
+            self.contacts.deepest = self.contacts.deepest.max(depth);
+            lanes &= lanes - 1;
+        }
+        note(moved, view, i, first);
+        new.store(view.positions, i, first);
+    }
+
+    #[inline(always)]
+    fn enter<L: Lane<Scalar = T>>(
+        &mut self,
+        (i, first): (usize, usize),
+        mut lanes: u32,
+        (last, moved, from): (L, L, V3<L>),
+    ) {
+        while lanes != 0 {
+            let lane = lanes.trailing_zeros() as usize;
+            self.queue.push((i, first + lane), (last.get(lane), moved.get(lane)), from.get(lane));
+            lanes &= lanes - 1;
+        }
+    }
+
+    #[inline(always)]
+    fn settle(&mut self, start: usize, view: &mut BlockView<'_, T>) {
+        self.queue.start = start;
+        while self.queue.len > 0 {
+            self.queue.settle(&self.solids, view, &mut self.contacts);
+        }
+    }
+}
+
 /// Particles that need a look, taken [`PACKET`] at a time, so that their lookups share instructions and wait together.
+#[derive(Debug)]
 struct Queue<T> {
     /// Where the solids were when the particles set out: at the substep's start (0) or end (1).
     start: usize,
@@ -559,7 +668,7 @@ fn settle<T: Real>(
         return sigma;
     }
     let normal = pose.turn(1, gradient);
-    rub(solids, solid.friction, carried(solid, pose, particle.x, normal), normal, &mut particle.v);
+    rub(solids, solid.friction, carried(solid, pose, particle.x, normal), normal, particle);
     // A grid's gradient is not exactly its direction to the surface: look again after a push that is not small
     // against a cell. Primitives are exact.
     let small_push =
@@ -641,7 +750,7 @@ fn catch<T: Real>(
     }
     particle.x = pose.world(1, place);
     let normal = pose.turn(1, normal);
-    rub(solids, solid.friction, carried(solid, pose, particle.x, normal), normal, &mut particle.v);
+    rub(solids, solid.friction, carried(solid, pose, particle.x, normal), normal, particle);
     true
 }
 
@@ -658,9 +767,15 @@ fn carried<T: Real>(solid: &ColliderFrame<'_>, pose: &SolidPose<T>, x: [T; 3], n
 
 /// Stops the approach to a solid whose point moves by `displacement` in h, with Coulomb friction.
 #[inline(always)]
-fn rub<T: Real>(solids: &Solids<'_, T>, friction: f64, displacement: [T; 3], normal: [T; 3], v: &mut [T; 3]) {
+fn rub<T: Real>(
+    solids: &Solids<'_, T>,
+    friction: f64,
+    displacement: [T; 3],
+    normal: [T; 3],
+    particle: &mut Particle<T>,
+) {
     let solid_velocity = displacement.map(|d| d / solids.h);
-    let relative = [0, 1, 2].map(|c| v[c] - solid_velocity[c]);
+    let relative = [0, 1, 2].map(|c| particle.v[c] - solid_velocity[c]);
     let approach = dot(relative, normal);
     if approach >= T::zero() || approach.is_nan() {
         return;
@@ -670,6 +785,9 @@ fn rub<T: Real>(solids: &Solids<'_, T>, friction: f64, displacement: [T; 3], nor
     let mu = T::from(friction).unwrap_or_else(T::zero);
     let kept = if speed > T::zero() { (T::one() + mu * approach / speed).max(T::zero()) } else { T::zero() };
     for c in 0..3 {
-        v[c] = solid_velocity[c] + kept * tangential[c];
+        particle.v[c] = solid_velocity[c] + kept * tangential[c];
+        if solids.drags {
+            particle.x[c] = particle.x[c] - solids.h * (T::one() - kept) * tangential[c];
+        }
     }
 }
