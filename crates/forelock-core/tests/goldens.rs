@@ -9,6 +9,8 @@
 
 #[path = "golden/dftl.rs"]
 mod dftl;
+#[path = "golden/fluid.rs"]
+mod fluid;
 #[path = "golden/mod.rs"]
 mod golden;
 
@@ -182,7 +184,7 @@ fn check_fluid<T: SolverReal>(file: &Value, tolerances: [f64; 2]) {
         .map(|(number, ((x, u), strand))| Particle { x, u, number, strand: strand.as_u64().unwrap() as u32 })
         .collect();
     let fluid =
-        Fluid::<T>::new(file["h"].as_f64().unwrap(), file["m"].as_f64().unwrap(), &dftl::fluid_params(file));
+        Fluid::<T>::new(file["h"].as_f64().unwrap(), file["m"].as_f64().unwrap(), &fluid::fluid_params(file));
     let mut neighbours = Neighbours::default();
     neighbours.find(&particles, &fluid);
     let rest: Vec<T> = list("rho0").map(float).collect();
@@ -217,7 +219,7 @@ fn wet<T: SolverReal>(
     file: &Value,
     simd: Simd,
 ) -> impl Fn(&Strands<'_, T>, &SolverParams, Options) -> Simulation<T> {
-    let params = dftl::fluid_params(file);
+    let params = fluid::fluid_params(file);
     move |strands, solver, options| {
         let mut simulation = with::<T>(simd)(strands, solver, options);
         // The file's particles have a mass of 1, ours a mean density of 1.
@@ -235,14 +237,14 @@ fn dftl_with_smoothed_particles() {
     let file = load("dftl_6_sph");
     check_fluid::<f64>(&file, SPH_TOLERANCES[0]);
     check_fluid::<f32>(&file, SPH_TOLERANCES[1]);
-    let error = dftl::coupled_error(&file, wet::<f64>(&file, Simd::Auto));
+    let error = fluid::coupled_error(&file, wet::<f64>(&file, Simd::Auto));
     println!("dftl_6_sph float64: {error:.2e}");
     assert!(error <= DFTL_TOLERANCES[0], "{error:e}");
     for simd in Simd::ALL.into_iter().filter(|s| s.is_supported()) {
-        let error = dftl::coupled_error(&file, wet::<f32>(&file, simd));
+        let error = fluid::coupled_error(&file, wet::<f32>(&file, simd));
         println!("dftl_6_sph {simd:?}: {error:.2e}");
         assert!(error <= DFTL_TOLERANCES[1], "{simd:?}: {error:e}");
     }
     // Without the fluid hair would be somewhere else.
-    assert!(dftl::coupled_error(&file, with::<f64>(Simd::Auto)) > 1e-4);
+    assert!(fluid::coupled_error(&file, with::<f64>(Simd::Auto)) > 1e-4);
 }

@@ -37,10 +37,13 @@ pub(crate) struct Batch {
     pub places: Range<usize>,
     /// Workgroups that its strands take.
     pub groups: u32,
+    /// Particles of its longest strand.
+    pub longest: u32,
     pub blocks: wgpu::Buffer,
     pub model: wgpu::Buffer,
     pub strands: wgpu::Buffer,
     pub positions: wgpu::Buffer,
+    /// And, where steps are remembered, after them positions of the step before.
     pub velocities: wgpu::Buffer,
     /// Integrity and clearance, two rows a place.
     pub memory: wgpu::Buffer,
@@ -110,15 +113,18 @@ impl Batch {
         let change = read | BufferUsages::COPY_SRC;
         let range = blocks;
         let blocks = gpu.filled("blocks", bytemuck::cast_slice(&entries), read);
+        let remembered = if model.local.is_empty() { 1 } else { 2 };
+        let longest = own.iter().map(|block| block.particles).max().unwrap_or(0) as u32;
         let model = gpu.filled("model", bytemuck::cast_slice(&rows), read);
         let strands = gpu.filled("strands", bytemuck::cast_slice(&strands), read);
         let room = places.len() as u64 * ROW;
         let positions = gpu.buffer("positions", 3 * room, change);
-        let velocities = gpu.buffer("velocities", 3 * room, change);
+        let velocities = gpu.buffer("velocities", 3 * remembered * room, change);
         let memory = gpu.buffer("memory", 2 * room, change);
         Self {
             groups: (own.len() * LANES).div_ceil(WORKGROUP as usize) as u32,
             places,
+            longest,
             range,
             blocks,
             model,
@@ -152,6 +158,10 @@ impl Batch {
         let queue = gpu.queue();
         queue.write_buffer(&self.positions, 0, bytemuck::cast_slice(&state.positions[3 * from..3 * to]));
         queue.write_buffer(&self.velocities, 0, bytemuck::cast_slice(&state.velocities[3 * from..3 * to]));
+        if !state.previous.is_empty() {
+            let previous = bytemuck::cast_slice(&state.previous[3 * from..3 * to]);
+            queue.write_buffer(&self.velocities, self.velocities.size() / 2, previous);
+        }
         queue.write_buffer(&self.memory, 0, bytemuck::cast_slice(&memory));
     }
 
@@ -164,7 +174,12 @@ impl Batch {
     pub fn take(&self, [positions, velocities, memory]: [&[u8]; 3], state: &mut State<f32>) {
         let (from, to) = (self.places.start, self.places.end);
         bytemuck::cast_slice_mut(&mut state.positions[3 * from..3 * to]).copy_from_slice(positions);
+        let own = if state.previous.is_empty() { velocities.len() } else { velocities.len() / 2 };
+        let (velocities, previous) = velocities.split_at(own);
         bytemuck::cast_slice_mut(&mut state.velocities[3 * from..3 * to]).copy_from_slice(velocities);
+        if !state.previous.is_empty() {
+            bytemuck::cast_slice_mut(&mut state.previous[3 * from..3 * to]).copy_from_slice(previous);
+        }
         let rows: Vec<[Row<f32>; 2]> = bytemuck::pod_collect_to_vec(memory);
         for (place, [integrity, clearance]) in self.places.clone().zip(rows) {
             let unknown = |x: f32| if x <= UNKNOWN { f32::NEG_INFINITY } else { x };
@@ -173,11 +188,15 @@ impl Batch {
     }
 }
 
-/// What the device knows of a place of `model`: rest position, rest lengths, one over the first of them.
-pub(crate) fn model_rows(model: &Model<f32>, place: usize) -> impl Iterator<Item = Row<f32>> {
-    let (rest, lengths) =
-        (&model.rest[3 * place..3 * place + 3], &model.rest_lengths[3 * place..3 * place + 3]);
-    rest.iter().chain(lengths).chain([&model.inverse_edges[place]]).copied()
+/// What the device knows of a place of `model`: rest position, rest length to the next; then what the solver asks for, the edge in its frame, or two more rest lengths and one over the first of them.
+pub(crate) fn model_rows(model: &Model<f32>, place: usize) -> [Row<f32>; MODEL_ROWS as usize] {
+    let rows = 3 * place..3 * place + 3;
+    let (rest, lengths) = (&model.rest[rows.clone()], &model.rest_lengths[rows.clone()]);
+    let last = match model.local.get(rows) {
+        Some(local) => [local[0], local[1], local[2]],
+        None => [lengths[1], lengths[2], model.inverse_edges[place]],
+    };
+    [rest[0], rest[1], rest[2], lengths[0], last[0], last[1], last[2]]
 }
 
 /// The blocks `range` of `model` for the device, numbered from the first place of them, each with its samples an edge.

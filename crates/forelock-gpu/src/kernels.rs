@@ -35,6 +35,12 @@ pub enum Stage {
     SolveStrands,
     /// The same with factors kept in 16 bits.
     SolveHalved,
+    /// What a wind that is not the same everywhere does to followers.
+    BlowStrands,
+    /// One step of follow the leader, solids included.
+    FollowLeader,
+    /// The same where some of them change their shape.
+    FollowChanging,
     /// Hair against solids.
     ResolveSolids,
     /// The same where some of them change their shape.
@@ -86,6 +92,18 @@ pub enum Kernel {
     SolveStrands,
     /// [`Stage::SolveHalved`].
     SolveHalved,
+    /// [`Stage::BlowStrands`].
+    BlowStrands,
+    /// [`Stage::FollowLeader`], all in one.
+    FollowLeader,
+    /// Where particles go by themselves.
+    PredictParticles,
+    /// What is left of [`Stage::FollowLeader`] then, strand by strand.
+    FollowStrands,
+    /// One level of it.
+    FollowLevel,
+    /// [`Stage::FollowChanging`].
+    FollowChanging,
     /// [`Stage::ResolveSolids`].
     ResolveSolids,
     /// [`Stage::ResolveChanging`].
@@ -191,6 +209,8 @@ pub enum Kernel {
 pub enum Over {
     /// Strands of a batch; run for each.
     Strands,
+    /// The same, and along y particles of the longest strand.
+    Particles,
     /// One workgroup.
     Once,
     /// So many threads.
@@ -207,7 +227,7 @@ impl Over {
     /// Workgroups that they take, of a batch whose strands take `strands`.
     pub fn groups(self, strands: u32) -> u32 {
         match self {
-            Self::Strands => strands,
+            Self::Strands | Self::Particles => strands,
             Self::Once => 1,
             Self::Count(threads) => threads.div_ceil(WORKGROUP),
             Self::Cells => CELLS_THREADS / CELLS_GROUP,
@@ -246,10 +266,13 @@ const CONTACT: &str = include_str!("../../forelock-core/src/contact/contact.wgsl
 const SOLVE: &str = include_str!("../../forelock-core/src/stage/solve_strands/kernel.wgsl");
 const LINKS: &str = include_str!("../../forelock-core/src/stage/solve_strands/links.wgsl");
 const LINKS_HALVED: &str = include_str!("../../forelock-core/src/stage/solve_strands/links_halved.wgsl");
+const PARTICLE: &str = include_str!("../../forelock-core/src/stage/resolve_solids/particle.wgsl");
+const LEVEL: &str = include_str!("../../forelock-core/src/stage/follow_leader/level.wgsl");
+const FOLLOW: &str = include_str!("../../forelock-core/src/stage/follow_leader/kernel.wgsl");
 const SKIN: &str = include_str!("../../forelock-core/src/groom/guides/skin.wgsl");
 
 /// All stages.
-pub const STAGES: [StageKernels; 16] = [
+pub const STAGES: [StageKernels; 19] = [
     StageKernels {
         stage: Stage::SampleAir,
         name: "sample_air",
@@ -281,16 +304,48 @@ pub const STAGES: [StageKernels; 16] = [
         group: Group::Solve,
     },
     StageKernels {
+        stage: Stage::BlowStrands,
+        name: "follow_leader",
+        texts: &[include_str!("../../forelock-core/src/stage/follow_leader/blow.wgsl")],
+        kernels: &[(Kernel::BlowStrands, "blow_strands", Over::Strands)],
+        group: Group::Solve,
+    },
+    StageKernels {
+        stage: Stage::FollowLeader,
+        name: "follow_leader",
+        texts: &[
+            SHAPES,
+            PARTICLE,
+            LEVEL,
+            FOLLOW,
+            include_str!("../../forelock-core/src/stage/follow_leader/schedules.wgsl"),
+        ],
+        kernels: &[
+            (Kernel::FollowLeader, "follow_leader", Over::Strands),
+            (Kernel::PredictParticles, "predict_particles", Over::Particles),
+            (Kernel::FollowStrands, "follow_strands", Over::Strands),
+            (Kernel::FollowLevel, "follow_level_of_all", Over::Strands),
+        ],
+        group: Group::Follow,
+    },
+    StageKernels {
+        stage: Stage::FollowChanging,
+        name: "follow_leader",
+        texts: &[SHAPES, PARTICLE, LEVEL, FOLLOW],
+        kernels: &[(Kernel::FollowChanging, "follow_leader", Over::Strands)],
+        group: Group::Follow,
+    },
+    StageKernels {
         stage: Stage::ResolveSolids,
         name: "resolve_solids",
-        texts: &[SHAPES, include_str!("../../forelock-core/src/stage/resolve_solids/kernel.wgsl")],
+        texts: &[SHAPES, PARTICLE, include_str!("../../forelock-core/src/stage/resolve_solids/kernel.wgsl")],
         kernels: &[(Kernel::ResolveSolids, "resolve_solids", Over::Strands)],
         group: Group::Solids,
     },
     StageKernels {
         stage: Stage::ResolveChanging,
         name: "resolve_solids",
-        texts: &[SHAPES, include_str!("../../forelock-core/src/stage/resolve_solids/kernel.wgsl")],
+        texts: &[SHAPES, PARTICLE, include_str!("../../forelock-core/src/stage/resolve_solids/kernel.wgsl")],
         kernels: &[(Kernel::ResolveChanging, "resolve_solids", Over::Strands)],
         group: Group::Solids,
     },
@@ -472,6 +527,8 @@ pub enum Group {
     Solve,
     /// Strands alone.
     Strands,
+    /// Strands that meet solids on their way.
+    Follow,
     /// Strands among solids.
     Solids,
     /// From strands to the grid.
@@ -493,10 +550,11 @@ pub enum Group {
 }
 
 /// All groups, in their order.
-pub const GROUPS: [Group; 12] = [
+pub const GROUPS: [Group; 13] = [
     Group::Air,
     Group::Solve,
     Group::Strands,
+    Group::Follow,
     Group::Solids,
     Group::Splat,
     Group::Cells,
@@ -545,6 +603,19 @@ impl Group {
                 (7, Binding::Change("memory")),
                 (8, Binding::Change("scratch")),
                 (9, Binding::Change("report")),
+            ],
+            Self::Follow => &[
+                (0, Binding::Frame),
+                (1, Binding::Substep),
+                (2, Binding::Read("blocks")),
+                (3, Binding::Read("model")),
+                (4, Binding::Read("strands")),
+                (5, Binding::Change("positions")),
+                (6, Binding::Change("velocities")),
+                (7, Binding::Change("memory")),
+                (9, Binding::Change("report")),
+                (10, Binding::Read("fields")),
+                (11, Binding::Look),
             ],
             Self::Solids => &[
                 (0, Binding::Frame),
@@ -682,7 +753,8 @@ pub fn text(stage: &StageKernels, subgroups: bool) -> String {
         constant(name, "u32", &value, "u");
     }
     constant("MARGIN", "i32", &MARGIN, "");
-    constant("CHANGES", "bool", &(stage.stage != Stage::ResolveSolids), "");
+    let changes = !matches!(stage.stage, Stage::ResolveSolids | Stage::FollowLeader);
+    constant("CHANGES", "bool", &changes, "");
     let singles = [PIVOT_FLOOR, FAR, TOUCH, STRETCHED].map(|value| value as f32);
     let names = ["PIVOT_FLOOR", "FAR", "TOUCH", "STRETCHED"];
     let grid = [

@@ -4,6 +4,7 @@ use bytemuck::{Pod, Zeroable};
 use forelock_core::pose::Pose;
 use forelock_core::solver::params::Inextensibility;
 use forelock_core::solver::{AmsParams, SolverParams};
+use forelock_core::stage::follow_leader::FollowTerms;
 use forelock_core::stage::solve_strands::FrameTerms;
 use glam::{DMat4, DVec3, Mat4, Vec3};
 
@@ -55,10 +56,18 @@ pub struct FrameUniform {
     pub drag_along: f32,
     /// Growth of the drag with speed, times h, 1/m · s.
     pub drag_quadratic: f32,
+    /// Of follow the leader, the share of a step in which global shape is restored, at the root.
+    pub shape_global: f32,
+    /// The same of local shape.
+    pub shape_local: f32,
+    /// The first at the tip over that at the root.
+    pub tip_global: f32,
+    /// The same of the second.
+    pub tip_local: f32,
+    /// Looks at solids after the first.
+    pub recheck: u32,
     /// Nothing.
     pub pad_0: f32,
-    /// Nothing.
-    pub pad_1: f32,
 }
 
 /// Bits of [`FrameUniform::flags`].
@@ -83,10 +92,12 @@ pub mod flags {
     pub const SLENDER: u32 = 1 << 8;
     /// The air is not the same everywhere.
     pub const WIND: u32 = 1 << 9;
+    /// Friction changes places, from which velocities follow.
+    pub const DRAGS: u32 = 1 << 10;
 }
 
 /// The same by name, for the kernels.
-pub const FLAGS: [(&str, u32); 10] = [
+pub const FLAGS: [(&str, u32); 11] = [
     ("TENSION", flags::TENSION),
     ("ANGULAR_EDGE", flags::ANGULAR_EDGE),
     ("ANGULAR_PAPER", flags::ANGULAR_PAPER),
@@ -97,6 +108,7 @@ pub const FLAGS: [(&str, u32); 10] = [
     ("LAY_ALONG", flags::LAY_ALONG),
     ("SLENDER", flags::SLENDER),
     ("WIND", flags::WIND),
+    ("DRAGS", flags::DRAGS),
 ];
 
 /// A substep's poses: `Substep` in `prelude.wgsl`.
@@ -109,8 +121,8 @@ pub struct SubstepUniform {
     pub end: Mat4,
     /// The weight at rest, turned with the head at its end, m/s².
     pub carried_weight: Vec3,
-    /// Nothing.
-    pub pad_0: f32,
+    /// The particle of each strand that a kernel of one level places.
+    pub level: u32,
     /// What positions are moved by before it, metres.
     pub shift: Vec3,
     /// Nothing.
@@ -162,19 +174,24 @@ pub const UNKNOWN: f32 = -1e30;
 impl FrameUniform {
     /// Of frames of `dt_secs` under `params`, in a wind that is `air` everywhere or `varies`.
     pub fn new(params: &SolverParams, dt_secs: f64, gravity: DVec3, (air, varies): (DVec3, bool)) -> Self {
-        let params = &match params {
-            SolverParams::Ams(params) => params.clone(),
+        let (params, followed) = &match params {
+            SolverParams::Ams(params) => (params.clone(), None),
             // As far as kernels that solvers share ask for them.
-            SolverParams::Dftl(own) => AmsParams {
-                substeps: 1,
-                clamped: own.clamped,
-                inextensibility: Inextensibility::Dftl,
-                dftl_damping: own.damping,
-                drag: own.drag,
-                lay_along_solids: params.lays_along(),
-                ..AmsParams::default()
-            },
+            SolverParams::Dftl(own) => {
+                let shared = AmsParams {
+                    substeps: 1,
+                    clamped: own.clamped,
+                    inextensibility: Inextensibility::Dftl,
+                    dftl_damping: own.damping,
+                    drag: own.drag,
+                    sag_free: own.sag_free,
+                    lay_along_solids: params.lays_along(),
+                    ..AmsParams::default()
+                };
+                (shared, Some(FollowTerms::new(own, dt_secs)))
+            }
         };
+        let [shape, tips] = followed.map_or([[0.0; 2]; 2], |terms| [terms.shape, terms.tip_scales]);
         let terms = FrameTerms::new(params, dt_secs);
         let curve = terms.non_hookean;
         let single = |x: f64| x as f32;
@@ -191,6 +208,7 @@ impl FrameUniform {
             (curve.is_some(), flags::NON_HOOKEAN),
             (terms.slender, flags::SLENDER),
             (varies, flags::WIND),
+            (followed.is_some(), flags::DRAGS),
             (params.inextensibility == Inextensibility::Dftl, flags::FOLLOW_THE_LEADER),
             (params.lay_along_solids && params.inextensibility != Inextensibility::Off, flags::LAY_ALONG),
         ];
@@ -217,8 +235,12 @@ impl FrameUniform {
             unknown: UNKNOWN,
             drag_along: single(terms.drag_along),
             drag_quadratic: single(terms.h * terms.drag_quadratic),
+            shape_global: single(shape[0]),
+            shape_local: single(shape[1]),
+            tip_global: single(tips[0]),
+            tip_local: single(tips[1]),
+            recheck: followed.map_or(0, |terms| terms.recheck),
             pad_0: 0.0,
-            pad_1: 0.0,
         }
     }
 }
@@ -235,7 +257,7 @@ impl SubstepUniform {
             start: rigid(start),
             end: rigid(end),
             carried_weight: end.transform_vector(rest_gravity).as_vec3(),
-            pad_0: 0.0,
+            level: 0,
             shift: shift.as_vec3(),
             pad_1: 0.0,
         }

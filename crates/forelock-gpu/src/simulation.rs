@@ -15,6 +15,7 @@ use forelock_core::contact::{ContactParams, ContactReport};
 use forelock_core::grid::{GridFrame, GridParams, GridReport};
 use forelock_core::groom::Groom;
 use forelock_core::model::{Model, Strands};
+use forelock_core::solver::dftl::Schedule;
 use forelock_core::solver::params::Inextensibility;
 use forelock_core::solver::{Frame, FrameStep, Meeting, Options, Simulation, SolverParams};
 use forelock_core::stage::find_contacts::SLICES;
@@ -61,11 +62,20 @@ struct Call {
     number: u32,
 }
 
-/// The kernel that looks at `solids`, if there are any.
-fn look_at(solids: &[ColliderFrame<'_>]) -> Option<Kernel> {
+/// The kernels that look at `solids`: at the end of a substep, if there are any, and on the way.
+fn look_at(solids: &[ColliderFrame<'_>]) -> (Option<Kernel>, Kernel) {
     let changes = solids.iter().any(|solid| matches!(solid.shape, Shape::Morph { .. }));
-    let kernel = if changes { Kernel::ResolveChanging } else { Kernel::ResolveSolids };
-    (!solids.is_empty()).then_some(kernel)
+    let (look, follow) = if changes {
+        (Kernel::ResolveChanging, Kernel::FollowChanging)
+    } else {
+        (Kernel::ResolveSolids, Kernel::FollowLeader)
+    };
+    ((!solids.is_empty()).then_some(look), follow)
+}
+
+/// Whether one of `steps` brings hair to the frame's origin.
+fn begins(steps: &[FrameStep]) -> bool {
+    steps.iter().any(|step| matches!(step, FrameStep::SolveStrands(0) | FrameStep::FollowLeader))
 }
 
 /// Calls of one stage after the other, together.
@@ -120,8 +130,12 @@ impl GpuSimulation {
     ) -> Result<Self, GpuError> {
         let params = params.into();
         params.validate()?;
-        let model = Model::new(strands)?;
-        let state = State::at_rest(&model, &options.rest_pose);
+        let mut model = Model::new(strands)?;
+        let mut state = State::at_rest(&model, &options.rest_pose);
+        if matches!(params, SolverParams::Dftl(_)) {
+            model.find_frames();
+            state.remember();
+        }
         Self::with(gpu, (model, state), &params, options)
     }
 
@@ -141,14 +155,16 @@ impl GpuSimulation {
         params: &SolverParams,
         options: &Options,
     ) -> Result<Self, GpuError> {
-        if matches!(params, SolverParams::Dftl(_)) {
-            return Err(GpuError::Unsupported { what: "follow the leader" });
-        }
         let ranges = split(gpu, &model)?;
         let places = |range: &std::ops::Range<usize>| {
             model.blocks[range.clone()].iter().map(|block| block.particles).sum::<usize>()
         };
-        let shared = Shared::new(gpu, ranges.iter().map(places).max().unwrap_or(1), params.substeps());
+        // Kernels of one level find its number where others find their substep.
+        let entries = match params {
+            SolverParams::Dftl(own) if own.schedule == Schedule::Particles => model.longest() as u32,
+            _ => params.substeps(),
+        };
+        let shared = Shared::new(gpu, ranges.iter().map(places).max().unwrap_or(1), entries);
         let solids = Solids::new(gpu, params.substeps());
         let bound = |range| {
             let batch = Batch::new(gpu, &model, range);
@@ -188,6 +204,9 @@ impl GpuSimulation {
     /// # Errors
     /// [`GpuError::Params`] if a parameter is out of range; nothing is changed then. [`GpuError::Failed`] if the device has no room for it.
     pub fn set_grid(&mut self, params: Option<&GridParams>) -> Result<(), GpuError> {
+        if params.is_some() && matches!(self.params, SolverParams::Dftl(_)) {
+            return Err(GpuError::Unsupported { what: "the grid with follow the leader" });
+        }
         let batches: Vec<_> = self.batches.iter().map(|bound| &bound.batch).collect();
         let grid = params.map(|params| DeviceGrid::new(&self.gpu, &self.model, &batches, params));
         self.grid = grid.transpose()?;
@@ -261,7 +280,7 @@ impl GpuSimulation {
             };
             *groups = GROUPS.map(|group| {
                 let is_there = match group {
-                    Group::Solve | Group::Strands | Group::Solids => true,
+                    Group::Solve | Group::Strands | Group::Follow | Group::Solids => true,
                     Group::Air => air.is_some(),
                     Group::Splat | Group::Cells | Group::Gather => grid.is_some(),
                     Group::Enter | Group::Touch | Group::Bend => contacts.is_some(),
@@ -355,7 +374,8 @@ impl GpuSimulation {
 
     /// Times stages from the next frame on, or not any more; whether the device can.
     pub fn time_stages(&mut self, on: bool) -> bool {
-        let (look, air) = (Some(Kernel::ResolveSolids), Some(Shelter { wake: true, canopy: true }));
+        let look = (Some(Kernel::ResolveSolids), Kernel::FollowLeader);
+        let air = Some(Shelter { wake: true, canopy: true });
         let plan = self.plan(&self.steps(), look, air);
         let passes = by_stage(&plan).count() as u32;
         self.clock = on.then(|| Clock::new(&self.gpu, passes)).flatten();
@@ -383,8 +403,13 @@ impl GpuSimulation {
         self.clock = clock;
     }
 
-    /// The kernels of `steps` in their order, with the one that looks at solids, if there are any. Strands go batch by batch as far as they do not meet.
-    fn plan(&self, steps: &[FrameStep], look: Option<Kernel>, air: Option<Shelter>) -> Vec<Call> {
+    /// The kernels of `steps` in their order, with those that look at solids ([`look_at`]). Strands go batch by batch as far as they do not meet.
+    fn plan(
+        &self,
+        steps: &[FrameStep],
+        (look, follow): (Option<Kernel>, Kernel),
+        air: Option<Shelter>,
+    ) -> Vec<Call> {
         let mut plan = Vec::new();
         let meets =
             |step: &FrameStep| matches!(step, FrameStep::NoteStart | FrameStep::Grid | FrameStep::Contacts);
@@ -393,12 +418,19 @@ impl GpuSimulation {
                 steps.iter().for_each(|step| self.meet(&mut plan, *step));
                 continue;
             }
-            if let Some(shelter) = air.filter(|_| steps.contains(&FrameStep::SolveStrands(0))) {
+            if let Some(shelter) = air.filter(|_| begins(steps)) {
                 self.blow(&mut plan, shelter);
+                if steps.contains(&FrameStep::FollowLeader) {
+                    self.call_all(&mut plan, Kernel::BlowStrands, 0);
+                }
             }
             for batch in 0..self.batches.len() {
                 let last = self.params.substeps() - 1;
                 for step in steps {
+                    if *step == FrameStep::FollowLeader {
+                        self.follow(&mut plan, batch, follow);
+                        continue;
+                    }
                     let call = match *step {
                         FrameStep::SolveStrands(number) => Some((self.solve, number)),
                         FrameStep::ResolveSolids(number) => look.map(|look| (look, number)),
@@ -411,6 +443,27 @@ impl GpuSimulation {
             }
         }
         plan
+    }
+
+    /// A step of follow the leader, of which `follow` does all at once.
+    fn follow(&self, plan: &mut Vec<Call>, batch: usize, follow: Kernel) {
+        let schedule = match &self.params {
+            // Only what does all at once knows solids that change.
+            SolverParams::Dftl(params) if follow == Kernel::FollowLeader => params.schedule,
+            _ => Schedule::Fused,
+        };
+        let call = |kernel, number| Call { kernel, batch, number };
+        match schedule {
+            Schedule::Fused => plan.push(call(follow, 0)),
+            Schedule::Strands => {
+                plan.extend([call(Kernel::PredictParticles, 0), call(Kernel::FollowStrands, 0)]);
+            }
+            Schedule::Particles => {
+                plan.push(call(Kernel::PredictParticles, 0));
+                let levels = 1..self.batches[batch].batch.longest;
+                plan.extend(levels.map(|level| call(Kernel::FollowLevel, level)));
+            }
+        }
     }
 
     /// A step in which strands meet.
@@ -469,7 +522,8 @@ impl GpuSimulation {
 
     /// A kernel on all batches, or once, if it is not of strands.
     fn call_all(&self, plan: &mut Vec<Call>, kernel: Kernel, number: u32) {
-        let batches = if kernel.over() == Over::Strands { self.batches.len() } else { 1 };
+        let by_batch = matches!(kernel.over(), Over::Strands | Over::Particles);
+        let batches = if by_batch { self.batches.len() } else { 1 };
         plan.extend((0..batches).map(|batch| Call { kernel, batch, number }));
     }
 
@@ -499,14 +553,18 @@ impl GpuSimulation {
     fn call(&self, pass: &mut wgpu::ComputePass<'_>, call: &Call) {
         let (kernel, bound) = (call.kernel, &self.batches[call.batch]);
         let group = kernel.stage().group;
-        let offset = match group {
-            Group::Solve | Group::Strands => Some(call.number * self.shared.stride),
-            Group::Air | Group::Solids | Group::Cells => Some(call.number * self.solids.stride),
-            _ => None,
+        let offsets = match group {
+            Group::Solve | Group::Strands => &[call.number * self.shared.stride][..],
+            Group::Air | Group::Solids | Group::Cells => &[call.number * self.solids.stride],
+            // The only look of a step.
+            Group::Follow => &[call.number * self.shared.stride, 0],
+            _ => &[],
         };
+        let over = kernel.over();
+        let along_y = if over == Over::Particles { bound.batch.longest } else { 1 };
         pass.set_pipeline(self.gpu.kernels().pipeline(kernel));
-        pass.set_bind_group(0, &bound.groups[group as usize], offset.as_slice());
-        pass.dispatch_workgroups(kernel.over().groups(bound.batch.groups), 1, 1);
+        pass.set_bind_group(0, &bound.groups[group as usize], offsets);
+        pass.dispatch_workgroups(over.groups(bound.batch.groups), along_y, 1);
     }
 
     /// Whether solids are looked at once more at the frame's end.
@@ -524,7 +582,7 @@ impl GpuSimulation {
         let start = self.model.about_centre(&frame.head[0], self.mirror.origin);
         let shift = self.mirror.origin - origin;
         // Positions go there in the first substep.
-        if steps.contains(&FrameStep::SolveStrands(0)) {
+        if begins(steps) {
             self.mirror.origin = origin;
         }
         let air = (frame.air_velocity, wind.is_some());
@@ -539,8 +597,14 @@ impl GpuSimulation {
             self.substeps.resize((step * self.shared.stride) as usize, 0);
             self.substeps.extend_from_slice(bytemuck::bytes_of(&substep));
         }
+        for level in count..(self.shared.substeps.size() / u64::from(self.shared.stride)) as u32 {
+            let [start, end] = [&poses[0], &poses[1]];
+            let substep = SubstepUniform { level, ..SubstepUniform::new([start, end], weight, shift) };
+            self.substeps.resize((level * self.shared.stride) as usize, 0);
+            self.substeps.extend_from_slice(bytemuck::bytes_of(&substep));
+        }
         self.gpu.queue().write_buffer(&self.shared.substeps, 0, &self.substeps);
-        if !frame.colliders.is_empty() {
+        if !frame.colliders.is_empty() || matches!(self.params, SolverParams::Dftl(_)) {
             let looks_last = self.looks_last();
             self.solids.place(&self.gpu, &self.params, frame, origin, looks_last);
         }

@@ -8,11 +8,14 @@
 
 #[path = "common/mod.rs"]
 mod common;
+#[path = "../../forelock-core/tests/golden/dftl.rs"]
+mod dftl;
 #[path = "../../forelock-core/tests/golden/mod.rs"]
 mod golden;
 
 use forelock_core::model::{Model, Strands};
-use forelock_core::solver::{Frame, Options, SolverParams};
+use forelock_core::solver::dftl::Schedule;
+use forelock_core::solver::{DftlParams, Frame, Options, SolverParams};
 use forelock_core::state::Snapshot;
 use forelock_gpu::{Gpu, GpuSimulation};
 use golden::{Backend, load};
@@ -86,4 +89,37 @@ fn a_perturbed_solver_fails() {
     let mut file = load("g04_default_head_turn");
     file["params"]["kI"] = Value::from(100.1);
     assert!(golden::worst_error(&file, on(&gpu)) > 1e-5);
+}
+
+/// Of follow the leader in float32, over the strand's length: positions, and edges whose length is restored last.
+const DFTL_TOLERANCES: [f64; 2] = [1e-4, 1e-6];
+
+/// Every schedule against the files of follow the leader; a schedule has no bits of its own.
+#[test]
+fn dftl_in_every_schedule() {
+    let Some(gpu) = common::gpu() else { return };
+    for name in [
+        "dftl_1_plain",
+        "dftl_2_shape",
+        "dftl_3_fade_sd1",
+        "dftl_4_collision_recheck0",
+        "dftl_5_collision_recheck2",
+    ] {
+        let file = load(name);
+        for schedule in [Schedule::Fused, Schedule::Strands, Schedule::Particles] {
+            let build = |strands: &Strands<'_, f32>, params: &SolverParams, options: Options| {
+                let SolverParams::Dftl(params) = params else { panic!("{name}") };
+                on(&gpu)(strands, &(&DftlParams { schedule, ..params.clone() }).into(), options)
+            };
+            let errors = dftl::errors(&file, build);
+            println!(
+                "{name}, {schedule:?}: {:.2e}, edges {:.2e} of the strand",
+                errors.worst, errors.stretch
+            );
+            let [position, stretch] = DFTL_TOLERANCES;
+            assert!(errors.worst <= position, "{name}, {schedule:?}: {errors:?}");
+            let exact = name != "dftl_4_collision_recheck0";
+            assert!(!exact || errors.stretch <= stretch, "{name}, {schedule:?}: {errors:?}");
+        }
+    }
 }

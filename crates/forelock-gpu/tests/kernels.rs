@@ -73,13 +73,13 @@ fn structs_are_laid_out_alike() {
         same!(&module, "Frame", FrameUniform, [
             k_springs k_integrity tip_scales k_angular gravity k_altitude air drag h inverse_h inverse_dt dftl_damping
             elastic_limit breaking_point breaking_width healing healing_limit clamped flags unknown drag_along
-            drag_quadratic pad_0 pad_1
+            drag_quadratic shape_global shape_local tip_global tip_local recheck pad_0
         ]);
-        same!(&module, "Substep", SubstepUniform, [start end carried_weight pad_0 shift pad_1]);
+        same!(&module, "Substep", SubstepUniform, [start end carried_weight level shift pad_1]);
         same!(&module, "Block", BlockEntry, [first particles live points place number]);
         let has = |name: &str| module.types.iter().any(|(_, kind)| kind.name.as_deref() == Some(name));
         let on_grid = matches!(stage.group, Group::Splat | Group::Cells | Group::Gather);
-        let among_solids = matches!(stage.group, Group::Air | Group::Solids | Group::Cells);
+        let among_solids = matches!(stage.group, Group::Air | Group::Follow | Group::Solids | Group::Cells);
         assert_eq!(
             [has("Bounds"), has("Air"), has("Look")],
             [on_grid, stage.group == Group::Air, among_solids],

@@ -7,6 +7,19 @@ use super::params::{COUNT, NON_NEGATIVE, POSITIVE, ParamsError, SHARE, check};
 /// The step for which coefficients are stated, seconds: the paper's.
 pub const STATED_STEP_SECS: f64 = 0.016;
 
+/// How a GPU goes through strands. A processor has a strand a lane, whatever is said here.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
+pub enum Schedule {
+    /// A thread takes its strand from root to tip in one go, frames in registers: the state is read and written once.
+    #[default]
+    Fused,
+    /// Particles predict, then a thread takes its strand: the paper's strand-level parallelism.
+    Strands,
+    /// Particles predict, then levels come one after the other, all strands at once: the paper's particle-level parallelism.
+    Particles,
+}
+
 /// Parameters of dynamic follow the leader with global and local shape (Sánchez-Banderas et al. 2015). Shares are those of a step of 0.016 s, the paper's; in another step s becomes
 /// 1 − (1 − s)^(step/0.016 s), which makes up for the change in part.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,6 +53,8 @@ pub struct DftlParams {
     pub skin_thickness: f64,
     /// Fastest that a particle which starts a frame inside a solid is brought out. Unit m/s, default 1, range above 0; 0 is refused.
     pub depenetration_speed: f64,
+    /// How a GPU goes through strands: "fused", "strands" or "particles". Default "fused", the fastest; the others are the paper's.
+    pub schedule: Schedule,
 }
 
 impl Default for DftlParams {
@@ -57,6 +72,7 @@ impl Default for DftlParams {
             recheck: 2,
             skin_thickness: 5e-4,
             depenetration_speed: 1.0,
+            schedule: Schedule::default(),
         }
     }
 }

@@ -171,6 +171,14 @@ impl<T: Real> Sph<T> {
         let dense = self.neighbours.density.par_iter().zip(&self.neighbours.sorted).with_min_len(CHUNK);
         let densest = dense.map(over).reduce(|| 0.0, f64::max);
         let neighbours: u64 = self.neighbours.counts.iter().map(|&count| u64::from(count)).sum();
+        if std::env::var_os("DBG").is_some() {
+            let cand: u64 = 0;
+            eprintln!(
+                "h {:?} densest {densest:.2} mean n {:.2} secs {secs:?} {cand}",
+                self.fluid.h,
+                neighbours as f64 / self.particles.len() as f64
+            );
+        }
         SphReport { densest, neighbours: neighbours as f64 / self.particles.len().max(1) as f64, secs }
     }
 }

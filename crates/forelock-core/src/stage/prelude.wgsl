@@ -30,8 +30,13 @@ struct Frame {
     // Drag along a strand over that across it; growth of the drag with speed, times h, a metre.
     drag_along: f32,
     drag_quadratic: f32,
+    // Of follow the leader: shares of a step in which shape is restored, the same at the tip over that at the root, looks at solids after the first.
+    shape_global: f32,
+    shape_local: f32,
+    tip_global: f32,
+    tip_local: f32,
+    recheck: u32,
     pad_0: f32,
-    pad_1: f32,
 }
 
 // Where the head is at a substep's start and end, as maps from rest to positions.
@@ -39,7 +44,8 @@ struct Substep {
     start: mat4x4f,
     end: mat4x4f,
     carried_weight: vec3f,
-    pad_0: f32,
+    // The particle of each strand that a kernel of one level places.
+    level: u32,
     // What positions are moved by before the substep: the origin moves with the head.
     shift: vec3f,
     pad_1: f32,
@@ -77,7 +83,7 @@ struct Report {
 @group(0) @binding(3) var<storage, read> model: array<f32>;
 // A block's lengths and relative stiffnesses: two rows.
 @group(0) @binding(4) var<storage, read> strands: array<f32>;
-// Three rows a particle each.
+// Three rows a particle each; where steps are remembered, after all velocities all positions of the step before.
 @group(0) @binding(5) var<storage, read_write> positions: array<f32>;
 @group(0) @binding(6) var<storage, read_write> velocities: array<f32>;
 // A particle's integrity and clearance: two rows.
@@ -136,6 +142,18 @@ fn set_velocity(strand: Strand, i: u32, v: vec3f) {
     velocities[at] = v.x;
     velocities[at + LANES] = v.y;
     velocities[at + 2u * LANES] = v.z;
+}
+
+fn previous_at(strand: Strand, i: u32) -> vec3f {
+    let at = arrayLength(&velocities) / 2u + entry(strand, i, 3u, 0u);
+    return vec3f(velocities[at], velocities[at + LANES], velocities[at + 2u * LANES]);
+}
+
+fn set_previous(strand: Strand, i: u32, x: vec3f) {
+    let at = arrayLength(&velocities) / 2u + entry(strand, i, 3u, 0u);
+    velocities[at] = x.x;
+    velocities[at + LANES] = x.y;
+    velocities[at + 2u * LANES] = x.z;
 }
 
 // Rest length from particle `i` to `i + reach`, 1 to 3.

@@ -23,7 +23,11 @@ fn check_strands(@builtin(global_invocation_id) id: vec3u) {
         let rest = vec4f(rest_at(strand, i), 1.0);
         let end = (substep.end * rest).xyz;
         set_position(strand, i, end);
-        set_velocity(strand, i, (end - (substep.start * rest).xyz) * frame.inverse_h);
+        let start = (substep.start * rest).xyz;
+        set_velocity(strand, i, (end - start) * frame.inverse_h);
+        if arrayLength(&velocities) > arrayLength(&positions) {
+            set_previous(strand, i, start);
+        }
         let at = entry(strand, i, 2u, 0u);
         memory[at] = 1.0;
         memory[at + LANES] = frame.unknown;

@@ -1,149 +1,5 @@
 // Hair against solids, one strand a thread: the twin of `resolve_solids::resolve` and `resolve_solids::lay_along`.
 
-struct Particle {
-    x: vec3f,
-    v: vec3f,
-    // Clearance at the last look.
-    was: f32,
-}
-
-// Stops the approach to a solid at the particle, with Coulomb friction.
-fn rub(number: u32, normal: vec3f, particle: ptr<function, Particle>) {
-    let arm = (*particle).x - look.solids[number].pivot;
-    var gone = look.solids[number].travel + cross(look.solids[number].spin, arm);
-    if CHANGES && look.solids[number].swell > 0.0 {
-        let place = local(look.solids[number].at_end, (*particle).x);
-        gone += (sample_shape(number, place, 0.0).w - sample_shape(number, place, 1.0).w) * normal;
-    }
-    let own = gone * frame.inverse_h;
-    let relative = (*particle).v - own;
-    let approach = dot(relative, normal);
-    if !(approach < 0.0) {
-        return;
-    }
-    let along = relative - approach * normal;
-    let speed = sqrt(dot(along, along));
-    var kept = 0.0;
-    if speed > 0.0 {
-        kept = max(1.0 + look.solids[number].friction * approach / speed, 0.0);
-    }
-    (*particle).v = own + kept * along;
-}
-
-// One particle against one solid, of which `found` is the sample where it is; the distance to its skin that is left.
-fn settle(number: u32, found: vec4f, particle: ptr<function, Particle>) -> f32 {
-    var sigma = found.w - look.thickness;
-    var gradient = found.xyz;
-    if !(sigma < 0.0) {
-        return sigma;
-    }
-    let map = look.solids[number].at_end;
-    rub(number, turned(map, gradient), particle);
-    let cell = look.solids[number].cell;
-    let small_push = select(FAR, 0.1 * cell, cell > 0.0);
-    for (var k = 1u; k <= LOOKS; k++) {
-        var allowed = 0.0;
-        if (*particle).was < 0.0 {
-            allowed = min(max((*particle).was, sigma) + look.way_out, 0.0);
-        }
-        let push = allowed - sigma;
-        if push <= 0.0 {
-            return sigma;
-        }
-        (*particle).x += push * turned(map, gradient);
-        if push < small_push || k == LOOKS {
-            return allowed;
-        }
-        let there = sample_shape(number, local(map, (*particle).x), 1.0);
-        sigma = there.w - look.thickness;
-        gradient = there.xyz;
-        if !(sigma < 0.0) {
-            return sigma;
-        }
-    }
-    return sigma;
-}
-
-// Takes a particle out of one solid after the other until it is in none; the clearance that is left.
-fn settle_among(particle: ptr<function, Particle>) -> f32 {
-    var clearance = FAR;
-    for (var round = 0u; round <= ROUNDS; round++) {
-        clearance = FAR;
-        for (var number = 0u; number < look.count; number++) {
-            let found = sample_shape(number, local(look.solids[number].at_end, (*particle).x), 1.0);
-            let sigma = found.w - look.thickness;
-            clearance = min(clearance, sigma / select(1.0, lipschitz(number), sigma > 0.0));
-            // The last round only looks.
-            if round < ROUNDS && sigma < 0.0 {
-                let left = settle(number, found, particle);
-            }
-        }
-        // Out to rounding.
-        if clearance > -1e-6 {
-            return max(clearance, 0.0);
-        }
-    }
-    return clearance;
-}
-
-// How far the surface of a shape that changes may have moved since the last look.
-fn swell_of(number: u32) -> f32 {
-    return select(0.0, look.solids[number].swell, CHANGES && (look.how & AFTER_SUBSTEP) != 0u);
-}
-
-// Where a particle that goes straight through the solid's own space first touches it, and the normal there: `sweep::sweep`.
-struct Touch {
-    found: bool,
-    place: vec3f,
-    normal: vec3f,
-}
-
-fn sweep(number: u32, start: vec3f, end: vec3f) -> Touch {
-    let none = Touch(false, vec3f(), vec3f());
-    let touch = TOUCH * look.solids[number].thinness;
-    let go = end - start;
-    let changes = swell_of(number);
-    let fall = sqrt(dot(go, go)) * lipschitz(number) + changes;
-    if !(fall > 0.0) {
-        return none;
-    }
-    var share = 0.0;
-    for (var k = 0u; k < SWEEP_STEPS; k++) {
-        let point = start + share * go;
-        let found = sample_shape(number, point, select(1.0, share, changes > 0.0));
-        let sigma = found.w - look.thickness;
-        if sigma <= touch && (dot(found.xyz, go) < 0.0 || changes > 0.0) {
-            return Touch(true, point + max(-sigma, 0.0) * found.xyz, found.xyz);
-        }
-        share += max(sigma, touch) / fall;
-        if !(share < 1.0) {
-            return none;
-        }
-    }
-    return none;
-}
-
-// Stops a particle at the surface that it went through on its way from `origin`; whether it did.
-fn catch_on_way(number: u32, found: vec4f, origin: vec3f, particle: ptr<function, Particle>) -> bool {
-    // What was inside at the last look is on its way out.
-    if (*particle).was < 0.0 {
-        return false;
-    }
-    let map = look.solids[number].at_end;
-    let start = local(look.solids[number].at_start, origin);
-    let end = local(map, (*particle).x);
-    if distance(start, end) + swell_of(number) <= look.solids[number].thinness {
-        return false;
-    }
-    let touch = sweep(number, start, end);
-    if !touch.found || (found.w < look.thickness && dot(found.xyz, touch.normal) > 0.5) {
-        return false;
-    }
-    (*particle).x = turned(map, touch.place - map[3].xyz);
-    rub(number, turned(map, touch.normal), particle);
-    return true;
-}
-
 // Looks at particle i, if its clearance is used up; whether it touches something.
 fn look_at(strand: Strand, i: u32) -> bool {
     let at = entry(strand, i, 2u, 1u);
@@ -151,68 +7,23 @@ fn look_at(strand: Strand, i: u32) -> bool {
     let x = position_at(strand, i);
     let v = velocity_at(strand, i);
     var origin = x;
-    var left = last;
-    var moved = 0.0;
+    var left = vec2f(last, 0.0);
     if (look.how & AFTER_SUBSTEP) != 0u {
         origin = x - frame.h * v;
-        left = FAR;
-        for (var number = 0u; number < look.count; number++) {
-            let by = distance(x, local(look.solids[number].carry, origin)) + look.solids[number].swell;
-            var far = last;
-            if look.count > 1u {
-                // What moves far off costs nothing.
-                far = max(last, distance(x, look.solids[number].ball) - look.solids[number].ball_radius - look.thickness);
-            }
-            left = min(left, far - by);
-            moved = max(moved, by);
-        }
+        left = clearance_left(x, origin, last);
     }
-    if left > 0.0 {
-        memory[at] = left;
+    if left.x > 0.0 {
+        memory[at] = left.x;
         return false;
     }
-    var particle = Particle(x, v, last);
-    var clearance = FAR;
-    var touches = false;
-    var between = false;
-    for (var number = 0u; number < look.count; number++) {
-        let place = particle.x;
-        let found = sample_shape(number, local(look.solids[number].at_end, place), 1.0);
-        var own = Particle(place, particle.v, last);
-        var sigma = 0.0;
-        let caught = moved > look.solids[number].thinness && catch_on_way(number, found, origin, &own);
-        if !caught {
-            sigma = settle(number, found, &own);
-        }
-        if caught || found.w < look.thickness {
-            touches = true;
-            between = between || clearance < distance(own.x, place);
-            particle.x = own.x;
-            particle.v = own.v;
-        }
-        clearance = min(clearance, sigma / select(1.0, lipschitz(number), sigma > 0.0));
+    let met = meet_solids(x, v, origin, left.y, last);
+    memory[at] = met.clearance;
+    if met.touches {
+        set_position(strand, i, met.x);
+        set_velocity(strand, i, met.v);
     }
-    // What was inside at the last look comes out by and by.
-    if between && last >= 0.0 {
-        particle.was = 0.0;
-        clearance = settle_among(&particle);
-    }
-    memory[at] = clearance;
-    if touches {
-        set_position(strand, i, particle.x);
-        set_velocity(strand, i, particle.v);
-    }
-    if (look.how & LAST) != 0u {
-        if touches {
-            atomicAdd(&report.touching, 1u);
-        }
-        let depth = -(clearance + look.thickness);
-        let deepest = select(0u, bitcast<u32>(depth), depth > 0.0);
-        if is_greatest(deepest) && deepest > atomicLoad(&report.deepest) {
-            atomicMax(&report.deepest, deepest);
-        }
-    }
-    return touches;
+    tell_touch(met.touches, -(met.clearance + look.thickness));
+    return met.touches;
 }
 
 // A point at `length` from `leader` near `x` that is outside a solid, and its clearance.

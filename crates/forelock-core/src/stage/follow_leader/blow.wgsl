@@ -1,0 +1,18 @@
+// The drag of a wind that differs from place to place, one strand a thread, before `follow_leader`: it changes velocities as the acceleration would have.
+
+@group(0) @binding(17) var<storage, read> wind: array<f32>;
+
+@compute @workgroup_size(WORKGROUP)
+fn blow_strands(@builtin(global_invocation_id) id: vec3u) {
+    let strand = strand_of(id.x);
+    if !strand.here {
+        return;
+    }
+    for (var i = 0u; i < strand.particles; i++) {
+        let at = entry(strand, i, 3u, 0u);
+        let air = vec3f(wind[at], wind[at + LANES], wind[at + 2u * LANES]);
+        // Neither has been moved to the frame's origin yet.
+        let u = (position_at(strand, i) - previous_at(strand, i)) * frame.inverse_h;
+        set_velocity(strand, i, velocity_at(strand, i) + frame.drag * (air - u));
+    }
+}

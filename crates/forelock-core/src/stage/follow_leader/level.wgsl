@@ -1,0 +1,148 @@
+// Dynamic follow the leader with shape, level by level: what the kernels of its schedules share, the twin of `follow_leader::advance`.
+//
+// There are three schedules. All in one: a thread takes its strand from root to tip, frames in registers, and reads and writes the state once. Strands: first each thread predicts, then each takes its strand.
+// Particles: after the prediction a dispatch a level, between which frames wait where velocities will be.
+//
+// In place of rest lengths beyond the first and of what is made from it, the model's rows 4 to 6 hold edges at rest in the frame of the particle before them, of a root the normal of its frame. Velocities are followed by
+// positions of the step before.
+
+// What a level needs to know of the one before.
+struct Carried {
+    // The particle before: where it is, and was.
+    leader: vec3f,
+    leader_was: vec3f,
+    // Its frame.
+    tangent: vec3f,
+    normal: vec3f,
+}
+
+fn local_at(strand: Strand, i: u32) -> vec3f {
+    let at = entry(strand, i, MODEL_ROWS, 4u);
+    return vec3f(model[at], model[at + LANES], model[at + 2u * LANES]);
+}
+
+// The frame turned to the next edge's direction: the normal.
+fn turned_normal(tangent: vec3f, normal: vec3f, next: vec3f) -> vec3f {
+    let s = tangent + next;
+    let share = dot(normal, s) / max(dot(s, s), 1e-24);
+    return normal - (share + share) * s;
+}
+
+fn direction_of(edge: vec3f) -> vec3f {
+    return edge / sqrt(max(dot(edge, edge), 1e-24));
+}
+
+fn ghost_at(strand: Strand, i: u32) -> vec3f {
+    return (substep.end * vec4f(rest_at(strand, i), 1.0)).xyz;
+}
+
+// Places the root.
+fn begin_strand(strand: Strand) -> Carried {
+    let first = rest_at(strand, 0u);
+    let along = direction_of(rest_at(strand, 1u) - first);
+    let leader = (substep.end * vec4f(first, 1.0)).xyz;
+    return Carried(
+        leader,
+        position_at(strand, 0u) + substep.shift,
+        (substep.end * vec4f(along, 0.0)).xyz,
+        (substep.end * vec4f(local_at(strand, 0u), 0.0)).xyz,
+    );
+}
+
+// Eq. 1: where particle i goes by itself from where it was.
+fn predicted_at(strand: Strand, i: u32, was: vec3f) -> vec3f {
+    var a = frame.gravity;
+    if has(SAG_FREE) {
+        a -= substep.carried_weight;
+    }
+    var kick = frame.h * a;
+    // A wind that differs from place to place has changed velocities already.
+    if frame.drag > 0.0 && !has(WIND) {
+        let u = (was - previous_at(strand, i) - substep.shift) * frame.inverse_h;
+        kick += frame.drag * (frame.air - u);
+    }
+    return was + frame.h * (velocity_at(strand, i) + kick);
+}
+
+// Shares of shape of particle i.
+fn shape_shares(strand: Strand, i: u32) -> vec2f {
+    let fraction = f32(i) / f32(strand.particles - 1u);
+    let tips = 1.0 + (vec2f(frame.tip_global, frame.tip_local) - 1.0) * fraction;
+    return min(vec2f(frame.shape_global, frame.shape_local) * tips * strand_stiffness(strand), vec2f(1.0));
+}
+
+// Eqs. 11 to 14: places particle i, which was at `was` and would go to `predicted`, and ends the step of the one before it.
+fn follow_level(strand: Strand, i: u32, was: vec3f, predicted: vec3f, carried: Carried) -> Carried {
+    let ghost = ghost_at(strand, i);
+    let length = rest_length(strand, i - 1u, 1u);
+    let leader = carried.leader;
+    var x = ghost;
+    var direction = direction_of(ghost - leader);
+    var correction = vec3f(0.0);
+    if i >= frame.clamped {
+        let shares = shape_shares(strand, i);
+        x = predicted + shares.x * (ghost - predicted);
+        let own = local_at(strand, i);
+        let binormal = cross(carried.tangent, carried.normal);
+        let bound = leader + own.x * carried.tangent + own.y * carried.normal + own.z * binormal;
+        x += shares.y * (bound - x);
+        direction = direction_of(x - leader);
+        x = leader + length * direction;
+        correction = x - predicted;
+        if look.count > 0u {
+            let met = level_solids(strand, i, was, x, leader, length);
+            if any(met.xyz != x) {
+                direction = direction_of(met.xyz - leader);
+                x = met.xyz;
+            }
+        }
+    }
+    end_particle(strand, i - 1u, carried, correction);
+    set_position(strand, i, x);
+    return Carried(x, was, direction, turned_normal(carried.tangent, carried.normal, direction));
+}
+
+// Takes particle i, which goes from `was` to `x`, out of solids, its length last where rechecks are asked for.
+fn level_solids(strand: Strand, i: u32, was: vec3f, start: vec3f, leader: vec3f, length: f32) -> vec4f {
+    let at = entry(strand, i, 2u, 1u);
+    let last = memory[at];
+    let left = clearance_left(start, was, last);
+    if left.x > 0.0 {
+        memory[at] = left.x;
+        return vec4f(start, 0.0);
+    }
+    var met = meet_solids(start, (start - was) * frame.inverse_h, was, left.y, last);
+    var x = select(start, met.x, met.touches);
+    var v = met.v;
+    var clearance = met.clearance;
+    var depth = -(clearance + look.thickness);
+    if any(x != start) && frame.recheck > 0u {
+        for (var round = 0u; round <= frame.recheck; round++) {
+            let back = leader + length * direction_of(x - leader);
+            let moved = distance(back, x);
+            depth = max(depth, moved - clearance - look.thickness);
+            // Below zero it is a depth, not a distance.
+            clearance = select(clearance, max(clearance - moved, 0.0), clearance >= 0.0);
+            x = back;
+            if round < frame.recheck && clearance <= 0.0 {
+                let again = meet_solids(x, v, x, 0.0, clearance);
+                clearance = again.clearance;
+                depth = max(depth, -(clearance + look.thickness));
+                if again.touches {
+                    x = again.x;
+                    v = again.v;
+                }
+            }
+        }
+    }
+    memory[at] = clearance;
+    tell_touch(met.touches, depth);
+    return vec4f(x, 0.0);
+}
+
+// Eq. 14: what has been placed takes its velocity, with the correction of the particle after it.
+fn end_particle(strand: Strand, i: u32, carried: Carried, correction: vec3f) {
+    let v = (carried.leader - carried.leader_was) * frame.inverse_h;
+    set_velocity(strand, i, v - frame.dftl_damping * frame.inverse_h * correction);
+    set_previous(strand, i, carried.leader_was);
+}

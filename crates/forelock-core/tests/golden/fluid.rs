@@ -1,0 +1,61 @@
+//! The reference results of follow the leader and smoothed particles together (`dftl/README.md`, the last file), and how far a backend is from them.
+
+use crate::dftl::{poses, strands};
+use crate::golden::{Backend, vectors};
+use forelock_core::model::Strands;
+use forelock_core::solver::{DftlParams, Frame, Options, SolverParams};
+use forelock_core::sph::SphParams;
+use glam::DVec3;
+use num_traits::ToPrimitive;
+use serde_json::Value;
+
+/// The fluid of `dftl_6_sph`, but for its viscosity, which is per mass.
+pub fn fluid_params(file: &Value) -> SphParams {
+    let f = |key: &str| file[key].as_f64().unwrap();
+    SphParams {
+        smoothing_length: f("h"),
+        neighbours: f("K") as u32,
+        pressure: f("k"),
+        viscosity: f("mu"),
+        rest_density: f("rho_scale"),
+        own_strand: !file["skip"].as_bool().unwrap(),
+        mutual: false,
+    }
+}
+
+/// Runs the steps of `dftl_6_sph`, shape and fluid together; the largest distance from the file's positions after them, over the strand's length.
+pub fn coupled_error<B: Backend>(
+    file: &Value,
+    build: impl Fn(&Strands<'_, B::Real>, &SolverParams, Options) -> B,
+) -> f64 {
+    let steps = &file["step"];
+    let poses = poses(steps);
+    let (rest, offsets) = strands::<B::Real>(steps);
+    let strands = Strands { positions: &rest, offsets: &offsets, stiffness: None };
+    let params = DftlParams {
+        tip_scale_global: 1.0,
+        tip_scale_local: 1.0,
+        drag: 0.0,
+        skin_thickness: 0.0,
+        ..DftlParams::default()
+    };
+    let options = Options { rest_pose: poses[0], ..Options::default() };
+    let mut simulation = build(&strands, &(&params).into(), options);
+    for head in poses.windows(2) {
+        simulation.step_frame(&Frame {
+            head: [head[0], head[1]],
+            colliders: &[],
+            gravity: DVec3::new(0.0, -981.0, 0.0),
+            air_velocity: DVec3::ZERO,
+            dt_secs: 0.016,
+        });
+    }
+    let snapshot = simulation.snapshot();
+    let expected: Vec<[f64; 3]> = steps["x5"].as_array().unwrap().iter().flat_map(vectors).collect();
+    let mut worst = 0.0f64;
+    for (p, want) in expected.into_iter().enumerate() {
+        let got = snapshot.positions[p].map(|x| x.to_f64().unwrap());
+        worst = worst.max((DVec3::from(got) + DVec3::from(snapshot.origin)).distance(want.into()));
+    }
+    worst / simulation.model().strand_lengths[0].0[0].to_f64().unwrap()
+}

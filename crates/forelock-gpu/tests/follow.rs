@@ -1,0 +1,293 @@
+//! Follow the leader on a GPU against the same on the CPU.
+
+#![expect(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "a test fails where it cannot be set up, and tells how near it came"
+)]
+
+mod common;
+#[path = "common/little.rs"]
+mod little;
+
+use forelock_core::air::{Wind, WindField, WindParams};
+use forelock_core::body::{ColliderFrame, Head, Sdf, Shape};
+use forelock_core::contact::ContactParams;
+use forelock_core::grid::GridParams;
+use forelock_core::model::Strands;
+use forelock_core::pose::Pose;
+use forelock_core::solver::dftl::Schedule;
+use forelock_core::solver::{DftlParams, Frame, Options, Simulation};
+use forelock_gpu::{Gpu, GpuError, GpuSimulation};
+use glam::{DQuat, DVec3};
+
+const GRAVITY: DVec3 = DVec3::new(0.0, -9.81, 0.0);
+const DT: f64 = 0.016;
+/// How far a strand may be from the same in float64, over how far the CPU's own float32 is from it, and what never counts, over the strand's length.
+const FACTOR: f64 = 3.0;
+const FLOOR: f64 = 2e-6;
+
+/// `count` curls of `particles(strand)` particles each, and their offsets.
+fn tuft(count: u32, particles: impl Fn(u32) -> u32) -> (Vec<[f32; 3]>, Vec<u32>) {
+    let (mut positions, mut offsets) = (Vec::new(), vec![0]);
+    for strand in 0..count {
+        let turn = DQuat::from_rotation_y(2.4 * f64::from(strand));
+        let root = DVec3::new(0.002 * f64::from(strand % 40), 0.0, 0.002 * f64::from(strand / 40));
+        let n = particles(strand);
+        for i in 0..n {
+            let s = f64::from(i) / f64::from(n - 1);
+            let curl = DVec3::new(0.01 * (12.0 * s).cos(), -0.25 * s, 0.01 * (12.0 * s).sin());
+            positions.push((root + turn * curl).as_vec3().to_array());
+        }
+        offsets.push(positions.len() as u32);
+    }
+    (positions, offsets)
+}
+
+/// A head that nods, turns and is shaken.
+fn head(step: u32) -> Pose {
+    let t = f64::from(step) * DT;
+    let turn = DQuat::from_rotation_y((3.0 * t).sin()) * DQuat::from_rotation_x(0.5 * (5.0 * t).sin());
+    Pose::new(turn, DVec3::new(0.1 * (9.0 * t).sin(), 0.0, 2.5 * t * t))
+}
+
+fn options() -> Options {
+    Options { rest_pose: head(0), rest_gravity: GRAVITY, ..Options::default() }
+}
+
+fn frame(number: u32) -> Frame<'static> {
+    Frame {
+        head: [head(number), head(number + 1)],
+        colliders: &[],
+        gravity: GRAVITY,
+        air_velocity: DVec3::new(1.0, 0.0, -2.0),
+        dt_secs: DT,
+    }
+}
+
+/// Solids on the head.
+fn on_head<'a>(shapes: &'a [(Shape, DVec3)], number: u32) -> Vec<ColliderFrame<'a>> {
+    let solid = |(shape, at): &'a (Shape, DVec3)| ColliderFrame {
+        shape,
+        local: Pose::new(DQuat::from_rotation_x(0.3), *at),
+        from: head(number),
+        to: head(number + 1),
+        friction: 0.4,
+    };
+    shapes.iter().map(solid).collect()
+}
+
+/// Distance from the float64 CPU after `steps`, of the median strand or after one step of the worst, over its length: of the GPU, and of the float32 CPU.
+fn errors(
+    gpu: &Gpu,
+    strands: &Strands<'_, f32>,
+    params: [&DftlParams; 2],
+    (solids, wind, steps): (&[(Shape, DVec3)], Option<&WindField>, u32),
+) -> [f64; 2] {
+    let exact: Vec<[f64; 3]> = strands.positions.iter().map(|x| x.map(f64::from)).collect();
+    let exact = Strands { positions: &exact, offsets: strands.offsets, stiffness: strands.stiffness };
+    let mut own = GpuSimulation::from_strands(gpu, strands, params[0], &options()).unwrap();
+    let mut cpu = Simulation::from_strands(strands, params[1], &options()).unwrap();
+    let mut truth = Simulation::<f64>::from_strands(&exact, params[1], &options()).unwrap();
+    for number in 0..steps {
+        let colliders = on_head(solids, number);
+        let frame = Frame { colliders: &colliders, ..frame(number) };
+        own.step_frame_in(&frame, wind).unwrap();
+        truth.step_frame_in(&frame, wind).unwrap();
+        let expected = cpu.step_frame_in(&frame, wind).unwrap();
+        let report = own.report().unwrap();
+        let (touching, of) = (f64::from(report.touching), f64::from(expected.touching));
+        assert!((touching - of).abs() <= 10.0 + 0.25 * of, "{report:?}, {expected:?}");
+        let depth = f64::from(report.max_penetration_m) - expected.max_penetration_m;
+        assert!(depth.abs() < 3e-3 && report.quarantined_strands == 0, "{report:?}, {expected:?}");
+        if params[0].recheck > 0 {
+            assert!(report.max_edge_stretch < 2e-5 && report.max_edge_stretch_final < 2e-5, "{report:?}");
+        }
+    }
+    let truth = truth.snapshot();
+    [own.snapshot().unwrap(), cpu.snapshot()].map(|found| {
+        assert_eq!(found.origin, truth.origin);
+        let apart = |a: [f32; 3], b: [f64; 3]| {
+            let d = DVec3::from(a.map(f64::from)) - DVec3::from(b);
+            if d.is_finite() { d.length() } else { f64::INFINITY }
+        };
+        let of_particle = |p: usize| {
+            let places = apart(found.positions[p], truth.positions[p])
+                .max(apart(found.previous[p], truth.previous[p]));
+            // Velocities hold the load of all the strand.
+            places.max(0.1 * DT * apart(found.velocities[p], truth.velocities[p])) / 0.25
+        };
+        let of_strand =
+            |ends: &[u32]| (ends[0]..ends[1]).map(|p| of_particle(p as usize)).fold(0.0, f64::max);
+        let mut errors: Vec<f64> = strands.offsets.windows(2).map(of_strand).collect();
+        errors.sort_by(f64::total_cmp);
+        if steps == 1 { errors[errors.len() - 1] } else { errors[errors.len() / 2] }
+    })
+}
+
+fn is_close([gpu, cpu]: [f64; 2]) -> bool {
+    gpu <= FACTOR * cpu + FLOOR
+}
+
+const SCHEDULES: [Schedule; 3] = [Schedule::Fused, Schedule::Strands, Schedule::Particles];
+
+#[test]
+fn any_count_of_strands_and_particles_in_every_schedule() {
+    let Some(gpu) = common::gpu() else { return };
+    for schedule in SCHEDULES {
+        let params = DftlParams { schedule, ..DftlParams::default() };
+        for (count, particles) in
+            [(1, 30), (15, 9), (17, 9), (64, 12), (65, 12), (300, 25), (40, 2), (40, 3), (20, 150)]
+        {
+            for mixed in [false, true] {
+                let (positions, offsets) =
+                    tuft(count, |strand| particles + if mixed { strand % 7 } else { 0 });
+                let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+                let errors = errors(&gpu, &strands, [&params; 2], (&[], None, 4));
+                assert!(is_close(errors), "{count} × {particles}, mixed {mixed}, {schedule:?}: {errors:?}");
+            }
+        }
+    }
+}
+
+/// Every parameter is felt as on the CPU, and one that is off is seen.
+#[test]
+fn every_parameter_is_felt() {
+    let Some(gpu) = common::gpu() else { return };
+    let (positions, offsets) = tuft(40, |_| 20);
+    let stiffness: Vec<f32> = (0..40).map(|k| 0.2 * k as f32).collect();
+    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: Some(&stiffness) };
+    let base = DftlParams::default();
+    let others = [
+        DftlParams { shape_global: 0.1, ..base.clone() },
+        DftlParams { shape_local: 0.4, ..base.clone() },
+        DftlParams { tip_scale_global: 1.0, ..base.clone() },
+        DftlParams { tip_scale_local: 1.0, ..base.clone() },
+        DftlParams { damping: 0.5, ..base.clone() },
+        DftlParams { sag_free: true, ..base.clone() },
+        DftlParams { drag: 8.0, ..base.clone() },
+        DftlParams { clamped: 3, ..base.clone() },
+    ];
+    for params in &others {
+        let alike = errors(&gpu, &strands, [params; 2], (&[], None, 8));
+        assert!(is_close(alike), "{params:?}: {alike:?}");
+        let off = errors(&gpu, &strands, [params, &base], (&[], None, 8));
+        assert!(!is_close(off) && off[0] > 1e-4, "{params:?} is not seen: {off:?}");
+    }
+}
+
+#[test]
+fn solids_are_met_as_on_the_cpu() {
+    let Some(gpu) = common::gpu() else { return };
+    let (positions, offsets) = tuft(120, |strand| 20 + strand % 3);
+    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let field = Sdf::from_mesh(&Head::builtin().mesh, 48, 0.02).unwrap();
+    let ball = Shape::Sphere { radius: 0.05 };
+    let capsule = Shape::Capsule { radius: 0.03, half_length: 0.08 };
+    let below = DVec3::new(0.03, -0.12, 0.02);
+    let scenes: [&[(Shape, DVec3)]; 3] = [
+        &[(ball.clone(), below)],
+        &[(ball, below), (capsule, DVec3::new(0.06, -0.2, 0.0)), (Shape::Plane, DVec3::new(0.0, -0.24, 0.0))],
+        &[(Shape::Sdf(std::sync::Arc::new(field)), DVec3::new(0.0, -0.16, 0.0))],
+    ];
+    for (number, solids) in scenes.into_iter().enumerate() {
+        for (recheck, schedule) in
+            [(2, Schedule::Fused), (0, Schedule::Fused), (2, Schedule::Strands), (2, Schedule::Particles)]
+        {
+            let params = DftlParams { recheck, schedule, ..DftlParams::default() };
+            for steps in [1, 12] {
+                let errors = errors(&gpu, &strands, [&params; 2], (solids, None, steps));
+                println!("scene {number}, recheck {recheck}, {schedule:?}, {steps} steps: {errors:?}");
+                // A strand that solids hold by a hair's breadth falls to either side.
+                assert!(is_close(errors) || (steps > 1 && errors[0] < 1e-3), "{errors:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_wind_with_turbulence_blows_as_on_the_cpu() {
+    let Some(gpu) = common::gpu() else { return };
+    let (positions, offsets) = tuft(60, |_| 20);
+    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let params = WindParams { velocity: DVec3::new(3.0, 0.0, 1.0), turbulence: 0.5, ..WindParams::default() };
+    let wind = Wind::new(&params).unwrap().at(0.3);
+    for schedule in SCHEDULES {
+        let params = DftlParams { schedule, ..DftlParams::default() };
+        let errors = errors(&gpu, &strands, [&params; 2], (&[], Some(&wind), 8));
+        assert!(is_close(errors), "{schedule:?}: {errors:?}");
+        let still = DftlParams { drag: 0.0, ..params.clone() };
+        let off = self::errors(&gpu, &strands, [&params, &still], (&[], Some(&wind), 8));
+        assert!(off[0] > 1e-3, "{off:?}");
+    }
+}
+
+/// Two runs, in one batch or many, over a snapshot: the same bits, which all schedules share as far as a driver rounds alike.
+#[test]
+fn the_bits_are_the_same_each_time() {
+    let Some(gpu) = common::gpu() else { return };
+    let little = little::binding_little(&gpu, 1 << 18);
+    let (positions, offsets) = tuft(400, |strand| 12 + strand % 2);
+    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let solids = [(Shape::Sphere { radius: 0.05 }, DVec3::new(0.03, -0.12, 0.02))];
+    for schedule in SCHEDULES {
+        let params = DftlParams { schedule, ..DftlParams::default() };
+        let run = |gpu: &Gpu, broken: Option<u32>, contacts: bool| {
+            let new = || {
+                let mut own = GpuSimulation::from_strands(gpu, &strands, &params, &options()).unwrap();
+                own.set_contacts(contacts.then_some(&ContactParams::default())).unwrap();
+                own
+            };
+            let mut own = new();
+            for number in 0..if contacts { 3 } else { 10 } {
+                if broken == Some(number) {
+                    let snapshot = own.snapshot().unwrap();
+                    own = new();
+                    own.restore(&snapshot).unwrap();
+                }
+                own.step_frame(&Frame { colliders: &on_head(&solids, number), ..frame(number) }).unwrap();
+            }
+            own.state_hash().unwrap()
+        };
+        let whole = run(&gpu, None, false);
+        assert_eq!([run(&gpu, None, false), run(&gpu, Some(6), false)], [whole; 2], "{schedule:?}");
+        if schedule == Schedule::Fused {
+            assert_eq!(run(&gpu, None, true), run(&gpu, Some(1), true), "with contacts");
+        }
+        assert_eq!(run(&gpu, None, false), run(&little, Some(3), false), "{schedule:?} in batches");
+    }
+}
+
+/// What goes on from the CPU goes on with the motion that drag feels; a strand that is not finite is put back.
+#[test]
+fn what_began_on_the_cpu_goes_on() {
+    let Some(gpu) = common::gpu() else { return };
+    let (positions, offsets) = tuft(33, |_| 12);
+    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let mut cpu = Simulation::from_strands(&strands, &DftlParams::default(), &options()).unwrap();
+    for number in 0..5 {
+        cpu.step_frame(&frame(number)).unwrap();
+    }
+    let mut own = GpuSimulation::continuing(&gpu, &cpu).unwrap();
+    assert_eq!(own.snapshot().unwrap(), cpu.snapshot());
+    own.step_frame(&frame(5)).unwrap();
+    cpu.step_frame(&frame(5)).unwrap();
+    let far = |own: &mut GpuSimulation, cpu: &Simulation| {
+        let (a, b) = (own.snapshot().unwrap().positions, cpu.snapshot().positions);
+        a.iter()
+            .zip(&b)
+            .map(|(a, b)| (DVec3::from(a.map(f64::from)) - DVec3::from(b.map(f64::from))).length())
+            .fold(0.0, f64::max)
+    };
+    assert!(far(&mut own, &cpu) < 1e-6);
+    let mut sick = own.snapshot().unwrap();
+    sick.previous[20 * 12 + 5][1] = f32::NAN;
+    own.restore(&sick).unwrap();
+    own.step_frame(&frame(6)).unwrap();
+    assert_eq!(own.report().unwrap().quarantined_strands, 1);
+    own.step_frame(&frame(7)).unwrap();
+    assert_eq!(own.report().unwrap().quarantined_strands, 0);
+    assert!(own.snapshot().unwrap().previous.iter().flatten().all(|x| x.is_finite()));
+    // What is not there yet is said.
+    assert!(matches!(own.set_grid(Some(&GridParams::default())), Err(GpuError::Unsupported { .. })));
+}
