@@ -1,10 +1,10 @@
-//! Milliseconds a frame of the AMS solver, stage by stage: 10,298 strands × 30 particles on the built-in head, with
+//! Milliseconds a frame of a solver on the CPU, stage by stage: 10,298 strands × 30 particles on the built-in head, with
 //! springs, both ghost ties, the length pass and the head's distance field, the head turning or in another built-in motion.
 //!
 //! Every frame is timed in each of `repeats` runs from the same start, and its least time counts: on a machine that is
 //! shared, the rest is other people's work.
 //!
-//! `cargo run --release -p forelock-core --example frame_time -- [threads] [frames] [repeats] [none|RESOLUTION of the grid] [contacts|free] [motion] [simd]`
+//! `cargo run --release -p forelock-core --example frame_time -- [threads] [frames] [repeats] [none|sph|RESOLUTION of the grid] [contacts|free] [motion] [SIMD|Auto] [ams|dftl]`
 
 #![expect(clippy::print_stdout, reason = "an example that measures says what")]
 
@@ -13,7 +13,10 @@ use forelock_core::contact::ContactParams;
 use forelock_core::grid::GridParams;
 use forelock_core::groom::grow::{GrowParams, grow_on_head};
 use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams, Frame, FrameReport, Options, STAGES, Simd, Simulation};
+use forelock_core::solver::{
+    AmsParams, DftlParams, Frame, FrameReport, Options, STAGES, Simd, Simulation, SolverParams,
+};
+use forelock_core::sph::SphParams;
 use glam::DVec3;
 use std::sync::Arc;
 use std::time::Instant;
@@ -26,26 +29,43 @@ fn main() -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     let threads = arguments.next().map_or(Ok(2), |a| a.parse())?;
     let frames = arguments.next().map_or(Ok(120), |a| a.parse())?;
     let repeats = arguments.next().map_or(Ok(3), |a| a.parse())?;
-    let grid = match arguments.next().as_deref() {
-        None | Some("none") => None,
-        Some(resolution) => Some(GridParams { resolution: resolution.parse()?, ..GridParams::default() }),
-    };
-    let contacts = arguments.next().is_some_and(|a| a == "contacts").then(ContactParams::default);
+    let mut meets = Meets::default();
+    match arguments.next().as_deref() {
+        None | Some("none") => {}
+        Some("sph") => meets.particles = Some(SphParams::default()),
+        Some(resolution) => {
+            meets.grid = Some(GridParams { resolution: resolution.parse()?, ..GridParams::default() });
+        }
+    }
+    meets.contacts = arguments.next().is_some_and(|a| a == "contacts").then(ContactParams::default);
     let motion = Motion::by_name(arguments.next().as_deref().unwrap_or("turn"))?;
     let simd = match arguments.next().as_deref() {
-        None => Simd::Auto,
+        None | Some("Auto") => Simd::Auto,
         Some(name) => *Simd::ALL.iter().find(|s| format!("{s:?}") == name).ok_or("no such simd")?,
+    };
+    let solver = match arguments.next().as_deref() {
+        None | Some("ams") => SolverParams::from(&AmsParams::default()),
+        Some("dftl") => (&DftlParams::default()).into(),
+        Some(_) => return Err("no such solver".into()),
     };
     rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .build()?
-        .install(|| run(threads, (frames, repeats), (grid.as_ref(), contacts.as_ref()), &motion, simd))
+        .install(|| run(threads, (frames, repeats), (&solver, &meets), &motion, simd))
+}
+
+/// Where strands meet.
+#[derive(Default)]
+struct Meets {
+    grid: Option<GridParams>,
+    particles: Option<SphParams>,
+    contacts: Option<ContactParams>,
 }
 
 fn run(
     threads: usize,
     (frames, repeats): (u32, u32),
-    (grid, contacts): (Option<&GridParams>, Option<&ContactParams>),
+    (solver, meets): (&SolverParams, &Meets),
     motion: &Motion,
     simd: Simd,
 ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
@@ -54,9 +74,10 @@ fn run(
     let shape = Shape::Sdf(Arc::new(Sdf::from_mesh(&Head::builtin().mesh, 128, 0.02)?));
     let gravity = DVec3::new(0.0, -9.81, 0.0);
     let options = Options { simd, rest_gravity: gravity, ..Options::default() };
-    let mut simulation = Simulation::new(&groom, &AmsParams::default(), &options)?;
-    simulation.set_grid(grid)?;
-    simulation.set_contacts(contacts)?;
+    let mut simulation = Simulation::new(&groom, solver, &options)?;
+    simulation.set_grid(meets.grid.as_ref())?;
+    simulation.set_particles(meets.particles.as_ref())?;
+    simulation.set_contacts(meets.contacts.as_ref())?;
     let start = simulation.snapshot();
     let dt_secs = 1.0 / 60.0;
     // Milliseconds: the whole frame, then each stage; a row a frame, the least of all runs.
@@ -103,10 +124,13 @@ fn run(
         "stretch {:.1e}, after solids {:.1e}, penetration {:.1e} m",
         last.max_edge_stretch, last.max_edge_stretch_final, last.max_penetration_m
     );
-    if grid.is_some() {
+    if meets.particles.is_some() {
+        println!("particles {:?}", last.particles);
+    }
+    if meets.grid.is_some() {
         println!("grid {:?}", last.grid);
     }
-    if contacts.is_some() {
+    if meets.contacts.is_some() {
         println!("contacts {:?}", last.strand_contacts);
     }
     println!("state {:016x}", simulation.state_hash());

@@ -183,8 +183,8 @@ fn check_fluid<T: SolverReal>(file: &Value, tolerances: [f64; 2]) {
         .zip(places.zip(list("strand")))
         .map(|(number, ((x, u), strand))| Particle { x, u, number, strand: strand.as_u64().unwrap() as u32 })
         .collect();
-    let fluid =
-        Fluid::<T>::new(file["h"].as_f64().unwrap(), file["m"].as_f64().unwrap(), &fluid::fluid_params(file));
+    let f = |key: &str| file[key].as_f64().unwrap();
+    let fluid = Fluid::<T>::new(f("h"), f("m"), &fluid::fluid_params(file)).pushing(f("k"), f("mu"));
     let mut neighbours = Neighbours::default();
     neighbours.find(&particles, &fluid);
     let rest: Vec<T> = list("rho0").map(float).collect();
@@ -220,14 +220,16 @@ fn wet<T: SolverReal>(
     simd: Simd,
 ) -> impl Fn(&Strands<'_, T>, &SolverParams, Options) -> Simulation<T> {
     let params = fluid::fluid_params(file);
+    let [k, mu] = ["k", "mu"].map(|key| file[key].as_f64().unwrap());
     move |strands, solver, options| {
         let mut simulation = with::<T>(simd)(strands, solver, options);
         // The file's particles have a mass of 1, ours a mean density of 1.
-        let kernel = 315.0 / (64.0 * std::f64::consts::PI * params.smoothing_length.powi(3));
+        let (h, step) = (params.smoothing_length, 0.016);
+        let kernel = 315.0 / (64.0 * std::f64::consts::PI * h.powi(3));
         let mass =
             Sph::new(simulation.model(), &params).fluid().density(T::zero()).to_f64().unwrap() / kernel;
-        let viscosity = params.viscosity * mass;
-        simulation.set_particles(Some(&SphParams { viscosity, ..params.clone() })).unwrap();
+        let (pressure, viscosity) = (k * step * step / (h * h), mu * mass * step / (h * h));
+        simulation.set_particles(Some(&SphParams { pressure, viscosity, ..params.clone() })).unwrap();
         simulation
     }
 }

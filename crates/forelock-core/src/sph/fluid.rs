@@ -33,15 +33,15 @@ pub struct Fluid<T> {
 }
 
 impl<T: Real> Fluid<T> {
-    /// Particles of `mass` that feel each other up to `h`, under `params`, whose smoothing length does not count here.
+    /// Particles of `mass` that feel each other up to `h`, with neighbours as `params` have it, and as yet without pressure and viscosity.
     pub fn new(h: f64, mass: f64, params: &super::SphParams) -> Self {
         let factors = [315.0 / (64.0 * PI * h.powi(3)), 45.0 / (PI * h.powi(4)), 45.0 / (PI * h.powi(5))];
         Self {
             h: number(h),
             h2: number(h * h),
             masses: factors.map(|factor| number(mass * factor)),
-            pressure: number(params.pressure),
-            viscosity: number(params.viscosity),
+            pressure: T::zero(),
+            viscosity: T::zero(),
             neighbours: params.neighbours as usize,
             own_strand: params.own_strand,
             mutual: params.mutual,
@@ -52,6 +52,12 @@ impl<T: Real> Fluid<T> {
     #[must_use]
     pub fn heavier(self, factor: f64) -> Self {
         Self { masses: self.masses.map(|mass| mass * number(factor)), ..self }
+    }
+
+    /// The same fluid with k = `pressure` and μ = `viscosity`.
+    #[must_use]
+    pub fn pushing(self, pressure: f64, viscosity: f64) -> Self {
+        Self { pressure: number(pressure), viscosity: number(viscosity), ..self }
     }
 
     /// m W of a particle at the square `d2` of a distance, under h².

@@ -10,7 +10,7 @@
 //! speed is the strand's motion, not the velocity that follow the leader stores.
 //!
 //! # Limitations
-//! Steps are explicit: a pressure or viscosity beyond what [`SphParams`] says for a step makes hair jitter.
+//! Steps are explicit: the upper half of the ranges of [`SphParams`] makes hair jitter, and steps much longer than 16 ms do so earlier.
 //!
 //! [`find_neighbours`]: crate::stage::find_neighbours
 //! [`push_particles`]: crate::stage::push_particles
@@ -23,6 +23,7 @@ pub use params::SphParams;
 
 use crate::lane::{LANES, Real, Row};
 use crate::model::Model;
+use crate::solver::dftl::STATED_STEP_SECS;
 use crate::stage::find_neighbours::{CHUNK, Neighbours, Particle};
 use crate::stage::push_particles;
 use crate::state::{State, number, vector};
@@ -94,7 +95,10 @@ impl<T: Real> Sph<T> {
         let count = particles.len();
         Self {
             params: params.clone(),
-            fluid: fluid.heavier(mass),
+            fluid: fluid.heavier(mass).pushing(
+                params.pressure * (h / STATED_STEP_SECS).powi(2),
+                params.viscosity * h * h / STATED_STEP_SECS,
+            ),
             rest_density,
             places,
             numbers,
@@ -171,14 +175,6 @@ impl<T: Real> Sph<T> {
         let dense = self.neighbours.density.par_iter().zip(&self.neighbours.sorted).with_min_len(CHUNK);
         let densest = dense.map(over).reduce(|| 0.0, f64::max);
         let neighbours: u64 = self.neighbours.counts.iter().map(|&count| u64::from(count)).sum();
-        if std::env::var_os("DBG").is_some() {
-            let cand: u64 = 0;
-            eprintln!(
-                "h {:?} densest {densest:.2} mean n {:.2} secs {secs:?} {cand}",
-                self.fluid.h,
-                neighbours as f64 / self.particles.len() as f64
-            );
-        }
         SphReport { densest, neighbours: neighbours as f64 / self.particles.len().max(1) as f64, secs }
     }
 }

@@ -5,7 +5,8 @@ use crate::solver::params::{NON_NEGATIVE, POSITIVE, check};
 
 /// Parameters of hair against hair through smoothed particles (Sánchez-Banderas et al. 2015, Sec. 3.2; Müller et al. 2003).
 ///
-/// Densities are relative to the mean of the groom at rest, so pressure and viscosity are those of a fluid over its density.
+/// Densities are relative to the mean of the groom at rest. Pressure and viscosity are told relative to the smoothing length h and the paper's step of 16 ms, so that they mean the same for hair of any density and size, and
+/// do not change with the step.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -17,9 +18,9 @@ pub struct SphParams {
     pub smoothing_length: f64,
     /// Neighbours that a particle takes into account, the nearest ones, K. Unit particles, default 16, range 1 to 64.
     pub neighbours: u32,
-    /// Growth of the pressure with the density beyond that at rest, the square of a speed of sound, k. Unit m²/s², default 0.05, range 0 or more; 0 switches it off. A step of Δt takes up to about (h/Δt)².
+    /// Growth of the pressure with the density beyond that at rest: k over (h/16 ms)², the square of a speed. No unit, default 0.05, range 0 to 0.5; 0 switches it off.
     pub pressure: f64,
-    /// Kinematic viscosity, what neighbours take from each other's speed, μ over the density. Unit m²/s, default 2e-4, range 0 or more; 0 switches it off. A step of Δt takes up to about h²/(4 Δt).
+    /// How much neighbours take of each other's speed: the kinematic viscosity over h²/16 ms. No unit, default 0.02, range 0 to 0.2; 0 switches it off.
     pub viscosity: f64,
     /// Density from which on hair is pressed, over that of the groom at rest. No unit, default 1, range above 0.
     pub rest_density: f64,
@@ -35,7 +36,7 @@ impl Default for SphParams {
             smoothing_length: 0.0,
             neighbours: 16,
             pressure: 0.05,
-            viscosity: 2e-4,
+            viscosity: 0.02,
             rest_density: 1.0,
             own_strand: false,
             mutual: true,
@@ -52,8 +53,8 @@ impl SphParams {
         check(&[
             ("smoothing_length", self.smoothing_length, NON_NEGATIVE),
             ("neighbours", f64::from(self.neighbours), ("between 1 and 64", |x| (1.0..=64.0).contains(&x))),
-            ("pressure", self.pressure, NON_NEGATIVE),
-            ("viscosity", self.viscosity, NON_NEGATIVE),
+            ("pressure", self.pressure, ("between 0 and 0.5", |x| (0.0..=0.5).contains(&x))),
+            ("viscosity", self.viscosity, ("between 0 and 0.2", |x| (0.0..=0.2).contains(&x))),
             ("rest_density", self.rest_density, POSITIVE),
         ])
     }

@@ -9,17 +9,16 @@ use glam::DVec3;
 use num_traits::ToPrimitive;
 use serde_json::Value;
 
-/// The fluid of `dftl_6_sph`, but for its viscosity, which is per mass.
+/// The neighbours of the fluid of `dftl_6_sph`, which pushes with `k` and `mu` of the file.
 pub fn fluid_params(file: &Value) -> SphParams {
     let f = |key: &str| file[key].as_f64().unwrap();
     SphParams {
         smoothing_length: f("h"),
         neighbours: f("K") as u32,
-        pressure: f("k"),
-        viscosity: f("mu"),
         rest_density: f("rho_scale"),
         own_strand: !file["skip"].as_bool().unwrap(),
         mutual: false,
+        ..SphParams::default()
     }
 }
 

@@ -11,8 +11,9 @@
 //! sums over these, in that order, and so does not depend on the order of particles in their buckets.
 //!
 //! # Practice
-//! Particles of one cell share the list of what is near. Buckets that several of the 27 cells have in common are looked up once; what shares a bucket by chance is not within h. Lists hold places
-//! in the sorted order, in which neighbours in space are neighbours in memory.
+//! Particles of one cell share the buckets around it. Those that several of the 27 cells have in common are gone through once; what shares a bucket by chance is not within h. A particle begins with its own
+//! cell; once its list is full it passes over what is farther than the last of it, and whole cells: so it is the spread of K particles that is searched, not that of h, which in locks holds a hundred times as
+//! many. Places are gone through eight at a time, by the registers that the processor has; the bits are the same. Lists hold places in the sorted order, in which neighbours in space are neighbours in memory.
 //!
 //! # Limitations
 //! Where more than K are within h the farther ones are left out: densities of hair that is denser than the lists saturate.
@@ -20,8 +21,9 @@
 use crate::lane::Real;
 use crate::scratch::{fill, resize};
 use crate::sph::Fluid;
+use crate::state::number;
 use rayon::prelude::*;
-use std::sync::{Mutex, PoisonError};
+use std::ops::Range;
 
 /// A particle of the fluid.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -47,7 +49,7 @@ pub(crate) const CHUNK: usize = 1024;
 type Bound<T> = (T, u32);
 
 /// Particles sorted by bucket, and what is near each.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Neighbours<T> {
     /// The particles, in their sorted order.
     pub sorted: Vec<Particle<T>>,
@@ -64,41 +66,9 @@ pub struct Neighbours<T> {
     /// Where each bucket begins, and its end.
     starts: Vec<u32>,
     buckets: Vec<u32>,
-    scratch: Vec<Mutex<Near<T>>>,
-}
-
-/// What is near a cell, and what of it is near a particle.
-#[derive(Debug)]
-struct Near<T> {
-    cell: [i32; 3],
+    /// Coordinates of the particles, in their sorted order, and their numbers and strands.
     x: [Vec<T>; 3],
-    slots: Vec<u32>,
-    squares: Vec<T>,
-    /// Square of the distance, number and slot.
-    found: Vec<(T, u32, u32)>,
-}
-
-impl<T: Real> Default for Neighbours<T> {
-    fn default() -> Self {
-        let near = || Near {
-            cell: [0; 3],
-            x: [const { Vec::new() }; 3],
-            slots: Vec::new(),
-            squares: Vec::new(),
-            found: Vec::new(),
-        };
-        Self {
-            sorted: Vec::new(),
-            slots: Vec::new(),
-            lists: Vec::new(),
-            counts: Vec::new(),
-            density: Vec::new(),
-            bounds: Vec::new(),
-            starts: Vec::new(),
-            buckets: Vec::new(),
-            scratch: (0..rayon::current_num_threads().max(1)).map(|_| Mutex::new(near())).collect(),
-        }
-    }
+    names: Vec<[u32; 2]>,
 }
 
 /// The cell of a place, cells being `h` wide.
@@ -117,17 +87,12 @@ fn bucket(cell: [i32; 3], buckets: usize) -> u32 {
 impl<T: Real> Neighbours<T> {
     /// Bytes held.
     pub fn bytes(&self) -> usize {
-        let near = |near: &Mutex<Near<T>>| {
-            let near = near.lock().unwrap_or_else(PoisonError::into_inner);
-            near.slots.capacity() * (4 + 4 * size_of::<T>())
-                + near.found.capacity() * size_of::<(T, u32, u32)>()
-        };
         self.sorted.capacity() * size_of::<Particle<T>>()
             + 4 * (self.slots.capacity() + self.lists.capacity() + self.counts.capacity())
-            + self.density.capacity() * size_of::<T>()
+            + (self.density.capacity() + 3 * self.x[0].capacity()) * size_of::<T>()
+            + 8 * self.names.capacity()
             + self.bounds.capacity() * size_of::<Bound<T>>()
             + 4 * (self.starts.capacity() + self.buckets.capacity())
-            + self.scratch.iter().map(near).sum::<usize>()
     }
 
     /// Finds the neighbours of `particles`, which are in the order of their numbers, and the densities.
@@ -138,20 +103,14 @@ impl<T: Real> Neighbours<T> {
         resize(&mut self.counts, count, 0);
         resize(&mut self.density, count, T::zero());
         resize(&mut self.bounds, count, (T::zero(), 0));
-        let Self { sorted, lists, counts, density, bounds, starts, scratch, .. } = self;
-        let (sorted, starts, scratch) = (&*sorted, &*starts, &*scratch);
+        let Self { lists, counts, density, bounds, starts, x, names, .. } = self;
+        let search = Search { x: x.each_ref().map(Vec::as_slice), names, starts, fluid };
         let outputs = lists
             .par_chunks_mut(CHUNK * k)
             .zip(counts.par_chunks_mut(CHUNK))
             .zip(density.par_chunks_mut(CHUNK).zip(bounds.par_chunks_mut(CHUNK)));
         outputs.enumerate().for_each(|(chunk, ((lists, counts), (density, bounds)))| {
-            let worker = rayon::current_thread_index().unwrap_or(0) % scratch.len();
-            let mut near = scratch[worker].lock().unwrap_or_else(PoisonError::into_inner);
-            near.slots.clear();
-            let rows = lists.chunks_mut(k).zip(counts).zip(density.iter_mut().zip(bounds));
-            for (slot, ((list, count), (density, bound))) in (chunk * CHUNK..).zip(rows) {
-                (*count, *density, *bound) = near.of_particle((sorted, starts), slot, fluid, list);
-            }
+            search.chunk(chunk * CHUNK, Found { lists, counts, density, bounds });
         });
     }
 
@@ -178,6 +137,16 @@ impl<T: Real> Neighbours<T> {
             self.slots[number] = *slot;
             self.sorted[*slot as usize] = particles[number];
         }
+        resize(&mut self.names, count, [0; 2]);
+        let name = |(name, particle): (&mut [u32; 2], &Particle<T>)| {
+            *name = [particle.number, particle.strand];
+        };
+        self.names.par_iter_mut().zip(&self.sorted).with_min_len(CHUNK).for_each(name);
+        for (c, x) in self.x.iter_mut().enumerate() {
+            resize(x, count, T::zero());
+            let rows = x.par_iter_mut().zip(&self.sorted).with_min_len(CHUNK);
+            rows.for_each(|(x, particle)| *x = particle.x[c]);
+        }
     }
 
     /// The neighbours of the particle at `slot`, as slots.
@@ -194,77 +163,251 @@ impl<T: Real> Neighbours<T> {
     }
 }
 
-impl<T: Real> Near<T> {
-    /// Fills the `list` of the particle at `slot`; how many there are, how dense it is there, and how far the list goes.
-    fn of_particle(
-        &mut self,
-        (sorted, starts): (&[Particle<T>], &[u32]),
-        slot: usize,
-        fluid: &Fluid<T>,
-        list: &mut [u32],
-    ) -> (u32, T, Bound<T>) {
-        let own = &sorted[slot];
-        let at = cell(&own.x, fluid.h);
-        if self.slots.is_empty() || at != self.cell {
-            self.gather((sorted, starts), at);
-        }
-        let [xs, ys, zs] = &self.x;
-        let others = xs.iter().zip(ys).zip(zs);
-        for (square, ((x, y), z)) in self.squares.iter_mut().zip(others) {
-            let d = [*x - own.x[0], *y - own.x[1], *z - own.x[2]];
-            *square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
-        }
-        self.found.clear();
-        for (&square, &other) in self.squares.iter().zip(&self.slots) {
-            if square < fluid.h2 && other as usize != slot {
-                let particle = &sorted[other as usize];
-                if fluid.own_strand || particle.strand != own.strand {
-                    self.found.push((square, particle.number, other));
-                }
+/// What is searched.
+struct Search<'a, T> {
+    x: [&'a [T]; 3],
+    names: &'a [[u32; 2]],
+    starts: &'a [u32],
+    fluid: &'a Fluid<T>,
+}
+
+/// What is found of some particles.
+struct Found<'a, T> {
+    lists: &'a mut [u32],
+    counts: &'a mut [u32],
+    density: &'a mut [T],
+    bounds: &'a mut [Bound<T>],
+}
+
+/// Neighbours at most.
+pub const MOST_NEIGHBOURS: usize = 64;
+/// Places that are gone through at once.
+const ABREAST: usize = 8;
+/// What rounding may make of a distance to a cell, as a share of it.
+const ROUNDING: f64 = 1e-4;
+
+/// The nearest neighbours so far, nearest first.
+struct Nearest<T> {
+    squares: [T; MOST_NEIGHBOURS],
+    numbers: [u32; MOST_NEIGHBOURS],
+    slots: [u32; MOST_NEIGHBOURS],
+    len: usize,
+    most: usize,
+    /// The square of the distance from which on nothing counts.
+    bound: T,
+}
+
+impl<T: Real> Nearest<T> {
+    #[inline(always)]
+    fn insert(&mut self, square: T, number: u32, slot: u32) {
+        let mut at = self.len;
+        if at == self.most {
+            at -= 1;
+            if square == self.squares[at] && number > self.numbers[at] {
+                return;
             }
+        } else {
+            self.len += 1;
         }
-        let nearer = |a: &(T, u32, u32), b: &(T, u32, u32)| {
-            a.0.partial_cmp(&b.0).unwrap_or(std::cmp::Ordering::Equal).then(a.1.cmp(&b.1))
-        };
-        let mut bound = (T::infinity(), 0);
-        if self.found.len() > list.len() {
-            self.found.select_nth_unstable_by(list.len() - 1, nearer);
-            self.found.truncate(list.len());
-            let (square, number, _) = self.found[list.len() - 1];
-            bound = (square, number);
+        while at > 0
+            && (square < self.squares[at - 1]
+                || (square == self.squares[at - 1] && number < self.numbers[at - 1]))
+        {
+            self.squares[at] = self.squares[at - 1];
+            self.numbers[at] = self.numbers[at - 1];
+            self.slots[at] = self.slots[at - 1];
+            at -= 1;
         }
-        self.found.sort_unstable_by(nearer);
-        let mut density = fluid.density(T::zero());
-        for (place, (square, _, other)) in list.iter_mut().zip(&self.found) {
-            *place = *other;
-            density = density + fluid.density(*square);
+        (self.squares[at], self.numbers[at], self.slots[at]) = (square, number, slot);
+        if self.len == self.most {
+            self.bound = self.squares[self.most - 1];
         }
-        #[expect(clippy::cast_possible_truncation, reason = "no more than fit into the list")]
-        (self.found.len() as u32, density, bound)
+    }
+}
+
+impl<T: Real> Search<'_, T> {
+    /// The neighbours of the particles from `first` on.
+    fn chunk(&self, first: usize, found: Found<'_, T>) {
+        #[cfg(target_arch = "x86_64")]
+        if is_x86_feature_detected!("avx2") {
+            // SAFETY: it is there.
+            return unsafe { self.chunk_avx2(first, found) };
+        }
+        self.chunk_of(first, found);
     }
 
-    /// Takes up what is in the cells around `at`.
-    fn gather(&mut self, (sorted, starts): (&[Particle<T>], &[u32]), at: [i32; 3]) {
-        self.cell = at;
-        self.slots.clear();
-        self.x.iter_mut().for_each(Vec::clear);
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn chunk_avx2(&self, first: usize, found: Found<'_, T>) {
+        self.chunk_of(first, found);
+    }
+
+    #[inline(always)]
+    fn chunk_of(&self, first: usize, found: Found<'_, T>) {
+        let k = self.fluid.neighbours.min(MOST_NEIGHBOURS);
+        let mut around = Around::default();
+        let mut nearest = Nearest {
+            squares: [T::zero(); MOST_NEIGHBOURS],
+            numbers: [0; MOST_NEIGHBOURS],
+            slots: [0; MOST_NEIGHBOURS],
+            len: 0,
+            most: k,
+            bound: T::zero(),
+        };
+        let rows = found.lists.chunks_exact_mut(k).zip(found.counts);
+        let rows = rows.zip(found.density.iter_mut().zip(found.bounds));
+        for (slot, ((list, count), (density, bound))) in (first..).zip(rows) {
+            (nearest.len, nearest.bound) = (0, self.fluid.h2);
+            self.around(slot, &mut around, &mut nearest);
+            *density = self.fluid.density(T::zero());
+            for n in 0..nearest.len {
+                list[n] = nearest.slots[n];
+                *density = *density + self.fluid.density(nearest.squares[n]);
+            }
+            *count = nearest.len as u32;
+            *bound = match nearest.len {
+                len if len == k => (nearest.squares[k - 1], nearest.numbers[k - 1]),
+                _ => (T::infinity(), 0),
+            };
+        }
+    }
+
+    /// Finds the nearest of the particle at `slot`.
+    #[inline(always)]
+    fn around(&self, slot: usize, around: &mut Around, nearest: &mut Nearest<T>) {
+        let own = self.x.map(|x| x[slot]);
+        let h = self.fluid.h;
+        let at = cell(&own, h);
+        if !around.is_of(at) {
+            around.gather(at, self.starts);
+        }
+        // How far it is to the cell's lower faces and to its upper ones, a little less.
+        let least = number::<T>(1.0 - ROUNDING);
+        let mut to_faces = [[T::zero(); 3]; 3];
+        for c in 0..3 {
+            let from_low = own[c] - number::<T>(f64::from(at[c])) * h;
+            to_faces[0][c] = (from_low - h * number(ROUNDING)).max(T::zero()) * least;
+            to_faces[2][c] = (h - from_low - h * number(ROUNDING)).max(T::zero()) * least;
+        }
+        for near in &around.near[..around.len] {
+            let steps = near.steps.map(usize::from);
+            let d = [0, 1, 2].map(|c| to_faces[steps[c]][c]);
+            if d[0] * d[0] + d[1] * d[1] + d[2] * d[2] <= nearest.bound {
+                self.scan((slot, own), near.from as usize..near.to as usize, nearest);
+            }
+        }
+    }
+
+    /// Takes up what is nearer of the slots `from..to`.
+    #[inline(always)]
+    fn scan(&self, (slot, own): (usize, [T; 3]), slots: Range<usize>, nearest: &mut Nearest<T>) {
+        let own_strand = self.names[slot][1];
+        let [xs, ys, zs] = self.x.map(|x| &x[slots.clone()]);
+        let mut first = slots.start;
+        let rows = xs.chunks(ABREAST).zip(ys.chunks(ABREAST)).zip(zs.chunks(ABREAST));
+        for ((xs, ys), zs) in rows {
+            let mut squares = [T::infinity(); ABREAST];
+            if let (Ok(xs), Ok(ys), Ok(zs)) =
+                (<&[T; ABREAST]>::try_from(xs), <&[T; ABREAST]>::try_from(ys), <&[T; ABREAST]>::try_from(zs))
+            {
+                for n in 0..ABREAST {
+                    squares[n] = square([xs[n], ys[n], zs[n]], &own);
+                }
+            } else {
+                for n in 0..xs.len() {
+                    squares[n] = square([xs[n], ys[n], zs[n]], &own);
+                }
+            }
+            let mut near = 0u32;
+            for n in 0..ABREAST {
+                near |= u32::from(squares[n] <= nearest.bound) << n;
+            }
+            while near != 0 {
+                let n = near.trailing_zeros() as usize;
+                near &= near - 1;
+                // Not at h itself; a full list lets in what is as far as its last, and looks at numbers.
+                if squares[n] <= nearest.bound && squares[n] < self.fluid.h2 && first + n != slot {
+                    let [number, strand] = self.names[first + n];
+                    if self.fluid.own_strand || strand != own_strand {
+                        nearest.insert(squares[n], number, (first + n) as u32);
+                    }
+                }
+            }
+            first += ABREAST;
+        }
+    }
+}
+
+#[inline(always)]
+fn square<T: Real>(x: [T; 3], own: &[T; 3]) -> T {
+    let d = [x[0] - own[0], x[1] - own[1], x[2] - own[2]];
+    d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+}
+
+/// A cell beside one, or itself: which way it is along each axis (0 below, 1 level, 2 above), and the slots of its bucket.
+#[derive(Clone, Copy, Debug, Default)]
+struct Beside {
+    steps: [u8; 3],
+    from: u32,
+    to: u32,
+}
+
+/// The cells around one, itself first, faces before edges before corners; empty buckets, and such that came before, are left out.
+#[derive(Debug, Default)]
+struct Around {
+    cell: Option<[i32; 3]>,
+    near: [Beside; 27],
+    len: usize,
+}
+
+impl Around {
+    #[inline(always)]
+    fn is_of(&self, cell: [i32; 3]) -> bool {
+        self.cell == Some(cell)
+    }
+
+    fn gather(&mut self, at: [i32; 3], starts: &[u32]) {
+        (self.cell, self.len) = (Some(at), 0);
         let mut seen = [u32::MAX; 27];
-        for n in 0..27usize {
-            let step = [n % 3, n / 3 % 3, n / 9].map(|step| step as i32 - 1);
-            let cell = [0, 1, 2].map(|c| at[c].wrapping_add(step[c]));
+        for (n, steps) in ORDER.into_iter().enumerate() {
+            let cell = [0, 1, 2].map(|c| at[c].wrapping_add(i32::from(steps[c]) - 1));
             let bucket = bucket(cell, starts.len() - 1);
             if seen[..n].contains(&bucket) {
+                // Two cells, of which the nearer one may be passed over: it must not be for both.
+                self.near[..self.len]
+                    .iter_mut()
+                    .filter(|near| near.from == starts[bucket as usize])
+                    .for_each(|near| near.steps = [1; 3]);
                 continue;
             }
             seen[n] = bucket;
             let [from, to] = [bucket, bucket + 1].map(|bucket| starts[bucket as usize]);
-            for (slot, particle) in (from..to).zip(&sorted[from as usize..to as usize]) {
-                self.slots.push(slot);
-                for c in 0..3 {
-                    self.x[c].push(particle.x[c]);
-                }
+            if from < to {
+                self.near[self.len] = Beside { steps, from, to };
+                self.len += 1;
             }
         }
-        self.squares.resize(self.slots.len(), T::zero());
     }
+}
+
+/// Steps to the cells around one, in the order in which they are gone through.
+const ORDER: [[u8; 3]; 27] = order();
+
+const fn order() -> [[u8; 3]; 27] {
+    let mut all = [[1; 3]; 27];
+    let (mut len, mut away) = (0, 0);
+    while away <= 3 {
+        let mut n = 0;
+        while n < 27 {
+            let steps = [n % 3, n / 3 % 3, n / 9];
+            let sides = (steps[0] != 1) as u8 + (steps[1] != 1) as u8 + (steps[2] != 1) as u8;
+            if sides == away {
+                all[len] = steps;
+                len += 1;
+            }
+            n += 1;
+        }
+        away += 1;
+    }
+    all
 }
