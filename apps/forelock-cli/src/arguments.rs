@@ -265,9 +265,12 @@ pub struct BenchArgs {
 
 #[derive(Debug, Subcommand)]
 pub enum BenchCommand {
-    /// The AMS paper: its Table 1, every scene timed, beside ours; or one figure measured.
+    /// A paper: its tables, every scene timed, beside ours; or one figure measured.
     Paper {
-        /// Which figure [default: Table 1].
+        /// Which paper.
+        #[arg(long, value_enum, default_value_t = WhichPaper::Ams)]
+        paper: WhichPaper,
+        /// Which figure [default: the tables].
         #[arg(long, value_enum)]
         figure: Option<PaperFigure>,
         /// Share of the strands, where they are grown.
@@ -279,7 +282,7 @@ pub enum BenchCommand {
         /// Frames of each scene before those.
         #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u32).range(0..=100_000))]
         warm_up: u32,
-        /// Where Table 1 computes; scenes that cannot be computed there are skipped.
+        /// Where the tables are computed; scenes that cannot be computed there are skipped.
         #[arg(long, value_enum, default_value_t = BenchBackend::Cpu, conflicts_with = "figure")]
         backend: BenchBackend,
         /// Folder for Markdown, JSON, a page and plots [default: print only].
@@ -327,6 +330,15 @@ pub enum BenchBackend {
     Gpu,
 }
 
+/// The papers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum WhichPaper {
+    /// Augmented mass-spring (2025).
+    Ams,
+    /// Follow the leader with shape and smoothed particles (2015).
+    Dftl,
+}
+
 /// The figures that can be rerun.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum PaperFigure {
@@ -350,6 +362,11 @@ pub enum PaperFigure {
     Grooming,
     /// The asymmetric style of Fig. 1, against mass-spring.
     Asymmetric,
+    /// Of follow the leader: what hair against hair and shape do.
+    #[value(name = "2")]
+    Volume,
+    /// Follow the leader beside AMS on the five scenes of its paper.
+    Compare,
 }
 
 fn parse<T: std::str::FromStr>(word: &str) -> Result<T, T::Err> {

@@ -404,6 +404,7 @@ impl Scaling {
             tables,
             plots: Vec::new(),
             bars: None,
+            strips: Vec::new(),
         }
     }
 }

@@ -4,25 +4,20 @@ use std::path::Path;
 
 use anyhow::Context as _;
 use clap::ValueEnum;
-use forelock::paper::{Experiment, Figure, GUIDES, GuidesTable, Study, Table1Options, table1};
+use forelock::paper::{
+    Experiment, Figure, GUIDES, GuidesTable, Study, Table1Options, compare, dftl_tables, table1, volume,
+};
 use forelock::scaling::{ScalingOptions, scaling};
 use serde::Serialize;
 
-use crate::arguments::{BenchArgs, BenchBackend, BenchCommand, PaperFigure};
+use crate::arguments::{BenchArgs, BenchBackend, BenchCommand, PaperFigure, WhichPaper};
 use crate::progress::Reporter;
 use crate::terminal;
 
 /// Runs what is asked for and prints its table.
 pub fn bench(arguments: &BenchArgs) -> anyhow::Result<()> {
     let (json, out, name) = match &arguments.what {
-        BenchCommand::Paper { figure, out, json, .. } => {
-            let figure = figure.as_ref().and_then(ValueEnum::to_possible_value);
-            (
-                *json,
-                out,
-                figure.map_or_else(|| "ams-table1".to_owned(), |f| format!("ams-figure-{}", f.get_name())),
-            )
-        }
+        BenchCommand::Paper { paper, figure, out, json, .. } => (*json, out, name_of(*paper, *figure)?),
         BenchCommand::Scaling { backend, out, json, .. } => {
             let device = if *backend == BenchBackend::Gpu { "gpu" } else { "cpu" };
             (*json, out, format!("scaling-{device}"))
@@ -37,10 +32,10 @@ pub fn bench(arguments: &BenchArgs) -> anyhow::Result<()> {
             .with_context(|| format!("cannot make the folder {}", folder.display()))?;
     }
     match &arguments.what {
-        BenchCommand::Paper { figure, share, frames, warm_up, backend, .. } => {
+        BenchCommand::Paper { paper, figure, share, frames, warm_up, backend, .. } => {
             let on_gpu = *backend == BenchBackend::Gpu;
             let options = Table1Options { warm_up: *warm_up, frames: *frames, share: *share, on_gpu };
-            paper(&report, *figure, &options, &mut observer)
+            run_paper(&report, (*paper, *figure), &options, &mut observer)
         }
         BenchCommand::Scaling { backend, most, frames, apart, contacts, half_factors, .. } => {
             let on_gpu = *backend == BenchBackend::Gpu;
@@ -59,14 +54,46 @@ pub fn bench(arguments: &BenchArgs) -> anyhow::Result<()> {
     }
 }
 
-/// Table 1 with `options`, or one figure with their share of strands.
-fn paper(
+/// What files of a result are called.
+fn name_of(paper: WhichPaper, figure: Option<PaperFigure>) -> anyhow::Result<String> {
+    let of_dftl = matches!(figure, Some(PaperFigure::Volume | PaperFigure::Compare));
+    let figure = figure.as_ref().and_then(ValueEnum::to_possible_value);
+    let prefix = if paper == WhichPaper::Dftl { "dftl" } else { "ams" };
+    let Some(figure) = figure else {
+        return Ok(if paper == WhichPaper::Dftl {
+            "dftl-tables".to_owned()
+        } else {
+            "ams-table1".to_owned()
+        });
+    };
+    let name = figure.get_name();
+    if of_dftl != (paper == WhichPaper::Dftl) {
+        let other = if of_dftl { "dftl" } else { "ams" };
+        anyhow::bail!("--figure {name} is of the other paper: add --paper {other}");
+    }
+    Ok(format!("{prefix}-figure-{name}"))
+}
+
+/// The tables of a paper with `options`, or one figure with their share of strands.
+fn run_paper(
     report: &Report<'_>,
-    figure: Option<PaperFigure>,
+    (paper, figure): (WhichPaper, Option<PaperFigure>),
     options: &Table1Options,
     observer: &mut forelock::Observer<'_>,
 ) -> anyhow::Result<()> {
     let experiment = match figure {
+        None if paper == WhichPaper::Dftl => {
+            let tables = dftl_tables(options, observer)?;
+            return report.study(&tables.study(), &tables);
+        }
+        Some(PaperFigure::Volume) => {
+            let study = volume(options.share, observer)?;
+            return report.study(&study, &study);
+        }
+        Some(PaperFigure::Compare) => {
+            let study = compare(options.share, observer)?;
+            return report.study(&study, &study);
+        }
         None => {
             let table = table1(options, observer)?;
             return report.study(&table.study(), &table);
@@ -112,6 +139,12 @@ impl Report<'_> {
             self.write(".html", &study.to_html())?;
             for (plot, _, svg) in study.pictures() {
                 self.write(&format!("-{plot}.svg"), &svg)?;
+            }
+            for strip in &study.strips {
+                if let Some(folder) = self.out {
+                    let path = folder.join(format!("{}-{}.png", self.name, strip.name));
+                    forelock::write_png(&path, &strip.image)?;
+                }
             }
         }
         self.tell(&study.to_markdown(), data)

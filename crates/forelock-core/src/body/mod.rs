@@ -4,6 +4,7 @@ mod bvh;
 mod closed;
 mod collider;
 mod head;
+mod horse;
 mod implicit;
 mod mesh;
 mod morph;
@@ -18,6 +19,7 @@ pub use bvh::{Bvh, Nearest};
 pub use closed::{ClosedMesh, ClosingReport};
 pub use collider::{Attachment, Collider, ColliderFrame, PACKET, Shape};
 pub use head::{Head, Region};
+pub use horse::{Horse, Part};
 pub use mesh::{MeshError, TriMesh};
 pub use morph::Morph;
 pub use motion::{

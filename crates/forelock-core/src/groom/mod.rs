@@ -17,7 +17,7 @@ pub use binding::{BindingReport, bind_roots};
 pub use info::{Info, Spread, UnitGuess};
 pub use lift::{LiftParams, LiftReport, lift_out};
 pub use repair::{REPEATED_FRACTION, RepairReport, repair};
-pub use resample::{ResampleError, resample};
+pub use resample::{ResampleError, resample, resample_to};
 pub use units::{Import, Unit, UnknownWord, Up, ZUp};
 
 /// Where a strand is rooted: a triangle of the body's mesh and a point in it.

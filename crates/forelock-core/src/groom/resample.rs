@@ -61,13 +61,66 @@ pub enum ResampleError {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn resample(groom: &Groom, particles_per_strand: usize) -> Result<Groom, ResampleError> {
-    let n = particles_per_strand;
-    if n < 2 {
-        return Err(ResampleError::TooFew(n));
+    resample_each(groom, &vec![particles_per_strand; groom.strand_count()])
+}
+
+/// `groom` with `particles` in all, long strands with more of them than short ones, so that edges are about equally long, and at least two on each; on every strand equally spaced.
+///
+/// # Errors
+/// As [`resample`], if there are fewer than two particles a strand for one.
+///
+/// ```
+/// # use forelock_core::groom::{Groom, resample_to};
+/// # use glam::Vec3;
+/// let groom = Groom::from_strands([[Vec3::ZERO, Vec3::Y * 0.3], [Vec3::ZERO, Vec3::Y * 0.1]])?;
+/// let equal = resample_to(&groom, 10)?;
+/// assert_eq!((equal.strand(0).len(), equal.strand(1).len()), (7, 3));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub fn resample_to(groom: &Groom, particles: usize) -> Result<Groom, ResampleError> {
+    let strands = groom.strand_count();
+    let Some(edges) = particles.checked_sub(2 * strands) else {
+        return Err(ResampleError::TooFew(particles / strands.max(1)));
+    };
+    // Beside its first edge each strand takes its share of the others: what all of them lack to whole edges goes to those that lack the least.
+    let lengths: Vec<f64> = (0..strands).map(|s| f64::from(groom.length(s))).collect();
+    let shares = shares_above_one(&lengths, edges + strands);
+    let mut order: Vec<usize> = (0..strands).collect();
+    order.sort_by(|&a, &b| (shares[b].fract()).total_cmp(&shares[a].fract()).then(a.cmp(&b)));
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "no more than asked for")]
+    let mut counts: Vec<usize> = shares.iter().map(|share| share.floor() as usize + 1).collect();
+    let lack = particles.saturating_sub(counts.iter().sum());
+    order.into_iter().cycle().take(lack).for_each(|strand| counts[strand] += 1);
+    resample_each(groom, &counts)
+}
+
+/// Shares of `total` in proportion to `lengths`, but none under 1.
+fn shares_above_one(lengths: &[f64], total: usize) -> Vec<f64> {
+    let mut short = vec![false; lengths.len()];
+    loop {
+        let kept = |short: &[bool]| short.iter().filter(|short| **short).count() as f64;
+        let long: f64 = lengths.iter().zip(&short).filter(|(_, short)| !**short).map(|(l, _)| l).sum();
+        let each = (total as f64 - kept(&short)) / long.max(f64::MIN_POSITIVE);
+        let share = |(l, short): (&f64, &bool)| if *short { 1.0 } else { (l * each).max(1.0) };
+        let shares: Vec<f64> = lengths.iter().zip(&short).map(share).collect();
+        let before = kept(&short);
+        for ((short, length), share) in short.iter_mut().zip(lengths).zip(&shares) {
+            *short |= *share <= 1.0 && length * each < 1.0;
+        }
+        if kept(&short) == before {
+            return shares;
+        }
+    }
+}
+
+/// `groom` with a count of particles for each strand.
+fn resample_each(groom: &Groom, counts: &[usize]) -> Result<Groom, ResampleError> {
+    if let Some(&few) = counts.iter().find(|count| **count < 2) {
+        return Err(ResampleError::TooFew(few));
     }
     groom.check_attributes()?;
     let strands = groom.strand_count();
-    let total = n.saturating_mul(strands);
+    let total = counts.iter().fold(0, |sum: usize, count| sum.saturating_add(*count));
     if u32::try_from(total).is_err() {
         return Err(GroomError::TooManyParticles(total).into());
     }
@@ -76,11 +129,15 @@ pub fn resample(groom: &Groom, particles_per_strand: usize) -> Result<Groom, Res
         return Err(ResampleError::NoLength(strand));
     }
     let samples: Vec<Vec<Sample>> =
-        (0..strands).into_par_iter().map(|strand| sample_strand(groom.strand(strand), n)).collect();
+        (0..strands).into_par_iter().map(|s| sample_strand(groom.strand(s), counts[s])).collect();
 
     let positions = samples.iter().flatten().map(|sample| sample.position).collect();
+    let mut offsets = vec![0u32];
     #[expect(clippy::cast_possible_truncation, reason = "the total fits, checked above")]
-    let offsets = (0..=strands).map(|strand| (strand * n) as u32).collect();
+    offsets.extend(counts.iter().scan(0, |sum, count| {
+        *sum += *count as u32;
+        Some(*sum)
+    }));
     let mut out = Groom::new(positions, offsets)?;
     let at = |strand: usize, sample: &Sample| (groom.range(strand).start + sample.edge, sample.fraction);
     let each = |interpolate: &dyn Fn(usize, f32) -> [f32; 3]| -> Vec<[f32; 3]> {
@@ -205,4 +262,27 @@ fn beyond(end: Vec3, next: Vec3, after: Vec3) -> Vec3 {
     let edge = next - end;
     let (along, bent) = (edge.normalize_or_zero(), (after - next).normalize_or_zero());
     end - (along * (2.0 * bent.dot(along)) - bent) * edge.length()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_total_is_shared_by_length() {
+        let line = |length: f32| (0..9u16).map(|i| Vec3::X * length * f32::from(i) / 8.0).collect::<Vec<_>>();
+        let groom = Groom::from_strands([0.31, 0.001, 0.1, 0.22, 0.001].map(line)).unwrap();
+        for total in [10, 11, 57, 1000] {
+            let out = resample_to(&groom, total).unwrap();
+            assert_eq!(out.particle_count(), total);
+            let counts: Vec<usize> = (0..5).map(|s| out.strand(s).len()).collect();
+            assert!(counts.iter().all(|count| *count >= 2), "{counts:?}");
+            assert!(counts[0] >= counts[3] && counts[3] >= counts[2] && counts[2] >= counts[1], "{counts:?}");
+            if total == 1000 {
+                let edges = |s: usize| groom.length(s) / (counts[s] - 1) as f32;
+                assert!((edges(0) / edges(3) - 1.0).abs() < 0.02 && counts[1] - counts[4] <= 1, "{counts:?}");
+            }
+        }
+        assert!(matches!(resample_to(&groom, 9), Err(ResampleError::TooFew(1))));
+    }
 }

@@ -2,7 +2,7 @@
 
 use forelock_core::groom::edit::{self, EditReport};
 use forelock_core::groom::grow::{self, grow};
-use forelock_core::groom::{Groom, LiftParams, LiftReport, lift_out, resample};
+use forelock_core::groom::{Groom, LiftParams, LiftReport, lift_out, resample, resample_to};
 use glam::{DVec3, Vec3};
 
 use super::solids::Body;
@@ -29,6 +29,9 @@ pub(super) fn load(scene: &Scene, body: Option<&Body>, notes: &mut Vec<String>) 
     let count = section.vertices_per_strand as usize;
     if count > 0 {
         groom = resample(&groom, count)?;
+    }
+    if section.vertices > 0 {
+        groom = resample_to(&groom, section.vertices as usize)?;
     }
     // Growth keeps out of the body by itself.
     let lift = section.lift && section.source != GroomSource::Grow;

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
-use forelock_core::body::{ColliderFrame, Head, Morph, Motion, Prop, Sdf, Shape, TriMesh};
+use forelock_core::body::{ColliderFrame, Head, Horse, Morph, Motion, Prop, Sdf, Shape, TriMesh};
 use forelock_core::pose::Pose;
 use glam::DVec3;
 
@@ -33,6 +33,7 @@ impl Body {
         let (mesh, pivot) = match section.mesh.as_str() {
             "none" => return Ok(None),
             "builtin:head" => (Cow::Borrowed(&Head::builtin().mesh), Some(Head::NECK_PIVOT.as_dvec3())),
+            "builtin:horse" => (Cow::Borrowed(&Horse::builtin().mesh), Some(Horse::PIVOT.as_dvec3())),
             path => (Cow::Owned(forelock_io::read_mesh(path.as_ref(), &section.import())?), None),
         };
         let grid = || distance_grid(&mesh, &section.mesh, section.sdf_cells, "body.collide = false");

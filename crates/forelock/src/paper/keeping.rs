@@ -99,6 +99,7 @@ pub(super) fn study(
         tables: vec![table(&tracks, moving)],
         plots: plots(&tracks, scene.time.fps, still_secs),
         bars: None,
+        strips: Vec::new(),
     })
 }
 

@@ -1,12 +1,15 @@
-//! The experiments of the AMS paper, rerun: tables, series over time, plots and pictures.
+//! The experiments of the papers, rerun: tables, series over time, plots and pictures.
 //!
 //! # Practice
 //! [`Figure`] reruns the ablations of Figs. 4 and 5 on one strand and a wisp. [`Experiment`] reruns what the paper shows as film strips and leaves to the
 //! eye (Figs. 9, 10, 11 and the asymmetric style), measured: how far hair is from its rest shape, over time. [`table1()`] runs every scene of
-//! Table 1 and puts our times beside the paper's. The scenes are those of `scenes/ams`, built in; only grooms from files must be there.
+//! Table 1 and puts our times beside the paper's. [`dftl_tables`], [`volume`] and [`compare`] do the same for the follow-the-leader paper. The scenes are those of `scenes/ams` and `scenes/dftl`, built in; only
+//! what they read from files must be there.
 
 mod ablations;
 mod coaster;
+mod dftl;
+mod followed;
 mod guides;
 mod keeping;
 mod scenes;
@@ -17,8 +20,9 @@ mod trim;
 mod watch;
 
 pub use ablations::{Figure, Measures, PaperRow, PaperTable};
+pub use dftl::{DftlTables, SceneRow, SizeRow, compare, dftl_tables, volume};
 pub use guides::{GUIDES, GuidesRow, GuidesTable};
-pub use study::{Study, Table};
+pub use study::{Strip, Study, Table};
 pub use table1::{Table1, Table1Options, Table1Row, table1};
 
 use crate::run::{Observer, RunError};

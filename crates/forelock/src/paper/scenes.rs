@@ -1,4 +1,4 @@
-//! The scenes of `scenes/ams`, built in, and their assets.
+//! The scenes of `scenes/ams` and `scenes/dftl`, built in, and their assets.
 
 use std::path::Path;
 
@@ -11,12 +11,20 @@ use crate::scene::{GroomSource, Override, Scene};
 pub(super) struct Builtin {
     /// Name of the file, without its ending.
     pub name: &'static str,
+    folder: &'static str,
     text: &'static str,
 }
 
 macro_rules! scene {
     ($name:literal) => {
-        Builtin { name: $name, text: include_str!(concat!("../../../../scenes/ams/", $name, ".toml")) }
+        scene!("scenes/ams/", $name)
+    };
+    ($folder:literal, $name:literal) => {
+        Builtin {
+            name: $name,
+            folder: $folder,
+            text: include_str!(concat!("../../../../", $folder, $name, ".toml")),
+        }
     };
 }
 
@@ -31,19 +39,29 @@ pub(super) const BEARD: Builtin = scene!("beard");
 pub(super) const ROLLER_COASTER: Builtin = scene!("roller-coaster");
 pub(super) const GROOMING: Builtin = scene!("grooming");
 
+pub(super) const MANNEQUIN_A: Builtin = scene!("scenes/dftl/", "mannequin-a");
+pub(super) const MANNEQUIN_B: Builtin = scene!("scenes/dftl/", "mannequin-b");
+pub(super) const HORSE: Builtin = scene!("scenes/dftl/", "running-horse");
+pub(super) const BUNNY: Builtin = scene!("scenes/dftl/", "bunny");
+pub(super) const DOLL: Builtin = scene!("scenes/dftl/", "doll");
+
 /// The strand of Fig. 4 and the wisp of Fig. 5, OBJ.
 pub(super) const HELIX: &[u8] = include_bytes!("../../../../scenes/ams/helix.obj");
 pub(super) const WISP: &[u8] = include_bytes!("../../../../scenes/ams/wisp.obj");
 
 impl Builtin {
-    /// The scene with `keys` over it and, where its strands are grown, `share` of them. Its paths are as if it lay in `scenes/ams` under the current folder.
+    /// The scene with `keys` over it and, where its strands are grown, `share` of them. Its paths are as if it lay in its folder under the current one.
     pub fn scene(self, share: f64, keys: &[String]) -> Result<Scene, RunError> {
         let mut overrides = keys.iter().map(|key| Override::set(key)).collect::<Result<Vec<_>, _>>()?;
-        let path = Path::new("scenes/ams").join(self.name).with_extension("toml");
+        let path = Path::new(self.folder).join(self.name).with_extension("toml");
         let mut scene = Scene::parse(self.text, &path, &overrides)?;
         if share != 1.0 && scene.groom.source == GroomSource::Grow {
             let strands = (f64::from(scene.groom.strands) * share).round().max(1.0);
             overrides.push(Override::set(&format!("groom.strands={strands}"))?);
+            if scene.groom.vertices > 0 {
+                let vertices = (f64::from(scene.groom.vertices) * share).round().max(2.0 * strands);
+                overrides.push(Override::set(&format!("groom.vertices={vertices}"))?);
+            }
             scene = Scene::parse(self.text, &path, &overrides)?;
         }
         scene.name = self.name.to_owned();

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use forelock_render::Image;
 use serde::Serialize;
 
 use crate::plot::{Bars, Plot, escape};
@@ -34,6 +35,20 @@ pub struct Study {
     /// What adds up to something.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bars: Option<Bars>,
+    /// Pictures.
+    #[serde(skip)]
+    pub strips: Vec<Strip>,
+}
+
+/// A picture of several.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Strip {
+    /// Short name, fit for a file.
+    pub name: &'static str,
+    /// What it shows.
+    pub title: String,
+    /// The picture.
+    pub image: Image,
 }
 
 impl Table {
@@ -106,6 +121,13 @@ impl Study {
                 "<figure class=\"wide\"><img alt=\"{title}\" src=\"data:image/svg+xml;base64,{image}\"></figure>"
             );
         }
+        for strip in &self.strips {
+            let (title, image) = (escape(&strip.title), base64(&strip.image.to_png().unwrap_or_default()));
+            let _ = writeln!(
+                body,
+                "<h2>{title}</h2><figure class=\"wide\"><img alt=\"{title}\" src=\"data:image/png;base64,{image}\"></figure>"
+            );
+        }
         body.push_str(&paragraph(&self.notes.join(" ")));
         page(&self.title, &body)
     }
@@ -135,6 +157,7 @@ mod tests {
             tables: vec![table],
             plots: Vec::new(),
             bars: None,
+            strips: Vec::new(),
         }
     }
 

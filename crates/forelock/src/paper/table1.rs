@@ -232,7 +232,7 @@ impl Strands {
 }
 
 /// The timed frames of `scene`.
-fn time(
+pub(super) fn time(
     scene: &Scene,
     assets: &Assets,
     options: &Table1Options,
@@ -332,6 +332,7 @@ impl Table1 {
             tables: vec![table, stages],
             plots: Vec::new(),
             bars: Some(bars),
+            strips: Vec::new(),
         }
     }
 }

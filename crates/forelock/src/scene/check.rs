@@ -47,8 +47,12 @@ pub(super) fn check(scene: &Scene, document: &Document<'_>) -> Result<(), Wrong>
     check_available(scene)?;
     check_numbers(scene)?;
     check_motion("body.motion", &scene.body.motion)?;
-    if scene.body.is_named() && !matches!(scene.body.mesh.as_str(), "none" | "builtin:head") {
-        return Err(("body.mesh".to_owned(), one_of(&scene.body.mesh, &["builtin:head", "none", "a path"])));
+    if scene.body.is_named() && !matches!(scene.body.mesh.as_str(), "none" | "builtin:head" | "builtin:horse")
+    {
+        return Err((
+            "body.mesh".to_owned(),
+            one_of(&scene.body.mesh, &["builtin:head", "builtin:horse", "none", "a path"]),
+        ));
     }
     if !HairColour::NAMES.contains(&scene.hair.colour.as_str()) {
         return Err(("hair.colour".to_owned(), one_of(&scene.hair.colour, &HairColour::NAMES)));
@@ -128,6 +132,13 @@ fn check_numbers(scene: &Scene) -> Result<(), Wrong> {
     rows.into_iter().try_for_each(|(key, value, range)| range.check(key, value))?;
     if groom.vertices_per_strand != 0 {
         Range::Within(2.0, 1000.0).check("groom.vertices_per_strand", whole(groom.vertices_per_strand))?;
+    }
+    if groom.vertices != 0 {
+        Range::Within(2.0, 1e9).check("groom.vertices", whole(groom.vertices))?;
+        if groom.vertices_per_strand != 0 {
+            let message = "is set, and so is `groom.vertices_per_strand`: keep one".to_owned();
+            return Err(("groom.vertices".to_owned(), message));
+        }
     }
     match &groom.source {
         GroomSource::Files(files) if files.is_empty() => {

@@ -79,6 +79,8 @@ pub struct GroomSection {
     pub strands: u32,
     /// Particles a strand after resampling by arc length. Unit particles, default 0, range 2 to 1000; 0 keeps those of the file or of the growth (25).
     pub vertices_per_strand: u32,
+    /// Particles of all strands together, long ones with more of them than short ones, instead of `vertices_per_strand`. Unit particles, default 0, range 2 to 1000000000; 0 leaves that to `vertices_per_strand`.
+    pub vertices: u32,
     /// Unit of length of the files: "m", "cm", "mm" or "in". Default "m".
     pub unit: Unit,
     /// Axis that points up in the files: "y" or "z". Default "y".
@@ -103,6 +105,7 @@ impl Default for GroomSection {
             preset: PRESET.to_owned(),
             strands: 10_000,
             vertices_per_strand: 0,
+            vertices: 0,
             unit: Unit::default(),
             up: Up::default(),
             scale: 1.0,
@@ -118,7 +121,7 @@ impl Default for GroomSection {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BodySection {
-    /// "builtin:head", "none" or an .obj file. Default "builtin:head".
+    /// "builtin:head", "builtin:horse", "none" or an .obj file. Default "builtin:head".
     pub mesh: String,
     /// Unit of length of the file: "m", "cm", "mm" or "in". Default "m".
     pub unit: Unit,

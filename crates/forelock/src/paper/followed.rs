@@ -1,0 +1,149 @@
+//! Hair followed through a scene: how far it is from its shape, how much room it takes, what energy it has, what it costs.
+
+use std::collections::HashSet;
+use std::time::Instant;
+
+use forelock_render::Image;
+use glam::Vec3;
+
+use crate::assets::Assets;
+use crate::pictures::Studio;
+use crate::plot::{Line, Plot};
+use crate::run::{Observer, Progress, RunError, Stepper};
+use crate::scene::Scene;
+
+use super::watch::{mean, offset};
+
+/// Side of the cells in which room is counted, metres.
+const CELL: f32 = 0.01;
+
+/// A way to simulate a scene.
+pub(super) struct Case {
+    /// Its name.
+    pub label: String,
+    pub scene: Scene,
+}
+
+/// What happened, a value a frame, the first at the start.
+pub(super) struct Followed {
+    pub label: String,
+    /// Mean distance from the rest shape in the head's frame over the strand's length.
+    pub shape: Vec<f64>,
+    /// Volume of the cells of 1 cm that hold hair, in the head's frame, litres.
+    pub volume: Vec<f64>,
+    /// Kinetic and potential energy of hair, the latter from its height over where it would be at rest, J/kg.
+    pub energy: Vec<f64>,
+    /// Milliseconds a frame, median of all.
+    pub ms: f64,
+    /// Largest |l/l₀ − 1| of an edge after the length pass, and at the end of a frame.
+    pub stretch: [f64; 2],
+    /// Largest share of particles more than 1 mm inside a solid.
+    pub inside: f64,
+    /// At the moments asked for.
+    pub pictures: Vec<(Image, String)>,
+}
+
+impl Followed {
+    /// Runs `case`, of `assets`, and takes pictures of it at `moments`, shares of the scene's time, `scale` times as large as it asks for.
+    pub fn run(
+        case: &Case,
+        assets: &Assets,
+        (moments, scale): (&[f64], f64),
+        observer: &mut Observer<'_>,
+    ) -> Result<Self, RunError> {
+        let scene = &case.scene;
+        let frames = scene.time.frames;
+        let (mut stepper, studio) = (Stepper::new(scene, assets)?, Studio::new(scene, assets));
+        let all: Vec<usize> = (0..assets.groom.strand_count()).collect();
+        let mut followed = Self {
+            label: case.label.clone(),
+            shape: Vec::new(),
+            volume: Vec::new(),
+            energy: Vec::new(),
+            ms: 0.0,
+            stretch: [0.0; 2],
+            inside: 0.0,
+            pictures: Vec::new(),
+        };
+        let wanted: Vec<u32> = moments.iter().map(|m| (m * f64::from(frames)).round() as u32).collect();
+        let (mut positions, mut before, mut times) = (Vec::new(), Vec::new(), Vec::new());
+        observer(&Progress::Begin { what: "following", done: 0, total: frames.into() });
+        for frame in 0..=frames {
+            if frame > 0 {
+                let started = Instant::now();
+                let report = stepper.step(frame - 1)?;
+                times.push(started.elapsed().as_secs_f64() * 1e3);
+                let stretch = [report.max_edge_stretch, report.max_edge_stretch_final];
+                followed.stretch = [0, 1].map(|k| followed.stretch[k].max(stretch[k]));
+                observer(&Progress::Step);
+            }
+            stepper.positions(frame, &mut positions);
+            if frame > 0 {
+                let (_, colliders) = stepper.surroundings(frame - 1);
+                let deep = crate::run::deep_particles(&positions, &colliders).0;
+                followed.inside = followed.inside.max(deep as f64 / positions.len().max(1) as f64);
+            }
+            let head = assets.head_pose(stepper.time_secs(frame));
+            followed.shape.push(offset(&assets.groom, &all, &head, &positions).over_length);
+            let own = head.inverse();
+            let local = positions.iter().map(|p| own.transform_point(p.as_dvec3()).as_vec3());
+            followed.volume.push(occupied_litres(local));
+            let rest = assets.groom.positions().iter().map(|p| head.transform_point(p.as_dvec3()).as_vec3());
+            let moving = if frame > 0 { &before } else { &positions };
+            followed.energy.push(energy(&positions, moving, rest, scene));
+            if let Some(number) = wanted.iter().position(|&moment| moment == frame) {
+                let time = stepper.time_secs(frame);
+                let label = if number == 0 { case.label.clone() } else { format!("{time:.2} S") };
+                followed.pictures.push((studio.picture(&positions, time, scale)?, label));
+            }
+            std::mem::swap(&mut positions, &mut before);
+        }
+        observer(&Progress::End);
+        times.sort_by(f64::total_cmp);
+        followed.ms = times.get(times.len() / 2).copied().unwrap_or(0.0);
+        Ok(followed)
+    }
+
+    /// The mean of `values` over their last quarter.
+    pub fn late(values: &[f64]) -> f64 {
+        let from = values.len() - values.len().div_ceil(4);
+        mean(values[from..].iter().copied())
+    }
+}
+
+fn occupied_litres(points: impl Iterator<Item = Vec3>) -> f64 {
+    let cells: HashSet<[i32; 3]> =
+        points.filter(|p| p.is_finite()).map(|p| (p / CELL).floor().as_ivec3().to_array()).collect();
+    cells.len() as f64 * f64::from(CELL).powi(3) * 1e3
+}
+
+fn energy(now: &[Vec3], before: &[Vec3], rest: impl Iterator<Item = Vec3>, scene: &Scene) -> f64 {
+    let gravity = glam::DVec3::from_array(scene.gravity);
+    let of_particle = |((now, before), rest): ((&Vec3, &Vec3), Vec3)| {
+        let speed = f64::from(now.distance(*before)) * scene.time.fps;
+        0.5 * speed * speed - gravity.dot((*now - rest).as_dvec3())
+    };
+    mean(now.iter().zip(before).zip(rest).map(of_particle))
+}
+
+/// A plot of one measure of all that were followed.
+pub(super) fn plot(
+    (name, title): (&'static str, String),
+    followed: &[Followed],
+    fps: f64,
+    of: impl Fn(&Followed) -> Vec<f64>,
+) -> Plot {
+    let line = |(colour, one): (usize, &Followed)| Line {
+        name: one.label.clone(),
+        colour,
+        dashed: false,
+        values: of(one),
+    };
+    Plot {
+        name,
+        title,
+        step_secs: 1.0 / fps,
+        shaded_secs: None,
+        lines: followed.iter().enumerate().map(line).collect(),
+    }
+}
