@@ -17,7 +17,7 @@ mod golden;
 use forelock_core::model::{Model, Strands};
 use forelock_core::solver::params::Jacobian;
 use forelock_core::solver::{Frame, MassSpringParams, Options, Simd, Simulation, SolverParams, SolverReal};
-use forelock_core::sph::{Fluid, Sph, SphParams};
+use forelock_core::sph::Fluid;
 use forelock_core::stage::find_neighbours::{Neighbours, Particle};
 use forelock_core::stage::push_particles;
 use forelock_core::state::Snapshot;
@@ -219,17 +219,11 @@ fn wet<T: SolverReal>(
     file: &Value,
     simd: Simd,
 ) -> impl Fn(&Strands<'_, T>, &SolverParams, Options) -> Simulation<T> {
-    let params = fluid::fluid_params(file);
-    let [k, mu] = ["k", "mu"].map(|key| file[key].as_f64().unwrap());
+    let params = fluid::raw::<T>(file);
     move |strands, solver, options| {
         let mut simulation = with::<T>(simd)(strands, solver, options);
-        // The file's particles have a mass of 1, ours a mean density of 1.
-        let (h, step) = (params.smoothing_length, 0.016);
-        let kernel = 315.0 / (64.0 * std::f64::consts::PI * h.powi(3));
-        let mass =
-            Sph::new(simulation.model(), &params).fluid().density(T::zero()).to_f64().unwrap() / kernel;
-        let (pressure, viscosity) = (k * step * step / (h * h), mu * mass * step / (h * h));
-        simulation.set_particles(Some(&SphParams { pressure, viscosity, ..params.clone() })).unwrap();
+        let params = params(simulation.model());
+        simulation.set_particles(Some(&params)).unwrap();
         simulation
     }
 }

@@ -6,6 +6,7 @@ use crate::contacts::{
 };
 use crate::grid::{CELLS_GROUP, CELLS_THREADS, FASTEST, GridUniform, LIST_THREADS, MOST_OUT, SWEEPS};
 use crate::layout::{FLAGS, FrameUniform, SubstepUniform};
+use crate::particles::FluidUniform;
 use crate::skinning::SkinUniform;
 use crate::solids::{FAR, FIELD_NUMBERS, HOW, KINDS, LookUniform, MOST_SOLIDS};
 use forelock_core::air::{MODES, canopy, wake};
@@ -14,6 +15,7 @@ use forelock_core::grid::MARGIN;
 use forelock_core::lane::{ASIN_RATIO, LANES};
 use forelock_core::stage::SCRATCH_ROWS;
 use forelock_core::stage::find_contacts::{CLOSE, PIECES, REACH, REST_SHARE, SLICES, STEPS};
+use forelock_core::stage::find_neighbours::{HASH, MOST_NEIGHBOURS};
 use forelock_core::stage::resolve_contacts::BEND;
 use forelock_core::stage::resolve_solids::{LOOKS, ROUNDS, SLIDES, STRETCHED, SWEEP_STEPS, TOUCH};
 use forelock_core::stage::restore_lengths::NEWTON_STEPS;
@@ -25,6 +27,10 @@ use std::fmt::Write as _;
 pub const WORKGROUP: u32 = 64;
 /// Rows of the model a particle.
 pub const MODEL_ROWS: u32 = 7;
+/// Buckets of smoothed particles in a row of their table.
+pub(crate) const ROW_BUCKETS: u32 = ROW_CELLS;
+/// Numbers of a smoothed particle before its list.
+pub(crate) const LIST_NUMBERS: u32 = 14;
 
 /// A stage that runs on the GPU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,6 +47,12 @@ pub enum Stage {
     FollowLeader,
     /// The same where some of them change their shape.
     FollowChanging,
+    /// Smoothed particles, strand by strand.
+    EnterParticles,
+    /// What is near each, and how dense it is there.
+    FindNeighbours,
+    /// Pressure and viscosity.
+    PushParticles,
     /// Hair against solids.
     ResolveSolids,
     /// The same where some of them change their shape.
@@ -104,6 +116,20 @@ pub enum Kernel {
     FollowLevel,
     /// [`Stage::FollowChanging`].
     FollowChanging,
+    /// How many smoothed particles there are in each bucket.
+    CountParticles,
+    /// Which.
+    EnterParticles,
+    /// What pushed them becomes velocity.
+    KickStrands,
+    /// Empties the buckets.
+    ClearBuckets,
+    /// Where each one's particles begin.
+    LayBuckets,
+    /// [`Stage::FindNeighbours`].
+    FindNeighbours,
+    /// [`Stage::PushParticles`].
+    PushParticles,
     /// [`Stage::ResolveSolids`].
     ResolveSolids,
     /// [`Stage::ResolveChanging`].
@@ -263,6 +289,8 @@ const REDUCE_SUBGROUPS: &str = include_str!("../../forelock-core/src/stage/reduc
 const SHAPES: &str = include_str!("../../forelock-core/src/body/shapes.wgsl");
 const GRID: &str = include_str!("../../forelock-core/src/grid/grid.wgsl");
 const CONTACT: &str = include_str!("../../forelock-core/src/contact/contact.wgsl");
+const TABLE: &str = include_str!("../../forelock-core/src/contact/table.wgsl");
+const FLUID: &str = include_str!("../../forelock-core/src/sph/fluid.wgsl");
 const SOLVE: &str = include_str!("../../forelock-core/src/stage/solve_strands/kernel.wgsl");
 const LINKS: &str = include_str!("../../forelock-core/src/stage/solve_strands/links.wgsl");
 const LINKS_HALVED: &str = include_str!("../../forelock-core/src/stage/solve_strands/links_halved.wgsl");
@@ -272,7 +300,7 @@ const FOLLOW: &str = include_str!("../../forelock-core/src/stage/follow_leader/k
 const SKIN: &str = include_str!("../../forelock-core/src/groom/guides/skin.wgsl");
 
 /// All stages.
-pub const STAGES: [StageKernels; 19] = [
+pub const STAGES: [StageKernels; 22] = [
     StageKernels {
         stage: Stage::SampleAir,
         name: "sample_air",
@@ -334,6 +362,35 @@ pub const STAGES: [StageKernels; 19] = [
         texts: &[SHAPES, PARTICLE, LEVEL, FOLLOW],
         kernels: &[(Kernel::FollowChanging, "follow_leader", Over::Strands)],
         group: Group::Follow,
+    },
+    StageKernels {
+        stage: Stage::EnterParticles,
+        name: "find_neighbours",
+        texts: &[FLUID, include_str!("../../forelock-core/src/stage/find_neighbours/strands.wgsl")],
+        kernels: &[
+            (Kernel::CountParticles, "count_particles", Over::Strands),
+            (Kernel::EnterParticles, "enter_particles", Over::Strands),
+            (Kernel::KickStrands, "kick_strands", Over::Strands),
+        ],
+        group: Group::Wet,
+    },
+    StageKernels {
+        stage: Stage::FindNeighbours,
+        name: "find_neighbours",
+        texts: &[FLUID, TABLE, include_str!("../../forelock-core/src/stage/find_neighbours/kernel.wgsl")],
+        kernels: &[
+            (Kernel::ClearBuckets, "clear_buckets", Over::List),
+            (Kernel::LayBuckets, "lay_buckets", Over::Groups(ROW_GROUPS)),
+            (Kernel::FindNeighbours, "find_neighbours", Over::List),
+        ],
+        group: Group::Cloud,
+    },
+    StageKernels {
+        stage: Stage::PushParticles,
+        name: "push_particles",
+        texts: &[FLUID, include_str!("../../forelock-core/src/stage/push_particles/kernel.wgsl")],
+        kernels: &[(Kernel::PushParticles, "push_particles", Over::List)],
+        group: Group::Cloud,
     },
     StageKernels {
         stage: Stage::ResolveSolids,
@@ -415,7 +472,7 @@ pub const STAGES: [StageKernels; 19] = [
     StageKernels {
         stage: Stage::FindContacts,
         name: "find_contacts",
-        texts: &[CONTACT, include_str!("../../forelock-core/src/stage/find_contacts/pairs.wgsl")],
+        texts: &[CONTACT, TABLE, include_str!("../../forelock-core/src/stage/find_contacts/pairs.wgsl")],
         kernels: &[
             (Kernel::FitDrift, "fit_drift", Over::Once),
             (Kernel::ClearDrift, "clear_drift", Over::List),
@@ -512,6 +569,8 @@ pub enum Binding {
     Skin,
     /// Uniform of contacts.
     Meet,
+    /// Uniform of smoothed particles.
+    Fluid,
     /// Storage that kernels read.
     Read(&'static str),
     /// Storage that kernels change.
@@ -529,6 +588,10 @@ pub enum Group {
     Strands,
     /// Strands that meet solids on their way.
     Follow,
+    /// From strands to smoothed particles and back.
+    Wet,
+    /// Smoothed particles alone.
+    Cloud,
     /// Strands among solids.
     Solids,
     /// From strands to the grid.
@@ -550,11 +613,13 @@ pub enum Group {
 }
 
 /// All groups, in their order.
-pub const GROUPS: [Group; 13] = [
+pub const GROUPS: [Group; 15] = [
     Group::Air,
     Group::Solve,
     Group::Strands,
     Group::Follow,
+    Group::Wet,
+    Group::Cloud,
     Group::Solids,
     Group::Splat,
     Group::Cells,
@@ -616,6 +681,21 @@ impl Group {
                 (9, Binding::Change("report")),
                 (10, Binding::Read("fields")),
                 (11, Binding::Look),
+            ],
+            Self::Wet => &[
+                (2, Binding::Read("blocks")),
+                (5, Binding::Change("positions")),
+                (6, Binding::Change("velocities")),
+                (27, Binding::Change("table")),
+                (32, Binding::Fluid),
+                (33, Binding::Change("cloud")),
+                (34, Binding::Read("names")),
+            ],
+            Self::Cloud => &[
+                (27, Binding::Change("table")),
+                (32, Binding::Fluid),
+                (33, Binding::Change("cloud")),
+                (34, Binding::Read("names")),
             ],
             Self::Solids => &[
                 (0, Binding::Frame),
@@ -748,6 +828,11 @@ pub fn text(stage: &StageKernels, subgroups: bool) -> String {
         ("WAY_ROWS", WAY_ROWS as u32),
         ("BODY_ROWS", BODY_ROWS as u32),
         ("RUN_SEGMENTS", RUN_SEGMENTS as u32),
+        ("HASH_0", HASH[0]),
+        ("HASH_1", HASH[1]),
+        ("HASH_2", HASH[2]),
+        ("MOST_NEIGHBOURS", MOST_NEIGHBOURS as u32),
+        ("NO_SLOT", u32::MAX),
     ];
     for (name, value) in counts.into_iter().chain(FLAGS).chain(KINDS).chain(HOW) {
         constant(name, "u32", &value, "u");
@@ -853,6 +938,7 @@ fn entry(&(binding, what): &(u32, Binding)) -> wgpu::BindGroupLayoutEntry {
         Binding::Air => (uniform, false, size_of::<AirUniform>()),
         Binding::Skin => (uniform, false, size_of::<SkinUniform>()),
         Binding::Meet => (uniform, false, size_of::<MeetUniform>()),
+        Binding::Fluid => (uniform, false, size_of::<FluidUniform>()),
         Binding::Substep => (uniform, true, size_of::<SubstepUniform>()),
         Binding::Look => (uniform, true, size_of::<LookUniform>()),
         Binding::Read(_) => (storage(true), false, 0),

@@ -42,6 +42,7 @@ mod error;
 pub mod grid;
 pub mod kernels;
 pub mod layout;
+pub mod particles;
 mod peaks;
 mod simulation;
 pub mod skinning;

@@ -7,6 +7,7 @@ use crate::contacts::{DeviceContacts, TouchEntry};
 use crate::grid::{BoundsEntry, DeviceGrid, SWEEPS};
 use crate::kernels::{self, Binding, GROUPS, Group, Kernel, Over};
 use crate::layout::{FrameUniform, ReportEntry, SubstepUniform};
+use crate::particles::DeviceParticles;
 use crate::solids::Solids;
 use crate::{Gpu, GpuError};
 use forelock_core::air::WindField;
@@ -18,6 +19,7 @@ use forelock_core::model::{Model, Strands};
 use forelock_core::solver::dftl::Schedule;
 use forelock_core::solver::params::Inextensibility;
 use forelock_core::solver::{Frame, FrameStep, Meeting, Options, Simulation, SolverParams};
+use forelock_core::sph::SphParams;
 use forelock_core::stage::find_contacts::SLICES;
 use forelock_core::state::{Snapshot, State};
 use glam::DVec3;
@@ -41,6 +43,7 @@ pub struct GpuSimulation {
     /// The kernel of the strand solve.
     solve: Kernel,
     grid: Option<DeviceGrid>,
+    particles: Option<DeviceParticles>,
     contacts: Option<DeviceContacts>,
     /// What is needed for wind that is not the same everywhere, after the first of it.
     air: Option<DeviceAir>,
@@ -185,6 +188,7 @@ impl GpuSimulation {
             substeps: Vec::new(),
             solve: Kernel::SolveStrands,
             grid: None,
+            particles: None,
             contacts: None,
             air: None,
             clock: None,
@@ -213,6 +217,16 @@ impl GpuSimulation {
         self.bind_anew()
     }
 
+    /// Lets strands meet as smoothed particles from the next frame on, or not any more.
+    ///
+    /// # Errors
+    /// [`GpuError::Params`] if a parameter is out of range, [`GpuError::TooLarge`] if the device cannot bind what they take; nothing is changed then. [`GpuError::Failed`] if it has no room.
+    pub fn set_particles(&mut self, params: Option<&SphParams>) -> Result<(), GpuError> {
+        let strands = (&self.model, &self.shared);
+        self.particles = params.map(|params| DeviceParticles::new(&self.gpu, strands, params)).transpose()?;
+        self.bind_anew()
+    }
+
     /// Lets segments of strands touch from the next frame on, or not any more.
     ///
     /// # Errors
@@ -236,7 +250,7 @@ impl GpuSimulation {
     /// Binds what there is.
     fn bind(&mut self) {
         let (gpu, shared, solids, grid, air) = (&self.gpu, &self.shared, &self.solids, &self.grid, &self.air);
-        let contacts = &self.contacts;
+        let (contacts, particles) = (&self.contacts, &self.particles);
         let (device, kernels) = (gpu.device(), gpu.kernels());
         let common = |what: Binding| match (what, grid) {
             (Binding::Frame, _) => &shared.frame,
@@ -283,10 +297,22 @@ impl GpuSimulation {
                     Group::Solve | Group::Strands | Group::Follow | Group::Solids => true,
                     Group::Air => air.is_some(),
                     Group::Splat | Group::Cells | Group::Gather => grid.is_some(),
+                    Group::Wet | Group::Cloud => particles.is_some(),
                     Group::Enter | Group::Touch | Group::Bend => contacts.is_some(),
                     Group::Guides | Group::Carried => false,
                 };
-                is_there.then(|| kernels::bind(device, (kernels, group), &find))
+                let wet = |what: Binding| match (what, particles) {
+                    (Binding::Fluid, Some(own)) => &own.uniform,
+                    (Binding::Change("cloud"), Some(own)) => &own.cloud,
+                    (Binding::Change("table"), Some(own)) => &own.table,
+                    (Binding::Read("names"), Some(own)) => &own.names,
+                    _ => find(what),
+                };
+                // Contacts have a table of their own.
+                is_there.then(|| match group {
+                    Group::Wet | Group::Cloud => kernels::bind(device, (kernels, group), &wet),
+                    _ => kernels::bind(device, (kernels, group), &find),
+                })
             });
         }
     }
@@ -312,7 +338,8 @@ impl GpuSimulation {
         let grid = self.grid.as_ref().map_or(0, DeviceGrid::bytes);
         let air = self.air.as_ref().map_or(0, DeviceAir::bytes);
         let contacts = self.contacts.as_ref().map_or(0, DeviceContacts::bytes);
-        self.shared.bytes() + self.solids.bytes() + grid + air + contacts + batches.sum::<u64>()
+        let particles = self.particles.as_ref().map_or(0, DeviceParticles::bytes);
+        self.shared.bytes() + self.solids.bytes() + grid + air + contacts + particles + batches.sum::<u64>()
     }
 
     /// Hands a frame to the device, in one submission, and does not wait for it.
@@ -411,8 +438,10 @@ impl GpuSimulation {
         air: Option<Shelter>,
     ) -> Vec<Call> {
         let mut plan = Vec::new();
-        let meets =
-            |step: &FrameStep| matches!(step, FrameStep::NoteStart | FrameStep::Grid | FrameStep::Contacts);
+        let meets = |step: &FrameStep| {
+            use FrameStep::{Contacts, Grid, NoteStart, Particles};
+            matches!(step, NoteStart | Particles | Grid | Contacts)
+        };
         for steps in steps.chunk_by(|a, b| meets(a) == meets(b)) {
             if meets(&steps[0]) {
                 steps.iter().for_each(|step| self.meet(&mut plan, *step));
@@ -470,6 +499,15 @@ impl GpuSimulation {
     fn meet(&self, plan: &mut Vec<Call>, step: FrameStep) {
         match (step, &self.grid, &self.contacts) {
             (FrameStep::Grid, Some(grid), _) => self.exchange(plan, grid.params.iterations),
+            (FrameStep::Particles, ..) if self.particles.is_some() => {
+                use Kernel::{
+                    ClearBuckets, CountParticles, EnterParticles, FindNeighbours, KickStrands, LayBuckets,
+                    PushParticles,
+                };
+                let find = [ClearBuckets, CountParticles, LayBuckets, EnterParticles, FindNeighbours];
+                let kernels = find.into_iter().chain([PushParticles, KickStrands]);
+                kernels.for_each(|kernel| self.call_all(plan, kernel, 0));
+            }
             (FrameStep::NoteStart, _, Some(_)) => self.call_all(plan, Kernel::NoteStart, 0),
             (FrameStep::Contacts, _, Some(contacts)) => self.touch(plan, contacts.params.rounds),
             _ => {}
@@ -477,8 +515,11 @@ impl GpuSimulation {
     }
 
     fn steps(&self) -> Vec<FrameStep> {
-        let meeting =
-            Meeting { grid: self.grid.is_some(), particles: false, contacts: self.contacts.is_some() };
+        let meeting = Meeting {
+            grid: self.grid.is_some(),
+            particles: self.particles.is_some(),
+            contacts: self.contacts.is_some(),
+        };
         FrameStep::all(&self.params, meeting).collect()
     }
 
@@ -610,6 +651,9 @@ impl GpuSimulation {
         }
         if let (Some(contacts), [.., now]) = (&mut self.contacts, &*poses) {
             contacts.place(&self.gpu, [&start, now], (self.params.clamped(), frame.dt_secs));
+        }
+        if let Some(particles) = &mut self.particles {
+            particles.place(&self.gpu, frame.dt_secs);
         }
         if let (Some(grid), [.., before, now]) = (&mut self.grid, &*poses) {
             let moving = GridFrame::new(before, now, frame.dt_secs / f64::from(count));

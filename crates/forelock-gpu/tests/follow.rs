@@ -17,7 +17,8 @@ use forelock_core::grid::GridParams;
 use forelock_core::model::Strands;
 use forelock_core::pose::Pose;
 use forelock_core::solver::dftl::Schedule;
-use forelock_core::solver::{DftlParams, Frame, Options, Simulation};
+use forelock_core::solver::{AmsParams, DftlParams, Frame, Options, Simulation, SolverParams};
+use forelock_core::sph::SphParams;
 use forelock_gpu::{Gpu, GpuError, GpuSimulation};
 use glam::{DQuat, DVec3};
 
@@ -290,4 +291,54 @@ fn what_began_on_the_cpu_goes_on() {
     assert!(own.snapshot().unwrap().previous.iter().flatten().all(|x| x.is_finite()));
     // What is not there yet is said.
     assert!(matches!(own.set_grid(Some(&GridParams::default())), Err(GpuError::Unsupported { .. })));
+}
+
+/// The forces of smoothed particles are the CPU's, with either solver, in one batch or many, and do not depend on the order of threads.
+#[test]
+fn smoothed_particles_push_as_on_the_cpu() {
+    let Some(gpu) = common::gpu() else { return };
+    let little = little::binding_little(&gpu, 1 << 20);
+    let (positions, offsets) = tuft(260, |strand| 16 + strand % 3);
+    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let (dftl, ams) = (DftlParams::default(), AmsParams { substeps: 1, ..AmsParams::default() });
+    for (solver, own_strand, mutual) in [
+        (SolverParams::from(&dftl), false, true),
+        (SolverParams::from(&dftl), true, false),
+        (SolverParams::from(&ams), false, true),
+    ] {
+        let params = SphParams { own_strand, mutual, pressure: 0.2, ..SphParams::default() };
+        // From a state in motion, what one frame does with particles and without.
+        let mut cpu = Simulation::from_strands(&strands, &solver, &options()).unwrap();
+        (0..8).for_each(|number| assert_eq!(cpu.step_frame(&frame(number)).unwrap().quarantined_strands, 0));
+        let start = cpu.snapshot();
+        let on_cpu = |particles: Option<&SphParams>| {
+            let mut cpu = Simulation::from_strands(&strands, &solver, &options()).unwrap();
+            cpu.set_particles(particles).unwrap();
+            cpu.restore(&start).unwrap();
+            let report = cpu.step_frame(&frame(8)).unwrap();
+            assert!(particles.is_none() || report.particles.densest > 1.0, "{report:?}");
+            cpu.snapshot().positions
+        };
+        let on_gpu = |gpu: &Gpu| {
+            let mut own = GpuSimulation::from_strands(gpu, &strands, &solver, &options()).unwrap();
+            own.set_particles(Some(&params)).unwrap();
+            own.restore(&start).unwrap();
+            own.step_frame(&frame(8)).unwrap();
+            own.snapshot().unwrap()
+        };
+        let root = |a: &[[f32; 3]], b: &[[f32; 3]]| {
+            let d = |(a, b): (&[f32; 3], &[f32; 3])| {
+                (DVec3::from(a.map(f64::from)) - DVec3::from(b.map(f64::from))).length_squared()
+            };
+            (a.iter().zip(b).map(d).sum::<f64>() / a.len() as f64).sqrt()
+        };
+        let (with, without) = (on_cpu(Some(&params)), on_cpu(None));
+        let first = on_gpu(&gpu);
+        let (off, pushed) = (root(&first.positions, &with), root(&with, &without));
+        println!("{own_strand} {mutual}: pushed by {pushed:.2e} m, off by {off:.1e} m");
+        // Beside a few roundings of positions.
+        assert!(pushed > 1e-4 && off < 2e-3 * pushed + 1e-6, "{off} of {pushed}");
+        assert_eq!(on_gpu(&gpu), first, "the order of threads");
+        assert_eq!(on_gpu(&little), first, "batches");
+    }
 }

@@ -10,6 +10,8 @@
 mod common;
 #[path = "../../forelock-core/tests/golden/dftl.rs"]
 mod dftl;
+#[path = "../../forelock-core/tests/golden/fluid.rs"]
+mod fluid;
 #[path = "../../forelock-core/tests/golden/mod.rs"]
 mod golden;
 
@@ -122,4 +124,21 @@ fn dftl_in_every_schedule() {
             assert!(!exact || errors.stretch <= stretch, "{name}, {schedule:?}: {errors:?}");
         }
     }
+}
+
+/// Shape and smoothed particles together, against the last file of follow the leader.
+#[test]
+fn dftl_with_smoothed_particles() {
+    let Some(gpu) = common::gpu() else { return };
+    let file = load("dftl_6_sph");
+    let params = fluid::raw(&file);
+    let error = fluid::coupled_error(&file, |strands, solver, options| {
+        let mut simulation = on(&gpu)(strands, solver, options);
+        let params = params(simulation.model());
+        simulation.set_particles(Some(&params)).unwrap();
+        simulation
+    });
+    println!("dftl_6_sph on {}: {error:.2e}", gpu.name());
+    assert!(error <= DFTL_TOLERANCES[0], "{error:e}");
+    assert!(fluid::coupled_error(&file, on(&gpu)) > DFTL_TOLERANCES[0], "without particles");
 }

@@ -7,6 +7,7 @@ use forelock_gpu::contacts::{MeetUniform, TouchEntry};
 use forelock_gpu::grid::{BoundsEntry, GridSolidEntry, GridUniform};
 use forelock_gpu::kernels::{Binding, GROUPS, Group, STAGES, Stage, StageKernels, text};
 use forelock_gpu::layout::{BlockEntry, FrameUniform, ReportEntry, SubstepUniform};
+use forelock_gpu::particles::FluidUniform;
 use forelock_gpu::skinning::{CarriedEntry, SkinUniform};
 use forelock_gpu::solids::{LookUniform, SolidEntry};
 use naga::back::{hlsl, msl, spv};
@@ -120,6 +121,12 @@ fn structs_are_laid_out_alike() {
                 ])
             );
         }
+        if matches!(stage.group, Group::Wet | Group::Cloud) {
+            same!(&module, "Fluid", FluidUniform, [
+                h h2 inverse_h dt mass_density mass_push mass_drag pressure viscosity inverse_dt neighbours numbers
+                buckets own_strand mutual pad_0
+            ]);
+        }
         if stage.group == Group::Air {
             same!(&module, "Mode", ModeEntry, [wave phase amplitude pad_0]);
             same!(&module, "Air", AirUniform, [
@@ -162,6 +169,7 @@ fn bindings_are_those_of_the_table() {
                 Binding::Air => ("air", None),
                 Binding::Skin => ("skin", None),
                 Binding::Meet => ("meet", None),
+                Binding::Fluid => ("fluid", None),
                 Binding::Read(name) => (name, Some(false)),
                 Binding::Change(name) => (name, Some(true)),
             };

@@ -8,7 +8,7 @@ use forelock_core::air::WindField;
 use forelock_core::contact::{ContactParams, ContactReport};
 use forelock_core::grid::{GridParams, GridReport};
 use forelock_core::solver::{Frame, FrameReport, FrameStep, STAGES, Simulation};
-use forelock_core::sph::SphReport;
+use forelock_core::sph::{SphParams, SphReport};
 use forelock_gpu::{Choice, Gpu, GpuError, GpuReport, GpuSimulation};
 
 use crate::assets::Assets;
@@ -32,8 +32,12 @@ pub enum Backend {
 /// A stage from which on a run can be on a GPU, in the order of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum GpuStage {
-    /// All of them.
+    /// All of them: smoothed particles come first.
+    FindNeighbours,
+    /// The strand solve.
     SolveStrands,
+    /// Follow the leader, solids included.
+    FollowLeader,
     /// Hair against solids.
     ResolveSolids,
     /// Edges back to their lengths.
@@ -48,8 +52,10 @@ pub enum GpuStage {
 
 impl GpuStage {
     /// All of them, in their order.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 8] = [
+        Self::FindNeighbours,
         Self::SolveStrands,
+        Self::FollowLeader,
         Self::ResolveSolids,
         Self::RestoreLengths,
         Self::SplatSegments,
@@ -60,7 +66,9 @@ impl GpuStage {
     /// Its name, as reports have it.
     pub fn name(self) -> &'static str {
         let step = match self {
+            Self::FindNeighbours => FrameStep::Particles,
             Self::SolveStrands => FrameStep::SolveStrands(0),
+            Self::FollowLeader => FrameStep::FollowLeader,
             Self::ResolveSolids => FrameStep::LastSolids,
             Self::RestoreLengths => FrameStep::RestoreLengths,
             Self::SplatSegments => FrameStep::Grid,
@@ -86,7 +94,7 @@ impl Backend {
         if self == Self::Cpu {
             return Ok((None, None));
         }
-        let from = if let Self::GpuFrom(stage) = self { stage } else { GpuStage::SolveStrands };
+        let from = if let Self::GpuFrom(stage) = self { stage } else { GpuStage::FindNeighbours };
         match Device::open((scene, assets), simulation, (from, self != Self::Auto)) {
             Ok(device) => Ok((Some(device), None)),
             Err(error) if self == Self::Auto => Ok((None, Some(format!("on the CPU: {error}")))),
@@ -100,6 +108,7 @@ impl Backend {
 pub(crate) struct Device {
     gpu: Gpu,
     grid: Option<GridParams>,
+    particles: Option<SphParams>,
     contacts: Option<ContactParams>,
     /// Stages before this one run on the CPU.
     from: GpuStage,
@@ -120,13 +129,12 @@ impl Device {
         if gpu.is_software() && !software {
             return Err(GpuError::None { reason: format!("{} is software", gpu.name()) });
         }
-        if scene.interaction.kind == InteractionKind::Sph {
-            return Err(GpuError::Unsupported { what: "hair as smoothed particles" });
-        }
         let meets = scene.interaction.kind == InteractionKind::Grid;
         let grid = meets.then(|| scene.interaction.grid.clone());
+        let particles = scene.interaction.kind == InteractionKind::Sph;
+        let particles = particles.then(|| scene.interaction.sph.clone());
         let contacts = scene.interaction.contacts.then(|| scene.interaction.contact.clone());
-        let mut own = Self { simulation: None, gpu, grid, contacts, from, frame_secs: None };
+        let mut own = Self { simulation: None, gpu, grid, particles, contacts, from, frame_secs: None };
         own.begin_anew(simulation)?;
         let times = [0.0, 1.0 / scene.time.fps];
         own.own()?.hold(&assets.collider_frames(times, times.map(|time| assets.head_pose(time))))?;
@@ -146,7 +154,7 @@ impl Device {
 
     /// Whether some stages run on the CPU.
     pub(crate) fn is_mixed(&self) -> bool {
-        self.from > GpuStage::SolveStrands
+        self.from > GpuStage::FindNeighbours
     }
 
     /// Bytes held on it.
@@ -164,6 +172,7 @@ impl Device {
         self.simulation = None;
         let mut own = GpuSimulation::continuing(&self.gpu, simulation)?;
         own.set_grid(self.grid.as_ref())?;
+        own.set_particles(self.particles.as_ref())?;
         own.set_contacts(self.contacts.as_ref())?;
         own.time_stages(true);
         self.simulation = Some(own);

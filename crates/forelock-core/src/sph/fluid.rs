@@ -54,6 +54,11 @@ impl<T: Real> Fluid<T> {
         Self { masses: self.masses.map(|mass| mass * number(factor)), ..self }
     }
 
+    /// Mass of a particle times the factors of the three kernels: of densities, of pressure, of viscosity.
+    pub fn masses(&self) -> [T; 3] {
+        self.masses
+    }
+
     /// The same fluid with k = `pressure` and μ = `viscosity`.
     #[must_use]
     pub fn pushing(self, pressure: f64, viscosity: f64) -> Self {

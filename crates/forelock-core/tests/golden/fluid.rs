@@ -2,9 +2,10 @@
 
 use crate::dftl::{poses, strands};
 use crate::golden::{Backend, vectors};
-use forelock_core::model::Strands;
+use forelock_core::lane::Real;
+use forelock_core::model::{Model, Strands};
 use forelock_core::solver::{DftlParams, Frame, Options, SolverParams};
-use forelock_core::sph::SphParams;
+use forelock_core::sph::{Sph, SphParams};
 use glam::DVec3;
 use num_traits::ToPrimitive;
 use serde_json::Value;
@@ -57,4 +58,17 @@ pub fn coupled_error<B: Backend>(
         worst = worst.max((DVec3::from(got) + DVec3::from(snapshot.origin)).distance(want.into()));
     }
     worst / simulation.model().strand_lengths[0].0[0].to_f64().unwrap()
+}
+
+/// The file's fluid with its `k` and `mu`, which are those of particles of a mass of 1, for the strands of a model, whose mean density is 1.
+pub fn raw<T: Real>(file: &Value) -> impl Fn(&Model<T>) -> SphParams {
+    let params = fluid_params(file);
+    let [k, mu] = ["k", "mu"].map(|key| file[key].as_f64().unwrap());
+    move |model| {
+        let (h, step) = (params.smoothing_length, 0.016);
+        let kernel = 315.0 / (64.0 * std::f64::consts::PI * h.powi(3));
+        let mass = Sph::new(model, &params).fluid().density(T::zero()).to_f64().unwrap() / kernel;
+        let (pressure, viscosity) = (k * step * step / (h * h), mu * mass * step / (h * h));
+        SphParams { pressure, viscosity, ..params.clone() }
+    }
 }

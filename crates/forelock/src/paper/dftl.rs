@@ -440,7 +440,7 @@ pub fn compare(share: f64, observer: &mut Observer<'_>) -> Result<Study, RunErro
             image: labelled(&pictures, 5)?,
         });
     }
-    notes.insert(0, "Each solver as it is meant to be used: AMS with its defaults and the grid, follow the leader with the scenes' parameters and smoothed particles. Energy is kinetic, and potential over the rest shape.".to_owned());
+    notes.insert(0, "Each solver as it is meant to be used: AMS with its defaults and the grid, follow the leader with the scenes' parameters and smoothed particles. Energy is that of the motion relative to the rest shape on the head, and of the height over it.".to_owned());
     Ok(Study {
         title: "AMS and DFTL on the same five scenes".to_owned(),
         claim: String::new(),

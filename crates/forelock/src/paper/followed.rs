@@ -31,7 +31,7 @@ pub(super) struct Followed {
     pub shape: Vec<f64>,
     /// Volume of the cells of 1 cm that hold hair, in the head's frame, litres.
     pub volume: Vec<f64>,
-    /// Kinetic and potential energy of hair, the latter from its height over where it would be at rest, J/kg.
+    /// Kinetic energy of hair relative to the rest shape as the head moves it, and potential from its height over that, J/kg.
     pub energy: Vec<f64>,
     /// Milliseconds a frame, median of all.
     pub ms: f64,
@@ -89,14 +89,14 @@ impl Followed {
             let local = positions.iter().map(|p| own.transform_point(p.as_dvec3()).as_vec3());
             followed.volume.push(occupied_litres(local));
             let rest = assets.groom.positions().iter().map(|p| head.transform_point(p.as_dvec3()).as_vec3());
-            let moving = if frame > 0 { &before } else { &positions };
-            followed.energy.push(energy(&positions, moving, rest, scene));
+            let away: Vec<Vec3> = positions.iter().zip(rest).map(|(x, rest)| *x - rest).collect();
+            followed.energy.push(energy(&away, if frame > 0 { &before } else { &away }, scene));
+            before = away;
             if let Some(number) = wanted.iter().position(|&moment| moment == frame) {
                 let time = stepper.time_secs(frame);
                 let label = if number == 0 { case.label.clone() } else { format!("{time:.2} S") };
                 followed.pictures.push((studio.picture(&positions, time, scale)?, label));
             }
-            std::mem::swap(&mut positions, &mut before);
         }
         observer(&Progress::End);
         times.sort_by(f64::total_cmp);
@@ -117,13 +117,14 @@ fn occupied_litres(points: impl Iterator<Item = Vec3>) -> f64 {
     cells.len() as f64 * f64::from(CELL).powi(3) * 1e3
 }
 
-fn energy(now: &[Vec3], before: &[Vec3], rest: impl Iterator<Item = Vec3>, scene: &Scene) -> f64 {
+/// Of hair so far away from its rest shape, now and a frame before.
+fn energy(now: &[Vec3], before: &[Vec3], scene: &Scene) -> f64 {
     let gravity = glam::DVec3::from_array(scene.gravity);
-    let of_particle = |((now, before), rest): ((&Vec3, &Vec3), Vec3)| {
+    let of_particle = |(now, before): (&Vec3, &Vec3)| {
         let speed = f64::from(now.distance(*before)) * scene.time.fps;
-        0.5 * speed * speed - gravity.dot((*now - rest).as_dvec3())
+        0.5 * speed * speed - gravity.dot(now.as_dvec3())
     };
-    mean(now.iter().zip(before).zip(rest).map(of_particle))
+    mean(now.iter().zip(before).map(of_particle))
 }
 
 /// A plot of one measure of all that were followed.

@@ -93,7 +93,6 @@ fn smooth_drift(@builtin(global_invocation_id) id: vec3u) {
 
 // Where the largest end: the last bin, how many of it belong, and how many are in it.
 var<workgroup> last_of: vec3u;
-var<workgroup> sums: array<u32, CELLS_GROUP>;
 
 const OWN_BINS: u32 = BINS / CELLS_GROUP;
 
@@ -178,9 +177,7 @@ fn clear_cells(@builtin(global_invocation_id) id: vec3u) {
 }
 
 var<workgroup> is_quiet: u32;
-var<workgroup> run_start: u32;
-
-// From counts to where each cell's entries start, twice: the second is moved on while they are entered. Cells of one row of the table lie one after the other, rows lie anywhere.
+// From counts to where each cell's entries start.
 @compute @workgroup_size(CELLS_GROUP)
 fn lay_out(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t: u32) {
     if t == 0u {
@@ -192,37 +189,12 @@ fn lay_out(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index)
     if group.x == 0u && t == 0u {
         touch.shelves = 1u;
     }
-    for (var row = group.x; row < meet.cells / ROW_CELLS; row += ROW_GROUPS) {
-        let first = ROW_CELLS * row + OWN_CELLS * t;
-        var counts: array<u32, OWN_CELLS>;
-        var own = 0u;
-        for (var k = 0u; k < OWN_CELLS; k++) {
-            counts[k] = atomicLoad(&table[first + k]);
-            own += counts[k];
-        }
-        sums[t] = own;
-        workgroupBarrier();
-        for (var reach = 1u; reach < CELLS_GROUP; reach *= 2u) {
-            var sum = sums[t];
-            if t >= reach {
-                sum += sums[t - reach];
-            }
-            workgroupBarrier();
-            sums[t] = sum;
-            workgroupBarrier();
-        }
-        if t == 0u {
-            run_start = atomicAdd(&touch.taken, sums[CELLS_GROUP - 1u]);
-        }
-        workgroupBarrier();
-        var start = run_start + sums[t] - own;
-        for (var k = 0u; k < OWN_CELLS; k++) {
-            atomicStore(&table[first + k], start);
-            atomicStore(&table[meet.cells + first + k], start);
-            start += counts[k];
-        }
-        workgroupBarrier();
-    }
+    lay_rows(group.x, t, meet.cells);
+}
+
+// Room for so many entries.
+fn take_room(count: u32) -> u32 {
+    return atomicAdd(&touch.taken, count);
 }
 
 // Where two segments are nearest: the place along each, and the vector from the second's point to the first's; as `contact::closest`.

@@ -18,6 +18,8 @@
 //! # Limitations
 //! Where more than K are within h the farther ones are left out: densities of hair that is denser than the lists saturate.
 
+#![expect(clippy::needless_range_loop, reason = "one index for several arrays is what vectorises")]
+
 use crate::lane::Real;
 use crate::scratch::{fill, resize};
 use crate::sph::Fluid;

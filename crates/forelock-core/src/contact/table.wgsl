@@ -1,0 +1,40 @@
+// A table of cells sorted by counting, as all kernels lay it out that have one: `take_room` is theirs.
+
+var<workgroup> sums: array<u32, CELLS_GROUP>;
+var<workgroup> run_start: u32;
+
+// From counts to where each cell's entries start, twice: the second is moved on while they are entered, and is their end then. Cells of one row of the table lie one after the other, rows lie anywhere. Thread `t` of
+// workgroup `group` of ROW_GROUPS; in uniform flow.
+fn lay_rows(group: u32, t: u32, cells: u32) {
+    for (var row = group; row < cells / ROW_CELLS; row += ROW_GROUPS) {
+        let first = ROW_CELLS * row + OWN_CELLS * t;
+        var counts: array<u32, OWN_CELLS>;
+        var own = 0u;
+        for (var k = 0u; k < OWN_CELLS; k++) {
+            counts[k] = atomicLoad(&table[first + k]);
+            own += counts[k];
+        }
+        sums[t] = own;
+        workgroupBarrier();
+        for (var reach = 1u; reach < CELLS_GROUP; reach *= 2u) {
+            var sum = sums[t];
+            if t >= reach {
+                sum += sums[t - reach];
+            }
+            workgroupBarrier();
+            sums[t] = sum;
+            workgroupBarrier();
+        }
+        if t == 0u {
+            run_start = take_room(sums[CELLS_GROUP - 1u]);
+        }
+        workgroupBarrier();
+        var start = run_start + sums[t] - own;
+        for (var k = 0u; k < OWN_CELLS; k++) {
+            atomicStore(&table[first + k], start);
+            atomicStore(&table[cells + first + k], start);
+            start += counts[k];
+        }
+        workgroupBarrier();
+    }
+}

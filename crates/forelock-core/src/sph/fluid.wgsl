@@ -1,0 +1,74 @@
+// What kernels of smoothed particles share: the twins of `sph::Fluid` and of what `find_neighbours` knows.
+//
+// A particle has a number: its place in the whole model × LANES + lane, whatever batch it is in. `cloud` is bits of floats and numbers: entries in their sorted order, eight numbers each (place, motion, number, strand); then a
+// number a slot each of density and how far its list goes (the square of a distance, and the number that breaks a tie); accelerations, three a particle; lists of slots.
+
+struct Fluid {
+    h: f32,
+    h2: f32,
+    inverse_h: f32,
+    dt: f32,
+    // Mass of a particle times the factors of the three kernels.
+    mass_density: f32,
+    mass_push: f32,
+    mass_drag: f32,
+    pressure: f32,
+    viscosity: f32,
+    inverse_dt: f32,
+    // Neighbours at most, particles with those of lanes that are not live, buckets.
+    neighbours: u32,
+    numbers: u32,
+    buckets: u32,
+    own_strand: u32,
+    mutual: u32,
+    pad_0: u32,
+}
+
+const ENTRY: u32 = 8u;
+
+@group(0) @binding(32) var<uniform> fluid: Fluid;
+@group(0) @binding(33) var<storage, read_write> cloud: array<u32>;
+// Of each particle the groom's number, its strand, and bits of its density at rest.
+@group(0) @binding(34) var<storage, read> names: array<u32>;
+// Buckets, twice; after them how many entries there are.
+@group(0) @binding(27) var<storage, read_write> table: array<atomic<u32>>;
+
+fn real_at(at: u32) -> f32 {
+    return bitcast<f32>(cloud[at]);
+}
+
+fn vector_at(at: u32) -> vec3f {
+    return bitcast<vec3f>(vec3u(cloud[at], cloud[at + 1u], cloud[at + 2u]));
+}
+
+fn set_vector_at(at: u32, v: vec3f) {
+    let bits = bitcast<vec3u>(v);
+    cloud[at] = bits.x;
+    cloud[at + 1u] = bits.y;
+    cloud[at + 2u] = bits.z;
+}
+
+fn number_at(slot: u32) -> u32 {
+    return cloud[ENTRY * slot + 6u];
+}
+
+fn density_at(slot: u32) -> f32 {
+    return real_at(8u * fluid.numbers + slot);
+}
+
+fn acceleration_of(number: u32) -> u32 {
+    return 11u * fluid.numbers + 3u * number;
+}
+
+fn list_of(slot: u32) -> u32 {
+    return 14u * fluid.numbers + fluid.neighbours * slot;
+}
+
+fn cell_of(x: vec3f) -> vec3i {
+    return vec3i(floor(x * fluid.inverse_h));
+}
+
+fn bucket_of(cell: vec3i) -> u32 {
+    let own = bitcast<vec3u>(cell) * vec3u(HASH_0, HASH_1, HASH_2);
+    return (own.x ^ own.y ^ own.z) & (fluid.buckets - 1u);
+}

@@ -1,0 +1,132 @@
+// The nearest neighbours of every particle, and how dense hair is there: the twin of `find_neighbours`. Within a bucket entries lie in any order, but lists are in the order of distance and number, and so are sums over them.
+
+fn take_room(count: u32) -> u32 {
+    return atomicAdd(&table[2u * fluid.buckets], count);
+}
+
+@compute @workgroup_size(CELLS_GROUP)
+fn clear_buckets(@builtin(global_invocation_id) id: vec3u) {
+    if id.x == 0u {
+        atomicStore(&table[2u * fluid.buckets], 0u);
+    }
+    for (var at = id.x; at < fluid.buckets; at += LIST_THREADS) {
+        atomicStore(&table[at], 0u);
+    }
+}
+
+@compute @workgroup_size(CELLS_GROUP)
+fn lay_buckets(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t: u32) {
+    lay_rows(group.x, t, fluid.buckets);
+}
+
+// The nearest so far, nearest first.
+var<private> squares: array<f32, MOST_NEIGHBOURS>;
+var<private> slots: array<u32, MOST_NEIGHBOURS>;
+var<private> found: u32;
+
+fn groom_number(slot: u32) -> u32 {
+    return names[3u * number_at(slot)];
+}
+
+// Whether one at the square of a distance comes before the `at`-th.
+fn is_nearer(square: f32, slot: u32, at: u32) -> bool {
+    return square < squares[at] || (square == squares[at] && groom_number(slot) < groom_number(slots[at]));
+}
+
+fn insert(square: f32, slot: u32) {
+    var at = found;
+    if found == fluid.neighbours {
+        at -= 1u;
+        if !is_nearer(square, slot, at) {
+            return;
+        }
+    } else {
+        found += 1u;
+    }
+    while at > 0u && is_nearer(square, slot, at - 1u) {
+        squares[at] = squares[at - 1u];
+        slots[at] = slots[at - 1u];
+        at -= 1u;
+    }
+    squares[at] = square;
+    slots[at] = slot;
+}
+
+// The square of the distance from which on nothing counts.
+fn bound_so_far() -> f32 {
+    if found == fluid.neighbours {
+        return squares[found - 1u];
+    }
+    return fluid.h2;
+}
+
+// What rounding may make of a distance to a cell, as a share of its side.
+const ROUNDING: f32 = 1e-4;
+
+fn search(own: u32) {
+    let x = vector_at(ENTRY * own);
+    let strand = cloud[ENTRY * own + 7u];
+    let cell = cell_of(x);
+    let from_low = x - vec3f(cell) * fluid.h;
+    let below = max(from_low - ROUNDING * fluid.h, vec3f(0.0)) * (1.0 - ROUNDING);
+    let above = max(fluid.h - from_low - ROUNDING * fluid.h, vec3f(0.0)) * (1.0 - ROUNDING);
+    // Its own cell, then faces, edges and corners.
+    for (var sides = 0u; sides <= 3u; sides++) {
+        for (var n = 0u; n < 27u; n++) {
+            let step = vec3i(vec3u(n % 3u, n / 3u % 3u, n / 9u)) - 1;
+            if u32(dot(step, step)) != sides {
+                continue;
+            }
+            let away = select(select(vec3f(0.0), above, step > vec3i(0)), below, step < vec3i(0));
+            if dot(away, away) > bound_so_far() {
+                continue;
+            }
+            let beside = cell + step;
+            let bucket = bucket_of(beside);
+            let end = atomicLoad(&table[fluid.buckets + bucket]);
+            for (var slot = atomicLoad(&table[bucket]); slot < end; slot++) {
+                let other = vector_at(ENTRY * slot);
+                let d = other - x;
+                let square = dot(d, d);
+                if square <= bound_so_far() && square < fluid.h2 && slot != own {
+                    // Others have this bucket by chance, or will be met in their own cell.
+                    let is_here = all(cell_of(other) == beside);
+                    if is_here && (fluid.own_strand != 0u || cloud[ENTRY * slot + 7u] != strand) {
+                        insert(square, slot);
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn density_of(square: f32) -> f32 {
+    let rest = 1.0 - square / fluid.h2;
+    return fluid.mass_density * rest * rest * rest;
+}
+
+@compute @workgroup_size(CELLS_GROUP)
+fn find_neighbours(@builtin(global_invocation_id) id: vec3u) {
+    let entries = atomicLoad(&table[2u * fluid.buckets]);
+    for (var slot = id.x; slot < entries; slot += LIST_THREADS) {
+        found = 0u;
+        search(slot);
+        var density = density_of(0.0);
+        let list = list_of(slot);
+        for (var n = 0u; n < found; n++) {
+            cloud[list + n] = slots[n];
+            density += density_of(squares[n]);
+        }
+        let at = 8u * fluid.numbers + slot;
+        cloud[at] = bitcast<u32>(density);
+        let is_full = found == fluid.neighbours;
+        // How far the list goes; without an end to it, its length is told by an end of its own.
+        cloud[at + fluid.numbers] = bitcast<u32>(select(FAR, bound_so_far(), is_full));
+        cloud[at + 2u * fluid.numbers] = 0u;
+        if is_full {
+            cloud[at + 2u * fluid.numbers] = groom_number(slots[found - 1u]);
+        } else {
+            cloud[list + found] = NO_SLOT;
+        }
+    }
+}

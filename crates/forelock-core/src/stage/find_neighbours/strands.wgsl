@@ -1,0 +1,52 @@
+// Smoothed particles, strand by strand: which buckets they are in, and what pushed them.
+
+// The number of particle `i` of a strand in the whole model.
+fn number_of(strand: Strand, i: u32) -> u32 {
+    return (blocks[strand.block].place + i) * LANES + strand.lane;
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn count_particles(@builtin(global_invocation_id) id: vec3u) {
+    let strand = strand_of(id.x);
+    if !strand.here {
+        return;
+    }
+    for (var i = 0u; i < strand.particles; i++) {
+        atomicAdd(&table[bucket_of(cell_of(position_at(strand, i)))], 1u);
+    }
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn enter_particles(@builtin(global_invocation_id) id: vec3u) {
+    let strand = strand_of(id.x);
+    if !strand.here {
+        return;
+    }
+    let remembers = arrayLength(&velocities) > arrayLength(&positions);
+    for (var i = 0u; i < strand.particles; i++) {
+        let x = position_at(strand, i);
+        var u = velocity_at(strand, i);
+        if remembers {
+            u = (x - previous_at(strand, i)) * fluid.inverse_dt;
+        }
+        let number = number_of(strand, i);
+        let at = ENTRY * atomicAdd(&table[fluid.buckets + bucket_of(cell_of(x))], 1u);
+        set_vector_at(at, x);
+        set_vector_at(at + 3u, u);
+        cloud[at + 6u] = number;
+        cloud[at + 7u] = names[3u * number + 1u];
+    }
+}
+
+// Accelerations for a step become velocities.
+@compute @workgroup_size(WORKGROUP)
+fn kick_strands(@builtin(global_invocation_id) id: vec3u) {
+    let strand = strand_of(id.x);
+    if !strand.here {
+        return;
+    }
+    for (var i = 0u; i < strand.particles; i++) {
+        let a = vector_at(acceleration_of(number_of(strand, i)));
+        set_velocity(strand, i, velocity_at(strand, i) + fluid.dt * a);
+    }
+}
