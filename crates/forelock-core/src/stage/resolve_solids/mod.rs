@@ -143,6 +143,14 @@ impl<T: Real> SolidPose<T> {
         d.dot(d).sqrt() - L::splat(radius)
     }
 
+    /// The same for one particle.
+    #[inline(always)]
+    fn outside_at(&self, x: [T; 3]) -> T {
+        let (centre, radius) = &self.ball;
+        let d = [0, 1, 2].map(|c| x[c] - centre[c]);
+        dot(d, d).sqrt() - *radius
+    }
+
     #[inline(always)]
     fn local(&self, end: usize, x: [T; 3]) -> [T; 3] {
         let (r, p) = (&self.rotations[end], &self.translations[end]);
@@ -470,13 +478,23 @@ impl<T: Real> Queue<T> {
                 v[c][k] = view.velocities[3 * i + c].0[lane];
             }
         }
+        let beyond_rounding = crate::state::number(0.999);
         let mut clearance = [T::infinity(); PACKET];
         let mut touches = [false; PACKET];
         // Whether what took it out of one solid may have put it into another.
         let mut between = [false; PACKET];
         for (solid, pose) in solids.solids.iter().zip(solids.poses) {
-            let (distances, gradients) = solid.shape.sample_packet(&pose.local_packet(&x), pose.fractions[1]);
             let thin = crate::state::number(solid.shape.thinness());
+            // What is nearer to another one already, did not come far, and is outside the ball around this one by more than that, neither touches it nor learns anything.
+            let rise = lipschitz::<T>(solid.shape);
+            let is_far = |k: usize| {
+                let outside = pose.outside_at([x[0][k], x[1][k], x[2][k]]) - solids.thickness;
+                self.moved[self.len + k] <= thin && outside * beyond_rounding > clearance[k].max(T::zero()) * rise
+            };
+            if (0..taken).all(is_far) {
+                continue;
+            }
+            let (distances, gradients) = solid.shape.sample_packet(&pose.local_packet(&x), pose.fractions[1]);
             for k in 0..taken {
                 let place = [x[0][k], x[1][k], x[2][k]];
                 let mut particle =
