@@ -250,6 +250,9 @@ impl<T: Real> Model<T> {
 
     /// Fills `local`, if it is not filled yet.
     pub fn find_frames(&mut self) {
+        if self.local.len() == self.rest.len() {
+            return;
+        }
         self.local.resize(self.rest.len(), Row([T::zero(); LANES]));
         for block in &self.blocks {
             for lane in 0..LANES {

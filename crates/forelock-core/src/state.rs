@@ -94,6 +94,28 @@ impl<T: Real> State<T> {
         }
     }
 
+    /// Forgets positions of a step before, of `h` seconds: velocities become those with which hair moved in it.
+    pub(crate) fn forget(&mut self, h: f64) {
+        let inverse_h = number::<T>(1.0 / h);
+        for ((v, x), y) in self.velocities.iter_mut().zip(&self.positions).zip(&self.previous) {
+            for k in 0..LANES {
+                v.0[k] = (x.0[k] - y.0[k]) * inverse_h;
+            }
+        }
+        self.previous = Vec::new();
+    }
+
+    /// Takes the motion of the step before, of `h` seconds, out of the velocities, and leaves what else they hold.
+    pub(crate) fn stop(&mut self, h: f64) {
+        let inverse_h = number::<T>(1.0 / h);
+        for ((v, x), y) in self.velocities.iter_mut().zip(&self.positions).zip(&self.previous) {
+            for k in 0..LANES {
+                v.0[k] = v.0[k] - (x.0[k] - y.0[k]) * inverse_h;
+            }
+        }
+        self.previous.clone_from(&self.positions);
+    }
+
     /// Bytes that the state holds.
     pub fn bytes(&self) -> usize {
         let vectors = self.positions.len() + self.velocities.len() + self.previous.len();

@@ -840,6 +840,8 @@ pub fn text(stage: &StageKernels, subgroups: bool) -> String {
     constant("MARGIN", "i32", &MARGIN, "");
     let changes = !matches!(stage.stage, Stage::ResolveSolids | Stage::FollowLeader);
     constant("CHANGES", "bool", &changes, "");
+    let follows = matches!(stage.stage, Stage::FollowLeader | Stage::FollowChanging);
+    constant("DRAGS", "bool", &follows, "");
     let singles = [PIVOT_FLOOR, FAR, TOUCH, STRETCHED].map(|value| value as f32);
     let names = ["PIVOT_FLOOR", "FAR", "TOUCH", "STRETCHED"];
     let grid = [

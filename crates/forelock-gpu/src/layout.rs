@@ -92,12 +92,10 @@ pub mod flags {
     pub const SLENDER: u32 = 1 << 8;
     /// The air is not the same everywhere.
     pub const WIND: u32 = 1 << 9;
-    /// Friction changes places, from which velocities follow.
-    pub const DRAGS: u32 = 1 << 10;
 }
 
 /// The same by name, for the kernels.
-pub const FLAGS: [(&str, u32); 11] = [
+pub const FLAGS: [(&str, u32); 10] = [
     ("TENSION", flags::TENSION),
     ("ANGULAR_EDGE", flags::ANGULAR_EDGE),
     ("ANGULAR_PAPER", flags::ANGULAR_PAPER),
@@ -108,7 +106,6 @@ pub const FLAGS: [(&str, u32); 11] = [
     ("LAY_ALONG", flags::LAY_ALONG),
     ("SLENDER", flags::SLENDER),
     ("WIND", flags::WIND),
-    ("DRAGS", flags::DRAGS),
 ];
 
 /// A substep's poses: `Substep` in `prelude.wgsl`.
@@ -208,7 +205,6 @@ impl FrameUniform {
             (curve.is_some(), flags::NON_HOOKEAN),
             (terms.slender, flags::SLENDER),
             (varies, flags::WIND),
-            (followed.is_some(), flags::DRAGS),
             (params.inextensibility == Inextensibility::Dftl, flags::FOLLOW_THE_LEADER),
             (params.lay_along_solids && params.inextensibility != Inextensibility::Off, flags::LAY_ALONG),
         ];

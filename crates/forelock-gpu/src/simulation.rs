@@ -26,7 +26,7 @@ use glam::DVec3;
 
 /// A simulation whose state lives on a GPU: [`forelock_core::solver::Simulation`], stage by stage.
 ///
-/// Memory, in bytes a particle: 28 of model, 32 of state, 120 of scratch (that of the largest batch); 4 more with a grid, and 68 a cell that there is room for; 12 more with contacts, and what [`crate::contacts`] says; 12 more once there was wind
+/// Memory, in bytes a particle: 28 of model, 32 of state, 120 of scratch (that of the largest batch); 4 more with a grid, and 68 a cell that there is room for; 12 more of state under follow the leader; 12 more with contacts, and what [`crate::contacts`] says; what [`crate::particles`] says with smoothed particles; 12 more once there was wind
 /// that is not the same everywhere.
 #[derive(Debug)]
 pub struct GpuSimulation {
@@ -135,10 +135,7 @@ impl GpuSimulation {
         params.validate()?;
         let mut model = Model::new(strands)?;
         let mut state = State::at_rest(&model, &options.rest_pose);
-        if matches!(params, SolverParams::Dftl(_)) {
-            model.find_frames();
-            state.remember();
-        }
+        params.prepare(&mut model, &mut state);
         Self::with(gpu, (model, state), &params, options)
     }
 
@@ -232,6 +229,9 @@ impl GpuSimulation {
     /// # Errors
     /// [`GpuError::Params`] if a parameter is out of range, [`GpuError::TooLarge`] if the device cannot bind what they take; nothing is changed then. [`GpuError::Failed`] if it has no room.
     pub fn set_contacts(&mut self, params: Option<&ContactParams>) -> Result<(), GpuError> {
+        if params.is_some() && matches!(self.params, SolverParams::Dftl(_)) {
+            return Err(GpuError::Unsupported { what: "contacts between strands with follow the leader" });
+        }
         let batches: Vec<_> = self.batches.iter().map(|bound| &bound.batch).collect();
         let strands = (&self.model, &self.shared);
         let contacts = params.map(|params| DeviceContacts::new(&self.gpu, strands, &batches, params));
@@ -702,7 +702,9 @@ impl GpuSimulation {
             let sums = [0; std::mem::offset_of!(ReportEntry, contacts)];
             self.gpu.queue().write_buffer(&self.shared.report, 0, &sums);
             let own: ReportEntry = bytemuck::pod_read_unaligned(next());
-            let restored = if self.restores_lengths() { own.restored } else { own.stretch };
+            // Followers' lengths are restored level by level.
+            let follows = matches!(self.params, SolverParams::Dftl(_));
+            let restored = if self.restores_lengths() && !follows { own.restored } else { own.stretch };
             found = GpuReport {
                 max_edge_stretch: f32::from_bits(restored),
                 max_edge_stretch_final: f32::from_bits(own.stretch),

@@ -171,9 +171,10 @@ impl Device {
     pub(crate) fn begin_anew(&mut self, simulation: &Simulation) -> Result<(), GpuError> {
         self.simulation = None;
         let mut own = GpuSimulation::continuing(&self.gpu, simulation)?;
-        own.set_grid(self.grid.as_ref())?;
+        // What the CPU does is not asked of the device.
+        own.set_grid(self.grid.as_ref().filter(|_| self.from <= GpuStage::SplatSegments))?;
         own.set_particles(self.particles.as_ref())?;
-        own.set_contacts(self.contacts.as_ref())?;
+        own.set_contacts(self.contacts.as_ref().filter(|_| self.from <= GpuStage::FindContacts))?;
         own.time_stages(true);
         self.simulation = Some(own);
         Ok(())
@@ -221,7 +222,10 @@ impl Device {
         let from = self.from;
         let own = self.own()?;
         let steps: Vec<_> = FrameStep::all(simulation.params(), simulation.meeting()).collect();
-        let looks = |step: &FrameStep| matches!(step, FrameStep::ResolveSolids(_) | FrameStep::LastSolids);
+        let looks = |step: &FrameStep| {
+            use FrameStep::{FollowLeader, LastSolids, ResolveSolids};
+            matches!(step, ResolveSolids(_) | FollowLeader | LastSolids)
+        };
         let last_look = steps.iter().rfind(|step| looks(step)).copied();
         let mut sum = FrameReport::default();
         for part in steps.chunk_by(|a, b| from.is_after(*a) == from.is_after(*b)) {
@@ -257,6 +261,8 @@ impl Device {
 /// What a GPU tells of a frame, as the CPU tells it.
 fn told(report: &GpuReport) -> FrameReport {
     let stages = report.secs.map(|secs| secs.stages);
+    let ran = |name: &str| stages.iter().flatten().any(|(own, secs)| *own == name && *secs > 0.0);
+    let follows = ran("follow_leader");
     FrameReport {
         max_edge_stretch: report.max_edge_stretch.into(),
         max_edge_stretch_final: report.max_edge_stretch_final.into(),
@@ -268,7 +274,8 @@ fn told(report: &GpuReport) -> FrameReport {
         particles: SphReport::default(),
         stage_secs: STAGES.map(|name| {
             // On the CPU the air is sampled by the stage that it is for.
-            let is_of = |own: &str| own == name || (own == "sample_air" && name == "solve_strands");
+            let blown = if follows { "follow_leader" } else { "solve_strands" };
+            let is_of = |own: &str| own == name || (own == "sample_air" && name == blown);
             let secs = stages.iter().flatten().filter(|(own, _)| is_of(own));
             (name, secs.map(|(_, secs)| *secs).sum())
         }),

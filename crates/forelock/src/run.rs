@@ -154,7 +154,7 @@ pub(crate) struct Stepper<'a> {
     guides: Vec<Vec3>,
     /// Edits while the hair moves.
     regrooming: Regrooming,
-    /// The state before the edits of the frame under way on a device: what a run that fails there is resumed from, for edits are done again then.
+    /// The state before the edits and the steps of the frame under way on a device: what a run that fails there is resumed from, for they are done again then.
     before_edits: Option<forelock_core::state::Snapshot<f32>>,
 }
 
@@ -279,11 +279,22 @@ impl<'a> Stepper<'a> {
             None => self.step_between([frame, frame + 1].map(|frame| self.time_secs(frame)))?,
             Some((step_secs, done)) => {
                 let end = self.steps(frame + 1).map_or(done, |(_, end)| end);
+                if self.device.is_some() && end > done + 1 && self.before_edits.is_none() {
+                    self.before_edits = Some(self.simulation.snapshot());
+                }
+                let (mut sum, mut secs) = (FrameReport::default(), None);
                 // Frames that are shorter than a step may have none.
-                (done..end).try_fold(FrameReport::default(), |sum, step| {
+                for step in done..end {
                     let report = self.step_between([step, step + 1].map(|step| step as f64 * step_secs))?;
-                    Ok::<_, RunError>(sum.then(&report))
-                })?
+                    sum = sum.then(&report);
+                    if let Some(own) = self.device.as_ref().and_then(|device| device.frame_secs) {
+                        secs = Some(secs.unwrap_or(0.0) + own);
+                    }
+                }
+                if let Some(device) = &mut self.device {
+                    device.frame_secs = secs;
+                }
+                sum
             }
         };
         self.before_edits = None;

@@ -10,9 +10,9 @@ use serde::Serialize;
 pub struct Summary {
     /// Name of the scene.
     pub scene: String,
-    /// Solver: "ams" or "mass-spring".
+    /// Solver: "ams", "mass-spring" or "dftl".
     pub solver: String,
-    /// Backend: "cpu".
+    /// Backend: "cpu" or "gpu".
     pub backend: &'static str,
     /// Name of the processor.
     pub device: String,

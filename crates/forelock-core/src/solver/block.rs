@@ -139,7 +139,7 @@ impl BlockReport {
     #[must_use]
     pub fn then(self, after: &Self) -> Self {
         Self {
-            max_edge_stretch: self.max_edge_stretch,
+            max_edge_stretch: self.max_edge_stretch.max(after.max_edge_stretch),
             quarantined: self.quarantined + after.quarantined,
             stage_nanos: std::array::from_fn(|k| self.stage_nanos[k] + after.stage_nanos[k]),
             ..*after
@@ -383,7 +383,7 @@ fn finish_lanes<L: Lane>(
         report.stage_nanos[LENGTHS] += clock.lap();
     }
     if job.part.looks_last || job.part.checks {
-        finish::<L>(job, view, (first, live), restored, (&mut clock, &mut report));
+        finish::<L>(job, view, (first, live), restored, scratch, (&mut clock, &mut report));
     }
     report
 }
@@ -398,7 +398,7 @@ fn look<'a, T: Real>(job: &'a FrameJob<'_, T>, step: usize, way_out: f64) -> Sol
         way_out: crate::state::number(way_out),
         h: crate::state::number(job.h),
         clamped: job.clamped,
-        drags: matches!(job.terms, StrandTerms::Dftl(_)),
+        drags: false,
     }
 }
 
@@ -482,18 +482,29 @@ fn restore<L: Lane>(
     stretch
 }
 
-/// Solids have the last word; then checks. `restored` is the largest stretch before, where it is known.
+/// Solids have the last word; then checks. `restored` is the largest stretch before, where it is known. Solids meet hair with the speed at which it moves, not with the load that followers' velocities hold.
 #[inline(always)]
 fn finish<L: Lane>(
     job: &FrameJob<'_, L::Scalar>,
     view: &mut BlockView<'_, L::Scalar>,
     (first, live): (usize, usize),
     restored: Option<L>,
+    scratch: &mut Scratch<L::Scalar>,
     (clock, report): (&mut Clock, &mut BlockReport),
 ) {
     let before = restored.unwrap_or_else(|| restore_lengths::largest_stretch::<L>(view, first));
     let mut stretch = before;
-    if restored.is_none() && matches!(job.terms, StrandTerms::Dftl(_)) {
+    let follows = matches!(job.terms, StrandTerms::Dftl(_));
+    let looks_at_motion = follows && job.part.looks_last;
+    if looks_at_motion {
+        let inverse_h = L::from_f64(1.0 / job.h);
+        for (i, load) in scratch.vectors::<L>()[..view.particles].iter_mut().enumerate() {
+            let u = (V3::load(view.positions, i, first) - V3::load(view.previous, i, first)).scale(inverse_h);
+            *load = V3::load(view.velocities, i, first) - u;
+            u.store(view.velocities, i, first);
+        }
+    }
+    if restored.is_none() && follows {
         // Lengths were restored level by level.
         report.max_edge_stretch = worst(before, live - first);
     }
@@ -510,6 +521,11 @@ fn finish<L: Lane>(
                 resolve_solids::lay_along(&look(job, last, 0.0), by_solids, view, first, live);
                 stretch = restore_lengths::largest_stretch::<L>(view, first);
             }
+        }
+    }
+    if looks_at_motion {
+        for (i, load) in scratch.vectors::<L>()[..view.particles].iter().enumerate() {
+            (V3::load(view.velocities, i, first) + *load).store(view.velocities, i, first);
         }
     }
     report.max_edge_stretch_final = worst(stretch, live - first);

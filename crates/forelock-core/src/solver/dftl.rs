@@ -29,7 +29,7 @@ pub enum Schedule {
     serde(default, deny_unknown_fields)
 )]
 pub struct DftlParams {
-    /// Step, of which a run takes as many as its frames need, whatever their rate. Unit s, default 0.016, range 0 or more; 0 takes one step a frame.
+    /// Step, of which a run takes as many as its frames need, whatever their rate. Unit s, default 0.016, range 0 to 1; 0 takes one step a frame, anything else under 1e-4 is refused.
     pub step_secs: f64,
     /// Share of the way to its place in the head's frame that a particle goes in a step, at the root (s_g). No unit, default 0.05, range 0 to 1; 0 switches it off, above 0.1 hair is stiff.
     pub shape_global: f64,
@@ -78,13 +78,22 @@ impl Default for DftlParams {
 }
 
 impl DftlParams {
+    /// The step that it takes unless it takes frames as they come, seconds.
+    pub fn usual_step(&self) -> f64 {
+        if self.step_secs > 0.0 { self.step_secs } else { STATED_STEP_SECS }
+    }
+
     /// Checks every parameter against its range.
     ///
     /// # Errors
     /// [`ParamsError::Range`] for the first that is not in it.
     pub fn validate(&self) -> Result<(), ParamsError> {
         check(&[
-            ("step_secs", self.step_secs, NON_NEGATIVE),
+            (
+                "step_secs",
+                self.step_secs,
+                ("0, or between 1e-4 and 1", |x| x == 0.0 || (1e-4..=1.0).contains(&x)),
+            ),
             ("shape_global", self.shape_global, SHARE),
             ("shape_local", self.shape_local, SHARE),
             ("tip_scale_global", self.tip_scale_global, SHARE),

@@ -4,6 +4,10 @@
 //! enter the motion. They keep their meaning at any frame rate and number of substeps.
 
 use super::DftlParams;
+use super::dftl::STATED_STEP_SECS;
+use crate::lane::Real;
+use crate::model::Model;
+use crate::state::State;
 
 /// How a stretched spring enters the implicit matrix.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -351,6 +355,20 @@ impl SolverParams {
         match self {
             Self::Ams(params) => params.validate_step(dt_secs, beyond_float32),
             Self::Dftl(_) => check_time(dt_secs),
+        }
+    }
+
+    /// Makes of `model` and `state` what the solver asks for, and leaves nothing of another one: velocities of followers, which hold a load, become those of hair that moves.
+    pub fn prepare<T: Real>(&self, model: &mut Model<T>, state: &mut State<T>) {
+        match self {
+            Self::Dftl(_) => {
+                model.find_frames();
+                state.remember();
+            }
+            Self::Ams(_) => {
+                model.local = Vec::new();
+                state.forget(STATED_STEP_SECS);
+            }
         }
     }
 

@@ -63,6 +63,9 @@ impl Simulation<f32> {
         }
         let model = Model::new(&groom.into())?;
         let mut state = State::at_rest(&model, head);
+        if !self.state.previous.is_empty() {
+            state.remember();
+        }
         let mut now = state.snapshot(&model);
         let before = Before {
             rest: rest(&self.model),
@@ -117,6 +120,12 @@ impl Before<'_> {
             (&self.moving.positions[old.clone()], &self.moving.velocities[old.clone()]);
         let place = |i: usize| DVec3::from_array(places[i].map(f64::from)) + self.shift;
         let velocity = |i: usize| DVec3::from_array(velocities[i].map(f64::from));
+        // How far it went in the step before.
+        let previous = self.moving.previous.get(old.clone()).unwrap_or_default();
+        let gone = |i: usize| {
+            let before = previous.get(i).unwrap_or(&places[i]);
+            DVec3::from_array(places[i].map(f64::from)) - DVec3::from_array(before.map(f64::from))
+        };
         let ghost = |i: usize| self.head.transform_point(self.rest[old.start + i]);
         let tip_turn = self.turn_of_tip(&old, place(edges) - place(edges - 1));
         let range = groom.range(strand);
@@ -148,6 +157,9 @@ impl Before<'_> {
             {
                 now.positions[particle] = at.as_vec3().to_array();
                 now.velocities[particle] = velocity(edge).lerp(velocity(edge + 1), t).as_vec3().to_array();
+                if let Some(before) = now.previous.get_mut(particle) {
+                    *before = (at - gone(edge).lerp(gone(edge + 1), t)).as_vec3().to_array();
+                }
                 now.integrity[particle] =
                     integrity[edge] + (integrity[edge + 1] - integrity[edge]) * t as f32;
             }
@@ -298,11 +310,29 @@ mod tests {
 
     #[test]
     fn an_edit_that_changes_nothing_changes_nothing() {
+        let following = || {
+            let params = crate::solver::DftlParams::default();
+            let mut simulation = Simulation::new(&curls(), &params, &Options::default()).unwrap();
+            step(&mut simulation, 30);
+            simulation
+        };
+        let (mut simulation, mut same) = (following(), following());
+        let sources: Vec<Source> = (0..20).map(|strand| Source { strand, fresh: false }).collect();
+        same.regroom(&curls(), &sources, &Pose::IDENTITY).unwrap();
+        for _ in 0..2 {
+            let (a, b) = (same.snapshot(), simulation.snapshot());
+            let far = |a: &[[f32; 3]], b: &[[f32; 3]]| {
+                let apart = |(a, b): (&[f32; 3], &[f32; 3])| Vec3::from(*a).distance((*b).into());
+                a.iter().zip(b).map(apart).fold(0.0, f32::max)
+            };
+            assert!(far(&a.positions, &b.positions) < 1e-6 && far(&a.previous, &b.previous) < 1e-6);
+            assert!(far(&b.positions, &b.previous) > 1e-4, "in motion");
+            [&mut simulation, &mut same].into_iter().for_each(|own| step(own, 1));
+        }
         let mut simulation = hanging();
         step(&mut simulation, 3);
         let mut same = hanging();
         step(&mut same, 3);
-        let sources: Vec<Source> = (0..20).map(|strand| Source { strand, fresh: false }).collect();
         same.regroom(&curls(), &sources, &Pose::IDENTITY).unwrap();
         assert_eq!(same.snapshot().positions, simulation.snapshot().positions);
         assert_eq!(same.snapshot().velocities, simulation.snapshot().velocities);

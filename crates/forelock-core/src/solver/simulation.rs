@@ -296,12 +296,7 @@ impl<T: SolverReal> Simulation<T> {
 
     /// Makes what the solver asks for of model and state.
     pub(super) fn prepare(&mut self) {
-        if matches!(self.params, SolverParams::Dftl(_)) {
-            self.model.find_frames();
-            self.state.remember();
-        } else {
-            self.state.previous = Vec::new();
-        }
+        self.params.prepare(&mut self.model, &mut self.state);
     }
 
     /// The same, with only one in `every` particles of a strand the groom's.
@@ -535,13 +530,15 @@ impl<T: SolverReal> Simulation<T> {
         let touched = self.contacts.as_mut().filter(|_| work.contacts).map_or_else(
             ContactReport::default,
             |contacts| {
-                let State { positions, velocities, clearance, .. } = &mut self.state;
-                contacts.resolve(
-                    &self.model,
-                    (positions, velocities, clearance),
-                    now,
-                    (clamped, frame.dt_secs),
-                )
+                // Apart for a while, for what moves is told by all the rest.
+                let mut clearance = std::mem::take(&mut self.state.clearance);
+                let moving = (&mut self.workspace.motion, h);
+                let report = with_motion(&mut self.state, moving, |positions, velocities| {
+                    let rows = (positions, velocities, &mut *clearance);
+                    contacts.resolve(&self.model, rows, now, (clamped, frame.dt_secs))
+                });
+                self.state.clearance = clearance;
+                report
             },
         );
         // Followers get their lengths back after the last step in which strands meet.
@@ -631,16 +628,19 @@ impl<T: SolverReal> Simulation<T> {
             turn(rows, &jump);
         }
         for rows in self.state.velocities.chunks_exact_mut(3) {
-            if mode == Teleport::CarryShape {
+            if mode == Teleport::CarryShape && self.state.previous.is_empty() {
                 rows.fill(Row([T::zero(); crate::lane::LANES]));
             } else {
                 turn(rows, &jump);
             }
         }
-        if mode == Teleport::CarryShape && !self.state.previous.is_empty() {
-            self.state.previous.clone_from(&self.state.positions);
-        }
         self.state.origin = origin;
+        if let SolverParams::Dftl(params) = &self.params {
+            if mode == Teleport::CarryShape {
+                // Without motion, but with the load that followers' velocities hold.
+                self.state.stop(params.usual_step());
+            }
+        }
         self.forget_solids();
     }
 

@@ -1,6 +1,7 @@
 //! The fluid's constants and its kernels.
 
 use crate::lane::Real;
+use crate::stage::find_neighbours::MOST_NEIGHBOURS;
 use crate::state::number;
 use std::f64::consts::PI;
 
@@ -42,7 +43,7 @@ impl<T: Real> Fluid<T> {
             masses: factors.map(|factor| number(mass * factor)),
             pressure: T::zero(),
             viscosity: T::zero(),
-            neighbours: params.neighbours as usize,
+            neighbours: (params.neighbours as usize).clamp(1, MOST_NEIGHBOURS),
             own_strand: params.own_strand,
             mutual: params.mutual,
         }

@@ -83,7 +83,7 @@ impl<T: Real> Sph<T> {
         let h = if params.smoothing_length > 0.0 {
             params.smoothing_length
         } else {
-            smoothing_length(&particles, params).unwrap_or(0.1 * model.reach)
+            smoothing_length(&particles, params).unwrap_or(0.1 * model.reach).max(1e-6)
         };
         let mut neighbours = Neighbours::default();
         let fluid = Fluid::new(h, 1.0, params);

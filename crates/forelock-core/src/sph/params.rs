@@ -1,7 +1,7 @@
 //! Parameters of hair as smoothed particles.
 
 use crate::solver::ParamsError;
-use crate::solver::params::{NON_NEGATIVE, POSITIVE, check};
+use crate::solver::params::{POSITIVE, check};
 
 /// Parameters of hair against hair through smoothed particles (Sánchez-Banderas et al. 2015, Sec. 3.2; Müller et al. 2003).
 ///
@@ -14,7 +14,7 @@ use crate::solver::params::{NON_NEGATIVE, POSITIVE, check};
     serde(default, deny_unknown_fields)
 )]
 pub struct SphParams {
-    /// How far particles feel each other, h. Unit m, default 0, range 0 or more; 0 takes what gives half the particles as many `neighbours` at rest.
+    /// How far particles feel each other, h. Unit m, default 0, range 0 to 10; 0 takes what gives half the particles as many `neighbours` at rest, anything else under 1e-6 is refused.
     pub smoothing_length: f64,
     /// Neighbours that a particle takes into account, the nearest ones, K. Unit particles, default 16, range 1 to 64.
     pub neighbours: u32,
@@ -51,7 +51,11 @@ impl SphParams {
     /// [`ParamsError::Range`] for the first that is not in it.
     pub fn validate(&self) -> Result<(), ParamsError> {
         check(&[
-            ("smoothing_length", self.smoothing_length, NON_NEGATIVE),
+            (
+                "smoothing_length",
+                self.smoothing_length,
+                ("0, or between 1e-6 and 10", |x| x == 0.0 || (1e-6..=10.0).contains(&x)),
+            ),
             ("neighbours", f64::from(self.neighbours), ("between 1 and 64", |x| (1.0..=64.0).contains(&x))),
             ("pressure", self.pressure, ("between 0 and 0.5", |x| (0.0..=0.5).contains(&x))),
             ("viscosity", self.viscosity, ("between 0 and 0.2", |x| (0.0..=0.2).contains(&x))),

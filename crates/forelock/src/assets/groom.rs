@@ -31,7 +31,15 @@ pub(super) fn load(scene: &Scene, body: Option<&Body>, notes: &mut Vec<String>) 
         groom = resample(&groom, count)?;
     }
     if section.vertices > 0 {
-        groom = resample_to(&groom, section.vertices as usize)?;
+        let (vertices, strands) = (section.vertices as usize, groom.strand_count());
+        if vertices < 2 * strands || vertices > 1000 * strands {
+            return Err(AssetError::Vertices { vertices, strands });
+        }
+        groom = resample_to(&groom, vertices)?;
+        // A thousand a strand is what solvers are made for; on average there are no more.
+        if let Some(strand) = (0..strands).find(|&s| groom.strand(s).len() > 1000) {
+            return Err(AssetError::Uneven { strand, particles: groom.strand(strand).len() });
+        }
     }
     // Growth keeps out of the body by itself.
     let lift = section.lift && section.source != GroomSource::Grow;

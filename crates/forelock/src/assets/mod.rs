@@ -34,6 +34,24 @@ pub enum AssetError {
     /// Strands cannot be resampled.
     #[error("the strands cannot be resampled: {0}")]
     Resample(#[from] forelock_core::groom::ResampleError),
+    /// `groom.vertices` does not suit the strands.
+    #[error("`groom.vertices` is {vertices}, but {strands} strands take 2 to 1000 each: between {} and {}", 2 * .strands, 1000 * .strands)]
+    Vertices {
+        /// What was asked for.
+        vertices: usize,
+        /// Strands of the groom.
+        strands: usize,
+    },
+    /// A strand would get too many of them.
+    #[error(
+        "of `groom.vertices` strand {strand} would get {particles}, more than 1000, for it is much longer than others: lower it"
+    )]
+    Uneven {
+        /// Which.
+        strand: usize,
+        /// What it would get.
+        particles: usize,
+    },
     /// An edit cannot be done.
     #[error("edit {number} ({operation}) cannot be done: {error}")]
     Edit {

@@ -71,6 +71,8 @@ pub struct DftlTables {
     pub paper_device: &'static str,
     /// Frames timed.
     pub frames: u32,
+    /// Share of the strands that were simulated.
+    pub share: f64,
     /// Table 1.
     pub scenes: Vec<SceneRow>,
     /// Table 2.
@@ -122,6 +124,7 @@ pub fn dftl_tables(options: &Table1Options, observer: &mut Observer<'_>) -> Resu
         threads: if gpu.is_some() { 0 } else { rayon::current_num_threads() },
         paper_device: PAPER_DEVICE,
         frames: options.frames,
+        share: options.share,
         scenes,
         sizes,
     })
@@ -219,7 +222,11 @@ impl DftlTables {
             format!("ours ({}, {} threads)", self.device, self.threads)
         };
         let fps = |ms: f64| format!("{:.1}", 1e3 / ms);
-        let mut columns = vec!["scene".to_owned(), "strands, vertices, colliders".to_owned()];
+        let mut columns = vec![
+            "scene".to_owned(),
+            "strands, vertices, colliders".to_owned(),
+            "ours: strands, particles".to_owned(),
+        ];
         columns.extend(METHODS.iter().map(|(method, _)| format!("{method}: paper")));
         columns.extend(METHODS.iter().map(|(method, _)| format!("{method}: ours")));
         let mut scenes = Table {
@@ -229,7 +236,7 @@ impl DftlTables {
         };
         for row in &self.scenes {
             let counts = row.paper_counts.map(thousands).join(", ");
-            let mut cells = vec![row.name.to_owned(), counts];
+            let mut cells = vec![row.name.to_owned(), counts, row.counts.map(thousands).join(", ")];
             cells.extend(row.paper_fps.iter().map(|fps| format!("{fps:.1}")));
             cells.extend(row.ms.iter().map(|ms| match ms {
                 Ok(ms) => fps(*ms),
@@ -280,6 +287,7 @@ impl DftlTables {
             notes: vec![
                 format!("Ours: the median of {} frames of the simulation alone at 60 frames a second (Table 1, the solver steps at its own 16 ms), and steps of 16 ms without solids (Table 2).", self.frames),
                 "The paper's frames a second are with rendering, of scenes of which it gives the counts; ours are made to its counts.".to_owned(),
+                format!("Share of the strands that were simulated: {}.", percent(self.share)),
                 "On a CPU strands are lanes of registers, whatever the schedule.".to_owned(),
             ],
             tables: vec![scenes, sizes],
@@ -483,7 +491,7 @@ mod tests {
         }
         let markdown = tables.study().to_markdown();
         assert!(
-            markdown.contains("| Mannequin A | 15,000, 349,232, 15 | 130.3 | 124.0 | 21.5 |"),
+            markdown.contains("| Mannequin A | 15,000, 349,232, 15 | 60, 1,397 | 130.3 | 124.0 | 21.5 |"),
             "{markdown}"
         );
         assert!(markdown.contains("| 16,384 | 1,048,576 | 10 | 74 | 7.40 |"), "{markdown}");

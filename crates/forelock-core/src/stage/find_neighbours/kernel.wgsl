@@ -60,16 +60,17 @@ fn bound_so_far() -> f32 {
     return fluid.h2;
 }
 
-// What rounding may make of a distance to a cell, as a share of its side.
-const ROUNDING: f32 = 1e-4;
 
 fn search(own: u32) {
     let x = vector_at(ENTRY * own);
     let strand = cloud[ENTRY * own + 7u];
     let cell = cell_of(x);
     let from_low = x - vec3f(cell) * fluid.h;
-    let below = max(from_low - ROUNDING * fluid.h, vec3f(0.0)) * (1.0 - ROUNDING);
-    let above = max(fluid.h - from_low - ROUNDING * fluid.h, vec3f(0.0)) * (1.0 - ROUNDING);
+    // What rounding may make of a distance to a cell, as a share of its side.
+    let far = vec3f(abs(cell));
+    let rounding = 1e-4 + 5e-7 * max(far.x, max(far.y, far.z));
+    let below = max(from_low - rounding * fluid.h, vec3f(0.0)) * (1.0 - rounding);
+    let above = max(fluid.h - from_low - rounding * fluid.h, vec3f(0.0)) * (1.0 - rounding);
     // Its own cell, then faces, edges and corners.
     for (var sides = 0u; sides <= 3u; sides++) {
         for (var n = 0u; n < 27u; n++) {

@@ -185,7 +185,7 @@ struct Found<'a, T> {
 pub const MOST_NEIGHBOURS: usize = 64;
 /// Places that are gone through at once.
 const ABREAST: usize = 8;
-/// What rounding may make of a distance to a cell, as a share of it.
+/// What rounding may make of a distance to a cell near the origin, as a share of its side; it grows with the cell's number.
 const ROUNDING: f64 = 1e-4;
 
 /// The nearest neighbours so far, nearest first.
@@ -246,7 +246,7 @@ impl<T: Real> Search<'_, T> {
 
     #[inline(always)]
     fn chunk_of(&self, first: usize, found: Found<'_, T>) {
-        let k = self.fluid.neighbours.min(MOST_NEIGHBOURS);
+        let k = self.fluid.neighbours;
         let mut around = Around::default();
         let mut nearest = Nearest {
             squares: [T::zero(); MOST_NEIGHBOURS],
@@ -284,12 +284,14 @@ impl<T: Real> Search<'_, T> {
             around.gather(at, self.starts);
         }
         // How far it is to the cell's lower faces and to its upper ones, a little less.
-        let least = number::<T>(1.0 - ROUNDING);
+        let far = at.into_iter().fold(0.0, |far: f64, at| far.max(f64::from(at).abs()));
+        let rounding = number::<T>(ROUNDING) + T::epsilon() * number(4.0 * far);
+        let least = T::one() - rounding;
         let mut to_faces = [[T::zero(); 3]; 3];
         for c in 0..3 {
             let from_low = own[c] - number::<T>(f64::from(at[c])) * h;
-            to_faces[0][c] = (from_low - h * number(ROUNDING)).max(T::zero()) * least;
-            to_faces[2][c] = (h - from_low - h * number(ROUNDING)).max(T::zero()) * least;
+            to_faces[0][c] = (from_low - h * rounding).max(T::zero()) * least;
+            to_faces[2][c] = (h - from_low - h * rounding).max(T::zero()) * least;
         }
         for near in &around.near[..around.len] {
             let steps = near.steps.map(usize::from);

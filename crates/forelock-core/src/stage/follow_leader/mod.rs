@@ -25,7 +25,7 @@
 //! step carries them down again.
 //!
 //! # Limitations
-//! Followers do not pull at leaders within a step; swings of long strands lose energy by that (`damping`).
+//! Followers do not pull at leaders within a step; swings of long strands lose energy by that (`damping`). Steps are all as long: what velocities hold, and how fast hair moved in the step before, is of that length.
 
 mod frame;
 

@@ -341,10 +341,14 @@ pub struct LevelSolids<'a, T> {
 }
 
 impl<'a, T: Real> LevelSolids<'a, T> {
-    /// Before the first level; none where there are no solids.
+    /// Before the first level; none where there are no solids. Friction changes places too.
     #[inline(always)]
     pub fn new(solids: Solids<'a, T>) -> Option<Self> {
-        let own = Self { solids, queue: Queue::new(0), contacts: Contacts::default() };
+        let own = Self {
+            solids: Solids { drags: true, ..solids },
+            queue: Queue::new(0),
+            contacts: Contacts::default(),
+        };
         (!own.solids.solids.is_empty()).then_some(own)
     }
 
@@ -489,7 +493,8 @@ impl<T: Real> Queue<T> {
             let rise = lipschitz::<T>(solid.shape);
             let is_far = |k: usize| {
                 let outside = pose.outside_at([x[0][k], x[1][k], x[2][k]]) - solids.thickness;
-                self.moved[self.len + k] <= thin && outside * beyond_rounding > clearance[k].max(T::zero()) * rise
+                self.moved[self.len + k] <= thin
+                    && outside * beyond_rounding > clearance[k].max(T::zero()) * rise
             };
             if (0..taken).all(is_far) {
                 continue;
@@ -686,7 +691,7 @@ fn settle<T: Real>(
         return sigma;
     }
     let normal = pose.turn(1, gradient);
-    rub(solids, solid.friction, carried(solid, pose, particle.x, normal), normal, particle);
+    rub(solids, solid.friction, carried(solid, pose, particle.x, normal), normal, particle, false);
     // A grid's gradient is not exactly its direction to the surface: look again after a push that is not small
     // against a cell. Primitives are exact.
     let small_push =
@@ -768,7 +773,7 @@ fn catch<T: Real>(
     }
     particle.x = pose.world(1, place);
     let normal = pose.turn(1, normal);
-    rub(solids, solid.friction, carried(solid, pose, particle.x, normal), normal, particle);
+    rub(solids, solid.friction, carried(solid, pose, particle.x, normal), normal, particle, true);
     true
 }
 
@@ -791,6 +796,7 @@ fn rub<T: Real>(
     displacement: [T; 3],
     normal: [T; 3],
     particle: &mut Particle<T>,
+    caught: bool,
 ) {
     let solid_velocity = displacement.map(|d| d / solids.h);
     let relative = [0, 1, 2].map(|c| particle.v[c] - solid_velocity[c]);
@@ -804,7 +810,8 @@ fn rub<T: Real>(
     let kept = if speed > T::zero() { (T::one() + mu * approach / speed).max(T::zero()) } else { T::zero() };
     for c in 0..3 {
         particle.v[c] = solid_velocity[c] + kept * tangential[c];
-        if solids.drags {
+        // What was stopped on its way has lost what was left of it.
+        if solids.drags && !caught {
             particle.x[c] = particle.x[c] - solids.h * (T::one() - kept) * tangential[c];
         }
     }

@@ -8,7 +8,7 @@ struct Particle {
 }
 
 // Stops the approach to a solid at the particle, with Coulomb friction.
-fn rub(number: u32, normal: vec3f, particle: ptr<function, Particle>) {
+fn rub(number: u32, normal: vec3f, particle: ptr<function, Particle>, caught: bool) {
     let arm = (*particle).x - look.solids[number].pivot;
     var gone = look.solids[number].travel + cross(look.solids[number].spin, arm);
     if CHANGES && look.solids[number].swell > 0.0 {
@@ -28,8 +28,8 @@ fn rub(number: u32, normal: vec3f, particle: ptr<function, Particle>) {
         kept = max(1.0 + look.solids[number].friction * approach / speed, 0.0);
     }
     (*particle).v = own + kept * along;
-    // Where velocities follow from places, friction changes these too.
-    if has(DRAGS) {
+    // Where velocities follow from places, friction changes these too; what was stopped on its way has lost what was left of it.
+    if DRAGS && !caught {
         (*particle).x -= frame.h * (1.0 - kept) * along;
     }
 }
@@ -42,7 +42,7 @@ fn settle(number: u32, found: vec4f, particle: ptr<function, Particle>) -> f32 {
         return sigma;
     }
     let map = look.solids[number].at_end;
-    rub(number, turned(map, gradient), particle);
+    rub(number, turned(map, gradient), particle, false);
     let cell = look.solids[number].cell;
     let small_push = select(FAR, 0.1 * cell, cell > 0.0);
     for (var k = 1u; k <= LOOKS; k++) {
@@ -144,7 +144,7 @@ fn catch_on_way(number: u32, found: vec4f, origin: vec3f, particle: ptr<function
         return false;
     }
     (*particle).x = turned(map, touch.place - map[3].xyz);
-    rub(number, turned(map, touch.normal), particle);
+    rub(number, turned(map, touch.normal), particle, true);
     return true;
 }
 
