@@ -51,12 +51,13 @@ fn has_gpu() -> bool {
     false
 }
 
-/// Strands apart; that meet and touch, in a wind; with virtual particles; that are cut and curled while they move.
-const SCENES: [&str; 4] = [
+/// Strands apart; that meet and touch, in a wind; with virtual particles; that are cut and curled while they move; that follow the leader, two steps in some frames, as smoothed particles in a wind.
+const SCENES: [&str; 5] = [
     "",
     "[interaction]\nkind = \"grid\"\ncontacts = true\n[wind]\nvelocity = [3, 0, 1]\nturbulence = 0.3\nshelter = 0.5\nhair_depth = 0.05\n",
     "[solver]\nkind = \"mass-spring\"\n",
     "[[edit]]\nop = \"trim\"\nto = 0.05\nat_secs = 0.05\n[[edit]]\nop = \"curl\"\nat_secs = 0.03\n",
+    "[solver]\nkind = \"dftl\"\n[interaction]\nkind = \"sph\"\n[wind]\nvelocity = [3, 0, 1]\nturbulence = 0.3\n[time]\nfps = 40\n[[edit]]\nop = \"trim\"\nto = 0.05\nat_secs = 0.05\n",
 ];
 
 #[test]
@@ -143,6 +144,16 @@ fn stages_can_be_left_on_the_cpu() {
         run(scene, &["--gpu-from", "restore_lengths", "--frames", "3"]);
         let resumed = run(scene, &["--gpu-from", "restore_lengths", "--resume"]);
         assert_eq!(hash(&resumed), hash(&whole), "{scene}");
+    }
+    // Follow the leader on the CPU, and nothing after it that changes hair; smoothed particles there alone.
+    let following =
+        "[solver]\nkind = \"dftl\"\n[interaction]\nkind = \"sph\"\n[body]\nmotion = \"builtin:shake\"\n";
+    let [gpu, cpu] = ["gpu", "cpu"].map(|backend| run(following, &["--backend", backend]));
+    for (stage, same) in
+        [("find_neighbours", [true, false]), ("follow_leader", [false; 2]), ("resolve_solids", [false, true])]
+    {
+        let own = run(following, &["--gpu-from", stage]);
+        assert_eq!([&gpu, &cpu].map(|other| hash(&own) == hash(other)), same, "{stage}");
     }
     // Wind is sampled where the strands are solved.
     let [cpu, own] = [["--backend", "cpu"], ["--gpu-from", "find_contacts"]].map(|how| run(SCENES[1], &how));

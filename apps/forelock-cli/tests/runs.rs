@@ -124,6 +124,27 @@ fn hair_that_meets_itself_and_keeps_wind_off_resumes() {
 }
 
 #[test]
+fn follow_the_leader_resumes_between_its_steps() {
+    let place = Workplace::new();
+    let sets = ["solver.kind=dftl", "interaction.kind=sph", "time.fps=100", "wind.turbulence=0.3"];
+    let sets = ["output.film=false", "output.picture=false"].into_iter().chain(sets);
+    let quiet: Vec<&str> = std::iter::once("--json").chain(sets.flat_map(|set| ["--set", set])).collect();
+    let run = |out: &str, more: &[&str]| json(&place.run(small_demo(out, &[&quiet[..], more].concat())));
+    let whole = run("whole", &[]);
+    assert_eq!(whole["solver"], "dftl");
+    assert!(whole["max_edge_stretch"].as_f64().unwrap() < 1e-4, "{whole}");
+    for frames in ["1", "2", "3"] {
+        run("parts", &["--frames", frames]);
+        let resumed = run("parts", &["--resume"]);
+        assert_eq!(resumed["state_hash"], whole["state_hash"], "after {frames}");
+        assert!(
+            fs::read(place.path("parts/hair.npz")).unwrap()
+                == fs::read(place.path("whole/hair.npz")).unwrap()
+        );
+    }
+}
+
+#[test]
 fn guides_carry_all_strands_and_resume() {
     let place = Workplace::new();
     let quiet = ["--json", "--set", "output.film=false", "--set", "output.picture=false"];

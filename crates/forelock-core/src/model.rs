@@ -64,7 +64,7 @@ pub struct Model<T> {
     /// One over the rest length to the next particle, `[places]` rows, 1/m; 0 past the tip.
     pub inverse_edges: Vec<Row<T>>,
     /// The edge to each particle at rest in the frame of the one before it, and for roots the unit vector across their frame: `[3 × places]` rows, metres, of
-    /// [`rest_edges`](crate::stage::follow_leader::rest_edges). Empty until [`Model::find_frames`].
+    /// [`rest_edges`]. Empty until [`Model::find_frames`].
     pub local: Vec<Row<T>>,
     /// A row a block: length of the strand, metres.
     pub strand_lengths: Vec<Row<T>>,

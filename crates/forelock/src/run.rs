@@ -540,3 +540,45 @@ pub(crate) fn deep_particles(positions: &[Vec3], solids: &[ColliderFrame<'_>]) -
     let both = |a: (usize, f64), b: (usize, f64)| (a.0 + b.0, a.1.max(b.1));
     positions.par_chunks(4096).map(of_chunk).reduce(|| (0, 0.0), both)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Override;
+
+    /// Positions after a second of follow the leader at a rate, and the deepest share inside the ball that flies through.
+    fn after_a_second(fps: u32, keys: &[&str]) -> Vec<Vec3> {
+        let text = "[groom]\nstrands = 60\n[wind]\nvelocity = [0.5, 0.0, 1.0]\n[solver]\nkind = \"dftl\"\n\
+                    [interaction]\nkind = \"sph\"\n[body]\nmotion = \"builtin:shake\"\nsdf_cells = 32\n";
+        let keys =
+            [&[format!("time.fps={fps}")][..], &keys.iter().map(|&key| key.to_owned()).collect::<Vec<_>>()];
+        let overrides: Vec<_> = keys.concat().iter().map(|key| Override::set(key).unwrap()).collect();
+        let scene = Scene::parse(text, Path::new("scene.toml"), &overrides).unwrap();
+        let assets = Assets::load(&scene, &mut |_| {}).unwrap();
+        let mut stepper = Stepper::new(&scene, &assets).unwrap();
+        let mut positions = Vec::new();
+        for frame in 0..fps {
+            stepper.step(frame).unwrap();
+            stepper.positions(frame + 1, &mut positions);
+            // Between steps too roots are where the head carries them.
+            let head = assets.head_pose(stepper.time_secs(frame + 1));
+            let root = head.transform_point(assets.groom.positions()[0].as_dvec3()).as_vec3();
+            assert!(positions[0].distance(root) < 1e-5, "frame {frame} at {fps}");
+        }
+        positions
+    }
+
+    /// A solver with steps of its own shows the same hair at any rate: 24 to 240 frames a second.
+    #[test]
+    fn follow_the_leader_looks_alike_at_every_rate() {
+        let far = |a: &[Vec3], b: &[Vec3]| a.iter().zip(b).map(|(a, b)| a.distance(*b)).fold(0.0, f32::max);
+        let sixty = after_a_second(60, &[]);
+        for fps in [24, 30, 120, 240] {
+            let off = far(&after_a_second(fps, &[]), &sixty);
+            assert!(off < 1e-5, "{fps} frames a second: {off} m");
+        }
+        // One step a frame is another motion.
+        let own = ["solver.dftl.step_secs=0"];
+        assert!(far(&after_a_second(30, &own), &after_a_second(120, &own)) > 1e-3);
+    }
+}

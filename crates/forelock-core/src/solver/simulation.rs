@@ -635,11 +635,9 @@ impl<T: SolverReal> Simulation<T> {
             }
         }
         self.state.origin = origin;
-        if let SolverParams::Dftl(params) = &self.params {
-            if mode == Teleport::CarryShape {
-                // Without motion, but with the load that followers' velocities hold.
-                self.state.stop(params.usual_step());
-            }
+        if let (SolverParams::Dftl(params), Teleport::CarryShape) = (&self.params, mode) {
+            // Without motion, but with the load that followers' velocities hold.
+            self.state.stop(params.usual_step());
         }
         self.forget_solids();
     }

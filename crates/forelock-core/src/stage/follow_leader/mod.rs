@@ -17,7 +17,7 @@
 //! Equation (14) hands each particle's corrections up the strand as velocity, which makes up for leaders that followers do not move (Müller, Kim, Chentanez 2012). So at rest v is not zero: it holds the
 //! load handed up. What moves at what speed is u = (x − x_previous)/h, which drag and smoothed particles take.
 //!
-//! Where a solid is met the tangential motion relative to it is slowed by Coulomb friction, as in [`resolve_solids`]; a particle's place is changed accordingly, for its speed follows from that. With
+//! Where a solid is met the tangential motion relative to it is slowed by Coulomb friction, as in [`resolve_solids`](crate::stage::resolve_solids); a particle's place is changed accordingly, for its speed follows from that. With
 //! `recheck` > 0 lengths have the last word, so that edges are exact, and single particles may end a little inside; with 0, as the paper has it, solids have it.
 //!
 //! # Practice
