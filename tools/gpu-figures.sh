@@ -39,4 +39,5 @@ step scaling-apart "${forelock[@]}" bench scaling --backend gpu --most "$most" -
 step scaling-half "${forelock[@]}" bench scaling --backend gpu --most "$most" --half-factors --out "$out/scaling-half"
 step scaling-contacts "${forelock[@]}" bench scaling --backend gpu --most "$most" --contacts --out "$out/scaling-contacts"
 step paper "${forelock[@]}" bench paper --backend gpu --share "$share" --out "$out/paper"
+step dftl "${forelock[@]}" bench paper --paper dftl --backend gpu --share "$share" --out "$out/dftl"
 exit $failed

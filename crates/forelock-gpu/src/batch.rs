@@ -43,7 +43,7 @@ pub(crate) struct Batch {
     pub model: wgpu::Buffer,
     pub strands: wgpu::Buffer,
     pub positions: wgpu::Buffer,
-    /// And, where steps are remembered, after them positions of the step before.
+    /// And, where steps are remembered, after them positions of the step before, and room for as much again.
     pub velocities: wgpu::Buffer,
     /// Integrity and clearance, two rows a place.
     pub memory: wgpu::Buffer,
@@ -113,13 +113,13 @@ impl Batch {
         let change = read | BufferUsages::COPY_SRC;
         let range = blocks;
         let blocks = gpu.filled("blocks", bytemuck::cast_slice(&entries), read);
-        let remembered = if model.local.is_empty() { 1 } else { 2 };
+        let arrays = if model.local.is_empty() { 1 } else { 3 };
         let longest = own.iter().map(|block| block.particles).max().unwrap_or(0) as u32;
         let model = gpu.filled("model", bytemuck::cast_slice(&rows), read);
         let strands = gpu.filled("strands", bytemuck::cast_slice(&strands), read);
         let room = places.len() as u64 * ROW;
         let positions = gpu.buffer("positions", 3 * room, change);
-        let velocities = gpu.buffer("velocities", 3 * remembered * room, change);
+        let velocities = gpu.buffer("velocities", 3 * arrays * room, change);
         let memory = gpu.buffer("memory", 2 * room, change);
         Self {
             groups: (own.len() * LANES).div_ceil(WORKGROUP as usize) as u32,
@@ -160,7 +160,7 @@ impl Batch {
         queue.write_buffer(&self.velocities, 0, bytemuck::cast_slice(&state.velocities[3 * from..3 * to]));
         if !state.previous.is_empty() {
             let previous = bytemuck::cast_slice(&state.previous[3 * from..3 * to]);
-            queue.write_buffer(&self.velocities, self.velocities.size() / 2, previous);
+            queue.write_buffer(&self.velocities, self.velocities.size() / 3, previous);
         }
         queue.write_buffer(&self.memory, 0, bytemuck::cast_slice(&memory));
     }
@@ -174,11 +174,11 @@ impl Batch {
     pub fn take(&self, [positions, velocities, memory]: [&[u8]; 3], state: &mut State<f32>) {
         let (from, to) = (self.places.start, self.places.end);
         bytemuck::cast_slice_mut(&mut state.positions[3 * from..3 * to]).copy_from_slice(positions);
-        let own = if state.previous.is_empty() { velocities.len() } else { velocities.len() / 2 };
-        let (velocities, previous) = velocities.split_at(own);
+        let own = if state.previous.is_empty() { velocities.len() } else { velocities.len() / 3 };
+        let (velocities, later) = velocities.split_at(own);
         bytemuck::cast_slice_mut(&mut state.velocities[3 * from..3 * to]).copy_from_slice(velocities);
         if !state.previous.is_empty() {
-            bytemuck::cast_slice_mut(&mut state.previous[3 * from..3 * to]).copy_from_slice(previous);
+            bytemuck::cast_slice_mut(&mut state.previous[3 * from..3 * to]).copy_from_slice(&later[..own]);
         }
         let rows: Vec<[Row<f32>; 2]> = bytemuck::pod_collect_to_vec(memory);
         for (place, [integrity, clearance]) in self.places.clone().zip(rows) {

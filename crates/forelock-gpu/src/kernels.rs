@@ -47,6 +47,8 @@ pub enum Stage {
     FollowLeader,
     /// The same where some of them change their shape.
     FollowChanging,
+    /// The load that followers' velocities hold.
+    CarryLoad,
     /// Smoothed particles, strand by strand.
     EnterParticles,
     /// What is near each, and how dense it is there.
@@ -116,6 +118,10 @@ pub enum Kernel {
     FollowLevel,
     /// [`Stage::FollowChanging`].
     FollowChanging,
+    /// Before strands meet, the load is laid aside.
+    LayLoadAside,
+    /// It comes back.
+    TakeLoadBack,
     /// How many smoothed particles there are in each bucket.
     CountParticles,
     /// Which.
@@ -300,7 +306,7 @@ const FOLLOW: &str = include_str!("../../forelock-core/src/stage/follow_leader/k
 const SKIN: &str = include_str!("../../forelock-core/src/groom/guides/skin.wgsl");
 
 /// All stages.
-pub const STAGES: [StageKernels; 22] = [
+pub const STAGES: [StageKernels; 23] = [
     StageKernels {
         stage: Stage::SampleAir,
         name: "sample_air",
@@ -362,6 +368,16 @@ pub const STAGES: [StageKernels; 22] = [
         texts: &[SHAPES, PARTICLE, LEVEL, FOLLOW],
         kernels: &[(Kernel::FollowChanging, "follow_leader", Over::Strands)],
         group: Group::Follow,
+    },
+    StageKernels {
+        stage: Stage::CarryLoad,
+        name: "follow_leader",
+        texts: &[include_str!("../../forelock-core/src/stage/follow_leader/load.wgsl")],
+        kernels: &[
+            (Kernel::LayLoadAside, "lay_load_aside", Over::Strands),
+            (Kernel::TakeLoadBack, "take_load_back", Over::Strands),
+        ],
+        group: Group::Strands,
     },
     StageKernels {
         stage: Stage::EnterParticles,

@@ -26,7 +26,7 @@ use glam::DVec3;
 
 /// A simulation whose state lives on a GPU: [`forelock_core::solver::Simulation`], stage by stage.
 ///
-/// Memory, in bytes a particle: 28 of model, 32 of state, 120 of scratch (that of the largest batch); 4 more with a grid, and 68 a cell that there is room for; 12 more of state under follow the leader; 12 more with contacts, and what [`crate::contacts`] says; what [`crate::particles`] says with smoothed particles; 12 more once there was wind
+/// Memory, in bytes a particle: 28 of model, 32 of state, 120 of scratch (that of the largest batch); 4 more with a grid, and 68 a cell that there is room for; 24 more under follow the leader; 12 more with contacts, and what [`crate::contacts`] says; what [`crate::particles`] says with smoothed particles; 12 more once there was wind
 /// that is not the same everywhere.
 #[derive(Debug)]
 pub struct GpuSimulation {
@@ -205,9 +205,6 @@ impl GpuSimulation {
     /// # Errors
     /// [`GpuError::Params`] if a parameter is out of range; nothing is changed then. [`GpuError::Failed`] if the device has no room for it.
     pub fn set_grid(&mut self, params: Option<&GridParams>) -> Result<(), GpuError> {
-        if params.is_some() && matches!(self.params, SolverParams::Dftl(_)) {
-            return Err(GpuError::Unsupported { what: "the grid with follow the leader" });
-        }
         let batches: Vec<_> = self.batches.iter().map(|bound| &bound.batch).collect();
         let grid = params.map(|params| DeviceGrid::new(&self.gpu, &self.model, &batches, params));
         self.grid = grid.transpose()?;
@@ -229,9 +226,6 @@ impl GpuSimulation {
     /// # Errors
     /// [`GpuError::Params`] if a parameter is out of range, [`GpuError::TooLarge`] if the device cannot bind what they take; nothing is changed then. [`GpuError::Failed`] if it has no room.
     pub fn set_contacts(&mut self, params: Option<&ContactParams>) -> Result<(), GpuError> {
-        if params.is_some() && matches!(self.params, SolverParams::Dftl(_)) {
-            return Err(GpuError::Unsupported { what: "contacts between strands with follow the leader" });
-        }
         let batches: Vec<_> = self.batches.iter().map(|bound| &bound.batch).collect();
         let strands = (&self.model, &self.shared);
         let contacts = params.map(|params| DeviceContacts::new(&self.gpu, strands, &batches, params));
@@ -460,6 +454,7 @@ impl GpuSimulation {
                         self.follow(&mut plan, batch, follow);
                         continue;
                     }
+                    let follows = self.follows() && *step == FrameStep::LastSolids;
                     let call = match *step {
                         FrameStep::SolveStrands(number) => Some((self.solve, number)),
                         FrameStep::ResolveSolids(number) => look.map(|look| (look, number)),
@@ -467,7 +462,10 @@ impl GpuSimulation {
                         FrameStep::RestoreLengths => Some((Kernel::RestoreLengths, last)),
                         _ => Some((Kernel::CheckStrands, last)),
                     };
-                    plan.extend(call.map(|(kernel, number)| Call { kernel, batch, number }));
+                    let own = call.map(|(kernel, number)| Call { kernel, batch, number });
+                    let load = |kernel| follows.then_some(Call { kernel, batch, number: 0 });
+                    plan.extend(load(Kernel::LayLoadAside).into_iter().chain(own));
+                    plan.extend(load(Kernel::TakeLoadBack));
                 }
             }
         }
@@ -495,8 +493,31 @@ impl GpuSimulation {
         }
     }
 
-    /// A step in which strands meet.
+    /// Whether strands follow the leader.
+    fn follows(&self) -> bool {
+        matches!(self.params, SolverParams::Dftl(_))
+    }
+
+    /// A step in which strands meet: followers with the speed at which they move.
     fn meet(&self, plan: &mut Vec<Call>, step: FrameStep) {
+        let loaded = self.follows() && matches!(step, FrameStep::Grid | FrameStep::Contacts);
+        if loaded {
+            self.call_all(plan, Kernel::LayLoadAside, 0);
+        }
+        self.meet_in_motion(plan, step);
+        if loaded {
+            self.call_all(plan, Kernel::TakeLoadBack, 0);
+        }
+        // Followers get their lengths back after the last step in which they meet.
+        let last = if self.contacts.is_some() { FrameStep::Contacts } else { FrameStep::Grid };
+        if loaded && self.grid.is_some() && step == last {
+            self.call_all(plan, Kernel::RestoreLengths, 0);
+        } else if self.restores_lengths() && self.contacts.is_some() && step == FrameStep::Contacts {
+            self.call_all(plan, Kernel::RestoreAgain, self.params.substeps() - 1);
+        }
+    }
+
+    fn meet_in_motion(&self, plan: &mut Vec<Call>, step: FrameStep) {
         match (step, &self.grid, &self.contacts) {
             (FrameStep::Grid, Some(grid), _) => self.exchange(plan, grid.params.iterations),
             (FrameStep::Particles, ..) if self.particles.is_some() => {
@@ -528,8 +549,8 @@ impl GpuSimulation {
         use Kernel::{
             ApplyMoves, ChooseActive, ChooseFound, ClearCells, ClearDrift, ClearLinks, CountFound,
             EnterSegments, FitDrift, JudgeRound, LayOut, LinkJoints, ListActive, MeasureStrays, MeetSegments,
-            NextSlice, NoteEnd, OrderJoints, PrepareStrands, PressJoints, ReserveLists, RestoreAgain,
-            SmoothDrift, SplatDrift, TakeMoves, TakeUp, WeighJoints,
+            NextSlice, NoteEnd, OrderJoints, PrepareStrands, PressJoints, ReserveLists, SmoothDrift,
+            SplatDrift, TakeMoves, TakeUp, WeighJoints,
         };
         let strays = [NoteEnd, FitDrift, ClearDrift, SplatDrift, SmoothDrift, MeasureStrays];
         // How many slices the frame has the device knows: of those that it has not nothing is searched.
@@ -544,9 +565,6 @@ impl GpuSimulation {
             .chain((0..rounds).flat_map(|_| [PressJoints, TakeMoves, JudgeRound]))
             .chain([ApplyMoves]);
         kernels.for_each(|kernel| self.call_all(plan, kernel, 0));
-        if self.restores_lengths() {
-            self.call_all(plan, RestoreAgain, self.params.substeps() - 1);
-        }
     }
 
     /// The wind, and the shelter in it.
@@ -702,9 +720,10 @@ impl GpuSimulation {
             let sums = [0; std::mem::offset_of!(ReportEntry, contacts)];
             self.gpu.queue().write_buffer(&self.shared.report, 0, &sums);
             let own: ReportEntry = bytemuck::pod_read_unaligned(next());
-            // Followers' lengths are restored level by level.
-            let follows = matches!(self.params, SolverParams::Dftl(_));
-            let restored = if self.restores_lengths() && !follows { own.restored } else { own.stretch };
+            // Of followers that do not meet lengths are restored level by level.
+            let level_by_level = self.follows() && self.grid.is_none() && self.contacts.is_none();
+            let restores = self.restores_lengths() && !level_by_level;
+            let restored = if restores { own.restored } else { own.stretch };
             found = GpuReport {
                 max_edge_stretch: f32::from_bits(restored),
                 max_edge_stretch_final: f32::from_bits(own.stretch),

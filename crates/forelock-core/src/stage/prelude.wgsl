@@ -83,7 +83,7 @@ struct Report {
 @group(0) @binding(3) var<storage, read> model: array<f32>;
 // A block's lengths and relative stiffnesses: two rows.
 @group(0) @binding(4) var<storage, read> strands: array<f32>;
-// Three rows a particle each; where steps are remembered, after all velocities all positions of the step before.
+// Three rows a particle each. Of followers after all velocities all positions of the step before, then room for the load that velocities hold.
 @group(0) @binding(5) var<storage, read_write> positions: array<f32>;
 @group(0) @binding(6) var<storage, read_write> velocities: array<f32>;
 // A particle's integrity and clearance: two rows.
@@ -144,16 +144,35 @@ fn set_velocity(strand: Strand, i: u32, v: vec3f) {
     velocities[at + 2u * LANES] = v.z;
 }
 
-fn previous_at(strand: Strand, i: u32) -> vec3f {
-    let at = arrayLength(&velocities) / 2u + entry(strand, i, 3u, 0u);
+// Where an entry of the array after all velocities is, or of the one after that.
+fn later_entry(strand: Strand, i: u32, array: u32) -> u32 {
+    return array * (arrayLength(&velocities) / 3u) + entry(strand, i, 3u, 0u);
+}
+
+fn later_vector(at: u32) -> vec3f {
     return vec3f(velocities[at], velocities[at + LANES], velocities[at + 2u * LANES]);
 }
 
+fn set_later_vector(at: u32, v: vec3f) {
+    velocities[at] = v.x;
+    velocities[at + LANES] = v.y;
+    velocities[at + 2u * LANES] = v.z;
+}
+
+fn previous_at(strand: Strand, i: u32) -> vec3f {
+    return later_vector(later_entry(strand, i, 1u));
+}
+
 fn set_previous(strand: Strand, i: u32, x: vec3f) {
-    let at = arrayLength(&velocities) / 2u + entry(strand, i, 3u, 0u);
-    velocities[at] = x.x;
-    velocities[at + LANES] = x.y;
-    velocities[at + 2u * LANES] = x.z;
+    set_later_vector(later_entry(strand, i, 1u), x);
+}
+
+fn load_at(strand: Strand, i: u32) -> vec3f {
+    return later_vector(later_entry(strand, i, 2u));
+}
+
+fn set_load(strand: Strand, i: u32, v: vec3f) {
+    set_later_vector(later_entry(strand, i, 2u), v);
 }
 
 // Rest length from particle `i` to `i + reach`, 1 to 3.

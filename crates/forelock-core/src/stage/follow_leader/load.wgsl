@@ -1,0 +1,25 @@
+// Before strands meet, the load that followers' velocities hold is laid aside: what is left is how they move. Afterwards it comes back. One strand a thread, each particle by itself.
+
+@compute @workgroup_size(WORKGROUP)
+fn lay_load_aside(@builtin(global_invocation_id) id: vec3u) {
+    let strand = strand_of(id.x);
+    if !strand.here {
+        return;
+    }
+    for (var i = 0u; i < strand.particles; i++) {
+        let u = (position_at(strand, i) - previous_at(strand, i)) * frame.inverse_h;
+        set_load(strand, i, velocity_at(strand, i) - u);
+        set_velocity(strand, i, u);
+    }
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn take_load_back(@builtin(global_invocation_id) id: vec3u) {
+    let strand = strand_of(id.x);
+    if !strand.here {
+        return;
+    }
+    for (var i = 0u; i < strand.particles; i++) {
+        set_velocity(strand, i, velocity_at(strand, i) + load_at(strand, i));
+    }
+}
