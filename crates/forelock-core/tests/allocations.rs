@@ -8,7 +8,8 @@ use forelock_core::grid::GridParams;
 use forelock_core::groom::Groom;
 use forelock_core::groom::guides::Skinning;
 use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams, Frame, Options, Simulation};
+use forelock_core::solver::{AmsParams, DftlParams, Frame, Options, Simulation, SolverParams};
+use forelock_core::sph::SphParams;
 use glam::{DQuat, DVec3, Vec3};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -35,7 +36,10 @@ unsafe impl GlobalAlloc for Counting {
 static ALLOCATOR: Counting = Counting;
 
 /// Allocations of forty frames against a ball, after fifty to warm up: a grid grows with the hair's box.
-fn allocations_of_frames(grid: Option<&GridParams>) -> usize {
+fn allocations_of_frames(
+    solver: &SolverParams,
+    (grid, particles): (Option<&GridParams>, Option<&SphParams>),
+) -> usize {
     let strand = |s: u16| {
         let root = Vec3::new(f32::from(s) * 1e-3, 0.0, 0.0);
         (0..25u8).map(move |i| root + Vec3::new(0.0, -0.01 * f32::from(i), 0.0)).collect::<Vec<_>>()
@@ -43,8 +47,9 @@ fn allocations_of_frames(grid: Option<&GridParams>) -> usize {
     let groom = Groom::from_strands((0..500).map(strand)).unwrap();
     let gravity = DVec3::new(0.0, -9.81, 0.0);
     let options = Options { rest_gravity: gravity, ..Options::default() };
-    let mut simulation = Simulation::new(&groom, &AmsParams::default(), &options).unwrap();
+    let mut simulation = Simulation::new(&groom, solver, &options).unwrap();
     simulation.set_grid(grid).unwrap();
+    simulation.set_particles(particles).unwrap();
     let shape = Shape::Sphere { radius: 0.1 };
     let local = Pose::new(DQuat::IDENTITY, DVec3::new(0.25, -0.15, 0.1));
     let pose =
@@ -85,9 +90,17 @@ fn allocations_of_skinning() -> usize {
 fn frames_allocate_nothing() {
     for threads in [1, 2] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        for grid in [None, Some(GridParams::default())] {
-            let counted = pool.install(|| allocations_of_frames(grid.as_ref()));
-            println!("{threads} thread(s), {grid:?}: {counted} allocations in 40 frames");
+        let (ams, dftl) = ((&AmsParams::default()).into(), (&DftlParams::default()).into());
+        let (grid, particles) = (GridParams::default(), SphParams::default());
+        for (solver, meets) in [
+            (&ams, (None, None)),
+            (&ams, (Some(&grid), None)),
+            (&dftl, (None, None)),
+            (&dftl, (None, Some(&particles))),
+            (&dftl, (Some(&grid), None)),
+        ] {
+            let counted = pool.install(|| allocations_of_frames(solver, meets));
+            println!("{threads} thread(s), {meets:?}: {counted} allocations in 40 frames");
             assert_eq!(counted, 0, "{threads} thread(s), {grid:?}");
         }
         assert_eq!(pool.install(allocations_of_skinning), 0, "skinning, {threads} thread(s)");
