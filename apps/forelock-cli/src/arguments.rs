@@ -369,6 +369,16 @@ pub enum PaperFigure {
     Compare,
 }
 
+impl PaperFigure {
+    /// The paper that it is of.
+    pub fn paper(self) -> WhichPaper {
+        match self {
+            Self::Volume | Self::Compare => WhichPaper::Dftl,
+            _ => WhichPaper::Ams,
+        }
+    }
+}
+
 fn parse<T: std::str::FromStr>(word: &str) -> Result<T, T::Err> {
     word.parse()
 }

@@ -96,24 +96,24 @@ impl<T: Real> State<T> {
 
     /// Forgets positions of a step before, of `h` seconds: velocities become those with which hair moved in it.
     pub(crate) fn forget(&mut self, h: f64) {
-        let inverse_h = number::<T>(1.0 / h);
-        for ((v, x), y) in self.velocities.iter_mut().zip(&self.positions).zip(&self.previous) {
-            for k in 0..LANES {
-                v.0[k] = (x.0[k] - y.0[k]) * inverse_h;
-            }
-        }
+        self.change_velocities(h, |_, u| u);
         self.previous = Vec::new();
     }
 
     /// Takes the motion of the step before, of `h` seconds, out of the velocities, and leaves what else they hold.
     pub(crate) fn stop(&mut self, h: f64) {
+        self.change_velocities(h, |v, u| v - u);
+        self.previous.clone_from(&self.positions);
+    }
+
+    /// Makes each velocity what `change` says, of it and of that with which hair moved in the step of `h` seconds before.
+    fn change_velocities(&mut self, h: f64, change: impl Fn(T, T) -> T) {
         let inverse_h = number::<T>(1.0 / h);
         for ((v, x), y) in self.velocities.iter_mut().zip(&self.positions).zip(&self.previous) {
             for k in 0..LANES {
-                v.0[k] = v.0[k] - (x.0[k] - y.0[k]) * inverse_h;
+                v.0[k] = change(v.0[k], (x.0[k] - y.0[k]) * inverse_h);
             }
         }
-        self.previous.clone_from(&self.positions);
     }
 
     /// Bytes that the state holds.

@@ -27,8 +27,6 @@ use std::fmt::Write as _;
 pub const WORKGROUP: u32 = 64;
 /// Rows of the model a particle.
 pub const MODEL_ROWS: u32 = 7;
-/// Buckets of smoothed particles in a row of their table.
-pub(crate) const ROW_BUCKETS: u32 = ROW_CELLS;
 /// Numbers of a smoothed particle before its list.
 pub(crate) const LIST_NUMBERS: u32 = 14;
 

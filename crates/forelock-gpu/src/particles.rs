@@ -10,7 +10,8 @@
 //! What one binding holds bounds the strands: 120 bytes a particle, 1.1 million particles where a device binds 128 MiB. How dense hair is is not told.
 
 use crate::batch::Shared;
-use crate::kernels::{LIST_NUMBERS, ROW_BUCKETS};
+use crate::contacts::ROW_CELLS;
+use crate::kernels::LIST_NUMBERS;
 use crate::{Gpu, GpuError};
 use bytemuck::{Pod, Zeroable};
 use forelock_core::lane::LANES;
@@ -64,7 +65,7 @@ impl DeviceParticles {
         let sph = Sph::new(model, params);
         let (fluid, [mass_density, mass_push, mass_drag]) = (sph.fluid(), sph.fluid().masses());
         let numbers = LANES * model.places();
-        let buckets = (2 * model.particle_count).next_power_of_two().clamp(ROW_BUCKETS as usize, 1 << 22);
+        let buckets = (2 * model.particle_count).next_power_of_two().clamp(ROW_CELLS as usize, 1 << 22);
         let cloud = 4 * (numbers * (LIST_NUMBERS as usize + fluid.neighbours)) as u64;
         let what = "smoothed particles of so many strands, or with so many neighbours,";
         gpu.check_room(what, cloud.max(12 * numbers as u64), u64::MAX)?;

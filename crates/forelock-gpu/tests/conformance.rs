@@ -9,18 +9,20 @@
 mod common;
 #[path = "common/little.rs"]
 mod little;
+#[path = "common/shaken.rs"]
+mod shaken;
 
 use forelock_core::body::{ColliderFrame, Head, Morph, Sdf, Shape};
 use forelock_core::contact::ContactParams;
 use forelock_core::model::Strands;
 use forelock_core::pose::Pose;
 use forelock_core::solver::params::{AngularForm, Inextensibility, IntegrityForm, Jacobian};
-use forelock_core::solver::{AmsParams, Frame, MassSpringParams, Options, Simulation};
+use forelock_core::solver::{AmsParams, Frame, MassSpringParams, Simulation};
 use forelock_gpu::{Choice, Gpu, GpuError, GpuSimulation};
 use glam::{DQuat, DVec3};
+use shaken::{GRAVITY, apart, error_of_strands, options};
 use std::sync::Arc;
 
-const GRAVITY: DVec3 = DVec3::new(0.0, -9.81, 0.0);
 const FPS: f64 = 60.0;
 
 /// How far a frame on the GPU may be from the same in float64, over how far the CPU's own float32 is from it: both round in their own order, the CPU fuses multiply–adds,
@@ -28,31 +30,6 @@ const FPS: f64 = 60.0;
 const FACTOR: f64 = 3.0;
 /// What never counts, over the strand's length: a few units in the last place of a position.
 const FLOOR: f64 = 2e-6;
-
-/// `count` curls of `particles(strand)` particles each, and their offsets.
-fn tuft(count: u32, particles: impl Fn(u32) -> u32) -> (Vec<[f32; 3]>, Vec<u32>) {
-    let (mut positions, mut offsets) = (Vec::new(), vec![0]);
-    for strand in 0..count {
-        let turn = DQuat::from_rotation_y(2.4 * f64::from(strand))
-            * DQuat::from_rotation_z(0.01 * f64::from(strand % 50));
-        let root = DVec3::new(0.001 * f64::from(strand % 40), 0.0, 0.001 * f64::from(strand / 40));
-        let n = particles(strand);
-        for i in 0..n {
-            let s = f64::from(i) / f64::from(n - 1);
-            let curl = DVec3::new(0.01 * (12.0 * s).cos(), -0.25 * s, 0.01 * (12.0 * s).sin());
-            positions.push((root + turn * curl).as_vec3().to_array());
-        }
-        offsets.push(positions.len() as u32);
-    }
-    (positions, offsets)
-}
-
-/// A head that nods, turns and is shaken.
-fn head(frame: u32) -> Pose {
-    let t = f64::from(frame) / FPS;
-    let turn = DQuat::from_rotation_y((3.0 * t).sin()) * DQuat::from_rotation_x(0.5 * (5.0 * t).sin());
-    Pose::new(turn, DVec3::new(0.1 * (9.0 * t).sin(), 0.0, 2.5 * t * t))
-}
 
 fn frame(number: u32) -> Frame<'static> {
     Frame {
@@ -64,8 +41,13 @@ fn frame(number: u32) -> Frame<'static> {
     }
 }
 
-fn options() -> Options {
-    Options { rest_pose: head(0), rest_gravity: GRAVITY, ..Options::default() }
+/// Curls a millimetre apart, which lean.
+fn tuft(count: u32, particles: impl Fn(u32) -> u32) -> (Vec<[f32; 3]>, Vec<u32>) {
+    shaken::tuft(count, particles, [0.001, 0.01])
+}
+
+fn head(frame: u32) -> Pose {
+    shaken::head(f64::from(frame) / FPS)
 }
 
 /// A solid that goes from its pose at rest `by` metres a second, in the head's space or in the world.
@@ -135,21 +117,13 @@ fn errors_among(
     let truth = truth.snapshot();
     [own.snapshot().unwrap(), cpu.snapshot()].map(|found| {
         assert_eq!(found.origin, truth.origin);
-        let apart = |a: [f32; 3], b: [f64; 3]| {
-            let d = DVec3::from(a.map(f64::from)) - DVec3::from(b);
-            if d.is_finite() { d.length() } else { f64::INFINITY }
-        };
         let of_particle = |p: usize| {
             let x = apart(found.positions[p], truth.positions[p]);
             // A frame's worth of velocity.
             let v = apart(found.velocities[p], truth.velocities[p]) / FPS;
             (x.max(v) / 0.25).max((f64::from(found.integrity[p]) - truth.integrity[p]).abs())
         };
-        let of_strand =
-            |ends: &[u32]| (ends[0]..ends[1]).map(|p| of_particle(p as usize)).fold(0.0, f64::max);
-        let mut errors: Vec<f64> = strands.offsets.windows(2).map(of_strand).collect();
-        errors.sort_by(f64::total_cmp);
-        if frames == 1 { errors[errors.len() - 1] } else { errors[errors.len() / 2] }
+        error_of_strands(strands.offsets, of_particle, frames)
     })
 }
 

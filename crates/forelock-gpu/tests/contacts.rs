@@ -9,6 +9,8 @@
 mod common;
 #[path = "common/little.rs"]
 mod little;
+#[path = "common/rms.rs"]
+mod rms;
 
 use forelock_core::body::{ColliderFrame, Shape};
 use forelock_core::contact::{ContactParams, ContactReport};
@@ -21,7 +23,8 @@ use forelock_core::solver::{AmsParams, Frame, Options, Simulation};
 use forelock_core::stage::SCRATCH_ROWS;
 use forelock_core::state::Snapshot;
 use forelock_gpu::{Choice, Gpu, GpuError, GpuSimulation};
-use glam::{DQuat, DVec3, Vec3};
+use glam::{DQuat, DVec3};
+use rms::rms;
 use std::ops::Range;
 
 const FPS: f64 = 60.0;
@@ -154,11 +157,6 @@ impl Compared {
             && self.apart[0] < share * self.given[0]
             && self.apart[1] < share * self.given[1] + ROUNDING
     }
-}
-
-fn rms(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
-    let squares = a.iter().zip(b).map(|(a, b)| f64::from(Vec3::from(*a).distance_squared(Vec3::from(*b))));
-    (squares.sum::<f64>() / a.len() as f64).sqrt()
 }
 
 /// The same contacts, found another way. What float64 differs from float32 on the CPU is as much.

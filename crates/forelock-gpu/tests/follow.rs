@@ -9,6 +9,10 @@
 mod common;
 #[path = "common/little.rs"]
 mod little;
+#[path = "common/rms.rs"]
+mod rms;
+#[path = "common/shaken.rs"]
+mod shaken;
 
 use forelock_core::air::{Wind, WindField, WindParams};
 use forelock_core::body::{ColliderFrame, Head, Sdf, Shape};
@@ -17,43 +21,25 @@ use forelock_core::grid::GridParams;
 use forelock_core::model::Strands;
 use forelock_core::pose::Pose;
 use forelock_core::solver::dftl::Schedule;
-use forelock_core::solver::{AmsParams, DftlParams, Frame, Options, Simulation, SolverParams};
+use forelock_core::solver::{AmsParams, DftlParams, Frame, Simulation, SolverParams};
 use forelock_core::sph::SphParams;
 use forelock_gpu::{Gpu, GpuSimulation};
 use glam::{DQuat, DVec3};
+use rms::rms;
+use shaken::{GRAVITY, apart, error_of_strands, options};
 
-const GRAVITY: DVec3 = DVec3::new(0.0, -9.81, 0.0);
 const DT: f64 = 0.016;
 /// How far a strand may be from the same in float64, over how far the CPU's own float32 is from it, and what never counts, over the strand's length.
 const FACTOR: f64 = 3.0;
 const FLOOR: f64 = 2e-6;
 
-/// `count` curls of `particles(strand)` particles each, and their offsets.
+/// Curls two millimetres apart.
 fn tuft(count: u32, particles: impl Fn(u32) -> u32) -> (Vec<[f32; 3]>, Vec<u32>) {
-    let (mut positions, mut offsets) = (Vec::new(), vec![0]);
-    for strand in 0..count {
-        let turn = DQuat::from_rotation_y(2.4 * f64::from(strand));
-        let root = DVec3::new(0.002 * f64::from(strand % 40), 0.0, 0.002 * f64::from(strand / 40));
-        let n = particles(strand);
-        for i in 0..n {
-            let s = f64::from(i) / f64::from(n - 1);
-            let curl = DVec3::new(0.01 * (12.0 * s).cos(), -0.25 * s, 0.01 * (12.0 * s).sin());
-            positions.push((root + turn * curl).as_vec3().to_array());
-        }
-        offsets.push(positions.len() as u32);
-    }
-    (positions, offsets)
+    shaken::tuft(count, particles, [0.002, 0.0])
 }
 
-/// A head that nods, turns and is shaken.
 fn head(step: u32) -> Pose {
-    let t = f64::from(step) * DT;
-    let turn = DQuat::from_rotation_y((3.0 * t).sin()) * DQuat::from_rotation_x(0.5 * (5.0 * t).sin());
-    Pose::new(turn, DVec3::new(0.1 * (9.0 * t).sin(), 0.0, 2.5 * t * t))
-}
-
-fn options() -> Options {
-    Options { rest_pose: head(0), rest_gravity: GRAVITY, ..Options::default() }
+    shaken::head(f64::from(step) * DT)
 }
 
 fn frame(number: u32) -> Frame<'static> {
@@ -113,21 +99,13 @@ fn errors(
     let truth = truth.snapshot();
     [own.snapshot().unwrap(), cpu.snapshot()].map(|found| {
         assert_eq!(found.origin, truth.origin);
-        let apart = |a: [f32; 3], b: [f64; 3]| {
-            let d = DVec3::from(a.map(f64::from)) - DVec3::from(b);
-            if d.is_finite() { d.length() } else { f64::INFINITY }
-        };
         let of_particle = |p: usize| {
             let places = apart(found.positions[p], truth.positions[p])
                 .max(apart(found.previous[p], truth.previous[p]));
             // Velocities hold the load of all the strand.
             places.max(0.1 * DT * apart(found.velocities[p], truth.velocities[p])) / 0.25
         };
-        let of_strand =
-            |ends: &[u32]| (ends[0]..ends[1]).map(|p| of_particle(p as usize)).fold(0.0, f64::max);
-        let mut errors: Vec<f64> = strands.offsets.windows(2).map(of_strand).collect();
-        errors.sort_by(f64::total_cmp);
-        if steps == 1 { errors[errors.len() - 1] } else { errors[errors.len() / 2] }
+        error_of_strands(strands.offsets, of_particle, steps)
     })
 }
 
@@ -322,15 +300,9 @@ fn smoothed_particles_push_as_on_the_cpu() {
             own.step_frame(&frame(8)).unwrap();
             own.snapshot().unwrap()
         };
-        let root = |a: &[[f32; 3]], b: &[[f32; 3]]| {
-            let d = |(a, b): (&[f32; 3], &[f32; 3])| {
-                (DVec3::from(a.map(f64::from)) - DVec3::from(b.map(f64::from))).length_squared()
-            };
-            (a.iter().zip(b).map(d).sum::<f64>() / a.len() as f64).sqrt()
-        };
         let (with, without) = (on_cpu(Some(&params)), on_cpu(None));
         let first = on_gpu(&gpu);
-        let (off, pushed) = (root(&first.positions, &with), root(&with, &without));
+        let (off, pushed) = (rms(&first.positions, &with), rms(&with, &without));
         println!("{own_strand} {mutual}: pushed by {pushed:.2e} m, off by {off:.1e} m");
         // Beside a few roundings of positions.
         assert!(pushed > 1e-4 && off < 2e-3 * pushed + 1e-6, "{off} of {pushed}");
@@ -375,19 +347,13 @@ fn hair_meets_as_on_the_cpu() {
             let report = own.report().unwrap();
             (own.snapshot().unwrap(), report)
         };
-        let root = |a: &[[f32; 3]], b: &[[f32; 3]]| {
-            let d = |(a, b): (&[f32; 3], &[f32; 3])| {
-                (DVec3::from(a.map(f64::from)) - DVec3::from(b.map(f64::from))).length_squared()
-            };
-            (a.iter().zip(b).map(d).sum::<f64>() / a.len() as f64).sqrt()
-        };
         let ((with, expected), (without, _)) = (on_cpu(grid, contacts), on_cpu(None, None));
         let (own, report) = on_gpu();
         for (what, of) in [
             ("places", (&own.positions, &with.positions, &without.positions)),
             ("velocities", (&own.velocities, &with.velocities, &without.velocities)),
         ] {
-            let (off, given) = (root(of.0, of.1), root(of.1, of.2));
+            let (off, given) = (rms(of.0, of.1), rms(of.1, of.2));
             println!("grid {meets}, contacts {touches}, {what}: given {given:.2e}, off by {off:.1e}");
             assert!(given > 1e-5 && off < 0.05 * given, "{what}: {off} of {given}");
         }

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use anyhow::Context as _;
 use clap::ValueEnum;
+use clap::builder::PossibleValue;
 use forelock::paper::{
     Experiment, Figure, GUIDES, GuidesTable, Study, Table1Options, compare, dftl_tables, table1, volume,
 };
@@ -56,22 +57,19 @@ pub fn bench(arguments: &BenchArgs) -> anyhow::Result<()> {
 
 /// What files of a result are called.
 fn name_of(paper: WhichPaper, figure: Option<PaperFigure>) -> anyhow::Result<String> {
-    let of_dftl = matches!(figure, Some(PaperFigure::Volume | PaperFigure::Compare));
-    let figure = figure.as_ref().and_then(ValueEnum::to_possible_value);
-    let prefix = if paper == WhichPaper::Dftl { "dftl" } else { "ams" };
     let Some(figure) = figure else {
-        return Ok(if paper == WhichPaper::Dftl {
-            "dftl-tables".to_owned()
-        } else {
-            "ams-table1".to_owned()
-        });
+        let tables = if paper == WhichPaper::Dftl { "dftl-tables" } else { "ams-table1" };
+        return Ok(tables.to_owned());
     };
-    let name = figure.get_name();
-    if of_dftl != (paper == WhichPaper::Dftl) {
-        let other = if of_dftl { "dftl" } else { "ams" };
-        anyhow::bail!("--figure {name} is of the other paper: add --paper {other}");
-    }
-    Ok(format!("{prefix}-figure-{name}"))
+    let name =
+        |value: Option<PossibleValue>| value.map_or_else(String::new, |value| value.get_name().to_owned());
+    let (own, figure, of) = (
+        name(paper.to_possible_value()),
+        name(figure.to_possible_value()),
+        name(figure.paper().to_possible_value()),
+    );
+    anyhow::ensure!(of == own, "--figure {figure} is of the other paper: add --paper {of}");
+    Ok(format!("{own}-figure-{figure}"))
 }
 
 /// The tables of a paper with `options`, or one figure with their share of strands.
@@ -135,16 +133,14 @@ impl Report<'_> {
 
     /// A study, of which `data` is what JSON holds.
     fn study(&self, study: &Study, data: &impl Serialize) -> anyhow::Result<()> {
-        if self.out.is_some() {
+        if let Some(folder) = self.out {
             self.write(".html", &study.to_html())?;
             for (plot, _, svg) in study.pictures() {
                 self.write(&format!("-{plot}.svg"), &svg)?;
             }
             for strip in &study.strips {
-                if let Some(folder) = self.out {
-                    let path = folder.join(format!("{}-{}.png", self.name, strip.name));
-                    forelock::write_png(&path, &strip.image)?;
-                }
+                let path = folder.join(format!("{}-{}.png", self.name, strip.name));
+                forelock::write_png(&path, &strip.image)?;
             }
         }
         self.tell(&study.to_markdown(), data)

@@ -102,11 +102,6 @@ struct Touch {
 @group(0) @binding(30) var<storage, read> rest: array<f32>;
 @group(0) @binding(31) var<storage, read> owners: array<u32>;
 
-// The number of particle `i` of a strand.
-fn number_of(strand: Strand, i: u32) -> u32 {
-    return (blocks[strand.block].place + i) * LANES + strand.lane;
-}
-
 // Where in an array of `rows` rows a place a row of a particle is.
 fn row_of(number: u32, rows: u32, row: u32) -> u32 {
     return (rows * (number / LANES) + row) * LANES + number % LANES;

@@ -265,56 +265,53 @@ impl SolverReal for f64 {
 /// Whether the target has fused multiply–add without asking.
 pub(crate) const BASELINE_FMA: bool = cfg!(any(target_arch = "aarch64", target_feature = "fma"));
 
-macro_rules! instantiate {
-    ($($task:ident $text:ident: $($simd:ident $name:ident $features:literal $lane:ty),*;)*) => {
-        $($(
-            #[cfg(target_arch = "x86_64")]
-            #[target_feature(enable = $features)]
-            fn $name(
-                job: &FrameJob<'_, f32>,
-                view: &mut BlockView<'_, f32>,
-                live: usize,
-                scratch: &mut Scratch<f32>,
-            ) -> BlockReport {
-                $text::<$lane>(job, view, live, scratch)
-            }
-        )*)*
+/// `$text` for lanes `$lane`, with `$features`.
+#[cfg(target_arch = "x86_64")]
+macro_rules! with_features {
+    ($text:ident, $features:literal, $lane:ty) => {{
+        #[target_feature(enable = $features)]
+        fn block(
+            job: &FrameJob<'_, f32>,
+            view: &mut BlockView<'_, f32>,
+            live: usize,
+            scratch: &mut Scratch<f32>,
+        ) -> BlockReport {
+            $text::<$lane>(job, view, live, scratch)
+        }
+        block
+    }};
+}
 
-        impl SolverReal for f32 {
-            fn block_fn(task: Task, simd: Simd) -> BlockFn<Self> {
-                match (task, simd) {
-                    $(
-                        (Task::$task, Simd::Scalar) => $text::<Pack<1, BASELINE_FMA>>,
-                        $(
-                            #[cfg(target_arch = "x86_64")]
-                            (Task::$task, Simd::$simd) => $name,
-                        )*
-                        (Task::$task, _) => $text::<Pack<4, BASELINE_FMA>>,
-                    )*
-                }
+/// `$text` for the instruction set and width `$simd`.
+macro_rules! on {
+    ($simd:ident, $text:ident) => {
+        match $simd {
+            Simd::Scalar => $text::<Pack<1, BASELINE_FMA>>,
+            #[cfg(target_arch = "x86_64")]
+            Simd::Avx2x1 => with_features!($text, "avx2,fma", Pack<1, true>),
+            #[cfg(target_arch = "x86_64")]
+            Simd::Avx2x4 => with_features!($text, "avx2,fma", Pack<4, true>),
+            #[cfg(target_arch = "x86_64")]
+            Simd::Avx2 => with_features!($text, "avx2,fma", crate::lane::Avx2),
+            #[cfg(target_arch = "x86_64")]
+            Simd::Avx2x16 => with_features!($text, "avx2,fma", Pack<16, true>),
+            #[cfg(target_arch = "x86_64")]
+            Simd::Avx512 => {
+                with_features!($text, "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma", crate::lane::Avx512)
             }
+            _ => $text::<Pack<4, BASELINE_FMA>>,
         }
     };
 }
-instantiate! {
-    Ams advance_ams:
-        Avx2x1 ams_avx2_1 "avx2,fma" Pack<1, true>,
-        Avx2x4 ams_avx2_4 "avx2,fma" Pack<4, true>,
-        Avx2 ams_avx2_8 "avx2,fma" crate::lane::Avx2,
-        Avx2x16 ams_avx2_16 "avx2,fma" Pack<16, true>,
-        Avx512 ams_avx512 "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma" crate::lane::Avx512;
-    Dftl advance_dftl:
-        Avx2x1 dftl_avx2_1 "avx2,fma" Pack<1, true>,
-        Avx2x4 dftl_avx2_4 "avx2,fma" Pack<4, true>,
-        Avx2 dftl_avx2_8 "avx2,fma" crate::lane::Avx2,
-        Avx2x16 dftl_avx2_16 "avx2,fma" Pack<16, true>,
-        Avx512 dftl_avx512 "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma" crate::lane::Avx512;
-    Finish finish_block:
-        Avx2x1 finish_avx2_1 "avx2,fma" Pack<1, true>,
-        Avx2x4 finish_avx2_4 "avx2,fma" Pack<4, true>,
-        Avx2 finish_avx2_8 "avx2,fma" crate::lane::Avx2,
-        Avx2x16 finish_avx2_16 "avx2,fma" Pack<16, true>,
-        Avx512 finish_avx512 "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma" crate::lane::Avx512;
+
+impl SolverReal for f32 {
+    fn block_fn(task: Task, simd: Simd) -> BlockFn<Self> {
+        match task {
+            Task::Ams => on!(simd, advance_ams),
+            Task::Dftl => on!(simd, advance_dftl),
+            Task::Finish => on!(simd, finish_block),
+        }
+    }
 }
 
 /// [`Task::Ams`], group of lanes by group of lanes: all substeps while its data is in the cache.

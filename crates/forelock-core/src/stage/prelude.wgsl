@@ -110,6 +110,11 @@ fn strand_of(slot: u32) -> Strand {
     return Strand(block.first, lane, block.particles, number, slot / LANES < count && lane < block.live);
 }
 
+// The number of particle `i` of a strand in the whole model.
+fn number_of(strand: Strand, i: u32) -> u32 {
+    return (blocks[strand.block].place + i) * LANES + strand.lane;
+}
+
 // The entry of row `row` (of `rows` a particle) of particle `i`.
 fn entry(strand: Strand, i: u32, rows: u32, row: u32) -> u32 {
     return (rows * (strand.first + i) + row) * LANES + strand.lane;

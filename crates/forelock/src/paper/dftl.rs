@@ -13,7 +13,7 @@ use forelock_core::groom::Groom;
 use forelock_core::pose::Pose;
 use forelock_core::solver::dftl::{STATED_STEP_SECS, Schedule};
 use forelock_core::solver::{DftlParams, Frame, Options, Simulation};
-use forelock_gpu::{Choice, Gpu, GpuError, GpuSimulation};
+use forelock_gpu::{Choice, Gpu, GpuSimulation};
 use glam::{DQuat, DVec3, Vec3};
 use serde::Serialize;
 
@@ -21,12 +21,12 @@ use crate::assets::AssetError;
 use crate::pictures::labelled;
 use crate::report::thousands;
 use crate::run::{Observer, Progress, RunError};
-use crate::summary::{Spread, device_name};
+use crate::summary::{FrameRow, Spread, device_name};
 
 use super::followed::{Case, Followed, plot};
-use super::scenes::{self, Builtin};
+use super::scenes::{self, AS_IT_IS, Builtin};
 use super::study::{Strip, Study, Table, percent};
-use super::table1::{Table1Options, time};
+use super::table1::{Table1Options, or_skipped, time};
 
 /// The paper's machine.
 const PAPER_DEVICE: &str = "NVIDIA GeForce GTX 650";
@@ -136,25 +136,20 @@ fn scene_row(
     observer: &mut Observer<'_>,
 ) -> Result<SceneRow, RunError> {
     let mut row = SceneRow { name, paper_counts, paper_fps, counts: [0; 2], ms: Vec::new() };
-    let (_, assets) = match builtin.load(options.share, &[], &mut |_| {}) {
+    let (_, assets) = match or_skipped(builtin.load(options.share, AS_IT_IS, &mut |_| {}))? {
         Ok(loaded) => loaded,
-        Err(RunError::Asset(AssetError::Read(error))) => {
-            row.ms = vec![Err(error.to_string()); METHODS.len()];
+        Err(why) => {
+            row.ms = vec![Err(why); METHODS.len()];
             return Ok(row);
         }
-        Err(error) => return Err(error),
     };
     row.counts = [assets.groom.strand_count(), assets.groom.particle_count()];
     for (_, keys) in METHODS {
-        let keys: Vec<String> = keys.iter().map(|&key| key.to_owned()).collect();
-        let scene = builtin.scene(options.share, &keys)?;
-        row.ms.push(match time(&scene, &assets, options, name, observer) {
-            Ok(timed) => Ok(Spread::of(&timed.iter().map(|frame| frame.ms).collect::<Vec<_>>()).median),
-            Err(RunError::Gpu(error @ (GpuError::Unsupported { .. } | GpuError::TooLarge { .. }))) => {
-                Err(error.to_string())
-            }
-            Err(error) => return Err(error),
-        });
+        let scene = builtin.scene(options.share, keys)?;
+        let timed = or_skipped(time(&scene, &assets, options, name, observer))?;
+        let median =
+            |timed: Vec<FrameRow>| Spread::of(&timed.iter().map(|frame| frame.ms).collect::<Vec<_>>()).median;
+        row.ms.push(timed.map(median));
     }
     Ok(row)
 }
@@ -321,12 +316,10 @@ const FIGURE2: [&str; 6] = [
 /// # Errors
 /// [`RunError`] if it cannot be simulated.
 pub fn volume(share: f64, observer: &mut Observer<'_>) -> Result<Study, RunError> {
-    let own: Vec<String> = FIGURE2.iter().map(|&key| key.to_owned()).collect();
-    let (base, assets) = scenes::MANNEQUIN_B.load(share, &own, &mut |_| {})?;
+    let (base, assets) = scenes::MANNEQUIN_B.load(share, &FIGURE2, &mut |_| {})?;
     let mut followed = Vec::new();
     for (label, keys) in CASES {
-        let keys: Vec<String> = keys.iter().map(|&key| key.to_owned()).collect();
-        let scene = scenes::MANNEQUIN_B.scene(share, &[own.clone(), keys].concat())?;
+        let scene = scenes::MANNEQUIN_B.scene(share, &[&FIGURE2, keys].concat())?;
         let case = Case { label: label.to_owned(), scene };
         followed.push(Followed::run(&case, &assets, (&[0.99, 0.5, 0.75], 0.6), observer)?);
     }
@@ -405,18 +398,16 @@ pub fn compare(share: f64, observer: &mut Observer<'_>) -> Result<Study, RunErro
     );
     let (mut plots, mut strips, mut notes) = (Vec::new(), Vec::new(), Vec::new());
     for (number, (name, builtin, ..)) in SCENES.iter().enumerate() {
-        let (base, assets) = match builtin.load(share, &[], &mut |_| {}) {
+        let (base, assets) = match or_skipped(builtin.load(share, AS_IT_IS, &mut |_| {}))? {
             Ok(loaded) => loaded,
-            Err(RunError::Asset(AssetError::Read(error))) => {
-                notes.push(format!("{name} is left out: {error}."));
+            Err(why) => {
+                notes.push(format!("{name} is left out: {why}."));
                 continue;
             }
-            Err(error) => return Err(error),
         };
         let mut followed = Vec::new();
         for (solver, keys) in SOLVERS {
-            let keys: Vec<String> = keys.iter().map(|&key| key.to_owned()).collect();
-            let case = Case { label: solver.to_owned(), scene: builtin.scene(share, &keys)? };
+            let case = Case { label: solver.to_owned(), scene: builtin.scene(share, keys)? };
             followed.push(Followed::run(&case, &assets, (&[0.0, 0.25, 0.5, 0.75, 1.0], 0.4), observer)?);
         }
         for one in &followed {
@@ -481,7 +472,7 @@ mod tests {
     #[test]
     fn the_scenes_have_the_paper_s_counts() {
         for (name, builtin, [strands, vertices, colliders], _) in SCENES {
-            let scene = builtin.scene(1.0, &[]).unwrap();
+            let scene = builtin.scene(1.0, AS_IT_IS).unwrap();
             let of_strands = scene.groom.strands * scene.groom.vertices_per_strand;
             let own = (scene.groom.strands as usize, (scene.groom.vertices.max(of_strands)) as usize);
             assert_eq!(own, (strands, vertices), "{name}");

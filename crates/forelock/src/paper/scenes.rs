@@ -49,10 +49,14 @@ pub(super) const DOLL: Builtin = scene!("scenes/dftl/", "doll");
 pub(super) const HELIX: &[u8] = include_bytes!("../../../../scenes/ams/helix.obj");
 pub(super) const WISP: &[u8] = include_bytes!("../../../../scenes/ams/wisp.obj");
 
+/// No keys over a scene.
+pub(super) const AS_IT_IS: &[&str] = &[];
+
 impl Builtin {
     /// The scene with `keys` over it and, where its strands are grown, `share` of them. Its paths are as if it lay in its folder under the current one.
-    pub fn scene(self, share: f64, keys: &[String]) -> Result<Scene, RunError> {
-        let mut overrides = keys.iter().map(|key| Override::set(key)).collect::<Result<Vec<_>, _>>()?;
+    pub fn scene(self, share: f64, keys: &[impl AsRef<str>]) -> Result<Scene, RunError> {
+        let mut overrides =
+            keys.iter().map(|key| Override::set(key.as_ref())).collect::<Result<Vec<_>, _>>()?;
         let path = Path::new(self.folder).join(self.name).with_extension("toml");
         let mut scene = Scene::parse(self.text, &path, &overrides)?;
         if share != 1.0 && scene.groom.source == GroomSource::Grow {
@@ -72,7 +76,7 @@ impl Builtin {
     pub fn load(
         self,
         share: f64,
-        keys: &[String],
+        keys: &[impl AsRef<str>],
         observer: &mut Observer<'_>,
     ) -> Result<(Scene, Assets), RunError> {
         let scene = self.scene(share, keys)?;

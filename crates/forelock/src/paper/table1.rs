@@ -162,10 +162,21 @@ pub fn table1(options: &Table1Options, observer: &mut Observer<'_>) -> Result<Ta
     })
 }
 
+/// `result`, or why the scene is skipped: it needs a file that is not there, or what this GPU does not have.
+pub(super) fn or_skipped<T>(result: Result<T, RunError>) -> Result<Result<T, String>, RunError> {
+    match result {
+        Ok(found) => Ok(Ok(found)),
+        Err(RunError::Asset(AssetError::Read(error))) => Ok(Err(error.to_string())),
+        Err(RunError::Gpu(error @ (GpuError::Unsupported { .. } | GpuError::TooLarge { .. }))) => {
+            Ok(Err(error.to_string()))
+        }
+        Err(error) => Err(error),
+    }
+}
+
 impl Entry {
     fn row(&self, options: &Table1Options, observer: &mut Observer<'_>) -> Result<Table1Row, RunError> {
-        let keys: Vec<String> = self.keys.iter().map(|&key| key.to_owned()).collect();
-        let scene = self.builtin.scene(options.share, &keys)?;
+        let scene = self.builtin.scene(options.share, self.keys)?;
         let (paper_strands, paper_particles, paper_ms) = self.paper;
         let mut row = Table1Row {
             figure: self.figure,
@@ -185,21 +196,14 @@ impl Entry {
                 observer(progress);
             }
         };
-        let assets = match self.strands.load(&scene, &mut quiet) {
+        let assets = match or_skipped(self.strands.load(&scene, &mut quiet))? {
             Ok(assets) => assets,
-            Err(RunError::Asset(AssetError::Read(error))) => {
-                row.skipped = Some(error.to_string());
-                return Ok(row);
-            }
-            Err(error) => return Err(error),
+            Err(why) => return Ok(Table1Row { skipped: Some(why), ..row }),
         };
         (row.strands, row.particles) = (assets.groom.strand_count(), assets.groom.particle_count());
-        let timed = match time(&scene, &assets, options, self.name, &mut quiet) {
-            Err(RunError::Gpu(error @ (GpuError::Unsupported { .. } | GpuError::TooLarge { .. }))) => {
-                row.skipped = Some(error.to_string());
-                return Ok(row);
-            }
-            timed => timed?,
+        let timed = match or_skipped(time(&scene, &assets, options, self.name, &mut quiet))? {
+            Ok(timed) => timed,
+            Err(why) => return Ok(Table1Row { skipped: Some(why), ..row }),
         };
         row.ms_per_frame = Spread::of(&timed.iter().map(|frame| frame.ms).collect::<Vec<_>>());
         row.ms_least = timed.iter().map(|frame| frame.ms).fold(f64::INFINITY, f64::min);
@@ -372,8 +376,7 @@ mod tests {
     #[test]
     fn every_scene_runs_and_has_its_counts() {
         for entry in &ENTRIES {
-            let keys: Vec<String> = entry.keys.iter().map(|&key| key.to_owned()).collect();
-            let scene = entry.builtin.scene(1.0, &keys).unwrap();
+            let scene = entry.builtin.scene(1.0, entry.keys).unwrap();
             if entry.strands == Strands::Scene && entry.builtin.name != "grooming" {
                 assert_eq!(scene.groom.strands as usize, entry.paper.0, "{}", entry.name);
             }

@@ -1,10 +1,5 @@
 // Smoothed particles, strand by strand: which buckets they are in, and what pushed them.
 
-// The number of particle `i` of a strand in the whole model.
-fn number_of(strand: Strand, i: u32) -> u32 {
-    return (blocks[strand.block].place + i) * LANES + strand.lane;
-}
-
 @compute @workgroup_size(WORKGROUP)
 fn count_particles(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
