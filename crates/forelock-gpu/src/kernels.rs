@@ -15,7 +15,7 @@ use forelock_core::grid::MARGIN;
 use forelock_core::lane::{ASIN_RATIO, LANES};
 use forelock_core::stage::SCRATCH_ROWS;
 use forelock_core::stage::find_contacts::{CLOSE, PIECES, REACH, REST_SHARE, SLICES, STEPS};
-use forelock_core::stage::find_neighbours::{HASH, MOST_NEIGHBOURS};
+use forelock_core::stage::find_neighbours::MOST_NEIGHBOURS;
 use forelock_core::stage::resolve_contacts::BEND;
 use forelock_core::stage::resolve_solids::{LOOKS, ROUNDS, SLIDES, STRETCHED, SWEEP_STEPS, TOUCH};
 use forelock_core::stage::restore_lengths::NEWTON_STEPS;
@@ -842,9 +842,6 @@ pub fn text(stage: &StageKernels, subgroups: bool) -> String {
         ("WAY_ROWS", WAY_ROWS as u32),
         ("BODY_ROWS", BODY_ROWS as u32),
         ("RUN_SEGMENTS", RUN_SEGMENTS as u32),
-        ("HASH_0", HASH[0]),
-        ("HASH_1", HASH[1]),
-        ("HASH_2", HASH[2]),
         ("MOST_NEIGHBOURS", MOST_NEIGHBOURS as u32),
         ("NO_SLOT", u32::MAX),
     ];

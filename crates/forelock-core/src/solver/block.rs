@@ -5,6 +5,7 @@ use crate::lane::{LANES, Lane, Pack, Real, V3};
 use crate::pose::Pose;
 use crate::solver::SolverParams;
 use crate::solver::params::Inextensibility;
+use crate::stage::find_neighbours::SearchReal;
 use crate::stage::follow_leader::{self, FollowStep, FollowTerms};
 use crate::stage::resolve_solids::{self, Contacts, LevelSolids, Since, SolidPose, Solids};
 use crate::stage::restore_lengths::{self, LengthTerms};
@@ -246,7 +247,7 @@ pub enum Task {
 }
 
 /// Numbers that the solver runs in.
-pub trait SolverReal: Real {
+pub trait SolverReal: SearchReal {
     /// The function for `task` on `simd` (supported, not `Auto`).
     fn block_fn(task: Task, simd: Simd) -> BlockFn<Self>;
 }

@@ -24,7 +24,7 @@ pub use params::SphParams;
 use crate::lane::{LANES, Real, Row};
 use crate::model::Model;
 use crate::solver::dftl::STATED_STEP_SECS;
-use crate::stage::find_neighbours::{CHUNK, Neighbours, Particle};
+use crate::stage::find_neighbours::{CHUNK, Neighbours, Particle, SearchReal};
 use crate::stage::push_particles;
 use crate::state::{State, number, vector};
 use rayon::prelude::*;
@@ -42,7 +42,7 @@ pub struct SphReport {
 
 /// Smoothed particles and their scratch.
 #[derive(Debug)]
-pub struct Sph<T> {
+pub struct Sph<T: SearchReal> {
     params: SphParams,
     fluid: Fluid<T>,
     /// Density of the groom at each particle, by number, times what hair may have of it.
@@ -60,7 +60,7 @@ pub struct Sph<T> {
 /// Particles that are asked for a smoothing length.
 const SAMPLES: usize = 128;
 
-impl<T: Real> Sph<T> {
+impl<T: SearchReal> Sph<T> {
     /// Smoothed particles for the strands of `model`, with densities measured in their rest shape.
     pub fn new(model: &Model<T>, params: &SphParams) -> Self {
         let mut places = vec![0; model.particle_count];

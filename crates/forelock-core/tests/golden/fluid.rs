@@ -2,8 +2,8 @@
 
 use crate::dftl::{poses, strands};
 use crate::golden::{Backend, vectors};
-use forelock_core::lane::Real;
 use forelock_core::model::{Model, Strands};
+use forelock_core::solver::SolverReal;
 use forelock_core::solver::{DftlParams, Frame, Options, SolverParams};
 use forelock_core::sph::{Sph, SphParams};
 use glam::DVec3;
@@ -61,7 +61,7 @@ pub fn coupled_error<B: Backend>(
 }
 
 /// The file's fluid with its `k` and `mu`, which are those of particles of a mass of 1, for the strands of a model, whose mean density is 1.
-pub fn raw<T: Real>(file: &Value) -> impl Fn(&Model<T>) -> SphParams {
+pub fn raw<T: SolverReal>(file: &Value) -> impl Fn(&Model<T>) -> SphParams {
     let params = fluid_params(file);
     let [k, mu] = ["k", "mu"].map(|key| file[key].as_f64().unwrap());
     move |model| {

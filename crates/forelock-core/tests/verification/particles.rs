@@ -1,48 +1,53 @@
 //! Smoothed particles against what is known of them: neighbours by brute force, densities of a lattice, momentum, hair at rest.
 
 use crate::rig::{GRAVITY, Random, Rig, assert_one_hash, shake, tuft};
+use forelock_core::lane::Real;
 use forelock_core::pose::Pose;
 use forelock_core::solver::{AmsParams, DftlParams, Simd, SolverParams};
 use forelock_core::sph::{Fluid, Sph, SphParams};
-use forelock_core::stage::find_neighbours::{Neighbours, Particle};
+use forelock_core::stage::find_neighbours::{Neighbours, Particle, SearchReal};
 use forelock_core::stage::push_particles;
 use glam::DVec3;
 
 /// A cloud of `count` particles in a cube of side 2, several to a strand, some in one place.
-fn cloud(count: u32, random: &mut Random) -> Vec<Particle<f64>> {
-    let mut particles: Vec<Particle<f64>> = (0..count)
-        .map(|number| Particle {
-            x: random.vector().to_array(),
-            u: random.vector().to_array(),
-            number,
-            strand: number / 7,
-        })
-        .collect();
+fn cloud<T: Real>(count: u32, random: &mut Random) -> Vec<Particle<T>> {
+    let mut vector = || random.vector().to_array().map(|x| T::from(x).unwrap());
+    let mut particles: Vec<Particle<T>> =
+        (0..count).map(|number| Particle { x: vector(), u: vector(), number, strand: number / 7 }).collect();
     for pair in particles.chunks_exact_mut(31) {
         pair[30].x = pair[2].x;
     }
     particles
 }
 
-fn fluid(h: f64, params: &SphParams) -> Fluid<f64> {
+fn fluid<T: Real>(h: f64, params: &SphParams) -> Fluid<T> {
     Fluid::new(h, 1.0, params)
 }
 
 /// The numbers of the neighbours of particle `own`, nearest first, by looking at all.
-fn brute_force(particles: &[Particle<f64>], own: usize, h: f64, params: &SphParams) -> Vec<u32> {
+fn brute_force<T: Real>(particles: &[Particle<T>], own: usize, h2: T, params: &SphParams) -> Vec<u32> {
     let own = &particles[own];
-    let mut near: Vec<(f64, u32)> = particles
+    let square = |other: &Particle<T>| {
+        let d = [0, 1, 2].map(|c| other.x[c] - own.x[c]);
+        d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+    };
+    let mut near: Vec<(T, u32)> = particles
         .iter()
         .filter(|other| other.number != own.number && (params.own_strand || other.strand != own.strand))
-        .map(|other| (DVec3::from(other.x).distance_squared(own.x.into()), other.number))
-        .filter(|(square, _)| *square < h * h)
+        .map(|other| (square(other), other.number))
+        .filter(|(square, _)| *square < h2)
         .collect();
-    near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    near.sort_by(|a, b| a.partial_cmp(b).unwrap());
     near.iter().take(params.neighbours as usize).map(|(_, number)| *number).collect()
 }
 
 #[test]
 fn neighbours_are_those_of_brute_force() {
+    neighbours::<f64>();
+    neighbours::<f32>();
+}
+
+fn neighbours<T: SearchReal>() {
     let mut random = Random(7);
     let mut full = 0;
     for (count, h, neighbours, own_strand) in [
@@ -52,11 +57,12 @@ fn neighbours_are_those_of_brute_force() {
         (600, 0.5, 16, true),
         (3000, 0.3, 5, false),
         (3000, 0.02, 64, true),
+        (3000, 0.9, 16, false),
     ] {
-        let particles = cloud(count, &mut random);
+        let particles = cloud::<T>(count, &mut random);
         let params = SphParams { neighbours, own_strand, ..SphParams::default() };
         let mut found = Neighbours::default();
-        let fluid = fluid(h, &params);
+        let fluid = fluid::<T>(h, &params);
         // Twice: what the first left behind must not matter.
         found.find(&cloud(4000, &mut random), &fluid);
         found.find(&particles, &fluid);
@@ -64,7 +70,7 @@ fn neighbours_are_those_of_brute_force() {
             let slot = found.slots[own] as usize;
             let near: Vec<u32> =
                 found.near(slot, &fluid).iter().map(|&j| found.sorted[j as usize].number).collect();
-            let expected = brute_force(&particles, own, h, &params);
+            let expected = brute_force(&particles, own, fluid.h2, &params);
             assert_eq!(near, expected, "particle {own} of {count}, h = {h}");
             full += usize::from(near.len() == neighbours as usize);
         }

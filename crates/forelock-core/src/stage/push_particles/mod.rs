@@ -10,20 +10,19 @@
 //! Each particle has a rest density of its own, what the groom has there, so that hair at rest feels nothing. What a pair gives one of its particles it takes from the other, if each is in the other's list: with
 //! `mutual` only such pairs count, and momentum is kept; without, the sum over all hair is off by what one-sided pairs give.
 
-use crate::lane::Real;
 use crate::sph::Fluid;
-use crate::stage::find_neighbours::{CHUNK, Neighbours};
+use crate::stage::find_neighbours::{CHUNK, Neighbours, Particle, SearchReal};
 use rayon::prelude::*;
 
 /// Fills `out` with the acceleration of each particle, in the sorted order of `neighbours`. `rest_density` is by number.
-pub fn push<T: Real>(
+pub fn push<T: SearchReal>(
     neighbours: &Neighbours<T>,
     rest_density: &[T],
     fluid: &Fluid<T>,
     pressure: &mut [T],
     out: &mut [[T; 3]],
 ) {
-    let over = |(p, (density, particle)): (&mut T, (&T, &crate::stage::find_neighbours::Particle<T>))| {
+    let over = |(p, (density, particle)): (&mut T, (&T, &Particle<T>))| {
         *p = (fluid.pressure * (*density - rest_density[particle.number as usize])).max(T::zero());
     };
     let dense = neighbours.density.par_iter().zip(&neighbours.sorted);
@@ -34,7 +33,7 @@ pub fn push<T: Real>(
     });
 }
 
-fn acceleration<T: Real>(
+fn acceleration<T: SearchReal>(
     neighbours: &Neighbours<T>,
     (pressure, slot): (&[T], usize),
     fluid: &Fluid<T>,
