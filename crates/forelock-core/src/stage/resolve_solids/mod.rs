@@ -467,8 +467,9 @@ impl<T: Real> Queue<T> {
         self.len += 1;
     }
 
-    /// Takes a packet from the end and resolves it against all solids. A function of its own for every instruction set:
-    /// most of its time is loads, and inlined into the frame it costs the strand solve its registers.
+    /// Takes a packet from the end and resolves it against all solids. A function of its own: most of its time is loads
+    /// and rubbing, and inlined into the frame it costs the strand solve its registers. Made for wider registers it
+    /// gains nothing that can be measured.
     #[inline(never)]
     fn settle(&mut self, solids: &Solids<'_, T>, view: &mut BlockView<'_, T>, contacts: &mut Contacts) {
         let taken = self.len.min(PACKET);
