@@ -277,10 +277,10 @@ pub enum BenchCommand {
         #[arg(long, default_value_t = 1.0, value_parser = share, allow_negative_numbers = true)]
         share: f64,
         /// Frames of each scene that Table 1 times.
-        #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+        #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=100_000), conflicts_with = "figure")]
         frames: u32,
         /// Frames of each scene before those.
-        #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u32).range(0..=100_000))]
+        #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u32).range(0..=100_000), conflicts_with = "figure")]
         warm_up: u32,
         /// Where the tables are computed; scenes that cannot be computed there are skipped.
         #[arg(long, value_enum, default_value_t = BenchBackend::Cpu, conflicts_with = "figure")]

@@ -153,6 +153,8 @@ fn stages_can_be_left_on_the_cpu() {
         [("find_neighbours", [true, false]), ("follow_leader", [false; 2]), ("resolve_solids", [false, true])]
     {
         let own = run(following, &["--gpu-from", stage]);
+        let notes = own["notes"].to_string();
+        assert_eq!(notes.contains("no frame of this scene has"), stage == "resolve_solids", "{notes}");
         assert_eq!([&gpu, &cpu].map(|other| hash(&own) == hash(other)), same, "{stage}");
     }
     // Wind is sampled where the strands are solved.

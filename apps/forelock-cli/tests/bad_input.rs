@@ -104,6 +104,12 @@ fn command_lines_with_mistakes() {
         ("wrong cache", vec!["demo", "--cache", "x.abc"], 1, "ends in .abc: this version writes .npz"),
         ("wrong preset", vec!["grow", "x.hair", "--preset", "wvay"], 1, "did you mean \"wavy\"?"),
         ("wrong growth", vec!["grow", "x.hair", "--set", "noise=-1"], 1, "`groom.grow.noise` should be"),
+        (
+            "frames of a figure",
+            vec!["bench", "paper", "--figure", "9", "--frames", "3"],
+            2,
+            "cannot be used with",
+        ),
         ("nothing to resume", vec!["demo", "--resume", "--out", "nowhere"], 1, "there is nothing to resume"),
     ];
     check(&place, &cases);

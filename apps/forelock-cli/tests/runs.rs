@@ -100,6 +100,12 @@ fn a_shorter_run_resumed_is_the_longer_run() {
     assert!(
         fs::read(place.path("parts/hair.npz")).unwrap() == fs::read(place.path("whole/hair.npz")).unwrap()
     );
+    // With nothing left to do, what frames took is told as before.
+    let again = run("parts", &["--resume"]);
+    assert!(resumed["ms_per_frame"]["median"].as_f64().unwrap() > 0.0, "{resumed}");
+    for key in ["frames", "ms_per_frame", "ms_per_stage", "state_hash"] {
+        assert_eq!(again[key], resumed[key], "{key}");
+    }
     // Another scene must not go on from here.
     let other =
         place.run(small_demo("parts", &[&quiet[..], &["--resume", "--set", "solver.ams.drag=3"]].concat()));

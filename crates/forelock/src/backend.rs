@@ -7,7 +7,7 @@
 use forelock_core::air::WindField;
 use forelock_core::contact::{ContactParams, ContactReport};
 use forelock_core::grid::{GridParams, GridReport};
-use forelock_core::solver::{Frame, FrameReport, FrameStep, STAGES, Simulation};
+use forelock_core::solver::{Frame, FrameReport, FrameStep, Meeting, STAGES, Simulation};
 use forelock_core::sph::{SphParams, SphReport};
 use forelock_gpu::{Choice, Gpu, GpuError, GpuReport, GpuSimulation};
 
@@ -96,7 +96,15 @@ impl Backend {
         }
         let from = if let Self::GpuFrom(stage) = self { stage } else { GpuStage::FindNeighbours };
         match Device::open((scene, assets), simulation, (from, self != Self::Auto)) {
-            Ok(device) => Ok((Some(device), None)),
+            Ok(device) => {
+                let note = device.passes_over(from, simulation).then(|| {
+                    format!(
+                        "no frame of this scene has {}: what would come after it is on the GPU",
+                        from.name()
+                    )
+                });
+                Ok((Some(device), note.filter(|_| matches!(self, Self::GpuFrom(_)))))
+            }
             Err(error) if self == Self::Auto => Ok((None, Some(format!("on the CPU: {error}")))),
             Err(error) => Err(error.into()),
         }
@@ -145,6 +153,16 @@ impl Device {
         let name = self.gpu.name();
         let reason = "it has no simulation after an error".to_owned();
         self.simulation.as_mut().ok_or_else(|| GpuError::Failed { name: name.to_owned(), reason })
+    }
+
+    /// Whether frames have no stage `from`.
+    fn passes_over(&self, from: GpuStage, simulation: &Simulation) -> bool {
+        let meeting = Meeting {
+            grid: self.grid.is_some(),
+            particles: self.particles.is_some(),
+            contacts: self.contacts.is_some(),
+        };
+        !FrameStep::all(simulation.params(), meeting).any(|step| step.stage() == from.name())
     }
 
     /// The GPU's name.

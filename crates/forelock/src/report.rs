@@ -94,7 +94,8 @@ fn cards(summary: &Summary) -> String {
             format!("{:.1} / {:.1} ms", summary.ms_per_frame.p95, summary.ms_per_frame.max),
             "95th percentile / longest",
         ),
-        (format!("{:.1e}", summary.max_edge_stretch), "largest stretch"),
+        (format!("{:.1e}", summary.max_edge_stretch), "largest stretch after the length pass"),
+        (format!("{:.1e}", summary.max_edge_stretch_after_solids), "the same after solids"),
         (format!("{:.2} mm", summary.max_penetration_m * 1e3), "deepest penetration"),
         (format!("{:.3} %", summary.max_share_1mm_inside * 1e2), "more than 1 mm inside"),
         (summary.quarantined_strands.to_string(), "strands reset"),
@@ -149,8 +150,16 @@ fn stages(summary: &Summary) -> String {
             )
         })
         .collect();
+    let together = if summary.threads > 1 && summary.backend == "cpu" {
+        format!(
+            "<p>The solver's stages are summed over {} threads: together they may take longer than a frame.</p>",
+            summary.threads
+        )
+    } else {
+        String::new()
+    };
     format!(
-        "<h2>Time per stage</h2><table><tr><th>stage</th><th class=\"number\">ms a frame</th><th>share</th></tr>{rows}</table>"
+        "<h2>Time per stage</h2>{together}<table><tr><th>stage</th><th class=\"number\">ms a frame</th><th>share</th></tr>{rows}</table>"
     )
 }
 

@@ -32,7 +32,9 @@ use crate::regrooming::Regrooming;
 use crate::report;
 use crate::scene::{InteractionKind, Scene, SolverKind};
 use crate::snapshot::{Snapshot, SnapshotError};
-use crate::summary::{FrameRow, Spread, Summary, device_name, median_stages, peak_memory_bytes};
+use crate::summary::{
+    FrameRow, SKIN_STRANDS, Spread, Summary, WRITE_CACHE, device_name, median_stages, peak_memory_bytes,
+};
 
 /// Where and how a scene is run.
 #[derive(Clone, Debug)]
@@ -247,6 +249,11 @@ impl<'a> Stepper<'a> {
         f64::from(frame) / self.scene.time.fps
     }
 
+    /// Where each strand's positions begin, and how many of them go with the head.
+    pub(crate) fn strands(&self) -> (&'a [u32], u32) {
+        (self.assets.groom.strand_offsets(), self.simulation.params().clamped())
+    }
+
     /// All solids between frame `frame` and the next, and the head's poses then.
     pub(crate) fn surroundings(&self, frame: u32) -> ([Pose; 2], Vec<ColliderFrame<'a>>) {
         self.surroundings_at([frame, frame + 1].map(|frame| self.time_secs(frame)))
@@ -332,7 +339,6 @@ struct Run<'a> {
     cache: Option<CacheWriter>,
     /// Frames done, and the worst values over them.
     so_far: Snapshot,
-    rows: Vec<FrameRow>,
     positions: Vec<Vec3>,
     /// What is worth telling of the run itself.
     notes: Vec<String>,
@@ -366,7 +372,7 @@ impl<'a> Run<'a> {
             cache_path.map(|path| CacheWriter::create(&path, offsets, &[])).transpose()?
         };
         let notes = note.into_iter().collect();
-        let mut run = Self { stepper, out, cache, so_far, rows: Vec::new(), positions: Vec::new(), notes };
+        let mut run = Self { stepper, out, cache, so_far, positions: Vec::new(), notes };
         run.stepper.positions(run.so_far.frame, &mut run.positions);
         if !options.resume {
             run.append()?;
@@ -391,8 +397,8 @@ impl<'a> Run<'a> {
             self.step()?;
             let written = Instant::now();
             self.append()?;
-            if let Some(row) = self.rows.last_mut() {
-                row.stages.push(("write_cache", written.elapsed().as_secs_f64() * 1e3));
+            if let Some(row) = self.so_far.rows.last_mut() {
+                row.stages.push((WRITE_CACHE, written.elapsed().as_secs_f64() * 1e3));
             }
             observer(&Progress::Step);
         }
@@ -411,8 +417,7 @@ impl<'a> Run<'a> {
         let guided = self.stepper.skinning.is_some();
         let mut ms = stepped.duration_since(started).as_secs_f64() * 1e3;
         let (_, colliders) = self.stepper.surroundings(frame);
-        let (deep, deepest) = deep_particles(&self.positions, &colliders);
-        let share = deep as f64 / self.positions.len().max(1) as f64;
+        let (share, deepest) = deep_particles(&self.positions, self.stepper.strands(), &colliders);
         // What follows the leader is shown between steps, and knows a bound only.
         let follows = self.stepper.scene.solver.kind == SolverKind::Dftl;
         let mut penetration_m = if follows { deepest } else { report.max_penetration_m };
@@ -421,7 +426,7 @@ impl<'a> Run<'a> {
         let mut stages: Vec<_> = ran.map(|&(stage, secs)| (stage, secs * 1e3)).collect();
         if guided {
             ms += skin_ms;
-            stages.push(("skin_strands", skin_ms));
+            stages.push((SKIN_STRANDS, skin_ms));
             // What the solver knows is how deep its guides are.
             penetration_m = penetration_m.max(deepest);
         }
@@ -431,7 +436,7 @@ impl<'a> Run<'a> {
         so_far.frame += 1;
         so_far.worst = std::array::from_fn(|i| so_far.worst[i].max(worst[i]));
         so_far.quarantined_strands += u64::from(report.quarantined_strands);
-        self.rows.push(FrameRow { ms, stretch: report.max_edge_stretch, penetration_m, stages });
+        so_far.rows.push(FrameRow { ms, stretch: report.max_edge_stretch, penetration_m, stages });
         Ok(())
     }
 
@@ -464,7 +469,10 @@ impl<'a> Run<'a> {
         summary.outputs.push(self.out.join("summary.json"));
         if self.stepper.scene.output.report {
             summary.outputs.push(self.out.join("report.html"));
-            text("report.html", &report::html(self.stepper.scene, &summary, &self.rows, &pictures.shown))?;
+            text(
+                "report.html",
+                &report::html(self.stepper.scene, &summary, &self.so_far.rows, &pictures.shown),
+            )?;
         }
         let json = serde_json::to_string_pretty(&summary).unwrap_or_default();
         text("summary.json", &json)?;
@@ -472,7 +480,7 @@ impl<'a> Run<'a> {
     }
 
     fn summary(&self, outputs: Vec<PathBuf>) -> Summary {
-        let times: Vec<f64> = self.rows.iter().map(|row| row.ms).collect();
+        let times: Vec<f64> = self.so_far.rows.iter().map(|row| row.ms).collect();
         let memory = self.stepper.simulation.memory();
         let on_cpu = memory.total() as u64;
         let skinning_bytes = self.stepper.skinning.as_ref().map_or(0, Skinning::bytes) as u64;
@@ -494,7 +502,7 @@ impl<'a> Run<'a> {
             fps: self.stepper.scene.time.fps,
             substeps: self.stepper.scene.substeps(),
             ms_per_frame: Spread::of(&times),
-            ms_per_stage: median_stages(&self.rows),
+            ms_per_stage: median_stages(&so_far.rows),
             peak_memory_bytes: peak_memory_bytes(),
             simulation_bytes: on_gpu.map_or(on_cpu, Device::bytes) + skinning_bytes,
             max_edge_stretch: so_far.worst[0],
@@ -522,8 +530,12 @@ fn cache_path(scene: &Scene, out: &Path) -> Option<PathBuf> {
 /// Depth under a surface from which a particle counts as inside, metres.
 const DEEP_M: f64 = 1e-3;
 
-/// Particles more than [`DEEP_M`] inside a solid at the end of its frame, and the depth of the deepest, metres.
-pub(crate) fn deep_particles(positions: &[Vec3], solids: &[ColliderFrame<'_>]) -> (usize, f64) {
+/// The share of particles that are more than [`DEEP_M`] inside a solid at the end of its frame, and the depth of the deepest, metres. Of each strand's particles, which begin at `offsets`, the first `clamped` go with the head wherever that is, and do not count.
+pub(crate) fn deep_particles(
+    positions: &[Vec3],
+    (offsets, clamped): (&[u32], u32),
+    solids: &[ColliderFrame<'_>],
+) -> (f64, f64) {
     let local: Vec<_> = solids.iter().map(|solid| (solid.shape, solid.pose(1.0).inverse())).collect();
     let depth = |p: &Vec3| {
         let depths = local.iter().map(|(shape, local_from_world): &(_, Pose)| {
@@ -532,13 +544,19 @@ pub(crate) fn deep_particles(positions: &[Vec3], solids: &[ColliderFrame<'_>]) -
         });
         depths.fold(0.0, f64::max)
     };
-    let of_chunk = |chunk: &[Vec3]| {
-        chunk.iter().map(depth).fold((0, 0.0), |(count, deepest): (usize, f64), depth| {
-            (count + usize::from(depth > DEEP_M), deepest.max(depth))
-        })
+    let of_strand = |ends: &[u32]| {
+        let free = positions.get((ends[0] + clamped) as usize..ends[1] as usize).unwrap_or_default();
+        free.iter().map(depth).fold(
+            (0, free.len(), 0.0),
+            |(count, all, deepest): (usize, usize, f64), depth| {
+                (count + usize::from(depth > DEEP_M), all, deepest.max(depth))
+            },
+        )
     };
-    let both = |a: (usize, f64), b: (usize, f64)| (a.0 + b.0, a.1.max(b.1));
-    positions.par_chunks(4096).map(of_chunk).reduce(|| (0, 0.0), both)
+    let both = |a: (usize, usize, f64), b: (usize, usize, f64)| (a.0 + b.0, a.1 + b.1, a.2.max(b.2));
+    let strands = offsets.par_windows(2).with_min_len(256).map(of_strand);
+    let (count, all, deepest) = strands.reduce(|| (0, 0, 0.0), both);
+    (count as f64 / all.max(1) as f64, deepest)
 }
 
 #[cfg(test)]

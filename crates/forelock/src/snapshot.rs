@@ -3,8 +3,11 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use forelock_core::solver::STAGES;
 use forelock_core::state::Snapshot as State;
 use forelock_io::npz::{Array, Data, read_npz, write_npz};
+
+use crate::summary::{FrameRow, SKIN_STRANDS, WRITE_CACHE};
 
 /// The state after a frame, and the worst values of all frames until then.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,6 +20,8 @@ pub(crate) struct Snapshot {
     /// Largest stretch after the length pass, the same after solids, deepest penetration in metres, largest share of particles
     /// more than 1 mm inside, most contacts between strands.
     pub(crate) worst: [f64; 5],
+    /// What each frame took.
+    pub(crate) rows: Vec<FrameRow>,
     pub(crate) state: Option<State<f32>>,
 }
 
@@ -39,10 +44,18 @@ pub enum SnapshotError {
     Other(PathBuf),
 }
 
+/// Name of the array of what each frame took and found.
+const ROWS: &str = "frames";
+
+/// Stages of which frames tell the time, each also the name of an array.
+fn timed() -> impl Iterator<Item = &'static str> {
+    STAGES.into_iter().chain([SKIN_STRANDS, WRITE_CACHE])
+}
+
 impl Snapshot {
     /// Before the first frame.
     pub(crate) fn begin(fingerprint: u64) -> Self {
-        Self { fingerprint, frame: 0, quarantined_strands: 0, worst: [0.0; 5], state: None }
+        Self { fingerprint, frame: 0, quarantined_strands: 0, worst: [0.0; 5], rows: Vec::new(), state: None }
     }
 
     /// Writes the snapshot, whole or not at all.
@@ -50,10 +63,23 @@ impl Snapshot {
     /// # Errors
     /// [`forelock_io::WriteError`] if the disk refuses.
     pub(crate) fn write(&self, path: &Path) -> Result<(), forelock_io::WriteError> {
+        let rows = &self.rows;
+        let of_rows: Vec<f64> =
+            rows.iter().flat_map(|row| [row.ms, row.stretch, row.penetration_m]).collect();
         let mut arrays = vec![
+            (ROWS, Array { shape: vec![rows.len(), 3], data: Data::F64(of_rows) }),
             ("counters", Array::vector(vec![self.fingerprint, self.frame.into(), self.quarantined_strands])),
             ("worst", Array::vector(self.worst.to_vec())),
         ];
+        for stage in timed() {
+            let ms = |row: &FrameRow| {
+                row.stages.iter().find(|(name, _)| *name == stage).map_or(0.0, |(_, ms)| *ms)
+            };
+            let ms: Vec<f64> = rows.iter().map(ms).collect();
+            if ms.iter().any(|ms| *ms > 0.0) {
+                arrays.push((stage, Array::vector(ms)));
+            }
+        }
         if let Some(state) = &self.state {
             let flat = |vectors: &[[f32; 3]]| Array {
                 shape: vec![vectors.len(), 3],
@@ -112,8 +138,24 @@ impl Snapshot {
         }) else {
             return Err("counters");
         };
+        let mut rows = Vec::new();
+        if arrays.contains_key(ROWS) {
+            let row = |&[ms, stretch, penetration_m]: &[f64; 3]| FrameRow {
+                ms,
+                stretch,
+                penetration_m,
+                stages: Vec::new(),
+            };
+            rows = doubles(ROWS)?.as_chunks::<3>().0.iter().map(row).collect();
+        }
+        for stage in timed().filter(|stage| arrays.contains_key(*stage)) {
+            // A stage that took no time did not run.
+            let ran = rows.iter_mut().zip(doubles(stage)?).filter(|(_, ms)| **ms > 0.0);
+            ran.for_each(|(row, ms)| row.stages.push((stage, *ms)));
+        }
         Ok(Self {
             fingerprint,
+            rows,
             frame: u32::try_from(frame).map_err(|_| "counters")?,
             quarantined_strands,
             worst: doubles("worst")?.try_into().map_err(|_| "worst")?,
@@ -142,6 +184,15 @@ mod tests {
             frame: 7,
             quarantined_strands: 2,
             worst: [1e-7, 0.1, f64::MIN_POSITIVE, 0.25, 300.0],
+            rows: vec![
+                FrameRow {
+                    ms: 1.5,
+                    stretch: 1e-7,
+                    penetration_m: 0.0,
+                    stages: vec![(STAGES[0], 1.0), (WRITE_CACHE, 0.5)],
+                },
+                FrameRow { ms: 2.5, stretch: 1e-6, penetration_m: 0.1, stages: vec![(STAGES[2], 2.0)] },
+            ],
             state: Some(State {
                 positions: vec![[-0.0, f32::MIN_POSITIVE, 3.0]],
                 velocities: vec![[1.0, 2.0, 3.0]],

@@ -36,7 +36,7 @@ pub struct Summary {
     pub substeps: u32,
     /// Wall time of a frame's simulation, milliseconds.
     pub ms_per_frame: Spread,
-    /// Median time of each stage, milliseconds a frame: the solver's stages and `write_cache`.
+    /// Median time of each stage, milliseconds a frame: the solver's stages, on the CPU summed over its threads, and `write_cache`.
     pub ms_per_stage: BTreeMap<String, f64>,
     /// Largest resident memory of the process, bytes; `null` where the system does not tell.
     pub peak_memory_bytes: Option<u64>,
@@ -48,7 +48,7 @@ pub struct Summary {
     pub max_edge_stretch_after_solids: f64,
     /// Largest depth of any particle inside a solid at the end of any frame, metres.
     pub max_penetration_m: f64,
-    /// Largest share of particles more than 1 mm inside a solid at the end of a frame. No unit.
+    /// Largest share of particles more than 1 mm inside a solid at the end of a frame, but for those clamped to the head. No unit.
     pub max_share_1mm_inside: f64,
     /// Most contacts between strands that a frame resolved; 0 without `interaction.contacts`, or where hair moves with its neighbours.
     pub max_strand_contacts: u64,
@@ -99,6 +99,11 @@ pub struct FrameRow {
     /// Time of each stage, milliseconds.
     pub stages: Vec<(&'static str, f64)>,
 }
+
+/// Name of the stage that carries strands by guides.
+pub(crate) const SKIN_STRANDS: &str = "skin_strands";
+/// Name of the stage that writes the cache.
+pub(crate) const WRITE_CACHE: &str = "write_cache";
 
 /// Median time of each stage over `rows`, milliseconds.
 pub(crate) fn median_stages(rows: &[FrameRow]) -> BTreeMap<String, f64> {

@@ -89,7 +89,8 @@ fn run_paper(
             return report.study(&study, &study);
         }
         Some(PaperFigure::Compare) => {
-            let study = compare(options.share, observer)?;
+            // What cannot be written now cannot at the end, which tells.
+            let study = compare(options.share, observer, &mut |so_far| drop(report.keep(so_far, so_far)))?;
             return report.study(&study, &study);
         }
         None => {
@@ -133,6 +134,12 @@ impl Report<'_> {
 
     /// A study, of which `data` is what JSON holds.
     fn study(&self, study: &Study, data: &impl Serialize) -> anyhow::Result<()> {
+        self.keep(study, data)?;
+        self.show(&study.to_markdown(), data)
+    }
+
+    /// Its files.
+    fn keep(&self, study: &Study, data: &impl Serialize) -> anyhow::Result<()> {
         if let Some(folder) = self.out {
             self.write(".html", &study.to_html())?;
             for (plot, _, svg) in study.pictures() {
@@ -143,12 +150,20 @@ impl Report<'_> {
                 forelock::write_png(&path, &strip.image)?;
             }
         }
-        self.tell(&study.to_markdown(), data)
+        self.texts(&study.to_markdown(), data)
     }
 
     fn tell(&self, markdown: &str, data: &impl Serialize) -> anyhow::Result<()> {
+        self.texts(markdown, data)?;
+        self.show(markdown, data)
+    }
+
+    fn texts(&self, markdown: &str, data: &impl Serialize) -> anyhow::Result<()> {
         self.write(".md", markdown)?;
-        self.write(".json", &serde_json::to_string_pretty(data)?)?;
+        self.write(".json", &serde_json::to_string_pretty(data)?)
+    }
+
+    fn show(&self, markdown: &str, data: &impl Serialize) -> anyhow::Result<()> {
         if self.json {
             return terminal::json(data);
         }

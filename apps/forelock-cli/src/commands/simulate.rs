@@ -74,10 +74,11 @@ fn tell(summary: &Summary) {
         summary.simd,
     ));
     terminal::line(format!(
-        "{:.1} ms a frame (median; 95 % within {:.1}), stretch {:.1e}, penetration {:.2} mm, {} strands reset, state {}",
+        "{:.1} ms a frame (median; 95 % within {:.1}), stretch {:.1e} ({:.1e} after solids), penetration {:.2} mm, {} strands reset, state {}",
         summary.ms_per_frame.median,
         summary.ms_per_frame.p95,
         summary.max_edge_stretch,
+        summary.max_edge_stretch_after_solids,
         summary.max_penetration_m * 1e3,
         summary.quarantined_strands,
         summary.state_hash,

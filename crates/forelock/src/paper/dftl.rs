@@ -378,12 +378,16 @@ const SOLVERS: [(&str, &[&str]); 4] = [
     ("DFTL, SPH", &[]),
 ];
 
-/// AMS and follow the leader through the five scenes.
+/// AMS and follow the leader through the five scenes. `so_far` gets what there is after each: all of them take minutes.
 ///
 /// # Errors
 /// [`RunError`] if a scene cannot be simulated; one whose files are not there is left out, and said so.
-pub fn compare(share: f64, observer: &mut Observer<'_>) -> Result<Study, RunError> {
-    let mut table = Table::new(
+pub fn compare(
+    share: f64,
+    observer: &mut Observer<'_>,
+    so_far: &mut dyn FnMut(&Study),
+) -> Result<Study, RunError> {
+    let table = Table::new(
         "",
         &[
             "scene",
@@ -396,12 +400,20 @@ pub fn compare(share: f64, observer: &mut Observer<'_>) -> Result<Study, RunErro
             "energy, J/kg, rms",
         ],
     );
-    let (mut plots, mut strips, mut notes) = (Vec::new(), Vec::new(), Vec::new());
+    let mut study = Study {
+        title: "AMS and DFTL on the same five scenes".to_owned(),
+        claim: String::new(),
+        notes: vec!["AMS with its defaults, follow the leader with the scenes' parameters; each alone, and with what its own paper lets hair meet in: the grid, whose cost hardly depends on the strands, and smoothed particles. \"Edges off by\" is the largest after the length pass, \"after solids\" at the end of a frame; roots do not count as inside. Energy is that of the motion relative to the rest shape on the head, and of the height over it.".to_owned()],
+        tables: vec![table],
+        plots: Vec::new(),
+        bars: None,
+        strips: Vec::new(),
+    };
     for (number, (name, builtin, ..)) in SCENES.iter().enumerate() {
         let (base, assets) = match or_skipped(builtin.load(share, AS_IT_IS, &mut |_| {}))? {
             Ok(loaded) => loaded,
             Err(why) => {
-                notes.push(format!("{name} is left out: {why}."));
+                study.notes.push(format!("{name} is left out: {why}."));
                 continue;
             }
         };
@@ -412,7 +424,7 @@ pub fn compare(share: f64, observer: &mut Observer<'_>) -> Result<Study, RunErro
         }
         for one in &followed {
             let rms = (one.energy.iter().map(|e| e * e).sum::<f64>() / one.energy.len().max(1) as f64).sqrt();
-            table.rows.push(vec![
+            study.tables[0].rows.push(vec![
                 (*name).to_owned(),
                 one.label.clone(),
                 format!("{:.2}", one.ms),
@@ -424,7 +436,7 @@ pub fn compare(share: f64, observer: &mut Observer<'_>) -> Result<Study, RunErro
             ]);
         }
         let fps = base.time.fps;
-        plots.push(plot(
+        study.plots.push(plot(
             (
                 PLOTS[number][0],
                 format!("{name}: mean distance from the rest shape over the strand's length, %"),
@@ -433,26 +445,18 @@ pub fn compare(share: f64, observer: &mut Observer<'_>) -> Result<Study, RunErro
             fps,
             |one| one.shape.iter().map(|share| 100.0 * share).collect(),
         ));
-        plots.push(plot((PLOTS[number][1], format!("{name}: energy, J/kg")), &followed, fps, |one| {
+        study.plots.push(plot((PLOTS[number][1], format!("{name}: energy, J/kg")), &followed, fps, |one| {
             one.energy.clone()
         }));
         let pictures: Vec<_> = followed.iter().flat_map(|one| one.pictures.clone()).collect();
-        strips.push(Strip {
+        study.strips.push(Strip {
             name: PLOTS[number][2],
             title: format!("{name}, over time"),
             image: labelled(&pictures, 5)?,
         });
+        so_far(&study);
     }
-    notes.insert(0, "AMS with its defaults, follow the leader with the scenes' parameters; each alone, and with what its own paper lets hair meet in: the grid, whose cost hardly depends on the strands, and smoothed particles. \"Edges off by\" is the largest after the length pass, \"after solids\" at the end of a frame; roots that the scene's solids cover count as inside. Energy is that of the motion relative to the rest shape on the head, and of the height over it.".to_owned());
-    Ok(Study {
-        title: "AMS and DFTL on the same five scenes".to_owned(),
-        claim: String::new(),
-        notes,
-        tables: vec![table],
-        plots,
-        bars: None,
-        strips,
-    })
+    Ok(study)
 }
 
 /// Names of the plots and the strip of each scene.

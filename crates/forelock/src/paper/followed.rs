@@ -80,8 +80,8 @@ impl Followed {
             stepper.positions(frame, &mut positions);
             if frame > 0 {
                 let (_, colliders) = stepper.surroundings(frame - 1);
-                let deep = crate::run::deep_particles(&positions, &colliders).0;
-                followed.inside = followed.inside.max(deep as f64 / positions.len().max(1) as f64);
+                let (inside, _) = crate::run::deep_particles(&positions, stepper.strands(), &colliders);
+                followed.inside = followed.inside.max(inside);
             }
             let head = assets.head_pose(stepper.time_secs(frame));
             followed.shape.push(offset(&assets.groom, &all, &head, &positions).over_length);

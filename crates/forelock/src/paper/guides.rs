@@ -172,13 +172,12 @@ fn measure(
         stepper.positions(frame + 1, &mut positions);
         times.push(started.elapsed().as_secs_f64() * 1e3);
         let (_, solids) = stepper.surroundings(frame);
-        let share = |count: usize| count as f64 / positions.len().max(1) as f64;
-        let (inside, deepest) = deep_particles(&positions, &solids);
+        let (inside, deepest) = deep_particles(&positions, stepper.strands(), &solids);
         // The body comes first.
-        let (in_hand, _) = deep_particles(&positions, solids.get(1..).unwrap_or_default());
-        row.max_share = row.max_share.max(share(inside));
-        row.max_share_in_hand = row.max_share_in_hand.max(share(in_hand));
-        row.mean_share += share(inside) / f64::from(scene.time.frames);
+        let (in_hand, _) = deep_particles(&positions, stepper.strands(), solids.get(1..).unwrap_or_default());
+        row.max_share = row.max_share.max(inside);
+        row.max_share_in_hand = row.max_share_in_hand.max(in_hand);
+        row.mean_share += inside / f64::from(scene.time.frames);
         row.deepest_m = row.deepest_m.max(deepest);
         if frame + 1 == moment(scene) {
             row.shape.clone_from(&positions);

@@ -62,10 +62,6 @@ impl Builtin {
         if share != 1.0 && scene.groom.source == GroomSource::Grow {
             let strands = (f64::from(scene.groom.strands) * share).round().max(1.0);
             overrides.push(Override::set(&format!("groom.strands={strands}"))?);
-            if scene.groom.vertices > 0 {
-                let vertices = (f64::from(scene.groom.vertices) * share).round().max(2.0 * strands);
-                overrides.push(Override::set(&format!("groom.vertices={vertices}"))?);
-            }
             scene = Scene::parse(self.text, &path, &overrides)?;
         }
         scene.name = self.name.to_owned();

@@ -139,9 +139,25 @@ impl Scene {
             scene.solver.set_substeps(substeps);
         }
         scene.time.substeps = Some(scene.solver.substeps());
+        scene.keep_vertices_a_strand(text, path, overrides);
         (scene.groom.grow.strands, scene.groom.grow.seed) = (scene.groom.strands, scene.seed);
         scene.resolve_paths(path.parent().unwrap_or(Path::new("")));
         Ok(scene)
+    }
+
+    /// Where `overrides` change the strands of the scene `text` but not the vertices of all of them together, changes these alike.
+    fn keep_vertices_a_strand(&mut self, text: &str, path: &Path, overrides: &[Override]) {
+        let is = |key: &str| overrides.iter().any(|own| own.key == key);
+        if self.groom.vertices == 0 || !is("groom.strands") || is("groom.vertices") {
+            return;
+        }
+        // What other overrides mend may be wrong in the text itself.
+        let rest: Vec<_> = overrides.iter().filter(|own| own.key != "groom.strands").cloned().collect();
+        if let Ok(written) = Self::parse(text, path, &rest) {
+            let share = f64::from(self.groom.strands) / f64::from(written.groom.strands);
+            let vertices = (f64::from(self.groom.vertices) * share).round();
+            self.groom.vertices = vertices.clamp(2.0 * f64::from(self.groom.strands), 1e9) as u32;
+        }
     }
 
     /// Substeps a frame, M.

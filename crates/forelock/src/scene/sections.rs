@@ -79,7 +79,7 @@ pub struct GroomSection {
     pub strands: u32,
     /// Particles a strand after resampling by arc length. Unit particles, default 0, range 2 to 1000; 0 keeps those of the file or of the growth (25).
     pub vertices_per_strand: u32,
-    /// Particles of all strands together, long ones with more of them than short ones, instead of `vertices_per_strand`. Unit particles, default 0, range 2 to 1000000000; 0 leaves that to `vertices_per_strand`.
+    /// Particles of all strands together, long ones with more of them than short ones, instead of `vertices_per_strand`; where `--set groom.strands` changes how many those are, they change alike. Unit particles, default 0, range 2 to 1000000000; 0 leaves that to `vertices_per_strand`.
     pub vertices: u32,
     /// Unit of length of the files: "m", "cm", "mm" or "in". Default "m".
     pub unit: Unit,

@@ -31,6 +31,21 @@ fn the_built_in_scene_reads_and_round_trips() {
 }
 
 #[test]
+fn strands_that_an_override_changes_keep_their_vertices() {
+    let text = "[groom]\nstrands = 1000\nvertices = 20500\n";
+    for (sets, expected) in [
+        (&[][..], [1000, 20_500]),
+        (&["groom.strands=100"], [100, 2050]),
+        (&["groom.strands=5", "groom.strands=100", "time.fps=30"], [100, 2050]),
+        (&["groom.strands=100", "groom.vertices=900"], [100, 900]),
+        (&["groom.vertices=4100"], [1000, 4100]),
+    ] {
+        let groom = parse(text, sets).unwrap().groom;
+        assert_eq!([groom.strands, groom.vertices], expected, "{sets:?}");
+    }
+}
+
+#[test]
 fn unknown_keys_are_refused_by_name_with_line_and_nearest_key() {
     assert_eq!(
         message("[groom]\nstrands = 5\nstrnds = 3\n", &[]),
