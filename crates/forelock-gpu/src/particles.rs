@@ -16,6 +16,7 @@ use crate::{Gpu, GpuError};
 use bytemuck::{Pod, Zeroable};
 use forelock_core::lane::LANES;
 use forelock_core::model::Model;
+use forelock_core::solver::Simd;
 use forelock_core::sph::{Sph, SphParams};
 use wgpu::BufferUsages;
 
@@ -62,7 +63,7 @@ impl DeviceParticles {
         params: &SphParams,
     ) -> Result<Self, GpuError> {
         params.validate()?;
-        let sph = Sph::new(model, params);
+        let sph = Sph::new(model, params, Simd::Auto);
         let (fluid, [mass_density, mass_push, mass_drag]) = (sph.fluid(), sph.fluid().masses());
         let numbers = LANES * model.places();
         let buckets = (2 * model.particle_count).next_power_of_two().clamp(ROW_CELLS as usize, 1 << 22);

@@ -97,13 +97,11 @@ impl Backend {
         let from = if let Self::GpuFrom(stage) = self { stage } else { GpuStage::FindNeighbours };
         match Device::open((scene, assets), simulation, (from, self != Self::Auto)) {
             Ok(device) => {
-                let note = device.passes_over(from, simulation).then(|| {
-                    format!(
-                        "no frame of this scene has {}: what would come after it is on the GPU",
-                        from.name()
-                    )
+                let note = (device.is_mixed() && device.passes_over(simulation)).then(|| {
+                    let name = from.name();
+                    format!("no frame of this scene has {name}: what would come after it is on the GPU")
                 });
-                Ok((Some(device), note.filter(|_| matches!(self, Self::GpuFrom(_)))))
+                Ok((Some(device), note))
             }
             Err(error) if self == Self::Auto => Ok((None, Some(format!("on the CPU: {error}")))),
             Err(error) => Err(error.into()),
@@ -155,14 +153,14 @@ impl Device {
         self.simulation.as_mut().ok_or_else(|| GpuError::Failed { name: name.to_owned(), reason })
     }
 
-    /// Whether frames have no stage `from`.
-    fn passes_over(&self, from: GpuStage, simulation: &Simulation) -> bool {
+    /// Whether frames lack the first stage that is asked of the device.
+    fn passes_over(&self, simulation: &Simulation) -> bool {
         let meeting = Meeting {
             grid: self.grid.is_some(),
             particles: self.particles.is_some(),
             contacts: self.contacts.is_some(),
         };
-        !FrameStep::all(simulation.params(), meeting).any(|step| step.stage() == from.name())
+        !FrameStep::all(simulation.params(), meeting).any(|step| step.stage() == self.from.name())
     }
 
     /// The GPU's name.

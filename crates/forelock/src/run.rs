@@ -27,6 +27,7 @@ use rayon::prelude::*;
 
 use crate::assets::{AssetError, Assets};
 use crate::backend::{Backend, Device};
+use crate::hash::Fnv;
 use crate::pictures::{self, PictureError, Studio};
 use crate::regrooming::Regrooming;
 use crate::report;
@@ -251,7 +252,7 @@ impl<'a> Stepper<'a> {
 
     /// Where each strand's positions begin, and how many of them go with the head.
     pub(crate) fn strands(&self) -> (&'a [u32], u32) {
-        (self.assets.groom.strand_offsets(), self.simulation.params().clamped())
+        (self.assets.groom.strand_offsets(), self.scene.solver.clamped())
     }
 
     /// All solids between frame `frame` and the next, and the head's poses then.
@@ -332,12 +333,38 @@ impl<'a> Stepper<'a> {
 /// Share of a step within which two times are the same.
 const STEP_ROUNDING: f64 = 1e-6;
 
+/// Where a run computes.
+struct Machine {
+    backend: &'static str,
+    device: String,
+    simd: String,
+    threads: usize,
+}
+
+impl Machine {
+    fn of(stepper: &Stepper<'_>) -> Self {
+        let on_gpu = stepper.device.as_ref();
+        let simd = Simd::from(stepper.scene.solver.simd).resolve();
+        Self {
+            backend: if on_gpu.is_some() { "gpu" } else { "cpu" },
+            device: on_gpu.map_or_else(device_name, |device| device.name().to_owned()),
+            simd: if on_gpu.is_some() { "wgsl".to_owned() } else { format!("{simd:?}").to_lowercase() },
+            threads: rayon::current_num_threads(),
+        }
+    }
+
+    fn hash(&self) -> u64 {
+        let text = [self.backend, &self.device, &self.simd, &self.threads.to_string()].join("\n");
+        Fnv::new().bytes(text.as_bytes()).value()
+    }
+}
+
 /// A run under way.
 struct Run<'a> {
     stepper: Stepper<'a>,
     out: &'a Path,
     cache: Option<CacheWriter>,
-    /// Frames done, and the worst values over them.
+    /// Frames done, what they took, and the worst values over them.
     so_far: Snapshot,
     positions: Vec<Vec3>,
     /// What is worth telling of the run itself.
@@ -371,7 +398,13 @@ impl<'a> Run<'a> {
             let offsets = assets.groom.strand_offsets();
             cache_path.map(|path| CacheWriter::create(&path, offsets, &[])).transpose()?
         };
-        let notes = note.into_iter().collect();
+        let mut notes: Vec<String> = note.into_iter().collect();
+        let machine = Machine::of(&stepper).hash();
+        if so_far.machine != machine && !so_far.rows.is_empty() {
+            let (frames, _) = (so_far.frame, so_far.rows.drain(..));
+            notes.push(format!("the first {frames} frames ran elsewhere: times and plots are without them"));
+        }
+        so_far.machine = machine;
         let mut run = Self { stepper, out, cache, so_far, positions: Vec::new(), notes };
         run.stepper.positions(run.so_far.frame, &mut run.positions);
         if !options.resume {
@@ -486,14 +519,14 @@ impl<'a> Run<'a> {
         let skinning_bytes = self.stepper.skinning.as_ref().map_or(0, Skinning::bytes) as u64;
         let so_far = &self.so_far;
         let on_gpu = self.stepper.device.as_ref();
-        let simd = Simd::from(self.stepper.scene.solver.simd).resolve();
+        let machine = Machine::of(&self.stepper);
         Summary {
             scene: self.stepper.scene.name.clone(),
             solver: self.stepper.scene.solver.kind.name().to_owned(),
-            backend: if on_gpu.is_some() { "gpu" } else { "cpu" },
-            device: on_gpu.map_or_else(device_name, |device| device.name().to_owned()),
-            simd: if on_gpu.is_some() { "wgsl".to_owned() } else { format!("{simd:?}").to_lowercase() },
-            threads: rayon::current_num_threads(),
+            backend: machine.backend,
+            device: machine.device,
+            simd: machine.simd,
+            threads: machine.threads,
             strands: self.stepper.assets.groom.strand_count(),
             particles: self.stepper.assets.groom.particle_count(),
             guides: self.stepper.skinning.as_ref().map_or(0, |skinning| skinning.chosen().len()),

@@ -9,7 +9,7 @@ use forelock_io::npz::{Array, Data, read_npz, write_npz};
 
 use crate::summary::{FrameRow, SKIN_STRANDS, WRITE_CACHE};
 
-/// The state after a frame, and the worst values of all frames until then.
+/// The state after a frame, what each frame until then took, and the worst values of all of them.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Snapshot {
     /// What it belongs to: see [`Assets::fingerprint`](crate::assets::Assets::fingerprint).
@@ -20,8 +20,10 @@ pub(crate) struct Snapshot {
     /// Largest stretch after the length pass, the same after solids, deepest penetration in metres, largest share of particles
     /// more than 1 mm inside, most contacts between strands.
     pub(crate) worst: [f64; 5],
-    /// What each frame took.
+    /// What each frame took and found.
     pub(crate) rows: Vec<FrameRow>,
+    /// Where `rows` were timed, as a hash.
+    pub(crate) machine: u64,
     pub(crate) state: Option<State<f32>>,
 }
 
@@ -47,6 +49,9 @@ pub enum SnapshotError {
 /// Name of the array of what each frame took and found.
 const ROWS: &str = "frames";
 
+/// Name of the array of where that was.
+const MACHINE: &str = "machine";
+
 /// Stages of which frames tell the time, each also the name of an array.
 fn timed() -> impl Iterator<Item = &'static str> {
     STAGES.into_iter().chain([SKIN_STRANDS, WRITE_CACHE])
@@ -55,7 +60,15 @@ fn timed() -> impl Iterator<Item = &'static str> {
 impl Snapshot {
     /// Before the first frame.
     pub(crate) fn begin(fingerprint: u64) -> Self {
-        Self { fingerprint, frame: 0, quarantined_strands: 0, worst: [0.0; 5], rows: Vec::new(), state: None }
+        Self {
+            fingerprint,
+            frame: 0,
+            quarantined_strands: 0,
+            worst: [0.0; 5],
+            rows: Vec::new(),
+            machine: 0,
+            state: None,
+        }
     }
 
     /// Writes the snapshot, whole or not at all.
@@ -70,6 +83,7 @@ impl Snapshot {
             (ROWS, Array { shape: vec![rows.len(), 3], data: Data::F64(of_rows) }),
             ("counters", Array::vector(vec![self.fingerprint, self.frame.into(), self.quarantined_strands])),
             ("worst", Array::vector(self.worst.to_vec())),
+            (MACHINE, Array::vector(vec![self.machine])),
         ];
         for stage in timed() {
             let ms = |row: &FrameRow| {
@@ -146,15 +160,25 @@ impl Snapshot {
                 penetration_m,
                 stages: Vec::new(),
             };
-            rows = doubles(ROWS)?.as_chunks::<3>().0.iter().map(row).collect();
+            let (whole, []) = doubles(ROWS)?.as_chunks::<3>() else { return Err(ROWS) };
+            rows = whole.iter().map(row).collect();
         }
         for stage in timed().filter(|stage| arrays.contains_key(*stage)) {
             // A stage that took no time did not run.
-            let ran = rows.iter_mut().zip(doubles(stage)?).filter(|(_, ms)| **ms > 0.0);
+            let times = doubles(stage)?;
+            if times.len() != rows.len() {
+                return Err(stage);
+            }
+            let ran = rows.iter_mut().zip(times).filter(|(_, ms)| **ms > 0.0);
             ran.for_each(|(row, ms)| row.stages.push((stage, *ms)));
         }
+        let machine = match arrays.get(MACHINE).map(|array| &array.data) {
+            Some(Data::U64(values)) => values.first().copied().unwrap_or_default(),
+            _ => 0,
+        };
         Ok(Self {
             fingerprint,
+            machine,
             rows,
             frame: u32::try_from(frame).map_err(|_| "counters")?,
             quarantined_strands,
@@ -184,6 +208,7 @@ mod tests {
             frame: 7,
             quarantined_strands: 2,
             worst: [1e-7, 0.1, f64::MIN_POSITIVE, 0.25, 300.0],
+            machine: 1 << 63,
             rows: vec![
                 FrameRow {
                     ms: 1.5,

@@ -46,7 +46,7 @@ pub struct Summary {
     pub max_edge_stretch: f64,
     /// The same at the end of the frame, after solids had the last word. No unit.
     pub max_edge_stretch_after_solids: f64,
-    /// Largest depth of any particle inside a solid at the end of any frame, metres.
+    /// Largest depth of any particle that is not clamped inside a solid at the end of any frame, metres.
     pub max_penetration_m: f64,
     /// Largest share of particles more than 1 mm inside a solid at the end of a frame, but for those clamped to the head. No unit.
     pub max_share_1mm_inside: f64,

@@ -269,48 +269,63 @@ pub(crate) const BASELINE_FMA: bool = cfg!(any(target_arch = "aarch64", target_f
 /// `$text` for lanes `$lane`, with `$features`.
 #[cfg(target_arch = "x86_64")]
 macro_rules! with_features {
-    ($text:ident, $features:literal, $lane:ty) => {{
+    ($features:literal, $lane:ty, $text:ident($($name:ident: $type:ty),*) $(-> $found:ty)?) => {{
         #[target_feature(enable = $features)]
-        fn block(
-            job: &FrameJob<'_, f32>,
-            view: &mut BlockView<'_, f32>,
-            live: usize,
-            scratch: &mut Scratch<f32>,
-        ) -> BlockReport {
-            $text::<$lane>(job, view, live, scratch)
+        fn with_features($($name: $type),*) $(-> $found)? {
+            $text::<$lane>($($name),*)
         }
-        block
+        with_features
     }};
 }
+#[cfg(target_arch = "x86_64")]
+pub(crate) use with_features;
 
-/// `$text` for the instruction set and width `$simd`.
+/// `$text`, a function of lanes of float32, for the instruction set and width `$simd` (supported, not `Auto`): unsafe to call where they are not there.
 macro_rules! on {
-    ($simd:ident, $text:ident) => {
+    ($simd:ident, $text:ident $takes:tt $(-> $found:ty)?) => {
         match $simd {
             Simd::Scalar => $text::<Pack<1, BASELINE_FMA>>,
             #[cfg(target_arch = "x86_64")]
-            Simd::Avx2x1 => with_features!($text, "avx2,fma", Pack<1, true>),
+            Simd::Avx2x1 => with_features!("avx2,fma", Pack<1, true>, $text $takes $(-> $found)?),
             #[cfg(target_arch = "x86_64")]
-            Simd::Avx2x4 => with_features!($text, "avx2,fma", Pack<4, true>),
+            Simd::Avx2x4 => with_features!("avx2,fma", Pack<4, true>, $text $takes $(-> $found)?),
             #[cfg(target_arch = "x86_64")]
-            Simd::Avx2 => with_features!($text, "avx2,fma", crate::lane::Avx2),
+            Simd::Avx2 => with_features!("avx2,fma", crate::lane::Avx2, $text $takes $(-> $found)?),
             #[cfg(target_arch = "x86_64")]
-            Simd::Avx2x16 => with_features!($text, "avx2,fma", Pack<16, true>),
+            Simd::Avx2x16 => with_features!("avx2,fma", Pack<16, true>, $text $takes $(-> $found)?),
             #[cfg(target_arch = "x86_64")]
-            Simd::Avx512 => {
-                with_features!($text, "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma", crate::lane::Avx512)
-            }
+            Simd::Avx512 => with_features!(
+                "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma",
+                crate::lane::Avx512,
+                $text $takes $(-> $found)?
+            ),
             _ => $text::<Pack<4, BASELINE_FMA>>,
         }
+    };
+}
+pub(crate) use on;
+
+/// `$text` as a [`BlockFn`].
+macro_rules! block_on {
+    ($simd:ident, $text:ident) => {
+        on!(
+            $simd,
+            $text(
+                job: &FrameJob<'_, f32>,
+                view: &mut BlockView<'_, f32>,
+                live: usize,
+                scratch: &mut Scratch<f32>
+            ) -> BlockReport
+        )
     };
 }
 
 impl SolverReal for f32 {
     fn block_fn(task: Task, simd: Simd) -> BlockFn<Self> {
         match task {
-            Task::Ams => on!(simd, advance_ams),
-            Task::Dftl => on!(simd, advance_dftl),
-            Task::Finish => on!(simd, finish_block),
+            Task::Ams => block_on!(simd, advance_ams),
+            Task::Dftl => block_on!(simd, advance_dftl),
+            Task::Finish => block_on!(simd, finish_block),
         }
     }
 }

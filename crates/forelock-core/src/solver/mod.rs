@@ -9,7 +9,9 @@ mod regroom;
 mod simulation;
 mod steps;
 
-pub(crate) use block::BASELINE_FMA;
+#[cfg(target_arch = "x86_64")]
+pub(crate) use block::with_features;
+pub(crate) use block::{BASELINE_FMA, on};
 pub use block::{STAGES, Simd, SolverReal};
 pub use dftl::DftlParams;
 pub use mass_spring::MassSpringParams;

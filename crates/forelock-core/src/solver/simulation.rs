@@ -328,7 +328,7 @@ impl<T: SolverReal> Simulation<T> {
             None => None,
             Some(params) => {
                 params.validate()?;
-                Some(Sph::new(&self.model, params))
+                Some(Sph::new(&self.model, params, self.options.simd))
             }
         };
         Ok(())
@@ -354,7 +354,7 @@ impl<T: SolverReal> Simulation<T> {
         self.workspace.scratch = scratch(&self.model);
         self.workspace.canopy = Canopy::default();
         self.grid = self.grid.take().map(|grid| Grid::new(&self.model, grid.params()));
-        self.sph = self.sph.take().map(|sph| Sph::new(&self.model, sph.params()));
+        self.sph = self.sph.take().map(|sph| Sph::new(&self.model, sph.params(), self.options.simd));
         let simd = self.options.simd.resolve();
         self.contacts = self.contacts.take().map(|c| Contacts::new(&self.model, c.params(), simd));
     }

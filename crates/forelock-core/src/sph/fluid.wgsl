@@ -71,13 +71,13 @@ fn cell_of(x: vec3f) -> vec3i {
 // The lowest ten bits of each number, in the place of every third.
 fn spread(numbers: vec3u) -> vec3u {
     var bits = numbers & vec3u(0x3ffu);
-    bits = (bits | bits << vec3u(16u)) & vec3u(0x030000ffu);
-    bits = (bits | bits << vec3u(8u)) & vec3u(0x0300f00fu);
-    bits = (bits | bits << vec3u(4u)) & vec3u(0x030c30c3u);
-    return (bits | bits << vec3u(2u)) & vec3u(0x09249249u);
+    bits = (bits | (bits << vec3u(16u))) & vec3u(0x030000ffu);
+    bits = (bits | (bits << vec3u(8u))) & vec3u(0x0300f00fu);
+    bits = (bits | (bits << vec3u(4u))) & vec3u(0x030c30c3u);
+    return (bits | (bits << vec3u(2u))) & vec3u(0x09249249u);
 }
 
 fn bucket_of(cell: vec3i) -> u32 {
     let own = spread(bitcast<vec3u>(cell));
-    return (own.x | own.y << 1u | own.z << 2u) & (fluid.buckets - 1u);
+    return (own.x | (own.y << 1u) | (own.z << 2u)) & (fluid.buckets - 1u);
 }

@@ -23,6 +23,7 @@ pub use params::SphParams;
 
 use crate::lane::{LANES, Real, Row};
 use crate::model::Model;
+use crate::solver::Simd;
 use crate::solver::dftl::STATED_STEP_SECS;
 use crate::stage::find_neighbours::{CHUNK, Neighbours, Particle, SearchReal};
 use crate::stage::push_particles;
@@ -61,8 +62,8 @@ pub struct Sph<T: SearchReal> {
 const SAMPLES: usize = 128;
 
 impl<T: SearchReal> Sph<T> {
-    /// Smoothed particles for the strands of `model`, with densities measured in their rest shape.
-    pub fn new(model: &Model<T>, params: &SphParams) -> Self {
+    /// Smoothed particles for the strands of `model`, with densities measured in their rest shape, that find their neighbours on `simd`.
+    pub fn new(model: &Model<T>, params: &SphParams, simd: Simd) -> Self {
         let mut places = vec![0; model.particle_count];
         let mut numbers = vec![Row([0; LANES]); model.places()];
         let mut particles = vec![Particle::default(); model.particle_count];
@@ -85,7 +86,7 @@ impl<T: SearchReal> Sph<T> {
         } else {
             smoothing_length(&particles, params).unwrap_or(0.1 * model.reach).max(1e-6)
         };
-        let mut neighbours = Neighbours::default();
+        let mut neighbours = Neighbours::on(simd);
         let fluid = Fluid::new(h, 1.0, params);
         neighbours.find(&particles, &fluid);
         let sum: f64 = neighbours.density.iter().filter_map(|density| density.to_f64()).sum();

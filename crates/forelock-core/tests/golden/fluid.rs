@@ -3,8 +3,8 @@
 use crate::dftl::{poses, strands};
 use crate::golden::{Backend, vectors};
 use forelock_core::model::{Model, Strands};
-use forelock_core::solver::SolverReal;
-use forelock_core::solver::{DftlParams, Frame, Options, SolverParams};
+use forelock_core::solver::{DftlParams, Frame, Options, Simd, SolverParams, SolverReal};
+
 use forelock_core::sph::{Sph, SphParams};
 use glam::DVec3;
 use num_traits::ToPrimitive;
@@ -67,7 +67,7 @@ pub fn raw<T: SolverReal>(file: &Value) -> impl Fn(&Model<T>) -> SphParams {
     move |model| {
         let (h, step) = (params.smoothing_length, 0.016);
         let kernel = 315.0 / (64.0 * std::f64::consts::PI * h.powi(3));
-        let mass = Sph::new(model, &params).fluid().density(T::zero()).to_f64().unwrap() / kernel;
+        let mass = Sph::new(model, &params, Simd::Auto).fluid().density(T::zero()).to_f64().unwrap() / kernel;
         let (pressure, viscosity) = (k * step * step / (h * h), mu * mass * step / (h * h));
         SphParams { pressure, viscosity, ..params.clone() }
     }

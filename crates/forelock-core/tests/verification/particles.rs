@@ -43,14 +43,19 @@ fn brute_force<T: Real>(particles: &[Particle<T>], own: usize, h2: T, params: &S
 
 #[test]
 fn neighbours_are_those_of_brute_force() {
-    neighbours::<f64>();
-    neighbours::<f32>();
+    neighbours::<f64>(Simd::Scalar);
+    for simd in Simd::ALL.into_iter().filter(|simd| simd.is_supported()) {
+        neighbours::<f32>(simd);
+    }
 }
 
-fn neighbours<T: SearchReal>() {
+/// The case in which particles are far out, and nowhere.
+const LOST: usize = 9;
+
+fn neighbours<T: SearchReal>(simd: Simd) {
     let mut random = Random(7);
     let mut full = 0;
-    for (count, h, neighbours, own_strand) in [
+    for (n, (count, h, neighbours, own_strand)) in [
         (1, 0.5, 16, false),
         (2, 3.0, 1, true),
         (600, 0.2, 16, false),
@@ -58,10 +63,23 @@ fn neighbours<T: SearchReal>() {
         (3000, 0.3, 5, false),
         (3000, 0.02, 64, true),
         (3000, 0.9, 16, false),
-    ] {
-        let particles = cloud::<T>(count, &mut random);
+        (1500, 0.9, 64, true),
+        (1500, 0.9, 1, false),
+        (600, 0.9, 16, false),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let mut particles = cloud::<T>(count, &mut random);
+        if n == LOST {
+            // Cells far out, beyond all that have a number, and none.
+            for (n, particle) in particles.iter_mut().enumerate() {
+                let far = [0.0, 3e3, 1e12, f64::INFINITY, f64::NAN][n % 5];
+                particle.x[n % 3] = particle.x[n % 3] + T::from(far).unwrap();
+            }
+        }
         let params = SphParams { neighbours, own_strand, ..SphParams::default() };
-        let mut found = Neighbours::default();
+        let mut found = Neighbours::on(simd);
         let fluid = fluid::<T>(h, &params);
         // Twice: what the first left behind must not matter.
         found.find(&cloud(4000, &mut random), &fluid);
@@ -192,7 +210,7 @@ fn threads_and_widths_leave_the_bits_alone() {
 fn a_smoothing_length_finds_its_neighbours() {
     let rig = Rig::<f64>::new(&tuft(400, 20), &AmsParams::default(), Simd::Auto);
     let params = SphParams::default();
-    let sph = Sph::new(rig.simulation.model(), &params);
+    let sph = Sph::new(rig.simulation.model(), &params, Simd::Auto);
     let mean = sph.rest_density().iter().sum::<f64>() / sph.rest_density().len() as f64;
     assert!((mean - 1.0).abs() < 1e-12, "{mean}");
     let particles: Vec<Particle<f64>> = (0..)

@@ -57,12 +57,12 @@ pub(super) fn load(scene: &Scene, body: Option<&Body>, notes: &mut Vec<String>) 
 /// How far over the skin the solver of `scene` keeps hair, metres, and how many particles of a strand it holds there.
 fn skin(scene: &Scene) -> (f32, usize) {
     let solver = &scene.solver;
-    let (thickness, clamped) = match solver.kind {
-        SolverKind::Dftl => (solver.dftl.skin_thickness, solver.dftl.clamped),
-        SolverKind::MassSpring => (solver.mass_spring.skin_thickness, solver.mass_spring.clamped),
-        _ => (solver.ams.skin_thickness, solver.ams.clamped),
+    let thickness = match solver.kind {
+        SolverKind::Dftl => solver.dftl.skin_thickness,
+        SolverKind::MassSpring => solver.mass_spring.skin_thickness,
+        _ => solver.ams.skin_thickness,
     };
-    (thickness as f32, clamped as usize)
+    (thickness as f32, solver.clamped() as usize)
 }
 
 /// Does edit `number` (from 0) of `scene` to `groom`, which keeps out of `body`.

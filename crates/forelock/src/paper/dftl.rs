@@ -7,6 +7,7 @@
 //! # Limitations
 //! The paper gives frames a second with rendering, of scenes of which it tells counts only. Ours are of the simulation alone.
 
+use std::ops::Range;
 use std::time::Instant;
 
 use forelock_core::groom::Groom;
@@ -171,28 +172,44 @@ fn size_row(
         air_velocity: DVec3::ZERO,
         dt_secs: STATED_STEP_SECS,
     };
-    let per_step = |started: Instant| started.elapsed().as_secs_f64() * 1e3 / f64::from(options.frames);
-    let steps = options.warm_up..options.warm_up + options.frames;
-    let Some(gpu) = gpu else {
+    let mut runs: Vec<(&'static str, Run<'_>)> = Vec::new();
+    if let Some(gpu) = gpu {
+        for (name, schedule) in SCHEDULES {
+            let params = DftlParams { schedule, ..params.clone() };
+            let mut simulation = GpuSimulation::new(gpu, &groom, &params, &at_rest)?;
+            let run = move |mut steps: Range<u32>| {
+                steps.try_for_each(|step| simulation.step_frame(&frame(step)))?;
+                Ok(gpu.wait()?)
+            };
+            runs.push((name, Box::new(run)));
+        }
+    } else {
         let mut simulation = Simulation::new(&groom, &params, &at_rest)?;
-        (0..options.warm_up).try_for_each(|step| simulation.step_frame(&frame(step)).map(drop))?;
-        let started = Instant::now();
-        steps.into_iter().try_for_each(|step| simulation.step_frame(&frame(step)).map(drop))?;
-        return Ok(vec![("lanes", per_step(started))]);
-    };
-    let mut found = Vec::new();
-    for (name, schedule) in SCHEDULES {
-        let params = DftlParams { schedule, ..params.clone() };
-        let mut simulation = GpuSimulation::new(gpu, &groom, &params, &at_rest)?;
-        (0..options.warm_up).try_for_each(|step| simulation.step_frame(&frame(step)))?;
-        gpu.wait()?;
-        let started = Instant::now();
-        steps.clone().try_for_each(|step| simulation.step_frame(&frame(step)))?;
-        gpu.wait()?;
-        found.push((name, per_step(started)));
+        let run = move |mut steps: Range<u32>| {
+            Ok(steps.try_for_each(|step| simulation.step_frame(&frame(step)).map(drop))?)
+        };
+        runs.push(("lanes", Box::new(run)));
+    }
+    let mut found: Vec<_> = runs.iter().map(|(name, _)| (*name, f64::INFINITY)).collect();
+    runs.iter_mut().try_for_each(|(_, run)| run(0..options.warm_up))?;
+    // In turn, and the least counts: what else the machine does is as bad for all.
+    let each = options.frames.div_ceil(ROUNDS);
+    for round in 0..ROUNDS {
+        let from = options.warm_up + round * each;
+        for ((_, run), (_, least)) in runs.iter_mut().zip(&mut found) {
+            let started = Instant::now();
+            run(from..from + each)?;
+            *least = least.min(started.elapsed().as_secs_f64() * 1e3 / f64::from(each));
+        }
     }
     Ok(found)
 }
+
+/// What goes through some steps, and waits for them.
+type Run<'a> = Box<dyn FnMut(Range<u32>) -> Result<(), RunError> + 'a>;
+
+/// Turns that the schedules take in Table 2.
+const ROUNDS: u32 = 5;
 
 /// Curls of 25 cm in a square.
 fn curls(strands: usize, particles: usize) -> Result<Groom, RunError> {
@@ -280,7 +297,7 @@ impl DftlTables {
             title: "DFTL with shape and SPH, Tables 1 and 2".to_owned(),
             claim: "shape costs little over DFTL alone, hair against hair is the bottleneck; particle-level parallelism is 2 to 7 times as fast as strand-level.".to_owned(),
             notes: vec![
-                format!("Ours: the median of {} frames of the simulation alone at 60 frames a second (Table 1, the solver steps at its own 16 ms), and steps of 16 ms without solids (Table 2).", self.frames),
+                format!("Ours: the median of {} frames of the simulation alone at 60 frames a second (Table 1, the solver steps at its own 16 ms), and steps of 16 ms without solids, the best of {ROUNDS} turns (Table 2).", self.frames),
                 "The paper's frames a second are with rendering, of scenes of which it gives the counts; ours are made to its counts.".to_owned(),
                 format!("Share of the strands that were simulated: {}.", percent(self.share)),
                 "On a CPU strands are lanes of registers, whatever the schedule.".to_owned(),
@@ -454,7 +471,9 @@ pub fn compare(
             title: format!("{name}, over time"),
             image: labelled(&pictures, 5)?,
         });
+        study.notes.push(format!("So far: {} of {} scenes.", number + 1, SCENES.len()));
         so_far(&study);
+        study.notes.pop();
     }
     Ok(study)
 }

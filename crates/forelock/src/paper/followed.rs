@@ -37,7 +37,7 @@ pub(super) struct Followed {
     pub ms: f64,
     /// Largest |l/l₀ − 1| of an edge after the length pass, and at the end of a frame.
     pub stretch: [f64; 2],
-    /// Largest share of particles more than 1 mm inside a solid.
+    /// Largest share of particles more than 1 mm inside a solid, but for those clamped to the head.
     pub inside: f64,
     /// At the moments asked for.
     pub pictures: Vec<(Image, String)>,

@@ -32,7 +32,7 @@ const MOMENT: f64 = 0.25;
 pub struct GuidesRow {
     /// Strands that were simulated.
     pub simulated: usize,
-    /// Largest share of particles more than 1 mm inside the hand at the end of a frame. No unit.
+    /// Largest share of particles more than 1 mm inside the hand at the end of a frame, but for those clamped to the head. No unit.
     pub max_share_in_hand: f64,
     /// The same in hand or body.
     pub max_share: f64,

@@ -145,10 +145,11 @@ impl Scene {
         Ok(scene)
     }
 
-    /// Where `overrides` change the strands of the scene `text` but not the vertices of all of them together, changes these alike.
+    /// Where `overrides` change the strands to grow of the scene `text` but not the vertices of all of them together, changes these alike.
     fn keep_vertices_a_strand(&mut self, text: &str, path: &Path, overrides: &[Override]) {
         let is = |key: &str| overrides.iter().any(|own| own.key == key);
-        if self.groom.vertices == 0 || !is("groom.strands") || is("groom.vertices") {
+        let grows = self.groom.source == GroomSource::Grow;
+        if !grows || self.groom.vertices == 0 || !is("groom.strands") || is("groom.vertices") {
             return;
         }
         // What other overrides mend may be wrong in the text itself.

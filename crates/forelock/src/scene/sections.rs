@@ -387,6 +387,15 @@ impl SolverSection {
         }
     }
 
+    /// Particles of a strand of the groom that go with the head, from the root, under the solver that is chosen.
+    pub fn clamped(&self) -> u32 {
+        match self.kind {
+            SolverKind::Dftl => self.dftl.clamped,
+            SolverKind::MassSpring => self.mass_spring.clamped,
+            _ => self.ams.clamped,
+        }
+    }
+
     /// The step of a solver that steps at its own rate, seconds.
     pub fn step_secs(&self) -> Option<f64> {
         (self.kind == SolverKind::Dftl && self.dftl.step_secs > 0.0).then_some(self.dftl.step_secs)

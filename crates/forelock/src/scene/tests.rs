@@ -43,6 +43,9 @@ fn strands_that_an_override_changes_keep_their_vertices() {
         let groom = parse(text, sets).unwrap().groom;
         assert_eq!([groom.strands, groom.vertices], expected, "{sets:?}");
     }
+    // Files keep their strands.
+    let file = format!("{text}source = \"hair.tfx\"\n");
+    assert_eq!(parse(&file, &["groom.strands=100"]).unwrap().groom.vertices, 20_500);
 }
 
 #[test]

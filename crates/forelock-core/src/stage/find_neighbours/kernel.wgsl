@@ -82,17 +82,15 @@ fn search(own: u32) {
             if dot(away, away) > bound_so_far() {
                 continue;
             }
-            let beside = cell + step;
-            let bucket = bucket_of(beside);
+            let bucket = bucket_of(cell + step);
             let end = atomicLoad(&table[fluid.buckets + bucket]);
             for (var slot = atomicLoad(&table[bucket]); slot < end; slot++) {
                 let other = vector_at(ENTRY * slot);
                 let d = other - x;
                 let square = dot(d, d);
                 if square <= bound_so_far() && square < fluid.h2 && slot != own {
-                    // Others have this bucket by chance, or will be met in their own cell.
-                    let is_here = all(cell_of(other) == beside);
-                    if is_here && (fluid.own_strand != 0u || cloud[ENTRY * slot + 7u] != strand) {
+                    // What has this bucket by chance is farther away.
+                    if fluid.own_strand != 0u || cloud[ENTRY * slot + 7u] != strand {
                         insert(square, slot);
                     }
                 }

@@ -13,19 +13,18 @@
 //! # Practice
 //! The paper's hash of three primes scatters cells over memory; in Morton's order those near in space are near in memory, the 27 never share a bucket, and what shares one by chance is not within h.
 //!
-//! Particles of one cell share the buckets around it. A particle begins with its own cell; once its list is full it passes over what is farther than the last of it, and whole cells: so it is the spread of K particles that
-//! is searched, not that of h, which in locks holds a hundred times as many. Places are gone through a register at a time; what is near is gathered, as one integer of the square's bits and the number's, and sorted now and
+//! Particles of one cell share the buckets around it. A particle goes through cells of many particles first, its own before others; once it has more than K it passes over what is farther than the K-th, and whole cells: so it is
+//! the spread of K particles that is searched, not that of h, which in locks holds a hundred times as many. The particles of small cells lie in one place by then, and are gone through last. Places are gone through a register at a time; what is near is gathered, as one integer of the square's bits and the number's, and sorted now and
 //! then by counting what comes before each, without a branch. Lists hold places in the sorted order, and the bits are the same on any processor.
 //!
 //! # Limitations
 //! Where more than K are within h the farther ones are left out: densities of hair that is denser than the lists saturate.
 
-#[cfg(target_arch = "x86_64")]
-use crate::lane::{Avx2, Avx512};
 use crate::lane::{LANES, Lane, Pack, Real, Row};
 use crate::scratch::{fill, resize};
 #[cfg(target_arch = "x86_64")]
-use crate::solver::Simd;
+use crate::solver::with_features;
+use crate::solver::{BASELINE_FMA, Simd, on};
 use crate::sph::Fluid;
 use crate::state::number;
 use rayon::prelude::*;
@@ -40,63 +39,53 @@ pub trait SearchReal: Real {
     fn key(self, name: u32) -> Self::Key;
     /// What a key is of.
     fn of_key(key: Self::Key) -> (Self, u32);
-    /// What searches for some particles, on this processor.
-    fn search_fn() -> fn(&Search<'_, Self>, usize, Found<'_, Self>);
+    /// What searches for some particles, on `simd` (supported, not `Auto`).
+    fn search_fn(simd: Simd) -> SearchFn<Self>;
 }
 
-macro_rules! search_real {
-    ($real:ident, $bits:ident, $key:ident, $search_fn:item) => {
-        impl SearchReal for $real {
-            type Key = $key;
+/// Finds the neighbours of the particles from a slot on.
+///
+/// # Safety
+/// The processor must have the instruction set that the function was made for.
+pub type SearchFn<T> = unsafe fn(&Search<'_, T>, usize, Found<'_, T>);
 
-            #[inline(always)]
-            fn key(self, name: u32) -> $key {
-                $key::from(self.to_bits()) << 32 | $key::from(name)
-            }
+impl SearchReal for f64 {
+    type Key = i128;
 
-            #[inline(always)]
-            #[expect(clippy::cast_sign_loss, clippy::cast_possible_truncation, reason = "one half, and the other")]
-            fn of_key(key: $key) -> (Self, u32) {
-                ($real::from_bits((key >> 32) as $bits), key as u32)
-            }
+    #[inline(always)]
+    fn key(self, name: u32) -> i128 {
+        i128::from(self.to_bits()) << 32 | i128::from(name)
+    }
 
-            $search_fn
-        }
-    };
+    #[inline(always)]
+    #[expect(clippy::cast_sign_loss, clippy::cast_possible_truncation, reason = "one part, and the other")]
+    fn of_key(key: i128) -> (Self, u32) {
+        (Self::from_bits((key >> 32) as u64), key as u32)
+    }
+
+    fn search_fn(_: Simd) -> SearchFn<Self> {
+        search::<Self>
+    }
 }
-search_real!(
-    f64,
-    u64,
-    i128,
-    fn search_fn() -> fn(&Search<'_, Self>, usize, Found<'_, Self>) {
-        search::<f64>
+
+impl SearchReal for f32 {
+    type Key = i64;
+
+    #[inline(always)]
+    fn key(self, name: u32) -> i64 {
+        i64::from(self.to_bits()) << 32 | i64::from(name)
     }
-);
-search_real!(
-    f32,
-    u32,
-    i64,
-    fn search_fn() -> fn(&Search<'_, Self>, usize, Found<'_, Self>) {
-        #[cfg(target_arch = "x86_64")]
-        {
-            #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma")]
-            fn avx512(given: &Search<'_, f32>, first: usize, found: Found<'_, f32>) {
-                search::<Avx512>(given, first, found);
-            }
-            #[target_feature(enable = "avx2,fma")]
-            fn avx2(given: &Search<'_, f32>, first: usize, found: Found<'_, f32>) {
-                search::<Avx2>(given, first, found);
-            }
-            // SAFETY: the processor has them.
-            match Simd::Auto.resolve() {
-                Simd::Avx512 => return |given, first, found| unsafe { avx512(given, first, found) },
-                Simd::Avx2 => return |given, first, found| unsafe { avx2(given, first, found) },
-                _ => {}
-            }
-        }
-        search::<Pack<8, false>>
+
+    #[inline(always)]
+    #[expect(clippy::cast_sign_loss, clippy::cast_possible_truncation, reason = "one half, and the other")]
+    fn of_key(key: i64) -> (Self, u32) {
+        (Self::from_bits((key >> 32) as u32), key as u32)
     }
-);
+
+    fn search_fn(simd: Simd) -> SearchFn<Self> {
+        on!(simd, search(given: &Search<'_, f32>, first: usize, found: Found<'_, f32>))
+    }
+}
 
 /// A particle of the fluid.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -138,6 +127,7 @@ pub struct Neighbours<T: SearchReal> {
     x: [Vec<Row<T>>; 3],
     /// Their numbers, and what is not a neighbour of what has the same: the strand, or the number. Some beyond.
     names: Vec<[u32; 2]>,
+    simd: Simd,
 }
 
 /// The cell of a place, cells being `h` wide.
@@ -181,8 +171,14 @@ impl<T: SearchReal> Neighbours<T> {
             + 4 * (self.starts.capacity() + self.buckets.capacity() + 2 * self.names.capacity())
     }
 
-    /// Finds the neighbours of `particles`, which are in the order of their numbers, and the densities.
+    /// Those that search on `simd`.
+    pub fn on(simd: Simd) -> Self {
+        Self { simd, ..Self::default() }
+    }
+
+    /// Finds the neighbours of `particles`, of which the first has the number 0, the next 1 and so on, and the densities.
     pub fn find(&mut self, particles: &[Particle<T>], fluid: &Fluid<T>) {
+        debug_assert!((0..).zip(particles).all(|(number, particle)| particle.number == number));
         self.sort(particles, fluid);
         let (count, k) = (particles.len(), fluid.neighbours);
         resize(&mut self.lists, count * k, 0);
@@ -191,13 +187,14 @@ impl<T: SearchReal> Neighbours<T> {
         resize(&mut self.bounds, count, T::Key::default());
         let Self { slots, lists, counts, density, bounds, starts, x, names, .. } = self;
         let given = Search { x: x.each_ref().map(Vec::as_slice), names, slots, starts, fluid };
-        let search = T::search_fn();
+        let search = T::search_fn(self.simd.resolve());
         let outputs = lists
             .par_chunks_mut(CHUNK * k)
             .zip(counts.par_chunks_mut(CHUNK))
             .zip(density.par_chunks_mut(CHUNK).zip(bounds.par_chunks_mut(CHUNK)));
         outputs.enumerate().for_each(|(chunk, ((lists, counts), (density, bounds)))| {
-            search(&given, chunk * CHUNK, Found { lists, counts, density, bounds });
+            // SAFETY: `simd` is supported.
+            unsafe { search(&given, chunk * CHUNK, Found { lists, counts, density, bounds }) };
         });
     }
 
@@ -442,7 +439,7 @@ const COPIED: usize = 8;
 /// Rows for the particles of 27 cells that have fewer than [`MANY`].
 const FEW_ROWS: usize = (27 * (MANY - 1) + COPIED).div_ceil(LANES);
 
-/// The cells around one, itself first, faces before edges before corners.
+/// The cells around one: those with many particles by themselves, itself first, faces before edges before corners, and the particles of all others.
 struct Around<T> {
     cell: Option<[i32; 3]>,
     /// Those with [`MANY`] particles or more.
