@@ -175,7 +175,7 @@ impl Assets {
         self.solids.iter().map(|solid| solid.frame(times, head)).collect()
     }
 
-    /// Meshes of all solids but the body, with their poses at `time` seconds, for pictures.
+    /// Meshes of all solids that are visible but the body, with their poses at `time` seconds, for pictures.
     pub fn solid_meshes(&self, time: f64) -> Vec<(&TriMesh, Pose)> {
         let head = self.head_pose(time);
         self.solids.iter().filter_map(|solid| Some((solid.mesh_at(time)?, solid.pose(time, &head)))).collect()
@@ -192,6 +192,7 @@ impl Assets {
         for collider in &mut physics.colliders {
             collider.mesh = None;
             collider.mesh_sequence.clear();
+            collider.visible = true;
         }
         physics.output = OutputSection::default();
         physics.camera = CameraSection::default();
@@ -220,4 +221,30 @@ fn distance_grid(mesh: &TriMesh, name: &str, cells: u32, key: &'static str) -> R
         error,
         key,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    #[test]
+    fn what_is_not_visible_is_still_there() {
+        let load = |more: &str| {
+            let text = format!(
+                "[groom]\nstrands = 5\n[body]\ncollide = false\n[[collider]]\nshape = \"sphere\"\n{more}\n"
+            );
+            let scene = Scene::parse(&text, Path::new("scene.toml"), &[]).unwrap();
+            let assets = Assets::load(&scene, &mut |_| {}).unwrap();
+            let head = assets.head_pose(0.0);
+            let solids = assets.collider_frames([0.0; 2], [head; 2]).len();
+            (solids, assets.solid_meshes(0.0).len(), assets.fingerprint(&scene))
+        };
+        let (shown, hidden) = (load(""), load("visible = false"));
+        assert_eq!((shown.0, shown.1), (1, 1));
+        assert_eq!((hidden.0, hidden.1), (1, 0));
+        // A run goes on whatever is seen of it, but not with another solid.
+        assert_eq!(hidden.2, shown.2);
+        assert_ne!(load("radius = 0.2").2, shown.2);
+    }
 }

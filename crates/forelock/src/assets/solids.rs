@@ -62,6 +62,7 @@ pub(super) struct Solid {
     /// Where it is before its motion.
     base: Pose,
     motion: Motion,
+    visible: bool,
     /// How it is drawn, one after the other; the body is drawn as itself.
     pub(super) meshes: Vec<TriMesh>,
     /// Meshes a second.
@@ -81,9 +82,10 @@ impl Solid {
         ColliderFrame { shape, local: self.base, from, to, friction: self.friction }
     }
 
-    /// How it is drawn at `time` seconds: the nearest mesh of its sequence.
+    /// How it is drawn at `time` seconds, if it is: the nearest mesh of its sequence.
     pub(super) fn mesh_at(&self, time: f64) -> Option<&TriMesh> {
-        self.meshes.get(nearest(time * self.sequence_fps, self.meshes.len()))
+        let shown = if self.visible { &self.meshes[..] } else { &[] };
+        shown.get(nearest(time * self.sequence_fps, shown.len()))
     }
 
     /// What carries the solid: its motion, on the body or in the world.
@@ -109,6 +111,7 @@ pub(super) fn load(scene: &Scene, body: Option<&Body>) -> Result<Vec<Solid>, Ass
             on_body: true,
             base: Pose::IDENTITY,
             motion: Motion::default(),
+            visible: true,
             meshes: Vec::new(),
             sequence_fps: 1.0,
         });
@@ -159,6 +162,7 @@ fn solid(section: &ColliderSection, fps: f64) -> Result<Solid, AssetError> {
         on_body: section.on_body,
         base: Pose::new(motion::rotation(section.rotation_degrees), position),
         motion: motion::motion(&section.motion, position)?,
+        visible: section.visible,
         meshes,
         sequence_fps,
     })

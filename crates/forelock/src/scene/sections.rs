@@ -268,6 +268,8 @@ pub struct ColliderSection {
     pub motion: MotionSection,
     /// Coulomb friction of its surface. No unit, default 0.3, range 0 or more; 0 is ice.
     pub friction: f64,
+    /// Whether pictures show it; what stands in for a part of the body need not be seen. Default true.
+    pub visible: bool,
 }
 
 impl ColliderSection {
@@ -296,6 +298,7 @@ impl Default for ColliderSection {
             on_body: false,
             motion: MotionSection::default(),
             friction: 0.3,
+            visible: true,
         }
     }
 }
