@@ -1,7 +1,7 @@
 //! A frame for one block of strands, and its instantiations for every instruction set.
 
 use crate::body::ColliderFrame;
-use crate::lane::{LANES, Lane, Pack, Real, V3};
+use crate::lane::{LANES, Lane, Real, V3};
 use crate::pose::Pose;
 use crate::solver::SolverParams;
 use crate::solver::params::Inextensibility;
@@ -284,22 +284,22 @@ pub(crate) use with_features;
 macro_rules! on {
     ($simd:ident, $text:ident $takes:tt $(-> $found:ty)?) => {
         match $simd {
-            Simd::Scalar => $text::<Pack<1, BASELINE_FMA>>,
+            $crate::solver::Simd::Scalar => $text::<$crate::lane::Pack<1, { $crate::solver::BASELINE_FMA }>>,
             #[cfg(target_arch = "x86_64")]
-            Simd::Avx2x1 => with_features!("avx2,fma", Pack<1, true>, $text $takes $(-> $found)?),
+            $crate::solver::Simd::Avx2x1 => $crate::solver::with_features!("avx2,fma", $crate::lane::Pack<1, true>, $text $takes $(-> $found)?),
             #[cfg(target_arch = "x86_64")]
-            Simd::Avx2x4 => with_features!("avx2,fma", Pack<4, true>, $text $takes $(-> $found)?),
+            $crate::solver::Simd::Avx2x4 => $crate::solver::with_features!("avx2,fma", $crate::lane::Pack<4, true>, $text $takes $(-> $found)?),
             #[cfg(target_arch = "x86_64")]
-            Simd::Avx2 => with_features!("avx2,fma", crate::lane::Avx2, $text $takes $(-> $found)?),
+            $crate::solver::Simd::Avx2 => $crate::solver::with_features!("avx2,fma", $crate::lane::Avx2, $text $takes $(-> $found)?),
             #[cfg(target_arch = "x86_64")]
-            Simd::Avx2x16 => with_features!("avx2,fma", Pack<16, true>, $text $takes $(-> $found)?),
+            $crate::solver::Simd::Avx2x16 => $crate::solver::with_features!("avx2,fma", $crate::lane::Pack<16, true>, $text $takes $(-> $found)?),
             #[cfg(target_arch = "x86_64")]
-            Simd::Avx512 => with_features!(
+            $crate::solver::Simd::Avx512 => $crate::solver::with_features!(
                 "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma",
-                crate::lane::Avx512,
+                $crate::lane::Avx512,
                 $text $takes $(-> $found)?
             ),
-            _ => $text::<Pack<4, BASELINE_FMA>>,
+            _ => $text::<$crate::lane::Pack<4, { $crate::solver::BASELINE_FMA }>>,
         }
     };
 }

@@ -4,7 +4,6 @@ use crate::dftl::{poses, strands};
 use crate::golden::{Backend, vectors};
 use forelock_core::model::{Model, Strands};
 use forelock_core::solver::{DftlParams, Frame, Options, Simd, SolverParams, SolverReal};
-
 use forelock_core::sph::{Sph, SphParams};
 use glam::DVec3;
 use num_traits::ToPrimitive;

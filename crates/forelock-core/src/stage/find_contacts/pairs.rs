@@ -2,8 +2,8 @@
 
 use super::cells::Shelf;
 use crate::contact::RUN_SEGMENTS;
-use crate::lane::{LANES, Lane, Pack, Row, V3};
-use crate::solver::Simd;
+use crate::lane::{LANES, Lane, Row, V3};
+use crate::solver::{Simd, on};
 use glam::Vec3;
 
 /// Set in the number of a segment whose contacts are sought.
@@ -49,28 +49,8 @@ pub(super) type Test = unsafe fn(&Shelf, &Entry, f32, &mut Vec<u32>);
 
 /// The test for `simd`, or for what any processor has if `simd` is not supported.
 pub(super) fn test_for(simd: Simd) -> Test {
-    match simd {
-        _ if !simd.is_supported() => test::<Pack<4, { crate::solver::BASELINE_FMA }>>,
-        #[cfg(target_arch = "x86_64")]
-        Simd::Avx2x1 | Simd::Avx2x4 | Simd::Avx2 | Simd::Avx2x16 => avx2,
-        #[cfg(target_arch = "x86_64")]
-        Simd::Avx512 => avx512,
-        _ => test::<Pack<4, { crate::solver::BASELINE_FMA }>>,
-    }
-}
-
-macro_rules! instantiate {
-    ($($name:ident $features:literal $lane:ty;)*) => {$(
-        #[cfg(target_arch = "x86_64")]
-        #[target_feature(enable = $features)]
-        fn $name(shelf: &Shelf, entry: &Entry, distance: f32, near: &mut Vec<u32>) {
-            test::<$lane>(shelf, entry, distance, near);
-        }
-    )*};
-}
-instantiate! {
-    avx2 "avx2,fma" crate::lane::Avx2;
-    avx512 "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma" crate::lane::Avx512;
+    let simd = if simd.is_supported() { simd } else { Simd::Portable };
+    on!(simd, test(shelf: &Shelf, entry: &Entry, distance: f32, near: &mut Vec<u32>))
 }
 
 #[inline(always)]

@@ -20,11 +20,9 @@
 //! # Limitations
 //! Where more than K are within h the farther ones are left out: densities of hair that is denser than the lists saturate.
 
-use crate::lane::{LANES, Lane, Pack, Real, Row};
+use crate::lane::{LANES, Lane, Real, Row};
 use crate::scratch::{fill, resize};
-#[cfg(target_arch = "x86_64")]
-use crate::solver::with_features;
-use crate::solver::{BASELINE_FMA, Simd, on};
+use crate::solver::{Simd, on};
 use crate::sph::Fluid;
 use crate::state::number;
 use rayon::prelude::*;
