@@ -9,14 +9,15 @@
 #![expect(clippy::print_stdout, reason = "an example that measures says what")]
 
 use forelock_core::body::{ColliderFrame, Head, Motion, Sdf, Shape};
-use forelock_core::contact::ContactParams;
-use forelock_core::grid::GridParams;
+use forelock_core::interaction::contact::ContactParams;
+use forelock_core::interaction::grid::GridParams;
 use forelock_core::groom::grow::{GrowParams, grow_on_head};
 use forelock_core::pose::Pose;
-use forelock_core::solver::{
-    AmsParams, DftlParams, Frame, FrameReport, Options, STAGES, Simd, Simulation, SolverParams,
-};
-use forelock_core::sph::SphParams;
+use forelock_core::frame::{Frame, FrameReport};
+use forelock_core::solver::{AmsParams, DftlParams, Solver};
+use forelock_core::simulation::{Options, Simulation};
+use forelock_core::lane::Simd;
+use forelock_core::interaction::sph::SphParams;
 use glam::DVec3;
 use std::sync::Arc;
 use std::time::Instant;
@@ -32,7 +33,7 @@ fn main() -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     let mut meets = Meets::default();
     match arguments.next().as_deref() {
         None | Some("none") => {}
-        Some("sph") => meets.particles = Some(SphParams::default()),
+        Some("sph") => meets.sph = Some(SphParams::default()),
         Some(resolution) => {
             meets.grid = Some(GridParams { resolution: resolution.parse()?, ..GridParams::default() });
         }
@@ -44,7 +45,7 @@ fn main() -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
         Some(name) => *Simd::ALL.iter().find(|s| format!("{s:?}") == name).ok_or("no such simd")?,
     };
     let solver = match arguments.next().as_deref() {
-        None | Some("ams") => SolverParams::from(&AmsParams::default()),
+        None | Some("ams") => Solver::from(&AmsParams::default()),
         Some("dftl") => (&DftlParams::default()).into(),
         Some(_) => return Err("no such solver".into()),
     };
@@ -58,14 +59,14 @@ fn main() -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
 #[derive(Default)]
 struct Meets {
     grid: Option<GridParams>,
-    particles: Option<SphParams>,
+    sph: Option<SphParams>,
     contacts: Option<ContactParams>,
 }
 
 fn run(
     threads: usize,
     (frames, repeats): (u32, u32),
-    (solver, meets): (&SolverParams, &Meets),
+    (solver, meets): (&Solver<f32>, &Meets),
     motion: &Motion,
     simd: Simd,
 ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
@@ -76,12 +77,13 @@ fn run(
     let options = Options { simd, rest_gravity: gravity, ..Options::default() };
     let mut simulation = Simulation::new(&groom, solver, &options)?;
     simulation.set_grid(meets.grid.as_ref())?;
-    simulation.set_particles(meets.particles.as_ref())?;
+    simulation.set_sph(meets.sph.as_ref())?;
     simulation.set_contacts(meets.contacts.as_ref())?;
     let start = simulation.snapshot();
     let dt_secs = 1.0 / 60.0;
     // Milliseconds: the whole frame, then each stage; a row a frame, the least of all runs.
-    let mut times = vec![[f64::INFINITY; 1 + STAGES.len()]; frames as usize];
+    let mut times = vec![f64::INFINITY; frames as usize];
+    let mut stages: Vec<(&str, Vec<f64>)> = Vec::new();
     let mut last = FrameReport::default();
     for _ in 0..repeats {
         simulation.restore(&start)?;
@@ -103,9 +105,15 @@ fn run(
                 air_velocity,
                 dt_secs,
             })?;
-            least[0] = least[0].min(clock.elapsed().as_secs_f64() * 1e3);
-            for (least, (_, secs)) in least[1..].iter_mut().zip(last.stage_secs) {
-                *least = least.min(secs * 1e3);
+            *least = least.min(clock.elapsed().as_secs_f64() * 1e3);
+            for (name, secs) in last.stages.iter() {
+                if !stages.iter().any(|(own, _)| *own == name) {
+                    stages.push((name, vec![f64::INFINITY; frames as usize]));
+                }
+                for (_, column) in stages.iter_mut().filter(|(own, _)| *own == name) {
+                    let least = &mut column[frame as usize];
+                    *least = least.min(secs * 1e3);
+                }
             }
         }
     }
@@ -113,19 +121,14 @@ fn run(
         "{STRANDS} x {PARTICLES}, {threads} thread(s), {:?}, {frames} frames, {repeats} run(s)",
         simd.resolve()
     );
-    for (k, name) in ["frame"].iter().chain(&STAGES).enumerate() {
-        let mut column: Vec<f64> = times.iter().map(|row| row[k]).collect();
-        column.sort_by(f64::total_cmp);
-        let at = |share: usize| column[(column.len() - 1) * share / 100];
-        let whose = if k == 0 { "" } else { ", all threads together" };
-        println!("{name}: least {:.2}, median {:.2}, 95 % {:.2} ms{whose}", at(0), at(50), at(95));
-    }
+    print_column("frame", "", times);
+    stages.into_iter().for_each(|(name, column)| print_column(name, ", all threads together", column));
     println!(
         "stretch {:.1e}, after solids {:.1e}, penetration {:.1e} m",
         last.max_edge_stretch, last.max_edge_stretch_final, last.max_penetration_m
     );
-    if meets.particles.is_some() {
-        println!("particles {:?}", last.particles);
+    if meets.sph.is_some() {
+        println!("sph {:?}", last.sph);
     }
     if meets.grid.is_some() {
         println!("grid {:?}", last.grid);
@@ -135,4 +138,11 @@ fn run(
     }
     println!("state {:016x}", simulation.state_hash());
     Ok(())
+}
+
+/// Prints the least, the median and the 95th percentile of `column`, milliseconds.
+fn print_column(name: &str, note: &str, mut column: Vec<f64>) {
+    column.sort_by(f64::total_cmp);
+    let at = |share: usize| column[(column.len() - 1) * share / 100];
+    println!("{name}: least {:.2}, median {:.2}, 95 % {:.2} ms{note}", at(0), at(50), at(95));
 }

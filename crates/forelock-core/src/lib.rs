@@ -11,14 +11,14 @@
 
 pub mod air;
 pub mod body;
-pub mod contact;
-pub mod grid;
+pub mod collide;
+pub mod frame;
 pub mod groom;
+pub mod interaction;
 pub mod lane;
-pub mod model;
+pub mod params;
 pub mod pose;
 mod scratch;
+pub mod simulation;
 pub mod solver;
-pub mod sph;
-pub mod stage;
-pub mod state;
+pub mod strands;

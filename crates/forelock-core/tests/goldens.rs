@@ -14,13 +14,16 @@ mod fluid;
 #[path = "golden/mod.rs"]
 mod golden;
 
-use forelock_core::model::{Model, Strands};
-use forelock_core::solver::params::Jacobian;
-use forelock_core::solver::{Frame, MassSpringParams, Options, Simd, Simulation, SolverParams, SolverReal};
-use forelock_core::sph::Fluid;
-use forelock_core::stage::find_neighbours::{Neighbours, Particle};
-use forelock_core::stage::push_particles;
-use forelock_core::state::Snapshot;
+use forelock_core::strands::{Model, Strands};
+use forelock_core::solver::ams::Jacobian;
+use forelock_core::frame::{Frame};
+use forelock_core::solver::{MassSpringParams, SolverParams};
+use forelock_core::simulation::{Options, Simulation};
+use forelock_core::lane::{Simd, SolverReal};
+use forelock_core::interaction::sph::Fluid;
+use forelock_core::interaction::sph::find_neighbours::{Neighbours, Particle};
+use forelock_core::interaction::sph::push_particles;
+use forelock_core::strands::Snapshot;
 use golden::{Backend, load, params};
 use serde_json::Value;
 
@@ -176,7 +179,7 @@ const SPH_TOLERANCES: [[f64; 2]; 2] = [[1e-12, 1e-12], [1e-4, 1e-3]];
 
 /// The neighbours, densities and accelerations of the file's particles.
 fn check_fluid<T: SolverReal>(file: &Value, tolerances: [f64; 2]) {
-    let float = |x: &Value| forelock_core::state::number::<T>(x.as_f64().unwrap());
+    let float = |x: &Value| forelock_core::strands::number::<T>(x.as_f64().unwrap());
     let list = |key: &str| file[key].as_array().unwrap().iter();
     let places = golden::vectors::<T>(&file["P"]).into_iter().zip(golden::vectors::<T>(&file["U"]));
     let particles: Vec<_> = (0..)

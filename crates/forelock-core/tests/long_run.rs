@@ -12,12 +12,14 @@
 
 use forelock_core::air::{Wind, WindParams};
 use forelock_core::body::{ColliderFrame, Head, Sdf, Shape};
-use forelock_core::contact::ContactParams;
-use forelock_core::grid::GridParams;
+use forelock_core::interaction::contact::ContactParams;
+use forelock_core::interaction::grid::GridParams;
 use forelock_core::groom::grow::{GrowParams, grow_on_head};
 use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams, Frame, Options, Simulation};
-use forelock_core::state::vector;
+use forelock_core::solver::{AmsParams};
+use forelock_core::frame::{Frame};
+use forelock_core::simulation::{Options, Simulation};
+use forelock_core::strands::vector;
 use glam::{DQuat, DVec3};
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -97,7 +99,7 @@ fn energy(simulation: &Simulation) -> f64 {
     let square = |place: usize, lane: usize| {
         vector(&simulation.state().velocities, place, lane).iter().map(|&v| f64::from(v).powi(2)).sum::<f64>()
     };
-    let of = |block: &forelock_core::model::Block| {
+    let of = |block: &forelock_core::strands::Block| {
         block.range().flat_map(|place| (0..block.live).map(move |lane| square(place, lane))).sum::<f64>()
     };
     0.5 * model.blocks.iter().map(of).sum::<f64>() / model.particle_count as f64

@@ -8,7 +8,7 @@ use forelock_core::air::canopy::NODES as CANOPY_NODES;
 use forelock_core::air::wake::NODES as WAKE_NODES;
 use forelock_core::air::{Canopy, MODES, Wake, WindField};
 use forelock_core::lane::Row;
-use forelock_core::model::Model;
+use forelock_core::strands::Model;
 use glam::{DMat3, DMat4, DVec3, Mat4, UVec3, Vec3};
 use wgpu::BufferUsages;
 

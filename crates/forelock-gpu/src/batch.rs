@@ -4,9 +4,9 @@ use crate::kernels::{MODEL_ROWS, WORKGROUP};
 use crate::layout::{BlockEntry, SubstepUniform, UNKNOWN};
 use crate::{Gpu, GpuError};
 use forelock_core::lane::{LANES, Row};
-use forelock_core::model::Model;
-use forelock_core::stage::SCRATCH_ROWS;
-use forelock_core::state::State;
+use forelock_core::strands::Model;
+use forelock_core::strands::SCRATCH_ROWS;
+use forelock_core::strands::State;
 use std::ops::Range;
 use wgpu::BufferUsages;
 

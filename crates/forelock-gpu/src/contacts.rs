@@ -18,12 +18,12 @@ use crate::kernels::MODEL_ROWS;
 use crate::layout::{NO_EXTENT, rigid};
 use crate::{Gpu, GpuError};
 use bytemuck::{Pod, Zeroable};
-use forelock_core::contact::{ContactParams, ContactReport, drift, fastest};
+use forelock_core::interaction::contact::{ContactParams, ContactReport, drift, fastest};
 use forelock_core::lane::{LANES, Row};
-use forelock_core::model::Model;
+use forelock_core::strands::Model;
 use forelock_core::pose::Pose;
-use forelock_core::stage::find_contacts::{FEW, PIECE, PIECES, SEGMENT_CONTACTS, search_edge};
-use forelock_core::stage::resolve_contacts::CLOSE;
+use forelock_core::interaction::contact::find_contacts::{FEW, PIECE, PIECES, SEGMENT_CONTACTS, search_edge};
+use forelock_core::interaction::contact::resolve_contacts::CLOSE;
 use glam::{Mat4, UVec3, Vec3};
 use wgpu::BufferUsages;
 

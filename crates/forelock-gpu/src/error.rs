@@ -1,8 +1,8 @@
 //! What can go wrong on a GPU.
 
-use forelock_core::model::PackError;
-use forelock_core::solver::ParamsError;
-use forelock_core::state::SnapshotError;
+use forelock_core::strands::PackError;
+use forelock_core::params::ParamsError;
+use forelock_core::strands::SnapshotError;
 
 /// Why something cannot be done on a GPU.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

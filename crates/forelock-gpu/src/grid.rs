@@ -13,10 +13,10 @@ use crate::layout::NO_EXTENT;
 use crate::solids::MOST_SOLIDS;
 use crate::{Gpu, GpuError};
 use bytemuck::{Pod, Zeroable};
-use forelock_core::grid::{Grid, GridFrame, GridParams, GridReport, MARGIN, SolidMaps};
-use forelock_core::model::Model;
-use forelock_core::solver::Frame;
-use forelock_core::stage::solve_pressure::SPARSE;
+use forelock_core::interaction::grid::{Grid, GridFrame, GridParams, GridReport, MARGIN, SolidMaps};
+use forelock_core::strands::Model;
+use forelock_core::frame::Frame;
+use forelock_core::interaction::grid::solve_pressure::SPARSE;
 use glam::{DMat3, DMat4, DVec3, IVec3, Mat4, UVec3};
 use wgpu::BufferUsages;
 

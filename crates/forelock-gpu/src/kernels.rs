@@ -10,17 +10,17 @@ use crate::particles::FluidUniform;
 use crate::skinning::SkinUniform;
 use crate::solids::{FAR, FIELD_NUMBERS, HOW, KINDS, LookUniform, MOST_SOLIDS};
 use forelock_core::air::{MODES, canopy, wake};
-use forelock_core::contact::{RUN_SEGMENTS, drift, fastest};
-use forelock_core::grid::MARGIN;
+use forelock_core::interaction::contact::{RUN_SEGMENTS, drift, fastest};
+use forelock_core::interaction::grid::MARGIN;
 use forelock_core::lane::{ASIN_RATIO, LANES};
-use forelock_core::stage::SCRATCH_ROWS;
-use forelock_core::stage::find_contacts::{CLOSE, PIECES, REACH, REST_SHARE, SLICES, STEPS};
-use forelock_core::stage::find_neighbours::MOST_NEIGHBOURS;
-use forelock_core::stage::resolve_contacts::BEND;
-use forelock_core::stage::resolve_solids::{LOOKS, ROUNDS, SLIDES, STRETCHED, SWEEP_STEPS, TOUCH};
-use forelock_core::stage::restore_lengths::NEWTON_STEPS;
-use forelock_core::stage::solve_pressure::{LOOSE, SLACK};
-use forelock_core::stage::solve_strands::PIVOT_FLOOR;
+use forelock_core::strands::SCRATCH_ROWS;
+use forelock_core::interaction::contact::find_contacts::{CLOSE, PIECES, REACH, REST_SHARE, SLICES, STEPS};
+use forelock_core::interaction::sph::find_neighbours::MOST_NEIGHBOURS;
+use forelock_core::interaction::contact::resolve_contacts::BEND;
+use forelock_core::collide::resolve_solids::{LOOKS, ROUNDS, SLIDES, STRETCHED, SWEEP_STEPS, TOUCH};
+use forelock_core::frame::restore_lengths::NEWTON_STEPS;
+use forelock_core::interaction::grid::solve_pressure::{LOOSE, SLACK};
+use forelock_core::solver::ams::solve_strands::PIVOT_FLOOR;
 use std::fmt::Write as _;
 
 /// Strands of a workgroup.

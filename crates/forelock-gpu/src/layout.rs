@@ -2,10 +2,10 @@
 
 use bytemuck::{Pod, Zeroable};
 use forelock_core::pose::Pose;
-use forelock_core::solver::params::Inextensibility;
+use forelock_core::solver::ams::Inextensibility;
 use forelock_core::solver::{AmsParams, SolverParams};
-use forelock_core::stage::follow_leader::FollowTerms;
-use forelock_core::stage::solve_strands::FrameTerms;
+use forelock_core::solver::dftl::follow_leader::FollowTerms;
+use forelock_core::solver::ams::solve_strands::FrameTerms;
 use glam::{DMat4, DVec3, Mat4, Vec3};
 
 /// Coefficients of a frame: `Frame` in `prelude.wgsl`.
@@ -36,7 +36,7 @@ pub struct FrameUniform {
     pub inverse_dt: f32,
     /// Share of a DFTL correction handed up.
     pub dftl_damping: f32,
-    /// See [`forelock_core::stage::solve_strands::FrameTerms`].
+    /// See [`forelock_core::solver::ams::solve_strands::FrameTerms`].
     pub elastic_limit: f32,
     /// The same.
     pub breaking_point: f32,

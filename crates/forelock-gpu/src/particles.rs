@@ -15,9 +15,9 @@ use crate::kernels::LIST_NUMBERS;
 use crate::{Gpu, GpuError};
 use bytemuck::{Pod, Zeroable};
 use forelock_core::lane::LANES;
-use forelock_core::model::Model;
-use forelock_core::solver::Simd;
-use forelock_core::sph::{Sph, SphParams};
+use forelock_core::strands::Model;
+use forelock_core::lane::Simd;
+use forelock_core::interaction::sph::{Sph, SphParams};
 use wgpu::BufferUsages;
 
 /// The fluid: `Fluid` in the kernels, which say what fields are.

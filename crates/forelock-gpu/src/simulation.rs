@@ -12,19 +12,21 @@ use crate::solids::Solids;
 use crate::{Gpu, GpuError};
 use forelock_core::air::WindField;
 use forelock_core::body::{ColliderFrame, Shape};
-use forelock_core::contact::{ContactParams, ContactReport};
-use forelock_core::grid::{GridFrame, GridParams, GridReport};
+use forelock_core::interaction::contact::{ContactParams, ContactReport};
+use forelock_core::interaction::grid::{GridFrame, GridParams, GridReport};
 use forelock_core::groom::Groom;
-use forelock_core::model::{Model, Strands};
+use forelock_core::strands::{Model, Strands};
 use forelock_core::solver::dftl::Schedule;
-use forelock_core::solver::params::Inextensibility;
-use forelock_core::solver::{Frame, FrameStep, Meeting, Options, Simulation, SolverParams};
-use forelock_core::sph::SphParams;
-use forelock_core::stage::find_contacts::SLICES;
-use forelock_core::state::{Snapshot, State};
+use forelock_core::solver::ams::Inextensibility;
+use forelock_core::frame::{Frame, FrameStep, Meeting};
+use forelock_core::simulation::{Options, Simulation};
+use forelock_core::solver::{SolverParams};
+use forelock_core::interaction::sph::SphParams;
+use forelock_core::interaction::contact::find_contacts::SLICES;
+use forelock_core::strands::{Snapshot, State};
 use glam::DVec3;
 
-/// A simulation whose state lives on a GPU: [`forelock_core::solver::Simulation`], stage by stage.
+/// A simulation whose state lives on a GPU: [`forelock_core::simulation::Simulation`], stage by stage.
 ///
 /// Memory, in bytes a particle: 28 of model, 32 of state, 120 of scratch (that of the largest batch); 4 more with a grid, and 68 a cell that there is room for; 24 more under follow the leader; 12 more with contacts, and what [`crate::contacts`] says; what [`crate::particles`] says with smoothed particles; 12 more once there was wind
 /// that is not the same everywhere.

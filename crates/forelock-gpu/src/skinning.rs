@@ -6,9 +6,9 @@ use bytemuck::{Pod, Zeroable};
 use forelock_core::groom::Groom;
 use forelock_core::groom::guides::Skinning;
 use forelock_core::lane::LANES;
-use forelock_core::model::Model;
+use forelock_core::strands::Model;
 use forelock_core::pose::Pose;
-use forelock_core::state::{State, vector};
+use forelock_core::strands::{State, vector};
 use glam::{DVec3, Quat, UVec4, Vec3, Vec4};
 use wgpu::BufferUsages;
 

@@ -10,9 +10,11 @@ mod common;
 
 use forelock_core::air::{Wind, WindField, WindParams};
 use forelock_core::body::{ColliderFrame, Sdf, Shape};
-use forelock_core::model::Strands;
+use forelock_core::strands::Strands;
 use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams, Frame, Options, Simulation};
+use forelock_core::solver::{AmsParams};
+use forelock_core::frame::{Frame};
+use forelock_core::simulation::{Options, Simulation};
 use forelock_gpu::{Gpu, GpuSimulation};
 use glam::{DQuat, DVec3, UVec3, Vec3};
 use std::sync::Arc;

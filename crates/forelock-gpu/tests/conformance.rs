@@ -13,11 +13,13 @@ mod little;
 mod shaken;
 
 use forelock_core::body::{ColliderFrame, Head, Morph, Sdf, Shape};
-use forelock_core::contact::ContactParams;
-use forelock_core::model::Strands;
+use forelock_core::interaction::contact::ContactParams;
+use forelock_core::strands::Strands;
 use forelock_core::pose::Pose;
-use forelock_core::solver::params::{AngularForm, Inextensibility, IntegrityForm, Jacobian};
-use forelock_core::solver::{AmsParams, Frame, MassSpringParams, Simulation};
+use forelock_core::solver::ams::{AngularForm, Inextensibility, IntegrityForm, Jacobian};
+use forelock_core::solver::{AmsParams, MassSpringParams};
+use forelock_core::frame::{Frame};
+use forelock_core::simulation::{Simulation};
 use forelock_gpu::{Choice, Gpu, GpuError, GpuSimulation};
 use glam::{DQuat, DVec3};
 use shaken::{GRAVITY, apart, error_of_strands, options};

@@ -15,10 +15,12 @@ mod fluid;
 #[path = "../../forelock-core/tests/golden/mod.rs"]
 mod golden;
 
-use forelock_core::model::{Model, Strands};
+use forelock_core::strands::{Model, Strands};
 use forelock_core::solver::dftl::Schedule;
-use forelock_core::solver::{DftlParams, Frame, Options, SolverParams};
-use forelock_core::state::Snapshot;
+use forelock_core::solver::{DftlParams, SolverParams};
+use forelock_core::frame::{Frame};
+use forelock_core::simulation::{Options};
+use forelock_core::strands::Snapshot;
 use forelock_gpu::{Gpu, GpuSimulation};
 use golden::{Backend, load};
 use serde_json::Value;

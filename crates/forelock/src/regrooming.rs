@@ -7,7 +7,7 @@
 
 use forelock_core::groom::{Groom, arc_lengths};
 use forelock_core::pose::Pose;
-use forelock_core::solver::Simulation;
+use forelock_core::simulation::Simulation;
 use glam::Vec3;
 
 use crate::assets::Assets;

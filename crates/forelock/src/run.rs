@@ -20,7 +20,9 @@ use forelock_core::air::{Wind, WindParams};
 use forelock_core::body::ColliderFrame;
 use forelock_core::groom::guides::Skinning;
 use forelock_core::pose::Pose;
-use forelock_core::solver::{Frame, FrameReport, Options, Simd, Simulation};
+use forelock_core::frame::{Frame, FrameReport};
+use forelock_core::simulation::{Options, Simulation};
+use forelock_core::lane::{Simd};
 use forelock_io::CacheWriter;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -82,28 +84,28 @@ pub enum RunError {
     Asset(#[from] AssetError),
     /// The solver refuses groom or parameters.
     #[error("the solver cannot take this scene: {0}")]
-    Build(#[from] forelock_core::solver::BuildError),
+    Build(#[from] forelock_core::simulation::BuildError),
     /// The hair cannot be carried by guides.
     #[error("groom.guides: {0}")]
     Guides(#[from] forelock_core::groom::guides::GuidesError),
     /// An edited groom cannot be taken over.
     #[error("the simulation cannot take the edited groom over: {0}")]
-    Regroom(#[from] forelock_core::solver::RegroomError),
+    Regroom(#[from] forelock_core::simulation::RegroomError),
     /// The wind is none.
     #[error("the wind cannot blow: {0}")]
-    Wind(forelock_core::solver::ParamsError),
+    Wind(forelock_core::params::ParamsError),
     /// There is nothing to resume, or it does not fit.
     #[error(transparent)]
     Snapshot(#[from] SnapshotError),
     /// The snapshot is of another groom.
     #[error("the snapshot does not fit: {0}")]
-    Restore(#[from] forelock_core::state::SnapshotError),
+    Restore(#[from] forelock_core::strands::SnapshotError),
     /// The GPU cannot do it.
     #[error(transparent)]
     Gpu(#[from] forelock_gpu::GpuError),
     /// The solver refuses a frame.
     #[error("the solver cannot step this scene: {0}")]
-    Step(#[from] forelock_core::solver::ParamsError),
+    Step(#[from] forelock_core::params::ParamsError),
     /// A file cannot be written.
     #[error(transparent)]
     Write(#[from] forelock_io::WriteError),
@@ -158,7 +160,7 @@ pub(crate) struct Stepper<'a> {
     /// Edits while the hair moves.
     regrooming: Regrooming,
     /// The state before the edits and the steps of the frame under way on a device: what a run that fails there is resumed from, for they are done again then.
-    before_edits: Option<forelock_core::state::Snapshot<f32>>,
+    before_edits: Option<forelock_core::strands::Snapshot<f32>>,
 }
 
 impl<'a> Stepper<'a> {

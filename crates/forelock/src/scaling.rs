@@ -13,13 +13,15 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use forelock_core::body::{ColliderFrame, Head, Motion, Sdf, Shape};
-use forelock_core::contact::ContactParams;
-use forelock_core::grid::GridParams;
+use forelock_core::interaction::contact::ContactParams;
+use forelock_core::interaction::grid::GridParams;
 use forelock_core::groom::Groom;
 use forelock_core::groom::grow::{GrowParams, grow_on_head};
 use forelock_core::lane::peak::multiply_adds_per_sec;
 use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams, Frame, Options, Simulation};
+use forelock_core::solver::{AmsParams};
+use forelock_core::frame::{Frame};
+use forelock_core::simulation::{Options, Simulation};
 use forelock_gpu::{Choice, Gpu, GpuError, GpuSimulation, Peaks};
 use glam::DVec3;
 use rayon::prelude::*;

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use forelock_core::solver::STAGES;
-use forelock_core::state::Snapshot as State;
+use forelock_core::frame::STAGES;
+use forelock_core::strands::Snapshot as State;
 use forelock_io::npz::{Array, Data, read_npz, write_npz};
 
 use crate::summary::{FrameRow, SKIN_STRANDS, WRITE_CACHE};

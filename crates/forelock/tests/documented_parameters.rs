@@ -7,10 +7,10 @@ use std::path::Path;
 
 use forelock::Scene;
 use forelock::scene::Override;
-use forelock_core::contact::ContactParams;
-use forelock_core::grid::GridParams;
+use forelock_core::interaction::contact::ContactParams;
+use forelock_core::interaction::grid::GridParams;
 use forelock_core::solver::{AmsParams, DftlParams, MassSpringParams};
-use forelock_core::sph::SphParams;
+use forelock_core::interaction::sph::SphParams;
 
 /// Kind of solver, the parameters' table in scenes, and their source.
 const TABLES: [(&str, &str, &str); 6] = [

@@ -25,7 +25,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::lane::{LANES, Real, Row};
-use crate::model::Model;
+use crate::strands::Model;
 use crate::scratch::fill;
 
 /// Nodes along the longest side.

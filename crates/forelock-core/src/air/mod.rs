@@ -13,7 +13,7 @@
 //!
 //! # Practice
 //! [`Wind::new`] draws the random numbers once; [`Wind::at`] is the wind of one moment, a plain value that
-//! [`Simulation::step_frame_in`](crate::solver::Simulation::step_frame_in) takes. The solver evaluates it once a frame at every particle. The same seed gives the same
+//! [`Simulation::step_frame_in`](crate::simulation::Simulation::step_frame_in) takes. The solver evaluates it once a frame at every particle. The same seed gives the same
 //! wind on every machine and for any number of threads.
 //!
 //! # Limitations
@@ -22,6 +22,7 @@
 
 pub mod canopy;
 mod gusts;
+pub mod sample_air;
 mod turbulence;
 pub mod wake;
 
@@ -32,8 +33,7 @@ pub use turbulence::MODES;
 pub use turbulence::Mode;
 pub use wake::Wake;
 
-use crate::solver::ParamsError;
-use crate::solver::params::{NON_NEGATIVE, POSITIVE, Range, SHARE, check};
+use crate::params::{NON_NEGATIVE, POSITIVE, ParamsError, Range, SHARE, check};
 use gusts::Gusts;
 use turbulence::Turbulence;
 

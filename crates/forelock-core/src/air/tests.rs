@@ -1,7 +1,7 @@
 use super::*;
 use crate::body::{ColliderFrame, Shape};
 use crate::lane::Row;
-use crate::model::{Model, Strands};
+use crate::strands::{Model, Strands};
 use crate::pose::Pose;
 
 fn windy() -> WindParams {

@@ -1,6 +1,6 @@
 //! What arithmetic a core can do at most, measured.
 
-use crate::solver::Simd;
+use crate::lane::Simd;
 use std::time::Instant;
 
 /// Operations a second of independent multiply–adds on one core, in float32, fused where the instruction set has that: the best of ten runs.

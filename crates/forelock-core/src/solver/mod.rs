@@ -1,21 +1,16 @@
-//! Solvers: each an ordered list of stages over the same Model, State and Workspace.
+//! Solvers of strands. Each is a folder with its parameters, its stage and its WGSL, and registers with
+//! one line here.
+//!
+//! The seam is [`LaneSolver`] (one function, generic over lanes) or [`StrandSolver`] (one call a block);
+//! see `docs/dev/add-a-solver.md`.
 
-mod between;
-mod block;
+pub mod ams;
 pub mod dftl;
-mod mass_spring;
-pub mod params;
-mod regroom;
-mod simulation;
-mod steps;
+pub mod mass_spring;
 
-#[cfg(target_arch = "x86_64")]
-pub(crate) use block::with_features;
-pub(crate) use block::{BASELINE_FMA, on};
-pub use block::{STAGES, Simd, SolverReal};
+pub use crate::frame::{
+    Channels, FrameContext, FrameRules, LaneGroup, LaneSolver, Solver, StepRate, StrandSolver, Substep,
+};
+pub use ams::AmsParams;
 pub use dftl::DftlParams;
 pub use mass_spring::MassSpringParams;
-pub use params::{AmsParams, ParamsError, SolverParams};
-pub use regroom::RegroomError;
-pub use simulation::{BuildError, Frame, FrameReport, Memory, Options, Simulation, Teleport, fractions};
-pub use steps::{FrameStep, Meeting};

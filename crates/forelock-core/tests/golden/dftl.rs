@@ -3,9 +3,11 @@
 use crate::golden::{Backend, numbers, vec3, vectors};
 use forelock_core::body::{ColliderFrame, Shape};
 use forelock_core::lane::Real;
-use forelock_core::model::Strands;
+use forelock_core::strands::Strands;
 use forelock_core::pose::Pose;
-use forelock_core::solver::{DftlParams, Frame, Options, SolverParams};
+use forelock_core::solver::{DftlParams, SolverParams};
+use forelock_core::frame::{Frame};
+use forelock_core::simulation::{Options};
 use glam::{DQuat, DVec3};
 use num_traits::ToPrimitive;
 use serde_json::Value;

@@ -2,9 +2,12 @@
 
 use crate::dftl::{poses, strands};
 use crate::golden::{Backend, vectors};
-use forelock_core::model::{Model, Strands};
-use forelock_core::solver::{DftlParams, Frame, Options, Simd, SolverParams, SolverReal};
-use forelock_core::sph::{Sph, SphParams};
+use forelock_core::strands::{Model, Strands};
+use forelock_core::solver::{DftlParams, SolverParams};
+use forelock_core::frame::{Frame};
+use forelock_core::simulation::{Options};
+use forelock_core::lane::{Simd, SolverReal};
+use forelock_core::interaction::sph::{Sph, SphParams};
 use glam::DVec3;
 use num_traits::ToPrimitive;
 use serde_json::Value;

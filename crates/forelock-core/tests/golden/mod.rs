@@ -2,11 +2,13 @@
 
 use forelock_core::body::{ColliderFrame, Shape};
 use forelock_core::lane::Real;
-use forelock_core::model::{Model, Strands};
+use forelock_core::strands::{Model, Strands};
 use forelock_core::pose::Pose;
-use forelock_core::solver::params::{AngularForm, Inextensibility, IntegrityForm, Jacobian};
-use forelock_core::solver::{AmsParams, Frame, Options, SolverParams};
-use forelock_core::state::{Snapshot, number};
+use forelock_core::solver::ams::{AngularForm, Inextensibility, IntegrityForm, Jacobian};
+use forelock_core::solver::{AmsParams, SolverParams};
+use forelock_core::frame::{Frame};
+use forelock_core::simulation::{Options};
+use forelock_core::strands::{Snapshot, number};
 use glam::{DQuat, DVec3};
 use num_traits::ToPrimitive;
 use serde_json::Value;

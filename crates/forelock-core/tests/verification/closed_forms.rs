@@ -2,8 +2,9 @@
 
 use crate::rig::{DT, G, Rig, bare, helix, largest};
 use forelock_core::pose::Pose;
-use forelock_core::solver::params::Inextensibility;
-use forelock_core::solver::{AmsParams, Simd};
+use forelock_core::solver::ams::Inextensibility;
+use forelock_core::solver::{AmsParams};
+use forelock_core::lane::{Simd};
 use glam::DVec3;
 use std::f64::consts::{PI, TAU};
 
@@ -141,7 +142,7 @@ fn an_angular_tie_rings_at_its_frequency() {
     let params = AmsParams {
         k_edge: 1e6,
         k_angular,
-        angular: forelock_core::solver::params::AngularForm::Edge,
+        angular: forelock_core::solver::ams::AngularForm::Edge,
         substeps: 50,
         inextensibility: Inextensibility::Projection,
         ..bare()

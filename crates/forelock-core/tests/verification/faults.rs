@@ -2,8 +2,10 @@
 
 use crate::rig::{DT, LENGTH, Rig, helix, largest, shake, simds, tuft};
 use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams, Simd, Teleport};
-use forelock_core::state::Snapshot;
+use forelock_core::solver::{AmsParams};
+use forelock_core::lane::{Simd};
+use forelock_core::simulation::{Teleport};
+use forelock_core::strands::Snapshot;
 use glam::{DQuat, DVec3};
 
 const N: usize = 12;

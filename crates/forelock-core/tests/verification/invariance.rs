@@ -2,8 +2,10 @@
 
 use crate::rig::{DT, GRAVITY, LENGTH, Rig, Strand, helix, largest, shake, simds, tuft};
 use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams, Options, Simd};
-use forelock_core::state::Snapshot;
+use forelock_core::solver::{AmsParams};
+use forelock_core::simulation::{Options};
+use forelock_core::lane::{Simd};
+use forelock_core::strands::Snapshot;
 use glam::{DQuat, DVec3};
 
 /// A gentle nod and sway: under 1 g.

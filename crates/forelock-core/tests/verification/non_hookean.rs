@@ -2,7 +2,8 @@
 
 use crate::rig::{DT, Rig, bare, real, simds};
 use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams, Simd, SolverReal};
+use forelock_core::solver::{AmsParams};
+use forelock_core::lane::{Simd, SolverReal};
 
 fn params() -> AmsParams {
     AmsParams { k_integrity: 100.0, non_hookean: true, substeps: 1, ..bare() }

@@ -2,13 +2,14 @@
 
 use forelock_core::body::ColliderFrame;
 use forelock_core::lane::Real;
-use forelock_core::model::Strands;
+use forelock_core::strands::Strands;
 use forelock_core::pose::Pose;
-use forelock_core::solver::params::{AngularForm, Inextensibility};
-use forelock_core::solver::{
-    AmsParams, Frame, FrameReport, Options, Simd, Simulation, SolverParams, SolverReal,
-};
-use forelock_core::state::Snapshot;
+use forelock_core::solver::ams::{AngularForm, Inextensibility};
+use forelock_core::solver::{AmsParams, SolverParams};
+use forelock_core::frame::{Frame, FrameReport};
+use forelock_core::simulation::{Options, Simulation};
+use forelock_core::lane::{Simd, SolverReal};
+use forelock_core::strands::Snapshot;
 use glam::{DQuat, DVec3};
 use std::f64::consts::TAU;
 

@@ -2,15 +2,15 @@
 
 use crate::rig::{DT, GRAVITY, shake, tuft};
 use forelock_core::body::{ColliderFrame, Shape};
-use forelock_core::contact::ContactParams;
-use forelock_core::grid::GridParams;
-use forelock_core::model::Strands;
+use forelock_core::interaction::contact::ContactParams;
+use forelock_core::interaction::grid::GridParams;
+use forelock_core::strands::Strands;
 use forelock_core::pose::Pose;
-use forelock_core::solver::params::Inextensibility;
-use forelock_core::solver::{
-    AmsParams, DftlParams, Frame, FrameStep, Meeting, Options, Simulation, SolverParams,
-};
-use forelock_core::sph::SphParams;
+use forelock_core::solver::ams::Inextensibility;
+use forelock_core::solver::{AmsParams, DftlParams, SolverParams};
+use forelock_core::frame::{Frame, FrameStep, Meeting};
+use forelock_core::simulation::{Options, Simulation};
+use forelock_core::interaction::sph::SphParams;
 use glam::{DQuat, DVec3};
 
 /// Step by step is as all at once, bit for bit, wherever strands meet; and each step is felt.

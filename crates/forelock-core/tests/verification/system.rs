@@ -3,8 +3,10 @@
 use crate::dense::{self, Matrix};
 use crate::rig::{GRAVITY, Random, Rig, helix, real, simds, vector};
 use forelock_core::pose::Pose;
-use forelock_core::solver::params::{AngularForm, Inextensibility, IntegrityForm, Jacobian};
-use forelock_core::solver::{AmsParams, Options, Simd, SolverReal};
+use forelock_core::solver::ams::{AngularForm, Inextensibility, IntegrityForm, Jacobian};
+use forelock_core::solver::{AmsParams};
+use forelock_core::simulation::{Options};
+use forelock_core::lane::{Simd, SolverReal};
 use glam::{DMat3, DQuat, DVec3};
 
 /// All that enters the system of one substep.

@@ -2,7 +2,9 @@
 
 use crate::rig::{DT, G, GRAVITY, LENGTH, Rig, helix, largest, shake, simds};
 use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams, Options, Simd, SolverReal};
+use forelock_core::solver::{AmsParams};
+use forelock_core::simulation::{Options};
+use forelock_core::lane::{Simd, SolverReal};
 use glam::{DQuat, DVec3};
 
 fn default_rig<T: SolverReal>(simd: Simd) -> Rig<T> {

@@ -1,7 +1,7 @@
 //! A tuft on a head that is shaken, and how far hair is from where it should be.
 
 use forelock_core::pose::Pose;
-use forelock_core::solver::Options;
+use forelock_core::simulation::Options;
 use glam::{DQuat, DVec3};
 
 pub const GRAVITY: DVec3 = DVec3::new(0.0, -9.81, 0.0);

@@ -4,7 +4,9 @@ use std::f64::consts::TAU;
 
 use forelock_core::groom::Groom;
 use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams, Frame, Options, Simulation};
+use forelock_core::solver::{AmsParams};
+use forelock_core::frame::{Frame};
+use forelock_core::simulation::{Options, Simulation};
 use glam::{DQuat, DVec3};
 
 use crate::assets::AssetError;

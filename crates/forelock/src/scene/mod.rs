@@ -11,7 +11,7 @@
 //! what would be right. Paths are taken relative to the scene file.
 //!
 //! # Limitations
-//! The simulation runs in float32, so a scene in which h²κ exceeds [`FLOAT32_STIFFNESS_LIMIT`](forelock_core::solver::params::FLOAT32_STIFFNESS_LIMIT) is refused.
+//! The simulation runs in float32, so a scene in which h²κ exceeds [`FLOAT32_STIFFNESS_LIMIT`](forelock_core::solver::ams::FLOAT32_STIFFNESS_LIMIT) is refused.
 
 mod check;
 mod document;

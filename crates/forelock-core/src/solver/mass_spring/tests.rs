@@ -1,7 +1,8 @@
 use super::*;
 use crate::pose::Pose;
-use crate::solver::{Frame, Simd};
-use crate::state::Snapshot;
+use crate::frame::{Frame};
+use crate::lane::{Simd};
+use crate::strands::Snapshot;
 
 /// Splitmix: numbers from −1 to 1.
 struct Noise(u64);

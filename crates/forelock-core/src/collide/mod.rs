@@ -1,0 +1,3 @@
+//! Collisions of particles with solids: queries of distances, sweeps and friction.
+
+pub mod resolve_solids;

@@ -1,0 +1,153 @@
+//! Blocks of strands over the threads of the pool.
+
+use super::context::FrameContext;
+use super::finish::Finish;
+use super::plan::Step;
+use super::report::BlockReport;
+use super::solver::{Solver, SolverReal};
+use crate::lane::Row;
+use crate::strands::{AIR_ROWS, Block, BlockView, Model, Scratch, State};
+use std::sync::{Mutex, PoisonError};
+
+/// Runs consecutive strand steps on all blocks, halving the list of blocks as it goes: no allocation,
+/// and no result that depends on which thread did what.
+#[derive(Debug)]
+pub(crate) struct Crew<'a, T> {
+    /// The solver.
+    pub solver: &'a Solver<T>,
+    /// The frame.
+    pub cx: FrameContext<'a, T>,
+    /// The strands.
+    pub model: &'a Model<T>,
+    /// Scratch of each thread.
+    pub scratch: &'a [Mutex<Scratch<T>>],
+    /// Share of the wind that reaches each particle; empty: all of it.
+    pub exposure: &'a [Row<T>],
+}
+
+impl<T: SolverReal> Crew<'_, T> {
+    /// Runs `steps`, all of strands; edges are restored after interactions only if one `moved` them.
+    pub fn run(&self, steps: &[Step], moved: bool, state: &mut State<T>) -> BlockReport {
+        let substeps = steps.iter().take_while(|step| step.is_of_substep()).count();
+        let (substeps, rest) = steps.split_at(substeps);
+        let work = BlockWork { substeps, finish: Finish::of(rest, moved) };
+        if substeps.is_empty() && !work.finish.is_any() {
+            return BlockReport::default();
+        }
+        self.halve(&work, &self.model.blocks, 0, Arrays::of(state))
+    }
+
+    fn halve(
+        &self,
+        work: &BlockWork<'_>,
+        blocks: &[Block],
+        index: usize,
+        arrays: Arrays<'_, T>,
+    ) -> BlockReport {
+        match blocks {
+            [] => BlockReport::default(),
+            [block] => self.run_block(work, block, index, arrays),
+            _ => {
+                let middle = blocks.len() / 2;
+                let (left, right) = blocks.split_at(middle);
+                let (left_arrays, right_arrays) = arrays.split(right[0].first - left[0].first);
+                let (a, b) = rayon::join(
+                    || self.halve(work, left, index, left_arrays),
+                    || self.halve(work, right, index + middle, right_arrays),
+                );
+                a.merge(b)
+            }
+        }
+    }
+
+    fn run_block(
+        &self,
+        work: &BlockWork<'_>,
+        block: &Block,
+        index: usize,
+        arrays: Arrays<'_, T>,
+    ) -> BlockReport {
+        let rows = 3 * block.first..3 * (block.first + block.particles);
+        let worker = rayon::current_thread_index().unwrap_or(0) % self.scratch.len();
+        let mut scratch = self.scratch[worker].lock().unwrap_or_else(PoisonError::into_inner);
+        let mut air = scratch.take_air();
+        let blown = if self.cx.air.is_some() { block.particles } else { 0 };
+        let (wind, rest) = air[..AIR_ROWS * blown].split_at_mut(3 * blown);
+        let (drawn, drag) = rest.split_at_mut(3 * blown);
+        let mut view = BlockView {
+            particles: block.particles,
+            rest: &self.model.rest[rows.clone()],
+            rest_lengths: &self.model.rest_lengths[rows.clone()],
+            inverse_edges: &self.model.inverse_edges[block.range()],
+            local: self.model.local.get(rows.clone()).unwrap_or_default(),
+            strand_length: &self.model.strand_lengths[index],
+            stiffness: &self.model.stiffness[index],
+            positions: arrays.positions,
+            previous: arrays.previous,
+            velocities: arrays.velocities,
+            integrity: arrays.integrity,
+            clearance: arrays.clearance,
+            exposure: self.exposure.get(block.range()).unwrap_or_default(),
+            wind,
+            air: drawn,
+            drag,
+        };
+        let mut report = BlockReport::default();
+        if !work.substeps.is_empty() {
+            report = self.solver.advance(&self.cx, work.substeps, &mut view, block.live, &mut scratch);
+        }
+        if work.finish.is_any() {
+            let after = T::run(&work.finish, &self.cx, &mut view, block.live, &mut scratch);
+            report = report.finished(after, work.finish.collides);
+        }
+        scratch.put_air(air);
+        report
+    }
+}
+
+/// What is to be done with a block.
+struct BlockWork<'a> {
+    substeps: &'a [Step],
+    finish: Finish,
+}
+
+/// The state's arrays, or the part of them that some blocks own.
+struct Arrays<'a, T> {
+    positions: &'a mut [Row<T>],
+    velocities: &'a mut [Row<T>],
+    integrity: &'a mut [Row<T>],
+    clearance: &'a mut [Row<T>],
+    /// Empty, or as long as the positions.
+    previous: &'a mut [Row<T>],
+}
+
+impl<'a, T> Arrays<'a, T> {
+    fn of(state: &'a mut State<T>) -> Self {
+        Self {
+            positions: &mut state.positions,
+            velocities: &mut state.velocities,
+            integrity: &mut state.integrity,
+            clearance: &mut state.clearance,
+            previous: &mut state.previous,
+        }
+    }
+
+    fn split(self, places: usize) -> (Self, Self) {
+        let (positions, positions_right) = self.positions.split_at_mut(3 * places);
+        let (velocities, velocities_right) = self.velocities.split_at_mut(3 * places);
+        let (integrity, integrity_right) = self.integrity.split_at_mut(places);
+        let (clearance, clearance_right) = self.clearance.split_at_mut(places);
+        let remembered = (3 * places).min(self.previous.len());
+        let (previous, previous_right) = self.previous.split_at_mut(remembered);
+        (
+            Self { positions, velocities, integrity, clearance, previous },
+            Self {
+                positions: positions_right,
+                velocities: velocities_right,
+                integrity: integrity_right,
+                clearance: clearance_right,
+                previous: previous_right,
+            },
+        )
+    }
+}

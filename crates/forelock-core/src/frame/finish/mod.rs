@@ -1,0 +1,196 @@
+//! The steps that all solvers share after their substeps: the length pass, the final collision pass,
+//! and the checks.
+
+use super::context::{FrameContext, LaneGroup};
+use super::plan::Step;
+use super::report::BlockReport;
+use super::restore_lengths::{self, LengthTerms};
+use super::solver::{BlockTask, Clock};
+use crate::collide::resolve_solids::{self, Since};
+use crate::lane::{Lane, Real, V3};
+use crate::params::Inextensibility;
+use crate::strands::{BlockView, Scratch, number, vector};
+
+/// The WGSL of `check_strands`.
+pub const CHECK_STRANDS_WGSL: &str = include_str!("check_strands.wgsl");
+
+/// Which of the shared steps a block runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Finish {
+    /// The length pass.
+    pub lengths: bool,
+    /// The final collision pass.
+    pub collides: bool,
+    /// Checks.
+    pub checks: bool,
+}
+
+impl Finish {
+    /// Those among `steps`; edges are restored after interactions only if one `moved` them.
+    pub fn of(steps: &[Step], moved: bool) -> Self {
+        let has = |step: Step| steps.contains(&step);
+        Self {
+            lengths: has(Step::RestoreLengths) || (moved && has(Step::RestoreIfMoved)),
+            collides: has(Step::CollideFinal),
+            checks: has(Step::CheckStrands),
+        }
+    }
+
+    /// Whether there is anything to do.
+    pub fn is_any(self) -> bool {
+        self != Self::default()
+    }
+}
+
+impl BlockTask for Finish {
+    #[inline(always)]
+    fn run<L: Lane>(
+        &self,
+        cx: &FrameContext<'_, L::Scalar>,
+        view: &mut BlockView<'_, L::Scalar>,
+        group: LaneGroup,
+        scratch: &mut Scratch<L::Scalar>,
+    ) -> BlockReport {
+        let mut report = BlockReport::default();
+        let mut clock = Clock::start();
+        // The largest stretch of each lane after the length pass, if there was one.
+        let mut restored = None;
+        if self.lengths {
+            let stretch = restore::<L>(cx, view, group.first, scratch);
+            report.max_edge_stretch = largest(stretch, group);
+            restored = Some(stretch);
+            report.nanos.lengths += clock.lap();
+        }
+        if self.collides || self.checks {
+            let before =
+                restored.unwrap_or_else(|| restore_lengths::largest_stretch::<L>(view, group.first));
+            // Where no length pass measures it.
+            let unmeasured = cx.rules.restores_own_lengths || cx.rules.lengths == Inextensibility::Off;
+            if restored.is_none() && unmeasured {
+                report.max_edge_stretch = largest(before, group);
+            }
+            let mut stretch = before;
+            if self.collides {
+                stretch = collide::<L>(cx, view, group, before, scratch, &mut report);
+                report.nanos.collide += clock.lap();
+            }
+            report.max_edge_stretch_final = largest(stretch, group);
+        }
+        if self.checks {
+            let sum = finiteness::<L>(view, group.first);
+            for lane in 0..L::WIDTH.min(group.live - group.first) {
+                if !num_traits::Float::is_finite(sum.get(lane)) {
+                    quarantine(cx, view, group.first + lane);
+                    report.quarantined += 1;
+                }
+            }
+            report.nanos.check += clock.lap();
+        }
+        report
+    }
+}
+
+/// Brings edges back to their lengths; the largest stretch left, a lane.
+#[inline(always)]
+fn restore<L: Lane>(
+    cx: &FrameContext<'_, L::Scalar>,
+    view: &mut BlockView<'_, L::Scalar>,
+    first: usize,
+    scratch: &mut Scratch<L::Scalar>,
+) -> L {
+    let (before, work) = scratch.vectors::<L>().split_at_mut(view.particles);
+    for (i, x) in before.iter_mut().enumerate() {
+        *x = V3::load(view.positions, i, first);
+    }
+    let terms = LengthTerms {
+        kind: cx.rules.lengths,
+        damping: cx.rules.length_damping,
+        dt_secs: cx.dt_secs,
+        clamped: cx.rules.clamped,
+    };
+    let stretch = restore_lengths::restore(&terms, view, first, work);
+    resolve_solids::note_moves::<L>(before, view, first);
+    stretch
+}
+
+/// The final collision pass; the largest stretch after it, a lane. Colliders meet hair with the speed
+/// at which it moves: where velocities hold more than motion (`BlockView::previous`), the rest of them
+/// is set aside meanwhile.
+#[inline(always)]
+fn collide<L: Lane>(
+    cx: &FrameContext<'_, L::Scalar>,
+    view: &mut BlockView<'_, L::Scalar>,
+    group: LaneGroup,
+    before: L,
+    scratch: &mut Scratch<L::Scalar>,
+    report: &mut BlockReport,
+) -> L {
+    let LaneGroup { first, live } = group;
+    let loaded = !view.previous.is_empty();
+    if loaded {
+        let inverse_h = L::from_f64(1.0 / cx.h);
+        for (i, load) in scratch.vectors::<L>()[..view.particles].iter_mut().enumerate() {
+            let u = (V3::load(view.positions, i, first) - V3::load(view.previous, i, first)).scale(inverse_h);
+            *load = V3::load(view.velocities, i, first) - u;
+            u.store(view.velocities, i, first);
+        }
+    }
+    let mut stretch = before;
+    let solids = cx.colliders(cx.poses.len() - 2, 0.0);
+    report.contacts = resolve_solids::resolve::<L>(&solids, Since::Noted, view, first, live);
+    if report.contacts.touching > 0 {
+        stretch = restore_lengths::largest_stretch::<L>(view, first);
+        if cx.rules.lay_along {
+            // Only strands that colliders stretched: the result must not depend on the width.
+            let by_solids = L::select(before.lt(stretch), stretch, L::zero());
+            resolve_solids::lay_along(&solids, by_solids, view, first, live);
+            stretch = restore_lengths::largest_stretch::<L>(view, first);
+        }
+    }
+    if loaded {
+        for (i, load) in scratch.vectors::<L>()[..view.particles].iter().enumerate() {
+            (V3::load(view.velocities, i, first) + *load).store(view.velocities, i, first);
+        }
+    }
+    stretch
+}
+
+/// The largest of the lanes that hold strands of their own.
+fn largest<L: Lane>(stretch: L, group: LaneGroup) -> f64 {
+    (0..L::WIDTH.min(group.live - group.first))
+        .filter_map(|lane| num_traits::ToPrimitive::to_f64(&stretch.get(lane)))
+        .fold(0.0, f64::max)
+}
+
+/// Zero in the lanes whose numbers are all finite, not a number in the others.
+#[inline(always)]
+fn finiteness<L: Lane>(view: &BlockView<'_, L::Scalar>, first: usize) -> L {
+    let mut sum = L::zero();
+    for i in 0..view.particles {
+        let both = V3::<L>::load(view.positions, i, first) + V3::load(view.velocities, i, first);
+        sum = both.0[0].mul_add(L::zero(), sum);
+        sum = both.0[1].mul_add(L::zero(), sum);
+        sum = both.0[2].mul_add(L::zero(), sum);
+    }
+    sum
+}
+
+/// Puts the strand in `lane`, which has a number that is not finite, back to its rest shape, moving
+/// with the head, with integrity 1; other strands are not changed.
+fn quarantine<T: Real>(cx: &FrameContext<'_, T>, view: &mut BlockView<'_, T>, lane: usize) {
+    let [.., before, last] = cx.poses else { return };
+    for i in 0..view.particles {
+        let rest = vector(view.rest, i, lane).map(|x| x.to_f64().unwrap_or(0.0)).into();
+        let x = last.transform_point(rest);
+        let v = (x - before.transform_point(rest)) / cx.h;
+        for c in 0..3 {
+            view.positions[3 * i + c].0[lane] = number(x[c]);
+            view.velocities[3 * i + c].0[lane] = number(v[c]);
+            if let Some(row) = view.previous.get_mut(3 * i + c) {
+                row.0[lane] = number(x[c] - v[c] * cx.h);
+            }
+        }
+        view.integrity[i].0[lane] = T::one();
+        view.clearance[i].0[lane] = T::neg_infinity();
+    }
+}

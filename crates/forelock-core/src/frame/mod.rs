@@ -1,0 +1,35 @@
+//! A frame: what it is given, the order of its steps, the seams of solvers and interactions, and the
+//! steps that all solvers share.
+//!
+//! [`FramePlan`] is the one definition of a frame. It is made from the solver's [`FrameRules`] and the
+//! [`Exchange`]s of the interactions, and read by the CPU and by the GPU.
+
+mod context;
+mod crew;
+mod exchange;
+pub mod finish;
+mod input;
+mod plan;
+mod report;
+pub mod restore_lengths;
+mod rules;
+mod solver;
+
+pub use context::{FrameContext, LaneGroup, Substep};
+pub(crate) use crew::Crew;
+pub(crate) use exchange::shared_secs;
+pub use exchange::{ExchangeContext, Interaction, with_motion};
+pub use input::{Frame, fractions};
+pub use plan::{CHECK, COLLIDE, Exchange, FramePlan, LENGTHS, Moves, Phase, PlannedStep, Step};
+pub use report::{
+    BlockNanos, BlockReport, ContactReport, FrameReport, GridReport, SphReport, StageTimes,
+};
+pub use rules::{Channels, FrameRules, StepRate};
+pub use solver::{LaneSolver, Solver, SolverReal, StrandSolver};
+
+/// WGSL that every kernel begins with.
+pub const PRELUDE_WGSL: &str = include_str!("wgsl/prelude.wgsl");
+/// Reductions over a workgroup.
+pub const REDUCE_WGSL: &str = include_str!("wgsl/reduce.wgsl");
+/// The same for devices with subgroups.
+pub const REDUCE_SUBGROUPS_WGSL: &str = include_str!("wgsl/reduce_subgroups.wgsl");

@@ -1,0 +1,192 @@
+//! The pass that brings every edge back to its rest length, once a frame (AMS, Algorithm 1, line 12).
+//!
+//! # Theory
+//! With C_j = |x_{j+1} − x_j| − l_j, J its Jacobian and W the inverse masses (0 for clamped particles), a Newton step is
+//!
+//! ```text
+//! (J W Jᵀ) λ = −C ,   x += W Jᵀ λ
+//! ```
+//!
+//! On a chain J W Jᵀ is tridiagonal: w_j + w_{j+1} on the diagonal, −w_{j+1} d_j·d_{j+1} beside it. Two steps leave an error
+//! of fourth order, which one follow-the-leader sweep closes to rounding. Velocities are projected by the same matrix:
+//! (J W Jᵀ) λ = −J v, v += W Jᵀ λ.
+//!
+//! The alternative, dynamic follow the leader (Müller 2012), moves each particle onto the sphere about the one before
+//! and hands `dftl_damping` of the correction up as velocity.
+//!
+//! # Limitations
+//! Solids are resolved afterwards and may stretch an edge again where hair is pressed against them.
+
+use crate::lane::{Lane, V3};
+use crate::params::Inextensibility;
+use crate::strands::BlockView;
+
+/// What the pass needs to know.
+#[derive(Clone, Copy, Debug)]
+pub struct LengthTerms {
+    /// Which pass.
+    pub kind: Inextensibility,
+    /// Share of a DFTL correction handed up.
+    pub damping: f64,
+    /// Frame time, seconds.
+    pub dt_secs: f64,
+    /// Clamped particles.
+    pub clamped: usize,
+}
+
+/// Newton steps before the sweep.
+pub const NEWTON_STEPS: usize = 2;
+
+/// Restores the lengths of lanes `first..first + L::WIDTH` and returns the largest |l/l₀ − 1| left, a lane. `work` holds
+/// two vectors a particle.
+#[inline(always)]
+pub fn restore<L: Lane>(
+    terms: &LengthTerms,
+    view: &mut BlockView<'_, L::Scalar>,
+    first: usize,
+    work: &mut [V3<L>],
+) -> L {
+    let (directions, sweep) = work.split_at_mut(view.particles);
+    // The first edge with a free end; edges between clamped particles keep the rest shape's length anyway.
+    let from = terms.clamped.min(view.particles).saturating_sub(1);
+    match terms.kind {
+        Inextensibility::Off => {}
+        Inextensibility::Projection => {
+            for _ in 0..NEWTON_STEPS {
+                measure(view, first, from, directions, sweep);
+                solve_chain(from, view.particles, directions, sweep);
+                push(view.positions, first, (from, view.particles), directions, sweep);
+            }
+            follow_the_leader::<L>(view, first, from, None);
+            project_velocities(view, first, from, directions, sweep);
+        }
+        Inextensibility::Dftl => {
+            let inverse_dt = 1.0 / terms.dt_secs;
+            let hand_up = (L::from_f64(inverse_dt), L::from_f64(terms.damping * inverse_dt));
+            follow_the_leader(view, first, from, Some(hand_up));
+        }
+    }
+    largest_stretch(view, first)
+}
+
+/// Unit edge vectors, and −C in the third component of `sweep`.
+#[inline(always)]
+fn measure<L: Lane>(
+    view: &BlockView<'_, L::Scalar>,
+    first: usize,
+    from: usize,
+    directions: &mut [V3<L>],
+    sweep: &mut [V3<L>],
+) {
+    for j in from..view.particles - 1 {
+        let (direction, length) = edge(view, first, j);
+        directions[j] = direction;
+        sweep[j].0[2] = L::load(&view.rest_lengths[3 * j], first) - length;
+    }
+}
+
+#[inline(always)]
+fn edge<L: Lane>(view: &BlockView<'_, L::Scalar>, first: usize, j: usize) -> (V3<L>, L) {
+    let d = V3::<L>::load(view.positions, j + 1, first) - V3::load(view.positions, j, first);
+    let length = d.dot(d).max(L::from_f64(1e-24)).sqrt();
+    (d.scale(L::one() / length), length)
+}
+
+/// Thomas' algorithm on J W Jᵀ λ = r, r in `sweep[j].0[2]` before and λ there after.
+#[inline(always)]
+fn solve_chain<L: Lane>(from: usize, particles: usize, directions: &[V3<L>], sweep: &mut [V3<L>]) {
+    let (mut upper, mut partial) = (L::zero(), L::zero()); // c' and r' of the row before
+    let mut beside = L::zero(); // the entry between this row and the one before
+    for j in from..particles - 1 {
+        // The first edge hangs on a clamped particle: one free end.
+        let diagonal = L::from_f64(if j == from { 1.0 } else { 2.0 });
+        let pivot = L::one() / beside.neg_mul_add(upper, diagonal);
+        partial = beside.neg_mul_add(partial, sweep[j].0[2]) * pivot;
+        let next = if j + 2 < particles { -directions[j].dot(directions[j + 1]) } else { L::zero() };
+        upper = next * pivot;
+        sweep[j].0[0] = upper;
+        sweep[j].0[1] = partial;
+        beside = next;
+    }
+    let mut lambda = L::zero();
+    for j in (from..particles - 1).rev() {
+        lambda = sweep[j].0[0].neg_mul_add(lambda, sweep[j].0[1]);
+        sweep[j].0[2] = lambda;
+    }
+}
+
+/// `rows += W Jᵀ λ`.
+#[inline(always)]
+fn push<L: Lane>(
+    rows: &mut [crate::lane::Row<L::Scalar>],
+    first: usize,
+    (from, particles): (usize, usize),
+    directions: &[V3<L>],
+    sweep: &[V3<L>],
+) {
+    for i in from + 1..particles {
+        let mut value = V3::load(rows, i, first).add_scaled(sweep[i - 1].0[2], directions[i - 1]);
+        if i + 1 < particles {
+            value = value.add_scaled(-sweep[i].0[2], directions[i]);
+        }
+        value.store(rows, i, first);
+    }
+}
+
+/// Puts each particle at its rest length from the one before. With `hand_up` = (1/dt, damping/dt), velocities take the
+/// corrections as DFTL has it.
+#[inline(always)]
+fn follow_the_leader<L: Lane>(
+    view: &mut BlockView<'_, L::Scalar>,
+    first: usize,
+    from: usize,
+    hand_up: Option<(L, L)>,
+) {
+    for j in from..view.particles - 1 {
+        let before = V3::load(view.positions, j + 1, first);
+        let (direction, _) = edge(view, first, j);
+        let rest_length = L::load(&view.rest_lengths[3 * j], first);
+        let after = V3::<L>::load(view.positions, j, first).add_scaled(rest_length, direction);
+        after.store(view.positions, j + 1, first);
+        if let Some((inverse_dt, damping)) = hand_up {
+            let correction = after - before;
+            let v = V3::load(view.velocities, j + 1, first).add_scaled(inverse_dt, correction);
+            v.store(view.velocities, j + 1, first);
+            if j > from {
+                let leader = V3::load(view.velocities, j, first).add_scaled(-damping, correction);
+                leader.store(view.velocities, j, first);
+            }
+        }
+    }
+}
+
+/// Removes the part of the velocities that would stretch edges.
+#[inline(always)]
+fn project_velocities<L: Lane>(
+    view: &mut BlockView<'_, L::Scalar>,
+    first: usize,
+    from: usize,
+    directions: &mut [V3<L>],
+    sweep: &mut [V3<L>],
+) {
+    let mut v = V3::<L>::load(view.velocities, from, first);
+    for j in from..view.particles - 1 {
+        let next = V3::load(view.velocities, j + 1, first);
+        directions[j] = edge(view, first, j).0;
+        sweep[j].0[2] = -directions[j].dot(next - v);
+        v = next;
+    }
+    solve_chain(from, view.particles, directions, sweep);
+    push(view.velocities, first, (from, view.particles), directions, sweep);
+}
+
+/// The largest |l/l₀ − 1| of the edges, a lane.
+#[inline(always)]
+pub fn largest_stretch<L: Lane>(view: &BlockView<'_, L::Scalar>, first: usize) -> L {
+    let mut largest = L::zero();
+    for j in 0..view.particles - 1 {
+        let stretch = edge::<L>(view, first, j).1 / L::load(&view.rest_lengths[3 * j], first) - L::one();
+        largest = stretch.max(-stretch).max(largest);
+    }
+    largest
+}

@@ -1,0 +1,97 @@
+//! What the stages that all solvers share need to know of the solver.
+
+use crate::lane::Real;
+use crate::params::{Inextensibility, STATED_STEP_SECS};
+use crate::strands::{Model, State};
+
+/// Parameters of the shared stages, and how the solver wants its frame laid out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrameRules {
+    /// The solver's stage, as reports name it.
+    pub stage: &'static str,
+    /// Substeps a frame.
+    pub substeps: u32,
+    /// Particles of each strand, from the root, that follow the head exactly.
+    pub clamped: usize,
+    /// Distance that particles keep from colliders, metres.
+    pub skin_thickness: f64,
+    /// Fastest that a particle which starts a frame inside a collider is brought out, m/s.
+    pub depenetration_speed: f64,
+    /// The length pass.
+    pub lengths: Inextensibility,
+    /// Share of a length correction that the particle before loses as velocity, for
+    /// [`Inextensibility::Dftl`].
+    pub length_damping: f64,
+    /// Whether edges that colliders stretched at the end of a frame are laid along their surface.
+    pub lay_along: bool,
+    /// Whether the solver's own stage resolves collisions, so that no pass follows it.
+    pub solver_collides: bool,
+    /// Whether the solver's own stage leaves every edge at its length, so that the length pass runs
+    /// only after interactions.
+    pub restores_own_lengths: bool,
+    /// Whether drag differs from particle to particle even where the air does not.
+    pub local_drag: bool,
+}
+
+impl Default for FrameRules {
+    /// One substep, one clamped particle, collisions and a length pass by the shared stages.
+    fn default() -> Self {
+        Self {
+            stage: "solve",
+            substeps: 1,
+            clamped: 1,
+            skin_thickness: 5e-4,
+            depenetration_speed: 1.0,
+            lengths: Inextensibility::Projection,
+            length_damping: 0.9,
+            lay_along: true,
+            solver_collides: false,
+            restores_own_lengths: false,
+            local_drag: false,
+        }
+    }
+}
+
+/// Per-particle data that a solver asks for beside positions, velocities, integrity and clearance.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Channels {
+    /// Positions a step before (`State::previous`); velocities then may hold more than motion, and
+    /// whoever asks how fast hair moves takes the difference of positions.
+    pub previous: bool,
+    /// Rest edges in the frame of the particle before (`Model::local`).
+    pub rest_frames: bool,
+}
+
+impl Channels {
+    /// Adds to `model` and `state` what is asked for, and drops what is not: where positions a step
+    /// before are no longer kept, velocities become those with which hair moved.
+    pub fn prepare<T: Real>(self, model: &mut Model<T>, state: &mut State<T>) {
+        if self.rest_frames {
+            model.find_frames();
+        } else {
+            model.local = Vec::new();
+        }
+        if self.previous {
+            state.remember();
+        } else {
+            state.forget(STATED_STEP_SECS);
+        }
+    }
+}
+
+/// How often a solver steps.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum StepRate {
+    /// Once a frame.
+    #[default]
+    PerFrame,
+    /// At its own rate, whatever the frames': a step of so many seconds.
+    Fixed(f64),
+}
+
+impl StepRate {
+    /// The step, or [`STATED_STEP_SECS`] where it is the frame's.
+    pub fn usual_secs(self) -> f64 {
+        if let Self::Fixed(secs) = self { secs } else { STATED_STEP_SECS }
+    }
+}

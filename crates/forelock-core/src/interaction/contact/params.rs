@@ -1,0 +1,65 @@
+//! Parameters of the contacts.
+
+use crate::params::{COUNT, NON_NEGATIVE, ParamsError, check};
+use crate::interaction::contact::find_contacts::SLOP;
+
+/// Parameters of hair against hair, segment by segment.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
+pub struct ContactParams {
+    /// How near the middle lines of two strands may come. Unit m, default 5e-4, range 1e-6 to 0.1. Strands that lie nearer at rest may come as near as there.
+    pub distance: f64,
+    /// Relative speed up to which strands are let pass each other: what is slower is left to the grid. Unit m/s, default 0.01, range 0 or more.
+    pub slip: f64,
+    /// Contacts in a frame at most, those of the fastest approach; sought of the segments of an eighth as many particles, those that move most against their neighbours. Unit contacts, default 32768, range 8 or more.
+    pub budget: u32,
+    /// Coulomb friction between strands. No unit, default 0.3, range 0 or more.
+    pub friction: f64,
+    /// Length of strand that takes part in what a contact gives it, at least. Unit m, default 0.05, range 0 to 10.
+    pub spread: f64,
+    /// Rounds of the solve at most. Unit rounds, default 16, range 1 to 1000.
+    pub rounds: u32,
+    /// Contacts of a segment at most, the first in time. Unit contacts, default 128, range 1 to 1024.
+    pub per_segment: u32,
+}
+
+impl Default for ContactParams {
+    fn default() -> Self {
+        Self {
+            distance: 5e-4,
+            slip: 0.01,
+            budget: 32_768,
+            friction: 0.3,
+            spread: 0.05,
+            rounds: 16,
+            per_segment: 128,
+        }
+    }
+}
+
+impl ContactParams {
+    /// What two may approach in a frame of `dt_secs` and be let pass, metres: as `slip` has it, and a little where that is none.
+    pub fn let_pass(&self, dt_secs: f64) -> f32 {
+        ((self.slip * dt_secs) as f32).max(SLOP * self.distance as f32)
+    }
+
+    /// Checks every parameter against its range.
+    ///
+    /// # Errors
+    /// [`ParamsError::Range`] for the first that is not in it.
+    pub fn validate(&self) -> Result<(), ParamsError> {
+        check(&[
+            ("distance", self.distance, ("between 1e-6 and 0.1", |x| (1e-6..=0.1).contains(&x))),
+            ("slip", self.slip, NON_NEGATIVE),
+            ("budget", self.budget.into(), ("8 or more", |x| x >= 8.0)),
+            ("friction", self.friction, NON_NEGATIVE),
+            ("spread", self.spread, ("between 0 and 10", |x| (0.0..=10.0).contains(&x))),
+            ("rounds", self.rounds.into(), COUNT),
+            ("per_segment", self.per_segment.into(), ("between 1 and 1024", |x| (1.0..=1024.0).contains(&x))),
+        ])
+    }
+}

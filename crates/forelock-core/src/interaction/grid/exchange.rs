@@ -1,0 +1,77 @@
+//! The grid as an interaction of a simulation.
+
+use super::{Grid, GridFrame, GridMoment, GridParams};
+use crate::collide::resolve_solids::note_one;
+use crate::frame::{
+    Exchange, ExchangeContext, FrameReport, Interaction, Moves, Phase, shared_secs, with_motion,
+};
+use crate::lane::{Real, Row, Simd};
+use crate::strands::{Model, State, number};
+use rayon::prelude::*;
+
+/// The grid in a frame's plan.
+pub const EXCHANGE: Exchange = Exchange {
+    name: "grid",
+    stage: "splat_segments",
+    phase: Phase::AfterStrands(0),
+    moves: Moves::Particles,
+    records_start: false,
+};
+
+/// A grid and the buffer for velocities that hair moves with.
+#[derive(Debug)]
+pub(crate) struct GridInteraction<T> {
+    grid: Grid,
+    motion: Vec<Row<T>>,
+}
+
+impl<T: Real> GridInteraction<T> {
+    /// A grid for the strands of `model`.
+    pub fn new(model: &Model<T>, params: &GridParams) -> Self {
+        Self { grid: Grid::new(model, params), motion: Vec::new() }
+    }
+}
+
+impl<T: Real> Interaction<T> for GridInteraction<T> {
+    fn exchange_plan(&self) -> Exchange {
+        EXCHANGE
+    }
+
+    fn exchange(
+        &mut self,
+        cx: &ExchangeContext<'_, T>,
+        state: &mut State<T>,
+        report: &mut FrameReport,
+    ) -> bool {
+        let [last, now] = &cx.last_substep;
+        let moment = GridMoment {
+            frame: GridFrame::new(last, now, cx.h()),
+            solids: cx.solids,
+            last_substep: cx.last_fraction(),
+            origin: cx.origin,
+            clamped: cx.clamped,
+            dt_secs: cx.dt_secs,
+        };
+        let grid = &mut self.grid;
+        let own = with_motion(state, &mut self.motion, cx.h(), |positions, velocities| {
+            grid.exchange(cx.model, positions, velocities, &moment)
+        });
+        if own.farthest_m > 0.0 {
+            let moved = number(own.farthest_m);
+            let note = |row: &mut Row<T>| row.0.iter_mut().for_each(|own| note_one(own, moved));
+            state.clearance.par_iter_mut().with_min_len(1024).for_each(note);
+        }
+        report.grid = own;
+        let stages = ["splat_segments", "solve_pressure", "gather_velocities"];
+        stages.into_iter().zip(own.secs).for_each(|(name, secs)| report.stages.add(name, shared_secs(secs)));
+        false
+    }
+
+    fn rebuild(&mut self, model: &Model<T>, _: Simd) {
+        self.grid = Grid::new(model, self.grid.params());
+    }
+
+    fn bytes(&self) -> usize {
+        self.grid.bytes() + size_of_val(&*self.motion)
+    }
+}

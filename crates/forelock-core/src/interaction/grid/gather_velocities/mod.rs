@@ -1,0 +1,182 @@
+//! Grid to particle: what the pressure changed goes back to the strands.
+//!
+//! # Theory
+//! A sample's velocity changes by a blend of the grid's change (FLIP) and of what it lacks to the grid's velocity (PIC):
+//!
+//! ```text
+//! Δv_s = (1 − p) Σ w Δu + p (Σ w u − v_s) ,   p = 1 − exp(−pic_rate · dt)
+//! ```
+//!
+//! and a particle's by the mean of its segments' samples, weighted by their mass and their nearness to it:
+//! Δv_i = Σ_s m_s N_i(s) Δv_s / Σ_s m_s N_i(s). This is the transpose of the splat, so momentum is carried back to
+//! rounding.
+
+#![expect(clippy::needless_range_loop, reason = "one lane of several arrays")]
+
+use crate::interaction::grid::{Bounds, Grid, GridMoment, View, between, split_rows};
+use crate::lane::{LANES, Quad, Real, Row};
+use crate::strands::{Block, Model};
+use crate::interaction::grid::splat_segments::{Stencils, stencils, weights};
+
+/// Adds the grid's change to the velocities of all particles but the `clamped` first of each strand.
+pub fn gather<T: Real>(
+    grid: &Grid,
+    (model, positions): (&Model<T>, &[Row<T>]),
+    velocities: &mut [Row<T>],
+    moment: &GridMoment<'_>,
+) {
+    let pic = grid.params.pic_share(moment.dt_secs) as f32;
+    let gather = Gather::new(grid, moment, Some(pic));
+    split_rows(&grid.chunks, &model.blocks, velocities, &|chunk, velocities| {
+        let blocks = &model.blocks[chunk.blocks.clone()];
+        for (block, &points) in blocks.iter().zip(&chunk.points) {
+            let own = 3 * (block.first - blocks[0].first);
+            let velocities = &mut velocities[own..own + 3 * block.particles];
+            let positions = &positions[3 * block.first..3 * (block.first + block.particles)];
+            gather.block(model, (block, points), Some(positions), velocities);
+        }
+    });
+}
+
+/// The same for positions: adds the grid's displacements to them.
+pub fn gather_displacements<T: Real>(
+    grid: &Grid,
+    model: &Model<T>,
+    positions: &mut [Row<T>],
+    moment: &GridMoment<'_>,
+) {
+    let gather = Gather::new(grid, moment, None);
+    split_rows(&grid.chunks, &model.blocks, positions, &|chunk, positions| {
+        let blocks = &model.blocks[chunk.blocks.clone()];
+        for (block, &points) in blocks.iter().zip(&chunk.points) {
+            let own = 3 * (block.first - blocks[0].first);
+            gather.block(model, (block, points), None, &mut positions[own..own + 3 * block.particles]);
+        }
+    });
+}
+
+struct Gather<'a> {
+    grid: &'a Grid,
+    view: View,
+    /// Share of PIC; none for displacements, which most hair has none of.
+    pic: Option<f32>,
+    clamped: usize,
+}
+
+/// Changes of a particle, a lane: the sum, weighted, and the weights.
+type Sum = [[f32; LANES]; 4];
+
+/// The faces at `at` and after it.
+#[inline(always)]
+fn pair(faces: &[[f32; 2]], at: usize) -> &[[f32; 2]; 2] {
+    &bytemuck::cast_slice(&faces[at..at + 2])[0]
+}
+
+impl<'a> Gather<'a> {
+    fn new(grid: &'a Grid, moment: &GridMoment<'_>, pic: Option<f32>) -> Self {
+        Self { grid, view: View::new(&moment.frame, &grid.bounds, grid.cell), pic, clamped: moment.clamped }
+    }
+
+    /// Adds to `rows`, which are velocities, or without `positions` positions.
+    fn block<T: Real>(
+        &self,
+        model: &Model<T>,
+        (block, points): (&Block, usize),
+        positions: Option<&[Row<T>]>,
+        rows: &mut [Row<T>],
+    ) {
+        let place = |rows: &[Row<T>], i| self.view.place(positions.unwrap_or(rows), i);
+        let velocity = |rows: &[Row<T>], i| match positions {
+            Some(positions) => self.view.velocity(positions, rows, i),
+            None => [[0.0; LANES]; 3],
+        };
+        let share = 1.0 / points as f32;
+        let mut from = place(rows, 0);
+        let mut from_velocity = velocity(rows, 0);
+        let mut from_sum: Sum = [[0.0; LANES]; 4];
+        for edge in 0..block.particles - 1 {
+            let to = place(rows, edge + 1);
+            let to_velocity = velocity(rows, edge + 1);
+            let mut to_sum: Sum = [[0.0; LANES]; 4];
+            let lengths = &model.rest_lengths[3 * (block.first + edge)].0;
+            for point in 0..points {
+                let along = (point as f32 + 0.5) * share;
+                let at = between(&from, &to, along);
+                let velocity = between(&from_velocity, &to_velocity, along);
+                for lane in 0..block.live {
+                    let mass = lengths[lane].to_f32().unwrap_or(0.0) * share;
+                    let (near, far) = (mass * (1.0 - along), mass * along);
+                    from_sum[3][lane] += near;
+                    to_sum[3][lane] += far;
+                    let at = [at[0][lane], at[1][lane], at[2][lane]];
+                    let Some(change) =
+                        self.change(at, [velocity[0][lane], velocity[1][lane], velocity[2][lane]])
+                    else {
+                        continue;
+                    };
+                    for c in 0..3 {
+                        from_sum[c][lane] += near * change[c];
+                        to_sum[c][lane] += far * change[c];
+                    }
+                }
+            }
+            self.add(rows, edge, block.live, &from_sum);
+            (from, from_velocity, from_sum) = (to, to_velocity, to_sum);
+        }
+        self.add(rows, block.particles - 1, block.live, &from_sum);
+    }
+
+    /// The change of the velocity of a sample at `at`, along the grid's axes, if there is any.
+    #[inline]
+    fn change(&self, at: [f32; 3], velocity: [f32; 3]) -> Option<[f32; 3]> {
+        let bounds: &Bounds = &self.grid.bounds;
+        if !bounds.holds(at) {
+            return None;
+        }
+        let stencils = stencils(at);
+        let Some(pic) = self.pic else {
+            if !self.grid.pressure.is_touched(bounds, stencils.cell_of()) {
+                return None;
+            }
+            return Some([
+                self.face::<0>(&stencils)[1],
+                self.face::<1>(&stencils)[1],
+                self.face::<2>(&stencils)[1],
+            ]);
+        };
+        let blend = |[new, change]: [f32; 2], velocity: f32| change + pic * (new - change - velocity);
+        Some([
+            blend(self.face::<0>(&stencils), velocity[0]),
+            blend(self.face::<1>(&stencils), velocity[1]),
+            blend(self.face::<2>(&stencils), velocity[2]),
+        ])
+    }
+
+    /// New velocity and change along `AXIS`.
+    #[inline(always)]
+    fn face<const AXIS: usize>(&self, stencils: &Stencils) -> [f32; 2] {
+        let (first, [fx, fy, fz], strides) = stencils.face::<AXIS>(&self.grid.bounds);
+        let faces = &self.grid.faces[AXIS][first..first + strides[1] + strides[0] + 2];
+        let mut sum = Quad::splat(0.0);
+        for (from, w) in weights(fy, fz, strides) {
+            sum = sum + Quad::splat(w) * Quad::load(pair(faces, from));
+        }
+        let sum = sum.to_array();
+        [sum[0] + fx * (sum[2] - sum[0]), sum[1] + fx * (sum[3] - sum[1])]
+    }
+
+    #[inline]
+    fn add<T: Real>(&self, rows: &mut [Row<T>], i: usize, live: usize, sum: &Sum) {
+        if i < self.clamped {
+            return;
+        }
+        for lane in 0..live {
+            let inverse = 1.0 / sum[3][lane].max(f32::MIN_POSITIVE);
+            let world = self.view.to_world([0, 1, 2].map(|c| sum[c][lane] * inverse));
+            for c in 0..3 {
+                let x = &mut rows[3 * i + c].0[lane];
+                *x = *x + T::from(world[c]).unwrap_or_else(T::zero);
+            }
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! What the parameters of all solvers and interactions share: ranges, checks and their error.
+
+/// The time step for which the coefficients of dynamic follow the leader and of SPH are stated, seconds
+/// (Sánchez-Banderas et al. 2015).
+pub const STATED_STEP_SECS: f64 = 0.016;
+
+/// The pass, once a frame, that brings every edge back to its rest length.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
+pub enum Inextensibility {
+    /// Two Newton steps on the constraint, one follow-the-leader sweep for the rest, velocities projected.
+    #[default]
+    Projection,
+    /// Dynamic follow the leader (Müller 2012) with [`AmsParams::dftl_damping`].
+    Dftl,
+    /// Edges may stretch as their springs do.
+    Off,
+}
+
+/// The largest h² κ that the float32 solve holds without failures (float64 has no such bound).
+pub const FLOAT32_STIFFNESS_LIMIT: f64 = 1e3;
+
+/// A parameter out of its range.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ParamsError {
+    /// Not a number in its range.
+    #[error("`{name}` is {value}, but it must be {expected}")]
+    Range {
+        /// The field.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it should be.
+        expected: &'static str,
+    },
+    /// h² κ too large for float32.
+    #[error(
+        "`{name}` = {value:e} at {substeps} substep(s) of a {dt_secs:.4} s frame is beyond float32 \
+         (h²κ = {product:.0}, limit {FLOAT32_STIFFNESS_LIMIT:.0}): set substeps to {needed} or more, or lower it to {allowed:.1e}"
+    )]
+    TooStiff {
+        /// The field.
+        name: &'static str,
+        /// Its value, s⁻².
+        value: f64,
+        /// Substeps a frame.
+        substeps: u32,
+        /// Frame time, seconds.
+        dt_secs: f64,
+        /// h² κ.
+        product: f64,
+        /// Substeps that would do.
+        needed: u32,
+        /// The stiffness that would do.
+        allowed: f64,
+    },
+}
+
+/// What a finite number must be: in words, and as a test.
+pub(crate) type Range = (&'static str, fn(f64) -> bool);
+pub(crate) const NON_NEGATIVE: Range = ("a finite number of 0 or more", |x| x >= 0.0);
+pub(crate) const POSITIVE: Range = ("a finite number above 0", |x| x > 0.0);
+pub(crate) const SHARE: Range = ("between 0 and 1", |x| (0.0..=1.0).contains(&x));
+pub(crate) const COUNT: Range = ("between 1 and 1000", |x| (1.0..=1000.0).contains(&x));
+
+/// Checks parameters, each a name, a value and its range.
+///
+/// # Errors
+/// [`ParamsError::Range`] for the first that is not finite or not in its range.
+pub(crate) fn check(values: &[(&'static str, f64, Range)]) -> Result<(), ParamsError> {
+    match values.iter().find(|(_, value, (_, holds))| !(value.is_finite() && holds(*value))) {
+        Some(&(name, value, (expected, _))) => Err(ParamsError::Range { name, value, expected }),
+        None => Ok(()),
+    }
+}
+
+/// Checks that `dt_secs` is a time that can be stepped.
+///
+/// # Errors
+/// [`ParamsError::Range`] if it is not finite or not above 0.
+pub(crate) fn check_time(dt_secs: f64) -> Result<(), ParamsError> {
+    check(&[("dt_secs", dt_secs, POSITIVE)])
+}
+

@@ -1,0 +1,188 @@
+//! Executes the steps of a frame's plan on the CPU.
+
+use super::{Simulation, SimulationReal};
+use crate::air::sample_air::AirTerms;
+use crate::air::{Canopy, Wake, WindField};
+use crate::collide::resolve_solids::SolidPose;
+use crate::frame::{
+    BlockReport, Crew, ExchangeContext, Frame, FrameContext, FrameReport, PlannedStep, SolverReal, Step,
+    fractions,
+};
+use crate::lane::Row;
+use crate::params::ParamsError;
+use crate::pose::Pose;
+use crate::strands::{Model, Scratch};
+use glam::DVec3;
+use std::sync::{Mutex, PoisonError};
+
+/// Buffers that nothing relies on between frames.
+#[derive(Debug)]
+pub(super) struct Workspace<T> {
+    /// One a thread, behind a lock that only its thread takes.
+    scratch: Vec<Mutex<Scratch<T>>>,
+    poses: Vec<Pose>,
+    solid_poses: Vec<SolidPose<T>>,
+    wake: Wake,
+    canopy: Canopy,
+    /// Share of the wind that reaches each particle, a row a place; empty: all of it.
+    pub exposure: Vec<Row<T>>,
+    /// Consecutive steps of strands.
+    steps: Vec<Step>,
+    /// Whether an interaction has moved edges in the frame under way.
+    moved: bool,
+}
+
+impl<T: SolverReal> Workspace<T> {
+    /// Buffers for the strands of `model`.
+    pub fn new(model: &Model<T>) -> Self {
+        Self {
+            scratch: scratch(model),
+            poses: Vec::new(),
+            solid_poses: Vec::new(),
+            wake: Wake::default(),
+            canopy: Canopy::default(),
+            exposure: Vec::new(),
+            steps: Vec::new(),
+            moved: false,
+        }
+    }
+
+    /// Fits the buffers to a model that has changed.
+    pub fn fit(&mut self, model: &Model<T>) {
+        self.scratch = scratch(model);
+        self.canopy = Canopy::default();
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        let locked = |s: &Mutex<Scratch<T>>| s.lock().unwrap_or_else(PoisonError::into_inner).bytes();
+        self.scratch.iter().map(locked).sum::<usize>()
+            + size_of_val(&*self.poses)
+            + size_of_val(&*self.solid_poses)
+            + size_of_val(&*self.exposure)
+            + self.wake.bytes()
+            + self.canopy.bytes()
+    }
+
+    /// Poses of head and colliders at the substeps, relative to `origin`.
+    fn place(&mut self, frame: &Frame<'_>, substeps: u32, model: &Model<T>, origin: DVec3) {
+        self.poses.clear();
+        self.poses.extend(frame.poses(model, substeps, origin));
+        self.solid_poses.clear();
+        for fractions in fractions(substeps) {
+            self.solid_poses
+                .extend(frame.colliders.iter().map(|solid| SolidPose::new(solid, fractions, origin)));
+        }
+    }
+}
+
+/// Scratch for every thread.
+fn scratch<T: SolverReal>(model: &Model<T>) -> Vec<Mutex<Scratch<T>>> {
+    let threads = rayon::current_num_threads().max(1);
+    (0..threads).map(|_| Mutex::new(Scratch::new(model.longest()))).collect()
+}
+
+impl<T: SimulationReal> Simulation<T> {
+    /// Runs `steps` of a frame.
+    pub(super) fn run(
+        &mut self,
+        frame: &Frame<'_>,
+        wind: Option<&WindField>,
+        steps: &[PlannedStep],
+    ) -> Result<FrameReport, ParamsError> {
+        let beyond_float32 = self.options.beyond_float32 || size_of::<T>() > 4;
+        self.solver.validate_step(frame.dt_secs, beyond_float32)?;
+        let rules = self.solver.rules();
+        let origin = frame.origin(&self.model);
+        let shift = self.state.origin - origin;
+        let start = self.model.about_centre(&frame.head[0], self.state.origin);
+        self.workspace.place(frame, rules.substeps, &self.model, origin);
+        let solves = steps.iter().any(|own| matches!(own.step, Step::Solve { .. }));
+        let wind = self.wind(frame, wind.filter(|_| solves), solves && rules.local_drag, origin, shift);
+        let Workspace { scratch, poses, solid_poses, wake, canopy, exposure, steps: run, moved } =
+            &mut self.workspace;
+        let cx = FrameContext {
+            rules,
+            simd: self.options.simd.resolve(),
+            dt_secs: frame.dt_secs,
+            h: frame.dt_secs / f64::from(rules.substeps),
+            poses,
+            gravity: frame.gravity,
+            rest_gravity: self.options.carried_gravity(),
+            air_velocity: frame.air_velocity,
+            air: wind.map(|wind| AirTerms::new(&wind, (wake, canopy), origin)),
+            shift,
+            solids: frame.colliders,
+            solid_poses,
+        };
+        let [.., last, now] = *poses.as_slice() else { return Ok(FrameReport::default()) };
+        let exchange = ExchangeContext {
+            model: &self.model,
+            start,
+            last_substep: [last, now],
+            solids: frame.colliders,
+            origin,
+            clamped: rules.clamped,
+            substeps: rules.substeps,
+            dt_secs: frame.dt_secs,
+        };
+        let mut crew = Crew { solver: &self.solver, cx, model: &self.model, scratch, exposure };
+        let mut report = FrameReport::default();
+        let mut sum: Option<BlockReport> = None;
+        for chunk in steps.chunk_by(|a, b| a.step.is_of_strands() && b.step.is_of_strands()) {
+            let interaction = |name: &str, interactions: &mut Vec<Box<dyn crate::frame::Interaction<T>>>| {
+                interactions.iter().position(|own| own.exchange_plan().name == name)
+            };
+            match chunk[0].step {
+                Step::RecordStart(own) => {
+                    if let Some(k) = interaction(own.name, &mut self.interactions) {
+                        self.interactions[k].record_start(&exchange, &self.state);
+                    }
+                }
+                Step::Exchange(own) => {
+                    if let Some(k) = interaction(own.name, &mut self.interactions) {
+                        *moved |= self.interactions[k].exchange(&exchange, &mut self.state, &mut report);
+                    }
+                }
+                _ => {
+                    run.clear();
+                    run.extend(chunk.iter().map(|own| own.step));
+                    *moved &= !run.contains(&Step::Solve { substep: 0 });
+                    // Positions are moved there by the first of these steps.
+                    self.state.origin = origin;
+                    let found = crew.run(run, *moved, &mut self.state);
+                    crew.cx.shift = DVec3::ZERO;
+                    sum = Some(sum.map_or(found, |sum| sum.then(&found)));
+                }
+            }
+        }
+        if let Some(sum) = sum {
+            report.add_blocks(&sum, rules.stage);
+        }
+        Ok(report)
+    }
+
+    /// The wind of a frame in which the air, or the drag (`local`), differs from particle to particle;
+    /// brings its shelter up to date.
+    fn wind(
+        &mut self,
+        frame: &Frame<'_>,
+        wind: Option<&WindField>,
+        local: bool,
+        origin: DVec3,
+        shift: DVec3,
+    ) -> Option<WindField> {
+        // Drag that differs from particle to particle is computed as in a wind that does.
+        let still = local.then(WindField::default);
+        let wind = wind.copied().or(still)?;
+        let wind = WindField { mean: wind.mean + frame.air_velocity, ..wind };
+        let Workspace { wake, canopy, .. } = &mut self.workspace;
+        if wind.shelter > 0.0 {
+            wake.update(frame.colliders, origin, self.model.reach, wind.mean);
+        }
+        if wind.hair_depth > 0.0 {
+            canopy.update(&self.model, (&*self.state.positions, shift), wind.mean, wind.hair_depth);
+        }
+        Some(wind)
+    }
+}

@@ -1,0 +1,72 @@
+//! The augmented mass-spring model (AMS): an implicit, exact solve a strand and substep.
+
+pub mod drag;
+mod params;
+pub mod solve_strands;
+
+pub use crate::params::Inextensibility;
+pub use params::{AmsParams, AngularForm, IntegrityForm, Jacobian};
+
+use crate::collide::resolve_solids::SolidContacts;
+use crate::frame::{FrameContext, FrameRules, LaneGroup, LaneSolver, Substep};
+use crate::lane::Lane;
+use crate::params::ParamsError;
+use crate::strands::{BlockView, Scratch};
+use solve_strands::{FrameTerms, SubstepTerms};
+
+impl LaneSolver for AmsParams {
+    type Terms = FrameTerms;
+
+    fn name(&self) -> &'static str {
+        "ams"
+    }
+
+    fn rules(&self) -> FrameRules {
+        FrameRules {
+            stage: solve_strands::STAGE,
+            substeps: self.substeps,
+            clamped: self.clamped as usize,
+            skin_thickness: self.skin_thickness,
+            depenetration_speed: self.depenetration_speed,
+            lengths: self.inextensibility,
+            length_damping: self.dftl_damping,
+            lay_along: self.lay_along_solids && self.inextensibility != Inextensibility::Off,
+            solver_collides: false,
+            restores_own_lengths: false,
+            local_drag: self.has_local_drag(),
+        }
+    }
+
+    fn validate(&self) -> Result<(), ParamsError> {
+        Self::validate(self)
+    }
+
+    fn validate_step(&self, dt_secs: f64, beyond_float32: bool) -> Result<(), ParamsError> {
+        Self::validate_step(self, dt_secs, beyond_float32)
+    }
+
+    fn terms(&self, dt_secs: f64) -> FrameTerms {
+        FrameTerms::new(self, dt_secs)
+    }
+
+    #[inline(always)]
+    fn solve<L: Lane>(
+        terms: &FrameTerms,
+        cx: &FrameContext<'_, L::Scalar>,
+        substep: Substep,
+        view: &mut BlockView<'_, L::Scalar>,
+        group: LaneGroup,
+        scratch: &mut Scratch<L::Scalar>,
+    ) -> SolidContacts {
+        let poses = [&cx.poses[substep.index], &cx.poses[substep.index + 1]];
+        let own = SubstepTerms::<L>::new(terms.h, poses, cx.gravity, cx.rest_gravity, cx.air_velocity);
+        // Drag that depends on the hair's own motion is another in each substep.
+        if cx.air.is_some() && (terms.slender || substep.air_is_new) {
+            drag::towards_air::<L>(terms, view, group.first);
+        }
+        solve_strands::advance(terms, &own, view, group.first, scratch);
+        SolidContacts::default()
+    }
+}
+
+crate::solver_from_params!(AmsParams);

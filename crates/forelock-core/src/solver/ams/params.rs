@@ -1,0 +1,235 @@
+//! Parameters of the augmented mass-spring solver.
+//!
+//! Stiffnesses are rates: stiffness over particle mass, in s⁻². Only those matter, for only they, lengths and gravity
+//! enter the motion. They keep their meaning at any frame rate and number of substeps.
+
+use crate::params::{
+    COUNT, FLOAT32_STIFFNESS_LIMIT, Inextensibility, NON_NEGATIVE, POSITIVE, ParamsError, SHARE, check, check_time,
+};
+
+/// How a stretched spring enters the implicit matrix.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
+pub enum Jacobian {
+    /// κ [D + max(0, 1 − l₀/l)(I − D)]: tension acts implicitly across the strand too; no limit on the substep.
+    #[default]
+    Tension,
+    /// κ D, as printed (Eq. 5): stable only while the substep is under l/√(L g).
+    Paper,
+}
+
+/// The angular tie between a particle and its ghost.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
+pub enum AngularForm {
+    /// A couple that turns the edge towards the ghost's edge; conserves momentum, smooth at rest.
+    #[default]
+    Edge,
+    /// A force on the outer particle towards its ghost, as printed (Eq. 2); flutters after a tilt.
+    Paper,
+    /// No angular tie.
+    Off,
+}
+
+/// How the integrity tie enters the implicit matrix.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
+pub enum IntegrityForm {
+    /// κ_I I: the exact Jacobian of a spring of rest length zero.
+    #[default]
+    Isotropic,
+    /// κ_I D, as printed (Eq. 8): jitters once h² κ_I > 4.
+    Paper,
+}
+
+/// Parameters of the augmented mass-spring solver (AMS). Every default is the project's recommended value.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
+pub struct AmsParams {
+    /// Edge spring stiffness over mass, particles i and i+1. Unit s⁻², default 1e6, range 0 to the float32 bound; 0 switches it off.
+    pub k_edge: f64,
+    /// Bend spring stiffness over mass, particles i and i+2. Unit s⁻², default 1e6, range 0 to the float32 bound; 0 switches it off.
+    pub k_bend: f64,
+    /// Torsion spring stiffness over mass, particles i and i+3. Unit s⁻², default 1e6, range 0 to the float32 bound; 0 switches it off.
+    pub k_torsion: f64,
+    /// Integrity spring stiffness over mass, particle to ghost. Unit s⁻², default 100, range 0 to the float32 bound; 0 switches it off.
+    pub k_integrity: f64,
+    /// Angular spring stiffness over mass, edge to ghost edge. Unit m s⁻² per radian, default 100, range 0 or more; 0 switches it off.
+    pub k_angular: f64,
+    /// Altitude spring stiffness over mass, across the tetrahedra of four consecutive particles (Selle 2008). Unit s⁻², default 0, range 0 to the float32 bound; 0 switches it off.
+    pub k_altitude: f64,
+    /// Stiffness at the tip over stiffness at the root, linear along the strand, for edge, bend, torsion and altitude springs. No unit, default 1, range 0 to 1; 0 leaves the tip free.
+    pub tip_scale_springs: f64,
+    /// The same for the integrity spring. No unit, default 1, range 0 to 1; 0 leaves the tip free.
+    pub tip_scale_integrity: f64,
+    /// The same for the angular spring. No unit, default 1, range 0 to 1; 0 leaves the tip free.
+    pub tip_scale_angular: f64,
+    /// Drag rate against the air. Unit s⁻¹, default 2, range 0 or more; 0 is a vacuum.
+    pub drag: f64,
+    /// Drag of air that flows along the strand over that of air across it. No unit, default 1, range 0 to 1; a thin rod has 0.5, 0 lets air slip along the strand.
+    pub drag_along: f64,
+    /// Growth of the drag rate with the speed of the air relative to the hair. Unit 1/m, default 0, range 0 or more; 0 is drag in proportion to the speed.
+    pub drag_quadratic: f64,
+    /// Particles that follow the head exactly, from the root. Unit particles, default 2, range 1 to 1000; 1 makes the root a hinge, 0 is refused.
+    pub clamped: u32,
+    /// Substeps a frame, M. Unit substeps, default 4, range 1 to 1000; 0 is refused.
+    pub substeps: u32,
+    /// How springs enter the matrix: "tension" or "paper". Default "tension".
+    pub jacobian: Jacobian,
+    /// Form of the angular tie: "edge", "paper" or "off". Default "edge".
+    pub angular: AngularForm,
+    /// How the integrity tie enters the matrix: "isotropic" or "paper". Default "isotropic".
+    pub integrity: IntegrityForm,
+    /// Whether ghosts carry the weight, so that a groom at rest does not sag. Default true.
+    pub sag_free: bool,
+    /// Whether integrity ties soften, are damaged and break under large deflection. Default false.
+    pub non_hookean: bool,
+    /// Deflection, over the strand's length, up to which ties are elastic. No unit, default 0.5, range 0 to 1; 0 softens from the start.
+    pub elastic_limit: f64,
+    /// Deflection, over the strand's length, from which ties break. No unit, default 1, range above `elastic_limit`.
+    pub breaking_point: f64,
+    /// Further deflection, over the strand's length, at which a tie is wholly broken. No unit, default 0.1, range above 0.
+    pub breaking_width: f64,
+    /// Time in which damage heals while the deflection is under `healing_limit`. Unit s, default 0, range 0 or more; 0 never heals.
+    pub healing_secs: f64,
+    /// Deflection, over the strand's length, under which ties heal. No unit, default 0.25, range 0 to 1; 0 never heals.
+    pub healing_limit: f64,
+    /// The pass that restores edge lengths: "projection", "dftl" or "off". Default "projection".
+    pub inextensibility: Inextensibility,
+    /// Share of a follow-the-leader correction handed up as velocity. No unit, default 0.9, range 0 to 1; 0 never settles.
+    pub dftl_damping: f64,
+    /// Whether edges that solids stretched at the end of a frame are laid along their surface at rest length. Default true; false leaves them stretched, as the paper does.
+    pub lay_along_solids: bool,
+    /// Distance that particles keep from solids. Unit m, default 0.0005, range 0 or more; 0 touches the skin.
+    pub skin_thickness: f64,
+    /// Fastest that a particle which starts a frame inside a solid is brought out. Unit m/s, default 1, range above 0; 0 is refused.
+    pub depenetration_speed: f64,
+}
+
+impl Default for AmsParams {
+    fn default() -> Self {
+        Self {
+            k_edge: 1e6,
+            k_bend: 1e6,
+            k_torsion: 1e6,
+            k_integrity: 1e2,
+            k_angular: 1e2,
+            k_altitude: 0.0,
+            tip_scale_springs: 1.0,
+            tip_scale_integrity: 1.0,
+            tip_scale_angular: 1.0,
+            drag: 2.0,
+            drag_along: 1.0,
+            drag_quadratic: 0.0,
+            clamped: 2,
+            substeps: 4,
+            jacobian: Jacobian::default(),
+            angular: AngularForm::default(),
+            integrity: IntegrityForm::default(),
+            sag_free: true,
+            non_hookean: false,
+            elastic_limit: 0.5,
+            breaking_point: 1.0,
+            breaking_width: 0.1,
+            healing_secs: 0.0,
+            healing_limit: 0.25,
+            inextensibility: Inextensibility::default(),
+            dftl_damping: 0.9,
+            lay_along_solids: true,
+            skin_thickness: 5e-4,
+            depenetration_speed: 1.0,
+        }
+    }
+}
+
+impl AmsParams {
+    /// Whether drag depends on the hair's direction or speed.
+    pub fn has_local_drag(&self) -> bool {
+        self.drag_along != 1.0 || self.drag_quadratic != 0.0
+    }
+
+    /// Checks every parameter against its range.
+    ///
+    /// # Errors
+    /// [`ParamsError::Range`] for the first that is not in it.
+    pub fn validate(&self) -> Result<(), ParamsError> {
+        check(&[
+            ("k_edge", self.k_edge, NON_NEGATIVE),
+            ("k_bend", self.k_bend, NON_NEGATIVE),
+            ("k_torsion", self.k_torsion, NON_NEGATIVE),
+            ("k_integrity", self.k_integrity, NON_NEGATIVE),
+            ("k_angular", self.k_angular, NON_NEGATIVE),
+            ("k_altitude", self.k_altitude, NON_NEGATIVE),
+            ("tip_scale_springs", self.tip_scale_springs, SHARE),
+            ("tip_scale_integrity", self.tip_scale_integrity, SHARE),
+            ("tip_scale_angular", self.tip_scale_angular, SHARE),
+            ("drag", self.drag, NON_NEGATIVE),
+            ("drag_along", self.drag_along, SHARE),
+            ("drag_quadratic", self.drag_quadratic, NON_NEGATIVE),
+            ("clamped", f64::from(self.clamped), COUNT),
+            ("substeps", f64::from(self.substeps), COUNT),
+            ("elastic_limit", self.elastic_limit, SHARE),
+            ("breaking_point", self.breaking_point, POSITIVE),
+            ("breaking_width", self.breaking_width, POSITIVE),
+            ("healing_secs", self.healing_secs, NON_NEGATIVE),
+            ("healing_limit", self.healing_limit, SHARE),
+            ("dftl_damping", self.dftl_damping, SHARE),
+            ("skin_thickness", self.skin_thickness, NON_NEGATIVE),
+            ("depenetration_speed", self.depenetration_speed, POSITIVE),
+        ])?;
+        if self.breaking_point <= self.elastic_limit {
+            let (name, value) = ("breaking_point", self.breaking_point);
+            return Err(ParamsError::Range { name, value, expected: "above `elastic_limit`" });
+        }
+        Ok(())
+    }
+
+    /// Checks that frames of `dt_secs` can be stepped: a positive time, and h² κ within what float32 solves unless
+    /// `beyond_float32`.
+    ///
+    /// # Errors
+    /// [`ParamsError`] for the first that fails.
+    pub fn validate_step(&self, dt_secs: f64, beyond_float32: bool) -> Result<(), ParamsError> {
+        check_time(dt_secs)?;
+        if beyond_float32 {
+            return Ok(());
+        }
+        let h = dt_secs / f64::from(self.substeps);
+        let stiffest = [
+            ("k_edge", self.k_edge),
+            ("k_bend", self.k_bend),
+            ("k_torsion", self.k_torsion),
+            ("k_integrity", self.k_integrity),
+            ("k_altitude", self.k_altitude),
+        ];
+        for (name, value) in stiffest {
+            let product = h * h * value;
+            // A hair's breadth of slack, so that a limit computed from a rounded frame time is not refused.
+            if product > FLOAT32_STIFFNESS_LIMIT * (1.0 + 1e-9) {
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "positive, saturating"
+                )]
+                let needed = (dt_secs * (value / FLOAT32_STIFFNESS_LIMIT).sqrt()).ceil() as u32;
+                let allowed = FLOAT32_STIFFNESS_LIMIT / (h * h);
+                let substeps = self.substeps;
+                return Err(ParamsError::TooStiff {
+                    name,
+                    value,
+                    substeps,
+                    dt_secs,
+                    product,
+                    needed,
+                    allowed,
+                });
+            }
+        }
+        Ok(())
+    }
+}
+

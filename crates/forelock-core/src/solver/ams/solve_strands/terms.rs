@@ -1,0 +1,183 @@
+//! Coefficients of a frame, a substep and a row.
+
+use crate::lane::{Lane, Mat3, V3};
+use crate::pose::Pose;
+use crate::solver::ams::{AmsParams, AngularForm, IntegrityForm, Jacobian};
+use glam::DVec3;
+
+/// The softening and breaking curve of the integrity ties.
+#[derive(Clone, Copy, Debug)]
+pub struct NonHookean {
+    /// Deflection over length up to which ties are elastic.
+    pub elastic_limit: f64,
+    /// Deflection over length from which they break.
+    pub breaking_point: f64,
+    /// Further deflection over length at which they are broken.
+    pub breaking_width: f64,
+    /// Share of the damage that heals in a substep.
+    pub healing: f64,
+    /// Deflection over length under which they heal.
+    pub healing_limit: f64,
+}
+
+/// What stays the same over a frame, in float64.
+#[derive(Clone, Debug)]
+pub struct FrameTerms {
+    /// Substep, seconds.
+    pub h: f64,
+    /// Clamped particles from the root.
+    pub clamped: usize,
+    /// κ of edge, bend, torsion springs at the root, s⁻².
+    pub k_springs: [f64; 3],
+    /// κ_I at the root.
+    pub k_integrity: f64,
+    /// κ_α at the root.
+    pub k_angular: f64,
+    /// κ of altitude springs at the root.
+    pub k_altitude: f64,
+    /// Tip over root, for springs, integrity and angular ties.
+    pub tip_scales: [f64; 3],
+    /// Drag rate, s⁻¹.
+    pub drag: f64,
+    /// Drag along the strand over that across it.
+    pub drag_along: f64,
+    /// Growth of the drag rate with the relative speed, 1/m.
+    pub drag_quadratic: f64,
+    /// Whether drag depends on direction or speed.
+    pub slender: bool,
+    /// Whether tension acts implicitly across springs.
+    pub tension: bool,
+    /// Whether there is the edge form's angular tie.
+    pub angular_edge: bool,
+    /// Whether there is the paper's angular tie.
+    pub angular_paper: bool,
+    /// Whether the ghost ties' implicit part is κ D instead of κ I.
+    pub directional: bool,
+    /// Whether ghosts carry the weight.
+    pub sag_free: bool,
+    /// The non-Hookean curve, if on.
+    pub non_hookean: Option<NonHookean>,
+}
+
+impl FrameTerms {
+    /// The terms of `params` for frames of `dt_secs`.
+    pub fn new(params: &AmsParams, dt_secs: f64) -> Self {
+        let h = dt_secs / f64::from(params.substeps);
+        let healing = if params.healing_secs > 0.0 { (h / params.healing_secs).min(1.0) } else { 0.0 };
+        Self {
+            h,
+            clamped: params.clamped as usize,
+            k_springs: [params.k_edge, params.k_bend, params.k_torsion],
+            k_integrity: params.k_integrity,
+            k_angular: params.k_angular,
+            k_altitude: params.k_altitude,
+            tip_scales: [params.tip_scale_springs, params.tip_scale_integrity, params.tip_scale_angular],
+            drag: params.drag,
+            drag_along: params.drag_along,
+            drag_quadratic: params.drag_quadratic,
+            slender: params.has_local_drag(),
+            tension: params.jacobian == Jacobian::Tension,
+            angular_edge: params.angular == AngularForm::Edge && params.k_angular > 0.0,
+            angular_paper: params.angular == AngularForm::Paper && params.k_angular > 0.0,
+            directional: params.integrity == IntegrityForm::Paper,
+            sag_free: params.sag_free,
+            non_hookean: params.non_hookean.then_some(NonHookean {
+                elastic_limit: params.elastic_limit,
+                breaking_point: params.breaking_point,
+                breaking_width: params.breaking_width,
+                healing,
+                healing_limit: params.healing_limit,
+            }),
+        }
+    }
+
+    /// The coefficients of row `i` of `n`, for strands of relative `stiffness`.
+    #[inline(always)]
+    pub fn row<L: Lane>(&self, i: usize, n: usize, stiffness: L) -> RowTerms<L> {
+        #[expect(clippy::cast_precision_loss, reason = "particle numbers are small")]
+        let fraction = i as f64 / (n - 1) as f64;
+        let springs = 1.0 + (self.tip_scales[0] - 1.0) * fraction;
+        let integrity = 1.0 + (self.tip_scales[1] - 1.0) * fraction;
+        let angular = 1.0 + (self.tip_scales[2] - 1.0) * fraction;
+        let [edge, bend, torsion] = self.k_springs;
+        RowTerms {
+            springs: [
+                L::from_f64(edge * springs) * stiffness,
+                L::from_f64(bend * springs) * stiffness,
+                L::from_f64(torsion * springs) * stiffness,
+            ],
+            integrity: L::from_f64(self.k_integrity * integrity) * stiffness,
+            angular: L::from_f64(self.k_angular * angular) * stiffness,
+            altitude: L::from_f64(self.k_altitude * springs) * stiffness,
+            drag: L::from_f64(self.h * self.drag),
+        }
+    }
+}
+
+/// Coefficients of one row: particles have unit mass, stiffnesses are rates.
+#[derive(Clone, Copy, Debug)]
+pub struct RowTerms<L> {
+    /// κ of the springs that start at this particle.
+    pub springs: [L; 3],
+    /// κ_I.
+    pub integrity: L,
+    /// κ_α.
+    pub angular: L,
+    /// κ of the altitude spring that starts here.
+    pub altitude: L,
+    /// h c/m.
+    pub drag: L,
+}
+
+/// What stays the same over a substep, for all lanes alike.
+#[derive(Clone, Copy, Debug)]
+pub struct SubstepTerms<L> {
+    /// h.
+    pub h: L,
+    /// h².
+    pub h2: L,
+    /// 1/h.
+    pub inverse_h: L,
+    /// Smallest squared length: a collapsed spring pushes nowhere, but not to infinity.
+    pub tiny: L,
+    /// Gravity, m/s².
+    pub gravity: V3<L>,
+    /// Velocity of the air, m/s.
+    pub air: V3<L>,
+    /// R g_head: the weight at rest, turned with the head at the end of the substep.
+    pub carried_weight: V3<L>,
+    start: (Mat3<L>, V3<L>),
+    end: (Mat3<L>, V3<L>),
+}
+
+impl<L: Lane> SubstepTerms<L> {
+    /// The terms of a substep of `h` seconds. `poses` take points about the model's centre to positions relative to
+    /// the frame's origin, at the start and at the end; `rest_gravity` is gravity in the head's rest frame.
+    #[inline(always)]
+    pub fn new(h: f64, poses: [&Pose; 2], gravity: DVec3, rest_gravity: DVec3, air: DVec3) -> Self {
+        let [start, end] = poses;
+        Self {
+            h: L::from_f64(h),
+            h2: L::from_f64(h * h),
+            inverse_h: L::from_f64(1.0 / h),
+            tiny: L::from_f64(1e-24),
+            gravity: V3::splat(gravity),
+            air: V3::splat(air),
+            carried_weight: V3::splat(end.transform_vector(rest_gravity)),
+            start: (Mat3::splat(start.matrix()), V3::splat(start.translation)),
+            end: (Mat3::splat(end.matrix()), V3::splat(end.translation)),
+        }
+    }
+
+    /// A ghost's position at the start of the substep.
+    #[inline(always)]
+    pub fn ghost_at_start(&self, rest: V3<L>) -> V3<L> {
+        self.start.1.add_mul(&self.start.0, rest)
+    }
+
+    /// A ghost's position at the end of the substep.
+    #[inline(always)]
+    pub fn ghost_at_end(&self, rest: V3<L>) -> V3<L> {
+        self.end.1.add_mul(&self.end.0, rest)
+    }
+}

@@ -1,0 +1,212 @@
+//! One step of dynamic follow the leader with preserved shape (Sánchez-Banderas et al. 2015, Sec. 3.1).
+//!
+//! # Theory
+//! With X the rest positions in the head's frame, (R, p) the head at the step's end, F_i the frame of particle i ([`StrandFrame`]), r_i = F_{i−1}⁻¹ (X_i − X_{i−1}) at rest, and l_i = |r_i|:
+//!
+//! ```text
+//! x*_i = x_i + h v_i + h² a_i                                                          (1)
+//! for i = 1 … n−1
+//!     Δg = s_g (R X_i + p − x*_i)                 x*_i += Δg   global shape             (11)
+//!     Δl = s_l (x*_{i−1} + F_{i−1} r_i − x*_i)    x*_i += Δl   local shape              (12)
+//!     e  = x*_{i−1} − x*_i                        Δx = (1 − l_i/|e|) e,  x*_i += Δx     (13)
+//!     solids, lengths again and solids again `recheck` times, lengths
+//!     F_i = F_{i−1} turned to x*_i − x*_{i−1}
+//! v_i = (x*_i − x_i)/h − (s_d/h) (Δg + Δl + Δx)_{i+1} ;   the tip: no correction         (14)
+//! ```
+//!
+//! Equation (14) hands each particle's corrections up the strand as velocity, which makes up for leaders that followers do not move (Müller, Kim, Chentanez 2012). So at rest v is not zero: it holds the
+//! load handed up. What moves at what speed is u = (x − x_previous)/h, which drag and smoothed particles take.
+//!
+//! Where a solid is met the tangential motion relative to it is slowed by Coulomb friction, as in [`resolve_solids`](crate::collide::resolve_solids); a particle's place is changed accordingly, for its speed follows from that. With
+//! `recheck` > 0 lengths have the last word, so that edges are exact, and single particles may end a little inside; with 0, as the paper has it, solids have it.
+//!
+//! # Practice
+//! A strand is a lane. One pass from root to tip predicts, corrects and writes velocities one particle behind, so that the state is read and written once. Frames are not kept: each
+//! step carries them down again.
+//!
+//! # Limitations
+//! Followers do not pull at leaders within a step; swings of long strands lose energy by that (`damping`). Steps are all as long: what velocities hold, and how fast hair moved in the step before, is of that length.
+
+use crate::lane::{Lane, Mat3, V3};
+use crate::pose::Pose;
+use crate::collide::resolve_solids::{LevelSolids, SolidContacts};
+use crate::params::STATED_STEP_SECS;
+use crate::solver::DftlParams;
+use crate::strands::{BlockView, StrandFrame};
+use glam::DVec3;
+
+/// The stage's name in reports.
+pub const STAGE: &str = "follow_leader";
+
+/// What stays the same over a step, in float64.
+#[derive(Clone, Copy, Debug)]
+pub struct FollowTerms {
+    /// Step, seconds.
+    pub h: f64,
+    /// Clamped particles from the root.
+    pub clamped: usize,
+    /// Shares of a step at the root, global and local.
+    pub shape: [f64; 2],
+    /// Tip over root of both.
+    pub tip_scales: [f64; 2],
+    /// Share of corrections handed up.
+    pub damping: f64,
+    /// Drag rate, s⁻¹.
+    pub drag: f64,
+    /// Looks at solids after the first.
+    pub recheck: u32,
+    /// Whether the weight at rest is carried.
+    pub sag_free: bool,
+}
+
+impl FollowTerms {
+    /// The terms of `params` for steps of `h` seconds.
+    pub fn new(params: &DftlParams, h: f64) -> Self {
+        let share =
+            |s: f64| if h == STATED_STEP_SECS { s } else { 1.0 - (1.0 - s).powf(h / STATED_STEP_SECS) };
+        Self {
+            h,
+            clamped: params.clamped as usize,
+            shape: [params.shape_global, params.shape_local].map(share),
+            tip_scales: [params.tip_scale_global, params.tip_scale_local],
+            damping: params.damping,
+            drag: params.drag,
+            recheck: params.recheck,
+            sag_free: params.sag_free,
+        }
+    }
+
+    /// Shares for particle `i` of `n`, for strands of relative `stiffness`.
+    #[inline(always)]
+    fn shares<L: Lane>(&self, i: usize, n: usize, stiffness: L) -> [L; 2] {
+        #[expect(clippy::cast_precision_loss, reason = "particle numbers are small")]
+        let fraction = i as f64 / (n - 1) as f64;
+        let [global, local] = self.shape;
+        let [global_tip, local_tip] = self.tip_scales;
+        let share = |s: f64, tip: f64| L::from_f64(s * (1.0 + (tip - 1.0) * fraction));
+        [
+            (share(global, global_tip) * stiffness).min(L::one()),
+            (share(local, local_tip) * stiffness).min(L::one()),
+        ]
+    }
+}
+
+/// A step's surroundings, for all lanes alike.
+#[derive(Clone, Copy, Debug)]
+pub struct FollowStep<L> {
+    /// The map from the rest shape at the step's end.
+    ghost: (Mat3<L>, V3<L>),
+    gravity: V3<L>,
+    air: V3<L>,
+    /// To be added to stored positions, now and before.
+    shift: [V3<L>; 2],
+}
+
+impl<L: Lane> FollowStep<L> {
+    /// The surroundings of a step that ends with the rest shape at `end`. `shift` takes stored positions, those of now and those before, to the step's origin.
+    #[inline(always)]
+    pub fn new(end: &Pose, gravity: DVec3, air: DVec3, shift: [DVec3; 2]) -> Self {
+        Self {
+            ghost: (Mat3::splat(end.matrix()), V3::splat(end.translation)),
+            gravity: V3::splat(gravity),
+            air: V3::splat(air),
+            shift: [V3::splat(shift[0]), V3::splat(shift[1])],
+        }
+    }
+}
+
+/// Advances lanes `first..first + L::WIDTH`, of which those from `live` on are padding, by a step. Uses the wind in `view.wind`, if there is one there.
+#[inline(always)]
+pub fn advance<L: Lane>(
+    terms: &FollowTerms,
+    step: &FollowStep<L>,
+    mut solids: Option<LevelSolids<'_, L::Scalar>>,
+    view: &mut BlockView<'_, L::Scalar>,
+    (first, live): (usize, usize),
+) -> SolidContacts {
+    let n = view.particles;
+    let (h, inverse_h) = (L::from_f64(terms.h), L::from_f64(1.0 / terms.h));
+    let (h2, hand_up) = (L::from_f64(terms.h * terms.h), L::from_f64(-terms.damping / terms.h));
+    let stiffness = L::load(view.stiffness, first);
+    let rest = [V3::<L>::load(view.rest, 0, first), V3::load(view.rest, 1, first)];
+    let (_, tangent) = follow(rest[0], rest[1], L::one());
+    let mut frame = StrandFrame {
+        tangent: step.ghost.0.mul(tangent),
+        normal: step.ghost.0.mul(V3::load(view.local, 0, first)),
+    };
+    // The particle before: where it is, and was.
+    let mut leader = step.ghost.1.add_mul(&step.ghost.0, rest[0]);
+    let mut leader_was = V3::load(view.positions, 0, first) + step.shift[0];
+    leader.store(view.positions, 0, first);
+    for i in 1..n {
+        let was = V3::<L>::load(view.positions, i, first) + step.shift[0];
+        let ghost = step.ghost.1.add_mul(&step.ghost.0, V3::load(view.rest, i, first));
+        let length = L::load(&view.rest_lengths[3 * (i - 1)], first);
+        let (mut x, mut correction) = (ghost, V3::zero());
+        let (_, mut direction) = follow(leader, ghost, length);
+        if i >= terms.clamped {
+            let a = acceleration(terms, step, view, (i, first), was);
+            let predicted = was.add_scaled(h, V3::load(view.velocities, i, first)).add_scaled(h2, a); // (1)
+            let [global, local] = terms.shares(i, n, stiffness);
+            x = predicted.add_scaled(global, ghost - predicted); // (11)
+            let bound = leader + frame.world(V3::load(view.local, i, first));
+            x = x.add_scaled(local, bound - x); // (12)
+            (x, direction) = follow(leader, x, length); // (13)
+            correction = x - predicted;
+            if let Some(solids) = &mut solids {
+                x.store(view.positions, i, first);
+                (x - was).scale(inverse_h).store(view.velocities, i, first);
+                let met = solids.look((i, was), view, (first, live));
+                if L::bits(met) != 0 {
+                    for _ in 0..terms.recheck {
+                        let back = follow(leader, V3::load(view.positions, i, first), length).0;
+                        solids.move_to((i, back), met, view, first);
+                        solids.look_again::<L>(i, met, view, first);
+                    }
+                    x = V3::load(view.positions, i, first);
+                    let (back, turned) = follow(leader, x, length);
+                    direction = V3::select(met, turned, direction);
+                    if terms.recheck > 0 {
+                        solids.move_to((i, back), met, view, first);
+                        x = V3::load(view.positions, i, first);
+                    }
+                }
+            }
+        }
+        frame = frame.turned_to(direction);
+        let v = (leader - leader_was).scale(inverse_h).add_scaled(hand_up, correction); // (14)
+        v.store(view.velocities, i - 1, first);
+        leader_was.store(view.previous, i - 1, first);
+        x.store(view.positions, i, first);
+        (leader, leader_was) = (x, was);
+    }
+    (leader - leader_was).scale(inverse_h).store(view.velocities, n - 1, first);
+    leader_was.store(view.previous, n - 1, first);
+    solids.map_or_else(SolidContacts::default, |solids| solids.contacts)
+}
+
+/// What accelerates particle `i`, which is at `was`.
+#[inline(always)]
+fn acceleration<L: Lane>(
+    terms: &FollowTerms,
+    step: &FollowStep<L>,
+    view: &BlockView<'_, L::Scalar>,
+    (i, first): (usize, usize),
+    was: V3<L>,
+) -> V3<L> {
+    if terms.drag == 0.0 {
+        return step.gravity;
+    }
+    let before = V3::<L>::load(view.previous, i, first) + step.shift[1];
+    let air = if view.wind.is_empty() { step.air } else { V3::load(view.wind, i, first) };
+    let slip = air.add_scaled(L::from_f64(-1.0 / terms.h), was - before);
+    step.gravity.add_scaled(L::from_f64(terms.drag), slip)
+}
+
+/// The point in the direction of `x` from `leader` that is `length` away, and that direction.
+#[inline(always)]
+fn follow<L: Lane>(leader: V3<L>, x: V3<L>, length: L) -> (V3<L>, V3<L>) {
+    let edge = x - leader;
+    let direction = edge.scale(L::one() / edge.dot(edge).max(L::from_f64(1e-24)).sqrt());
+    (leader.add_scaled(length, direction), direction)
+}

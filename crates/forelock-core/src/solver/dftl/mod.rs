@@ -1,0 +1,77 @@
+//! Dynamic follow the leader with preserved shape: one pass a strand and step.
+
+pub mod follow_leader;
+mod params;
+
+pub use crate::params::STATED_STEP_SECS;
+pub use params::{DftlParams, Schedule};
+
+use crate::collide::resolve_solids::{LevelSolids, SolidContacts};
+use crate::frame::{Channels, FrameContext, FrameRules, LaneGroup, LaneSolver, StepRate, Substep};
+use crate::lane::Lane;
+use crate::params::{Inextensibility, ParamsError};
+use crate::strands::{BlockView, Scratch};
+use follow_leader::{FollowStep, FollowTerms};
+use glam::DVec3;
+
+impl LaneSolver for DftlParams {
+    type Terms = FollowTerms;
+
+    const SHIFTS: bool = true;
+
+    fn name(&self) -> &'static str {
+        "dftl"
+    }
+
+    fn rules(&self) -> FrameRules {
+        FrameRules {
+            stage: follow_leader::STAGE,
+            substeps: 1,
+            clamped: self.clamped as usize,
+            skin_thickness: self.skin_thickness,
+            depenetration_speed: self.depenetration_speed,
+            lengths: Inextensibility::Dftl,
+            length_damping: self.damping,
+            lay_along: self.recheck > 0,
+            solver_collides: true,
+            restores_own_lengths: true,
+            local_drag: false,
+        }
+    }
+
+    fn channels(&self) -> Channels {
+        Channels { previous: true, rest_frames: true }
+    }
+
+    fn rate(&self) -> StepRate {
+        if self.step_secs > 0.0 { StepRate::Fixed(self.step_secs) } else { StepRate::PerFrame }
+    }
+
+    fn validate(&self) -> Result<(), ParamsError> {
+        Self::validate(self)
+    }
+
+    fn terms(&self, dt_secs: f64) -> FollowTerms {
+        FollowTerms::new(self, dt_secs)
+    }
+
+    #[inline(always)]
+    fn solve<L: Lane>(
+        terms: &FollowTerms,
+        cx: &FrameContext<'_, L::Scalar>,
+        _: Substep,
+        view: &mut BlockView<'_, L::Scalar>,
+        group: LaneGroup,
+        _: &mut Scratch<L::Scalar>,
+    ) -> SolidContacts {
+        // Where the air was sampled positions are at the frame's origin already; those before are not.
+        let shift = [if cx.air.is_some() { DVec3::ZERO } else { cx.shift }, cx.shift];
+        let carried =
+            if terms.sag_free { cx.poses[1].transform_vector(cx.rest_gravity) } else { DVec3::ZERO };
+        let step = FollowStep::<L>::new(&cx.poses[1], cx.gravity - carried, cx.air_velocity, shift);
+        let solids = LevelSolids::new(cx.colliders(0, cx.way_out()));
+        follow_leader::advance(terms, &step, solids, view, (group.first, group.live))
+    }
+}
+
+crate::solver_from_params!(DftlParams);

@@ -1,0 +1,264 @@
+//! Plain mass-spring strands: the baseline that the augmented model is measured against.
+//!
+//! # Theory
+//! Selle, Lentine, Fedkiw (2008), A mass spring model for hair simulation: edge, bend, torsion and altitude springs
+//! alone; nothing ties a strand to its rest shape. Springs between points of a straight line resist neither twist nor, to
+//! first order, bending, so a virtual particle stands off the line between every two particles of the groom, and N
+//! particles become a chain of 2N − 1 in which no four consecutive ones lie in a plane. Altitude springs keep
+//! those tetrahedra from turning inside out. The chain is an AMS strand without ghost ties, and the same band of
+//! half-width 3 solves it (AMS, Sec. 3.1 and Fig. 2).
+//!
+//! # Practice
+//! [`Simulation::mass_spring`] subdivides the strands and hands them to the same solver with [`MassSpringParams::ams`].
+//! Each virtual particle takes, of eight directions around its edge, the one that leaves the tetrahedra it closes the
+//! thickest; on a straight strand each is a quarter turn from the one before, so the chain winds evenly.
+//! [`Simulation::positions`] gives the groom's particles; a snapshot holds the whole chain, as it must to resume.
+//!
+//! # Limitations
+//! Stiffness is per mass and every particle has the same mass, so a chain with virtual particles is nearly twice as heavy
+//! as without and its springs twice as many. Selle's reduced mass of virtual particles and its stiffening over time are left out. It
+//! sags, by construction.
+
+use super::ams::{AmsParams, AngularForm, Jacobian};
+use crate::frame::{
+    BlockReport, Channels, FrameContext, FrameRules, LaneSolver, SolverReal, Step, StepRate, StrandSolver,
+};
+use crate::lane::Real;
+use crate::params::{Inextensibility, ParamsError};
+use crate::strands::{BlockView, Chain, Scratch, Strands};
+use glam::DVec3;
+use std::any::Any;
+
+/// Parameters of plain mass-spring strands.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
+pub struct MassSpringParams {
+    /// Edge spring stiffness over mass, particles i and i+1 of the chain. Unit s⁻², default 1e6, range 0 to the float32 bound; 0 switches it off.
+    pub k_edge: f64,
+    /// Bend spring stiffness over mass, particles i and i+2 of the chain. Unit s⁻², default 1e6, range 0 to the float32 bound; 0 switches it off.
+    pub k_bend: f64,
+    /// Torsion spring stiffness over mass, particles i and i+3 of the chain. Unit s⁻², default 1e6, range 0 to the float32 bound; 0 switches it off.
+    pub k_torsion: f64,
+    /// Altitude spring stiffness over mass, across the tetrahedra of four consecutive particles of the chain. Unit s⁻², default 1e6, range 0 to the float32 bound; 0 switches it off.
+    pub k_altitude: f64,
+    /// Stiffness at the tip over stiffness at the root, linear along the strand, for all springs. No unit, default 1, range 0 to 1; 0 leaves the tip free.
+    pub tip_scale_springs: f64,
+    /// Whether a virtual particle stands off the line between every two of the groom. Default true.
+    pub virtual_particles: bool,
+    /// Distance of a virtual particle from the middle of its edge, over the edge's length. No unit, default 0.25, range 0.01 to 1.
+    pub virtual_offset: f64,
+    /// Drag rate against the air. Unit s⁻¹, default 2, range 0 or more; 0 is a vacuum.
+    pub drag: f64,
+    /// Particles of the groom that follow the head exactly, from the root, and the virtual ones between them. Unit particles, default 2, range 1 to 1000; 1 makes the root a hinge, 0 is refused.
+    pub clamped: u32,
+    /// Substeps a frame, M. Unit substeps, default 4, range 1 to 1000; 0 is refused.
+    pub substeps: u32,
+    /// How springs enter the matrix: "tension" or "paper". Default "tension".
+    pub jacobian: Jacobian,
+    /// The pass that restores edge lengths: "projection", "dftl" or "off". Default "off".
+    pub inextensibility: Inextensibility,
+    /// Distance that particles keep from solids. Unit m, default 0.0005, range 0 or more; 0 touches the skin.
+    pub skin_thickness: f64,
+    /// Fastest that a particle which starts a frame inside a solid is brought out. Unit m/s, default 1, range above 0; 0 is refused.
+    pub depenetration_speed: f64,
+}
+
+impl Default for MassSpringParams {
+    fn default() -> Self {
+        let ams = AmsParams::default();
+        Self {
+            k_edge: ams.k_edge,
+            k_bend: ams.k_bend,
+            k_torsion: ams.k_torsion,
+            k_altitude: 1e6,
+            tip_scale_springs: ams.tip_scale_springs,
+            virtual_particles: true,
+            virtual_offset: 0.25,
+            drag: ams.drag,
+            clamped: ams.clamped,
+            substeps: ams.substeps,
+            jacobian: ams.jacobian,
+            inextensibility: Inextensibility::Off,
+            skin_thickness: ams.skin_thickness,
+            depenetration_speed: ams.depenetration_speed,
+        }
+    }
+}
+
+impl MassSpringParams {
+    /// The same springs on the chain's particles, as the augmented model's solver takes them: no ghost ties.
+    pub fn ams(&self) -> AmsParams {
+        AmsParams {
+            k_edge: self.k_edge,
+            k_bend: self.k_bend,
+            k_torsion: self.k_torsion,
+            k_integrity: 0.0,
+            k_angular: 0.0,
+            k_altitude: self.k_altitude,
+            tip_scale_springs: self.tip_scale_springs,
+            drag: self.drag,
+            // c particles of the groom and the c − 1 between them; a clamp of 0 stays 0, to be refused.
+            clamped: if self.virtual_particles {
+                self.clamped.saturating_mul(2).saturating_sub(1)
+            } else {
+                self.clamped
+            },
+            substeps: self.substeps,
+            jacobian: self.jacobian,
+            angular: AngularForm::Off,
+            sag_free: false,
+            inextensibility: self.inextensibility,
+            lay_along_solids: self.inextensibility != Inextensibility::Off,
+            skin_thickness: self.skin_thickness,
+            depenetration_speed: self.depenetration_speed,
+            ..AmsParams::default()
+        }
+    }
+
+    /// Checks every parameter against its range.
+    ///
+    /// # Errors
+    /// [`ParamsError::Range`] for the first that is not in it.
+    pub fn validate(&self) -> Result<(), ParamsError> {
+        AmsParams { clamped: self.clamped, ..self.ams() }.validate()?;
+        if (0.01..=1.0).contains(&self.virtual_offset) {
+            return Ok(());
+        }
+        let (name, value) = ("virtual_offset", self.virtual_offset);
+        Err(ParamsError::Range { name, value, expected: "between 0.01 and 1" })
+    }
+}
+
+/// Runs as [`AmsParams`] without ties to the rest shape, on the refined strands.
+impl<T: SolverReal> StrandSolver<T> for MassSpringParams {
+    fn name(&self) -> &'static str {
+        "mass-spring"
+    }
+
+    fn rules(&self) -> FrameRules {
+        LaneSolver::rules(&self.ams())
+    }
+
+    fn channels(&self) -> Channels {
+        Channels::default()
+    }
+
+    fn rate(&self) -> StepRate {
+        StepRate::PerFrame
+    }
+
+    fn validate(&self) -> Result<(), ParamsError> {
+        Self::validate(self)
+    }
+
+    fn validate_step(&self, dt_secs: f64, beyond_float32: bool) -> Result<(), ParamsError> {
+        self.ams().validate_step(dt_secs, beyond_float32)
+    }
+
+    fn refine(&self, strands: &Strands<'_, T>) -> Option<Chain<T>> {
+        self.virtual_particles.then(|| {
+            let (positions, offsets) = with_virtual_particles(strands, self.virtual_offset);
+            Chain { positions, offsets, every: 2 }
+        })
+    }
+
+    fn advance(
+        &self,
+        cx: &FrameContext<'_, T>,
+        steps: &[Step],
+        view: &mut BlockView<'_, T>,
+        live: usize,
+        scratch: &mut Scratch<T>,
+    ) -> BlockReport {
+        self.ams().advance(cx, steps, view, live, scratch)
+    }
+
+    fn params(&self) -> &dyn Any {
+        self
+    }
+}
+
+crate::solver_from_params!(MassSpringParams);
+
+/// The chains of 2N − 1 particles of strands of N, and their offsets, [S + 1].
+fn with_virtual_particles<T: Real>(strands: &Strands<'_, T>, offset: f64) -> (Vec<[T; 3]>, Vec<u32>) {
+    let mut positions = Vec::with_capacity(2 * strands.positions.len());
+    let mut offsets = vec![0];
+    let mut points = Vec::new();
+    for ends in strands.offsets.windows(2) {
+        let strand = &strands.positions[ends[0] as usize..ends[1] as usize];
+        points.clear();
+        points.extend(strand.iter().map(|p| DVec3::from(p.map(|x| x.to_f64().unwrap_or(f64::NAN)))));
+        let between = virtual_particles(&points, offset);
+        for (i, &point) in strand.iter().enumerate() {
+            positions.push(point);
+            positions.extend(between.get(i).map(|p| p.to_array().map(crate::strands::number::<T>)));
+        }
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "twice a groom's particles; packing counts them"
+        )]
+        offsets.push(positions.len() as u32);
+    }
+    (positions, offsets)
+}
+
+/// Directions around an edge that a virtual particle may take.
+const DIRECTIONS: usize = 8;
+
+/// The virtual particles between `points`, N − 1, each `offset` of its edge's length off the edge's middle.
+fn virtual_particles(points: &[DVec3], offset: f64) -> Vec<DVec3> {
+    let mut chosen: Vec<DVec3> = Vec::with_capacity(points.len());
+    let (mut normal, mut turn) = (None, 0);
+    for (k, edge) in points.windows(2).enumerate() {
+        let along = edge[1] - edge[0];
+        let tangent = along.normalize();
+        // Parallel transport (Bishop 1975), as far as dropping the tangent's share does it.
+        let carried = normal.unwrap_or_else(|| tangent.any_orthonormal_vector());
+        let n =
+            carried.reject_from(tangent).try_normalize().unwrap_or_else(|| tangent.any_orthonormal_vector());
+        let b = tangent.cross(n);
+        normal = Some(n);
+        let place = |turn: usize| {
+            #[expect(clippy::cast_precision_loss, reason = "one of eight")]
+            let (sin, cos) = (std::f64::consts::TAU * turn as f64 / DIRECTIONS as f64).sin_cos();
+            edge[0] + 0.5 * along + offset * along.length() * (cos * n + sin * b)
+        };
+        // A quarter turn from the last one first, which wins on a straight strand.
+        let mut best = (f64::NEG_INFINITY, 0);
+        for step in 0..DIRECTIONS {
+            let candidate = (turn + DIRECTIONS / 4 + step) % DIRECTIONS;
+            let thickness = thickness(points, k, chosen.last(), place(candidate)) / along.length();
+            if thickness > best.0 + 1e-3 * offset {
+                best = (thickness, candidate);
+            }
+        }
+        turn = best.1;
+        chosen.push(place(turn));
+    }
+    chosen
+}
+
+/// How far from flat the virtual particle `p` of edge `k` leaves its surroundings, metres: the least height of `p` over
+/// the planes through the three particles before it and around it, and over the line of the next edge.
+fn thickness(points: &[DVec3], k: usize, before: Option<&DVec3>, p: DVec3) -> f64 {
+    let (a, b) = (points[k], points[k + 1]);
+    let mut least = f64::INFINITY;
+    if let Some(&q) = before {
+        for plane in [[points[k - 1], q, a], [q, a, b]] {
+            let normal = (plane[1] - plane[0]).cross(plane[2] - plane[0]);
+            least = least.min((p - a).dot(normal.normalize_or_zero()).abs());
+        }
+    }
+    if let Some(&c) = points.get(k + 2) {
+        least = least.min((p - b).reject_from((c - b).normalize_or(DVec3::X)).length());
+    }
+    least
+}
+
+#[cfg(test)]
+mod tests;

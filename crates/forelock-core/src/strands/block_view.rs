@@ -1,0 +1,84 @@
+//! What a stage sees of a block of strands, and the scratch of a thread.
+
+use crate::lane::{Lane, Real, Row, V3};
+
+/// One block's arrays, as a stage sees them. Rows as in [`Model`](super::Model), this block's alone.
+#[derive(Debug)]
+pub struct BlockView<'a, T> {
+    /// Particles a strand.
+    pub particles: usize,
+    /// Rest positions about the model's centre, head frame.
+    pub rest: &'a [Row<T>],
+    /// Rest lengths to the next three particles.
+    pub rest_lengths: &'a [Row<T>],
+    /// One over the rest length to the next particle.
+    pub inverse_edges: &'a [Row<T>],
+    /// Strand length.
+    pub strand_length: &'a Row<T>,
+    /// Relative stiffness of the strand.
+    pub stiffness: &'a Row<T>,
+    /// Rest edges in the frames of the particles before them, three rows a particle; empty where no stage asks for them.
+    pub local: &'a [Row<T>],
+    /// Positions relative to the frame's origin, world axes.
+    pub positions: &'a mut [Row<T>],
+    /// The same a step before; empty where no stage asks for them.
+    pub previous: &'a mut [Row<T>],
+    /// Velocities, world axes.
+    pub velocities: &'a mut [Row<T>],
+    /// Intact share s of each integrity tie.
+    pub integrity: &'a mut [Row<T>],
+    /// Lower bound on the distance to the nearest solid; negative: depth inside it; −∞: unknown.
+    pub clearance: &'a mut [Row<T>],
+    /// Share of the wind that reaches each particle, a row a particle; empty: all of it.
+    pub exposure: &'a [Row<T>],
+    /// Velocity of the wind at each particle in this frame, three rows a particle; empty: the same everywhere.
+    pub wind: &'a mut [Row<T>],
+    /// The velocity to which drag draws each particle in this substep, three rows a particle; empty: that of the air.
+    pub air: &'a mut [Row<T>],
+    /// h c/m of each particle in this substep, a row a particle; empty: the same for all.
+    pub drag: &'a mut [Row<T>],
+}
+
+/// Scratch of one worker for strands of up to a fixed count of particles.
+#[derive(Debug)]
+pub struct Scratch<T> {
+    rows: Vec<Row<T>>,
+    air: Vec<Row<T>>,
+}
+
+/// Rows of scratch a particle: three 3×3 links and a vector.
+pub const SCRATCH_ROWS: usize = 30;
+
+/// Rows a particle that moving air takes: wind, air, drag.
+pub(crate) const AIR_ROWS: usize = 7;
+
+impl<T: Real> Scratch<T> {
+    /// Scratch for strands of up to `particles`.
+    pub fn new(particles: usize) -> Self {
+        let rows = |count: usize| vec![Row([T::zero(); crate::lane::LANES]); count];
+        Self { rows: rows(SCRATCH_ROWS * (particles + 1)), air: rows(AIR_ROWS * particles) }
+    }
+
+    /// Takes the rows for the air out, to be put back with [`Scratch::put_air`].
+    pub(crate) fn take_air(&mut self) -> Vec<Row<T>> {
+        std::mem::take(&mut self.air)
+    }
+
+    /// Puts the rows for the air back.
+    pub(crate) fn put_air(&mut self, air: Vec<Row<T>>) {
+        self.air = air;
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&*self.rows) + size_of_val(&*self.air)
+    }
+
+    /// The scratch as vectors of lanes, one after the other.
+    #[inline(always)]
+    pub fn vectors<L: Lane<Scalar = T>>(&mut self) -> &mut [V3<L>] {
+        let numbers: &mut [T] = bytemuck::cast_slice_mut(&mut self.rows);
+        let usable = numbers.len() / (3 * L::WIDTH) * (3 * L::WIDTH);
+        bytemuck::cast_slice_mut(&mut numbers[..usable])
+    }
+}

@@ -1,0 +1,14 @@
+//! Strands packed into lanes: what is constant ([`Model`]), what a step changes ([`State`]), and what a
+//! stage sees of both ([`BlockView`]).
+
+mod block_view;
+mod model;
+mod state;
+mod strand_frame;
+
+pub(crate) use block_view::AIR_ROWS;
+pub use block_view::{BlockView, SCRATCH_ROWS, Scratch};
+pub use model::{Block, Chain, Model, PackError, Strands};
+pub(crate) use state::vec3;
+pub use state::{Snapshot, SnapshotError, State, Teleport, number, vector};
+pub use strand_frame::{StrandFrame, rest_edges};

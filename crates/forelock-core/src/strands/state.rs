@@ -1,0 +1,315 @@
+//! State: what each step changes, and what a snapshot saves.
+
+use crate::lane::{LANES, Real, Row};
+use super::Model;
+use crate::pose::Pose;
+use glam::{DVec3, Vec3};
+
+/// What becomes of the hair when the head jumps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
+pub enum Teleport {
+    /// Back to the rest shape, without motion.
+    Reset,
+    /// The shape goes along, without motion.
+    #[default]
+    CarryShape,
+    /// Shape and motion go along.
+    CarryShapeAndVelocity,
+}
+
+/// Packed positions, velocities and what the strands remember. Rows as in [`Model`].
+#[derive(Clone, Debug)]
+pub struct State<T> {
+    /// Positions relative to `origin`, world axes, `[3 × places]` rows, metres.
+    pub positions: Vec<Row<T>>,
+    /// Velocities, world axes, `[3 × places]` rows, m/s.
+    pub velocities: Vec<Row<T>>,
+    /// Intact share of each integrity tie, 1 to 0, `[places]` rows.
+    pub integrity: Vec<Row<T>>,
+    /// Lower bound on the distance to the nearest solid's skin; negative: depth inside it; −∞: not looked yet. `[places]` rows, metres.
+    pub clearance: Vec<Row<T>>,
+    /// Positions a step before, relative to `origin`, as `positions`; empty for solvers that do not ask for them.
+    pub previous: Vec<Row<T>>,
+    /// The point of the world that positions are relative to: where the head carries the model's centre.
+    pub origin: DVec3,
+}
+
+/// A state in the groom's order: resumes bit for bit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Snapshot<T> {
+    /// Positions relative to `origin`, `[P]`, metres.
+    pub positions: Vec<[T; 3]>,
+    /// Velocities, `[P]`, m/s.
+    pub velocities: Vec<[T; 3]>,
+    /// Intact share of each integrity tie, `[P]`.
+    pub integrity: Vec<T>,
+    /// Clearances, `[P]`, metres.
+    pub clearance: Vec<T>,
+    /// Positions a step before, relative to `origin`, `[P]`, metres; empty for solvers that do not ask for them.
+    pub previous: Vec<[T; 3]>,
+    /// The point of the world that positions are relative to.
+    pub origin: [f64; 3],
+}
+
+/// A snapshot of another groom.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "the snapshot holds {found} particles in `{array}`, but the groom has {expected}: it belongs to another run"
+)]
+pub struct SnapshotError {
+    /// Which array.
+    pub array: &'static str,
+    /// Particles of the groom.
+    pub expected: usize,
+    /// Entries of the array.
+    pub found: usize,
+}
+
+impl<T: Real> State<T> {
+    /// At rest with the head at `pose`.
+    pub fn at_rest(model: &Model<T>, pose: &Pose) -> Self {
+        let places = model.places();
+        let mut state = Self {
+            positions: model.rest.clone(),
+            velocities: vec![Row([T::zero(); LANES]); 3 * places],
+            integrity: vec![Row([T::one(); LANES]); places],
+            clearance: vec![Row([T::neg_infinity(); LANES]); places],
+            previous: Vec::new(),
+            origin: pose.transform_point(model.centre.into()),
+        };
+        let r = pose.matrix();
+        for rows in state.positions.chunks_exact_mut(3) {
+            for lane in 0..LANES {
+                let local = DVec3::from_array([0, 1, 2].map(|c| rows[c].0[lane].to_f64().unwrap_or(0.0)));
+                for (row, x) in rows.iter_mut().zip((r * local).to_array()) {
+                    row.0[lane] = number(x);
+                }
+            }
+        }
+        state
+    }
+
+    /// Becomes a copy of `other`, in the memory that it has.
+    pub fn take(&mut self, other: &Self) {
+        self.positions.clone_from(&other.positions);
+        self.velocities.clone_from(&other.velocities);
+        self.integrity.clone_from(&other.integrity);
+        self.clearance.clone_from(&other.clearance);
+        self.previous.clone_from(&other.previous);
+        self.origin = other.origin;
+    }
+
+    /// Positions in world space and the groom's order, `[P]`, metres. Particles that a solver added
+    /// ([`Model::every`]) are left out.
+    pub fn world_positions(&self, model: &Model<T>, out: &mut Vec<Vec3>) {
+        let every = model.every as usize;
+        // A strand of N particles of the groom has (N − 1) every + 1 here.
+        let groom = |chain: usize, strands: usize| (chain + strands * (every - 1)) / every;
+        out.resize(groom(model.particle_count, model.strand_count), Vec3::ZERO);
+        for block in &model.blocks {
+            for (lane, &strand) in block.strands[..block.live].iter().enumerate() {
+                let strand = strand as usize;
+                let from = groom(model.offsets[strand] as usize, strand);
+                for (p, place) in block.range().step_by(every).enumerate() {
+                    let relative = vec3(&self.positions, place, lane);
+                    out[from + p] = (self.origin + relative.as_dvec3()).as_vec3();
+                }
+            }
+        }
+    }
+
+    /// Forgets where colliders were.
+    pub fn forget_solids(&mut self) {
+        for row in &mut self.clearance {
+            row.0.fill(T::neg_infinity());
+        }
+    }
+
+    /// Carries the hair along when the head jumps by `jump`, a map of the world to itself, between
+    /// frames: with its motion or, under [`Teleport::CarryShape`], without. `step_secs` is the step in
+    /// which hair moved from `previous` to `positions`. [`Teleport::Reset`] is not for this function.
+    pub fn carry(&mut self, jump: &Pose, mode: Teleport, step_secs: f64) {
+        let origin = jump.transform_point(self.origin);
+        let Self { positions, previous, .. } = self;
+        for rows in positions.chunks_exact_mut(3).chain(previous.chunks_exact_mut(3)) {
+            turn(rows, jump);
+        }
+        for rows in self.velocities.chunks_exact_mut(3) {
+            if mode == Teleport::CarryShape && self.previous.is_empty() {
+                rows.fill(Row([T::zero(); LANES]));
+            } else {
+                turn(rows, jump);
+            }
+        }
+        self.origin = origin;
+        if mode == Teleport::CarryShape {
+            // Without motion; what else velocities hold stays.
+            self.stop(step_secs);
+        }
+        self.forget_solids();
+    }
+
+    /// Begins to remember positions of a step before, as if nothing had moved then; if it does so already, nothing changes.
+    pub fn remember(&mut self) {
+        if self.previous.len() != self.positions.len() {
+            self.previous.clone_from(&self.positions);
+        }
+    }
+
+    /// Forgets positions of a step before, of `h` seconds: velocities become those with which hair moved in it.
+    pub(crate) fn forget(&mut self, h: f64) {
+        self.change_velocities(h, |_, u| u);
+        self.previous = Vec::new();
+    }
+
+    /// Takes the motion of the step before, of `h` seconds, out of the velocities, and leaves what else they hold.
+    pub(crate) fn stop(&mut self, h: f64) {
+        if !self.previous.is_empty() {
+            self.change_velocities(h, |v, u| v - u);
+            self.previous.clone_from(&self.positions);
+        }
+    }
+
+    /// Makes each velocity what `change` says, of it and of that with which hair moved in the step of `h` seconds before.
+    fn change_velocities(&mut self, h: f64, change: impl Fn(T, T) -> T) {
+        let inverse_h = number::<T>(1.0 / h);
+        for ((v, x), y) in self.velocities.iter_mut().zip(&self.positions).zip(&self.previous) {
+            for k in 0..LANES {
+                v.0[k] = change(v.0[k], (x.0[k] - y.0[k]) * inverse_h);
+            }
+        }
+    }
+
+    /// Bytes that the state holds.
+    pub fn bytes(&self) -> usize {
+        let vectors = self.positions.len() + self.velocities.len() + self.previous.len();
+        let rows = vectors + self.integrity.len() + self.clearance.len();
+        rows * size_of::<Row<T>>()
+    }
+
+    /// Calls `visit(particle in the groom's order, place, lane)` for every particle, block by block.
+    pub fn each_particle(model: &Model<T>, mut visit: impl FnMut(usize, usize, usize)) {
+        for block in &model.blocks {
+            for (lane, &strand) in block.strands[..block.live].iter().enumerate() {
+                let from = model.offsets[strand as usize] as usize;
+                for i in 0..block.particles {
+                    visit(from + i, block.first + i, lane);
+                }
+            }
+        }
+    }
+
+    /// The state in the groom's order.
+    pub fn snapshot(&self, model: &Model<T>) -> Snapshot<T> {
+        let particles = model.particle_count;
+        let mut snapshot = Snapshot {
+            positions: vec![[T::zero(); 3]; particles],
+            velocities: vec![[T::zero(); 3]; particles],
+            integrity: vec![T::zero(); particles],
+            clearance: vec![T::zero(); particles],
+            previous: vec![[T::zero(); 3]; if self.previous.is_empty() { 0 } else { particles }],
+            origin: self.origin.to_array(),
+        };
+        Self::each_particle(model, |p, place, lane| {
+            snapshot.positions[p] = vector(&self.positions, place, lane);
+            snapshot.velocities[p] = vector(&self.velocities, place, lane);
+            snapshot.integrity[p] = self.integrity[place].0[lane];
+            snapshot.clearance[p] = self.clearance[place].0[lane];
+            if let Some(x) = snapshot.previous.get_mut(p) {
+                *x = vector(&self.previous, place, lane);
+            }
+        });
+        snapshot
+    }
+
+    /// Takes a snapshot's values over. Where it does not tell positions of a step before, or this state does not remember them, nothing had moved then.
+    ///
+    /// # Errors
+    /// [`SnapshotError`] if it belongs to a groom of another size; nothing is changed then.
+    pub fn restore(&mut self, model: &Model<T>, snapshot: &Snapshot<T>) -> Result<(), SnapshotError> {
+        let expected = model.particle_count;
+        for (array, found) in [
+            ("positions", snapshot.positions.len()),
+            ("velocities", snapshot.velocities.len()),
+            ("integrity", snapshot.integrity.len()),
+            ("clearance", snapshot.clearance.len()),
+            ("previous", if snapshot.previous.is_empty() { expected } else { snapshot.previous.len() }),
+        ] {
+            if found != expected {
+                return Err(SnapshotError { array, expected, found });
+            }
+        }
+        self.origin = snapshot.origin.into();
+        let Snapshot { positions, velocities, previous, .. } = snapshot;
+        let before = if previous.is_empty() { positions } else { previous };
+        for block in &model.blocks {
+            for (lane, &strand) in block.strands.iter().enumerate() {
+                let from = model.offsets[strand as usize] as usize;
+                for (p, place) in (from..from + block.particles).zip(block.range()) {
+                    for (c, ((x, v), y)) in
+                        positions[p].iter().zip(&velocities[p]).zip(&before[p]).enumerate()
+                    {
+                        self.positions[3 * place + c].0[lane] = *x;
+                        self.velocities[3 * place + c].0[lane] = *v;
+                        if let Some(row) = self.previous.get_mut(3 * place + c) {
+                            row.0[lane] = *y;
+                        }
+                    }
+                    self.integrity[place].0[lane] = snapshot.integrity[p];
+                    self.clearance[place].0[lane] = snapshot.clearance[p];
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl<T: Real> Snapshot<T> {
+    /// A 64-bit hash of every bit: the same for any number of threads and any SIMD width on one instruction set.
+    pub fn hash(&self) -> u64 {
+        let mut hash = 0xcbf2_9ce4_8422_2325;
+        let mut take = |bytes: &[u8]| {
+            for word in bytes.chunks(8) {
+                let mut padded = [0; 8];
+                padded[..word.len()].copy_from_slice(word);
+                // A multiply–rotate round a word (the shape of wyhash's mixing): every bit reaches the next round.
+                hash =
+                    (hash ^ u64::from_le_bytes(padded)).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29);
+            }
+        };
+        take(bytemuck::cast_slice(&self.positions));
+        take(bytemuck::cast_slice(&self.velocities));
+        take(bytemuck::cast_slice(&self.integrity));
+        take(bytemuck::cast_slice(&self.clearance));
+        take(bytemuck::cast_slice(&self.previous));
+        take(bytemuck::cast_slice(&self.origin));
+        hash ^ (hash >> 32)
+    }
+}
+
+/// Turns the vectors in three rows.
+fn turn<T: Real>(rows: &mut [Row<T>], jump: &Pose) {
+    for lane in 0..LANES {
+        let v = DVec3::from_array([0, 1, 2].map(|c| rows[c].0[lane].to_f64().unwrap_or(0.0)));
+        for (row, x) in rows.iter_mut().zip(jump.transform_vector(v).to_array()) {
+            row.0[lane] = number(x);
+        }
+    }
+}
+
+/// The vector of a place and lane.
+pub fn vector<T: Copy>(rows: &[Row<T>], place: usize, lane: usize) -> [T; 3] {
+    [0, 1, 2].map(|c| rows[3 * place + c].0[lane])
+}
+
+/// The same in single precision; 0 for what that does not hold.
+#[inline]
+pub(crate) fn vec3<T: Real>(rows: &[Row<T>], place: usize, lane: usize) -> Vec3 {
+    Vec3::from_array(vector(rows, place, lane).map(|x| x.to_f32().unwrap_or(0.0)))
+}
+
+/// `x` in the state's precision.
+pub fn number<T: Real>(x: f64) -> T {
+    T::from(x).unwrap_or_else(T::nan)
+}
