@@ -30,6 +30,9 @@ use crate::stage::push_particles;
 use crate::state::{State, number, vector};
 use rayon::prelude::*;
 
+/// WGSL that the kernels of SPH share.
+pub const WGSL: &str = include_str!("fluid.wgsl");
+
 /// What smoothed particles did in a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SphReport {

@@ -1,5 +1,6 @@
 //! Stages: what happens to a block of strands in a step. Each is one lane-generic text with its equations beside it.
 
+pub mod check_strands;
 pub mod find_contacts;
 pub mod find_neighbours;
 pub mod follow_leader;
@@ -14,6 +15,13 @@ pub mod solve_strands;
 pub mod splat_segments;
 
 use crate::lane::{Lane, Real, Row, V3};
+
+/// WGSL that every kernel starts with: frame, substep, strands, and 3×3 algebra.
+pub const PRELUDE_WGSL: &str = include_str!("prelude.wgsl");
+/// WGSL of reductions for devices without subgroups.
+pub const REDUCE_WGSL: &str = include_str!("reduce.wgsl");
+/// WGSL of reductions for devices with subgroups.
+pub const REDUCE_SUBGROUPS_WGSL: &str = include_str!("reduce_subgroups.wgsl");
 
 /// One block's arrays, as a stage sees them. Rows as in [`Model`](crate::model::Model), this block's alone.
 #[derive(Debug)]

@@ -15,6 +15,9 @@ use crate::stage::solve_strands::FrameTerms;
 use crate::state::number;
 use glam::DVec3;
 
+/// WGSL of the stage, of the wake and of the canopy.
+pub const WGSL: &str = include_str!("kernel.wgsl");
+
 /// Wave vector (turns a metre), amplitude (m/s) and phase at the frame's origin (turns).
 type Wave<T> = ([T; 3], [T; 3], T);
 
