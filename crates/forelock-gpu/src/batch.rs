@@ -1,7 +1,10 @@
 //! Strands in batches that each fit into the bindings of a device.
 
-use crate::kernels::{MODEL_ROWS, WORKGROUP};
-use crate::layout::{BlockEntry, SubstepUniform, UNKNOWN};
+use crate::collide::{SolidBindings, Solids};
+use crate::frame::{MODEL_ROWS, StrandBindings, WindBindings};
+use crate::kernel::{Bound, StrandThreads, WORKGROUP};
+use crate::solver::dftl::FollowBindings;
+use crate::uniforms::{BlockEntry, FrameUniform, ReportEntry, SubstepUniform, UNKNOWN};
 use crate::{Gpu, GpuError};
 use forelock_core::lane::{LANES, Row};
 use forelock_core::strands::Model;
@@ -10,7 +13,7 @@ use forelock_core::strands::State;
 use std::ops::Range;
 use wgpu::BufferUsages;
 
-/// Bytes of scratch at most, where a device would bind more: batches use it one after the other.
+/// Bytes of scratch at most, where a device can bind more: batches use it in turn.
 const SCRATCH_BYTES: u64 = 512 << 20;
 /// Bytes of a row.
 const ROW: u64 = size_of::<Row<f32>>() as u64;
@@ -35,25 +38,110 @@ pub(crate) struct Batch {
     range: Range<usize>,
     /// Places of the model that are here.
     pub places: Range<usize>,
-    /// Workgroups that its strands take.
-    pub groups: u32,
-    /// Particles of its longest strand.
-    pub longest: u32,
+    /// The threads that its strands take.
+    pub threads: StrandThreads,
     pub blocks: wgpu::Buffer,
     pub model: wgpu::Buffer,
     pub strands: wgpu::Buffer,
     pub positions: wgpu::Buffer,
-    /// And, where steps are remembered, after them positions of the step before, and room for as much again.
+    /// Under follow the leader, velocities are followed by the positions of the step before and by the load.
     pub velocities: wgpu::Buffer,
     /// Integrity and clearance, two rows a place.
     pub memory: wgpu::Buffer,
+}
+
+/// The strands of a simulation on the device.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct DeviceStrands<'a> {
+    /// The model.
+    pub model: &'a Model<f32>,
+    /// What all batches use.
+    pub shared: &'a Shared,
+    /// The batches.
+    pub batches: &'a [Batch],
+}
+
+/// Bind groups of strands, one a batch.
+#[derive(Debug, Default)]
+pub(crate) struct StrandGroups {
+    pub strands: Vec<Bound<StrandBindings<'static>>>,
+    pub wind: Vec<Bound<WindBindings<'static>>>,
+    pub follow: Vec<Bound<FollowBindings<'static>>>,
+    pub solids: Vec<Bound<SolidBindings<'static>>>,
+}
+
+impl StrandGroups {
+    /// Binds `strands` and `solids`; `winds` are the wind fields of the batches, if there are any yet.
+    pub fn new(
+        gpu: &Gpu,
+        strands: DeviceStrands<'_>,
+        solids: &Solids,
+        winds: Option<&[wgpu::Buffer]>,
+    ) -> Self {
+        let mut groups = Self::default();
+        let shared = strands.shared;
+        for (number, batch) in strands.batches.iter().enumerate() {
+            let bindings = StrandBindings {
+                frame: &shared.frame,
+                substep: &shared.substeps,
+                blocks: &batch.blocks,
+                model: &batch.model,
+                positions: &batch.positions,
+                velocities: &batch.velocities,
+                memory: &batch.memory,
+                scratch: &shared.scratch,
+                report: &shared.report,
+            };
+            groups.strands.push(bindings.bind(gpu, batch.threads));
+            let bindings = WindBindings {
+                frame: &shared.frame,
+                substep: &shared.substeps,
+                blocks: &batch.blocks,
+                model: &batch.model,
+                strands: &batch.strands,
+                positions: &batch.positions,
+                velocities: &batch.velocities,
+                memory: &batch.memory,
+                scratch: &shared.scratch,
+                // Without a wind field kernels do not read it, but WebGPU wants a buffer.
+                wind: winds.map_or(&batch.strands, |winds| &winds[number]),
+            };
+            groups.wind.push(bindings.bind(gpu, batch.threads));
+            let bindings = FollowBindings {
+                frame: &shared.frame,
+                substep: &shared.substeps,
+                blocks: &batch.blocks,
+                model: &batch.model,
+                strands: &batch.strands,
+                positions: &batch.positions,
+                velocities: &batch.velocities,
+                memory: &batch.memory,
+                report: &shared.report,
+                fields: &solids.fields,
+                query: &solids.queries,
+            };
+            groups.follow.push(bindings.bind(gpu, batch.threads));
+            let bindings = SolidBindings {
+                frame: &shared.frame,
+                blocks: &batch.blocks,
+                model: &batch.model,
+                positions: &batch.positions,
+                velocities: &batch.velocities,
+                memory: &batch.memory,
+                report: &shared.report,
+                fields: &solids.fields,
+                query: &solids.queries,
+            };
+            groups.solids.push(bindings.bind(gpu, batch.threads));
+        }
+        groups
+    }
 }
 
 /// The blocks of `model` in ranges of which each fits into the device's bindings.
 pub(crate) fn split(gpu: &Gpu, model: &Model<f32>) -> Result<Vec<Range<usize>>, GpuError> {
     let limits = gpu.device().limits();
     let limit = gpu.most_bound().min(SCRATCH_BYTES);
-    // Of workgroups along x there may be so many.
     let most_blocks = limits.max_compute_workgroups_per_dimension as usize * WORKGROUP as usize / LANES;
     let mut batches: Vec<Range<usize>> = Vec::new();
     let mut bytes = 0;
@@ -77,17 +165,16 @@ pub(crate) fn split(gpu: &Gpu, model: &Model<f32>) -> Result<Vec<Range<usize>>, 
 impl Shared {
     /// For batches of up to `places` places and frames of `substeps`.
     pub fn new(gpu: &Gpu, places: usize, substeps: u32) -> Self {
-        let aligned = gpu.device().limits().min_uniform_buffer_offset_alignment;
-        let stride = (size_of::<SubstepUniform>() as u32).next_multiple_of(aligned);
+        let stride = gpu.uniform_stride(size_of::<SubstepUniform>());
         let uniform = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
         let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
         let scratch = places as u64 * SCRATCH_ROWS as u64 * ROW;
         Self {
-            frame: gpu.buffer("frame", size_of::<crate::layout::FrameUniform>() as u64, uniform),
+            frame: gpu.buffer("frame", size_of::<FrameUniform>() as u64, uniform),
             substeps: gpu.buffer("substeps", u64::from(stride) * u64::from(substeps), uniform),
             stride,
             scratch: gpu.buffer("scratch", scratch, BufferUsages::STORAGE),
-            report: gpu.buffer("report", size_of::<crate::layout::ReportEntry>() as u64, storage),
+            report: gpu.buffer("report", size_of::<ReportEntry>() as u64, storage),
         }
     }
 
@@ -98,7 +185,7 @@ impl Shared {
 }
 
 impl Batch {
-    /// `blocks` of `model`, not yet with a state.
+    /// `blocks` of `model`, without a state yet.
     pub fn new(gpu: &Gpu, model: &Model<f32>, blocks: Range<usize>) -> Self {
         let own = &model.blocks[blocks.clone()];
         let places = own[0].first..own[own.len() - 1].range().end;
@@ -122,9 +209,11 @@ impl Batch {
         let velocities = gpu.buffer("velocities", 3 * arrays * room, change);
         let memory = gpu.buffer("memory", 2 * room, change);
         Self {
-            groups: (own.len() * LANES).div_ceil(WORKGROUP as usize) as u32,
+            threads: StrandThreads {
+                workgroups: (own.len() * LANES).div_ceil(WORKGROUP as usize) as u32,
+                longest,
+            },
             places,
-            longest,
             range,
             blocks,
             model,
@@ -147,7 +236,7 @@ impl Batch {
         all.iter().map(|buffer| buffer.size()).sum()
     }
 
-    /// Brings its part of `state` to the device.
+    /// Uploads its part of `state`.
     pub fn write(&self, gpu: &Gpu, state: &State<f32>) {
         let (from, to) = (self.places.start, self.places.end);
         let memory: Vec<Row<f32>> = self
@@ -165,12 +254,12 @@ impl Batch {
         queue.write_buffer(&self.memory, 0, bytemuck::cast_slice(&memory));
     }
 
-    /// What holds its part of the state.
+    /// The buffers of its part of the state.
     pub fn state(&self) -> [&wgpu::Buffer; 3] {
         [&self.positions, &self.velocities, &self.memory]
     }
 
-    /// Takes its part of `state` from the bytes of what holds it.
+    /// Copies its part of `state` from the bytes of [`Batch::state`].
     pub fn take(&self, [positions, velocities, memory]: [&[u8]; 3], state: &mut State<f32>) {
         let (from, to) = (self.places.start, self.places.end);
         bytemuck::cast_slice_mut(&mut state.positions[3 * from..3 * to]).copy_from_slice(positions);
@@ -188,7 +277,8 @@ impl Batch {
     }
 }
 
-/// What the device knows of a place of `model`: rest position, rest length to the next; then what the solver asks for, the edge in its frame, or two more rest lengths and one over the first of them.
+/// The rows of a place of `model`: rest position, rest length to the next particle; then, as the solver needs, the edge
+/// in its frame, or two more rest lengths and the inverse of the first.
 pub(crate) fn model_rows(model: &Model<f32>, place: usize) -> [Row<f32>; MODEL_ROWS as usize] {
     let rows = 3 * place..3 * place + 3;
     let (rest, lengths) = (&model.rest[rows.clone()], &model.rest_lengths[rows.clone()]);
@@ -199,7 +289,7 @@ pub(crate) fn model_rows(model: &Model<f32>, place: usize) -> [Row<f32>; MODEL_R
     [rest[0], rest[1], rest[2], lengths[0], last[0], last[1], last[2]]
 }
 
-/// The blocks `range` of `model` for the device, numbered from the first place of them, each with its samples an edge.
+/// The blocks `range` of `model` for the device, places counted from the first of them, each with its samples an edge.
 fn entries(model: &Model<f32>, range: Range<usize>, points: impl Fn(usize) -> u32) -> Vec<BlockEntry> {
     let first = model.blocks[range.start].first;
     let entry = |k: usize| {
@@ -216,7 +306,7 @@ fn entries(model: &Model<f32>, range: Range<usize>, points: impl Fn(usize) -> u3
     range.map(entry).collect()
 }
 
-/// Clearances as the device knows them.
+/// Clearances as the device stores them, where −∞ is [`UNKNOWN`].
 fn known(clearance: Row<f32>) -> Row<f32> {
     Row(clearance.0.map(|x| x.max(UNKNOWN)))
 }

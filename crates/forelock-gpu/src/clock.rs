@@ -1,21 +1,17 @@
-//! The time that each stage takes, by the device's own clock.
+//! Times of stages, by the timestamps of the device.
 
 use crate::Gpu;
-use crate::kernels::{STAGES, Stage};
 use wgpu::BufferUsages;
 
-/// Queries in a set at most, as WebGPU has it.
+/// Queries of a set at most, as in WebGPU.
 const MOST_QUERIES: u32 = 4096;
 
-/// Seconds of each stage.
-pub type StageSecs = [(&'static str, f64); STAGES.len()];
-
-/// What the last frame took by the device's clock.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// The times of a frame, by the clock of the device.
+#[derive(Clone, Debug, PartialEq)]
 pub struct FrameSecs {
-    /// Each stage; 0 of one that did not run.
-    pub stages: StageSecs,
-    /// From the first stage's start to the last one's end.
+    /// Seconds of each stage that ran, in the order of their first passes.
+    pub stages: Vec<(&'static str, f64)>,
+    /// Seconds from the start of the first pass to the end of the last.
     pub whole: f64,
 }
 
@@ -26,11 +22,11 @@ pub(crate) struct Clock {
     resolved: wgpu::Buffer,
     secs_per_tick: f64,
     /// The stage of each pass of the last frame.
-    passes: Vec<Stage>,
+    passes: Vec<&'static str>,
 }
 
 impl Clock {
-    /// A clock for frames of `passes`; none where the device has none, or not for so many.
+    /// A clock for frames of up to `passes`; `None` if the device has no timestamps, or not enough.
     pub fn new(gpu: &Gpu, passes: u32) -> Option<Self> {
         let count = 2 * passes;
         if !gpu.device().features().contains(wgpu::Features::TIMESTAMP_QUERY) || count > MOST_QUERIES {
@@ -52,8 +48,8 @@ impl Clock {
         self.passes.clear();
     }
 
-    /// The timestamps of the next pass, which is of `stage`.
-    pub fn next(&mut self, stage: Stage) -> wgpu::ComputePassTimestampWrites<'_> {
+    /// The timestamps of the next pass, a pass of `stage`.
+    pub fn next(&mut self, stage: &'static str) -> wgpu::ComputePassTimestampWrites<'_> {
         let first = 2 * self.passes.len() as u32;
         self.passes.push(stage);
         wgpu::ComputePassTimestampWrites {
@@ -68,20 +64,23 @@ impl Clock {
         encoder.resolve_query_set(&self.set, 0..2 * self.passes.len() as u32, &self.resolved, 0);
     }
 
-    /// What holds the timestamps.
+    /// The buffer of timestamps.
     pub fn resolved(&self) -> &wgpu::Buffer {
         &self.resolved
     }
 
-    /// What the last frame took, from the bytes of what holds the timestamps.
+    /// The times of the last frame, from the bytes of the timestamps.
     pub fn secs(&self, bytes: &[u8]) -> FrameSecs {
         let ticks: Vec<[u64; 2]> = bytemuck::pod_collect_to_vec(bytes);
-        let mut stages = STAGES.map(|stage| (stage.name, 0.0));
+        let mut stages: Vec<(&str, f64)> = Vec::new();
         let secs = |[from, to]: [u64; 2]| to.saturating_sub(from) as f64 * self.secs_per_tick;
         let ends = ticks.first().zip(self.passes.len().checked_sub(1).and_then(|last| ticks.get(last)));
         let whole = ends.map_or(0.0, |(first, last)| secs([first[0], last[1]]));
-        for (stage, ticks) in self.passes.iter().zip(ticks) {
-            stages[*stage as usize].1 += secs(ticks);
+        for (&stage, ticks) in self.passes.iter().zip(ticks) {
+            match stages.iter_mut().find(|(name, _)| *name == stage) {
+                Some((_, sum)) => *sum += secs(ticks),
+                None => stages.push((stage, secs(ticks))),
+            }
         }
         FrameSecs { stages, whole }
     }

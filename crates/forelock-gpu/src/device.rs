@@ -1,38 +1,39 @@
 //! The device that kernels run on.
 
 use crate::GpuError;
-use crate::kernels::Kernels;
+use crate::kernel::KernelDef;
+use crate::pipelines::Pipelines;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// How long an answer may take that is on its way.
+/// How long to wait for a callback that another thread may be running.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// Which GPU to take.
+/// Which GPU to open.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Choice {
-    /// The fastest there is; one on the CPU (software Vulkan) if there is no other.
+    /// The fastest; a software rasterizer if there is no other.
     #[default]
     Fastest,
-    /// The one that takes the least power.
+    /// The one that uses the least power.
     Frugal,
-    /// The first whose name contains this, whatever the case.
+    /// The first whose name contains this, ignoring case.
     Named(String),
 }
 
-/// What has been made on a device, and read back from it, since it was opened.
+/// Resources made on a device and read-backs since it was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Buffers.
     pub buffers: u32,
     /// Pipelines.
     pub pipelines: u32,
-    /// Times that the CPU waited for numbers.
+    /// Times that the CPU waited for data.
     pub read_backs: u32,
 }
 
-/// A GPU, and what can be shared by all that runs on it.
+/// A GPU and the pipelines made on it.
 ///
 /// Cheap to clone: clones are the same device.
 #[derive(Clone, Debug)]
@@ -44,11 +45,10 @@ struct Inner {
     queue: wgpu::Queue,
     name: String,
     is_software: bool,
-    /// The first thing that went wrong.
+    /// The first error.
     fault: Arc<Mutex<Option<String>>>,
-    kernels: OnceLock<Kernels>,
+    pipelines: Pipelines,
     buffers: AtomicU32,
-    pipelines: AtomicU32,
     read_backs: AtomicU32,
 }
 
@@ -56,12 +56,13 @@ impl Gpu {
     /// Opens a GPU.
     ///
     /// # Errors
-    /// [`GpuError::None`] if there is none, [`GpuError::Name`] if none has the name asked for, [`GpuError::Unfit`] if it cannot be opened.
+    /// [`GpuError::None`] if there is none, [`GpuError::Name`] if none has the requested name, [`GpuError::Unfit`] if it
+    /// cannot be opened.
     pub fn open(choice: &Choice) -> Result<Self, GpuError> {
         pollster::block_on(Self::open_async(choice))
     }
 
-    /// The same where waiting is not allowed, as in a browser.
+    /// The same without blocking, as a browser requires.
     ///
     /// # Errors
     /// As [`Gpu::open`].
@@ -83,7 +84,7 @@ impl Gpu {
             }
         };
         let (name, limits) = (adapter.get_info().name, adapter.limits());
-        // WebGPU's limits, so that a browser can follow; larger buffers where there are.
+        // WebGPU's default limits, with the largest buffers that the adapter allows.
         let needed = wgpu::Limits {
             max_storage_buffer_binding_size: limits.max_storage_buffer_binding_size,
             max_buffer_size: limits.max_buffer_size,
@@ -104,13 +105,14 @@ impl Gpu {
         let (own, lost) = (Arc::clone(&fault), Arc::clone(&fault));
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| note(&own, error.to_string())));
         device.set_device_lost_callback(move |_, text| note(&lost, format!("the device was lost ({text})")));
-        Ok(Self::around(device, queue, (name, adapter.get_info().device_type), fault))
+        Ok(Self::around(device, queue, fault))
     }
 
-    /// A device that someone else opened and looks after: an engine, a window, a trainer. Its faults go to its owner's handlers, not here: after one, frames do nothing.
+    /// A device that the caller opened and owns, as an engine or a window does. Its errors go to the owner's handlers, not
+    /// here; after one, frames do nothing.
     ///
     /// # Errors
-    /// [`GpuError::Unfit`] if it has less than WebGPU's default limits.
+    /// [`GpuError::Unfit`] if its limits are below WebGPU's defaults.
     pub fn from_device(device: wgpu::Device, queue: wgpu::Queue) -> Result<Self, GpuError> {
         let info = device.adapter_info();
         let (own, needed) = (device.limits(), wgpu::Limits::default());
@@ -121,29 +123,24 @@ impl Gpu {
             let reason = "the device was opened with less than WebGPU's default limits".to_owned();
             return Err(GpuError::Unfit { name: info.name, reason });
         }
-        Ok(Self::around(device, queue, (info.name, info.device_type), Arc::default()))
+        Ok(Self::around(device, queue, Arc::default()))
     }
 
-    fn around(
-        device: wgpu::Device,
-        queue: wgpu::Queue,
-        (name, kind): (String, wgpu::DeviceType),
-        fault: Arc<Mutex<Option<String>>>,
-    ) -> Self {
+    fn around(device: wgpu::Device, queue: wgpu::Queue, fault: Arc<Mutex<Option<String>>>) -> Self {
+        let info = device.adapter_info();
         Self(Arc::new(Inner {
             device,
             queue,
-            name,
-            is_software: kind == wgpu::DeviceType::Cpu,
+            name: info.name,
+            is_software: info.device_type == wgpu::DeviceType::Cpu,
             fault,
-            kernels: OnceLock::new(),
+            pipelines: Pipelines::default(),
             buffers: AtomicU32::new(0),
-            pipelines: AtomicU32::new(0),
             read_backs: AtomicU32::new(0),
         }))
     }
 
-    /// Names of all GPUs there are.
+    /// Names of all GPUs.
     pub fn names() -> Vec<String> {
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
         pollster::block_on(names(&instance)).into_iter().map(|(name, _)| name).collect()
@@ -154,7 +151,7 @@ impl Gpu {
         &self.0.name
     }
 
-    /// Whether it is a processor that plays one.
+    /// Whether it is a software rasterizer.
     pub fn is_software(&self) -> bool {
         self.0.is_software
     }
@@ -169,28 +166,34 @@ impl Gpu {
         &self.0.queue
     }
 
-    /// What has been made on it so far.
+    /// Resources made on it so far.
     pub fn counts(&self) -> Counts {
         Counts {
             buffers: self.0.buffers.load(Relaxed),
-            pipelines: self.0.pipelines.load(Relaxed),
+            pipelines: self.0.pipelines.kernels().len() as u32,
             read_backs: self.0.read_backs.load(Relaxed),
         }
     }
 
-    /// The kernels, made at the first call.
-    pub(crate) fn kernels(&self) -> &Kernels {
-        self.0.kernels.get_or_init(|| {
-            let kernels = Kernels::new(&self.0.device);
-            self.0.pipelines.fetch_add(kernels.count(), Relaxed);
-            kernels
-        })
+    /// The kernels whose pipelines were made on this device, in the order in which they were made: each at its first use.
+    pub fn made_pipelines(&self) -> Vec<&'static KernelDef> {
+        self.0.pipelines.kernels()
     }
 
-    /// Fails if something has gone wrong since the device was opened.
+    /// Its pipelines.
+    pub(crate) fn pipelines(&self) -> &Pipelines {
+        &self.0.pipelines
+    }
+
+    /// Bytes from one element of a dynamic uniform to the next.
+    pub(crate) fn uniform_stride(&self, bytes: usize) -> u32 {
+        (bytes as u32).next_multiple_of(self.0.device.limits().min_uniform_buffer_offset_alignment)
+    }
+
+    /// Fails if there was an error since the device was opened.
     ///
     /// # Errors
-    /// [`GpuError::Failed`] with the first fault.
+    /// [`GpuError::Failed`] with the first error.
     pub fn check(&self) -> Result<(), GpuError> {
         match &*self.0.fault.lock().unwrap_or_else(PoisonError::into_inner) {
             None => Ok(()),
@@ -198,7 +201,7 @@ impl Gpu {
         }
     }
 
-    /// Marks the device as lost, as a driver would: for tests of what happens then.
+    /// Marks the device as lost, as a driver would; for tests.
     #[doc(hidden)]
     pub fn lose(&self, reason: &str) {
         note(&self.0.fault, format!("the device was lost ({reason})"));
@@ -220,35 +223,35 @@ impl Gpu {
         })
     }
 
-    /// Waits until all is done that was handed to the device.
+    /// Waits until all submitted work is done.
     ///
     /// # Errors
     /// [`GpuError::Failed`] if the device has failed.
     pub fn wait(&self) -> Result<(), GpuError> {
         self.check()?;
-        // A device that is lost while one waits for it is a panic in wgpu.
+        // wgpu panics if the device is lost during the wait.
         let wait = || self.0.device.poll(wgpu::PollType::wait_indefinitely());
         let polled = std::panic::catch_unwind(std::panic::AssertUnwindSafe(wait));
         self.check()?;
-        let polled = polled.map_err(|_| self.failed("it was lost while it was waited for"))?;
+        let polled = polled.map_err(|_| self.failed("it was lost during a wait"))?;
         polled.map_err(|error| self.failed(&error.to_string()))?;
         Ok(())
     }
 
-    /// The same, filled with `bytes`, or with nothing where there are none: a binding needs a buffer.
+    /// A buffer filled with `bytes`; of four zeros if there are none, because a binding needs a buffer.
     pub(crate) fn filled(&self, label: &str, bytes: &[u8], usage: wgpu::BufferUsages) -> wgpu::Buffer {
         let buffer = self.buffer(label, bytes.len().max(4) as u64, usage | wgpu::BufferUsages::COPY_DST);
         self.0.queue.write_buffer(&buffer, 0, bytes);
         buffer
     }
 
-    /// Bytes that it binds at once, at most.
+    /// Bytes of the largest binding.
     pub(crate) fn most_bound(&self) -> u64 {
         let limits = self.0.device.limits();
         limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)
     }
 
-    /// Fails if `what`, of so many `bytes`, is more than may be bound at once: `limit`, or what the device binds.
+    /// Fails if `what`, of so many `bytes`, exceeds `limit` or the largest binding.
     pub(crate) fn check_room(&self, what: &'static str, bytes: u64, limit: u64) -> Result<(), GpuError> {
         let limit = limit.min(self.most_bound());
         if bytes > limit {
@@ -257,7 +260,7 @@ impl Gpu {
         Ok(())
     }
 
-    /// Copies `buffers` to the CPU, each to a list of bytes, and waits for them: once, where one buffer more has room for all.
+    /// Copies `buffers` to the CPU and waits for them: once, if one staging buffer has room for all.
     pub(crate) fn read(&self, buffers: &[&wgpu::Buffer]) -> Result<Vec<Vec<u8>>, GpuError> {
         let most = self.0.device.limits().max_buffer_size;
         let mut read = Vec::with_capacity(buffers.len());
@@ -286,14 +289,14 @@ impl Gpu {
             first += buffer.size();
         }
         self.0.queue.submit([encoder.finish()]);
-        let (tell, told) = std::sync::mpsc::channel();
+        let (sender, receiver) = std::sync::mpsc::channel();
         staging.map_async(wgpu::MapMode::Read, .., move |result| {
-            // No one listens any more after an error.
-            let _ = tell.send(result);
+            // After an error the receiver is gone.
+            let _ = sender.send(result);
         });
         self.wait()?;
-        // Another thread's waiting may have taken the answer, and be about to hand it on.
-        match told.recv_timeout(PATIENCE) {
+        // The wait of another thread may be running the callback.
+        match receiver.recv_timeout(PATIENCE) {
             Ok(Ok(())) => {
                 let mapped = staging.get_mapped_range(..);
                 let mut rest = &*mapped;

@@ -1,29 +1,29 @@
-//! What can go wrong on a GPU.
+//! Errors of a GPU.
 
 use forelock_core::strands::PackError;
 use forelock_core::params::ParamsError;
 use forelock_core::strands::SnapshotError;
 
-/// Why something cannot be done on a GPU.
+/// An error of a GPU.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum GpuError {
-    /// There is no GPU, or no driver for it.
+    /// No GPU, or no driver.
     #[error(
         "there is no GPU to run on ({reason}): install a Vulkan, Metal or DirectX 12 driver, or run on the CPU"
     )]
     None {
-        /// What was looked for, and what came back.
+        /// The error of the search.
         reason: String,
     },
-    /// No GPU has that name.
+    /// No GPU has the requested name.
     #[error("no GPU is named like \"{name}\": there {}", list(.found))]
     Name {
-        /// What was asked for.
+        /// The requested name.
         name: String,
-        /// Names of those there are.
+        /// The names of all GPUs.
         found: Vec<String>,
     },
-    /// It cannot do what the kernels need.
+    /// The GPU lacks what the kernels need.
     #[error("{name} cannot run the kernels: {reason}")]
     Unfit {
         /// The GPU.
@@ -31,35 +31,35 @@ pub enum GpuError {
         /// What it lacks.
         reason: String,
     },
-    /// It stopped working, or refused what it was told to do.
+    /// The device was lost, or rejected a command.
     #[error("{name} failed: {reason}; the state on it is lost, go on from the last snapshot")]
     Failed {
         /// The GPU.
         name: String,
-        /// What the driver says.
+        /// The message of the driver.
         reason: String,
     },
-    /// Something takes more memory than one binding of this GPU holds.
+    /// A buffer is larger than one binding of the GPU.
     #[error(
         "{what} take {bytes} bytes, but {name} binds {limit} at once: make them smaller, or run on the CPU"
     )]
     TooLarge {
-        /// What.
+        /// What the buffer holds.
         what: &'static str,
         /// The GPU.
         name: String,
-        /// What it takes.
+        /// Its size.
         bytes: u64,
-        /// What can be bound.
+        /// The largest binding.
         limit: u64,
     },
-    /// Something that only the CPU does so far.
+    /// Only the CPU supports it so far.
     #[error("{what} cannot run on a GPU yet: run on the CPU")]
     Unsupported {
         /// What.
         what: &'static str,
     },
-    /// Strands are to be carried by other guides than those that are simulated.
+    /// The simulated guides are not those of the skinning.
     #[error(
         "the guides that are simulated are not those that the strands follow: simulate `Skinning::guides`"
     )]
@@ -70,7 +70,7 @@ pub enum GpuError {
     /// A parameter is out of its range.
     #[error(transparent)]
     Params(#[from] ParamsError),
-    /// A snapshot of another groom.
+    /// The snapshot is of another groom.
     #[error(transparent)]
     Snapshot(#[from] SnapshotError),
 }

@@ -1,7 +1,7 @@
 //! Forelock on a GPU: the stages of `forelock-core` as kernels, through wgpu.
 //!
-//! A [`Gpu`] is a device, opened here ([`Gpu::open`]) or by an engine ([`Gpu::from_device`]); a [`GpuSimulation`] is a groom on it. A frame is one
-//! submission: poses go up, nothing comes back unless it is asked for.
+//! A [`Gpu`] is a device, opened here ([`Gpu::open`]) or by an engine ([`Gpu::from_device`]); a [`GpuSimulation`] is a
+//! groom on it. A frame is one submission that uploads poses and reads nothing back.
 //!
 //! ```
 //! use forelock_core::groom::grow::{GrowParams, grow_on_head};
@@ -28,31 +28,54 @@ use forelock_core::simulation::{Options};
 //! ```
 //!
 //! # Practice
-//! Kernels lie as text beside what they are twins of (`kernel.wgsl` of each stage in `forelock-core`, `body/shapes.wgsl`, `grid/grid.wgsl`), and the rows of Model and State are on the
-//! device as they are on the CPU. One strand is one thread, on the grid some cells are: 16 neighbours of a block read 64 bytes side by side. Strands go in batches, each within the
-//! device's bindings; scratch is that of the largest batch.
+//! Each solver, interaction and stage owns its kernels: a module declares their WGSL, which `forelock-core` exports beside
+//! the CPU code, their bindings and constants ([`kernel`]). Pipelines are made at first use and kept by the [`Gpu`]. The
+//! rows of Model and State are on the device as they are on the CPU. One strand is one thread; on the grid one cell is:
+//! 16 neighbours of a block read 64 adjacent bytes. Strands are split into batches, each within the device's bindings;
+//! scratch is that of the largest batch.
 //!
 //! # Limitations
-//! At most 32 solids at once. The fields of solids that change are all held at once. Numbers come back by waiting, which a browser does not allow: native only so far. Nothing holds back a caller who steps without ever reading.
+//! At most 32 solids at once. All fields of solids that change are resident. Read-backs block, which a browser does not
+//! allow: native only so far. Frames are queued without limit if the caller never reads back.
 
 pub mod air;
 mod batch;
 mod clock;
-pub mod contacts;
+pub mod collide;
 mod device;
+mod encode;
 mod error;
-pub mod grid;
-pub mod kernels;
-pub mod layout;
-pub mod particles;
+pub mod frame;
+pub mod guides;
+pub mod interaction;
+pub mod kernel;
 mod peaks;
+mod pipelines;
+mod report;
 mod simulation;
-pub mod skinning;
-pub mod solids;
+mod solver;
+pub mod uniforms;
 
-pub use clock::{FrameSecs, StageSecs};
+pub use clock::FrameSecs;
 pub use device::{Choice, Counts, Gpu};
 pub use error::GpuError;
+pub use guides::GpuSkinning;
 pub use peaks::Peaks;
-pub use simulation::{GpuReport, GpuSimulation};
-pub use skinning::GpuSkinning;
+pub use report::GpuReport;
+pub use simulation::GpuSimulation;
+
+/// The shaders of all modules, for tests and tools.
+pub fn shaders() -> impl Iterator<Item = &'static kernel::Shader> {
+    let modules = [
+        frame::SHADERS,
+        solver::ams::SHADERS,
+        solver::dftl::SHADERS,
+        collide::SHADERS,
+        air::SHADERS,
+        interaction::grid::SHADERS,
+        interaction::sph::SHADERS,
+        interaction::contact::SHADERS,
+        guides::SHADERS,
+    ];
+    modules.into_iter().flatten().copied()
+}

@@ -1,26 +1,26 @@
-//! What a device can do at most, measured: the roof of a roofline.
+//! Measured peak rates of a device, for a roofline.
 
 use crate::{Gpu, GpuError};
 use std::time::Instant;
 use wgpu::BufferUsages;
 
-/// Rounds of multiply–adds a thread, each of 32: of a GPU, and of a processor that plays one.
+/// Rounds of 32 multiply–adds a thread: on a GPU, and on a software rasterizer.
 const ROUNDS: [u32; 2] = [4096, 512];
 /// Threads of a dispatch.
 const THREADS: u32 = 256 * 1024;
-/// Bytes copied at once, where a binding holds that.
+/// Bytes copied at once, if a binding is that large.
 const BYTES: u64 = 256 << 20;
 /// Dispatches of a measurement at most.
 const MOST_TIMES: u32 = 1 << 20;
-/// A measurement takes so long at least, seconds.
+/// Seconds of a measurement at least.
 const LEAST_SECS: f64 = 0.2;
 
-/// Rates of a device.
+/// Peak rates of a device.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Peaks {
     /// Float32 operations a second, in independent multiply–adds.
     pub operations_per_sec: f64,
-    /// Bytes a second, read and written in a copy of what no cache holds.
+    /// Bytes a second, read and written, in a copy larger than the caches.
     pub bytes_per_sec: f64,
 }
 
@@ -82,14 +82,14 @@ impl Peaks {
                     return Ok(f64::from(times) * work / secs);
                 }
                 if times >= MOST_TIMES {
-                    let reason = "it does its work in no time".to_owned();
+                    let reason = "it finishes a measurement in no time".to_owned();
                     return Err(GpuError::Failed { name: gpu.name().to_owned(), reason });
                 }
                 times *= 2;
             }
         };
         let operations_per_sec = {
-            // A multiply–add is two.
+            // A multiply–add counts as two operations.
             let operations = 2.0 * 32.0 * f64::from(rounds) * f64::from(THREADS);
             rate("multiply_add", THREADS / 256, operations)?
         };

@@ -1,4 +1,4 @@
-// What a device can do at most: memory copied, and independent fused multiply–adds.
+// Peak rates of a device: a copy, and independent fused multiply–adds.
 
 @group(0) @binding(0) var<storage, read> source: array<vec4f>;
 @group(0) @binding(1) var<storage, read_write> target_: array<vec4f>;
@@ -10,7 +10,7 @@ fn copy(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
     }
 }
 
-// Eight chains of four numbers.
+// Eight independent chains of four numbers.
 @compute @workgroup_size(256)
 fn multiply_add(@builtin(global_invocation_id) id: vec3u) {
     let a = source[0] + 0.999;
@@ -33,7 +33,7 @@ fn multiply_add(@builtin(global_invocation_id) id: vec3u) {
         x6 = fma(x6, a, b);
         x7 = fma(x7, a, b);
     }
-    // Never, but the compiler does not know.
+    // Never true, which the compiler cannot know.
     let sum = x0 + x1 + x2 + x3 + x4 + x5 + x6 + x7;
     if sum.x == -1.0 {
         target_[id.x % arrayLength(&target_)] = sum;

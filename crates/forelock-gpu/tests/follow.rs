@@ -297,7 +297,7 @@ fn smoothed_particles_push_as_on_the_cpu() {
         };
         let on_gpu = |gpu: &Gpu| {
             let mut own = GpuSimulation::from_strands(gpu, &strands, &solver, &options()).unwrap();
-            own.set_particles(Some(&params)).unwrap();
+            own.set_sph(Some(&params)).unwrap();
             own.restore(&start).unwrap();
             own.step_frame(&frame(8)).unwrap();
             own.snapshot().unwrap()

@@ -137,7 +137,7 @@ fn dftl_with_smoothed_particles() {
     let error = fluid::coupled_error(&file, |strands, solver, options| {
         let mut simulation = on(&gpu)(strands, solver, options);
         let params = params(simulation.model());
-        simulation.set_particles(Some(&params)).unwrap();
+        simulation.set_sph(Some(&params)).unwrap();
         simulation
     });
     println!("dftl_6_sph on {}: {error:.2e}", gpu.name());

@@ -190,7 +190,7 @@ impl Device {
         let mut own = GpuSimulation::continuing(&self.gpu, simulation)?;
         // What the CPU does is not asked of the device.
         own.set_grid(self.grid.as_ref().filter(|_| self.from <= GpuStage::SplatSegments))?;
-        own.set_particles(self.particles.as_ref())?;
+        own.set_sph(self.particles.as_ref())?;
         own.set_contacts(self.contacts.as_ref().filter(|_| self.from <= GpuStage::FindContacts))?;
         own.time_stages(true);
         self.simulation = Some(own);
@@ -211,7 +211,7 @@ impl Device {
         own.step_frame_in(frame, wind)?;
         let (report, state) = own.report_and_state()?;
         simulation.state_mut().take(state);
-        self.frame_secs = report.secs.map(|secs| secs.whole);
+        self.frame_secs = report.secs.as_ref().map(|secs| secs.whole);
         Ok(told(&report))
     }
 
@@ -277,8 +277,8 @@ impl Device {
 
 /// What a GPU tells of a frame, as the CPU tells it.
 fn told(report: &GpuReport) -> FrameReport {
-    let stages = report.secs.map(|secs| secs.stages);
-    let ran = |name: &str| stages.iter().flatten().any(|(own, secs)| *own == name && *secs > 0.0);
+    let stages = report.secs.iter().flat_map(|secs| &secs.stages);
+    let ran = |name: &str| stages.clone().any(|(own, secs)| *own == name && *secs > 0.0);
     let follows = ran("follow_leader");
     FrameReport {
         max_edge_stretch: report.max_edge_stretch.into(),
@@ -293,7 +293,7 @@ fn told(report: &GpuReport) -> FrameReport {
             // On the CPU the air is sampled by the stage that it is for.
             let blown = if follows { "follow_leader" } else { "solve_strands" };
             let is_of = |own: &str| own == name || (own == "sample_air" && name == blown);
-            let secs = stages.iter().flatten().filter(|(own, _)| is_of(own));
+            let secs = stages.clone().filter(|(own, _)| is_of(own));
             (name, secs.map(|(_, secs)| *secs).sum())
         }),
     }

@@ -127,7 +127,7 @@ impl On {
     fn add_to(&mut self, tally: &mut Tally) -> Result<(), RunError> {
         if let Self::Gpu(simulation) = self {
             let report = simulation.report()?;
-            tally.add(report.secs.iter().flat_map(|secs| secs.stages), report.quarantined_strands);
+            tally.add(report.secs.into_iter().flat_map(|secs| secs.stages), report.quarantined_strands);
         }
         Ok(())
     }

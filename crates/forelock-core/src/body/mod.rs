@@ -11,6 +11,9 @@ mod morph;
 mod motion;
 mod props;
 mod sdf;
+
+/// WGSL of solids and their distance fields.
+pub const SHAPES_WGSL: &str = include_str!("shapes.wgsl");
 #[cfg(test)]
 pub(crate) mod shapes_for_tests;
 mod surface_nets;

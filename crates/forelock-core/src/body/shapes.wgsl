@@ -37,7 +37,7 @@ struct Solid {
 }
 
 // What is looked at, and how.
-struct Look {
+struct Query {
     count: u32,
     // AFTER_SUBSTEP: a substep has passed since the last look; otherwise moves were taken off clearances. LAST: the frame's last look.
     how: u32,
@@ -50,7 +50,7 @@ struct Look {
 
 // Values of all fields, one after the other; after them FIELD_NUMBERS numbers for each field of a shape that changes.
 @group(0) @binding(10) var<storage, read> fields: array<f32>;
-@group(0) @binding(11) var<uniform> look: Look;
+@group(0) @binding(11) var<uniform> query: Query;
 
 fn local(map: mat4x4f, x: vec3f) -> vec3f {
     return (map * vec4f(x, 1.0)).xyz;
@@ -142,9 +142,9 @@ fn sample_field(own: Field, p: vec3f) -> vec4f {
 
 // The same of a shape that changes: `Morph::sample`.
 fn sample_fields(number: u32, p: vec3f, share: f32) -> vec4f {
-    let first = look.solids[number].described;
-    let last = f32(look.solids[number].fields - 1u);
-    let phase = clamp(mix(look.solids[number].phases.x, look.solids[number].phases.y, share), 0.0, last);
+    let first = query.solids[number].described;
+    let last = f32(query.solids[number].fields - 1u);
+    let phase = clamp(mix(query.solids[number].phases.x, query.solids[number].phases.y, share), 0.0, last);
     let before = sample_field(field_at(first + u32(phase) * FIELD_NUMBERS), p);
     let part = fract(phase);
     if part == 0.0 {
@@ -158,8 +158,8 @@ fn sample_fields(number: u32, p: vec3f, share: f32) -> vec4f {
 
 // Unit gradient and distance at `p` of the solid's own space, which changes between the substep's start (share 0) and end (1): `Shape::sample_at`.
 fn sample_shape(number: u32, p: vec3f, share: f32) -> vec4f {
-    let size = look.solids[number].size;
-    switch look.solids[number].kind {
+    let size = query.solids[number].size;
+    switch query.solids[number].kind {
         case SPHERE: {
             let out = unit(p);
             return vec4f(out.xyz, out.w - size.x);
@@ -180,7 +180,7 @@ fn sample_shape(number: u32, p: vec3f, share: f32) -> vec4f {
         }
         case FIELD: {
             let own = Field(
-                look.solids[number].origin, look.solids[number].cell, look.solids[number].dims, look.solids[number].first,
+                query.solids[number].origin, query.solids[number].cell, query.solids[number].dims, query.solids[number].first,
             );
             let found = sample_field(own, p);
             return vec4f(found.xyz / sqrt(dot(found.xyz, found.xyz)), found.w);
@@ -198,5 +198,5 @@ fn sample_shape(number: u32, p: vec3f, share: f32) -> vec4f {
 
 // How much faster than distance a shape's field can rise.
 fn lipschitz(number: u32) -> f32 {
-    return select(1.0, 1.7320508, look.solids[number].cell > 0.0);
+    return select(1.0, 1.7320508, query.solids[number].cell > 0.0);
 }

@@ -80,7 +80,7 @@ fn fill_wake(@builtin(global_invocation_id) id: vec3u) {
     let place = local(air.from_wake, vec3f(at));
     var share = 0.0;
     for (var number = 0u; number < air.solids; number++) {
-        let found = sample_shape(number, local(look.solids[number].at_start, place), 0.0);
+        let found = sample_shape(number, local(query.solids[number].at_start, place), 0.0);
         share = max(share, clamp(0.5 - found.w / air.wake_cell, 0.0, 1.0));
     }
     set_node(SOLID + id.x, share);

@@ -13,6 +13,9 @@ use crate::lane::{Lane, Real, Row, V3};
 use crate::strands::number;
 use glam::DVec3;
 
+/// WGSL of the stage, of the wake and of the canopy.
+pub const WGSL: &str = include_str!("kernel.wgsl");
+
 /// Wave vector (turns a metre), amplitude (m/s) and phase at the frame's origin (turns).
 type Wave<T> = ([T; 3], [T; 3], T);
 

@@ -8,7 +8,7 @@ fn look_at(strand: Strand, i: u32) -> bool {
     let v = velocity_at(strand, i);
     var origin = x;
     var left = vec2f(last, 0.0);
-    if (look.how & AFTER_SUBSTEP) != 0u {
+    if (query.how & AFTER_SUBSTEP) != 0u {
         origin = x - frame.h * v;
         left = clearance_left(x, origin, last);
     }
@@ -22,17 +22,17 @@ fn look_at(strand: Strand, i: u32) -> bool {
         set_position(strand, i, met.x);
         set_velocity(strand, i, met.v);
     }
-    tell_touch(met.touches, -(met.clearance + look.thickness));
+    tell_touch(met.touches, -(met.clearance + query.thickness));
     return met.touches;
 }
 
 // A point at `length` from `leader` near `x` that is outside a solid, and its clearance.
 fn slide_along(number: u32, leader: vec3f, start: vec3f, length: f32) -> vec4f {
-    let map = look.solids[number].at_end;
+    let map = query.solids[number].at_end;
     var x = start;
     for (var round = 0u; round <= SLIDES; round++) {
         let found = sample_shape(number, local(map, x), 1.0);
-        let sigma = found.w - look.thickness;
+        let sigma = found.w - query.thickness;
         if !(sigma < 0.0) {
             return vec4f(x, sigma / lipschitz(number));
         }
@@ -53,7 +53,7 @@ fn slide(leader: vec3f, start: vec3f, length: f32) -> vec4f {
     for (var round = 0u; round < 3u; round++) {
         var clearance = FAR;
         var between = false;
-        for (var number = 0u; number < look.count; number++) {
+        for (var number = 0u; number < query.count; number++) {
             let found = slide_along(number, leader, x, length);
             between = between || clearance < distance(found.xyz, x);
             x = found.xyz;
@@ -97,7 +97,7 @@ fn resolve_solids(@builtin(global_invocation_id) id: vec3u) {
     if !strand.here {
         return;
     }
-    let lays = look.how == LAST && has(LAY_ALONG);
+    let lays = query.how == LAST && has(LAY_ALONG);
     var before = 0.0;
     if lays {
         before = largest_stretch(strand);

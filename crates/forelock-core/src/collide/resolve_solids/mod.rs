@@ -30,6 +30,11 @@ use glam::{DVec3, Vec3};
 pub use sweep::{SWEEP_STEPS, TOUCH};
 use sweep::{Way, sweep};
 
+/// WGSL of the stage.
+pub const WGSL: &str = include_str!("kernel.wgsl");
+/// WGSL that resolves the collisions of one particle.
+pub const PARTICLE_WGSL: &str = include_str!("particle.wgsl");
+
 /// Where a solid is at the start and the end of a substep, relative to the frame's origin.
 #[derive(Clone, Copy, Debug)]
 pub struct SolidPose<T> {

@@ -9,10 +9,10 @@ struct Particle {
 
 // Stops the approach to a solid at the particle, with Coulomb friction.
 fn rub(number: u32, normal: vec3f, particle: ptr<function, Particle>, caught: bool) {
-    let arm = (*particle).x - look.solids[number].pivot;
-    var gone = look.solids[number].travel + cross(look.solids[number].spin, arm);
-    if CHANGES && look.solids[number].swell > 0.0 {
-        let place = local(look.solids[number].at_end, (*particle).x);
+    let arm = (*particle).x - query.solids[number].pivot;
+    var gone = query.solids[number].travel + cross(query.solids[number].spin, arm);
+    if CHANGES && query.solids[number].swell > 0.0 {
+        let place = local(query.solids[number].at_end, (*particle).x);
         gone += (sample_shape(number, place, 0.0).w - sample_shape(number, place, 1.0).w) * normal;
     }
     let own = gone * frame.inverse_h;
@@ -25,7 +25,7 @@ fn rub(number: u32, normal: vec3f, particle: ptr<function, Particle>, caught: bo
     let speed = sqrt(dot(along, along));
     var kept = 0.0;
     if speed > 0.0 {
-        kept = max(1.0 + look.solids[number].friction * approach / speed, 0.0);
+        kept = max(1.0 + query.solids[number].friction * approach / speed, 0.0);
     }
     (*particle).v = own + kept * along;
     // Where velocities follow from places, friction changes these too; what was stopped on its way has lost what was left of it.
@@ -36,19 +36,19 @@ fn rub(number: u32, normal: vec3f, particle: ptr<function, Particle>, caught: bo
 
 // One particle against one solid, of which `found` is the sample where it is; the distance to its skin that is left.
 fn settle(number: u32, found: vec4f, particle: ptr<function, Particle>) -> f32 {
-    var sigma = found.w - look.thickness;
+    var sigma = found.w - query.thickness;
     var gradient = found.xyz;
     if !(sigma < 0.0) {
         return sigma;
     }
-    let map = look.solids[number].at_end;
+    let map = query.solids[number].at_end;
     rub(number, turned(map, gradient), particle, false);
-    let cell = look.solids[number].cell;
+    let cell = query.solids[number].cell;
     let small_push = select(FAR, 0.1 * cell, cell > 0.0);
     for (var k = 1u; k <= LOOKS; k++) {
         var allowed = 0.0;
         if (*particle).was < 0.0 {
-            allowed = min(max((*particle).was, sigma) + look.way_out, 0.0);
+            allowed = min(max((*particle).was, sigma) + query.way_out, 0.0);
         }
         let push = allowed - sigma;
         if push <= 0.0 {
@@ -59,7 +59,7 @@ fn settle(number: u32, found: vec4f, particle: ptr<function, Particle>) -> f32 {
             return allowed;
         }
         let there = sample_shape(number, local(map, (*particle).x), 1.0);
-        sigma = there.w - look.thickness;
+        sigma = there.w - query.thickness;
         gradient = there.xyz;
         if !(sigma < 0.0) {
             return sigma;
@@ -73,9 +73,9 @@ fn settle_among(particle: ptr<function, Particle>) -> f32 {
     var clearance = FAR;
     for (var round = 0u; round <= ROUNDS; round++) {
         clearance = FAR;
-        for (var number = 0u; number < look.count; number++) {
-            let found = sample_shape(number, local(look.solids[number].at_end, (*particle).x), 1.0);
-            let sigma = found.w - look.thickness;
+        for (var number = 0u; number < query.count; number++) {
+            let found = sample_shape(number, local(query.solids[number].at_end, (*particle).x), 1.0);
+            let sigma = found.w - query.thickness;
             clearance = min(clearance, sigma / select(1.0, lipschitz(number), sigma > 0.0));
             // The last round only looks.
             if round < ROUNDS && sigma < 0.0 {
@@ -92,7 +92,7 @@ fn settle_among(particle: ptr<function, Particle>) -> f32 {
 
 // How far the surface of a shape that changes may have moved since the last look.
 fn swell_of(number: u32) -> f32 {
-    return select(0.0, look.solids[number].swell, CHANGES && (look.how & AFTER_SUBSTEP) != 0u);
+    return select(0.0, query.solids[number].swell, CHANGES && (query.how & AFTER_SUBSTEP) != 0u);
 }
 
 // Where a particle that goes straight through the solid's own space first touches it, and the normal there: `sweep::sweep`.
@@ -104,7 +104,7 @@ struct Touch {
 
 fn sweep(number: u32, start: vec3f, end: vec3f) -> Touch {
     let none = Touch(false, vec3f(), vec3f());
-    let touch = TOUCH * look.solids[number].thinness;
+    let touch = TOUCH * query.solids[number].thinness;
     let go = end - start;
     let changes = swell_of(number);
     let fall = sqrt(dot(go, go)) * lipschitz(number) + changes;
@@ -115,7 +115,7 @@ fn sweep(number: u32, start: vec3f, end: vec3f) -> Touch {
     for (var k = 0u; k < SWEEP_STEPS; k++) {
         let point = start + share * go;
         let found = sample_shape(number, point, select(1.0, share, changes > 0.0));
-        let sigma = found.w - look.thickness;
+        let sigma = found.w - query.thickness;
         if sigma <= touch && (dot(found.xyz, go) < 0.0 || changes > 0.0) {
             return Touch(true, point + max(-sigma, 0.0) * found.xyz, found.xyz);
         }
@@ -133,14 +133,14 @@ fn catch_on_way(number: u32, found: vec4f, origin: vec3f, particle: ptr<function
     if (*particle).was < 0.0 {
         return false;
     }
-    let map = look.solids[number].at_end;
-    let start = local(look.solids[number].at_start, origin);
+    let map = query.solids[number].at_end;
+    let start = local(query.solids[number].at_start, origin);
     let end = local(map, (*particle).x);
-    if distance(start, end) + swell_of(number) <= look.solids[number].thinness {
+    if distance(start, end) + swell_of(number) <= query.solids[number].thinness {
         return false;
     }
     let touch = sweep(number, start, end);
-    if !touch.found || (found.w < look.thickness && dot(found.xyz, touch.normal) > 0.5) {
+    if !touch.found || (found.w < query.thickness && dot(found.xyz, touch.normal) > 0.5) {
         return false;
     }
     (*particle).x = turned(map, touch.place - map[3].xyz);
@@ -152,12 +152,12 @@ fn catch_on_way(number: u32, found: vec4f, origin: vec3f, particle: ptr<function
 fn clearance_left(x: vec3f, origin: vec3f, last: f32) -> vec2f {
     var left = FAR;
     var moved = 0.0;
-    for (var number = 0u; number < look.count; number++) {
-        let by = distance(x, local(look.solids[number].carry, origin)) + look.solids[number].swell;
+    for (var number = 0u; number < query.count; number++) {
+        let by = distance(x, local(query.solids[number].carry, origin)) + query.solids[number].swell;
         var far = last;
-        if look.count > 1u {
+        if query.count > 1u {
             // What moves far off costs nothing.
-            far = max(last, distance(x, look.solids[number].ball) - look.solids[number].ball_radius - look.thickness);
+            far = max(last, distance(x, query.solids[number].ball) - query.solids[number].ball_radius - query.thickness);
         }
         left = min(left, far - by);
         moved = max(moved, by);
@@ -179,16 +179,16 @@ fn meet_solids(x: vec3f, v: vec3f, origin: vec3f, moved: f32, last: f32) -> Met 
     var clearance = FAR;
     var touches = false;
     var between = false;
-    for (var number = 0u; number < look.count; number++) {
+    for (var number = 0u; number < query.count; number++) {
         let place = particle.x;
-        let found = sample_shape(number, local(look.solids[number].at_end, place), 1.0);
+        let found = sample_shape(number, local(query.solids[number].at_end, place), 1.0);
         var own = Particle(place, particle.v, last);
         var sigma = 0.0;
-        let caught = moved > look.solids[number].thinness && catch_on_way(number, found, origin, &own);
+        let caught = moved > query.solids[number].thinness && catch_on_way(number, found, origin, &own);
         if !caught {
             sigma = settle(number, found, &own);
         }
-        if caught || found.w < look.thickness {
+        if caught || found.w < query.thickness {
             touches = true;
             between = between || clearance < distance(own.x, place);
             particle.x = own.x;
@@ -206,7 +206,7 @@ fn meet_solids(x: vec3f, v: vec3f, origin: vec3f, moved: f32, last: f32) -> Met 
 
 // Tells that particles touch, and how deep they are left, where it is the frame's last look.
 fn tell_touch(touches: bool, depth: f32) {
-    if (look.how & LAST) == 0u {
+    if (query.how & LAST) == 0u {
         return;
     }
     if touches {

@@ -12,7 +12,7 @@ use crate::params::Inextensibility;
 use crate::strands::{BlockView, Scratch, number, vector};
 
 /// The WGSL of `check_strands`.
-pub const CHECK_STRANDS_WGSL: &str = include_str!("check_strands.wgsl");
+pub const WGSL: &str = include_str!("check_strands.wgsl");
 
 /// Which of the shared steps a block runs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

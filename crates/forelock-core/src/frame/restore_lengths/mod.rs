@@ -21,6 +21,9 @@ use crate::lane::{Lane, V3};
 use crate::params::Inextensibility;
 use crate::strands::BlockView;
 
+/// WGSL of the stage.
+pub const WGSL: &str = include_str!("kernel.wgsl");
+
 /// What the pass needs to know.
 #[derive(Clone, Copy, Debug)]
 pub struct LengthTerms {

@@ -41,6 +41,13 @@ use crate::pose::Pose;
 pub use choose::choose_guides;
 use choose::{fractions, influence, place};
 
+/// WGSL that both kernels of guides share.
+pub const WGSL: &str = include_str!("skin.wgsl");
+/// WGSL of the motion of each guide particle.
+pub const FOLLOW_WGSL: &str = include_str!("follow.wgsl");
+/// WGSL that places every strand by its guides.
+pub const CARRY_WGSL: &str = include_str!("carry.wgsl");
+
 /// Guides that a strand follows, at most.
 pub const GUIDES_PER_STRAND: usize = 4;
 

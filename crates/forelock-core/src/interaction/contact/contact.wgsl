@@ -1,7 +1,7 @@
 // What kernels of contacts share: the twins of `contact::{Ways, Drift, Histogram}`.
 //
 // A particle has a number: its place in the whole model × LANES + lane, whatever batch it is in; a segment that of its lower particle. `work` is bits of floats and numbers: of each particle where it is at the
-// frame's end and how far it strays (rows), then from `meet.bodies` on what is needed one after the other: nodes of the drift; entries in cells; bodies (rows). Then lists: of each active segment the
+// frame's end and how far it strays (rows), then from `contacts.bodies` on what is needed one after the other: nodes of the drift; entries in cells; bodies (rows). Then lists: of each active segment the
 // contacts found, two numbers each; joints, field by field; their sides.
 
 const STRAY: u32 = 3u;
@@ -12,7 +12,7 @@ const ACTIVE: u32 = 0x80000000u;
 const SLICE_BITS: u32 = 30u;
 const SEGMENT: u32 = (1u << SLICE_BITS) - 1u;
 
-struct Meet {
+struct Contacts {
     // The head's frame from positions, at the frame's start and at its end.
     from_start: mat4x4f,
     from_end: mat4x4f,
@@ -97,7 +97,7 @@ struct Touch {
 @group(0) @binding(26) var<storage, read_write> work: array<u32>;
 @group(0) @binding(27) var<storage, read_write> table: array<atomic<u32>>;
 @group(0) @binding(28) var<storage, read_write> touch: Touch;
-@group(0) @binding(29) var<uniform> meet: Meet;
+@group(0) @binding(29) var<uniform> contacts: Contacts;
 // The model of all strands; the block of each place.
 @group(0) @binding(30) var<storage, read> rest: array<f32>;
 @group(0) @binding(31) var<storage, read> owners: array<u32>;
@@ -184,30 +184,30 @@ struct Piece {
 }
 
 fn pieces_of(rest_length: f32) -> u32 {
-    return u32(clamp(ceil(rest_length * meet.inverse_piece), 1.0, PIECES));
+    return u32(clamp(ceil(rest_length * contacts.inverse_piece), 1.0, PIECES));
 }
 
 // What a segment reaches beyond itself. A quarter more than it strays, for the drift is not quite the same for both of a pair.
 fn reach_of(stray: f32, is_one: bool) -> f32 {
-    let most = select(REACH_OTHER, REACH_ACTIVE, is_one) * meet.edge;
-    return min(0.5 * (meet.distance + 1.25 * stray / f32(touch.slices)), most);
+    let most = select(REACH_OTHER, REACH_ACTIVE, is_one) * contacts.edge;
+    return min(0.5 * (contacts.distance + 1.25 * stray / f32(touch.slices)), most);
 }
 
 // Piece `k` of so many of the segment from `lower` to `upper`.
 fn piece_of(lower: vec3f, upper: vec3f, k: u32, pieces: u32, reach: f32) -> Piece {
     let half = (upper - lower) * (0.5 / f32(pieces));
     let middle = lower + f32(2u * k + 1u) * half;
-    return Piece(middle, half, min(length(half), HALF_PIECE * meet.edge) + reach, reach);
+    return Piece(middle, half, min(length(half), HALF_PIECE * contacts.edge) + reach, reach);
 }
 
 // Cells are an edge wide.
 fn cell_of(at: vec3f) -> vec3u {
-    return vec3u(max(at - touch.low, vec3f()) / meet.edge);
+    return vec3u(max(at - touch.low, vec3f()) / contacts.edge);
 }
 
 // Cells that are neighbours along x are neighbours in the table.
 fn bucket_of(cell: vec3u) -> u32 {
-    return (cell.x + ((cell.y * 73856093u) ^ (cell.z * 19349663u))) & (meet.cells - 1u);
+    return (cell.x + ((cell.y * 73856093u) ^ (cell.z * 19349663u))) & (contacts.cells - 1u);
 }
 
 // The table, while joints are linked: how many sides of joints each segment has, and where the next of them goes; over what length each strand is bent.
@@ -216,7 +216,7 @@ fn count_at(segment: u32) -> u32 {
 }
 
 fn cursor_at(segment: u32) -> u32 {
-    return meet.numbers + segment;
+    return contacts.numbers + segment;
 }
 
 // Where a segment's sides begin in the lists, and how many they are, once all are linked: where the next one goes is behind all of them.
@@ -226,7 +226,7 @@ fn list_of(segment: u32) -> vec2u {
 }
 
 fn bend_at(slot: u32) -> u32 {
-    return 2u * meet.numbers + slot;
+    return 2u * contacts.numbers + slot;
 }
 
 // Fields of a joint: its segments, where on each they meet, the normal from the second to the first, the gap to keep, when they meet and how far they approach; one over W; λ, j_N and j_T
@@ -247,7 +247,7 @@ const JOINT_KICKS: u32 = 24u;
 const KEPT: u32 = 27u;
 
 fn field_at(joint: u32, field: u32) -> u32 {
-    return meet.joints + field * meet.most_joints + joint;
+    return contacts.joints + field * contacts.most_joints + joint;
 }
 
 fn field_of(joint: u32, field: u32) -> f32 {
@@ -270,15 +270,15 @@ fn set_field_vector(joint: u32, field: u32, v: vec3f) {
 
 // Sides of joints, 2 × joint + side, in lists of segments: in their order, and behind all of these when, other segment and side in the order in which they came.
 fn sorted_at(place: u32) -> u32 {
-    return meet.sides + place;
+    return contacts.sides + place;
 }
 
 fn side_at(place: u32) -> u32 {
-    return meet.sides + 2u * meet.most_joints + 3u * place;
+    return contacts.sides + 2u * contacts.most_joints + 3u * place;
 }
 
 fn joint_count() -> u32 {
-    return min(atomicLoad(&touch.joints), meet.most_joints);
+    return min(atomicLoad(&touch.joints), contacts.most_joints);
 }
 
 // Rows of a body.
@@ -292,5 +292,5 @@ const ALPHA: u32 = 13u;
 const PIVOT: u32 = 14u;
 
 fn body_at(number: u32, row: u32) -> u32 {
-    return meet.bodies + row_of(number, BODY_ROWS, row);
+    return contacts.bodies + row_of(number, BODY_ROWS, row);
 }

@@ -38,6 +38,11 @@ use crate::pose::Pose;
 use crate::lane::Simd;
 use glam::Vec3;
 
+/// WGSL that the kernels of contacts share.
+pub const WGSL: &str = include_str!("contact.wgsl");
+/// WGSL that lays out a table of cells by counting; the neighbour search of SPH uses it too.
+pub const TABLE_WGSL: &str = include_str!("table.wgsl");
+
 /// Segments in a row of cells of the search that one segment is tested against, at most.
 pub const RUN_SEGMENTS: usize = 4096;
 /// No segment, no particle.

@@ -5,7 +5,7 @@ var<workgroup> run_start: u32;
 
 // From counts to where each cell's entries start, twice: the second is moved on while they are entered, and is their end then. Cells of one row of the table lie one after the other, rows lie anywhere. Thread `t` of
 // workgroup `group` of ROW_GROUPS; in uniform flow.
-fn lay_rows(group: u32, t: u32, cells: u32) {
+fn scan_rows(group: u32, t: u32, cells: u32) {
     for (var row = group; row < cells / ROW_CELLS; row += ROW_GROUPS) {
         let first = ROW_CELLS * row + OWN_CELLS * t;
         var counts: array<u32, OWN_CELLS>;

@@ -46,6 +46,9 @@ use crate::scratch::fill;
 use glam::DVec3;
 use rayon::prelude::*;
 
+/// WGSL that the kernels of the grid share.
+pub const WGSL: &str = include_str!("grid.wgsl");
+
 /// Empty cells kept around the hair.
 pub const MARGIN: i32 = 3;
 /// Layers of cells whose samples are splat together.

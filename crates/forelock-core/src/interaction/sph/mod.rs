@@ -34,6 +34,9 @@ use find_neighbours::{CHUNK, Neighbours, Particle, SearchReal};
 use crate::strands::{State, number, vector};
 use rayon::prelude::*;
 
+/// WGSL that the kernels of SPH share.
+pub const WGSL: &str = include_str!("fluid.wgsl");
+
 /// Smoothed particles and their scratch.
 #[derive(Debug)]
 pub struct Sph<T: SearchReal> {

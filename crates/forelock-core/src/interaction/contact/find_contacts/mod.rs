@@ -28,6 +28,15 @@ use cells::{Cells, Chunk, Marks, Shelf};
 use rayon::prelude::*;
 use std::cmp::Ordering;
 
+/// WGSL of the work strand by strand: displacements, mean motion, entries of cells.
+pub const STRANDS_WGSL: &str = include_str!("strands.wgsl");
+/// WGSL that selects active segments and lays out the cells.
+pub const ACTIVE_WGSL: &str = include_str!("active.wgsl");
+/// WGSL that searches the pairs of a slice.
+pub const PAIRS_WGSL: &str = include_str!("pairs.wgsl");
+/// WGSL that selects contacts within the budget and creates their joints.
+pub const BUDGET_WGSL: &str = include_str!("budget.wgsl");
+
 /// Length of the search over the contact distance, at least.
 const EDGE_PER_DISTANCE: f64 = 8.0;
 /// Slices of a frame at most.

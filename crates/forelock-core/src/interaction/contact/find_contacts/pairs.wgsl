@@ -1,201 +1,5 @@
-// Contacts, as far as they are sought among all strands at once: nodes of the drift, cells, pairs; the twin of `find_contacts`.
-//
-// Nothing depends on the order in which threads come: sums are of integers, what is kept of a list is its greatest, and lists that come in any order are only gone through as a whole.
-
-fn rest_of(number: u32) -> vec3f {
-    let at = row_of(number, MODEL_ROWS, 0u);
-    return vec3f(rest[at], rest[at + LANES], rest[at + 2u * LANES]);
-}
-
-// Pieces in which a segment is entered.
-fn own_pieces_of(segment: u32) -> u32 {
-    return pieces_of(rest[row_of(segment, MODEL_ROWS, 3u)]);
-}
-
-// The box of the frame, and nothing found.
-@compute @workgroup_size(1)
-fn fit_drift() {
-    var low = vec3f();
-    var high = vec3f();
-    for (var c = 0u; c < 3u; c++) {
-        low[c] = unordered(atomicExchange(&touch.extent[c], NOTHING));
-        high[c] = unordered(atomicExchange(&touch.extent[3u + c], 0u));
-    }
-    // Nothing was near.
-    if !all(low <= high) {
-        low = vec3f();
-        high = vec3f();
-    }
-    let size = high - low;
-    touch.low = low;
-    touch.high = high;
-    touch.spacing = max(meet.spacing, max(size.x, max(size.y, size.z)) / f32(DRIFT_NODES - 2u));
-    touch.dims = min(vec3u(size / touch.spacing) + 2u, vec3u(DRIFT_NODES + 1u));
-    touch.slices = 0u;
-    touch.slice = 0u;
-    atomicStore(&touch.squares[0], 0u);
-    atomicStore(&touch.squares[1], 0u);
-    atomicStore(&touch.fastest, 0u);
-    atomicStore(&touch.actives, 0u);
-    atomicStore(&touch.joints, 0u);
-    atomicStore(&touch.farthest, 0u);
-    atomicStore(&report.contacts, 0u);
-}
-
-fn node_count() -> u32 {
-    return touch.dims.x * touch.dims.y * touch.dims.z;
-}
-
-@compute @workgroup_size(CELLS_GROUP)
-fn clear_drift(@builtin(global_invocation_id) id: vec3u) {
-    for (var at = id.x; at < 8u * node_count(); at += LIST_THREADS) {
-        atomicStore(&table[at], 0u);
-    }
-}
-
-// A sum that `add_wide` made.
-fn wide(at: u32) -> f32 {
-    var low = atomicLoad(&table[at]);
-    var high = atomicLoad(&table[at + 1u]);
-    let negative = (high & 0x80000000u) != 0u;
-    if negative {
-        low = ~low + 1u;
-        high = ~high + select(0u, 1u, low == 0u);
-    }
-    let sum = f32(high) * 4294967296.0 + f32(low);
-    return select(sum, -sum, negative);
-}
-
-// Sums become means over the nodes about each.
-@compute @workgroup_size(CELLS_GROUP)
-fn smooth_drift(@builtin(global_invocation_id) id: vec3u) {
-    let side = side_of_box();
-    for (var at = id.x; at < node_count(); at += LIST_THREADS) {
-        let node = vec3u(at % touch.dims.x, at / touch.dims.x % touch.dims.y, at / (touch.dims.x * touch.dims.y));
-        let first = max(node, vec3u(1u)) - 1u;
-        let last = min(node + 1u, touch.dims - 1u);
-        var sum = vec4f();
-        for (var z = first.z; z <= last.z; z++) {
-            for (var y = first.y; y <= last.y; y++) {
-                for (var x = first.x; x <= last.x; x++) {
-                    let own = 8u * (x + touch.dims.x * (y + touch.dims.y * z));
-                    sum += vec4f(wide(own), wide(own + 2u), wide(own + 4u), wide(own + 6u));
-                }
-            }
-        }
-        let mean = sum.xyz * (side / max(sum.w, 1.0));
-        let to = meet.bodies + 4u * at;
-        for (var c = 0u; c < 3u; c++) {
-            set_real(to + c, mean[c]);
-        }
-    }
-}
-
-// Where the largest end: the last bin, how many of it belong, and how many are in it.
-var<workgroup> last_of: vec3u;
-
-const OWN_BINS: u32 = BINS / CELLS_GROUP;
-
-// The bin in which the `most` largest end, from the top: thread `t` has the t-th so many bins. The barriers are the caller's.
-fn find_last(t: u32, most: u32) {
-    var before = 0u;
-    for (var k = 0u; k < t; k++) {
-        before += sums[k];
-    }
-    for (var k = 0u; k < OWN_BINS; k++) {
-        let bin = BINS - 1u - (OWN_BINS * t + k);
-        let own = atomicLoad(&touch.bins[bin]);
-        if before <= most && own > most - before {
-            last_of = vec3u(bin, most - before, own);
-        }
-        before += own;
-    }
-}
-
-fn sum_bins(t: u32) {
-    var own = 0u;
-    for (var k = 0u; k < OWN_BINS; k++) {
-        own += atomicLoad(&touch.bins[BINS - 1u - (OWN_BINS * t + k)]);
-    }
-    sums[t] = own;
-    if t == 0u {
-        last_of = vec3u();
-    }
-}
-
-fn forget_bins(t: u32) {
-    for (var k = 0u; k < OWN_BINS; k++) {
-        atomicStore(&touch.bins[BINS - 1u - (OWN_BINS * t + k)], 0u);
-    }
-}
-
-fn share_of(last: vec3u) -> f32 {
-    return select(f32(last.y) / f32(max(last.z, 1u)), 1.0, last.z == 0u);
-}
-
-// Which segments are active, and how many slices the frame takes.
-@compute @workgroup_size(CELLS_GROUP)
-fn choose_active(@builtin(local_invocation_index) t: u32) {
-    sum_bins(t);
-    workgroupBarrier();
-    find_last(t, meet.most_active);
-    workgroupBarrier();
-    if t == 0u {
-        touch.least = 0.5 * meet.slip;
-        touch.bin = last_of.x;
-        touch.share = share_of(last_of);
-    }
-    workgroupBarrier();
-    if t == 0u {
-        last_of = vec3u();
-    }
-    workgroupBarrier();
-    find_last(t, meet.few);
-    workgroupBarrier();
-    if t == 0u {
-        let squares = f32(atomicLoad(&touch.squares[1])) * 4294967296.0 + f32(atomicLoad(&touch.squares[0]));
-        let typical = sqrt(squares / SQUARE_UNIT * meet.inverse_particles);
-        let most = bitcast<f32>((last_of.x + 1u) << BIN_BITS) / (2.0 * meet.edge);
-        let quiet = bitcast<f32>(atomicLoad(&touch.fastest)) <= touch.least;
-        touch.slices = select(u32(clamp(ceil(max(typical, most)), 1.0, f32(SLICES))), 0u, quiet);
-    }
-    forget_bins(t);
-}
-
-@compute @workgroup_size(CELLS_GROUP)
-fn clear_cells(@builtin(global_invocation_id) id: vec3u) {
-    if id.x == 0u {
-        atomicStore(&touch.taken, 0u);
-        touch.shelves = 0u;
-    }
-    if !is_searched() {
-        return;
-    }
-    for (var at = id.x; at < meet.cells; at += LIST_THREADS) {
-        atomicStore(&table[at], 0u);
-    }
-}
-
-var<workgroup> is_quiet: u32;
-// From counts to where each cell's entries start.
-@compute @workgroup_size(CELLS_GROUP)
-fn lay_out(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t: u32) {
-    if t == 0u {
-        is_quiet = select(1u, 0u, is_searched());
-    }
-    if workgroupUniformLoad(&is_quiet) != 0u {
-        return;
-    }
-    if group.x == 0u && t == 0u {
-        touch.shelves = 1u;
-    }
-    lay_rows(group.x, t, meet.cells);
-}
-
-// Room for so many entries.
-fn take_room(count: u32) -> u32 {
-    return atomicAdd(&touch.taken, count);
-}
+// The pairs of a slice: each active segment is a workgroup, whose threads share the entries near it; the twin of
+// `find_contacts::pairs` and `find_contacts::meet`. The text follows `active.wgsl`.
 
 // Where two segments are nearest: the place along each, and the vector from the second's point to the first's; as `contact::closest`.
 struct Closest {
@@ -243,7 +47,7 @@ fn may_touch(a: Course, b: Course) -> bool {
     let spread = 0.5 * share * (distance(a.way[0], a.way[1]) + distance(b.way[0], b.way[1]));
     let square = dot(near.r, near.r);
     let along = abs(dot(near.r, way_a - way_b));
-    return !(sqrt(square) * (meet.distance + 0.5 * spread) + 0.5 * along < square);
+    return !(sqrt(square) * (contacts.distance + 0.5 * spread) + 0.5 * along < square);
 }
 
 // Two segments that come too near.
@@ -271,7 +75,7 @@ fn follow(first: u32, second: u32, slice: u32) -> Contact {
     let b = course_of(second);
     let until = f32(slice + 1u) / f32(touch.slices);
     var when = f32(slice) / f32(touch.slices);
-    var reach = meet.distance;
+    var reach = contacts.distance;
     var knows_rest = false;
     for (var step = 0u; step < MEET_STEPS; step++) {
         let at = a.start + when * a.way;
@@ -300,7 +104,7 @@ fn follow(first: u32, second: u32, slice: u32) -> Contact {
                 normal = across / select(size, -size, dot(across, relative) > 0.0);
             }
             let approach = -dot(normal, relative);
-            return Contact(approach > meet.slip, near.along, normal, min(apart, reach), when, approach);
+            return Contact(approach > contacts.slip, near.along, normal, min(apart, reach), when, approach);
         }
         let closing = max(-dot(near.r, a.way[0]), -dot(near.r, a.way[1])) + max(dot(near.r, b.way[0]), dot(near.r, b.way[1]));
         when += apart * (apart - reach) / closing;
@@ -313,11 +117,11 @@ fn follow(first: u32, second: u32, slice: u32) -> Contact {
 
 // The place among found contacts of slot `slot` of the active segment on place `place` of the list: the other segment with the slice, and the bits of the approach.
 fn slot_at(place: u32, slot: u32) -> u32 {
-    return meet.found + 2u * (SLOTS * place + slot);
+    return contacts.found + 2u * (SLOTS * place + slot);
 }
 
 fn active_count() -> u32 {
-    return min(atomicLoad(&touch.actives), meet.most_actives);
+    return min(atomicLoad(&touch.actives), contacts.most_actives);
 }
 
 var<workgroup> segments: u32;
@@ -343,7 +147,7 @@ const ROW_THREADS: u32 = 16u;
 const ROWS: u32 = WORKGROUP / ROW_THREADS;
 
 fn speed_of(approach: f32) -> u32 {
-    return min(bin_of(approach) - bin_of(meet.slip), SPEEDS - 1u);
+    return min(bin_of(approach) - bin_of(contacts.slip), SPEEDS - 1u);
 }
 
 // What thread `t` finds an active segment to meet, of which that piece is sought for.
@@ -399,7 +203,7 @@ struct Around {
 }
 
 fn around(piece: Piece) -> Around {
-    let range = piece.radius + HALF_PIECE * meet.edge + max(piece.reach, REACH_OTHER * meet.edge);
+    let range = piece.radius + HALF_PIECE * contacts.edge + max(piece.reach, REACH_OTHER * contacts.edge);
     let first = cell_of(piece.middle - range).yz;
     let rows = min(cell_of(piece.middle + range).yz, cell_of(touch.high).yz) - first + 1u;
     return Around(piece, range, first, select(vec2u(), rows, in_box(piece.middle)));
@@ -427,8 +231,8 @@ fn next_run(walk: ptr<function, Walk>, about: Around, t: u32) -> bool {
         (*walk).next += ROWS;
         let row = about.first + vec2u(next % about.rows.x, next / about.rows.x);
         let place = about.piece.middle - touch.low;
-        let low = vec2f(row) * meet.edge;
-        let apart = max(max(low - place.yz, place.yz - low - meet.edge), vec2f());
+        let low = vec2f(row) * contacts.edge;
+        let apart = max(max(low - place.yz, place.yz - low - contacts.edge), vec2f());
         let left = about.range * about.range - dot(apart, apart);
         if left > 0.0 {
             let reach = vec3f(sqrt(left), 0.0, 0.0);
@@ -440,7 +244,7 @@ fn next_run(walk: ptr<function, Walk>, about: Around, t: u32) -> bool {
     let bucket = bucket_of(vec3u((*walk).cell, (*walk).row));
     let count = min((*walk).last_cell - (*walk).cell + 1u, ROW_CELLS - bucket % ROW_CELLS);
     let first = atomicLoad(&table[bucket]);
-    let end = min(atomicLoad(&table[meet.cells + bucket + count - 1u]), meet.entries);
+    let end = min(atomicLoad(&table[contacts.cells + bucket + count - 1u]), contacts.entries);
     (*walk).cell += count;
     (*walk).at = first + t % ROW_THREADS;
     (*walk).end = end;
@@ -461,12 +265,12 @@ const NEXT: u32 = QUEUE / WORKGROUP;
 
 // An entry's ball: its middle and its radius.
 fn ball_of(entry: u32) -> vec4f {
-    let at = meet.bodies + meet.entries + 4u * entry;
+    let at = contacts.bodies + contacts.entries + 4u * entry;
     return bitcast<vec4f>(vec4u(work[at], work[at + 1u], work[at + 2u], work[at + 3u]));
 }
 
 // Puts those of a thread's next entries on the queue whose balls the piece touches; whether there are more.
-fn look_on(walk: ptr<function, Walk>, about: Around, seeker: Seeker) -> bool {
+fn advance_walk(walk: ptr<function, Walk>, about: Around, seeker: Seeker) -> bool {
     let piece = about.piece;
     let inverse = 1.0 / max(dot(piece.half, piece.half), 1e-20);
     for (var k = 0u; k < NEXT;) {
@@ -487,7 +291,7 @@ fn look_on(walk: ptr<function, Walk>, about: Around, seeker: Seeker) -> bool {
         if !(dot(from_piece, from_piece) < within * within) || any(cell_of(ball.xyz).yz != (*walk).row) {
             continue;
         }
-        let entry = work[meet.bodies + at];
+        let entry = work[contacts.bodies + at];
         let other = entry & ~ACTIVE;
         if (*walk).share < 1.0 && chance(other) >= (*walk).share {
             continue;
@@ -505,8 +309,8 @@ fn look_on(walk: ptr<function, Walk>, about: Around, seeker: Seeker) -> bool {
 }
 
 // Takes the contact with an entry, if there is one.
-fn meet_entry(seeker: Seeker, at: u32) {
-    let other = work[meet.bodies + at] & ~ACTIVE;
+fn test_entry(seeker: Seeker, at: u32) {
+    let other = work[contacts.bodies + at] & ~ACTIVE;
     let course = course_of(other);
     if !may_touch(seeker.own, course) {
         return;
@@ -542,7 +346,7 @@ fn find_bar() {
 // Lets each active segment meet what is near it in the slice: a workgroup each. Of what it meets in the frame the SLOTS of the greatest approach are kept, with each other segment the first. Where it meets more
 // in a slice than there is room for, it counts how fast they approach, and then takes the fastest.
 @compute @workgroup_size(WORKGROUP)
-fn meet_segments(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t: u32) {
+fn find_pairs(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t: u32) {
     if t == 0u {
         segments = select(0u, active_count(), is_searched());
     }
@@ -583,7 +387,7 @@ fn meet_segments(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_
                 walk.next = t / ROW_THREADS;
                 walk.cell = 1u;
                 loop {
-                    if look_on(&walk, about, seeker) {
+                    if advance_walk(&walk, about, seeker) {
                         atomicStore(&walking, 1u);
                     }
                     workgroupBarrier();
@@ -593,7 +397,7 @@ fn meet_segments(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_
                     }
                     let waiting = workgroupUniformLoad(&queue_now);
                     for (var place = t; place < waiting; place += WORKGROUP) {
-                        meet_entry(seeker, queue[place]);
+                        test_entry(seeker, queue[place]);
                     }
                     workgroupBarrier();
                     if workgroupUniformLoad(&goes_on) == 0u {
@@ -653,96 +457,5 @@ fn meet_segments(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_
             work[slot_at(number, t)] = NOTHING;
         }
         workgroupBarrier();
-    }
-}
-
-// The next slice.
-@compute @workgroup_size(1)
-fn next_slice() {
-    touch.slice += 1u;
-}
-
-// How fast what was found approaches.
-@compute @workgroup_size(CELLS_GROUP)
-fn count_found(@builtin(global_invocation_id) id: vec3u) {
-    if touch.slices == 0u {
-        return;
-    }
-    for (var at = id.x; at < SLOTS * active_count(); at += LIST_THREADS) {
-        let slot = slot_at(0u, at);
-        if work[slot] != NOTHING {
-            atomicAdd(&touch.bins[work[slot + 1u] >> BIN_BITS], 1u);
-        }
-    }
-}
-
-// Which of them there is a budget for; and the rounds before they begin.
-@compute @workgroup_size(CELLS_GROUP)
-fn choose_found(@builtin(local_invocation_index) t: u32) {
-    sum_bins(t);
-    workgroupBarrier();
-    find_last(t, meet.budget);
-    workgroupBarrier();
-    if t == 0u {
-        touch.found_bin = last_of.x;
-        touch.found_share = share_of(last_of);
-        atomicStore(&touch.taken, 0u);
-        touch.round = 0u;
-        touch.momentum = 0.0;
-        touch.last = select(0u, 1u, meet.rounds == 1u);
-        touch.done = 0u;
-        atomicStore(&touch.lack, 0u);
-    }
-    forget_bins(t);
-}
-
-// Lists of joints, and how far strands are bent.
-@compute @workgroup_size(CELLS_GROUP)
-fn clear_links(@builtin(global_invocation_id) id: vec3u) {
-    for (var at = id.x; at < meet.numbers; at += LIST_THREADS) {
-        atomicStore(&table[count_at(at)], 0u);
-    }
-    for (var slot = id.x; slot < meet.strands; slot += LIST_THREADS) {
-        atomicStore(&table[bend_at(slot)], 0u);
-    }
-}
-
-// Joints of what there is a budget for.
-@compute @workgroup_size(CELLS_GROUP)
-fn take_up(@builtin(global_invocation_id) id: vec3u) {
-    if touch.slices == 0u {
-        return;
-    }
-    for (var at = id.x; at < SLOTS * active_count(); at += LIST_THREADS) {
-        let slot = slot_at(0u, at);
-        let own = work[slot];
-        if own == NOTHING {
-            continue;
-        }
-        let bin = work[slot + 1u] >> BIN_BITS;
-        let segment = touch.list[at / SLOTS];
-        let other = own & SEGMENT;
-        let lucky = chance(segment ^ (other * 0x85ebca6bu)) < touch.found_share;
-        if !(bin > touch.found_bin || bin == touch.found_bin && lucky) {
-            continue;
-        }
-        let pair = vec2u(min(segment, other), max(segment, other));
-        let contact = follow(pair.x, pair.y, own >> SLICE_BITS);
-        if !contact.here {
-            continue;
-        }
-        let joint = atomicAdd(&touch.joints, 1u);
-        if joint >= meet.most_joints {
-            continue;
-        }
-        for (var side = 0u; side < 2u; side++) {
-            work[field_at(joint, SEGMENTS + side)] = pair[side];
-            set_field(joint, ALONG + side, contact.along[side]);
-            atomicAdd(&table[count_at(pair[side])], 1u);
-        }
-        set_field_vector(joint, NORMAL, contact.normal);
-        set_field(joint, GAP, contact.gap);
-        set_field(joint, WHEN, contact.when);
-        set_field(joint, APPROACH, contact.approach);
     }
 }

@@ -1,13 +1,13 @@
 // Contacts, as far as they go strand by strand: one a thread. Ways of particles, the drift about them, entries in cells; the twin of `contact::{ways, drift}` and of `find_contacts::cells`.
 
 @compute @workgroup_size(WORKGROUP)
-fn note_start(@builtin(global_invocation_id) id: vec3u) {
+fn record_start(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
     if !strand.here {
         return;
     }
     for (var i = 0u; i < strand.particles; i++) {
-        let x = (meet.from_start * vec4f(position_at(strand, i), 1.0)).xyz;
+        let x = (contacts.from_start * vec4f(position_at(strand, i), 1.0)).xyz;
         let at = row_of(number_of(strand, i), 3u, 0u);
         starts[at] = x.x;
         starts[at + LANES] = x.y;
@@ -16,12 +16,12 @@ fn note_start(@builtin(global_invocation_id) id: vec3u) {
 }
 
 fn is_near(x: vec3f) -> bool {
-    return all_finite(x) && dot(x, x) < meet.far * meet.far;
+    return all_finite(x) && dot(x, x) < contacts.far * contacts.far;
 }
 
 // Also the box about all ways; what was thrown far away must not make its nodes coarse.
 @compute @workgroup_size(WORKGROUP)
-fn note_end(@builtin(global_invocation_id) id: vec3u) {
+fn record_end(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
     if !strand.here {
         return;
@@ -29,7 +29,7 @@ fn note_end(@builtin(global_invocation_id) id: vec3u) {
     var own = Extent(vec3f(FAR), vec3f(-FAR));
     for (var i = 0u; i < strand.particles; i++) {
         let number = number_of(strand, i);
-        let end = (meet.from_end * vec4f(position_at(strand, i), 1.0)).xyz;
+        let end = (contacts.from_end * vec4f(position_at(strand, i), 1.0)).xyz;
         let start = start_of(number);
         set_work_vector(row_of(number, WAY_ROWS, 0u), end);
         if is_near(end) {
@@ -101,7 +101,7 @@ fn unload(sum: ptr<function, Load>) {
 
 // One lane in EVERY is summed, and what was thrown far away is not.
 @compute @workgroup_size(WORKGROUP)
-fn splat_drift(@builtin(global_invocation_id) id: vec3u) {
+fn splat_mean_motion(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
     if !strand.here || strand.lane % EVERY != 0u {
         return;
@@ -135,7 +135,7 @@ var<workgroup> bins: array<atomic<u32>, BINS>;
 
 // How far each particle strays from the drift about it.
 @compute @workgroup_size(WORKGROUP)
-fn measure_strays(@builtin(global_invocation_id) id: vec3u, @builtin(local_invocation_index) t: u32) {
+fn measure_residual_motion(@builtin(global_invocation_id) id: vec3u, @builtin(local_invocation_index) t: u32) {
     let strand = strand_of(id.x);
     for (var bin = t; bin < BINS; bin += WORKGROUP) {
         atomicStore(&bins[bin], 0u);
@@ -152,14 +152,14 @@ fn measure_strays(@builtin(global_invocation_id) id: vec3u, @builtin(local_invoc
             let own = corner_at(0.5 * (start + end));
             var way = end - start;
             for (var corner = 0u; corner < 8u; corner++) {
-                let node = meet.bodies + 4u * node_of(own.first, corner);
+                let node = contacts.bodies + 4u * node_of(own.first, corner);
                 way -= corner_weight(own.f, corner) * vec3f(real(node), real(node + 1u), real(node + 2u));
             }
             stray = length(way);
             if !is_finite(stray) {
                 stray = 0.0;
             }
-            let edges = min(stray / meet.edge, 64.0);
+            let edges = min(stray / contacts.edge, 64.0);
             squares += edges * edges;
             fastest = max(fastest, stray);
             atomicAdd(&bins[bin_of(stray)], 1u);
@@ -197,7 +197,7 @@ fn list_active(@builtin(global_invocation_id) id: vec3u) {
         let segment = number_of(strand, i);
         if is_active(segment, stray_of(segment)) {
             let place = atomicAdd(&touch.actives, 1u);
-            if place < meet.most_actives {
+            if place < contacts.most_actives {
                 touch.list[place] = segment;
             }
         }
@@ -206,7 +206,7 @@ fn list_active(@builtin(global_invocation_id) id: vec3u) {
 
 // Segments are entered twice: first they are counted, then put where they belong.
 @compute @workgroup_size(WORKGROUP)
-fn enter_segments(@builtin(global_invocation_id) id: vec3u) {
+fn insert_segments(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
     if !strand.here || !is_searched() {
         return;
@@ -235,10 +235,10 @@ fn enter_segments(@builtin(global_invocation_id) id: vec3u) {
                 atomicAdd(&table[bucket], 1u);
                 continue;
             }
-            let place = atomicAdd(&table[meet.cells + bucket], 1u);
-            if place < meet.entries {
-                work[meet.bodies + place] = segment | select(0u, ACTIVE, seeks);
-                let ball = meet.bodies + meet.entries + 4u * place;
+            let place = atomicAdd(&table[contacts.cells + bucket], 1u);
+            if place < contacts.entries {
+                work[contacts.bodies + place] = segment | select(0u, ACTIVE, seeks);
+                let ball = contacts.bodies + contacts.entries + 4u * place;
                 let bits = bitcast<vec4u>(vec4f(piece.middle, piece.radius));
                 work[ball] = bits.x;
                 work[ball + 1u] = bits.y;

@@ -6,7 +6,7 @@ fn reserve_lists(@builtin(global_invocation_id) id: vec3u) {
     if joint_count() == 0u {
         return;
     }
-    for (var segment = id.x; segment < meet.numbers; segment += LIST_THREADS) {
+    for (var segment = id.x; segment < contacts.numbers; segment += LIST_THREADS) {
         let count = atomicLoad(&table[count_at(segment)]);
         if count > 0u {
             atomicStore(&table[cursor_at(segment)], atomicAdd(&touch.taken, count));
@@ -45,7 +45,7 @@ fn order_joints(@builtin(global_invocation_id) id: vec3u) {
                 rank += select(0u, 1u, earlier);
             }
             work[sorted_at(list.x + rank)] = 2u * joint + side;
-            kept = kept && rank < meet.per_segment;
+            kept = kept && rank < contacts.per_segment;
         }
         work[field_at(joint, KEPT)] = select(0u, 1u, kept);
         for (var field = PUSH; field < KEPT; field++) {
@@ -79,7 +79,7 @@ fn part_of(joint: u32, corner: u32) -> Part {
 }
 
 @compute @workgroup_size(CELLS_GROUP)
-fn weigh_joints(@builtin(global_invocation_id) id: vec3u) {
+fn weight_joints(@builtin(global_invocation_id) id: vec3u) {
     for (var joint = id.x; joint < joint_count(); joint += LIST_THREADS) {
         if work[field_at(joint, KEPT)] == 0u {
             continue;
@@ -94,7 +94,7 @@ fn weigh_joints(@builtin(global_invocation_id) id: vec3u) {
 }
 
 @compute @workgroup_size(CELLS_GROUP)
-fn press_joints(@builtin(global_invocation_id) id: vec3u) {
+fn relax_joints(@builtin(global_invocation_id) id: vec3u) {
     if touch.done != 0u {
         return;
     }
@@ -119,7 +119,7 @@ fn press_joints(@builtin(global_invocation_id) id: vec3u) {
         let rub_before = field_vector(joint, RUB + 3u);
         var rub = rub_before - (u - along * normal) * inverse;
         let size = length(rub);
-        let most_rub = meet.friction * press;
+        let most_rub = contacts.friction * press;
         if size > most_rub {
             rub *= most_rub / size;
         }
@@ -135,7 +135,7 @@ fn press_joints(@builtin(global_invocation_id) id: vec3u) {
         set_field_vector(joint, RUB, rub);
         set_field_vector(joint, RUB + 3u, next_rub);
         if inverse > 0.0 {
-            most = max(most, max(lack, -along * meet.dt));
+            most = max(most, max(lack, -along * contacts.dt));
         }
     }
     // Of zeros one may be negative, and then larger as a number.
@@ -146,17 +146,17 @@ fn press_joints(@builtin(global_invocation_id) id: vec3u) {
 
 // Nesterov's sequence; the last round ends on what is feasible.
 @compute @workgroup_size(1)
-fn judge_round() {
+fn check_round() {
     if touch.done != 0u {
         return;
     }
-    let settled = bitcast<f32>(atomicExchange(&touch.lack, 0u)) < meet.close;
+    let settled = bitcast<f32>(atomicExchange(&touch.lack, 0u)) < contacts.close;
     if touch.last != 0u {
         touch.done = 1u;
         return;
     }
     touch.round += 1u;
-    let last = settled || touch.round + 1u == meet.rounds;
+    let last = settled || touch.round + 1u == contacts.rounds;
     touch.last = select(0u, 1u, last);
     touch.momentum = select(f32(touch.round) / f32(touch.round + 3u), 0.0, last);
 }

@@ -38,6 +38,11 @@ use glam::Vec3;
 use rayon::prelude::*;
 use spread::{Body, Strand};
 
+/// WGSL of the work strand by strand.
+pub const STRANDS_WGSL: &str = include_str!("strands.wgsl");
+/// WGSL of the work joint by joint.
+pub const JOINTS_WGSL: &str = include_str!("joints.wgsl");
+
 /// Contacts that one task takes at least.
 const TASK: usize = 512;
 

@@ -22,7 +22,7 @@ fn sum_of(strand: Strand, i: u32) -> Sum {
         let segment = number_of(strand, i - upper);
         let list = list_of(segment);
         // None later than that is kept.
-        for (var k = list.x; k < list.x + min(list.y, meet.per_segment); k++) {
+        for (var k = list.x; k < list.x + min(list.y, contacts.per_segment); k++) {
             let side = work[sorted_at(k)];
             let joint = side / 2u;
             if work[field_at(joint, KEPT)] == 0u {
@@ -50,7 +50,7 @@ fn prepare_strands(@builtin(global_invocation_id) id: vec3u) {
     if bend == 0.0 {
         return;
     }
-    let reach = max(bend, meet.spread);
+    let reach = max(bend, contacts.spread);
     // Of the particle before: α, one over the pivot, the share.
     var before = vec3f();
     // The pivot less α to the next particle: a sum of what is positive, where the plain pivot would cancel.
@@ -63,7 +63,7 @@ fn prepare_strands(@builtin(global_invocation_id) id: vec3u) {
         }
         let alpha = ratio * ratio;
         var now = vec3f(alpha, 0.0, 0.0);
-        if i >= meet.clamped {
+        if i >= contacts.clamped {
             let held = select(1.0, own * before.y, before.y > 0.0);
             own = 1.0 + before.x * held;
             now.y = 1.0 / (own + alpha);
@@ -72,7 +72,7 @@ fn prepare_strands(@builtin(global_invocation_id) id: vec3u) {
         set_real(body_at(number, ALPHA), alpha);
         set_real(body_at(number, PIVOT), now.y);
         set_real(body_at(number, SHARE), now.z);
-        let velocity = (meet.from_end * vec4f(velocity_at(strand, i), 0.0)).xyz;
+        let velocity = (contacts.from_end * vec4f(velocity_at(strand, i), 0.0)).xyz;
         set_work_vector(body_at(number, PLACE), work_vector(row_of(number, WAY_ROWS, 0u)));
         set_work_vector(body_at(number, VELOCITY), velocity);
         before = now;
@@ -88,7 +88,7 @@ fn prepare_strands(@builtin(global_invocation_id) id: vec3u) {
 
 // Moves the strand by S of what its joints add.
 @compute @workgroup_size(WORKGROUP)
-fn take_moves(@builtin(global_invocation_id) id: vec3u) {
+fn gather_moves(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
     if !strand.here || touch.done != 0u || bend_of(strand) == 0.0 {
         return;
@@ -128,17 +128,17 @@ fn apply_moves(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     var farthest = 0.0;
-    for (var i = meet.clamped; i < strand.particles; i++) {
+    for (var i = contacts.clamped; i < strand.particles; i++) {
         let number = number_of(strand, i);
         let x = position_at(strand, i);
         let v = velocity_at(strand, i);
         let moved = work_vector(body_at(number, PLACE)) - work_vector(row_of(number, WAY_ROWS, 0u));
-        let changed = work_vector(body_at(number, VELOCITY)) - (meet.from_end * vec4f(v, 0.0)).xyz;
+        let changed = work_vector(body_at(number, VELOCITY)) - (contacts.from_end * vec4f(v, 0.0)).xyz;
         if !(all_finite(moved) && all_finite(changed)) {
             continue;
         }
-        set_position(strand, i, x + (vec4f(moved, 0.0) * meet.from_end).xyz);
-        set_velocity(strand, i, v + (vec4f(changed, 0.0) * meet.from_end).xyz);
+        set_position(strand, i, x + (vec4f(moved, 0.0) * contacts.from_end).xyz);
+        set_velocity(strand, i, v + (vec4f(changed, 0.0) * contacts.from_end).xyz);
         let distance = length(moved);
         farthest = max(farthest, distance);
         let at = entry(strand, i, 2u, 1u);

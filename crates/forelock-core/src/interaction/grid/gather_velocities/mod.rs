@@ -180,3 +180,6 @@ impl<'a> Gather<'a> {
         }
     }
 }
+
+/// WGSL of the stage.
+pub const WGSL: &str = include_str!("kernel.wgsl");

@@ -30,7 +30,7 @@ fn summed(number: u32, cell: u32) -> i32 {
 
 // Marks the cells next to hair whose middles are inside a solid: of several, the first.
 @compute @workgroup_size(CELLS_GROUP)
-fn wall_off(@builtin(global_invocation_id) id: vec3u) {
+fn mark_solid_cells(@builtin(global_invocation_id) id: vec3u) {
     for (var cell = id.x; cell < bounds.count; cell += CELLS_THREADS) {
         var wall = 0.0;
         let at = cell_at(cell);
@@ -56,7 +56,7 @@ fn wall_off(@builtin(global_invocation_id) id: vec3u) {
 
 // From sums to mobilities, velocities and shares. Faces of walls move as the solid does and let nothing through.
 @compute @workgroup_size(CELLS_GROUP)
-fn divide(@builtin(global_invocation_id) id: vec3u) {
+fn normalize_velocity(@builtin(global_invocation_id) id: vec3u) {
     for (var cell = id.x; cell < bounds.count; cell += CELLS_THREADS) {
         let at = cell_at(cell);
         let own_wall = value_of(WALL, cell);
@@ -144,12 +144,12 @@ fn begin(id: u32, displaces: bool) {
 }
 
 @compute @workgroup_size(CELLS_GROUP)
-fn aim_velocities(@builtin(global_invocation_id) id: vec3u) {
+fn compute_divergence(@builtin(global_invocation_id) id: vec3u) {
     begin(id.x, false);
 }
 
 @compute @workgroup_size(CELLS_GROUP)
-fn aim_displacements(@builtin(global_invocation_id) id: vec3u) {
+fn compute_excess(@builtin(global_invocation_id) id: vec3u) {
     begin(id.x, true);
 }
 
@@ -190,18 +190,18 @@ fn relax(id: u32, colour: u32) {
 }
 
 @compute @workgroup_size(CELLS_GROUP)
-fn relax_even(@builtin(global_invocation_id) id: vec3u) {
+fn relax_red(@builtin(global_invocation_id) id: vec3u) {
     relax(id.x, 0u);
 }
 
 @compute @workgroup_size(CELLS_GROUP)
-fn relax_odd(@builtin(global_invocation_id) id: vec3u) {
+fn relax_black(@builtin(global_invocation_id) id: vec3u) {
     relax(id.x, 1u);
 }
 
 // Whether the sweeps since it was last asked changed next to nothing.
 @compute @workgroup_size(1)
-fn judge() {
+fn check_convergence() {
     if bounds.found != 0u {
         return;
     }
@@ -243,11 +243,11 @@ fn push(id: u32, displaces: bool) {
 }
 
 @compute @workgroup_size(CELLS_GROUP)
-fn push_velocities(@builtin(global_invocation_id) id: vec3u) {
+fn apply_velocity_pressure(@builtin(global_invocation_id) id: vec3u) {
     push(id.x, false);
 }
 
 @compute @workgroup_size(CELLS_GROUP)
-fn push_displacements(@builtin(global_invocation_id) id: vec3u) {
+fn apply_displacement_pressure(@builtin(global_invocation_id) id: vec3u) {
     push(id.x, true);
 }

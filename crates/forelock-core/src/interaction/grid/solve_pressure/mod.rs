@@ -38,6 +38,9 @@ pub use mark::{LOOSE, SPARSE};
 
 use crate::interaction::grid::{Bounds, Grid, GridMoment, GridParams, GridReport, GridSolid};
 
+/// WGSL of the stage.
+pub const WGSL: &str = include_str!("kernel.wgsl");
+
 /// Rounds of the active set at most.
 const ROUNDS: u32 = 12;
 

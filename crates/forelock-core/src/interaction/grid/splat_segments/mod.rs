@@ -13,6 +13,9 @@ use crate::interaction::grid::{Bounds, Grid, SLAB, Sample};
 use crate::lane::Quad;
 use rayon::prelude::*;
 
+/// WGSL of the stage.
+pub const WGSL: &str = include_str!("kernel.wgsl");
+
 /// Layers that the samples of a slab touch.
 const REACH: usize = SLAB + 2;
 

@@ -15,8 +15,8 @@ fn clear_buckets(@builtin(global_invocation_id) id: vec3u) {
 }
 
 @compute @workgroup_size(CELLS_GROUP)
-fn lay_buckets(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t: u32) {
-    lay_rows(group.x, t, fluid.buckets);
+fn scan_buckets(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t: u32) {
+    scan_rows(group.x, t, fluid.buckets);
 }
 
 // The nearest so far, nearest first.

@@ -28,6 +28,11 @@ use crate::strands::number;
 use rayon::prelude::*;
 use std::ops::Range;
 
+/// WGSL of the neighbour search over all particles.
+pub const WGSL: &str = include_str!("kernel.wgsl");
+/// WGSL that inserts the particles strand by strand and applies their accelerations.
+pub const STRANDS_WGSL: &str = include_str!("strands.wgsl");
+
 /// Numbers that neighbours are searched in.
 pub trait SearchReal: Real {
     /// A number that is not negative, and a name, as one integer.

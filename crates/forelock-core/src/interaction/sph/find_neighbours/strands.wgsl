@@ -12,7 +12,7 @@ fn count_particles(@builtin(global_invocation_id) id: vec3u) {
 }
 
 @compute @workgroup_size(WORKGROUP)
-fn enter_particles(@builtin(global_invocation_id) id: vec3u) {
+fn insert_particles(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
     if !strand.here {
         return;
@@ -35,7 +35,7 @@ fn enter_particles(@builtin(global_invocation_id) id: vec3u) {
 
 // Accelerations for a step become velocities.
 @compute @workgroup_size(WORKGROUP)
-fn kick_strands(@builtin(global_invocation_id) id: vec3u) {
+fn accelerate_strands(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
     if !strand.here {
         return;

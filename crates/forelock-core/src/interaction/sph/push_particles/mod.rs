@@ -14,6 +14,9 @@ use crate::interaction::sph::Fluid;
 use crate::interaction::sph::find_neighbours::{CHUNK, Neighbours, Particle, SearchReal};
 use rayon::prelude::*;
 
+/// WGSL of the stage.
+pub const WGSL: &str = include_str!("kernel.wgsl");
+
 /// Fills `out` with the acceleration of each particle, in the sorted order of `neighbours`. `rest_density` is by number.
 pub fn push<T: SearchReal>(
     neighbours: &Neighbours<T>,

@@ -37,6 +37,12 @@ use ghost::Ghost;
 
 /// The stage's name in reports.
 pub const STAGE: &str = "solve_strands";
+/// WGSL of the stage; it needs one of the two texts below.
+pub const WGSL: &str = include_str!("kernel.wgsl");
+/// WGSL that stores the factors in 32 bits.
+pub const LINKS_WGSL: &str = include_str!("links.wgsl");
+/// WGSL that stores the factors in 16 bits.
+pub const LINKS_HALVED_WGSL: &str = include_str!("links_halved.wgsl");
 
 /// Advances one group of lanes (`first..first + L::WIDTH`) by a substep: velocities by the implicit solve, then
 /// x += h v; clamped particles go to their ghosts exactly.

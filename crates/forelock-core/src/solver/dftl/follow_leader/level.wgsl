@@ -89,7 +89,7 @@ fn follow_level(strand: Strand, i: u32, was: vec3f, predicted: vec3f, carried: C
         direction = direction_of(x - leader);
         x = leader + length * direction;
         correction = x - predicted;
-        if look.count > 0u {
+        if query.count > 0u {
             let met = level_solids(strand, i, was, x, leader, length);
             if any(met.xyz != x) {
                 direction = direction_of(met.xyz - leader);
@@ -115,19 +115,19 @@ fn level_solids(strand: Strand, i: u32, was: vec3f, start: vec3f, leader: vec3f,
     var x = select(start, met.x, met.touches);
     var v = met.v;
     var clearance = met.clearance;
-    var depth = -(clearance + look.thickness);
+    var depth = -(clearance + query.thickness);
     if any(x != start) && frame.recheck > 0u {
         for (var round = 0u; round <= frame.recheck; round++) {
             let back = leader + length * direction_of(x - leader);
             let moved = distance(back, x);
-            depth = max(depth, moved - clearance - look.thickness);
+            depth = max(depth, moved - clearance - query.thickness);
             // Below zero it is a depth, not a distance.
             clearance = select(clearance, max(clearance - moved, 0.0), clearance >= 0.0);
             x = back;
             if round < frame.recheck && clearance <= 0.0 {
                 let again = meet_solids(x, v, x, 0.0, clearance);
                 clearance = again.clearance;
-                depth = max(depth, -(clearance + look.thickness));
+                depth = max(depth, -(clearance + query.thickness));
                 if again.touches {
                     x = again.x;
                     v = again.v;

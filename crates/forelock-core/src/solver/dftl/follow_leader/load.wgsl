@@ -1,7 +1,7 @@
 // Before strands meet, the load that followers' velocities hold is laid aside: what is left is how they move. Afterwards it comes back. One strand a thread, each particle by itself.
 
 @compute @workgroup_size(WORKGROUP)
-fn lay_load_aside(@builtin(global_invocation_id) id: vec3u) {
+fn store_load(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
     if !strand.here {
         return;
@@ -14,7 +14,7 @@ fn lay_load_aside(@builtin(global_invocation_id) id: vec3u) {
 }
 
 @compute @workgroup_size(WORKGROUP)
-fn take_load_back(@builtin(global_invocation_id) id: vec3u) {
+fn restore_load(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
     if !strand.here {
         return;

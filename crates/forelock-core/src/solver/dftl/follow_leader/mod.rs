@@ -37,6 +37,16 @@ use glam::DVec3;
 
 /// The stage's name in reports.
 pub const STAGE: &str = "follow_leader";
+/// WGSL of the fused schedule: one thread takes its strand from root to tip.
+pub const WGSL: &str = include_str!("kernel.wgsl");
+/// WGSL of one level, which all schedules share.
+pub const LEVEL_WGSL: &str = include_str!("level.wgsl");
+/// WGSL of the schedules that predict particles first.
+pub const SCHEDULES_WGSL: &str = include_str!("schedules.wgsl");
+/// WGSL that applies the drag of a wind field before the stage.
+pub const WIND_WGSL: &str = include_str!("wind.wgsl");
+/// WGSL that stores and restores the load that velocities hold.
+pub const LOAD_WGSL: &str = include_str!("load.wgsl");
 
 /// What stays the same over a step, in float64.
 #[derive(Clone, Copy, Debug)]

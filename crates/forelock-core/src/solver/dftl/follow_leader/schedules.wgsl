@@ -32,7 +32,7 @@ fn follow_strands(@builtin(global_invocation_id) id: vec3u) {
 
 // One level, after the prediction: the normal of the level before waits where that particle's velocity will be.
 @compute @workgroup_size(WORKGROUP)
-fn follow_level_of_all(@builtin(global_invocation_id) id: vec3u) {
+fn follow_level_of_strands(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
     let i = substep.level;
     if !strand.here || i >= strand.particles {

@@ -1,23 +1,26 @@
-//! Solids on the device.
+//! Solids on the device, and the kernels that resolve collisions with them.
 
+use crate::frame::FAR;
+use crate::kernel::{Constant, Kernel, Shader, Threads, bindings, shader};
+use crate::uniforms::FrameUniform;
 use crate::{Gpu, GpuError};
 use bytemuck::{Pod, Zeroable};
-use forelock_core::body::{ColliderFrame, Sdf, Shape};
+use forelock_core::body::{ColliderFrame, SHAPES_WGSL, Sdf, Shape};
 use forelock_core::pose::Pose;
 use forelock_core::frame::{Frame, fractions};
 use forelock_core::solver::{SolverParams};
-use forelock_core::collide::resolve_solids::SolidMotion;
+use forelock_core::collide::resolve_solids::{self, SolidMotion};
 use glam::{DMat4, DVec2, DVec3, Mat4, UVec3, Vec2, Vec3};
 use std::sync::Arc;
 use wgpu::BufferUsages;
 
-/// Solids of a frame at most.
+/// Largest number of solids in a frame.
 pub const MOST_SOLIDS: usize = 32;
 /// Numbers of the shapes.
 pub mod kinds {
     /// A ball.
     pub const SPHERE: u32 = 0;
-    /// A ball that holds what is in it.
+    /// A ball that contains the hair.
     pub const HOLLOW_SPHERE: u32 = 1;
     /// A capsule.
     pub const CAPSULE: u32 = 2;
@@ -27,24 +30,122 @@ pub mod kinds {
     pub const PLANE: u32 = 4;
     /// A field of distances.
     pub const FIELD: u32 = 5;
-    /// Fields, one after the other: a shape that changes.
+    /// A sequence of fields: a shape that changes.
     pub const MORPH: u32 = 6;
 }
 
-/// The same by name, for the kernels.
-pub const KINDS: [(&str, u32); 7] = [
-    ("SPHERE", kinds::SPHERE),
-    ("HOLLOW_SPHERE", kinds::HOLLOW_SPHERE),
-    ("CAPSULE", kinds::CAPSULE),
-    ("BOX", kinds::BOX),
-    ("PLANE", kinds::PLANE),
-    ("FIELD", kinds::FIELD),
-    ("MORPH", kinds::MORPH),
-];
-/// Bits of [`LookUniform::how`].
-pub const HOW: [(&str, u32); 2] = [("AFTER_SUBSTEP", AFTER_SUBSTEP), ("LAST", LAST)];
+/// Bit of [`QueryUniform::how`]: a substep has passed since the query before.
 const AFTER_SUBSTEP: u32 = 1;
+/// Bit of [`QueryUniform::how`]: the last query of the frame, whose contacts are reported.
 const LAST: u32 = 2;
+
+/// Constants of the text that samples shapes.
+pub(crate) const SHAPE_CONSTANTS: &[Constant] = &[
+    Constant::u32("SPHERE", kinds::SPHERE),
+    Constant::u32("HOLLOW_SPHERE", kinds::HOLLOW_SPHERE),
+    Constant::u32("CAPSULE", kinds::CAPSULE),
+    Constant::u32("BOX", kinds::BOX),
+    Constant::u32("PLANE", kinds::PLANE),
+    Constant::u32("FIELD", kinds::FIELD),
+    Constant::u32("MORPH", kinds::MORPH),
+    Constant::u32("AFTER_SUBSTEP", AFTER_SUBSTEP),
+    Constant::u32("LAST", LAST),
+    Constant::u32("MOST_SOLIDS", MOST_SOLIDS as u32),
+    Constant::u32("FIELD_NUMBERS", FIELD_NUMBERS),
+];
+
+/// Constants of the text that resolves the collisions of a particle.
+pub(crate) const PARTICLE_CONSTANTS: &[Constant] = &[
+    Constant::u32("LOOKS", resolve_solids::LOOKS as u32),
+    Constant::u32("ROUNDS", resolve_solids::ROUNDS as u32),
+    Constant::u32("SWEEP_STEPS", resolve_solids::SWEEP_STEPS as u32),
+    Constant::f32("TOUCH", resolve_solids::TOUCH as f32),
+];
+
+/// Constants of the strand kernel.
+const STRAND_CONSTANTS: &[Constant] = &[
+    Constant::u32("SLIDES", resolve_solids::SLIDES as u32),
+    Constant::f32("STRETCHED", resolve_solids::STRETCHED as f32),
+];
+
+/// Shapes that change are supported.
+pub(crate) const MORPHING: &[Constant] = &[Constant::bool("CHANGES", true)];
+/// Shapes that change are left out, which makes the kernel faster.
+pub(crate) const RIGID: &[Constant] = &[Constant::bool("CHANGES", false)];
+/// Collisions change velocities.
+const FREE: &[Constant] = &[Constant::bool("DRAGS", false)];
+
+bindings! {
+    /// Strands and solids.
+    pub(crate) struct SolidBindings {
+        0 frame: uniform(FrameUniform),
+        2 blocks: read,
+        3 model: read,
+        5 positions: read_write,
+        6 velocities: read_write,
+        7 memory: read_write,
+        9 report: read_write,
+        10 fields: read,
+        11 query: dynamic(QueryUniform),
+    }
+}
+
+shader! {
+    /// `resolve_solids` for shapes that do not change.
+    RESOLVE: "resolve_solids", SolidBindings;
+    texts: [SHAPES_WGSL, resolve_solids::PARTICLE_WGSL, resolve_solids::WGSL];
+    constants: [SHAPE_CONSTANTS, PARTICLE_CONSTANTS, STRAND_CONSTANTS, RIGID, FREE];
+    kernels: {
+        /// Resolves the collisions of each strand.
+        RESOLVE_SOLIDS: "resolve_solids", Threads::Strands;
+    }
+}
+
+shader! {
+    /// `resolve_solids` where some shapes change.
+    RESOLVE_MORPHING: "resolve_solids", SolidBindings;
+    texts: [SHAPES_WGSL, resolve_solids::PARTICLE_WGSL, resolve_solids::WGSL];
+    constants: [SHAPE_CONSTANTS, PARTICLE_CONSTANTS, STRAND_CONSTANTS, MORPHING, FREE];
+    kernels: {
+        /// Resolves the collisions of each strand.
+        RESOLVE_MORPHING_SOLIDS: "resolve_solids", Threads::Strands;
+    }
+}
+
+pub(crate) static SHADERS: &[&Shader] = &[&RESOLVE, &RESOLVE_MORPHING];
+
+/// Which solids a frame has, as far as kernels differ by it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum SolidKinds {
+    /// None.
+    None,
+    /// Only shapes that do not change.
+    Rigid,
+    /// Some that change.
+    Morphing,
+}
+
+impl SolidKinds {
+    /// Those of `solids`.
+    pub fn of(solids: &[ColliderFrame<'_>]) -> Self {
+        if solids.is_empty() {
+            Self::None
+        } else if solids.iter().any(|solid| matches!(solid.shape, Shape::Morph { .. })) {
+            Self::Morphing
+        } else {
+            Self::Rigid
+        }
+    }
+
+    /// The kernel that resolves collisions after a substep, if there are solids.
+    pub fn resolve(self) -> Option<&'static Kernel<SolidBindings<'static>>> {
+        match self {
+            Self::None => None,
+            Self::Rigid => Some(&RESOLVE_SOLIDS),
+            Self::Morphing => Some(&RESOLVE_MORPHING_SOLIDS),
+        }
+    }
+}
 
 /// A solid in a substep: `Solid` in the kernel.
 #[repr(C)]
@@ -54,103 +155,112 @@ pub struct SolidEntry {
     pub at_end: Mat4,
     /// The same at its start.
     pub at_start: Mat4,
-    /// From positions to positions, of what moves with it.
+    /// Maps a point of the carrier from the substep's start to its end.
     pub carry: Mat4,
     /// Rotation vector of the carrier over the substep.
     pub spin: Vec3,
     /// Coulomb friction.
     pub friction: f32,
-    /// How far the carrier goes, metres.
+    /// Displacement of the carrier, metres.
     pub travel: Vec3,
     /// One of [`kinds`].
     pub kind: u32,
-    /// Where the carrier is, metres.
+    /// Position of the carrier, metres.
     pub pivot: Vec3,
-    /// What moves less than this cannot pass through, metres.
+    /// Displacements below this cannot tunnel through it, metres.
     pub thinness: f32,
     /// Radius; half length and radius; half extents. Metres.
     pub size: Vec3,
     /// Side of a field's cells, metres; 0 for what is exact.
     pub cell: f32,
-    /// Middle of a ball that holds it.
+    /// Centre of its bounding ball.
     pub ball: Vec3,
-    /// And its radius, metres.
+    /// Radius of its bounding ball, metres.
     pub ball_radius: f32,
     /// A field's first node, metres.
     pub origin: Vec3,
-    /// Of a shape that changes, where its first field is described.
+    /// Of a shape that changes, the first number of the description of its first field.
     pub described: u32,
     /// A field's nodes.
     pub dims: UVec3,
-    /// Where its values start.
+    /// The first of its values.
     pub first: u32,
-    /// How far along its fields a shape that changes is at the substep's start and end.
+    /// Of a shape that changes, the position in its sequence at the substep's start and end.
     pub phases: Vec2,
-    /// How far its surface may move in the substep, metres.
+    /// The largest displacement of its surface in the substep, metres.
     pub swell: f32,
-    /// How many fields it has.
+    /// The number of its fields.
     pub fields: u32,
 }
 
-/// Numbers that describe a field: first node, side of a cell, nodes, and where its values start, in two halves.
+/// Numbers of the description of a field: first node, side of a cell, nodes, and the index of its first value in two
+/// halves.
 pub const FIELD_NUMBERS: u32 = 9;
 
-/// A look at all solids: `Look` in the kernel.
+/// A query of all solids: `Query` in the kernel.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct LookUniform {
-    /// How many solids there are.
+pub struct QueryUniform {
+    /// The number of solids.
     pub count: u32,
-    /// Bits of [`HOW`].
+    /// Bits 1: after a substep; 2: the last query of the frame.
     pub how: u32,
     /// Distance kept from surfaces, metres.
     pub thickness: f32,
-    /// Depth that a particle which was inside may lose now, metres.
+    /// Depth by which a particle inside a solid may be moved out, metres.
     pub way_out: f32,
-    /// The first `count` are there.
+    /// The first `count` are used.
     pub solids: [SolidEntry; MOST_SOLIDS],
 }
 
-/// Nothing is farther, in metres: the kernels know no infinity.
-pub const FAR: f64 = 1e30;
+/// The solids of a frame.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SolidFrame<'a> {
+    /// The frame.
+    pub frame: &'a Frame<'a>,
+    /// The origin of positions.
+    pub origin: DVec3,
+    /// Whether solids are queried once more at the frame's end.
+    pub has_last: bool,
+}
 
-/// Fields that are on the device, and the looks of a frame.
+/// Distance fields on the device, and the queries of a frame.
 #[derive(Debug)]
 pub(crate) struct Solids {
     /// Values of all fields, one after the other.
     pub fields: wgpu::Buffer,
-    /// Shapes whose fields are there, and where: the first value of a field, or where a shape that changes is described.
+    /// Shapes whose fields are there, and where: the first value of a field, or the description of a shape that
+    /// changes.
     held: Vec<(Shape, u32)>,
-    /// A `LookUniform` a look, each at a multiple of `stride`.
-    pub looks: wgpu::Buffer,
-    pub stride: u32,
-    look: Box<LookUniform>,
-    /// All looks as bytes.
+    /// A `QueryUniform` a query, each at a multiple of `stride`.
+    pub queries: wgpu::Buffer,
+    stride: u32,
+    query: Box<QueryUniform>,
+    /// All queries as bytes.
     bytes: Vec<u8>,
 }
 
 impl Solids {
-    /// For frames of `substeps`, as yet without a field.
+    /// For frames of `substeps`, without a field yet.
     pub fn new(gpu: &Gpu, substeps: u32) -> Self {
-        let aligned = gpu.device().limits().min_uniform_buffer_offset_alignment;
-        let stride = (size_of::<LookUniform>() as u32).next_multiple_of(aligned);
+        let stride = gpu.uniform_stride(size_of::<QueryUniform>());
         let bytes = u64::from(stride) * u64::from(substeps + 1);
         Self {
             fields: buffer_of(gpu, &[]),
             held: Vec::new(),
-            looks: gpu.buffer("looks", bytes, BufferUsages::UNIFORM | BufferUsages::COPY_DST),
+            queries: gpu.buffer("queries", bytes, BufferUsages::UNIFORM | BufferUsages::COPY_DST),
             stride,
-            look: Box::new(LookUniform::zeroed()),
+            query: Box::new(QueryUniform::zeroed()),
             bytes: Vec::new(),
         }
     }
 
     /// Bytes held on the device.
     pub fn bytes(&self) -> u64 {
-        self.fields.size() + self.looks.size()
+        self.fields.size() + self.queries.size()
     }
 
-    /// Brings the fields of `solids` to the device; whether they are in a new buffer.
+    /// Uploads the fields of `solids` that are missing. Returns whether the buffer is a new one.
     pub fn hold(&mut self, gpu: &Gpu, solids: &[ColliderFrame<'_>]) -> Result<bool, GpuError> {
         if solids.len() > MOST_SOLIDS {
             return Err(GpuError::Unsupported { what: "more than 32 solids at once" });
@@ -184,39 +294,32 @@ impl Solids {
         Ok(true)
     }
 
-    /// Brings the looks of a frame to the device: one after each substep, and one after the lengths.
-    pub fn place(
-        &mut self,
-        gpu: &Gpu,
-        params: &SolverParams,
-        frame: &Frame<'_>,
-        origin: DVec3,
-        looks_last: bool,
-    ) {
-        let (count, substeps) = (frame.colliders.len(), params.substeps());
-        let h = frame.dt_secs / f64::from(substeps);
+    /// Writes the queries of a frame: one after each substep, and one at the end. `has_last` says whether that one runs.
+    pub fn write_frame(&mut self, gpu: &Gpu, params: &SolverParams, frame: &SolidFrame<'_>) {
+        let (colliders, substeps) = (frame.frame.colliders, params.substeps());
+        let h = frame.frame.dt_secs / f64::from(substeps);
         self.bytes.clear();
-        self.look.count = count as u32;
-        self.look.thickness = params.skin_thickness() as f32;
+        self.query.count = colliders.len() as u32;
+        self.query.thickness = params.skin_thickness() as f32;
         for (step, fractions) in (0..substeps).zip(fractions(substeps)) {
-            for (entry, solid) in self.look.solids.iter_mut().zip(frame.colliders) {
+            for (entry, solid) in self.query.solids.iter_mut().zip(colliders) {
                 let place = place_of(&self.held, solid.shape).unwrap_or(0);
-                *entry = entry_of(solid, fractions, origin, place);
+                *entry = entry_of(solid, fractions, frame.origin, place);
             }
-            let is_last = step + 1 == substeps;
-            self.look.how = if is_last && !looks_last { AFTER_SUBSTEP | LAST } else { AFTER_SUBSTEP };
-            self.look.way_out = (params.depenetration_speed() * h) as f32;
+            let is_last = step + 1 == substeps && !frame.has_last;
+            self.query.how = if is_last { AFTER_SUBSTEP | LAST } else { AFTER_SUBSTEP };
+            self.query.way_out = (params.depenetration_speed() * h) as f32;
             self.append(step);
         }
-        self.look.how = LAST;
-        self.look.way_out = 0.0;
+        self.query.how = LAST;
+        self.query.way_out = 0.0;
         self.append(substeps);
-        gpu.queue().write_buffer(&self.looks, 0, &self.bytes);
+        gpu.queue().write_buffer(&self.queries, 0, &self.bytes);
     }
 
     fn append(&mut self, number: u32) {
         self.bytes.resize((number * self.stride) as usize, 0);
-        self.bytes.extend_from_slice(bytemuck::bytes_of(&*self.look));
+        self.bytes.extend_from_slice(bytemuck::bytes_of(&*self.query));
     }
 }
 

@@ -1,16 +1,61 @@
-//! Guides on the device carry all strands.
+//! Placement of all strands by simulated guides, on the device.
 
-use crate::kernels::{self, Binding, Group, Kernel};
+use crate::kernel::{Bound, Shader, StrandThreads, Threads, bindings, shader};
 use crate::{Gpu, GpuError, GpuSimulation};
 use bytemuck::{Pod, Zeroable};
 use forelock_core::groom::Groom;
-use forelock_core::groom::guides::Skinning;
+use forelock_core::groom::guides::{CARRY_WGSL, FOLLOW_WGSL, Skinning, WGSL};
 use forelock_core::lane::LANES;
 use forelock_core::strands::Model;
 use forelock_core::pose::Pose;
 use forelock_core::strands::{State, vector};
 use glam::{DVec3, Quat, UVec4, Vec3, Vec4};
 use wgpu::BufferUsages;
+
+bindings! {
+    /// Guides and their motions.
+    pub(crate) struct GuideBindings {
+        2 blocks: read,
+        3 model: read,
+        5 positions: read_write,
+        21 motions: read_write,
+        22 skin: uniform(SkinUniform),
+    }
+}
+
+bindings! {
+    /// From motions of guides to positions of strands.
+    pub(crate) struct CarryBindings {
+        21 motions: read_write,
+        22 skin: uniform(SkinUniform),
+        23 carried: read,
+        24 placed: read_write,
+    }
+}
+
+shader! {
+    /// `follow_guides`.
+    FOLLOW: "follow_guides", GuideBindings;
+    texts: [WGSL, FOLLOW_WGSL];
+    constants: [];
+    kernels: {
+        /// The motion of each guide particle.
+        FOLLOW_GUIDES: "follow_guides", Threads::Strands;
+    }
+}
+
+shader! {
+    /// `carry_strands`.
+    CARRY: "carry_strands", CarryBindings;
+    texts: [WGSL, CARRY_WGSL];
+    constants: [];
+    kernels: {
+        /// The position of each particle.
+        CARRY_STRANDS: "carry_strands", Threads::CELLS;
+    }
+}
+
+pub(crate) static SHADERS: &[&Shader] = &[&FOLLOW, &CARRY];
 
 /// A frame of skinning: `Skin` in the kernels.
 #[repr(C)]
@@ -20,11 +65,11 @@ pub struct SkinUniform {
     pub head: Quat,
     /// Particles that are carried.
     pub count: u32,
-    /// Nothing.
+    /// Padding.
     pub pad_0: u32,
-    /// Nothing.
+    /// Padding.
     pub pad_1: u32,
-    /// Nothing.
+    /// Padding.
     pub pad_2: u32,
 }
 
@@ -40,34 +85,36 @@ pub struct CarriedEntry {
     pub weights: Vec4,
     /// Where it is at rest, from the middle of the guides' rest shape, metres.
     pub rest: Vec3,
-    /// Nothing.
+    /// Padding.
     pub pad_0: f32,
 }
 
-/// All strands of a groom, carried by guides that are simulated on the same device: [`Skinning`], whose positions need not leave it.
+/// All strands of a groom, placed by guides that are simulated on the same device: [`Skinning`] without a read-back.
 ///
-/// Memory, in bytes a particle: 64 and 12 of all strands, 32 of the guides. It looks at the simulation's own memory: of another simulation, also one that goes on after an edit, a new one is to be made.
+/// Memory, in bytes a particle: 76 of all strands, 32 of the guides. It binds the buffers of the simulation: make a new
+/// one for another simulation, also for one that continues after an edit.
 #[derive(Debug)]
 pub struct GpuSkinning {
     gpu: Gpu,
     uniform: wgpu::Buffer,
     placed: wgpu::Buffer,
-    to_guides: wgpu::BindGroup,
-    to_strands: wgpu::BindGroup,
+    guides: Bound<GuideBindings<'static>>,
+    strands: Bound<CarryBindings<'static>>,
     count: u32,
-    groups: u32,
     bytes: u64,
 }
 
 impl GpuSkinning {
-    /// What `skinning` carries, by the guides that `guides` simulates.
+    /// The strands of `skinning`, placed by the simulation of its guides.
     ///
     /// # Errors
-    /// [`GpuError::Guides`] if the guides are not those of `skinning`, [`GpuError::Unsupported`] if they are more than one batch of strands, [`GpuError::TooLarge`] if the strands have no room.
+    /// [`GpuError::Guides`] if `guides` does not simulate the guides of `skinning`, [`GpuError::Unsupported`] if the
+    /// guides are more than one batch, [`GpuError::TooLarge`] if the strands exceed a binding.
     pub fn new(skinning: &Skinning, guides: &GpuSimulation) -> Result<Self, GpuError> {
         let (gpu, model) = (guides.gpu(), guides.model());
-        let batch = guides.batches().next().filter(|_| guides.batches().len() == 1);
-        let batch = batch.ok_or(GpuError::Unsupported { what: "guides in more than one batch" })?;
+        let [batch] = guides.batches() else {
+            return Err(GpuError::Unsupported { what: "guides in more than one batch" });
+        };
         if !is_of(model, skinning.guides()) {
             return Err(GpuError::Guides);
         }
@@ -94,33 +141,22 @@ impl GpuSkinning {
         let places = gpu.filled("carried", bytemuck::cast_slice(&carried), BufferUsages::STORAGE);
         let usage = storage | BufferUsages::VERTEX;
         let placed = gpu.buffer("placed", 12 * carried.len() as u64, usage);
-        let bound = |group| {
-            kernels::bind(gpu.device(), (gpu.kernels(), group), &|what| match what {
-                Binding::Read("blocks") => &batch.blocks,
-                Binding::Read("model") => &batch.model,
-                Binding::Change("positions") => &batch.positions,
-                Binding::Change("motions") => &motions,
-                Binding::Read("carried") => &places,
-                Binding::Skin => &uniform,
-                _ => &placed,
-            })
+        let bindings = GuideBindings {
+            blocks: &batch.blocks,
+            model: &batch.model,
+            positions: &batch.positions,
+            motions: &motions,
+            skin: &uniform,
         };
-        let (to_guides, to_strands) = (bound(Group::Guides), bound(Group::Carried));
+        let guides = bindings.bind(gpu, batch.threads);
+        let bindings = CarryBindings { motions: &motions, skin: &uniform, carried: &places, placed: &placed };
+        let strands = bindings.bind(gpu, StrandThreads::default());
         gpu.check()?;
         let bytes = [&uniform, &motions, &places, &placed].map(|buffer| buffer.size()).iter().sum();
-        Ok(Self {
-            gpu: gpu.clone(),
-            to_guides,
-            to_strands,
-            count: carried.len() as u32,
-            groups: batch.groups,
-            bytes,
-            uniform,
-            placed,
-        })
+        Ok(Self { gpu: gpu.clone(), guides, strands, count: carried.len() as u32, bytes, uniform, placed })
     }
 
-    /// Hands the placing of all strands to the device, with the head at `head` and the guides where they are; does not wait for it.
+    /// Submits the placement of all strands by the current guides, with the head at `head`, and does not wait for it.
     ///
     /// # Errors
     /// [`GpuError::Failed`] if the device has failed.
@@ -130,19 +166,19 @@ impl GpuSkinning {
             SkinUniform { head: head.rotation.as_quat(), count: self.count, pad_0: 0, pad_1: 0, pad_2: 0 };
         self.gpu.queue().write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
         let mut encoder = self.gpu.device().create_command_encoder(&Default::default());
-        for (kernel, bound) in
-            [(Kernel::FollowGuides, &self.to_guides), (Kernel::CarryStrands, &self.to_strands)]
+        for dispatch in
+            [self.guides.dispatch(&FOLLOW_GUIDES, &[]), self.strands.dispatch(&CARRY_STRANDS, &[])]
         {
-            let mut pass = encoder.begin_compute_pass(&Default::default());
-            pass.set_pipeline(self.gpu.kernels().pipeline(kernel));
-            pass.set_bind_group(0, bound, &[]);
-            pass.dispatch_workgroups(kernel.over().groups(self.groups), 1, 1);
+            let described =
+                wgpu::ComputePassDescriptor { label: Some(dispatch.stage()), timestamp_writes: None };
+            dispatch.record(&self.gpu, &mut encoder.begin_compute_pass(&described));
         }
         self.gpu.queue().submit([encoder.finish()]);
         Ok(())
     }
 
-    /// Where all strands are, three float32 a particle in the groom's order, relative to the simulation's origin, metres: to be drawn from.
+    /// Positions of all strands, three float32 a particle in the groom's order, relative to the simulation's origin,
+    /// metres. The buffer can be bound as vertices.
     pub fn positions(&self) -> &wgpu::Buffer {
         &self.placed
     }
@@ -162,7 +198,7 @@ impl GpuSkinning {
     }
 }
 
-/// Whether `model` was made of `groom`, to rounding.
+/// Whether `model` is that of `groom`, up to rounding.
 fn is_of(model: &Model<f32>, groom: &Groom) -> bool {
     let mut is_same = model.offsets == groom.strand_offsets();
     let middle = DVec3::from(model.centre);

@@ -1,5 +1,6 @@
-//! Structs as the kernels see them. A test compares each with the kernels' own, field by field.
+//! The structs that kernels share. A test compares each with its WGSL counterpart, field by field.
 
+use crate::kernel::Constant;
 use bytemuck::{Pod, Zeroable};
 use forelock_core::pose::Pose;
 use forelock_core::solver::ams::Inextensibility;
@@ -32,7 +33,7 @@ pub struct FrameUniform {
     pub h: f32,
     /// 1/h.
     pub inverse_h: f32,
-    /// One over the frame's time.
+    /// One over the time of a frame, s⁻¹.
     pub inverse_dt: f32,
     /// Share of a DFTL correction handed up.
     pub dftl_damping: f32,
@@ -50,7 +51,7 @@ pub struct FrameUniform {
     pub clamped: u32,
     /// [`flags`].
     pub flags: u32,
-    /// The clearance of who has not looked yet.
+    /// The clearance of a particle that has not been queried.
     pub unknown: f32,
     /// Drag along a strand over that across it.
     pub drag_along: f32,
@@ -64,9 +65,9 @@ pub struct FrameUniform {
     pub tip_global: f32,
     /// The same of the second.
     pub tip_local: f32,
-    /// Looks at solids after the first.
+    /// Queries of solids after the first.
     pub recheck: u32,
-    /// Nothing.
+    /// Padding.
     pub pad_0: f32,
 }
 
@@ -94,18 +95,18 @@ pub mod flags {
     pub const WIND: u32 = 1 << 9;
 }
 
-/// The same by name, for the kernels.
-pub const FLAGS: [(&str, u32); 10] = [
-    ("TENSION", flags::TENSION),
-    ("ANGULAR_EDGE", flags::ANGULAR_EDGE),
-    ("ANGULAR_PAPER", flags::ANGULAR_PAPER),
-    ("DIRECTIONAL", flags::DIRECTIONAL),
-    ("SAG_FREE", flags::SAG_FREE),
-    ("NON_HOOKEAN", flags::NON_HOOKEAN),
-    ("FOLLOW_THE_LEADER", flags::FOLLOW_THE_LEADER),
-    ("LAY_ALONG", flags::LAY_ALONG),
-    ("SLENDER", flags::SLENDER),
-    ("WIND", flags::WIND),
+/// The same by their WGSL names.
+pub const FLAGS: [Constant; 10] = [
+    Constant::u32("TENSION", flags::TENSION),
+    Constant::u32("ANGULAR_EDGE", flags::ANGULAR_EDGE),
+    Constant::u32("ANGULAR_PAPER", flags::ANGULAR_PAPER),
+    Constant::u32("DIRECTIONAL", flags::DIRECTIONAL),
+    Constant::u32("SAG_FREE", flags::SAG_FREE),
+    Constant::u32("NON_HOOKEAN", flags::NON_HOOKEAN),
+    Constant::u32("FOLLOW_THE_LEADER", flags::FOLLOW_THE_LEADER),
+    Constant::u32("LAY_ALONG", flags::LAY_ALONG),
+    Constant::u32("SLENDER", flags::SLENDER),
+    Constant::u32("WIND", flags::WIND),
 ];
 
 /// A substep's poses: `Substep` in `prelude.wgsl`.
@@ -118,11 +119,11 @@ pub struct SubstepUniform {
     pub end: Mat4,
     /// The weight at rest, turned with the head at its end, m/s².
     pub carried_weight: Vec3,
-    /// The particle of each strand that a kernel of one level places.
+    /// The particle of each strand that a kernel of one level moves.
     pub level: u32,
     /// What positions are moved by before it, metres.
     pub shift: Vec3,
-    /// Nothing.
+    /// Padding.
     pub pad_1: f32,
 }
 
@@ -130,11 +131,11 @@ pub struct SubstepUniform {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct BlockEntry {
-    /// Place of its first particle, in its batch.
+    /// Place of its first particle within its batch.
     pub first: u32,
     /// Particles a strand.
     pub particles: u32,
-    /// Lanes that carry a strand of their own.
+    /// Lanes that hold a strand.
     pub live: u32,
     /// Samples that the grid takes of each edge.
     pub points: u32,
@@ -144,17 +145,17 @@ pub struct BlockEntry {
     pub number: u32,
 }
 
-/// What a frame found: `Report` in `prelude.wgsl`.
+/// The report of frames: `Report` in `prelude.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct ReportEntry {
     /// Bits of the largest |l/l₀ − 1|.
     pub stretch: u32,
-    /// Strands put back to rest.
+    /// Strands reset to their rest shape.
     pub quarantined: u32,
-    /// Particles that touched a solid at a frame's last look.
+    /// Particles in contact with a solid at the last query of a frame.
     pub touching: u32,
-    /// Bits of the greatest depth left, metres.
+    /// Bits of the largest remaining depth, metres.
     pub deepest: u32,
     /// Bits of the largest |l/l₀ − 1| after the lengths were restored.
     pub restored: u32,
@@ -162,18 +163,18 @@ pub struct ReportEntry {
     pub contacts: u32,
 }
 
-/// An extent of which nothing has been measured: least and greatest coordinates, ordered as integers.
+/// An empty extent: least and greatest coordinates, as integers in the order of floats.
 pub(crate) const NO_EXTENT: [u32; 6] = [u32::MAX, u32::MAX, u32::MAX, 0, 0, 0];
 
-/// The clearance of who has not looked yet, on the device: it may know no infinity. Metres.
+/// The clearance of a particle that has not been queried, metres: WGSL has no infinities.
 pub const UNKNOWN: f32 = -1e30;
 
 impl FrameUniform {
-    /// Of frames of `dt_secs` under `params`, in a wind that is `air` everywhere or `varies`.
-    pub fn new(params: &SolverParams, dt_secs: f64, gravity: DVec3, (air, varies): (DVec3, bool)) -> Self {
+    /// Of frames of `dt_secs` under `params`, in air of velocity `air` everywhere; [`FrameUniform::in_wind`] for a field.
+    pub fn new(params: &SolverParams, dt_secs: f64, gravity: DVec3, air: DVec3) -> Self {
         let (params, followed) = &match params {
             SolverParams::Ams(params) => (params.clone(), None),
-            // As far as kernels that solvers share ask for them.
+            // What the kernels that solvers share need.
             SolverParams::Dftl(own) => {
                 let shared = AmsParams {
                     substeps: 1,
@@ -204,7 +205,6 @@ impl FrameUniform {
             (terms.sag_free, flags::SAG_FREE),
             (curve.is_some(), flags::NON_HOOKEAN),
             (terms.slender, flags::SLENDER),
-            (varies, flags::WIND),
             (params.inextensibility == Inextensibility::Dftl, flags::FOLLOW_THE_LEADER),
             (params.lay_along_solids && params.inextensibility != Inextensibility::Off, flags::LAY_ALONG),
         ];
@@ -239,9 +239,14 @@ impl FrameUniform {
             pad_0: 0.0,
         }
     }
+
+    /// The same where the wind is a field: kernels sample it instead of `air`.
+    pub fn in_wind(self) -> Self {
+        Self { flags: self.flags | flags::WIND, ..self }
+    }
 }
 
-/// A pose as a map.
+/// A pose as a matrix.
 pub(crate) fn rigid(pose: &Pose) -> Mat4 {
     DMat4::from_rotation_translation(pose.rotation, pose.translation).as_mat4()
 }

@@ -3,7 +3,7 @@
 @group(0) @binding(17) var<storage, read> wind: array<f32>;
 
 @compute @workgroup_size(WORKGROUP)
-fn blow_strands(@builtin(global_invocation_id) id: vec3u) {
+fn apply_wind(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
     if !strand.here {
         return;

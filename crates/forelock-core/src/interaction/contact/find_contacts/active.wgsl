@@ -1,0 +1,198 @@
+// Contacts, as far as they are sought among all strands at once: nodes of the drift, cells, pairs; the twin of `find_contacts`.
+//
+// Nothing depends on the order in which threads come: sums are of integers, what is kept of a list is its greatest, and lists that come in any order are only gone through as a whole.
+
+fn rest_of(number: u32) -> vec3f {
+    let at = row_of(number, MODEL_ROWS, 0u);
+    return vec3f(rest[at], rest[at + LANES], rest[at + 2u * LANES]);
+}
+
+// Pieces in which a segment is entered.
+fn own_pieces_of(segment: u32) -> u32 {
+    return pieces_of(rest[row_of(segment, MODEL_ROWS, 3u)]);
+}
+
+// The box of the frame, and nothing found.
+@compute @workgroup_size(1)
+fn fit_mean_motion() {
+    var low = vec3f();
+    var high = vec3f();
+    for (var c = 0u; c < 3u; c++) {
+        low[c] = unordered(atomicExchange(&touch.extent[c], NOTHING));
+        high[c] = unordered(atomicExchange(&touch.extent[3u + c], 0u));
+    }
+    // Nothing was near.
+    if !all(low <= high) {
+        low = vec3f();
+        high = vec3f();
+    }
+    let size = high - low;
+    touch.low = low;
+    touch.high = high;
+    touch.spacing = max(contacts.spacing, max(size.x, max(size.y, size.z)) / f32(DRIFT_NODES - 2u));
+    touch.dims = min(vec3u(size / touch.spacing) + 2u, vec3u(DRIFT_NODES + 1u));
+    touch.slices = 0u;
+    touch.slice = 0u;
+    atomicStore(&touch.squares[0], 0u);
+    atomicStore(&touch.squares[1], 0u);
+    atomicStore(&touch.fastest, 0u);
+    atomicStore(&touch.actives, 0u);
+    atomicStore(&touch.joints, 0u);
+    atomicStore(&touch.farthest, 0u);
+    atomicStore(&report.contacts, 0u);
+}
+
+fn node_count() -> u32 {
+    return touch.dims.x * touch.dims.y * touch.dims.z;
+}
+
+@compute @workgroup_size(CELLS_GROUP)
+fn clear_mean_motion(@builtin(global_invocation_id) id: vec3u) {
+    for (var at = id.x; at < 8u * node_count(); at += LIST_THREADS) {
+        atomicStore(&table[at], 0u);
+    }
+}
+
+// A sum that `add_wide` made.
+fn wide(at: u32) -> f32 {
+    var low = atomicLoad(&table[at]);
+    var high = atomicLoad(&table[at + 1u]);
+    let negative = (high & 0x80000000u) != 0u;
+    if negative {
+        low = ~low + 1u;
+        high = ~high + select(0u, 1u, low == 0u);
+    }
+    let sum = f32(high) * 4294967296.0 + f32(low);
+    return select(sum, -sum, negative);
+}
+
+// Sums become means over the nodes about each.
+@compute @workgroup_size(CELLS_GROUP)
+fn smooth_mean_motion(@builtin(global_invocation_id) id: vec3u) {
+    let side = side_of_box();
+    for (var at = id.x; at < node_count(); at += LIST_THREADS) {
+        let node = vec3u(at % touch.dims.x, at / touch.dims.x % touch.dims.y, at / (touch.dims.x * touch.dims.y));
+        let first = max(node, vec3u(1u)) - 1u;
+        let last = min(node + 1u, touch.dims - 1u);
+        var sum = vec4f();
+        for (var z = first.z; z <= last.z; z++) {
+            for (var y = first.y; y <= last.y; y++) {
+                for (var x = first.x; x <= last.x; x++) {
+                    let own = 8u * (x + touch.dims.x * (y + touch.dims.y * z));
+                    sum += vec4f(wide(own), wide(own + 2u), wide(own + 4u), wide(own + 6u));
+                }
+            }
+        }
+        let mean = sum.xyz * (side / max(sum.w, 1.0));
+        let to = contacts.bodies + 4u * at;
+        for (var c = 0u; c < 3u; c++) {
+            set_real(to + c, mean[c]);
+        }
+    }
+}
+
+// Where the largest end: the last bin, how many of it belong, and how many are in it.
+var<workgroup> last_of: vec3u;
+
+const OWN_BINS: u32 = BINS / CELLS_GROUP;
+
+// The bin in which the `most` largest end, from the top: thread `t` has the t-th so many bins. The barriers are the caller's.
+fn find_last(t: u32, most: u32) {
+    var before = 0u;
+    for (var k = 0u; k < t; k++) {
+        before += sums[k];
+    }
+    for (var k = 0u; k < OWN_BINS; k++) {
+        let bin = BINS - 1u - (OWN_BINS * t + k);
+        let own = atomicLoad(&touch.bins[bin]);
+        if before <= most && own > most - before {
+            last_of = vec3u(bin, most - before, own);
+        }
+        before += own;
+    }
+}
+
+fn sum_bins(t: u32) {
+    var own = 0u;
+    for (var k = 0u; k < OWN_BINS; k++) {
+        own += atomicLoad(&touch.bins[BINS - 1u - (OWN_BINS * t + k)]);
+    }
+    sums[t] = own;
+    if t == 0u {
+        last_of = vec3u();
+    }
+}
+
+fn forget_bins(t: u32) {
+    for (var k = 0u; k < OWN_BINS; k++) {
+        atomicStore(&touch.bins[BINS - 1u - (OWN_BINS * t + k)], 0u);
+    }
+}
+
+fn share_of(last: vec3u) -> f32 {
+    return select(f32(last.y) / f32(max(last.z, 1u)), 1.0, last.z == 0u);
+}
+
+// Which segments are active, and how many slices the frame takes.
+@compute @workgroup_size(CELLS_GROUP)
+fn select_active(@builtin(local_invocation_index) t: u32) {
+    sum_bins(t);
+    workgroupBarrier();
+    find_last(t, contacts.most_active);
+    workgroupBarrier();
+    if t == 0u {
+        touch.least = 0.5 * contacts.slip;
+        touch.bin = last_of.x;
+        touch.share = share_of(last_of);
+    }
+    workgroupBarrier();
+    if t == 0u {
+        last_of = vec3u();
+    }
+    workgroupBarrier();
+    find_last(t, contacts.few);
+    workgroupBarrier();
+    if t == 0u {
+        let squares = f32(atomicLoad(&touch.squares[1])) * 4294967296.0 + f32(atomicLoad(&touch.squares[0]));
+        let typical = sqrt(squares / SQUARE_UNIT * contacts.inverse_particles);
+        let most = bitcast<f32>((last_of.x + 1u) << BIN_BITS) / (2.0 * contacts.edge);
+        let quiet = bitcast<f32>(atomicLoad(&touch.fastest)) <= touch.least;
+        touch.slices = select(u32(clamp(ceil(max(typical, most)), 1.0, f32(SLICES))), 0u, quiet);
+    }
+    forget_bins(t);
+}
+
+@compute @workgroup_size(CELLS_GROUP)
+fn clear_cells(@builtin(global_invocation_id) id: vec3u) {
+    if id.x == 0u {
+        atomicStore(&touch.taken, 0u);
+        touch.shelves = 0u;
+    }
+    if !is_searched() {
+        return;
+    }
+    for (var at = id.x; at < contacts.cells; at += LIST_THREADS) {
+        atomicStore(&table[at], 0u);
+    }
+}
+
+var<workgroup> is_quiet: u32;
+// From counts to where each cell's entries start.
+@compute @workgroup_size(CELLS_GROUP)
+fn scan_cells(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t: u32) {
+    if t == 0u {
+        is_quiet = select(1u, 0u, is_searched());
+    }
+    if workgroupUniformLoad(&is_quiet) != 0u {
+        return;
+    }
+    if group.x == 0u && t == 0u {
+        touch.shelves = 1u;
+    }
+    scan_rows(group.x, t, contacts.cells);
+}
+
+// Room for so many entries.
+fn take_room(count: u32) -> u32 {
+    return atomicAdd(&touch.taken, count);
+}

@@ -1,0 +1,88 @@
+//! Kernels of every frame: lengths and the final check; the bindings of strands; the constants of every shader.
+
+use crate::kernel::{
+    CELLS_GROUP, CELLS_THREADS, Constant, LIST_THREADS, Shader, Threads, WORKGROUP, bindings, shader,
+};
+use crate::uniforms::{FLAGS, FrameUniform, SubstepUniform};
+use forelock_core::lane::LANES;
+use forelock_core::strands::SCRATCH_ROWS;
+use forelock_core::solver::ams::solve_strands::PIVOT_FLOOR;
+use forelock_core::frame::{check_strands, restore_lengths};
+
+/// Rows of the model a particle.
+pub const MODEL_ROWS: u32 = 7;
+/// A distance that stands for infinity, metres: WGSL has no infinities.
+pub const FAR: f64 = 1e30;
+
+/// Constants of the prelude and of what several modules share.
+pub(crate) const COMMON_CONSTANTS: [&[Constant]; 2] = [
+    &[
+        Constant::u32("LANES", LANES as u32),
+        Constant::u32("WORKGROUP", WORKGROUP),
+        Constant::u32("CELLS_GROUP", CELLS_GROUP),
+        Constant::u32("CELLS_THREADS", CELLS_THREADS),
+        Constant::u32("LIST_THREADS", LIST_THREADS),
+        Constant::u32("SCRATCH", SCRATCH_ROWS as u32),
+        Constant::u32("MODEL_ROWS", MODEL_ROWS),
+        Constant::f32("PIVOT_FLOOR", PIVOT_FLOOR as f32),
+        Constant::f32("FAR", FAR as f32),
+    ],
+    &FLAGS,
+];
+
+bindings! {
+    /// Strands: model, state and report.
+    pub(crate) struct StrandBindings {
+        0 frame: uniform(FrameUniform),
+        1 substep: dynamic(SubstepUniform),
+        2 blocks: read,
+        3 model: read,
+        5 positions: read_write,
+        6 velocities: read_write,
+        7 memory: read_write,
+        8 scratch: read_write,
+        9 report: read_write,
+    }
+}
+
+bindings! {
+    /// Strands and the wind at their particles.
+    pub(crate) struct WindBindings {
+        0 frame: uniform(FrameUniform),
+        1 substep: dynamic(SubstepUniform),
+        2 blocks: read,
+        3 model: read,
+        4 strands: read,
+        5 positions: read_write,
+        6 velocities: read_write,
+        7 memory: read_write,
+        8 scratch: read_write,
+        17 wind: read,
+    }
+}
+
+shader! {
+    /// `restore_lengths`.
+    RESTORE: "restore_lengths", StrandBindings;
+    texts: [restore_lengths::WGSL];
+    constants: [&[Constant::u32("NEWTON_STEPS", restore_lengths::NEWTON_STEPS as u32)]];
+    kernels: {
+        /// Restores the length of every edge.
+        RESTORE_LENGTHS: "restore_lengths", Threads::Strands;
+        /// The same after contacts, where they moved hair.
+        RESTORE_AGAIN: "restore_again", Threads::Strands;
+    }
+}
+
+shader! {
+    /// `check_strands`.
+    CHECK: "check_strands", StrandBindings;
+    texts: [check_strands::WGSL];
+    constants: [];
+    kernels: {
+        /// Measures the stretch and quarantines strands that are not finite.
+        CHECK_STRANDS: "check_strands", Threads::Strands;
+    }
+}
+
+pub(crate) static SHADERS: &[&Shader] = &[&RESTORE, &CHECK];

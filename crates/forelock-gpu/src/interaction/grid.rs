@@ -1,0 +1,433 @@
+//! The grid on the device: particle to grid, pressure, grid to particle.
+//!
+//! # Practice
+//! The device finds the box of the hair, so a frame reads nothing back. There is room for a cube about the ball that
+//! holds the hair at rest, for `max_cells` and for what the device can bind, whichever is least; hair beyond it is left
+//! alone, as beyond `max_cells` on the CPU. A fixed number of threads iterates over the cells.
+//!
+//! # Limitations
+//! The over-relaxation of the pressure is tuned for hair as thick as a seventh of the longest side of the rest shape;
+//! for much thicker hair the allowed sweeps leave a larger residual than on the CPU.
+
+use crate::batch::DeviceStrands;
+use crate::collide::{MORPHING, MOST_SOLIDS, QueryUniform, SHAPE_CONSTANTS, Solids};
+use crate::kernel::{Bound, Constant, DispatchList, Shader, StrandThreads, Threads, bindings, shader};
+use crate::uniforms::{FrameUniform, NO_EXTENT};
+use crate::{Gpu, GpuError};
+use bytemuck::{Pod, Zeroable};
+use forelock_core::body::SHAPES_WGSL;
+use forelock_core::interaction::grid::{self, Grid, GridFrame, GridParams, GridReport, MARGIN, SolidMaps};
+use forelock_core::frame::Frame;
+use forelock_core::interaction::grid::solve_pressure::{LOOSE, SLACK, SPARSE};
+use forelock_core::interaction::grid::{gather_velocities, solve_pressure, splat_segments};
+use glam::{DMat3, DMat4, DVec3, IVec3, Mat4, UVec3};
+use wgpu::BufferUsages;
+
+/// The longest side of the rest shape over the thickness of its hair, about.
+const THINNESS: f64 = 7.0;
+/// Sweeps between two checks of convergence.
+const SWEEPS: u32 = 4;
+/// Largest speed relative to the head that the grid transfers, m/s.
+const FASTEST: f32 = 64.0;
+/// Cells from the grid's origin, beyond which hair is left alone.
+const MOST_OUT: f32 = 8192.0;
+/// Numbers a cell.
+const PLANES: u64 = 11;
+
+const GRID_CONSTANTS: &[Constant] = &[Constant::u32("MOST_SOLIDS", MOST_SOLIDS as u32)];
+
+const SPLAT_CONSTANTS: &[Constant] = &[
+    Constant::i32("MARGIN", MARGIN),
+    Constant::f32("FASTEST", FASTEST),
+    Constant::f32("MOST_OUT", MOST_OUT),
+];
+
+const PRESSURE_CONSTANTS: &[Constant] =
+    &[Constant::u32("SWEEPS", SWEEPS), Constant::f32("LOOSE", LOOSE), Constant::f32("SLACK", SLACK)];
+
+bindings! {
+    /// From strands to the grid.
+    pub(crate) struct SplatBindings {
+        2 blocks: read,
+        3 model: read,
+        5 positions: read_write,
+        6 velocities: read_write,
+        12 rooms: read,
+        13 cells: read_write,
+        14 bounds: read_write,
+        16 grid: uniform(GridUniform),
+    }
+}
+
+bindings! {
+    /// The grid alone.
+    pub(crate) struct CellBindings {
+        10 fields: read,
+        11 query: dynamic(QueryUniform),
+        13 cells: read_write,
+        14 bounds: read_write,
+        15 faces: read_write,
+        16 grid: uniform(GridUniform),
+    }
+}
+
+bindings! {
+    /// From the grid to strands.
+    pub(crate) struct GatherBindings {
+        0 frame: uniform(FrameUniform),
+        2 blocks: read,
+        3 model: read,
+        5 positions: read_write,
+        6 velocities: read_write,
+        7 memory: read_write,
+        14 bounds: read_write,
+        15 faces: read,
+        16 grid: uniform(GridUniform),
+    }
+}
+
+shader! {
+    /// `splat_segments`.
+    SPLAT: "splat_segments", SplatBindings;
+    texts: [grid::WGSL, splat_segments::WGSL];
+    constants: [GRID_CONSTANTS, SPLAT_CONSTANTS];
+    kernels: {
+        /// Measures the extent of the hair.
+        MEASURE_HAIR: "measure_hair", Threads::Strands;
+        /// Fits the box around it.
+        FIT_GRID: "fit_grid", Threads::ONCE;
+        /// Clears the box.
+        CLEAR_GRID: "clear_grid", Threads::CELLS;
+        /// Transfers mass and momentum of segments to the grid.
+        SPLAT_SEGMENTS: "splat_segments", Threads::Strands;
+    }
+}
+
+shader! {
+    /// `solve_pressure`.
+    SOLVE: "solve_pressure", CellBindings;
+    texts: [grid::WGSL, SHAPES_WGSL, solve_pressure::WGSL];
+    constants: [SHAPE_CONSTANTS, MORPHING, PRESSURE_CONSTANTS];
+    kernels: {
+        /// Marks cells inside solids.
+        MARK_SOLID_CELLS: "mark_solid_cells", Threads::CELLS;
+        /// Divides momentum by mass.
+        NORMALIZE_VELOCITY: "normalize_velocity", Threads::CELLS;
+        /// Computes the divergence to be removed from velocities.
+        COMPUTE_DIVERGENCE: "compute_divergence", Threads::CELLS;
+        /// Computes the excess of volume to be removed by displacements.
+        COMPUTE_EXCESS: "compute_excess", Threads::CELLS;
+        /// A sweep over the red cells.
+        RELAX_RED: "relax_red", Threads::LIST;
+        /// A sweep over the black cells.
+        RELAX_BLACK: "relax_black", Threads::LIST;
+        /// Checks whether sweeps still change the pressure.
+        CHECK_CONVERGENCE: "check_convergence", Threads::ONCE;
+        /// Applies the pressure to velocities.
+        APPLY_VELOCITY_PRESSURE: "apply_velocity_pressure", Threads::CELLS;
+        /// Applies the pressure to displacements.
+        APPLY_DISPLACEMENT_PRESSURE: "apply_displacement_pressure", Threads::CELLS;
+    }
+}
+
+shader! {
+    /// `gather_velocities`.
+    GATHER: "gather_velocities", GatherBindings;
+    texts: [grid::WGSL, gather_velocities::WGSL];
+    constants: [GRID_CONSTANTS];
+    kernels: {
+        /// Transfers changes of velocity to particles.
+        GATHER_VELOCITIES: "gather_velocities", Threads::Strands;
+        /// Transfers displacements to particles.
+        GATHER_DISPLACEMENTS: "gather_displacements", Threads::Strands;
+    }
+}
+
+pub(crate) static SHADERS: &[&Shader] = &[&SPLAT, &SOLVE, &GATHER];
+
+/// A solid in the frame of the grid: `GridSolid` in the kernels.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct GridSolidEntry {
+    /// Its own space from cells.
+    pub local: Mat4,
+    /// Its velocity relative to the grid from cells, m/s.
+    pub velocity: Mat4,
+}
+
+/// The grid in a frame: `Grid` in the kernels.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct GridUniform {
+    /// Cells from positions.
+    pub place: Mat4,
+    /// Velocity of the grid along its axes, from positions.
+    pub motion: Mat4,
+    /// Grid axes from world axes.
+    pub axes: Mat4,
+    /// Side of a cell, metres.
+    pub cell: f32,
+    /// Share of PIC.
+    pub pic: f32,
+    /// Cell over the frame's time, m/s.
+    pub slack: f32,
+    /// Share of an excess that expands in the frame.
+    pub expand: f32,
+    /// Hair below which a face is closed, metres.
+    pub least: f32,
+    /// Metres of hair that count as one while they are summed.
+    pub unit: f32,
+    /// Change of a sweep at which the pressure has converged, over the largest right-hand side.
+    pub tolerance: f32,
+    /// Numbers in a plane: cells at most.
+    pub capacity: u32,
+    /// Solids.
+    pub solids: u32,
+    /// Over-relaxation of the pressure.
+    pub relaxation: f32,
+    /// Share of a cell that counts as one while volumes are summed.
+    pub room: f32,
+    /// Padding.
+    pub pad_0: u32,
+    /// The first `solids` are used.
+    pub each: [GridSolidEntry; MOST_SOLIDS],
+}
+
+/// The box and the results of the frame: `Bounds` in the kernels.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct BoundsEntry {
+    /// The first cell.
+    pub low: IVec3,
+    /// Cells.
+    pub count: u32,
+    /// Cells along each axis.
+    pub dims: UVec3,
+    /// Cells in a layer.
+    pub layer: u32,
+    /// Extent of the hair, ordered as integers.
+    pub extent: [u32; 6],
+    /// Bits of the fullest cell's share.
+    pub fullest: u32,
+    /// Bits of the largest right-hand side.
+    pub lack: u32,
+    /// Bits of the largest change since the last check.
+    pub change: u32,
+    /// Cells under pressure.
+    pub held: u32,
+    /// Whether the pressure has converged.
+    pub found: u32,
+    /// Sweeps of all pressure solves of the frame.
+    pub sweeps: u32,
+    /// Red and black cells that can be under pressure.
+    pub listed: [u32; 2],
+    /// Bits of the last change over the largest right-hand side.
+    pub ratio: u32,
+    /// Bits of the largest such ratio at the end of a pressure solve of the frame.
+    pub residual: u32,
+}
+
+impl BoundsEntry {
+    /// The report of a frame.
+    pub(crate) fn report(&self) -> GridReport {
+        GridReport {
+            cells: self.held as usize,
+            iterations: self.sweeps,
+            residual: f32::from_bits(self.residual).into(),
+            fullest: f32::from_bits(self.fullest).into(),
+            ..GridReport::default()
+        }
+    }
+}
+
+/// The grid of a simulation.
+#[derive(Debug)]
+pub(crate) struct DeviceGrid {
+    pub params: GridParams,
+    pub uniform: wgpu::Buffer,
+    pub bounds: wgpu::Buffer,
+    pub cells: wgpu::Buffer,
+    pub faces: wgpu::Buffer,
+    /// Cells that the hair of each edge fills at rest, a row a place: a buffer a batch.
+    rooms: Vec<wgpu::Buffer>,
+    groups: GridGroups,
+    host: Box<GridUniform>,
+    cell: f64,
+}
+
+#[derive(Debug, Default)]
+struct GridGroups {
+    splat: Vec<Bound<SplatBindings<'static>>>,
+    cells: Vec<Bound<CellBindings<'static>>>,
+    gather: Vec<Bound<GatherBindings<'static>>>,
+}
+
+/// A frame of the grid.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct GridStep<'a> {
+    /// The frame.
+    pub frame: &'a Frame<'a>,
+    /// Substeps of the frame.
+    pub substeps: u32,
+    /// The motion of the grid.
+    pub motion: &'a GridFrame,
+    /// The origin of positions.
+    pub origin: DVec3,
+}
+
+impl DeviceGrid {
+    /// A grid for `strands`, to be bound before the first frame.
+    pub fn new(gpu: &Gpu, strands: DeviceStrands<'_>, params: &GridParams) -> Result<Self, GpuError> {
+        params.validate()?;
+        let model = strands.model;
+        let own = Grid::new(model, params);
+        let cell = own.cell();
+        let points: Vec<u32> = own.samples_per_edge().map(|points| points as u32).collect();
+        let side = 2.0 * (model.reach / cell).ceil() + f64::from(2 * MARGIN + 1);
+        let room = gpu.most_bound() / (4 * PLANES);
+        let capacity = (side.powi(3) as u64).min(params.max_cells.into()).min(room);
+        let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
+        let empty = BoundsEntry { extent: NO_EXTENT, ..BoundsEntry::zeroed() };
+        let bounds = gpu.filled("bounds", bytemuck::bytes_of(&empty), storage);
+        let rooms = strands.batches.iter().map(|batch| {
+            batch.set_points(gpu, model, &points);
+            gpu.filled("rooms", bytemuck::cast_slice(&own.rooms()[batch.places.clone()]), storage)
+        });
+        let unit = own.densest().max(own.sample_mass());
+        let host = GridUniform {
+            cell: cell as f32,
+            least: SPARSE * own.sample_mass(),
+            unit,
+            room: own.fullest_at_rest().max(f32::MIN_POSITIVE),
+            tolerance: params.tolerance as f32,
+            capacity: capacity as u32,
+            relaxation: relaxation(params.resolution),
+            ..GridUniform::zeroed()
+        };
+        Ok(Self {
+            rooms: rooms.collect(),
+            params: params.clone(),
+            uniform: gpu.buffer(
+                "grid",
+                size_of::<GridUniform>() as u64,
+                BufferUsages::UNIFORM | BufferUsages::COPY_DST,
+            ),
+            bounds,
+            cells: gpu.buffer("cells", 4 * PLANES * capacity, storage),
+            faces: gpu.buffer("faces", 8 * 3 * capacity, storage),
+            groups: GridGroups::default(),
+            host: Box::new(host),
+            cell,
+        })
+    }
+
+    /// Makes its bind groups.
+    pub fn bind(&mut self, gpu: &Gpu, strands: DeviceStrands<'_>, solids: &Solids) {
+        let mut groups = GridGroups::default();
+        for (batch, rooms) in strands.batches.iter().zip(&self.rooms) {
+            let bindings = SplatBindings {
+                blocks: &batch.blocks,
+                model: &batch.model,
+                positions: &batch.positions,
+                velocities: &batch.velocities,
+                rooms,
+                cells: &self.cells,
+                bounds: &self.bounds,
+                grid: &self.uniform,
+            };
+            groups.splat.push(bindings.bind(gpu, batch.threads));
+            let bindings = GatherBindings {
+                frame: &strands.shared.frame,
+                blocks: &batch.blocks,
+                model: &batch.model,
+                positions: &batch.positions,
+                velocities: &batch.velocities,
+                memory: &batch.memory,
+                bounds: &self.bounds,
+                faces: &self.faces,
+                grid: &self.uniform,
+            };
+            groups.gather.push(bindings.bind(gpu, batch.threads));
+        }
+        let bindings = CellBindings {
+            fields: &solids.fields,
+            query: &solids.queries,
+            cells: &self.cells,
+            bounds: &self.bounds,
+            faces: &self.faces,
+            grid: &self.uniform,
+        };
+        groups.cells.push(bindings.bind(gpu, StrandThreads::default()));
+        self.groups = groups;
+    }
+
+    /// Appends the exchange between strands and grid; solids are those of the query number `query`.
+    pub fn exchange<'a>(&'a self, list: &mut DispatchList<'a>, query: u32) {
+        let GridGroups { splat, cells, gather } = &self.groups;
+        let query = &[query];
+        for kernel in [&MEASURE_HAIR, &FIT_GRID, &CLEAR_GRID, &SPLAT_SEGMENTS] {
+            list.run(splat, kernel, &[]);
+        }
+        for kernel in [&MARK_SOLID_CELLS, &NORMALIZE_VELOCITY, &COMPUTE_DIVERGENCE] {
+            list.run(cells, kernel, query);
+        }
+        self.relax(list, query);
+        list.run(cells, &APPLY_VELOCITY_PRESSURE, query);
+        list.run(gather, &GATHER_VELOCITIES, &[]);
+        list.run(cells, &COMPUTE_EXCESS, query);
+        self.relax(list, query);
+        list.run(cells, &APPLY_DISPLACEMENT_PRESSURE, query);
+        list.run(gather, &GATHER_DISPLACEMENTS, &[]);
+    }
+
+    /// Appends the sweeps of a pressure, with a check every [`SWEEPS`] and after the last.
+    fn relax<'a>(&'a self, list: &mut DispatchList<'a>, query: &[u32]) {
+        let cells = &self.groups.cells;
+        for sweep in 1..=self.params.iterations.next_multiple_of(SWEEPS) {
+            list.run(cells, &RELAX_RED, query);
+            list.run(cells, &RELAX_BLACK, query);
+            if sweep % SWEEPS == 0 {
+                list.run(cells, &CHECK_CONVERGENCE, query);
+            }
+        }
+    }
+
+    /// Bytes held on the device.
+    pub fn bytes(&self) -> u64 {
+        let own = [&self.uniform, &self.bounds, &self.cells, &self.faces];
+        own.into_iter().chain(&self.rooms).map(|buffer| buffer.size()).sum()
+    }
+
+    /// Writes the uniform of a frame.
+    pub fn write_frame(&mut self, gpu: &Gpu, step: &GridStep<'_>) {
+        let GridStep { frame, substeps, motion: moving, origin } = *step;
+        let (dt, cell, params) = (frame.dt_secs, self.cell, &self.params);
+        let axes = moving.rotation.transpose();
+        let host = &mut *self.host;
+        host.place = matrix((axes * (1.0 / cell), DVec3::ZERO));
+        host.motion = matrix((axes * moving.motion.0, axes * moving.motion.1));
+        host.axes = matrix((axes, DVec3::ZERO));
+        host.pic = params.pic_share(dt) as f32;
+        host.slack = (cell / dt) as f32;
+        host.expand = params.expansion(dt) as f32;
+        host.solids = frame.colliders.len() as u32;
+        let last = 1.0 - 1.0 / f64::from(substeps);
+        for (entry, solid) in host.each.iter_mut().zip(frame.colliders) {
+            let maps = SolidMaps::new(solid, (last, dt * (1.0 - last)), origin, (moving, cell));
+            *entry = GridSolidEntry { local: matrix(maps.local), velocity: matrix(maps.velocity) };
+        }
+        gpu.queue().write_buffer(&self.uniform, 0, bytemuck::bytes_of(host));
+    }
+}
+
+/// The best ω for hair n cells thick with free cells on both sides: 2/(1 + sin π/n) (Young 1954).
+fn relaxation(resolution: u32) -> f32 {
+    let cells = (f64::from(resolution) / THINNESS).max(2.0);
+    (2.0 / (1.0 + (std::f64::consts::PI / cells).sin())) as f32
+}
+
+/// A map M x + b.
+fn matrix((m, b): (DMat3, DVec3)) -> Mat4 {
+    let column = |c: usize| m.col(c).extend(0.0);
+    DMat4::from_cols(column(0), column(1), column(2), b.extend(1.0)).as_mat4()
+}

@@ -1,0 +1,113 @@
+//! What a simulation reads back: reports and the state.
+
+use crate::clock::{Clock, FrameSecs};
+use crate::interaction::contact::TouchEntry;
+use crate::interaction::grid::BoundsEntry;
+use crate::uniforms::ReportEntry;
+use crate::{GpuError, GpuSimulation};
+use forelock_core::interaction::contact::ContactReport;
+use forelock_core::interaction::grid::GridReport;
+use forelock_core::strands::State;
+
+/// Bytes of a report that sum up frames; the rest is of the last frame.
+const SUMS: usize = std::mem::offset_of!(ReportEntry, contacts);
+
+/// A report of the frames since the last one.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct GpuReport {
+    /// Largest |l/l₀ − 1| of an edge after the length pass.
+    pub max_edge_stretch: f32,
+    /// The same at the end of a frame, after collisions.
+    pub max_edge_stretch_final: f32,
+    /// Strands that were not finite and were reset to their rest shape.
+    pub quarantined_strands: u32,
+    /// Particles in contact with a solid at a frame's end, summed over all frames.
+    pub touching: u32,
+    /// Largest depth of a particle inside a solid at a frame's end, metres.
+    pub max_penetration_m: f32,
+    /// The grid in the last frame, as far as the device measures it; `None` without one. Iterations are sweeps; the
+    /// residual is the change of the last sweeps over the largest right-hand side.
+    pub grid: Option<GridReport>,
+    /// The contacts between strands in the last frame, without their times; `None` without them.
+    pub strand_contacts: Option<ContactReport>,
+    /// The times of the last frame, if stages are timed.
+    pub secs: Option<FrameSecs>,
+}
+
+impl GpuSimulation {
+    /// A report of the frames since the last one. Waits for the device.
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`] if the device has failed.
+    pub fn report(&mut self) -> Result<GpuReport, GpuError> {
+        let read = self.gpu.read(&self.report_buffers())?;
+        Ok(self.take_report(&mut read.iter().map(Vec::as_slice)))
+    }
+
+    /// The same and the state, rows as in the model, in one wait.
+    ///
+    /// # Errors
+    /// As [`GpuSimulation::report`].
+    pub fn report_and_state(&mut self) -> Result<(GpuReport, &State<f32>), GpuError> {
+        let mut buffers = self.report_buffers();
+        buffers.extend(self.state_buffers());
+        let read = self.gpu.read(&buffers)?;
+        let mut read = read.iter().map(Vec::as_slice);
+        let report = self.take_report(&mut read);
+        self.take_state(&mut read);
+        Ok((report, &self.mirror))
+    }
+
+    /// Copies the state to the CPU.
+    pub(crate) fn read_state(&mut self) -> Result<(), GpuError> {
+        let read = self.gpu.read(&self.state_buffers().collect::<Vec<_>>())?;
+        self.take_state(&mut read.iter().map(Vec::as_slice));
+        Ok(())
+    }
+
+    fn report_buffers(&self) -> Vec<&wgpu::Buffer> {
+        let mut buffers = vec![&self.shared.report];
+        buffers.extend(self.grid.as_ref().map(|grid| &grid.bounds));
+        buffers.extend(self.contacts.as_ref().map(|contacts| &contacts.touch));
+        buffers.extend(self.clock.as_ref().map(Clock::resolved));
+        buffers
+    }
+
+    fn state_buffers(&self) -> impl Iterator<Item = &wgpu::Buffer> {
+        self.batches.iter().flat_map(|batch| batch.state())
+    }
+
+    /// The report in the bytes of [`Self::report_buffers`]; its sums begin anew.
+    fn take_report<'a>(&self, read: &mut impl Iterator<Item = &'a [u8]>) -> GpuReport {
+        let mut next = || read.next().unwrap_or_default();
+        self.gpu.queue().write_buffer(&self.shared.report, 0, &[0; SUMS]);
+        let own: ReportEntry = bytemuck::pod_read_unaligned(next());
+        // Without interactions, follow the leader restores lengths level by level.
+        let level_by_level = self.follows() && self.grid.is_none() && self.contacts.is_none();
+        let restores = self.restores_lengths() && !level_by_level;
+        let restored = if restores { own.restored } else { own.stretch };
+        let grid = self.grid.as_ref().map(|_| bytemuck::pod_read_unaligned::<BoundsEntry>(next()).report());
+        let strand_contacts = self.contacts.as_ref().map(|_| {
+            let touch = &next()[..size_of::<TouchEntry>()];
+            bytemuck::pod_read_unaligned::<TouchEntry>(touch).report(own.contacts)
+        });
+        GpuReport {
+            max_edge_stretch: f32::from_bits(restored),
+            max_edge_stretch_final: f32::from_bits(own.stretch),
+            quarantined_strands: own.quarantined,
+            touching: own.touching,
+            max_penetration_m: f32::from_bits(own.deepest),
+            grid,
+            strand_contacts,
+            secs: self.clock.as_ref().map(|clock| clock.secs(next())),
+        }
+    }
+
+    /// Copies the bytes of [`Self::state_buffers`] to the mirror.
+    fn take_state<'a>(&mut self, read: &mut impl Iterator<Item = &'a [u8]>) {
+        let mut next = || read.next().unwrap_or_default();
+        for batch in &self.batches {
+            batch.take([next(), next(), next()], &mut self.mirror);
+        }
+    }
+}

@@ -1,0 +1,115 @@
+//! Kernels of follow the leader.
+
+use crate::collide::{MORPHING, PARTICLE_CONSTANTS, QueryUniform, RIGID, SHAPE_CONSTANTS, SolidKinds};
+use crate::frame::{StrandBindings, WindBindings};
+use crate::kernel::{Bound, Constant, DispatchList, Shader, Threads, bindings, shader};
+use crate::uniforms::{FrameUniform, SubstepUniform};
+use forelock_core::body::SHAPES_WGSL;
+use forelock_core::solver::dftl::Schedule;
+use forelock_core::solver::dftl::{follow_leader};
+use forelock_core::collide::{resolve_solids};
+
+bindings! {
+    /// Strands that collide while they follow their leaders.
+    pub(crate) struct FollowBindings {
+        0 frame: uniform(FrameUniform),
+        1 substep: dynamic(SubstepUniform),
+        2 blocks: read,
+        3 model: read,
+        4 strands: read,
+        5 positions: read_write,
+        6 velocities: read_write,
+        7 memory: read_write,
+        9 report: read_write,
+        10 fields: read,
+        11 query: dynamic(QueryUniform),
+    }
+}
+
+/// Friction drags particles along instead of changing their velocity.
+const DRAGGED: &[Constant] = &[Constant::bool("DRAGS", true)];
+
+shader! {
+    /// `follow_leader` among shapes that do not change.
+    FOLLOW: "follow_leader", FollowBindings;
+    texts: [
+        SHAPES_WGSL,
+        resolve_solids::PARTICLE_WGSL,
+        follow_leader::LEVEL_WGSL,
+        follow_leader::WGSL,
+        follow_leader::SCHEDULES_WGSL,
+    ];
+    constants: [SHAPE_CONSTANTS, PARTICLE_CONSTANTS, RIGID, DRAGGED];
+    kernels: {
+        /// A whole step.
+        FOLLOW_LEADER: "follow_leader", Threads::Strands;
+        /// The prediction of each particle, before one of the next two.
+        PREDICT_PARTICLES: "predict_particles", Threads::StrandParticles;
+        /// The rest of the step, strand by strand.
+        FOLLOW_STRANDS: "follow_strands", Threads::Strands;
+        /// One level of the rest of the step, on all strands.
+        FOLLOW_LEVEL: "follow_level_of_strands", Threads::Strands;
+    }
+}
+
+shader! {
+    /// `follow_leader` where some shapes change.
+    FOLLOW_MORPHING: "follow_leader", FollowBindings;
+    texts: [SHAPES_WGSL, resolve_solids::PARTICLE_WGSL, follow_leader::LEVEL_WGSL, follow_leader::WGSL];
+    constants: [SHAPE_CONSTANTS, PARTICLE_CONSTANTS, MORPHING, DRAGGED];
+    kernels: {
+        /// A whole step.
+        FOLLOW_LEADER_MORPHING: "follow_leader", Threads::Strands;
+    }
+}
+
+shader! {
+    /// The drag of a wind field.
+    WIND: "follow_leader", WindBindings;
+    texts: [follow_leader::WIND_WGSL];
+    constants: [];
+    kernels: {
+        /// Adds the drag to velocities, before the step.
+        APPLY_WIND: "apply_wind", Threads::Strands;
+    }
+}
+
+shader! {
+    /// The load that velocities hold beside the motion.
+    LOAD: "follow_leader", StrandBindings;
+    texts: [follow_leader::LOAD_WGSL];
+    constants: [];
+    kernels: {
+        /// Takes the load out of velocities, before hair–hair interactions and collisions.
+        STORE_LOAD: "store_load", Threads::Strands;
+        /// Adds it again afterwards.
+        RESTORE_LOAD: "restore_load", Threads::Strands;
+    }
+}
+
+pub(crate) static SHADERS: &[&Shader] = &[&FOLLOW, &FOLLOW_MORPHING, &WIND, &LOAD];
+
+/// Appends a step of a batch whose longest strand has `longest` particles.
+pub(crate) fn follow<'a>(
+    list: &mut DispatchList<'a>,
+    batch: &'a Bound<FollowBindings<'static>>,
+    schedule: Schedule,
+    solids: SolidKinds,
+    longest: u32,
+) {
+    // Only the fused kernel supports shapes that change.
+    match schedule {
+        _ if solids == SolidKinds::Morphing => list.push(batch.dispatch(&FOLLOW_LEADER_MORPHING, &[])),
+        Schedule::Fused => list.push(batch.dispatch(&FOLLOW_LEADER, &[])),
+        Schedule::Strands => {
+            list.push(batch.dispatch(&PREDICT_PARTICLES, &[]));
+            list.push(batch.dispatch(&FOLLOW_STRANDS, &[]));
+        }
+        Schedule::Particles => {
+            list.push(batch.dispatch(&PREDICT_PARTICLES, &[]));
+            for level in 1..longest {
+                list.push(batch.dispatch(&FOLLOW_LEVEL, &[level]));
+            }
+        }
+    }
+}
