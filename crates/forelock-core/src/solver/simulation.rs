@@ -5,7 +5,7 @@ use super::block::{
 };
 use super::params::{ParamsError, SolverParams};
 use super::steps::{FrameStep, Meeting};
-use crate::air::{Canopy, Wake, WindField};
+use crate::air::{Canopy, PlacedHair, Wake, WindField};
 use crate::body::ColliderFrame;
 use crate::contact::{ContactParams, ContactReport, Contacts};
 use crate::grid::{Grid, GridFrame, GridMoment, GridParams, GridReport};
@@ -468,8 +468,8 @@ impl<T: SolverReal> Simulation<T> {
             self.workspace.wake.update(frame.colliders, origin, self.model.reach, wind.mean);
         }
         if let Some(wind) = wind.filter(|wind| wind.hair_depth > 0.0) {
-            let hair = (&*self.state.positions, shift);
-            self.workspace.canopy.update(&self.model, hair, wind.mean, wind.hair_depth);
+            let hair = PlacedHair { positions: &self.state.positions, shift };
+            self.workspace.canopy.update(&self.model, &hair, wind.mean, wind.hair_depth);
         }
         let job = FrameJob {
             part: work.before,
