@@ -111,7 +111,8 @@ impl ClosedMesh {
         self.surface.nearest_from(p, hint)
     }
 
-    /// The signed distance in metres from `p` to the surface, negative inside; +∞ if nothing is enclosed.
+    /// The signed distance in metres from `p` to the surface, negative inside; +∞ if nothing is
+    /// enclosed.
     pub fn signed_distance(&self, p: Vec3) -> f32 {
         let distance = self.nearest_from(p, None).map_or(f32::INFINITY, |n| n.distance_squared.sqrt());
         if self.contains(p) { -distance } else { distance }

@@ -106,15 +106,15 @@ fn field_at(at: u32) -> Field {
 }
 
 // Gradient (of any length) and distance, as in `Sdf::sample`.
-fn sample_field(own: Field, p: vec3f) -> vec4f {
-    let place = (p - own.origin) / own.cell;
-    let top = vec3f(own.dims - 1u);
+fn sample_field(field: Field, p: vec3f) -> vec4f {
+    let place = (p - field.origin) / field.cell;
+    let top = vec3f(field.dims - 1u);
     let inside = clamp(place, vec3f(0.0), top);
     let low = vec3u(clamp(inside, vec3f(0.0), top - 1.0));
     let f = inside - vec3f(low);
-    let row = own.dims.x;
-    let layer = row * own.dims.y;
-    let first = own.first + low.x + row * low.y + layer * low.z;
+    let row = field.dims.x;
+    let layer = row * field.dims.y;
+    let first = field.first + low.x + row * low.y + layer * low.z;
     let a = vec4f(fields[first], fields[first + row], fields[first + layer], fields[first + layer + row]);
     let b = vec4f(
         fields[first + 1u], fields[first + row + 1u], fields[first + layer + 1u], fields[first + layer + row + 1u],
@@ -129,7 +129,7 @@ fn sample_field(own: Field, p: vec3f) -> vec4f {
         dx_layer.x + (dx_layer.y - dx_layer.x) * f.z,
         dy.x + (dy.y - dy.x) * f.z,
         on_layer.y - on_layer.x,
-    ) / own.cell;
+    ) / field.cell;
     if dot(slope, slope) <= 1e-12 {
         slope = vec3f(0.0, 1.0, 0.0);
     }
@@ -137,7 +137,7 @@ fn sample_field(own: Field, p: vec3f) -> vec4f {
         return vec4f(slope, value);
     }
     // Outside the grid.
-    let away = (place - inside) * own.cell;
+    let away = (place - inside) * field.cell;
     let distance = sqrt(dot(away, away) + value * value);
     let along = select(vec3f(0.0), slope * max(value, 0.0), away == vec3f(0.0));
     return vec4f((away + along) / distance, distance);
@@ -183,10 +183,10 @@ fn sample_shape(number: u32, p: vec3f, share: f32) -> vec4f {
             return vec4f(0.0, 1.0, 0.0, p.y);
         }
         case FIELD: {
-            let own = Field(
+            let field = Field(
                 look.solids[number].origin, look.solids[number].cell, look.solids[number].dims, look.solids[number].first,
             );
-            let found = sample_field(own, p);
+            let found = sample_field(field, p);
             return vec4f(found.xyz / sqrt(dot(found.xyz, found.xyz)), found.w);
         }
         default: {

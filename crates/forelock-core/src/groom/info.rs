@@ -128,15 +128,16 @@ fn guess_unit(root_extent: f64) -> UnitGuess {
         Some(unit) => UnitGuess {
             unit: Some(unit),
             reason: format!(
-                "the roots span {extent}, which is {} m with unit `{unit}`; the roots on a head span 0.15 to 0.25 m",
+                "the roots span {extent}, which is {} m with unit `{unit}`; the roots on a head span 0.15 to \
+                 0.25 m",
                 three_digits(root_extent * unit.metres())
             ),
         },
         None if root_extent > 0.0 && root_extent.is_finite() => UnitGuess {
             unit: None,
             reason: format!(
-                "the roots span {extent}, which is 0.15 to 0.25 m, the span on a head, in no known unit; a scale of {} would \
-                 give that size (if the groom covers a whole head)",
+                "the roots span {extent}, which is not the 0.15 to 0.25 m of a head in any known unit; a \
+                 scale of {} would give this size, if the groom covers a whole head",
                 three_digits(HEAD_METRES / root_extent)
             ),
         },
@@ -174,10 +175,11 @@ fn odd_shapes(groom: &Groom, lengths: &[f64]) -> Vec<String> {
     let findings = [
         (
             uneven,
-            "with very uneven edges (longer than 10 or shorter than 0.01 times the mean); resampling makes them even",
+            "with very uneven edges (longer than 10 or shorter than 0.01 times the mean); resampling makes \
+             them even",
         ),
         (folded, "that fold back by more than 150° at a particle; the file may be damaged or misinterpreted"),
-        (long, "more than ten times longer than the median"),
+        (long, "longer than ten times the median"),
     ];
     findings
         .into_iter()

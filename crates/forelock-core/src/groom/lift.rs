@@ -89,16 +89,17 @@ impl std::fmt::Display for LiftReport {
         let Self { roots_lifted, roots_too_deep, inside_before, inside_after, strands_bent, .. } = self;
         write!(
             f,
-            "{inside_before} particles were inside the body (deepest {:.2} mm): {roots_lifted} strands were moved with \
-             their roots to the surface, {strands_bent} were bent out of the body, edge lengths changed by {:.1} % at \
-             most; {inside_after} particles are still inside",
+            "{inside_before} particles were inside the body (deepest {:.2} mm): {roots_lifted} strands \
+             were moved with their roots to the surface, {strands_bent} were bent out of the body, edge \
+             lengths changed by {:.1} % at most; {inside_after} particles are still inside",
             self.deepest * 1e3,
             self.max_stretch * 1e2
         )?;
         if *roots_too_deep > 0 {
             write!(
                 f,
-                "; {roots_too_deep} roots are too deep to be moved: check the unit and the position of the groom"
+                "; {roots_too_deep} roots are too deep to be moved: check the unit and the position of \
+                 the groom"
             )?;
         }
         Ok(())

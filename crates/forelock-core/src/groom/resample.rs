@@ -60,7 +60,8 @@ pub enum ResampleError {
 /// # use glam::Vec3;
 /// let groom = Groom::from_strands([[Vec3::ZERO, Vec3::Y * 0.3, Vec3::Y * 0.4]])?;
 /// let equal = resample(&groom, 5)?;
-/// assert!(equal.strand(0).iter().zip([0.0, 0.1, 0.2, 0.3, 0.4]).all(|(p, y)| (p.y - y).abs() < 1e-6));
+/// let heights = [0.0, 0.1, 0.2, 0.3, 0.4];
+/// assert!(equal.strand(0).iter().zip(heights).all(|(p, y)| (p.y - y).abs() < 1e-6));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn resample(groom: &Groom, particles_per_strand: usize) -> Result<Groom, ResampleError> {
@@ -250,7 +251,8 @@ fn smooth(strand: &[Vec3]) -> Vec<Vec3> {
         let (p1, p2) = (strand[edge], strand[edge + 1]);
         let p0 = if edge == 0 { beyond(p1, p2, strand[2]) } else { strand[edge - 1] };
         let p3 = if edge + 1 == last { beyond(p2, p1, p0) } else { strand[edge + 2] };
-        // Knots t_{i+1} − t_i = |p_{i+1} − p_i|^½; tangents of the non-uniform spline, scaled to [0, 1].
+        // Knots t_{i+1} − t_i = |p_{i+1} − p_i|^½; tangents of the non-uniform spline, scaled to
+        // [0, 1].
         let knot = |a: Vec3, b: Vec3| a.distance(b).sqrt().max(f32::MIN_POSITIVE);
         let (d0, d1, d2) = (knot(p0, p1), knot(p1, p2), knot(p2, p3));
         let m1 = ((p1 - p0) / d0 - (p2 - p0) / (d0 + d1) + (p2 - p1) / d1) * d1;

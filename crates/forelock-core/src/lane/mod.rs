@@ -55,7 +55,8 @@ mod sealed {
     impl Sealed for f64 {}
 }
 
-// SAFETY: 16 floats fill 64 or 128 bytes, a multiple of the alignment, so there is no padding; any bits are floats.
+// SAFETY: 16 floats fill 64 or 128 bytes, a multiple of the alignment, so there is no padding; any
+// bit pattern is a valid float.
 unsafe impl<T: Real> bytemuck::Zeroable for Row<T> {}
 // SAFETY: as above.
 unsafe impl<T: Real> bytemuck::Pod for Row<T> {}

@@ -2,8 +2,8 @@
 //!
 //! A smooth union with a blend of width k differs from the nearer of its parts only where their
 //! distances differ by less than k, so parts that are farther away are skipped by a bounding ball.
-//! All parts are defined for x ≥ 0 and mirrored with a rounded |x|, which leaves no crease at x =
-//! 0.
+//! All parts are defined for x ≥ 0 and mirrored with a rounded |x|, which leaves no crease in the
+//! middle.
 
 use glam::{Vec3, vec3};
 

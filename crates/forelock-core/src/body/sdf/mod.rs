@@ -4,8 +4,9 @@
 //! σ(p) is the distance from p to the solid's surface, negative inside. It is interpolated
 //! trilinearly between the nodes, so it is continuous, and its gradient inside a cell is the exact
 //! derivative of the returned value. Outside the grid, let c be the nearest point of the grid's
-//! box. Every point q of the solid satisfies (p − c)·(q − c) ≤ 0, hence |p − q|² ≥ |p − c|² + |c −
-//! q|²: the field returns √(|p − c|² + σ(c)²), a lower bound of the true distance.
+//! box. Every point q of the solid satisfies (p − c)·(q − c) ≤ 0, hence
+//! |p − q|² ≥ |p − c|² + |c − q|²: the field returns √(|p − c|² + σ(c)²), a lower bound of the true
+//! distance.
 //!
 //! # Limitations
 //! Features thinner than a cell are represented only if a node lies inside them. The error of
@@ -66,7 +67,8 @@ pub enum SdfError {
     },
     /// The number of nodes is out of range, or the padding is negative or not finite.
     #[error(
-        "a distance field needs 8 to 1024 nodes and a padding of 0 m or more, not {nodes} nodes and {padding} m"
+        "a distance field needs 8 to 1024 nodes and a padding of 0 m or more, \
+         not {nodes} nodes and {padding} m"
     )]
     Resolution {
         /// Nodes along the longest axis.

@@ -75,7 +75,7 @@ impl Chain {
 
     /// The strand rebuilt from the particles that are not moved: the direction of each edge is
     /// `direction(edge, start of the edge)`.
-    pub(super) fn laid(&self, mut direction: impl FnMut(usize, DVec3) -> DVec3) -> Vec<DVec3> {
+    pub(super) fn rebuilt(&self, mut direction: impl FnMut(usize, DVec3) -> DVec3) -> Vec<DVec3> {
         let mut out = self.points.clone();
         for edge in self.hold - 1..self.lengths.len() {
             out[edge + 1] = out[edge] + direction(edge, out[edge]) * self.lengths[edge];
@@ -85,9 +85,9 @@ impl Chain {
 
     /// The strand moved towards `targets` by follow the leader: every particle is at its edge's
     /// length from the previous one, in the direction of its target.
-    pub(super) fn led(&self, targets: &[DVec3]) -> Vec<DVec3> {
+    pub(super) fn following(&self, targets: &[DVec3]) -> Vec<DVec3> {
         let directions = self.directions();
-        self.laid(|edge, from| (targets[edge + 1] - from).try_normalize().unwrap_or(directions[edge]))
+        self.rebuilt(|edge, from| (targets[edge + 1] - from).try_normalize().unwrap_or(directions[edge]))
     }
 
     /// The point at arc length `arc` of the strand's curve, extended straight beyond the tip.
@@ -100,7 +100,7 @@ impl Chain {
     /// Rounds `targets` to float32: each particle is placed from the rounded position of the
     /// previous one, at the length of its edge. Particles before the first that moves keep their
     /// bits.
-    pub(super) fn settled(&self, old: &[Vec3], targets: &[DVec3]) -> Vec<Vec3> {
+    pub(super) fn rounded(&self, old: &[Vec3], targets: &[DVec3]) -> Vec<Vec3> {
         let still = targets.iter().zip(&self.points).take_while(|(a, b)| a == b).count().max(1);
         let mut out = old[..still.min(old.len())].to_vec();
         for i in still..targets.len() {

@@ -64,7 +64,7 @@ impl Change {
         let moved = strands.filter_map(|s| {
             let chain = Chain::of(groom, s);
             let targets = targets(&chain)?;
-            Some((s, chain.settled(groom.strand(s), &targets)))
+            Some((s, chain.rounded(groom.strand(s), &targets)))
         });
         Self { what: What::Moved(moved.collect()), coarse: 0 }
     }

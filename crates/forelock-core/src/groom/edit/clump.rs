@@ -68,7 +68,7 @@ impl Clump {
                 let share = self.root + (self.tip - self.root) * (arc / length) as f32;
                 *target = target.lerp(middle.at(&middle_arcs, arc), share.into());
             }
-            Some(chain.led(&targets))
+            Some(chain.following(&targets))
         })
     }
 }

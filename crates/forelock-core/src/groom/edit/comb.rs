@@ -76,7 +76,7 @@ impl Comb {
             let flow = chain.smoothed_directions(self.detail.into());
             let arcs = chain.arcs();
             let mut touched = false;
-            let points = chain.laid(|edge, from| {
+            let points = chain.rebuilt(|edge, from| {
                 let middle = from + directions[edge] * (0.5 * chain.lengths[edge]);
                 let (distance, along) = stroke.nearest(middle.as_vec3());
                 let set_in = if ease > 0.0 { rise(arcs[edge + 1] / ease) } else { 1.0 };

@@ -164,7 +164,7 @@ impl Curl {
         // the first edge allows.
         let mut aside =
             DVec3::Z.reject_from(before).try_normalize().unwrap_or(before.any_orthonormal_vector());
-        chain.laid(|edge, _| {
+        chain.rebuilt(|edge, _| {
             let along = directions[edge];
             aside = DQuat::from_rotation_arc(before, along) * aside;
             before = along;
@@ -187,7 +187,7 @@ impl Curl {
         let directions = chain.directions();
         let (arcs, length) = (chain.arcs(), chain.length());
         let mut angle = 0.0;
-        chain.laid(|edge, _| {
+        chain.rebuilt(|edge, _| {
             let along = directions[edge];
             let inwards = (centre - chain.points[edge]) * DVec3::new(1.0, 0.0, 1.0);
             let rate = self.share(0.5 * (arcs[edge] + arcs[edge + 1]) / length) / f64::from(self.radius);
@@ -243,7 +243,7 @@ impl Straighten {
             let (arcs, length) = (chain.arcs(), chain.length());
             let directions = chain.directions();
             let flow = chain.smoothed_directions(self.reach.into());
-            Some(chain.laid(|edge, _| {
+            Some(chain.rebuilt(|edge, _| {
                 let share = if arcs[edge] >= f64::from(self.start) * length { self.amount } else { 0.0 };
                 directions[edge].lerp(flow[edge], share.into()).normalize_or(directions[edge])
             }))

@@ -95,10 +95,10 @@ fn reached(chain: &Chain, mut targets: Vec<DVec3>, centre: DVec3, least: &[f64])
                 targets[i] = kept_away(from + back * chain.lengths[i], least[i]);
             }
         }
-        targets = chain.led(&targets);
+        targets = chain.following(&targets);
         for (target, &least) in targets.iter_mut().zip(least).skip(chain.hold) {
             *target = kept_away(*target, least);
         }
     }
-    chain.led(&targets)
+    chain.following(&targets)
 }

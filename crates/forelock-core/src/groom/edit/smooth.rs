@@ -66,7 +66,7 @@ impl Smooth {
                 others.map(|(d, other)| (falloff(d / reach), Chain::of(groom, other))).collect();
             add_neighbours(chain, &others, &mut flow);
             let directions = chain.directions();
-            Some(chain.laid(|edge, _| {
+            Some(chain.rebuilt(|edge, _| {
                 let direction = directions[edge];
                 direction.lerp(flow[edge].normalize_or(direction), self.amount.into()).normalize_or(direction)
             }))

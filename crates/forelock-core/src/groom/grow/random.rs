@@ -1,7 +1,8 @@
 //! Seeded random numbers and a sine that are the same on every machine: they use integer and
 //! IEEE-exact arithmetic only.
 
-/// The SplitMix64 generator (Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators").
+/// The SplitMix64 generator (Steele, Lea and Flood 2014, "Fast splittable pseudorandom number
+/// generators").
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Random(u64);
 

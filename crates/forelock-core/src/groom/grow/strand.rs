@@ -134,8 +134,8 @@ impl Field<'_> {
         }
     }
 
-    /// Supplement Eqs. 4–7 in the form used here: p′ = p + g max(p_Γ, 1 − |p·ŷ|); p = p′ + p_Ω (p′
-    /// − H).
+    /// Supplement Eqs. 4–7 in the form used here:
+    /// p′ = p + g max(p_Γ, 1 − |p·ŷ|); p = p′ + p_Ω (p′ − H).
     fn turn_as_paper(&self, direction: Vec3, i: usize) -> Vec3 {
         let p = self.params;
         let index = i as f32;
