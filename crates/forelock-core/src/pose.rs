@@ -1,8 +1,10 @@
-//! Rigid poses: where the head, a collider or a root frame is at one instant.
+//! Rigid poses: the position and orientation of the head, a collider or a root frame at one
+//! instant.
 
 use glam::{DMat3, DQuat, DVec3};
 
-/// A rigid transform `x ↦ R x + p`, in float64 so that interpolating inside a frame costs no precision.
+/// A rigid transform `x ↦ R x + p`, stored in float64 so that interpolation inside a frame loses no
+/// precision.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Pose {
@@ -19,7 +21,7 @@ impl Default for Pose {
 }
 
 impl Pose {
-    /// The pose that moves nothing.
+    /// The identity pose.
     pub const IDENTITY: Self = Self { rotation: DQuat::IDENTITY, translation: DVec3::ZERO };
 
     /// The pose with rotation `rotation` (normalised here) and translation `translation` in metres.
@@ -27,8 +29,9 @@ impl Pose {
         Self { rotation: rotation.normalize(), translation }
     }
 
-    /// The pose `fraction` of the way from `self` (0) to `to` (1): translation linear, rotation spherical along
-    /// the shorter arc. 0 and 1 give the end poses exactly.
+    /// Interpolates from `self` (`fraction` 0) to `to` (`fraction` 1): linear in the translation,
+    /// spherical linear along the shorter arc in the rotation. Fractions 0 and 1 return the end
+    /// poses exactly.
     pub fn interpolate(&self, to: &Self, fraction: f64) -> Self {
         if fraction <= 0.0 {
             return *self;
@@ -42,23 +45,23 @@ impl Pose {
         }
     }
 
-    /// `R point + p`.
+    /// Transforms a point: `R point + p`.
     pub fn transform_point(&self, point: DVec3) -> DVec3 {
         self.rotation * point + self.translation
     }
 
-    /// `R vector`.
+    /// Transforms a vector, ignoring the translation: `R vector`.
     pub fn transform_vector(&self, vector: DVec3) -> DVec3 {
         self.rotation * vector
     }
 
-    /// The pose that undoes this one.
+    /// The inverse pose.
     pub fn inverse(&self) -> Self {
         let rotation = self.rotation.conjugate();
         Self { rotation, translation: -(rotation * self.translation) }
     }
 
-    /// This pose after `first`: `x ↦ self(first(x))`.
+    /// Composition: the pose that applies `first` and then `self`, `x ↦ self(first(x))`.
     pub fn after(&self, first: &Self) -> Self {
         Self {
             rotation: (self.rotation * first.rotation).normalize(),
@@ -66,7 +69,7 @@ impl Pose {
         }
     }
 
-    /// R as a matrix.
+    /// The rotation R as a matrix.
     pub fn matrix(&self) -> DMat3 {
         DMat3::from_quat(self.rotation)
     }
@@ -77,11 +80,13 @@ impl Pose {
     }
 }
 
-/// Spherical interpolation that is exact to rounding for near-equal quaternions too (a chord instead of an arc
-/// there would err by 1e-9 of a turn, more than the golden files allow).
+/// Spherical linear interpolation, exact to rounding for nearly equal quaternions too. Falling back
+/// to linear interpolation there would cause an error of 1e-9 of a turn, more than the golden files
+/// allow.
 fn slerp(from: DQuat, to: DQuat, fraction: f64) -> DQuat {
     let to = if from.dot(to) < 0.0 { -to } else { to };
-    // The angle from the chords, which keeps its precision where acos(dot) loses half the digits.
+    // The angle is computed from the chord lengths: `acos(dot)` would lose half the digits for
+    // small angles.
     let angle = 2.0 * (to - from).length().atan2((to + from).length());
     if angle < 1e-9 {
         return (from + (to - from) * fraction).normalize();
@@ -95,7 +100,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn interpolation_is_uniform_rotation() {
+    fn interpolation_rotates_at_constant_speed() {
         let to = Pose::new(DQuat::from_axis_angle(DVec3::Y, 1.2), DVec3::new(1.0, 2.0, 3.0));
         let mid = Pose::IDENTITY.interpolate(&to, 0.25);
         assert!((mid.rotation.to_axis_angle().1 - 0.3).abs() < 1e-12);
@@ -104,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn inverse_undoes() {
+    fn a_pose_after_its_inverse_is_the_identity() {
         let pose =
             Pose::new(DQuat::from_euler(glam::EulerRot::XYZ, 0.3, -1.0, 2.0), DVec3::new(1.0, -4.0, 0.5));
         let p = DVec3::new(0.3, 0.7, -0.2);

@@ -1,7 +1,8 @@
-//! Lists that are filled anew each frame and keep their memory.
+//! Helpers for vectors that are refilled every frame and keep their allocation.
 
-/// `list` with `len` entries: those that it held before, and then `value`. Where it must grow it takes room for twice as many, so that what grows a little
-/// from frame to frame seldom allocates and leaves no holes behind; room that is not used costs addresses, not memory.
+/// Resizes `list` to `len` entries: existing entries are kept, new ones are `value`. If the vector
+/// must grow, it reserves twice the needed capacity, so that a list that grows a little every frame
+/// rarely reallocates. The unused capacity costs address space, not physical memory.
 pub(crate) fn resize<V: Copy>(list: &mut Vec<V>, len: usize, value: V) {
     if list.capacity() < len {
         list.reserve_exact(2 * len - list.len());
@@ -9,7 +10,7 @@ pub(crate) fn resize<V: Copy>(list: &mut Vec<V>, len: usize, value: V) {
     list.resize(len, value);
 }
 
-/// `list` with `len` times `value` and nothing else; grows as [`resize`] does.
+/// Replaces the content of `list` by `len` copies of `value`; grows as [`resize`] does.
 pub(crate) fn fill<V: Copy>(list: &mut Vec<V>, len: usize, value: V) {
     list.clear();
     resize(list, len, value);
@@ -20,7 +21,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_list_that_has_grown_has_room_for_twice_as_many() {
+    fn growing_reserves_twice_the_needed_capacity() {
         let mut list = vec![1u32; 3];
         resize(&mut list, 100, 2);
         assert_eq!((&list[..4], list.len()), (&[1, 1, 1, 2][..], 100));

@@ -1,25 +1,32 @@
-//! Shelter inside the hair: the wind falls off on its way through it.
+//! Attenuation of the wind inside the hair.
 //!
 //! # Theory
-//! Each metre of strand takes its share of the wind that reaches it, so that along the mean wind's direction s
+//! Each metre of strand absorbs a part of the wind that reaches it, so that along the direction s
+//! of the mean wind
 //!
 //! ```text
 //! du/ds = −u ρ/(ρ₀ ℓ),   u = U exp(−τ),   τ(x) = 1/(ρ₀ ℓ) ∫ ρ ds from upwind to x
 //! ```
 //!
-//! with ρ the metres of hair in a cubic metre, ρ₀ the density in which half of the hair lies at rest, and ℓ the way in such hair on which the wind falls to 1/e
-//! (Cionco 1965, "A mathematical model for air flow in a vegetative canopy": wind in plants falls exponentially with depth). Because of ρ₀ the depth ℓ means the same
-//! for a few strands that stand for all hair as for all hair.
+//! where ρ is the length of hair in a cubic metre, ρ₀ the density in which half of the hair lies at
+//! rest, and ℓ the distance in hair of density ρ₀ over which the wind falls to 1/e (Cionco 1965, "A
+//! mathematical model for air flow in a vegetative canopy": wind in plants falls exponentially with
+//! depth). Dividing by ρ₀ makes ℓ independent of the number of strands: a groom of few guide
+//! strands and a full groom have the same attenuation.
 //!
 //! # Practice
-//! A grid of up to 32³ nodes, aligned with the wind, about the hair as it is at the frame's start. Each edge leaves its length at the nodes around samples
-//! about a cell apart, trilinear. Then one layer after the other downwind takes the mean of its density and that of the layer before it (the trapezoidal
-//! rule). Strands are summed up in sixteen parts, and these in order, whatever the threads. Everything follows from positions alone, so that a resumed run goes
-//! on bit for bit, and hair need not meet on a grid for it.
+//! The grid has up to 32³ nodes, is aligned with the wind and encloses the hair at the frame's
+//! start. Each edge is sampled about once per cell, and its length is distributed trilinearly to
+//! the nodes around each sample. Then each layer, in order downwind, adds the mean of its own
+//! density and the density of the layer before it (the trapezoidal rule). Strands are summed in
+//! sixteen partial sums, which are added in a fixed order, so that the result does not depend on
+//! the number of threads. The result depends on the positions alone, so that a resumed run
+//! continues bit for bit; the grid interaction need not be enabled.
 //!
 //! # Limitations
-//! The flow goes straight on: it neither turns round a lock nor mixes back in behind it, so that the lee of hair goes on to the end of the
-//! grid. The direction is that of the mean wind alone. Locks thinner than a cell, 1/29 of the hair's longest side, are smeared over it.
+//! The flow keeps its direction: it neither turns around a lock nor mixes again behind it, so that
+//! the lee of hair extends to the end of the grid. The direction is that of the mean wind only.
+//! Locks thinner than a cell, 1/29 of the hair's longest side, are blurred over the cell.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -28,33 +35,44 @@ use crate::lane::{LANES, Real, Row};
 use crate::strands::Model;
 use crate::scratch::fill;
 
-/// Nodes along the longest side.
+/// Nodes along the longest side of the grid.
 pub const NODES: usize = 32;
-/// Of which at each end are free of hair.
+/// Layers of nodes at each end that contain no hair.
 pub const MARGIN: usize = 1;
-/// Parts in which strands are summed up.
+/// Number of partial sums over the strands.
 const PARTS: usize = 16;
 
-/// How much wind gets to each place around the hair in one frame.
+/// The fraction of the wind that reaches each point around the hair in one frame.
 #[derive(Clone, Debug, Default)]
 pub struct Canopy {
-    /// Whether there is any wind that hair keeps off.
-    any: bool,
+    /// Whether the wind is attenuated at all; `false` without wind.
+    attenuates: bool,
     grid: Nodes,
-    /// Metres of hair at the nodes, one list a part of the strands; the first becomes the sum.
+    /// Length of hair at the nodes in metres, one list for each partial sum; the first becomes the
+    /// total.
     parts: Vec<Vec<f32>>,
-    /// exp(−τ) at the nodes, along the wind slowest.
+    /// exp(−τ) at the nodes; the index along the wind varies slowest.
     open: Vec<f32>,
-    /// ρ₀, m⁻²; 0 before the first wind.
+    /// ρ₀, m⁻²; 0 before the first update with wind.
     rest_density: f64,
 }
 
-/// Where the nodes are.
+/// Positions of hair and the translation that places them in the space of the queries.
+#[derive(Clone, Copy, Debug)]
+pub struct PlacedHair<'a, T> {
+    /// Rows of positions as in the model, metres.
+    pub positions: &'a [Row<T>],
+    /// Translation added to all positions, metres.
+    pub shift: DVec3,
+}
+
+/// The nodes of the grid.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Nodes {
-    /// Across, across and along the wind, over the cell: from metres to nodes.
+    /// The grid's axes (across, across and along the wind) divided by the cell: they convert metres
+    /// to nodes.
     axes: [[f32; 3]; 3],
-    /// The first node, in nodes from the origin.
+    /// The first node, in cells from the origin.
     low: [f32; 3],
     dims: [usize; 3],
     /// Side of a cell, metres.
@@ -62,7 +80,7 @@ struct Nodes {
 }
 
 impl Nodes {
-    /// Nodes around `positions` of `model`, aligned with the unit vector `along`.
+    /// The grid that encloses `positions` of `model`, aligned with the unit vector `along`.
     fn around<T: Real>(model: &Model<T>, positions: &[Row<T>], along: DVec3) -> Self {
         let (u, v) = along.any_orthonormal_pair();
         let axes = [u, v, along].map(|axis| axis.as_vec3().to_array());
@@ -87,7 +105,8 @@ impl Nodes {
         self.layer() * self.dims[2]
     }
 
-    /// Where the particles of `place` are, in nodes from the first, a lane.
+    /// The grid coordinates (in nodes from the first) of the particles at `place`, one for each
+    /// lane.
     #[inline(always)]
     fn coordinates<T: Real>(&self, rows: &[Row<T>], place: usize) -> [[f32; LANES]; 3] {
         let [x, y, z] = [0, 1, 2].map(|c| rows[3 * place + c].0.map(|x| x.to_f32().unwrap_or(0.0)));
@@ -100,14 +119,15 @@ impl Nodes {
         at
     }
 
-    /// The first of the eight nodes around `at` (nodes), and how far beyond it that is; beyond the grid, of its nearest point.
+    /// The first of the eight nodes around `at` (in nodes), and the fractional offset from it. A
+    /// point outside the grid is moved to the nearest point of the grid.
     #[inline(always)]
     fn corner(&self, at: [f32; 3]) -> (usize, [f32; 3]) {
         let (mut first, mut f) = (0, [0.0; 3]);
         let strides = [1, self.dims[0], self.layer()];
         for c in 0..3 {
             let top = (self.dims[c] - 1) as f32;
-            // What is not a number is at 0.
+            // NaN becomes 0.
             let at = if at[c] > 0.0 { at[c].min(top) } else { 0.0 };
             let low = (at as usize).min(self.dims[c] - 2);
             f[c] = at - low as f32;
@@ -118,32 +138,26 @@ impl Nodes {
 }
 
 impl Canopy {
-    /// The shelter of hair at `positions` (rows as in `model`, metres) moved by `shift`, in wind along `wind` that reaches `depth` metres deep; none in no
-    /// wind. Allocates at its first calls only.
-    pub fn update<T: Real>(
-        &mut self,
-        model: &Model<T>,
-        (positions, shift): (&[Row<T>], DVec3),
-        wind: DVec3,
-        depth: f64,
-    ) {
-        self.any = false;
+    /// Computes the attenuation by `hair` in a wind along `wind` with penetration depth `depth`
+    /// (metres). Without wind nothing is attenuated. Allocates at its first calls only.
+    pub fn update<T: Real>(&mut self, model: &Model<T>, hair: &PlacedHair<'_, T>, wind: DVec3, depth: f64) {
+        self.attenuates = false;
         let Some(along) = wind.try_normalize() else { return };
         if self.rest_density == 0.0 {
             self.measure_rest(model);
         }
-        self.splat(model, positions, along);
+        self.splat(model, hair.positions, along);
         self.march(depth);
-        let moved = |axis: [f32; 3]| dot(axis, shift.as_vec3().to_array());
+        let moved = |axis: [f32; 3]| dot(axis, hair.shift.as_vec3().to_array());
         self.grid.low = [0, 1, 2].map(|c| self.grid.low[c] + moved(self.grid.axes[c]));
-        self.any = true;
+        self.attenuates = true;
     }
 
-    /// ρ₀ of `model`: the density in which half of its hair lies at rest, m⁻².
+    /// The density ρ₀ of `model`, in which half of its hair lies at rest, m⁻².
     pub fn rest_density<T: Real>(model: &Model<T>) -> f64 {
-        let mut own = Self::default();
-        own.measure_rest(model);
-        own.rest_density
+        let mut canopy = Self::default();
+        canopy.measure_rest(model);
+        canopy.rest_density
     }
 
     fn measure_rest<T: Real>(&mut self, model: &Model<T>) {
@@ -151,10 +165,10 @@ impl Canopy {
         self.rest_density = self.median_density();
     }
 
-    /// The share of the wind that reaches `x`, metres, moved as the positions were.
+    /// The fraction of the wind that reaches `x` (metres), in the space of the shifted positions.
     #[inline(always)]
     pub fn open(&self, x: [f32; 3]) -> f32 {
-        if !self.any {
+        if !self.attenuates {
             return 1.0;
         }
         let grid = &self.grid;
@@ -172,12 +186,13 @@ impl Canopy {
         lerp(along_y(0), along_y(layer), fz)
     }
 
-    /// Bytes held.
+    /// Size of the buffers in bytes.
     pub fn bytes(&self) -> usize {
         4 * (self.parts.iter().map(Vec::capacity).sum::<usize>() + self.open.capacity())
     }
 
-    /// Leaves the metres of hair at the nodes around `positions`, in `parts[0]`.
+    /// Distributes the lengths of the edges at `positions` to the nodes; the total is in
+    /// `parts[0]`.
     fn splat<T: Real>(&mut self, model: &Model<T>, positions: &[Row<T>], along: DVec3) {
         self.grid = Nodes::around(model, positions, along);
         self.parts.resize_with(PARTS, Vec::new);
@@ -206,7 +221,8 @@ impl Canopy {
         }
     }
 
-    /// The density in which the median metre of hair lies, m⁻². Unlike a mean it does not feel the hair's edges, where nodes are half empty.
+    /// The density at which the median metre of hair lies, m⁻². Unlike a mean, it does not depend
+    /// on the nodes at the surface of the hair, which are partly empty.
     fn median_density(&self) -> f64 {
         let mut nodes = self.parts[0].clone();
         nodes.sort_unstable_by(f32::total_cmp);
@@ -219,10 +235,10 @@ impl Canopy {
         f64::from(median.unwrap_or(0.0).max(f32::MIN_POSITIVE)) / self.grid.cell.powi(3)
     }
 
-    /// From the lengths in `parts[0]` to exp(−τ), layer after layer downwind.
+    /// Integrates the lengths in `parts[0]` to exp(−τ), layer by layer downwind.
     fn march(&mut self, depth: f64) {
         let (grid, lengths) = (&self.grid, &self.parts[0]);
-        // Half of what a metre at a node adds to τ over a cell.
+        // Half of what a metre of hair at a node adds to τ over one cell.
         let half = 0.5 / (grid.cell.powi(2) * self.rest_density * depth);
         let (half, layer) = (half as f32, grid.layer());
         self.open.clear();
@@ -237,7 +253,7 @@ impl Canopy {
     }
 }
 
-/// Leaves `length` along the edge between `ends` (nodes).
+/// Distributes `length` along the edge between `ends` (in nodes).
 #[inline(always)]
 fn add_edge(grid: &Nodes, nodes: &mut [f32], [a, b]: [[f32; 3]; 2], length: f32) {
     let edge = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];

@@ -14,7 +14,7 @@ fn windy() -> WindParams {
     }
 }
 
-/// An irrational lattice in the cube of half side `half`.
+/// Points of an irrational lattice in the cube of half side `half`.
 fn points(count: u32, half: f64) -> impl Iterator<Item = DVec3> {
     (1..=count).map(move |i| {
         let at = |step: f64| (f64::from(i) * step).fract() * 2.0 - 1.0;
@@ -33,18 +33,19 @@ fn turbulence_is_free_of_divergence() {
         divergence = divergence.max((rise[0].x + rise[1].y + rise[2].z).abs());
         slope = slope.max(rise[0].length());
     }
-    // What is left is what central differences leave of waves of 15 turns a metre, (2π 15 h)²/6 = 1.5e-7.
+    // The remainder is the error of central differences for waves of 15 turns per metre, (2π 15
+    // h)²/6 = 1.5e-7.
     assert!(slope > 5.0 && divergence < 2e-7 * slope, "{divergence} of {slope}");
 }
 
 #[test]
-fn turbulence_has_the_mean_and_the_variance_asked_for() {
+fn turbulence_has_the_requested_mean_and_variance() {
     for seed in 0..8 {
         let params = WindParams { seed, gust_strength: 0.0, ..windy() };
         let field = Wind::new(&params).unwrap().at(0.0);
         let count = 20_000;
         let (mut sum, mut squares) = (DVec3::ZERO, DVec3::ZERO);
-        // Fifty wavelengths: what the finite box leaves of the waves' means is under a percent.
+        // Fifty wavelengths: the mean of the waves over the finite box is below one percent.
         for p in points(count, 20.0) {
             let u = field.velocity(p) - params.velocity;
             sum += u / f64::from(count);
@@ -54,7 +55,7 @@ fn turbulence_has_the_mean_and_the_variance_asked_for() {
         assert!(sum.length() < 0.05 * asked, "{sum}");
         let total = (squares.element_sum() / 3.0).sqrt();
         assert!((total / asked - 1.0).abs() < 0.02, "{total}");
-        // Sixteen directions are not quite alike.
+        // The sixteen directions are not perfectly isotropic.
         for rms in squares.to_array().map(f64::sqrt) {
             assert!((rms / asked - 1.0).abs() < 0.35, "{squares}");
         }
@@ -62,7 +63,7 @@ fn turbulence_has_the_mean_and_the_variance_asked_for() {
 }
 
 #[test]
-fn gusts_have_the_mean_and_the_variance_asked_for() {
+fn gusts_have_the_requested_mean_and_variance() {
     for seed in 0..8 {
         let params = WindParams { seed, ..windy() };
         let wind = Wind::new(&params).unwrap();
@@ -76,7 +77,7 @@ fn gusts_have_the_mean_and_the_variance_asked_for() {
         assert!((mean - 1.0).abs() < 0.01, "{mean}");
         assert!((square.sqrt() - 0.25).abs() < 0.01, "{}", square.sqrt());
     }
-    // Smooth: no jump from one millisecond to the next.
+    // The gusts are smooth: the wind does not jump within a millisecond.
     let wind = Wind::new(&windy()).unwrap();
     for i in 0..5000 {
         let [a, b] = [i, i + 1].map(|i| wind.at(f64::from(i) * 1e-3).mean);
@@ -85,7 +86,7 @@ fn gusts_have_the_mean_and_the_variance_asked_for() {
 }
 
 #[test]
-fn turbulence_drifts_with_the_mean_wind() {
+fn the_mean_wind_advects_the_turbulence() {
     let params = WindParams { gust_strength: 0.0, ..windy() };
     let wind = Wind::new(&params).unwrap();
     let (now, later) = (wind.at(0.2), wind.at(0.7));
@@ -98,7 +99,7 @@ fn turbulence_drifts_with_the_mean_wind() {
 }
 
 #[test]
-fn behind_a_sphere_there_is_shelter_and_elsewhere_none() {
+fn a_sphere_shelters_its_lee_only() {
     let (origin, radius) = (DVec3::new(100.0, 2.0, -30.0), 0.08);
     let shape = Shape::Sphere { radius };
     let place = Pose { translation: origin, ..Pose::IDENTITY };
@@ -112,12 +113,12 @@ fn behind_a_sphere_there_is_shelter_and_elsewhere_none() {
         assert!(deficit(1.5 * radius, 0.0) > 0.6, "{}", deficit(1.5 * radius, 0.0));
         let falling = [1.5, 2.0, 3.0, 4.0, 5.0].map(|s| deficit(s * radius, 0.0));
         assert!(falling.windows(2).all(|w| w[1] < w[0] && w[1] > 0.05), "{falling:?}");
-        // In front, beside and far across there is none.
+        // There is none upwind, beside the sphere and far off the axis.
         for (s, r) in [(-2.0, 0.0), (-4.0, 0.5), (0.0, 2.2), (0.0, -3.0), (3.0, 4.5), (-9.0, 9.0)] {
             let d = deficit(s * radius, r * radius);
             assert!(d < 0.02, "{s} {r}: {d}");
         }
-        // The same from all sides.
+        // The wake is the same on all sides of the axis.
         let around = along.cross(across);
         let other = wake.deficit((along * 0.2 + around * 0.05).as_vec3().to_array());
         assert!((other - deficit(0.2, 0.05)).abs() < 0.05);
@@ -144,7 +145,8 @@ fn parameters_out_of_range_are_named() {
     }
 }
 
-/// A block of hair, its sides in metres, that hangs along y, as plain arrays: its strands stand at random in x and z.
+/// A block of straight vertical strands at random positions in x and z, as positions and offsets;
+/// `sides` in metres.
 fn block_of_hair(sides: DVec3, strands: u32) -> (Vec<[f32; 3]>, Vec<u32>) {
     let particles = 21;
     let roots = points(strands, 0.5).map(|root| root * sides);
@@ -158,7 +160,7 @@ fn block_of_hair(sides: DVec3, strands: u32) -> (Vec<[f32; 3]>, Vec<u32>) {
 }
 
 #[test]
-fn wind_falls_exponentially_in_hair_as_dense_as_at_rest() {
+fn wind_falls_exponentially_in_hair_of_rest_density() {
     let sides = DVec3::new(0.2, 0.16, 0.08);
     let (positions, offsets) = block_of_hair(sides, 24_000);
     let model = Model::new(&Strands { positions: &positions, offsets: &offsets, stiffness: None }).unwrap();
@@ -166,7 +168,7 @@ fn wind_falls_exponentially_in_hair_as_dense_as_at_rest() {
     let mut canopy = Canopy::default();
     let depth = 0.08;
     for wind in [DVec3::Z, DVec3::new(0.0, 0.0, -7.0)] {
-        canopy.update(&model, (&model.rest, shift), wind, depth);
+        canopy.update(&model, &PlacedHair { positions: &model.rest, shift }, wind, depth);
         let mean = |z: f64| {
             let open = points(400, 1.0).map(|p| {
                 let at = DVec3::new(0.3 * sides.x * p.x, 0.3 * sides.y * p.y, z * wind.z.signum()) + shift;
@@ -174,14 +176,14 @@ fn wind_falls_exponentially_in_hair_as_dense_as_at_rest() {
             });
             open.sum::<f64>() / 400.0
         };
-        // From upwind to the far side, 8 mm at a time; cells are of 7 mm.
+        // From the upwind side to the downwind side in steps of 8 mm; cells are 7 mm wide.
         for step in 0..=10 {
-            let way = 0.008 * f64::from(step);
-            let (open, expected) = (mean(way - 0.5 * sides.z), (-way / depth).exp());
-            // The hair's surface is blurred over a cell.
+            let inside = 0.008 * f64::from(step);
+            let (open, expected) = (mean(inside - 0.5 * sides.z), (-inside / depth).exp());
+            // The surface of the hair is blurred over a cell.
             let near = if step == 0 { 0.06 } else { 0.05 * expected };
-            println!("{way:.3} m deep: {open:.4}, closed form {expected:.4}");
-            assert!((open - expected).abs() < near, "{way} m deep: {open} for {expected}");
+            println!("{inside:.3} m deep: {open:.4}, closed form {expected:.4}");
+            assert!((open - expected).abs() < near, "{inside} m deep: {open} instead of {expected}");
         }
         let before = mean(-0.5 * sides.z - 0.01);
         let behind = mean(0.5 * sides.z + 0.01);
@@ -190,15 +192,15 @@ fn wind_falls_exponentially_in_hair_as_dense_as_at_rest() {
             "{before}, {behind}"
         );
     }
-    // Beside the hair, in no wind, and with half as much hair as at rest.
+    // Beside the hair, without wind, and with half the rest density.
     let beside = shift + DVec3::new(0.12, 0.0, 0.2);
     assert_eq!(canopy.open(beside.as_vec3().to_array()), 1.0);
     let twice: Vec<_> = model.rest.iter().map(|row| Row(row.0.map(|x| x * 2f32.cbrt()))).collect();
-    canopy.update(&model, (&twice, DVec3::ZERO), DVec3::Z, depth);
+    canopy.update(&model, &PlacedHair { positions: &twice, shift: DVec3::ZERO }, DVec3::Z, depth);
     let behind = f64::from(canopy.open([0.01, 0.02, 0.08]));
-    // Half as dense, and farther by the cube root.
+    // Half the density over a distance longer by the cube root of 2.
     let expected = (-0.5 * sides.z * 2f64.cbrt() / depth).exp();
-    assert!((behind / expected - 1.0).abs() < 0.08, "{behind} for {expected}");
-    canopy.update(&model, (&model.rest, shift), DVec3::ZERO, depth);
+    assert!((behind / expected - 1.0).abs() < 0.08, "{behind} instead of {expected}");
+    canopy.update(&model, &PlacedHair { positions: &model.rest, shift }, DVec3::ZERO, depth);
     assert_eq!(canopy.open(shift.as_vec3().to_array()), 1.0);
 }

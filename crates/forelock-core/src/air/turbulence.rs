@@ -1,19 +1,22 @@
 //! Turbulence: the curl of a random potential.
 //!
 //! # Theory
-//! The potential is a sum of plane waves, A = Σ_j a_j (k_j × e_j)/(2π k_j²) sin 2π(k_j·x + φ_j), with wave vectors k_j in turns a metre and unit
-//! vectors e_j ⟂ k_j. Its curl
+//! The potential is a sum of plane waves, A = Σ_j a_j (k_j × e_j)/(2π k_j²) sin 2π(k_j·x + φ_j),
+//! with wave vectors k_j in turns per metre and unit vectors e_j ⟂ k_j. Its curl
 //!
 //! ```text
 //! u' = ∇ × A = Σ_j a_j e_j cos 2π(k_j·x + φ_j)
 //! ```
 //!
-//! has ∇·u' = −2π Σ a_j (e_j·k_j) sin(…) = 0, term by term, and Σ a_j²/2 for its mean square: kinematic simulation after Kraichnan (1970), "Diffusion by a
-//! random velocity field". The lengths k_j go from 1 to 6 over the scale, evenly in their logarithm, with a_j² ∝ k_j^(−2/3), Kolmogorov's −5/3 spectrum in
-//! such steps. Directions are spread evenly over the half-sphere (Fibonacci's lattice, turned by the seed).
+//! satisfies ∇·u' = −2π Σ a_j (e_j·k_j) sin(…) = 0 term by term, and its mean square is Σ a_j²/2:
+//! kinematic simulation after Kraichnan (1970), "Diffusion by a random velocity field". The wave
+//! numbers |k_j| range from 1 to 6 over the turbulence scale, evenly in their logarithm, with a_j²
+//! ∝ k_j^(−2/3), which is Kolmogorov's −5/3 spectrum in logarithmic steps. The directions are
+//! spread evenly over the half-sphere (a Fibonacci lattice, rotated at random by the seed).
 //!
 //! # Limitations
-//! Sixteen waves: beyond some ten scales the eye finds repeats.
+//! There are sixteen waves only: over distances of more than about ten scales, repetition is
+//! visible.
 
 use std::f64::consts::{PI, TAU};
 
@@ -21,35 +24,35 @@ use glam::{DQuat, DVec3};
 
 use crate::groom::grow::random::Random;
 
-/// Plane waves of a field.
+/// Number of plane waves.
 pub const MODES: usize = 16;
-/// Shortest over longest wavelength, inverted.
+/// Ratio of the longest to the shortest wavelength.
 const RANGE: f64 = 6.0;
 
-/// One plane wave of the velocity.
+/// One plane wave of the velocity field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mode {
-    /// Wave vector k, turns a metre.
+    /// Wave vector k, turns per metre.
     pub wave: DVec3,
-    /// Velocity at its crest, a e, m/s; perpendicular to `wave`.
+    /// Amplitude of the velocity, a e, m/s; perpendicular to `wave`.
     pub amplitude: DVec3,
     /// Phase φ at the world's origin, turns.
     pub phase: f64,
 }
 
 impl Mode {
-    /// Its phase at `origin` (metres), within a turn.
+    /// The phase at `origin` (metres), in turns from 0 to 1.
     pub fn phase_at(&self, origin: DVec3) -> f64 {
         (self.phase + self.wave.dot(origin)).rem_euclid(1.0)
     }
 
-    /// Its velocity at `point` (metres), m/s.
+    /// The velocity of this wave at `point` (metres), m/s.
     pub fn velocity(&self, point: DVec3) -> DVec3 {
         self.amplitude * (TAU * (self.wave.dot(point) + self.phase)).cos()
     }
 }
 
-/// The waves of unit strength: each component of the velocity has variance 1 on average.
+/// Waves of unit strength: each component of the velocity has variance 1 on average.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Turbulence([Mode; MODES]);
 
@@ -58,14 +61,14 @@ impl Turbulence {
         let mut random = Random::new(seed, 0x7572_6275);
         let mut unit = || f64::from(random.unit());
         let turned = {
-            // A uniform rotation (Shoemake 1992).
+            // A uniformly distributed rotation (Shoemake 1992).
             let (a, b, c) = (unit(), TAU * unit(), TAU * unit());
             let (p, q) = ((1.0 - a).sqrt(), a.sqrt());
             DQuat::from_xyzw(p * b.sin(), p * b.cos(), q * c.sin(), q * c.cos()).normalize()
         };
-        // Long and short waves take turns over the half-sphere.
+        // Neighbouring directions get waves of different lengths.
         let stride = 7;
-        #[expect(clippy::cast_precision_loss, reason = "at most sixteen")]
+        #[expect(clippy::cast_precision_loss, reason = "numbers up to sixteen")]
         let mut modes: [Mode; MODES] = std::array::from_fn(|j| {
             let count = MODES as f64;
             let length = RANGE.powf((j as f64 + unit()) / count) / scale;
@@ -88,11 +91,11 @@ impl Turbulence {
         Self(modes)
     }
 
-    /// The waves of components of `rms` m/s, carried along by `drift` metres.
-    pub(super) fn modes(&self, rms: f64, drift: DVec3) -> [Mode; MODES] {
+    /// The waves scaled to `rms` m/s per component and advected by `displacement` metres.
+    pub(super) fn modes(&self, rms: f64, displacement: DVec3) -> [Mode; MODES] {
         self.0.map(|mode| Mode {
             amplitude: mode.amplitude * rms,
-            phase: (mode.phase - mode.wave.dot(drift)).rem_euclid(1.0),
+            phase: (mode.phase - mode.wave.dot(displacement)).rem_euclid(1.0),
             ..mode
         })
     }

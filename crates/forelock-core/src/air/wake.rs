@@ -1,48 +1,54 @@
-//! Shelter: the wake of solids, marched downwind.
+//! The wake of solids: the wind shelter behind them, computed by a march downwind.
 //!
 //! # Theory
-//! The deficit D(x), the share of the wind that is missing, is 1 in a solid and is carried downwind, where it spreads
-//! sideways as momentum does in a turbulent wake of constant eddy viscosity (Schlichting, "Boundary-Layer Theory", free shear flows): with s along the wind,
-//! ∂D/∂s = ε ∇⊥² D. Behind a body of radius R the deficit on the axis falls by half after about R²/(2.8 ε).
+//! The deficit D(x), the fraction of the wind that is missing, is 1 inside a solid. It is advected
+//! downwind and spreads sideways as momentum does in a turbulent wake of constant eddy viscosity
+//! (Schlichting, "Boundary-Layer Theory", free shear flows): with s along the wind, ∂D/∂s = ε ∇⊥²
+//! D. Behind a body of radius R the deficit on the axis falls by half after about R²/(2.8 ε).
 //!
 //! # Practice
-//! A grid of 24³ nodes about the hair's origin, aligned with the wind, its side that of the ball in which the hair can be. Each layer is the one before it, solids
-//! included, after one step of diffusion with ε = a/5 for cells of side a: wakes scale with the scene. A frame costs one look at the solids a node,
-//! most of them at the small table of lower bounds. Between the nodes D is trilinear.
+//! The grid has 24³ nodes, is centred at the hair's origin and aligned with the wind, and its side
+//! is the diameter of the ball that the hair can reach. Each layer is the layer upwind of it, with
+//! the solids added, after one diffusion step with ε = a/5 for cells of side a; wakes therefore
+//! scale with the scene. A frame costs one SDF query per node, and most queries are decided by the
+//! small table of lower bounds. Between nodes D is interpolated trilinearly.
 //!
 //! # Limitations
-//! Solids outside the grid cast no wake, and those thinner than a cell (a finger, a comb's tooth) hardly any. The flow does not speed up around a body, nor turn back
-//! behind it. All that matters upwind of a solid is left as it was.
+//! Solids outside the grid cast no wake, and solids thinner than a cell (a finger, a tooth of a
+//! comb) cast almost none. The flow neither accelerates around a body nor recirculates behind it.
+//! The wind upwind of a solid is not changed.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::body::{ColliderFrame, Shape};
 
-/// Nodes along each side.
+/// Nodes along each side of the grid.
 pub const NODES: usize = 24;
 const LAYER: usize = NODES * NODES;
-/// ε over the cell.
+/// ε divided by the side of a cell.
 pub const SPREAD: f32 = 0.2;
 
-/// The deficit around the hair in one frame.
+/// The velocity deficit around the hair in one frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Wake {
-    /// Across, across and along the wind, over the cell: from metres to nodes.
+    /// The grid's axes (across, across and along the wind) divided by the cell: they convert metres
+    /// to nodes.
     axes: [Vec3; 3],
-    /// D at the nodes, along the wind slowest.
+    /// D at the nodes; the index along the wind varies slowest.
     deficit: Vec<f32>,
-    /// Whether a node is in a solid, 0 to 1.
+    /// The fraction of each node that is inside a solid, 0 to 1.
     solid: Vec<f32>,
-    /// Whether anything shelters at all.
-    any: bool,
+    /// Whether any node is inside a solid; if not, D is 0 everywhere.
+    casts_shelter: bool,
 }
 
 impl Wake {
-    /// The wake of `solids` as they are at the frame's start, in the ball of `radius` about `origin` (metres, world), in wind along
-    /// `wind`; none in no wind. Allocates at its first call only.
+    /// Computes the wake of `solids` in their poses at the frame's start, inside the ball of
+    /// `radius` about `origin` (metres, world space), for a wind along `wind`. Without wind there
+    /// is no wake. Allocates at its first call only.
     pub fn update(&mut self, solids: &[ColliderFrame<'_>], origin: DVec3, radius: f64, wind: DVec3) {
-        self.any = false;
+        self.casts_shelter = false;
         let Some(along) = wind.try_normalize() else { return };
         self.deficit.resize(LAYER * NODES, 0.0);
         self.solid.resize(LAYER * NODES, 0.0);
@@ -59,7 +65,7 @@ impl Wake {
                 let inside = |solid: &ColliderFrame<'_>| {
                     let local = solid.pose(0.0).inverse().transform_point(point);
                     let (distance, _) = match solid.shape {
-                        // As it is now, too.
+                        // Also sampled at the frame's start.
                         Shape::Morph { .. } => solid.shape.sample_at(local.to_array(), 0.0),
                         shape => shape.sample_near(local.to_array(), near)?,
                     };
@@ -68,21 +74,23 @@ impl Wake {
                 *value = solids.iter().filter_map(inside).fold(0.0, f32::max);
             }
         });
-        self.any = self.solid.iter().any(|&solid| solid > 0.0);
-        if self.any {
+        self.casts_shelter = self.solid.iter().any(|&solid| solid > 0.0);
+        if self.casts_shelter {
             self.march();
         }
     }
 
-    /// Axes across, across and along the wind, and the side of a cell, metres, of nodes in the ball of `radius` (metres) in wind along the unit vector `along`.
+    /// The unit axes of the grid (across, across and along the wind) and the side of a cell in
+    /// metres, for a grid that encloses the ball of `radius` (metres) with the wind along the unit
+    /// vector `along`.
     pub fn nodes(along: DVec3, radius: f64) -> ([DVec3; 3], f64) {
         let (u, v) = along.any_orthonormal_pair();
-        #[expect(clippy::cast_precision_loss, reason = "twenty-three")]
+        #[expect(clippy::cast_precision_loss, reason = "the constant is twenty-three")]
         let cell = 2.0 * radius / (NODES - 1) as f64;
         ([u, v, along], cell)
     }
 
-    /// Layer after layer downwind.
+    /// Advects and diffuses the deficit, layer by layer downwind.
     fn march(&mut self) {
         self.deficit[..LAYER].fill(0.0);
         let mut upwind = [0.0f32; LAYER];
@@ -95,7 +103,7 @@ impl Wake {
                 for i in 0..NODES {
                     let at = i + NODES * j;
                     let here = upwind[at];
-                    // Nothing flows through the grid's sides.
+                    // No flux through the grid's sides.
                     let left = if i > 0 { upwind[at - 1] } else { here };
                     let right = if i + 1 < NODES { upwind[at + 1] } else { here };
                     let down = if j > 0 { upwind[at - NODES] } else { here };
@@ -107,10 +115,11 @@ impl Wake {
         }
     }
 
-    /// D at `offset` metres from the origin (world axes); beyond the grid that of its nearest point.
+    /// D at `offset` metres from the origin (world axes); outside the grid, the value at the
+    /// nearest point of the grid.
     #[inline(always)]
     pub fn deficit(&self, offset: [f32; 3]) -> f32 {
-        if !self.any {
+        if !self.casts_shelter {
             return 0.0;
         }
         let top = (NODES - 2) as f32;
@@ -131,14 +140,14 @@ impl Wake {
         lerp(layer(first), layer(first + LAYER), f[2])
     }
 
-    /// Bytes held.
+    /// Size of the buffers in bytes.
     pub fn bytes(&self) -> usize {
         size_of_val(&*self.deficit) + size_of_val(&*self.solid)
     }
 }
 
-/// A node's number from the grid's middle.
-#[expect(clippy::cast_precision_loss, reason = "under twenty-four")]
+/// The coordinate of a node, in cells from the grid's centre.
+#[expect(clippy::cast_precision_loss, reason = "an index below twenty-four")]
 fn centred(node: usize) -> f64 {
     node as f64 - 0.5 * (NODES - 1) as f64
 }

@@ -1,33 +1,37 @@
-//! A tree of boxes over triangles: nearest point, and how often a surface winds around a point.
+//! A bounding volume hierarchy over triangles: nearest points and winding numbers.
 //!
 //! # Theory
-//! Nearest points are found by descent into the nearer child first, leaving out every box farther than the best
-//! triangle so far. The winding number of a closed surface about p is the signed number of its crossings with any ray
-//! from p: +1 where the ray leaves through the front, −1 where it enters. Rays run along +x, so that a crossing is a
-//! point-in-triangle test in the yz plane. Ties are broken by moving p by (ε, ε²) there (simulation of simplicity,
-//! Edelsbrunner and Mücke 1990), and each edge is evaluated from the same end whichever triangle asks: a ray through
-//! an edge or a vertex is counted once, never twice or not at all, so the number is right on every closed surface.
+//! The nearest point is found by descending into the nearer child first and skipping every box that
+//! is farther than the best triangle so far. The winding number of a closed surface about p is the
+//! signed number of its crossings with any ray from p: +1 where the ray leaves through the front of
+//! a triangle, −1 where it enters. Rays run along +x, so that a crossing is a point-in-triangle
+//! test in the yz plane. Ties are resolved by moving p by (ε, ε²) in that plane (simulation of
+//! simplicity, Edelsbrunner and Mücke 1990), and each edge is always evaluated from the same end: a
+//! ray through an edge or a vertex is counted exactly once, so the number is right on every closed
+//! surface.
 //!
 //! # Practice
-//! Median splits along the longest axis: balanced, so the traversal's stack is of fixed size, and the same tree for
-//! the same triangles. Corners are stored in leaf order.
+//! Nodes are split at the median along the longest axis. The tree is balanced, so the traversal
+//! stack has a fixed size, and the same triangles always give the same tree. Corners are stored in
+//! leaf order.
 
 use glam::{DVec3, Vec3};
 
 use super::TriMesh;
 
-/// Triangles a leaf may hold.
+/// Maximum number of triangles in a leaf.
 const LEAF: usize = 4;
-/// Deepest stack: a balanced tree over 2³² triangles, one waiting sibling a level.
+/// Greatest depth of the traversal stack: a balanced tree over 2³² triangles with one pending
+/// sibling per level.
 const STACK: usize = 40;
 
-/// A tree of boxes over triangles.
+/// A bounding volume hierarchy over triangles.
 #[derive(Clone, Debug)]
 pub struct Bvh {
     nodes: Vec<Node>,
     /// Corners in leaf order.
     corners: Vec<[Vec3; 3]>,
-    /// For each in leaf order, its index in the list the tree was built from.
+    /// For each triangle in leaf order, its index in the list from which the tree was built.
     sources: Vec<u32>,
 }
 
@@ -35,34 +39,34 @@ pub struct Bvh {
 struct Node {
     low: Vec3,
     high: Vec3,
-    /// First triangle of a leaf; right child of an inner node (the left one comes next).
+    /// Leaf: its first triangle. Inner node: its right child (the left child is the next node).
     first: u32,
-    /// Triangles of a leaf; 0 for an inner node.
+    /// Number of triangles of a leaf; 0 for an inner node.
     count: u32,
 }
 
-/// The point of a surface nearest to a query.
+/// The point of a surface nearest to a query point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Nearest {
-    /// Index of the triangle in the list the tree was built from.
+    /// Index of the triangle in the list from which the tree was built.
     pub triangle: u32,
-    /// Barycentric coordinates in it; they sum to 1.
+    /// Barycentric coordinates in the triangle; they sum to 1.
     pub barycentric: [f32; 3],
-    /// The point, in metres.
+    /// The nearest point, in metres.
     pub point: Vec3,
-    /// Square of its distance to the query, in m².
+    /// Squared distance to the query point, in m².
     pub distance_squared: f32,
-    /// Place of the triangle in leaf order: the hint for a query nearby.
+    /// Index of the triangle in leaf order, used as a hint for a query nearby.
     slot: u32,
 }
 
 impl Bvh {
-    /// The tree over the triangles of `mesh`.
+    /// Builds the tree over the triangles of `mesh`.
     pub fn new(mesh: &TriMesh) -> Self {
         Self::from_triangles((0..mesh.triangles.len()).map(|t| mesh.corners(t)).collect())
     }
 
-    /// The tree over `triangles` (corners in metres, finite).
+    /// Builds the tree over `triangles` (corners in metres, finite).
     pub fn from_triangles(triangles: Vec<[Vec3; 3]>) -> Self {
         let mut order: Vec<u32> = (0..u32::try_from(triangles.len()).unwrap_or(u32::MAX)).collect();
         let centres: Vec<Vec3> = triangles.iter().map(|[a, b, c]| *a + *b + *c).collect();
@@ -78,7 +82,7 @@ impl Bvh {
         self.nearest_from(p, None)
     }
 
-    /// The same, faster when `hint` is the answer for a point near `p`.
+    /// [`Bvh::nearest`] with a hint: it is faster if `hint` is the result for a point near `p`.
     pub fn nearest_from(&self, p: Vec3, hint: Option<&Nearest>) -> Option<Nearest> {
         if self.nodes.is_empty() || !p.is_finite() {
             return None;
@@ -122,8 +126,9 @@ impl Bvh {
         Some(best)
     }
 
-    /// How often the surface winds around `p`: exact where the triangles form a closed surface
-    /// ([`ClosedMesh`](super::ClosedMesh) makes one of any mesh) and `p` is off it; without meaning otherwise.
+    /// The winding number of the surface about `p`: exact if the triangles form a closed surface (a
+    /// [`ClosedMesh`](super::ClosedMesh) can be made from any mesh) and `p` is not on it;
+    /// meaningless otherwise.
     pub fn winding_number(&self, p: Vec3) -> i32 {
         let mut winding = 0;
         if self.nodes.is_empty() {
@@ -175,7 +180,7 @@ impl Bvh {
     }
 }
 
-/// Builds the subtree over `order`, whose first entry has place `first` in leaf order.
+/// Builds the subtree over `order`, whose first entry has the index `first` in leaf order.
 fn build(triangles: &[[Vec3; 3]], centres: &[Vec3], order: &mut [u32], first: usize, nodes: &mut Vec<Node>) {
     let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
     let (mut centre_low, mut centre_high) = (low, high);
@@ -208,8 +213,8 @@ fn box_distance_squared(node: &Node, p: Vec3) -> f32 {
     (node.low - p).max(p - node.high).max(Vec3::ZERO).length_squared()
 }
 
-/// Barycentric coordinates of the point of a triangle nearest to `p` (Ericson, Real-Time Collision Detection, 5.1.5:
-/// by Voronoi region).
+/// Barycentric coordinates of the point of a triangle nearest to `p` (Ericson, Real-Time Collision
+/// Detection, 5.1.5: by Voronoi region).
 fn nearest_barycentric([a, b, c]: &[Vec3; 3], p: Vec3) -> [f32; 3] {
     let (ab, ac, ap) = (*b - *a, *c - *a, p - *a);
     let (d1, d2) = (ab.dot(ap), ac.dot(ap));
@@ -246,14 +251,14 @@ fn nearest_barycentric([a, b, c]: &[Vec3; 3], p: Vec3) -> [f32; 3] {
     [1.0 - v - w, v, w]
 }
 
-/// `part / whole` in 0–1; 0 where a degenerate triangle makes both vanish.
+/// `part / whole`, clamped to 0–1; 0 if a degenerate triangle makes both vanish.
 #[inline]
 fn ratio(part: f32, whole: f32) -> f32 {
     if whole > 0.0 { (part / whole).clamp(0.0, 1.0) } else { 0.0 }
 }
 
-/// Where the line along x through (`y`, `z`) crosses a triangle: the x, and +1 where +x leaves through the front, −1
-/// where it enters.
+/// The crossing of the line along x through (`y`, `z`) with a triangle: the x coordinate, and +1 if
+/// +x leaves through the front, −1 if it enters.
 pub(super) fn crossing([a, b, c]: &[Vec3; 3], y: f32, z: f32) -> Option<(f64, i32)> {
     let p = DVec3::new(0.0, f64::from(y), f64::from(z));
     let (ab, bc, ca) = (side(*a, *b, p), side(*b, *c, p), side(*c, *a, p));
@@ -269,8 +274,8 @@ pub(super) fn crossing([a, b, c]: &[Vec3; 3], y: f32, z: f32) -> Option<(f64, i3
     Some((x, if ab.1 { 1 } else { -1 }))
 }
 
-/// Twice the area of (a, b, p) in the yz plane, and whether p (moved by (ε, ε²)) lies on the left. Swapping a and b
-/// negates both exactly.
+/// Twice the area of (a, b, p) in the yz plane, and whether p (moved by (ε, ε²)) is on the left.
+/// Swapping a and b negates both exactly.
 #[inline]
 fn side(a: Vec3, b: Vec3, p: DVec3) -> (f64, bool) {
     let swap = (a.y, a.z) > (b.y, b.z);
@@ -293,7 +298,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nearest_is_the_nearest_of_all() {
+    fn nearest_agrees_with_an_exhaustive_search() {
         let mesh = uv_sphere(0.1, 24, 12);
         let bvh = Bvh::new(&mesh);
         let mut hint = None;
@@ -316,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn nearest_on_a_triangle_beats_every_sampled_point() {
+    fn no_sampled_point_of_a_triangle_is_nearer() {
         let triangles = [
             [Vec3::ZERO, Vec3::X, Vec3::Y],
             [Vec3::ZERO, Vec3::X, Vec3::new(0.3, 1e-4, 0.0)],
@@ -343,7 +348,7 @@ mod tests {
 
     #[test]
     fn winding_is_exact_even_through_edges_and_vertices() {
-        // Rays along x through the cube's centre hit diagonals, edges and vertices of its faces.
+        // Rays along x through the cube hit diagonals, edges and vertices of its faces.
         let bvh = Bvh::new(&cuboid(Vec3::ONE));
         for step in 0..=8 {
             for other in 0..=8 {
@@ -367,7 +372,7 @@ mod tests {
     }
 
     #[test]
-    fn no_triangles_no_answer() {
+    fn an_empty_tree_finds_nothing() {
         let bvh = Bvh::from_triangles(Vec::new());
         assert!(bvh.nearest(Vec3::ZERO).is_none());
         assert_eq!(bvh.winding_number(Vec3::ZERO), 0);

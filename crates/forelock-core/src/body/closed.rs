@@ -1,19 +1,22 @@
-//! Any triangle mesh made into a closed surface, so that inside and outside have an exact meaning.
+//! Closing a triangle mesh, so that inside and outside are well defined for any mesh.
 //!
 //! # Theory
-//! The boundary of a sum of oriented triangles is a set of directed edges with as many arriving as leaving at every
-//! vertex, so it falls apart into loops, whatever the mesh. Each loop is closed by a cone from its centroid; then the
-//! surface has no boundary and its winding number is an integer everywhere (a cone also undoes a triangle turned the
-//! wrong way). Inside is where the number is positive. Where parts overlap (eyes in a head, an ear stuck into it),
-//! the triangles with inside on both sides bound nothing: they are left out of the distance.
+//! The boundary of a sum of oriented triangles is a set of directed edges, and at every vertex as
+//! many edges arrive as leave. Hence the boundary of any mesh splits into loops. Each loop is
+//! closed by a cone from its centroid; then the surface has no boundary and its winding number is
+//! an integer everywhere. (A cone also cancels a triangle that is wound the wrong way.) Inside is
+//! where the winding number is positive. Where parts overlap (eyes in a head, an ear that reaches
+//! into it), triangles with the inside on both sides do not bound the solid and are left out of the
+//! distance.
 //!
-//! Against the generalised winding number of a mesh with holes (Jacobson 2013; Barill 2018, by dipoles), which also
-//! closes holes but leaves the distance to the lid undefined, the lid here is part of the surface: distance and sign
-//! agree.
+//! The generalised winding number of a mesh with holes (Jacobson 2013; Barill 2018, by dipoles)
+//! also closes holes, but leaves the distance to the closing surface undefined. Here the closing
+//! surface is part of the mesh, so distance and sign are consistent.
 //!
 //! # Limitations
-//! A lid is a cone over the hole's rim: right for necks, eyes and small holes, crude for a rim that folds back on
-//! itself. A single sheet closes to a body without thickness, which holds nothing.
+//! A hole is closed by a cone over its rim: this is right for necks, eyes and small holes, and
+//! crude for a rim that folds back on itself. A single sheet closes to a body without thickness,
+//! which encloses nothing.
 
 use std::collections::HashMap;
 
@@ -23,12 +26,12 @@ use rayon::prelude::*;
 use super::bvh::{Bvh, Nearest};
 use super::mesh::TriMesh;
 
-/// Vertices closer than this fraction of the mesh's diagonal are one.
+/// Vertices closer than this fraction of the mesh's diagonal are merged.
 const WELD: f32 = 1e-6;
-/// How far from a triangle its two sides are probed, as a fraction of the mesh's diagonal.
+/// Distance at which both sides of a triangle are probed, as a fraction of the mesh's diagonal.
 const PROBE: f32 = 1e-5;
 
-/// A closed surface made of a mesh, with the trees to ask it for distances and insides.
+/// A closed surface made from a mesh, with search trees for distances and winding numbers.
 #[derive(Clone, Debug)]
 pub struct ClosedMesh {
     triangles: Vec<[Vec3; 3]>,
@@ -37,21 +40,21 @@ pub struct ClosedMesh {
     report: ClosingReport,
 }
 
-/// What was done to close a mesh.
+/// Statistics of closing a mesh.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ClosingReport {
-    /// Rims closed: one a hole, two a triangle turned the wrong way.
+    /// Number of closed rims: one for each hole, two for each triangle wound the wrong way.
     pub rims: usize,
-    /// Longest rim among them, in metres.
+    /// Length of the longest rim in metres.
     pub longest_rim: f32,
     /// Triangles left out because they lie inside other parts or bound nothing.
     pub hidden_triangles: usize,
-    /// Whether the whole mesh was turned inside out (its volume was negative).
+    /// Whether all triangles were reversed because the mesh had a negative volume.
     pub turned: bool,
 }
 
 impl ClosedMesh {
-    /// The closed surface of `mesh`.
+    /// Closes `mesh`.
     pub fn new(mesh: &TriMesh) -> Self {
         let (low, high) = mesh.bounds();
         let diagonal = (high - low).length();
@@ -81,45 +84,48 @@ impl ClosedMesh {
         Self { triangles, winding, surface: Bvh::from_triangles(bounding), report }
     }
 
-    /// What was done to close it.
+    /// Statistics of how the mesh was closed.
     pub fn report(&self) -> ClosingReport {
         self.report
     }
 
-    /// Whether there is any surface that separates an inside from an outside.
+    /// Whether the surface encloses any volume.
     pub fn encloses_something(&self) -> bool {
         self.report.hidden_triangles < self.triangles.len()
     }
 
-    /// All triangles, lids and hidden ones too: a surface without boundary.
+    /// All triangles, including closing and hidden ones: a surface without boundary.
     pub(super) fn triangles(&self) -> &[[Vec3; 3]] {
         &self.triangles
     }
 
-    /// Whether `p` lies inside: the winding number there is positive.
+    /// Whether `p` is inside: the winding number there is positive.
     pub fn contains(&self, p: Vec3) -> bool {
         self.winding.winding_number(p) > 0
     }
 
-    /// The point of the surface between inside and outside nearest to `p`, faster when `hint` is the answer nearby.
-    /// Its triangle index is internal. `None` if nothing is enclosed.
+    /// The point nearest to `p` of the surface between inside and outside. The search is faster if
+    /// `hint` is the result for a point close to `p`. The triangle index in the result is internal.
+    /// `None` if nothing is enclosed.
     pub(super) fn nearest_from(&self, p: Vec3, hint: Option<&Nearest>) -> Option<Nearest> {
         self.surface.nearest_from(p, hint)
     }
 
-    /// The signed distance in metres from `p` to the surface, negative inside; +∞ if nothing is enclosed.
+    /// The signed distance in metres from `p` to the surface, negative inside; +∞ if nothing is
+    /// enclosed.
     pub fn signed_distance(&self, p: Vec3) -> f32 {
         let distance = self.nearest_from(p, None).map_or(f32::INFINITY, |n| n.distance_squared.sqrt());
         if self.contains(p) { -distance } else { distance }
     }
 }
 
-/// Consecutive pairs around a loop.
+/// Pairs of consecutive points around a loop.
 fn edges(rim: &[Vec3]) -> impl Iterator<Item = (Vec3, Vec3)> {
     rim.iter().copied().zip(rim.iter().copied().cycle().skip(1))
 }
 
-/// Positions and faces with vertices in the same cell of size `tolerance` made one and degenerate faces left out.
+/// Merges vertices in the same cell of size `tolerance` and removes degenerate faces; returns
+/// positions and faces.
 fn weld(mesh: &TriMesh, low: Vec3, tolerance: f32) -> (Vec<Vec3>, Vec<[u32; 3]>) {
     let mut known: HashMap<[i32; 3], u32> = HashMap::with_capacity(mesh.positions.len());
     let mut positions = Vec::new();
@@ -146,8 +152,8 @@ fn weld(mesh: &TriMesh, low: Vec3, tolerance: f32) -> (Vec<Vec3>, Vec<[u32; 3]>)
 
 /// Loops whose cones, added to `faces`, leave no boundary.
 fn boundary_loops(faces: &[[u32; 3]]) -> Vec<Vec<u32>> {
-    // Each undirected edge with +1 where it runs up, −1 where it runs down; those that do not cancel are the
-    // boundary.
+    // Each undirected edge with +1 if a triangle traverses it upwards and −1 if downwards. The
+    // edges whose sum is not zero are the boundary.
     let mut directed: Vec<(u32, u32, i32)> = faces
         .iter()
         .flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)])
@@ -158,7 +164,7 @@ fn boundary_loops(faces: &[[u32; 3]]) -> Vec<Vec<u32>> {
     let mut starts = Vec::new();
     for same in directed.chunk_by(|x, y| (x.0, x.1) == (y.0, y.1)) {
         let net: i32 = same.iter().map(|e| e.2).sum();
-        // The lid runs against the mesh.
+        // The closing surface traverses the edge against the mesh.
         let (from, to) = if net > 0 { (same[0].1, same[0].0) } else { (same[0].0, same[0].1) };
         for _ in 0..net.abs() {
             next.entry(from).or_default().push(to);
@@ -187,7 +193,8 @@ fn boundary_loops(faces: &[[u32; 3]]) -> Vec<Vec<u32>> {
     loops
 }
 
-/// Six times the signed volume within `triangles`, in m³, about `centre` to keep digits.
+/// Six times the signed volume enclosed by `triangles`, in m³; computed about `centre` to keep
+/// precision.
 fn volume(triangles: &[[Vec3; 3]], centre: Vec3) -> f64 {
     triangles
         .iter()
@@ -198,9 +205,11 @@ fn volume(triangles: &[[Vec3; 3]], centre: Vec3) -> f64 {
         .sum()
 }
 
-/// Those of `triangles` with inside on one side and outside on the other, probed `reach` metres off.
+/// The triangles with the inside on one side and the outside on the other, probed at `reach` metres
+/// from the surface.
 fn bounding_triangles(triangles: &[[Vec3; 3]], winding: &Bvh, reach: f32) -> Vec<[Vec3; 3]> {
-    // The centroid tells for almost all; a triangle that another part cuts may show in a corner only.
+    // The centroid decides for almost all triangles; if another part cuts the triangle, only a
+    // point near a corner or an edge may show it.
     const PLACES: [[f32; 3]; 7] = [
         [0.3333, 0.3334, 0.3333],
         [0.9, 0.06, 0.04],
@@ -233,13 +242,14 @@ mod tests {
         let mut mesh = uv_sphere(1.0, 32, 16);
         let whole = ClosedMesh::new(&mesh);
         assert_eq!(whole.report(), ClosingReport::default());
-        // The southern cap below y = −0.7, and two single triangles, are lost; one is turned around.
+        // The southern cap below y = −0.7 and two single triangles are removed; one triangle is
+        // reversed.
         mesh.triangles.retain(|t| t.iter().any(|&v| mesh.positions[v as usize].y > -0.7));
         mesh.triangles.swap_remove(200);
         mesh.triangles.swap_remove(100);
         mesh.triangles[50].swap(0, 1);
         let open = ClosedMesh::new(&mesh);
-        // The turned one is two rims: one takes it away, one puts it back.
+        // The reversed triangle has two rims: one removes it, the other restores it.
         assert_eq!(open.report().rims, 5);
         for p in lattice(3000, 1.2) {
             if p.y > -0.68 {
@@ -249,13 +259,13 @@ mod tests {
                 assert!(!open.contains(p), "{p}");
             }
         }
-        // On the lid the distance is to the lid.
+        // Near the closing surface the distance is the distance to it.
         assert!(open.signed_distance(Vec3::Y * -0.6) > -0.15);
         assert!(open.signed_distance(Vec3::Y * -0.9).is_sign_positive());
     }
 
     #[test]
-    fn an_inside_out_mesh_is_turned() {
+    fn an_inside_out_mesh_is_reversed() {
         let mut mesh = cuboid(Vec3::ONE);
         mesh.triangles.iter_mut().for_each(|t| t.swap(0, 1));
         let closed = ClosedMesh::new(&mesh);

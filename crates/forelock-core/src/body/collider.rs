@@ -1,13 +1,15 @@
-//! Solids that hair meets, as signed distances in their own space, and what a solver gets of them in a frame.
+//! Colliders: solids described by signed distances in local space, and their poses during a frame.
 //!
 //! # Theory
-//! Each primitive's distance σ is exact inside and out, so |∇σ| = 1 wherever the nearest surface point is unique (the
-//! eikonal equation). Where it is not (a sphere's centre, a box's medial planes) one of the nearest surface points is
-//! chosen by a fixed rule: the direction is never zero.
+//! The distance σ to a primitive is exact inside and outside, so |∇σ| = 1 wherever the nearest
+//! surface point is unique (the eikonal equation). Where it is not unique (the centre of a sphere,
+//! the medial planes of a box), a fixed rule selects one of the nearest surface points, so that the
+//! direction is never zero.
 //!
 //! # Practice
-//! Shapes live in local metres; a rigid [`Pose`] places them. Distances survive rigid transforms, so a solver takes
-//! its point into local space, samples there, and turns the gradient back.
+//! Shapes are defined in local space, in metres; a rigid [`Pose`] places them. A rigid transform
+//! preserves distances, so a solver transforms its point to local space, samples the distance there
+//! and rotates the gradient back.
 
 use std::sync::Arc;
 
@@ -17,58 +19,62 @@ use num_traits::Float;
 use super::{Morph, Sdf};
 use crate::pose::Pose;
 
-/// A solid in its own space, in metres, y up.
+/// A solid in local space, in metres, y up.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Shape {
-    /// A ball about the origin.
+    /// A ball centred at the origin.
     Sphere {
         /// Radius in metres.
         radius: f64,
     },
-    /// All outside a ball about the origin: hair is kept within.
+    /// Everything outside a ball centred at the origin: hair is kept inside the ball.
     HollowSphere {
         /// Radius in metres.
         radius: f64,
     },
-    /// All within `radius` of the segment from (0, −`half_length`, 0) to (0, `half_length`, 0).
+    /// All points within `radius` of the segment from (0, −`half_length`, 0) to (0, `half_length`,
+    /// 0).
     Capsule {
         /// Half the length of the segment in metres, without the caps.
         half_length: f64,
         /// Radius in metres.
         radius: f64,
     },
-    /// A box about the origin, faces across the axes.
+    /// An axis-aligned box centred at the origin.
     Box {
         /// Half the size along each axis in metres.
         half_extents: DVec3,
     },
     /// The half-space y ≤ 0.
     Plane,
-    /// A field on a grid, in metres; sampled in float32 whatever the solver computes in.
+    /// A distance field on a grid, in metres. It is sampled in float32, whatever the solver's
+    /// precision.
     Sdf(Arc<Sdf>),
-    /// A sequence of fields during one frame; sampled in float32 too.
+    /// A sequence of distance fields that are blended during the frame; also sampled in float32.
     Morph {
         /// The sequence.
         morph: Arc<Morph>,
-        /// Where in it the frame starts and ends, in fields after the first.
+        /// Positions in the sequence at the frame's start and end, counted in fields from the
+        /// first.
         phases: [f64; 2],
     },
 }
 
-/// Points in a packet of lookups.
+/// Number of points that are sampled together.
 pub const PACKET: usize = 8;
 
 impl Shape {
-    /// The signed distance in metres from `p` to the surface, negative inside, and its unit gradient (outwards); of a shape that changes,
-    /// as it is at the frame's end.
+    /// The signed distance in metres from `p` to the surface (negative inside) and its outward unit
+    /// gradient. A shape that changes is sampled at the frame's end.
     ///
-    /// Exact for the primitives; for [`Shape::Sdf`] as [`Sdf::sample`] says, with the gradient normalised.
+    /// The result is exact for the primitives. For [`Shape::Sdf`] the accuracy is that of
+    /// [`Sdf::sample`], with the gradient normalised.
     #[inline]
     pub fn sample<T: Float>(&self, p: [T; 3]) -> (T, [T; 3]) {
         self.sample_at(p, 1.0)
     }
 
-    /// [`Shape::sample`] at `fraction` of the frame, which matters to shapes that change.
+    /// [`Shape::sample`] at `fraction` of the frame, which matters for shapes that change.
     #[inline]
     pub fn sample_at<T: Float>(&self, p: [T; 3], fraction: f64) -> (T, [T; 3]) {
         match self {
@@ -87,14 +93,18 @@ impl Shape {
             }
             Self::Box { half_extents } => sample_box(half_extents.to_array().map(cast), p),
             Self::Plane => (p[1], [T::zero(), T::one(), T::zero()]),
-            Self::Sdf(sdf) => from_field(sdf.sample(to_vec3(p))),
+            Self::Sdf(sdf) => {
+                let (distance, gradient) = sdf.sample(to_vec3(p));
+                from_field(distance, gradient)
+            }
             Self::Morph { morph, phases: [from, to] } => {
-                from_field(morph.sample(to_vec3(p), from + (to - from) * fraction))
+                let (distance, gradient) = morph.sample(to_vec3(p), from + (to - from) * fraction);
+                from_field(distance, gradient)
             }
         }
     }
 
-    /// The side of the cells of a field in metres, if it is one.
+    /// The side of the cells in metres, if the shape is a field.
     pub fn cell(&self) -> Option<f32> {
         match self {
             Self::Sdf(sdf) => Some(sdf.cell()),
@@ -103,8 +113,9 @@ impl Shape {
         }
     }
 
-    /// Half the thickness of its thinnest part in metres, as far as is known: what moves less than that cannot pass through. A field's thinnest part is
-    /// two cells.
+    /// Half the thickness of the thinnest part in metres, as far as it is known: a point that moves
+    /// less than this cannot pass through the solid. The thinnest part of a field is assumed to be
+    /// two cells thick.
     pub fn thinness(&self) -> f64 {
         match self {
             Self::Sphere { radius } | Self::Capsule { radius, .. } => *radius,
@@ -114,7 +125,8 @@ impl Shape {
         }
     }
 
-    /// [`Shape::sample_at`] at a packet of points, component-major; bit for bit what the points alone give.
+    /// [`Shape::sample_at`] for a packet of points, component-major. The results are bit-identical
+    /// to those of single points.
     #[inline(always)]
     pub fn sample_packet<T: Float>(
         &self,
@@ -151,19 +163,21 @@ impl Shape {
         (distances, gradients)
     }
 
-    /// [`Shape::sample`] where the distance may be `reach` metres or less; `None` where it is surely more. For a
-    /// field a small table decides first ([`Sdf::sample_near`]), which halves the cost for hair at rest on a head.
+    /// [`Shape::sample`] if the distance may be at most `reach` metres; `None` if it is certainly
+    /// greater. For a field a small table is read first ([`Sdf::sample_near`]), which halves the
+    /// cost for hair at rest on a head.
     #[inline]
     pub fn sample_near<T: Float>(&self, p: [T; 3], reach: T) -> Option<(T, [T; 3])> {
         if let Self::Sdf(sdf) = self {
             let reach = reach.to_f32().unwrap_or(f32::INFINITY);
-            return sdf.sample_near(to_vec3(p), reach).map(from_field);
+            let found = sdf.sample_near(to_vec3(p), reach);
+            return found.map(|(distance, gradient)| from_field(distance, gradient));
         }
         Some(self.sample(p)).filter(|(distance, _)| *distance <= reach)
     }
 
-    /// The smallest known axis-aligned box that holds the solid, (min, max) in local metres, rounded outwards; `None`
-    /// for a solid without bounds.
+    /// The smallest known axis-aligned box that contains the solid, (min, max) in local metres,
+    /// rounded outwards; `None` for an unbounded solid.
     pub fn bounds(&self) -> Option<(Vec3, Vec3)> {
         let half = match self {
             Self::Sphere { radius } => DVec3::splat(*radius),
@@ -178,32 +192,32 @@ impl Shape {
     }
 }
 
-/// A solid as a scene has it.
+/// A solid in a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Collider {
-    /// Its shape.
+    /// The shape.
     pub shape: Shape,
-    /// Coulomb friction coefficient μ; no unit, 0 slides freely.
+    /// Coulomb friction coefficient μ; no unit, 0 is frictionless.
     pub friction: f64,
-    /// What `pose` is relative to.
+    /// The space in which `pose` is given.
     pub attachment: Attachment,
-    /// Where the shape is, in the space that `attachment` names, unless a motion moves it.
+    /// The pose of the shape in the space of `attachment`, unless a motion replaces it.
     pub pose: Pose,
 }
 
-/// The space in which a collider stands.
+/// The space to which a collider is attached.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum Attachment {
-    /// It stays in the world.
+    /// The collider is fixed in the world.
     #[default]
     World,
-    /// It moves with the head.
+    /// The collider moves with the head.
     Head,
 }
 
 impl Collider {
-    /// The collider during one frame in which the head goes from `head_from` to `head_to`.
+    /// The collider during a frame in which the head moves from `head_from` to `head_to`.
     pub fn frame(&self, head_from: &Pose, head_to: &Pose) -> ColliderFrame<'_> {
         let (from, to) = match self.attachment {
             Attachment::World => (Pose::IDENTITY, Pose::IDENTITY),
@@ -213,15 +227,16 @@ impl Collider {
     }
 }
 
-/// A solid during one frame, carried by something that moves from pose `from` to pose `to`.
+/// A solid during one frame. It is attached to a carrier that moves from pose `from` to pose `to`.
 ///
-/// Carrier and place are apart because interpolating their product would take a solid far from the carrier's origin
-/// along the chord instead of the arc, away from the hair that the same carrier moves.
+/// The carrier's pose and the local pose are stored separately. If their product were interpolated,
+/// a solid far from the carrier's origin would move along the chord instead of the arc, away from
+/// the hair that moves with the same carrier.
 #[derive(Clone, Copy, Debug)]
 pub struct ColliderFrame<'a> {
     /// The shape, in local space.
     pub shape: &'a Shape,
-    /// Carrier from local: where the shape sits on what carries it.
+    /// Carrier from local: the pose of the shape in the carrier's space.
     pub local: Pose,
     /// World from carrier at the frame's start.
     pub from: Pose,
@@ -232,13 +247,13 @@ pub struct ColliderFrame<'a> {
 }
 
 impl ColliderFrame<'_> {
-    /// World from local, `fraction` of the way through the frame.
+    /// World from local, at `fraction` of the frame.
     pub fn pose(&self, fraction: f64) -> Pose {
         self.from.interpolate(&self.to, fraction).after(&self.local)
     }
 }
 
-/// A constant in the caller's precision.
+/// Converts a constant to the caller's precision.
 #[inline]
 fn cast<T: Float>(value: f64) -> T {
     T::from(value).unwrap_or_else(T::nan)
@@ -249,14 +264,14 @@ fn to_vec3<T: Float>(p: [T; 3]) -> Vec3 {
     Vec3::from_array(p.map(|c| c.to_f32().unwrap_or(f32::NAN)))
 }
 
-/// A sample of a field in the caller's precision, its gradient made unit.
+/// Converts a sample of a field to the caller's precision and normalises its gradient.
 #[inline]
-fn from_field<T: Float>((distance, gradient): (f32, Vec3)) -> (T, [T; 3]) {
+fn from_field<T: Float>(distance: f32, gradient: Vec3) -> (T, [T; 3]) {
     let to_t = |c: f32| T::from(c).unwrap_or_else(T::nan);
     (to_t(distance), (gradient * gradient.length_recip()).to_array().map(to_t))
 }
 
-/// Length and direction of `v`; +y for the zero vector.
+/// Length and direction of `v`; the direction of the zero vector is +y.
 #[inline]
 fn unit<T: Float>(v: [T; 3]) -> (T, [T; 3]) {
     let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
@@ -267,7 +282,8 @@ fn unit<T: Float>(v: [T; 3]) -> (T, [T; 3]) {
     }
 }
 
-/// The distance to a box of `half` extents: to the nearest point outside, to the nearest face inside.
+/// Distance to a box of `half` extents: to the nearest point if `p` is outside, to the nearest face
+/// if it is inside.
 #[inline]
 fn sample_box<T: Float>(half: [T; 3], p: [T; 3]) -> (T, [T; 3]) {
     let sign = |c: T| if c < T::zero() { -T::one() } else { T::one() };
@@ -276,7 +292,7 @@ fn sample_box<T: Float>(half: [T; 3], p: [T; 3]) -> (T, [T; 3]) {
     if length > T::zero() {
         return (length, std::array::from_fn(|axis| sign(p[axis]) * direction[axis]));
     }
-    // y first, then x, then z: the fixed rule where faces are equally near.
+    // If several faces are equally near, y is preferred to x and x to z.
     let face = [0, 2].into_iter().fold(1, |best, axis| if q[axis] > q[best] { axis } else { best });
     (q[face], std::array::from_fn(|axis| if axis == face { sign(p[axis]) } else { T::zero() }))
 }
@@ -295,7 +311,7 @@ mod tests {
         ]
     }
 
-    /// Points off every medial set of the shapes above: an irrational lattice.
+    /// Points of an irrational lattice, which avoids all medial sets of the shapes above.
     fn points() -> impl Iterator<Item = [f64; 3]> {
         (1..400).map(|i| {
             let i = f64::from(i);
@@ -304,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn gradients_are_unit_and_the_derivative() {
+    fn gradients_have_unit_length_and_are_the_derivative() {
         let h = 1e-6;
         for shape in primitives() {
             for p in points() {
@@ -338,7 +354,9 @@ mod tests {
     #[test]
     fn known_distances_and_degenerate_points() {
         let sample = |shape: &Shape, p: [f64; 3]| shape.sample(p).0;
-        let [ball, hollow, capsule, cuboid, plane] = &primitives()[..] else { panic!("five primitives") };
+        let [ball, hollow, capsule, cuboid, plane] = &primitives()[..] else {
+            panic!("there are five primitives")
+        };
         assert!((sample(ball, [0.0, 0.5, 0.0]) - 0.2).abs() < 1e-15);
         assert!((sample(hollow, [0.0, 0.5, 0.0]) - 0.4).abs() < 1e-15);
         assert!((sample(capsule, [0.0, 0.5, 0.0]) - 0.2).abs() < 1e-15);
@@ -353,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn bounds_hold_the_solid() {
+    fn bounds_contain_the_solid() {
         for shape in primitives() {
             let Some((low, high)) = shape.bounds() else { continue };
             for p in points() {
@@ -375,7 +393,7 @@ mod tests {
         let to = Pose::new(glam::DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2), DVec3::Y);
         let frame = collider.frame(&Pose::IDENTITY, &to);
         assert_eq!(frame.pose(0.0), collider.pose);
-        // Halfway it is on the arc about the head, not on the chord.
+        // Halfway through the frame the collider is on the arc about the head, not on the chord.
         let half = frame.pose(0.5).translation - DVec3::new(0.0, 0.5, 0.0);
         assert!((half.length() - 1.0).abs() < 1e-15);
         assert!((frame.pose(1.0).translation - DVec3::new(0.0, 1.0, -1.0)).length() < 1e-15);

@@ -1,12 +1,15 @@
-//! Shapes as functions of space, in any one unit of length: what the built-in head and the props are made of.
+//! Signed distance functions of simple shapes and their smooth combinations, in any unit of length.
+//! The built-in head, horse and props are made of them.
 //!
 //! # Theory
-//! Ellipsoids to first order, capsules exact but for their taper, and polynomial smooth unions and cuts
-//! (Quílez, "Distance functions", "Smooth minimum").
+//! The distance to an ellipsoid is exact to first order near its surface; the distance to a capsule
+//! is exact except for its taper. Smooth unions and cuts are polynomial (Quílez, "Distance
+//! functions", "Smooth minimum").
 
 use glam::{Vec3, vec3};
 
-/// Gradient of `distance` by four samples at the corners of a tetrahedron, in units of `distance` a metre.
+/// Gradient of `distance` from four samples at the corners of a tetrahedron, in units of `distance`
+/// per metre.
 pub fn gradient(distance: impl Fn(Vec3) -> f32, point: Vec3) -> Vec3 {
     const H: f32 = 4e-4;
     let corners = [vec3(1.0, -1.0, -1.0), vec3(-1.0, -1.0, 1.0), vec3(-1.0, 1.0, -1.0), vec3(1.0, 1.0, 1.0)];
@@ -21,25 +24,25 @@ pub fn ellipsoid(p: Vec3, centre: Vec3, radii: Vec3) -> f32 {
     if slope < 1e-6 { -radii.min_element() } else { length * (length - 1.0) / slope }
 }
 
-/// A capsule from `a` to `b` whose radius goes from `ra` to `rb`.
+/// A capsule from `a` to `b` whose radius changes linearly from `ra` to `rb`.
 pub fn cone(p: Vec3, a: Vec3, b: Vec3, ra: f32, rb: f32) -> f32 {
     let axis = b - a;
     let t = ((p - a).dot(axis) / axis.length_squared()).clamp(0.0, 1.0);
     (p - a - axis * t).length() - (ra + (rb - ra) * t)
 }
 
-/// Union, rounded over `k`.
+/// Smooth union, with a blend of width `k`.
 pub fn join(a: f32, b: f32, k: f32) -> f32 {
     let h = (k - (a - b).abs()).max(0.0) / k;
     a.min(b) - h * h * k * 0.25
 }
 
-/// Intersection, rounded over `k`.
-pub fn meet(a: f32, b: f32, k: f32) -> f32 {
+/// Smooth intersection, with a blend of width `k`.
+pub fn intersect(a: f32, b: f32, k: f32) -> f32 {
     -join(-a, -b, k)
 }
 
-/// `a` without `b`, rounded over `k`.
+/// `a` minus `b`, with a smooth blend of width `k`.
 pub fn carve(a: f32, b: f32, k: f32) -> f32 {
-    meet(a, -b, k)
+    intersect(a, -b, k)
 }

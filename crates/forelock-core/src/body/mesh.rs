@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-/// A triangle mesh in metres, y up; counter-clockwise triangles seen from outside.
+/// A triangle mesh in metres, y up. Triangles are counter-clockwise seen from outside.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TriMesh {
     /// Vertices, `[V]`, metres.
@@ -11,23 +11,23 @@ pub struct TriMesh {
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// Why arrays do not make a mesh.
+/// Why arrays do not form a mesh.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum MeshError {
-    /// A triangle names a vertex that is not there.
-    #[error("triangle {triangle} names vertex {vertex}, but the mesh has {vertices}")]
+    /// A triangle refers to a vertex that does not exist.
+    #[error("triangle {triangle} refers to vertex {vertex}, but the mesh has {vertices} vertices")]
     Index {
-        /// The triangle.
+        /// Index of the triangle.
         triangle: usize,
-        /// What it names.
+        /// The vertex index it refers to.
         vertex: u32,
-        /// How many there are.
+        /// Number of vertices of the mesh.
         vertices: usize,
     },
-    /// A vertex is not finite.
+    /// The vertex of this index has a coordinate that is not finite.
     #[error("vertex {0} is not finite")]
     NonFinite(usize),
-    /// There is no triangle.
+    /// There are no triangles.
     #[error("the mesh has no triangles")]
     Empty,
 }
@@ -36,7 +36,8 @@ impl TriMesh {
     /// A mesh from `positions` (metres) and `triangles`.
     ///
     /// # Errors
-    /// [`MeshError`] if a triangle names a missing vertex, a vertex is not finite, or there are no triangles.
+    /// [`MeshError`] if a triangle refers to a missing vertex, a vertex is not finite, or there are
+    /// no triangles.
     pub fn new(positions: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> Result<Self, MeshError> {
         if triangles.is_empty() {
             return Err(MeshError::Empty);
@@ -52,22 +53,22 @@ impl TriMesh {
         Ok(Self { positions, triangles })
     }
 
-    /// The corners of triangle `triangle`.
+    /// The three corners of a triangle, in metres.
     ///
     /// # Panics
-    /// If there is no such triangle.
+    /// If `triangle` is out of range.
     pub fn corners(&self, triangle: usize) -> [Vec3; 3] {
         self.triangles[triangle].map(|v| self.positions[v as usize])
     }
 
-    /// The smallest axis-aligned box that holds all vertices: (min, max) in metres.
+    /// The smallest axis-aligned box that contains all vertices: (min, max) in metres.
     pub fn bounds(&self) -> (Vec3, Vec3) {
         self.positions
             .iter()
             .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), &p| (lo.min(p), hi.max(p)))
     }
 
-    /// Area-weighted unit normals, one a vertex; zero for vertices that no triangle uses.
+    /// Area-weighted unit normals, one for each vertex; zero for vertices that no triangle uses.
     pub fn vertex_normals(&self) -> Vec<Vec3> {
         let mut normals = vec![Vec3::ZERO; self.positions.len()];
         for (triangle, corners) in self.triangles.iter().enumerate() {

@@ -1,4 +1,5 @@
-//! Bodies: triangle meshes, signed distances, primitive solids, how they move, the built-in head and props.
+//! Bodies: triangle meshes, signed distance fields, colliders, motions, and the built-in head,
+//! horse and props.
 
 mod bvh;
 mod closed;

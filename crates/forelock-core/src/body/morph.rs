@@ -1,20 +1,23 @@
-//! A solid that changes its shape: a sequence of distance fields, blended.
+//! A solid that changes its shape: a sequence of distance fields that are blended over time.
 //!
 //! # Theory
-//! Between field k and the next, σ(p, φ) = (1 − f) σ_k(p) + f σ_{k+1}(p) with f = φ − k. Where the surface moves, it does so along its normal at
-//! −(∂σ/∂φ)(dφ/dt)/|∇σ|. The blend of two distances is 1-Lipschitz like both of them, so that a clearance computed from it holds.
+//! Between field k and the next, σ(p, φ) = (1 − f) σ_k(p) + f σ_{k+1}(p) with f = φ − k. A moving
+//! surface moves along its normal with the speed −(∂σ/∂φ)(dφ/dt)/|∇σ|. The blend of two distances
+//! is 1-Lipschitz, as each of them is, so that a clearance computed from the blend is valid.
 //!
 //! # Limitations
-//! The blend is the distance to a moving surface only where that moves less than about half of the solid's thickness from one field to the next: a finger that
-//! leaps by its own width thins out in between, and one that leaps farther vanishes and grows anew. Sequences must be dense enough for
-//! their fastest part. Motion along the surface (a sleeve that slides along its arm) drags no hair: a field does not know it.
+//! The blend is the distance to a moving surface only where the surface moves by less than about
+//! half of the solid's thickness from one field to the next. A finger that moves by its full width
+//! becomes thinner in between, and one that moves farther vanishes and reappears. A sequence must
+//! be dense enough for its fastest part. Tangential motion of the surface (a sleeve that slides
+//! along its arm) does not drag hair, because a distance field does not contain it.
 
 use glam::Vec3;
 use rayon::prelude::*;
 
 use super::Sdf;
 
-/// Distance fields of one solid, one after the other.
+/// A sequence of distance fields of one solid.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Morph {
     fields: Vec<Sdf>,
@@ -22,14 +25,14 @@ pub struct Morph {
 }
 
 impl Morph {
-    /// The sequence of `fields`; none if there is not one at least.
+    /// Creates the sequence of `fields`; `None` if it is empty.
     pub fn new(fields: Vec<Sdf>) -> Option<Self> {
         let change = fields.windows(2).map(|pair| change(&pair[0], &pair[1]).max(change(&pair[1], &pair[0])));
         let change = change.fold(0.0, f32::max);
         (!fields.is_empty()).then_some(Self { fields, change })
     }
 
-    /// Fields.
+    /// Number of fields.
     pub fn len(&self) -> usize {
         self.fields.len()
     }
@@ -39,12 +42,13 @@ impl Morph {
         &self.fields
     }
 
-    /// Whether there is no field; never.
+    /// Whether there are no fields; always false.
     pub fn is_empty(&self) -> bool {
         self.fields.is_empty()
     }
 
-    /// Distance in metres and gradient at `p`, `phase` fields after the first; before it and after the last the shape stays.
+    /// Distance in metres and gradient at `p`, at `phase` fields after the first. Phases outside
+    /// the sequence are clamped to its ends.
     #[inline]
     pub fn sample(&self, p: Vec3, phase: f64) -> (f32, Vec3) {
         let last = self.fields.len() - 1;
@@ -63,7 +67,7 @@ impl Morph {
         (distance + (next - distance) * share, gradient)
     }
 
-    /// The most that the distance changes anywhere from one field to the next, metres.
+    /// The greatest change of the distance at any point from one field to the next, metres.
     pub fn change(&self) -> f32 {
         self.change
     }
@@ -73,14 +77,14 @@ impl Morph {
         self.fields.iter().map(Sdf::cell).fold(f32::INFINITY, f32::min)
     }
 
-    /// The box of all fields: (min, max) in metres.
+    /// The bounding box of all fields: (min, max) in metres.
     pub fn bounds(&self) -> (Vec3, Vec3) {
         let bounds = self.fields.iter().map(Sdf::bounds);
         bounds.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), (a, b)| (lo.min(a), hi.max(b)))
     }
 }
 
-/// The most that `b` differs from `a` at a node of `a`.
+/// The greatest difference between `b` and `a` at the nodes of `a`.
 fn change(a: &Sdf, b: &Sdf) -> f32 {
     let (dims, layer) = (a.dims(), (a.dims().x * a.dims().y) as usize);
     let layers = a.values().par_chunks(layer).enumerate();
@@ -110,10 +114,11 @@ mod tests {
         for (phase, radius) in
             [(-1.0, 0.1), (0.0, 0.1), (0.5, 0.105), (1.0, 0.11), (1.25, 0.115), (2.0, 0.13), (9.0, 0.13)]
         {
-            // Facets lie up to 0.9 % of the radius inside the ball, and cells of 7 mm err by 0.1 mm.
+            // The facets lie up to 0.9 % of the radius inside the ball, and cells of 7 mm cause
+            // errors of 0.1 mm.
             assert!((from_middle(phase) - radius).abs() < 1.3e-3, "{phase}: {}", from_middle(phase));
         }
-        // 2 cm, and what the lower bounds outside the smaller grid are off.
+        // 2 cm, plus the error of the lower bounds outside the smaller grid.
         assert!((morph.change() - 0.02).abs() < 0.01, "{}", morph.change());
         assert!(Morph::new(Vec::new()).is_none());
     }

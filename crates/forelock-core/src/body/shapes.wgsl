@@ -1,54 +1,57 @@
-// Solids and their distance fields: the twin of `body::Shape`.
+// Solids and their distance fields: the GPU counterpart of `body::Shape`.
 
-// A solid in a substep. Maps take positions to the solid's own space.
+// A solid during a substep. The matrices transform positions to the solid's local space.
 struct Solid {
     at_end: mat4x4f,
     at_start: mat4x4f,
-    // Positions to positions, from start to end, of what moves with the solid.
+    // Motion of the carrier: maps positions at the substep's start to positions at its end.
     carry: mat4x4f,
     // Rotation vector of the carrier over the substep.
     spin: vec3f,
     friction: f32,
-    // How far the carrier goes.
+    // Translation of the carrier over the substep.
     travel: vec3f,
-    // SPHERE and the others.
+    // Kind of shape: SPHERE and the other constants.
     kind: u32,
-    // Where the carrier is.
+    // Position of the carrier.
     pivot: vec3f,
-    // What moves less than this cannot pass through.
+    // A particle that moves less than this cannot pass through the solid.
     thinness: f32,
-    // Radius; half length and radius; half extents.
+    // Sphere: radius; capsule: half length and radius; box: half extents.
     size: vec3f,
-    // Side of a field's cells; 0 for what is exact.
+    // Side of a field's cells; 0 for exact shapes.
     cell: f32,
-    // A ball that holds it.
+    // Centre of a ball that contains the solid.
     ball: vec3f,
     ball_radius: f32,
-    // A field: its first node, its nodes, and where its values start.
+    // Field: the first node, the number of nodes and the index of its first value.
     origin: vec3f,
-    // Of a shape that changes, where its first field is described.
+    // Shape that changes: the index of its first field's description.
     described: u32,
     dims: vec3u,
     first: u32,
-    // How far along its fields such a shape is at the substep's start and end, how far its surface may move meanwhile, and how many fields there are.
+    // Shape that changes: its positions in the sequence of fields at the substep's start and end,
+    // an upper bound of its surface's motion during the substep, and the number of fields.
     phases: vec2f,
     swell: f32,
     fields: u32,
 }
 
-// What is looked at, and how.
+// The solids of a collision query and its options.
 struct Query {
     count: u32,
-    // AFTER_SUBSTEP: a substep has passed since the last look; otherwise moves were taken off clearances. LAST: the frame's last look.
+    // AFTER_SUBSTEP: a substep has passed since the last query; without it, motions were subtracted
+    // from the clearances. LAST: the last query of the frame.
     how: u32,
-    // Distance kept from surfaces.
+    // Distance that is kept from surfaces.
     thickness: f32,
-    // Depth that a particle which was inside may lose now.
+    // Largest depth by which a particle that was inside may be pushed out in this query.
     way_out: f32,
     solids: array<Solid, MOST_SOLIDS>,
 }
 
-// Values of all fields, one after the other; after them FIELD_NUMBERS numbers for each field of a shape that changes.
+// Values of all fields, one field after the other; then FIELD_NUMBERS numbers for each field of a
+// shape that changes.
 @group(0) @binding(10) var<storage, read> fields: array<f32>;
 @group(0) @binding(11) var<uniform> query: Query;
 
@@ -56,12 +59,12 @@ fn local(map: mat4x4f, x: vec3f) -> vec3f {
     return (map * vec4f(x, 1.0)).xyz;
 }
 
-// A vector of the solid's own space, in the world.
+// Rotates a vector from the solid's local space to the world.
 fn turned(map: mat4x4f, v: vec3f) -> vec3f {
     return vec3f(dot(map[0].xyz, v), dot(map[1].xyz, v), dot(map[2].xyz, v));
 }
 
-// Length and direction; +y for none.
+// Length and direction of a vector; the direction of a zero vector is +y.
 fn unit(v: vec3f) -> vec4f {
     let length = sqrt(dot(v, v));
     if length > 1e-37 {
@@ -77,7 +80,7 @@ fn sample_box(half: vec3f, p: vec3f) -> vec4f {
     if out.w > 0.0 {
         return vec4f(side * out.xyz, out.w);
     }
-    // y first, then x, then z, where faces are equally near.
+    // If several faces are equally near, y is preferred to x and x to z.
     if q.y >= q.x && q.y >= q.z {
         return vec4f(0.0, side.y, 0.0, q.y);
     }
@@ -87,7 +90,7 @@ fn sample_box(half: vec3f, p: vec3f) -> vec4f {
     return vec4f(0.0, 0.0, side.z, q.z);
 }
 
-// A field: its first node, cells, nodes, and where its values start.
+// A field: its first node, cell size, number of nodes and the index of its first value.
 struct Field {
     origin: vec3f,
     cell: f32,
@@ -98,20 +101,20 @@ struct Field {
 fn field_at(at: u32) -> Field {
     let origin = vec3f(fields[at], fields[at + 1u], fields[at + 2u]);
     let dims = vec3u(u32(fields[at + 4u]), u32(fields[at + 5u]), u32(fields[at + 6u]));
-    // In two halves, for a float holds 24 bits.
+    // The index is stored in two halves, because a float holds 24 bits only.
     return Field(origin, fields[at + 3u], dims, u32(fields[at + 7u]) * 65536u + u32(fields[at + 8u]));
 }
 
-// Slope, of any length, and distance: `Sdf::sample`.
-fn sample_field(own: Field, p: vec3f) -> vec4f {
-    let place = (p - own.origin) / own.cell;
-    let top = vec3f(own.dims - 1u);
+// Gradient (of any length) and distance, as in `Sdf::sample`.
+fn sample_field(field: Field, p: vec3f) -> vec4f {
+    let place = (p - field.origin) / field.cell;
+    let top = vec3f(field.dims - 1u);
     let inside = clamp(place, vec3f(0.0), top);
     let low = vec3u(clamp(inside, vec3f(0.0), top - 1.0));
     let f = inside - vec3f(low);
-    let row = own.dims.x;
-    let layer = row * own.dims.y;
-    let first = own.first + low.x + row * low.y + layer * low.z;
+    let row = field.dims.x;
+    let layer = row * field.dims.y;
+    let first = field.first + low.x + row * low.y + layer * low.z;
     let a = vec4f(fields[first], fields[first + row], fields[first + layer], fields[first + layer + row]);
     let b = vec4f(
         fields[first + 1u], fields[first + row + 1u], fields[first + layer + 1u], fields[first + layer + row + 1u],
@@ -126,21 +129,21 @@ fn sample_field(own: Field, p: vec3f) -> vec4f {
         dx_layer.x + (dx_layer.y - dx_layer.x) * f.z,
         dy.x + (dy.y - dy.x) * f.z,
         on_layer.y - on_layer.x,
-    ) / own.cell;
+    ) / field.cell;
     if dot(slope, slope) <= 1e-12 {
         slope = vec3f(0.0, 1.0, 0.0);
     }
     if all(place == inside) {
         return vec4f(slope, value);
     }
-    // Beyond the grid.
-    let away = (place - inside) * own.cell;
+    // Outside the grid.
+    let away = (place - inside) * field.cell;
     let distance = sqrt(dot(away, away) + value * value);
     let along = select(vec3f(0.0), slope * max(value, 0.0), away == vec3f(0.0));
     return vec4f((away + along) / distance, distance);
 }
 
-// The same of a shape that changes: `Morph::sample`.
+// The same for a shape that changes, as in `Morph::sample`.
 fn sample_fields(number: u32, p: vec3f, share: f32) -> vec4f {
     let first = query.solids[number].described;
     let last = f32(query.solids[number].fields - 1u);
@@ -156,7 +159,8 @@ fn sample_fields(number: u32, p: vec3f, share: f32) -> vec4f {
     return select(vec4f(before.xyz, blended.w), blended, dot(blended.xyz, blended.xyz) > 1e-6);
 }
 
-// Unit gradient and distance at `p` of the solid's own space, which changes between the substep's start (share 0) and end (1): `Shape::sample_at`.
+// Unit gradient and distance at `p` in the solid's local space, at the fraction `share` of the
+// substep, as in `Shape::sample_at`.
 fn sample_shape(number: u32, p: vec3f, share: f32) -> vec4f {
     let size = query.solids[number].size;
     switch query.solids[number].kind {
@@ -179,14 +183,15 @@ fn sample_shape(number: u32, p: vec3f, share: f32) -> vec4f {
             return vec4f(0.0, 1.0, 0.0, p.y);
         }
         case FIELD: {
-            let own = Field(
+            let field = Field(
                 query.solids[number].origin, query.solids[number].cell, query.solids[number].dims, query.solids[number].first,
             );
-            let found = sample_field(own, p);
+            let found = sample_field(field, p);
             return vec4f(found.xyz / sqrt(dot(found.xyz, found.xyz)), found.w);
         }
         default: {
-            // Solids that change cost all others a tenth of their speed and more: they have a kernel of their own.
+            // Sampling shapes that change would make all others slower by a tenth and more: such
+            // solids use a separate kernel.
             if !CHANGES {
                 return vec4f(0.0, 1.0, 0.0, FAR);
             }
@@ -196,7 +201,7 @@ fn sample_shape(number: u32, p: vec3f, share: f32) -> vec4f {
     }
 }
 
-// How much faster than distance a shape's field can rise.
+// Lipschitz constant of the shape's field: how much faster than the distance it can rise.
 fn lipschitz(number: u32) -> f32 {
     return select(1.0, 1.7320508, query.solids[number].cell > 0.0);
 }

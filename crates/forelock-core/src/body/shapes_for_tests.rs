@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::TriMesh;
 
-/// A closed box of `half` extents, two triangles a face.
+/// A closed box of `half` extents, two triangles for each face.
 pub(crate) fn cuboid(half: Vec3) -> TriMesh {
     let positions = (0..8)
         .map(|i| half * (Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2 & 1) as f32) * 2.0 - 1.0))
@@ -14,7 +14,8 @@ pub(crate) fn cuboid(half: Vec3) -> TriMesh {
     TriMesh::new(positions, triangles).unwrap()
 }
 
-/// A closed sphere of `radius` about the origin, poles on y, one vertex a pole.
+/// A closed sphere of `radius` centred at the origin, poles on the y axis, one vertex for each
+/// pole.
 pub(crate) fn uv_sphere(radius: f32, around: u32, along: u32) -> TriMesh {
     let mut positions = vec![Vec3::Y * radius, Vec3::NEG_Y * radius];
     for ring in 1..along {

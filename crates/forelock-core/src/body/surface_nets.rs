@@ -2,21 +2,23 @@
 //!
 //! # Theory
 //!
-//! Naive surface nets (Gibson 1998, "Constrained elastic surface nets"): every grid cell that the surface passes
-//! through holds one vertex, every grid edge that it crosses one quad between the four cells around that edge.
-//! Each quad's edges are shared with exactly one other quad wherever no cell face has its signs on a diagonal, so the
-//! mesh is closed and manifold on a grid that is fine enough for the shape. Vertices start at the mean of the edge
+//! Naive surface nets (Gibson 1998, "Constrained elastic surface nets"): every grid cell that the
+//! surface passes through contains one vertex, and every grid edge that it crosses gives one quad
+//! between the four cells around that edge. Each edge of a quad is shared with exactly one other
+//! quad unless the signs at the corners of a cell face alternate, so the mesh is closed and
+//! manifold if the grid is fine enough for the shape. Vertices start at the mean of the edge
 //! crossings and are then moved onto the surface by Newton's method along the gradient.
 //!
 //! # Practice
 //!
-//! The grid is visited in blocks of 4³ cells. A block whose centre is farther from the surface than its corners can
-//! be is left out, so the work grows with the area and not with the volume. Blocks run in parallel; vertices are
-//! numbered in block order, so the mesh does not depend on the number of threads.
+//! The grid is processed in blocks of 4³ cells. A block whose centre is farther from the surface
+//! than its corners can be is skipped, so the work is proportional to the area, not to the volume.
+//! Blocks run in parallel; vertices are numbered in block order, so the mesh does not depend on the
+//! number of threads.
 //!
 //! # Limitations
 //!
-//! The surface must lie within the box. Features thinner than a cell are lost or touch.
+//! The surface must lie within the box. Features thinner than a cell are lost or merge.
 
 use glam::{UVec3, Vec3};
 use rayon::prelude::*;
@@ -27,12 +29,20 @@ use crate::body::TriMesh;
 const BLOCK: u32 = 4;
 /// Samples along a block's side.
 const SAMPLES: u32 = BLOCK + 1;
-/// How much faster than the true distance the function may change; blocks are kept by this factor too generously.
+/// Upper bound of how much faster than the true distance the function may change; the test that
+/// skips blocks uses this factor.
 const LIPSCHITZ: f32 = 1.3;
 /// Marks a cell without a vertex.
 const NONE: u32 = u32::MAX;
 
-/// A grid of cubes over a box, and the way its points go to space.
+/// An axis-aligned box.
+#[derive(Clone, Copy, Debug)]
+pub struct Bounds {
+    pub min: Vec3,
+    pub max: Vec3,
+}
+
+/// A grid of cubes over a box, and the map from grid points to space.
 struct Grid<W> {
     origin: Vec3,
     cell: f32,
@@ -40,29 +50,31 @@ struct Grid<W> {
     warp: W,
 }
 
-/// What one block found: its inside flags and the vertices of its cells.
+/// The result of one block: inside flags and the vertices of its cells.
 struct Block {
     at: UVec3,
-    /// Sample by sample: whether it is inside.
+    /// For each sample: whether it is inside.
     inside: Vec<bool>,
-    /// Cell by cell: the vertex' index in `vertices`, or [`NONE`].
+    /// For each cell: the index of its vertex in `vertices`, or [`NONE`].
     cells: Vec<u32>,
     vertices: Vec<Vec3>,
 }
 
-/// The zero surface of `distance` (negative inside) on a grid of cubes of side `cell` over the box `min`..`max`.
+/// Meshes the zero surface of `distance` (negative inside) on a grid of cubes of side `cell` over
+/// the box `bounds`.
 ///
-/// `warp` takes grid points to space, each axis by itself and growing, so that cells can be finer where it matters.
-/// All lengths in one unit. Triangles are counter-clockwise seen from the positive side.
+/// `warp` maps grid points to space, each axis independently and monotonically, so that cells can
+/// be finer where detail is needed. All lengths have the same unit. Triangles are counter-clockwise
+/// seen from the positive side.
 pub fn surface_nets<W: Fn(Vec3) -> Vec3 + Sync>(
     distance: impl Fn(Vec3) -> f32 + Sync,
     warp: W,
-    (min, max): (Vec3, Vec3),
+    bounds: Bounds,
     cell: f32,
 ) -> TriMesh {
     let side = cell * BLOCK as f32;
-    let blocks = ((max - min) / side).ceil().as_uvec3().max(UVec3::ONE);
-    let grid = Grid { origin: min, cell, blocks, warp };
+    let blocks = ((bounds.max - bounds.min) / side).ceil().as_uvec3().max(UVec3::ONE);
+    let grid = Grid { origin: bounds.min, cell, blocks, warp };
     let count = grid.blocks.x * grid.blocks.y * grid.blocks.z;
     let blocks: Vec<Option<Block>> = (0..count)
         .into_par_iter()
@@ -93,8 +105,8 @@ pub fn surface_nets<W: Fn(Vec3) -> Vec3 + Sync>(
     TriMesh { positions, triangles }
 }
 
-/// Moves `point` onto the zero surface of `distance` by at most `reach`: a Newton step, and one more along the same
-/// gradient.
+/// Moves `point` onto the zero surface of `distance` by at most `reach`: one Newton step, and a
+/// second one along the same gradient.
 pub fn project(point: Vec3, distance: impl Fn(Vec3) -> f32, reach: f32) -> Vec3 {
     let gradient = super::implicit::gradient(&distance, point);
     let step = gradient / gradient.length_squared().max(1e-6);
@@ -159,7 +171,7 @@ fn sample_block(grid: &Grid<impl Fn(Vec3) -> Vec3>, at: UVec3, distance: &impl F
     Block { at, inside: values.iter().map(|&v| v < 0.0).collect(), cells, vertices }
 }
 
-/// The two triangles of each crossed grid edge that starts in `block`.
+/// Adds the two triangles of each crossed grid edge that starts in `block`.
 fn add_quads(
     block: &Block,
     vertex: &impl Fn(UVec3) -> Option<u32>,

@@ -1,9 +1,10 @@
-//! Binding roots to the body: the triangle each strand grows from.
+//! Binding of roots to the body: the triangle on which each strand grows.
 //!
 //! # Practice
-//! The nearest triangle of the mesh itself, whatever its distance: a strand whose root sits off the scalp (a
-//! ponytail's band) is bound to the place below it and follows it rigidly. The sign of the distance comes from the
-//! closed mesh, so that it holds beside holes and folds where a normal would mislead.
+//! A root is bound to the nearest triangle of the mesh, at any distance: a strand whose root is not
+//! on the scalp (such as at a ponytail's band) is bound to the nearest point of the scalp and
+//! follows it rigidly. The sign of the distance is computed from the closed mesh, so that it is
+//! right beside holes and folds, where a normal would be misleading.
 
 use rayon::prelude::*;
 
@@ -13,9 +14,10 @@ use crate::body::{Bvh, ClosedMesh, TriMesh};
 /// How well the roots of a groom fit a body.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BindingReport {
-    /// Strands bound: all but those without particles or with a root that is not finite.
+    /// Number of strands bound: all except those without particles or with a root that is not
+    /// finite.
     pub bound: usize,
-    /// Roots inside the body.
+    /// Number of roots inside the body.
     pub inside: usize,
     /// Median distance of the roots from the surface, in metres.
     pub median_distance: f32,
@@ -35,10 +37,11 @@ impl std::fmt::Display for BindingReport {
     }
 }
 
-/// Binds every root of `groom` to the nearest triangle of `mesh`, in the same space; `closed` is the mesh closed.
+/// Binds every root of `groom` to the nearest triangle of `mesh`; both must be in the same space,
+/// and `closed` is the closed mesh.
 ///
-/// One binding a strand. A strand without particles, or whose root is not finite, is bound to the first triangle
-/// with infinite distance and counts as not bound.
+/// The result has one binding for each strand. A strand without particles, or with a root that is
+/// not finite, is bound to the first triangle with infinite distance and is not counted as bound.
 pub fn bind_roots(groom: &Groom, mesh: &TriMesh, closed: &ClosedMesh) -> (Vec<RootBinding>, BindingReport) {
     let bvh = Bvh::new(mesh);
     let unbound = RootBinding { triangle: 0, barycentric: [1.0, 0.0, 0.0], distance: f32::INFINITY };
@@ -79,7 +82,7 @@ mod tests {
     use crate::body::shapes_for_tests::cuboid;
 
     #[test]
-    fn roots_find_their_place_and_side() {
+    fn roots_are_bound_to_the_nearest_point_with_the_right_sign() {
         let mesh = cuboid(Vec3::ONE);
         let roots = [
             Vec3::new(1.5, 0.2, -0.3),

@@ -1,4 +1,5 @@
-//! What a groom holds, in words: counts, lengths, box, a guess at the unit, and what is odd.
+//! A summary of a groom in words: counts, lengths, bounding box, probable unit and anything
+//! unusual.
 
 use std::fmt;
 
@@ -6,12 +7,13 @@ use glam::Vec3;
 
 use super::{Groom, Unit, repair};
 
-/// Extent of the roots on a human head, in metres, at which the guess at the unit aims.
+/// Typical extent of the roots on a human head, in metres; used to guess the unit.
 const HEAD_METRES: f64 = 0.18;
-/// How far from it, as a factor, a head's roots may be (a child's parting, a doll's wig, a cartoon's).
+/// Factor by which the extent of a head's roots may differ from it (a child's parting, a doll's
+/// wig, a cartoon).
 const HEAD_TOLERANCE: f64 = 2.0;
 
-/// Smallest, mean and largest of a quantity.
+/// Minimum, mean and maximum of a quantity.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Spread {
@@ -24,7 +26,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Of `values`; all zero if there are none.
+    /// The statistics of `values`; all zero if there are none.
     fn of(values: impl Iterator<Item = f64>) -> Self {
         let (mut lo, mut hi, mut sum, mut count) = (f64::INFINITY, f64::NEG_INFINITY, 0.0, 0usize);
         for value in values {
@@ -34,46 +36,46 @@ impl Spread {
     }
 }
 
-/// Which unit the numbers of a groom are in, judged by the extent of its roots.
+/// The probable unit of a groom's numbers, estimated from the extent of its roots.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct UnitGuess {
-    /// The unit in which the groom would be as large as hair on a head; none fits if absent. [`Unit::Metre`]
-    /// means that the groom is right as it is.
+    /// The unit in which the groom would have the size of hair on a head; `None` if no unit fits.
+    /// [`Unit::Metre`] means that the numbers are already in metres.
     pub unit: Option<Unit>,
-    /// Why, in one sentence.
+    /// The reason, in one sentence.
     pub reason: String,
 }
 
-/// What a groom holds; see [`Info::of`]. Lengths are in the groom's own numbers, metres if its unit was
-/// right.
+/// A summary of a groom; see [`Info::of`]. Lengths are in the groom's numbers, which are metres if
+/// its unit was right.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Info {
-    /// Strands, S.
+    /// Number of strands, S.
     pub strands: usize,
-    /// Particles, P.
+    /// Number of particles, P.
     pub particles: usize,
-    /// Particles a strand.
+    /// Number of particles of a strand.
     pub particles_per_strand: Spread,
-    /// Lengths of the strands along their particles.
+    /// Arc lengths of the strands.
     pub length: Spread,
-    /// Smallest corner of the box that holds all finite particles.
+    /// Smallest corner of the bounding box of all finite particles.
     pub min: Vec3,
-    /// Largest corner.
+    /// Largest corner of that box.
     pub max: Vec3,
-    /// Extent of the roots' box along its largest side.
+    /// Longest side of the bounding box of the roots.
     pub root_extent: f64,
-    /// Names of the attributes that are there.
+    /// Names of the attributes that are present.
     pub attributes: Vec<&'static str>,
-    /// Which unit the numbers are probably in.
+    /// The probable unit of the numbers.
     pub unit_guess: UnitGuess,
-    /// What a person should know before simulating it, one sentence each.
+    /// Unusual properties that the user should know before simulating the groom, one sentence each.
     pub odd: Vec<String>,
 }
 
 impl Info {
-    /// What `groom` holds.
+    /// Summarises `groom`.
     pub fn of(groom: &Groom) -> Self {
         let strands = groom.strand_count();
         let lengths: Vec<f64> = (0..strands).map(|s| f64::from(groom.length(s))).collect();
@@ -106,7 +108,7 @@ impl Info {
     }
 }
 
-/// The box of the finite points; both corners zero if there are none.
+/// The bounding box of the finite points; both corners are zero if there are none.
 fn bounds(points: impl Iterator<Item = Vec3>) -> (Vec3, Vec3) {
     let (lo, hi) = points
         .filter(|p| p.is_finite())
@@ -121,28 +123,32 @@ fn guess_unit(root_extent: f64) -> UnitGuess {
     match nearest.filter(|unit| off(unit) <= HEAD_TOLERANCE.ln()) {
         Some(Unit::Metre) => UnitGuess {
             unit: Some(Unit::Metre),
-            reason: format!("the roots span {extent} m; a head's span 0.15 to 0.25 m"),
+            reason: format!("the roots span {extent} m; the roots on a head span 0.15 to 0.25 m"),
         },
         Some(unit) => UnitGuess {
             unit: Some(unit),
             reason: format!(
-                "the roots span {extent}, with unit `{unit}` {} m; a head's span 0.15 to 0.25 m",
+                "the roots span {extent}, which is {} m with unit `{unit}`; the roots on a head span 0.15 to \
+                 0.25 m",
                 three_digits(root_extent * unit.metres())
             ),
         },
         None if root_extent > 0.0 && root_extent.is_finite() => UnitGuess {
             unit: None,
             reason: format!(
-                "the roots span {extent}, in no known unit the 0.15 to 0.25 m of a head; a scale of {} would make it so \
-                 (if this is all of a head's hair)",
+                "the roots span {extent}, which is not the 0.15 to 0.25 m of a head in any known unit; a \
+                 scale of {} would give this size, if the groom covers a whole head",
                 three_digits(HEAD_METRES / root_extent)
             ),
         },
-        None => UnitGuess { unit: None, reason: "the roots have no extent to judge by".into() },
+        None => UnitGuess {
+            unit: None,
+            reason: "the roots have no extent, so the unit cannot be estimated".into(),
+        },
     }
 }
 
-/// `x` to three significant digits, without an exponent.
+/// Formats `x` with three significant digits, without an exponent.
 fn three_digits(x: f64) -> String {
     let magnitude = if x == 0.0 || !x.is_finite() { 0.0 } else { x.abs().log10().floor() };
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 0 and 300")]
@@ -150,8 +156,8 @@ fn three_digits(x: f64) -> String {
     format!("{x:.decimals$}")
 }
 
-/// Odd shapes that are no defect of the data: uneven edges, strands that fold back, lengths far from the
-/// others.
+/// Unusual shapes that are not defects of the data: uneven edges, strands that fold back, strands
+/// much longer than the others.
 fn odd_shapes(groom: &Groom, lengths: &[f64]) -> Vec<String> {
     let mut uneven = 0;
     let mut folded = 0;
@@ -166,22 +172,23 @@ fn odd_shapes(groom: &Groom, lengths: &[f64]) -> Vec<String> {
     let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
     let long = sorted.iter().filter(|&&l| l > 10.0 * median).count();
 
-    let said = [
+    let findings = [
         (
             uneven,
-            "with very uneven edges (over 10 or under 0.01 times their mean); resampling evens them out",
+            "with very uneven edges (longer than 10 or shorter than 0.01 times the mean); resampling makes \
+             them even",
         ),
-        (
-            folded,
-            "that fold back on themselves by more than 150° at a particle; the file may be misread or broken",
-        ),
-        (long, "more than ten times as long as the median"),
+        (folded, "that fold back by more than 150° at a particle; the file may be damaged or misinterpreted"),
+        (long, "longer than ten times the median"),
     ];
-    let tell = |(count, words): (usize, &str)| {
-        let noun = if count == 1 { "strand" } else { "strands" };
-        (count > 0).then(|| format!("{count} {noun} {words}"))
-    };
-    said.into_iter().filter_map(tell).collect()
+    findings
+        .into_iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, words)| {
+            let noun = if count == 1 { "strand" } else { "strands" };
+            format!("{count} {noun} {words}")
+        })
+        .collect()
 }
 
 impl fmt::Display for Info {
@@ -228,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn the_unit_is_guessed_from_the_roots() {
+    fn the_unit_is_estimated_from_the_roots() {
         for (scale, unit) in [
             (1.0, Some(Unit::Metre)),
             (100.0, Some(Unit::Centimetre)),
@@ -238,7 +245,7 @@ mod tests {
             let scaled = groom(scale);
             let guess = Info::of(&scaled).unit_guess;
             let near = |u: Unit| ((0.2 * f64::from(scale) * u.metres()) / 0.18).ln().abs();
-            // Inches and centimetres are close enough that only the nearer of the two can be told.
+            // Inches and centimetres are so close that only the nearer of the two can be expected.
             assert!(
                 guess.unit.is_some_and(|g| near(g) <= unit.map_or(0.0, near) + 1e-6),
                 "{scale}: {guess:?}"
@@ -251,13 +258,13 @@ mod tests {
     }
 
     #[test]
-    fn oddities_are_told() {
+    fn unusual_shapes_are_reported() {
         let folded = vec![Vec3::ZERO, Vec3::Y, Vec3::new(0.01, 0.0, 0.0)];
         let uneven = vec![Vec3::ZERO, Vec3::Y * 1e-4, Vec3::Y, Vec3::Y * 2.0];
         let broken = vec![Vec3::ZERO, Vec3::NAN];
         let odd = Info::of(&Groom::from_strands([folded, uneven, broken]).unwrap()).odd.join("\n");
         for words in ["not finite", "uneven", "fold back"] {
-            assert!(odd.contains(words), "no `{words}` in:\n{odd}");
+            assert!(odd.contains(words), "`{words}` is missing in:\n{odd}");
         }
     }
 }

@@ -1,17 +1,19 @@
-//! Bringing a groom out of the body it grows on.
+//! Moving a groom out of the body on which it grows.
 //!
 //! # Theory
-//! The rest shape is where the ghosts are, and ghosts pull for ever: a particle at rest inside the head would be
-//! drawn into it against the contact that pushes it out. So the rest shape itself is brought out, and as little as
-//! possible is changed: a root not deeper than `max_depth` moves to the surface and takes its strand along; then,
-//! from the root outwards, each particle beyond the clamped ones keeps its direction from the one before it (follow
-//! the leader), turned just so far that it lies `margin` outside, at its edge's length. The point on the sphere about
-//! the leader and on the surface is found by alternating projections; an edge that runs straight in is laid along the
-//! skin instead.
+//! The ghosts of the solver are at the rest shape and attract the hair permanently: a particle
+//! whose rest position is inside the head would be pulled into the head against the contact that
+//! pushes it out. Therefore the rest shape is moved out of the body, with as little change as
+//! possible. A root that is at most `max_depth` deep moves to the surface, together with its
+//! strand. Then, from the root outwards, each particle beyond the clamped ones keeps its direction
+//! from the previous particle (follow the leader), rotated just as far that it is `margin` outside,
+//! at the length of its edge. The point that is both on the sphere about the previous particle and
+//! on the surface is found by alternating projections; an edge that points straight into the body
+//! is placed along the skin instead.
 //!
 //! # Limitations
-//! A root deeper than `max_depth` stays: a strand planted in the middle of the head is a mistake of the groom's scale
-//! or place, to be told and not to be hidden.
+//! A root deeper than `max_depth` is not moved: a strand with its root in the middle of the head
+//! indicates a wrong scale or position of the groom, which should be reported and not hidden.
 
 use std::ops::Range;
 
@@ -21,17 +23,20 @@ use rayon::prelude::*;
 use super::Groom;
 use crate::body::Sdf;
 
-/// What is brought out, and how far.
+/// Parameters of [`lift_out`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LiftParams {
-    /// Distance in metres at which particles are kept from the surface. Default 0.0005, range 0 or more.
+    /// Distance in metres at which particles are kept from the surface. Default 0.0005, range 0 or
+    /// more.
     pub margin: f32,
-    /// Deepest root in metres that is moved to the surface. Default 0.02, range 0 or more; 0 moves none.
+    /// Greatest depth in metres of a root that is moved to the surface. Default 0.02, range 0 or
+    /// more; 0 moves none.
     pub max_depth: f32,
-    /// Particles from the root that may lie under the skin, for they follow the head: at least 1. Default 1.
+    /// Number of particles from the root that may be under the skin, because they follow the head:
+    /// at least 1. Default 1.
     pub clamped: usize,
-    /// Whether roots may move at all; where they may not, a strand is brought out from its root on, however deep that
-    /// lies. Default true.
+    /// Whether roots may be moved; if not, strands are moved out from their roots on, at any depth
+    /// of the root. Default true.
     pub move_roots: bool,
 }
 
@@ -41,18 +46,18 @@ impl Default for LiftParams {
     }
 }
 
-/// What [`lift_out`] found and did.
+/// Statistics of [`lift_out`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LiftReport {
-    /// Strands whose root lay inside and was moved to the surface, strand and all.
+    /// Strands whose root was inside and was moved to the surface together with the strand.
     pub roots_lifted: usize,
-    /// Strands whose root lies too deep to be moved.
+    /// Strands whose root is too deep to be moved.
     pub roots_too_deep: usize,
-    /// Particles beyond the clamped ones that lay inside before.
+    /// Particles beyond the clamped ones that were inside before.
     pub inside_before: usize,
-    /// And after.
+    /// Particles beyond the clamped ones that are still inside.
     pub inside_after: usize,
-    /// Depth of the deepest of them before, in metres.
+    /// Depth in metres of the deepest such particle before.
     pub deepest: f32,
     /// Strands of which a particle beyond the clamped ones was moved.
     pub strands_bent: usize,
@@ -61,7 +66,7 @@ pub struct LiftReport {
 }
 
 impl LiftReport {
-    /// Both together.
+    /// The sum of both reports; of depths and stretches, the maximum.
     #[must_use]
     pub fn and(&self, other: &Self) -> Self {
         Self {
@@ -79,26 +84,30 @@ impl LiftReport {
 impl std::fmt::Display for LiftReport {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         if *self == Self::default() {
-            return write!(f, "no strand lies inside the body");
+            return write!(f, "no strand is inside the body");
         }
         let Self { roots_lifted, roots_too_deep, inside_before, inside_after, strands_bent, .. } = self;
         write!(
             f,
-            "{inside_before} particles lay inside the body (deepest {:.2} mm): {roots_lifted} strands moved to the \
-             surface by their roots, {strands_bent} bent out of it, edges changed by {:.1} % at most; {inside_after} \
-             particles still inside",
+            "{inside_before} particles were inside the body (deepest {:.2} mm): {roots_lifted} strands \
+             were moved with their roots to the surface, {strands_bent} were bent out of the body, edge \
+             lengths changed by {:.1} % at most; {inside_after} particles are still inside",
             self.deepest * 1e3,
             self.max_stretch * 1e2
         )?;
         if *roots_too_deep > 0 {
-            write!(f, "; {roots_too_deep} roots lie too deep to be moved: check the groom's unit and place")?;
+            write!(
+                f,
+                "; {roots_too_deep} roots are too deep to be moved: check the unit and the position of \
+                 the groom"
+            )?;
         }
         Ok(())
     }
 }
 
-/// Brings the strands of `groom` out of the `body` in the same space, and reports what that took. Strands outside are
-/// left as they are, bit for bit.
+/// Moves the strands of `groom` out of `body`, which is in the same space, and reports the changes.
+/// Strands that are outside are unchanged, bit for bit.
 pub fn lift_out(groom: &mut Groom, body: &Sdf, params: &LiftParams) -> LiftReport {
     let ranges: Vec<Range<usize>> = (0..groom.strand_count()).map(|strand| groom.range(strand)).collect();
     let pinned: Vec<usize> = match &groom.pinned {
@@ -154,7 +163,8 @@ fn lift_strand(strand: &mut [Vec3], body: &Sdf, params: &LiftParams, clamped: us
     report
 }
 
-/// From the root to the tip: every particle outside the body, at its edge's length from the one before it.
+/// Places every particle outside the body, at its edge's length from the previous one, from the
+/// root to the tip.
 fn bend_out(strand: &mut [Vec3], lengths: &[f32], body: &Sdf, margin: f32, clamped: usize) {
     for i in clamped..strand.len() {
         let (leader, length) = (strand[i - 1], lengths[i - 1]);
@@ -166,8 +176,8 @@ fn bend_out(strand: &mut [Vec3], lengths: &[f32], body: &Sdf, margin: f32, clamp
     }
 }
 
-/// The point `length` from `leader`, nearest in direction to `edge`, that lies `margin` outside the body; within a
-/// tenth of the margin.
+/// The point at distance `length` from `leader` whose direction is nearest to `edge` and that is
+/// `margin` outside the body, up to a tenth of the margin.
 fn placed(leader: Vec3, edge: Vec3, length: f32, body: &Sdf, margin: f32) -> Vec3 {
     let clear = |p: Vec3| body.sample(p).0 >= 0.9 * margin;
     let mut p = leader + edge.normalize_or_zero() * length;
@@ -186,18 +196,19 @@ fn placed(leader: Vec3, edge: Vec3, length: f32, body: &Sdf, margin: f32) -> Vec
         edge.reject_from_normalized(normal).try_normalize().unwrap_or(normal.any_orthonormal_vector());
     let turned = |up: f32| leader + (along * (1.0 - up) + normal * up).normalize() * length;
     let found = [0.0, 0.15, 0.3, 0.5, 0.7, 0.85, 1.0].into_iter().map(turned).find(|&p| clear(p));
-    // In a fold narrower than the edge nothing fits: rather short than inside.
+    // No position fits in a fold narrower than the edge: a short edge is better than a particle
+    // inside.
     found.unwrap_or_else(|| pushed_out(p, body, margin))
 }
 
-/// `p` moved along the gradient until it lies `margin` outside, as far as a few Newton steps bring it.
+/// Moves `p` along the gradient until it is `margin` outside, as far as a few Newton steps allow.
 fn pushed_out(mut p: Vec3, body: &Sdf, margin: f32) -> Vec3 {
     for _ in 0..8 {
         let (distance, gradient) = body.sample(p);
         if distance >= margin {
             break;
         }
-        // Half a micron more, so that rounding does not leave it inside.
+        // Half a micron is added, so that rounding does not leave the point inside.
         p += gradient * ((margin - distance + 5e-7) / gradient.length_squared().max(0.25));
     }
     p
@@ -214,24 +225,24 @@ mod tests {
         Sdf::from_mesh(&uv_sphere(RADIUS, 48, 24), 48, 0.02).unwrap()
     }
 
-    /// A strand of `count` particles 5 mm apart from `root` along `direction`.
+    /// A strand of `count` particles, 5 mm apart, that starts at `root` along `direction`.
     fn straight(root: Vec3, direction: Vec3, count: usize) -> Vec<Vec3> {
         (0..count).map(|i| root + direction.normalize() * (i as f32 * 0.005)).collect()
     }
 
     #[test]
-    fn strands_outside_are_left_alone() {
+    fn strands_outside_are_unchanged() {
         let strands =
             [straight(Vec3::Y * 0.102, Vec3::Y, 20), straight(Vec3::new(0.2, 0.0, 0.0), Vec3::Y, 20)];
         let mut groom = Groom::from_strands(strands).unwrap();
         let before = groom.clone();
         let report = lift_out(&mut groom, &ball(), &LiftParams::default());
         assert_eq!(groom, before);
-        assert_eq!(report.to_string(), "no strand lies inside the body");
+        assert_eq!(report.to_string(), "no strand is inside the body");
     }
 
     #[test]
-    fn a_shallow_root_takes_its_strand_along() {
+    fn a_shallow_root_moves_with_its_strand() {
         let mut groom = Groom::from_strands([straight(Vec3::Y * 0.096, Vec3::Y, 10)]).unwrap();
         let shape: Vec<Vec3> = groom.positions().iter().map(|&p| p - groom.positions()[0]).collect();
         let report = lift_out(&mut groom, &ball(), &LiftParams::default());
@@ -258,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn an_edge_straight_into_the_body_is_laid_along_the_skin() {
+    fn an_edge_straight_into_the_body_is_placed_along_the_skin() {
         let mut groom = Groom::from_strands([straight(Vec3::Y * 0.104, Vec3::NEG_Y, 8)]).unwrap();
         let report = lift_out(&mut groom, &ball(), &LiftParams::default());
         assert_eq!(report.inside_after, 0);
@@ -266,13 +277,13 @@ mod tests {
     }
 
     #[test]
-    fn a_root_in_the_middle_is_told_and_left() {
+    fn a_root_too_deep_is_reported_and_not_moved() {
         let mut groom = Groom::from_strands([straight(Vec3::Y * 0.05, Vec3::Y, 20)]).unwrap();
         let before = groom.clone();
         let report = lift_out(&mut groom, &ball(), &LiftParams::default());
         assert_eq!((report.roots_too_deep, report.inside_after), (1, report.inside_before));
         assert_eq!(groom, before);
-        assert!(report.to_string().contains("1 roots lie too deep"));
+        assert!(report.to_string().contains("1 roots are too deep"));
     }
 
     #[test]

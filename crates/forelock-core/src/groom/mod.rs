@@ -1,4 +1,4 @@
-//! The asset: strands at rest in the scalp's space, as a file holds them.
+//! Grooms: strands at rest in the scalp's space, as a file stores them, and the operations on them.
 
 mod binding;
 pub mod edit;
@@ -20,43 +20,46 @@ pub use repair::{REPEATED_FRACTION, RepairReport, repair};
 pub use resample::{ResampleError, resample, resample_to};
 pub use units::{Import, Unit, UnknownWord, Up, ZUp};
 
-/// Where a strand is rooted: a triangle of the body's mesh and a point in it.
+/// The attachment of a strand's root: a triangle of the body's mesh and a point in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RootBinding {
     /// Index of the triangle in [`TriMesh::triangles`](crate::body::TriMesh::triangles).
     pub triangle: u32,
     /// Barycentric coordinates of the nearest point of that triangle; they sum to 1.
     pub barycentric: [f32; 3],
-    /// Signed distance in metres from that point to the root; positive outside the body.
+    /// Signed distance in metres from that point to the root; positive if the root is outside the
+    /// body.
     pub distance: f32,
 }
 
 /// Strands at rest, root first, in metres, y up, in the scalp's space.
 ///
-/// Strand `s` owns particles `strand_offsets[s]..strand_offsets[s + 1]`. Optional attributes are either absent or
-/// hold one entry a particle or a strand, as each says.
+/// Strand `s` has the particles `strand_offsets[s]..strand_offsets[s + 1]`. Each optional attribute
+/// is either absent or has one entry for each particle or each strand, as its documentation says.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Groom {
     positions: Vec<Vec3>,
     strand_offsets: Vec<u32>,
-    /// Width (diameter) of the hair in metres, one a particle.
+    /// Width (diameter) of the hair in metres, one entry for each particle.
     pub widths: Option<Vec<f32>>,
-    /// Linear RGB in 0–1, one a particle.
+    /// Linear RGB in 0–1, one entry for each particle.
     pub colours: Option<Vec<[f32; 3]>>,
-    /// 0 opaque to 1 clear, one a particle.
+    /// Transparency from 0 (opaque) to 1 (clear), one entry for each particle.
     pub transparencies: Option<Vec<f32>>,
-    /// Texture coordinates of the root on the scalp, one a strand.
+    /// Texture coordinates of the root on the scalp, one entry for each strand.
     pub root_uvs: Option<Vec<[f32; 2]>>,
-    /// Particles held fixed at the root, one a strand (TressFX: those with w = 0).
+    /// Number of particles that are fixed at the root, one entry for each strand (TressFX: those
+    /// with w = 0).
     pub pinned: Option<Vec<u16>>,
-    /// Stiffness of a strand's springs and ties relative to the parameters', one a strand.
+    /// Factor on the stiffness of the strand's springs, relative to the solver's parameters, one
+    /// entry for each strand.
     pub stiffness: Option<Vec<f32>>,
-    /// Root bindings, one a strand.
+    /// Root bindings, one entry for each strand.
     pub bindings: Option<Vec<RootBinding>>,
 }
 
-/// Length of `strand` (one point or more) from its root to each of its points, in the points' unit; float64, for a thousand
-/// additions must not drift.
+/// Arc length of `strand` (one point or more) from its root to each of its points, in the points'
+/// unit. It is computed in float64, because a thousand additions would accumulate rounding errors.
 pub fn arc_lengths(strand: &[Vec3]) -> Vec<f64> {
     let mut arc = 0.0;
     let mut arcs = Vec::with_capacity(strand.len());
@@ -68,36 +71,37 @@ pub fn arc_lengths(strand: &[Vec3]) -> Vec<f64> {
     arcs
 }
 
-/// Why a groom cannot be built from the arrays given.
+/// Why arrays do not form a groom.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum GroomError {
-    /// The offsets do not start at 0, do not grow, or do not end at the number of particles.
+    /// The offsets do not start at 0, decrease, or do not end at the number of particles.
     #[error("strand offsets are inconsistent at strand {strand}: {detail}")]
     Offsets {
-        /// The strand at which they break.
+        /// The first strand with an inconsistent offset.
         strand: usize,
-        /// What is wrong there.
+        /// Description of the inconsistency.
         detail: String,
     },
-    /// An attribute has neither one entry a particle nor one a strand, as it should.
+    /// The number of an attribute's entries does not match the number of particles or strands.
     #[error("attribute `{name}` has {found} entries, but {expected} were expected")]
     AttributeLength {
-        /// The attribute's field name.
+        /// Name of the attribute's field.
         name: &'static str,
-        /// Entries it should have.
+        /// Required number of entries.
         expected: usize,
-        /// Entries it has.
+        /// Number of entries found.
         found: usize,
     },
     /// More particles than 32-bit offsets can index.
-    #[error("a groom of {0} particles is over the limit of 4,294,967,295")]
+    #[error("a groom of {0} particles exceeds the limit of 4,294,967,295")]
     TooManyParticles(usize),
 }
 
 impl Groom {
-    /// A groom of `positions` (metres, y up) split by `strand_offsets` (S + 1 entries, first 0, growing, last = P).
+    /// Creates a groom from `positions` (`[P]`, metres, y up), which `strand_offsets` (`[S + 1]`,
+    /// first 0, not decreasing, last P) splits into strands.
     ///
-    /// Non-finite positions are let through: `repair` removes them and counts them.
+    /// Non-finite positions are accepted; [`repair`] removes and counts them.
     ///
     /// # Errors
     /// [`GroomError`] if the offsets do not describe the positions.
@@ -125,7 +129,7 @@ impl Groom {
         Ok(Self { positions, strand_offsets, ..Self::default() })
     }
 
-    /// A groom from a list of strands, each root first, in metres.
+    /// Creates a groom from a list of strands, each with the root first, in metres.
     ///
     /// # Errors
     /// [`GroomError::TooManyParticles`].
@@ -141,10 +145,10 @@ impl Groom {
         Self::new(positions, offsets)
     }
 
-    /// Checks that every attribute has the length it should.
+    /// Checks that every attribute has the right number of entries.
     ///
     /// # Errors
-    /// [`GroomError::AttributeLength`] for the first that has not.
+    /// [`GroomError::AttributeLength`] for the first attribute that has not.
     pub fn check_attributes(&self) -> Result<(), GroomError> {
         let (particles, strands) = (self.particle_count(), self.strand_count());
         let lengths = [
@@ -179,7 +183,7 @@ impl Groom {
         &self.positions
     }
 
-    /// All positions, to be moved but not added or removed.
+    /// All positions, `[P]`, metres, for modification in place.
     pub fn positions_mut(&mut self) -> &mut [Vec3] {
         &mut self.positions
     }
@@ -218,17 +222,18 @@ impl Groom {
         self.strand(strand).windows(2).map(|w| w[0].distance(w[1])).sum()
     }
 
-    /// The strands for which `keep` answers true, in order, with all their attributes.
+    /// The strands for which `keep` returns true, in order, with all their attributes.
     #[must_use]
     pub fn select(&self, mut keep: impl FnMut(usize) -> bool) -> Self {
         let kept: Vec<usize> = (0..self.strand_count()).filter(|&strand| keep(strand)).collect();
         self.only(&kept)
     }
 
-    /// The strands `kept`, in that order, with all their attributes.
+    /// The strands with the indices `kept`, in that order, with all their attributes. An index may
+    /// occur repeatedly.
     ///
     /// # Panics
-    /// If there is no such strand, or one of them so often that the particles are beyond 32-bit offsets.
+    /// If an index is out of range, or the result has more particles than 32-bit offsets can index.
     #[must_use]
     pub fn only(&self, kept: &[usize]) -> Self {
         let mut positions = Vec::with_capacity(kept.iter().map(|&s| self.range(s).len()).sum());
@@ -236,8 +241,11 @@ impl Groom {
         strand_offsets.push(0);
         for &strand in kept {
             positions.extend_from_slice(self.strand(strand));
-            assert!(u32::try_from(positions.len()).is_ok(), "more particles than a groom can hold");
-            #[expect(clippy::cast_possible_truncation, reason = "it fits, as the line above says")]
+            assert!(
+                u32::try_from(positions.len()).is_ok(),
+                "the selection has more particles than a groom can hold"
+            );
+            #[expect(clippy::cast_possible_truncation, reason = "checked by the assertion above")]
             strand_offsets.push(positions.len() as u32);
         }
         let per_particle = |range: usize| self.range(range);
@@ -264,7 +272,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn offsets_are_checked() {
+    fn inconsistent_offsets_are_refused() {
         let p = vec![Vec3::ZERO; 3];
         assert!(Groom::new(p.clone(), vec![0, 2, 3]).is_ok());
         for bad in [vec![], vec![1, 3], vec![0, 4], vec![0, 3, 2, 3]] {

@@ -1,19 +1,19 @@
-//! Nearest points: a k-d tree over roots.
+//! Nearest neighbours of points: a k-d tree over roots.
 //!
 //! # Theory
-//! Bentley, *Multidimensional binary search trees used for associative searching*, 1975: the points halved at their
-//! median along the longest side of their box, again and again. The tree is one permutation of the points, the median
-//! of each part in its middle.
+//! Bentley, *Multidimensional binary search trees used for associative searching*, 1975: the points
+//! are split recursively at their median along the longest side of their bounding box. The tree is
+//! stored as a permutation of the points, with the median of each part in its middle.
 //!
 //! # Practice
-//! Ties are broken by the point's number, so that an answer is the same on every machine.
+//! Ties are resolved by the index of the point, so that the result is the same on every machine.
 //!
 //! # Limitations
-//! Many points in one place make it slow, not wrong.
+//! Many points at the same position make the search slow, but not wrong.
 
 use glam::Vec3;
 
-/// Points, ready to be asked for the nearest.
+/// A k-d tree over points.
 #[derive(Clone, Debug)]
 pub(super) struct Nearest {
     nodes: Vec<Node>,
@@ -23,12 +23,12 @@ pub(super) struct Nearest {
 struct Node {
     point: Vec3,
     number: u32,
-    /// Along which the part that has this node in its middle was halved.
+    /// The axis along which the part with this node in its middle is split.
     axis: u8,
 }
 
 impl Nearest {
-    /// A tree over `points`; those that are not finite are never found.
+    /// Builds a tree over `points`; points that are not finite are never found.
     pub(super) fn new(points: impl IntoIterator<Item = Vec3>) -> Self {
         let nodes = points.into_iter().zip(0u32..).map(|(point, number)| Node { point, number, axis: 0 });
         let mut nodes: Vec<Node> = nodes.filter(|node| node.point.is_finite()).collect();
@@ -36,7 +36,8 @@ impl Nearest {
         Self { nodes }
     }
 
-    /// The `count` points nearest to `p` within `reach` metres, nearest first, into `found` as (distance², number).
+    /// Finds the `count` points nearest to `p` within `reach` metres, nearest first, and writes
+    /// them into `found` as (distance², index).
     pub(super) fn find(&self, p: Vec3, count: usize, reach: f32, found: &mut Vec<(f32, u32)>) {
         found.clear();
         if count > 0 {
@@ -44,7 +45,7 @@ impl Nearest {
         }
     }
 
-    /// The point nearest to `p`, if there is one.
+    /// The index of the point nearest to `p`; `None` if the tree is empty.
     pub(super) fn nearest(&self, p: Vec3) -> Option<u32> {
         let mut found = Vec::with_capacity(2);
         self.find(p, 1, f32::INFINITY, &mut found);
@@ -108,10 +109,10 @@ mod tests {
     use crate::groom::grow::random::Random;
 
     #[test]
-    fn the_same_as_looking_at_all() {
+    fn results_agree_with_an_exhaustive_search() {
         let mut random = Random::new(3, 1);
         for size in [1, 2, 3, 17, 400] {
-            // A coarse lattice, so that there are ties and repeated points.
+            // Points on a coarse lattice cause ties and repeated points.
             let points: Vec<Vec3> = (0..size).map(|_| (random.cube() * 4.0).round()).collect();
             let tree = Nearest::new(points.iter().copied());
             for _ in 0..50 {

@@ -1,51 +1,54 @@
-//! Repair on import: what a simulation cannot use is taken out, and counted.
+//! Repair of imported grooms: removes and counts what a simulation cannot use.
 //!
 //! # Theory
-//! A solver divides by edge lengths, so a strand needs at least two particles, all apart from each other and
-//! finite. Two consecutive particles count as one where they are closer than [`REPEATED_FRACTION`] of the
-//! strand's length: the direction of so short an edge is rounding noise in float32.
+//! A solver divides by edge lengths, so a strand needs at least two particles, all of them finite
+//! and distinct. Two consecutive particles are treated as repeated if they are closer than
+//! [`REPEATED_FRACTION`] of the strand's length: the direction of such a short edge is rounding
+//! noise in float32.
 //!
 //! # Practice
-//! Of repeated particles the first stays, so the root never moves. One-point strands mean 'no strand here' in
-//! USC `.data` files and are common there. A clean groom passes through untouched and uncopied.
+//! Of repeated particles the first is kept, so the root never moves. In USC `.data` files strands
+//! with a single point mean 'no strand here' and are common. A clean groom is returned unchanged,
+//! without a copy.
 //!
 //! # Limitations
-//! Strands inside a body are repaired elsewhere, where the body is known.
+//! Strands inside a body are not repaired here, but by [`lift_out`](super::lift_out), which knows
+//! the body.
 
 use std::fmt;
 
 use super::Groom;
 
-/// Edges shorter than this part of their strand's length join two repeated particles.
+/// Consecutive particles closer than this fraction of their strand's length are repeated particles.
 pub const REPEATED_FRACTION: f32 = 1e-6;
 
-/// What [`repair`] took out.
+/// What [`repair`] removed.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct RepairReport {
     /// Strands before the repair.
     pub strands_before: usize,
-    /// Particles dropped because they repeat the one before them.
+    /// Particles removed because they repeat the particle before them.
     pub repeated_particles: usize,
-    /// Strands in which particles were dropped as repeated.
+    /// Strands from which repeated particles were removed.
     pub strands_with_repeats: usize,
-    /// Strands dropped because a coordinate is not finite, or too large for float32 lengths.
+    /// Strands removed because a coordinate is not finite or too large for float32 lengths.
     pub non_finite_strands: usize,
-    /// Strands dropped because they have one particle or none.
+    /// Strands removed because they have less than two particles.
     pub one_point_strands: usize,
-    /// Strands dropped because all their particles coincide.
+    /// Strands removed because all their particles coincide.
     pub zero_length_strands: usize,
-    /// Attributes dropped whole, because an entry is not finite or their length does not fit the groom.
+    /// Attributes removed because an entry is not finite or the number of entries is wrong.
     pub dropped_attributes: Vec<&'static str>,
 }
 
 impl RepairReport {
-    /// Whether nothing had to be done.
+    /// Whether nothing had to be repaired.
     pub fn is_clean(&self) -> bool {
         self.repeated_particles + self.dropped_strands() == 0 && self.dropped_attributes.is_empty()
     }
 
-    /// Strands dropped for any reason.
+    /// Number of strands removed for any reason.
     pub fn dropped_strands(&self) -> usize {
         self.non_finite_strands + self.one_point_strands + self.zero_length_strands
     }
@@ -53,24 +56,24 @@ impl RepairReport {
     /// One sentence for each kind of repair that was needed.
     pub fn sentences(&self) -> Vec<String> {
         let of = format!("of {}", self.strands_before);
-        let mut told = Vec::new();
-        let mut tell = |count: usize, words: &str| {
+        let mut sentences = Vec::new();
+        let mut add = |count: usize, words: &str| {
             if count > 0 {
                 let noun = if count == 1 { "strand" } else { "strands" };
-                told.push(format!("{count} {noun} {of} {words}"));
+                sentences.push(format!("{count} {noun} {of} {words}"));
             }
         };
-        tell(self.non_finite_strands, "dropped: a point is not finite");
-        tell(self.one_point_strands, "dropped: fewer than two points, which means 'no strand here'");
-        tell(self.zero_length_strands, "dropped: all points coincide");
-        tell(
+        add(self.non_finite_strands, "dropped: a point is not finite");
+        add(self.one_point_strands, "dropped: fewer than two points, which means 'no strand here'");
+        add(self.zero_length_strands, "dropped: all points coincide");
+        add(
             self.strands_with_repeats,
-            &format!("had repeated points; {} points taken out", self.repeated_particles),
+            &format!("had repeated points; {} points removed", self.repeated_particles),
         );
-        told.extend(self.dropped_attributes.iter().map(|name| {
+        sentences.extend(self.dropped_attributes.iter().map(|name| {
             format!("attribute `{name}` dropped: an entry is not finite, or its length is wrong")
         }));
-        told
+        sentences
     }
 }
 
@@ -83,7 +86,7 @@ impl fmt::Display for RepairReport {
     }
 }
 
-/// What becomes of one strand.
+/// The result for one strand.
 enum Verdict {
     Whole,
     Thinned,
@@ -92,8 +95,8 @@ enum Verdict {
     ZeroLength,
 }
 
-/// `groom` without what a simulation cannot use, and the account of it. No strand may be left: ask
-/// [`Groom::strand_count`].
+/// Removes from `groom` what a simulation cannot use, and reports what was removed. The result may
+/// have no strands; check [`Groom::strand_count`].
 ///
 /// ```
 /// # use forelock_core::groom::{Groom, repair};
@@ -111,7 +114,7 @@ pub fn repair(mut groom: Groom) -> (Groom, RepairReport) {
     let verdicts: Vec<Verdict> = (0..groom.strand_count())
         .map(|strand| {
             let start = kept.len();
-            let verdict = judge(&groom, strand, &mut kept);
+            let verdict = classify(&groom, strand, &mut kept);
             if !matches!(verdict, Verdict::Whole | Verdict::Thinned) {
                 kept.truncate(start);
             }
@@ -142,8 +145,8 @@ pub fn repair(mut groom: Groom) -> (Groom, RepairReport) {
     (thin(&groom, whole, &kept), report)
 }
 
-/// Pushes the particles of `strand` that stay onto `kept`.
-fn judge(groom: &Groom, strand: usize, kept: &mut Vec<usize>) -> Verdict {
+/// Appends the particles of `strand` that are kept to `kept`.
+fn classify(groom: &Groom, strand: usize, kept: &mut Vec<usize>) -> Verdict {
     let range = groom.range(strand);
     if range.len() < 2 {
         return Verdict::OnePoint;
@@ -170,7 +173,8 @@ fn judge(groom: &Groom, strand: usize, kept: &mut Vec<usize>) -> Verdict {
     }
 }
 
-/// `whole`, a selection of `groom`'s strands, reduced to the particles `kept` (indices into `groom`).
+/// Reduces `whole`, a selection of the strands of `groom`, to the particles `kept` (indices into
+/// `groom`).
 fn thin(groom: &Groom, whole: Groom, kept: &[usize]) -> Groom {
     fn pick<T: Copy>(values: &[T], kept: &[usize]) -> Vec<T> {
         kept.iter().map(|&i| values[i]).collect()
@@ -180,20 +184,20 @@ fn thin(groom: &Groom, whole: Groom, kept: &[usize]) -> Groom {
     let (mut next, mut from) = (0, 0);
     for strand in 0..groom.strand_count() {
         let range = groom.range(strand);
-        let own = kept[from..].iter().take_while(|&&i| i < range.end).count();
-        if own == 0 {
+        let count_kept = kept[from..].iter().take_while(|&&i| i < range.end).count();
+        if count_kept == 0 {
             continue;
         }
         if let Some(count) = pinned.as_mut().and_then(|pinned| pinned.get_mut(next)) {
             let end = range.start + usize::from(*count);
-            let still = kept[from..from + own].iter().filter(|&&i| i < end).count();
+            let still = kept[from..from + count_kept].iter().filter(|&&i| i < end).count();
             *count = u16::try_from(still).unwrap_or(*count);
         }
-        from += own;
+        from += count_kept;
         next += 1;
         #[expect(
             clippy::cast_possible_truncation,
-            reason = "no more particles than the source's, which fit"
+            reason = "the result has no more particles than the source"
         )]
         offsets.push(from as u32);
     }
@@ -250,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clean_groom_passes_untouched() {
+    fn a_clean_groom_is_unchanged() {
         let groom = Groom::from_strands([line(5), line(2)]).unwrap();
         let (repaired, report) = repair(groom.clone());
         assert_eq!(repaired, groom);
@@ -259,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn each_kind_is_dropped_and_counted() {
+    fn each_kind_of_defect_is_removed_and_counted() {
         let mut repeats = line(4);
         repeats.insert(1, repeats[0]);
         repeats.push(repeats[4]);
@@ -297,11 +301,11 @@ mod tests {
         };
         assert_eq!(report, expected);
         assert_eq!(report.sentences().len(), 5);
-        assert!(report.to_string().contains("2 points taken out"), "{report}");
+        assert!(report.to_string().contains("2 points removed"), "{report}");
     }
 
     #[test]
-    fn nothing_may_be_left() {
+    fn a_groom_without_usable_strands_becomes_empty() {
         let (repaired, report) = repair(Groom::from_strands([vec![Vec3::ONE]]).unwrap());
         assert_eq!((repaired.strand_count(), report.one_point_strands), (0, 1));
     }

@@ -1,73 +1,78 @@
-//! Resampling by arc length: every strand gets the same number of particles, equally spaced along it.
+//! Resampling by arc length: every strand gets the requested number of particles, equally spaced
+//! along it.
 //!
 //! # Theory
-//! A strand's curve C(s), s the arc length in `[0, L]`, is sampled at s_k = k L / (n − 1). Root and tip stay
-//! exact. C is the centripetal Catmull–Rom spline through the particles (Yuksel, Schaefer, Keyser 2011,
-//! 'Parameterization and applications of Catmull–Rom curves'): no loops or cusps between particles, and
-//! beyond the ends it goes on as a circular arc. The polyline instead would cut the corners of curls, whether
-//! into more particles (its straight pieces would become the rest shape) or fewer (its chords lie inside the
-//! curl: on a real curly groom, 21 to 16 particles a strand, it keeps 96.4 % of the length and the spline
-//! 98.0 %).
+//! A strand's curve C(s), where s in `[0, L]` is the arc length, is sampled at s_k = k L / (n − 1).
+//! Root and tip are exact. C is the centripetal Catmull–Rom spline through the particles (Yuksel,
+//! Schaefer, Keyser 2011, 'Parameterization and applications of Catmull–Rom curves'). It has no
+//! loops or cusps between particles; at each end it is extended as a circular arc. The polyline
+//! would cut the corners of curls: with more particles its straight pieces would become the rest
+//! shape, and with fewer its chords lie inside the curl. On a real curly groom, resampled from 21
+//! to 16 particles per strand, the polyline keeps 96.4 % of the length and the spline 98.0 %.
 //!
-//! Any point of C is within L / (2 (n − 1)) of a sample, and chords are never longer than their arcs, so the
-//! result is never longer than C. It may be longer than the polyline it came from, which cut corners too.
+//! Any point of C is within L / (2 (n − 1)) of a sample, and chords are never longer than their
+//! arcs, so the result is never longer than C. It may be longer than the original polyline, which
+//! cut corners too.
 //!
 //! # Practice
-//! Particle attributes are interpolated linearly along the strand; strand attributes stay. Pinned particles:
-//! none stays none, one stays one (the root), and two or more (root and direction clamped) become those
-//! within the same length, at least two. Strands that have n equally spaced particles already are copied bit
-//! for bit.
+//! Attributes of particles are interpolated linearly along the strand; attributes of strands are
+//! kept. Pinned particles: none stays none, one stays one (the root), and two or more (root and
+//! direction clamped) become those within the same length, at least two. Strands that already have
+//! n equally spaced particles are copied bit for bit.
 //!
 //! # Limitations
-//! A curl needs about six particles a turn; with fewer the samples cut through it and the strand gets
-//! shorter, which no choice of samples on the curve avoids.
+//! A curl needs about six particles per turn; with fewer, the chords cut through the curl and the
+//! strand becomes shorter. No choice of samples on the curve avoids this.
 
 use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{Groom, GroomError, arc_lengths};
 
-/// Pieces into which a spline between two particles is cut to measure it.
+/// Number of chords that approximate the spline between two particles when it is measured.
 const PIECES: usize = 16;
-/// Spacing that differs by no more than this part counts as equal.
+/// Edges whose lengths differ by at most this fraction count as equally long.
 const EQUAL_SPACING: f32 = 1e-4;
 
 /// Why a groom cannot be resampled.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ResampleError {
-    /// Fewer than two particles were asked for.
+    /// Fewer than two particles were requested.
     #[error("a strand needs at least 2 particles, not {0}")]
     TooFew(usize),
-    /// A strand has no length to be divided; `repair` drops such strands.
-    #[error("strand {0} has no finite length above zero: repair the groom before resampling it")]
+    /// A strand has no finite length above zero; [`repair`](super::repair) removes such strands.
+    #[error("strand {0} has no finite length above zero: repair the groom before resampling")]
     NoLength(usize),
     /// An attribute or the result has a wrong size.
     #[error(transparent)]
     Groom(#[from] GroomError),
 }
 
-/// `groom` with `particles_per_strand` particles on every strand, equally spaced by arc length.
+/// Resamples every strand of `groom` to `particles_per_strand` particles, equally spaced by arc
+/// length.
 ///
 /// # Errors
-/// [`ResampleError`] if fewer than two particles are asked for, a strand has no finite length, or the result
-/// has more than 2³² − 1 particles.
+/// [`ResampleError`] if fewer than two particles are requested, a strand has no finite length, or
+/// the result has more than 2³² − 1 particles.
 ///
 /// ```
 /// # use forelock_core::groom::{Groom, resample};
 /// # use glam::Vec3;
 /// let groom = Groom::from_strands([[Vec3::ZERO, Vec3::Y * 0.3, Vec3::Y * 0.4]])?;
 /// let equal = resample(&groom, 5)?;
-/// assert!(equal.strand(0).iter().zip([0.0, 0.1, 0.2, 0.3, 0.4]).all(|(p, y)| (p.y - y).abs() < 1e-6));
+/// let heights = [0.0, 0.1, 0.2, 0.3, 0.4];
+/// assert!(equal.strand(0).iter().zip(heights).all(|(p, y)| (p.y - y).abs() < 1e-6));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn resample(groom: &Groom, particles_per_strand: usize) -> Result<Groom, ResampleError> {
     resample_each(groom, &vec![particles_per_strand; groom.strand_count()])
 }
 
-/// `groom` with `particles` in all, long strands with more of them than short ones, so that edges are about equally long, and at least two on each; on every strand equally spaced.
+/// Resamples `groom` to `particles` in total. Long strands get more particles than short ones, so
+/// that edges are about equally long; every strand has at least two particles, equally spaced.
 ///
 /// # Errors
-/// As [`resample`], if there are fewer than two particles a strand for one.
+/// As [`resample`], and if there are fewer than two particles for each strand.
 ///
 /// ```
 /// # use forelock_core::groom::{Groom, resample_to};
@@ -82,27 +87,32 @@ pub fn resample_to(groom: &Groom, particles: usize) -> Result<Groom, ResampleErr
     let Some(edges) = particles.checked_sub(2 * strands) else {
         return Err(ResampleError::TooFew(particles / strands.max(1)));
     };
-    // Beside its first edge each strand takes its share of the others: what all of them lack to whole edges goes to those that lack the least.
+    // Each strand has one edge and its share of the others, rounded down. The particles that are
+    // left over are given to the strands with the greatest fractional parts.
     let lengths: Vec<f64> = (0..strands).map(|s| f64::from(groom.length(s))).collect();
     let shares = shares_above_one(&lengths, edges + strands);
     let mut order: Vec<usize> = (0..strands).collect();
     order.sort_by(|&a, &b| (shares[b].fract()).total_cmp(&shares[a].fract()).then(a.cmp(&b)));
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "no more than asked for")]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "at most the requested number"
+    )]
     let mut counts: Vec<usize> = shares.iter().map(|share| share.floor() as usize + 1).collect();
-    let lack = particles.saturating_sub(counts.iter().sum());
-    order.into_iter().cycle().take(lack).for_each(|strand| counts[strand] += 1);
+    let left_over = particles.saturating_sub(counts.iter().sum());
+    order.into_iter().cycle().take(left_over).for_each(|strand| counts[strand] += 1);
     resample_each(groom, &counts)
 }
 
-/// Shares of `total` in proportion to `lengths`, but none under 1.
+/// Shares of `total` in proportion to `lengths`, but at least 1 each.
 fn shares_above_one(lengths: &[f64], total: usize) -> Vec<f64> {
     let mut short = vec![false; lengths.len()];
     loop {
         let kept = |short: &[bool]| short.iter().filter(|short| **short).count() as f64;
         let long: f64 = lengths.iter().zip(&short).filter(|(_, short)| !**short).map(|(l, _)| l).sum();
         let each = (total as f64 - kept(&short)) / long.max(f64::MIN_POSITIVE);
-        let share = |(l, short): (&f64, &bool)| if *short { 1.0 } else { (l * each).max(1.0) };
-        let shares: Vec<f64> = lengths.iter().zip(&short).map(share).collect();
+        let share = |length: f64, short: bool| if short { 1.0 } else { (length * each).max(1.0) };
+        let shares: Vec<f64> = lengths.iter().zip(&short).map(|(l, short)| share(*l, *short)).collect();
         let before = kept(&short);
         for ((short, length), share) in short.iter_mut().zip(lengths).zip(&shares) {
             *short |= *share <= 1.0 && length * each < 1.0;
@@ -113,7 +123,7 @@ fn shares_above_one(lengths: &[f64], total: usize) -> Vec<f64> {
     }
 }
 
-/// `groom` with a count of particles for each strand.
+/// Resamples each strand of `groom` to the given number of particles.
 fn resample_each(groom: &Groom, counts: &[usize]) -> Result<Groom, ResampleError> {
     if let Some(&few) = counts.iter().find(|count| **count < 2) {
         return Err(ResampleError::TooFew(few));
@@ -164,7 +174,7 @@ fn resample_each(groom: &Groom, counts: &[usize]) -> Result<Groom, ResampleError
     Ok(out)
 }
 
-/// A point of a strand's curve: `fraction` of the way, by arc length, from source particle `edge` to the
+/// A point of a strand's curve, at `fraction` of the arc length from source particle `edge` to the
 /// next.
 #[derive(Clone, Copy)]
 struct Sample {
@@ -173,20 +183,20 @@ struct Sample {
     fraction: f32,
 }
 
-/// `strand` (two points or more, of a length above zero) with `n` points: each with the edge that it lies on and the
-/// fraction of that edge.
+/// Resamples `strand` (two points or more, of a length above zero) to `n` points; each has the edge
+/// on which it lies and the fraction of that edge.
 pub(super) fn respaced(strand: &[Vec3], n: usize) -> Vec<(Vec3, usize, f32)> {
     sample_strand(strand, n).into_iter().map(|s| (s.position, s.edge, s.fraction)).collect()
 }
 
-/// How many of `samples` stand for the first `count` particles of the source.
+/// The number of `samples` that correspond to the first `count` particles of the source.
 fn pin(count: u16, samples: &[Sample]) -> u16 {
     if count < 2 {
         return count;
     }
     let last = usize::from(count) - 1;
     let within = samples.iter().filter(|s| s.edge < last || (s.edge == last && s.fraction == 0.0)).count();
-    // The tip is at fraction 1 of the last edge: it is within only if all particles are pinned.
+    // The tip is at fraction 1 of the last edge, so it is pinned only if all particles are.
     u16::try_from(within.max(2)).unwrap_or(u16::MAX)
 }
 
@@ -218,7 +228,7 @@ fn sample_strand(strand: &[Vec3], n: usize) -> Vec<Sample> {
     samples
 }
 
-/// How far `s` is from `from` to `to`, in [0, 1].
+/// The position of `s` between `from` and `to` as a fraction in [0, 1].
 fn part(s: f64, from: f64, to: f64) -> f32 {
     #[expect(clippy::cast_possible_truncation, reason = "a fraction in [0, 1]")]
     if to > from { ((s - from) / (to - from)).clamp(0.0, 1.0) as f32 } else { 0.0 }
@@ -232,7 +242,8 @@ fn equally_spaced(strand: &[Vec3]) -> bool {
     longest - shortest <= EQUAL_SPACING * longest
 }
 
-/// The centripetal Catmull–Rom spline through `strand` (at least three particles), `PIECES` chords an edge.
+/// The centripetal Catmull–Rom spline through `strand` (at least three particles), as `PIECES`
+/// chords for each edge.
 fn smooth(strand: &[Vec3]) -> Vec<Vec3> {
     let last = strand.len() - 1;
     let mut curve = Vec::with_capacity(last * PIECES + 1);
@@ -240,7 +251,8 @@ fn smooth(strand: &[Vec3]) -> Vec<Vec3> {
         let (p1, p2) = (strand[edge], strand[edge + 1]);
         let p0 = if edge == 0 { beyond(p1, p2, strand[2]) } else { strand[edge - 1] };
         let p3 = if edge + 1 == last { beyond(p2, p1, p0) } else { strand[edge + 2] };
-        // Knots t_{i+1} − t_i = |p_{i+1} − p_i|^½; tangents of the non-uniform spline, scaled to [0, 1].
+        // Knots t_{i+1} − t_i = |p_{i+1} − p_i|^½; tangents of the non-uniform spline, scaled to
+        // [0, 1].
         let knot = |a: Vec3, b: Vec3| a.distance(b).sqrt().max(f32::MIN_POSITIVE);
         let (d0, d1, d2) = (knot(p0, p1), knot(p1, p2), knot(p2, p3));
         let m1 = ((p1 - p0) / d0 - (p2 - p0) / (d0 + d1) + (p2 - p1) / d1) * d1;
@@ -256,8 +268,9 @@ fn smooth(strand: &[Vec3]) -> Vec<Vec3> {
     curve
 }
 
-/// The particle before `end`, if the strand went on beyond its end as it bends there: the edge from `next` to
-/// `after` mirrored in the last edge's bisecting plane, as on a circular arc, with the last edge's length.
+/// The point that would precede `end` if the strand continued with the same bend: the edge from
+/// `next` to `after` is mirrored at the bisecting plane of the last edge, as on a circular arc, and
+/// has the last edge's length.
 fn beyond(end: Vec3, next: Vec3, after: Vec3) -> Vec3 {
     let edge = next - end;
     let (along, bent) = (edge.normalize_or_zero(), (after - next).normalize_or_zero());
@@ -269,7 +282,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_total_is_shared_by_length() {
+    fn particles_are_distributed_by_length() {
         let line = |length: f32| (0..9u16).map(|i| Vec3::X * length * f32::from(i) / 8.0).collect::<Vec<_>>();
         let groom = Groom::from_strands([0.31, 0.001, 0.1, 0.22, 0.001].map(line)).unwrap();
         for total in [10, 11, 57, 1000] {

@@ -1,14 +1,17 @@
-//! Units and axes of files, brought to metres and y up.
+//! Conversion of the units and axes of files to metres and y up.
 //!
 //! # Theory
-//! A file's point f becomes the groom's point p = m R f: m metres a unit, R a proper rotation (no mirror, so
-//! that curls keep their handedness). From z up to y up there are two customs, a quarter turn about y apart:
+//! A point f of a file becomes the point p = m R f of the groom, where m is the number of metres
+//! per unit and R a proper rotation (without reflection, so that curls keep their handedness). Two
+//! conventions are in use for the rotation from z up to y up; they differ by a quarter turn about
+//! y:
 //!
-//! - [`ZUp::Common`]: (x, y, z) → (x, z, −y), what Blender, glTF and Alembic exporters do;
-//! - [`ZUp::Yuksel`]: (x, y, z) → (y, z, x), the custom for Cem Yuksel's `.hair` models.
+//! - [`ZUp::Common`]: (x, y, z) → (x, z, −y), used by Blender, glTF and Alembic exporters;
+//! - [`ZUp::Yuksel`]: (x, y, z) → (y, z, x), used for Cem Yuksel's `.hair` models.
 //!
 //! # Practice
-//! [`Import`] is read from the scene file and the command line alike, and applied once, right after reading.
+//! [`Import`] is read from the scene file or the command line and is applied once, right after the
+//! file was read.
 
 use std::{fmt, str::FromStr};
 
@@ -16,7 +19,7 @@ use glam::Vec3;
 
 use super::Groom;
 
-/// The length that one unit of a file stands for.
+/// The length of one unit of a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(try_from = "String", into = "String"))]
@@ -33,7 +36,7 @@ pub enum Unit {
 }
 
 impl Unit {
-    /// Every unit, largest first.
+    /// All units, largest first.
     pub const ALL: [Self; 4] = [Self::Metre, Self::Inch, Self::Centimetre, Self::Millimetre];
 
     /// Metres in one unit.
@@ -79,7 +82,7 @@ impl fmt::Display for Up {
     }
 }
 
-/// A word that names no unit or no axis.
+/// A word that is not the name of a unit or an axis.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{word}` is not a {kind}: use {choices}")]
 pub struct UnknownWord {
@@ -142,7 +145,7 @@ impl From<Up> for String {
     }
 }
 
-/// Which rotation brings z up to y up; a property of the format, not of the user's wish.
+/// The rotation from z up to y up; a property of the file format, not a choice of the user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ZUp {
     /// (x, y, z) → (x, z, −y).
@@ -151,7 +154,7 @@ pub enum ZUp {
     Yuksel,
 }
 
-/// How the numbers of a file become metres, y up.
+/// The conversion of a file's numbers to metres, y up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
@@ -160,8 +163,8 @@ pub struct Import {
     pub unit: Unit,
     /// Up axis of the file, default y.
     pub up: Up,
-    /// Further factor on all lengths, for files in units of their own (0.1 with `in` is right for Yuksel's
-    /// models); default 1, finite and above 0.
+    /// Additional factor on all lengths, for files with non-standard units (0.1 with `in` is right
+    /// for Yuksel's models); default 1, finite and above 0.
     pub scale: f64,
 }
 
@@ -172,12 +175,12 @@ impl Default for Import {
 }
 
 impl Import {
-    /// Metres in one unit of the file: the unit times the scale.
+    /// Metres per unit of the file: the unit times the scale.
     pub fn metres(&self) -> f64 {
         self.unit.metres() * self.scale
     }
 
-    /// One point of the file, in metres and y up.
+    /// Converts one point of the file to metres and y up.
     pub fn point(&self, p: Vec3, z_up: ZUp) -> Vec3 {
         #[expect(clippy::cast_possible_truncation, reason = "positions are float32")]
         let metres = self.metres() as f32;
@@ -189,7 +192,8 @@ impl Import {
         turned * metres
     }
 
-    /// Brings a groom as read to metres and y up: positions turned and scaled, widths scaled.
+    /// Converts a groom as read from the file to metres and y up: rotates and scales positions,
+    /// scales widths.
     pub fn apply(&self, groom: &mut Groom, z_up: ZUp) {
         if *self == Self::default() {
             return;
@@ -220,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn words_round_trip_and_wrong_ones_name_the_choices() {
+    fn names_round_trip_and_errors_list_the_choices() {
         for unit in Unit::ALL {
             assert_eq!(unit.to_string().parse(), Ok(unit));
         }

@@ -1,10 +1,10 @@
-//! Small vectors and matrices over lanes.
+//! Small vectors and matrices over SIMD lanes.
 
 use super::{Lane, Row};
 use glam::{DMat3, DVec3};
 use std::ops::{Add, AddAssign, Neg, Sub, SubAssign};
 
-/// A vector a lane.
+/// One vector for each lane.
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(transparent)]
 pub struct V3<L>(pub [L; 3]);
@@ -48,7 +48,7 @@ impl<L: Lane> SubAssign for V3<L> {
 }
 
 impl<L: Lane> V3<L> {
-    /// The zero vector.
+    /// The zero vector in every lane.
     #[inline(always)]
     pub fn zero() -> Self {
         Self([L::zero(); 3])
@@ -60,14 +60,14 @@ impl<L: Lane> V3<L> {
         Self([L::from_f64(v.x), L::from_f64(v.y), L::from_f64(v.z)])
     }
 
-    /// Lanes `first..` of three consecutive rows.
+    /// Reads lanes `first..` of the three rows of `particle`.
     #[inline(always)]
     pub fn load(rows: &[Row<L::Scalar>], particle: usize, first: usize) -> Self {
         let rows = &rows[3 * particle..3 * particle + 3];
         Self([L::load(&rows[0], first), L::load(&rows[1], first), L::load(&rows[2], first)])
     }
 
-    /// Writes lanes `first..` of three consecutive rows.
+    /// Writes lanes `first..` of the three rows of `particle`.
     #[inline(always)]
     pub fn store(self, rows: &mut [Row<L::Scalar>], particle: usize, first: usize) {
         let rows = &mut rows[3 * particle..3 * particle + 3];
@@ -76,13 +76,13 @@ impl<L: Lane> V3<L> {
         self.0[2].store(&mut rows[2], first);
     }
 
-    /// One lane.
+    /// The vector of one lane.
     #[inline(always)]
     pub fn get(self, lane: usize) -> [L::Scalar; 3] {
         [self.0[0].get(lane), self.0[1].get(lane), self.0[2].get(lane)]
     }
 
-    /// Changes one lane.
+    /// Sets the vector of one lane.
     #[inline(always)]
     pub fn set(&mut self, lane: usize, v: [L::Scalar; 3]) {
         self.0[0].set(lane, v[0]);
@@ -90,7 +90,7 @@ impl<L: Lane> V3<L> {
         self.0[2].set(lane, v[2]);
     }
 
-    /// `yes` where the mask holds, else `no`.
+    /// `yes` where the mask holds, `no` elsewhere.
     #[inline(always)]
     pub fn select(mask: L::Mask, yes: Self, no: Self) -> Self {
         let ([a, b, c], [x, y, z]) = (yes.0, no.0);
@@ -124,12 +124,12 @@ impl<L: Lane> V3<L> {
     }
 }
 
-/// A symmetric 3×3 matrix a lane: xx, xy, xz, yy, yz, zz.
+/// One symmetric 3×3 matrix for each lane: xx, xy, xz, yy, yz, zz.
 #[derive(Clone, Copy, Debug)]
 pub struct Sym3<L>(pub [L; 6]);
 
 impl<L: Lane> Sym3<L> {
-    /// The zero matrix.
+    /// The zero matrix in every lane.
     #[inline(always)]
     pub fn zero() -> Self {
         Self([L::zero(); 6])
@@ -171,8 +171,9 @@ impl<L: Lane> Sym3<L> {
         ])
     }
 
-    /// The inverse of a positive definite matrix by its LDLᵀ factors, pivots no smaller than `floor`. (The adjugate
-    /// formula cancels and fails in float32 at a third of the stiffness.)
+    /// The inverse of a positive definite matrix from its LDLᵀ factors, with pivots clamped to at
+    /// least `floor`. The adjugate formula suffers from cancellation and fails in float32 at a
+    /// third of the stiffness.
     #[inline(always)]
     pub fn inverse(&self, floor: L) -> Self {
         let [xx, xy, xz, yy, yz, zz] = self.0;
@@ -205,7 +206,7 @@ impl<L: Lane> AddAssign for Sym3<L> {
     }
 }
 
-/// A 3×3 matrix a lane, row by row.
+/// One 3×3 matrix for each lane, row by row.
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(transparent)]
 pub struct Mat3<L>(pub [[L; 3]; 3]);
@@ -219,7 +220,7 @@ impl<L: Lane> From<Sym3<L>> for Mat3<L> {
 }
 
 impl<L: Lane> Mat3<L> {
-    /// The zero matrix.
+    /// The zero matrix in every lane.
     #[inline(always)]
     pub fn zero() -> Self {
         Self([[L::zero(); 3]; 3])
@@ -243,7 +244,7 @@ impl<L: Lane> Mat3<L> {
         V3::zero().add_transposed(self, v)
     }
 
-    /// `self S` for a symmetric S.
+    /// `self S` for a symmetric matrix S.
     #[inline(always)]
     pub fn mul_sym(&self, s: &Sym3<L>) -> Self {
         Self([s.mul(V3(self.0[0])).0, s.mul(V3(self.0[1])).0, s.mul(V3(self.0[2])).0])
@@ -288,7 +289,7 @@ impl<L: Lane> V3<L> {
 }
 
 impl<L: Lane> Sym3<L> {
-    /// `self − A Bᵀ`, where that product is known to be symmetric.
+    /// `self − A Bᵀ` for a product that is known to be symmetric.
     #[inline(always)]
     pub fn sub_mul_transposed(mut self, a: &Mat3<L>, b: &Mat3<L>) -> Self {
         let places = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
@@ -306,7 +307,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn inverse_inverts() {
+    fn a_matrix_times_its_inverse_is_the_identity() {
         let s = Sym3([4.0f64, 1.0, -0.5, 3.0, 0.7, 2.0]);
         let inverse = s.inverse(1e-3);
         for axis in 0..3 {

@@ -1,20 +1,22 @@
-//! Lanes: one text for scalar and SIMD.
+//! SIMD lanes: one implementation for scalar and SIMD code.
 //!
 //! # Theory
-//! A strand is a chain, so its solve is sequential; strands are independent, so a SIMD register carries one strand a
-//! lane. Every stage of the solvers is written once, generic over [`Lane`], and instantiated with `f64` (the
-//! specification that the golden files check), with [`Pack`]s of `f32` under each instruction set, and with
-//! `Pack<1, _>` for any strand alone.
+//! A strand is a chain, so its solve is sequential; strands are independent of each other, so a
+//! SIMD register holds one strand in each lane. Every stage of the solvers is written once, generic
+//! over [`Lane`], and instantiated with `f64` (the specification that the golden files check), with
+//! [`Pack`]s of `f32` for each instruction set, and with `Pack<1, _>` for single strands.
 //!
 //! # Practice
-//! [`Pack`] is a plain array for any width; x86's wide registers have types of their own. Either way **everything must
-//! inline** into the function that carries the instruction set: no closures in these texts.
+//! [`Pack`] is a plain array for any width; the wide registers of x86 have dedicated types. In both
+//! cases **all code must be inlined** into the function that enables the instruction set, so
+//! generic lane code uses no closures.
 //!
 //! # Limitations
-//! `FMA = false` rounds products before the sum, so results differ between the portable path and the others;
-//! among widths with the same `FMA` they are equal to the bit.
+//! With `FMA = false` a product is rounded before the addition, so the portable path gives
+//! different results from the others; widths with the same value of `FMA` give bit-identical
+//! results.
 
-#![expect(clippy::needless_range_loop, reason = "one index for several arrays is what vectorises")]
+#![expect(clippy::needless_range_loop, reason = "loops with one index for several arrays vectorise")]
 
 mod math;
 pub mod peak;
@@ -35,15 +37,16 @@ pub(crate) use x86::{Avx2, Avx512};
 use num_traits::Float;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
-/// Strands in one block of packed memory: one cache line of `f32`, and the widest register.
+/// Strands in one block of packed memory: one cache line of `f32`, and the width of the widest
+/// register.
 pub const LANES: usize = 16;
 
-/// One row of packed memory: the same component of the same particle of [`LANES`] strands.
+/// One row of packed memory: the same component of the same particle for [`LANES`] strands.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C, align(64))]
 pub struct Row<T>(pub [T; LANES]);
 
-/// The numbers that lanes are made of: `f32` and `f64`, no others.
+/// The scalar types of lanes: `f32` and `f64` only.
 pub trait Real:
     Float + bytemuck::Pod + Default + Send + Sync + std::fmt::Debug + sealed::Sealed + 'static
 {
@@ -57,12 +60,13 @@ mod sealed {
     impl Sealed for f64 {}
 }
 
-// SAFETY: 16 floats fill 64 or 128 bytes, a multiple of the alignment, so there is no padding; any bits are floats.
+// SAFETY: 16 floats fill 64 or 128 bytes, a multiple of the alignment, so there is no padding; any
+// bit pattern is a valid float.
 unsafe impl<T: Real> bytemuck::Zeroable for Row<T> {}
 // SAFETY: as above.
 unsafe impl<T: Real> bytemuck::Pod for Row<T> {}
 
-/// A number a strand, [`Lane::WIDTH`] strands at once.
+/// One number for each of [`Lane::WIDTH`] strands.
 pub trait Lane:
     Copy
     + Add<Output = Self>
@@ -77,42 +81,43 @@ pub trait Lane:
     + Sync
     + 'static
 {
-    /// The number's type in one lane.
+    /// The type of the number in one lane.
     type Scalar: Real;
-    /// A truth value a lane.
+    /// One truth value for each lane.
     type Mask: Copy;
-    /// Lanes; divides [`LANES`].
+    /// Number of lanes; divides [`LANES`].
     const WIDTH: usize;
 
-    /// The same number in every lane.
+    /// Sets every lane to the same number.
     fn splat(value: Self::Scalar) -> Self;
-    /// The same number in every lane, rounded from float64.
+    /// Sets every lane to the same number, rounded from float64.
     fn from_f64(value: f64) -> Self;
-    /// Lanes `first..first + WIDTH` of a row.
+    /// Reads lanes `first..first + WIDTH` of a row.
     fn load(row: &Row<Self::Scalar>, first: usize) -> Self;
     /// Writes lanes `first..first + WIDTH` of a row.
     fn store(self, row: &mut Row<Self::Scalar>, first: usize);
-    /// One lane.
+    /// The value of one lane.
     fn get(self, lane: usize) -> Self::Scalar;
-    /// Changes one lane.
+    /// Sets the value of one lane.
     fn set(&mut self, lane: usize, value: Self::Scalar);
-    /// `self · a + b`, fused where the type says so.
+    /// `self · a + b`, with a single rounding if the type uses fused multiply-add.
     fn mul_add(self, a: Self, b: Self) -> Self;
     /// Square root.
     fn sqrt(self) -> Self;
-    /// The larger; where `self` is NaN, `other`.
+    /// The larger value; `other` where `self` is NaN.
     fn max(self, other: Self) -> Self;
-    /// The smaller; where `self` is NaN, `other`.
+    /// The smaller value; `other` where `self` is NaN.
     fn min(self, other: Self) -> Self;
-    /// `self < other`, a lane.
+    /// `self < other` in each lane.
     fn lt(self, other: Self) -> Self::Mask;
-    /// `yes` where the mask holds, else `no`.
+    /// `yes` where the mask holds, `no` elsewhere.
     fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
-    /// The lanes in which the mask holds, as bits from the lowest.
+    /// The mask as bits; lane 0 is the lowest bit.
     fn bits(mask: Self::Mask) -> u32;
-    /// asin(u)/u for u = √`square`, with `square` in 0–1: half an angle over its sine.
+    /// asin(u)/u for u = √`square`, with `square` in 0–1: the ratio of half an angle to its sine.
     fn asin_ratio(square: Self) -> Self;
-    /// The angle of the point (`x`, `y`) = (`other`, `self`), lane by lane: slow, for options that are not the default.
+    /// The angle of the point (`x`, `y`) = (`other`, `self`), computed lane by lane. Slow: used by
+    /// non-default options only.
     fn atan2(self, other: Self) -> Self;
 
     /// Whether the mask holds in every lane.
@@ -140,8 +145,8 @@ pub trait Lane:
     }
 }
 
-/// `W` numbers in float32, one a strand. `FMA` says whether [`Lane::mul_add`] rounds once (needs the instruction) or
-/// twice.
+/// `W` numbers in float32, one for each strand. `FMA` says whether [`Lane::mul_add`] rounds once
+/// (requires hardware support) or twice.
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(transparent)]
 pub struct Pack<const W: usize, const FMA: bool>([f32; W]);
@@ -210,7 +215,7 @@ impl<const W: usize, const FMA: bool> Lane for Pack<W, FMA> {
         Self([value; W])
     }
     #[inline(always)]
-    #[expect(clippy::cast_possible_truncation, reason = "rounding to float32 is what this does")]
+    #[expect(clippy::cast_possible_truncation, reason = "rounds to float32 on purpose")]
     fn from_f64(value: f64) -> Self {
         Self([value as f32; W])
     }
@@ -291,15 +296,15 @@ impl<const W: usize, const FMA: bool> Lane for Pack<W, FMA> {
     }
 }
 
-/// asin(u)/u in float32: a polynomial on 0–½ and the half-angle identity asin u = π/2 − 2 asin √((1−u)/2) above;
-/// relative error under 1e-6 (5e-6 near u = 1).
+/// asin(u)/u in float32: a polynomial for u in 0–½ and the half-angle identity asin u = π/2 − 2
+/// asin √((1−u)/2) above. The relative error is below 1e-6 (5e-6 near u = 1).
 #[inline(always)]
 fn asin_ratio<L: Lane<Scalar = f32>>(square: L) -> L {
     let half = L::splat(0.5);
     let quarter = L::splat(0.25);
     let small = square.lt(quarter);
     if L::all(small) {
-        return asin_polynomial(square); // the usual case: no strand is bent by 60° against its ghost
+        return asin_polynomial(square); // the usual case: no strand deviates by 60° from its ghost
     }
     let u = square.sqrt();
     let folded = (L::one() - u) * half;
@@ -318,7 +323,8 @@ fn asin_polynomial<L: Lane<Scalar = f32>>(z: L) -> L {
     ratio
 }
 
-/// asin(√z)/√z on 0 ≤ z ≤ ¼: interpolation at Chebyshev nodes, constant term rounded to 1; relative error 2e-7.
+/// Coefficients of asin(√z)/√z for 0 ≤ z ≤ ¼: interpolation at Chebyshev nodes, constant term
+/// rounded to 1; relative error 2e-7.
 pub const ASIN_RATIO: [f32; 5] = [1.0, 1.666_522e-1, 7.545_346e-2, 3.979_444e-2, 5.035_768e-2];
 
 macro_rules! scalar_lane {
@@ -402,11 +408,11 @@ mod tests {
     fn asin_ratio_is_accurate() {
         let (mut worst, mut worst_near_pi) = (0.0f64, 0.0f64);
         for k in 0..=100_000u32 {
-            #[expect(clippy::cast_possible_truncation, reason = "the lane's precision")]
+            #[expect(clippy::cast_possible_truncation, reason = "the precision of the lane")]
             let square = (f64::from(k) / 1e5) as f32;
             let got = Pack::<1, false>::asin_ratio(Pack([square])).0[0];
             let error = (f64::from(got) / f64::asin_ratio(square.into()) - 1.0).abs();
-            // Near u = 1 the derivative is infinite: the rounding of u itself shows.
+            // Near u = 1 the derivative is infinite, so the rounding of u dominates.
             let place = if square < 0.99 { &mut worst } else { &mut worst_near_pi };
             *place = place.max(error);
         }
@@ -415,7 +421,7 @@ mod tests {
     }
 
     #[test]
-    fn masks_choose_a_lane() {
+    fn masks_select_by_lane() {
         let a = Pack::<4, false>([1.0, 2.0, 3.0, f32::NAN]);
         let b = Pack::<4, false>::splat(2.5);
         assert_eq!(Lane::max(a, b).0, [2.5, 2.5, 3.0, 2.5]);

@@ -1,9 +1,10 @@
-//! What arithmetic a core can do at most, measured.
+//! Measurement of the peak arithmetic throughput of a core.
 
 use crate::lane::Simd;
 use std::time::Instant;
 
-/// Operations a second of independent multiply–adds on one core, in float32, fused where the instruction set has that: the best of ten runs.
+/// Floating-point operations per second of independent multiply–adds on one core, in float32, fused
+/// if the instruction set supports it. The best of ten runs.
 pub fn multiply_adds_per_sec() -> f64 {
     const ROUNDS: u32 = 2_000_000;
     let mut best = 0.0f64;
@@ -15,16 +16,16 @@ pub fn multiply_adds_per_sec() -> f64 {
     best
 }
 
-/// Runs `rounds` of independent multiply–adds; answers how many numbers a round has.
+/// Runs `rounds` rounds of independent multiply–adds and returns the number of lanes in a round.
 fn fma_rounds(rounds: u32) -> u32 {
     #[cfg(target_arch = "x86_64")]
     {
         if Simd::Avx512.is_supported() {
-            // SAFETY: checked above.
+            // SAFETY: support was checked above.
             return unsafe { x86::fma_512(rounds) };
         }
         if Simd::Avx2.is_supported() {
-            // SAFETY: checked above.
+            // SAFETY: support was checked above.
             return unsafe { x86::fma_256(rounds) };
         }
     }

@@ -1,7 +1,9 @@
-//! Four numbers at once, for code that gathers and scatters pairs of pairs.
+//! Four float32 numbers in one register, for code that gathers and scatters two pairs of numbers at
+//! a time.
 //!
-//! Every processor that Forelock runs on has registers of four, so this needs no choice at run time; arrays in their
-//! place do vectorise, but not in bodies with as many loads as the grid's stencils.
+//! Every processor that Forelock supports has registers of four numbers, so no selection at run
+//! time is needed. Plain arrays vectorise too, but not in functions with as many loads as the
+//! stencils of the grid.
 
 #[cfg(target_arch = "x86_64")]
 use std::arch::x86_64::*;
@@ -20,7 +22,7 @@ impl Quad {
     }
     #[inline(always)]
     pub fn splat(x: f32) -> Self {
-        // SAFETY: SSE belongs to every x86-64.
+        // SAFETY: every x86-64 processor has SSE.
         Self(unsafe { _mm_set1_ps(x) })
     }
     #[inline(always)]
@@ -34,7 +36,7 @@ impl Add for Quad {
     type Output = Self;
     #[inline(always)]
     fn add(self, other: Self) -> Self {
-        // SAFETY: SSE belongs to every x86-64.
+        // SAFETY: every x86-64 processor has SSE.
         Self(unsafe { _mm_add_ps(self.0, other.0) })
     }
 }
@@ -44,7 +46,7 @@ impl Mul for Quad {
     type Output = Self;
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
-        // SAFETY: SSE belongs to every x86-64.
+        // SAFETY: every x86-64 processor has SSE.
         Self(unsafe { _mm_mul_ps(self.0, other.0) })
     }
 }
@@ -84,13 +86,13 @@ impl Mul for Quad {
 }
 
 impl Quad {
-    /// Two pairs side by side.
+    /// Reads two adjacent pairs.
     #[inline(always)]
     pub fn load(pairs: &[[f32; 2]; 2]) -> Self {
         Self::new(bytemuck::cast(*pairs))
     }
 
-    /// Writes two pairs side by side.
+    /// Writes two adjacent pairs.
     #[inline(always)]
     pub fn store(self, pairs: &mut [[f32; 2]; 2]) {
         *pairs = bytemuck::cast(self.to_array());

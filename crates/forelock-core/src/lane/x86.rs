@@ -1,7 +1,8 @@
-//! Lanes in the registers of x86: AVX2 with FMA (8 strands), AVX-512 (16 strands).
+//! Lanes in x86 registers: AVX2 with FMA (8 strands), AVX-512 (16 strands).
 //!
-//! Plain arrays vectorise too, but a compiler first takes them apart into numbers and must find the vectors again; in
-//! bodies as long as the strand solve it does not always, at twice the time.
+//! Plain arrays vectorise too, but the compiler first splits them into scalars and must then find
+//! the vectors again. In functions as long as the strand solve this sometimes fails and doubles the
+//! run time.
 
 use super::{Lane, Row, asin_ratio};
 use std::arch::x86_64::*;
@@ -16,13 +17,14 @@ macro_rules! register {
     ) => {
         $(#[$doc])*
         ///
-        /// Only for code that runs under `#[target_feature]` with this instruction set.
+        /// Only for code that runs under `#[target_feature]` for this instruction set.
         #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
         #[repr(transparent)]
         pub(crate) struct $name($register);
 
-        // SAFETY, here and below: values of this type exist only in functions instantiated for `$name`, which
-        // `Simd::is_supported` guards; the instructions touch registers, or slices of checked length.
+        // SAFETY, here and below: values of this type exist only in functions instantiated for
+        // `$name`, which `Simd::is_supported` guards; the instructions access registers or slices
+        // of checked length only.
         register!(@operator $name Add add $add, Sub sub $sub, Mul mul $mul, Div div $div);
 
         impl Neg for $name {
@@ -57,7 +59,7 @@ macro_rules! register {
                 Self(unsafe { $set1(value) })
             }
             #[inline(always)]
-            #[expect(clippy::cast_possible_truncation, reason = "rounding to float32 is what this does")]
+            #[expect(clippy::cast_possible_truncation, reason = "rounds to float32 on purpose")]
             fn from_f64(value: f64) -> Self {
                 Self::splat(value as f32)
             }
@@ -137,7 +139,7 @@ macro_rules! register {
 }
 
 register! {
-    /// Eight strands.
+    /// Eight lanes in an AVX2 register.
     Avx2, __m256, 8, __m256;
     _mm256_add_ps _mm256_sub_ps _mm256_mul_ps _mm256_div_ps _mm256_fmadd_ps _mm256_fnmadd_ps _mm256_sqrt_ps
     _mm256_max_ps _mm256_min_ps _mm256_set1_ps _mm256_loadu_ps _mm256_storeu_ps;
@@ -147,7 +149,7 @@ register! {
 }
 
 register! {
-    /// Sixteen strands.
+    /// Sixteen lanes in an AVX-512 register.
     Avx512, __m512, 16, __mmask16;
     _mm512_add_ps _mm512_sub_ps _mm512_mul_ps _mm512_div_ps _mm512_fmadd_ps _mm512_fnmadd_ps _mm512_sqrt_ps
     _mm512_max_ps _mm512_min_ps _mm512_set1_ps _mm512_loadu_ps _mm512_storeu_ps;

@@ -2,7 +2,7 @@
 
 use super::{Simulation, SimulationReal};
 use crate::air::sample_air::AirTerms;
-use crate::air::{Canopy, Wake, WindField};
+use crate::air::{Canopy, PlacedHair, Wake, WindField};
 use crate::collide::resolve_solids::SolidPose;
 use crate::frame::{
     BlockReport, Crew, ExchangeContext, Frame, FrameContext, FrameReport, PlannedStep, SolverReal, Step,
@@ -181,7 +181,8 @@ impl<T: SimulationReal> Simulation<T> {
             wake.update(frame.colliders, origin, self.model.reach, wind.mean);
         }
         if wind.hair_depth > 0.0 {
-            canopy.update(&self.model, (&*self.state.positions, shift), wind.mean, wind.hair_depth);
+            let hair = PlacedHair { positions: &self.state.positions, shift };
+            canopy.update(&self.model, &hair, wind.mean, wind.hair_depth);
         }
         Some(wind)
     }

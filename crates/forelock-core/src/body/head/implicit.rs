@@ -1,23 +1,26 @@
-//! The shape of the head as one function of space. Lengths in centimetres inside this file.
+//! The shape of the head as one implicit function. Lengths in this file are in centimetres.
 //!
-//! A smooth union of radius k differs from the nearer of its parts only where their distances are within k, so parts farther than that are left
-//! out by a bounding ball. All parts are drawn for x ≥ 0 and mirrored with a rounded |x|, which leaves no crease in the middle.
+//! A smooth union with a blend of width k differs from the nearer of its parts only where their
+//! distances differ by less than k, so parts that are farther away are skipped by a bounding ball.
+//! All parts are defined for x ≥ 0 and mirrored with a rounded |x|, which leaves no crease in the
+//! middle.
 
 use glam::{Vec3, vec3};
 
-use crate::body::implicit::{carve, cone, ellipsoid, join, meet};
+use crate::body::implicit::{carve, cone, ellipsoid, intersect, join};
 
 /// Signed distance in metres, negative inside.
 pub fn distance(point: Vec3) -> f32 {
     distance_cm(point * 100.0) * 0.01
 }
 
-/// The same for the head and the space before its face, which reaches on to +z without end.
+/// The same for the union of the head and the space in front of the face, which extends to infinity
+/// along +z.
 pub fn distance_with_face_space(point: Vec3) -> f32 {
     let p = point * 100.0;
     let section = vec3(p.x, p.y, p.z.min(8.5));
     let space = cone(section, vec3(0.0, 0.2, 8.5), vec3(0.0, -10.0, 8.5), 5.6, 5.2);
-    // Hair goes over an ear, not between it and the skull.
+    // Hair must pass over the ear, not between the ear and the skull.
     let ear = ellipsoid(vec3(p.x.abs(), p.y, p.z), vec3(7.6, -1.6, -1.2), vec3(1.4, 3.1, 1.6));
     join(join(distance_cm(p), space, 2.0), ear, 0.6) * 0.01
 }
@@ -64,7 +67,7 @@ fn face(m: Vec3, mut d: f32) -> f32 {
     mouth(m, d)
 }
 
-/// Eyeball between two lids, which are a thicker shell that leaves an almond open.
+/// An eyeball between two lids; the lids are a thicker shell with an almond-shaped opening.
 fn eye(m: Vec3, d: f32) -> f32 {
     let q = m - vec3(3.15, -0.1, 6.75);
     let t = (q.x - 0.05) / 1.5;
@@ -107,11 +110,11 @@ fn ear(m: Vec3, d: f32) -> f32 {
     let out = up.cross(back);
     let out = if out.x < 0.0 { -out } else { out };
     let l = vec3(q.dot(back), q.dot(up), q.dot(out));
-    // Wider at the top than at the lobe.
+    // The ear is wider at the top than at the lobe.
     let width = 1.6 + 0.12 * l.y.clamp(-3.0, 3.0);
     let rim = (vec3(l.x / width, l.y / 3.05, 0.0).length() - 1.0) * 1.5;
     let lift = l.z - 0.25 - 0.05 * l.x;
-    let plate = meet(rim, lift.abs() - 0.38, 0.5);
+    let plate = intersect(rim, lift.abs() - 0.38, 0.5);
     let tube = ((rim + 0.25) * (rim + 0.25) + (lift - 0.3) * (lift - 0.3)).sqrt() - 0.4;
     let mut ear = join(plate, tube, 0.5);
     // Concha and the fossa above it.

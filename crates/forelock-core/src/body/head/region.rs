@@ -1,19 +1,19 @@
-//! Where hair grows on the built-in head. Lengths in centimetres inside this file.
+//! The regions of the built-in head on which hair grows. Lengths in this file are in centimetres.
 
 use glam::{Vec3, vec3};
 
-/// A region of the head that hair grows on.
+/// A region of the head on which hair grows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum Region {
-    /// The hair of the head: from the hairline over the forehead, round the ears, to the nape.
+    /// The scalp: from the hairline at the forehead, around the ears, to the nape.
     #[default]
     Scalp,
     /// Chin, jaw, lower cheeks, upper lip and upper neck.
     Beard,
 }
 
-/// The hairline's height over the way from back to front, (z, y).
+/// Height of the hairline as a function of the position from back to front, (z, y).
 const HAIRLINE: [(f32, f32); 9] = [
     (-4.5, -5.6),
     (-2.6, -3.8),
@@ -26,11 +26,11 @@ const HAIRLINE: [(f32, f32); 9] = [
     (8.6, 6.9),
 ];
 
-/// The upper edge of the beard over the way from back to front, (z, y).
+/// Height of the upper edge of the beard as a function of the position from back to front, (z, y).
 const BEARDLINE: [(f32, f32); 5] = [(0.2, -1.0), (1.2, -2.2), (3.5, -5.2), (6.5, -6.4), (8.0, -8.2)];
 
 impl Region {
-    /// Density of hair at `point` (metres) of the skin, 0 to 1, smooth across the region's edge.
+    /// Density of hair at `point` (metres) on the skin, 0 to 1, smooth across the region's edge.
     pub fn weight(self, point: Vec3) -> f32 {
         let p = point * 100.0;
         match self {
@@ -52,7 +52,7 @@ impl Region {
     }
 }
 
-/// Piecewise linear interpolation, constant beyond the ends.
+/// Piecewise linear interpolation, constant outside the range of `points`.
 fn line(points: &[(f32, f32)], at: f32) -> f32 {
     let next = points.partition_point(|&(x, _)| x <= at);
     if next == 0 || next == points.len() {
@@ -62,13 +62,13 @@ fn line(points: &[(f32, f32)], at: f32) -> f32 {
     y0 + (y1 - y0) * (at - x0) / (x1 - x0)
 }
 
-/// 0 below 0, 1 from `width` on, smooth between.
+/// A smooth step: 0 below 0, 1 above `width`.
 fn rise(x: f32, width: f32) -> f32 {
     let t = (x / width).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }
 
-/// About the distance to an ellipsoid that is mirrored in x = 0.
+/// Approximate distance to an ellipsoid that is mirrored at x = 0.
 fn ellipsoid(p: Vec3, centre: Vec3, radii: Vec3) -> f32 {
     let q = (vec3(p.x.abs(), p.y, p.z) - centre) / radii;
     (q.length() - 1.0) * radii.min_element()

@@ -20,7 +20,8 @@ fn mesh_is_closed_manifold_and_of_genus_zero() {
             *edges.entry((t[i], t[(i + 1) % 3])).or_insert(0) += 1;
         }
     }
-    // Each directed edge once, its opposite once: two triangles an edge, wound alike.
+    // Each directed edge occurs once, and its opposite once: every edge has two triangles of the
+    // same orientation.
     assert!(edges.iter().all(|(&(a, b), &count)| count == 1 && edges.get(&(b, a)) == Some(&1)));
     let euler = mesh.positions.len() as i64 - edges.len() as i64 / 2 + mesh.triangles.len() as i64;
     assert_eq!(euler, 2);
@@ -30,21 +31,22 @@ fn mesh_is_closed_manifold_and_of_genus_zero() {
         .map(|t| t.map(|v| mesh.positions[v as usize]))
         .map(|[a, b, c]| a.dot(b.cross(c)) / 6.0)
         .sum();
-    assert!((0.009..0.014).contains(&volume), "{volume} m³; negative would be inside out");
+    assert!((0.009..0.014).contains(&volume), "{volume} m³; a negative volume means an inside-out mesh");
 }
 
 #[test]
 fn vertices_lie_on_the_surface() {
     let mut off: Vec<f32> = Head::builtin().mesh.positions.iter().map(|&p| Head::distance(p).abs()).collect();
     off.sort_by(f32::total_cmp);
-    // All but the creases of eyes and lips, where a vertex may move less than half a cell.
+    // All vertices except those in the creases of eyes and lips, where a vertex may move by less
+    // than half a cell.
     assert!(off[off.len() * 99 / 100] < 5e-5, "{} m", off[off.len() * 99 / 100]);
     assert!(off[off.len() - 1] < 1e-3, "{} m", off[off.len() - 1]);
 }
 
 #[test]
-fn size_is_a_persons() {
-    // Along a ray from outside to the first point inside.
+fn the_head_has_the_size_of_a_human_head() {
+    // The first point inside the head on a ray from outside.
     let reach = |from: Vec3, to: Vec3| {
         (0..4000).map(|i| from.lerp(to, i as f32 / 4000.0)).find(|&p| Head::distance(p) < 0.0).unwrap()
     };
@@ -87,7 +89,7 @@ fn keep_out_points_outwards_with_the_distance() {
         assert!((gradient.length() - 1.0).abs() < 1e-3 && gradient.dot(n) > 0.8, "{p}: {gradient} {n}");
         assert!((distance - 0.002).abs() < 0.001, "{p}: {distance}");
     }
-    // The bound that the module states.
+    // The bound that the module's documentation states.
     let slopes = head.mesh.positions.iter().zip(&normals).step_by(97).flat_map(|(&p, &n)| {
         [0.005, 0.01, 0.02].map(|out| crate::body::implicit::gradient(Head::distance, p + n * out).length())
     });

@@ -1,14 +1,15 @@
-//! Poses at times, and the poses between them.
+//! Keyframe motion: poses at given times, interpolated in between.
 //!
 //! # Theory
-//! Linear: translation linear, rotation along the shorter arc at constant speed. Smooth: cubic Hermite pieces with
-//! the slopes of the parabola through each key and its neighbours (Catmull and Rom 1974, with uneven times), for the
-//! translation and for the four components of the rotation, made unit again. Slopes at the ends are zero, so the
-//! motion starts and stops at rest.
+//! Linear interpolation: linear in the translation, constant speed along the shorter arc in the
+//! rotation. Smooth interpolation: cubic Hermite pieces whose slope at each key is that of the
+//! parabola through the key and its neighbours (Catmull and Rom 1974, for uneven times), for the
+//! translation and for the four components of the rotation, which is then normalised. The slopes at
+//! the ends are zero, so the motion starts and stops at rest.
 //!
 //! # Limitations
-//! Smooth motion is once continuously differentiable: accelerations jump at keys. Rotations of more than half a turn
-//! between keys are taken the shorter way.
+//! Smooth motion is once continuously differentiable: accelerations are discontinuous at the keys.
+//! A rotation of more than half a turn between two keys takes the shorter arc.
 
 use glam::{DQuat, DVec4};
 
@@ -27,24 +28,24 @@ pub struct Keyframes {
     interpolation: KeyframeInterpolation,
 }
 
-/// What lies between two keys.
+/// Interpolation between two keys.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum KeyframeInterpolation {
     /// A smooth curve through all keys.
     #[default]
     Smooth,
-    /// The straight way, at constant speed.
+    /// Linear interpolation at constant speed.
     Linear,
 }
 
-/// Why keys do not make a motion.
+/// Why keys do not form a motion.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum KeyframesError {
-    /// There are none.
+    /// There are no keys.
     #[error("a motion needs at least one keyframe")]
     Empty,
-    /// Not one pose a time.
+    /// The numbers of times and poses differ.
     #[error("there are {times} times, but {poses} poses")]
     Length {
         /// Times given.
@@ -52,21 +53,22 @@ pub enum KeyframesError {
         /// Poses given.
         poses: usize,
     },
-    /// A time is not after the one before, or not finite.
-    #[error("keyframe {0} is not later than the one before it")]
+    /// The time of this key is not finite or not later than that of the key before.
+    #[error("the time of keyframe {0} is not later than the time of the keyframe before it")]
     Order(usize),
-    /// A pose is not finite, or its rotation is zero.
-    #[error("keyframe {0} is no rigid pose")]
+    /// The pose of this key is not finite, or its rotation is zero.
+    #[error("the pose of keyframe {0} is not finite or has a zero rotation")]
     Pose(usize),
 }
 
 impl Keyframes {
-    /// The motion through `poses` at `times` (seconds, increasing). It stays at the first pose before and at the last
-    /// one after. Rotations off unit length are made unit.
+    /// Creates the motion through `poses` at `times` (seconds, increasing). It stays at the first
+    /// pose before the first time and at the last pose after the last time. Rotations are
+    /// normalised.
     ///
     /// # Errors
-    /// [`KeyframesError`] if there are no keys, not one pose a time, times that do not increase, or a pose that is
-    /// none.
+    /// [`KeyframesError`] if there are no keys, the numbers of times and poses differ, the times do
+    /// not increase, or a pose is invalid.
     pub fn new(
         times: Vec<f64>,
         mut poses: Vec<Pose>,
@@ -91,7 +93,7 @@ impl Keyframes {
             if (length - 1.0).abs() > 1e-9 {
                 pose.rotation = pose.rotation.normalize();
             }
-            // q and −q turn alike: take the one nearer to the key before.
+            // q and −q are the same rotation: choose the one nearer to the previous key.
             if pose.rotation.dot(before) < 0.0 {
                 pose.rotation = -pose.rotation;
             }
@@ -162,7 +164,8 @@ impl Keyframes {
     }
 }
 
-/// Weights at `u` of a cubic over `span` seconds: value and slope at its start, value and slope at its end.
+/// Hermite weights at `u` of a cubic over `span` seconds: value and slope at its start, value and
+/// slope at its end.
 fn hermite(u: f64, span: f64) -> [f64; 4] {
     let v = 1.0 - u;
     [(1.0 + 2.0 * u) * v * v, u * v * v * span, u * u * (3.0 - 2.0 * u), -u * u * v * span]
@@ -170,7 +173,7 @@ fn hermite(u: f64, span: f64) -> [f64; 4] {
 
 #[cfg(feature = "serde")]
 mod raw {
-    //! The keys as a file holds them.
+    //! The keys in the form in which a file stores them.
 
     use super::{KeyframeInterpolation, KeyframesError, Pose};
 
@@ -215,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn passes_through_its_keys() {
+    fn the_motion_passes_through_its_keys() {
         for interpolation in [KeyframeInterpolation::Smooth, KeyframeInterpolation::Linear] {
             let keys = keys(interpolation);
             for (time, pose) in keys.times.iter().zip(&keys.poses) {
@@ -243,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_keys_are_refused() {
+    fn invalid_keys_are_refused() {
         let new = |times: Vec<f64>, poses| Keyframes::new(times, poses, KeyframeInterpolation::Linear);
         let pose = Pose::IDENTITY;
         let zero = Pose { rotation: DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0), ..pose };
@@ -256,7 +259,7 @@ mod tests {
 
     #[cfg(feature = "serde")]
     #[test]
-    fn files_are_checked_as_well() {
+    fn keys_read_from_a_file_are_checked() {
         let text = serde_json::to_string(&keys(KeyframeInterpolation::Linear)).unwrap();
         assert_eq!(serde_json::from_str::<Keyframes>(&text).unwrap(), keys(KeyframeInterpolation::Linear));
         assert!(serde_json::from_str::<Keyframes>(r#"{"times": [], "poses": []}"#).is_err());

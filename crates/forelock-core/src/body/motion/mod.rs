@@ -1,15 +1,17 @@
-//! How the head moves: a pure function from time to [`Pose`].
+//! Motions of the head: functions from time to [`Pose`].
 //!
 //! # Theory
-//! The built-in motions start from the identity with zero velocity and acceleration and are twice continuously
-//! differentiable: they are made of sines, of sin⁴, and of steps s(u) = 6u⁵ − 15u⁴ + 10u³, under an envelope s(t/T) −
-//! s((t − t₁)/T) that fades in over one period T and out before `rest_after_secs`. Spin is the exact integral of that
-//! envelope, so it stops where it has come to.
+//! The built-in motions start at the identity with zero velocity and acceleration and are twice
+//! continuously differentiable. They are composed of sines, of sin⁴ and of the step function
+//! s(u) = 6u⁵ − 15u⁴ + 10u³, multiplied by the envelope s(t/T) − s((t − t₁)/T), which fades in over
+//! one period T and fades out before `rest_after_secs`. The spin is the exact integral of this
+//! envelope, so it stops at the angle that it has reached.
 //!
 //! # Practice
-//! The head turns about the pivot, the base of the neck. Peak accelerations of a point 20 cm above the pivot and 10
-//! cm before it, at the motion's own frequency and amplitude 1, stand at each [`MotionKind`]; they grow with the
-//! amplitude and, but for the roller-coaster, with the square of the frequency.
+//! The head turns about the pivot, the base of the neck. The documentation of each [`MotionKind`]
+//! gives the peak acceleration of a point 20 cm above and 10 cm in front of the pivot, at the
+//! default frequency and amplitude 1. It is proportional to the amplitude and, except for the
+//! roller-coaster, to the square of the frequency.
 
 mod keyframes;
 
@@ -24,13 +26,13 @@ use crate::pose::Pose;
 /// Standard gravity, m/s².
 const GRAVITY: f64 = 9.80665;
 
-/// How the head moves.
+/// The motion of the head.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum Motion {
     /// One of the built-in motions.
     Builtin(BuiltinMotion),
-    /// Poses at times.
+    /// Poses at given times.
     Keyframes(Keyframes),
 }
 
@@ -41,21 +43,21 @@ pub enum MotionKind {
     /// No motion. Peak 0.
     #[default]
     Still,
-    /// Yaw to 60° left and right in turn, with a stop at each side; 0.4 Hz. Peak 2.7 m/s².
+    /// Yaw to 60° left and right alternately, with a stop at each side; 0.4 Hz. Peak 2.7 m/s².
     Turn,
-    /// Pitch by 25° to and fro; 0.8 Hz. Peak 2.7 m/s².
+    /// Pitch by ±25°; 0.8 Hz. Peak 2.7 m/s².
     Nod,
-    /// "No": yaw by 30° and 3 cm sideways to and fro; 2 Hz. Peak 14.1 m/s².
+    /// Shaking the head: yaw by ±30° and a sideways motion of ±3 cm; 2 Hz. Peak 14.1 m/s².
     Shake,
-    /// Yaw round and round; 0.75 turns a second. Peak 2.2 m/s².
+    /// Continuous yaw; 0.75 turns per second. Peak 2.2 m/s².
     Spin,
-    /// Up by 20 cm and down; 1.2 Hz. Peak 11.4 m/s².
+    /// Jumps of 20 cm; 1.2 Hz. Peak 11.4 m/s².
     Jump,
-    /// A second of violent shaking (35°, 4 cm, 2.5 Hz) and a second of jumps (15 cm, 2 Hz) by turns; its frequency,
-    /// 0.5 Hz, is that of the whole. Peak 39 m/s².
+    /// One second of violent shaking (35°, 4 cm, 2.5 Hz) alternating with one second of jumps (15
+    /// cm, 2 Hz); the frequency, 0.5 Hz, is that of the whole cycle. Peak 39 m/s².
     ShakeAndJump,
-    /// A ride that pulls up to 3 g up and down and 1.5 g sideways whatever its frequency, pitching by 20°; 1 Hz, as
-    /// in the AMS paper. Peak 33 m/s².
+    /// A ride with accelerations up to 3 g vertically and 1.5 g sideways at any frequency, pitching
+    /// by 20°; 1 Hz, as in the AMS paper. Peak 33 m/s².
     RollerCoaster,
 }
 
@@ -67,21 +69,23 @@ pub enum MotionKind {
     serde(default, deny_unknown_fields)
 )]
 pub struct BuiltinMotion {
-    /// Which one. Default "still".
+    /// Kind of motion. Default "still".
     pub kind: MotionKind,
-    /// Factor on the motion's angles and lengths. No unit, default 1, range 0 or more; 0 is still.
+    /// Factor applied to the angles and lengths of the motion. No unit, default 1, range 0 or more;
+    /// 0 is still.
     pub amplitude: f64,
-    /// Frequency in Hz, above 0 (otherwise nothing moves); absent: the motion's own.
+    /// Frequency in Hz, above 0 (otherwise nothing moves); if absent, the default frequency of the
+    /// motion.
     pub frequency_hz: Option<f64>,
-    /// When the motion has come to rest, in seconds; absent: never.
+    /// Time at which the motion has come to rest, in seconds; if absent, it never stops.
     pub rest_after_secs: Option<f64>,
     /// The point about which the head turns, the base of the neck, in metres. Default (0, 0, 0).
     pub pivot: DVec3,
 }
 
-/// There is no built-in motion of that name; [`Motion::NAMES`] lists them.
+/// There is no built-in motion of the given name; [`Motion::NAMES`] lists the names.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("there is no motion `{0}`")]
+#[error("there is no built-in motion `{0}`")]
 pub struct UnknownMotion(pub String);
 
 impl Default for Motion {
@@ -95,10 +99,11 @@ impl Motion {
     pub const NAMES: [&'static str; 8] =
         ["still", "turn", "nod", "shake", "spin", "jump", "shake-and-jump", "roller-coaster"];
 
-    /// The built-in motion `name`, with its own frequency, amplitude 1, turning about the origin.
+    /// The built-in motion `name` with its default frequency, amplitude 1 and the pivot at the
+    /// origin.
     ///
     /// # Errors
-    /// [`UnknownMotion`] if it is none of [`Motion::NAMES`].
+    /// [`UnknownMotion`] if `name` is not in [`Motion::NAMES`].
     pub fn by_name(name: &str) -> Result<Self, UnknownMotion> {
         let kind = match name {
             "still" => MotionKind::Still,
@@ -114,7 +119,8 @@ impl Motion {
         Ok(Self::Builtin(BuiltinMotion { kind, ..BuiltinMotion::default() }))
     }
 
-    /// The pose at `time` seconds: world from head. Before 0 a built-in motion is at the identity.
+    /// The pose at `time` seconds: world from head. A built-in motion is at the identity before
+    /// time 0.
     pub fn pose(&self, time: f64) -> Pose {
         match self {
             Self::Builtin(motion) => motion.pose(time),
@@ -136,7 +142,7 @@ impl Default for BuiltinMotion {
 }
 
 impl MotionKind {
-    /// The motion's own frequency in Hz.
+    /// The default frequency of the motion in Hz.
     pub fn frequency_hz(self) -> f64 {
         match self {
             Self::Still | Self::RollerCoaster => 1.0,
@@ -168,7 +174,7 @@ impl BuiltinMotion {
 }
 
 impl MotionKind {
-    /// Axis, angle in radians and shift in metres after `periods` periods.
+    /// Rotation axis, angle in radians and translation in metres after `periods` periods.
     fn displace(self, periods: f64, frequency: f64, fade: &Fade) -> (DVec3, f64, DVec3) {
         let level = fade.level(periods);
         let sine = |times: f64| (TAU * times * periods).sin();
@@ -182,7 +188,7 @@ impl MotionKind {
             Self::Jump => (DVec3::Y, 0.0, DVec3::Y * (0.2 * level * hop(periods))),
             Self::ShakeAndJump => {
                 let part = periods.fract();
-                // Half a cycle each, a tenth of a cycle to fade in and out.
+                // Half a cycle each, with a fade of a tenth of a cycle at both ends.
                 let window = |from: f64| step((part - from) / 0.1) - step((part - from - 0.4) / 0.1);
                 let (shake, jump) = (window(0.0) * sine(5.0), window(0.5) * hop(4.0 * part));
                 let shift = DVec3::new(0.04 * shake, 0.15 * jump, 0.0) * level;
@@ -197,16 +203,16 @@ impl MotionKind {
     }
 }
 
-/// The envelope that takes a motion from rest, and back to rest.
+/// The envelope that starts a motion from rest and brings it back to rest.
 struct Fade {
-    /// How long it takes, in periods.
+    /// Duration of each fade, in periods.
     length: f64,
-    /// When all is at rest, in periods.
+    /// Time at which the motion has come to rest, in periods.
     rest: f64,
 }
 
 impl Fade {
-    /// Between 0 and 1, twice continuously differentiable.
+    /// The value of the envelope, 0 to 1, twice continuously differentiable.
     fn level(&self, periods: f64) -> f64 {
         if periods >= self.rest {
             return 0.0;
@@ -214,7 +220,7 @@ impl Fade {
         step(periods / self.length) - step((periods - (self.rest - self.length)) / self.length)
     }
 
-    /// The integral of the level from 0.
+    /// The integral of the envelope from time 0.
     fn integral(&self, periods: f64) -> f64 {
         let periods = periods.min(self.rest);
         if self.length == 0.0 {
@@ -228,13 +234,15 @@ impl Fade {
     }
 }
 
-/// From 0 at `u` ≤ 0 to 1 at `u` ≥ 1, with two zero derivatives at both ends.
+/// A smooth step from 0 at `u` ≤ 0 to 1 at `u` ≥ 1; the first two derivatives are zero at both
+/// ends.
 fn step(u: f64) -> f64 {
     let u = u.clamp(0.0, 1.0);
     u * u * u * (u * (6.0 * u - 15.0) + 10.0)
 }
 
-/// From 0 to 1 in the first half period, to −1 in the next, and so on; three fifths of each half are motion.
+/// From 0 to 1 in the first half period, to −1 in the next, and so on; the motion takes three
+/// fifths of each half period.
 fn swing_with_stops(periods: f64) -> f64 {
     let half = (2.0 * periods).floor();
     let to = if half % 2.0 == 0.0 { 1.0 } else { -1.0 };
@@ -242,7 +250,7 @@ fn swing_with_stops(periods: f64) -> f64 {
     from + (to - from) * step((2.0 * periods - half) / 0.6)
 }
 
-/// sin⁴: one hop a period, at rest on the ground between.
+/// sin⁴: one hop per period, at rest on the ground in between.
 fn hop(periods: f64) -> f64 {
     (PI * periods).sin().powi(4)
 }
@@ -258,7 +266,8 @@ mod tests {
         }
     }
 
-    /// Greatest acceleration within ten seconds of a point on the head, and greatest jump of it in a millisecond.
+    /// Greatest acceleration of a point on the head within ten seconds, and its greatest change in
+    /// a millisecond.
     fn peaks(motion: &BuiltinMotion) -> (f64, f64) {
         let (h, point) = (1e-3, DVec3::new(0.0, 0.2, 0.1));
         let x = |n: i32| motion.pose(f64::from(n) * h).transform_point(point);
@@ -282,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn all_start_from_and_return_to_rest() {
+    fn all_motions_start_and_end_at_rest() {
         for name in Motion::NAMES {
             let motion = BuiltinMotion {
                 rest_after_secs: Some(2.0),
@@ -326,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn names_are_known_and_others_are_not() {
+    fn only_listed_names_are_known() {
         for name in Motion::NAMES {
             assert!(Motion::by_name(name).is_ok());
         }
@@ -335,7 +344,7 @@ mod tests {
 
     #[cfg(feature = "serde")]
     #[test]
-    fn names_are_those_of_the_scene_file() {
+    fn the_scene_file_uses_the_same_names() {
         for name in Motion::NAMES {
             let json = format!(r#"{{"builtin": {{"kind": "{name}"}}}}"#);
             let read: Motion = serde_json::from_str(&json).unwrap();

@@ -1,18 +1,19 @@
-//! The comb. Lengths in centimetres inside this file.
+//! The comb. Lengths in this file are in centimetres.
 
 use glam::{Vec3, vec2, vec3};
 
 use crate::body::implicit::{cone, join};
+use crate::body::surface_nets::Bounds;
 
-/// A box that holds the comb, in metres.
-pub const BOX: (Vec3, Vec3) = (vec3(-0.0896, -0.0448, -0.0042), vec3(0.0896, 0.0084, 0.0042));
+/// A box that contains the comb, in metres.
+pub const BOX: Bounds = Bounds { min: vec3(-0.0896, -0.0448, -0.0042), max: vec3(0.0896, 0.0084, 0.0042) };
 
-/// Teeth to both sides of the one in the middle, and from tooth to tooth.
+/// Number of teeth on each side of the middle tooth, and distance between teeth.
 const TEETH: f32 = 15.0;
 const PITCH: f32 = 0.55;
 /// Radii of a tooth at its root and its tip.
 const RADII: (f32, f32) = (0.16, 0.11);
-/// Where a tooth's axis ends.
+/// The y coordinate of the end of a tooth's axis.
 const TIP: f32 = -4.0;
 
 /// Signed distance to the comb, negative inside.
@@ -23,7 +24,7 @@ pub fn distance_cm(p: Vec3) -> f32 {
     join(spine(p), teeth, 0.12)
 }
 
-/// A rounded plate, its back a little arched.
+/// A rounded plate with a slightly arched back.
 fn spine(p: Vec3) -> f32 {
     let arch = 0.12 * (1.0 - (p.x / 8.75).powi(2));
     let half = vec3(8.6, 0.6 + 0.5 * arch, 0.19);

@@ -1,16 +1,19 @@
-//! The hand. Lengths in centimetres, angles in degrees inside this file.
+//! The hand. Lengths in this file are in centimetres, angles in degrees.
 //!
-//! Proportions as drawing teaches them: the middle finger as long as the palm's back, each phalanx about two thirds of the one before it (0.46, 0.30,
-//! 0.24 of a finger), knuckles on an arc, fingers' axes meeting at the wrist.
+//! The proportions are those that drawing courses teach: the middle finger is as long as the back
+//! of the palm, each phalanx is about two thirds of the one before it (0.46, 0.30, 0.24 of a
+//! finger), the knuckles lie on an arc, and the axes of the fingers intersect at the wrist.
 
 use glam::{Vec3, vec3};
 
-use crate::body::implicit::{carve, cone, ellipsoid, join, meet};
+use crate::body::implicit::{carve, cone, ellipsoid, intersect, join};
+use crate::body::surface_nets::Bounds;
 
-/// A box that holds the hand, in metres.
-pub const BOX: (Vec3, Vec3) = (vec3(-0.105, -0.075, -0.032), vec3(0.058, 0.197, 0.072));
+/// A box that contains the hand, in metres.
+pub const BOX: Bounds = Bounds { min: vec3(-0.105, -0.075, -0.032), max: vec3(0.058, 0.197, 0.072) };
 
-/// A finger: its knuckle, how far it leans to +x, its length from the knuckle's centre to its tip, and its radius at the knuckle.
+/// A finger: its knuckle, its lean towards +x, its length from the knuckle's centre to its tip, and
+/// its radius at the knuckle.
 struct Finger {
     knuckle: Vec3,
     lean: f32,
@@ -26,7 +29,7 @@ const FINGERS: [Finger; 4] = [
     Finger { knuckle: vec3(2.95, 8.35, 0.1), lean: 18.0, length: 7.2, radius: 0.8 },
 ];
 
-/// How far each phalanx bends to the palm from the one before it.
+/// Angle by which each phalanx bends towards the palm, relative to the one before it.
 const BENDS: [f32; 3] = [7.0, 12.0, 9.0];
 
 /// Signed distance to the hand, negative inside.
@@ -51,13 +54,13 @@ impl Finger {
             vec3(side.sin() * bend.cos(), side.cos() * bend.cos(), bend.sin())
         };
         let (mut from, mut bend, mut radius, mut d) = (self.knuckle, 0.0, self.radius, f32::INFINITY);
-        // The tip's own radius is part of the length.
+        // The rounded tip is part of the length.
         let bones = self.length - 0.72 * self.radius;
         for (share, more) in [0.46, 0.3, 0.24].into_iter().zip(BENDS) {
             bend += more;
             let to = from + along(bend) * (bones * share);
             let next = 0.9 * radius;
-            // The rounded union makes the joints a little thicker than the bones between them.
+            // The smooth union makes the joints slightly thicker than the bones between them.
             d = join(d, cone(p, from, to, radius, next), 0.25);
             (from, radius) = (to, next);
         }
@@ -68,7 +71,7 @@ impl Finger {
 fn palm(p: Vec3) -> f32 {
     let mut d = f32::INFINITY;
     for finger in &FINGERS {
-        // The four bones of the palm run together at the wrist.
+        // The four bones of the palm converge at the wrist.
         let base = vec3(0.42 * finger.knuckle.x - 0.05, 1.2, 0.0);
         d = join(d, cone(p, base, finger.knuckle, 1.35, finger.radius + 0.12), 1.3);
     }
@@ -91,6 +94,6 @@ fn thumb(p: Vec3) -> f32 {
 fn forearm(p: Vec3) -> f32 {
     let flat = vec3(p.x, p.y, 1.32 * p.z);
     let arm = cone(flat, vec3(0.0, 1.0, 0.1), vec3(0.0, -8.5, 0.0), 2.55, 3.05);
-    // Squeezed space changes faster than distance: by 1.32 at most.
-    meet(arm / 1.15, -7.0 - p.y, 0.5)
+    // Distances in compressed space change faster than true distances, by a factor of at most 1.32.
+    intersect(arm / 1.15, -7.0 - p.y, 0.5)
 }

@@ -4,7 +4,7 @@ use super::*;
 
 const PROPS: [Prop; 3] = [Prop::Hand, Prop::Comb, Prop::HoledSphere { radius: 0.12 }];
 
-/// Handles: 0 for a ball, one for each hole beyond the first of a shell.
+/// The genus of a closed surface: 0 for a ball; for a shell, the number of holes minus one.
 fn genus(mesh: &TriMesh) -> i64 {
     let mut edges = HashMap::new();
     for t in &mesh.triangles {
@@ -13,20 +13,20 @@ fn genus(mesh: &TriMesh) -> i64 {
         }
     }
     let closed = edges.iter().all(|(&(a, b), &count)| count == 1 && edges.get(&(b, a)) == Some(&1));
-    assert!(closed, "each directed edge once, its opposite once");
+    assert!(closed, "each directed edge must occur once, and its opposite once");
     let euler = mesh.positions.len() as i64 - edges.len() as i64 / 2 + mesh.triangles.len() as i64;
     (2 - euler) / 2
 }
 
 #[test]
-fn meshes_are_closed_and_have_the_holes_that_they_should() {
+fn meshes_are_closed_and_have_the_right_genus() {
     for (prop, handles) in PROPS.into_iter().zip([0, 0, 13]) {
         assert_eq!(genus(&prop.mesh()), handles, "{prop:?}");
     }
 }
 
 #[test]
-fn sizes_are_those_of_the_real_thing() {
+fn props_have_the_sizes_of_real_objects() {
     let size = |prop: Prop| {
         let (low, high) = prop.mesh().bounds();
         (low, high)
@@ -43,11 +43,12 @@ fn sizes_are_those_of_the_real_thing() {
 }
 
 #[test]
-fn a_field_shows_the_thinnest_part() {
+fn a_field_resolves_the_thinnest_part() {
     for prop in PROPS {
         let mesh = prop.mesh();
         let sdf = crate::body::Sdf::from_mesh(&mesh, prop.field_nodes(), 0.004).unwrap();
-        // Vertices pushed in by half a millimetre are inside the field, and out again outside.
+        // Vertices moved inwards by half a millimetre are inside the field, and outside when moved
+        // outwards.
         let normals = mesh.vertex_normals();
         let wrong = mesh.positions.iter().zip(&normals).filter(|(p, n)| {
             let at = |by: f32| sdf.sample(**p + **n * by).0;
@@ -56,7 +57,7 @@ fn a_field_shows_the_thinnest_part() {
         let share = wrong.count() as f32 / mesh.positions.len() as f32;
         assert!(share < 0.01, "{prop:?}: {share}");
     }
-    // Between two teeth there is space, and a tooth is thicker than two cells.
+    // There is space between two teeth, and a tooth is thicker than two cells.
     assert!(Prop::Comb.distance(Vec3::new(0.00275, -0.02, 0.0)) > 5e-4);
     assert!(Prop::Comb.distance(Vec3::new(0.0, -0.039, 0.0)) < -1e-3);
 }

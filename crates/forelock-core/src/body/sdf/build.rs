@@ -1,16 +1,18 @@
-//! A field from a mesh.
+//! Construction of a distance field from a mesh.
 //!
 //! # Theory
-//! Every node holds its exact distance to the surface of the [`ClosedMesh`], found in the tree from the answer of the
-//! node before it: neighbours differ by less than a cell, so that the search starts nearly done, and no band or
-//! propagation with its errors is needed. Signs come from rows along x: each triangle is drawn once onto the yz
-//! plane, every row it covers is told where it is crossed and which way, and a running sum along the row is the
-//! winding number. The crossing test is that of [`Bvh::winding_number`](super::super::Bvh::winding_number): exact, so
-//! that no row leaks.
+//! Every node stores its exact distance to the surface of the [`ClosedMesh`]. The search tree is
+//! queried with the result of the previous node as a hint: distances at neighbouring nodes differ
+//! by less than a cell, so most of the tree is skipped at once, and no narrow band or propagation
+//! with its errors is needed. Signs are computed along rows in x: each triangle is projected once
+//! onto the yz plane, the position and the sign of its crossing are recorded in every row that it
+//! covers, and a running sum along the row gives the winding number. The crossing test is that of
+//! [`Bvh::winding_number`](super::super::Bvh::winding_number); it is exact, so no row leaks.
 //!
 //! # Practice
-//! Layers are independent: any number of threads gives the same field. A node takes about 2 µs of one core; a head of
-//! 21,510 triangles on 77 × 128 × 98 nodes takes 1.3 s on two.
+//! Layers are independent, so the field does not depend on the number of threads. A node takes
+//! about 2 µs on one core; a head of 21,510 triangles on 77 × 128 × 98 nodes takes 1.3 s on two
+//! cores.
 
 use glam::{UVec3, Vec3};
 use rayon::prelude::*;
@@ -19,21 +21,22 @@ use super::super::bvh::crossing;
 use super::super::{ClosedMesh, TriMesh};
 use super::{Sdf, SdfError};
 
-/// Finest grid: nodes along the longest axis.
+/// Maximum number of nodes along the longest axis.
 const FINEST: u32 = 1024;
 
 impl Sdf {
-    /// The field of `mesh` on a grid with `nodes` nodes (8–1024) along the longest axis, reaching `padding` metres
-    /// (at least one cell) beyond the mesh. Holes are closed first, see [`ClosedMesh`].
+    /// Creates the field of `mesh` on a grid with `nodes` nodes (8–1024) along the longest axis;
+    /// the grid extends `padding` metres (at least one cell) beyond the mesh. Holes are closed
+    /// first, see [`ClosedMesh`].
     ///
     /// # Errors
-    /// [`SdfError::Resolution`] for another number of nodes or a negative padding, [`SdfError::NothingInside`] if the
-    /// mesh encloses nothing.
+    /// [`SdfError::Resolution`] if `nodes` is out of range or `padding` is negative,
+    /// [`SdfError::NothingInside`] if the mesh encloses no volume.
     pub fn from_mesh(mesh: &TriMesh, nodes: u32, padding: f32) -> Result<Self, SdfError> {
         Self::from_closed(&ClosedMesh::new(mesh), nodes, padding)
     }
 
-    /// The same from a mesh already closed.
+    /// Creates the field of a closed mesh.
     ///
     /// # Errors
     /// As [`Sdf::from_mesh`].
@@ -80,7 +83,7 @@ impl Grid {
     fn winding_in_layer(&self, closed: &ClosedMesh, k: u32) -> Vec<i32> {
         let (width, height) = (self.dims.x as usize, self.dims.y as usize);
         let z = self.node(0, 0, k).z;
-        // At each node, how the number changes between the node before and it.
+        // The change of the winding number between the previous node and each node.
         let mut winding = vec![0i32; width * height];
         for corners in closed.triangles() {
             let [a, b, c] = *corners;
@@ -96,7 +99,8 @@ impl Grid {
                 while i < self.dims.x && f64::from(self.node(i, 0, 0).x) < x {
                     i += 1;
                 }
-                // Entering (−1 along the ray) raises the number of all nodes behind.
+                // Entering the solid (−1 along the ray) raises the number at all nodes behind the
+                // crossing.
                 if i < self.dims.x {
                     winding[j * width + i as usize] -= sign;
                 }
@@ -117,7 +121,7 @@ impl Grid {
         let mut hint = None;
         for j in 0..self.dims.y {
             for step in 0..width {
-                // There and back, so that each node's hint is the answer of a neighbour.
+                // Alternating directions, so that each node's hint is the result of a neighbour.
                 let i = if j % 2 == 0 { step } else { width - 1 - step };
                 hint = closed.nearest_from(self.node(i, j, k), hint.as_ref());
                 let distance = hint.map_or(f32::MAX, |nearest| nearest.distance_squared.sqrt());
@@ -137,15 +141,15 @@ mod tests {
     fn a_sphere_has_the_distances_of_a_sphere() {
         let (radius, around) = (0.1f32, 96);
         let sdf = Sdf::from_mesh(&uv_sphere(radius, around, 48), 64, 0.02).unwrap();
-        // Facets of 3.75° lie under the sphere by radius (1 − cos(π/48)) at most; interpolation adds cell²/(8 r) an
-        // axis.
+        // Facets of 3.75° lie below the sphere by at most radius (1 − cos(π/48)); interpolation
+        // adds cell²/(8 r) per axis.
         let facet = radius * (1.0 - (std::f32::consts::PI / 48.0).cos());
         for p in lattice(4000, 0.12) {
             let r = p.length();
             let (distance, gradient) = sdf.sample(p);
             if r > 0.04 {
                 let bound = facet + 3.0 * sdf.cell() * sdf.cell() / (8.0 * r.min(radius)) + 1e-5;
-                assert!((distance - (r - radius)).abs() < bound, "{p}: {distance} for {}", r - radius);
+                assert!((distance - (r - radius)).abs() < bound, "{p}: {distance} instead of {}", r - radius);
                 assert!(gradient.normalize().dot(p / r) > 0.995, "{p}: {gradient}");
             } else {
                 assert!(distance < -0.05);
@@ -190,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn the_number_of_threads_does_not_matter() {
+    fn the_field_does_not_depend_on_the_number_of_threads() {
         let mesh = uv_sphere(0.1, 24, 12);
         let with = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -200,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn useless_requests_are_refused() {
+    fn invalid_requests_are_refused() {
         let mesh = cuboid(Vec3::ONE);
         for (nodes, padding) in [(0, 0.0), (7, 0.0), (5000, 0.0), (64, -1.0), (64, f32::NAN)] {
             assert!(matches!(Sdf::from_mesh(&mesh, nodes, padding), Err(SdfError::Resolution { .. })));

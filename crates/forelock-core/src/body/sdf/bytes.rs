@@ -1,41 +1,41 @@
-//! A field as bytes, for a cache on disk.
+//! A distance field as bytes, for a cache on disk.
 //!
-//! Little-endian: 8 bytes of magic with the version, `dims` 3 × u32, `origin` 3 × f32, `cell` f32, the values f32,
-//! and a 64-bit FNV-1a hash of all words before it.
+//! All numbers are little-endian: 8 bytes of magic including the version, `dims` 3 × u32, `origin`
+//! 3 × f32, `cell` f32, the values f32, and a 64-bit FNV-1a hash of all preceding 32-bit words.
 
 use glam::{UVec3, Vec3};
 
 use super::{Sdf, SdfError, node_count};
 
-/// Names the format and its version.
+/// Identifies the format and its version.
 const MAGIC: &[u8; 8] = b"FLSDF\0\0\x01";
 const HEADER: usize = 8 + 7 * 4;
 const TRAILER: usize = 8;
 
-/// Why bytes are not a field.
+/// Why bytes are not a valid distance field.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SdfBytesError {
-    /// They do not begin as a field of this version does.
+    /// The bytes do not begin with the magic number of this version.
     #[error("not a distance field of version {}", MAGIC[7])]
     Magic,
-    /// They end early, or go on too long.
-    #[error("a field of this size takes {expected} bytes, but there are {found}")]
+    /// There are too few or too many bytes.
+    #[error("a distance field of this size has {expected} bytes, but {found} were given")]
     Length {
-        /// Bytes that the header announces.
+        /// Number of bytes that the header implies.
         expected: u64,
-        /// Bytes there are.
+        /// Number of bytes found.
         found: usize,
     },
-    /// They were changed since they were written.
-    #[error("the checksum of the field does not match")]
+    /// The bytes were changed since they were written.
+    #[error("the checksum of the distance field does not match: the data is damaged")]
     Checksum,
-    /// They are whole, but do not describe a field.
+    /// The bytes are complete, but do not describe a field.
     #[error(transparent)]
     Field(#[from] SdfError),
 }
 
 impl Sdf {
-    /// The field as bytes; [`Sdf::from_bytes`] gives back the same field, bit for bit.
+    /// The field as bytes; [`Sdf::from_bytes`] restores it bit for bit.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(HEADER + self.values.len() * 4 + TRAILER);
         bytes.extend_from_slice(MAGIC);
@@ -47,10 +47,10 @@ impl Sdf {
         bytes
     }
 
-    /// The field that [`Sdf::to_bytes`] wrote.
+    /// Reads a field written by [`Sdf::to_bytes`].
     ///
     /// # Errors
-    /// [`SdfBytesError`]: nothing is allocated before the length is found right.
+    /// [`SdfBytesError`]. Nothing is allocated before the length has been checked.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, SdfBytesError> {
         let wrong = |expected| SdfBytesError::Length { expected, found: bytes.len() };
         let Some(header) = bytes.get(..HEADER) else {
@@ -76,7 +76,7 @@ impl Sdf {
     }
 }
 
-/// `bytes` as little-endian words.
+/// Splits `bytes` into little-endian words.
 fn words(bytes: &[u8]) -> Vec<u32> {
     bytes.as_chunks().0.iter().map(|word| u32::from_le_bytes(*word)).collect()
 }

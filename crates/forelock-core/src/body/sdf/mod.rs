@@ -1,15 +1,17 @@
-//! Signed distance fields on a regular grid: what a solid looks like to a strand.
+//! Signed distance fields (SDFs) on a regular grid.
 //!
 //! # Theory
-//! σ(p) is the distance from p to the solid's surface, negative inside. Between the nodes it is trilinear, so that it
-//! is continuous and its gradient inside a cell is the exact derivative of the value returned. Outside the grid, with
-//! c the nearest point of the grid's box, every point q of the solid has (p − c)·(q − c) ≤ 0, hence
-//! |p − q|² ≥ |p − c|² + |c − q|²: the field answers √(|p − c|² + σ(c)²), a lower bound of the truth.
+//! σ(p) is the distance from p to the solid's surface, negative inside. It is interpolated
+//! trilinearly between the nodes, so it is continuous, and its gradient inside a cell is the exact
+//! derivative of the returned value. Outside the grid, let c be the nearest point of the grid's
+//! box. Every point q of the solid satisfies (p − c)·(q − c) ≤ 0, hence
+//! |p − q|² ≥ |p − c|² + |c − q|²: the field returns √(|p − c|² + σ(c)²), a lower bound of the true
+//! distance.
 //!
 //! # Limitations
-//! Features thinner than a cell are seen only where a node falls into them. Trilinear interpolation of an exact
-//! distance errs by at most cell²/(8 r) per axis where the surface's radius of curvature is r, and rounds sharp edges
-//! by about a third of a cell.
+//! Features thinner than a cell are represented only if a node lies inside them. The error of
+//! trilinear interpolation of an exact distance is at most cell²/(8 r) per axis where the surface's
+//! radius of curvature is r; sharp edges are rounded by about a third of a cell.
 
 mod build;
 mod bytes;
@@ -26,11 +28,13 @@ pub struct Sdf {
     origin: Vec3,
     cell: f32,
     values: Vec<f32>,
-    /// Derived from the above, so that a sample need not: 1 / cell, nodes a layer, the last node's index.
+    /// Precomputed from the fields above: 1 / cell, number of nodes in a layer, index of the last
+    /// node.
     inv_cell: f32,
     layer: u32,
     top: Vec3,
-    /// The least value of each block of `BLOCK` cells a side, borders included; blocks along x and y; the last block.
+    /// The least value of each block of `BLOCK` cells a side, borders included; the number of
+    /// blocks along x and y; the last block.
     least: Vec<f32>,
     blocks: [u32; 2],
     top_block: Vec3,
@@ -38,13 +42,14 @@ pub struct Sdf {
 
 /// Cells along the side of a block.
 const BLOCK: usize = 2;
-/// Why values do not make a field.
+
+/// Why values do not form a field.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SdfError {
-    /// Fewer than two nodes along an axis, or more nodes than 32 bits can count.
-    #[error("a grid of {} x {} x {} nodes cannot hold a field", .0.x, .0.y, .0.z)]
+    /// There are fewer than two nodes along an axis, or more nodes than 32 bits can index.
+    #[error("a grid of {} x {} x {} nodes cannot hold a distance field", .0.x, .0.y, .0.z)]
     Dims(UVec3),
-    /// The number of values is not the number of nodes.
+    /// The number of values differs from the number of nodes.
     #[error("the grid has {expected} nodes, but {found} values were given")]
     Length {
         /// Nodes of the grid.
@@ -53,35 +58,39 @@ pub enum SdfError {
         found: usize,
     },
     /// The cell is not a positive length, or the origin is not finite.
-    #[error("the grid needs a finite origin and a positive cell, not {origin} and {cell} m")]
+    #[error("the grid needs a finite origin and a positive cell size, not {origin} and {cell} m")]
     Frame {
         /// The origin given.
         origin: Vec3,
         /// The cell given.
         cell: f32,
     },
-    /// More or fewer nodes than a field is made with, or a padding that is not a length.
-    #[error("a field is made with 8 to 1024 nodes and a padding of 0 m or more, not {nodes} and {padding} m")]
+    /// The number of nodes is out of range, or the padding is negative or not finite.
+    #[error(
+        "a distance field needs 8 to 1024 nodes and a padding of 0 m or more, \
+         not {nodes} nodes and {padding} m"
+    )]
     Resolution {
         /// Nodes along the longest axis.
         nodes: u32,
         /// Padding in metres.
         padding: f32,
     },
-    /// The mesh encloses nothing.
+    /// The mesh encloses no volume.
     #[error("the mesh encloses no volume, so it has no inside")]
     NothingInside,
-    /// A value is not finite.
-    #[error("value {0} of the field is not finite")]
+    /// The value of this index is not finite.
+    #[error("value {0} of the distance field is not finite")]
     NonFinite(usize),
 }
 
 impl Sdf {
-    /// A field of `values` (metres, x fastest) on `dims` nodes, the first at `origin`, `cell` metres apart.
+    /// Creates a field of `values` (metres, x fastest) on `dims` nodes, `cell` metres apart, the
+    /// first at `origin`.
     ///
     /// # Errors
-    /// [`SdfError`] if there are fewer than two nodes along an axis, the values are not one a node, or anything is
-    /// not finite.
+    /// [`SdfError`] if there are fewer than two nodes along an axis, the number of values is not
+    /// the number of nodes, the cell is not positive, or a number is not finite.
     pub fn new(dims: UVec3, origin: Vec3, cell: f32, values: Vec<f32>) -> Result<Self, SdfError> {
         let expected = node_count(dims).ok_or(SdfError::Dims(dims))?;
         if !(origin.is_finite() && cell > 0.0 && cell.is_finite() && (1.0 / cell).is_finite()) {
@@ -108,12 +117,12 @@ impl Sdf {
         })
     }
 
-    /// Nodes along x, y and z, each at least 2.
+    /// Number of nodes along x, y and z, each at least 2.
     pub fn dims(&self) -> UVec3 {
         self.dims
     }
 
-    /// The first node, in metres.
+    /// Position of the first node, in metres.
     pub fn origin(&self) -> Vec3 {
         self.origin
     }
@@ -123,18 +132,18 @@ impl Sdf {
         self.cell
     }
 
-    /// Signed distances in metres, one a node, x fastest.
+    /// Signed distances in metres, one for each node, x fastest.
     pub fn values(&self) -> &[f32] {
         &self.values
     }
 
-    /// The box of nodes: (first, last) in metres.
+    /// The box of the nodes: (first, last) in metres.
     pub fn bounds(&self) -> (Vec3, Vec3) {
         (self.origin, self.origin + self.top * self.cell)
     }
 }
 
-/// The least value of each block, x fastest, and how many blocks there are.
+/// The least value of each block, x fastest, and the number of blocks along each axis.
 fn block_minima(dims: UVec3, values: &[f32]) -> (Vec<f32>, UVec3) {
     let [width, height, depth] = dims.to_array().map(|n| n as usize);
     let blocks = [width, height, depth].map(|n| (n - 1).div_ceil(BLOCK));
@@ -153,7 +162,8 @@ fn block_minima(dims: UVec3, values: &[f32]) -> (Vec<f32>, UVec3) {
     (least, UVec3::from_array(blocks.map(|n| n as u32)))
 }
 
-/// Nodes of a grid of `dims`, if it has at least two along each axis and memory can index them.
+/// The number of nodes of a grid of `dims`; `None` if it has fewer than two along an axis or too
+/// many to index.
 fn node_count(dims: UVec3) -> Option<usize> {
     if dims.min_element() < 2 {
         return None;
@@ -167,7 +177,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn fields_that_cannot_be_are_refused() {
+    fn invalid_fields_are_refused() {
         let new = |dims: [u32; 3], cell, values| Sdf::new(dims.into(), Vec3::ZERO, cell, values);
         assert!(matches!(new([1, 8, 1], 1.0, vec![0.0; 8]), Err(SdfError::Dims(_))));
         assert!(matches!(new([u32::MAX; 3], 1.0, vec![]), Err(SdfError::Dims(_))));

@@ -1,30 +1,32 @@
-//! Sampling a field: at one point (the specification), and at a packet of points.
+//! Sampling of a distance field at one point (the specification) and at a packet of points.
 //!
 //! # Practice
-//! A packet of 8 takes 12 ns a point under AVX2, the scalar 29 ns (long hair around a head, 128 nodes). Loops run
-//! over lanes inside each step, so that the compiler turns all but the eight loads into SIMD wherever the function is
-//! inlined into one with target features. No fused multiply-add: a lane gives, bit for bit, what the scalar gives.
+//! A packet of 8 takes 12 ns per point with AVX2, a single point 29 ns (long hair around a head,
+//! 128 nodes). Each step is a loop over lanes, so that the compiler vectorises everything except
+//! the eight loads wherever the function is inlined into a function with target features. Fused
+//! multiply-add is not used: the results of a lane and of a single point are bit-identical.
 
 use glam::Vec3;
 
 use super::{BLOCK, Sdf};
 
-/// 2²³: added to a float of 0 to 2²² it rounds it to an integer, which then stands in the mantissa.
+/// 2²³: adding it to a float from 0 to 2²² rounds the float to an integer, which is then in the
+/// mantissa.
 const INTEGER: f32 = 8_388_608.0;
-/// Squared slopes below this count as flat.
+/// A gradient whose squared length is below this is treated as zero.
 const FLAT: f32 = 1e-12;
 
 impl Sdf {
-    /// The signed distance in metres at `p` and its gradient (not of unit length, but never zero: +y stands in where
-    /// the interpolant is flat).
+    /// The signed distance in metres at `p` and its gradient. The gradient is not of unit length,
+    /// but never zero: where the interpolant is flat, it is +y.
     ///
-    /// Outside the grid the distance is a lower bound and positive.
+    /// Outside the grid the distance is a positive lower bound.
     #[inline]
     pub fn sample(&self, p: Vec3) -> (f32, Vec3) {
         let at = (p - self.origin) * self.inv_cell;
         let inside = at.clamp(Vec3::ZERO, self.top);
-        // Half a cell down and rounded: the cell's first node, without the slow saturating conversion. On a node
-        // either cell gives the same value.
+        // Subtracting half a cell and rounding gives the cell's first node without the slow
+        // saturating conversion. On a node both adjacent cells give the same value.
         let low = (inside - 0.5).clamp(Vec3::ZERO, self.top - 1.0) + INTEGER;
         let [i, j, k] = low.to_array().map(|c| mantissa(c) as usize);
         let f = inside - (low - INTEGER);
@@ -46,7 +48,8 @@ impl Sdf {
         if at == inside { (value, slope) } else { self.beyond((at - inside) * self.cell, value, slope) }
     }
 
-    /// A sample `away` from the nearest point of the grid's box, from the value and slope there.
+    /// The sample at `away` from the nearest point of the grid's box, from the value and gradient
+    /// at that point.
     #[cold]
     fn beyond(&self, away: Vec3, value: f32, slope: Vec3) -> (f32, Vec3) {
         let distance = (away.length_squared() + value * value).sqrt();
@@ -54,8 +57,9 @@ impl Sdf {
         (distance, (away + along) / distance)
     }
 
-    /// [`Sdf::sample`] where the distance may be `reach` metres or less; `None` where it is surely more. One read of
-    /// a small table decides: of long hair at rest on its head, four particles in five need no more.
+    /// [`Sdf::sample`] if the distance may be at most `reach` metres; `None` if it is certainly
+    /// greater. The decision takes one read of a small table; for long hair at rest on a head, four
+    /// particles in five need nothing more.
     #[inline]
     pub fn sample_near(&self, p: Vec3, reach: f32) -> Option<(f32, Vec3)> {
         let [least] = self.least_lanes(p.to_array().map(|c| [c]));
@@ -73,7 +77,8 @@ impl Sdf {
             for lane in 0..W {
                 let at = (p[axis][lane] - origin) * self.inv_cell;
                 let inside = clamp(at, top);
-                // Half a cell down and rounded: the cell's first node. On a node either cell gives the same value.
+                // Subtracting half a cell and rounding gives the cell's first node. On a node both
+                // adjacent cells give the same value.
                 let low = clamp(inside - 0.5, top - 1.0) + INTEGER;
                 first[lane] += mantissa(low) * strides[axis];
                 f[axis][lane] = inside - (low - INTEGER);
@@ -86,7 +91,7 @@ impl Sdf {
         for lane in 0..W {
             let [x, y, z] = [f[0][lane], f[1][lane], f[2][lane]];
             let v = |corner: usize| corners[corner][lane];
-            // Along x on the four rows, then along y on the two layers, then along z.
+            // Interpolation along x on the four rows, then along y on the two layers, then along z.
             let (a, b, c, d) = (v(1) - v(0), v(3) - v(2), v(5) - v(4), v(7) - v(6));
             let (v0, v1) = (v(0) + a * x, v(2) + b * x);
             let (v2, v3) = (v(4) + c * x, v(6) + d * x);
@@ -110,8 +115,9 @@ impl Sdf {
         (value, slope)
     }
 
-    /// A lower bound in metres of the distances at `W` points, from one read each of a small table: the least value
-    /// of the block of cells that holds the point, or the nearest such block.
+    /// Lower bounds in metres of the distances at `W` points, from one read of a small table for
+    /// each: the least value of the block of cells that contains the point, or of the nearest
+    /// block.
     #[inline(always)]
     pub fn least_lanes<const W: usize>(&self, p: [[f32; W]; 3]) -> [f32; W] {
         let strides = [1, self.blocks[0], self.blocks[0] * self.blocks[1]];
@@ -147,7 +153,8 @@ impl Sdf {
     }
 }
 
-/// Turns values and slopes at the nearest points of the grid's box into those of points `away` from it.
+/// Converts values and gradients at the nearest points of the grid's box to those of points `away`
+/// from it.
 #[inline(always)]
 fn beyond<const W: usize>(away: &[[f32; W]; 3], value: &mut [f32; W], slope: &mut [[f32; W]; 3]) {
     for lane in 0..W {
@@ -166,7 +173,7 @@ fn beyond<const W: usize>(away: &[[f32; W]; 3], value: &mut [f32; W], slope: &mu
     }
 }
 
-/// `value` within 0 to `high`; 0 for NaN.
+/// Clamps `value` to 0..=`high`; NaN gives 0.
 #[inline(always)]
 fn clamp(value: f32, high: f32) -> f32 {
     let value = if value > 0.0 { value } else { 0.0 };
@@ -186,7 +193,7 @@ mod tests {
 
     use super::*;
 
-    /// A ball of radius 0.4 on a grid that reaches from −0.5 to 0.5.
+    /// A ball of radius 0.4 on a grid that extends from −0.5 to 0.5.
     fn ball() -> Sdf {
         let values = (0..21 * 21 * 21)
             .map(|i| {
@@ -203,7 +210,7 @@ mod tests {
         let mut compared = 0;
         for p in lattice(3000, 0.7) {
             let at = (p + 0.5) / 0.05;
-            // Within a cell only: the slope jumps between cells.
+            // Only inside cells: the gradient is discontinuous between cells.
             if (at - at.round()).abs().min_element() < 0.05 {
                 continue;
             }
@@ -212,27 +219,27 @@ mod tests {
                 let step = Vec3::AXES[axis] * h;
                 (sdf.sample(p + step).0 - sdf.sample(p - step).0) / (2.0 * h)
             }));
-            assert!((slope - gradient).length() < 2e-3, "{p}: {gradient} for {slope}");
+            assert!((slope - gradient).length() < 2e-3, "{p}: {gradient} instead of {slope}");
             compared += 1;
         }
         assert!(compared > 1000);
     }
 
     #[test]
-    fn what_is_left_out_is_far() {
+    fn skipped_points_are_farther_than_the_reach() {
         let sdf = ball();
         for reach in [-0.1, 0.0, 0.03] {
-            let mut left_out = 0;
+            let mut skipped = 0;
             for p in lattice(3000, 0.7) {
                 match sdf.sample_near(p, reach) {
                     Some(found) => assert_eq!(found, sdf.sample(p)),
                     None => {
-                        left_out += 1;
+                        skipped += 1;
                         assert!(sdf.sample(p).0 > reach, "{p}");
                     }
                 }
             }
-            assert!(left_out > 1000, "{left_out}");
+            assert!(skipped > 1000, "{skipped}");
         }
     }
 
@@ -251,13 +258,13 @@ mod tests {
     }
 
     #[test]
-    fn a_flat_place_still_has_a_direction() {
+    fn a_flat_field_has_a_gradient() {
         let flat = Sdf::new(UVec3::splat(2), Vec3::ZERO, 1.0, vec![-1.0; 8]).unwrap();
         assert_eq!(flat.sample(Vec3::splat(0.5)), (-1.0, Vec3::Y));
         assert!(flat.sample(Vec3::NAN).1.is_finite() || flat.sample(Vec3::NAN).0.is_nan());
     }
 
-    /// Some of the points lie outside the grid.
+    /// Compares packets with single points; some of the points are outside the grid.
     fn lanes_agree<const W: usize>() {
         let (sdf, points) = (ball(), lattice(W as u32 * 50, 0.8).collect::<Vec<_>>());
         for points in points.chunks_exact(W) {
@@ -271,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lane_gives_what_the_scalar_gives() {
+    fn packets_and_single_points_are_bit_identical() {
         lanes_agree::<1>();
         lanes_agree::<8>();
         lanes_agree::<16>();

@@ -1,4 +1,4 @@
-//! What an operation would change, and how it is written into a groom.
+//! The change that an operation makes, and how it is written into a groom.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -8,53 +8,53 @@ use super::{Body, EditReport, Source, Touched};
 use crate::body::Bvh;
 use crate::groom::{Groom, GroomError, RootBinding};
 
-/// What an operation would change.
+/// The change that an operation would make.
 #[derive(Clone, Debug)]
 pub(super) struct Change {
     pub(super) what: What,
-    /// Strands whose curl is too fine for their particles.
+    /// Number of strands that have too few particles for their curl.
     pub(super) coarse: usize,
 }
 
 #[derive(Clone, Debug)]
 pub(super) enum What {
-    /// Strands that keep their particles, which lie elsewhere.
+    /// Indices of strands and new positions of their particles.
     Moved(Vec<(usize, Vec<Vec3>)>),
     /// All strands of the new groom, in order.
     Rebuilt(Vec<NewStrand>),
 }
 
-/// A strand of a groom that is built anew.
+/// A strand of a rebuilt groom.
 #[derive(Clone, Debug)]
 pub(super) struct NewStrand {
-    /// The strand whose attributes it takes.
+    /// The strand from which attributes are taken.
     pub(super) source: usize,
-    /// Its particles; none keeps the source's.
+    /// Its particles; `None` keeps those of the source.
     pub(super) particles: Option<Vec<Particle>>,
-    /// Strands and weights that its root's attributes are mixed from; for a strand that was not there before.
+    /// For a new strand: the strands and weights from which its root's attributes are interpolated.
     pub(super) parents: Option<Vec<(usize, f32)>>,
 }
 
-/// A particle and its place on the source, whose attributes it takes.
+/// A particle and the point of the source strand from which its attributes are taken.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Particle {
     pub(super) position: Vec3,
-    /// Edge of the source.
+    /// Edge of the source strand.
     pub(super) edge: usize,
     /// Fraction of that edge.
     pub(super) fraction: f32,
 }
 
 impl NewStrand {
-    /// Strand `source` as it is.
+    /// Strand `source`, unchanged.
     pub(super) fn kept(source: usize) -> Self {
         Self { source, particles: None, parents: None }
     }
 }
 
 impl Change {
-    /// Moves the particles of selected strands to where `targets` says, with the lengths of their edges; `None` leaves a
-    /// strand alone.
+    /// Moves the particles of selected strands towards the positions returned by `targets`, keeping
+    /// the lengths of all edges; `None` leaves a strand unchanged.
     pub(super) fn moved(
         groom: &Groom,
         selected: &[bool],
@@ -64,12 +64,13 @@ impl Change {
         let moved = strands.filter_map(|s| {
             let chain = Chain::of(groom, s);
             let targets = targets(&chain)?;
-            Some((s, chain.settled(groom.strand(s), &targets)))
+            Some((s, chain.rounded(groom.strand(s), &targets)))
         });
         Self { what: What::Moved(moved.collect()), coarse: 0 }
     }
 
-    /// Gives selected strands the particles that `particles` says; `None` leaves a strand alone.
+    /// Replaces the particles of selected strands by those returned by `particles`; `None` leaves a
+    /// strand unchanged.
     pub(super) fn reshaped(
         groom: &Groom,
         selected: &[bool],
@@ -86,7 +87,7 @@ impl Change {
         Self { what: What::Rebuilt(strands), coarse: 0 }
     }
 
-    /// Writes the change into `groom`, counts it in `report`, and says which strands it touched.
+    /// Writes the change into `groom`, counts it in `report`, and returns the changed strands.
     pub(super) fn write(
         self,
         groom: &mut Groom,
@@ -120,7 +121,7 @@ fn write_moved(groom: &mut Groom, strands: Vec<(usize, Vec<Vec3>)>, report: &mut
 }
 
 fn source(strand: usize, fresh: bool) -> Source {
-    #[expect(clippy::cast_possible_truncation, reason = "offsets are 32-bit, so strand numbers are")]
+    #[expect(clippy::cast_possible_truncation, reason = "offsets are 32-bit, so strand indices fit")]
     Source { strand: strand as u32, fresh }
 }
 
@@ -135,7 +136,7 @@ fn rebuild(
         report.refused += 1;
         strand.particles = None;
     }
-    // A new strand that cannot be made is none.
+    // A new strand that is not finite is dropped.
     strands.retain(|strand| strand.parents.is_none() || strand.particles.is_some());
     let mut touched = Touched::default();
     for (index, strand) in strands.iter().enumerate() {
@@ -158,7 +159,7 @@ fn rebuild(
     Ok(touched)
 }
 
-/// The groom of `strands`, whose sources are in `groom`.
+/// Builds the groom of `strands`, whose sources are in `groom`.
 fn built(groom: &Groom, strands: &[NewStrand]) -> Result<Groom, GroomError> {
     let points = |strand: &NewStrand| -> Vec<Vec3> {
         match &strand.particles {
@@ -190,7 +191,7 @@ fn built(groom: &Groom, strands: &[NewStrand]) -> Result<Groom, GroomError> {
     Ok(out)
 }
 
-/// An attribute of each particle: the source's, interpolated.
+/// An attribute of the particles, interpolated from the source strands.
 fn each<T: Copy>(
     groom: &Groom,
     strands: &[NewStrand],
@@ -216,7 +217,7 @@ fn each<T: Copy>(
     out
 }
 
-/// Binds the roots of new strands to the body's mesh; false if there is none.
+/// Binds the roots of new strands to the body's mesh; returns false if there is no mesh.
 fn bind(groom: &mut Groom, body: Option<&Body<'_>>, fresh: &[usize]) -> bool {
     let Some((mesh, sdf)) = body.and_then(|body| Some((body.mesh?, body.sdf))) else { return false };
     let bvh = Bvh::new(mesh);

@@ -1,4 +1,4 @@
-//! Drawing strands together into locks.
+//! Gathering strands into locks.
 
 use super::EditError;
 use super::chain::Chain;
@@ -8,7 +8,7 @@ use super::locks::locks;
 use crate::groom::Groom;
 use crate::groom::grow::random::Random;
 
-/// `clump`: draws strands towards the strand in the middle of their lock; lengths stay.
+/// `clump`: moves strands towards the strand at the centre of their lock; lengths are kept.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -16,17 +16,21 @@ use crate::groom::grow::random::Random;
     serde(default, deny_unknown_fields)
 )]
 pub struct Clump {
-    /// Least distance of the locks' middles. Unit m, default 0.012, range above 0.
+    /// Smallest distance between the centres of locks. Unit m, default 0.012, range above 0.
     pub spacing: f32,
-    /// Share of the way to the middle at the root. No unit, default 0, range 0 to 1; 0 does nothing there.
+    /// Fraction of the distance to the centre strand that is removed at the root. No unit, default
+    /// 0, range 0 to 1; 0 does nothing there.
     pub root: f32,
-    /// Share of the way at the tip, reached evenly from the root. No unit, default 0.7, range 0 to 1; 1 makes tips meet.
+    /// The same fraction at the tip; in between it is linear. No unit, default 0.7, range 0 to 1; 1
+    /// joins the tips.
     pub tip: f32,
-    /// Distance of a strand's tip from the middle strand beyond which it keeps out, as on the other side of a parting. Unit m, default 0.05, range above 0.
+    /// Distance between a strand's tip and the centre strand beyond which the strand does not join
+    /// the lock, as on the other side of a parting. Unit m, default 0.05, range above 0.
     pub spread: f32,
-    /// Share of the strands that keep out of it. No unit, default 0.02, range 0 to 1; 0 takes all.
+    /// Fraction of the strands that do not join locks. No unit, default 0.02, range 0 to 1; 0
+    /// includes all strands.
     pub flyaways: f32,
-    /// Seed of all that is random. No unit, default 1; 0 is a seed like any other.
+    /// Seed of all random numbers. No unit, default 1; 0 is a valid seed.
     pub seed: u64,
 }
 
@@ -64,7 +68,7 @@ impl Clump {
                 let share = self.root + (self.tip - self.root) * (arc / length) as f32;
                 *target = target.lerp(middle.at(&middle_arcs, arc), share.into());
             }
-            Some(chain.led(&targets))
+            Some(chain.following(&targets))
         })
     }
 }

@@ -1,9 +1,10 @@
 //! Combing along a stroke.
 //!
 //! # Theory
-//! From its root on the strand is laid edge by edge. Where an edge comes to lie within the stroke's reach it is turned
-//! towards the stroke's direction there, by the rotation that turns the strand's own flow (its direction averaged over
-//! `detail`) into that direction. So hair is led along the stroke, and waves finer than `detail` stay in it.
+//! The strand is rebuilt edge by edge from its root. An edge whose new position is within the
+//! stroke's radius is rotated towards the stroke's direction at that point, by the rotation from
+//! the strand's flow (its direction averaged over `detail`) to that direction. So hair is aligned
+//! with the stroke, and waves finer than `detail` are kept.
 
 use glam::Vec3;
 
@@ -13,22 +14,26 @@ use super::error::{at_least, within};
 use super::{EditError, Stroke};
 use crate::groom::Groom;
 
-/// `comb`: turns hair along a stroke; lengths stay.
+/// `comb`: rotates hair along a stroke; lengths are kept.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
 pub struct Comb {
-    /// The line that is combed along, two points or more; its effect fades with the distance from it. Unit m, no default.
+    /// The polyline of the stroke, two points or more; the effect decreases with the distance from
+    /// it. Unit m, no default.
     pub points: Vec<Vec3>,
-    /// How far around the line it reaches. Unit m, default 0.03, range above 0.
+    /// Distance from the polyline at which the effect ends. Unit m, default 0.03, range above 0.
     #[cfg_attr(feature = "serde", serde(default = "radius"))]
     pub radius: f32,
-    /// How far hair on the line is turned. No unit, default 1, range 0 to 1; 0 does nothing, 1 lays it along the line.
+    /// Fraction of the rotation for hair on the polyline. No unit, default 1, range 0 to 1; 0 does
+    /// nothing, 1 aligns hair with the polyline.
     #[cfg_attr(feature = "serde", serde(default = "strength"))]
     pub strength: f32,
-    /// Length over which the hair's own direction is averaged; curls finer than that stay. Unit m, default 0.03, range 0 or more; 0 straightens.
+    /// Length over which the hair's direction is averaged; finer curls are kept. Unit m, default
+    /// 0.03, range 0 or more; 0 straightens.
     #[cfg_attr(feature = "serde", serde(default = "detail"))]
     pub detail: f32,
-    /// Length from the root over which the effect sets in. Unit m, default 0.005, range 0 or more; 0 turns the first edge at once.
+    /// Length from the root over which the effect increases to its full strength. Unit m, default
+    /// 0.005, range 0 or more; 0 rotates the first edge fully.
     #[cfg_attr(feature = "serde", serde(default = "ease"))]
     pub ease: f32,
 }
@@ -47,7 +52,7 @@ fn ease() -> f32 {
 }
 
 impl Comb {
-    /// Combing along `points` (metres) with everything else at its default.
+    /// Combing along `points` (metres) with default values of all other parameters.
     pub fn along(points: Vec<Vec3>) -> Self {
         Self { points, radius: radius(), strength: strength(), detail: detail(), ease: ease() }
     }
@@ -67,20 +72,20 @@ impl Comb {
         let stroke = self.stroke();
         let (reach, ease) = (f64::from(self.radius), f64::from(self.ease));
         Change::moved(groom, selected, |chain| {
-            let own = chain.directions();
+            let directions = chain.directions();
             let flow = chain.smoothed_directions(self.detail.into());
             let arcs = chain.arcs();
             let mut touched = false;
-            let points = chain.laid(|edge, from| {
-                let middle = from + own[edge] * (0.5 * chain.lengths[edge]);
+            let points = chain.rebuilt(|edge, from| {
+                let middle = from + directions[edge] * (0.5 * chain.lengths[edge]);
                 let (distance, along) = stroke.nearest(middle.as_vec3());
                 let set_in = if ease > 0.0 { rise(arcs[edge + 1] / ease) } else { 1.0 };
                 let share = f64::from(self.strength) * falloff(f64::from(distance) / reach) * set_in;
                 if share == 0.0 {
-                    return own[edge];
+                    return directions[edge];
                 }
                 touched = true;
-                turn(flow[edge], along.as_dvec3(), share) * own[edge]
+                turn(flow[edge], along.as_dvec3(), share) * directions[edge]
             });
             touched.then_some(points)
         })

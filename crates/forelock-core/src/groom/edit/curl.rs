@@ -1,10 +1,12 @@
-//! Winding hair up, and taking the curl out.
+//! Curling hair and removing curls.
 //!
 //! # Theory
-//! A helix of radius r that advances λ a turn has L = √(λ² + (2πr)²) of arc in each turn, and leans 2πr/L (the sine) from its axis. So each
-//! edge t of a strand, in a frame (t, n, b) carried along it without twist (Bishop 1975), is turned to
-//! λ/L t + 2πr/L (cos φ n + sin φ b), with dφ/ds = 2π/L: a helix about the strand as it was, with every edge at its length. A wave swings in one plane;
-//! a roll bends steadily towards a point, as over a roller.
+//! One turn of a helix with radius r and pitch λ has the arc length L = √(λ² + (2πr)²), and the
+//! sine of the angle between its tangent and its axis is 2πr/L. So each edge t of a strand, in a
+//! frame (t, n, b) that is propagated along the strand without twist (Bishop 1975), is rotated to
+//! λ/L t + 2πr/L (cos φ n + sin φ b), with dφ/ds = 2π/L: a helix about the original strand, with
+//! every edge at its length. A wave oscillates in one plane; a roll bends steadily towards a point,
+//! as on a roller.
 
 use std::f64::consts::TAU;
 
@@ -18,23 +20,23 @@ use super::locks::locks;
 use crate::groom::Groom;
 use crate::groom::grow::random::{Random, sin_cos};
 
-/// Edges a turn below which a curl is too coarse to be one.
+/// Smallest number of edges per turn that represents a curl.
 const EDGES_PER_TURN: f64 = 6.0;
 
-/// The ways to curl.
+/// The kinds of curls.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum CurlKind {
-    /// About the strand, as a corkscrew.
+    /// A helix about the strand, as a corkscrew.
     #[default]
     Helix,
-    /// To and fro in one plane.
+    /// An oscillation in one plane.
     Wave,
-    /// Steadily towards `centre`, on a circle of `radius`.
+    /// A steady bend towards `centre`, on a circle of `radius`.
     Roll,
 }
 
-/// `curl`: winds hair up; lengths stay, so that tips rise.
+/// `curl`: curls strands; lengths are kept, so tips rise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -42,28 +44,35 @@ pub enum CurlKind {
     serde(default, deny_unknown_fields)
 )]
 pub struct Curl {
-    /// "helix", "wave" or "roll". Default "helix".
+    /// Kind of curl: "helix", "wave" or "roll". Default "helix".
     pub kind: CurlKind,
-    /// Share of the curl. No unit, default 1, range -1 to 1; 0 does nothing, below 0 it turns the other way.
+    /// Strength of the curl. No unit, default 1, range -1 to 1; 0 does nothing, a negative value
+    /// reverses the sense.
     pub amount: f32,
-    /// Radius of helix or roll; of a wave the height. Unit m, default 0.006, range above 0.
+    /// Radius of a helix or roll; amplitude of a wave. Unit m, default 0.006, range above 0.
     pub radius: f32,
-    /// Way along the strand from one turn to the next; a roll has none. Unit m, default 0.035, range above 0.
+    /// Distance along the strand's axis from one turn to the next; not used by a roll. Unit m,
+    /// default 0.035, range above 0.
     pub wavelength: f32,
-    /// Turns a metre, instead of the wavelength. Unit 1/m, default 0, range 0 or more; 0 leaves it to the wavelength.
+    /// Number of turns per metre, which replaces the wavelength. Unit 1/m, default 0, range 0 or
+    /// more; 0 uses the wavelength.
     pub frequency: f32,
-    /// Fraction of the strand at which the curl sets in. No unit, default 0, range 0 to 1; 0 is the root.
+    /// Fraction of the strand at which the curl begins. No unit, default 0, range 0 to 1; 0 is the
+    /// root.
     pub start: f32,
-    /// Fraction of the strand at which it is full. No unit, default 0.3, range 0 to 1.
+    /// Fraction of the strand at which the curl reaches its full strength. No unit, default 0.3,
+    /// range 0 to 1.
     pub full: f32,
-    /// Where a roll turns to: the point, at the height of each edge. Unit m, default the middle of the roots.
+    /// Point towards which a roll bends; at each edge the point's height is that of the edge. Unit
+    /// m, default the middle of the roots.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub centre: Option<Vec3>,
-    /// Width of the locks that turn together. Unit m, default 0.015, range above 0.
+    /// Width of the locks whose strands curl together. Unit m, default 0.015, range above 0.
     pub lock_size: f32,
-    /// How much the strands of a lock turn as one. No unit, default 0.8, range 0 to 1; 0 each on its own.
+    /// Coherence of the phases of the strands in a lock. No unit, default 0.8, range 0 to 1; 0
+    /// gives each strand an independent phase.
     pub coherence: f32,
-    /// Seed of all that is random. No unit, default 1; 0 is a seed like any other.
+    /// Seed of all random numbers. No unit, default 1; 0 is a valid seed.
     pub seed: u64,
 }
 
@@ -102,7 +111,8 @@ impl Curl {
         if self.frequency > 0.0 { 1.0 / f64::from(self.frequency) } else { self.wavelength.into() }
     }
 
-    /// Arc length of a turn at `share` of the radius, and the sine of the lean.
+    /// Arc length of a turn at the fraction `share` of the radius, and the sine of the angle to the
+    /// axis.
     fn turn(&self, share: f64) -> (f64, f64) {
         let around = TAU * f64::from(self.radius) * share;
         let arc = self.wavelength().hypot(around);
@@ -133,7 +143,7 @@ impl Curl {
         change
     }
 
-    /// How far the curl has set in at fraction `at` of the strand, with its sign.
+    /// Signed strength of the curl at fraction `at` of the strand.
     fn share(&self, at: f64) -> f64 {
         let (start, full) = (f64::from(self.start), f64::from(self.full));
         let set_in =
@@ -142,19 +152,20 @@ impl Curl {
     }
 
     fn wound(&self, chain: &Chain, lock: u32) -> Vec<DVec3> {
-        let own = chain.directions();
+        let directions = chain.directions();
         let (arcs, length) = (chain.arcs(), chain.length());
-        let mut together = Random::new(self.seed, 2 * u64::from(lock));
-        let mut alone = Random::new(self.seed, 2 * chain.strand as u64 + 1);
+        let mut of_lock = Random::new(self.seed, 2 * u64::from(lock));
+        let mut of_strand = Random::new(self.seed, 2 * chain.strand as u64 + 1);
         let loose = 1.0 - f64::from(self.coherence);
-        let mut phase = TAU * (f64::from(together.unit()) + loose * f64::from(alone.signed()) * 0.5);
-        let sense = if together.unit() < 0.5 { -1.0 } else { 1.0 };
-        let mut before = own[0];
-        // A frame to begin with that neighbours share: as far towards the front as the first edge allows.
+        let mut phase = TAU * (f64::from(of_lock.unit()) + loose * f64::from(of_strand.signed()) * 0.5);
+        let sense = if of_lock.unit() < 0.5 { -1.0 } else { 1.0 };
+        let mut before = directions[0];
+        // The initial frame is the same for neighbouring strands: it points as far to the front as
+        // the first edge allows.
         let mut aside =
             DVec3::Z.reject_from(before).try_normalize().unwrap_or(before.any_orthonormal_vector());
-        chain.laid(|edge, _| {
-            let along = own[edge];
+        chain.rebuilt(|edge, _| {
+            let along = directions[edge];
             aside = DQuat::from_rotation_arc(before, along) * aside;
             before = along;
             let share = self.share(0.5 * (arcs[edge] + arcs[edge + 1]) / length);
@@ -173,11 +184,11 @@ impl Curl {
     }
 
     fn rolled(&self, chain: &Chain, centre: DVec3) -> Vec<DVec3> {
-        let own = chain.directions();
+        let directions = chain.directions();
         let (arcs, length) = (chain.arcs(), chain.length());
         let mut angle = 0.0;
-        chain.laid(|edge, _| {
-            let along = own[edge];
+        chain.rebuilt(|edge, _| {
+            let along = directions[edge];
             let inwards = (centre - chain.points[edge]) * DVec3::new(1.0, 0.0, 1.0);
             let rate = self.share(0.5 * (arcs[edge] + arcs[edge + 1]) / length) / f64::from(self.radius);
             angle += 0.5 * rate * chain.lengths[edge];
@@ -189,14 +200,14 @@ impl Curl {
     }
 }
 
-/// The middle of the finite roots' box.
+/// The centre of the bounding box of all finite roots.
 fn middle_of_roots(groom: &Groom) -> DVec3 {
     let roots = groom.strands().filter_map(|strand| strand.first()).filter(|p| p.is_finite());
     let (lo, hi) = roots.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), &p| (lo.min(p), hi.max(p)));
     if lo.x <= hi.x { ((lo + hi) * 0.5).as_dvec3() } else { DVec3::ZERO }
 }
 
-/// `straighten`: turns edges towards the strand's flow; lengths stay.
+/// `straighten`: rotates edges towards the strand's smoothed direction; lengths are kept.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -204,11 +215,13 @@ fn middle_of_roots(groom: &Groom) -> DVec3 {
     serde(default, deny_unknown_fields)
 )]
 pub struct Straighten {
-    /// Share of the way. No unit, default 1, range 0 to 1; 0 does nothing.
+    /// Fraction of the rotation. No unit, default 1, range 0 to 1; 0 does nothing.
     pub amount: f32,
-    /// Length over which the flow is averaged: curls finer than that go. Unit m, default 0.05, range 0 or more; 0 does nothing.
+    /// Length over which directions are averaged: finer curls are removed. Unit m, default 0.05,
+    /// range 0 or more; 0 does nothing.
     pub reach: f32,
-    /// Fraction of the strand at which it sets in. No unit, default 0, range 0 to 1; 0 is the root.
+    /// Fraction of the strand at which straightening begins. No unit, default 0, range 0 to 1; 0 is
+    /// the root.
     pub start: f32,
 }
 
@@ -228,11 +241,11 @@ impl Straighten {
     pub(super) fn change(&self, groom: &Groom, selected: &[bool]) -> Change {
         Change::moved(groom, selected, |chain| {
             let (arcs, length) = (chain.arcs(), chain.length());
-            let own = chain.directions();
+            let directions = chain.directions();
             let flow = chain.smoothed_directions(self.reach.into());
-            Some(chain.laid(|edge, _| {
+            Some(chain.rebuilt(|edge, _| {
                 let share = if arcs[edge] >= f64::from(self.start) * length { self.amount } else { 0.0 };
-                own[edge].lerp(flow[edge], share.into()).normalize_or(own[edge])
+                directions[edge].lerp(flow[edge], share.into()).normalize_or(directions[edge])
             }))
         })
     }

@@ -1,9 +1,10 @@
-//! Shorter: by length, or where a shape is met.
+//! Shortening strands by length or where they enter a shape.
 //!
 //! # Practice
-//! Particles up to the cut keep their places, bit for bit; the tip lies at the cut. So a cut strand has fewer particles, and
-//! its last edge may be shorter than the others. Where less than a tenth of an edge would be left, the particle before it
-//! goes too, and the corner there is cut off.
+//! Particles up to the cut keep their positions bit for bit; the tip is at the cut. So a cut strand
+//! has fewer particles, and its last edge may be shorter than the others. If less than a tenth of
+//! an edge would be left, the particle before the cut is removed too, which cuts off the corner
+//! there.
 
 use super::chain::Chain;
 use super::change::{Change, Particle};
@@ -12,10 +13,10 @@ use super::{CutShape, EditError};
 use crate::groom::Groom;
 use crate::groom::grow::random::Random;
 
-/// Least share of an edge that is left as the last one.
+/// Smallest fraction of an edge that may be left as the last edge.
 const LEAST_EDGE: f64 = 0.1;
 
-/// `trim`: takes length off the tips.
+/// `trim`: removes length at the tips.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -23,15 +24,17 @@ const LEAST_EDGE: f64 = 0.1;
     serde(default, deny_unknown_fields)
 )]
 pub struct Trim {
-    /// Length that no strand may exceed. Unit m, default 0, range 0 or more; 0 sets none.
+    /// Greatest length of a strand. Unit m, default 0, range 0 or more; 0 sets no limit.
     pub to: f32,
-    /// Length taken off each strand. Unit m, default 0, range 0 or more; 0 takes none.
+    /// Length removed from each strand. Unit m, default 0, range 0 or more; 0 removes nothing.
     pub by: f32,
-    /// Up to so much more is taken off, drawn for each strand that is trimmed, so that tips make no ruled line. Unit m, default 0, range 0 or more; 0 is sharp.
+    /// Greatest additional length removed, drawn at random for each trimmed strand, so that the
+    /// tips do not form a straight line. Unit m, default 0, range 0 or more; 0 cuts exactly.
     pub variation: f32,
-    /// Length below which no strand is trimmed. Unit m, default 0.002, range 0 or more; 0 leaves nearly nothing.
+    /// Length that every strand keeps. Unit m, default 0.002, range 0 or more; 0 may leave almost
+    /// nothing.
     pub stub: f32,
-    /// Seed of the variation. No unit, default 1; 0 is a seed like any other.
+    /// Seed of the variation. No unit, default 1; 0 is a valid seed.
     pub seed: u64,
 }
 
@@ -63,19 +66,21 @@ impl Trim {
     }
 }
 
-/// `cut`: ends strands where they first meet a shape.
+/// `cut`: ends strands where they first enter a shape.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
 pub struct Cut {
-    /// What cuts: a table `plane`, `sphere`, `box`, `capsule` or `stroke`. No default.
+    /// The cutting shape: a table `plane`, `sphere`, `box`, `capsule` or `stroke`. No default.
     pub shape: CutShape,
-    /// Up to so much more is taken off, drawn for each strand that is cut. Unit m, default 0, range 0 or more; 0 is sharp.
+    /// Greatest additional length removed, drawn at random for each cut strand. Unit m, default 0,
+    /// range 0 or more; 0 cuts exactly.
     #[cfg_attr(feature = "serde", serde(default))]
     pub variation: f32,
-    /// Length below which no strand is cut. Unit m, default 0.002, range 0 or more; 0 leaves nearly nothing.
+    /// Length that every strand keeps. Unit m, default 0.002, range 0 or more; 0 may leave almost
+    /// nothing.
     #[cfg_attr(feature = "serde", serde(default = "stub"))]
     pub stub: f32,
-    /// Seed of the variation. No unit, default 1; 0 is a seed like any other.
+    /// Seed of the variation. No unit, default 1; 0 is a valid seed.
     #[cfg_attr(feature = "serde", serde(default = "seed"))]
     pub seed: u64,
 }
@@ -92,7 +97,7 @@ fn seed() -> u64 {
 }
 
 impl Cut {
-    /// A sharp cut by `shape`.
+    /// A cut by `shape` without variation.
     pub fn new(shape: CutShape) -> Self {
         Self { shape, variation: 0.0, stub: stub(), seed: Trim::default().seed }
     }
@@ -106,10 +111,10 @@ impl Cut {
     pub(super) fn change(&self, groom: &Groom, selected: &[bool]) -> Change {
         Change::reshaped(groom, selected, |chain| {
             let strand = groom.strand(chain.strand);
-            let met = strand.windows(2).enumerate().find_map(|(edge, ends)| {
-                self.shape.first_met(ends[0], ends[1]).map(|share| (edge, f64::from(share)))
+            let entry = strand.windows(2).enumerate().find_map(|(edge, ends)| {
+                self.shape.first_hit(ends[0], ends[1]).map(|share| (edge, f64::from(share)))
             });
-            let (edge, share) = met?;
+            let (edge, share) = entry?;
             let arc = chain.arcs()[edge] + share * chain.lengths[edge];
             let drawn = Random::new(self.seed, chain.strand as u64).unit();
             cut_at(chain, groom, arc - f64::from(self.variation * drawn), self.stub)
@@ -117,11 +122,12 @@ impl Cut {
     }
 }
 
-/// The particles up to arc length `arc`, or to the `stub`; none if that is all of the strand.
+/// The particles up to arc length `arc`, but at least up to `stub`; `None` if the whole strand is
+/// kept.
 fn cut_at(chain: &Chain, groom: &Groom, arc: f64, stub: f32) -> Option<Vec<Particle>> {
     let arcs = chain.arcs();
     let length = chain.length();
-    // Even with no stub something must be left: a strand has an edge.
+    // Even without a stub, a strand must have at least one edge.
     let arc = arc.max(f64::from(stub)).max(1e-3 * length);
     if arc >= length {
         return None;

@@ -1,9 +1,11 @@
-//! Fewer strands, or more between those there are.
+//! Removing strands, or adding strands between the existing ones.
 //!
 //! # Theory
-//! A new strand lies between a parent and two of its near neighbours, at barycentric weights drawn evenly from their triangle. It has the
-//! parent's shape, moved along by the weighted difference of the three strands' flows (each strand's points averaged over `detail`): curls
-//! are the parent's, where it goes is between the three. Edges have the parent's shares of the three strands' mean length.
+//! A new strand lies between a parent and two of its near neighbours, at barycentric weights drawn
+//! uniformly from their triangle. It has the parent's shape, displaced by the weighted difference
+//! of the flows of the three strands (a strand's points averaged over `detail`): its curls are
+//! those of the parent, its course is between the three. The lengths of its edges are proportional
+//! to the parent's, and its total length is the weighted mean of the three strands.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -16,12 +18,12 @@ use crate::groom::Groom;
 use crate::groom::grow::random::{Random, mix};
 use crate::groom::nearest::Nearest;
 
-/// Neighbours of which two are drawn.
+/// Number of neighbours from which two are drawn.
 const NEIGHBOURS: usize = 7;
-/// Distance at which a strand without neighbours gets company, metres.
+/// Distance at which new strands are added to a strand without neighbours, metres.
 const ALONE: f64 = 1e-3;
 
-/// `density`: thins hair out, or adds strands between those there are.
+/// `density`: removes strands, or adds strands between the existing ones.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -29,13 +31,16 @@ const ALONE: f64 = 1e-3;
     serde(default, deny_unknown_fields)
 )]
 pub struct Density {
-    /// Strands after it over strands before. No unit, default 1, range 0 to 100; 0 leaves none, 2 doubles them.
+    /// Number of strands after the edit divided by the number before. No unit, default 1, range 0
+    /// to 100; 0 leaves none, 2 doubles them.
     pub factor: f32,
-    /// Distance of tips beyond which neighbours do not mix, as on both sides of a parting. Unit m, default 0.05, range 0 or more; 0 mixes none.
+    /// Distance of tips beyond which neighbours are not mixed, as on both sides of a parting. Unit
+    /// m, default 0.05, range 0 or more; 0 mixes none.
     pub spread: f32,
-    /// Length over which a strand's flow is averaged. Unit m, default 0.03, range 0 or more; 0 mixes curls too.
+    /// Length over which the flow of a strand is averaged. Unit m, default 0.03, range 0 or more; 0
+    /// mixes curls too.
     pub detail: f32,
-    /// Seed of all that is random. No unit, default 1; 0 is a seed like any other.
+    /// Seed of all random numbers. No unit, default 1; 0 is a valid seed.
     pub seed: u64,
 }
 
@@ -58,7 +63,7 @@ impl Density {
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
-            reason = "100 strands a strand at most"
+            reason = "at most 100 times the number of strands"
         )]
         let wanted = (order.len() as f64 * f64::from(self.factor)).round() as usize;
         let mut keep = vec![true; groom.strand_count()];
@@ -72,7 +77,8 @@ impl Density {
         Change { what: What::Rebuilt(kept.chain(new).collect()), coarse: 0 }
     }
 
-    /// New strand `number`, between `parent` and two of its neighbours, which `tree` knows by their place in `order`.
+    /// The new strand with index `number`, between `parent` and two of its neighbours. Points of
+    /// `tree` are indices into `order`.
     fn between(
         &self,
         groom: &Groom,
@@ -109,7 +115,8 @@ impl Density {
         NewStrand { source: parent, particles: Some(particles), parents: Some(parents) }
     }
 
-    /// The particles of the strand between `parents`, the first of which gives its shape, moved `aside`.
+    /// The particles of the strand between `parents`, the first of which determines the shape,
+    /// displaced by `aside`.
     fn mixed(&self, groom: &Groom, parents: &[(usize, f32)], aside: DVec3) -> Vec<Particle> {
         let chains: Vec<(Chain, f64)> =
             parents.iter().map(|&(s, weight)| (Chain::of(groom, s), f64::from(weight))).collect();
@@ -138,7 +145,7 @@ impl Density {
     }
 }
 
-/// A strand's points averaged over a length, which shrinks to nothing towards root and tip.
+/// A strand's points averaged over a length, which decreases to zero towards root and tip.
 struct Flow {
     chain: Chain,
     arcs: Vec<f64>,

@@ -1,14 +1,14 @@
-//! A groom with its edits, to be undone and redone.
+//! A groom with undo and redo.
 
 use glam::Vec3;
 
 use super::{Body, Edit, EditError, EditReport};
 use crate::groom::Groom;
 
-/// A groom and the edits that made it.
+/// A groom and the edits that were applied to it.
 ///
-/// Undoing restores every bit: of an edit that moved particles only, the positions that they had are kept; of any other, the
-/// groom before it.
+/// Undo restores every bit. For an edit that only moved particles the old positions are stored; for
+/// any other edit the previous groom is stored.
 #[derive(Clone, Debug)]
 pub struct EditHistory {
     groom: Groom,
@@ -16,7 +16,7 @@ pub struct EditHistory {
     undone: Vec<Step>,
 }
 
-/// An edit and what lies on its other side.
+/// An edit and the data that reverts it (or, after an undo, reapplies it).
 #[derive(Clone, Debug)]
 struct Step {
     edit: Edit,
@@ -25,7 +25,7 @@ struct Step {
 
 #[derive(Clone, Debug)]
 enum Other {
-    /// Strands, and their particles one after another.
+    /// Indices of strands, and the positions of their particles one after another.
     Moved {
         strands: Vec<u32>,
         positions: Vec<Vec3>,
@@ -34,30 +34,30 @@ enum Other {
 }
 
 impl EditHistory {
-    /// A history that begins with `groom`.
+    /// A history that starts with `groom`.
     pub fn new(groom: Groom) -> Self {
         Self { groom, done: Vec::new(), undone: Vec::new() }
     }
 
-    /// The groom as it is now.
+    /// The current groom.
     pub fn groom(&self) -> &Groom {
         &self.groom
     }
 
-    /// The groom as it is now, without its history.
+    /// The current groom, without its history.
     pub fn into_groom(self) -> Groom {
         self.groom
     }
 
-    /// The edits that made it, oldest first.
+    /// The edits applied to the groom, oldest first.
     pub fn edits(&self) -> impl ExactSizeIterator<Item = &Edit> {
         self.done.iter().map(|step| &step.edit)
     }
 
-    /// Does `edit`; what was undone before can no longer be redone.
+    /// Applies `edit`. Edits that were undone before can no longer be redone.
     ///
     /// # Errors
-    /// As [`Edit::apply`]; nothing has changed then.
+    /// As [`Edit::apply`]; the history is unchanged in this case.
     pub fn apply(&mut self, edit: &Edit, body: Option<&Body<'_>>) -> Result<EditReport, EditError> {
         let mut after = self.groom.clone();
         let report = edit.apply(&mut after, body)?;
@@ -68,7 +68,7 @@ impl EditHistory {
         Ok(report)
     }
 
-    /// Takes the last edit back and names it.
+    /// Reverts the last edit and returns it; `None` if there is no edit to undo.
     pub fn undo(&mut self) -> Option<&Edit> {
         let mut step = self.done.pop()?;
         step.other.swap(&mut self.groom);
@@ -76,7 +76,7 @@ impl EditHistory {
         self.undone.last().map(|step| &step.edit)
     }
 
-    /// Does the edit again that was undone last, and names it.
+    /// Reapplies the edit that was undone last and returns it; `None` if there is no edit to redo.
     pub fn redo(&mut self) -> Option<&Edit> {
         let mut step = self.undone.pop()?;
         step.other.swap(&mut self.groom);
@@ -84,20 +84,20 @@ impl EditHistory {
         self.done.last().map(|step| &step.edit)
     }
 
-    /// Forgets all but the last `steps` edits, and all that was undone, so that memory does not grow.
+    /// Drops all but the last `steps` edits and all undone edits, to limit memory.
     pub fn keep_last(&mut self, steps: usize) {
         self.done.drain(..self.done.len().saturating_sub(steps));
         self.undone.clear();
     }
 
-    /// Bytes that the history holds beside the groom, about.
+    /// Approximate size in bytes of the history, without the groom.
     pub fn bytes(&self) -> usize {
         self.done.iter().chain(&self.undone).map(|step| step.other.bytes()).sum()
     }
 }
 
 impl Other {
-    /// What is needed to come back from `after` to `before`.
+    /// The data needed to revert `after` to `before`.
     fn before(mut before: Groom, after: &Groom) -> Self {
         if before.strand_offsets() != after.strand_offsets() {
             return Self::Whole(Box::new(before));
@@ -106,14 +106,14 @@ impl Other {
         let moved = (0..after.strand_count()).filter(|&s| bits(before.strand(s)) != bits(after.strand(s)));
         let moved: Vec<usize> = moved.collect();
         let positions: Vec<Vec3> = moved.iter().flat_map(|&s| before.strand(s).iter().copied()).collect();
-        // With the same positions the two differ in their attributes alone. A value that is not a number equals nothing,
-        // and its groom is kept whole.
+        // The grooms now have the same positions, so only attributes can differ. NaN is not equal
+        // to itself, so a groom with NaN is stored whole.
         for &strand in &moved {
             let range = before.range(strand);
             before.positions_mut()[range].copy_from_slice(after.strand(strand));
         }
         if before == *after {
-            #[expect(clippy::cast_possible_truncation, reason = "offsets are 32-bit, so strand numbers are")]
+            #[expect(clippy::cast_possible_truncation, reason = "offsets are 32-bit, so strand indices fit")]
             let strands = moved.iter().map(|&s| s as u32).collect();
             return Self::Moved { strands, positions };
         }
@@ -127,7 +127,7 @@ impl Other {
         Self::Whole(Box::new(before))
     }
 
-    /// Puts this in place of what `groom` has, and keeps that.
+    /// Exchanges this data with that of `groom`.
     fn swap(&mut self, groom: &mut Groom) {
         match self {
             Self::Whole(other) => std::mem::swap(other.as_mut(), groom),
@@ -147,7 +147,7 @@ impl Other {
         match self {
             Self::Moved { strands, positions } => size_of_val(&**strands) + size_of_val(&**positions),
             Self::Whole(groom) => {
-                // Positions, offsets, and the attributes of a particle that are there.
+                // Positions, offsets and the attributes of particles that are present.
                 let attributes = usize::from(groom.widths.is_some())
                     + usize::from(groom.transparencies.is_some())
                     + 3 * usize::from(groom.colours.is_some());

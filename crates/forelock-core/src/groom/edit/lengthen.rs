@@ -1,10 +1,11 @@
-//! Longer, and the same with another number of particles.
+//! Extending strands, and changing their number of particles.
 //!
 //! # Theory
-//! Of a strand's last half the bend at each particle and the torsion at each edge are taken (the discrete Frenet frame:
-//! the angle between edges, and the angle between the planes that neighbouring edges span). Beyond the tip they are repeated
-//! from the tip backwards, and forwards again where the half is used up. A helix so goes on as the same helix, a wave
-//! as a wave, a circular arc as the arc.
+//! The bend at each particle and the torsion at each edge are measured in the last half of a strand
+//! (the discrete Frenet frame: the angle between edges, and the angle between the planes that
+//! neighbouring edges span). Beyond the tip they are repeated from the tip backwards, and forwards
+//! again at the end of that half. So a helix continues as the same helix, a wave as a wave, a
+//! circular arc as the arc.
 
 use glam::{DQuat, DVec3};
 
@@ -15,10 +16,10 @@ use super::error::at_least;
 use crate::groom::Groom;
 use crate::groom::resample::respaced;
 
-/// Most particles of a strand.
+/// Maximum number of particles of a strand.
 const MOST_PARTICLES: usize = 1000;
 
-/// `lengthen`: lets strands grow on as they curl.
+/// `lengthen`: extends strands, continuing their curl.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -26,9 +27,10 @@ const MOST_PARTICLES: usize = 1000;
     serde(default, deny_unknown_fields)
 )]
 pub struct Lengthen {
-    /// Length added to each strand. Unit m, default 0, range 0 or more; 0 adds none.
+    /// Length added to each strand. Unit m, default 0, range 0 or more; 0 adds nothing.
     pub by: f32,
-    /// Factor on each strand's length before that. No unit, default 1, range 1 or more; 1 adds nothing.
+    /// Factor on each strand's length, applied before `by`. No unit, default 1, range 1 or more; 1
+    /// adds nothing.
     pub factor: f32,
 }
 
@@ -52,8 +54,8 @@ impl Lengthen {
     }
 }
 
-/// The strand with `extra` metres more: in new edges as long as those of its last half, or in the last edge where that would
-/// be less than half of one.
+/// The strand extended by `extra` metres: with new edges as long as those of its last half, or by a
+/// longer last edge if `extra` is less than half of such an edge.
 fn longer(chain: &Chain, groom: &Groom, extra: f64) -> Vec<Particle> {
     let old = groom.strand(chain.strand);
     let edges = chain.lengths.len();
@@ -61,7 +63,11 @@ fn longer(chain: &Chain, groom: &Groom, extra: f64) -> Vec<Particle> {
     let usual = window.iter().sum::<f64>() / window.len() as f64;
     let mut particles: Vec<Particle> =
         old.iter().enumerate().map(|(i, &position)| Particle { position, edge: i, fraction: 0.0 }).collect();
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "bounded by the next line")]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "bounded by `min` and not negative"
+    )]
     let new = (extra / usual).round().min(MOST_PARTICLES as f64 * 4.0) as usize;
     if new == 0 {
         let tip =
@@ -73,7 +79,7 @@ fn longer(chain: &Chain, groom: &Groom, extra: f64) -> Vec<Particle> {
     let mut at = old[edges].as_dvec3();
     for direction in continuation(chain, usual, step).take(new) {
         let position = (at + direction * step).as_vec3();
-        // From where it came to lie in float32.
+        // Continue from the position as rounded to float32.
         at = position.as_dvec3();
         particles.push(Particle { position, edge: edges, fraction: 0.0 });
     }
@@ -90,7 +96,7 @@ fn longer(chain: &Chain, groom: &Groom, extra: f64) -> Vec<Particle> {
     respaced.collect()
 }
 
-/// Bend and torsion of the strand's last half, and directions that go on with them.
+/// Directions of further edges, which continue the bend and torsion of the strand's last half.
 fn continuation(chain: &Chain, usual: f64, step: f64) -> impl Iterator<Item = DVec3> + use<> {
     let directions: Vec<DVec3> = chain.directions().into_iter().filter(|d| *d != DVec3::ZERO).collect();
     let first = (directions.len() / 2).min(directions.len().saturating_sub(4));
@@ -108,19 +114,20 @@ fn continuation(chain: &Chain, usual: f64, step: f64) -> impl Iterator<Item = DV
     if let Some(end) = binormals.last() {
         binormal = *end;
     }
-    // Torsion k lies between binormals k and k + 1, about the edge that both share.
+    // Torsion k is the angle between binormals k and k + 1, about the edge that both share.
     let torsions: Vec<f64> = binormals
         .windows(2)
         .enumerate()
         .map(|(k, pair)| last[k + 1].dot(pair[0].cross(pair[1])).atan2(pair[0].dot(pair[1])))
         .collect();
-    // Bends are of edges of the usual length; new ones may be a little longer or shorter.
+    // Bends were measured on edges of the usual length; new edges may be slightly longer or
+    // shorter.
     let scale = step / usual;
-    let mut there_and_back = 0usize;
+    let mut index = 0usize;
     std::iter::from_fn(move || {
-        let torsion = reflected(&torsions, there_and_back) * scale;
-        let bend = reflected(&bends, there_and_back) * scale;
-        there_and_back += 1;
+        let torsion = reflected(&torsions, index) * scale;
+        let bend = reflected(&bends, index) * scale;
+        index += 1;
         binormal = (DQuat::from_axis_angle(direction, torsion) * binormal)
             .reject_from(direction)
             .normalize_or(binormal);
@@ -129,7 +136,7 @@ fn continuation(chain: &Chain, usual: f64, step: f64) -> impl Iterator<Item = DV
     })
 }
 
-/// Entry `k` from the end of `values`, going back and forth; 0 if there are none.
+/// Entry `k` from the end of `values`, reflected at both ends; 0 if there are none.
 fn reflected(values: &[f64], k: usize) -> f64 {
     if values.is_empty() {
         return 0.0;
@@ -147,7 +154,7 @@ fn reflected(values: &[f64], k: usize) -> f64 {
     serde(default, deny_unknown_fields)
 )]
 pub struct Resample {
-    /// Particles of each strand. Unit particles, default 25, range 2 to 1000.
+    /// Number of particles of each strand. Unit particles, default 25, range 2 to 1000.
     pub particles: u32,
 }
 

@@ -1,4 +1,4 @@
-//! The other side of a plane.
+//! Mirroring at a plane.
 
 use glam::Vec3;
 
@@ -7,20 +7,22 @@ use super::change::{Change, NewStrand, Particle, What};
 use super::error::{direction, finite};
 use crate::groom::Groom;
 
-/// What becomes of the other side.
+/// What happens to the strands on the other side.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum MirrorMode {
-    /// Strands rooted on the other side go, and mirrored ones come.
+    /// Strands rooted on the other side are removed, and mirrored strands are added.
     #[default]
     Replace,
-    /// Mirrored strands come to those that are there.
+    /// Mirrored strands are added to the existing ones.
     Add,
-    /// Every selected strand is mirrored in place: left becomes right. The only edit that moves roots; done twice, it is undone.
+    /// Every selected strand is mirrored in place: left becomes right. This is the only edit that
+    /// moves roots; applied twice, it restores the groom.
     Flip,
 }
 
-/// `mirror`: across a plane. The strands rooted on the side to which the normal points are the model.
+/// `mirror`: mirrors strands at a plane. The strands rooted on the side to which the normal points
+/// are copied.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -28,11 +30,12 @@ pub enum MirrorMode {
     serde(default, deny_unknown_fields)
 )]
 pub struct Mirror {
-    /// "replace", "add" or "flip". Default "replace".
+    /// What happens to the other side: "replace", "add" or "flip". Default "replace".
     pub mode: MirrorMode,
     /// A point of the plane. Unit m, default [0, 0, 0].
     pub point: Vec3,
-    /// The plane's normal, of any length above 0; it points to the side that is copied. No unit, default [1, 0, 0].
+    /// Normal of the plane, of any non-zero length; it points to the side that is copied. No unit,
+    /// default [1, 0, 0].
     pub normal: Vec3,
 }
 
@@ -48,7 +51,7 @@ impl Mirror {
         direction("normal", self.normal)
     }
 
-    /// Twice the distance of `p` from the plane, towards its normal.
+    /// Twice the signed distance of `p` from the plane, positive in the direction of the normal.
     fn beyond(&self, p: Vec3) -> f64 {
         let normal = self.normal.as_dvec3().normalize();
         2.0 * (p.as_dvec3() - self.point.as_dvec3()).dot(normal)
@@ -64,14 +67,14 @@ impl Mirror {
             let images = strands.map(|s| (s, groom.strand(s).iter().map(|&p| self.image(p)).collect()));
             return Change { what: What::Moved(images.collect()), coarse: 0 };
         }
-        let (model, other): (Vec<usize>, Vec<usize>) =
+        let (copied, other): (Vec<usize>, Vec<usize>) =
             strands.partition(|&s| self.beyond(groom.strand(s)[0]) > 0.0);
-        let mut gone = vec![false; groom.strand_count()];
+        let mut removed = vec![false; groom.strand_count()];
         if self.mode == MirrorMode::Replace {
-            other.iter().for_each(|&s| gone[s] = true);
+            other.iter().for_each(|&s| removed[s] = true);
         }
-        let kept = (0..groom.strand_count()).filter(|&s| !gone[s]).map(NewStrand::kept);
-        let images = model.iter().map(|&source| {
+        let kept = (0..groom.strand_count()).filter(|&s| !removed[s]).map(NewStrand::kept);
+        let images = copied.iter().map(|&source| {
             let points = groom.strand(source).iter().enumerate();
             let particle =
                 |(edge, &p): (usize, &Vec3)| Particle { position: self.image(p), edge, fraction: 0.0 };

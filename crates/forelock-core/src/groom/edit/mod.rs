@@ -1,20 +1,23 @@
-//! Digital grooming: cutting, combing, curling and the like, as operations on a [`Groom`].
+//! Digital grooming: cutting, combing, curling and other operations on a [`Groom`].
 //!
 //! # Theory
-//! A strand is a chain of edges, and most of grooming turns edges without making them longer. Such operations work out
-//! where each edge should point; the strand is then laid anew from its root, each edge at the length it had (to the
-//! rounding of float32 positions, and it does not add up along the strand, since each particle is placed from where the
-//! one before it came to lie). [`Trim`], [`Cut`] and [`Lengthen`] change lengths on purpose, [`Density`] and [`Mirror`]
-//! the number of strands.
+//! A strand is a chain of edges, and most grooming operations rotate edges without changing their
+//! lengths. Such an operation computes the direction of each edge; the strand is then rebuilt from
+//! its root, with each edge at its original length. (Lengths change by the rounding of float32
+//! positions only, and the error does not accumulate along the strand, because each particle is
+//! placed from the rounded position of the previous one.) [`Trim`], [`Cut`] and [`Lengthen`] change
+//! lengths on purpose, [`Density`] and [`Mirror`] the number of strands.
 //!
 //! # Practice
-//! An [`Edit`] is an operation and a [`Selection`] of the strands it works on. [`Edit::apply`] changes a groom once;
-//! [`EditHistory`] keeps one that can be undone and redone. Attributes follow: those of a particle are interpolated where
-//! a strand is cut or continued, those of a strand go along with it. Roots and pinned particles stay where they are. With a
-//! [`Body`] at hand strands that came to lie inside it are brought out again.
+//! An [`Edit`] is an operation and a [`Selection`] of the strands to which it applies.
+//! [`Edit::apply`] changes a groom once; [`EditHistory`] keeps a groom whose edits can be undone
+//! and redone. Attributes are preserved: attributes of particles are interpolated where a strand is
+//! cut or extended, attributes of strands are copied. Roots and pinned particles are not moved. If
+//! a [`Body`] is given, strands that an edit moved into it are moved out again.
 //!
-//! Strands that are not finite are left alone, and no edit makes one: a strand for which an operation would, is left as it was
-//! and counted. The same edit of the same groom gives the same bits, with any number of threads.
+//! Strands that are not finite are not changed. If an operation would make a strand non-finite, the
+//! strand is left unchanged and counted. The same edit of the same groom gives bit-identical
+//! results with any number of threads.
 //!
 //! ```
 //! use forelock_core::groom::Groom;
@@ -32,8 +35,8 @@
 //! ```
 //!
 //! # Limitations
-//! Operations are geometric: hair does not push hair aside. Edges of a strand that had to be brought out of a body keep
-//! their length to a tenth of a per cent.
+//! Operations are geometric: strands do not push each other aside. If a strand had to be moved out
+//! of a body, its edges keep their lengths to a tenth of a per cent.
 
 mod chain;
 mod change;
@@ -74,39 +77,39 @@ use super::{Groom, LiftParams, LiftReport, lift_out};
 use crate::body::{Sdf, TriMesh};
 use change::Change;
 
-/// What is done to the selected strands.
+/// An operation on the selected strands.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Operation {
-    /// `trim`: shorten by length.
+    /// `trim`: shortens strands by length.
     Trim(Trim),
-    /// `cut`: shorten where a shape is met.
+    /// `cut`: shortens strands where they enter a shape.
     Cut(Cut),
-    /// `lengthen`: grow on as the tips curl.
+    /// `lengthen`: extends strands, continuing their curl.
     Lengthen(Lengthen),
     /// `resample`: the same curves with another number of particles.
     Resample(Resample),
-    /// `comb`: turn along a stroke.
+    /// `comb`: rotates strands along a stroke.
     Comb(Comb),
-    /// `attract`: draw to a point.
+    /// `attract`: moves hair towards a point.
     Attract(Pull),
-    /// `repel`: push from a point.
+    /// `repel`: moves hair away from a point.
     Repel(Pull),
-    /// `curl`: wind up.
+    /// `curl`: curls strands.
     Curl(Curl),
-    /// `straighten`: take the curl out.
+    /// `straighten`: removes curls.
     Straighten(Straighten),
-    /// `clump`: draw together into locks.
+    /// `clump`: gathers strands into locks.
     Clump(Clump),
-    /// `density`: fewer strands, or more between those there are.
+    /// `density`: removes strands, or adds strands between the existing ones.
     Density(Density),
-    /// `mirror`: across a plane.
+    /// `mirror`: mirrors strands at a plane.
     Mirror(Mirror),
-    /// `smooth`: even out along strands and between neighbours.
+    /// `smooth`: smooths along strands and between neighbours.
     Smooth(Smooth),
 }
 
 impl Operation {
-    /// Names of all operations, as scripts write them.
+    /// Names of all operations, as used in scripts.
     pub const NAMES: [&'static str; 13] = [
         "trim",
         "cut",
@@ -123,7 +126,7 @@ impl Operation {
         "smooth",
     ];
 
-    /// The name, one of [`Operation::NAMES`].
+    /// The name of the operation, one of [`Operation::NAMES`].
     pub fn name(&self) -> &'static str {
         match self {
             Self::Trim(_) => "trim",
@@ -145,7 +148,7 @@ impl Operation {
     /// Checks every parameter against its documented range.
     ///
     /// # Errors
-    /// [`EditError::Parameter`] for the first that is outside.
+    /// [`EditError::Parameter`] for the first parameter that is out of range.
     pub fn validate(&self) -> Result<(), EditError> {
         match self {
             Self::Trim(op) => op.validate(),
@@ -163,7 +166,7 @@ impl Operation {
         }
     }
 
-    /// What it would change of `groom`.
+    /// The change that the operation would make to `groom`.
     fn change(&self, groom: &Groom, selected: &[bool]) -> Change {
         match self {
             Self::Trim(op) => op.change(groom, selected),
@@ -183,45 +186,48 @@ impl Operation {
     }
 }
 
-/// An operation and the strands it works on.
+/// An operation and the strands to which it applies.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Edit {
-    /// What is done.
+    /// The operation.
     pub operation: Operation,
-    /// To which strands; the default is all.
+    /// The strands to which it applies; the default is all.
     pub only: Selection,
 }
 
-/// What hair grows on, so that edits keep out of it.
+/// The body on which the hair grows; edits keep strands outside of it.
 #[derive(Clone, Copy, Debug)]
 pub struct Body<'a> {
-    /// Its distance field, in the groom's space.
+    /// Distance field of the body, in the groom's space.
     pub sdf: &'a Sdf,
-    /// Its mesh, to which new strands are bound. Without it a groom loses its root bindings when it gets new strands.
+    /// Mesh of the body, to which new strands are bound. Without it a groom loses its root bindings
+    /// when strands are added.
     pub mesh: Option<&'a TriMesh>,
-    /// Distance in metres at which strands are kept from it.
+    /// Distance in metres at which strands are kept from the body.
     pub margin: f32,
 }
 
 impl Edit {
-    /// `operation` on all strands.
+    /// `operation` applied to all strands.
     pub fn all(operation: Operation) -> Self {
         Self { operation, only: Selection::default() }
     }
 
-    /// Checks the operation's and the selection's parameters.
+    /// Checks the parameters of the operation and the selection.
     ///
     /// # Errors
-    /// [`EditError::Parameter`] for the first outside its range.
+    /// [`EditError::Parameter`] for the first parameter that is out of range.
     pub fn validate(&self) -> Result<(), EditError> {
         self.operation.validate()?;
         self.only.validate().map_err(|error| error.under("only"))
     }
 
-    /// Does it to `groom`, in whose space all its points are, and keeps strands out of `body`.
+    /// Applies the edit to `groom`, in whose space all points of the edit are given, and keeps
+    /// strands outside `body`.
     ///
     /// # Errors
-    /// [`EditError`] if a parameter is out of range or the result is too large; `groom` is as it was then.
+    /// [`EditError`] if a parameter is out of range or the result is too large; `groom` is
+    /// unchanged in this case.
     pub fn apply(&self, groom: &mut Groom, body: Option<&Body<'_>>) -> Result<EditReport, EditError> {
         self.validate()?;
         groom.check_attributes()?;
@@ -244,16 +250,16 @@ impl Edit {
     }
 }
 
-/// Which strands an edit touched, by their number after it.
+/// The strands that an edit changed, by their indices after it.
 #[derive(Clone, Debug, Default)]
 struct Touched {
-    /// Strands that were there before.
+    /// Strands that existed before.
     changed: Vec<usize>,
-    /// New ones, whose roots may move too.
+    /// New strands, whose roots may be moved too.
     fresh: Vec<usize>,
 }
 
-/// Brings the strands that an edit touched out of the body.
+/// Moves the strands that an edit changed out of the body.
 fn lift(groom: &mut Groom, body: &Body<'_>, touched: &Touched) -> LiftReport {
     let mut sum = LiftReport::default();
     for (strands, move_roots) in [(&touched.changed, false), (&touched.fresh, true)] {

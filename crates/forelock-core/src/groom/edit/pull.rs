@@ -1,9 +1,10 @@
-//! Drawing hair to a point, and pushing it from one.
+//! Moving hair towards a point or away from it.
 //!
 //! # Theory
-//! Particles within reach get a target: nearer to the point by the falloff's share of the way, or on the way out to the
-//! reach's border. The strand is then brought to its targets by FABRIK (Aristidou and Lasenby 2011): laid from tip to root
-//! and back again, each edge at its length.
+//! Particles within the radius get a target: nearer to the point by the fraction given by the
+//! falloff, or farther away towards the border of the radius. The strand is then moved to its
+//! targets by FABRIK (Aristidou and Lasenby 2011): it is rebuilt from tip to root and back, each
+//! edge at its length.
 
 use glam::{DVec3, Vec3};
 
@@ -13,19 +14,20 @@ use super::change::Change;
 use super::error::{above_zero, finite, within};
 use crate::groom::Groom;
 
-/// Rounds from tip to root and back.
+/// Number of rounds from tip to root and back.
 const ROUNDS: usize = 8;
 
-/// `attract` and `repel`: draws hair to a point or pushes it away; lengths stay.
+/// `attract` and `repel`: moves hair towards a point or away from it; lengths are kept.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
 pub struct Pull {
     /// The point. Unit m, no default.
     pub centre: Vec3,
-    /// How far around it hair is moved. Unit m, default 0.05, range above 0.
+    /// Distance from the point within which hair is moved. Unit m, default 0.05, range above 0.
     #[cfg_attr(feature = "serde", serde(default = "radius"))]
     pub radius: f32,
-    /// Share of the way to the point, or to the border of its reach. No unit, default 0.5, range 0 to 1; 0 does nothing.
+    /// Fraction of the distance to the point, or to the border of the radius. No unit, default 0.5,
+    /// range 0 to 1; 0 does nothing.
     #[cfg_attr(feature = "serde", serde(default = "strength"))]
     pub strength: f32,
 }
@@ -38,7 +40,7 @@ fn strength() -> f32 {
 }
 
 impl Pull {
-    /// About `centre` (metres) with everything else at its default.
+    /// A pull about `centre` (metres) with default values of all other parameters.
     pub fn about(centre: Vec3) -> Self {
         Self { centre, radius: radius(), strength: strength() }
     }
@@ -49,7 +51,7 @@ impl Pull {
         within("strength", self.strength, 0.0, 1.0)
     }
 
-    /// `sign` is 1 to draw to the point, -1 to push away.
+    /// `sign` is 1 to attract, -1 to repel.
     pub(super) fn change(&self, groom: &Groom, selected: &[bool], sign: f64) -> Change {
         let (centre, reach) = (self.centre.as_dvec3(), f64::from(self.radius));
         Change::moved(groom, selected, |chain| {
@@ -71,7 +73,7 @@ impl Pull {
                     away.try_normalize().unwrap_or_else(aside) * (-strength * (reach - distance))
                 };
             }
-            // What was pushed away must not be drawn back in by its strand.
+            // Particles that were pushed away must not be pulled back in by their strand.
             let away = |target: &DVec3| if sign < 0.0 { target.distance(centre).min(reach) } else { 0.0 };
             let least: Vec<f64> = targets.iter().map(away).collect();
             touched.then(|| reached(chain, targets, centre, &least))
@@ -79,7 +81,8 @@ impl Pull {
     }
 }
 
-/// The strand as near to `targets` as its edges allow, each particle at `least` so far from `centre`.
+/// The strand as near to `targets` as its edges allow, with each particle at least at the distance
+/// `least` from `centre`.
 fn reached(chain: &Chain, mut targets: Vec<DVec3>, centre: DVec3, least: &[f64]) -> Vec<DVec3> {
     let kept_away = |target: DVec3, least: f64| {
         let away = target - centre;
@@ -92,10 +95,10 @@ fn reached(chain: &Chain, mut targets: Vec<DVec3>, centre: DVec3, least: &[f64])
                 targets[i] = kept_away(from + back * chain.lengths[i], least[i]);
             }
         }
-        targets = chain.led(&targets);
+        targets = chain.following(&targets);
         for (target, &least) in targets.iter_mut().zip(least).skip(chain.hold) {
             *target = kept_away(*target, least);
         }
     }
-    chain.led(&targets)
+    chain.following(&targets)
 }

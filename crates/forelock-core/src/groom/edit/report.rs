@@ -1,34 +1,34 @@
-//! What an edit tells.
+//! The report of an edit.
 
 use crate::groom::LiftReport;
 
-/// What an edit did.
+/// Statistics of an edit.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct EditReport {
-    /// Strands selected.
+    /// Number of strands selected.
     pub selected: usize,
-    /// Strands changed.
+    /// Number of strands changed.
     pub changed: usize,
-    /// Strands added.
+    /// Number of strands added.
     pub added: usize,
-    /// Strands removed.
+    /// Number of strands removed.
     pub removed: usize,
-    /// Strands left as they were because they, or what would have become of them, is not finite.
+    /// Number of strands left unchanged because they are not finite, or the result would not be.
     pub refused: usize,
-    /// Strands whose curl is too fine for their particles: fewer than six edges a turn.
+    /// Number of strands that have too few particles for their curl: fewer than six edges per turn.
     pub coarse: usize,
     /// Whether root bindings were dropped because new strands could not be bound.
     pub bindings_dropped: bool,
-    /// How strands were brought out of the body.
+    /// How strands were moved out of the body.
     pub lift: LiftReport,
-    /// Where each strand comes from, one a strand of the edited groom.
+    /// The origin of each strand, one entry for each strand of the edited groom.
     pub sources: Vec<Source>,
 }
 
-/// Where a strand of an edited groom comes from.
+/// The origin of a strand in an edited groom.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Source {
-    /// The strand before the edit that it was, or was made from.
+    /// Index before the edit of the strand that it was, or from which it was made.
     pub strand: u32,
     /// Whether it is a new strand.
     pub fresh: bool,
@@ -38,9 +38,11 @@ impl std::fmt::Display for EditReport {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { selected, changed, .. } = self;
         write!(f, "{changed} of {selected} strands changed")?;
-        for (count, word) in
-            [(self.added, "added"), (self.removed, "removed"), (self.refused, "not finite and left")]
-        {
+        for (count, word) in [
+            (self.added, "added"),
+            (self.removed, "removed"),
+            (self.refused, "not finite and left unchanged"),
+        ] {
             if count > 0 {
                 write!(f, ", {count} {word}")?;
             }
@@ -48,7 +50,7 @@ impl std::fmt::Display for EditReport {
         if self.coarse > 0 {
             write!(
                 f,
-                "; {} strands have fewer than six particles a turn: `resample` them first",
+                "; {} strands have fewer than six particles per turn: `resample` them first",
                 self.coarse
             )?;
         }

@@ -1,4 +1,4 @@
-//! Which strands an edit works on.
+//! The strands to which an edit applies.
 
 use super::error::{finite, within};
 use super::{Ball, EditError, HalfSpace};
@@ -7,7 +7,7 @@ use crate::groom::Groom;
 use crate::groom::grow::random::Random;
 use glam::Vec3;
 
-/// A box along the axes.
+/// An axis-aligned box.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
 pub struct Cuboid {
@@ -17,7 +17,8 @@ pub struct Cuboid {
     pub to: Vec3,
 }
 
-/// Strands by where their roots are, by number, and by chance. All that is given must hold.
+/// A selection of strands by the positions of their roots, by index and at random. A strand must
+/// satisfy all conditions that are given.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -25,26 +26,26 @@ pub struct Cuboid {
     serde(default, deny_unknown_fields)
 )]
 pub struct Selection {
-    /// Roots in this ball. Default everywhere.
+    /// Select roots in this ball. Default everywhere.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub sphere: Option<Ball>,
-    /// Roots in this box; `box` in scripts. Default everywhere.
+    /// Select roots in this box; `box` in scripts. Default everywhere.
     #[cfg_attr(feature = "serde", serde(rename = "box", skip_serializing_if = "Option::is_none"))]
     pub cuboid: Option<Cuboid>,
-    /// Roots on the side of this plane to which its normal points. Default everywhere.
+    /// Select roots on the side of this plane to which its normal points. Default everywhere.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub plane: Option<HalfSpace>,
-    /// Roots in this region of the built-in head: "scalp" or "beard". Default everywhere.
+    /// Select roots in this region of the built-in head: "scalp" or "beard". Default everywhere.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub region: Option<Region>,
-    /// Strands by number, from the first up to but not including the second. Default all.
+    /// Range of strand indices: the first index, and the index after the last. Default all.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub strands: Option<[u32; 2]>,
-    /// Share of them, drawn at random. No unit, default 1, range 0 to 1; 0 is none.
+    /// Fraction of the strands, drawn at random. No unit, default 1, range 0 to 1; 0 selects none.
     pub share: f32,
-    /// Seed of that draw. No unit, default 1; 0 is a seed like any other.
+    /// Seed of that draw. No unit, default 1; 0 is a valid seed.
     pub seed: u64,
-    /// Whether to take the other strands instead. Default false.
+    /// Whether to select the other strands instead. Default false.
     pub invert: bool,
 }
 
@@ -67,7 +68,7 @@ impl Selection {
     /// Checks every field against its documented range.
     ///
     /// # Errors
-    /// [`EditError::Parameter`] for the first that is outside.
+    /// [`EditError::Parameter`] for the first field that is out of range.
     pub fn validate(&self) -> Result<(), EditError> {
         self.sphere.iter().try_for_each(Ball::validate).map_err(|e| e.under("sphere"))?;
         self.plane.iter().try_for_each(HalfSpace::validate).map_err(|e| e.under("plane"))?;
@@ -78,15 +79,15 @@ impl Selection {
         within("share", self.share, 0.0, 1.0)
     }
 
-    /// Whether each strand of `groom` is selected.
+    /// Whether each strand of `groom` is selected, one entry for each strand.
     pub fn strands(&self, groom: &Groom) -> Vec<bool> {
-        (0..groom.strand_count()).map(|strand| self.takes(groom, strand) != self.invert).collect()
+        (0..groom.strand_count()).map(|strand| self.selects(groom, strand) != self.invert).collect()
     }
 
-    fn takes(&self, groom: &Groom, strand: usize) -> bool {
+    fn selects(&self, groom: &Groom, strand: usize) -> bool {
         let Some(&root) = groom.strand(strand).first() else { return false };
         let inside = |cuboid: &Cuboid| {
-            let (lo, hi): (Vec3, Vec3) = (cuboid.from.min(cuboid.to), cuboid.from.max(cuboid.to));
+            let (lo, hi) = (cuboid.from.min(cuboid.to), cuboid.from.max(cuboid.to));
             root.cmpge(lo).all() && root.cmple(hi).all()
         };
         self.sphere.is_none_or(|ball| root.distance(ball.centre) <= ball.radius)

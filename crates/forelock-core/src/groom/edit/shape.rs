@@ -1,4 +1,4 @@
-//! Shapes that cut and select, by their signed distance.
+//! Shapes for cutting and selecting, described by their signed distances.
 
 use glam::{EulerRot, Quat, Vec3};
 
@@ -9,70 +9,70 @@ use super::error::{above_zero, direction, finite};
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
 pub struct Ball {
-    /// Its middle. Unit m.
+    /// Centre of the ball. Unit m.
     pub centre: Vec3,
-    /// Its radius. Unit m, range above 0.
+    /// Radius of the ball. Unit m, range above 0.
     pub radius: f32,
 }
 
-/// All on the side of a plane to which its normal points.
+/// The half-space on the side of a plane to which its normal points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
 pub struct HalfSpace {
     /// A point of the plane. Unit m.
     pub point: Vec3,
-    /// The plane's normal, of any length above 0. No unit.
+    /// Normal of the plane, of any non-zero length. No unit.
     pub normal: Vec3,
 }
 
-/// A box that may be turned.
+/// A box that may be rotated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
 pub struct TurnedBox {
-    /// Its middle. Unit m.
+    /// Centre of the box. Unit m.
     pub centre: Vec3,
-    /// Half of its sides. Unit m, range above 0.
+    /// Half the lengths of the sides. Unit m, range above 0.
     pub half_extents: Vec3,
     /// Yaw about y, pitch about x, roll about z, in this order. Unit degrees, default [0, 0, 0].
     #[cfg_attr(feature = "serde", serde(default))]
     pub rotation_degrees: Vec3,
 }
 
-/// A rod with round ends.
+/// A cylinder with hemispherical ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
 pub struct Capsule {
-    /// One end of its axis. Unit m.
+    /// One end of the axis. Unit m.
     pub from: Vec3,
-    /// The other end. Unit m.
+    /// The other end of the axis. Unit m.
     pub to: Vec3,
-    /// Its radius. Unit m, range above 0.
+    /// Radius. Unit m, range above 0.
     pub radius: f32,
 }
 
-/// A line of points with a thickness, as a hand draws it.
+/// A polyline with a radius, such as a brush stroke.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
 pub struct Stroke {
-    /// Its points, two or more. Unit m.
+    /// Points of the polyline, two or more. Unit m.
     pub points: Vec<Vec3>,
-    /// How far around the line it reaches. Unit m, range above 0.
+    /// Radius around the polyline. Unit m, range above 0.
     pub radius: f32,
 }
 
-/// What a strand is cut by; a strand ends where it first meets the shape.
+/// The shape of a cut; a strand ends where it first enters the shape.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum CutShape {
-    /// All on the side of a plane to which its normal points.
+    /// The half-space on the side of a plane to which its normal points.
     Plane(HalfSpace),
     /// A ball.
     Sphere(Ball),
-    /// A box that may be turned.
+    /// A box that may be rotated.
     Box(TurnedBox),
-    /// A rod with round ends.
+    /// A cylinder with hemispherical ends.
     Capsule(Capsule),
-    /// A line of points with a thickness.
+    /// A polyline with a radius.
     Stroke(Stroke),
 }
 
@@ -89,7 +89,7 @@ impl HalfSpace {
         direction("normal", self.normal)
     }
 
-    /// Signed distance of `p`: positive on the side to which the normal does not point.
+    /// Signed distance of `p`: positive on the side from which the normal points away.
     pub(super) fn distance(&self, p: Vec3) -> f32 {
         (self.point - p).dot(self.normal.normalize())
     }
@@ -122,7 +122,8 @@ impl Stroke {
         if apart { Ok(()) } else { Err(EditError::new("points", "one place", "points that differ")) }
     }
 
-    /// Distance of `p` from the line, and the line's direction there: it turns evenly from one segment's middle to the next's.
+    /// Distance of `p` from the polyline, and the polyline's direction at the nearest point; the
+    /// direction is interpolated between the centres of the segments.
     pub(super) fn nearest(&self, p: Vec3) -> (f32, Vec3) {
         let mut best = (f32::INFINITY, 0, 0.0);
         for (segment, ends) in self.points.windows(2).enumerate() {
@@ -133,18 +134,19 @@ impl Stroke {
         }
         let (distance, segment, share) = best;
         let along = |segment: usize| (self.points[segment + 1] - self.points[segment]).normalize_or_zero();
-        let own = along(segment);
+        let direction = along(segment);
         let (other, weight) = if share < 0.5 {
             (segment.checked_sub(1), 0.5 - share)
         } else {
             (Some(segment + 1).filter(|next| next + 1 < self.points.len()), share - 0.5)
         };
-        let mixed = other.map_or(own, |other| own.lerp(along(other), weight));
-        (distance, mixed.try_normalize().unwrap_or(own))
+        let mixed = other.map_or(direction, |other| direction.lerp(along(other), weight));
+        (distance, mixed.try_normalize().unwrap_or(direction))
     }
 }
 
-/// Distance of `p` from the segment from `a` to `b`, and the nearest point's share of the way.
+/// Distance of `p` from the segment from `a` to `b`, and the position of the nearest point as a
+/// fraction of the segment.
 fn to_segment(p: Vec3, a: Vec3, b: Vec3) -> (f32, f32) {
     let axis = b - a;
     let share = ((p - a).dot(axis) / axis.length_squared().max(f32::MIN_POSITIVE)).clamp(0.0, 1.0);
@@ -162,7 +164,7 @@ impl CutShape {
         }
     }
 
-    /// Signed distance of `p` in metres, negative inside; never more than the true one.
+    /// Signed distance of `p` in metres, negative inside; a lower bound of the true distance.
     pub(super) fn distance(&self, p: Vec3) -> f32 {
         match self {
             Self::Plane(plane) => plane.distance(p),
@@ -178,19 +180,21 @@ impl CutShape {
         }
     }
 
-    /// Where on the segment from `a` to `b` the shape is first met, as a fraction of the way.
+    /// The first point of the segment from `a` to `b` inside the shape, as a fraction of the
+    /// segment; `None` if the segment is outside.
     ///
-    /// Sphere tracing (Hart 1996): a step as long as the distance cannot pass through the shape.
-    pub(super) fn first_met(&self, a: Vec3, b: Vec3) -> Option<f32> {
+    /// Sphere tracing (Hart 1996): a step of the length of the distance cannot pass through the
+    /// shape.
+    pub(super) fn first_hit(&self, a: Vec3, b: Vec3) -> Option<f32> {
         let length = a.distance(b);
         let least = 1e-4 * length.max(1e-6);
-        let mut gone = 0.0;
-        while gone < length {
-            let distance = self.distance(a.lerp(b, gone / length));
+        let mut travelled = 0.0;
+        while travelled < length {
+            let distance = self.distance(a.lerp(b, travelled / length));
             if distance <= 0.0 {
-                return Some(gone / length);
+                return Some(travelled / length);
             }
-            gone += distance.max(least);
+            travelled += distance.max(least);
         }
         (self.distance(b) <= 0.0).then_some(1.0)
     }
@@ -201,8 +205,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn shapes_are_met_where_they_begin() {
-        let far = |shape: &CutShape| shape.first_met(Vec3::ZERO, Vec3::NEG_Y);
+    fn segments_enter_shapes_at_the_surface() {
+        let far = |shape: &CutShape| shape.first_hit(Vec3::ZERO, Vec3::NEG_Y);
         let plane = CutShape::Plane(HalfSpace { point: Vec3::NEG_Y * 0.25, normal: Vec3::NEG_Y * 7.0 });
         let ball = CutShape::Sphere(Ball { centre: Vec3::NEG_Y * 0.5, radius: 0.25 });
         let turned = TurnedBox {
@@ -219,16 +223,16 @@ mod tests {
         {
             let met = far(&shape).unwrap();
             assert!((met - 0.25).abs() < 2e-4, "{shape:?}: {met}");
-            assert_eq!(shape.first_met(Vec3::ZERO, Vec3::Y), None, "{shape:?}");
+            assert_eq!(shape.first_hit(Vec3::ZERO, Vec3::Y), None, "{shape:?}");
         }
-        // Thinner than the segment is long, and both ends outside.
+        // The shape is thinner than the segment is long, and both ends are outside.
         let wire =
             Stroke { points: vec![Vec3::new(-1.0, -0.5, 0.0), Vec3::new(1.0, -0.5, 0.0)], radius: 1e-3 };
         assert!((far(&CutShape::Stroke(wire)).unwrap() - 0.499).abs() < 2e-4);
     }
 
     #[test]
-    fn a_stroke_turns_evenly() {
+    fn the_direction_of_a_stroke_is_interpolated() {
         let stroke = Stroke { points: vec![Vec3::ZERO, Vec3::X, Vec3::X + Vec3::Y], radius: 1.0 };
         assert_eq!(stroke.nearest(Vec3::new(0.5, -0.1, 0.0)), (0.1, Vec3::X));
         let (distance, corner) = stroke.nearest(Vec3::X);

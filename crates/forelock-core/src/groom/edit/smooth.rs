@@ -1,4 +1,4 @@
-//! Evening hair out, along strands and between neighbours.
+//! Smoothing of hair along strands and between neighbours.
 
 use glam::DVec3;
 
@@ -9,10 +9,10 @@ use super::error::{at_least, within};
 use crate::groom::Groom;
 use crate::groom::nearest::Nearest;
 
-/// Most neighbours that a strand is evened out with.
+/// Maximum number of neighbours with which a strand is averaged.
 const NEIGHBOURS: usize = 16;
 
-/// `smooth`: turns edges towards the mean of those around them; lengths stay.
+/// `smooth`: rotates edges towards the mean of the edges around them; lengths are kept.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -20,11 +20,14 @@ const NEIGHBOURS: usize = 16;
     serde(default, deny_unknown_fields)
 )]
 pub struct Smooth {
-    /// Share of the way. No unit, default 0.5, range 0 to 1; 0 does nothing.
+    /// Fraction of the rotation. No unit, default 0.5, range 0 to 1; 0 does nothing.
     pub amount: f32,
-    /// How far along the strand edges count. Unit m, default 0.01, range 0 or more; 0 none but the edge itself.
+    /// Distance along the strand within which edges are averaged. Unit m, default 0.01, range 0 or
+    /// more; 0 uses the edge alone.
     pub along: f32,
-    /// How far around the root other strands count, at the same length from their roots, as far as they run the same way; the 16 nearest at most. Unit m, default 0.01, range 0 or more; 0 none.
+    /// Distance around the root within which other strands are averaged, at the same arc length and
+    /// weighted by the agreement of their directions; the 16 nearest at most. Unit m, default 0.01,
+    /// range 0 or more; 0 uses none.
     pub across: f32,
 }
 
@@ -42,7 +45,8 @@ impl Smooth {
     }
 
     pub(super) fn change(&self, groom: &Groom, selected: &[bool]) -> Change {
-        // Strands that are not selected count as neighbours too, so that a selection has no seam.
+        // Strands that are not selected are used as neighbours too, so that the border of a
+        // selection is not visible.
         let whole = |s: usize| groom.strand(s).len() >= 2 && groom.strand(s).iter().all(|p| p.is_finite());
         let usable: Vec<usize> = (0..groom.strand_count()).filter(|&s| whole(s)).collect();
         let tree = Nearest::new(usable.iter().map(|&s| groom.strand(s)[0]));
@@ -61,27 +65,28 @@ impl Smooth {
             let others: Vec<(f64, Chain)> =
                 others.map(|(d, other)| (falloff(d / reach), Chain::of(groom, other))).collect();
             add_neighbours(chain, &others, &mut flow);
-            let own = chain.directions();
-            Some(chain.laid(|edge, _| {
-                own[edge].lerp(flow[edge].normalize_or(own[edge]), self.amount.into()).normalize_or(own[edge])
+            let directions = chain.directions();
+            Some(chain.rebuilt(|edge, _| {
+                let direction = directions[edge];
+                direction.lerp(flow[edge].normalize_or(direction), self.amount.into()).normalize_or(direction)
             }))
         })
     }
 }
 
-/// Adds to each edge's direction those of `others` at the same arc length, by weight and by how far they agree: hair on the other
-/// side of a parting has no say.
+/// Adds to each edge's direction those of `others` at the same arc length, weighted by `weight` and
+/// by the agreement of the directions: hair on the other side of a parting has no effect.
 fn add_neighbours(chain: &Chain, others: &[(f64, Chain)], flow: &mut [DVec3]) {
     let arcs = chain.arcs();
-    let own = flow.to_vec();
+    let of_strand = flow.to_vec();
     for (weight, other) in others {
         let (directions, other_arcs) = (other.directions(), other.arcs());
         for (edge, sum) in flow.iter_mut().enumerate() {
             let middle = 0.5 * (arcs[edge] + arcs[edge + 1]);
             let at = other_arcs.partition_point(|&a| a <= middle);
-            // Beyond its tip a neighbour has nothing to say.
+            // A neighbour has no effect beyond its tip.
             if at < other_arcs.len() {
-                let agreement = directions[at - 1].dot(own[edge]).max(0.0);
+                let agreement = directions[at - 1].dot(of_strand[edge]).max(0.0);
                 *sum += directions[at - 1] * (weight * agreement * agreement);
             }
         }

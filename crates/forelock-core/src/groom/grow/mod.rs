@@ -2,28 +2,33 @@
 //!
 //! # Theory
 //!
-//! Supplement D of the AMS paper: roots uniform on the chosen triangles; a first direction from the interpolated
-//! normal and noise; then, particle by particle, a pull downwards that grows along the strand (p_γ, Eqs. 4–5) and a
-//! helix vector (p_h, p_freq, p_Ω, Eqs. 6–7), and a step of constant length p_τ. The sheets of its Figs. 13 and 14
-//! are [`sheets`].
+//! Supplement D of the AMS paper: roots are uniformly distributed on the chosen triangles; the
+//! first direction is the interpolated normal plus noise. Then, for each particle, a downward pull
+//! that grows along the strand (p_γ, Eqs. 4–5) and a helix vector (p_h, p_freq, p_Ω, Eqs. 6–7)
+//! change the direction, followed by a step of constant length p_τ. The parameter sheets of its
+//! Figs. 13 and 14 are [`sheets`].
 //!
 //! # Practice
 //!
-//! The formula alone makes strands that stand out from the head. For hair that is worn, growth here also knows a
-//! comb with a parting, hanging at a rate, layers over the skin, a band that gathers a ponytail, waves and curls of a
-//! length and a radius in metres, a level cut, locks that draw together, and strays. All of it is off by default.
-//! Strands are moved round the solid while they grow, so that no particle is inside and every edge keeps its length.
-//! Locks are a second pass: each strand follows, edge by edge, the mean of itself and the strand at its lock's middle.
+//! The formula alone makes strands that stand out from the head. For combed hair, growth has
+//! further parameters: a comb direction with a parting, a rate at which strands turn downwards,
+//! layers over the skin, a band that gathers a ponytail, waves and curls with a wavelength and a
+//! radius in metres, a level cut, locks, and stray strands. All of them are off by default. While
+//! strands grow, they are moved around the solid, so that no particle is inside and every edge
+//! keeps its length. Locks are a second pass: each strand follows, edge by edge, a weighted mean of
+//! itself and the strand in the middle of its lock.
 //!
-//! [`grow`] works on any mesh, [`grow_on_head`] on the built-in one, for which the presets were tuned.
+//! [`grow`] works on any mesh, [`grow_on_head`] on the built-in head, for which the presets were
+//! tuned.
 //!
-//! The same seed gives the same groom, bit for bit, on every machine and with any number of threads: randomness is
-//! integer arithmetic, and the rest uses only operations that IEEE 754 defines exactly.
+//! The same seed gives the same groom, bit for bit, on every machine and with any number of
+//! threads: random numbers use integer arithmetic, and everything else uses only operations that
+//! IEEE 754 defines exactly.
 //!
 //! # Limitations
 //!
-//! Strands do not see each other. An edge between two particles outside may cut a convex corner of the solid by the
-//! edge's sagitta, l²/8R; choose `margin` above it.
+//! Strands do not interact with each other. An edge between two particles outside the solid may cut
+//! a convex part of it by the edge's sagitta, l²/8R; choose a larger `margin`.
 
 mod params;
 mod presets;
@@ -46,64 +51,67 @@ use crate::body::{Head, TriMesh};
 use roots::Root;
 use strand::{Field, Traits};
 
-/// A solid to keep out of: for a point and a reach in metres, the signed distance (negative inside) and its unit
-/// gradient if the distance is under the reach, else nothing.
+/// A solid that strands avoid. The function takes a point and a reach in metres. It returns the
+/// signed distance (negative inside) and its unit gradient if the distance is less than the reach,
+/// and `None` otherwise.
 ///
-/// The distance may be approximate off the surface.
+/// The distance may be approximate away from the surface.
 pub type Avoid<'a> = dyn Fn(Vec3, f32) -> Option<(f32, Vec3)> + Sync + 'a;
 
-/// Why nothing was grown.
+/// Why no groom was grown.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum GrowError {
-    /// A parameter is outside its range or not a number.
-    #[error("growth parameter `{name}` is {value}, but must be from {low} to {high}")]
+    /// A parameter is out of range or NaN.
+    #[error("growth parameter `{name}` must be from {low} to {high}, not {value}")]
     Parameter {
-        /// The field.
+        /// Name of the field.
         name: &'static str,
         /// Its value.
         value: f32,
-        /// Least allowed.
+        /// Smallest allowed value.
         low: f32,
-        /// Greatest allowed.
+        /// Greatest allowed value.
         high: f32,
     },
-    /// There is not one weight a vertex.
+    /// The number of weights differs from the number of vertices.
     #[error("the region has {found} weights, but the mesh has {expected} vertices")]
     WeightCount {
-        /// The mesh's vertices.
+        /// Number of vertices of the mesh.
         expected: usize,
-        /// Weights given.
+        /// Number of weights given.
         found: usize,
     },
-    /// A weight is not in 0–1.
-    #[error("the region's weight at vertex {vertex} is {value}, but must be from 0 to 1")]
+    /// A weight is not in the range 0 to 1.
+    #[error("the region's weight at vertex {vertex} must be from 0 to 1, not {value}")]
     Weight {
-        /// The vertex.
+        /// Index of the vertex.
         vertex: usize,
         /// Its weight.
         value: f32,
     },
-    /// A triangle names a vertex that is not there.
-    #[error("triangle {0} names a vertex that the mesh does not have")]
+    /// A triangle refers to a vertex that does not exist.
+    #[error("triangle {0} refers to a vertex that the mesh does not have")]
     Triangle(usize),
     /// The region has no area.
     #[error("the region to grow on is empty")]
     EmptyRegion,
     /// There is no preset of that name.
-    #[error("there is no preset `{0}`; there are: {names}", names = PRESETS.join(", "))]
+    #[error("there is no preset `{0}`; the presets are: {names}", names = PRESETS.join(", "))]
     Preset(String),
     /// The groom would be too large.
     #[error(transparent)]
     Groom(#[from] GroomError),
 }
 
-/// Grows strands on the part of `mesh` where `weights` (one a vertex, 0 to 1) are positive, as dense as they say.
+/// Grows strands on the part of `mesh` where `weights` (one for each vertex, 0 to 1) are positive;
+/// the density is proportional to the weight.
 ///
-/// Positions are in metres in the mesh's space; root bindings and widths are filled in. `avoid` is the solid that
-/// strands keep out of; without it they may run through the mesh.
+/// Positions are in metres in the mesh's space; root bindings and widths are filled in. `avoid` is
+/// the solid that strands must not enter; without it they may pass through the mesh.
 ///
 /// # Errors
-/// [`GrowError`] if a parameter or weight is out of range or the region is empty.
+/// [`GrowError`] if a parameter or weight is out of range, a triangle refers to a missing vertex,
+/// or the region is empty.
 ///
 /// # Example
 /// ```
@@ -145,7 +153,7 @@ pub fn grow(
         })
         .collect();
     if params.clump > 0.0 {
-        positions = draw_together(&field, &roots, &traits, &positions);
+        positions = clump_locks(&field, &roots, &traits, &positions);
     }
     let offsets = (0..=params.strands).map(|strand| strand * params.vertices_per_strand).collect();
     let mut groom = Groom::new(positions, offsets)?;
@@ -155,8 +163,8 @@ pub fn grow(
     Ok(groom)
 }
 
-/// Grows strands on the region of the built-in head that `params` names, round the head, neck and shoulders, and
-/// with the face left free where the region is the scalp.
+/// Grows strands on the region of the built-in head that `params` selects. Strands avoid the head,
+/// neck and shoulders; if the region is the scalp, they also leave the face free.
 ///
 /// # Errors
 /// As [`grow`].
@@ -165,7 +173,8 @@ pub fn grow_on_head(params: &GrowParams) -> Result<Groom, GrowError> {
     grow(&head.mesh, head.weights(params.region), params, Some(&head.keep_out(params.region)))
 }
 
-/// Shortens the edges of a strand that crosses the cut, and grows it again, so that its tip lies near the cut.
+/// Shortens the edges of a strand that crosses the cut and grows it again, so that its tip is near
+/// the cut.
 fn cut(field: &Field, root: &Root, mut traits: Traits, out: &mut [Vec3]) -> Traits {
     let p = field.params;
     if p.cut == 0.0 {
@@ -180,7 +189,8 @@ fn cut(field: &Field, root: &Root, mut traits: Traits, out: &mut [Vec3]) -> Trai
         let Some(crossing) = (1..out.len()).find(|&i| over(&out[i]) < 0.0) else { break };
         let (before, after) = (over(&out[crossing - 1]), over(&out[crossing]));
         let kept = (crossing - 1) as f32 + (before / (before - after)).clamp(0.0, 1.0);
-        // Half of the strand's own variation is kept, so that the ends are not a ruled line.
+        // Half of the strand's variation in length is kept, so that the tips do not form a straight
+        // line.
         let share = (kept / edges * (0.5 + 0.5 * variation)).max(0.05);
         traits.step *= share.min(1.0);
         field.grow(root, &traits, out);
@@ -188,8 +198,8 @@ fn cut(field: &Field, root: &Root, mut traits: Traits, out: &mut [Vec3]) -> Trai
     traits
 }
 
-/// The strands drawn towards the middle strand of their lock, more and more to the tip.
-fn draw_together(field: &Field, roots: &[Root], traits: &[Traits], grown: &[Vec3]) -> Vec<Vec3> {
+/// Moves strands towards the middle strand of their lock, increasingly towards the tip.
+fn clump_locks(field: &Field, roots: &[Root], traits: &[Traits], grown: &[Vec3]) -> Vec<Vec3> {
     let vertices = field.params.vertices_per_strand as usize;
     let mut order: Vec<u32> = (0..field.params.strands).collect();
     order.par_sort_unstable_by(|&a, &b| {
@@ -203,8 +213,8 @@ fn draw_together(field: &Field, roots: &[Root], traits: &[Traits], grown: &[Vec3
             middle[strand as usize] = *chosen;
         }
     }
-    let mut drawn = grown.to_vec();
-    drawn.par_chunks_mut(vertices).enumerate().for_each(|(strand, out)| {
+    let mut clumped = grown.to_vec();
+    clumped.par_chunks_mut(vertices).enumerate().for_each(|(strand, out)| {
         let leader = middle[strand] as usize;
         let traits = &traits[strand];
         if traits.stray || leader == strand {
@@ -217,5 +227,5 @@ fn draw_together(field: &Field, roots: &[Root], traits: &[Traits], grown: &[Vec3
             out[i] = field.advance(out[i - 1], wanted, traits, traits.step * i as f32).0;
         }
     });
-    drawn
+    clumped
 }

@@ -1,11 +1,13 @@
-//! What growth is told.
+//! Parameters of procedural growth.
 
 use super::GrowError;
 use crate::body::Region;
 
-/// Parameters of procedural growth. The first block is the paper's (supplement D), with its names; the rest are ours.
+/// Parameters of procedural growth. The first block, down to `spiral`, has the paper's parameters
+/// (supplement D) under its names; the others are additions. With the defaults of the additions,
+/// growth follows the paper's formula.
 ///
-/// "Box" below is the bounding box of the strands' roots. Every default of ours leaves the paper's formula alone.
+/// "Box" below is the bounding box of the strands' roots.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -13,71 +15,98 @@ use crate::body::Region;
     serde(default, deny_unknown_fields)
 )]
 pub struct GrowParams {
-    /// Strands in all; the paper's p_n is this over the region's triangles. Unit strands, default 10000, range 1 to 1000000; 0 is refused.
+    /// Total number of strands; the paper's p_n is this number divided by the number of triangles
+    /// of the region. Unit strands, default 10000, range 1 to 1000000; 0 is refused.
     pub strands: u32,
-    /// Particles of each strand. Unit particles, default 25, range 2 to 1000; 0 and 1 are refused.
+    /// Number of particles of each strand. Unit particles, default 25, range 2 to 1000; 0 and 1 are
+    /// refused.
     pub vertices_per_strand: u32,
-    /// Seed of all that is random. No unit, default 1; 0 is a seed like any other.
+    /// Seed of all random numbers. No unit, default 1; 0 is a valid seed.
     pub seed: u64,
-    /// Region of the built-in head that the hair grows on: "scalp" or "beard". Default "scalp".
+    /// Region of the built-in head on which the hair grows: "scalp" or "beard". Default "scalp".
     pub region: Region,
     /// Length of an edge, p_τ. Unit m, default 0.01, range above 0 to 1; 0 is refused.
     pub step: f32,
-    /// Half-width of the noise added to the first direction. No unit, default 0.1, range 0 to 10; 0 grows along the normal.
+    /// Half-width of the noise added to the first direction. No unit, default 0.1, range 0 to 10; 0
+    /// grows along the normal.
     pub noise: f32,
-    /// Pull downwards a particle, growing along the strand, p_γ. No unit, default 0, range 0 to 10; 0 is weightless.
+    /// Downward pull per particle, which increases along the strand, p_γ. No unit, default 0, range
+    /// 0 to 10; 0 is weightless.
     pub gravity: f32,
-    /// Least share of that pull on a strand that already points up or down, p_Γ. No unit, default 0.2, range 0 to 1; 0 leaves it alone.
+    /// Smallest fraction of that pull that acts on a strand that already points up or down, p_Γ. No
+    /// unit, default 0.2, range 0 to 1; 0 does not bend such a strand.
     pub deviation: f32,
-    /// Radius of the helix vector, p_h; the paper's curliness. No unit, default 0, range 0 to 1000; 0 has no curl.
+    /// Radius of the helix vector, p_h; the paper's curliness. No unit, default 0, range 0 to 1000;
+    /// 0 has no curl.
     pub helix_radius: f32,
-    /// Turn of the helix vector a particle, p_freq. Unit rad, default 1, range 0 to 10; 0 does not turn.
+    /// Rotation of the helix vector per particle, p_freq. Unit rad, default 1, range 0 to 10; 0
+    /// does not rotate.
     pub helix_frequency: f32,
-    /// Share of the helix vector in each direction, p_Ω. No unit, default 0.017, range 0 to 1; 0 has no spiral.
+    /// Weight of the helix vector in each direction, p_Ω. No unit, default 0.017, range 0 to 1; 0
+    /// has no spiral.
     pub spiral: f32,
-    /// Distance that particles keep from the solid. Unit m, default 0.001, range 0 to 0.1; 0 only keeps them out.
+    /// Distance that particles keep from the solid. Unit m, default 0.001, range 0 to 0.1; 0 only
+    /// keeps them outside.
     pub margin: f32,
-    /// Greatest further distance of a strand's layer over the solid, drawn for each strand. Unit m, default 0, range 0 to 1; 0 lies flat.
+    /// Greatest additional distance of a strand's layer from the solid; the distance is drawn at
+    /// random for each strand. Unit m, default 0, range 0 to 1; 0 lies flat.
     pub volume: f32,
-    /// Share by which strands are shorter at random. No unit, default 0, range 0 to 1; 0 makes all as long.
+    /// Greatest fraction by which strands are shortened at random. No unit, default 0, range 0 to
+    /// 1; 0 gives all strands the same length.
     pub length_variation: f32,
-    /// Share by which strands are shorter where the region fades. No unit, default 0, range 0 to 1; 0 makes all as long.
+    /// Fraction by which strands are shortened where the region's weight falls to 0. No unit,
+    /// default 0, range 0 to 1; 0 gives all strands the same length.
     pub fade: f32,
-    /// Height of a level cut, down from the box's top, over the box's height. No unit, default 0, range 0 to 10; 0 does not cut.
+    /// Distance of a level cut below the box's top, divided by the box's height. No unit, default
+    /// 0, range 0 to 10; 0 does not cut.
     pub cut: f32,
-    /// Rise of the cut towards +x. No unit, default 0, range -10 to 10; 0 is level.
+    /// Slope of the cut towards +x. No unit, default 0, range -10 to 10; 0 is level.
     pub cut_slope: f32,
-    /// Share of the normal in the first direction; the rest is the comb's. No unit, default 1, range 0 to 1; 0 lies along the skin.
+    /// Weight of the normal in the first direction; the remaining weight is that of the comb. No
+    /// unit, default 1, range 0 to 1; 0 lies along the skin.
     pub lift: f32,
-    /// The comb's direction: away from the parting, up, and to the front. No unit, default [0, 0, 0], range -10 to 10 each; 0 does not comb.
+    /// Direction of the comb: away from the parting, upwards, to the front. No unit, default [0, 0,
+    /// 0], range -10 to 10 each; 0 does not comb.
     pub comb: [f32; 3],
-    /// Length over which the comb's direction holds, and on whose scale strands rise to their layer. Unit m, default 0.1, range above 0 to 10; 0 is refused.
+    /// Length over which a strand follows the comb's direction and on which strands rise to their
+    /// layer. Unit m, default 0.1, range above 0 to 10; 0 is refused.
     pub comb_length: f32,
-    /// Place of the parting, from the middle towards +x, over half the box's width. No unit, default 0, range -2 to 2; 0 is the middle.
+    /// Position of the parting: distance from the middle towards +x, divided by half the box's
+    /// width. No unit, default 0, range -2 to 2; 0 is the middle.
     pub parting: f32,
-    /// Rate at which strands turn to hang down or to follow the comb. Unit 1/m, default 0, range 0 to 10000; 0 leaves only the paper's formula.
+    /// Rate at which strands turn downwards or to the comb's direction. Unit 1/m, default 0, range
+    /// 0 to 10000; 0 leaves only the paper's formula.
     pub hang: f32,
-    /// Greatest slope at which strands from the front of the box hang to the front and all others to the back, so that shoulders stay free. No unit, default 0, range 0 to 10; 0 hangs straight down.
+    /// Greatest slope at which strands from the front of the box hang forwards and all others
+    /// backwards, so that the shoulders remain free. No unit, default 0, range 0 to 10; 0 hangs
+    /// straight down.
     pub sweep: f32,
-    /// Point of the box, each axis 0 to 1, that strands are gathered in before they hang. No unit, default [0.5, 0.5, 0], range -5 to 5 each; used if `gather_radius` is not 0.
+    /// Point at which strands are gathered before they hang down, relative to the box: 0 to 1 on
+    /// each axis is inside. No unit, default [0.5, 0.5, 0], range -5 to 5 each; used if
+    /// `gather_radius` is not 0.
     pub gather: [f32; 3],
     /// Radius of the band at that point. Unit m, default 0, range 0 to 1; 0 does not gather.
     pub gather_radius: f32,
     /// Radius of the waves or curls. Unit m, default 0, range 0 to 1; 0 is straight.
     pub wave_radius: f32,
-    /// Length of one wave along the strand. Unit m, default 0.05, range above 0 to 10; 0 is refused.
+    /// Length of one wave along the strand. Unit m, default 0.05, range above 0 to 10; 0 is
+    /// refused.
     pub wave_length: f32,
-    /// Share of one lock's phase in the phase of its strands. No unit, default 0.8, range 0 to 1; 0 makes each strand wave by itself.
+    /// Weight of the lock's common phase in the phases of its strands. No unit, default 0.8, range
+    /// 0 to 1; 0 gives each strand an independent phase.
     pub wave_coherence: f32,
-    /// Random change of direction a particle. No unit, default 0, range 0 to 10; 0 is smooth.
+    /// Random change of direction at each particle. No unit, default 0, range 0 to 10; 0 is smooth.
     pub frizz: f32,
     /// Mean distance of locks on the skin. Unit m, default 0.015, range above 0 to 1; 0 is refused.
     pub lock_size: f32,
-    /// Share by which strands draw together to their lock at the tip. No unit, default 0, range 0 to 1; 0 has no locks.
+    /// Fraction by which tips move towards the middle strand of their lock. No unit, default 0,
+    /// range 0 to 1; 0 has no locks.
     pub clump: f32,
-    /// Share of strands that keep out of locks and stray. No unit, default 0, range 0 to 1; 0 has none.
+    /// Fraction of strands that do not join locks but stray. No unit, default 0, range 0 to 1; 0
+    /// has none.
     pub flyaways: f32,
-    /// Width (diameter) of the hair at the root; it tapers to a third at the tip. Unit m, default 0.00008, range above 0 to 0.1; 0 is refused.
+    /// Width (diameter) of the hair at the root; it tapers to a third at the tip. Unit m, default
+    /// 0.00008, range above 0 to 0.1; 0 is refused.
     pub width: f32,
 }
 
@@ -125,7 +154,7 @@ impl GrowParams {
     /// Checks every field against its documented range.
     ///
     /// # Errors
-    /// [`GrowError::Parameter`] for the first field outside its range or not a number.
+    /// [`GrowError::Parameter`] for the first field that is out of range or NaN.
     pub fn check(&self) -> Result<(), GrowError> {
         let above_zero = f32::MIN_POSITIVE;
         let ranges = [

@@ -1,17 +1,17 @@
-//! Ready-made styles, tuned by eye on the built-in head.
+//! Predefined styles, tuned by eye on the built-in head.
 
 use super::{GrowError, GrowParams};
 use crate::body::Region;
 
-/// Names of all presets, in the order in which they are shown.
+/// Names of all presets, in display order.
 pub const PRESETS: [&str; 9] =
     ["straight", "wavy", "curly", "afro", "bob", "asymmetric", "beard", "short-fur", "ponytail"];
 
 impl GrowParams {
-    /// The preset `name`, one of [`PRESETS`].
+    /// The parameters of the preset `name`, one of [`PRESETS`].
     ///
     /// # Errors
-    /// [`GrowError::Preset`] if there is none of that name.
+    /// [`GrowError::Preset`] if there is no preset of that name.
     pub fn preset(name: &str) -> Result<Self, GrowError> {
         Ok(match name {
             "straight" => straight(),
@@ -28,7 +28,9 @@ impl GrowParams {
     }
 }
 
-/// What hair that is worn down has in common: parted, combed aside and back, hanging in layers.
+/// Common parameters of hair that is worn down: parted, combed sideways and backwards, hanging in
+/// layers.
+///
 fn worn() -> GrowParams {
     GrowParams {
         noise: 0.1,

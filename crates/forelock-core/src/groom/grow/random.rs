@@ -1,11 +1,13 @@
-//! Seeded randomness and a sine that are the same on every machine: integer and IEEE-exact arithmetic only.
+//! Seeded random numbers and a sine that are the same on every machine: they use integer and
+//! IEEE-exact arithmetic only.
 
-/// The SplitMix64 generator (Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators").
+/// The SplitMix64 generator (Steele, Lea and Flood 2014, "Fast splittable pseudorandom number
+/// generators").
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Random(u64);
 
 impl Random {
-    /// A generator of its own for each `stream` of a `seed`.
+    /// An independent generator for each `stream` of a `seed`.
     pub(crate) fn new(seed: u64, stream: u64) -> Self {
         Self(mix(seed ^ mix(stream.wrapping_add(0x9E37_79B9_7F4A_7C15))))
     }
@@ -15,38 +17,38 @@ impl Random {
         mix(self.0)
     }
 
-    /// Uniform in [0, 1), a multiple of 2⁻²⁴.
+    /// A uniform number in [0, 1), a multiple of 2⁻²⁴.
     pub(crate) fn unit(&mut self) -> f32 {
         (self.next() >> 40) as f32 / 16_777_216.0
     }
 
-    /// Uniform in [-1, 1).
+    /// A uniform number in [-1, 1).
     pub(crate) fn signed(&mut self) -> f32 {
         2.0 * self.unit() - 1.0
     }
 
-    /// Uniform in the cube [-1, 1)³.
+    /// A uniform point in the cube [-1, 1)³.
     pub(crate) fn cube(&mut self) -> glam::Vec3 {
         let (x, y) = (self.signed(), self.signed());
         glam::Vec3::new(x, y, self.signed())
     }
 }
 
-/// A bijection of 64-bit words whose every output bit depends on every input bit.
+/// A bijection of 64-bit words; every output bit depends on every input bit.
 pub(crate) fn mix(word: u64) -> u64 {
     let word = (word ^ (word >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     let word = (word ^ (word >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
     word ^ (word >> 31)
 }
 
-/// (sin, cos) of an angle in radians, to 2e-7 for angles under a thousand turns.
+/// (sin, cos) of an angle in radians, accurate to 2e-7 for angles of less than a thousand turns.
 pub(crate) fn sin_cos(angle: f64) -> (f32, f32) {
     let turns = angle / std::f64::consts::TAU;
     (sin_turns(turns), sin_turns(turns + 0.25))
 }
 
 fn sin_turns(turns: f64) -> f32 {
-    // To [-1/4, 1/4] turn by the symmetries, then Taylor's polynomial of degree 11.
+    // Reduction to [-1/4, 1/4] turn by symmetry, then a Taylor polynomial of degree 11.
     let t = turns - turns.round();
     let t = if t.abs() > 0.25 { 0.5f64.copysign(t) - t } else { t };
     let x = t * std::f64::consts::TAU;
@@ -60,7 +62,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sine_is_close() {
+    fn sine_and_cosine_are_accurate() {
         for i in -4000..4000 {
             let angle = f64::from(i) * 0.01;
             let (sin, cos) = sin_cos(angle);
@@ -70,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn uniform_has_the_moments_of_uniform() {
+    fn uniform_numbers_have_the_right_moments() {
         let mut random = Random::new(1, 2);
         let n = 100_000;
         let (mut mean, mut square) = (0.0, 0.0);

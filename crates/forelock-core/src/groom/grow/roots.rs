@@ -1,4 +1,4 @@
-//! Where strands start: roots on the skin, and the locks they belong to.
+//! Roots of strands on the skin, and the locks to which they belong.
 
 use glam::{IVec3, Vec3};
 use rayon::prelude::*;
@@ -8,28 +8,28 @@ use super::{GrowError, GrowParams};
 use crate::body::TriMesh;
 use crate::groom::RootBinding;
 
-/// One strand's start.
+/// The root of one strand.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Root {
     pub(super) position: Vec3,
     pub(super) normal: Vec3,
-    /// Weight of the region there, 0 to 1.
+    /// Weight of the region at the root, 0 to 1.
     pub(super) weight: f32,
     pub(super) binding: RootBinding,
     pub(super) lock: Lock,
 }
 
-/// The lock that a root belongs to: the nearest of points scattered one a cell of a grid (Worley 1996, "A cellular
-/// texture basis function"), so that it is found without a search over roots.
+/// The lock of a root: the nearest of points scattered one per cell of a grid (Worley 1996, "A
+/// cellular texture basis function"), so that it is found without a search over roots.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lock {
-    /// Names the lock, and seeds what its strands share.
+    /// Identifies the lock and seeds the random numbers that its strands share.
     pub(super) key: u64,
     /// Squared distance from the root to the lock's point, m².
     pub(super) distance_squared: f32,
 }
 
-/// Draws the roots: uniform by area times weight, stratified, in the order of the triangles.
+/// Draws the roots: uniform in area times weight, stratified, in the order of the triangles.
 pub(super) fn draw(mesh: &TriMesh, weights: &[f32], params: &GrowParams) -> Result<Vec<Root>, GrowError> {
     let vertices = mesh.positions.len();
     if weights.len() != vertices {

@@ -2,18 +2,18 @@
 
 use super::GrowParams;
 
-/// A grid of grooms over two parameters, to be drawn as one picture.
+/// A table of grooms over two parameters, which is rendered as one picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sheet {
-    /// Short name, fit for a file.
+    /// Short name, usable as a file name.
     pub name: &'static str,
-    /// What it shows.
+    /// Title of the sheet.
     pub title: &'static str,
     /// A label for each row.
     pub rows: Vec<String>,
     /// A label for each column.
     pub columns: Vec<String>,
-    /// Parameters, row by row: `rows.len() * columns.len()` of them.
+    /// Parameters, row by row: `rows.len() * columns.len()` entries.
     pub cells: Vec<GrowParams>,
 }
 
@@ -24,8 +24,9 @@ const HELIX_RADII: [f32; 4] = [0.0, 10.0, 25.0, 60.0];
 /// Gravities p_γ of the rows of Fig. 14.
 const GRAVITIES: [f32; 4] = [0.0, 0.01, 0.03, 0.1];
 
-/// The paper's two explorations with its p_Γ = 0.2, p_freq = 1, p_Ω = 0.017: curliness against step, and gravity
-/// against step. The print gives no values for rows and columns; these are ours.
+/// The paper's two parameter studies with its p_Γ = 0.2, p_freq = 1, p_Ω = 0.017: curliness against
+/// step, and gravity against step. The paper does not print the values of rows and columns; the
+/// values here were chosen for this project.
 pub fn sheets() -> [Sheet; 2] {
     let base = GrowParams { strands: 3000, ..GrowParams::default() };
     let columns: Vec<String> = STEPS.iter().map(|step| format!("p_τ = {} mm", step * 1e3)).collect();

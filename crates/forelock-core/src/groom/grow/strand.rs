@@ -1,4 +1,4 @@
-//! Growth of one strand.
+//! Growth of a single strand.
 
 use glam::{Vec3, vec3};
 
@@ -6,12 +6,13 @@ use super::random::{Random, mix, sin_cos};
 use super::roots::Root;
 use super::{Avoid, GrowParams};
 
-/// Share of the comb's length over which a strand that has left the skin forgets the comb.
+/// Fraction of the comb's length over which the comb loses its effect on a strand that has left the
+/// skin.
 const LEAVING: f32 = 0.25;
-/// Share of the comb's length over which a strand rises to half its layer.
+/// Fraction of the comb's length over which a strand rises to half the height of its layer.
 const RISING: f32 = 0.5;
 
-/// What all strands of one growth share.
+/// The data that all strands of a groom share.
 pub(super) struct Field<'a> {
     pub(super) params: &'a GrowParams,
     pub(super) avoid: Option<&'a Avoid<'a>>,
@@ -20,28 +21,28 @@ pub(super) struct Field<'a> {
     pub(super) high: Vec3,
 }
 
-/// What is drawn once for a strand.
+/// The random properties of a strand.
 pub(super) struct Traits {
-    /// Length of its edges, in metres.
+    /// Length of the strand's edges, in metres.
     pub(super) step: f32,
-    /// Whether it keeps out of its lock.
+    /// Whether the strand does not join a lock.
     pub(super) stray: bool,
-    /// Distance of its layer over the solid.
+    /// Distance of the strand's layer from the solid, in metres.
     layer: f32,
-    /// Phase of its wave, in radians, and the sense in which it turns.
+    /// Phase of the strand's wave, in radians, and its sense of rotation.
     phase: f32,
     sense: f32,
-    /// Which way the comb goes aside, −1 to 1.
+    /// Sideways direction of the comb, −1 to 1.
     side: f32,
-    /// Where it comes to hang from back to front, z in metres.
+    /// The z coordinate in metres at which the strand hangs down.
     hang_z: f32,
-    /// Its place in the tail below the band, in band radii.
+    /// Position in the tail below the band, in band radii.
     spot: Vec3,
     random: Random,
 }
 
 impl Field<'_> {
-    /// Draws the traits of strand number `strand`.
+    /// Draws the traits of the strand with index `strand`.
     pub(super) fn traits(&self, strand: usize, root: &Root) -> Traits {
         let p = self.params;
         let mut random = Random::new(p.seed, 2 * strand as u64 + 1);
@@ -49,8 +50,8 @@ impl Field<'_> {
         let stray = random.unit() < p.flyaways;
         let shorter = 1.0 - p.length_variation * (0.5 * lock.unit() + 0.5 * random.unit());
         let faded = 1.0 - p.fade * (1.0 - root.weight);
-        let own = random.unit() - 0.5;
-        let phase = std::f32::consts::TAU * (lock.unit() + (1.0 - p.wave_coherence) * own);
+        let jitter = random.unit() - 0.5;
+        let phase = std::f32::consts::TAU * (lock.unit() + (1.0 - p.wave_coherence) * jitter);
         Traits {
             step: p.step * (shorter * faded).max(0.05),
             stray,
@@ -69,8 +70,9 @@ impl Field<'_> {
         (x.z - self.low.z) / (self.high.z - self.low.z).max(f32::MIN_POSITIVE)
     }
 
-    /// Which way the comb goes at `x`: −1 or 1 beside the parting, and less sharply towards the back, where hair
-    /// spreads from the crown. `jitter` in −1 to 1 blurs the parting by a few millimetres.
+    /// Sideways direction of the comb at `x`: −1 or 1 beside the parting, and smoother towards the
+    /// back, where hair spreads from the crown. `jitter` in −1 to 1 blurs the parting by a few
+    /// millimetres.
     fn side(&self, x: Vec3, jitter: f32) -> f32 {
         let half_width = (0.5 * (self.high.x - self.low.x)).max(f32::MIN_POSITIVE);
         let across = (x.x - 0.5 * (self.low.x + self.high.x)) / half_width - self.params.parting;
@@ -80,26 +82,27 @@ impl Field<'_> {
         spread + (sharp - spread) * front
     }
 
-    /// Hair from the front of the box comes to hang before the shoulders, the rest behind them.
-    /// Both the border and the place are blurred by `jitter`, each in −1 to 1.
+    /// Strands from the front of the box hang in front of the shoulders, the others behind them.
+    /// Both the border and the position are blurred by `jitter`, each in −1 to 1.
     fn hang_z(&self, x: Vec3, jitter: [f32; 2]) -> f32 {
         let front = self.share_to_front(x) + 0.08 * jitter[0] > 0.64;
         let share = if front { 0.74 } else { -0.12 } + 0.1 * jitter[1];
         self.low.z + (self.high.z - self.low.z) * share
     }
 
-    /// Grows a strand into `out`, whose length says how many particles it has.
+    /// Grows a strand into `out`; its length is the number of particles.
     pub(super) fn grow(&self, root: &Root, traits: &Traits, out: &mut [Vec3]) {
         let p = self.params;
         let mut random = traits.random;
         let combed = self.comb(traits, root.normal);
-        // Where the comb says nothing, hair that lies flat lies downwards.
+        // Where the comb has no effect, flat hair points downwards.
         let down = Vec3::NEG_Y + root.normal * root.normal.y;
         let combed = combed + down * (1.0 - combed.length());
         let mut direction = (root.normal * p.lift + combed * (1.0 - p.lift) + random.cube() * p.noise)
             .normalize_or(root.normal);
         let mut gathered = p.gather_radius == 0.0;
-        // The skin that the strand lies on: its normal, scaled down the farther it has left it.
+        // The normal of the skin on which the strand lies; its length decreases as the strand
+        // leaves the skin.
         let mut skin = root.normal;
         let mut across = root.normal.any_orthonormal_vector();
         out[0] = root.position;
@@ -120,18 +123,19 @@ impl Field<'_> {
             let (to, touched) = self.advance(from, wanted, traits, arc);
             skin /= 1.0 + traits.step / (LEAVING * p.comb_length);
             if let Some(outwards) = touched {
-                // Along the skin from here on, not into it.
+                // From here on the strand continues along the skin, not into it.
                 skin = outwards;
                 if p.hang > 0.0 {
-                    let went = (to - from) / traits.step;
-                    direction = 0.5 * (direction - outwards * direction.dot(outwards).min(0.0) + went);
+                    let taken = (to - from) / traits.step;
+                    direction = 0.5 * (direction - outwards * direction.dot(outwards).min(0.0) + taken);
                 }
             }
             out[i] = to;
         }
     }
 
-    /// Supplement Eqs. 4–7, in the form of the design: p′ = p + g max(p_Γ, 1 − |p·ŷ|); p = p′ + p_Ω (p′ − H).
+    /// Supplement Eqs. 4–7 in the form used here:
+    /// p′ = p + g max(p_Γ, 1 − |p·ŷ|); p = p′ + p_Ω (p′ − H).
     fn turn_as_paper(&self, direction: Vec3, i: usize) -> Vec3 {
         let p = self.params;
         let index = i as f32;
@@ -142,15 +146,16 @@ impl Field<'_> {
         bent + (bent - helix) * p.spiral
     }
 
-    /// The comb's direction on a skin of normal `normal`; not longer than 1. Aside only where the skin looks up:
-    /// past the side of the head, aside would be away from it.
+    /// The comb's direction on skin with normal `normal`, of a length of at most 1. It points
+    /// sideways only where the skin faces upwards: on the side of the head, sideways would be away
+    /// from it.
     fn comb(&self, traits: &Traits, normal: Vec3) -> Vec3 {
         let aside = traits.side * (1.8 * normal.y + 0.15).clamp(0.0, 1.0);
         let comb = Vec3::from_array(self.params.comb) * vec3(aside, 1.0, 1.0);
         (comb - normal * comb.dot(normal)).clamp_length_max(1.0)
     }
 
-    /// Where a strand at `from` would go if it bent at once.
+    /// The direction in which a strand at `from` would continue if it bent immediately.
     fn target(&self, traits: &Traits, from: Vec3, skin: Vec3, arc: f32, gathered: &mut bool) -> Vec3 {
         let p = self.params;
         if p.gather_radius > 0.0 {
@@ -160,14 +165,14 @@ impl Field<'_> {
             if !*gathered {
                 return to_band.normalize_or(Vec3::NEG_Y);
             }
-            // The tail keeps together behind the band.
+            // Behind the band the tail stays together.
             let aside = to_band / (3.0 * p.gather_radius) + traits.spot * 0.5 + Vec3::NEG_Z;
             return (vec3(aside.x, 0.0, aside.z).clamp_length_max(0.5) + Vec3::NEG_Y).normalize();
         }
         let held = arc / p.comb_length;
         let contact = skin.length();
         let combed = self.comb(traits, skin / contact) * (contact / (1.0 + held * held * held * held));
-        // Sweeping starts on the way down from half the box's height, and ends at the place to hang.
+        // The sweep starts below half the box's height and ends where the strand hangs down.
         let size = (self.high - self.low).max(Vec3::splat(f32::MIN_POSITIVE));
         let below = (0.5 - (from.y - self.low.y) / size.y).clamp(0.0, 1.0);
         let aside = (5.0 * (traits.hang_z - from.z) / size.z).clamp(-1.0, 1.0);
@@ -175,8 +180,9 @@ impl Field<'_> {
         (combed + hanging * (1.0 - combed.length()).max(0.05)).normalize_or(Vec3::NEG_Y)
     }
 
-    /// The heading of a helix of the wave's radius and length around `direction`, which grows in from the root.
-    /// `across` is carried along the strand, so that the helix turns at its own rate alone.
+    /// The direction of a helix around `direction` with the wave's radius and length; the amplitude
+    /// increases from the root. `across` is propagated along the strand without twist, so that the
+    /// helix rotates only at its wave number.
     fn wave(&self, direction: Vec3, across: &mut Vec3, traits: &Traits, arc: f32) -> Vec3 {
         let p = self.params;
         if p.wave_radius == 0.0 {
@@ -190,8 +196,8 @@ impl Field<'_> {
         unit + (*across * cos + unit.cross(*across) * sin) * amplitude
     }
 
-    /// The particle one edge from `from` towards `wanted`, moved round the solid: never inside it. If it was moved,
-    /// the solid's normal too.
+    /// The particle at the distance of one edge from `from` towards `wanted`, moved around the
+    /// solid so that it is never inside. If it was moved, the solid's normal is returned too.
     pub(super) fn advance(
         &self,
         from: Vec3,
@@ -206,14 +212,15 @@ impl Field<'_> {
         let layer = traits.layer * (arc / (arc + RISING * self.params.comb_length));
         let mut touched = None;
         for attempt in 0..12 {
-            // The layer is a wish; keeping out is not.
+            // The distance of the layer is optional; staying outside is not.
             let clearance = if attempt < 3 { near + layer } else { near };
             let Some((distance, outwards)) = avoid(to, clearance) else { return (to, touched) };
             touched = Some(outwards);
             to = edge(to + outwards * (1.1 * (clearance - distance)).max(1e-6));
         }
         if avoid(to, 0.0).is_some() {
-            // A crease that the pushes go to and fro in: straight out from the particle before.
+            // The corrections alternate in a crease: go straight outwards from the previous
+            // particle.
             to = edge(from + avoid(from, f32::INFINITY).map_or(Vec3::Y, |(_, outwards)| outwards));
         }
         (to, touched)

@@ -3,7 +3,7 @@ use std::sync::OnceLock;
 use super::*;
 use crate::body::Region;
 
-/// Few strands of a preset, for speed.
+/// A preset with few strands, for speed.
 fn small(name: &str) -> Groom {
     let params = GrowParams { strands: 300, ..GrowParams::preset(name).unwrap() };
     grow_on_head(&params).unwrap()
@@ -31,7 +31,8 @@ fn hash(groom: &Groom) -> u64 {
 fn no_particle_is_inside() {
     for (name, groom) in PRESETS.iter().zip(presets()) {
         for strand in groom.strands() {
-            // Roots lie on the mesh, whose flat triangles are a hair's width under the curved surface.
+            // Roots lie on the mesh, whose flat triangles are a hair's width below the curved
+            // surface.
             assert!(Head::distance(strand[0]).abs() < 3e-4, "{name}: a root is off the skin");
             let deepest = strand[1..].iter().map(|&x| Head::distance(x)).fold(f32::INFINITY, f32::min);
             assert!(deepest > 0.0, "{name}: {deepest} m");
@@ -43,7 +44,7 @@ fn no_particle_is_inside() {
 }
 
 #[test]
-fn no_hair_hangs_before_the_face() {
+fn no_hair_hangs_in_front_of_the_face() {
     for (name, groom) in PRESETS.iter().zip(presets()).filter(|(name, _)| **name != "beard") {
         let hides = |x: &Vec3| x.z > 0.07 && x.x.abs() < 0.035 && (-0.11..0.04).contains(&x.y);
         assert!(!groom.positions().iter().any(hides), "{name} hides the face");
@@ -71,7 +72,7 @@ fn edges_of_a_strand_are_equal() {
 }
 
 #[test]
-fn roots_are_where_their_bindings_say() {
+fn roots_are_at_the_points_of_their_bindings() {
     let head = Head::builtin();
     for groom in presets() {
         groom.check_attributes().unwrap();
@@ -87,18 +88,20 @@ fn roots_are_where_their_bindings_say() {
 #[test]
 fn roots_are_uniform_by_area_and_weight() {
     let params = GrowParams { strands: 40_000, vertices_per_strand: 2, ..GrowParams::default() };
-    // The weight falls from 1 at x = 0 to 0 at x = 10 cm, so a triangle's share is its mean weight.
+    // The weight falls from 1 at x = 0 to 0 at x = 10 cm, so a triangle's probability is
+    // proportional to its mean weight.
     let groom = grow(&square(), &[1.0, 1.0, 0.0, 0.0], &params, None).unwrap();
     let first = groom.bindings.as_ref().unwrap().iter().filter(|b| b.triangle == 0).count();
     assert!((first as f32 / 40_000.0 - 2.0 / 3.0).abs() < 0.01, "{first}");
     let mean = |axis: fn(&[Vec3]) -> f32| groom.strands().map(axis).sum::<f32>() / 40_000.0;
-    // ∫∫ x over the two triangles, weighted 2/3 and 1/3: centroids at (1/3, 2/3) and (2/3, 1/3) of 10 cm.
+    // ∫∫ x over the two triangles, weighted 2/3 and 1/3: centroids at (1/3, 2/3) and (2/3, 1/3) of
+    // 10 cm.
     assert!((mean(|s| s[0].x) - 0.1 * 4.0 / 9.0).abs() < 5e-4);
     assert!((mean(|s| s[0].z) - 0.1 * 5.0 / 9.0).abs() < 5e-4);
 }
 
 #[test]
-fn without_noise_and_pull_strands_follow_the_normal() {
+fn without_noise_and_gravity_strands_follow_the_normal() {
     let params = GrowParams { strands: 10, noise: 0.0, spiral: 0.0, ..GrowParams::default() };
     let groom = grow(&square(), &[1.0; 4], &params, None).unwrap();
     for strand in groom.strands() {
@@ -109,7 +112,7 @@ fn without_noise_and_pull_strands_follow_the_normal() {
 }
 
 #[test]
-fn the_formula_is_the_papers() {
+fn growth_follows_the_formula_of_the_paper() {
     // On a level skin without noise p⁰ = ŷ; Eqs. 4–7 in float64, written out for this case.
     let params = GrowParams {
         strands: 1,
@@ -141,7 +144,7 @@ fn the_same_seed_grows_the_same_hair() {
     let other = grow_on_head(&GrowParams { seed: 2, ..params }).unwrap();
     assert_ne!(grown, other);
 
-    // The same bits on every machine: this constant changes only when growth is changed on purpose.
+    // The same bits on every machine: this constant changes only if growth is changed on purpose.
     let params = GrowParams {
         strands: 64,
         hang: 20.0,
@@ -155,7 +158,7 @@ fn the_same_seed_grows_the_same_hair() {
 }
 
 #[test]
-fn sheets_show_two_parameters_each() {
+fn sheets_vary_two_parameters() {
     for sheet in sheets() {
         assert_eq!(sheet.cells.len(), sheet.rows.len() * sheet.columns.len());
         let distinct = sheet.cells.iter().enumerate().all(|(i, a)| !sheet.cells[..i].contains(a));
@@ -165,8 +168,8 @@ fn sheets_show_two_parameters_each() {
 }
 
 #[test]
-fn documented_defaults_are_the_defaults() {
-    // A value as documented or as `Debug` shows it: a name, or a list of numbers.
+fn documented_defaults_equal_the_defaults() {
+    // Parses a value as documented or as `Debug` prints it: a name or a list of numbers.
     let value = |text: &str| {
         let text = if text.starts_with('[') {
             text.trim_start_matches('[').split(']').next().unwrap()
@@ -178,21 +181,24 @@ fn documented_defaults_are_the_defaults() {
         numbers.map_err(|_| text)
     };
     let shown = format!("{:?}", GrowParams::default());
-    let lines: Vec<&str> = include_str!("params.rs").lines().map(str::trim).collect();
-    let fields: Vec<_> = lines
-        .windows(2)
-        .filter_map(|w| Some((w[0], w[1].strip_prefix("pub ")?.split_once(": ")?.0)))
-        .collect();
-    assert_eq!(fields.len(), shown.matches(": ").count());
-    for (doc, name) in fields {
-        let told = doc.split_once("efault ").unwrap().1;
-        let is = shown.split_once(&format!(" {name}: ")).unwrap().1;
-        assert_eq!(value(told), value(is), "{name}");
+    let (_, fields) = include_str!("params.rs").split_once("pub struct GrowParams {").unwrap();
+    let (mut doc, mut compared) = (String::new(), 0);
+    for line in fields.split("\n}").next().unwrap().lines().map(str::trim) {
+        if let Some(text) = line.strip_prefix("///") {
+            doc.push_str(text);
+        } else if let Some((name, _)) = line.strip_prefix("pub ").and_then(|rest| rest.split_once(": ")) {
+            let documented = doc.split_once("efault ").unwrap().1;
+            let actual = shown.split_once(&format!(" {name}: ")).unwrap().1;
+            assert_eq!(value(documented), value(actual), "{name}");
+            doc.clear();
+            compared += 1;
+        }
     }
+    assert_eq!(compared, shown.matches(": ").count());
 }
 
 #[test]
-fn bad_input_is_refused() {
+fn invalid_input_is_refused() {
     let mesh = square();
     let fail = |weights: &[f32], change: fn(&mut GrowParams)| {
         let mut params = GrowParams { strands: 10, ..GrowParams::default() };

@@ -1,5 +1,6 @@
 
-// Where a particle is carried: at which entries of `motions`, each followed by the next particle's a row later, and how far from one to the other; and how much each guide counts.
+// The skinning data of a particle: on each guide the index in `motions` of the particle before it
+// (the next particle's entry is one row later) and the fraction between both; the guides' weights.
 struct Carried {
     entries: vec4u,
     fractions: vec4f,
@@ -9,14 +10,14 @@ struct Carried {
 }
 
 @group(0) @binding(23) var<storage, read> carried: array<Carried>;
-// Three numbers a particle.
+// Three numbers for each particle.
 @group(0) @binding(24) var<storage, read_write> placed: array<f32>;
 
 fn moved_by(at: u32, rest: vec3f) -> vec3f {
     return rotated(motions[2u * at], rest) + motions[2u * at + 1u].xyz;
 }
 
-// Σ_g w_g ((1 − t) T_g,j + t T_g,j+1) x̄, a particle a thread and turn.
+// Σ_g w_g ((1 − t) T_g,j + t T_g,j+1) x̄. Each thread processes one particle per iteration.
 @compute @workgroup_size(CELLS_GROUP)
 fn carry_strands(@builtin(global_invocation_id) id: vec3u) {
     for (var p = id.x; p < skin.count; p += CELLS_THREADS) {

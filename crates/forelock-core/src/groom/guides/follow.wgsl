@@ -3,7 +3,7 @@ fn followed(a: vec4f, b: vec4f) -> vec4f {
     return vec4f(a.w * b.xyz + b.w * a.xyz + cross(a.xyz, b.xyz), a.w * b.w - dot(a.xyz, b.xyz));
 }
 
-// The smallest rotation of one unit vector to another.
+// The smallest rotation from one unit vector to another.
 fn arc(a: vec3f, b: vec3f) -> vec4f {
     let cosine = dot(a, b);
     if cosine < -0.999999 {
@@ -13,7 +13,7 @@ fn arc(a: vec3f, b: vec3f) -> vec4f {
     return normalize(vec4f(cross(a, b), 1.0 + cosine));
 }
 
-// The rotation `turn` followed by the smallest that takes the turned `rest` to `now`.
+// The rotation `turn`, followed by the smallest rotation from the rotated `rest` to `now`.
 fn turned_to(turn: vec4f, rest: vec3f, now: vec3f) -> vec4f {
     if dot(rest, rest) == 0.0 || dot(now, now) == 0.0 {
         return turn;
@@ -27,14 +27,14 @@ fn set_motion(strand: Strand, i: u32, turn: vec4f) {
     motions[at + 1u] = vec4f(position_at(strand, i) - rotated(turn, rest_at(strand, i)), 0.0);
 }
 
-// The motion of each particle of a guide, a guide a thread.
+// Computes the motion of each particle of a guide; one thread for each guide.
 @compute @workgroup_size(WORKGROUP)
 fn follow_guides(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
     if !strand.here {
         return;
     }
-    // The root is on the head, and so is the hair around it.
+    // The root moves with the head, and so does the hair around it.
     set_motion(strand, 0u, skin.head);
     var before = skin.head;
     for (var i = 0u; i < strand.particles; i++) {

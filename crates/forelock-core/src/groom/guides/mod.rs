@@ -1,31 +1,37 @@
-//! Linear hair skinning: a few simulated guides carry all the strands of a groom.
+//! Linear hair skinning: a few simulated guides determine the motion of all strands of a groom.
 //!
 //! # Theory
-//! Each particle of a guide carries a rigid motion T_g,j: x ↦ c_j + R_j (x − c̄_j), from its place c̄_j at rest to where it is now, c_j. The
-//! rotations follow the strand without twist: at the root R is the head's rotation, and from each edge to the next it is
-//! turned by the smallest rotation that takes the edge, as it would be, to the edge as it is. A strand's particle at rest place x̄
-//! and fraction s of its length comes to lie at
+//! Each particle of a guide has a rigid motion T_g,j: x ↦ c_j + R_j (x − c̄_j), from its rest
+//! position c̄_j to its current position c_j. The rotations are propagated along the guide without
+//! twist: at the root R is the head's rotation, and from each edge to the next R is composed with
+//! the smallest rotation from the rotated rest edge to the current edge. A strand's particle with
+//! rest position x̄ at fraction s of the strand's length is placed at
 //!
 //! x = Σ_g w_g ((1 − t) T_g,j + t T_g,j+1) x̄,
 //!
-//! where s falls on edge j of guide g at fraction t. The weights of a strand's k nearest guides, by the distance d of their roots, are
-//! those of Franke and Little, w ∝ ((D − d)/(D d))² with D the distance of the next guide after them, and sum to 1: they do not jump from one strand to
-//! its neighbour where a guide leaves the set.
+//! where s is at fraction t of edge j of guide g. The weights of the k nearest guides of a strand,
+//! at distances d between the roots, are those of Franke and Little, w ∝ ((D − d)/(D d))², where D
+//! is the distance of the next guide after them; they are normalised to the sum 1. The weights do
+//! not jump between neighbouring strands where a guide leaves the set.
 //!
-//! Rigid motions rather than mere displacements, x̄ + Σ w (c − c̄): a displacement keeps the offset of a strand from its guide as it was at
-//! rest, so hair that swings up loses its volume and the far side of a lock passes through the near one. With rotations the whole lock turns.
-//! They cost little, for they are computed for guides only.
+//! Rigid motions are used instead of plain displacements, x̄ + Σ w (c − c̄): a displacement keeps
+//! the offset of a strand from its guide as it was at rest, so that hair that swings upwards loses
+//! its volume and the far side of a lock passes through the near side. With rotations the whole
+//! lock rotates. Their cost is small, because they are computed for guides only.
 //!
-//! At rest every T is the identity, and when head and guides move as one rigid body every T is that motion: strands come out exactly, to rounding.
+//! At rest every T is the identity, and if the head and the guides move as one rigid body, every T
+//! is that motion: the skinned strands are then exact, up to rounding.
 //!
 //! # Practice
-//! [`Skinning::new`] chooses guides by farthest-point sampling of the roots (Gonzalez 1985), so that no root is far from one, and
-//! finds every strand's guides once; [`Skinning::guides`] is the groom to simulate; [`Skinning::skin`] places all strands, in parallel,
-//! without allocating. Guides and strands may have any numbers of particles.
+//! [`Skinning::new`] selects guides by farthest-point sampling of the roots (Gonzalez 1985), so
+//! that every root is close to a guide, and computes each strand's guides once.
+//! [`Skinning::guides`] is the groom to simulate. [`Skinning::skin`] places all strands, in
+//! parallel and without allocation. Guides and strands may have any numbers of particles.
 //!
 //! # Limitations
-//! The mean of rigid motions that differ is not rigid: strands between guides that part are shortened, and nothing keeps them out of solids. Guides are
-//! near by their roots alone: a strand beside a parting follows guides on both sides of it.
+//! The mean of different rigid motions is not rigid: strands between guides that move apart become
+//! shorter, and skinned strands may penetrate solids. Guides are selected by the distance of the
+//! roots only: a strand beside a parting follows guides on both sides of it.
 
 mod choose;
 #[cfg(test)]
@@ -48,69 +54,73 @@ pub const FOLLOW_WGSL: &str = include_str!("follow.wgsl");
 /// WGSL that places every strand by its guides.
 pub const CARRY_WGSL: &str = include_str!("carry.wgsl");
 
-/// Guides that a strand follows, at most.
+/// Maximum number of guides that a strand follows.
 pub const GUIDES_PER_STRAND: usize = 4;
 
-/// Strands that one task places.
+/// Number of strands in one task.
 const STRANDS_PER_TASK: usize = 64;
 
-/// Why a groom cannot be carried by guides.
+/// Why a groom cannot be skinned by guides.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum GuidesError {
-    /// No guides were asked for.
-    #[error("hair needs 1 guide or more to follow")]
+    /// No guides were requested.
+    #[error("skinning needs at least 1 guide")]
     None,
-    /// A strand that nothing can follow or carry.
-    #[error("strand {0} has fewer than 2 particles, or one that is not finite: repair the groom first")]
+    /// A strand has fewer than two particles, or a particle that is not finite.
+    #[error(
+        "strand {0} has fewer than 2 particles, or a particle that is not finite: repair the groom first"
+    )]
     Strand(usize),
 }
 
-/// Which guides a strand follows.
+/// The guides of a strand and their weights.
 #[derive(Clone, Copy, Debug, Default)]
 struct Influence {
     guides: [u32; GUIDES_PER_STRAND],
     weights: [f32; GUIDES_PER_STRAND],
 }
 
-/// Where on each of its guides a particle is carried: the particle before it, among all guides', and the fraction of the edge.
+/// The position of a particle on each of its guides: the guide particle before it (an index into
+/// all guides' particles) and the fraction of the edge.
 #[derive(Clone, Copy, Debug, Default)]
 struct Place {
     particles: [u32; GUIDES_PER_STRAND],
     fractions: [f32; GUIDES_PER_STRAND],
 }
 
-/// How a particle is carried.
+/// The skinning data of a particle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Carried {
-    /// Where it is at rest, in the head's space, metres.
+    /// Rest position in the head's space, metres.
     pub rest: Vec3,
-    /// Guides' weights, which sum to 1.
+    /// Weights of the guides; they sum to 1.
     pub weights: [f32; GUIDES_PER_STRAND],
-    /// The particle before it on each guide, among all guides'.
+    /// The particle before it on each guide, an index into all guides' particles.
     pub particles: [u32; GUIDES_PER_STRAND],
-    /// The fraction of the edge from there.
+    /// The fraction of the edge that starts at that particle.
     pub fractions: [f32; GUIDES_PER_STRAND],
 }
 
-/// A groom and the guides that carry it.
+/// A groom and the guides that determine its motion.
 #[derive(Clone, Debug)]
 pub struct Skinning {
     chosen: Vec<usize>,
     guides: Groom,
-    /// Of the whole groom.
+    /// Rest positions of the whole groom.
     rest: Vec<Vec3>,
     offsets: Vec<u32>,
     influences: Vec<Influence>,
     places: Vec<Place>,
-    /// Workspace: T, one a guide's particle.
+    /// Workspace: T for each particle of the guides.
     motions: Vec<Affine3A>,
 }
 
 impl Skinning {
-    /// `groom` carried by `count` of its strands, chosen with `seed`.
+    /// Skins `groom` by `count` of its strands, selected with `seed`.
     ///
     /// # Errors
-    /// [`GuidesError`] if there are to be no guides, or a strand can neither carry nor follow.
+    /// [`GuidesError`] if `count` is 0 or the groom is empty, or if a strand has fewer than two
+    /// particles or a particle that is not finite.
     pub fn new(groom: &Groom, count: usize, seed: u64) -> Result<Self, GuidesError> {
         let usable = |s: usize| groom.strand(s).len() >= 2 && groom.strand(s).iter().all(|p| p.is_finite());
         if let Some(strand) = (0..groom.strand_count()).find(|&s| !usable(s)) {
@@ -147,12 +157,13 @@ impl Skinning {
         &self.guides
     }
 
-    /// Which strands of the groom the guides are, in order.
+    /// The indices in the groom of the guides, in order.
     pub fn chosen(&self) -> &[usize] {
         &self.chosen
     }
 
-    /// The guides that strand `strand` follows, by their number among the guides, and their weights, which sum to 1.
+    /// The guides that strand `strand` follows, as indices of guides, and their weights, which sum
+    /// to 1.
     ///
     /// # Panics
     /// If there is no such strand.
@@ -161,7 +172,7 @@ impl Skinning {
         guides.into_iter().map(|g| g as usize).zip(weights).filter(|&(_, weight)| weight > 0.0)
     }
 
-    /// How each particle of the groom is carried, in the groom's order.
+    /// The skinning data of each particle, in the groom's order.
     pub fn carried(&self) -> impl Iterator<Item = Carried> {
         self.offsets.windows(2).zip(&self.influences).flat_map(move |(ends, influence)| {
             (ends[0] as usize..ends[1] as usize).map(move |p| {
@@ -171,13 +182,18 @@ impl Skinning {
         })
     }
 
-    /// Places all strands into `out` (metres, world space, the groom's order) when the head is at `head` and the guides' particles at `guides`
-    /// (metres, world space, the guides' order). Allocates nothing if `out` has the room.
+    /// Places all strands into `out` (`[P]`, metres, world space, in the groom's order), for the
+    /// head's pose `head` and the positions `guides` of the guides' particles (metres, world space,
+    /// in the guides' order). Does not allocate if `out` has the capacity.
     ///
     /// # Panics
-    /// If `guides` are not as many particles as the guides have.
+    /// If the number of `guides` differs from the number of the guides' particles.
     pub fn skin(&mut self, head: &Pose, guides: &[Vec3], out: &mut Vec<Vec3>) {
-        assert_eq!(guides.len(), self.motions.len(), "one position for each of the guides' particles");
+        assert_eq!(
+            guides.len(),
+            self.motions.len(),
+            "there must be one position for each particle of the guides"
+        );
         out.resize(self.rest.len(), Vec3::ZERO);
         let strands = 0..self.guides.strand_count();
         each(strands, self.guides.strand_offsets(), &mut self.motions, &|strand, motions| {
@@ -195,7 +211,7 @@ impl Skinning {
         });
     }
 
-    /// Bytes held.
+    /// Size of the buffers in bytes.
     pub fn bytes(&self) -> usize {
         size_of_val(&*self.rest)
             + size_of_val(&*self.offsets)
@@ -220,7 +236,8 @@ fn carried(motions: &[Affine3A], weights: &[f32; GUIDES_PER_STRAND], place: &Pla
     sum.into()
 }
 
-/// Calls `work(strand, its part of the values)` for every strand, over the threads of the pool; allocates nothing.
+/// Calls `work(strand, values of the strand)` for every strand, on the threads of the pool; does
+/// not allocate.
 fn each<T: Send>(
     strands: std::ops::Range<usize>,
     offsets: &[u32],
@@ -238,8 +255,8 @@ fn each<T: Send>(
     }
     let mut rest = values;
     for strand in strands {
-        let (own, after) = rest.split_at_mut((offsets[strand + 1] - offsets[strand]) as usize);
-        work(strand, own);
+        let (of_strand, after) = rest.split_at_mut((offsets[strand + 1] - offsets[strand]) as usize);
+        work(strand, of_strand);
         rest = after;
     }
 }
@@ -251,7 +268,7 @@ fn follow(rest: &[Vec3], now: &[Vec3], head: &Pose, motions: &mut [Affine3A]) {
         let shift = now[i].as_dvec3() - turn * rest[i].as_dvec3();
         Affine3A::from_rotation_translation(turn.as_quat(), shift.as_vec3())
     };
-    // The root is on the head, and so is the hair around it.
+    // The root moves with the head, and so does the hair around it.
     motions[0] = motion(head.rotation, 0);
     let mut before = turned(head.rotation, edge(rest, 0), edge(now, 0));
     for (i, out) in motions.iter_mut().enumerate().skip(1) {
@@ -259,13 +276,13 @@ fn follow(rest: &[Vec3], now: &[Vec3], head: &Pose, motions: &mut [Affine3A]) {
         if i + 1 < rest.len() {
             after = turned(before, edge(rest, i), edge(now, i));
         }
-        // Both are within half a turn of each other, as unit quaternions of the same sign.
+        // Both quaternions have the same sign, because they differ by less than half a turn.
         *out = motion((before + after).normalize(), i);
         before = after;
     }
 }
 
-/// The rotation `turn` followed by the smallest that takes the turned `rest` to `now`.
+/// The rotation `turn`, followed by the smallest rotation from the rotated `rest` to `now`.
 fn turned(turn: DQuat, rest: DVec3, now: DVec3) -> DQuat {
     if rest == DVec3::ZERO || now == DVec3::ZERO {
         return turn;

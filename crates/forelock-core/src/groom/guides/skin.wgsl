@@ -1,16 +1,17 @@
-// Guides carry all strands: the twin of `guides::follow` and `guides::carried`. Everything is relative to the middle of the guides' rest shape, and to where the frame's origin is.
+// Skinning of all strands by guides: the GPU counterpart of `guides::follow` and `guides::carried`.
+// All positions are relative to the middle of the guides' rest shape and to the frame's origin.
 
 struct Skin {
-    // The head's rotation, as a quaternion.
+    // Rotation of the head, a quaternion.
     head: vec4f,
-    // Particles that are carried.
+    // Number of skinned particles.
     count: u32,
     pad_0: u32,
     pad_1: u32,
     pad_2: u32,
 }
 
-// Rotation and shift of each of the guides' particles, a pair an entry.
+// Rotation and translation of each particle of the guides, two entries each.
 @group(0) @binding(21) var<storage, read_write> motions: array<vec4f>;
 @group(0) @binding(22) var<uniform> skin: Skin;
 

@@ -1,4 +1,4 @@
-//! What skinning by guides must hold to.
+//! Tests of skinning by guides.
 
 use super::*;
 use crate::groom::grow::{GrowParams, grow_on_head};
@@ -6,7 +6,7 @@ use crate::groom::grow::{GrowParams, grow_on_head};
 fn hair() -> Groom {
     let params = GrowParams { strands: 600, ..GrowParams::preset("wavy").unwrap() };
     let grown = grow_on_head(&params).unwrap();
-    // Mixed lengths and counts.
+    // Different lengths and numbers of particles.
     let strands = grown.strands().enumerate().map(|(s, points)| points[..5 + s % 20].to_vec());
     Groom::from_strands(strands.collect::<Vec<_>>()).unwrap()
 }
@@ -17,7 +17,7 @@ fn farthest(a: &[Vec3], b: &[Vec3]) -> f32 {
 }
 
 #[test]
-fn at_rest_and_under_rigid_motions_strands_come_out_exactly() {
+fn skinning_is_exact_at_rest_and_for_rigid_motions() {
     let groom = hair();
     let mut skinning = Skinning::new(&groom, 40, 1).unwrap();
     let mut out = Vec::new();
@@ -28,16 +28,17 @@ fn at_rest_and_under_rigid_motions_strands_come_out_exactly() {
         let guides: Vec<Vec3> = skinning.guides().positions().iter().map(moved).collect();
         skinning.skin(&pose, &guides, &mut out);
         let expected: Vec<Vec3> = groom.positions().iter().map(moved).collect();
-        // Float32 positions of the guides, 6e-8 at a metre, turn their edges of 1 cm by 1e-5; a strand is centimetres from its guide.
+        // Rounding of the guides' positions to float32, 6e-8 at a metre, rotates their edges of 1
+        // cm by 1e-5; a strand is centimetres away from its guide.
         assert!(farthest(&out, &expected) < 2e-6, "{} at {pose:?}", farthest(&out, &expected));
     }
 }
 
 #[test]
-fn guides_are_followed_by_themselves_and_neighbours() {
+fn guides_and_their_neighbours_follow_the_guides() {
     let groom = hair();
     let mut skinning = Skinning::new(&groom, 40, 1).unwrap();
-    // Each guide swings about its root by its own angle.
+    // Each guide rotates about its root by a different angle.
     let mut guides = skinning.guides().clone();
     for g in 0..guides.strand_count() {
         let root = guides.strand(g)[0];
@@ -54,7 +55,7 @@ fn guides_are_followed_by_themselves_and_neighbours() {
     for s in 0..groom.strand_count() {
         let range = groom.range(s);
         let (points, rest) = (&out[range], groom.strand(s));
-        assert!(points[0].distance(rest[0]) < 1e-6, "root {s} has left the head");
+        assert!(points[0].distance(rest[0]) < 1e-6, "root {s} is not on the head");
         let turn = glam::Quat::from_rotation_x(0.3 + 0.2 * rest[0].x / 0.1);
         let last = rest.len() - 1;
         let expected = rest[0] + turn * (rest[last] - rest[0]);
@@ -89,7 +90,7 @@ fn weights_sum_to_one_and_do_not_jump() {
 }
 
 #[test]
-fn guides_cover_the_roots_evenly_and_are_seeded() {
+fn guides_cover_the_roots_evenly_and_depend_on_the_seed() {
     let groom = hair();
     let chosen = choose_guides(&groom, 50, 7);
     assert_eq!(chosen, choose_guides(&groom, 50, 7));
@@ -102,7 +103,7 @@ fn guides_cover_the_roots_evenly_and_are_seeded() {
     // Gonzalez: no root is farther from a guide than guides are from each other.
     assert!(far <= apart, "{far} {apart}");
     assert_eq!(choose_guides(&groom, 1000, 1).len(), 600);
-    // Many strands with one root: no strand is chosen twice.
+    // Many strands with the same root: no strand is selected twice.
     let same = groom.only(&[3; 9]);
     assert_eq!(choose_guides(&same, 5, 1).len(), 5);
     assert!(choose_guides(&same, 5, 1).windows(2).all(|w| w[0] < w[1]));

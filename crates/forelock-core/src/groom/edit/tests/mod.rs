@@ -1,4 +1,4 @@
-//! What every edit must hold to, and what each is for.
+//! Properties that every edit must have, and tests of each operation's purpose.
 
 use glam::{UVec3, Vec3};
 use proptest::prelude::*;
@@ -7,7 +7,7 @@ use super::*;
 use crate::groom::RootBinding;
 use crate::groom::grow::random::Random;
 
-/// A strand of `count` particles that curls as it falls from `root`.
+/// A strand of `count` particles that curls downwards from `root`.
 fn strand(root: Vec3, count: usize, seed: u64) -> Vec<Vec3> {
     let mut random = Random::new(seed, 9);
     let (step, turn) = (0.005 + 0.02 * random.unit(), 0.2 + 0.5 * random.unit());
@@ -40,7 +40,8 @@ fn groom(counts: &[usize], seed: u64) -> Groom {
     groom
 }
 
-/// Every operation with parameters that change something. Those up to the given number keep lengths.
+/// Every operation, with parameters that have an effect. The first ones, whose number is returned,
+/// keep lengths.
 fn operations() -> (Vec<Operation>, usize) {
     let points = vec![Vec3::new(-0.05, -0.02, 0.0), Vec3::new(0.05, -0.03, 0.0), Vec3::new(0.1, -0.1, 0.05)];
     let keeping = vec![
@@ -82,11 +83,11 @@ fn operations() -> (Vec<Operation>, usize) {
 fn bits(groom: &Groom) -> (Vec<u32>, Vec<u32>, String) {
     let mut rest = groom.clone();
     rest.positions_mut().fill(Vec3::ZERO);
-    // Debug writes numbers so that they read back to the same bits.
+    // `Debug` prints numbers so that they are read back to the same bits.
     (bytemuck::cast_slice(groom.positions()).to_vec(), groom.strand_offsets().to_vec(), format!("{rest:?}"))
 }
 
-/// Lengths of all edges in float64, and what a rounding of their ends may change.
+/// Lengths of all edges in float64, and the change that rounding of their ends may cause.
 fn edges(groom: &Groom) -> Vec<(f64, f64)> {
     let edge = |w: &[Vec3]| {
         let rounding = w[0].abs().max(w[1].abs()).max_element() * f32::EPSILON;
@@ -106,7 +107,8 @@ fn check(operation: &Operation, keeps_lengths: bool, start: &Groom) {
     assert_eq!((report.selected, report.refused), (start.strand_count(), 0));
     if keeps_lengths {
         for ((old, rounding), (new, _)) in edges(start).into_iter().zip(edges(&after)) {
-            // 1e-6 of the edge, and the rounding of float32 positions, which a short edge far from the origin feels.
+            // 1e-6 of the edge, plus the rounding of float32 positions, which matters for a short
+            // edge far from the origin.
             assert!((new - old).abs() <= 1e-6 * old + rounding, "{operation:?}: {old} became {new}");
         }
         for s in 0..start.strand_count() {
@@ -130,7 +132,7 @@ fn check(operation: &Operation, keeps_lengths: bool, start: &Groom) {
 }
 
 #[test]
-fn every_operation_on_every_size() {
+fn every_operation_works_on_every_size() {
     let (operations, keeping) = operations();
     let sizes: [&[usize]; 6] = [&[7], &[2], &[2, 2, 2], &[3, 40, 2, 17, 5, 9, 2, 30], &[1000, 3], &[25; 40]];
     for (number, operation) in operations.iter().enumerate() {
@@ -145,7 +147,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 
     #[test]
-    fn any_edits_in_any_order_are_undone_bit_for_bit(
+    fn any_sequence_of_edits_is_undone_bit_for_bit(
         counts in prop::collection::vec(2usize..30, 1..12),
         seed in 0u64..1000,
         numbers in prop::collection::vec(0usize..19, 1..6),
@@ -176,7 +178,7 @@ proptest! {
 }
 
 #[test]
-fn threads_do_not_change_a_bit() {
+fn results_do_not_depend_on_the_number_of_threads() {
     let start = groom(&[25; 64], 2);
     for operation in operations().0 {
         let with = |threads: usize| {
@@ -190,7 +192,7 @@ fn threads_do_not_change_a_bit() {
 }
 
 #[test]
-fn strands_that_are_not_finite_are_left_alone_and_counted() {
+fn strands_that_are_not_finite_are_unchanged_and_counted() {
     for operation in operations().0 {
         let mut broken = groom(&[9, 9, 9], 1);
         broken.positions_mut()[12] = Vec3::NAN;
@@ -217,7 +219,7 @@ fn parameters_out_of_range_are_refused_by_name() {
 }
 
 #[test]
-fn only_what_is_selected_changes() {
+fn only_selected_strands_change() {
     let start = groom(&[9; 50], 3);
     let plane = HalfSpace { point: Vec3::ZERO, normal: Vec3::X };
     for invert in [false, true] {
@@ -233,7 +235,7 @@ fn only_what_is_selected_changes() {
     assert!((15..35).contains(&half.iter().filter(|&&s| s).count()));
 }
 
-/// The distances of a ball of radius 5 cm about `centre`.
+/// The distance field of a ball of radius 5 cm about `centre`.
 fn ball(centre: Vec3) -> Sdf {
     let (cell, size) = (0.004, 64);
     let origin = centre - Vec3::splat(0.5 * cell * size as f32);
@@ -262,7 +264,7 @@ fn strands_do_not_end_up_inside_the_body() {
         let inside = |groom: &Groom| groom.positions().iter().filter(|&&p| sdf.sample(p).0 < 0.0).count();
         let mut without = start.clone();
         edit.apply(&mut without, None).unwrap();
-        assert!(inside(&without) > 0, "{edit:?} shows nothing");
+        assert!(inside(&without) > 0, "{edit:?} must move particles inside without a body");
         let mut with = start.clone();
         let report = edit.apply(&mut with, Some(&body)).unwrap();
         assert_eq!(inside(&with), 0, "{edit:?}: {report}");

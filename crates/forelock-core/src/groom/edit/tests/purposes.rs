@@ -1,10 +1,10 @@
-//! What each operation is for, in numbers.
+//! Tests of each operation's purpose.
 
 use glam::Vec3;
 
 use super::*;
 
-/// Done to a groom without a body.
+/// The groom after `operation`, without a body.
 fn edited(groom: &Groom, operation: Operation) -> Groom {
     let mut groom = groom.clone();
     Edit::all(operation).apply(&mut groom, None).unwrap();
@@ -17,14 +17,14 @@ fn straight(count: usize) -> Groom {
     Groom::from_strands((0..count).map(|s| strand(s).collect::<Vec<_>>())).unwrap()
 }
 
-/// How straight a strand is: the distance from root to tip over its length.
+/// Straightness of a strand: the distance from root to tip divided by the length.
 fn straightness(groom: &Groom, strand: usize) -> f32 {
     let points = groom.strand(strand);
     points[0].distance(points[points.len() - 1]) / groom.length(strand)
 }
 
 #[test]
-fn trimmed_strands_have_the_length_asked_for_and_their_attributes() {
+fn trimmed_strands_have_the_requested_length_and_their_attributes() {
     let mut start = straight(2);
     start.widths = Some((0..82).map(|i| (i % 41) as f32).collect());
     start.pinned = Some(vec![3, 40]);
@@ -34,7 +34,7 @@ fn trimmed_strands_have_the_length_asked_for_and_their_attributes() {
     let widths = trimmed.widths.as_ref().unwrap();
     assert!((widths[21] - 20.5).abs() < 1e-3, "the tip's width is interpolated: {}", widths[21]);
     assert_eq!(trimmed.pinned, Some(vec![3, 22]));
-    // A tenth of an edge and less is no edge.
+    // A remaining edge shorter than a tenth is not kept.
     let close = edited(&start, Operation::Trim(Trim { to: 0.1002, ..Trim::default() }));
     assert_eq!(close.strand(0).len(), 21);
     let stub = edited(&start, Operation::Trim(Trim { by: 9.0, ..Trim::default() }));
@@ -42,7 +42,7 @@ fn trimmed_strands_have_the_length_asked_for_and_their_attributes() {
 }
 
 #[test]
-fn a_plane_cuts_all_tips_to_its_height() {
+fn a_plane_cuts_all_tips_at_its_height() {
     let plane = HalfSpace { point: Vec3::NEG_Y * 0.123, normal: Vec3::NEG_Y };
     let cut = edited(&straight(9), Operation::Cut(Cut::new(CutShape::Plane(plane))));
     for strand in cut.strands() {
@@ -51,7 +51,7 @@ fn a_plane_cuts_all_tips_to_its_height() {
 }
 
 #[test]
-fn a_helix_goes_on_as_the_same_helix() {
+fn a_helix_continues_as_the_same_helix() {
     let at = |i: usize| {
         let angle = 0.4 * i as f32;
         Vec3::new(0.01 * angle.cos(), -0.002 * angle, 0.01 * angle.sin())
@@ -61,7 +61,8 @@ fn a_helix_goes_on_as_the_same_helix() {
     assert_eq!(longer.strand(0)[..40], *start.strand(0));
     assert_eq!(longer.strand(0).len(), 70);
     for (i, point) in longer.strand(0).iter().enumerate() {
-        // Positions are rounded to 1e-9 m, bends so to 1e-6, and thirty edges of 4 mm add that up.
+        // Positions are rounded to 1e-9 m and bends therefore to 1e-6; thirty edges of 4 mm
+        // accumulate this.
         assert!(point.distance(at(i)) < 2e-5, "particle {i} is {} off", point.distance(at(i)));
     }
     let some = edited(&start, Operation::Lengthen(Lengthen { by: 0.0333, factor: 1.0 }));
@@ -80,7 +81,8 @@ fn combed_hair_runs_along_the_stroke_and_keeps_its_waves() {
     let straight = straight(3);
     let combed = edited(&straight, Operation::Comb(comb.clone()));
     for strand in combed.strands() {
-        // The falloff (1 - (0.1/0.3)^2)^2 at the root is 0.79; the strand turns into the stroke from there.
+        // The falloff (1 - (0.1/0.3)^2)^2 at the root is 0.79; from there on the strand bends
+        // towards the stroke.
         let along = (strand[40] - strand[5]).normalize();
         assert!(along.x > 0.9, "{along}");
     }
@@ -93,7 +95,7 @@ fn combed_hair_runs_along_the_stroke_and_keeps_its_waves() {
 }
 
 #[test]
-fn points_draw_and_push() {
+fn points_attract_and_repel() {
     let start = straight(1);
     let centre = Vec3::new(0.02, -0.1, 0.0);
     let nearest = |groom: &Groom| groom.strand(0).iter().map(|p| p.distance(centre)).fold(1.0, f32::min);
@@ -104,12 +106,12 @@ fn points_draw_and_push() {
 }
 
 #[test]
-fn a_curl_is_a_helix_of_its_radius_and_wavelength_and_straightening_takes_it_out() {
+fn a_curl_is_a_helix_of_its_radius_and_wavelength_and_straightening_removes_it() {
     let fine = edited(&straight(1), Operation::Resample(Resample { particles: 400 }));
     let curl = Curl { radius: 0.006, wavelength: 0.04, full: 0.0, ..Curl::default() };
     let curled = edited(&fine, Operation::Curl(curl));
     let points = curled.strand(0);
-    // Root to tip along the axis: λ/L of the length.
+    // Extent from root to tip along the axis: λ/L of the length.
     let arc = (std::f32::consts::TAU * 0.006).hypot(0.04);
     assert!(((points[0].y - points[399].y) / 0.2 - 0.04 / arc).abs() < 0.01);
     let wide = |axis: usize| {
@@ -141,11 +143,11 @@ fn a_roll_is_an_arc_towards_its_centre() {
 }
 
 #[test]
-fn tips_of_a_lock_come_together() {
+fn clumping_gathers_the_tips_of_a_lock() {
     let start = straight(20);
     let clump = Clump { spacing: 0.03, tip: 0.9, flyaways: 0.0, ..Clump::default() };
     let clumped = edited(&start, Operation::Clump(clump));
-    // How far apart neighbouring strands are on the average, without the few gaps between locks.
+    // Median distance between neighbouring strands, which ignores the few gaps between locks.
     let apart = |groom: &Groom, i: usize| {
         let mut gaps: Vec<f32> =
             (1..20).map(|s| groom.strand(s)[i].distance(groom.strand(s - 1)[i])).collect();
@@ -179,7 +181,7 @@ fn new_strands_lie_between_the_old_ones_and_keep_their_curl() {
 }
 
 #[test]
-fn mirrored_twice_is_as_it_was() {
+fn mirroring_twice_restores_the_groom() {
     let start = groom(&[9; 20], 3);
     let flip = Mirror { mode: MirrorMode::Flip, normal: Vec3::new(1.0, 0.2, -0.7), ..Mirror::default() };
     let once = edited(&start, Operation::Mirror(flip));
@@ -198,11 +200,11 @@ fn mirrored_twice_is_as_it_was() {
     }
     let added = edited(&start, Operation::Mirror(Mirror { mode: MirrorMode::Add, ..Mirror::default() }));
     assert_eq!(added.strand_count(), 20 + right);
-    assert!(replaced.bindings.is_none(), "roots that cannot be bound have no binding");
+    assert!(replaced.bindings.is_none(), "bindings must be dropped if roots cannot be bound");
 }
 
 #[test]
-fn smoothing_evens_out_kinks_and_neighbours() {
+fn smoothing_reduces_kinks_and_differences_between_neighbours() {
     let mut rough = straight(20);
     let mut random = Random::new(5, 5);
     for s in 0..20 {
@@ -223,9 +225,9 @@ fn smoothing_evens_out_kinks_and_neighbours() {
     assert!(bend(&across) < 0.6 * bend(&rough), "{} {}", bend(&across), bend(&rough));
 }
 
-/// The doc lines are what users read: the default that each tells is the one that holds.
+/// Users read the documented defaults, so they must equal the actual ones.
 #[test]
-fn documented_defaults_are_the_defaults() {
+fn documented_defaults_equal_the_defaults() {
     let plain = |text: &str| {
         let text = text.replace("Vec3(", "[").replace(')', "]");
         let end =
@@ -253,21 +255,22 @@ fn documented_defaults_are_the_defaults() {
     let mut compared = 0;
     for (name, source, shown) in all {
         let (_, body) = source.split_once(&format!("pub struct {name} {{")).unwrap();
-        let mut doc = "";
+        let mut doc = String::new();
         for line in body.split("\n}").next().unwrap().lines().map(str::trim) {
-            if line.starts_with("///") {
-                doc = line;
+            if let Some(text) = line.strip_prefix("///") {
+                doc.push_str(text);
             }
             let Some((field, _)) = line.strip_prefix("pub ").and_then(|rest| rest.split_once(':')) else {
                 continue;
             };
-            let is = shown.split_once(&format!(" {field}: ")).unwrap().1;
-            if doc.contains("o default") || is.starts_with("None") {
+            let doc = std::mem::take(&mut doc);
+            let actual = shown.split_once(&format!(" {field}: ")).unwrap().1;
+            if doc.contains("o default") || actual.starts_with("None") {
                 continue;
             }
-            let told =
-                doc.split_once("efault ").unwrap_or_else(|| panic!("{name}.{field} tells no default")).1;
-            assert_eq!(plain(told), plain(is), "{name}.{field}");
+            let documented =
+                doc.split_once("efault ").unwrap_or_else(|| panic!("{name}.{field} documents no default")).1;
+            assert_eq!(plain(documented), plain(actual), "{name}.{field}");
             compared += 1;
         }
     }
