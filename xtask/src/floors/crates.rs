@@ -1,8 +1,8 @@
 //! Crates depend only on crates of lower floors.
 //!
-//! The table of crates in ARCHITECTURE.md states the folder and the floor of each crate. A crate may depend only
-//! on crates of lower floors, in its tests too, and on no external crate that its floor forbids ([`FORBIDDEN`]).
-//! Tests may use any external crate.
+//! The table of crates in ARCHITECTURE.md states the folder and the floor of each crate. A crate
+//! may depend only on crates of lower floors, in its tests too, and on no external crate that its
+//! floor forbids ([`FORBIDDEN`]). Tests may use any external crate.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -13,8 +13,8 @@ use toml::{Table, Value};
 
 use super::files;
 
-/// For a floor and all floors below it: the reason, and the external crates that are forbidden there. A name
-/// stands for all crates that start with it: `burn` for `burn-core`.
+/// For a floor and all floors below it: the reason, and the external crates that are forbidden
+/// there. A name stands for all crates that start with it: `burn` for `burn-core`.
 const FORBIDDEN: [(u32, &str, &[&str]); 3] = [
     (
         0,
@@ -184,8 +184,8 @@ fn read_toml(path: &Path) -> anyhow::Result<Table> {
     text.parse().with_context(|| path.display().to_string())
 }
 
-/// The packages that `manifest` depends on, on any platform, by the names of the packages themselves. `shared`
-/// is the table `[workspace.dependencies]`.
+/// The packages that `manifest` depends on, on any platform, by the names of the packages
+/// themselves. `shared` is the table `[workspace.dependencies]`.
 fn dependencies(manifest: &Table, shared: Option<&Table>) -> Vec<Dependency> {
     let targets = manifest.get("target").and_then(Value::as_table);
     let targets = targets.into_iter().flat_map(|targets| targets.values().filter_map(Value::as_table));

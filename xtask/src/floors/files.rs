@@ -38,8 +38,8 @@ pub fn sources(root: &Path) -> anyhow::Result<Vec<File>> {
     Ok(found)
 }
 
-/// Adds the files below `folder` whose names end in one of `endings`. Hidden folders and `target` are left
-/// out.
+/// Adds the files below `folder` whose names end in one of `endings`. Hidden folders and `target`
+/// are left out.
 ///
 /// # Errors
 /// If a folder or file cannot be read.

@@ -23,8 +23,8 @@ pub fn check_lines(files: &[File]) -> Vec<String> {
 
 /// The comments of source files that are too wide, a sentence each.
 ///
-/// A line counts whole, with the code before its comment. Rows of tables and lines with a web address may be
-/// wider.
+/// A line counts whole, with the code before its comment. Rows of tables and lines with a web
+/// address may be wider.
 pub fn check_comments(files: &[File]) -> Vec<String> {
     let mut faults = Vec::new();
     for file in files {
@@ -39,8 +39,8 @@ pub fn check_comments(files: &[File]) -> Vec<String> {
     faults
 }
 
-/// The lines that are too wide in Markdown pages, and in the comments of scene files and scripts, a sentence
-/// each.
+/// The lines that are too wide in Markdown pages, and in the comments of scene files and scripts, a
+/// sentence each.
 ///
 /// Rows of tables, code blocks and lines with a web address may be wider.
 ///

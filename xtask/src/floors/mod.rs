@@ -39,8 +39,8 @@ const ALL: [Check; 7] = [
     Check::Solvers,
 ];
 
-/// Checks that the repository does not pass yet. A check of this list that passes is a fault, so that the list
-/// only becomes shorter.
+/// Checks that the repository does not pass yet. A check of this list that passes is a fault, so
+/// that the list only becomes shorter.
 const NOT_YET: &[Check] =
     &[Check::Modules, Check::Lines, Check::Signatures, Check::Comments, Check::Pages, Check::Solvers];
 

@@ -1,11 +1,12 @@
 //! The modules of the core use only modules of lower floors.
 //!
-//! The table of ARCHITECTURE.md with the header `| core module | floor |` gives the floor of each top-level
-//! module. A path that starts with `crate::`, or with enough `super::` to leave the top-level module, is a use
-//! of the module that it names next. A module may use modules of lower floors and itself.
+//! The table of ARCHITECTURE.md with the header `| core module | floor |` gives the floor of each
+//! top-level module. A path that starts with `crate::`, or with enough `super::` to leave the
+//! top-level module, is a use of the module that it names next. A module may use modules of lower
+//! floors and itself.
 //!
-//! Items behind `#[cfg(test)]` may use every module. Comments, and so links in documentation, are not read,
-//! and macros (`crate::name!`) belong to no module.
+//! Items behind `#[cfg(test)]` may use every module. Comments, and so links in documentation, are
+//! not read, and macros (`crate::name!`) belong to no module.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -160,8 +161,8 @@ fn is_path(tokens: &[Token], index: usize) -> bool {
     tokens.get(index + 1).is_some_and(|token| token.text == "::")
 }
 
-/// Reads the path or the tree of a `use` at `index`, relative to a module `depth` below the root. Gives the
-/// index after it.
+/// Reads the path or the tree of a `use` at `index`, relative to a module `depth` below the root.
+/// Gives the index after it.
 fn read_path(tokens: &[Token], mut index: usize, mut depth: usize, found: &mut Vec<Use>) -> usize {
     while let Some(token) = tokens.get(index) {
         match token.text {
@@ -194,7 +195,8 @@ fn read_path(tokens: &[Token], mut index: usize, mut depth: usize, found: &mut V
     index
 }
 
-/// The index after the names `a::b::{…}` at `index`. Inside a `use` tree these belong to one module.
+/// The index after the names `a::b::{…}` at `index`. Inside a `use` tree these belong to one
+/// module.
 fn skip_rest(tokens: &[Token], mut index: usize) -> usize {
     while is_path(tokens, index) {
         index += 2;

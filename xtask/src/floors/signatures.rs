@@ -1,7 +1,7 @@
 //! No function takes an anonymous tuple apart in its arguments.
 //!
-//! `fn f((a, b): (A, B))` hides two arguments in one, so that neither has a name where the function is called.
-//! A named struct, or two arguments, say what they are. Closures are not checked.
+//! `fn f((a, b): (A, B))` hides two arguments in one, so that neither has a name where the function
+//! is called. A named struct, or two arguments, say what they are. Closures are not checked.
 
 use super::files::File;
 use super::source::{self, Kind, Token};
@@ -29,8 +29,8 @@ pub fn check(files: &[File]) -> Vec<String> {
     faults
 }
 
-/// The index of the bracket that opens the arguments of the function whose name is at `name`. `None` for the
-/// type of a function pointer.
+/// The index of the bracket that opens the arguments of the function whose name is at `name`.
+/// `None` for the type of a function pointer.
 fn arguments(tokens: &[Token], name: usize) -> Option<usize> {
     if !tokens.get(name)?.text.starts_with(source::is_name) {
         return None;
@@ -54,7 +54,8 @@ fn arguments(tokens: &[Token], name: usize) -> Option<usize> {
     (tokens.get(index)?.text == "(").then_some(index)
 }
 
-/// Whether one of the arguments between the bracket at `open` and its end starts with a tuple pattern.
+/// Whether one of the arguments between the bracket at `open` and its end starts with a tuple
+/// pattern.
 fn takes_tuple_apart(tokens: &[Token], open: usize) -> bool {
     let end = source::closing(tokens, open);
     let mut index = open + 1;

@@ -1,11 +1,13 @@
 //! Few files outside a solver's folders name the solver.
 //!
-//! ARCHITECTURE.md has a table with the header `| solver | own folders | files that name it |`. Its first cell
-//! gives the solver's name as scene files write it (`mass-spring`), the second the folders or files that
-//! belong to the solver, the third all other files that name it: the lines that register it. The check searches
-//! the sources in [`SEARCHED`], without comments and tests, and compares the list.
+//! ARCHITECTURE.md has a table with the header `| solver | own folders | files that name it |`. Its
+//! first cell gives the solver's name in scene files (`mass-spring`), and further names that belong
+//! to this solver alone. The second cell gives the folders or files of the solver, the third all
+//! other files that name it: those that register it. The check searches the sources in
+//! [`SEARCHED`], without comments and tests, and compares the list.
 //!
-//! A name is found in every spelling: `mass-spring`, `mass_spring`, `MassSpring`, `MassSpringParams`.
+//! A name is found in every spelling: `mass-spring`, `mass_spring`, `MassSpring`,
+//! `MassSpringParams`.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -18,14 +20,15 @@ use super::source::{self, Kind};
 /// The most files outside its folders that may name a solver.
 const MOST_FILES: usize = 4;
 
-/// The folders in which the check looks for names of solvers. Experiments and the command line compare solvers
-/// and may name them.
+/// The folders in which the check looks for names of solvers. Experiments and the command line
+/// compare solvers and may name them.
 const SEARCHED: [&str; 3] = ["crates/forelock-core/src", "crates/forelock-gpu/src", "crates/forelock/src"];
 
 /// A row of the table.
 #[derive(Debug, PartialEq)]
 struct Solver {
-    name: String,
+    /// The name in scene files, then further names that belong to the solver alone.
+    names: Vec<String>,
     folders: Vec<String>,
     registry: BTreeSet<String>,
 }
@@ -45,7 +48,8 @@ pub fn solver_files(root: &Path) -> anyhow::Result<Vec<String>> {
     let mut faults = Vec::new();
     for solver in &solvers {
         for folder in solver.folders.iter().filter(|folder| !root.join(folder).exists()) {
-            faults.push(format!("ARCHITECTURE.md: {folder} of the solver {} does not exist", solver.name));
+            faults
+                .push(format!("ARCHITECTURE.md: {folder} of the solver {} does not exist", solver.names[0]));
         }
         check_solver(solver, &files, &mut faults);
     }
@@ -53,7 +57,7 @@ pub fn solver_files(root: &Path) -> anyhow::Result<Vec<String>> {
 }
 
 fn check_solver(solver: &Solver, files: &[File], faults: &mut Vec<String>) {
-    let name = &solver.name;
+    let name = &solver.names[0];
     let is_own = |path: &str| {
         solver.folders.iter().any(|folder| {
             path.strip_prefix(folder.as_str()).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
@@ -62,7 +66,7 @@ fn check_solver(solver: &Solver, files: &[File], faults: &mut Vec<String>) {
     let is_test = |path: &str| path.ends_with("/tests.rs") || path.contains("/tests/");
     let mut naming = BTreeSet::new();
     for file in files.iter().filter(|file| !is_own(&file.path) && !is_test(&file.path)) {
-        if let Some(line) = first_line(&file.text, name) {
+        if let Some(line) = solver.names.iter().filter_map(|name| first_line(&file.text, name)).min() {
             naming.insert(file.path.clone());
             if !solver.registry.contains(&file.path) {
                 faults.push(format!(
@@ -85,15 +89,19 @@ fn check_solver(solver: &Solver, files: &[File], faults: &mut Vec<String>) {
     }
 }
 
-/// The rows `| `name` | folders | files |`.
+/// The rows `| `name`, `name` | folders | files |`.
 fn read_solvers(text: &str) -> anyhow::Result<Vec<Solver>> {
     let mut solvers = Vec::new();
     for row in files::table(text, &["solver", "own folders", "files that name it"]) {
-        let [name, folders, registry, ..] = &row[..] else {
+        let [names, folders, registry, ..] = &row[..] else {
             bail!("ARCHITECTURE.md: a solver without folders: {row:?}")
         };
+        let names = files::quoted(names);
+        if names.is_empty() {
+            bail!("ARCHITECTURE.md: a solver without a name in back-quotes: {row:?}");
+        }
         solvers.push(Solver {
-            name: name.trim_matches('`').to_owned(),
+            names,
             folders: files::quoted(folders),
             registry: files::quoted(registry).into_iter().collect(),
         });
@@ -121,7 +129,8 @@ fn first_line(text: &str, name: &str) -> Option<usize> {
     None
 }
 
-/// The parts of a name in lower case: `MassSpring2`, `mass_spring2` and `mass-spring2` are `mass`, `spring2`.
+/// The parts of a name in lower case: `MassSpring2`, `mass_spring2` and `mass-spring2` are `mass`,
+/// `spring2`.
 fn parts(name: &str) -> Vec<String> {
     let mut parts = vec![String::new()];
     let mut after_lower = false;

@@ -1,7 +1,7 @@
 //! Splits source text into code, comments and literals, and code into tokens.
 //!
-//! A small lexer for Rust and WGSL. It knows nested block comments, raw strings, and the difference between a
-//! character literal and a lifetime; it does not parse expressions.
+//! A small lexer for Rust and WGSL. It knows nested block comments, raw strings, and the difference
+//! between a character literal and a lifetime; it does not parse expressions.
 
 /// What a byte of a source file belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,7 +34,8 @@ pub fn classify(text: &str) -> Vec<Kind> {
     kinds
 }
 
-/// `text` with a space in place of each byte whose kind is not in `kept`. Line breaks and offsets stay.
+/// `text` with a space in place of each byte whose kind is not in `kept`. Line breaks and offsets
+/// stay.
 pub fn mask(text: &str, kept: &[Kind]) -> String {
     let kinds = classify(text);
     let bytes = text.bytes().zip(kinds);

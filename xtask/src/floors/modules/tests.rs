@@ -24,7 +24,8 @@ fn faults(files: &[(&str, &str)]) -> anyhow::Result<Vec<String>> {
 
 #[test]
 fn lower_modules_and_the_module_itself_are_allowed() -> anyhow::Result<()> {
-    let text = "use crate::{low::{A, high::B}, base as b, low as high};\nuse super::super::low;\nuse crate::high::inner::C;\n\
+    let text = "use crate::{low::{A, high::B}, base as b, low as high};\n\
+                use super::super::low;\nuse crate::high::inner::C;\n\
                 pub(crate) fn f(x: crate::low::D) { super::g() }\nmod a { use super::super::g; }";
     assert_eq!(faults(&[("high/inner.rs", text)])?, Vec::<String>::new());
     Ok(())

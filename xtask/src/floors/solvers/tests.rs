@@ -4,11 +4,12 @@ use super::*;
 
 const CORE: &str = "crates/forelock-core/src";
 
-/// The faults of a tree with these files and this row's third cell for the solver `mass-spring`.
+/// The faults of a tree with these files and this third cell of the row for the solver
+/// `mass-spring`, which is also called `springy`.
 fn faults(registry: &str, files: &[(&str, &str)]) -> anyhow::Result<Vec<String>> {
     let root = tempfile::tempdir()?;
     let header = "| solver | own folders | files that name it |\n| --- | --- | --- |\n";
-    let row = format!("| `mass-spring` | `{CORE}/solver/mass_spring` | {registry} |\n");
+    let row = format!("| `mass-spring`, `springy` | `{CORE}/solver/mass_spring` | {registry} |\n");
     fs::write(root.path().join("ARCHITECTURE.md"), format!("{header}{row}"))?;
     for (path, text) in [("solver/mass_spring/mod.rs", "struct MassSpring;")].iter().chain(files) {
         let path = root.path().join(CORE).join(path);
@@ -37,6 +38,7 @@ fn every_spelling_outside_the_list_is_named() -> anyhow::Result<()> {
         "MASS_SPRING",
         "\"mass-spring\"",
         "is_MassSpring2(MassSpring)",
+        "fn is_springy() {}",
     ] {
         let found = faults("", &[("a.rs", &format!("\n{text}"))])?;
         assert!(matches!(&found[..], [one] if one.contains("src/a.rs:2 names")), "{text}: {found:?}");
