@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Measures all numbers of docs/PERFORMANCE.md that need a graphics card. Runs the tests of the kernels
-# on its driver first.
+# Measures all numbers of docs/PERFORMANCE.md that need a graphics card. Runs the tests of the
+# kernels on its driver first.
 #
 #   tools/gpu-figures.sh FOLDER
 #

@@ -6,10 +6,11 @@
 //! use forelock_render::{Body, Camera, HairColour, Scene, Settings, Strands, render};
 //! use glam::Vec3;
 //!
-//! let strand = |x: f32| (0..8).map(|i| Vec3::new(x, 0.1 - 0.02 * i as f32, 0.02)).collect::<Vec<_>>();
+//! let point = |x: f32, i: usize| Vec3::new(x, 0.1 - 0.02 * i as f32, 0.02);
+//! let strand = |x: f32| (0..8).map(|i| point(x, i)).collect::<Vec<_>>();
 //! let groom = Groom::from_strands((0..40).map(|i| strand(0.002 * i as f32 - 0.04)))?;
-//! let corners = vec![Vec3::new(-0.1, -0.1, 0.0), Vec3::new(0.1, -0.1, 0.0), Vec3::new(0.0, 0.1, 0.0)];
-//! let board = TriMesh::new(corners, vec![[0, 1, 2]])?;
+//! let corners = [[-0.1, -0.1, 0.0], [0.1, -0.1, 0.0], [0.0, 0.1, 0.0]];
+//! let board = TriMesh::new(corners.map(Vec3::from_array).to_vec(), vec![[0, 1, 2]])?;
 //!
 //! let camera = Camera::framing(board.bounds(), 0.4, 0.1);
 //! let bodies = vec![Body::new(&board, Pose::IDENTITY)];
