@@ -1,10 +1,16 @@
 #!/usr/bin/env bash
-# What docs/PERFORMANCE.md needs a graphics card for, in one go: the tests of kernels on its driver, then all figures.
+# Measures all numbers of docs/PERFORMANCE.md that need a graphics card. Runs the tests of the
+# kernels on its driver first.
 #
 #   tools/gpu-figures.sh FOLDER
 #
-# leaves them in FOLDER. Where there is no cargo, FORELOCK names a built command and TESTS built tests (as `cargo test --release -p forelock-gpu --no-run` lists them, apart by
-# spaces). MOST bounds the strands (1,000,000), SHARE those of the paper's scenes (1).
+# writes the results to FOLDER. Environment variables:
+#
+#   FORELOCK  the built `forelock` command, for machines without cargo
+#   TESTS     the built tests, separated by spaces, for machines without cargo;
+#             `cargo test --release -p forelock-gpu --no-run` lists them
+#   MOST      the largest number of strands (default 1,000,000)
+#   SHARE     the share of the strands of the paper's scenes (default 1)
 set -uo pipefail
 if [ $# != 1 ]; then
   echo "usage: tools/gpu-figures.sh FOLDER" >&2
@@ -17,7 +23,7 @@ most=${MOST:-1000000} share=${SHARE:-1}
 export FORELOCK_REQUIRE_GPU=1
 failed=0
 
-# Runs a command with its output shown and left in a file; goes on after a failure.
+# Runs a command, shows its output and writes it to a file. Continues after a failure.
 step() {
   local name=$1
   shift

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# Prints the state hash of ten short scenes as a Markdown table: one row a scene, one column a backend.
-# Usage: tools/state-hashes.sh [BINARY [BACKEND...]]     default: target/release/forelock, cpu and gpu
-# A change that must not change results leaves the table unchanged on the same machine.
+# Prints the state hashes of twelve short scenes as a Markdown table: a row per scene, a column per
+# backend. A change that does not affect results must leave the table unchanged on the same machine.
+#
+#   tools/state-hashes.sh [BINARY [BACKEND...]]     default: target/release/forelock, cpu and gpu
 set -euo pipefail
 cd "$(dirname "$0")/.."
 binary=${1:-target/release/forelock}

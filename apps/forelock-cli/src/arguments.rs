@@ -1,4 +1,4 @@
-//! The command line.
+//! The arguments of the command line.
 
 use std::path::PathBuf;
 
@@ -8,8 +8,8 @@ use forelock_core::groom::{Import, Unit, Up};
 
 /// Real-time simulation of dense hair, strand by strand.
 ///
-/// Start with `forelock demo`. Exit status: 0 done, 1 failed with one message, 2 wrong usage, 130 interrupted after
-/// everything was put in order.
+/// Start with `forelock demo`. Exit status: 0 success, 1 failure with one message, 2 wrong usage,
+/// 130 interrupted with all output complete.
 #[derive(Debug, Parser)]
 #[command(
     name = "forelock",
@@ -21,67 +21,71 @@ use forelock_core::groom::{Import, Unit, Up};
 pub struct Cli {
     #[command(subcommand)]
     pub command: Command,
-    /// Log what is done; twice for details.
+    /// Log the steps of the work; `-vv` logs details.
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
     pub verbose: u8,
-    /// Threads to use [default: one a processor].
+    /// Number of threads [default: one per processor].
     #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
 }
 
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Simulate the built-in scene: hair on a turning head; writes pictures, a cache and a report.
+    /// Simulate the built-in scene, hair on a turning head, and write pictures, a cache and a
+    /// report.
     Demo(RunArgs),
     /// Simulate a scene.
     Simulate(SimulateArgs),
-    /// Take pictures of a scene at rest or of a cache.
+    /// Draw pictures of a scene at rest, a cache or a groom.
     Render(RenderArgs),
     /// Grow a groom and write it to a file.
     Grow(GrowArgs),
-    /// Edit a groom as a script says: cut, comb, curl and the like.
+    /// Edit a groom with a script of operations such as cut, comb and curl.
     Groom(GroomArgs),
-    /// Tell what a groom or cache holds, and what is odd in it.
+    /// Describe a groom or cache, and list the faults that were repaired.
     Info(InfoArgs),
     /// Convert a groom between formats.
     Convert(ConvertArgs),
-    /// Rerun the papers' figures as tables.
+    /// Measure the scenes of the papers and the speed of this machine.
     Bench(BenchArgs),
-    /// Write completions for a shell to standard output.
+    /// Print completions for a shell on standard output.
     Completions {
         /// The shell.
         shell: Shell,
     },
 }
 
-/// What `demo` and `simulate` have in common.
+/// The options that `demo` and `simulate` share.
 #[derive(Debug, Args)]
 pub struct RunArgs {
-    /// Change one key of the scene, as in `--set solver.ams.k_edge=1e7`; may be repeated, the last holds.
+    /// Change one key of the scene, as in `--set solver.ams.k_edge=1e7`. May be repeated; of equal
+    /// keys the last one counts.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub sets: Vec<String>,
-    /// Frames to simulate, the same as `--set time.frames=N`.
+    /// Number of frames, the same as `--set time.frames=N`.
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub frames: Option<i64>,
-    /// Where to compute.
+    /// The processor that runs the simulation.
     #[arg(long, value_enum, default_value_t = Backend::Cpu)]
     pub backend: Backend,
-    /// Compute on a graphics processor, but stages before STAGE on this one: a stage that goes wrong there is found by trying.
+    /// Run STAGE and all later stages on the GPU, and earlier stages on the CPU. Helps to find a
+    /// stage that is wrong on the GPU.
     #[arg(long, value_name = "STAGE", value_parser = gpu_stage, conflicts_with = "backend")]
     pub gpu_from: Option<forelock::GpuStage>,
-    /// Solver, the same as `--set solver.kind=NAME`.
+    /// The solver, the same as `--set solver.kind=NAME`.
     #[arg(long, value_name = "NAME")]
     pub solver: Option<String>,
-    /// Folder for everything that is written [default: forelock-out/NAME].
+    /// Folder for all output [default: forelock-out/NAME].
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Name of the cache, the same as `--set output.cache=FILE`; the ending picks the format.
+    /// Name of the cache, the same as `--set output.cache=FILE`. The ending selects the format.
     #[arg(long, value_name = "FILE")]
     pub cache: Option<PathBuf>,
-    /// Go on where an interrupted or shorter run into the same folder ended, bit for bit.
+    /// Continue an interrupted or shorter run in the same folder. The result is bit for bit that of
+    /// one run.
     #[arg(long)]
     pub resume: bool,
-    /// Print the summary as one JSON object on standard output, and nothing else there.
+    /// Print only the summary, as one JSON object, on standard output.
     #[arg(long)]
     pub json: bool,
 }
@@ -97,16 +101,16 @@ pub struct SimulateArgs {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Backend {
-    /// This processor.
+    /// The CPU.
     Cpu,
-    /// A graphics processor.
+    /// A GPU.
     Gpu,
-    /// A graphics processor if there is one that can do what the scene asks for, else this processor.
+    /// A GPU if there is one that supports the scene, otherwise the CPU.
     Auto,
 }
 
 impl RunArgs {
-    /// Where to compute.
+    /// The backend for the options `--backend` and `--gpu-from`.
     pub fn backend(&self) -> forelock::Backend {
         self.gpu_from.map_or_else(|| self.backend.into(), forelock::Backend::GpuFrom)
     }
@@ -132,7 +136,7 @@ impl From<Backend> for forelock::Backend {
 
 #[derive(Debug, Args)]
 pub struct RenderArgs {
-    /// A scene file (.toml), a cache that `simulate` wrote, or a groom.
+    /// A scene file (.toml), a cache written by `simulate`, or a groom.
     #[arg(value_name = "SCENE|CACHE")]
     pub input: PathBuf,
     /// Change one key of the scene, as in `--set camera.yaw_degrees=90`; may be repeated.
@@ -144,44 +148,45 @@ pub struct RenderArgs {
     /// Frame of the cache [default: the last].
     #[arg(long, value_name = "N")]
     pub frame: Option<usize>,
-    /// Make a film of the whole cache.
+    /// Draw a film of the whole cache.
     #[arg(long, conflicts_with_all = ["frame", "sheet"])]
     pub film: bool,
-    /// Make a sheet: of a cache frames over time, of a groom or scene its sides.
+    /// Draw a contact sheet: frames over time of a cache, or views from several sides of a groom or
+    /// scene.
     #[arg(long, conflicts_with = "frame")]
     pub sheet: bool,
-    /// Make a strip: the frames of the cache at these seconds, side by side, as in `--at 0,0.5,2`.
+    /// Draw the frames of the cache at these times in seconds, side by side, as in `--at 0,0.5,2`.
     #[arg(long, value_name = "SECS", value_delimiter = ',', conflicts_with_all = ["film", "frame", "sheet"])]
     pub at: Vec<f64>,
 }
 
 #[derive(Debug, Args)]
 pub struct GrowArgs {
-    /// The groom to write (.hair, .data, .tfx, .npz).
+    /// The groom to write (.hair, .data, .tfx, .npz, .obj).
     #[arg(value_name = "FILE", required_unless_present_any = ["sheets", "picture"])]
     pub out: Option<PathBuf>,
-    /// Preset to grow; a wrong one lists all.
+    /// The preset to grow. An unknown name lists all presets.
     #[arg(long, default_value = "wavy")]
     pub preset: String,
     /// Number of strands.
     #[arg(long, default_value_t = 10_000)]
     pub strands: u32,
-    /// Particles a strand.
+    /// Particles per strand.
     #[arg(long, default_value_t = 25)]
     pub vertices: u32,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Change one growth parameter, as in `--set wave_radius=0.01`; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub sets: Vec<String>,
-    /// Also take a picture.
+    /// Also draw a picture.
     #[arg(long, value_name = "FILE")]
     pub picture: Option<PathBuf>,
-    /// Make the two picture sheets of the AMS paper's Figs. 13 and 14 in this folder.
+    /// Write the contact sheets for Figs. 13 and 14 of the AMS paper to this folder.
     #[arg(long, value_name = "DIR")]
     pub sheets: Option<PathBuf>,
-    /// Print what was grown as one JSON object.
+    /// Print the result as one JSON object.
     #[arg(long)]
     pub json: bool,
 }
@@ -191,36 +196,37 @@ pub struct GroomArgs {
     /// The script: a scene file (TOML) with `[[edit]]` tables.
     #[arg(value_name = "SCRIPT")]
     pub script: PathBuf,
-    /// Change one key of the script, as in `--set edit.0.strength=0.5`; may be repeated, the last holds.
+    /// Change one key of the script, as in `--set edit.0.strength=0.5`. May be repeated; of equal
+    /// keys the last one counts.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub sets: Vec<String>,
-    /// Folder for everything that is written [default: forelock-out/NAME].
+    /// Folder for all output [default: forelock-out/NAME].
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Also take a picture after each edit, into the folder `steps`.
+    /// Also draw a picture after each edit, in the folder `steps`.
     #[arg(long)]
     pub steps: bool,
-    /// Print what was done as one JSON object.
+    /// Print the result as one JSON object.
     #[arg(long)]
     pub json: bool,
 }
 
-/// How the numbers of a file become metres, y up.
+/// The conversion of the coordinates of a file to metres, y up.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct ImportArgs {
-    /// Unit of length of the file: m, cm, mm or in.
+    /// Unit of length in the file: m, cm, mm or in.
     #[arg(long, default_value = "m", value_parser = parse::<Unit>)]
     pub unit: Unit,
     /// Axis that points up in the file: y or z.
     #[arg(long, default_value = "y", value_parser = parse::<Up>)]
     pub up: Up,
-    /// Further factor on all lengths.
+    /// Further factor for all lengths.
     #[arg(long, default_value_t = 1.0, value_parser = positive, allow_negative_numbers = true)]
     pub scale: f64,
 }
 
 impl ImportArgs {
-    /// The same as the library takes it.
+    /// The conversion as the library's type.
     pub fn import(self) -> Import {
         Import { unit: self.unit, up: self.up, scale: self.scale }
     }
@@ -228,12 +234,12 @@ impl ImportArgs {
 
 #[derive(Debug, Args)]
 pub struct InfoArgs {
-    /// The groom or cache.
+    /// The groom or cache to describe.
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
     #[command(flatten)]
     pub import: ImportArgs,
-    /// Print one JSON object.
+    /// Print the result as one JSON object.
     #[arg(long)]
     pub json: bool,
 }
@@ -243,76 +249,79 @@ pub struct ConvertArgs {
     /// The groom to read.
     #[arg(value_name = "IN")]
     pub input: PathBuf,
-    /// The groom to write; its ending picks the format.
+    /// The groom to write. The ending selects the format.
     #[arg(value_name = "OUT")]
     pub output: PathBuf,
     #[command(flatten)]
     pub import: ImportArgs,
-    /// Resample every strand to this many particles [default: as they are].
+    /// Resample all strands to this number of particles [default: not resampled].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=1000))]
     pub resample: Option<u32>,
-    /// Print what was converted as one JSON object.
+    /// Print the result as one JSON object.
     #[arg(long)]
     pub json: bool,
 }
 
 #[derive(Debug, Args)]
 pub struct BenchArgs {
-    /// What to rerun.
+    /// The measurement to run.
     #[command(subcommand)]
     pub what: BenchCommand,
 }
 
 #[derive(Debug, Subcommand)]
 pub enum BenchCommand {
-    /// A paper: its tables, every scene timed, beside ours; or one figure measured.
+    /// The tables of a paper with our times beside the printed ones, or the measurements of one
+    /// figure.
     Paper {
-        /// Which paper.
+        /// The paper.
         #[arg(long, value_enum, default_value_t = WhichPaper::Ams)]
         paper: WhichPaper,
-        /// Which figure [default: the tables].
+        /// The figure [default: the tables].
         #[arg(long, value_enum)]
         figure: Option<PaperFigure>,
-        /// Share of the strands, where they are grown.
+        /// Share of the strands that is grown, above 0 and at most 1.
         #[arg(long, default_value_t = 1.0, value_parser = share, allow_negative_numbers = true)]
         share: f64,
-        /// Frames of each scene that Table 1 times.
+        /// Number of timed frames of each scene of Table 1.
         #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=100_000), conflicts_with = "figure")]
         frames: u32,
-        /// Frames of each scene before those.
+        /// Number of frames of each scene before the timed ones.
         #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u32).range(0..=100_000), conflicts_with = "figure")]
         warm_up: u32,
-        /// Where the tables are computed; scenes that cannot be computed there are skipped.
+        /// The processor that runs the scenes of the tables. Scenes that it cannot run are skipped.
         #[arg(long, value_enum, default_value_t = BenchBackend::Cpu, conflicts_with = "figure")]
         backend: BenchBackend,
-        /// Folder for Markdown, JSON, a page and plots [default: print only].
+        /// Folder for Markdown, JSON, an HTML page and plots [default: print only].
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
         /// Print one JSON object instead of the table.
         #[arg(long)]
         json: bool,
     },
-    /// A frame's time from a thousand strands to many, and the strand solve beside what the device can do at most.
+    /// The time of a frame for 1,000 to many strands, and the strand solve compared with the peak
+    /// rates of the device.
     Scaling {
-        /// Where to compute.
+        /// The processor that runs the simulation.
         #[arg(long, value_enum, default_value_t = BenchBackend::Cpu)]
         backend: BenchBackend,
-        /// Strands at most, of 1,000, 10,000, 30,000, 120,000, 400,000 and 1,000,000.
+        /// The largest number of strands to measure, out of 1,000, 10,000, 30,000, 120,000, 400,000
+        /// and 1,000,000.
         #[arg(long, value_name = "N", default_value_t = 120_000, value_parser = clap::value_parser!(u32).range(1_000..=1_000_000))]
         most: u32,
-        /// Frames of each count that are timed.
+        /// Number of timed frames for each number of strands.
         #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=100_000))]
         frames: u32,
-        /// Strands that do not meet.
+        /// Simulate without hair–hair interaction.
         #[arg(long)]
         apart: bool,
-        /// Segments of strands that touch, too.
+        /// Simulate contacts between strands too.
         #[arg(long, conflicts_with = "apart")]
         contacts: bool,
-        /// Factors of the strand solve kept in 16 bits, on a GPU.
+        /// Store the factors of the strand solve in 16 bits, on a GPU.
         #[arg(long)]
         half_factors: bool,
-        /// Folder for Markdown, JSON and a page [default: print only].
+        /// Folder for Markdown, JSON and an HTML page [default: print only].
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
         /// Print one JSON object instead of the table.
@@ -321,56 +330,56 @@ pub enum BenchCommand {
     },
 }
 
-/// Where a measurement computes.
+/// The processor that runs a measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum BenchBackend {
-    /// This processor.
+    /// The CPU.
     Cpu,
-    /// A graphics processor.
+    /// A GPU.
     Gpu,
 }
 
 /// The papers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum WhichPaper {
-    /// Augmented mass-spring (2025).
+    /// Augmented mass-spring, AMS (2025).
     Ams,
-    /// Follow the leader with shape and smoothed particles (2015).
+    /// Dynamic follow the leader with shape constraints and SPH (2015).
     Dftl,
 }
 
-/// The figures that can be rerun.
+/// The figures that can be measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum PaperFigure {
-    /// Sag of one strand, against mass-spring.
+    /// AMS: the sag of one strand, compared with mass-spring.
     #[value(name = "4")]
     Sag,
-    /// What the angular spring does for a wisp.
+    /// AMS: the effect of the angular spring on a wisp.
     #[value(name = "5")]
     Angular,
-    /// A hand through hair that guides carry, and through hair of which all strands are simulated.
+    /// AMS: a hand moves through hair, simulated with guides and with all strands.
     #[value(name = "7")]
     Guides,
-    /// A beard, against mass-spring.
+    /// AMS: a beard, compared with mass-spring.
     #[value(name = "9")]
     Beard,
-    /// The roller-coaster: damage, healing, what is left of the shape.
+    /// AMS: the roller-coaster: damage, healing, and how far the shape is kept.
     #[value(name = "10")]
     RollerCoaster,
-    /// A trim, geometric and simulated.
+    /// AMS: a trim, geometric and simulated.
     #[value(name = "11")]
     Grooming,
-    /// The asymmetric style of Fig. 1, against mass-spring.
+    /// AMS: the asymmetric style of Fig. 1, compared with mass-spring.
     Asymmetric,
-    /// Of follow the leader: what hair against hair and shape do.
+    /// Follow the leader: the effect of hair–hair interaction and of shape constraints.
     #[value(name = "2")]
     Volume,
-    /// Follow the leader beside AMS on the five scenes of its paper.
+    /// Follow the leader compared with AMS, on the five scenes of its paper.
     Compare,
 }
 
 impl PaperFigure {
-    /// The paper that it is of.
+    /// The paper of the figure.
     pub fn paper(self) -> WhichPaper {
         match self {
             Self::Volume | Self::Compare => WhichPaper::Dftl,
@@ -420,7 +429,7 @@ mod tests {
         }
     }
 
-    /// Whether a scene has every key that the command sets.
+    /// Checks that a scene has every key that the command sets.
     fn check_keys(command: &Command) -> Result<(), SceneError> {
         let (prefix, sets) = match command {
             Command::Demo(run) => ("", &run.sets),

@@ -1,7 +1,7 @@
 //! The `forelock` command.
 //!
-//! Exit status: 0 done, 1 failed with one message on standard error, 2 wrong usage, 130 interrupted after everything
-//! was put in order.
+//! Exit status: 0 success, 1 failure with one message on standard error, 2 wrong usage, 130
+//! interrupted with all output complete.
 
 mod arguments;
 mod commands;

@@ -1,4 +1,5 @@
-//! Progress on standard error: a bar with rate and time left on a terminal, now and then a plain line elsewhere.
+//! Progress on standard error: a bar with rate and remaining time on a terminal, occasional plain
+//! lines elsewhere.
 
 use std::fmt;
 use std::io::IsTerminal;
@@ -9,10 +10,10 @@ use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 
 use crate::terminal;
 
-/// Plain lines come no closer than this.
+/// The least time between two plain lines.
 const PLAIN_INTERVAL: Duration = Duration::from_secs(5);
 
-/// Shows what a long piece of work reports.
+/// Shows the progress of a long operation.
 pub struct Reporter {
     bar: Option<ProgressBar>,
     what: &'static str,
@@ -25,7 +26,7 @@ pub struct Reporter {
 }
 
 impl Reporter {
-    /// A reporter; `quiet` shows nothing but notes.
+    /// A reporter. With `quiet` it shows only notes.
     pub fn new(quiet: bool) -> Self {
         let now = Instant::now();
         Self {
@@ -40,7 +41,7 @@ impl Reporter {
         }
     }
 
-    /// Takes one report.
+    /// Shows one report.
     pub fn report(&mut self, progress: &Progress<'_>) {
         match *progress {
             Progress::Note(text) => match &self.bar {

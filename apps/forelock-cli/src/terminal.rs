@@ -1,4 +1,4 @@
-//! What goes to the terminal: results to standard output, everything else to standard error.
+//! Output: results on standard output, everything else on standard error.
 
 use std::io::Write;
 
@@ -8,7 +8,7 @@ use tracing_subscriber::fmt;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 
-/// Writes one line to standard output. A reader that went away (`| head`) is no failure of ours.
+/// Writes one line to standard output. A closed pipe (as with `| head`) is not an error.
 pub fn line(text: impl AsRef<str>) {
     let _ = writeln!(std::io::stdout(), "{}", text.as_ref());
 }
@@ -16,7 +16,7 @@ pub fn line(text: impl AsRef<str>) {
 /// Writes `value` as one JSON object to standard output.
 ///
 /// # Errors
-/// If it cannot be written as JSON.
+/// If `value` cannot be written as JSON.
 pub fn json(value: &impl Serialize) -> anyhow::Result<()> {
     line(serde_json::to_string_pretty(value)?);
     Ok(())
@@ -27,11 +27,11 @@ pub fn note(text: impl AsRef<str>) {
     let _ = writeln!(std::io::stderr(), "{}", text.as_ref());
 }
 
-/// Writes the one message that a failed command leaves, causes after colons, on one line.
+/// Writes the message of a failed command on one line, with its causes after colons.
 pub fn error(error: &anyhow::Error) {
     let mut message = error.to_string();
     for cause in error.chain().skip(1).map(ToString::to_string) {
-        // Most messages tell their cause themselves.
+        // Most messages already contain their cause.
         if !message.contains(&cause) {
             message = format!("{message}: {cause}");
         }
@@ -39,7 +39,8 @@ pub fn error(error: &anyhow::Error) {
     note(format!("error: {}", message.lines().map(str::trim).collect::<Vec<_>>().join(" ")));
 }
 
-/// Sends `tracing` to standard error: warnings, with `-v` what is done, with `-vv` details. `RUST_LOG` overrides.
+/// Sends the log of `tracing` to standard error: warnings; with `-v` information; with `-vv` debug
+/// messages. `RUST_LOG` overrides the level.
 pub fn start_log(verbose: u8) {
     let level = [LevelFilter::WARN, LevelFilter::INFO, LevelFilter::DEBUG];
     let level = level.get(usize::from(verbose)).copied().unwrap_or(LevelFilter::TRACE);

@@ -1,4 +1,4 @@
-//! Files that appear whole or not at all.
+//! Atomic writing of files: a file is complete or absent.
 
 use std::{
     fs,
@@ -8,12 +8,13 @@ use std::{
 
 use crate::error::WriteError;
 
-/// Writes a file through `write`: beside its name first, renamed when whole. On an error nothing is left
-/// behind and a file that stood there before is untouched. The folder must exist.
+/// Writes a file through `write`. The bytes go to a temporary file in the same folder, which is
+/// renamed to `path` when it is complete. After an error the temporary file is removed, and an
+/// existing file at `path` is unchanged. The folder must exist.
 ///
 /// # Errors
-/// [`WriteError`] if the folder or disk refuses, `write` fails, or the name belongs to something that is not
-/// a file.
+/// [`WriteError`] if the operating system reports an error, `write` fails, or `path` exists and is
+/// not a regular file.
 pub fn atomic_write(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
@@ -21,7 +22,8 @@ pub fn atomic_write(
     check_target(path)?;
     let mut builder = tempfile::Builder::new();
     builder.prefix(".forelock-").suffix(".part");
-    // Temporary files are private by default; this one becomes an ordinary file, so the umask decides.
+    // Temporary files are private by default. This one becomes an ordinary file, with the
+    // permissions that the umask gives.
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     let file = builder.tempfile_in(folder(path)).map_err(WriteError::io(path))?;
@@ -32,7 +34,7 @@ pub fn atomic_write(
     Ok(())
 }
 
-/// The folder in which `path` lies.
+/// The folder that contains `path`.
 fn folder(path: &Path) -> PathBuf {
     match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder.into(),
@@ -40,7 +42,8 @@ fn folder(path: &Path) -> PathBuf {
     }
 }
 
-/// Refuses names at which a rename would replace something other than a file, a device say.
+/// Returns an error if a rename to `path` would replace something other than a file, such as a
+/// device.
 pub(crate) fn check_target(path: &Path) -> Result<(), WriteError> {
     match fs::metadata(path) {
         Ok(metadata) if !metadata.is_file() => {
@@ -50,7 +53,7 @@ pub(crate) fn check_target(path: &Path) -> Result<(), WriteError> {
     }
 }
 
-/// What something that is not a file is.
+/// A description, for error messages, of something that is not a regular file.
 pub(crate) fn kind(metadata: &fs::Metadata) -> &'static str {
     if metadata.is_dir() { "this is a folder" } else { "this is a device or a pipe" }
 }

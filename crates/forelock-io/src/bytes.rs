@@ -1,4 +1,5 @@
-//! A place in a byte slice from which values are taken; every count is checked against what is left first.
+//! A cursor over a byte slice. It checks every count against the bytes that are left before it
+//! reads.
 
 use bytemuck::AnyBitPattern;
 
@@ -7,7 +8,7 @@ use crate::error::{FormatError, Problem};
 const _: () =
     assert!(cfg!(target_endian = "little"), "the formats are little-endian and read without swapping");
 
-/// A reader of `all` that knows where it is, for errors.
+/// A cursor over `all` that adds its offset, and the strand, to errors.
 pub(crate) struct Bytes<'a> {
     all: &'a [u8],
     at: usize,
@@ -20,13 +21,14 @@ impl<'a> Bytes<'a> {
         Self { all, at: 0, format, strand: None }
     }
 
-    /// The same bytes from `offset` on, which may lie beyond the end: the next read says so.
+    /// A cursor over the same bytes at `offset`. The offset may lie beyond the end: then the next
+    /// read fails.
     pub fn at(&self, offset: u64) -> Self {
         let at = usize::try_from(offset).unwrap_or(usize::MAX).min(self.all.len());
         Self { at, ..*self }
     }
 
-    /// Names the strand that is read from here on.
+    /// Sets the strand that later errors name.
     pub fn enter_strand(&mut self, strand: usize) {
         self.strand = Some(strand);
     }
@@ -45,7 +47,7 @@ impl<'a> Bytes<'a> {
         Ok(taken)
     }
 
-    /// `count` values, copied out.
+    /// Reads `count` values into a new vector.
     pub fn array<T>(&mut self, count: u64, what: &'static str) -> Result<Vec<T>, FormatError>
     where
         T: AnyBitPattern + bytemuck::NoUninit,
@@ -57,7 +59,7 @@ impl<'a> Bytes<'a> {
         Ok(bytemuck::pod_read_unaligned(self.take(1, size_of::<T>(), what)?))
     }
 
-    /// How many of `what` follow, which the format stores as a signed number.
+    /// Reads the number of `what` that follow, which the format stores as a signed integer.
     pub fn count(&mut self, what: &'static str) -> Result<u64, FormatError> {
         let here = Self { ..*self };
         let count: i32 = self.value("the counts")?;

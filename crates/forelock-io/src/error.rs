@@ -1,4 +1,4 @@
-//! What can go wrong with a file, said so that a person knows what to do.
+//! Errors of reading and writing files. Each message states what is wrong, where, and what to do.
 
 use std::{
     fmt, io,
@@ -10,29 +10,29 @@ use forelock_core::{body::MeshError, groom::GroomError};
 /// Why a file cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
-    /// It cannot be opened, or reading fails on the way.
+    /// The file cannot be opened, or a read fails.
     #[error("{}: {}", path.display(), explain(source))]
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: io::Error,
     },
-    /// It is a directory, a pipe or a device.
+    /// The path is a directory, a pipe or a device.
     #[error("{}: {what}, where a file is expected", path.display())]
     NotAFile {
-        /// What was named.
+        /// The path.
         path: PathBuf,
         /// What it is.
         what: &'static str,
     },
-    /// It has no byte.
+    /// The file has no bytes.
     #[error("{}: the file is empty; was it cut off while being written or copied?", path.display())]
     Empty {
         /// The file.
         path: PathBuf,
     },
-    /// Its ending names no format that can be read.
+    /// The ending of the name is not that of a format that can be read.
     #[error("{}: {}; these can be read: {known}", path.display(), ending(path))]
     UnknownEnding {
         /// The file.
@@ -40,7 +40,7 @@ pub enum ReadError {
         /// The endings that are known.
         known: String,
     },
-    /// Its bytes are not what its format says.
+    /// The bytes do not follow the format.
     #[error("{}: {source}", path.display())]
     Format {
         /// The file.
@@ -48,7 +48,7 @@ pub enum ReadError {
         /// What is wrong, and where.
         source: FormatError,
     },
-    /// No strand is left that could be simulated.
+    /// The file has no strand that can be simulated.
     #[error("{}: no usable strand in the file ({found})", path.display())]
     NoStrands {
         /// The file.
@@ -61,23 +61,23 @@ pub enum ReadError {
 /// Why a file cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError {
-    /// The system refuses.
+    /// The operating system reports an error.
     #[error("{}: cannot write: {}", path.display(), explain(source))]
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: io::Error,
     },
-    /// The name belongs to a directory, a pipe or a device.
+    /// The path is a directory, a pipe or a device.
     #[error("{}: {what}, and is not replaced by a file; choose another name", path.display())]
     NotAFile {
-        /// What was named.
+        /// The path.
         path: PathBuf,
         /// What it is.
         what: &'static str,
     },
-    /// Its ending names no format that can be written.
+    /// The ending of the name is not that of a format that can be written.
     #[error("{}: {}; these can be written: {known}", path.display(), ending(path))]
     UnknownEnding {
         /// The file.
@@ -85,15 +85,15 @@ pub enum WriteError {
         /// The endings that are known.
         known: String,
     },
-    /// The format cannot hold what is to be written.
+    /// The format cannot store the data.
     #[error("{}: {problem}", path.display())]
     Unfit {
         /// The file.
         path: PathBuf,
-        /// What does not fit, and what to do.
+        /// What cannot be stored, and what to do.
         problem: String,
     },
-    /// The cache to be resumed is not one that can be.
+    /// The cache cannot be resumed.
     #[error("{}: cannot go on with this cache: {problem}", path.display())]
     Resume {
         /// The cache.
@@ -103,16 +103,16 @@ pub enum WriteError {
     },
 }
 
-/// Where and why bytes do not follow their format.
+/// Where and why the bytes of a file do not follow their format.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub struct FormatError {
-    /// The format, as people call it.
+    /// The usual name of the format.
     pub format: &'static str,
-    /// Where in the file, in bytes.
+    /// The offset in the file, in bytes.
     pub offset: u64,
-    /// The strand, if one was being read.
+    /// The strand, if the error occurred within one.
     pub strand: Option<usize>,
-    /// What is wrong there.
+    /// What is wrong at that offset.
     pub problem: Problem,
 }
 
@@ -126,29 +126,29 @@ impl fmt::Display for FormatError {
     }
 }
 
-/// What is wrong with bytes.
+/// The way in which bytes do not follow their format.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Problem {
-    /// More is announced than the file holds.
+    /// The file is too short for the data that it should contain.
     #[error(
         "{what} take {needed} bytes, but {left} are left; the file is cut short, or not of this format \
          (copy or export it again)"
     )]
     Short {
-        /// What was to be read.
+        /// The data that should be there.
         what: &'static str,
-        /// Bytes it takes.
+        /// The bytes that this data takes.
         needed: u64,
-        /// Bytes there are.
+        /// The bytes that are left.
         left: u64,
     },
-    /// Something else; the sentence says what.
+    /// Another fault, described by the text.
     #[error("{0}")]
     Invalid(String),
-    /// The arrays do not make a groom.
+    /// The arrays are not a valid groom.
     #[error(transparent)]
     Groom(#[from] GroomError),
-    /// The arrays do not make a mesh.
+    /// The arrays are not a valid mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
 }
@@ -169,12 +169,12 @@ impl WriteError {
     }
 }
 
-/// The usual errors of the system, with what to do about them.
+/// The message for an error of the operating system. For common errors it states what to do.
 fn explain(error: &io::Error) -> String {
     match error.kind() {
         io::ErrorKind::NotFound => "no such file or folder; check the name".into(),
         io::ErrorKind::PermissionDenied => {
-            "permission denied; check the rights of the file and its folder".into()
+            "permission denied; check the permissions of the file and its folder".into()
         }
         io::ErrorKind::StorageFull => "the disk is full; free some space or write elsewhere".into(),
         io::ErrorKind::ReadOnlyFilesystem => "the file system is read-only; write elsewhere".into(),
@@ -186,6 +186,6 @@ fn explain(error: &io::Error) -> String {
 fn ending(path: &Path) -> String {
     match path.extension() {
         Some(ending) => format!("files ending in .{} are not known", ending.to_string_lossy()),
-        None => "the name has no ending that says the format".into(),
+        None => "the name has no ending, which selects the format".into(),
     }
 }

@@ -1,18 +1,20 @@
-//! Cem Yuksel's `.hair` (cyHairFile.h of the cyCodeBase; models at cemyuksel.com/research/hairmodels).
+//! Cem Yuksel's `.hair` (cyHairFile.h of the cyCodeBase; models at
+//! cemyuksel.com/research/hairmodels).
 //!
 //! # Theory
-//! A 128-byte header (magic, strands, points, flags, defaults, 88 characters of text), then, each where its
-//! flag is set: `u16 segments[strands]`, `f32 xyz[points]`, `f32 thickness[points]`, `f32
-//! transparency[points]`, `f32 rgb[points]`. A strand has segments + 1 points, root first.
+//! The file starts with a header of 128 bytes: magic, strands, points, flags, defaults and 88
+//! characters of text. Up to five arrays follow, each present if its flag is set: `u16
+//! segments[strands]`, `f32 xyz[points]`, `f32 thickness[points]`, `f32 transparency[points]`, `f32
+//! rgb[points]`. A strand has segments + 1 points, root first.
 //!
 //! # Practice
-//! The magic may be `HAIR` or `hair`. Where thickness, transparency or colour have no array, the header's
-//! default fills the attribute, unless it is the value of a header that nobody filled in (1, 0, white): then
-//! the attribute is absent. The numbers are taken as they are; the well-known models are z up, 0.00254 m a
-//! unit.
+//! The magic may be `HAIR` or `hair`. If thickness, transparency or colour have no array, the
+//! header's default is used for all points. A header that was never filled in has the defaults 1, 0
+//! and white; with these values the attribute is absent. Coordinates are not converted. The
+//! well-known models are z up, with a unit of 0.00254 m.
 //!
 //! # Limitations
-//! At most 65,535 segments a strand.
+//! A strand has at most 65,535 segments.
 
 use bytemuck::{Pod, Zeroable};
 use forelock_core::groom::Groom;
@@ -47,16 +49,17 @@ struct Header {
     info_tail: [u8; 24],
 }
 
-/// The groom in `bytes`, in the file's own units and axes.
+/// Reads the groom in `bytes`. Units and axes are those of the file.
 ///
 /// # Errors
-/// [`FormatError`] if the bytes are no `.hair` file, announce more than they hold, or have no points.
+/// [`FormatError`] if the bytes are not a `.hair` file, are too short for the counts in the header,
+/// or have no points.
 pub fn read(bytes: &[u8]) -> Result<Groom, FormatError> {
     let mut bytes = Bytes::new(bytes, ".hair");
     let start = bytes.at(0);
     let header: Header = bytes.value("the fields of the header")?;
     if !header.magic.eq_ignore_ascii_case(b"HAIR") {
-        return Err(start.invalid("it does not begin with HAIR, so it is no file of this format"));
+        return Err(start.invalid("it does not start with HAIR, so it is not a file of this format"));
     }
     if header.flags & POINTS == 0 {
         return Err(start
@@ -72,9 +75,9 @@ pub fn read(bytes: &[u8]) -> Result<Groom, FormatError> {
                 strands.saturating_mul(each)
             )));
         }
-        // The points must be there before offsets are allocated for them.
+        // Check that the points exist before allocating their offsets.
         bytes.at(128).take(points, size_of::<Vec3>(), "the points")?;
-        #[expect(clippy::cast_possible_truncation, reason = "no more than `points`, which is 32-bit")]
+        #[expect(clippy::cast_possible_truncation, reason = "at most `points`, which has 32 bits")]
         (0..=strands).map(|strand| (strand * each) as u32).collect()
     } else {
         let segments: Vec<u16> = bytes.array(strands, "the segment counts")?;
@@ -100,7 +103,7 @@ pub fn read(bytes: &[u8]) -> Result<Groom, FormatError> {
     Ok(groom)
 }
 
-/// Offsets of strands with `segments` + 1 points each, which must make `points`.
+/// The offsets of strands with `segments` + 1 points each. Their sum must equal `points`.
 fn prefix_sums(segments: &[u16], points: u32) -> Result<Vec<u32>, String> {
     let total: u64 = segments.iter().map(|&s| u64::from(s) + 1).sum();
     if total != u64::from(points) {
@@ -114,10 +117,11 @@ fn prefix_sums(segments: &[u16], points: u32) -> Result<Vec<u32>, String> {
     Ok(std::iter::once(0).chain(ends.collect::<Vec<_>>()).collect())
 }
 
-/// The bytes of a `.hair` file that holds `groom`; root UVs, pins and bindings have no place in it.
+/// The bytes of a `.hair` file with `groom`. The format has no root UVs, pins or bindings.
 ///
 /// # Errors
-/// A sentence if a strand has no particle or more than 65,536, or an attribute does not fit the groom.
+/// A message if a strand has no particle or more than 65,536, or an attribute does not match the
+/// groom.
 pub fn write(groom: &Groom) -> Result<Vec<u8>, String> {
     groom.check_attributes().map_err(|e| e.to_string())?;
     let mut segments = Vec::with_capacity(groom.strand_count());
@@ -126,7 +130,7 @@ pub fn write(groom: &Groom) -> Result<Vec<u8>, String> {
         let fits = count.checked_sub(1).and_then(|n| u16::try_from(n).ok());
         segments.push(fits.ok_or_else(|| {
             format!(
-                "strand {strand} has {count} points, and .hair holds 1 to 65,536 a strand; resample the groom"
+                "strand {strand} has {count} points, and .hair allows 1 to 65,536 per strand; resample the groom"
             )
         })?);
     }

@@ -1,6 +1,6 @@
-//! Files of Forelock: grooms, meshes and caches, one module a format.
+//! Reading and writing of grooms, meshes and caches. Each format has its own module.
 //!
-//! | ending | what | read | written |
+//! | ending | format | read | written |
 //! | --- | --- | --- | --- |
 //! | `.hair` | [Cem Yuksel's models](hair) | yes | yes |
 //! | `.data` | [USC-HairSalon](usc) | yes | yes |
@@ -9,8 +9,9 @@
 //! | `.obj` | [Wavefront](obj): meshes, polylines | yes | yes |
 //! | `.bin` | [CT2Hair](ct2hair) | yes | no |
 //!
-//! Readers take bytes, check every count against what is there before they take memory, and never panic;
-//! errors name file, byte and strand. Writers make a file whole or not at all.
+//! Readers check every count against the size of the file before they allocate memory, and never
+//! panic. Errors name the file, the byte and the strand. Writers are atomic: a file is complete or
+//! absent.
 //!
 //! ```
 //! use forelock_core::groom::{Groom, Import, Unit};
@@ -55,7 +56,7 @@ pub use atomic::atomic_write;
 pub use error::{FormatError, Problem, ReadError, WriteError};
 pub use npz::{Array, Cache, CacheWriter, Data, read_npz, write_npz};
 
-/// A format that holds grooms.
+/// A file format for grooms.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// Cem Yuksel's `.hair`.
@@ -76,7 +77,7 @@ impl Format {
     /// Every format.
     pub const ALL: [Self; 6] = [Self::Hair, Self::Usc, Self::Tfx, Self::Npz, Self::Obj, Self::Ct2Hair];
 
-    /// Its ending, without the dot.
+    /// The ending of file names, without the dot.
     pub fn ending(self) -> &'static str {
         match self {
             Self::Hair => "hair",
@@ -88,12 +89,12 @@ impl Format {
         }
     }
 
-    /// Whether it can be written too.
+    /// Whether the format can also be written.
     pub fn is_written(self) -> bool {
         self != Self::Ct2Hair
     }
 
-    /// The format that the ending of `path` names, in either case.
+    /// The format for the ending of `path`, in upper or lower case.
     pub fn of(path: &Path) -> Option<Self> {
         let ending = path.extension()?;
         Self::ALL.into_iter().find(|format| ending.eq_ignore_ascii_case(format.ending()))
@@ -113,22 +114,22 @@ impl fmt::Display for Format {
     }
 }
 
-/// A groom as it came from a file.
+/// A groom read from a file.
 #[derive(Clone, Debug)]
 pub struct Imported {
     /// The groom in metres, y up, repaired.
     pub groom: Groom,
-    /// What had to be repaired.
+    /// The repairs that were made.
     pub repairs: RepairReport,
-    /// The file's format.
+    /// The format of the file.
     pub format: Format,
 }
 
-/// Reads the groom `path`, in the format that its ending names; brings it to metres and y up as `import`
-/// says; repairs it.
+/// Reads the groom at `path`, converts it to metres and y up according to `import`, and repairs it.
+/// The ending of the name selects the format.
 ///
 /// # Errors
-/// [`ReadError`] if the file cannot be read, is not what its ending says, or no strand of it can be used.
+/// [`ReadError`] if the file cannot be read, is not of that format, or has no usable strand.
 pub fn read_groom(path: &Path, import: &Import) -> Result<Imported, ReadError> {
     let Some(format) = Format::of(path) else {
         return Err(ReadError::UnknownEnding { path: path.into(), known: known(|_| true) });
@@ -142,7 +143,7 @@ pub fn read_groom(path: &Path, import: &Import) -> Result<Imported, ReadError> {
         Format::Tfx => decode(tfx::read)?,
         Format::Obj => decode(obj::read_groom)?,
         Format::Ct2Hair => decode(ct2hair::read)?,
-        // Through the file: of a long cache only the first frame is wanted.
+        // Read from the file, not from memory: only the first frame of a long cache is needed.
         Format::Npz => npz::read_groom(BufReader::new(open(path)?)).map_err(|e| e.at(path))?,
     };
     import.apply(&mut groom, if format == Format::Hair { ZUp::Yuksel } else { ZUp::Common });
@@ -155,12 +156,12 @@ pub fn read_groom(path: &Path, import: &Import) -> Result<Imported, ReadError> {
     Ok(Imported { groom, repairs, format })
 }
 
-/// Writes `groom` as the file `path`, in the format that its ending names: metres, y up, and the attributes
-/// that the format has a place for.
+/// Writes `groom` to `path` in metres, y up, with the attributes that the format supports. The
+/// ending of the name selects the format.
 ///
 /// # Errors
-/// [`WriteError`] if the ending names no format that is written, the format cannot hold the groom, or the
-/// disk refuses.
+/// [`WriteError`] if the format is unknown or cannot be written, cannot store the groom, or the
+/// file cannot be written.
 pub fn write_groom(path: &Path, groom: &Groom) -> Result<(), WriteError> {
     let unfit = |problem: String| WriteError::Unfit { path: path.into(), problem };
     groom.check_attributes().map_err(|e| unfit(e.to_string()))?;
@@ -177,10 +178,10 @@ pub fn write_groom(path: &Path, groom: &Groom) -> Result<(), WriteError> {
     atomic_write(path, |file| file.write_all(&bytes))
 }
 
-/// Reads the mesh `path` (`.obj`) and brings it to metres and y up as `import` says.
+/// Reads the mesh at `path` (`.obj`) and converts it to metres and y up according to `import`.
 ///
 /// # Errors
-/// [`ReadError`] if the file cannot be read, is no OBJ, or holds no proper mesh.
+/// [`ReadError`] if the file cannot be read, is not an OBJ file, or has no valid mesh.
 pub fn read_mesh(path: &Path, import: &Import) -> Result<TriMesh, ReadError> {
     if Format::of(path) != Some(Format::Obj) {
         return Err(ReadError::UnknownEnding { path: path.into(), known: ".obj".into() });
@@ -192,10 +193,10 @@ pub fn read_mesh(path: &Path, import: &Import) -> Result<TriMesh, ReadError> {
     Ok(mesh)
 }
 
-/// Writes `mesh` as the file `path` (`.obj`).
+/// Writes `mesh` to `path` (`.obj`).
 ///
 /// # Errors
-/// [`WriteError`] if the ending is another, or the disk refuses.
+/// [`WriteError`] if the name has another ending, or the file cannot be written.
 pub fn write_mesh(path: &Path, mesh: &TriMesh) -> Result<(), WriteError> {
     if Format::of(path) != Some(Format::Obj) {
         return Err(WriteError::UnknownEnding { path: path.into(), known: ".obj".into() });
@@ -203,14 +204,14 @@ pub fn write_mesh(path: &Path, mesh: &TriMesh) -> Result<(), WriteError> {
     atomic_write(path, |file| file.write_all(&obj::write_mesh(mesh)))
 }
 
-/// The endings of the formats that `which` lets through, as a list for people.
+/// The endings of the formats that `which` accepts, as a list for messages.
 fn known(which: impl Fn(Format) -> bool) -> String {
     let endings: Vec<String> =
         Format::ALL.into_iter().filter(|&format| which(format)).map(|f| format!(".{}", f.ending())).collect();
     endings.join(" ")
 }
 
-/// Opens a file that is a file and not empty.
+/// Opens `path`, which must be a regular file and not empty.
 fn open(path: &Path) -> Result<File, ReadError> {
     let metadata = fs::metadata(path).map_err(ReadError::io(path))?;
     if !metadata.is_file() {

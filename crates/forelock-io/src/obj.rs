@@ -1,16 +1,18 @@
 //! Wavefront OBJ: meshes, and grooms as polylines.
 //!
 //! # Theory
-//! Text, one element a line: `v x y z`, faces `f a b c …` and polylines `l a b …`, whose entries are vertex
-//! indices from 1 (or from −1 backwards), each perhaps followed by `/texture/normal`.
+//! The file is text with one element per line: vertices `v x y z`, faces `f a b c …` and polylines
+//! `l a b …`. The entries of faces and polylines are vertex indices. They count from 1 (negative
+//! indices count backwards from −1) and may be followed by `/texture/normal`.
 //!
 //! # Practice
-//! Faces with more than three corners become fans. All objects and groups of a file make one mesh. A polyline
-//! is a strand, root first; where it begins with the vertex that ended the one before, it goes on with that
-//! strand, as some programs write a curve as many short lines.
+//! A face with more than three corners is triangulated as a fan. All objects and groups of a file
+//! are one mesh. A polyline is a strand, root first. A polyline that starts at the last vertex of
+//! the previous one continues that strand, since some programs write a curve as many short lines.
 //!
 //! # Limitations
-//! Texture coordinates, normals and materials are not kept. Fans of concave faces may overlap.
+//! Texture coordinates, normals and materials are discarded. The fan of a concave face may overlap
+//! itself.
 
 use std::fmt::Write;
 
@@ -22,14 +24,14 @@ use glam::Vec3;
 
 use crate::error::{FormatError, Problem};
 
-/// What the lines of a file hold.
+/// The elements of a file.
 #[derive(Default)]
 struct Elements {
     positions: Vec<Vec3>,
     triangles: Vec<[u32; 3]>,
     /// Strands of vertex indices.
     polylines: Vec<Vec<u32>>,
-    /// The largest index, and where it stands.
+    /// The largest index, and its place in the file.
     largest: Option<(u32, Place)>,
 }
 
@@ -46,24 +48,25 @@ impl Place {
     }
 }
 
-/// The mesh in `bytes`, in the file's own units and axes.
+/// Reads the mesh in `bytes`. Units and axes are those of the file.
 ///
 /// # Errors
-/// [`FormatError`] if a line is malformed, an index is out of range, a vertex is not finite, or there is no
-/// face.
+/// [`FormatError`] if a line is malformed, an index is out of range, a vertex is not finite, or
+/// there is no face.
 pub fn read_mesh(bytes: &[u8]) -> Result<TriMesh, FormatError> {
     let elements = parse(bytes)?;
     TriMesh::new(elements.positions, elements.triangles).map_err(|e| whole(e.into()))
 }
 
-/// The polylines of `bytes` as strands, in the file's own units and axes.
+/// Reads the polylines in `bytes` as strands. Units and axes are those of the file.
 ///
 /// # Errors
 /// [`FormatError`] if a line is malformed, an index is out of range, or there is no polyline.
 pub fn read_groom(bytes: &[u8]) -> Result<Groom, FormatError> {
     let elements = parse(bytes)?;
     if elements.polylines.is_empty() {
-        let words = "there is no polyline (`l`) in it, so no strand; is it a mesh? Export the hair as curves or polylines";
+        let words = "it has no polyline (`l`), so no strand; is it a mesh? Export the hair as curves or \
+                     polylines";
         return Err(whole(Problem::Invalid(words.into())));
     }
     let strand =
@@ -71,7 +74,7 @@ pub fn read_groom(bytes: &[u8]) -> Result<Groom, FormatError> {
     Groom::from_strands(elements.polylines.iter().map(strand)).map_err(|e: GroomError| whole(e.into()))
 }
 
-/// A problem of the file as a whole.
+/// An error that concerns the whole file.
 fn whole(problem: Problem) -> FormatError {
     FormatError { format: "OBJ", offset: 0, strand: None, problem }
 }
@@ -131,7 +134,7 @@ fn vertex<'a>(words: impl Iterator<Item = &'a [u8]>, place: Place) -> Result<Vec
 }
 
 impl Elements {
-    /// Indices from 0, of vertices that may still follow.
+    /// The vertex indices of a line, counted from 0. Their vertices may follow later in the file.
     fn indices<'a>(
         &mut self,
         words: impl Iterator<Item = &'a [u8]>,
@@ -150,7 +153,7 @@ impl Elements {
             let Some(index) = index else {
                 let word = String::from_utf8_lossy(&word[..word.len().min(30)]);
                 return Err(place.invalid(format_args!(
-                    "`{word}` is no index of a vertex (1 is the first, −1 the last)"
+                    "`{word}` is no index of a vertex (1 is the first vertex, −1 the last)"
                 )));
             };
             if self.largest.is_none_or(|(largest, _)| index > largest) {
@@ -162,7 +165,8 @@ impl Elements {
     }
 }
 
-/// The text of an OBJ file that holds `mesh`. Numbers are the shortest that read back as the same float32.
+/// The text of an OBJ file with `mesh`. Each number has as few digits as give the same float32 when
+/// read.
 pub fn write_mesh(mesh: &TriMesh) -> Vec<u8> {
     let mut text = String::new();
     write_vertices(&mut text, &mesh.positions);
@@ -173,7 +177,7 @@ pub fn write_mesh(mesh: &TriMesh) -> Vec<u8> {
     text.into_bytes()
 }
 
-/// The text of an OBJ file that holds the strands of `groom` as polylines; attributes have no place in it.
+/// The text of an OBJ file with the strands of `groom` as polylines. The format has no attributes.
 pub fn write_groom(groom: &Groom) -> Vec<u8> {
     let mut text = String::new();
     write_vertices(&mut text, groom.positions());
@@ -191,6 +195,6 @@ fn write_vertices(text: &mut String, positions: &[Vec3]) {
 }
 
 fn line(text: &mut String, words: std::fmt::Arguments<'_>) {
-    // Writing into a String cannot fail.
+    // Writing to a String cannot fail.
     let _ = writeln!(text, "{words}");
 }

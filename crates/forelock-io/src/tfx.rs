@@ -1,23 +1,23 @@
 //! TressFX `.tfx`, versions 3.0 (read) and 4.0 (read and written).
 //!
 //! # Theory
-//! A header, then arrays at the offsets it names; offset 0 means absent. Every strand has the same number of
-//! vertices.
+//! The file is a header, then arrays at the offsets that the header gives. Offset 0 means that the
+//! array is absent. All strands have the same number of vertices.
 //!
 //! | | 3.0 | 4.0 |
 //! | --- | --- | --- |
-//! | header | 296 bytes, offsets from byte 144 | 160 bytes, offsets from byte 12 |
-//! | positions | `f32[3]` a vertex | `f32[4]` a vertex, w = 0 pinned |
-//! | thickness | `f32` a strand | `f32` a strand |
+//! | header | 296 bytes, offsets at byte 144 | 160 bytes, offsets at byte 12 |
+//! | positions | `f32[3]` per vertex | `f32[4]` per vertex, w = 0 pinned |
+//! | thickness | `f32` per strand | `f32` per strand |
 //! | strand UV, vertex colour | `f32[2]`, `f32[4]` | `f32[2]`, `f32[4]` |
 //!
 //! # Practice
-//! The vertices with w = 0 from the root on give [`Groom::pinned`]; pins further along are let go. In
-//! writing, a groom that says nothing of pins pins its roots, and the thickness of a strand is the mean of
-//! its widths.
+//! [`Groom::pinned`] is the number of consecutive vertices with w = 0, counted from the root.
+//! Pinned vertices further along the strand are ignored. The writer pins the roots of a groom
+//! without pins. It writes the mean of a strand's widths as the strand's thickness.
 //!
 //! # Limitations
-//! Follow strands, vertex UVs, alpha and 'both ends immovable' are not kept.
+//! Follow strands, vertex UVs, alpha and the flag 'both ends immovable' are discarded.
 
 use bytemuck::{Pod, Zeroable};
 use forelock_core::groom::Groom;
@@ -25,7 +25,7 @@ use glam::{Vec3, Vec4};
 
 use crate::{bytes::Bytes, error::FormatError};
 
-/// Where a file's arrays are; 0 = absent.
+/// The offsets of a file's arrays. 0 means absent.
 struct Layout {
     positions: u32,
     thickness: u32,
@@ -49,10 +49,10 @@ struct Header {
     reserved: [u32; 32],
 }
 
-/// The groom in `bytes`, in the file's own units and axes.
+/// Reads the groom in `bytes`. Units and axes are those of the file.
 ///
 /// # Errors
-/// [`FormatError`] if the version is not 3.0 or 4.0, or an array does not lie within the bytes.
+/// [`FormatError`] if the version is not 3.0 or 4.0, or an array extends beyond the bytes.
 pub fn read(bytes: &[u8]) -> Result<Groom, FormatError> {
     let mut bytes = Bytes::new(bytes, ".tfx");
     let start = bytes.at(0);
@@ -69,23 +69,23 @@ pub fn read(bytes: &[u8]) -> Result<Groom, FormatError> {
         Layout { positions, thickness, strand_uv, colour, has_pins: false }
     } else {
         return Err(start.invalid(format!(
-            "version {version} of TressFX is not known (3.0 and 4.0 are), or this is no .tfx file"
+            "version {version} of TressFX is not supported (3.0 and 4.0 are), or this is not a .tfx file"
         )));
     };
     if each == 0 {
-        return Err(start.at(8).invalid("0 vertices a strand"));
+        return Err(start.at(8).invalid("0 vertices per strand"));
     }
     let points = u64::from(strands) * u64::from(each);
     let at = |offset: u32| (offset != 0).then(|| start.at(u64::from(offset)));
     let Some(mut data) = at(layout.positions) else {
-        return Err(start.at(12).invalid("the offset of the positions is 0, so there are none"));
+        return Err(start.at(12).invalid("the offset of the positions is 0, so the file has none"));
     };
     let (positions, pinned) = if layout.has_pins {
         split_pins(&data.array(points, "the positions")?, each as usize)
     } else {
         (data.array(points, "the positions")?, None)
     };
-    // The positions are there, so that this many offsets are no more than the file's size.
+    // The positions were read, so the offsets take less memory than the file.
     let offsets = (0..=u64::from(strands)).map(|s| u32::try_from(s * u64::from(each)));
     let offsets =
         offsets.collect::<Result<_, _>>().map_err(|_| start.at(4).invalid("over 4,294,967,295 vertices"))?;
@@ -105,7 +105,8 @@ pub fn read(bytes: &[u8]) -> Result<Groom, FormatError> {
     Ok(groom)
 }
 
-/// Positions, and for each strand of `each` vertices how many from the root on have w = 0.
+/// The positions, and for each strand of `each` vertices the number of vertices with w = 0, counted
+/// from the root.
 fn split_pins(vertices: &[Vec4], each: usize) -> (Vec<Vec3>, Option<Vec<u16>>) {
     let pins = |strand: &[Vec4]| {
         let count = strand.iter().take_while(|v| v.w <= 0.0).count();
@@ -115,19 +116,19 @@ fn split_pins(vertices: &[Vec4], each: usize) -> (Vec<Vec3>, Option<Vec<u16>>) {
     (positions, Some(vertices.chunks_exact(each).map(pins).collect()))
 }
 
-/// The bytes of a version 4.0 file that holds `groom`.
+/// The bytes of a version 4.0 file with `groom`.
 ///
 /// # Errors
-/// A sentence if the strands differ in their number of particles, an attribute does not fit the groom, or the
-/// arrays go beyond 4 GiB.
+/// A message if the strands have different numbers of particles, an attribute does not match the
+/// groom, or the file would exceed 4 GiB.
 pub fn write(groom: &Groom) -> Result<Vec<u8>, String> {
     groom.check_attributes().map_err(|e| e.to_string())?;
     let strands = groom.strand_count();
     let each = if strands == 0 { 0 } else { groom.range(0).len() };
     if let Some(strand) = (0..strands).find(|&s| groom.range(s).len() != each) {
         return Err(format!(
-            "strand {strand} has {} points and strand 0 has {each}, but .tfx wants the same number on every strand; \
-             resample the groom",
+            "strand {strand} has {} points and strand 0 has {each}, but .tfx needs the same number on every \
+             strand; resample the groom",
             groom.range(strand).len()
         ));
     }
@@ -172,6 +173,6 @@ fn mean(values: &[f32]) -> f32 {
         Some(split) => split,
         None => return 0.0,
     };
-    // Around the first value, so that a constant stays exactly what it is.
+    // Sum the differences to the first value, so that the mean of equal values is exact.
     first + rest.iter().map(|v| v - first).sum::<f32>() / values.len() as f32
 }

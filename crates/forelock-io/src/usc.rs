@@ -1,31 +1,34 @@
 //! USC-HairSalon `.data` (Hu et al. 2015, 'Single-View Hair Modeling Using A Hairstyle Database').
 //!
 //! # Theory
-//! `i32 strands`; each: `i32 n`, then `n × f32 xyz`, root first. No header, no attributes.
+//! The file starts with `i32 strands`. Each strand is `i32 n`, then n points `f32 xyz`, root first.
+//! There is no header and there are no attributes.
 //!
 //! # Practice
-//! Units vary: the database's own are about 0.82 m, others use centimetres. One-point strands mean 'no strand
-//! here'; they are kept in reading, and `repair` drops and counts them.
+//! Units vary: a unit of the database is about 0.82 m; other files use centimetres. A strand with
+//! one point means 'no strand here'. The reader keeps such strands, and `repair` removes and counts
+//! them.
 
 use forelock_core::groom::Groom;
 use glam::Vec3;
 
 use crate::{bytes::Bytes, error::FormatError};
 
-/// The groom in `bytes`, in the file's own units and axes.
+/// Reads the groom in `bytes`. Units and axes are those of the file.
 ///
 /// # Errors
-/// [`FormatError`] if a count is negative or announces more than the bytes hold.
+/// [`FormatError`] if a count is negative, or larger than the remaining bytes allow.
 pub fn read(bytes: &[u8]) -> Result<Groom, FormatError> {
     read_points(bytes, ".data", size_of::<Vec3>())
 }
 
-/// Counted strands of counted points, `stride` bytes each, that begin with the position.
+/// Reads a number of strands, each a number of points. A point is `stride` bytes and starts with
+/// its position.
 pub(crate) fn read_points(bytes: &[u8], format: &'static str, stride: usize) -> Result<Groom, FormatError> {
     let mut bytes = Bytes::new(bytes, format);
     let start = bytes.at(0);
     let strands = bytes.count("strands")?;
-    // Each strand has a count at least.
+    // Each strand takes at least the 4 bytes of its count.
     bytes.at(4).take(strands, 4, "the strands")?;
     let mut positions: Vec<Vec3> = Vec::with_capacity(bytes.left() / stride);
     let mut offsets = vec![0];
@@ -43,12 +46,16 @@ pub(crate) fn read_points(bytes: &[u8], format: &'static str, stride: usize) -> 
     Groom::new(positions, offsets).map_err(|e| start.error(e.into()))
 }
 
-/// The bytes of a `.data` file that holds the strands of `groom`; attributes have no place in it.
+/// The bytes of a `.data` file with the strands of `groom`. The format has no attributes.
 ///
 /// # Errors
-/// A sentence if there are more than 2³¹ − 1 strands, or points in one.
+/// A message if there are more than 2³¹ − 1 strands, or more than 2³¹ − 1 points in a strand.
 pub fn write(groom: &Groom) -> Result<Vec<u8>, String> {
-    let count = |n: usize| i32::try_from(n).map(i32::to_le_bytes).map_err(|_| "over 2,147,483,647 of a kind");
+    let count = |n: usize| {
+        i32::try_from(n)
+            .map(i32::to_le_bytes)
+            .map_err(|_| "over 2,147,483,647 strands, or points in a strand, the limit of .data")
+    };
     let mut out = Vec::with_capacity(4 + 4 * groom.strand_count() + size_of_val(groom.positions()));
     out.extend(count(groom.strand_count())?);
     for strand in groom.strands() {

@@ -1,28 +1,31 @@
-//! A pinhole camera, and how it maps world space to pixels.
+//! A pinhole camera and its projection from world space to pixels.
 
 use glam::Vec3;
 
-/// Triangles are cut, and strands dropped, nearer to the eye than this fraction of the distance to the target.
+/// The distance of the near plane as a fraction of the distance from the eye to the target.
+/// Triangles are clipped at the near plane; strands are dropped there.
 const NEAR_FRACTION: f32 = 0.02;
 
-/// A pinhole camera that looks from `eye` to `target`; world space is in metres, y up.
+/// A pinhole camera that looks from `eye` to `target`. World space is in metres, y up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
-    /// Where the camera stands, metres.
+    /// The position of the camera, metres.
     pub eye: Vec3,
-    /// The point in the picture's centre, metres.
+    /// The point in the centre of the picture, metres.
     pub target: Vec3,
-    /// The direction that is up in the picture; it need not be perpendicular to the view.
+    /// The up direction of the picture. It need not be perpendicular to the view direction.
     pub up: Vec3,
-    /// The angle from the picture's lower to its upper edge, radians, in (0, π).
+    /// The vertical field of view, radians, in (0, π). In a portrait picture it is the horizontal
+    /// one.
     pub fov_y: f32,
 }
 
 impl Camera {
-    /// The camera that shows the whole box `bounds` (min, max in metres) from the side that `yaw` and `pitch` say,
-    /// in radians: yaw 0 stands on +z (the front of a head), positive yaw walks towards +x, positive pitch climbs.
+    /// The camera that shows the whole box `bounds` (min, max in metres) from the direction `yaw`
+    /// and `pitch`, in radians. At yaw 0 the camera is on the +z side (the front of a head).
+    /// Positive yaw turns it towards +x, positive pitch raises it.
     ///
-    /// An empty or non-finite box counts as a unit box about the origin.
+    /// An empty or non-finite box is replaced by a unit box around the origin.
     pub fn framing(bounds: (Vec3, Vec3), yaw: f32, pitch: f32) -> Self {
         let (lo, hi) = bounds;
         let usable = lo.is_finite() && hi.is_finite() && lo.cmple(hi).all() && lo != hi;
@@ -32,7 +35,7 @@ impl Camera {
             Vec3::new(yaw.sin() * pitch.cos(), pitch.sin(), yaw.cos() * pitch.cos()).normalize_or(Vec3::Z);
         let fov_y = 0.42_f32;
         let mut camera = Self { eye: target + from_target, target, up: Vec3::Y, fov_y };
-        // Each corner asks for its own distance; the farthest holds for all.
+        // Each corner needs a certain distance. Use the largest.
         let [right, up, forward] = camera.axes();
         let slope = (0.5 * fov_y).tan() * 0.92;
         let distance = (0..8)
@@ -46,7 +49,7 @@ impl Camera {
         camera
     }
 
-    /// Unit right, up and forward.
+    /// The unit vectors right, up and forward.
     pub(crate) fn axes(&self) -> [Vec3; 3] {
         let forward = (self.target - self.eye).normalize_or(Vec3::NEG_Z);
         let right = forward.cross(self.up).try_normalize();
@@ -54,25 +57,26 @@ impl Camera {
         [right, right.cross(forward), forward]
     }
 
-    /// Whether every number is finite and the angle is one that a picture can have.
+    /// Whether all numbers are finite and the field of view is valid.
     pub(crate) fn is_valid(&self) -> bool {
         let finite = self.eye.is_finite() && self.target.is_finite() && self.up.is_finite();
         finite && self.eye != self.target && self.fov_y > 1e-4 && self.fov_y < 3.1
     }
 }
 
-/// A camera with a picture's size: world space to pixels, x right, y down, (0, 0) the upper left corner.
+/// A camera with a picture size. It maps world space to pixels: x right, y down, (0, 0) in the
+/// upper left corner.
 #[derive(Clone, Debug)]
 pub(crate) struct View {
     pub eye: Vec3,
     pub right: Vec3,
     pub up: Vec3,
     pub forward: Vec3,
-    /// Pixels a unit of slope.
+    /// Pixels per unit of x / z or y / z.
     pub focal: f32,
-    /// The picture's centre in pixels.
+    /// The centre of the picture in pixels.
     pub centre: [f32; 2],
-    /// The nearest depth that is drawn, metres.
+    /// The depth of the near plane, metres.
     pub near: f32,
 }
 
@@ -80,26 +84,26 @@ impl View {
     pub fn new(camera: &Camera, width: u32, height: u32) -> Self {
         let [right, up, forward] = camera.axes();
         let half = [width as f32 * 0.5, height as f32 * 0.5];
-        // The angle spans the shorter edge of a portrait picture, so that what was framed stays whole.
+        // In a portrait picture the angle spans the width, so that a framed box stays visible.
         let focal = half[0].min(half[1]) / (0.5 * camera.fov_y).tan();
         let near = camera.eye.distance(camera.target) * NEAR_FRACTION;
         Self { eye: camera.eye, right, up, forward, focal, centre: half, near }
     }
 
-    /// Camera space: x right, y up, z depth along the view, metres.
+    /// Maps a world point to camera space: x right, y up, z depth along the view, metres.
     pub fn to_camera(&self, point: Vec3) -> Vec3 {
         let offset = point - self.eye;
         Vec3::new(offset.dot(self.right), offset.dot(self.up), offset.dot(self.forward))
     }
 
-    /// Pixel x, pixel y and inverse depth of a point in camera space with z > 0.
+    /// The pixel x, pixel y and inverse depth of a point in camera space with z > 0.
     pub fn to_pixels(&self, point: Vec3) -> Vec3 {
         let nearness = 1.0 / point.z;
         let scale = self.focal * nearness;
         Vec3::new(self.centre[0] + point.x * scale, self.centre[1] - point.y * scale, nearness)
     }
 
-    /// The world point behind pixel position (`x`, `y`) at depth 1/`nearness`.
+    /// The world point at pixel position (`x`, `y`) and depth 1/`nearness`.
     pub fn unproject(&self, x: f32, y: f32, nearness: f32) -> Vec3 {
         let (u, v) = ((x - self.centre[0]) / self.focal, (self.centre[1] - y) / self.focal);
         self.eye + (self.forward + self.right * u + self.up * v) / nearness

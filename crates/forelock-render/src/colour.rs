@@ -1,20 +1,21 @@
-//! Colours: hair from melanin, the film curve, and sRGB.
+//! Colours: hair from melanin, the tone curve, and sRGB.
 //!
 //! # Theory
-//! Hair is coloured by two pigments. The absorption of a fibre is
-//! σ = c_e (0.419, 0.697, 1.37) + c_p (0.187, 0.4, 1.05) for concentrations c_e of eumelanin and c_p of pheomelanin
-//! (d'Eon et al. 2011, *An energy-conserving hair reflectance model*), and a head of such fibres has the albedo
-//! C = exp(−D √σ), D = 5.89 at a roughness of 0.3 (Chiang et al. 2016, *A practical and controllable hair and fur
-//! model*, eq. 9 solved for C).
+//! Hair is coloured by two pigments. The absorption of a fibre is σ = c_e (0.419, 0.697, 1.37) +
+//! c_p (0.187, 0.4, 1.05) for concentrations c_e of eumelanin and c_p of pheomelanin (d'Eon et al.
+//! 2011, *An energy-conserving hair reflectance model*). Hair made of such fibres has the albedo C
+//! = exp(−D √σ), D = 5.89 at a roughness of 0.3 (Chiang et al. 2016, *A practical and controllable
+//! hair and fur model*, eq. 9 solved for C).
 //!
-//! All light is added in linear RGB; exposure, film curve and the sRGB transfer function come last.
+//! Light is summed in linear RGB. Exposure, tone curve and the sRGB transfer function are applied
+//! last.
 
 use glam::Vec3;
 
 /// D of Chiang et al. 2016 at azimuthal roughness 0.3.
 const ALBEDO_FROM_ABSORPTION: f32 = 5.89;
 
-/// The colour of hair by its melanin.
+/// The colour of hair, as concentrations of melanin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HairColour {
     /// Brown-black pigment: 0 none, 0.06 blonde, 0.3 chestnut, 0.8 dark brown, 2.4 black.
@@ -43,16 +44,16 @@ impl HairColour {
     /// White hair.
     pub const WHITE: Self = Self { eumelanin: 0.008, pheomelanin: 0.004 };
 
-    /// The names that [`by_name`](Self::by_name) knows.
+    /// The names that [`by_name`](Self::by_name) accepts.
     pub const NAMES: [&'static str; 6] = ["black", "dark-brown", "chestnut", "blonde", "red", "white"];
 
-    /// The preset called `name`, if there is one.
+    /// The preset with the name `name`, if there is one.
     pub fn by_name(name: &str) -> Option<Self> {
         let presets = [Self::BLACK, Self::DARK_BROWN, Self::CHESTNUT, Self::BLONDE, Self::RED, Self::WHITE];
         Self::NAMES.iter().position(|&known| known == name).map(|i| presets[i])
     }
 
-    /// The albedo of a head of this hair, linear RGB in 0–1.
+    /// The albedo of many such hairs, linear RGB in 0–1.
     pub fn albedo(&self) -> Vec3 {
         let absorption = Vec3::new(0.419, 0.697, 1.37) * self.eumelanin.max(0.0)
             + Vec3::new(0.187, 0.4, 1.05) * self.pheomelanin.max(0.0);
@@ -65,8 +66,9 @@ pub(crate) fn luminance(colour: Vec3) -> f32 {
     colour.dot(Vec3::new(0.2126, 0.7152, 0.0722))
 }
 
-/// Scene-linear to display-linear: a shoulder that leaves dark tones as they are and rolls highlights off to white,
-/// applied to the largest channel so that hue is kept, with a little desaturation where it is brightest.
+/// The tone curve from scene-linear to display-linear. It keeps dark tones and compresses
+/// highlights towards white. It acts on the largest channel, which preserves hue, and slightly
+/// desaturates the brightest colours.
 pub(crate) fn film_curve(colour: Vec3) -> Vec3 {
     const KNEE: f32 = 0.55;
     let peak = colour.max_element();

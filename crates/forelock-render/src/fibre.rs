@@ -1,17 +1,23 @@
-//! How a single hair scatters light.
+//! The light scattering of a single hair.
 //!
 //! # Theory
-//! A hair is a rough, tinted, tilted-scaled cylinder (Marschner et al. 2003, *Light scattering from human hair fibers*). Light
-//! leaves it along three paths p, each S_p = M_p(θ_i, θ_r) N_p(θ_d, φ): R mirrors off the surface, a white band shifted towards
-//! the root; TT passes through, seen against the light; TRT is mirrored inside, a second, tinted band shifted towards the tip.
-//! M_p is a Gaussian of sin θ_i + sin θ_r about the shift α_p with deviation β_p, and N_p closed fits of the azimuthal integrals,
-//! in the form of Karis 2016, *Physically based hair shading in Unreal* (SIGGRAPH course), and Pekelis et al. 2015,
-//! *A data-driven light scattering model for hair* (Pixar).
-//! Light that many hairs have passed on is a soft, saturated remainder, here a wrapped cosine about the normal that faces the
-//! eye, with the albedo's root as its tint.
+//! A hair is a rough, tinted cylinder with tilted scales (Marschner et al. 2003, *Light scattering
+//! from human hair fibers*). Light leaves it along three paths p, each S_p = M_p(θ_i, θ_r) N_p(θ_d,
+//! φ):
+//!
+//! - R is reflected by the surface: a white highlight, shifted towards the root.
+//! - TT is transmitted through the fibre: it is visible against the light.
+//! - TRT is reflected inside the fibre: a second, tinted highlight, shifted towards the tip.
+//!
+//! M_p is a Gaussian of sin θ_i + sin θ_r with mean α_p (the shift) and deviation β_p. N_p are
+//! closed-form fits of the azimuthal integrals, in the form of Karis 2016, *Physically based hair
+//! shading in Unreal* (SIGGRAPH course), and Pekelis et al. 2015, *A data-driven light scattering
+//! model for hair* (Pixar). Light scattered by many hairs is modelled as a soft, saturated diffuse
+//! term: a wrapped cosine about the normal that faces the eye, tinted by a power of the albedo.
 //!
 //! # Practice
-//! Angles come as sines and cosines only; absorption enters as powers of the albedo, one `exp` a channel.
+//! The code uses sines and cosines of angles only. Absorption is a power of the albedo, with one
+//! `exp` per channel.
 
 use glam::Vec3;
 
@@ -19,25 +25,25 @@ use crate::colour::luminance;
 
 /// Tilt of the cuticle's scales, radians.
 const SCALE_TILT: f32 = 0.045;
-/// Longitudinal roughness β of the R path; TT has the same, TRT twice of it.
+/// Longitudinal roughness β of the R and TT paths. TRT has twice this value.
 const ROUGHNESS: f32 = 0.16;
-/// The remainder's tint is this power of the albedo.
+/// The exponent of the albedo that gives the tint of the diffuse term.
 const REMAINDER_POWER: f32 = 0.7;
-/// Index of refraction 1.55: mirrored share at normal incidence.
+/// Reflectance at normal incidence for an index of refraction of 1.55.
 const FRESNEL_0: f32 = 0.0465;
 
-/// One point of one hair, ready to be lit.
+/// A point on a hair, prepared for lighting.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Fibre {
     /// Unit tangent, root to tip.
     pub tangent: Vec3,
-    /// Unit vector to the eye.
+    /// Unit vector towards the eye.
     pub to_eye: Vec3,
     /// Logarithm of the albedo, linear RGB.
     log_albedo: Vec3,
-    /// What light that many hairs passed on is multiplied with.
+    /// The tint of light that many hairs have scattered.
     tint: Vec3,
-    /// How fast depth takes each channel of it.
+    /// The rate at which optical depth attenuates each channel of that light.
     fading: Vec3,
     /// Tilt of the cuticle's scales, radians.
     tilt: f32,
@@ -53,8 +59,8 @@ fn fresnel(cos: f32) -> f32 {
 }
 
 impl Fibre {
-    /// A hair of unit `tangent`, root to tip, seen from the unit direction `to_eye`, with `albedo` in linear RGB in (0, 1) and
-    /// `tilt` radians added to the tilt of its scales.
+    /// A hair with the unit `tangent`, root to tip, seen from the unit direction `to_eye`. `albedo`
+    /// is linear RGB in (0, 1). `tilt` radians are added to the tilt of the scales.
     pub fn new(tangent: Vec3, to_eye: Vec3, albedo: Vec3, tilt: f32) -> Self {
         let albedo = albedo.max(Vec3::splat(1e-4));
         let log_albedo = albedo.map(f32::ln);
@@ -63,13 +69,14 @@ impl Fibre {
         Self { tangent, to_eye, log_albedo, tint, fading, tilt: SCALE_TILT + tilt }
     }
 
-    /// The share of light from all around that leaves towards the eye, times π.
+    /// The share of ambient light that is scattered towards the eye, times π.
     pub fn ambient(&self) -> Vec3 {
         self.tint * 0.6
     }
 
-    /// Radiance towards the eye for unit radiance from `to_light` that has crossed the optical depth `depth` of
-    /// other hair: what the depth lets through is scattered once, the rest softens into the diffuse remainder.
+    /// The radiance towards the eye for unit radiance from `to_light` that has crossed the optical
+    /// depth `depth` of other hair. The transmitted part is scattered once by this hair; the rest
+    /// adds to the diffuse term.
     pub fn scatter(&self, to_light: Vec3, depth: f32) -> Vec3 {
         let (t, l, v) = (self.tangent, to_light, self.to_eye);
         let (sin_l, sin_v) = (t.dot(l), t.dot(v));
@@ -100,7 +107,8 @@ impl Fibre {
         (Vec3::splat(r) + tt + trt) * (direct * cos_l) + self.remainder(l, v - t * sin_v, depth)
     }
 
-    /// Light passed on by many hairs: what depth takes from it, it takes less from the channels that hair lets pass.
+    /// Light scattered by many hairs. Optical depth attenuates it least in the channels that hair
+    /// absorbs least.
     fn remainder(&self, to_light: Vec3, facing: Vec3, depth: f32) -> Vec3 {
         let normal = facing.normalize_or(self.to_eye);
         let wrapped = 0.25 * (1.0 + normal.dot(to_light));
@@ -117,7 +125,7 @@ mod tests {
         Fibre::new(Vec3::X, Vec3::Z, albedo, 0.0)
     }
 
-    /// Light from an angle `theta` along the fibre, in the eye's plane.
+    /// Light at the longitudinal angle `theta`, in the plane of the fibre and the eye.
     fn along(theta: f32) -> Vec3 {
         Vec3::new(theta.sin(), 0.0, theta.cos())
     }
@@ -125,7 +133,8 @@ mod tests {
     #[test]
     fn the_white_band_lies_towards_the_root_and_the_tinted_one_towards_the_tip() {
         let f = fibre(Vec3::new(0.3, 0.1, 0.03));
-        // A light that leans to the tip reaches the eye from points nearer the root, and the other way round.
+        // Light that leans towards the tip reaches the eye from points nearer to the root, and vice
+        // versa.
         let (root, tip) = (f.scatter(along(-0.1), 0.0), f.scatter(along(0.25), 0.0));
         assert!(luminance(root) > luminance(tip));
         assert!(root.x / root.z < tip.x / tip.z);
@@ -141,7 +150,8 @@ mod tests {
 
     #[test]
     fn no_more_light_leaves_than_comes() {
-        // ∫ S dω over the sphere of lights, white hair: at most the share of one fibre's cross-section.
+        // ∫ S dω over all light directions, for white hair. It must not exceed the cross-section of
+        // a fibre.
         let f = fibre(Vec3::ONE);
         let (n, mut sum) = (200, 0.0);
         for i in 0..n {

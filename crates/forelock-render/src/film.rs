@@ -1,23 +1,25 @@
 //! Films as animated PNGs, written frame by frame.
 //!
 //! # Practice
-//! The first frame is a whole picture, so that programs without animation show it. Each later frame holds only the smallest
-//! rectangle that changed; inside it, pixels that stayed are transparent and blended over, which packs far better
-//! than repeating them. Colour is true: no palette. The number of frames is filled in when the film is finished, for
-//! which the writer must seek; memory holds one frame however long the film is.
+//! The first frame is a complete picture, which programs without animation show. Each later frame
+//! stores only the smallest rectangle that changed. Inside it, unchanged pixels are transparent and
+//! the frame is blended over the previous one, which compresses far better than repeating them.
+//! Colours are stored without a palette. The number of frames is written when the film is finished,
+//! so the writer must be able to seek. Memory holds one frame, whatever the length of the film.
 //!
-//! Layout: PNG specification, third edition (W3C 2025), chunks `acTL`, `fcTL` and `fdAT`. The `png` crate packs the
-//! pixels; the chunks around them are written here, as its encoder must know the number of frames beforehand.
+//! Layout: PNG specification, third edition (W3C 2025), chunks `acTL`, `fcTL` and `fdAT`. The `png`
+//! crate compresses the pixels. This module writes the chunks around them, because the encoder of
+//! that crate must know the number of frames in advance.
 
 use std::io::{Seek, SeekFrom, Write};
 
 use crate::image::{Image, ImageError, check_size};
 
 const SIGNATURE: [u8; 8] = [0x89, b'P', b'N', b'G', b'\r', b'\n', 0x1a, b'\n'];
-/// Where the chunk with the number of frames starts: after the signature and the header chunk.
+/// The offset of the chunk with the number of frames: after the signature and the header chunk.
 const FRAME_COUNT_AT: u64 = 8 + 25;
 
-/// A film in the making.
+/// A film that is being written.
 #[derive(Debug)]
 pub struct Film<W: Write + Seek> {
     writer: W,
@@ -25,13 +27,13 @@ pub struct Film<W: Write + Seek> {
     size: [u32; 2],
     fps: u16,
     frames: u32,
-    /// Number of the next chunk of the animation.
+    /// The sequence number of the next animation chunk.
     sequence: u32,
-    /// What a viewer shows after the frames so far.
+    /// The picture that a viewer shows after the frames so far.
     shown: Vec<u8>,
 }
 
-/// A rectangle of a frame, pixels.
+/// A rectangle of a frame, in pixels.
 #[derive(Clone, Copy)]
 struct Rect {
     x: u32,
@@ -41,7 +43,8 @@ struct Rect {
 }
 
 impl<W: Write + Seek> Film<W> {
-    /// Starts a film of `width` × `height` pixels at `fps` frames a second, played again and again, at the writer's position.
+    /// Starts a film of `width` × `height` pixels at `fps` frames per second, which plays in an
+    /// endless loop. It is written at the current position of `writer`.
     ///
     /// # Errors
     /// [`ImageError::Size`], [`ImageError::FrameRate`] or [`ImageError::Io`].
@@ -62,10 +65,11 @@ impl<W: Write + Seek> Film<W> {
         Ok(Self { writer, start, size: [width, height], fps, frames: 0, sequence: 0, shown: Vec::new() })
     }
 
-    /// Adds a frame. Alpha is taken as opaque.
+    /// Adds a frame. Its alpha channel is ignored.
     ///
     /// # Errors
-    /// [`ImageError::FrameSize`], [`ImageError::FrameCount`], [`ImageError::Encoding`] or [`ImageError::Io`].
+    /// [`ImageError::FrameSize`], [`ImageError::FrameCount`], [`ImageError::Encoding`] or
+    /// [`ImageError::Io`].
     pub fn push(&mut self, frame: &Image) -> Result<(), ImageError> {
         let size = [frame.width(), frame.height()];
         if size != self.size {
@@ -97,7 +101,7 @@ impl<W: Write + Seek> Film<W> {
         Ok(())
     }
 
-    /// Completes the film and answers the writer, at the film's end.
+    /// Completes the film and returns the writer, positioned after the film.
     ///
     /// # Errors
     /// [`ImageError::FrameCount`] for a film without frames, or [`ImageError::Io`].
@@ -116,7 +120,7 @@ impl<W: Write + Seek> Film<W> {
         Ok(self.writer)
     }
 
-    /// The rectangle that changed, with pixels that did not left transparent; `shown` becomes the new picture.
+    /// The rectangle that changed, in which unchanged pixels are transparent. Updates `shown`.
     fn difference(&mut self, frame: &Image) -> (Rect, Vec<u8>) {
         let width = self.size[0];
         let (mut lo, mut hi) = (self.size, [0, 0]);
@@ -128,7 +132,7 @@ impl<W: Write + Seek> Film<W> {
             hi = [hi[0].max(at[0]), hi[1].max(at[1])];
         }
         if lo == self.size {
-            // A frame must have a pixel, though nothing changed.
+            // Nothing changed, but a frame must have at least one pixel.
             return (Rect { x: 0, y: 0, width: 1, height: 1 }, vec![0; 4]);
         }
         let mut pixels = Vec::new();
@@ -147,7 +151,8 @@ impl<W: Write + Seek> Film<W> {
         }
         control.extend(1_u16.to_be_bytes());
         control.extend(self.fps.to_be_bytes());
-        // The frame stays for the next one; it replaces (0) or is laid over (1) what was there.
+        // Disposal 0: the next frame is drawn on this one. Blending 0 replaces the pixels, 1 blends
+        // over them.
         control.extend([0, u8::from(blend)]);
         self.sequence += 1;
         write_chunk(&mut self.writer, *b"fcTL", &control)?;
@@ -155,7 +160,7 @@ impl<W: Write + Seek> Film<W> {
     }
 }
 
-/// The compressed image data of `pixels`, RGBA, chunk by chunk.
+/// The compressed image data of `pixels`, RGBA, one entry per chunk.
 fn packed(pixels: &[u8], rect: Rect) -> Result<Vec<Vec<u8>>, ImageError> {
     let mut whole = Vec::new();
     let mut encoder = png::Encoder::new(&mut whole, rect.width, rect.height);
@@ -164,7 +169,7 @@ fn packed(pixels: &[u8], rect: Rect) -> Result<Vec<Vec<u8>>, ImageError> {
     let mut writer = encoder.write_header()?;
     writer.write_image_data(pixels)?;
     writer.finish()?;
-    // Chunks are length, name, data, check sum; the encoder's are whole.
+    // A chunk is length, name, data and checksum. Those of the encoder are complete.
     let mut chunks = Vec::new();
     let mut rest = &whole[SIGNATURE.len()..];
     while let Some((head, tail)) = rest.split_at_checked(8) {
@@ -194,7 +199,7 @@ mod tests {
 
     use super::*;
 
-    /// Frames with a bright square that moves; the third equals the second.
+    /// Frames with a bright square that moves. The third frame equals the second.
     fn frames() -> Vec<Image> {
         [3, 7, 7, 20]
             .map(|x| {
@@ -205,7 +210,7 @@ mod tests {
             .to_vec()
     }
 
-    /// Plays the film as a viewer does.
+    /// The pictures that a viewer shows.
     fn play(bytes: &[u8]) -> Vec<Vec<u8>> {
         let mut reader = png::Decoder::new(Cursor::new(bytes)).read_info().unwrap();
         let count = reader.info().animation_control().unwrap().num_frames;

@@ -1,4 +1,4 @@
-//! A small bitmap font for labels: capitals, digits and some signs, 5 × 7 pixels.
+//! A small bitmap font for labels: capital letters, digits and some signs, 5 × 7 pixels.
 
 use crate::image::Image;
 
@@ -6,10 +6,11 @@ use crate::image::Image;
 const WIDTH: u32 = 5;
 /// Rows of a glyph.
 pub(crate) const HEIGHT: u32 = 7;
-/// Pixels from one glyph's left edge to the next one's.
+/// Pixels from the left edge of a glyph to that of the next.
 const ADVANCE: u32 = 6;
 
-/// Characters in order, each with its rows from the top; bit 4 is the left column.
+/// Characters in ascending order with the rows of their glyphs from top to bottom. Bit 4 is the
+/// left column.
 #[rustfmt::skip]
 const GLYPHS: [(char, [u8; 7]); 54] = [
     (' ', [0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00]),
@@ -68,21 +69,22 @@ const GLYPHS: [(char, [u8; 7]); 54] = [
     ('κ', [0x00, 0x00, 0x12, 0x14, 0x18, 0x14, 0x12]),
 ];
 
-/// What a character without a glyph looks like: a box.
+/// The glyph of characters that the font lacks: a box.
 const MISSING: [u8; 7] = [0x1f, 0x11, 0x11, 0x11, 0x11, 0x11, 0x1f];
 
-/// The rows of `character`; lower case is drawn as capitals.
+/// The rows of `character`. Lower-case letters use the capital glyphs.
 fn glyph(character: char) -> [u8; 7] {
     let find = |c: char| GLYPHS.binary_search_by_key(&c, |g| g.0).ok();
     find(character).or_else(|| find(character.to_ascii_uppercase())).map_or(MISSING, |i| GLYPHS[i].1)
 }
 
-/// Pixels that `text` takes in width at `scale`.
+/// The width of `text` at `scale`, in pixels.
 pub(crate) fn text_width(text: &str, scale: u32) -> u32 {
     (text.chars().count() as u32 * ADVANCE).saturating_sub(1) * scale
 }
 
-/// Writes `text` with its upper left corner at (`x`, `y`), each font pixel a square of `scale`; what falls outside is cut off.
+/// Draws `text` with its upper left corner at (`x`, `y`). Each pixel of the font is a square of
+/// `scale` pixels. Text outside the image is clipped.
 pub(crate) fn draw_text(image: &mut Image, text: &str, x: u32, y: u32, scale: u32, rgba: [u8; 4]) {
     for (i, character) in text.chars().enumerate() {
         let left = x + i as u32 * ADVANCE * scale;

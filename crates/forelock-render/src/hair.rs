@@ -1,24 +1,28 @@
-//! Strands on their way to the picture: children, widths, and curves in pixels.
+//! Preparation of strands for drawing: children, widths, and curves in pixels.
 //!
 //! # Theory
-//! Between particles a strand is the Catmull-Rom curve through their projections. It is cut into pieces of a few pixels,
-//! short enough that the order of their middles is the order of what is in front.
+//! Between particles a strand is the Catmull-Rom curve through their projections. The curve is
+//! split into pieces of a few pixels, short enough to be sorted by the depth of their midpoints.
 //!
-//! A simulated strand stands for many hairs. A scalp bears about 1.7 million hairs a square metre (100,000 on a head); where the
-//! groom has fewer roots on the same area, each strand drawn is widened by (hairs it stands for)^0.7, at most 8 times: the
-//! covered area grows nearly as the missing hair would have it, and single strands stay fine. The area is half the
-//! surface of the box around the roots. [`Settings::width_scale`] overrides it.
+//! A simulated strand represents many hairs. A scalp has about 1.7 million hairs per square metre
+//! (100,000 on a head). If the groom has fewer roots on the same area, each drawn strand is widened
+//! by n^0.7, at most by a factor of 8, where n is the number of hairs that the strand represents.
+//! So the covered area is close to that of full hair, and single strands stay thin. The area is
+//! half the surface of the box around the roots. [`Settings::width_scale`] overrides the factor.
 //!
-//! Children are copies of a strand, each beside it by a fixed random offset of at most half the distance between roots that
-//! narrows towards the tip. They are for display only: no physics knows of them. By default there are as many as make 50
-//! strands for each pixel of the picture's shorter side (40,000 at 800 pixels), but at most 4.
+//! Children are copies of a strand for display only; they are not simulated. Each has a fixed
+//! random offset of at most half the distance between roots, which decreases towards the tip. The
+//! default number of children gives 50 drawn strands per pixel of the picture's shorter side
+//! (40,000 at 800 pixels), with at most 4 drawn for each simulated strand.
 //!
 //! # Practice
-//! Strands are prepared in chunks of a fixed size, each with its own lists of tiles, so that nothing depends on the
-//! number of threads. A piece is made, sorted and lit only in the tile that shows it.
+//! Strands are prepared in chunks of a fixed size, each with separate lists of tiles, so the result
+//! does not depend on the number of threads. A piece is created, sorted and lit only in the tiles
+//! that show it.
 //!
 //! # Limitations
-//! A strand's edge with a control point behind the near plane is left out rather than cut. A piece is lit at its ends, and linearly between.
+//! An edge of a strand with a control point behind the near plane is dropped, not clipped. Lighting
+//! is computed at the ends of a piece and interpolated linearly between them.
 
 use std::ops::{Add, Mul};
 
@@ -31,21 +35,22 @@ use crate::random;
 use crate::scene::{Scene, Settings, Strands};
 use crate::tiles::{Bins, TILE, TileGrid};
 
-/// Hairs on a square metre of scalp.
+/// Hairs per square metre of scalp.
 const HAIRS_PER_M2: f32 = 1.7e6;
-/// The largest automatic factor on widths.
+/// The largest automatic factor for widths.
 const MAX_WIDTH_SCALE: f32 = 8.0;
-/// Strands drawn, for each pixel of the picture's shorter side, that an automatic number of children aims at.
+/// The number of drawn strands, per pixel of the picture's shorter side, for which the number of
+/// children is chosen.
 const DRAWN_PER_PIXEL: usize = 50;
-/// Curves (strands times children) in a chunk; they are indexed with `CURVE_BITS`.
+/// Curves (strands times children) in a chunk.
 const CURVES_PER_CHUNK: usize = 2048;
-/// Bits for the edge in an item of a tile's list; the rest count curves.
+/// The bits for the edge in an item of a tile's list. The other bits are the index of the curve.
 const EDGE_BITS: u32 = 20;
-/// The most particles a strand may have.
+/// The largest number of particles of a strand.
 pub(crate) const MAX_PARTICLES: usize = 1_000_000;
-/// Aim for the length of a piece, pixels.
+/// The desired length of a piece, pixels.
 const PIECE_PX: f32 = 7.0;
-/// The most pieces an edge is cut into.
+/// The largest number of pieces of an edge.
 const MAX_PIECES: f32 = 24.0;
 /// Radius of the pixel filter.
 pub(crate) const FILTER_RADIUS: f32 = 1.0;
@@ -55,17 +60,18 @@ pub(crate) const FILTER_RADIUS: f32 = 1.0;
 struct Curve {
     strand: u32,
     child: u32,
-    /// Where its points start in [`Chunk::points`].
+    /// The index of its first point in [`Chunk::points`].
     start: u32,
 }
 
-/// Some strands of one group, projected.
+/// Projected strands of one group.
 #[derive(Debug)]
 pub(crate) struct Chunk {
     group: usize,
     curves: Vec<Curve>,
-    /// Pixel x, pixel y, inverse depth, half the width in pixels; for each curve one point before its root and one after its tip. NaN behind the
-    /// near plane.
+    /// For each point: pixel x, pixel y, inverse depth, and half the width in pixels. Each curve
+    /// has one extra point before its root and one after its tip. Points behind the near plane are
+    /// NaN.
     points: Vec<Vec4>,
     bins: Bins,
 }
@@ -75,39 +81,39 @@ pub(crate) struct Chunk {
 pub(crate) struct Piece {
     pub from: Vec2,
     pub to: Vec2,
-    /// Inverse depth at the middle.
+    /// Inverse depth at the midpoint.
     pub nearness: f32,
-    /// Half the width at the middle, pixels.
+    /// Half the width at the midpoint, pixels.
     pub half_width: f32,
     chunk: u32,
     item: u32,
-    /// Where its ends lie on their edge, 0–1.
+    /// The positions of its ends on their edge, 0–1.
     t: [f32; 2],
-    /// Numbers of its ends among the points that pieces of one tile share.
+    /// The indices of its ends in the list of points that the pieces of a tile share.
     pub points: [u32; 2],
-    /// Whether the strand ends at `from`, at `to`.
+    /// Whether the strand ends at `from`, and at `to`.
     pub ends: [bool; 2],
 }
 
-/// What lighting needs to know of a point on a strand.
+/// The properties of a point on a strand that lighting needs.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct StrandPoint {
     pub position: Vec3,
     /// Unit, root to tip.
     pub tangent: Vec3,
     pub albedo: Vec3,
-    /// Tilt that differs from strand to strand, radians.
+    /// The tilt of the scales, which varies between strands, radians.
     pub tilt: f32,
 }
 
-/// All strands of a scene, ready to be drawn.
+/// All strands of a scene, prepared for drawing.
 pub(crate) struct Hair<'a> {
     groups: Vec<Group<'a>>,
     pub chunks: Vec<Chunk>,
     seed: u32,
 }
 
-/// One group with what was derived from it.
+/// A group of strands with derived quantities.
 pub(crate) struct Group<'a> {
     pub strands: Strands<'a>,
     pub children: u32,
@@ -153,7 +159,8 @@ impl<'a> Group<'a> {
         Self { strands, children, width_scale, radius, log_albedo: strands.colour.albedo().map(f32::ln) }
     }
 
-    /// Diameter drawn at particle coordinate `at` (particle index plus fraction), `s` from root 0 to tip 1.
+    /// Diameter drawn at particle coordinate `at` (particle index plus fraction), `s` from root 0
+    /// to tip 1.
     pub fn width(&self, first: usize, at: f32, s: f32) -> f32 {
         let width = match self.strands.widths {
             Some(widths) => {
@@ -166,28 +173,29 @@ impl<'a> Group<'a> {
         if width.is_finite() { width.max(0.0) * self.width_scale } else { 0.0 }
     }
 
-    /// How far child `child` of strand `strand` stands off at `s`.
+    /// The offset of child `child` from its strand `strand` at `s`.
     fn offset(&self, seed: u32, strand: u32, child: u32, s: f32) -> Vec3 {
         if child == 0 {
             return Vec3::ZERO;
         }
         let draw = |stream| random::signed(seed, strand, child * 4 + stream);
         let offset = Vec3::new(draw(0), draw(1), draw(2)).clamp_length_max(1.0);
-        // Waves of their own keep children from lying parallel like wires.
+        // A separate wave for each child avoids parallel curves, which look like wires.
         let wave = (draw(3) * 3.0 + s * 9.0).sin() * 0.35;
         let profile = (0.6 + 2.0 * s).min(1.0) * (1.0 - 0.65 * s * s);
         (offset + offset.yzx() * wave * s) * (profile * self.radius)
     }
 }
 
-/// Width along a strand without widths of its own: full for two thirds, then narrowing to a fifth.
+/// The relative width along a strand without given widths: 1 up to s = 0.6, then decreasing to 0.2
+/// at the tip.
 fn taper(s: f32) -> f32 {
     let t = ((s - 0.6) / 0.4).clamp(0.0, 1.0);
     1.0 - 0.8 * t * t
 }
 
 impl<'a> Hair<'a> {
-    /// Projects the strands of `scene`, whose offsets have been checked.
+    /// Projects the strands of `scene`. The offsets must be valid.
     pub fn new(scene: &Scene<'a>, settings: &Settings, view: &View, tiles: TileGrid) -> Self {
         let total = scene.strands.iter().map(strand_count).sum();
         let groups: Vec<_> = scene.strands.iter().map(|&s| Group::new(s, total, settings)).collect();
@@ -211,8 +219,9 @@ impl<'a> Hair<'a> {
         &self.groups
     }
 
-    /// Adds to `pieces` all that touch the tile `tile` with its upper left pixel at `corner`, unless farther than
-    /// 1/`farthest`. Answers how many points they share.
+    /// Adds to `pieces` all pieces that touch the tile `tile` with its upper left pixel at
+    /// `corner`, except those at depths above 1/`farthest`. Returns the number of points that the
+    /// pieces share.
     pub fn gather(&self, tile: usize, corner: Vec2, farthest: f32, pieces: &mut Vec<Piece>) -> usize {
         let mut points = 0;
         for (index, chunk) in self.chunks.iter().enumerate() {
@@ -235,7 +244,8 @@ impl<'a> Hair<'a> {
                     if !(seen && from.max(to).cmpgt(corner - pad).all()) {
                         continue;
                     }
-                    // Pieces come in the order of their strand: most begin where the one before ended.
+                    // Pieces are in the order of their strand: most start at the end of the
+                    // previous one.
                     let follows = |p: &Piece| p.to == from && p.chunk == index as u32 && !p.ends[1];
                     points += if pieces.last().is_some_and(follows) { 1 } else { 2 };
                     pieces.push(Piece {
@@ -255,7 +265,7 @@ impl<'a> Hair<'a> {
         points as usize
     }
 
-    /// The first (0) or last (1) point of `piece` in the world.
+    /// The first (0) or last (1) point of `piece` in world space.
     pub fn point(&self, piece: &Piece, end: usize) -> StrandPoint {
         let chunk = &self.chunks[piece.chunk as usize];
         let group = &self.groups[chunk.group];
@@ -282,8 +292,8 @@ impl<'a> Hair<'a> {
 }
 
 impl Group<'_> {
-    /// Albedo at particle `particle` plus `t`: the groom's own, or the group's colour with each strand a little
-    /// darker or lighter, redder or not, roots darker and tips bleached.
+    /// The albedo at particle `particle` plus `t`: that of the groom, or the group's colour with
+    /// variation. Strands vary in brightness and redness; roots are darker and tips are lighter.
     fn albedo(&self, particle: usize, t: f32, s: f32, draw: impl Fn(u32) -> f32) -> Vec3 {
         if let Some(colours) = self.strands.colours {
             let [a, b] = [particle, particle + 1].map(|i| Vec3::from(colours[i]));
@@ -308,7 +318,7 @@ impl Chunk {
         tiles: TileGrid,
     ) -> Self {
         let (mut curves, mut points) = (Vec::new(), Vec::new());
-        // Half the widest a strand may be, by the nearest and widest of its particles.
+        // An upper bound of half the width in pixels, from the nearest depth and the largest width.
         let mut reach = 0.0_f32;
         for (strand, particles) in drawable(&group.strands, range) {
             let strand_points = &group.strands.positions[particles.clone()];
@@ -334,7 +344,7 @@ impl Chunk {
         chunk
     }
 
-    /// Every visible edge with the tiles that it may touch.
+    /// All visible edges, each with the tiles that it may touch.
     fn items(
         &self,
         tiles: TileGrid,
@@ -347,7 +357,7 @@ impl Chunk {
                 if !p.iter().all(|p| p.is_finite()) {
                     return None;
                 }
-                // The Bézier points of the same curve: it stays in their box.
+                // The curve lies inside the bounding box of its Bézier points.
                 let (b, c) = (p[1] + (p[2] - p[0]) / 6.0, p[2] - (p[3] - p[1]) / 6.0);
                 let lo = p[1].min(p[2]).min(b).min(c) - pad;
                 let hi = p[1].max(p[2]).max(b).max(c) + pad;
@@ -361,20 +371,21 @@ impl Chunk {
         ((item >> EDGE_BITS) as usize, (item & ((1 << EDGE_BITS) - 1)) as usize)
     }
 
-    /// Edges of a curve: two points are before the root and after the tip.
+    /// The number of edges of a curve. Two of its points lie before the root and after the tip.
     fn edges(&self, curve: usize) -> usize {
         let end = self.curves.get(curve + 1).map_or(self.points.len(), |next| next.start as usize);
         end - self.curves[curve].start as usize - 3
     }
 }
 
-/// Weights of four points for the uniform Catmull-Rom curve from the second (t = 0) to the third (t = 1).
+/// The weights of four points for the uniform Catmull-Rom curve from the second (t = 0) to the
+/// third (t = 1).
 fn catmull_rom(t: f32) -> [f32; 4] {
     let (t2, t3) = (t * t, t * t * t);
     [t2 - 0.5 * (t3 + t), 1.0 + 1.5 * t3 - 2.5 * t2, 2.0 * t2 - 1.5 * t3 + 0.5 * t, 0.5 * (t3 - t2)]
 }
 
-/// Their derivatives.
+/// The derivatives of [`catmull_rom`].
 fn catmull_rom_slope(t: f32) -> [f32; 4] {
     let t2 = t * t;
     [2.0 * t - 1.5 * t2 - 0.5, 4.5 * t2 - 5.0 * t, 4.0 * t - 4.5 * t2 + 0.5, 1.5 * t2 - t]

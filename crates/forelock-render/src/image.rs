@@ -1,19 +1,19 @@
-//! 8-bit pictures and their PNG form.
+//! 8-bit pictures and their PNG encoding.
 
 use std::io::Write;
 
 /// The largest width and height of a picture, in pixels.
 pub const MAX_SIDE: u32 = 4096;
 
-/// Why a picture, a sheet or a film could not be made.
+/// Why a picture, a contact sheet or a film cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum ImageError {
-    /// A width or height of 0, or over the limit.
+    /// A width or height is 0 or over the limit.
     #[error("a picture of {width}×{height} pixels is outside 1×1 to {max}×{max}", max = MAX_SIDE)]
     Size {
-        /// Width asked for, pixels.
+        /// The requested width, pixels.
         width: u32,
-        /// Height asked for, pixels.
+        /// The requested height, pixels.
         height: u32,
     },
     /// The number of bytes is not width × height × 4.
@@ -23,29 +23,29 @@ pub enum ImageError {
         width: u32,
         /// Height, pixels.
         height: u32,
-        /// Bytes that it takes.
+        /// The number of bytes expected.
         expected: usize,
-        /// Bytes given.
+        /// The number of bytes given.
         found: usize,
     },
-    /// A contact sheet of no pictures.
+    /// A contact sheet without pictures.
     #[error("a contact sheet needs at least one picture")]
     NoPictures,
-    /// A film's frame of another size than the film.
+    /// A frame whose size differs from that of the film.
     #[error("a frame of {}×{} pixels in a film of {}×{}", frame[0], frame[1], film[0], film[1])]
     FrameSize {
-        /// The frame's width and height.
+        /// The width and height of the frame.
         frame: [u32; 2],
-        /// The film's.
+        /// The width and height of the film.
         film: [u32; 2],
     },
-    /// A film of no frames, or of more than the format counts.
+    /// A film without frames, or with more than the format allows.
     #[error("a film of {0} frames: it needs at least one and fewer than 2³⁰")]
     FrameCount(u32),
     /// A frame rate of 0 or over 1000.
-    #[error("a film at {0} frames a second: choose 1 to 1000")]
+    #[error("a film at {0} frames per second: choose 1 to 1000")]
     FrameRate(u32),
-    /// The PNG encoder refused.
+    /// The PNG encoder failed.
     #[error("the PNG encoder failed")]
     Encoding(#[from] png::EncodingError),
     /// Writing failed.
@@ -53,7 +53,8 @@ pub enum ImageError {
     Io(#[from] std::io::Error),
 }
 
-/// A picture: rows from the top, 4 bytes a pixel (red, green, blue in sRGB; alpha, straight).
+/// A picture. Rows go from top to bottom. A pixel is 4 bytes: red, green and blue in sRGB, and
+/// straight alpha.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Image {
     width: u32,
@@ -65,13 +66,13 @@ impl Image {
     /// A picture of one colour.
     ///
     /// # Errors
-    /// [`ImageError::Size`] for a side of 0 or over [`MAX_SIDE`].
+    /// [`ImageError::Size`] if a side is 0 or over [`MAX_SIDE`].
     pub fn filled(width: u32, height: u32, rgba: [u8; 4]) -> Result<Self, ImageError> {
         check_size(width, height)?;
         Ok(Self { width, height, rgba: rgba.repeat(width as usize * height as usize) })
     }
 
-    /// A picture from `rgba`, `[height × width × 4]` bytes.
+    /// A picture with the bytes `rgba`, `[height × width × 4]`.
     ///
     /// # Errors
     /// [`ImageError::Size`] or [`ImageError::Bytes`].
@@ -102,13 +103,14 @@ impl Image {
     /// The pixel at column `x`, row `y`.
     ///
     /// # Panics
-    /// If it lies outside.
+    /// If the pixel is outside the picture.
     pub fn pixel(&self, x: u32, y: u32) -> [u8; 4] {
         let p = &self.rgba[self.offset(x, y)..][..4];
         [p[0], p[1], p[2], p[3]]
     }
 
-    /// Writes `other` over this picture with its upper left corner at (`x`, `y`); what falls outside is cut off.
+    /// Copies `other` into this picture, with its upper left corner at (`x`, `y`). Parts outside
+    /// are clipped.
     pub fn paste(&mut self, other: &Self, x: u32, y: u32) {
         let columns = other.width.min(self.width.saturating_sub(x));
         for row in 0..other.height.min(self.height.saturating_sub(y)) {
@@ -119,10 +121,10 @@ impl Image {
         }
     }
 
-    /// Writes the picture as a PNG, without alpha where every pixel is opaque.
+    /// Writes the picture as a PNG. The alpha channel is left out if all pixels are opaque.
     ///
     /// # Errors
-    /// [`ImageError::Encoding`], which wraps the writer's errors.
+    /// [`ImageError::Encoding`], also for errors of the writer.
     pub fn write_png(&self, writer: impl Write) -> Result<(), ImageError> {
         let opaque = self.rgba.chunks_exact(4).all(|p| p[3] == 255);
         let mut encoder = png::Encoder::new(writer, self.width, self.height);
@@ -141,7 +143,7 @@ impl Image {
         Ok(())
     }
 
-    /// The picture as the bytes of a PNG.
+    /// The bytes of the picture as a PNG.
     ///
     /// # Errors
     /// As [`write_png`](Self::write_png).

@@ -1,14 +1,16 @@
-//! Pictures of hair without a GPU or any system library: stills, contact sheets and short films.
+//! Pictures of hair, drawn on the CPU without a GPU or system libraries: stills, contact sheets and
+//! short films.
 //!
 //! ```
 //! use forelock_core::{body::TriMesh, groom::Groom, pose::Pose};
 //! use forelock_render::{Body, Camera, HairColour, Scene, Settings, Strands, render};
 //! use glam::Vec3;
 //!
-//! let strand = |x: f32| (0..8).map(|i| Vec3::new(x, 0.1 - 0.02 * i as f32, 0.02)).collect::<Vec<_>>();
+//! let point = |x: f32, i: usize| Vec3::new(x, 0.1 - 0.02 * i as f32, 0.02);
+//! let strand = |x: f32| (0..8).map(|i| point(x, i)).collect::<Vec<_>>();
 //! let groom = Groom::from_strands((0..40).map(|i| strand(0.002 * i as f32 - 0.04)))?;
-//! let corners = vec![Vec3::new(-0.1, -0.1, 0.0), Vec3::new(0.1, -0.1, 0.0), Vec3::new(0.0, 0.1, 0.0)];
-//! let board = TriMesh::new(corners, vec![[0, 1, 2]])?;
+//! let corners = [[-0.1, -0.1, 0.0], [0.1, -0.1, 0.0], [0.0, 0.1, 0.0]];
+//! let board = TriMesh::new(corners.map(Vec3::from_array).to_vec(), vec![[0, 1, 2]])?;
 //!
 //! let camera = Camera::framing(board.bounds(), 0.4, 0.1);
 //! let bodies = vec![Body::new(&board, Pose::IDENTITY)];
@@ -19,18 +21,24 @@
 //! ```
 //!
 //! # Theory
-//! Each part's module says its own: [`hair`] curves, widths and children; `raster` coverage and order (Gupta & Sproull
-//! 1981; Porter & Duff 1984); `fibre` the scattering of one hair (Marschner et al. 2003; Karis 2016); `volume` hair as a
-//! medium that casts shadows on itself (after Yuksel & Keyser 2008); [`colour`] melanin, film curve and sRGB.
+//! The modules document the methods:
+//!
+//! - [`hair`]: curves, widths and children;
+//! - `raster`: coverage and compositing order (Gupta & Sproull 1981; Porter & Duff 1984);
+//! - `fibre`: scattering of a single hair (Marschner et al. 2003; Karis 2016);
+//! - `volume`: hair as a medium that casts shadows on itself (after Yuksel & Keyser 2008);
+//! - [`colour`]: melanin, tone curve and sRGB.
 //!
 //! # Practice
-//! The picture is cut into tiles of 32 × 32 pixels. Projection, shadows and ambient occlusion come first, for the whole
-//! scene; then every tile samples its bodies, sorts its pieces of strands, lays them from front to back, and lights
-//! only what is seen. Memory grows with the particles (16 bytes for each one drawn), not with the fragments.
+//! The picture is divided into tiles of 32 × 32 pixels. Projection, shadows and ambient occlusion
+//! are computed first, for the whole scene. Then each tile samples its bodies, sorts its pieces of
+//! strands, composites them from front to back, and lights only the visible ones. Memory grows with
+//! the number of particles (16 bytes for each drawn particle), not with the number of fragments.
 //!
 //! # Limitations
-//! Light is scattered once, but for a soft remainder; bodies reflect none onto hair. There is no depth of field and no motion
-//! blur. Shapes of different size look the same only if widths and the sizes they belong to are scaled alike.
+//! Only single scattering is computed; a soft diffuse term approximates the rest. Bodies do not
+//! reflect light onto hair. There is no depth of field and no motion blur. A scaled scene gives the
+//! same picture only if the widths of its strands are scaled too.
 
 pub mod camera;
 pub mod colour;
@@ -62,10 +70,11 @@ use rayon::prelude::*;
 
 /// Draws `scene`.
 ///
-/// The result depends on the inputs alone, not on the number of threads.
+/// The result does not depend on the number of threads.
 ///
 /// # Errors
-/// [`RenderError`] for a size or setting out of range, an unusable camera, or arrays that do not fit together.
+/// [`RenderError`] for a size or setting out of range, an unusable camera, or arrays that do not
+/// match each other.
 pub fn render(scene: &Scene<'_>, settings: &Settings) -> Result<Image, RenderError> {
     settings.check()?;
     if !scene.camera.is_valid() {

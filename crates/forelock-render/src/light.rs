@@ -1,23 +1,23 @@
-//! Lights.
+//! Directional and ambient lights.
 
 use glam::{Quat, Vec3};
 
 use crate::camera::Camera;
 
-/// A light as far away as the sun.
+/// A directional light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Light {
-    /// Towards the light; normalised when used.
+    /// The direction towards the light. It need not be normalised.
     pub direction: Vec3,
-    /// Its radiance on a surface that faces it, linear RGB.
+    /// The radiance on a surface that faces the light, linear RGB.
     pub colour: Vec3,
-    /// Whether bodies and hair block it.
+    /// Whether bodies and hair cast shadows in this light.
     pub shadows: bool,
 }
 
 impl Light {
-    /// Key, fill and rim as a portrait studio sets them, turned with the camera about the vertical: every side that
-    /// is pictured is lit alike.
+    /// Key, fill and rim light of a portrait studio. They turn about the vertical axis with the
+    /// camera, so the lighting is the same from all sides.
     pub fn studio(camera: &Camera) -> Vec<Self> {
         let to_camera = camera.eye - camera.target;
         let turn = Quat::from_rotation_y(to_camera.x.atan2(to_camera.z));
@@ -30,12 +30,12 @@ impl Light {
     }
 }
 
-/// Light from all around: one colour from above that blends into another from below, linear RGB.
+/// Ambient light: one colour from above that blends into another from below, linear RGB.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ambient {
-    /// From straight above.
+    /// The colour from straight above.
     pub sky: Vec3,
-    /// From straight below.
+    /// The colour from straight below.
     pub ground: Vec3,
 }
 
@@ -46,7 +46,7 @@ impl Default for Ambient {
 }
 
 impl Ambient {
-    /// What a surface of normal `normal` gathers.
+    /// The light that a surface with the normal `normal` receives.
     pub(crate) fn at(&self, normal: Vec3) -> Vec3 {
         self.ground.lerp(self.sky, 0.5 + 0.5 * normal.y)
     }

@@ -1,4 +1,4 @@
-//! What light reaches a point, through bodies and hair.
+//! The light that reaches a point through bodies and hair.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -11,22 +11,22 @@ use crate::shadow_map::ShadowMap;
 use crate::solids::{Solids, SurfacePoint};
 use crate::volume::{Deposits, Grid, Layout, openness};
 
-/// Cells along the longest side of the grid that casts shadows.
+/// Cells along the longest side of the grid for shadows.
 const SHADOW_CELLS: u32 = 96;
 /// Cells along the longest side of the grid for ambient occlusion.
 const OCCLUSION_CELLS: u32 = 40;
-/// The share of a strand's optical depth that counts: hair scatters mostly forward.
+/// The factor for the optical depth of strands. It is below 1 because hair scatters mostly forward.
 const EXTINCTION: f32 = 0.6;
-/// The optical depth of a body's surface in the occlusion grid.
+/// The optical depth of the surface of a body in the grid for ambient occlusion.
 const SURFACE_DEPTH: f32 = 1.6;
-/// How far light wraps around skin, a channel: red goes deepest.
+/// How far light wraps around skin, for each channel. Red light penetrates deepest.
 const WRAP: Vec3 = Vec3::new(0.30, 0.18, 0.14);
 
 /// The lights of a scene with their shadows.
 pub(crate) struct Lighting {
     lights: Vec<(Light, Option<ShadowMap>, Option<Grid>)>,
     ambient: Ambient,
-    /// The share of ambient light that arrives.
+    /// The share of ambient light that reaches a point.
     openness: Option<Grid>,
     eye: Vec3,
 }
@@ -38,7 +38,7 @@ impl Lighting {
         let (lo, hi) = (body_lo.min(hair_lo), body_hi.max(hair_hi));
         let anything = lo.is_finite() && hi.is_finite() && lo.cmple(hi).all();
         let has_hair = hair_lo.cmple(hair_hi).all();
-        // The grids cover the hair and what is near enough to be shaded by it.
+        // The grids cover the hair and the points close enough to be shaded by it.
         let margin = if has_hair { 0.2 * (hair_hi - hair_lo).length() } else { 0.0 };
         let (grid_lo, grid_hi) =
             if has_hair { ((hair_lo - margin).max(lo), (hair_hi + margin).min(hi)) } else { (lo, hi) };
@@ -72,7 +72,7 @@ impl Lighting {
         Self { lights, ambient: scene.ambient, openness, eye: scene.camera.eye }
     }
 
-    /// Radiance of a piece of hair towards the eye.
+    /// The radiance of a point on a strand towards the eye.
     pub fn of_hair(&self, point: &StrandPoint) -> Vec3 {
         let to_eye = (self.eye - point.position).normalize_or(Vec3::Z);
         let fibre = Fibre::new(point.tangent, to_eye, point.albedo, point.tilt);
@@ -86,14 +86,14 @@ impl Lighting {
                     light.colour * fibre.scatter(light.direction, depth) * (lit * std::f32::consts::PI);
             }
         }
-        // Light from all around arrives at the side that faces the eye and at the top.
+        // Ambient light reaches the side that faces the eye and the upper side.
         let facing =
             (to_eye - point.tangent * point.tangent.dot(to_eye) + Vec3::Y * 0.5).normalize_or(Vec3::Y);
         let open = self.openness.as_ref().map_or(1.0, |g| g.sample(point.position));
         radiance + self.ambient.at(facing) * fibre.ambient() * open
     }
 
-    /// Radiance of a body's surface towards the eye.
+    /// The radiance of a point on a body towards the eye.
     pub fn of_body(&self, point: &SurfacePoint) -> Vec3 {
         let SurfacePoint { position, normal, albedo } = *point;
         let to_eye = (self.eye - position).normalize_or(Vec3::Z);
@@ -104,7 +104,8 @@ impl Lighting {
             let lit = map.as_ref().map_or(1.0, |map| map.visibility(out(map), 2));
             let depth = depths.as_ref().map_or(0.0, |g| g.sample(position)) * EXTINCTION;
             let arriving = light.colour * (lit * (-depth).exp());
-            // Light wraps through skin where the surface turns away, but not behind another surface.
+            // Light wraps around skin where the surface turns away, but not where another surface
+            // is in between.
             let wrapped = (Vec3::splat(cos) + WRAP).max(Vec3::ZERO) / (Vec3::ONE + WRAP);
             diffuse += arriving * wrapped * wrapped;
             let half = (light.direction + to_eye).normalize_or(normal);
@@ -114,7 +115,7 @@ impl Lighting {
             gloss += arriving * (lobe * fresnel * cos.max(0.0));
         }
         let open = self.openness.as_ref().map_or(1.0, |g| {
-            // Out of the cells that hold the surface itself.
+            // Sample outside the cells that contain the surface.
             let open = g.sample(position + normal * (1.6 * g.layout.cell));
             (open * 1.5).min(1.0)
         });
@@ -134,7 +135,7 @@ fn hair_bounds(hair: &Hair<'_>) -> (Vec3, Vec3) {
     bounds
 }
 
-/// Adds the area that each strand, children included, shows from its side.
+/// Adds the area of all strands, children included, as seen from the side.
 fn deposit_hair(hair: &Hair<'_>, deposits: &Deposits) {
     let cell = deposits.layout.cell;
     for group in hair.groups() {
@@ -159,7 +160,7 @@ fn deposit_hair(hair: &Hair<'_>, deposits: &Deposits) {
     }
 }
 
-/// Adds bodies' surfaces, opaque from either side.
+/// Adds the surfaces of bodies, opaque from both sides.
 fn deposit_solids(solids: &Solids, deposits: &Deposits) {
     let cell = deposits.layout.cell;
     (0..solids.triangles.len()).into_par_iter().for_each(|triangle| {
@@ -167,7 +168,8 @@ fn deposit_solids(solids: &Solids, deposits: &Deposits) {
         let area = 0.5 * (b - a).cross(c - a).length();
         let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
         let rows = (longest / cell).ceil().clamp(1.0, 64.0) as u32;
-        // The middles of rows² equal triangles, upright ones first, then those between.
+        // The centres of rows² equal triangles: the upright ones first, then the inverted ones
+        // between them.
         let share = SURFACE_DEPTH * area / (rows * rows) as f32;
         for i in 0..rows {
             for j in 0..rows - i {

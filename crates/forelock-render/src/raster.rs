@@ -1,21 +1,24 @@
-//! One tile of the picture: bodies by sampling, strands by exact coverage from front to back.
+//! Drawing of one tile: bodies by sampling, strands by exact coverage from front to back.
 //!
 //! # Theory
-//! A strand is nearly always thinner than a pixel. What a pixel should show is its share under the pixel filter: for a straight
-//! strand of width w at distance d from the pixel's centre, F(d + w/2) − F(d − w/2), with F the integral of the filter across
-//! the strand (Gupta & Sproull 1981, *Filtering edges for gray-scale displays*). The filter is a tent whose radius is a pixel's side as seen
-//! along the nearer axis, max(|cos|, |sin|) of the strand's angle: pixels of one column (or row) then share each strand out
-//! exactly, at every angle and offset. This share is the fragment's opacity; pieces, sorted by depth, are laid under one another from front to back:
-//! C += T a c, T ← T (1 − a) (Porter & Duff 1984).
+//! A strand is nearly always thinner than a pixel, so its opacity in a pixel is its coverage under
+//! the pixel filter. For a straight strand of width w at distance d from the centre of the pixel,
+//! the coverage is F(d + w/2) − F(d − w/2), where F is the integral of the filter across the strand
+//! (Gupta & Sproull 1981, *Filtering edges for gray-scale displays*). The filter is a tent. Its
+//! radius is max(|cos|, |sin|) of the strand's angle, in pixels. With this radius, the coverages in
+//! a column (or row) of pixels sum to the width exactly, at every angle and offset. Pieces are
+//! sorted by depth and composited from front to back: C += T a c, T ← T (1 − a) (Porter & Duff
+//! 1984).
 //!
 //! # Practice
-//! A pixel belongs to the piece on whose length its centre falls, so joints are neither doubled nor missing; only
-//! where a strand ends does its last pixel count in part. A pixel that lets less than 1/100 through takes no more
-//! fragments and is scaled to full opacity, and a piece that no pixel shows is never lit. Bodies keep n × n depths a pixel; a fragment counts by
-//! the share of them behind it.
+//! A pixel belongs to the piece whose length contains its centre, so a joint of two pieces is drawn
+//! once. Only the last pixel of a strand is weighted by the part that the strand covers. A pixel
+//! with a transmittance below 1/100 takes no more fragments and is scaled to full opacity. A piece
+//! that is invisible in all pixels is not lit. Bodies have n × n depth samples per pixel. A
+//! fragment is weighted by the share of samples behind it.
 //!
 //! # Limitations
-//! Pieces a few pixels long that pass through each other are not split at the crossing.
+//! Pieces (a few pixels long) that intersect are not split at the intersection.
 
 use glam::{Vec2, Vec3};
 
@@ -29,12 +32,12 @@ use crate::tiles::TILE;
 
 /// Pixels in a tile.
 const PIXELS: usize = (TILE * TILE) as usize;
-/// A pixel that lets less through is done.
+/// The transmittance below which a pixel takes no more fragments.
 const OPAQUE: f32 = 0.01;
-/// No triangle.
+/// The index that stands for no triangle.
 const NONE: u32 = u32::MAX;
 
-/// All that drawing a tile needs.
+/// The data that drawing a tile needs.
 pub(crate) struct Frame<'a> {
     pub settings: Settings,
     pub view: View,
@@ -44,31 +47,40 @@ pub(crate) struct Frame<'a> {
     pub lighting: Lighting,
 }
 
-/// Buffers of one tile, used again for the next.
+/// Buffers for one tile, reused for the next.
 #[derive(Default)]
 pub(crate) struct Tile {
-    /// Nearest triangle and inverse depth of each sample, pixel by pixel.
-    samples: Vec<(u32, f32)>,
+    /// The depth samples, pixel by pixel.
+    samples: Vec<Sample>,
     pixels: Vec<Pixel>,
     pieces: Vec<Piece>,
-    /// Light from each point that pieces share, once one is seen.
+    /// The light from each shared point of the pieces, once it is computed.
     lit: Vec<Option<Vec3>>,
     order: Vec<u64>,
 }
 
-/// What strands have done to a pixel so far.
+/// What the bodies show at a sample.
+#[derive(Clone, Copy)]
+struct Sample {
+    /// The nearest triangle, or [`NONE`].
+    triangle: u32,
+    /// Its inverse depth; 0 without a triangle.
+    nearness: f32,
+}
+
+/// A pixel while strands are composited into it.
 #[derive(Clone, Copy)]
 struct Pixel {
-    /// Light gathered.
+    /// The light of the strands so far.
     gathered: Vec3,
-    /// The share of what is behind that still comes through.
+    /// The transmittance: the share of the light from behind that is still visible.
     through: f32,
-    /// Least and greatest inverse depth of the bodies' samples.
+    /// The least and greatest inverse depth of the samples of bodies.
     bodies: [f32; 2],
 }
 
 impl Tile {
-    /// The pixels of the tile in column `column`, row `row`, sRGB, row by row.
+    /// Draws the tile in column `column` and row `row`. Returns its pixels in sRGB, row by row.
     pub fn draw(&mut self, frame: &Frame<'_>, index: usize, column: u32, row: u32) -> Vec<[u8; 4]> {
         let corner = [column * TILE, row * TILE];
         self.draw_solids(frame, index, corner);
@@ -79,14 +91,14 @@ impl Tile {
     fn draw_solids(&mut self, frame: &Frame<'_>, index: usize, corner: [u32; 2]) {
         let n = frame.settings.samples;
         self.samples.clear();
-        self.samples.resize(PIXELS * (n * n) as usize, (NONE, 0.0));
+        self.samples.resize(PIXELS * (n * n) as usize, Sample { triangle: NONE, nearness: 0.0 });
         for &triangle in frame.solids.bins.of(index) {
             self.draw_triangle(&frame.solids.screen[triangle as usize], n, corner);
         }
     }
 
     fn draw_triangle(&mut self, triangle: &ScreenTriangle, n: u32, corner: [u32; 2]) {
-        // In samples from the tile's corner, with the samples' centres on whole numbers.
+        // Coordinates in samples, relative to the tile's corner. Samples are at whole numbers.
         let origin = Vec2::new(corner[0] as f32, corner[1] as f32);
         let [a, b, c] = triangle.corners.map(|p| {
             let at = (Vec2::new(p.x, p.y) - origin) * n as f32 - 0.5;
@@ -110,8 +122,8 @@ impl Tile {
                     let nearness = u * a.z + v * b.z + w * c.z;
                     let pixel = (y / n * TILE + x / n) * n * n + (y % n) * n + x % n;
                     let sample = &mut self.samples[pixel as usize];
-                    if nearness > sample.1 {
-                        *sample = (triangle.source, nearness);
+                    if nearness > sample.nearness {
+                        *sample = Sample { triangle: triangle.source, nearness };
                     }
                 }
             }
@@ -122,7 +134,9 @@ impl Tile {
         let per_pixel = self.samples.len() / PIXELS;
         self.pixels.clear();
         self.pixels.extend(self.samples.chunks_exact(per_pixel).map(|samples| {
-            let range = |f: fn(f32, f32) -> f32| samples.iter().map(|s| s.1).reduce(f).unwrap_or(0.0);
+            let range = |f: fn(f32, f32) -> f32| {
+                samples.iter().map(|sample| sample.nearness).reduce(f).unwrap_or(0.0)
+            };
             Pixel { gathered: Vec3::ZERO, through: 1.0, bodies: [range(f32::min), range(f32::max)] }
         }));
         let farthest = self.pixels.iter().map(|p| p.bodies[0]).fold(f32::INFINITY, f32::min);
@@ -131,7 +145,8 @@ impl Tile {
         let points = frame.hair.gather(index, origin, farthest, &mut self.pieces);
         self.lit.clear();
         self.lit.resize(points, None);
-        // Inverse depths are positive, so their bits order as they do; the index settles ties.
+        // Inverse depths are positive, so their bit patterns have the same order. Ties are sorted
+        // by index.
         self.order.clear();
         self.order.extend(
             self.pieces.iter().enumerate().map(|(i, p)| u64::from(!p.nearness.to_bits()) << 32 | i as u64),
@@ -146,7 +161,7 @@ impl Tile {
         }
     }
 
-    /// Lays a piece under what the pixels already show; answers how many became opaque.
+    /// Composites a piece behind the earlier ones. Returns how many pixels became opaque.
     fn draw_piece(&mut self, frame: &Frame<'_>, piece: usize, origin: Vec2) -> usize {
         let piece = &self.pieces[piece];
         let Some(strip) = Strip::new(piece, origin) else { return 0 };
@@ -163,7 +178,7 @@ impl Tile {
                 let (along, mut coverage) = strip.coverage(x, y, piece.ends);
                 if piece.nearness < pixel.bodies[1] {
                     let samples = &self.samples[i * per_pixel..(i + 1) * per_pixel];
-                    let seen = samples.iter().filter(|s| s.1 <= piece.nearness).count();
+                    let seen = samples.iter().filter(|sample| sample.nearness <= piece.nearness).count();
                     coverage *= seen as f32 / per_pixel as f32;
                 }
                 if coverage > 0.0 {
@@ -182,7 +197,7 @@ impl Tile {
         closed
     }
 
-    /// The colour of pixel `i`: hair over body over backdrop.
+    /// The colour of pixel `i`: hair over bodies over the backdrop.
     fn resolve(&self, frame: &Frame<'_>, corner: [u32; 2], i: usize) -> [u8; 4] {
         let Settings { width, height, samples: n, exposure, .. } = frame.settings;
         let (x, y) = (corner[0] + i as u32 % TILE, corner[1] + i as u32 / TILE);
@@ -198,49 +213,50 @@ impl Tile {
             colour += through * behind_hair(frame, samples, centre, behind);
         }
         let shown = film_curve(colour.max(Vec3::ZERO) * exposure);
-        // Ordered noise of half a step keeps gradients from banding; it stays put from frame to frame.
+        // Ordered dithering of half a step avoids banding. The pattern is the same in each frame.
         let noise = (52.982_918 * (0.067_110_56 * x as f32 + 0.005_837_15 * y as f32).fract()).fract() - 0.5;
         let byte = |v: f32| (srgb_encode(v) * 255.0 + 0.5 + 0.8 * noise).clamp(0.0, 255.0) as u8;
         [byte(shown.x), byte(shown.y), byte(shown.z), 255]
     }
 }
 
-/// The mean over a pixel's samples of body or backdrop; each triangle is lit once, in the middle of its samples.
-fn behind_hair(frame: &Frame<'_>, samples: &[(u32, f32)], centre: [f32; 2], backdrop: Vec3) -> Vec3 {
+/// The mean colour of bodies or backdrop over the samples of a pixel. Each triangle is lit once, at
+/// the mean position of its samples.
+fn behind_hair(frame: &Frame<'_>, samples: &[Sample], centre: [f32; 2], backdrop: Vec3) -> Vec3 {
     let n = frame.settings.samples as usize;
     let share = 1.0 / samples.len() as f32;
     let mut sum = Vec3::ZERO;
-    for (i, &(source, _)) in samples.iter().enumerate() {
-        if source == NONE {
+    for (i, &Sample { triangle, .. }) in samples.iter().enumerate() {
+        if triangle == NONE {
             sum += backdrop * share;
-        } else if samples[..i].iter().all(|s| s.0 != source) {
+        } else if samples[..i].iter().all(|sample| sample.triangle != triangle) {
             let (mut at, mut nearness, mut count) = (Vec2::ZERO, 0.0, 0.0);
-            for (j, sample) in samples.iter().enumerate().filter(|(_, s)| s.0 == source) {
+            for (j, sample) in samples.iter().enumerate().filter(|(_, sample)| sample.triangle == triangle) {
                 at += Vec2::new((j % n) as f32, (j / n) as f32);
-                nearness += sample.1;
+                nearness += sample.nearness;
                 count += 1.0;
             }
             let at = (at / count + 0.5) / n as f32 - 0.5;
             let point = frame.view.unproject(centre[0] + at.x, centre[1] + at.y, nearness / count);
-            sum += frame.lighting.of_body(&frame.solids.surface_point(source, point)) * (share * count);
+            sum += frame.lighting.of_body(&frame.solids.surface_point(triangle, point)) * (share * count);
         }
     }
     sum
 }
 
-/// A piece as a strip of pixels in a tile.
+/// A piece as a strip of pixels of a tile.
 struct Strip {
     from: Vec2,
     along: Vec2,
     length: f32,
     half_width: f32,
-    /// Radius of the filter across, pixels.
+    /// Radius of the filter across the strip, pixels.
     radius: f32,
 }
 
 impl Strip {
     fn new(piece: &Piece, origin: Vec2) -> Option<Self> {
-        // Relative to the first pixel's centre.
+        // Relative to the centre of the first pixel.
         let from = piece.from - origin - 0.5;
         let span = piece.to - piece.from;
         let length = span.length();
@@ -261,7 +277,7 @@ impl Strip {
         whole(self.from.y.min(to) - reach, self.from.y.max(to) + reach)
     }
 
-    /// The pixels of row `y` whose centres are near enough to the line and to its length.
+    /// The pixels of row `y` whose centres are within the strip.
     fn columns(&self, y: u32) -> std::ops::Range<u32> {
         let reach = self.half_width + self.radius;
         let dy = y as f32 - self.from.y;
@@ -281,7 +297,7 @@ impl Strip {
         whole(self.from.x + lo, self.from.x + hi)
     }
 
-    /// How far along the strip pixel (`x`, `y`) is, 0–1, and its share under the strip.
+    /// The position of pixel (`x`, `y`) along the strip, 0–1, and its coverage.
     fn coverage(&self, x: u32, y: u32, ends: [bool; 2]) -> (f32, f32) {
         let offset = Vec2::new(x as f32, y as f32) - self.from;
         let (along, across) = (self.along.dot(offset), self.along.perp_dot(offset));
@@ -301,7 +317,8 @@ fn tent_integral(x: f32) -> f32 {
     0.5 + x - 0.5 * x * x.abs()
 }
 
-/// The whole numbers from `lo` to `hi` within a tile; casts that cut off stand for floor and ceil, which are slow.
+/// The whole numbers from `lo` to `hi` within a tile. Truncating casts replace `floor` and `ceil`,
+/// which are slow.
 fn whole(lo: f32, hi: f32) -> std::ops::Range<u32> {
     let end = if hi < 0.0 { 0 } else { (hi as u32).saturating_add(1).min(TILE) };
     let below = lo.max(0.0) as u32;

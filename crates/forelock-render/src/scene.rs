@@ -1,4 +1,4 @@
-//! What a picture is made of.
+//! The contents of a picture: bodies, strands, camera, lights, backdrop and settings.
 
 use forelock_core::body::TriMesh;
 use forelock_core::groom::Groom;
@@ -11,10 +11,11 @@ use crate::hair::MAX_PARTICLES;
 use crate::image::ImageError;
 use crate::light::{Ambient, Light};
 
-/// Diameter of a human hair where the groom states none, metres.
+/// The default diameter of a hair, used where the groom has no widths, metres.
 pub const HAIR_WIDTH: f32 = 80e-6;
 
-/// Everything in a picture; borrowed, so that drawing a simulation's frame copies nothing.
+/// The contents of a picture. It borrows meshes and strands, so drawing a frame of a simulation
+/// copies nothing.
 #[derive(Clone, Debug)]
 pub struct Scene<'a> {
     /// Solid meshes.
@@ -23,16 +24,16 @@ pub struct Scene<'a> {
     pub strands: Vec<Strands<'a>>,
     /// The camera.
     pub camera: Camera,
-    /// Directional lights; [`Light::studio`] gives a good set.
+    /// Directional lights. [`Light::studio`] gives a useful set.
     pub lights: Vec<Light>,
-    /// Light from all around.
+    /// Ambient light.
     pub ambient: Ambient,
-    /// What is behind everything.
+    /// The background.
     pub backdrop: Backdrop,
 }
 
 impl<'a> Scene<'a> {
-    /// `bodies` and `strands` before the default backdrop, seen by `camera` under the studio lights.
+    /// A scene of `bodies` and `strands` with the default backdrop and the studio lights.
     pub fn new(bodies: Vec<Body<'a>>, strands: Vec<Strands<'a>>, camera: Camera) -> Self {
         let lights = Light::studio(&camera);
         Self { bodies, strands, camera, lights, ambient: Ambient::default(), backdrop: Backdrop::default() }
@@ -42,16 +43,16 @@ impl<'a> Scene<'a> {
 /// A mesh in the picture.
 #[derive(Clone, Copy, Debug)]
 pub struct Body<'a> {
-    /// The mesh, metres, in its own space.
+    /// The mesh in mesh space, metres.
     pub mesh: &'a TriMesh,
-    /// Where it stands: world from mesh.
+    /// The pose: world from mesh.
     pub pose: Pose,
-    /// Its albedo, linear RGB in 0–1.
+    /// The albedo, linear RGB in 0–1.
     pub colour: Vec3,
 }
 
 impl<'a> Body<'a> {
-    /// The colour of the bust: fired clay, linear RGB.
+    /// The default colour: fired clay, linear RGB.
     pub const CLAY: Vec3 = Vec3::new(0.315, 0.225, 0.18);
 
     /// `mesh` at `pose` in [`CLAY`](Self::CLAY).
@@ -62,30 +63,32 @@ impl<'a> Body<'a> {
 
 /// A group of strands in the picture, in world space.
 ///
-/// A strand with a non-finite particle, or with fewer than two, is left out.
+/// Strands with a non-finite particle or fewer than two particles are not drawn.
 #[derive(Clone, Copy, Debug)]
 pub struct Strands<'a> {
     /// Particles, root first, `[P]`, metres.
     pub positions: &'a [Vec3],
-    /// Where each strand starts, `[S + 1]`, the last = P.
+    /// The index of each strand's first particle, and P at the end, `[S + 1]`.
     pub strand_offsets: &'a [u32],
-    /// Diameters, `[P]`, metres; `None`: [`width`](Self::width), tapering to the tip.
+    /// Diameters, `[P]`, metres. With `None` the diameter is [`width`](Self::width), tapering to
+    /// the tip.
     pub widths: Option<&'a [f32]>,
-    /// Albedos, `[P]`, linear RGB in 0–1; `None`: [`colour`](Self::colour) with variation.
+    /// Albedos, `[P]`, linear RGB in 0–1. With `None` the albedo is that of
+    /// [`colour`](Self::colour), with variation.
     pub colours: Option<&'a [[f32; 3]]>,
-    /// Diameter where `widths` is `None`, metres.
+    /// The diameter if `widths` is `None`, metres.
     pub width: f32,
-    /// Colour where `colours` is `None`.
+    /// The colour if `colours` is `None`.
     pub colour: HairColour,
 }
 
 impl<'a> Strands<'a> {
-    /// Strands of the default width and `colour`.
+    /// Strands of the default width, with the colour `colour`.
     pub fn new(positions: &'a [Vec3], strand_offsets: &'a [u32], colour: HairColour) -> Self {
         Self { positions, strand_offsets, widths: None, colours: None, width: HAIR_WIDTH, colour }
     }
 
-    /// A groom at rest, with its widths and colours.
+    /// The strands of a groom at rest, with its widths and colours.
     pub fn from_groom(groom: &'a Groom, colour: HairColour) -> Self {
         Self {
             widths: groom.widths.as_deref(),
@@ -94,7 +97,7 @@ impl<'a> Strands<'a> {
         }
     }
 
-    /// Checks that offsets and attributes describe the positions.
+    /// Checks that offsets and attributes match the positions.
     pub(crate) fn check(&self, group: usize) -> Result<(), RenderError> {
         let particles = self.positions.len();
         let grows = self.strand_offsets.windows(2).all(|w| w[0] <= w[1]);
@@ -120,11 +123,11 @@ impl<'a> Strands<'a> {
 /// A vertical gradient with darkened corners, linear RGB.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Backdrop {
-    /// At the upper edge.
+    /// The colour at the upper edge.
     pub top: Vec3,
-    /// At the lower edge.
+    /// The colour at the lower edge.
     pub bottom: Vec3,
-    /// How much darker the corners are: 0 not, 1 black.
+    /// How much darker the corners are: 0 not at all, 1 black.
     pub vignette: f32,
 }
 
@@ -142,22 +145,25 @@ impl Backdrop {
     }
 }
 
-/// How to draw.
+/// Settings of a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
     /// Width of the picture, pixels, 1–4096, default 800.
     pub width: u32,
     /// Height of the picture, pixels, 1–4096, default 800.
     pub height: u32,
-    /// Samples along each side of a pixel for the edges of bodies, 1–4, default 2; strands need none.
+    /// Samples along each side of a pixel for the edges of bodies, 1–4, default 2. Strands are not
+    /// sampled.
     pub samples: u32,
-    /// Factor on the strands' widths, above 0; `None` (default) lets them stand for a full head ([`crate::hair`]).
+    /// Factor for the widths of strands, above 0. With `None` (default) it is chosen so that the
+    /// strands represent full hair ([`crate::hair`]).
     pub width_scale: Option<f32>,
-    /// Strands drawn for each simulated one, 1–64, for display only; `None` (default): 1–4 ([`crate::hair`]).
+    /// Strands drawn for each simulated strand, 1–64. With `None` (default) the number is chosen
+    /// from 1–4 ([`crate::hair`]).
     pub children: Option<u32>,
-    /// Factor on all light, default 1, above 0.
+    /// Factor for all light, above 0, default 1.
     pub exposure: f32,
-    /// Seed of the variation from strand to strand, default 1.
+    /// Seed of the variation between strands, default 1.
     pub seed: u32,
 }
 
@@ -178,37 +184,38 @@ impl Default for Settings {
 /// Why a scene cannot be drawn.
 #[derive(Debug, thiserror::Error)]
 pub enum RenderError {
-    /// The picture's size.
+    /// The size of the picture is invalid.
     #[error(transparent)]
     Image(#[from] ImageError),
-    /// A setting outside its range.
+    /// A setting is outside its range.
     #[error("`{name}` is {value}, outside {range}")]
     Setting {
-        /// The field's name.
+        /// The name of the field.
         name: &'static str,
         /// Its value.
         value: String,
-        /// What it may be.
+        /// The allowed values.
         range: &'static str,
     },
-    /// The camera has a non-finite number, stands on its target, or its angle is not in (0, π).
+    /// The camera has a non-finite number, its eye equals its target, or its field of view is not
+    /// in (0, π).
     #[error("the camera is not usable: {0:?}")]
     Camera(Camera),
-    /// A triangle that names a vertex that is not there.
-    #[error("body {body}: triangle {triangle} names a vertex that the mesh does not have")]
+    /// A triangle refers to a vertex that does not exist.
+    #[error("body {body}: triangle {triangle} refers to a vertex that the mesh does not have")]
     Triangle {
-        /// Which of [`Scene::bodies`].
+        /// The index in [`Scene::bodies`].
         body: usize,
-        /// The triangle.
+        /// The index of the triangle.
         triangle: usize,
     },
-    /// Strand offsets that do not describe the positions.
+    /// The offsets of strands do not match the positions.
     #[error("strand group {group}: the offsets do not rise to the number of particles")]
     Offsets {
         /// Which of [`Scene::strands`].
         group: usize,
     },
-    /// An attribute of the wrong length.
+    /// An attribute has the wrong length.
     #[error("strand group {group}: `{name}` has {found} entries, but there are {expected} particles")]
     AttributeLength {
         /// Which of [`Scene::strands`].
@@ -220,14 +227,14 @@ pub enum RenderError {
         /// Entries it has.
         found: usize,
     },
-    /// A strand too long to index.
+    /// A strand has too many particles.
     #[error("strand group {group}: strand {strand} has {particles} particles, over the limit of 1,000,000")]
     StrandLength {
         /// Which of [`Scene::strands`].
         group: usize,
-        /// The strand.
+        /// The index of the strand.
         strand: usize,
-        /// Its particles.
+        /// The number of its particles.
         particles: usize,
     },
 }

@@ -1,28 +1,30 @@
-//! Shadows of solid bodies: the depth that each directional light sees.
+//! Shadow maps: the depth of bodies as seen from a directional light.
 
 use glam::Vec3;
 
-/// Depths along a light's direction over a square grid of texels.
+/// Depths along the direction of a light, on a square grid of texels.
 #[derive(Clone, Debug)]
 pub(crate) struct ShadowMap {
     axes: [Vec3; 3],
     origin: Vec3,
     /// Side of a texel, metres.
     texel: f32,
-    /// Distance towards the light of the nearest surface, metres; −∞ where there is none.
+    /// The height of the surface nearest to the light, measured towards the light, metres. −∞ where
+    /// there is no surface.
     heights: Vec<f32>,
-    /// Lowest and highest of each block of texels: most points need no more.
+    /// The lowest and the highest value of each block of texels. They suffice for most points.
     blocks: Vec<[f32; 2]>,
 }
 
-/// Texels along the side of a block.
+/// Texels along each side of a block.
 const BLOCK: usize = 8;
 
-/// Texels along a side.
+/// Texels along each side of the map.
 const SIDE: usize = 768;
 
 impl ShadowMap {
-    /// The map of `triangles` (world space, within the sphere `centre`, `radius`) for light from `to_light`.
+    /// The map of `triangles` for light from the direction `to_light`. The triangles are in world
+    /// space and inside the sphere `centre`, `radius`.
     pub fn new(
         triangles: impl Iterator<Item = [Vec3; 3]>,
         to_light: Vec3,
@@ -46,7 +48,7 @@ impl ShadowMap {
         map
     }
 
-    /// Texel coordinates and height of a world point.
+    /// The texel coordinates and the height of a world point.
     fn locate(&self, point: Vec3) -> Vec3 {
         let offset = point - self.origin;
         let [right, up, to_light] = self.axes;
@@ -78,12 +80,14 @@ impl ShadowMap {
         }
     }
 
-    /// Side of a texel, metres: move a surface's point out by a few of these before asking.
+    /// The side of a texel, metres. To avoid self-shadowing, move a point off its surface by a few
+    /// texels before calling [`visibility`](Self::visibility).
     pub fn texel(&self) -> f32 {
         self.texel
     }
 
-    /// The share of light that reaches `point`, 0–1; all of it outside the map. An edge is `2 softness + 2` texels wide.
+    /// The share of light that reaches `point`, 0–1. It is 1 outside the map. The edge of a shadow
+    /// is `2 softness + 2` texels wide.
     pub fn visibility(&self, point: Vec3, softness: u8) -> f32 {
         let p = self.locate(point);
         let margin = f32::from(softness) + 1.0;
@@ -100,7 +104,8 @@ impl ShadowMap {
             return 0.0;
         }
         let (mut lit, mut total) = (0.0, 0.0);
-        // A box of texels whose outer rows fade with the position between them: smooth as the point moves.
+        // A box filter. The outer texels are weighted by the position within a texel, so that the
+        // result is continuous.
         let reach = i32::from(softness);
         let edge = |i: i32, fraction: f32| match i {
             _ if i == -reach => 1.0 - fraction,
@@ -121,7 +126,7 @@ impl ShadowMap {
         lit / total
     }
 
-    /// Bounds on all heights that the soft edge around texel (`x`, `y`) can see.
+    /// Bounds of all heights within the soft edge around texel (`x`, `y`).
     fn range(&self, x: usize, y: usize, reach: usize) -> [f32; 2] {
         let blocks = |at: usize| [(at - reach) / BLOCK, (at + reach + 1) / BLOCK];
         let (columns, rows) = (blocks(x), blocks(y));

@@ -1,26 +1,26 @@
-//! Contact sheets: pictures side by side with a label under each.
+//! Contact sheets: pictures in rows, with a label under each.
 
 use crate::font::{self, draw_text, text_width};
 use crate::image::{Image, ImageError};
 
-/// Around and between pictures, pixels.
+/// The margin around and between pictures, pixels.
 const GAP: u32 = 8;
 const PAPER: [u8; 4] = [24, 25, 27, 255];
 const INK: [u8; 4] = [205, 207, 210, 255];
 
-/// A picture and what is written under it.
+/// A picture with a label.
 #[derive(Clone, Copy, Debug)]
 pub struct Labelled<'a> {
     /// The picture.
     pub image: &'a Image,
-    /// One line; letters are drawn as capitals, and what does not fit is cut off.
+    /// The label: one line, drawn in capitals and clipped to the width of the cell.
     pub label: &'a str,
 }
 
-/// The pictures in rows of `columns`, in cells as large as the largest of them.
+/// A sheet of the pictures in rows of `columns`. All cells have the size of the largest picture.
 ///
 /// # Errors
-/// [`ImageError::NoPictures`], or [`ImageError::Size`] where the sheet would be over the limit.
+/// [`ImageError::NoPictures`], or [`ImageError::Size`] if the sheet would be over the limit.
 pub fn contact_sheet(pictures: &[Labelled<'_>], columns: u32) -> Result<Image, ImageError> {
     let largest = |side: fn(&Image) -> u32| pictures.iter().map(|p| side(p.image)).max();
     let (Some(cell_width), Some(cell_height)) = (largest(Image::width), largest(Image::height)) else {

@@ -1,4 +1,4 @@
-//! Bodies on their way to the picture: world space, cut at the near plane, sorted into tiles.
+//! Preparation of bodies for drawing: in world space, clipped at the near plane, sorted into tiles.
 
 use glam::{DVec3, Vec3};
 
@@ -6,11 +6,11 @@ use crate::camera::View;
 use crate::scene::{Body, RenderError};
 use crate::tiles::{Bins, TileGrid};
 
-/// A triangle in pixels: x, y and inverse depth of each corner.
+/// A triangle on the screen: pixel x, pixel y and inverse depth of each corner.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ScreenTriangle {
     pub corners: [Vec3; 3],
-    /// Which of [`Solids::triangles`].
+    /// The index in [`Solids::triangles`].
     pub source: u32,
 }
 
@@ -20,17 +20,17 @@ pub(crate) struct Solids {
     pub positions: Vec<Vec3>,
     pub normals: Vec<Vec3>,
     pub triangles: Vec<[u32; 3]>,
-    /// For each body: its first triangle past the end, and its albedo.
+    /// For each body, the end of its range of triangles, and its albedo.
     colours: Vec<(u32, Vec3)>,
     pub screen: Vec<ScreenTriangle>,
     pub bins: Bins,
 }
 
-/// A point of a body's surface.
+/// A point on the surface of a body.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SurfacePoint {
     pub position: Vec3,
-    /// Unit; faces the eye's side of the triangle's front.
+    /// Unit normal, on the front side of the triangle.
     pub normal: Vec3,
     pub albedo: Vec3,
 }
@@ -78,13 +78,13 @@ impl Solids {
         self.triangles[triangle].map(|v| self.positions[v as usize])
     }
 
-    /// The smallest box around all finite vertices; empty (min > max) where there is none.
+    /// The smallest box around all finite vertices. It is empty (min > max) if there is none.
     pub fn bounds(&self) -> (Vec3, Vec3) {
         let finite = self.positions.iter().filter(|p| p.is_finite());
         finite.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), &p| (lo.min(p), hi.max(p)))
     }
 
-    /// The point of triangle `source` nearest to `point`, which lies on its plane but for rounding.
+    /// The point of triangle `source` nearest to `point`, which lies in its plane up to rounding.
     pub fn surface_point(&self, source: u32, point: Vec3) -> SurfacePoint {
         let triangle = self.triangles[source as usize];
         let [a, b, c] = self.corners(source as usize);
@@ -99,12 +99,12 @@ impl Solids {
     }
 }
 
-/// `x` held to 0–1, with 0 for a NaN (of triangles too large for their areas to be numbers).
+/// `x` clamped to 0–1. NaN gives 0: the area of a very large triangle can overflow.
 fn unit(x: f32) -> f32 {
     if x > 0.0 { x.min(1.0) } else { 0.0 }
 }
 
-/// The part of a triangle in camera space beyond z = `near`, as up to two triangles.
+/// Clips a triangle in camera space at z = `near`. The part beyond is up to two triangles.
 fn cut_at_near_plane(corners: [Vec3; 3], near: f32, mut emit: impl FnMut([Vec3; 3])) {
     let behind = corners.iter().filter(|c| c.z < near).count();
     if behind == 0 {

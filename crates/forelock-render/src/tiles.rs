@@ -1,16 +1,16 @@
-//! The picture as square tiles, and lists of what touches each.
+//! The tiles of a picture, and the list of items that touch each tile.
 
-/// Side of a tile, pixels.
+/// The side of a tile, pixels.
 pub(crate) const TILE: u32 = 32;
 
-/// How many tiles a picture has.
+/// The number of tiles of a picture.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct TileGrid {
     pub columns: u32,
     pub rows: u32,
 }
 
-/// Tiles from `lo` to `hi` inclusive, (column, row).
+/// The tiles from `lo` to `hi` inclusive, as (column, row).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct TileRect {
     lo: [u32; 2],
@@ -26,12 +26,12 @@ impl TileGrid {
         self.columns as usize * self.rows as usize
     }
 
-    /// The tiles that the box from `lo` to `hi` in pixels touches, if any.
+    /// The tiles that the box from `lo` to `hi`, in pixels, touches, if there are any.
     pub fn rect(&self, lo: [f32; 2], hi: [f32; 2]) -> Option<TileRect> {
         let side = TILE as f32;
         let (w, h) = (self.columns as f32 * side, self.rows as f32 * side);
         let touches = hi[0] >= 0.0 && hi[1] >= 0.0 && lo[0] < w && lo[1] < h;
-        // Casts of floats saturate, so that far corners become the border's tiles.
+        // Casts of floats saturate, so corners outside the picture give tiles at its border.
         let tile = |x: f32, count: u32| ((x / side) as u32).min(count - 1);
         touches.then(|| TileRect {
             lo: [tile(lo[0], self.columns), tile(lo[1], self.rows)],
@@ -40,7 +40,7 @@ impl TileGrid {
     }
 }
 
-/// For each tile the items that touch it, in the order of the items.
+/// For each tile, the items that touch it, in the order of the items.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Bins {
     offsets: Vec<u32>,
@@ -48,7 +48,8 @@ pub(crate) struct Bins {
 }
 
 impl Bins {
-    /// Sorts `items` of (item, tiles) into tiles by counting; the iterator is walked twice.
+    /// Sorts `items`, pairs of (item, tiles), into tiles by a counting sort. The iterator is used
+    /// twice.
     pub fn new(grid: TileGrid, items: impl Iterator<Item = (u32, TileRect)> + Clone) -> Self {
         let tiles = |rect: TileRect| {
             (rect.lo[1]..=rect.hi[1])
@@ -72,7 +73,7 @@ impl Bins {
         Self { offsets, items: sorted }
     }
 
-    /// What touches `tile`.
+    /// The items that touch `tile`.
     pub fn of(&self, tile: usize) -> &[u32] {
         &self.items[self.offsets[tile] as usize..self.offsets[tile + 1] as usize]
     }

@@ -1,28 +1,31 @@
-//! Hair as a participating medium: a density grid, swept once a light.
+//! Hair as a participating medium: a density grid, swept once for each light.
 //!
 //! # Theory
-//! A strand of width w and length ℓ in a cell of side h blocks the share w ℓ / h² of light that crosses the cell: the
-//! cell's optical depth. Along a direction d the depths add up, τ(x) = ∫ ρ(x − s d) ds, and light arrives
-//! as exp(−τ): deep opacity maps (Yuksel & Keyser 2008) with as many layers as the grid has slabs.
+//! A strand of width w and length ℓ in a cell of side h blocks the share w ℓ / h² of the light that
+//! crosses the cell. This share is the optical depth of the cell. Along a direction d the depths
+//! add up, τ(x) = ∫ ρ(x − s d) ds, and the transmittance is exp(−τ). The method corresponds to deep
+//! opacity maps (Yuksel & Keyser 2008) with as many layers as the grid has slabs.
 //!
 //! # Practice
-//! The sum is found slab by slab along the axis nearest d: a cell takes the bilinear τ of the point where its light
-//! crossed the slab before, and adds half of both densities times the path between. That is O(cells) a light, needs no
-//! picture from the light, and cannot show acne. The same sweep over a coarse grid in 14 directions, bodies
-//! included, gives ambient occlusion. Deposits are integers, so that their order does not matter.
+//! The integral is computed slab by slab along the axis nearest to d. For each cell, τ is
+//! interpolated bilinearly at the point where the light ray crossed the previous slab, and the mean
+//! of both densities times the path between them is added. The cost is O(cells) for each light. No
+//! rendering from the light is needed, and there is no shadow acne. The same sweep over a coarse
+//! grid in 14 directions, bodies included, gives ambient occlusion. Deposits are integers, so that
+//! their order does not change the sum.
 //!
 //! # Limitations
-//! Bilinear steps blur a shadow by about the square root of the slabs crossed, in cells. Nothing outside the grid
-//! casts a shadow.
+//! Bilinear interpolation blurs a shadow by about √n cells after n slabs. Objects outside the grid
+//! cast no shadow.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::{UVec3, Vec3};
 
-/// A deposit of 1 in fixed point; 2³² of them fit.
+/// The fixed-point value of a deposit of 1. 2³² of them fit.
 const ONE: f32 = 4_294_967_296.0;
 
-/// Where a grid's cells are: cubes of side `cell` with the first one's centre at `origin`.
+/// The layout of a grid: cubic cells of side `cell`, with the centre of the first at `origin`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Layout {
     pub origin: Vec3,
@@ -31,7 +34,8 @@ pub(crate) struct Layout {
 }
 
 impl Layout {
-    /// Cubic cells, `resolution` along the longest side of the box, with one empty cell around.
+    /// A grid over a box: `resolution` cells along its longest side, and a margin of one empty
+    /// cell.
     pub fn covering(lo: Vec3, hi: Vec3, resolution: u32) -> Self {
         let cell = ((hi - lo).max_element() / resolution as f32).max(1e-9);
         let size = ((hi - lo) / cell).ceil().max(Vec3::ONE).as_uvec3() + 2;
@@ -42,19 +46,20 @@ impl Layout {
         self.size.x as usize * self.size.y as usize * self.size.z as usize
     }
 
-    /// `point` in cells from the centre of the first.
+    /// `point` in units of cells, relative to the centre of the first cell.
     fn locate(&self, point: Vec3) -> Vec3 {
         (point - self.origin) / self.cell
     }
 
-    /// Memory distance between neighbours along each axis.
+    /// The distance in memory between neighbours along each axis.
     fn strides(&self) -> [usize; 3] {
         [1, self.size.x as usize, self.size.x as usize * self.size.y as usize]
     }
 
-    /// The eight cells around a point with their weights; points outside are moved to the border.
+    /// The eight cells around a point, with their weights. Points outside are moved to the border.
     fn corners(&self, point: Vec3) -> [(usize, f32); 8] {
-        // At least three cells a side, and not negative after the clamp: the cast is the floor.
+        // A side has at least three cells and the clamped value is not negative, so the cast is
+        // `floor`.
         let scaled = self.locate(point).clamp(Vec3::ZERO, (self.size - 1).as_vec3());
         let base = scaled.as_uvec3().min(self.size - 2);
         let f = scaled - base.as_vec3();
@@ -68,7 +73,7 @@ impl Layout {
     }
 }
 
-/// Optical depth a cell, while it is being gathered by many threads.
+/// The optical depth of each cell, while many threads add to it.
 pub(crate) struct Deposits {
     pub layout: Layout,
     cells: Vec<AtomicU64>,
@@ -79,7 +84,7 @@ impl Deposits {
         Self { layout, cells: (0..layout.len()).map(|_| AtomicU64::new(0)).collect() }
     }
 
-    /// Spreads `area` (m²) over the cells around `point`; points outside the grid are ignored.
+    /// Distributes `area` (m²) to the cells around `point`. Points outside the grid are ignored.
     pub fn add(&self, point: Vec3, area: f32) {
         let depth = area / (self.layout.cell * self.layout.cell);
         let at = self.layout.locate(point);
@@ -97,7 +102,7 @@ impl Deposits {
     }
 }
 
-/// One number a cell.
+/// One number for each cell.
 #[derive(Clone, Debug)]
 pub(crate) struct Grid {
     pub layout: Layout,
@@ -105,13 +110,14 @@ pub(crate) struct Grid {
 }
 
 impl Grid {
-    /// The trilinear value at `point`; beyond the border, the border's.
+    /// The trilinearly interpolated value at `point`. Points outside the grid have the value of its
+    /// border.
     pub fn sample(&self, point: Vec3) -> f32 {
         self.layout.corners(point).iter().map(|&(cell, weight)| self.values[cell] * weight).sum()
     }
 
-    /// The optical depth that light travelling along `direction` has crossed when it reaches each cell's centre, of
-    /// cells that hold their own optical depth.
+    /// For a grid of optical depths per cell: the depth that light along `direction` has crossed
+    /// when it reaches the centre of each cell.
     pub fn sweep(&self, direction: Vec3) -> Self {
         let size = self.layout.size.to_array().map(|n| n as usize);
         let strides = self.layout.strides();
@@ -120,7 +126,8 @@ impl Grid {
             1 => [1, 0, 2],
             _ => [2, 0, 1],
         };
-        // How far back the ray was, in cells, one slab ago; and its path between, in cell sides.
+        // The offset of the ray at the previous slab, in cells, and the path between the slabs, in
+        // cell sides.
         let back = [b, c].map(|axis| -direction[axis] / direction[a].abs());
         let path = (1.0 + back[0] * back[0] + back[1] * back[1]).sqrt();
         let mut depths = vec![0.0_f32; self.values.len()];
@@ -144,7 +151,7 @@ impl Grid {
     }
 }
 
-/// The four cells of a slab around `cell + offset`, |offset| ≤ 1, with weight 0 for those outside.
+/// The four cells of a slab around `cell + offset`, |offset| ≤ 1. Cells outside have weight 0.
 fn bilinear(cell: [usize; 2], offset: [f32; 2], size: [usize; 2]) -> [(usize, usize, f32); 4] {
     let axis = |i: usize, offset: f32, size: usize| {
         let base = offset.floor();
@@ -159,8 +166,8 @@ fn bilinear(cell: [usize; 2], offset: [f32; 2], size: [usize; 2]) -> [(usize, us
     std::array::from_fn(|i| (x[i & 1].0, y[i >> 1].0, x[i & 1].1 * y[i >> 1].1))
 }
 
-/// The share of light from all around that reaches each cell, in 0–1: exp(−τ) averaged over the 6 faces and
-/// 8 corners of a cube.
+/// The share of ambient light that reaches each cell, in 0–1: exp(−τ) averaged over the directions
+/// to the 6 faces and 8 corners of a cube.
 pub(crate) fn openness(depths: &Grid) -> Grid {
     use rayon::prelude::*;
     let directions: Vec<Vec3> = (0..27)
@@ -182,7 +189,7 @@ mod tests {
         let layout = Layout::covering(Vec3::ZERO, Vec3::ONE, 16);
         let size = layout.size;
         let mut values = vec![0.0; layout.len()];
-        // A wall of optical depth 0.5 across x, in the middle.
+        // A wall of optical depth 0.5 across x, in the middle of the grid.
         for (i, value) in values.iter_mut().enumerate() {
             if i as u32 % size.x == 8 {
                 *value = 0.5;
@@ -201,7 +208,7 @@ mod tests {
             assert!(swept.sample(lit).abs() < 1e-6);
             assert!((swept.sample(dark) - 0.5).abs() < 1e-5);
         }
-        // Oblique light crosses 1/cos more of it.
+        // Oblique light crosses 1/cos of this depth.
         let swept = grid.sweep(Vec3::new(1.0, 0.5, 0.0));
         assert!((swept.sample(behind) - 0.5 * 1.25_f32.sqrt()).abs() < 1e-3);
     }

@@ -1,4 +1,4 @@
-//! `convert`: a groom from one format to another.
+//! `convert`: converts a groom to another format.
 
 use anyhow::Context;
 use forelock_core::groom::resample;
@@ -16,7 +16,7 @@ struct Report {
     repairs: Vec<String>,
 }
 
-/// Reads, repairs, resamples and writes.
+/// Reads, repairs, resamples and writes the groom.
 pub fn convert(arguments: &ConvertArgs) -> anyhow::Result<()> {
     let imported = forelock_io::read_groom(&arguments.input, &arguments.import.import())?;
     let mut groom = imported.groom;

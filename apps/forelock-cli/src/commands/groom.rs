@@ -1,4 +1,4 @@
-//! `groom`: a script of edits, replayed.
+//! `groom`: applies the edits of a script to a groom.
 
 use forelock::{Grooming, GroomingOptions, Scene};
 
@@ -6,7 +6,7 @@ use crate::arguments::GroomArgs;
 use crate::progress::Reporter;
 use crate::terminal;
 
-/// Edits and writes.
+/// Edits the groom and writes it.
 pub fn groom(arguments: &GroomArgs) -> anyhow::Result<()> {
     let scene = Scene::load(&arguments.script, &super::overrides(&arguments.sets)?)?;
     let out = arguments.out.clone().unwrap_or_else(|| super::simulate::default_folder(&scene.name));

@@ -1,4 +1,4 @@
-//! `grow`: a groom from a preset, or the paper's sheets of pictures.
+//! `grow`: grows a groom from a preset, or draws the contact sheets of the AMS paper.
 
 use std::path::Path;
 
@@ -19,7 +19,7 @@ struct Report {
     info: Info,
 }
 
-/// Grows and writes.
+/// Grows the groom and writes it.
 pub fn grow(arguments: &GrowArgs) -> anyhow::Result<()> {
     let mut reporter = Reporter::new(arguments.json);
     let mut outputs = Vec::new();
@@ -47,7 +47,7 @@ pub fn grow(arguments: &GrowArgs) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The options as keys of a scene: growth parameters are those of `[groom.grow]`.
+/// The options as keys of a scene. `--set` changes keys of `[groom.grow]`.
 fn overrides(arguments: &GrowArgs) -> anyhow::Result<Vec<Override>> {
     let mut overrides = vec![
         Override::option("--preset", "groom.preset", &arguments.preset),

@@ -1,4 +1,4 @@
-//! `info`: what a groom or cache holds.
+//! `info`: describes a groom or a cache.
 
 use std::path::Path;
 
@@ -13,14 +13,14 @@ use crate::terminal;
 struct Report {
     file: String,
     format: String,
-    /// Frames, where the file is a cache.
+    /// The number of frames, if the file is a cache.
     frames: Option<usize>,
     #[serde(flatten)]
     info: Info,
     repairs: Vec<String>,
 }
 
-/// Tells what the file holds.
+/// Prints a description of the file.
 pub fn info(arguments: &InfoArgs) -> anyhow::Result<()> {
     let imported = forelock_io::read_groom(&arguments.file, &arguments.import.import())?;
     let report = Report {
@@ -35,7 +35,7 @@ pub fn info(arguments: &InfoArgs) -> anyhow::Result<()> {
     }
     terminal::line(format!("{}: {}", report.file, report.format));
     if let Some(frames) = report.frames {
-        terminal::line(format!("a cache of {frames} frames; the first one holds"));
+        terminal::line(format!("a cache of {frames} frames; the first frame:"));
     }
     terminal::line(report.info.to_string());
     for repair in &report.repairs {
@@ -44,7 +44,7 @@ pub fn info(arguments: &InfoArgs) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Frames of an `.npz` file that is a cache.
+/// The number of frames of an `.npz` file, if it is a cache.
 fn frames(path: &Path, format: Format) -> Option<usize> {
     (format == Format::Npz).then(|| Cache::open(path).ok()).flatten().map(|cache| cache.frames())
 }

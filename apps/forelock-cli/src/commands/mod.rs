@@ -1,4 +1,4 @@
-//! The commands, one file each.
+//! The commands, one module each.
 
 mod bench;
 mod convert;
@@ -16,7 +16,7 @@ use forelock::scene::Override;
 
 use crate::arguments::{Cli, Command};
 
-/// Runs what the command line asks for.
+/// Runs the command of the command line.
 pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
     if let Some(threads) = cli.threads {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.into());
@@ -38,7 +38,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// The overrides that `--set` gave.
+/// The overrides given by `--set`.
 fn overrides(sets: &[String]) -> anyhow::Result<Vec<Override>> {
     Ok(sets.iter().map(|set| Override::set(set)).collect::<Result<_, _>>()?)
 }

@@ -1,4 +1,4 @@
-//! `render`: pictures, sheets and films of scenes, caches and grooms.
+//! `render`: draws pictures, contact sheets and films of scenes, caches and grooms.
 
 use std::path::{Path, PathBuf};
 
@@ -11,8 +11,10 @@ use crate::arguments::RenderArgs;
 use crate::progress::Reporter;
 use crate::terminal;
 
-/// The scene of a cache or groom that comes without one. The source is not read: the strands are there already.
-const HAIR_ALONE: &str = "groom.source = \"hair\"\nbody.mesh = \"none\"\nbody.motion = \"builtin:still\"\ncamera.yaw_degrees = 0\n";
+/// The scene for a cache or groom without a scene file. Its groom's source is not read, because the
+/// strands come from the input.
+const HAIR_ALONE: &str = "groom.source = \"hair\"\nbody.mesh = \"none\"\nbody.motion = \"builtin:still\"\n\
+                          camera.yaw_degrees = 0\n";
 
 /// Draws the input.
 pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
@@ -59,7 +61,8 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The `scene.toml` that a run left beside its cache; without one, a scene of hair alone.
+/// The scene of `scene.toml`, which a run writes beside its cache. Without this file, a scene of
+/// hair alone.
 fn scene_beside(input: &Path, sets: &[String]) -> anyhow::Result<Scene> {
     let beside = input.with_file_name("scene.toml");
     let overrides = super::overrides(sets)?;

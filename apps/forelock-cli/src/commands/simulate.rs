@@ -1,4 +1,4 @@
-//! `demo` and `simulate`: a scene, run.
+//! `demo` and `simulate`: run a scene.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -15,12 +15,12 @@ pub fn demo(run: &RunArgs) -> anyhow::Result<ExitCode> {
     simulate_scene(&Scene::builtin(&overrides(run)?)?, run)
 }
 
-/// Runs the scene of a file.
+/// Runs the scene in a file.
 pub fn simulate(arguments: &SimulateArgs) -> anyhow::Result<ExitCode> {
     simulate_scene(&Scene::load(&arguments.scene, &overrides(&arguments.run)?)?, &arguments.run)
 }
 
-/// `--set` first, then the options of their own, which hold over it.
+/// The overrides of `--set`, then those of separate options, which take precedence.
 fn overrides(run: &RunArgs) -> anyhow::Result<Vec<Override>> {
     let mut overrides = super::overrides(&run.sets)?;
     overrides.extend(run.frames.map(|frames| Override::option("--frames", "time.frames", frames)));
@@ -41,11 +41,11 @@ fn simulate_scene(scene: &Scene, run: &RunArgs) -> anyhow::Result<ExitCode> {
     if run.json {
         terminal::json(&summary)?;
     } else {
-        tell(&summary);
+        print(&summary);
     }
     if summary.frames < summary.frames_asked {
         terminal::note(format!(
-            "interrupted after frame {} of {}; what is done is whole: the same command with --resume goes on",
+            "interrupted after frame {} of {}; the output so far is complete; the same command with --resume goes on",
             summary.frames, summary.frames_asked
         ));
         return Ok(ExitCode::from(interrupt::STATUS));
@@ -53,7 +53,7 @@ fn simulate_scene(scene: &Scene, run: &RunArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// `forelock-out/NAME`, with a name that is one folder whatever it holds.
+/// `forelock-out/NAME`. Characters of the name that do not suit a folder are replaced.
 pub(super) fn default_folder(name: &str) -> PathBuf {
     let plain = |c: char| if c.is_alphanumeric() || "-_. ".contains(c) { c } else { '-' };
     let name: String = name.chars().map(plain).collect();
@@ -61,7 +61,7 @@ pub(super) fn default_folder(name: &str) -> PathBuf {
     Path::new("forelock-out").join(if name.is_empty() { "scene" } else { name })
 }
 
-fn tell(summary: &Summary) {
+fn print(summary: &Summary) {
     terminal::line(format!(
         "{}: {} strands, {} particles, {} frames with {} on {} ({} threads, {})",
         summary.scene,
@@ -74,7 +74,8 @@ fn tell(summary: &Summary) {
         summary.simd,
     ));
     terminal::line(format!(
-        "{:.1} ms a frame (median; 95 % within {:.1}), stretch {:.1e} ({:.1e} after solids), penetration {:.2} mm, {} strands reset, state {}",
+        "{:.1} ms per frame (median; 95 % within {:.1}), stretch {:.1e} ({:.1e} after collisions), \
+         penetration {:.2} mm, {} strands reset, state {}",
         summary.ms_per_frame.median,
         summary.ms_per_frame.p95,
         summary.max_edge_stretch,

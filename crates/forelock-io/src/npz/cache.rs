@@ -1,4 +1,4 @@
-//! Reading a cache of motion, one frame at a time.
+//! Reading a motion cache, one frame at a time.
 
 use std::{
     fs::File,
@@ -15,10 +15,11 @@ use super::{
 };
 use crate::error::ReadError;
 
-/// A cache file of which frames are read as they are wanted; only offsets and times are in memory.
+/// A cache file whose frames are read on demand. Only offsets and times are kept in memory.
 ///
-/// Frames of stored caches are reached at once; a deflated one is unpacked from its beginning for each frame.
-/// Checksums are not tested, since that would read everything.
+/// In a stored (uncompressed) cache, reading a frame takes the same time for every frame. A
+/// deflated cache is decompressed from its start for each frame. Checksums are not verified, since
+/// that needs the whole file.
 pub struct Cache {
     path: PathBuf,
     archive: Archive<BufReader<File>>,
@@ -31,11 +32,11 @@ pub struct Cache {
 }
 
 impl Cache {
-    /// Opens the cache `path`.
+    /// Opens the cache at `path`.
     ///
     /// # Errors
-    /// [`ReadError`] if it is no cache: `positions` `[F, P, 3]` and `strand_offsets` `[S + 1]` that fit each
-    /// other.
+    /// [`ReadError`] if the file is not a cache. A cache has `positions` `[F, P, 3]` and matching
+    /// `strand_offsets` `[S + 1]`.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
         let file = BufReader::new(crate::open(path)?);
         Self::from_file(path, file).map_err(|e| e.at(path))
@@ -44,11 +45,11 @@ impl Cache {
     fn from_file(path: &Path, file: BufReader<File>) -> Result<Self, NpzError> {
         let mut archive = Archive::open(file)?;
         let positions =
-            archive.find("positions.npy").ok_or_else(|| invalid("there is no array `positions` in it"))?;
+            archive.find("positions.npy").ok_or_else(|| invalid("it has no array `positions`"))?;
         let header = archive.header(&positions)?;
         let [frames, particles, 3] = header.shape[..] else {
             return Err(invalid(format!(
-                "`positions` has the shape {:?}, and a cache's is [frames, particles, 3]; is it a groom?",
+                "`positions` has the shape {:?}, but a cache has [frames, particles, 3]; is it a groom?",
                 header.shape
             )));
         };
@@ -77,38 +78,39 @@ impl Cache {
         Ok(Self { path: path.into(), archive, positions, header, frames, particles, strand_offsets, times })
     }
 
-    /// Frames, F.
+    /// The number of frames, F.
     pub fn frames(&self) -> usize {
         self.frames
     }
 
-    /// Particles, P.
+    /// The number of particles, P.
     pub fn particles(&self) -> usize {
         self.particles
     }
 
-    /// Offsets of the strands, `[S + 1]`.
+    /// The index of each strand's first particle, and P at the end, `[S + 1]`.
     pub fn strand_offsets(&self) -> &[u32] {
         &self.strand_offsets
     }
 
-    /// Times of the frames in seconds, `[F]`, if the file has them.
+    /// The times of the frames in seconds, `[F]`, if the file has them.
     pub fn times_secs(&self) -> Option<&[f64]> {
         self.times.as_deref()
     }
 
-    /// Another array of the cache, such as one given to [`CacheWriter::create`](super::CacheWriter::create).
+    /// Another array of the cache, such as one given to
+    /// [`CacheWriter::create`](super::CacheWriter::create).
     ///
     /// # Errors
-    /// [`ReadError`] if it cannot be read.
+    /// [`ReadError`] if the array cannot be read.
     pub fn array(&mut self, name: &str) -> Result<Option<Array>, ReadError> {
         self.archive.array(name).map_err(|e| e.at(&self.path))
     }
 
-    /// Fills `out` with the P positions of frame `frame`, in metres.
+    /// Reads the P positions of frame `frame`, in metres, into `out`.
     ///
     /// # Errors
-    /// [`ReadError`] if there is no such frame, or it cannot be read.
+    /// [`ReadError`] if the frame does not exist or cannot be read.
     pub fn read_frame(&mut self, frame: usize, out: &mut Vec<Vec3>) -> Result<(), ReadError> {
         self.frame(frame, out).map_err(|e| e.at(&self.path))
     }
@@ -117,7 +119,7 @@ impl Cache {
         if frame >= self.frames {
             return Err(invalid(format!("there is no frame {frame}: it has {}", self.frames)));
         }
-        // The file holds all frames (checked on opening), so one fits the arithmetic.
+        // `open` has checked that the file contains all frames, so this cannot overflow.
         let bytes = self.particles * 3 * self.header.item_bytes;
         let skipped = self.header.at as u64 + frame as u64 * bytes as u64;
         let raw = if self.positions.is_stored() {
@@ -139,7 +141,7 @@ impl Cache {
     }
 }
 
-/// Whether `offsets` grow from 0 to `particles`.
+/// Whether `offsets` rise from 0 to `particles`.
 fn fit(offsets: &[u32], particles: usize) -> bool {
     offsets.first() == Some(&0)
         && offsets.last().is_some_and(|&last| last as usize == particles)

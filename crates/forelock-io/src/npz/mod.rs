@@ -1,7 +1,7 @@
-//! NumPy's `.npz`: grooms, small sets of arrays, and caches of motion.
+//! NumPy's `.npz`: grooms, small sets of arrays, and motion caches.
 //!
 //! # Theory
-//! A ZIP archive of `.npy` files. What the arrays mean here, lengths in metres, y up:
+//! The file is a ZIP archive of `.npy` files. Lengths are in metres, y up. The arrays are:
 //!
 //! | | array | type and shape |
 //! | --- | --- | --- |
@@ -19,13 +19,13 @@
 //! The root of strand s in frame f is `positions[f, strand_offsets[s]]`.
 //!
 //! # Practice
-//! Read are stored and deflated members, float64 and any integer type, either byte order and either array
-//! order. DiffLocks files (`positions` `[S, N, 3]`, `root_uv`) are grooms as they are; of a cache the first
-//! frame is the groom. Written are stored members in NumPy's own layout, the same arrays giving the same
-//! bytes.
+//! The reader accepts stored and deflated members, float32, float64 and all integer types, both
+//! byte orders and both array orders. It reads DiffLocks files (`positions` `[S, N, 3]`, `root_uv`)
+//! without conversion, and the first frame of a cache as a groom. The writer uses stored members in
+//! NumPy's layout. Equal arrays give equal bytes.
 //!
 //! # Limitations
-//! No float16, no structured types, no encrypted archives.
+//! float16, structured types and encrypted archives are not supported.
 
 mod cache;
 mod npy;
@@ -54,10 +54,10 @@ use crate::{
 /// Why an `.npz` cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum NpzError {
-    /// Reading failed on the way.
+    /// A read failed.
     #[error(transparent)]
     Io(#[from] io::Error),
-    /// The bytes are wrong.
+    /// The bytes do not follow the format.
     #[error(transparent)]
     Format(#[from] FormatError),
 }
@@ -79,10 +79,10 @@ fn from_groom(error: GroomError) -> NpzError {
     FormatError { format: ".npz", offset: 0, strand: None, problem: error.into() }.into()
 }
 
-/// All arrays of an archive by name. For small ones: everything is read into memory.
+/// Reads all arrays of an archive, by name, into memory.
 ///
 /// # Errors
-/// [`NpzError`] if the bytes are no such archive or an array has a type that is not read.
+/// [`NpzError`] if the bytes are not such an archive, or an array has an unsupported type.
 pub fn read(file: impl Read + Seek) -> Result<BTreeMap<String, Array>, NpzError> {
     let mut archive = Archive::open(file)?;
     let entries = archive.entries.clone();
@@ -95,15 +95,15 @@ pub fn read(file: impl Read + Seek) -> Result<BTreeMap<String, Array>, NpzError>
     Ok(arrays)
 }
 
-/// All arrays of the file `path` by name; see [`read`].
+/// Reads all arrays of the file at `path`, by name; see [`read`].
 ///
 /// # Errors
-/// [`ReadError`] naming the file.
+/// [`ReadError`], which names the file.
 pub fn read_npz(path: &Path) -> Result<BTreeMap<String, Array>, ReadError> {
     read(BufReader::new(crate::open(path)?)).map_err(|e| e.at(path))
 }
 
-/// The bytes of an archive of `arrays`, in their order.
+/// The bytes of an archive with `arrays`, in their order.
 pub fn write(arrays: &[(&str, Array)]) -> Vec<u8> {
     let mut out = Vec::new();
     let mut entries = Vec::new();
@@ -120,18 +120,19 @@ pub fn write(arrays: &[(&str, Array)]) -> Vec<u8> {
     out
 }
 
-/// Writes `arrays` as the file `path`, whole or not at all.
+/// Writes `arrays` to `path` atomically.
 ///
 /// # Errors
-/// [`WriteError`] if it cannot be written.
+/// [`WriteError`] if the file cannot be written.
 pub fn write_npz(path: &Path, arrays: &[(&str, Array)]) -> Result<(), WriteError> {
     atomic_write(path, |file| file.write_all(&write(arrays)))
 }
 
-/// The groom in an archive, in the file's own units and axes; of a cache its first frame.
+/// Reads the groom in an archive, or the first frame of a cache. Units and axes are those of the
+/// file.
 ///
 /// # Errors
-/// [`NpzError`] if arrays are missing, of the wrong type, or do not fit each other.
+/// [`NpzError`] if arrays are missing, have the wrong type, or do not match each other.
 pub fn read_groom(file: impl Read + Seek) -> Result<Groom, NpzError> {
     let mut archive = Archive::open(file)?;
     let offsets = archive.array("strand_offsets")?;
@@ -174,13 +175,13 @@ pub fn read_groom(file: impl Read + Seek) -> Result<Groom, NpzError> {
     Ok(groom)
 }
 
-/// The array `positions`; of frames whose particles `offsets` split, the first alone.
+/// Reads the array `positions`. If it has a frame axis, only the first frame is read. `offsets`
+/// show whether it has one: they end with the number of particles.
 fn read_positions<R: Read + Seek>(
     archive: &mut Archive<R>,
     offsets: Option<&Array>,
 ) -> Result<Array, NpzError> {
-    let entry =
-        archive.find("positions.npy").ok_or_else(|| invalid("there is no array `positions` in it"))?;
+    let entry = archive.find("positions.npy").ok_or_else(|| invalid("it has no array `positions`"))?;
     let last = offsets.and_then(Array::counts).and_then(|offsets| offsets.last().copied());
     let header = archive.header(&entry)?;
     if let [_, particles, 3] = header.shape[..]
@@ -199,7 +200,7 @@ fn read_positions<R: Read + Seek>(
     Ok(Array::from_npy(&archive.read(&entry)?)?)
 }
 
-/// `positions` split into strands; a sentence or the groom's own error if that cannot be.
+/// Splits `positions` into strands. The error is a message or an error of the groom.
 fn assemble(positions: &Array, offsets: Option<&Array>) -> Result<Groom, Result<String, GroomError>> {
     let shape = &positions.shape;
     let all =
@@ -210,7 +211,7 @@ fn assemble(positions: &Array, offsets: Option<&Array>) -> Result<Groom, Result<
             let offsets = offsets.counts().ok_or_else(|| {
                 Ok("the array `strand_offsets` must hold integers from 0 to 4,294,967,295".into())
             })?;
-            // [F, P, 3] is a cache: frame 0 comes first.
+            // [F, P, 3] is a cache. Keep frame 0.
             if let [_, particles, 3] = shape.as_slice()
                 && offsets.last().is_some_and(|&last| last as usize == *particles)
             {
@@ -226,19 +227,19 @@ fn assemble(positions: &Array, offsets: Option<&Array>) -> Result<Groom, Result<
         }
         _ => {
             return Err(Ok(format!(
-                "`positions` has the shape {shape:?}; [P, 3] with `strand_offsets`, or [S, N, 3], are read"
+                "`positions` has the shape {shape:?}; it must be [P, 3] with `strand_offsets`, or [S, N, 3]"
             )));
         }
     };
     Groom::new(points, offsets).map_err(Err)
 }
 
-/// The values in groups of `N`; a rest is left out.
+/// The values in groups of `N`. An incomplete last group is dropped.
 fn groups<const N: usize>(values: Vec<f32>) -> Vec<[f32; N]> {
     values.as_chunks::<N>().0.to_vec()
 }
 
-/// The bytes of an archive that holds `groom` with all its attributes.
+/// The bytes of an archive with `groom` and all its attributes.
 pub fn write_groom(groom: &Groom) -> Vec<u8> {
     let shaped =
         |n: usize, each: usize, values: Vec<f32>| Array { shape: vec![n, each], data: values.into() };

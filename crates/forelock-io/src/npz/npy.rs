@@ -1,13 +1,14 @@
-//! One array in NumPy's `.npy` layout (NEP 1): magic, version, a Python dictionary as text, then the raw
-//! elements.
+//! One array in NumPy's `.npy` layout (NEP 1): magic, version, a Python dictionary as text, then
+//! the elements.
 
 use std::borrow::Cow;
 
 use crate::error::{FormatError, Problem};
 
-/// Enough of an array's file to hold its header; NumPy's own are 128 bytes.
+/// The most bytes that are read to find a header. The headers that NumPy writes take 128 bytes.
 pub(super) const HEADER_LIMIT: u64 = 1 << 16;
-/// Length of the headers written here. It holds any three-dimensional shape, so that patching F keeps it.
+/// The length in bytes of the headers written here. Every shape with up to three dimensions fits,
+/// so the number of frames can be changed later without moving the data.
 pub(super) const HEADER_BYTES: usize = 128;
 
 /// The elements of an [`Array`].
@@ -17,7 +18,7 @@ pub enum Data {
     F32(Vec<f32>),
     /// float64.
     F64(Vec<f64>),
-    /// uint8, and bool in reading.
+    /// uint8. The reader also converts bool to it.
     U8(Vec<u8>),
     /// uint32.
     U32(Vec<u32>),
@@ -32,9 +33,9 @@ pub enum Data {
 /// A NumPy array in C order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Array {
-    /// Its shape; the product of it is the number of elements.
+    /// The length of each axis. Their product is the number of elements.
     pub shape: Vec<usize>,
-    /// Its elements, the last axis running fastest.
+    /// The elements, with the last axis varying fastest.
     pub data: Data,
 }
 
@@ -88,7 +89,7 @@ impl Data {
 }
 
 impl Array {
-    /// An array of `shape` with the elements `data`; absent if their numbers differ.
+    /// An array of `shape` with the elements `data`; `None` if their numbers differ.
     pub fn new(shape: &[usize], data: impl Into<Data>) -> Option<Self> {
         let data = data.into();
         (element_count(shape) == Some(data.len())).then(|| Self { shape: shape.to_vec(), data })
@@ -104,13 +105,13 @@ impl Array {
     pub fn floats(&self) -> Option<Cow<'_, [f32]>> {
         match &self.data {
             Data::F32(v) => Some(v.into()),
-            #[expect(clippy::cast_possible_truncation, reason = "positions are float32 here")]
+            #[expect(clippy::cast_possible_truncation, reason = "positions are stored as float32")]
             Data::F64(v) => Some(v.iter().map(|&x| x as f32).collect()),
             _ => None,
         }
     }
 
-    /// The elements as uint32, if they are integers and all fit.
+    /// The elements as uint32, if they are integers in its range.
     pub fn counts(&self) -> Option<Cow<'_, [u32]>> {
         match &self.data {
             Data::U32(v) => Some(v.into()),
@@ -122,14 +123,14 @@ impl Array {
         }
     }
 
-    /// The bytes of its `.npy` file: header and elements.
+    /// The bytes of a `.npy` file with this array.
     pub(super) fn to_npy(&self) -> Vec<u8> {
         let mut npy = header(self.data.descr(), &self.shape);
         npy.extend_from_slice(self.data.bytes());
         npy
     }
 
-    /// The array that `npy`, a whole `.npy` file, holds.
+    /// Reads the array in `npy`, the bytes of a `.npy` file.
     pub(super) fn from_npy(npy: &[u8]) -> Result<Self, FormatError> {
         let header = Header::parse(npy)?;
         let bytes = npy.get(header.at..).unwrap_or_default();
@@ -146,12 +147,12 @@ impl Array {
     }
 }
 
-/// The number of elements of `shape`, if it can be counted.
+/// The number of elements of `shape`, unless it overflows.
 pub(super) fn element_count(shape: &[usize]) -> Option<usize> {
     shape.iter().try_fold(1usize, |product, &n| product.checked_mul(n))
 }
 
-/// The header of a `.npy` file, `HEADER_BYTES` long for up to three dimensions.
+/// The header of a `.npy` file. It takes `HEADER_BYTES` bytes for up to three dimensions.
 pub(super) fn header(descr: &str, shape: &[usize]) -> Vec<u8> {
     let sizes: Vec<String> = shape.iter().map(usize::to_string).collect();
     let comma = if shape.len() == 1 { "," } else { "" };
@@ -161,13 +162,13 @@ pub(super) fn header(descr: &str, shape: &[usize]) -> Vec<u8> {
     text.extend(std::iter::repeat_n(' ', length - 11 - text.len()));
     text.push('\n');
     let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
-    #[expect(clippy::cast_possible_truncation, reason = "no array here has thousands of dimensions")]
+    #[expect(clippy::cast_possible_truncation, reason = "no array has thousands of dimensions")]
     bytes.extend((text.len() as u16).to_le_bytes());
     bytes.extend(text.into_bytes());
     bytes
 }
 
-/// What a `.npy` header says.
+/// The header of a `.npy` file.
 #[derive(Clone, Debug)]
 pub(super) struct Header {
     kind: u8,
@@ -175,7 +176,7 @@ pub(super) struct Header {
     pub item_bytes: usize,
     fortran_order: bool,
     pub shape: Vec<usize>,
-    /// Where the elements begin.
+    /// The offset of the elements.
     pub at: usize,
 }
 
@@ -188,7 +189,7 @@ fn invalid(offset: usize, words: impl Into<String>) -> FormatError {
 }
 
 impl Header {
-    /// Reads the header from the beginning of a `.npy` file.
+    /// Reads the header at the start of a `.npy` file.
     pub fn parse(npy: &[u8]) -> Result<Self, FormatError> {
         let length = match npy {
             [0x93, b'N', b'U', b'M', b'P', b'Y', 1, _, a, b, ..] => {
@@ -199,15 +200,18 @@ impl Header {
             }
             _ => None,
         };
-        let (start, length) = length.ok_or_else(|| invalid(0, "it does not begin as a NumPy array does"))?;
+        let (start, length) = length.ok_or_else(|| invalid(0, "it does not start as a NumPy array does"))?;
         let text = start.checked_add(length).and_then(|end| npy.get(start..end));
         let text = text.and_then(|text| std::str::from_utf8(text).ok());
-        let text = text.ok_or_else(|| invalid(8, "its header is cut short or no text"))?;
+        let text = text.ok_or_else(|| invalid(8, "its header is cut short or not text"))?;
         Self::from_text(text, start + length).ok_or_else(|| {
             let shown: String = text.trim().chars().take(120).collect();
             invalid(
                 start,
-                format!("its header `{shown}` is not one of float32, float64 or integer elements; save it as float32"),
+                format!(
+                    "its header `{shown}` does not describe float32, float64 or integer elements; save it \
+                     as float32"
+                ),
             )
         })
     }
@@ -246,7 +250,7 @@ impl Header {
         })
     }
 
-    /// Bytes that the elements take.
+    /// The size of the elements in bytes.
     pub fn byte_count(&self) -> Result<u64, FormatError> {
         let bytes = element_count(&self.shape).and_then(|n| n.checked_mul(self.item_bytes));
         bytes
@@ -254,12 +258,12 @@ impl Header {
             .ok_or_else(|| invalid(0, format!("its shape {:?} is larger than any file", self.shape)))
     }
 
-    /// Whether frames lie one after the other, as float32 or float64.
+    /// Whether the elements are float32 or float64, with each frame contiguous.
     pub fn has_frames(&self) -> bool {
         self.kind == b'f' && !self.fortran_order
     }
 
-    /// The elements in `bytes`, in their order there.
+    /// The elements in `bytes`, in the same order.
     pub fn decode(&self, bytes: &[u8]) -> Data {
         let swapped: Vec<u8>;
         let bytes = if self.swapped {
@@ -281,7 +285,7 @@ impl Header {
     }
 }
 
-/// The items of an array whose first axis runs fastest, with the last running fastest.
+/// Reorders the items of an array whose first axis varies fastest, so that the last axis does.
 fn to_c_order(bytes: &[u8], item: usize, shape: &[usize]) -> Vec<u8> {
     let mut out = Vec::with_capacity(bytes.len());
     let mut index = vec![0usize; shape.len()];

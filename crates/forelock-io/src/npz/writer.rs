@@ -1,21 +1,24 @@
-//! Writing a cache of motion frame by frame.
+//! Writing a motion cache frame by frame.
 //!
 //! # Theory
-//! `strand_offsets` and other constant arrays come first, then `positions`, whose header has room for any
-//! number of frames, then what is only known at the end: `times` and the directory. At the end the header of
-//! `positions` is patched with F, sizes and CRC-32; the checksum of header + frames is combined from the two,
-//! so that nothing is read twice.
+//! The file starts with `strand_offsets` and other constant arrays. The array `positions` follows;
+//! its header has space for any number of frames. The array `times` and the ZIP directory, which
+//! are known only at the end, come last. When the cache is finished, the writer overwrites the
+//! header of `positions` with the number of frames F, the sizes and the CRC-32. It combines the
+//! checksum from those of the header and of the frames, so it does not read the frames again.
 //!
 //! # Practice
-//! While it grows, the cache `hair.npz` is `hair.npz.part`, with the times beside it in
-//! `hair.npz.times.part`: memory does not grow with frames, and a run that was killed can be resumed from its
-//! whole frames. [`CacheWriter::finish`] renames it. Finishing early gives a complete cache of the frames so
-//! far, even after a failed [`append`](CacheWriter::append): that takes back what it wrote of its frame,
-//! which as a rule makes room for the end on a full disk. A cache written in several goes has the same bytes
-//! as one written in one.
+//! Until it is finished, the cache `hair.npz` is the file `hair.npz.part`, and its times are in
+//! `hair.npz.times.part`. So memory does not grow with the number of frames, and a run that was
+//! killed can be resumed after its last complete frame. [`CacheWriter::finish`] renames the file.
+//! It can be called at any time and gives a complete cache of the frames so far, even after
+//! [`append`](CacheWriter::append) failed: `append` removes the incomplete frame, which on a full
+//! disk usually leaves enough space for the end of the file. A cache written in several runs has
+//! the same bytes as a cache written in one run.
 //!
 //! # Limitations
-//! One writer a name at a time. A writer dropped unfinished leaves its `.part` files if they hold a frame.
+//! Only one writer may use a file name at a time. A writer that is dropped before it is finished
+//! leaves its `.part` files if they contain a frame.
 
 use std::{
     fs::{self, File, OpenOptions},
@@ -35,7 +38,7 @@ use crate::{atomic, error::WriteError};
 
 const POSITIONS: &str = "positions.npy";
 const TIMES: &str = "times.npy";
-/// Bytes a time takes.
+/// Bytes per entry of `times`.
 const TIME_BYTES: u64 = 8;
 
 /// A cache that is being written.
@@ -64,22 +67,22 @@ pub struct CacheWriter {
     times: File,
     /// The constant members.
     entries: Vec<Entry>,
-    /// Where the local header of `positions` begins.
+    /// The offset of the local header of `positions`.
     header_at: u64,
     particles: usize,
     frames: u64,
-    /// Of all frames so far.
+    /// The checksum of all frames so far.
     crc: Hasher,
     finished: bool,
 }
 
 impl CacheWriter {
-    /// Begins the cache `path` for strands at `strand_offsets`, `[S + 1]`, with further constant arrays by
-    /// name (any but `positions`, `strand_offsets` and `times`). What stands under the name stays until
-    /// [`finish`](Self::finish).
+    /// Starts the cache at `path` for strands at `strand_offsets`, `[S + 1]`. `constants` are
+    /// further arrays, with any names except `positions`, `strand_offsets` and `times`. An existing
+    /// file at `path` stays until [`finish`](Self::finish) replaces it.
     ///
     /// # Errors
-    /// [`WriteError`] if the place cannot be written to, or the offsets hold no particle.
+    /// [`WriteError`] if the file cannot be written, or the offsets describe no particle.
     pub fn create(
         path: &Path,
         strand_offsets: &[u32],
@@ -124,10 +127,11 @@ impl CacheWriter {
         self.seek_end()
     }
 
-    /// Goes on with the cache `path`, finished or left as `.part`, after its first `keep_frames` frames.
+    /// Resumes the cache at `path`, finished or left as `.part`, after its first `keep_frames`
+    /// frames.
     ///
     /// # Errors
-    /// [`WriteError`] if there is none, it was not written here, or it holds fewer frames.
+    /// [`WriteError`] if there is no such cache, Forelock did not write it, or it has fewer frames.
     pub fn resume(path: &Path, keep_frames: usize) -> Result<Self, WriteError> {
         atomic::check_target(path)?;
         let keep = keep_frames as u64;
@@ -140,7 +144,7 @@ impl CacheWriter {
                 Err(e) if e.kind() == io::ErrorKind::NotFound => {}
                 Err(e) if matches!(e.kind(), io::ErrorKind::InvalidData | io::ErrorKind::UnexpectedEof) => {
                     return Err(refuse(format!(
-                        "{} was not written by Forelock; start anew",
+                        "{} was not written by Forelock; start again without resuming",
                         from.display()
                     )));
                 }
@@ -148,32 +152,34 @@ impl CacheWriter {
             }
         }
         Err(refuse(match held {
-            Some(held) => format!("it holds {held} frames and the first {keep} are wanted; start anew"),
-            None => "there is none under this name; start anew".into(),
+            Some(held) => format!(
+                "it holds {held} frames and the first {keep} are wanted; start again without resuming"
+            ),
+            None => "there is none under this name; start again without resuming".into(),
         }))
     }
 
-    /// Frames so far, F.
+    /// The number of frames so far, F.
     pub fn frames(&self) -> usize {
         usize::try_from(self.frames).unwrap_or(usize::MAX)
     }
 
-    /// Adds the frame at `time_secs` with the P `positions` in metres.
+    /// Appends the frame at `time_secs` with the P `positions` in metres.
     ///
     /// # Errors
-    /// [`WriteError`] if the number of positions is wrong, or the disk refuses; the frames so far are safe
-    /// then, and [`finish`](Self::finish) makes a complete cache of them.
+    /// [`WriteError`] if the number of positions is wrong, or the file cannot be written. The
+    /// frames so far are not lost: [`finish`](Self::finish) makes a complete cache of them.
     pub fn append(&mut self, time_secs: f64, positions: &[Vec3]) -> Result<(), WriteError> {
         if positions.len() != self.particles {
             let problem =
-                format!("a frame has {} particles, and the cache {}", positions.len(), self.particles);
+                format!("the frame has {} particles, but the cache has {}", positions.len(), self.particles);
             return Err(WriteError::Unfit { path: self.path.clone(), problem });
         }
         let bytes: &[u8] = bytemuck::cast_slice(positions);
         let written =
             self.file.write_all(bytes).and_then(|()| self.times.write_all(&time_secs.to_le_bytes()));
         if let Err(error) = written {
-            // If this fails too, the next write will say so.
+            // If this fails too, the next write returns an error.
             let _ = self.seek_end();
             return Err(WriteError::io(&self.path)(error));
         }
@@ -182,24 +188,24 @@ impl CacheWriter {
         Ok(())
     }
 
-    /// Completes the cache and gives it its name. Returns the number of frames.
+    /// Completes the cache and renames it to its final name. Returns the number of frames.
     ///
     /// # Errors
-    /// [`WriteError`] if the disk refuses; the `.part` files are left then, and can be resumed.
+    /// [`WriteError`] if the file cannot be written. The `.part` files remain and can be resumed.
     pub fn finish(mut self) -> Result<usize, WriteError> {
         atomic::check_target(&self.path)?;
         self.complete().map_err(WriteError::io(&self.path))?;
-        // Windows renames no open file, so the handles go first.
+        // Windows cannot rename an open file, so close both files first.
         let (path, frames) = (self.path.clone(), self.frames());
         self.finished = true;
         drop(self);
         fs::rename(part(&path), &path).map_err(WriteError::io(&path))?;
-        // A leftover file of times does no harm.
+        // If this fails, the file of times remains, which does no harm.
         let _ = fs::remove_file(times_part(&path));
         Ok(frames)
     }
 
-    /// Writes the end, then patches the header.
+    /// Writes the end of the file, then overwrites the header of `positions`.
     fn complete(&mut self) -> io::Result<()> {
         self.seek_end()?;
         let mut entries = self.entries.clone();
@@ -229,7 +235,7 @@ impl CacheWriter {
         npy::header("<f4", &[self.frames(), self.particles, 3])
     }
 
-    /// The member `positions` as it is with the frames so far.
+    /// The archive member `positions` with the frames so far.
     fn positions_entry(&self) -> Entry {
         let mut crc = Hasher::new();
         crc.update(&self.npy_header());
@@ -248,7 +254,7 @@ impl CacheWriter {
         size_of::<Vec3>() as u64 * self.particles as u64
     }
 
-    /// Cuts both files behind the last whole frame, and goes there.
+    /// Truncates both files after the last complete frame and seeks to their ends.
     fn seek_end(&mut self) -> io::Result<()> {
         let entry = self.positions_entry();
         let end = entry.header + entry.local_bytes() + entry.size;
@@ -281,8 +287,8 @@ struct Found {
 }
 
 impl Found {
-    /// Walks through the members of a cache from its beginning. Where its bytes are no cache's, the error's
-    /// kind is `InvalidData` or `UnexpectedEof`.
+    /// Reads the members of a cache from its start. If the bytes are not those of a cache, the kind
+    /// of the error is `InvalidData` or `UnexpectedEof`.
     fn open(path: &Path, is_part: bool, times_path: &Path) -> io::Result<Self> {
         let mut file = OpenOptions::new().read(true).write(true).open(path)?;
         let length = file.metadata()?.len();
@@ -323,7 +329,7 @@ impl Found {
         Ok(Self { file, is_part, entries, header_at: at, particles, frames, times })
     }
 
-    /// A writer behind the first `keep` frames, which must be there.
+    /// A writer that continues after the first `keep` frames, which must exist.
     fn go_on(self, path: &Path, keep: u64) -> Result<CacheWriter, WriteError> {
         let at_times = |keep: u64| usize::try_from(keep * TIME_BYTES).unwrap_or(usize::MAX);
         let times_path = times_part(path);
@@ -361,7 +367,7 @@ impl Found {
     }
 }
 
-/// Hashes the next `count` bytes of `file`, which must be there.
+/// Hashes the next `count` bytes of `file`, which must exist.
 fn hash_exactly(file: &mut File, count: u64, crc: &mut Hasher) -> io::Result<()> {
     let mut buffer = vec![0; 1 << 18];
     let mut left = count;

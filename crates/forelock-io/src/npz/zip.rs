@@ -1,8 +1,9 @@
-//! As much of ZIP (PKWARE APPNOTE 6.3) as `.npz` needs: stored and deflated members, sizes beyond 4 GiB.
+//! The part of ZIP (PKWARE APPNOTE 6.3) that `.npz` needs: stored and deflated members, and sizes
+//! beyond 4 GiB.
 //!
-//! Records written here carry their sizes twice in the local header (32-bit fields saturated, the truth in
-//! the ZIP64 extra field, as NumPy does), so that the header of a member whose size is not yet known has the
-//! same length.
+//! Like NumPy, the writer stores sizes in the ZIP64 extra field of the local header and sets the
+//! 32-bit fields to their maximum. So the header of a member has the same length whether or not its
+//! size is known yet.
 
 use std::io::{self, Read, Seek, SeekFrom};
 
@@ -20,9 +21,9 @@ const LOCATOR64: [u8; 4] = *b"PK\x06\x07";
 
 const STORED: u16 = 0;
 const DEFLATED: u16 = 8;
-/// Deflate makes at most this many bytes of one.
+/// The largest ratio of decompressed to compressed bytes that deflate allows.
 const MOST_INFLATION: u64 = 1032;
-/// 1 January 1980, so that the same arrays give the same bytes.
+/// 1 January 1980. The date is constant, so that equal arrays give equal bytes.
 const DATE: u16 = 0x21;
 const SATURATED: u32 = u32::MAX;
 
@@ -34,7 +35,7 @@ pub(super) struct Entry {
     pub crc: u32,
     packed: u64,
     pub size: u64,
-    /// Where its local header begins.
+    /// The offset of the local header.
     pub header: u64,
 }
 
@@ -64,7 +65,7 @@ impl Entry {
         self.method == STORED
     }
 
-    /// Bytes of the local header.
+    /// The length of the local header in bytes.
     pub fn local_bytes(&self) -> u64 {
         30 + self.name.len() as u64 + 20
     }
@@ -82,8 +83,8 @@ impl Entry {
         out
     }
 
-    /// Reads a local header as [`local`](Self::local) writes it, which begins at byte `at`; the kind of error
-    /// is `InvalidData` for any other.
+    /// Reads a local header as [`local`](Self::local) writes it, which starts at byte `at`. For any
+    /// other header the kind of the error is `InvalidData`.
     pub fn read_local(file: &mut impl Read, at: u64) -> io::Result<Self> {
         let mut fixed = [0; 30];
         file.read_exact(&mut fixed)?;
@@ -97,7 +98,8 @@ impl Entry {
         Ok(Self::stored(name, u32_at(&fixed, 14), u64_at(&rest, name_bytes + 4), at))
     }
 
-    /// Version needed to CRC and sizes, which local and central header share.
+    /// Writes the fields that the local and the central header share: from the version needed to
+    /// the sizes.
     fn common(&self, out: &mut Vec<u8>, wide: bool) {
         let fit = |size: u64| if wide { SATURATED } else { u32::try_from(size).unwrap_or(SATURATED) };
         for half in [45, 0, self.method, 0, DATE] {
@@ -129,7 +131,8 @@ impl Entry {
     }
 }
 
-/// What ends an archive: the central directory of `entries`, which begins at byte `at`, and the end records.
+/// The end of an archive: the central directory of `entries`, which starts at byte `at`, and the
+/// end records.
 pub(super) fn directory(entries: &[Entry], at: u64) -> Vec<u8> {
     let mut out = Vec::new();
     for entry in entries {
@@ -161,19 +164,29 @@ pub(super) fn directory(entries: &[Entry], at: u64) -> Vec<u8> {
     out
 }
 
-/// An archive that is being read.
+/// An archive that is open for reading.
 pub(super) struct Archive<R> {
     file: R,
     bytes: u64,
     pub entries: Vec<Entry>,
 }
 
+/// The place of an archive's directory.
+struct DirectoryPlace {
+    /// The number of members.
+    count: u64,
+    /// Bytes of the directory.
+    size: u64,
+    /// The offset of its first byte.
+    at: u64,
+}
+
 impl<R: Read + Seek> Archive<R> {
-    /// Reads the directory.
+    /// Opens `file` and reads its directory.
     pub fn open(mut file: R) -> Result<Self, NpzError> {
         let bytes = file.seek(SeekFrom::End(0))?;
         let mut archive = Self { file, bytes, entries: Vec::new() };
-        let (count, size, at) = archive.find_directory()?;
+        let DirectoryPlace { count, size, at } = archive.find_directory()?;
         if count.saturating_mul(46) > size {
             return Err(invalid(at, format!("its directory of {size} bytes cannot list {count} members")));
         }
@@ -189,8 +202,8 @@ impl<R: Read + Seek> Archive<R> {
         Ok(archive)
     }
 
-    /// Members, bytes and place of the directory.
-    fn find_directory(&mut self) -> Result<(u64, u64, u64), NpzError> {
+    /// Finds the directory.
+    fn find_directory(&mut self) -> Result<DirectoryPlace, NpzError> {
         let tail_bytes = self.bytes.min(22 + u64::from(u16::MAX));
         let tail_at = self.bytes - tail_bytes;
         let tail = self.read_at(tail_at, tail_bytes)?;
@@ -198,13 +211,17 @@ impl<R: Read + Seek> Archive<R> {
             tail[at..].starts_with(&END) && at + 22 + usize::from(u16_at(&tail, at + 20)) <= tail.len()
         };
         let Some(end) = (0..(tail.len() + 1).saturating_sub(22)).rev().find(is_end) else {
-            let words = "its directory, which ends such a file, is missing; the file is cut short or no .npz";
+            let words = "its directory, the end of the file, is missing; the file is cut short or not .npz";
             return Err(invalid(self.bytes, words));
         };
-        let mut found =
-            (u16_at(&tail, end + 10).into(), u32_at(&tail, end + 12).into(), u32_at(&tail, end + 16).into());
+        let mut found = DirectoryPlace {
+            count: u16_at(&tail, end + 10).into(),
+            size: u32_at(&tail, end + 12).into(),
+            at: u32_at(&tail, end + 16).into(),
+        };
         let end = tail_at + end as u64;
-        let saturated = found.0 == u64::from(u16::MAX) || [found.1, found.2].contains(&SATURATED.into());
+        let saturated =
+            found.count == u64::from(u16::MAX) || [found.size, found.at].contains(&SATURATED.into());
         if let Some(locator) = end.checked_sub(20).filter(|_| saturated) {
             let place = self.read_at(locator, 20)?;
             if place.starts_with(&LOCATOR64) {
@@ -213,13 +230,17 @@ impl<R: Read + Seek> Archive<R> {
                 if !end64.starts_with(&END64) {
                     return Err(invalid(at, "its ZIP64 directory is damaged; write the file again"));
                 }
-                found = (u64_at(&end64, 32), u64_at(&end64, 40), u64_at(&end64, 48));
+                found = DirectoryPlace {
+                    count: u64_at(&end64, 32),
+                    size: u64_at(&end64, 40),
+                    at: u64_at(&end64, 48),
+                };
             }
         }
         Ok(found)
     }
 
-    /// `count` bytes from byte `at`, which are checked to be there before memory is taken for them.
+    /// Reads `count` bytes from byte `at`. Checks that they exist before it allocates memory.
     pub fn read_at(&mut self, at: u64, count: u64) -> Result<Vec<u8>, NpzError> {
         let left = self.bytes.saturating_sub(at);
         if count > left {
@@ -228,7 +249,7 @@ impl<R: Read + Seek> Archive<R> {
         }
         self.file.seek(SeekFrom::Start(at))?;
         let mut bytes =
-            vec![0; usize::try_from(count).map_err(|_| invalid(at, "a member beyond the memory"))?];
+            vec![0; usize::try_from(count).map_err(|_| invalid(at, "a member is larger than the memory"))?];
         self.file.read_exact(&mut bytes)?;
         Ok(bytes)
     }
@@ -237,7 +258,7 @@ impl<R: Read + Seek> Archive<R> {
         self.entries.iter().find(|entry| entry.name == name).cloned()
     }
 
-    /// Where the bytes of a member begin.
+    /// The offset of a member's data.
     pub fn data_start(&mut self, entry: &Entry) -> Result<u64, NpzError> {
         let local = self.read_at(entry.header, 30)?;
         if !local.starts_with(&LOCAL) {
@@ -252,7 +273,7 @@ impl<R: Read + Seek> Archive<R> {
         Ok(start)
     }
 
-    /// A reader of a member's bytes, unpacked.
+    /// A reader of a member's decompressed bytes.
     pub fn member(&mut self, entry: &Entry) -> Result<Box<dyn Read + '_>, NpzError> {
         let start = self.data_start(entry)?;
         self.file.seek(SeekFrom::Start(start))?;
@@ -265,7 +286,7 @@ impl<R: Read + Seek> Archive<R> {
             STORED | DEFLATED => Err(invalid(
                 entry.header,
                 format!(
-                    "member `{}` claims {} bytes, which cannot come of {}",
+                    "member `{}` claims {} bytes, which {} compressed bytes cannot give",
                     entry.name, entry.size, entry.packed
                 ),
             )),
@@ -276,16 +297,16 @@ impl<R: Read + Seek> Archive<R> {
         }
     }
 
-    /// A member's bytes, unpacked and checked.
+    /// Reads a member's decompressed bytes and checks their number and checksum.
     pub fn read(&mut self, entry: &Entry) -> Result<Vec<u8>, NpzError> {
         let mut bytes = Vec::new();
         let damaged = |why: &str| invalid(entry.header, format!("member `{}` is damaged: {why}", entry.name));
         self.member(entry)?.read_to_end(&mut bytes).map_err(|e| match e.kind() {
-            io::ErrorKind::InvalidInput | io::ErrorKind::InvalidData => damaged("it does not unpack"),
+            io::ErrorKind::InvalidInput | io::ErrorKind::InvalidData => damaged("it cannot be decompressed"),
             _ => e.into(),
         })?;
         if bytes.len() as u64 != entry.size {
-            return Err(damaged("it is shorter than it says"));
+            return Err(damaged("it is shorter than its directory entry states"));
         }
         if crc32fast::hash(&bytes) != entry.crc {
             return Err(damaged("its checksum is wrong"));
@@ -301,7 +322,7 @@ impl<R: Read + Seek> Archive<R> {
         Ok(Some(Array::from_npy(&self.read(&entry)?)?))
     }
 
-    /// The header of the array in the member `entry`.
+    /// Reads the header of the array in the member `entry`.
     pub fn header(&mut self, entry: &Entry) -> Result<Header, NpzError> {
         let mut head = Vec::new();
         self.member(entry)?.take(HEADER_LIMIT).read_to_end(&mut head)?;
@@ -309,7 +330,7 @@ impl<R: Read + Seek> Archive<R> {
     }
 }
 
-/// The first entry of a central directory, and what follows it.
+/// The first entry of a central directory, and the bytes after it.
 fn central_entry(bytes: &[u8]) -> Option<(Entry, &[u8])> {
     let (fixed, rest) = bytes.split_at_checked(46)?;
     if !fixed.starts_with(&CENTRAL) || fixed[8] & 1 != 0 {
@@ -327,7 +348,7 @@ fn central_entry(bytes: &[u8]) -> Option<(Entry, &[u8])> {
     Some((Entry { name, method: u16_at(fixed, 10), crc: u32_at(fixed, 16), packed, size, header }, rest))
 }
 
-/// The values of the ZIP64 field among the extra fields.
+/// The values of the ZIP64 field in the extra fields `extra`.
 fn wide_values(mut extra: &[u8]) -> impl Iterator<Item = u64> + '_ {
     let mut values: &[u8] = &[];
     while let Some((head, rest)) = extra.split_at_checked(4) {

@@ -1,8 +1,8 @@
-//! Dependencies go down, and the map is true.
+//! Crates depend only on crates of lower floors.
 //!
-//! The table of crates in ARCHITECTURE.md states each crate's folder and floor. A crate may depend only on crates of
-//! lower floors, for tests too, and on no outside crate that its floor forbids ([`FORBIDDEN`]); what tests alone use
-//! from outside is free.
+//! The table of crates in ARCHITECTURE.md states the folder and the floor of each crate. A crate
+//! may depend only on crates of lower floors, in its tests too, and on no external crate that its
+//! floor forbids ([`FORBIDDEN`]). Tests may use any external crate.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -11,30 +11,32 @@ use std::path::Path;
 use anyhow::{Context, bail};
 use toml::{Table, Value};
 
-/// Outside crates that crates of a floor and of those below it may not use, and why. A name stands for its family too:
-/// `burn` for `burn-core`.
+use super::files;
+
+/// For a floor and all floors below it: the reason, and the external crates that are forbidden
+/// there. A name stands for all crates that start with it: `burn` for `burn-core`.
 const FORBIDDEN: [(u32, &str, &[&str]); 3] = [
     (
         0,
-        "the core knows no file format",
+        "the core does not depend on file formats",
         &["toml", "serde_json", "png", "image", "flate2", "zip", "gltf", "tobj"],
     ),
     (
         1,
-        "files and the CPU's solvers know no GPU, learning or window",
+        "file formats and CPU solvers do not depend on a GPU, a learning framework or a window",
         &["wgpu", "naga", "burn", "cubecl", "winit", "eframe", "egui"],
     ),
     (
         3,
-        "libraries know no command line and name their errors",
+        "libraries do not depend on a command line and have named error types",
         &["clap", "indicatif", "ctrlc", "anyhow", "miette", "eyre"],
     ),
 ];
 
-/// Crates that are there to know what their floor may not.
+/// Crates whose purpose is an external crate that their floor forbids.
 const EXCEPT: [(&str, &[&str]); 1] = [("forelock-gpu", &["wgpu", "naga"])];
 
-/// The tables of a manifest that name dependencies; whether they are for tests alone.
+/// The tables of a manifest that list dependencies, and whether they are for tests only.
 const KINDS: [(&str, bool); 3] =
     [("dependencies", false), ("build-dependencies", false), ("dev-dependencies", true)];
 
@@ -43,24 +45,29 @@ const KINDS: [(&str, bool); 3] =
 struct Crate {
     folder: String,
     inherits_lints: bool,
-    /// Package names, and whether only tests need them.
-    dependencies: Vec<(String, bool)>,
+    dependencies: Vec<Dependency>,
 }
 
-/// A row of the map.
+/// A package that a crate depends on.
+#[derive(Debug)]
+struct Dependency {
+    package: String,
+    for_tests: bool,
+}
+
+/// A row of the table of crates.
 #[derive(Debug, PartialEq)]
 struct Place {
     folder: String,
     floor: u32,
 }
 
-/// All that is wrong in the workspace at `root`, a sentence each.
+/// All faults of the manifests and the table of crates, a sentence each.
 ///
 /// # Errors
-/// If a manifest or the map cannot be read.
+/// If a manifest or ARCHITECTURE.md cannot be read.
 pub fn check(root: &Path) -> anyhow::Result<Vec<String>> {
-    let map_path = root.join("ARCHITECTURE.md");
-    let map = read_map(&fs::read_to_string(&map_path).with_context(|| map_path.display().to_string())?)?;
+    let map = read_map(&files::architecture(root)?)?;
     let crates = read_crates(root)?;
     let mut faults = Vec::new();
     for name in map.keys().filter(|name| !crates.contains_key(*name)) {
@@ -91,11 +98,11 @@ fn check_crate(
     if !krate.inherits_lints {
         faults.push(format!("{name} does not inherit the workspace's lints"));
     }
-    for (dependency, for_tests) in &krate.dependencies {
-        if let Some(place) = map.get(dependency) {
+    for Dependency { package, for_tests } in &krate.dependencies {
+        if let Some(place) = map.get(package) {
             if place.floor >= floor {
                 faults.push(format!(
-                    "{name} (floor {floor}) depends on {dependency} (floor {}): arrows go down only",
+                    "{name} (floor {floor}) depends on {package} (floor {}); a crate may depend only on lower floors",
                     place.floor
                 ));
             }
@@ -103,18 +110,18 @@ fn check_crate(
         }
         for (highest, reason, families) in FORBIDDEN {
             let belongs = |family: &&str| {
-                let rest = dependency.strip_prefix(*family);
+                let rest = package.strip_prefix(*family);
                 rest.is_some_and(|rest| rest.is_empty() || rest.starts_with(['-', '_']))
             };
             let excepted = EXCEPT.iter().any(|(own, families)| *own == name && families.iter().any(belongs));
             if floor <= highest && !for_tests && !excepted && families.iter().any(belongs) {
-                faults.push(format!("{name} (floor {floor}) depends on {dependency}: {reason}"));
+                faults.push(format!("{name} (floor {floor}) depends on {package}: {reason}"));
             }
         }
     }
 }
 
-/// The rows `| [`name`](folder) | floor | … |` of the map.
+/// The rows `| [`name`](folder) | floor | … |` of ARCHITECTURE.md.
 fn read_map(text: &str) -> anyhow::Result<BTreeMap<String, Place>> {
     let mut map = BTreeMap::new();
     for line in text.lines() {
@@ -134,7 +141,7 @@ fn read_map(text: &str) -> anyhow::Result<BTreeMap<String, Place>> {
     Ok(map)
 }
 
-/// The members of the workspace by name.
+/// The crates of the workspace by name.
 fn read_crates(root: &Path) -> anyhow::Result<BTreeMap<String, Crate>> {
     let manifest = read_toml(&root.join("Cargo.toml"))?;
     let workspace =
@@ -159,7 +166,7 @@ fn read_crates(root: &Path) -> anyhow::Result<BTreeMap<String, Crate>> {
     Ok(crates)
 }
 
-/// The folders that a member's path, which may end in `/*`, stands for.
+/// The folders that an entry of `members` stands for, which may end in `/*`.
 fn expand(root: &Path, member: &str) -> anyhow::Result<Vec<String>> {
     let Some(parent) = member.strip_suffix("/*") else { return Ok(vec![member.to_owned()]) };
     let mut folders = Vec::new();
@@ -177,8 +184,9 @@ fn read_toml(path: &Path) -> anyhow::Result<Table> {
     text.parse().with_context(|| path.display().to_string())
 }
 
-/// The packages that `manifest` depends on, on any platform, under their own names; `shared` are the workspace's.
-fn dependencies(manifest: &Table, shared: Option<&Table>) -> Vec<(String, bool)> {
+/// The packages that `manifest` depends on, on any platform, by the names of the packages
+/// themselves. `shared` is the table `[workspace.dependencies]`.
+fn dependencies(manifest: &Table, shared: Option<&Table>) -> Vec<Dependency> {
     let targets = manifest.get("target").and_then(Value::as_table);
     let targets = targets.into_iter().flat_map(|targets| targets.values().filter_map(Value::as_table));
     let mut found = Vec::new();
@@ -189,7 +197,7 @@ fn dependencies(manifest: &Table, shared: Option<&Table>) -> Vec<(String, bool)>
                 let inherited = value.get("workspace").and_then(Value::as_bool) == Some(true);
                 let value = if inherited { shared.and_then(|shared| shared.get(key)) } else { Some(value) };
                 let package = value.and_then(|value| value.get("package")?.as_str());
-                found.push((package.unwrap_or(key).to_owned(), for_tests));
+                found.push(Dependency { package: package.unwrap_or(key).to_owned(), for_tests });
             }
         }
     }
@@ -197,86 +205,4 @@ fn dependencies(manifest: &Table, shared: Option<&Table>) -> Vec<(String, bool)>
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const MAP: &str = "| [`low`](crates/low) | 0 | below |\n| [`high`](crates/high) | 3 | above |\n";
-    const LINTS: &str = "[lints]\nworkspace = true\n";
-
-    /// A workspace of two crates with these manifests' ends and this map.
-    fn faults(map: &str, low: &str, high: &str) -> anyhow::Result<Vec<String>> {
-        let root = tempfile::tempdir()?;
-        let shared = "[workspace.dependencies]\ngpu = { package = \"wgpu\", version = \"29\" }\n";
-        fs::write(
-            root.path().join("Cargo.toml"),
-            format!("[workspace]\nmembers = [\"crates/*\"]\n{shared}"),
-        )?;
-        fs::write(root.path().join("ARCHITECTURE.md"), map)?;
-        for (name, rest) in [("low", low), ("high", high)] {
-            let folder = root.path().join("crates").join(name);
-            fs::create_dir_all(&folder)?;
-            fs::write(folder.join("Cargo.toml"), format!("[package]\nname = \"{name}\"\n{rest}"))?;
-        }
-        check(root.path())
-    }
-
-    #[test]
-    fn this_workspace_holds() -> anyhow::Result<()> {
-        assert_eq!(check(&crate::root()?)?, Vec::<String>::new());
-        Ok(())
-    }
-
-    #[test]
-    fn arrows_down_are_free() -> anyhow::Result<()> {
-        let high = format!("{LINTS}[dependencies]\nlow.workspace = true\nwgpu = \"29\"\n");
-        let low = format!("{LINTS}[dev-dependencies]\ntoml = \"1\"\n");
-        assert_eq!(faults(MAP, &low, &high)?, Vec::<String>::new());
-        Ok(())
-    }
-
-    #[test]
-    fn arrows_up_are_refused_of_every_kind() -> anyhow::Result<()> {
-        for kind in
-            ["dependencies", "dev-dependencies", "build-dependencies", "target.'cfg(unix)'.dependencies"]
-        {
-            let found = faults(MAP, &format!("{LINTS}[{kind}]\nhigh = {{ path = \"../high\" }}\n"), LINTS)?;
-            assert!(
-                matches!(&found[..], [one] if one.contains("low") && one.contains("high")),
-                "{kind}: {found:?}"
-            );
-        }
-        Ok(())
-    }
-
-    #[test]
-    fn forbidden_families_are_found_under_any_name() -> anyhow::Result<()> {
-        for (line, package) in [
-            ("wgpu = \"29\"", "wgpu"),
-            ("burn-core = \"1\"", "burn-core"),
-            ("x = { package = \"clap\", version = \"4\" }", "clap"),
-            ("gpu.workspace = true", "wgpu"),
-        ] {
-            let found = faults(MAP, &format!("{LINTS}[dependencies]\n{line}\n"), LINTS)?;
-            assert!(
-                matches!(&found[..], [one] if one.contains(&format!("on {package}:"))),
-                "{line}: {found:?}"
-            );
-        }
-        assert!(faults(MAP, &format!("{LINTS}[dependencies]\nburnish = \"1\"\n"), LINTS)?.is_empty());
-        Ok(())
-    }
-
-    #[test]
-    fn the_map_and_the_workspace_agree() -> anyhow::Result<()> {
-        let only_low = "| [`low`](crates/low) | 0 | below |\n";
-        assert!(faults(only_low, LINTS, LINTS)?[0].contains("high (crates/high) is not in the table"));
-        let more = format!("{MAP}| [`ghost`](crates/ghost) | 1 | gone |\n");
-        assert!(faults(&more, LINTS, LINTS)?[0].contains("lists ghost"));
-        assert!(
-            faults(&MAP.replace("crates/high", "apps/high"), LINTS, LINTS)?[0].contains("not in apps/high")
-        );
-        assert!(faults(MAP, "", LINTS)?[0].contains("lints"));
-        assert!(faults("no table", LINTS, LINTS).is_err());
-        Ok(())
-    }
-}
+mod tests;
