@@ -249,11 +249,14 @@ pub enum Task {
 /// Numbers that the solver runs in.
 pub trait SolverReal: SearchReal {
     /// The function for `task` on `simd` (supported, not `Auto`).
+    ///
+    /// Implementations are never inlined: a crate that inlines one compiles all functions that it can return.
     fn block_fn(task: Task, simd: Simd) -> BlockFn<Self>;
 }
 
 /// The specification: one strand at a time, plain float64.
 impl SolverReal for f64 {
+    #[inline(never)]
     fn block_fn(task: Task, _: Simd) -> BlockFn<Self> {
         match task {
             Task::Ams => advance_ams::<f64>,
@@ -321,6 +324,7 @@ macro_rules! block_on {
 }
 
 impl SolverReal for f32 {
+    #[inline(never)]
     fn block_fn(task: Task, simd: Simd) -> BlockFn<Self> {
         match task {
             Task::Ams => block_on!(simd, advance_ams),
