@@ -1,6 +1,5 @@
 //! Compiles the tests that need a GPU as ignored where there is none. `FORELOCK_REQUIRE_GPU` decides (0 or 1); where it
 //! is not set, on Linux, whether there is a card, or the driver of Mesa that needs none.
-#![expect(clippy::print_stdout, reason = "this is how a build script speaks to cargo")]
 
 fn main() {
     println!("cargo::rerun-if-env-changed=FORELOCK_REQUIRE_GPU");

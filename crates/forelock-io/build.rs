@@ -1,5 +1,4 @@
 //! Compiles the tests that read real grooms as ignored where there are none.
-#![expect(clippy::print_stdout, reason = "this is how a build script speaks to cargo")]
 
 fn main() {
     println!("cargo::rerun-if-env-changed=FORELOCK_DATA");
