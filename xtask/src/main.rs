@@ -10,12 +10,13 @@ use anyhow::{Context, bail};
 
 const USAGE: &str = "\
 usage: cargo xtask COMMAND
-  floors [--all]  check dependencies, file sizes, signatures, comments and the tables of
-                  ARCHITECTURE.md; --all also lists what the checks that are postponed find
-  ci              run all steps of continuous integration, in order";
+  floors [--all]    check dependencies, file sizes, signatures, comments and the tables of
+                    ARCHITECTURE.md; --all also lists what the checks that are postponed find
+  ci [--nightly]    run all steps of continuous integration, in order; with --nightly the long tests too";
 
 fn main() -> ExitCode {
-    match run(std::env::args().nth(1).as_deref()) {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    match run(&arguments.iter().map(String::as_str).collect::<Vec<_>>()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("{error:#}");
@@ -24,12 +25,12 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(command: Option<&str>) -> anyhow::Result<()> {
+fn run(arguments: &[&str]) -> anyhow::Result<()> {
     let root = root()?;
-    match command {
-        Some("floors") => {
+    match arguments {
+        ["floors"] | ["floors", "--all"] => {
             let floors::Findings { faults, not_yet } = floors::check(&root)?;
-            if std::env::args().any(|argument| argument == "--all") {
+            if arguments.len() > 1 {
                 not_yet.iter().for_each(|fault| eprintln!("{fault}"));
             }
             if !faults.is_empty() {
@@ -38,9 +39,10 @@ fn run(command: Option<&str>) -> anyhow::Result<()> {
             eprintln!("all checks passed; those that are postponed found {} faults", not_yet.len());
             Ok(())
         }
-        Some("ci") => ci::run(&root),
-        Some(other) => bail!("no such command: {other}\n{USAGE}"),
-        None => bail!("{USAGE}"),
+        ["ci"] => ci::run(&root, false),
+        ["ci", "--nightly"] => ci::run(&root, true),
+        [] => bail!("{USAGE}"),
+        other => bail!("no such command: {}\n{USAGE}", other.join(" ")),
     }
 }
 

@@ -3,7 +3,7 @@
 
 use std::path::PathBuf;
 
-#[path = "../tests/measure/mod.rs"]
+#[path = "../tests/it/measure/mod.rs"]
 mod measure;
 
 fn main() {

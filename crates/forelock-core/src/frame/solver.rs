@@ -225,6 +225,8 @@ macro_rules! solver_from_params {
     };
     ($params:ty, $real:ty) => {
         impl From<&$params> for $crate::solver::Solver<$real> {
+            // Never inlined: a crate that inlines it would compile the solver again.
+            #[inline(never)]
             fn from(params: &$params) -> Self {
                 Self::new(params.clone())
             }

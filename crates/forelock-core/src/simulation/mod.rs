@@ -93,15 +93,19 @@ pub trait SimulationReal: SolverReal + SearchReal {
 
 macro_rules! simulation_real {
     ($real:ty) => {
+        // Never inlined: a crate that inlines them would compile the interactions again.
         impl SimulationReal for $real {
+            #[inline(never)]
             fn grid(model: &Model<Self>, params: &GridParams) -> Box<dyn Interaction<Self>> {
                 Box::new(GridInteraction::new(model, params))
             }
 
+            #[inline(never)]
             fn sph(model: &Model<Self>, params: &SphParams, simd: Simd) -> Box<dyn Interaction<Self>> {
                 Box::new(Sph::new(model, params, simd))
             }
 
+            #[inline(never)]
             fn contacts(
                 model: &Model<Self>,
                 params: &ContactParams,
@@ -110,6 +114,7 @@ macro_rules! simulation_real {
                 Box::new(ContactInteraction::new(model, params, simd))
             }
 
+            #[inline(never)]
             fn run_steps(
                 simulation: &mut Simulation<Self>,
                 frame: &Frame<'_>,

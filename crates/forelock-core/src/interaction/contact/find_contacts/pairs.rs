@@ -48,6 +48,7 @@ impl Entry {
 pub(super) type Test = unsafe fn(&Shelf, &Entry, f32, &mut Vec<u32>);
 
 /// The test for `simd`, or for what any processor has if `simd` is not supported.
+#[inline(never)]
 pub(super) fn test_for(simd: Simd) -> Test {
     let simd = if simd.is_supported() { simd } else { Simd::Portable };
     on!(simd, test(shelf: &Shelf, entry: &Entry, distance: f32, near: &mut Vec<u32>))

@@ -66,6 +66,7 @@ impl SearchReal for f64 {
         (Self::from_bits((key >> 32) as u64), key as u32)
     }
 
+    #[inline(never)]
     fn search_fn(_: Simd) -> SearchFn<Self> {
         search::<Self>
     }
@@ -85,6 +86,7 @@ impl SearchReal for f32 {
         (Self::from_bits((key >> 32) as u32), key as u32)
     }
 
+    #[inline(never)]
     fn search_fn(simd: Simd) -> SearchFn<Self> {
         on!(simd, search(given: &Search<'_, f32>, first: usize, found: Found<'_, f32>))
     }

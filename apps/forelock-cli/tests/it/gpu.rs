@@ -1,0 +1,162 @@
+//! Runs on a graphics processor.
+
+#![expect(clippy::unwrap_used, reason = "in a test a failure to run is a failure of the test")]
+
+use crate::common::{Workplace, json};
+use assert_cmd::Command;
+use serde_json::Value;
+use std::path::Path;
+
+fn summary(command: &mut Command) -> Value {
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// Strands apart; that meet and touch, in a wind; with virtual particles; that are cut and curled while they move; that follow the leader, two steps in some frames, as smoothed particles in a wind.
+const SCENES: [&str; 5] = [
+    "",
+    "[interaction]\nkind = \"grid\"\ncontacts = true\n[wind]\nvelocity = [3, 0, 1]\nturbulence = 0.3\nshelter = 0.5\nhair_depth = 0.05\n",
+    "[solver]\nkind = \"mass-spring\"\n",
+    "[[edit]]\nop = \"trim\"\nto = 0.05\nat_secs = 0.05\n[[edit]]\nop = \"curl\"\nat_secs = 0.03\n",
+    "[solver]\nkind = \"dftl\"\n[interaction]\nkind = \"sph\"\n[wind]\nvelocity = [3, 0, 1]\nturbulence = 0.3\n[time]\nfps = 40\n[[edit]]\nop = \"trim\"\nto = 0.05\nat_secs = 0.05\n",
+];
+
+#[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn a_run_on_a_gpu_is_like_one_on_the_cpu_and_resumes_bit_for_bit() {
+    for scene in SCENES {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("scene.toml");
+        std::fs::write(&file, scene).unwrap();
+        let run = |name: &str, backend: &str, more: &[&str]| {
+            let mut command = Command::cargo_bin("forelock").unwrap();
+            command.arg("simulate").arg(&file).args(["--json", "--backend", backend]);
+            let small = ["time.frames=8", "groom.strands=60", "body.sdf_cells=32", "output.picture=false"];
+            small.iter().for_each(|key| _ = command.args(["--set", key]));
+            summary(command.args(more).arg("--out").arg(folder.path().join(name)))
+        };
+        let whole = run("whole", "gpu", &[]);
+        assert_eq!(whole["backend"], "gpu", "{scene}");
+        assert_eq!(whole["quarantined_strands"], 0, "{scene}");
+        run("parts", "gpu", &["--frames", "5"]);
+        let resumed = run("parts", "gpu", &["--resume"]);
+        assert_eq!(resumed["state_hash"], whole["state_hash"], "{scene}");
+        let cpu = run("cpu", "cpu", &[]);
+        assert_eq!(cpu["backend"], "cpu");
+        for key in ["max_penetration_m", "max_edge_stretch", "max_edge_stretch_after_solids"] {
+            let [a, b] = [&whole, &cpu].map(|summary| summary[key].as_f64().unwrap());
+            assert!((a - b).abs() < 1e-4 + 1e-3 * b, "{key}: {a} {b} in {scene}");
+        }
+    }
+}
+
+/// Stages before one on the CPU: with the first it is a run on the GPU, with the last, which only looks, one on the CPU, bit for bit; between them like both; and it goes on like any run.
+#[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn stages_can_be_left_on_the_cpu() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("scene.toml");
+    let run = |scene: &str, more: &[&str]| {
+        std::fs::write(&file, scene).unwrap();
+        let mut command = Command::cargo_bin("forelock").unwrap();
+        command
+            .arg("simulate")
+            .arg(&file)
+            .arg("--json")
+            .args(more)
+            .arg("--out")
+            .arg(folder.path().join("out"));
+        let small = ["time.frames=6", "groom.strands=200", "body.sdf_cells=32", "output.picture=false"];
+        small.iter().for_each(|key| _ = command.args(["--set", key]));
+        summary(&mut command)
+    };
+    let hash = |summary: &Value| summary["state_hash"].clone();
+    let meeting = "[interaction]\nkind = \"grid\"\ncontacts = true\n[body]\nmotion = \"builtin:shake\"\n";
+    let [gpu, cpu] = ["gpu", "cpu"].map(|backend| run(meeting, &["--backend", backend]));
+    for stage in [
+        "solve_strands",
+        "resolve_solids",
+        "restore_lengths",
+        "splat_segments",
+        "find_contacts",
+        "check_strands",
+    ] {
+        let own = run(meeting, &["--gpu-from", stage]);
+        assert_eq!(own["backend"], "gpu", "{stage}");
+        for key in ["max_penetration_m", "max_edge_stretch", "max_edge_stretch_after_solids"] {
+            let [a, b] = [&own, &cpu].map(|summary| summary[key].as_f64().unwrap());
+            assert!((a - b).abs() < 1e-4 + 1e-3 * b, "{key}: {a} {b} from {stage}");
+        }
+        let [a, b] = [&own, &cpu].map(|summary| summary["max_strand_contacts"].as_u64().unwrap());
+        assert!(b > 0 && a.abs_diff(b) < 2, "contacts: {a} {b} from {stage}");
+        let same = [&gpu, &cpu].map(|other| hash(&own) == hash(other));
+        assert_eq!(same, [stage == "solve_strands", stage == "check_strands"], "{stage}");
+    }
+    // Virtual particles without a length pass; edits while the hair moves.
+    for scene in [SCENES[2], SCENES[3]] {
+        let [cpu, own] = [["--backend", "cpu"], ["--gpu-from", "check_strands"]].map(|how| run(scene, &how));
+        assert_eq!(hash(&own), hash(&cpu), "{scene}");
+        assert_eq!(own["max_penetration_m"], cpu["max_penetration_m"], "{scene}");
+        let whole = run(scene, &["--gpu-from", "restore_lengths"]);
+        run(scene, &["--gpu-from", "restore_lengths", "--frames", "3"]);
+        let resumed = run(scene, &["--gpu-from", "restore_lengths", "--resume"]);
+        assert_eq!(hash(&resumed), hash(&whole), "{scene}");
+    }
+    // Follow the leader on the CPU, and nothing after it that changes hair; smoothed particles there alone.
+    let following =
+        "[solver]\nkind = \"dftl\"\n[interaction]\nkind = \"sph\"\n[body]\nmotion = \"builtin:shake\"\n";
+    let [gpu, cpu] = ["gpu", "cpu"].map(|backend| run(following, &["--backend", backend]));
+    for (stage, same) in
+        [("find_neighbours", [true, false]), ("follow_leader", [false; 2]), ("resolve_solids", [false, true])]
+    {
+        let own = run(following, &["--gpu-from", stage]);
+        let notes = own["notes"].to_string();
+        assert_eq!(notes.contains("no frame of this scene has"), stage == "resolve_solids", "{notes}");
+        assert_eq!([&gpu, &cpu].map(|other| hash(&own) == hash(other)), same, "{stage}");
+    }
+    // Wind is sampled where the strands are solved.
+    let [cpu, own] = [["--backend", "cpu"], ["--gpu-from", "find_contacts"]].map(|how| run(SCENES[1], &how));
+    let [a, b] = [&own, &cpu].map(|summary| summary["max_penetration_m"].as_f64().unwrap());
+    assert!((a - b).abs() < 1e-4, "{a} {b}");
+}
+
+#[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn what_a_gpu_cannot_do_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("crowd.toml");
+    std::fs::write(&file, "[[collider]]\nshape = \"sphere\"\nradius = 0.01\n".repeat(33)).unwrap();
+    let mut command = Command::cargo_bin("forelock").unwrap();
+    command.arg("simulate").arg(&file).args(["--backend", "gpu", "--frames", "2"]);
+    for key in ["groom.strands=60", "body.sdf_cells=32", "output.picture=false"] {
+        command.args(["--set", key]);
+    }
+    let output = command.arg("--out").arg(folder.path().join("out")).output().unwrap();
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    assert!(text.contains("more than 32 solids at once cannot run on a GPU yet: run on the CPU"), "{text}");
+}
+
+#[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn a_gpu_is_measured_by_its_own_clock() {
+    let place = Workplace::new();
+    let output =
+        place.run(["bench", "scaling", "--backend", "gpu", "--most", "1000", "--frames", "1", "--json"]);
+    let table = json(&output);
+    let row = &table["rows"][0];
+    assert!(row["ms_per_frame"].as_f64().is_some_and(|ms| ms > 0.0), "{table}");
+    assert!(row["ms_per_stage"]["solve_strands"].as_f64().is_some_and(|ms| ms > 0.0), "{table}");
+    assert!(table["peak_bytes_per_sec"].as_f64().is_some_and(|rate| rate > 1e8), "{table}");
+    let small = ["bench", "paper", "--share", "0.001", "--frames", "1", "--warm-up", "0"];
+    let table = json(&place.run(small.iter().copied().chain(["--backend", "gpu", "--json"])));
+    let rows = table["rows"].as_array().map(Vec::as_slice).unwrap_or_default();
+    let ran: Vec<_> = rows.iter().filter(|row| row["skipped"].is_null()).collect();
+    // All but the one whose groom is not here.
+    assert_eq!(ran.len(), rows.len() - 1, "{table}");
+    assert!(
+        ran.iter().all(|row| row["ms_per_frame"]["median"].as_f64().is_some_and(|ms| ms > 0.0)),
+        "{table}"
+    );
+}

@@ -1,0 +1,8 @@
+//! The tests of the command, as one program.
+
+mod bad_input;
+mod bench;
+mod common;
+mod gpu;
+mod grooming;
+mod runs;

@@ -1,0 +1,22 @@
+//! The solvers against what is known of them beforehand: closed forms, conservation, invariances and the bounds of the
+//! project's table of thresholds. Nothing here compares with stored output; `goldens` does that.
+
+#![expect(clippy::unwrap_used, reason = "in a test a failure to build is a failure of the test")]
+
+mod air;
+mod closed_forms;
+mod contacts;
+pub mod dense;
+mod faults;
+mod follow;
+mod grid;
+mod hash;
+mod invariance;
+mod non_hookean;
+mod particles;
+pub mod rig;
+mod solids;
+mod steps;
+mod swept;
+mod system;
+mod thresholds;

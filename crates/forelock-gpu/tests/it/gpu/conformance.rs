@@ -1,0 +1,586 @@
+//! The kernels against the same stages on the CPU, both in float32: same scene, same frames.
+
+#![expect(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "a test fails where it cannot be set up, and tells how near it came"
+)]
+
+use crate::common::{
+    self, little,
+    shaken::{self, GRAVITY, apart, error_of_strands, options},
+};
+use forelock_core::body::{ColliderFrame, Head, Morph, Sdf, Shape};
+use forelock_core::interaction::contact::ContactParams;
+use forelock_core::strands::Strands;
+use forelock_core::pose::Pose;
+use forelock_core::solver::ams::{AngularForm, Inextensibility, IntegrityForm, Jacobian};
+use forelock_core::solver::{AmsParams, MassSpringParams};
+use forelock_core::frame::{Frame};
+use forelock_core::simulation::{Simulation};
+use forelock_gpu::{Choice, Gpu, GpuError, GpuSimulation};
+use glam::{DQuat, DVec3};
+use std::sync::Arc;
+
+const FPS: f64 = 60.0;
+
+/// How far a frame on the GPU may be from the same in float64, over how far the CPU's own float32 is from it: both round in their own order, the CPU fuses multiply–adds,
+/// and a driver's divisions and roots may be off by two units in the last place.
+const FACTOR: f64 = 3.0;
+/// What never counts, over the strand's length: a few units in the last place of a position.
+const FLOOR: f64 = 2e-6;
+
+fn frame(number: u32) -> Frame<'static> {
+    Frame {
+        head: [head(number), head(number + 1)],
+        colliders: &[],
+        gravity: GRAVITY,
+        air_velocity: DVec3::new(1.0, 0.0, -2.0),
+        dt_secs: 1.0 / FPS,
+    }
+}
+
+/// Curls a millimetre apart, which lean.
+fn tuft(count: u32, particles: impl Fn(u32) -> u32) -> (Vec<[f32; 3]>, Vec<u32>) {
+    shaken::tuft(count, particles, [0.001, 0.01])
+}
+
+fn head(frame: u32) -> Pose {
+    shaken::head(f64::from(frame) / FPS)
+}
+
+/// A solid that goes from its pose at rest `by` metres a second, in the head's space or in the world.
+struct Solid<'a> {
+    /// One a frame, of which the last stays.
+    shapes: &'a [Shape],
+    local: Pose,
+    by: DVec3,
+    on_head: bool,
+    friction: f64,
+}
+
+impl<'a> Solid<'a> {
+    fn new(shape: &'a Shape, at: [f64; 3], by: [f64; 3]) -> Self {
+        Self::changing(std::slice::from_ref(shape), at, by)
+    }
+
+    /// The same with a shape a frame.
+    fn changing(shapes: &'a [Shape], at: [f64; 3], by: [f64; 3]) -> Self {
+        let turned = DQuat::from_rotation_x(0.3);
+        Self { shapes, local: Pose::new(turned, at.into()), by: by.into(), on_head: true, friction: 0.4 }
+    }
+
+    fn frame(&self, number: u32) -> ColliderFrame<'a> {
+        let carrier = |frame: u32| {
+            let moved = Pose::new(DQuat::IDENTITY, self.by * f64::from(frame) / FPS);
+            if self.on_head { head(frame).after(&moved) } else { moved }
+        };
+        let [from, to] = [number, number + 1].map(carrier);
+        let shape = &self.shapes[(number as usize).min(self.shapes.len() - 1)];
+        ColliderFrame { shape, local: self.local, from, to, friction: self.friction }
+    }
+}
+
+/// Distance from the float64 CPU after `frames` frames, over the length of a strand: of the GPU, and of the float32 CPU. `params` are the GPU's and the CPU's. After one frame that of
+/// the worst strand; after more that of the median strand, for single ones may fall to either side of a threshold (a tie breaks or holds, a curl flips).
+fn errors(gpu: &Gpu, strands: &Strands<'_, f32>, params: [&AmsParams; 2], frames: u32) -> [f64; 2] {
+    errors_among(&[], gpu, strands, params, frames)
+}
+
+/// The same among solids.
+fn errors_among(
+    solids: &[Solid<'_>],
+    gpu: &Gpu,
+    strands: &Strands<'_, f32>,
+    params: [&AmsParams; 2],
+    frames: u32,
+) -> [f64; 2] {
+    let exact: Vec<[f64; 3]> = strands.positions.iter().map(|x| x.map(f64::from)).collect();
+    let exact = Strands { positions: &exact, offsets: strands.offsets, stiffness: strands.stiffness };
+    let mut own = GpuSimulation::from_strands(gpu, strands, params[0], &options()).unwrap();
+    let mut cpu = Simulation::from_strands(strands, params[1], &options()).unwrap();
+    let mut truth = Simulation::<f64>::from_strands(&exact, params[1], &options()).unwrap();
+    for number in 0..frames {
+        let colliders: Vec<_> = solids.iter().map(|solid| solid.frame(number)).collect();
+        let frame = Frame { colliders: &colliders, ..frame(number) };
+        own.step_frame(&frame).unwrap();
+        truth.step_frame(&frame).unwrap();
+        let expected = cpu.step_frame(&frame).unwrap();
+        let report = own.report().unwrap();
+        let depth = f64::from(report.max_penetration_m);
+        assert!((depth - expected.max_penetration_m).abs() < 1e-4, "{report:?}, {expected:?}");
+        let (touching, of) = (f64::from(report.touching), f64::from(expected.touching));
+        // What lies on a surface touches it or does not by a rounding, in float64 seldom.
+        assert!((touching - of).abs() <= 10.0 + 0.25 * of, "{report:?}, {expected:?}");
+    }
+    let truth = truth.snapshot();
+    [own.snapshot().unwrap(), cpu.snapshot()].map(|found| {
+        assert_eq!(found.origin, truth.origin);
+        let of_particle = |p: usize| {
+            let x = apart(found.positions[p], truth.positions[p]);
+            // A frame's worth of velocity.
+            let v = apart(found.velocities[p], truth.velocities[p]) / FPS;
+            (x.max(v) / 0.25).max((f64::from(found.integrity[p]) - truth.integrity[p]).abs())
+        };
+        error_of_strands(strands.offsets, of_particle, frames)
+    })
+}
+
+/// Whether the GPU is as near as float32 should be.
+fn is_close([gpu, cpu]: [f64; 2]) -> bool {
+    gpu <= FACTOR * cpu + FLOOR
+}
+
+/// Counts about every threshold: lanes, workgroups, the shortest strands, strands of many lengths.
+#[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn any_count_of_strands_and_particles() {
+    let gpu = common::gpu();
+    let params = AmsParams::default();
+    for (count, particles) in [
+        (1, 30),
+        (15, 30),
+        (16, 30),
+        (17, 30),
+        (63, 12),
+        (64, 12),
+        (65, 12),
+        (700, 25),
+        (40, 2),
+        (40, 3),
+        (40, 4),
+        (40, 200),
+    ] {
+        for mixed in [false, true] {
+            let (positions, offsets) = tuft(count, |strand| particles + if mixed { strand % 7 } else { 0 });
+            let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+            let errors = errors(&gpu, &strands, [&params; 2], 1);
+            assert!(is_close(errors), "{count} × {particles}, mixed {mixed}: {errors:?}");
+        }
+    }
+}
+
+/// Every form of every term.
+fn forms() -> Vec<(&'static str, AmsParams)> {
+    let default = AmsParams::default;
+    let breaking = AmsParams {
+        non_hookean: true,
+        elastic_limit: 0.01,
+        breaking_point: 0.05,
+        breaking_width: 0.1,
+        healing_secs: 0.5,
+        healing_limit: 0.02,
+        ..default()
+    };
+    vec![
+        ("default", default()),
+        ("no preload", AmsParams { sag_free: false, ..default() }),
+        (
+            "paper's ties",
+            AmsParams { integrity: IntegrityForm::Paper, angular: AngularForm::Paper, ..default() },
+        ),
+        ("no angular tie", AmsParams { angular: AngularForm::Off, ..default() }),
+        (
+            "paper's jacobian",
+            AmsParams { jacobian: Jacobian::Paper, k_edge: 1e4, k_bend: 1e4, k_torsion: 1e4, ..default() },
+        ),
+        ("no ties, one clamped", AmsParams { k_integrity: 0.0, k_angular: 0.0, clamped: 1, ..default() }),
+        (
+            "soft tips",
+            AmsParams {
+                tip_scale_springs: 0.2,
+                tip_scale_integrity: 0.1,
+                tip_scale_angular: 0.0,
+                ..default()
+            },
+        ),
+        ("breaking", breaking),
+        ("follow the leader", AmsParams { inextensibility: Inextensibility::Dftl, ..default() }),
+        ("stretching", AmsParams { inextensibility: Inextensibility::Off, substeps: 7, ..default() }),
+        ("all clamped", AmsParams { clamped: 1000, ..default() }),
+        ("mass-spring", MassSpringParams { virtual_particles: false, ..MassSpringParams::default() }.ams()),
+    ]
+}
+
+#[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn every_form_of_every_term() {
+    let gpu = common::gpu();
+    let (positions, offsets) = tuft(70, |strand| 20 + strand % 2);
+    let stiffness: Vec<f32> = (0..70u8).map(|strand| 0.5 + f32::from(strand) / 70.0).collect();
+    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: Some(&stiffness) };
+    for (name, params) in forms() {
+        let [one, many] = [1, 30].map(|frames| errors(&gpu, &strands, [&params; 2], frames));
+        println!("{name} on {}: {one:?} after a frame, {many:?} after thirty (GPU, CPU)", gpu.name());
+        assert!(is_close(one) && is_close(many), "{name}: {one:?}, {many:?}");
+    }
+}
+
+/// Factors in 16 bits: velocities stay within a few thousandths of what float64 has, and something is rounded.
+#[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn half_factors_are_off_by_little() {
+    let gpu = common::gpu();
+    let (positions, offsets) = tuft(70, |strand| 20 + strand % 2);
+    let exact: Vec<[f64; 3]> = positions.iter().map(|x| x.map(f64::from)).collect();
+    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let exact = Strands { positions: &exact, offsets: &offsets, stiffness: None };
+    for params in
+        [AmsParams::default(), AmsParams { inextensibility: Inextensibility::Off, ..AmsParams::default() }]
+    {
+        let [mut whole, mut halved] = [false, true].map(|halves| {
+            let mut own = GpuSimulation::from_strands(&gpu, &strands, &params, &options()).unwrap();
+            own.set_half_factors(halves);
+            own
+        });
+        let mut truth = Simulation::<f64>::from_strands(&exact, &params, &options()).unwrap();
+        for number in 0..60 {
+            whole.step_frame(&frame(number)).unwrap();
+            halved.step_frame(&frame(number)).unwrap();
+            truth.step_frame(&frame(number)).unwrap();
+        }
+        let truth = truth.snapshot();
+        let off = |own: &mut GpuSimulation| {
+            let own = own.snapshot().unwrap();
+            let square =
+                |a: &[f32; 3], b: &[f64; 3]| (0..3).map(|c| (f64::from(a[c]) - b[c]).powi(2)).sum::<f64>();
+            let sum = own.positions.iter().zip(&truth.positions).map(|(a, b)| square(a, b)).sum::<f64>();
+            (sum / own.positions.len() as f64).sqrt()
+        };
+        let [whole, halved] = [off(&mut whole), off(&mut halved)];
+        println!("root mean square of positions after a second: {whole} m, with half factors {halved} m");
+        assert!(whole < 1e-4 && halved < 2e-3 && halved > 2.0 * whole);
+    }
+}
+
+/// The field of a ball.
+fn ball_field(radius: f32) -> Sdf {
+    // Each in a box of its own size.
+    let cell = 0.002 + 0.07 * radius;
+    let node = |at: u32| (at as f32 - 15.5) * cell;
+    let values = (0..32u32.pow(3)).map(|at| {
+        let [x, y, z] = [at % 32, at / 32 % 32, at / 1024].map(node);
+        (x * x + y * y + z * z).sqrt() - radius
+    });
+    Sdf::new(glam::UVec3::splat(32), glam::Vec3::splat(node(0)), cell, values.collect()).unwrap()
+}
+
+/// Every shape, still on the head and flying through the hair, several at once, faster than a substep can see, and where there is no room between them.
+#[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn every_solid() {
+    let gpu = common::gpu();
+    let (positions, offsets) = tuft(130, |strand| 20 + strand % 3);
+    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let ball = Shape::Sphere { radius: 0.05 };
+    let fast = Shape::Sphere { radius: 0.03 };
+    let hollow = Shape::HollowSphere { radius: 0.2 };
+    let capsule = Shape::Capsule { half_length: 0.1, radius: 0.02 };
+    let cuboid = Shape::Box { half_extents: DVec3::new(0.05, 0.02, 0.08) };
+    let mesh = Shape::Sdf(Arc::new(Sdf::from_mesh(&Head::builtin().mesh, 48, 0.02).unwrap()));
+    // Three fields, gone through in forty frames; the fourth is a plain one, whose numbers come after theirs.
+    let morph = Arc::new(Morph::new([0.02, 0.045, 0.06].map(ball_field).into()).unwrap());
+    let phase = |frame: u32| 0.05 * f64::from(frame);
+    let swelling: Vec<Shape> = (0..40)
+        .map(|frame| Shape::Morph { morph: morph.clone(), phases: [phase(frame), phase(frame + 1)] })
+        .collect();
+    let still = |shape, at| Solid::new(shape, at, [0.0; 3]);
+    // The head sets out along z, and what is to meet it in the world goes there too.
+    let flying = Solid { on_head: false, ..Solid::new(&ball, [-0.25, -0.12, 0.01], [1.0, 0.0, 0.6]) };
+    let scenes: Vec<(&str, Vec<Solid<'_>>)> = vec![
+        ("a ball on the head", vec![still(&ball, [0.03, -0.12, 0.0])]),
+        ("a ball that flies by", vec![flying]),
+        ("a capsule", vec![Solid::new(&capsule, [-0.1, -0.15, 0.0], [0.4, 0.0, 0.0])]),
+        ("a box", vec![Solid::new(&cuboid, [-0.1, -0.15, 0.0], [0.4, 0.0, 0.1])]),
+        ("a plane", vec![still(&Shape::Plane, [0.0, -0.2, 0.0])]),
+        ("a hollow sphere", vec![still(&hollow, [0.0, -0.1, 0.0])]),
+        ("a field", vec![still(&mesh, [0.0, -0.16, 0.0])]),
+        ("a ball that swells", vec![Solid::changing(&swelling, [0.02, -0.14, 0.0], [0.0; 3])]),
+        (
+            "a ball that swells past a field and moves",
+            vec![
+                Solid::changing(&swelling, [-0.1, -0.14, 0.0], [0.2, 0.0, 0.0]),
+                still(&mesh, [0.05, -0.2, 0.0]),
+            ],
+        ),
+        (
+            "two fields and a ball",
+            vec![
+                still(&mesh, [0.12, -0.16, 0.0]),
+                Solid::new(&mesh, [-0.25, -0.2, 0.02], [0.3, 0.0, 0.0]),
+                Solid::new(&ball, [-0.15, -0.12, 0.01], [0.4, 0.0, 0.0]),
+            ],
+        ),
+        ("a ball at 30 m/s", vec![Solid::new(&fast, [-1.3, -0.12, 0.0], [30.0, 0.0, 0.0])]),
+        (
+            "two balls that close",
+            vec![
+                Solid::new(&ball, [-0.1, -0.12, 0.0], [0.2, 0.0, 0.0]),
+                Solid::new(&ball, [0.15, -0.12, 0.01], [-0.2, 0.0, 0.0]),
+            ],
+        ),
+    ];
+    let params = AmsParams::default();
+    let free = AmsParams { inextensibility: Inextensibility::Off, ..AmsParams::default() };
+    for (name, solids) in &scenes {
+        for (kind, params) in [("lengths", &params), ("stretching", &free)] {
+            let [one, many] = [1, 30].map(|frames| errors_among(solids, &gpu, &strands, [params; 2], frames));
+            println!("{name}, {kind}: {one:?} after a frame, {many:?} after thirty (GPU, CPU)");
+            // Hair that is hit at 30 m/s goes where it may: of that only single frames are compared, below.
+            let is_wild = *name == "a ball at 30 m/s";
+            assert!(is_close(one) && (is_wild || is_close(many)), "{name}, {kind}: {one:?}, {many:?}");
+        }
+    }
+    // Frame by frame from the CPU's state, so that nothing adds up: every particle counts.
+    for (name, solids) in &scenes {
+        let off = strays(&gpu, &strands, solids, solids, [&params; 2]);
+        println!("{name}: {off:?} particles off, touches");
+        assert!(off[0] <= 3 + off[1] / 200, "{name}: {off:?}");
+        // What is through before a frame ends touches nothing at its end; below it is shown to be met.
+        assert!(off[1] > 20 || *name == "a ball at 30 m/s", "{name}: {off:?}");
+    }
+    // The comparison can fail: other friction, edges that are not laid along, a ball too fast to be seen at the ends of a substep.
+    let slippery = [Solid { friction: 0.0, ..Solid::new(&cuboid, [-0.1, -0.15, 0.0], [0.4, 0.0, 0.1]) }];
+    let loose = AmsParams { lay_along_solids: false, ..AmsParams::default() };
+    let of = |name: &str| &*scenes.iter().find(|scene| scene.0 == name).unwrap().1;
+    for (name, off) in [
+        ("friction", strays(&gpu, &strands, &slippery, of("a box"), [&params; 2])),
+        ("laid along", strays(&gpu, &strands, of("a plane"), of("a plane"), [&loose, &params])),
+        ("swept", strays(&gpu, &strands, &[], of("a ball at 30 m/s"), [&params; 2])),
+    ] {
+        println!("other {name}: {off:?} particles off, touches");
+        assert!(off[0] > 3 + off[1] / 200, "{name}: {off:?}");
+    }
+}
+
+/// Particles that the GPU has elsewhere than the CPU a frame after the same state, and touches on the CPU; over thirty frames. The solids are the GPU's and the CPU's, and so are the parameters.
+fn strays(
+    gpu: &Gpu,
+    strands: &Strands<'_, f32>,
+    own_solids: &[Solid<'_>],
+    cpu_solids: &[Solid<'_>],
+    params: [&AmsParams; 2],
+) -> [usize; 2] {
+    let mut own = GpuSimulation::from_strands(gpu, strands, params[0], &options()).unwrap();
+    let mut cpu = Simulation::from_strands(strands, params[1], &options()).unwrap();
+    let (mut off, mut touching) = (0, 0);
+    for number in 0..30 {
+        own.restore(&cpu.snapshot()).unwrap();
+        let [a, b] =
+            [own_solids, cpu_solids].map(|solids| solids.iter().map(|s| s.frame(number)).collect::<Vec<_>>());
+        own.step_frame(&Frame { colliders: &a, ..frame(number) }).unwrap();
+        touching += cpu.step_frame(&Frame { colliders: &b, ..frame(number) }).unwrap().touching as usize;
+        let (own, cpu) = (own.snapshot().unwrap(), cpu.snapshot());
+        let apart =
+            |a: [f32; 3], b: [f32; 3]| DVec3::from(a.map(f64::from)).distance(DVec3::from(b.map(f64::from)));
+        for p in 0..own.positions.len() {
+            let x = apart(own.positions[p], cpu.positions[p]);
+            let v = apart(own.velocities[p], cpu.velocities[p]) / FPS;
+            // A tenth of a millimetre, and as far in the frame to come.
+            off += usize::from(!(x < 1e-4 && v < 1e-4));
+        }
+    }
+    [off, touching]
+}
+
+/// The comparison can fail: parameters that are off are seen.
+#[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn a_perturbed_twin_fails() {
+    let gpu = common::gpu();
+    let (positions, offsets) = tuft(20, |_| 20);
+    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let truth = AmsParams {
+        drag: 3.0,
+        tip_scale_integrity: 0.5,
+        inextensibility: Inextensibility::Off,
+        ..AmsParams::default()
+    };
+    let off = |change: fn(&mut AmsParams)| {
+        let mut params = truth.clone();
+        change(&mut params);
+        errors(&gpu, &strands, [&params, &truth], 30)
+    };
+    for (name, error) in [
+        ("k_bend", off(|p| p.k_bend *= 0.5)),
+        ("k_integrity", off(|p| p.k_integrity *= 1.01)),
+        ("k_angular", off(|p| p.k_angular *= 1.01)),
+        ("drag", off(|p| p.drag *= 1.01)),
+        ("tip_scale_integrity", off(|p| p.tip_scale_integrity *= 1.01)),
+        ("sag_free", off(|p| p.sag_free = false)),
+        ("clamped", off(|p| p.clamped += 1)),
+    ] {
+        assert!(!is_close(error), "{name}: {error:?}");
+    }
+}
+
+#[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn two_runs_are_the_same_bits_and_a_run_that_was_interrupted_too() {
+    let gpu = common::gpu();
+    let (positions, offsets) = tuft(500, |strand| 10 + strand % 5);
+    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let new = || GpuSimulation::from_strands(&gpu, &strands, &AmsParams::default(), &options()).unwrap();
+    let run = |mut simulation: GpuSimulation, frames: std::ops::Range<u32>| {
+        frames.for_each(|number| simulation.step_frame(&frame(number)).unwrap());
+        simulation
+    };
+    let whole = run(new(), 0..40).state_hash().unwrap();
+    assert_eq!(run(new(), 0..40).state_hash().unwrap(), whole);
+    let half = run(new(), 0..17).snapshot().unwrap();
+    let mut resumed = new();
+    resumed.restore(&half).unwrap();
+    assert_eq!(run(resumed, 17..40).state_hash().unwrap(), whole);
+}
+
+#[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn a_strand_that_is_not_finite_goes_back_to_rest_and_the_others_go_on() {
+    let gpu = common::gpu();
+    let (positions, offsets) = tuft(50, |_| 20);
+    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let (params, options) = (AmsParams::default(), options());
+    let mut own = GpuSimulation::from_strands(&gpu, &strands, &params, &options).unwrap();
+    let mut cpu = Simulation::from_strands(&strands, &params, &options).unwrap();
+    let mut broken = cpu.snapshot();
+    broken.positions[20 * 7 + 11][1] = f32::NAN;
+    broken.velocities[20 * 31 + 3][2] = f32::INFINITY;
+    own.restore(&broken).unwrap();
+    cpu.restore(&broken).unwrap();
+    own.step_frame(&frame(0)).unwrap();
+    let expected = cpu.step_frame(&frame(0)).unwrap();
+    let report = own.report().unwrap();
+    assert_eq!((report.quarantined_strands, expected.quarantined_strands), (2, 2));
+    assert!(report.max_edge_stretch < 1e-5, "{report:?}");
+    assert_eq!(own.report().unwrap().quarantined_strands, 0, "a report begins anew");
+    let (own, cpu) = (own.snapshot().unwrap(), cpu.snapshot());
+    for (a, b) in own.positions.iter().flatten().zip(cpu.positions.iter().flatten()) {
+        assert!((a - b).abs() < 1e-5, "{a} {b}");
+    }
+}
+
+#[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn a_steady_frame_makes_nothing_and_reads_nothing_back() {
+    let gpu = common::gpu();
+    let (positions, offsets) = tuft(100, |_| 20);
+    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    // A device of its own, for counts are a device's.
+    let gpu = Gpu::open(&Choice::Named(gpu.name().to_owned())).unwrap();
+    let mut simulation =
+        GpuSimulation::from_strands(&gpu, &strands, &AmsParams::default(), &options()).unwrap();
+    let mesh = Shape::Sdf(Arc::new(Sdf::from_mesh(&Head::builtin().mesh, 32, 0.02).unwrap()));
+    let solid = Solid::new(&mesh, [0.0, -0.16, 0.0], [0.0; 3]);
+    let step = |simulation: &mut GpuSimulation, number: u32| {
+        simulation.step_frame(&Frame { colliders: &[solid.frame(number)], ..frame(number) }).unwrap();
+    };
+    step(&mut simulation, 0);
+    let before = gpu.counts();
+    (1..20).for_each(|number| step(&mut simulation, number));
+    assert_eq!(gpu.counts(), before);
+    simulation.state_hash().unwrap();
+    assert!(gpu.counts().read_backs > before.read_backs, "the counter counts");
+}
+
+/// Many batches are as one: on a device that binds little at once, which someone else has opened.
+#[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn many_batches_are_as_one() {
+    let gpu = common::gpu();
+    let (positions, offsets) = tuft(700, |strand| 12 + strand % 5);
+    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let ball = Shape::Sphere { radius: 0.05 };
+    let solid = Solid::new(&ball, [0.03, -0.12, 0.0], [0.0; 3]);
+    let run = |gpu: &Gpu| {
+        let mut own = GpuSimulation::from_strands(gpu, &strands, &AmsParams::default(), &options()).unwrap();
+        for number in 0..5 {
+            own.step_frame(&Frame { colliders: &[solid.frame(number)], ..frame(number) }).unwrap();
+        }
+        (own.state_hash().unwrap(), own.bytes())
+    };
+    let small = little::binding_little(&gpu, 1 << 18);
+    let has_subgroups = |gpu: &Gpu| gpu.device().features().contains(wgpu::Features::SUBGROUP);
+    println!("subgroups: {}", has_subgroups(&gpu));
+    assert!(!has_subgroups(&small), "of a device that was opened without features");
+    let ((one, bytes), (many, fewer)) = (run(&gpu), run(&small));
+    assert_eq!(one, many);
+    assert!(fewer < bytes / 2, "scratch is that of one batch of several: {fewer} of {bytes}");
+}
+
+#[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn stages_are_timed_and_bits_stay_the_same() {
+    let gpu = common::gpu();
+    let (positions, offsets) = tuft(200, |_| 20);
+    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let ball = Shape::Sphere { radius: 0.05 };
+    let solid = Solid::new(&ball, [0.03, -0.12, 0.0], [0.0; 3]);
+    let run = |timed: bool| {
+        let mut own = GpuSimulation::from_strands(&gpu, &strands, &AmsParams::default(), &options()).unwrap();
+        let can = own.time_stages(timed);
+        for number in 0..5 {
+            own.step_frame(&Frame { colliders: &[solid.frame(number)], ..frame(number) }).unwrap();
+        }
+        let secs = own.report().unwrap().secs;
+        assert_eq!(secs.is_some(), can);
+        let ran = ["solve_strands", "resolve_solids", "restore_lengths", "check_strands"];
+        if let Some(secs) = secs {
+            let names: Vec<_> = secs.stages.iter().map(|(name, _)| *name).collect();
+            assert_eq!(names, ran);
+            assert!(secs.stages.iter().all(|(_, secs)| *secs > 0.0 && *secs < 10.0), "{secs:?}");
+            assert!(secs.whole >= 0.999 * secs.stages.iter().map(|(_, secs)| secs).sum::<f64>(), "{secs:?}");
+        }
+        own.state_hash().unwrap()
+    };
+    assert_eq!(run(true), run(false));
+}
+
+#[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn what_a_gpu_cannot_do_is_said() {
+    let gpu = common::gpu();
+    let named = Gpu::open(&Choice::Named("a name that no one has".to_owned()));
+    let text = named.unwrap_err().to_string();
+    assert!(text.contains("a name that no one has") && text.contains(gpu.name()), "{text}");
+    let (positions, offsets) = tuft(10, |_| 20);
+    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let gpu = Gpu::open(&Choice::Named(gpu.name().to_owned())).unwrap();
+    let mut simulation =
+        GpuSimulation::from_strands(&gpu, &strands, &AmsParams::default(), &options()).unwrap();
+    let too_stiff = Frame { dt_secs: 1e3, ..frame(0) };
+    assert!(matches!(simulation.step_frame(&too_stiff), Err(GpuError::Params(_))));
+    simulation.step_frame(&frame(0)).unwrap();
+    // A device that is gone, and a driver that says so while one waits.
+    let gone = Gpu::open(&Choice::Named(gpu.name().to_owned())).unwrap();
+    let mut on_gone =
+        GpuSimulation::from_strands(&gone, &strands, &AmsParams::default(), &options()).unwrap();
+    gone.device().destroy();
+    assert!(matches!(on_gone.snapshot(), Err(GpuError::Failed { .. })));
+    assert!(matches!(on_gone.step_frame(&frame(0)), Err(GpuError::Failed { .. })));
+    gpu.lose("a cable was pulled");
+    for error in [simulation.step_frame(&frame(1)).unwrap_err(), simulation.snapshot().unwrap_err()] {
+        assert!(
+            matches!(&error, GpuError::Failed { .. }) && error.to_string().contains("a cable was pulled"),
+            "{error}"
+        );
+    }
+}
+
+/// 15,000 × 30, the paper's hand scene: at most 200 bytes a particle, also with contacts, but for their table of cells.
+#[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn two_hundred_bytes_a_particle() {
+    let gpu = common::gpu();
+    let (positions, offsets) = tuft(15_000, |_| 30);
+    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let mut simulation =
+        GpuSimulation::from_strands(&gpu, &strands, &AmsParams::default(), &options()).unwrap();
+    let bytes = |simulation: &GpuSimulation| simulation.bytes() as f64 / positions.len() as f64;
+    let alone = bytes(&simulation);
+    simulation.set_contacts(Some(&ContactParams::default())).unwrap();
+    let touching = bytes(&simulation);
+    println!("{alone:.1} bytes a particle on the device, with contacts {touching:.1}");
+    // Two numbers a cell, of which there are up to twice as many as segments.
+    let table = f64::from(8 * (15_000 * 29u32).next_power_of_two()) / positions.len() as f64;
+    assert!(alone <= 200.0 && touching <= 200.0 + table, "{alone} {touching}");
+}

@@ -1,0 +1,9 @@
+//! Kernels on a device, compared with the same stages on the CPU. All tests share one device.
+
+mod air;
+mod conformance;
+mod contacts;
+mod follow;
+mod goldens;
+mod grid;
+mod guides;

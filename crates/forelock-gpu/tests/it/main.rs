@@ -1,0 +1,7 @@
+//! The tests of this crate that use its public interface alone, as one program.
+
+mod common;
+#[path = "../../../forelock-core/tests/it/golden/mod.rs"]
+mod golden;
+mod gpu;
+mod kernels;

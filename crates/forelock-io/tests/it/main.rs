@@ -1,0 +1,8 @@
+//! The tests of this crate that use its public interface alone, as one program.
+
+mod cache;
+mod common;
+mod files;
+mod malformed;
+mod real_data;
+mod round_trips;
