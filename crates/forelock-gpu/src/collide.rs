@@ -8,7 +8,7 @@ use bytemuck::{Pod, Zeroable};
 use forelock_core::body::{ColliderFrame, SHAPES_WGSL, Sdf, Shape};
 use forelock_core::pose::Pose;
 use forelock_core::frame::{Frame, fractions};
-use forelock_core::solver::{SolverParams};
+use forelock_core::frame::FrameRules;
 use forelock_core::collide::resolve_solids::{self, SolidMotion};
 use glam::{DMat4, DVec2, DVec3, Mat4, UVec3, Vec2, Vec3};
 use std::sync::Arc;
@@ -295,12 +295,12 @@ impl Solids {
     }
 
     /// Writes the queries of a frame: one after each substep, and one at the end. `has_last` says whether that one runs.
-    pub fn write_frame(&mut self, gpu: &Gpu, params: &SolverParams, frame: &SolidFrame<'_>) {
-        let (colliders, substeps) = (frame.frame.colliders, params.substeps());
+    pub fn write_frame(&mut self, gpu: &Gpu, rules: &FrameRules, frame: &SolidFrame<'_>) {
+        let (colliders, substeps) = (frame.frame.colliders, rules.substeps);
         let h = frame.frame.dt_secs / f64::from(substeps);
         self.bytes.clear();
         self.query.count = colliders.len() as u32;
-        self.query.thickness = params.skin_thickness() as f32;
+        self.query.thickness = rules.skin_thickness as f32;
         for (step, fractions) in (0..substeps).zip(fractions(substeps)) {
             for (entry, solid) in self.query.solids.iter_mut().zip(colliders) {
                 let place = place_of(&self.held, solid.shape).unwrap_or(0);
@@ -308,7 +308,7 @@ impl Solids {
             }
             let is_last = step + 1 == substeps && !frame.has_last;
             self.query.how = if is_last { AFTER_SUBSTEP | LAST } else { AFTER_SUBSTEP };
-            self.query.way_out = (params.depenetration_speed() * h) as f32;
+            self.query.way_out = (rules.depenetration_speed * h) as f32;
             self.append(step);
         }
         self.query.how = LAST;

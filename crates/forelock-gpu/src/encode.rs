@@ -8,62 +8,44 @@ use crate::frame::{CHECK_STRANDS, RESTORE_AGAIN, RESTORE_LENGTHS};
 use crate::interaction::contact::ContactStep;
 use crate::interaction::grid::GridStep;
 use crate::kernel::DispatchList;
-use crate::solver::{ams, dftl};
+use crate::solver::{SolveBatch, dftl};
 use crate::uniforms::{FrameUniform, SubstepUniform};
 use forelock_core::air::WindField;
+use forelock_core::frame::{Exchange, Frame, Phase, PlannedStep, Step};
 use forelock_core::interaction::grid::GridFrame;
+use forelock_core::interaction::{contact, grid, sph};
 use forelock_core::pose::Pose;
-use forelock_core::solver::dftl::Schedule;
-use forelock_core::solver::ams::Inextensibility;
-use forelock_core::frame::{Frame, FrameStep, Meeting};
-use forelock_core::solver::{SolverParams};
 use glam::DVec3;
 
 /// Whether one of `steps` moves positions to the frame's origin.
-fn begins(steps: &[FrameStep]) -> bool {
-    steps.iter().any(|step| matches!(step, FrameStep::SolveStrands(0) | FrameStep::FollowLeader))
+fn begins(steps: &[PlannedStep]) -> bool {
+    steps.iter().any(|own| own.step == Step::Solve { substep: 0 })
 }
 
-/// Whether strands interact in a step: it runs on all batches before the next one.
-fn interacts(step: FrameStep) -> bool {
-    use FrameStep::{Contacts, Grid, NoteStart, Particles};
-    matches!(step, NoteStart | Particles | Grid | Contacts)
+/// Whether a step runs batch by batch; others run on all batches before the next step.
+fn is_of_batches(step: &Step) -> bool {
+    step.is_of_strands() && *step != Step::RestoreIfMoved
 }
 
 impl GpuSimulation {
-    /// All steps of a frame.
-    pub(crate) fn steps(&self) -> Vec<FrameStep> {
-        let meeting = Meeting {
-            grid: self.grid.is_some(),
-            particles: self.sph.is_some(),
-            contacts: self.contacts.is_some(),
-        };
-        FrameStep::all(&self.params, meeting).collect()
-    }
-
-    /// Whether the solver is follow the leader.
-    pub(crate) fn follows(&self) -> bool {
-        matches!(self.params, SolverParams::Dftl(_))
-    }
-
-    /// Whether the frame has a length pass.
-    pub(crate) fn restores_lengths(&self) -> bool {
-        self.params.inextensibility().0 != Inextensibility::Off
+    /// Whether velocities hold more than motion.
+    pub(crate) fn has_load(&self) -> bool {
+        self.solver.channels().previous
     }
 
     /// Measures the time of each stage from the next frame on, or stops. Returns whether the device supports it.
     pub fn time_stages(&mut self, on: bool) -> bool {
         let air = self.air.is_some().then_some(Shelter { wake: true, canopy: true });
-        let passes = self.plan(&self.steps(), SolidKinds::Rigid, air).stages().count() as u32;
+        let passes = self.dispatches(self.plan.steps(), SolidKinds::Rigid, air).stages().count() as u32;
         self.clock = on.then(|| Clock::new(&self.gpu, passes)).flatten();
         self.clock.is_some()
     }
 
     /// Records `steps` and submits them.
-    pub(crate) fn submit(&mut self, steps: &[FrameStep], solids: SolidKinds, air: Option<Shelter>) {
+    pub(crate) fn submit(&mut self, steps: &[PlannedStep], solids: SolidKinds, air: Option<Shelter>) {
         let mut clock = self.clock.take();
         let mut encoder = self.gpu.device().create_command_encoder(&Default::default());
-        self.record(&mut encoder, &self.plan(steps, solids, air), clock.as_mut());
+        self.record(&mut encoder, &self.dispatches(steps, solids, air), clock.as_mut());
         self.clock = clock;
         self.gpu.queue().submit([encoder.finish()]);
     }
@@ -88,88 +70,88 @@ impl GpuSimulation {
     }
 
     /// The dispatches of `steps` in their order. Between interactions, batches run one after the other.
-    fn plan(&self, steps: &[FrameStep], solids: SolidKinds, air: Option<Shelter>) -> DispatchList<'_> {
+    fn dispatches(
+        &self,
+        steps: &[PlannedStep],
+        solids: SolidKinds,
+        air: Option<Shelter>,
+    ) -> DispatchList<'_> {
         let mut list = DispatchList::default();
-        for steps in steps.chunk_by(|a, b| interacts(*a) == interacts(*b)) {
-            if interacts(steps[0]) {
-                steps.iter().for_each(|step| self.interact(&mut list, *step));
+        for steps in steps.chunk_by(|a, b| is_of_batches(&a.step) && is_of_batches(&b.step)) {
+            let step = steps[0].step;
+            if !is_of_batches(&step) {
+                self.run_on_all(&mut list, step);
                 continue;
             }
             if let Some((shelter, air)) = air.zip(self.air.as_ref()).filter(|_| begins(steps)) {
                 air.sample(&mut list, shelter);
-                if steps.contains(&FrameStep::FollowLeader) {
-                    list.run(&self.groups.wind, &dftl::APPLY_WIND, &[0]);
-                }
+                self.kernels.apply_wind(&mut list, &self.groups);
             }
             for batch in 0..self.batches.len() {
-                steps.iter().for_each(|step| self.step_batch(&mut list, *step, batch, solids));
+                steps.iter().for_each(|own| self.step_batch(&mut list, own.step, batch, solids));
             }
         }
         list
     }
 
     /// A step of one batch.
-    fn step_batch<'a>(
-        &'a self,
-        list: &mut DispatchList<'a>,
-        step: FrameStep,
-        batch: usize,
-        solids: SolidKinds,
-    ) {
+    fn step_batch<'a>(&'a self, list: &mut DispatchList<'a>, step: Step, batch: usize, solids: SolidKinds) {
         let groups = &self.groups;
         let strands = &groups.strands[batch];
-        let last = self.params.substeps() - 1;
+        let last = self.rules.substeps - 1;
+        let collide = |number| solids.resolve().map(|kernel| groups.solids[batch].dispatch(kernel, &[number]));
         match step {
-            FrameStep::FollowLeader => {
-                let schedule = match &self.params {
-                    SolverParams::Dftl(params) => params.schedule,
-                    SolverParams::Ams(_) => Schedule::Fused,
-                };
+            Step::Solve { substep } => {
                 let longest = self.batches[batch].threads.longest;
-                dftl::follow(list, &groups.follow[batch], schedule, solids, longest);
+                let half_factors = self.half_factors;
+                let batch = SolveBatch { groups, batch, longest, solids, half_factors };
+                self.kernels.solve(list, &batch, substep);
             }
-            FrameStep::SolveStrands(number) => {
-                list.push(groups.wind[batch].dispatch(ams::solve(self.half_factors), &[number]));
+            Step::Collide { substep } => list.extend(collide(substep)),
+            Step::CollideFinal => {
+                let loaded = self.has_load();
+                list.extend(loaded.then(|| strands.dispatch(&dftl::STORE_LOAD, &[0])));
+                list.extend(collide(last + 1));
+                list.extend(loaded.then(|| strands.dispatch(&dftl::RESTORE_LOAD, &[0])));
             }
-            FrameStep::ResolveSolids(number) => {
-                list.extend(solids.resolve().map(|kernel| groups.solids[batch].dispatch(kernel, &[number])));
-            }
-            FrameStep::LastSolids => {
-                let follows = self.follows();
-                list.extend(follows.then(|| strands.dispatch(&dftl::STORE_LOAD, &[0])));
-                list.extend(
-                    solids.resolve().map(|kernel| groups.solids[batch].dispatch(kernel, &[last + 1])),
-                );
-                list.extend(follows.then(|| strands.dispatch(&dftl::RESTORE_LOAD, &[0])));
-            }
-            FrameStep::RestoreLengths => list.push(strands.dispatch(&RESTORE_LENGTHS, &[last])),
-            _ => list.push(strands.dispatch(&CHECK_STRANDS, &[last])),
+            Step::RestoreLengths => list.push(strands.dispatch(&RESTORE_LENGTHS, &[last])),
+            Step::CheckStrands => list.push(strands.dispatch(&CHECK_STRANDS, &[last])),
+            Step::RecordStart(_) | Step::Exchange(_) | Step::RestoreIfMoved => {}
         }
     }
 
-    /// A step in which strands interact. Under follow the leader, velocities are those of the motion meanwhile.
-    fn interact<'a>(&'a self, list: &mut DispatchList<'a>, step: FrameStep) {
+    /// A step of all batches together.
+    fn run_on_all<'a>(&'a self, list: &mut DispatchList<'a>, step: Step) {
         let strands = &self.groups.strands;
-        let loaded = self.follows() && matches!(step, FrameStep::Grid | FrameStep::Contacts);
-        if loaded {
-            list.run(strands, &dftl::STORE_LOAD, &[0]);
-        }
-        match (step, &self.grid, &self.sph, &self.contacts) {
-            (FrameStep::Grid, Some(grid), ..) => grid.exchange(list, self.params.substeps()),
-            (FrameStep::Particles, _, Some(sph), _) => sph.interact(list),
-            (FrameStep::NoteStart, .., Some(contacts)) => contacts.record_start(list),
-            (FrameStep::Contacts, .., Some(contacts)) => contacts.interact(list),
+        match step {
+            Step::RecordStart(_) => self.contacts.iter().for_each(|own| own.record_start(list)),
+            Step::RestoreIfMoved => list.run(strands, &RESTORE_AGAIN, &[self.rules.substeps - 1]),
+            Step::Exchange(exchange) => {
+                // Where velocities hold more than motion, they are those of the motion meanwhile.
+                let loaded = self.has_load() && exchange.phase != Phase::BeforeStrands;
+                if loaded {
+                    list.run(strands, &dftl::STORE_LOAD, &[0]);
+                }
+                self.exchange(list, &exchange);
+                if loaded {
+                    list.run(strands, &dftl::RESTORE_LOAD, &[0]);
+                }
+            }
             _ => {}
         }
-        if loaded {
-            list.run(strands, &dftl::RESTORE_LOAD, &[0]);
-        }
-        // Follow the leader restores lengths after the last interaction.
-        let last = if self.contacts.is_some() { FrameStep::Contacts } else { FrameStep::Grid };
-        if loaded && self.grid.is_some() && step == last {
-            list.run(strands, &RESTORE_LENGTHS, &[0]);
-        } else if self.restores_lengths() && self.contacts.is_some() && step == FrameStep::Contacts {
-            list.run(strands, &RESTORE_AGAIN, &[self.params.substeps() - 1]);
+    }
+
+    /// An interaction: one line each.
+    fn exchange<'a>(&'a self, list: &mut DispatchList<'a>, exchange: &Exchange) {
+        match exchange.name {
+            name if name == grid::EXCHANGE.name => {
+                self.grid.iter().for_each(|own| own.exchange(list, self.rules.substeps));
+            }
+            name if name == sph::EXCHANGE.name => self.sph.iter().for_each(|own| own.interact(list)),
+            name if name == contact::EXCHANGE.name => {
+                self.contacts.iter().for_each(|own| own.interact(list));
+            }
+            _ => {}
         }
     }
 
@@ -178,7 +160,7 @@ impl GpuSimulation {
         &mut self,
         frame: &Frame<'_>,
         wind: Option<&WindField>,
-        steps: &[FrameStep],
+        steps: &[PlannedStep],
     ) -> Option<Shelter> {
         let origin = frame.origin(&self.model);
         let start = self.model.about_centre(&frame.head[0], self.mirror.origin);
@@ -187,20 +169,21 @@ impl GpuSimulation {
         if begins(steps) {
             self.mirror.origin = origin;
         }
-        let mut uniform = FrameUniform::new(&self.params, frame.dt_secs, frame.gravity, frame.air_velocity);
+        let mut uniform = FrameUniform::new(&self.rules, frame.dt_secs, frame.gravity, frame.air_velocity);
+        self.kernels.write_terms(frame.dt_secs, &mut uniform);
         if wind.is_some() {
             uniform = uniform.in_wind();
         }
         self.gpu.queue().write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&uniform));
-        let count = self.params.substeps();
+        let count = self.rules.substeps;
         let poses: Vec<_> = frame.poses(&self.model, count, origin).collect();
         self.write_substeps(&poses, shift);
-        if !frame.colliders.is_empty() || self.follows() {
-            let has_last = self.steps().contains(&FrameStep::LastSolids);
-            self.solids.write_frame(&self.gpu, &self.params, &SolidFrame { frame, origin, has_last });
+        if !frame.colliders.is_empty() || self.rules.solver_collides {
+            let has_last = self.plan.contains(Step::CollideFinal);
+            self.solids.write_frame(&self.gpu, &self.rules, &SolidFrame { frame, origin, has_last });
         }
         if let (Some(contacts), [.., now]) = (&mut self.contacts, &*poses) {
-            let (head, clamped) = ([&start, now], self.params.clamped());
+            let (head, clamped) = ([&start, now], self.rules.clamped as u32);
             contacts.write_frame(&self.gpu, &ContactStep { head, clamped, dt_secs: frame.dt_secs });
         }
         if let Some(sph) = &mut self.sph {
@@ -219,7 +202,7 @@ impl GpuSimulation {
     /// levels of follow the leader.
     fn write_substeps(&mut self, poses: &[Pose], shift: DVec3) {
         let (count, weight, stride) =
-            (self.params.substeps(), self.options.carried_gravity(), self.shared.stride);
+            (self.rules.substeps, self.options.carried_gravity(), self.shared.stride);
         self.substeps.clear();
         let mut append = |number: u32, substep: &SubstepUniform| {
             self.substeps.resize((number * stride) as usize, 0);

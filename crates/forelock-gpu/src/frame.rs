@@ -7,7 +7,7 @@ use crate::uniforms::{FLAGS, FrameUniform, SubstepUniform};
 use forelock_core::lane::LANES;
 use forelock_core::strands::SCRATCH_ROWS;
 use forelock_core::solver::ams::solve_strands::PIVOT_FLOOR;
-use forelock_core::frame::{check_strands, restore_lengths};
+use forelock_core::frame::{finish, restore_lengths};
 
 /// Rows of the model a particle.
 pub const MODEL_ROWS: u32 = 7;
@@ -77,7 +77,7 @@ shader! {
 shader! {
     /// `check_strands`.
     CHECK: "check_strands", StrandBindings;
-    texts: [check_strands::WGSL];
+    texts: [finish::WGSL];
     constants: [];
     kernels: {
         /// Measures the stretch and quarantines strands that are not finite.

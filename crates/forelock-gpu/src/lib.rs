@@ -7,8 +7,8 @@
 //! use forelock_core::groom::grow::{GrowParams, grow_on_head};
 //! use forelock_core::pose::Pose;
 //! use forelock_core::solver::{AmsParams};
-use forelock_core::frame::{Frame};
-use forelock_core::simulation::{Options};
+//! use forelock_core::frame::{Frame};
+//! use forelock_core::simulation::{Options};
 //! use forelock_gpu::{Choice, Gpu, GpuSimulation};
 //! use glam::DVec3;
 //!

@@ -5,6 +5,7 @@ use crate::interaction::contact::TouchEntry;
 use crate::interaction::grid::BoundsEntry;
 use crate::uniforms::ReportEntry;
 use crate::{GpuError, GpuSimulation};
+use forelock_core::frame::Step;
 use forelock_core::interaction::contact::ContactReport;
 use forelock_core::interaction::grid::GridReport;
 use forelock_core::strands::State;
@@ -82,9 +83,9 @@ impl GpuSimulation {
         let mut next = || read.next().unwrap_or_default();
         self.gpu.queue().write_buffer(&self.shared.report, 0, &[0; SUMS]);
         let own: ReportEntry = bytemuck::pod_read_unaligned(next());
-        // Without interactions, follow the leader restores lengths level by level.
-        let level_by_level = self.follows() && self.grid.is_none() && self.contacts.is_none();
-        let restores = self.restores_lengths() && !level_by_level;
+        let has = |step| self.plan.contains(step);
+        // A solver may leave edges at their lengths without a length pass.
+        let restores = has(Step::RestoreLengths) || has(Step::RestoreIfMoved);
         let restored = if restores { own.restored } else { own.stretch };
         let grid = self.grid.as_ref().map(|_| bytemuck::pod_read_unaligned::<BoundsEntry>(next()).report());
         let strand_contacts = self.contacts.as_ref().map(|_| {

@@ -7,17 +7,17 @@ use crate::collide::{SolidKinds, Solids};
 use crate::interaction::contact::DeviceContacts;
 use crate::interaction::grid::DeviceGrid;
 use crate::interaction::sph::DeviceSph;
+use crate::solver::{self, GpuSolver};
 use crate::{Gpu, GpuError};
 use forelock_core::air::WindField;
 use forelock_core::body::ColliderFrame;
 use forelock_core::interaction::contact::ContactParams;
+use forelock_core::interaction::{contact, grid, sph};
 use forelock_core::interaction::grid::GridParams;
 use forelock_core::groom::Groom;
 use forelock_core::strands::{Model, Strands};
-use forelock_core::solver::dftl::Schedule;
-use forelock_core::frame::{Frame, FrameStep};
+use forelock_core::frame::{Exchange, Frame, FrameRules, FramePlan, PlannedStep, Solver};
 use forelock_core::simulation::{Options, Simulation};
-use forelock_core::solver::{SolverParams};
 use forelock_core::interaction::sph::SphParams;
 use forelock_core::strands::{Snapshot, State};
 use glam::DVec3;
@@ -36,7 +36,10 @@ pub struct GpuSimulation {
     pub(crate) model: Model<f32>,
     /// The state as of the last read-back; its origin is always current.
     pub(crate) mirror: State<f32>,
-    pub(crate) params: SolverParams,
+    pub(crate) solver: Solver<f32>,
+    pub(crate) kernels: Box<dyn GpuSolver>,
+    pub(crate) rules: FrameRules,
+    pub(crate) plan: FramePlan,
     pub(crate) options: Options,
     pub(crate) shared: Shared,
     pub(crate) solids: Solids,
@@ -67,10 +70,10 @@ impl GpuSimulation {
     pub fn new(
         gpu: &Gpu,
         groom: &Groom,
-        params: impl Into<SolverParams>,
+        solver: impl Into<Solver<f32>>,
         options: &Options,
     ) -> Result<Self, GpuError> {
-        Self::from_strands(gpu, &groom.into(), params, options)
+        Self::from_strands(gpu, &groom.into(), solver, options)
     }
 
     /// The same from plain arrays.
@@ -80,15 +83,15 @@ impl GpuSimulation {
     pub fn from_strands(
         gpu: &Gpu,
         strands: &Strands<'_, f32>,
-        params: impl Into<SolverParams>,
+        solver: impl Into<Solver<f32>>,
         options: &Options,
     ) -> Result<Self, GpuError> {
-        let params = params.into();
-        params.validate()?;
-        let mut model = Model::new(strands)?;
+        let solver = solver.into();
+        solver.validate()?;
+        let mut model = Model::for_solver(strands, |strands| solver.refine(strands))?;
         let mut state = State::at_rest(&model, &options.rest_pose);
-        params.prepare(&mut model, &mut state);
-        Self::from_packed(gpu, Packed { model, state }, &params, options)
+        solver.channels().prepare(&mut model, &mut state);
+        Self::from_packed(gpu, Packed { model, state }, &solver, options)
     }
 
     /// Continues from the state of a simulation on the CPU. Interactions are not copied: set them with
@@ -99,13 +102,13 @@ impl GpuSimulation {
     /// [`GpuError::TooLarge`] or [`GpuError::Failed`] if the GPU has no room.
     pub fn continuing(gpu: &Gpu, simulation: &Simulation<f32>) -> Result<Self, GpuError> {
         let packed = Packed { model: simulation.model().clone(), state: simulation.state().clone() };
-        Self::from_packed(gpu, packed, simulation.params(), simulation.options())
+        Self::from_packed(gpu, packed, simulation.solver(), simulation.options())
     }
 
     fn from_packed(
         gpu: &Gpu,
         packed: Packed,
-        params: &SolverParams,
+        solver: &Solver<f32>,
         options: &Options,
     ) -> Result<Self, GpuError> {
         let Packed { model, state: mirror } = packed;
@@ -113,13 +116,10 @@ impl GpuSimulation {
         let places = |range: &std::ops::Range<usize>| {
             model.blocks[range.clone()].iter().map(|block| block.particles).sum::<usize>()
         };
-        // Kernels of one level read its number from a substep.
-        let entries = match params {
-            SolverParams::Dftl(own) if own.schedule == Schedule::Particles => model.longest() as u32,
-            _ => params.substeps(),
-        };
+        let (kernels, rules) = (solver::of(solver)?, solver.rules());
+        let entries = kernels.substep_entries(rules.substeps, model.longest() as u32);
         let shared = Shared::new(gpu, ranges.iter().map(places).max().unwrap_or(1), entries);
-        let solids = Solids::new(gpu, params.substeps());
+        let solids = Solids::new(gpu, rules.substeps);
         let batch = |range| {
             let batch = Batch::new(gpu, &model, range);
             batch.write(gpu, &mirror);
@@ -131,7 +131,10 @@ impl GpuSimulation {
             gpu: gpu.clone(),
             model,
             mirror,
-            params: params.clone(),
+            solver: solver.clone(),
+            kernels,
+            rules,
+            plan: FramePlan::new(&rules, &[]),
             options: *options,
             shared,
             solids,
@@ -191,10 +194,24 @@ impl GpuSimulation {
 
     fn rebind(&mut self) -> Result<(), GpuError> {
         self.bind();
+        self.plan = FramePlan::new(&self.rules, &self.exchanges());
         if self.clock.is_some() {
             self.time_stages(true);
         }
         self.gpu.check()
+    }
+
+    /// The interactions of the simulation.
+    pub fn exchanges(&self) -> Vec<Exchange> {
+        let grid = self.grid.as_ref().map(|_| grid::EXCHANGE);
+        let sph = self.sph.as_ref().map(|_| sph::EXCHANGE);
+        let contacts = self.contacts.as_ref().map(|_| contact::EXCHANGE);
+        [grid, sph, contacts].into_iter().flatten().collect()
+    }
+
+    /// A frame as a list of steps.
+    pub fn plan(&self) -> &FramePlan {
+        &self.plan
     }
 
     /// Makes all bind groups.
@@ -259,10 +276,13 @@ impl GpuSimulation {
     /// # Errors
     /// As [`GpuSimulation::step_frame`].
     pub fn step_frame_in(&mut self, frame: &Frame<'_>, wind: Option<&WindField>) -> Result<(), GpuError> {
-        self.step_part(frame, wind, &self.steps())
+        let plan = std::mem::take(&mut self.plan);
+        let stepped = self.step_part(frame, wind, plan.steps());
+        self.plan = plan;
+        stepped
     }
 
-    /// Some steps of a frame, in their order, if the CPU runs the others: see [`FrameStep::all`].
+    /// Some steps of a frame ([`GpuSimulation::plan`]), in their order, if the CPU runs the others.
     ///
     /// # Errors
     /// As [`GpuSimulation::step_frame`].
@@ -270,10 +290,10 @@ impl GpuSimulation {
         &mut self,
         frame: &Frame<'_>,
         wind: Option<&WindField>,
-        steps: &[FrameStep],
+        steps: &[PlannedStep],
     ) -> Result<(), GpuError> {
         self.gpu.check()?;
-        self.params.validate_step(frame.dt_secs, self.options.beyond_float32)?;
+        self.solver.validate_step(frame.dt_secs, self.options.beyond_float32)?;
         self.hold(frame.colliders)?;
         let air_velocity = wind.map_or(DVec3::ZERO, |wind| wind.mean) + frame.air_velocity;
         let wind =

@@ -3,10 +3,8 @@
 use crate::kernel::Constant;
 use bytemuck::{Pod, Zeroable};
 use forelock_core::pose::Pose;
-use forelock_core::solver::ams::Inextensibility;
-use forelock_core::solver::{AmsParams, SolverParams};
-use forelock_core::solver::dftl::follow_leader::FollowTerms;
-use forelock_core::solver::ams::solve_strands::FrameTerms;
+use forelock_core::frame::FrameRules;
+use forelock_core::params::Inextensibility;
 use glam::{DMat4, DVec3, Mat4, Vec3};
 
 /// Coefficients of a frame: `Frame` in `prelude.wgsl`.
@@ -170,73 +168,27 @@ pub(crate) const NO_EXTENT: [u32; 6] = [u32::MAX, u32::MAX, u32::MAX, 0, 0, 0];
 pub const UNKNOWN: f32 = -1e30;
 
 impl FrameUniform {
-    /// Of frames of `dt_secs` under `params`, in air of velocity `air` everywhere; [`FrameUniform::in_wind`] for a field.
-    pub fn new(params: &SolverParams, dt_secs: f64, gravity: DVec3, air: DVec3) -> Self {
-        let (params, followed) = &match params {
-            SolverParams::Ams(params) => (params.clone(), None),
-            // What the kernels that solvers share need.
-            SolverParams::Dftl(own) => {
-                let shared = AmsParams {
-                    substeps: 1,
-                    clamped: own.clamped,
-                    inextensibility: Inextensibility::Dftl,
-                    dftl_damping: own.damping,
-                    drag: own.drag,
-                    sag_free: own.sag_free,
-                    lay_along_solids: params.lays_along(),
-                    ..AmsParams::default()
-                };
-                (shared, Some(FollowTerms::new(own, dt_secs)))
-            }
-        };
-        let [shape, tips] = followed.map_or([[0.0; 2]; 2], |terms| [terms.shape, terms.tip_scales]);
-        let terms = FrameTerms::new(params, dt_secs);
-        let curve = terms.non_hookean;
+    /// What all solvers share, of frames of `dt_secs` in air of velocity `air` everywhere;
+    /// [`FrameUniform::in_wind`] for a field. The solver adds its coefficients.
+    pub fn new(rules: &FrameRules, dt_secs: f64, gravity: DVec3, air: DVec3) -> Self {
+        let h = dt_secs / f64::from(rules.substeps);
         let single = |x: f64| x as f32;
-        let [elastic_limit, breaking_point, breaking_width, healing, healing_limit] = curve
-            .map_or([0.0; 5], |c| {
-                [c.elastic_limit, c.breaking_point, c.breaking_width, c.healing, c.healing_limit].map(single)
-            });
         let on = [
-            (terms.tension, flags::TENSION),
-            (terms.angular_edge, flags::ANGULAR_EDGE),
-            (terms.angular_paper, flags::ANGULAR_PAPER),
-            (terms.directional, flags::DIRECTIONAL),
-            (terms.sag_free, flags::SAG_FREE),
-            (curve.is_some(), flags::NON_HOOKEAN),
-            (terms.slender, flags::SLENDER),
-            (params.inextensibility == Inextensibility::Dftl, flags::FOLLOW_THE_LEADER),
-            (params.lay_along_solids && params.inextensibility != Inextensibility::Off, flags::LAY_ALONG),
+            (rules.lengths == Inextensibility::Dftl, flags::FOLLOW_THE_LEADER),
+            (rules.lay_along, flags::LAY_ALONG),
         ];
         Self {
-            k_springs: DVec3::from_array(terms.k_springs).as_vec3(),
-            k_integrity: single(terms.k_integrity),
-            tip_scales: DVec3::from_array(terms.tip_scales).as_vec3(),
-            k_angular: single(terms.k_angular),
             gravity: gravity.as_vec3(),
-            k_altitude: single(terms.k_altitude),
             air: air.as_vec3(),
-            drag: single(terms.h * terms.drag),
-            h: single(terms.h),
-            inverse_h: single(1.0 / terms.h),
+            h: single(h),
+            inverse_h: single(1.0 / h),
             inverse_dt: single(1.0 / dt_secs),
-            dftl_damping: single(params.dftl_damping),
-            elastic_limit,
-            breaking_point,
-            breaking_width,
-            healing,
-            healing_limit,
-            clamped: params.clamped,
+            dftl_damping: single(rules.length_damping),
+            clamped: rules.clamped as u32,
             flags: on.iter().filter(|(on, _)| *on).map(|(_, flag)| flag).sum(),
             unknown: UNKNOWN,
-            drag_along: single(terms.drag_along),
-            drag_quadratic: single(terms.h * terms.drag_quadratic),
-            shape_global: single(shape[0]),
-            shape_local: single(shape[1]),
-            tip_global: single(tips[0]),
-            tip_local: single(tips[1]),
-            recheck: followed.map_or(0, |terms| terms.recheck),
-            pad_0: 0.0,
+            drag_along: 1.0,
+            ..Self::zeroed()
         }
     }
 

@@ -2,8 +2,14 @@
 
 use crate::frame::WindBindings;
 use crate::kernel::{Constant, Kernel, Shader, Threads, shader};
+use super::{GpuSolver, SolveBatch};
+use crate::kernel::DispatchList;
+use crate::uniforms::{FrameUniform, flags};
+use forelock_core::frame::Solver;
 use forelock_core::lane::ASIN_RATIO;
-use forelock_core::solver::ams::solve_strands;
+use forelock_core::solver::ams::solve_strands::{self, FrameTerms};
+use forelock_core::solver::{AmsParams, MassSpringParams};
+use glam::DVec3;
 
 const CONSTANTS: &[Constant] = &[
     Constant::f32("ASIN_RATIO_0", ASIN_RATIO[0]),
@@ -37,7 +43,52 @@ shader! {
 
 pub(crate) static SHADERS: &[&Shader] = &[&SOLVE, &SOLVE_HALVED];
 
-/// The kernel of a substep.
-pub(crate) fn solve(half_factors: bool) -> &'static Kernel<WindBindings<'static>> {
-    if half_factors { &SOLVE_STRANDS_HALVED } else { &SOLVE_STRANDS }
+/// The solver on a GPU, if `solver` is AMS or what is said in its terms.
+pub(crate) fn of(solver: &Solver<f32>) -> Option<Box<dyn GpuSolver>> {
+    let params = solver.params::<AmsParams>().cloned();
+    let params = params.or_else(|| solver.params::<MassSpringParams>().map(MassSpringParams::ams))?;
+    Some(Box::new(GpuAms { params }))
+}
+
+#[derive(Debug)]
+struct GpuAms {
+    params: AmsParams,
+}
+
+impl GpuSolver for GpuAms {
+    fn write_terms(&self, dt_secs: f64, uniform: &mut FrameUniform) {
+        let terms = FrameTerms::new(&self.params, dt_secs);
+        let single = |x: f64| x as f32;
+        uniform.k_springs = DVec3::from_array(terms.k_springs).as_vec3();
+        uniform.k_integrity = single(terms.k_integrity);
+        uniform.tip_scales = DVec3::from_array(terms.tip_scales).as_vec3();
+        uniform.k_angular = single(terms.k_angular);
+        uniform.k_altitude = single(terms.k_altitude);
+        uniform.drag = single(terms.h * terms.drag);
+        uniform.drag_along = single(terms.drag_along);
+        uniform.drag_quadratic = single(terms.h * terms.drag_quadratic);
+        if let Some(curve) = terms.non_hookean {
+            uniform.elastic_limit = single(curve.elastic_limit);
+            uniform.breaking_point = single(curve.breaking_point);
+            uniform.breaking_width = single(curve.breaking_width);
+            uniform.healing = single(curve.healing);
+            uniform.healing_limit = single(curve.healing_limit);
+        }
+        let on = [
+            (terms.tension, flags::TENSION),
+            (terms.angular_edge, flags::ANGULAR_EDGE),
+            (terms.angular_paper, flags::ANGULAR_PAPER),
+            (terms.directional, flags::DIRECTIONAL),
+            (terms.sag_free, flags::SAG_FREE),
+            (terms.non_hookean.is_some(), flags::NON_HOOKEAN),
+            (terms.slender, flags::SLENDER),
+        ];
+        uniform.flags |= on.iter().filter(|(on, _)| *on).map(|(_, flag)| flag).sum::<u32>();
+    }
+
+    fn solve<'a>(&self, list: &mut DispatchList<'a>, batch: &SolveBatch<'a>, substep: u32) {
+        let kernel: &'static Kernel<WindBindings<'static>> =
+            if batch.half_factors { &SOLVE_STRANDS_HALVED } else { &SOLVE_STRANDS };
+        list.push(batch.groups.wind[batch.batch].dispatch(kernel, &[substep]));
+    }
 }

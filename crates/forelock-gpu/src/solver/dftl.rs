@@ -2,12 +2,15 @@
 
 use crate::collide::{MORPHING, PARTICLE_CONSTANTS, QueryUniform, RIGID, SHAPE_CONSTANTS, SolidKinds};
 use crate::frame::{StrandBindings, WindBindings};
-use crate::kernel::{Bound, Constant, DispatchList, Shader, Threads, bindings, shader};
-use crate::uniforms::{FrameUniform, SubstepUniform};
+use crate::kernel::{Constant, DispatchList, Shader, Threads, bindings, shader};
+use super::{GpuSolver, SolveBatch};
+use crate::batch::StrandGroups;
+use crate::uniforms::{FrameUniform, SubstepUniform, flags};
 use forelock_core::body::SHAPES_WGSL;
-use forelock_core::solver::dftl::Schedule;
-use forelock_core::solver::dftl::{follow_leader};
-use forelock_core::collide::{resolve_solids};
+use forelock_core::collide::resolve_solids;
+use forelock_core::frame::Solver;
+use forelock_core::solver::dftl::follow_leader::{self, FollowTerms};
+use forelock_core::solver::dftl::{DftlParams, Schedule};
 
 bindings! {
     /// Strands that collide while they follow their leaders.
@@ -89,27 +92,57 @@ shader! {
 
 pub(crate) static SHADERS: &[&Shader] = &[&FOLLOW, &FOLLOW_MORPHING, &WIND, &LOAD];
 
-/// Appends a step of a batch whose longest strand has `longest` particles.
-pub(crate) fn follow<'a>(
-    list: &mut DispatchList<'a>,
-    batch: &'a Bound<FollowBindings<'static>>,
-    schedule: Schedule,
-    solids: SolidKinds,
-    longest: u32,
-) {
-    // Only the fused kernel supports shapes that change.
-    match schedule {
-        _ if solids == SolidKinds::Morphing => list.push(batch.dispatch(&FOLLOW_LEADER_MORPHING, &[])),
-        Schedule::Fused => list.push(batch.dispatch(&FOLLOW_LEADER, &[])),
-        Schedule::Strands => {
-            list.push(batch.dispatch(&PREDICT_PARTICLES, &[]));
-            list.push(batch.dispatch(&FOLLOW_STRANDS, &[]));
+/// The solver on a GPU, if `solver` is dynamic follow the leader.
+pub(crate) fn of(solver: &Solver<f32>) -> Option<Box<dyn GpuSolver>> {
+    let params = solver.params::<DftlParams>()?.clone();
+    Some(Box::new(GpuDftl { params }))
+}
+
+#[derive(Debug)]
+struct GpuDftl {
+    params: DftlParams,
+}
+
+impl GpuSolver for GpuDftl {
+    fn substep_entries(&self, substeps: u32, longest: u32) -> u32 {
+        // Kernels of one level read its number from a substep.
+        if self.params.schedule == Schedule::Particles { longest } else { substeps }
+    }
+
+    fn write_terms(&self, dt_secs: f64, uniform: &mut FrameUniform) {
+        let terms = FollowTerms::new(&self.params, dt_secs);
+        let single = |x: f64| x as f32;
+        uniform.drag = single(terms.h * terms.drag);
+        [uniform.shape_global, uniform.shape_local] = terms.shape.map(single);
+        [uniform.tip_global, uniform.tip_local] = terms.tip_scales.map(single);
+        uniform.recheck = terms.recheck;
+        if terms.sag_free {
+            uniform.flags |= flags::SAG_FREE;
         }
-        Schedule::Particles => {
-            list.push(batch.dispatch(&PREDICT_PARTICLES, &[]));
-            for level in 1..longest {
-                list.push(batch.dispatch(&FOLLOW_LEVEL, &[level]));
+    }
+
+    fn solve<'a>(&self, list: &mut DispatchList<'a>, batch: &SolveBatch<'a>, _: u32) {
+        let follow = &batch.groups.follow[batch.batch];
+        // Only the fused kernel supports shapes that change.
+        match self.params.schedule {
+            _ if batch.solids == SolidKinds::Morphing => {
+                list.push(follow.dispatch(&FOLLOW_LEADER_MORPHING, &[]));
+            }
+            Schedule::Fused => list.push(follow.dispatch(&FOLLOW_LEADER, &[])),
+            Schedule::Strands => {
+                list.push(follow.dispatch(&PREDICT_PARTICLES, &[]));
+                list.push(follow.dispatch(&FOLLOW_STRANDS, &[]));
+            }
+            Schedule::Particles => {
+                list.push(follow.dispatch(&PREDICT_PARTICLES, &[]));
+                for level in 1..batch.longest {
+                    list.push(follow.dispatch(&FOLLOW_LEVEL, &[level]));
+                }
             }
         }
+    }
+
+    fn apply_wind<'a>(&self, list: &mut DispatchList<'a>, groups: &'a StrandGroups) {
+        list.run(&groups.wind, &APPLY_WIND, &[0]);
     }
 }
