@@ -25,7 +25,7 @@ const FORBIDDEN: [(u32, &str, &[&str]); 3] = [
         &["wgpu", "naga", "burn", "cubecl", "winit", "eframe", "egui"],
     ),
     (
-        3,
+        4,
         "libraries know no command line and name their errors",
         &["clap", "indicatif", "ctrlc", "anyhow", "miette", "eyre"],
     ),
