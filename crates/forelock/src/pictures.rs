@@ -264,8 +264,11 @@ fn wherever_it_moves((lo, hi): (Vec3, Vec3), scene: &Scene, assets: &Assets) -> 
     (lo + least, hi + most)
 }
 
-/// Pictures with their labels as one.
-pub(crate) fn labelled(pictures: &[(Image, String)], columns: u32) -> Result<Image, PictureError> {
+/// Pictures of equal size with their labels as one sheet of `columns`.
+///
+/// # Errors
+/// [`PictureError`] if there is no picture or their sizes differ.
+pub fn labelled(pictures: &[(Image, String)], columns: u32) -> Result<Image, PictureError> {
     let cells: Vec<Labelled<'_>> = pictures.iter().map(|(image, label)| Labelled { image, label }).collect();
     Ok(contact_sheet(&cells, columns)?)
 }

@@ -146,11 +146,12 @@ pub fn simulate(
 }
 
 /// A simulation and what it is fed with.
-pub(crate) struct Stepper<'a> {
+pub struct Stepper<'a> {
     scene: &'a Scene,
     assets: &'a Assets,
     wind: Wind,
-    pub(crate) simulation: Simulation,
+    /// The simulation.
+    pub simulation: Simulation,
     /// What steps it, if not this processor.
     pub(crate) device: Option<Device>,
     /// How guides carry all strands, if only guides are simulated.
@@ -165,12 +166,12 @@ pub(crate) struct Stepper<'a> {
 
 impl<'a> Stepper<'a> {
     /// The simulation of `assets` at rest as `scene` asks for it, on this processor.
-    pub(crate) fn new(scene: &'a Scene, assets: &'a Assets) -> Result<Self, RunError> {
+    pub fn new(scene: &'a Scene, assets: &'a Assets) -> Result<Self, RunError> {
         Ok(Self::on(Backend::Cpu, scene, assets)?.0)
     }
 
     /// The same on `backend`, and what is worth telling about that.
-    pub(crate) fn on(
+    pub fn on(
         backend: Backend,
         scene: &'a Scene,
         assets: &'a Assets,
@@ -213,7 +214,7 @@ impl<'a> Stepper<'a> {
     }
 
     /// All strands at frame `frame`, which the simulation has reached: positions in world space and the groom's order, metres.
-    pub(crate) fn positions(&mut self, frame: u32, out: &mut Vec<Vec3>) {
+    pub fn positions(&mut self, frame: u32, out: &mut Vec<Vec3>) {
         let time = self.time_secs(frame);
         let head = self.assets.head_pose(time);
         let (simulation, assets) = (&self.simulation, self.assets);
@@ -247,18 +248,23 @@ impl<'a> Stepper<'a> {
         self.steps(frame).map_or_else(|| self.time_secs(frame), |(step_secs, done)| done as f64 * step_secs)
     }
 
+    /// Seconds that the last frame took by a GPU's own clock.
+    pub fn device_secs(&self) -> Option<f64> {
+        self.device.as_ref().and_then(|device| device.frame_secs)
+    }
+
     /// Time of frame `frame`, seconds.
-    pub(crate) fn time_secs(&self, frame: u32) -> f64 {
+    pub fn time_secs(&self, frame: u32) -> f64 {
         f64::from(frame) / self.scene.time.fps
     }
 
     /// Where each strand's positions begin, and how many of them go with the head.
-    pub(crate) fn strands(&self) -> (&'a [u32], u32) {
+    pub fn strands(&self) -> (&'a [u32], u32) {
         (self.assets.groom.strand_offsets(), self.scene.solver.clamped())
     }
 
     /// All solids between frame `frame` and the next, and the head's poses then.
-    pub(crate) fn surroundings(&self, frame: u32) -> ([Pose; 2], Vec<ColliderFrame<'a>>) {
+    pub fn surroundings(&self, frame: u32) -> ([Pose; 2], Vec<ColliderFrame<'a>>) {
         self.surroundings_at([frame, frame + 1].map(|frame| self.time_secs(frame)))
     }
 
@@ -269,7 +275,7 @@ impl<'a> Stepper<'a> {
     }
 
     /// Does the edits that are to be done by frame `frame`.
-    pub(crate) fn regroom(&mut self, frame: u32) -> Result<(), RunError> {
+    pub fn regroom(&mut self, frame: u32) -> Result<(), RunError> {
         let time = self.time_secs(frame);
         let moment = (time, self.assets.head_pose(self.simulated_secs(frame)));
         if self.device.is_some() && self.regrooming.is_due(time) {
@@ -283,7 +289,7 @@ impl<'a> Stepper<'a> {
     }
 
     /// From frame `frame` to the next.
-    pub(crate) fn step(&mut self, frame: u32) -> Result<FrameReport, RunError> {
+    pub fn step(&mut self, frame: u32) -> Result<FrameReport, RunError> {
         self.regroom(frame)?;
         let report = match self.steps(frame) {
             None => self.step_between([frame, frame + 1].map(|frame| self.time_secs(frame)))?,
@@ -566,7 +572,7 @@ fn cache_path(scene: &Scene, out: &Path) -> Option<PathBuf> {
 const DEEP_M: f64 = 1e-3;
 
 /// The share of particles that are more than [`DEEP_M`] inside a solid at the end of its frame, and the depth of the deepest, metres. Of each strand's particles, which begin at `offsets`, the first `clamped` go with the head wherever that is, and do not count.
-pub(crate) fn deep_particles(
+pub fn deep_particles(
     positions: &[Vec3],
     (offsets, clamped): (&[u32], u32),
     solids: &[ColliderFrame<'_>],

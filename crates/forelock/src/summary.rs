@@ -106,7 +106,7 @@ pub(crate) const SKIN_STRANDS: &str = "skin_strands";
 pub(crate) const WRITE_CACHE: &str = "write_cache";
 
 /// Median time of each stage over `rows`, milliseconds.
-pub(crate) fn median_stages(rows: &[FrameRow]) -> BTreeMap<String, f64> {
+pub fn median_stages(rows: &[FrameRow]) -> BTreeMap<String, f64> {
     let mut times: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
     for (stage, ms) in rows.iter().flat_map(|row| &row.stages) {
         times.entry(stage).or_default().push(*ms);

@@ -27,7 +27,7 @@ const FORBIDDEN: [(u32, &str, &[&str]); 3] = [
         &["wgpu", "naga", "burn", "cubecl", "winit", "eframe", "egui"],
     ),
     (
-        3,
+        4,
         "libraries do not depend on a command line and have named error types",
         &["clap", "indicatif", "ctrlc", "anyhow", "miette", "eyre"],
     ),

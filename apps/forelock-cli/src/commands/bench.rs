@@ -5,10 +5,10 @@ use std::path::Path;
 use anyhow::Context as _;
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
-use forelock::paper::{
+use forelock_bench::paper::{
     Experiment, Figure, GUIDES, GuidesTable, Study, Table1Options, compare, dftl_tables, table1, volume,
 };
-use forelock::scaling::{ScalingOptions, scaling};
+use forelock_bench::scaling::{ScalingOptions, scaling};
 use serde::Serialize;
 
 use crate::arguments::{BenchArgs, BenchBackend, BenchCommand, PaperFigure, WhichPaper};

@@ -24,7 +24,7 @@ pub fn grow(arguments: &GrowArgs) -> anyhow::Result<()> {
     let mut reporter = Reporter::new(arguments.json);
     let mut outputs = Vec::new();
     if let Some(folder) = &arguments.sheets {
-        let written = forelock::growth_sheets(folder, &mut |progress| reporter.report(progress))?;
+        let written = forelock_bench::growth_sheets(folder, &mut |progress| reporter.report(progress))?;
         outputs.extend(written.iter().map(|path| path.display().to_string()));
     }
     let scene = Scene::parse("", Path::new("the command line"), &overrides(arguments)?)?;

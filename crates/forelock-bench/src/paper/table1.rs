@@ -11,13 +11,14 @@ use forelock_core::groom::edit::{Density, Edit, Operation, Resample};
 use forelock_gpu::{Choice, Gpu, GpuError};
 use serde::Serialize;
 
-use crate::assets::{AssetError, Assets};
-use crate::backend::Backend;
+use crate::BenchError;
 use crate::plot::{Bar, Bars};
-use crate::report::thousands;
-use crate::run::{Observer, Progress, RunError, Stepper};
-use crate::scene::{InteractionKind, Scene};
-use crate::summary::{FrameRow, Spread, device_name, median_stages};
+use forelock::Backend;
+use forelock::html::thousands;
+use forelock::summary::{FrameRow, Spread, device_name, median_stages};
+use forelock::{AssetError, Assets};
+use forelock::{Observer, Progress, RunError, Stepper};
+use forelock::{Scene, scene::InteractionKind};
 
 use super::scenes::{self, Builtin};
 use super::study::{Study, Table};
@@ -144,8 +145,8 @@ const ENTRIES: [Entry; 12] = {
 /// Runs every scene of Table 1. A scene whose groom is a file that is not there is skipped, and says so.
 ///
 /// # Errors
-/// [`RunError`] if a scene cannot be simulated.
-pub fn table1(options: &Table1Options, observer: &mut Observer<'_>) -> Result<Table1, RunError> {
+/// [`BenchError`] if a scene cannot be simulated.
+pub fn table1(options: &Table1Options, observer: &mut Observer<'_>) -> Result<Table1, BenchError> {
     // Before minutes of work, not after them.
     let gpu = if options.on_gpu { Some(Gpu::open(&Choice::Fastest)?) } else { None };
     let mut rows = Vec::new();
@@ -163,11 +164,13 @@ pub fn table1(options: &Table1Options, observer: &mut Observer<'_>) -> Result<Ta
 }
 
 /// `result`, or why the scene is skipped: it needs a file that is not there, or what this GPU does not have.
-pub(super) fn or_skipped<T>(result: Result<T, RunError>) -> Result<Result<T, String>, RunError> {
+pub(super) fn or_skipped<T>(result: Result<T, BenchError>) -> Result<Result<T, String>, BenchError> {
+    let unavailable =
+        |error: &GpuError| matches!(error, GpuError::Unsupported { .. } | GpuError::TooLarge { .. });
     match result {
         Ok(found) => Ok(Ok(found)),
-        Err(RunError::Asset(AssetError::Read(error))) => Ok(Err(error.to_string())),
-        Err(RunError::Gpu(error @ (GpuError::Unsupported { .. } | GpuError::TooLarge { .. }))) => {
+        Err(BenchError::Asset(AssetError::Read(error))) => Ok(Err(error.to_string())),
+        Err(BenchError::Gpu(error) | BenchError::Run(RunError::Gpu(error))) if unavailable(&error) => {
             Ok(Err(error.to_string()))
         }
         Err(error) => Err(error),
@@ -175,7 +178,7 @@ pub(super) fn or_skipped<T>(result: Result<T, RunError>) -> Result<Result<T, Str
 }
 
 impl Entry {
-    fn row(&self, options: &Table1Options, observer: &mut Observer<'_>) -> Result<Table1Row, RunError> {
+    fn row(&self, options: &Table1Options, observer: &mut Observer<'_>) -> Result<Table1Row, BenchError> {
         let scene = self.builtin.scene(options.share, self.keys)?;
         let (paper_strands, paper_particles, paper_ms) = self.paper;
         let mut row = Table1Row {
@@ -213,7 +216,7 @@ impl Entry {
 }
 
 impl Strands {
-    fn load(self, scene: &Scene, observer: &mut Observer<'_>) -> Result<Assets, RunError> {
+    fn load(self, scene: &Scene, observer: &mut Observer<'_>) -> Result<Assets, BenchError> {
         match self {
             Self::Scene => Ok(Assets::load(scene, observer)?),
             Self::Helix => scenes::alone(scene, scenes::HELIX),
@@ -242,7 +245,7 @@ pub(super) fn time(
     options: &Table1Options,
     what: &'static str,
     observer: &mut Observer<'_>,
-) -> Result<Vec<FrameRow>, RunError> {
+) -> Result<Vec<FrameRow>, BenchError> {
     let (mut stepper, _) =
         Stepper::on(if options.on_gpu { Backend::Gpu } else { Backend::Cpu }, scene, assets)?;
     let frames = options.warm_up + options.frames;
@@ -253,7 +256,7 @@ pub(super) fn time(
         let report = stepper.step(frame)?;
         let mut ms = started.elapsed().as_secs_f64() * 1e3;
         // On a GPU the wall's clock would count how the state comes back, which a frame does not need.
-        if let Some(secs) = stepper.device.as_ref().and_then(|device| device.frame_secs) {
+        if let Some(secs) = stepper.device_secs() {
             ms = secs * 1e3;
         }
         if frame >= options.warm_up {

@@ -5,8 +5,8 @@ use std::fmt::Write as _;
 use forelock_render::Image;
 use serde::Serialize;
 
-use crate::plot::{Bars, Plot, escape};
-use crate::report::{base64, page};
+use crate::plot::{Bars, Plot};
+use forelock::html::{base64, escape, page};
 
 /// A table of text.
 #[derive(Clone, Debug, PartialEq, Serialize)]

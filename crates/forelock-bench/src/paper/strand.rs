@@ -9,8 +9,8 @@ use forelock_core::frame::{Frame};
 use forelock_core::simulation::{Options, Simulation};
 use glam::{DQuat, DVec3};
 
-use crate::assets::AssetError;
-use crate::run::RunError;
+use crate::BenchError;
+use forelock::AssetError;
 
 use super::coaster::BROKEN;
 use super::study::Table;
@@ -46,7 +46,7 @@ fn ride(load: f64, time: f64) -> Pose {
 }
 
 /// A hanging helix of 30 particles and 30 cm along its edges: radius 1 cm, three turns.
-fn strand() -> Result<Groom, RunError> {
+fn strand() -> Result<Groom, BenchError> {
     let (edges, radius, length) = (29.0, 0.01, 0.3);
     let (turn, edge) = (3.0 * TAU / edges, length / edges);
     let across = 2.0 * radius * (0.5 * turn).sin();
@@ -59,11 +59,11 @@ fn strand() -> Result<Groom, RunError> {
 }
 
 /// That strand after a ride at up to `load` g and 4.5 s of rest.
-fn ridden(load: f64, substeps: u32) -> Result<Ridden, RunError> {
+fn ridden(load: f64, substeps: u32) -> Result<Ridden, BenchError> {
     let groom = strand()?;
     let dt_secs = 1.0 / 60.0;
     let gravity = DVec3::new(0.0, -GRAVITY, 0.0);
-    let run = |non_hookean| -> Result<_, RunError> {
+    let run = |non_hookean| -> Result<_, BenchError> {
         let options = Options { rest_gravity: gravity, ..Options::default() };
         let params = AmsParams { non_hookean, substeps, ..AmsParams::default() };
         let mut simulation = Simulation::<f32>::new(&groom, &params, &options)?;
@@ -91,7 +91,7 @@ fn ridden(load: f64, substeps: u32) -> Result<Ridden, RunError> {
 }
 
 /// The strand after its rides, with the reference in brackets.
-pub(super) fn table() -> Result<Table, RunError> {
+pub(super) fn table() -> Result<Table, BenchError> {
     let columns = [
         "ride of 3 s",
         "smallest s",

@@ -15,11 +15,12 @@ use glam::Vec3;
 use serde::Serialize;
 
 use super::scenes::HAND;
-use crate::assets::Assets;
-use crate::pictures::{Studio, labelled};
-use crate::run::{Observer, Progress, RunError, Stepper, deep_particles};
-use crate::scene::Scene;
-use crate::summary::Spread;
+use crate::BenchError;
+use forelock::Assets;
+use forelock::Scene;
+use forelock::summary::Spread;
+use forelock::{Observer, Progress, Stepper, deep_particles};
+use forelock::{Studio, labelled};
 
 /// Guides of each variant; 0 simulates all strands.
 pub const GUIDES: [u32; 3] = [128, 2048, 0];
@@ -69,13 +70,13 @@ impl GuidesTable {
     /// Simulates the scene, with `share` of its strands and `keys` over it, with each of `guides`, and draws them if `draws`; `observer` is told how it goes.
     ///
     /// # Errors
-    /// [`RunError`] if a variant cannot be simulated or drawn.
+    /// [`BenchError`] if a variant cannot be simulated or drawn.
     pub fn run(
         guides: &[u32],
         (share, keys): (f64, &[String]),
         draws: bool,
         observer: &mut Observer<'_>,
-    ) -> Result<Self, RunError> {
+    ) -> Result<Self, BenchError> {
         let mut rows = Vec::with_capacity(guides.len());
         let (base, assets) = HAND.load(share, keys, observer)?;
         let frames = base.time.frames;
@@ -123,7 +124,7 @@ impl GuidesTable {
 }
 
 /// The variants of `rows` at one moment, side by side.
-fn side_by_side((scene, assets): (&Scene, &Assets), rows: &[GuidesRow]) -> Result<Image, RunError> {
+fn side_by_side((scene, assets): (&Scene, &Assets), rows: &[GuidesRow]) -> Result<Image, BenchError> {
     let studio = Studio::new(scene, assets);
     let time_secs = f64::from(moment(scene)) / scene.time.fps;
     let all = assets.groom.strand_count();
@@ -148,7 +149,7 @@ fn measure(
     (scene, assets): (&Scene, &Assets),
     beside: bool,
     observer: &mut Observer<'_>,
-) -> Result<GuidesRow, RunError> {
+) -> Result<GuidesRow, BenchError> {
     let undisturbed = Scene { colliders: Vec::new(), ..scene.clone() };
     let around = if beside { Some(Assets::load(&undisturbed, &mut |_| {})?) } else { None };
     let mut other = around.as_ref().map(|assets| Stepper::new(&undisturbed, assets)).transpose()?;

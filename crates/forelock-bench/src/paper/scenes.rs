@@ -2,9 +2,13 @@
 
 use std::path::Path;
 
-use crate::assets::Assets;
-use crate::run::{Observer, RunError};
-use crate::scene::{GroomSource, Override, Scene};
+use crate::BenchError;
+use forelock::Assets;
+use forelock::Observer;
+use forelock::{
+    Scene,
+    scene::{GroomSource, Override},
+};
 
 /// A scene file as it is built in.
 #[derive(Clone, Copy, Debug)]
@@ -54,7 +58,7 @@ pub(super) const AS_IT_IS: &[&str] = &[];
 
 impl Builtin {
     /// The scene with `keys` over it and, where its strands are grown, `share` of them. Its paths are as if it lay in its folder under the current one.
-    pub fn scene(self, share: f64, keys: &[impl AsRef<str>]) -> Result<Scene, RunError> {
+    pub fn scene(self, share: f64, keys: &[impl AsRef<str>]) -> Result<Scene, BenchError> {
         let mut overrides =
             keys.iter().map(|key| Override::set(key.as_ref())).collect::<Result<Vec<_>, _>>()?;
         let path = Path::new(self.folder).join(self.name).with_extension("toml");
@@ -74,7 +78,7 @@ impl Builtin {
         share: f64,
         keys: &[impl AsRef<str>],
         observer: &mut Observer<'_>,
-    ) -> Result<(Scene, Assets), RunError> {
+    ) -> Result<(Scene, Assets), BenchError> {
         let scene = self.scene(share, keys)?;
         let assets = Assets::load(&scene, observer)?;
         Ok((scene, assets))
@@ -82,9 +86,9 @@ impl Builtin {
 }
 
 /// The strands in `obj` without a body, as `scene` moves them.
-pub(super) fn alone(scene: &Scene, obj: &[u8]) -> Result<Assets, RunError> {
+pub(super) fn alone(scene: &Scene, obj: &[u8]) -> Result<Assets, BenchError> {
     let groom = forelock_io::obj::read_groom(obj)
         .map_err(|error| forelock_io::ReadError::Format { path: scene.name.clone().into(), source: error })
-        .map_err(crate::assets::AssetError::from)?;
+        .map_err(forelock::AssetError::from)?;
     Ok(Assets::around(scene, groom)?)
 }

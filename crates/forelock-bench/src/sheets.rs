@@ -4,18 +4,19 @@ use std::path::{Path, PathBuf};
 
 use forelock_core::groom::grow::{Sheet, grow_on_head, sheets};
 
-use crate::assets::{AssetError, Assets};
-use crate::pictures::{Studio, labelled, write_png};
-use crate::run::{Observer, Progress, RunError};
-use crate::scene::Scene;
+use crate::BenchError;
+use forelock::Scene;
+use forelock::{AssetError, Assets};
+use forelock::{Observer, Progress};
+use forelock::{Studio, labelled, write_png};
 
 /// Draws both sheets into `folder`, which is made if it is not there, and returns the pictures' names.
 ///
 /// # Errors
-/// [`RunError`] if the folder cannot be made or a picture not be written.
-pub fn growth_sheets(folder: &Path, observer: &mut Observer<'_>) -> Result<Vec<PathBuf>, RunError> {
+/// [`BenchError`] if the folder cannot be made or a picture not be written.
+pub fn growth_sheets(folder: &Path, observer: &mut Observer<'_>) -> Result<Vec<PathBuf>, BenchError> {
     std::fs::create_dir_all(folder)
-        .map_err(|error| RunError::Folder { path: folder.to_path_buf(), error })?;
+        .map_err(|error| BenchError::Folder { path: folder.to_path_buf(), error })?;
     let mut written = Vec::new();
     for sheet in &sheets() {
         let path = folder.join(format!("{}.png", sheet.name));
@@ -27,7 +28,7 @@ pub fn growth_sheets(folder: &Path, observer: &mut Observer<'_>) -> Result<Vec<P
     Ok(written)
 }
 
-fn draw(sheet: &Sheet, path: &Path, observer: &mut Observer<'_>) -> Result<(), RunError> {
+fn draw(sheet: &Sheet, path: &Path, observer: &mut Observer<'_>) -> Result<(), BenchError> {
     let mut scene = Scene::default();
     (scene.output.width, scene.output.height) = (320, 320);
     let columns = sheet.columns.len();

@@ -6,8 +6,9 @@
 
 use glam::Vec3;
 
+use crate::BenchError;
 use crate::plot::{Line, Plot};
-use crate::run::{Observer, Progress, RunError, Stepper};
+use forelock::{Observer, Progress, Stepper};
 
 use super::scenes::{AS_IT_IS, GROOMING};
 use super::study::{Study, Table, millimetres};
@@ -26,7 +27,7 @@ struct Moment {
 }
 
 /// Runs the scene.
-pub(super) fn study(observer: &mut Observer<'_>) -> Result<Study, RunError> {
+pub(super) fn study(observer: &mut Observer<'_>) -> Result<Study, BenchError> {
     let (scene, assets) = GROOMING.load(1.0, AS_IT_IS, observer)?;
     let cut_frame = scene.edits.timed().first().map_or(0, |&(_, secs)| (secs * scene.time.fps).ceil() as u32);
     let offsets = assets.groom.strand_offsets();

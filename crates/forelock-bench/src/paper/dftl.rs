@@ -20,11 +20,12 @@ use forelock_gpu::{Choice, Gpu, GpuSimulation};
 use glam::{DQuat, DVec3, Vec3};
 use serde::Serialize;
 
-use crate::assets::AssetError;
-use crate::pictures::labelled;
-use crate::report::thousands;
-use crate::run::{Observer, Progress, RunError};
-use crate::summary::{FrameRow, Spread, device_name};
+use crate::BenchError;
+use forelock::AssetError;
+use forelock::html::thousands;
+use forelock::labelled;
+use forelock::summary::{FrameRow, Spread, device_name};
+use forelock::{Observer, Progress};
 
 use super::followed::{Case, Followed, plot};
 use super::scenes::{self, AS_IT_IS, Builtin};
@@ -111,8 +112,8 @@ pub struct SizeRow {
 /// Runs both tables.
 ///
 /// # Errors
-/// [`RunError`] if a scene cannot be simulated; such that need a file which is not there, or what a GPU does not have, are told in their rows.
-pub fn dftl_tables(options: &Table1Options, observer: &mut Observer<'_>) -> Result<DftlTables, RunError> {
+/// [`BenchError`] if a scene cannot be simulated; such that need a file which is not there, or what a GPU does not have, are told in their rows.
+pub fn dftl_tables(options: &Table1Options, observer: &mut Observer<'_>) -> Result<DftlTables, BenchError> {
     let gpu = if options.on_gpu { Some(Gpu::open(&Choice::Fastest)?) } else { None };
     let scenes = SCENES.iter().map(|scene| scene_row(scene, options, observer)).collect::<Result<_, _>>()?;
     observer(&Progress::Begin { what: "Table 2", done: 0, total: SIZES.len() as u64 });
@@ -137,7 +138,7 @@ fn scene_row(
     &(name, builtin, paper_counts, paper_fps): &(&'static str, Builtin, [usize; 3], [f64; 3]),
     options: &Table1Options,
     observer: &mut Observer<'_>,
-) -> Result<SceneRow, RunError> {
+) -> Result<SceneRow, BenchError> {
     let mut row = SceneRow { name, paper_counts, paper_fps, counts: [0; 2], ms: Vec::new() };
     let (_, assets) = match or_skipped(builtin.load(options.share, AS_IT_IS, &mut |_| {}))? {
         Ok(loaded) => loaded,
@@ -162,7 +163,7 @@ fn size_row(
     [strands, particles]: [usize; 2],
     gpu: Option<&Gpu>,
     options: &Table1Options,
-) -> Result<Vec<(&'static str, f64)>, RunError> {
+) -> Result<Vec<(&'static str, f64)>, BenchError> {
     let groom = curls(((strands as f64 * options.share).ceil() as usize).max(1), particles)?;
     let params = DftlParams { drag: 0.0, ..DftlParams::default() };
     let at_rest = Options { rest_gravity: DVec3::new(0.0, -9.81, 0.0), ..Options::default() };
@@ -208,13 +209,13 @@ fn size_row(
 }
 
 /// What goes through some steps, and waits for them.
-type Run<'a> = Box<dyn FnMut(Range<u32>) -> Result<(), RunError> + 'a>;
+type Run<'a> = Box<dyn FnMut(Range<u32>) -> Result<(), BenchError> + 'a>;
 
 /// Turns that the schedules take in Table 2.
 const ROUNDS: u32 = 5;
 
 /// Curls of 25 cm in a square.
-fn curls(strands: usize, particles: usize) -> Result<Groom, RunError> {
+fn curls(strands: usize, particles: usize) -> Result<Groom, BenchError> {
     let side = (strands as f64).sqrt().ceil() as usize;
     let strand = |s: usize| {
         let at = move |i: usize| {
@@ -333,8 +334,8 @@ const FIGURE2: [&str; 6] = [
 /// Fig. 2: DFTL alone, with hair against hair, with shape, with both; volume and distance from the shape over time.
 ///
 /// # Errors
-/// [`RunError`] if it cannot be simulated.
-pub fn volume(share: f64, observer: &mut Observer<'_>) -> Result<Study, RunError> {
+/// [`BenchError`] if it cannot be simulated.
+pub fn volume(share: f64, observer: &mut Observer<'_>) -> Result<Study, BenchError> {
     let (base, assets) = scenes::MANNEQUIN_B.load(share, &FIGURE2, &mut |_| {})?;
     let mut followed = Vec::new();
     for (label, keys) in CASES {
@@ -400,12 +401,12 @@ const SOLVERS: [(&str, &[&str]); 4] = [
 /// AMS and follow the leader through the five scenes. `so_far` gets what there is after each: all of them take minutes.
 ///
 /// # Errors
-/// [`RunError`] if a scene cannot be simulated; one whose files are not there is left out, and said so.
+/// [`BenchError`] if a scene cannot be simulated; one whose files are not there is left out, and said so.
 pub fn compare(
     share: f64,
     observer: &mut Observer<'_>,
     so_far: &mut dyn FnMut(&Study),
-) -> Result<Study, RunError> {
+) -> Result<Study, BenchError> {
     let table = Table::new(
         "",
         &[

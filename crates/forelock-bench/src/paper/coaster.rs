@@ -7,9 +7,10 @@
 
 use glam::Vec3;
 
+use crate::BenchError;
 use crate::plot::{Line, Plot};
-use crate::run::{Observer, Progress, RunError, Stepper};
-use crate::scene::Scene;
+use forelock::Scene;
+use forelock::{Observer, Progress, Stepper};
 
 use super::scenes::ROLLER_COASTER;
 use super::strand;
@@ -63,7 +64,7 @@ struct Moment {
 }
 
 /// Runs the scene, with `keys` over it, and the strand.
-pub(super) fn study(share: f64, keys: &[String], observer: &mut Observer<'_>) -> Result<Study, RunError> {
+pub(super) fn study(share: f64, keys: &[String], observer: &mut Observer<'_>) -> Result<Study, BenchError> {
     let (scene, assets) = ROLLER_COASTER.load(share, keys, observer)?;
     let scenes = RUNS.map(|(_, key)| ROLLER_COASTER.scene(share, &[keys, &[key.to_owned()]].concat()));
     let scenes: Vec<Scene> = scenes.into_iter().collect::<Result<_, _>>()?;

@@ -27,11 +27,12 @@ use glam::DVec3;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::assets::AssetError;
+use crate::BenchError;
 use crate::paper::{Study, Table};
-use crate::report::thousands;
-use crate::run::{Observer, Progress, RunError};
-use crate::summary::device_name;
+use forelock::AssetError;
+use forelock::html::thousands;
+use forelock::summary::device_name;
+use forelock::{Observer, Progress};
 
 /// Counts of strands, of which those up to the greatest asked for are run.
 pub const STRANDS: [u32; 6] = [1_000, 10_000, 30_000, 120_000, 400_000, 1_000_000];
@@ -124,7 +125,7 @@ enum On {
 
 impl On {
     /// Tells `tally` what the last frame took on a GPU, by its clock.
-    fn add_to(&mut self, tally: &mut Tally) -> Result<(), RunError> {
+    fn add_to(&mut self, tally: &mut Tally) -> Result<(), BenchError> {
         if let Self::Gpu(simulation) = self {
             let report = simulation.report()?;
             tally.add(report.secs.into_iter().flat_map(|secs| secs.stages), report.quarantined_strands);
@@ -157,7 +158,7 @@ impl Tally {
 
 impl Scene {
     /// Steps a frame; on the CPU `tally` is told what it took.
-    fn step(&self, on: &mut On, number: u32, tally: &mut Tally) -> Result<(), RunError> {
+    fn step(&self, on: &mut On, number: u32, tally: &mut Tally) -> Result<(), BenchError> {
         let head = [number, number + 1].map(|number| self.motion.pose(f64::from(number) / FPS));
         let [from, to] = head;
         let colliders =
@@ -185,8 +186,8 @@ const GRAVITY: DVec3 = DVec3::new(0.0, -9.81, 0.0);
 /// Times frames of ever more strands.
 ///
 /// # Errors
-/// [`RunError`] if there is no such device, or it has no room.
-pub fn scaling(options: &ScalingOptions, observer: &mut Observer<'_>) -> Result<Scaling, RunError> {
+/// [`BenchError`] if there is no such device, or it has no room.
+pub fn scaling(options: &ScalingOptions, observer: &mut Observer<'_>) -> Result<Scaling, BenchError> {
     let gpu = options.on_gpu.then(|| Gpu::open(&Choice::Fastest)).transpose()?;
     let peaks = match &gpu {
         Some(gpu) => Peaks::measure(gpu)?,
@@ -209,7 +210,7 @@ pub fn scaling(options: &ScalingOptions, observer: &mut Observer<'_>) -> Result<
         match row(options, &scene, gpu.as_ref(), &groom) {
             Ok(row) => rows.push(row),
             // What fits is worth telling.
-            Err(RunError::Gpu(error @ (GpuError::TooLarge { .. } | GpuError::Failed { .. })))
+            Err(BenchError::Gpu(error @ (GpuError::TooLarge { .. } | GpuError::Failed { .. })))
                 if !rows.is_empty() =>
             {
                 stopped = Some(format!("{} strands: {error}", thousands(strands as usize)));
@@ -240,7 +241,7 @@ fn row(
     scene: &Scene,
     gpu: Option<&Gpu>,
     groom: &Groom,
-) -> Result<ScalingRow, RunError> {
+) -> Result<ScalingRow, BenchError> {
     let (params, grid) = (AmsParams::default(), options.grid.then(GridParams::default));
     let contacts = options.contacts.then(ContactParams::default);
     let at_rest = Options { rest_gravity: GRAVITY, ..Options::default() };

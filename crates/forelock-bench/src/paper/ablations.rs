@@ -19,10 +19,11 @@ use glam::Vec3;
 use serde::Serialize;
 
 use super::scenes;
-use crate::assets::Assets;
-use crate::pictures::{Studio, labelled};
-use crate::run::{RunError, Stepper};
-use crate::scene::Scene;
+use crate::BenchError;
+use forelock::Assets;
+use forelock::Scene;
+use forelock::Stepper;
+use forelock::{Studio, labelled};
 
 /// A figure of the paper.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -144,7 +145,7 @@ fn angular_variants() -> Vec<Variant> {
 
 impl Figure {
     /// Its scene with `keys` over it, and its strands.
-    fn load(self, keys: &[String]) -> Result<(Scene, Assets), RunError> {
+    fn load(self, keys: &[String]) -> Result<(Scene, Assets), BenchError> {
         let keys = [&["solver.beyond_float32=true".to_owned()], keys].concat();
         let (scene, strands) = match self {
             Self::Sag => (scenes::FIGURE4, scenes::HELIX),
@@ -158,8 +159,8 @@ impl Figure {
     /// Runs every variant.
     ///
     /// # Errors
-    /// [`RunError`] if a variant cannot be simulated.
-    pub fn table(self) -> Result<PaperTable, RunError> {
+    /// [`BenchError`] if a variant cannot be simulated.
+    pub fn table(self) -> Result<PaperTable, BenchError> {
         let (title, variants) = match self {
             Self::Sag => ("AMS, Fig. 4: one curly strand under gravity for 5 s", sag_variants()),
             Self::Angular => {
@@ -173,8 +174,8 @@ impl Figure {
     /// The strands of every row of `table`, which is this figure's, at its end, side by side.
     ///
     /// # Errors
-    /// [`RunError`] if they cannot be drawn.
-    pub fn picture(self, table: &PaperTable) -> Result<Image, RunError> {
+    /// [`BenchError`] if they cannot be drawn.
+    pub fn picture(self, table: &PaperTable) -> Result<Image, BenchError> {
         let (scene, assets) = self.load(&[])?;
         let studio = Studio::new(&scene, &assets);
         let end_secs = f64::from(scene.time.frames) / scene.time.fps;
@@ -190,7 +191,7 @@ impl Figure {
     }
 }
 
-fn measure(figure: Figure, variant: Variant) -> Result<PaperRow, RunError> {
+fn measure(figure: Figure, variant: Variant) -> Result<PaperRow, BenchError> {
     let (scene, assets) = figure.load(&variant.keys)?;
     let mut stepper = Stepper::new(&scene, &assets)?;
     let frames = scene.time.frames;

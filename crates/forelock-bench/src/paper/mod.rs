@@ -25,7 +25,8 @@ pub use guides::{GUIDES, GuidesRow, GuidesTable};
 pub use study::{Strip, Study, Table};
 pub use table1::{Table1, Table1Options, Table1Row, table1};
 
-use crate::run::{Observer, RunError};
+use crate::BenchError;
+use forelock::Observer;
 
 /// An experiment whose outcome the paper shows in pictures only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,8 +45,8 @@ impl Experiment {
     /// Runs it with `share` (0 to 1) of its strands, where they are grown.
     ///
     /// # Errors
-    /// [`RunError`] if its scene cannot be simulated, for one because a groom's file is missing.
-    pub fn study(self, share: f64, observer: &mut Observer<'_>) -> Result<Study, RunError> {
+    /// [`BenchError`] if its scene cannot be simulated, for one because a groom's file is missing.
+    pub fn study(self, share: f64, observer: &mut Observer<'_>) -> Result<Study, BenchError> {
         match self {
             Self::Beard => keeping::study(&keeping::BEARD, share, &[], observer),
             Self::Asymmetric => keeping::study(&keeping::ASYMMETRIC, share, &[], observer),

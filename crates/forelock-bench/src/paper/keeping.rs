@@ -4,8 +4,9 @@
 //! The same scene runs with both solvers. Strands are taken in thirds by length, and followed is each third's mean distance from its rest shape in the head's
 //! frame. While the head moves, that is how far hair swings; once the head is still, it is what was lost of the shape.
 
+use crate::BenchError;
 use crate::plot::{Line, Plot};
-use crate::run::{Observer, Progress, RunError, Stepper};
+use forelock::{Observer, Progress, Stepper};
 
 use super::scenes::{self, Builtin};
 use super::study::{Study, Table, millimetres, percent};
@@ -46,7 +47,7 @@ pub(super) fn study(
     share: f64,
     keys: &[String],
     observer: &mut Observer<'_>,
-) -> Result<Study, RunError> {
+) -> Result<Study, BenchError> {
     let (scene, assets) = what.builtin.load(share, keys, observer)?;
     let parts = thirds(&assets.groom);
     let frames = scene.time.frames;

@@ -6,11 +6,12 @@ use std::time::Instant;
 use forelock_render::Image;
 use glam::Vec3;
 
-use crate::assets::Assets;
-use crate::pictures::Studio;
+use crate::BenchError;
 use crate::plot::{Line, Plot};
-use crate::run::{Observer, Progress, RunError, Stepper};
-use crate::scene::Scene;
+use forelock::Assets;
+use forelock::Scene;
+use forelock::Studio;
+use forelock::{Observer, Progress, Stepper};
 
 use super::watch::{mean, offset};
 
@@ -50,7 +51,7 @@ impl Followed {
         assets: &Assets,
         (moments, scale): (&[f64], f64),
         observer: &mut Observer<'_>,
-    ) -> Result<Self, RunError> {
+    ) -> Result<Self, BenchError> {
         let scene = &case.scene;
         let frames = scene.time.frames;
         let (mut stepper, studio) = (Stepper::new(scene, assets)?, Studio::new(scene, assets));
@@ -80,7 +81,7 @@ impl Followed {
             stepper.positions(frame, &mut positions);
             if frame > 0 {
                 let (_, colliders) = stepper.surroundings(frame - 1);
-                let (inside, _) = crate::run::deep_particles(&positions, stepper.strands(), &colliders);
+                let (inside, _) = forelock::deep_particles(&positions, stepper.strands(), &colliders);
                 followed.inside = followed.inside.max(inside);
             }
             let head = assets.head_pose(stepper.time_secs(frame));

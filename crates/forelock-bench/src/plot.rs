@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use forelock::html::escape;
 use serde::Serialize;
 
 /// Size of a plot, and of the frame that the lines are in: left, top, right and bottom, pixels.
@@ -214,11 +215,6 @@ fn number(value: f64) -> String {
     let text = format!("{value:.6}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
     if text == "-0" { "0".to_owned() } else { text.to_owned() }
-}
-
-/// `text` inside XML and HTML.
-pub(crate) fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 #[cfg(test)]

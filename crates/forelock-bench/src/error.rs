@@ -1,0 +1,37 @@
+//! Why an experiment failed.
+
+use std::path::PathBuf;
+
+/// Why an experiment failed.
+#[derive(Debug, thiserror::Error)]
+pub enum BenchError {
+    /// A scene is invalid.
+    #[error(transparent)]
+    Scene(#[from] forelock::scene::SceneError),
+    /// A file that a scene names cannot be used.
+    #[error(transparent)]
+    Asset(#[from] forelock::AssetError),
+    /// A scene cannot be simulated.
+    #[error(transparent)]
+    Run(#[from] forelock::RunError),
+    /// The solver refuses groom or parameters.
+    #[error("the solver cannot take this scene: {0}")]
+    Build(#[from] forelock_core::simulation::BuildError),
+    /// The solver refuses a frame.
+    #[error("the solver cannot step this scene: {0}")]
+    Step(#[from] forelock_core::params::ParamsError),
+    /// The GPU failed.
+    #[error(transparent)]
+    Gpu(#[from] forelock_gpu::GpuError),
+    /// A picture cannot be made.
+    #[error(transparent)]
+    Picture(#[from] forelock::PictureError),
+    /// The output folder cannot be made.
+    #[error("{}: the output folder cannot be made: {error}; name another", .path.display())]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// The error of the operating system.
+        error: std::io::Error,
+    },
+}
