@@ -184,7 +184,7 @@ fn time_solve() -> Result<f64, Box<dyn std::error::Error + Send + Sync>> {
         let frame =
             Frame { head, colliders: &[], gravity: GRAVITY, air_velocity: DVec3::ZERO, dt_secs: 1.0 / 60.0 };
         let report = simulation.step_frame(&frame)?;
-        least = least.min(report.stage_secs[0].1 / f64::from(params.substeps));
+        least = least.min(report.stages.get("solve_strands") / f64::from(params.substeps));
     }
     Ok(least)
 }

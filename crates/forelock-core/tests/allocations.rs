@@ -8,7 +8,7 @@ use forelock_core::interaction::grid::GridParams;
 use forelock_core::groom::Groom;
 use forelock_core::groom::guides::Skinning;
 use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams, DftlParams, SolverParams};
+use forelock_core::solver::{AmsParams, DftlParams, Solver};
 use forelock_core::frame::{Frame};
 use forelock_core::simulation::{Options, Simulation};
 use forelock_core::interaction::sph::SphParams;
@@ -39,7 +39,7 @@ static ALLOCATOR: Counting = Counting;
 
 /// Allocations of forty frames against a ball, after fifty to warm up: a grid grows with the hair's box.
 fn allocations_of_frames(
-    solver: &SolverParams,
+    solver: &Solver<f32>,
     (grid, particles): (Option<&GridParams>, Option<&SphParams>),
 ) -> usize {
     let strand = |s: u16| {
@@ -51,7 +51,7 @@ fn allocations_of_frames(
     let options = Options { rest_gravity: gravity, ..Options::default() };
     let mut simulation = Simulation::new(&groom, solver, &options).unwrap();
     simulation.set_grid(grid).unwrap();
-    simulation.set_particles(particles).unwrap();
+    simulation.set_sph(particles).unwrap();
     let shape = Shape::Sphere { radius: 0.1 };
     let local = Pose::new(DQuat::IDENTITY, DVec3::new(0.25, -0.15, 0.1));
     let pose =

@@ -186,7 +186,7 @@ impl<'a> Stepper<'a> {
         let skinning = (count > 0).then(|| Skinning::new(&assets.groom, count, scene.seed)).transpose()?;
         let groom = skinning.as_ref().map_or(&assets.groom, Skinning::guides);
         let mut simulation = match solver.kind {
-            SolverKind::MassSpring => Simulation::mass_spring(groom, &solver.mass_spring, &options)?,
+            SolverKind::MassSpring => Simulation::new(groom, &solver.mass_spring, &options)?,
             SolverKind::Dftl => Simulation::new(groom, &solver.dftl, &options)?,
             _ => Simulation::new(groom, &solver.ams, &options)?,
         };
@@ -196,7 +196,7 @@ impl<'a> Stepper<'a> {
             simulation.set_grid(Some(&scene.interaction.grid))?;
         }
         if on_cpu && scene.interaction.kind == InteractionKind::Sph {
-            simulation.set_particles(Some(&scene.interaction.sph))?;
+            simulation.set_sph(Some(&scene.interaction.sph))?;
         }
         if on_cpu && scene.interaction.contacts {
             simulation.set_contacts(Some(&scene.interaction.contact))?;

@@ -215,20 +215,23 @@ impl<T> From<&Self> for Solver<T> {
     }
 }
 
-/// Makes parameters that are a [`LaneSolver`] convert to a [`Solver`] in either precision. Not generic,
-/// so that the solver is compiled once, in the crate that calls this.
+/// Makes parameters that are a [`StrandSolver`] in either precision convert to a [`Solver`]. The solver
+/// is compiled once, in the crate that calls this.
 #[macro_export]
 macro_rules! solver_from_params {
     ($params:ty) => {
-        $crate::solver_from_params!($params, f32);
-        $crate::solver_from_params!($params, f64);
-    };
-    ($params:ty, $real:ty) => {
-        impl From<&$params> for $crate::solver::Solver<$real> {
-            // Never inlined: a crate that inlines it would compile the solver again.
-            #[inline(never)]
+        impl<T: $crate::frame::SolverReal> From<&$params> for $crate::frame::Solver<T> {
             fn from(params: &$params) -> Self {
-                Self::new(params.clone())
+                // Never inlined: a crate that inlines them would compile the solver again.
+                #[inline(never)]
+                fn single(params: &$params) -> $crate::frame::Solver<f32> {
+                    $crate::frame::Solver::new(params.clone())
+                }
+                #[inline(never)]
+                fn double(params: &$params) -> $crate::frame::Solver<f64> {
+                    $crate::frame::Solver::new(params.clone())
+                }
+                T::select(|| single(params), || double(params))
             }
         }
     };
@@ -248,6 +251,10 @@ pub(crate) trait BlockTask {
 
 /// Numbers that solvers run in.
 pub trait SolverReal: Real {
+    /// The solver in this precision.
+    #[doc(hidden)]
+    fn select(single: impl FnOnce() -> Solver<f32>, double: impl FnOnce() -> Solver<f64>) -> Solver<Self>;
+
     /// Runs `task` on a block, of which `live` lanes count, with the lanes of [`FrameContext::simd`].
     #[doc(hidden)]
     #[expect(private_bounds, reason = "only this crate has block tasks")]
@@ -262,6 +269,10 @@ pub trait SolverReal: Real {
 
 /// The specification: one strand at a time, plain float64.
 impl SolverReal for f64 {
+    fn select(_: impl FnOnce() -> Solver<f32>, double: impl FnOnce() -> Solver<Self>) -> Solver<Self> {
+        double()
+    }
+
     #[expect(private_bounds, reason = "only this crate has block tasks")]
     fn run<K: BlockTask>(
         task: &K,
@@ -308,6 +319,10 @@ macro_rules! instruction_sets {
         )*
 
         impl SolverReal for f32 {
+            fn select(single: impl FnOnce() -> Solver<Self>, _: impl FnOnce() -> Solver<f64>) -> Solver<Self> {
+                single()
+            }
+
             #[expect(private_bounds, reason = "only this crate has block tasks")]
             fn run<K: BlockTask>(
                 task: &K,

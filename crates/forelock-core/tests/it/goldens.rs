@@ -11,16 +11,17 @@ use crate::golden::{self, Backend, dftl, fluid, load, params};
 use forelock_core::strands::{Model, Strands};
 use forelock_core::solver::ams::Jacobian;
 use forelock_core::frame::{Frame};
-use forelock_core::solver::{MassSpringParams, SolverParams};
+use forelock_core::solver::{MassSpringParams, Solver};
 use forelock_core::simulation::{Options, Simulation};
-use forelock_core::lane::{Simd, SolverReal};
+use forelock_core::lane::Simd;
+use forelock_core::simulation::SimulationReal;
 use forelock_core::interaction::sph::Fluid;
 use forelock_core::interaction::sph::find_neighbours::{Neighbours, Particle};
 use forelock_core::interaction::sph::push_particles;
 use forelock_core::strands::Snapshot;
 use serde_json::Value;
 
-impl<T: SolverReal> Backend for Simulation<T> {
+impl<T: SimulationReal> Backend for Simulation<T> {
     type Real = T;
 
     fn step_frame(&mut self, frame: &Frame<'_>) {
@@ -41,17 +42,17 @@ impl<T: SolverReal> Backend for Simulation<T> {
 }
 
 /// Builds simulations for `simd`.
-fn with<T: SolverReal>(simd: Simd) -> impl Fn(&Strands<'_, T>, &SolverParams, Options) -> Simulation<T> {
+fn with<T: SimulationReal>(simd: Simd) -> impl Fn(&Strands<'_, T>, &Solver<T>, Options) -> Simulation<T> {
     move |strands, params, options| {
         Simulation::from_strands(strands, params, &Options { simd, ..options }).unwrap()
     }
 }
 
-fn worst_error<T: SolverReal>(file: &Value, simd: Simd) -> f64 {
+fn worst_error<T: SimulationReal>(file: &Value, simd: Simd) -> f64 {
     golden::worst_error(file, with::<T>(simd))
 }
 
-fn substep_error<T: SolverReal>(case: &Value, simd: Simd) -> (f64, f64) {
+fn substep_error<T: SimulationReal>(case: &Value, simd: Simd) -> (f64, f64) {
     golden::substep_error(case, with::<T>(simd))
 }
 
@@ -171,7 +172,7 @@ fn dftl_with_lengths_last() {
 const SPH_TOLERANCES: [[f64; 2]; 2] = [[1e-12, 1e-12], [1e-4, 1e-3]];
 
 /// The neighbours, densities and accelerations of the file's particles.
-fn check_fluid<T: SolverReal>(file: &Value, tolerances: [f64; 2]) {
+fn check_fluid<T: SimulationReal>(file: &Value, tolerances: [f64; 2]) {
     let float = |x: &Value| forelock_core::strands::number::<T>(x.as_f64().unwrap());
     let list = |key: &str| file[key].as_array().unwrap().iter();
     let places = golden::vectors::<T>(&file["P"]).into_iter().zip(golden::vectors::<T>(&file["U"]));
@@ -211,15 +212,15 @@ fn check_fluid<T: SolverReal>(file: &Value, tolerances: [f64; 2]) {
 }
 
 /// Simulations for `simd` of strands that are the fluid of `file` as well.
-fn wet<T: SolverReal>(
+fn wet<T: SimulationReal>(
     file: &Value,
     simd: Simd,
-) -> impl Fn(&Strands<'_, T>, &SolverParams, Options) -> Simulation<T> {
+) -> impl Fn(&Strands<'_, T>, &Solver<T>, Options) -> Simulation<T> {
     let params = fluid::raw::<T>(file);
     move |strands, solver, options| {
         let mut simulation = with::<T>(simd)(strands, solver, options);
         let params = params(simulation.model());
-        simulation.set_particles(Some(&params)).unwrap();
+        simulation.set_sph(Some(&params)).unwrap();
         simulation
     }
 }

@@ -1,7 +1,9 @@
 use super::*;
+use crate::groom::Groom;
 use crate::pose::Pose;
-use crate::frame::{Frame};
-use crate::lane::{Simd};
+use crate::simulation::{Options, Simulation};
+use crate::frame::Frame;
+use crate::lane::Simd;
 use crate::strands::Snapshot;
 
 /// Splitmix: numbers from −1 to 1.
@@ -82,8 +84,8 @@ fn positions_are_the_grooms() {
         .into();
     let groom = Groom::from_strands(strands).unwrap();
     let mut simulation =
-        Simulation::mass_spring(&groom, &MassSpringParams::default(), &Options::default()).unwrap();
-    assert_eq!((simulation.model().particle_count, simulation.params().clamped()), (9 + 3 + 17, 3));
+        Simulation::new(&groom, &MassSpringParams::default(), &Options::default()).unwrap();
+    assert_eq!((simulation.model().particle_count, simulation.solver().rules().clamped), (9 + 3 + 17, 3));
     let mut positions = Vec::new();
     simulation.positions(&mut positions);
     for (x, y) in positions.iter().zip(groom.positions()) {

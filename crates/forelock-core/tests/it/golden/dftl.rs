@@ -5,7 +5,7 @@ use forelock_core::body::{ColliderFrame, Shape};
 use forelock_core::lane::Real;
 use forelock_core::strands::Strands;
 use forelock_core::pose::Pose;
-use forelock_core::solver::{DftlParams, SolverParams};
+use forelock_core::solver::{DftlParams, Solver};
 use forelock_core::frame::{Frame};
 use forelock_core::simulation::{Options};
 use glam::{DQuat, DVec3};
@@ -66,7 +66,7 @@ pub struct Errors {
 /// Runs a file of follow the leader.
 pub fn errors<B: Backend>(
     file: &Value,
-    build: impl Fn(&Strands<'_, B::Real>, &SolverParams, Options) -> B,
+    build: impl Fn(&Strands<'_, B::Real>, &Solver<B::Real>, Options) -> B,
 ) -> Errors {
     let poses = poses(file);
     let (rest, offsets) = strands::<B::Real>(file);

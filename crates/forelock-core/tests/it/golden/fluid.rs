@@ -3,10 +3,11 @@
 use super::dftl::{poses, strands};
 use super::{Backend, vectors};
 use forelock_core::strands::{Model, Strands};
-use forelock_core::solver::{DftlParams, SolverParams};
+use forelock_core::solver::{DftlParams, Solver};
 use forelock_core::frame::{Frame};
 use forelock_core::simulation::{Options};
-use forelock_core::lane::{Simd, SolverReal};
+use forelock_core::lane::Simd;
+use forelock_core::simulation::SimulationReal;
 use forelock_core::interaction::sph::{Sph, SphParams};
 use glam::DVec3;
 use num_traits::ToPrimitive;
@@ -28,7 +29,7 @@ pub fn fluid_params(file: &Value) -> SphParams {
 /// Runs the steps of `dftl_6_sph`, shape and fluid together; the largest distance from the file's positions after them, over the strand's length.
 pub fn coupled_error<B: Backend>(
     file: &Value,
-    build: impl Fn(&Strands<'_, B::Real>, &SolverParams, Options) -> B,
+    build: impl Fn(&Strands<'_, B::Real>, &Solver<B::Real>, Options) -> B,
 ) -> f64 {
     let steps = &file["step"];
     let poses = poses(steps);
@@ -63,7 +64,7 @@ pub fn coupled_error<B: Backend>(
 }
 
 /// The file's fluid with its `k` and `mu`, which are those of particles of a mass of 1, for the strands of a model, whose mean density is 1.
-pub fn raw<T: SolverReal>(file: &Value) -> impl Fn(&Model<T>) -> SphParams {
+pub fn raw<T: SimulationReal>(file: &Value) -> impl Fn(&Model<T>) -> SphParams {
     let params = fluid_params(file);
     let [k, mu] = ["k", "mu"].map(|key| file[key].as_f64().unwrap());
     move |model| {

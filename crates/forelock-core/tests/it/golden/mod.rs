@@ -8,7 +8,7 @@ use forelock_core::lane::Real;
 use forelock_core::strands::{Model, Strands};
 use forelock_core::pose::Pose;
 use forelock_core::solver::ams::{AngularForm, Inextensibility, IntegrityForm, Jacobian};
-use forelock_core::solver::{AmsParams, SolverParams};
+use forelock_core::solver::{AmsParams, Solver};
 use forelock_core::frame::{Frame};
 use forelock_core::simulation::{Options};
 use forelock_core::strands::{Snapshot, number};
@@ -102,7 +102,7 @@ fn options(p: &Value, rest_pose: Pose) -> Options {
 /// Largest distance from the file's positions over the strand's length, over all strands and stored frames.
 pub fn worst_error<B: Backend>(
     file: &Value,
-    build: impl Fn(&Strands<'_, B::Real>, &SolverParams, Options) -> B,
+    build: impl Fn(&Strands<'_, B::Real>, &Solver<B::Real>, Options) -> B,
 ) -> f64 {
     let p = &file["params"];
     let poses: Vec<Pose> = file["poses_qw_qx_qy_qz_px_py_pz"].as_array().unwrap().iter().map(pose).collect();
@@ -154,7 +154,7 @@ pub fn worst_error<B: Backend>(
 /// One substep from a perturbed state: the velocities solve the file's dense system and equal its solution.
 pub fn substep_error<B: Backend>(
     case: &Value,
-    build: impl Fn(&Strands<'_, B::Real>, &SolverParams, Options) -> B,
+    build: impl Fn(&Strands<'_, B::Real>, &Solver<B::Real>, Options) -> B,
 ) -> (f64, f64) {
     let p = &case["params"];
     let poses = [pose(&case["pose0"]), pose(&case["pose1"])];

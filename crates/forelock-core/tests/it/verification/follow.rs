@@ -7,7 +7,8 @@ use forelock_core::pose::Pose;
 use forelock_core::solver::{DftlParams};
 use forelock_core::frame::{Frame};
 use forelock_core::simulation::{Options, Simulation, Teleport};
-use forelock_core::lane::{Simd, SolverReal};
+use forelock_core::lane::Simd;
+use forelock_core::simulation::SimulationReal;
 use forelock_core::interaction::sph::SphParams;
 use glam::{DQuat, DVec3, Vec3};
 use std::f64::consts::TAU;
@@ -23,7 +24,7 @@ fn straight(n: usize) -> Strand {
 }
 
 /// The largest difference of an edge from its rest length over that length, and over the strand's, in a shake of 10 g against a ball.
-fn stretch<T: SolverReal>(params: &DftlParams) -> [f64; 2] {
+fn stretch<T: SimulationReal>(params: &DftlParams) -> [f64; 2] {
     let strands = tuft(40, 30);
     let mut rig = Rig::<T>::new(&strands, params, Simd::Auto);
     rig.dt = params.step_secs;
@@ -162,7 +163,7 @@ fn played(strands: usize, simd: Simd) -> Rig<f32> {
         strands[3].truncate(5);
     }
     let mut rig = Rig::<f32>::new(&strands, &DftlParams::default(), simd);
-    rig.simulation.set_particles(Some(&SphParams::default())).unwrap();
+    rig.simulation.set_sph(Some(&SphParams::default())).unwrap();
     rig.dt = 0.016;
     rig
 }

@@ -3,28 +3,29 @@
 use crate::rig::{DT, Rig, bare, real, simds};
 use forelock_core::pose::Pose;
 use forelock_core::solver::{AmsParams};
-use forelock_core::lane::{Simd, SolverReal};
+use forelock_core::lane::Simd;
+use forelock_core::simulation::SimulationReal;
 
 fn params() -> AmsParams {
     AmsParams { k_integrity: 100.0, non_hookean: true, substeps: 1, ..bare() }
 }
 
 /// A tie pulled out to `e` strand lengths.
-fn pulled<T: SolverReal>(params: &AmsParams, simd: Simd, e: f64) -> Rig<T> {
+fn pulled<T: SimulationReal>(params: &AmsParams, simd: Simd, e: f64) -> Rig<T> {
     let mut rig = Rig::<T>::new(&[vec![[0.0; 3], [0.5, 0.0, 0.0]]], params, simd);
     pull(&mut rig, e);
     rig
 }
 
 /// Puts the particle `e` strand lengths from its ghost, at rest.
-fn pull<T: SolverReal>(rig: &mut Rig<T>, e: f64) {
+fn pull<T: SimulationReal>(rig: &mut Rig<T>, e: f64) {
     rig.edit(|snapshot| {
         snapshot.positions[1] = [0.25, 0.0, 0.5 * e].map(real);
         snapshot.velocities[1] = [0.0; 3].map(real);
     });
 }
 
-fn step<T: SolverReal>(rig: &mut Rig<T>) -> f64 {
+fn step<T: SimulationReal>(rig: &mut Rig<T>) -> f64 {
     rig.step(Pose::IDENTITY);
     rig.simulation.snapshot().integrity[1].to_f64().unwrap()
 }

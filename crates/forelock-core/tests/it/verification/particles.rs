@@ -3,7 +3,7 @@
 use crate::rig::{GRAVITY, Random, Rig, assert_one_hash, shake, tuft};
 use forelock_core::lane::Real;
 use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams, DftlParams, SolverParams};
+use forelock_core::solver::{AmsParams, DftlParams, Solver};
 use forelock_core::lane::{Simd};
 use forelock_core::interaction::sph::{Fluid, Sph, SphParams};
 use forelock_core::interaction::sph::find_neighbours::{Neighbours, Particle, SearchReal};
@@ -159,11 +159,11 @@ fn pairs_keep_momentum() {
 #[test]
 fn a_groom_at_rest_feels_nothing() {
     for solver in [
-        SolverParams::from(&DftlParams { sag_free: true, ..DftlParams::default() }),
+        Solver::from(&DftlParams { sag_free: true, ..DftlParams::default() }),
         (&AmsParams::default()).into(),
     ] {
         let mut rig = Rig::<f64>::new(&tuft(50, 20), &solver, Simd::Auto);
-        rig.simulation.set_particles(Some(&SphParams::default())).unwrap();
+        rig.simulation.set_sph(Some(&SphParams::default())).unwrap();
         let rest = rig.positions();
         rig.play(0.5, |_| Pose::IDENTITY);
         let off = crate::rig::largest(&rest, &rig.positions());
@@ -174,10 +174,10 @@ fn a_groom_at_rest_feels_nothing() {
 /// Hair that is pressed together comes apart, with either solver.
 #[test]
 fn pressure_gives_volume() {
-    let spread = |solver: &SolverParams, pressure: Option<f64>| {
+    let spread = |solver: &Solver<f64>, pressure: Option<f64>| {
         let mut rig = Rig::<f32>::new(&tuft(60, 20), solver, Simd::Auto);
         let params = pressure.map(|pressure| SphParams { pressure, ..SphParams::default() });
-        rig.simulation.set_particles(params.as_ref()).unwrap();
+        rig.simulation.set_sph(params.as_ref()).unwrap();
         rig.gravity = GRAVITY;
         rig.play(1.0, |_| Pose::IDENTITY);
         let tips: Vec<DVec3> = rig.positions().chunks(20).map(|strand| strand[19]).collect();
@@ -188,7 +188,7 @@ fn pressure_gives_volume() {
     };
     // A bundle that hangs together.
     for solver in [
-        SolverParams::from(&DftlParams { shape_global: 0.0, shape_local: 0.0, ..DftlParams::default() }),
+        Solver::from(&DftlParams { shape_global: 0.0, shape_local: 0.0, ..DftlParams::default() }),
         (&AmsParams { k_integrity: 1.0, k_angular: 1.0, sag_free: false, ..AmsParams::default() }).into(),
     ] {
         let [without, with] = [None, Some(0.2)].map(|pressure| spread(&solver, pressure));
@@ -201,7 +201,7 @@ fn pressure_gives_volume() {
 fn threads_and_widths_leave_the_bits_alone() {
     assert_one_hash(|simd| {
         let mut rig = Rig::<f32>::new(&tuft(200, 20), &AmsParams::default(), simd);
-        rig.simulation.set_particles(Some(&SphParams::default())).unwrap();
+        rig.simulation.set_sph(Some(&SphParams::default())).unwrap();
         rig.play(0.2, |t| shake(3.0, 3.0, t));
         rig.simulation.state_hash()
     });

@@ -5,10 +5,11 @@ use forelock_core::lane::Real;
 use forelock_core::strands::Strands;
 use forelock_core::pose::Pose;
 use forelock_core::solver::ams::{AngularForm, Inextensibility};
-use forelock_core::solver::{AmsParams, SolverParams};
+use forelock_core::solver::{AmsParams, Solver};
 use forelock_core::frame::{Frame, FrameReport};
 use forelock_core::simulation::{Options, Simulation};
-use forelock_core::lane::{Simd, SolverReal};
+use forelock_core::lane::Simd;
+use forelock_core::simulation::SimulationReal;
 use forelock_core::strands::Snapshot;
 use glam::{DQuat, DVec3};
 use std::f64::consts::TAU;
@@ -81,7 +82,7 @@ pub fn simds() -> impl Iterator<Item = Simd> {
 }
 
 /// A simulation and the scene around it.
-pub struct Rig<T: SolverReal> {
+pub struct Rig<T: SimulationReal> {
     pub simulation: Simulation<T>,
     pub head: Pose,
     pub gravity: DVec3,
@@ -89,14 +90,14 @@ pub struct Rig<T: SolverReal> {
     pub dt: f64,
 }
 
-impl<T: SolverReal> Rig<T> {
+impl<T: SimulationReal> Rig<T> {
     /// `strands` at rest under [`GRAVITY`], the head at the origin.
-    pub fn new(strands: &[Strand], params: impl Into<SolverParams>, simd: Simd) -> Self {
+    pub fn new(strands: &[Strand], params: impl Into<Solver<T>>, simd: Simd) -> Self {
         Self::with_options(strands, params, &Options { simd, rest_gravity: GRAVITY, ..Options::default() })
     }
 
     /// `strands` at rest as `options` has it.
-    pub fn with_options(strands: &[Strand], params: impl Into<SolverParams>, options: &Options) -> Self {
+    pub fn with_options(strands: &[Strand], params: impl Into<Solver<T>>, options: &Options) -> Self {
         Self::stiff(strands, None, params, options)
     }
 
@@ -104,7 +105,7 @@ impl<T: SolverReal> Rig<T> {
     pub fn stiff(
         strands: &[Strand],
         stiffness: Option<&[f32]>,
-        params: impl Into<SolverParams>,
+        params: impl Into<Solver<T>>,
         options: &Options,
     ) -> Self {
         let positions: Vec<[T; 3]> = strands.iter().flatten().map(|&p| p.map(real)).collect();

@@ -4,7 +4,8 @@ use crate::rig::{DT, Rig, bare, helix, real, shake, simds, tuft};
 use forelock_core::body::{ColliderFrame, Shape};
 use forelock_core::pose::Pose;
 use forelock_core::solver::{AmsParams};
-use forelock_core::lane::{Simd, SolverReal};
+use forelock_core::lane::Simd;
+use forelock_core::simulation::SimulationReal;
 use glam::{DQuat, DVec3};
 
 fn on_head(shape: &Shape, local: Pose, from: Pose, to: Pose) -> ColliderFrame<'_> {
@@ -55,7 +56,7 @@ fn nothing_ends_a_frame_inside() {
 }
 
 /// Speed along the solid after a particle meets it at 100 along and 50 into it, the solid moving at `carried`.
-fn speed_after<T: SolverReal>(mu: f64, simd: Simd, carried: DVec3) -> f64 {
+fn speed_after<T: SimulationReal>(mu: f64, simd: Simd, carried: DVec3) -> f64 {
     let params = AmsParams { substeps: 1, ..bare() };
     let mut rig = Rig::<T>::new(&[vec![[0.0, 2.0, 0.0], [0.0, 0.1, 0.0]]], &params, simd);
     rig.gravity = DVec3::ZERO;

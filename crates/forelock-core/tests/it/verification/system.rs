@@ -6,7 +6,8 @@ use forelock_core::pose::Pose;
 use forelock_core::solver::ams::{AngularForm, Inextensibility, IntegrityForm, Jacobian};
 use forelock_core::solver::{AmsParams};
 use forelock_core::simulation::{Options};
-use forelock_core::lane::{Simd, SolverReal};
+use forelock_core::lane::Simd;
+use forelock_core::simulation::SimulationReal;
 use glam::{DMat3, DQuat, DVec3};
 
 /// All that enters the system of one substep.
@@ -174,7 +175,7 @@ impl Instant {
 }
 
 /// Largest error of the solver's velocities over the largest velocity, from a random state about a moving head.
-fn error<T: SolverReal>(params: &AmsParams, simd: Simd, seed: u64, k_integrity_believed: f64) -> f64 {
+fn error<T: SimulationReal>(params: &AmsParams, simd: Simd, seed: u64, k_integrity_believed: f64) -> f64 {
     let mut random = Random(seed);
     let poses = [
         Pose::new(DQuat::from_scaled_axis(random.vector()), random.vector()),

@@ -4,14 +4,15 @@ use crate::rig::{DT, G, GRAVITY, LENGTH, Rig, helix, largest, shake, simds};
 use forelock_core::pose::Pose;
 use forelock_core::solver::{AmsParams};
 use forelock_core::simulation::{Options};
-use forelock_core::lane::{Simd, SolverReal};
+use forelock_core::lane::Simd;
+use forelock_core::simulation::SimulationReal;
 use glam::{DQuat, DVec3};
 
-fn default_rig<T: SolverReal>(simd: Simd) -> Rig<T> {
+fn default_rig<T: SimulationReal>(simd: Simd) -> Rig<T> {
     Rig::new(&[helix(30)], &AmsParams::default(), simd)
 }
 
-fn drift<T: SolverReal>(simd: Simd, params: &AmsParams) -> f64 {
+fn drift<T: SimulationReal>(simd: Simd, params: &AmsParams) -> f64 {
     let mut rig = Rig::<T>::new(&[helix(30)], params, simd);
     let start = rig.positions();
     let mut worst = 0.0;
@@ -105,7 +106,7 @@ fn at_constant_velocity_with_the_wind_nothing_moves() {
 }
 
 /// Late jitter with the head held at rest, and 8 s after it was tilted by 135° within half a second.
-fn late_jitter<T: SolverReal>(simd: Simd) -> [f64; 2] {
+fn late_jitter<T: SimulationReal>(simd: Simd) -> [f64; 2] {
     let mut rig = default_rig::<T>(simd);
     rig.play(1.5, |_| Pose::IDENTITY);
     let at_rest = rig.jitter(0.5);
@@ -124,7 +125,7 @@ fn hair_comes_to_rest() {
 
 /// Accelerations over gravity in a quarter of a second with the head held: root mean square over particles and frames,
 /// and the largest.
-fn unrest<T: SolverReal>(rig: &mut Rig<T>) -> [f64; 2] {
+fn unrest<T: SimulationReal>(rig: &mut Rig<T>) -> [f64; 2] {
     let (mut sum, mut count, mut largest) = (0.0, 0.0f64, 0.0f64);
     for _ in 0..15 {
         let before = rig.velocities();
@@ -138,7 +139,7 @@ fn unrest<T: SolverReal>(rig: &mut Rig<T>) -> [f64; 2] {
 }
 
 /// [`unrest`] right after two seconds of a 4 g shake at 1 Hz, 2 s later and 3 s later.
-fn after_shake<T: SolverReal>(simd: Simd) -> [[f64; 2]; 3] {
+fn after_shake<T: SimulationReal>(simd: Simd) -> [[f64; 2]; 3] {
     let mut rig = default_rig::<T>(simd);
     rig.play(2.0, |t| shake(4.0, 1.0, t));
     [0.0, 1.75, 0.75].map(|wait| {

@@ -18,7 +18,7 @@ use forelock_core::interaction::grid::GridParams;
 use forelock_core::strands::Strands;
 use forelock_core::pose::Pose;
 use forelock_core::solver::dftl::Schedule;
-use forelock_core::solver::{AmsParams, DftlParams, SolverParams};
+use forelock_core::solver::{AmsParams, DftlParams, Solver};
 use forelock_core::frame::{Frame};
 use forelock_core::simulation::{Simulation};
 use forelock_core::interaction::sph::SphParams;
@@ -279,9 +279,9 @@ fn smoothed_particles_push_as_on_the_cpu() {
     let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
     let (dftl, ams) = (DftlParams::default(), AmsParams { substeps: 1, ..AmsParams::default() });
     for (solver, own_strand, mutual) in [
-        (SolverParams::from(&dftl), false, true),
-        (SolverParams::from(&dftl), true, false),
-        (SolverParams::from(&ams), false, true),
+        (Solver::from(&dftl), false, true),
+        (Solver::from(&dftl), true, false),
+        (Solver::from(&ams), false, true),
     ] {
         // So few that they fit where the strands' scratch does not.
         let params = SphParams { own_strand, mutual, pressure: 0.2, neighbours: 8, ..SphParams::default() };
@@ -291,10 +291,10 @@ fn smoothed_particles_push_as_on_the_cpu() {
         let start = cpu.snapshot();
         let on_cpu = |particles: Option<&SphParams>| {
             let mut cpu = Simulation::from_strands(&strands, &solver, &options()).unwrap();
-            cpu.set_particles(particles).unwrap();
+            cpu.set_sph(particles).unwrap();
             cpu.restore(&start).unwrap();
             let report = cpu.step_frame(&frame(8)).unwrap();
-            assert!(particles.is_none() || report.particles.densest > 1.0, "{report:?}");
+            assert!(particles.is_none() || report.sph.densest > 1.0, "{report:?}");
             cpu.snapshot().positions
         };
         let on_gpu = |gpu: &Gpu| {

@@ -10,7 +10,7 @@ use crate::common;
 use crate::golden::{self, Backend, dftl, fluid, load};
 use forelock_core::strands::{Model, Strands};
 use forelock_core::solver::dftl::Schedule;
-use forelock_core::solver::{DftlParams, SolverParams};
+use forelock_core::solver::{DftlParams, Solver};
 use forelock_core::frame::{Frame};
 use forelock_core::simulation::{Options};
 use forelock_core::strands::Snapshot;
@@ -37,7 +37,7 @@ impl Backend for GpuSimulation {
     }
 }
 
-fn on(gpu: &Gpu) -> impl Fn(&Strands<'_, f32>, &SolverParams, Options) -> GpuSimulation {
+fn on(gpu: &Gpu) -> impl Fn(&Strands<'_, f32>, &Solver<f32>, Options) -> GpuSimulation {
     |strands, params, options| GpuSimulation::from_strands(gpu, strands, params, &options).unwrap()
 }
 
@@ -107,8 +107,8 @@ fn dftl_in_every_schedule() {
     ] {
         let file = load(name);
         for schedule in [Schedule::Fused, Schedule::Strands, Schedule::Particles] {
-            let build = |strands: &Strands<'_, f32>, params: &SolverParams, options: Options| {
-                let SolverParams::Dftl(params) = params else { panic!("{name}") };
+            let build = |strands: &Strands<'_, f32>, params: &Solver<f32>, options: Options| {
+                let Some(params) = params.params::<DftlParams>() else { panic!("{name}") };
                 on(&gpu)(strands, &(&DftlParams { schedule, ..params.clone() }).into(), options)
             };
             let errors = dftl::errors(&file, build);
