@@ -50,7 +50,8 @@ impl GpuSimulation {
         self.params.inextensibility().0 != Inextensibility::Off
     }
 
-    /// Measures the time of each stage from the next frame on, or stops. Returns whether the device supports it.
+    /// Measures the time of each stage from the next frame on, or stops. Returns whether the device
+    /// supports it.
     pub fn time_stages(&mut self, on: bool) -> bool {
         let air = self.air.is_some().then_some(Shelter { wake: true, canopy: true });
         let passes = self.plan(&self.steps(), SolidKinds::Rigid, air).stages().count() as u32;
@@ -86,7 +87,8 @@ impl GpuSimulation {
         clock.end(encoder);
     }
 
-    /// The dispatches of `steps` in their order. Between interactions, batches run one after the other.
+    /// The dispatches of `steps` in their order. Between interactions, batches run one after the
+    /// other.
     fn plan(&self, steps: &[FrameStep], solids: SolidKinds, air: Option<Shelter>) -> DispatchList<'_> {
         let mut list = DispatchList::default();
         for steps in steps.chunk_by(|a, b| interacts(*a) == interacts(*b)) {
@@ -146,7 +148,8 @@ impl GpuSimulation {
         }
     }
 
-    /// A step in which strands interact. Under follow the leader, velocities are those of the motion meanwhile.
+    /// A step in which strands interact. Under follow the leader, velocities are those of the
+    /// motion meanwhile.
     fn interact<'a>(&'a self, list: &mut DispatchList<'a>, step: FrameStep) {
         let strands = &self.groups.strands;
         let loaded = self.follows() && matches!(step, FrameStep::Grid | FrameStep::Contacts);
@@ -172,7 +175,8 @@ impl GpuSimulation {
         }
     }
 
-    /// Writes the uniforms of a frame, before `steps` of it. Returns what shelters from the `wind`, if it is a field.
+    /// Writes the uniforms of a frame, before `steps` of it. Returns what shelters from the `wind`,
+    /// if it is a field.
     pub(crate) fn write_frame(
         &mut self,
         frame: &Frame<'_>,
@@ -214,8 +218,8 @@ impl GpuSimulation {
         Some(air.write_frame(&self.gpu, &self.model, &air_frame))
     }
 
-    /// Writes the substeps between `poses`, the first of which moves positions by `shift`; further entries number the
-    /// levels of follow the leader.
+    /// Writes the substeps between `poses`, the first of which moves positions by `shift`; further
+    /// entries number the levels of follow the leader.
     fn write_substeps(&mut self, poses: &[Pose], shift: DVec3) {
         let (count, weight, stride) =
             (self.params.substeps(), self.options.carried_gravity(), self.shared.stride);

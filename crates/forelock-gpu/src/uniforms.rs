@@ -170,7 +170,8 @@ pub(crate) const NO_EXTENT: [u32; 6] = [u32::MAX, u32::MAX, u32::MAX, 0, 0, 0];
 pub const UNKNOWN: f32 = -1e30;
 
 impl FrameUniform {
-    /// Of frames of `dt_secs` under `params`, in air of velocity `air` everywhere; [`FrameUniform::in_wind`] for a field.
+    /// Of frames of `dt_secs` under `params`, in air of velocity `air` everywhere;
+    /// [`FrameUniform::in_wind`] for a field.
     pub fn new(params: &SolverParams, dt_secs: f64, gravity: DVec3, air: DVec3) -> Self {
         let (params, followed) = &match params {
             SolverParams::Ams(params) => (params.clone(), None),
