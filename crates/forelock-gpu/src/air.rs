@@ -102,7 +102,8 @@ pub struct AirUniform {
     pub shift: Vec3,
     /// Side of the wake's cells, metres.
     pub wake_cell: f32,
-    /// Density at rest times the depth that the wind reaches in it, 1/m; 0 without shelter in the hair.
+    /// Density at rest times the depth that the wind reaches in it, 1/m; 0 without shelter in the
+    /// hair.
     pub stop: f32,
     /// Integers to a metre of hair, while it is summed.
     pub scale: f32,

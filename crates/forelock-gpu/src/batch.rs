@@ -44,7 +44,8 @@ pub(crate) struct Batch {
     pub model: wgpu::Buffer,
     pub strands: wgpu::Buffer,
     pub positions: wgpu::Buffer,
-    /// Under follow the leader, velocities are followed by the positions of the step before and by the load.
+    /// Under follow the leader, velocities are followed by the positions of the step before and by
+    /// the load.
     pub velocities: wgpu::Buffer,
     /// Integrity and clearance, two rows a place.
     pub memory: wgpu::Buffer,
@@ -71,7 +72,8 @@ pub(crate) struct StrandGroups {
 }
 
 impl StrandGroups {
-    /// Binds `strands` and `solids`; `winds` are the wind fields of the batches, if there are any yet.
+    /// Binds `strands` and `solids`; `winds` are the wind fields of the batches, if there are any
+    /// yet.
     pub fn new(
         gpu: &Gpu,
         strands: DeviceStrands<'_>,
@@ -277,8 +279,8 @@ impl Batch {
     }
 }
 
-/// The rows of a place of `model`: rest position, rest length to the next particle; then, as the solver needs, the edge
-/// in its frame, or two more rest lengths and the inverse of the first.
+/// The rows of a place of `model`: rest position, rest length to the next particle; then, as the
+/// solver needs, the edge in its frame, or two more rest lengths and the inverse of the first.
 pub(crate) fn model_rows(model: &Model<f32>, place: usize) -> [Row<f32>; MODEL_ROWS as usize] {
     let rows = 3 * place..3 * place + 3;
     let (rest, lengths) = (&model.rest[rows.clone()], &model.rest_lengths[rows.clone()]);
@@ -289,7 +291,8 @@ pub(crate) fn model_rows(model: &Model<f32>, place: usize) -> [Row<f32>; MODEL_R
     [rest[0], rest[1], rest[2], lengths[0], last[0], last[1], last[2]]
 }
 
-/// The blocks `range` of `model` for the device, places counted from the first of them, each with its samples an edge.
+/// The blocks `range` of `model` for the device, places counted from the first of them, each with
+/// its samples an edge.
 fn entries(model: &Model<f32>, range: Range<usize>, points: impl Fn(usize) -> u32) -> Vec<BlockEntry> {
     let first = model.blocks[range.start].first;
     let entry = |k: usize| {

@@ -193,8 +193,8 @@ pub struct SolidEntry {
     pub fields: u32,
 }
 
-/// Numbers of the description of a field: first node, side of a cell, nodes, and the index of its first value in two
-/// halves.
+/// Numbers of the description of a field: first node, side of a cell, nodes, and the index of its
+/// first value in two halves.
 pub const FIELD_NUMBERS: u32 = 9;
 
 /// A query of all solids: `Query` in the kernel.
@@ -229,8 +229,8 @@ pub(crate) struct SolidFrame<'a> {
 pub(crate) struct Solids {
     /// Values of all fields, one after the other.
     pub fields: wgpu::Buffer,
-    /// Shapes whose fields are there, and where: the first value of a field, or the description of a shape that
-    /// changes.
+    /// Shapes whose fields are there, and where: the first value of a field, or the description of
+    /// a shape that changes.
     held: Vec<(Shape, u32)>,
     /// A `QueryUniform` a query, each at a multiple of `stride`.
     pub queries: wgpu::Buffer,
@@ -352,7 +352,8 @@ fn buffer_of(gpu: &Gpu, values: &[f32]) -> wgpu::Buffer {
     gpu.filled("fields", bytemuck::cast_slice(values), BufferUsages::STORAGE)
 }
 
-/// `solid`, which is held at `place`, from one fraction of its frame to another, relative to `origin`.
+/// `solid`, which is held at `place`, from one fraction of its frame to another, relative to
+/// `origin`.
 fn entry_of(solid: &ColliderFrame<'_>, fractions: [f64; 2], origin: DVec3, place: u32) -> SolidEntry {
     let motion = SolidMotion::new(solid, fractions, origin);
     let matrix = |pose: &Pose| DMat4::from_rotation_translation(pose.rotation, pose.translation).as_mat4();

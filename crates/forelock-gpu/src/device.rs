@@ -56,8 +56,8 @@ impl Gpu {
     /// Opens a GPU.
     ///
     /// # Errors
-    /// [`GpuError::None`] if there is none, [`GpuError::Name`] if none has the requested name, [`GpuError::Unfit`] if it
-    /// cannot be opened.
+    /// [`GpuError::None`] if there is none, [`GpuError::Name`] if none has the requested name,
+    /// [`GpuError::Unfit`] if it cannot be opened.
     pub fn open(choice: &Choice) -> Result<Self, GpuError> {
         pollster::block_on(Self::open_async(choice))
     }
@@ -108,8 +108,8 @@ impl Gpu {
         Ok(Self::around(device, queue, fault))
     }
 
-    /// A device that the caller opened and owns, as an engine or a window does. Its errors go to the owner's handlers, not
-    /// here; after one, frames do nothing.
+    /// A device that the caller opened and owns, as an engine or a window does. Its errors go to
+    /// the owner's handlers, not here; after one, frames do nothing.
     ///
     /// # Errors
     /// [`GpuError::Unfit`] if its limits are below WebGPU's defaults.
@@ -175,7 +175,8 @@ impl Gpu {
         }
     }
 
-    /// The kernels whose pipelines were made on this device, in the order in which they were made: each at its first use.
+    /// The kernels whose pipelines were made on this device, in the order in which they were made:
+    /// each at its first use.
     pub fn made_pipelines(&self) -> Vec<&'static KernelDef> {
         self.0.pipelines.kernels()
     }
@@ -238,7 +239,8 @@ impl Gpu {
         Ok(())
     }
 
-    /// A buffer filled with `bytes`; of four zeros if there are none, because a binding needs a buffer.
+    /// A buffer filled with `bytes`; of four zeros if there are none, because a binding needs a
+    /// buffer.
     pub(crate) fn filled(&self, label: &str, bytes: &[u8], usage: wgpu::BufferUsages) -> wgpu::Buffer {
         let buffer = self.buffer(label, bytes.len().max(4) as u64, usage | wgpu::BufferUsages::COPY_DST);
         self.0.queue.write_buffer(&buffer, 0, bytes);
@@ -260,7 +262,8 @@ impl Gpu {
         Ok(())
     }
 
-    /// Copies `buffers` to the CPU and waits for them: once, if one staging buffer has room for all.
+    /// Copies `buffers` to the CPU and waits for them: once, if one staging buffer has room for
+    /// all.
     pub(crate) fn read(&self, buffers: &[&wgpu::Buffer]) -> Result<Vec<Vec<u8>>, GpuError> {
         let most = self.0.device.limits().max_buffer_size;
         let mut read = Vec::with_capacity(buffers.len());

@@ -33,7 +33,8 @@ impl GpuSimulation {
         self.solver.channels().previous
     }
 
-    /// Measures the time of each stage from the next frame on, or stops. Returns whether the device supports it.
+    /// Measures the time of each stage from the next frame on, or stops. Returns whether the device
+    /// supports it.
     pub fn time_stages(&mut self, on: bool) -> bool {
         let air = self.air.is_some().then_some(Shelter { wake: true, canopy: true });
         let passes = self.dispatches(self.plan.steps(), SolidKinds::Rigid, air).stages().count() as u32;
@@ -155,7 +156,8 @@ impl GpuSimulation {
         }
     }
 
-    /// Writes the uniforms of a frame, before `steps` of it. Returns what shelters from the `wind`, if it is a field.
+    /// Writes the uniforms of a frame, before `steps` of it. Returns what shelters from the `wind`,
+    /// if it is a field.
     pub(crate) fn write_frame(
         &mut self,
         frame: &Frame<'_>,
@@ -198,8 +200,8 @@ impl GpuSimulation {
         Some(air.write_frame(&self.gpu, &self.model, &air_frame))
     }
 
-    /// Writes the substeps between `poses`, the first of which moves positions by `shift`; further entries number the
-    /// levels of follow the leader.
+    /// Writes the substeps between `poses`, the first of which moves positions by `shift`; further
+    /// entries number the levels of follow the leader.
     fn write_substeps(&mut self, poses: &[Pose], shift: DVec3) {
         let (count, weight, stride) =
             (self.rules.substeps, self.options.carried_gravity(), self.shared.stride);

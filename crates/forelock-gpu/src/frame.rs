@@ -1,4 +1,5 @@
-//! Kernels of every frame: lengths and the final check; the bindings of strands; the constants of every shader.
+//! Kernels of every frame: lengths and the final check; the bindings of strands; the constants of
+//! every shader.
 
 use crate::kernel::{
     CELLS_GROUP, CELLS_THREADS, Constant, LIST_THREADS, Shader, Threads, WORKGROUP, bindings, shader,

@@ -89,10 +89,11 @@ pub struct CarriedEntry {
     pub pad_0: f32,
 }
 
-/// All strands of a groom, placed by guides that are simulated on the same device: [`Skinning`] without a read-back.
+/// All strands of a groom, placed by guides that are simulated on the same device: [`Skinning`]
+/// without a read-back.
 ///
-/// Memory, in bytes a particle: 76 of all strands, 32 of the guides. It binds the buffers of the simulation: make a new
-/// one for another simulation, also for one that continues after an edit.
+/// Memory, in bytes a particle: 76 of all strands, 32 of the guides. It binds the buffers of the
+/// simulation: make a new one for another simulation, also for one that continues after an edit.
 #[derive(Debug)]
 pub struct GpuSkinning {
     gpu: Gpu,
@@ -108,8 +109,9 @@ impl GpuSkinning {
     /// The strands of `skinning`, placed by the simulation of its guides.
     ///
     /// # Errors
-    /// [`GpuError::Guides`] if `guides` does not simulate the guides of `skinning`, [`GpuError::Unsupported`] if the
-    /// guides are more than one batch, [`GpuError::TooLarge`] if the strands exceed a binding.
+    /// [`GpuError::Guides`] if `guides` does not simulate the guides of `skinning`,
+    /// [`GpuError::Unsupported`] if the guides are more than one batch, [`GpuError::TooLarge`] if
+    /// the strands exceed a binding.
     pub fn new(skinning: &Skinning, guides: &GpuSimulation) -> Result<Self, GpuError> {
         let (gpu, model) = (guides.gpu(), guides.model());
         let [batch] = guides.batches() else {
@@ -156,7 +158,8 @@ impl GpuSkinning {
         Ok(Self { gpu: gpu.clone(), guides, strands, count: carried.len() as u32, bytes, uniform, placed })
     }
 
-    /// Submits the placement of all strands by the current guides, with the head at `head`, and does not wait for it.
+    /// Submits the placement of all strands by the current guides, with the head at `head`, and
+    /// does not wait for it.
     ///
     /// # Errors
     /// [`GpuError::Failed`] if the device has failed.
@@ -177,8 +180,8 @@ impl GpuSkinning {
         Ok(())
     }
 
-    /// Positions of all strands, three float32 a particle in the groom's order, relative to the simulation's origin,
-    /// metres. The buffer can be bound as vertices.
+    /// Positions of all strands, three float32 a particle in the groom's order, relative to the
+    /// simulation's origin, metres. The buffer can be bound as vertices.
     pub fn positions(&self) -> &wgpu::Buffer {
         &self.placed
     }

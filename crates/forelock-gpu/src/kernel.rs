@@ -1,13 +1,15 @@
-//! Kernels as typed values: a [`Shader`] is WGSL text with its constants and bindings, a [`Kernel`] is one of its entry
-//! points.
+//! Kernels as typed values: a [`Shader`] is WGSL text with its constants and bindings, a [`Kernel`]
+//! is one of its entry points.
 //!
 //! # Practice
-//! Each module that owns kernels declares its bindings with `bindings!` and its shaders with `shader!`. `bindings!`
-//! makes a struct with one buffer a field, named as the WGSL variable: a bind group is made from the whole struct, so a
-//! missing or misspelt buffer does not compile. A kernel carries the type of its bindings, so it cannot be dispatched
-//! with the bind group of another. A test compares names, numbers, access and sizes with naga's reflection of the WGSL.
+//! Each module that owns kernels declares its bindings with `bindings!` and its shaders with
+//! `shader!`. `bindings!` makes a struct with one buffer a field, named as the WGSL variable: a
+//! bind group is made from the whole struct, so a missing or misspelt buffer does not compile. A
+//! kernel carries the type of its bindings, so it cannot be dispatched with the bind group of
+//! another. A test compares names, numbers, access and sizes with naga's reflection of the WGSL.
 //!
-//! No module lists all kernels. [`shaders`](crate::shaders) collects the tables of the modules for tests and tools.
+//! No module lists all kernels. [`shaders`](crate::shaders) collects the tables of the modules for
+//! tests and tools.
 
 use crate::Gpu;
 use crate::frame::COMMON_CONSTANTS;
@@ -164,7 +166,8 @@ impl Threads {
 /// A shader module: text, constants, bindings and entry points.
 #[derive(Debug)]
 pub struct Shader {
-    /// The stage that it belongs to: the name in reports, labels and timings. Several shaders may share one.
+    /// The stage that it belongs to: the name in reports, labels and timings. Several shaders may
+    /// share one.
     pub stage: &'static str,
     /// WGSL after the constants and the prelude.
     pub texts: &'static [&'static str],
@@ -215,8 +218,8 @@ impl<B> Kernel<B> {
     }
 }
 
-/// Declares the bindings of a shader: the number, the WGSL variable and what it is (`uniform(T)`, `dynamic(T)`, `read`,
-/// `read_write`). Makes a struct with one buffer a binding.
+/// Declares the bindings of a shader: the number, the WGSL variable and what it is (`uniform(T)`,
+/// `dynamic(T)`, `read`, `read_write`). Makes a struct with one buffer a binding.
 macro_rules! bindings {
     (
         $(#[$doc:meta])*
@@ -343,7 +346,8 @@ impl<B> Bound<B> {
         Self { group, strides, dynamic, strands, bindings: PhantomData }
     }
 
-    /// A dispatch of `kernel`, with the element `elements[k]` of the `k`-th dynamic uniform; the rest take their first.
+    /// A dispatch of `kernel`, with the element `elements[k]` of the `k`-th dynamic uniform; the
+    /// rest take their first.
     pub fn dispatch(&self, kernel: &'static Kernel<B>, elements: &[u32]) -> Dispatch<'_> {
         let mut offsets = [0; MAX_DYNAMIC];
         for ((offset, stride), element) in offsets.iter_mut().zip(self.strides).zip(elements) {

@@ -1,7 +1,8 @@
 //! Forelock on a GPU: the stages of `forelock-core` as kernels, through wgpu.
 //!
-//! A [`Gpu`] is a device, opened here ([`Gpu::open`]) or by an engine ([`Gpu::from_device`]); a [`GpuSimulation`] is a
-//! groom on it. A frame is one submission that uploads poses and reads nothing back.
+//! A [`Gpu`] is a device, opened here ([`Gpu::open`]) or by an engine ([`Gpu::from_device`]); a
+//! [`GpuSimulation`] is a groom on it. A frame is one submission that uploads poses and reads
+//! nothing back.
 //!
 //! ```
 //! use forelock_core::groom::grow::{GrowParams, grow_on_head};
@@ -28,15 +29,17 @@
 //! ```
 //!
 //! # Practice
-//! Each solver, interaction and stage owns its kernels: a module declares their WGSL, which `forelock-core` exports beside
-//! the CPU code, their bindings and constants ([`kernel`]). Pipelines are made at first use and kept by the [`Gpu`]. The
-//! rows of Model and State are on the device as they are on the CPU. One strand is one thread; on the grid one cell is:
-//! 16 neighbours of a block read 64 adjacent bytes. Strands are split into batches, each within the device's bindings;
-//! scratch is that of the largest batch.
+//! Each solver, interaction and stage owns its kernels: a module declares their WGSL, which
+//! `forelock-core` exports beside the CPU code, their bindings and constants ([`kernel`]).
+//! Pipelines are made at first use and kept by the [`Gpu`]. The rows of Model and State are on the
+//! device as they are on the CPU. One strand is one thread; on the grid one cell is: 16 neighbours
+//! of a block read 64 adjacent bytes. Strands are split into batches, each within the device's
+//! bindings; scratch is that of the largest batch.
 //!
 //! # Limitations
-//! At most 32 solids at once. All fields of solids that change are resident. Read-backs block, which a browser does not
-//! allow: native only so far. Frames are queued without limit if the caller never reads back.
+//! At most 32 solids at once. All fields of solids that change are resident. Read-backs block,
+//! which a browser does not allow: native only so far. Frames are queued without limit if the
+//! caller never reads back.
 
 pub mod air;
 mod batch;

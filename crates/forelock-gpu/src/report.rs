@@ -26,8 +26,8 @@ pub struct GpuReport {
     pub touching: u32,
     /// Largest depth of a particle inside a solid at a frame's end, metres.
     pub max_penetration_m: f32,
-    /// The grid in the last frame, as far as the device measures it; `None` without one. Iterations are sweeps; the
-    /// residual is the change of the last sweeps over the largest right-hand side.
+    /// The grid in the last frame, as far as the device measures it; `None` without one. Iterations
+    /// are sweeps; the residual is the change of the last sweeps over the largest right-hand side.
     pub grid: Option<GridReport>,
     /// The contacts between strands in the last frame, without their times; `None` without them.
     pub strand_contacts: Option<ContactReport>,

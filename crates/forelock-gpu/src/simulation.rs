@@ -24,12 +24,13 @@ use glam::DVec3;
 
 /// A simulation whose state is on a GPU: [`forelock_core::simulation::Simulation`], stage by stage.
 ///
-/// Pipelines are made when the first frame that uses them is recorded, and kept by the [`Gpu`]; further frames make none.
+/// Pipelines are made when the first frame that uses them is recorded, and kept by the [`Gpu`];
+/// further frames make none.
 ///
-/// Memory, in bytes a particle: 28 of model, 32 of state, 120 of scratch (that of the largest batch). With a grid 4 more,
-/// and 68 for each cell of its capacity; under follow the leader 24 more; with contacts 12 more and what
-/// [`crate::interaction::contact`] states; with SPH what [`crate::interaction::sph`] states; 12 more after the first wind
-/// field.
+/// Memory, in bytes a particle: 28 of model, 32 of state, 120 of scratch (that of the largest
+/// batch). With a grid 4 more, and 68 for each cell of its capacity; under follow the leader 24
+/// more; with contacts 12 more and what [`crate::interaction::contact`] states; with SPH what
+/// [`crate::interaction::sph`] states; 12 more after the first wind field.
 #[derive(Debug)]
 pub struct GpuSimulation {
     pub(crate) gpu: Gpu,
@@ -66,7 +67,8 @@ impl GpuSimulation {
     /// A simulation of `groom`, at rest at `options.rest_pose`.
     ///
     /// # Errors
-    /// [`GpuError`] if the groom cannot be packed, a parameter is out of range, or the GPU has no room.
+    /// [`GpuError`] if the groom cannot be packed, a parameter is out of range, or the GPU has no
+    /// room.
     pub fn new(
         gpu: &Gpu,
         groom: &Groom,
@@ -94,9 +96,9 @@ impl GpuSimulation {
         Self::from_packed(gpu, Packed { model, state }, &solver, options)
     }
 
-    /// Continues from the state of a simulation on the CPU. Interactions are not copied: set them with
-    /// [`GpuSimulation::set_grid`], [`GpuSimulation::set_sph`] and [`GpuSimulation::set_contacts`]. The exposure to the
-    /// air is not copied either.
+    /// Continues from the state of a simulation on the CPU. Interactions are not copied: set them
+    /// with [`GpuSimulation::set_grid`], [`GpuSimulation::set_sph`] and
+    /// [`GpuSimulation::set_contacts`]. The exposure to the air is not copied either.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] or [`GpuError::Failed`] if the GPU has no room.
@@ -152,9 +154,10 @@ impl GpuSimulation {
         Ok(made)
     }
 
-    /// Whether the strand solve keeps its factors in 16 bits, from the next frame on. This saves 96 of 320 bytes of traffic
-    /// a particle and substep, where memory bounds the solve; after a second of a shaken tuft positions differ by 0.1 mm
-    /// root mean square, where those of float32 differ by 0.003 mm (`tests/conformance.rs`).
+    /// Whether the strand solve keeps its factors in 16 bits, from the next frame on. This saves 96
+    /// of 320 bytes of traffic a particle and substep, where memory bounds the solve; after a
+    /// second of a shaken tuft positions differ by 0.1 mm root mean square, where those of float32
+    /// differ by 0.003 mm (`tests/conformance.rs`).
     pub fn set_half_factors(&mut self, on: bool) {
         self.half_factors = on;
     }
@@ -162,8 +165,8 @@ impl GpuSimulation {
     /// Sets the grid interaction from the next frame on, or removes it.
     ///
     /// # Errors
-    /// [`GpuError::Params`] if a parameter is out of range; then nothing changes. [`GpuError::Failed`] if the device has no
-    /// room.
+    /// [`GpuError::Params`] if a parameter is out of range; then nothing changes.
+    /// [`GpuError::Failed`] if the device has no room.
     pub fn set_grid(&mut self, params: Option<&GridParams>) -> Result<(), GpuError> {
         let grid = params.map(|params| DeviceGrid::new(&self.gpu, self.strands(), params));
         self.grid = grid.transpose()?;
@@ -173,8 +176,8 @@ impl GpuSimulation {
     /// Sets the SPH interaction from the next frame on, or removes it.
     ///
     /// # Errors
-    /// [`GpuError::Params`] if a parameter is out of range, [`GpuError::TooLarge`] if a buffer exceeds a binding; then
-    /// nothing changes. [`GpuError::Failed`] if the device has no room.
+    /// [`GpuError::Params`] if a parameter is out of range, [`GpuError::TooLarge`] if a buffer
+    /// exceeds a binding; then nothing changes. [`GpuError::Failed`] if the device has no room.
     pub fn set_sph(&mut self, params: Option<&SphParams>) -> Result<(), GpuError> {
         let sph = params.map(|params| DeviceSph::new(&self.gpu, self.strands(), params));
         self.sph = sph.transpose()?;
@@ -184,8 +187,8 @@ impl GpuSimulation {
     /// Sets the contacts between strands from the next frame on, or removes them.
     ///
     /// # Errors
-    /// [`GpuError::Params`] if a parameter is out of range, [`GpuError::TooLarge`] if a buffer exceeds a binding; then
-    /// nothing changes. [`GpuError::Failed`] if the device has no room.
+    /// [`GpuError::Params`] if a parameter is out of range, [`GpuError::TooLarge`] if a buffer
+    /// exceeds a binding; then nothing changes. [`GpuError::Failed`] if the device has no room.
     pub fn set_contacts(&mut self, params: Option<&ContactParams>) -> Result<(), GpuError> {
         let contacts = params.map(|params| DeviceContacts::new(&self.gpu, self.strands(), params));
         self.contacts = contacts.transpose()?;
@@ -265,13 +268,15 @@ impl GpuSimulation {
     /// Submits a frame, in one submission, and does not wait for it.
     ///
     /// # Errors
-    /// [`GpuError::Params`] if time step and stiffness are beyond float32, [`GpuError::Unsupported`] for what only the CPU
-    /// supports, [`GpuError::Failed`] if the device has failed.
+    /// [`GpuError::Params`] if time step and stiffness are beyond float32,
+    /// [`GpuError::Unsupported`] for what only the CPU supports, [`GpuError::Failed`] if the device
+    /// has failed.
     pub fn step_frame(&mut self, frame: &Frame<'_>) -> Result<(), GpuError> {
         self.step_frame_in(frame, None)
     }
 
-    /// The same in a wind field, to which the frame's air velocity is added. The first such frame makes its buffers.
+    /// The same in a wind field, to which the frame's air velocity is added. The first such frame
+    /// makes its buffers.
     ///
     /// # Errors
     /// As [`GpuSimulation::step_frame`].
@@ -310,8 +315,8 @@ impl GpuSimulation {
     /// Uploads the distance fields of `solids`, before a frame needs them.
     ///
     /// # Errors
-    /// [`GpuError::Unsupported`] for solids that it does not support, [`GpuError::TooLarge`] if their fields exceed a
-    /// binding.
+    /// [`GpuError::Unsupported`] for solids that it does not support, [`GpuError::TooLarge`] if
+    /// their fields exceed a binding.
     pub fn hold(&mut self, solids: &[ColliderFrame<'_>]) -> Result<(), GpuError> {
         if self.solids.hold(&self.gpu, solids)? {
             self.bind();
@@ -331,7 +336,8 @@ impl GpuSimulation {
     /// Restores a snapshot, of this or of a simulation of the same groom on a CPU.
     ///
     /// # Errors
-    /// [`GpuError::Snapshot`] if it is of another groom, [`GpuError::Failed`] if the device has failed.
+    /// [`GpuError::Snapshot`] if it is of another groom, [`GpuError::Failed`] if the device has
+    /// failed.
     pub fn restore(&mut self, snapshot: &Snapshot<f32>) -> Result<(), GpuError> {
         self.mirror.restore(&self.model, snapshot)?;
         self.batches.iter().for_each(|batch| batch.write(&self.gpu, &self.mirror));

@@ -1,24 +1,28 @@
 //! Contacts between segments of strands on the device.
 //!
 //! # Practice
-//! The result is that of the CPU, the search differs: entries lie in a table of cells, sorted by counting, in which cells
-//! that are neighbours along x are adjacent; each active segment is one workgroup, whose threads share the entries near
-//! it. A frame reads nothing back, and no result depends on the order of threads: sums are of integers; where a list is
-//! full, what is kept depends on the entries, not on their order; each sum of floats is computed by one thread, over a
-//! list sorted by time. Lists have room for more than the budget selects on average, by many standard deviations.
+//! The result is that of the CPU, the search differs: entries lie in a table of cells, sorted by
+//! counting, in which cells that are neighbours along x are adjacent; each active segment is one
+//! workgroup, whose threads share the entries near it. A frame reads nothing back, and no result
+//! depends on the order of threads: sums are of integers; where a list is full, what is kept
+//! depends on the entries, not on their order; each sum of floats is computed by one thread, over a
+//! list sorted by time. Lists have room for more than the budget selects on average, by many
+//! standard deviations.
 //!
-//! Memory: 12 bytes a particle, and a table of 8 or more. The rest, 76 bytes a particle or more and what the budget needs
-//! (10 MB by default), lies in the scratch of the strands where that is large enough: from 230,000 particles on, if they
-//! are one batch; several batches need a second copy of the model, 28 bytes a particle.
+//! Memory: 12 bytes a particle, and a table of 8 or more. The rest, 76 bytes a particle or more and
+//! what the budget needs (10 MB by default), lies in the scratch of the strands where that is large
+//! enough: from 230,000 particles on, if they are one batch; several batches need a second copy of
+//! the model, 28 bytes a particle.
 //!
 //! # Limitations
-//! One binding bounds the strands: 76 bytes a particle, 1.7 million particles where a device binds 128 MiB. Of an active
-//! segment the [`SLOTS`] contacts of the fastest approach are resolved, where the CPU resolves all; of those each segment
-//! keeps the first `per_segment` on both. Of contacts that approach about as fast as the slowest within the budget an
-//! evenly spread share is selected, where the CPU takes the first; the budget is that of the whole frame, where the CPU
-//! keeps it slice by slice. A share is also selected of a run of more than `RUN_SEGMENTS` segments. A residual motion
-//! of more than 64 edges counts as 64 when the frame is cut into slices. Of a segment stretched by more than a quarter
-//! of its rest length only the middle may be found.
+//! One binding bounds the strands: 76 bytes a particle, 1.7 million particles where a device binds
+//! 128 MiB. Of an active segment the [`SLOTS`] contacts of the fastest approach are resolved, where
+//! the CPU resolves all; of those each segment keeps the first `per_segment` on both. Of contacts
+//! that approach about as fast as the slowest within the budget an evenly spread share is selected,
+//! where the CPU takes the first; the budget is that of the whole frame, where the CPU keeps it
+//! slice by slice. A share is also selected of a run of more than `RUN_SEGMENTS` segments. A
+//! residual motion of more than 64 edges counts as 64 when the frame is cut into slices. Of a
+//! segment stretched by more than a quarter of its rest length only the middle may be found.
 
 use crate::batch::{DeviceStrands, model_rows};
 use crate::frame::MODEL_ROWS;
@@ -262,7 +266,8 @@ pub struct ContactUniform {
     pub strands: u32,
 }
 
-/// The state of the search in a frame: the beginning of `Touch` in the kernels, where its fields are documented.
+/// The state of the search in a frame: the beginning of `Touch` in the kernels, where its fields
+/// are documented.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[expect(missing_docs, reason = "documented in WGSL")]
@@ -321,7 +326,8 @@ struct ContactGroups {
 /// A frame of contacts.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ContactStep<'a> {
-    /// The head at the frame's start and at its end, about the model's centre, relative to the origin of positions then.
+    /// The head at the frame's start and at its end, about the model's centre, relative to the
+    /// origin of positions then.
     pub head: [&'a Pose; 2],
     /// Clamped particles from the root.
     pub clamped: u32,

@@ -1,13 +1,15 @@
 //! The grid on the device: particle to grid, pressure, grid to particle.
 //!
 //! # Practice
-//! The device finds the box of the hair, so a frame reads nothing back. There is room for a cube about the ball that
-//! holds the hair at rest, for `max_cells` and for what the device can bind, whichever is least; hair beyond it is left
-//! alone, as beyond `max_cells` on the CPU. A fixed number of threads iterates over the cells.
+//! The device finds the box of the hair, so a frame reads nothing back. There is room for a cube
+//! about the ball that holds the hair at rest, for `max_cells` and for what the device can bind,
+//! whichever is least; hair beyond it is left alone, as beyond `max_cells` on the CPU. A fixed
+//! number of threads iterates over the cells.
 //!
 //! # Limitations
-//! The over-relaxation of the pressure is tuned for hair as thick as a seventh of the longest side of the rest shape;
-//! for much thicker hair the allowed sweeps leave a larger residual than on the CPU.
+//! The over-relaxation of the pressure is tuned for hair as thick as a seventh of the longest side
+//! of the rest shape; for much thicker hair the allowed sweeps leave a larger residual than on the
+//! CPU.
 
 use crate::batch::DeviceStrands;
 use crate::collide::{MORPHING, MOST_SOLIDS, QueryUniform, SHAPE_CONSTANTS, Solids};

@@ -1,4 +1,5 @@
-//! Every shader is valid, declares the bindings of its WGSL, lays structs out as Rust does, and can be translated.
+//! Every shader is valid, declares the bindings of its WGSL, lays structs out as Rust does, and can
+//! be translated.
 
 #![expect(clippy::unwrap_used, reason = "in a test a failure to build is a failure of the test")]
 
@@ -200,7 +201,8 @@ fn structs_have_the_layout_of_rust() {
     assert_eq!(seen.len(), layouts.len(), "{seen:?}");
 }
 
-/// What differs between the bindings that a shader declares and those that its entry points use, if anything does.
+/// What differs between the bindings that a shader declares and those that its entry points use, if
+/// anything does.
 fn wrong_binding(parsed: &Parsed, declared: &[Binding]) -> Option<String> {
     let Parsed { module, info, .. } = parsed;
     let used = |handle: naga::Handle<naga::GlobalVariable>| {

@@ -1,4 +1,5 @@
-// The last look at a strand: its largest stretch, and whether all of it is finite. What is not goes back to rest, moving with the head.
+// The check at the end of a frame: the largest stretch of each strand, and the reset of strands
+// that are not finite to their rest shape, moving with the head.
 
 @compute @workgroup_size(WORKGROUP)
 fn check_strands(@builtin(global_invocation_id) id: vec3u) {

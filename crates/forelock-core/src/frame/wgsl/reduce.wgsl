@@ -1,4 +1,4 @@
-// What threads tell a report, where a device has no subgroups: each speaks for itself.
+// Reductions for devices without subgroups: every thread writes.
 
 fn is_least(x: u32) -> bool {
     return true;

@@ -1,4 +1,5 @@
-// What threads tell a report, where a device has subgroups: of those that come along only who has the least or the greatest.
+// Reductions for devices with subgroups: of the active threads only those with the least or the
+// greatest value write.
 
 fn is_least(x: u32) -> bool {
     return x == subgroupMin(x);

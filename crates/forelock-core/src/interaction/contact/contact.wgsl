@@ -1,8 +1,10 @@
 // What kernels of contacts share: the twins of `contact::{Ways, Drift, Histogram}`.
 //
-// A particle has a number: its place in the whole model × LANES + lane, whatever batch it is in; a segment that of its lower particle. `work` is bits of floats and numbers: of each particle where it is at the
-// frame's end and how far it strays (rows), then from `contacts.bodies` on what is needed one after the other: nodes of the drift; entries in cells; bodies (rows). Then lists: of each active segment the
-// contacts found, two numbers each; joints, field by field; their sides.
+// A particle has a number: its place in the whole model × LANES + lane, whatever batch it is in; a
+// segment that of its lower particle. `work` is bits of floats and numbers: of each particle where
+// it is at the frame's end and how far it strays (rows), then from `contacts.bodies` on what is
+// needed one after the other: nodes of the drift; entries in cells; bodies (rows). Then lists: of
+// each active segment the contacts found, two numbers each; joints, field by field; their sides.
 
 const STRAY: u32 = 3u;
 const NOTHING: u32 = 0xffffffffu;
@@ -16,22 +18,26 @@ struct Contacts {
     // The head's frame from positions, at the frame's start and at its end.
     from_start: mat4x4f,
     from_end: mat4x4f,
-    // The length that the search is made for, the contact distance, what two may approach in a frame and be let pass. Metres.
+    // The length that the search is made for, the contact distance, what two may approach in a
+    // frame and be let pass. Metres.
     edge: f32,
     distance: f32,
     slip: f32,
     friction: f32,
-    // Length of strand that a contact bends at least, the frame's time, what a pair may lack when the rounds end, hair how far out counts for the box.
+    // Length of strand that a contact bends at least, the frame's time, what a pair may lack when
+    // the rounds end, hair how far out counts for the box.
     spread: f32,
     dt: f32,
     close: f32,
     far: f32,
-    // Nodes of the drift at least so far apart; one over the longest piece; one over the count of particles.
+    // Nodes of the drift at least so far apart; one over the longest piece; one over the count of
+    // particles.
     spacing: f32,
     inverse_piece: f32,
     inverse_particles: f32,
     pad_0: f32,
-    // Contacts in a frame at most, particles whose segments are active, particles that may stray farther than slices are made for.
+    // Contacts in a frame at most, particles whose segments are active, particles that may stray
+    // farther than slices are made for.
     budget: u32,
     most_active: u32,
     few: u32,
@@ -67,11 +73,13 @@ struct Touch {
     // Sum of the squares of strays, over that of an edge, in 2⁻¹⁶; the largest, as bits.
     squares: array<atomic<u32>, 2>,
     fastest: atomic<u32>,
-    // How many are on the list of active segments, how many contacts were kept, how much of a list is given away.
+    // How many are on the list of active segments, how many contacts were kept, how much of a list
+    // is given away.
     actives: atomic<u32>,
     joints: atomic<u32>,
     taken: atomic<u32>,
-    // A segment is active if its stray exceeds `least`, and lies above a bin of the histogram, or in it, by a share.
+    // A segment is active if its stray exceeds `least`, and lies above a bin of the histogram, or
+    // in it, by a share.
     least: f32,
     bin: u32,
     share: f32,
@@ -155,7 +163,8 @@ fn bin_of(x: f32) -> u32 {
     return bitcast<u32>(x) >> BIN_BITS;
 }
 
-// Whether what lies in the last bin belongs: a share of all, spread evenly by the multiples of the golden ratio.
+// Whether what lies in the last bin belongs: a share of all, spread evenly by the multiples of the
+// golden ratio.
 fn chance(number: u32) -> f32 {
     return f32(number * 0x9e3779b9u) * 2.3283064e-10;
 }
@@ -187,7 +196,8 @@ fn pieces_of(rest_length: f32) -> u32 {
     return u32(clamp(ceil(rest_length * contacts.inverse_piece), 1.0, PIECES));
 }
 
-// What a segment reaches beyond itself. A quarter more than it strays, for the drift is not quite the same for both of a pair.
+// What a segment reaches beyond itself. A quarter more than it strays, for the drift is not quite
+// the same for both of a pair.
 fn reach_of(stray: f32, is_one: bool) -> f32 {
     let most = select(REACH_OTHER, REACH_ACTIVE, is_one) * contacts.edge;
     return min(0.5 * (contacts.distance + 1.25 * stray / f32(touch.slices)), most);
@@ -210,7 +220,8 @@ fn bucket_of(cell: vec3u) -> u32 {
     return (cell.x + ((cell.y * 73856093u) ^ (cell.z * 19349663u))) & (contacts.cells - 1u);
 }
 
-// The table, while joints are linked: how many sides of joints each segment has, and where the next of them goes; over what length each strand is bent.
+// The table, while joints are linked: how many sides of joints each segment has, and where the next
+// of them goes; over what length each strand is bent.
 fn count_at(segment: u32) -> u32 {
     return segment;
 }
@@ -219,7 +230,8 @@ fn cursor_at(segment: u32) -> u32 {
     return contacts.numbers + segment;
 }
 
-// Where a segment's sides begin in the lists, and how many they are, once all are linked: where the next one goes is behind all of them.
+// Where a segment's sides begin in the lists, and how many they are, once all are linked: where the
+// next one goes is behind all of them.
 fn list_of(segment: u32) -> vec2u {
     let count = atomicLoad(&table[count_at(segment)]);
     return vec2u(atomicLoad(&table[cursor_at(segment)]) - count, count);
@@ -229,7 +241,8 @@ fn bend_at(slot: u32) -> u32 {
     return 2u * contacts.numbers + slot;
 }
 
-// Fields of a joint: its segments, where on each they meet, the normal from the second to the first, the gap to keep, when they meet and how far they approach; one over W; λ, j_N and j_T
+// Fields of a joint: its segments, where on each they meet, the normal from the second to the
+// first, the gap to keep, when they meet and how far they approach; one over W; λ, j_N and j_T
 // after the last round and as extrapolated for this one; what this round adds.
 const SEGMENTS: u32 = 0u;
 const ALONG: u32 = 2u;
@@ -268,7 +281,8 @@ fn set_field_vector(joint: u32, field: u32, v: vec3f) {
     }
 }
 
-// Sides of joints, 2 × joint + side, in lists of segments: in their order, and behind all of these when, other segment and side in the order in which they came.
+// Sides of joints, 2 × joint + side, in lists of segments: in their order, and behind all of these
+// when, other segment and side in the order in which they came.
 fn sorted_at(place: u32) -> u32 {
     return contacts.sides + place;
 }

@@ -1,10 +1,11 @@
-// A table of cells sorted by counting, as all kernels lay it out that have one: `take_room` is theirs.
+// A table of cells sorted by counting. The including shader defines `take_room`.
 
 var<workgroup> sums: array<u32, CELLS_GROUP>;
 var<workgroup> run_start: u32;
 
-// From counts to where each cell's entries start, twice: the second is moved on while they are entered, and is their end then. Cells of one row of the table lie one after the other, rows lie anywhere. Thread `t` of
-// workgroup `group` of ROW_GROUPS; in uniform flow.
+// Turns the counts of cells into their first entries, twice: insertion advances the second to the
+// end of the cell. The entries of one row of the table are adjacent, rows lie in any order. Thread
+// `t` of workgroup `group` of ROW_GROUPS; in uniform control flow.
 fn scan_rows(group: u32, t: u32, cells: u32) {
     for (var row = group; row < cells / ROW_CELLS; row += ROW_GROUPS) {
         let first = ROW_CELLS * row + OWN_CELLS * t;

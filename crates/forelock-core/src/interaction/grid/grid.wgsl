@@ -1,8 +1,11 @@
-// The grid on which hair meets hair, as `forelock_core::grid` has it: faces and cells in a box that moves with the head.
+// The grid of hair–hair interaction, as in `grid`: faces and cells of a box that moves with the
+// head.
 //
-// Cell (i, j, k) owns its lower face along each axis. Planes of `cells`, one after the other, each with room for `grid.capacity` numbers, x fastest:
-// MASS and MOMENTUM of the three faces and how far the cell is FILLED, as integers while hair is splat; then MOBILITY and VELOCITY of the faces and FILLED, as bits of floats;
-// LACK, PRESSURE and WALL of the cell, the same; and a LIST of the cells that can be held, even ones from its start, odd ones from its end.
+// Cell (i, j, k) owns its lower face along each axis. `cells` has planes of `grid.capacity`
+// numbers, x fastest: first MASS and MOMENTUM of the three faces and the FILLED share of the cell,
+// as integers while hair is splat; then MOBILITY and VELOCITY of the faces and FILLED, as bits of
+// floats; LACK (the right-hand side), PRESSURE and WALL (the solid) of the cell, likewise; and a
+// LIST of the cells where pressure can act, red ones from its start, black ones from its end.
 
 const MASS: u32 = 0u;
 const MOBILITY: u32 = 0u;
@@ -14,7 +17,7 @@ const PRESSURE: u32 = 8u;
 const WALL: u32 = 9u;
 const LIST: u32 = 10u;
 
-// A solid as the grid sees it, from cells: its own space, and its velocity relative to the grid.
+// A solid: the maps from cells to its local space and to its velocity relative to the grid.
 struct GridSolid {
     local: mat4x4f,
     velocity: mat4x4f,
@@ -34,22 +37,22 @@ struct Grid {
     slack: f32,
     // Share of an excess that expands in the frame.
     expand: f32,
-    // Hair under which a face lets nothing through, metres.
+    // Hair below which a face is closed, metres.
     least: f32,
-    // Metres of hair that count as one while they are summed.
+    // Metres of hair to the unit of sums.
     unit: f32,
     tolerance: f32,
     // Cells at most.
     capacity: u32,
     solids: u32,
     relaxation: f32,
-    // Share of a cell that counts as one while rooms are summed.
+    // Share of a cell to the unit of sums of volume.
     room: f32,
     pad_0: u32,
     each: array<GridSolid, MOST_SOLIDS>,
 }
 
-// The box of cells, and what is found on it.
+// The box of cells, and the results of the frame.
 struct Bounds {
     // The first cell, in cells from the grid's origin.
     low: vec3i,
@@ -58,19 +61,21 @@ struct Bounds {
     layer: u32,
     // Least and greatest coordinates of the hair in cells, ordered as integers.
     extent: array<atomic<u32>, 6>,
-    // Bits of the fullest cell's share, of the largest lack, and of the largest change of the last sweeps.
+    // Bits of the fullest cell's share, of the largest right-hand side, and of the largest change
+    // of the last sweeps.
     fullest: atomic<u32>,
     lack: atomic<u32>,
     change: atomic<u32>,
     // Cells under pressure.
     held: atomic<u32>,
-    // Whether the pressure is found.
+    // Whether the pressure has converged.
     found: u32,
-    // Sweeps that the pressures of the frame took.
+    // Sweeps of all pressure solves of the frame.
     sweeps: u32,
-    // Even and odd cells on the list.
+    // Red and black cells on the list.
     listed: array<atomic<u32>, 2>,
-    // The last change over the largest lack, and the largest of those with which a pressure of the frame was left.
+    // The last change over the largest right-hand side; the largest of these at the end of a solve
+    // of the frame.
     ratio: f32,
     residual: f32,
 }
@@ -81,7 +86,7 @@ const SCALE: f32 = 4194304.0;
 @group(0) @binding(14) var<storage, read_write> bounds: Bounds;
 @group(0) @binding(16) var<uniform> grid: Grid;
 
-fn forget_list() {
+fn clear_list() {
     atomicStore(&bounds.listed[0], 0u);
     atomicStore(&bounds.listed[1], 0u);
 }
@@ -90,18 +95,19 @@ fn plane(number: u32, cell: u32) -> u32 {
     return number * grid.capacity + cell;
 }
 
-// How far apart neighbours along an axis are.
+// The distance in a plane between neighbours along an axis.
 fn stride(axis: u32) -> u32 {
     return vec3u(1u, bounds.dims.x, bounds.layer)[axis];
 }
 
-// The first of eight places around a point, and how far beyond it along each axis.
+// The first of the eight entries around a point, and the offset from it along each axis.
 struct Stencil {
     first: u32,
     f: vec3f,
 }
 
-// Around the point `at` of the box, of the faces across `axis`, or with 3 of the cells' middles.
+// The stencil at the point `at` of the box, of the faces across `axis`, or with 3 of the cells'
+// centres.
 fn stencil(at: vec3f, axis: u32) -> Stencil {
     let across = vec3u(0u, 1u, 2u) == vec3u(axis);
     let shifted = select(at - 0.5, at, across);
@@ -113,12 +119,12 @@ fn corner_place(own: Stencil, corner: u32) -> u32 {
     return own.first + corner_offset(bounds.dims.x, bounds.layer, corner);
 }
 
-// Whether a point touches only faces of the box.
+// Whether all stencils of a point lie in the box.
 fn holds(at: vec3f) -> bool {
     return all_finite(at) && all(at >= vec3f(2.0)) && all(at < vec3f(bounds.dims) - 2.0);
 }
 
-// Where a position is, in cells from the box's first.
+// A position, in cells from the box's first.
 fn in_cells(x: vec3f) -> vec3f {
     return (grid.place * vec4f(x, 1.0)).xyz - vec3f(bounds.low);
 }

@@ -1,18 +1,20 @@
-// Contacts, as far as they are sought among all strands at once: nodes of the drift, cells, pairs; the twin of `find_contacts`.
+// The search of contacts among all strands, first part: the mean motion, the active segments, the
+// layout of the cells. The GPU counterpart of `find_contacts`.
 //
-// Nothing depends on the order in which threads come: sums are of integers, what is kept of a list is its greatest, and lists that come in any order are only gone through as a whole.
+// No result depends on the order of threads: sums are of integers, a full list keeps its greatest
+// entries, and a list whose order varies is only used as a whole.
 
 fn rest_of(number: u32) -> vec3f {
     let at = row_of(number, MODEL_ROWS, 0u);
     return vec3f(rest[at], rest[at + LANES], rest[at + 2u * LANES]);
 }
 
-// Pieces in which a segment is entered.
+// The number of pieces of a segment.
 fn own_pieces_of(segment: u32) -> u32 {
     return pieces_of(rest[row_of(segment, MODEL_ROWS, 3u)]);
 }
 
-// The box of the frame, and nothing found.
+// Fits the box of the frame and resets the search.
 @compute @workgroup_size(1)
 fn fit_mean_motion() {
     var low = vec3f();
@@ -21,7 +23,7 @@ fn fit_mean_motion() {
         low[c] = unordered(atomicExchange(&touch.extent[c], NOTHING));
         high[c] = unordered(atomicExchange(&touch.extent[3u + c], 0u));
     }
-    // Nothing was near.
+    // No position was near the head.
     if !all(low <= high) {
         low = vec3f();
         high = vec3f();
@@ -53,7 +55,7 @@ fn clear_mean_motion(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// A sum that `add_wide` made.
+// A sum of `add_wide`.
 fn wide(at: u32) -> f32 {
     var low = atomicLoad(&table[at]);
     var high = atomicLoad(&table[at + 1u]);
@@ -66,7 +68,7 @@ fn wide(at: u32) -> f32 {
     return select(sum, -sum, negative);
 }
 
-// Sums become means over the nodes about each.
+// Turns sums into means over each node and its neighbours.
 @compute @workgroup_size(CELLS_GROUP)
 fn smooth_mean_motion(@builtin(global_invocation_id) id: vec3u) {
     let side = side_of_box();
@@ -91,12 +93,13 @@ fn smooth_mean_motion(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// Where the largest end: the last bin, how many of it belong, and how many are in it.
+// The last bin of the largest entries, how many of its entries are selected, and how many it has.
 var<workgroup> last_of: vec3u;
 
 const OWN_BINS: u32 = BINS / CELLS_GROUP;
 
-// The bin in which the `most` largest end, from the top: thread `t` has the t-th so many bins. The barriers are the caller's.
+// Finds the bin in which the `most` largest entries end, from the top: thread `t` has OWN_BINS
+// bins. The caller places the barriers.
 fn find_last(t: u32, most: u32) {
     var before = 0u;
     for (var k = 0u; k < t; k++) {
@@ -123,7 +126,7 @@ fn sum_bins(t: u32) {
     }
 }
 
-fn forget_bins(t: u32) {
+fn clear_bins(t: u32) {
     for (var k = 0u; k < OWN_BINS; k++) {
         atomicStore(&touch.bins[BINS - 1u - (OWN_BINS * t + k)], 0u);
     }
@@ -133,7 +136,7 @@ fn share_of(last: vec3u) -> f32 {
     return select(f32(last.y) / f32(max(last.z, 1u)), 1.0, last.z == 0u);
 }
 
-// Which segments are active, and how many slices the frame takes.
+// Selects the active segments and the number of slices of the frame.
 @compute @workgroup_size(CELLS_GROUP)
 fn select_active(@builtin(local_invocation_index) t: u32) {
     sum_bins(t);
@@ -159,7 +162,7 @@ fn select_active(@builtin(local_invocation_index) t: u32) {
         let quiet = bitcast<f32>(atomicLoad(&touch.fastest)) <= touch.least;
         touch.slices = select(u32(clamp(ceil(max(typical, most)), 1.0, f32(SLICES))), 0u, quiet);
     }
-    forget_bins(t);
+    clear_bins(t);
 }
 
 @compute @workgroup_size(CELLS_GROUP)
@@ -177,7 +180,7 @@ fn clear_cells(@builtin(global_invocation_id) id: vec3u) {
 }
 
 var<workgroup> is_quiet: u32;
-// From counts to where each cell's entries start.
+// Turns the counts of cells into their first entries.
 @compute @workgroup_size(CELLS_GROUP)
 fn scan_cells(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t: u32) {
     if t == 0u {
@@ -192,7 +195,7 @@ fn scan_cells(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_ind
     scan_rows(group.x, t, contacts.cells);
 }
 
-// Room for so many entries.
+// Reserves so many entries.
 fn take_room(count: u32) -> u32 {
     return atomicAdd(&touch.taken, count);
 }

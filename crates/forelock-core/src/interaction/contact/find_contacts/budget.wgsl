@@ -1,12 +1,12 @@
 // The contacts that the budget has room for, and their joints. The text follows `pairs.wgsl`.
 
-// The next slice.
+// Advances to the next slice.
 @compute @workgroup_size(1)
 fn next_slice() {
     touch.slice += 1u;
 }
 
-// How fast what was found approaches.
+// Counts the found contacts by their speed of approach.
 @compute @workgroup_size(CELLS_GROUP)
 fn count_found(@builtin(global_invocation_id) id: vec3u) {
     if touch.slices == 0u {
@@ -20,7 +20,7 @@ fn count_found(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// Which of them there is a budget for; and the rounds before they begin.
+// Selects those within the budget, and resets the rounds.
 @compute @workgroup_size(CELLS_GROUP)
 fn select_found(@builtin(local_invocation_index) t: u32) {
     sum_bins(t);
@@ -37,10 +37,10 @@ fn select_found(@builtin(local_invocation_index) t: u32) {
         touch.done = 0u;
         atomicStore(&touch.lack, 0u);
     }
-    forget_bins(t);
+    clear_bins(t);
 }
 
-// Lists of joints, and how far strands are bent.
+// Clears the lists of joints and the bends of strands.
 @compute @workgroup_size(CELLS_GROUP)
 fn clear_links(@builtin(global_invocation_id) id: vec3u) {
     for (var at = id.x; at < contacts.numbers; at += LIST_THREADS) {
@@ -51,7 +51,7 @@ fn clear_links(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// Joints of what there is a budget for.
+// Creates the joints of the selected contacts.
 @compute @workgroup_size(CELLS_GROUP)
 fn create_joints(@builtin(global_invocation_id) id: vec3u) {
     if touch.slices == 0u {

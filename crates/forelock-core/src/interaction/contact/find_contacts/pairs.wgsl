@@ -1,7 +1,8 @@
-// The pairs of a slice: each active segment is a workgroup, whose threads share the entries near it; the twin of
-// `find_contacts::pairs` and `find_contacts::meet`. The text follows `active.wgsl`.
+// The pairs of a slice: each active segment is a workgroup, whose threads share the entries near
+// it; the twin of `find_contacts::pairs` and `find_contacts::meet`. The text follows `active.wgsl`.
 
-// Where two segments are nearest: the place along each, and the vector from the second's point to the first's; as `contact::closest`.
+// The nearest points of two segments: the fraction along each, and the vector from the second point
+// to the first; as `contact::closest`.
 struct Closest {
     along: vec2f,
     r: vec3f,
@@ -23,7 +24,7 @@ fn closest(a0: vec3f, a1: vec3f, b0: vec3f, b1: vec3f) -> Closest {
     return Closest(vec2f(s, t), r + s * ea - t * eb);
 }
 
-// A segment's ends at the frame's start, and their ways.
+// A segment's ends at the frame's start, and their displacements.
 struct Course {
     start: mat2x3f,
     way: mat2x3f,
@@ -35,7 +36,9 @@ fn course_of(segment: u32) -> Course {
     return Course(start, end - start);
 }
 
-// Whether two segments may touch in a slice: the vector between their nearest points in its middle separates them, so at its ends they are farther apart along it than what they move along it.
+// Whether two segments may touch in a slice. The vector between their nearest points in its middle
+// separates them, so they cannot touch if their displacements along it are smaller than the
+// distance.
 fn may_touch(a: Course, b: Course) -> bool {
     let time = middle_of_slice();
     let share = 1.0 / f32(touch.slices);
@@ -50,7 +53,7 @@ fn may_touch(a: Course, b: Course) -> bool {
     return !(sqrt(square) * (contacts.distance + 0.5 * spread) + 0.5 * along < square);
 }
 
-// Two segments that come too near.
+// A contact of two segments.
 struct Contact {
     here: bool,
     along: vec2f,
@@ -65,7 +68,8 @@ fn rest_distance(a: u32, b: u32) -> f32 {
     return length(near.r);
 }
 
-// The contact of two segments in a slice, the lower number first, if they touch and approach: conservative advancement, as `find_contacts::meet` has it.
+// The contact of two segments in a slice, the lower number first, if they touch and approach:
+// conservative advancement, as in `find_contacts::meet`.
 fn follow(first: u32, second: u32, slice: u32) -> Contact {
     var found = Contact();
     if first % LANES == second % LANES && owners[first / LANES] == owners[second / LANES] {
@@ -95,7 +99,7 @@ fn follow(first: u32, second: u32, slice: u32) -> Contact {
             let relative = own - other;
             var normal = near.r / max(apart, 1e-30);
             if apart <= 1e-9 {
-                // Of segments that cross, what is across both, against which they approach.
+                // Segments that cross: the direction across both, against the approach.
                 let across = cross(at[1] - at[0], bt[1] - bt[0]);
                 let size = length(across);
                 if !(size > 0.0) {
@@ -115,7 +119,8 @@ fn follow(first: u32, second: u32, slice: u32) -> Contact {
     return found;
 }
 
-// The place among found contacts of slot `slot` of the active segment on place `place` of the list: the other segment with the slice, and the bits of the approach.
+// The index in `work` of slot `slot` of the active segment `place` of the list: the other segment
+// with the slice, then the bits of the approach.
 fn slot_at(place: u32, slot: u32) -> u32 {
     return contacts.found + 2u * (SLOTS * place + slot);
 }
@@ -126,23 +131,26 @@ fn active_count() -> u32 {
 
 var<workgroup> segments: u32;
 var<workgroup> own_pieces: u32;
-// What an active segment meets, as in its slots; how many that were, and of the first in time.
+// The contacts of an active segment, as in its slots; their number; their number without repeated
+// pairs.
 var<workgroup> met: array<vec2u, FOUND>;
 var<workgroup> met_count: atomic<u32>;
 var<workgroup> met_now: u32;
 var<workgroup> distinct: atomic<u32>;
-// Where there is no room for all: how many approach how fast, from the slip on; and from where on they are taken.
+// If they exceed the room: a histogram of the speeds of approach, from the slip on, and the least
+// speed that is kept.
 var<workgroup> speeds: array<atomic<u32>, SPEEDS>;
 var<workgroup> bar: u32;
 var<workgroup> bar_share: f32;
 
 const SPEEDS: u32 = 512u;
-// How an active segment seeks: it takes all, it counts how fast they approach, it takes the fastest.
+// The passes of an active segment: take all contacts; if they exceed the room, count their speeds;
+// take the fastest.
 const TAKE_ALL: u32 = 0u;
 const COUNT: u32 = 1u;
 const TAKE_FASTEST: u32 = 2u;
 
-// A workgroup's threads, some to a row of cells.
+// Threads of a workgroup to a row of cells.
 const ROW_THREADS: u32 = 16u;
 const ROWS: u32 = WORKGROUP / ROW_THREADS;
 
@@ -150,7 +158,7 @@ fn speed_of(approach: f32) -> u32 {
     return min(bin_of(approach) - bin_of(contacts.slip), SPEEDS - 1u);
 }
 
-// What thread `t` finds an active segment to meet, of which that piece is sought for.
+// The search of thread `t` for a piece of an active segment.
 struct Seeker {
     segment: u32,
     stray: f32,
@@ -177,12 +185,13 @@ fn take_met(seeker: Seeker, other: u32, approach: f32) {
     }
 }
 
-// The piece of so many in which a segment is met at `along`.
+// The piece, of so many, at the fraction `along` of a segment.
 fn piece_at(along: f32, pieces: u32) -> u32 {
     return min(u32(along * f32(pieces)), pieces - 1u);
 }
 
-// Whether an entry whose ball is about `middle` is of the piece of `segment` that is met at `along`.
+// Whether an entry whose ball is centred at `middle` is the piece of `segment` at the fraction
+// `along`.
 fn is_met_there(segment: u32, course: Course, middle: vec3f, along: f32) -> bool {
     let pieces = own_pieces_of(segment);
     if pieces == 1u {
@@ -194,7 +203,8 @@ fn is_met_there(segment: u32, course: Course, middle: vec3f, along: f32) -> bool
     return piece_at(max(fraction, 0.0), pieces) == piece_at(along, pieces);
 }
 
-// A piece that contacts are sought of: how far the middles of those can be that it meets, and the rows of cells about it.
+// A piece whose contacts are searched: the largest distance of the centres of others that it can
+// touch, and the rows of cells around it.
 struct Around {
     piece: Piece,
     range: f32,
@@ -209,7 +219,8 @@ fn around(piece: Piece) -> Around {
     return Around(piece, range, first, select(vec2u(), rows, in_box(piece.middle)));
 }
 
-// Where a thread is there: its next row; this row, and its next and last cell in it; its next entry in a run of cells, and the run's end.
+// The state of a thread: its next row; the current row, with its next and last cell; the next entry
+// in a run of cells, and the end of the run.
 struct Walk {
     next: u32,
     row: vec2u,
@@ -217,11 +228,11 @@ struct Walk {
     last_cell: u32,
     at: u32,
     end: u32,
-    // Of a run that is too crowded some are looked at, spread evenly.
+    // The share of the entries that are tested, below one in a crowded run.
     share: f32,
 }
 
-// The next run of cells, if there is one. A run may be cut where one row of the table ends.
+// Advances to the next run of cells, if there is one. A run ends at the end of a row of the table.
 fn next_run(walk: ptr<function, Walk>, about: Around, t: u32) -> bool {
     while (*walk).cell > (*walk).last_cell {
         let next = (*walk).next;
@@ -252,24 +263,25 @@ fn next_run(walk: ptr<function, Walk>, about: Around, t: u32) -> bool {
     return true;
 }
 
-// Entries whose balls a piece touches: few threads of a row find some, and then all look at them.
+// Entries whose balls a piece touches: few threads find some, then all threads test them.
 var<workgroup> queue: array<u32, QUEUE>;
 var<workgroup> queue_count: atomic<u32>;
 var<workgroup> queue_now: u32;
-// Threads that have not come to their end.
+// Threads that have entries left.
 var<workgroup> walking: atomic<u32>;
 var<workgroup> goes_on: u32;
 
-// Entries that a thread looks at before the queue is gone through.
+// Entries that a thread visits before the queue is processed.
 const NEXT: u32 = QUEUE / WORKGROUP;
 
-// An entry's ball: its middle and its radius.
+// An entry's ball: its centre and its radius.
 fn ball_of(entry: u32) -> vec4f {
     let at = contacts.bodies + contacts.entries + 4u * entry;
     return bitcast<vec4f>(vec4u(work[at], work[at + 1u], work[at + 2u], work[at + 3u]));
 }
 
-// Puts those of a thread's next entries on the queue whose balls the piece touches; whether there are more.
+// Queues those of a thread's next entries whose balls the piece touches. Returns whether entries
+// are left.
 fn advance_walk(walk: ptr<function, Walk>, about: Around, seeker: Seeker) -> bool {
     let piece = about.piece;
     let inverse = 1.0 / max(dot(piece.half, piece.half), 1e-20);
@@ -287,7 +299,7 @@ fn advance_walk(walk: ptr<function, Walk>, about: Around, seeker: Seeker) -> boo
         let r = ball.xyz - piece.middle;
         let from_piece = r - piece.half * clamp(dot(piece.half, r) * inverse, -1.0, 1.0);
         let within = piece.reach + ball.w;
-        // Other rows may have the same place in the table.
+        // Other rows may share the bucket.
         if !(dot(from_piece, from_piece) < within * within) || any(cell_of(ball.xyz).yz != (*walk).row) {
             continue;
         }
@@ -296,7 +308,7 @@ fn advance_walk(walk: ptr<function, Walk>, about: Around, seeker: Seeker) -> boo
         if (*walk).share < 1.0 && chance(other) >= (*walk).share {
             continue;
         }
-        // Of two active ones that which strays farther seeks the other.
+        // Of two active segments, the one of the larger residual motion takes the contact.
         if entry != other {
             let strays = stray_of(other);
             if strays > seeker.stray || strays == seeker.stray && other >= seeker.segment {
@@ -319,7 +331,7 @@ fn test_entry(seeker: Seeker, at: u32) {
     if !contact.here {
         return;
     }
-    // Of the pieces of both those meet that hold the contact: so each contact comes once.
+    // Only the pieces that hold the contact take it, so each contact is taken once.
     let along = select(contact.along.yx, contact.along, seeker.segment < other);
     let middle = ball_of(at).xyz;
     if piece_at(along.x, seeker.pieces) == seeker.k && is_met_there(other, course, middle, along.y) {
@@ -327,7 +339,8 @@ fn test_entry(seeker: Seeker, at: u32) {
     }
 }
 
-// From where on there is room for what approaches so fast, beside what earlier slices found; half of it, for chance gives now more, now less, and only SLOTS of them stay.
+// The least speed that is kept, beside the contacts of earlier slices. Only half of the room is
+// used, because a share of a bin varies; SLOTS of them are kept in the end.
 fn find_bar() {
     var room = (FOUND - SLOTS) / 2u;
     for (var speed = SPEEDS; speed > 0u; speed--) {
@@ -343,8 +356,9 @@ fn find_bar() {
     bar_share = 1.0;
 }
 
-// Lets each active segment meet what is near it in the slice: a workgroup each. Of what it meets in the frame the SLOTS of the greatest approach are kept, with each other segment the first. Where it meets more
-// in a slice than there is room for, it counts how fast they approach, and then takes the fastest.
+// Finds the contacts of each active segment in the slice, a workgroup each. Of the contacts of the
+// frame the SLOTS of the fastest approach are kept, of each pair the first in time. If a slice has
+// more than there is room for, a second pass counts their speeds and a third takes the fastest.
 @compute @workgroup_size(WORKGROUP)
 fn find_pairs(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) t: u32) {
     if t == 0u {
@@ -372,7 +386,7 @@ fn find_pairs(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_ind
                 atomicStore(&speeds[speed], 0u);
             }
             workgroupBarrier();
-            // What was found in earlier slices.
+            // The contacts of earlier slices.
             if t < SLOTS && touch.slice > 0u && how != COUNT {
                 let at = slot_at(number, t);
                 if work[at] != NOTHING {
@@ -417,7 +431,7 @@ fn find_pairs(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_ind
             }
         }
         let now = min(workgroupUniformLoad(&met_now), FOUND);
-        // Of a pair the first in time.
+        // Keeps the first of each pair.
         var twice = 0u;
         for (var i = t; i < now; i += WORKGROUP) {
             let mine = met[i].x;

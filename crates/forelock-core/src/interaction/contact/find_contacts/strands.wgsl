@@ -1,4 +1,5 @@
-// Contacts, as far as they go strand by strand: one a thread. Ways of particles, the drift about them, entries in cells; the twin of `contact::{ways, drift}` and of `find_contacts::cells`.
+// Contacts, as far as they go strand by strand: one a thread. Ways of particles, the drift about
+// them, entries in cells; the twin of `contact::{ways, drift}` and of `find_contacts::cells`.
 
 @compute @workgroup_size(WORKGROUP)
 fn record_start(@builtin(global_invocation_id) id: vec3u) {

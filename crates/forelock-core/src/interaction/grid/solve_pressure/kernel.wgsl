@@ -1,7 +1,9 @@
-// Pressure on the grid, a cell a thread and turn: the twin of `solve_pressure`.
+// Pressure on the grid, cell by cell: the GPU counterpart of `solve_pressure`.
 //
-// The same complementarity problem: P ≥ 0, ∇·u ≥ t, one of them with equality in each cell. Here it is solved by projected successive over-relaxation in two colours
-// (Cryer 1971, "The solution of a quadratic programming problem using systematic overrelaxation"), which needs no sums over the grid and no rounds of an active set: cells let go of by themselves.
+// The same complementarity problem: P ≥ 0, ∇·u ≥ t, with equality in one of them for each cell. It
+// is solved by projected successive over-relaxation in two colours (Cryer 1971, "The solution of a
+// quadratic programming problem using systematic overrelaxation"), which needs neither sums over
+// the grid nor an active set.
 
 @group(0) @binding(13) var<storage, read_write> cells: array<u32>;
 @group(0) @binding(15) var<storage, read_write> faces: array<vec2f>;
@@ -28,7 +30,7 @@ fn summed(number: u32, cell: u32) -> i32 {
     return bitcast<i32>(cells[plane(number, cell)]);
 }
 
-// Marks the cells next to hair whose middles are inside a solid: of several, the first.
+// Marks the cells next to hair whose centres are inside a solid, with the first such solid.
 @compute @workgroup_size(CELLS_GROUP)
 fn mark_solid_cells(@builtin(global_invocation_id) id: vec3u) {
     for (var cell = id.x; cell < bounds.count; cell += CELLS_THREADS) {
@@ -54,7 +56,8 @@ fn mark_solid_cells(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// From sums to mobilities, velocities and shares. Faces of walls move as the solid does and let nothing through.
+// Turns sums into mobilities, velocities and filled shares. Faces of solid cells are closed and
+// move with the solid.
 @compute @workgroup_size(CELLS_GROUP)
 fn normalize_velocity(@builtin(global_invocation_id) id: vec3u) {
     for (var cell = id.x; cell < bounds.count; cell += CELLS_THREADS) {
@@ -82,8 +85,8 @@ fn normalize_velocity(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// What lacks the cell that is filled by `share`; −FAR where nothing can be held.
-fn aim(cell: u32, displaces: bool) -> f32 {
+// The right-hand side of a cell; −FAR where no pressure can act.
+fn right_hand_side(cell: u32, displaces: bool) -> f32 {
     let share = value_of(FILLED, cell);
     if !displaces && share > bitcast<f32>(atomicLoad(&bounds.fullest)) {
         atomicMax(&bounds.fullest, bitcast<u32>(share));
@@ -94,7 +97,7 @@ fn aim(cell: u32, displaces: bool) -> f32 {
     var divergence = 0.0;
     for (var axis = 0u; axis < 3u; axis++) {
         let beyond = cell + stride(axis);
-        // A side without hair gives nothing to push against, unless it is a wall.
+        // A side needs hair or a solid to push against.
         let below = value_of(MOBILITY + axis, cell) > 0.0 || value_of(WALL, cell - stride(axis)) > 0.0;
         let above = value_of(MOBILITY + axis, beyond) > 0.0 || value_of(WALL, beyond) > 0.0;
         if !(below && above) {
@@ -109,33 +112,33 @@ fn aim(cell: u32, displaces: bool) -> f32 {
     return grid.slack * min(excess, 0.0) - divergence;
 }
 
-// Where the cell stands on the list that is number `number` of its colour.
+// The entry of the list of cell number `number` of a colour.
 fn listed(colour: u32, number: u32) -> u32 {
     return plane(LIST, select(number, grid.capacity - 1u - number, colour == 1u));
 }
 
-// The order on the list is any, and does not matter: cells of a colour do not feel each other.
-fn enlist(cell: u32) {
+// The order within a colour does not matter: its cells are not neighbours.
+fn append_cell(cell: u32) {
     let at = cell_at(cell);
     let colour = (at.x + at.y + at.z) & 1u;
     cells[listed(colour, atomicAdd(&bounds.listed[colour], 1u))] = cell;
 }
 
-fn begin(id: u32, displaces: bool) {
+fn begin_solve(id: u32, displaces: bool) {
     var largest = 0.0;
     for (var cell = id; cell < bounds.count; cell += CELLS_THREADS) {
-        let lack = aim(cell, displaces);
+        let lack = right_hand_side(cell, displaces);
         put(LACK, cell, lack);
         put(PRESSURE, cell, 0.0);
         largest = max(largest, lack);
         if lack > -FAR {
-            enlist(cell);
+            append_cell(cell);
         }
     }
     if largest > bitcast<f32>(atomicLoad(&bounds.lack)) {
         atomicMax(&bounds.lack, bitcast<u32>(largest));
     }
-    // No thread reads these before the next dispatch.
+    // Other threads read these from the next dispatch on.
     if id == 0u {
         atomicStore(&bounds.change, 0u);
         bounds.found = 0u;
@@ -145,12 +148,12 @@ fn begin(id: u32, displaces: bool) {
 
 @compute @workgroup_size(CELLS_GROUP)
 fn compute_divergence(@builtin(global_invocation_id) id: vec3u) {
-    begin(id.x, false);
+    begin_solve(id.x, false);
 }
 
 @compute @workgroup_size(CELLS_GROUP)
 fn compute_excess(@builtin(global_invocation_id) id: vec3u) {
-    begin(id.x, true);
+    begin_solve(id.x, true);
 }
 
 fn pressure_at(cell: u32) -> f32 {
@@ -199,7 +202,7 @@ fn relax_black(@builtin(global_invocation_id) id: vec3u) {
     relax(id.x, 1u);
 }
 
-// Whether the sweeps since it was last asked changed next to nothing.
+// Whether the sweeps since the last check changed the pressure by less than the tolerance.
 @compute @workgroup_size(1)
 fn check_convergence() {
     if bounds.found != 0u {
@@ -214,7 +217,7 @@ fn check_convergence() {
     }
 }
 
-fn push(id: u32, displaces: bool) {
+fn apply_pressure(id: u32, displaces: bool) {
     var held = 0u;
     for (var cell = id; cell < bounds.count; cell += CELLS_THREADS) {
         let over = pressure_at(cell);
@@ -238,16 +241,16 @@ fn push(id: u32, displaces: bool) {
     if id == 0u {
         atomicStore(&bounds.lack, 0u);
         bounds.residual = max(bounds.residual, bounds.ratio);
-        forget_list();
+        clear_list();
     }
 }
 
 @compute @workgroup_size(CELLS_GROUP)
 fn apply_velocity_pressure(@builtin(global_invocation_id) id: vec3u) {
-    push(id.x, false);
+    apply_pressure(id.x, false);
 }
 
 @compute @workgroup_size(CELLS_GROUP)
 fn apply_displacement_pressure(@builtin(global_invocation_id) id: vec3u) {
-    push(id.x, true);
+    apply_pressure(id.x, true);
 }

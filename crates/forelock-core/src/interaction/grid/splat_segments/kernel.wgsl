@@ -1,12 +1,14 @@
-// Particle to grid, one strand a thread: the twin of `splat_segments` and of `grid::Bounds::around`.
+// Particle to grid, one strand a thread: the GPU counterpart of `splat_segments` and of
+// `grid::Bounds::around`.
 //
-// Shares are summed as integers, so that sums do not depend on their order: 2²² to the unit, in 32 bits; so 512 units fit, of which one is all the hair in the densest
-// cell at rest, or that times a metre a second, or that cell's fullness.
+// Sums are of integers, so that they do not depend on the order of threads: 2²² to the unit in 32
+// bits, that is, up to 512 units. A unit is all the hair in the densest cell at rest, or that times
+// a metre a second, or that cell's volume.
 
 @group(0) @binding(12) var<storage, read> rooms: array<f32>;
 @group(0) @binding(13) var<storage, read_write> cells: array<atomic<i32>>;
 
-// The extent of the hair. Most of what is not extreme is passed over without a write.
+// The extent of the hair. A read first spares most threads the atomic write.
 @compute @workgroup_size(WORKGROUP)
 fn measure_hair(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
@@ -26,7 +28,8 @@ fn measure_hair(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// The box around the hair: where it would be too large, its longest sides are cut, about the grid's origin.
+// The box around the hair. If it exceeds the capacity, its longest sides are cut, on the side
+// farther from the origin.
 @compute @workgroup_size(1)
 fn fit_grid() {
     var low = vec3i();
@@ -44,7 +47,7 @@ fn fit_grid() {
     }
     for (;;) {
         let side = high - low;
-        // The product of all three may not fit.
+        // The product of all three may overflow.
         if u32(side.x * side.y) <= grid.capacity / u32(side.z) {
             break;
         }
@@ -68,7 +71,7 @@ fn fit_grid() {
     atomicStore(&bounds.held, 0u);
     bounds.sweeps = 0u;
     bounds.residual = 0.0;
-    forget_list();
+    clear_list();
 }
 
 @compute @workgroup_size(CELLS_GROUP)

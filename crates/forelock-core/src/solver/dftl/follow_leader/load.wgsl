@@ -1,4 +1,5 @@
-// Before strands meet, the load that followers' velocities hold is laid aside: what is left is how they move. Afterwards it comes back. One strand a thread, each particle by itself.
+// Stores the load that velocities hold beside the motion before an interaction, and restores it
+// afterwards. One strand a thread.
 
 @compute @workgroup_size(WORKGROUP)
 fn store_load(@builtin(global_invocation_id) id: vec3u) {

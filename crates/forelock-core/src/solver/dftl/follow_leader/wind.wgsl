@@ -1,4 +1,5 @@
-// The drag of a wind that differs from place to place, one strand a thread, before `follow_leader`: it changes velocities as the acceleration would have.
+// The drag of a wind field, one strand a thread, before `follow_leader`: it changes velocities as
+// the acceleration would.
 
 @group(0) @binding(17) var<storage, read> wind: array<f32>;
 
