@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::common::{Workplace, stderr};
+use crate::common::{Workplace, small_demo, stderr};
 
 /// One case: what it is called, the arguments, the status, and words of the message.
 type Case<'a> = (&'a str, Vec<&'a str>, i32, &'a str);
@@ -217,7 +217,7 @@ fn places_that_cannot_be_written() {
 fn a_full_disk_leaves_no_broken_file() {
     use std::process::Command;
     let place = Workplace::new();
-    let arguments = common::small_demo("out", &["--frames", "100", "--set", "output.film=false"]);
+    let arguments = small_demo("out", &["--frames", "100", "--set", "output.film=false"]);
     let output = Command::new("sh")
         .args(["-c", "trap '' XFSZ; ulimit -f 32; exec \"$0\" \"$@\""])
         .arg(assert_cmd::cargo::cargo_bin("forelock"))

@@ -5,7 +5,6 @@
 use crate::common::{Workplace, json};
 use assert_cmd::Command;
 use serde_json::Value;
-use std::path::Path;
 
 fn summary(command: &mut Command) -> Value {
     let output = command.output().unwrap();
