@@ -108,7 +108,12 @@ fn command_lines_with_mistakes() {
             2,
             "cannot be used with",
         ),
-        ("nothing to resume", vec!["demo", "--resume", "--out", "nowhere"], 1, "there is nothing to resume"),
+        (
+            "nothing to resume",
+            vec!["demo", "--resume", "--out", "nowhere", "--set", "body.sdf_cells=24"],
+            1,
+            "there is nothing to resume",
+        ),
     ];
     check(&place, &cases);
 }
@@ -196,7 +201,12 @@ fn places_that_cannot_be_written() {
     place.write("file", "not a folder");
     check(
         &place,
-        &[("a file as output folder", vec!["demo", "--out", "file", "--frames", "1"], 1, "file: the output")],
+        &[(
+            "a file as output folder",
+            vec!["demo", "--out", "file", "--frames", "1", "--set", "body.sdf_cells=24"],
+            1,
+            "file: the output",
+        )],
     );
     let locked = place.path("locked");
     fs::create_dir(&locked).unwrap();
