@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::common::{Workplace, stderr};
+use crate::common::{Workplace, small_demo, stderr};
 
 /// One case: what it is called, the arguments, the status, and words of the message.
 type Case<'a> = (&'a str, Vec<&'a str>, i32, &'a str);
@@ -108,7 +108,12 @@ fn command_lines_with_mistakes() {
             2,
             "cannot be used with",
         ),
-        ("nothing to resume", vec!["demo", "--resume", "--out", "nowhere"], 1, "there is nothing to resume"),
+        (
+            "nothing to resume",
+            vec!["demo", "--resume", "--out", "nowhere", "--set", "body.sdf_cells=24"],
+            1,
+            "there is nothing to resume",
+        ),
     ];
     check(&place, &cases);
 }
@@ -196,7 +201,12 @@ fn places_that_cannot_be_written() {
     place.write("file", "not a folder");
     check(
         &place,
-        &[("a file as output folder", vec!["demo", "--out", "file", "--frames", "1"], 1, "file: the output")],
+        &[(
+            "a file as output folder",
+            vec!["demo", "--out", "file", "--frames", "1", "--set", "body.sdf_cells=24"],
+            1,
+            "file: the output",
+        )],
     );
     let locked = place.path("locked");
     fs::create_dir(&locked).unwrap();
@@ -217,7 +227,7 @@ fn places_that_cannot_be_written() {
 fn a_full_disk_leaves_no_broken_file() {
     use std::process::Command;
     let place = Workplace::new();
-    let arguments = common::small_demo("out", &["--frames", "100", "--set", "output.film=false"]);
+    let arguments = small_demo("out", &["--frames", "100", "--set", "output.film=false"]);
     let output = Command::new("sh")
         .args(["-c", "trap '' XFSZ; ulimit -f 32; exec \"$0\" \"$@\""])
         .arg(assert_cmd::cargo::cargo_bin("forelock"))

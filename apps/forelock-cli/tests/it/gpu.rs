@@ -22,10 +22,9 @@ const SCENES: [&str; 5] = [
     "[solver]\nkind = \"dftl\"\n[interaction]\nkind = \"sph\"\n[wind]\nvelocity = [3, 0, 1]\nturbulence = 0.3\n[time]\nfps = 40\n[[edit]]\nop = \"trim\"\nto = 0.05\nat_secs = 0.05\n",
 ];
 
-#[test]
-#[cfg_attr(not(gpu), ignore = "there is no GPU")]
-fn a_run_on_a_gpu_is_like_one_on_the_cpu_and_resumes_bit_for_bit() {
-    for scene in SCENES {
+/// Runs `scenes` on the GPU, in one and in two parts, and on the CPU.
+fn is_like_the_cpu_and_resumes(scenes: &[&str]) {
+    for scene in scenes {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("scene.toml");
         std::fs::write(&file, scene).unwrap();
@@ -51,38 +50,41 @@ fn a_run_on_a_gpu_is_like_one_on_the_cpu_and_resumes_bit_for_bit() {
     }
 }
 
-/// Stages before one on the CPU: with the first it is a run on the GPU, with the last, which only looks, one on the CPU, bit for bit; between them like both; and it goes on like any run.
 #[test]
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
-fn stages_can_be_left_on_the_cpu() {
+fn a_run_on_a_gpu_is_like_one_on_the_cpu_and_resumes_bit_for_bit() {
+    is_like_the_cpu_and_resumes(&[SCENES[1], SCENES[4]]);
+}
+
+#[test]
+#[ignore = "long: cargo xtask ci --nightly"]
+fn long_runs_on_a_gpu_are_like_those_on_the_cpu_and_resume_bit_for_bit() {
+    is_like_the_cpu_and_resumes(&SCENES);
+}
+
+/// Runs `scene` in `folder` with `more` arguments.
+fn run(folder: &Path, scene: &str, more: &[&str]) -> Value {
+    let file = folder.join("scene.toml");
+    std::fs::write(&file, scene).unwrap();
+    let mut command = Command::cargo_bin("forelock").unwrap();
+    command.arg("simulate").arg(&file).arg("--json").args(more).arg("--out").arg(folder.join("out"));
+    let small = ["time.frames=6", "groom.strands=200", "body.sdf_cells=32", "output.picture=false"];
+    small.iter().for_each(|key| _ = command.args(["--set", key]));
+    summary(&mut command)
+}
+
+fn hash(summary: &Value) -> &Value {
+    &summary["state_hash"]
+}
+
+/// Stages before one on the CPU: with the first it is a run on the GPU, with the last, which only looks, one on the CPU, bit for bit; between them like both.
+fn stages_before_are_on_the_cpu(stages: &[&str]) {
     let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("scene.toml");
-    let run = |scene: &str, more: &[&str]| {
-        std::fs::write(&file, scene).unwrap();
-        let mut command = Command::cargo_bin("forelock").unwrap();
-        command
-            .arg("simulate")
-            .arg(&file)
-            .arg("--json")
-            .args(more)
-            .arg("--out")
-            .arg(folder.path().join("out"));
-        let small = ["time.frames=6", "groom.strands=200", "body.sdf_cells=32", "output.picture=false"];
-        small.iter().for_each(|key| _ = command.args(["--set", key]));
-        summary(&mut command)
-    };
-    let hash = |summary: &Value| summary["state_hash"].clone();
     let meeting = "[interaction]\nkind = \"grid\"\ncontacts = true\n[body]\nmotion = \"builtin:shake\"\n";
-    let [gpu, cpu] = ["gpu", "cpu"].map(|backend| run(meeting, &["--backend", backend]));
-    for stage in [
-        "solve_strands",
-        "resolve_solids",
-        "restore_lengths",
-        "splat_segments",
-        "find_contacts",
-        "check_strands",
-    ] {
-        let own = run(meeting, &["--gpu-from", stage]);
+    let run = |more: &[&str]| run(folder.path(), meeting, more);
+    let [gpu, cpu] = ["gpu", "cpu"].map(|backend| run(&["--backend", backend]));
+    for &stage in stages {
+        let own = run(&["--gpu-from", stage]);
         assert_eq!(own["backend"], "gpu", "{stage}");
         for key in ["max_penetration_m", "max_edge_stretch", "max_edge_stretch_after_solids"] {
             let [a, b] = [&own, &cpu].map(|summary| summary[key].as_f64().unwrap());
@@ -93,6 +95,21 @@ fn stages_can_be_left_on_the_cpu() {
         let same = [&gpu, &cpu].map(|other| hash(&own) == hash(other));
         assert_eq!(same, [stage == "solve_strands", stage == "check_strands"], "{stage}");
     }
+}
+
+#[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn stages_can_be_left_on_the_cpu() {
+    stages_before_are_on_the_cpu(&["solve_strands", "splat_segments", "check_strands"]);
+}
+
+/// All other stages, scenes without some of them, and runs in two parts.
+#[test]
+#[ignore = "long: cargo xtask ci --nightly"]
+fn long_all_stages_can_be_left_on_the_cpu() {
+    stages_before_are_on_the_cpu(&["resolve_solids", "restore_lengths", "find_contacts"]);
+    let folder = tempfile::tempdir().unwrap();
+    let run = |scene: &str, more: &[&str]| run(folder.path(), scene, more);
     // Virtual particles without a length pass; edits while the hair moves.
     for scene in [SCENES[2], SCENES[3]] {
         let [cpu, own] = [["--backend", "cpu"], ["--gpu-from", "check_strands"]].map(|how| run(scene, &how));

@@ -4,7 +4,7 @@
 //! is always done. The long one is ten minutes at 60 frames a second:
 //!
 //! ```sh
-//! cargo test --release -p forelock-core --test long_run -- --ignored --nocapture
+//! cargo test --release -p forelock-core --test it -- --ignored long_ten_minutes --nocapture
 //! ```
 
 #![expect(clippy::unwrap_used, reason = "in a test a failure to build is a failure of the test")]
@@ -204,8 +204,8 @@ fn ten_seconds_leave_hair_whole() {
 }
 
 #[test]
-#[ignore = "ten minutes of motion, some minutes of work"]
-fn ten_minutes_leave_hair_whole() {
+#[ignore = "long: cargo xtask ci --nightly"]
+fn long_ten_minutes_leave_hair_whole() {
     let found = pool().install(|| run(2000, (36_000, 10), 20.0, false));
     holds(&found);
     // Memory is what it was after the first minute.

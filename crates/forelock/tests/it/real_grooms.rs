@@ -69,20 +69,23 @@ fn check(name: &str) {
 }
 
 #[test]
-#[cfg_attr(not(real_data), ignore = "../shared/data is not there")]
-fn sintel() {
+#[cfg(real_data)]
+#[ignore = "long: cargo xtask ci --nightly"]
+fn long_sintel() {
     check("sintel");
 }
 
 #[test]
-#[cfg_attr(not(real_data), ignore = "../shared/data is not there")]
-fn harolongo() {
+#[cfg(real_data)]
+#[ignore = "long: cargo xtask ci --nightly"]
+fn long_harolongo() {
     check("harolongo");
 }
 
 #[test]
-#[cfg_attr(not(real_data), ignore = "../shared/data is not there")]
-fn ponytail() {
+#[cfg(real_data)]
+#[ignore = "long: cargo xtask ci --nightly"]
+fn long_ponytail() {
     check("ponytail");
 }
 

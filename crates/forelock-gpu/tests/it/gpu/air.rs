@@ -1,10 +1,6 @@
 //! Hair in wind that is not the same everywhere, on the GPU, against the same on the CPU.
 
-#![expect(
-    clippy::unwrap_used,
-    clippy::print_stdout,
-    reason = "a test fails where it cannot be set up, and tells how near it came"
-)]
+#![expect(clippy::unwrap_used, reason = "a test fails where it cannot be set up")]
 
 use crate::common;
 use forelock_core::air::{Wind, WindField, WindParams};

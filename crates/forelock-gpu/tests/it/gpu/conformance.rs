@@ -1,10 +1,6 @@
 //! The kernels against the same stages on the CPU, both in float32: same scene, same frames.
 
-#![expect(
-    clippy::unwrap_used,
-    clippy::print_stdout,
-    reason = "a test fails where it cannot be set up, and tells how near it came"
-)]
+#![expect(clippy::unwrap_used, reason = "a test fails where it cannot be set up")]
 
 use crate::common::{
     self, little,

@@ -1,10 +1,6 @@
 //! Follow the leader on a GPU against the same on the CPU.
 
-#![expect(
-    clippy::unwrap_used,
-    clippy::print_stdout,
-    reason = "a test fails where it cannot be set up, and tells how near it came"
-)]
+#![expect(clippy::unwrap_used, reason = "a test fails where it cannot be set up")]
 
 use crate::common::{
     self, little,

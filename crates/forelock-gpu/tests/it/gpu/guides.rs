@@ -1,7 +1,5 @@
 //! Guides that carry all strands on the GPU, against the same on the CPU.
 
-#![expect(clippy::print_stdout, reason = "a test tells how near it came")]
-
 use crate::common;
 use forelock_core::groom::grow::{GrowParams, grow_on_head};
 use forelock_core::groom::guides::Skinning;

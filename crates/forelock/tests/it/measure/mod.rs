@@ -1,6 +1,8 @@
 //! What a run's cache shows, measured without the solver: depths against the body's own triangles, not against the
 //! distance grid that pushed the strands out; lengths, drift and jitter from positions alone.
 
+#![expect(clippy::expect_used, reason = "what cannot be read cannot be measured")]
+
 use std::path::Path;
 
 use forelock::core::body::ClosedMesh;
