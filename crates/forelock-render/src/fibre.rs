@@ -2,8 +2,8 @@
 //!
 //! # Theory
 //! A hair is a rough, tinted cylinder with tilted scales (Marschner et al. 2003, *Light scattering
-//! from human hair fibers*). Light leaves it along three paths p, each S_p = M_p(θ_i, θ_r) N_p(θ_d,
-//! φ):
+//! from human hair fibers*). Light leaves it along three paths p, each with the scattering function
+//! S_p = M_p(θ_i, θ_r) N_p(θ_d, φ):
 //!
 //! - R is reflected by the surface: a white highlight, shifted towards the root.
 //! - TT is transmitted through the fibre: it is visible against the light.

@@ -23,7 +23,7 @@ pub fn check_lines(files: &[File]) -> Vec<String> {
 
 /// The comments of source files that are too wide, a sentence each.
 ///
-/// A line counts whole, with the code before its comment. Rows of tables and lines with a web
+/// The width of a line includes the code before its comment. Rows of tables and lines with a web
 /// address may be wider.
 pub fn check_comments(files: &[File]) -> Vec<String> {
     let mut faults = Vec::new();

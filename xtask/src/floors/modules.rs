@@ -102,7 +102,7 @@ fn module_path(path: &str) -> Vec<String> {
     names
 }
 
-/// The paths of modules in files of their own that are declared behind `#[cfg(test)]`.
+/// The paths of modules in separate files that are declared behind `#[cfg(test)]`.
 fn test_modules(files: &[File]) -> BTreeSet<String> {
     let mut found = BTreeSet::new();
     for file in files {
@@ -162,7 +162,7 @@ fn is_path(tokens: &[Token], index: usize) -> bool {
 }
 
 /// Reads the path or the tree of a `use` at `index`, relative to a module `depth` below the root.
-/// Gives the index after it.
+/// Returns the index after it.
 fn read_path(tokens: &[Token], mut index: usize, mut depth: usize, found: &mut Vec<Use>) -> usize {
     while let Some(token) = tokens.get(index) {
         match token.text {

@@ -1,7 +1,7 @@
 //! No function takes an anonymous tuple apart in its arguments.
 //!
 //! `fn f((a, b): (A, B))` hides two arguments in one, so that neither has a name where the function
-//! is called. A named struct, or two arguments, say what they are. Closures are not checked.
+//! is called. A named struct, or two arguments, names them. Closures are not checked.
 
 use super::files::File;
 use super::source::{self, Kind, Token};

@@ -88,7 +88,7 @@ pub fn is_name(c: char) -> bool {
     c.is_alphanumeric() || c == '_'
 }
 
-/// The kind and length in bytes of what stands at the start of `rest`.
+/// The kind and the length in bytes of the first piece of `rest`.
 fn piece(rest: &[u8]) -> (Kind, usize) {
     match rest {
         [b'/', b'/', ..] => {
