@@ -415,12 +415,36 @@ mod tests {
 
     #[test]
     fn the_readme_s_commands_are_understood() {
-        let readme = include_str!("../../../README.md");
-        let blocks = readme.split("```sh\n").skip(1).filter_map(|rest| rest.split("```").next());
-        let lines =
-            blocks.flat_map(str::lines).map(|line| line.replace("cargo run --release --", "forelock"));
-        let commands: Vec<String> = lines.filter(|line| line.starts_with("forelock ")).collect();
+        let commands = commands(include_str!("../../../README.md"));
         assert!(commands.len() >= 12, "{commands:?}");
+        understand(commands);
+    }
+
+    #[test]
+    fn the_pages_commands_are_understood() -> std::io::Result<()> {
+        let docs = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs");
+        let mut all = Vec::new();
+        for entry in std::fs::read_dir(docs)? {
+            let path = entry?.path();
+            if path.extension().is_some_and(|ending| ending == "md") {
+                all.extend(commands(&std::fs::read_to_string(path)?));
+            }
+        }
+        assert!(all.len() >= 40, "{all:?}");
+        understand(all);
+        Ok(())
+    }
+
+    /// The commands in the shell blocks of `page`, without comments.
+    fn commands(page: &str) -> Vec<String> {
+        let blocks = page.split("```sh\n").skip(1).filter_map(|rest| rest.split("```").next());
+        let lines = blocks.flat_map(str::lines).map(|line| line.split(" #").next().unwrap_or(line));
+        let lines = lines.map(|line| line.replace("cargo run --release -- ", "forelock "));
+        lines.filter(|line| line.starts_with("forelock ")).collect()
+    }
+
+    /// Parses `commands`, and checks the keys that they set.
+    fn understand(commands: Vec<String>) {
         for command in commands {
             match Cli::try_parse_from(command.split_whitespace()) {
                 Ok(cli) => check_keys(&cli.command).unwrap_or_else(|error| panic!("{command}: {error}")),

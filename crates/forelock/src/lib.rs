@@ -47,3 +47,8 @@ pub use {forelock_core as core, forelock_io as io, forelock_render as render};
 #[cfg(doctest)]
 #[doc = include_str!("../../../README.md")]
 struct Readme;
+
+/// The examples of the page on the library, run as tests.
+#[cfg(doctest)]
+#[doc = include_str!("../../../docs/library.md")]
+struct Library;

@@ -14,12 +14,12 @@ use forelock_core::interaction::sph::SphParams;
 
 /// Kind of solver, the parameters' table in scenes, and their source.
 const TABLES: [(&str, &str, &str); 6] = [
-    ("ams", "solver.ams", include_str!("../../../forelock-core/src/solver/params.rs")),
-    ("mass-spring", "solver.mass_spring", include_str!("../../../forelock-core/src/solver/mass_spring.rs")),
-    ("dftl", "solver.dftl", include_str!("../../../forelock-core/src/solver/dftl.rs")),
-    ("ams", "interaction.grid", include_str!("../../../forelock-core/src/grid/params.rs")),
-    ("ams", "interaction.sph", include_str!("../../../forelock-core/src/sph/params.rs")),
-    ("ams", "interaction.contact", include_str!("../../../forelock-core/src/contact/params.rs")),
+    ("ams", "solver.ams", include_str!("../../../forelock-core/src/solver/ams/params.rs")),
+    ("mass-spring", "solver.mass_spring", include_str!("../../../forelock-core/src/solver/mass_spring/mod.rs")),
+    ("dftl", "solver.dftl", include_str!("../../../forelock-core/src/solver/dftl/params.rs")),
+    ("ams", "interaction.grid", include_str!("../../../forelock-core/src/interaction/grid/params.rs")),
+    ("ams", "interaction.sph", include_str!("../../../forelock-core/src/interaction/sph/params.rs")),
+    ("ams", "interaction.contact", include_str!("../../../forelock-core/src/interaction/contact/params.rs")),
 ];
 
 /// Name, stated default and stated range of every field of the parameters in `source`.

@@ -1,21 +1,77 @@
-//! What the README shows is what there is.
+//! What the README and the pages in `docs` show is what the program does.
 
+use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use forelock::scene::Override;
 use forelock::{Backend, RunOptions, Scene, simulate};
 
 const README: &str = include_str!("../../../../README.md");
+const RUNS: &str = include_str!("../../../../docs/runs.md");
 
-/// The first block of the README in `language`.
-fn block(language: &str) -> &'static str {
-    let rest = README.split_once(&format!("```{language}\n")).map_or("", |(_, rest)| rest);
-    rest.split_once("```").map_or("", |(block, _)| block)
+/// All blocks of `page` in `language`.
+fn blocks<'a>(page: &'a str, language: &str) -> Vec<&'a str> {
+    let fence = format!("```{language}\n");
+    let starts = page.match_indices(&fence).map(|(at, fence)| at + fence.len());
+    starts.filter_map(|at| page[at..].split_once("```").map(|(block, _)| block)).collect()
+}
+
+/// The first block of `page` in `language`.
+fn block<'a>(page: &'a str, language: &str) -> &'a str {
+    blocks(page, language).first().copied().unwrap_or_default()
+}
+
+/// Every Markdown page of the repository's root and of `docs`.
+fn pages() -> std::io::Result<Vec<(PathBuf, String)>> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let mut pages = Vec::new();
+    for folder in ["", "docs", "docs/dev"] {
+        for entry in std::fs::read_dir(root.join(folder))? {
+            let path = entry?.path();
+            if path.extension().is_some_and(|ending| ending == "md") {
+                pages.push((path.clone(), std::fs::read_to_string(&path)?));
+            }
+        }
+    }
+    Ok(pages)
+}
+
+#[test]
+fn every_scene_of_the_pages_is_read() -> Result<(), Box<dyn std::error::Error>> {
+    let mut read = 0;
+    for (path, page) in pages()? {
+        for scene in blocks(&page, "toml") {
+            Scene::parse(scene, Path::new("scene.toml"), &[])
+                .map_err(|error| format!("{}: {error}", path.display()))?;
+            read += 1;
+        }
+    }
+    assert!(read >= 5, "only {read} scenes were found");
+    Ok(())
+}
+
+#[test]
+fn every_link_between_pages_leads_to_a_file() -> Result<(), Box<dyn std::error::Error>> {
+    let mut followed = 0;
+    for (path, page) in pages()? {
+        for (_, rest) in page.match_indices("](").map(|(at, _)| page.split_at(at + 2)) {
+            let link = rest.split(')').next().unwrap_or_default();
+            let file = link.split('#').next().unwrap_or_default();
+            if file.is_empty() || file.contains("://") || file.contains(char::is_whitespace) {
+                continue;
+            }
+            let folder = path.parent().unwrap_or(Path::new(""));
+            assert!(folder.join(file).exists(), "{}: {link} leads nowhere", path.display());
+            followed += 1;
+        }
+    }
+    assert!(followed > 40, "only {followed} links were found");
+    Ok(())
 }
 
 #[test]
 fn the_scene_is_the_file() {
-    assert_eq!(block("toml"), include_str!("../../../../scenes/bob-and-ball.toml"));
+    assert_eq!(block(README, "toml"), include_str!("../../../../scenes/bob-and-ball.toml"));
 }
 
 #[test]
@@ -27,7 +83,7 @@ fn the_summary_has_these_fields() -> Result<(), Box<dyn std::error::Error>> {
     let options = RunOptions { out: folder.path().to_path_buf(), resume: false, backend: Backend::Cpu };
     let summary = simulate(&Scene::builtin(&sets?)?, &options, &mut |_| {}, &AtomicBool::new(false))?;
     let is: serde_json::Value = serde_json::to_value(&summary)?;
-    let shown: serde_json::Value = serde_json::from_str(block("json"))?;
+    let shown: serde_json::Value = serde_json::from_str(block(RUNS, "json"))?;
     let keys = |value: &serde_json::Value| -> Vec<String> {
         value.as_object().into_iter().flatten().map(|(key, _)| key.clone()).collect()
     };
