@@ -6,14 +6,14 @@
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use forelock_core::body::{ColliderFrame, Head, Sdf, Shape};
+use forelock_core::frame::Frame;
 use forelock_core::groom::grow::{GrowParams, grow_on_head};
 use forelock_core::groom::{Groom, resample};
+use forelock_core::lane::Simd;
 use forelock_core::pose::Pose;
-use forelock_core::solver::ams::Inextensibility;
-use forelock_core::solver::{AmsParams};
-use forelock_core::frame::{Frame};
 use forelock_core::simulation::{Options, Simulation};
-use forelock_core::lane::{Simd};
+use forelock_core::solver::AmsParams;
+use forelock_core::solver::ams::Inextensibility;
 use glam::{DQuat, DVec3, Vec3};
 use std::hint::black_box;
 use std::sync::Arc;

@@ -9,15 +9,15 @@
 #![expect(clippy::print_stdout, reason = "an example that measures says what")]
 
 use forelock_core::body::{ColliderFrame, Head, Motion, Sdf, Shape};
+use forelock_core::frame::{Frame, FrameReport};
+use forelock_core::groom::grow::{GrowParams, grow_on_head};
 use forelock_core::interaction::contact::ContactParams;
 use forelock_core::interaction::grid::GridParams;
-use forelock_core::groom::grow::{GrowParams, grow_on_head};
-use forelock_core::pose::Pose;
-use forelock_core::frame::{Frame, FrameReport};
-use forelock_core::solver::{AmsParams, DftlParams, Solver};
-use forelock_core::simulation::{Options, Simulation};
-use forelock_core::lane::Simd;
 use forelock_core::interaction::sph::SphParams;
+use forelock_core::lane::Simd;
+use forelock_core::pose::Pose;
+use forelock_core::simulation::{Options, Simulation};
+use forelock_core::solver::{AmsParams, DftlParams, Solver};
 use glam::DVec3;
 use std::sync::Arc;
 use std::time::Instant;

@@ -8,16 +8,16 @@
 #![expect(clippy::print_stdout, reason = "an example that measures says what")]
 
 use bytemuck::{Pod, Zeroable};
+use forelock_core::frame::Frame;
+use forelock_core::lane::Simd;
 use forelock_core::lane::peak::multiply_adds_per_sec;
 use forelock_core::lane::{LANES, Lane, Row};
-use forelock_core::strands::Strands;
 use forelock_core::pose::Pose;
-use forelock_core::solver::ams::Inextensibility;
-use forelock_core::solver::{AmsParams};
-use forelock_core::frame::{Frame};
 use forelock_core::simulation::{Options, Simulation};
-use forelock_core::lane::{Simd};
+use forelock_core::solver::AmsParams;
+use forelock_core::solver::ams::Inextensibility;
 use forelock_core::solver::ams::solve_strands::{self, FrameTerms, SubstepTerms};
+use forelock_core::strands::Strands;
 use forelock_core::strands::{BlockView, Scratch};
 use glam::DVec3;
 use std::cell::Cell;

@@ -20,5 +20,6 @@ pub mod params;
 pub mod pose;
 mod scratch;
 pub mod simulation;
+pub mod simulator;
 pub mod solver;
 pub mod strands;

@@ -81,4 +81,3 @@ pub(crate) fn check(values: &[(&'static str, f64, Range)]) -> Result<(), ParamsE
 pub(crate) fn check_time(dt_secs: f64) -> Result<(), ParamsError> {
     check(&[("dt_secs", dt_secs, POSITIVE)])
 }
-

@@ -4,14 +4,14 @@
 #![expect(clippy::unwrap_used, reason = "in a test a failure to build is a failure of the test")]
 
 use forelock_core::body::{ColliderFrame, Shape};
-use forelock_core::interaction::grid::GridParams;
+use forelock_core::frame::Frame;
 use forelock_core::groom::Groom;
 use forelock_core::groom::guides::Skinning;
-use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams, DftlParams, Solver};
-use forelock_core::frame::{Frame};
-use forelock_core::simulation::{Options, Simulation};
+use forelock_core::interaction::grid::GridParams;
 use forelock_core::interaction::sph::SphParams;
+use forelock_core::pose::Pose;
+use forelock_core::simulation::{Options, Simulation};
+use forelock_core::solver::{AmsParams, DftlParams, Solver};
 use glam::{DQuat, DVec3, Vec3};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -7,12 +7,12 @@ use crate::kernel::{Bound, Constant, DispatchList, Shader, Threads, bindings, sh
 use crate::uniforms::NO_EXTENT;
 use bytemuck::{Pod, Zeroable};
 use forelock_core::air::canopy::NODES as CANOPY_NODES;
+use forelock_core::air::sample_air;
 use forelock_core::air::wake::NODES as WAKE_NODES;
 use forelock_core::air::{Canopy, MODES, Wake, WindField, canopy, wake};
 use forelock_core::body::SHAPES_WGSL;
 use forelock_core::lane::Row;
 use forelock_core::strands::Model;
-use forelock_core::air::sample_air;
 use glam::{DMat3, DMat4, DVec3, Mat4, UVec3, Vec3};
 use wgpu::BufferUsages;
 

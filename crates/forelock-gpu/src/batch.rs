@@ -232,6 +232,16 @@ impl Batch {
         gpu.queue().write_buffer(&self.blocks, 0, bytemuck::cast_slice(&entries));
     }
 
+    /// Its blocks in the model.
+    pub fn blocks_range(&self) -> Range<usize> {
+        self.range.clone()
+    }
+
+    /// Its first place in the model.
+    pub fn first_place(&self) -> usize {
+        self.places.start
+    }
+
     /// Bytes held on the device.
     pub fn bytes(&self) -> u64 {
         let all = [&self.blocks, &self.model, &self.strands, &self.positions, &self.velocities, &self.memory];

@@ -208,7 +208,7 @@ impl Gpu {
         note(&self.0.fault, format!("the device was lost ({reason})"));
     }
 
-    fn failed(&self, reason: &str) -> GpuError {
+    pub(crate) fn failed(&self, reason: &str) -> GpuError {
         GpuError::Failed { name: self.0.name.clone(), reason: reason.to_owned() }
     }
 
@@ -235,6 +235,20 @@ impl Gpu {
         let polled = std::panic::catch_unwind(std::panic::AssertUnwindSafe(wait));
         self.check()?;
         let polled = polled.map_err(|_| self.failed("it was lost during a wait"))?;
+        polled.map_err(|error| self.failed(&error.to_string()))?;
+        Ok(())
+    }
+
+    /// Lets the device report what it has finished, and does not wait.
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`] if the device has failed.
+    pub fn poll(&self) -> Result<(), GpuError> {
+        self.check()?;
+        let poll = || self.0.device.poll(wgpu::PollType::Poll);
+        let polled = std::panic::catch_unwind(std::panic::AssertUnwindSafe(poll));
+        self.check()?;
+        let polled = polled.map_err(|_| self.failed("it was lost"))?;
         polled.map_err(|error| self.failed(&error.to_string()))?;
         Ok(())
     }

@@ -42,13 +42,17 @@ impl GpuSimulation {
         self.clock.is_some()
     }
 
-    /// Records `steps` and submits them.
-    pub(crate) fn submit(&mut self, steps: &[PlannedStep], solids: SolidKinds, air: Option<Shelter>) {
+    /// Records `steps`.
+    pub(crate) fn record_steps(
+        &mut self,
+        encoder: &mut wgpu::CommandEncoder,
+        steps: &[PlannedStep],
+        solids: SolidKinds,
+        air: Option<Shelter>,
+    ) {
         let mut clock = self.clock.take();
-        let mut encoder = self.gpu.device().create_command_encoder(&Default::default());
-        self.record(&mut encoder, &self.dispatches(steps, solids, air), clock.as_mut());
+        self.record(encoder, &self.dispatches(steps, solids, air), clock.as_mut());
         self.clock = clock;
-        self.gpu.queue().submit([encoder.finish()]);
     }
 
     /// Records a plan: in one pass, or in one pass a stage if stages are timed.
@@ -100,7 +104,8 @@ impl GpuSimulation {
         let groups = &self.groups;
         let strands = &groups.strands[batch];
         let last = self.rules.substeps - 1;
-        let collide = |number| solids.resolve().map(|kernel| groups.solids[batch].dispatch(kernel, &[number]));
+        let collide =
+            |number| solids.resolve().map(|kernel| groups.solids[batch].dispatch(kernel, &[number]));
         match step {
             Step::Solve { substep } => {
                 let longest = self.batches[batch].threads.longest;
@@ -165,11 +170,11 @@ impl GpuSimulation {
         steps: &[PlannedStep],
     ) -> Option<Shelter> {
         let origin = frame.origin(&self.model);
-        let start = self.model.about_centre(&frame.head[0], self.mirror.origin);
-        let shift = self.mirror.origin - origin;
+        let start = self.model.about_centre(&frame.head[0], self.origin);
+        let shift = self.origin - origin;
         // Positions move there in the first substep.
         if begins(steps) {
-            self.mirror.origin = origin;
+            self.origin = origin;
         }
         let mut uniform = FrameUniform::new(&self.rules, frame.dt_secs, frame.gravity, frame.air_velocity);
         self.kernels.write_terms(frame.dt_secs, &mut uniform);

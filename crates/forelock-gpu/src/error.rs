@@ -1,7 +1,8 @@
 //! Errors of a GPU.
 
-use forelock_core::strands::PackError;
 use forelock_core::params::ParamsError;
+use forelock_core::simulation::RegroomError;
+use forelock_core::strands::PackError;
 use forelock_core::strands::SnapshotError;
 
 /// An error of a GPU.
@@ -73,6 +74,9 @@ pub enum GpuError {
     /// The snapshot is of another groom.
     #[error(transparent)]
     Snapshot(#[from] SnapshotError),
+    /// The edited groom cannot be simulated in place of the present one.
+    #[error(transparent)]
+    Regroom(#[from] RegroomError),
 }
 
 fn list(names: &[String]) -> String {

@@ -5,10 +5,10 @@ use crate::kernel::{
     CELLS_GROUP, CELLS_THREADS, Constant, LIST_THREADS, Shader, Threads, WORKGROUP, bindings, shader,
 };
 use crate::uniforms::{FLAGS, FrameUniform, SubstepUniform};
-use forelock_core::lane::LANES;
-use forelock_core::strands::SCRATCH_ROWS;
-use forelock_core::solver::ams::solve_strands::PIVOT_FLOOR;
 use forelock_core::frame::{finish, restore_lengths};
+use forelock_core::lane::LANES;
+use forelock_core::solver::ams::solve_strands::PIVOT_FLOOR;
+use forelock_core::strands::SCRATCH_ROWS;
 
 /// Rows of the model a particle.
 pub const MODEL_ROWS: u32 = 7;

@@ -54,8 +54,10 @@ pub mod interaction;
 pub mod kernel;
 mod peaks;
 mod pipelines;
+mod positions;
 mod report;
 mod simulation;
+mod simulator;
 mod solver;
 pub mod uniforms;
 
@@ -64,7 +66,8 @@ pub use device::{Choice, Counts, Gpu};
 pub use error::GpuError;
 pub use guides::GpuSkinning;
 pub use peaks::Peaks;
-pub use report::GpuReport;
+pub use positions::{DeviceBlock, DevicePositions, PendingPositions};
+pub use report::{GpuReport, to_frame_report};
 pub use simulation::GpuSimulation;
 
 /// The shaders of all modules, for tests and tools.

@@ -5,10 +5,14 @@ use crate::interaction::contact::TouchEntry;
 use crate::interaction::grid::BoundsEntry;
 use crate::uniforms::ReportEntry;
 use crate::{GpuError, GpuSimulation};
-use forelock_core::frame::Step;
+use forelock_core::frame::{FrameReport, SphReport, StageTimes, Step};
 use forelock_core::interaction::contact::ContactReport;
 use forelock_core::interaction::grid::GridReport;
-use forelock_core::strands::State;
+use forelock_core::lane::Row;
+use forelock_core::solver::ams::solve_strands;
+use forelock_core::solver::dftl::follow_leader;
+use forelock_core::strands::{State, world_positions};
+use glam::Vec3;
 
 /// Bytes of a report that sum up frames; the rest is of the last frame.
 const SUMS: usize = std::mem::offset_of!(ReportEntry, contacts);
@@ -55,15 +59,55 @@ impl GpuSimulation {
         let read = self.gpu.read(&buffers)?;
         let mut read = read.iter().map(Vec::as_slice);
         let report = self.take_report(&mut read);
-        self.take_state(&mut read);
-        Ok((report, &self.mirror))
+        Ok((report, self.take_state(&mut read)))
     }
 
-    /// Copies the state to the CPU.
-    pub(crate) fn read_state(&mut self) -> Result<(), GpuError> {
+    /// Copies the state to the CPU. Waits for the device.
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`] if the device has failed.
+    pub fn read_state(&mut self) -> Result<&State<f32>, GpuError> {
         let read = self.gpu.read(&self.state_buffers().collect::<Vec<_>>())?;
-        self.take_state(&mut read.iter().map(Vec::as_slice));
+        Ok(self.take_state(&mut read.iter().map(Vec::as_slice)))
+    }
+
+    /// Positions in world space and the groom's order, `[P]`, metres. Waits for the device and copies
+    /// positions only; see [`GpuSimulation::begin_read`] for a copy without a wait.
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`] if the device has failed.
+    pub fn read_positions(&self, out: &mut Vec<Vec3>) -> Result<(), GpuError> {
+        let buffers: Vec<_> = self.batches.iter().map(|batch| &batch.positions).collect();
+        let rows: Vec<Row<f32>> = self
+            .gpu
+            .read(&buffers)?
+            .concat()
+            .chunks_exact(size_of::<Row<f32>>())
+            .map(bytemuck::pod_read_unaligned)
+            .collect();
+        world_positions(&self.model, &rows, self.origin, out);
         Ok(())
+    }
+
+    /// Memory for a read-back: that of the one before, if there was one.
+    pub(crate) fn take_memory(&mut self) -> State<f32> {
+        let made = || {
+            let mut state = State::at_rest(&self.model, &self.options.rest_pose);
+            if self.solver.channels().previous {
+                state.remember();
+            }
+            state
+        };
+        let mut state = self.read_back.take().unwrap_or_else(made);
+        state.origin = self.origin;
+        state
+    }
+
+    /// Uploads `state`.
+    pub(crate) fn write_state(&mut self, state: &State<f32>) {
+        self.batches.iter().for_each(|batch| batch.write(&self.gpu, state));
+        self.origin = state.origin;
+        self.positions.origin = state.origin;
     }
 
     fn report_buffers(&self) -> Vec<&wgpu::Buffer> {
@@ -104,11 +148,39 @@ impl GpuSimulation {
         }
     }
 
-    /// Copies the bytes of [`Self::state_buffers`] to the mirror.
-    fn take_state<'a>(&mut self, read: &mut impl Iterator<Item = &'a [u8]>) {
+    /// The state in the bytes of [`Self::state_buffers`].
+    fn take_state<'a>(&mut self, read: &mut impl Iterator<Item = &'a [u8]>) -> &State<f32> {
+        let mut state = self.take_memory();
         let mut next = || read.next().unwrap_or_default();
         for batch in &self.batches {
-            batch.take([next(), next(), next()], &mut self.mirror);
+            batch.take([next(), next(), next()], &mut state);
         }
+        self.read_back.insert(state)
     }
 }
+
+/// The report of a GPU in the form of the CPU's.
+pub fn to_frame_report(report: &GpuReport) -> FrameReport {
+    let stages = report.secs.as_ref().map(|secs| &secs.stages[..]).unwrap_or_default();
+    let follows = stages.iter().any(|(name, _)| *name == follow_leader::STAGE);
+    let mut times = StageTimes::default();
+    for &(name, secs) in stages {
+        // On the CPU the air is sampled by the stage that it is for.
+        let solve = if follows { follow_leader::STAGE } else { solve_strands::STAGE };
+        times.add(if name == SAMPLE_AIR { solve } else { name }, secs);
+    }
+    FrameReport {
+        max_edge_stretch: report.max_edge_stretch.into(),
+        max_edge_stretch_final: report.max_edge_stretch_final.into(),
+        max_penetration_m: report.max_penetration_m.into(),
+        touching: report.touching,
+        quarantined_strands: report.quarantined_strands,
+        grid: report.grid.unwrap_or_default(),
+        strand_contacts: report.strand_contacts.unwrap_or_default(),
+        sph: SphReport::default(),
+        stages: times,
+    }
+}
+
+/// The stage of the air.
+const SAMPLE_AIR: &str = "sample_air";

@@ -7,18 +7,19 @@ use crate::collide::{SolidKinds, Solids};
 use crate::interaction::contact::DeviceContacts;
 use crate::interaction::grid::DeviceGrid;
 use crate::interaction::sph::DeviceSph;
+use crate::positions::DevicePositions;
 use crate::solver::{self, GpuSolver};
 use crate::{Gpu, GpuError};
 use forelock_core::air::WindField;
 use forelock_core::body::ColliderFrame;
-use forelock_core::interaction::contact::ContactParams;
-use forelock_core::interaction::{contact, grid, sph};
-use forelock_core::interaction::grid::GridParams;
+use forelock_core::frame::{Exchange, Frame, FramePlan, FrameRules, PlannedStep, Solver};
 use forelock_core::groom::Groom;
-use forelock_core::strands::{Model, Strands};
-use forelock_core::frame::{Exchange, Frame, FrameRules, FramePlan, PlannedStep, Solver};
-use forelock_core::simulation::{Options, Simulation};
+use forelock_core::interaction::contact::ContactParams;
+use forelock_core::interaction::grid::GridParams;
 use forelock_core::interaction::sph::SphParams;
+use forelock_core::interaction::{contact, grid, sph};
+use forelock_core::simulation::{Options, Simulation};
+use forelock_core::strands::{Model, Strands};
 use forelock_core::strands::{Snapshot, State};
 use glam::DVec3;
 
@@ -35,8 +36,12 @@ use glam::DVec3;
 pub struct GpuSimulation {
     pub(crate) gpu: Gpu,
     pub(crate) model: Model<f32>,
-    /// The state as of the last read-back; its origin is always current.
-    pub(crate) mirror: State<f32>,
+    /// The point of the world that positions are relative to.
+    pub(crate) origin: DVec3,
+    /// Memory for read-backs of the state, once one was asked for.
+    pub(crate) read_back: Option<State<f32>>,
+    /// The positions, as renderers find them.
+    pub(crate) positions: DevicePositions,
     pub(crate) solver: Solver<f32>,
     pub(crate) kernels: Box<dyn GpuSolver>,
     pub(crate) rules: FrameRules,
@@ -52,15 +57,25 @@ pub struct GpuSimulation {
     pub(crate) grid: Option<DeviceGrid>,
     pub(crate) sph: Option<DeviceSph>,
     pub(crate) contacts: Option<DeviceContacts>,
+    /// Parameters of the interactions.
+    pub(crate) interactions: InteractionParams,
     /// Made at the first wind field.
     pub(crate) air: Option<DeviceAir>,
     pub(crate) clock: Option<Clock>,
 }
 
+/// Parameters of the interactions of a simulation.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct InteractionParams {
+    pub grid: Option<GridParams>,
+    pub sph: Option<SphParams>,
+    pub contacts: Option<ContactParams>,
+}
+
 /// Strands to be simulated and their state.
-struct Packed {
-    model: Model<f32>,
-    state: State<f32>,
+pub(crate) struct Packed {
+    pub model: Model<f32>,
+    pub state: State<f32>,
 }
 
 impl GpuSimulation {
@@ -107,13 +122,13 @@ impl GpuSimulation {
         Self::from_packed(gpu, packed, simulation.solver(), simulation.options())
     }
 
-    fn from_packed(
+    pub(crate) fn from_packed(
         gpu: &Gpu,
         packed: Packed,
         solver: &Solver<f32>,
         options: &Options,
     ) -> Result<Self, GpuError> {
-        let Packed { model, state: mirror } = packed;
+        let Packed { model, state } = packed;
         let ranges = split(gpu, &model)?;
         let places = |range: &std::ops::Range<usize>| {
             model.blocks[range.clone()].iter().map(|block| block.particles).sum::<usize>()
@@ -124,15 +139,17 @@ impl GpuSimulation {
         let solids = Solids::new(gpu, rules.substeps);
         let batch = |range| {
             let batch = Batch::new(gpu, &model, range);
-            batch.write(gpu, &mirror);
+            batch.write(gpu, &state);
             batch
         };
-        let batches = ranges.into_iter().map(batch).collect();
+        let batches: Vec<Batch> = ranges.into_iter().map(batch).collect();
         gpu.check()?;
         let mut made = Self {
             gpu: gpu.clone(),
             model,
-            mirror,
+            origin: state.origin,
+            read_back: None,
+            positions: DevicePositions::default(),
             solver: solver.clone(),
             kernels,
             rules,
@@ -147,9 +164,11 @@ impl GpuSimulation {
             grid: None,
             sph: None,
             contacts: None,
+            interactions: InteractionParams::default(),
             air: None,
             clock: None,
         };
+        made.positions = DevicePositions::of(&made.model, &made.batches, made.origin);
         made.bind();
         Ok(made)
     }
@@ -170,6 +189,7 @@ impl GpuSimulation {
     pub fn set_grid(&mut self, params: Option<&GridParams>) -> Result<(), GpuError> {
         let grid = params.map(|params| DeviceGrid::new(&self.gpu, self.strands(), params));
         self.grid = grid.transpose()?;
+        self.interactions.grid = params.cloned();
         self.rebind()
     }
 
@@ -181,6 +201,7 @@ impl GpuSimulation {
     pub fn set_sph(&mut self, params: Option<&SphParams>) -> Result<(), GpuError> {
         let sph = params.map(|params| DeviceSph::new(&self.gpu, self.strands(), params));
         self.sph = sph.transpose()?;
+        self.interactions.sph = params.cloned();
         self.rebind()
     }
 
@@ -192,11 +213,17 @@ impl GpuSimulation {
     pub fn set_contacts(&mut self, params: Option<&ContactParams>) -> Result<(), GpuError> {
         let contacts = params.map(|params| DeviceContacts::new(&self.gpu, self.strands(), params));
         self.contacts = contacts.transpose()?;
+        self.interactions.contacts = params.cloned();
         self.rebind()
     }
 
     fn rebind(&mut self) -> Result<(), GpuError> {
         self.bind();
+        self.replan()
+    }
+
+    /// Plans frames anew.
+    pub(crate) fn replan(&mut self) -> Result<(), GpuError> {
         self.plan = FramePlan::new(&self.rules, &self.exchanges());
         if self.clock.is_some() {
             self.time_stages(true);
@@ -287,12 +314,45 @@ impl GpuSimulation {
         stepped
     }
 
-    /// Some steps of a frame ([`GpuSimulation::plan`]), in their order, if the CPU runs the others.
+    /// Records a frame into the caller's `encoder`, for an engine that submits its own work: the
+    /// positions are in their buffers ([`GpuSimulation::positions`]) for what is recorded after it.
+    /// The frame's coefficients are written to the queue at once, and take effect before the next
+    /// submission: one frame a submission.
+    ///
+    /// # Errors
+    /// As [`GpuSimulation::step_frame`].
+    pub fn encode(
+        &mut self,
+        encoder: &mut wgpu::CommandEncoder,
+        frame: &Frame<'_>,
+        wind: Option<&WindField>,
+    ) -> Result<(), GpuError> {
+        let plan = std::mem::take(&mut self.plan);
+        let encoded = self.encode_part(encoder, frame, wind, plan.steps());
+        self.plan = plan;
+        encoded
+    }
+
+    /// Some steps of a frame ([`GpuSimulation::plan`]), in their order, if the CPU runs the others;
+    /// in a submission of their own.
     ///
     /// # Errors
     /// As [`GpuSimulation::step_frame`].
     pub fn step_part(
         &mut self,
+        frame: &Frame<'_>,
+        wind: Option<&WindField>,
+        steps: &[PlannedStep],
+    ) -> Result<(), GpuError> {
+        let mut encoder = self.gpu.device().create_command_encoder(&Default::default());
+        self.encode_part(&mut encoder, frame, wind, steps)?;
+        self.gpu.queue().submit([encoder.finish()]);
+        Ok(())
+    }
+
+    fn encode_part(
+        &mut self,
+        encoder: &mut wgpu::CommandEncoder,
         frame: &Frame<'_>,
         wind: Option<&WindField>,
         steps: &[PlannedStep],
@@ -308,8 +368,14 @@ impl GpuSimulation {
             self.rebind()?;
         }
         let shelter = self.write_frame(&Frame { air_velocity, ..*frame }, wind.as_ref(), steps);
-        self.submit(steps, SolidKinds::of(frame.colliders), shelter);
+        self.positions.origin = self.origin;
+        self.record_steps(encoder, steps, SolidKinds::of(frame.colliders), shelter);
         Ok(())
+    }
+
+    /// The positions where they are, on the device: no copy, no wait.
+    pub fn positions(&self) -> &DevicePositions {
+        &self.positions
     }
 
     /// Uploads the distance fields of `solids`, before a frame needs them.
@@ -330,7 +396,7 @@ impl GpuSimulation {
     /// [`GpuError::Failed`] if the device has failed.
     pub fn snapshot(&mut self) -> Result<Snapshot<f32>, GpuError> {
         self.read_state()?;
-        Ok(self.mirror.snapshot(&self.model))
+        Ok(self.read_back.as_ref().map(|state| state.snapshot(&self.model)).unwrap_or_default())
     }
 
     /// Restores a snapshot, of this or of a simulation of the same groom on a CPU.
@@ -339,8 +405,13 @@ impl GpuSimulation {
     /// [`GpuError::Snapshot`] if it is of another groom, [`GpuError::Failed`] if the device has
     /// failed.
     pub fn restore(&mut self, snapshot: &Snapshot<f32>) -> Result<(), GpuError> {
-        self.mirror.restore(&self.model, snapshot)?;
-        self.batches.iter().for_each(|batch| batch.write(&self.gpu, &self.mirror));
+        let mut state = self.take_memory();
+        let restored = state.restore(&self.model, snapshot);
+        if restored.is_ok() {
+            self.write_state(&state);
+        }
+        self.read_back = Some(state);
+        restored?;
         self.gpu.check()
     }
 

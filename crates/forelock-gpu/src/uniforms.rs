@@ -2,9 +2,9 @@
 
 use crate::kernel::Constant;
 use bytemuck::{Pod, Zeroable};
-use forelock_core::pose::Pose;
 use forelock_core::frame::FrameRules;
 use forelock_core::params::Inextensibility;
+use forelock_core::pose::Pose;
 use glam::{DMat4, DVec3, Mat4, Vec3};
 
 /// Coefficients of a frame: `Frame` in `prelude.wgsl`.

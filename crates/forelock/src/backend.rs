@@ -5,11 +5,11 @@
 //! the other; bits are the same only on the same device.
 
 use forelock_core::air::WindField;
+use forelock_core::frame::{Frame, FrameReport, FrameStep, Meeting, STAGES};
 use forelock_core::interaction::contact::{ContactParams, ContactReport};
 use forelock_core::interaction::grid::{GridParams, GridReport};
-use forelock_core::frame::{Frame, FrameReport, FrameStep, Meeting, STAGES};
-use forelock_core::simulation::{Simulation};
 use forelock_core::interaction::sph::{SphParams, SphReport};
+use forelock_core::simulation::Simulation;
 use forelock_gpu::{Choice, Gpu, GpuError, GpuReport, GpuSimulation};
 
 use crate::assets::Assets;

@@ -18,11 +18,11 @@ use std::time::Instant;
 
 use forelock_core::air::{Wind, WindParams};
 use forelock_core::body::ColliderFrame;
-use forelock_core::groom::guides::Skinning;
-use forelock_core::pose::Pose;
 use forelock_core::frame::{Frame, FrameReport};
+use forelock_core::groom::guides::Skinning;
+use forelock_core::lane::Simd;
+use forelock_core::pose::Pose;
 use forelock_core::simulation::{Options, Simulation};
-use forelock_core::lane::{Simd};
 use forelock_io::CacheWriter;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;

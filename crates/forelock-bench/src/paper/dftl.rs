@@ -10,12 +10,12 @@
 use std::ops::Range;
 use std::time::Instant;
 
+use forelock_core::frame::Frame;
 use forelock_core::groom::Groom;
 use forelock_core::pose::Pose;
-use forelock_core::solver::dftl::{STATED_STEP_SECS, Schedule};
-use forelock_core::solver::{DftlParams};
-use forelock_core::frame::{Frame};
 use forelock_core::simulation::{Options, Simulation};
+use forelock_core::solver::DftlParams;
+use forelock_core::solver::dftl::{STATED_STEP_SECS, Schedule};
 use forelock_gpu::{Choice, Gpu, GpuSimulation};
 use glam::{DQuat, DVec3, Vec3};
 use serde::Serialize;

@@ -2,11 +2,11 @@
 
 use std::f64::consts::TAU;
 
+use forelock_core::frame::Frame;
 use forelock_core::groom::Groom;
 use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams};
-use forelock_core::frame::{Frame};
 use forelock_core::simulation::{Options, Simulation};
+use forelock_core::solver::AmsParams;
 use glam::{DQuat, DVec3};
 
 use crate::BenchError;

@@ -32,8 +32,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::lane::{LANES, Real, Row};
-use crate::strands::Model;
 use crate::scratch::fill;
+use crate::strands::Model;
 
 /// Nodes along the longest side of the grid.
 pub const NODES: usize = 32;

@@ -1,8 +1,8 @@
 use super::*;
 use crate::body::{ColliderFrame, Shape};
 use crate::lane::Row;
-use crate::strands::{Model, Strands};
 use crate::pose::Pose;
+use crate::strands::{Model, Strands};
 
 fn windy() -> WindParams {
     WindParams {

@@ -4,10 +4,10 @@ use super::rules::FrameRules;
 use crate::air::sample_air::AirTerms;
 use crate::body::ColliderFrame;
 use crate::collide::resolve_solids::{SolidPose, Solids};
+use crate::lane::Real;
 use crate::lane::Simd;
 use crate::pose::Pose;
 use crate::strands::number;
-use crate::lane::Real;
 use glam::DVec3;
 
 /// All that blocks share in a frame.

@@ -21,9 +21,7 @@ pub(crate) use exchange::shared_secs;
 pub use exchange::{ExchangeContext, Interaction, with_motion};
 pub use input::{Frame, fractions};
 pub use plan::{CHECK, COLLIDE, Exchange, FramePlan, LENGTHS, Moves, Phase, PlannedStep, Step};
-pub use report::{
-    BlockNanos, BlockReport, ContactReport, FrameReport, GridReport, SphReport, StageTimes,
-};
+pub use report::{BlockNanos, BlockReport, ContactReport, FrameReport, GridReport, SphReport, StageTimes};
 pub use rules::{Channels, FrameRules, StepRate};
 pub use solver::{LaneSolver, Solver, SolverReal, StrandSolver};
 

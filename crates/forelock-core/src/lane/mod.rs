@@ -26,11 +26,11 @@ mod simd;
 mod x86;
 
 pub use math::{Mat3, Sym3, V3};
+pub(crate) use quad::Quad;
 pub use simd::Simd;
 #[cfg(target_arch = "x86_64")]
 pub(crate) use simd::with_features;
 pub(crate) use simd::{BASELINE_FMA, on};
-pub(crate) use quad::Quad;
 #[cfg(target_arch = "x86_64")]
 pub(crate) use x86::{Avx2, Avx512};
 

@@ -100,4 +100,3 @@ macro_rules! on {
     };
 }
 pub(crate) use on;
-

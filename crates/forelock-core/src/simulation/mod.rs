@@ -7,14 +7,14 @@ mod step;
 pub use crate::strands::Teleport;
 pub use regroom::{RegroomError, Regroomed, regroom};
 
+use crate::air::WindField;
 use crate::frame::{Exchange, Frame, FramePlan, FrameReport, Interaction, PlannedStep, Solver, SolverReal};
+use crate::groom::Groom;
 use crate::interaction::contact::{ContactInteraction, ContactParams};
 use crate::interaction::grid::{GridInteraction, GridParams};
 use crate::interaction::sph::find_neighbours::SearchReal;
 use crate::interaction::sph::{Sph, SphParams};
 use crate::interaction::{contact, grid, sph};
-use crate::air::WindField;
-use crate::groom::Groom;
 use crate::lane::{LANES, Row, Simd};
 use crate::params::ParamsError;
 use crate::pose::Pose;

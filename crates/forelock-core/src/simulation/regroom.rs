@@ -18,8 +18,8 @@ use glam::{DQuat, DVec3};
 use super::Simulation;
 use crate::groom::Groom;
 use crate::groom::edit::Source;
-use crate::strands::{Model, PackError};
 use crate::pose::Pose;
+use crate::strands::{Model, PackError};
 use crate::strands::{Snapshot, State, vector};
 
 /// Why an edited groom cannot be taken over.
@@ -218,10 +218,10 @@ mod tests {
     use glam::Vec3;
 
     use super::*;
+    use crate::frame::Frame;
     use crate::groom::edit::{Curl, Density, Edit, Lengthen, Mirror, Operation, Trim};
-    use crate::solver::{AmsParams};
-use crate::frame::{Frame};
-use crate::simulation::{Options};
+    use crate::simulation::Options;
+    use crate::solver::AmsParams;
 
     const GRAVITY: DVec3 = DVec3::new(0.0, -9.81, 0.0);
 

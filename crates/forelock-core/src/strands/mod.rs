@@ -10,5 +10,5 @@ pub(crate) use block_view::AIR_ROWS;
 pub use block_view::{BlockView, SCRATCH_ROWS, Scratch};
 pub use model::{Block, Chain, Model, PackError, Strands};
 pub(crate) use state::vec3;
-pub use state::{Snapshot, SnapshotError, State, Teleport, number, vector};
+pub use state::{Snapshot, SnapshotError, State, Teleport, number, vector, world_positions};
 pub use strand_frame::{StrandFrame, rest_edges};

@@ -1,9 +1,9 @@
 //! Model: what is derived once from a groom and its parameters, constant afterwards.
 
+use super::strand_frame::rest_edges;
 use crate::groom::Groom;
 use crate::lane::{LANES, Real, Row};
 use crate::pose::Pose;
-use super::strand_frame::rest_edges;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::ops::Range;

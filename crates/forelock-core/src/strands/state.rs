@@ -1,7 +1,7 @@
 //! State: what each step changes, and what a snapshot saves.
 
-use crate::lane::{LANES, Real, Row};
 use super::Model;
+use crate::lane::{LANES, Real, Row};
 use crate::pose::Pose;
 use glam::{DVec3, Vec3};
 
@@ -36,7 +36,7 @@ pub struct State<T> {
 }
 
 /// A state in the groom's order: resumes bit for bit.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Snapshot<T> {
     /// Positions relative to `origin`, `[P]`, metres.
     pub positions: Vec<[T; 3]>,
@@ -100,23 +100,9 @@ impl<T: Real> State<T> {
         self.origin = other.origin;
     }
 
-    /// Positions in world space and the groom's order, `[P]`, metres. Particles that a solver added
-    /// ([`Model::every`]) are left out.
+    /// Positions in world space and the groom's order, `[P]`, metres: see [`world_positions`].
     pub fn world_positions(&self, model: &Model<T>, out: &mut Vec<Vec3>) {
-        let every = model.every as usize;
-        // A strand of N particles of the groom has (N − 1) every + 1 here.
-        let groom = |chain: usize, strands: usize| (chain + strands * (every - 1)) / every;
-        out.resize(groom(model.particle_count, model.strand_count), Vec3::ZERO);
-        for block in &model.blocks {
-            for (lane, &strand) in block.strands[..block.live].iter().enumerate() {
-                let strand = strand as usize;
-                let from = groom(model.offsets[strand] as usize, strand);
-                for (p, place) in block.range().step_by(every).enumerate() {
-                    let relative = vec3(&self.positions, place, lane);
-                    out[from + p] = (self.origin + relative.as_dvec3()).as_vec3();
-                }
-            }
-        }
+        world_positions(model, &self.positions, self.origin, out);
     }
 
     /// Forgets where colliders were.
@@ -285,6 +271,25 @@ impl<T: Real> Snapshot<T> {
         take(bytemuck::cast_slice(&self.previous));
         take(bytemuck::cast_slice(&self.origin));
         hash ^ (hash >> 32)
+    }
+}
+
+/// Packed `positions` relative to `origin` in world space and the groom's order, `[P]`, metres.
+/// Particles that a solver added ([`Model::every`]) are left out.
+pub fn world_positions<T: Real>(model: &Model<T>, positions: &[Row<T>], origin: DVec3, out: &mut Vec<Vec3>) {
+    let every = model.every as usize;
+    // A strand of N particles of the groom has (N − 1) every + 1 here.
+    let groom = |chain: usize, strands: usize| (chain + strands * (every - 1)) / every;
+    out.resize(groom(model.particle_count, model.strand_count), Vec3::ZERO);
+    for block in &model.blocks {
+        for (lane, &strand) in block.strands[..block.live].iter().enumerate() {
+            let strand = strand as usize;
+            let from = groom(model.offsets[strand] as usize, strand);
+            for (p, place) in block.range().step_by(every).enumerate() {
+                let relative = vec3(positions, place, lane);
+                out[from + p] = (origin + relative.as_dvec3()).as_vec3();
+            }
+        }
     }
 }
 

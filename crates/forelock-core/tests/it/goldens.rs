@@ -8,17 +8,17 @@
 )]
 
 use crate::golden::{self, Backend, dftl, fluid, load, params};
-use forelock_core::strands::{Model, Strands};
-use forelock_core::solver::ams::Jacobian;
-use forelock_core::frame::{Frame};
-use forelock_core::solver::{MassSpringParams, Solver};
-use forelock_core::simulation::{Options, Simulation};
-use forelock_core::lane::Simd;
-use forelock_core::simulation::SimulationReal;
+use forelock_core::frame::Frame;
 use forelock_core::interaction::sph::Fluid;
 use forelock_core::interaction::sph::find_neighbours::{Neighbours, Particle};
 use forelock_core::interaction::sph::push_particles;
+use forelock_core::lane::Simd;
+use forelock_core::simulation::SimulationReal;
+use forelock_core::simulation::{Options, Simulation};
+use forelock_core::solver::ams::Jacobian;
+use forelock_core::solver::{MassSpringParams, Solver};
 use forelock_core::strands::Snapshot;
+use forelock_core::strands::{Model, Strands};
 use serde_json::Value;
 
 impl<T: SimulationReal> Backend for Simulation<T> {

@@ -12,13 +12,13 @@
 
 use forelock_core::air::{Wind, WindParams};
 use forelock_core::body::{ColliderFrame, Head, Sdf, Shape};
+use forelock_core::frame::Frame;
+use forelock_core::groom::grow::{GrowParams, grow_on_head};
 use forelock_core::interaction::contact::ContactParams;
 use forelock_core::interaction::grid::GridParams;
-use forelock_core::groom::grow::{GrowParams, grow_on_head};
 use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams};
-use forelock_core::frame::{Frame};
 use forelock_core::simulation::{Options, Simulation};
+use forelock_core::solver::AmsParams;
 use forelock_core::strands::vector;
 use glam::{DQuat, DVec3};
 use std::f64::consts::TAU;

@@ -31,11 +31,13 @@ use crate::kernel::{Bound, Constant, DispatchList, Shader, StrandThreads, Thread
 use crate::uniforms::{NO_EXTENT, rigid};
 use crate::{Gpu, GpuError};
 use bytemuck::{Pod, Zeroable};
+use forelock_core::interaction::contact::find_contacts::{
+    self, FEW, PIECE, PIECES, SEGMENT_CONTACTS, SLICES, search_edge,
+};
+use forelock_core::interaction::contact::resolve_contacts;
 use forelock_core::interaction::contact::{self, ContactParams, ContactReport, RUN_SEGMENTS, drift, fastest};
 use forelock_core::lane::{LANES, Row};
 use forelock_core::pose::Pose;
-use forelock_core::interaction::contact::find_contacts::{self, FEW, PIECE, PIECES, SEGMENT_CONTACTS, SLICES, search_edge};
-use forelock_core::interaction::contact::resolve_contacts;
 use glam::{Mat4, UVec3, Vec3};
 use wgpu::BufferUsages;
 

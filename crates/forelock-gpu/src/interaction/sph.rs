@@ -19,11 +19,11 @@ use crate::kernel::{Bound, Constant, DispatchList, Shader, StrandThreads, Thread
 use crate::{Gpu, GpuError};
 use bytemuck::{Pod, Zeroable};
 use forelock_core::interaction::contact::TABLE_WGSL;
-use forelock_core::lane::LANES;
-use forelock_core::lane::Simd;
-use forelock_core::interaction::sph::{self, Sph, SphParams};
 use forelock_core::interaction::sph::find_neighbours::{self, MOST_NEIGHBOURS};
 use forelock_core::interaction::sph::push_particles;
+use forelock_core::interaction::sph::{self, Sph, SphParams};
+use forelock_core::lane::LANES;
+use forelock_core::lane::Simd;
 use wgpu::BufferUsages;
 
 /// Numbers of a particle in `cloud` before its list of neighbours.

@@ -1,9 +1,9 @@
 //! Kernels of the augmented mass-spring solver.
 
-use crate::frame::WindBindings;
-use crate::kernel::{Constant, Kernel, Shader, Threads, shader};
 use super::{GpuSolver, SolveBatch};
+use crate::frame::WindBindings;
 use crate::kernel::DispatchList;
+use crate::kernel::{Constant, Kernel, Shader, Threads, shader};
 use crate::uniforms::{FrameUniform, flags};
 use forelock_core::frame::Solver;
 use forelock_core::lane::ASIN_RATIO;

@@ -1,10 +1,10 @@
 //! Kernels of follow the leader.
 
+use super::{GpuSolver, SolveBatch};
+use crate::batch::StrandGroups;
 use crate::collide::{MORPHING, PARTICLE_CONSTANTS, QueryUniform, RIGID, SHAPE_CONSTANTS, SolidKinds};
 use crate::frame::{StrandBindings, WindBindings};
 use crate::kernel::{Constant, DispatchList, Shader, Threads, bindings, shader};
-use super::{GpuSolver, SolveBatch};
-use crate::batch::StrandGroups;
 use crate::uniforms::{FrameUniform, SubstepUniform, flags};
 use forelock_core::body::SHAPES_WGSL;
 use forelock_core::collide::resolve_solids;

@@ -3,13 +3,13 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use forelock_core::interaction::contact::ContactParams;
-use forelock_core::interaction::grid::GridParams;
 use forelock_core::groom::grow::{GrowParams, PRESETS};
 use forelock_core::groom::{Import, Unit, Up};
-use forelock_core::solver::{AmsParams, DftlParams, MassSpringParams};
-use forelock_core::lane::{Simd};
+use forelock_core::interaction::contact::ContactParams;
+use forelock_core::interaction::grid::GridParams;
 use forelock_core::interaction::sph::SphParams;
+use forelock_core::lane::Simd;
+use forelock_core::solver::{AmsParams, DftlParams, MassSpringParams};
 use serde::de::value::SeqAccessDeserializer;
 use serde::de::{Deserializer, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize, Serializer};

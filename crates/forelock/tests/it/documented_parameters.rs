@@ -9,13 +9,17 @@ use forelock::Scene;
 use forelock::scene::Override;
 use forelock_core::interaction::contact::ContactParams;
 use forelock_core::interaction::grid::GridParams;
-use forelock_core::solver::{AmsParams, DftlParams, MassSpringParams};
 use forelock_core::interaction::sph::SphParams;
+use forelock_core::solver::{AmsParams, DftlParams, MassSpringParams};
 
 /// Kind of solver, the parameters' table in scenes, and their source.
 const TABLES: [(&str, &str, &str); 6] = [
     ("ams", "solver.ams", include_str!("../../../forelock-core/src/solver/ams/params.rs")),
-    ("mass-spring", "solver.mass_spring", include_str!("../../../forelock-core/src/solver/mass_spring/mod.rs")),
+    (
+        "mass-spring",
+        "solver.mass_spring",
+        include_str!("../../../forelock-core/src/solver/mass_spring/mod.rs"),
+    ),
     ("dftl", "solver.dftl", include_str!("../../../forelock-core/src/solver/dftl/params.rs")),
     ("ams", "interaction.grid", include_str!("../../../forelock-core/src/interaction/grid/params.rs")),
     ("ams", "interaction.sph", include_str!("../../../forelock-core/src/interaction/sph/params.rs")),

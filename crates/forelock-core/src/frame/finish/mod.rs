@@ -62,8 +62,7 @@ impl BlockTask for Finish {
             report.nanos.lengths += clock.lap();
         }
         if self.collides || self.checks {
-            let before =
-                restored.unwrap_or_else(|| restore_lengths::largest_stretch::<L>(view, group.first));
+            let before = restored.unwrap_or_else(|| restore_lengths::largest_stretch::<L>(view, group.first));
             // Where no length pass measures it.
             let unmeasured = cx.rules.restores_own_lengths || cx.rules.lengths == Inextensibility::Off;
             if restored.is_none() && unmeasured {

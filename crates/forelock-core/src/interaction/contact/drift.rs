@@ -3,8 +3,8 @@
 use super::Ways;
 use super::fastest::{Histogram, Last};
 use crate::lane::{LANES, Real};
-use crate::strands::Model;
 use crate::scratch::fill;
+use crate::strands::Model;
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 use std::cmp::Ordering;

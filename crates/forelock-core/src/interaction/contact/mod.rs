@@ -24,18 +24,18 @@ mod params;
 pub mod resolve_contacts;
 mod ways;
 
-pub(crate) use drift::{Drift, Farthest};
-pub(crate) use fastest::Histogram;
 pub use crate::frame::ContactReport;
-pub use exchange::EXCHANGE;
+pub(crate) use drift::{Drift, Farthest};
 pub(crate) use exchange::ContactInteraction;
+pub use exchange::EXCHANGE;
+pub(crate) use fastest::Histogram;
 pub use params::ContactParams;
 pub(crate) use ways::{Ways, closest};
 
-use crate::lane::{LANES, Real, Row};
-use crate::strands::Model;
-use crate::pose::Pose;
 use crate::lane::Simd;
+use crate::lane::{LANES, Real, Row};
+use crate::pose::Pose;
+use crate::strands::Model;
 use glam::Vec3;
 
 /// WGSL that the kernels of contacts share.

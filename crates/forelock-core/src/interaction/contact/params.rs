@@ -1,7 +1,7 @@
 //! Parameters of the contacts.
 
-use crate::params::{COUNT, NON_NEGATIVE, ParamsError, check};
 use crate::interaction::contact::find_contacts::SLOP;
+use crate::params::{COUNT, NON_NEGATIVE, ParamsError, check};
 
 /// Parameters of hair against hair, segment by segment.
 #[derive(Clone, Debug, PartialEq)]

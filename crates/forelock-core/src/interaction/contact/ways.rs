@@ -1,8 +1,8 @@
 //! The way of every particle in a frame, in the head's frame.
 
 use crate::lane::{LANES, Real, Row};
-use crate::strands::Model;
 use crate::pose::Pose;
+use crate::strands::Model;
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 

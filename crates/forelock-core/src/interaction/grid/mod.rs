@@ -32,17 +32,17 @@ mod segments;
 pub mod solve_pressure;
 pub mod splat_segments;
 
-pub use frame::{GridFrame, GridSolid, SolidMaps};
 pub use crate::frame::GridReport;
 pub use exchange::EXCHANGE;
 pub(crate) use exchange::GridInteraction;
+pub use frame::{GridFrame, GridSolid, SolidMaps};
 pub use params::GridParams;
 pub(crate) use segments::{Bounds, Chunk, Sample, Segments, View, between, split_rows};
 
 use crate::body::ColliderFrame;
 use crate::lane::{LANES, Real, Row};
-use crate::strands::Model;
 use crate::scratch::fill;
+use crate::strands::Model;
 use glam::DVec3;
 use rayon::prelude::*;
 

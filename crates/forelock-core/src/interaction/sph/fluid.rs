@@ -1,7 +1,7 @@
 //! The fluid's constants and its kernels.
 
-use crate::lane::Real;
 use crate::interaction::sph::find_neighbours::MOST_NEIGHBOURS;
+use crate::lane::Real;
 use crate::strands::number;
 use std::f64::consts::PI;
 

@@ -26,12 +26,12 @@ pub use exchange::EXCHANGE;
 pub use fluid::Fluid;
 pub use params::SphParams;
 
-use crate::lane::{LANES, Real, Row};
-use crate::strands::Model;
 use crate::lane::Simd;
+use crate::lane::{LANES, Real, Row};
 use crate::params::STATED_STEP_SECS;
-use find_neighbours::{CHUNK, Neighbours, Particle, SearchReal};
+use crate::strands::Model;
 use crate::strands::{State, number, vector};
+use find_neighbours::{CHUNK, Neighbours, Particle, SearchReal};
 use rayon::prelude::*;
 
 /// WGSL that the kernels of SPH share.

@@ -4,7 +4,8 @@
 //! enter the motion. They keep their meaning at any frame rate and number of substeps.
 
 use crate::params::{
-    COUNT, FLOAT32_STIFFNESS_LIMIT, Inextensibility, NON_NEGATIVE, POSITIVE, ParamsError, SHARE, check, check_time,
+    COUNT, FLOAT32_STIFFNESS_LIMIT, Inextensibility, NON_NEGATIVE, POSITIVE, ParamsError, SHARE, check,
+    check_time,
 };
 
 /// How a stretched spring enters the implicit matrix.
@@ -232,4 +233,3 @@ impl AmsParams {
         Ok(())
     }
 }
-

@@ -1,9 +1,9 @@
 use super::*;
+use crate::frame::Frame;
 use crate::groom::Groom;
+use crate::lane::Simd;
 use crate::pose::Pose;
 use crate::simulation::{Options, Simulation};
-use crate::frame::Frame;
-use crate::lane::Simd;
 use crate::strands::Snapshot;
 
 /// Splitmix: numbers from −1 to 1.
@@ -83,8 +83,7 @@ fn positions_are_the_grooms() {
         .map(|n| straight(n).iter().map(|p| p.as_vec3() + glam::Vec3::X * n as f32).collect())
         .into();
     let groom = Groom::from_strands(strands).unwrap();
-    let mut simulation =
-        Simulation::new(&groom, &MassSpringParams::default(), &Options::default()).unwrap();
+    let mut simulation = Simulation::new(&groom, &MassSpringParams::default(), &Options::default()).unwrap();
     assert_eq!((simulation.model().particle_count, simulation.solver().rules().clamped), (9 + 3 + 17, 3));
     let mut positions = Vec::new();
     simulation.positions(&mut positions);

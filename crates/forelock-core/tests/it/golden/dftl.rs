@@ -2,12 +2,12 @@
 
 use super::{Backend, numbers, vec3, vectors};
 use forelock_core::body::{ColliderFrame, Shape};
+use forelock_core::frame::Frame;
 use forelock_core::lane::Real;
-use forelock_core::strands::Strands;
 use forelock_core::pose::Pose;
+use forelock_core::simulation::Options;
 use forelock_core::solver::{DftlParams, Solver};
-use forelock_core::frame::{Frame};
-use forelock_core::simulation::{Options};
+use forelock_core::strands::Strands;
 use glam::{DQuat, DVec3};
 use num_traits::ToPrimitive;
 use serde_json::Value;

@@ -2,13 +2,13 @@
 
 use super::dftl::{poses, strands};
 use super::{Backend, vectors};
-use forelock_core::strands::{Model, Strands};
-use forelock_core::solver::{DftlParams, Solver};
-use forelock_core::frame::{Frame};
-use forelock_core::simulation::{Options};
-use forelock_core::lane::Simd;
-use forelock_core::simulation::SimulationReal;
+use forelock_core::frame::Frame;
 use forelock_core::interaction::sph::{Sph, SphParams};
+use forelock_core::lane::Simd;
+use forelock_core::simulation::Options;
+use forelock_core::simulation::SimulationReal;
+use forelock_core::solver::{DftlParams, Solver};
+use forelock_core::strands::{Model, Strands};
 use glam::DVec3;
 use num_traits::ToPrimitive;
 use serde_json::Value;

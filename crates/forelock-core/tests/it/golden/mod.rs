@@ -6,13 +6,13 @@ pub mod dftl;
 pub mod fluid;
 
 use forelock_core::body::{ColliderFrame, Shape};
+use forelock_core::frame::Frame;
 use forelock_core::lane::Real;
-use forelock_core::strands::{Model, Strands};
 use forelock_core::pose::Pose;
+use forelock_core::simulation::Options;
 use forelock_core::solver::ams::{AngularForm, Inextensibility, IntegrityForm, Jacobian};
 use forelock_core::solver::{AmsParams, Solver};
-use forelock_core::frame::{Frame};
-use forelock_core::simulation::{Options};
+use forelock_core::strands::{Model, Strands};
 use forelock_core::strands::{Snapshot, number};
 use glam::{DQuat, DVec3};
 use num_traits::ToPrimitive;

@@ -3,10 +3,10 @@
 use crate::rig::{DT, G, GRAVITY, Rig, bare, real, simds, tuft};
 use forelock_core::air::{Wind, WindParams};
 use forelock_core::body::{ColliderFrame, Shape};
+use forelock_core::frame::Frame;
+use forelock_core::lane::Simd;
 use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams};
-use forelock_core::frame::{Frame};
-use forelock_core::lane::{Simd};
+use forelock_core::solver::AmsParams;
 use glam::DVec3;
 
 /// A free straight strand along `along` in still air: the speed at which its middle falls after `secs`, and the sideways one.

@@ -1,10 +1,10 @@
 //! Motions that can be written down: fall, drag, pendulum, ties.
 
 use crate::rig::{DT, G, Rig, bare, helix, largest};
+use forelock_core::lane::Simd;
 use forelock_core::pose::Pose;
+use forelock_core::solver::AmsParams;
 use forelock_core::solver::ams::Inextensibility;
-use forelock_core::solver::{AmsParams};
-use forelock_core::lane::{Simd};
 use glam::DVec3;
 use std::f64::consts::{PI, TAU};
 

@@ -4,11 +4,11 @@ use crate::rig::{DT, Random, Rig, Strand, assert_one_hash, largest, shake, tuft,
 use forelock_core::body::{ColliderFrame, Shape};
 use forelock_core::interaction::contact::{ContactParams, Contacts};
 use forelock_core::lane::Row;
-use forelock_core::strands::{Model, Strands};
+use forelock_core::lane::Simd;
 use forelock_core::pose::Pose;
+use forelock_core::solver::AmsParams;
 use forelock_core::solver::ams::Inextensibility;
-use forelock_core::solver::{AmsParams};
-use forelock_core::lane::{Simd};
+use forelock_core::strands::{Model, Strands};
 use glam::{DQuat, DVec3};
 
 const SIDE: usize = 12;

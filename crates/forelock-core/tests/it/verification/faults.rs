@@ -1,10 +1,10 @@
 //! What may go wrong and is caught: poisoned strands, heads that jump, memory that grows.
 
 use crate::rig::{DT, LENGTH, Rig, helix, largest, shake, simds, tuft};
+use forelock_core::lane::Simd;
 use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams};
-use forelock_core::lane::{Simd};
-use forelock_core::simulation::{Teleport};
+use forelock_core::simulation::Teleport;
+use forelock_core::solver::AmsParams;
 use forelock_core::strands::Snapshot;
 use glam::{DQuat, DVec3};
 

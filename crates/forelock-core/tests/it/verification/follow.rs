@@ -2,14 +2,14 @@
 
 use crate::rig::{DT, G, GRAVITY, LENGTH, Rig, Strand, assert_one_hash, helix, largest, shake, tuft, vector};
 use forelock_core::body::{ColliderFrame, Shape};
+use forelock_core::frame::Frame;
 use forelock_core::groom::Groom;
-use forelock_core::pose::Pose;
-use forelock_core::solver::{DftlParams};
-use forelock_core::frame::{Frame};
-use forelock_core::simulation::{Options, Simulation, Teleport};
-use forelock_core::lane::Simd;
-use forelock_core::simulation::SimulationReal;
 use forelock_core::interaction::sph::SphParams;
+use forelock_core::lane::Simd;
+use forelock_core::pose::Pose;
+use forelock_core::simulation::SimulationReal;
+use forelock_core::simulation::{Options, Simulation, Teleport};
+use forelock_core::solver::DftlParams;
 use glam::{DQuat, DVec3, Vec3};
 use std::f64::consts::TAU;
 

@@ -3,10 +3,10 @@
 use crate::rig::{DT, Rig, assert_one_hash, shake, tuft};
 use forelock_core::interaction::grid::{Grid, GridFrame, GridMoment, GridParams, GridReport};
 use forelock_core::lane::{LANES, Row};
-use forelock_core::strands::{Model, Strands};
 use forelock_core::pose::Pose;
 use forelock_core::solver::AmsParams;
 use forelock_core::strands::vector;
+use forelock_core::strands::{Model, Strands};
 use glam::{DQuat, DVec3};
 
 /// A ball of short free strands: 10 cm across, three particles 5 mm apart each.

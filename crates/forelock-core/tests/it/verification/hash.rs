@@ -2,9 +2,9 @@
 
 use crate::rig::{DT, Rig, shake, simds, tuft};
 use forelock_core::body::{ColliderFrame, Shape};
+use forelock_core::lane::Simd;
 use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams};
-use forelock_core::lane::{Simd};
+use forelock_core::solver::AmsParams;
 use glam::{DQuat, DVec3};
 
 const FRAMES: u32 = 16;

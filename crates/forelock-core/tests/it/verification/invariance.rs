@@ -1,10 +1,10 @@
 //! What must not matter: where the scene is, how large, how fast the frames come, and which strands are beside.
 
 use crate::rig::{DT, GRAVITY, LENGTH, Rig, Strand, helix, largest, shake, simds, tuft};
+use forelock_core::lane::Simd;
 use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams};
-use forelock_core::simulation::{Options};
-use forelock_core::lane::{Simd};
+use forelock_core::simulation::Options;
+use forelock_core::solver::AmsParams;
 use forelock_core::strands::Snapshot;
 use glam::{DQuat, DVec3};
 

@@ -1,10 +1,10 @@
 //! The non-Hookean curve of the integrity ties: its values, its smoothness, its memory.
 
 use crate::rig::{DT, Rig, bare, real, simds};
-use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams};
 use forelock_core::lane::Simd;
+use forelock_core::pose::Pose;
 use forelock_core::simulation::SimulationReal;
+use forelock_core::solver::AmsParams;
 
 fn params() -> AmsParams {
     AmsParams { k_integrity: 100.0, non_hookean: true, substeps: 1, ..bare() }

@@ -1,13 +1,13 @@
 //! Smoothed particles against what is known of them: neighbours by brute force, densities of a lattice, momentum, hair at rest.
 
 use crate::rig::{GRAVITY, Random, Rig, assert_one_hash, shake, tuft};
-use forelock_core::lane::Real;
-use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams, DftlParams, Solver};
-use forelock_core::lane::{Simd};
-use forelock_core::interaction::sph::{Fluid, Sph, SphParams};
 use forelock_core::interaction::sph::find_neighbours::{Neighbours, Particle, SearchReal};
 use forelock_core::interaction::sph::push_particles;
+use forelock_core::interaction::sph::{Fluid, Sph, SphParams};
+use forelock_core::lane::Real;
+use forelock_core::lane::Simd;
+use forelock_core::pose::Pose;
+use forelock_core::solver::{AmsParams, DftlParams, Solver};
 use glam::DVec3;
 
 /// A cloud of `count` particles in a cube of side 2, several to a strand, some in one place.

@@ -1,16 +1,16 @@
 //! A strand or some on a head that moves: the bench on which the other modules measure. SI units.
 
 use forelock_core::body::ColliderFrame;
+use forelock_core::frame::{Frame, FrameReport};
 use forelock_core::lane::Real;
-use forelock_core::strands::Strands;
+use forelock_core::lane::Simd;
 use forelock_core::pose::Pose;
+use forelock_core::simulation::SimulationReal;
+use forelock_core::simulation::{Options, Simulation};
 use forelock_core::solver::ams::{AngularForm, Inextensibility};
 use forelock_core::solver::{AmsParams, Solver};
-use forelock_core::frame::{Frame, FrameReport};
-use forelock_core::simulation::{Options, Simulation};
-use forelock_core::lane::Simd;
-use forelock_core::simulation::SimulationReal;
 use forelock_core::strands::Snapshot;
+use forelock_core::strands::Strands;
 use glam::{DQuat, DVec3};
 use std::f64::consts::TAU;
 

@@ -2,10 +2,10 @@
 
 use crate::rig::{DT, Rig, bare, helix, real, shake, simds, tuft};
 use forelock_core::body::{ColliderFrame, Shape};
-use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams};
 use forelock_core::lane::Simd;
+use forelock_core::pose::Pose;
 use forelock_core::simulation::SimulationReal;
+use forelock_core::solver::AmsParams;
 use glam::{DQuat, DVec3};
 
 fn on_head(shape: &Shape, local: Pose, from: Pose, to: Pose) -> ColliderFrame<'_> {

@@ -2,9 +2,9 @@
 
 use crate::rig::{DT, Rig, Strand};
 use forelock_core::body::{ColliderFrame, Morph, Prop, Sdf, Shape};
+use forelock_core::lane::Simd;
 use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams};
-use forelock_core::lane::{Simd};
+use forelock_core::solver::AmsParams;
 use glam::{DQuat, DVec3};
 use std::sync::Arc;
 

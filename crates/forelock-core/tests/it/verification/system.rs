@@ -2,12 +2,12 @@
 
 use crate::dense::{self, Matrix};
 use crate::rig::{GRAVITY, Random, Rig, helix, real, simds, vector};
-use forelock_core::pose::Pose;
-use forelock_core::solver::ams::{AngularForm, Inextensibility, IntegrityForm, Jacobian};
-use forelock_core::solver::{AmsParams};
-use forelock_core::simulation::{Options};
 use forelock_core::lane::Simd;
+use forelock_core::pose::Pose;
+use forelock_core::simulation::Options;
 use forelock_core::simulation::SimulationReal;
+use forelock_core::solver::AmsParams;
+use forelock_core::solver::ams::{AngularForm, Inextensibility, IntegrityForm, Jacobian};
 use glam::{DMat3, DQuat, DVec3};
 
 /// All that enters the system of one substep.

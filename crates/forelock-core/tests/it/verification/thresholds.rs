@@ -1,11 +1,11 @@
 //! The table of thresholds, row by row. Its other rows are in `system` (dense solve) and `solids` (penetration, friction).
 
 use crate::rig::{DT, G, GRAVITY, LENGTH, Rig, helix, largest, shake, simds};
-use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams};
-use forelock_core::simulation::{Options};
 use forelock_core::lane::Simd;
+use forelock_core::pose::Pose;
+use forelock_core::simulation::Options;
 use forelock_core::simulation::SimulationReal;
+use forelock_core::solver::AmsParams;
 use glam::{DQuat, DVec3};
 
 fn default_rig<T: SimulationReal>(simd: Simd) -> Rig<T> {

@@ -5,11 +5,11 @@
 use crate::common;
 use forelock_core::air::{Wind, WindField, WindParams};
 use forelock_core::body::{ColliderFrame, Sdf, Shape};
-use forelock_core::strands::Strands;
+use forelock_core::frame::Frame;
 use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams};
-use forelock_core::frame::{Frame};
 use forelock_core::simulation::{Options, Simulation};
+use forelock_core::solver::AmsParams;
+use forelock_core::strands::Strands;
 use forelock_gpu::{Gpu, GpuSimulation};
 use glam::{DQuat, DVec3, UVec3, Vec3};
 use std::sync::Arc;

@@ -7,13 +7,13 @@ use crate::common::{
     shaken::{self, GRAVITY, apart, error_of_strands, options},
 };
 use forelock_core::body::{ColliderFrame, Head, Morph, Sdf, Shape};
+use forelock_core::frame::Frame;
 use forelock_core::interaction::contact::ContactParams;
-use forelock_core::strands::Strands;
 use forelock_core::pose::Pose;
+use forelock_core::simulation::Simulation;
 use forelock_core::solver::ams::{AngularForm, Inextensibility, IntegrityForm, Jacobian};
 use forelock_core::solver::{AmsParams, MassSpringParams};
-use forelock_core::frame::{Frame};
-use forelock_core::simulation::{Simulation};
+use forelock_core::strands::Strands;
 use forelock_gpu::{Choice, Gpu, GpuError, GpuSimulation};
 use glam::{DQuat, DVec3};
 use std::sync::Arc;

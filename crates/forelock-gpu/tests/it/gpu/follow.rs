@@ -9,15 +9,15 @@ use crate::common::{
 };
 use forelock_core::air::{Wind, WindField, WindParams};
 use forelock_core::body::{ColliderFrame, Head, Sdf, Shape};
+use forelock_core::frame::Frame;
 use forelock_core::interaction::contact::ContactParams;
 use forelock_core::interaction::grid::GridParams;
-use forelock_core::strands::Strands;
+use forelock_core::interaction::sph::SphParams;
 use forelock_core::pose::Pose;
+use forelock_core::simulation::Simulation;
 use forelock_core::solver::dftl::Schedule;
 use forelock_core::solver::{AmsParams, DftlParams, Solver};
-use forelock_core::frame::{Frame};
-use forelock_core::simulation::{Simulation};
-use forelock_core::interaction::sph::SphParams;
+use forelock_core::strands::Strands;
 use forelock_gpu::{Gpu, GpuSimulation};
 use glam::{DQuat, DVec3};
 

@@ -8,12 +8,12 @@
 
 use crate::common;
 use crate::golden::{self, Backend, dftl, fluid, load};
-use forelock_core::strands::{Model, Strands};
+use forelock_core::frame::Frame;
+use forelock_core::simulation::Options;
 use forelock_core::solver::dftl::Schedule;
 use forelock_core::solver::{DftlParams, Solver};
-use forelock_core::frame::{Frame};
-use forelock_core::simulation::{Options};
 use forelock_core::strands::Snapshot;
+use forelock_core::strands::{Model, Strands};
 use forelock_gpu::{Gpu, GpuSimulation};
 use serde_json::Value;
 

@@ -8,13 +8,13 @@
 
 use crate::common::{self, little};
 use forelock_core::body::{ColliderFrame, Shape};
+use forelock_core::frame::Frame;
 use forelock_core::interaction::grid::GridParams;
-use forelock_core::strands::Strands;
 use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams};
-use forelock_core::frame::{Frame};
 use forelock_core::simulation::{Options, Simulation};
+use forelock_core::solver::AmsParams;
 use forelock_core::strands::Snapshot;
+use forelock_core::strands::Strands;
 use forelock_gpu::{Choice, Gpu, GpuError, GpuSimulation};
 use glam::{DQuat, DVec3, Vec3};
 use std::ops::Range;

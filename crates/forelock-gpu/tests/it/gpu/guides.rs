@@ -1,12 +1,12 @@
 //! Guides that carry all strands on the GPU, against the same on the CPU.
 
 use crate::common;
+use forelock_core::frame::Frame;
 use forelock_core::groom::grow::{GrowParams, grow_on_head};
 use forelock_core::groom::guides::Skinning;
 use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams};
-use forelock_core::frame::{Frame};
 use forelock_core::simulation::{Options, Simulation};
+use forelock_core::solver::AmsParams;
 use forelock_gpu::{GpuError, GpuSimulation, GpuSkinning};
 use glam::{DQuat, DVec3, Vec3};
 

@@ -22,8 +22,8 @@ pub use meet::{CLOSE, REST_SHARE, STEPS};
 
 use crate::interaction::contact::{Contact, ContactParams, Drift, Farthest, Histogram, Ways};
 use crate::lane::Real;
-use crate::strands::Model;
 use crate::lane::Simd;
+use crate::strands::Model;
 use cells::{Cells, Chunk, Marks, Shelf};
 use rayon::prelude::*;
 use std::cmp::Ordering;

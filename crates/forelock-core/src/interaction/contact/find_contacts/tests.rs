@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::lane::{LANES, Row};
-use crate::strands::Strands;
 use crate::pose::Pose;
+use crate::strands::Strands;
 use std::collections::BTreeSet;
 
 /// Numbers between −1 and 1.

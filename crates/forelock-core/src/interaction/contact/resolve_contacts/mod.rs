@@ -27,12 +27,12 @@
 
 mod spread;
 
+use crate::collide::resolve_solids::note_one;
 use crate::interaction::contact::{Contact, ContactParams, ContactReport, NONE, Rows, Ways};
 use crate::lane::{LANES, Real, Row};
-use crate::strands::Model;
 use crate::pose::Pose;
 use crate::scratch::fill;
-use crate::collide::resolve_solids::note_one;
+use crate::strands::Model;
 use crate::strands::{number, vec3};
 use glam::Vec3;
 use rayon::prelude::*;

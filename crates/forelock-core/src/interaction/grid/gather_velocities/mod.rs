@@ -13,10 +13,10 @@
 
 #![expect(clippy::needless_range_loop, reason = "one lane of several arrays")]
 
+use crate::interaction::grid::splat_segments::{Stencils, stencils, weights};
 use crate::interaction::grid::{Bounds, Grid, GridMoment, View, between, split_rows};
 use crate::lane::{LANES, Quad, Real, Row};
 use crate::strands::{Block, Model};
-use crate::interaction::grid::splat_segments::{Stencils, stencils, weights};
 
 /// Adds the grid's change to the velocities of all particles but the `clamped` first of each strand.
 pub fn gather<T: Real>(

@@ -3,8 +3,8 @@
 use crate::body::{ColliderFrame, Shape};
 use crate::interaction::grid::{Grid, GridFrame, GridMoment, GridParams, Segments};
 use crate::lane::Row;
-use crate::strands::{Model, Strands};
 use crate::pose::Pose;
+use crate::strands::{Model, Strands};
 use glam::DVec3;
 
 /// A block of hair, a side of 20 cm: strands along y, 5 mm apart, a particle every centimetre.

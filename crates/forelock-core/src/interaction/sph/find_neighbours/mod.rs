@@ -20,10 +20,10 @@
 //! # Limitations
 //! Where more than K are within h the farther ones are left out: densities of hair that is denser than the lists saturate.
 
-use crate::lane::{LANES, Lane, Real, Row};
-use crate::scratch::{fill, resize};
-use crate::lane::{Simd, on};
 use crate::interaction::sph::Fluid;
+use crate::lane::{LANES, Lane, Real, Row};
+use crate::lane::{Simd, on};
+use crate::scratch::{fill, resize};
 use crate::strands::number;
 use rayon::prelude::*;
 use std::ops::Range;

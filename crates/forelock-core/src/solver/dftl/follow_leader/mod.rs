@@ -27,10 +27,10 @@
 //! # Limitations
 //! Followers do not pull at leaders within a step; swings of long strands lose energy by that (`damping`). Steps are all as long: what velocities hold, and how fast hair moved in the step before, is of that length.
 
-use crate::lane::{Lane, Mat3, V3};
-use crate::pose::Pose;
 use crate::collide::resolve_solids::{LevelSolids, SolidContacts};
+use crate::lane::{Lane, Mat3, V3};
 use crate::params::STATED_STEP_SECS;
+use crate::pose::Pose;
 use crate::solver::DftlParams;
 use crate::strands::{BlockView, StrandFrame};
 use glam::DVec3;

@@ -1,0 +1,202 @@
+//! The seam of simulators: the CPU's [`Simulation`], a GPU's, a learned one, a cache's playback.
+//!
+//! Players, windows and engines hold a `Box<dyn Simulator>` and need not know where it computes.
+//!
+//! ```
+//! use forelock_core::frame::Frame;
+//! use forelock_core::groom::Groom;
+//! use forelock_core::pose::Pose;
+//! use forelock_core::simulation::{Options, Simulation, Teleport};
+//! use forelock_core::simulator::{HostPositions, Simulator};
+//! use forelock_core::solver::AmsParams;
+//! use glam::{DVec3, Vec3};
+//!
+//! let strand = (0..10).map(|i| Vec3::new(0.0, -0.01 * i as f32, 0.0)).collect::<Vec<_>>();
+//! let groom = Groom::from_strands([strand])?;
+//! let simulation = Simulation::new(&groom, &AmsParams::default(), &Options::default())?;
+//! let mut simulator: Box<dyn Simulator> = Box::new(HostPositions::new(simulation));
+//! let head = [Pose::IDENTITY; 2];
+//! let gravity = DVec3::new(0.0, -9.81, 0.0);
+//! let still =
+//!     Frame { head, colliders: &[], gravity, air_velocity: DVec3::ZERO, dt_secs: 1.0 / 60.0 };
+//! simulator.step(&still, None)?;
+//! let there = Pose { translation: DVec3::X, ..Pose::IDENTITY };
+//! simulator.teleport(&Pose::IDENTITY, &there, Teleport::CarryShape)?;
+//! assert!((simulator.positions()?.host().unwrap()[0].x - 1.0).abs() < 1e-6);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+use crate::air::WindField;
+use crate::frame::{Frame, FramePlan, FrameReport, Solver};
+use crate::groom::Groom;
+use crate::groom::edit::Source;
+use crate::params::ParamsError;
+use crate::pose::Pose;
+use crate::simulation::{RegroomError, Simulation};
+use crate::strands::{Model, Snapshot, SnapshotError, Teleport};
+use glam::Vec3;
+use std::any::Any;
+use std::fmt::Debug;
+
+/// Why a simulator cannot do what it is asked for.
+#[derive(Debug, thiserror::Error)]
+pub enum SimulatorError {
+    /// A parameter is out of its range, or the frame's time and stiffness are beyond float32.
+    #[error(transparent)]
+    Params(#[from] ParamsError),
+    /// The snapshot is of another groom.
+    #[error("the snapshot does not fit: {0}")]
+    Snapshot(#[from] SnapshotError),
+    /// The edited groom cannot be simulated in place of the present one.
+    #[error("the edited groom cannot be simulated: {0}")]
+    Regroom(#[from] RegroomError),
+    /// The device that it runs on has failed or has no room.
+    #[error(transparent)]
+    Device(Box<dyn std::error::Error + Send + Sync>),
+}
+
+/// Where the positions of a frame are.
+#[derive(Clone, Copy, Debug)]
+pub enum Positions<'a> {
+    /// In memory: world space and the groom's order, `[P]`, metres.
+    Host(&'a [Vec3]),
+    /// On a device. The crate of the device knows the type: `forelock_gpu::DevicePositions`.
+    Device(&'a dyn Any),
+}
+
+impl<'a> Positions<'a> {
+    /// Positions in memory; none if they are on a device.
+    pub fn host(self) -> Option<&'a [Vec3]> {
+        if let Self::Host(positions) = self { Some(positions) } else { None }
+    }
+
+    /// Positions on a device as `D`; none if they are in memory or of another type.
+    pub fn device<D: 'static>(self) -> Option<&'a D> {
+        if let Self::Device(handle) = self { handle.downcast_ref() } else { None }
+    }
+}
+
+/// Something that moves the strands of a groom frame by frame.
+pub trait Simulator: Debug + Send {
+    /// Advances by a frame, in a `wind` that is not the same everywhere if there is one, to which
+    /// the frame's air velocity is added. A device reports when it has finished the frame.
+    ///
+    /// # Errors
+    /// [`SimulatorError::Params`] or [`SimulatorError::Device`].
+    fn step(&mut self, frame: &Frame<'_>, wind: Option<&WindField>) -> Result<FrameReport, SimulatorError>;
+
+    /// The positions after the last frame, where they are: a device does not copy them.
+    ///
+    /// # Errors
+    /// [`SimulatorError::Device`].
+    fn positions(&mut self) -> Result<Positions<'_>, SimulatorError>;
+
+    /// A copy of the state that resumes bit for bit.
+    ///
+    /// # Errors
+    /// [`SimulatorError::Device`].
+    fn snapshot(&mut self) -> Result<Snapshot<f32>, SimulatorError>;
+
+    /// Goes back to a snapshot, of this or of another simulator of the same groom.
+    ///
+    /// # Errors
+    /// [`SimulatorError::Snapshot`] or [`SimulatorError::Device`].
+    fn restore(&mut self, snapshot: &Snapshot<f32>) -> Result<(), SimulatorError>;
+
+    /// The head jumps from pose `from` to pose `to` between frames.
+    ///
+    /// # Errors
+    /// [`SimulatorError::Device`].
+    fn teleport(&mut self, from: &Pose, to: &Pose, mode: Teleport) -> Result<(), SimulatorError>;
+
+    /// Changes the parameters, or the solver, from the next frame on.
+    ///
+    /// # Errors
+    /// [`SimulatorError::Params`] if one is out of range; nothing is changed then.
+    /// [`SimulatorError::Device`].
+    fn set_params(&mut self, solver: &Solver<f32>) -> Result<(), SimulatorError>;
+
+    /// Continues with the edited `groom`, whose strands come from those simulated so far as `sources`
+    /// say, with the head at `head`.
+    ///
+    /// # Errors
+    /// [`SimulatorError::Regroom`]; nothing is changed then. [`SimulatorError::Device`].
+    fn regroom(&mut self, groom: &Groom, sources: &[Source], head: &Pose) -> Result<(), SimulatorError>;
+
+    /// The steps of a frame.
+    fn plan(&self) -> &FramePlan;
+
+    /// The strands.
+    fn model(&self) -> &Model<f32>;
+
+    /// Bytes held, on the device where there is one.
+    fn bytes(&self) -> u64;
+}
+
+/// A simulation on the CPU with a list of its positions.
+#[derive(Debug)]
+pub struct HostPositions {
+    simulation: Simulation<f32>,
+    positions: Vec<Vec3>,
+}
+
+impl HostPositions {
+    /// Around `simulation`.
+    pub fn new(simulation: Simulation<f32>) -> Self {
+        Self { simulation, positions: Vec::new() }
+    }
+
+    /// The simulation.
+    pub fn simulation(&self) -> &Simulation<f32> {
+        &self.simulation
+    }
+
+    /// The simulation, to be changed.
+    pub fn simulation_mut(&mut self) -> &mut Simulation<f32> {
+        &mut self.simulation
+    }
+}
+
+impl Simulator for HostPositions {
+    fn step(&mut self, frame: &Frame<'_>, wind: Option<&WindField>) -> Result<FrameReport, SimulatorError> {
+        Ok(self.simulation.step_frame_in(frame, wind)?)
+    }
+
+    fn positions(&mut self) -> Result<Positions<'_>, SimulatorError> {
+        self.simulation.positions(&mut self.positions);
+        Ok(Positions::Host(&self.positions))
+    }
+
+    fn snapshot(&mut self) -> Result<Snapshot<f32>, SimulatorError> {
+        Ok(self.simulation.snapshot())
+    }
+
+    fn restore(&mut self, snapshot: &Snapshot<f32>) -> Result<(), SimulatorError> {
+        Ok(self.simulation.restore(snapshot)?)
+    }
+
+    fn teleport(&mut self, from: &Pose, to: &Pose, mode: Teleport) -> Result<(), SimulatorError> {
+        self.simulation.teleport(from, to, mode);
+        Ok(())
+    }
+
+    fn set_params(&mut self, solver: &Solver<f32>) -> Result<(), SimulatorError> {
+        Ok(self.simulation.set_params(solver)?)
+    }
+
+    fn regroom(&mut self, groom: &Groom, sources: &[Source], head: &Pose) -> Result<(), SimulatorError> {
+        Ok(self.simulation.regroom(groom, sources, head)?)
+    }
+
+    fn plan(&self) -> &FramePlan {
+        self.simulation.plan()
+    }
+
+    fn model(&self) -> &Model<f32> {
+        self.simulation.model()
+    }
+
+    fn bytes(&self) -> u64 {
+        self.simulation.memory().total() as u64
+    }
+}

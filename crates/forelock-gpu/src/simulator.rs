@@ -1,0 +1,150 @@
+//! The simulator of a GPU: what changes a simulation as a whole.
+
+use crate::positions::DevicePositions;
+use crate::report::to_frame_report;
+use crate::simulation::Packed;
+use crate::solver;
+use crate::{GpuError, GpuSimulation};
+use forelock_core::air::WindField;
+use forelock_core::frame::{Frame, FramePlan, FrameReport, Solver};
+use forelock_core::groom::Groom;
+use forelock_core::groom::edit::Source;
+use forelock_core::pose::Pose;
+use forelock_core::simulation::{Regroomed, regroom};
+use forelock_core::simulator::{Positions, Simulator, SimulatorError};
+use forelock_core::strands::{Model, Snapshot, State, Teleport};
+
+impl GpuSimulation {
+    /// The head jumps from pose `from` to pose `to` between frames. The state is read back, moved as on
+    /// the CPU and uploaded.
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`] if the device has failed.
+    pub fn teleport(&mut self, from: &Pose, to: &Pose, mode: Teleport) -> Result<(), GpuError> {
+        if mode == Teleport::Reset {
+            let mut state = State::at_rest(&self.model, to);
+            self.solver.channels().prepare(&mut self.model, &mut state);
+            self.write_state(&state);
+            self.read_back = Some(state);
+        } else {
+            self.read_state()?;
+            let mut state = self.take_memory();
+            state.carry(&to.after(&from.inverse()), mode, self.solver.rate().usual_secs());
+            self.write_state(&state);
+            self.read_back = Some(state);
+        }
+        self.gpu.check()
+    }
+
+    /// Changes the parameters, or the solver, from the next frame on. Buffers are made again only where
+    /// the solver asks for others.
+    ///
+    /// # Errors
+    /// [`GpuError::Params`] if a parameter is out of range, [`GpuError::Unsupported`] for a solver
+    /// without kernels; nothing is changed then. [`GpuError::TooLarge`] or [`GpuError::Failed`] if there
+    /// is no room.
+    pub fn set_params(&mut self, solver: impl Into<Solver<f32>>) -> Result<(), GpuError> {
+        let solver = solver.into();
+        solver.validate()?;
+        let (kernels, rules) = (solver::of(&solver)?, solver.rules());
+        let longest = self.model.longest() as u32;
+        let entries = kernels.substep_entries(rules.substeps, longest);
+        let same = rules.substeps == self.rules.substeps
+            && entries == self.kernels.substep_entries(self.rules.substeps, longest)
+            && solver.channels() == self.solver.channels();
+        if same {
+            (self.solver, self.kernels, self.rules) = (solver, kernels, rules);
+            return self.replan();
+        }
+        self.read_state()?;
+        let (mut model, mut state) = (self.model.clone(), self.take_memory());
+        solver.channels().prepare(&mut model, &mut state);
+        self.replace(Packed { model, state }, &solver)
+    }
+
+    /// Continues with the edited `groom`, whose strands come from those simulated so far as `sources`
+    /// say, with the head at `head`.
+    ///
+    /// # Errors
+    /// [`GpuError::Regroom`] if the groom cannot be simulated or the sources do not fit; nothing is
+    /// changed then. [`GpuError::TooLarge`] or [`GpuError::Failed`] if there is no room.
+    pub fn regroom(&mut self, groom: &Groom, sources: &[Source], head: &Pose) -> Result<(), GpuError> {
+        self.read_state()?;
+        let state = self.take_memory();
+        let edited = regroom(&self.model, &state, groom, sources, head);
+        self.read_back = Some(state);
+        let Regroomed { mut model, mut state } = edited?;
+        let solver = self.solver.clone();
+        solver.channels().prepare(&mut model, &mut state);
+        self.replace(Packed { model, state }, &solver)
+    }
+
+    /// Continues with other strands or another solver, with the same interactions and settings.
+    fn replace(&mut self, packed: Packed, solver: &Solver<f32>) -> Result<(), GpuError> {
+        let mut made = Self::from_packed(&self.gpu, packed, solver, &self.options)?;
+        made.set_half_factors(self.half_factors);
+        made.set_grid(self.interactions.grid.as_ref())?;
+        made.set_sph(self.interactions.sph.as_ref())?;
+        made.set_contacts(self.interactions.contacts.as_ref())?;
+        if self.clock.is_some() {
+            made.time_stages(true);
+        }
+        *self = made;
+        Ok(())
+    }
+}
+
+impl From<GpuError> for SimulatorError {
+    fn from(error: GpuError) -> Self {
+        match error {
+            GpuError::Params(error) => error.into(),
+            GpuError::Snapshot(error) => error.into(),
+            GpuError::Regroom(error) => error.into(),
+            other => Self::Device(Box::new(other)),
+        }
+    }
+}
+
+impl Simulator for GpuSimulation {
+    fn step(&mut self, frame: &Frame<'_>, wind: Option<&WindField>) -> Result<FrameReport, SimulatorError> {
+        self.step_frame_in(frame, wind)?;
+        Ok(to_frame_report(&self.report()?))
+    }
+
+    fn positions(&mut self) -> Result<Positions<'_>, SimulatorError> {
+        let positions: &DevicePositions = Self::positions(self);
+        Ok(Positions::Device(positions))
+    }
+
+    fn snapshot(&mut self) -> Result<Snapshot<f32>, SimulatorError> {
+        Ok(Self::snapshot(self)?)
+    }
+
+    fn restore(&mut self, snapshot: &Snapshot<f32>) -> Result<(), SimulatorError> {
+        Ok(Self::restore(self, snapshot)?)
+    }
+
+    fn teleport(&mut self, from: &Pose, to: &Pose, mode: Teleport) -> Result<(), SimulatorError> {
+        Ok(Self::teleport(self, from, to, mode)?)
+    }
+
+    fn set_params(&mut self, solver: &Solver<f32>) -> Result<(), SimulatorError> {
+        Ok(Self::set_params(self, solver)?)
+    }
+
+    fn regroom(&mut self, groom: &Groom, sources: &[Source], head: &Pose) -> Result<(), SimulatorError> {
+        Ok(Self::regroom(self, groom, sources, head)?)
+    }
+
+    fn plan(&self) -> &FramePlan {
+        Self::plan(self)
+    }
+
+    fn model(&self) -> &Model<f32> {
+        Self::model(self)
+    }
+
+    fn bytes(&self) -> u64 {
+        Self::bytes(self)
+    }
+}
