@@ -7,7 +7,7 @@ pub mod fluid;
 
 use forelock_core::body::{ColliderFrame, Shape};
 use forelock_core::frame::Frame;
-use forelock_core::lane::Real;
+use forelock_core::frame::SolverReal;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::Options;
 use forelock_core::solver::ams::{AngularForm, Inextensibility, IntegrityForm, Jacobian};
@@ -21,7 +21,7 @@ use serde_json::Value;
 /// What runs strands.
 pub trait Backend {
     /// Its numbers.
-    type Real: Real;
+    type Real: SolverReal;
     fn step_frame(&mut self, frame: &Frame<'_>);
     fn snapshot(&mut self) -> Snapshot<Self::Real>;
     fn restore(&mut self, snapshot: &Snapshot<Self::Real>);

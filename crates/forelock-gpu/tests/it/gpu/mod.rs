@@ -7,3 +7,5 @@ mod follow;
 mod goldens;
 mod grid;
 mod guides;
+mod pipelines;
+mod simulator;

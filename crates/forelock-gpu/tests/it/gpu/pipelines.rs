@@ -2,20 +2,16 @@
 
 #![expect(clippy::unwrap_used, reason = "in a test a failure to build is a failure of the test")]
 
-mod common;
-#[path = "common/shaken.rs"]
-#[expect(dead_code, reason = "other tests use the rest")]
-mod shaken;
-
+use crate::common;
+use crate::common::shaken::{GRAVITY, head, options, tuft};
 use forelock_core::body::{ColliderFrame, Shape};
 use forelock_core::interaction::grid::GridParams;
 use forelock_core::strands::Strands;
 use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams};
-use forelock_core::frame::{Frame};
+use forelock_core::solver::AmsParams;
+use forelock_core::frame::Frame;
 use forelock_gpu::{Choice, Gpu, GpuSimulation};
 use glam::DVec3;
-use shaken::{GRAVITY, head, options, tuft};
 
 /// A frame at rest among `colliders`.
 fn still<'a>(colliders: &'a [ColliderFrame<'a>]) -> Frame<'a> {
@@ -29,8 +25,9 @@ fn entries(gpu: &Gpu) -> Vec<&'static str> {
 }
 
 #[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
 fn a_frame_makes_only_the_pipelines_that_it_needs() {
-    let Some(gpu) = common::gpu() else { return };
+    let gpu = common::gpu();
     // A device of its own: pipelines belong to the device.
     let gpu = Gpu::open(&Choice::Named(gpu.name().to_owned())).unwrap();
     let (positions, offsets) = tuft(40, |_| 8, [0.001, 0.01]);
