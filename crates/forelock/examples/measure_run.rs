@@ -1,4 +1,5 @@
-//! Measures what runs left in their folders, without the solver: `measure_run FOLDER…` prints a table's rows.
+//! Measures what runs left in their folders, without the solver: `measure_run FOLDER…` prints a
+//! table's rows.
 #![expect(clippy::print_stdout, clippy::expect_used, reason = "a program for developers")]
 
 use std::path::PathBuf;

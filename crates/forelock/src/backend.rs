@@ -1,19 +1,20 @@
 //! Where a run computes.
 //!
 //! # Practice
-//! On a GPU each frame is stepped there, and its state brought to a simulation on the CPU that stands for it: positions, snapshots and hashes are read from that. A snapshot of one goes on on
-//! the other; bits are the same only on the same device.
+//! On a GPU each frame is stepped there, and its state is read back into a simulation on the CPU:
+//! positions, snapshots and hashes come from that. A snapshot of one continues on the other; bits
+//! are equal on the same device only.
 
 use forelock_core::air::WindField;
+use forelock_core::body::ColliderFrame;
 use forelock_core::contact::{ContactParams, ContactReport};
 use forelock_core::grid::{GridParams, GridReport};
 use forelock_core::solver::{Frame, FrameReport, FrameStep, Meeting, STAGES, Simulation};
 use forelock_core::sph::{SphParams, SphReport};
 use forelock_gpu::{Choice, Gpu, GpuError, GpuReport, GpuSimulation};
 
-use crate::assets::Assets;
-use crate::run::RunError;
-use crate::scene::{InteractionKind, Scene};
+use crate::player::PlayerError;
+use crate::scene::{InteractionKind, InteractionSection};
 
 /// Where to compute.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -21,11 +22,15 @@ pub enum Backend {
     /// On this processor.
     #[default]
     Cpu,
-    /// On a graphics processor; an error where there is none, or where it cannot do what the scene asks for.
+    /// On a graphics processor; an error where there is none, or where it cannot do what the scene
+    /// asks for.
     Gpu,
-    /// On a graphics processor if there is one that can do what the scene asks for, else on this one.
+    /// On a graphics processor if there is one that can do what the scene asks for, else on this
+    /// one.
     Auto,
-    /// On a graphics processor, but for the stages before this one, wherever they come in the frame: if a result is wrong with one stage and right with the next, the first of the two is at fault.
+    /// On a graphics processor, but for the stages before this one, wherever they come in the
+    /// frame: if a result is wrong with one stage and right with the next, the first of the two is
+    /// at fault.
     GpuFrom(GpuStage),
 }
 
@@ -84,29 +89,57 @@ impl GpuStage {
     }
 }
 
+/// What a scene asks of a device.
+#[derive(Clone, Copy)]
+pub(crate) struct DeviceNeeds<'a> {
+    pub(crate) interaction: &'a InteractionSection,
+    /// The solids of the first frame.
+    pub(crate) solids: &'a [ColliderFrame<'a>],
+}
+
+/// Where a simulation runs.
+#[derive(Debug, Default)]
+pub(crate) struct Placed {
+    /// The device; none for the CPU.
+    pub(crate) device: Option<Device>,
+    /// What the user should know about the choice.
+    pub(crate) note: Option<String>,
+}
+
 impl Backend {
-    /// The device of `scene` on which `simulation` goes on, none for the CPU, and what is worth telling about the choice.
-    pub(crate) fn device(
+    /// The device that continues `simulation`.
+    pub(crate) fn place(
         self,
-        (scene, assets): (&Scene, &Assets),
+        needs: DeviceNeeds<'_>,
         simulation: &Simulation,
-    ) -> Result<(Option<Device>, Option<String>), RunError> {
+    ) -> Result<Placed, PlayerError> {
         if self == Self::Cpu {
-            return Ok((None, None));
+            return Ok(Placed::default());
         }
         let from = if let Self::GpuFrom(stage) = self { stage } else { GpuStage::FindNeighbours };
-        match Device::open((scene, assets), simulation, (from, self != Self::Auto)) {
+        let chosen = Chosen { from, software: self != Self::Auto };
+        match Device::open(chosen, needs, simulation) {
             Ok(device) => {
                 let note = (device.is_mixed() && device.passes_over(simulation)).then(|| {
                     let name = from.name();
                     format!("no frame of this scene has {name}: what would come after it is on the GPU")
                 });
-                Ok((Some(device), note))
+                Ok(Placed { device: Some(device), note })
             }
-            Err(error) if self == Self::Auto => Ok((None, Some(format!("on the CPU: {error}")))),
+            Err(error) if self == Self::Auto => {
+                Ok(Placed { device: None, note: Some(format!("on the CPU: {error}")) })
+            }
             Err(error) => Err(error.into()),
         }
     }
+}
+
+/// Which device, and what runs on it.
+struct Chosen {
+    /// Stages before this one run on the CPU.
+    from: GpuStage,
+    /// Whether a processor that emulates a GPU will do: it is slower than the CPU's solver.
+    software: bool,
 }
 
 /// A simulation on a GPU.
@@ -120,34 +153,40 @@ pub(crate) struct Device {
     from: GpuStage,
     /// None only after an error.
     simulation: Option<GpuSimulation>,
-    /// What the last frame took by its own clock, if it has one.
+    /// Seconds of the last frame on the device's clock, if it has one.
     pub(crate) frame_secs: Option<f64>,
 }
 
 impl Device {
-    /// On a processor that plays a GPU only if `software` will do: it is slower than itself.
-    fn open(
-        (scene, assets): (&Scene, &Assets),
-        simulation: &Simulation,
-        (from, software): (GpuStage, bool),
-    ) -> Result<Self, GpuError> {
+    fn open(chosen: Chosen, needs: DeviceNeeds<'_>, simulation: &Simulation) -> Result<Self, GpuError> {
         let gpu = Gpu::open(&Choice::Fastest)?;
-        if gpu.is_software() && !software {
+        if gpu.is_software() && !chosen.software {
             return Err(GpuError::None { reason: format!("{} is software", gpu.name()) });
         }
-        let meets = scene.interaction.kind == InteractionKind::Grid;
-        let grid = meets.then(|| scene.interaction.grid.clone());
-        let particles = scene.interaction.kind == InteractionKind::Sph;
-        let particles = particles.then(|| scene.interaction.sph.clone());
-        let contacts = scene.interaction.contacts.then(|| scene.interaction.contact.clone());
-        let mut own = Self { simulation: None, gpu, grid, particles, contacts, from, frame_secs: None };
-        own.begin_anew(simulation)?;
-        let times = [0.0, 1.0 / scene.time.fps];
-        own.own()?.hold(&assets.collider_frames(times, times.map(|time| assets.head_pose(time))))?;
-        Ok(own)
+        let mut device = Self {
+            simulation: None,
+            gpu,
+            grid: None,
+            particles: None,
+            contacts: None,
+            from: chosen.from,
+            frame_secs: None,
+        };
+        device.set_interaction(needs.interaction);
+        device.rebuild(simulation)?;
+        device.simulation_mut()?.hold(needs.solids)?;
+        Ok(device)
     }
 
-    fn own(&mut self) -> Result<&mut GpuSimulation, GpuError> {
+    /// Changes the interaction of strands from the next [`Device::rebuild`] on.
+    pub(crate) fn set_interaction(&mut self, section: &InteractionSection) {
+        let InteractionSection { kind, grid, sph, contacts, contact } = section;
+        self.grid = (*kind == InteractionKind::Grid).then(|| grid.clone());
+        self.particles = (*kind == InteractionKind::Sph).then(|| sph.clone());
+        self.contacts = contacts.then(|| contact.clone());
+    }
+
+    fn simulation_mut(&mut self) -> Result<&mut GpuSimulation, GpuError> {
         let name = self.gpu.name();
         let reason = "it has no simulation after an error".to_owned();
         self.simulation.as_mut().ok_or_else(|| GpuError::Failed { name: name.to_owned(), reason })
@@ -180,11 +219,12 @@ impl Device {
 
     /// Takes the state of `simulation` over.
     pub(crate) fn take(&mut self, simulation: &Simulation) -> Result<(), GpuError> {
-        self.own()?.restore(&simulation.snapshot())
+        self.simulation_mut()?.restore(&simulation.snapshot())
     }
 
-    /// Goes on with `simulation`, whose strands are other ones now. What there was goes first, for there may not be room for both.
-    pub(crate) fn begin_anew(&mut self, simulation: &Simulation) -> Result<(), GpuError> {
+    /// Continues `simulation`, whose strands or parameters have changed. The old simulation is
+    /// dropped first: there may not be room for both.
+    pub(crate) fn rebuild(&mut self, simulation: &Simulation) -> Result<(), GpuError> {
         self.simulation = None;
         let mut own = GpuSimulation::continuing(&self.gpu, simulation)?;
         // What the CPU does is not asked of the device.
@@ -202,25 +242,26 @@ impl Device {
         frame: &Frame<'_>,
         wind: Option<&WindField>,
         simulation: &mut Simulation,
-    ) -> Result<FrameReport, RunError> {
+    ) -> Result<FrameReport, PlayerError> {
         if self.is_mixed() {
             return self.step_mixed(frame, wind, simulation);
         }
-        let own = self.own()?;
+        let own = self.simulation_mut()?;
         own.step_frame_in(frame, wind)?;
         let (report, state) = own.report_and_state()?;
         simulation.state_mut().take(state);
         self.frame_secs = report.secs.map(|secs| secs.whole);
-        Ok(told(&report))
+        Ok(to_report(&report))
     }
 
-    /// Steps a frame, some of it on `simulation`: the state goes to and fro. After an error the simulation is where it was before the frame.
+    /// Steps a frame, some of it on `simulation`: the state goes to and fro. After an error the
+    /// simulation is where it was before the frame.
     fn step_mixed(
         &mut self,
         frame: &Frame<'_>,
         wind: Option<&WindField>,
         simulation: &mut Simulation,
-    ) -> Result<FrameReport, RunError> {
+    ) -> Result<FrameReport, PlayerError> {
         let before = simulation.snapshot();
         let stepped = self.step_by_step(frame, wind, simulation);
         if stepped.is_err() {
@@ -234,23 +275,23 @@ impl Device {
         frame: &Frame<'_>,
         wind: Option<&WindField>,
         simulation: &mut Simulation,
-    ) -> Result<FrameReport, RunError> {
+    ) -> Result<FrameReport, PlayerError> {
         let from = self.from;
-        let own = self.own()?;
+        let own = self.simulation_mut()?;
         let steps: Vec<_> = FrameStep::all(simulation.params(), simulation.meeting()).collect();
-        let looks = |step: &FrameStep| {
+        let collides = |step: &FrameStep| {
             use FrameStep::{FollowLeader, LastSolids, ResolveSolids};
             matches!(step, ResolveSolids(_) | FollowLeader | LastSolids)
         };
-        let last_look = steps.iter().rfind(|step| looks(step)).copied();
+        let last_collision = steps.iter().rfind(|step| collides(step)).copied();
         let mut sum = FrameReport::default();
         for part in steps.chunk_by(|a, b| from.is_after(*a) == from.is_after(*b)) {
             if !from.is_after(part[0]) {
                 own.step_part(frame, wind, part)?;
                 let (report, state) = own.report_and_state()?;
                 simulation.state_mut().take(state);
-                let mut report = told(&report);
-                // What meets in no step of this part was told before.
+                let mut report = to_report(&report);
+                // Interactions outside this part were reported before.
                 if !part.contains(&FrameStep::Grid) {
                     report.grid = GridReport::default();
                 }
@@ -262,8 +303,8 @@ impl Device {
             }
             for step in part {
                 let mut report = simulation.step_part(frame, wind, *step)?;
-                // Solids have their word at the last look.
-                if Some(*step) != last_look {
+                // Contacts are reported from the final collision pass.
+                if Some(*step) != last_collision {
                     (report.touching, report.max_penetration_m) = (0, 0.0);
                 }
                 sum = sum.and(&report);
@@ -274,8 +315,8 @@ impl Device {
     }
 }
 
-/// What a GPU tells of a frame, as the CPU tells it.
-fn told(report: &GpuReport) -> FrameReport {
+/// The report of a GPU in the form of the CPU's.
+fn to_report(report: &GpuReport) -> FrameReport {
     let stages = report.secs.map(|secs| secs.stages);
     let ran = |name: &str| stages.iter().flatten().any(|(own, secs)| *own == name && *secs > 0.0);
     let follows = ran("follow_leader");

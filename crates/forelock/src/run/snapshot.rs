@@ -17,8 +17,8 @@ pub(crate) struct Snapshot {
     /// Frames done.
     pub(crate) frame: u32,
     pub(crate) quarantined_strands: u64,
-    /// Largest stretch after the length pass, the same after solids, deepest penetration in metres, largest share of particles
-    /// more than 1 mm inside, most contacts between strands.
+    /// Largest stretch after the length pass, the same after solids, deepest penetration in metres,
+    /// largest share of particles more than 1 mm inside, most contacts between strands.
     pub(crate) worst: [f64; 5],
     /// What each frame took and found.
     pub(crate) rows: Vec<FrameRow>,
@@ -52,7 +52,7 @@ const ROWS: &str = "frames";
 /// Name of the array of where that was.
 const MACHINE: &str = "machine";
 
-/// Stages of which frames tell the time, each also the name of an array.
+/// Timed stages; each is also the name of an array.
 fn timed() -> impl Iterator<Item = &'static str> {
     STAGES.into_iter().chain([SKIN_STRANDS, WRITE_CACHE])
 }
