@@ -13,7 +13,7 @@ pub enum BenchError {
     Asset(#[from] forelock::AssetError),
     /// A scene cannot be simulated.
     #[error(transparent)]
-    Run(#[from] forelock::RunError),
+    Player(#[from] forelock::PlayerError),
     /// The solver refuses groom or parameters.
     #[error("the solver cannot take this scene: {0}")]
     Build(#[from] forelock_core::simulation::BuildError),

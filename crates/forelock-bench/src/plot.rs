@@ -1,4 +1,5 @@
-//! Line and bar plots as SVG, drawn here: nothing to install, sharp at any size, and small beside a picture.
+//! Line and bar plots as SVG, drawn here: nothing to install, sharp at any size, and small beside a
+//! picture.
 
 use std::fmt::Write as _;
 
@@ -10,9 +11,9 @@ const SIZE: [f64; 2] = [840.0, 320.0];
 const FRAME: [f64; 4] = [64.0, 34.0, 540.0, 276.0];
 /// Ticks along an axis, about.
 const TICKS: f64 = 5.0;
-/// Most points of a line that are drawn: two a pixel tell no more.
+/// Most points of a line that are drawn: two a pixel would show no more.
 const POINTS: usize = 480;
-/// Colours of the lines in turn (Okabe and Ito 2008, told apart by colour-blind eyes).
+/// Colours of the lines in turn (Okabe and Ito 2008, distinct to colour-blind readers).
 const COLOURS: [&str; 8] =
     ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#444444", "#999999"];
 
@@ -45,7 +46,8 @@ pub struct Plot {
 }
 
 impl Plot {
-    /// The plot as a standalone SVG document: y from zero, or from the least value if that is below, to the greatest.
+    /// The plot as a standalone SVG document: y from zero, or from the least value if that is
+    /// below, to the greatest.
     pub fn to_svg(&self) -> String {
         let all = || self.lines.iter().flat_map(|line| &line.values).copied().filter(|y| y.is_finite());
         let (ticks, bottom, top) = ticks(all().fold(0.0, f64::min), all().fold(0.0, f64::max));
@@ -247,7 +249,8 @@ mod tests {
             lines: vec![line(vec![0.0, 1.0, f64::NAN, 0.5])],
         };
         let svg = plot.to_svg();
-        // From the lower left corner to the upper edge at a third of the width, and on without what is not a number.
+        // From the lower left corner to the upper edge at a third of the width, and on without what
+        // is not a number.
         assert!(svg.contains("points=\"64.0,276.0 222.7,34.0 540.0,155.0\""), "{svg}");
         assert!(svg.contains("a &lt; b") && svg.contains("stroke-dasharray"), "{svg}");
         assert_eq!(svg.matches("<svg").count(), svg.matches("</svg>").count());

@@ -1,12 +1,17 @@
 //! How the time of a frame grows with the strands, and how near it comes to what the device can do.
 //!
 //! # Practice
-//! Straight strands of 25 particles grown on the built-in head, which turns against its own distance field; hair meets on a grid, if asked for. A frame's time is the mean of some
-//! after some to warm up, handed over one after the other and waited for now and then and at their end; stages are means of the same frames, on a GPU of a few frames more, by its own clock.
+//! Straight strands of 25 particles grown on the built-in head, which turns against its distance
+//! field; strands interact on a grid, if asked for. The time of a frame is a mean over several
+//! frames after a warm-up. They are submitted one after the other; the host waits after every few
+//! of them and at the end. Times of stages are means of the same frames; on a GPU, of a few more
+//! frames on the device's clock.
 //!
-//! The roof is measured first: independent multiply–adds, and a copy of what no cache holds. Beside it stands the strand solve, whose operations are counted by `cargo run --release -p
-//! forelock-core --example roofline`, and whose traffic is what it reads and writes when each number goes to memory once: a frame on the CPU, a substep on a GPU. Few strands stay in a
-//! cache, so that their share of the memory's peak may be more than there is.
+//! The roof is measured first: independent multiply–adds, and a copy of what no cache holds. Beside
+//! it stands the strand solve, whose operations are counted by `cargo run --release -p
+//! forelock-core --example roofline`, and whose traffic is what it reads and writes when each
+//! number goes to memory once: a frame on the CPU, a substep on a GPU. Few strands stay in a cache,
+//! so that their share of the memory's peak may be more than there is.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -40,7 +45,8 @@ pub const STRANDS: [u32; 6] = [1_000, 10_000, 30_000, 120_000, 400_000, 1_000_00
 const PARTICLES: u32 = 25;
 /// Float32 operations of the strand solve, a particle and substep.
 const OPERATIONS: f64 = 770.0;
-/// Bytes that it moves there on a GPU: 28 of the model, 48 of positions and velocities, 4 of ties, 240 of factors.
+/// Bytes that it moves there on a GPU: 28 of the model, 48 of positions and velocities, 4 of ties,
+/// 240 of factors.
 const GPU_BYTES: f64 = 320.0;
 /// The same with factors in 16 bits.
 const GPU_BYTES_HALVED: f64 = 224.0;
@@ -61,7 +67,7 @@ pub struct ScalingOptions {
     pub most: u32,
     /// Frames timed, 1 at least.
     pub frames: u32,
-    /// Whether hair meets on a grid.
+    /// Whether strands interact on a grid.
     pub grid: bool,
     /// Whether segments of strands touch.
     pub contacts: bool,
@@ -80,7 +86,7 @@ pub struct Scaling {
     pub substeps: u32,
     /// Frames timed.
     pub frames: u32,
-    /// Whether hair meets on a grid.
+    /// Whether strands interact on a grid.
     pub grid: bool,
     /// Whether segments of strands touch.
     pub contacts: bool,
@@ -105,7 +111,8 @@ pub struct ScalingRow {
     pub particles: usize,
     /// Milliseconds a frame.
     pub ms_per_frame: f64,
-    /// Milliseconds a frame of each stage that ran; on the CPU of work, summed over threads and shared out among them. Empty of a GPU without a clock.
+    /// Milliseconds a frame of each stage that ran; on the CPU of work, summed over threads and
+    /// shared out among them. Empty of a GPU without a clock.
     pub ms_per_stage: BTreeMap<&'static str, f64>,
     /// Bytes held, a particle.
     pub bytes_per_particle: f64,
@@ -124,7 +131,7 @@ enum On {
 }
 
 impl On {
-    /// Tells `tally` what the last frame took on a GPU, by its clock.
+    /// Adds the times of the last frame on a GPU to `tally`.
     fn add_to(&mut self, tally: &mut Tally) -> Result<(), BenchError> {
         if let Self::Gpu(simulation) = self {
             let report = simulation.report()?;
@@ -157,7 +164,7 @@ impl Tally {
 }
 
 impl Scene {
-    /// Steps a frame; on the CPU `tally` is told what it took.
+    /// Steps a frame; on the CPU `tally` receives its times.
     fn step(&self, on: &mut On, number: u32, tally: &mut Tally) -> Result<(), BenchError> {
         let head = [number, number + 1].map(|number| self.motion.pose(f64::from(number) / FPS));
         let [from, to] = head;
@@ -174,7 +181,7 @@ impl Scene {
             On::Gpu(simulation) => simulation.step_frame(&frame)?,
             On::Cpu(simulation) => {
                 let report = simulation.step_frame(&frame)?;
-                tally.add(report.stage_secs, report.quarantined_strands);
+                tally.add(report.stages.iter(), report.quarantined_strands);
             }
         }
         Ok(())

@@ -10,7 +10,8 @@ use forelock::{AssetError, Assets};
 use forelock::{Observer, Progress};
 use forelock::{Studio, labelled, write_png};
 
-/// Draws both sheets into `folder`, which is made if it is not there, and returns the pictures' names.
+/// Draws both sheets into `folder`, which is made if it is not there, and returns the pictures'
+/// names.
 ///
 /// # Errors
 /// [`BenchError`] if the folder cannot be made or a picture not be written.

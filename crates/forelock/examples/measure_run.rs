@@ -1,9 +1,10 @@
-//! Measures what runs left in their folders, without the solver: `measure_run FOLDER…` prints a table's rows.
-#![expect(clippy::print_stdout, reason = "a program for developers")]
+//! Measures what runs left in their folders, without the solver: `measure_run FOLDER…` prints a
+//! table's rows.
+#![expect(clippy::print_stdout, clippy::expect_used, reason = "a program for developers")]
 
 use std::path::PathBuf;
 
-#[path = "../tests/it/measure/mod.rs"]
+#[path = "../tests/measure/mod.rs"]
 mod measure;
 
 fn main() {

@@ -1,20 +1,23 @@
 //! Where a run computes.
 //!
 //! # Practice
-//! On a GPU each frame is stepped there, and its state brought to a simulation on the CPU that stands for it: positions, snapshots and hashes are read from that. A snapshot of one goes on on
-//! the other; bits are the same only on the same device.
+//! On a GPU each frame is stepped there, and its state is read back into a simulation on the CPU:
+//! positions, snapshots and hashes come from that. A snapshot of one continues on the other; bits
+//! are equal on the same device only.
 
 use forelock_core::air::WindField;
-use forelock_core::frame::{Frame, FrameReport, FrameStep, Meeting, STAGES};
-use forelock_core::interaction::contact::{ContactParams, ContactReport};
-use forelock_core::interaction::grid::{GridParams, GridReport};
-use forelock_core::interaction::sph::{SphParams, SphReport};
+use forelock_core::body::ColliderFrame;
+use forelock_core::frame::{
+    ContactReport, Frame, FramePlan, FrameReport, GridReport, PlannedStep, Step,
+};
+use forelock_core::interaction::contact::{self, ContactParams};
+use forelock_core::interaction::grid::{self, GridParams};
+use forelock_core::interaction::sph::{self, SphParams};
 use forelock_core::simulation::Simulation;
-use forelock_gpu::{Choice, Gpu, GpuError, GpuReport, GpuSimulation};
+use forelock_gpu::{Choice, Gpu, GpuError, GpuSimulation, to_frame_report};
 
-use crate::assets::Assets;
-use crate::run::RunError;
-use crate::scene::{InteractionKind, Scene};
+use crate::player::PlayerError;
+use crate::scene::{InteractionKind, InteractionSection};
 
 /// Where to compute.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -22,92 +25,103 @@ pub enum Backend {
     /// On this processor.
     #[default]
     Cpu,
-    /// On a graphics processor; an error where there is none, or where it cannot do what the scene asks for.
+    /// On a graphics processor; an error where there is none, or where it cannot do what the scene
+    /// asks for.
     Gpu,
-    /// On a graphics processor if there is one that can do what the scene asks for, else on this one.
+    /// On a graphics processor if there is one that can do what the scene asks for, else on this
+    /// one.
     Auto,
-    /// On a graphics processor, but for the stages before this one, wherever they come in the frame: if a result is wrong with one stage and right with the next, the first of the two is at fault.
+    /// On a graphics processor, but for the stages before this one, wherever they come in the
+    /// frame: if a result is wrong with one stage and right with the next, the first of the two is
+    /// at fault.
     GpuFrom(GpuStage),
 }
 
-/// A stage from which on a run can be on a GPU, in the order of a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum GpuStage {
-    /// All of them: smoothed particles come first.
-    FindNeighbours,
-    /// The strand solve.
-    SolveStrands,
-    /// Follow the leader, solids included.
-    FollowLeader,
-    /// Hair against solids.
-    ResolveSolids,
-    /// Edges back to their lengths.
-    RestoreLengths,
-    /// Hair on the grid, whose three stages go together.
-    SplatSegments,
-    /// Contacts between strands, found and resolved together.
-    FindContacts,
-    /// Nothing but the last.
-    CheckStrands,
-}
+/// A stage from which on a run can be on a GPU, by its name in reports.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct GpuStage(&'static str);
 
 impl GpuStage {
-    /// All of them, in their order.
+    /// All of them, in the order of a frame. Stages that run together are named by their first.
     pub const ALL: [Self; 8] = [
-        Self::FindNeighbours,
-        Self::SolveStrands,
-        Self::FollowLeader,
-        Self::ResolveSolids,
-        Self::RestoreLengths,
-        Self::SplatSegments,
-        Self::FindContacts,
-        Self::CheckStrands,
+        Self("find_neighbours"),
+        Self("solve_strands"),
+        Self("follow_leader"),
+        Self("resolve_solids"),
+        Self("restore_lengths"),
+        Self("splat_segments"),
+        Self("find_contacts"),
+        Self("check_strands"),
     ];
 
     /// Its name, as reports have it.
     pub fn name(self) -> &'static str {
-        let step = match self {
-            Self::FindNeighbours => FrameStep::Particles,
-            Self::SolveStrands => FrameStep::SolveStrands(0),
-            Self::FollowLeader => FrameStep::FollowLeader,
-            Self::ResolveSolids => FrameStep::LastSolids,
-            Self::RestoreLengths => FrameStep::RestoreLengths,
-            Self::SplatSegments => FrameStep::Grid,
-            Self::FindContacts => FrameStep::Contacts,
-            Self::CheckStrands => FrameStep::CheckStrands,
-        };
-        step.stage()
+        self.0
     }
 
-    /// Whether `step` comes before it.
-    fn is_after(self, step: FrameStep) -> bool {
-        Self::ALL.into_iter().take_while(|stage| *stage < self).any(|stage| stage.name() == step.stage())
+    /// Whether every stage of a frame is this one or comes after it.
+    fn is_first(self) -> bool {
+        self == Self::ALL[0]
+    }
+
+    /// Whether it is stage `name` or comes before it.
+    fn is_up_to(self, name: &str) -> bool {
+        let place = |name: &str| Self::ALL.iter().position(|own| own.0 == name);
+        place(self.0) <= place(name)
     }
 }
 
+/// What a scene asks of a device.
+#[derive(Clone, Copy)]
+pub(crate) struct DeviceNeeds<'a> {
+    pub(crate) interaction: &'a InteractionSection,
+    /// The solids of the first frame.
+    pub(crate) solids: &'a [ColliderFrame<'a>],
+}
+
+/// Where a simulation runs.
+#[derive(Debug, Default)]
+pub(crate) struct Placed {
+    /// The device; none for the CPU.
+    pub(crate) device: Option<Device>,
+    /// What the user should know about the choice.
+    pub(crate) note: Option<String>,
+}
+
 impl Backend {
-    /// The device of `scene` on which `simulation` goes on, none for the CPU, and what is worth telling about the choice.
-    pub(crate) fn device(
+    /// The device that continues `simulation`.
+    pub(crate) fn place(
         self,
-        (scene, assets): (&Scene, &Assets),
+        needs: DeviceNeeds<'_>,
         simulation: &Simulation,
-    ) -> Result<(Option<Device>, Option<String>), RunError> {
+    ) -> Result<Placed, PlayerError> {
         if self == Self::Cpu {
-            return Ok((None, None));
+            return Ok(Placed::default());
         }
-        let from = if let Self::GpuFrom(stage) = self { stage } else { GpuStage::FindNeighbours };
-        match Device::open((scene, assets), simulation, (from, self != Self::Auto)) {
+        let from = if let Self::GpuFrom(stage) = self { stage } else { GpuStage::ALL[0] };
+        let chosen = Chosen { from, software: self != Self::Auto };
+        match Device::open(chosen, needs, simulation) {
             Ok(device) => {
                 let note = (device.is_mixed() && device.passes_over(simulation)).then(|| {
                     let name = from.name();
                     format!("no frame of this scene has {name}: what would come after it is on the GPU")
                 });
-                Ok((Some(device), note))
+                Ok(Placed { device: Some(device), note })
             }
-            Err(error) if self == Self::Auto => Ok((None, Some(format!("on the CPU: {error}")))),
+            Err(error) if self == Self::Auto => {
+                Ok(Placed { device: None, note: Some(format!("on the CPU: {error}")) })
+            }
             Err(error) => Err(error.into()),
         }
     }
+}
+
+/// Which device, and what runs on it.
+struct Chosen {
+    /// Stages before this one run on the CPU.
+    from: GpuStage,
+    /// Whether a processor that emulates a GPU will do: it is slower than the CPU's solver.
+    software: bool,
 }
 
 /// A simulation on a GPU.
@@ -115,53 +129,59 @@ impl Backend {
 pub(crate) struct Device {
     gpu: Gpu,
     grid: Option<GridParams>,
-    particles: Option<SphParams>,
+    sph: Option<SphParams>,
     contacts: Option<ContactParams>,
     /// Stages before this one run on the CPU.
     from: GpuStage,
     /// None only after an error.
     simulation: Option<GpuSimulation>,
-    /// What the last frame took by its own clock, if it has one.
+    /// Seconds of the last frame on the device's clock, if it has one.
     pub(crate) frame_secs: Option<f64>,
 }
 
 impl Device {
-    /// On a processor that plays a GPU only if `software` will do: it is slower than itself.
-    fn open(
-        (scene, assets): (&Scene, &Assets),
-        simulation: &Simulation,
-        (from, software): (GpuStage, bool),
-    ) -> Result<Self, GpuError> {
+    fn open(chosen: Chosen, needs: DeviceNeeds<'_>, simulation: &Simulation) -> Result<Self, GpuError> {
         let gpu = Gpu::open(&Choice::Fastest)?;
-        if gpu.is_software() && !software {
+        if gpu.is_software() && !chosen.software {
             return Err(GpuError::None { reason: format!("{} is software", gpu.name()) });
         }
-        let meets = scene.interaction.kind == InteractionKind::Grid;
-        let grid = meets.then(|| scene.interaction.grid.clone());
-        let particles = scene.interaction.kind == InteractionKind::Sph;
-        let particles = particles.then(|| scene.interaction.sph.clone());
-        let contacts = scene.interaction.contacts.then(|| scene.interaction.contact.clone());
-        let mut own = Self { simulation: None, gpu, grid, particles, contacts, from, frame_secs: None };
-        own.begin_anew(simulation)?;
-        let times = [0.0, 1.0 / scene.time.fps];
-        own.own()?.hold(&assets.collider_frames(times, times.map(|time| assets.head_pose(time))))?;
-        Ok(own)
+        let mut device = Self {
+            simulation: None,
+            gpu,
+            grid: None,
+            sph: None,
+            contacts: None,
+            from: chosen.from,
+            frame_secs: None,
+        };
+        device.set_interaction(needs.interaction);
+        device.rebuild(simulation)?;
+        device.simulation_mut()?.hold(needs.solids)?;
+        Ok(device)
     }
 
-    fn own(&mut self) -> Result<&mut GpuSimulation, GpuError> {
+    /// Changes the interaction of strands from the next [`Device::rebuild`] on.
+    pub(crate) fn set_interaction(&mut self, section: &InteractionSection) {
+        let InteractionSection { kind, grid, sph, contacts, contact } = section;
+        self.grid = (*kind == InteractionKind::Grid).then(|| grid.clone());
+        self.sph = (*kind == InteractionKind::Sph).then(|| sph.clone());
+        self.contacts = contacts.then(|| contact.clone());
+    }
+
+    fn simulation_mut(&mut self) -> Result<&mut GpuSimulation, GpuError> {
         let name = self.gpu.name();
         let reason = "it has no simulation after an error".to_owned();
         self.simulation.as_mut().ok_or_else(|| GpuError::Failed { name: name.to_owned(), reason })
     }
 
-    /// Whether frames lack the first stage that is asked of the device.
+    /// Whether the plan of frames lacks the stage from which on the device computes.
     fn passes_over(&self, simulation: &Simulation) -> bool {
-        let meeting = Meeting {
-            grid: self.grid.is_some(),
-            particles: self.particles.is_some(),
-            contacts: self.contacts.is_some(),
-        };
-        !FrameStep::all(simulation.params(), meeting).any(|step| step.stage() == self.from.name())
+        let rules = simulation.solver().rules();
+        let grid = self.grid.as_ref().map(|_| grid::EXCHANGE);
+        let sph = self.sph.as_ref().map(|_| sph::EXCHANGE);
+        let contacts = self.contacts.as_ref().map(|_| contact::EXCHANGE);
+        let interactions: Vec<_> = [grid, sph, contacts].into_iter().flatten().collect();
+        !FramePlan::new(&rules, &interactions).stages().contains(&self.from.name())
     }
 
     /// The GPU's name.
@@ -171,7 +191,7 @@ impl Device {
 
     /// Whether some stages run on the CPU.
     pub(crate) fn is_mixed(&self) -> bool {
-        self.from > GpuStage::FindNeighbours
+        !self.from.is_first()
     }
 
     /// Bytes held on it.
@@ -181,17 +201,18 @@ impl Device {
 
     /// Takes the state of `simulation` over.
     pub(crate) fn take(&mut self, simulation: &Simulation) -> Result<(), GpuError> {
-        self.own()?.restore(&simulation.snapshot())
+        self.simulation_mut()?.restore(&simulation.snapshot())
     }
 
-    /// Goes on with `simulation`, whose strands are other ones now. What there was goes first, for there may not be room for both.
-    pub(crate) fn begin_anew(&mut self, simulation: &Simulation) -> Result<(), GpuError> {
+    /// Continues `simulation`, whose strands or parameters have changed. The old simulation is
+    /// dropped first: there may not be room for both.
+    pub(crate) fn rebuild(&mut self, simulation: &Simulation) -> Result<(), GpuError> {
         self.simulation = None;
         let mut own = GpuSimulation::continuing(&self.gpu, simulation)?;
         // What the CPU does is not asked of the device.
-        own.set_grid(self.grid.as_ref().filter(|_| self.from <= GpuStage::SplatSegments))?;
-        own.set_sph(self.particles.as_ref())?;
-        own.set_contacts(self.contacts.as_ref().filter(|_| self.from <= GpuStage::FindContacts))?;
+        own.set_grid(self.grid.as_ref().filter(|_| self.from.is_up_to(grid::EXCHANGE.stage)))?;
+        own.set_sph(self.sph.as_ref())?;
+        own.set_contacts(self.contacts.as_ref().filter(|_| self.from.is_up_to(contact::EXCHANGE.stage)))?;
         own.time_stages(true);
         self.simulation = Some(own);
         Ok(())
@@ -203,25 +224,26 @@ impl Device {
         frame: &Frame<'_>,
         wind: Option<&WindField>,
         simulation: &mut Simulation,
-    ) -> Result<FrameReport, RunError> {
+    ) -> Result<FrameReport, PlayerError> {
         if self.is_mixed() {
             return self.step_mixed(frame, wind, simulation);
         }
-        let own = self.own()?;
+        let own = self.simulation_mut()?;
         own.step_frame_in(frame, wind)?;
         let (report, state) = own.report_and_state()?;
         simulation.state_mut().take(state);
         self.frame_secs = report.secs.as_ref().map(|secs| secs.whole);
-        Ok(told(&report))
+        Ok(to_frame_report(&report))
     }
 
-    /// Steps a frame, some of it on `simulation`: the state goes to and fro. After an error the simulation is where it was before the frame.
+    /// Steps a frame, some of it on `simulation`: the state goes to and fro. After an error the
+    /// simulation is where it was before the frame.
     fn step_mixed(
         &mut self,
         frame: &Frame<'_>,
         wind: Option<&WindField>,
         simulation: &mut Simulation,
-    ) -> Result<FrameReport, RunError> {
+    ) -> Result<FrameReport, PlayerError> {
         let before = simulation.snapshot();
         let stepped = self.step_by_step(frame, wind, simulation);
         if stepped.is_err() {
@@ -235,36 +257,37 @@ impl Device {
         frame: &Frame<'_>,
         wind: Option<&WindField>,
         simulation: &mut Simulation,
-    ) -> Result<FrameReport, RunError> {
-        let from = self.from;
-        let own = self.own()?;
-        let steps: Vec<_> = FrameStep::all(simulation.params(), simulation.meeting()).collect();
-        let looks = |step: &FrameStep| {
-            use FrameStep::{FollowLeader, LastSolids, ResolveSolids};
-            matches!(step, ResolveSolids(_) | FollowLeader | LastSolids)
-        };
-        let last_look = steps.iter().rfind(|step| looks(step)).copied();
+    ) -> Result<FrameReport, PlayerError> {
+        let from = self.from.name();
+        let own = self.simulation_mut()?;
+        let plan = simulation.plan().clone();
+        let solver_collides = simulation.solver().rules().solver_collides;
+        let collides = |own: &&PlannedStep| own.step.collides(solver_collides);
+        let last_collision = plan.steps().iter().rfind(collides).map(|own| own.step);
         let mut sum = FrameReport::default();
-        for part in steps.chunk_by(|a, b| from.is_after(*a) == from.is_after(*b)) {
-            if !from.is_after(part[0]) {
+        for (on_cpu, part) in plan.split_at(from) {
+            if !on_cpu {
                 own.step_part(frame, wind, part)?;
                 let (report, state) = own.report_and_state()?;
                 simulation.state_mut().take(state);
-                let mut report = told(&report);
-                // What meets in no step of this part was told before.
-                if !part.contains(&FrameStep::Grid) {
+                let mut report = to_frame_report(&report);
+                // Interactions outside this part were reported before.
+                let has = |name| {
+                    part.iter().any(|own| matches!(own.step, Step::Exchange(own) if own.name == name))
+                };
+                if !has(grid::EXCHANGE.name) {
                     report.grid = GridReport::default();
                 }
-                if !part.contains(&FrameStep::Contacts) {
+                if !has(contact::EXCHANGE.name) {
                     report.strand_contacts = ContactReport::default();
                 }
                 sum = sum.and(&report);
                 continue;
             }
             for step in part {
-                let mut report = simulation.step_part(frame, wind, *step)?;
-                // Solids have their word at the last look.
-                if Some(*step) != last_look {
+                let mut report = simulation.step_part(frame, wind, std::slice::from_ref(step))?;
+                // Contacts are reported from the final collision pass.
+                if Some(step.step) != last_collision {
                     (report.touching, report.max_penetration_m) = (0, 0.0);
                 }
                 sum = sum.and(&report);
@@ -272,29 +295,5 @@ impl Device {
             own.restore(&simulation.snapshot())?;
         }
         Ok(sum)
-    }
-}
-
-/// What a GPU tells of a frame, as the CPU tells it.
-fn told(report: &GpuReport) -> FrameReport {
-    let stages = report.secs.iter().flat_map(|secs| &secs.stages);
-    let ran = |name: &str| stages.clone().any(|(own, secs)| *own == name && *secs > 0.0);
-    let follows = ran("follow_leader");
-    FrameReport {
-        max_edge_stretch: report.max_edge_stretch.into(),
-        max_edge_stretch_final: report.max_edge_stretch_final.into(),
-        max_penetration_m: report.max_penetration_m.into(),
-        touching: report.touching,
-        quarantined_strands: report.quarantined_strands,
-        grid: report.grid.unwrap_or_default(),
-        strand_contacts: report.strand_contacts.unwrap_or_default(),
-        particles: SphReport::default(),
-        stage_secs: STAGES.map(|name| {
-            // On the CPU the air is sampled by the stage that it is for.
-            let blown = if follows { "follow_leader" } else { "solve_strands" };
-            let is_of = |own: &str| own == name || (own == "sample_air" && name == blown);
-            let secs = stages.clone().filter(|(own, _)| is_of(own));
-            (name, secs.map(|(_, secs)| *secs).sum())
-        }),
     }
 }

@@ -1,11 +1,13 @@
 //! A groom edited by a script: what `forelock groom` does.
 //!
 //! # Practice
-//! A script is a scene file with `[[edit]]` tables: `[groom]` and `[body]` say what is edited, the edits what is done, `[output]`, `[camera]` and
-//! `[hair]` what is written and how it looks. The same file simulates: a scene's edits are done before its first frame.
-//! Into the output folder go the groom (`output.groom`), with `output.picture` the sheet `before-after.png`, and with
-//! [`GroomingOptions::steps`] a picture after each edit, `steps/01-comb.png` and so on, beside `steps/00.png` of the beginning.
-//! Nothing is written before every edit has been done. Edits with a time, `at_secs`, wait for a simulation and are left out.
+//! A script is a scene file with `[[edit]]` tables: `[groom]` and `[body]` say what is edited, the
+//! edits what is done, `[output]`, `[camera]` and `[hair]` what is written and how it looks. The
+//! same file simulates: a scene's edits are done before its first frame. Into the output folder go
+//! the groom (`output.groom`), with `output.picture` the sheet `before-after.png`, and with
+//! [`GroomingOptions::steps`] a picture after each edit, `steps/01-comb.png` and so on, beside
+//! `steps/00.png` of the beginning. Nothing is written before every edit has been done. Edits with
+//! a time, `at_secs`, wait for a simulation and are left out.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -17,7 +19,8 @@ use serde::Serialize;
 
 use crate::assets::{AssetError, Assets};
 use crate::pictures::{Studio, labelled, write_png};
-use crate::run::{Observer, Progress, RunError};
+use crate::progress::{Observer, Progress};
+use crate::run::RunError;
 use crate::scene::Scene;
 
 /// Where an edited groom goes.
@@ -68,7 +71,7 @@ pub struct EditRow {
     pub added: usize,
     /// Strands removed.
     pub removed: usize,
-    /// All that it tells, one sentence.
+    /// Its report, one sentence.
     pub report: String,
 }
 
@@ -85,10 +88,12 @@ impl EditRow {
     }
 }
 
-/// Does the edits of `scene` and writes the groom and its pictures; `observer` is told how it goes.
+/// Does the edits of `scene` and writes the groom and its pictures; `observer` receives the
+/// progress.
 ///
 /// # Errors
-/// [`RunError`] if something that the scene names cannot be used, an edit not be done or a file not be written.
+/// [`RunError`] if something that the scene names cannot be used, an edit not be done or a file not
+/// be written.
 pub fn groom(
     scene: &Scene,
     options: &GroomingOptions,

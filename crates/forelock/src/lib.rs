@@ -1,7 +1,9 @@
 //! Forelock: real-time simulation of dense hair, strand by strand.
 //!
-//! A [`Scene`] is a TOML file in which every key has a default; [`simulate`] runs one into a folder; [`Studio`] takes its
-//! pictures. The parts are [`core`] (grooms, bodies, solvers), [`io`] (files) and [`render`] (pictures).
+//! A [`Scene`] is a TOML file in which every key has a default; a [`Player`] runs one frame by
+//! frame and takes live changes; [`simulate`] runs one into a folder; [`Studio`] takes its
+//! pictures. The parts are [`core`] (grooms, bodies, solvers), [`io`] (files) and [`render`]
+//! (pictures).
 //!
 //! ```
 //! use std::sync::atomic::AtomicBool;
@@ -23,23 +25,26 @@ mod backend;
 mod grooming;
 mod hash;
 pub mod html;
+pub mod penetration;
 mod pictures;
-mod regrooming;
+pub mod player;
+mod progress;
 pub mod report;
 mod run;
 pub mod scene;
 mod sdf_cache;
-mod snapshot;
+pub mod sinks;
 pub mod summary;
 mod tessellate;
 
-pub use assets::{AssetError, Assets};
+pub use assets::{AssetError, Assets, MotionTrack};
 pub use backend::{Backend, GpuStage};
 pub use grooming::{Counts, EditRow, Grooming, GroomingOptions, groom};
 pub use pictures::{PictureError, Studio, labelled, write_png};
-pub use run::{Observer, Progress, RunError, RunOptions, Stepper, deep_particles, simulate};
+pub use player::{Player, PlayerError};
+pub use progress::{Observer, Progress};
+pub use run::{RunError, RunOptions, SnapshotError, record, simulate};
 pub use scene::Scene;
-pub use snapshot::SnapshotError;
 pub use summary::Summary;
 pub use {forelock_core as core, forelock_io as io, forelock_render as render};
 

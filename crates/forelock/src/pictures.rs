@@ -13,7 +13,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::assets::Assets;
-use crate::run::{Observer, Progress};
+use crate::progress::{Observer, Progress};
 use crate::scene::Scene;
 
 /// Pictures on a contact sheet of a cache, and in a row of it.
@@ -58,7 +58,8 @@ pub struct Studio<'a> {
 }
 
 impl<'a> Studio<'a> {
-    /// The camera that `scene` asks for, before `assets` and all that the body's motion does to their place.
+    /// The camera that `scene` asks for, before `assets` and all that the body's motion does to
+    /// their place.
     pub fn new(scene: &'a Scene, assets: &'a Assets) -> Self {
         let points =
             assets.groom.positions().iter().chain(assets.body_mesh().into_iter().flat_map(|m| &m.positions));
@@ -106,8 +107,8 @@ impl<'a> Studio<'a> {
         Self { camera, ..*self }
     }
 
-    /// The strands at `positions` (metres, world space) with the body where it is at `time_secs`, in a picture of `scale`
-    /// times the size that the scene asks for.
+    /// The strands at `positions` (metres, world space) with the body where it is at `time_secs`,
+    /// in a picture of `scale` times the size that the scene asks for.
     ///
     /// # Errors
     /// [`PictureError`] if there is no such picture.
@@ -140,7 +141,8 @@ impl<'a> Studio<'a> {
         )?)
     }
 
-    /// Frame `frame` of `cache`, read from `path`, at `scale` times the size that the scene asks for.
+    /// Frame `frame` of `cache`, read from `path`, at `scale` times the size that the scene asks
+    /// for.
     ///
     /// # Errors
     /// [`PictureError`] if there is no such frame or picture.
@@ -175,7 +177,8 @@ impl<'a> Studio<'a> {
         time.unwrap_or(frame as f64 / self.scene.time.fps)
     }
 
-    /// Every `output.film_every`-th frame of `cache` as an animated PNG of half the size of a picture.
+    /// Every `output.film_every`-th frame of `cache` as an animated PNG of half the size of a
+    /// picture.
     ///
     /// # Errors
     /// [`PictureError`] if a frame cannot be read or drawn.
@@ -216,7 +219,8 @@ impl<'a> Studio<'a> {
         labelled(&pictures, SHEET.1)
     }
 
-    /// The frames of `cache` that are nearest to `times` (seconds), side by side, each of the size that the scene asks for.
+    /// The frames of `cache` that are nearest to `times` (seconds), side by side, each of the size
+    /// that the scene asks for.
     ///
     /// # Errors
     /// [`PictureError`] if a frame cannot be read or drawn, or there is no time.
@@ -253,7 +257,8 @@ impl<'a> Studio<'a> {
 }
 
 /// The box `bounds`, grown so that it holds itself wherever its middle is in the scene's time.
-fn wherever_it_moves((lo, hi): (Vec3, Vec3), scene: &Scene, assets: &Assets) -> (Vec3, Vec3) {
+fn wherever_it_moves(bounds: (Vec3, Vec3), scene: &Scene, assets: &Assets) -> (Vec3, Vec3) {
+    let (lo, hi) = bounds;
     let middle = ((lo + hi) * 0.5).as_dvec3();
     let shift = |moment: u32| {
         let time = f64::from(moment) / f64::from(MOMENTS) * f64::from(scene.time.frames) / scene.time.fps;
@@ -289,15 +294,22 @@ pub(crate) struct RunPictures {
     pub(crate) shown: crate::report::Pictures,
 }
 
-/// Makes the pictures that `scene` asks for of a run into the folder `out`, whose strands are at `positions` at
-/// `time_secs` at its end.
+/// The end of a run.
+pub(crate) struct LastFrame<'a> {
+    /// Its strands, metres.
+    pub(crate) positions: &'a [Vec3],
+    pub(crate) time_secs: f64,
+    /// The cache, if there is one and it is complete.
+    pub(crate) cache: Option<&'a Path>,
+}
+
+/// Makes the pictures of a run that its scene asks for, into the folder `out`.
 ///
 /// # Errors
 /// [`PictureError`] if one cannot be made.
 pub(crate) fn of_run(
     studio: &Studio<'_>,
-    (positions, time_secs): (&[Vec3], f64),
-    cache: Option<&Path>,
+    last: &LastFrame<'_>,
     out: &Path,
     observer: &mut Observer<'_>,
 ) -> Result<RunPictures, PictureError> {
@@ -308,11 +320,11 @@ pub(crate) fn of_run(
         forelock_io::atomic_write(&path, |file| file.write_all(bytes)).map(|()| made.files.push(path))
     };
     if output.picture {
-        let png = studio.picture(positions, time_secs, 1.0)?.to_png()?;
+        let png = studio.picture(last.positions, last.time_secs, 1.0)?.to_png()?;
         write("picture.png", &png)?;
         made.shown.picture = Some(png);
     }
-    let Some(path) = cache.filter(|_| output.film || output.contact_sheet) else {
+    let Some(path) = last.cache.filter(|_| output.film || output.contact_sheet) else {
         return Ok(made);
     };
     let mut cache = Cache::open(path)?;

@@ -1,7 +1,7 @@
 //! The report: one HTML page that needs nothing but itself and the pictures beside it.
 //!
-//! The picture of the last frame is embedded, so the page can be mailed; the film and the contact sheet, which are
-//! large, are shown from the files beside it.
+//! The picture of the last frame is embedded, so the page can be mailed; the film and the contact
+//! sheet, which are large, are shown from the files beside it.
 
 use std::fmt::Write as _;
 

@@ -1,8 +1,9 @@
 //! Distance grids, computed once a mesh and kept in the user's cache folder.
 //!
-//! The folder is `forelock` in `$XDG_CACHE_HOME`, `~/.cache` or `%LOCALAPPDATA%`, and files are named by a hash of mesh and
-//! resolution. A file that is missing, damaged or of another version means that the grid is computed anew; a folder that
-//! cannot be written means that it is computed each time. Neither fails a run.
+//! The folder is `forelock` in `$XDG_CACHE_HOME`, `~/.cache` or `%LOCALAPPDATA%`, and files are
+//! named by a hash of mesh and resolution. A file that is missing, damaged or of another version
+//! means that the grid is computed again; a folder that cannot be written means that it is computed
+//! each time. Neither fails a run.
 
 use std::path::PathBuf;
 

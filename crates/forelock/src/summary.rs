@@ -1,5 +1,6 @@
 //! What a run did, as numbers: the JSON summary and the times it is made from.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -10,7 +11,7 @@ use serde::Serialize;
 pub struct Summary {
     /// Name of the scene.
     pub scene: String,
-    /// Solver: "ams", "mass-spring" or "dftl".
+    /// Solver: "ams", "mass-spring", "dftl" or the name of a registered one.
     pub solver: String,
     /// Backend: "cpu" or "gpu".
     pub backend: &'static str,
@@ -36,27 +37,34 @@ pub struct Summary {
     pub substeps: u32,
     /// Wall time of a frame's simulation, milliseconds.
     pub ms_per_frame: Spread,
-    /// Median time of each stage, milliseconds a frame: the solver's stages, on the CPU summed over its threads, and `write_cache`.
+    /// Median time of each stage, milliseconds a frame: the solver's stages, on the CPU summed over
+    /// its threads, and `write_cache`.
     pub ms_per_stage: BTreeMap<String, f64>,
-    /// Largest resident memory of the process, bytes; `null` where the system does not tell.
+    /// Largest resident memory of the process, bytes; `null` where the system does not report it.
     pub peak_memory_bytes: Option<u64>,
     /// Bytes of Model, State and Workspace.
     pub simulation_bytes: u64,
     /// Largest |l/l₀ − 1| of any edge after the length pass of any frame. No unit.
     pub max_edge_stretch: f64,
-    /// The same at the end of the frame, after solids had the last word. No unit.
+    /// The same at the end of the frame, after the final collision pass. No unit.
     pub max_edge_stretch_after_solids: f64,
-    /// Largest depth of any particle that is not clamped inside a solid at the end of any frame, metres.
+    /// Largest depth of any particle that is not clamped inside a solid at the end of any frame,
+    /// metres.
     pub max_penetration_m: f64,
-    /// Largest share of particles more than 1 mm inside a solid at the end of a frame, but for those clamped to the head. No unit.
+    /// Largest share of particles more than 1 mm inside a solid at the end of a frame, but for
+    /// those clamped to the head. No unit.
     pub max_share_1mm_inside: f64,
-    /// Most contacts between strands that a frame resolved; 0 without `interaction.contacts`, or where hair moves with its neighbours.
+    /// Most contacts between strands that a frame resolved; 0 without `interaction.contacts`, or
+    /// where hair moves with its neighbours.
     pub max_strand_contacts: u64,
     /// Strands that became non-finite and were reset to rest, over all frames.
     pub quarantined_strands: u64,
+    /// Jumps of the head that were simulated as teleports: those that `[[teleport]]` declares, and
+    /// those that are faster than `body.teleport_speed` or `body.teleport_turn_degrees`.
+    pub teleports: u32,
     /// Hash of the final state, 16 hexadecimal digits; equal for any number of threads.
     pub state_hash: String,
-    /// What import and growth had to say, one sentence each.
+    /// What the user should know of import, growth, edits and jumps, one sentence each.
     pub notes: Vec<String>,
     /// Files written.
     pub outputs: Vec<PathBuf>,
@@ -97,7 +105,7 @@ pub struct FrameRow {
     /// Deepest particle at its end, metres.
     pub penetration_m: f64,
     /// Time of each stage, milliseconds.
-    pub stages: Vec<(&'static str, f64)>,
+    pub stages: Vec<(Cow<'static, str>, f64)>,
 }
 
 /// Name of the stage that carries strands by guides.
@@ -114,14 +122,14 @@ pub fn median_stages(rows: &[FrameRow]) -> BTreeMap<String, f64> {
     times.into_iter().map(|(stage, ms)| (stage.to_owned(), Spread::of(&ms).median)).collect()
 }
 
-/// Largest resident memory of this process in bytes, where the system tells (Linux).
+/// Largest resident memory of this process in bytes, where the system reports it (Linux).
 pub fn peak_memory_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
     line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kib| kib * 1024)
 }
 
-/// Name of the processor, where the system tells; else the name of its architecture.
+/// Name of the processor, where the system reports it; else that of its architecture.
 pub fn device_name() -> String {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let model = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(": "));
@@ -142,7 +150,7 @@ mod tests {
 
     #[test]
     fn stages_are_summed_up_by_name() {
-        let row = |a, b| FrameRow { stages: vec![("solve", a), ("solids", b)], ..FrameRow::default() };
+        let row = |a, b| FrameRow { stages: vec![("solve".into(), a), ("solids".into(), b)], ..FrameRow::default() };
         let medians = median_stages(&[row(1.0, 9.0), row(3.0, 8.0), row(2.0, 7.0)]);
         assert_eq!(medians, BTreeMap::from([("solve".into(), 2.0), ("solids".into(), 8.0)]));
     }

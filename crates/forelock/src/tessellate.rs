@@ -9,12 +9,12 @@ use glam::{DVec3, Vec3};
 const MERIDIANS: u32 = 48;
 const PARALLELS: u32 = 24;
 
-/// A capsule along y: all within `radius` of the segment of `half_length` to both sides of the origin, in metres. With
-/// a half length of 0 it is a sphere.
+/// A capsule along y: all within `radius` of the segment of `half_length` to both sides of the
+/// origin, in metres. With a half length of 0 it is a sphere.
 pub(crate) fn capsule(half_length: f64, radius: f64) -> TriMesh {
     let mut positions = Vec::new();
-    // The equator twice: at the foot of the upper cap and at the head of the lower one. A sphere's two would be one
-    // line, with a normal of its own on each side: a seam.
+    // The equator twice: at the foot of the upper cap and at the head of the lower one. A sphere's
+    // two would be one line, with one normal on each side: a seam.
     let lower = PARALLELS / 2 + u32::from(half_length == 0.0);
     let rings = (0..=PARALLELS / 2).map(|k| (k, half_length));
     let rings = rings.chain((lower..=PARALLELS).map(|k| (k, -half_length)));
@@ -45,7 +45,7 @@ pub(crate) fn cuboid(half: Vec3) -> TriMesh {
             let normal = Vec3::AXES[axis] * sign;
             let (u, v) = (Vec3::AXES[(axis + 1) % 3] * sign, Vec3::AXES[(axis + 2) % 3]);
             let first = mesh.positions.len() as u32;
-            // Each face has corners of its own, so that its normals are its own.
+            // Faces share no corners, so that each has its normals.
             for (a, b) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
                 mesh.positions.push((normal + u * a + v * b) * half);
             }

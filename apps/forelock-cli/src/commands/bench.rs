@@ -36,7 +36,7 @@ pub fn bench(arguments: &BenchArgs) -> anyhow::Result<()> {
         BenchCommand::Paper { paper, figure, share, frames, warm_up, backend, .. } => {
             let on_gpu = *backend == BenchBackend::Gpu;
             let options = Table1Options { warm_up: *warm_up, frames: *frames, share: *share, on_gpu };
-            run_paper(&report, (*paper, *figure), &options, &mut observer)
+            run_paper(&report, *paper, *figure, &options, &mut observer)
         }
         BenchCommand::Scaling { backend, most, frames, apart, contacts, half_factors, .. } => {
             let on_gpu = *backend == BenchBackend::Gpu;
@@ -75,7 +75,8 @@ fn name_of(paper: WhichPaper, figure: Option<PaperFigure>) -> anyhow::Result<Str
 /// The tables of a paper with `options`, or one figure with their share of strands.
 fn run_paper(
     report: &Report<'_>,
-    (paper, figure): (WhichPaper, Option<PaperFigure>),
+    paper: WhichPaper,
+    figure: Option<PaperFigure>,
     options: &Table1Options,
     observer: &mut forelock::Observer<'_>,
 ) -> anyhow::Result<()> {
@@ -89,7 +90,7 @@ fn run_paper(
             return report.study(&study, &study);
         }
         Some(PaperFigure::Compare) => {
-            // What cannot be written now cannot at the end, which tells.
+            // A failure to write now is reported when the final result is written.
             let study = compare(options.share, observer, &mut |so_far| drop(report.keep(so_far, so_far)))?;
             return report.study(&study, &study);
         }
@@ -100,7 +101,7 @@ fn run_paper(
         Some(PaperFigure::Sag) => return report.ablation(Figure::Sag),
         Some(PaperFigure::Angular) => return report.ablation(Figure::Angular),
         Some(PaperFigure::Guides) => {
-            let table = GuidesTable::run(&GUIDES, (options.share, &[]), report.out.is_some(), observer)?;
+            let table = GuidesTable::run(&GUIDES, options.share, &[], report.out.is_some(), observer)?;
             if let (Some(folder), Some(picture)) = (report.out, &table.picture) {
                 forelock::write_png(&folder.join(format!("{}.png", report.name)), picture)?;
             }
@@ -115,7 +116,7 @@ fn run_paper(
     report.study(&study, &study)
 }
 
-/// Where and how results are told.
+/// Where and how results are reported.
 struct Report<'a> {
     out: Option<&'a Path>,
     name: String,

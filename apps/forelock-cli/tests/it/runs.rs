@@ -55,6 +55,7 @@ fn the_summary_is_json_alone_with_the_fields_of_the_interface() {
         "max_edge_stretch",
         "max_penetration_m",
         "quarantined_strands",
+        "teleports",
         "state_hash",
         "outputs",
     ] {

@@ -1,17 +1,20 @@
 //! The AMS paper's ablations (Figs. 4 and 5) as tables and pictures.
 //!
 //! # Practice
-//! Each figure is a scene in `scenes/ams`, built in; a row of its table is that scene with a few keys changed, simulated in
-//! memory. Measured are: how far the particles end from their places at rest, in the mean and over the strand's length L; the
-//! largest stretch of an edge in any frame; and the root-mean-square acceleration in the last second, over gravity. Beside
-//! each stands the reference, where there is one: what two float64 implementations of the paper's equations agree on. A variant
-//! that breaks (a number is not finite) ends there.
+//! Each figure is a scene in `scenes/ams`, built in; a row of its table is that scene with a few
+//! keys changed, simulated in memory. Measured are: how far the particles end from their places at
+//! rest, in the mean and over the strand's length L; the largest stretch of an edge in any frame;
+//! and the root-mean-square acceleration in the last second, over gravity. Beside each stands the
+//! reference, where there is one: what two float64 implementations of the paper's equations agree
+//! on. A variant that breaks (a number is not finite) ends there.
 //!
 //! # Limitations
-//! The paper states neither masses, substeps nor the strand; stiffness is taken per unit mass, and the strands are ours. The
-//! trend is what can be compared with the paper, single values only with the reference.
+//! The paper states neither masses, substeps nor the strand; stiffness is taken per unit mass, and
+//! the strands are ours. The trend is what can be compared with the paper, single values only with
+//! the reference.
 
 use std::fmt::Write as _;
+use std::sync::Arc;
 
 use forelock_core::groom::Groom;
 use forelock_render::Image;
@@ -22,7 +25,6 @@ use super::scenes;
 use crate::BenchError;
 use forelock::Assets;
 use forelock::Scene;
-use forelock::Stepper;
 use forelock::{Studio, labelled};
 
 /// A figure of the paper.
@@ -37,7 +39,8 @@ pub enum Figure {
 /// What can be measured of a variant of a figure's scene; `null` for what is not there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Measures {
-    /// Mean distance of the particles from their places at rest at the end, over the strand's length.
+    /// Mean distance of the particles from their places at rest at the end, over the strand's
+    /// length.
     pub sag: Option<f64>,
     /// Largest |l/l₀ − 1| in any frame.
     pub max_stretch: Option<f64>,
@@ -93,7 +96,8 @@ fn springs(table: &str, k: f64) -> Vec<String> {
     ["edge", "bend", "torsion"].map(|spring| format!("solver.{table}.k_{spring}={k:e}")).to_vec()
 }
 
-/// Fig. 4: mass-spring on the groom's particles, where the reference is from, and with virtual particles; then AMS.
+/// Fig. 4: mass-spring on the groom's particles, where the reference is from, and with virtual
+/// particles; then AMS.
 fn sag_variants() -> Vec<Variant> {
     let mut variants = Vec::new();
     let breaks = Measures { broke_at_secs: Some(0.0), ..Measures::default() };
@@ -145,7 +149,7 @@ fn angular_variants() -> Vec<Variant> {
 
 impl Figure {
     /// Its scene with `keys` over it, and its strands.
-    fn load(self, keys: &[String]) -> Result<(Scene, Assets), BenchError> {
+    fn load(self, keys: &[String]) -> Result<(Scene, Arc<Assets>), BenchError> {
         let keys = [&["solver.beyond_float32=true".to_owned()], keys].concat();
         let (scene, strands) = match self {
             Self::Sag => (scenes::FIGURE4, scenes::HELIX),
@@ -193,14 +197,14 @@ impl Figure {
 
 fn measure(figure: Figure, variant: Variant) -> Result<PaperRow, BenchError> {
     let (scene, assets) = figure.load(&variant.keys)?;
-    let mut stepper = Stepper::new(&scene, &assets)?;
+    let mut player = scenes::player(&scene, &assets)?;
     let frames = scene.time.frames;
     let late = frames.saturating_sub(scene.time.fps as u32);
     let (mut stretch, mut square_sum, mut terms) = (0.0_f64, 0.0, 0usize);
     let mut tracks: [Vec<Vec3>; 3] = Default::default();
-    stepper.simulation.positions(&mut tracks[2]);
+    player.positions(&mut tracks[2]);
     for frame in 0..frames {
-        let report = stepper.step(frame)?;
+        let report = player.step()?.solver;
         if report.quarantined_strands > 0 {
             let broke_at_secs = Some(f64::from(frame + 1) / scene.time.fps);
             let measured = Measures { broke_at_secs, ..Measures::default() };
@@ -209,7 +213,7 @@ fn measure(figure: Figure, variant: Variant) -> Result<PaperRow, BenchError> {
         }
         stretch = stretch.max(report.max_edge_stretch_final);
         tracks.rotate_left(1);
-        stepper.simulation.positions(&mut tracks[2]);
+        player.positions(&mut tracks[2]);
         if frame >= late {
             for ((a, b), c) in tracks[0].iter().zip(&tracks[1]).zip(&tracks[2]) {
                 let acceleration = (*c - *b - (*b - *a)).as_dvec3() * scene.time.fps * scene.time.fps;
@@ -274,7 +278,7 @@ fn number(value: f64) -> String {
 mod tests {
     use super::*;
 
-    /// Every reference sag is met within 0.01 of a length, and what should break does.
+    /// Every sag agrees with the reference within 0.01 of a length, and what should break does.
     #[test]
     fn ams_keeps_the_shape_where_mass_spring_sags_and_then_breaks() {
         let rows = Figure::Sag.table().unwrap().rows;

@@ -1,16 +1,18 @@
-//! The roller-coaster (Fig. 10): ties to the rest shape that are damaged under large forces, and what that leaves.
+//! The roller-coaster (Fig. 10): ties to the rest shape that are damaged under large forces, and
+//! what that leaves.
 //!
 //! # Practice
-//! The scene runs three times side by side: with damage, with damage that heals, and elastic, where no tie is ever damaged. Followed are the ties' intact share s
-//! (1 whole, 0 broken), the hair's offset from its rest shape in the head's frame, and its offset from the elastic hair. A single strand
-//! rides besides (`strand`).
+//! The scene runs three times side by side: with damage, with damage that heals, and elastic, where
+//! no tie is ever damaged. Followed are the ties' intact share s (1 whole, 0 broken), the hair's
+//! offset from its rest shape in the head's frame, and its offset from the elastic hair. A single
+//! strand rides besides (`strand`).
 
 use glam::Vec3;
 
 use crate::BenchError;
 use crate::plot::{Line, Plot};
 use forelock::Scene;
-use forelock::{Observer, Progress, Stepper};
+use forelock::{Observer, Player, Progress};
 
 use super::scenes::ROLLER_COASTER;
 use super::strand;
@@ -68,24 +70,24 @@ pub(super) fn study(share: f64, keys: &[String], observer: &mut Observer<'_>) ->
     let (scene, assets) = ROLLER_COASTER.load(share, keys, observer)?;
     let scenes = RUNS.map(|(_, key)| ROLLER_COASTER.scene(share, &[keys, &[key.to_owned()]].concat()));
     let scenes: Vec<Scene> = scenes.into_iter().collect::<Result<_, _>>()?;
-    let steppers = scenes.iter().map(|scene| Stepper::new(scene, &assets));
-    let mut steppers: Vec<Stepper<'_>> = steppers.collect::<Result<_, _>>()?;
+    let players = scenes.iter().map(|scene| super::scenes::player(scene, &assets));
+    let mut players: Vec<Player> = players.collect::<Result<_, _>>()?;
     let strands: Vec<usize> = (0..assets.groom.strand_count()).collect();
     let frames = scene.time.frames;
     let mut tracks: [Vec<Moment>; 3] = Default::default();
     let mut positions: [Vec<Vec3>; 3] = Default::default();
     observer(&Progress::Begin { what: "riding", done: 0, total: frames.into() });
     for frame in 0..=frames {
-        for (stepper, positions) in steppers.iter_mut().zip(&mut positions) {
+        for (player, positions) in players.iter_mut().zip(&mut positions) {
             if frame > 0 {
-                stepper.step(frame - 1)?;
+                player.step()?;
             }
-            stepper.positions(frame, positions);
+            player.positions(positions);
         }
-        let head = assets.head_pose(steppers[0].time_secs(frame));
-        for ((stepper, track), x) in steppers.iter().zip(&mut tracks).zip(&positions) {
+        let head = players[0].head_pose();
+        for ((player, track), x) in players.iter().zip(&mut tracks).zip(&positions) {
             track.push(Moment {
-                ties: Ties::of(&stepper.simulation.snapshot().integrity),
+                ties: Ties::of(&player.state().integrity),
                 offset: offset(&assets.groom, &strands, &head, x).over_length,
                 from_elastic: between(&assets.groom, &strands, x, &positions[2]).over_length,
             });

@@ -1,11 +1,15 @@
-//! The follow-the-leader paper (Sánchez-Banderas et al. 2015): its Table 1, Table 2 and Fig. 2, and its solver beside AMS.
+//! The follow-the-leader paper (Sánchez-Banderas et al. 2015): its Table 1, Table 2 and Fig. 2, and
+//! its solver beside AMS.
 //!
 //! # Practice
-//! [`dftl_tables`] runs the five scenes of Table 1, each with lengths alone, with shape and with hair against hair, and the five sizes of Table 2 under each schedule that the device knows. [`volume`] is Fig. 2, measured: the same hair
-//! under all four. [`compare`] follows AMS and follow the leader through the five scenes.
+//! [`dftl_tables`] runs the five scenes of Table 1, each with lengths alone, with shape and with
+//! hair against hair, and the five sizes of Table 2 under each schedule that the device knows.
+//! [`volume`] is Fig. 2, measured: the same hair under all four. [`compare`] follows AMS and follow
+//! the leader through the five scenes.
 //!
 //! # Limitations
-//! The paper gives frames a second with rendering, of scenes of which it tells counts only. Ours are of the simulation alone.
+//! The paper gives frames a second with rendering, and of the scenes it gives counts only. Ours are
+//! of the simulation alone.
 
 use std::ops::Range;
 use std::time::Instant;
@@ -27,7 +31,7 @@ use forelock::labelled;
 use forelock::summary::{FrameRow, Spread, device_name};
 use forelock::{Observer, Progress};
 
-use super::followed::{Case, Followed, plot};
+use super::followed::{Case, Followed, Shots, plot};
 use super::scenes::{self, AS_IT_IS, Builtin};
 use super::study::{Strip, Study, Table, percent};
 use super::table1::{Table1Options, or_skipped, time};
@@ -35,13 +39,25 @@ use super::table1::{Table1Options, or_skipped, time};
 /// The paper's machine.
 const PAPER_DEVICE: &str = "NVIDIA GeForce GTX 650";
 
-/// The scenes: the paper's name, the scene, the paper's strands, vertices, colliders, and frames a second with each of [`METHODS`].
-const SCENES: [(&str, Builtin, [usize; 3], [f64; 3]); 5] = [
-    ("Mannequin A", scenes::MANNEQUIN_A, [15_000, 349_232, 15], [130.3, 124.0, 21.5]),
-    ("Mannequin B", scenes::MANNEQUIN_B, [500, 8000, 15], [174.2, 172.6, 147.4]),
-    ("Horse Louis", scenes::HORSE, [3358, 32_041, 18], [115.0, 108.5, 83.2]),
-    ("Bunny", scenes::BUNNY, [2902, 34_824, 1], [169.2, 164.0, 126.1]),
-    ("Hectroll", scenes::DOLL, [496, 5710, 1], [315.0, 305.3, 270.1]),
+/// A scene of the paper.
+struct Entry {
+    /// The paper's name.
+    name: &'static str,
+    builtin: Builtin,
+    /// The paper's strands, vertices and colliders.
+    counts: [usize; 3],
+    /// The paper's frames a second with each of [`METHODS`].
+    fps: [f64; 3],
+}
+
+/// The scenes of Table 1.
+#[rustfmt::skip]
+const SCENES: [Entry; 5] = [
+    Entry { name: "Mannequin A", builtin: scenes::MANNEQUIN_A, counts: [15_000, 349_232, 15], fps: [130.3, 124.0, 21.5] },
+    Entry { name: "Mannequin B", builtin: scenes::MANNEQUIN_B, counts: [500, 8000, 15], fps: [174.2, 172.6, 147.4] },
+    Entry { name: "Horse Louis", builtin: scenes::HORSE, counts: [3358, 32_041, 18], fps: [115.0, 108.5, 83.2] },
+    Entry { name: "Bunny", builtin: scenes::BUNNY, counts: [2902, 34_824, 1], fps: [169.2, 164.0, 126.1] },
+    Entry { name: "Hectroll", builtin: scenes::DOLL, counts: [496, 5710, 1], fps: [315.0, 305.3, 270.1] },
 ];
 
 /// Lengths alone, with shape, and with hair against hair, as keys of a scene that has all.
@@ -51,7 +67,8 @@ const METHODS: [(&str, &[&str]); 3] = [
     ("+ hair–hair", &[]),
 ];
 
-/// Strands and particles a strand of Table 2, and the paper's frames a second with strand-level and particle-level parallelism. (The paper prints 8,190 vertices for the first.)
+/// Strands and particles a strand of Table 2, and the paper's frames a second with strand-level and
+/// particle-level parallelism. (The paper prints 8,190 vertices for the first.)
 const SIZES: [([usize; 2], [f64; 2]); 5] = [
     ([1024, 8], [330.0, 570.0]),
     ([1024, 32], [250.0, 520.0]),
@@ -112,7 +129,8 @@ pub struct SizeRow {
 /// Runs both tables.
 ///
 /// # Errors
-/// [`BenchError`] if a scene cannot be simulated; such that need a file which is not there, or what a GPU does not have, are told in their rows.
+/// [`BenchError`] if a scene cannot be simulated; a row says if its scene needs a missing file, or
+/// a feature that the GPU lacks.
 pub fn dftl_tables(options: &Table1Options, observer: &mut Observer<'_>) -> Result<DftlTables, BenchError> {
     let gpu = if options.on_gpu { Some(Gpu::open(&Choice::Fastest)?) } else { None };
     let scenes = SCENES.iter().map(|scene| scene_row(scene, options, observer)).collect::<Result<_, _>>()?;
@@ -135,10 +153,11 @@ pub fn dftl_tables(options: &Table1Options, observer: &mut Observer<'_>) -> Resu
 }
 
 fn scene_row(
-    &(name, builtin, paper_counts, paper_fps): &(&'static str, Builtin, [usize; 3], [f64; 3]),
+    entry: &Entry,
     options: &Table1Options,
     observer: &mut Observer<'_>,
 ) -> Result<SceneRow, BenchError> {
+    let &Entry { name, builtin, counts: paper_counts, fps: paper_fps } = entry;
     let mut row = SceneRow { name, paper_counts, paper_fps, counts: [0; 2], ms: Vec::new() };
     let (_, assets) = match or_skipped(builtin.load(options.share, AS_IT_IS, &mut |_| {}))? {
         Ok(loaded) => loaded,
@@ -331,7 +350,8 @@ const FIGURE2: [&str; 6] = [
     "time.frames=150",
 ];
 
-/// Fig. 2: DFTL alone, with hair against hair, with shape, with both; volume and distance from the shape over time.
+/// Fig. 2: DFTL alone, with hair against hair, with shape, with both; volume and distance from the
+/// shape over time.
 ///
 /// # Errors
 /// [`BenchError`] if it cannot be simulated.
@@ -341,7 +361,12 @@ pub fn volume(share: f64, observer: &mut Observer<'_>) -> Result<Study, BenchErr
     for (label, keys) in CASES {
         let scene = scenes::MANNEQUIN_B.scene(share, &[&FIGURE2, keys].concat())?;
         let case = Case { label: label.to_owned(), scene };
-        followed.push(Followed::run(&case, &assets, (&[0.99, 0.5, 0.75], 0.6), observer)?);
+        followed.push(Followed::run(
+            &case,
+            &assets,
+            &Shots { moments: &[0.99, 0.5, 0.75], scale: 0.6 },
+            observer,
+        )?);
     }
     let mut table = Table::new(
         "The last quarter of the time",
@@ -358,14 +383,12 @@ pub fn volume(share: f64, observer: &mut Observer<'_>) -> Result<Study, BenchErr
     }
     let fps = base.time.fps;
     let plots = vec![
+        plot("volume", "volume of the cells of 1 cm that hold hair, litres".into(), &followed, fps, |one| {
+            one.volume.clone()
+        }),
         plot(
-            ("volume", "volume of the cells of 1 cm that hold hair, litres".into()),
-            &followed,
-            fps,
-            |one| one.volume.clone(),
-        ),
-        plot(
-            ("shape", "mean distance from the rest shape over the strand's length, %".into()),
+            "shape",
+            "mean distance from the rest shape over the strand's length, %".into(),
             &followed,
             fps,
             |one| one.shape.iter().map(|share| 100.0 * share).collect(),
@@ -390,7 +413,8 @@ pub fn volume(share: f64, observer: &mut Observer<'_>) -> Result<Study, BenchErr
     })
 }
 
-/// Solvers compared, as keys of the five scenes: each alone, and with what its own paper lets hair meet in.
+/// Solvers compared, as keys of the five scenes: each alone, and with the hair–hair interaction of
+/// its paper.
 const SOLVERS: [(&str, &[&str]); 4] = [
     ("AMS", &["solver.kind=\"ams\"", "interaction.kind=\"none\""]),
     ("DFTL", &["interaction.kind=\"none\""]),
@@ -398,10 +422,12 @@ const SOLVERS: [(&str, &[&str]); 4] = [
     ("DFTL, SPH", &[]),
 ];
 
-/// AMS and follow the leader through the five scenes. `so_far` gets what there is after each: all of them take minutes.
+/// AMS and follow the leader through the five scenes. `so_far` gets what there is after each: all
+/// of them take minutes.
 ///
 /// # Errors
-/// [`BenchError`] if a scene cannot be simulated; one whose files are not there is left out, and said so.
+/// [`BenchError`] if a scene cannot be simulated; one whose files are not there is left out, and
+/// said so.
 pub fn compare(
     share: f64,
     observer: &mut Observer<'_>,
@@ -429,7 +455,7 @@ pub fn compare(
         bars: None,
         strips: Vec::new(),
     };
-    for (number, (name, builtin, ..)) in SCENES.iter().enumerate() {
+    for (number, Entry { name, builtin, .. }) in SCENES.iter().enumerate() {
         let (base, assets) = match or_skipped(builtin.load(share, AS_IT_IS, &mut |_| {}))? {
             Ok(loaded) => loaded,
             Err(why) => {
@@ -440,7 +466,12 @@ pub fn compare(
         let mut followed = Vec::new();
         for (solver, keys) in SOLVERS {
             let case = Case { label: solver.to_owned(), scene: builtin.scene(share, keys)? };
-            followed.push(Followed::run(&case, &assets, (&[0.0, 0.25, 0.5, 0.75, 1.0], 0.4), observer)?);
+            followed.push(Followed::run(
+                &case,
+                &assets,
+                &Shots { moments: &[0.0, 0.25, 0.5, 0.75, 1.0], scale: 0.4 },
+                observer,
+            )?);
         }
         for one in &followed {
             let rms = (one.energy.iter().map(|e| e * e).sum::<f64>() / one.energy.len().max(1) as f64).sqrt();
@@ -457,15 +488,13 @@ pub fn compare(
         }
         let fps = base.time.fps;
         study.plots.push(plot(
-            (
-                PLOTS[number][0],
-                format!("{name}: mean distance from the rest shape over the strand's length, %"),
-            ),
+            PLOTS[number][0],
+            format!("{name}: mean distance from the rest shape over the strand's length, %"),
             &followed,
             fps,
             |one| one.shape.iter().map(|share| 100.0 * share).collect(),
         ));
-        study.plots.push(plot((PLOTS[number][1], format!("{name}: energy, J/kg")), &followed, fps, |one| {
+        study.plots.push(plot(PLOTS[number][1], format!("{name}: energy, J/kg"), &followed, fps, |one| {
             one.energy.clone()
         }));
         let pictures: Vec<_> = followed.iter().flat_map(|one| one.pictures.clone()).collect();
@@ -497,7 +526,7 @@ mod tests {
     /// Every scene at its counts, and all tables at a few strands.
     #[test]
     fn the_scenes_have_the_paper_s_counts() {
-        for (name, builtin, [strands, vertices, colliders], _) in SCENES {
+        for Entry { name, builtin, counts: [strands, vertices, colliders], .. } in SCENES {
             let scene = builtin.scene(1.0, AS_IT_IS).unwrap();
             let of_strands = scene.groom.strands * scene.groom.vertices_per_strand;
             let own = (scene.groom.strands as usize, (scene.groom.vertices.max(of_strands)) as usize);

@@ -1,6 +1,8 @@
-//! Hair followed through a scene: how far it is from its shape, how much room it takes, what energy it has, what it costs.
+//! Hair followed through a scene: how far it is from its shape, how much room it takes, what energy
+//! it has, what it costs.
 
 use std::collections::HashSet;
+use std::sync::Arc;
 use std::time::Instant;
 
 use forelock_render::Image;
@@ -11,18 +13,28 @@ use crate::plot::{Line, Plot};
 use forelock::Assets;
 use forelock::Scene;
 use forelock::Studio;
-use forelock::{Observer, Progress, Stepper};
+use forelock::penetration::Penetration;
+use forelock::{Observer, Progress};
 
+use super::scenes;
 use super::watch::{mean, offset};
 
 /// Side of the cells in which room is counted, metres.
 const CELL: f32 = 0.01;
 
-/// A way to simulate a scene.
+/// A scene with one choice of solver and keys.
 pub(super) struct Case {
     /// Its name.
     pub label: String,
     pub scene: Scene,
+}
+
+/// Pictures to take.
+pub(super) struct Shots<'a> {
+    /// When, as shares of the scene's time.
+    pub moments: &'a [f64],
+    /// How much larger than the scene asks for.
+    pub scale: f64,
 }
 
 /// What happened, a value a frame, the first at the start.
@@ -32,7 +44,8 @@ pub(super) struct Followed {
     pub shape: Vec<f64>,
     /// Volume of the cells of 1 cm that hold hair, in the head's frame, litres.
     pub volume: Vec<f64>,
-    /// Kinetic energy of hair relative to the rest shape as the head moves it, and potential from its height over that, J/kg.
+    /// Kinetic energy of hair relative to the rest shape as the head moves it, and potential from
+    /// its height over that, J/kg.
     pub energy: Vec<f64>,
     /// Milliseconds a frame, median of all.
     pub ms: f64,
@@ -45,16 +58,16 @@ pub(super) struct Followed {
 }
 
 impl Followed {
-    /// Runs `case`, of `assets`, and takes pictures of it at `moments`, shares of the scene's time, `scale` times as large as it asks for.
+    /// Runs `case`, of `assets`, and takes `shots` of it.
     pub fn run(
         case: &Case,
-        assets: &Assets,
-        (moments, scale): (&[f64], f64),
+        assets: &Arc<Assets>,
+        shots: &Shots<'_>,
         observer: &mut Observer<'_>,
     ) -> Result<Self, BenchError> {
         let scene = &case.scene;
         let frames = scene.time.frames;
-        let (mut stepper, studio) = (Stepper::new(scene, assets)?, Studio::new(scene, assets));
+        let (mut player, studio) = (scenes::player(scene, assets)?, Studio::new(scene, assets));
         let all: Vec<usize> = (0..assets.groom.strand_count()).collect();
         let mut followed = Self {
             label: case.label.clone(),
@@ -66,25 +79,25 @@ impl Followed {
             inside: 0.0,
             pictures: Vec::new(),
         };
-        let wanted: Vec<u32> = moments.iter().map(|m| (m * f64::from(frames)).round() as u32).collect();
+        let wanted: Vec<u32> = shots.moments.iter().map(|m| (m * f64::from(frames)).round() as u32).collect();
         let (mut positions, mut before, mut times) = (Vec::new(), Vec::new(), Vec::new());
         observer(&Progress::Begin { what: "following", done: 0, total: frames.into() });
         for frame in 0..=frames {
             if frame > 0 {
                 let started = Instant::now();
-                let report = stepper.step(frame - 1)?;
+                let report = player.step()?.solver;
                 times.push(started.elapsed().as_secs_f64() * 1e3);
                 let stretch = [report.max_edge_stretch, report.max_edge_stretch_final];
                 followed.stretch = [0, 1].map(|k| followed.stretch[k].max(stretch[k]));
                 observer(&Progress::Step);
             }
-            stepper.positions(frame, &mut positions);
+            player.positions(&mut positions);
             if frame > 0 {
-                let (_, colliders) = stepper.surroundings(frame - 1);
-                let (inside, _) = forelock::deep_particles(&positions, stepper.strands(), &colliders);
-                followed.inside = followed.inside.max(inside);
+                let solids = player.collider_frames();
+                let measured = Penetration::measure(&positions, player.layout(), &solids);
+                followed.inside = followed.inside.max(measured.share_inside);
             }
-            let head = assets.head_pose(stepper.time_secs(frame));
+            let head = player.head_pose();
             followed.shape.push(offset(&assets.groom, &all, &head, &positions).over_length);
             let own = head.inverse();
             let local = positions.iter().map(|p| own.transform_point(p.as_dvec3()).as_vec3());
@@ -94,9 +107,9 @@ impl Followed {
             followed.energy.push(energy(&away, if frame > 0 { &before } else { &away }, scene));
             before = away;
             if let Some(number) = wanted.iter().position(|&moment| moment == frame) {
-                let time = stepper.time_secs(frame);
+                let time = player.time_secs();
                 let label = if number == 0 { case.label.clone() } else { format!("{time:.2} S") };
-                followed.pictures.push((studio.picture(&positions, time, scale)?, label));
+                followed.pictures.push((studio.picture(&positions, time, shots.scale)?, label));
             }
         }
         observer(&Progress::End);
@@ -130,7 +143,8 @@ fn energy(now: &[Vec3], before: &[Vec3], scene: &Scene) -> f64 {
 
 /// A plot of one measure of all that were followed.
 pub(super) fn plot(
-    (name, title): (&'static str, String),
+    name: &'static str,
+    title: String,
     followed: &[Followed],
     fps: f64,
     of: impl Fn(&Followed) -> Vec<f64>,

@@ -1,12 +1,14 @@
-//! What keeps its shape: AMS and plain mass-spring on hair of different lengths (Fig. 9 and the asymmetric style).
+//! What keeps its shape: AMS and plain mass-spring on hair of different lengths (Fig. 9 and the
+//! asymmetric style).
 //!
 //! # Practice
-//! The same scene runs with both solvers. Strands are taken in thirds by length, and followed is each third's mean distance from its rest shape in the head's
-//! frame. While the head moves, that is how far hair swings; once the head is still, it is what was lost of the shape.
+//! The same scene runs with both solvers. Strands are taken in thirds by length, and followed is
+//! each third's mean distance from its rest shape in the head's frame. While the head moves, that
+//! is how far hair swings; once the head is still, it is what was lost of the shape.
 
 use crate::BenchError;
 use crate::plot::{Line, Plot};
-use forelock::{Observer, Progress, Stepper};
+use forelock::{Observer, Progress};
 
 use super::scenes::{self, Builtin};
 use super::study::{Study, Table, millimetres, percent};
@@ -54,17 +56,17 @@ pub(super) fn study(
     let mut tracks = Vec::new();
     for (kind, solver) in SOLVERS {
         let scene = what.builtin.scene(share, &[keys, &[format!("solver.kind=\"{kind}\"")]].concat())?;
-        let mut stepper = Stepper::new(&scene, &assets)?;
+        let mut player = scenes::player(&scene, &assets)?;
         let mut of_parts = vec![Vec::with_capacity(frames as usize + 1); parts.len()];
         let mut positions = Vec::new();
         observer(&Progress::Begin { what: solver, done: 0, total: frames.into() });
         for frame in 0..=frames {
             if frame > 0 {
-                stepper.step(frame - 1)?;
+                player.step()?;
                 observer(&Progress::Step);
             }
-            stepper.positions(frame, &mut positions);
-            let head = assets.head_pose(stepper.time_secs(frame));
+            player.positions(&mut positions);
+            let head = player.head_pose();
             for (part, offsets) in parts.iter().zip(&mut of_parts) {
                 offsets.push(offset(&assets.groom, &part.strands, &head, &positions));
             }

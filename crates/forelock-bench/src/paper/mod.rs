@@ -1,10 +1,12 @@
 //! The experiments of the papers, rerun: tables, series over time, plots and pictures.
 //!
 //! # Practice
-//! [`Figure`] reruns the ablations of Figs. 4 and 5 on one strand and a wisp. [`Experiment`] reruns what the paper shows as film strips and leaves to the
-//! eye (Figs. 9, 10, 11 and the asymmetric style), measured: how far hair is from its rest shape, over time. [`table1()`] runs every scene of
-//! Table 1 and puts our times beside the paper's. [`dftl_tables`], [`volume`] and [`compare`] do the same for the follow-the-leader paper. The scenes are those of `scenes/ams` and `scenes/dftl`, built in; only
-//! what they read from files must be there.
+//! [`Figure`] reruns the ablations of Figs. 4 and 5 on one strand and a wisp. [`Experiment`] reruns
+//! what the paper shows as film strips and leaves to the eye (Figs. 9, 10, 11 and the asymmetric
+//! style), measured: how far hair is from its rest shape, over time. [`table1()`] runs every scene
+//! of Table 1 and puts our times beside the paper's. [`dftl_tables`], [`volume`] and [`compare`] do
+//! the same for the follow-the-leader paper. The scenes are those of `scenes/ams` and
+//! `scenes/dftl`, built in; only what they read from files must be there.
 
 mod ablations;
 mod coaster;
@@ -35,7 +37,8 @@ pub enum Experiment {
     Beard,
     /// Fig. 1, middle: a style that is long on one side and short on the other, under both.
     Asymmetric,
-    /// Fig. 10: a ride that damages the ties to the rest shape, and what is left of the shape after it.
+    /// Fig. 10: a ride that damages the ties to the rest shape, and what is left of the shape after
+    /// it.
     RollerCoaster,
     /// Fig. 11: a trim, purely geometric and simulated.
     Grooming,

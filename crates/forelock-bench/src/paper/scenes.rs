@@ -1,16 +1,18 @@
 //! The scenes of `scenes/ams` and `scenes/dftl`, built in, and their assets.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use crate::BenchError;
 use forelock::Assets;
-use forelock::Observer;
+use forelock::{Observer, Player};
 use forelock::{
     Scene,
     scene::{GroomSource, Override},
 };
+use forelock_core::groom::Groom;
 
-/// A scene file as it is built in.
+/// A built-in scene file.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Builtin {
     /// Name of the file, without its ending.
@@ -57,7 +59,8 @@ pub(super) const WISP: &[u8] = include_bytes!("../../../../scenes/ams/wisp.obj")
 pub(super) const AS_IT_IS: &[&str] = &[];
 
 impl Builtin {
-    /// The scene with `keys` over it and, where its strands are grown, `share` of them. Its paths are as if it lay in its folder under the current one.
+    /// The scene with `keys` over it and, where its strands are grown, `share` of them. Paths are
+    /// relative to its folder under the current one.
     pub fn scene(self, share: f64, keys: &[impl AsRef<str>]) -> Result<Scene, BenchError> {
         let mut overrides =
             keys.iter().map(|key| Override::set(key.as_ref())).collect::<Result<Vec<_>, _>>()?;
@@ -78,17 +81,31 @@ impl Builtin {
         share: f64,
         keys: &[impl AsRef<str>],
         observer: &mut Observer<'_>,
-    ) -> Result<(Scene, Assets), BenchError> {
+    ) -> Result<(Scene, Arc<Assets>), BenchError> {
         let scene = self.scene(share, keys)?;
-        let assets = Assets::load(&scene, observer)?;
+        let assets = Arc::new(Assets::load(&scene, observer)?);
         Ok((scene, assets))
     }
 }
 
+/// A player of `scene` with `assets` that only goes forward.
+pub(super) fn player(scene: &Scene, assets: &Arc<Assets>) -> Result<Player, BenchError> {
+    Ok(Player::builder(scene.clone()).assets(assets.clone()).without_history().build()?)
+}
+
 /// The strands in `obj` without a body, as `scene` moves them.
-pub(super) fn alone(scene: &Scene, obj: &[u8]) -> Result<Assets, BenchError> {
+pub(super) fn alone(scene: &Scene, obj: &[u8]) -> Result<Arc<Assets>, BenchError> {
+    Ok(Arc::new(Assets::around(scene, strands(scene, obj)?)?))
+}
+
+/// The wisp of Fig. 5.
+pub(super) fn wisp(scene: &Scene) -> Result<Groom, BenchError> {
+    strands(scene, WISP)
+}
+
+fn strands(scene: &Scene, obj: &[u8]) -> Result<Groom, BenchError> {
     let groom = forelock_io::obj::read_groom(obj)
         .map_err(|error| forelock_io::ReadError::Format { path: scene.name.clone().into(), source: error })
         .map_err(forelock::AssetError::from)?;
-    Ok(Assets::around(scene, groom)?)
+    Ok(groom)
 }

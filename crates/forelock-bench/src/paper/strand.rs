@@ -1,4 +1,4 @@
-//! A single strand after a ride (Fig. 10), where a reference in float64 says what comes out.
+//! A single strand after a ride (Fig. 10), compared with a reference in float64.
 
 use std::f64::consts::TAU;
 
@@ -18,7 +18,8 @@ use super::study::Table;
 /// Standard gravity, m/s².
 const GRAVITY: f64 = 9.81;
 
-/// Loads of the single strand's rides, g, and what the reference says: smallest s, ties broken, largest offset from the elastic strand over L.
+/// Loads of the single strand's rides, g, and what the reference says: smallest s, ties broken,
+/// largest offset from the elastic strand over L.
 const LOADS: [(f64, &str, &str, &str); 4] = [
     (1.0, "1", "0", "0"),
     (2.0, "0.78–0.91", "0", ""),
@@ -39,7 +40,8 @@ struct Ridden {
     elastic: f64,
 }
 
-/// Where the head is at `time` of a ride of 3 s at 1 Hz that pulls up to `load` g sideways, from rest to rest.
+/// Where the head is at `time` of a ride of 3 s at 1 Hz that pulls up to `load` g sideways, from
+/// rest to rest.
 fn ride(load: f64, time: f64) -> Pose {
     let reach = load * GRAVITY / (TAU * TAU) * (1.0 - (TAU * time.min(3.0)).cos());
     Pose::new(DQuat::IDENTITY, DVec3::new(0.96, 0.0, 0.28) * reach)
@@ -82,7 +84,7 @@ fn ridden(load: f64, substeps: u32) -> Result<Ridden, BenchError> {
     let end = ride(load, 7.5);
     let rest = groom.positions().iter().map(|p| end.transform_point(p.as_dvec3()));
     Ok(Ridden {
-        // What is not healed tells the worst that there was.
+        // Without healing the least integrity is that of the end.
         least: intact.iter().fold(1.0, |least, &s| least.min(f64::from(s))),
         broken: intact.iter().filter(|&&s| f64::from(s) < BROKEN).count(),
         from_elastic: farthest(&mut damaged.iter().zip(&elastic).map(|(a, b)| f64::from(a.distance(*b)))),
@@ -123,7 +125,8 @@ pub(super) fn table() -> Result<Table, BenchError> {
 mod tests {
     use super::*;
 
-    /// What the reference found: no damage at 1 g, some at 2 g, ties that break at 3 g and 5 g, and a strand that does not come back where the elastic one does.
+    /// What the reference found: no damage at 1 g, some at 2 g, ties that break at 3 g and 5 g, and
+    /// a strand that does not come back where the elastic one does.
     #[test]
     fn a_strand_is_damaged_by_its_load() {
         for substeps in SUBSTEPS {

@@ -1,15 +1,19 @@
 //! Table 1 of the paper: every scene, timed.
 //!
 //! # Practice
-//! A scene is simulated for some frames to warm up and some that are timed, without pictures or files; a frame is what a step of the
-//! simulation takes on the wall's clock, from poses to positions. Stages are work: seconds summed over threads. On a GPU both are by its own clock.
+//! A scene is simulated for some frames to warm up and some that are timed, without pictures or
+//! files; a frame is what a step of the simulation takes on the wall clock, from poses to
+//! positions. Stages are seconds of work summed over threads. On a GPU both come from the device's
+//! clock.
 //!
 //! # Limitations
-//! The paper's times are of another machine, a graphics card, and of scenes of which it gives the counts only.
+//! The paper's times are of another machine, a graphics card, and of scenes of which it gives the
+//! counts only.
 
 use forelock_core::groom::edit::{Density, Edit, Operation, Resample};
 use forelock_gpu::{Choice, Gpu, GpuError};
 use serde::Serialize;
+use std::sync::Arc;
 
 use crate::BenchError;
 use crate::plot::{Bar, Bars};
@@ -17,7 +21,7 @@ use forelock::Backend;
 use forelock::html::thousands;
 use forelock::summary::{FrameRow, Spread, device_name, median_stages};
 use forelock::{AssetError, Assets};
-use forelock::{Observer, Progress, RunError, Stepper};
+use forelock::{Observer, Player, PlayerError, Progress};
 use forelock::{Scene, scene::InteractionKind};
 
 use super::scenes::{self, Builtin};
@@ -82,10 +86,10 @@ pub struct Table1Row {
     /// Particles simulated.
     pub particles: usize,
     /// Solver.
-    pub solver: &'static str,
+    pub solver: String,
     /// Substeps a frame.
     pub substeps: u32,
-    /// Whether strands meet on a grid.
+    /// Whether strands interact on a grid.
     pub grid: bool,
     /// Milliseconds a frame.
     pub ms_per_frame: Spread,
@@ -103,7 +107,7 @@ struct Entry {
     name: &'static str,
     builtin: Builtin,
     keys: &'static [&'static str],
-    /// Strands that are no scene's own.
+    /// Where the strands come from.
     strands: Strands,
     paper: (usize, &'static str, Option<f64>),
 }
@@ -142,7 +146,8 @@ const ENTRIES: [Entry; 12] = {
     ]
 };
 
-/// Runs every scene of Table 1. A scene whose groom is a file that is not there is skipped, and says so.
+/// Runs every scene of Table 1. A scene whose groom is a file that is not there is skipped, and
+/// says so.
 ///
 /// # Errors
 /// [`BenchError`] if a scene cannot be simulated.
@@ -163,14 +168,15 @@ pub fn table1(options: &Table1Options, observer: &mut Observer<'_>) -> Result<Ta
     })
 }
 
-/// `result`, or why the scene is skipped: it needs a file that is not there, or what this GPU does not have.
+/// `result`, or why the scene is skipped: it needs a file that is not there, or what this GPU does
+/// not have.
 pub(super) fn or_skipped<T>(result: Result<T, BenchError>) -> Result<Result<T, String>, BenchError> {
     let unavailable =
         |error: &GpuError| matches!(error, GpuError::Unsupported { .. } | GpuError::TooLarge { .. });
     match result {
         Ok(found) => Ok(Ok(found)),
         Err(BenchError::Asset(AssetError::Read(error))) => Ok(Err(error.to_string())),
-        Err(BenchError::Gpu(error) | BenchError::Run(RunError::Gpu(error))) if unavailable(&error) => {
+        Err(BenchError::Gpu(error) | BenchError::Player(PlayerError::Gpu(error))) if unavailable(&error) => {
             Ok(Err(error.to_string()))
         }
         Err(error) => Err(error),
@@ -188,7 +194,7 @@ impl Entry {
             paper_strands,
             paper_particles,
             paper_ms,
-            solver: scene.solver.kind.name(),
+            solver: scene.solver.kind.name().to_owned(),
             substeps: scene.substeps(),
             grid: scene.interaction.kind == InteractionKind::Grid,
             ..Table1Row::default()
@@ -216,23 +222,25 @@ impl Entry {
 }
 
 impl Strands {
-    fn load(self, scene: &Scene, observer: &mut Observer<'_>) -> Result<Assets, BenchError> {
+    fn load(self, scene: &Scene, observer: &mut Observer<'_>) -> Result<Arc<Assets>, BenchError> {
         match self {
-            Self::Scene => Ok(Assets::load(scene, observer)?),
+            Self::Scene => Ok(Arc::new(Assets::load(scene, observer)?)),
             Self::Helix => scenes::alone(scene, scenes::HELIX),
             Self::Wisp => {
-                let mut assets = scenes::alone(scene, scenes::WISP)?;
-                let factor = 480.0 / assets.groom.strand_count() as f32;
+                let mut groom = scenes::wisp(scene)?;
+                let factor = 480.0 / groom.strand_count() as f32;
                 for operation in [
                     Operation::Density(Density { factor, ..Density::default() }),
                     Operation::Resample(Resample { particles: 29 }),
                 ] {
                     let operation_name = operation.name();
-                    Edit::all(operation)
-                        .apply(&mut assets.groom, None)
-                        .map_err(|error| AssetError::Edit { number: 1, operation: operation_name, error })?;
+                    Edit::all(operation).apply(&mut groom, None).map_err(|error| AssetError::Edit {
+                        number: 1,
+                        operation: operation_name,
+                        error,
+                    })?;
                 }
-                Ok(assets)
+                Ok(Arc::new(Assets::around(scene, groom)?))
             }
         }
     }
@@ -241,27 +249,28 @@ impl Strands {
 /// The timed frames of `scene`.
 pub(super) fn time(
     scene: &Scene,
-    assets: &Assets,
+    assets: &Arc<Assets>,
     options: &Table1Options,
     what: &'static str,
     observer: &mut Observer<'_>,
 ) -> Result<Vec<FrameRow>, BenchError> {
-    let (mut stepper, _) =
-        Stepper::on(if options.on_gpu { Backend::Gpu } else { Backend::Cpu }, scene, assets)?;
+    let backend = if options.on_gpu { Backend::Gpu } else { Backend::Cpu };
+    let player = Player::builder(scene.clone()).assets(assets.clone()).backend(backend);
+    let mut player = player.without_history().build()?;
     let frames = options.warm_up + options.frames;
     observer(&Progress::Begin { what, done: 0, total: frames.into() });
     let mut rows = Vec::with_capacity(options.frames as usize);
     for frame in 0..frames {
         let started = std::time::Instant::now();
-        let report = stepper.step(frame)?;
+        let report = player.step()?;
         let mut ms = started.elapsed().as_secs_f64() * 1e3;
-        // On a GPU the wall's clock would count how the state comes back, which a frame does not need.
-        if let Some(secs) = stepper.device_secs() {
+        // On a GPU the wall clock would count the read-back too, which a frame does not need.
+        if let Some(secs) = report.device_secs {
             ms = secs * 1e3;
         }
         if frame >= options.warm_up {
-            let ran = report.stage_secs.iter().filter(|(_, secs)| *secs > 0.0);
-            let stages = ran.map(|&(stage, secs)| (stage, secs * 1e3)).collect();
+            let ran = report.solver.stages.iter().filter(|(_, secs)| *secs > 0.0);
+            let stages = ran.map(|(stage, secs)| (stage.into(), secs * 1e3)).collect();
             rows.push(FrameRow { ms, stages, ..FrameRow::default() });
         }
         observer(&Progress::Step);

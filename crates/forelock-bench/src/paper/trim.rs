@@ -1,16 +1,17 @@
 //! Digital grooming (Fig. 11): a trim, purely geometric and simulated.
 //!
 //! # Practice
-//! The scene trims hair while it is simulated. What the edit leaves is the purely geometric trim; followed is how far the simulated hair goes from there, because
-//! less weight hangs on what is left of each strand and fewer strands take up room.
+//! The scene trims hair while it is simulated. What the edit leaves is the purely geometric trim;
+//! followed is how far the simulated hair goes from there, because less weight hangs on what is
+//! left of each strand and fewer strands take up room.
 
 use glam::Vec3;
 
 use crate::BenchError;
 use crate::plot::{Line, Plot};
-use forelock::{Observer, Progress, Stepper};
+use forelock::{Observer, Progress};
 
-use super::scenes::{AS_IT_IS, GROOMING};
+use super::scenes::{self, AS_IT_IS, GROOMING};
 use super::study::{Study, Table, millimetres};
 use super::watch::mean;
 
@@ -33,7 +34,7 @@ pub(super) fn study(observer: &mut Observer<'_>) -> Result<Study, BenchError> {
     let offsets = assets.groom.strand_offsets();
     let range = |strand: usize| offsets[strand] as usize..offsets[strand + 1] as usize;
     let tip = |strand: usize| offsets[strand + 1] as usize - 1;
-    let mut stepper = Stepper::new(&scene, &assets)?;
+    let mut player = scenes::player(&scene, &assets)?;
     let (mut before, mut geometric, mut positions) = (Vec::new(), Vec::new(), Vec::new());
     let mut trimmed: Vec<usize> = Vec::new();
     let mut track: Vec<Moment> = Vec::new();
@@ -48,17 +49,17 @@ pub(super) fn study(observer: &mut Observer<'_>) -> Result<Study, BenchError> {
     observer(&Progress::Begin { what: "trimming", done: 0, total: scene.time.frames.into() });
     for frame in 0..scene.time.frames {
         if frame == cut_frame {
-            stepper.positions(frame, &mut before);
-            stepper.regroom(frame)?;
-            stepper.positions(frame, &mut geometric);
+            player.positions(&mut before);
+            player.apply_due_edits()?;
+            player.positions(&mut geometric);
             trimmed = (0..offsets.len() - 1)
                 .filter(|&strand| before[tip(strand)].distance(geometric[tip(strand)]) > TRIMMED_M)
                 .collect();
             track.push(Moment::default());
         }
-        stepper.step(frame)?;
+        player.step()?;
         if frame >= cut_frame {
-            stepper.positions(frame + 1, &mut positions);
+            player.positions(&mut positions);
             track.push(moment(&trimmed, &geometric, &positions));
         }
         observer(&Progress::Step);
@@ -88,7 +89,7 @@ pub(super) fn study(observer: &mut Observer<'_>) -> Result<Study, BenchError> {
                 offsets.len() - 1,
                 assets.groom.particle_count(),
                 trimmed.len(),
-                stepper.time_secs(cut_frame),
+                player.secs_of(cut_frame),
             ),
         ],
         tables: vec![table],

@@ -35,7 +35,8 @@ pub(super) fn thirds(groom: &Groom) -> [Part; 3] {
     })
 }
 
-/// The mean over `strands` of the distance between particles at `positions` (world space) and where `groom` has them at rest with the head at `head`.
+/// The mean over `strands` of the distance between particles at `positions` (world space) and where
+/// `groom` has them at rest with the head at `head`.
 pub(super) fn offset(groom: &Groom, strands: &[usize], head: &Pose, positions: &[Vec3]) -> Offset {
     let rest = |p: usize| head.transform_point(groom.positions()[p].as_dvec3());
     let distance = |p: usize| positions[p].as_dvec3().distance(rest(p));

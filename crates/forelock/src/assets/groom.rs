@@ -1,6 +1,6 @@
 //! The strands of a scene: read or grown, repaired, resampled, brought out of the body.
 
-use forelock_core::groom::edit::{self, EditReport};
+use forelock_core::groom::edit::{self, Edit, EditError, EditReport};
 use forelock_core::groom::grow::{self, grow};
 use forelock_core::groom::{Groom, LiftParams, LiftReport, lift_out, resample, resample_to};
 use glam::{DVec3, Vec3};
@@ -54,7 +54,8 @@ pub(super) fn load(scene: &Scene, body: Option<&Body>, notes: &mut Vec<String>) 
     Ok(groom)
 }
 
-/// How far over the skin the solver of `scene` keeps hair, metres, and how many particles of a strand it holds there.
+/// How far over the skin the solver of `scene` keeps hair, metres, and how many particles of a
+/// strand it holds there.
 fn skin(scene: &Scene) -> (f32, usize) {
     let solver = &scene.solver;
     let thickness = match solver.kind {
@@ -65,24 +66,18 @@ fn skin(scene: &Scene) -> (f32, usize) {
     (thickness as f32, solver.clamped() as usize)
 }
 
-/// Does edit `number` (from 0) of `scene` to `groom`, which keeps out of `body`.
+/// Does `edit` to `groom`, which keeps out of `body` as far as the solver of `scene` asks for.
 pub(super) fn edit(
+    edit: &Edit,
     scene: &Scene,
-    number: usize,
     groom: &mut Groom,
     body: Option<&Body>,
-) -> Result<EditReport, AssetError> {
-    let Some(edit) = scene.edits.0.get(number).map(|section| &section.edit) else {
-        return Ok(EditReport::default());
-    };
+) -> Result<EditReport, EditError> {
     let solid = body.and_then(|body| {
         let (sdf, mesh) = (body.sdf.as_deref()?, Some(body.mesh.as_ref()));
         Some(edit::Body { sdf, mesh, margin: skin(scene).0 })
     });
-    edit.apply(groom, solid.as_ref()).map_err(|error| {
-        let number = number + 1;
-        AssetError::Edit { number, operation: edit.operation.name(), error }
-    })
+    edit.apply(groom, solid.as_ref())
 }
 
 fn grow_on(scene: &Scene, body: &Body) -> Result<Groom, AssetError> {

@@ -1,23 +1,30 @@
 //! What a scene names, loaded: strands, body, solids and their motions.
 //!
 //! # Practice
-//! [`Assets::load`] reads or grows the groom, repairs and resamples it, reads or makes the body, turns meshes into distance
-//! grids, and brings strands that start inside the body out of it. Whatever had to be changed is told in a note.
+//! [`Assets::load`] reads or grows the groom, repairs and resamples it, reads or makes the body,
+//! turns meshes into distance grids, and brings strands that start inside the body out of it. Every
+//! repair is reported in a note.
 
 mod groom;
 mod motion;
 mod solids;
 
-use forelock_core::body::{ColliderFrame, Motion, Sdf, SdfError, TriMesh};
+use std::sync::Arc;
+
+use forelock_core::body::{ColliderFrame, Sdf, SdfError, TriMesh};
 use forelock_core::groom::Groom;
-use forelock_core::groom::edit::EditReport;
+use forelock_core::groom::edit::{Edit, EditError, EditReport};
 use forelock_core::pose::Pose;
 use glam::DVec3;
 
 use crate::hash::Fnv;
-use crate::run::{Observer, Progress};
-use crate::scene::{CameraSection, GroomSource, HairSection, OutputSection, Scene};
-use solids::{Body, Solid};
+use crate::progress::{Observer, Progress};
+use crate::scene::{
+    CameraSection, ColliderSection, GroomSource, HairSection, MotionSection, OutputSection, Scene,
+};
+pub use motion::MotionTrack;
+use solids::Body;
+pub(crate) use solids::Solid;
 
 /// Why something that a scene names cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -60,7 +67,7 @@ pub enum AssetError {
         /// Its `op`.
         operation: &'static str,
         /// What is wrong.
-        error: forelock_core::groom::edit::EditError,
+        error: EditError,
     },
     /// No motion of that name.
     #[error("there is no motion `{0}`")]
@@ -80,6 +87,13 @@ pub enum AssetError {
     },
 }
 
+impl AssetError {
+    /// `error` of edit `number`, from 0.
+    pub(crate) fn of_edit(number: usize, edit: &Edit, error: EditError) -> Self {
+        Self::Edit { number: number + 1, operation: edit.operation.name(), error }
+    }
+}
+
 /// What a scene names, ready to be simulated.
 #[derive(Debug)]
 pub struct Assets {
@@ -88,12 +102,14 @@ pub struct Assets {
     /// What was changed on import, one sentence each.
     pub notes: Vec<String>,
     body: Option<Body>,
-    head: Motion,
-    solids: Vec<Solid>,
+    /// The point about which the head turns, metres.
+    pivot: DVec3,
+    head: Arc<MotionTrack>,
+    solids: Vec<Arc<Solid>>,
 }
 
 impl Assets {
-    /// Loads what `scene` names; `observer` is told what was changed.
+    /// Loads what `scene` names; `observer` receives what was changed.
     ///
     /// # Errors
     /// [`AssetError`] if a file cannot be used.
@@ -108,7 +124,7 @@ impl Assets {
         Ok(assets)
     }
 
-    /// What `scene` names, with the groom as it is before the first edit.
+    /// Loads what `scene` names, with the groom before the first edit.
     ///
     /// # Errors
     /// [`AssetError`] if a file cannot be used.
@@ -117,33 +133,35 @@ impl Assets {
         let mut notes = Vec::new();
         let groom = groom::load(scene, body.as_ref(), &mut notes)?;
         let pivot = body.as_ref().map_or_else(|| groom::middle_of_roots(&groom), Body::pivot);
-        let head = motion::motion(&scene.body.motion, pivot)?;
+        let head = Arc::new(MotionTrack::new(&scene.body.motion, pivot)?);
         let solids = solids::load(scene, body.as_ref())?;
         for note in &notes {
             observer(&Progress::Note(note));
         }
-        Ok(Self { groom, notes, body, head, solids })
+        Ok(Self { groom, notes, body, pivot, head, solids })
     }
 
     /// Does edit `number`, from 0, of `scene` to the groom.
     ///
     /// # Errors
-    /// [`AssetError`] if it cannot be done; the groom is as it was then.
+    /// [`AssetError`] if it cannot be done; the groom is unchanged then.
     pub fn edit(&mut self, scene: &Scene, number: usize) -> Result<EditReport, AssetError> {
-        groom::edit(scene, number, &mut self.groom, self.body.as_ref())
+        let Some(edit) = scene.edits.0.get(number).map(|section| &section.edit) else {
+            return Ok(EditReport::default());
+        };
+        let report = groom::edit(edit, scene, &mut self.groom, self.body.as_ref());
+        report.map_err(|error| AssetError::of_edit(number, edit, error))
     }
 
-    /// Does edit `number`, from 0, of `scene` to `groom`, which may be another than the one here.
-    ///
-    /// # Errors
-    /// [`AssetError`] if it cannot be done; `groom` is as it was then.
-    pub fn edit_other(
+    /// Does `edit` to `groom`, which may be another than [`Assets::groom`], and keeps its strands
+    /// out of the body as the solver of `scene` does.
+    pub(crate) fn edit_other(
         &self,
         scene: &Scene,
-        number: usize,
+        edit: &Edit,
         groom: &mut Groom,
-    ) -> Result<EditReport, AssetError> {
-        groom::edit(scene, number, groom, self.body.as_ref())
+    ) -> Result<EditReport, EditError> {
+        groom::edit(edit, scene, groom, self.body.as_ref())
     }
 
     /// What `scene` names around a `groom` that is there already; nothing collides. For pictures.
@@ -155,12 +173,12 @@ impl Assets {
         scene.body.collide = false;
         let body = Body::load(&scene)?;
         let pivot = body.as_ref().map_or_else(|| groom::middle_of_roots(&groom), Body::pivot);
-        let head = motion::motion(&scene.body.motion, pivot)?;
+        let head = Arc::new(MotionTrack::new(&scene.body.motion, pivot)?);
         let solids = solids::load(&scene, None)?;
-        Ok(Self { groom, notes: Vec::new(), body, head, solids })
+        Ok(Self { groom, notes: Vec::new(), body, pivot, head, solids })
     }
 
-    /// The body's mesh in its own space, if there is a body.
+    /// The body's mesh in local space, if there is a body.
     pub fn body_mesh(&self) -> Option<&TriMesh> {
         self.body.as_ref().map(|body| body.mesh.as_ref())
     }
@@ -170,19 +188,51 @@ impl Assets {
         self.head.pose(time)
     }
 
+    /// The motion of the body.
+    pub fn head_motion(&self) -> &Arc<MotionTrack> {
+        &self.head
+    }
+
+    /// The motion that `section` describes, about the point about which the body turns.
+    ///
+    /// # Errors
+    /// [`AssetError`] if it is not a motion.
+    pub fn motion(&self, section: &MotionSection) -> Result<MotionTrack, AssetError> {
+        MotionTrack::new(section, self.pivot)
+    }
+
+    /// All solids, the body first.
+    pub(crate) fn solids(&self) -> &[Arc<Solid>] {
+        &self.solids
+    }
+
+    /// Whether the first of the solids is the body.
+    pub(crate) fn body_collides(&self) -> bool {
+        self.body.as_ref().is_some_and(|body| body.sdf.is_some())
+    }
+
+    /// The middle of the roots, metres.
+    pub(crate) fn middle_of_roots(&self) -> DVec3 {
+        let roots = self.groom.strands().filter_map(|strand| strand.first());
+        let (sum, count) =
+            roots.fold((DVec3::ZERO, 0.0), |(sum, count), p| (sum + p.as_dvec3(), count + 1.0));
+        sum / f64::max(count, 1.0)
+    }
+
     /// All solids in the frame between two `times` (seconds) at which the body is at `head`.
     pub fn collider_frames(&self, times: [f64; 2], head: [Pose; 2]) -> Vec<ColliderFrame<'_>> {
         self.solids.iter().map(|solid| solid.frame(times, head)).collect()
     }
 
-    /// Meshes of all solids that are visible but the body, with their poses at `time` seconds, for pictures.
+    /// Meshes of all solids that are visible but the body, with their poses at `time` seconds, for
+    /// pictures.
     pub fn solid_meshes(&self, time: f64) -> Vec<(&TriMesh, Pose)> {
         let head = self.head_pose(time);
         self.solids.iter().filter_map(|solid| Some((solid.mesh_at(time)?, solid.pose(time, &head)))).collect()
     }
 
-    /// A hash of all that decides how the simulation goes on: strands, meshes and the scene's physics. The number of
-    /// frames, the outputs, the looks and where files lie are no part of it.
+    /// A hash of all that determines the simulation: strands, meshes and the scene's physics. The
+    /// number of frames, the outputs, the looks and where files lie are no part of it.
     pub fn fingerprint(&self, scene: &Scene) -> u64 {
         let mut physics = scene.clone();
         physics.name = String::new();
@@ -207,8 +257,13 @@ impl Assets {
     }
 }
 
-/// The point about which a body of bounds (`lo`, `hi`) turns: in its middle, a quarter of the way up, where a bust has
-/// its neck.
+/// The solid that `section` describes; `fps` is the frame rate of the scene.
+pub(crate) fn solid(section: &ColliderSection, fps: f64) -> Result<Solid, AssetError> {
+    solids::solid(section, fps)
+}
+
+/// The point about which a body of bounds (`lo`, `hi`) turns: in its middle, a quarter of the way
+/// up, where a bust has its neck.
 fn neck(lo: DVec3, hi: DVec3) -> DVec3 {
     let middle = (lo + hi) * 0.5;
     DVec3::new(middle.x, lo.y + 0.25 * (hi.y - lo.y), middle.z)
@@ -243,7 +298,7 @@ mod tests {
         let (shown, hidden) = (load(""), load("visible = false"));
         assert_eq!((shown.0, shown.1), (1, 1));
         assert_eq!((hidden.0, hidden.1), (1, 0));
-        // A run goes on whatever is seen of it, but not with another solid.
+        // Visibility does not affect a resumed run; another solid does.
         assert_eq!(hidden.2, shown.2);
         assert_ne!(load("radius = 0.2").2, shown.2);
     }

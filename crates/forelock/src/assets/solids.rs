@@ -3,11 +3,11 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
-use forelock_core::body::{ColliderFrame, Head, Horse, Morph, Motion, Prop, Sdf, Shape, TriMesh};
+use forelock_core::body::{ColliderFrame, Head, Horse, Morph, Prop, Sdf, Shape, TriMesh};
 use forelock_core::pose::Pose;
 use glam::DVec3;
 
-use super::{AssetError, distance_grid, motion, neck};
+use super::{AssetError, MotionTrack, distance_grid, motion, neck};
 use crate::scene::{ColliderSection, Scene, ShapeKind};
 use crate::tessellate;
 
@@ -52,18 +52,18 @@ impl Body {
 
 /// A solid and how it moves.
 #[derive(Debug)]
-pub(super) struct Solid {
+pub(crate) struct Solid {
     /// Its shape in every frame, the last one for all that follow.
     shapes: Vec<Shape>,
     /// Frames a second.
     fps: f64,
     friction: f64,
     on_body: bool,
-    /// Where it is before its motion.
+    /// Its pose before its motion.
     base: Pose,
-    motion: Motion,
+    motion: Arc<MotionTrack>,
     visible: bool,
-    /// How it is drawn, one after the other; the body is drawn as itself.
+    /// Meshes for pictures, one after the other; the body is drawn as itself.
     pub(super) meshes: Vec<TriMesh>,
     /// Meshes a second.
     sequence_fps: f64,
@@ -72,26 +72,42 @@ pub(super) struct Solid {
 impl Solid {
     /// World from local at `time` seconds, when the body is at `head`.
     pub(super) fn pose(&self, time: f64, head: &Pose) -> Pose {
-        self.carrier(time, head).after(&self.base)
+        self.carrier(head, &self.motion.pose(time)).after(&self.base)
     }
 
     /// The solid between two `times` at which the body is at `head`.
     pub(super) fn frame(&self, times: [f64; 2], head: [Pose; 2]) -> ColliderFrame<'_> {
-        let [from, to] = [0, 1].map(|end| self.carrier(times[end], &head[end]));
-        let shape = &self.shapes[nearest(times[0] * self.fps, self.shapes.len())];
+        let carriers = [0, 1].map(|end| self.carrier(&head[end], &self.motion.pose(times[end])));
+        self.frame_between(times[0], carriers)
+    }
+
+    /// The solid in the frame that starts at `time` seconds, between two `carriers`.
+    pub(crate) fn frame_between(&self, time: f64, carriers: [Pose; 2]) -> ColliderFrame<'_> {
+        let shape = &self.shapes[nearest(time * self.fps, self.shapes.len())];
+        let [from, to] = carriers;
         ColliderFrame { shape, local: self.base, from, to, friction: self.friction }
     }
 
-    /// How it is drawn at `time` seconds, if it is: the nearest mesh of its sequence.
-    pub(super) fn mesh_at(&self, time: f64) -> Option<&TriMesh> {
+    /// The mesh for a picture at `time` seconds, if the solid is visible: the nearest of its
+    /// sequence.
+    pub(crate) fn mesh_at(&self, time: f64) -> Option<&TriMesh> {
         let shown = if self.visible { &self.meshes[..] } else { &[] };
         shown.get(nearest(time * self.sequence_fps, shown.len()))
     }
 
-    /// What carries the solid: its motion, on the body or in the world.
-    fn carrier(&self, time: f64, head: &Pose) -> Pose {
-        let motion = self.motion.pose(time);
-        if self.on_body { head.after(&motion) } else { motion }
+    /// The pose that carries the solid when the body is at `head` and its motion at `motion`.
+    pub(crate) fn carrier(&self, head: &Pose, motion: &Pose) -> Pose {
+        if self.on_body { head.after(motion) } else { *motion }
+    }
+
+    /// Its motion, relative to the body or the world.
+    pub(crate) fn motion(&self) -> &Arc<MotionTrack> {
+        &self.motion
+    }
+
+    /// Its pose before its motion.
+    pub(crate) fn base(&self) -> &Pose {
+        &self.base
     }
 }
 
@@ -101,28 +117,28 @@ fn nearest(at: f64, count: usize) -> usize {
 }
 
 /// All solids of `scene`, the body first.
-pub(super) fn load(scene: &Scene, body: Option<&Body>) -> Result<Vec<Solid>, AssetError> {
+pub(super) fn load(scene: &Scene, body: Option<&Body>) -> Result<Vec<Arc<Solid>>, AssetError> {
     let mut solids = Vec::with_capacity(scene.colliders.len() + 1);
     if let Some(sdf) = body.and_then(|body| body.sdf.as_ref()) {
-        solids.push(Solid {
+        solids.push(Arc::new(Solid {
             shapes: vec![Shape::Sdf(sdf.clone())],
             fps: scene.time.fps,
             friction: scene.body.friction,
             on_body: true,
             base: Pose::IDENTITY,
-            motion: Motion::default(),
+            motion: Arc::default(),
             visible: true,
             meshes: Vec::new(),
             sequence_fps: 1.0,
-        });
+        }));
     }
     for section in &scene.colliders {
-        solids.push(solid(section, scene.time.fps)?);
+        solids.push(Arc::new(solid(section, scene.time.fps)?));
     }
     Ok(solids)
 }
 
-fn solid(section: &ColliderSection, fps: f64) -> Result<Solid, AssetError> {
+pub(super) fn solid(section: &ColliderSection, fps: f64) -> Result<Solid, AssetError> {
     let radius = section.radius.unwrap_or(0.1);
     let half_length = section.half_length.unwrap_or(0.1);
     let half_extents = DVec3::from_array(section.half_extents.unwrap_or([0.1; 3]));
@@ -161,14 +177,14 @@ fn solid(section: &ColliderSection, fps: f64) -> Result<Solid, AssetError> {
         friction: section.friction,
         on_body: section.on_body,
         base: Pose::new(motion::rotation(section.rotation_degrees), position),
-        motion: motion::motion(&section.motion, position)?,
+        motion: Arc::new(MotionTrack::new(&section.motion, position)?),
         visible: section.visible,
         meshes,
         sequence_fps,
     })
 }
 
-/// A mesh that changes: its shape in each frame, in which it goes on by `step` meshes, and its meshes.
+/// A mesh that changes: its shape in each frame, which advances by `step` meshes, and its meshes.
 fn sequence(section: &ColliderSection, step: f64) -> Result<(Vec<Shape>, Vec<TriMesh>), AssetError> {
     let cells = section.sdf_cells.unwrap_or(COLLIDER_CELLS);
     let (mut fields, mut meshes) = (Vec::new(), Vec::new());

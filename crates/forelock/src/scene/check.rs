@@ -1,20 +1,21 @@
 //! The values that a scene may hold.
 //!
-//! Each check names the dotted key and says what would be right. The ranges are those of the doc lines; a test reads
-//! both and compares them.
+//! Each check names the dotted key and says what would be right. The ranges are those of the doc
+//! lines; a test reads both and compares them.
 
 use forelock_core::body::Motion;
 use forelock_core::groom::grow::GrowError;
 use forelock_core::params::ParamsError;
-use forelock_core::solver::ams::FLOAT32_STIFFNESS_LIMIT;
+use forelock_core::params::FLOAT32_STIFFNESS_LIMIT;
 
 use forelock_io::Format;
 use forelock_render::HairColour;
 
 use super::document::Document;
 use super::error::one_of;
-use super::sections::{ColliderSection, GroomSource, ShapeKind, SolverKind};
-use super::{MotionSection, Scene};
+use super::sections::{ColliderSection, GroomSource, ShapeKind};
+use super::{Keyframe, MotionSection, Scene, SolverKind};
+use crate::sinks;
 
 /// Key and message of what is wrong.
 type Wrong = (String, String);
@@ -41,7 +42,7 @@ impl Range {
     }
 }
 
-/// Checks every value of `scene`; `document` tells what its author wrote himself.
+/// Checks every value of `scene`; `document` knows which of them the author wrote.
 pub(super) fn check(scene: &Scene, document: &Document<'_>) -> Result<(), Wrong> {
     check_finite(scene)?;
     check_available(scene)?;
@@ -64,6 +65,9 @@ pub(super) fn check(scene: &Scene, document: &Document<'_>) -> Result<(), Wrong>
     check_output(scene)?;
     check_growth(scene, document)?;
     check_timed_edits(scene)?;
+    for (number, teleport) in scene.teleports.iter().enumerate() {
+        Range::Above(0.0).check(&format!("teleport.{number}.at_secs"), teleport.at_secs)?;
+    }
     for key in ["solver.ams.substeps", "solver.mass_spring.substeps"] {
         if scene.time.substeps.is_some() && document.sets(key) {
             let message = format!("is set, and so is `{key}`, which means the same: keep one");
@@ -100,8 +104,8 @@ fn check_available(scene: &Scene) -> Result<(), Wrong> {
     let later = |key: &str, what: &str, now: &str| {
         Err((key.to_owned(), format!("asks for {what}, which this version does not have yet: {now}")))
     };
-    match scene.solver.kind {
-        SolverKind::Ams | SolverKind::MassSpring | SolverKind::Dftl => {}
+    match &scene.solver.kind {
+        SolverKind::Ams | SolverKind::MassSpring | SolverKind::Dftl | SolverKind::Custom(_) => {}
         kind => {
             let what = format!("the solver \"{}\"", kind.name());
             return later("solver.kind", &what, "use \"ams\", \"mass-spring\" or \"dftl\"");
@@ -117,6 +121,8 @@ fn check_numbers(scene: &Scene) -> Result<(), Wrong> {
         ("groom.strands", whole(groom.strands), Range::Within(1.0, 1e6)),
         ("groom.scale", groom.scale, Range::Above(0.0)),
         ("body.scale", body.scale, Range::Above(0.0)),
+        ("body.teleport_speed", body.teleport_speed, Range::AtLeast(0.0)),
+        ("body.teleport_turn_degrees", body.teleport_turn_degrees, Range::AtLeast(0.0)),
         ("body.friction", body.friction, Range::AtLeast(0.0)),
         ("body.sdf_cells", whole(body.sdf_cells), Range::Within(8.0, 512.0)),
         ("time.fps", time.fps, Range::Within(1.0, 1e4)),
@@ -167,7 +173,14 @@ fn check_motion(key: &str, motion: &MotionSection) -> Result<(), Wrong> {
             "should be 0: the first is the start".to_owned(),
         ));
     }
-    match frames.windows(2).position(|pair| pair[1].time_secs <= pair[0].time_secs) {
+    if frames.first().is_some_and(|first| first.jump) {
+        let message = "should be false: nothing comes before the first keyframe".to_owned();
+        return Err((format!("{key}.keyframe.0.jump"), message));
+    }
+    let follows = |before: &Keyframe, next: &Keyframe| {
+        next.time_secs > before.time_secs || (next.jump && next.time_secs == before.time_secs)
+    };
+    match frames.windows(2).position(|pair| !follows(&pair[0], &pair[1])) {
         None => Ok(()),
         Some(index) => {
             let message = "should be later than that of the keyframe before it".to_owned();
@@ -215,7 +228,8 @@ fn check_collider(key: &str, collider: &ColliderSection) -> Result<(), Wrong> {
     check_motion(&format!("{key}.motion"), &collider.motion)
 }
 
-/// Edits while the hair moves: the cache has one layout, and not every solver can take an edited groom over.
+/// Edits while the hair moves: the cache has one layout, and not every solver can take an edited
+/// groom over.
 fn check_timed_edits(scene: &Scene) -> Result<(), Wrong> {
     for (number, _) in scene.edits.timed() {
         let wrong = |message: String| Err((format!("edit.{number}.at_secs"), message));
@@ -269,10 +283,11 @@ fn check_output(scene: &Scene) -> Result<(), Wrong> {
         };
     }
     match output.cache.extension().and_then(|ending| ending.to_str()) {
-        Some("npz") => Ok(()),
+        Some(ending) if sinks::CACHE_ENDINGS.contains(&ending) => Ok(()),
         ending => {
             let ending = ending.map_or("has no ending".to_owned(), |e| format!("ends in .{e}"));
-            Err((key(), format!("{ending}: this version writes .npz")))
+            let known = sinks::CACHE_ENDINGS.map(|ending| format!(".{ending}")).join(", ");
+            Err((key(), format!("{ending}: this version writes {known}")))
         }
     }
 }
@@ -291,7 +306,7 @@ fn check_solver(scene: &Scene) -> Result<(), Wrong> {
     solver.mass_spring.validate().map_err(|error| params_error("solver.mass_spring", &error, scene))?;
     solver.dftl.validate().map_err(|error| params_error("solver.dftl", &error, scene))?;
     let (table, stepped) = match solver.kind {
-        SolverKind::Dftl => return Ok(()),
+        SolverKind::Dftl | SolverKind::Custom(_) => return Ok(()),
         SolverKind::MassSpring => ("solver.mass_spring", solver.mass_spring.ams()),
         _ => ("solver.ams", solver.ams),
     };

@@ -1,8 +1,8 @@
 //! A scene's text with the overrides laid over it, and where each byte of the two came from.
 //!
-//! Each override is parsed as if it stood below the file and all overrides before it: the parser is given as many
-//! blanks as there is text above. So one byte offset names one place, be it in the file or on the command line, and
-//! `toml`'s spans serve for both.
+//! Each override is parsed as if it stood below the file and all overrides before it: the parser is
+//! given as many blanks as there is text above. So one byte offset names one place, be it in the
+//! file or on the command line, and `toml`'s spans serve for both.
 
 use std::ops::Range;
 use std::path::Path;
@@ -40,7 +40,7 @@ impl Override {
         }
     }
 
-    /// The override of an option of its own, such as `--frames 10`.
+    /// The override of a command-line option such as `--frames 10`.
     pub fn option(option: &str, key: &str, value: impl ToString) -> Self {
         let value = value.to_string();
         Self { label: format!("{option} {value}"), key: key.to_owned(), value }
@@ -159,6 +159,30 @@ impl<'a> Document<'a> {
         table.get(key)?.get_ref().as_str().map(str::to_owned)
     }
 
+    /// Takes the table at `table.key` out, if there is one.
+    pub(super) fn take_table(&mut self, table: &str, key: &str) -> Result<Option<toml::Table>, SceneError> {
+        let Some(DeValue::Table(outer)) = self.table.get_mut(table).map(Spanned::get_mut) else {
+            return Ok(None);
+        };
+        let Some(value) = outer.remove(key) else { return Ok(None) };
+        let span = value.span();
+        match value.into_inner() {
+            DeValue::Table(inner) => self.read(inner, span).map(Some),
+            _ => Err(SceneError::Value {
+                place: self.place(span),
+                key: format!("{table}.{key}"),
+                message: "should be a table of keys".to_owned(),
+            }),
+        }
+    }
+
+    /// Removes `table.key`.
+    pub(super) fn remove(&mut self, table: &str, key: &str) {
+        if let Some(DeValue::Table(outer)) = self.table.get_mut(table).map(Spanned::get_mut) {
+            outer.remove(key);
+        }
+    }
+
     fn place(&self, span: Range<usize>) -> Place {
         if span.start > self.text.len() {
             let layer = self.layers.iter().find(|layer| span.start < layer.text.len());
@@ -208,7 +232,8 @@ fn merge_table<'a>(lower: &mut DeTable<'a>, upper: DeTable<'a>) {
     }
 }
 
-/// `upper` over `lower`: tables are merged, numbers as keys pick entries of an array, all else is replaced.
+/// `upper` over `lower`: tables are merged, numbers as keys pick entries of an array, all else is
+/// replaced.
 fn merge_value<'a>(mut lower: Spanned<DeValue<'a>>, upper: Spanned<DeValue<'a>>) -> Spanned<DeValue<'a>> {
     match (lower.get_mut(), upper.get_ref()) {
         (DeValue::Table(below), DeValue::Table(above)) => merge_table(below, above.clone()),

@@ -1,9 +1,10 @@
 //! `[[edit]]`: what is done to the groom, before it is simulated or while it is.
 //!
 //! # Practice
-//! An edit's table names its operation, `op = "comb"`, and holds that operation's parameters beside it; `[edit.only]` picks the strands.
-//! `at_secs` puts it off until the hair moves. Which keys there are depends on `op`, so each table is read twice: for its `op`, and then for what that takes. Messages name
-//! line and key as everywhere in a scene.
+//! An edit's table names its operation, `op = "comb"`, and holds that operation's parameters beside
+//! it; `[edit.only]` picks the strands. `at_secs` puts it off until the hair moves. Which keys
+//! there are depends on `op`, so each table is read twice: for its `op`, and then for what that
+//! takes. Messages name line and key as everywhere in a scene.
 
 use forelock_core::groom::edit::{Edit, EditError, Operation, Selection};
 use serde::de::IgnoredAny;
@@ -23,7 +24,8 @@ pub struct EditSections(pub Vec<EditSection>);
 pub struct EditSection {
     /// What is done, and to which strands.
     pub edit: Edit,
-    /// When, while the hair moves. Unit s, default none, range 0 or more; without it the edit is done before the first frame.
+    /// When, while the hair moves. Unit s, default none, range 0 or more; without it the edit is
+    /// done before the first frame.
     pub at_secs: Option<f64>,
 }
 
@@ -33,7 +35,8 @@ impl EditSections {
         self.0.iter().enumerate().filter(|(_, section)| section.at_secs.is_none()).map(|(n, s)| (n, &s.edit))
     }
 
-    /// The edits that are done while the hair moves: their numbers from 0, and when, seconds; in order of time.
+    /// The edits that are done while the hair moves: their numbers from 0, and when, seconds; in
+    /// order of time.
     pub fn timed(&self) -> Vec<(usize, f64)> {
         let timed =
             self.0.iter().enumerate().filter_map(|(number, section)| Some((number, section.at_secs?)));

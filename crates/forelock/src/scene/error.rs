@@ -95,7 +95,8 @@ fn hint(nearest: Option<&str>, known: &[String]) -> String {
     }
 }
 
-/// The entry of `known` nearest to `word` by edit distance, if it is near enough to be what was meant.
+/// The entry of `known` nearest to `word` by edit distance, if it is near enough to be what was
+/// meant.
 pub(crate) fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     known
         .into_iter()

@@ -1,17 +1,20 @@
 //! The scene file: what to simulate, in TOML.
 //!
 //! # Theory
-//! A scene is one TOML document in which every key has a default, so that the empty file is a scene. [`Scene`] is that
-//! document as a plain struct; its doc lines are the reference for the keys.
+//! A scene is one TOML document in which every key has a default, so that the empty file is a
+//! scene. [`Scene`] is that document as a plain struct; its doc lines are the reference for the
+//! keys.
 //!
 //! # Practice
-//! [`Scene::load`] reads a file, [`Scene::parse`] a text; both lay the `key=value` overrides of the command line over
-//! it before anything is interpreted, so that an override meets the same checks and the same messages as the file.
-//! Unknown keys are refused with the nearest known one; wrong types and values out of range name the key, the line and
-//! what would be right. Paths are taken relative to the scene file.
+//! [`Scene::load`] reads a file, [`Scene::parse`] a text; both lay the `key=value` overrides of the
+//! command line over it before anything is interpreted, so that an override passes the same checks
+//! and yields the same messages as the file. Unknown keys are refused with the nearest known one;
+//! wrong types and values out of range name the key, the line and what would be right. Paths are
+//! taken relative to the scene file.
 //!
 //! # Limitations
-//! The simulation runs in float32, so a scene in which h²κ exceeds [`FLOAT32_STIFFNESS_LIMIT`](forelock_core::solver::ams::FLOAT32_STIFFNESS_LIMIT) is refused.
+//! The simulation runs in float32, so a scene in which h²κ exceeds
+//! [`FLOAT32_STIFFNESS_LIMIT`](forelock_core::solver::ams::FLOAT32_STIFFNESS_LIMIT) is refused.
 
 mod check;
 mod document;
@@ -19,6 +22,8 @@ mod edits;
 mod error;
 mod motion;
 mod sections;
+mod solver;
+mod teleport;
 
 pub use document::Override;
 pub use edits::{EditSection, EditSections};
@@ -26,23 +31,28 @@ pub use error::{Place, SceneError};
 pub use motion::{Keyframe, MotionSection};
 pub use sections::{
     BodySection, CameraSection, ColliderSection, GroomSection, GroomSource, HairSection, InteractionKind,
-    InteractionSection, OutputSection, ShapeKind, SimdChoice, SolverKind, SolverSection, TimeSection,
+    InteractionSection, OutputSection, ShapeKind, TimeSection,
 };
+pub use solver::{SimdChoice, SolverKind, SolverSection};
+pub use teleport::TeleportSection;
 
 use std::path::{Path, PathBuf};
 
 use document::{Document, Layer};
 use forelock_core::air::WindParams;
 use serde::{Deserialize, Serialize};
+use solver::Registered;
 
 /// The scene that `forelock demo` runs: `scenes/default.toml`, built in.
 pub const DEFAULT_SCENE: &str = include_str!("../../../../scenes/default.toml");
 
-/// A whole scene, as its file holds it: every value checked, every path absolute or relative to the current folder.
+/// A whole scene, as its file holds it: every value checked, every path absolute or relative to the
+/// current folder.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Scene {
-    /// Name of the scene, for reports and the output folder. Default: the file's name without its ending.
+    /// Name of the scene, for reports and the output folder. Default: the file's name without its
+    /// ending.
     pub name: String,
     /// Seed of everything random. No unit, default 1, range 0 or more; 0 is a seed like any other.
     pub seed: u64,
@@ -50,12 +60,15 @@ pub struct Scene {
     pub gravity: [f64; 3],
     /// The strands.
     pub groom: GroomSection,
-    /// What is done to them, each an `[[edit]]` table: `op` names the operation, its parameters stand beside it, and `at_secs` says when if not
-    /// before the first frame.
+    /// What is done to them, each an `[[edit]]` table: `op` names the operation, its parameters
+    /// stand beside it, and `at_secs` says when if not before the first frame.
     #[serde(rename = "edit", skip_serializing_if = "EditSections::is_empty")]
     pub edits: EditSections,
     /// What they grow on, and how it moves.
     pub body: BodySection,
+    /// Jumps of the body, each a `[[teleport]]` table.
+    #[serde(rename = "teleport", skip_serializing_if = "Vec::is_empty")]
+    pub teleports: Vec<TeleportSection>,
     /// Further solids, each a `[[collider]]` table.
     #[serde(rename = "collider")]
     pub colliders: Vec<ColliderSection>,
@@ -84,6 +97,7 @@ impl Default for Scene {
             groom: GroomSection::default(),
             edits: EditSections::default(),
             body: BodySection::default(),
+            teleports: Vec::new(),
             colliders: Vec::new(),
             wind: WindParams::default(),
             solver: SolverSection::default(),
@@ -100,11 +114,22 @@ impl Scene {
     /// Reads the scene file at `path` with `overrides` laid over it.
     ///
     /// # Errors
-    /// [`SceneError`] if the file cannot be read, is not TOML, holds an unknown key or a value that is wrong.
+    /// [`SceneError`] if the file cannot be read, is not TOML, holds an unknown key or a value that
+    /// is wrong.
     pub fn load(path: &Path, overrides: &[Override]) -> Result<Self, SceneError> {
+        Self::load_with(path, overrides, &[])
+    }
+
+    /// As [`Scene::load`], of a scene that may name one of `solvers` as its `solver.kind` and give
+    /// its parameters in the table `[solver.NAME]`. The player that runs the scene must have the
+    /// solver registered: see [`PlayerBuilder::solver`](crate::player::PlayerBuilder::solver).
+    ///
+    /// # Errors
+    /// As [`Scene::load`].
+    pub fn load_with(path: &Path, overrides: &[Override], solvers: &[&str]) -> Result<Self, SceneError> {
         let text = std::fs::read_to_string(path)
             .map_err(|error| SceneError::Read { path: path.to_path_buf(), error })?;
-        let mut scene = Self::parse(&text, path, overrides)?;
+        let mut scene = Self::parse_with(&text, path, overrides, solvers)?;
         if scene.name.is_empty() {
             scene.name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         }
@@ -119,34 +144,52 @@ impl Scene {
         Self::parse(DEFAULT_SCENE, Path::new("the built-in scene"), overrides)
     }
 
-    /// Reads a scene from `text`. `path` names the text in messages, and paths inside it are taken relative to the
-    /// folder that holds `path`.
+    /// Reads a scene from `text`. `path` names the text in messages, and paths inside it are taken
+    /// relative to the folder that holds `path`.
     ///
     /// # Errors
     /// [`SceneError`] as for [`Scene::load`], except that nothing is read from disk.
     pub fn parse(text: &str, path: &Path, overrides: &[Override]) -> Result<Self, SceneError> {
+        Self::parse_with(text, path, overrides, &[])
+    }
+
+    /// As [`Scene::parse`], of a scene that may name one of `solvers`: see [`Scene::load_with`].
+    ///
+    /// # Errors
+    /// As [`Scene::parse`].
+    pub fn parse_with(
+        text: &str,
+        path: &Path,
+        overrides: &[Override],
+        solvers: &[&str],
+    ) -> Result<Self, SceneError> {
         let layers = Layer::stack(text.len(), overrides)?;
         let written = Document::parse(text, path, &layers, "")?;
         let preset = written.text_at("groom", "preset").unwrap_or_else(|| GroomSection::default().preset);
         let growth =
             sections::preset_toml(&preset).map_err(|message| written.refuse("groom.preset", message))?;
         let below = written.below(&growth);
-        let document = Document::parse(text, path, &layers, &below)?;
+        let mut document = Document::parse(text, path, &layers, &below)?;
+        let registered = Registered::take(&mut document, solvers)?;
         let mut scene: Self = document.deserialize()?;
+        if let Some(registered) = registered {
+            registered.put(&mut scene.solver);
+        }
         scene.edits = edits::read(&document)?;
         check::check(&scene, &document).map_err(|(key, message)| document.refuse(&key, message))?;
         if let Some(substeps) = scene.time.substeps {
             scene.solver.set_substeps(substeps);
         }
         scene.time.substeps = Some(scene.solver.substeps());
-        scene.keep_vertices_a_strand(text, path, overrides);
+        scene.keep_vertices_a_strand(text, path, overrides, solvers);
         (scene.groom.grow.strands, scene.groom.grow.seed) = (scene.groom.strands, scene.seed);
         scene.resolve_paths(path.parent().unwrap_or(Path::new("")));
         Ok(scene)
     }
 
-    /// Where `overrides` change the strands to grow of the scene `text` but not the vertices of all of them together, changes these alike.
-    fn keep_vertices_a_strand(&mut self, text: &str, path: &Path, overrides: &[Override]) {
+    /// Where `overrides` change the number of strands to grow of the scene `text` but not that of
+    /// all their vertices, scales the latter alike.
+    fn keep_vertices_a_strand(&mut self, text: &str, path: &Path, overrides: &[Override], solvers: &[&str]) {
         let is = |key: &str| overrides.iter().any(|own| own.key == key);
         let grows = self.groom.source == GroomSource::Grow;
         if !grows || self.groom.vertices == 0 || !is("groom.strands") || is("groom.vertices") {
@@ -154,7 +197,7 @@ impl Scene {
         }
         // What other overrides mend may be wrong in the text itself.
         let rest: Vec<_> = overrides.iter().filter(|own| own.key != "groom.strands").cloned().collect();
-        if let Ok(written) = Self::parse(text, path, &rest) {
+        if let Ok(written) = Self::parse_with(text, path, &rest, solvers) {
             let share = f64::from(self.groom.strands) / f64::from(written.groom.strands);
             let vertices = (f64::from(self.groom.vertices) * share).round();
             self.groom.vertices = vertices.clamp(2.0 * f64::from(self.groom.strands), 1e9) as u32;
@@ -166,13 +209,19 @@ impl Scene {
         self.solver.substeps()
     }
 
-    /// The scene as a TOML document with every key written out; [`Scene::parse`] reads it back to an equal scene.
+    /// The scene as a TOML document with every key written out; [`Scene::parse`] reads it back to
+    /// an equal scene.
     pub fn to_toml(&self) -> String {
         let table = toml::Table::try_from(self).map(|mut table| {
             // Keys that say the same as another: the solver's `substeps`, `groom.strands`, `seed`.
             remove(&mut table, &["time", "substeps"]);
             remove(&mut table, &["groom", "grow", "strands"]);
             remove(&mut table, &["groom", "grow", "seed"]);
+            if let (SolverKind::Custom(name), Some(solver)) =
+                (&self.solver.kind, table.get_mut("solver").and_then(toml::Value::as_table_mut))
+            {
+                solver.insert(name.clone(), self.solver.custom.clone().into());
+            }
             if let Some(grow) = table.get_mut("groom").and_then(|groom| groom.get_mut("grow")) {
                 shorten(grow);
             }
@@ -181,8 +230,8 @@ impl Scene {
         table.unwrap_or_else(|error| format!("# this scene cannot be written as TOML: {error}\n"))
     }
 
-    /// The scene with every path absolute, so that its text means the same wherever it is kept. A path stays as it is
-    /// where the system does not tell the current folder.
+    /// The scene with every path absolute, so that its text means the same wherever it is kept. A
+    /// path stays as it is where the system does not know the current folder.
     #[must_use]
     pub fn with_absolute_paths(mut self) -> Self {
         self.each_path(|path| std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf()));

@@ -3,13 +3,11 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use forelock_core::groom::grow::{GrowParams, PRESETS};
-use forelock_core::groom::{Import, Unit, Up};
 use forelock_core::interaction::contact::ContactParams;
 use forelock_core::interaction::grid::GridParams;
+use forelock_core::groom::grow::{GrowParams, PRESETS};
+use forelock_core::groom::{Import, Unit, Up};
 use forelock_core::interaction::sph::SphParams;
-use forelock_core::lane::Simd;
-use forelock_core::solver::{AmsParams, DftlParams, MassSpringParams};
 use serde::de::value::SeqAccessDeserializer;
 use serde::de::{Deserializer, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize, Serializer};
@@ -74,25 +72,33 @@ pub(super) fn preset_toml(name: &str) -> Result<String, String> {
 pub struct GroomSection {
     /// "grow", a file (.hair, .data, .tfx, .npz) or a list of files. Default "grow".
     pub source: GroomSource,
-    /// Preset that `grow` starts from; the keys of `[groom.grow]` change single parameters of it. Default "wavy".
+    /// Preset that `grow` starts from; the keys of `[groom.grow]` change single parameters of it.
+    /// Default "wavy".
     pub preset: String,
-    /// Number of strands to grow; files keep theirs. Unit strands, default 10000, range 1 to 1000000.
+    /// Number of strands to grow; files keep theirs. Unit strands, default 10000, range 1 to
+    /// 1000000.
     pub strands: u32,
-    /// Particles a strand after resampling by arc length. Unit particles, default 0, range 2 to 1000; 0 keeps those of the file or of the growth (25).
+    /// Particles a strand after resampling by arc length. Unit particles, default 0, range 2 to
+    /// 1000; 0 keeps those of the file or of the growth (25).
     pub vertices_per_strand: u32,
-    /// Particles of all strands together, long ones with more of them than short ones, instead of `vertices_per_strand`; where `--set groom.strands` changes how many those are, they change alike. Unit particles, default 0, range 2 to 1000000000; 0 leaves that to `vertices_per_strand`.
+    /// Particles of all strands together, long ones with more of them than short ones, instead of
+    /// `vertices_per_strand`; they scale with the strands if `--set groom.strands` changes those.
+    /// Unit particles, default 0, range 2 to 1000000000; 0 leaves that to `vertices_per_strand`.
     pub vertices: u32,
     /// Unit of length of the files: "m", "cm", "mm" or "in". Default "m".
     pub unit: Unit,
     /// Axis that points up in the files: "y" or "z". Default "y".
     pub up: Up,
-    /// Further factor on lengths, for files in units of their own. No unit, default 1, range above 0.
+    /// Further factor on lengths, for files in other units. No unit, default 1, range above 0.
     pub scale: f64,
-    /// Whether strands that start inside the body are brought out before the simulation. Default true.
+    /// Whether strands that start inside the body are brought out before the simulation. Default
+    /// true.
     pub lift: bool,
-    /// Strands that are simulated; all others follow the nearest of them. Unit strands, default 0, range 0 or more; 0 simulates all.
+    /// Strands that are simulated; all others follow the nearest of them. Unit strands, default 0,
+    /// range 0 or more; 0 simulates all.
     pub guides: u32,
-    /// Where on a mesh of one's own to grow: two opposite corners of a box, [[x, y, z], [x, y, z]]. Unit m, default the whole mesh; the built-in head has its regions.
+    /// Where to grow on a mesh that is not built in: two opposite corners of a box, [[x, y, z], [x,
+    /// y, z]]. Unit m, default the whole mesh; the built-in head has its regions.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub region_box: Option<[[f64; 3]; 2]>,
     /// Growth parameters. Default the preset's.
@@ -128,15 +134,24 @@ pub struct BodySection {
     pub unit: Unit,
     /// Axis that points up in the file: "y" or "z". Default "y".
     pub up: Up,
-    /// Further factor on lengths, for files in units of their own. No unit, default 1, range above 0.
+    /// Further factor on lengths, for files in other units. No unit, default 1, range above 0.
     pub scale: f64,
-    /// How the body and the roots move: a name such as "builtin:turn", or a table. Default "builtin:turn".
+    /// How the body and the roots move: a name such as "builtin:turn", or a table. Default
+    /// "builtin:turn".
     pub motion: MotionSection,
+    /// Speed of the roots' middle from one step to the next above which a motion counts as a
+    /// teleport that is not declared: the hair is carried along in its shape. Unit m/s, default 50,
+    /// range 0 or more; 0 never does.
+    pub teleport_speed: f64,
+    /// Turning speed above which a motion counts as a teleport too. Unit degrees per second,
+    /// default 3600 (ten turns a second), range 0 or more; 0 never does.
+    pub teleport_turn_degrees: f64,
     /// Whether strands collide with the body. Default true.
     pub collide: bool,
     /// Coulomb friction of the body's surface. No unit, default 0.3, range 0 or more; 0 is ice.
     pub friction: f64,
-    /// Cells of the body's signed distance grid along its longest side. Unit cells, default 128, range 8 to 512.
+    /// Cells of the body's signed distance grid along its longest side. Unit cells, default 128,
+    /// range 8 to 512.
     pub sdf_cells: u32,
 }
 
@@ -167,6 +182,8 @@ impl Default for BodySection {
             up: Up::default(),
             scale: 1.0,
             motion: MotionSection::named("builtin:turn"),
+            teleport_speed: 50.0,
+            teleport_turn_degrees: 3600.0,
             collide: true,
             friction: 0.3,
             sdf_cells: 128,
@@ -185,7 +202,7 @@ pub enum ShapeKind {
     Capsule,
     /// A box of `half_extents`.
     Box,
-    /// All below y = 0 of its own space.
+    /// All below y = 0 in local space.
     Plane,
     /// A closed mesh, as a signed distance grid.
     Mesh,
@@ -230,11 +247,13 @@ impl ShapeKind {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ColliderSection {
-    /// "sphere", "hollow-sphere", "capsule", "box", "plane", "mesh", or one of the built-in "hand", "comb" and "holed-sphere". Default "sphere".
+    /// "sphere", "hollow-sphere", "capsule", "box", "plane", "mesh", or one of the built-in "hand",
+    /// "comb" and "holed-sphere". Default "sphere".
     pub shape: ShapeKind,
     /// Where its centre is at the start, [x, y, z]. Unit m, default [0, 0, 0].
     pub position: [f64; 3],
-    /// How it is turned at the start: yaw about y, pitch about x, roll about z, in this order. Unit degrees, default [0, 0, 0].
+    /// How it is turned at the start: yaw about y, pitch about x, roll about z, in this order. Unit
+    /// degrees, default [0, 0, 0].
     pub rotation_degrees: [f64; 3],
     /// Radius of a sphere, hollow or holed sphere, or capsule. Unit m, default 0.1, range above 0.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -248,7 +267,8 @@ pub struct ColliderSection {
     /// The .obj file of a mesh. No default: a mesh needs one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mesh: Option<PathBuf>,
-    /// The .obj files of a mesh that changes its shape, in order, instead of `mesh`. Parts must move by less than half their thickness from one to the next. Default none.
+    /// The .obj files of a mesh that changes its shape, in order, instead of `mesh`. Parts must
+    /// move by less than half their thickness from one to the next. Default none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub mesh_sequence: Vec<PathBuf>,
     /// Meshes of `mesh_sequence` a second; the last one stays. Unit s⁻¹, default 24, range above 0.
@@ -260,16 +280,19 @@ pub struct ColliderSection {
     pub up: Up,
     /// Further factor on that file's lengths. No unit, default 1, range above 0.
     pub scale: f64,
-    /// Cells of a mesh's, hand's, comb's or holed sphere's distance grid along its longest side. Unit cells, default 96 and what a built-in one needs, range 8 to 512.
+    /// Cells of a mesh's, hand's, comb's or holed sphere's distance grid along its longest side.
+    /// Unit cells, default 96 and what a built-in one needs, range 8 to 512.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sdf_cells: Option<u32>,
-    /// Whether it is fixed to the body and moves with it; otherwise it stands in the world. Default false.
+    /// Whether it is fixed to the body and moves with it; otherwise it stands in the world. Default
+    /// false.
     pub on_body: bool,
     /// How it moves: a name such as "builtin:nod", or a table. Default "builtin:still".
     pub motion: MotionSection,
     /// Coulomb friction of its surface. No unit, default 0.3, range 0 or more; 0 is ice.
     pub friction: f64,
-    /// Whether pictures show it; what stands in for a part of the body need not be seen. Default true.
+    /// Whether pictures show it; what stands in for a part of the body need not be seen. Default
+    /// true.
     pub visible: bool,
 }
 
@@ -304,114 +327,7 @@ impl Default for ColliderSection {
     }
 }
 
-/// The solvers that a scene can name.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum SolverKind {
-    /// Augmented mass-spring.
-    #[default]
-    Ams,
-    /// The plain mass-spring baseline: no ties to the rest shape.
-    MassSpring,
-    /// Dynamic follow the leader, with preserved shape.
-    Dftl,
-    /// Position-based Cosserat rods. Not yet available.
-    Xpbd,
-    /// The learned simulator. Not yet available.
-    Neural,
-}
-
-impl SolverKind {
-    /// The name in scene files.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Ams => "ams",
-            Self::MassSpring => "mass-spring",
-            Self::Dftl => "dftl",
-            Self::Xpbd => "xpbd",
-            Self::Neural => "neural",
-        }
-    }
-}
-
-/// Which instructions the solver may use.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum SimdChoice {
-    /// The widest that the processor has.
-    #[default]
-    Auto,
-    /// No more than every processor of the kind has.
-    Portable,
-    /// AVX2 with fused multiply-add.
-    Avx2,
-    /// AVX-512.
-    Avx512,
-    /// One strand at a time.
-    Scalar,
-}
-
-/// `[solver]`: which solver, and its parameters.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct SolverSection {
-    /// "ams", "mass-spring" or "dftl". Default "ams".
-    pub kind: SolverKind,
-    /// Instructions to use: "auto", "portable", "avx2", "avx512" or "scalar". Default "auto".
-    pub simd: SimdChoice,
-    /// Whether stiffness may go beyond what float32 solves, to see what happens then. Default false.
-    pub beyond_float32: bool,
-    /// Parameters of "ams".
-    pub ams: AmsParams,
-    /// Parameters of "mass-spring".
-    pub mass_spring: MassSpringParams,
-    /// Parameters of "dftl".
-    pub dftl: DftlParams,
-}
-
-impl From<SimdChoice> for Simd {
-    fn from(choice: SimdChoice) -> Self {
-        match choice {
-            SimdChoice::Auto => Self::Auto,
-            SimdChoice::Scalar => Self::Scalar,
-            SimdChoice::Portable => Self::Portable,
-            SimdChoice::Avx2 => Self::Avx2,
-            SimdChoice::Avx512 => Self::Avx512,
-        }
-    }
-}
-
-impl SolverSection {
-    /// Substeps a frame, M, of the solver that is chosen.
-    pub fn substeps(&self) -> u32 {
-        match self.kind {
-            SolverKind::MassSpring => self.mass_spring.substeps,
-            SolverKind::Dftl => 1,
-            _ => self.ams.substeps,
-        }
-    }
-
-    /// Particles of a strand of the groom that go with the head, from the root, under the solver that is chosen.
-    pub fn clamped(&self) -> u32 {
-        match self.kind {
-            SolverKind::Dftl => self.dftl.clamped,
-            SolverKind::MassSpring => self.mass_spring.clamped,
-            _ => self.ams.clamped,
-        }
-    }
-
-    /// The step of a solver that steps at its own rate, seconds.
-    pub fn step_secs(&self) -> Option<f64> {
-        (self.kind == SolverKind::Dftl && self.dftl.step_secs > 0.0).then_some(self.dftl.step_secs)
-    }
-
-    /// Substeps a frame, M, for every solver.
-    pub(super) fn set_substeps(&mut self, substeps: u32) {
-        (self.ams.substeps, self.mass_spring.substeps) = (substeps, substeps);
-    }
-}
-
-/// How hair meets hair.
+/// How hair interacts with hair.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum InteractionKind {
@@ -428,13 +344,15 @@ pub enum InteractionKind {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct InteractionSection {
-    /// "none": strands pass through each other; "grid": they keep their volume; "sph": as smoothed particles. Default "none".
+    /// "none": strands pass through each other; "grid": they keep their volume; "sph": as smoothed
+    /// particles. Default "none".
     pub kind: InteractionKind,
     /// Parameters of the grid.
     pub grid: GridParams,
     /// Parameters of the smoothed particles.
     pub sph: SphParams,
-    /// Whether segments of strands touch, one by one, so that locks do not pass through each other. Default false.
+    /// Whether segments of strands touch, one by one, so that locks do not pass through each other.
+    /// Default false.
     pub contacts: bool,
     /// Parameters of the contacts.
     pub contact: ContactParams,
@@ -446,7 +364,8 @@ pub struct InteractionSection {
 pub struct TimeSection {
     /// Frames a second. Unit s⁻¹, default 60, range 1 to 10000.
     pub fps: f64,
-    /// Substeps a frame; the same as `substeps` of the solver, where it has them. Unit substeps, default 4, range 1 to 1000.
+    /// Substeps a frame; the same as `substeps` of the solver, where it has them. Unit substeps,
+    /// default 4, range 1 to 1000.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub substeps: Option<u32>,
     /// Frames to simulate after the start. Unit frames, default 240, range 1 to 1000000.
@@ -479,7 +398,8 @@ pub struct OutputSection {
     pub cache: PathBuf,
     /// Whether to write the page `report.html`. Default true.
     pub report: bool,
-    /// Name of the groom that `forelock groom` writes; its ending picks the format. Default "groom.npz".
+    /// Name of the groom that `forelock groom` writes; its ending picks the format. Default
+    /// "groom.npz".
     pub groom: PathBuf,
 }
 
@@ -507,12 +427,15 @@ pub struct CameraSection {
     pub yaw_degrees: f64,
     /// Angle above the horizon. Unit degrees, default 5, range -89 to 89.
     pub pitch_degrees: f64,
-    /// Distance over that at which body and hair just fill the picture. No unit, default 1, range 0.01 to 100.
+    /// Distance over that at which body and hair just fill the picture. No unit, default 1, range
+    /// 0.01 to 100.
     pub distance: f64,
-    /// The point in the middle of the picture, [x, y, z], where body and hair are at rest. Unit m, default their middle.
+    /// The point in the middle of the picture, [x, y, z], where body and hair are at rest. Unit m,
+    /// default their middle.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub look_at: Option<[f64; 3]>,
-    /// Whether the camera goes where the body goes, without turning with it, so that the body stays in the picture's middle. Default false.
+    /// Whether the camera goes where the body goes, without turning with it, so that the body stays
+    /// in the picture's middle. Default false.
     pub follow: bool,
 }
 
@@ -528,7 +451,8 @@ impl Default for CameraSection {
 pub struct HairSection {
     /// Name of the colour. Default "dark-brown".
     pub colour: String,
-    /// Width of a drawn strand. Unit m, default 0, range 0 to 0.01; 0 chooses one by the number of strands.
+    /// Width of a drawn strand. Unit m, default 0, range 0 to 0.01; 0 chooses one by the number of
+    /// strands.
     pub width: f64,
 }
 

@@ -244,3 +244,46 @@ fn scripts_that_come_along_are_scenes() {
     }
     assert!(scripts > 0);
 }
+
+#[test]
+fn teleports_and_keyframes_that_jump_are_read_and_checked() {
+    let text = "[[teleport]]\nat_secs = 1.0\n[[teleport]]\nat_secs = 2.0\nmode = \"reset\"\n";
+    let scene = parse(text, &[]).unwrap();
+    assert_eq!(scene.teleports[0].mode, forelock_core::simulation::Teleport::CarryShape);
+    assert_eq!(scene.teleports[1].mode, forelock_core::simulation::Teleport::Reset);
+    assert_eq!(Scene::parse(&scene.to_toml(), Path::new("scene.toml"), &[]).unwrap(), scene);
+    assert!(message("[[teleport]]\nat_secs = 0\n", &[]).contains("`teleport.0.at_secs` should be above 0"));
+    assert!(message("[[teleport]]\nmode = \"rest\"\n", &[]).contains("did you mean \"reset\"?"));
+    assert!(message("", &["body.teleport_speed=-1"]).contains("should be 0 or more"));
+    let keys = |second: &str| {
+        let keyframe = "[[body.motion.keyframe]]\ntime_secs = ";
+        parse(&format!("{keyframe}0\n{keyframe}1\n{keyframe}1\n{second}\n"), &[])
+    };
+    assert!(keys("").unwrap_err().to_string().contains("`body.motion.keyframe.2.time_secs` should be later"));
+    assert!(keys("jump = true").unwrap().body.motion.keyframes[2].jump);
+}
+
+#[test]
+fn registered_solvers_have_a_name_and_a_table() {
+    let text = "[solver]\nkind = \"chain\"\n[solver.chain]\nlinks = 3\n";
+    let scene = Scene::parse_with(text, Path::new("scene.toml"), &[], &["chain"]).unwrap();
+    assert_eq!(scene.solver.kind, SolverKind::Custom("chain".to_owned()));
+    assert_eq!(scene.solver.custom["links"].as_integer(), Some(3));
+    let again = Scene::parse_with(&scene.to_toml(), Path::new("scene.toml"), &[], &["chain"]).unwrap();
+    assert_eq!(again, scene);
+    // An override reaches the table, and the table of a solver that is not chosen is allowed.
+    let set = Override::set("solver.chain.links=4").unwrap();
+    let scene = Scene::parse_with(text, Path::new("scene.toml"), &[set], &["chain"]).unwrap();
+    assert_eq!(scene.solver.custom["links"].as_integer(), Some(4));
+    let other = text.replace("\"chain\"", "\"dftl\"");
+    let other = Scene::parse_with(&other, Path::new("scene.toml"), &[], &["chain"]).unwrap();
+    assert_eq!(other.solver.kind, SolverKind::Dftl);
+    // Without the registration both are unknown.
+    assert!(
+        message(text, &[]).contains("`solver.chain`") || message(text, &[]).contains("cannot be \"chain\"")
+    );
+    let wrong = text.replace("\"chain\"", "\"chian\"");
+    let error = Scene::parse_with(&wrong, Path::new("scene.toml"), &[], &["chain"]).unwrap_err();
+    let error = error.to_string();
+    assert!(error.contains("line 2") && error.contains("did you mean \"chain\"?"), "{error}");
+}

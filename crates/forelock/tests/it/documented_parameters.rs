@@ -1,5 +1,6 @@
-//! The doc lines of `AmsParams`, `MassSpringParams`, `DftlParams`, `GridParams`, `SphParams` and `ContactParams` are the reference that users read: each default they state is the one that holds, and
-//! each range they state is the one that scenes are held to.
+//! The doc lines of `AmsParams`, `MassSpringParams`, `DftlParams`, `GridParams`, `SphParams` and
+//! `ContactParams` are the reference that users read: each default they state is the one that
+//! holds, and each range they state is the one that scenes are held to.
 
 #![expect(clippy::unwrap_used, reason = "a test fails where its source is not as expected")]
 

@@ -8,7 +8,8 @@ use std::sync::atomic::AtomicBool;
 
 use forelock::{Backend, RunOptions, Scene, Summary, simulate};
 
-/// A box of 30 cm by 30 cm and the thickness `depth`, about the origin, as an OBJ file in centimetres.
+/// A box of 30 cm by 30 cm and the thickness `depth`, about the origin, as an OBJ file in
+/// centimetres.
 fn plate(depth: f64) -> String {
     let mut text = String::new();
     for corner in 0..8 {
@@ -62,7 +63,8 @@ fn run(folder: &Path, scene: &str) -> Result<Summary, Box<dyn std::error::Error>
     Ok(simulate(&scene, &options, &mut |_| {}, &AtomicBool::new(false))?)
 }
 
-/// The plate grows to ±10 cm within a fifth of a second, and the fringe, 6 cm before its middle, goes with its surface.
+/// The plate grows to ±10 cm within a fifth of a second, and the fringe, 6 cm before its middle,
+/// goes with its surface.
 #[test]
 fn a_sequence_of_meshes_pushes_hair() {
     let folder = tempfile::tempdir().unwrap();
@@ -85,7 +87,8 @@ fn a_sequence_of_meshes_pushes_hair() {
         assert!(least > surface - 1e-3, "frame {frame}: {least} m");
         assert!(mean < surface.max(0.06) + 0.03, "frame {frame}: {mean} m on average");
     }
-    // Without its last mesh it stays where the second one has it, and a file that is missing is named.
+    // Without its last mesh it stays where the second one has it, and a file that is missing is
+    // named.
     run(folder.path(), &SCENE.replace(", \"thick.obj\"", "")).unwrap();
     let mut cache = forelock::io::Cache::open(&folder.path().join("out/hair.npz")).unwrap();
     cache.read_frame(30, &mut positions).unwrap();

@@ -1,5 +1,5 @@
-//! The real grooms of `scenes/real` on their bodies: three seconds in which the head comes to shake with up to 4 g, and
-//! one second of rest. `docs/real-grooms.md` has the whole runs.
+//! The real grooms of `scenes/real` on their bodies: three seconds in which the head comes to shake
+//! with up to 4 g, and one second of rest. `docs/real-grooms.md` has the whole runs.
 
 #![expect(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot read its input fails")]
 

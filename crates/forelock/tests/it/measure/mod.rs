@@ -1,5 +1,6 @@
-//! What a run's cache shows, measured without the solver: depths against the body's own triangles, not against the
-//! distance grid that pushed the strands out; lengths, drift and jitter from positions alone.
+//! What a run's cache shows, measured without the solver: depths against the body's own triangles,
+//! not against the distance grid that pushed the strands out; lengths, drift and jitter from
+//! positions alone.
 
 #![expect(clippy::expect_used, reason = "what cannot be read cannot be measured")]
 
@@ -33,7 +34,8 @@ pub struct Shown {
     pub share_inside_at_start: f64,
     /// Deepest particle inside the mesh in a frame looked at, metres.
     pub deepest_m: f64,
-    /// Farthest that a particle is from its rest place in the head's frame, in the last frame, metres.
+    /// Farthest that a particle is from its rest place in the head's frame, in the last frame,
+    /// metres.
     pub drift_m: f64,
     /// The median of that over particles, metres.
     pub median_drift_m: f64,
@@ -43,7 +45,8 @@ pub struct Shown {
     pub jitter_rms_g: f64,
 }
 
-/// Reads `hair.npz` beside the `scene.toml` that a run left in `folder`; depths in every `every`-th frame.
+/// Reads `hair.npz` beside the `scene.toml` that a run left in `folder`; depths in every `every`-th
+/// frame.
 pub fn shown(folder: &Path, every: usize) -> Shown {
     let scene = Scene::load(&folder.join("scene.toml"), &[]).expect("the scene of a run");
     let mut cache = Cache::open(&folder.join("hair.npz")).expect("the cache of a run");
@@ -107,8 +110,8 @@ fn stretch(positions: &[Vec3], rest: &[Vec3], offsets: &[u32]) -> f64 {
     offsets.par_windows(2).map(strand).reduce(|| 0.0, f64::max)
 }
 
-/// Depths under a surface of particles that move: the distance falls no faster than a particle moves, so that only
-/// those which may have come inside are measured again.
+/// Depths under a surface of particles that move: the distance falls no faster than a particle
+/// moves, so that only those which may have come inside are measured again.
 struct Depths {
     surface: ClosedMesh,
     /// Where a particle was when it was measured last, and its signed distance then, metres.
@@ -120,7 +123,8 @@ impl Depths {
         Self { surface, known: vec![(DVec3::ZERO, f64::NEG_INFINITY); particles] }
     }
 
-    /// Particles deeper than [`DEEP_M`] and the greatest depth in metres, for `positions` in the body's frame.
+    /// Particles deeper than [`DEEP_M`] and the greatest depth in metres, for `positions` in the
+    /// body's frame.
     fn look(&mut self, positions: &[DVec3]) -> (usize, f64) {
         let surface = &self.surface;
         let depth = |(known, p): (&mut (DVec3, f64), &DVec3)| {

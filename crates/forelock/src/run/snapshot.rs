@@ -3,11 +3,10 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use forelock_core::frame::STAGES;
 use forelock_core::strands::Snapshot as State;
 use forelock_io::npz::{Array, Data, read_npz, write_npz};
 
-use crate::summary::{FrameRow, SKIN_STRANDS, WRITE_CACHE};
+use crate::summary::FrameRow;
 
 /// The state after a frame, what each frame until then took, and the worst values of all of them.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,8 +16,8 @@ pub(crate) struct Snapshot {
     /// Frames done.
     pub(crate) frame: u32,
     pub(crate) quarantined_strands: u64,
-    /// Largest stretch after the length pass, the same after solids, deepest penetration in metres, largest share of particles
-    /// more than 1 mm inside, most contacts between strands.
+    /// Largest stretch after the length pass, the same after solids, deepest penetration in metres,
+    /// largest share of particles more than 1 mm inside, most contacts between strands.
     pub(crate) worst: [f64; 5],
     /// What each frame took and found.
     pub(crate) rows: Vec<FrameRow>,
@@ -52,10 +51,8 @@ const ROWS: &str = "frames";
 /// Name of the array of where that was.
 const MACHINE: &str = "machine";
 
-/// Stages of which frames tell the time, each also the name of an array.
-fn timed() -> impl Iterator<Item = &'static str> {
-    STAGES.into_iter().chain([SKIN_STRANDS, WRITE_CACHE])
-}
+/// What the name of an array of a stage's times begins with.
+const STAGE: &str = "stage_";
 
 impl Snapshot {
     /// Before the first frame.
@@ -85,14 +82,18 @@ impl Snapshot {
             ("worst", Array::vector(self.worst.to_vec())),
             (MACHINE, Array::vector(vec![self.machine])),
         ];
-        for stage in timed() {
-            let ms = |row: &FrameRow| {
-                row.stages.iter().find(|(name, _)| *name == stage).map_or(0.0, |(_, ms)| *ms)
-            };
-            let ms: Vec<f64> = rows.iter().map(ms).collect();
-            if ms.iter().any(|ms| *ms > 0.0) {
-                arrays.push((stage, Array::vector(ms)));
+        let mut stages: Vec<&str> = Vec::new();
+        for (name, _) in rows.iter().flat_map(|row| &row.stages) {
+            if !stages.contains(&&**name) {
+                stages.push(name);
             }
+        }
+        let names: Vec<String> = stages.iter().map(|stage| format!("{STAGE}{stage}")).collect();
+        for (stage, name) in stages.iter().zip(&names) {
+            let ms = |row: &FrameRow| {
+                row.stages.iter().find(|(own, _)| own == stage).map_or(0.0, |(_, ms)| *ms)
+            };
+            arrays.push((name, Array::vector(rows.iter().map(ms).collect::<Vec<f64>>())));
         }
         if let Some(state) = &self.state {
             let flat = |vectors: &[[f32; 3]]| Array {
@@ -163,14 +164,14 @@ impl Snapshot {
             let (whole, []) = doubles(ROWS)?.as_chunks::<3>() else { return Err(ROWS) };
             rows = whole.iter().map(row).collect();
         }
-        for stage in timed().filter(|stage| arrays.contains_key(*stage)) {
+        for (stage, array) in arrays.iter().filter_map(|(name, array)| Some((name.strip_prefix(STAGE)?, array))) {
             // A stage that took no time did not run.
-            let times = doubles(stage)?;
+            let Data::F64(times) = &array.data else { return Err("stage_…") };
             if times.len() != rows.len() {
-                return Err(stage);
+                return Err("stage_…");
             }
             let ran = rows.iter_mut().zip(times).filter(|(_, ms)| **ms > 0.0);
-            ran.for_each(|(row, ms)| row.stages.push((stage, *ms)));
+            ran.for_each(|(row, ms)| row.stages.push((stage.to_owned().into(), *ms)));
         }
         let machine = match arrays.get(MACHINE).map(|array| &array.data) {
             Some(Data::U64(values)) => values.first().copied().unwrap_or_default(),
@@ -214,9 +215,9 @@ mod tests {
                     ms: 1.5,
                     stretch: 1e-7,
                     penetration_m: 0.0,
-                    stages: vec![(STAGES[0], 1.0), (WRITE_CACHE, 0.5)],
+                    stages: vec![("solve_strands".into(), 1.0), (WRITE_CACHE.into(), 0.5)],
                 },
-                FrameRow { ms: 2.5, stretch: 1e-6, penetration_m: 0.1, stages: vec![(STAGES[2], 2.0)] },
+                FrameRow { ms: 2.5, stretch: 1e-6, penetration_m: 0.1, stages: vec![("resolve_solids".into(), 2.0)] },
             ],
             state: Some(State {
                 positions: vec![[-0.0, f32::MIN_POSITIVE, 3.0]],

@@ -1,0 +1,228 @@
+//! Changes of a running simulation.
+
+use std::sync::Arc;
+
+use forelock_core::air::WindParams;
+use forelock_core::groom::edit::{Edit, EditReport, Operation};
+use forelock_core::pose::Pose;
+use forelock_core::simulation::Teleport;
+use glam::DVec3;
+
+use super::live::{self, LiveSolid};
+use super::regrooming::EditContext;
+use super::timeline::Change;
+use super::track::{Drag, Track};
+use super::{ColliderId, Player, PlayerError};
+use crate::assets::{self, MotionTrack};
+use crate::scene::{ColliderSection, InteractionSection, SolverKind, SolverSection};
+
+impl Player {
+    /// Changes the solver's parameters, or the solver, from the next step on.
+    ///
+    /// # Errors
+    /// [`PlayerError`] if a parameter is out of range, or cannot change while the simulation runs:
+    /// the virtual particles of "mass-spring"; nothing has changed then.
+    pub fn set_params(&mut self, solver: &SolverSection) -> Result<(), PlayerError> {
+        self.make(Change::Solver(Arc::new(solver.clone())))
+    }
+
+    /// Changes how strands interact, from the next step on.
+    ///
+    /// # Errors
+    /// [`PlayerError`] if a parameter is out of range; nothing has changed then.
+    pub fn set_interaction(&mut self, interaction: &InteractionSection) -> Result<(), PlayerError> {
+        self.make(Change::Interaction(Arc::new(interaction.clone())))
+    }
+
+    /// Changes gravity, m/s², from the next step on. The rest shape carries that of the scene.
+    ///
+    /// # Errors
+    /// [`PlayerError::Pose`] if it is not finite.
+    pub fn set_gravity(&mut self, gravity: DVec3) -> Result<(), PlayerError> {
+        self.make(Change::Gravity(gravity))
+    }
+
+    /// Changes the wind from the next step on.
+    ///
+    /// # Errors
+    /// [`PlayerError::Wind`] if a parameter is out of range.
+    pub fn set_wind(&mut self, wind: &WindParams) -> Result<(), PlayerError> {
+        self.make(Change::Wind(wind.clone()))
+    }
+
+    /// Moves the head by `motion` from the next step on, in place of the scene's motion or a drag.
+    /// A pose far from the present one counts as a jump: see `body.teleport_speed` and
+    /// [`Player::teleport`].
+    ///
+    /// # Errors
+    /// What a recorded change may return.
+    pub fn set_motion(&mut self, motion: impl Into<MotionTrack>) -> Result<(), PlayerError> {
+        self.make(Change::Motion(Arc::new(motion.into())))
+    }
+
+    /// Moves the head to `pose` (world from head) in the next frame, at constant speed, and leaves
+    /// it there: for dragging it from outside.
+    ///
+    /// # Errors
+    /// [`PlayerError::Pose`] if the pose is not finite.
+    pub fn set_head_pose(&mut self, pose: Pose) -> Result<(), PlayerError> {
+        self.make(Change::HeadPose(pose))
+    }
+
+    /// Declares what the head does in the next step to be a jump, in which the hair behaves as
+    /// `mode` says.
+    ///
+    /// # Errors
+    /// What a recorded change may return.
+    pub fn teleport(&mut self, mode: Teleport) -> Result<(), PlayerError> {
+        self.make(Change::Teleport(mode))
+    }
+
+    /// Moves a collider to `pose` in the next frame, at constant speed, and leaves it there. The
+    /// pose is relative to the head for a collider on the body, else to the world.
+    ///
+    /// # Errors
+    /// [`PlayerError`] if there is no such collider, or the pose is not finite.
+    pub fn set_collider_pose(&mut self, collider: ColliderId, pose: Pose) -> Result<(), PlayerError> {
+        self.make(Change::ColliderPose(collider, pose))
+    }
+
+    /// Adds a collider.
+    ///
+    /// # Errors
+    /// [`PlayerError::Asset`] if a file that it names cannot be used.
+    pub fn add_collider(&mut self, collider: &ColliderSection) -> Result<ColliderId, PlayerError> {
+        let solid = Arc::new(assets::solid(collider, self.live.fps)?);
+        let id = ColliderId(self.live.next_collider);
+        self.make(Change::AddCollider(id, solid))?;
+        Ok(id)
+    }
+
+    /// Removes a collider.
+    ///
+    /// # Errors
+    /// [`PlayerError::NoCollider`] if there is none.
+    pub fn remove_collider(&mut self, collider: ColliderId) -> Result<(), PlayerError> {
+        self.make(Change::RemoveCollider(collider))
+    }
+
+    /// Edits all strands of the groom while it moves: each strand takes its motion over.
+    ///
+    /// # Errors
+    /// [`PlayerError`] if the edit cannot be done, or guides carry the strands; nothing has changed
+    /// then.
+    pub fn edit(&mut self, operation: Operation) -> Result<(), PlayerError> {
+        self.edit_selected(Edit::all(operation))
+    }
+
+    /// As [`Player::edit`], of a selection of the strands.
+    ///
+    /// # Errors
+    /// As [`Player::edit`].
+    pub fn edit_selected(&mut self, edit: Edit) -> Result<(), PlayerError> {
+        self.make(Change::Edit(Arc::new(edit)))
+    }
+
+    /// Applies `change`; nothing has changed after an error.
+    pub(super) fn apply(&mut self, change: &Change) -> Result<(), PlayerError> {
+        match change {
+            Change::Solver(solver) => self.apply_solver(solver),
+            Change::Interaction(interaction) => {
+                interaction.grid.validate()?;
+                interaction.sph.validate()?;
+                interaction.contact.validate()?;
+                self.engine.set_interaction(interaction)?;
+                self.live.setting.interaction = interaction.clone();
+                Ok(())
+            }
+            Change::Gravity(gravity) => {
+                let gravity = gravity.is_finite().then_some(*gravity).ok_or(PlayerError::Pose)?;
+                self.live.setting.gravity = gravity;
+                Ok(())
+            }
+            Change::Wind(wind) => {
+                self.live.setting.wind = Arc::new(live::wind(&self.scene, wind)?);
+                Ok(())
+            }
+            Change::Motion(motion) => {
+                self.live.head = Track::Motion(motion.clone());
+                Ok(())
+            }
+            Change::HeadPose(pose) => {
+                self.live.head = self.drag(self.live.head_at, *pose)?;
+                Ok(())
+            }
+            Change::Teleport(mode) => {
+                self.live.teleport = Some(*mode);
+                Ok(())
+            }
+            Change::ColliderPose(id, pose) => {
+                let live = self.live.solids.iter().find(|live| live.id == *id);
+                let live = live.ok_or(PlayerError::NoCollider(*id))?;
+                let drag = self.drag(live.at, pose.after(&live.solid.base().inverse()))?;
+                for live in self.live.solids.iter_mut().filter(|live| live.id == *id) {
+                    live.track = drag.clone();
+                }
+                Ok(())
+            }
+            Change::AddCollider(id, solid) => {
+                self.engine.forget_solids()?;
+                let track = Track::Motion(solid.motion().clone());
+                let at = track.pose(self.live.simulated_secs());
+                let now = solid.carrier(&self.live.head_shown, &track.pose(self.live.shown_secs()));
+                let solid = solid.clone();
+                self.live.solids.push(LiveSolid { id: *id, solid, track, at, shown: [now; 2] });
+                self.live.next_collider = id.0 + 1;
+                Ok(())
+            }
+            Change::RemoveCollider(id) => {
+                let index = self.live.solids.iter().position(|live| live.id == *id);
+                let index = index.ok_or(PlayerError::NoCollider(*id))?;
+                self.engine.forget_solids()?;
+                self.live.solids.remove(index);
+                Ok(())
+            }
+            Change::Edit(edit) => self.apply_edit(edit).map(drop),
+        }
+    }
+
+    fn apply_solver(&mut self, solver: &Arc<SolverSection>) -> Result<(), PlayerError> {
+        let own = &self.live.setting.solver;
+        let chain = |section: &SolverSection| {
+            let params = &section.mass_spring;
+            let is_virtual = section.kind == SolverKind::MassSpring && params.virtual_particles;
+            is_virtual.then_some(params.virtual_offset)
+        };
+        if chain(own) != chain(solver) {
+            return Err(PlayerError::Fixed("solver.mass_spring.virtual_particles or its offset"));
+        }
+        let params = Arc::new(self.solvers.solver(solver)?);
+        params.validate()?;
+        params.validate_step(1.0 / self.live.fps, solver.beyond_float32)?;
+        self.engine.set_params(&params)?;
+        self.live.set_solver(solver.clone(), params);
+        Ok(())
+    }
+
+    fn apply_edit(&mut self, edit: &Edit) -> Result<EditReport, PlayerError> {
+        if self.skinning.is_some() {
+            return Err(PlayerError::EditedGuides);
+        }
+        let Self { scene, assets, engine, live, .. } = self;
+        let number = scene.edits.0.len();
+        let mut context = EditContext { scene, assets, engine, head: live.head_at };
+        live.grooming.edit(edit, number, &mut context)
+    }
+
+    /// From pose `from` at the time that the simulation has reached to pose `to` at the next frame.
+    fn drag(&self, from: Pose, to: Pose) -> Result<Track, PlayerError> {
+        if !(to.is_finite() && to.rotation.length() > 1e-6) {
+            return Err(PlayerError::Pose);
+        }
+        let to = Pose::new(to.rotation.normalize(), to.translation);
+        let start_secs = self.live.simulated_secs();
+        let next = self.live.frame_secs(self.live.frame + 1);
+        let end_secs = next.max(start_secs + self.live.step_secs());
+        Ok(Track::Drag(Drag { from, to, start_secs, end_secs }))
+    }
+}

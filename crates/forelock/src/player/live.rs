@@ -1,0 +1,244 @@
+//! All of a running player that changes from frame to frame, but for the solver's state.
+
+use std::sync::Arc;
+
+use forelock_core::air::{Wind, WindParams};
+use forelock_core::body::ColliderFrame;
+use forelock_core::pose::Pose;
+use forelock_core::frame::StepRate;
+use forelock_core::solver::Solver;
+use forelock_core::simulation::{Teleport};
+use glam::DVec3;
+
+use super::ColliderId;
+use super::engine::{Parts, Solvers};
+use super::error::PlayerError;
+use super::regrooming::Grooming;
+use super::report::Counters;
+use super::track::Track;
+use crate::assets::{Assets, Solid};
+use crate::scene::{InteractionSection, Scene, SolverKind, SolverSection};
+
+/// Share of a step within which two times are the same.
+const STEP_ROUNDING: f64 = 1e-6;
+
+/// The parameters of a running simulation.
+#[derive(Clone, Debug)]
+pub(super) struct Setting {
+    pub solver: Arc<SolverSection>,
+    /// What `solver` resolves to.
+    pub params: Arc<Solver<f32>>,
+    pub interaction: Arc<InteractionSection>,
+    pub gravity: DVec3,
+    pub wind: Arc<Wind>,
+}
+
+impl Setting {
+    fn new(scene: &Scene, solvers: &Solvers) -> Result<Self, PlayerError> {
+        Ok(Self {
+            params: Arc::new(solvers.solver(&scene.solver)?),
+            solver: Arc::new(scene.solver.clone()),
+            interaction: Arc::new(scene.interaction.clone()),
+            gravity: DVec3::from_array(scene.gravity),
+            wind: Arc::new(wind(scene, &scene.wind)?),
+        })
+    }
+
+    /// What a simulation is built from.
+    pub fn parts(&self) -> Parts<'_> {
+        Parts { solver: &self.solver, params: &self.params, interaction: &self.interaction }
+    }
+
+    /// The step of a solver with a fixed step, seconds.
+    fn own_step_secs(&self) -> Option<f64> {
+        match self.params.rate() {
+            StepRate::Fixed(secs) => Some(secs),
+            StepRate::PerFrame => None,
+        }
+    }
+
+    /// Particles of a strand of the groom that are fixed to the head.
+    pub fn clamped(&self) -> u32 {
+        match self.solver.kind {
+            SolverKind::MassSpring => self.solver.mass_spring.clamped,
+            _ => self.params.rules().clamped as u32,
+        }
+    }
+
+    /// Whether the solver reports exact depths inside solids: follow the leader knows a bound only,
+    /// and is shown between its steps.
+    pub fn reports_depth(&self) -> bool {
+        !self.params.rules().solver_collides
+    }
+
+    /// Substeps of a frame, 1 for a solver without them.
+    pub fn substeps(&self) -> u32 {
+        self.params.rules().substeps
+    }
+}
+
+/// The wind of `params`, with the seed of `scene`, which is that of everything random.
+pub(super) fn wind(scene: &Scene, params: &WindParams) -> Result<Wind, PlayerError> {
+    let params = WindParams { seed: scene.seed.wrapping_add(params.seed), ..params.clone() };
+    Wind::new(&params).map_err(PlayerError::Wind)
+}
+
+/// The clock of a solver with a fixed step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct OwnClock {
+    pub step_secs: f64,
+    /// When its steps began.
+    pub since_secs: f64,
+    /// Steps done since.
+    pub done: u64,
+}
+
+impl OwnClock {
+    /// Time of step `step`, seconds.
+    pub fn secs(&self, step: u64) -> f64 {
+        self.since_secs + step as f64 * self.step_secs
+    }
+
+    /// Steps that begin before `secs`.
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a count of steps")]
+    pub fn steps_until(&self, secs: f64) -> u64 {
+        let steps = (secs - self.since_secs) / self.step_secs;
+        (steps - STEP_ROUNDING).ceil().max(0.0) as u64
+    }
+
+    /// Share of the last step that has passed at `secs`.
+    #[expect(clippy::cast_possible_truncation, reason = "a share")]
+    pub fn share(&self, secs: f64) -> f32 {
+        let share = (1.0 - (self.secs(self.done) - secs) / self.step_secs).clamp(0.0, 1.0);
+        // Up to rounding the last step is the frame itself.
+        if share > 1.0 - STEP_ROUNDING { 1.0 } else { share as f32 }
+    }
+}
+
+/// A solid of a running simulation.
+#[derive(Clone, Debug)]
+pub(super) struct LiveSolid {
+    pub id: ColliderId,
+    pub solid: Arc<Solid>,
+    /// Its motion, relative to the head or the world.
+    pub track: Track,
+    /// The pose of its motion at the time that the simulation has reached.
+    pub at: Pose,
+    /// What carries it at the frame before the one shown, and at that.
+    pub shown: [Pose; 2],
+}
+
+impl LiveSolid {
+    fn new(id: u32, solid: &Arc<Solid>, head: &Pose) -> Self {
+        let track = Track::Motion(solid.motion().clone());
+        let at = track.pose(0.0);
+        let shown = [solid.carrier(head, &at); 2];
+        Self { id: ColliderId(id), solid: solid.clone(), track, at, shown }
+    }
+}
+
+/// All that changes from frame to frame, but for the solver's state.
+#[derive(Clone, Debug)]
+pub(super) struct Live {
+    /// Frames done.
+    pub frame: u32,
+    pub fps: f64,
+    pub setting: Setting,
+    pub own_clock: Option<OwnClock>,
+    pub head: Track,
+    /// The head's pose at the time that the simulation has reached.
+    pub head_at: Pose,
+    /// Its poses at start and end of the last step.
+    pub step_heads: [Pose; 2],
+    /// Its pose at the frame.
+    pub head_shown: Pose,
+    pub solids: Vec<LiveSolid>,
+    pub next_collider: u32,
+    pub grooming: Grooming,
+    /// A teleport from outside, for the next step.
+    pub teleport: Option<Teleport>,
+    /// How many changes of the timeline are in here.
+    pub applied: usize,
+    pub counters: Counters,
+}
+
+impl Live {
+    pub fn new(scene: &Scene, assets: &Assets, solvers: &Solvers) -> Result<Self, PlayerError> {
+        let head = Track::Motion(assets.head_motion().clone());
+        let at = head.pose(0.0);
+        // Number 0 is the body's, whether it collides or not.
+        let first = u32::from(!assets.body_collides());
+        let solids: Vec<_> =
+            (first..).zip(assets.solids()).map(|(id, solid)| LiveSolid::new(id, solid, &at)).collect();
+        let mut live = Self {
+            frame: 0,
+            fps: scene.time.fps,
+            setting: Setting::new(scene, solvers)?,
+            own_clock: None,
+            head,
+            head_at: at,
+            step_heads: [at; 2],
+            head_shown: at,
+            next_collider: solids.last().map_or(1, |solid| solid.id.0 + 1),
+            solids,
+            grooming: Grooming::new(scene),
+            teleport: None,
+            applied: 0,
+            counters: Counters::default(),
+        };
+        live.start_clock(0.0);
+        Ok(live)
+    }
+
+    /// Time of frame `frame`, seconds.
+    pub fn frame_secs(&self, frame: u32) -> f64 {
+        f64::from(frame) / self.fps
+    }
+
+    /// Time of the frame that is shown, seconds.
+    pub fn shown_secs(&self) -> f64 {
+        self.frame_secs(self.frame)
+    }
+
+    /// The time that the simulation has reached, seconds: not before that of the frame.
+    pub fn simulated_secs(&self) -> f64 {
+        self.own_clock.map_or_else(|| self.shown_secs(), |clock| clock.secs(clock.done))
+    }
+
+    /// Length of a step, seconds.
+    pub fn step_secs(&self) -> f64 {
+        self.own_clock.map_or(1.0 / self.fps, |clock| clock.step_secs)
+    }
+
+    /// Starts the clock of a solver with a fixed step at `secs`.
+    fn start_clock(&mut self, secs: f64) {
+        let step_secs = self.setting.own_step_secs();
+        self.own_clock = step_secs.map(|step_secs| OwnClock { step_secs, since_secs: secs, done: 0 });
+    }
+
+    /// The solver's parameters have changed: keeps the clock if its rate is the same.
+    pub fn set_solver(&mut self, solver: Arc<SolverSection>, params: Arc<Solver<f32>>) {
+        let secs = self.simulated_secs();
+        (self.setting.solver, self.setting.params) = (solver, params);
+        if self.own_clock.map(|clock| clock.step_secs) != self.setting.own_step_secs() {
+            self.start_clock(secs);
+        }
+    }
+
+    /// All solids from the frame before to the one that is shown.
+    pub fn shown_solids(&self) -> Vec<ColliderFrame<'_>> {
+        let secs = self.frame_secs(self.frame.saturating_sub(1));
+        self.solids.iter().map(|live| live.solid.frame_between(secs, live.shown)).collect()
+    }
+
+    /// One frame more is done: poses at its time.
+    pub fn show_next_frame(&mut self) {
+        self.frame += 1;
+        let secs = self.shown_secs();
+        self.head_shown = self.head.pose(secs);
+        for live in &mut self.solids {
+            let carrier = live.solid.carrier(&self.head_shown, &live.track.pose(secs));
+            live.shown = [live.shown[1], carrier];
+        }
+    }
+}
