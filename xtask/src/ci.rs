@@ -39,7 +39,7 @@ const TIERS: [Tier; 5] = [
     Tier { name: "CPU", arguments: "--test it --test allocations -- --skip gpu::", at_least: 158 },
     Tier { name: "GPU", arguments: "--test it --test cli -- gpu::", at_least: 52 },
     Tier { name: "command", arguments: "--test cli -- --skip gpu::", at_least: 27 },
-    Tier { name: "documentation", arguments: "--doc", at_least: 0 },
+    Tier { name: "documentation", arguments: "--doc", at_least: 9 },
 ];
 
 /// Long tests: their names begin with `long_`, and they are ignored in all other tiers.

@@ -329,7 +329,7 @@ fn a_crowd_is_met_by_its_fastest() {
 /// Two long strands among short ones are sought in pieces, and each contact comes once.
 #[test]
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
-fn long_strands_meet_short_ones() {
+fn strands_meet_shorter_ones() {
     let gpu = common::gpu();
     let (mut positions, mut offsets, mut velocities) = across(12, 60);
     // Each of one edge as long as fifty others, beside each other and above all.
