@@ -58,8 +58,7 @@ impl Solvers {
 /// What a simulation is built from beside its groom.
 #[derive(Clone, Copy)]
 pub(super) struct Parts<'a> {
-    pub solver: &'a SolverSection,
-    /// What `solver` resolves to.
+    /// The solver.
     pub params: &'a Solver<f32>,
     pub interaction: &'a InteractionSection,
 }

@@ -46,7 +46,7 @@ impl Setting {
 
     /// What a simulation is built from.
     pub fn parts(&self) -> Parts<'_> {
-        Parts { solver: &self.solver, params: &self.params, interaction: &self.interaction }
+        Parts { params: &self.params, interaction: &self.interaction }
     }
 
     /// The step of a solver with a fixed step, seconds.
