@@ -19,12 +19,12 @@ body.sdf_cells = 40
 time.frames = 90
 [[collider]]
 shape = \"box\"
-half_extents = [0.12, 0.02, 0.05]
-position = [0.0, 0.02, -0.1]
+half_extents = [0.12, 0.1, 0.05]
+position = [0.0, -0.02, -0.2]
 on_body = true
 [[collider]]
 radius = 0.05
-position = [0.16, 0.05, 0.0]
+position = [0.18, 0.0, 0.0]
 on_body = true
 [body.motion]
 [[body.motion.keyframe]]
@@ -72,9 +72,11 @@ fn apart(a: &[Vec3], b: &[Vec3]) -> f32 {
 
 /// What hair does relative to the head about the jump.
 struct Seen {
+    /// Largest speed of a particle in the first 20 frames of all, m/s.
+    start: f32,
     /// Largest speed of a particle in the 20 frames before, m/s.
     before: f32,
-    /// In the 20 frames from the jump on.
+    /// In the 20 frames after the jump's frame; that frame counts too if the hair keeps its shape.
     after: f32,
     /// Farthest that a particle is after the jump's frame from where it was before, metres.
     changed: f32,
@@ -87,13 +89,18 @@ struct Seen {
 fn watch(player: &mut Player) -> Seen {
     let fps = player.scene().time.fps as f32;
     let rest = player.assets().groom.positions().to_vec();
-    let mut seen = Seen { before: 0.0, after: 0.0, changed: 0.0, from_rest: 0.0, end: local(player) };
-    while player.frame() < JUMP + 19 {
-        player.step().unwrap();
+    let mut seen =
+        Seen { start: 0.0, before: 0.0, after: 0.0, changed: 0.0, from_rest: 0.0, end: local(player) };
+    while player.frame() < JUMP + 20 {
+        let report = player.step().unwrap();
         let now = local(player);
         let moved = apart(&now, &seen.end);
+        let is_reset = report.teleports.iter().any(|jump| jump.mode == Teleport::Reset);
         match player.frame() {
+            // The way back to rest is no speed.
+            _ if is_reset => {}
             frame if frame >= JUMP => seen.after = seen.after.max(moved * fps),
+            frame if frame <= 20 => seen.start = seen.start.max(moved * fps),
             frame if frame >= JUMP - 20 => seen.before = seen.before.max(moved * fps),
             _ => {}
         }
@@ -120,12 +127,13 @@ fn declared_jumps_give_hair_no_speed() {
                 let what = format!("{solver}, {mode}, {wind:?}");
                 println!("{what}: {:.3} m/s, then {:.3}", seen.before, seen.after);
                 assert_eq!((player.counters().teleports, player.counters().undeclared_jumps), (1, 0));
-                // Hair that is reset falls into the wind again, which is motion and no error.
-                if mode != "reset" || wind.is_empty() {
-                    assert!(seen.after <= seen.before + 0.1, "{what}: {} {}", seen.before, seen.after);
-                }
+                // Hair that is reset settles on the solids and in the wind as it did at the start.
+                let allowed = if mode == "reset" { seen.start } else { seen.before };
+                assert!(seen.after <= allowed + 0.1, "{what}: {allowed} m/s, then {}", seen.after);
                 if mode == "reset" {
-                    assert!(seen.from_rest < 0.002, "{what}: {} m from rest", seen.from_rest);
+                    // A frame of its motion at the start.
+                    let most = seen.start / 60.0 + 1e-5;
+                    assert!(seen.from_rest <= most, "{what}: {} m from rest", seen.from_rest);
                 }
             }
         }
@@ -141,6 +149,7 @@ fn carried_hair_keeps_its_shape() {
             let seen = watch(&mut player(solver, &declared(mode)));
             // What it moves in a frame anyway, and the rounding of world positions 14 m away.
             let allowed = seen.before / 60.0 + 4e-6;
+            println!("{solver}, {mode}: {} m, {allowed} m", seen.changed);
             assert!(seen.changed <= allowed, "{solver}, {mode}: {} m, {allowed} m", seen.changed);
         }
     }
@@ -173,6 +182,7 @@ fn hair_that_keeps_its_velocity_does_not_feel_the_jump() {
         let declared = "[[teleport]]\nat_secs = 0.97\nmode = \"carry-shape-and-velocity\"\n";
         let (jumps, stays) = (run(solver, &moving(8.0, declared)), run(solver, &moving(0.0, "")));
         let off = apart(&jumps.end, &stays.end);
+        println!("{solver}: {off} m apart, {} m/s", jumps.before);
         assert!(off < 2e-4, "{solver}: {off} m");
         // Negative control: the other mode stops the hair, which is then elsewhere.
         let stopped = run(solver, &moving(8.0, &declared.replace("-and-velocity", "")));
@@ -209,9 +219,12 @@ fn without_limits_the_jump_is_motion() {
         while player.frame() < JUMP - 1 {
             player.step().unwrap();
         }
-        let before = local(&mut player);
-        player.step().unwrap();
-        let speed = apart(&local(&mut player), &before) * 60.0;
+        let mut speed = 0.0_f32;
+        for _ in 0..5 {
+            let before = local(&mut player);
+            player.step().unwrap();
+            speed = speed.max(apart(&local(&mut player), &before) * 60.0);
+        }
         assert!(speed > 10.0, "{solver}: {speed} m/s");
         assert_eq!(player.counters().teleports, 0);
     }

@@ -73,12 +73,12 @@ impl Counters {
         let Jump { frame, distance_m, turn_degrees, .. } = self.first_undeclared?;
         let more = match self.undeclared_jumps {
             1 => String::new(),
-            count => format!("; so were {} later jumps", count - 1),
+            count => format!(", and {} later jumps alike", count - 1),
         };
         Some(format!(
-            "frame {frame}: the head jumped by {distance_m:.2} m and {turn_degrees:.0}° and was teleported, hair \
-             and all, for body.teleport_speed or body.teleport_turn_degrees is lower{more}; a [[teleport]] declares \
-             a jump"
+            "frame {frame}: the head jumped by {distance_m:.2} m and {turn_degrees:.0}°, which is faster than \
+             body.teleport_speed or body.teleport_turn_degrees: simulated as a teleport that carries the shape{more}; \
+             declare jumps with [[teleport]]"
         ))
     }
 }
