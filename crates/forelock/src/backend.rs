@@ -7,9 +7,7 @@
 
 use forelock_core::air::WindField;
 use forelock_core::body::ColliderFrame;
-use forelock_core::frame::{
-    ContactReport, Frame, FramePlan, FrameReport, GridReport, PlannedStep, Step,
-};
+use forelock_core::frame::{ContactReport, Frame, FramePlan, FrameReport, GridReport, PlannedStep, Step};
 use forelock_core::interaction::contact::{self, ContactParams};
 use forelock_core::interaction::grid::{self, GridParams};
 use forelock_core::interaction::sph::{self, SphParams};
@@ -272,9 +270,8 @@ impl Device {
                 simulation.state_mut().take(state);
                 let mut report = to_frame_report(&report);
                 // Interactions outside this part were reported before.
-                let has = |name| {
-                    part.iter().any(|own| matches!(own.step, Step::Exchange(own) if own.name == name))
-                };
+                let has =
+                    |name| part.iter().any(|own| matches!(own.step, Step::Exchange(own) if own.name == name));
                 if !has(grid::EXCHANGE.name) {
                     report.grid = GridReport::default();
                 }

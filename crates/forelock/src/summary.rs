@@ -150,7 +150,10 @@ mod tests {
 
     #[test]
     fn stages_are_summed_up_by_name() {
-        let row = |a, b| FrameRow { stages: vec![("solve".into(), a), ("solids".into(), b)], ..FrameRow::default() };
+        let row = |a, b| FrameRow {
+            stages: vec![("solve".into(), a), ("solids".into(), b)],
+            ..FrameRow::default()
+        };
         let medians = median_stages(&[row(1.0, 9.0), row(3.0, 8.0), row(2.0, 7.0)]);
         assert_eq!(medians, BTreeMap::from([("solve".into(), 2.0), ("solids".into(), 8.0)]));
     }

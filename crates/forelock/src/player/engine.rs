@@ -8,12 +8,12 @@ use std::sync::Arc;
 
 use forelock_core::air::WindField;
 use forelock_core::body::ColliderFrame;
+use forelock_core::frame::{Frame, FrameReport};
 use forelock_core::groom::Groom;
 use forelock_core::groom::edit::Source;
+use forelock_core::lane::Simd;
 use forelock_core::pose::Pose;
-use forelock_core::frame::{Frame, FrameReport};
 use forelock_core::simulation::{Options, Simulation, Teleport};
-use forelock_core::lane::{Simd};
 use forelock_core::solver::Solver;
 use forelock_core::strands::Snapshot;
 use glam::{DVec3, Vec3};

@@ -1,7 +1,7 @@
 //! What can go wrong in a player.
 
+use forelock_core::params::ParamsError;
 use forelock_core::simulation::{BuildError, RegroomError};
-use forelock_core::params::{ParamsError};
 
 use crate::assets::AssetError;
 

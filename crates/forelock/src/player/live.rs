@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use forelock_core::air::{Wind, WindParams};
 use forelock_core::body::ColliderFrame;
-use forelock_core::pose::Pose;
 use forelock_core::frame::StepRate;
+use forelock_core::pose::Pose;
+use forelock_core::simulation::Teleport;
 use forelock_core::solver::Solver;
-use forelock_core::simulation::{Teleport};
 use glam::DVec3;
 
 use super::ColliderId;

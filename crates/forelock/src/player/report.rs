@@ -1,7 +1,7 @@
 //! What a player reports: of a frame, and of all frames so far.
 
-use forelock_core::frame::{FrameReport};
-use forelock_core::simulation::{Teleport};
+use forelock_core::frame::FrameReport;
+use forelock_core::simulation::Teleport;
 
 /// What a frame did.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -90,9 +90,8 @@ impl Snapshot {
         }
         let names: Vec<String> = stages.iter().map(|stage| format!("{STAGE}{stage}")).collect();
         for (stage, name) in stages.iter().zip(&names) {
-            let ms = |row: &FrameRow| {
-                row.stages.iter().find(|(own, _)| own == stage).map_or(0.0, |(_, ms)| *ms)
-            };
+            let ms =
+                |row: &FrameRow| row.stages.iter().find(|(own, _)| own == stage).map_or(0.0, |(_, ms)| *ms);
             arrays.push((name, Array::vector(rows.iter().map(ms).collect::<Vec<f64>>())));
         }
         if let Some(state) = &self.state {
@@ -164,7 +163,9 @@ impl Snapshot {
             let (whole, []) = doubles(ROWS)?.as_chunks::<3>() else { return Err(ROWS) };
             rows = whole.iter().map(row).collect();
         }
-        for (stage, array) in arrays.iter().filter_map(|(name, array)| Some((name.strip_prefix(STAGE)?, array))) {
+        for (stage, array) in
+            arrays.iter().filter_map(|(name, array)| Some((name.strip_prefix(STAGE)?, array)))
+        {
             // A stage that took no time did not run.
             let Data::F64(times) = &array.data else { return Err("stage_…") };
             if times.len() != rows.len() {
@@ -217,7 +218,12 @@ mod tests {
                     penetration_m: 0.0,
                     stages: vec![("solve_strands".into(), 1.0), (WRITE_CACHE.into(), 0.5)],
                 },
-                FrameRow { ms: 2.5, stretch: 1e-6, penetration_m: 0.1, stages: vec![("resolve_solids".into(), 2.0)] },
+                FrameRow {
+                    ms: 2.5,
+                    stretch: 1e-6,
+                    penetration_m: 0.1,
+                    stages: vec![("resolve_solids".into(), 2.0)],
+                },
             ],
             state: Some(State {
                 positions: vec![[-0.0, f32::MIN_POSITIVE, 3.0]],

@@ -5,8 +5,8 @@
 
 use forelock_core::body::Motion;
 use forelock_core::groom::grow::GrowError;
-use forelock_core::params::ParamsError;
 use forelock_core::params::FLOAT32_STIFFNESS_LIMIT;
+use forelock_core::params::ParamsError;
 
 use forelock_io::Format;
 use forelock_render::HairColour;

@@ -3,10 +3,10 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use forelock_core::interaction::contact::ContactParams;
-use forelock_core::interaction::grid::GridParams;
 use forelock_core::groom::grow::{GrowParams, PRESETS};
 use forelock_core::groom::{Import, Unit, Up};
+use forelock_core::interaction::contact::ContactParams;
+use forelock_core::interaction::grid::GridParams;
 use forelock_core::interaction::sph::SphParams;
 use serde::de::value::SeqAccessDeserializer;
 use serde::de::{Deserializer, SeqAccess, Visitor};

@@ -1,7 +1,7 @@
 //! `[solver]`: which solver, and its parameters.
 
+use forelock_core::lane::Simd;
 use forelock_core::solver::{AmsParams, DftlParams, MassSpringParams};
-use forelock_core::lane::{Simd};
 use serde::{Deserialize, Serialize, Serializer};
 
 use super::document::Document;

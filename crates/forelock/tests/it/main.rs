@@ -1,8 +1,11 @@
 //! The tests of this crate that use its public interface alone, as one program.
 
 mod ams_scenes;
+mod chain;
 mod documented_parameters;
 mod measure;
 mod mesh_sequence;
+mod player;
 mod readme;
 mod real_grooms;
+mod teleports;

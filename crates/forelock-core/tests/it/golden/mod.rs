@@ -8,6 +8,7 @@ pub mod fluid;
 use forelock_core::body::{ColliderFrame, Shape};
 use forelock_core::frame::Frame;
 use forelock_core::frame::SolverReal;
+use forelock_core::lane::Real;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::Options;
 use forelock_core::solver::ams::{AngularForm, Inextensibility, IntegrityForm, Jacobian};

@@ -174,7 +174,7 @@ fn a_groom_at_rest_feels_nothing() {
 /// Hair that is pressed together comes apart, with either solver.
 #[test]
 fn pressure_gives_volume() {
-    let spread = |solver: &Solver<f64>, pressure: Option<f64>| {
+    let spread = |solver: &Solver<f32>, pressure: Option<f64>| {
         let mut rig = Rig::<f32>::new(&tuft(60, 20), solver, Simd::Auto);
         let params = pressure.map(|pressure| SphParams { pressure, ..SphParams::default() });
         rig.simulation.set_sph(params.as_ref()).unwrap();

@@ -5,11 +5,11 @@
 use crate::common;
 use crate::common::shaken::{GRAVITY, head, options, tuft};
 use forelock_core::body::{ColliderFrame, Shape};
+use forelock_core::frame::Frame;
 use forelock_core::interaction::grid::GridParams;
-use forelock_core::strands::Strands;
 use forelock_core::pose::Pose;
 use forelock_core::solver::AmsParams;
-use forelock_core::frame::Frame;
+use forelock_core::strands::Strands;
 use forelock_gpu::{Choice, Gpu, GpuSimulation};
 use glam::DVec3;
 

@@ -54,7 +54,8 @@ fn shake(simulator: &mut dyn Simulator) {
 }
 
 fn far(a: &Snapshot<f32>, b: &Snapshot<f32>) -> f32 {
-    let place = |s: &Snapshot<f32>, p: usize| Vec3::from_array(s.positions[p]) + DVec3::from(s.origin).as_vec3();
+    let place =
+        |s: &Snapshot<f32>, p: usize| Vec3::from_array(s.positions[p]) + DVec3::from(s.origin).as_vec3();
     assert_eq!(a.positions.len(), b.positions.len());
     (0..a.positions.len()).map(|p| place(a, p).distance(place(b, p))).fold(0.0, f32::max)
 }

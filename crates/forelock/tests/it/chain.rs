@@ -1,0 +1,137 @@
+//! A solver written outside the core, through its public interface alone, and a scene that runs it.
+//! `docs/dev/add-a-solver.md` shows what stands between the marks.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot build its scene fails")]
+
+// chain-begin
+use forelock::core::collide::resolve_solids::SolidContacts;
+use forelock::core::lane::{Lane, Mat3, V3};
+use forelock::core::solver::{FrameContext, FrameRules, LaneGroup, LaneSolver, Solver, Substep};
+use forelock::core::strands::{BlockView, Scratch};
+
+/// Particles that fall, slowed by the air; the shared length pass makes chains of them.
+#[derive(Clone, Debug)]
+struct Chain {
+    /// Drag rate, s⁻¹.
+    drag: f64,
+}
+
+impl LaneSolver for Chain {
+    /// Share of the velocity that a substep leaves.
+    type Terms = f64;
+
+    fn name(&self) -> &'static str {
+        "chain"
+    }
+
+    fn rules(&self) -> FrameRules {
+        FrameRules { stage: "move_chain", substeps: SUBSTEPS, ..FrameRules::default() }
+    }
+
+    fn terms(&self, dt_secs: f64) -> f64 {
+        (-self.drag * dt_secs / f64::from(SUBSTEPS)).exp()
+    }
+
+    #[inline(always)]
+    fn solve<L: Lane>(
+        keep: &f64,
+        cx: &FrameContext<'_, L::Scalar>,
+        substep: Substep,
+        view: &mut BlockView<'_, L::Scalar>,
+        group: LaneGroup,
+        _: &mut Scratch<L::Scalar>,
+    ) -> SolidContacts {
+        let (h, inverse_h) = (L::from_f64(cx.h), L::from_f64(1.0 / cx.h));
+        let head = &cx.poses[substep.index + 1];
+        let (turn, shift) = (Mat3::splat(head.matrix()), V3::splat(head.translation));
+        let gravity = V3::<L>::splat(cx.gravity * cx.h);
+        for i in 0..view.particles {
+            let x = V3::<L>::load(view.positions, i, group.first);
+            let (x, v) = if i < cx.rules.clamped {
+                let on_head = shift.add_mul(&turn, V3::load(view.rest, i, group.first));
+                (on_head, (on_head - x).scale(inverse_h))
+            } else {
+                let v = V3::<L>::load(view.velocities, i, group.first).scale(L::from_f64(*keep)) + gravity;
+                (x.add_scaled(h, v), v)
+            };
+            x.store(view.positions, i, group.first);
+            v.store(view.velocities, i, group.first);
+        }
+        SolidContacts::default()
+    }
+}
+
+/// Substeps a frame.
+const SUBSTEPS: u32 = 4;
+
+/// The solver of `[solver.chain]`.
+fn chain(table: &toml::Table) -> Result<Solver<f32>, String> {
+    let drag = table.get("drag").and_then(toml::Value::as_float).ok_or("drag is missing")?;
+    Ok(Solver::new(Chain { drag }))
+}
+// chain-end
+
+use forelock::{Player, Scene};
+use glam::Vec3;
+use std::path::Path;
+
+const SCENE: &str = "[groom]\nstrands = 50\nvertices_per_strand = 12\npreset = \"straight\"\n\
+                     [body]\nmotion = \"builtin:still\"\nsdf_cells = 32\n\
+                     [solver]\nkind = \"chain\"\n[solver.chain]\ndrag = 4.0\n";
+
+fn player(keys: &str) -> Player {
+    let text = format!("{SCENE}{keys}");
+    let scene = Scene::parse_with(&text, Path::new("scene.toml"), &[], &["chain"]).unwrap();
+    Player::builder(scene).solver("chain", chain).build().unwrap()
+}
+
+#[test]
+fn a_solver_from_outside_the_core_runs_in_a_scene() {
+    let mut player = player("");
+    let (mut before, mut after) = (Vec::new(), Vec::new());
+    player.positions(&mut before);
+    let mut stretch = 0.0f64;
+    for _ in 0..240 {
+        let report = player.step().unwrap().solver;
+        stretch = stretch.max(report.max_edge_stretch);
+        assert!(report.stages.get("move_chain") > 0.0);
+        assert_eq!(report.quarantined_strands, 0);
+    }
+    player.positions(&mut after);
+    // Lengths and roots hold, and hair without shape has fallen.
+    assert!(stretch < 1e-3, "{stretch}");
+    let offsets: Vec<usize> = player.groom().strand_offsets().iter().map(|&o| o as usize).collect();
+    let height =
+        |points: &[Vec3]| offsets.windows(2).map(|ends| f64::from(points[ends[1] - 1].y)).sum::<f64>() / 50.0;
+    assert!(height(&after) < height(&before) - 0.01, "{} {}", height(&before), height(&after));
+    for ends in offsets.windows(2) {
+        assert!(after[ends[0]].distance(before[ends[0]]) < 1e-5);
+    }
+}
+
+#[test]
+fn it_works_with_interactions_and_snapshots() {
+    let keys = "[interaction]\nkind = \"grid\"\ncontacts = true\n";
+    let mut player = self::player(keys);
+    let mut same = self::player(keys);
+    for _ in 0..10 {
+        player.step().unwrap();
+    }
+    let snapshot = player.snapshot();
+    for _ in 0..10 {
+        player.step().unwrap();
+    }
+    same.restore(&snapshot).unwrap();
+    for _ in 0..10 {
+        same.step().unwrap();
+    }
+    assert_eq!(player.state_hash(), same.state_hash());
+}
+
+#[test]
+fn the_page_shows_this_solver() {
+    let page = include_str!("../../../../docs/dev/add-a-solver.md");
+    let own = include_str!("chain.rs").split("// chain-begin\n").nth(1).unwrap_or_default();
+    let own = own.split("// chain-end").next().unwrap_or_default();
+    assert!(own.len() > 1000 && page.contains(own.trim()), "the page and the test differ");
+}
