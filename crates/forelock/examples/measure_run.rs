@@ -4,7 +4,7 @@
 
 use std::path::PathBuf;
 
-#[path = "../tests/measure/mod.rs"]
+#[path = "../tests/it/measure/mod.rs"]
 mod measure;
 
 fn main() {

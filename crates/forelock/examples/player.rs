@@ -7,7 +7,7 @@ use std::error::Error;
 
 use forelock::core::groom::edit::{Operation, Trim};
 use forelock::core::pose::Pose;
-use forelock::core::solver::Teleport;
+use forelock::core::simulation::Teleport;
 use forelock::player::{HistoryOptions, Player};
 use forelock::scene::{ColliderSection, Override, Scene};
 use glam::{DQuat, DVec3, Vec3};

@@ -216,7 +216,7 @@ mod tests {
                     ms: 1.5,
                     stretch: 1e-7,
                     penetration_m: 0.0,
-                    stages: vec![("solve_strands".into(), 1.0), (WRITE_CACHE.into(), 0.5)],
+                    stages: vec![("solve_strands".into(), 1.0), ("write_cache".into(), 0.5)],
                 },
                 FrameRow {
                     ms: 2.5,
