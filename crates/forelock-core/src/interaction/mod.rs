@@ -1,6 +1,7 @@
-//! Interactions between strands. Each is a folder with its parameters, stages and WGSL.
+//! Interactions between strands. Each folder contains the parameters, stages and WGSL of one
+//! interaction.
 //!
-//! The seam is [`Interaction`]; see `docs/dev/add-an-interaction.md`.
+//! Interactions implement [`Interaction`]; see `docs/dev/add-an-interaction.md`.
 
 pub mod contact;
 pub mod grid;

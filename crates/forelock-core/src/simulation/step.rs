@@ -110,7 +110,7 @@ impl<T: SimulationReal> Simulation<T> {
             gravity: frame.gravity,
             rest_gravity: self.options.carried_gravity(),
             air_velocity: frame.air_velocity,
-            air: wind.map(|wind| AirTerms::new(&wind, (wake, canopy), origin)),
+            air: wind.map(|wind| AirTerms::new(&wind, wake, canopy, origin)),
             shift,
             solids: frame.colliders,
             solid_poses,
@@ -162,8 +162,8 @@ impl<T: SimulationReal> Simulation<T> {
         Ok(report)
     }
 
-    /// The wind of a frame in which the air, or the drag (`local`), differs from particle to particle;
-    /// brings its shelter up to date.
+    /// The wind of a frame in which the air, or the drag (`local`), differs from particle to
+    /// particle; brings its shelter up to date.
     fn wind(
         &mut self,
         frame: &Frame<'_>,

@@ -20,9 +20,11 @@ use bytemuck::{Pod, Zeroable};
 use forelock_core::body::SHAPES_WGSL;
 use forelock_core::frame::Frame;
 use forelock_core::interaction::grid::solve_pressure::{LOOSE, SLACK, SPARSE};
-use forelock_core::interaction::grid::{self, Grid, GridFrame, GridParams, GridReport, MARGIN, SolidMaps};
+use forelock_core::interaction::grid::{
+    self, Grid, GridFrame, GridParams, GridPlacement, GridReport, MARGIN, SolidMaps,
+};
 use forelock_core::interaction::grid::{gather_velocities, solve_pressure, splat_segments};
-use glam::{DMat3, DMat4, DVec3, IVec3, Mat4, UVec3};
+use glam::{DAffine3, DMat3, DMat4, DVec3, IVec3, Mat4, UVec3};
 use wgpu::BufferUsages;
 
 /// The longest side of the rest shape over the thickness of its hair, about.
@@ -406,16 +408,19 @@ impl DeviceGrid {
         let (dt, cell, params) = (frame.dt_secs, self.cell, &self.params);
         let axes = moving.rotation.transpose();
         let host = &mut *self.host;
-        host.place = matrix((axes * (1.0 / cell), DVec3::ZERO));
-        host.motion = matrix((axes * moving.motion.0, axes * moving.motion.1));
-        host.axes = matrix((axes, DVec3::ZERO));
+        host.place = matrix(affine(axes * (1.0 / cell), DVec3::ZERO));
+        let motion = affine(axes * moving.motion.matrix3, axes * moving.motion.translation);
+        host.motion = matrix(motion);
+        host.axes = matrix(affine(axes, DVec3::ZERO));
         host.pic = params.pic_share(dt) as f32;
         host.slack = (cell / dt) as f32;
         host.expand = params.expansion(dt) as f32;
         host.solids = frame.colliders.len() as u32;
         let last = 1.0 - 1.0 / f64::from(substeps);
+        let h = dt * (1.0 - last);
+        let placement = GridPlacement { frame: moving, cell, origin, last_substep: last, h };
         for (entry, solid) in host.each.iter_mut().zip(frame.colliders) {
-            let maps = SolidMaps::new(solid, (last, dt * (1.0 - last)), origin, (moving, cell));
+            let maps = SolidMaps::new(solid, &placement);
             *entry = GridSolidEntry { local: matrix(maps.local), velocity: matrix(maps.velocity) };
         }
         gpu.queue().write_buffer(&self.uniform, 0, bytemuck::bytes_of(host));
@@ -429,7 +434,11 @@ fn relaxation(resolution: u32) -> f32 {
 }
 
 /// A map M x + b.
-fn matrix((m, b): (DMat3, DVec3)) -> Mat4 {
+fn matrix(DAffine3 { matrix3: m, translation: b }: DAffine3) -> Mat4 {
     let column = |c: usize| m.col(c).extend(0.0);
     DMat4::from_cols(column(0), column(1), column(2), b.extend(1.0)).as_mat4()
+}
+
+fn affine(matrix3: DMat3, translation: DVec3) -> DAffine3 {
+    DAffine3 { matrix3, translation }
 }

@@ -1,45 +1,47 @@
-// The air at every particle, once a frame: the twin of `sample_air::sample`, and of the wake and the canopy that it looks at (`air::Wake`, `air::Canopy`).
+// The air at every particle, once a frame: the GPU counterpart of `sample_air::sample`, `air::Wake`
+// and `air::Canopy`.
 
 struct Mode {
-    // Turns a metre.
+    // Wave vector, turns a metre.
     wave: vec3f,
-    // Turns at the frame's origin.
+    // Phase at the origin of the frame, turns.
     phase: f32,
     amplitude: vec3f,
     pad_0: f32,
 }
 
 struct Air {
-    // From positions to nodes of the wake.
+    // Maps positions to nodes of the wake.
     to_wake: mat4x4f,
-    // From nodes of the wake to positions.
+    // Maps nodes of the wake to positions.
     from_wake: mat4x4f,
-    // Axes across, across and along the wind.
+    // Axes of the wind: two across it, one along it.
     axes: mat4x4f,
     mean: vec3f,
-    // Share of the wind that solids keep off.
+    // Fraction of the wind that solids block in their wake.
     shelter: f32,
-    // What positions are moved by before the frame.
+    // Shift of positions to the origin of the frame.
     shift: vec3f,
-    // Metres of the wake's cells.
+    // Side of a cell of the wake, metres.
     wake_cell: f32,
-    // Hair of the rest shape's density, times the way in it on which the wind falls to 1/e, 1/m; 0 without shelter in the hair.
+    // Rest density of the hair times the penetration depth of the wind, 1/m; 0 if hair gives no
+    // shelter.
     stop: f32,
-    // Integers to a metre of hair, while it is summed.
+    // Integers to a metre of hair in sums.
     scale: f32,
     modes: u32,
     solids: u32,
     each: array<Mode, MOST_MODES>,
 }
 
-// The canopy's nodes.
+// The nodes of the canopy.
 struct Canopy {
-    // The first, in nodes from the origin.
+    // The first node, in nodes from the origin.
     low: vec3f,
     cell: f32,
     dims: vec3u,
     pad_0: u32,
-    // Extent of the hair along the axes, ordered as integers.
+    // Extent of the hair along the axes of the wind, ordered as integers.
     extent: array<atomic<u32>, 6>,
     pad_1: u32,
     pad_2: u32,
@@ -47,11 +49,12 @@ struct Canopy {
 
 const WAKE_LAYER: u32 = WAKE_NODES * WAKE_NODES;
 const WAKE_COUNT: u32 = WAKE_LAYER * WAKE_NODES;
-// Nodes of a layer that a thread has.
+// Nodes of a layer that one thread handles.
 const WAKE_EACH: u32 = (WAKE_LAYER + CELLS_GROUP - 1u) / CELLS_GROUP;
 const CANOPY_COUNT: u32 = CANOPY_NODES * CANOPY_NODES * CANOPY_NODES;
 
-// Whether nodes of the wake are in a solid, and its deficit; metres of hair at nodes of the canopy as integers, and the share of the wind there. One after the other.
+// Arrays in `nodes`, one after the other: solid fraction and velocity deficit at nodes of the wake;
+// length of hair (as an integer) and fraction of the wind at nodes of the canopy.
 const SOLID: u32 = 0u;
 const DEFICIT: u32 = WAKE_COUNT;
 const LENGTHS: u32 = 2u * WAKE_COUNT;
@@ -70,7 +73,7 @@ fn set_node(at: u32, value: f32) {
     atomicStore(&nodes[at], bitcast<u32>(value));
 }
 
-// Shares of the wake's cells that solids fill, as they are at the frame's start.
+// Solid fraction of the cells of the wake at the start of the frame.
 @compute @workgroup_size(WORKGROUP)
 fn fill_wake(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= WAKE_COUNT {
@@ -88,7 +91,7 @@ fn fill_wake(@builtin(global_invocation_id) id: vec3u) {
 
 var<workgroup> upwind: array<f32, WAKE_LAYER>;
 
-// Layer after layer downwind, by one workgroup.
+// Marches downwind layer by layer, in one workgroup.
 @compute @workgroup_size(CELLS_GROUP)
 fn march_wake(@builtin(local_invocation_index) id: u32) {
     for (var at = id; at < WAKE_LAYER; at += CELLS_GROUP) {
@@ -104,7 +107,7 @@ fn march_wake(@builtin(local_invocation_index) id: u32) {
                 let here = upwind[at];
                 let i = at % WAKE_NODES;
                 let j = at / WAKE_NODES;
-                // Nothing flows through the grid's sides.
+                // No flux through the sides of the grid.
                 var around = select(here, upwind[max(at, 1u) - 1u], i > 0u);
                 around += select(here, upwind[min(at + 1u, WAKE_LAYER - 1u)], i + 1u < WAKE_NODES);
                 around += select(here, upwind[max(at, WAKE_NODES) - WAKE_NODES], j > 0u);
@@ -159,7 +162,7 @@ fn fit_canopy() {
     for (var c = 0u; c < 3u; c++) {
         let least = unordered(atomicExchange(&canopy.extent[c], 0xffffffffu));
         let greatest = unordered(atomicExchange(&canopy.extent[3u + c], 0u));
-        // Nothing was finite.
+        // Some coordinate was finite.
         if least <= greatest {
             low[c] = least;
             side[c] = greatest - least;
@@ -182,9 +185,10 @@ fn in_canopy(x: vec3f) -> vec3f {
     return along_wind(x) / canopy.cell - canopy.low;
 }
 
-// The first of the eight nodes around a point, and how far beyond it that is; beyond the grid, of its nearest point.
+// The first of the eight nodes around a point, in w, and the offset from it in nodes. Points
+// outside the grid are clamped to it.
 fn canopy_corner(at: vec3f) -> vec4f {
-    // What is not a number is at 0.
+    // A coordinate that is not a number becomes 0.
     let inside = select(vec3f(0.0), min(at, vec3f(canopy.dims - 1u)), at > vec3f(0.0));
     let low = min(vec3u(inside), canopy.dims - 2u);
     let first = low.x + canopy.dims.x * (low.y + canopy.dims.y * low.z);
@@ -221,14 +225,14 @@ fn splat_canopy(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// A column downwind a thread.
+// One thread marches along each column downwind.
 @compute @workgroup_size(WORKGROUP)
 fn march_canopy(@builtin(global_invocation_id) id: vec3u) {
     let layer = canopy.dims.x * canopy.dims.y;
     if id.x >= layer {
         return;
     }
-    // Half of what a metre at a node adds to the depth over a cell.
+    // Half of the optical depth that a metre of hair at a node adds over a cell.
     let half = 0.5 / (canopy.cell * canopy.cell * air.stop);
     var depth = 0.0;
     var before = 0.0;
@@ -243,7 +247,7 @@ fn march_canopy(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-fn mixed(first: u32, row: u32, layer: u32, f: vec3f) -> f32 {
+fn trilinear(first: u32, row: u32, layer: u32, f: vec3f) -> f32 {
     let a = vec4f(node(first), node(first + row), node(first + layer), node(first + layer + row));
     let b = vec4f(node(first + 1u), node(first + row + 1u), node(first + layer + 1u), node(first + layer + row + 1u));
     let along_x = a + (b - a) * f.x;
@@ -251,24 +255,24 @@ fn mixed(first: u32, row: u32, layer: u32, f: vec3f) -> f32 {
     return along_y.x + (along_y.y - along_y.x) * f.z;
 }
 
-// The share of the wind that shelter leaves.
+// The fraction of the wind that shelter leaves.
 fn open_at(x: vec3f) -> f32 {
     var open = 1.0;
     if air.shelter > 0.0 && air.solids > 0u {
         let at = max(local(air.to_wake, x), vec3f(0.0));
         let low = vec3u(min(at, vec3f(f32(WAKE_NODES - 2u))));
         let first = low.x + WAKE_NODES * (low.y + WAKE_NODES * low.z);
-        open -= air.shelter * mixed(DEFICIT + first, WAKE_NODES, WAKE_LAYER, min(at - vec3f(low), vec3f(1.0)));
+        open -= air.shelter * trilinear(DEFICIT + first, WAKE_NODES, WAKE_LAYER, min(at - vec3f(low), vec3f(1.0)));
     }
     if air.stop > 0.0 {
         let own = canopy_corner(in_canopy(x));
         let row = canopy.dims.x;
-        open *= mixed(OPEN + u32(own.w), row, row * canopy.dims.y, own.xyz);
+        open *= trilinear(OPEN + u32(own.w), row, row * canopy.dims.y, own.xyz);
     }
     return open;
 }
 
-// cos 2πt, by Taylor's polynomial over a quarter turn.
+// cos 2πt, by a Taylor polynomial over a quarter turn.
 fn cos_turns(turns: f32) -> f32 {
     let q = 0.25 - abs(turns - round(turns));
     let z = q * q;

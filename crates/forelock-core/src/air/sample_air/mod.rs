@@ -1,12 +1,14 @@
-//! The air at every particle, once a frame: turbulence, and shelter behind solids and inside the hair.
+//! Samples the air at every particle, once a frame: mean wind and turbulence, reduced behind solids
+//! and inside the hair.
 //!
 //! # Theory
-//! u = [U + Σ_j a_j e_j cos 2π(k_j·x + φ_j)] (1 − s D(x)) e^−τ(x), with the wind of [`air`](crate::air), the wake D of solids, and the hair's optical
-//! depth τ.
+//! u = [U + Σ_j a_j e_j cos 2π(k_j·x + φ_j)] (1 − s D(x)) e^−τ(x), with the wind of
+//! [`air`](crate::air), the deficit D of the wake of solids, and the optical depth τ of the hair.
 //!
 //! # Practice
-//! Phases are taken at the frame's origin in float64 and reduced to a turn, so that float32 serves anywhere in the world. The cosine
-//! is a polynomial of degree 9 over a quarter turn, good to 4e-6. About 6 ns a particle on AVX2.
+//! Phases are computed at the origin of the frame in float64 and reduced to a turn, so float32
+//! suffices anywhere in the world. The cosine is a polynomial of degree 9 over a quarter turn with
+//! an error of 4e-6. Cost: about 6 ns a particle on AVX2.
 
 use crate::air::{Canopy, MODES, Wake, WindField};
 use crate::lane::{Lane, Real, Row, V3};
@@ -16,26 +18,39 @@ use glam::DVec3;
 /// WGSL of the stage, of the wake and of the canopy.
 pub const WGSL: &str = include_str!("kernel.wgsl");
 
-/// Wave vector (turns a metre), amplitude (m/s) and phase at the frame's origin (turns).
-type Wave<T> = ([T; 3], [T; 3], T);
+/// A plane wave of the turbulence.
+#[derive(Clone, Copy, Debug)]
+struct PlaneWave<T> {
+    /// Wave vector, turns a metre.
+    wave: [T; 3],
+    /// Amplitude, m/s.
+    amplitude: [T; 3],
+    /// Phase at the origin of the frame, turns.
+    phase: T,
+}
 
-/// The air during a frame, relative to the frame's origin.
+/// The air during a frame, relative to the origin of the frame.
 #[derive(Clone, Copy, Debug)]
 pub struct AirTerms<'a, T> {
     mean: DVec3,
-    modes: Option<[Wave<T>; MODES]>,
-    /// The wake and how much of it counts.
+    modes: Option<[PlaneWave<T>; MODES]>,
+    /// The wake, and the fraction of the wind that it blocks.
     wake: Option<(&'a Wake, f32)>,
     canopy: Option<&'a Canopy>,
 }
 
 impl<'a, T: Real> AirTerms<'a, T> {
-    /// The air of `wind` with the shelter of solids and hair in it, about `origin`.
-    pub fn new(wind: &WindField, (wake, canopy): (&'a Wake, &'a Canopy), origin: DVec3) -> Self {
+    /// Creates the air of `wind` relative to `origin`, with the shelter of solids (`wake`) and of
+    /// the hair (`canopy`).
+    pub fn new(wind: &WindField, wake: &'a Wake, canopy: &'a Canopy, origin: DVec3) -> Self {
         let modes = wind.modes.map(|modes| {
             modes.map(|mode| {
                 let vector = |v: DVec3| v.to_array().map(number);
-                (vector(mode.wave), vector(mode.amplitude), number(mode.phase_at(origin)))
+                PlaneWave {
+                    wave: vector(mode.wave),
+                    amplitude: vector(mode.amplitude),
+                    phase: number(mode.phase_at(origin)),
+                }
             })
         });
         #[expect(clippy::cast_possible_truncation, reason = "a share")]
@@ -44,7 +59,7 @@ impl<'a, T: Real> AirTerms<'a, T> {
         Self { mean: wind.mean, modes, wake, canopy }
     }
 
-    /// The share of the wind that shelter leaves at `place`, metres from the origin.
+    /// The fraction of the wind that shelter leaves at `place`, metres from the origin.
     #[inline(always)]
     fn open(&self, place: [f32; 3]) -> f32 {
         let mut open = 1.0;
@@ -58,8 +73,8 @@ impl<'a, T: Real> AirTerms<'a, T> {
     }
 }
 
-/// Writes the velocity of the air at each particle of lanes `first..first + L::WIDTH` into `out`, three rows a particle. `exposure`, if not
-/// empty, has a row a particle.
+/// Writes the velocity of the air at each particle of lanes `first..first + L::WIDTH` to `out`,
+/// three rows a particle. `exposure` is empty or has one row a particle.
 #[inline(always)]
 pub fn sample<L: Lane>(
     air: &AirTerms<'_, L::Scalar>,
@@ -72,7 +87,7 @@ pub fn sample<L: Lane>(
         let x = V3::<L>::load(positions, i, first);
         let mut u = V3::splat(air.mean);
         if let Some(modes) = &air.modes {
-            for (wave, amplitude, phase) in modes {
+            for PlaneWave { wave, amplitude, phase } in modes {
                 let turns = x.0[2].mul_add(L::splat(wave[2]), L::splat(*phase));
                 let turns = x.0[1].mul_add(L::splat(wave[1]), turns);
                 let turns = x.0[0].mul_add(L::splat(wave[0]), turns);
@@ -98,11 +113,11 @@ pub fn sample<L: Lane>(
 /// cos 2πt for |t| up to 2²⁰ in float32.
 #[inline(always)]
 pub fn cos_turns<L: Lane>(turns: L) -> L {
-    // Adding 1.5 times 2 to the mantissa's length rounds to an integer.
+    // Adding and subtracting 1.5 · 2^(length of the mantissa) rounds to an integer.
     let rounder =
         L::from_f64(if size_of::<L::Scalar>() == 4 { 12_582_912.0 } else { 6_755_399_441_055_744.0 });
     let r = turns - ((turns + rounder) - rounder);
-    // cos 2πr = sin 2πq with q = ¼ − |r| in ±¼; Taylor's polynomial.
+    // cos 2πr = sin 2πq with q = ¼ − |r| in ±¼; Taylor polynomial.
     let q = L::from_f64(0.25) - r.max(-r);
     let z = q * q;
     let mut sum = L::from_f64(42.058_693_944_897_65);
@@ -119,7 +134,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_cosine_is_one() {
+    fn the_polynomial_approximates_the_cosine() {
         for k in -3000..3000 {
             let t = f64::from(k) * 0.017;
             let exact = (std::f64::consts::TAU * t).cos();

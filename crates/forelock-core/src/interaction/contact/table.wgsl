@@ -1,4 +1,4 @@
-// A table of cells sorted by counting. The including shader defines `take_room`.
+// A table of cells sorted by counting. The including shader defines `reserve_entries`.
 
 var<workgroup> sums: array<u32, CELLS_GROUP>;
 var<workgroup> run_start: u32;
@@ -10,12 +10,12 @@ fn scan_rows(group: u32, t: u32, cells: u32) {
     for (var row = group; row < cells / ROW_CELLS; row += ROW_GROUPS) {
         let first = ROW_CELLS * row + OWN_CELLS * t;
         var counts: array<u32, OWN_CELLS>;
-        var own = 0u;
+        var total = 0u;
         for (var k = 0u; k < OWN_CELLS; k++) {
             counts[k] = atomicLoad(&table[first + k]);
-            own += counts[k];
+            total += counts[k];
         }
-        sums[t] = own;
+        sums[t] = total;
         workgroupBarrier();
         for (var reach = 1u; reach < CELLS_GROUP; reach *= 2u) {
             var sum = sums[t];
@@ -27,10 +27,10 @@ fn scan_rows(group: u32, t: u32, cells: u32) {
             workgroupBarrier();
         }
         if t == 0u {
-            run_start = take_room(sums[CELLS_GROUP - 1u]);
+            run_start = reserve_entries(sums[CELLS_GROUP - 1u]);
         }
         workgroupBarrier();
-        var start = run_start + sums[t] - own;
+        var start = run_start + sums[t] - total;
         for (var k = 0u; k < OWN_CELLS; k++) {
             atomicStore(&table[first + k], start);
             atomicStore(&table[cells + first + k], start);

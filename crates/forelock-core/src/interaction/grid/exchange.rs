@@ -9,7 +9,7 @@ use crate::lane::{Real, Row, Simd};
 use crate::strands::{Model, State, number};
 use rayon::prelude::*;
 
-/// The grid in a frame's plan.
+/// The exchange that the grid adds to the plan of a frame.
 pub const EXCHANGE: Exchange = Exchange {
     name: "grid",
     stage: "splat_segments",
@@ -18,7 +18,7 @@ pub const EXCHANGE: Exchange = Exchange {
     records_start: false,
 };
 
-/// A grid and the buffer for velocities that hair moves with.
+/// The grid, and a buffer for the velocities of the hair.
 #[derive(Debug)]
 pub(crate) struct GridInteraction<T> {
     grid: Grid,
@@ -26,7 +26,7 @@ pub(crate) struct GridInteraction<T> {
 }
 
 impl<T: Real> GridInteraction<T> {
-    /// A grid for the strands of `model`.
+    /// Creates a grid for the strands of `model`.
     pub fn new(model: &Model<T>, params: &GridParams) -> Self {
         Self { grid: Grid::new(model, params), motion: Vec::new() }
     }
@@ -53,17 +53,20 @@ impl<T: Real> Interaction<T> for GridInteraction<T> {
             dt_secs: cx.dt_secs,
         };
         let grid = &mut self.grid;
-        let own = with_motion(state, &mut self.motion, cx.h(), |positions, velocities| {
+        let grid_report = with_motion(state, &mut self.motion, cx.h(), |positions, velocities| {
             grid.exchange(cx.model, positions, velocities, &moment)
         });
-        if own.farthest_m > 0.0 {
-            let moved = number(own.farthest_m);
-            let note = |row: &mut Row<T>| row.0.iter_mut().for_each(|own| note_one(own, moved));
+        if grid_report.farthest_m > 0.0 {
+            let moved = number(grid_report.farthest_m);
+            let note = |row: &mut Row<T>| row.0.iter_mut().for_each(|clearance| note_one(clearance, moved));
             state.clearance.par_iter_mut().with_min_len(1024).for_each(note);
         }
-        report.grid = own;
+        report.grid = grid_report;
         let stages = ["splat_segments", "solve_pressure", "gather_velocities"];
-        stages.into_iter().zip(own.secs).for_each(|(name, secs)| report.stages.add(name, shared_secs(secs)));
+        stages
+            .into_iter()
+            .zip(grid_report.secs)
+            .for_each(|(name, secs)| report.stages.add(name, shared_secs(secs)));
         false
     }
 

@@ -1,115 +1,143 @@
-//! Where the grid and the solids in it are, and how they move.
+//! Placement and motion of the grid and of the solids in it.
 
 use crate::body::{ColliderFrame, Shape};
 use crate::interaction::grid::Bounds;
 use crate::pose::Pose;
-use glam::{DMat3, DVec3};
+use glam::{DAffine3, DMat3, DVec3};
 
-/// The frame that the grid moves with: axes, and the velocity that its points have.
+/// The frame of reference of the grid: its axes, and the velocity of its points.
 ///
-/// Positions are relative to the frame's origin, in which the grid's own origin is zero.
+/// Positions are relative to the origin of the simulated frame. The origin of the grid lies there.
 #[derive(Clone, Copy, Debug)]
 pub struct GridFrame {
     /// World axes from grid axes.
     pub rotation: DMat3,
     /// Velocity A x + b in the world of a point that moves with the grid.
-    pub motion: (DMat3, DVec3),
+    pub motion: DAffine3,
 }
 
 impl GridFrame {
-    /// The frame of a grid that was at `before` a substep of `h` seconds ago and is at `now`, both relative to the
-    /// frame's origin.
+    /// The frame of a grid that moved rigidly from `before` to `now` in a substep of `h` seconds.
+    /// Both poses are relative to the origin of the frame.
     pub fn new(before: &Pose, now: &Pose, h: f64) -> Self {
         Self { rotation: now.matrix(), motion: motion(before, now, h) }
     }
 
-    /// A grid that stands still, its axes the world's.
+    /// A grid at rest whose axes are those of the world.
     pub(crate) fn at_rest() -> Self {
-        Self { rotation: DMat3::IDENTITY, motion: (DMat3::ZERO, DVec3::ZERO) }
+        Self {
+            rotation: DMat3::IDENTITY,
+            motion: DAffine3 { matrix3: DMat3::ZERO, translation: DVec3::ZERO },
+        }
     }
 }
 
-/// The velocity A x + b of points that move from where `before` has them to where `now` has them, in `h` seconds: the
-/// difference that the solver takes for what follows the head, so that such hair has none on the grid.
-fn motion(before: &Pose, now: &Pose, h: f64) -> (DMat3, DVec3) {
+/// The velocity A x + b of points that move rigidly from `before` to `now` in `h` seconds. It is
+/// the difference quotient that the solver uses for hair that follows the head, so such hair has
+/// zero velocity on the grid.
+fn motion(before: &Pose, now: &Pose, h: f64) -> DAffine3 {
     let back = before.after(&now.inverse());
-    ((DMat3::IDENTITY - back.matrix()) * (1.0 / h), -back.translation / h)
+    DAffine3 { matrix3: (DMat3::IDENTITY - back.matrix()) * (1.0 / h), translation: -back.translation / h }
 }
 
-/// Maps M q + b from cells, counted from the grid's origin, for a solid at the end of the last substep.
+/// Placement of the grid at the end of the last substep.
+#[derive(Clone, Copy, Debug)]
+pub struct GridPlacement<'a> {
+    /// The frame of reference of the grid.
+    pub frame: &'a GridFrame,
+    /// Side of a cell, metres.
+    pub cell: f64,
+    /// World position of the origin of the frame.
+    pub origin: DVec3,
+    /// Start of the last substep, as a fraction of the frame.
+    pub last_substep: f64,
+    /// Length of the last substep, seconds.
+    pub h: f64,
+}
+
+/// Affine maps M q + b of a solid at the end of the last substep; q is in cells from the origin of
+/// the grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SolidMaps {
-    /// To the solid's own space, metres.
-    pub local: (DMat3, DVec3),
-    /// To its velocity relative to the grid, along the grid's axes, m/s.
-    pub velocity: (DMat3, DVec3),
+    /// To the local space of the solid, metres.
+    pub local: DAffine3,
+    /// To the velocity of the solid relative to the grid, along the axes of the grid, m/s.
+    pub velocity: DAffine3,
 }
 
 impl SolidMaps {
-    /// Of `solid` at the end of the last substep of `h` seconds, which began at `fraction` of the frame, for a grid of cells of side `cell`.
-    pub fn new(
-        solid: &ColliderFrame<'_>,
-        (fraction, h): (f64, f64),
-        origin: DVec3,
-        (frame, cell): (&GridFrame, f64),
-    ) -> Self {
+    /// The maps of `solid` for a grid placed as `grid`.
+    pub fn new(solid: &ColliderFrame<'_>, grid: &GridPlacement<'_>) -> Self {
+        let GridPlacement { frame, cell, origin, last_substep, h } = *grid;
         let relative = |pose: Pose| Pose { translation: pose.translation - origin, ..pose };
-        let (before, now) = (relative(solid.pose(fraction)), relative(solid.pose(1.0)));
+        let (before, now) = (relative(solid.pose(last_substep)), relative(solid.pose(1.0)));
         let into = now.inverse();
         // x = R cell q.
         let world = frame.rotation * cell;
-        let (a, b) = motion(&before, &now, h);
-        let (a, b) = (a - frame.motion.0, b - frame.motion.1);
+        let motion = motion(&before, &now, h);
+        let a = motion.matrix3 - frame.motion.matrix3;
+        let b = motion.translation - frame.motion.translation;
         let axes = frame.rotation.transpose();
-        Self { local: (into.matrix() * world, into.translation), velocity: (axes * a * world, axes * b) }
+        Self {
+            local: DAffine3 { matrix3: into.matrix() * world, translation: into.translation },
+            velocity: DAffine3 { matrix3: axes * a * world, translation: axes * b },
+        }
     }
 }
 
-/// A solid as the grid sees it: maps from cells to the solid's own space, and its velocity relative to the grid.
+/// A solid on the grid: maps from cells of the box to the local space of the solid, and to its
+/// velocity relative to the grid.
 #[derive(Clone, Copy, Debug)]
 pub struct GridSolid<'a> {
     pub(crate) shape: &'a Shape,
-    /// Solid's metres from cells.
-    local: ([[f32; 3]; 3], [f32; 3]),
-    /// Velocity relative to the grid, along its axes, from cells.
-    velocity: ([[f32; 3]; 3], [f32; 3]),
+    /// Local space of the solid, metres.
+    local: RowMap,
+    /// Velocity relative to the grid, along the axes of the grid, m/s.
+    velocity: RowMap,
 }
 
 impl<'a> GridSolid<'a> {
-    /// `solid` at the end of the last substep of `h` seconds, which began at `fraction` of the frame.
-    pub(crate) fn new(
-        solid: &ColliderFrame<'a>,
-        (fraction, h): (f64, f64),
-        origin: DVec3,
-        frame: &GridFrame,
-        (bounds, cell): (&Bounds, f64),
-    ) -> Self {
-        let maps = SolidMaps::new(solid, (fraction, h), origin, (frame, cell));
-        // From the box's first cell.
+    /// `solid` in the box `bounds` of a grid placed as `grid`.
+    pub(crate) fn new(solid: &ColliderFrame<'a>, grid: &GridPlacement<'_>, bounds: &Bounds) -> Self {
+        let maps = SolidMaps::new(solid, grid);
+        // Counts cells from the first of the box.
         let low = DVec3::from_array(bounds.low.map(f64::from));
-        let [local, velocity] = [maps.local, maps.velocity].map(|(m, b)| (m, m * low + b));
-        Self { shape: solid.shape, local: single(local), velocity: single(velocity) }
+        let [local, velocity] = [maps.local, maps.velocity]
+            .map(|map| RowMap::new(map.matrix3, map.matrix3 * low + map.translation));
+        Self { shape: solid.shape, local, velocity }
     }
 
-    /// Where the point `q` (cells) is in the solid's space, metres.
+    /// Position of the point `q` (cells) in the local space of the solid, metres.
     #[inline]
     pub(crate) fn local(&self, q: [f32; 3]) -> [f32; 3] {
-        affine(&self.local, q)
+        self.local.apply(q)
     }
 
-    /// Velocity along `axis` of the solid's point at `q` (cells), relative to the grid, m/s.
+    /// Velocity along `axis` of the solid at the point `q` (cells), relative to the grid, m/s.
     #[inline]
     pub(crate) fn velocity(&self, axis: usize, q: [f32; 3]) -> f32 {
-        affine(&self.velocity, q)[axis]
+        self.velocity.apply(q)[axis]
     }
 }
 
-#[inline]
-fn affine((rows, offset): &([[f32; 3]; 3], [f32; 3]), q: [f32; 3]) -> [f32; 3] {
-    [0, 1, 2].map(|c| rows[c][0] * q[0] + rows[c][1] * q[1] + rows[c][2] * q[2] + offset[c])
+/// An affine map in single precision, by rows.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct RowMap {
+    pub rows: [[f32; 3]; 3],
+    pub offset: [f32; 3],
 }
 
-/// Rows and offset in single precision.
-pub(crate) fn single((matrix, offset): (DMat3, DVec3)) -> ([[f32; 3]; 3], [f32; 3]) {
-    ([0, 1, 2].map(|r| matrix.row(r).as_vec3().to_array()), offset.as_vec3().to_array())
+impl RowMap {
+    pub fn new(matrix: DMat3, offset: DVec3) -> Self {
+        Self {
+            rows: [0, 1, 2].map(|r| matrix.row(r).as_vec3().to_array()),
+            offset: offset.as_vec3().to_array(),
+        }
+    }
+
+    #[inline]
+    fn apply(&self, q: [f32; 3]) -> [f32; 3] {
+        let Self { rows, offset } = self;
+        [0, 1, 2].map(|c| rows[c][0] * q[0] + rows[c][1] * q[1] + rows[c][2] * q[2] + offset[c])
+    }
 }

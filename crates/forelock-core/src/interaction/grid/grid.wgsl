@@ -26,27 +26,27 @@ struct GridSolid {
 struct Grid {
     // Cells from positions.
     place: mat4x4f,
-    // Velocity of the grid's points along its axes, from positions.
+    // Velocity of the grid along its axes, from positions.
     motion: mat4x4f,
     // Grid axes from world axes.
     axes: mat4x4f,
     cell: f32,
-    // Share of PIC.
+    // Fraction of PIC.
     pic: f32,
-    // Cell over the frame's time.
+    // Side of a cell over the length of the frame, m/s.
     slack: f32,
-    // Share of an excess that expands in the frame.
+    // Fraction of an excess volume that expands in the frame.
     expand: f32,
-    // Hair below which a face is closed, metres.
+    // Length of hair below which a face is closed, metres.
     least: f32,
-    // Metres of hair to the unit of sums.
+    // Metres of hair to the unit of the sums of mass.
     unit: f32,
     tolerance: f32,
-    // Cells at most.
+    // Maximum number of cells.
     capacity: u32,
     solids: u32,
     relaxation: f32,
-    // Share of a cell to the unit of sums of volume.
+    // Fraction of a cell to the unit of the sums of volume.
     room: f32,
     pad_0: u32,
     each: array<GridSolid, MOST_SOLIDS>,
@@ -80,7 +80,7 @@ struct Bounds {
     residual: f32,
 }
 
-// Integers to the unit, or to a full cell, while hair is splat.
+// Integers to the unit while hair is splat.
 const SCALE: f32 = 4194304.0;
 
 @group(0) @binding(14) var<storage, read_write> bounds: Bounds;
@@ -115,8 +115,8 @@ fn stencil(at: vec3f, axis: u32) -> Stencil {
     return Stencil(low.x + bounds.dims.x * low.y + bounds.layer * low.z, shifted - vec3f(low));
 }
 
-fn corner_place(own: Stencil, corner: u32) -> u32 {
-    return own.first + corner_offset(bounds.dims.x, bounds.layer, corner);
+fn corner_place(stencil: Stencil, corner: u32) -> u32 {
+    return stencil.first + corner_offset(bounds.dims.x, bounds.layer, corner);
 }
 
 // Whether all stencils of a point lie in the box.

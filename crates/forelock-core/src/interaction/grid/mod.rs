@@ -1,24 +1,28 @@
-//! The grid on which hair meets hair: where it stands, what it holds, how much room each strand takes.
+//! The grid of hair–hair interaction: its placement, its fields, and the volume of the hair.
 //!
 //! # Theory
-//! Dense hair behaves as a fluid that resists being pressed together (McAdams 2009; AMS, Sec. 3.2). Its segments are
-//! splat to a grid of faces and cells that moves rigidly with the head ([`splat_segments`]), a pressure takes out the
-//! part of the motion that would press it together ([`solve_pressure`]), and the change goes back to the particles
+//! Dense hair behaves as a fluid that resists compression (McAdams 2009; AMS, Sec. 3.2). Its
+//! segments are splat to a grid of faces and cells that moves rigidly with the head
+//! ([`splat_segments`]), a pressure removes the part of the motion that would compress the hair
+//! further ([`solve_pressure`]), and the change of velocity is interpolated back to the particles
 //! ([`gather_velocities`]).
 //!
 //! # Practice
-//! A staggered grid: cell (i, j, k) spans i..i+1 along x and so on, in units of a cell, and owns its lower face along
-//! each axis. Along an axis the face's momentum divided by its mass is the velocity there. Everything is relative to
-//! the head: hair that moves with it has no velocity on the grid. Mass is counted in metres of hair, for strands are
-//! alike.
+//! The grid is staggered: cell (i, j, k) spans i..i+1 along x and so on, in units of a cell, and
+//! owns its lower face along each axis. The velocity at a face is its momentum divided by its mass,
+//! along the axis of the face. Velocities are relative to the head: hair that moves rigidly with
+//! the head has zero velocity on the grid. Mass is measured in metres of hair, because all strands
+//! have the same mass per length.
 //!
-//! How much room hair takes is measured in the rest shape: an edge fills, at rest, its share of the cells it lies in,
-//! but no more than hair of the groom's mean density would. So a groom at rest is nowhere too dense, and hair that
-//! hangs loose may gather until it is as dense as the mean.
+//! The volume that hair occupies is measured in the rest shape: each edge fills its share of the
+//! cells in which it lies at rest, but no more than hair of the mean density of the groom would. A
+//! groom at rest is therefore nowhere too dense, and loose hair may gather until it reaches the
+//! mean density.
 //!
 //! # Limitations
-//! Samples outside the largest box ([`GridParams::max_cells`]) are left alone. Single-sample noise of sparse hair
-//! counts as density: below about eight strands a cell the grid is coarse.
+//! Samples outside the largest box ([`GridParams::max_cells`]) do not take part. The noise of
+//! single samples counts as density in sparse hair: below about eight strands a cell the grid is
+//! coarse.
 //!
 //! [`splat_segments`]: crate::interaction::grid::splat_segments
 //! [`solve_pressure`]: crate::interaction::grid::solve_pressure
@@ -35,7 +39,7 @@ pub mod splat_segments;
 pub use crate::frame::GridReport;
 pub use exchange::EXCHANGE;
 pub(crate) use exchange::GridInteraction;
-pub use frame::{GridFrame, GridSolid, SolidMaps};
+pub use frame::{GridFrame, GridPlacement, GridSolid, SolidMaps};
 pub use params::GridParams;
 pub(crate) use segments::{Bounds, Chunk, Sample, Segments, View, between, split_rows};
 
@@ -46,17 +50,17 @@ use crate::strands::Model;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// WGSL that the kernels of the grid share.
+/// WGSL shared by the kernels of the grid.
 pub const WGSL: &str = include_str!("grid.wgsl");
 
 /// Empty cells kept around the hair.
 pub const MARGIN: i32 = 3;
-/// Layers of cells whose samples are splat together.
+/// Layers of cells in a slab. The samples of a slab are splat by one task.
 pub(crate) const SLAB: usize = 2;
-/// Rounds that spread the room of the rest shape until no cell is too full.
+/// Rounds that distribute the rest volume until no cell is over-full.
 const ROUNDS: usize = 8;
 
-/// The grid and its scratch.
+/// The grid and its buffers.
 #[derive(Debug)]
 pub struct Grid {
     pub(crate) params: GridParams,
@@ -66,39 +70,39 @@ pub struct Grid {
     pub(crate) sample_mass: f32,
     /// Metres of hair in the densest cell of the rest shape.
     densest: f32,
-    /// How full that cell is.
+    /// Fill fraction of that cell.
     fullest_at_rest: f32,
     pub(crate) chunks: Vec<Chunk>,
-    /// Cells that the hair of each edge fills at rest, `[places]` rows.
+    /// Rest volume of the hair of each edge, in cells: `[places]` rows.
     pub(crate) rooms: Vec<Row<f32>>,
     pub(crate) bounds: Bounds,
-    /// Each cell's lower face along x, y and z: (mass, momentum) after the splat, (mass, velocity) in the solve, (new
-    /// velocity, change) after it.
+    /// Lower face of each cell along x, y and z: (mass, momentum) after the splat, (mass, velocity)
+    /// during the solve, (new velocity, change of velocity) after it.
     pub(crate) faces: [Vec<[f32; 2]>; 3],
-    /// Share of each cell that hair fills.
+    /// Fraction of each cell that hair fills.
     pub(crate) filled: Vec<f32>,
     pub(crate) pressure: solve_pressure::Fields,
 }
 
-/// A frame as the grid needs it.
+/// What the grid needs of a frame.
 #[derive(Clone, Copy, Debug)]
 pub struct GridMoment<'a> {
-    /// The frame that the grid moves with.
+    /// The frame of reference that the grid moves with.
     pub frame: GridFrame,
-    /// Solids of the frame, in the world.
+    /// Solids of the frame, in world space.
     pub solids: &'a [ColliderFrame<'a>],
-    /// Where the last substep starts, as a fraction of the frame.
+    /// Start of the last substep, as a fraction of the frame.
     pub last_substep: f64,
-    /// The point of the world that positions are relative to.
+    /// World position of the origin of `positions`.
     pub origin: DVec3,
-    /// Particles of each strand, from the root, that follow the head.
+    /// Particles of each strand, counted from the root, that are clamped to the head.
     pub clamped: usize,
     /// Length of the frame, seconds.
     pub dt_secs: f64,
 }
 
 impl Grid {
-    /// A grid for the strands of `model`, with the room they take measured in their rest shape.
+    /// Creates a grid for the strands of `model` and measures their rest volume.
     pub fn new<T: Real>(model: &Model<T>, params: &GridParams) -> Self {
         let frame = GridFrame::at_rest();
         let extent = segments::extent(model, &model.rest, &frame);
@@ -121,7 +125,7 @@ impl Grid {
         grid
     }
 
-    /// Its parameters.
+    /// The parameters of the grid.
     pub fn params(&self) -> &GridParams {
         &self.params
     }
@@ -131,12 +135,12 @@ impl Grid {
         self.cell
     }
 
-    /// Cells that the hair of each edge fills at rest, a row a place of the model.
+    /// Rest volume of the hair of each edge in cells, one row for each place of the model.
     pub fn rooms(&self) -> &[Row<f32>] {
         &self.rooms
     }
 
-    /// Samples taken of each edge, a number a block of the model.
+    /// Samples on each edge, one number for each block of the model.
     pub fn samples_per_edge(&self) -> impl Iterator<Item = usize> {
         self.chunks.iter().flat_map(|chunk| &chunk.points).copied()
     }
@@ -146,12 +150,13 @@ impl Grid {
         self.sample_mass
     }
 
-    /// Metres of hair in the densest cell of the rest shape, about.
+    /// Approximate length of hair in the densest cell of the rest shape, metres.
     pub fn densest(&self) -> f32 {
         self.densest
     }
 
-    /// How full that cell is: 1, but less where [`GridParams::rest_density`] is more than the hair has at rest.
+    /// Fill fraction of that cell: 1, or less if [`GridParams::rest_density`] exceeds the density
+    /// of the hair at rest.
     pub fn fullest_at_rest(&self) -> f32 {
         self.fullest_at_rest
     }
@@ -163,7 +168,7 @@ impl Grid {
         faces + chunks + size_of_val(&*self.rooms) + 4 * self.filled.capacity() + self.pressure.bytes()
     }
 
-    /// Makes the box fit the hair and empties it.
+    /// Fits the box to the hair and clears its fields.
     pub(crate) fn fit<T: Real>(&mut self, model: &Model<T>, positions: &[Row<T>], frame: &GridFrame) {
         let extent = segments::extent(model, positions, frame);
         self.bounds = Bounds::around(extent, self.cell, self.params.max_cells as usize);
@@ -174,8 +179,9 @@ impl Grid {
         fill(&mut self.filled, cells, 0.0);
     }
 
-    /// Lets hair meet: splats it, solves, and changes velocities, and positions where hair is too dense, of all particles
-    /// but the first `clamped` of each strand. Positions are relative to the moment's origin.
+    /// Splats the hair, solves for the pressure, and changes the velocities of all particles except
+    /// the first `clamped` of each strand; where hair is too dense it changes positions too.
+    /// Positions are relative to the origin of `moment`.
     pub fn exchange<T: Real>(
         &mut self,
         model: &Model<T>,
@@ -192,21 +198,21 @@ impl Grid {
         let splat = clock.elapsed().as_secs_f64();
         let mut report = solve_pressure::solve_velocities(self, moment);
         let solved = clock.elapsed().as_secs_f64();
-        gather_velocities::gather(self, (model, positions), velocities, moment);
+        gather_velocities::gather(self, model, positions, velocities, moment);
         let gathered = clock.elapsed().as_secs_f64();
         report.farthest_m = solve_pressure::solve_displacements(self, moment, &mut report);
-        let again = clock.elapsed().as_secs_f64();
+        let displaced = clock.elapsed().as_secs_f64();
         if report.farthest_m > 0.0 {
             gather_velocities::gather_displacements(self, model, positions, moment);
         }
         let end = clock.elapsed().as_secs_f64();
-        report.secs = [splat, solved - splat + again - gathered, gathered - solved + end - again];
+        report.secs = [splat, solved - splat + displaced - gathered, gathered - solved + end - displaced];
         report
     }
 
-    /// Fills `rooms`: see the module's Practice.
+    /// Measures `rooms`: see Practice in the module documentation.
     fn measure_rest<T: Real>(&mut self, model: &Model<T>, frame: &GridFrame) {
-        // First with an edge's length as its room: the density in metres a cell.
+        // The first pass takes the length of an edge as its volume: the density in metres a cell.
         let places = 0..model.rest_lengths.len() / 3;
         for place in places.clone() {
             self.rooms[place] = Row(model.rest_lengths[3 * place].0.map(|l| l.to_f32().unwrap_or(0.0)));
@@ -234,7 +240,7 @@ impl Grid {
         }
     }
 
-    /// How full cells are about each edge of the rest shape, `[places]` rows.
+    /// Fill fraction of the cells around each edge of the rest shape, `[places]` rows.
     fn filled_at_rest<T: Real>(&mut self, model: &Model<T>, frame: &GridFrame) -> Vec<Row<f32>> {
         self.fit(model, &model.rest, frame);
         let hair = Segments { model, positions: &model.rest, velocities: &model.rest, rooms: &self.rooms };

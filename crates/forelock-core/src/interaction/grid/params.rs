@@ -2,7 +2,7 @@
 
 use crate::params::{NON_NEGATIVE, ParamsError, check};
 
-/// Parameters of hair against hair through a grid.
+/// Parameters of hair–hair interaction on a grid.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -10,19 +10,29 @@ use crate::params::{NON_NEGATIVE, ParamsError, check};
     serde(default, deny_unknown_fields)
 )]
 pub struct GridParams {
-    /// Cells along the longest side of the rest shape's box. Unit cells, default 64, range 8 to 512.
+    /// Number of cells along the longest side of the bounding box of the rest shape. Unit cells,
+    /// default 64, range 8 to 512.
     pub resolution: u32,
-    /// Rate at which a particle takes over the grid's velocity (PIC) instead of its change (FLIP). Unit s⁻¹, default 3, range 0 or more; 0 is pure FLIP, 3.08 is 95 % FLIP at 60 frames a second.
+    /// Rate at which particles adopt the velocity of the grid (PIC) rather than its change (FLIP).
+    /// Unit s⁻¹, default 3, range 0 or more; 0 is pure FLIP, 3.08 is 95 % FLIP at 60 frames a
+    /// second.
     pub pic_rate: f64,
-    /// Metres of hair in a cubic metre up to which hair may gather. Unit m⁻², default 0, range 0 or more; 0 takes the mean of the rest shape.
+    /// Length of hair per volume above which hair resists compression. Unit m⁻², default 0, range 0
+    /// or more; 0 uses the mean of the rest shape.
     pub rest_density: f64,
-    /// Rate at which hair that is too dense expands. Unit s⁻¹, default 10, range 0 or more; 0 stops it from getting denser only.
+    /// Rate at which over-dense hair expands. Unit s⁻¹, default 10, range 0 or more; with 0 it does
+    /// not expand and only stops getting denser.
     pub volume_rate: f64,
-    /// Iterations of the pressure solve at most: of conjugate gradients in each round of the active set, on a GPU sweeps of relaxation. Unit iterations, default 60, range 1 to 10000.
+    /// Maximum number of iterations of the pressure solve: of conjugate gradients in each round of
+    /// the active set, or of relaxation sweeps on a GPU. Unit iterations, default 60, range 1 to
+    /// 10000.
     pub iterations: u32,
-    /// Residual of the pressure solve, over that at its start; on a GPU the largest change in four sweeps, over the largest residual at the start. No unit, default 1e-3, range above 0 and below 1.
+    /// Residual at which the pressure solve stops, relative to the residual at its start; on a GPU
+    /// the largest change in four sweeps, relative to the largest residual at the start. No unit,
+    /// default 1e-3, range above 0 and below 1.
     pub tolerance: f64,
-    /// Cells of the grid at most; hair beyond the box is left alone. Unit cells, default 4000000, range 4096 to 1000000000.
+    /// Maximum number of cells; hair outside the box does not take part. Unit cells, default
+    /// 4000000, range 4096 to 1000000000.
     pub max_cells: u32,
 }
 
@@ -41,12 +51,12 @@ impl Default for GridParams {
 }
 
 impl GridParams {
-    /// Share of the grid's velocity (PIC) that a particle takes over in `dt_secs`.
+    /// Fraction of the velocity of the grid (PIC) that a particle adopts in `dt_secs`.
     pub fn pic_share(&self, dt_secs: f64) -> f64 {
         1.0 - (-self.pic_rate * dt_secs).exp()
     }
 
-    /// Share of an excess of hair that expands in `dt_secs`.
+    /// Fraction of an excess volume that expands in `dt_secs`.
     pub fn expansion(&self, dt_secs: f64) -> f64 {
         1.0 - (-self.volume_rate * dt_secs).exp()
     }
@@ -54,7 +64,7 @@ impl GridParams {
     /// Checks every parameter against its range.
     ///
     /// # Errors
-    /// [`ParamsError::Range`] for the first that is not in it.
+    /// [`ParamsError::Range`] for the first parameter that is out of range.
     pub fn validate(&self) -> Result<(), ParamsError> {
         let (resolution, iterations) = (f64::from(self.resolution), f64::from(self.iterations));
         check(&[

@@ -1,23 +1,23 @@
-//! Segments of hair as the grid sees them: points along every edge, sorted by layers of cells.
+//! Samples along every edge of the hair, sorted by layers of cells.
 
 #![expect(clippy::needless_range_loop, reason = "one index for several arrays is what vectorises")]
 
-use super::frame::single;
+use super::frame::RowMap;
 use super::{GridFrame, MARGIN, SLAB};
 use crate::lane::{LANES, Real, Row};
 use crate::strands::{Block, Model};
 use std::ops::Range;
 
-/// A point of a segment.
+/// A sample of a segment.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Sample {
-    /// Where, in cells of the grid's box.
+    /// Position in cells, from the first cell of the box.
     pub at: [f32; 3],
-    /// Metres of hair that it stands for.
+    /// Length of hair that the sample represents, metres.
     pub mass: f32,
     /// Velocity relative to the grid, along its axes, m/s.
     pub velocity: [f32; 3],
-    /// Cells that this hair fills at rest.
+    /// Rest volume of this hair, cells.
     pub room: f32,
 }
 
@@ -31,8 +31,9 @@ pub(crate) struct Bounds {
 }
 
 impl Bounds {
-    /// The box around hair that spans `extent` (metres along the grid's axes), at most `most` cells: where it would be
-    /// more, its longest sides are cut, about the grid's origin.
+    /// The box around hair that spans `extent` (metres along the axes of the grid). If it would
+    /// exceed `most` cells, its longest sides are cut, on the side farther from the origin of the
+    /// grid.
     pub fn around([low, high]: [[f32; 3]; 2], cell: f64, most: usize) -> Self {
         #[expect(clippy::cast_possible_truncation, reason = "clamped to what 16 bits hold")]
         let index = |x: f32| (f64::from(x) / cell).floor().clamp(-3e4, 3e4) as i32;
@@ -62,7 +63,7 @@ impl Bounds {
         self.dims[2].div_ceil(SLAB)
     }
 
-    /// Whether a sample at `at` touches only faces of the box.
+    /// Whether all faces and cells that a sample at `at` touches lie in the box.
     #[inline]
     pub fn holds(&self, at: [f32; 3]) -> bool {
         let inner = |c: usize| at[c] >= 2.0 && at[c] < self.dims[c] as f32 - 2.0;
@@ -70,7 +71,7 @@ impl Bounds {
     }
 }
 
-/// The hair of a moment.
+/// The hair at one time.
 #[derive(Debug)]
 pub(crate) struct Segments<'a, T> {
     pub model: &'a Model<T>,
@@ -79,18 +80,19 @@ pub(crate) struct Segments<'a, T> {
     pub rooms: &'a [Row<f32>],
 }
 
-/// Some blocks and the samples of their edges, slab by slab.
+/// A range of blocks and the samples of their edges, sorted by slab.
 #[derive(Debug)]
 pub(crate) struct Chunk {
     pub blocks: Range<usize>,
-    /// Samples on each edge, a block.
+    /// Samples on each edge, one number for each block.
     pub points: Vec<usize>,
     pub samples: Vec<Sample>,
-    /// Where the samples of each slab start, `[slabs + 1]`.
+    /// Index of the first sample of each slab, `[slabs + 1]`.
     pub starts: Vec<u32>,
 }
 
-/// Samples on an edge of a block: as many as keep them within the two cells that one sample spreads over.
+/// Samples on each edge of a block: enough that neighbouring samples are at most two cells apart,
+/// the width of the kernel of a sample.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a count of 1 to 8")]
 fn samples_per_edge<T: Real>(model: &Model<T>, block: &Block, cell: f64) -> usize {
     let lengths = block.range().flat_map(|place| &model.rest_lengths[3 * place].0[..block.live]);
@@ -98,16 +100,19 @@ fn samples_per_edge<T: Real>(model: &Model<T>, block: &Block, cell: f64) -> usiz
     (0.5 * longest / cell).ceil().clamp(1.0, 8.0) as usize
 }
 
-/// The blocks of `model` in a number of chunks that does not depend on threads.
+/// Splits the blocks of `model` into chunks, whose number does not depend on the number of threads.
 pub(crate) fn chunks<T: Real>(model: &Model<T>, cell: f64) -> Vec<Chunk> {
     const CHUNKS: usize = 64;
     model
         .parts(CHUNKS)
         .map(|range| {
-            let own = &model.blocks[range.clone()];
-            let points: Vec<usize> = own.iter().map(|b| samples_per_edge(model, b, cell)).collect();
-            let samples =
-                own.iter().zip(&points).map(|(b, points)| b.live * (b.particles - 1) * points).sum::<usize>();
+            let blocks = &model.blocks[range.clone()];
+            let points: Vec<usize> = blocks.iter().map(|b| samples_per_edge(model, b, cell)).collect();
+            let samples = blocks
+                .iter()
+                .zip(&points)
+                .map(|(b, points)| b.live * (b.particles - 1) * points)
+                .sum::<usize>();
             Chunk { blocks: range, points, samples: Vec::with_capacity(samples), starts: Vec::new() }
         })
         .collect()
@@ -126,7 +131,8 @@ impl Chunk {
         &self.samples[self.starts[slab] as usize..self.starts[slab + 1] as usize]
     }
 
-    /// Samples the edges of the chunk's blocks and sorts the samples by slab, otherwise in the order of strands.
+    /// Samples the edges of the blocks and sorts the samples by slab; within a slab they keep the
+    /// order of the strands.
     pub fn fill<T: Real>(&mut self, hair: &Segments<'_, T>, frame: &GridFrame, bounds: &Bounds, cell: f64) {
         let slab = |at: [f32; 3]| at[2] as usize / SLAB;
         let starts = &mut self.starts;
@@ -153,21 +159,21 @@ impl Chunk {
                 }
             });
         }
-        // Each start now stands where the next slab starts.
+        // Each entry now holds the start of the next slab.
         starts.rotate_right(1);
         starts[0] = 0;
     }
 }
 
-/// From the state's rows to cells.
+/// Maps from the rows of the state to the grid.
 #[derive(Debug)]
 pub(crate) struct View {
     /// Cells from positions.
-    place: ([[f32; 3]; 3], [f32; 3]),
+    place: RowMap,
     /// Grid axes from world axes.
     axes: [[f32; 3]; 3],
-    /// Velocity of the grid, along its axes, from positions.
-    motion: ([[f32; 3]; 3], [f32; 3]),
+    /// Velocity of the grid along its axes, from positions.
+    motion: RowMap,
 }
 
 pub(crate) type Lanes = [[f32; LANES]; 3];
@@ -177,17 +183,17 @@ impl View {
         let axes = frame.rotation.transpose();
         let low = -glam::DVec3::from_array(bounds.low.map(f64::from));
         Self {
-            place: single((axes * (1.0 / cell), low)),
-            axes: single((axes, glam::DVec3::ZERO)).0,
-            motion: single((axes * frame.motion.0, axes * frame.motion.1)),
+            place: RowMap::new(axes * (1.0 / cell), low),
+            axes: RowMap::new(axes, glam::DVec3::ZERO).rows,
+            motion: RowMap::new(axes * frame.motion.matrix3, axes * frame.motion.translation),
         }
     }
 
-    /// Where particle `place` of the rows is, in cells.
+    /// Positions of the particles at `place`, in cells.
     #[inline]
     pub fn place<T: Real>(&self, positions: &[Row<T>], place: usize) -> Lanes {
         let x = load(positions, place);
-        let (m, b) = &self.place;
+        let RowMap { rows: m, offset: b } = &self.place;
         let mut out = [[0.0; LANES]; 3];
         for c in 0..3 {
             for k in 0..LANES {
@@ -197,30 +203,30 @@ impl View {
         out
     }
 
-    /// Its velocity relative to the grid, along the grid's axes.
+    /// Velocities of the particles at `place` relative to the grid, along the axes of the grid.
     #[inline]
     pub fn velocity<T: Real>(&self, positions: &[Row<T>], velocities: &[Row<T>], place: usize) -> Lanes {
         let (x, v) = (load(positions, place), load(velocities, place));
-        let (a, (m, b)) = (&self.axes, &self.motion);
+        let (a, RowMap { rows: m, offset: b }) = (&self.axes, &self.motion);
         let mut out = [[0.0; LANES]; 3];
         for c in 0..3 {
             for k in 0..LANES {
-                let own = a[c][0] * v[0][k] + a[c][1] * v[1][k] + a[c][2] * v[2][k];
-                out[c][k] = own - (m[c][0] * x[0][k] + m[c][1] * x[1][k] + m[c][2] * x[2][k] + b[c]);
+                let along = a[c][0] * v[0][k] + a[c][1] * v[1][k] + a[c][2] * v[2][k];
+                out[c][k] = along - (m[c][0] * x[0][k] + m[c][1] * x[1][k] + m[c][2] * x[2][k] + b[c]);
             }
         }
         out
     }
 
-    /// A vector along the grid's axes, along the world's.
+    /// Turns a vector from the axes of the grid to those of the world.
     #[inline]
     pub fn to_world(&self, v: [f32; 3]) -> [f32; 3] {
         let a = &self.axes;
         [0, 1, 2].map(|c| a[0][c] * v[0] + a[1][c] * v[1] + a[2][c] * v[2])
     }
 
-    /// Calls `f` with the edge's place in the block, the lane and the sample for `points` samples on every edge of the
-    /// block's strands; velocities are zero unless `moving`.
+    /// Calls `f` with the index of the edge in the block, the lane and the sample, for `points`
+    /// samples on every edge of the strands of the block. Velocities are zero unless `moving`.
     #[inline]
     pub fn visit<T: Real>(
         &self,
@@ -260,7 +266,7 @@ impl View {
     }
 }
 
-/// What is `along` of the way from `a` to `b`, a lane.
+/// Interpolates linearly from `a` to `b`, lane by lane.
 #[inline(always)]
 pub(crate) fn between(a: &Lanes, b: &Lanes, along: f32) -> Lanes {
     let mut out = [[0.0; LANES]; 3];
@@ -283,14 +289,15 @@ fn load<T: Real>(rows: &[Row<T>], place: usize) -> Lanes {
     out
 }
 
-/// The least and the greatest coordinates of the hair along the grid's axes, metres; zero where nothing is finite.
+/// The least and the greatest coordinates of the hair along the axes of the grid, metres; zero if
+/// no coordinate is finite.
 pub(crate) fn extent<T: Real>(model: &Model<T>, positions: &[Row<T>], frame: &GridFrame) -> [[f32; 3]; 2] {
     let view = View::new(frame, &Bounds::default(), 1.0);
     let extent = model.extent(|place| view.place(positions, place));
     extent.map(|ends| ends.map(|x| if x.is_finite() { x } else { 0.0 }))
 }
 
-/// The mean over all hair of `at_edges`, each edge counted by its length.
+/// The mean of `at_edges` over all hair, weighted by the lengths of the edges.
 pub(crate) fn mean<T: Real>(model: &Model<T>, lengths: &[Row<f32>], at_edges: &[Row<f32>]) -> f32 {
     let (mut sum, mut total) = (0.0, 0.0);
     for block in &model.blocks {
@@ -305,7 +312,7 @@ pub(crate) fn mean<T: Real>(model: &Model<T>, lengths: &[Row<f32>], at_edges: &[
     (sum / total) as f32
 }
 
-/// The grid's `filled` at the middle of each edge of the rest shape.
+/// The field `filled` of the grid at the middle of each edge of the rest shape.
 pub(crate) fn at_edges<T: Real>(
     model: &Model<T>,
     filled: &[f32],
@@ -327,7 +334,7 @@ pub(crate) fn at_edges<T: Real>(
     out
 }
 
-/// Calls `f` for every chunk with its part of `rows`, three a place, in parallel.
+/// Calls `f` for every chunk and its part of `rows`, which has three rows a place, in parallel.
 pub(crate) fn split_rows<T: Real>(
     chunks: &[Chunk],
     blocks: &[Block],

@@ -6,7 +6,7 @@ use crate::frame::{Exchange, ExchangeContext, FrameReport, Interaction, Moves, P
 use crate::lane::Simd;
 use crate::strands::{Model, State};
 
-/// SPH in a frame's plan.
+/// The exchange that SPH adds to the plan of a frame.
 pub const EXCHANGE: Exchange = Exchange {
     name: "sph",
     stage: "find_neighbours",

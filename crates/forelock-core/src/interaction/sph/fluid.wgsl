@@ -1,7 +1,11 @@
-// What kernels of smoothed particles share: the twins of `sph::Fluid` and of what `find_neighbours` knows.
+// Shared by the kernels of SPH: the GPU counterpart of `sph::Fluid` and of the data of
+// `find_neighbours`.
 //
-// A particle has a number: its place in the whole model × LANES + lane, whatever batch it is in. `cloud` is bits of floats and numbers: entries in their sorted order, eight numbers each (place, motion, number, strand); then a
-// number a slot each of density and how far its list goes (the square of a distance, and the number that breaks a tie); accelerations, three a particle; lists of slots.
+// A particle has a number: its place in the whole model × LANES + lane, whatever its batch. `cloud`
+// holds bits of floats and integers: the entries in sorted order, eight numbers each (position,
+// velocity, number, strand); then one number for each slot of the density and of the two bounds of
+// its list (the squared distance of the last neighbour, and its number, which breaks ties); the
+// accelerations, three numbers for each particle; the lists of slots.
 
 struct Fluid {
     h: f32,
@@ -15,7 +19,7 @@ struct Fluid {
     pressure: f32,
     viscosity: f32,
     inverse_dt: f32,
-    // Neighbours at most, particles with those of lanes that are not live, buckets.
+    // Maximum number of neighbours; particles, including those of inactive lanes; buckets.
     neighbours: u32,
     numbers: u32,
     buckets: u32,
@@ -28,9 +32,9 @@ const ENTRY: u32 = 8u;
 
 @group(0) @binding(32) var<uniform> fluid: Fluid;
 @group(0) @binding(33) var<storage, read_write> cloud: array<u32>;
-// Of each particle the groom's number, its strand, and bits of its density at rest.
+// The number of each particle in the groom, its strand, and the bits of its rest density.
 @group(0) @binding(34) var<storage, read> names: array<u32>;
-// Buckets, twice; after them how many entries there are.
+// The buckets, twice; then the number of entries.
 @group(0) @binding(27) var<storage, read_write> table: array<atomic<u32>>;
 
 fn real_at(at: u32) -> f32 {
@@ -68,7 +72,7 @@ fn cell_of(x: vec3f) -> vec3i {
     return vec3i(floor(x * fluid.inverse_h));
 }
 
-// The lowest ten bits of each number, in the place of every third.
+// Spreads the lowest ten bits of each number to every third bit.
 fn spread(numbers: vec3u) -> vec3u {
     var bits = numbers & vec3u(0x3ffu);
     bits = (bits | (bits << vec3u(16u))) & vec3u(0x030000ffu);

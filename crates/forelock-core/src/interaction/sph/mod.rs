@@ -1,16 +1,22 @@
-//! Hair as smoothed particles: what meets in space pushes itself apart and shares its speed.
+//! Smoothed-particle hydrodynamics (SPH): pressure and viscosity between nearby hair particles.
 //!
 //! # Theory
-//! Dense hair is a fluid of the strands' particles (Hadap, Magnenat-Thalmann 2001; Sánchez-Banderas et al. 2015, Sec. 3.2): their nearest neighbours are found ([`find_neighbours`]), pressure
-//! and viscosity between them become accelerations ([`push_particles`]), and these change velocities before strands are solved. It is the other way for hair to meet beside the [`grid`](crate::interaction::grid):
-//! without cells, and where only a few neighbours are near, but with a pressure that yields and without walls.
+//! Dense hair is treated as a fluid of the particles of its strands (Hadap, Magnenat-Thalmann 2001;
+//! Sánchez-Banderas et al. 2015, Sec. 3.2): the nearest neighbours of each particle are found
+//! ([`find_neighbours`]), the pressure and viscosity between them yield accelerations
+//! ([`push_particles`]), and these change the velocities before the strands are solved. It is an
+//! alternative to the [`grid`](crate::interaction::grid): it needs no cells and works where only a
+//! few neighbours are near, but its pressure is soft and it has no solid boundaries.
 //!
 //! # Practice
-//! A particle counts as much as any other. Their mass is such that the mean density at rest is 1; a particle's own rest density is that of the groom about it, so a groom at rest feels nothing. What moves at what
-//! speed is the strand's motion, not the velocity that follow the leader stores.
+//! All particles have the same mass, chosen such that the mean density at rest is 1. The rest
+//! density of a particle is the density of the groom around it, so no force acts on a groom at
+//! rest. Velocities are those of the motion of the strands, not the velocities that
+//! follow-the-leader stores.
 //!
 //! # Limitations
-//! Steps are explicit: the upper half of the ranges of [`SphParams`] makes hair jitter, and steps much longer than 16 ms do so earlier.
+//! Steps are explicit: in the upper half of the ranges of [`SphParams`] hair jitters, and with
+//! steps much longer than 16 ms it does so earlier.
 //!
 //! [`find_neighbours`]: crate::interaction::sph::find_neighbours
 //! [`push_particles`]: crate::interaction::sph::push_particles
@@ -34,15 +40,15 @@ use crate::strands::{State, number, vector};
 use find_neighbours::{CHUNK, Neighbours, Particle, SearchReal};
 use rayon::prelude::*;
 
-/// WGSL that the kernels of SPH share.
+/// WGSL shared by the kernels of SPH.
 pub const WGSL: &str = include_str!("fluid.wgsl");
 
-/// Smoothed particles and their scratch.
+/// SPH particles and their buffers.
 #[derive(Debug)]
 pub struct Sph<T: SearchReal> {
     params: SphParams,
     fluid: Fluid<T>,
-    /// Density of the groom at each particle, by number, times what hair may have of it.
+    /// Rest density of each particle, by number, including the factor [`SphParams::rest_density`].
     rest_density: Vec<T>,
     /// Place × [`LANES`] + lane of each particle, by number.
     places: Vec<u32>,
@@ -54,11 +60,12 @@ pub struct Sph<T: SearchReal> {
     accelerations: Vec<[T; 3]>,
 }
 
-/// Particles that are asked for a smoothing length.
+/// Number of particles whose neighbours determine the smoothing length.
 const SAMPLES: usize = 128;
 
 impl<T: SearchReal> Sph<T> {
-    /// Smoothed particles for the strands of `model`, with densities measured in their rest shape, that find their neighbours on `simd`.
+    /// Creates the SPH particles of `model`, measures their rest densities, and searches neighbours
+    /// with the instruction set `simd`.
     pub fn new(model: &Model<T>, params: &SphParams, simd: Simd) -> Self {
         let mut places = vec![0; model.particle_count];
         let mut numbers = vec![Row([0; LANES]); model.places()];
@@ -87,8 +94,8 @@ impl<T: SearchReal> Sph<T> {
         neighbours.find(&particles, &fluid);
         let sum: f64 = neighbours.density.iter().filter_map(|density| density.to_f64()).sum();
         let mass = neighbours.density.len() as f64 / sum;
-        let own = |slot: &u32| neighbours.density[*slot as usize] * number(mass * params.rest_density);
-        let rest_density = neighbours.slots.iter().map(own).collect();
+        let rest = |slot: &u32| neighbours.density[*slot as usize] * number(mass * params.rest_density);
+        let rest_density = neighbours.slots.iter().map(rest).collect();
         let count = particles.len();
         Self {
             params: params.clone(),
@@ -106,17 +113,17 @@ impl<T: SearchReal> Sph<T> {
         }
     }
 
-    /// Their parameters.
+    /// The parameters.
     pub fn params(&self) -> &SphParams {
         &self.params
     }
 
-    /// The fluid.
+    /// The constants of the fluid.
     pub fn fluid(&self) -> &Fluid<T> {
         &self.fluid
     }
 
-    /// Density of the groom at each particle, by number.
+    /// Rest density of each particle, by number.
     pub fn rest_density(&self) -> &[T] {
         &self.rest_density
     }
@@ -132,7 +139,8 @@ impl<T: SearchReal> Sph<T> {
             + self.neighbours.bytes()
     }
 
-    /// Lets particles push each other for `dt_secs`: changes velocities. Those of clamped particles mean nothing until strands are solved.
+    /// Applies pressure and viscosity for `dt_secs` to the velocities. The velocities of clamped
+    /// particles change too; the strand solver overwrites them.
     pub fn push(&mut self, state: &mut State<T>, dt_secs: f64) -> SphReport {
         let clock = std::time::Instant::now();
         let (dt, inverse_dt) = (number::<T>(dt_secs), number::<T>(1.0 / dt_secs));
@@ -176,7 +184,8 @@ impl<T: SearchReal> Sph<T> {
     }
 }
 
-/// The distance at which half the particles have as many neighbours as `params` asks for, metres; none where nothing is near anything.
+/// The distance within which half of the particles have as many neighbours as `params` asks for,
+/// metres; `None` if no particle has neighbours.
 fn smoothing_length<T: Real>(particles: &[Particle<T>], params: &SphParams) -> Option<f64> {
     let every = particles.len().div_ceil(SAMPLES).max(1);
     let farthest = |own: &Particle<T>| {

@@ -1,11 +1,13 @@
-//! Parameters of hair as smoothed particles.
+//! Parameters of SPH between hair particles.
 
 use crate::params::{POSITIVE, ParamsError, check};
 
-/// Parameters of hair against hair through smoothed particles (Sánchez-Banderas et al. 2015, Sec. 3.2; Müller et al. 2003).
+/// Parameters of hair–hair interaction by smoothed-particle hydrodynamics (Sánchez-Banderas et al.
+/// 2015, Sec. 3.2; Müller et al. 2003).
 ///
-/// Densities are relative to the mean of the groom at rest. Pressure and viscosity are told relative to the smoothing length h and the paper's step of 16 ms, so that they mean the same for hair of any density and size, and
-/// do not change with the step.
+/// Densities are relative to the mean density of the groom at rest. Pressure and viscosity are
+/// relative to the smoothing length h and to the step of 16 ms of the paper, so that their effect
+/// depends neither on the density and size of the hair nor on the step.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -13,19 +15,26 @@ use crate::params::{POSITIVE, ParamsError, check};
     serde(default, deny_unknown_fields)
 )]
 pub struct SphParams {
-    /// How far particles feel each other, h. Unit m, default 0, range 0 to 10; 0 takes what gives half the particles as many `neighbours` at rest, anything else under 1e-6 is refused.
+    /// Smoothing length h, the range of the forces between particles. Unit m, default 0, range 0 to
+    /// 10; 0 selects the length at which half of the particles have `neighbours` neighbours at
+    /// rest, other values under 1e-6 are refused.
     pub smoothing_length: f64,
-    /// Neighbours that a particle takes into account, the nearest ones, K. Unit particles, default 16, range 1 to 64.
+    /// Maximum number of nearest neighbours K of a particle. Unit particles, default 16, range 1 to
+    /// 64.
     pub neighbours: u32,
-    /// Growth of the pressure with the density beyond that at rest: k over (h/16 ms)², the square of a speed. No unit, default 0.05, range 0 to 0.5; 0 switches it off.
+    /// Increase of the pressure with the excess of density over the rest density: k over (h/16
+    /// ms)², the square of a speed. No unit, default 0.05, range 0 to 0.5; 0 disables pressure.
     pub pressure: f64,
-    /// How much neighbours take of each other's speed: the kinematic viscosity over h²/16 ms. No unit, default 0.02, range 0 to 0.2; 0 switches it off.
+    /// Damping of the relative velocity of neighbours: the kinematic viscosity over h²/16 ms. No
+    /// unit, default 0.02, range 0 to 0.2; 0 disables viscosity.
     pub viscosity: f64,
-    /// Density from which on hair is pressed, over that of the groom at rest. No unit, default 1, range above 0.
+    /// Density above which hair is under pressure, relative to that of the groom at rest. No unit,
+    /// default 1, range above 0.
     pub rest_density: f64,
-    /// Whether particles of one strand are neighbours of each other. Default false.
+    /// Whether particles of the same strand are neighbours. Default false.
     pub own_strand: bool,
-    /// Whether only those push each other that are among each other's nearest, so that momentum is kept; the paper asks of one side only. Default true.
+    /// Whether a pair interacts only if each particle is among the nearest neighbours of the other,
+    /// which conserves momentum; the paper checks one side only. Default true.
     pub mutual: bool,
 }
 
@@ -47,7 +56,7 @@ impl SphParams {
     /// Checks every parameter against its range.
     ///
     /// # Errors
-    /// [`ParamsError::Range`] for the first that is not in it.
+    /// [`ParamsError::Range`] for the first parameter that is out of range.
     pub fn validate(&self) -> Result<(), ParamsError> {
         check(&[
             (

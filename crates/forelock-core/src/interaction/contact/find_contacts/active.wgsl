@@ -196,6 +196,6 @@ fn scan_cells(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_ind
 }
 
 // Reserves so many entries.
-fn take_room(count: u32) -> u32 {
+fn reserve_entries(count: u32) -> u32 {
     return atomicAdd(&touch.taken, count);
 }

@@ -1,29 +1,29 @@
-// Grid to particle, one strand a thread: the twin of `gather_velocities`.
+// Grid to particle, one strand a thread: the GPU counterpart of `gather_velocities`.
 
 @group(0) @binding(15) var<storage, read> faces: array<vec2f>;
 
-// New velocity and change at a point, along each axis.
-struct Found {
+// New velocity and change of velocity at a point.
+struct GridSample {
     next: vec3f,
     change: vec3f,
 }
 
-fn found_at(at: vec3f) -> Found {
-    var found = Found();
+fn sample_grid(at: vec3f) -> GridSample {
+    var grid_sample = GridSample();
     for (var axis = 0u; axis < 3u; axis++) {
-        let own = stencil(at, axis);
+        let corners = stencil(at, axis);
         var sum = vec2f();
         for (var corner = 0u; corner < 8u; corner++) {
-            sum += corner_weight(own.f, corner) * faces[plane(axis, corner_place(own, corner))];
+            sum += corner_weight(corners.f, corner) * faces[plane(axis, corner_place(corners, corner))];
         }
-        found.next[axis] = sum.x;
-        found.change[axis] = sum.y;
+        grid_sample.next[axis] = sum.x;
+        grid_sample.change[axis] = sum.y;
     }
-    return found;
+    return grid_sample;
 }
 
-// Adds the mean change of a particle's samples, if it is free.
-fn give(strand: Strand, i: u32, sum: vec4f, displaces: bool) {
+// Adds the mean change of the samples of a particle, unless it is clamped.
+fn add_change(strand: Strand, i: u32, sum: vec4f, displaces: bool) {
     if i < frame.clamped {
         return;
     }
@@ -57,22 +57,22 @@ fn gather(strand: Strand, displaces: bool) {
             let at = start + along * (end - start);
             var change = vec3f();
             if holds(at) {
-                let found = found_at(at);
-                change = found.change;
+                let grid_sample = sample_grid(at);
+                change = grid_sample.change;
                 if !displaces {
                     let velocity = start_velocity + along * (end_velocity - start_velocity);
-                    change += grid.pic * (found.next - found.change - velocity);
+                    change += grid.pic * (grid_sample.next - grid_sample.change - velocity);
                 }
             }
             start_sum += mass * (1.0 - along) * vec4f(change, 1.0);
             end_sum += mass * along * vec4f(change, 1.0);
         }
-        give(strand, edge, start_sum, displaces);
+        add_change(strand, edge, start_sum, displaces);
         start = end;
         start_velocity = end_velocity;
         start_sum = end_sum;
     }
-    give(strand, strand.particles - 1u, start_sum, displaces);
+    add_change(strand, strand.particles - 1u, start_sum, displaces);
 }
 
 @compute @workgroup_size(WORKGROUP)
@@ -83,7 +83,7 @@ fn gather_velocities(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// Nothing is displaced where no cell is too full.
+// Does nothing if no cell is over-full.
 @compute @workgroup_size(WORKGROUP)
 fn gather_displacements(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);

@@ -1,27 +1,30 @@
-//! Grid to particle: what the pressure changed goes back to the strands.
+//! Grid to particle: adds the change of the grid's velocity to the strands.
 //!
 //! # Theory
-//! A sample's velocity changes by a blend of the grid's change (FLIP) and of what it lacks to the grid's velocity (PIC):
+//! The velocity of a sample changes by a blend of the change of the grid (FLIP) and of its
+//! difference from the velocity of the grid (PIC):
 //!
 //! ```text
 //! Δv_s = (1 − p) Σ w Δu + p (Σ w u − v_s) ,   p = 1 − exp(−pic_rate · dt)
 //! ```
 //!
-//! and a particle's by the mean of its segments' samples, weighted by their mass and their nearness to it:
-//! Δv_i = Σ_s m_s N_i(s) Δv_s / Σ_s m_s N_i(s). This is the transpose of the splat, so momentum is carried back to
-//! rounding.
+//! The velocity of a particle changes by the mean over the samples of its segments, weighted by
+//! their mass and their linear shape function: Δv_i = Σ_s m_s N_i(s) Δv_s / Σ_s m_s N_i(s). This is
+//! the transpose of the splat, so momentum is conserved to rounding.
 
 #![expect(clippy::needless_range_loop, reason = "one lane of several arrays")]
 
-use crate::interaction::grid::splat_segments::{Stencils, stencils, weights};
+use crate::interaction::grid::splat_segments::{Corner, Stencils, stencils, weights};
 use crate::interaction::grid::{Bounds, Grid, GridMoment, View, between, split_rows};
 use crate::lane::{LANES, Quad, Real, Row};
 use crate::strands::{Block, Model};
 
-/// Adds the grid's change to the velocities of all particles but the `clamped` first of each strand.
+/// Adds the changes of the grid to the velocities of all particles except the first `clamped` of
+/// each strand.
 pub fn gather<T: Real>(
     grid: &Grid,
-    (model, positions): (&Model<T>, &[Row<T>]),
+    model: &Model<T>,
+    positions: &[Row<T>],
     velocities: &mut [Row<T>],
     moment: &GridMoment<'_>,
 ) {
@@ -30,15 +33,15 @@ pub fn gather<T: Real>(
     split_rows(&grid.chunks, &model.blocks, velocities, &|chunk, velocities| {
         let blocks = &model.blocks[chunk.blocks.clone()];
         for (block, &points) in blocks.iter().zip(&chunk.points) {
-            let own = 3 * (block.first - blocks[0].first);
-            let velocities = &mut velocities[own..own + 3 * block.particles];
+            let start = 3 * (block.first - blocks[0].first);
+            let velocities = &mut velocities[start..start + 3 * block.particles];
             let positions = &positions[3 * block.first..3 * (block.first + block.particles)];
-            gather.block(model, (block, points), Some(positions), velocities);
+            gather.block(model, block, points, Some(positions), velocities);
         }
     });
 }
 
-/// The same for positions: adds the grid's displacements to them.
+/// Adds the displacements of the grid to the positions of the same particles.
 pub fn gather_displacements<T: Real>(
     grid: &Grid,
     model: &Model<T>,
@@ -49,8 +52,8 @@ pub fn gather_displacements<T: Real>(
     split_rows(&grid.chunks, &model.blocks, positions, &|chunk, positions| {
         let blocks = &model.blocks[chunk.blocks.clone()];
         for (block, &points) in blocks.iter().zip(&chunk.points) {
-            let own = 3 * (block.first - blocks[0].first);
-            gather.block(model, (block, points), None, &mut positions[own..own + 3 * block.particles]);
+            let start = 3 * (block.first - blocks[0].first);
+            gather.block(model, block, points, None, &mut positions[start..start + 3 * block.particles]);
         }
     });
 }
@@ -58,15 +61,15 @@ pub fn gather_displacements<T: Real>(
 struct Gather<'a> {
     grid: &'a Grid,
     view: View,
-    /// Share of PIC; none for displacements, which most hair has none of.
+    /// Fraction of PIC; `None` for displacements, which are zero for most hair.
     pic: Option<f32>,
     clamped: usize,
 }
 
-/// Changes of a particle, a lane: the sum, weighted, and the weights.
+/// Weighted sum of the changes of a particle, and sum of the weights, lane by lane.
 type Sum = [[f32; LANES]; 4];
 
-/// The faces at `at` and after it.
+/// The face at index `at` and the next one.
 #[inline(always)]
 fn pair(faces: &[[f32; 2]], at: usize) -> &[[f32; 2]; 2] {
     &bytemuck::cast_slice(&faces[at..at + 2])[0]
@@ -77,11 +80,12 @@ impl<'a> Gather<'a> {
         Self { grid, view: View::new(&moment.frame, &grid.bounds, grid.cell), pic, clamped: moment.clamped }
     }
 
-    /// Adds to `rows`, which are velocities, or without `positions` positions.
+    /// Adds the changes to `rows`: velocities if `positions` is given, otherwise positions.
     fn block<T: Real>(
         &self,
         model: &Model<T>,
-        (block, points): (&Block, usize),
+        block: &Block,
+        points: usize,
         positions: Option<&[Row<T>]>,
         rows: &mut [Row<T>],
     ) {
@@ -126,7 +130,8 @@ impl<'a> Gather<'a> {
         self.add(rows, block.particles - 1, block.live, &from_sum);
     }
 
-    /// The change of the velocity of a sample at `at`, along the grid's axes, if there is any.
+    /// The change of a sample at `at` with velocity `velocity`, along the axes of the grid; `None`
+    /// if nothing changes there.
     #[inline]
     fn change(&self, at: [f32; 3], velocity: [f32; 3]) -> Option<[f32; 3]> {
         let bounds: &Bounds = &self.grid.bounds;
@@ -152,10 +157,10 @@ impl<'a> Gather<'a> {
         ])
     }
 
-    /// New velocity and change along `AXIS`.
+    /// New velocity and change of velocity along `AXIS`.
     #[inline(always)]
     fn face<const AXIS: usize>(&self, stencils: &Stencils) -> [f32; 2] {
-        let (first, [fx, fy, fz], strides) = stencils.face::<AXIS>(&self.grid.bounds);
+        let Corner { first, fraction: [fx, fy, fz], strides } = stencils.face::<AXIS>(&self.grid.bounds);
         let faces = &self.grid.faces[AXIS][first..first + strides[1] + strides[0] + 2];
         let mut sum = Quad::splat(0.0);
         for (from, w) in weights(fy, fz, strides) {

@@ -1,20 +1,22 @@
-//! Conjugate gradients with the diagonal, on the held cells.
+//! Conjugate gradients with a diagonal preconditioner, in the active cells.
 
-use super::mark::Fields;
-use crate::interaction::grid::Bounds;
+use super::fields::Fields;
+use crate::interaction::grid::{Bounds, GridParams};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Layers that a thread takes at once, at least.
+/// Minimum number of layers of a task.
 const GRAIN: usize = 4;
 
-/// Compressibility of held cells, over the diagonal: without it a pocket between walls has no solution.
+/// Compressibility of active cells, relative to the diagonal: without it the system of a pocket
+/// enclosed by walls would be singular.
 pub const SLACK: f32 = 3e-6;
 
-/// Solves A P = lack on the held cells, from the pressure there is; iterations, and the residual over the right side. A pressure that
-/// leaves more than there was is worse than none, and becomes none.
-pub(super) fn solve(fields: &mut Fields, bounds: &Bounds, limits: (u32, f64)) -> (u32, f64) {
-    let (iterations, residual) = iterate(fields, bounds, limits);
+/// Solves A P = rhs in the active cells, starting from the present pressure. Returns the number of
+/// iterations, and the residual relative to the right-hand side. If the residual exceeds the
+/// right-hand side, the pressure is reset to zero.
+pub(super) fn solve(fields: &mut Fields, bounds: &Bounds, params: &GridParams) -> (u32, f64) {
+    let (iterations, residual) = iterate(fields, bounds, params);
     if residual > 1.0 {
         fields.pressure.fill(0.0);
         return (iterations, 1.0);
@@ -22,7 +24,8 @@ pub(super) fn solve(fields: &mut Fields, bounds: &Bounds, limits: (u32, f64)) ->
     (iterations, residual)
 }
 
-fn iterate(fields: &mut Fields, bounds: &Bounds, (iterations, tolerance): (u32, f64)) -> (u32, f64) {
+fn iterate(fields: &mut Fields, bounds: &Bounds, params: &GridParams) -> (u32, f64) {
+    let &GridParams { iterations, tolerance, .. } = params;
     let size = multiply(fields, bounds, Factor::Pressure);
     let (mut left, mut rz) = start(fields, bounds);
     let target = tolerance * tolerance * size;
@@ -36,7 +39,7 @@ fn iterate(fields: &mut Fields, bounds: &Bounds, (iterations, tolerance): (u32, 
         }
         let before = rz;
         (left, rz) = step(fields, bounds, (before / curvature) as f32);
-        turn(fields, bounds, (rz / before) as f32);
+        update_direction(fields, bounds, (rz / before) as f32);
     }
     (iterations, (left / size).sqrt())
 }
@@ -47,12 +50,11 @@ enum Factor {
     Direction,
 }
 
-/// product = A x; returns x · A x for the direction, |lack|² over the held cells for the pressure.
+/// product = A x; returns x · A x for the direction, |rhs|² over the active cells for the pressure.
 fn multiply(fields: &mut Fields, bounds: &Bounds, factor: Factor) -> f64 {
     let (nx, layer) = (bounds.dims[0], bounds.layer());
-    let Fields {
-        mobility: [mx, my, mz], inverse, lack, pressure, direction, product, spans, partial, ..
-    } = fields;
+    let Fields { mobility: [mx, my, mz], inverse, rhs, pressure, direction, product, spans, partial, .. } =
+        fields;
     let x = match factor {
         Factor::Pressure => &*pressure,
         Factor::Direction => &*direction,
@@ -82,8 +84,8 @@ fn multiply(fields: &mut Fields, bounds: &Bounds, factor: Factor) -> f64 {
             sums[0] += match factor {
                 Factor::Direction => dot(mid, out),
                 Factor::Pressure => {
-                    let lack = lack[a..b].iter().zip(held).filter(|(_, held)| **held > 0.0);
-                    lack.map(|(l, _)| f64::from(l * l)).sum()
+                    let rhs = rhs[a..b].iter().zip(held).filter(|(_, held)| **held > 0.0);
+                    rhs.map(|(l, _)| f64::from(l * l)).sum()
                 }
             };
         }
@@ -91,20 +93,21 @@ fn multiply(fields: &mut Fields, bounds: &Bounds, factor: Factor) -> f64 {
     total(partial).0
 }
 
-/// residual = lack − product, direction = residual / diagonal; |residual|² and residual · direction.
+/// residual = rhs − product, direction = residual / diagonal; returns |residual|² and residual ·
+/// direction.
 fn start(fields: &mut Fields, bounds: &Bounds) -> (f64, f64) {
     let layer = bounds.layer();
-    let Fields { lack, inverse, product, residual, direction, spans, partial, .. } = fields;
-    let (lack, inverse, product) = (&*lack, &*inverse, &*product);
+    let Fields { rhs, inverse, product, residual, direction, spans, partial, .. } = fields;
+    let (rhs, inverse, product) = (&*rhs, &*inverse, &*product);
     let layers =
         residual.par_chunks_mut(layer).zip(direction.par_chunks_mut(layer)).zip(partial.par_iter_mut());
     layers.enumerate().with_min_len(GRAIN).for_each(|(k, ((residual, direction), sums))| {
         *sums = [0.0; 2];
         for (here, all) in rows(spans, bounds, k) {
             let (residual, direction) = (&mut residual[here.clone()], &mut direction[here]);
-            let (lack, held, product) = (&lack[all.clone()], &inverse[all.clone()], &product[all]);
+            let (rhs, held, product) = (&rhs[all.clone()], &inverse[all.clone()], &product[all]);
             for i in 0..residual.len() {
-                residual[i] = if held[i] > 0.0 { lack[i] - product[i] } else { 0.0 };
+                residual[i] = if held[i] > 0.0 { rhs[i] - product[i] } else { 0.0 };
                 direction[i] = held[i] * residual[i];
             }
             sums[0] += dot(residual, residual);
@@ -114,7 +117,8 @@ fn start(fields: &mut Fields, bounds: &Bounds) -> (f64, f64) {
     total(partial)
 }
 
-/// pressure += α direction, residual −= α product; |residual|² and residual · residual / diagonal.
+/// pressure += α direction, residual −= α product; returns |residual|² and residual · residual /
+/// diagonal.
 fn step(fields: &mut Fields, bounds: &Bounds, alpha: f32) -> (f64, f64) {
     let layer = bounds.layer();
     let Fields { inverse, pressure, product, residual, direction, spans, partial, .. } = fields;
@@ -138,7 +142,7 @@ fn step(fields: &mut Fields, bounds: &Bounds, alpha: f32) -> (f64, f64) {
 }
 
 /// direction = residual / diagonal + β direction.
-fn turn(fields: &mut Fields, bounds: &Bounds, beta: f32) {
+fn update_direction(fields: &mut Fields, bounds: &Bounds, beta: f32) {
     let layer = bounds.layer();
     let Fields { inverse, residual, direction, spans, .. } = fields;
     let (inverse, residual) = (&*inverse, &*residual);
@@ -153,7 +157,7 @@ fn turn(fields: &mut Fields, bounds: &Bounds, beta: f32) {
     });
 }
 
-/// The rows of layer `k` that hold cells: where in the layer, where in the box.
+/// The rows of layer `k` with active cells: their index ranges in the layer and in the box.
 fn rows(spans: &[[u32; 2]], bounds: &Bounds, k: usize) -> impl Iterator<Item = (Range<usize>, Range<usize>)> {
     let ([nx, ny, _], layer) = (bounds.dims, bounds.layer());
     spans[ny * k..ny * (k + 1)].iter().enumerate().filter(|(_, [from, to])| from < to).map(
@@ -168,7 +172,7 @@ fn total(partial: &[[f64; 2]]) -> (f64, f64) {
     partial.iter().fold((0.0, 0.0), |(a, b), p| (a + p[0], b + p[1]))
 }
 
-/// Σ a b, eight sums side by side.
+/// Σ a b, in eight parallel sums.
 fn dot(a: &[f32], b: &[f32]) -> f64 {
     let mut sums = [0.0f32; 8];
     let (a8, b8) = (a.chunks_exact(8), b.chunks_exact(8));
@@ -181,7 +185,7 @@ fn dot(a: &[f32], b: &[f32]) -> f64 {
     f64::from(sums.iter().sum::<f32>() + rest)
 }
 
-/// Σ a² w, in the same way.
+/// Σ a² w, likewise.
 fn dot_weighted(a: &[f32], w: &[f32]) -> f64 {
     let mut sums = [0.0f32; 8];
     let (a8, w8) = (a.chunks_exact(8), w.chunks_exact(8));

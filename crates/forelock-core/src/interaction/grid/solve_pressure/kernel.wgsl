@@ -8,7 +8,7 @@
 @group(0) @binding(13) var<storage, read_write> cells: array<u32>;
 @group(0) @binding(15) var<storage, read_write> faces: array<vec2f>;
 
-// The cell's number along each axis.
+// Index of a cell along each axis.
 fn cell_at(cell: u32) -> vec3u {
     return vec3u(cell % bounds.dims.x, cell / bounds.dims.x % bounds.dims.y, cell / bounds.layer);
 }
@@ -30,7 +30,8 @@ fn summed(number: u32, cell: u32) -> i32 {
     return bitcast<i32>(cells[plane(number, cell)]);
 }
 
-// Marks the cells next to hair whose centres are inside a solid, with the first such solid.
+// Marks the cells next to hair whose centres are inside a solid, with the number of the first such
+// solid.
 @compute @workgroup_size(CELLS_GROUP)
 fn mark_solid_cells(@builtin(global_invocation_id) id: vec3u) {
     for (var cell = id.x; cell < bounds.count; cell += CELLS_THREADS) {
@@ -56,7 +57,7 @@ fn mark_solid_cells(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// Turns sums into mobilities, velocities and filled shares. Faces of solid cells are closed and
+// Turns sums into mobilities, velocities and fill fractions. Faces of solid cells are closed and
 // move with the solid.
 @compute @workgroup_size(CELLS_GROUP)
 fn normalize_velocity(@builtin(global_invocation_id) id: vec3u) {
@@ -97,7 +98,7 @@ fn right_hand_side(cell: u32, displaces: bool) -> f32 {
     var divergence = 0.0;
     for (var axis = 0u; axis < 3u; axis++) {
         let beyond = cell + stride(axis);
-        // A side needs hair or a solid to push against.
+        // A side with neither hair nor a solid cannot sustain pressure.
         let below = value_of(MOBILITY + axis, cell) > 0.0 || value_of(WALL, cell - stride(axis)) > 0.0;
         let above = value_of(MOBILITY + axis, beyond) > 0.0 || value_of(WALL, beyond) > 0.0;
         if !(below && above) {
@@ -138,7 +139,7 @@ fn begin_solve(id: u32, displaces: bool) {
     if largest > bitcast<f32>(atomicLoad(&bounds.lack)) {
         atomicMax(&bounds.lack, bitcast<u32>(largest));
     }
-    // Other threads read these from the next dispatch on.
+    // Other threads read these only from the next dispatch on.
     if id == 0u {
         atomicStore(&bounds.change, 0u);
         bounds.found = 0u;

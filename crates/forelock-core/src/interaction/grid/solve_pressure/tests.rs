@@ -1,4 +1,4 @@
-//! What the pressure does to the grid itself.
+//! Effect of the pressure on the grid.
 
 use crate::body::{ColliderFrame, Shape};
 use crate::interaction::grid::{Grid, GridFrame, GridMoment, GridParams, Segments};
@@ -29,40 +29,40 @@ fn moment() -> GridMoment<'static> {
     }
 }
 
-/// How much cells that hair may not press closer together still do, root mean square, m/s.
-fn pressed(grid: &Grid, change: bool) -> f64 {
+/// Root mean square of the remaining compression of the cells under pressure, m/s.
+fn compression(grid: &Grid, change: bool) -> f64 {
     let [nx, _, _] = grid.bounds.dims;
     let strides = [1, nx, grid.bounds.layer()];
     let fields = &grid.pressure;
     let (mut sum, mut count) = (0.0, 0);
-    for (index, &lack) in fields.lack.iter().enumerate() {
-        if lack == f32::NEG_INFINITY {
+    for (index, &rhs) in fields.rhs.iter().enumerate() {
+        if rhs == f32::NEG_INFINITY {
             continue;
         }
-        let mut left = lack;
+        let mut left = rhs;
         if change {
             for (faces, stride) in grid.faces.iter().zip(strides) {
                 left -= faces[index + stride][1] - faces[index][1];
             }
         }
-        if lack > 0.0 {
+        if rhs > 0.0 {
             sum += f64::from(left.max(0.0)).powi(2);
             count += 1;
         }
     }
-    assert!(count > 1000, "{count} cells are pressed");
+    assert!(count > 1000, "{count} cells are under pressure");
     (sum / f64::from(count)).sqrt()
 }
 
-/// Hair that flows together from the sides, 1 m/s at the faces of the block.
+/// Hair that flows inwards, with 1 m/s at the faces of the block.
 #[test]
-fn what_presses_dense_hair_together_falls_a_thousandfold() {
+fn compression_falls_a_thousandfold() {
     let model = block();
     let params = GridParams { resolution: 32, tolerance: 1e-5, iterations: 500, ..GridParams::default() };
     let mut grid = Grid::new(&model, &params);
     let mut positions = model.rest.clone();
     let velocities: Vec<Row<f32>> = positions.iter().map(|row| Row(row.0.map(|x| -10.0 * x))).collect();
-    // A tenth closer than at rest, so that all of it is dense.
+    // Compressed by a tenth, so that all hair is too dense.
     for row in &mut positions {
         row.0 = row.0.map(|x| 0.9 * x);
     }
@@ -72,14 +72,15 @@ fn what_presses_dense_hair_together_falls_a_thousandfold() {
     grid.chunks.iter_mut().for_each(|chunk| chunk.fill(&hair, &moment().frame, &bounds, cell));
     crate::interaction::grid::splat_segments::splat(&mut grid);
     let report = super::solve_velocities(&mut grid, &moment());
-    let (before, after) = (pressed(&grid, false), pressed(&grid, true));
-    println!("pressed together at {before:.3e} m/s a cell, then {after:.3e}; {report:?}");
+    let (before, after) = (compression(&grid, false), compression(&grid, true));
+    println!("compression {before:.3e} m/s a cell before the solve, after it {after:.3e}; {report:?}");
     assert!(after < 1e-3 * before, "{before} {after}");
 }
 
-/// Two slabs reach into the hair, one still, one that moves along x at 6 m/s: each one's walls move as it does.
+/// Two slabs reach into the hair, one at rest, one that moves along x at 6 m/s: the solid cells of
+/// each have its velocity.
 #[test]
-fn walls_move_as_their_own_solid() {
+fn solid_cells_move_with_their_solid() {
     let model = block();
     let mut grid = Grid::new(&model, &GridParams { resolution: 32, ..GridParams::default() });
     let shape = Shape::Box { half_extents: DVec3::new(0.03, 0.2, 0.2) };
@@ -114,20 +115,21 @@ fn walls_move_as_their_own_solid() {
     assert!(seen[0] > 1000 && seen[1] > 1000, "{seen:?}");
 }
 
-/// Hair in a pocket that walls close on all sides, while one of them moves in at 6 m/s: nothing can give way, so no pressure does away with it all; what there
-/// is stays within what the wall does.
+/// Hair in a pocket that is closed by walls on all sides, while one of them moves in at 6 m/s: the
+/// constraint cannot be satisfied, so a compression remains, but velocities stay of the order of
+/// the wall's speed.
 #[test]
-fn a_pocket_without_a_way_out_has_a_pressure() {
+fn the_pressure_of_a_closed_pocket_stays_bounded() {
     let model = block();
     let params = GridParams { resolution: 32, iterations: 500, ..GridParams::default() };
     let mut grid = Grid::new(&model, &params);
     let shape = Shape::Box { half_extents: DVec3::splat(0.15) };
-    // Three cells along x.
+    // The pocket is three cells wide along x.
     let half = [1.5 * grid.cell, 0.04, 0.04];
-    let wall = |axis: usize, side: f64, way: f64| {
+    let wall = |axis: usize, side: f64, shift: f64| {
         let along = DVec3::AXES[axis] * side;
         let at = |x: f64| Pose { translation: along * (0.15 + half[axis] + x), ..Pose::IDENTITY };
-        ColliderFrame { shape: &shape, local: Pose::IDENTITY, from: at(way), to: at(0.0), friction: 0.0 }
+        ColliderFrame { shape: &shape, local: Pose::IDENTITY, from: at(shift), to: at(0.0), friction: 0.0 }
     };
     let solids: [ColliderFrame<'_>; 6] = std::array::from_fn(|k| {
         let side = if k % 2 == 0 { 1.0 } else { -1.0 };
@@ -135,7 +137,7 @@ fn a_pocket_without_a_way_out_has_a_pressure() {
     });
     let moment = GridMoment { solids: &solids, ..moment() };
     let still = vec![Row([0.0; 16]); model.rest.len()];
-    // A fifth closer than at rest, so that no cell has room.
+    // Compressed by a fifth, so that no cell has free volume.
     let positions: Vec<_> = model.rest.iter().map(|row| Row(row.0.map(|x| 0.8 * x))).collect();
     grid.fit(&model, &positions, &moment.frame);
     let hair = Segments { model: &model, positions: &positions, velocities: &still, rooms: &grid.rooms };

@@ -8,7 +8,7 @@
 @group(0) @binding(12) var<storage, read> rooms: array<f32>;
 @group(0) @binding(13) var<storage, read_write> cells: array<atomic<i32>>;
 
-// The extent of the hair. A read first spares most threads the atomic write.
+// The extent of the hair. Reading first spares most threads the atomic write.
 @compute @workgroup_size(WORKGROUP)
 fn measure_hair(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
@@ -37,7 +37,7 @@ fn fit_grid() {
     for (var c = 0u; c < 3u; c++) {
         var lowest = unordered(atomicExchange(&bounds.extent[c], 0xffffffffu));
         var highest = unordered(atomicExchange(&bounds.extent[3u + c], 0u));
-        // Nothing was finite.
+        // No coordinate was finite.
         if !(lowest <= highest) {
             lowest = 0.0;
             highest = 0.0;

@@ -1,13 +1,15 @@
-//! Particle to grid: segments leave their mass, momentum and room on the grid.
+//! Particle to grid: splats mass, momentum and volume of the hair segments to the grid.
 //!
 //! # Theory
-//! Each sample s of a segment gives the faces of each axis and the cells around it their trilinear share w of its
-//! mass m_s, momentum m_s u_s and room (McAdams 2009, Sec. 4.1; Zhu and Bridson 2005). Shares sum to one, so mass and momentum
-//! are carried over to rounding.
+//! Each sample s of a segment adds its mass m_s, its momentum m_s u_s and its rest volume, with
+//! trilinear weights w, to the eight nearest faces of each axis and to the eight nearest cells
+//! (McAdams 2009, Sec. 4.1; Zhu and Bridson 2005). The weights sum to one, so mass and momentum are
+//! conserved to rounding.
 //!
 //! # Practice
-//! Samples are sorted by slabs of two layers. A slab's samples touch four layers, so that all even slabs can go at
-//! once, then all odd ones: no two threads meet, and each face takes its sums in one order whatever the threads.
+//! Samples are sorted by slabs of two layers. The samples of a slab touch four layers, so all even
+//! slabs can be splat in parallel, then all odd ones: no two threads write to the same face, and
+//! the order of summation does not depend on the number of threads.
 
 use crate::interaction::grid::{Bounds, Grid, SLAB, Sample};
 use crate::lane::Quad;
@@ -16,7 +18,7 @@ use rayon::prelude::*;
 /// WGSL of the stage.
 pub const WGSL: &str = include_str!("kernel.wgsl");
 
-/// Layers that the samples of a slab touch.
+/// Layers touched by the samples of a slab.
 const REACH: usize = SLAB + 2;
 
 /// Adds all samples to the faces and cells of an empty grid.
@@ -26,7 +28,8 @@ pub fn splat(grid: &mut Grid) {
     let layer = bounds.layer();
     let [x, y, z] = faces;
     for parity in 0..2 {
-        // The slab's lowest layer is one under its own first: −1 + 2 slab. Slab 0 is empty: the box has a margin.
+        // The lowest layer of a slab is the one below its first: −1 + 2 slab. Slab 0 is empty,
+        // because the box has a margin.
         let first_slab = if parity == 0 { 2 } else { 1 };
         let skip = (SLAB * first_slab - 1) * layer;
         let size = REACH * layer;
@@ -49,7 +52,7 @@ pub fn splat(grid: &mut Grid) {
     }
 }
 
-/// The layers whose first place is `base`.
+/// The layers of a slab; the index of their first cell is `base`.
 struct Part<'a> {
     faces: [&'a mut [[f32; 2]]; 3],
     filled: &'a mut [f32],
@@ -64,7 +67,7 @@ impl Part<'_> {
         self.add_face::<0>(&stencils, sample);
         self.add_face::<1>(&stencils, sample);
         self.add_face::<2>(&stencils, sample);
-        let (first, [fx, fy, fz], strides) = stencils.cell(self.bounds);
+        let Corner { first, fraction: [fx, fy, fz], strides } = stencils.cell(self.bounds);
         let first = first - self.base;
         let cells = &mut self.filled[first..first + strides[1] + strides[0] + 2];
         let room = [sample.room * (1.0 - fx), sample.room * fx];
@@ -76,7 +79,7 @@ impl Part<'_> {
 
     #[inline(always)]
     fn add_face<const AXIS: usize>(&mut self, stencils: &Stencils, sample: &Sample) {
-        let (first, [fx, fy, fz], strides) = stencils.face::<AXIS>(self.bounds);
+        let Corner { first, fraction: [fx, fy, fz], strides } = stencils.face::<AXIS>(self.bounds);
         let first = first - self.base;
         let faces = &mut self.faces[AXIS][first..first + strides[1] + strides[0] + 2];
         let momentum = sample.mass * sample.velocity[AXIS];
@@ -89,15 +92,17 @@ impl Part<'_> {
     }
 }
 
-/// Where the four pairs of a stencil start, and their weights.
+/// Offsets of the four pairs of entries of a stencil, and their weights.
 #[inline(always)]
 pub(crate) fn weights(fy: f32, fz: f32, [row, layer]: [usize; 2]) -> [(usize, f32); 4] {
     let (gy, gz) = (1.0 - fy, 1.0 - fz);
     [(0, gy * gz), (row, fy * gz), (layer, gy * fz), (layer + row, fy * fz)]
 }
 
-/// A point's cell, and how far beyond the cell's lower side and beyond the middle before it: a face lies at whole cells
-/// along its own axis and at half cells along the others, as cells do along all.
+/// The cells around a point: the cell that holds it (`whole`), the cell whose centre is below it
+/// (`half`), and its distances from the lower side and from the centre, respectively. A face lies
+/// at whole cells along the axis it belongs to and at half cells along the others; cell centres lie
+/// at half cells along all axes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Stencils {
     whole: [usize; 3],
@@ -106,7 +111,7 @@ pub(crate) struct Stencils {
     beyond_half: [f32; 3],
 }
 
-/// The stencils about `at`, which is within the box: coordinates are positive, so that a cast is the floor.
+/// The stencils at `at`, which lies in the box: coordinates are positive, so a cast is the floor.
 #[inline(always)]
 pub(crate) fn stencils(at: [f32; 3]) -> Stencils {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few thousand at most")]
@@ -120,8 +125,14 @@ pub(crate) fn stencils(at: [f32; 3]) -> Stencils {
     Stencils { whole, beyond_whole: beyond(at, whole), half, beyond_half: beyond(shifted, half) }
 }
 
-/// The first of eight places, how far beyond it along each axis, and how far apart rows and layers are.
-type Corner = (usize, [f32; 3], [usize; 2]);
+/// A trilinear stencil of eight entries: the index of the first, the fraction along each axis, and
+/// the strides of rows and layers.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Corner {
+    pub first: usize,
+    pub fraction: [f32; 3],
+    pub strides: [usize; 2],
+}
 
 impl Stencils {
     #[inline(always)]
@@ -132,7 +143,7 @@ impl Stencils {
         corner(low, beyond, bounds)
     }
 
-    /// The cell that the point is in.
+    /// The cell that holds the point.
     #[inline(always)]
     pub(crate) fn cell_of(&self) -> [usize; 3] {
         self.whole
@@ -147,12 +158,12 @@ impl Stencils {
 #[inline(always)]
 fn corner(low: [usize; 3], beyond: [f32; 3], bounds: &Bounds) -> Corner {
     let (row, layer) = (bounds.dims[0], bounds.layer());
-    (low[0] + row * low[1] + layer * low[2], beyond, [row, layer])
+    Corner { first: low[0] + row * low[1] + layer * low[2], fraction: beyond, strides: [row, layer] }
 }
 
-/// A cell array's value at `at`, trilinear between the cells' middles.
+/// Trilinear interpolation of a field of cells at `at`.
 pub(crate) fn interpolate(cells: &[f32], bounds: &Bounds, at: [f32; 3]) -> f32 {
-    let (first, [fx, fy, fz], strides) = stencils(at).cell(bounds);
+    let Corner { first, fraction: [fx, fy, fz], strides } = stencils(at).cell(bounds);
     weights(fy, fz, strides)
         .into_iter()
         .map(|(from, w)| w * (cells[first + from] + fx * (cells[first + from + 1] - cells[first + from])))

@@ -1,6 +1,8 @@
-// The nearest neighbours of every particle, and how dense hair is there: the twin of `find_neighbours`. Within a bucket entries lie in any order, but lists are in the order of distance and number, and so are sums over them.
+// The nearest neighbours and the density of every particle: the GPU counterpart of
+// `find_neighbours`. The order of entries in a bucket is arbitrary, but lists are sorted by
+// distance and number, so sums over them do not depend on it.
 
-fn take_room(count: u32) -> u32 {
+fn reserve_entries(count: u32) -> u32 {
     return atomicAdd(&table[2u * fluid.buckets], count);
 }
 
@@ -19,7 +21,7 @@ fn scan_buckets(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_i
     scan_rows(group.x, t, fluid.buckets);
 }
 
-// The nearest so far, nearest first.
+// The nearest neighbours so far, sorted by distance.
 var<private> squares: array<f32, MOST_NEIGHBOURS>;
 var<private> slots: array<u32, MOST_NEIGHBOURS>;
 var<private> found: u32;
@@ -28,7 +30,7 @@ fn groom_number(slot: u32) -> u32 {
     return names[3u * number_at(slot)];
 }
 
-// Whether one at the square of a distance comes before the `at`-th.
+// Whether the particle at `slot` and at a squared distance comes before entry `at` of the list.
 fn is_nearer(square: f32, slot: u32, at: u32) -> bool {
     return square < squares[at] || (square == squares[at] && groom_number(slot) < groom_number(slots[at]));
 }
@@ -52,7 +54,7 @@ fn insert(square: f32, slot: u32) {
     slots[at] = slot;
 }
 
-// The square of the distance from which on nothing counts.
+// The squared distance from which on particles are not neighbours.
 fn bound_so_far() -> f32 {
     if found == fluid.neighbours {
         return squares[found - 1u];
@@ -66,12 +68,12 @@ fn search(own: u32) {
     let strand = cloud[ENTRY * own + 7u];
     let cell = cell_of(x);
     let from_low = x - vec3f(cell) * fluid.h;
-    // What rounding may make of a distance to a cell, as a share of its side.
+    // Bound of the rounding error of the distance to a cell, relative to its side.
     let far = vec3f(abs(cell));
     let rounding = 1e-4 + 5e-7 * max(far.x, max(far.y, far.z));
     let below = max(from_low - rounding * fluid.h, vec3f(0.0)) * (1.0 - rounding);
     let above = max(fluid.h - from_low - rounding * fluid.h, vec3f(0.0)) * (1.0 - rounding);
-    // Its own cell, then faces, edges and corners.
+    // The cell itself first, then its neighbours across faces, edges and corners.
     for (var sides = 0u; sides <= 3u; sides++) {
         for (var n = 0u; n < 27u; n++) {
             let step = vec3i(vec3u(n % 3u, n / 3u % 3u, n / 9u)) - 1;
@@ -89,7 +91,7 @@ fn search(own: u32) {
                 let d = other - x;
                 let square = dot(d, d);
                 if square <= bound_so_far() && square < fluid.h2 && slot != own {
-                    // What has this bucket by chance is farther away.
+                    // Particles of other cells in the same bucket are farther away than h.
                     if fluid.own_strand != 0u || cloud[ENTRY * slot + 7u] != strand {
                         insert(square, slot);
                     }
@@ -119,7 +121,7 @@ fn find_neighbours(@builtin(global_invocation_id) id: vec3u) {
         let at = 8u * fluid.numbers + slot;
         cloud[at] = bitcast<u32>(density);
         let is_full = found == fluid.neighbours;
-        // How far the list goes; without an end to it, its length is told by an end of its own.
+        // The bound of the list; a list that is not full has no bound and ends with a sentinel.
         cloud[at + fluid.numbers] = bitcast<u32>(select(FAR, bound_so_far(), is_full));
         cloud[at + 2u * fluid.numbers] = 0u;
         if is_full {

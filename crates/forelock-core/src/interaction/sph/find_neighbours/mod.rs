@@ -1,24 +1,38 @@
-//! The nearest neighbours of every particle, and how dense hair is there (Sánchez-Banderas et al. 2015, Algorithm 1, lines 1 to 8).
+//! The nearest neighbours and the density of every particle (Sánchez-Banderas et al. 2015,
+//! Algorithm 1, lines 1 to 8).
 //!
 //! # Theory
-//! Space is cut into cells of side h. A cell (i, j, k) has the bucket whose bits are, from the lowest on, those of i, j and k in turn (Morton's order), modulo N, a power of two, and particles are sorted by bucket, by
-//! counting. All within h of a particle are in the 27 cells around it; of them the K nearest count, by (distance², number). The density
+//! Space is divided into cells of side h. The bucket of a cell (i, j, k) is the number whose bits
+//! are those of i, j and k interleaved from the lowest on (Morton order), modulo N, a power of two.
+//! Particles are sorted by bucket, by counting. All particles within h of a particle are in the 27
+//! cells around it; its neighbours are the K nearest of them, ordered by (distance², number). The
+//! density
 //!
 //! ```text
 //! ρ_i = m W(0) + Σ_j m W(|x_i − x_j|)
 //! ```
 //!
-//! sums over these, in that order, and so does not depend on the order of particles in their buckets.
+//! sums over the neighbours in that order, and so does not depend on the order of particles in
+//! their buckets.
 //!
 //! # Practice
-//! The paper's hash of three primes scatters cells over memory; in Morton's order those near in space are near in memory, the 27 never share a bucket, and what shares one by chance is not within h.
+//! The hash of three primes of the paper scatters cells over memory. In Morton order cells that are
+//! near in space are near in memory, the 27 cells never share a bucket, and other cells that share
+//! a bucket with one of them are farther away than h.
 //!
-//! Particles of one cell share the buckets around it. A particle goes through cells of many particles first, its own before others; once it has more than K it passes over what is farther than the K-th, and whole cells: so it is
-//! the spread of K particles that is searched, not that of h, which in locks holds a hundred times as many. The particles of small cells lie in one place by then, and are gone through last. Places are gone through a register at a time; what is near is gathered, as one integer of the square's bits and the number's, and sorted now and
-//! then by counting what comes before each, without a branch. Lists hold places in the sorted order, and the bits are the same on any processor.
+//! The particles of one cell share the 27 buckets around it. The search of a particle visits cells
+//! of many particles first, beginning with the cell of the particle. Once it has more than K
+//! candidates it skips particles and whole cells that are farther than the K-th. It therefore
+//! searches the extent of K particles, not that of h, which in locks holds a hundred times as many.
+//! The particles of cells with few particles are copied into one array, which is searched last.
+//! Squared distances are computed one register at a time. Candidates are stored as integers made of
+//! the bits of the squared distance and of the number, and are sorted from time to time by counting
+//! the keys before each one, without branches. Lists hold slots of the sorted order. The results
+//! are bitwise the same on all processors.
 //!
 //! # Limitations
-//! Where more than K are within h the farther ones are left out: densities of hair that is denser than the lists saturate.
+//! If more than K particles are within h, the farther ones are ignored: the density of hair that
+//! exceeds the capacity of the lists saturates.
 
 use crate::interaction::sph::Fluid;
 use crate::lane::{LANES, Lane, Real, Row};
@@ -33,23 +47,24 @@ pub const WGSL: &str = include_str!("kernel.wgsl");
 /// WGSL that inserts the particles strand by strand and applies their accelerations.
 pub const STRANDS_WGSL: &str = include_str!("strands.wgsl");
 
-/// Numbers that neighbours are searched in.
+/// Scalar types of the neighbour search.
 pub trait SearchReal: Real {
-    /// A number that is not negative, and a name, as one integer.
+    /// Sort key: a non-negative number and a name in one integer.
     type Key: Ord + Copy + Default + Send + Sync + std::fmt::Debug + 'static;
 
-    /// This number, which is not negative, with `name`: ordered by the number, and by the name where numbers are the same.
+    /// Combines this non-negative number and `name` into a key, ordered by the number and then by
+    /// the name.
     fn key(self, name: u32) -> Self::Key;
-    /// What a key is of.
+    /// The number and the name of a key.
     fn of_key(key: Self::Key) -> (Self, u32);
-    /// What searches for some particles, on `simd` (supported, not `Auto`).
+    /// The search function for `simd`, which must be supported and not `Auto`.
     fn search_fn(simd: Simd) -> SearchFn<Self>;
 }
 
 /// Finds the neighbours of the particles from a slot on.
 ///
 /// # Safety
-/// The processor must have the instruction set that the function was made for.
+/// The processor must support the instruction set of the function.
 pub type SearchFn<T> = unsafe fn(&Search<'_, T>, usize, Found<'_, T>);
 
 impl SearchReal for f64 {
@@ -95,50 +110,53 @@ impl SearchReal for f32 {
 /// A particle of the fluid.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Particle<T> {
-    /// Where it is, metres.
+    /// Position, metres.
     pub x: [T; 3],
-    /// How fast it moves, m/s.
+    /// Velocity, m/s.
     pub u: [T; 3],
-    /// Its number, which breaks ties, and its strand.
+    /// Number, which breaks ties.
     pub number: u32,
-    /// See `number`.
+    /// Index of its strand.
     pub strand: u32,
 }
 
-/// Buckets at least, so that each axis has three bits, and at most.
+/// Minimum number of buckets, so that each axis has three bits, and maximum number.
 const BUCKETS: [usize; 2] = [1 << 10, 1 << 20];
-/// Particles that a thread takes at once.
+/// Particles in a task.
 pub(crate) const CHUNK: usize = 1024;
 
-/// Particles sorted by bucket, and what is near each.
+/// Particles sorted by bucket, and their neighbours.
 #[derive(Debug, Default)]
 pub struct Neighbours<T: SearchReal> {
     /// The particles, in their sorted order.
     pub sorted: Vec<Particle<T>>,
-    /// Where in that order each particle is, by number.
+    /// Slot of each particle in the sorted order, by number.
     pub slots: Vec<u32>,
-    /// Places in that order of each one's neighbours, K each, of which `counts` are there; nearest first.
+    /// Slots of the neighbours of each particle, nearest first: K entries for each, of which the
+    /// first `counts` are valid.
     pub lists: Vec<u32>,
-    /// Neighbours of each.
+    /// Number of neighbours of each particle.
     pub counts: Vec<u32>,
-    /// Density at each.
+    /// Density of each particle.
     pub density: Vec<T>,
-    /// The key of each one's last neighbour, where it has K; else one that nothing within h comes after.
+    /// Key of the last neighbour of each particle with K neighbours; otherwise the least key at
+    /// distance h.
     bounds: Vec<T::Key>,
-    /// Where each bucket begins, and its end.
+    /// Start of each bucket, and the end of the last.
     starts: Vec<u32>,
     buckets: Vec<u32>,
-    /// Coordinates of the particles, in their sorted order, and a row beyond.
+    /// Coordinates of the particles in sorted order, and one row of padding.
     x: [Vec<Row<T>>; 3],
-    /// Their numbers, and what is not a neighbour of what has the same: the strand, or the number. Some beyond.
+    /// Number and kin of each particle, with padding. Particles of the same kin are not neighbours;
+    /// the kin is the strand, or the number.
     names: Vec<[u32; 2]>,
     simd: Simd,
 }
 
-/// The cell of a place, cells being `h` wide.
+/// The cell of a position, for cells of side `h`.
 #[inline(always)]
 fn cell<T: Real>(x: &[T; 3], h: T) -> [i32; 3] {
-    // What is far out or not a number is in some cell.
+    // Positions that are out of range or not numbers get an arbitrary cell.
     let mut cell = [i32::MAX; 3];
     for c in 0..3 {
         if let Some(at) = (x[c] / h).floor().to_i32() {
@@ -148,14 +166,14 @@ fn cell<T: Real>(x: &[T; 3], h: T) -> [i32; 3] {
     cell
 }
 
-/// The bucket of a cell, of a power of two.
+/// The bucket of a cell; `buckets` is a power of two.
 #[expect(clippy::cast_sign_loss, reason = "the order is of the bits")]
 #[inline(always)]
 fn bucket([x, y, z]: [i32; 3], buckets: usize) -> u32 {
     (spread(x as u32) | spread(y as u32) << 1 | spread(z as u32) << 2) & (buckets as u32 - 1)
 }
 
-/// The lowest ten bits of a number, each in the place of every third.
+/// Spreads the lowest ten bits of a number to every third bit.
 #[inline(always)]
 const fn spread(number: u32) -> u32 {
     let mut bits = number & 0x3ff;
@@ -176,12 +194,12 @@ impl<T: SearchReal> Neighbours<T> {
             + 4 * (self.starts.capacity() + self.buckets.capacity() + 2 * self.names.capacity())
     }
 
-    /// Those that search on `simd`.
+    /// Creates an empty search with the instruction set `simd`.
     pub fn on(simd: Simd) -> Self {
         Self { simd, ..Self::default() }
     }
 
-    /// Finds the neighbours of `particles`, of which the first has the number 0, the next 1 and so on, and the densities.
+    /// Finds the neighbours and densities of `particles`, which must be numbered from 0 in order.
     pub fn find(&mut self, particles: &[Particle<T>], fluid: &Fluid<T>) {
         debug_assert!((0..).zip(particles).all(|(number, particle)| particle.number == number));
         self.sort(particles, fluid);
@@ -218,7 +236,7 @@ impl<T: SearchReal> Neighbours<T> {
         let mut sum = 0;
         for start in &mut self.starts {
             sum += *start;
-            // The end, which filling from behind takes to the beginning.
+            // The end of the bucket; filling it from the back moves this to its start.
             *start = sum;
         }
         for (number, &bucket) in self.buckets.iter().enumerate().rev() {
@@ -242,20 +260,35 @@ impl<T: SearchReal> Neighbours<T> {
         }
     }
 
-    /// The neighbours of the particle at `slot`, as slots.
+    /// The slots of the neighbours of the particle at `slot`.
     pub fn near(&self, slot: usize, fluid: &Fluid<T>) -> &[u32] {
         let from = slot * fluid.neighbours;
         &self.lists[from..from + self.counts[slot] as usize]
     }
 
-    /// Whether the particle at `slot` counts one with `number` at the square `d2` of a distance, under h², among its neighbours.
+    /// Whether a particle `number` at the squared distance `d2` < h² is among the neighbours of the
+    /// particle at `slot`.
     #[inline]
-    pub fn counts_in(&self, slot: usize, (d2, number): (T, u32)) -> bool {
+    pub fn has_neighbour(&self, slot: usize, d2: T, number: u32) -> bool {
         d2.key(number) <= self.bounds[slot]
     }
 }
 
-/// What is searched.
+/// The particle whose neighbours are searched.
+#[derive(Clone, Copy)]
+struct Seeker<T> {
+    x: [T; 3],
+    kin: u32,
+}
+
+/// Particles that a scan visits: coordinates, and number and kin of each.
+#[derive(Clone, Copy)]
+struct Places<'a, T> {
+    x: [&'a [Row<T>]; 3],
+    names: &'a [[u32; 2]],
+}
+
+/// Input of the search.
 #[derive(Debug)]
 pub struct Search<'a, T> {
     x: [&'a [Row<T>]; 3],
@@ -265,7 +298,7 @@ pub struct Search<'a, T> {
     fluid: &'a Fluid<T>,
 }
 
-/// What is found of some particles.
+/// Output of the search for a range of particles.
 #[derive(Debug)]
 pub struct Found<'a, T: SearchReal> {
     lists: &'a mut [u32],
@@ -274,32 +307,34 @@ pub struct Found<'a, T: SearchReal> {
     bounds: &'a mut [T::Key],
 }
 
-/// Neighbours at most.
+/// Maximum number of neighbours.
 pub const MOST_NEIGHBOURS: usize = 64;
-/// Keys whose ranks are counted at once.
+/// Number of keys that are ranked at the same time.
 const ABREAST: usize = 8;
-/// What rounding may make of a distance to a cell near the origin, as a share of its side; it grows with the cell's number.
+/// Bound of the rounding error of the distance to a cell near the origin, relative to its side; it
+/// grows with the index of the cell.
 const ROUNDING: f64 = 1e-4;
 
-/// Keys that are gathered beyond K before they are sorted.
-const LATE: usize = 12;
-/// Room for keys: a row that is begun is gathered whole.
-const ROOM: usize = MOST_NEIGHBOURS + LATE + LANES + ABREAST;
+/// Number of keys beyond K that are collected before they are sorted.
+const SORT_BATCH: usize = 12;
+/// Capacity for keys: a row is always collected as a whole.
+const ROOM: usize = MOST_NEIGHBOURS + SORT_BATCH + LANES + ABREAST;
 
-/// The keys of the nearest so far, and of some that are not.
+/// Candidates: the keys of the nearest particles so far, and of some others.
 struct Nearest<T: SearchReal> {
     keys: [T::Key; ROOM],
     sorted: [T::Key; ROOM],
     len: usize,
     most: usize,
-    /// The square of the distance of the K-th when keys were sorted; what is farther does not count.
+    /// Squared distance of the K-th key at the last sort; farther particles are ignored.
     bound: T,
 }
 
 impl<T: SearchReal> Nearest<T> {
-    /// Sorts the keys, and leaves the K nearest: each goes where its rank is, the count of those before it. There are no branches to guess, and no two keys are the same.
+    /// Sorts the keys and keeps the K nearest. The place of a key is its rank, the number of keys
+    /// before it; this needs no branches, and all keys are different.
     #[inline(always)]
-    fn settle(&mut self) {
+    fn keep_nearest(&mut self) {
         for first in (0..self.len).step_by(ABREAST) {
             let mut own = [T::Key::default(); ABREAST];
             own.copy_from_slice(&self.keys[first..first + ABREAST]);
@@ -323,7 +358,7 @@ impl<T: SearchReal> Nearest<T> {
     }
 }
 
-/// The neighbours of the particles from `first` on.
+/// Finds the neighbours of the particles from `first` on.
 #[inline(always)]
 fn search<L: Lane<Scalar: SearchReal>>(
     given: &Search<'_, L::Scalar>,
@@ -339,7 +374,7 @@ fn search<L: Lane<Scalar: SearchReal>>(
     for (slot, ((list, count), (density, bound))) in (first..).zip(rows) {
         (nearest.len, nearest.bound) = (0, fluid.h2);
         given.around::<L>(slot, &mut around, &mut nearest);
-        nearest.settle();
+        nearest.keep_nearest();
         let keys = &nearest.keys[..nearest.len];
         *density = fluid.density(number(0.0));
         for (place, &key) in list.iter_mut().zip(keys) {
@@ -353,7 +388,7 @@ fn search<L: Lane<Scalar: SearchReal>>(
 }
 
 impl<T: SearchReal> Search<'_, T> {
-    /// Finds the nearest of the particle at `slot`.
+    /// Collects the nearest particles of the particle at `slot`.
     #[inline(always)]
     fn around<L: Lane<Scalar = T>>(&self, slot: usize, around: &mut Around<T>, nearest: &mut Nearest<T>) {
         let mut own = [T::zero(); 3];
@@ -365,7 +400,7 @@ impl<T: SearchReal> Search<'_, T> {
         if !around.is_of(at) {
             around.gather(at, self);
         }
-        // How far it is to the cell's lower faces and to its upper ones, a little less.
+        // Lower bounds of the distances to the lower and to the upper faces of the cell.
         let far = f64::from(at[0].unsigned_abs().max(at[1].unsigned_abs()).max(at[2].unsigned_abs()));
         let rounding = number::<T>(ROUNDING) + T::epsilon() * number(4.0 * far);
         let least = T::one() - rounding;
@@ -375,7 +410,8 @@ impl<T: SearchReal> Search<'_, T> {
             to_faces[0][c] = (from_low - h * rounding).max(T::zero()) * least;
             to_faces[2][c] = (h - from_low - h * rounding).max(T::zero()) * least;
         }
-        let own = (own, self.names[slot][1]);
+        let own = Seeker { x: own, kin: self.names[slot][1] };
+        let all = Places { x: self.x, names: self.names };
         for near in &around.near[..around.len] {
             let mut square = T::zero();
             for c in 0..3 {
@@ -383,22 +419,24 @@ impl<T: SearchReal> Search<'_, T> {
                 square = square + d * d;
             }
             if square <= nearest.bound {
-                self.scan::<L>(own, (self.x, self.names), near.from as usize..near.to as usize, nearest);
+                self.scan::<L>(own, all, near.from as usize..near.to as usize, nearest);
             }
         }
-        let few = [&around.x[0][..], &around.x[1][..], &around.x[2][..]];
-        self.scan::<L>(own, (few, &around.names), 0..around.few, nearest);
+        let few = Places { x: [&around.x[0][..], &around.x[1][..], &around.x[2][..]], names: &around.names };
+        self.scan::<L>(own, few, 0..around.few, nearest);
     }
 
-    /// Takes up what is nearer of `slots` of some rows.
+    /// Collects the particles of `slots` that are nearer than the bound.
     #[inline(always)]
     fn scan<L: Lane<Scalar = T>>(
         &self,
-        (own, own_kin): ([T; 3], u32),
-        (x, names): ([&[Row<T>]; 3], &[[u32; 2]]),
+        own: Seeker<T>,
+        places: Places<'_, T>,
         slots: Range<usize>,
         nearest: &mut Nearest<T>,
     ) {
+        let Places { x, names } = places;
+        let Seeker { x: own, kin: own_kin } = own;
         let own = [L::splat(own[0]), L::splat(own[1]), L::splat(own[2])];
         let mut squares = Row([T::zero(); LANES]);
         let mut first = slots.start - slots.start % L::WIDTH;
@@ -409,7 +447,7 @@ impl<T: SearchReal> Search<'_, T> {
             }
             let square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
             let farther = L::bits(L::splat(nearest.bound).lt(square));
-            // Neither what is in other cells nor what is no number.
+            // Excludes other cells and squares that are not numbers.
             let here = u32::MAX << slots.start.saturating_sub(first)
                 & u32::MAX >> (32 - (slots.end - first).min(L::WIDTH));
             let mut near = L::bits(square.lt(L::splat(self.fluid.h2))) & !farther & here;
@@ -421,15 +459,16 @@ impl<T: SearchReal> Search<'_, T> {
                 nearest.keys[nearest.len] = squares.0[n].key(number);
                 nearest.len += usize::from(kin != own_kin);
             }
-            if nearest.len >= nearest.most + LATE {
-                nearest.settle();
+            if nearest.len >= nearest.most + SORT_BATCH {
+                nearest.keep_nearest();
             }
             first += L::WIDTH;
         }
     }
 }
 
-/// A cell beside one, or itself: which way it is along each axis (0 below, 1 level, 2 above), and the slots of its bucket.
+/// One of the 27 cells: its offset along each axis (0 below, 1 level, 2 above), and the slots of
+/// its bucket.
 #[derive(Clone, Copy, Debug, Default)]
 struct Beside {
     steps: [u8; 3],
@@ -437,20 +476,21 @@ struct Beside {
     to: u32,
 }
 
-/// Particles from which on a cell is gone through by itself, and passed over where it is farther than the last that counts.
+/// Number of particles from which on a cell is searched separately, and skipped if it is too far.
 const MANY: usize = 16;
-/// Particles that are copied at once.
+/// Number of particles that are copied at the same time.
 const COPIED: usize = 8;
-/// Rows for the particles of 27 cells that have fewer than [`MANY`].
+/// Rows for the particles of 27 cells that have fewer than [`MANY`] particles each.
 const FEW_ROWS: usize = (27 * (MANY - 1) + COPIED).div_ceil(LANES);
 
-/// The cells around one: those with many particles by themselves, itself first, faces before edges before corners, and the particles of all others.
+/// The 27 cells around a cell: those of many particles (the cell itself first, then its neighbours
+/// across faces, edges and corners), and the particles of all others.
 struct Around<T> {
     cell: Option<[i32; 3]>,
-    /// Those with [`MANY`] particles or more.
+    /// The cells with [`MANY`] particles or more.
     near: [Beside; 27],
     len: usize,
-    /// The particles of all others, one after the other.
+    /// The particles of all other cells, one after the other.
     x: [[Row<T>; FEW_ROWS]; 3],
     names: [[u32; 2]; FEW_ROWS * LANES],
     few: usize,
@@ -503,7 +543,7 @@ impl<T: Real> Around<T> {
     }
 }
 
-/// Steps to the cells around one, in the order in which they are gone through.
+/// Offsets of the 27 cells, in the order of the search.
 const ORDER: [[u8; 3]; 27] = order();
 
 const fn order() -> [[u8; 3]; 27] {

@@ -1,4 +1,4 @@
-// Smoothed particles, strand by strand: which buckets they are in, and what pushed them.
+// SPH particles, strand by strand: inserts them into buckets and applies their accelerations.
 
 @compute @workgroup_size(WORKGROUP)
 fn count_particles(@builtin(global_invocation_id) id: vec3u) {
@@ -17,11 +17,11 @@ fn insert_particles(@builtin(global_invocation_id) id: vec3u) {
     if !strand.here {
         return;
     }
-    let remembers = arrayLength(&velocities) > arrayLength(&positions);
+    let has_previous = arrayLength(&velocities) > arrayLength(&positions);
     for (var i = 0u; i < strand.particles; i++) {
         let x = position_at(strand, i);
         var u = velocity_at(strand, i);
-        if remembers {
+        if has_previous {
             u = (x - previous_at(strand, i)) * fluid.inverse_dt;
         }
         let number = number_of(strand, i);
@@ -33,7 +33,7 @@ fn insert_particles(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// Accelerations for a step become velocities.
+// Applies the accelerations for a step to the velocities.
 @compute @workgroup_size(WORKGROUP)
 fn accelerate_strands(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);

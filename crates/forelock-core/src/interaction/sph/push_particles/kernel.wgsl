@@ -1,12 +1,14 @@
-// Pressure and viscosity between neighbours, as accelerations: the twin of `push_particles`.
+// Accelerations by pressure and viscosity between neighbours: the GPU counterpart of
+// `push_particles`.
 
 fn pressure_at(slot: u32) -> f32 {
     let rest = bitcast<f32>(names[3u * number_at(slot) + 2u]);
     return max(fluid.pressure * (density_at(slot) - rest), 0.0);
 }
 
-// Whether the particle at `slot` counts one at the square of a distance among its neighbours.
-fn counts_in(slot: u32, square: f32, number: u32) -> bool {
+// Whether the particle `number` at a squared distance is among the neighbours of the particle at
+// `slot`.
+fn has_neighbour(slot: u32, square: f32, number: u32) -> bool {
     let at = 9u * fluid.numbers + slot;
     let farthest = real_at(at);
     return square < farthest || (square == farthest && names[3u * number] <= cloud[at + fluid.numbers]);
@@ -30,12 +32,12 @@ fn push_particles(@builtin(global_invocation_id) id: vec3u) {
             let near = vector_at(ENTRY * other);
             let back = near - x;
             let square = dot(back, back);
-            if fluid.mutual != 0u && !counts_in(other, square, number) {
+            if fluid.mutual != 0u && !has_neighbour(other, square, number) {
                 continue;
             }
             let length = sqrt(square);
             let rest = 1.0 - length / fluid.h;
-            // Particles in one place push each other nowhere.
+            // Particles at the same position exert no pressure on each other.
             let inverse = select(0.0, 1.0 / length, length > 0.0);
             let density = density_at(other);
             let push = 0.5 * (pressure + pressure_at(other)) * fluid.mass_push * rest * rest * inverse / density;

@@ -1,4 +1,4 @@
-//! What is solved, and where: the fields of the system, the walls, the cells that are held.
+//! The fields of the linear system, the solid cells and the active set.
 
 #![expect(clippy::needless_range_loop, reason = "one index for several arrays is what vectorises")]
 
@@ -7,32 +7,33 @@ use crate::interaction::grid::{Bounds, GridSolid};
 use crate::scratch::{fill, resize};
 use rayon::prelude::*;
 
-/// Hair under which a face lets nothing through, over that of a sample.
+/// Mass below which a face is closed, relative to that of a sample.
 pub const SPARSE: f32 = 1e-3;
-/// Share of a cell under which its hair is not held.
+/// Fill fraction below which no pressure acts in a cell.
 pub const LOOSE: f32 = 0.05;
 
 /// Fields on the cells of the box, x fastest.
 #[derive(Debug, Default)]
 pub(crate) struct Fields {
-    /// One over the mass of each lower face, 0 where nothing passes.
+    /// Inverse mass of each lower face, 0 where nothing flows.
     pub(super) mobility: [Vec<f32>; 3],
-    /// The solid that fills the cell, counted from 1; 0 is none. Of several, the first.
+    /// The solid in the cell, counted from 1; 0 is none. If several solids overlap, the first.
     walls: Vec<u16>,
-    /// What the velocities' divergence lacks, m/s; −∞ where nothing can be held.
-    pub(super) lack: Vec<f32>,
-    /// Whether the cell is to be held in the next round.
-    hold: Vec<bool>,
-    /// One over the diagonal; 0 where not held.
+    /// Right-hand side: the divergence that the pressure must add, m/s; −∞ where no pressure can
+    /// act.
+    pub(super) rhs: Vec<f32>,
+    /// Whether the cell is active in the next round.
+    active: Vec<bool>,
+    /// Inverse diagonal of the matrix; 0 in inactive cells.
     pub(super) inverse: Vec<f32>,
     /// The unknown, and conjugate gradients' residual, direction and product.
     pub(super) pressure: Vec<f32>,
     pub(super) residual: Vec<f32>,
     pub(super) direction: Vec<f32>,
     pub(super) product: Vec<f32>,
-    /// Along each row, from where to where cells are held.
+    /// Range of the active cells in each row.
     pub(super) spans: Vec<[u32; 2]>,
-    /// Blocks of cells in which the pressure pushes something.
+    /// Blocks of cells with faces that the pressure accelerates.
     touched: Vec<bool>,
     /// Two sums a layer.
     pub(super) partial: Vec<[f64; 2]>,
@@ -42,33 +43,34 @@ impl Fields {
     /// Bytes held.
     pub fn bytes(&self) -> usize {
         let fields =
-            [&self.lack, &self.inverse, &self.pressure, &self.residual, &self.direction, &self.product];
+            [&self.rhs, &self.inverse, &self.pressure, &self.residual, &self.direction, &self.product];
         let floats: usize = fields.into_iter().chain(&self.mobility).map(|f| 4 * f.capacity()).sum();
         floats
-            + self.hold.capacity()
+            + self.active.capacity()
             + 2 * self.walls.capacity()
             + 8 * self.spans.capacity()
             + 16 * self.partial.capacity()
             + self.touched.capacity()
     }
 
-    /// Fields of the box's size; no walls, no pressure.
+    /// Resizes the fields to the box and clears solid cells and pressure.
     pub(super) fn fit(&mut self, bounds: &Bounds) {
         let cells = bounds.cells();
         let fields =
-            [&mut self.lack, &mut self.inverse, &mut self.residual, &mut self.direction, &mut self.product];
+            [&mut self.rhs, &mut self.inverse, &mut self.residual, &mut self.direction, &mut self.product];
         for field in fields.into_iter().chain(&mut self.mobility) {
             resize(field, cells, 0.0);
         }
         fill(&mut self.pressure, cells, 0.0);
         fill(&mut self.walls, cells, 0);
-        resize(&mut self.hold, cells, false);
+        resize(&mut self.active, cells, false);
         resize(&mut self.spans, bounds.dims[1] * bounds.dims[2], [0; 2]);
         resize(&mut self.partial, bounds.dims[2], [0.0; 2]);
     }
 
-    /// Turns the faces' momenta into velocities and finds their mobilities; `mass` is that of a sample.
-    pub(super) fn divide(&mut self, bounds: &Bounds, faces: &mut [Vec<[f32; 2]>; 3], mass: f32) {
+    /// Divides the momenta of the faces by their masses and computes the mobilities; `mass` is that
+    /// of a sample.
+    pub(super) fn normalize_velocity(&mut self, bounds: &Bounds, faces: &mut [Vec<[f32; 2]>; 3], mass: f32) {
         let least = SPARSE * mass;
         for (faces, mobility) in faces.iter_mut().zip(&mut self.mobility) {
             let layers = faces.par_chunks_mut(bounds.layer()).zip(mobility.par_chunks_mut(bounds.layer()));
@@ -83,14 +85,16 @@ impl Fields {
         }
     }
 
-    /// Marks the cells that `solid`, the `number`th from 1, fills next to hair, and gives their faces its velocity and no
-    /// mobility.
-    pub(super) fn wall_off(
+    /// Marks the cells next to hair whose centres are inside `solid`, the `number`th counted from
+    /// 1, gives their faces the velocity of the solid and sets their mobility to zero.
+    pub(super) fn mark_solid_cells(
         &mut self,
         bounds: &Bounds,
         faces: &mut [Vec<[f32; 2]>; 3],
-        (filled, cell): (&[f32], f64),
-        (number, solid): (u16, &GridSolid<'_>),
+        filled: &[f32],
+        cell: f64,
+        number: u16,
+        solid: &GridSolid<'_>,
     ) {
         let [nx, ny, nz] = bounds.dims;
         let layer = bounds.layer();
@@ -106,7 +110,7 @@ impl Fields {
                     let beside = [row - nx, row + nx, row - layer, row + layer];
                     if has_hair(row + i - 1, row + end + 1) || beside.iter().any(|r| has_hair(r + i, r + end))
                     {
-                        mark((walls, number), nx * j, [i, j, k], end, solid, cell as f32);
+                        mark_row(walls, number, nx * j, [i, j, k], end, solid, cell as f32);
                     }
                 }
             }
@@ -116,15 +120,15 @@ impl Fields {
                 let row = nx * (j + ny * k);
                 for i in 1..nx - 1 {
                     if self.walls[row + i] == number {
-                        self.stop(faces, [i, j, k], row + i, [1, nx, layer], solid);
+                        self.close_faces(faces, [i, j, k], row + i, [1, nx, layer], solid);
                     }
                 }
             }
         }
     }
 
-    /// Gives the six faces of a wall's cell the solid's velocity.
-    fn stop(
+    /// Gives the six faces of a solid cell the velocity of the solid and closes them.
+    fn close_faces(
         &mut self,
         faces: &mut [Vec<[f32; 2]>; 3],
         at: [usize; 3],
@@ -143,22 +147,24 @@ impl Fields {
         }
     }
 
-    /// What each cell's divergence lacks, from the share that is filled and the divergence; the fullest cell.
-    pub(super) fn aim(
+    /// Computes the right-hand side of each cell by `right_hand_side`, a function of the fill
+    /// fraction and the divergence. Returns the fill fraction of the fullest cell.
+    pub(super) fn compute_divergence(
         &mut self,
         bounds: &Bounds,
-        (faces, filled): (&[Vec<[f32; 2]>; 3], &[f32]),
-        lacking: &(impl Fn(f32, f32) -> f32 + Sync),
+        faces: &[Vec<[f32; 2]>; 3],
+        filled: &[f32],
+        right_hand_side: &(impl Fn(f32, f32) -> f32 + Sync),
     ) -> f64 {
         let [nx, ny, nz] = bounds.dims;
         let strides = [1, nx, bounds.layer()];
-        let Self { mobility, lack, hold, walls, partial, .. } = self;
+        let Self { mobility, rhs, active, walls, partial, .. } = self;
         let (mobility, walls) = (&*mobility, &*walls);
         let layers =
-            lack.par_chunks_mut(strides[2]).zip(hold.par_chunks_mut(strides[2])).zip(partial.par_iter_mut());
-        layers.enumerate().for_each(|(k, ((lack, hold), [fullest, _]))| {
-            lack.fill(f32::NEG_INFINITY);
-            hold.fill(false);
+            rhs.par_chunks_mut(strides[2]).zip(active.par_chunks_mut(strides[2])).zip(partial.par_iter_mut());
+        layers.enumerate().for_each(|(k, ((rhs, active), [fullest, _]))| {
+            rhs.fill(f32::NEG_INFINITY);
+            active.fill(false);
             *fullest = 0.0;
             if k == 0 || k + 1 >= nz {
                 return;
@@ -170,7 +176,7 @@ impl Fields {
                 if share < LOOSE || walls[index] > 0 {
                     continue;
                 }
-                // A side without hair gives nothing to push against, unless it is a wall.
+                // A side with neither hair nor a solid cannot sustain pressure.
                 let open = |axis: usize| {
                     let (low, high) = (index, index + strides[axis]);
                     let pushes = |face: usize, beyond: usize| mobility[axis][face] > 0.0 || walls[beyond] > 0;
@@ -183,18 +189,19 @@ impl Fields {
                 for axis in 0..3 {
                     divergence += faces[axis][index + strides[axis]][1] - faces[axis][index][1];
                 }
-                lack[i] = lacking(share, divergence);
-                hold[i] = lack[i] > 0.0;
+                rhs[i] = right_hand_side(share, divergence);
+                active[i] = rhs[i] > 0.0;
             }
         });
         partial.iter().map(|p| p[0]).fold(0.0, f64::max)
     }
 
-    /// Makes the system of the cells to be held: diagonal, spans; how many there are.
-    pub(super) fn gather_held(&mut self, bounds: &Bounds) -> usize {
+    /// Builds the system of the active cells: inverse diagonal and row ranges. Returns the number
+    /// of active cells.
+    pub(super) fn build_system(&mut self, bounds: &Bounds) -> usize {
         let [nx, ny, _] = bounds.dims;
         let (layer, [mx, my, mz]) = (bounds.layer(), &self.mobility);
-        let hold = &self.hold;
+        let active = &self.active;
         self.direction.fill(0.0);
         let layers = self.inverse.par_chunks_mut(layer).zip(self.pressure.par_chunks_mut(layer));
         let layers = layers.zip(self.spans.par_chunks_mut(ny)).zip(self.partial.par_iter_mut());
@@ -205,7 +212,7 @@ impl Fields {
                 for i in 0..nx {
                     let (here, index) = (nx * j + i, layer * k + nx * j + i);
                     inverse[here] = 0.0;
-                    if hold[index] {
+                    if active[index] {
                         let diagonal = mx[index]
                             + mx[index + 1]
                             + my[index]
@@ -231,23 +238,24 @@ impl Fields {
         count
     }
 
-    /// Lets go of cells that pull and takes in cells that are still pressed; whether there were any.
-    pub(super) fn revise(&mut self, bounds: &Bounds) -> bool {
+    /// Deactivates cells of negative pressure and activates cells that are still compressed.
+    /// Returns whether the active set changed.
+    pub(super) fn update_active_set(&mut self, bounds: &Bounds) -> bool {
         let [nx, ny, nz] = bounds.dims;
         let (layer, [mx, my, mz]) = (bounds.layer(), &self.mobility);
-        let (p, lack, inverse) = (&self.pressure, &self.lack, &self.inverse);
-        let layers = self.hold.par_chunks_mut(layer).zip(self.partial.par_iter_mut());
-        layers.enumerate().for_each(|(k, (hold, [changed, _]))| {
+        let (p, rhs, inverse) = (&self.pressure, &self.rhs, &self.inverse);
+        let layers = self.active.par_chunks_mut(layer).zip(self.partial.par_iter_mut());
+        layers.enumerate().for_each(|(k, (active, [changed, _]))| {
             *changed = 0.0;
             if k == 0 || k + 1 >= nz {
                 return;
             }
             for here in nx..nx * (ny - 1) {
                 let index = layer * k + here;
-                if lack[index] == f32::NEG_INFINITY {
+                if rhs[index] == f32::NEG_INFINITY {
                     continue;
                 }
-                let held = if inverse[index] > 0.0 {
+                let is_active = if inverse[index] > 0.0 {
                     p[index] >= 0.0
                 } else {
                     let given = mx[index] * p[index - 1]
@@ -256,10 +264,10 @@ impl Fields {
                         + my[index + nx] * p[index + nx]
                         + mz[index] * p[index - layer]
                         + mz[index + layer] * p[index + layer];
-                    lack[index] + given > 0.0
+                    rhs[index] + given > 0.0
                 };
-                if held != hold[here] {
-                    hold[here] = held;
+                if is_active != active[here] {
+                    active[here] = is_active;
                     *changed += 1.0;
                 }
             }
@@ -267,8 +275,9 @@ impl Fields {
         self.partial.iter().any(|p| p[0] > 0.0)
     }
 
-    /// Turns (mass, velocity) of the faces into (new velocity, change); a bound on the changes.
-    pub(super) fn push(&mut self, bounds: &Bounds, faces: &mut [Vec<[f32; 2]>; 3]) -> f64 {
+    /// Replaces (mass, velocity) of the faces by (new velocity, change of velocity). Returns an
+    /// upper bound of the changes.
+    pub(super) fn apply_pressure(&mut self, bounds: &Bounds, faces: &mut [Vec<[f32; 2]>; 3]) -> f64 {
         let layer = bounds.layer();
         let Self { pressure, mobility, partial, .. } = self;
         let pressure = &*pressure;
@@ -281,7 +290,7 @@ impl Fields {
                     return;
                 }
                 for (face, index) in faces.iter_mut().zip(layer * k..) {
-                    // What pulls is let go of, also after the last round.
+                    // Negative pressures are dropped, also after the last round.
                     let [under, over] = [pressure[index - stride], pressure[index]].map(|p| p.max(0.0));
                     let change = mobility[index] * (under - over);
                     *face = [face[1] + change, change];
@@ -293,7 +302,7 @@ impl Fields {
         bound.sqrt()
     }
 
-    /// Marks the blocks of cells in which a sample may touch a face that the pressure pushes.
+    /// Marks the blocks of cells in which a sample may touch a face that the pressure accelerates.
     pub(super) fn mark_touched(&mut self, bounds: &Bounds) {
         let [nx, ny, nz] = bounds.dims;
         let blocks = touched_blocks(bounds);
@@ -319,7 +328,7 @@ impl Fields {
         }
     }
 
-    /// Whether a sample in cell `at` may touch a face that the pressure pushes.
+    /// Whether a sample in cell `at` may touch a face that the pressure accelerates.
     #[inline]
     pub fn is_touched(&self, bounds: &Bounds, at: [usize; 3]) -> bool {
         let blocks = touched_blocks(bounds);
@@ -327,16 +336,19 @@ impl Fields {
     }
 }
 
-/// Cells along the side of a block that is touched or not: at least 4, so that a cell's reach of 2 spans two at most.
+/// Cells along the side of a block: at least 4, so that the stencil of a cell, which reaches 2
+/// cells, spans at most two blocks.
 const BLOCK: usize = 4;
 
 fn touched_blocks(bounds: &Bounds) -> [usize; 3] {
     bounds.dims.map(|n| n.div_ceil(BLOCK))
 }
 
-/// Marks the cells from `at` to `end` along the row whose middles are inside `solid`.
-fn mark(
-    (walls, number): (&mut [u16], u16),
+/// Marks the cells of a row from `at` to `end` whose centres are inside `solid`. `row` is the index
+/// of the row in the layer `walls`.
+fn mark_row(
+    walls: &mut [u16],
+    number: u16,
     row: usize,
     at: [usize; 3],
     end: usize,
