@@ -1,7 +1,7 @@
 //! The grid as an interaction of a simulation.
 
 use super::{Grid, GridFrame, GridMoment, GridParams};
-use crate::collide::resolve_solids::note_one;
+use crate::collide::resolve_solids::reduce_clearance;
 use crate::frame::{
     Exchange, ExchangeContext, FrameReport, Interaction, Moves, Phase, shared_secs, with_motion,
 };
@@ -58,7 +58,7 @@ impl<T: Real> Interaction<T> for GridInteraction<T> {
         });
         if own.farthest_m > 0.0 {
             let moved = number(own.farthest_m);
-            let note = |row: &mut Row<T>| row.0.iter_mut().for_each(|own| note_one(own, moved));
+            let note = |row: &mut Row<T>| row.0.iter_mut().for_each(|own| reduce_clearance(own, moved));
             state.clearance.par_iter_mut().with_min_len(1024).for_each(note);
         }
         report.grid = own;
