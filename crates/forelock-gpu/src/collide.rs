@@ -56,15 +56,15 @@ pub(crate) const SHAPE_CONSTANTS: &[Constant] = &[
 
 /// Constants of the text that resolves the collisions of a particle.
 pub(crate) const PARTICLE_CONSTANTS: &[Constant] = &[
-    Constant::u32("LOOKS", resolve_solids::LOOKS as u32),
-    Constant::u32("ROUNDS", resolve_solids::ROUNDS as u32),
+    Constant::u32("MAX_PUSHES", resolve_solids::MAX_PUSHES as u32),
+    Constant::u32("PROJECTION_ROUNDS", resolve_solids::PROJECTION_ROUNDS as u32),
     Constant::u32("SWEEP_STEPS", resolve_solids::SWEEP_STEPS as u32),
     Constant::f32("TOUCH", resolve_solids::TOUCH as f32),
 ];
 
 /// Constants of the strand kernel.
 const STRAND_CONSTANTS: &[Constant] = &[
-    Constant::u32("SLIDES", resolve_solids::SLIDES as u32),
+    Constant::u32("SLIDE_STEPS", resolve_solids::SLIDE_STEPS as u32),
     Constant::f32("STRETCHED", resolve_solids::STRETCHED as f32),
 ];
 
@@ -73,7 +73,7 @@ pub(crate) const MORPHING: &[Constant] = &[Constant::bool("CHANGES", true)];
 /// Shapes that change are left out, which makes the kernel faster.
 pub(crate) const RIGID: &[Constant] = &[Constant::bool("CHANGES", false)];
 /// Collisions change velocities.
-const FREE: &[Constant] = &[Constant::bool("DRAGS", false)];
+const FREE: &[Constant] = &[Constant::bool("FRICTION_MOVES", false)];
 
 bindings! {
     /// Strands and solids.
@@ -208,7 +208,7 @@ pub struct QueryUniform {
     /// Distance kept from surfaces, metres.
     pub thickness: f32,
     /// Depth by which a particle inside a solid may be moved out, metres.
-    pub way_out: f32,
+    pub max_push_out: f32,
     /// The first `count` are used.
     pub solids: [SolidEntry; MOST_SOLIDS],
 }
@@ -308,11 +308,11 @@ impl Solids {
             }
             let is_last = step + 1 == substeps && !frame.has_last;
             self.query.how = if is_last { AFTER_SUBSTEP | LAST } else { AFTER_SUBSTEP };
-            self.query.way_out = (rules.depenetration_speed * h) as f32;
+            self.query.max_push_out = (rules.depenetration_speed * h) as f32;
             self.append(step);
         }
         self.query.how = LAST;
-        self.query.way_out = 0.0;
+        self.query.max_push_out = 0.0;
         self.append(substeps);
         gpu.queue().write_buffer(&self.queries, 0, &self.bytes);
     }

@@ -46,7 +46,7 @@ struct Query {
     // Distance that is kept from surfaces.
     thickness: f32,
     // Largest depth by which a particle that was inside may be pushed out in this query.
-    way_out: f32,
+    max_push_out: f32,
     solids: array<Solid, MOST_SOLIDS>,
 }
 

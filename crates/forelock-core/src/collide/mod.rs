@@ -1,3 +1,3 @@
-//! Collisions of particles with solids: queries of distances, sweeps and friction.
+//! Collisions of particles with solids: distance queries, continuous collision detection and friction.
 
 pub mod resolve_solids;

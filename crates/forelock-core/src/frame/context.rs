@@ -41,33 +41,24 @@ pub struct FrameContext<'a, T> {
 
 impl<T: Real> FrameContext<'_, T> {
     /// The colliders as substep `substep` queries them, in which a particle that was inside comes out
-    /// by at most `way_out` metres.
-    pub fn colliders(&self, substep: usize, way_out: f64) -> Solids<'_, T> {
+    /// by at most `max_push_out` metres.
+    pub fn colliders(&self, substep: usize, max_push_out: f64) -> Solids<'_, T> {
         let solids = self.solids.len();
         Solids {
             solids: self.solids,
             poses: &self.solid_poses[substep * solids..(substep + 1) * solids],
             thickness: number(self.rules.skin_thickness),
-            way_out: number(way_out),
+            max_push_out: number(max_push_out),
             h: number(self.h),
             clamped: self.rules.clamped,
-            drags: false,
+            friction_moves: false,
         }
     }
 
     /// How far a particle that starts a substep inside a collider comes out in it, metres.
-    pub fn way_out(&self) -> f64 {
+    pub fn max_push_out(&self) -> f64 {
         self.rules.depenetration_speed * self.h
     }
-}
-
-/// A group of lanes of a block: those from `first`, of which lanes from `live` on are padding.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct LaneGroup {
-    /// The first lane.
-    pub first: usize,
-    /// How many lanes of the block hold strands of their own.
-    pub live: usize,
 }
 
 /// A substep of a frame.

@@ -15,7 +15,8 @@ pub mod restore_lengths;
 mod rules;
 mod solver;
 
-pub use context::{FrameContext, LaneGroup, Substep};
+pub use crate::strands::LaneGroup;
+pub use context::{FrameContext, Substep};
 pub(crate) use crew::Crew;
 pub(crate) use exchange::shared_secs;
 pub use exchange::{ExchangeContext, Interaction, with_motion};

@@ -10,7 +10,7 @@
 //! What cannot be said lane by lane (a learned solver with its own batches) implements
 //! [`StrandSolver`] itself: one dynamic call a block.
 
-use super::context::{FrameContext, LaneGroup, Substep};
+use super::context::{FrameContext, Substep};
 use super::plan::Step;
 use super::report::BlockReport;
 use super::rules::{Channels, FrameRules, StepRate};
@@ -18,7 +18,7 @@ use crate::air::sample_air;
 use crate::collide::resolve_solids::{self, Since, SolidContacts};
 use crate::lane::{LANES, Lane, Real, Simd, V3};
 use crate::params::{ParamsError, check_time};
-use crate::strands::{BlockView, Chain, Scratch, Strands};
+use crate::strands::{BlockView, Chain, LaneGroup, Scratch, Strands};
 use glam::DVec3;
 use std::any::Any;
 use std::fmt::Debug;
@@ -389,10 +389,8 @@ impl<S: LaneSolver> BlockTask for Substeps<'_, S> {
                     report.nanos.solve += clock.lap();
                 }
                 Step::Collide { substep } => {
-                    let solids = cx.colliders(substep as usize, cx.way_out());
-                    let LaneGroup { first, live } = group;
-                    report.contacts =
-                        resolve_solids::resolve::<L>(&solids, Since::Substep, view, first, live);
+                    let solids = cx.colliders(substep as usize, cx.max_push_out());
+                    report.contacts = resolve_solids::resolve::<L>(&solids, Since::Substep, view, group);
                     report.nanos.collide += clock.lap();
                 }
                 _ => {}

@@ -39,6 +39,15 @@ pub struct BlockView<'a, T> {
     pub drag: &'a mut [Row<T>],
 }
 
+/// A group of adjacent lanes of a block.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LaneGroup {
+    /// The first lane of the group.
+    pub first: usize,
+    /// Lanes of the whole block that hold a strand; the lanes from `live` on are padding.
+    pub live: usize,
+}
+
 /// Scratch of one worker for strands of up to a fixed count of particles.
 #[derive(Debug)]
 pub struct Scratch<T> {

@@ -30,7 +30,7 @@ bindings! {
 }
 
 /// Friction drags particles along instead of changing their velocity.
-const DRAGGED: &[Constant] = &[Constant::bool("DRAGS", true)];
+const DRAGGED: &[Constant] = &[Constant::bool("FRICTION_MOVES", true)];
 
 shader! {
     /// `follow_leader` among shapes that do not change.

@@ -1,7 +1,8 @@
-// Hair against solids, one strand a thread: the twin of `resolve_solids::resolve` and `resolve_solids::lay_along`.
+// Hair–solid collisions, one strand a thread: the GPU counterpart of `resolve_solids::resolve` and
+// `resolve_solids::lay_along`.
 
-// Looks at particle i, if its clearance is used up; whether it touches something.
-fn look_at(strand: Strand, i: u32) -> bool {
+// Queries the solids at particle i if its clearance is used up. Returns whether it touches one.
+fn resolve_particle(strand: Strand, i: u32) -> bool {
     let at = entry(strand, i, 2u, 1u);
     let last = memory[at];
     let x = position_at(strand, i);
@@ -16,29 +17,30 @@ fn look_at(strand: Strand, i: u32) -> bool {
         memory[at] = left.x;
         return false;
     }
-    let met = meet_solids(x, v, origin, left.y, last);
-    memory[at] = met.clearance;
-    if met.touches {
-        set_position(strand, i, met.x);
-        set_velocity(strand, i, met.v);
+    let found = query_solids(x, v, origin, left.y, last);
+    memory[at] = found.clearance;
+    if found.touches {
+        set_position(strand, i, found.x);
+        set_velocity(strand, i, found.v);
     }
-    tell_touch(met.touches, -(met.clearance + query.thickness));
-    return met.touches;
+    report_contact(found.touches, -(found.clearance + query.thickness));
+    return found.touches;
 }
 
-// A point at `length` from `leader` near `x` that is outside a solid, and its clearance.
+// The point at `length` from `leader` near `start` that is outside a solid, if there is one, and its
+// clearance.
 fn slide_along(number: u32, leader: vec3f, start: vec3f, length: f32) -> vec4f {
     let map = query.solids[number].at_end;
     var x = start;
-    for (var round = 0u; round <= SLIDES; round++) {
+    for (var round = 0u; round <= SLIDE_STEPS; round++) {
         let found = sample_shape(number, local(map, x), 1.0);
         let sigma = found.w - query.thickness;
         if !(sigma < 0.0) {
             return vec4f(x, sigma / lipschitz(number));
         }
         let out = x - sigma * turned(map, found.xyz);
-        if round == SLIDES {
-            // No such point: solids go before lengths.
+        if round == SLIDE_STEPS {
+            // No such point: collision takes precedence over length.
             return vec4f(out, 0.0);
         }
         let edge = out - leader;
@@ -47,9 +49,10 @@ fn slide_along(number: u32, leader: vec3f, start: vec3f, length: f32) -> vec4f {
     return vec4f(x, 0.0);
 }
 
+// The same for all solids.
 fn slide(leader: vec3f, start: vec3f, length: f32) -> vec4f {
     var x = start;
-    // Once more where the way out of one solid may have ended in another.
+    // Repeated where the projection out of one solid may have ended in another.
     for (var round = 0u; round < 3u; round++) {
         var clearance = FAR;
         var between = false;
@@ -66,7 +69,8 @@ fn slide(leader: vec3f, start: vec3f, length: f32) -> vec4f {
     return vec4f(x, 0.0);
 }
 
-// Gives edges back the length that solids took: root to tip, along the surface where that is inside a solid.
+// Restores the lengths of edges that solids stretched, from root to tip; a particle whose new
+// position is inside a solid is moved to the surface.
 fn lay_along(strand: Strand) {
     for (var i = max(frame.clamped, 1u); i < strand.particles; i++) {
         let leader = position_at(strand, i - 1u);
@@ -104,7 +108,7 @@ fn resolve_solids(@builtin(global_invocation_id) id: vec3u) {
     }
     var touched = false;
     for (var i = min(frame.clamped, strand.particles); i < strand.particles; i++) {
-        let touches = look_at(strand, i);
+        let touches = resolve_particle(strand, i);
         touched = touched || touches;
     }
     if lays && touched {

@@ -1,22 +1,23 @@
-// A particle against all solids: what kernels share that look at some. The twins of `resolve_solids::clearance_left` and of a particle's part in `Queue::settle`.
+// The query of all solids at one particle, shared by several kernels: the GPU counterpart of
+// `resolve_solids::clearance_left` and of a particle's part in `Queue::resolve_packet`.
 
 struct Particle {
     x: vec3f,
     v: vec3f,
-    // Clearance at the last look.
-    was: f32,
+    // Clearance after the last query.
+    last_clearance: f32,
 }
 
-// Stops the approach to a solid at the particle, with Coulomb friction.
-fn rub(number: u32, normal: vec3f, particle: ptr<function, Particle>, caught: bool) {
+// Removes the velocity at which the particle approaches the solid, and applies Coulomb friction.
+fn apply_friction(number: u32, normal: vec3f, particle: ptr<function, Particle>, is_ccd_hit: bool) {
     let arm = (*particle).x - query.solids[number].pivot;
     var gone = query.solids[number].travel + cross(query.solids[number].spin, arm);
     if CHANGES && query.solids[number].swell > 0.0 {
         let place = local(query.solids[number].at_end, (*particle).x);
         gone += (sample_shape(number, place, 0.0).w - sample_shape(number, place, 1.0).w) * normal;
     }
-    let own = gone * frame.inverse_h;
-    let relative = (*particle).v - own;
+    let solid_velocity = gone * frame.inverse_h;
+    let relative = (*particle).v - solid_velocity;
     let approach = dot(relative, normal);
     if !(approach < 0.0) {
         return;
@@ -27,35 +28,37 @@ fn rub(number: u32, normal: vec3f, particle: ptr<function, Particle>, caught: bo
     if speed > 0.0 {
         kept = max(1.0 + query.solids[number].friction * approach / speed, 0.0);
     }
-    (*particle).v = own + kept * along;
-    // Where velocities follow from places, friction changes these too; what was stopped on its way has lost what was left of it.
-    if DRAGS && !caught {
+    (*particle).v = solid_velocity + kept * along;
+    // Where velocities are derived from positions, friction changes positions too. A particle stopped
+    // on its path has no tangential displacement left to reduce.
+    if FRICTION_MOVES && !is_ccd_hit {
         (*particle).x -= frame.h * (1.0 - kept) * along;
     }
 }
 
-// One particle against one solid, of which `found` is the sample where it is; the distance to its skin that is left.
-fn settle(number: u32, found: vec4f, particle: ptr<function, Particle>) -> f32 {
+// Pushes a particle out of one solid and applies friction; `found` is the sample at the particle.
+// Returns the distance to the solid's skin that is left.
+fn resolve_penetration(number: u32, found: vec4f, particle: ptr<function, Particle>) -> f32 {
     var sigma = found.w - query.thickness;
     var gradient = found.xyz;
     if !(sigma < 0.0) {
         return sigma;
     }
     let map = query.solids[number].at_end;
-    rub(number, turned(map, gradient), particle, false);
+    apply_friction(number, turned(map, gradient), particle, false);
     let cell = query.solids[number].cell;
     let small_push = select(FAR, 0.1 * cell, cell > 0.0);
-    for (var k = 1u; k <= LOOKS; k++) {
+    for (var k = 1u; k <= MAX_PUSHES; k++) {
         var allowed = 0.0;
-        if (*particle).was < 0.0 {
-            allowed = min(max((*particle).was, sigma) + query.way_out, 0.0);
+        if (*particle).last_clearance < 0.0 {
+            allowed = min(max((*particle).last_clearance, sigma) + query.max_push_out, 0.0);
         }
         let push = allowed - sigma;
         if push <= 0.0 {
             return sigma;
         }
         (*particle).x += push * turned(map, gradient);
-        if push < small_push || k == LOOKS {
+        if push < small_push || k == MAX_PUSHES {
             return allowed;
         }
         let there = sample_shape(number, local(map, (*particle).x), 1.0);
@@ -68,21 +71,22 @@ fn settle(number: u32, found: vec4f, particle: ptr<function, Particle>) -> f32 {
     return sigma;
 }
 
-// Takes a particle out of one solid after the other until it is in none; the clearance that is left.
-fn settle_among(particle: ptr<function, Particle>) -> f32 {
+// Pushes a particle out of one solid after the other until it is outside all. Returns the clearance
+// that is left.
+fn resolve_penetrations(particle: ptr<function, Particle>) -> f32 {
     var clearance = FAR;
-    for (var round = 0u; round <= ROUNDS; round++) {
+    for (var round = 0u; round <= PROJECTION_ROUNDS; round++) {
         clearance = FAR;
         for (var number = 0u; number < query.count; number++) {
             let found = sample_shape(number, local(query.solids[number].at_end, (*particle).x), 1.0);
             let sigma = found.w - query.thickness;
             clearance = min(clearance, sigma / select(1.0, lipschitz(number), sigma > 0.0));
-            // The last round only looks.
-            if round < ROUNDS && sigma < 0.0 {
-                let left = settle(number, found, particle);
+            // The last round only measures.
+            if round < PROJECTION_ROUNDS && sigma < 0.0 {
+                let left = resolve_penetration(number, found, particle);
             }
         }
-        // Out to rounding.
+        // Outside, up to rounding.
         if clearance > -1e-6 {
             return max(clearance, 0.0);
         }
@@ -90,12 +94,13 @@ fn settle_among(particle: ptr<function, Particle>) -> f32 {
     return clearance;
 }
 
-// How far the surface of a shape that changes may have moved since the last look.
+// Upper bound of the displacement since the last query of a surface whose shape changes.
 fn swell_of(number: u32) -> f32 {
     return select(0.0, query.solids[number].swell, CHANGES && (query.how & AFTER_SUBSTEP) != 0u);
 }
 
-// Where a particle that goes straight through the solid's own space first touches it, and the normal there: `sweep::sweep`.
+// First touch of a particle that moves straight through the solid's local space, and the normal there:
+// `sweep::sweep`.
 struct Touch {
     found: bool,
     place: vec3f,
@@ -127,10 +132,11 @@ fn sweep(number: u32, start: vec3f, end: vec3f) -> Touch {
     return none;
 }
 
-// Stops a particle at the surface that it went through on its way from `origin`; whether it did.
-fn catch_on_way(number: u32, found: vec4f, origin: vec3f, particle: ptr<function, Particle>) -> bool {
-    // What was inside at the last look is on its way out.
-    if (*particle).was < 0.0 {
+// Stops a particle at the surface that it passed through on its path from `origin`. Returns whether it
+// was stopped.
+fn resolve_ccd_hit(number: u32, found: vec4f, origin: vec3f, particle: ptr<function, Particle>) -> bool {
+    // A particle that was inside at the last query is being pushed out.
+    if (*particle).last_clearance < 0.0 {
         return false;
     }
     let map = query.solids[number].at_end;
@@ -144,11 +150,12 @@ fn catch_on_way(number: u32, found: vec4f, origin: vec3f, particle: ptr<function
         return false;
     }
     (*particle).x = turned(map, touch.place - map[3].xyz);
-    rub(number, turned(map, touch.normal), particle, true);
+    apply_friction(number, turned(map, touch.normal), particle, true);
     return true;
 }
 
-// What is left of the clearance of a particle that went from `origin` to `x` in a substep and was `last` from the nearest solid, and how far it moved relative to the one that moved most against it.
+// For a particle that moved from `origin` to `x` in a substep and had clearance `last`: the clearance
+// that is left, and the displacement relative to the solid that moved most against it.
 fn clearance_left(x: vec3f, origin: vec3f, last: f32) -> vec2f {
     var left = FAR;
     var moved = 0.0;
@@ -156,7 +163,7 @@ fn clearance_left(x: vec3f, origin: vec3f, last: f32) -> vec2f {
         let by = distance(x, local(query.solids[number].carry, origin)) + query.solids[number].swell;
         var far = last;
         if query.count > 1u {
-            // What moves far off costs nothing.
+            // The motion of a distant solid does not use up the clearance.
             far = max(last, distance(x, query.solids[number].ball) - query.solids[number].ball_radius - query.thickness);
         }
         left = min(left, far - by);
@@ -165,16 +172,17 @@ fn clearance_left(x: vec3f, origin: vec3f, last: f32) -> vec2f {
     return vec2f(left, moved);
 }
 
-// What a look at all solids does to a particle.
-struct Met {
+// A particle after the query of all solids.
+struct Resolved {
     x: vec3f,
     v: vec3f,
     clearance: f32,
     touches: bool,
 }
 
-// Looks at a particle that came from `origin`, `moved` relative to the solid that moved most against it, and was `last` from the nearest one.
-fn meet_solids(x: vec3f, v: vec3f, origin: vec3f, moved: f32, last: f32) -> Met {
+// Resolves the collisions of a particle that came from `origin`. `moved` is its displacement relative
+// to the solid that moved most against it, `last` its clearance after the last query.
+fn query_solids(x: vec3f, v: vec3f, origin: vec3f, moved: f32, last: f32) -> Resolved {
     var particle = Particle(x, v, last);
     var clearance = FAR;
     var touches = false;
@@ -184,11 +192,11 @@ fn meet_solids(x: vec3f, v: vec3f, origin: vec3f, moved: f32, last: f32) -> Met 
         let found = sample_shape(number, local(query.solids[number].at_end, place), 1.0);
         var own = Particle(place, particle.v, last);
         var sigma = 0.0;
-        let caught = moved > query.solids[number].thinness && catch_on_way(number, found, origin, &own);
-        if !caught {
-            sigma = settle(number, found, &own);
+        let is_ccd_hit = moved > query.solids[number].thinness && resolve_ccd_hit(number, found, origin, &own);
+        if !is_ccd_hit {
+            sigma = resolve_penetration(number, found, &own);
         }
-        if caught || found.w < query.thickness {
+        if is_ccd_hit || found.w < query.thickness {
             touches = true;
             between = between || clearance < distance(own.x, place);
             particle.x = own.x;
@@ -196,16 +204,16 @@ fn meet_solids(x: vec3f, v: vec3f, origin: vec3f, moved: f32, last: f32) -> Met 
         }
         clearance = min(clearance, sigma / select(1.0, lipschitz(number), sigma > 0.0));
     }
-    // What was inside at the last look comes out by and by.
+    // A particle that was inside at the last query is pushed out over several substeps.
     if between && last >= 0.0 {
-        particle.was = 0.0;
-        clearance = settle_among(&particle);
+        particle.last_clearance = 0.0;
+        clearance = resolve_penetrations(&particle);
     }
-    return Met(particle.x, particle.v, clearance, touches);
+    return Resolved(particle.x, particle.v, clearance, touches);
 }
 
-// Tells that particles touch, and how deep they are left, where it is the frame's last look.
-fn tell_touch(touches: bool, depth: f32) {
+// Reports contacts and depths in the frame's final collision pass.
+fn report_contact(touches: bool, depth: f32) {
     if (query.how & LAST) == 0u {
         return;
     }

@@ -1,39 +1,45 @@
-//! What a particle meets on its way, where its end alone does not tell.
+//! Continuous collision detection: the first touch of a particle on its path in a substep.
 //!
 //! # Theory
-//! In the solid's own frame a particle goes straight from q₀ to q₁ in a substep. A particle that is inside at q₁ is taken out to the nearest surface, which is the
-//! one it came through as long as it went no deeper than half of the solid's thickness. Beyond that the way itself is traced: σ is 1-Lipschitz, so from a
-//! point at distance σ the next σ of the way is free (sphere tracing; Hart 1996). At the first touch the particle stops:
-//! what is left of its way in that substep is lost, its velocity along the surface is not.
+//! In the solid's local space a particle moves straight from q₀ to q₁ in a substep. A particle that is
+//! inside at q₁ is projected onto the nearest surface, which is the one it entered through as long as
+//! it is no deeper than half of the solid's thickness. For larger displacements the path itself is
+//! traced: σ is 1-Lipschitz, so from a point at distance σ the next σ of the path is free (sphere
+//! tracing; Hart 1996). At the first touch the particle stops: the rest of its displacement in that
+//! substep is lost, its velocity along the surface is kept.
 //!
 //! # Practice
-//! Only particles that used up their clearance *and* moved by more than the solid's `Shape::thinness` are traced: at ordinary speeds none.
+//! Only particles that used up their clearance *and* moved by more than the solid's `Shape::thinness`
+//! are traced: at ordinary speeds none.
 //!
 //! # Limitations
-//! Particles are traced, not the edges between them: a part of a solid thinner than the distance between two particles can pass between them.
-//! Rotation within a substep is taken along the chord.
+//! Particles are traced, not the edges between them: a part of a solid thinner than the distance
+//! between two particles can pass between them. Rotation within a substep is approximated by the
+//! chord.
 
 use crate::body::Shape;
 use crate::lane::Real;
 
 use super::dot;
+use super::particle::lipschitz;
 
-/// Steps of a trace; a way that grazes the surface longer than that counts as free.
+/// Steps of a trace. A path on which more steps touch nothing counts as free; such a path grazes the
+/// surface.
 pub const SWEEP_STEPS: usize = 48;
 
-/// A way through a solid's own space during a substep.
+/// The path of a particle during a substep, in a solid's local space.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Way<T> {
-    /// Its ends.
+pub(super) struct SweepPath<T> {
+    /// Start and end point.
     pub ends: [[T; 3]; 2],
-    /// The frame's fractions at its ends, for shapes that change.
+    /// The frame's fractions at both ends, for shapes that change.
     pub fractions: [f64; 2],
-    /// How far such a shape's surface may move meanwhile.
+    /// Upper bound of the displacement meanwhile of such a shape's surface.
     pub swell: T,
 }
 
-impl<T: Real> Way<T> {
-    /// How far it goes relative to the surface, at most.
+impl<T: Real> SweepPath<T> {
+    /// Upper bound of the displacement relative to the surface.
     pub(super) fn length(&self) -> T {
         let [from, to] = self.ends;
         let go = [0, 1, 2].map(|c| to[c] - from[c]);
@@ -41,17 +47,18 @@ impl<T: Real> Way<T> {
     }
 }
 
-/// Where a particle that goes `way` first comes within `thickness` of `shape`, and the normal there; none if it touches nothing.
+/// The first point of `path` within `thickness` of `shape`, and the normal there; `None` if there is
+/// none.
 #[inline(never)]
-pub(super) fn sweep<T: Real>(shape: &Shape, thickness: T, way: &Way<T>) -> Option<([T; 3], [T; 3])> {
+pub(super) fn sweep<T: Real>(shape: &Shape, thickness: T, path: &SweepPath<T>) -> Option<([T; 3], [T; 3])> {
     let number = crate::strands::number::<T>;
     let zero = T::zero();
     let touch = number(TOUCH * shape.thinness());
-    let [from, to] = way.ends;
+    let [from, to] = path.ends;
     let go = [0, 1, 2].map(|c| to[c] - from[c]);
     let length = dot(go, go).sqrt();
-    // How fast the distance may fall along the way.
-    let fall = length * super::lipschitz(shape) + way.swell;
+    // Upper bound of the decrease of the distance along the path.
+    let fall = length * lipschitz(shape) + path.swell;
     if fall == zero || fall.is_nan() {
         return None;
     }
@@ -59,11 +66,11 @@ pub(super) fn sweep<T: Real>(shape: &Shape, thickness: T, way: &Way<T>) -> Optio
     for _ in 0..SWEEP_STEPS {
         let point = [0, 1, 2].map(|c| from[c] + share * go[c]);
         let time = share.to_f64().unwrap_or(1.0);
-        let fraction = way.fractions[0] + (way.fractions[1] - way.fractions[0]) * time;
+        let fraction = path.fractions[0] + (path.fractions[1] - path.fractions[0]) * time;
         let (distance, normal) = shape.sample_at(point, fraction);
         let sigma = distance - thickness;
-        if sigma <= touch && (dot(normal, go) < zero || way.swell > zero) {
-            // Out to the skin, which a particle that starts in touch may be under by a rounding.
+        if sigma <= touch && (dot(normal, go) < zero || path.swell > zero) {
+            // Move to the skin: a particle that starts in contact may be under it by a rounding error.
             let out = (-sigma).max(zero);
             return Some(([0, 1, 2].map(|c| point[c] + out * normal[c]), normal));
         }

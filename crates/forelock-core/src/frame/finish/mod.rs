@@ -1,7 +1,7 @@
 //! The steps that all solvers share after their substeps: the length pass, the final collision pass,
 //! and the checks.
 
-use super::context::{FrameContext, LaneGroup};
+use super::context::FrameContext;
 use super::plan::Step;
 use super::report::BlockReport;
 use super::restore_lengths::{self, LengthTerms};
@@ -9,7 +9,7 @@ use super::solver::{BlockTask, Clock};
 use crate::collide::resolve_solids::{self, Since};
 use crate::lane::{Lane, Real, V3};
 use crate::params::Inextensibility;
-use crate::strands::{BlockView, Scratch, number, vector};
+use crate::strands::{BlockView, LaneGroup, Scratch, number, vector};
 
 /// The WGSL of `check_strands`.
 pub const WGSL: &str = include_str!("check_strands.wgsl");
@@ -108,7 +108,7 @@ fn restore<L: Lane>(
         clamped: cx.rules.clamped,
     };
     let stretch = restore_lengths::restore(&terms, view, first, work);
-    resolve_solids::note_moves::<L>(before, view, first);
+    resolve_solids::reduce_clearances::<L>(before, view, first);
     stretch
 }
 
@@ -124,7 +124,7 @@ fn collide<L: Lane>(
     scratch: &mut Scratch<L::Scalar>,
     report: &mut BlockReport,
 ) -> L {
-    let LaneGroup { first, live } = group;
+    let first = group.first;
     let loaded = !view.previous.is_empty();
     if loaded {
         let inverse_h = L::from_f64(1.0 / cx.h);
@@ -136,13 +136,13 @@ fn collide<L: Lane>(
     }
     let mut stretch = before;
     let solids = cx.colliders(cx.poses.len() - 2, 0.0);
-    report.contacts = resolve_solids::resolve::<L>(&solids, Since::Noted, view, first, live);
+    report.contacts = resolve_solids::resolve::<L>(&solids, Since::Noted, view, group);
     if report.contacts.touching > 0 {
         stretch = restore_lengths::largest_stretch::<L>(view, first);
         if cx.rules.lay_along {
             // Only strands that colliders stretched: the result must not depend on the width.
             let by_solids = L::select(before.lt(stretch), stretch, L::zero());
-            resolve_solids::lay_along(&solids, by_solids, view, first, live);
+            resolve_solids::lay_along(&solids, by_solids, view, group);
             stretch = restore_lengths::largest_stretch::<L>(view, first);
         }
     }

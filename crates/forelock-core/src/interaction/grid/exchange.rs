@@ -1,7 +1,7 @@
 //! The grid as an interaction of a simulation.
 
 use super::{Grid, GridFrame, GridMoment, GridParams};
-use crate::collide::resolve_solids::note_one;
+use crate::collide::resolve_solids::reduce_clearance;
 use crate::frame::{
     Exchange, ExchangeContext, FrameReport, Interaction, Moves, Phase, shared_secs, with_motion,
 };
@@ -58,8 +58,8 @@ impl<T: Real> Interaction<T> for GridInteraction<T> {
         });
         if grid_report.farthest_m > 0.0 {
             let moved = number(grid_report.farthest_m);
-            let note = |row: &mut Row<T>| row.0.iter_mut().for_each(|clearance| note_one(clearance, moved));
-            state.clearance.par_iter_mut().with_min_len(1024).for_each(note);
+            let reduce = |row: &mut Row<T>| row.0.iter_mut().for_each(|clearance| reduce_clearance(clearance, moved));
+            state.clearance.par_iter_mut().with_min_len(1024).for_each(reduce);
         }
         report.grid = grid_report;
         let stages = ["splat_segments", "solve_pressure", "gather_velocities"];

@@ -69,8 +69,8 @@ impl LaneSolver for DftlParams {
         let carried =
             if terms.sag_free { cx.poses[1].transform_vector(cx.rest_gravity) } else { DVec3::ZERO };
         let step = FollowStep::<L>::new(&cx.poses[1], cx.gravity - carried, cx.air_velocity, shift);
-        let solids = LevelSolids::new(cx.colliders(0, cx.way_out()));
-        follow_leader::advance(terms, &step, solids, view, (group.first, group.live))
+        let solids = LevelSolids::new(cx.colliders(0, cx.max_push_out()));
+        follow_leader::advance(terms, &step, solids, view, group)
     }
 }
 

@@ -27,7 +27,7 @@
 
 mod spread;
 
-use crate::collide::resolve_solids::note_one;
+use crate::collide::resolve_solids::reduce_clearance;
 use crate::interaction::contact::{Contact, ContactParams, ContactReport, NONE, Rows, Ways};
 use crate::lane::{LANES, Real, Row};
 use crate::pose::Pose;
@@ -148,7 +148,7 @@ impl Resolver {
                 add(velocities, place, lane, forth * changed);
                 let distance = moved.length();
                 farthest = farthest.max(distance);
-                note_one(&mut clearance[place].0[lane], number(f64::from(distance)));
+                reduce_clearance(&mut clearance[place].0[lane], number(f64::from(distance)));
             }
         }
         ContactReport { contacts: self.joints.len(), farthest_m: farthest.into(), secs: [0.0; 2] }

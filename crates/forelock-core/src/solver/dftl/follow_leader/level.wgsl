@@ -1,14 +1,19 @@
-// Dynamic follow the leader with shape, level by level: what the kernels of its schedules share, the twin of `follow_leader::advance`.
+// Dynamic follow the leader with preserved shape, level by level. The kernels of all schedules share
+// this text, the GPU counterpart of `follow_leader::advance`.
 //
-// There are three schedules. All in one: a thread takes its strand from root to tip, frames in registers, and reads and writes the state once. Strands: first each thread predicts, then each takes its strand.
-// Particles: after the prediction a dispatch a level, between which frames wait where velocities will be.
+// There are three schedules. Fused: a thread steps its strand from root to tip, holds frames in
+// registers, and reads and writes the state once. Strands: a kernel predicts all particles, then a
+// thread steps its strand. Particles: after the prediction, one dispatch per level; between two
+// dispatches normals are stored in the rows of the velocities.
 //
-// In place of rest lengths beyond the first and of what is made from it, the model's rows 4 to 6 hold edges at rest in the frame of the particle before them, of a root the normal of its frame. Velocities are followed by
+// For this solver rows 4 to 6 of the model hold rest edges, in the frame of the particle before
+// each edge, and for a root the normal of its frame. They replace the rest lengths to the second and
+// third next particle and the inverse rest length. The array of velocities is followed by the
 // positions of the step before.
 
-// What a level needs to know of the one before.
+// State that a level passes to the next.
 struct Carried {
-    // The particle before: where it is, and was.
+    // The particle before: its position now and at the step's start.
     leader: vec3f,
     leader_was: vec3f,
     // Its frame.
@@ -49,14 +54,14 @@ fn begin_strand(strand: Strand) -> Carried {
     );
 }
 
-// Eq. 1: where particle i goes by itself from where it was.
+// Eq. 1: the position of particle i without constraints.
 fn predicted_at(strand: Strand, i: u32, was: vec3f) -> vec3f {
     var a = frame.gravity;
     if has(SAG_FREE) {
         a -= substep.carried_weight;
     }
     var kick = frame.h * a;
-    // A wind that differs from place to place has changed velocities already.
+    // A wind field has changed velocities already (`apply_wind`).
     if frame.drag > 0.0 && !has(WIND) {
         let u = (was - previous_at(strand, i) - substep.shift) * frame.inverse_h;
         kick += frame.drag * (frame.air - u);
@@ -64,14 +69,15 @@ fn predicted_at(strand: Strand, i: u32, was: vec3f) -> vec3f {
     return was + frame.h * (velocity_at(strand, i) + kick);
 }
 
-// Shares of shape of particle i.
+// Shares by which the global and the local shape of particle i are restored in this step.
 fn shape_shares(strand: Strand, i: u32) -> vec2f {
     let fraction = f32(i) / f32(strand.particles - 1u);
     let tips = 1.0 + (vec2f(frame.tip_global, frame.tip_local) - 1.0) * fraction;
     return min(vec2f(frame.shape_global, frame.shape_local) * tips * strand_stiffness(strand), vec2f(1.0));
 }
 
-// Eqs. 11 to 14: places particle i, which was at `was` and would go to `predicted`, and ends the step of the one before it.
+// Eqs. 11 to 14: places particle i, which was at `was` and is predicted at `predicted`, and completes
+// the step of the particle before it.
 fn follow_level(strand: Strand, i: u32, was: vec3f, predicted: vec3f, carried: Carried) -> Carried {
     let ghost = ghost_at(strand, i);
     let length = rest_length(strand, i - 1u, 1u);
@@ -82,18 +88,18 @@ fn follow_level(strand: Strand, i: u32, was: vec3f, predicted: vec3f, carried: C
     if i >= frame.clamped {
         let shares = shape_shares(strand, i);
         x = predicted + shares.x * (ghost - predicted);
-        let own = local_at(strand, i);
+        let edge = local_at(strand, i);
         let binormal = cross(carried.tangent, carried.normal);
-        let bound = leader + own.x * carried.tangent + own.y * carried.normal + own.z * binormal;
+        let bound = leader + edge.x * carried.tangent + edge.y * carried.normal + edge.z * binormal;
         x += shares.y * (bound - x);
         direction = direction_of(x - leader);
         x = leader + length * direction;
         correction = x - predicted;
         if query.count > 0u {
-            let met = level_solids(strand, i, was, x, leader, length);
-            if any(met.xyz != x) {
-                direction = direction_of(met.xyz - leader);
-                x = met.xyz;
+            let resolved = level_solids(strand, i, was, x, leader, length);
+            if any(resolved.xyz != x) {
+                direction = direction_of(resolved.xyz - leader);
+                x = resolved.xyz;
             }
         }
     }
@@ -102,7 +108,8 @@ fn follow_level(strand: Strand, i: u32, was: vec3f, predicted: vec3f, carried: C
     return Carried(x, was, direction, turned_normal(carried.tangent, carried.normal, direction));
 }
 
-// Takes particle i, which goes from `was` to `x`, out of solids, its length last where rechecks are asked for.
+// Resolves the collisions of particle i, which moves from `was` to `start`. With rechecks the length is
+// restored last.
 fn level_solids(strand: Strand, i: u32, was: vec3f, start: vec3f, leader: vec3f, length: f32) -> vec4f {
     let at = entry(strand, i, 2u, 1u);
     let last = memory[at];
@@ -111,10 +118,10 @@ fn level_solids(strand: Strand, i: u32, was: vec3f, start: vec3f, leader: vec3f,
         memory[at] = left.x;
         return vec4f(start, 0.0);
     }
-    var met = meet_solids(start, (start - was) * frame.inverse_h, was, left.y, last);
-    var x = select(start, met.x, met.touches);
-    var v = met.v;
-    var clearance = met.clearance;
+    var found = query_solids(start, (start - was) * frame.inverse_h, was, left.y, last);
+    var x = select(start, found.x, found.touches);
+    var v = found.v;
+    var clearance = found.clearance;
     var depth = -(clearance + query.thickness);
     if any(x != start) && frame.recheck > 0u {
         for (var round = 0u; round <= frame.recheck; round++) {
@@ -125,7 +132,7 @@ fn level_solids(strand: Strand, i: u32, was: vec3f, start: vec3f, leader: vec3f,
             clearance = select(clearance, max(clearance - moved, 0.0), clearance >= 0.0);
             x = back;
             if round < frame.recheck && clearance <= 0.0 {
-                let again = meet_solids(x, v, x, 0.0, clearance);
+                let again = query_solids(x, v, x, 0.0, clearance);
                 clearance = again.clearance;
                 depth = max(depth, -(clearance + query.thickness));
                 if again.touches {
@@ -136,11 +143,11 @@ fn level_solids(strand: Strand, i: u32, was: vec3f, start: vec3f, leader: vec3f,
         }
     }
     memory[at] = clearance;
-    tell_touch(met.touches, depth);
+    report_contact(found.touches, depth);
     return vec4f(x, 0.0);
 }
 
-// Eq. 14: what has been placed takes its velocity, with the correction of the particle after it.
+// Eq. 14: the velocity of a particle that has been placed, with the correction of the particle after it.
 fn end_particle(strand: Strand, i: u32, carried: Carried, correction: vec3f) {
     let v = (carried.leader - carried.leader_was) * frame.inverse_h;
     set_velocity(strand, i, v - frame.dftl_damping * frame.inverse_h * correction);

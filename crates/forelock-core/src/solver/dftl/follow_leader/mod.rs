@@ -1,7 +1,8 @@
 //! One step of dynamic follow the leader with preserved shape (Sánchez-Banderas et al. 2015, Sec. 3.1).
 //!
 //! # Theory
-//! With X the rest positions in the head's frame, (R, p) the head at the step's end, F_i the frame of particle i ([`StrandFrame`]), r_i = F_{i−1}⁻¹ (X_i − X_{i−1}) at rest, and l_i = |r_i|:
+//! With X the rest positions in the head's frame, (R, p) the head's pose at the step's end, F_i the
+//! frame of particle i ([`StrandFrame`]), r_i = F_{i−1}⁻¹ (X_i − X_{i−1}) at rest, and l_i = |r_i|:
 //!
 //! ```text
 //! x*_i = x_i + h v_i + h² a_i                                                          (1)
@@ -9,35 +10,43 @@
 //!     Δg = s_g (R X_i + p − x*_i)                 x*_i += Δg   global shape             (11)
 //!     Δl = s_l (x*_{i−1} + F_{i−1} r_i − x*_i)    x*_i += Δl   local shape              (12)
 //!     e  = x*_{i−1} − x*_i                        Δx = (1 − l_i/|e|) e,  x*_i += Δx     (13)
-//!     solids, lengths again and solids again `recheck` times, lengths
+//!     collisions; `recheck` times: lengths (13), collisions; if `recheck` > 0: lengths
 //!     F_i = F_{i−1} turned to x*_i − x*_{i−1}
 //! v_i = (x*_i − x_i)/h − (s_d/h) (Δg + Δl + Δx)_{i+1} ;   the tip: no correction         (14)
 //! ```
 //!
-//! Equation (14) hands each particle's corrections up the strand as velocity, which makes up for leaders that followers do not move (Müller, Kim, Chentanez 2012). So at rest v is not zero: it holds the
-//! load handed up. What moves at what speed is u = (x − x_previous)/h, which drag and smoothed particles take.
+//! Equation (14) subtracts the follower's correction from the leader's velocity, because within a
+//! step followers do not move their leaders (Müller, Kim, Chentanez 2012). So v is not zero at rest: it
+//! holds the load of the followers. The velocity of the motion is u = (x − x_previous)/h; drag and SPH
+//! use u.
 //!
-//! Where a solid is met the tangential motion relative to it is slowed by Coulomb friction, as in [`resolve_solids`](crate::collide::resolve_solids); a particle's place is changed accordingly, for its speed follows from that. With
-//! `recheck` > 0 lengths have the last word, so that edges are exact, and single particles may end a little inside; with 0, as the paper has it, solids have it.
+//! At a contact, Coulomb friction reduces the tangential motion relative to the solid, as in
+//! [`resolve_solids`](crate::collide::resolve_solids). Friction changes the position too, since the
+//! velocity is derived from it. With `recheck` > 0 the lengths are restored last: edges are exact, and
+//! single particles may end slightly inside a solid. With 0, as in the paper, collisions are resolved
+//! last.
 //!
 //! # Practice
-//! A strand is a lane. One pass from root to tip predicts, corrects and writes velocities one particle behind, so that the state is read and written once. Frames are not kept: each
-//! step carries them down again.
+//! A strand is a lane. One pass from root to tip predicts and corrects each particle and writes the
+//! velocity of the particle before it, so that the state is read and written once. Frames are not
+//! stored: each step transports them from root to tip again.
 //!
 //! # Limitations
-//! Followers do not pull at leaders within a step; swings of long strands lose energy by that (`damping`). Steps are all as long: what velocities hold, and how fast hair moved in the step before, is of that length.
+//! Followers do not pull their leaders within a step, which dissipates energy in the swings of long
+//! strands (`damping`). All steps need the same length, because the load in the velocities and the
+//! previous positions refer to the length of the step before.
 
 use crate::collide::resolve_solids::{LevelSolids, SolidContacts};
 use crate::lane::{Lane, Mat3, V3};
 use crate::params::STATED_STEP_SECS;
 use crate::pose::Pose;
 use crate::solver::DftlParams;
-use crate::strands::{BlockView, StrandFrame};
+use crate::strands::{BlockView, LaneGroup, StrandFrame};
 use glam::DVec3;
 
 /// The stage's name in reports.
 pub const STAGE: &str = "follow_leader";
-/// WGSL of the fused schedule: one thread takes its strand from root to tip.
+/// WGSL of the fused schedule: one thread steps its strand from root to tip.
 pub const WGSL: &str = include_str!("kernel.wgsl");
 /// WGSL of one level, which all schedules share.
 pub const LEVEL_WGSL: &str = include_str!("level.wgsl");
@@ -48,24 +57,24 @@ pub const WIND_WGSL: &str = include_str!("wind.wgsl");
 /// WGSL that stores and restores the load that velocities hold.
 pub const LOAD_WGSL: &str = include_str!("load.wgsl");
 
-/// What stays the same over a step, in float64.
+/// Coefficients of a step, in float64.
 #[derive(Clone, Copy, Debug)]
 pub struct FollowTerms {
     /// Step, seconds.
     pub h: f64,
     /// Clamped particles from the root.
     pub clamped: usize,
-    /// Shares of a step at the root, global and local.
+    /// Shares by which a step restores the global and the local shape, at the root.
     pub shape: [f64; 2],
-    /// Tip over root of both.
+    /// Both shares at the tip over those at the root.
     pub tip_scales: [f64; 2],
-    /// Share of corrections handed up.
+    /// Share of a correction that the leader's velocity takes (s_d).
     pub damping: f64,
     /// Drag rate, s⁻¹.
     pub drag: f64,
-    /// Looks at solids after the first.
+    /// Collision queries after the first.
     pub recheck: u32,
-    /// Whether the weight at rest is carried.
+    /// Whether the weight at rest is compensated.
     pub sag_free: bool,
 }
 
@@ -101,19 +110,20 @@ impl FollowTerms {
     }
 }
 
-/// A step's surroundings, for all lanes alike.
+/// Inputs of a step that are the same for all lanes.
 #[derive(Clone, Copy, Debug)]
 pub struct FollowStep<L> {
-    /// The map from the rest shape at the step's end.
+    /// Maps rest positions to their positions at the step's end.
     ghost: (Mat3<L>, V3<L>),
     gravity: V3<L>,
     air: V3<L>,
-    /// To be added to stored positions, now and before.
+    /// Added to stored positions and to stored previous positions.
     shift: [V3<L>; 2],
 }
 
 impl<L: Lane> FollowStep<L> {
-    /// The surroundings of a step that ends with the rest shape at `end`. `shift` takes stored positions, those of now and those before, to the step's origin.
+    /// The inputs of a step at whose end the rest shape has the pose `end`. `shift` moves stored
+    /// positions and stored previous positions to the step's origin.
     #[inline(always)]
     pub fn new(end: &Pose, gravity: DVec3, air: DVec3, shift: [DVec3; 2]) -> Self {
         Self {
@@ -125,18 +135,19 @@ impl<L: Lane> FollowStep<L> {
     }
 }
 
-/// Advances lanes `first..first + L::WIDTH`, of which those from `live` on are padding, by a step. Uses the wind in `view.wind`, if there is one there.
+/// Advances the lanes in `group` by a step. Uses the wind in `view.wind` if it is not empty.
 #[inline(always)]
 pub fn advance<L: Lane>(
     terms: &FollowTerms,
     step: &FollowStep<L>,
     mut solids: Option<LevelSolids<'_, L::Scalar>>,
     view: &mut BlockView<'_, L::Scalar>,
-    (first, live): (usize, usize),
+    group: LaneGroup,
 ) -> SolidContacts {
+    let first = group.first;
     let n = view.particles;
     let (h, inverse_h) = (L::from_f64(terms.h), L::from_f64(1.0 / terms.h));
-    let (h2, hand_up) = (L::from_f64(terms.h * terms.h), L::from_f64(-terms.damping / terms.h));
+    let (h2, leader_share) = (L::from_f64(terms.h * terms.h), L::from_f64(-terms.damping / terms.h));
     let stiffness = L::load(view.stiffness, first);
     let rest = [V3::<L>::load(view.rest, 0, first), V3::load(view.rest, 1, first)];
     let (_, tangent) = follow(rest[0], rest[1], L::one());
@@ -144,7 +155,7 @@ pub fn advance<L: Lane>(
         tangent: step.ghost.0.mul(tangent),
         normal: step.ghost.0.mul(V3::load(view.local, 0, first)),
     };
-    // The particle before: where it is, and was.
+    // The particle before: its position now and at the step's start.
     let mut leader = step.ghost.1.add_mul(&step.ghost.0, rest[0]);
     let mut leader_was = V3::load(view.positions, 0, first) + step.shift[0];
     leader.store(view.positions, 0, first);
@@ -155,7 +166,7 @@ pub fn advance<L: Lane>(
         let (mut x, mut correction) = (ghost, V3::zero());
         let (_, mut direction) = follow(leader, ghost, length);
         if i >= terms.clamped {
-            let a = acceleration(terms, step, view, (i, first), was);
+            let a = acceleration(terms, step, view, i, first, was);
             let predicted = was.add_scaled(h, V3::load(view.velocities, i, first)).add_scaled(h2, a); // (1)
             let [global, local] = terms.shares(i, n, stiffness);
             x = predicted.add_scaled(global, ghost - predicted); // (11)
@@ -166,25 +177,25 @@ pub fn advance<L: Lane>(
             if let Some(solids) = &mut solids {
                 x.store(view.positions, i, first);
                 (x - was).scale(inverse_h).store(view.velocities, i, first);
-                let met = solids.look((i, was), view, (first, live));
-                if L::bits(met) != 0 {
+                let hit = solids.resolve(i, was, view, group);
+                if L::bits(hit) != 0 {
                     for _ in 0..terms.recheck {
                         let back = follow(leader, V3::load(view.positions, i, first), length).0;
-                        solids.move_to((i, back), met, view, first);
-                        solids.look_again::<L>(i, met, view, first);
+                        solids.move_to(i, back, hit, view, first);
+                        solids.resolve_again::<L>(i, hit, view, first);
                     }
                     x = V3::load(view.positions, i, first);
                     let (back, turned) = follow(leader, x, length);
-                    direction = V3::select(met, turned, direction);
+                    direction = V3::select(hit, turned, direction);
                     if terms.recheck > 0 {
-                        solids.move_to((i, back), met, view, first);
+                        solids.move_to(i, back, hit, view, first);
                         x = V3::load(view.positions, i, first);
                     }
                 }
             }
         }
         frame = frame.turned_to(direction);
-        let v = (leader - leader_was).scale(inverse_h).add_scaled(hand_up, correction); // (14)
+        let v = (leader - leader_was).scale(inverse_h).add_scaled(leader_share, correction); // (14)
         v.store(view.velocities, i - 1, first);
         leader_was.store(view.previous, i - 1, first);
         x.store(view.positions, i, first);
@@ -195,13 +206,14 @@ pub fn advance<L: Lane>(
     solids.map_or_else(SolidContacts::default, |solids| solids.contacts)
 }
 
-/// What accelerates particle `i`, which is at `was`.
+/// The acceleration of particle `i`, which is at `was`: gravity and drag.
 #[inline(always)]
 fn acceleration<L: Lane>(
     terms: &FollowTerms,
     step: &FollowStep<L>,
     view: &BlockView<'_, L::Scalar>,
-    (i, first): (usize, usize),
+    i: usize,
+    first: usize,
     was: V3<L>,
 ) -> V3<L> {
     if terms.drag == 0.0 {
@@ -213,7 +225,7 @@ fn acceleration<L: Lane>(
     step.gravity.add_scaled(L::from_f64(terms.drag), slip)
 }
 
-/// The point in the direction of `x` from `leader` that is `length` away, and that direction.
+/// The point at distance `length` from `leader` in the direction of `x`, and that direction.
 #[inline(always)]
 fn follow<L: Lane>(leader: V3<L>, x: V3<L>, length: L) -> (V3<L>, V3<L>) {
     let edge = x - leader;

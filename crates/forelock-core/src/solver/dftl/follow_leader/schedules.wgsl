@@ -1,6 +1,6 @@
-// The schedules of the paper: particles predict, and then strands or levels are gone through.
+// The schedules of the paper: a kernel predicts all particles, and then strands or levels are processed.
 
-// Particles that begin a step: positions become the predicted ones.
+// The first part of a step: stores the positions of the step before and the predicted positions.
 @compute @workgroup_size(WORKGROUP)
 fn predict_particles(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
@@ -14,7 +14,7 @@ fn predict_particles(@builtin(global_invocation_id) id: vec3u) {
     set_position(strand, i, predicted);
 }
 
-// Level by level within a thread, after the prediction.
+// All levels of a strand in one thread, after the prediction.
 @compute @workgroup_size(WORKGROUP)
 fn follow_strands(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
@@ -30,7 +30,8 @@ fn follow_strands(@builtin(global_invocation_id) id: vec3u) {
     end_particle(strand, strand.particles - 1u, carried, vec3f(0.0));
 }
 
-// One level, after the prediction: the normal of the level before waits where that particle's velocity will be.
+// One level, after the prediction. The normal of the level before is stored in the row of that particle's
+// velocity until the velocity is written.
 @compute @workgroup_size(WORKGROUP)
 fn follow_level_of_strands(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);

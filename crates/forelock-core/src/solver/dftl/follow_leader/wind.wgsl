@@ -12,7 +12,7 @@ fn apply_wind(@builtin(global_invocation_id) id: vec3u) {
     for (var i = 0u; i < strand.particles; i++) {
         let at = entry(strand, i, 3u, 0u);
         let air = vec3f(wind[at], wind[at + LANES], wind[at + 2u * LANES]);
-        // Neither has been moved to the frame's origin yet.
+        // Neither is relative to this frame's origin yet, so no shift is needed.
         let u = (position_at(strand, i) - previous_at(strand, i)) * frame.inverse_h;
         set_velocity(strand, i, velocity_at(strand, i) + frame.drag * (air - u));
     }

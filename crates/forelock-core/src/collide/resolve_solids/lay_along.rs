@@ -1,0 +1,124 @@
+//! Restores the lengths of edges that solids stretched, along the solids' surfaces.
+
+use super::particle::{Solid, lipschitz};
+use super::{Solids, dot};
+use crate::lane::{Lane, Real, V3};
+use crate::strands::{BlockView, LaneGroup};
+
+/// Restores the lengths of edges that solids stretched. In each strand whose `stretch` is over
+/// [`STRETCHED`], particles are moved from root to tip to their rest length from the particle before,
+/// and where that position is inside a solid, to a point of its surface at that length.
+///
+/// # Theory
+/// A point of the surface at distance l from the leader is found by alternating projections onto the
+/// surface and onto the sphere about the leader, each to the nearest point. No round moves the
+/// particle further than its error, so that a small change of the start is a small change of the
+/// end. (The formula for a flat surface, which divides by the part of the edge along it, makes
+/// strands that rest on a ridge jump from one side to the other.) Where surface and sphere do not
+/// intersect, the particle stays on the surface and the edge stays stretched.
+///
+/// The edge then turns but does not stretch: the follower's velocity relative to the leader loses its
+/// component along the edge, as in the length pass.
+#[inline(always)]
+pub fn lay_along<L: Lane>(
+    solids: &Solids<'_, L::Scalar>,
+    stretch: L,
+    view: &mut BlockView<'_, L::Scalar>,
+    group: LaneGroup,
+) {
+    let LaneGroup { first, live } = group;
+    let stretched = L::from_f64(STRETCHED);
+    if L::all(stretch.lt(stretched)) {
+        return;
+    }
+    for i in solids.clamped.max(1)..view.particles {
+        let leader = V3::<L>::load(view.positions, i - 1, first);
+        let old = V3::load(view.positions, i, first);
+        let rest_length = L::load(&view.rest_lengths[3 * (i - 1)], first);
+        let d = old - leader;
+        let inverse = L::one() / d.dot(d).max(L::from_f64(1e-24)).sqrt();
+        let mut x = leader.add_scaled(rest_length * inverse, d);
+        let back = old - x;
+        let mut clearance = L::load(&view.clearance[i], first);
+        let left = clearance - back.dot(back).sqrt();
+        for lane in 0..L::WIDTH.min(live - first) {
+            let is_stretched = stretch.get(lane) > stretched.get(lane);
+            if !is_stretched {
+                x.set(lane, old.get(lane));
+                continue;
+            }
+            if left.get(lane) > <L::Scalar as num_traits::Zero>::zero() {
+                clearance.set(lane, left.get(lane));
+            } else if clearance.get(lane) >= <L::Scalar as num_traits::Zero>::zero() {
+                let (place, bound) = slide(solids, leader.get(lane), x.get(lane), rest_length.get(lane));
+                x.set(lane, place);
+                clearance.set(lane, bound);
+            }
+        }
+        clearance.store(&mut view.clearance[i], first);
+        x.store(view.positions, i, first);
+        let edge = x - leader;
+        let edge = edge.scale(L::one() / edge.dot(edge).max(L::from_f64(1e-24)).sqrt());
+        let v = V3::<L>::load(view.velocities, i, first);
+        let parting = edge.dot(v - V3::load(view.velocities, i - 1, first));
+        let parting = L::select(stretched.lt(stretch), parting, L::zero());
+        v.add_scaled(-parting, edge).store(view.velocities, i, first);
+    }
+}
+
+/// Stretch, over the rest length, above which a strand's edges are restored.
+pub const STRETCHED: f64 = 1e-5;
+
+/// The point at `length` from `leader` near `x` that is outside all solids, if there is one, and its
+/// clearance.
+fn slide<T: Real>(solids: &Solids<'_, T>, leader: [T; 3], mut x: [T; 3], length: T) -> ([T; 3], T) {
+    // Repeated where the projection out of one solid may have ended in another.
+    for _ in 0..3 {
+        let (mut clearance, mut between) = (T::infinity(), false);
+        for (collider, pose) in solids.solids.iter().zip(solids.poses) {
+            let (place, bound) = slide_along(solids, Solid { collider, pose }, leader, x, length);
+            let gone = [0, 1, 2].map(|c| place[c] - x[c]);
+            between |= clearance < dot(gone, gone).sqrt();
+            (x, clearance) = (place, clearance.min(bound));
+        }
+        if !between {
+            return (x, clearance);
+        }
+    }
+    (x, T::zero())
+}
+
+/// Samples of one solid in a search for a point of its surface at a given length.
+pub const SLIDE_STEPS: usize = 4;
+
+/// The point at `length` from `leader` near `x` that is outside `solid`, if there is one, and its
+/// clearance.
+#[inline]
+fn slide_along<T: Real>(
+    solids: &Solids<'_, T>,
+    solid: Solid<'_, T>,
+    leader: [T; 3],
+    mut x: [T; 3],
+    length: T,
+) -> ([T; 3], T) {
+    let Solid { collider, pose } = solid;
+    for _ in 0..SLIDE_STEPS {
+        let (distance, gradient) = collider.shape.sample_at(pose.local(1, x), pose.fractions[1]);
+        let sigma = distance - solids.thickness;
+        if sigma >= T::zero() || sigma.is_nan() {
+            return (x, sigma / lipschitz(collider.shape));
+        }
+        let n = pose.turn(1, gradient);
+        let edge = [0, 1, 2].map(|c| x[c] - sigma * n[c] - leader[c]);
+        let scale = length / dot(edge, edge).sqrt().max(T::min_positive_value());
+        x = [0, 1, 2].map(|c| leader[c] + scale * edge[c]);
+    }
+    let (distance, gradient) = collider.shape.sample_at(pose.local(1, x), pose.fractions[1]);
+    let sigma = distance - solids.thickness;
+    if sigma >= T::zero() || sigma.is_nan() {
+        return (x, sigma / lipschitz(collider.shape));
+    }
+    // No such point: collision takes precedence over length.
+    let n = pose.turn(1, gradient);
+    ([0, 1, 2].map(|c| x[c] - sigma * n[c]), T::zero())
+}

@@ -1,0 +1,196 @@
+//! Collisions of one particle: penetration, tunnelling and friction.
+
+use super::sweep::sweep;
+use super::{SolidPose, Solids, dot};
+use crate::body::{ColliderFrame, Shape};
+use crate::lane::Real;
+
+/// Factor by which a shape's field can change faster than the distance does.
+#[inline(always)]
+pub(super) fn lipschitz<T: Real>(shape: &Shape) -> T {
+    if shape.cell().is_some() { T::from(3.0).unwrap_or_else(T::one).sqrt() } else { T::one() }
+}
+
+/// The state of a particle during a query.
+pub(super) struct Particle<T> {
+    pub x: [T; 3],
+    pub v: [T; 3],
+    /// Clearance after the last query.
+    pub last_clearance: T,
+}
+
+/// A solid and its pose in the substep.
+#[derive(Clone, Copy)]
+pub(super) struct Solid<'a, T> {
+    pub collider: &'a ColliderFrame<'a>,
+    pub pose: &'a SolidPose<T>,
+}
+
+/// A sample of a signed distance field.
+#[derive(Clone, Copy)]
+pub(super) struct Sample<T> {
+    pub distance: T,
+    /// In the solid's local space.
+    pub gradient: [T; 3],
+}
+
+/// Pushes a particle out of one solid and applies friction. `sample` is the solid's field at the
+/// particle. Returns the distance to the solid's skin that is left.
+#[inline(always)]
+pub(super) fn resolve_penetration<T: Real>(
+    solids: &Solids<'_, T>,
+    solid: Solid<'_, T>,
+    sample: Sample<T>,
+    particle: &mut Particle<T>,
+) -> T {
+    let Solid { collider, pose } = solid;
+    let zero = T::zero();
+    let (mut sigma, mut gradient) = (sample.distance - solids.thickness, sample.gradient);
+    if sigma >= zero || sigma.is_nan() {
+        return sigma;
+    }
+    let normal = pose.turn(1, gradient);
+    let displacement = surface_displacement(solid, particle.x, normal);
+    apply_friction(solids, collider.friction, displacement, normal, particle, false);
+    // A grid's gradient is not exactly the direction to the surface: sample again after a push that
+    // is not small against a cell. Primitives are exact.
+    let small_push =
+        collider.shape.cell().map_or(T::infinity(), |cell| T::from(0.1 * cell).unwrap_or_else(T::zero));
+    for push_number in 1..=MAX_PUSHES {
+        let allowed = if particle.last_clearance < zero {
+            (particle.last_clearance.max(sigma) + solids.max_push_out).min(zero)
+        } else {
+            zero
+        };
+        let push = allowed - sigma;
+        if push <= zero {
+            return sigma;
+        }
+        let normal = pose.turn(1, gradient);
+        particle.x = [0, 1, 2].map(|c| particle.x[c] + push * normal[c]);
+        if push < small_push || push_number == MAX_PUSHES {
+            return allowed;
+        }
+        let (distance, there) = collider.shape.sample_at(pose.local(1, particle.x), pose.fractions[1]);
+        (sigma, gradient) = (distance - solids.thickness, there);
+        if sigma >= zero || sigma.is_nan() {
+            return sigma;
+        }
+    }
+    sigma
+}
+
+/// Pushes out of a distance field in one query.
+pub const MAX_PUSHES: usize = 3;
+
+/// Pushes a particle out of one solid after the other until it is outside all. Returns the clearance
+/// that is left; it is negative where the solids leave no room between them.
+#[inline(never)]
+pub(super) fn resolve_penetrations<T: Real>(solids: &Solids<'_, T>, particle: &mut Particle<T>) -> T {
+    for round in 0..=PROJECTION_ROUNDS {
+        let mut clearance = T::infinity();
+        for (collider, pose) in solids.solids.iter().zip(solids.poses) {
+            let (distance, gradient) = collider.shape.sample_at(pose.local(1, particle.x), pose.fractions[1]);
+            let sigma = distance - solids.thickness;
+            let rise = if sigma > T::zero() { lipschitz(collider.shape) } else { T::one() };
+            clearance = clearance.min(sigma / rise);
+            // The last round only measures.
+            if round < PROJECTION_ROUNDS && sigma < T::zero() {
+                resolve_penetration(
+                    solids,
+                    Solid { collider, pose },
+                    Sample { distance, gradient },
+                    particle,
+                );
+            }
+        }
+        // Outside, up to rounding.
+        if clearance > -crate::strands::number::<T>(1e-6) {
+            return clearance.max(T::zero());
+        }
+        if round == PROJECTION_ROUNDS {
+            return clearance;
+        }
+    }
+    T::zero()
+}
+
+/// Rounds of projections of a particle between solids; each round projects it out of every solid.
+pub const PROJECTION_ROUNDS: usize = 8;
+
+/// Continuous collision detection. Stops a particle at the surface that it passed through on its path
+/// from `from` (at `start`; 0: the substep's start, 1: its end), if it is outside on another side or
+/// would be pushed out there. `sample` is the solid's field at the particle. Returns whether the
+/// particle was stopped.
+#[inline(never)]
+pub(super) fn resolve_ccd_hit<T: Real>(
+    solids: &Solids<'_, T>,
+    solid: Solid<'_, T>,
+    sample: Sample<T>,
+    start: usize,
+    from: [T; 3],
+    particle: &mut Particle<T>,
+) -> bool {
+    let Solid { collider, pose } = solid;
+    // A particle that was inside at the last query is being pushed out.
+    if particle.last_clearance < T::zero() {
+        return false;
+    }
+    let path = pose.sweep_path(start, from, particle.x);
+    if path.length() <= crate::strands::number(collider.shape.thinness()) {
+        return false;
+    }
+    let Some((place, normal)) = sweep(collider.shape, solids.thickness, &path) else { return false };
+    let same_side = dot(sample.gradient, normal) > crate::strands::number(0.5);
+    if sample.distance < solids.thickness && same_side {
+        return false;
+    }
+    particle.x = pose.world(1, place);
+    let normal = pose.turn(1, normal);
+    let displacement = surface_displacement(solid, particle.x, normal);
+    apply_friction(solids, collider.friction, displacement, normal, particle, true);
+    true
+}
+
+/// Displacement in the substep of the solid's surface at `x`, where its normal is `normal`: the rigid
+/// motion, plus the motion along the normal of a shape that changes.
+#[inline(always)]
+fn surface_displacement<T: Real>(solid: Solid<'_, T>, x: [T; 3], normal: [T; 3]) -> [T; 3] {
+    let Solid { collider, pose } = solid;
+    let moved = pose.displacement(x);
+    if pose.swell == T::zero() {
+        return moved;
+    }
+    let [before, now] = pose.fractions.map(|fraction| collider.shape.sample_at(pose.local(1, x), fraction).0);
+    [0, 1, 2].map(|c| moved[c] + (before - now) * normal[c])
+}
+
+/// Removes the velocity at which a particle approaches a surface that moves by `displacement` in h,
+/// and applies Coulomb friction. `is_ccd_hit` says that the particle was stopped on its path.
+#[inline(always)]
+fn apply_friction<T: Real>(
+    solids: &Solids<'_, T>,
+    friction: f64,
+    displacement: [T; 3],
+    normal: [T; 3],
+    particle: &mut Particle<T>,
+    is_ccd_hit: bool,
+) {
+    let solid_velocity = displacement.map(|d| d / solids.h);
+    let relative = [0, 1, 2].map(|c| particle.v[c] - solid_velocity[c]);
+    let approach = dot(relative, normal);
+    if approach >= T::zero() || approach.is_nan() {
+        return;
+    }
+    let tangential = [0, 1, 2].map(|c| relative[c] - approach * normal[c]);
+    let speed = dot(tangential, tangential).sqrt();
+    let mu = T::from(friction).unwrap_or_else(T::zero);
+    let kept = if speed > T::zero() { (T::one() + mu * approach / speed).max(T::zero()) } else { T::zero() };
+    for c in 0..3 {
+        particle.v[c] = solid_velocity[c] + kept * tangential[c];
+        // A particle stopped on its path has no tangential displacement left to reduce.
+        if solids.friction_moves && !is_ccd_hit {
+            particle.x[c] = particle.x[c] - solids.h * (T::one() - kept) * tangential[c];
+        }
+    }
+}
