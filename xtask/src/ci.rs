@@ -4,7 +4,7 @@
 //! README's test command runs in tiers ([`TIERS`]). Each tier is a choice of tests of the whole workspace, so that no
 //! crate is compiled a second time with other features.
 
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write as _};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Instant;
@@ -88,7 +88,8 @@ fn cargo(root: &Path, name: &str, arguments: &str) -> anyhow::Result<Done> {
         let line = line.context("what cargo prints cannot be read")?;
         done.passed += count(&line, " passed");
         done.ignored += count(&line, " ignored");
-        eprintln!("{line}");
+        // To standard output, where cargo wrote it.
+        writeln!(std::io::stdout(), "{line}").context("standard output is closed")?;
     }
     let status = child.wait().context("cargo cannot be waited for")?;
     done.secs = started.elapsed().as_secs_f64();

@@ -260,7 +260,9 @@ fn wrong_bindings_are_found() {
     assert!(is_found(&|all| all[positions].number = 99));
     assert!(is_found(&|all| all[positions].kind = BindingKind::Read));
     assert!(is_found(&|all| all[frame].kind = BindingKind::Uniform(16)));
-    assert!(is_found(&|all| drop(all.remove(positions))));
+    assert!(is_found(&|all| {
+        all.remove(positions);
+    }));
 }
 
 #[test]

@@ -112,20 +112,20 @@ fn a_solver_from_outside_the_core_runs_in_a_scene() {
 #[test]
 fn it_works_with_interactions_and_snapshots() {
     let keys = "[interaction]\nkind = \"grid\"\ncontacts = true\n";
-    let mut player = self::player(keys);
-    let mut same = self::player(keys);
+    let mut first = player(keys);
+    let mut same = player(keys);
     for _ in 0..10 {
-        player.step().unwrap();
+        first.step().unwrap();
     }
-    let snapshot = player.snapshot();
+    let snapshot = first.snapshot();
     for _ in 0..10 {
-        player.step().unwrap();
+        first.step().unwrap();
     }
     same.restore(&snapshot).unwrap();
     for _ in 0..10 {
         same.step().unwrap();
     }
-    assert_eq!(player.state_hash(), same.state_hash());
+    assert_eq!(first.state_hash(), same.state_hash());
 }
 
 #[test]

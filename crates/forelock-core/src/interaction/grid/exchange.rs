@@ -58,7 +58,8 @@ impl<T: Real> Interaction<T> for GridInteraction<T> {
         });
         if grid_report.farthest_m > 0.0 {
             let moved = number(grid_report.farthest_m);
-            let reduce = |row: &mut Row<T>| row.0.iter_mut().for_each(|clearance| reduce_clearance(clearance, moved));
+            let reduce =
+                |row: &mut Row<T>| row.0.iter_mut().for_each(|clearance| reduce_clearance(clearance, moved));
             state.clearance.par_iter_mut().with_min_len(1024).for_each(reduce);
         }
         report.grid = grid_report;
