@@ -1,7 +1,9 @@
-//! Solvers of strands. Each is a folder with its parameters, its stage and its WGSL, and registers with
+//! Solvers of strands. Each is a folder with its parameters, its stage and its WGSL, and registers
+//! with
 //! one line here.
 //!
-//! The seam is [`LaneSolver`] (one function, generic over lanes) or [`StrandSolver`] (one call a block);
+//! The seam is [`LaneSolver`] (one function, generic over lanes) or [`StrandSolver`] (one call a
+//! block);
 //! see `docs/dev/add-a-solver.md`.
 
 pub mod ams;

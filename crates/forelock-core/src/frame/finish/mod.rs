@@ -1,4 +1,5 @@
-//! The steps that all solvers share after their substeps: the length pass, the final collision pass,
+//! The steps that all solvers share after their substeps: the length pass, the final collision
+//! pass,
 //! and the checks.
 
 use super::context::FrameContext;
@@ -112,8 +113,10 @@ fn restore<L: Lane>(
     stretch
 }
 
-/// The final collision pass; the largest stretch after it, a lane. Colliders meet hair with the speed
-/// at which it moves: where velocities hold more than motion (`BlockView::previous`), the rest of them
+/// The final collision pass; the largest stretch after it, a lane. Colliders meet hair with the
+/// speed
+/// at which it moves: where velocities hold more than motion (`BlockView::previous`), the rest of
+/// them
 /// is set aside meanwhile.
 #[inline(always)]
 fn collide<L: Lane>(

@@ -49,7 +49,8 @@ fn push_of(strand: Strand, i: u32) -> vec3f {
     return push;
 }
 
-// Places each particle at its rest length from the particle before it. With `is_dftl` the corrections
+// Places each particle at its rest length from the particle before it. With `is_dftl` the
+// corrections
 // also change velocities, as in DFTL.
 fn follow_the_leader(strand: Strand, first: u32, is_dftl: bool) {
     for (var j = first; j + 1u < strand.particles; j++) {

@@ -1,7 +1,8 @@
 //! The pass that restores the rest length of every edge, once a frame (AMS, Algorithm 1, line 12).
 //!
 //! # Theory
-//! With C_j = |x_{j+1} − x_j| − l_j, J its Jacobian and W the inverse masses (0 for clamped particles),
+//! With C_j = |x_{j+1} − x_j| − l_j, J its Jacobian and W the inverse masses (0 for clamped
+//! particles),
 //! a Newton step is
 //!
 //! ```text
@@ -12,12 +13,15 @@
 //! diagonal. Two steps leave an error of fourth order, which one follow-the-leader sweep reduces to
 //! rounding. Velocities are projected with the same matrix: (J W Jᵀ) λ = −J v, v += W Jᵀ λ.
 //!
-//! The alternative, dynamic follow the leader (Müller 2012), moves each particle onto the sphere about
-//! the particle before it, and subtracts a share `dftl_damping` of the correction from that particle's
+//! The alternative, dynamic follow the leader (Müller 2012), moves each particle onto the sphere
+//! about
+//! the particle before it, and subtracts a share `dftl_damping` of the correction from that
+//! particle's
 //! velocity.
 //!
 //! # Limitations
-//! Collisions are resolved afterwards and may stretch edges again where hair is pressed against a solid.
+//! Collisions are resolved afterwards and may stretch edges again where hair is pressed against a
+//! solid.
 
 use crate::lane::{Lane, V3};
 use crate::params::Inextensibility;
@@ -42,7 +46,8 @@ pub struct LengthTerms {
 /// Newton steps before the follow-the-leader sweep.
 pub const NEWTON_STEPS: usize = 2;
 
-/// Restores the lengths of lanes `first..first + L::WIDTH` and returns the largest |l/l₀ − 1| left in each
+/// Restores the lengths of lanes `first..first + L::WIDTH` and returns the largest |l/l₀ − 1| left
+/// in each
 /// lane. `work` holds two vectors a particle.
 #[inline(always)]
 pub fn restore<L: Lane>(
@@ -52,7 +57,8 @@ pub fn restore<L: Lane>(
     work: &mut [V3<L>],
 ) -> L {
     let (directions, sweep) = work.split_at_mut(view.particles);
-    // The first edge with a free end. Edges between clamped particles have their rest length already.
+    // The first edge with a free end. Edges between clamped particles have their rest length
+    // already.
     let from = terms.clamped.min(view.particles).saturating_sub(1);
     match terms.kind {
         Inextensibility::Off => {}
@@ -151,7 +157,8 @@ struct VelocityChange<L> {
     leader: L,
 }
 
-/// Places each particle at its rest length from the particle before it. With `change` the corrections
+/// Places each particle at its rest length from the particle before it. With `change` the
+/// corrections
 /// also change velocities, as in DFTL.
 #[inline(always)]
 fn follow_the_leader<L: Lane>(

@@ -1,6 +1,8 @@
-// Text shared by all strand kernels: the arrays of `strands::Model` and `strands::State`, and 3×3 algebra.
+// Text shared by all strand kernels: the arrays of `strands::Model` and `strands::State`, and 3×3
+// algebra.
 //
-// A thread processes one strand: slot = block × LANES + lane. Adjacent threads of a workgroup access
+// A thread processes one strand: slot = block × LANES + lane. Adjacent threads of a workgroup
+// access
 // adjacent memory.
 
 // Coefficients of a frame: `FrameTerms` on the CPU.
@@ -31,7 +33,8 @@ struct Frame {
     // Drag along a strand over that across it; growth of the drag rate with speed, times h, in 1/m.
     drag_along: f32,
     drag_quadratic: f32,
-    // Follow the leader: shares by which a step restores the shape, their values at the tip over those at
+    // Follow the leader: shares by which a step restores the shape, their values at the tip over
+    // those at
     // the root, and collision queries after the first.
     shape_global: f32,
     shape_local: f32,
@@ -69,7 +72,8 @@ struct Report {
     // Bits of the largest |l/l₀ − 1|.
     stretch: atomic<u32>,
     quarantined: atomic<u32>,
-    // Particles that touch a solid in the frame's final collision pass; bits of the greatest depth left.
+    // Particles that touch a solid in the frame's final collision pass; bits of the greatest depth
+    // left.
     touching: atomic<u32>,
     deepest: atomic<u32>,
     // Bits of the largest |l/l₀ − 1| after the lengths were restored.
@@ -81,12 +85,14 @@ struct Report {
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<uniform> substep: Substep;
 @group(0) @binding(2) var<storage, read> blocks: array<Block>;
-// Rows of LANES numbers, seven rows a particle: rest position, rest lengths to the next three particles,
+// Rows of LANES numbers, seven rows a particle: rest position, rest lengths to the next three
+// particles,
 // one over the first of these lengths.
 @group(0) @binding(3) var<storage, read> model: array<f32>;
 // Two rows a block: strand lengths and relative stiffnesses.
 @group(0) @binding(4) var<storage, read> strands: array<f32>;
-// Three rows a particle each. For follow the leader, the velocities are followed by the positions of the
+// Three rows a particle each. For follow the leader, the velocities are followed by the positions
+// of the
 // step before and by room for the load that velocities contain.
 @group(0) @binding(5) var<storage, read_write> positions: array<f32>;
 @group(0) @binding(6) var<storage, read_write> velocities: array<f32>;
@@ -153,7 +159,8 @@ fn set_velocity(strand: Strand, i: u32, v: vec3f) {
     velocities[at + 2u * LANES] = v.z;
 }
 
-// The index of an entry in one of the arrays stored after the velocities: 1 the first, 2 the second.
+// The index of an entry in one of the arrays stored after the velocities: 1 the first, 2 the
+// second.
 fn later_entry(strand: Strand, i: u32, array: u32) -> u32 {
     return array * (arrayLength(&velocities) / 3u) + entry(strand, i, 3u, 0u);
 }
@@ -264,7 +271,8 @@ fn extent_of(strand: Strand, map: mat4x4f, shift: vec3f) -> Extent {
     return own;
 }
 
-// Corner 0 to 7 of a cell: its trilinear weight for a point at `f`, and its index relative to corner 0.
+// Corner 0 to 7 of a cell: its trilinear weight for a point at `f`, and its index relative to
+// corner 0.
 fn corner_weight(f: vec3f, corner: u32) -> f32 {
     let w = select(1.0 - f, f, (vec3u(corner) & vec3u(1u, 2u, 4u)) != vec3u(0u));
     return w.x * w.y * w.z;
@@ -324,7 +332,8 @@ fn sym_sub_product(s: Sym, l: mat3x3f, a: mat3x3f) -> Sym {
     );
 }
 
-// The inverse of a positive definite matrix by its LDLᵀ factors, with pivots of at least PIVOT_FLOOR.
+// The inverse of a positive definite matrix by its LDLᵀ factors, with pivots of at least
+// PIVOT_FLOOR.
 fn sym_inverse(s: Sym) -> Sym {
     let i0 = 1.0 / max(s.d.x, PIVOT_FLOOR);
     let l10 = s.o.x * i0;

@@ -1,9 +1,12 @@
 //! Altitude springs of the plain mass-spring baseline (Selle 2008, §4). They keep the tetrahedra of
 //! four consecutive particles from collapsing or turning inside out.
 //!
-//! Of a tetrahedron's seven altitudes (four point–face, three edge–edge) the shortest is the one over
-//! the largest parallelogram; its foot lies inside both features, so its weights are stable. The spring
-//! acts along it, towards its signed length at rest, and distributes its force to all four particles by
+//! Of a tetrahedron's seven altitudes (four point–face, three edge–edge) the shortest is the one
+//! over
+//! the largest parallelogram; its foot lies inside both features, so its weights are stable. The
+//! spring
+//! acts along it, towards its signed length at rest, and distributes its force to all four
+//! particles by
 //! those weights. The band's half-width stays 3.
 
 use super::factor::Ring;
@@ -28,7 +31,8 @@ const FEATURES: [Feature; 7] = [
     Feature::Lines([0, 3, 1, 2]),
 ];
 
-/// An altitude: the parallelogram's normal, a vector from one feature to the other, and the weights of
+/// An altitude: the parallelogram's normal, a vector from one feature to the other, and the weights
+/// of
 /// the four particles.
 struct Altitude<L> {
     normal: V3<L>,
@@ -88,7 +92,8 @@ pub fn add<L: Lane>(
     clamped: usize,
     ring: &mut Ring<L>,
 ) {
-    // Lower bound of the squared area, in m⁴: far below that of any hair, and far above the smallest
+    // Lower bound of the squared area, in m⁴: far below that of any hair, and far above the
+    // smallest
     // float32.
     let tiny = L::from_f64(1e-30);
     let mut best = altitude(&FEATURES[0], &tetrahedron.positions, tiny);

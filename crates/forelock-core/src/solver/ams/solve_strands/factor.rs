@@ -23,7 +23,8 @@ pub struct Ring<L> {
     accumulate: bool,
     diagonal: [Sym3<L>; 4],
     rhs: [V3<L>; 4],
-    /// h²K from a row to the next three rows. Without `accumulate` each is written once. Rows i − 3 to
+    /// h²K from a row to the next three rows. Without `accumulate` each is written once. Rows i − 3
+    /// to
     /// i + 2 are in use.
     coupling: [[Sym3<L>; 3]; 8],
     inverse: [Sym3<L>; 4],
@@ -31,7 +32,8 @@ pub struct Ring<L> {
 }
 
 impl<L: Lane> Ring<L> {
-    /// An empty ring. `accumulate` says that a coupling has further contributions besides its spring.
+    /// An empty ring. `accumulate` says that a coupling has further contributions besides its
+    /// spring.
     #[inline(always)]
     pub fn new(accumulate: bool) -> Self {
         Self {
@@ -60,7 +62,8 @@ impl<L: Lane> Ring<L> {
         (&mut self.diagonal[i & 3], &mut self.rhs[i & 3])
     }
 
-    /// Adds `spring` from `i` to `j` (≥ `clamped`). The column of a clamped i moves to b with the velocity
+    /// Adds `spring` from `i` to `j` (≥ `clamped`). The column of a clamped i moves to b with the
+    /// velocity
     /// `w` of i.
     #[inline(always)]
     pub fn add_spring(&mut self, i: usize, j: usize, clamped: usize, spring: &Spring<L>, w: V3<L>) {

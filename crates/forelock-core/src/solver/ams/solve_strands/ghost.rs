@@ -1,4 +1,5 @@
-//! Contributions to a row from the particle's mass, the air and the ghost rest shape: Eqs. 1 and 2 of
+//! Contributions to a row from the particle's mass, the air and the ghost rest shape: Eqs. 1 and 2
+//! of
 //! AMS and their Jacobians.
 
 use super::terms::{FrameTerms, RowTerms, SubstepTerms};
@@ -44,13 +45,7 @@ pub struct TiedEdge<L> {
 
 /// (m + h c) on the diagonal; m v + h m g + h c u on the right.
 #[inline(always)]
-pub fn inertia<L: Lane>(
-    substep: &SubstepTerms<L>,
-    v: V3<L>,
-    drag: L,
-    air: V3<L>,
-    row: &mut Row<'_, L>,
-) {
+pub fn inertia<L: Lane>(substep: &SubstepTerms<L>, v: V3<L>, drag: L, air: V3<L>, row: &mut Row<'_, L>) {
     *row.diagonal = row.diagonal.add_identity(L::one() + drag);
     *row.rhs += v.add_scaled(substep.h, substep.gravity).add_scaled(drag, air);
 }
@@ -73,7 +68,8 @@ pub fn integrity<L: Lane>(
     if frame.sag_free {
         *row.rhs = row.rhs.add_scaled(-(substep.h * intact), substep.carried_weight);
         if frame.directional {
-            // The force is that of a tie to a ghost raised by m g/κ_I, so the tie points to that ghost.
+            // The force is that of a tie to a ghost raised by m g/κ_I, so the tie points to that
+            // ghost.
             let raised = L::one() / terms.integrity.max(L::from_f64(1e-24));
             direction = pull.add_scaled(-raised, substep.carried_weight);
         }
@@ -81,7 +77,8 @@ pub fn integrity<L: Lane>(
     implicit_tie(frame, substep, kappa, direction, ghost.w, row);
 }
 
-/// h² κ I (or h² κ D with D along `pull`, as printed) on the diagonal, and the same block times w on the
+/// h² κ I (or h² κ D with D along `pull`, as printed) on the diagonal, and the same block times w
+/// on the
 /// right.
 #[inline(always)]
 fn implicit_tie<L: Lane>(
@@ -103,8 +100,10 @@ fn implicit_tie<L: Lane>(
     }
 }
 
-/// The tie's intact share after this substep's deflection e = |x − y|/L: s = min(s, ψ(e)), healed first
-/// where e is small. ψ is 1 up to the elastic limit e₀ and [e − (e − e₀)²]/e up to the breaking point;
+/// The tie's intact share after this substep's deflection e = |x − y|/L: s = min(s, ψ(e)), healed
+/// first
+/// where e is small. ψ is 1 up to the elastic limit e₀ and [e − (e − e₀)²]/e up to the breaking
+/// point;
 /// then it falls to 0 linearly.
 #[inline(always)]
 pub fn damage<L: Lane>(frame: &FrameTerms, intact: L, deflection: V3<L>, strand_length: L) -> L {
@@ -125,7 +124,8 @@ pub fn damage<L: Lane>(frame: &FrameTerms, intact: L, deflection: V3<L>, strand_
     intact.min(psi)
 }
 
-/// Contribution of the couple on an edge: h² a to the stiffness, and h a Δ + h² a (w_j − w_i) as impulse
+/// Contribution of the couple on an edge: h² a to the stiffness, and h a Δ + h² a (w_j − w_i) as
+/// impulse
 /// on the outer particle.
 #[derive(Clone, Copy, Debug)]
 pub struct Couple<L> {
@@ -157,7 +157,8 @@ pub fn angular_edge<L: Lane>(
     Couple { stiffness, impulse }
 }
 
-/// The paper's angular tie: θ at x_{i−1} between the rays to y_i and to x_i; the force a (y_i − x_i) on i
+/// The paper's angular tie: θ at x_{i−1} between the rays to y_i and to x_i; the force a (y_i −
+/// x_i) on i
 /// alone, a = κ_α θ/max(|y_i − x_i|, 1e-8 l). `points` are x_{i−1} and x_i.
 #[inline(always)]
 pub fn angular_paper<L: Lane>(

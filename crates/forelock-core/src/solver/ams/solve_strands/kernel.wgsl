@@ -137,7 +137,8 @@ fn tie_to_ghost(strand: Strand, i: u32, x: vec3f, ghost: Ghost, kappas: vec2f, w
         var direction = pull;
         if has(SAG_FREE) {
             (*window).b0 -= frame.h * intact * substep.carried_weight;
-            // The force is that of a tie to a ghost raised by m g/κ_I, so the tie points to that ghost.
+            // The force is that of a tie to a ghost raised by m g/κ_I, so the tie points to that
+            // ghost.
             direction -= substep.carried_weight / max(kappas.x, 1e-24);
         }
         tie(window, kappa, direction, ghost.w);

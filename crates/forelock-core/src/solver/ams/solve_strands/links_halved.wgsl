@@ -1,4 +1,5 @@
-// Storage of the factors L in scratch, in 16 bits, two numbers in a row. This halves the memory traffic
+// Storage of the factors L in scratch, in 16 bits, two numbers in a row. This halves the memory
+// traffic
 // of `links.wgsl`.
 
 // Stores column c of the three factors of row i.

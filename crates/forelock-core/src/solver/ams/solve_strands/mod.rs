@@ -10,13 +10,17 @@
 //! b_i  = m_i v_i + h (f_i + S_i) + h c_i u_i + h² s_i κ_I w_i + angular
 //! ```
 //!
-//! with K from `springs`, the ghost's terms from `ghost`, and 3×3 blocks in a band of half-width 3. The
-//! block LDLᵀ of `factor` solves the system exactly. Clamped particles have v = w; their columns move
+//! with K from `springs`, the ghost's terms from `ghost`, and 3×3 blocks in a band of half-width 3.
+//! The
+//! block LDLᵀ of `factor` solves the system exactly. Clamped particles have v = w; their columns
+//! move
 //! to b.
 //!
 //! # Practice
-//! Row `i` needs springs from rows `i−3..=i`, so one loop computes the three springs that start at `i`,
-//! adds them to a ring of four rows, and eliminates row `i` at once. The matrix is never stored: only
+//! Row `i` needs springs from rows `i−3..=i`, so one loop computes the three springs that start at
+//! `i`,
+//! adds them to a ring of four rows, and eliminates row `i` at once. The matrix is never stored:
+//! only
 //! the factors that the backward sweep needs are kept, 30 numbers a particle.
 //!
 //! # Limitations
@@ -82,7 +86,8 @@ pub fn advance<L: Lane>(
     }
 }
 
-/// Forward sweep: assembles and eliminates row after row. Writes −L to `links` and D⁻¹z to `half_solved`
+/// Forward sweep: assembles and eliminates row after row. Writes −L to `links` and D⁻¹z to
+/// `half_solved`
 /// (for clamped particles the ghost's velocity).
 #[inline(always)]
 #[expect(clippy::needless_range_loop, reason = "the equations are in terms of the row number")]

@@ -1,4 +1,5 @@
-//! Edge, bend and torsion springs: Eq. 5 of AMS, with the tension term that makes them stable at any substep.
+//! Edge, bend and torsion springs: Eq. 5 of AMS, with the tension term that makes them stable at
+//! any substep.
 
 use super::SubstepTerms;
 use crate::lane::{Lane, Sym3, V3};
