@@ -9,8 +9,7 @@ pub const STATED_STEP_SECS: f64 = 0.016;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum Inextensibility {
     /// Two Newton steps on the constraints, one follow-the-leader sweep for the remaining error,
-    /// and a
-    /// projection of the velocities.
+    /// and a projection of the velocities.
     #[default]
     Projection,
     /// Dynamic follow the leader (Müller 2012) with

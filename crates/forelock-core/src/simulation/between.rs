@@ -2,11 +2,9 @@
 //!
 //! # Theory
 //! A solver with a fixed step is ahead of the displayed time by less than a step. The displayed
-//! strands
-//! are interpolated between the last two states relative to the head, so that roots stay on the
-//! head.
-//! Directions and lengths of edges are interpolated, not positions, so that strands do not shrink
-//! between steps.
+//! strands are interpolated between the last two states relative to the head, so that roots stay on
+//! the head. Directions and lengths of edges are interpolated, not positions, so that strands do
+//! not shrink between steps.
 
 use super::Simulation;
 use crate::pose::Pose;
@@ -14,12 +12,9 @@ use glam::{Mat3, Vec3};
 
 impl Simulation<f32> {
     /// Positions as [`Simulation::positions`], interpolated by `share` (0 to 1) between the step
-    /// before and
-    /// the last step. `heads` are the head's poses at these two steps, and `now` its pose at the
-    /// displayed
-    /// time. For solvers that do not store the step before, and for a share of 1, these are the
-    /// positions
-    /// of the last step; the head must have that step's pose then.
+    /// before and the last step. `heads` are the head's poses at these two steps, and `now` its
+    /// pose at the displayed time. For solvers that do not store the step before, and for a share
+    /// of 1, these are the positions of the last step; the head must have that step's pose then.
     pub fn positions_between(&self, share: f32, heads: [&Pose; 2], now: &Pose, out: &mut Vec<Vec3>) {
         if self.state.previous.is_empty() || self.model.every != 1 || share >= 1.0 {
             return self.positions(out);

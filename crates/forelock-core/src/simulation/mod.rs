@@ -145,13 +145,11 @@ pub struct Simulation<T: SimulationReal = f32> {
 
 impl Simulation<f32> {
     /// A simulation of `groom`, at rest at `options.rest_pose`, under a solver: parameters of a
-    /// built-in
-    /// one by reference, or a [`Solver`]. It uses the threads of the current rayon pool.
+    /// built-in one by reference, or a [`Solver`]. It uses the threads of the current rayon pool.
     ///
     /// # Errors
     /// [`BuildError`] if the groom cannot be packed, a parameter is out of range, or the processor
-    /// does
-    /// not have the instruction set.
+    /// does not have the instruction set.
     pub fn new(groom: &Groom, solver: impl Into<Solver<f32>>, options: &Options) -> Result<Self, BuildError> {
         Self::from_strands(&groom.into(), solver, options)
     }
@@ -273,8 +271,7 @@ impl<T: SimulationReal> Simulation<T> {
     }
 
     /// Advances by a frame. It allocates only when a frame has more colliders, a larger box of hair
-    /// on the
-    /// grid or more contacts than all frames before.
+    /// on the grid or more contacts than all frames before.
     ///
     /// # Errors
     /// [`ParamsError`] if the frame's time and stiffness are beyond float32, or the time is not
@@ -300,11 +297,9 @@ impl<T: SimulationReal> Simulation<T> {
     }
 
     /// Runs some consecutive steps of a frame ([`Simulation::plan`]), for an executor that runs the
-    /// other
-    /// steps elsewhere. All steps of a frame in order, in any number of calls, give the state of
-    /// [`Simulation::step_frame`] bit for bit, except that each call that solves strands samples a
-    /// wind
-    /// field again. Quantities that the steps do not measure are zero in the report.
+    /// other steps elsewhere. All steps of a frame in order, in any number of calls, give the state
+    /// of [`Simulation::step_frame`] bit for bit, except that each call that solves strands samples
+    /// a wind field again. Quantities that the steps do not measure are zero in the report.
     ///
     /// # Errors
     /// As [`Simulation::step_frame`].
@@ -343,8 +338,7 @@ impl<T: SimulationReal> Simulation<T> {
     }
 
     /// Changes the parameters, or the solver, from the next frame on. The particles stay the same:
-    /// strands
-    /// are not refined again.
+    /// strands are not refined again.
     ///
     /// # Errors
     /// [`ParamsError`] if one is out of range; nothing is changed then.
@@ -358,9 +352,8 @@ impl<T: SimulationReal> Simulation<T> {
     }
 
     /// Share of the wind that reaches each particle, 0 to 1, a row a place of the model; 1 by
-    /// default. For
-    /// callers that compute the shelter of hair themselves. It affects wind fields only
-    /// ([`Simulation::step_frame_in`]).
+    /// default. For callers that compute the shelter of hair themselves. It affects wind fields
+    /// only ([`Simulation::step_frame_in`]).
     pub fn air_exposure(&mut self) -> &mut [Row<T>] {
         let places = self.model.places();
         self.workspace.exposure.resize(places, Row([T::one(); LANES]));

@@ -2,29 +2,21 @@
 //!
 //! # Theory
 //! The edited strands are the new rest shape: they define ghosts, rest lengths and weights. The
-//! motion
-//! continues: each particle takes position, velocity and damage from its strand before the edit, at
-//! the
-//! particle's arc length from the root. So cut hair is the same hair, shorter; combed and curled
-//! hair
-//! keeps its position, and its ties pull it to the new shape. Hair that is longer than before is
-//! extended
-//! from the old tip, with the rotation of the tip's edge from its rest direction. A new strand
-//! starts with
-//! the displacement from the rest shape that its source has, and with its edges at their rest
-//! lengths.
+//! motion continues: each particle takes position, velocity and damage from its strand before the
+//! edit, at the particle's arc length from the root. So cut hair is the same hair, shorter; combed
+//! and curled hair keeps its position, and its ties pull it to the new shape. Hair that is longer
+//! than before is extended from the old tip, with the rotation of the tip's edge from its rest
+//! direction. A new strand starts with the displacement from the rest shape that its source has,
+//! and with its edges at their rest lengths.
 //!
 //! # Practice
 //! [`Edit::apply`](crate::groom::edit::Edit::apply) reports the [`Source`]s that
-//! [`Simulation::regroom`]
-//! needs.
+//! [`Simulation::regroom`] needs.
 //!
 //! # Limitations
 //! With `sag_free` the weight of every particle is compensated at the particle, so a strand that
-//! hangs at
-//! rest does not rise when hair below is cut; without it, it does. Simulations with virtual
-//! particles are
-//! not supported.
+//! hangs at rest does not rise when hair below is cut; without it, it does. Simulations with
+//! virtual particles are not supported.
 
 use glam::{DQuat, DVec3};
 
@@ -71,8 +63,7 @@ pub struct Regroomed {
 }
 
 /// `groom` with the motion of the strands of `model` and `state` that `sources` name, with the head
-/// at
-/// `head`.
+/// at `head`.
 ///
 /// # Errors
 /// [`RegroomError`] if the groom cannot be simulated or the sources do not fit.
@@ -115,13 +106,11 @@ pub fn regroom(
 
 impl Simulation<f32> {
     /// Replaces the groom by `groom` and transfers the motion of the strands that `sources` name,
-    /// with the
-    /// head at `head`.
+    /// with the head at `head`.
     ///
     /// # Errors
     /// [`RegroomError`] if the groom cannot be simulated or the sources do not fit; nothing has
-    /// changed
-    /// then.
+    /// changed then.
     pub fn regroom(&mut self, groom: &Groom, sources: &[Source], head: &Pose) -> Result<(), RegroomError> {
         let Regroomed { model, state } = regroom(&self.model, &self.state, groom, sources, head)?;
         (self.model, self.state) = (model, state);
@@ -153,8 +142,7 @@ struct Before<'a> {
 
 impl Before<'_> {
     /// Transfers the motion of `source` to strand `strand` of `groom`; `now` contains the rest
-    /// shape on the
-    /// head before.
+    /// shape on the head before.
     fn transfer(&self, groom: &Groom, strand: usize, source: &Source, now: &mut Snapshot<f32>) {
         let old = source.strand as usize;
         let old = self.offsets[old] as usize..self.offsets[old + 1] as usize;

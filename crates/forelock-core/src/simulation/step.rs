@@ -163,8 +163,7 @@ impl<T: SimulationReal> Simulation<T> {
     }
 
     /// The wind of a frame in which the air, or the drag (`local`), differs from particle to
-    /// particle;
-    /// brings its shelter up to date.
+    /// particle; brings its shelter up to date.
     fn wind(
         &mut self,
         frame: &Frame<'_>,

@@ -18,8 +18,7 @@ pub struct BlockView<'a, T> {
     /// Relative stiffness of the strand.
     pub stiffness: &'a Row<T>,
     /// Rest edges in the frames of the particles before them, three rows a particle; empty if no
-    /// stage
-    /// needs them.
+    /// stage needs them.
     pub local: &'a [Row<T>],
     /// Positions relative to the frame's origin, world axes.
     pub positions: &'a mut [Row<T>],
@@ -34,12 +33,10 @@ pub struct BlockView<'a, T> {
     /// Share of the wind that reaches each particle, a row a particle; empty: 1 everywhere.
     pub exposure: &'a [Row<T>],
     /// Velocity of the wind at each particle in this frame, three rows a particle; empty without a
-    /// wind
-    /// field.
+    /// wind field.
     pub wind: &'a mut [Row<T>],
     /// The velocity towards which drag accelerates each particle in this substep, three rows a
-    /// particle;
-    /// empty: that of the air.
+    /// particle; empty: that of the air.
     pub air: &'a mut [Row<T>],
     /// h c/m of each particle in this substep, a row a particle; empty: the same for all.
     pub drag: &'a mut [Row<T>],

@@ -1,6 +1,5 @@
 //! Strands packed into lanes: constant data ([`Model`]), simulated state ([`State`]), and a stage's
-//! view
-//! of one block of both ([`BlockView`]).
+//! view of one block of both ([`BlockView`]).
 
 mod block_view;
 mod model;

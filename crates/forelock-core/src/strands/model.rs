@@ -17,8 +17,7 @@ pub struct Block {
     /// Particles a strand.
     pub particles: usize,
     /// The groom's strand in each lane. Lanes from `live` on repeat the last strand and are ignored
-    /// on
-    /// output.
+    /// on output.
     pub strands: [u32; LANES],
     /// Lanes that hold a strand; the others are padding.
     pub live: usize,
@@ -79,8 +78,7 @@ pub struct Model<T> {
     /// One over the rest length to the next particle, `[places]` rows, 1/m; 0 past the tip.
     pub inverse_edges: Vec<Row<T>>,
     /// The rest edge to each particle in the frame of the particle before it, and for roots the
-    /// normal of
-    /// their frame: `[3 × places]` rows, metres, from [`rest_edges`]. Empty until
+    /// normal of their frame: `[3 × places]` rows, metres, from [`rest_edges`]. Empty until
     /// [`Model::find_frames`].
     pub local: Vec<Row<T>>,
     /// Strand lengths, a row a block, metres.
@@ -88,14 +86,12 @@ pub struct Model<T> {
     /// Relative stiffnesses of strands, a row a block.
     pub stiffness: Vec<Row<T>>,
     /// The origin of stored rest positions in the head's frame: the centre of their bounding box.
-    /// It keeps
-    /// coordinates small, so that float32 resolves edges anywhere in the world.
+    /// It keeps coordinates small, so that float32 resolves edges anywhere in the world.
     pub centre: [f64; 3],
     /// Radius of a ball about `centre` that contains the hair at rest with a margin, metres.
     pub reach: f64,
     /// Every so many particles of a strand, from the root, one is the groom's; the solver has added
-    /// the
-    /// others ([`Chain`]).
+    /// the others ([`Chain`]).
     pub every: u32,
     /// Strands of the groom, S.
     pub strand_count: usize,
@@ -176,8 +172,7 @@ impl Nearness {
 
 impl<T> Model<T> {
     /// The map from rest positions relative to `centre` to positions relative to `origin`, for the
-    /// head pose
-    /// `head`.
+    /// head pose `head`.
     pub fn about_centre(&self, head: &Pose, origin: DVec3) -> Pose {
         let translation = head.transform_point(self.centre.into()) - origin;
         Pose { rotation: head.rotation, translation }
@@ -186,10 +181,8 @@ impl<T> Model<T> {
 
 impl<T: Real> Model<T> {
     /// Packs `strands` into blocks. The strands of a block have equal particle counts, and among
-    /// these
-    /// the middles of neighbours are close to each other, so that a block accesses few cells of a
-    /// grid or
-    /// a distance field.
+    /// these the middles of neighbours are close to each other, so that a block accesses few cells
+    /// of a grid or a distance field.
     ///
     /// # Errors
     /// [`PackError`] if there are no strands, or one that cannot be simulated.
@@ -339,8 +332,7 @@ impl<T: Real> Model<T> {
     }
 
     /// The blocks in at most `count` ranges of equal length; the split does not depend on the
-    /// number of
-    /// threads.
+    /// number of threads.
     pub(crate) fn parts(&self, count: usize) -> impl Iterator<Item = Range<usize>> + use<T> {
         let blocks = self.blocks.len();
         let share = blocks.div_ceil(count).max(1);
@@ -348,8 +340,7 @@ impl<T: Real> Model<T> {
     }
 
     /// The componentwise minimum and maximum of `at` over all places, without the padding lanes,
-    /// whose
-    /// positions may differ from their strand's.
+    /// whose positions may differ from their strand's.
     pub(crate) fn extent(&self, at: impl Fn(usize) -> [[f32; LANES]; 3] + Sync) -> [[f32; 3]; 2] {
         const NONE: [[f32; 3]; 2] = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
         let of = |block: &Block| {

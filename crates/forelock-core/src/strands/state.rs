@@ -28,12 +28,10 @@ pub struct State<T> {
     /// Intact share of each integrity tie, 1 to 0, `[places]` rows.
     pub integrity: Vec<Row<T>>,
     /// Lower bound of the distance to the nearest solid's skin; negative: depth inside it; −∞: not
-    /// queried
-    /// yet. `[places]` rows, metres.
+    /// queried yet. `[places]` rows, metres.
     pub clearance: Vec<Row<T>>,
     /// Positions a step before, relative to `origin`, `[3 × places]` rows, metres; empty for
-    /// solvers that do
-    /// not need them.
+    /// solvers that do not need them.
     pub previous: Vec<Row<T>>,
     /// The origin of positions in the world: the position of the model's centre on the head.
     pub origin: DVec3,
@@ -118,11 +116,9 @@ impl<T: Real> State<T> {
     }
 
     /// Moves the hair with the head when the head jumps between frames. `jump` maps the world
-    /// before to the
-    /// world after. Velocities are rotated, or with [`Teleport::CarryShape`] the motion is stopped.
-    /// `step_secs` is the step in which hair moved from `previous` to `positions`.
-    /// [`Teleport::Reset`] is
-    /// not handled here.
+    /// before to the world after. Velocities are rotated, or with [`Teleport::CarryShape`] the
+    /// motion is stopped. `step_secs` is the step in which hair moved from `previous` to
+    /// `positions`. [`Teleport::Reset`] is not handled here.
     pub fn carry(&mut self, jump: &Pose, mode: Teleport, step_secs: f64) {
         let origin = jump.transform_point(self.origin);
         let Self { positions, previous, .. } = self;
@@ -145,8 +141,7 @@ impl<T: Real> State<T> {
     }
 
     /// Starts to store the positions of the step before, with zero displacement in that step. Does
-    /// nothing
-    /// if they are stored already.
+    /// nothing if they are stored already.
     pub fn remember(&mut self) {
         if self.previous.len() != self.positions.len() {
             self.previous.clone_from(&self.positions);
@@ -154,16 +149,14 @@ impl<T: Real> State<T> {
     }
 
     /// Drops the positions of the step before, of `h` seconds. Velocities become the velocities of
-    /// the motion
-    /// in that step.
+    /// the motion in that step.
     pub(crate) fn forget(&mut self, h: f64) {
         self.change_velocities(h, |_, u| u);
         self.previous = Vec::new();
     }
 
     /// Subtracts the motion of the step before, of `h` seconds, from the velocities. The load that
-    /// they
-    /// contain stays.
+    /// they contain stays.
     pub(crate) fn stop(&mut self, h: f64) {
         if !self.previous.is_empty() {
             self.change_velocities(h, |v, u| v - u);
@@ -172,8 +165,7 @@ impl<T: Real> State<T> {
     }
 
     /// Replaces each velocity v by `change(v, u)`, with u the velocity of the motion in the step
-    /// before, of
-    /// `h` seconds.
+    /// before, of `h` seconds.
     fn change_velocities(&mut self, h: f64, change: impl Fn(T, T) -> T) {
         let inverse_h = number::<T>(1.0 / h);
         for ((v, x), y) in self.velocities.iter_mut().zip(&self.positions).zip(&self.previous) {
@@ -271,8 +263,7 @@ impl<T: Real> State<T> {
 
 impl<T: Real> Snapshot<T> {
     /// A 64-bit hash of every bit. It does not depend on the number of threads, nor on the SIMD
-    /// width within
-    /// one instruction set.
+    /// width within one instruction set.
     pub fn hash(&self) -> u64 {
         let mut hash = 0xcbf2_9ce4_8422_2325;
         let mut take = |bytes: &[u8]| {

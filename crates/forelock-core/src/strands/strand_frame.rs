@@ -9,17 +9,15 @@ use glam::DVec3;
 /// # Theory
 /// The frame after an edge is the frame before it, rotated by the smallest rotation that aligns the
 /// tangents: F_i = F_{i−1} ⊗ arc(e₁, F_{i−1}⁻¹ t_i), which in world axes is the arc from t_{i−1} to
-/// t_i
-/// (parallel transport, Bishop 1975). It maps n to its mirror image in the plane normal to
-/// s = t_{i−1} + t_i,
+/// t_i (parallel transport, Bishop 1975). It maps n to its mirror image in the plane normal to s =
+/// t_{i−1} + t_i,
 ///
 /// ```text
 /// n′ = n − 2 (n·s)/(s·s) s
 /// ```
 ///
 /// since n is normal to t_{i−1}. A reflection preserves lengths for any s, so rounding errors do
-/// not
-/// accumulate. Where an edge is opposite to the edge before it (s = 0), n does not change.
+/// not accumulate. Where an edge is opposite to the edge before it (s = 0), n does not change.
 #[derive(Clone, Copy, Debug)]
 pub struct StrandFrame<L> {
     /// Direction of the edge.
@@ -62,8 +60,7 @@ impl<L: Lane> StrandFrame<L> {
 }
 
 /// The edges of a strand through `points` at rest, each in the frame of the particle before it
-/// (r_i,
-/// \[P\]). The first entry, which has no edge, is the normal of the root's frame.
+/// (r_i, \[P\]). The first entry, which has no edge, is the normal of the root's frame.
 pub fn rest_edges(points: &[DVec3]) -> Vec<DVec3> {
     let Some(first) = points.windows(2).next() else { return Vec::new() };
     let direction = |edge: DVec3| V3::splat(edge.normalize_or(DVec3::X));

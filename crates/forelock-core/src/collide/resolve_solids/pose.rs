@@ -27,8 +27,7 @@ pub struct SolidPose<T> {
 }
 
 /// Motion of a solid in a substep in float64, relative to the frame's origin. [`SolidPose`] holds
-/// the
-/// same in the solver's precision.
+/// the same in the solver's precision.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SolidMotion {
     /// The solid's poses at the substep's start and end.
@@ -102,8 +101,7 @@ impl<T: Real> SolidPose<T> {
     }
 
     /// Transforms a point from the solid's local space to the world at `end` (0: the substep's
-    /// start,
-    /// 1: its end).
+    /// start, 1: its end).
     #[inline(always)]
     pub(super) fn world(&self, end: usize, q: [T; 3]) -> [T; 3] {
         let (turned, p) = (self.turn(end, q), self.translations[end]);

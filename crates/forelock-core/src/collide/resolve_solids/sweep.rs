@@ -2,18 +2,15 @@
 //!
 //! # Theory
 //! In the solid's local space a particle moves straight from q₀ to q₁ in a substep. A particle that
-//! is
-//! inside at q₁ is projected onto the nearest surface, which is the one it entered through as long
-//! as
-//! it is no deeper than half of the solid's thickness. For larger displacements the path itself is
-//! traced: σ is 1-Lipschitz, so from a point at distance σ the next σ of the path is free (sphere
-//! tracing; Hart 1996). At the first touch the particle stops: the rest of its displacement in that
-//! substep is lost, its velocity along the surface is kept.
+//! is inside at q₁ is projected onto the nearest surface, which is the one it entered through as
+//! long as it is no deeper than half of the solid's thickness. For larger displacements the path
+//! itself is traced: σ is 1-Lipschitz, so from a point at distance σ the next σ of the path is free
+//! (sphere tracing; Hart 1996). At the first touch the particle stops: the rest of its displacement
+//! in that substep is lost, its velocity along the surface is kept.
 //!
 //! # Practice
 //! Only particles that used up their clearance *and* moved by more than the solid's
-//! `Shape::thinness`
-//! are traced: at ordinary speeds none.
+//! `Shape::thinness` are traced: at ordinary speeds none.
 //!
 //! # Limitations
 //! Particles are traced, not the edges between them: a part of a solid thinner than the distance
@@ -27,8 +24,7 @@ use super::dot;
 use super::particle::lipschitz;
 
 /// Steps of a trace. A path on which more steps touch nothing counts as free; such a path grazes
-/// the
-/// surface.
+/// the surface.
 pub const SWEEP_STEPS: usize = 48;
 
 /// The path of a particle during a substep, in a solid's local space.
@@ -52,8 +48,7 @@ impl<T: Real> SweepPath<T> {
 }
 
 /// The first point of `path` within `thickness` of `shape`, and the normal there; `None` if there
-/// is
-/// none.
+/// is none.
 #[inline(never)]
 pub(super) fn sweep<T: Real>(shape: &Shape, thickness: T, path: &SweepPath<T>) -> Option<([T; 3], [T; 3])> {
     let number = crate::strands::number::<T>;

@@ -1,6 +1,5 @@
 //! The steps that all solvers share after their substeps: the length pass, the final collision
-//! pass,
-//! and the checks.
+//! pass, and the checks.
 
 use super::context::FrameContext;
 use super::plan::Step;
@@ -114,10 +113,8 @@ fn restore<L: Lane>(
 }
 
 /// The final collision pass; the largest stretch after it, a lane. Colliders meet hair with the
-/// speed
-/// at which it moves: where velocities hold more than motion (`BlockView::previous`), the rest of
-/// them
-/// is set aside meanwhile.
+/// speed at which it moves: where velocities hold more than motion (`BlockView::previous`), the
+/// rest of them is set aside meanwhile.
 #[inline(always)]
 fn collide<L: Lane>(
     cx: &FrameContext<'_, L::Scalar>,

@@ -50,8 +50,7 @@ fn push_of(strand: Strand, i: u32) -> vec3f {
 }
 
 // Places each particle at its rest length from the particle before it. With `is_dftl` the
-// corrections
-// also change velocities, as in DFTL.
+// corrections also change velocities, as in DFTL.
 fn follow_the_leader(strand: Strand, first: u32, is_dftl: bool) {
     for (var j = first; j + 1u < strand.particles; j++) {
         let before = position_at(strand, j + 1u);

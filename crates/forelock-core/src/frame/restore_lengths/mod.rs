@@ -2,8 +2,7 @@
 //!
 //! # Theory
 //! With C_j = |x_{j+1} − x_j| − l_j, J its Jacobian and W the inverse masses (0 for clamped
-//! particles),
-//! a Newton step is
+//! particles), a Newton step is
 //!
 //! ```text
 //! (J W Jᵀ) λ = −C ,   x += W Jᵀ λ
@@ -14,10 +13,8 @@
 //! rounding. Velocities are projected with the same matrix: (J W Jᵀ) λ = −J v, v += W Jᵀ λ.
 //!
 //! The alternative, dynamic follow the leader (Müller 2012), moves each particle onto the sphere
-//! about
-//! the particle before it, and subtracts a share `dftl_damping` of the correction from that
-//! particle's
-//! velocity.
+//! about the particle before it, and subtracts a share `dftl_damping` of the correction from that
+//! particle's velocity.
 //!
 //! # Limitations
 //! Collisions are resolved afterwards and may stretch edges again where hair is pressed against a
@@ -47,8 +44,7 @@ pub struct LengthTerms {
 pub const NEWTON_STEPS: usize = 2;
 
 /// Restores the lengths of lanes `first..first + L::WIDTH` and returns the largest |l/l₀ − 1| left
-/// in each
-/// lane. `work` holds two vectors a particle.
+/// in each lane. `work` holds two vectors a particle.
 #[inline(always)]
 pub fn restore<L: Lane>(
     terms: &LengthTerms,
@@ -158,8 +154,7 @@ struct VelocityChange<L> {
 }
 
 /// Places each particle at its rest length from the particle before it. With `change` the
-/// corrections
-/// also change velocities, as in DFTL.
+/// corrections also change velocities, as in DFTL.
 #[inline(always)]
 fn follow_the_leader<L: Lane>(
     view: &mut BlockView<'_, L::Scalar>,

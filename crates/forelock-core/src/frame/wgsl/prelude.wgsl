@@ -2,8 +2,7 @@
 // algebra.
 //
 // A thread processes one strand: slot = block × LANES + lane. Adjacent threads of a workgroup
-// access
-// adjacent memory.
+// access adjacent memory.
 
 // Coefficients of a frame: `FrameTerms` on the CPU.
 struct Frame {
@@ -34,8 +33,7 @@ struct Frame {
     drag_along: f32,
     drag_quadratic: f32,
     // Follow the leader: shares by which a step restores the shape, their values at the tip over
-    // those at
-    // the root, and collision queries after the first.
+    // those at the root, and collision queries after the first.
     shape_global: f32,
     shape_local: f32,
     tip_global: f32,
@@ -86,14 +84,12 @@ struct Report {
 @group(0) @binding(1) var<uniform> substep: Substep;
 @group(0) @binding(2) var<storage, read> blocks: array<Block>;
 // Rows of LANES numbers, seven rows a particle: rest position, rest lengths to the next three
-// particles,
-// one over the first of these lengths.
+// particles, one over the first of these lengths.
 @group(0) @binding(3) var<storage, read> model: array<f32>;
 // Two rows a block: strand lengths and relative stiffnesses.
 @group(0) @binding(4) var<storage, read> strands: array<f32>;
 // Three rows a particle each. For follow the leader, the velocities are followed by the positions
-// of the
-// step before and by room for the load that velocities contain.
+// of the step before and by room for the load that velocities contain.
 @group(0) @binding(5) var<storage, read_write> positions: array<f32>;
 @group(0) @binding(6) var<storage, read_write> velocities: array<f32>;
 // Two rows a particle: integrity and clearance.

@@ -1,8 +1,7 @@
 //! Parameters of the augmented mass-spring solver.
 //!
 //! Stiffnesses are rates: stiffness over particle mass, in s⁻². The motion depends only on these
-//! ratios,
-//! lengths and gravity. They do not depend on the frame rate or the number of substeps.
+//! ratios, lengths and gravity. They do not depend on the frame rate or the number of substeps.
 
 use crate::params::{
     COUNT, FLOAT32_STIFFNESS_LIMIT, Inextensibility, NON_NEGATIVE, POSITIVE, ParamsError, SHARE, check,
@@ -14,8 +13,7 @@ use crate::params::{
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum Jacobian {
     /// κ [D + max(0, 1 − l₀/l)(I − D)]: tension is implicit across the strand too; the substep has
-    /// no
-    /// limit.
+    /// no limit.
     #[default]
     Tension,
     /// κ D, as printed (Eq. 5): stable only for substeps under l/√(L g).
@@ -217,8 +215,7 @@ impl AmsParams {
     }
 
     /// Checks that frames of `dt_secs` can be stepped: the time is positive and, unless
-    /// `beyond_float32`,
-    /// h² κ is at most [`FLOAT32_STIFFNESS_LIMIT`].
+    /// `beyond_float32`, h² κ is at most [`FLOAT32_STIFFNESS_LIMIT`].
     ///
     /// # Errors
     /// [`ParamsError`] for the first check that fails.

@@ -9,23 +9,20 @@ use crate::params::{COUNT, NON_NEGATIVE, POSITIVE, ParamsError, SHARE, STATED_ST
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum Schedule {
     /// One kernel: a thread steps its strand from root to tip and holds frames in registers, so
-    /// that the
-    /// state is read and written once.
+    /// that the state is read and written once.
     #[default]
     Fused,
     /// A kernel predicts all particles, then a thread steps its strand: the paper's strand-level
     /// parallelism.
     Strands,
     /// A kernel predicts all particles, then one dispatch per level places that level of all
-    /// strands: the
-    /// paper's particle-level parallelism.
+    /// strands: the paper's particle-level parallelism.
     Particles,
 }
 
 /// Parameters of dynamic follow the leader with global and local shape (Sánchez-Banderas et al.
-/// 2015).
-/// Shares s refer to a step of 0.016 s, as in the paper; for another step the solver uses
-/// 1 − (1 − s)^(step/0.016 s), which compensates the change in part.
+/// 2015). Shares s refer to a step of 0.016 s, as in the paper; for another step the solver uses 1
+/// − (1 − s)^(step/0.016 s), which compensates the change in part.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",

@@ -4,32 +4,23 @@
 //! Selle, Lentine, Fedkiw (2008), A mass spring model for hair simulation: strands have edge, bend,
 //! torsion and altitude springs only, and no ties to a rest shape. Springs between the points of a
 //! straight line resist neither twist nor, to first order, bending. So a virtual particle is added
-//! off
-//! the line between every two particles of the groom: N particles become a chain of 2N − 1
-//! particles in
-//! which no four consecutive ones are coplanar. Altitude springs keep these tetrahedra from turning
-//! inside out. The chain is an AMS strand without ghost ties, with the same band matrix of
-//! half-width 3
-//! (AMS, Sec. 3.1 and Fig. 2).
+//! off the line between every two particles of the groom: N particles become a chain of 2N − 1
+//! particles in which no four consecutive ones are coplanar. Altitude springs keep these tetrahedra
+//! from turning inside out. The chain is an AMS strand without ghost ties, with the same band
+//! matrix of half-width 3 (AMS, Sec. 3.1 and Fig. 2).
 //!
 //! # Practice
 //! The solver refines the strands and then runs AMS with [`MassSpringParams::ams`]. The direction
-//! of a
-//! virtual particle is chosen among eight directions around its edge: the one for which the
-//! tetrahedra
-//! that it completes are the thickest. On a straight strand each direction is a quarter turn from
-//! the
-//! one before, so the chain winds evenly. Output positions contain the groom's particles; a
-//! snapshot
-//! contains the whole chain.
+//! of a virtual particle is chosen among eight directions around its edge: the one for which the
+//! tetrahedra that it completes are the thickest. On a straight strand each direction is a quarter
+//! turn from the one before, so the chain winds evenly. Output positions contain the groom's
+//! particles; a snapshot contains the whole chain.
 //!
 //! # Limitations
 //! Stiffness is per mass and every particle has the same mass, so a chain with virtual particles
-//! has
-//! nearly twice the mass and twice the springs. The reduced mass of virtual particles and the
-//! stiffening
-//! over time of the paper are not implemented. Strands sag, because nothing compensates their
-//! weight.
+//! has nearly twice the mass and twice the springs. The reduced mass of virtual particles and the
+//! stiffening over time of the paper are not implemented. Strands sag, because nothing compensates
+//! their weight.
 
 use super::ams::{AmsParams, AngularForm, Jacobian};
 use crate::frame::{
@@ -233,8 +224,7 @@ fn with_virtual_particles<T: Real>(strands: &Strands<'_, T>, offset: f64) -> (Ve
 const DIRECTIONS: usize = 8;
 
 /// The N − 1 virtual particles between `points`, each at a distance of `offset` times its edge's
-/// length
-/// from the edge's middle.
+/// length from the edge's middle.
 fn virtual_particles(points: &[DVec3], offset: f64) -> Vec<DVec3> {
     let mut chosen: Vec<DVec3> = Vec::with_capacity(points.len());
     let (mut normal, mut turn) = (None, 0);
@@ -269,10 +259,8 @@ fn virtual_particles(points: &[DVec3], offset: f64) -> Vec<DVec3> {
 }
 
 /// The thickness of the tetrahedra around the virtual particle `p` of edge `k`, metres: the least
-/// of the
-/// heights over the planes through the three particles before it and around it, and of the distance
-/// of
-/// `p` from the line of the next edge.
+/// of the heights over the planes through the three particles before it and around it, and of the
+/// distance of `p` from the line of the next edge.
 fn thickness(points: &[DVec3], k: usize, before: Option<&DVec3>, p: DVec3) -> f64 {
     let (a, b) = (points[k], points[k + 1]);
     let mut least = f64::INFINITY;

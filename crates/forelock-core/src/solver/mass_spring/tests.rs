@@ -124,8 +124,7 @@ fn frame(gravity: DVec3, dt_secs: f64) -> Frame<'static> {
 const H: f64 = 1.0 / 240.0;
 
 /// The velocities of a chain, with all particles but the root free, after one substep from
-/// positions `x`
-/// and `velocities`.
+/// positions `x` and `velocities`.
 fn substep(rest: &[DVec3], x: &[DVec3], velocities: &[f64], params: &AmsParams) -> Vec<f64> {
     let positions: Vec<[f64; 3]> = rest.iter().map(|p| p.to_array()).collect();
     let offsets = [0, positions.len() as u32];
@@ -145,8 +144,7 @@ fn substep(rest: &[DVec3], x: &[DVec3], velocities: &[f64], params: &AmsParams) 
 
 /// Height along the shortest of the seven altitudes of the tetrahedron `p`, and the number of its
 /// features: 0 to 3 for a point and the opposite face, 4 to 6 for two lines. `of` selects the
-/// features
-/// instead.
+/// features instead.
 fn height(p: &[DVec3], of: Option<usize>) -> (f64, usize) {
     let normals = [
         (p[2] - p[1]).cross(p[3] - p[1]),
@@ -220,8 +218,7 @@ fn altitude_springs_solve_the_system_of_their_energy() {
 }
 
 /// A⁻¹, the derivative of the velocities after a substep with respect to those before, is symmetric
-/// with
-/// eigenvalues in (0, 1].
+/// with eigenvalues in (0, 1].
 #[test]
 fn the_system_is_symmetric_positive_definite() {
     let mut noise = Noise(3);
@@ -273,8 +270,7 @@ fn is_positive(mut a: Vec<Vec<f64>>) -> bool {
 }
 
 /// A tetrahedron that was inverted returns to its orientation with altitude springs, and stays
-/// inverted
-/// without them.
+/// inverted without them.
 #[test]
 fn altitude_springs_restore_an_inverted_tetrahedron() {
     let rest = vec![

@@ -2,12 +2,9 @@
 //! four consecutive particles from collapsing or turning inside out.
 //!
 //! Of a tetrahedron's seven altitudes (four point–face, three edge–edge) the shortest is the one
-//! over
-//! the largest parallelogram; its foot lies inside both features, so its weights are stable. The
-//! spring
-//! acts along it, towards its signed length at rest, and distributes its force to all four
-//! particles by
-//! those weights. The band's half-width stays 3.
+//! over the largest parallelogram; its foot lies inside both features, so its weights are stable.
+//! The spring acts along it, towards its signed length at rest, and distributes its force to all
+//! four particles by those weights. The band's half-width stays 3.
 
 use super::factor::Ring;
 use super::terms::{RowTerms, SubstepTerms};
@@ -32,8 +29,7 @@ const FEATURES: [Feature; 7] = [
 ];
 
 /// An altitude: the parallelogram's normal, a vector from one feature to the other, and the weights
-/// of
-/// the four particles.
+/// of the four particles.
 struct Altitude<L> {
     normal: V3<L>,
     across: V3<L>,
@@ -93,8 +89,7 @@ pub fn add<L: Lane>(
     ring: &mut Ring<L>,
 ) {
     // Lower bound of the squared area, in m⁴: far below that of any hair, and far above the
-    // smallest
-    // float32.
+    // smallest float32.
     let tiny = L::from_f64(1e-30);
     let mut best = altitude(&FEATURES[0], &tetrahedron.positions, tiny);
     let mut best_rest = altitude(&FEATURES[0], &tetrahedron.rest, tiny);

@@ -24,8 +24,7 @@ pub struct Ring<L> {
     diagonal: [Sym3<L>; 4],
     rhs: [V3<L>; 4],
     /// h²K from a row to the next three rows. Without `accumulate` each is written once. Rows i − 3
-    /// to
-    /// i + 2 are in use.
+    /// to i + 2 are in use.
     coupling: [[Sym3<L>; 3]; 8],
     inverse: [Sym3<L>; 4],
     z: [V3<L>; 4],
@@ -63,8 +62,7 @@ impl<L: Lane> Ring<L> {
     }
 
     /// Adds `spring` from `i` to `j` (≥ `clamped`). The column of a clamped i moves to b with the
-    /// velocity
-    /// `w` of i.
+    /// velocity `w` of i.
     #[inline(always)]
     pub fn add_spring(&mut self, i: usize, j: usize, clamped: usize, spring: &Spring<L>, w: V3<L>) {
         self.diagonal[j & 3] += spring.stiffness;

@@ -1,6 +1,5 @@
 //! Contributions to a row from the particle's mass, the air and the ghost rest shape: Eqs. 1 and 2
-//! of
-//! AMS and their Jacobians.
+//! of AMS and their Jacobians.
 
 use super::terms::{FrameTerms, RowTerms, SubstepTerms};
 use crate::lane::{Lane, Sym3, V3};
@@ -78,8 +77,7 @@ pub fn integrity<L: Lane>(
 }
 
 /// h² κ I (or h² κ D with D along `pull`, as printed) on the diagonal, and the same block times w
-/// on the
-/// right.
+/// on the right.
 #[inline(always)]
 fn implicit_tie<L: Lane>(
     frame: &FrameTerms,
@@ -101,10 +99,8 @@ fn implicit_tie<L: Lane>(
 }
 
 /// The tie's intact share after this substep's deflection e = |x − y|/L: s = min(s, ψ(e)), healed
-/// first
-/// where e is small. ψ is 1 up to the elastic limit e₀ and [e − (e − e₀)²]/e up to the breaking
-/// point;
-/// then it falls to 0 linearly.
+/// first where e is small. ψ is 1 up to the elastic limit e₀ and [e − (e − e₀)²]/e up to the
+/// breaking point; then it falls to 0 linearly.
 #[inline(always)]
 pub fn damage<L: Lane>(frame: &FrameTerms, intact: L, deflection: V3<L>, strand_length: L) -> L {
     let Some(curve) = frame.non_hookean else { return intact };
@@ -125,8 +121,7 @@ pub fn damage<L: Lane>(frame: &FrameTerms, intact: L, deflection: V3<L>, strand_
 }
 
 /// Contribution of the couple on an edge: h² a to the stiffness, and h a Δ + h² a (w_j − w_i) as
-/// impulse
-/// on the outer particle.
+/// impulse on the outer particle.
 #[derive(Clone, Copy, Debug)]
 pub struct Couple<L> {
     /// h² a, times the identity.
@@ -158,8 +153,7 @@ pub fn angular_edge<L: Lane>(
 }
 
 /// The paper's angular tie: θ at x_{i−1} between the rays to y_i and to x_i; the force a (y_i −
-/// x_i) on i
-/// alone, a = κ_α θ/max(|y_i − x_i|, 1e-8 l). `points` are x_{i−1} and x_i.
+/// x_i) on i alone, a = κ_α θ/max(|y_i − x_i|, 1e-8 l). `points` are x_{i−1} and x_i.
 #[inline(always)]
 pub fn angular_paper<L: Lane>(
     frame: &FrameTerms,

@@ -1,6 +1,5 @@
 // Storage of the factors L in scratch, in 16 bits, two numbers in a row. This halves the memory
-// traffic
-// of `links.wgsl`.
+// traffic of `links.wgsl`.
 
 // Stores column c of the three factors of row i.
 fn store_links(strand: Strand, i: u32, c: u32, l1: vec3f, l2: vec3f, l3: vec3f) {

@@ -11,17 +11,13 @@
 //! ```
 //!
 //! with K from `springs`, the ghost's terms from `ghost`, and 3×3 blocks in a band of half-width 3.
-//! The
-//! block LDLᵀ of `factor` solves the system exactly. Clamped particles have v = w; their columns
-//! move
-//! to b.
+//! The block LDLᵀ of `factor` solves the system exactly. Clamped particles have v = w; their
+//! columns move to b.
 //!
 //! # Practice
 //! Row `i` needs springs from rows `i−3..=i`, so one loop computes the three springs that start at
-//! `i`,
-//! adds them to a ring of four rows, and eliminates row `i` at once. The matrix is never stored:
-//! only
-//! the factors that the backward sweep needs are kept, 30 numbers a particle.
+//! `i`, adds them to a ring of four rows, and eliminates row `i` at once. The matrix is never
+//! stored: only the factors that the backward sweep needs are kept, 30 numbers a particle.
 //!
 //! # Limitations
 //! In float32 the factors are accurate up to h² κ = 1e3; see
@@ -87,8 +83,7 @@ pub fn advance<L: Lane>(
 }
 
 /// Forward sweep: assembles and eliminates row after row. Writes −L to `links` and D⁻¹z to
-/// `half_solved`
-/// (for clamped particles the ghost's velocity).
+/// `half_solved` (for clamped particles the ghost's velocity).
 #[inline(always)]
 #[expect(clippy::needless_range_loop, reason = "the equations are in terms of the row number")]
 fn eliminate<L: Lane>(

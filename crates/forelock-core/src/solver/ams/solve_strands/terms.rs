@@ -153,8 +153,7 @@ pub struct SubstepTerms<L> {
 impl<L: Lane> SubstepTerms<L> {
     /// The terms of a substep of `h` seconds. `poses` map points relative to the model's centre to
     /// positions relative to the frame's origin, at the start and at the end; `rest_gravity` is
-    /// gravity
-    /// in the head's rest frame.
+    /// gravity in the head's rest frame.
     #[inline(always)]
     pub fn new(h: f64, poses: [&Pose; 2], gravity: DVec3, rest_gravity: DVec3, air: DVec3) -> Self {
         let [start, end] = poses;

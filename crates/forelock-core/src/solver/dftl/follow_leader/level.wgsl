@@ -1,6 +1,5 @@
 // Dynamic follow the leader with preserved shape, level by level. The kernels of all schedules
-// share
-// this text, the GPU counterpart of `follow_leader::advance`.
+// share this text, the GPU counterpart of `follow_leader::advance`.
 //
 // There are three schedules. Fused: a thread steps its strand from root to tip, holds frames in
 // registers, and reads and writes the state once. Strands: a kernel predicts all particles, then a
@@ -9,8 +8,7 @@
 //
 // For this solver rows 4 to 6 of the model hold rest edges, in the frame of the particle before
 // each edge, and for a root the normal of its frame. They replace the rest lengths to the second
-// and
-// third next particle and the inverse rest length. The array of velocities is followed by the
+// and third next particle and the inverse rest length. The array of velocities is followed by the
 // positions of the step before.
 
 // State that a level passes to the next.
@@ -79,8 +77,7 @@ fn shape_shares(strand: Strand, i: u32) -> vec2f {
 }
 
 // Eqs. 11 to 14: places particle i, which was at `was` and is predicted at `predicted`, and
-// completes
-// the step of the particle before it.
+// completes the step of the particle before it.
 fn follow_level(strand: Strand, i: u32, was: vec3f, predicted: vec3f, carried: Carried) -> Carried {
     let ghost = ghost_at(strand, i);
     let length = rest_length(strand, i - 1u, 1u);
@@ -112,8 +109,7 @@ fn follow_level(strand: Strand, i: u32, was: vec3f, predicted: vec3f, carried: C
 }
 
 // Resolves the collisions of particle i, which moves from `was` to `start`. With rechecks the
-// length is
-// restored last.
+// length is restored last.
 fn level_solids(strand: Strand, i: u32, was: vec3f, start: vec3f, leader: vec3f, length: f32) -> vec4f {
     let at = entry(strand, i, 2u, 1u);
     let last = memory[at];

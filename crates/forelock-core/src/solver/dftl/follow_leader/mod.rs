@@ -18,18 +18,14 @@
 //!
 //! Equation (14) subtracts the follower's correction from the leader's velocity, because within a
 //! step followers do not move their leaders (Müller, Kim, Chentanez 2012). So v is not zero at
-//! rest: it
-//! holds the load of the followers. The velocity of the motion is u = (x − x_previous)/h; drag and
-//! SPH
-//! use u.
+//! rest: it holds the load of the followers. The velocity of the motion is u = (x − x_previous)/h;
+//! drag and SPH use u.
 //!
 //! At a contact, Coulomb friction reduces the tangential motion relative to the solid, as in
 //! [`resolve_solids`](crate::collide::resolve_solids). Friction changes the position too, since the
 //! velocity is derived from it. With `recheck` > 0 the lengths are restored last: edges are exact,
-//! and
-//! single particles may end slightly inside a solid. With 0, as in the paper, collisions are
-//! resolved
-//! last.
+//! and single particles may end slightly inside a solid. With 0, as in the paper, collisions are
+//! resolved last.
 //!
 //! # Practice
 //! A strand is a lane. One pass from root to tip predicts and corrects each particle and writes the

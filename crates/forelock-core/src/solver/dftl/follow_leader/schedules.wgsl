@@ -32,8 +32,7 @@ fn follow_strands(@builtin(global_invocation_id) id: vec3u) {
 }
 
 // One level, after the prediction. The normal of the level before is stored in the row of that
-// particle's
-// velocity until the velocity is written.
+// particle's velocity until the velocity is written.
 @compute @workgroup_size(WORKGROUP)
 fn follow_level_of_strands(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
