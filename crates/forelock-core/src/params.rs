@@ -1,36 +1,38 @@
-//! What the parameters of all solvers and interactions share: ranges, checks and their error.
+//! Ranges, checks and the error type for the parameters of all solvers and interactions.
 
-/// The time step for which the coefficients of dynamic follow the leader and of SPH are stated, seconds
-/// (Sánchez-Banderas et al. 2015).
+/// The time step to which the published coefficients of dynamic follow the leader and of SPH refer,
+/// seconds (Sánchez-Banderas et al. 2015).
 pub const STATED_STEP_SECS: f64 = 0.016;
 
 /// The pass, once a frame, that brings every edge back to its rest length.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum Inextensibility {
-    /// Two Newton steps on the constraint, one follow-the-leader sweep for the rest, velocities projected.
+    /// Two Newton steps on the constraints, one follow-the-leader sweep for the remaining error,
+    /// and a projection of the velocities.
     #[default]
     Projection,
-    /// Dynamic follow the leader (Müller 2012) with [`AmsParams::dftl_damping`].
+    /// Dynamic follow the leader (Müller 2012) with
+    /// [`AmsParams::dftl_damping`](crate::solver::AmsParams::dftl_damping).
     Dftl,
-    /// Edges may stretch as their springs do.
+    /// No pass: edges stretch with their springs.
     Off,
 }
 
-/// The largest h² κ that the float32 solve holds without failures (float64 has no such bound).
+/// The largest h² κ for which the float32 solve is reliable (float64 has no such limit).
 pub const FLOAT32_STIFFNESS_LIMIT: f64 = 1e3;
 
-/// A parameter out of its range.
+/// A parameter that cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ParamsError {
-    /// Not a number in its range.
+    /// A value that is not finite or out of its range.
     #[error("`{name}` is {value}, but it must be {expected}")]
     Range {
         /// The field.
         name: &'static str,
-        /// Its value.
+        /// The value.
         value: f64,
-        /// What it should be.
+        /// The range, in words.
         expected: &'static str,
     },
     /// h² κ too large for float32.
@@ -41,7 +43,7 @@ pub enum ParamsError {
     TooStiff {
         /// The field.
         name: &'static str,
-        /// Its value, s⁻².
+        /// The value, s⁻².
         value: f64,
         /// Substeps a frame.
         substeps: u32,
@@ -49,14 +51,14 @@ pub enum ParamsError {
         dt_secs: f64,
         /// h² κ.
         product: f64,
-        /// Substeps that would do.
+        /// The smallest sufficient number of substeps.
         needed: u32,
-        /// The stiffness that would do.
+        /// The largest stiffness allowed at this number of substeps.
         allowed: f64,
     },
 }
 
-/// What a finite number must be: in words, and as a test.
+/// The range of a finite number: in words, and as a test.
 pub(crate) type Range = (&'static str, fn(f64) -> bool);
 pub(crate) const NON_NEGATIVE: Range = ("a finite number of 0 or more", |x| x >= 0.0);
 pub(crate) const POSITIVE: Range = ("a finite number above 0", |x| x > 0.0);
@@ -66,7 +68,7 @@ pub(crate) const COUNT: Range = ("between 1 and 1000", |x| (1.0..=1000.0).contai
 /// Checks parameters, each a name, a value and its range.
 ///
 /// # Errors
-/// [`ParamsError::Range`] for the first that is not finite or not in its range.
+/// [`ParamsError::Range`] for the first value that is not finite or not in its range.
 pub(crate) fn check(values: &[(&'static str, f64, Range)]) -> Result<(), ParamsError> {
     match values.iter().find(|(_, value, (_, holds))| !(value.is_finite() && holds(*value))) {
         Some(&(name, value, (expected, _))) => Err(ParamsError::Range { name, value, expected }),
@@ -74,7 +76,7 @@ pub(crate) fn check(values: &[(&'static str, f64, Range)]) -> Result<(), ParamsE
     }
 }
 
-/// Checks that `dt_secs` is a time that can be stepped.
+/// Checks that `dt_secs` can be the length of a frame.
 ///
 /// # Errors
 /// [`ParamsError::Range`] if it is not finite or not above 0.

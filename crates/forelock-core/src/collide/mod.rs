@@ -1,3 +1,4 @@
-//! Collisions of particles with solids: distance queries, continuous collision detection and friction.
+//! Collisions of particles with solids: distance queries, continuous collision detection and
+//! friction.
 
 pub mod resolve_solids;

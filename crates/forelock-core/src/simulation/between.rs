@@ -1,16 +1,20 @@
-//! Strands between two steps, for display at any rate.
+//! Interpolation of strands between two steps, for display at any rate.
 //!
 //! # Theory
-//! A solver of fixed steps is ahead of the picture by less than a step. What is shown lies between its last two states as they were relative to the head, so that roots are on the head: the directions of
-//! edges are interpolated and laid one after the other at their lengths, so that strands do not shrink between steps.
+//! A solver with a fixed step is ahead of the displayed time by less than a step. The displayed
+//! strands are interpolated between the last two states relative to the head, so that roots stay on
+//! the head. Directions and lengths of edges are interpolated, not positions, so that strands do
+//! not shrink between steps.
 
 use super::Simulation;
 use crate::pose::Pose;
 use glam::{Mat3, Vec3};
 
 impl Simulation<f32> {
-    /// Positions as [`Simulation::positions`] tells them, but `share` of the way from the step before to the last one, at which the head was at `heads`, with the head `now` between. For solvers that remember
-    /// the step before; of others, and with a share of 1, the positions themselves, for which the head must be where it was in the last step.
+    /// Positions as [`Simulation::positions`], interpolated by `share` (0 to 1) between the step
+    /// before and the last step. `heads` are the head's poses at these two steps, and `now` its
+    /// pose at the displayed time. For solvers that do not store the step before, and for a share
+    /// of 1, these are the positions of the last step; the head must have that step's pose then.
     pub fn positions_between(&self, share: f32, heads: [&Pose; 2], now: &Pose, out: &mut Vec<Vec3>) {
         if self.state.previous.is_empty() || self.model.every != 1 || share >= 1.0 {
             return self.positions(out);

@@ -22,21 +22,21 @@ use crate::strands::{Model, PackError, Snapshot, SnapshotError, State, Strands};
 use glam::{DVec3, Vec3};
 use step::Workspace;
 
-/// How a simulation runs, beside its physics.
+/// Options of a simulation besides its parameters.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Options {
     /// Instruction set.
     pub simd: Simd,
-    /// The head's pose at rest: where the groom is drawn, and against which gravity it was shaped.
+    /// The head's pose at rest: the pose in which the groom was modelled.
     pub rest_pose: Pose,
-    /// Gravity that the rest shape carries, m/s², world axes.
+    /// Gravity that the rest shape compensates, m/s², world axes.
     pub rest_gravity: DVec3,
-    /// Lets h²κ go beyond what float32 solves (for showing what happens then).
+    /// Accepts h²κ beyond the float32 limit (to demonstrate the failure).
     pub beyond_float32: bool,
 }
 
 impl Options {
-    /// The gravity that the rest shape carries, along the head's own axes, m/s².
+    /// The gravity that the rest shape compensates, in the head's axes, m/s².
     pub fn carried_gravity(&self) -> DVec3 {
         self.rest_pose.inverse().transform_vector(self.rest_gravity)
     }
@@ -51,7 +51,7 @@ pub enum BuildError {
     /// A parameter is out of its range.
     #[error(transparent)]
     Params(#[from] ParamsError),
-    /// The instruction set asked for is not there.
+    /// The processor does not have the requested instruction set.
     #[error("this processor cannot run simd = {0:?}: choose \"auto\"")]
     Simd(Simd),
 }
@@ -74,7 +74,7 @@ impl Memory {
     }
 }
 
-/// Numbers that simulations run in. What it names is compiled once, in this crate.
+/// Number types of simulations. The methods of this trait are compiled once, in this crate.
 pub trait SimulationReal: SolverReal + SearchReal {
     #[doc(hidden)]
     fn grid(model: &Model<Self>, params: &GridParams) -> Box<dyn Interaction<Self>>;
@@ -93,7 +93,7 @@ pub trait SimulationReal: SolverReal + SearchReal {
 
 macro_rules! simulation_real {
     ($real:ty) => {
-        // Never inlined: a crate that inlines them would compile the interactions again.
+        // Never inlined: a crate that inlined them would compile the interactions again.
         impl SimulationReal for $real {
             #[inline(never)]
             fn grid(model: &Model<Self>, params: &GridParams) -> Box<dyn Interaction<Self>> {
@@ -131,7 +131,7 @@ simulation_real!(f64);
 
 /// Strands under a solver, on the CPU.
 ///
-/// `T` is `f32` in use; `f64` runs the same text as specification.
+/// `T` is `f32` in production; `f64` runs the same code as a reference.
 #[derive(Debug)]
 pub struct Simulation<T: SimulationReal = f32> {
     pub(super) model: Model<T>,
@@ -144,17 +144,18 @@ pub struct Simulation<T: SimulationReal = f32> {
 }
 
 impl Simulation<f32> {
-    /// A simulation of `groom`, at rest at `options.rest_pose`, under a solver: parameters of a built-in
-    /// one by reference, or a [`Solver`]. Threads are those of the rayon pool it is called in.
+    /// A simulation of `groom`, at rest at `options.rest_pose`, under a solver: parameters of a
+    /// built-in one by reference, or a [`Solver`]. It uses the threads of the current rayon pool.
     ///
     /// # Errors
-    /// [`BuildError`] if the groom cannot be packed, a parameter is out of range, or the instruction set
-    /// is not there.
+    /// [`BuildError`] if the groom cannot be packed, a parameter is out of range, or the processor
+    /// does not have the instruction set.
     pub fn new(groom: &Groom, solver: impl Into<Solver<f32>>, options: &Options) -> Result<Self, BuildError> {
         Self::from_strands(&groom.into(), solver, options)
     }
 
-    /// Positions in world space and the groom's order, `[P]`, metres. Virtual particles are left out.
+    /// Positions in world space and the groom's order, `[P]`, metres. Virtual particles are left
+    /// out.
     pub fn positions(&self, out: &mut Vec<Vec3>) {
         self.state.world_positions(&self.model, out);
     }
@@ -198,8 +199,7 @@ impl<T: SimulationReal> Simulation<T> {
         &self.plan
     }
 
-    /// Lets strands interact in one more way from the next frame on; an interaction of the same name is
-    /// replaced.
+    /// Adds an interaction from the next frame on. It replaces an interaction of the same name.
     pub fn add_interaction(&mut self, interaction: Box<dyn Interaction<T>>) {
         let name = interaction.exchange_plan().name;
         self.interactions.retain(|own| own.exchange_plan().name != name);
@@ -213,7 +213,7 @@ impl<T: SimulationReal> Simulation<T> {
         self.replan();
     }
 
-    /// Adds the interaction that `params` make, or with none removes `name`.
+    /// Adds the interaction that `make` returns for `params`, or removes `name` if there are none.
     fn set_interaction<P>(
         &mut self,
         name: &str,
@@ -230,7 +230,7 @@ impl<T: SimulationReal> Simulation<T> {
         Ok(())
     }
 
-    /// Lets strands interact on a grid from the next frame on, or no more.
+    /// Sets or removes the interaction of strands on a grid, from the next frame on.
     ///
     /// # Errors
     /// [`ParamsError`] if a parameter is out of range; nothing is changed then.
@@ -241,7 +241,7 @@ impl<T: SimulationReal> Simulation<T> {
         })
     }
 
-    /// Lets strands interact by SPH from the next frame on, or no more.
+    /// Sets or removes the interaction of strands by SPH, from the next frame on.
     ///
     /// # Errors
     /// [`ParamsError`] if a parameter is out of range; nothing is changed then.
@@ -252,7 +252,7 @@ impl<T: SimulationReal> Simulation<T> {
         })
     }
 
-    /// Lets segments of strands collide from the next frame on, or no more.
+    /// Sets or removes the contacts between segments of strands, from the next frame on.
     ///
     /// # Errors
     /// [`ParamsError`] if a parameter is out of range; nothing is changed then.
@@ -270,16 +270,17 @@ impl<T: SimulationReal> Simulation<T> {
         self.interactions.iter_mut().for_each(|own| own.rebuild(&self.model, simd));
     }
 
-    /// Advances by a frame. Allocates nothing once it has seen a frame with as many colliders, as large a
-    /// box of hair on the grid and as many contacts.
+    /// Advances by a frame. It allocates only when a frame has more colliders, a larger box of hair
+    /// on the grid or more contacts than all frames before.
     ///
     /// # Errors
-    /// [`ParamsError`] if the frame's time and stiffness are beyond float32, or the time is not positive.
+    /// [`ParamsError`] if the frame's time and stiffness are beyond float32, or the time is not
+    /// positive.
     pub fn step_frame(&mut self, frame: &Frame<'_>) -> Result<FrameReport, ParamsError> {
         self.step_frame_in(frame, None)
     }
 
-    /// The same in a `wind` that is not the same everywhere; the frame's own air velocity is added.
+    /// [`Simulation::step_frame`] in a wind field; the frame's air velocity is added to it.
     ///
     /// # Errors
     /// As [`Simulation::step_frame`].
@@ -288,17 +289,17 @@ impl<T: SimulationReal> Simulation<T> {
         frame: &Frame<'_>,
         wind: Option<&WindField>,
     ) -> Result<FrameReport, ParamsError> {
-        // Taken out for the time of the frame: it allocates nothing.
+        // Moved out during the frame, without an allocation.
         let plan = std::mem::take(&mut self.plan);
         let report = T::run_steps(self, frame, wind, plan.steps());
         self.plan = plan;
         report
     }
 
-    /// Some consecutive steps of a frame ([`Simulation::plan`]), for an executor that runs the others
-    /// elsewhere. All steps of a frame in their order, in however many calls, leave the state of a frame
-    /// bit for bit, except that wind that is not the same everywhere is sampled anew by each call that
-    /// solves strands. What the steps do not measure is zero in the report.
+    /// Runs some consecutive steps of a frame ([`Simulation::plan`]), for an executor that runs the
+    /// other steps elsewhere. All steps of a frame in order, in any number of calls, give the state
+    /// of [`Simulation::step_frame`] bit for bit, except that each call that solves strands samples
+    /// a wind field again. Quantities that the steps do not measure are zero in the report.
     ///
     /// # Errors
     /// As [`Simulation::step_frame`].
@@ -321,7 +322,7 @@ impl<T: SimulationReal> Simulation<T> {
         &self.state
     }
 
-    /// The state, to be changed from outside.
+    /// The state, mutable.
     pub fn state_mut(&mut self) -> &mut State<T> {
         &mut self.state
     }
@@ -331,13 +332,13 @@ impl<T: SimulationReal> Simulation<T> {
         &self.solver
     }
 
-    /// How it runs.
+    /// The options.
     pub fn options(&self) -> &Options {
         &self.options
     }
 
-    /// Changes the parameters, or the solver, from the next frame on. The strands keep the particles that
-    /// they have: a solver that refines strands is not refined again.
+    /// Changes the parameters, or the solver, from the next frame on. The particles stay the same:
+    /// strands are not refined again.
     ///
     /// # Errors
     /// [`ParamsError`] if one is out of range; nothing is changed then.
@@ -350,9 +351,9 @@ impl<T: SimulationReal> Simulation<T> {
         Ok(())
     }
 
-    /// Share of the wind that reaches each particle, 0 to 1, a row a place of the model: all 1 until
-    /// changed. For who knows how much hair stands in the wind's way; it counts in a wind field
-    /// ([`Simulation::step_frame_in`]) only.
+    /// Share of the wind that reaches each particle, 0 to 1, a row a place of the model; 1 by
+    /// default. For callers that compute the shelter of hair themselves. It affects wind fields
+    /// only ([`Simulation::step_frame_in`]).
     pub fn air_exposure(&mut self) -> &mut [Row<T>] {
         let places = self.model.places();
         self.workspace.exposure.resize(places, Row([T::one(); LANES]));
@@ -364,7 +365,7 @@ impl<T: SimulationReal> Simulation<T> {
         self.state.snapshot(&self.model)
     }
 
-    /// Goes back to a snapshot.
+    /// Restores a snapshot.
     ///
     /// # Errors
     /// [`SnapshotError`] if it is of another groom.
@@ -372,12 +373,12 @@ impl<T: SimulationReal> Simulation<T> {
         self.state.restore(&self.model, snapshot)
     }
 
-    /// Forgets where colliders were: to be called when the set of colliders changes.
+    /// Invalidates the clearances. Call it when the set of colliders changes.
     pub fn forget_solids(&mut self) {
         self.state.forget_solids();
     }
 
-    /// The head jumps from pose `from` to pose `to` between frames.
+    /// Moves the hair for a jump of the head from pose `from` to pose `to` between frames.
     pub fn teleport(&mut self, from: &Pose, to: &Pose, mode: Teleport) {
         if mode == Teleport::Reset {
             self.state = State::at_rest(&self.model, to);

@@ -1,17 +1,22 @@
-//! An edited groom, taken over while the simulation runs.
+//! Transfer of the simulated state to an edited groom.
 //!
 //! # Theory
-//! The edited strands are the new rest shape: ghosts, rest lengths and weights are theirs. What moves goes on moving: each particle takes over
-//! position, velocity and damage from its strand before the edit, at its own arc length from the root. So cut hair is the same hair, shorter; combed and curled hair
-//! is where it was, and its ties draw it to where it was combed. Hair that is longer than before goes on from the old tip, turned as the tip's
-//! edge is turned from its rest; a new strand begins as far from its rest shape as its source is there from its own, its edges at their lengths.
+//! The edited strands are the new rest shape: they define ghosts, rest lengths and weights. The
+//! motion continues: each particle takes position, velocity and damage from its strand before the
+//! edit, at the particle's arc length from the root. So cut hair is the same hair, shorter; combed
+//! and curled hair keeps its position, and its ties pull it to the new shape. Hair that is longer
+//! than before is extended from the old tip, with the rotation of the tip's edge from its rest
+//! direction. A new strand starts with the displacement from the rest shape that its source has,
+//! and with its edges at their rest lengths.
 //!
 //! # Practice
-//! [`Edit::apply`](crate::groom::edit::Edit::apply) reports the [`Source`]s that [`Simulation::regroom`] wants.
+//! [`Edit::apply`](crate::groom::edit::Edit::apply) reports the [`Source`]s that
+//! [`Simulation::regroom`] needs.
 //!
 //! # Limitations
-//! With the weight in the ghosts (`sag_free`) every particle's own weight is carried where it is, and a strand that hangs at rest does not feel that the hair
-//! below it is gone; without it, what is left springs up. Not for simulations with virtual particles.
+//! With `sag_free` the weight of every particle is compensated at the particle, so a strand that
+//! hangs at rest does not rise when hair below is cut; without it, it does. Simulations with
+//! virtual particles are not supported.
 
 use glam::{DQuat, DVec3};
 
@@ -22,13 +27,13 @@ use crate::pose::Pose;
 use crate::strands::{Model, PackError};
 use crate::strands::{Snapshot, State, vector};
 
-/// Why an edited groom cannot be taken over.
+/// Why the state cannot be transferred to an edited groom.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RegroomError {
     /// The groom cannot be packed.
     #[error(transparent)]
     Pack(#[from] PackError),
-    /// There is not one source a strand, or one that is not there.
+    /// The number of sources is not that of the strands, or a source does not exist.
     #[error(
         "the edited groom has {strands} strands, but the {sources} sources do not fit the simulation's {simulated}"
     )]
@@ -40,25 +45,25 @@ pub enum RegroomError {
         /// Strands simulated so far.
         simulated: usize,
     },
-    /// Strands carry virtual particles, which an edit does not know.
-    #[error("strands with virtual particles cannot be edited while they move: build the simulation anew")]
+    /// The strands have virtual particles, which edits do not support.
+    #[error("strands with virtual particles cannot be edited during a simulation: build a new simulation")]
     Virtual,
 }
 
-/// Fraction of an edge below which two places are one.
+/// Fraction of an edge below which a position on it coincides with a particle.
 const SAME: f64 = 1e-4;
 
-/// A model and a state of an edited groom, to go on with.
+/// The model and the state of an edited groom.
 #[derive(Debug)]
 pub struct Regroomed {
-    /// The strands.
+    /// The model.
     pub model: Model<f32>,
-    /// Where they are.
+    /// The state.
     pub state: State<f32>,
 }
 
-/// `groom` with the motion of the strands of `model` and `state` that `sources` name, with the head at
-/// `head`.
+/// `groom` with the motion of the strands of `model` and `state` that `sources` name, with the head
+/// at `head`.
 ///
 /// # Errors
 /// [`RegroomError`] if the groom cannot be simulated or the sources do not fit.
@@ -90,9 +95,9 @@ pub fn regroom(
         shift: state.origin - begun.origin,
     };
     for (strand, source) in sources.iter().enumerate() {
-        before.take_over(groom, strand, source, &mut now);
+        before.transfer(groom, strand, source, &mut now);
     }
-    // It has as many particles as the model: both are of this groom.
+    // Cannot fail: the snapshot has as many particles as the model.
     if begun.restore(&edited, &now).is_err() {
         return Err(RegroomError::Sources { strands, sources: sources.len(), simulated });
     }
@@ -100,12 +105,12 @@ pub fn regroom(
 }
 
 impl Simulation<f32> {
-    /// Goes on with `groom`, whose strands come from those simulated so far as `sources` say, with the
-    /// head at `head`.
+    /// Replaces the groom by `groom` and transfers the motion of the strands that `sources` name,
+    /// with the head at `head`.
     ///
     /// # Errors
-    /// [`RegroomError`] if the groom cannot be simulated or the sources do not fit; nothing has changed
-    /// then.
+    /// [`RegroomError`] if the groom cannot be simulated or the sources do not fit; nothing has
+    /// changed then.
     pub fn regroom(&mut self, groom: &Groom, sources: &[Source], head: &Pose) -> Result<(), RegroomError> {
         let Regroomed { model, state } = regroom(&self.model, &self.state, groom, sources, head)?;
         (self.model, self.state) = (model, state);
@@ -131,13 +136,14 @@ struct Before<'a> {
     head: &'a Pose,
     moving: Snapshot<f32>,
     offsets: &'a [u32],
-    /// From positions relative to the old origin to those relative to the new one.
+    /// Added to positions relative to the old origin to obtain those relative to the new origin.
     shift: DVec3,
 }
 
 impl Before<'_> {
-    /// Gives strand `strand` of `groom` the motion of its `source`; `now` holds its rest shape on the head so far.
-    fn take_over(&self, groom: &Groom, strand: usize, source: &Source, now: &mut Snapshot<f32>) {
+    /// Transfers the motion of `source` to strand `strand` of `groom`; `now` contains the rest
+    /// shape on the head before.
+    fn transfer(&self, groom: &Groom, strand: usize, source: &Source, now: &mut Snapshot<f32>) {
         let old = source.strand as usize;
         let old = self.offsets[old] as usize..self.offsets[old + 1] as usize;
         let arcs = arcs(self.rest[old.clone()].iter().copied());
@@ -147,9 +153,9 @@ impl Before<'_> {
             (&self.moving.positions[old.clone()], &self.moving.velocities[old.clone()]);
         let place = |i: usize| DVec3::from_array(places[i].map(f64::from)) + self.shift;
         let velocity = |i: usize| DVec3::from_array(velocities[i].map(f64::from));
-        // How far it went in the step before.
+        // Displacement in the step before.
         let previous = self.moving.previous.get(old.clone()).unwrap_or_default();
-        let gone = |i: usize| {
+        let displacement = |i: usize| {
             let before = previous.get(i).unwrap_or(&places[i]);
             DVec3::from_array(places[i].map(f64::from)) - DVec3::from_array(before.map(f64::from))
         };
@@ -157,20 +163,20 @@ impl Before<'_> {
         let tip_turn = self.turn_of_tip(&old, place(edges) - place(edges - 1));
         let range = groom.range(strand);
         let new_arcs = self::arcs(groom.strand(strand).iter().map(|p| p.as_dvec3()));
-        // Where the old tip is on the new rest shape, and is turned from.
+        // The particle of the new rest shape at the old tip: the pivot of the extension.
         let end = new_arcs.partition_point(|&a| a <= length * (1.0 + 1e-6)).saturating_sub(1);
         let mut before: Option<(DVec3, f64)> = None;
         for (particle, &arc) in range.clone().zip(&new_arcs) {
             let edge = arcs.partition_point(|&a| a <= arc).saturating_sub(1).min(edges - 1);
             let t = (arc - arcs[edge]) / (arcs[edge + 1] - arcs[edge]).max(f64::MIN_POSITIVE);
-            // On a particle to rounding is on it: what was not edited keeps its bits.
+            // Snaps to particles, so that strands that were not edited keep their exact positions.
             let t = if (t - t.round()).abs() < SAME { t.round() } else { t }.clamp(0.0, 1.0);
             let mut at = place(edge).lerp(place(edge + 1), t);
             if source.fresh {
                 let own = DVec3::from_array(now.positions[particle].map(f64::from));
                 let source_ghost = ghost(edge).lerp(ghost(edge + 1), t);
                 at = own + (at - self.shift + DVec3::from_array(self.moving.origin) - source_ghost);
-                // A mirrored strand has an offset of its own sense: its edges keep their lengths.
+                // Displacements of a mirrored strand are not mirrored: restore the edge lengths.
                 if let Some((from, from_arc)) = before {
                     at = from + (at - from).normalize_or(DVec3::NEG_Y) * (arc - from_arc);
                 }
@@ -185,7 +191,7 @@ impl Before<'_> {
                 now.positions[particle] = at.as_vec3().to_array();
                 now.velocities[particle] = velocity(edge).lerp(velocity(edge + 1), t).as_vec3().to_array();
                 if let Some(before) = now.previous.get_mut(particle) {
-                    *before = (at - gone(edge).lerp(gone(edge + 1), t)).as_vec3().to_array();
+                    *before = (at - displacement(edge).lerp(displacement(edge + 1), t)).as_vec3().to_array();
                 }
                 now.integrity[particle] =
                     integrity[edge] + (integrity[edge + 1] - integrity[edge]) * t as f32;
@@ -193,7 +199,8 @@ impl Before<'_> {
         }
     }
 
-    /// How the last edge of the strand at `old` is turned from its rest in the head's frame to `now`.
+    /// The rotation from the rest shape to the direction `now` of the last edge of the strand at
+    /// `old`.
     fn turn_of_tip(&self, old: &std::ops::Range<usize>, now: DVec3) -> DQuat {
         let rest = self.rest[old.end - 1] - self.rest[old.end - 2];
         let rest = (self.head.rotation * rest).normalize_or(DVec3::Y);
@@ -245,7 +252,7 @@ mod tests {
         }
     }
 
-    /// Hair that hangs without its weight in the ghosts, and so has sagged.
+    /// Hair without compensated weight, which has sagged.
     fn hanging() -> Simulation {
         let params = AmsParams { sag_free: false, drag: 4.0, ..AmsParams::default() };
         let mut simulation = Simulation::new(&curls(), &params, &Options::default()).unwrap();
@@ -267,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn cut_hair_goes_on_where_it_is_and_springs_up() {
+    fn cut_hair_keeps_its_position_and_rises() {
         let mut simulation = hanging();
         let before = positions(&simulation);
         let (groom, sources) = edited(Operation::Trim(Trim { to: 0.12, ..Trim::default() }));
@@ -286,7 +293,7 @@ mod tests {
         let rise = after[kept - 1].y - cut[kept - 1].y;
         println!("cut from 26 to 12 cm, the tip rises by {:.2} mm", rise * 1e3);
         assert!(rise > 1e-3, "{rise}");
-        // Hair that carries its weight in the ghosts hangs as it was groomed, cut or not.
+        // Hair with compensated weight hangs as it was groomed, cut or not.
         let options = Options { rest_gravity: GRAVITY, ..Options::default() };
         let mut at_rest = Simulation::new(&curls(), &AmsParams::default(), &options).unwrap();
         at_rest.regroom(&groom, &sources, &Pose::IDENTITY).unwrap();
@@ -296,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn curled_hair_is_drawn_to_its_curl() {
+    fn curled_hair_moves_to_its_curl() {
         let options = Options { rest_gravity: GRAVITY, ..Options::default() };
         let mut simulation = Simulation::new(&curls(), &AmsParams::default(), &options).unwrap();
         let curl = Curl { wavelength: 0.06, radius: 0.01, ..Curl::default() };
@@ -313,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn longer_and_more_hair_begins_in_one_piece() {
+    fn longer_and_new_hair_starts_with_intact_edges() {
         for operation in [
             Operation::Lengthen(Lengthen { by: 0.05, ..Lengthen::default() }),
             Operation::Density(Density { factor: 2.5, ..Density::default() }),
@@ -338,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn an_edit_that_changes_nothing_changes_nothing() {
+    fn an_empty_edit_does_not_change_the_motion() {
         let following = || {
             let params = crate::solver::DftlParams::default();
             let mut simulation = Simulation::new(&curls(), &params, &Options::default()).unwrap();

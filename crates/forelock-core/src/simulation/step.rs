@@ -15,20 +15,20 @@ use crate::strands::{Model, Scratch};
 use glam::DVec3;
 use std::sync::{Mutex, PoisonError};
 
-/// Buffers that nothing relies on between frames.
+/// Buffers whose contents are not used across frames.
 #[derive(Debug)]
 pub(super) struct Workspace<T> {
-    /// One a thread, behind a lock that only its thread takes.
+    /// One a thread, each behind a lock that only its thread takes.
     scratch: Vec<Mutex<Scratch<T>>>,
     poses: Vec<Pose>,
     solid_poses: Vec<SolidPose<T>>,
     wake: Wake,
     canopy: Canopy,
-    /// Share of the wind that reaches each particle, a row a place; empty: all of it.
+    /// Share of the wind that reaches each particle, a row a place; empty: 1 everywhere.
     pub exposure: Vec<Row<T>>,
     /// Consecutive steps of strands.
     steps: Vec<Step>,
-    /// Whether an interaction has moved edges in the frame under way.
+    /// Whether an interaction has moved edges in the current frame.
     moved: bool,
 }
 
@@ -47,7 +47,7 @@ impl<T: SolverReal> Workspace<T> {
         }
     }
 
-    /// Fits the buffers to a model that has changed.
+    /// Resizes the buffers for a model that has changed.
     pub fn fit(&mut self, model: &Model<T>) {
         self.scratch = scratch(model);
         self.canopy = Canopy::default();

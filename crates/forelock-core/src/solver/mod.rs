@@ -1,8 +1,8 @@
-//! Solvers of strands. Each is a folder with its parameters, its stage and its WGSL, and registers with
-//! one line here.
+//! Solvers of strands. Each is a folder with its parameters, its stage and its WGSL, and registers
+//! with one line here.
 //!
-//! The seam is [`LaneSolver`] (one function, generic over lanes) or [`StrandSolver`] (one call a block);
-//! see `docs/dev/add-a-solver.md`.
+//! The seam is [`LaneSolver`] (one function, generic over lanes) or [`StrandSolver`] (one call a
+//! block); see `docs/dev/add-a-solver.md`.
 
 pub mod ams;
 pub mod dftl;

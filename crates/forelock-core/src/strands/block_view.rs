@@ -1,8 +1,8 @@
-//! What a stage sees of a block of strands, and the scratch of a thread.
+//! A stage's view of a block of strands, and the scratch memory of a thread.
 
 use crate::lane::{Lane, Real, Row, V3};
 
-/// One block's arrays, as a stage sees them. Rows as in [`Model`](super::Model), this block's alone.
+/// The arrays of one block. Rows as in [`Model`](super::Model), for this block only.
 #[derive(Debug)]
 pub struct BlockView<'a, T> {
     /// Particles a strand.
@@ -17,11 +17,12 @@ pub struct BlockView<'a, T> {
     pub strand_length: &'a Row<T>,
     /// Relative stiffness of the strand.
     pub stiffness: &'a Row<T>,
-    /// Rest edges in the frames of the particles before them, three rows a particle; empty where no stage asks for them.
+    /// Rest edges in the frames of the particles before them, three rows a particle; empty if no
+    /// stage needs them.
     pub local: &'a [Row<T>],
     /// Positions relative to the frame's origin, world axes.
     pub positions: &'a mut [Row<T>],
-    /// The same a step before; empty where no stage asks for them.
+    /// Positions a step before; empty if no stage needs them.
     pub previous: &'a mut [Row<T>],
     /// Velocities, world axes.
     pub velocities: &'a mut [Row<T>],
@@ -29,11 +30,13 @@ pub struct BlockView<'a, T> {
     pub integrity: &'a mut [Row<T>],
     /// Lower bound on the distance to the nearest solid; negative: depth inside it; −∞: unknown.
     pub clearance: &'a mut [Row<T>],
-    /// Share of the wind that reaches each particle, a row a particle; empty: all of it.
+    /// Share of the wind that reaches each particle, a row a particle; empty: 1 everywhere.
     pub exposure: &'a [Row<T>],
-    /// Velocity of the wind at each particle in this frame, three rows a particle; empty: the same everywhere.
+    /// Velocity of the wind at each particle in this frame, three rows a particle; empty without a
+    /// wind field.
     pub wind: &'a mut [Row<T>],
-    /// The velocity to which drag draws each particle in this substep, three rows a particle; empty: that of the air.
+    /// The velocity towards which drag accelerates each particle in this substep, three rows a
+    /// particle; empty: that of the air.
     pub air: &'a mut [Row<T>],
     /// h c/m of each particle in this substep, a row a particle; empty: the same for all.
     pub drag: &'a mut [Row<T>],
@@ -48,7 +51,7 @@ pub struct LaneGroup {
     pub live: usize,
 }
 
-/// Scratch of one worker for strands of up to a fixed count of particles.
+/// Scratch memory of one thread for strands of up to a fixed count of particles.
 #[derive(Debug)]
 pub struct Scratch<T> {
     rows: Vec<Row<T>>,
@@ -58,7 +61,7 @@ pub struct Scratch<T> {
 /// Rows of scratch a particle: three 3×3 links and a vector.
 pub const SCRATCH_ROWS: usize = 30;
 
-/// Rows a particle that moving air takes: wind, air, drag.
+/// Rows a particle for a wind field: wind, air and drag.
 pub(crate) const AIR_ROWS: usize = 7;
 
 impl<T: Real> Scratch<T> {

@@ -1,5 +1,5 @@
-//! Strands packed into lanes: what is constant ([`Model`]), what a step changes ([`State`]), and what a
-//! stage sees of both ([`BlockView`]).
+//! Strands packed into lanes: constant data ([`Model`]), simulated state ([`State`]), and a stage's
+//! view of one block of both ([`BlockView`]).
 
 mod block_view;
 mod model;

@@ -1,4 +1,4 @@
-//! Model: what is derived once from a groom and its parameters, constant afterwards.
+//! Model: constant data derived once from a groom and the parameters.
 
 use super::strand_frame::rest_edges;
 use crate::groom::Groom;
@@ -11,13 +11,15 @@ use std::ops::Range;
 /// Strands of equal particle count, one a lane.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Block {
-    /// First particle's place: particle `i` of the block has component `c` in row `3 (first + i) + c`.
+    /// Place of the first particle: component `c` of particle `i` of the block is in row
+    /// `3 (first + i) + c`.
     pub first: usize,
     /// Particles a strand.
     pub particles: usize,
-    /// The groom's strand in each lane. Lanes from `live` on repeat the last strand and are ignored on output.
+    /// The groom's strand in each lane. Lanes from `live` on repeat the last strand and are ignored
+    /// on output.
     pub strands: [u32; LANES],
-    /// Lanes that carry a strand of their own.
+    /// Lanes that hold a strand; the others are padding.
     pub live: usize,
 }
 
@@ -49,14 +51,14 @@ impl<'a> From<&'a Groom> for Strands<'a, f32> {
     }
 }
 
-/// Strands with further particles between those of a groom.
+/// Strands with added particles between those of a groom.
 #[derive(Clone, Debug)]
 pub struct Chain<T> {
     /// Rest positions in the head's frame, `[P]`.
     pub positions: Vec<[T; 3]>,
     /// Offsets, `[S + 1]`.
     pub offsets: Vec<u32>,
-    /// One in so many particles of a strand is the groom's, from the root.
+    /// Every so many particles, from the root, one is the groom's.
     pub every: u32,
 }
 
@@ -70,30 +72,32 @@ pub struct Model<T> {
     pub blocks: Vec<Block>,
     /// Rest positions relative to `centre`, head frame, `[3 × places]` rows, metres.
     pub rest: Vec<Row<T>>,
-    /// Rest lengths to the next, second and third next particle, `[3 × places]` rows, metres; 0 past the tip.
+    /// Rest lengths to the next, second and third next particle, `[3 × places]` rows, metres; 0
+    /// past the tip.
     pub rest_lengths: Vec<Row<T>>,
     /// One over the rest length to the next particle, `[places]` rows, 1/m; 0 past the tip.
     pub inverse_edges: Vec<Row<T>>,
-    /// The edge to each particle at rest in the frame of the one before it, and for roots the unit vector across their frame: `[3 × places]` rows, metres, of
-    /// [`rest_edges`]. Empty until [`Model::find_frames`].
+    /// The rest edge to each particle in the frame of the particle before it, and for roots the
+    /// normal of their frame: `[3 × places]` rows, metres, from [`rest_edges`]. Empty until
+    /// [`Model::find_frames`].
     pub local: Vec<Row<T>>,
-    /// A row a block: length of the strand, metres.
+    /// Strand lengths, a row a block, metres.
     pub strand_lengths: Vec<Row<T>>,
-    /// A row a block: the strand's relative stiffness.
+    /// Relative stiffnesses of strands, a row a block.
     pub stiffness: Vec<Row<T>>,
-    /// The point, in the head's frame, about which rest positions are stored: the middle of their box. It keeps
-    /// coordinates small, so that float32 resolves edges anywhere in the world.
+    /// The origin of stored rest positions in the head's frame: the centre of their bounding box.
+    /// It keeps coordinates small, so that float32 resolves edges anywhere in the world.
     pub centre: [f64; 3],
-    /// Radius of the ball about `centre` that holds the hair at rest and a little more, metres.
+    /// Radius of a ball about `centre` that contains the hair at rest with a margin, metres.
     pub reach: f64,
-    /// One in so many particles of a strand is the groom's, from the root; the others were added by the
-    /// solver ([`Chain`]).
+    /// Every so many particles of a strand, from the root, one is the groom's; the solver has added
+    /// the others ([`Chain`]).
     pub every: u32,
     /// Strands of the groom, S.
     pub strand_count: usize,
     /// Particles of the groom, P.
     pub particle_count: usize,
-    /// Where each strand's particles start in the groom's order, `[S + 1]`.
+    /// Index of each strand's first particle in the groom's order, `[S + 1]`.
     pub offsets: Vec<u32>,
 }
 
@@ -133,7 +137,7 @@ pub enum PackError {
     },
 }
 
-/// Numbers points along a Morton curve: near numbers, near points.
+/// Numbers points along a Morton curve: points of similar number are close to each other.
 struct Nearness {
     low: [f64; 3],
     per_metre: f64,
@@ -167,7 +171,8 @@ impl Nearness {
 }
 
 impl<T> Model<T> {
-    /// The map from the rest shape, about its middle, to positions relative to `origin`, for a head at `head`.
+    /// The map from rest positions relative to `centre` to positions relative to `origin`, for the
+    /// head pose `head`.
     pub fn about_centre(&self, head: &Pose, origin: DVec3) -> Pose {
         let translation = head.transform_point(self.centre.into()) - origin;
         Pose { rotation: head.rotation, translation }
@@ -175,16 +180,17 @@ impl<T> Model<T> {
 }
 
 impl<T: Real> Model<T> {
-    /// Packs `strands` into blocks: strands of equal particle count side by side, and of those the ones whose middles are
-    /// near each other, so that a block touches few cells of a grid or a distance field.
+    /// Packs `strands` into blocks. The strands of a block have equal particle counts, and among
+    /// these the middles of neighbours are close to each other, so that a block accesses few cells
+    /// of a grid or a distance field.
     ///
     /// # Errors
-    /// [`PackError`] if there are no strands, or one that no solver can take.
+    /// [`PackError`] if there are no strands, or one that cannot be simulated.
     pub fn new(strands: &Strands<'_, T>) -> Result<Self, PackError> {
         Self::for_solver(strands, |_| None)
     }
 
-    /// The same, of the strands that `refine` makes of them, if it makes any.
+    /// [`Model::new`] for the strands that `refine` returns, or for `strands` if it returns none.
     ///
     /// # Errors
     /// As [`Model::new`].
@@ -285,7 +291,7 @@ impl<T: Real> Model<T> {
         }
     }
 
-    /// Fills `local`, if it is not filled yet.
+    /// Computes `local`, unless it is there already.
     pub fn find_frames(&mut self) {
         if self.local.len() == self.rest.len() {
             return;
@@ -315,7 +321,7 @@ impl<T: Real> Model<T> {
         found
     }
 
-    /// The farthest that a particle at rest is from the centre, metres.
+    /// The largest distance of a particle at rest from the centre, metres.
     fn farthest(&self) -> f64 {
         let square = |rows: &[Row<T>], lane: usize| {
             rows.iter().map(|row| row.0[lane].to_f64().unwrap_or(0.0).powi(2)).sum::<f64>()
@@ -325,15 +331,16 @@ impl<T: Real> Model<T> {
         squares.fold(0.0, f64::max).sqrt()
     }
 
-    /// The blocks in at most `count` ranges of equal length: a split that does not depend on threads.
+    /// The blocks in at most `count` ranges of equal length; the split does not depend on the
+    /// number of threads.
     pub(crate) fn parts(&self, count: usize) -> impl Iterator<Item = Range<usize>> + use<T> {
         let blocks = self.blocks.len();
         let share = blocks.div_ceil(count).max(1);
         (0..blocks).step_by(share).map(move |from| from..(from + share).min(blocks))
     }
 
-    /// The least and the greatest of what `at` finds for each place, over the strands that count: lanes that are left over need not be
-    /// where their strand is.
+    /// The componentwise minimum and maximum of `at` over all places, without the padding lanes,
+    /// whose positions may differ from their strand's.
     pub(crate) fn extent(&self, at: impl Fn(usize) -> [[f32; LANES]; 3] + Sync) -> [[f32; 3]; 2] {
         const NONE: [[f32; 3]; 2] = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
         let of = |block: &Block| {
@@ -359,7 +366,7 @@ impl<T: Real> Model<T> {
         self.blocks.par_iter().with_min_len(16).map(of).reduce(|| NONE, join)
     }
 
-    /// Places: particles a lane, over all blocks.
+    /// The number of places: particles of a lane, over all blocks.
     pub fn places(&self) -> usize {
         self.rest.len() / 3
     }
@@ -375,13 +382,13 @@ impl<T: Real> Model<T> {
         rows * size_of::<Row<T>>() + size_of_val(&*self.blocks) + size_of_val(&*self.offsets)
     }
 
-    /// Most particles of a strand.
+    /// The largest number of particles of a strand.
     pub fn longest(&self) -> usize {
         self.blocks.iter().map(|b| b.particles).max().unwrap_or(0)
     }
 }
 
-/// Whether a solver can take `strands`.
+/// Checks that `strands` can be simulated.
 pub(crate) fn check<T: Real>(strands: &Strands<'_, T>) -> Result<(), PackError> {
     if strands.offsets.len() < 2 {
         return Err(PackError::Empty);
@@ -401,7 +408,7 @@ pub(crate) fn check<T: Real>(strands: &Strands<'_, T>) -> Result<(), PackError> 
     Ok(())
 }
 
-/// The middle of the points' box.
+/// The centre of the points' bounding box.
 fn centre<T: Real>(points: &[[T; 3]]) -> [f64; 3] {
     std::array::from_fn(|c| {
         let values = points.iter().filter_map(|p| p[c].to_f64());
@@ -445,7 +452,7 @@ mod tests {
     }
 
     #[test]
-    fn strands_that_no_solver_can_take_are_named() {
+    fn strands_that_cannot_be_simulated_are_reported() {
         let build = |positions: &[[f64; 3]], offsets: &[u32]| {
             Model::new(&Strands { positions, offsets, stiffness: None }).map(|_| ())
         };

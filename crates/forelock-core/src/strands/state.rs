@@ -1,24 +1,24 @@
-//! State: what each step changes, and what a snapshot saves.
+//! State: the data that each step changes, and snapshots of it.
 
 use super::Model;
 use crate::lane::{LANES, Real, Row};
 use crate::pose::Pose;
 use glam::{DVec3, Vec3};
 
-/// What becomes of the hair when the head jumps.
+/// Treatment of the hair when the head jumps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum Teleport {
-    /// Back to the rest shape, without motion.
+    /// Resets to the rest shape, at rest.
     Reset,
-    /// The shape goes along, without motion.
+    /// Moves the shape with the head and stops its motion.
     #[default]
     CarryShape,
-    /// Shape and motion go along.
+    /// Moves the shape with the head and rotates its velocities.
     CarryShapeAndVelocity,
 }
 
-/// Packed positions, velocities and what the strands remember. Rows as in [`Model`].
+/// Packed positions, velocities and further state of particles. Rows as in [`Model`].
 #[derive(Clone, Debug)]
 pub struct State<T> {
     /// Positions relative to `origin`, world axes, `[3 × places]` rows, metres.
@@ -27,15 +27,17 @@ pub struct State<T> {
     pub velocities: Vec<Row<T>>,
     /// Intact share of each integrity tie, 1 to 0, `[places]` rows.
     pub integrity: Vec<Row<T>>,
-    /// Lower bound on the distance to the nearest solid's skin; negative: depth inside it; −∞: not looked yet. `[places]` rows, metres.
+    /// Lower bound of the distance to the nearest solid's skin; negative: depth inside it; −∞: not
+    /// queried yet. `[places]` rows, metres.
     pub clearance: Vec<Row<T>>,
-    /// Positions a step before, relative to `origin`, as `positions`; empty for solvers that do not ask for them.
+    /// Positions a step before, relative to `origin`, `[3 × places]` rows, metres; empty for
+    /// solvers that do not need them.
     pub previous: Vec<Row<T>>,
-    /// The point of the world that positions are relative to: where the head carries the model's centre.
+    /// The origin of positions in the world: the position of the model's centre on the head.
     pub origin: DVec3,
 }
 
-/// A state in the groom's order: resumes bit for bit.
+/// A state in the groom's order. A simulation resumes from it bit for bit.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Snapshot<T> {
     /// Positions relative to `origin`, `[P]`, metres.
@@ -46,9 +48,10 @@ pub struct Snapshot<T> {
     pub integrity: Vec<T>,
     /// Clearances, `[P]`, metres.
     pub clearance: Vec<T>,
-    /// Positions a step before, relative to `origin`, `[P]`, metres; empty for solvers that do not ask for them.
+    /// Positions a step before, relative to `origin`, `[P]`, metres; empty for solvers that do not
+    /// need them.
     pub previous: Vec<[T; 3]>,
-    /// The point of the world that positions are relative to.
+    /// The origin of positions in the world.
     pub origin: [f64; 3],
 }
 
@@ -90,7 +93,7 @@ impl<T: Real> State<T> {
         state
     }
 
-    /// Becomes a copy of `other`, in the memory that it has.
+    /// Copies `other` without a new allocation.
     pub fn take(&mut self, other: &Self) {
         self.positions.clone_from(&other.positions);
         self.velocities.clone_from(&other.velocities);
@@ -105,16 +108,17 @@ impl<T: Real> State<T> {
         world_positions(model, &self.positions, self.origin, out);
     }
 
-    /// Forgets where colliders were.
+    /// Invalidates all clearances, because colliders have jumped.
     pub fn forget_solids(&mut self) {
         for row in &mut self.clearance {
             row.0.fill(T::neg_infinity());
         }
     }
 
-    /// Carries the hair along when the head jumps by `jump`, a map of the world to itself, between
-    /// frames: with its motion or, under [`Teleport::CarryShape`], without. `step_secs` is the step in
-    /// which hair moved from `previous` to `positions`. [`Teleport::Reset`] is not for this function.
+    /// Moves the hair with the head when the head jumps between frames. `jump` maps the world
+    /// before to the world after. Velocities are rotated, or with [`Teleport::CarryShape`] the
+    /// motion is stopped. `step_secs` is the step in which hair moved from `previous` to
+    /// `positions`. [`Teleport::Reset`] is not handled here.
     pub fn carry(&mut self, jump: &Pose, mode: Teleport, step_secs: f64) {
         let origin = jump.transform_point(self.origin);
         let Self { positions, previous, .. } = self;
@@ -130,26 +134,29 @@ impl<T: Real> State<T> {
         }
         self.origin = origin;
         if mode == Teleport::CarryShape {
-            // Without motion; what else velocities hold stays.
+            // Stops the motion; the load that velocities contain stays.
             self.stop(step_secs);
         }
         self.forget_solids();
     }
 
-    /// Begins to remember positions of a step before, as if nothing had moved then; if it does so already, nothing changes.
+    /// Starts to store the positions of the step before, with zero displacement in that step. Does
+    /// nothing if they are stored already.
     pub fn remember(&mut self) {
         if self.previous.len() != self.positions.len() {
             self.previous.clone_from(&self.positions);
         }
     }
 
-    /// Forgets positions of a step before, of `h` seconds: velocities become those with which hair moved in it.
+    /// Drops the positions of the step before, of `h` seconds. Velocities become the velocities of
+    /// the motion in that step.
     pub(crate) fn forget(&mut self, h: f64) {
         self.change_velocities(h, |_, u| u);
         self.previous = Vec::new();
     }
 
-    /// Takes the motion of the step before, of `h` seconds, out of the velocities, and leaves what else they hold.
+    /// Subtracts the motion of the step before, of `h` seconds, from the velocities. The load that
+    /// they contain stays.
     pub(crate) fn stop(&mut self, h: f64) {
         if !self.previous.is_empty() {
             self.change_velocities(h, |v, u| v - u);
@@ -157,7 +164,8 @@ impl<T: Real> State<T> {
         }
     }
 
-    /// Makes each velocity what `change` says, of it and of that with which hair moved in the step of `h` seconds before.
+    /// Replaces each velocity v by `change(v, u)`, with u the velocity of the motion in the step
+    /// before, of `h` seconds.
     fn change_velocities(&mut self, h: f64, change: impl Fn(T, T) -> T) {
         let inverse_h = number::<T>(1.0 / h);
         for ((v, x), y) in self.velocities.iter_mut().zip(&self.positions).zip(&self.previous) {
@@ -174,7 +182,8 @@ impl<T: Real> State<T> {
         rows * size_of::<Row<T>>()
     }
 
-    /// Calls `visit(particle in the groom's order, place, lane)` for every particle, block by block.
+    /// Calls `visit(particle in the groom's order, place, lane)` for every particle, block by
+    /// block.
     pub fn each_particle(model: &Model<T>, mut visit: impl FnMut(usize, usize, usize)) {
         for block in &model.blocks {
             for (lane, &strand) in block.strands[..block.live].iter().enumerate() {
@@ -209,7 +218,8 @@ impl<T: Real> State<T> {
         snapshot
     }
 
-    /// Takes a snapshot's values over. Where it does not tell positions of a step before, or this state does not remember them, nothing had moved then.
+    /// Restores a snapshot. If the snapshot or this state has no positions of the step before, the
+    /// displacement in that step is zero.
     ///
     /// # Errors
     /// [`SnapshotError`] if it belongs to a groom of another size; nothing is changed then.
@@ -252,14 +262,16 @@ impl<T: Real> State<T> {
 }
 
 impl<T: Real> Snapshot<T> {
-    /// A 64-bit hash of every bit: the same for any number of threads and any SIMD width on one instruction set.
+    /// A 64-bit hash of every bit. It does not depend on the number of threads, nor on the SIMD
+    /// width within one instruction set.
     pub fn hash(&self) -> u64 {
         let mut hash = 0xcbf2_9ce4_8422_2325;
         let mut take = |bytes: &[u8]| {
             for word in bytes.chunks(8) {
                 let mut padded = [0; 8];
                 padded[..word.len()].copy_from_slice(word);
-                // A multiply–rotate round a word (the shape of wyhash's mixing): every bit reaches the next round.
+                // A multiply–rotate round for each word, as in wyhash: every bit affects the next
+                // round.
                 hash =
                     (hash ^ u64::from_le_bytes(padded)).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29);
             }
@@ -278,7 +290,7 @@ impl<T: Real> Snapshot<T> {
 /// Particles that a solver added ([`Model::every`]) are left out.
 pub fn world_positions<T: Real>(model: &Model<T>, positions: &[Row<T>], origin: DVec3, out: &mut Vec<Vec3>) {
     let every = model.every as usize;
-    // A strand of N particles of the groom has (N − 1) every + 1 here.
+    // A strand with N particles of the groom has (N − 1) every + 1 simulated particles.
     let groom = |chain: usize, strands: usize| (chain + strands * (every - 1)) / every;
     out.resize(groom(model.particle_count, model.strand_count), Vec3::ZERO);
     for block in &model.blocks {
@@ -293,7 +305,7 @@ pub fn world_positions<T: Real>(model: &Model<T>, positions: &[Row<T>], origin: 
     }
 }
 
-/// Turns the vectors in three rows.
+/// Rotates the vectors in three rows.
 fn turn<T: Real>(rows: &mut [Row<T>], jump: &Pose) {
     for lane in 0..LANES {
         let v = DVec3::from_array([0, 1, 2].map(|c| rows[c].0[lane].to_f64().unwrap_or(0.0)));
@@ -308,7 +320,7 @@ pub fn vector<T: Copy>(rows: &[Row<T>], place: usize, lane: usize) -> [T; 3] {
     [0, 1, 2].map(|c| rows[3 * place + c].0[lane])
 }
 
-/// The same in single precision; 0 for what that does not hold.
+/// [`vector`] in single precision; 0 for numbers that it cannot represent.
 #[inline]
 pub(crate) fn vec3<T: Real>(rows: &[Row<T>], place: usize, lane: usize) -> Vec3 {
     Vec3::from_array(vector(rows, place, lane).map(|x| x.to_f32().unwrap_or(0.0)))

@@ -1,19 +1,23 @@
-//! Frames carried along a strand.
+//! Frames transported along a strand.
 
 use crate::lane::{Lane, V3};
 use glam::DVec3;
 
-/// The frame of a particle: the direction t of the edge before it, a unit vector n across it, and t × n.
+/// The frame of a particle: the direction t of the edge before it, a unit vector n across it, and t
+/// × n.
 ///
 /// # Theory
-/// The frame after an edge is the one before it turned as little as the edges' directions need: F_i = F_{i−1} ⊗ arc(e₁, F_{i−1}⁻¹ t_i), which in world axes is the arc from t_{i−1} to
-/// t_i (parallel transport, Bishop 1975). It takes n to its mirror image across the plane normal to s = t_{i−1} + t_i,
+/// The frame after an edge is the frame before it, rotated by the smallest rotation that aligns the
+/// tangents: F_i = F_{i−1} ⊗ arc(e₁, F_{i−1}⁻¹ t_i), which in world axes is the arc from t_{i−1} to
+/// t_i (parallel transport, Bishop 1975). It maps n to its mirror image in the plane normal to s =
+/// t_{i−1} + t_i,
 ///
 /// ```text
 /// n′ = n − 2 (n·s)/(s·s) s
 /// ```
 ///
-/// since n is normal to t_{i−1}; a mirror keeps lengths whatever s, so rounding does not add up. Where an edge turns back on the one before it (s = 0) n stays.
+/// since n is normal to t_{i−1}. A reflection preserves lengths for any s, so rounding errors do
+/// not accumulate. Where an edge is opposite to the edge before it (s = 0), n does not change.
 #[derive(Clone, Copy, Debug)]
 pub struct StrandFrame<L> {
     /// Direction of the edge.
@@ -23,13 +27,14 @@ pub struct StrandFrame<L> {
 }
 
 impl<L: Lane> StrandFrame<L> {
-    /// The frame of a strand's root, the arc from the first axis to `tangent`: F₀ = arc(e₁, X₁ − X₀).
+    /// The frame of a strand's root, the arc from the first axis to `tangent`: F₀ = arc(e₁, X₁ −
+    /// X₀).
     #[inline(always)]
     pub fn at_root(tangent: V3<L>) -> Self {
         Self { tangent: V3::splat(DVec3::X), normal: V3::splat(DVec3::Y) }.turned_to(tangent)
     }
 
-    /// The frame turned to the next edge's direction `tangent`.
+    /// The frame transported to the next edge, of direction `tangent`.
     #[inline(always)]
     #[must_use]
     pub fn turned_to(self, tangent: V3<L>) -> Self {
@@ -38,7 +43,7 @@ impl<L: Lane> StrandFrame<L> {
         Self { tangent, normal: self.normal.add_scaled(-(share + share), s) }
     }
 
-    /// A vector of the frame in the world's axes.
+    /// Rotates a vector from the frame to world axes.
     #[inline(always)]
     pub fn world(&self, local: V3<L>) -> V3<L> {
         let binormal = self.tangent.cross(self.normal);
@@ -46,7 +51,7 @@ impl<L: Lane> StrandFrame<L> {
         self.tangent.scale(t).add_scaled(n, self.normal).add_scaled(b, binormal)
     }
 
-    /// A vector of the world in the frame's axes.
+    /// Rotates a vector from world axes to the frame.
     #[inline(always)]
     pub fn local(&self, world: V3<L>) -> V3<L> {
         let binormal = self.tangent.cross(self.normal);
@@ -54,8 +59,8 @@ impl<L: Lane> StrandFrame<L> {
     }
 }
 
-/// The edges of a strand through `points` at rest, each in the frame of the particle before it (r_i, \[P\]). The first entry, of which there is no edge, is the unit vector across the
-/// root's frame.
+/// The edges of a strand through `points` at rest, each in the frame of the particle before it
+/// (r_i, \[P\]). The first entry, which has no edge, is the normal of the root's frame.
 pub fn rest_edges(points: &[DVec3]) -> Vec<DVec3> {
     let Some(first) = points.windows(2).next() else { return Vec::new() };
     let direction = |edge: DVec3| V3::splat(edge.normalize_or(DVec3::X));
@@ -75,7 +80,7 @@ mod tests {
     use glam::DQuat;
 
     #[test]
-    fn frames_turn_as_quaternions_do() {
+    fn transport_agrees_with_quaternions() {
         let edges = [
             DVec3::new(0.3, -0.8, 0.2),
             DVec3::new(-0.9, -0.1, 0.4),
@@ -96,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn an_edge_that_turns_back_leaves_a_frame() {
+    fn the_frame_stays_orthonormal_where_an_edge_reverses() {
         let frame = StrandFrame::<f64>::at_root(V3::splat(-DVec3::X));
         let [n, t] = [frame.normal, frame.tangent].map(|v| DVec3::from_array(v.0));
         assert!((n.length() - 1.0).abs() < 1e-15 && n.dot(t).abs() < 1e-15);

@@ -27,8 +27,8 @@ fn resolve_particle(strand: Strand, i: u32) -> bool {
     return found.touches;
 }
 
-// The point at `length` from `leader` near `start` that is outside a solid, if there is one, and its
-// clearance.
+// The point at `length` from `leader` near `start` that is outside a solid, if there is one, and
+// its clearance.
 fn slide_along(number: u32, leader: vec3f, start: vec3f, length: f32) -> vec4f {
     let map = query.solids[number].at_end;
     var x = start;

@@ -6,19 +6,19 @@ use crate::lane::{Lane, Real, V3};
 use crate::strands::{BlockView, LaneGroup};
 
 /// Restores the lengths of edges that solids stretched. In each strand whose `stretch` is over
-/// [`STRETCHED`], particles are moved from root to tip to their rest length from the particle before,
-/// and where that position is inside a solid, to a point of its surface at that length.
+/// [`STRETCHED`], particles are moved from root to tip to their rest length from the particle
+/// before, and where that position is inside a solid, to a point of its surface at that length.
 ///
 /// # Theory
-/// A point of the surface at distance l from the leader is found by alternating projections onto the
-/// surface and onto the sphere about the leader, each to the nearest point. No round moves the
+/// A point of the surface at distance l from the leader is found by alternating projections onto
+/// the surface and onto the sphere about the leader, each to the nearest point. No round moves the
 /// particle further than its error, so that a small change of the start is a small change of the
 /// end. (The formula for a flat surface, which divides by the part of the edge along it, makes
 /// strands that rest on a ridge jump from one side to the other.) Where surface and sphere do not
 /// intersect, the particle stays on the surface and the edge stays stretched.
 ///
-/// The edge then turns but does not stretch: the follower's velocity relative to the leader loses its
-/// component along the edge, as in the length pass.
+/// The edge then turns but does not stretch: the follower's velocity relative to the leader loses
+/// its component along the edge, as in the length pass.
 #[inline(always)]
 pub fn lay_along<L: Lane>(
     solids: &Solids<'_, L::Scalar>,
@@ -69,8 +69,8 @@ pub fn lay_along<L: Lane>(
 /// Stretch, over the rest length, above which a strand's edges are restored.
 pub const STRETCHED: f64 = 1e-5;
 
-/// The point at `length` from `leader` near `x` that is outside all solids, if there is one, and its
-/// clearance.
+/// The point at `length` from `leader` near `x` that is outside all solids, if there is one, and
+/// its clearance.
 fn slide<T: Real>(solids: &Solids<'_, T>, leader: [T; 3], mut x: [T; 3], length: T) -> ([T; 3], T) {
     // Repeated where the projection out of one solid may have ended in another.
     for _ in 0..3 {

@@ -2,12 +2,12 @@
 //! Sec. 3.3).
 //!
 //! # Theory
-//! With σ the signed distance less the skin's thickness, n = ∇σ, and Δv the velocity relative to the
-//! solid at that point: where σ < 0 and Δv approaches (Δv·n < 0), Δv_N = 0 and Coulomb friction leaves
-//! Δv_T ← max(0, 1 − μ |Δv_N|/|Δv_T|) Δv_T; then x −= σ n.
+//! With σ the signed distance less the skin's thickness, n = ∇σ, and Δv the velocity relative to
+//! the solid at that point: where σ < 0 and Δv approaches (Δv·n < 0), Δv_N = 0 and Coulomb friction
+//! leaves Δv_T ← max(0, 1 − μ |Δv_N|/|Δv_T|) Δv_T; then x −= σ n.
 //!
-//! A particle that was inside at the last query (hair spawned in a solid, or a solid that jumped) is
-//! not pushed out at once: its depth decreases by `depenetration_speed`·h a substep, so that the
+//! A particle that was inside at the last query (hair spawned in a solid, or a solid that jumped)
+//! is not pushed out at once: its depth decreases by `depenetration_speed`·h a substep, so that the
 //! correction adds no large velocities.
 //!
 //! A particle between two solids is projected out of one after the other until it is outside both
@@ -16,14 +16,14 @@
 //!
 //! # Practice
 //! σ is 1-Lipschitz, so a particle at distance σ cannot touch a solid before it has moved by σ
-//! relative to it. Each particle stores this clearance. Displacements are subtracted from it, and the
-//! fields are sampled only when it is used up. The decision is made per lane, so results do not depend
-//! on the SIMD width. Trilinear grids can change √3 times as fast along a diagonal: their clearance is
-//! divided by √3.
+//! relative to it. Each particle stores this clearance. Displacements are subtracted from it, and
+//! the fields are sampled only when it is used up. The decision is made per lane, so results do not
+//! depend on the SIMD width. Trilinear grids can change √3 times as fast along a diagonal: their
+//! clearance is divided by √3.
 //!
-//! A particle with a large displacement in a substep is tested along its whole path (`sweep`), so that
-//! fast particles do not tunnel through thin solids. The surface velocity of a shape that changes
-//! ([`Shape::Morph`](crate::body::Shape::Morph)) counts in the contact.
+//! A particle with a large displacement in a substep is tested along its whole path (`sweep`), so
+//! that fast particles do not tunnel through thin solids. The surface velocity of a shape that
+//! changes ([`Shape::Morph`](crate::body::Shape::Morph)) counts in the contact.
 
 mod lay_along;
 mod levels;
@@ -149,9 +149,9 @@ pub fn resolve<L: Lane>(
     contacts
 }
 
-/// For particles that moved from `from` to `x` in a substep and had clearance `last`: an upper bound of
-/// their displacement relative to the solid that moved most against them, and the clearance that is
-/// left.
+/// For particles that moved from `from` to `x` in a substep and had clearance `last`: an upper
+/// bound of their displacement relative to the solid that moved most against them, and the
+/// clearance that is left.
 #[inline(always)]
 fn clearance_left<L: Lane>(solids: &Solids<'_, L::Scalar>, last: L, from: V3<L>, x: V3<L>) -> (L, L) {
     let apart = solids.poses.len() > 1;

@@ -83,8 +83,8 @@ pub(super) fn resolve_penetration<T: Real>(
 /// Pushes out of a distance field in one query.
 pub const MAX_PUSHES: usize = 3;
 
-/// Pushes a particle out of one solid after the other until it is outside all. Returns the clearance
-/// that is left; it is negative where the solids leave no room between them.
+/// Pushes a particle out of one solid after the other until it is outside all. Returns the
+/// clearance that is left; it is negative where the solids leave no room between them.
 #[inline(never)]
 pub(super) fn resolve_penetrations<T: Real>(solids: &Solids<'_, T>, particle: &mut Particle<T>) -> T {
     for round in 0..=PROJECTION_ROUNDS {
@@ -118,10 +118,10 @@ pub(super) fn resolve_penetrations<T: Real>(solids: &Solids<'_, T>, particle: &m
 /// Rounds of projections of a particle between solids; each round projects it out of every solid.
 pub const PROJECTION_ROUNDS: usize = 8;
 
-/// Continuous collision detection. Stops a particle at the surface that it passed through on its path
-/// from `from` (at `start`; 0: the substep's start, 1: its end), if it is outside on another side or
-/// would be pushed out there. `sample` is the solid's field at the particle. Returns whether the
-/// particle was stopped.
+/// Continuous collision detection. Stops a particle at the surface that it passed through on its
+/// path from `from` (at `start`; 0: the substep's start, 1: its end), if it is outside on another
+/// side or would be pushed out there. `sample` is the solid's field at the particle. Returns
+/// whether the particle was stopped.
 #[inline(never)]
 pub(super) fn resolve_ccd_hit<T: Real>(
     solids: &Solids<'_, T>,
@@ -152,8 +152,8 @@ pub(super) fn resolve_ccd_hit<T: Real>(
     true
 }
 
-/// Displacement in the substep of the solid's surface at `x`, where its normal is `normal`: the rigid
-/// motion, plus the motion along the normal of a shape that changes.
+/// Displacement in the substep of the solid's surface at `x`, where its normal is `normal`: the
+/// rigid motion, plus the motion along the normal of a shape that changes.
 #[inline(always)]
 fn surface_displacement<T: Real>(solid: Solid<'_, T>, x: [T; 3], normal: [T; 3]) -> [T; 3] {
     let Solid { collider, pose } = solid;

@@ -29,8 +29,8 @@ fn apply_friction(number: u32, normal: vec3f, particle: ptr<function, Particle>,
         kept = max(1.0 + query.solids[number].friction * approach / speed, 0.0);
     }
     (*particle).v = solid_velocity + kept * along;
-    // Where velocities are derived from positions, friction changes positions too. A particle stopped
-    // on its path has no tangential displacement left to reduce.
+    // Where velocities are derived from positions, friction changes positions too. A particle
+    // stopped on its path has no tangential displacement left to reduce.
     if FRICTION_MOVES && !is_ccd_hit {
         (*particle).x -= frame.h * (1.0 - kept) * along;
     }
@@ -99,8 +99,8 @@ fn swell_of(number: u32) -> f32 {
     return select(0.0, query.solids[number].swell, CHANGES && (query.how & AFTER_SUBSTEP) != 0u);
 }
 
-// First touch of a particle that moves straight through the solid's local space, and the normal there:
-// `sweep::sweep`.
+// First touch of a particle that moves straight through the solid's local space, and the normal
+// there: `sweep::sweep`.
 struct Touch {
     found: bool,
     place: vec3f,
@@ -132,8 +132,8 @@ fn sweep(number: u32, start: vec3f, end: vec3f) -> Touch {
     return none;
 }
 
-// Stops a particle at the surface that it passed through on its path from `origin`. Returns whether it
-// was stopped.
+// Stops a particle at the surface that it passed through on its path from `origin`. Returns whether
+// it was stopped.
 fn resolve_ccd_hit(number: u32, found: vec4f, origin: vec3f, particle: ptr<function, Particle>) -> bool {
     // A particle that was inside at the last query is being pushed out.
     if (*particle).last_clearance < 0.0 {
@@ -154,8 +154,8 @@ fn resolve_ccd_hit(number: u32, found: vec4f, origin: vec3f, particle: ptr<funct
     return true;
 }
 
-// For a particle that moved from `origin` to `x` in a substep and had clearance `last`: the clearance
-// that is left, and the displacement relative to the solid that moved most against it.
+// For a particle that moved from `origin` to `x` in a substep and had clearance `last`: the
+// clearance that is left, and the displacement relative to the solid that moved most against it.
 fn clearance_left(x: vec3f, origin: vec3f, last: f32) -> vec2f {
     var left = FAR;
     var moved = 0.0;
@@ -180,8 +180,8 @@ struct Resolved {
     touches: bool,
 }
 
-// Resolves the collisions of a particle that came from `origin`. `moved` is its displacement relative
-// to the solid that moved most against it, `last` its clearance after the last query.
+// Resolves the collisions of a particle that came from `origin`. `moved` is its displacement
+// relative to the solid that moved most against it, `last` its clearance after the last query.
 fn query_solids(x: vec3f, v: vec3f, origin: vec3f, moved: f32, last: f32) -> Resolved {
     var particle = Particle(x, v, last);
     var clearance = FAR;

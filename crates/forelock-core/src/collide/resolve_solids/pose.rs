@@ -26,8 +26,8 @@ pub struct SolidPose<T> {
     pub(super) swell: T,
 }
 
-/// Motion of a solid in a substep in float64, relative to the frame's origin. [`SolidPose`] holds the
-/// same in the solver's precision.
+/// Motion of a solid in a substep in float64, relative to the frame's origin. [`SolidPose`] holds
+/// the same in the solver's precision.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SolidMotion {
     /// The solid's poses at the substep's start and end.
@@ -100,8 +100,8 @@ impl<T: Real> SolidPose<T> {
         }
     }
 
-    /// Transforms a point from the solid's local space to the world at `end` (0: the substep's start,
-    /// 1: its end).
+    /// Transforms a point from the solid's local space to the world at `end` (0: the substep's
+    /// start, 1: its end).
     #[inline(always)]
     pub(super) fn world(&self, end: usize, q: [T; 3]) -> [T; 3] {
         let (turned, p) = (self.turn(end, q), self.translations[end]);

@@ -95,8 +95,8 @@ impl<T: Real> Queue<T> {
         for (collider, pose) in solids.solids.iter().zip(solids.poses) {
             let solid = Solid { collider, pose };
             let thin = crate::strands::number(collider.shape.thinness());
-            // A sample is not needed where the displacement cannot tunnel through this solid and the
-            // distance from its bounding ball exceeds the clearance from the solids before: the
+            // A sample is not needed where the displacement cannot tunnel through this solid and
+            // the distance from its bounding ball exceeds the clearance from the solids before: the
             // particle cannot touch this solid, nor can its clearance fall.
             let rise = lipschitz::<T>(collider.shape);
             let is_far = |k: usize| {

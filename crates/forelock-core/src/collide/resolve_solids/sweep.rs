@@ -1,16 +1,16 @@
 //! Continuous collision detection: the first touch of a particle on its path in a substep.
 //!
 //! # Theory
-//! In the solid's local space a particle moves straight from q₀ to q₁ in a substep. A particle that is
-//! inside at q₁ is projected onto the nearest surface, which is the one it entered through as long as
-//! it is no deeper than half of the solid's thickness. For larger displacements the path itself is
-//! traced: σ is 1-Lipschitz, so from a point at distance σ the next σ of the path is free (sphere
-//! tracing; Hart 1996). At the first touch the particle stops: the rest of its displacement in that
-//! substep is lost, its velocity along the surface is kept.
+//! In the solid's local space a particle moves straight from q₀ to q₁ in a substep. A particle that
+//! is inside at q₁ is projected onto the nearest surface, which is the one it entered through as
+//! long as it is no deeper than half of the solid's thickness. For larger displacements the path
+//! itself is traced: σ is 1-Lipschitz, so from a point at distance σ the next σ of the path is free
+//! (sphere tracing; Hart 1996). At the first touch the particle stops: the rest of its displacement
+//! in that substep is lost, its velocity along the surface is kept.
 //!
 //! # Practice
-//! Only particles that used up their clearance *and* moved by more than the solid's `Shape::thinness`
-//! are traced: at ordinary speeds none.
+//! Only particles that used up their clearance *and* moved by more than the solid's
+//! `Shape::thinness` are traced: at ordinary speeds none.
 //!
 //! # Limitations
 //! Particles are traced, not the edges between them: a part of a solid thinner than the distance
@@ -23,8 +23,8 @@ use crate::lane::Real;
 use super::dot;
 use super::particle::lipschitz;
 
-/// Steps of a trace. A path on which more steps touch nothing counts as free; such a path grazes the
-/// surface.
+/// Steps of a trace. A path on which more steps touch nothing counts as free; such a path grazes
+/// the surface.
 pub const SWEEP_STEPS: usize = 48;
 
 /// The path of a particle during a substep, in a solid's local space.
@@ -47,8 +47,8 @@ impl<T: Real> SweepPath<T> {
     }
 }
 
-/// The first point of `path` within `thickness` of `shape`, and the normal there; `None` if there is
-/// none.
+/// The first point of `path` within `thickness` of `shape`, and the normal there; `None` if there
+/// is none.
 #[inline(never)]
 pub(super) fn sweep<T: Real>(shape: &Shape, thickness: T, path: &SweepPath<T>) -> Option<([T; 3], [T; 3])> {
     let number = crate::strands::number::<T>;
@@ -70,7 +70,8 @@ pub(super) fn sweep<T: Real>(shape: &Shape, thickness: T, path: &SweepPath<T>) -
         let (distance, normal) = shape.sample_at(point, fraction);
         let sigma = distance - thickness;
         if sigma <= touch && (dot(normal, go) < zero || path.swell > zero) {
-            // Move to the skin: a particle that starts in contact may be under it by a rounding error.
+            // Move to the skin: a particle that starts in contact may be under it by a rounding
+            // error.
             let out = (-sigma).max(zero);
             return Some(([0, 1, 2].map(|c| point[c] + out * normal[c]), normal));
         }

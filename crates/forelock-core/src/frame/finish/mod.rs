@@ -1,5 +1,5 @@
-//! The steps that all solvers share after their substeps: the length pass, the final collision pass,
-//! and the checks.
+//! The steps that all solvers share after their substeps: the length pass, the final collision
+//! pass, and the checks.
 
 use super::context::FrameContext;
 use super::plan::Step;
@@ -112,9 +112,9 @@ fn restore<L: Lane>(
     stretch
 }
 
-/// The final collision pass; the largest stretch after it, a lane. Colliders meet hair with the speed
-/// at which it moves: where velocities hold more than motion (`BlockView::previous`), the rest of them
-/// is set aside meanwhile.
+/// The final collision pass; the largest stretch after it, a lane. Colliders meet hair with the
+/// speed at which it moves: where velocities hold more than motion (`BlockView::previous`), the
+/// rest of them is set aside meanwhile.
 #[inline(always)]
 fn collide<L: Lane>(
     cx: &FrameContext<'_, L::Scalar>,

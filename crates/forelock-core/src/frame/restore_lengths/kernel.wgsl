@@ -1,6 +1,8 @@
-// The pass that brings every edge back to its rest length, one strand a thread: the twin of `restore_lengths::restore`.
+// The pass that restores the rest length of every edge, one strand a thread: the GPU counterpart of
+// `restore_lengths::restore`.
 //
-// Scratch rows 0 to 2 of an edge hold its direction, row 3 the right side and then λ, row 4 the eliminated entry; rows 5 to 7 of a particle where it was before.
+// Scratch rows 0 to 2 of an edge hold its direction, row 3 the right side and then λ, row 4 the
+// eliminated entry; rows 5 to 7 of a particle hold its position before the pass.
 
 fn edge_of(strand: Strand, j: u32) -> vec4f {
     let d = position_at(strand, j + 1u) - position_at(strand, j);
@@ -8,7 +10,7 @@ fn edge_of(strand: Strand, j: u32) -> vec4f {
     return vec4f(d / length, length);
 }
 
-// Thomas' algorithm on J W Jᵀ λ = r: r in row 3 before, λ there after.
+// Thomas' algorithm on J W Jᵀ λ = r. Row 3 holds r before and λ afterwards.
 fn solve_chain(strand: Strand, first: u32) {
     var upper = 0.0;
     var partial = 0.0;
@@ -47,13 +49,14 @@ fn push_of(strand: Strand, i: u32) -> vec3f {
     return push;
 }
 
-// Puts each particle at its rest length from the one before; with `hand_up` velocities take the corrections as DFTL has it.
-fn follow_the_leader(strand: Strand, first: u32, hand_up: bool) {
+// Places each particle at its rest length from the particle before it. With `is_dftl` the
+// corrections also change velocities, as in DFTL.
+fn follow_the_leader(strand: Strand, first: u32, is_dftl: bool) {
     for (var j = first; j + 1u < strand.particles; j++) {
         let before = position_at(strand, j + 1u);
         let after = position_at(strand, j) + rest_length(strand, j, 1u) * edge_of(strand, j).xyz;
         set_position(strand, j + 1u, after);
-        if hand_up {
+        if is_dftl {
             let correction = (after - before) * frame.inverse_dt;
             set_velocity(strand, j + 1u, velocity_at(strand, j + 1u) + correction);
             if j > first {
@@ -104,7 +107,7 @@ fn restore_strand(strand: Strand) {
         set_scratch_vector(strand, i, 5u, position_at(strand, i));
     }
     restore(strand, first);
-    // What particles moved is taken off their clearances. Below zero these are depths, not distances.
+    // Displacements are subtracted from clearances. Negative clearances are depths, not distances.
     for (var i = first + 1u; i < n; i++) {
         let at = entry(strand, i, 2u, 1u);
         if memory[at] >= 0.0 {
@@ -125,7 +128,7 @@ fn restore_lengths(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// Once more, if contacts moved hair.
+// Runs the pass again if contacts moved strands.
 @compute @workgroup_size(WORKGROUP)
 fn restore_again(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);

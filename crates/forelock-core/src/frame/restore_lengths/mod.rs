@@ -1,21 +1,24 @@
-//! The pass that brings every edge back to its rest length, once a frame (AMS, Algorithm 1, line 12).
+//! The pass that restores the rest length of every edge, once a frame (AMS, Algorithm 1, line 12).
 //!
 //! # Theory
-//! With C_j = |x_{j+1} − x_j| − l_j, J its Jacobian and W the inverse masses (0 for clamped particles), a Newton step is
+//! With C_j = |x_{j+1} − x_j| − l_j, J its Jacobian and W the inverse masses (0 for clamped
+//! particles), a Newton step is
 //!
 //! ```text
 //! (J W Jᵀ) λ = −C ,   x += W Jᵀ λ
 //! ```
 //!
-//! On a chain J W Jᵀ is tridiagonal: w_j + w_{j+1} on the diagonal, −w_{j+1} d_j·d_{j+1} beside it. Two steps leave an error
-//! of fourth order, which one follow-the-leader sweep closes to rounding. Velocities are projected by the same matrix:
-//! (J W Jᵀ) λ = −J v, v += W Jᵀ λ.
+//! On a chain J W Jᵀ is tridiagonal: w_j + w_{j+1} on the diagonal, −w_{j+1} d_j·d_{j+1} off the
+//! diagonal. Two steps leave an error of fourth order, which one follow-the-leader sweep reduces to
+//! rounding. Velocities are projected with the same matrix: (J W Jᵀ) λ = −J v, v += W Jᵀ λ.
 //!
-//! The alternative, dynamic follow the leader (Müller 2012), moves each particle onto the sphere about the one before
-//! and hands `dftl_damping` of the correction up as velocity.
+//! The alternative, dynamic follow the leader (Müller 2012), moves each particle onto the sphere
+//! about the particle before it, and subtracts a share `dftl_damping` of the correction from that
+//! particle's velocity.
 //!
 //! # Limitations
-//! Solids are resolved afterwards and may stretch an edge again where hair is pressed against them.
+//! Collisions are resolved afterwards and may stretch edges again where hair is pressed against a
+//! solid.
 
 use crate::lane::{Lane, V3};
 use crate::params::Inextensibility;
@@ -24,12 +27,12 @@ use crate::strands::BlockView;
 /// WGSL of the stage.
 pub const WGSL: &str = include_str!("kernel.wgsl");
 
-/// What the pass needs to know.
+/// Inputs of the pass.
 #[derive(Clone, Copy, Debug)]
 pub struct LengthTerms {
-    /// Which pass.
+    /// Kind of the pass.
     pub kind: Inextensibility,
-    /// Share of a DFTL correction handed up.
+    /// Share of a DFTL correction that the leader's velocity takes.
     pub damping: f64,
     /// Frame time, seconds.
     pub dt_secs: f64,
@@ -37,11 +40,11 @@ pub struct LengthTerms {
     pub clamped: usize,
 }
 
-/// Newton steps before the sweep.
+/// Newton steps before the follow-the-leader sweep.
 pub const NEWTON_STEPS: usize = 2;
 
-/// Restores the lengths of lanes `first..first + L::WIDTH` and returns the largest |l/l₀ − 1| left, a lane. `work` holds
-/// two vectors a particle.
+/// Restores the lengths of lanes `first..first + L::WIDTH` and returns the largest |l/l₀ − 1| left
+/// in each lane. `work` holds two vectors a particle.
 #[inline(always)]
 pub fn restore<L: Lane>(
     terms: &LengthTerms,
@@ -50,7 +53,8 @@ pub fn restore<L: Lane>(
     work: &mut [V3<L>],
 ) -> L {
     let (directions, sweep) = work.split_at_mut(view.particles);
-    // The first edge with a free end; edges between clamped particles keep the rest shape's length anyway.
+    // The first edge with a free end. Edges between clamped particles have their rest length
+    // already.
     let from = terms.clamped.min(view.particles).saturating_sub(1);
     match terms.kind {
         Inextensibility::Off => {}
@@ -58,15 +62,18 @@ pub fn restore<L: Lane>(
             for _ in 0..NEWTON_STEPS {
                 measure(view, first, from, directions, sweep);
                 solve_chain(from, view.particles, directions, sweep);
-                push(view.positions, first, (from, view.particles), directions, sweep);
+                push(view.positions, first, from, directions, sweep);
             }
             follow_the_leader::<L>(view, first, from, None);
             project_velocities(view, first, from, directions, sweep);
         }
         Inextensibility::Dftl => {
             let inverse_dt = 1.0 / terms.dt_secs;
-            let hand_up = (L::from_f64(inverse_dt), L::from_f64(terms.damping * inverse_dt));
-            follow_the_leader(view, first, from, Some(hand_up));
+            let change = VelocityChange {
+                follower: L::from_f64(inverse_dt),
+                leader: L::from_f64(terms.damping * inverse_dt),
+            };
+            follow_the_leader(view, first, from, Some(change));
         }
     }
     largest_stretch(view, first)
@@ -95,13 +102,13 @@ fn edge<L: Lane>(view: &BlockView<'_, L::Scalar>, first: usize, j: usize) -> (V3
     (d.scale(L::one() / length), length)
 }
 
-/// Thomas' algorithm on J W Jᵀ λ = r, r in `sweep[j].0[2]` before and λ there after.
+/// Thomas' algorithm on J W Jᵀ λ = r. `sweep[j].0[2]` holds r before and λ afterwards.
 #[inline(always)]
 fn solve_chain<L: Lane>(from: usize, particles: usize, directions: &[V3<L>], sweep: &mut [V3<L>]) {
-    let (mut upper, mut partial) = (L::zero(), L::zero()); // c' and r' of the row before
-    let mut beside = L::zero(); // the entry between this row and the one before
+    let (mut upper, mut partial) = (L::zero(), L::zero()); // c′ and r′ of the row before
+    let mut beside = L::zero(); // the off-diagonal entry between this row and the row before
     for j in from..particles - 1 {
-        // The first edge hangs on a clamped particle: one free end.
+        // The first edge starts at a clamped particle: it has one free end.
         let diagonal = L::from_f64(if j == from { 1.0 } else { 2.0 });
         let pivot = L::one() / beside.neg_mul_add(upper, diagonal);
         partial = beside.neg_mul_add(partial, sweep[j].0[2]) * pivot;
@@ -123,10 +130,11 @@ fn solve_chain<L: Lane>(from: usize, particles: usize, directions: &[V3<L>], swe
 fn push<L: Lane>(
     rows: &mut [crate::lane::Row<L::Scalar>],
     first: usize,
-    (from, particles): (usize, usize),
+    from: usize,
     directions: &[V3<L>],
     sweep: &[V3<L>],
 ) {
+    let particles = directions.len();
     for i in from + 1..particles {
         let mut value = V3::load(rows, i, first).add_scaled(sweep[i - 1].0[2], directions[i - 1]);
         if i + 1 < particles {
@@ -136,14 +144,23 @@ fn push<L: Lane>(
     }
 }
 
-/// Puts each particle at its rest length from the one before. With `hand_up` = (1/dt, damping/dt), velocities take the
-/// corrections as DFTL has it.
+/// Factors by which a DFTL correction changes velocities, 1/s.
+#[derive(Clone, Copy)]
+struct VelocityChange<L> {
+    /// 1/dt, for the particle that moves.
+    follower: L,
+    /// damping/dt, subtracted from the particle before it.
+    leader: L,
+}
+
+/// Places each particle at its rest length from the particle before it. With `change` the
+/// corrections also change velocities, as in DFTL.
 #[inline(always)]
 fn follow_the_leader<L: Lane>(
     view: &mut BlockView<'_, L::Scalar>,
     first: usize,
     from: usize,
-    hand_up: Option<(L, L)>,
+    change: Option<VelocityChange<L>>,
 ) {
     for j in from..view.particles - 1 {
         let before = V3::load(view.positions, j + 1, first);
@@ -151,19 +168,19 @@ fn follow_the_leader<L: Lane>(
         let rest_length = L::load(&view.rest_lengths[3 * j], first);
         let after = V3::<L>::load(view.positions, j, first).add_scaled(rest_length, direction);
         after.store(view.positions, j + 1, first);
-        if let Some((inverse_dt, damping)) = hand_up {
+        if let Some(change) = change {
             let correction = after - before;
-            let v = V3::load(view.velocities, j + 1, first).add_scaled(inverse_dt, correction);
+            let v = V3::load(view.velocities, j + 1, first).add_scaled(change.follower, correction);
             v.store(view.velocities, j + 1, first);
             if j > from {
-                let leader = V3::load(view.velocities, j, first).add_scaled(-damping, correction);
+                let leader = V3::load(view.velocities, j, first).add_scaled(-change.leader, correction);
                 leader.store(view.velocities, j, first);
             }
         }
     }
 }
 
-/// Removes the part of the velocities that would stretch edges.
+/// Removes the component of the velocities that changes edge lengths.
 #[inline(always)]
 fn project_velocities<L: Lane>(
     view: &mut BlockView<'_, L::Scalar>,
@@ -180,10 +197,10 @@ fn project_velocities<L: Lane>(
         v = next;
     }
     solve_chain(from, view.particles, directions, sweep);
-    push(view.velocities, first, (from, view.particles), directions, sweep);
+    push(view.velocities, first, from, directions, sweep);
 }
 
-/// The largest |l/l₀ − 1| of the edges, a lane.
+/// The largest |l/l₀ − 1| of the edges of each lane.
 #[inline(always)]
 pub fn largest_stretch<L: Lane>(view: &BlockView<'_, L::Scalar>, first: usize) -> L {
     let mut largest = L::zero();

@@ -1,6 +1,8 @@
-// What all kernels of strands share: the arrays of Model and State, as `forelock_core::model` lays them out, and 3×3 algebra.
+// Text shared by all strand kernels: the arrays of `strands::Model` and `strands::State`, and 3×3
+// algebra.
 //
-// A thread has one strand: slot = block × LANES + lane. Neighbours in a workgroup read neighbours in memory.
+// A thread processes one strand: slot = block × LANES + lane. Adjacent threads of a workgroup
+// access adjacent memory.
 
 // Coefficients of a frame: `FrameTerms` on the CPU.
 struct Frame {
@@ -25,12 +27,13 @@ struct Frame {
     healing_limit: f32,
     clamped: u32,
     flags: u32,
-    // The clearance of who has not looked yet: a device may know no infinity.
+    // The clearance before the first query; a device may not support infinity.
     unknown: f32,
-    // Drag along a strand over that across it; growth of the drag with speed, times h, a metre.
+    // Drag along a strand over that across it; growth of the drag rate with speed, times h, in 1/m.
     drag_along: f32,
     drag_quadratic: f32,
-    // Of follow the leader: shares of a step in which shape is restored, the same at the tip over that at the root, looks at solids after the first.
+    // Follow the leader: shares by which a step restores the shape, their values at the tip over
+    // those at the root, and collision queries after the first.
     shape_global: f32,
     shape_local: f32,
     tip_global: f32,
@@ -39,14 +42,14 @@ struct Frame {
     pad_0: f32,
 }
 
-// Where the head is at a substep's start and end, as maps from rest to positions.
+// The head's pose at a substep's start and end, as maps from rest positions to positions.
 struct Substep {
     start: mat4x4f,
     end: mat4x4f,
     carried_weight: vec3f,
-    // The particle of each strand that a kernel of one level places.
+    // The particle of each strand that a one-level kernel places.
     level: u32,
-    // What positions are moved by before the substep: the origin moves with the head.
+    // Added to positions before the substep, because the origin moves with the head.
     shift: vec3f,
     pad_1: f32,
 }
@@ -55,19 +58,20 @@ struct Block {
     first: u32,
     particles: u32,
     live: u32,
-    // Samples that the grid takes of each edge.
+    // Samples of each edge on the grid.
     points: u32,
-    // Place of its first particle, and its own number, in the whole model.
+    // In the whole model: the place of the block's first particle, and the number of the block.
     place: u32,
     number: u32,
 }
 
-// What a frame found, over all strands.
+// Results of a frame over all strands.
 struct Report {
     // Bits of the largest |l/l₀ − 1|.
     stretch: atomic<u32>,
     quarantined: atomic<u32>,
-    // Particles that touched a solid at a frame's last look; bits of the greatest depth left.
+    // Particles that touch a solid in the frame's final collision pass; bits of the greatest depth
+    // left.
     touching: atomic<u32>,
     deepest: atomic<u32>,
     // Bits of the largest |l/l₀ − 1| after the lengths were restored.
@@ -79,16 +83,18 @@ struct Report {
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<uniform> substep: Substep;
 @group(0) @binding(2) var<storage, read> blocks: array<Block>;
-// Rows of LANES numbers. A particle's rest position, its rest lengths to the next three, one over the first of them: seven rows.
+// Rows of LANES numbers, seven rows a particle: rest position, rest lengths to the next three
+// particles, one over the first of these lengths.
 @group(0) @binding(3) var<storage, read> model: array<f32>;
-// A block's lengths and relative stiffnesses: two rows.
+// Two rows a block: strand lengths and relative stiffnesses.
 @group(0) @binding(4) var<storage, read> strands: array<f32>;
-// Three rows a particle each. Of followers after all velocities all positions of the step before, then room for the load that velocities hold.
+// Three rows a particle each. For follow the leader, the velocities are followed by the positions
+// of the step before and by room for the load that velocities contain.
 @group(0) @binding(5) var<storage, read_write> positions: array<f32>;
 @group(0) @binding(6) var<storage, read_write> velocities: array<f32>;
-// A particle's integrity and clearance: two rows.
+// Two rows a particle: integrity and clearance.
 @group(0) @binding(7) var<storage, read_write> memory: array<f32>;
-// SCRATCH rows a particle: bits of numbers.
+// SCRATCH rows a particle: numbers as bits.
 @group(0) @binding(8) var<storage, read_write> scratch: array<u32>;
 @group(0) @binding(9) var<storage, read_write> report: Report;
 
@@ -149,7 +155,8 @@ fn set_velocity(strand: Strand, i: u32, v: vec3f) {
     velocities[at + 2u * LANES] = v.z;
 }
 
-// Where an entry of the array after all velocities is, or of the one after that.
+// The index of an entry in one of the arrays stored after the velocities: 1 the first, 2 the
+// second.
 fn later_entry(strand: Strand, i: u32, array: u32) -> u32 {
     return array * (arrayLength(&velocities) / 3u) + entry(strand, i, 3u, 0u);
 }
@@ -222,7 +229,7 @@ fn has(flag: u32) -> bool {
     return (frame.flags & flag) != 0u;
 }
 
-// Whether a number is finite: by its bits, for a driver may take it for granted.
+// Whether a number is finite, by its bits: compilers may assume that floats are finite.
 fn is_finite(x: f32) -> bool {
     return (bitcast<u32>(x) & 0x7f800000u) != 0x7f800000u;
 }
@@ -231,7 +238,7 @@ fn all_finite(v: vec3f) -> bool {
     return is_finite(v.x) && is_finite(v.y) && is_finite(v.z);
 }
 
-// A float's bits in an order that integers have, and back.
+// Maps floats to integers of the same order, and back.
 fn ordered(x: f32) -> u32 {
     let bits = bitcast<u32>(x);
     return select(bits | 0x80000000u, ~bits, (bits & 0x80000000u) != 0u);
@@ -241,13 +248,13 @@ fn unordered(bits: u32) -> f32 {
     return bitcast<f32>(select(~bits, bits & 0x7fffffffu, (bits & 0x80000000u) != 0u));
 }
 
-// Least and greatest coordinates of a strand; what is not finite does not count.
+// Least and greatest coordinates of a strand. Positions that are not finite are skipped.
 struct Extent {
     low: vec3f,
     high: vec3f,
 }
 
-// Of a strand whose positions are moved by `shift`, then mapped.
+// The extent of a strand's positions, translated by `shift` and then mapped.
 fn extent_of(strand: Strand, map: mat4x4f, shift: vec3f) -> Extent {
     var own = Extent(vec3f(FAR), vec3f(-FAR));
     for (var i = 0u; i < strand.particles; i++) {
@@ -260,7 +267,8 @@ fn extent_of(strand: Strand, map: mat4x4f, shift: vec3f) -> Extent {
     return own;
 }
 
-// Corner 0 to 7 of a cell: its weight for what is `f` beyond the first, and how far it is from there.
+// Corner 0 to 7 of a cell: its trilinear weight for a point at `f`, and its index relative to
+// corner 0.
 fn corner_weight(f: vec3f, corner: u32) -> f32 {
     let w = select(1.0 - f, f, (vec3u(corner) & vec3u(1u, 2u, 4u)) != vec3u(0u));
     return w.x * w.y * w.z;
@@ -270,7 +278,7 @@ fn corner_offset(row: u32, layer: u32, corner: u32) -> u32 {
     return (corner & 1u) + select(0u, row, (corner & 2u) != 0u) + select(0u, layer, (corner & 4u) != 0u);
 }
 
-// The largest |l/l₀ − 1| of a strand's edges; what is not finite does not count.
+// The largest |l/l₀ − 1| of a strand's edges. Edges that are not finite are skipped.
 fn largest_stretch(strand: Strand) -> f32 {
     var largest = 0.0;
     var before = position_at(strand, 0u);
@@ -312,7 +320,7 @@ fn outer_plus_identity(a: f32, d: vec3f, b: f32) -> Sym {
     return Sym(e * d + b, e.xxy * d.yzz);
 }
 
-// s − Σ_k l_k a_kᵀ, known to be symmetric.
+// s − Σ_k l_k a_kᵀ, which is symmetric.
 fn sym_sub_product(s: Sym, l: mat3x3f, a: mat3x3f) -> Sym {
     return Sym(
         s.d - l[0] * a[0] - l[1] * a[1] - l[2] * a[2],
@@ -320,7 +328,8 @@ fn sym_sub_product(s: Sym, l: mat3x3f, a: mat3x3f) -> Sym {
     );
 }
 
-// The inverse of a positive definite matrix by its LDLᵀ factors, pivots no smaller than PIVOT_FLOOR.
+// The inverse of a positive definite matrix by its LDLᵀ factors, with pivots of at least
+// PIVOT_FLOOR.
 fn sym_inverse(s: Sym) -> Sym {
     let i0 = 1.0 / max(s.d.x, PIVOT_FLOOR);
     let l10 = s.o.x * i0;

@@ -1,21 +1,25 @@
-//! Drag that differs from particle to particle.
+//! Drag per particle: for wind fields, and for drag that depends on the hair's direction and speed.
 
 use super::solve_strands::FrameTerms;
 use crate::lane::{Lane, V3};
 use crate::strands::BlockView;
 
-/// What drag draws each particle to in this substep, and how strongly: from the wind at it into `view.air` and `view.drag`.
+/// Computes, from the wind at each particle, the air velocity towards which drag accelerates it in
+/// this substep and the drag coefficient, and writes them to `view.air` and `view.drag`.
 ///
 /// # Theory
-/// Along a strand of unit tangent t air of velocity u exerts c (I − (1 − β) t tᵀ)(u − v) a unit of mass, with c = c₀ + c₁ |u − v|: a slender body's drag along its axis is
-/// about half of that across it (β = ½; Cox 1970, "The motion of long slender bodies in a viscous fluid"). This is isotropic drag towards
+/// On a strand of unit tangent t, air of velocity u exerts the force c (I − (1 − β) t tᵀ)(u − v)
+/// per unit of mass, with c = c₀ + c₁ |u − v|. The drag of a slender body along its axis is about
+/// half of that across it (β = ½; Cox 1970, "The motion of long slender bodies in a viscous
+/// fluid"). This equals isotropic drag towards
 ///
 /// ```text
 /// u* = u − (1 − β) t t·(u − v)
 /// ```
 ///
-/// With v in u* and c that of the substep's start, the matrix keeps its isotropic diagonal m + h c, and the speed along the strand goes
-/// to (v (1 + h c (1 − β)) + h c β u)/(1 + h c), a mean of v and u: stable for any h c, and exact where v rests.
+/// With v and c taken at the substep's start, the matrix keeps its isotropic diagonal m + h c, and
+/// the speed along the strand becomes (v (1 + h c (1 − β)) + h c β u)/(1 + h c), a weighted mean of
+/// v and u: stable for any h c, and exact in a steady state.
 #[inline(always)]
 pub fn towards_air<L: Lane>(frame: &FrameTerms, view: &mut BlockView<'_, L::Scalar>, first: usize) {
     let last = view.particles - 1;

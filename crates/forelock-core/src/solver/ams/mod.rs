@@ -1,4 +1,4 @@
-//! The augmented mass-spring model (AMS): an implicit, exact solve a strand and substep.
+//! The augmented mass-spring model (AMS): one exact, implicit solve per strand and substep.
 
 pub mod drag;
 mod params;
@@ -60,7 +60,7 @@ impl LaneSolver for AmsParams {
     ) -> SolidContacts {
         let poses = [&cx.poses[substep.index], &cx.poses[substep.index + 1]];
         let own = SubstepTerms::<L>::new(terms.h, poses, cx.gravity, cx.rest_gravity, cx.air_velocity);
-        // Drag that depends on the hair's own motion is another in each substep.
+        // Drag that depends on the hair's motion changes in each substep.
         if cx.air.is_some() && (terms.slender || substep.air_is_new) {
             drag::towards_air::<L>(terms, view, group.first);
         }

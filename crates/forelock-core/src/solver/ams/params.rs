@@ -1,7 +1,7 @@
 //! Parameters of the augmented mass-spring solver.
 //!
-//! Stiffnesses are rates: stiffness over particle mass, in s⁻². Only those matter, for only they, lengths and gravity
-//! enter the motion. They keep their meaning at any frame rate and number of substeps.
+//! Stiffnesses are rates: stiffness over particle mass, in s⁻². The motion depends only on these
+//! ratios, lengths and gravity. They do not depend on the frame rate or the number of substeps.
 
 use crate::params::{
     COUNT, FLOAT32_STIFFNESS_LIMIT, Inextensibility, NON_NEGATIVE, POSITIVE, ParamsError, SHARE, check,
@@ -12,10 +12,11 @@ use crate::params::{
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum Jacobian {
-    /// κ [D + max(0, 1 − l₀/l)(I − D)]: tension acts implicitly across the strand too; no limit on the substep.
+    /// κ [D + max(0, 1 − l₀/l)(I − D)]: tension is implicit across the strand too; the substep has
+    /// no limit.
     #[default]
     Tension,
-    /// κ D, as printed (Eq. 5): stable only while the substep is under l/√(L g).
+    /// κ D, as printed (Eq. 5): stable only for substeps under l/√(L g).
     Paper,
 }
 
@@ -26,7 +27,8 @@ pub enum AngularForm {
     /// A couple that turns the edge towards the ghost's edge; conserves momentum, smooth at rest.
     #[default]
     Edge,
-    /// A force on the outer particle towards its ghost, as printed (Eq. 2); flutters after a tilt.
+    /// A force on the outer particle towards its ghost, as printed (Eq. 2); oscillates after a
+    /// tilt.
     Paper,
     /// No angular tie.
     Off,
@@ -39,11 +41,12 @@ pub enum IntegrityForm {
     /// κ_I I: the exact Jacobian of a spring of rest length zero.
     #[default]
     Isotropic,
-    /// κ_I D, as printed (Eq. 8): jitters once h² κ_I > 4.
+    /// κ_I D, as printed (Eq. 8): jitters for h² κ_I > 4.
     Paper,
 }
 
-/// Parameters of the augmented mass-spring solver (AMS). Every default is the project's recommended value.
+/// Parameters of the augmented mass-spring solver (AMS). Every default is the project's recommended
+/// value.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -51,31 +54,43 @@ pub enum IntegrityForm {
     serde(default, deny_unknown_fields)
 )]
 pub struct AmsParams {
-    /// Edge spring stiffness over mass, particles i and i+1. Unit s⁻², default 1e6, range 0 to the float32 bound; 0 switches it off.
+    /// Edge spring stiffness over mass, particles i and i+1. Unit s⁻², default 1e6, range 0 to the
+    /// float32 bound; 0 switches it off.
     pub k_edge: f64,
-    /// Bend spring stiffness over mass, particles i and i+2. Unit s⁻², default 1e6, range 0 to the float32 bound; 0 switches it off.
+    /// Bend spring stiffness over mass, particles i and i+2. Unit s⁻², default 1e6, range 0 to the
+    /// float32 bound; 0 switches it off.
     pub k_bend: f64,
-    /// Torsion spring stiffness over mass, particles i and i+3. Unit s⁻², default 1e6, range 0 to the float32 bound; 0 switches it off.
+    /// Torsion spring stiffness over mass, particles i and i+3. Unit s⁻², default 1e6, range 0 to
+    /// the float32 bound; 0 switches it off.
     pub k_torsion: f64,
-    /// Integrity spring stiffness over mass, particle to ghost. Unit s⁻², default 100, range 0 to the float32 bound; 0 switches it off.
+    /// Integrity spring stiffness over mass, particle to ghost. Unit s⁻², default 100, range 0 to
+    /// the float32 bound; 0 switches it off.
     pub k_integrity: f64,
-    /// Angular spring stiffness over mass, edge to ghost edge. Unit m s⁻² per radian, default 100, range 0 or more; 0 switches it off.
+    /// Angular spring stiffness over mass, edge to ghost edge. Unit m s⁻² per radian, default 100,
+    /// range 0 or more; 0 switches it off.
     pub k_angular: f64,
-    /// Altitude spring stiffness over mass, across the tetrahedra of four consecutive particles (Selle 2008). Unit s⁻², default 0, range 0 to the float32 bound; 0 switches it off.
+    /// Altitude spring stiffness over mass, across the tetrahedra of four consecutive particles
+    /// (Selle 2008). Unit s⁻², default 0, range 0 to the float32 bound; 0 switches it off.
     pub k_altitude: f64,
-    /// Stiffness at the tip over stiffness at the root, linear along the strand, for edge, bend, torsion and altitude springs. No unit, default 1, range 0 to 1; 0 leaves the tip free.
+    /// Stiffness at the tip over stiffness at the root, linear along the strand, for edge, bend,
+    /// torsion and altitude springs. No unit, default 1, range 0 to 1; 0 leaves the tip free.
     pub tip_scale_springs: f64,
-    /// The same for the integrity spring. No unit, default 1, range 0 to 1; 0 leaves the tip free.
+    /// [`tip_scale_springs`](Self::tip_scale_springs) for the integrity spring. No unit, default 1,
+    /// range 0 to 1; 0 leaves the tip free.
     pub tip_scale_integrity: f64,
-    /// The same for the angular spring. No unit, default 1, range 0 to 1; 0 leaves the tip free.
+    /// [`tip_scale_springs`](Self::tip_scale_springs) for the angular spring. No unit, default 1,
+    /// range 0 to 1; 0 leaves the tip free.
     pub tip_scale_angular: f64,
     /// Drag rate against the air. Unit s⁻¹, default 2, range 0 or more; 0 is a vacuum.
     pub drag: f64,
-    /// Drag of air that flows along the strand over that of air across it. No unit, default 1, range 0 to 1; a thin rod has 0.5, 0 lets air slip along the strand.
+    /// Drag of air flow along the strand over that of air flow across it. No unit, default 1, range
+    /// 0 to 1; a thin rod has 0.5, 0 lets air slip along the strand.
     pub drag_along: f64,
-    /// Growth of the drag rate with the speed of the air relative to the hair. Unit 1/m, default 0, range 0 or more; 0 is drag in proportion to the speed.
+    /// Growth of the drag rate with the speed of the air relative to the hair. Unit 1/m, default 0,
+    /// range 0 or more; 0 is drag in proportion to the speed.
     pub drag_quadratic: f64,
-    /// Particles that follow the head exactly, from the root. Unit particles, default 2, range 1 to 1000; 1 makes the root a hinge, 0 is refused.
+    /// Particles that follow the head exactly, from the root. Unit particles, default 2, range 1 to
+    /// 1000; 1 makes the root a hinge, 0 is refused.
     pub clamped: u32,
     /// Substeps a frame, M. Unit substeps, default 4, range 1 to 1000; 0 is refused.
     pub substeps: u32,
@@ -85,29 +100,39 @@ pub struct AmsParams {
     pub angular: AngularForm,
     /// How the integrity tie enters the matrix: "isotropic" or "paper". Default "isotropic".
     pub integrity: IntegrityForm,
-    /// Whether ghosts carry the weight, so that a groom at rest does not sag. Default true.
+    /// Whether ghost ties compensate the weight at rest, so that a groom at rest does not sag.
+    /// Default true.
     pub sag_free: bool,
-    /// Whether integrity ties soften, are damaged and break under large deflection. Default false.
+    /// Whether integrity ties soften, take damage and break under large deflections. Default false.
     pub non_hookean: bool,
-    /// Deflection, over the strand's length, up to which ties are elastic. No unit, default 0.5, range 0 to 1; 0 softens from the start.
+    /// Deflection, over the strand's length, up to which ties are elastic. No unit, default 0.5,
+    /// range 0 to 1; 0 softens from the start.
     pub elastic_limit: f64,
-    /// Deflection, over the strand's length, from which ties break. No unit, default 1, range above `elastic_limit`.
+    /// Deflection, over the strand's length, from which ties break. No unit, default 1, range above
+    /// `elastic_limit`.
     pub breaking_point: f64,
-    /// Further deflection, over the strand's length, at which a tie is wholly broken. No unit, default 0.1, range above 0.
+    /// Further deflection, over the strand's length, at which a tie is fully broken. No unit,
+    /// default 0.1, range above 0.
     pub breaking_width: f64,
-    /// Time in which damage heals while the deflection is under `healing_limit`. Unit s, default 0, range 0 or more; 0 never heals.
+    /// Time in which damage heals while the deflection is under `healing_limit`. Unit s, default 0,
+    /// range 0 or more; 0 never heals.
     pub healing_secs: f64,
-    /// Deflection, over the strand's length, under which ties heal. No unit, default 0.25, range 0 to 1; 0 never heals.
+    /// Deflection, over the strand's length, under which ties heal. No unit, default 0.25, range 0
+    /// to 1; 0 never heals.
     pub healing_limit: f64,
     /// The pass that restores edge lengths: "projection", "dftl" or "off". Default "projection".
     pub inextensibility: Inextensibility,
-    /// Share of a follow-the-leader correction handed up as velocity. No unit, default 0.9, range 0 to 1; 0 never settles.
+    /// Share of a follow-the-leader correction that is subtracted from the leader's velocity. No
+    /// unit, default 0.9, range 0 to 1; 0 never settles.
     pub dftl_damping: f64,
-    /// Whether edges that solids stretched at the end of a frame are laid along their surface at rest length. Default true; false leaves them stretched, as the paper does.
+    /// Whether edges that solids stretched at the end of a frame are restored to rest length along
+    /// the surface. Default true; false leaves them stretched, as the paper does.
     pub lay_along_solids: bool,
-    /// Distance that particles keep from solids. Unit m, default 0.0005, range 0 or more; 0 touches the skin.
+    /// Distance of particles from solids at a contact. Unit m, default 0.0005, range 0 or more; 0
+    /// touches the skin.
     pub skin_thickness: f64,
-    /// Fastest that a particle which starts a frame inside a solid is brought out. Unit m/s, default 1, range above 0; 0 is refused.
+    /// Largest speed at which a particle that starts a frame inside a solid is pushed out. Unit
+    /// m/s, default 1, range above 0; 0 is refused.
     pub depenetration_speed: f64,
 }
 
@@ -156,7 +181,7 @@ impl AmsParams {
     /// Checks every parameter against its range.
     ///
     /// # Errors
-    /// [`ParamsError::Range`] for the first that is not in it.
+    /// [`ParamsError::Range`] for the first parameter out of its range.
     pub fn validate(&self) -> Result<(), ParamsError> {
         check(&[
             ("k_edge", self.k_edge, NON_NEGATIVE),
@@ -189,11 +214,11 @@ impl AmsParams {
         Ok(())
     }
 
-    /// Checks that frames of `dt_secs` can be stepped: a positive time, and h² κ within what float32 solves unless
-    /// `beyond_float32`.
+    /// Checks that frames of `dt_secs` can be stepped: the time is positive and, unless
+    /// `beyond_float32`, h² κ is at most [`FLOAT32_STIFFNESS_LIMIT`].
     ///
     /// # Errors
-    /// [`ParamsError`] for the first that fails.
+    /// [`ParamsError`] for the first check that fails.
     pub fn validate_step(&self, dt_secs: f64, beyond_float32: bool) -> Result<(), ParamsError> {
         check_time(dt_secs)?;
         if beyond_float32 {
@@ -209,7 +234,7 @@ impl AmsParams {
         ];
         for (name, value) in stiffest {
             let product = h * h * value;
-            // A hair's breadth of slack, so that a limit computed from a rounded frame time is not refused.
+            // The tolerance accepts a limit that was computed from a rounded frame time.
             if product > FLOAT32_STIFFNESS_LIMIT * (1.0 + 1e-9) {
                 #[expect(
                     clippy::cast_possible_truncation,

@@ -64,7 +64,8 @@ impl LaneSolver for DftlParams {
         group: LaneGroup,
         _: &mut Scratch<L::Scalar>,
     ) -> SolidContacts {
-        // Where the air was sampled positions are at the frame's origin already; those before are not.
+        // Where the air was sampled positions are at the frame's origin already; those before are
+        // not.
         let shift = [if cx.air.is_some() { DVec3::ZERO } else { cx.shift }, cx.shift];
         let carried =
             if terms.sag_free { cx.poses[1].transform_vector(cx.rest_gravity) } else { DVec3::ZERO };

@@ -1,24 +1,28 @@
-//! Dynamic follow the leader with preserved shape: the parameters of the second solver.
+//! Parameters of dynamic follow the leader with preserved shape.
 //!
-//! What they do is in [`follow_leader`](crate::solver::dftl::follow_leader).
+//! [`follow_leader`](crate::solver::dftl::follow_leader) has the equations.
 
 use crate::params::{COUNT, NON_NEGATIVE, POSITIVE, ParamsError, SHARE, STATED_STEP_SECS, check};
 
-/// How a GPU goes through strands. A processor has a strand a lane, whatever is said here.
+/// How a GPU processes strands. The CPU always processes one strand a lane.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum Schedule {
-    /// A thread takes its strand from root to tip in one go, frames in registers: the state is read and written once.
+    /// One kernel: a thread steps its strand from root to tip and holds frames in registers, so
+    /// that the state is read and written once.
     #[default]
     Fused,
-    /// Particles predict, then a thread takes its strand: the paper's strand-level parallelism.
+    /// A kernel predicts all particles, then a thread steps its strand: the paper's strand-level
+    /// parallelism.
     Strands,
-    /// Particles predict, then levels come one after the other, all strands at once: the paper's particle-level parallelism.
+    /// A kernel predicts all particles, then one dispatch per level places that level of all
+    /// strands: the paper's particle-level parallelism.
     Particles,
 }
 
-/// Parameters of dynamic follow the leader with global and local shape (Sánchez-Banderas et al. 2015). Shares are those of a step of 0.016 s, the paper's; in another step s becomes
-/// 1 − (1 − s)^(step/0.016 s), which makes up for the change in part.
+/// Parameters of dynamic follow the leader with global and local shape (Sánchez-Banderas et al.
+/// 2015). Shares s refer to a step of 0.016 s, as in the paper; for another step the solver uses 1
+/// − (1 − s)^(step/0.016 s), which compensates the change in part.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -26,31 +30,47 @@ pub enum Schedule {
     serde(default, deny_unknown_fields)
 )]
 pub struct DftlParams {
-    /// Step, of which a run takes as many as its frames need, whatever their rate. Unit s, default 0.016, range 0 to 1; 0 takes one step a frame, anything else under 1e-4 is refused.
+    /// Fixed step, independent of the frame rate; a run takes as many steps as its frames need.
+    /// Unit s, default 0.016, range 0 to 1; 0 takes one step a frame, other values under 1e-4 are
+    /// refused.
     pub step_secs: f64,
-    /// Share of the way to its place in the head's frame that a particle goes in a step, at the root (s_g). No unit, default 0.05, range 0 to 1; 0 switches it off, above 0.1 hair is stiff.
+    /// Share of the displacement to its rest position in the head's frame that a particle makes in
+    /// a step, at the root (s_g). No unit, default 0.05, range 0 to 1; 0 switches it off, above 0.1
+    /// hair is stiff.
     pub shape_global: f64,
-    /// Share of the way to its place in the frame of the particle before it (s_l), at the root. No unit, default 0.2, range 0 to 1; 0 switches it off, above 0.3 hair is stiff.
+    /// Share of the displacement to its rest position in the frame of the particle before it that a
+    /// particle makes in a step, at the root (s_l). No unit, default 0.2, range 0 to 1; 0 switches
+    /// it off, above 0.3 hair is stiff.
     pub shape_local: f64,
-    /// `shape_global` at the tip over that at the root, linear along the strand. No unit, default 0, range 0 to 1; 0 leaves the tip free.
+    /// `shape_global` at the tip over that at the root, linear along the strand. No unit, default
+    /// 0, range 0 to 1; 0 leaves the tip free.
     pub tip_scale_global: f64,
-    /// The same for `shape_local`. No unit, default 0, range 0 to 1; 0 leaves the tip free.
+    /// `shape_local` at the tip over that at the root, linear along the strand. No unit, default 0,
+    /// range 0 to 1; 0 leaves the tip free.
     pub tip_scale_local: f64,
-    /// Share of each particle's corrections that the particle before it loses as velocity (s_d). No unit, default 0.9, range 0 to 1; 0 never settles.
+    /// Share of each particle's corrections that is subtracted from the velocity of the particle
+    /// before it (s_d). No unit, default 0.9, range 0 to 1; 0 never settles.
     pub damping: f64,
-    /// Whether the weight that hair has at rest is carried, in the head's frame, so that a groom at rest does not sag; the paper's does. Default false.
+    /// Whether the weight at rest is compensated, in the head's frame, so that a groom at rest does
+    /// not sag; in the paper it sags. Default false.
     pub sag_free: bool,
     /// Drag rate against the air. Unit s⁻¹, default 2, range 0 or more; 0 is a vacuum.
     pub drag: f64,
-    /// Particles that follow the head exactly, from the root. Unit particles, default 1, range 1 to 1000; 0 is refused.
+    /// Particles that follow the head exactly, from the root. Unit particles, default 1, range 1 to
+    /// 1000; 0 is refused.
     pub clamped: u32,
-    /// Times that the length of an edge is restored and solids are looked at again where a solid has stretched it. Unit times, default 2, range 0 to 16; 0 leaves edges stretched, as the paper does.
+    /// Repetitions of the length correction and the collision query for an edge that a solid has
+    /// stretched. Unit times, default 2, range 0 to 16; 0 leaves edges stretched, as the paper
+    /// does.
     pub recheck: u32,
-    /// Distance that particles keep from solids. Unit m, default 0.0005, range 0 or more; 0 touches the skin.
+    /// Distance of particles from solids at a contact. Unit m, default 0.0005, range 0 or more; 0
+    /// touches the skin.
     pub skin_thickness: f64,
-    /// Fastest that a particle which starts a frame inside a solid is brought out. Unit m/s, default 1, range above 0; 0 is refused.
+    /// Largest speed at which a particle that starts a frame inside a solid is pushed out. Unit
+    /// m/s, default 1, range above 0; 0 is refused.
     pub depenetration_speed: f64,
-    /// How a GPU goes through strands: "fused", "strands" or "particles". Default "fused", the fastest; the others are the paper's.
+    /// How a GPU processes strands: "fused", "strands" or "particles". Default "fused", the
+    /// fastest; the others are the paper's.
     pub schedule: Schedule,
 }
 
@@ -78,7 +98,7 @@ impl DftlParams {
     /// Checks every parameter against its range.
     ///
     /// # Errors
-    /// [`ParamsError::Range`] for the first that is not in it.
+    /// [`ParamsError::Range`] for the first parameter out of its range.
     pub fn validate(&self) -> Result<(), ParamsError> {
         check(&[
             (

@@ -1,23 +1,26 @@
-//! Plain mass-spring strands: the baseline that the augmented model is measured against.
+//! Plain mass-spring strands: the baseline for comparisons with the augmented model.
 //!
 //! # Theory
-//! Selle, Lentine, Fedkiw (2008), A mass spring model for hair simulation: edge, bend, torsion and altitude springs
-//! alone; nothing ties a strand to its rest shape. Springs between points of a straight line resist neither twist nor, to
-//! first order, bending, so a virtual particle stands off the line between every two particles of the groom, and N
-//! particles become a chain of 2N − 1 in which no four consecutive ones lie in a plane. Altitude springs keep
-//! those tetrahedra from turning inside out. The chain is an AMS strand without ghost ties, and the same band of
-//! half-width 3 solves it (AMS, Sec. 3.1 and Fig. 2).
+//! Selle, Lentine, Fedkiw (2008), A mass spring model for hair simulation: strands have edge, bend,
+//! torsion and altitude springs only, and no ties to a rest shape. Springs between the points of a
+//! straight line resist neither twist nor, to first order, bending. So a virtual particle is added
+//! off the line between every two particles of the groom: N particles become a chain of 2N − 1
+//! particles in which no four consecutive ones are coplanar. Altitude springs keep these tetrahedra
+//! from turning inside out. The chain is an AMS strand without ghost ties, with the same band
+//! matrix of half-width 3 (AMS, Sec. 3.1 and Fig. 2).
 //!
 //! # Practice
-//! [`Simulation::mass_spring`] subdivides the strands and hands them to the same solver with [`MassSpringParams::ams`].
-//! Each virtual particle takes, of eight directions around its edge, the one that leaves the tetrahedra it closes the
-//! thickest; on a straight strand each is a quarter turn from the one before, so the chain winds evenly.
-//! [`Simulation::positions`] gives the groom's particles; a snapshot holds the whole chain, as it must to resume.
+//! The solver refines the strands and then runs AMS with [`MassSpringParams::ams`]. The direction
+//! of a virtual particle is chosen among eight directions around its edge: the one for which the
+//! tetrahedra that it completes are the thickest. On a straight strand each direction is a quarter
+//! turn from the one before, so the chain winds evenly. Output positions contain the groom's
+//! particles; a snapshot contains the whole chain.
 //!
 //! # Limitations
-//! Stiffness is per mass and every particle has the same mass, so a chain with virtual particles is nearly twice as heavy
-//! as without and its springs twice as many. Selle's reduced mass of virtual particles and its stiffening over time are left out. It
-//! sags, by construction.
+//! Stiffness is per mass and every particle has the same mass, so a chain with virtual particles
+//! has nearly twice the mass and twice the springs. The reduced mass of virtual particles and the
+//! stiffening over time of the paper are not implemented. Strands sag, because nothing compensates
+//! their weight.
 
 use super::ams::{AmsParams, AngularForm, Jacobian};
 use crate::frame::{
@@ -37,23 +40,31 @@ use std::any::Any;
     serde(default, deny_unknown_fields)
 )]
 pub struct MassSpringParams {
-    /// Edge spring stiffness over mass, particles i and i+1 of the chain. Unit s⁻², default 1e6, range 0 to the float32 bound; 0 switches it off.
+    /// Edge spring stiffness over mass, particles i and i+1 of the chain. Unit s⁻², default 1e6,
+    /// range 0 to the float32 bound; 0 switches it off.
     pub k_edge: f64,
-    /// Bend spring stiffness over mass, particles i and i+2 of the chain. Unit s⁻², default 1e6, range 0 to the float32 bound; 0 switches it off.
+    /// Bend spring stiffness over mass, particles i and i+2 of the chain. Unit s⁻², default 1e6,
+    /// range 0 to the float32 bound; 0 switches it off.
     pub k_bend: f64,
-    /// Torsion spring stiffness over mass, particles i and i+3 of the chain. Unit s⁻², default 1e6, range 0 to the float32 bound; 0 switches it off.
+    /// Torsion spring stiffness over mass, particles i and i+3 of the chain. Unit s⁻², default 1e6,
+    /// range 0 to the float32 bound; 0 switches it off.
     pub k_torsion: f64,
-    /// Altitude spring stiffness over mass, across the tetrahedra of four consecutive particles of the chain. Unit s⁻², default 1e6, range 0 to the float32 bound; 0 switches it off.
+    /// Altitude spring stiffness over mass, across the tetrahedra of four consecutive particles of
+    /// the chain. Unit s⁻², default 1e6, range 0 to the float32 bound; 0 switches it off.
     pub k_altitude: f64,
-    /// Stiffness at the tip over stiffness at the root, linear along the strand, for all springs. No unit, default 1, range 0 to 1; 0 leaves the tip free.
+    /// Stiffness at the tip over stiffness at the root, linear along the strand, for all springs.
+    /// No unit, default 1, range 0 to 1; 0 leaves the tip free.
     pub tip_scale_springs: f64,
-    /// Whether a virtual particle stands off the line between every two of the groom. Default true.
+    /// Whether virtual particles are added between the particles of the groom. Default true.
     pub virtual_particles: bool,
-    /// Distance of a virtual particle from the middle of its edge, over the edge's length. No unit, default 0.25, range 0.01 to 1.
+    /// Distance of a virtual particle from the middle of its edge, over the edge's length. No unit,
+    /// default 0.25, range 0.01 to 1.
     pub virtual_offset: f64,
     /// Drag rate against the air. Unit s⁻¹, default 2, range 0 or more; 0 is a vacuum.
     pub drag: f64,
-    /// Particles of the groom that follow the head exactly, from the root, and the virtual ones between them. Unit particles, default 2, range 1 to 1000; 1 makes the root a hinge, 0 is refused.
+    /// Particles of the groom that follow the head exactly, from the root; virtual particles
+    /// between them do so too. Unit particles, default 2, range 1 to 1000; 1 makes the root a
+    /// hinge, 0 is refused.
     pub clamped: u32,
     /// Substeps a frame, M. Unit substeps, default 4, range 1 to 1000; 0 is refused.
     pub substeps: u32,
@@ -61,9 +72,11 @@ pub struct MassSpringParams {
     pub jacobian: Jacobian,
     /// The pass that restores edge lengths: "projection", "dftl" or "off". Default "off".
     pub inextensibility: Inextensibility,
-    /// Distance that particles keep from solids. Unit m, default 0.0005, range 0 or more; 0 touches the skin.
+    /// Distance of particles from solids at a contact. Unit m, default 0.0005, range 0 or more; 0
+    /// touches the skin.
     pub skin_thickness: f64,
-    /// Fastest that a particle which starts a frame inside a solid is brought out. Unit m/s, default 1, range above 0; 0 is refused.
+    /// Largest speed at which a particle that starts a frame inside a solid is pushed out. Unit
+    /// m/s, default 1, range above 0; 0 is refused.
     pub depenetration_speed: f64,
 }
 
@@ -90,7 +103,7 @@ impl Default for MassSpringParams {
 }
 
 impl MassSpringParams {
-    /// The same springs on the chain's particles, as the augmented model's solver takes them: no ghost ties.
+    /// Parameters of the augmented model with the same springs and without ghost ties.
     pub fn ams(&self) -> AmsParams {
         AmsParams {
             k_edge: self.k_edge,
@@ -101,7 +114,7 @@ impl MassSpringParams {
             k_altitude: self.k_altitude,
             tip_scale_springs: self.tip_scale_springs,
             drag: self.drag,
-            // c particles of the groom and the c − 1 between them; a clamp of 0 stays 0, to be refused.
+            // c particles of the groom and the c − 1 between them. 0 stays 0, which is refused.
             clamped: if self.virtual_particles {
                 self.clamped.saturating_mul(2).saturating_sub(1)
             } else {
@@ -122,7 +135,7 @@ impl MassSpringParams {
     /// Checks every parameter against its range.
     ///
     /// # Errors
-    /// [`ParamsError::Range`] for the first that is not in it.
+    /// [`ParamsError::Range`] for the first parameter out of its range.
     pub fn validate(&self) -> Result<(), ParamsError> {
         AmsParams { clamped: self.clamped, ..self.ams() }.validate()?;
         if (0.01..=1.0).contains(&self.virtual_offset) {
@@ -207,17 +220,19 @@ fn with_virtual_particles<T: Real>(strands: &Strands<'_, T>, offset: f64) -> (Ve
     (positions, offsets)
 }
 
-/// Directions around an edge that a virtual particle may take.
+/// Candidate directions of a virtual particle around its edge.
 const DIRECTIONS: usize = 8;
 
-/// The virtual particles between `points`, N − 1, each `offset` of its edge's length off the edge's middle.
+/// The N − 1 virtual particles between `points`, each at a distance of `offset` times its edge's
+/// length from the edge's middle.
 fn virtual_particles(points: &[DVec3], offset: f64) -> Vec<DVec3> {
     let mut chosen: Vec<DVec3> = Vec::with_capacity(points.len());
     let (mut normal, mut turn) = (None, 0);
     for (k, edge) in points.windows(2).enumerate() {
         let along = edge[1] - edge[0];
         let tangent = along.normalize();
-        // Parallel transport (Bishop 1975), as far as dropping the tangent's share does it.
+        // An approximation of parallel transport (Bishop 1975): removes the component along the
+        // tangent.
         let carried = normal.unwrap_or_else(|| tangent.any_orthonormal_vector());
         let n =
             carried.reject_from(tangent).try_normalize().unwrap_or_else(|| tangent.any_orthonormal_vector());
@@ -228,7 +243,7 @@ fn virtual_particles(points: &[DVec3], offset: f64) -> Vec<DVec3> {
             let (sin, cos) = (std::f64::consts::TAU * turn as f64 / DIRECTIONS as f64).sin_cos();
             edge[0] + 0.5 * along + offset * along.length() * (cos * n + sin * b)
         };
-        // A quarter turn from the last one first, which wins on a straight strand.
+        // The quarter turn from the last direction comes first; on a straight strand it is chosen.
         let mut best = (f64::NEG_INFINITY, 0);
         for step in 0..DIRECTIONS {
             let candidate = (turn + DIRECTIONS / 4 + step) % DIRECTIONS;
@@ -243,8 +258,9 @@ fn virtual_particles(points: &[DVec3], offset: f64) -> Vec<DVec3> {
     chosen
 }
 
-/// How far from flat the virtual particle `p` of edge `k` leaves its surroundings, metres: the least height of `p` over
-/// the planes through the three particles before it and around it, and over the line of the next edge.
+/// The thickness of the tetrahedra around the virtual particle `p` of edge `k`, metres: the least
+/// of the heights over the planes through the three particles before it and around it, and of the
+/// distance of `p` from the line of the next edge.
 fn thickness(points: &[DVec3], k: usize, before: Option<&DVec3>, p: DVec3) -> f64 {
     let (a, b) = (points[k], points[k + 1]);
     let mut least = f64::INFINITY;

@@ -78,7 +78,7 @@ fn no_tetrahedron_of_a_crooked_strand_is_flat() {
 }
 
 #[test]
-fn positions_are_the_grooms() {
+fn output_positions_are_those_of_the_groom() {
     let strands: Vec<Vec<glam::Vec3>> = [5, 2, 9]
         .map(|n| straight(n).iter().map(|p| p.as_vec3() + glam::Vec3::X * n as f32).collect())
         .into();
@@ -91,7 +91,7 @@ fn positions_are_the_grooms() {
         assert!(x.distance(*y) < 1e-6, "{x} {y}");
     }
     assert_eq!(positions.len(), groom.particle_count());
-    // Stepped and brought back, the chain goes on bit for bit.
+    // A restored chain repeats its steps bit for bit.
     let step = |simulation: &mut Simulation| {
         simulation.step_frame(&frame(DVec3::NEG_Z * 9.81, 1.0 / 60.0)).unwrap();
         simulation.state_hash()
@@ -123,7 +123,8 @@ fn frame(gravity: DVec3, dt_secs: f64) -> Frame<'static> {
 
 const H: f64 = 1.0 / 240.0;
 
-/// A chain of free particles 1.. away from rest, its velocities after one substep that starts from `velocities`.
+/// The velocities of a chain, with all particles but the root free, after one substep from
+/// positions `x` and `velocities`.
 fn substep(rest: &[DVec3], x: &[DVec3], velocities: &[f64], params: &AmsParams) -> Vec<f64> {
     let positions: Vec<[f64; 3]> = rest.iter().map(|p| p.to_array()).collect();
     let offsets = [0, positions.len() as u32];
@@ -141,8 +142,9 @@ fn substep(rest: &[DVec3], x: &[DVec3], velocities: &[f64], params: &AmsParams) 
     simulation.snapshot().velocities.as_flattened().to_vec()
 }
 
-/// Height of `p` along the shortest of a tetrahedron's seven altitudes, with the features' number: 0 to 3 for the point
-/// over the opposite face, 4 to 6 for the lines. `of` fixes the feature.
+/// Height along the shortest of the seven altitudes of the tetrahedron `p`, and the number of its
+/// features: 0 to 3 for a point and the opposite face, 4 to 6 for two lines. `of` selects the
+/// features instead.
 fn height(p: &[DVec3], of: Option<usize>) -> (f64, usize) {
     let normals = [
         (p[2] - p[1]).cross(p[3] - p[1]),
@@ -158,7 +160,8 @@ fn height(p: &[DVec3], of: Option<usize>) -> (f64, usize) {
     (6.0 * volume(p) / normals[feature].length(), feature)
 }
 
-/// h κ (height − rest height) and the height's gradient by central differences, over the twelve coordinates.
+/// h κ (height − rest height) and the height's gradient by central differences, over the twelve
+/// coordinates.
 fn altitude(rest: &[DVec3], x: &[DVec3], kappa: f64) -> (f64, [f64; 12]) {
     let (now, feature) = height(x, None);
     let (then, _) = height(rest, Some(feature));
@@ -174,8 +177,8 @@ fn altitude(rest: &[DVec3], x: &[DVec3], kappa: f64) -> (f64, [f64; 12]) {
     (H * kappa * (now - then), gradient)
 }
 
-/// The substep solves A v = b with A and b built from the altitudes' energies by finite differences; A is symmetric,
-/// A − 1 positive semidefinite, and no momentum comes from nowhere.
+/// The substep solves A v = b, where A and b are built from the altitudes' energies by finite
+/// differences. The springs conserve momentum.
 #[test]
 fn altitude_springs_solve_the_system_of_their_energy() {
     let mut noise = Noise(11);
@@ -194,7 +197,8 @@ fn altitude_springs_solve_the_system_of_their_energy() {
             ..MassSpringParams { k_altitude: kappa, clamped: 1, ..Default::default() }.ams()
         };
         let after = substep(&rest, &x, &v, &params);
-        // r = v' + Σ g (h² κ g·v' + h κ (height − rest)) − v: zero in every row that is not clamped.
+        // r = v' + Σ g (h² κ g·v' + h κ (height − rest)) − v: zero in every row that is not
+        // clamped.
         let mut residual: Vec<f64> = after.iter().zip(&v).map(|(a, b)| a - b).collect();
         for (i, (rest, x)) in rest.windows(4).zip(x.windows(4)).enumerate() {
             let (push, gradient) = altitude(rest, x, kappa);
@@ -213,7 +217,8 @@ fn altitude_springs_solve_the_system_of_their_energy() {
     }
 }
 
-/// A⁻¹, the slope of the velocities after a substep over those before, is symmetric with eigenvalues in (0, 1].
+/// A⁻¹, the derivative of the velocities after a substep with respect to those before, is symmetric
+/// with eigenvalues in (0, 1].
 #[test]
 fn the_system_is_symmetric_positive_definite() {
     let mut noise = Noise(3);
@@ -264,9 +269,10 @@ fn is_positive(mut a: Vec<Vec<f64>>) -> bool {
     true
 }
 
-/// A tetrahedron pushed through its own face comes back to its side with altitude springs, and stays mirrored without.
+/// A tetrahedron that was inverted returns to its orientation with altitude springs, and stays
+/// inverted without them.
 #[test]
-fn an_inverted_tetrahedron_turns_back() {
+fn altitude_springs_restore_an_inverted_tetrahedron() {
     let rest = vec![
         DVec3::ZERO,
         DVec3::new(0.01, 0.0, 0.0),

@@ -1,19 +1,20 @@
-//! Altitude springs of the plain mass-spring baseline (Selle 2008, §4): they keep the tetrahedra of four consecutive
-//! particles from collapsing or turning inside out.
+//! Altitude springs of the plain mass-spring baseline (Selle 2008, §4). They keep the tetrahedra of
+//! four consecutive particles from collapsing or turning inside out.
 //!
-//! Of a tetrahedron's seven altitudes (four point–face, three edge–edge) the shortest is the one over the largest
-//! parallelogram; its foot lies inside both features, so its weights are stable. The spring acts along it, towards its
-//! signed length at rest, on all four particles by those weights: the band stays 3.
+//! Of a tetrahedron's seven altitudes (four point–face, three edge–edge) the shortest is the one
+//! over the largest parallelogram; its foot lies inside both features, so its weights are stable.
+//! The spring acts along it, towards its signed length at rest, and distributes its force to all
+//! four particles by those weights. The band's half-width stays 3.
 
 use super::factor::Ring;
 use super::terms::{RowTerms, SubstepTerms};
 use crate::lane::{Lane, Sym3, V3};
 
-/// The seven altitudes: which particles span the two features.
+/// A pair of features of a tetrahedron, given by the particles that span them.
 enum Feature {
-    /// Point p over face a b c.
+    /// A point p and the face a b c.
     PointFace([usize; 4]),
-    /// Line a b to line c d.
+    /// The line a b and the line c d.
     Lines([usize; 4]),
 }
 
@@ -27,7 +28,8 @@ const FEATURES: [Feature; 7] = [
     Feature::Lines([0, 3, 1, 2]),
 ];
 
-/// A candidate: the parallelogram's normal, a vector from one feature to the other, and the four weights.
+/// An altitude: the parallelogram's normal, a vector from one feature to the other, and the weights
+/// of the four particles.
 struct Altitude<L> {
     normal: V3<L>,
     across: V3<L>,
@@ -66,13 +68,13 @@ fn altitude<L: Lane>(feature: &Feature, p: &[V3<L>; 4], tiny: L) -> Altitude<L> 
     }
 }
 
-/// Particles `i..i + 4` of a strand as the altitude spring sees them.
+/// Particles `i..i + 4` of a strand.
 pub struct Tetrahedron<L> {
     /// Positions.
     pub positions: [V3<L>; 4],
     /// Rest positions.
     pub rest: [V3<L>; 4],
-    /// Velocities that clamped ones have (the ghosts').
+    /// Velocities of the ghosts, which clamped particles take.
     pub ghost_velocities: [V3<L>; 4],
 }
 
@@ -86,7 +88,8 @@ pub fn add<L: Lane>(
     clamped: usize,
     ring: &mut Ring<L>,
 ) {
-    // The least squared area, in m⁴: far under any hair's, and far over the least float32.
+    // Lower bound of the squared area, in m⁴: far below that of any hair, and far above the
+    // smallest float32.
     let tiny = L::from_f64(1e-30);
     let mut best = altitude(&FEATURES[0], &tetrahedron.positions, tiny);
     let mut best_rest = altitude(&FEATURES[0], &tetrahedron.rest, tiny);

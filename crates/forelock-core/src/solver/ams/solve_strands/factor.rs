@@ -5,31 +5,34 @@
 //! D_i  = A_ii − Σ_j W_ij L_ijᵀ     ;  z_i = b_i − Σ_j L_ij z_j
 //! ```
 //!
-//! The off-diagonal blocks of A are −h²K, so all W and L are stored negated and every update is an addition.
+//! The off-diagonal blocks of A are −h²K, so all W and L are stored negated and every update is an
+//! addition.
 
 use super::springs::Spring;
 use crate::lane::{Lane, Mat3, Sym3, V3};
 
-/// Smallest pivot, over the mass: exact ones are at least 1.
+/// Smallest pivot, over the mass. Exact pivots are at least 1.
 pub const PIVOT_FLOOR: f64 = 0.999;
 
 /// −L of a row to its three earlier rows, nearest first.
 pub type Link<L> = [Mat3<L>; 3];
 
-/// The rows that are open at once: four of A and b, and what the last three eliminated rows left.
+/// The rows in work: four rows of A and b, and the factors of the last three eliminated rows.
 #[derive(Debug)]
 pub struct Ring<L> {
     accumulate: bool,
     diagonal: [Sym3<L>; 4],
     rhs: [V3<L>; 4],
-    /// h²K from a row to the next three; only added to with `accumulate`: rows i − 3 to i + 2 are in use.
+    /// h²K from a row to the next three rows. Without `accumulate` each is written once. Rows i − 3
+    /// to i + 2 are in use.
     coupling: [[Sym3<L>; 3]; 8],
     inverse: [Sym3<L>; 4],
     z: [V3<L>; 4],
 }
 
 impl<L: Lane> Ring<L> {
-    /// An empty ring. `accumulate` if couplings are added to before their springs come.
+    /// An empty ring. `accumulate` says that a coupling has further contributions besides its
+    /// spring.
     #[inline(always)]
     pub fn new(accumulate: bool) -> Self {
         Self {
@@ -42,7 +45,7 @@ impl<L: Lane> Ring<L> {
         }
     }
 
-    /// Makes room for the row that springs from row `i` reach first.
+    /// Clears the row that springs from row `i` are the first to reach.
     #[inline(always)]
     pub fn open(&mut self, i: usize) {
         self.diagonal[(i + 3) & 3] = Sym3::zero();
@@ -58,9 +61,10 @@ impl<L: Lane> Ring<L> {
         (&mut self.diagonal[i & 3], &mut self.rhs[i & 3])
     }
 
-    /// Adds `spring` from `i` to `j` (≥ `clamped`). If i is clamped its column moves to b with its velocity `w`.
+    /// Adds `spring` from `i` to `j` (≥ `clamped`). The column of a clamped i moves to b with the
+    /// velocity `w` of i.
     #[inline(always)]
-    pub fn add_spring(&mut self, (i, j): (usize, usize), clamped: usize, spring: &Spring<L>, w: V3<L>) {
+    pub fn add_spring(&mut self, i: usize, j: usize, clamped: usize, spring: &Spring<L>, w: V3<L>) {
         self.diagonal[j & 3] += spring.stiffness;
         self.rhs[j & 3] -= spring.impulse;
         if i < clamped {
@@ -104,7 +108,7 @@ impl<L: Lane> Ring<L> {
         }
     }
 
-    /// [`Self::eliminate`] for a row with `REACH` free rows within reach before it.
+    /// [`Self::eliminate`] for a row that is coupled to `REACH` free rows before it.
     #[inline(always)]
     fn eliminate_row<const REACH: usize>(&mut self, i: usize, links: &mut [Link<L>]) -> V3<L> {
         let (before, rest) = links.split_at_mut(i);

@@ -1,10 +1,12 @@
-// One implicit substep of a strand, one strand a thread: the twin of `solve_strands::advance`.
+// One implicit substep of a strand, one strand a thread: the GPU counterpart of
+// `solve_strands::advance`.
 //
-// The same band system, eliminated the other way round: row i is taken out of the three rows after it at once, so that only a window of three rows
-// is open, and that fits into registers. Row i leaves L_{i+k,i} (k = 1, 2, 3) and D_i⁻¹ z_i in scratch; then
+// The band system is the same, but the elimination is right-looking: row i is eliminated from the
+// three rows after it at once, so that only a window of rows is in work, which fits into registers.
+// Row i stores L_{i+k,i} (k = 1, 2, 3) and D_i⁻¹ z_i in scratch; then
 // v_i = D_i⁻¹ z_i − Σ_k L_{i+k,i}ᵀ v_{i+k}, last row first.
 
-// Velocity of the air at each particle, three rows, if it is not the same everywhere.
+// Velocity of the air at each particle, three rows; used with a wind field.
 @group(0) @binding(17) var<storage, read> wind: array<f32>;
 
 // A particle's counterpart in the rest shape.
@@ -20,7 +22,7 @@ struct Spring {
     inverse_length: f32,
 }
 
-// Rows i, i + 1, i + 2 and i + 3 of the system, less what the rows before them took.
+// Rows i, i + 1, i + 2 and i + 3 of the system, after the elimination of all rows before i.
 struct Window {
     d0: Sym,
     d1: Sym,
@@ -72,7 +74,7 @@ fn spring(kappa: f32, d: vec3f, rest_length: f32) -> Spring {
     return Spring(outer_plus_identity(along, d, h2k * tau), d * (kappa * frame.h * stretch), inverse_length);
 }
 
-// h² κ I, or κ D, and that times w: `ghost::implicit_tie`.
+// h² κ I, or h² κ D, on the diagonal, and the same times w on the right: `ghost::implicit_tie`.
 fn tie(window: ptr<function, Window>, kappa: f32, pull: vec3f, w: vec3f) {
     let h2k = frame.h * frame.h * kappa;
     if has(DIRECTIONAL) {
@@ -99,7 +101,7 @@ fn damaged(intact: f32, deflection: vec3f, length: f32) -> f32 {
     return min(select(intact, healed, e < frame.healing_limit), psi);
 }
 
-// What drag draws a particle to, and h c/m: `sample_air::draw`.
+// The velocity towards which drag accelerates a particle, and h c/m: `drag::towards_air`.
 fn drag_of(strand: Strand, i: u32, v: vec3f) -> vec4f {
     var air = frame.air;
     if has(WIND) {
@@ -135,7 +137,8 @@ fn tie_to_ghost(strand: Strand, i: u32, x: vec3f, ghost: Ghost, kappas: vec2f, w
         var direction = pull;
         if has(SAG_FREE) {
             (*window).b0 -= frame.h * intact * substep.carried_weight;
-            // The same force as from a ghost raised by m g/κ_I: the tie points there.
+            // The force is that of a tie to a ghost raised by m g/κ_I, so the tie points to that
+            // ghost.
             direction -= substep.carried_weight / max(kappas.x, 1e-24);
         }
         tie(window, kappa, direction, ghost.w);
@@ -156,12 +159,12 @@ fn tie_to_ghost(strand: Strand, i: u32, x: vec3f, ghost: Ghost, kappas: vec2f, w
 }
 
 // Adds a spring from row i to row i + reach.
-fn add_spring(window: ptr<function, Window>, reach: u32, is_free: bool, w: vec3f, own: Spring) {
-    let k = own.stiffness;
-    var to_outer = -own.impulse;
+fn add_spring(window: ptr<function, Window>, reach: u32, is_free: bool, w: vec3f, added: Spring) {
+    let k = added.stiffness;
+    var to_outer = -added.impulse;
     if is_free {
         (*window).d0 = sym_add((*window).d0, k);
-        (*window).b0 += own.impulse;
+        (*window).b0 += added.impulse;
     } else {
         to_outer += sym_mul(k, w);
     }
@@ -186,14 +189,14 @@ fn add_spring(window: ptr<function, Window>, reach: u32, is_free: bool, w: vec3f
 }
 
 // Angular tie of the edge d to the ghosts' edge: `ghost::angular_edge`.
-fn add_couple(own: ptr<function, Spring>, kappa: f32, d: vec3f, inverse_rest: f32, ghost: Ghost, next: Ghost) {
+fn add_couple(edge: ptr<function, Spring>, kappa: f32, d: vec3f, inverse_rest: f32, ghost: Ghost, next: Ghost) {
     let g = next.y - ghost.y;
-    let cosine = dot(g, d) * inverse_rest * (*own).inverse_length;
+    let cosine = dot(g, d) * inverse_rest * (*edge).inverse_length;
     let square = clamp(0.5 - 0.5 * cosine, 0.0, 1.0);
     let a = kappa * inverse_rest * asin_ratio(square);
     let stiffness = frame.h * frame.h * a;
-    (*own).stiffness.d += stiffness;
-    (*own).impulse -= frame.h * a * (g - d) + stiffness * (next.w - ghost.w);
+    (*edge).stiffness.d += stiffness;
+    (*edge).impulse -= frame.h * a * (g - d) + stiffness * (next.w - ghost.w);
 }
 
 // Adds a block to A_{kl}, k ≥ l, of the window.
@@ -229,7 +232,7 @@ struct Altitude {
     weights: vec4f,
 }
 
-// The altitude of feature 0 to 6, as `altitude::FEATURES` has them.
+// The altitude of feature 0 to 6, numbered as in `altitude::FEATURES`.
 fn altitude(p: array<vec3f, 4>, feature: u32) -> Altitude {
     var corners = array<vec4u, 7>(
         vec4u(0u, 1u, 2u, 3u),
@@ -251,13 +254,13 @@ fn altitude(p: array<vec3f, 4>, feature: u32) -> Altitude {
     let scale = 1.0 / max(dot(normal, normal), 1e-30);
     let s = dot(cross(across, e2), normal) * scale;
     let t = dot(cross(across, e1), normal) * scale;
-    // On a face: of the top 1, then β + γ − 1, −β, −γ, with β = s and γ = −t.
-    let own = select(vec4f(s - 1.0, -s, 1.0 - t, t), vec4f(1.0, s - t - 1.0, -s, t), is_face);
+    // For a point and a face: 1 for the point, then β + γ − 1, −β, −γ, with β = s and γ = −t.
+    let by_corner = select(vec4f(s - 1.0, -s, 1.0 - t, t), vec4f(1.0, s - t - 1.0, -s, t), is_face);
     var weights = array<f32, 4>(0.0, 0.0, 0.0, 0.0);
-    weights[at.x] = own.x;
-    weights[at.y] = own.y;
-    weights[at.z] = own.z;
-    weights[at.w] = own.w;
+    weights[at.x] = by_corner.x;
+    weights[at.y] = by_corner.y;
+    weights[at.z] = by_corner.z;
+    weights[at.w] = by_corner.w;
     return Altitude(normal, across, vec4f(weights[0], weights[1], weights[2], weights[3]));
 }
 
@@ -301,7 +304,7 @@ fn add_altitude(strand: Strand, i: u32, kappa: f32, window: ptr<function, Window
     }
 }
 
-// Takes row i out of the rows after it, writes what the backward sweep needs, and moves the window on.
+// Eliminates row i from the rows after it and stores the factors for the backward sweep.
 fn eliminate(strand: Strand, i: u32, window: ptr<function, Window>) {
     let inverse = sym_inverse((*window).d0);
     let p = sym_matrix(inverse);
@@ -319,7 +322,7 @@ fn eliminate(strand: Strand, i: u32, window: ptr<function, Window>) {
     (*window).b2 -= l2 * z;
     (*window).b3 -= l3 * z;
     for (var c = 0u; c < 3u; c++) {
-        leave_links(strand, i, c, l1[c], l2[c], l3[c]);
+        store_links(strand, i, c, l1[c], l2[c], l3[c]);
     }
     set_scratch_vector(strand, i, 27u, sym_mul(inverse, z));
 }
@@ -366,11 +369,11 @@ fn solve_strands(@builtin(global_invocation_id) id: vec3u) {
             let j = i + reach;
             if j < n && j >= clamped {
                 let d = moved_position(strand, j) - x;
-                var own = spring(frame.k_springs[reach - 1u] * scales.x, d, rest_length(strand, i, reach));
+                var added = spring(frame.k_springs[reach - 1u] * scales.x, d, rest_length(strand, i, reach));
                 if reach == 1u && has(ANGULAR_EDGE) {
-                    add_couple(&own, frame.k_angular * scales.z, d, inverse_rest_edge(strand, i), ghost, next);
+                    add_couple(&added, frame.k_angular * scales.z, d, inverse_rest_edge(strand, i), ghost, next);
                 }
-                add_spring(&window, reach, is_free, ghost.w, own);
+                add_spring(&window, reach, is_free, ghost.w, added);
             }
         }
         if frame.k_altitude > 0.0 && i + 3u < n {
@@ -391,7 +394,7 @@ fn solve_strands(@builtin(global_invocation_id) id: vec3u) {
         let i = n - 1u - k;
         var v = scratch_vector(strand, i, 27u);
         if i >= clamped {
-            // Links beyond the tip are zero, as their springs are.
+            // Factors beyond the tip are zero, like the springs there.
             v -= vec3f(
                 linked(strand, i, 0u, v1, v2, v3),
                 linked(strand, i, 1u, v1, v2, v3),

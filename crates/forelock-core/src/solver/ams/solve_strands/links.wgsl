@@ -1,7 +1,7 @@
-// The links of the band's factors in scratch, as they are.
+// Storage of the factors L in scratch, in 32 bits.
 
-// Keeps column c of the three links of row i.
-fn leave_links(strand: Strand, i: u32, c: u32, l1: vec3f, l2: vec3f, l3: vec3f) {
+// Stores column c of the three factors of row i.
+fn store_links(strand: Strand, i: u32, c: u32, l1: vec3f, l2: vec3f, l3: vec3f) {
     set_scratch_vector(strand, i, 3u * c, l1);
     set_scratch_vector(strand, i, 9u + 3u * c, l2);
     set_scratch_vector(strand, i, 18u + 3u * c, l3);

@@ -1,7 +1,8 @@
-// The links of the band's factors in scratch, each number in 16 bits, two in a row: half the traffic of `links.wgsl`.
+// Storage of the factors L in scratch, in 16 bits, two numbers in a row. This halves the memory
+// traffic of `links.wgsl`.
 
-// Keeps column c of the three links of row i.
-fn leave_links(strand: Strand, i: u32, c: u32, l1: vec3f, l2: vec3f, l3: vec3f) {
+// Stores column c of the three factors of row i.
+fn store_links(strand: Strand, i: u32, c: u32, l1: vec3f, l2: vec3f, l3: vec3f) {
     let at = entry(strand, i, SCRATCH, 5u * c);
     scratch[at] = pack2x16float(l1.xy);
     scratch[at + LANES] = pack2x16float(vec2f(l1.z, l2.x));

@@ -1,8 +1,8 @@
 //! One implicit substep of a strand: assembly and exact solve in a single sweep.
 //!
 //! # Theory
-//! Backward Euler on springs linearised about the start of the substep (Selle 2008; AMS Eq. 9), multiplied by the
-//! mass so that it is symmetric positive definite:
+//! Backward Euler on springs linearised about the start of the substep (Selle 2008; AMS Eq. 9),
+//! multiplied by the mass so that the system is symmetric positive definite:
 //!
 //! ```text
 //! A_ii = (m_i + h c_i) I + h² Σ_j K_ij + h² s_i κ_I I + angular
@@ -10,16 +10,18 @@
 //! b_i  = m_i v_i + h (f_i + S_i) + h c_i u_i + h² s_i κ_I w_i + angular
 //! ```
 //!
-//! with K of `springs`, the ghost's terms of `ghost`, and 3×3 blocks in a band of half-width 3. The
-//! block LDLᵀ of `factor` solves it exactly. Clamped particles have v = w; their columns move to b.
+//! with K from `springs`, the ghost's terms from `ghost`, and 3×3 blocks in a band of half-width 3.
+//! The block LDLᵀ of `factor` solves the system exactly. Clamped particles have v = w; their
+//! columns move to b.
 //!
 //! # Practice
-//! Row `i` needs springs from rows `i−3..=i`, so one loop computes the three springs that start at `i`, adds them to
-//! a ring of four rows, and eliminates row `i` at once. The matrix never exists in memory: only the factors that the
-//! backward sweep needs are kept, 30 numbers a particle.
+//! Row `i` needs springs from rows `i−3..=i`, so one loop computes the three springs that start at
+//! `i`, adds them to a ring of four rows, and eliminates row `i` at once. The matrix is never
+//! stored: only the factors that the backward sweep needs are kept, 30 numbers a particle.
 //!
 //! # Limitations
-//! In float32 the factors are good while h² κ ≤ 1e3; see [`AmsParams::validate`](crate::solver::AmsParams::validate).
+//! In float32 the factors are accurate up to h² κ = 1e3; see
+//! [`AmsParams::validate_step`](crate::solver::AmsParams::validate_step).
 
 mod altitude;
 mod factor;
@@ -33,7 +35,7 @@ pub use terms::{FrameTerms, RowTerms, SubstepTerms};
 use crate::lane::{Lane, V3};
 use crate::strands::{BlockView, Scratch};
 use factor::{Link, Ring};
-use ghost::Ghost;
+use ghost::{Ghost, TiedEdge};
 
 /// The stage's name in reports.
 pub const STAGE: &str = "solve_strands";
@@ -44,8 +46,8 @@ pub const LINKS_WGSL: &str = include_str!("links.wgsl");
 /// WGSL that stores the factors in 16 bits.
 pub const LINKS_HALVED_WGSL: &str = include_str!("links_halved.wgsl");
 
-/// Advances one group of lanes (`first..first + L::WIDTH`) by a substep: velocities by the implicit solve, then
-/// x += h v; clamped particles go to their ghosts exactly.
+/// Advances lanes `first..first + L::WIDTH` by a substep: the implicit solve gives velocities, then
+/// x += h v. Clamped particles are placed at their ghosts.
 #[inline(always)]
 pub fn advance<L: Lane>(
     frame: &FrameTerms,
@@ -59,7 +61,7 @@ pub fn advance<L: Lane>(
     let scratch = scratch.vectors::<L>();
     let (links, half_solved) = scratch.split_at_mut(9 * n);
     let links: &mut [Link<L>] = bytemuck::cast_slice_mut(links);
-    eliminate(frame, substep, view, first, (links, &mut *half_solved));
+    eliminate(frame, substep, view, first, links, &mut *half_solved);
 
     // Backward sweep: v_i = D_i⁻¹ z_i − Σ_j L_jiᵀ v_j, with −L stored.
     let mut later = [V3::zero(); 3];
@@ -80,16 +82,17 @@ pub fn advance<L: Lane>(
     }
 }
 
-/// Forward sweep: assembles row after row and eliminates it. Leaves −L in `links` and D⁻¹z in `half_solved` (the
-/// ghost's velocity for clamped particles).
+/// Forward sweep: assembles and eliminates row after row. Writes −L to `links` and D⁻¹z to
+/// `half_solved` (for clamped particles the ghost's velocity).
 #[inline(always)]
-#[expect(clippy::needless_range_loop, reason = "the row's number is what the equations speak of")]
+#[expect(clippy::needless_range_loop, reason = "the equations are in terms of the row number")]
 fn eliminate<L: Lane>(
     frame: &FrameTerms,
     substep: &SubstepTerms<L>,
     view: &mut BlockView<'_, L::Scalar>,
     first: usize,
-    (links, half_solved): (&mut [Link<L>], &mut [V3<L>]),
+    links: &mut [Link<L>],
+    half_solved: &mut [V3<L>],
 ) {
     let n = view.particles;
     let clamped = frame.clamped.min(n);
@@ -100,13 +103,13 @@ fn eliminate<L: Lane>(
         let terms = frame.row::<L>(i, n, stiffness);
         ring.open(i);
         if i >= clamped {
-            tie_to_ghost(frame, substep, view, (i, first), &terms, &ghost, &mut ring);
+            tie_to_ghost(frame, substep, view, Place { i, first }, &terms, &ghost, &mut ring);
         }
         let next = Ghost::new(substep, V3::load(view.rest, (i + 1).min(n - 1), first));
         let ghosts = [&ghost, &next];
-        add_spring::<1, L>(frame, substep, view, (i, first), &terms, ghosts, &mut ring);
-        add_spring::<2, L>(frame, substep, view, (i, first), &terms, ghosts, &mut ring);
-        add_spring::<3, L>(frame, substep, view, (i, first), &terms, ghosts, &mut ring);
+        add_spring::<1, L>(frame, substep, view, Place { i, first }, &terms, ghosts, &mut ring);
+        add_spring::<2, L>(frame, substep, view, Place { i, first }, &terms, ghosts, &mut ring);
+        add_spring::<3, L>(frame, substep, view, Place { i, first }, &terms, ghosts, &mut ring);
         if frame.k_altitude > 0.0 && i + 3 < n {
             let tetrahedron = tetrahedron(substep, view, i, first);
             altitude::add(substep, &terms, &tetrahedron, i, clamped, &mut ring);
@@ -116,17 +119,27 @@ fn eliminate<L: Lane>(
     }
 }
 
+/// A particle of each lane of a group.
+#[derive(Clone, Copy)]
+struct Place {
+    /// Number of the particle in its strand.
+    i: usize,
+    /// First lane of the group.
+    first: usize,
+}
+
 /// The spring from `i` to `i + REACH`, with the angular tie if it is an edge.
 #[inline(always)]
 fn add_spring<const REACH: usize, L: Lane>(
     frame: &FrameTerms,
     substep: &SubstepTerms<L>,
     view: &BlockView<'_, L::Scalar>,
-    (i, first): (usize, usize),
+    place: Place,
     terms: &RowTerms<L>,
     ghosts: [&Ghost<L>; 2],
     ring: &mut Ring<L>,
 ) {
+    let Place { i, first } = place;
     let j = i + REACH;
     if j >= view.particles || j < frame.clamped {
         return;
@@ -135,12 +148,16 @@ fn add_spring<const REACH: usize, L: Lane>(
     let rest_length = L::load(&view.rest_lengths[3 * i + REACH - 1], first);
     let mut spring = springs::spring(substep, terms.springs[REACH - 1], frame.tension, d, rest_length);
     if REACH == 1 && frame.angular_edge {
-        let edge = (d, L::load(&view.inverse_edges[i], first), spring.inverse_length);
+        let edge = TiedEdge {
+            d,
+            inverse_rest: L::load(&view.inverse_edges[i], first),
+            inverse_length: spring.inverse_length,
+        };
         let couple = ghost::angular_edge(substep, terms.angular, edge, ghosts);
         spring.stiffness = spring.stiffness.add_identity(couple.stiffness);
         spring.impulse -= couple.impulse;
     }
-    ring.add_spring((i, j), frame.clamped, &spring, ghosts[0].w);
+    ring.add_spring(i, j, frame.clamped, &spring, ghosts[0].w);
 }
 
 /// Mass, air and ghost ties of row `i`.
@@ -149,32 +166,34 @@ fn tie_to_ghost<L: Lane>(
     frame: &FrameTerms,
     substep: &SubstepTerms<L>,
     view: &mut BlockView<'_, L::Scalar>,
-    (i, first): (usize, usize),
+    place: Place,
     terms: &RowTerms<L>,
     ghost: &Ghost<L>,
     ring: &mut Ring<L>,
 ) {
+    let Place { i, first } = place;
     let x = V3::load(view.positions, i, first);
     let v = V3::load(view.velocities, i, first);
-    let air = if view.air.is_empty() {
+    let (drag, air) = if view.air.is_empty() {
         (terms.drag, substep.air)
     } else {
         (L::load(&view.drag[i], first), V3::load(view.air, i, first))
     };
     let (diagonal, rhs) = ring.row(i);
-    ghost::inertia(substep, v, air, diagonal, rhs);
+    let mut row = ghost::Row { diagonal, rhs };
+    ghost::inertia(substep, v, drag, air, &mut row);
     if frame.k_integrity > 0.0 {
         let mut intact = L::load(&view.integrity[i], first);
         if frame.non_hookean.is_some() {
             intact = ghost::damage(frame, intact, x - ghost.y, L::load(view.strand_length, first));
             intact.store(&mut view.integrity[i], first);
         }
-        ghost::integrity(frame, substep, terms, ghost, (x, intact), (&mut *diagonal, &mut *rhs));
+        ghost::integrity(frame, substep, terms, ghost, x, intact, &mut row);
     }
     if frame.angular_paper && i > 0 {
         let points = [V3::load(view.positions, i - 1, first), x];
         let rest_length = L::load(&view.rest_lengths[3 * (i - 1)], first);
-        ghost::angular_paper(frame, substep, terms.angular, ghost, (points, rest_length), (diagonal, rhs));
+        ghost::angular_paper(frame, substep, terms.angular, ghost, points, rest_length, &mut row);
     }
 }
 

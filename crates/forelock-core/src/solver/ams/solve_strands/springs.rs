@@ -1,16 +1,17 @@
-//! Edge, bend and torsion springs: Eq. 5 of AMS, with the tension term that makes them stable at any substep.
+//! Edge, bend and torsion springs: Eq. 5 of AMS, with the tension term that makes them stable at
+//! any substep.
 
 use super::SubstepTerms;
 use crate::lane::{Lane, Sym3, V3};
 
-/// What a spring between particles i and j adds to the system.
+/// Contribution to the system of a spring between particles i and j.
 #[derive(Clone, Copy, Debug)]
 pub struct Spring<L> {
     /// h² K.
     pub stiffness: Sym3<L>,
-    /// h κ (l − l₀) d, on i; the opposite on j.
+    /// h κ (l − l₀) d on i, and the opposite on j.
     pub impulse: V3<L>,
-    /// 1/l, for whoever needs the edge's direction too.
+    /// 1/l.
     pub inverse_length: L,
 }
 

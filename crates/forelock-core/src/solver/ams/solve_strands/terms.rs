@@ -8,19 +8,19 @@ use glam::DVec3;
 /// The softening and breaking curve of the integrity ties.
 #[derive(Clone, Copy, Debug)]
 pub struct NonHookean {
-    /// Deflection over length up to which ties are elastic.
+    /// Deflection over strand length up to which ties are elastic.
     pub elastic_limit: f64,
-    /// Deflection over length from which they break.
+    /// Deflection over strand length above which ties break.
     pub breaking_point: f64,
-    /// Further deflection over length at which they are broken.
+    /// Further deflection over strand length at which ties are fully broken.
     pub breaking_width: f64,
     /// Share of the damage that heals in a substep.
     pub healing: f64,
-    /// Deflection over length under which they heal.
+    /// Deflection over strand length below which ties heal.
     pub healing_limit: f64,
 }
 
-/// What stays the same over a frame, in float64.
+/// Coefficients of a frame, in float64.
 #[derive(Clone, Debug)]
 pub struct FrameTerms {
     /// Substep, seconds.
@@ -35,7 +35,7 @@ pub struct FrameTerms {
     pub k_angular: f64,
     /// κ of altitude springs at the root.
     pub k_altitude: f64,
-    /// Tip over root, for springs, integrity and angular ties.
+    /// Values at the tip over those at the root, for springs, integrity ties and angular ties.
     pub tip_scales: [f64; 3],
     /// Drag rate, s⁻¹.
     pub drag: f64,
@@ -47,15 +47,15 @@ pub struct FrameTerms {
     pub slender: bool,
     /// Whether tension acts implicitly across springs.
     pub tension: bool,
-    /// Whether there is the edge form's angular tie.
+    /// Whether the angular tie has the edge form.
     pub angular_edge: bool,
-    /// Whether there is the paper's angular tie.
+    /// Whether the angular tie has the paper's form.
     pub angular_paper: bool,
-    /// Whether the ghost ties' implicit part is κ D instead of κ I.
+    /// Whether the implicit part of ghost ties is κ D instead of κ I.
     pub directional: bool,
-    /// Whether ghosts carry the weight.
+    /// Whether ghost ties compensate the weight at rest.
     pub sag_free: bool,
-    /// The non-Hookean curve, if on.
+    /// The non-Hookean curve, if it is used.
     pub non_hookean: Option<NonHookean>,
 }
 
@@ -114,7 +114,7 @@ impl FrameTerms {
     }
 }
 
-/// Coefficients of one row: particles have unit mass, stiffnesses are rates.
+/// Coefficients of one row. Particles have unit mass; stiffnesses are rates.
 #[derive(Clone, Copy, Debug)]
 pub struct RowTerms<L> {
     /// κ of the springs that start at this particle.
@@ -129,7 +129,7 @@ pub struct RowTerms<L> {
     pub drag: L,
 }
 
-/// What stays the same over a substep, for all lanes alike.
+/// Coefficients of a substep, the same in all lanes.
 #[derive(Clone, Copy, Debug)]
 pub struct SubstepTerms<L> {
     /// h.
@@ -138,21 +138,22 @@ pub struct SubstepTerms<L> {
     pub h2: L,
     /// 1/h.
     pub inverse_h: L,
-    /// Smallest squared length: a collapsed spring pushes nowhere, but not to infinity.
+    /// Lower bound of squared lengths: the force of a collapsed spring is zero instead of infinite.
     pub tiny: L,
     /// Gravity, m/s².
     pub gravity: V3<L>,
     /// Velocity of the air, m/s.
     pub air: V3<L>,
-    /// R g_head: the weight at rest, turned with the head at the end of the substep.
+    /// R g_head: the weight at rest, rotated with the head at the end of the substep.
     pub carried_weight: V3<L>,
     start: (Mat3<L>, V3<L>),
     end: (Mat3<L>, V3<L>),
 }
 
 impl<L: Lane> SubstepTerms<L> {
-    /// The terms of a substep of `h` seconds. `poses` take points about the model's centre to positions relative to
-    /// the frame's origin, at the start and at the end; `rest_gravity` is gravity in the head's rest frame.
+    /// The terms of a substep of `h` seconds. `poses` map points relative to the model's centre to
+    /// positions relative to the frame's origin, at the start and at the end; `rest_gravity` is
+    /// gravity in the head's rest frame.
     #[inline(always)]
     pub fn new(h: f64, poses: [&Pose; 2], gravity: DVec3, rest_gravity: DVec3, air: DVec3) -> Self {
         let [start, end] = poses;

@@ -1,5 +1,5 @@
-// A step of follow the leader in one kernel: a thread steps its strand from root to tip, holds frames in
-// registers, and reads and writes the state once.
+// A step of follow the leader in one kernel: a thread steps its strand from root to tip, holds
+// frames in registers, and reads and writes the state once.
 
 @compute @workgroup_size(WORKGROUP)
 fn follow_leader(@builtin(global_invocation_id) id: vec3u) {

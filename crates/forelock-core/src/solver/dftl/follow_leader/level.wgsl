@@ -1,5 +1,5 @@
-// Dynamic follow the leader with preserved shape, level by level. The kernels of all schedules share
-// this text, the GPU counterpart of `follow_leader::advance`.
+// Dynamic follow the leader with preserved shape, level by level. The kernels of all schedules
+// share this text, the GPU counterpart of `follow_leader::advance`.
 //
 // There are three schedules. Fused: a thread steps its strand from root to tip, holds frames in
 // registers, and reads and writes the state once. Strands: a kernel predicts all particles, then a
@@ -7,8 +7,8 @@
 // dispatches normals are stored in the rows of the velocities.
 //
 // For this solver rows 4 to 6 of the model hold rest edges, in the frame of the particle before
-// each edge, and for a root the normal of its frame. They replace the rest lengths to the second and
-// third next particle and the inverse rest length. The array of velocities is followed by the
+// each edge, and for a root the normal of its frame. They replace the rest lengths to the second
+// and third next particle and the inverse rest length. The array of velocities is followed by the
 // positions of the step before.
 
 // State that a level passes to the next.
@@ -76,8 +76,8 @@ fn shape_shares(strand: Strand, i: u32) -> vec2f {
     return min(vec2f(frame.shape_global, frame.shape_local) * tips * strand_stiffness(strand), vec2f(1.0));
 }
 
-// Eqs. 11 to 14: places particle i, which was at `was` and is predicted at `predicted`, and completes
-// the step of the particle before it.
+// Eqs. 11 to 14: places particle i, which was at `was` and is predicted at `predicted`, and
+// completes the step of the particle before it.
 fn follow_level(strand: Strand, i: u32, was: vec3f, predicted: vec3f, carried: Carried) -> Carried {
     let ghost = ghost_at(strand, i);
     let length = rest_length(strand, i - 1u, 1u);
@@ -108,8 +108,8 @@ fn follow_level(strand: Strand, i: u32, was: vec3f, predicted: vec3f, carried: C
     return Carried(x, was, direction, turned_normal(carried.tangent, carried.normal, direction));
 }
 
-// Resolves the collisions of particle i, which moves from `was` to `start`. With rechecks the length is
-// restored last.
+// Resolves the collisions of particle i, which moves from `was` to `start`. With rechecks the
+// length is restored last.
 fn level_solids(strand: Strand, i: u32, was: vec3f, start: vec3f, leader: vec3f, length: f32) -> vec4f {
     let at = entry(strand, i, 2u, 1u);
     let last = memory[at];
@@ -147,7 +147,8 @@ fn level_solids(strand: Strand, i: u32, was: vec3f, start: vec3f, leader: vec3f,
     return vec4f(x, 0.0);
 }
 
-// Eq. 14: the velocity of a particle that has been placed, with the correction of the particle after it.
+// Eq. 14: the velocity of a particle that has been placed, with the correction of the particle
+// after it.
 fn end_particle(strand: Strand, i: u32, carried: Carried, correction: vec3f) {
     let v = (carried.leader - carried.leader_was) * frame.inverse_h;
     set_velocity(strand, i, v - frame.dftl_damping * frame.inverse_h * correction);

@@ -1,4 +1,5 @@
-//! One step of dynamic follow the leader with preserved shape (Sánchez-Banderas et al. 2015, Sec. 3.1).
+//! One step of dynamic follow the leader with preserved shape (Sánchez-Banderas et al. 2015, Sec.
+//! 3.1).
 //!
 //! # Theory
 //! With X the rest positions in the head's frame, (R, p) the head's pose at the step's end, F_i the
@@ -16,15 +17,15 @@
 //! ```
 //!
 //! Equation (14) subtracts the follower's correction from the leader's velocity, because within a
-//! step followers do not move their leaders (Müller, Kim, Chentanez 2012). So v is not zero at rest: it
-//! holds the load of the followers. The velocity of the motion is u = (x − x_previous)/h; drag and SPH
-//! use u.
+//! step followers do not move their leaders (Müller, Kim, Chentanez 2012). So v is not zero at
+//! rest: it holds the load of the followers. The velocity of the motion is u = (x − x_previous)/h;
+//! drag and SPH use u.
 //!
 //! At a contact, Coulomb friction reduces the tangential motion relative to the solid, as in
 //! [`resolve_solids`](crate::collide::resolve_solids). Friction changes the position too, since the
-//! velocity is derived from it. With `recheck` > 0 the lengths are restored last: edges are exact, and
-//! single particles may end slightly inside a solid. With 0, as in the paper, collisions are resolved
-//! last.
+//! velocity is derived from it. With `recheck` > 0 the lengths are restored last: edges are exact,
+//! and single particles may end slightly inside a solid. With 0, as in the paper, collisions are
+//! resolved last.
 //!
 //! # Practice
 //! A strand is a lane. One pass from root to tip predicts and corrects each particle and writes the

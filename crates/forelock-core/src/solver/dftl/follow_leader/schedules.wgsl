@@ -1,4 +1,5 @@
-// The schedules of the paper: a kernel predicts all particles, and then strands or levels are processed.
+// The schedules of the paper: a kernel predicts all particles, and then strands or levels are
+// processed.
 
 // The first part of a step: stores the positions of the step before and the predicted positions.
 @compute @workgroup_size(WORKGROUP)
@@ -30,8 +31,8 @@ fn follow_strands(@builtin(global_invocation_id) id: vec3u) {
     end_particle(strand, strand.particles - 1u, carried, vec3f(0.0));
 }
 
-// One level, after the prediction. The normal of the level before is stored in the row of that particle's
-// velocity until the velocity is written.
+// One level, after the prediction. The normal of the level before is stored in the row of that
+// particle's velocity until the velocity is written.
 @compute @workgroup_size(WORKGROUP)
 fn follow_level_of_strands(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
