@@ -1,4 +1,4 @@
-//! Kernels as typed values: a [`Shader`] is WGSL text with its constants and bindings, a [`Kernel`]
+//! Kernels as typed values: a [`Shader`] is WGSL text with its constants and bindings, a `Kernel`
 //! is one of its entry points.
 //!
 //! # Practice

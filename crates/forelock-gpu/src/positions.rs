@@ -115,7 +115,7 @@ impl GpuSimulation {
         }
         let mut rows: Vec<Row<f32>> = Vec::with_capacity(3 * self.model.places());
         for staging in &pending.staging {
-            rows.extend_from_slice(&bytemuck::pod_collect_to_vec(&*staging.get_mapped_range(..)));
+            rows.extend_from_slice(&bytemuck::pod_collect_to_vec(&staging.get_mapped_range(..)));
         }
         world_positions(&self.model, &rows, pending.origin, out);
         Ok(true)

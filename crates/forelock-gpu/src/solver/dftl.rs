@@ -111,10 +111,9 @@ impl GpuSolver for GpuDftl {
 
     fn write_terms(&self, dt_secs: f64, uniform: &mut FrameUniform) {
         let terms = FollowTerms::new(&self.params, dt_secs);
-        let single = |x: f64| x as f32;
-        uniform.drag = single(terms.h * terms.drag);
-        [uniform.shape_global, uniform.shape_local] = terms.shape.map(single);
-        [uniform.tip_global, uniform.tip_local] = terms.tip_scales.map(single);
+        uniform.drag = (terms.h * terms.drag) as f32;
+        [uniform.shape_global, uniform.shape_local] = terms.shape.map(|x| x as f32);
+        [uniform.tip_global, uniform.tip_local] = terms.tip_scales.map(|x| x as f32);
         uniform.recheck = terms.recheck;
         if terms.sag_free {
             uniform.flags |= flags::SAG_FREE;

@@ -14,7 +14,7 @@
 //!
 //! # Limitations
 //! The simulation runs in float32, so a scene in which h²κ exceeds
-//! [`FLOAT32_STIFFNESS_LIMIT`](forelock_core::solver::ams::FLOAT32_STIFFNESS_LIMIT) is refused.
+//! [`FLOAT32_STIFFNESS_LIMIT`](forelock_core::params::FLOAT32_STIFFNESS_LIMIT) is refused.
 
 mod check;
 mod document;

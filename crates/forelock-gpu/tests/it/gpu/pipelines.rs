@@ -1,7 +1,5 @@
 //! Pipelines are made at first use, once a device, and only those that a frame needs.
 
-#![expect(clippy::unwrap_used, reason = "in a test a failure to build is a failure of the test")]
-
 use crate::common;
 use crate::common::shaken::{GRAVITY, head, options, tuft};
 use forelock_core::body::{ColliderFrame, Shape};
