@@ -35,7 +35,9 @@ use forelock_core::interaction::contact::find_contacts::{
     self, FEW, PIECE, PIECES, SEGMENT_CONTACTS, SLICES, search_edge,
 };
 use forelock_core::interaction::contact::resolve_contacts;
-use forelock_core::interaction::contact::{self, ContactParams, ContactReport, RUN_SEGMENTS, drift, fastest};
+use forelock_core::interaction::contact::{
+    self, ContactParams, ContactReport, RUN_SEGMENTS, histogram, mean_motion,
+};
 use forelock_core::lane::{LANES, Row};
 use forelock_core::pose::Pose;
 use glam::{Mat4, UVec3, Vec3};
@@ -52,7 +54,7 @@ const PAIR_GROUPS: u32 = 2048;
 /// Half of a piece that is stretched by a quarter, over the length that the search is made for.
 const HALF_PIECE: f32 = 0.5 * 1.25 * PIECE;
 /// Rows of `work` a place that hold displacements.
-const WAY_ROWS: u64 = 4;
+const MOTION_ROWS: u64 = 4;
 /// Rows of bodies in `work` a place.
 const BODY_ROWS: u64 = 15;
 /// Numbers of a joint.
@@ -61,9 +63,9 @@ const JOINT_NUMBERS: u64 = 28;
 const SIDE_NUMBERS: u64 = 8;
 
 const CONSTANTS: &[Constant] = &[
-    Constant::u32("BINS", fastest::BINS as u32),
-    Constant::u32("BIN_BITS", fastest::BIN_BITS),
-    Constant::u32("WAY_ROWS", WAY_ROWS as u32),
+    Constant::u32("BINS", histogram::BINS as u32),
+    Constant::u32("BIN_BITS", histogram::BIN_BITS),
+    Constant::u32("MOTION_ROWS", MOTION_ROWS as u32),
     Constant::u32("BODY_ROWS", BODY_ROWS as u32),
     Constant::f32("PIECES", PIECES),
     Constant::f32("HALF_PIECE", HALF_PIECE),
@@ -72,19 +74,21 @@ const CONSTANTS: &[Constant] = &[
     Constant::f32("SQUARE_UNIT", (1u32 << 16) as f32),
 ];
 
-const STRAND_CONSTANTS: &[Constant] =
-    &[Constant::u32("EVERY", drift::EVERY as u32), Constant::f32("DRIFT_UNIT", (1u32 << 22) as f32)];
+const STRAND_CONSTANTS: &[Constant] = &[
+    Constant::u32("EVERY", mean_motion::EVERY as u32),
+    Constant::f32("MEAN_MOTION_UNIT", (1u32 << 22) as f32),
+];
 
 const PAIR_CONSTANTS: &[Constant] = &[
-    Constant::u32("DRIFT_NODES", drift::NODES as u32),
+    Constant::u32("MEAN_MOTION_NODES", mean_motion::NODES as u32),
     Constant::u32("SLICES", SLICES),
-    Constant::u32("MEET_STEPS", find_contacts::STEPS as u32),
-    Constant::u32("MEET_GROUPS", PAIR_GROUPS),
+    Constant::u32("FOLLOW_STEPS", find_contacts::STEPS as u32),
+    Constant::u32("PAIR_GROUPS", PAIR_GROUPS),
     Constant::u32("SLOTS", SLOTS),
     Constant::u32("FOUND", FOUND),
     Constant::u32("QUEUE", QUEUE),
     Constant::u32("RUN_SEGMENTS", RUN_SEGMENTS as u32),
-    Constant::f32("MEET_CLOSE", find_contacts::CLOSE),
+    Constant::f32("FOLLOW_CLOSE", find_contacts::CLOSE),
     Constant::f32("REST_SHARE", find_contacts::REST_SHARE),
 ];
 
@@ -297,7 +301,7 @@ pub struct TouchEntry {
     pub done: u32,
     pub lack: u32,
     pub farthest: u32,
-    pub shelves: u32,
+    pub stores_entries: u32,
 }
 
 /// The contacts of a simulation.
@@ -361,8 +365,8 @@ impl DeviceContacts {
         let most_joints = (budget + budget / 8 + 1024).min(most_actives * u64::from(SLOTS));
         let cells = entries.next_power_of_two().max(u64::from(ROW_CELLS));
         let (numbers, slots) = ((LANES * model.places()) as u64, (LANES * model.blocks.len()) as u64);
-        let nodes = (drift::NODES as u64 + 1).pow(3);
-        let bodies = WAY_ROWS * numbers;
+        let nodes = (mean_motion::NODES as u64 + 1).pow(3);
+        let bodies = MOTION_ROWS * numbers;
         let found = bodies + (BODY_ROWS * numbers).max(5 * entries).max(4 * nodes);
         let joints = found + 2 * u64::from(SLOTS) * most_actives;
         let sides = joints + JOINT_NUMBERS * most_joints;
@@ -380,7 +384,7 @@ impl DeviceContacts {
         let table = gpu.buffer("table", table, storage);
         let mut touch =
             bytemuck::bytes_of(&TouchEntry { extent: NO_EXTENT, ..TouchEntry::zeroed() }).to_vec();
-        touch.resize(touch.len() + 4 * (fastest::BINS + most_actives as usize), 0);
+        touch.resize(touch.len() + 4 * (histogram::BINS + most_actives as usize), 0);
         let touch = gpu.filled("touch", &touch, storage);
         let owners = gpu.filled("owners", bytemuck::cast_slice(&model.block_of_places()), storage);
         let mut bytes = [&starts, &table, &touch, &owners].iter().map(|buffer| buffer.size()).sum::<u64>();
@@ -405,8 +409,8 @@ impl DeviceContacts {
             friction: params.friction as f32,
             spread: params.spread as f32,
             close: resolve_contacts::CLOSE * params.distance as f32,
-            far: drift::FAR * model.reach as f32,
-            spacing: drift::SPACING.max(4.0 * longest),
+            far: mean_motion::FAR * model.reach as f32,
+            spacing: mean_motion::SPACING.max(4.0 * longest),
             inverse_piece,
             inverse_particles: 1.0 / model.particle_count.max(1) as f32,
             budget: params.budget,
@@ -526,7 +530,7 @@ impl DeviceContacts {
     pub fn write_frame(&mut self, gpu: &Gpu, step: &ContactStep<'_>) {
         let host = &mut *self.host;
         [host.from_start, host.from_end] = step.head.map(|pose| rigid(&pose.inverse()));
-        host.slip = self.params.let_pass(step.dt_secs);
+        host.slip = self.params.slip_distance(step.dt_secs);
         (host.clamped, host.dt) = (step.clamped, step.dt_secs as f32);
         gpu.queue().write_buffer(&self.uniform, 0, bytemuck::bytes_of(host));
     }

@@ -138,7 +138,7 @@ fn layouts() -> Vec<Layout> {
         // Bins and a list follow what is read back.
         layout!("Touch", TouchEntry, [
             low spacing high slices dims slice extent squares fastest actives joints taken least bin share found_bin
-            found_share momentum round last done lack farthest shelves
+            found_share momentum round last done lack farthest stores_entries
         ], 2),
         layout!("Fluid", FluidUniform, [
             h h2 inverse_h dt mass_density mass_push mass_drag pressure viscosity inverse_dt neighbours numbers buckets

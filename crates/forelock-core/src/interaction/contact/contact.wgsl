@@ -1,101 +1,106 @@
-// What kernels of contacts share: the twins of `contact::{Ways, Drift, Histogram}`.
+// Shared by the kernels of contacts: the GPU counterpart of `contact::{Displacements, MeanMotion,
+// Histogram}`.
 //
-// A particle has a number: its place in the whole model × LANES + lane, whatever batch it is in; a
-// segment that of its lower particle. `work` is bits of floats and numbers: of each particle where
-// it is at the frame's end and how far it strays (rows), then from `contacts.bodies` on what is
-// needed one after the other: nodes of the drift; entries in cells; bodies (rows). Then lists: of
-// each active segment the contacts found, two numbers each; joints, field by field; their sides.
+// A particle has a number: its place in the whole model × LANES + lane, whatever its batch; the
+// number of a segment is that of its lower particle. `work` holds bits of floats and integers: rows
+// of the end position and the residual motion of each particle; from `contacts.bodies` on data that
+// is needed one after the other: nodes of the mean motion, entries of cells, rows of bodies. Then
+// lists: the contacts found of each active segment, two numbers each; the joints, field by field;
+// the sides of joints.
 
-const STRAY: u32 = 3u;
+const RESIDUAL_MOTION: u32 = 3u;
 const NOTHING: u32 = 0xffffffffu;
-// The number of a segment in an entry, and what is set in it of an active one.
+// Flag in the segment number of an entry: the segment is active.
 const ACTIVE: u32 = 0x80000000u;
-// The number of a segment in a contact that was found, beside that of the slice.
+// Bits of the segment number in a found contact; the slice is in the higher bits.
 const SLICE_BITS: u32 = 30u;
 const SEGMENT: u32 = (1u << SLICE_BITS) - 1u;
 
 struct Contacts {
-    // The head's frame from positions, at the frame's start and at its end.
+    // Maps positions to the frame of the head, at the start and at the end of the frame.
     from_start: mat4x4f,
     from_end: mat4x4f,
-    // The length that the search is made for, the contact distance, what two may approach in a
-    // frame and be let pass. Metres.
+    // Length scale of the search, contact distance, approach in a frame below which contacts are
+    // ignored. Metres.
     edge: f32,
     distance: f32,
     slip: f32,
     friction: f32,
-    // Length of strand that a contact bends at least, the frame's time, what a pair may lack when
-    // the rounds end, hair how far out counts for the box.
+    // Least length of strand that a contact bends; length of the frame; violation of the gap at
+    // which rounds stop; distance from the centre beyond which hair is ignored in the box.
     spread: f32,
     dt: f32,
     close: f32,
     far: f32,
-    // Nodes of the drift at least so far apart; one over the longest piece; one over the count of
-    // particles.
+    // Least distance between nodes of the mean motion; inverse of the longest piece; inverse of the
+    // number of particles.
     spacing: f32,
     inverse_piece: f32,
     inverse_particles: f32,
     pad_0: f32,
-    // Contacts in a frame at most, particles whose segments are active, particles that may stray
-    // farther than slices are made for.
+    // Maximum number of contacts in a frame; maximum number of active particles; number of
+    // particles that may exceed the residual motion for which slices are chosen.
     budget: u32,
     most_active: u32,
     few: u32,
     per_segment: u32,
     rounds: u32,
     clamped: u32,
-    // Cells, a power of two; entries in them.
+    // Number of cells, a power of two; number of entries.
     cells: u32,
     entries: u32,
-    // Numbers of particles; where in `work` bodies, found contacts, joints and sides begin.
+    // Count of particle numbers; where in `work` bodies, found contacts, joints and sides begin.
     numbers: u32,
     bodies: u32,
     found: u32,
     joints: u32,
     sides: u32,
-    // Active segments and joints that there is room for; strands, with those that are not live.
+    // Capacity for active segments and for joints; number of strands, including inactive lanes.
     most_actives: u32,
     most_joints: u32,
     strands: u32,
 }
 
 struct Touch {
-    // The box of hair, start and end, and the nodes of the drift in it.
+    // Bounding box of the hair at the start and at the end of the frame, and the nodes of the mean
+    // motion in it.
     low: vec3f,
     spacing: f32,
     high: vec3f,
-    // Slices of the frame, none if nothing strays; the slice that is searched.
+    // Number of slices of the frame, 0 if there is no residual motion; the current slice.
     slices: u32,
     dims: vec3u,
     slice: u32,
     // Least and greatest coordinates, ordered as integers.
     extent: array<atomic<u32>, 6>,
-    // Sum of the squares of strays, over that of an edge, in 2⁻¹⁶; the largest, as bits.
+    // Sum of the squared residual motions relative to an edge, in units of 2⁻¹⁶; bits of the
+    // largest.
     squares: array<atomic<u32>, 2>,
     fastest: atomic<u32>,
-    // How many are on the list of active segments, how many contacts were kept, how much of a list
-    // is given away.
+    // Length of the list of active segments; number of kept contacts; number of reserved entries of
+    // a list.
     actives: atomic<u32>,
     joints: atomic<u32>,
     taken: atomic<u32>,
-    // A segment is active if its stray exceeds `least`, and lies above a bin of the histogram, or
-    // in it, by a share.
+    // A segment is active if its residual motion exceeds `least` and lies above a bin of the
+    // histogram, or in that bin for a fraction of the segments.
     least: f32,
     bin: u32,
     share: f32,
-    // The same of contacts found.
+    // The same for found contacts.
     found_bin: u32,
     found_share: f32,
-    // Rounds: momentum of this one, its number, whether it is the last, whether they are done.
+    // Rounds: momentum of this round, its number, whether it is the last, whether all are done.
     momentum: f32,
     round: u32,
     last: u32,
     done: u32,
-    // Bits of the most that a pair lacks, and of the farthest that a particle was moved.
+    // Bits of the largest violation of a pair, and of the largest distance that a particle was
+    // moved.
     lack: atomic<u32>,
     farthest: atomic<u32>,
-    // Whether entries are put where they belong, not only counted.
-    shelves: u32,
+    // Whether entries are stored; in the first pass they are only counted.
+    stores_entries: u32,
     bins: array<atomic<u32>, BINS>,
     // Numbers of the active segments.
     list: array<u32>,
@@ -110,7 +115,7 @@ struct Touch {
 @group(0) @binding(30) var<storage, read> rest: array<f32>;
 @group(0) @binding(31) var<storage, read> owners: array<u32>;
 
-// Where in an array of `rows` rows a place a row of a particle is.
+// Index of row `row` of a particle in an array of `rows` rows a place.
 fn row_of(number: u32, rows: u32, row: u32) -> u32 {
     return (rows * (number / LANES) + row) * LANES + number % LANES;
 }
@@ -134,19 +139,19 @@ fn set_work_vector(at: u32, v: vec3f) {
     work[at + 2u * LANES] = bits.z;
 }
 
-// Where a particle is at the frame's start and end, in the head's frame.
+// Start and end position of a particle in the frame of the head.
 fn start_of(number: u32) -> vec3f {
     let at = row_of(number, 3u, 0u);
     return vec3f(starts[at], starts[at + LANES], starts[at + 2u * LANES]);
 }
 
 fn end_of(number: u32) -> vec3f {
-    return work_vector(row_of(number, WAY_ROWS, 0u));
+    return work_vector(row_of(number, MOTION_ROWS, 0u));
 }
 
-// How far the segment's ends stray, metres.
-fn stray_of(segment: u32) -> f32 {
-    return max(real(row_of(segment, WAY_ROWS, STRAY)), real(row_of(segment + LANES, WAY_ROWS, STRAY)));
+// Residual motion of a segment, the larger of its ends, metres.
+fn residual_motion_of(segment: u32) -> f32 {
+    return max(real(row_of(segment, MOTION_ROWS, RESIDUAL_MOTION)), real(row_of(segment + LANES, MOTION_ROWS, RESIDUAL_MOTION)));
 }
 
 // The longest side of the box, metres.
@@ -163,15 +168,15 @@ fn bin_of(x: f32) -> u32 {
     return bitcast<u32>(x) >> BIN_BITS;
 }
 
-// Whether what lies in the last bin belongs: a share of all, spread evenly by the multiples of the
-// golden ratio.
+// A pseudo-random number in [0, 1) that selects a fraction of the last bin, evenly spread by the
+// multiples of the golden ratio.
 fn chance(number: u32) -> f32 {
     return f32(number * 0x9e3779b9u) * 2.3283064e-10;
 }
 
-fn is_active(segment: u32, stray: f32) -> bool {
-    let bin = bin_of(stray);
-    return stray > touch.least && (bin > touch.bin || bin == touch.bin && chance(segment) < touch.share);
+fn is_active(segment: u32, residual: f32) -> bool {
+    let bin = bin_of(residual);
+    return residual > touch.least && (bin > touch.bin || bin == touch.bin && chance(segment) < touch.share);
 }
 
 // Whether this slice is searched.
@@ -183,10 +188,10 @@ fn middle_of_slice() -> f32 {
     return (f32(touch.slice) + 0.5) / f32(touch.slices);
 }
 
-// A piece of a segment in the middle of a slice: a ball about its middle.
+// A piece of a segment in the middle of a slice, bounded by a ball around its centre.
 struct Piece {
     middle: vec3f,
-    // From its middle to its upper end.
+    // From the centre to the upper end.
     half: vec3f,
     radius: f32,
     reach: f32,
@@ -196,14 +201,14 @@ fn pieces_of(rest_length: f32) -> u32 {
     return u32(clamp(ceil(rest_length * contacts.inverse_piece), 1.0, PIECES));
 }
 
-// What a segment reaches beyond itself. A quarter more than it strays, for the drift is not quite
-// the same for both of a pair.
-fn reach_of(stray: f32, is_one: bool) -> f32 {
+// Margin of a segment. The residual motion is enlarged by a quarter, because the mean motion
+// differs slightly between both segments of a pair.
+fn reach_of(residual: f32, is_one: bool) -> f32 {
     let most = select(REACH_OTHER, REACH_ACTIVE, is_one) * contacts.edge;
-    return min(0.5 * (contacts.distance + 1.25 * stray / f32(touch.slices)), most);
+    return min(0.5 * (contacts.distance + 1.25 * residual / f32(touch.slices)), most);
 }
 
-// Piece `k` of so many of the segment from `lower` to `upper`.
+// Piece `k` of `pieces` of the segment from `lower` to `upper`.
 fn piece_of(lower: vec3f, upper: vec3f, k: u32, pieces: u32, reach: f32) -> Piece {
     let half = (upper - lower) * (0.5 / f32(pieces));
     let middle = lower + f32(2u * k + 1u) * half;
@@ -215,13 +220,13 @@ fn cell_of(at: vec3f) -> vec3u {
     return vec3u(max(at - touch.low, vec3f()) / contacts.edge);
 }
 
-// Cells that are neighbours along x are neighbours in the table.
+// Neighbouring cells along x are adjacent in the table.
 fn bucket_of(cell: vec3u) -> u32 {
     return (cell.x + ((cell.y * 73856093u) ^ (cell.z * 19349663u))) & (contacts.cells - 1u);
 }
 
-// The table, while joints are linked: how many sides of joints each segment has, and where the next
-// of them goes; over what length each strand is bent.
+// The table, while joints are linked: number of sides of joints of each segment, and index of the
+// next one; length over which each strand is bent.
 fn count_at(segment: u32) -> u32 {
     return segment;
 }
@@ -230,8 +235,8 @@ fn cursor_at(segment: u32) -> u32 {
     return contacts.numbers + segment;
 }
 
-// Where a segment's sides begin in the lists, and how many they are, once all are linked: where the
-// next one goes is behind all of them.
+// First index and number of the sides of a segment in the lists, once all are linked: the index of
+// the next one is then behind the last.
 fn list_of(segment: u32) -> vec2u {
     let count = atomicLoad(&table[count_at(segment)]);
     return vec2u(atomicLoad(&table[cursor_at(segment)]) - count, count);
@@ -241,9 +246,9 @@ fn bend_at(slot: u32) -> u32 {
     return 2u * contacts.numbers + slot;
 }
 
-// Fields of a joint: its segments, where on each they meet, the normal from the second to the
-// first, the gap to keep, when they meet and how far they approach; one over W; λ, j_N and j_T
-// after the last round and as extrapolated for this one; what this round adds.
+// Fields of a joint: its segments; the position of the contact on each; the normal from the second
+// to the first; the gap; the time of the contact; the approach; the inverse of W; λ, j_N and j_T
+// after the last round and as extrapolated for this one; the contributions of this round.
 const SEGMENTS: u32 = 0u;
 const ALONG: u32 = 2u;
 const NORMAL: u32 = 4u;
@@ -251,12 +256,12 @@ const GAP: u32 = 7u;
 const WHEN: u32 = 8u;
 const APPROACH: u32 = 9u;
 const INVERSE_W: u32 = 10u;
-const PUSH: u32 = 11u;
-const PRESS: u32 = 13u;
-const RUB: u32 = 15u;
+const LAMBDA: u32 = 11u;
+const NORMAL_IMPULSE: u32 = 13u;
+const TANGENT_IMPULSE: u32 = 15u;
 const JOINT_MOVES: u32 = 21u;
-const JOINT_KICKS: u32 = 24u;
-// Whether both segments keep it.
+const JOINT_IMPULSES: u32 = 24u;
+// Whether both segments keep the joint.
 const KEPT: u32 = 27u;
 
 fn field_at(joint: u32, field: u32) -> u32 {
@@ -281,8 +286,8 @@ fn set_field_vector(joint: u32, field: u32, v: vec3f) {
     }
 }
 
-// Sides of joints, 2 × joint + side, in lists of segments: in their order, and behind all of these
-// when, other segment and side in the order in which they came.
+// Sides of joints, 2 × joint + side, in lists of segments: sorted; and after all of these the time,
+// the other segment and the side, in the order of insertion.
 fn sorted_at(place: u32) -> u32 {
     return contacts.sides + place;
 }
@@ -299,8 +304,8 @@ fn joint_count() -> u32 {
 const PLACE: u32 = 0u;
 const VELOCITY: u32 = 3u;
 const MOVES: u32 = 6u;
-const KICKS: u32 = 9u;
-// Σ |w| of its joints, then S of that; α to the next particle, and one over the pivot.
+const IMPULSES: u32 = 9u;
+// Σ |w| of the joints, then S of that; α to the next particle; the inverse pivot.
 const SHARE: u32 = 12u;
 const ALPHA: u32 = 13u;
 const PIVOT: u32 = 14u;

@@ -1,13 +1,13 @@
 //! Contacts between strands as an interaction of a simulation.
 
-use super::{ContactParams, Contacts};
+use super::{ContactMoment, ContactParams, Contacts, ParticleRows};
 use crate::frame::{
     Exchange, ExchangeContext, FrameReport, Interaction, Moves, Phase, shared_secs, with_motion,
 };
 use crate::lane::{Real, Row, Simd};
 use crate::strands::{Model, State};
 
-/// Contacts in a frame's plan.
+/// The exchange that contacts add to the plan of a frame.
 pub const EXCHANGE: Exchange = Exchange {
     name: "contacts",
     stage: "find_contacts",
@@ -16,7 +16,7 @@ pub const EXCHANGE: Exchange = Exchange {
     records_start: true,
 };
 
-/// Contacts and the buffer for velocities that hair moves with.
+/// Contacts, and a buffer for the velocities of the hair.
 #[derive(Debug)]
 pub(crate) struct ContactInteraction<T> {
     contacts: Contacts,
@@ -24,7 +24,7 @@ pub(crate) struct ContactInteraction<T> {
 }
 
 impl<T: Real> ContactInteraction<T> {
-    /// Contacts for the strands of `model`, found with the instruction set `simd`.
+    /// Creates the contacts for the strands of `model`; the search uses the instruction set `simd`.
     pub fn new(model: &Model<T>, params: &ContactParams, simd: Simd) -> Self {
         Self { contacts: Contacts::new(model, params, simd), motion: Vec::new() }
     }
@@ -36,7 +36,7 @@ impl<T: Real> Interaction<T> for ContactInteraction<T> {
     }
 
     fn record_start(&mut self, cx: &ExchangeContext<'_, T>, state: &State<T>) {
-        self.contacts.note_start(cx.model, &state.positions, &cx.start);
+        self.contacts.record_start(cx.model, &state.positions, &cx.start);
     }
 
     fn exchange(
@@ -45,18 +45,22 @@ impl<T: Real> Interaction<T> for ContactInteraction<T> {
         state: &mut State<T>,
         report: &mut FrameReport,
     ) -> bool {
-        // Taken out for a while, for the rest of the state is borrowed.
+        // Moved out while the rest of the state is borrowed.
         let mut clearance = std::mem::take(&mut state.clearance);
+        let moment = ContactMoment { head: &cx.last_substep[1], clamped: cx.clamped, dt_secs: cx.dt_secs };
         let contacts = &mut self.contacts;
-        let own = with_motion(state, &mut self.motion, cx.h(), |positions, velocities| {
-            let rows = (positions, velocities, &mut *clearance);
-            contacts.resolve(cx.model, rows, &cx.last_substep[1], (cx.clamped, cx.dt_secs))
+        let contact_report = with_motion(state, &mut self.motion, cx.h(), |positions, velocities| {
+            let rows = ParticleRows { positions, velocities, clearance: &mut clearance };
+            contacts.resolve(cx.model, rows, &moment)
         });
         state.clearance = clearance;
-        report.strand_contacts = own;
+        report.strand_contacts = contact_report;
         let stages = ["find_contacts", "resolve_contacts"];
-        stages.into_iter().zip(own.secs).for_each(|(name, secs)| report.stages.add(name, shared_secs(secs)));
-        own.contacts > 0
+        stages
+            .into_iter()
+            .zip(contact_report.secs)
+            .for_each(|(name, secs)| report.stages.add(name, shared_secs(secs)));
+        contact_report.contacts > 0
     }
 
     fn rebuild(&mut self, model: &Model<T>, simd: Simd) {

@@ -1,36 +1,40 @@
-//! Contacts between segments of different strands: what they are found in, and what they are.
+//! Contacts between segments of different strands: their search and their resolution.
 //!
 //! # Theory
-//! The grid keeps dense hair from being pressed together, but locks that cross slip through it. So segments meet one by
-//! one as well (AMS, Sec. 3.2, after McAdams 2009): those that come too near in a frame are found
-//! (`stage::find_contacts`), and what brought them there is taken from their motion, without
-//! bounce and with Coulomb friction (`stage::resolve_contacts`).
+//! The grid resists the compression of dense hair, but locks that cross pass through each other on
+//! it. Therefore contacts between single segments are resolved as well (AMS, Sec. 3.2, after
+//! McAdams 2009): segments that come too near during a frame are found ([`find_contacts`]), and
+//! their approach is removed from their motion, without bounce and with Coulomb friction
+//! ([`resolve_contacts`]).
 //!
 //! # Practice
-//! Between frames hair moves much farther than it is thick, so what counts is the way of each pair from the frame's
-//! start to its end, in the head's frame, taken as straight. Most of that way is common to neighbours: `Drift` is a
-//! smooth field of it. Only what a segment moves against the drift makes it reach farther in the search, so that hair
-//! that swings together costs no more than hair at rest. Contacts are sought only of segments that stray from the drift faster
-//! than half of [`ContactParams::slip`], fastest first, and [`ContactParams::budget`] bounds the work.
+//! In a frame hair moves much farther than it is thick, so what is tested is the displacement of
+//! each pair from the start of the frame to its end, in the frame of the head, taken as linear in
+//! time. Neighbours share most of that displacement: `MeanMotion` is a smooth field of it. Only the
+//! residual motion of a segment, relative to the mean motion, extends its reach in the search, so
+//! hair that swings together costs no more than hair at rest. Contacts are searched only for
+//! segments whose residual motion is faster than half of [`ContactParams::slip`], fastest first,
+//! and [`ContactParams::budget`] bounds the work.
 //!
 //! # Limitations
-//! Strands do not meet themselves. Where more than [`RUN_SEGMENTS`] segments lie side by side in a row of cells, those at the ends are left to the grid.
+//! There is no self-collision of strands. If more than [`RUN_SEGMENTS`] segments lie side by side
+//! in a row of cells, those at its ends are left to the grid.
 
-pub mod drift;
+mod displacements;
 mod exchange;
-pub mod fastest;
 pub mod find_contacts;
+pub mod histogram;
+pub mod mean_motion;
 mod params;
 pub mod resolve_contacts;
-mod ways;
 
 pub use crate::frame::ContactReport;
-pub(crate) use drift::{Drift, Farthest};
+pub(crate) use displacements::{Displacements, closest};
 pub(crate) use exchange::ContactInteraction;
 pub use exchange::EXCHANGE;
-pub(crate) use fastest::Histogram;
+pub(crate) use histogram::Histogram;
+pub(crate) use mean_motion::{LargestResiduals, MeanMotion};
 pub use params::ContactParams;
-pub(crate) use ways::{Ways, closest};
 
 use crate::lane::Simd;
 use crate::lane::{LANES, Real, Row};
@@ -38,35 +42,37 @@ use crate::pose::Pose;
 use crate::strands::Model;
 use glam::Vec3;
 
-/// WGSL that the kernels of contacts share.
+/// WGSL shared by the kernels of contacts.
 pub const WGSL: &str = include_str!("contact.wgsl");
-/// WGSL that lays out a table of cells by counting; the neighbour search of SPH uses it too.
+/// WGSL that sorts entries into a table of cells by counting; the neighbour search of SPH uses it
+/// too.
 pub const TABLE_WGSL: &str = include_str!("table.wgsl");
 
-/// Segments in a row of cells of the search that one segment is tested against, at most.
+/// Maximum number of segments in a row of cells against which one segment is tested.
 pub const RUN_SEGMENTS: usize = 4096;
-/// No segment, no particle.
+/// Marks a missing segment or particle.
 pub(crate) const NONE: u32 = u32::MAX;
 
-/// Two segments that come too near. A segment bears the number of its lower particle: its place × [`LANES`] + lane.
+/// Two segments that come too near. The number of a segment is that of its lower particle: place ×
+/// [`LANES`] + lane.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Contact {
     /// The segments, the lower number first.
     pub segments: [u32; 2],
-    /// Where on each they meet, 0 to 1.
+    /// Position of the contact on each segment, 0 to 1.
     pub along: [f32; 2],
-    /// From the second to the first, of length one, in the head's frame.
+    /// Unit normal from the second segment to the first, in the frame of the head.
     pub normal: Vec3,
-    /// How far apart they must stay along the normal, metres.
+    /// Least distance along the normal, metres.
     pub gap: f32,
-    /// When they meet, as a fraction of the frame.
+    /// Time of the contact, as a fraction of the frame.
     pub when: f32,
-    /// How far they would approach in the whole frame, metres.
+    /// Approach along the normal over the whole frame, metres.
     pub approach: f32,
 }
 
 impl Contact {
-    /// The particles, and the share that each has in the distance of the two points.
+    /// The four particles, and their weights in the difference of the two contact points.
     pub fn particles(&self) -> [(u32, f32); 4] {
         let ([a, b], [s, t]) = (self.segments, self.along);
         let next = LANES as u32;
@@ -74,68 +80,82 @@ impl Contact {
     }
 }
 
-/// Positions, velocities and clearances of the state, `[3 × places]`, `[3 × places]` and `[places]` rows.
-pub type Rows<'a, T> = (&'a mut [Row<T>], &'a mut [Row<T>], &'a mut [Row<T>]);
+/// Rows of the state that contacts change.
+#[derive(Debug)]
+pub struct ParticleRows<'a, T> {
+    /// Positions, `[3 × places]` rows.
+    pub positions: &'a mut [Row<T>],
+    /// Velocities, `[3 × places]` rows.
+    pub velocities: &'a mut [Row<T>],
+    /// Clearances, `[places]` rows.
+    pub clearance: &'a mut [Row<T>],
+}
 
-/// Contacts and their scratch.
+/// What contacts need of a frame.
+#[derive(Clone, Copy, Debug)]
+pub struct ContactMoment<'a> {
+    /// Pose of the head at the end of the frame, about the centre of the model.
+    pub head: &'a Pose,
+    /// Particles of each strand, counted from the root, that are clamped to the head.
+    pub clamped: usize,
+    /// Length of the frame, seconds.
+    pub dt_secs: f64,
+}
+
+/// Contacts and their buffers.
 #[derive(Debug)]
 pub struct Contacts {
     params: ContactParams,
-    ways: Ways,
-    drift: Drift,
+    displacements: Displacements,
+    mean_motion: MeanMotion,
     finder: find_contacts::Finder,
     resolver: resolve_contacts::Resolver,
 }
 
 impl Contacts {
-    /// Contacts for the strands of `model`, found with the instruction set `simd`.
+    /// Creates the contacts for the strands of `model`; the search uses the instruction set `simd`.
     pub fn new<T: Real>(model: &Model<T>, params: &ContactParams, simd: Simd) -> Self {
         Self {
             params: params.clone(),
-            ways: Ways::new(model),
-            drift: Drift::default(),
+            displacements: Displacements::new(model),
+            mean_motion: MeanMotion::default(),
             finder: find_contacts::Finder::new(model, params, simd),
             resolver: resolve_contacts::Resolver::default(),
         }
     }
 
-    /// Their parameters.
+    /// The parameters.
     pub fn params(&self) -> &ContactParams {
         &self.params
     }
 
     /// Bytes held.
     pub fn bytes(&self) -> usize {
-        self.ways.bytes() + self.drift.bytes() + self.finder.bytes() + self.resolver.bytes()
+        self.displacements.bytes() + self.mean_motion.bytes() + self.finder.bytes() + self.resolver.bytes()
     }
 
-    /// Notes where the hair is at the frame's start. `head` brings the head's frame, about the model's centre, to where
-    /// positions are.
-    pub fn note_start<T: Real>(&mut self, model: &Model<T>, positions: &[Row<T>], head: &Pose) {
-        self.ways.note_start(model, positions, head);
+    /// Records the positions at the start of the frame. `head` maps the frame of the head, about
+    /// the centre of the model, to the frame of `positions`.
+    pub fn record_start<T: Real>(&mut self, model: &Model<T>, positions: &[Row<T>], head: &Pose) {
+        self.displacements.record_start(model, positions, head);
     }
 
-    /// Finds what met since the start was noted and resolves it: changes positions and velocities of all particles but
-    /// the first `clamped` of each strand, and takes what they moved from their clearance. `head` as it is now; the frame took `dt_secs`.
+    /// Finds the contacts since [`record_start`](Self::record_start) and resolves them: changes
+    /// positions and velocities of all particles except the clamped ones, and subtracts the
+    /// distances that particles moved from their clearances.
     pub fn resolve<T: Real>(
         &mut self,
         model: &Model<T>,
-        (positions, velocities, clearance): Rows<'_, T>,
-        head: &Pose,
-        (clamped, dt_secs): (usize, f64),
+        rows: ParticleRows<'_, T>,
+        moment: &ContactMoment<'_>,
     ) -> ContactReport {
         let clock = std::time::Instant::now();
-        self.ways.note_end(model, positions, head);
-        self.drift.measure(model, &mut self.ways);
-        let found = self.finder.find(model, (&self.params, dt_secs), &self.ways, &self.drift);
+        self.displacements.record_end(model, rows.positions, moment.head);
+        self.mean_motion.measure(model, &mut self.displacements);
+        let found =
+            self.finder.find(model, &self.params, moment.dt_secs, &self.displacements, &self.mean_motion);
         let secs = clock.elapsed().as_secs_f64();
-        let mut report = self.resolver.resolve(
-            &self.params,
-            (model, found, &self.ways),
-            (positions, velocities, clearance),
-            head,
-            (clamped, dt_secs),
-        );
+        let mut report = self.resolver.resolve(&self.params, model, found, &self.displacements, rows, moment);
         report.secs = [secs, clock.elapsed().as_secs_f64() - secs];
         report
     }

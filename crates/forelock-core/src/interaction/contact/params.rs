@@ -3,7 +3,7 @@
 use crate::interaction::contact::find_contacts::SLOP;
 use crate::params::{COUNT, NON_NEGATIVE, ParamsError, check};
 
-/// Parameters of hair against hair, segment by segment.
+/// Parameters of contacts between strand segments.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -11,19 +11,25 @@ use crate::params::{COUNT, NON_NEGATIVE, ParamsError, check};
     serde(default, deny_unknown_fields)
 )]
 pub struct ContactParams {
-    /// How near the middle lines of two strands may come. Unit m, default 5e-4, range 1e-6 to 0.1. Strands that lie nearer at rest may come as near as there.
+    /// Least distance of the centre lines of two strands. Unit m, default 5e-4, range 1e-6 to 0.1.
+    /// Strands that are closer at rest may come as close as they are at rest.
     pub distance: f64,
-    /// Relative speed up to which strands are let pass each other: what is slower is left to the grid. Unit m/s, default 0.01, range 0 or more.
+    /// Relative speed below which contacts are ignored and left to the grid. Unit m/s, default
+    /// 0.01, range 0 or more.
     pub slip: f64,
-    /// Contacts in a frame at most, those of the fastest approach; sought of the segments of an eighth as many particles, those that move most against their neighbours. Unit contacts, default 32768, range 8 or more.
+    /// Maximum number of contacts in a frame; those of the fastest approach are kept. Contacts are
+    /// searched for an eighth as many particles, those of the largest motion relative to their
+    /// neighbours. Unit contacts, default 32768, range 8 or more.
     pub budget: u32,
     /// Coulomb friction between strands. No unit, default 0.3, range 0 or more.
     pub friction: f64,
-    /// Length of strand that takes part in what a contact gives it, at least. Unit m, default 0.05, range 0 to 10.
+    /// Least length of strand over which a contact distributes its push. Unit m, default 0.05,
+    /// range 0 to 10.
     pub spread: f64,
-    /// Rounds of the solve at most. Unit rounds, default 16, range 1 to 1000.
+    /// Maximum number of rounds of the solve. Unit rounds, default 16, range 1 to 1000.
     pub rounds: u32,
-    /// Contacts of a segment at most, the first in time. Unit contacts, default 128, range 1 to 1024.
+    /// Maximum number of contacts of a segment, the first in time. Unit contacts, default 128,
+    /// range 1 to 1024.
     pub per_segment: u32,
 }
 
@@ -42,15 +48,16 @@ impl Default for ContactParams {
 }
 
 impl ContactParams {
-    /// What two may approach in a frame of `dt_secs` and be let pass, metres: as `slip` has it, and a little where that is none.
-    pub fn let_pass(&self, dt_secs: f64) -> f32 {
+    /// Approach in a frame of `dt_secs` below which contacts are ignored, metres: from `slip`, and
+    /// at least a small share of the contact distance.
+    pub fn slip_distance(&self, dt_secs: f64) -> f32 {
         ((self.slip * dt_secs) as f32).max(SLOP * self.distance as f32)
     }
 
     /// Checks every parameter against its range.
     ///
     /// # Errors
-    /// [`ParamsError::Range`] for the first that is not in it.
+    /// [`ParamsError::Range`] for the first parameter that is out of range.
     pub fn validate(&self) -> Result<(), ParamsError> {
         check(&[
             ("distance", self.distance, ("between 1e-6 and 0.1", |x| (1e-6..=0.1).contains(&x))),

@@ -2,7 +2,7 @@
 
 use crate::rig::{DT, Random, Rig, Strand, assert_one_hash, largest, shake, tuft, vector};
 use forelock_core::body::{ColliderFrame, Shape};
-use forelock_core::interaction::contact::{ContactParams, Contacts};
+use forelock_core::interaction::contact::{ContactMoment, ContactParams, Contacts, ParticleRows};
 use forelock_core::lane::Row;
 use forelock_core::lane::Simd;
 use forelock_core::pose::Pose;
@@ -131,14 +131,17 @@ impl Free {
 
     /// Moves by the velocities for a frame, and resolves; contacts, farthest move.
     fn step(&mut self) -> (usize, f64) {
-        self.contacts.note_start(&self.model, &self.positions, &Pose::IDENTITY);
+        self.contacts.record_start(&self.model, &self.positions, &Pose::IDENTITY);
         self.each(|_, x, v| (0..3).for_each(|c| x[c] += v[c] * DT as f32));
         let mut clearance = vec![Row([f32::INFINITY; 16]); self.model.places()];
         let report = self.contacts.resolve(
             &self.model,
-            (&mut self.positions, &mut self.velocities, &mut clearance),
-            &Pose::IDENTITY,
-            (0, DT),
+            ParticleRows {
+                positions: &mut self.positions,
+                velocities: &mut self.velocities,
+                clearance: &mut clearance,
+            },
+            &ContactMoment { head: &Pose::IDENTITY, clamped: 0, dt_secs: DT },
         );
         (report.contacts, report.farthest_m)
     }

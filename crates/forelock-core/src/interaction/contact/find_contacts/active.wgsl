@@ -31,8 +31,8 @@ fn fit_mean_motion() {
     let size = high - low;
     touch.low = low;
     touch.high = high;
-    touch.spacing = max(contacts.spacing, max(size.x, max(size.y, size.z)) / f32(DRIFT_NODES - 2u));
-    touch.dims = min(vec3u(size / touch.spacing) + 2u, vec3u(DRIFT_NODES + 1u));
+    touch.spacing = max(contacts.spacing, max(size.x, max(size.y, size.z)) / f32(MEAN_MOTION_NODES - 2u));
+    touch.dims = min(vec3u(size / touch.spacing) + 2u, vec3u(MEAN_MOTION_NODES + 1u));
     touch.slices = 0u;
     touch.slice = 0u;
     atomicStore(&touch.squares[0], 0u);
@@ -169,7 +169,7 @@ fn select_active(@builtin(local_invocation_index) t: u32) {
 fn clear_cells(@builtin(global_invocation_id) id: vec3u) {
     if id.x == 0u {
         atomicStore(&touch.taken, 0u);
-        touch.shelves = 0u;
+        touch.stores_entries = 0u;
     }
     if !is_searched() {
         return;
@@ -190,7 +190,7 @@ fn scan_cells(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_ind
         return;
     }
     if group.x == 0u && t == 0u {
-        touch.shelves = 1u;
+        touch.stores_entries = 1u;
     }
     scan_rows(group.x, t, contacts.cells);
 }

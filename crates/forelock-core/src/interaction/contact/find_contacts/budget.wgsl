@@ -1,4 +1,4 @@
-// The contacts that the budget has room for, and their joints. The text follows `pairs.wgsl`.
+// The contacts within the budget, and their joints. The text follows `pairs.wgsl`.
 
 // Advances to the next slice.
 @compute @workgroup_size(1)
@@ -66,8 +66,8 @@ fn create_joints(@builtin(global_invocation_id) id: vec3u) {
         let bin = work[slot + 1u] >> BIN_BITS;
         let segment = touch.list[at / SLOTS];
         let other = own & SEGMENT;
-        let lucky = chance(segment ^ (other * 0x85ebca6bu)) < touch.found_share;
-        if !(bin > touch.found_bin || bin == touch.found_bin && lucky) {
+        let is_sampled = chance(segment ^ (other * 0x85ebca6bu)) < touch.found_share;
+        if !(bin > touch.found_bin || bin == touch.found_bin && is_sampled) {
             continue;
         }
         let pair = vec2u(min(segment, other), max(segment, other));

@@ -1,8 +1,8 @@
-//! Which segments are near which cells.
+//! Sorts segments into cells.
 
 use super::pairs::{ACTIVE, Entry, FIELDS, Test};
 use super::{Slice, keep_fastest};
-use crate::interaction::contact::{Contact, Histogram, Ways};
+use crate::interaction::contact::{Contact, Displacements, Histogram};
 use crate::lane::{LANES, Real, Row};
 use crate::scratch::{fill, resize};
 use crate::strands::Model;
@@ -10,32 +10,37 @@ use glam::Vec3;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-/// Parts of the blocks: a fixed count, for results must not depend on threads.
+/// Number of chunks; it is fixed so that results do not depend on the number of threads.
 const CHUNKS: usize = 64;
-/// Cells at most, and layers of them.
+/// Maximum numbers of cells and of layers.
 const CELLS: usize = 1 << 22;
 const LAYERS: usize = 1 << 12;
-/// Longest piece of a segment over [`search_edge`](super::search_edge): longer segments are entered in pieces.
+/// Longest piece of a segment, relative to [`search_edge`](super::search_edge): longer segments are
+/// inserted in several pieces.
 pub const PIECE: f32 = 1.25;
-/// Pieces of a segment at most.
+/// Maximum number of pieces of a segment.
 pub const PIECES: f32 = 256.0;
-/// What an active segment and another one may reach beyond themselves, over [`search_edge`](super::search_edge), at most. The few that stray farther than slices are made for
-/// are met only where they are near in the middle of a slice; others stray less than active ones, but where there are more of these than the budget has room for.
+/// Maximum margins of an active and of another segment, relative to
+/// [`search_edge`](super::search_edge). The few segments whose residual motion exceeds that for
+/// which slices are chosen are found only near their position in the middle of a slice. Other
+/// segments have a smaller residual motion than active ones, unless the budget cannot take all
+/// active ones.
 pub const REACH: [f32; 2] = [1.25, 0.25];
 
-/// The box of cells.
+/// The grid of cells.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Cells {
     low: Vec3,
     /// Side of a cell, metres.
     side: f32,
     dims: [usize; 3],
-    /// The length that the search is made for, metres.
+    /// Length scale of the search, metres.
     edge: f32,
 }
 
 impl Cells {
-    /// Cells that hold the box from `low` to `high`: half an edge wide, or wider where that would be more than [`CELLS`].
+    /// Creates cells for the box from `low` to `high`: half an edge wide, or wider if that would be
+    /// more than [`CELLS`].
     pub fn around([low, high]: [Vec3; 2], edge: f32) -> Self {
         let size = high - low;
         let mut cells = Self { low, side: 0.5 * edge, dims: [1; 3], edge };
@@ -60,8 +65,8 @@ impl Cells {
         self.dims[0] * self.dims[1]
     }
 
-    /// How far from the middle of `entry` the middles of those can be that it meets: of the active ones only those that reach no farther
-    /// than it.
+    /// Largest distance from the centre of `entry` to the centres of those entries that it is
+    /// tested against: of active entries only those of a smaller radius.
     #[inline]
     pub fn reach(&self, entry: &Entry) -> f32 {
         entry.radius + entry.radius.max((0.5 * PIECE + REACH[1]) * self.edge)
@@ -78,7 +83,7 @@ impl Cells {
         self.index(axis, x - reach)..self.index(axis, x + reach) + 1
     }
 
-    /// How far `x` is from cell `cell` along an axis.
+    /// Distance of `x` from cell `cell` along an axis.
     #[inline]
     pub fn apart(&self, axis: usize, cell: usize, x: f32) -> f32 {
         let low = self.low[axis] + cell as f32 * self.side;
@@ -91,12 +96,13 @@ impl Cells {
     }
 }
 
-/// Bits of [`Marks`], a power of two.
+/// Number of bits of [`Marks`], a power of two.
 const MARKS: usize = 1 << 20;
-/// Side of what is marked, over that of a cell.
+/// Side of a marked cell, relative to that of a cell.
 const COARSE: f32 = 3.0;
 
-/// Where active segments are, in cells [`COARSE`] times as wide, by a hash of their place: some others may seem to be marked.
+/// Bit set of the regions near active segments, in cells [`COARSE`] times as wide, indexed by a
+/// hash; collisions may mark other regions too.
 #[derive(Debug, Default)]
 pub(crate) struct Marks(Vec<AtomicU32>);
 
@@ -105,7 +111,7 @@ impl Marks {
         4 * self.0.capacity()
     }
 
-    /// Takes all marks away.
+    /// Clears all marks.
     pub fn clear(&mut self) {
         self.0.clear();
         self.0.resize_with(MARKS / 32, AtomicU32::default);
@@ -145,26 +151,26 @@ impl Marks {
     }
 }
 
-/// Some blocks and their segments.
+/// A range of blocks and their entries.
 #[derive(Debug)]
 pub(crate) struct Chunk {
     blocks: Range<usize>,
-    /// Active ones first.
+    /// Entries, active ones first.
     entries: Vec<Entry>,
     active: usize,
-    /// Whether some segment is there in pieces.
+    /// Whether some segment is split into pieces.
     in_pieces: bool,
-    /// Entries by layer, and where each layer starts, `[layers + 1]`.
+    /// Indices of the entries sorted by layer, and the start of each layer, `[layers + 1]`.
     order: Vec<u32>,
     starts: Vec<u32>,
-    /// What is near one segment.
+    /// Candidates of one segment.
     near: Vec<u32>,
-    /// What its active ones met.
+    /// Contacts of the active segments.
     pub found: Vec<Contact>,
     approaches: Histogram,
 }
 
-/// The blocks of `model` in a number of chunks that does not depend on threads.
+/// Splits the blocks of `model` into chunks, whose number does not depend on the number of threads.
 pub(super) fn chunks<T: Real>(model: &Model<T>) -> Vec<Chunk> {
     let chunk = |blocks| Chunk {
         blocks,
@@ -188,19 +194,20 @@ impl Chunk {
             + 4 * (self.order.capacity() + self.starts.capacity() + self.near.capacity())
     }
 
-    /// Enters the active segments, and marks the cells near them.
-    pub fn enter_active<T: Real>(
+    /// Inserts the active segments, and marks the regions near them.
+    pub fn insert_active<T: Real>(
         &mut self,
         model: &Model<T>,
-        ways: &Ways,
+        displacements: &Displacements,
         slice: &Slice,
-        (cells, marks): (&Cells, &Marks),
+        cells: &Cells,
+        marks: &Marks,
     ) {
         self.entries.clear();
         self.each_segment(model, |entries, a| {
-            if is_active(ways, slice, a) {
+            if is_active(displacements, slice, a) {
                 let before = entries.len();
-                enter(entries, ways, slice, cells, a, |_| true);
+                insert(entries, displacements, slice, cells, a, |_| true);
                 for entry in &entries[before..] {
                     marks.set(cells, entry.middle, cells.reach(entry));
                 }
@@ -209,22 +216,23 @@ impl Chunk {
         self.active = self.entries.len();
     }
 
-    /// Whether it has no active segments.
-    pub fn is_quiet(&self) -> bool {
+    /// Whether the chunk has no active segments.
+    pub fn has_no_active(&self) -> bool {
         self.active == 0
     }
 
-    /// Enters those of the others that are near active ones, and sorts all by layer.
-    pub fn enter_others<T: Real>(
+    /// Inserts the other segments that are near active ones, and sorts all entries by layer.
+    pub fn insert_others<T: Real>(
         &mut self,
         model: &Model<T>,
-        ways: &Ways,
+        displacements: &Displacements,
         slice: &Slice,
-        (cells, marks): (&Cells, &Marks),
+        cells: &Cells,
+        marks: &Marks,
     ) {
         self.each_segment(model, |entries, a| {
-            if !is_active(ways, slice, a) {
-                enter(entries, ways, slice, cells, a, |middle| marks.has(cells, middle));
+            if !is_active(displacements, slice, a) {
+                insert(entries, displacements, slice, cells, a, |middle| marks.has(cells, middle));
             }
         });
         self.sort(cells);
@@ -256,7 +264,7 @@ impl Chunk {
             self.order[*next as usize] = number;
             *next += 1;
         }
-        // Each start now stands where the next layer starts.
+        // Each entry now holds the start of the next layer.
         self.starts.rotate_right(1);
         self.starts[0] = 0;
     }
@@ -266,28 +274,30 @@ impl Chunk {
         self.order[own].iter().map(|&number| &self.entries[number as usize])
     }
 
-    /// Lets the active segments meet what is near: `meet` says of the pairs that pass the test what becomes of them. Leaves no more than twice as many as `most`,
-    /// those of the greatest approach.
+    /// Finds the contacts of the active segments: calls `follow` for each pair that passes `test`.
+    /// Keeps at most twice `most` contacts, those of the greatest approach.
     pub fn search(
         &mut self,
-        shelf: &Shelf,
-        (test, distance, most): (Test, f32, usize),
-        meet: impl Fn([u32; 2]) -> Option<Contact>,
+        soa: &SoaCells,
+        test: Test,
+        distance: f32,
+        most: usize,
+        follow: impl Fn([u32; 2]) -> Option<Contact>,
     ) {
         self.found.clear();
         for pieces in self.entries[..self.active].chunk_by(|a, b| a.segment == b.segment) {
             self.near.clear();
             for entry in pieces {
-                // SAFETY: `test_for` gives only what the processor has.
-                unsafe { test(shelf, entry, distance, &mut self.near) };
+                // SAFETY: `test_for` returns only functions that the processor supports.
+                unsafe { test(soa, entry, distance, &mut self.near) };
             }
-            if pieces.len() > 1 || shelf.has_pieces {
-                // In pieces a pair may come more than once.
+            if pieces.len() > 1 || soa.has_pieces {
+                // With pieces a pair may appear more than once.
                 self.near.sort_unstable();
                 self.near.dedup();
             }
             let own = pieces[0].segment & !ACTIVE;
-            self.found.extend(self.near.iter().filter_map(|&other| meet([own, other])));
+            self.found.extend(self.near.iter().filter_map(|&other| follow([own, other])));
             if self.found.len() > 2 * most {
                 keep_fastest(&mut self.found, most, &mut self.approaches);
             }
@@ -295,23 +305,24 @@ impl Chunk {
     }
 }
 
-/// Whether contacts of segment `a` are sought.
+/// Whether segment `a` is active.
 #[inline]
-fn is_active(ways: &Ways, slice: &Slice, a: usize) -> bool {
-    slice.active.has(a, ways.stray[a].max(ways.stray[a + LANES]))
+fn is_active(displacements: &Displacements, slice: &Slice, a: usize) -> bool {
+    slice.active.includes(a, displacements.residual_motion[a].max(displacements.residual_motion[a + LANES]))
 }
 
-/// Enters segment `a` in the middle of the slice, a long one in pieces: those in the box of which `is_near` holds.
+/// Inserts segment `a` at its position in the middle of the slice, in pieces if it is long. Skips
+/// pieces outside the box and those for which `is_near` is false.
 #[inline]
-fn enter(
+fn insert(
     entries: &mut Vec<Entry>,
-    ways: &Ways,
+    displacements: &Displacements,
     slice: &Slice,
     cells: &Cells,
     a: usize,
     is_near: impl Fn(Vec3) -> bool,
 ) {
-    let (lower, upper) = (ways.at(a, slice.middle()), ways.at(a + LANES, slice.middle()));
+    let (lower, upper) = (displacements.at(a, slice.middle()), displacements.at(a + LANES, slice.middle()));
     let edge = upper - lower;
     let length = edge.length();
     let pieces = (length / (PIECE * cells.edge)).ceil().clamp(1.0, PIECES);
@@ -321,48 +332,51 @@ fn enter(
         if !(cells.holds(middle) && is_near(middle)) {
             continue;
         }
-        let active = is_active(ways, slice, a);
-        // A quarter more, for the drift is not quite the same for both of a pair.
-        let stray = 1.25 * ways.stray[a].max(ways.stray[a + LANES]);
+        let active = is_active(displacements, slice, a);
+        // A quarter more, because the mean motion differs slightly between both segments of a pair.
+        let residual_motion =
+            1.25 * displacements.residual_motion[a].max(displacements.residual_motion[a + LANES]);
         let most = REACH[usize::from(!active)] * cells.edge;
-        let reach = (0.5 * (slice.distance + slice.length() * stray)).min(most);
-        let (way, next) = (slice.length() * ways.way(a), slice.length() * ways.way(a + LANES));
+        let reach = (0.5 * (slice.distance + slice.length() * residual_motion)).min(most);
+        let (displacement, next) =
+            (slice.length() * displacements.of(a), slice.length() * displacements.of(a + LANES));
         entries.push(Entry {
             segment: a as u32 | if active { ACTIVE } else { 0 },
             middle,
             half,
             inverse: 1.0 / half.length_squared().max(1e-20),
             radius: 0.5 * length / pieces + reach,
-            way: 0.5 * (way + next),
-            spread: 0.5 * way.distance(next),
+            displacement: 0.5 * (displacement + next),
+            spread: 0.5 * displacement.distance(next),
         });
     }
 }
 
-/// What is entered, layer by layer, row by row, cell by cell.
+/// Entries as a structure of arrays, sorted by layer, row and cell.
 #[derive(Debug, Default)]
-pub(crate) struct Shelf {
+pub(crate) struct SoaCells {
     cells: Cells,
-    /// The first sixteen of each layer, over sixteen, `[layers + 1]`.
+    /// First group of sixteen entries of each layer, `[layers + 1]`.
     layers: Vec<u32>,
-    /// Where each cell's segments start in its layer, `[layers × (cells of a layer + 1)]`; of layers with none, nothing.
+    /// Start of each cell in its layer, `[layers × (cells of a layer + 1)]`; undefined for empty
+    /// layers.
     starts: Vec<u32>,
     /// Numbers of the segments, with [`ACTIVE`].
     pub segments: Vec<u32>,
-    /// Sixteen segments each: field by field, as [`Entry::fields`] has them.
+    /// Groups of sixteen entries, field by field in the order of [`Entry::fields`].
     pub rows: Vec<[Row<f32>; FIELDS]>,
-    /// Whether some segment may be there in pieces.
+    /// Whether some segment may be split into pieces.
     has_pieces: bool,
 }
 
-/// A layer's part of a shelf.
+/// The part of [`SoaCells`] that belongs to a layer.
 struct Layer<'a> {
     starts: &'a mut [u32],
     segments: &'a mut [u32],
     rows: &'a mut [[Row<f32>; FIELDS]],
 }
 
-impl Shelf {
+impl SoaCells {
     pub fn bytes(&self) -> usize {
         4 * (self.layers.capacity() + self.starts.capacity() + self.segments.capacity())
             + self.rows.capacity() * size_of::<[Row<f32>; FIELDS]>()
@@ -372,8 +386,8 @@ impl Shelf {
         &self.cells
     }
 
-    /// Takes up what all chunks have, in their order.
-    pub fn take(&mut self, chunks: &[Chunk], cells: &Cells) {
+    /// Collects the entries of all chunks, in their order.
+    pub fn fill(&mut self, chunks: &[Chunk], cells: &Cells) {
         self.cells = *cells;
         fill(&mut self.layers, cells.layers() + 1, 0);
         for k in 0..cells.layers() {
@@ -386,10 +400,10 @@ impl Shelf {
         resize(&mut self.rows, groups, [Row([0.0; LANES]); FIELDS]);
         self.has_pieces = chunks.iter().any(|chunk| chunk.in_pieces);
         let all = Layer { starts: &mut self.starts, segments: &mut self.segments, rows: &mut self.rows };
-        each_layer(0..cells.layers(), &self.layers, all, &|k, layer| layer.take(k, chunks, cells));
+        each_layer(0..cells.layers(), &self.layers, all, &|k, layer| layer.fill(k, chunks, cells));
     }
 
-    /// Calls `visit` with each run of segments whose cells are within `reach` of `at`.
+    /// Calls `visit` with each run of entries whose cells are within `reach` of `at`.
     #[inline(always)]
     pub fn runs(&self, at: Vec3, reach: f32, mut visit: impl FnMut(Range<usize>)) {
         let (cells, row, layer) = (&self.cells, self.cells.dims[0], self.cells.layer() + 1);
@@ -414,7 +428,7 @@ impl Shelf {
     }
 }
 
-/// Calls `f` for each layer with its part, in parallel.
+/// Calls `f` for each layer and its part, in parallel.
 fn each_layer(range: Range<usize>, firsts: &[u32], all: Layer<'_>, f: &(impl Fn(usize, Layer<'_>) + Sync)) {
     if range.len() <= 1 {
         return f(range.start, all);
@@ -435,8 +449,8 @@ fn each_layer(range: Range<usize>, firsts: &[u32], all: Layer<'_>, f: &(impl Fn(
 }
 
 impl Layer<'_> {
-    /// Takes up what all chunks have in layer `k`, in their order.
-    fn take(self, k: usize, chunks: &[Chunk], cells: &Cells) {
+    /// Collects the entries of all chunks in layer `k`, in their order.
+    fn fill(self, k: usize, chunks: &[Chunk], cells: &Cells) {
         let Self { starts, segments, rows } = self;
         if rows.is_empty() {
             return;
@@ -459,7 +473,7 @@ impl Layer<'_> {
                 row.0[place % LANES] = value;
             }
         }
-        // Each start now stands where the next cell starts.
+        // Each entry now holds the start of the next cell.
         starts.rotate_right(1);
         starts[0] = 0;
     }

@@ -1,5 +1,6 @@
-// The pairs of a slice: each active segment is a workgroup, whose threads share the entries near
-// it; the twin of `find_contacts::pairs` and `find_contacts::meet`. The text follows `active.wgsl`.
+// The pairs of a slice: one workgroup for each active segment, whose threads share the entries near
+// it; the GPU counterpart of `find_contacts::pairs` and `find_contacts::follow`. The text follows
+// `active.wgsl`.
 
 // The nearest points of two segments: the fraction along each, and the vector from the second point
 // to the first; as `contact::closest`.
@@ -27,7 +28,7 @@ fn closest(a0: vec3f, a1: vec3f, b0: vec3f, b1: vec3f) -> Closest {
 // A segment's ends at the frame's start, and their displacements.
 struct Course {
     start: mat2x3f,
-    way: mat2x3f,
+    displacement: mat2x3f,
 }
 
 fn course_of(segment: u32) -> Course {
@@ -42,14 +43,14 @@ fn course_of(segment: u32) -> Course {
 fn may_touch(a: Course, b: Course) -> bool {
     let time = middle_of_slice();
     let share = 1.0 / f32(touch.slices);
-    let at = a.start + time * a.way;
-    let bt = b.start + time * b.way;
+    let at = a.start + time * a.displacement;
+    let bt = b.start + time * b.displacement;
     let near = closest(at[0], at[1], bt[0], bt[1]);
-    let way_a = 0.5 * share * (a.way[0] + a.way[1]);
-    let way_b = 0.5 * share * (b.way[0] + b.way[1]);
-    let spread = 0.5 * share * (distance(a.way[0], a.way[1]) + distance(b.way[0], b.way[1]));
+    let displacement_a = 0.5 * share * (a.displacement[0] + a.displacement[1]);
+    let displacement_b = 0.5 * share * (b.displacement[0] + b.displacement[1]);
+    let spread = 0.5 * share * (distance(a.displacement[0], a.displacement[1]) + distance(b.displacement[0], b.displacement[1]));
     let square = dot(near.r, near.r);
-    let along = abs(dot(near.r, way_a - way_b));
+    let along = abs(dot(near.r, displacement_a - displacement_b));
     return !(sqrt(square) * (contacts.distance + 0.5 * spread) + 0.5 * along < square);
 }
 
@@ -69,7 +70,7 @@ fn rest_distance(a: u32, b: u32) -> f32 {
 }
 
 // The contact of two segments in a slice, the lower number first, if they touch and approach:
-// conservative advancement, as in `find_contacts::meet`.
+// conservative advancement, as in `find_contacts::follow`.
 fn follow(first: u32, second: u32, slice: u32) -> Contact {
     var found = Contact();
     if first % LANES == second % LANES && owners[first / LANES] == owners[second / LANES] {
@@ -80,22 +81,22 @@ fn follow(first: u32, second: u32, slice: u32) -> Contact {
     let until = f32(slice + 1u) / f32(touch.slices);
     var when = f32(slice) / f32(touch.slices);
     var reach = contacts.distance;
-    var knows_rest = false;
-    for (var step = 0u; step < MEET_STEPS; step++) {
-        let at = a.start + when * a.way;
-        let bt = b.start + when * b.way;
+    var has_rest_distance = false;
+    for (var step = 0u; step < FOLLOW_STEPS; step++) {
+        let at = a.start + when * a.displacement;
+        let bt = b.start + when * b.displacement;
         let near = closest(at[0], at[1], bt[0], bt[1]);
         let apart = length(near.r);
-        if apart <= reach * (1.0 + MEET_CLOSE) {
-            if !knows_rest {
+        if apart <= reach * (1.0 + FOLLOW_CLOSE) {
+            if !has_rest_distance {
                 reach = min(reach, REST_SHARE * rest_distance(first, second));
-                knows_rest = true;
-                if apart > reach * (1.0 + MEET_CLOSE) {
+                has_rest_distance = true;
+                if apart > reach * (1.0 + FOLLOW_CLOSE) {
                     continue;
                 }
             }
-            let own = a.way[0] + near.along.x * (a.way[1] - a.way[0]);
-            let other = b.way[0] + near.along.y * (b.way[1] - b.way[0]);
+            let own = a.displacement[0] + near.along.x * (a.displacement[1] - a.displacement[0]);
+            let other = b.displacement[0] + near.along.y * (b.displacement[1] - b.displacement[0]);
             let relative = own - other;
             var normal = near.r / max(apart, 1e-30);
             if apart <= 1e-9 {
@@ -110,7 +111,7 @@ fn follow(first: u32, second: u32, slice: u32) -> Contact {
             let approach = -dot(normal, relative);
             return Contact(approach > contacts.slip, near.along, normal, min(apart, reach), when, approach);
         }
-        let closing = max(-dot(near.r, a.way[0]), -dot(near.r, a.way[1])) + max(dot(near.r, b.way[0]), dot(near.r, b.way[1]));
+        let closing = max(-dot(near.r, a.displacement[0]), -dot(near.r, a.displacement[1])) + max(dot(near.r, b.displacement[0]), dot(near.r, b.displacement[1]));
         when += apart * (apart - reach) / closing;
         if !(closing > 0.0 && when < until) {
             return found;
@@ -133,19 +134,19 @@ var<workgroup> segments: u32;
 var<workgroup> own_pieces: u32;
 // The contacts of an active segment, as in its slots; their number; their number without repeated
 // pairs.
-var<workgroup> met: array<vec2u, FOUND>;
-var<workgroup> met_count: atomic<u32>;
-var<workgroup> met_now: u32;
+var<workgroup> candidates: array<vec2u, FOUND>;
+var<workgroup> candidate_count: atomic<u32>;
+var<workgroup> candidates_now: u32;
 var<workgroup> distinct: atomic<u32>;
-// If they exceed the room: a histogram of the speeds of approach, from the slip on, and the least
-// speed that is kept.
+// If they exceed the capacity: a histogram of the speeds of approach, from the slip on, and the
+// least speed that is kept.
 var<workgroup> speeds: array<atomic<u32>, SPEEDS>;
-var<workgroup> bar: u32;
-var<workgroup> bar_share: f32;
+var<workgroup> threshold: u32;
+var<workgroup> threshold_share: f32;
 
 const SPEEDS: u32 = 512u;
-// The passes of an active segment: take all contacts; if they exceed the room, count their speeds;
-// take the fastest.
+// The passes of an active segment: take all contacts; if they exceed the capacity, count their
+// speeds; take the fastest.
 const TAKE_ALL: u32 = 0u;
 const COUNT: u32 = 1u;
 const TAKE_FASTEST: u32 = 2u;
@@ -161,7 +162,7 @@ fn speed_of(approach: f32) -> u32 {
 // The search of thread `t` for a piece of an active segment.
 struct Seeker {
     segment: u32,
-    stray: f32,
+    residual: f32,
     how: u32,
     t: u32,
     // Which of how many pieces.
@@ -170,18 +171,18 @@ struct Seeker {
     own: Course,
 }
 
-fn take_met(seeker: Seeker, other: u32, approach: f32) {
+fn add_candidate(seeker: Seeker, other: u32, approach: f32) {
     let speed = speed_of(approach);
     if seeker.how == COUNT {
         atomicAdd(&speeds[speed], 1u);
         return;
     }
-    if seeker.how == TAKE_FASTEST && (speed < bar || speed == bar && chance(other) >= bar_share) {
+    if seeker.how == TAKE_FASTEST && (speed < threshold || speed == threshold && chance(other) >= threshold_share) {
         return;
     }
-    let place = atomicAdd(&met_count, 1u);
+    let place = atomicAdd(&candidate_count, 1u);
     if place < FOUND {
-        met[place] = vec2u(other | (touch.slice << SLICE_BITS), bitcast<u32>(approach));
+        candidates[place] = vec2u(other | (touch.slice << SLICE_BITS), bitcast<u32>(approach));
     }
 }
 
@@ -192,12 +193,12 @@ fn piece_at(along: f32, pieces: u32) -> u32 {
 
 // Whether an entry whose ball is centred at `middle` is the piece of `segment` at the fraction
 // `along`.
-fn is_met_there(segment: u32, course: Course, middle: vec3f, along: f32) -> bool {
+fn holds_contact(segment: u32, course: Course, middle: vec3f, along: f32) -> bool {
     let pieces = own_pieces_of(segment);
     if pieces == 1u {
         return true;
     }
-    let ends = course.start + middle_of_slice() * course.way;
+    let ends = course.start + middle_of_slice() * course.displacement;
     let edge = ends[1] - ends[0];
     let fraction = dot(middle - ends[0], edge) / max(dot(edge, edge), 1e-20);
     return piece_at(max(fraction, 0.0), pieces) == piece_at(along, pieces);
@@ -310,8 +311,8 @@ fn advance_walk(walk: ptr<function, Walk>, about: Around, seeker: Seeker) -> boo
         }
         // Of two active segments, the one of the larger residual motion takes the contact.
         if entry != other {
-            let strays = stray_of(other);
-            if strays > seeker.stray || strays == seeker.stray && other >= seeker.segment {
+            let other_residual = residual_motion_of(other);
+            if other_residual > seeker.residual || other_residual == seeker.residual && other >= seeker.segment {
                 continue;
             }
         }
@@ -334,26 +335,26 @@ fn test_entry(seeker: Seeker, at: u32) {
     // Only the pieces that hold the contact take it, so each contact is taken once.
     let along = select(contact.along.yx, contact.along, seeker.segment < other);
     let middle = ball_of(at).xyz;
-    if piece_at(along.x, seeker.pieces) == seeker.k && is_met_there(other, course, middle, along.y) {
-        take_met(seeker, other, contact.approach);
+    if piece_at(along.x, seeker.pieces) == seeker.k && holds_contact(other, course, middle, along.y) {
+        add_candidate(seeker, other, contact.approach);
     }
 }
 
-// The least speed that is kept, beside the contacts of earlier slices. Only half of the room is
-// used, because a share of a bin varies; SLOTS of them are kept in the end.
-fn find_bar() {
+// The least speed that is kept, in addition to the contacts of earlier slices. Only half of the
+// capacity is used, because the size of a sampled bin varies; SLOTS of them are kept in the end.
+fn find_threshold() {
     var room = (FOUND - SLOTS) / 2u;
     for (var speed = SPEEDS; speed > 0u; speed--) {
         let own = atomicLoad(&speeds[speed - 1u]);
         if own > room {
-            bar = speed - 1u;
-            bar_share = f32(room) / f32(own);
+            threshold = speed - 1u;
+            threshold_share = f32(room) / f32(own);
             return;
         }
         room -= own;
     }
-    bar = 0u;
-    bar_share = 1.0;
+    threshold = 0u;
+    threshold_share = 1.0;
 }
 
 // Finds the contacts of each active segment in the slice, a workgroup each. Of the contacts of the
@@ -365,19 +366,19 @@ fn find_pairs(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_ind
         segments = select(0u, active_count(), is_searched());
     }
     let count = workgroupUniformLoad(&segments);
-    for (var number = group.x; number < count; number += MEET_GROUPS) {
+    for (var number = group.x; number < count; number += PAIR_GROUPS) {
         let segment = touch.list[number];
-        let stray = stray_of(segment);
+        let residual = residual_motion_of(segment);
         let own = course_of(segment);
-        let ends = own.start + middle_of_slice() * own.way;
-        let reach = reach_of(stray, true);
+        let ends = own.start + middle_of_slice() * own.displacement;
+        let reach = reach_of(residual, true);
         if t == 0u {
             own_pieces = own_pieces_of(segment);
         }
         let pieces = workgroupUniformLoad(&own_pieces);
         for (var how = TAKE_ALL; how <= TAKE_FASTEST; how++) {
             if t == 0u {
-                atomicStore(&met_count, 0u);
+                atomicStore(&candidate_count, 0u);
                 atomicStore(&distinct, 0u);
                 atomicStore(&queue_count, 0u);
                 atomicStore(&walking, 0u);
@@ -390,13 +391,13 @@ fn find_pairs(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_ind
             if t < SLOTS && touch.slice > 0u && how != COUNT {
                 let at = slot_at(number, t);
                 if work[at] != NOTHING {
-                    met[atomicAdd(&met_count, 1u)] = vec2u(work[at], work[at + 1u]);
+                    candidates[atomicAdd(&candidate_count, 1u)] = vec2u(work[at], work[at + 1u]);
                 }
             }
             workgroupBarrier();
             for (var k = 0u; k < pieces; k++) {
                 let about = around(piece_of(ends[0], ends[1], k, pieces, reach));
-                let seeker = Seeker(segment, stray, how, t, k, pieces, own);
+                let seeker = Seeker(segment, residual, how, t, k, pieces, own);
                 var walk = Walk();
                 walk.next = t / ROW_THREADS;
                 walk.cell = 1u;
@@ -421,44 +422,44 @@ fn find_pairs(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_ind
             }
             workgroupBarrier();
             if t == 0u {
-                met_now = atomicLoad(&met_count);
+                candidates_now = atomicLoad(&candidate_count);
                 if how == COUNT {
-                    find_bar();
+                    find_threshold();
                 }
             }
-            if workgroupUniformLoad(&met_now) <= FOUND && how != COUNT {
+            if workgroupUniformLoad(&candidates_now) <= FOUND && how != COUNT {
                 break;
             }
         }
-        let now = min(workgroupUniformLoad(&met_now), FOUND);
+        let now = min(workgroupUniformLoad(&candidates_now), FOUND);
         // Keeps the first of each pair.
-        var twice = 0u;
+        var repeated = 0u;
         for (var i = t; i < now; i += WORKGROUP) {
-            let mine = met[i].x;
+            let mine = candidates[i].x;
             for (var j = 0u; j < now; j++) {
-                let other = met[j].x;
+                let other = candidates[j].x;
                 if ((other ^ mine) & SEGMENT) == 0u && other < mine {
-                    twice |= 1u << (i / WORKGROUP);
+                    repeated |= 1u << (i / WORKGROUP);
                 }
             }
         }
         workgroupBarrier();
         for (var i = t; i < now; i += WORKGROUP) {
-            if (twice & (1u << (i / WORKGROUP))) != 0u {
-                met[i] = vec2u(NOTHING, 0u);
+            if (repeated & (1u << (i / WORKGROUP))) != 0u {
+                candidates[i] = vec2u(NOTHING, 0u);
             } else {
                 atomicAdd(&distinct, 1u);
             }
         }
         workgroupBarrier();
         for (var i = t; i < now; i += WORKGROUP) {
-            let mine = met[i];
+            let mine = candidates[i];
             if mine.x == NOTHING {
                 continue;
             }
             var rank = 0u;
             for (var j = 0u; j < now; j++) {
-                let other = met[j];
+                let other = candidates[j];
                 rank += select(0u, 1u, other.y > mine.y || other.y == mine.y && other.x < mine.x);
             }
             if rank < SLOTS {

@@ -1,5 +1,6 @@
-// Contacts, as far as they go strand by strand: one a thread. Ways of particles, the drift about
-// them, entries in cells; the twin of `contact::{ways, drift}` and of `find_contacts::cells`.
+// The search of contacts, strand by strand, one a thread: displacements of particles, mean motion,
+// entries of cells; the GPU counterpart of `contact::{displacements, mean_motion}` and of
+// `find_contacts::cells`.
 
 @compute @workgroup_size(WORKGROUP)
 fn record_start(@builtin(global_invocation_id) id: vec3u) {
@@ -20,7 +21,8 @@ fn is_near(x: vec3f) -> bool {
     return all_finite(x) && dot(x, x) < contacts.far * contacts.far;
 }
 
-// Also the box about all ways; what was thrown far away must not make its nodes coarse.
+// Records the end positions, and measures the extent of the start and end positions. Distant
+// outliers are excluded, because they would make the nodes coarse.
 @compute @workgroup_size(WORKGROUP)
 fn record_end(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
@@ -32,7 +34,7 @@ fn record_end(@builtin(global_invocation_id) id: vec3u) {
         let number = number_of(strand, i);
         let end = (contacts.from_end * vec4f(position_at(strand, i), 1.0)).xyz;
         let start = start_of(number);
-        set_work_vector(row_of(number, WAY_ROWS, 0u), end);
+        set_work_vector(row_of(number, MOTION_ROWS, 0u), end);
         if is_near(end) {
             own = Extent(min(own.low, end), max(own.high, end));
         }
@@ -52,7 +54,7 @@ fn record_end(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// The node below a point of the drift, and how far beyond it.
+// The node of the mean motion below a point, and the offset from it in nodes.
 struct Corner {
     first: u32,
     f: vec3f,
@@ -70,7 +72,8 @@ fn node_of(first: u32, corner: u32) -> u32 {
     return first + corner_offset(touch.dims.x, touch.dims.x * touch.dims.y, corner);
 }
 
-// Adds to a 64-bit sum, lower half first: what does not fit is handed on, in whatever order.
+// Adds to a 64-bit sum, lower half first, with the carry to the upper half; the order of additions
+// does not matter.
 fn add_wide(at: u32, x: i32) {
     if x == 0 {
         return;
@@ -83,32 +86,32 @@ fn add_wide(at: u32, x: i32) {
     }
 }
 
-// What is summed for the eight nodes about some particles that follow one another.
-struct Load {
+// Sums for the eight nodes around some consecutive particles.
+struct NodeSums {
     first: u32,
     count: u32,
     nodes: array<vec4i, 8>,
 }
 
-fn unload(sum: ptr<function, Load>) {
+fn flush_sums(sum: ptr<function, NodeSums>) {
     for (var corner = 0u; corner < 8u && (*sum).count > 0u; corner++) {
         let node = 8u * node_of((*sum).first, corner);
         for (var c = 0u; c < 4u; c++) {
             add_wide(node + 2u * c, (*sum).nodes[corner][c]);
         }
     }
-    *sum = Load();
+    *sum = NodeSums();
 }
 
-// One lane in EVERY is summed, and what was thrown far away is not.
+// Sums one lane in EVERY, without particles outside the box.
 @compute @workgroup_size(WORKGROUP)
 fn splat_mean_motion(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
     if !strand.here || strand.lane % EVERY != 0u {
         return;
     }
-    let unit = DRIFT_UNIT / side_of_box();
-    var sum = Load();
+    let unit = MEAN_MOTION_UNIT / side_of_box();
+    var sum = NodeSums();
     for (var i = 0u; i < strand.particles; i++) {
         let number = number_of(strand, i);
         let start = start_of(number);
@@ -116,25 +119,25 @@ fn splat_mean_motion(@builtin(global_invocation_id) id: vec3u) {
         if !(in_box(start) && in_box(end)) {
             continue;
         }
-        let way = end - start;
-        let own = corner_at(start + 0.5 * way);
-        // So many fit into 32 bits.
+        let displacement = end - start;
+        let own = corner_at(start + 0.5 * displacement);
+        // The sum of so many fits into 32 bits.
         if own.first != sum.first || sum.count == 256u {
-            unload(&sum);
+            flush_sums(&sum);
             sum.first = own.first;
         }
         for (var corner = 0u; corner < 8u; corner++) {
             let w = corner_weight(own.f, corner);
-            sum.nodes[corner] += vec4i(round(w * vec4f(way * unit, DRIFT_UNIT)));
+            sum.nodes[corner] += vec4i(round(w * vec4f(displacement * unit, MEAN_MOTION_UNIT)));
         }
         sum.count += 1u;
     }
-    unload(&sum);
+    flush_sums(&sum);
 }
 
 var<workgroup> bins: array<atomic<u32>, BINS>;
 
-// How far each particle strays from the drift about it.
+// Measures the residual motion of each particle.
 @compute @workgroup_size(WORKGROUP)
 fn measure_residual_motion(@builtin(global_invocation_id) id: vec3u, @builtin(local_invocation_index) t: u32) {
     let strand = strand_of(id.x);
@@ -148,24 +151,24 @@ fn measure_residual_motion(@builtin(global_invocation_id) id: vec3u, @builtin(lo
         let number = number_of(strand, i);
         let start = start_of(number);
         let end = end_of(number);
-        var stray = 0.0;
+        var residual = 0.0;
         if all_finite(start) && all_finite(end) {
             let own = corner_at(0.5 * (start + end));
-            var way = end - start;
+            var displacement = end - start;
             for (var corner = 0u; corner < 8u; corner++) {
                 let node = contacts.bodies + 4u * node_of(own.first, corner);
-                way -= corner_weight(own.f, corner) * vec3f(real(node), real(node + 1u), real(node + 2u));
+                displacement -= corner_weight(own.f, corner) * vec3f(real(node), real(node + 1u), real(node + 2u));
             }
-            stray = length(way);
-            if !is_finite(stray) {
-                stray = 0.0;
+            residual = length(displacement);
+            if !is_finite(residual) {
+                residual = 0.0;
             }
-            let edges = min(stray / contacts.edge, 64.0);
+            let edges = min(residual / contacts.edge, 64.0);
             squares += edges * edges;
-            fastest = max(fastest, stray);
-            atomicAdd(&bins[bin_of(stray)], 1u);
+            fastest = max(fastest, residual);
+            atomicAdd(&bins[bin_of(residual)], 1u);
         }
-        set_real(row_of(number, WAY_ROWS, STRAY), stray);
+        set_real(row_of(number, MOTION_ROWS, RESIDUAL_MOTION), residual);
     }
     workgroupBarrier();
     for (var bin = t; bin < BINS; bin += WORKGROUP) {
@@ -177,7 +180,7 @@ fn measure_residual_motion(@builtin(global_invocation_id) id: vec3u, @builtin(lo
     if !strand.here {
         return;
     }
-    // A few that fly far are to count for no more than that.
+    // Limits the share of a few distant particles.
     let own = u32(round(min(squares, 16384.0) * SQUARE_UNIT));
     let before = atomicAdd(&touch.squares[0], own);
     if before + own < before {
@@ -196,7 +199,7 @@ fn list_active(@builtin(global_invocation_id) id: vec3u) {
     }
     for (var i = 0u; i + 1u < strand.particles; i++) {
         let segment = number_of(strand, i);
-        if is_active(segment, stray_of(segment)) {
+        if is_active(segment, residual_motion_of(segment)) {
             let place = atomicAdd(&touch.actives, 1u);
             if place < contacts.most_actives {
                 touch.list[place] = segment;
@@ -205,7 +208,7 @@ fn list_active(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// Segments are entered twice: first they are counted, then put where they belong.
+// Runs twice: the first pass counts the entries of each cell, the second stores them.
 @compute @workgroup_size(WORKGROUP)
 fn insert_segments(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
@@ -222,9 +225,9 @@ fn insert_segments(@builtin(global_invocation_id) id: vec3u) {
         number += LANES;
         start = start_of(number);
         upper = start + time * (end_of(number) - start);
-        let stray = stray_of(segment);
-        let seeks = is_active(segment, stray);
-        let reach = reach_of(stray, seeks);
+        let residual = residual_motion_of(segment);
+        let is_one_active = is_active(segment, residual);
+        let reach = reach_of(residual, is_one_active);
         let pieces = pieces_of(rest_length(strand, i, 1u));
         for (var k = 0u; k < pieces; k++) {
             let piece = piece_of(lower, upper, k, pieces, reach);
@@ -232,13 +235,13 @@ fn insert_segments(@builtin(global_invocation_id) id: vec3u) {
                 continue;
             }
             let bucket = bucket_of(cell_of(piece.middle));
-            if touch.shelves == 0u {
+            if touch.stores_entries == 0u {
                 atomicAdd(&table[bucket], 1u);
                 continue;
             }
             let place = atomicAdd(&table[contacts.cells + bucket], 1u);
             if place < contacts.entries {
-                work[contacts.bodies + place] = segment | select(0u, ACTIVE, seeks);
+                work[contacts.bodies + place] = segment | select(0u, ACTIVE, is_one_active);
                 let ball = contacts.bodies + contacts.entries + 4u * place;
                 let bits = bitcast<vec4u>(vec4f(piece.middle, piece.radius));
                 work[ball] = bits.x;

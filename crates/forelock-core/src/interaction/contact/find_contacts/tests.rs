@@ -1,4 +1,4 @@
-//! The search against all pairs.
+//! The search compared with a test of all pairs.
 
 use super::*;
 use crate::lane::{LANES, Row};
@@ -20,7 +20,7 @@ impl Random {
     }
 }
 
-/// Straight strands through a ball, some with edges twenty times as long as others.
+/// Straight strands in a ball, some with edges twenty times as long as others.
 fn tangle(random: &mut Random) -> Model<f32> {
     let (mut positions, mut offsets) = (Vec::new(), vec![0u32]);
     for strand in 0..220u32 {
@@ -40,44 +40,54 @@ fn tangle(random: &mut Random) -> Model<f32> {
     Model::new(&Strands { positions: &positions, offsets: &offsets, stiffness: None }).unwrap()
 }
 
-/// A frame in which a third of the strands move by up to `speed` metres, each its own way, and all swing together.
-fn frame(model: &Model<f32>, random: &mut Random, speed: f32) -> (Ways, Drift) {
+/// A frame in which two thirds of the strands have independent displacements of up to `speed`
+/// metres, and all strands share a common displacement.
+fn frame(model: &Model<f32>, random: &mut Random, speed: f32) -> (Displacements, MeanMotion) {
     let mut end = model.rest.clone();
     for block in &model.blocks {
         for lane in 0..block.live {
             let own = if random.next() > 0.3 { speed } else { 0.0 };
-            let way = random.point(own);
+            let displacement = random.point(own);
             for place in block.range() {
                 for c in 0..3 {
-                    end[3 * place + c].0[lane] += way[c] + [0.02, 0.0, -0.01][c];
+                    end[3 * place + c].0[lane] += displacement[c] + [0.02, 0.0, -0.01][c];
                 }
             }
         }
     }
-    let mut ways = Ways::new(model);
-    ways.note_start(model, &model.rest, &Pose::IDENTITY);
-    ways.note_end(model, &end, &Pose::IDENTITY);
-    let mut drift = Drift::default();
-    drift.measure(model, &mut ways);
-    (ways, drift)
+    let mut displacements = Displacements::new(model);
+    displacements.record_start(model, &model.rest, &Pose::IDENTITY);
+    displacements.record_end(model, &end, &Pose::IDENTITY);
+    let mut mean_motion = MeanMotion::default();
+    mean_motion.measure(model, &mut displacements);
+    (displacements, mean_motion)
 }
 
-/// All pairs of one active segment and another, followed through each slice.
-fn all_pairs(model: &Model<f32>, ways: &Ways, (first, slices): (Slice, u32)) -> BTreeSet<[u32; 2]> {
+/// The contacts of all pairs with an active segment, in each slice.
+fn all_pairs(
+    model: &Model<f32>,
+    displacements: &Displacements,
+    first: Slice,
+    slices: u32,
+) -> BTreeSet<[u32; 2]> {
     let segments: Vec<usize> = model
         .blocks
         .iter()
         .flat_map(|b| (b.first..b.first + b.particles - 1).map(move |place| (place, b.live)))
         .flat_map(|(place, live)| (0..live).map(move |lane| LANES * place + lane))
         .collect();
-    let is_active = |a: usize| first.active.has(a, ways.stray[a].max(ways.stray[a + LANES]));
+    let is_active = |a: usize| {
+        first
+            .active
+            .includes(a, displacements.residual_motion[a].max(displacements.residual_motion[a + LANES]))
+    };
     let mut found = BTreeSet::new();
     for k in 0..slices {
         let slice = Slice { span: [k, k + 1].map(|k| k as f32 / slices as f32), ..first };
         for (i, &a) in segments.iter().enumerate() {
             for &b in &segments[..i] {
                 if is_active(a) || is_active(b) {
-                    let contact = meet::follow(model, ways, &slice, [a as u32, b as u32]);
+                    let contact = follow::follow(model, displacements, &slice, [a as u32, b as u32]);
                     found.extend(contact.map(|contact| contact.segments));
                 }
             }
@@ -92,12 +102,12 @@ fn the_search_finds_what_all_pairs_find() {
     for simd in Simd::ALL.into_iter().filter(|simd| simd.is_supported()) {
         for speed in [0.001, 0.005, 0.012] {
             let model = tangle(&mut random);
-            let (ways, drift) = frame(&model, &mut random, speed);
+            let (displacements, mean_motion) = frame(&model, &mut random, speed);
             let params = ContactParams { distance: 1e-3, budget: 1 << 20, ..ContactParams::default() };
             let mut finder = Finder::new(&model, &params, simd);
-            let slices = finder.first_slice(&model, (&params, 1.0 / 60.0), &drift).unwrap();
-            let expected = all_pairs(&model, &ways, slices);
-            let found = finder.find(&model, (&params, 1.0 / 60.0), &ways, &drift);
+            let (slice, slices) = finder.first_slice(&model, &params, 1.0 / 60.0, &mean_motion).unwrap();
+            let expected = all_pairs(&model, &displacements, slice, slices);
+            let found = finder.find(&model, &params, 1.0 / 60.0, &displacements, &mean_motion);
             let pairs: BTreeSet<_> = found.iter().map(|contact| contact.segments).collect();
             assert!(pairs.len() > 50, "{speed}: {} pairs", pairs.len());
             let missed = expected.difference(&pairs).count();
@@ -107,14 +117,14 @@ fn the_search_finds_what_all_pairs_find() {
                 "{simd:?} {speed}: of {}",
                 pairs.len()
             );
-            assert!(found.len() <= pairs.len() * slices.1 as usize, "a pair comes once a slice at most");
+            assert!(found.len() <= pairs.len() * slices as usize, "a pair comes once a slice at most");
         }
     }
 }
 
-/// A budget keeps the fastest.
+/// The budget keeps the contacts of the fastest approach.
 #[test]
-fn the_fastest_stay() {
+fn the_budget_keeps_the_fastest() {
     let contact = |k: u16| Contact { approach: f32::from(k * 37 % 1000), ..Contact::default() };
     let mut found: Vec<_> = (0..1000).map(contact).collect();
     keep_fastest(&mut found, 300, &mut Histogram::default());
@@ -124,9 +134,9 @@ fn the_fastest_stay() {
     assert!(least >= 640.0, "{least}");
 }
 
-/// A strand that is nowhere, one infinitely far away and one as long as a street harm no one.
+/// Positions that are not finite or far away do not slow the search down.
 #[test]
-fn hair_out_of_bounds_takes_no_time() {
+fn outliers_do_not_slow_the_search() {
     let mut random = Random(3);
     let model = tangle(&mut random);
     let mut end: Vec<Row<f32>> = model.rest.clone();
@@ -134,15 +144,15 @@ fn hair_out_of_bounds_takes_no_time() {
     end[4].0[1] = f32::INFINITY;
     end[7].0[2] = 3e18;
     end[10].0[3] = 100.0;
-    let mut ways = Ways::new(&model);
-    ways.note_start(&model, &model.rest, &Pose::IDENTITY);
-    ways.note_end(&model, &end, &Pose::IDENTITY);
-    let mut drift = Drift::default();
-    drift.measure(&model, &mut ways);
+    let mut displacements = Displacements::new(&model);
+    displacements.record_start(&model, &model.rest, &Pose::IDENTITY);
+    displacements.record_end(&model, &end, &Pose::IDENTITY);
+    let mut mean_motion = MeanMotion::default();
+    mean_motion.measure(&model, &mut displacements);
     let params = ContactParams::default();
     let mut finder = Finder::new(&model, &params, Simd::Auto.resolve());
     let started = std::time::Instant::now();
-    finder.find(&model, (&params, 1.0 / 60.0), &ways, &drift);
+    finder.find(&model, &params, 1.0 / 60.0, &displacements, &mean_motion);
     assert!(started.elapsed().as_secs_f64() < 5.0);
-    assert!(drift.strays.1.is_finite());
+    assert!(mean_motion.largest_residual.is_finite());
 }

@@ -1,6 +1,7 @@
-// Contacts that are resolved, joint by joint: the twin of `resolve_contacts`. What a joint does depends on itself and the bodies alone.
+// Resolution of contacts, joint by joint: the GPU counterpart of `resolve_contacts`. The result of
+// a joint depends only on the joint and its bodies.
 
-// A list for each segment.
+// Reserves a list for each segment.
 @compute @workgroup_size(CELLS_GROUP)
 fn reserve_lists(@builtin(global_invocation_id) id: vec3u) {
     if joint_count() == 0u {
@@ -20,7 +21,7 @@ fn link_joints(@builtin(global_invocation_id) id: vec3u) {
         for (var side = 0u; side < 2u; side++) {
             let segment = work[field_at(joint, SEGMENTS + side)];
             let at = side_at(atomicAdd(&table[cursor_at(segment)], 1u));
-            // Times are positive, and then their bits are in their order.
+            // Times are positive, so their bits have the same order.
             work[at] = work[field_at(joint, WHEN)];
             work[at + 1u] = work[field_at(joint, SEGMENTS + 1u - side)];
             work[at + 2u] = 2u * joint + side;
@@ -28,7 +29,7 @@ fn link_joints(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// Puts the lists in order of time, and says which joints are among the first of both their segments.
+// Sorts the lists by time, and marks the joints that are among the first of both of their segments.
 @compute @workgroup_size(CELLS_GROUP)
 fn order_joints(@builtin(global_invocation_id) id: vec3u) {
     for (var joint = id.x; joint < joint_count(); joint += LIST_THREADS) {
@@ -48,7 +49,7 @@ fn order_joints(@builtin(global_invocation_id) id: vec3u) {
             kept = kept && rank < contacts.per_segment;
         }
         work[field_at(joint, KEPT)] = select(0u, 1u, kept);
-        for (var field = PUSH; field < KEPT; field++) {
+        for (var field = LAMBDA; field < KEPT; field++) {
             set_field(joint, field, 0.0);
         }
         if !kept {
@@ -63,7 +64,7 @@ fn order_joints(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// Particle `corner` of a joint and its share in the distance of the two points.
+// Particle `corner` of a joint, and its weight in the difference of the two contact points.
 struct Part {
     number: u32,
     weight: f32,
@@ -114,49 +115,49 @@ fn relax_joints(@builtin(global_invocation_id) id: vec3u) {
         let inverse = field_of(joint, INVERSE_W);
         let lack = field_of(joint, GAP) - dot(normal, apart);
         let along = dot(normal, u);
-        let push = max(field_of(joint, PUSH + 1u) + lack * inverse, 0.0);
-        let press = max(field_of(joint, PRESS + 1u) - along * inverse, 0.0);
-        let rub_before = field_vector(joint, RUB + 3u);
-        var rub = rub_before - (u - along * normal) * inverse;
-        let size = length(rub);
-        let most_rub = contacts.friction * press;
-        if size > most_rub {
-            rub *= most_rub / size;
+        let lambda = max(field_of(joint, LAMBDA + 1u) + lack * inverse, 0.0);
+        let normal_impulse = max(field_of(joint, NORMAL_IMPULSE + 1u) - along * inverse, 0.0);
+        let tangent_before = field_vector(joint, TANGENT_IMPULSE + 3u);
+        var tangent = tangent_before - (u - along * normal) * inverse;
+        let size = length(tangent);
+        let most_tangent = contacts.friction * normal_impulse;
+        if size > most_tangent {
+            tangent *= most_tangent / size;
         }
-        let next_push = push + touch.momentum * (push - field_of(joint, PUSH));
-        let next_press = press + touch.momentum * (press - field_of(joint, PRESS));
-        let next_rub = rub + touch.momentum * (rub - field_vector(joint, RUB));
-        set_field_vector(joint, JOINT_MOVES, (next_push - field_of(joint, PUSH + 1u)) * normal);
-        set_field_vector(joint, JOINT_KICKS, (next_press - field_of(joint, PRESS + 1u)) * normal + (next_rub - rub_before));
-        set_field(joint, PUSH, push);
-        set_field(joint, PUSH + 1u, next_push);
-        set_field(joint, PRESS, press);
-        set_field(joint, PRESS + 1u, next_press);
-        set_field_vector(joint, RUB, rub);
-        set_field_vector(joint, RUB + 3u, next_rub);
+        let next_lambda = lambda + touch.momentum * (lambda - field_of(joint, LAMBDA));
+        let next_normal_impulse = normal_impulse + touch.momentum * (normal_impulse - field_of(joint, NORMAL_IMPULSE));
+        let next_tangent = tangent + touch.momentum * (tangent - field_vector(joint, TANGENT_IMPULSE));
+        set_field_vector(joint, JOINT_MOVES, (next_lambda - field_of(joint, LAMBDA + 1u)) * normal);
+        set_field_vector(joint, JOINT_IMPULSES, (next_normal_impulse - field_of(joint, NORMAL_IMPULSE + 1u)) * normal + (next_tangent - tangent_before));
+        set_field(joint, LAMBDA, lambda);
+        set_field(joint, LAMBDA + 1u, next_lambda);
+        set_field(joint, NORMAL_IMPULSE, normal_impulse);
+        set_field(joint, NORMAL_IMPULSE + 1u, next_normal_impulse);
+        set_field_vector(joint, TANGENT_IMPULSE, tangent);
+        set_field_vector(joint, TANGENT_IMPULSE + 3u, next_tangent);
         if inverse > 0.0 {
             most = max(most, max(lack, -along * contacts.dt));
         }
     }
-    // Of zeros one may be negative, and then larger as a number.
+    // A negative zero would compare as the larger integer.
     if most > 0.0 && bitcast<u32>(most) > atomicLoad(&touch.lack) {
         atomicMax(&touch.lack, bitcast<u32>(most));
     }
 }
 
-// Nesterov's sequence; the last round ends on what is feasible.
+// Momentum of Nesterov's method; the last round has none, so its result is feasible.
 @compute @workgroup_size(1)
 fn check_round() {
     if touch.done != 0u {
         return;
     }
-    let settled = bitcast<f32>(atomicExchange(&touch.lack, 0u)) < contacts.close;
+    let converged = bitcast<f32>(atomicExchange(&touch.lack, 0u)) < contacts.close;
     if touch.last != 0u {
         touch.done = 1u;
         return;
     }
     touch.round += 1u;
-    let last = settled || touch.round + 1u == contacts.rounds;
+    let last = converged || touch.round + 1u == contacts.rounds;
     touch.last = select(0u, 1u, last);
     touch.momentum = select(f32(touch.round) / f32(touch.round + 3u), 0.0, last);
 }

@@ -1,36 +1,40 @@
-//! Takes from segments that touch what brought them together.
+//! Resolves contacts: removes the approach of touching segments.
 //!
 //! # Theory
-//! A contact of two segments is one between the points p_a = (1−s) x_i + s x_{i+1} and p_b on them, with the normal n
-//! from b to a. With the weights w = (1−s, s, t−1, −t) of the four particles, of equal mass, the distance along the
-//! normal is g = n · Σ w x. Positions are to keep g ≥ gap, velocities u = Σ w v are to keep n · u ≥ 0: inelastic, with
-//! Coulomb friction |j_T| ≤ μ j_N across.
+//! A contact of two segments is one between the points p_a = (1−s) x_i + s x_{i+1} and p_b on them,
+//! with the normal n from b to a. With the weights w = (1−s, s, t−1, −t) of the four particles, of
+//! equal mass, the distance along the normal is g = n · Σ w x. The constraint on positions is g ≥
+//! gap, that on velocities u = Σ w v is n · u ≥ 0: inelastic, with Coulomb friction |j_T| ≤ μ j_N
+//! in the tangent plane.
 //!
-//! What a contact gives a particle its strand hands on: the response to forces f along it is S f with
-//! (I − ℓ² ∂²/∂s²) S = I (`spread`), as of a strand under tension. A push then bends the strand
-//! over a length ℓ and does not tear single particles out of it, which the pass that restores lengths would undo: ℓ is
-//! several times the approach, so that the bend takes little length. A round of all contacts at once is
+//! The strand distributes the push of a contact on a particle: the response to forces f along the
+//! strand is S f with (I − ℓ² ∂²/∂s²) S = I (`spread`), as of a strand under tension. A push thus
+//! bends the strand over a length ℓ; it does not displace single particles, which the pass that
+//! restores lengths would undo. ℓ is several times the approach, so the bend shortens the strand
+//! little. A round of all contacts in parallel is
 //!
 //! ```text
 //! λ ← max(0, λ + (gap − g)/W) ,   j_N ← max(0, j_N − n·u/W) ,   j_T ← cut(j_T − u_T/W, μ j_N)
 //! W_c = Σ_k |w_k| z_k ,   z = S Σ_c |w_c|
 //! ```
 //!
-//! and then all strands move by S of what their contacts added. W bounds each row's sum of the contacts' matrix
-//! J S Jᵀ, so that rounds converge whatever the order. Impulses come in pairs and S hands on all it gets, so momentum is kept to rounding (but
-//! for what clamped roots take). A correction of positions never exceeds the way by which the two approached: it is bounded by the frame's
-//! motion.
+//! after which each strand moves by S of the sum over its contacts. W bounds the row sums of the
+//! matrix J S Jᵀ of the contacts, so rounds converge in any order. Impulses come in pairs and S
+//! preserves sums, so momentum is conserved to rounding (except for the share of clamped roots). A
+//! correction of positions never exceeds the approach of the pair, so the motion of the frame
+//! bounds it.
 //!
 //! # Practice
-//! Contacts write what they add, particles gather it: two passes a round, no two threads write one place, and each sum
-//! has one order.
+//! Contacts write their contributions, particles gather them: two passes a round, no two threads
+//! write to the same place, and each sum has a fixed order.
 
 mod spread;
 
 use crate::collide::resolve_solids::reduce_clearance;
-use crate::interaction::contact::{Contact, ContactParams, ContactReport, NONE, Rows, Ways};
+use crate::interaction::contact::{
+    Contact, ContactMoment, ContactParams, ContactReport, Displacements, NONE, ParticleRows,
+};
 use crate::lane::{LANES, Real, Row};
-use crate::pose::Pose;
 use crate::scratch::fill;
 use crate::strands::Model;
 use crate::strands::{number, vec3};
@@ -38,52 +42,61 @@ use glam::Vec3;
 use rayon::prelude::*;
 use spread::{Body, Strand};
 
-/// WGSL of the work strand by strand.
+/// WGSL of the kernels that run strand by strand.
 pub const STRANDS_WGSL: &str = include_str!("strands.wgsl");
-/// WGSL of the work joint by joint.
+/// WGSL of the kernels that run joint by joint.
 pub const JOINTS_WGSL: &str = include_str!("joints.wgsl");
 
-/// Contacts that one task takes at least.
+/// Minimum number of contacts of a task.
 const TASK: usize = 512;
 
-/// The length over which a strand is bent, over how far it and another approach.
+/// Length over which a contact bends a strand, relative to the approach.
 pub const BEND: f32 = 3.0;
 
-/// What a pair may lack to its gap when the rounds end, over the contact distance.
+/// Remaining violation of the gap at which the rounds stop, relative to the contact distance.
 pub const CLOSE: f32 = 0.1;
 
 /// A contact in the solve.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Joint {
-    /// Its particles, as numbers of bodies, and their weights.
+    /// Indices of the bodies of its particles, and their weights.
     bodies: [u32; 4],
     weights: [f32; 4],
     normal: Vec3,
     gap: f32,
-    /// One over W; zero if nothing can move.
+    /// Inverse of W; zero if no particle can move.
     inverse: f32,
-    /// λ, then j_N and j_T: after the last round, and as extrapolated for this one.
-    push: [f32; 2],
-    press: [f32; 2],
-    rub: [Vec3; 2],
-    /// What this round adds to n λ, and to the impulse.
+    /// λ, j_N and j_T: after the last round, and as extrapolated for this one.
+    lambda: [f32; 2],
+    normal_impulse: [f32; 2],
+    tangent_impulse: [Vec3; 2],
+    /// Contributions of this round: n Δλ, and the impulse.
     moves: Vec3,
-    kicks: Vec3,
+    impulses: Vec3,
 }
 
-/// Resolves contacts; holds the scratch for it.
+/// Constants of a round.
+#[derive(Clone, Copy, Debug)]
+struct RoundTerms {
+    friction: f32,
+    /// Momentum of Nesterov's method.
+    momentum: f32,
+    dt_secs: f32,
+}
+
+/// Resolves contacts; holds the buffers of the solve.
 #[derive(Debug, Default)]
 pub(crate) struct Resolver {
-    /// Segment, time, other segment, contact: both ways.
+    /// Segment, time, other segment and contact, for both segments of each contact.
     sides: Vec<[u32; 4]>,
     /// How many of its two segments keep each contact.
     kept: Vec<u8>,
     joints: Vec<Joint>,
     strands: Vec<Strand>,
     bodies: Vec<Body>,
-    /// Corners of joints, 4 × joint + corner, by body.
+    /// Corners of joints, 4 × joint + corner, sorted by body.
     corners: Vec<u32>,
-    /// The place in `strands` of the strand in each lane of each block.
+    /// Index in `strands` of the strand in each lane of each block.
     slots: Vec<u32>,
 }
 
@@ -97,23 +110,26 @@ impl Resolver {
             + 4 * (self.corners.capacity() + self.slots.capacity())
     }
 
-    /// Resolves what was found: see [`crate::interaction::contact::Contacts::resolve`].
+    /// Resolves the contacts `found`: see [`crate::interaction::contact::Contacts::resolve`].
     pub fn resolve<T: Real>(
         &mut self,
         params: &ContactParams,
-        (model, found, ways): (&Model<T>, &[Contact], &Ways),
-        (positions, velocities, clearance): Rows<'_, T>,
-        head: &Pose,
-        (clamped, dt_secs): (usize, f64),
+        model: &Model<T>,
+        found: &[Contact],
+        displacements: &Displacements,
+        rows: ParticleRows<'_, T>,
+        moment: &ContactMoment<'_>,
     ) -> ContactReport {
-        self.choose(found, params.per_segment as usize);
-        self.join(model, found, ways);
+        let ParticleRows { positions, velocities, clearance } = rows;
+        let &ContactMoment { head, clamped, dt_secs } = moment;
+        self.select_kept(found, params.per_segment as usize);
+        self.create_joints(model, found, displacements);
         let back = head.rotation.inverse().as_quat();
         let velocity = |place: usize, lane: usize| back * vec3(velocities, place, lane);
         spread::each(&self.strands, &mut self.bodies, &|strand, bodies| {
-            strand.prepare(bodies, (model, clamped), strand.bend.max(params.spread as f32));
+            strand.prepare(bodies, model, clamped, strand.bend.max(params.spread as f32));
             for (body, place) in bodies.iter_mut().zip(strand.place..) {
-                body.position = ways.end[LANES * place + strand.lane()];
+                body.position = displacements.end[LANES * place + strand.lane()];
                 body.velocity = velocity(place, strand.lane());
             }
         });
@@ -123,23 +139,24 @@ impl Resolver {
             joint.inverse = if w > 1e-6 { 1.0 / w } else { 0.0 };
         }
         let close = CLOSE * params.distance as f32;
-        let mut settled = false;
+        let mut converged = false;
         for k in 0..params.rounds {
-            // Nesterov's sequence; the last round ends on what is feasible.
-            let last = settled || k + 1 == params.rounds;
+            // Momentum of Nesterov's method; the last round has none, so its result is feasible.
+            let last = converged || k + 1 == params.rounds;
             let momentum = if last { 0.0 } else { k as f32 / (k + 3) as f32 };
-            let lack = self.round((params.friction as f32, momentum, dt_secs as f32));
+            let terms = RoundTerms { friction: params.friction as f32, momentum, dt_secs: dt_secs as f32 };
+            let lack = self.round(terms);
             if last {
                 break;
             }
-            settled = lack < close;
+            converged = lack < close;
         }
         let forth = head.rotation.as_quat();
         let mut farthest = 0.0f32;
         for strand in &self.strands {
             for (body, place) in strand.of(&self.bodies).iter().zip(strand.place..).skip(clamped) {
                 let lane = strand.lane();
-                let moved = body.position - ways.end[LANES * place + lane];
+                let moved = body.position - displacements.end[LANES * place + lane];
                 let changed = body.velocity - back * vec3(velocities, place, lane);
                 if !(moved.is_finite() && changed.is_finite()) {
                     continue;
@@ -154,13 +171,13 @@ impl Resolver {
         ContactReport { contacts: self.joints.len(), farthest_m: farthest.into(), secs: [0.0; 2] }
     }
 
-    /// Marks the contacts that both segments keep: each keeps the first so many in time, and of several with one other
-    /// segment the first.
-    fn choose(&mut self, found: &[Contact], most: usize) {
+    /// Marks the contacts that both segments keep: each segment keeps the first `most` in time, and
+    /// of several with the same other segment the first.
+    fn select_kept(&mut self, found: &[Contact], most: usize) {
         self.sides.clear();
         for (contact, k) in found.iter().zip(0u32..) {
             let [a, b] = contact.segments;
-            // Times are positive, and then their bits are in their order.
+            // Times are positive, so their bits have the same order.
             let when = contact.when.to_bits();
             self.sides.extend([[a, when, b, k], [b, when, a, k]]);
         }
@@ -177,8 +194,9 @@ impl Resolver {
         }
     }
 
-    /// Makes joints of the contacts that are kept, and bodies of their strands' particles.
-    fn join<T: Real>(&mut self, model: &Model<T>, found: &[Contact], ways: &Ways) {
+    /// Creates joints for the contacts that are kept, and bodies for the particles of their
+    /// strands.
+    fn create_joints<T: Real>(&mut self, model: &Model<T>, found: &[Contact], displacements: &Displacements) {
         self.slots.resize(LANES * model.blocks.len(), NONE);
         self.joints.clear();
         self.strands.clear();
@@ -190,15 +208,15 @@ impl Resolver {
                 normal: contact.normal,
                 gap: contact.gap,
                 inverse: 0.0,
-                push: [0.0; 2],
-                press: [0.0; 2],
-                rub: [Vec3::ZERO; 2],
+                lambda: [0.0; 2],
+                normal_impulse: [0.0; 2],
+                tangent_impulse: [Vec3::ZERO; 2],
                 moves: Vec3::ZERO,
-                kicks: Vec3::ZERO,
+                impulses: Vec3::ZERO,
             };
             for (corner, (p, w)) in contact.particles().into_iter().enumerate() {
                 let (place, lane) = (p as usize / LANES, p as usize % LANES);
-                let number = ways.block[place] as usize;
+                let number = displacements.block[place] as usize;
                 let block = &model.blocks[number];
                 let slot = &mut self.slots[LANES * number + lane];
                 if *slot == NONE {
@@ -242,23 +260,23 @@ impl Resolver {
         }
     }
 
-    /// One round: what all contacts add, then how each strand takes it. Returns the most that a pair lacked to its gap, or
-    /// would come nearer in a frame.
-    fn round(&mut self, terms: (f32, f32, f32)) -> f32 {
+    /// One round: computes the contributions of all joints, then moves the strands. Returns the
+    /// largest violation of a gap, or approach in a frame, of any pair.
+    fn round(&mut self, terms: RoundTerms) -> f32 {
         let bodies = &*self.bodies;
         let joints = self.joints.par_iter_mut().with_min_len(TASK);
-        let lack = joints.map(|joint| joint.press(bodies, terms)).reduce(|| 0.0, f32::max);
+        let lack = joints.map(|joint| joint.relax(bodies, terms)).reduce(|| 0.0, f32::max);
         let (joints, corners) = (&*self.joints, &*self.corners);
         spread::each(&self.strands, &mut self.bodies, &|strand, bodies| {
             for body in &mut *bodies {
-                (body.moves, body.kicks) = (Vec3::ZERO, Vec3::ZERO);
+                (body.moves, body.impulses) = (Vec3::ZERO, Vec3::ZERO);
                 for &corner in &corners[body.first as usize..(body.first + body.count) as usize] {
                     let (joint, corner) = (&joints[corner as usize / 4], corner as usize % 4);
                     body.moves += joint.weights[corner] * joint.moves;
-                    body.kicks += joint.weights[corner] * joint.kicks;
+                    body.impulses += joint.weights[corner] * joint.impulses;
                 }
             }
-            strand.take(bodies);
+            strand.apply(bodies);
         });
         lack
     }
@@ -266,7 +284,8 @@ impl Resolver {
 
 impl Joint {
     #[inline]
-    fn press(&mut self, bodies: &[Body], (friction, momentum, dt_secs): (f32, f32, f32)) -> f32 {
+    fn relax(&mut self, bodies: &[Body], terms: RoundTerms) -> f32 {
+        let RoundTerms { friction, momentum, dt_secs } = terms;
         let (mut apart, mut u) = (Vec3::ZERO, Vec3::ZERO);
         for (&k, w) in self.bodies.iter().zip(self.weights) {
             let body = &bodies[k as usize];
@@ -274,18 +293,22 @@ impl Joint {
             u += w * body.velocity;
         }
         let lack = self.gap - self.normal.dot(apart);
-        let push = (self.push[1] + lack * self.inverse).max(0.0);
+        let lambda = (self.lambda[1] + lack * self.inverse).max(0.0);
         let along = self.normal.dot(u);
-        let press = (self.press[1] - along * self.inverse).max(0.0);
-        let rub = self.rub[1] - (u - along * self.normal) * self.inverse;
-        let rub = rub.clamp_length_max(friction * press);
-        let next = [push + momentum * (push - self.push[0]), press + momentum * (press - self.press[0])];
-        let next_rub = rub + momentum * (rub - self.rub[0]);
-        self.moves = (next[0] - self.push[1]) * self.normal;
-        self.kicks = (next[1] - self.press[1]) * self.normal + (next_rub - self.rub[1]);
-        self.push = [push, next[0]];
-        self.press = [press, next[1]];
-        self.rub = [rub, next_rub];
+        let normal_impulse = (self.normal_impulse[1] - along * self.inverse).max(0.0);
+        let tangent_impulse = self.tangent_impulse[1] - (u - along * self.normal) * self.inverse;
+        let tangent_impulse = tangent_impulse.clamp_length_max(friction * normal_impulse);
+        let next = [
+            lambda + momentum * (lambda - self.lambda[0]),
+            normal_impulse + momentum * (normal_impulse - self.normal_impulse[0]),
+        ];
+        let next_tangent_impulse = tangent_impulse + momentum * (tangent_impulse - self.tangent_impulse[0]);
+        self.moves = (next[0] - self.lambda[1]) * self.normal;
+        self.impulses = (next[1] - self.normal_impulse[1]) * self.normal
+            + (next_tangent_impulse - self.tangent_impulse[1]);
+        self.lambda = [lambda, next[0]];
+        self.normal_impulse = [normal_impulse, next[1]];
+        self.tangent_impulse = [tangent_impulse, next_tangent_impulse];
         if self.inverse > 0.0 { lack.max(-along * dt_secs) } else { 0.0 }
     }
 }

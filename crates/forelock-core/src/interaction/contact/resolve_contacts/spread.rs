@@ -1,33 +1,34 @@
-//! How a strand hands on what its particles get.
+//! Distributes the contributions of contacts along a strand.
 //!
 //! # Theory
-//! Forces f on the particles of a strand of equal masses move it by x with
+//! Forces f on the particles of a strand, of equal masses, move it by x with
 //!
 //! ```text
 //! x_i + α_{i−1} (x_i − x_{i−1}) + α_i (x_i − x_{i+1}) = f_i ,   α_i = (ℓ/l_i)² ,   x = 0 where clamped
 //! ```
 //!
-//! the discrete (I − ℓ² ∂²/∂s²) x = f: the inverse falls off as exp(−s/ℓ), is symmetric, and its columns sum to one, so that all of f is
-//! handed on. Tridiagonal: one sweep forwards and one backwards.
+//! the discrete form of (I − ℓ² ∂²/∂s²) x = f. The inverse decays as exp(−s/ℓ), is symmetric, and
+//! its columns sum to one, so the sum of f is preserved. The matrix is tridiagonal: one sweep
+//! forwards and one backwards solve it.
 
 use crate::lane::{LANES, Real};
 use crate::strands::Model;
 use glam::Vec3;
 
-/// Strands that one task takes at least.
+/// Minimum number of strands of a task.
 const TASK: usize = 32;
 
 /// A strand in the solve.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Strand {
-    /// Its block × [`LANES`] + lane.
+    /// Block × [`LANES`] + lane.
     pub slot: usize,
-    /// The place of its first particle.
+    /// Place of the first particle.
     pub place: usize,
-    /// Its first body, and how many there are.
+    /// Index of the first body, and number of bodies.
     pub first: usize,
     pub particles: usize,
-    /// Over what length its contacts bend it at least, metres.
+    /// Least length over which the contacts bend the strand, metres.
     pub bend: f32,
 }
 
@@ -36,15 +37,15 @@ pub(super) struct Strand {
 pub(super) struct Body {
     pub position: Vec3,
     pub velocity: Vec3,
-    /// What contacts add in a round.
+    /// Sums over the contacts in a round: displacement and impulse.
     pub moves: Vec3,
-    pub kicks: Vec3,
-    /// Σ |w| of its contacts, then S of that.
+    pub impulses: Vec3,
+    /// Σ |w| of the contacts, then S of that.
     pub share: f32,
-    /// α to the next particle, and one over the pivot; zero where clamped.
+    /// α to the next particle, and the inverse pivot; zero where clamped.
     alpha: f32,
     inverse: f32,
-    /// Its corners of joints: the first, and how many.
+    /// First corner of a joint, and number of corners.
     pub first: u32,
     pub count: u32,
 }
@@ -58,11 +59,12 @@ impl Strand {
         &bodies[self.first..self.first + self.particles]
     }
 
-    /// Factors the strand's matrix, and spreads the shares.
-    pub fn prepare<T: Real>(&self, bodies: &mut [Body], (model, clamped): (&Model<T>, usize), spread: f32) {
+    /// Factorises the matrix of the strand, and applies S to the shares.
+    pub fn prepare<T: Real>(&self, bodies: &mut [Body], model: &Model<T>, clamped: usize, spread: f32) {
         let last = self.particles - 1;
         let mut before = Body::default();
-        // The pivot less α to the next particle: a sum of what is positive, where the plain pivot would cancel.
+        // The pivot without α to the next particle: a sum of positive terms, which avoids the
+        // cancellation in the pivot.
         let mut own = 0.0;
         for (i, body) in bodies.iter_mut().enumerate() {
             let length = model.rest_lengths[3 * (self.place + i)].0[self.lane()].to_f32().unwrap_or(0.0);
@@ -85,26 +87,26 @@ impl Strand {
         }
     }
 
-    /// Moves the strand by S of what contacts added.
-    pub fn take(&self, bodies: &mut [Body]) {
+    /// Moves the strand by S of the sums over its contacts.
+    pub fn apply(&self, bodies: &mut [Body]) {
         let mut before = Body::default();
         for body in &mut *bodies {
             let share = before.alpha * before.inverse;
             body.moves += share * before.moves;
-            body.kicks += share * before.kicks;
+            body.impulses += share * before.impulses;
             before = *body;
         }
-        let (mut moves, mut kicks) = (Vec3::ZERO, Vec3::ZERO);
+        let (mut moves, mut impulses) = (Vec3::ZERO, Vec3::ZERO);
         for body in bodies.iter_mut().rev() {
             moves = (body.moves + body.alpha * moves) * body.inverse;
-            kicks = (body.kicks + body.alpha * kicks) * body.inverse;
+            impulses = (body.impulses + body.alpha * impulses) * body.inverse;
             body.position += moves;
-            body.velocity += kicks;
+            body.velocity += impulses;
         }
     }
 }
 
-/// Calls `f` for each strand with its bodies, in parallel.
+/// Calls `f` for each strand and its bodies, in parallel.
 pub(super) fn each(strands: &[Strand], bodies: &mut [Body], f: &(impl Fn(&Strand, &mut [Body]) + Sync)) {
     if strands.len() <= TASK {
         let mut rest = bodies;
@@ -125,9 +127,9 @@ mod tests {
     use super::*;
     use crate::strands::Strands;
 
-    /// A free strand hands on all it gets, however long the length over which it does; a clamped one less.
+    /// A free strand preserves the sum of its loads for any length ℓ; a clamped one does not.
     #[test]
-    fn nothing_is_lost_on_the_way() {
+    fn the_sum_is_preserved() {
         let positions: Vec<[f32; 3]> = (0..40u8).map(|i| [0.0, -1e-3 * f32::from(i), 0.0]).collect();
         let model =
             Model::new(&Strands { positions: &positions, offsets: &[0, 40], stiffness: None }).unwrap();
@@ -136,9 +138,9 @@ mod tests {
             [(0, 0.0, 1.0), (0, 0.01, 1.0), (0, 1.0, 1.0), (0, 10.0, 1.0), (2, 1.0, 0.0)]
         {
             let mut bodies = vec![Body::default(); 40];
-            strand.prepare(&mut bodies, (&model, clamped), spread);
+            strand.prepare(&mut bodies, &model, clamped, spread);
             bodies[17].moves = Vec3::X;
-            strand.take(&mut bodies);
+            strand.apply(&mut bodies);
             let sum: f32 = bodies.iter().map(|body| body.position.x).sum();
             assert!((sum - whole).abs() < 1e-3, "clamped {clamped}, over {spread} m: {sum}");
         }

@@ -1,27 +1,28 @@
-// Contacts that are resolved, strand by strand, one a thread: the twin of `resolve_contacts::spread`. Only strands that a joint bends take part.
+// Resolution of contacts, strand by strand, one a thread: the GPU counterpart of
+// `resolve_contacts::spread`. Only strands with joints take part.
 
-// The length over which a strand's joints bend it at least, metres; 0 if it has none.
+// Least length over which the joints bend the strand, metres; 0 without joints.
 fn bend_of(strand: Strand) -> f32 {
     return bitcast<f32>(atomicLoad(&table[bend_at(blocks[strand.block].number * LANES + strand.lane)]));
 }
 
-// What the joints of particle `i` add to it: moves and kicks, or the sum of their weights.
+// Sums over the joints of particle `i`: displacement, impulse and weight.
 struct Sum {
     moves: vec3f,
-    kicks: vec3f,
+    impulses: vec3f,
     weight: f32,
 }
 
 fn sum_of(strand: Strand, i: u32) -> Sum {
     var sum = Sum();
-    // Its own segment, and the one before, whose upper end it is.
+    // The segment that starts at the particle, and the one that ends at it.
     for (var upper = 0u; upper < 2u; upper++) {
         if i < upper {
             break;
         }
         let segment = number_of(strand, i - upper);
         let list = list_of(segment);
-        // None later than that is kept.
+        // Later ones are not kept.
         for (var k = list.x; k < list.x + min(list.y, contacts.per_segment); k++) {
             let side = work[sorted_at(k)];
             let joint = side / 2u;
@@ -32,14 +33,14 @@ fn sum_of(strand: Strand, i: u32) -> Sum {
             let size = select(1.0 - along, along, upper == 1u);
             let weight = select(size, -size, side % 2u == 1u);
             sum.moves += weight * field_vector(joint, JOINT_MOVES);
-            sum.kicks += weight * field_vector(joint, JOINT_KICKS);
+            sum.impulses += weight * field_vector(joint, JOINT_IMPULSES);
             sum.weight += size;
         }
     }
     return sum;
 }
 
-// Factors the strand's matrix, and spreads the shares.
+// Factorises the matrix of the strand, and applies S to the shares.
 @compute @workgroup_size(WORKGROUP)
 fn prepare_strands(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
@@ -51,9 +52,10 @@ fn prepare_strands(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let reach = max(bend, contacts.spread);
-    // Of the particle before: α, one over the pivot, the share.
+    // Of the previous particle: α, inverse pivot, share.
     var before = vec3f();
-    // The pivot less α to the next particle: a sum of what is positive, where the plain pivot would cancel.
+    // The pivot without α to the next particle: a sum of positive terms, which avoids the
+    // cancellation in the pivot.
     var own = 0.0;
     for (var i = 0u; i < strand.particles; i++) {
         let number = number_of(strand, i);
@@ -73,7 +75,7 @@ fn prepare_strands(@builtin(global_invocation_id) id: vec3u) {
         set_real(body_at(number, PIVOT), now.y);
         set_real(body_at(number, SHARE), now.z);
         let velocity = (contacts.from_end * vec4f(velocity_at(strand, i), 0.0)).xyz;
-        set_work_vector(body_at(number, PLACE), work_vector(row_of(number, WAY_ROWS, 0u)));
+        set_work_vector(body_at(number, PLACE), work_vector(row_of(number, MOTION_ROWS, 0u)));
         set_work_vector(body_at(number, VELOCITY), velocity);
         before = now;
     }
@@ -86,7 +88,7 @@ fn prepare_strands(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// Moves the strand by S of what its joints add.
+// Moves the strand by S of the sums over its joints.
 @compute @workgroup_size(WORKGROUP)
 fn gather_moves(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
@@ -95,32 +97,32 @@ fn gather_moves(@builtin(global_invocation_id) id: vec3u) {
     }
     var share = 0.0;
     var moves = vec3f();
-    var kicks = vec3f();
+    var impulses = vec3f();
     for (var i = 0u; i < strand.particles; i++) {
         let number = number_of(strand, i);
         let sum = sum_of(strand, i);
         moves = sum.moves + share * moves;
-        kicks = sum.kicks + share * kicks;
+        impulses = sum.impulses + share * impulses;
         set_work_vector(body_at(number, MOVES), moves);
-        set_work_vector(body_at(number, KICKS), kicks);
+        set_work_vector(body_at(number, IMPULSES), impulses);
         share = real(body_at(number, ALPHA)) * real(body_at(number, PIVOT));
     }
     moves = vec3f();
-    kicks = vec3f();
+    impulses = vec3f();
     for (var k = 0u; k < strand.particles; k++) {
         let number = number_of(strand, strand.particles - 1u - k);
         let alpha = real(body_at(number, ALPHA));
         let pivot = real(body_at(number, PIVOT));
         moves = (work_vector(body_at(number, MOVES)) + alpha * moves) * pivot;
-        kicks = (work_vector(body_at(number, KICKS)) + alpha * kicks) * pivot;
+        impulses = (work_vector(body_at(number, IMPULSES)) + alpha * impulses) * pivot;
         let place = body_at(number, PLACE);
         set_work_vector(place, work_vector(place) + moves);
         let velocity = body_at(number, VELOCITY);
-        set_work_vector(velocity, work_vector(velocity) + kicks);
+        set_work_vector(velocity, work_vector(velocity) + impulses);
     }
 }
 
-// Gives positions and velocities what joints changed.
+// Applies the result to positions and velocities.
 @compute @workgroup_size(WORKGROUP)
 fn apply_moves(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
@@ -132,7 +134,7 @@ fn apply_moves(@builtin(global_invocation_id) id: vec3u) {
         let number = number_of(strand, i);
         let x = position_at(strand, i);
         let v = velocity_at(strand, i);
-        let moved = work_vector(body_at(number, PLACE)) - work_vector(row_of(number, WAY_ROWS, 0u));
+        let moved = work_vector(body_at(number, PLACE)) - work_vector(row_of(number, MOTION_ROWS, 0u));
         let changed = work_vector(body_at(number, VELOCITY)) - (contacts.from_end * vec4f(v, 0.0)).xyz;
         if !(all_finite(moved) && all_finite(changed)) {
             continue;

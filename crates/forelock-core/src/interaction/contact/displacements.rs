@@ -1,4 +1,4 @@
-//! The way of every particle in a frame, in the head's frame.
+//! Displacement of every particle in a frame, in the frame of the head.
 
 use crate::lane::{LANES, Real, Row};
 use crate::pose::Pose;
@@ -6,21 +6,21 @@ use crate::strands::Model;
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
-/// Where particles were and are, metres in the head's frame, and how they move against the drift. By particle number:
-/// place × [`LANES`] + lane.
+/// Positions of the particles at the start and at the end of the frame, metres in the frame of the
+/// head, and their residual motion. Indexed by particle number: place × [`LANES`] + lane.
 #[derive(Debug)]
-pub(crate) struct Ways {
+pub(crate) struct Displacements {
     pub start: Vec<Vec3>,
     pub end: Vec<Vec3>,
-    /// How far each moves in the frame, less the drift about it, metres.
-    pub stray: Vec<f32>,
+    /// Length of the displacement of each particle relative to the mean motion, metres.
+    pub residual_motion: Vec<f32>,
     /// The block of each place.
     pub block: Vec<u32>,
     /// The longest edge at rest, metres.
     pub longest: f32,
 }
 
-impl Ways {
+impl Displacements {
     pub fn new<T: Real>(model: &Model<T>) -> Self {
         let block = model.block_of_places();
         let particles = LANES * model.places();
@@ -29,7 +29,7 @@ impl Ways {
         Self {
             start: vec![Vec3::ZERO; particles],
             end: vec![Vec3::ZERO; particles],
-            stray: vec![0.0; particles],
+            residual_motion: vec![0.0; particles],
             block,
             longest,
         }
@@ -39,27 +39,27 @@ impl Ways {
         28 * self.start.capacity() + 4 * self.block.capacity()
     }
 
-    pub fn note_start<T: Real>(&mut self, model: &Model<T>, positions: &[Row<T>], head: &Pose) {
-        note(model, positions, head, &mut self.start);
+    pub fn record_start<T: Real>(&mut self, model: &Model<T>, positions: &[Row<T>], head: &Pose) {
+        to_head_frame(model, positions, head, &mut self.start);
     }
 
-    pub fn note_end<T: Real>(&mut self, model: &Model<T>, positions: &[Row<T>], head: &Pose) {
-        note(model, positions, head, &mut self.end);
+    pub fn record_end<T: Real>(&mut self, model: &Model<T>, positions: &[Row<T>], head: &Pose) {
+        to_head_frame(model, positions, head, &mut self.end);
     }
 
-    /// What particle `p` moves in the frame.
+    /// The displacement of particle `p` in the frame.
     #[inline]
-    pub fn way(&self, p: usize) -> Vec3 {
+    pub fn of(&self, p: usize) -> Vec3 {
         self.end[p] - self.start[p]
     }
 
-    /// Where particle `p` is at a fraction of the frame.
+    /// The position of particle `p` at a fraction of the frame.
     #[inline]
     pub fn at(&self, p: usize, fraction: f32) -> Vec3 {
-        self.start[p] + fraction * self.way(p)
+        self.start[p] + fraction * self.of(p)
     }
 
-    /// Whether two segments are of one strand.
+    /// Whether two segments belong to the same strand.
     #[inline]
     pub fn same_strand(&self, a: u32, b: u32) -> bool {
         let (a, b) = (a as usize, b as usize);
@@ -68,7 +68,7 @@ impl Ways {
 }
 
 /// Positions in the head's frame: x' = Rᵀ (x − p).
-fn note<T: Real>(model: &Model<T>, positions: &[Row<T>], head: &Pose, out: &mut [Vec3]) {
+fn to_head_frame<T: Real>(model: &Model<T>, positions: &[Row<T>], head: &Pose, out: &mut [Vec3]) {
     let back = head.inverse();
     let (turn, shift): (Mat3, Vec3) = (back.matrix().as_mat3(), back.translation.as_vec3());
     debug_assert_eq!(out.len(), LANES * model.places());
@@ -81,9 +81,11 @@ fn note<T: Real>(model: &Model<T>, positions: &[Row<T>], head: &Pose, out: &mut 
     });
 }
 
-/// Where two segments are nearest: the place along each, and the vector from the second's point to the first's.
+/// The nearest points of two segments: the fraction along each, and the vector from the second
+/// point to the first.
 ///
-/// The minimum over the first's line is clamped to the second, then back (Ericson 2005, Sec. 5.1.9).
+/// The minimum over the line of the first segment is clamped to the second, then projected back
+/// (Ericson 2005, Sec. 5.1.9).
 #[inline]
 pub(crate) fn closest(a: [Vec3; 2], b: [Vec3; 2]) -> ([f32; 2], Vec3) {
     let (ea, eb, r) = (a[1] - a[0], b[1] - b[0], a[0] - b[0]);

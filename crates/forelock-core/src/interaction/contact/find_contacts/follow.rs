@@ -1,52 +1,57 @@
-//! Follows two segments through a slice until they touch.
+//! Advances two segments through a slice until they touch.
 
 use super::Slice;
-use crate::interaction::contact::{Contact, Ways, closest};
+use crate::interaction::contact::{Contact, Displacements, closest};
 use crate::lane::{LANES, Real};
 use crate::strands::Model;
 use crate::strands::vec3;
 use glam::Vec3;
 
-/// Steps at most; a pair that still has not met only brushes by.
+/// Maximum number of steps; pairs that have not touched by then only graze.
 pub const STEPS: usize = 16;
-/// How near the contact distance counts as there, over it.
+/// Tolerance of the contact distance, relative to it.
 pub const CLOSE: f32 = 0.02;
-/// How near strands may come that are nearer than the contact distance at rest, over their distance there.
+/// Contact distance of strands that are closer at rest, relative to their rest distance.
 pub const REST_SHARE: f32 = 0.95;
 
 /// The contact of two segments in a slice, if they touch and approach.
 ///
-/// Conservative advancement: the vector between the nearest points of two segments separates them, so at distance D nothing can happen before the time
-/// (D − d)/V, where V is what any two of their ends approach along that vector; and nothing at all if they do not.
+/// Conservative advancement: the vector between the nearest points of two segments separates them,
+/// so at distance D they cannot touch before the time (D − d)/V, where V is the largest approach of
+/// any two of their ends along that vector; if V ≤ 0 they cannot touch at all.
 pub(super) fn follow<T: Real>(
     model: &Model<T>,
-    ways: &Ways,
+    displacements: &Displacements,
     slice: &Slice,
     [a, b]: [u32; 2],
 ) -> Option<Contact> {
-    if ways.same_strand(a, b) {
+    if displacements.same_strand(a, b) {
         return None;
     }
     let ([a, b], numbers) = if a < b { ([a, b], [a, b]) } else { ([b, a], [b, a]) };
     let (a, b) = (a as usize, b as usize);
-    let (way_a, way_b) = ([ways.way(a), ways.way(a + LANES)], [ways.way(b), ways.way(b + LANES)]);
+    let (displacement_a, displacement_b) = (
+        [displacements.of(a), displacements.of(a + LANES)],
+        [displacements.of(b), displacements.of(b + LANES)],
+    );
     let mut reach = slice.distance;
-    let mut knows_rest = false;
+    let mut has_rest_distance = false;
     let mut when = slice.span[0];
     for _ in 0..STEPS {
-        let segment = |p: usize| [ways.at(p, when), ways.at(p + LANES, when)];
+        let segment = |p: usize| [displacements.at(p, when), displacements.at(p + LANES, when)];
         let (along, r) = closest(segment(a), segment(b));
         let distance = r.length();
         if distance <= reach * (1.0 + CLOSE) {
-            if !knows_rest {
+            if !has_rest_distance {
                 reach = reach.min(REST_SHARE * rest_distance(model, a, b));
-                knows_rest = true;
+                has_rest_distance = true;
                 if distance > reach * (1.0 + CLOSE) {
                     continue;
                 }
             }
-            let relative = way_a[0].lerp(way_a[1], along[0]) - way_b[0].lerp(way_b[1], along[1]);
-            let normal = direction(r, distance, (segment(a), segment(b)), relative)?;
+            let relative = displacement_a[0].lerp(displacement_a[1], along[0])
+                - displacement_b[0].lerp(displacement_b[1], along[1]);
+            let normal = direction(r, distance, segment(a), segment(b), relative)?;
             let approach = -normal.dot(relative);
             let gap = distance.min(reach);
             let segments = numbers;
@@ -59,8 +64,10 @@ pub(super) fn follow<T: Real>(
                 approach,
             });
         }
-        let along = |ways: [Vec3; 2], side: f32| (side * r.dot(ways[0])).max(side * r.dot(ways[1]));
-        let closing = along(way_a, -1.0) + along(way_b, 1.0);
+        let along = |displacements: [Vec3; 2], side: f32| {
+            (side * r.dot(displacements[0])).max(side * r.dot(displacements[1]))
+        };
+        let closing = along(displacement_a, -1.0) + along(displacement_b, 1.0);
         when += distance * (distance - reach) / closing;
         if closing <= 0.0 || when >= slice.span[1] {
             return None;
@@ -69,8 +76,9 @@ pub(super) fn follow<T: Real>(
     None
 }
 
-/// The unit vector of `r`; of segments that cross, the one across both against which they approach.
-fn direction(r: Vec3, distance: f32, (a, b): ([Vec3; 2], [Vec3; 2]), relative: Vec3) -> Option<Vec3> {
+/// The direction of `r`; for segments that intersect, the direction perpendicular to both, against
+/// their approach.
+fn direction(r: Vec3, distance: f32, a: [Vec3; 2], b: [Vec3; 2], relative: Vec3) -> Option<Vec3> {
     const TINY: f32 = 1e-9;
     if distance > TINY {
         return Some(r / distance);
