@@ -308,10 +308,8 @@ impl GpuSimulation {
     /// # Errors
     /// As [`GpuSimulation::step_frame`].
     pub fn step_frame_in(&mut self, frame: &Frame<'_>, wind: Option<&WindField>) -> Result<(), GpuError> {
-        let plan = std::mem::take(&mut self.plan);
-        let stepped = self.step_part(frame, wind, plan.steps());
-        self.plan = plan;
-        stepped
+        let steps = self.plan.steps().to_vec();
+        self.step_part(frame, wind, &steps)
     }
 
     /// Records a frame into the caller's `encoder`, for an engine that submits its own work: the
@@ -327,10 +325,8 @@ impl GpuSimulation {
         frame: &Frame<'_>,
         wind: Option<&WindField>,
     ) -> Result<(), GpuError> {
-        let plan = std::mem::take(&mut self.plan);
-        let encoded = self.encode_part(encoder, frame, wind, plan.steps());
-        self.plan = plan;
-        encoded
+        let steps = self.plan.steps().to_vec();
+        self.encode_part(encoder, frame, wind, &steps)
     }
 
     /// Some steps of a frame ([`GpuSimulation::plan`]), in their order, if the CPU runs the others;

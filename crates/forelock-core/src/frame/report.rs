@@ -5,7 +5,7 @@ use super::plan::{CHECK, COLLIDE, LENGTHS};
 use crate::collide::resolve_solids::SolidContacts;
 
 /// Seconds spent in each stage, by the stage's name, in the order in which stages first reported.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, PartialEq)]
 pub struct StageTimes {
     entries: [(&'static str, f64); Self::CAPACITY],
     len: usize,
@@ -40,6 +40,12 @@ impl StageTimes {
     /// Adds all times of `other`.
     pub fn add_all(&mut self, other: &Self) {
         other.iter().for_each(|(name, secs)| self.add(name, secs));
+    }
+}
+
+impl std::fmt::Debug for StageTimes {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_map().entries(self.iter()).finish()
     }
 }
 

@@ -15,7 +15,7 @@ use crate::params::{POSITIVE, ParamsError, check};
     serde(default, deny_unknown_fields)
 )]
 pub struct SphParams {
-    /// Smoothing length h, the range of the forces between particles. Unit m, default 0, range 0 to
+    /// Smoothing length h, the reach of the forces between particles. Unit m, default 0, range 0 to
     /// 10; 0 selects the length at which half of the particles have `neighbours` neighbours at
     /// rest, other values under 1e-6 are refused.
     pub smoothing_length: f64,
