@@ -30,15 +30,15 @@ fn main() -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     let threads = arguments.next().map_or(Ok(2), |a| a.parse())?;
     let frames = arguments.next().map_or(Ok(120), |a| a.parse())?;
     let repeats = arguments.next().map_or(Ok(3), |a| a.parse())?;
-    let mut meets = Meets::default();
+    let mut interactions = Interactions::default();
     match arguments.next().as_deref() {
         None | Some("none") => {}
-        Some("sph") => meets.sph = Some(SphParams::default()),
+        Some("sph") => interactions.sph = Some(SphParams::default()),
         Some(resolution) => {
-            meets.grid = Some(GridParams { resolution: resolution.parse()?, ..GridParams::default() });
+            interactions.grid = Some(GridParams { resolution: resolution.parse()?, ..GridParams::default() });
         }
     }
-    meets.contacts = arguments.next().is_some_and(|a| a == "contacts").then(ContactParams::default);
+    interactions.contacts = arguments.next().is_some_and(|a| a == "contacts").then(ContactParams::default);
     let motion = Motion::by_name(arguments.next().as_deref().unwrap_or("turn"))?;
     let simd = match arguments.next().as_deref() {
         None | Some("Auto") => Simd::Auto,
@@ -52,12 +52,20 @@ fn main() -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .build()?
-        .install(|| run(threads, (frames, repeats), (&solver, &meets), &motion, simd))
+        .install(|| run(threads, Count { frames, repeats }, &solver, &interactions, &motion, simd))
 }
 
-/// Where strands meet.
+/// What is timed.
+#[derive(Clone, Copy)]
+struct Count {
+    frames: u32,
+    /// Runs from the same start.
+    repeats: u32,
+}
+
+/// The interactions of strands.
 #[derive(Default)]
-struct Meets {
+struct Interactions {
     grid: Option<GridParams>,
     sph: Option<SphParams>,
     contacts: Option<ContactParams>,
@@ -65,20 +73,22 @@ struct Meets {
 
 fn run(
     threads: usize,
-    (frames, repeats): (u32, u32),
-    (solver, meets): (&Solver<f32>, &Meets),
+    count: Count,
+    solver: &Solver<f32>,
+    interactions: &Interactions,
     motion: &Motion,
     simd: Simd,
 ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
+    let Count { frames, repeats } = count;
     let preset = GrowParams::preset("straight")?;
     let groom = grow_on_head(&GrowParams { strands: STRANDS, vertices_per_strand: PARTICLES, ..preset })?;
     let shape = Shape::Sdf(Arc::new(Sdf::from_mesh(&Head::builtin().mesh, 128, 0.02)?));
     let gravity = DVec3::new(0.0, -9.81, 0.0);
     let options = Options { simd, rest_gravity: gravity, ..Options::default() };
     let mut simulation = Simulation::new(&groom, solver, &options)?;
-    simulation.set_grid(meets.grid.as_ref())?;
-    simulation.set_sph(meets.sph.as_ref())?;
-    simulation.set_contacts(meets.contacts.as_ref())?;
+    simulation.set_grid(interactions.grid.as_ref())?;
+    simulation.set_sph(interactions.sph.as_ref())?;
+    simulation.set_contacts(interactions.contacts.as_ref())?;
     let start = simulation.snapshot();
     let dt_secs = 1.0 / 60.0;
     // Milliseconds: the whole frame, then each stage; a row a frame, the least of all runs.
@@ -127,13 +137,13 @@ fn run(
         "stretch {:.1e}, after solids {:.1e}, penetration {:.1e} m",
         last.max_edge_stretch, last.max_edge_stretch_final, last.max_penetration_m
     );
-    if meets.sph.is_some() {
+    if interactions.sph.is_some() {
         println!("sph {:?}", last.sph);
     }
-    if meets.grid.is_some() {
+    if interactions.grid.is_some() {
         println!("grid {:?}", last.grid);
     }
-    if meets.contacts.is_some() {
+    if interactions.contacts.is_some() {
         println!("contacts {:?}", last.strand_contacts);
     }
     println!("state {:016x}", simulation.state_hash());

@@ -38,10 +38,7 @@ unsafe impl GlobalAlloc for Counting {
 static ALLOCATOR: Counting = Counting;
 
 /// Allocations of forty frames against a ball, after fifty to warm up: a grid grows with the hair's box.
-fn allocations_of_frames(
-    solver: &Solver<f32>,
-    (grid, particles): (Option<&GridParams>, Option<&SphParams>),
-) -> usize {
+fn allocations_of_frames(solver: &Solver<f32>, grid: Option<&GridParams>, sph: Option<&SphParams>) -> usize {
     let strand = |s: u16| {
         let root = Vec3::new(f32::from(s) * 1e-3, 0.0, 0.0);
         (0..25u8).map(move |i| root + Vec3::new(0.0, -0.01 * f32::from(i), 0.0)).collect::<Vec<_>>()
@@ -51,7 +48,7 @@ fn allocations_of_frames(
     let options = Options { rest_gravity: gravity, ..Options::default() };
     let mut simulation = Simulation::new(&groom, solver, &options).unwrap();
     simulation.set_grid(grid).unwrap();
-    simulation.set_sph(particles).unwrap();
+    simulation.set_sph(sph).unwrap();
     let shape = Shape::Sphere { radius: 0.1 };
     let local = Pose::new(DQuat::IDENTITY, DVec3::new(0.25, -0.15, 0.1));
     let pose =
@@ -93,16 +90,16 @@ fn frames_allocate_nothing() {
     for threads in [1, 2] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let (ams, dftl) = ((&AmsParams::default()).into(), (&DftlParams::default()).into());
-        let (grid, particles) = (GridParams::default(), SphParams::default());
-        for (solver, meets) in [
-            (&ams, (None, None)),
-            (&ams, (Some(&grid), None)),
-            (&dftl, (None, None)),
-            (&dftl, (None, Some(&particles))),
-            (&dftl, (Some(&grid), None)),
+        let (on_grid, in_fluid) = (GridParams::default(), SphParams::default());
+        for (solver, grid, sph) in [
+            (&ams, None, None),
+            (&ams, Some(&on_grid), None),
+            (&dftl, None, None),
+            (&dftl, None, Some(&in_fluid)),
+            (&dftl, Some(&on_grid), None),
         ] {
-            let counted = pool.install(|| allocations_of_frames(solver, meets));
-            println!("{threads} thread(s), {meets:?}: {counted} allocations in 40 frames");
+            let counted = pool.install(|| allocations_of_frames(solver, grid, sph));
+            println!("{threads} thread(s), {grid:?}, {sph:?}: {counted} allocations in 40 frames");
             assert_eq!(counted, 0, "{threads} thread(s), {grid:?}");
         }
         assert_eq!(pool.install(allocations_of_skinning), 0, "skinning, {threads} thread(s)");

@@ -5,8 +5,8 @@ use crate::air::sample_air::AirTerms;
 use crate::air::{Canopy, PlacedHair, Wake, WindField};
 use crate::collide::resolve_solids::SolidPose;
 use crate::frame::{
-    BlockReport, Crew, ExchangeContext, Frame, FrameContext, FrameReport, PlannedStep, SolverReal, Step,
-    fractions,
+    BlockReport, Crew, ExchangeContext, Frame, FrameContext, FrameReport, Interaction, PlannedStep,
+    SolverReal, Step, fractions,
 };
 use crate::lane::Row;
 use crate::params::ParamsError;
@@ -82,6 +82,14 @@ fn scratch<T: SolverReal>(model: &Model<T>) -> Vec<Mutex<Scratch<T>>> {
     (0..threads).map(|_| Mutex::new(Scratch::new(model.longest()))).collect()
 }
 
+/// The interaction `name`, if there is one.
+fn named<'a, T>(
+    interactions: &'a mut [Box<dyn Interaction<T>>],
+    name: &str,
+) -> Option<&'a mut Box<dyn Interaction<T>>> {
+    interactions.iter_mut().find(|own| own.exchange_plan().name == name)
+}
+
 impl<T: SimulationReal> Simulation<T> {
     /// Runs `steps` of a frame.
     pub(super) fn run(
@@ -130,18 +138,15 @@ impl<T: SimulationReal> Simulation<T> {
         let mut report = FrameReport::default();
         let mut sum: Option<BlockReport> = None;
         for chunk in steps.chunk_by(|a, b| a.step.is_of_strands() && b.step.is_of_strands()) {
-            let interaction = |name: &str, interactions: &mut Vec<Box<dyn crate::frame::Interaction<T>>>| {
-                interactions.iter().position(|own| own.exchange_plan().name == name)
-            };
             match chunk[0].step {
                 Step::RecordStart(own) => {
-                    if let Some(k) = interaction(own.name, &mut self.interactions) {
-                        self.interactions[k].record_start(&exchange, &self.state);
+                    if let Some(interaction) = named(&mut self.interactions, own.name) {
+                        interaction.record_start(&exchange, &self.state);
                     }
                 }
                 Step::Exchange(own) => {
-                    if let Some(k) = interaction(own.name, &mut self.interactions) {
-                        *moved |= self.interactions[k].exchange(&exchange, &mut self.state, &mut report);
+                    if let Some(interaction) = named(&mut self.interactions, own.name) {
+                        *moved |= interaction.exchange(&exchange, &mut self.state, &mut report);
                     }
                 }
                 _ => {

@@ -120,7 +120,7 @@ struct Found {
 }
 
 /// `frames` frames of `strands` strands, in `parts` parts; from gentle to wild and back in `swell_secs`.
-fn run(strands: u32, (frames, parts): (u32, u32), swell_secs: f64, contacts: bool) -> Found {
+fn run(strands: u32, frames: u32, parts: u32, swell_secs: f64, contacts: bool) -> Found {
     let preset = GrowParams::preset("wavy").unwrap();
     let groom = grow_on_head(&GrowParams { strands, ..preset }).unwrap();
     let gravity = DVec3::new(0.0, -9.81, 0.0);
@@ -200,13 +200,13 @@ fn pool() -> rayon::ThreadPool {
 
 #[test]
 fn ten_seconds_leave_hair_whole() {
-    holds(&pool().install(|| run(200, (600, 4), 2.5, true)));
+    holds(&pool().install(|| run(200, 600, 4, 2.5, true)));
 }
 
 #[test]
 #[ignore = "long: cargo xtask ci --nightly"]
 fn long_ten_minutes_leave_hair_whole() {
-    let found = pool().install(|| run(2000, (36_000, 10), 20.0, false));
+    let found = pool().install(|| run(2000, 36_000, 10, 20.0, false));
     holds(&found);
     // Memory is what it was after the first minute.
     if let [warm, .., last] = &*found.resident {

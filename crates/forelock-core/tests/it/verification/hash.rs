@@ -22,11 +22,18 @@ fn rig(strands: usize, simd: Simd) -> Rig<f32> {
 
 /// Frames `from..to` of a shake against a ball under the roots.
 fn play(rig: &mut Rig<f32>, from: u32, to: u32) -> u64 {
-    play_against(rig, (0.06, 0.2), from..to)
+    play_against(rig, Ball { radius: 0.06, depth: 0.2 }, from..to)
 }
 
-/// The same against a ball of a radius at a depth.
-fn play_against(rig: &mut Rig<f32>, (radius, depth): (f64, f64), frames: std::ops::Range<u32>) -> u64 {
+/// A ball below the head.
+struct Ball {
+    radius: f64,
+    depth: f64,
+}
+
+/// The same against a `ball`.
+fn play_against(rig: &mut Rig<f32>, ball: Ball, frames: std::ops::Range<u32>) -> u64 {
+    let Ball { radius, depth } = ball;
     let shape = Shape::Sphere { radius };
     let local = Pose::new(DQuat::IDENTITY, DVec3::new(0.02, -depth, 0.0));
     for frame in frames {
@@ -71,7 +78,7 @@ fn a_neighbour_that_touches_leaves_the_bits_alone() {
     let strands: Vec<_> = (0..9).map(long).collect();
     let of = |simd| {
         let mut rig = Rig::new(&strands, &AmsParams::default(), simd);
-        play_against(&mut rig, (0.04, 3.0), 0..FRAMES)
+        play_against(&mut rig, Ball { radius: 0.04, depth: 3.0 }, 0..FRAMES)
     };
     assert_eq!(of(Simd::Scalar), of(Simd::Portable));
     let fused = simds().filter(|s| !matches!(s, Simd::Scalar | Simd::Portable));

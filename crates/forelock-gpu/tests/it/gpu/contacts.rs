@@ -107,7 +107,8 @@ impl Compared {
     fn new(
         gpu: &Gpu,
         [params, other]: [&ContactParams; 2],
-        (solver, grid): (&AmsParams, Option<&GridParams>),
+        solver: &AmsParams,
+        grid: Option<&GridParams>,
         after: u32,
     ) -> Self {
         let wisps = Wisps::new(SIDE);
@@ -162,7 +163,7 @@ fn strands_touch_as_on_the_cpu() {
     let gpu = common::gpu();
     let (solver, usual) = (AmsParams::default(), ContactParams::default());
     for after in [2, 4, 8, 16] {
-        let own = Compared::new(&gpu, [&usual; 2], (&solver, None), after);
+        let own = Compared::new(&gpu, [&usual; 2], &solver, None, after);
         let [there, here] = own.did.map(|did| did.contacts);
         assert!(there > 1000 && there.abs_diff(here) < 4);
         assert!(own.given[0] > 0.02 && own.is_within(1e-3));
@@ -177,7 +178,7 @@ fn strands_touch_as_on_the_cpu() {
         ContactParams { per_segment: 3, ..usual.clone() },
     ] {
         println!("{params:?}");
-        let own = Compared::new(&gpu, [&params; 2], (&solver, None), 8);
+        let own = Compared::new(&gpu, [&params; 2], &solver, None, 8);
         assert!(own.is_within(2e-3));
         assert!(own.did[0].contacts.abs_diff(own.did[1].contacts) < 4);
     }
@@ -187,11 +188,11 @@ fn strands_touch_as_on_the_cpu() {
         AmsParams { inextensibility: Inextensibility::Dftl, ..AmsParams::default() },
     ] {
         // One contact may be there or not by a rounding.
-        assert!(Compared::new(&gpu, [&usual; 2], (&solver, None), 8).is_within(5e-3));
+        assert!(Compared::new(&gpu, [&usual; 2], &solver, None, 8).is_within(5e-3));
     }
     // On the grid two solvers find one pressure, each to its tolerance.
     let grid = GridParams::default();
-    assert!(Compared::new(&gpu, [&usual; 2], (&solver, Some(&grid)), 8).is_within(1e-2));
+    assert!(Compared::new(&gpu, [&usual; 2], &solver, Some(&grid), 8).is_within(1e-2));
 }
 
 /// Where there are more than there is a budget for, both keep as many, the fastest, and come to about the same.
@@ -201,13 +202,13 @@ fn a_budget_keeps_the_fastest() {
     let gpu = common::gpu();
     for budget in [64, 300, 2000] {
         let params = ContactParams { budget, ..ContactParams::default() };
-        let own = Compared::new(&gpu, [&params; 2], (&AmsParams::default(), None), 2);
+        let own = Compared::new(&gpu, [&params; 2], &AmsParams::default(), None, 2);
         let [there, here] = own.did.map(|did| did.contacts);
         assert!(there.abs_diff(here) < 6 + budget as usize / 16, "{there} {here}");
         assert!(own.is_within(0.1));
     }
     // Hair flies into each other so fast that single segments meet more than are taken up.
-    let own = Compared::new(&gpu, [&ContactParams::default(); 2], (&AmsParams::default(), None), 0);
+    let own = Compared::new(&gpu, [&ContactParams::default(); 2], &AmsParams::default(), None, 0);
     assert!(own.is_within(0.03));
 }
 
@@ -226,7 +227,7 @@ fn other_contacts_are_seen() {
         ContactParams { rounds: 12, ..usual.clone() },
         ContactParams { per_segment: 4, ..usual.clone() },
     ] {
-        let own = Compared::new(&gpu, [&usual, &other], (&AmsParams::default(), None), 8);
+        let own = Compared::new(&gpu, [&usual, &other], &AmsParams::default(), None, 8);
         assert!(!own.is_within(5e-3), "{other:?}");
     }
 }

@@ -57,13 +57,16 @@ fn on_head<'a>(shapes: &'a [(Shape, DVec3)], number: u32) -> Vec<ColliderFrame<'
     shapes.iter().map(solid).collect()
 }
 
+/// The surroundings of a run and its length.
+struct Among<'a> {
+    solids: &'a [(Shape, DVec3)],
+    wind: Option<&'a WindField>,
+    steps: u32,
+}
+
 /// Distance from the float64 CPU after `steps`, of the median strand or after one step of the worst, over its length: of the GPU, and of the float32 CPU.
-fn errors(
-    gpu: &Gpu,
-    strands: &Strands<'_, f32>,
-    params: [&DftlParams; 2],
-    (solids, wind, steps): (&[(Shape, DVec3)], Option<&WindField>, u32),
-) -> [f64; 2] {
+fn errors(gpu: &Gpu, strands: &Strands<'_, f32>, params: [&DftlParams; 2], among: Among<'_>) -> [f64; 2] {
+    let Among { solids, wind, steps } = among;
     let exact: Vec<[f64; 3]> = strands.positions.iter().map(|x| x.map(f64::from)).collect();
     let exact = Strands { positions: &exact, offsets: strands.offsets, stiffness: strands.stiffness };
     let mut own = GpuSimulation::from_strands(gpu, strands, params[0], &options()).unwrap();
@@ -121,7 +124,8 @@ fn any_count_of_strands_and_particles_in_every_schedule() {
                 let (positions, offsets) =
                     tuft(count, |strand| particles + if mixed { strand % 7 } else { 0 });
                 let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
-                let errors = errors(&gpu, &strands, [&params; 2], (&[], None, 4));
+                let errors =
+                    errors(&gpu, &strands, [&params; 2], Among { solids: &[], wind: None, steps: 4 });
                 assert!(is_close(errors), "{count} × {particles}, mixed {mixed}, {schedule:?}: {errors:?}");
             }
         }
@@ -148,9 +152,9 @@ fn every_parameter_is_felt() {
         DftlParams { clamped: 3, ..base.clone() },
     ];
     for params in &others {
-        let alike = errors(&gpu, &strands, [params; 2], (&[], None, 8));
+        let alike = errors(&gpu, &strands, [params; 2], Among { solids: &[], wind: None, steps: 8 });
         assert!(is_close(alike), "{params:?}: {alike:?}");
-        let off = errors(&gpu, &strands, [params, &base], (&[], None, 8));
+        let off = errors(&gpu, &strands, [params, &base], Among { solids: &[], wind: None, steps: 8 });
         assert!(!is_close(off) && off[0] > 1e-4, "{params:?} is not seen: {off:?}");
     }
 }
@@ -176,7 +180,7 @@ fn solids_are_met_as_on_the_cpu() {
         {
             let params = DftlParams { recheck, schedule, ..DftlParams::default() };
             for steps in [1, 12] {
-                let errors = errors(&gpu, &strands, [&params; 2], (solids, None, steps));
+                let errors = errors(&gpu, &strands, [&params; 2], Among { solids, wind: None, steps });
                 println!("scene {number}, recheck {recheck}, {schedule:?}, {steps} steps: {errors:?}");
                 // A strand that solids hold by a hair's breadth falls to either side.
                 assert!(is_close(errors) || (steps > 1 && errors[0] < 1e-3), "{errors:?}");
@@ -195,10 +199,15 @@ fn a_wind_with_turbulence_blows_as_on_the_cpu() {
     let wind = Wind::new(&params).unwrap().at(0.3);
     for schedule in SCHEDULES {
         let params = DftlParams { schedule, ..DftlParams::default() };
-        let errors = errors(&gpu, &strands, [&params; 2], (&[], Some(&wind), 8));
+        let errors = errors(&gpu, &strands, [&params; 2], Among { solids: &[], wind: Some(&wind), steps: 8 });
         assert!(is_close(errors), "{schedule:?}: {errors:?}");
         let still = DftlParams { drag: 0.0, ..params.clone() };
-        let off = self::errors(&gpu, &strands, [&params, &still], (&[], Some(&wind), 8));
+        let off = self::errors(
+            &gpu,
+            &strands,
+            [&params, &still],
+            Among { solids: &[], wind: Some(&wind), steps: 8 },
+        );
         assert!(off[0] > 1e-3, "{off:?}");
     }
 }
