@@ -7,7 +7,9 @@
 
 use forelock_core::air::WindField;
 use forelock_core::body::ColliderFrame;
-use forelock_core::frame::{ContactReport, Frame, FramePlan, FrameReport, GridReport, PlannedStep, Step};
+use forelock_core::frame::{
+    CHECK, ContactReport, Frame, FramePlan, FrameReport, GridReport, PlannedStep, Step,
+};
 use forelock_core::interaction::contact::{self, ContactParams};
 use forelock_core::interaction::grid::{self, GridParams};
 use forelock_core::interaction::sph::{self, SphParams};
@@ -256,9 +258,10 @@ impl Device {
         wind: Option<&WindField>,
         simulation: &mut Simulation,
     ) -> Result<FrameReport, PlayerError> {
-        let from = self.from.name();
-        let own = self.simulation_mut()?;
         let plan = simulation.plan().clone();
+        // Where the plan lacks the stage, the next one that it has.
+        let from = plan.stages().into_iter().find(|stage| self.from.is_up_to(stage)).unwrap_or(CHECK);
+        let own = self.simulation_mut()?;
         let solver_collides = simulation.solver().rules().solver_collides;
         let collides = |own: &&PlannedStep| own.step.collides(solver_collides);
         let last_collision = plan.steps().iter().rfind(collides).map(|own| own.step);
