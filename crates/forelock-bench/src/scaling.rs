@@ -18,7 +18,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use forelock_core::body::{ColliderFrame, Head, Motion, Sdf, Shape};
-use forelock_core::frame::Frame;
+use forelock_core::frame::FrameInput;
 use forelock_core::groom::Groom;
 use forelock_core::groom::grow::{GrowParams, grow_on_head};
 use forelock_core::interaction::contact::ContactParams;
@@ -170,12 +170,12 @@ impl Scene {
         let [from, to] = head;
         let colliders =
             [ColliderFrame { shape: &self.shape, local: Pose::IDENTITY, from, to, friction: 0.3 }];
-        let frame = Frame {
-            head,
+        let frame = FrameInput {
+            roots: head.into(),
             colliders: &colliders,
             gravity: GRAVITY,
-            air_velocity: DVec3::ZERO,
             dt_secs: 1.0 / FPS,
+            ..FrameInput::default()
         };
         match on {
             On::Gpu(simulation) => simulation.step_frame(&frame)?,

@@ -6,7 +6,7 @@
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use forelock_core::body::{ColliderFrame, Head, Sdf, Shape};
-use forelock_core::frame::Frame;
+use forelock_core::frame::FrameInput;
 use forelock_core::groom::grow::{GrowParams, grow_on_head};
 use forelock_core::groom::{Groom, resample};
 use forelock_core::lane::Simd;
@@ -50,12 +50,12 @@ fn bench_frame(c: &mut Criterion, name: &str, params: &AmsParams, simd: Simd, so
                 to: head[1],
                 friction: 0.3,
             });
-            let frame = Frame {
-                head,
+            let frame = FrameInput {
+                roots: head.into(),
                 colliders: collider.as_slice(),
                 gravity: GRAVITY,
-                air_velocity: DVec3::ZERO,
                 dt_secs: 1.0 / 60.0,
+                ..FrameInput::default()
             };
             black_box(simulation.step_frame(&frame).expect("a frame that can be stepped"))
         });

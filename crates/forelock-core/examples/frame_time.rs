@@ -9,7 +9,7 @@
 #![expect(clippy::print_stdout, reason = "an example that measures says what")]
 
 use forelock_core::body::{ColliderFrame, Head, Motion, Sdf, Shape};
-use forelock_core::frame::{Frame, FrameReport};
+use forelock_core::frame::{Air, FrameInput, FrameReport};
 use forelock_core::groom::grow::{GrowParams, grow_on_head};
 use forelock_core::interaction::contact::ContactParams;
 use forelock_core::interaction::grid::GridParams;
@@ -108,12 +108,13 @@ fn run(
             };
             let air_velocity = DVec3::ZERO;
             let clock = Instant::now();
-            last = simulation.step_frame(&Frame {
-                head,
+            last = simulation.step_frame(&FrameInput {
+                roots: head.into(),
                 colliders: &[collider],
                 gravity,
-                air_velocity,
+                air: Air::uniform(air_velocity),
                 dt_secs,
+                ..FrameInput::default()
             })?;
             *least = least.min(clock.elapsed().as_secs_f64() * 1e3);
             for (name, secs) in last.stages.iter() {

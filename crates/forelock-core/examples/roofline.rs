@@ -8,7 +8,7 @@
 #![expect(clippy::print_stdout, reason = "an example that measures says what")]
 
 use bytemuck::{Pod, Zeroable};
-use forelock_core::frame::Frame;
+use forelock_core::frame::FrameInput;
 use forelock_core::lane::Simd;
 use forelock_core::lane::peak::multiply_adds_per_sec;
 use forelock_core::lane::{LANES, Lane, Row};
@@ -182,7 +182,7 @@ fn time_solve() -> Result<f64, Box<dyn std::error::Error + Send + Sync>> {
         let pose = |f: f64| Pose::new(glam::DQuat::from_rotation_y(0.3 * (0.1 * f).sin()), DVec3::ZERO);
         let head = [pose(f64::from(frame)), pose(f64::from(frame + 1))];
         let frame =
-            Frame { head, colliders: &[], gravity: GRAVITY, air_velocity: DVec3::ZERO, dt_secs: 1.0 / 60.0 };
+            FrameInput { roots: head.into(), gravity: GRAVITY, dt_secs: 1.0 / 60.0, ..FrameInput::default() };
         let report = simulation.step_frame(&frame)?;
         least = least.min(report.stages.get("solve_strands") / f64::from(params.substeps));
     }

@@ -3,7 +3,7 @@
 //! Players, windows and engines hold a `Box<dyn Simulator>` and need not know where it computes.
 //!
 //! ```
-//! use forelock_core::frame::Frame;
+//! use forelock_core::frame::FrameInput;
 //! use forelock_core::groom::Groom;
 //! use forelock_core::pose::Pose;
 //! use forelock_core::simulation::{Options, Simulation, Teleport};
@@ -18,16 +18,15 @@
 //! let head = [Pose::IDENTITY; 2];
 //! let gravity = DVec3::new(0.0, -9.81, 0.0);
 //! let still =
-//!     Frame { head, colliders: &[], gravity, air_velocity: DVec3::ZERO, dt_secs: 1.0 / 60.0 };
-//! simulator.step(&still, None)?;
+//!     FrameInput { roots: head.into(), gravity, dt_secs: 1.0 / 60.0, ..FrameInput::default() };
+//! simulator.step(&still)?;
 //! let there = Pose { translation: DVec3::X, ..Pose::IDENTITY };
 //! simulator.teleport(&Pose::IDENTITY, &there, Teleport::CarryShape)?;
 //! assert!((simulator.positions()?.host().unwrap()[0].x - 1.0).abs() < 1e-6);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-use crate::air::WindField;
-use crate::frame::{Frame, FramePlan, FrameReport, Solver};
+use crate::frame::{FrameInput, FramePlan, FrameReport, Solver};
 use crate::groom::Groom;
 use crate::groom::edit::Source;
 use crate::params::ParamsError;
@@ -78,12 +77,11 @@ impl<'a> Positions<'a> {
 
 /// Something that moves the strands of a groom frame by frame.
 pub trait Simulator: Debug + Send {
-    /// Advances by a frame, in a `wind` that is not the same everywhere if there is one, to which
-    /// the frame's air velocity is added. A device reports when it has finished the frame.
+    /// Advances by a frame. A device reports when it has finished the frame.
     ///
     /// # Errors
     /// [`SimulatorError::Params`] or [`SimulatorError::Device`].
-    fn step(&mut self, frame: &Frame<'_>, wind: Option<&WindField>) -> Result<FrameReport, SimulatorError>;
+    fn step(&mut self, frame: &FrameInput<'_>) -> Result<FrameReport, SimulatorError>;
 
     /// The positions after the last frame, where they are: a device does not copy them.
     ///
@@ -158,8 +156,8 @@ impl HostPositions {
 }
 
 impl Simulator for HostPositions {
-    fn step(&mut self, frame: &Frame<'_>, wind: Option<&WindField>) -> Result<FrameReport, SimulatorError> {
-        Ok(self.simulation.step_frame_in(frame, wind)?)
+    fn step(&mut self, frame: &FrameInput<'_>) -> Result<FrameReport, SimulatorError> {
+        Ok(self.simulation.step_frame(frame)?)
     }
 
     fn positions(&mut self) -> Result<Positions<'_>, SimulatorError> {

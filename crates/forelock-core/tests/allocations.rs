@@ -4,7 +4,7 @@
 #![expect(clippy::unwrap_used, reason = "in a test a failure to build is a failure of the test")]
 
 use forelock_core::body::{ColliderFrame, Shape};
-use forelock_core::frame::Frame;
+use forelock_core::frame::{Air, FrameInput};
 use forelock_core::groom::Groom;
 use forelock_core::groom::guides::Skinning;
 use forelock_core::interaction::grid::GridParams;
@@ -59,7 +59,14 @@ fn allocations_of_frames(solver: &Solver<f32>, grid: Option<&GridParams>, sph: O
         let colliders = [ColliderFrame { shape: &shape, local, from: head[0], to: head[1], friction: 0.3 }];
         let air_velocity = DVec3::ZERO;
         let before = ALLOCATIONS.load(Ordering::SeqCst);
-        let frame_of = Frame { head, colliders: &colliders, gravity, air_velocity, dt_secs: 1.0 / 60.0 };
+        let frame_of = FrameInput {
+            roots: head.into(),
+            colliders: &colliders,
+            gravity,
+            air: Air::uniform(air_velocity),
+            dt_secs: 1.0 / 60.0,
+            ..FrameInput::default()
+        };
         let report = simulation.step_frame(&frame_of).unwrap();
         if frame >= 50 {
             counted += ALLOCATIONS.load(Ordering::SeqCst) - before;

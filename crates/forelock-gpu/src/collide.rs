@@ -8,7 +8,7 @@ use bytemuck::{Pod, Zeroable};
 use forelock_core::body::{ColliderFrame, SHAPES_WGSL, Sdf, Shape};
 use forelock_core::collide::resolve_solids::{self, SolidMotion};
 use forelock_core::frame::FrameRules;
-use forelock_core::frame::{Frame, fractions};
+use forelock_core::frame::{FrameInput, fractions};
 use forelock_core::pose::Pose;
 use glam::{DMat4, DVec2, DVec3, Mat4, UVec3, Vec2, Vec3};
 use std::sync::Arc;
@@ -217,7 +217,7 @@ pub struct QueryUniform {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SolidFrame<'a> {
     /// The frame.
-    pub frame: &'a Frame<'a>,
+    pub frame: &'a FrameInput<'a>,
     /// The origin of positions.
     pub origin: DVec3,
     /// Whether solids are queried once more at the frame's end.

@@ -10,8 +10,7 @@ use crate::interaction::grid::GridStep;
 use crate::kernel::DispatchList;
 use crate::solver::{SolveBatch, dftl};
 use crate::uniforms::{FrameUniform, SubstepUniform};
-use forelock_core::air::WindField;
-use forelock_core::frame::{Exchange, Frame, Phase, PlannedStep, Step};
+use forelock_core::frame::{Exchange, FrameInput, Phase, PlannedStep, Step};
 use forelock_core::interaction::grid::GridFrame;
 use forelock_core::interaction::{contact, grid, sph};
 use forelock_core::pose::Pose;
@@ -161,23 +160,19 @@ impl GpuSimulation {
         }
     }
 
-    /// Writes the uniforms of a frame, before `steps` of it. Returns what shelters from the `wind`,
-    /// if it is a field.
-    pub(crate) fn write_frame(
-        &mut self,
-        frame: &Frame<'_>,
-        wind: Option<&WindField>,
-        steps: &[PlannedStep],
-    ) -> Option<Shelter> {
+    /// Writes the uniforms of a frame, before `steps` of it. Returns what shelters from the wind, if
+    /// it is a field.
+    pub(crate) fn write_frame(&mut self, frame: &FrameInput<'_>, steps: &[PlannedStep]) -> Option<Shelter> {
         let origin = frame.origin(&self.model);
-        let start = self.model.about_centre(&frame.head[0], self.origin);
+        let start = self.model.about_centre(&frame.roots.head()[0], self.origin);
         let shift = self.origin - origin;
         // Positions move there in the first substep.
         if begins(steps) {
             self.origin = origin;
         }
-        let mut uniform = FrameUniform::new(&self.rules, frame.dt_secs, frame.gravity, frame.air_velocity);
+        let mut uniform = FrameUniform::new(&self.rules, frame.dt_secs, frame.gravity, frame.air.velocity);
         self.kernels.write_terms(frame.dt_secs, &mut uniform);
+        let wind = frame.air.field;
         if wind.is_some() {
             uniform = uniform.in_wind();
         }

@@ -12,7 +12,7 @@ use crate::solver::{self, GpuSolver};
 use crate::{Gpu, GpuError};
 use forelock_core::air::WindField;
 use forelock_core::body::ColliderFrame;
-use forelock_core::frame::{Exchange, Frame, FramePlan, FrameRules, PlannedStep, Solver};
+use forelock_core::frame::{Air, Exchange, FrameInput, FramePlan, FrameRules, PlannedStep, Solver};
 use forelock_core::groom::Groom;
 use forelock_core::interaction::contact::ContactParams;
 use forelock_core::interaction::grid::GridParams;
@@ -298,18 +298,9 @@ impl GpuSimulation {
     /// [`GpuError::Params`] if time step and stiffness are beyond float32,
     /// [`GpuError::Unsupported`] for what only the CPU supports, [`GpuError::Failed`] if the device
     /// has failed.
-    pub fn step_frame(&mut self, frame: &Frame<'_>) -> Result<(), GpuError> {
-        self.step_frame_in(frame, None)
-    }
-
-    /// The same in a wind field, to which the frame's air velocity is added. The first such frame
-    /// makes its buffers.
-    ///
-    /// # Errors
-    /// As [`GpuSimulation::step_frame`].
-    pub fn step_frame_in(&mut self, frame: &Frame<'_>, wind: Option<&WindField>) -> Result<(), GpuError> {
+    pub fn step_frame(&mut self, frame: &FrameInput<'_>) -> Result<(), GpuError> {
         let steps = self.plan.steps().to_vec();
-        self.step_part(frame, wind, &steps)
+        self.step_part(frame, &steps)
     }
 
     /// Records a frame into the caller's `encoder`, for an engine that submits its own work: the
@@ -322,11 +313,10 @@ impl GpuSimulation {
     pub fn encode(
         &mut self,
         encoder: &mut wgpu::CommandEncoder,
-        frame: &Frame<'_>,
-        wind: Option<&WindField>,
+        frame: &FrameInput<'_>,
     ) -> Result<(), GpuError> {
         let steps = self.plan.steps().to_vec();
-        self.encode_part(encoder, frame, wind, &steps)
+        self.encode_part(encoder, frame, &steps)
     }
 
     /// Some steps of a frame ([`GpuSimulation::plan`]), in their order, if the CPU runs the others;
@@ -334,14 +324,9 @@ impl GpuSimulation {
     ///
     /// # Errors
     /// As [`GpuSimulation::step_frame`].
-    pub fn step_part(
-        &mut self,
-        frame: &Frame<'_>,
-        wind: Option<&WindField>,
-        steps: &[PlannedStep],
-    ) -> Result<(), GpuError> {
+    pub fn step_part(&mut self, frame: &FrameInput<'_>, steps: &[PlannedStep]) -> Result<(), GpuError> {
         let mut encoder = self.gpu.device().create_command_encoder(&Default::default());
-        self.encode_part(&mut encoder, frame, wind, steps)?;
+        self.encode_part(&mut encoder, frame, steps)?;
         self.gpu.queue().submit([encoder.finish()]);
         Ok(())
     }
@@ -349,21 +334,21 @@ impl GpuSimulation {
     fn encode_part(
         &mut self,
         encoder: &mut wgpu::CommandEncoder,
-        frame: &Frame<'_>,
-        wind: Option<&WindField>,
+        frame: &FrameInput<'_>,
         steps: &[PlannedStep],
     ) -> Result<(), GpuError> {
         self.gpu.check()?;
         self.solver.validate_step(frame.dt_secs, self.options.beyond_float32)?;
         self.hold(frame.colliders)?;
-        let air_velocity = wind.map_or(DVec3::ZERO, |wind| wind.mean) + frame.air_velocity;
-        let wind =
-            wind.map(|wind| WindField { mean: air_velocity, ..*wind }).filter(|wind| !wind.is_uniform());
+        let Air { velocity, field } = frame.air;
+        let velocity = field.map_or(DVec3::ZERO, |wind| wind.mean) + velocity;
+        let wind = field.map(|wind| WindField { mean: velocity, ..*wind }).filter(|wind| !wind.is_uniform());
         if wind.is_some() && self.air.is_none() {
             self.air = Some(DeviceAir::new(&self.gpu, self.strands()));
             self.rebind()?;
         }
-        let shelter = self.write_frame(&Frame { air_velocity, ..*frame }, wind.as_ref(), steps);
+        let shelter =
+            self.write_frame(&FrameInput { air: Air { velocity, field: wind.as_ref() }, ..*frame }, steps);
         self.positions.origin = self.origin;
         self.record_steps(encoder, steps, SolidKinds::of(frame.colliders), shelter);
         Ok(())

@@ -5,8 +5,7 @@ use crate::report::to_frame_report;
 use crate::simulation::Packed;
 use crate::solver;
 use crate::{GpuError, GpuSimulation};
-use forelock_core::air::WindField;
-use forelock_core::frame::{Frame, FramePlan, FrameReport, Solver};
+use forelock_core::frame::{FrameInput, FramePlan, FrameReport, Solver};
 use forelock_core::groom::Groom;
 use forelock_core::groom::edit::Source;
 use forelock_core::pose::Pose;
@@ -106,8 +105,8 @@ impl From<GpuError> for SimulatorError {
 }
 
 impl Simulator for GpuSimulation {
-    fn step(&mut self, frame: &Frame<'_>, wind: Option<&WindField>) -> Result<FrameReport, SimulatorError> {
-        self.step_frame_in(frame, wind)?;
+    fn step(&mut self, frame: &FrameInput<'_>) -> Result<FrameReport, SimulatorError> {
+        self.step_frame(frame)?;
         Ok(to_frame_report(&self.report()?))
     }
 

@@ -7,7 +7,7 @@ use forelock_core::params::Inextensibility;
 use forelock_core::pose::Pose;
 use glam::{DMat4, DVec3, Mat4, Vec3};
 
-/// Coefficients of a frame: `Frame` in `prelude.wgsl`.
+/// Coefficients of a frame: `FrameInput` in `prelude.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct FrameUniform {

@@ -5,10 +5,9 @@
 //! positions, snapshots and hashes come from that. A snapshot of one continues on the other; bits
 //! are equal on the same device only.
 
-use forelock_core::air::WindField;
 use forelock_core::body::ColliderFrame;
 use forelock_core::frame::{
-    CHECK, ContactReport, Frame, FramePlan, FrameReport, GridReport, PlannedStep, Step,
+    CHECK, ContactReport, FrameInput, FramePlan, FrameReport, GridReport, PlannedStep, Step,
 };
 use forelock_core::interaction::contact::{self, ContactParams};
 use forelock_core::interaction::grid::{self, GridParams};
@@ -221,15 +220,14 @@ impl Device {
     /// Steps a frame, and brings the state to `simulation`.
     pub(crate) fn step(
         &mut self,
-        frame: &Frame<'_>,
-        wind: Option<&WindField>,
+        frame: &FrameInput<'_>,
         simulation: &mut Simulation,
     ) -> Result<FrameReport, PlayerError> {
         if self.is_mixed() {
-            return self.step_mixed(frame, wind, simulation);
+            return self.step_mixed(frame, simulation);
         }
         let own = self.simulation_mut()?;
-        own.step_frame_in(frame, wind)?;
+        own.step_frame(frame)?;
         let (report, state) = own.report_and_state()?;
         simulation.state_mut().take(state);
         self.frame_secs = report.secs.as_ref().map(|secs| secs.whole);
@@ -240,12 +238,11 @@ impl Device {
     /// simulation is where it was before the frame.
     fn step_mixed(
         &mut self,
-        frame: &Frame<'_>,
-        wind: Option<&WindField>,
+        frame: &FrameInput<'_>,
         simulation: &mut Simulation,
     ) -> Result<FrameReport, PlayerError> {
         let before = simulation.snapshot();
-        let stepped = self.step_by_step(frame, wind, simulation);
+        let stepped = self.step_by_step(frame, simulation);
         if stepped.is_err() {
             simulation.restore(&before)?;
         }
@@ -254,8 +251,7 @@ impl Device {
 
     fn step_by_step(
         &mut self,
-        frame: &Frame<'_>,
-        wind: Option<&WindField>,
+        frame: &FrameInput<'_>,
         simulation: &mut Simulation,
     ) -> Result<FrameReport, PlayerError> {
         let plan = simulation.plan().clone();
@@ -268,7 +264,7 @@ impl Device {
         let mut sum = FrameReport::default();
         for (on_cpu, part) in plan.split_at(from) {
             if !on_cpu {
-                own.step_part(frame, wind, part)?;
+                own.step_part(frame, part)?;
                 let (report, state) = own.report_and_state()?;
                 simulation.state_mut().take(state);
                 let mut report = to_frame_report(&report);
@@ -285,7 +281,7 @@ impl Device {
                 continue;
             }
             for step in part {
-                let mut report = simulation.step_part(frame, wind, std::slice::from_ref(step))?;
+                let mut report = simulation.step_part(frame, std::slice::from_ref(step))?;
                 // Contacts are reported from the final collision pass.
                 if Some(step.step) != last_collision {
                     (report.touching, report.max_penetration_m) = (0, 0.0);

@@ -14,7 +14,7 @@
 use std::ops::Range;
 use std::time::Instant;
 
-use forelock_core::frame::Frame;
+use forelock_core::frame::{FrameInput, Roots};
 use forelock_core::groom::Groom;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::{Options, Simulation};
@@ -187,12 +187,11 @@ fn size_row(
     let params = DftlParams { drag: 0.0, ..DftlParams::default() };
     let at_rest = Options { rest_gravity: DVec3::new(0.0, -9.81, 0.0), ..Options::default() };
     let head = |step: u32| Pose::new(DQuat::from_rotation_y(0.02 * f64::from(step)), DVec3::ZERO);
-    let frame = |step: u32| Frame {
-        head: [head(step), head(step + 1)],
-        colliders: &[],
+    let frame = |step: u32| FrameInput {
+        roots: Roots::Rigid([head(step), head(step + 1)]),
         gravity: at_rest.rest_gravity,
-        air_velocity: DVec3::ZERO,
         dt_secs: STATED_STEP_SECS,
+        ..FrameInput::default()
     };
     let mut runs: Vec<(&'static str, Run<'_>)> = Vec::new();
     if let Some(gpu) = gpu {

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use forelock_core::frame::Frame;
+use forelock_core::frame::{Air, FrameInput};
 use forelock_core::groom::Groom;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::{Options, Simulation};
@@ -72,7 +72,13 @@ fn ridden(load: f64, substeps: u32) -> Result<Ridden, BenchError> {
         for frame in 0..450 {
             let head = [frame, frame + 1].map(|frame| ride(load, f64::from(frame) * dt_secs));
             let air_velocity = DVec3::ZERO;
-            simulation.step_frame(&Frame { head, colliders: &[], gravity, air_velocity, dt_secs })?;
+            simulation.step_frame(&FrameInput {
+                roots: head.into(),
+                gravity,
+                air: Air::uniform(air_velocity),
+                dt_secs,
+                ..FrameInput::default()
+            })?;
         }
         let mut positions = Vec::new();
         simulation.positions(&mut positions);

@@ -18,7 +18,7 @@
 //!
 //! # Practice
 //! [`Wind::new`] draws the random numbers once; [`Wind::at`] returns the wind at one time as a
-//! plain value, which [`Simulation::step_frame_in`](crate::simulation::Simulation::step_frame_in)
+//! plain value, which [`Air::field`](crate::frame::Air::field)
 //! takes. The solver evaluates it once a frame at every particle. The same seed gives the same wind
 //! on every machine and for any number of threads.
 //!

@@ -1,38 +1,122 @@
 //! What a simulation is given for one frame.
 
+use crate::air::WindField;
 use crate::body::ColliderFrame;
 use crate::pose::Pose;
 use crate::strands::Model;
-use glam::DVec3;
+use glam::{DVec3, Vec3};
+use std::fmt;
 
-/// The surroundings of one frame: where the head and the colliders are at its start and end, and
-/// what accelerates hair.
+/// The surroundings of one frame: where roots and colliders are at its start and end, and what
+/// accelerates hair. The default is a head at rest in still air, without gravity, for 1/60 s.
 #[derive(Clone, Copy, Debug)]
-pub struct Frame<'a> {
-    /// The head's pose at the frame's start and end.
-    pub head: [Pose; 2],
+pub struct FrameInput<'a> {
+    /// Poses of the roots, and with them of the rest shape, at the frame's start and end.
+    pub roots: Roots,
     /// Colliders.
     pub colliders: &'a [ColliderFrame<'a>],
     /// Gravity, m/s².
     pub gravity: DVec3,
-    /// Velocity of the air, m/s.
-    pub air_velocity: DVec3,
+    /// The air.
+    pub air: Air<'a>,
+    /// Acceleration beside gravity.
+    pub acceleration: Acceleration<'a>,
     /// Length of the frame, seconds.
     pub dt_secs: f64,
 }
 
-impl Frame<'_> {
+impl Default for FrameInput<'_> {
+    fn default() -> Self {
+        Self {
+            roots: Roots::Rigid([Pose::IDENTITY; 2]),
+            colliders: &[],
+            gravity: DVec3::ZERO,
+            air: Air::default(),
+            acceleration: Acceleration::None,
+            dt_secs: 1.0 / 60.0,
+        }
+    }
+}
+
+/// The motion of roots during a frame: poses at its start and end.
+#[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
+pub enum Roots {
+    /// All roots are on one rigid head.
+    Rigid([Pose; 2]),
+}
+
+impl Roots {
+    /// The head's pose at the frame's start and end.
+    pub fn head(&self) -> &[Pose; 2] {
+        let Self::Rigid(head) = self;
+        head
+    }
+}
+
+impl From<[Pose; 2]> for Roots {
+    fn from(head: [Pose; 2]) -> Self {
+        Self::Rigid(head)
+    }
+}
+
+/// The air during a frame.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Air<'a> {
+    /// Velocity of all air, m/s.
+    pub velocity: DVec3,
+    /// A wind that differs from place to place; `velocity` is added to it.
+    pub field: Option<&'a WindField>,
+}
+
+impl Air<'_> {
+    /// Air that moves with one `velocity` everywhere, m/s.
+    pub fn uniform(velocity: DVec3) -> Self {
+        Self { velocity, field: None }
+    }
+}
+
+/// Acceleration of particles beside gravity, m/s², world axes. It is sampled at the frame's start and
+/// adds h a to the velocity of a particle in each substep of h seconds, whatever its mass. Clamped
+/// particles follow the head all the same.
+#[derive(Clone, Copy, Default)]
+pub enum Acceleration<'a> {
+    /// None.
+    #[default]
+    None,
+    /// Of each particle, `[P]`, in the groom's order.
+    PerParticle(&'a [Vec3]),
+    /// A function of the place in the world, metres. A CPU calls it for every particle. A GPU calls it
+    /// at the nodes of a lattice around the hair ([`LATTICE`] cells a side) and interpolates linearly.
+    Field(&'a (dyn Fn(DVec3) -> DVec3 + Sync)),
+}
+
+/// Cells a side of the lattice on which a GPU samples [`Acceleration::Field`].
+pub const LATTICE: u32 = 16;
+
+impl fmt::Debug for Acceleration<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::None => "None",
+            Self::PerParticle(_) => "PerParticle(..)",
+            Self::Field(_) => "Field(..)",
+        })
+    }
+}
+
+impl FrameInput<'_> {
     /// The point of the world that positions are relative to in this frame: where the head's pose at
     /// the end takes the centre of `model`.
     pub fn origin<T>(&self, model: &Model<T>) -> DVec3 {
-        self.head[1].transform_point(model.centre.into())
+        self.roots.head()[1].transform_point(model.centre.into())
     }
 
     /// Maps from the rest shape to positions relative to `origin`, at the start of each substep and at
     /// the end of the last: `substeps + 1` poses.
     pub fn poses<T>(&self, model: &Model<T>, substeps: u32, origin: DVec3) -> impl Iterator<Item = Pose> {
+        let [from, to] = *self.roots.head();
         (0..=substeps).map(move |step| {
-            let head = self.head[0].interpolate(&self.head[1], f64::from(step) / f64::from(substeps));
+            let head = from.interpolate(&to, f64::from(step) / f64::from(substeps));
             model.about_centre(&head, origin)
         })
     }

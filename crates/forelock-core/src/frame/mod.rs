@@ -20,7 +20,7 @@ pub use context::{FrameContext, Substep};
 pub(crate) use crew::Crew;
 pub(crate) use exchange::shared_secs;
 pub use exchange::{ExchangeContext, Interaction, with_motion};
-pub use input::{Frame, fractions};
+pub use input::{Acceleration, Air, FrameInput, LATTICE, Roots, fractions};
 pub use plan::{CHECK, COLLIDE, Exchange, FramePlan, LENGTHS, Moves, Phase, PlannedStep, Step};
 pub use report::{BlockNanos, BlockReport, ContactReport, FrameReport, GridReport, SphReport, StageTimes};
 pub use rules::{Channels, FrameRules, StepRate};

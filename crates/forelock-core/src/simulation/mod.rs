@@ -7,8 +7,9 @@ mod step;
 pub use crate::strands::Teleport;
 pub use regroom::{RegroomError, Regroomed, regroom};
 
-use crate::air::WindField;
-use crate::frame::{Exchange, Frame, FramePlan, FrameReport, Interaction, PlannedStep, Solver, SolverReal};
+use crate::frame::{
+    Exchange, FrameInput, FramePlan, FrameReport, Interaction, PlannedStep, Solver, SolverReal,
+};
 use crate::groom::Groom;
 use crate::interaction::contact::{ContactInteraction, ContactParams};
 use crate::interaction::grid::{GridInteraction, GridParams};
@@ -85,8 +86,7 @@ pub trait SimulationReal: SolverReal + SearchReal {
     #[doc(hidden)]
     fn run_steps(
         simulation: &mut Simulation<Self>,
-        frame: &Frame<'_>,
-        wind: Option<&WindField>,
+        frame: &FrameInput<'_>,
         steps: &[PlannedStep],
     ) -> Result<FrameReport, ParamsError>;
 }
@@ -117,11 +117,10 @@ macro_rules! simulation_real {
             #[inline(never)]
             fn run_steps(
                 simulation: &mut Simulation<Self>,
-                frame: &Frame<'_>,
-                wind: Option<&WindField>,
+                frame: &FrameInput<'_>,
                 steps: &[PlannedStep],
             ) -> Result<FrameReport, ParamsError> {
-                simulation.run(frame, wind, steps)
+                simulation.run(frame, steps)
             }
         }
     };
@@ -276,22 +275,10 @@ impl<T: SimulationReal> Simulation<T> {
     /// # Errors
     /// [`ParamsError`] if the frame's time and stiffness are beyond float32, or the time is not
     /// positive.
-    pub fn step_frame(&mut self, frame: &Frame<'_>) -> Result<FrameReport, ParamsError> {
-        self.step_frame_in(frame, None)
-    }
-
-    /// [`Simulation::step_frame`] in a wind field; the frame's air velocity is added to it.
-    ///
-    /// # Errors
-    /// As [`Simulation::step_frame`].
-    pub fn step_frame_in(
-        &mut self,
-        frame: &Frame<'_>,
-        wind: Option<&WindField>,
-    ) -> Result<FrameReport, ParamsError> {
+    pub fn step_frame(&mut self, frame: &FrameInput<'_>) -> Result<FrameReport, ParamsError> {
         // Moved out during the frame, without an allocation.
         let plan = std::mem::take(&mut self.plan);
-        let report = T::run_steps(self, frame, wind, plan.steps());
+        let report = T::run_steps(self, frame, plan.steps());
         self.plan = plan;
         report
     }
@@ -305,11 +292,10 @@ impl<T: SimulationReal> Simulation<T> {
     /// As [`Simulation::step_frame`].
     pub fn step_part(
         &mut self,
-        frame: &Frame<'_>,
-        wind: Option<&WindField>,
+        frame: &FrameInput<'_>,
         steps: &[PlannedStep],
     ) -> Result<FrameReport, ParamsError> {
-        T::run_steps(self, frame, wind, steps)
+        T::run_steps(self, frame, steps)
     }
 
     /// The model.
@@ -353,7 +339,7 @@ impl<T: SimulationReal> Simulation<T> {
 
     /// Share of the wind that reaches each particle, 0 to 1, a row a place of the model; 1 by
     /// default. For callers that compute the shelter of hair themselves. It affects wind fields
-    /// only ([`Simulation::step_frame_in`]).
+    /// only ([`Air::field`](crate::frame::Air::field)).
     pub fn air_exposure(&mut self) -> &mut [Row<T>] {
         let places = self.model.places();
         self.workspace.exposure.resize(places, Row([T::one(); LANES]));

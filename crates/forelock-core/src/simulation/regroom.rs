@@ -225,7 +225,7 @@ mod tests {
     use glam::Vec3;
 
     use super::*;
-    use crate::frame::Frame;
+    use crate::frame::{Air, FrameInput};
     use crate::groom::edit::{Curl, Density, Edit, Lengthen, Mirror, Operation, Trim};
     use crate::simulation::Options;
     use crate::solver::AmsParams;
@@ -246,7 +246,13 @@ mod tests {
     fn step(simulation: &mut Simulation, frames: u32) {
         let head = [Pose::IDENTITY; 2];
         let air_velocity = DVec3::ZERO;
-        let frame = Frame { head, colliders: &[], gravity: GRAVITY, air_velocity, dt_secs: 1.0 / 60.0 };
+        let frame = FrameInput {
+            roots: head.into(),
+            gravity: GRAVITY,
+            air: Air::uniform(air_velocity),
+            dt_secs: 1.0 / 60.0,
+            ..FrameInput::default()
+        };
         for _ in 0..frames {
             assert_eq!(simulation.step_frame(&frame).unwrap().quarantined_strands, 0);
         }

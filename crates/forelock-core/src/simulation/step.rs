@@ -5,7 +5,7 @@ use crate::air::sample_air::AirTerms;
 use crate::air::{Canopy, PlacedHair, Wake, WindField};
 use crate::collide::resolve_solids::SolidPose;
 use crate::frame::{
-    BlockReport, Crew, ExchangeContext, Frame, FrameContext, FrameReport, Interaction, PlannedStep,
+    BlockReport, Crew, ExchangeContext, FrameContext, FrameInput, FrameReport, Interaction, PlannedStep,
     SolverReal, Step, fractions,
 };
 use crate::lane::Row;
@@ -65,7 +65,7 @@ impl<T: SolverReal> Workspace<T> {
     }
 
     /// Poses of head and colliders at the substeps, relative to `origin`.
-    fn place(&mut self, frame: &Frame<'_>, substeps: u32, model: &Model<T>, origin: DVec3) {
+    fn place(&mut self, frame: &FrameInput<'_>, substeps: u32, model: &Model<T>, origin: DVec3) {
         self.poses.clear();
         self.poses.extend(frame.poses(model, substeps, origin));
         self.solid_poses.clear();
@@ -94,8 +94,7 @@ impl<T: SimulationReal> Simulation<T> {
     /// Runs `steps` of a frame.
     pub(super) fn run(
         &mut self,
-        frame: &Frame<'_>,
-        wind: Option<&WindField>,
+        frame: &FrameInput<'_>,
         steps: &[PlannedStep],
     ) -> Result<FrameReport, ParamsError> {
         let beyond_float32 = self.options.beyond_float32 || size_of::<T>() > 4;
@@ -103,10 +102,11 @@ impl<T: SimulationReal> Simulation<T> {
         let rules = self.solver.rules();
         let origin = frame.origin(&self.model);
         let shift = self.state.origin - origin;
-        let start = self.model.about_centre(&frame.head[0], self.state.origin);
+        let start = self.model.about_centre(&frame.roots.head()[0], self.state.origin);
         self.workspace.place(frame, rules.substeps, &self.model, origin);
         let solves = steps.iter().any(|own| matches!(own.step, Step::Solve { .. }));
-        let wind = self.wind(frame, wind.filter(|_| solves), solves && rules.local_drag, origin, shift);
+        let wind =
+            self.wind(frame, frame.air.field.filter(|_| solves), solves && rules.local_drag, origin, shift);
         let Workspace { scratch, poses, solid_poses, wake, canopy, exposure, steps: run, moved } =
             &mut self.workspace;
         let cx = FrameContext {
@@ -117,7 +117,7 @@ impl<T: SimulationReal> Simulation<T> {
             poses,
             gravity: frame.gravity,
             rest_gravity: self.options.carried_gravity(),
-            air_velocity: frame.air_velocity,
+            air_velocity: frame.air.velocity,
             air: wind.map(|wind| AirTerms::new(&wind, wake, canopy, origin)),
             shift,
             solids: frame.colliders,
@@ -171,7 +171,7 @@ impl<T: SimulationReal> Simulation<T> {
     /// particle; brings its shelter up to date.
     fn wind(
         &mut self,
-        frame: &Frame<'_>,
+        frame: &FrameInput<'_>,
         wind: Option<&WindField>,
         local: bool,
         origin: DVec3,
@@ -180,7 +180,7 @@ impl<T: SimulationReal> Simulation<T> {
         // Drag that differs from particle to particle is computed as in a wind that does.
         let still = local.then(WindField::default);
         let wind = wind.copied().or(still)?;
-        let wind = WindField { mean: wind.mean + frame.air_velocity, ..wind };
+        let wind = WindField { mean: wind.mean + frame.air.velocity, ..wind };
         let Workspace { wake, canopy, .. } = &mut self.workspace;
         if wind.shelter > 0.0 {
             wake.update(frame.colliders, origin, self.model.reach, wind.mean);

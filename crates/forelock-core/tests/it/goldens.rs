@@ -8,7 +8,7 @@
 )]
 
 use crate::golden::{self, Backend, dftl, fluid, load, params};
-use forelock_core::frame::Frame;
+use forelock_core::frame::FrameInput;
 use forelock_core::interaction::sph::Fluid;
 use forelock_core::interaction::sph::find_neighbours::{Neighbours, Particle};
 use forelock_core::interaction::sph::push_particles;
@@ -24,7 +24,7 @@ use serde_json::Value;
 impl<T: SimulationReal> Backend for Simulation<T> {
     type Real = T;
 
-    fn step_frame(&mut self, frame: &Frame<'_>) {
+    fn step_frame(&mut self, frame: &FrameInput<'_>) {
         Self::step_frame(self, frame).unwrap();
     }
 

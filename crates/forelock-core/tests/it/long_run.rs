@@ -12,7 +12,7 @@
 
 use forelock_core::air::{Wind, WindParams};
 use forelock_core::body::{ColliderFrame, Head, Sdf, Shape};
-use forelock_core::frame::Frame;
+use forelock_core::frame::{Air, FrameInput};
 use forelock_core::groom::grow::{GrowParams, grow_on_head};
 use forelock_core::interaction::contact::ContactParams;
 use forelock_core::interaction::grid::GridParams;
@@ -155,8 +155,17 @@ fn run(strands: u32, frames: u32, parts: u32, swell_secs: f64, contacts: bool) -
             friction: 0.3,
         });
         let air_velocity = DVec3::ZERO;
-        let of = Frame { head, colliders: &colliders, gravity, air_velocity, dt_secs: 1.0 / FPS };
-        let report = simulation.step_frame_in(&of, Some(&wind.at(times[0]))).unwrap();
+        let of = FrameInput {
+            roots: head.into(),
+            colliders: &colliders,
+            gravity,
+            air: Air::uniform(air_velocity),
+            dt_secs: 1.0 / FPS,
+            ..FrameInput::default()
+        };
+        let report = simulation
+            .step_frame(&FrameInput { air: Air { field: Some(&wind.at(times[0])), ..of.air }, ..of })
+            .unwrap();
         found.quarantined += report.quarantined_strands;
         found.deepest = found.deepest.max(report.max_penetration_m);
         found.fastest_head =

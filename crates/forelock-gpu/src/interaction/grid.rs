@@ -18,7 +18,7 @@ use crate::uniforms::{FrameUniform, NO_EXTENT};
 use crate::{Gpu, GpuError};
 use bytemuck::{Pod, Zeroable};
 use forelock_core::body::SHAPES_WGSL;
-use forelock_core::frame::Frame;
+use forelock_core::frame::FrameInput;
 use forelock_core::interaction::grid::solve_pressure::{LOOSE, SLACK, SPARSE};
 use forelock_core::interaction::grid::{
     self, Grid, GridFrame, GridParams, GridPlacement, GridReport, MARGIN, SolidMaps,
@@ -270,7 +270,7 @@ struct GridGroups {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct GridStep<'a> {
     /// The frame.
-    pub frame: &'a Frame<'a>,
+    pub frame: &'a FrameInput<'a>,
     /// Substeps of the frame.
     pub substeps: u32,
     /// The motion of the grid.

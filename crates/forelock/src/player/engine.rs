@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use forelock_core::air::WindField;
 use forelock_core::body::ColliderFrame;
-use forelock_core::frame::{Frame, FrameReport};
+use forelock_core::frame::{Air, FrameInput, FrameReport, Roots};
 use forelock_core::groom::Groom;
 use forelock_core::groom::edit::Source;
 use forelock_core::lane::Simd;
@@ -201,18 +201,22 @@ impl Engine {
     }
 
     pub fn step(&mut self, step: &Step<'_>) -> Result<FrameReport, PlayerError> {
-        let air_velocity = if step.uniform_air { step.air.mean } else { DVec3::ZERO };
-        let field = (!step.uniform_air).then_some(step.air);
-        let frame = Frame {
-            head: step.head,
+        let air = if step.uniform_air {
+            Air::uniform(step.air.mean)
+        } else {
+            Air { velocity: DVec3::ZERO, field: Some(step.air) }
+        };
+        let frame = FrameInput {
+            roots: Roots::Rigid(step.head),
             colliders: step.colliders,
             gravity: step.gravity,
-            air_velocity,
+            air,
             dt_secs: step.dt_secs,
+            ..FrameInput::default()
         };
         match &mut self.device {
-            Some(device) => device.step(&frame, field, &mut self.simulation),
-            None => Ok(self.simulation.step_frame_in(&frame, field)?),
+            Some(device) => device.step(&frame, &mut self.simulation),
+            None => Ok(self.simulation.step_frame(&frame)?),
         }
     }
 

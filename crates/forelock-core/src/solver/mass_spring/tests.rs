@@ -1,5 +1,5 @@
 use super::*;
-use crate::frame::Frame;
+use crate::frame::{Air, FrameInput};
 use crate::groom::Groom;
 use crate::lane::Simd;
 use crate::pose::Pose;
@@ -116,9 +116,15 @@ fn parameters_out_of_range_are_refused() {
     assert!(MassSpringParams { clamped: 1000, ..Default::default() }.validate().is_ok());
 }
 
-fn frame(gravity: DVec3, dt_secs: f64) -> Frame<'static> {
+fn frame(gravity: DVec3, dt_secs: f64) -> FrameInput<'static> {
     let (head, air_velocity) = ([Pose::IDENTITY; 2], DVec3::ZERO);
-    Frame { head, colliders: &[], gravity, air_velocity, dt_secs }
+    FrameInput {
+        roots: head.into(),
+        gravity,
+        air: Air::uniform(air_velocity),
+        dt_secs,
+        ..FrameInput::default()
+    }
 }
 
 const H: f64 = 1.0 / 240.0;

@@ -2,7 +2,7 @@
 
 use super::{Backend, numbers, vec3, vectors};
 use forelock_core::body::{ColliderFrame, Shape};
-use forelock_core::frame::Frame;
+use forelock_core::frame::{FrameInput, Roots};
 use forelock_core::lane::Real;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::Options;
@@ -96,12 +96,12 @@ pub fn errors<B: Backend>(
     let frames = numbers(&file["frames"]);
     let mut errors = Errors::default();
     for frame in 1..poses.len() {
-        simulation.step_frame(&Frame {
-            head: [poses[frame - 1], poses[frame]],
+        simulation.step_frame(&FrameInput {
+            roots: Roots::Rigid([poses[frame - 1], poses[frame]]),
             colliders: &colliders,
             gravity: DVec3::new(0.0, -981.0, 0.0),
-            air_velocity: DVec3::ZERO,
             dt_secs: file["dt"].as_f64().unwrap(),
+            ..FrameInput::default()
         });
         let snapshot = simulation.snapshot();
         let place = |p: usize| DVec3::from(snapshot.positions[p].map(|x| x.to_f64().unwrap()));

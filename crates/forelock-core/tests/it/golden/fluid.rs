@@ -2,7 +2,7 @@
 
 use super::dftl::{poses, strands};
 use super::{Backend, vectors};
-use forelock_core::frame::Frame;
+use forelock_core::frame::{FrameInput, Roots};
 use forelock_core::interaction::sph::{Sph, SphParams};
 use forelock_core::lane::Simd;
 use forelock_core::simulation::Options;
@@ -45,12 +45,11 @@ pub fn coupled_error<B: Backend>(
     let options = Options { rest_pose: poses[0], ..Options::default() };
     let mut simulation = build(&strands, &(&params).into(), options);
     for head in poses.windows(2) {
-        simulation.step_frame(&Frame {
-            head: [head[0], head[1]],
-            colliders: &[],
+        simulation.step_frame(&FrameInput {
+            roots: Roots::Rigid([head[0], head[1]]),
             gravity: DVec3::new(0.0, -981.0, 0.0),
-            air_velocity: DVec3::ZERO,
             dt_secs: 0.016,
+            ..FrameInput::default()
         });
     }
     let snapshot = simulation.snapshot();

@@ -6,8 +6,8 @@ pub mod dftl;
 pub mod fluid;
 
 use forelock_core::body::{ColliderFrame, Shape};
-use forelock_core::frame::Frame;
 use forelock_core::frame::SolverReal;
+use forelock_core::frame::{Air, FrameInput, Roots};
 use forelock_core::lane::Real;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::Options;
@@ -23,7 +23,7 @@ use serde_json::Value;
 pub trait Backend {
     /// Its numbers.
     type Real: SolverReal;
-    fn step_frame(&mut self, frame: &Frame<'_>);
+    fn step_frame(&mut self, frame: &FrameInput<'_>);
     fn snapshot(&mut self) -> Snapshot<Self::Real>;
     fn restore(&mut self, snapshot: &Snapshot<Self::Real>);
     fn model(&self) -> &Model<Self::Real>;
@@ -130,12 +130,13 @@ pub fn worst_error<B: Backend>(
                 friction: p["mu"].as_f64().unwrap(),
             };
             let colliders = if p["contact"].as_bool().unwrap() { vec![collider] } else { vec![] };
-            simulation.step_frame(&Frame {
-                head,
+            simulation.step_frame(&FrameInput {
+                roots: head.into(),
                 colliders: &colliders,
                 gravity: vec3(&p["g"]),
-                air_velocity: vec3(&p["wind"]),
+                air: Air::uniform(vec3(&p["wind"])),
                 dt_secs: p["dt"].as_f64().unwrap(),
+                ..FrameInput::default()
             });
             let Some(stored) = frames.iter().position(|&f| f as usize == frame) else { continue };
             let snapshot = simulation.snapshot();
@@ -177,7 +178,13 @@ pub fn substep_error<B: Backend>(
     simulation.restore(&snapshot);
     let h = case["h"].as_f64().unwrap();
     let (gravity, air_velocity) = (vec3(&p["g"]), vec3(&p["wind"]));
-    simulation.step_frame(&Frame { head: poses, colliders: &[], gravity, air_velocity, dt_secs: h });
+    simulation.step_frame(&FrameInput {
+        roots: Roots::Rigid(poses),
+        gravity,
+        air: Air::uniform(air_velocity),
+        dt_secs: h,
+        ..FrameInput::default()
+    });
     let after = simulation.snapshot();
     let v: Vec<f64> = after.velocities.iter().flatten().map(|x| x.to_f64().unwrap()).collect();
     let b: Vec<f64> = case["b"].as_array().unwrap().iter().flat_map(numbers).collect();

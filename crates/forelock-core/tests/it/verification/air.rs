@@ -3,7 +3,7 @@
 use crate::rig::{DT, G, GRAVITY, Rig, bare, real, simds, tuft};
 use forelock_core::air::{Wind, WindParams};
 use forelock_core::body::{ColliderFrame, Shape};
-use forelock_core::frame::Frame;
+use forelock_core::frame::{Air, FrameInput, Roots};
 use forelock_core::lane::Simd;
 use forelock_core::pose::Pose;
 use forelock_core::solver::AmsParams;
@@ -61,14 +61,17 @@ fn a_uniform_field_is_the_frames_air() {
 }
 
 fn blow(rig: &mut Rig<f32>, wind: &Wind, frame: u32, colliders: &[ColliderFrame<'_>]) {
-    let frame_of = Frame {
-        head: [Pose::IDENTITY; 2],
+    let frame_of = FrameInput {
+        roots: Roots::Rigid([Pose::IDENTITY; 2]),
         colliders,
         gravity: GRAVITY,
-        air_velocity: DVec3::ZERO,
         dt_secs: DT,
+        ..FrameInput::default()
     };
-    rig.simulation.step_frame_in(&frame_of, Some(&wind.at(f64::from(frame) * DT))).unwrap();
+    let wind = wind.at(f64::from(frame) * DT);
+    rig.simulation
+        .step_frame(&FrameInput { air: Air { field: Some(&wind), ..frame_of.air }, ..frame_of })
+        .unwrap();
 }
 
 fn gale() -> Wind {

@@ -2,7 +2,7 @@
 
 use crate::rig::{DT, G, GRAVITY, LENGTH, Rig, Strand, assert_one_hash, helix, largest, shake, tuft, vector};
 use forelock_core::body::{ColliderFrame, Shape};
-use forelock_core::frame::Frame;
+use forelock_core::frame::{FrameInput, Roots};
 use forelock_core::groom::Groom;
 use forelock_core::interaction::sph::SphParams;
 use forelock_core::lane::Simd;
@@ -244,7 +244,7 @@ fn strands_between_steps_are_strands() {
         simulation.positions(&mut last);
         let poses = [head(step), head(step + 1)];
         let frame =
-            Frame { head: poses, colliders: &[], gravity: GRAVITY, air_velocity: DVec3::ZERO, dt_secs: DT };
+            FrameInput { roots: Roots::Rigid(poses), gravity: GRAVITY, dt_secs: DT, ..FrameInput::default() };
         simulation.step_frame(&frame).unwrap();
     }
     let (mut now, mut between) = (Vec::new(), Vec::new());

@@ -1,7 +1,7 @@
 //! A strand or some on a head that moves: the bench on which the other modules measure. SI units.
 
 use forelock_core::body::ColliderFrame;
-use forelock_core::frame::{Frame, FrameReport};
+use forelock_core::frame::{Air, FrameInput, FrameReport};
 use forelock_core::lane::Real;
 use forelock_core::lane::Simd;
 use forelock_core::pose::Pose;
@@ -134,7 +134,16 @@ impl<T: SimulationReal> Rig<T> {
         let head = [self.head, to];
         let (gravity, air_velocity, dt_secs) = (self.gravity, self.air, self.dt);
         self.head = to;
-        self.simulation.step_frame(&Frame { head, colliders, gravity, air_velocity, dt_secs }).unwrap()
+        self.simulation
+            .step_frame(&FrameInput {
+                roots: head.into(),
+                colliders,
+                gravity,
+                air: Air::uniform(air_velocity),
+                dt_secs,
+                ..FrameInput::default()
+            })
+            .unwrap()
     }
 
     /// `secs` of the head's `motion` from time 0.

@@ -2,7 +2,7 @@
 
 use crate::rig::{DT, GRAVITY, shake, tuft};
 use forelock_core::body::{ColliderFrame, Shape};
-use forelock_core::frame::{Frame, Step};
+use forelock_core::frame::{Air, FrameInput, Roots, Step};
 use forelock_core::interaction::contact::ContactParams;
 use forelock_core::interaction::grid::GridParams;
 use forelock_core::interaction::sph::SphParams;
@@ -43,12 +43,13 @@ fn run(solver: &Solver<f32>, own: Interactions, way: Way) -> u64 {
         let [from, to] = [number, number + 1].map(|k| shake(4.0, 4.0, f64::from(k) * DT));
         let local = Pose::new(DQuat::IDENTITY, DVec3::new(0.03, -0.12, 0.0));
         let solid = ColliderFrame { shape: &ball, local, from, to: from, friction: 0.3 };
-        let frame = Frame {
-            head: [from, to],
+        let frame = FrameInput {
+            roots: Roots::Rigid([from, to]),
             colliders: &[solid],
             gravity: GRAVITY,
-            air_velocity: DVec3::X,
+            air: Air::uniform(DVec3::X),
             dt_secs: DT,
+            ..FrameInput::default()
         };
         let steps = simulation.plan().steps().to_vec();
         match way {
@@ -57,12 +58,12 @@ fn run(solver: &Solver<f32>, own: Interactions, way: Way) -> u64 {
             }
             Way::StepByStep => {
                 for step in &steps {
-                    simulation.step_part(&frame, None, std::slice::from_ref(step)).unwrap();
+                    simulation.step_part(&frame, std::slice::from_ref(step)).unwrap();
                 }
             }
             Way::Without(left_out) => {
                 let rest: Vec<_> = steps.into_iter().filter(|own| !left_out(&own.step)).collect();
-                simulation.step_part(&frame, None, &rest).unwrap();
+                simulation.step_part(&frame, &rest).unwrap();
             }
         }
     }

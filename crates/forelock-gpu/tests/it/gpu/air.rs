@@ -5,7 +5,7 @@
 use crate::common;
 use forelock_core::air::{Wind, WindField, WindParams};
 use forelock_core::body::{ColliderFrame, Sdf, Shape};
-use forelock_core::frame::Frame;
+use forelock_core::frame::{Air, FrameInput, Roots};
 use forelock_core::pose::Pose;
 use forelock_core::simulation::{Options, Simulation};
 use forelock_core::solver::AmsParams;
@@ -43,13 +43,18 @@ fn head(frame: u32) -> Pose {
     )
 }
 
-fn frame(number: u32) -> Frame<'static> {
-    Frame {
-        head: [head(number), head(number + 1)],
-        colliders: &[],
+/// `frame` in a wind field.
+fn within<'a>(frame: &FrameInput<'a>, field: Option<&'a WindField>) -> FrameInput<'a> {
+    FrameInput { air: Air { field, ..frame.air }, ..*frame }
+}
+
+fn frame(number: u32) -> FrameInput<'static> {
+    FrameInput {
+        roots: Roots::Rigid([head(number), head(number + 1)]),
         gravity: DVec3::new(0.0, -9.81, 0.0),
-        air_velocity: DVec3::new(0.0, 0.5, 0.0),
+        air: Air::uniform(DVec3::new(0.0, 0.5, 0.0)),
         dt_secs: 1.0 / FPS,
+        ..FrameInput::default()
     }
 }
 
@@ -97,16 +102,17 @@ fn compare(gpu: &Gpu, params: &AmsParams, [wind, other]: [&WindParams; 2]) -> [f
     for (number, wind) in (0..).zip([None, Some(&elsewhere), None, Some(&elsewhere), Some(wind), Some(wind)])
     {
         let wind = wind.map(|wind| field(wind, number));
-        own.step_frame_in(&Frame { colliders: &solids.at(number), ..frame(number) }, wind.as_ref()).unwrap();
+        let frame = FrameInput { colliders: &solids.at(number), ..frame(number) };
+        own.step_frame(&within(&frame, wind.as_ref())).unwrap();
     }
     let start = own.snapshot().unwrap();
     let (colliders, number) = (solids.at(6), 6);
-    let frame = Frame { colliders: &colliders, ..frame(number) };
-    own.step_frame_in(&frame, Some(&field(other, number))).unwrap();
+    let frame = FrameInput { colliders: &colliders, ..frame(number) };
+    own.step_frame(&within(&frame, Some(&field(other, number)))).unwrap();
     let on_cpu = |params: &AmsParams, field: &WindField| {
         let mut cpu = Simulation::from_strands(&strands, params, &options).unwrap();
         cpu.restore(&start).unwrap();
-        cpu.step_frame_in(&frame, Some(field)).unwrap();
+        cpu.step_frame(&within(&frame, Some(field))).unwrap();
         cpu.snapshot().velocities
     };
     let expected = on_cpu(params, &field(wind, number));
@@ -187,8 +193,8 @@ fn wind_is_the_same_bits_and_makes_nothing() {
         let mut own = GpuSimulation::from_strands(&gpu, &strands, params, &options).unwrap();
         let step = |own: &mut GpuSimulation, number: u32| {
             let colliders = solids.at(number);
-            let frame = Frame { colliders: &colliders, ..frame(number) };
-            own.step_frame_in(&frame, Some(&field(wind, number))).unwrap();
+            let frame = FrameInput { colliders: &colliders, ..frame(number) };
+            own.step_frame(&within(&frame, Some(&field(wind, number)))).unwrap();
         };
         step(&mut own, 0);
         let before = gpu.counts();

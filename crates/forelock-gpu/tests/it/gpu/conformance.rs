@@ -7,7 +7,7 @@ use crate::common::{
     shaken::{self, GRAVITY, apart, error_of_strands, options},
 };
 use forelock_core::body::{ColliderFrame, Head, Morph, Sdf, Shape};
-use forelock_core::frame::Frame;
+use forelock_core::frame::{Air, FrameInput, Roots};
 use forelock_core::interaction::contact::ContactParams;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::Simulation;
@@ -26,13 +26,13 @@ const FACTOR: f64 = 3.0;
 /// What never counts, over the strand's length: a few units in the last place of a position.
 const FLOOR: f64 = 2e-6;
 
-fn frame(number: u32) -> Frame<'static> {
-    Frame {
-        head: [head(number), head(number + 1)],
-        colliders: &[],
+fn frame(number: u32) -> FrameInput<'static> {
+    FrameInput {
+        roots: Roots::Rigid([head(number), head(number + 1)]),
         gravity: GRAVITY,
-        air_velocity: DVec3::new(1.0, 0.0, -2.0),
+        air: Air::uniform(DVec3::new(1.0, 0.0, -2.0)),
         dt_secs: 1.0 / FPS,
+        ..FrameInput::default()
     }
 }
 
@@ -98,7 +98,7 @@ fn errors_among(
     let mut truth = Simulation::<f64>::from_strands(&exact, params[1], &options()).unwrap();
     for number in 0..frames {
         let colliders: Vec<_> = solids.iter().map(|solid| solid.frame(number)).collect();
-        let frame = Frame { colliders: &colliders, ..frame(number) };
+        let frame = FrameInput { colliders: &colliders, ..frame(number) };
         own.step_frame(&frame).unwrap();
         truth.step_frame(&frame).unwrap();
         let expected = cpu.step_frame(&frame).unwrap();
@@ -364,8 +364,8 @@ fn strays(
         own.restore(&cpu.snapshot()).unwrap();
         let [a, b] =
             [own_solids, cpu_solids].map(|solids| solids.iter().map(|s| s.frame(number)).collect::<Vec<_>>());
-        own.step_frame(&Frame { colliders: &a, ..frame(number) }).unwrap();
-        touching += cpu.step_frame(&Frame { colliders: &b, ..frame(number) }).unwrap().touching as usize;
+        own.step_frame(&FrameInput { colliders: &a, ..frame(number) }).unwrap();
+        touching += cpu.step_frame(&FrameInput { colliders: &b, ..frame(number) }).unwrap().touching as usize;
         let (own, cpu) = (own.snapshot().unwrap(), cpu.snapshot());
         let apart =
             |a: [f32; 3], b: [f32; 3]| DVec3::from(a.map(f64::from)).distance(DVec3::from(b.map(f64::from)));
@@ -468,7 +468,7 @@ fn a_steady_frame_makes_nothing_and_reads_nothing_back() {
     let mesh = Shape::Sdf(Arc::new(Sdf::from_mesh(&Head::builtin().mesh, 32, 0.02).unwrap()));
     let solid = Solid::new(&mesh, [0.0, -0.16, 0.0], [0.0; 3]);
     let step = |simulation: &mut GpuSimulation, number: u32| {
-        simulation.step_frame(&Frame { colliders: &[solid.frame(number)], ..frame(number) }).unwrap();
+        simulation.step_frame(&FrameInput { colliders: &[solid.frame(number)], ..frame(number) }).unwrap();
     };
     step(&mut simulation, 0);
     let before = gpu.counts();
@@ -490,7 +490,7 @@ fn many_batches_are_as_one() {
     let run = |gpu: &Gpu| {
         let mut own = GpuSimulation::from_strands(gpu, &strands, &AmsParams::default(), &options()).unwrap();
         for number in 0..5 {
-            own.step_frame(&Frame { colliders: &[solid.frame(number)], ..frame(number) }).unwrap();
+            own.step_frame(&FrameInput { colliders: &[solid.frame(number)], ..frame(number) }).unwrap();
         }
         (own.state_hash().unwrap(), own.bytes())
     };
@@ -515,7 +515,7 @@ fn stages_are_timed_and_bits_stay_the_same() {
         let mut own = GpuSimulation::from_strands(&gpu, &strands, &AmsParams::default(), &options()).unwrap();
         let can = own.time_stages(timed);
         for number in 0..5 {
-            own.step_frame(&Frame { colliders: &[solid.frame(number)], ..frame(number) }).unwrap();
+            own.step_frame(&FrameInput { colliders: &[solid.frame(number)], ..frame(number) }).unwrap();
         }
         let secs = own.report().unwrap().secs;
         assert_eq!(secs.is_some(), can);
@@ -543,7 +543,7 @@ fn what_a_gpu_cannot_do_is_said() {
     let gpu = Gpu::open(&Choice::Named(gpu.name().to_owned())).unwrap();
     let mut simulation =
         GpuSimulation::from_strands(&gpu, &strands, &AmsParams::default(), &options()).unwrap();
-    let too_stiff = Frame { dt_secs: 1e3, ..frame(0) };
+    let too_stiff = FrameInput { dt_secs: 1e3, ..frame(0) };
     assert!(matches!(simulation.step_frame(&too_stiff), Err(GpuError::Params(_))));
     simulation.step_frame(&frame(0)).unwrap();
     // A device that is gone, and a driver that says so while one waits.

@@ -8,7 +8,7 @@
 
 use crate::common::{self, little, rms::rms};
 use forelock_core::body::{ColliderFrame, Shape};
-use forelock_core::frame::Frame;
+use forelock_core::frame::{FrameInput, Roots};
 use forelock_core::interaction::contact::{ContactParams, ContactReport};
 use forelock_core::interaction::grid::GridParams;
 use forelock_core::lane::LANES;
@@ -80,13 +80,12 @@ fn head(frame: u32) -> Pose {
     Pose::new(DQuat::from_rotation_y(2.0 * t), DVec3::new(0.0, 0.3 * t * t, 0.5 * t))
 }
 
-fn frame(number: u32) -> Frame<'static> {
-    Frame {
-        head: [head(number), head(number + 1)],
-        colliders: &[],
+fn frame(number: u32) -> FrameInput<'static> {
+    FrameInput {
+        roots: Roots::Rigid([head(number), head(number + 1)]),
         gravity: DVec3::new(0.0, -9.81, 0.0),
-        air_velocity: DVec3::ZERO,
         dt_secs: 1.0 / FPS,
+        ..FrameInput::default()
     }
 }
 
@@ -282,7 +281,8 @@ fn a_crowd_is_met_by_its_fastest() {
     let (positions, offsets, velocities) = across(THROWN, 6000);
     let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
     let params = ContactParams { per_segment: 1024, budget: 1 << 18, ..ContactParams::default() };
-    let weightless = Frame { gravity: DVec3::ZERO, head: [Pose::IDENTITY; 2], ..frame(0) };
+    let weightless =
+        FrameInput { gravity: DVec3::ZERO, roots: Roots::Rigid([Pose::IDENTITY; 2]), ..frame(0) };
     let free = free();
     let run = || {
         let mut own = GpuSimulation::from_strands(&gpu, &strands, &free, &options()).unwrap();
@@ -341,7 +341,8 @@ fn strands_meet_shorter_ones() {
     }
     let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
     let free = free();
-    let weightless = Frame { gravity: DVec3::ZERO, head: [Pose::IDENTITY; 2], ..frame(0) };
+    let weightless =
+        FrameInput { gravity: DVec3::ZERO, roots: Roots::Rigid([Pose::IDENTITY; 2]), ..frame(0) };
     let mut own = GpuSimulation::from_strands(&gpu, &strands, &free, &options()).unwrap();
     own.set_contacts(Some(&ContactParams::default())).unwrap();
     let start = Snapshot { velocities, ..own.snapshot().unwrap() };
@@ -409,15 +410,15 @@ fn hair_that_contacts_move_still_sees_solids() {
     let thrown = wisps.thrown(cpu.snapshot());
     cpu.restore(&thrown).unwrap();
     for number in 0..6 {
-        cpu.step_frame(&Frame { colliders: &[solids(number)], ..frame(number) }).unwrap();
+        cpu.step_frame(&FrameInput { colliders: &[solids(number)], ..frame(number) }).unwrap();
     }
     let mut own =
         GpuSimulation::from_strands(&gpu, &wisps.strands(), &AmsParams::default(), &options()).unwrap();
     own.set_contacts(Some(&ContactParams::default())).unwrap();
     own.restore(&cpu.snapshot()).unwrap();
     let last = [solids(6)];
-    let there = cpu.step_frame(&Frame { colliders: &last, ..frame(6) }).unwrap();
-    own.step_frame(&Frame { colliders: &last, ..frame(6) }).unwrap();
+    let there = cpu.step_frame(&FrameInput { colliders: &last, ..frame(6) }).unwrap();
+    own.step_frame(&FrameInput { colliders: &last, ..frame(6) }).unwrap();
     let here = own.report().unwrap();
     println!("{there:?} {here:?}");
     assert!(there.touching > 100 && there.strand_contacts.contacts > 100);

@@ -9,7 +9,7 @@ use crate::common::{
 };
 use forelock_core::air::{Wind, WindField, WindParams};
 use forelock_core::body::{ColliderFrame, Head, Sdf, Shape};
-use forelock_core::frame::Frame;
+use forelock_core::frame::{Air, FrameInput, Roots};
 use forelock_core::interaction::contact::ContactParams;
 use forelock_core::interaction::grid::GridParams;
 use forelock_core::interaction::sph::SphParams;
@@ -35,13 +35,13 @@ fn head(step: u32) -> Pose {
     shaken::head(f64::from(step) * DT)
 }
 
-fn frame(number: u32) -> Frame<'static> {
-    Frame {
-        head: [head(number), head(number + 1)],
-        colliders: &[],
+fn frame(number: u32) -> FrameInput<'static> {
+    FrameInput {
+        roots: Roots::Rigid([head(number), head(number + 1)]),
         gravity: GRAVITY,
-        air_velocity: DVec3::new(1.0, 0.0, -2.0),
+        air: Air::uniform(DVec3::new(1.0, 0.0, -2.0)),
         dt_secs: DT,
+        ..FrameInput::default()
     }
 }
 
@@ -74,10 +74,11 @@ fn errors(gpu: &Gpu, strands: &Strands<'_, f32>, params: [&DftlParams; 2], among
     let mut truth = Simulation::<f64>::from_strands(&exact, params[1], &options()).unwrap();
     for number in 0..steps {
         let colliders = on_head(solids, number);
-        let frame = Frame { colliders: &colliders, ..frame(number) };
-        own.step_frame_in(&frame, wind).unwrap();
-        truth.step_frame_in(&frame, wind).unwrap();
-        let expected = cpu.step_frame_in(&frame, wind).unwrap();
+        let frame = FrameInput { colliders: &colliders, ..frame(number) };
+        let frame = &FrameInput { air: Air { field: wind, ..frame.air }, ..frame };
+        own.step_frame(frame).unwrap();
+        truth.step_frame(frame).unwrap();
+        let expected = cpu.step_frame(frame).unwrap();
         let report = own.report().unwrap();
         let (touching, of) = (f64::from(report.touching), f64::from(expected.touching));
         assert!((touching - of).abs() <= 10.0 + 0.25 * of, "{report:?}, {expected:?}");
@@ -232,7 +233,8 @@ fn the_bits_are_the_same_each_time() {
                     own = new();
                     own.restore(&snapshot).unwrap();
                 }
-                own.step_frame(&Frame { colliders: &on_head(&solids, number), ..frame(number) }).unwrap();
+                own.step_frame(&FrameInput { colliders: &on_head(&solids, number), ..frame(number) })
+                    .unwrap();
             }
             own.state_hash().unwrap()
         };
@@ -333,11 +335,11 @@ fn hair_meets_as_on_the_cpu() {
     let solids = [(Shape::Sphere { radius: 0.05 }, DVec3::new(0.03, -0.12, 0.02))];
     let mut cpu = Simulation::from_strands(&strands, &params, &options()).unwrap();
     for number in 0..8 {
-        cpu.step_frame(&Frame { colliders: &on_head(&solids, number), ..frame(number) }).unwrap();
+        cpu.step_frame(&FrameInput { colliders: &on_head(&solids, number), ..frame(number) }).unwrap();
     }
     let start = cpu.snapshot();
     let colliders = on_head(&solids, 8);
-    let next = Frame { colliders: &colliders, ..frame(8) };
+    let next = FrameInput { colliders: &colliders, ..frame(8) };
     for (meets, touches) in [(true, false), (false, true), (true, true)] {
         let (grid, contacts) = (meets.then_some(&grid), touches.then_some(&contacts));
         let on_cpu = |grid: Option<&GridParams>, contacts: Option<&ContactParams>| {

@@ -8,7 +8,7 @@
 
 use crate::common;
 use crate::golden::{self, Backend, dftl, fluid, load};
-use forelock_core::frame::Frame;
+use forelock_core::frame::FrameInput;
 use forelock_core::simulation::Options;
 use forelock_core::solver::dftl::Schedule;
 use forelock_core::solver::{DftlParams, Solver};
@@ -20,7 +20,7 @@ use serde_json::Value;
 impl Backend for GpuSimulation {
     type Real = f32;
 
-    fn step_frame(&mut self, frame: &Frame<'_>) {
+    fn step_frame(&mut self, frame: &FrameInput<'_>) {
         Self::step_frame(self, frame).unwrap();
     }
 

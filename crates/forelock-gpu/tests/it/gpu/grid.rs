@@ -8,7 +8,7 @@
 
 use crate::common::{self, little};
 use forelock_core::body::{ColliderFrame, Shape};
-use forelock_core::frame::Frame;
+use forelock_core::frame::{FrameInput, Roots};
 use forelock_core::interaction::grid::GridParams;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::{Options, Simulation};
@@ -58,13 +58,12 @@ fn exact() -> GridParams {
     GridParams { tolerance: 1e-6, iterations: 200, resolution: 32, ..GridParams::default() }
 }
 
-fn frame(number: u32) -> Frame<'static> {
-    Frame {
-        head: [head(number), head(number + 1)],
-        colliders: &[],
+fn frame(number: u32) -> FrameInput<'static> {
+    FrameInput {
+        roots: Roots::Rigid([head(number), head(number + 1)]),
         gravity: GRAVITY,
-        air_velocity: DVec3::ZERO,
         dt_secs: 1.0 / FPS,
+        ..FrameInput::default()
     }
 }
 
@@ -96,7 +95,7 @@ impl Solids {
 fn play(own: &mut GpuSimulation, solids: Option<&Solids>, mut frames: Range<u32>) -> Result<(), GpuError> {
     frames.try_for_each(|number| {
         let solids: Vec<_> = solids.into_iter().flat_map(|solids| solids.at(number)).collect();
-        own.step_frame(&Frame { colliders: &solids, ..frame(number) })
+        own.step_frame(&FrameInput { colliders: &solids, ..frame(number) })
     })
 }
 
@@ -122,7 +121,7 @@ fn compare(
     let mut cpu = Simulation::from_strands(&strands, &AmsParams::default(), &options()).unwrap();
     let step = |cpu: &mut Simulation, number: u32| {
         let solids: Vec<_> = among.into_iter().flat_map(|solids| solids.at(number)).collect();
-        cpu.step_frame(&Frame { colliders: &solids, ..frame(number) }).unwrap()
+        cpu.step_frame(&FrameInput { colliders: &solids, ..frame(number) }).unwrap()
     };
     for number in 0..after {
         step(&mut cpu, number);

@@ -1,7 +1,7 @@
 //! Guides that carry all strands on the GPU, against the same on the CPU.
 
 use crate::common;
-use forelock_core::frame::Frame;
+use forelock_core::frame::{Air, FrameInput};
 use forelock_core::groom::grow::{GrowParams, grow_on_head};
 use forelock_core::groom::guides::Skinning;
 use forelock_core::pose::Pose;
@@ -29,7 +29,14 @@ fn strands_are_carried_as_on_the_cpu() {
     for number in 0..25 {
         let head = [head(number), head(number + 1)];
         let air_velocity = DVec3::new(2.0, 0.0, 0.0);
-        cpu.step_frame(&Frame { head, colliders: &[], gravity, air_velocity, dt_secs: 1.0 / 60.0 }).unwrap();
+        cpu.step_frame(&FrameInput {
+            roots: head.into(),
+            gravity,
+            air: Air::uniform(air_velocity),
+            dt_secs: 1.0 / 60.0,
+            ..FrameInput::default()
+        })
+        .unwrap();
     }
     let own = GpuSimulation::continuing(&gpu, &cpu).unwrap();
     let carried = GpuSkinning::new(&skinning, &own).unwrap();

@@ -3,7 +3,7 @@
 use crate::common;
 use crate::common::shaken::{GRAVITY, head, options, tuft};
 use forelock_core::body::{ColliderFrame, Shape};
-use forelock_core::frame::Frame;
+use forelock_core::frame::{FrameInput, Roots};
 use forelock_core::interaction::grid::GridParams;
 use forelock_core::pose::Pose;
 use forelock_core::solver::AmsParams;
@@ -12,9 +12,15 @@ use forelock_gpu::{Choice, Gpu, GpuSimulation};
 use glam::DVec3;
 
 /// A frame at rest among `colliders`.
-fn still<'a>(colliders: &'a [ColliderFrame<'a>]) -> Frame<'a> {
+fn still<'a>(colliders: &'a [ColliderFrame<'a>]) -> FrameInput<'a> {
     let dt_secs = 1.0 / 60.0;
-    Frame { head: [head(0.0); 2], colliders, gravity: GRAVITY, air_velocity: DVec3::ZERO, dt_secs }
+    FrameInput {
+        roots: Roots::Rigid([head(0.0); 2]),
+        colliders,
+        gravity: GRAVITY,
+        dt_secs,
+        ..FrameInput::default()
+    }
 }
 
 /// The entry points of the pipelines that `gpu` has made.

@@ -4,7 +4,7 @@
 
 use crate::common;
 use crate::common::shaken::{GRAVITY, head, options, tuft};
-use forelock_core::frame::{Frame, Solver};
+use forelock_core::frame::{FrameInput, Roots, Solver};
 use forelock_core::groom::Groom;
 use forelock_core::groom::edit::{Edit, Operation, Trim};
 use forelock_core::interaction::grid::GridParams;
@@ -26,14 +26,13 @@ fn groom() -> Groom {
     Groom::from_strands(offsets.windows(2).map(strand)).unwrap()
 }
 
-fn frame(from: f64, jump: &Pose) -> Frame<'static> {
+fn frame(from: f64, jump: &Pose) -> FrameInput<'static> {
     let pose = |time: f64| jump.after(&head(time));
-    Frame {
-        head: [pose(from), pose(from + DT)],
-        colliders: &[],
+    FrameInput {
+        roots: Roots::Rigid([pose(from), pose(from + DT)]),
         gravity: GRAVITY,
-        air_velocity: DVec3::ZERO,
         dt_secs: DT,
+        ..FrameInput::default()
     }
 }
 
@@ -49,7 +48,7 @@ fn both(solver: &Solver<f32>) -> [Box<dyn Simulator>; 2] {
 /// Ten frames of a shaken head, for motion.
 fn shake(simulator: &mut dyn Simulator) {
     for number in 0..10 {
-        simulator.step(&frame(f64::from(number) * DT, &Pose::IDENTITY), None).unwrap();
+        simulator.step(&frame(f64::from(number) * DT, &Pose::IDENTITY)).unwrap();
     }
 }
 
@@ -77,7 +76,7 @@ fn a_teleport_moves_hair_as_on_the_cpu() {
             assert_eq!(cpu.snapshot().unwrap(), gpu.snapshot().unwrap(), "{mode:?} {solver:?}");
             // And it goes on there.
             for simulator in [&mut cpu, &mut gpu] {
-                simulator.step(&frame(10.0 * DT, &to), None).unwrap();
+                simulator.step(&frame(10.0 * DT, &to)).unwrap();
             }
             let apart = far(&cpu.snapshot().unwrap(), &gpu.snapshot().unwrap());
             assert!(apart < 2e-5, "{mode:?}: {apart} m apart");
@@ -104,7 +103,7 @@ fn parameters_and_the_solver_change_while_hair_moves() {
         for simulator in [&mut cpu, &mut gpu] {
             before.push(simulator.snapshot().unwrap());
             simulator.set_params(solver).unwrap();
-            simulator.step(&frame(f64::from(number) * DT, &Pose::IDENTITY), None).unwrap();
+            simulator.step(&frame(f64::from(number) * DT, &Pose::IDENTITY)).unwrap();
         }
         let apart = far(&cpu.snapshot().unwrap(), &gpu.snapshot().unwrap());
         assert!(apart < 5e-5, "{solver:?}: {apart} m apart");
@@ -131,7 +130,7 @@ fn an_edit_while_hair_moves_keeps_interactions() {
     own.regroom(&edited, &report.sources, &now).unwrap();
     assert_eq!(own.model().particle_count, edited.particle_count());
     assert_eq!(own.exchanges().len(), 1);
-    Simulator::step(&mut own, &frame(10.0 * DT, &Pose::IDENTITY), None).unwrap();
+    Simulator::step(&mut own, &frame(10.0 * DT, &Pose::IDENTITY)).unwrap();
     assert!(own.snapshot().unwrap().positions.iter().flatten().all(|x| x.is_finite()));
 }
 
@@ -146,7 +145,7 @@ fn positions_stay_on_the_device() {
     for number in 0..3 {
         let frame = frame(f64::from(number) * DT, &Pose::IDENTITY);
         let mut encoder = gpu.device().create_command_encoder(&Default::default());
-        own.encode(&mut encoder, &frame, None).unwrap();
+        own.encode(&mut encoder, &frame).unwrap();
         gpu.queue().submit([encoder.finish()]);
     }
     let shared = Simulator::positions(&mut own).unwrap().device::<DevicePositions>().unwrap().clone();
