@@ -137,7 +137,7 @@ fn helix() -> Vec<[f64; 3]> {
 fn count_operations() -> Result<u64, Box<dyn std::error::Error>> {
     let positions = helix();
     let offsets = [0, PARTICLES as u32];
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&positions, &offsets);
     let params = AmsParams::default();
     let simulation = Simulation::<f64>::from_strands(&strands, &params, &Options::default())?;
     let (model, mut state) = (simulation.model(), simulation.state().clone());
@@ -153,6 +153,8 @@ fn count_operations() -> Result<u64, Box<dyn std::error::Error>> {
         inverse_edges: &model.inverse_edges,
         strand_length: &model.strand_lengths[0],
         stiffness: &model.stiffness[0],
+        masses: &[],
+        acceleration: &[],
         positions: &mut state.positions,
         previous: &mut [],
         velocities: &mut state.velocities,
@@ -173,7 +175,7 @@ fn time_solve() -> Result<f64, Box<dyn std::error::Error + Send + Sync>> {
     let helix: Vec<[f32; 3]> = helix().iter().map(|p| p.map(|x| x as f32)).collect();
     let positions: Vec<_> = (0..STRANDS).flat_map(|_| helix.iter().copied()).collect();
     let offsets: Vec<u32> = (0..=STRANDS).map(|s| (s * PARTICLES) as u32).collect();
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&positions, &offsets);
     let params = AmsParams { inextensibility: Inextensibility::Off, ..AmsParams::default() };
     let options = Options { rest_gravity: GRAVITY, ..Options::default() };
     let mut simulation = Simulation::<f32>::from_strands(&strands, &params, &options)?;

@@ -35,6 +35,16 @@ pub enum ParamsError {
         /// The range, in words.
         expected: &'static str,
     },
+    /// An array of another length than the particles of the groom.
+    #[error("`{name}` has {found} entries, but the groom has {expected} particles: give one a particle")]
+    Count {
+        /// The array.
+        name: &'static str,
+        /// Its entries.
+        found: usize,
+        /// Particles.
+        expected: usize,
+    },
     /// h² κ too large for float32.
     #[error(
         "`{name}` = {value:e} at {substeps} substep(s) of a {dt_secs:.4} s frame is beyond float32 \
@@ -49,7 +59,7 @@ pub enum ParamsError {
         substeps: u32,
         /// Frame time, seconds.
         dt_secs: f64,
-        /// h² κ.
+        /// h² κ, over the least relative mass.
         product: f64,
         /// The smallest sufficient number of substeps.
         needed: u32,

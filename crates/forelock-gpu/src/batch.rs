@@ -196,6 +196,7 @@ impl Batch {
         for place in places.clone() {
             rows.extend(model_rows(model, place));
         }
+        rows.extend(model.masses.get(places.clone()).unwrap_or_default());
         let strands: Vec<Row<f32>> =
             blocks.clone().flat_map(|block| [model.strand_lengths[block], model.stiffness[block]]).collect();
         let read = BufferUsages::STORAGE | BufferUsages::COPY_DST;

@@ -1,6 +1,7 @@
 //! A frame of a simulation: its uniforms, its dispatches, their recording.
 
 use crate::GpuSimulation;
+use crate::acceleration::Accelerated;
 use crate::air::{AirFrame, Shelter};
 use crate::clock::Clock;
 use crate::collide::{SolidFrame, SolidKinds};
@@ -15,6 +16,17 @@ use forelock_core::interaction::grid::GridFrame;
 use forelock_core::interaction::{contact, grid, sph};
 use forelock_core::pose::Pose;
 use glam::DVec3;
+
+/// Which kernels a frame needs.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct FrameKinds {
+    /// What kinds of colliders there are.
+    solids: SolidKinds,
+    /// What shelters from the wind, if it is a field.
+    air: Option<Shelter>,
+    /// The acceleration beside gravity, if there is one.
+    acceleration: Option<Accelerated>,
+}
 
 /// Whether one of `steps` moves positions to the frame's origin.
 fn begins(steps: &[PlannedStep]) -> bool {
@@ -35,8 +47,12 @@ impl GpuSimulation {
     /// Measures the time of each stage from the next frame on, or stops. Returns whether the device
     /// supports it.
     pub fn time_stages(&mut self, on: bool) -> bool {
-        let air = self.air.is_some().then_some(Shelter { wake: true, canopy: true });
-        let passes = self.dispatches(self.plan.steps(), SolidKinds::Rigid, air).stages().count() as u32;
+        let kinds = FrameKinds {
+            solids: SolidKinds::Rigid,
+            air: self.air.is_some().then_some(Shelter { wake: true, canopy: true }),
+            acceleration: self.acceleration.is_some().then_some(Accelerated::Field),
+        };
+        let passes = self.dispatches(self.plan.steps(), kinds).stages().count() as u32;
         self.clock = on.then(|| Clock::new(&self.gpu, passes)).flatten();
         self.clock.is_some()
     }
@@ -46,11 +62,10 @@ impl GpuSimulation {
         &mut self,
         encoder: &mut wgpu::CommandEncoder,
         steps: &[PlannedStep],
-        solids: SolidKinds,
-        air: Option<Shelter>,
+        kinds: FrameKinds,
     ) {
         let mut clock = self.clock.take();
-        self.record(encoder, &self.dispatches(steps, solids, air), clock.as_mut());
+        self.record(encoder, &self.dispatches(steps, kinds), clock.as_mut());
         self.clock = clock;
     }
 
@@ -74,12 +89,9 @@ impl GpuSimulation {
     }
 
     /// The dispatches of `steps` in their order. Between interactions, batches run one after the other.
-    fn dispatches(
-        &self,
-        steps: &[PlannedStep],
-        solids: SolidKinds,
-        air: Option<Shelter>,
-    ) -> DispatchList<'_> {
+    fn dispatches(&self, steps: &[PlannedStep], kinds: FrameKinds) -> DispatchList<'_> {
+        let FrameKinds { air, acceleration, .. } = kinds;
+        let own = self.acceleration.as_ref();
         let mut list = DispatchList::default();
         for steps in steps.chunk_by(|a, b| is_of_batches(&a.step) && is_of_batches(&b.step)) {
             let step = steps[0].step;
@@ -91,15 +103,18 @@ impl GpuSimulation {
                 air.sample(&mut list, shelter);
                 self.kernels.apply_wind(&mut list, &self.groups);
             }
+            let sampled = own.filter(|_| acceleration == Some(Accelerated::Field) && begins(steps));
+            sampled.iter().for_each(|own| own.sample(&mut list));
             for batch in 0..self.batches.len() {
-                steps.iter().for_each(|own| self.step_batch(&mut list, own.step, batch, solids));
+                steps.iter().for_each(|own| self.step_batch(&mut list, own.step, batch, kinds));
             }
         }
         list
     }
 
     /// A step of one batch.
-    fn step_batch<'a>(&'a self, list: &mut DispatchList<'a>, step: Step, batch: usize, solids: SolidKinds) {
+    fn step_batch<'a>(&'a self, list: &mut DispatchList<'a>, step: Step, batch: usize, kinds: FrameKinds) {
+        let solids = kinds.solids;
         let groups = &self.groups;
         let strands = &groups.strands[batch];
         let last = self.rules.substeps - 1;
@@ -107,6 +122,8 @@ impl GpuSimulation {
             |number| solids.resolve().map(|kernel| groups.solids[batch].dispatch(kernel, &[number]));
         match step {
             Step::Solve { substep } => {
+                let accelerates = self.acceleration.iter().filter(|_| kinds.acceleration.is_some());
+                accelerates.for_each(|own| own.accelerate(list, batch));
                 let longest = self.batches[batch].threads.longest;
                 let half_factors = self.half_factors;
                 let batch = SolveBatch { groups, batch, longest, solids, half_factors };
@@ -160,9 +177,9 @@ impl GpuSimulation {
         }
     }
 
-    /// Writes the uniforms of a frame, before `steps` of it. Returns what shelters from the wind, if
-    /// it is a field.
-    pub(crate) fn write_frame(&mut self, frame: &FrameInput<'_>, steps: &[PlannedStep]) -> Option<Shelter> {
+    /// Writes the uniforms of a frame, before `steps` of it.
+    pub(crate) fn write_frame(&mut self, frame: &FrameInput<'_>, steps: &[PlannedStep]) -> FrameKinds {
+        let acceleration = self.write_acceleration(frame);
         let origin = frame.origin(&self.model);
         let start = self.model.about_centre(&frame.roots.head()[0], self.origin);
         let shift = self.origin - origin;
@@ -172,6 +189,9 @@ impl GpuSimulation {
         }
         let mut uniform = FrameUniform::new(&self.rules, frame.dt_secs, frame.gravity, frame.air.velocity);
         self.kernels.write_terms(frame.dt_secs, &mut uniform);
+        if !self.model.masses.is_empty() {
+            uniform = uniform.with_masses();
+        }
         let wind = frame.air.field;
         if wind.is_some() {
             uniform = uniform.in_wind();
@@ -195,9 +215,20 @@ impl GpuSimulation {
             let motion = &GridFrame::new(before, now, frame.dt_secs / f64::from(count));
             grid.write_frame(&self.gpu, &GridStep { frame, substeps: count, motion, origin });
         }
-        let (air, wind) = self.air.as_mut().zip(wind)?;
-        let air_frame = AirFrame { wind, solids: frame.colliders.len(), origin, shift };
-        Some(air.write_frame(&self.gpu, &self.model, &air_frame))
+        let air = self.air.as_mut().zip(wind).map(|(air, wind)| {
+            let air_frame = AirFrame { wind, solids: frame.colliders.len(), origin, shift };
+            air.write_frame(&self.gpu, &self.model, &air_frame)
+        });
+        FrameKinds { solids: SolidKinds::of(frame.colliders), air, acceleration }
+    }
+
+    /// Uploads the acceleration beside gravity of a frame, before positions move to its origin.
+    fn write_acceleration(&mut self, frame: &FrameInput<'_>) -> Option<Accelerated> {
+        let mut own = self.acceleration.take()?;
+        let centre = frame.roots.head()[0].transform_point(self.model.centre.into());
+        let written = own.write_frame(&self.gpu, self.strands(), &frame.acceleration, centre, self.origin);
+        self.acceleration = Some(own);
+        written
     }
 
     /// Writes the substeps between `poses`, the first of which moves positions by `shift`; further

@@ -8,7 +8,7 @@ use crate::uniforms::{FLAGS, FrameUniform, SubstepUniform};
 use forelock_core::frame::{finish, restore_lengths};
 use forelock_core::lane::LANES;
 use forelock_core::solver::ams::solve_strands::PIVOT_FLOOR;
-use forelock_core::strands::SCRATCH_ROWS;
+use forelock_core::strands::{MASS_RANGE, SCRATCH_ROWS};
 
 /// Rows of the model a particle.
 pub const MODEL_ROWS: u32 = 7;
@@ -26,6 +26,7 @@ pub(crate) const COMMON_CONSTANTS: [&[Constant]; 2] = [
         Constant::u32("SCRATCH", SCRATCH_ROWS as u32),
         Constant::u32("MODEL_ROWS", MODEL_ROWS),
         Constant::f32("PIVOT_FLOOR", PIVOT_FLOOR as f32),
+        Constant::f32("LEAST_MASS", *MASS_RANGE.start()),
         Constant::f32("FAR", FAR as f32),
     ],
     &FLAGS,

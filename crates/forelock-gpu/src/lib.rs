@@ -35,6 +35,7 @@
 //! which a browser does not allow: native only so far. Frames are queued without limit if the
 //! caller never reads back.
 
+pub mod acceleration;
 pub mod air;
 mod batch;
 mod clock;
@@ -71,6 +72,7 @@ pub fn shaders() -> impl Iterator<Item = &'static kernel::Shader> {
         solver::ams::SHADERS,
         solver::dftl::SHADERS,
         collide::SHADERS,
+        acceleration::SHADERS,
         air::SHADERS,
         interaction::grid::SHADERS,
         interaction::sph::SHADERS,

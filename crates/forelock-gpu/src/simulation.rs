@@ -1,9 +1,10 @@
 //! A simulation on a GPU: construction, settings, stepping, snapshots.
 
+use crate::acceleration::DeviceAcceleration;
 use crate::air::DeviceAir;
 use crate::batch::{Batch, DeviceStrands, Shared, StrandGroups, split};
 use crate::clock::Clock;
-use crate::collide::{SolidKinds, Solids};
+use crate::collide::Solids;
 use crate::interaction::contact::DeviceContacts;
 use crate::interaction::grid::DeviceGrid;
 use crate::interaction::sph::DeviceSph;
@@ -12,7 +13,9 @@ use crate::solver::{self, GpuSolver};
 use crate::{Gpu, GpuError};
 use forelock_core::air::WindField;
 use forelock_core::body::ColliderFrame;
-use forelock_core::frame::{Air, Exchange, FrameInput, FramePlan, FrameRules, PlannedStep, Solver};
+use forelock_core::frame::{
+    Acceleration, Air, Exchange, FrameInput, FramePlan, FrameRules, PlannedStep, Solver,
+};
 use forelock_core::groom::Groom;
 use forelock_core::interaction::contact::ContactParams;
 use forelock_core::interaction::grid::GridParams;
@@ -31,7 +34,8 @@ use glam::DVec3;
 /// Memory, in bytes a particle: 28 of model, 32 of state, 120 of scratch (that of the largest
 /// batch). With a grid 4 more, and 68 for each cell of its capacity; under follow the leader 24
 /// more; with contacts 12 more and what [`crate::interaction::contact`] states; with SPH what
-/// [`crate::interaction::sph`] states; 12 more after the first wind field.
+/// [`crate::interaction::sph`] states; 12 more after the first wind field, 12 after the
+/// first acceleration beside gravity, 4 with masses.
 #[derive(Debug)]
 pub struct GpuSimulation {
     pub(crate) gpu: Gpu,
@@ -61,6 +65,8 @@ pub struct GpuSimulation {
     pub(crate) interactions: InteractionParams,
     /// Made at the first wind field.
     pub(crate) air: Option<DeviceAir>,
+    /// Made at the first acceleration beside gravity.
+    pub(crate) acceleration: Option<DeviceAcceleration>,
     pub(crate) clock: Option<Clock>,
 }
 
@@ -90,7 +96,8 @@ impl GpuSimulation {
         solver: impl Into<Solver<f32>>,
         options: &Options,
     ) -> Result<Self, GpuError> {
-        Self::from_strands(gpu, &groom.into(), solver, options)
+        let masses = options.masses.of(groom)?;
+        Self::from_strands(gpu, &Strands { masses: masses.as_deref(), ..groom.into() }, solver, options)
     }
 
     /// The same from plain arrays.
@@ -166,6 +173,7 @@ impl GpuSimulation {
             contacts: None,
             interactions: InteractionParams::default(),
             air: None,
+            acceleration: None,
             clock: None,
         };
         made.positions = DevicePositions::of(&made.model, &made.batches, made.origin);
@@ -246,7 +254,9 @@ impl GpuSimulation {
 
     /// Makes all bind groups.
     fn bind(&mut self) {
-        let Self { gpu, model, shared, solids, batches, groups, grid, sph, contacts, air, .. } = self;
+        let Self {
+            gpu, model, shared, solids, batches, groups, grid, sph, contacts, air, acceleration, ..
+        } = self;
         let strands = DeviceStrands { model, shared, batches };
         *groups = StrandGroups::new(gpu, strands, solids, air.as_ref().map(|air| &*air.wind));
         if let Some(grid) = grid {
@@ -260,6 +270,9 @@ impl GpuSimulation {
         }
         if let Some(air) = air {
             air.bind(gpu, strands, solids);
+        }
+        if let Some(acceleration) = acceleration {
+            acceleration.bind(gpu, strands);
         }
     }
 
@@ -278,7 +291,7 @@ impl GpuSimulation {
         &self.batches
     }
 
-    fn strands(&self) -> DeviceStrands<'_> {
+    pub(crate) fn strands(&self) -> DeviceStrands<'_> {
         DeviceStrands { model: &self.model, shared: &self.shared, batches: &self.batches }
     }
 
@@ -286,7 +299,8 @@ impl GpuSimulation {
     pub fn bytes(&self) -> u64 {
         let batches = self.batches.iter().map(Batch::bytes).sum::<u64>();
         let grid = self.grid.as_ref().map_or(0, DeviceGrid::bytes);
-        let air = self.air.as_ref().map_or(0, DeviceAir::bytes);
+        let air = self.air.as_ref().map_or(0, DeviceAir::bytes)
+            + self.acceleration.as_ref().map_or(0, DeviceAcceleration::bytes);
         let contacts = self.contacts.as_ref().map_or(0, DeviceContacts::bytes);
         let sph = self.sph.as_ref().map_or(0, DeviceSph::bytes);
         self.shared.bytes() + self.solids.bytes() + grid + air + contacts + sph + batches
@@ -338,7 +352,8 @@ impl GpuSimulation {
         steps: &[PlannedStep],
     ) -> Result<(), GpuError> {
         self.gpu.check()?;
-        self.solver.validate_step(frame.dt_secs, self.options.beyond_float32)?;
+        self.solver.check_step(&self.model, frame.dt_secs, self.options.beyond_float32)?;
+        frame.acceleration.check(&self.model)?;
         self.hold(frame.colliders)?;
         let Air { velocity, field } = frame.air;
         let velocity = field.map_or(DVec3::ZERO, |wind| wind.mean) + velocity;
@@ -347,10 +362,15 @@ impl GpuSimulation {
             self.air = Some(DeviceAir::new(&self.gpu, self.strands()));
             self.rebind()?;
         }
-        let shelter =
+        let accelerates = !matches!(frame.acceleration, Acceleration::None);
+        if accelerates && self.acceleration.is_none() {
+            self.acceleration = Some(DeviceAcceleration::new(&self.gpu, self.strands()));
+            self.rebind()?;
+        }
+        let kinds =
             self.write_frame(&FrameInput { air: Air { velocity, field: wind.as_ref() }, ..*frame }, steps);
         self.positions.origin = self.origin;
-        self.record_steps(encoder, steps, SolidKinds::of(frame.colliders), shelter);
+        self.record_steps(encoder, steps, kinds);
         Ok(())
     }
 

@@ -70,7 +70,7 @@ impl GpuSimulation {
     pub fn regroom(&mut self, groom: &Groom, sources: &[Source], head: &Pose) -> Result<(), GpuError> {
         self.read_state()?;
         let state = self.take_memory();
-        let edited = regroom(&self.model, &state, groom, sources, head);
+        let edited = regroom(&self.model, &state, groom, self.options.masses, sources, head);
         self.read_back = Some(state);
         let Regroomed { mut model, mut state } = edited?;
         let solver = self.solver.clone();

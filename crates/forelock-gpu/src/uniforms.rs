@@ -91,10 +91,12 @@ pub mod flags {
     pub const SLENDER: u32 = 1 << 8;
     /// The air is not the same everywhere.
     pub const WIND: u32 = 1 << 9;
+    /// Particles have masses.
+    pub const MASSES: u32 = 1 << 10;
 }
 
 /// The same by their WGSL names.
-pub const FLAGS: [Constant; 10] = [
+pub const FLAGS: [Constant; 11] = [
     Constant::u32("TENSION", flags::TENSION),
     Constant::u32("ANGULAR_EDGE", flags::ANGULAR_EDGE),
     Constant::u32("ANGULAR_PAPER", flags::ANGULAR_PAPER),
@@ -105,6 +107,7 @@ pub const FLAGS: [Constant; 10] = [
     Constant::u32("LAY_ALONG", flags::LAY_ALONG),
     Constant::u32("SLENDER", flags::SLENDER),
     Constant::u32("WIND", flags::WIND),
+    Constant::u32("MASSES", flags::MASSES),
 ];
 
 /// A substep's poses: `Substep` in `prelude.wgsl`.
@@ -190,6 +193,11 @@ impl FrameUniform {
             drag_along: 1.0,
             ..Self::zeroed()
         }
+    }
+
+    /// The same for particles that have masses.
+    pub fn with_masses(self) -> Self {
+        Self { flags: self.flags | flags::MASSES, ..self }
     }
 
     /// The same where the wind is a field: kernels sample it instead of `air`.

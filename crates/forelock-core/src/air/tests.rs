@@ -163,7 +163,7 @@ fn block_of_hair(sides: DVec3, strands: u32) -> (Vec<[f32; 3]>, Vec<u32>) {
 fn wind_falls_exponentially_in_hair_of_rest_density() {
     let sides = DVec3::new(0.2, 0.16, 0.08);
     let (positions, offsets) = block_of_hair(sides, 24_000);
-    let model = Model::new(&Strands { positions: &positions, offsets: &offsets, stiffness: None }).unwrap();
+    let model = Model::new(&Strands::new(&positions, &offsets)).unwrap();
     let shift = DVec3::new(0.3, -0.2, 0.1);
     let mut canopy = Canopy::default();
     let depth = 0.08;

@@ -23,6 +23,8 @@ pub(crate) struct Crew<'a, T> {
     pub scratch: &'a [Mutex<Scratch<T>>],
     /// Share of the wind that reaches each particle; empty: all of it.
     pub exposure: &'a [Row<T>],
+    /// Acceleration of each particle beside gravity; empty: none.
+    pub acceleration: &'a [Row<T>],
 }
 
 impl<T: SolverReal> Crew<'_, T> {
@@ -82,6 +84,8 @@ impl<T: SolverReal> Crew<'_, T> {
             local: self.model.local.get(rows.clone()).unwrap_or_default(),
             strand_length: &self.model.strand_lengths[index],
             stiffness: &self.model.stiffness[index],
+            masses: self.model.masses.get(block.range()).unwrap_or_default(),
+            acceleration: self.acceleration.get(rows.clone()).unwrap_or_default(),
             positions: arrays.positions,
             previous: arrays.previous,
             velocities: arrays.velocities,

@@ -1,11 +1,11 @@
 //! What a simulation is given for one frame.
 
+use super::acceleration::Acceleration;
 use crate::air::WindField;
 use crate::body::ColliderFrame;
 use crate::pose::Pose;
 use crate::strands::Model;
-use glam::{DVec3, Vec3};
-use std::fmt;
+use glam::DVec3;
 
 /// The surroundings of one frame: where roots and colliders are at its start and end, and what
 /// accelerates hair. The default is a head at rest in still air, without gravity, for 1/60 s.
@@ -73,34 +73,6 @@ impl Air<'_> {
     /// Air that moves with one `velocity` everywhere, m/s.
     pub fn uniform(velocity: DVec3) -> Self {
         Self { velocity, field: None }
-    }
-}
-
-/// Acceleration of particles beside gravity, m/s², world axes. It is sampled at the frame's start and
-/// adds h a to the velocity of a particle in each substep of h seconds, whatever its mass. Clamped
-/// particles follow the head all the same.
-#[derive(Clone, Copy, Default)]
-pub enum Acceleration<'a> {
-    /// None.
-    #[default]
-    None,
-    /// Of each particle, `[P]`, in the groom's order.
-    PerParticle(&'a [Vec3]),
-    /// A function of the place in the world, metres. A CPU calls it for every particle. A GPU calls it
-    /// at the nodes of a lattice around the hair ([`LATTICE`] cells a side) and interpolates linearly.
-    Field(&'a (dyn Fn(DVec3) -> DVec3 + Sync)),
-}
-
-/// Cells a side of the lattice on which a GPU samples [`Acceleration::Field`].
-pub const LATTICE: u32 = 16;
-
-impl fmt::Debug for Acceleration<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::None => "None",
-            Self::PerParticle(_) => "PerParticle(..)",
-            Self::Field(_) => "Field(..)",
-        })
     }
 }
 

@@ -4,6 +4,7 @@
 //! [`FramePlan`] is the one definition of a frame. It is made from the solver's [`FrameRules`] and the
 //! [`Exchange`]s of the interactions, and read by the CPU and by the GPU.
 
+mod acceleration;
 mod context;
 mod crew;
 mod exchange;
@@ -16,11 +17,12 @@ mod rules;
 mod solver;
 
 pub use crate::strands::LaneGroup;
+pub use acceleration::{ACCELERATION_WGSL, Acceleration, LATTICE};
 pub use context::{FrameContext, Substep};
 pub(crate) use crew::Crew;
 pub(crate) use exchange::shared_secs;
 pub use exchange::{ExchangeContext, Interaction, with_motion};
-pub use input::{Acceleration, Air, FrameInput, LATTICE, Roots, fractions};
+pub use input::{Air, FrameInput, Roots, fractions};
 pub use plan::{CHECK, COLLIDE, Exchange, FramePlan, LENGTHS, Moves, Phase, PlannedStep, Step};
 pub use report::{BlockNanos, BlockReport, ContactReport, FrameReport, GridReport, SphReport, StageTimes};
 pub use rules::{Channels, FrameRules, StepRate};

@@ -18,7 +18,7 @@ use crate::air::sample_air;
 use crate::collide::resolve_solids::{self, Since, SolidContacts};
 use crate::lane::{LANES, Lane, Real, Simd, V3};
 use crate::params::{ParamsError, check_time};
-use crate::strands::{BlockView, Chain, LaneGroup, Scratch, Strands};
+use crate::strands::{BlockView, Chain, LaneGroup, Model, Scratch, Strands};
 use glam::DVec3;
 use std::any::Any;
 use std::fmt::Debug;
@@ -198,6 +198,27 @@ impl<T: 'static> Solver<T> {
     /// The parameters, if they are of type `P`.
     pub fn params<P: 'static>(&self) -> Option<&P> {
         self.0.params().downcast_ref()
+    }
+}
+
+impl<T: Real> Solver<T> {
+    /// Checks that frames of `dt_secs` of `model` can be stepped ([`LaneSolver::validate_step`]). Under
+    /// a spring a light particle is as stiff as one of unit mass in a longer step.
+    ///
+    /// # Errors
+    /// [`ParamsError`] if they cannot.
+    pub fn check_step(
+        &self,
+        model: &Model<T>,
+        dt_secs: f64,
+        beyond_float32: bool,
+    ) -> Result<(), ParamsError> {
+        self.validate_step(dt_secs / model.least_mass.sqrt(), beyond_float32).map_err(|error| match error {
+            ParamsError::TooStiff { name, value, substeps, product, needed, allowed, .. } => {
+                ParamsError::TooStiff { name, value, substeps, dt_secs, product, needed, allowed }
+            }
+            other => other,
+        })
     }
 }
 
@@ -385,6 +406,7 @@ impl<S: LaneSolver> BlockTask for Substeps<'_, S> {
                 Step::Solve { substep } => {
                     let substep = Substep { index: substep as usize, air_is_new };
                     air_is_new = false;
+                    accelerate::<L>(cx.h, view, group.first);
                     report.contacts = S::solve::<L>(&self.terms, cx, substep, view, group, scratch);
                     report.nanos.solve += clock.lap();
                 }
@@ -397,6 +419,19 @@ impl<S: LaneSolver> BlockTask for Substeps<'_, S> {
             }
         }
         report
+    }
+}
+
+/// Adds h a to all velocities, with the acceleration a beside gravity.
+#[inline(always)]
+fn accelerate<L: Lane>(h: f64, view: &mut BlockView<'_, L::Scalar>, first: usize) {
+    if view.acceleration.is_empty() {
+        return;
+    }
+    let h = L::from_f64(h);
+    for i in 0..view.particles {
+        let v = V3::<L>::load(view.velocities, i, first);
+        v.add_scaled(h, V3::load(view.acceleration, i, first)).store(view.velocities, i, first);
     }
 }
 

@@ -19,7 +19,7 @@ use crate::interaction::{contact, grid, sph};
 use crate::lane::{LANES, Row, Simd};
 use crate::params::ParamsError;
 use crate::pose::Pose;
-use crate::strands::{Model, PackError, Snapshot, SnapshotError, State, Strands};
+use crate::strands::{Masses, Model, PackError, Snapshot, SnapshotError, State, Strands};
 use glam::{DVec3, Vec3};
 use step::Workspace;
 
@@ -30,6 +30,8 @@ pub struct Options {
     pub simd: Simd,
     /// The head's pose at rest: the pose in which the groom was modelled.
     pub rest_pose: Pose,
+    /// Masses of particles, for simulations that are built from a [`Groom`].
+    pub masses: Masses,
     /// Gravity that the rest shape compensates, m/s², world axes.
     pub rest_gravity: DVec3,
     /// Accepts h²κ beyond the float32 limit (to demonstrate the failure).
@@ -150,7 +152,8 @@ impl Simulation<f32> {
     /// [`BuildError`] if the groom cannot be packed, a parameter is out of range, or the processor
     /// does not have the instruction set.
     pub fn new(groom: &Groom, solver: impl Into<Solver<f32>>, options: &Options) -> Result<Self, BuildError> {
-        Self::from_strands(&groom.into(), solver, options)
+        let masses = options.masses.of(groom)?;
+        Self::from_strands(&Strands { masses: masses.as_deref(), ..groom.into() }, solver, options)
     }
 
     /// Positions in world space and the groom's order, `[P]`, metres. Virtual particles are left

@@ -24,7 +24,7 @@ use super::Simulation;
 use crate::groom::Groom;
 use crate::groom::edit::Source;
 use crate::pose::Pose;
-use crate::strands::{Model, PackError};
+use crate::strands::{Masses, Model, PackError, Strands};
 use crate::strands::{Snapshot, State, vector};
 
 /// Why the state cannot be transferred to an edited groom.
@@ -71,6 +71,7 @@ pub fn regroom(
     model: &Model<f32>,
     state: &State<f32>,
     groom: &Groom,
+    masses: Masses,
     sources: &[Source],
     head: &Pose,
 ) -> Result<Regroomed, RegroomError> {
@@ -81,7 +82,8 @@ pub fn regroom(
     if sources.len() != strands || sources.iter().any(|s| s.strand as usize >= simulated) {
         return Err(RegroomError::Sources { strands, sources: sources.len(), simulated });
     }
-    let edited = Model::new(&groom.into())?;
+    let masses = masses.of(groom)?;
+    let edited = Model::new(&Strands { masses: masses.as_deref(), ..groom.into() })?;
     let mut begun = State::at_rest(&edited, head);
     if !state.previous.is_empty() {
         begun.remember();
@@ -112,7 +114,8 @@ impl Simulation<f32> {
     /// [`RegroomError`] if the groom cannot be simulated or the sources do not fit; nothing has
     /// changed then.
     pub fn regroom(&mut self, groom: &Groom, sources: &[Source], head: &Pose) -> Result<(), RegroomError> {
-        let Regroomed { model, state } = regroom(&self.model, &self.state, groom, sources, head)?;
+        let Regroomed { model, state } =
+            regroom(&self.model, &self.state, groom, self.options.masses, sources, head)?;
         (self.model, self.state) = (model, state);
         self.solver.channels().prepare(&mut self.model, &mut self.state);
         self.fit_workspace();

@@ -26,6 +26,8 @@ pub(super) struct Workspace<T> {
     canopy: Canopy,
     /// Share of the wind that reaches each particle, a row a place; empty: 1 everywhere.
     pub exposure: Vec<Row<T>>,
+    /// Acceleration of each particle beside gravity; empty: none.
+    acceleration: Vec<Row<T>>,
     /// Consecutive steps of strands.
     steps: Vec<Step>,
     /// Whether an interaction has moved edges in the current frame.
@@ -42,6 +44,7 @@ impl<T: SolverReal> Workspace<T> {
             wake: Wake::default(),
             canopy: Canopy::default(),
             exposure: Vec::new(),
+            acceleration: Vec::new(),
             steps: Vec::new(),
             moved: false,
         }
@@ -60,6 +63,7 @@ impl<T: SolverReal> Workspace<T> {
             + size_of_val(&*self.poses)
             + size_of_val(&*self.solid_poses)
             + size_of_val(&*self.exposure)
+            + size_of_val(&*self.acceleration)
             + self.wake.bytes()
             + self.canopy.bytes()
     }
@@ -98,7 +102,8 @@ impl<T: SimulationReal> Simulation<T> {
         steps: &[PlannedStep],
     ) -> Result<FrameReport, ParamsError> {
         let beyond_float32 = self.options.beyond_float32 || size_of::<T>() > 4;
-        self.solver.validate_step(frame.dt_secs, beyond_float32)?;
+        self.solver.check_step(&self.model, frame.dt_secs, beyond_float32)?;
+        frame.acceleration.check(&self.model)?;
         let rules = self.solver.rules();
         let origin = frame.origin(&self.model);
         let shift = self.state.origin - origin;
@@ -107,8 +112,20 @@ impl<T: SimulationReal> Simulation<T> {
         let solves = steps.iter().any(|own| matches!(own.step, Step::Solve { .. }));
         let wind =
             self.wind(frame, frame.air.field.filter(|_| solves), solves && rules.local_drag, origin, shift);
-        let Workspace { scratch, poses, solid_poses, wake, canopy, exposure, steps: run, moved } =
-            &mut self.workspace;
+        if solves {
+            frame.acceleration.sample(&self.model, &self.state, &mut self.workspace.acceleration);
+        }
+        let Workspace {
+            scratch,
+            poses,
+            solid_poses,
+            wake,
+            canopy,
+            exposure,
+            acceleration,
+            steps: run,
+            moved,
+        } = &mut self.workspace;
         let cx = FrameContext {
             rules,
             simd: self.options.simd.resolve(),
@@ -134,7 +151,7 @@ impl<T: SimulationReal> Simulation<T> {
             substeps: rules.substeps,
             dt_secs: frame.dt_secs,
         };
-        let mut crew = Crew { solver: &self.solver, cx, model: &self.model, scratch, exposure };
+        let mut crew = Crew { solver: &self.solver, cx, model: &self.model, scratch, exposure, acceleration };
         let mut report = FrameReport::default();
         let mut sum: Option<BlockReport> = None;
         for chunk in steps.chunk_by(|a, b| a.step.is_of_strands() && b.step.is_of_strands()) {

@@ -1,5 +1,6 @@
 //! A stage's view of a block of strands, and the scratch memory of a thread.
 
+use super::MASS_RANGE;
 use crate::lane::{Lane, Real, Row, V3};
 
 /// The arrays of one block. Rows as in [`Model`](super::Model), for this block only.
@@ -17,6 +18,11 @@ pub struct BlockView<'a, T> {
     pub strand_length: &'a Row<T>,
     /// Relative stiffness of the strand.
     pub stiffness: &'a Row<T>,
+    /// Relative mass of each particle; empty: 1 everywhere. See [`BlockView::mass`].
+    pub masses: &'a [Row<T>],
+    /// Acceleration of each particle beside gravity, three rows a particle; empty: none. The driver
+    /// has added it to velocities before the solver's own stage.
+    pub acceleration: &'a [Row<T>],
     /// Rest edges in the frames of the particles before them, three rows a particle; empty if no
     /// stage needs them.
     pub local: &'a [Row<T>],
@@ -40,6 +46,26 @@ pub struct BlockView<'a, T> {
     pub air: &'a mut [Row<T>],
     /// h c/m of each particle in this substep, a row a particle; empty: the same for all.
     pub drag: &'a mut [Row<T>],
+}
+
+impl<T: Real> BlockView<'_, T> {
+    /// Relative masses of particle `i` in the lanes from `first` on.
+    #[inline(always)]
+    pub fn mass<L: Lane<Scalar = T>>(&self, i: usize, first: usize) -> L {
+        if self.masses.is_empty() { L::one() } else { L::load(&self.masses[i], first) }
+    }
+
+    /// A mass that no particle of any view falls below.
+    #[inline(always)]
+    pub fn least_mass(&self) -> f32 {
+        if self.masses.is_empty() { 1.0 } else { *MASS_RANGE.start() }
+    }
+
+    /// One over [`BlockView::mass`].
+    #[inline(always)]
+    pub fn inverse_mass<L: Lane<Scalar = T>>(&self, i: usize, first: usize) -> L {
+        if self.masses.is_empty() { L::one() } else { L::one() / L::load(&self.masses[i], first) }
+    }
 }
 
 /// A group of adjacent lanes of a block.

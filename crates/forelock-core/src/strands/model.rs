@@ -39,6 +39,53 @@ pub struct Strands<'a, T> {
     pub offsets: &'a [u32],
     /// Stiffness of each strand's springs and ties relative to the parameters', `[S]`; none = 1.
     pub stiffness: Option<&'a [f32]>,
+    /// Mass of each particle relative to the unit mass of the parameters' rates, `[P]`, each in
+    /// [`MASS_RANGE`]; none = 1. See [`Model::masses`].
+    pub masses: Option<&'a [f32]>,
+}
+
+impl<'a, T> Strands<'a, T> {
+    /// Strands of equal stiffness whose particles have equal masses.
+    pub fn new(positions: &'a [[T; 3]], offsets: &'a [u32]) -> Self {
+        Self { positions, offsets, stiffness: None, masses: None }
+    }
+}
+
+/// The range of relative masses.
+pub const MASS_RANGE: std::ops::RangeInclusive<f32> = 0.1..=10.0;
+
+/// The masses of a groom's particles.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
+pub enum Masses {
+    /// All particles have the same mass.
+    #[default]
+    Uniform,
+    /// The mass is proportional to the square of the groom's width at the particle, with a mean of
+    /// 1 over the groom. It is clamped to [`MASS_RANGE`].
+    Widths,
+}
+
+impl Masses {
+    /// The relative masses of the particles of `groom`, `[P]`, or none if they are all 1.
+    ///
+    /// # Errors
+    /// [`PackError::NoWidths`] if they are to follow widths that the groom does not have.
+    pub fn of(self, groom: &Groom) -> Result<Option<Vec<f32>>, PackError> {
+        if self == Self::Uniform {
+            return Ok(None);
+        }
+        let widths = groom.widths.as_deref().ok_or(PackError::NoWidths)?;
+        let square = |w: &f32| f64::from(*w) * f64::from(*w);
+        #[expect(clippy::cast_precision_loss, reason = "a groom's particles")]
+        let mean = widths.iter().map(square).sum::<f64>() / widths.len().max(1) as f64;
+        if mean.is_nan() || mean <= 0.0 {
+            return Err(PackError::NoWidths);
+        }
+        #[expect(clippy::cast_possible_truncation, reason = "clamped to the range")]
+        let mass = |w: &f32| ((square(w) / mean) as f32).clamp(*MASS_RANGE.start(), *MASS_RANGE.end());
+        Ok(Some(widths.iter().map(mass).collect()))
+    }
 }
 
 impl<'a> From<&'a Groom> for Strands<'a, f32> {
@@ -47,6 +94,7 @@ impl<'a> From<&'a Groom> for Strands<'a, f32> {
             positions: bytemuck::cast_slice(groom.positions()),
             offsets: groom.strand_offsets(),
             stiffness: groom.stiffness.as_deref(),
+            masses: None,
         }
     }
 }
@@ -85,6 +133,12 @@ pub struct Model<T> {
     pub strand_lengths: Vec<Row<T>>,
     /// Relative stiffnesses of strands, a row a block.
     pub stiffness: Vec<Row<T>>,
+    /// Masses relative to the unit mass of the parameters' rates, `[places]` rows; empty: 1. They
+    /// count in the strand solve, for drag and in the length pass. Interactions between strands
+    /// count hair by its length.
+    pub masses: Vec<Row<T>>,
+    /// The least of them.
+    pub least_mass: f64,
     /// The origin of stored rest positions in the head's frame: the centre of their bounding box.
     /// It keeps coordinates small, so that float32 resolves edges anywhere in the world.
     pub centre: [f64; 3],
@@ -127,6 +181,21 @@ pub enum PackError {
         /// Which of its particles.
         particle: usize,
     },
+    /// Masses that are not one a particle, or one out of [`MASS_RANGE`].
+    #[error(
+        "{found} masses for {expected} particles, or one that is not between {} and {}: give the mass of each \
+         particle relative to the mean",
+        MASS_RANGE.start(), MASS_RANGE.end()
+    )]
+    Masses {
+        /// Masses given.
+        found: usize,
+        /// Particles.
+        expected: usize,
+    },
+    /// Masses from widths for a groom without widths.
+    #[error("masses cannot follow widths that the groom does not have: set widths, or use uniform masses")]
+    NoWidths,
     /// An edge of no length.
     #[error("strand {strand} repeats a point at its particle {particle}: repair the groom first")]
     Repeated {
@@ -171,6 +240,18 @@ impl Nearness {
 }
 
 impl<T> Model<T> {
+    /// Particles of the groom, without those that a solver added.
+    pub fn groom_particles(&self) -> usize {
+        self.groom_offset(self.strand_count)
+    }
+
+    /// The index of the first particle of `strand` in the groom.
+    pub fn groom_offset(&self, strand: usize) -> usize {
+        // A strand with N particles of the groom has (N − 1) every + 1 simulated particles.
+        let every = self.every as usize;
+        (self.offsets[strand] as usize + strand * (every - 1)) / every
+    }
+
     /// The map from rest positions relative to `centre` to positions relative to `origin`, for the
     /// head pose `head`.
     pub fn about_centre(&self, head: &Pose, origin: DVec3) -> Pose {
@@ -202,8 +283,9 @@ impl<T: Real> Model<T> {
         match refine(strands) {
             None => Self::pack(strands, 1),
             Some(Chain { positions, offsets, every }) => {
-                let stiffness = strands.stiffness;
-                Self::pack(&Strands { positions: &positions, offsets: &offsets, stiffness }, every)
+                let masses = strands.masses.map(|masses| between(strands.offsets, masses, every));
+                let masses = masses.as_deref();
+                Self::pack(&Strands { positions: &positions, offsets: &offsets, masses, ..*strands }, every)
             }
         }
     }
@@ -242,6 +324,12 @@ impl<T: Real> Model<T> {
             local: Vec::new(),
             strand_lengths: vec![Row([T::zero(); LANES]); blocks.len()],
             stiffness: vec![Row([T::one(); LANES]); blocks.len()],
+            least_mass: strands
+                .masses
+                .unwrap_or(&[1.0])
+                .iter()
+                .fold(f64::INFINITY, |least, m| least.min(f64::from(*m))),
+            masses: vec![Row([T::one(); LANES]); if strands.masses.is_some() { first } else { 0 }],
             centre: centre(strands.positions),
             reach: 0.0,
             blocks,
@@ -286,6 +374,10 @@ impl<T: Real> Model<T> {
             length = length + edge;
         }
         self.strand_lengths[index].0[lane] = length;
+        let masses = strands.masses.unwrap_or_default();
+        for (place, mass) in block.range().zip(masses.get(from..from + block.particles).unwrap_or_default()) {
+            self.masses[place].0[lane] = crate::strands::number(f64::from(*mass));
+        }
         if let Some(scale) = strands.stiffness.and_then(|s| T::from(s[strand])) {
             self.stiffness[index].0[lane] = scale;
         }
@@ -378,7 +470,8 @@ impl<T: Real> Model<T> {
             + self.inverse_edges.len()
             + self.local.len()
             + self.strand_lengths.len()
-            + self.stiffness.len();
+            + self.stiffness.len()
+            + self.masses.len();
         rows * size_of::<Row<T>>() + size_of_val(&*self.blocks) + size_of_val(&*self.offsets)
     }
 
@@ -405,7 +498,27 @@ pub(crate) fn check<T: Real>(strands: &Strands<'_, T>) -> Result<(), PackError> 
             return Err(PackError::Repeated { strand, particle: edge + 1 });
         }
     }
+    let (expected, masses) = (strands.positions.len(), strands.masses.unwrap_or_default());
+    if strands.masses.is_some()
+        && (masses.len() != expected || !masses.iter().all(|mass| MASS_RANGE.contains(mass)))
+    {
+        return Err(PackError::Masses { found: masses.len(), expected });
+    }
     Ok(())
+}
+
+/// Masses of strands with `every − 1` further particles in each edge, linear along the edge.
+fn between(offsets: &[u32], masses: &[f32], every: u32) -> Vec<f32> {
+    let mut all = Vec::with_capacity(masses.len() * every as usize);
+    for ends in offsets.windows(2) {
+        let own = &masses[ends[0] as usize..ends[1] as usize];
+        for pair in own.windows(2) {
+            #[expect(clippy::cast_precision_loss, reason = "a few particles an edge")]
+            all.extend((0..every).map(|k| pair[0] + (pair[1] - pair[0]) * k as f32 / every as f32));
+        }
+        all.extend(own.last());
+    }
+    all
 }
 
 /// The centre of the points' bounding box.
@@ -435,8 +548,7 @@ mod tests {
     fn equal_counts_share_blocks_and_every_strand_has_one_lane() {
         let counts: Vec<usize> = (0..100).map(|s| 2 + s % 3).chain([1000]).collect();
         let (positions, offsets) = straight(&counts);
-        let model =
-            Model::new(&Strands { positions: &positions, offsets: &offsets, stiffness: None }).unwrap();
+        let model = Model::new(&Strands::new(&positions, &offsets)).unwrap();
         let mut seen = vec![0; counts.len()];
         for block in &model.blocks {
             for &s in &block.strands[..block.live] {
@@ -454,7 +566,7 @@ mod tests {
     #[test]
     fn strands_that_cannot_be_simulated_are_reported() {
         let build = |positions: &[[f64; 3]], offsets: &[u32]| {
-            Model::new(&Strands { positions, offsets, stiffness: None }).map(|_| ())
+            Model::new(&Strands::new(positions, offsets)).map(|_| ())
         };
         assert_eq!(build(&[], &[0]), Err(PackError::Empty));
         assert_eq!(build(&[[0.0; 3]], &[0, 1]), Err(PackError::TooShort { strand: 0, particles: 1 }));

@@ -290,13 +290,10 @@ impl<T: Real> Snapshot<T> {
 /// Particles that a solver added ([`Model::every`]) are left out.
 pub fn world_positions<T: Real>(model: &Model<T>, positions: &[Row<T>], origin: DVec3, out: &mut Vec<Vec3>) {
     let every = model.every as usize;
-    // A strand with N particles of the groom has (N − 1) every + 1 simulated particles.
-    let groom = |chain: usize, strands: usize| (chain + strands * (every - 1)) / every;
-    out.resize(groom(model.particle_count, model.strand_count), Vec3::ZERO);
+    out.resize(model.groom_particles(), Vec3::ZERO);
     for block in &model.blocks {
         for (lane, &strand) in block.strands[..block.live].iter().enumerate() {
-            let strand = strand as usize;
-            let from = groom(model.offsets[strand] as usize, strand);
+            let from = model.groom_offset(strand as usize);
             for (p, place) in block.range().step_by(every).enumerate() {
                 let relative = vec3(positions, place, lane);
                 out[from + p] = (origin + relative.as_dvec3()).as_vec3();

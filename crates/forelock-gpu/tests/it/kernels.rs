@@ -3,6 +3,7 @@
 
 #![expect(clippy::unwrap_used, reason = "in a test a failure to build is a failure of the test")]
 
+use forelock_gpu::acceleration::LatticeUniform;
 use forelock_gpu::air::{AirUniform, CanopyEntry, ModeEntry};
 use forelock_gpu::collide::{QueryUniform, SolidEntry};
 use forelock_gpu::guides::{CarriedEntry, SkinUniform};
@@ -148,6 +149,7 @@ fn layouts() -> Vec<Layout> {
         layout!("Air", AirUniform, [
             to_wake from_wake axes mean shelter shift wake_cell stop scale modes solids each
         ]),
+        layout!("Lattice", LatticeUniform, [low per_metre]),
         layout!("Canopy", CanopyEntry, [low cell dims pad_0 extent pad_1 pad_2]),
         layout!("Solid", SolidEntry, [
             at_end at_start carry spin friction travel kind pivot thinness size cell ball ball_radius origin described

@@ -113,6 +113,7 @@ impl Engine {
         let options = Options {
             simd: scene.solver.simd.into(),
             rest_pose: start.head,
+            masses: scene.solver.masses,
             rest_gravity: DVec3::from_array(scene.gravity),
             beyond_float32: scene.solver.beyond_float32,
         };

@@ -320,6 +320,9 @@ fn params_error(table: &str, error: &ParamsError, scene: &Scene) -> Wrong {
         ParamsError::Range { name, value, expected } => {
             (format!("{table}.{name}"), format!("should be {expected}, not {value}"))
         }
+        ParamsError::Count { name, found, expected } => {
+            (format!("{table}.{name}"), format!("has {found} entries, but there are {expected} particles"))
+        }
         ParamsError::TooStiff { name, value, substeps, product, needed, allowed, .. } => {
             let raise =
                 if *needed <= 1000 { format!("raise time.substeps to {needed} or ") } else { String::new() };

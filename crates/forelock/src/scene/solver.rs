@@ -2,6 +2,7 @@
 
 use forelock_core::lane::Simd;
 use forelock_core::solver::{AmsParams, DftlParams, MassSpringParams};
+use forelock_core::strands::Masses;
 use serde::{Deserialize, Serialize, Serializer};
 
 use super::document::Document;
@@ -79,6 +80,9 @@ pub struct SolverSection {
     /// Whether stiffness may go beyond what float32 solves, to see what happens then. Default
     /// false.
     pub beyond_float32: bool,
+    /// Masses of particles: "uniform", or "widths" for masses in proportion to the squares of the
+    /// groom's widths. Default "uniform".
+    pub masses: Masses,
     /// Parameters of "ams".
     pub ams: AmsParams,
     /// Parameters of "mass-spring".

@@ -15,22 +15,25 @@ fn solve_chain(strand: Strand, first: u32) {
     var upper = 0.0;
     var partial = 0.0;
     var beside = 0.0;
+    // The first edge starts at a clamped particle: it has one free end.
+    var inner = 0.0;
     var direction = scratch_vector(strand, first, 0u);
     for (var j = first; j + 1u < strand.particles; j++) {
         let at = entry(strand, j, SCRATCH, 3u);
-        let diagonal = select(2.0, 1.0, j == first);
-        let pivot = 1.0 / (diagonal - beside * upper);
+        let outer = 1.0 / mass_at(strand, j + 1u);
+        let pivot = 1.0 / (inner + outer - beside * upper);
         partial = (scratch_number(at) - beside * partial) * pivot;
         var next = 0.0;
         if j + 2u < strand.particles {
             let after = scratch_vector(strand, j + 1u, 0u);
-            next = -dot(direction, after);
+            next = -outer * dot(direction, after);
             direction = after;
         }
         upper = next * pivot;
         set_scratch_number(at, partial);
         set_scratch_number(at + LANES, upper);
         beside = next;
+        inner = outer;
     }
     var lambda = 0.0;
     for (var k = 0u; k < strand.particles - 1u - first; k++) {
@@ -46,7 +49,7 @@ fn push_of(strand: Strand, i: u32) -> vec3f {
     if i + 1u < strand.particles {
         push -= scratch_number(entry(strand, i, SCRATCH, 3u)) * scratch_vector(strand, i, 0u);
     }
-    return push;
+    return push / mass_at(strand, i);
 }
 
 // Places each particle at its rest length from the particle before it. With `is_dftl` the

@@ -20,7 +20,7 @@
 //! Collisions are resolved afterwards and may stretch edges again where hair is pressed against a
 //! solid.
 
-use crate::lane::{Lane, V3};
+use crate::lane::{Lane, Row, V3};
 use crate::params::Inextensibility;
 use crate::strands::BlockView;
 
@@ -61,8 +61,8 @@ pub fn restore<L: Lane>(
         Inextensibility::Projection => {
             for _ in 0..NEWTON_STEPS {
                 measure(view, first, from, directions, sweep);
-                solve_chain(from, view.particles, directions, sweep);
-                push(view.positions, first, from, directions, sweep);
+                solve_chain(view, first, from, directions, sweep);
+                push(view.positions, view.masses, first, from, directions, sweep);
             }
             follow_the_leader::<L>(view, first, from, None);
             project_velocities(view, first, from, directions, sweep);
@@ -104,19 +104,28 @@ fn edge<L: Lane>(view: &BlockView<'_, L::Scalar>, first: usize, j: usize) -> (V3
 
 /// Thomas' algorithm on J W Jᵀ λ = r. `sweep[j].0[2]` holds r before and λ afterwards.
 #[inline(always)]
-fn solve_chain<L: Lane>(from: usize, particles: usize, directions: &[V3<L>], sweep: &mut [V3<L>]) {
+fn solve_chain<L: Lane>(
+    view: &BlockView<'_, L::Scalar>,
+    first: usize,
+    from: usize,
+    directions: &[V3<L>],
+    sweep: &mut [V3<L>],
+) {
+    let particles = view.particles;
+    // The first edge starts at a clamped particle: it has one free end.
+    let mut inner = L::zero();
     let (mut upper, mut partial) = (L::zero(), L::zero()); // c′ and r′ of the row before
     let mut beside = L::zero(); // the off-diagonal entry between this row and the row before
     for j in from..particles - 1 {
-        // The first edge starts at a clamped particle: it has one free end.
-        let diagonal = L::from_f64(if j == from { 1.0 } else { 2.0 });
-        let pivot = L::one() / beside.neg_mul_add(upper, diagonal);
+        let outer = view.inverse_mass::<L>(j + 1, first);
+        let pivot = L::one() / beside.neg_mul_add(upper, inner + outer);
         partial = beside.neg_mul_add(partial, sweep[j].0[2]) * pivot;
-        let next = if j + 2 < particles { -directions[j].dot(directions[j + 1]) } else { L::zero() };
+        let next =
+            if j + 2 < particles { -(directions[j].dot(directions[j + 1]) * outer) } else { L::zero() };
         upper = next * pivot;
         sweep[j].0[0] = upper;
         sweep[j].0[1] = partial;
-        beside = next;
+        (beside, inner) = (next, outer);
     }
     let mut lambda = L::zero();
     for j in (from..particles - 1).rev() {
@@ -128,7 +137,8 @@ fn solve_chain<L: Lane>(from: usize, particles: usize, directions: &[V3<L>], swe
 /// `rows += W Jᵀ λ`.
 #[inline(always)]
 fn push<L: Lane>(
-    rows: &mut [crate::lane::Row<L::Scalar>],
+    rows: &mut [Row<L::Scalar>],
+    masses: &[Row<L::Scalar>],
     first: usize,
     from: usize,
     directions: &[V3<L>],
@@ -136,9 +146,10 @@ fn push<L: Lane>(
 ) {
     let particles = directions.len();
     for i in from + 1..particles {
-        let mut value = V3::load(rows, i, first).add_scaled(sweep[i - 1].0[2], directions[i - 1]);
+        let w = if masses.is_empty() { L::one() } else { L::one() / L::load(&masses[i], first) };
+        let mut value = V3::load(rows, i, first).add_scaled(sweep[i - 1].0[2] * w, directions[i - 1]);
         if i + 1 < particles {
-            value = value.add_scaled(-sweep[i].0[2], directions[i]);
+            value = value.add_scaled(-sweep[i].0[2] * w, directions[i]);
         }
         value.store(rows, i, first);
     }
@@ -196,8 +207,8 @@ fn project_velocities<L: Lane>(
         sweep[j].0[2] = -directions[j].dot(next - v);
         v = next;
     }
-    solve_chain(from, view.particles, directions, sweep);
-    push(view.velocities, first, from, directions, sweep);
+    solve_chain(view, first, from, directions, sweep);
+    push(view.velocities, view.masses, first, from, directions, sweep);
 }
 
 /// The largest |l/l₀ − 1| of the edges of each lane.

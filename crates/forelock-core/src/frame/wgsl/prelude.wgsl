@@ -84,7 +84,8 @@ struct Report {
 @group(0) @binding(1) var<uniform> substep: Substep;
 @group(0) @binding(2) var<storage, read> blocks: array<Block>;
 // Rows of LANES numbers, seven rows a particle: rest position, rest lengths to the next three
-// particles, one over the first of these lengths.
+// particles, one over the first of these lengths. With MASSES a row a particle follows: the relative
+// masses.
 @group(0) @binding(3) var<storage, read> model: array<f32>;
 // Two rows a block: strand lengths and relative stiffnesses.
 @group(0) @binding(4) var<storage, read> strands: array<f32>;
@@ -194,6 +195,15 @@ fn rest_length(strand: Strand, i: u32, reach: u32) -> f32 {
 
 fn inverse_rest_edge(strand: Strand, i: u32) -> f32 {
     return model[entry(strand, i, MODEL_ROWS, 6u)];
+}
+
+// The relative mass of particle `i`.
+fn mass_at(strand: Strand, i: u32) -> f32 {
+    if !has(MASSES) {
+        return 1.0;
+    }
+    // Positions have three rows a particle.
+    return model[MODEL_ROWS * (arrayLength(&positions) / 3u) + entry(strand, i, 1u, 0u)];
 }
 
 fn strand_length(strand: Strand) -> f32 {
@@ -329,15 +339,16 @@ fn sym_sub_product(s: Sym, l: mat3x3f, a: mat3x3f) -> Sym {
 }
 
 // The inverse of a positive definite matrix by its LDLᵀ factors, with pivots of at least
-// PIVOT_FLOOR.
+// PIVOT_FLOOR over the least mass.
 fn sym_inverse(s: Sym) -> Sym {
-    let i0 = 1.0 / max(s.d.x, PIVOT_FLOOR);
+    let least = select(PIVOT_FLOOR, PIVOT_FLOOR * LEAST_MASS, has(MASSES));
+    let i0 = 1.0 / max(s.d.x, least);
     let l10 = s.o.x * i0;
     let l20 = s.o.y * i0;
-    let i1 = 1.0 / max(s.d.y - l10 * s.o.x, PIVOT_FLOOR);
+    let i1 = 1.0 / max(s.d.y - l10 * s.o.x, least);
     let t = s.o.z - l20 * s.o.x;
     let l21 = t * i1;
-    let i2 = 1.0 / max((s.d.z - l20 * s.o.y) - l21 * t, PIVOT_FLOOR);
+    let i2 = 1.0 / max((s.d.z - l20 * s.o.y) - l21 * t, least);
     let m20 = l10 * l21 - l20;
     let n20 = m20 * i2;
     let n21 = -(l21 * i2);

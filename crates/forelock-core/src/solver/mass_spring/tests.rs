@@ -41,7 +41,7 @@ fn walk(n: usize, noise: &mut Noise) -> Vec<DVec3> {
 fn chain(points: &[DVec3], offset: f64) -> Vec<DVec3> {
     let positions: Vec<[f64; 3]> = points.iter().map(|p| p.to_array()).collect();
     let offsets = [0, positions.len() as u32];
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&positions, &offsets);
     let (chain, offsets) = with_virtual_particles(&strands, offset);
     assert_eq!(offsets, [0, 2 * points.len() as u32 - 1]);
     chain.into_iter().map(DVec3::from).collect()
@@ -134,7 +134,7 @@ const H: f64 = 1.0 / 240.0;
 fn substep(rest: &[DVec3], x: &[DVec3], velocities: &[f64], params: &AmsParams) -> Vec<f64> {
     let positions: Vec<[f64; 3]> = rest.iter().map(|p| p.to_array()).collect();
     let offsets = [0, positions.len() as u32];
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&positions, &offsets);
     let options = Options { simd: Simd::Scalar, ..Options::default() };
     let mut simulation = Simulation::from_strands(&strands, params, &options).unwrap();
     let origin = DVec3::from(simulation.model().centre);

@@ -70,7 +70,7 @@ pub fn errors<B: Backend>(
 ) -> Errors {
     let poses = poses(file);
     let (rest, offsets) = strands::<B::Real>(file);
-    let strands = Strands { positions: &rest, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&rest, &offsets);
     let options = Options { rest_pose: poses[0], ..Options::default() };
     let mut simulation = build(&strands, &(&params(file)).into(), options);
     let capsules: Vec<(Shape, Pose)> = file.get("caps").map_or_else(Vec::new, |caps| {

@@ -34,7 +34,7 @@ pub fn coupled_error<B: Backend>(
     let steps = &file["step"];
     let poses = poses(steps);
     let (rest, offsets) = strands::<B::Real>(steps);
-    let strands = Strands { positions: &rest, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&rest, &offsets);
     let params = DftlParams {
         tip_scale_global: 1.0,
         tip_scale_local: 1.0,

@@ -116,7 +116,7 @@ pub fn worst_error<B: Backend>(
     for strand in file["strands"].as_array().unwrap() {
         let rest = vectors::<B::Real>(&strand["rest"]);
         let offsets = [0, rest.len() as u32];
-        let strands = Strands { positions: &rest, offsets: &offsets, stiffness: None };
+        let strands = Strands::new(&rest, &offsets);
         let mut simulation = build(&strands, &(&params(p)).into(), options(p, poses[0]));
         let length = simulation.model().strand_lengths[0].0[0].to_f64().unwrap();
         let frames = numbers(&strand["frames"]);
@@ -164,7 +164,7 @@ pub fn substep_error<B: Backend>(
     let poses = [pose(&case["pose0"]), pose(&case["pose1"])];
     let rest = vectors::<B::Real>(&case["rest"]);
     let offsets = [0, rest.len() as u32];
-    let strands = Strands { positions: &rest, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&rest, &offsets);
     let one_substep = AmsParams { substeps: 1, ..params(p) };
     let mut simulation = build(&strands, &(&one_substep).into(), options(p, Pose::IDENTITY));
     let origin = poses[0].transform_point(simulation.model().centre.into());

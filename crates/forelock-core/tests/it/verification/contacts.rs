@@ -105,7 +105,7 @@ impl Free {
             *sum += s.len() as u32;
             Some(*sum)
         }));
-        let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+        let strands = Strands::new(&positions, &offsets);
         let model = Model::new(&strands).unwrap();
         let contacts = Contacts::new(&model, params, Simd::Auto.resolve());
         let (positions, velocities) = (model.rest.clone(), vec![Row([0.0; 16]); model.rest.len()]);

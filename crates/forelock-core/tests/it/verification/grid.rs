@@ -21,7 +21,7 @@ fn ball() -> Model<f32> {
         }
     }
     let offsets: Vec<u32> = (0..=positions.len() as u32 / 3).map(|s| 3 * s).collect();
-    Model::new(&Strands { positions: &positions, offsets: &offsets, stiffness: None }).unwrap()
+    Model::new(&Strands::new(&positions, &offsets)).unwrap()
 }
 
 fn params() -> GridParams {

@@ -1,6 +1,6 @@
 //! What must not matter: where the scene is, how large, how fast the frames come, and which strands are beside.
 
-use crate::rig::{DT, GRAVITY, LENGTH, Rig, Strand, helix, largest, shake, simds, tuft};
+use crate::rig::{DT, GRAVITY, LENGTH, Rig, Strand, Varied, helix, largest, shake, simds, tuft};
 use forelock_core::lane::Simd;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::Options;
@@ -139,7 +139,8 @@ fn stiffness_a_strand_scales_every_spring_and_tie() {
         rig.play(0.5, |t| shake(1.0, 2.0, t));
         rig.simulation.snapshot()
     };
-    let mixed = run(Rig::stiff(&strands, Some(&stiffness), &plain, &options));
+    let mixed =
+        run(Rig::varied(&strands, Varied { stiffness: Some(&stiffness), masses: None }, &plain, &options));
     for (s, &by) in stiffness.iter().enumerate() {
         let whole = run(Rig::with_options(&strands, &scaled(by.into()), &options));
         // Powers of two scale without rounding: the same bits.

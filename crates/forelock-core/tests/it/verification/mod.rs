@@ -12,6 +12,7 @@ mod follow;
 mod grid;
 mod hash;
 mod invariance;
+mod masses;
 mod non_hookean;
 mod particles;
 pub mod rig;

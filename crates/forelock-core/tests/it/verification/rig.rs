@@ -1,7 +1,7 @@
 //! A strand or some on a head that moves: the bench on which the other modules measure. SI units.
 
 use forelock_core::body::ColliderFrame;
-use forelock_core::frame::{Air, FrameInput, FrameReport};
+use forelock_core::frame::{Acceleration, Air, FrameInput, FrameReport};
 use forelock_core::lane::Real;
 use forelock_core::lane::Simd;
 use forelock_core::pose::Pose;
@@ -11,7 +11,7 @@ use forelock_core::solver::ams::{AngularForm, Inextensibility};
 use forelock_core::solver::{AmsParams, Solver};
 use forelock_core::strands::Snapshot;
 use forelock_core::strands::Strands;
-use glam::{DQuat, DVec3};
+use glam::{DQuat, DVec3, Vec3};
 use std::f64::consts::TAU;
 
 /// Standard gravity of these scenes, m/s².
@@ -81,12 +81,21 @@ pub fn simds() -> impl Iterator<Item = Simd> {
     Simd::ALL.into_iter().filter(|s| s.is_supported())
 }
 
+/// Stiffness of each strand and mass of each particle, where they are not 1.
+#[derive(Clone, Copy, Default)]
+pub struct Varied<'a> {
+    pub stiffness: Option<&'a [f32]>,
+    pub masses: Option<&'a [f32]>,
+}
+
 /// A simulation and the scene around it.
 pub struct Rig<T: SimulationReal> {
     pub simulation: Simulation<T>,
     pub head: Pose,
     pub gravity: DVec3,
     pub air: DVec3,
+    /// Acceleration of each particle beside gravity; empty: none.
+    pub acceleration: Vec<Vec3>,
     pub dt: f64,
 }
 
@@ -98,13 +107,13 @@ impl<T: SimulationReal> Rig<T> {
 
     /// `strands` at rest as `options` has it.
     pub fn with_options(strands: &[Strand], params: impl Into<Solver<T>>, options: &Options) -> Self {
-        Self::stiff(strands, None, params, options)
+        Self::varied(strands, Varied::default(), params, options)
     }
 
-    /// The same with a stiffness a strand.
-    pub fn stiff(
+    /// The same with strands and particles that differ.
+    pub fn varied(
         strands: &[Strand],
-        stiffness: Option<&[f32]>,
+        varied: Varied<'_>,
         params: impl Into<Solver<T>>,
         options: &Options,
     ) -> Self {
@@ -114,12 +123,14 @@ impl<T: SimulationReal> Rig<T> {
             *sum += s.len() as u32;
             Some(*sum)
         }));
-        let strands = Strands { positions: &positions, offsets: &offsets, stiffness };
+        let Varied { stiffness, masses } = varied;
+        let strands = Strands { stiffness, masses, ..Strands::new(&positions, &offsets) };
         Self {
             simulation: Simulation::from_strands(&strands, params, options).unwrap(),
             head: options.rest_pose,
             gravity: options.rest_gravity,
             air: DVec3::ZERO,
+            acceleration: Vec::new(),
             dt: DT,
         }
     }
@@ -134,14 +145,19 @@ impl<T: SimulationReal> Rig<T> {
         let head = [self.head, to];
         let (gravity, air_velocity, dt_secs) = (self.gravity, self.air, self.dt);
         self.head = to;
+        let acceleration = if self.acceleration.is_empty() {
+            Acceleration::None
+        } else {
+            Acceleration::PerParticle(&self.acceleration)
+        };
         self.simulation
             .step_frame(&FrameInput {
                 roots: head.into(),
                 colliders,
                 gravity,
                 air: Air::uniform(air_velocity),
+                acceleration,
                 dt_secs,
-                ..FrameInput::default()
             })
             .unwrap()
     }

@@ -33,7 +33,7 @@ fn run(solver: &Solver<f32>, own: Interactions, way: Way) -> u64 {
     let strands = tuft(60, 20);
     let positions: Vec<[f32; 3]> = strands.iter().flatten().map(|p| p.map(|x| x as f32)).collect();
     let offsets: Vec<u32> = (0..=60).map(|s| 20 * s).collect();
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&positions, &offsets);
     let ball = Shape::Sphere { radius: 0.04 };
     let mut simulation = Simulation::from_strands(&strands, solver, &Options::default()).unwrap();
     simulation.set_grid(own.grid.then_some(&GridParams::default())).unwrap();

@@ -1,7 +1,7 @@
 //! One substep against the system that the equations state, assembled here densely and solved by elimination.
 
 use crate::dense::{self, Matrix};
-use crate::rig::{GRAVITY, Random, Rig, helix, real, simds, vector};
+use crate::rig::{GRAVITY, Random, Rig, Varied, helix, real, simds, vector};
 use forelock_core::lane::Simd;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::Options;
@@ -20,6 +20,9 @@ struct Instant {
     intact: Vec<f64>,
     /// Relative stiffness of the strand.
     stiffness: f64,
+    masses: Vec<f64>,
+    /// Acceleration beside gravity.
+    acceleration: Vec<DVec3>,
     poses: [Pose; 2],
     air: DVec3,
 }
@@ -124,8 +127,10 @@ impl Instant {
     fn row(&self, i: usize, system: &mut System) {
         let (p, h) = (&self.params, self.h);
         let identity = DMat3::IDENTITY;
-        system.add(i, i, identity * (1.0 + h * p.drag));
-        system.push(i, self.v[i] + GRAVITY * h + self.air * (h * p.drag));
+        let mass = self.masses[i];
+        system.add(i, i, identity * (mass + h * p.drag));
+        let pushed = self.v[i] + (GRAVITY + self.acceleration[i]) * h;
+        system.push(i, pushed * mass + self.air * (h * p.drag));
         let (y, w) = (self.ghost(i), self.ghost_velocity(i));
         let direction =
             |tie: DVec3, isotropic: bool| if isotropic { identity } else { outer(tie.normalize()) };
@@ -133,7 +138,7 @@ impl Instant {
 
         let (s, kappa) = (self.intact(i), self.kappa(p.k_integrity, p.tip_scale_integrity, i));
         let weight = if p.sag_free { self.poses[1].transform_vector(GRAVITY) } else { DVec3::ZERO };
-        let tie = (y - self.x[i]) * kappa - weight;
+        let tie = (y - self.x[i]) * kappa - weight * mass;
         let k = direction(tie, isotropic) * (h * h * s * kappa);
         system.add(i, i, k);
         system.push(i, tie * (h * s) + k * w);
@@ -186,7 +191,18 @@ fn error<T: SimulationReal>(params: &AmsParams, simd: Simd, seed: u64, k_integri
     let strand = helix(30).iter().map(|&p| p.map(|c| real::<T>(c).to_f64().unwrap())).collect::<Vec<_>>();
     let stiffness = 0.75;
     let options = Options { simd, rest_gravity: GRAVITY, ..Options::default() };
-    let mut rig = Rig::<T>::stiff(std::slice::from_ref(&strand), Some(&[stiffness]), params, &options);
+    // Half of the cases have masses, a third have an acceleration beside gravity.
+    let masses: Vec<f32> = strand
+        .iter()
+        .map(|_| (random.number() * 1.5).exp() as f32)
+        .map(|m| if seed.is_multiple_of(2) { m } else { 1.0 })
+        .collect();
+    let varied =
+        Varied { stiffness: Some(&[stiffness]), masses: (seed.is_multiple_of(2)).then_some(&masses) };
+    let mut rig = Rig::<T>::varied(std::slice::from_ref(&strand), varied, params, &options);
+    if seed.is_multiple_of(3) {
+        rig.acceleration = strand.iter().map(|_| (random.vector() * 20.0).as_vec3()).collect();
+    }
     let centre = DVec3::from(rig.simulation.model().centre);
     let origin = poses[0].transform_point(centre);
     let noise = if params.non_hookean { 0.25 } else { 3e-3 };
@@ -209,6 +225,10 @@ fn error<T: SimulationReal>(params: &AmsParams, simd: Simd, seed: u64, k_integri
         v: snapshot.velocities.iter().map(|&v| vector(v)).collect(),
         intact: snapshot.integrity.iter().map(|s| s.to_f64().unwrap()).collect(),
         stiffness: stiffness.into(),
+        masses: masses.iter().map(|&m| f64::from(m)).collect(),
+        acceleration: (0..strand.len())
+            .map(|i| rig.acceleration.get(i).map_or(DVec3::ZERO, |a| a.as_dvec3()))
+            .collect(),
         poses,
         air,
     };
@@ -273,5 +293,7 @@ fn the_band_solves_the_dense_system() {
 fn another_system_is_told_apart() {
     let params = &cases()[0];
     assert!(error::<f64>(params, Simd::Auto, 1, 1.001 * params.k_integrity) > 1e-7);
+    // Also among masses and accelerations (seed 6).
+    assert!(error::<f64>(params, Simd::Auto, 6, 1.001 * params.k_integrity) > 1e-7);
     assert!(error::<f32>(params, Simd::Auto, 1, 1.5 * params.k_integrity) > 1e-4);
 }

@@ -92,7 +92,7 @@ fn errors_among(
     frames: u32,
 ) -> [f64; 2] {
     let exact: Vec<[f64; 3]> = strands.positions.iter().map(|x| x.map(f64::from)).collect();
-    let exact = Strands { positions: &exact, offsets: strands.offsets, stiffness: strands.stiffness };
+    let exact = Strands { stiffness: strands.stiffness, ..Strands::new(&exact, strands.offsets) };
     let mut own = GpuSimulation::from_strands(gpu, strands, params[0], &options()).unwrap();
     let mut cpu = Simulation::from_strands(strands, params[1], &options()).unwrap();
     let mut truth = Simulation::<f64>::from_strands(&exact, params[1], &options()).unwrap();
@@ -149,7 +149,7 @@ fn any_count_of_strands_and_particles() {
     ] {
         for mixed in [false, true] {
             let (positions, offsets) = tuft(count, |strand| particles + if mixed { strand % 7 } else { 0 });
-            let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+            let strands = Strands::new(&positions, &offsets);
             let errors = errors(&gpu, &strands, [&params; 2], 1);
             assert!(is_close(errors), "{count} × {particles}, mixed {mixed}: {errors:?}");
         }
@@ -204,7 +204,7 @@ fn every_form_of_every_term() {
     let gpu = common::gpu();
     let (positions, offsets) = tuft(70, |strand| 20 + strand % 2);
     let stiffness: Vec<f32> = (0..70u8).map(|strand| 0.5 + f32::from(strand) / 70.0).collect();
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: Some(&stiffness) };
+    let strands = Strands { stiffness: Some(&stiffness), ..Strands::new(&positions, &offsets) };
     for (name, params) in forms() {
         let [one, many] = [1, 30].map(|frames| errors(&gpu, &strands, [&params; 2], frames));
         println!("{name} on {}: {one:?} after a frame, {many:?} after thirty (GPU, CPU)", gpu.name());
@@ -219,8 +219,8 @@ fn half_factors_are_off_by_little() {
     let gpu = common::gpu();
     let (positions, offsets) = tuft(70, |strand| 20 + strand % 2);
     let exact: Vec<[f64; 3]> = positions.iter().map(|x| x.map(f64::from)).collect();
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
-    let exact = Strands { positions: &exact, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&positions, &offsets);
+    let exact = Strands::new(&exact, &offsets);
     for params in
         [AmsParams::default(), AmsParams { inextensibility: Inextensibility::Off, ..AmsParams::default() }]
     {
@@ -267,7 +267,7 @@ fn ball_field(radius: f32) -> Sdf {
 fn every_solid() {
     let gpu = common::gpu();
     let (positions, offsets) = tuft(130, |strand| 20 + strand % 3);
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&positions, &offsets);
     let ball = Shape::Sphere { radius: 0.05 };
     let fast = Shape::Sphere { radius: 0.03 };
     let hollow = Shape::HollowSphere { radius: 0.2 };
@@ -385,7 +385,7 @@ fn strays(
 fn a_perturbed_twin_fails() {
     let gpu = common::gpu();
     let (positions, offsets) = tuft(20, |_| 20);
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&positions, &offsets);
     let truth = AmsParams {
         drag: 3.0,
         tip_scale_integrity: 0.5,
@@ -415,7 +415,7 @@ fn a_perturbed_twin_fails() {
 fn two_runs_are_the_same_bits_and_a_run_that_was_interrupted_too() {
     let gpu = common::gpu();
     let (positions, offsets) = tuft(500, |strand| 10 + strand % 5);
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&positions, &offsets);
     let new = || GpuSimulation::from_strands(&gpu, &strands, &AmsParams::default(), &options()).unwrap();
     let run = |mut simulation: GpuSimulation, frames: std::ops::Range<u32>| {
         frames.for_each(|number| simulation.step_frame(&frame(number)).unwrap());
@@ -434,7 +434,7 @@ fn two_runs_are_the_same_bits_and_a_run_that_was_interrupted_too() {
 fn a_strand_that_is_not_finite_goes_back_to_rest_and_the_others_go_on() {
     let gpu = common::gpu();
     let (positions, offsets) = tuft(50, |_| 20);
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&positions, &offsets);
     let (params, options) = (AmsParams::default(), options());
     let mut own = GpuSimulation::from_strands(&gpu, &strands, &params, &options).unwrap();
     let mut cpu = Simulation::from_strands(&strands, &params, &options).unwrap();
@@ -460,7 +460,7 @@ fn a_strand_that_is_not_finite_goes_back_to_rest_and_the_others_go_on() {
 fn a_steady_frame_makes_nothing_and_reads_nothing_back() {
     let gpu = common::gpu();
     let (positions, offsets) = tuft(100, |_| 20);
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&positions, &offsets);
     // A device of its own, for counts are a device's.
     let gpu = Gpu::open(&Choice::Named(gpu.name().to_owned())).unwrap();
     let mut simulation =
@@ -484,7 +484,7 @@ fn a_steady_frame_makes_nothing_and_reads_nothing_back() {
 fn many_batches_are_as_one() {
     let gpu = common::gpu();
     let (positions, offsets) = tuft(700, |strand| 12 + strand % 5);
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&positions, &offsets);
     let ball = Shape::Sphere { radius: 0.05 };
     let solid = Solid::new(&ball, [0.03, -0.12, 0.0], [0.0; 3]);
     let run = |gpu: &Gpu| {
@@ -508,7 +508,7 @@ fn many_batches_are_as_one() {
 fn stages_are_timed_and_bits_stay_the_same() {
     let gpu = common::gpu();
     let (positions, offsets) = tuft(200, |_| 20);
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&positions, &offsets);
     let ball = Shape::Sphere { radius: 0.05 };
     let solid = Solid::new(&ball, [0.03, -0.12, 0.0], [0.0; 3]);
     let run = |timed: bool| {
@@ -539,7 +539,7 @@ fn what_a_gpu_cannot_do_is_said() {
     let text = named.unwrap_err().to_string();
     assert!(text.contains("a name that no one has") && text.contains(gpu.name()), "{text}");
     let (positions, offsets) = tuft(10, |_| 20);
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&positions, &offsets);
     let gpu = Gpu::open(&Choice::Named(gpu.name().to_owned())).unwrap();
     let mut simulation =
         GpuSimulation::from_strands(&gpu, &strands, &AmsParams::default(), &options()).unwrap();
@@ -568,7 +568,7 @@ fn what_a_gpu_cannot_do_is_said() {
 fn two_hundred_bytes_a_particle() {
     let gpu = common::gpu();
     let (positions, offsets) = tuft(15_000, |_| 30);
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&positions, &offsets);
     let mut simulation =
         GpuSimulation::from_strands(&gpu, &strands, &AmsParams::default(), &options()).unwrap();
     let bytes = |simulation: &GpuSimulation| simulation.bytes() as f64 / positions.len() as f64;

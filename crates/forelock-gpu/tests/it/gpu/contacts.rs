@@ -59,7 +59,7 @@ impl Wisps {
     }
 
     fn strands(&self) -> Strands<'_, f32> {
-        Strands { positions: &self.positions, offsets: &self.offsets, stiffness: None }
+        Strands::new(&self.positions, &self.offsets)
     }
 
     /// All of one wisp thrown at the other, each strand a little differently.
@@ -279,7 +279,7 @@ fn a_crowd_is_met_by_its_fastest() {
     const THROWN: u32 = 3;
     let gpu = common::gpu();
     let (positions, offsets, velocities) = across(THROWN, 6000);
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&positions, &offsets);
     let params = ContactParams { per_segment: 1024, budget: 1 << 18, ..ContactParams::default() };
     let weightless =
         FrameInput { gravity: DVec3::ZERO, roots: Roots::Rigid([Pose::IDENTITY; 2]), ..frame(0) };
@@ -339,7 +339,7 @@ fn strands_meet_shorter_ones() {
         velocities.extend([[0.0, if k == 0 { 0.4 } else { -0.4 }, 0.0]; 2]);
         offsets.push(positions.len() as u32);
     }
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&positions, &offsets);
     let free = free();
     let weightless =
         FrameInput { gravity: DVec3::ZERO, roots: Roots::Rigid([Pose::IDENTITY; 2]), ..frame(0) };

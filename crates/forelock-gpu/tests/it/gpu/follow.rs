@@ -68,7 +68,7 @@ struct Among<'a> {
 fn errors(gpu: &Gpu, strands: &Strands<'_, f32>, params: [&DftlParams; 2], among: Among<'_>) -> [f64; 2] {
     let Among { solids, wind, steps } = among;
     let exact: Vec<[f64; 3]> = strands.positions.iter().map(|x| x.map(f64::from)).collect();
-    let exact = Strands { positions: &exact, offsets: strands.offsets, stiffness: strands.stiffness };
+    let exact = Strands { stiffness: strands.stiffness, ..Strands::new(&exact, strands.offsets) };
     let mut own = GpuSimulation::from_strands(gpu, strands, params[0], &options()).unwrap();
     let mut cpu = Simulation::from_strands(strands, params[1], &options()).unwrap();
     let mut truth = Simulation::<f64>::from_strands(&exact, params[1], &options()).unwrap();
@@ -124,7 +124,7 @@ fn any_count_of_strands_and_particles_in_every_schedule() {
             for mixed in [false, true] {
                 let (positions, offsets) =
                     tuft(count, |strand| particles + if mixed { strand % 7 } else { 0 });
-                let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+                let strands = Strands::new(&positions, &offsets);
                 let errors =
                     errors(&gpu, &strands, [&params; 2], Among { solids: &[], wind: None, steps: 4 });
                 assert!(is_close(errors), "{count} × {particles}, mixed {mixed}, {schedule:?}: {errors:?}");
@@ -140,7 +140,7 @@ fn every_parameter_is_felt() {
     let gpu = common::gpu();
     let (positions, offsets) = tuft(40, |_| 20);
     let stiffness: Vec<f32> = (0..40).map(|k| 0.2 * k as f32).collect();
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: Some(&stiffness) };
+    let strands = Strands { stiffness: Some(&stiffness), ..Strands::new(&positions, &offsets) };
     let base = DftlParams::default();
     let others = [
         DftlParams { shape_global: 0.1, ..base.clone() },
@@ -165,7 +165,7 @@ fn every_parameter_is_felt() {
 fn solids_are_met_as_on_the_cpu() {
     let gpu = common::gpu();
     let (positions, offsets) = tuft(120, |strand| 20 + strand % 3);
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&positions, &offsets);
     let field = Sdf::from_mesh(&Head::builtin().mesh, 48, 0.02).unwrap();
     let ball = Shape::Sphere { radius: 0.05 };
     let capsule = Shape::Capsule { radius: 0.03, half_length: 0.08 };
@@ -195,7 +195,7 @@ fn solids_are_met_as_on_the_cpu() {
 fn a_wind_with_turbulence_blows_as_on_the_cpu() {
     let gpu = common::gpu();
     let (positions, offsets) = tuft(60, |_| 20);
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&positions, &offsets);
     let params = WindParams { velocity: DVec3::new(3.0, 0.0, 1.0), turbulence: 0.5, ..WindParams::default() };
     let wind = Wind::new(&params).unwrap().at(0.3);
     for schedule in SCHEDULES {
@@ -220,7 +220,7 @@ fn the_bits_are_the_same_each_time() {
     let gpu = common::gpu();
     let little = little::binding_little(&gpu, 1 << 18);
     let (positions, offsets) = tuft(400, |strand| 12 + strand % 2);
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&positions, &offsets);
     let solids = [(Shape::Sphere { radius: 0.05 }, DVec3::new(0.03, -0.12, 0.02))];
     for schedule in SCHEDULES {
         let params = DftlParams { schedule, ..DftlParams::default() };
@@ -249,7 +249,7 @@ fn the_bits_are_the_same_each_time() {
 fn what_began_on_the_cpu_goes_on() {
     let gpu = common::gpu();
     let (positions, offsets) = tuft(33, |_| 12);
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&positions, &offsets);
     let mut cpu = Simulation::from_strands(&strands, &DftlParams::default(), &options()).unwrap();
     for number in 0..5 {
         cpu.step_frame(&frame(number)).unwrap();
@@ -283,7 +283,7 @@ fn smoothed_particles_push_as_on_the_cpu() {
     let gpu = common::gpu();
     let little = little::binding_little(&gpu, 1 << 19);
     let (positions, offsets) = tuft(260, |strand| 16 + strand % 3);
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&positions, &offsets);
     let (dftl, ams) = (DftlParams::default(), AmsParams { substeps: 1, ..AmsParams::default() });
     for (solver, own_strand, mutual) in [
         (Solver::from(&dftl), false, true),
@@ -328,7 +328,7 @@ fn smoothed_particles_push_as_on_the_cpu() {
 fn hair_meets_as_on_the_cpu() {
     let gpu = common::gpu();
     let (positions, offsets) = tuft(260, |strand| 16 + strand % 3);
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&positions, &offsets);
     let params = DftlParams::default();
     let grid = GridParams { tolerance: 1e-6, iterations: 200, resolution: 32, ..GridParams::default() };
     let contacts = ContactParams { slip: 0.5, ..ContactParams::default() };

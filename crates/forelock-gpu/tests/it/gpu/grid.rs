@@ -117,7 +117,7 @@ fn compare(
     after: u32,
 ) -> [[f64; 2]; 2] {
     let (positions, offsets) = bundle(1000, 16);
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&positions, &offsets);
     let mut cpu = Simulation::from_strands(&strands, &AmsParams::default(), &options()).unwrap();
     let step = |cpu: &mut Simulation, number: u32| {
         let solids: Vec<_> = among.into_iter().flat_map(|solids| solids.at(number)).collect();
@@ -215,7 +215,7 @@ fn the_grid_is_the_same_bits_whatever_the_order() {
     let gpu = common::gpu();
     let solids = Solids::new();
     let (positions, offsets) = bundle(700, 12);
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&positions, &offsets);
     let grid = GridParams { max_cells: 5000, resolution: 24, iterations: 12, ..GridParams::default() };
     let new = |gpu: &Gpu| {
         let mut own = GpuSimulation::from_strands(gpu, &strands, &AmsParams::default(), &options()).unwrap();
@@ -246,7 +246,7 @@ fn a_steady_frame_on_the_grid_makes_nothing_and_reads_nothing_back() {
     // A device of its own, for counts are a device's.
     let gpu = Gpu::open(&Choice::Named(gpu.name().to_owned())).unwrap();
     let (positions, offsets) = bundle(200, 12);
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&positions, &offsets);
     let mut own = GpuSimulation::from_strands(&gpu, &strands, &AmsParams::default(), &options()).unwrap();
     let wrong = GridParams { resolution: 3, ..GridParams::default() };
     assert!(matches!(own.set_grid(Some(&wrong)), Err(GpuError::Params(_))));

@@ -7,5 +7,6 @@ mod follow;
 mod goldens;
 mod grid;
 mod guides;
+mod masses;
 mod pipelines;
 mod simulator;

@@ -35,7 +35,7 @@ fn a_frame_makes_only_the_pipelines_that_it_needs() {
     // A device of its own: pipelines belong to the device.
     let gpu = Gpu::open(&Choice::Named(gpu.name().to_owned())).unwrap();
     let (positions, offsets) = tuft(40, |_| 8, [0.001, 0.01]);
-    let strands = Strands { positions: &positions, offsets: &offsets, stiffness: None };
+    let strands = Strands::new(&positions, &offsets);
     let new = || GpuSimulation::from_strands(&gpu, &strands, &AmsParams::default(), &options()).unwrap();
     let mut own = new();
     assert_eq!(entries(&gpu), [""; 0], "construction makes none");

@@ -37,7 +37,7 @@ fn tangle(random: &mut Random) -> Model<f32> {
         }
         offsets.push(positions.len() as u32);
     }
-    Model::new(&Strands { positions: &positions, offsets: &offsets, stiffness: None }).unwrap()
+    Model::new(&Strands::new(&positions, &offsets)).unwrap()
 }
 
 /// A frame in which two thirds of the strands have independent displacements of up to `speed`

@@ -131,8 +131,7 @@ mod tests {
     #[test]
     fn the_sum_is_preserved() {
         let positions: Vec<[f32; 3]> = (0..40u8).map(|i| [0.0, -1e-3 * f32::from(i), 0.0]).collect();
-        let model =
-            Model::new(&Strands { positions: &positions, offsets: &[0, 40], stiffness: None }).unwrap();
+        let model = Model::new(&Strands::new(&positions, &[0, 40])).unwrap();
         let strand = Strand { slot: 0, place: 0, first: 0, particles: 40, bend: 0.0 };
         for (clamped, spread, whole) in
             [(0, 0.0, 1.0), (0, 0.01, 1.0), (0, 1.0, 1.0), (0, 10.0, 1.0), (2, 1.0, 0.0)]

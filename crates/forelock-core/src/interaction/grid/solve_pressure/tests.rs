@@ -15,7 +15,7 @@ fn block() -> Model<f32> {
         positions.extend((0..20u8).map(|i| [at(strand % 40), -0.01 * f32::from(i), at(strand / 40)]));
     }
     let offsets: Vec<u32> = (0..=1600).map(|s| 20 * s).collect();
-    Model::new(&Strands { positions: &positions, offsets: &offsets, stiffness: None }).unwrap()
+    Model::new(&Strands::new(&positions, &offsets)).unwrap()
 }
 
 fn moment() -> GridMoment<'static> {

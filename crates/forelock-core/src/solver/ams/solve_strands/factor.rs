@@ -11,7 +11,7 @@
 use super::springs::Spring;
 use crate::lane::{Lane, Mat3, Sym3, V3};
 
-/// Smallest pivot, over the mass. Exact pivots are at least 1.
+/// Smallest pivot, over the least mass. Exact pivots are not less than the least mass.
 pub const PIVOT_FLOOR: f64 = 0.999;
 
 /// −L of a row to its three earlier rows, nearest first.
@@ -20,6 +20,8 @@ pub type Link<L> = [Mat3<L>; 3];
 /// The rows in work: four rows of A and b, and the factors of the last three eliminated rows.
 #[derive(Debug)]
 pub struct Ring<L> {
+    /// Smallest pivot.
+    floor: L,
     accumulate: bool,
     diagonal: [Sym3<L>; 4],
     rhs: [V3<L>; 4],
@@ -32,11 +34,12 @@ pub struct Ring<L> {
 
 impl<L: Lane> Ring<L> {
     /// An empty ring. `accumulate` says that a coupling has further contributions besides its
-    /// spring.
+    /// spring. No particle is lighter than `least_mass`.
     #[inline(always)]
-    pub fn new(accumulate: bool) -> Self {
+    pub fn new(accumulate: bool, least_mass: f32) -> Self {
         Self {
             accumulate,
+            floor: L::from_f64(PIVOT_FLOOR * f64::from(least_mass)),
             diagonal: [Sym3::zero(); 4],
             rhs: [V3::zero(); 4],
             coupling: [[Sym3::zero(); 3]; 8],
@@ -141,7 +144,7 @@ impl<L: Lane> Ring<L> {
             z = z.add_mul(&l, self.z[j]);
             rest[0][reach] = l;
         }
-        let inverse = d.inverse(L::from_f64(PIVOT_FLOOR));
+        let inverse = d.inverse(self.floor);
         self.inverse[i & 3] = inverse;
         self.z[i & 3] = z;
         inverse.mul(z)

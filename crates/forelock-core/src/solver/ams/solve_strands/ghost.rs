@@ -44,9 +44,16 @@ pub struct TiedEdge<L> {
 
 /// (m + h c) on the diagonal; m v + h m g + h c u on the right.
 #[inline(always)]
-pub fn inertia<L: Lane>(substep: &SubstepTerms<L>, v: V3<L>, drag: L, air: V3<L>, row: &mut Row<'_, L>) {
-    *row.diagonal = row.diagonal.add_identity(L::one() + drag);
-    *row.rhs += v.add_scaled(substep.h, substep.gravity).add_scaled(drag, air);
+pub fn inertia<L: Lane>(
+    substep: &SubstepTerms<L>,
+    mass: L,
+    v: V3<L>,
+    drag: L,
+    air: V3<L>,
+    row: &mut Row<'_, L>,
+) {
+    *row.diagonal = row.diagonal.add_identity(mass + drag);
+    *row.rhs += v.add_scaled(substep.h, substep.gravity).scale(mass).add_scaled(drag, air);
 }
 
 /// Integrity tie with intact share s: s κ_I (y − x) − s m R g_head explicitly, s κ_I implicitly.
@@ -65,11 +72,11 @@ pub fn integrity<L: Lane>(
     *row.rhs = row.rhs.add_scaled(substep.h * kappa, pull);
     let mut direction = pull;
     if frame.sag_free {
-        *row.rhs = row.rhs.add_scaled(-(substep.h * intact), substep.carried_weight);
+        *row.rhs = row.rhs.add_scaled(-(substep.h * intact * terms.mass), substep.carried_weight);
         if frame.directional {
             // The force is that of a tie to a ghost raised by m g/κ_I, so the tie points to that
             // ghost.
-            let raised = L::one() / terms.integrity.max(L::from_f64(1e-24));
+            let raised = terms.mass / terms.integrity.max(L::from_f64(1e-24));
             direction = pull.add_scaled(-raised, substep.carried_weight);
         }
     }

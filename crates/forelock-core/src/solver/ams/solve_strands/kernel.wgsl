@@ -122,8 +122,9 @@ fn drag_of(strand: Strand, i: u32, v: vec3f) -> vec4f {
 fn tie_to_ghost(strand: Strand, i: u32, x: vec3f, ghost: Ghost, kappas: vec2f, window: ptr<function, Window>) {
     let v = velocity_at(strand, i);
     let drag = drag_of(strand, i, v);
-    (*window).d0.d += 1.0 + drag.w;
-    (*window).b0 += v + frame.h * frame.gravity + drag.w * drag.xyz;
+    let mass = mass_at(strand, i);
+    (*window).d0.d += mass + drag.w;
+    (*window).b0 += mass * (v + frame.h * frame.gravity) + drag.w * drag.xyz;
     if frame.k_integrity > 0.0 {
         let at = entry(strand, i, 2u, 0u);
         var intact = memory[at];
@@ -136,10 +137,10 @@ fn tie_to_ghost(strand: Strand, i: u32, x: vec3f, ghost: Ghost, kappas: vec2f, w
         (*window).b0 += frame.h * kappa * pull;
         var direction = pull;
         if has(SAG_FREE) {
-            (*window).b0 -= frame.h * intact * substep.carried_weight;
+            (*window).b0 -= frame.h * intact * mass * substep.carried_weight;
             // The force is that of a tie to a ghost raised by m g/κ_I, so the tie points to that
             // ghost.
-            direction -= substep.carried_weight / max(kappas.x, 1e-24);
+            direction -= mass * substep.carried_weight / max(kappas.x, 1e-24);
         }
         tie(window, kappa, direction, ghost.w);
     }

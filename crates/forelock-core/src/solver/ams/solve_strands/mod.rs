@@ -97,10 +97,10 @@ fn eliminate<L: Lane>(
     let n = view.particles;
     let clamped = frame.clamped.min(n);
     let stiffness = L::load(view.stiffness, first);
-    let mut ring = Ring::new(frame.k_altitude > 0.0);
+    let mut ring = Ring::new(frame.k_altitude > 0.0, view.least_mass());
     let mut ghost = Ghost::new(substep, V3::load(view.rest, 0, first));
     for i in 0..n {
-        let terms = frame.row::<L>(i, n, stiffness);
+        let terms = frame.row::<L>(i, n, stiffness, view.mass(i, first));
         ring.open(i);
         if i >= clamped {
             tie_to_ghost(frame, substep, view, Place { i, first }, &terms, &ghost, &mut ring);
@@ -181,7 +181,7 @@ fn tie_to_ghost<L: Lane>(
     };
     let (diagonal, rhs) = ring.row(i);
     let mut row = ghost::Row { diagonal, rhs };
-    ghost::inertia(substep, v, drag, air, &mut row);
+    ghost::inertia(substep, terms.mass, v, drag, air, &mut row);
     if frame.k_integrity > 0.0 {
         let mut intact = L::load(&view.integrity[i], first);
         if frame.non_hookean.is_some() {

@@ -91,9 +91,10 @@ impl FrameTerms {
         }
     }
 
-    /// The coefficients of row `i` of `n`, for strands of relative `stiffness`.
+    /// The coefficients of row `i` of `n`, for strands of relative `stiffness` and
+    /// particles of relative `mass`.
     #[inline(always)]
-    pub fn row<L: Lane>(&self, i: usize, n: usize, stiffness: L) -> RowTerms<L> {
+    pub fn row<L: Lane>(&self, i: usize, n: usize, stiffness: L, mass: L) -> RowTerms<L> {
         #[expect(clippy::cast_precision_loss, reason = "particle numbers are small")]
         let fraction = i as f64 / (n - 1) as f64;
         let springs = 1.0 + (self.tip_scales[0] - 1.0) * fraction;
@@ -101,6 +102,7 @@ impl FrameTerms {
         let angular = 1.0 + (self.tip_scales[2] - 1.0) * fraction;
         let [edge, bend, torsion] = self.k_springs;
         RowTerms {
+            mass,
             springs: [
                 L::from_f64(edge * springs) * stiffness,
                 L::from_f64(bend * springs) * stiffness,
@@ -114,9 +116,11 @@ impl FrameTerms {
     }
 }
 
-/// Coefficients of one row. Particles have unit mass; stiffnesses are rates.
+/// Coefficients of one row. Stiffnesses and drag are rates of particles of unit mass.
 #[derive(Clone, Copy, Debug)]
 pub struct RowTerms<L> {
+    /// Relative mass.
+    pub mass: L,
     /// κ of the springs that start at this particle.
     pub springs: [L; 3],
     /// κ_I.
@@ -125,7 +129,7 @@ pub struct RowTerms<L> {
     pub angular: L,
     /// κ of the altitude spring that starts here.
     pub altitude: L,
-    /// h c/m.
+    /// h c, for particles of unit mass.
     pub drag: L,
 }
 

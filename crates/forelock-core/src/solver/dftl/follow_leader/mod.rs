@@ -34,7 +34,8 @@
 //!
 //! # Limitations
 //! Followers do not pull their leaders within a step, which dissipates energy in the swings of long
-//! strands (`damping`). All steps need the same length, because the load in the velocities and the
+//! strands (`damping`). Followers move alike whatever their masses, which count for drag only. All
+//! steps need the same length, because the load in the velocities and the
 //! previous positions refer to the length of the step before.
 
 use crate::collide::resolve_solids::{LevelSolids, SolidContacts};
@@ -223,7 +224,7 @@ fn acceleration<L: Lane>(
     let before = V3::<L>::load(view.previous, i, first) + step.shift[1];
     let air = if view.wind.is_empty() { step.air } else { V3::load(view.wind, i, first) };
     let slip = air.add_scaled(L::from_f64(-1.0 / terms.h), was - before);
-    step.gravity.add_scaled(L::from_f64(terms.drag), slip)
+    step.gravity.add_scaled(L::from_f64(terms.drag) * view.inverse_mass::<L>(i, first), slip)
 }
 
 /// The point at distance `length` from `leader` in the direction of `x`, and that direction.

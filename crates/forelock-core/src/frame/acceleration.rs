@@ -1,0 +1,105 @@
+//! Acceleration of particles beside gravity, for engines and tests.
+
+use crate::lane::{LANES, Real, Row};
+use crate::params::ParamsError;
+use crate::strands::{Block, Model, State, number, vector};
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+use std::fmt;
+
+/// Acceleration of particles beside gravity, m/s², world axes. It is sampled at the frame's start and
+/// adds h a to the velocity of a particle in each substep of h seconds, whatever its mass. Clamped
+/// particles follow the head all the same.
+#[derive(Clone, Copy, Default)]
+pub enum Acceleration<'a> {
+    /// None.
+    #[default]
+    None,
+    /// Of each particle, `[P]`, in the groom's order.
+    PerParticle(&'a [Vec3]),
+    /// A function of the place in the world, metres. A CPU calls it for every particle. A GPU calls it
+    /// at the nodes of a lattice around the hair ([`LATTICE`] cells a side) and interpolates linearly.
+    Field(&'a (dyn Fn(DVec3) -> DVec3 + Sync)),
+}
+
+/// WGSL of the acceleration.
+pub const ACCELERATION_WGSL: &str = include_str!("wgsl/acceleration.wgsl");
+
+/// Cells a side of the lattice on which a GPU samples [`Acceleration::Field`].
+pub const LATTICE: u32 = 16;
+
+impl fmt::Debug for Acceleration<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::None => "None",
+            Self::PerParticle(_) => "PerParticle(..)",
+            Self::Field(_) => "Field(..)",
+        })
+    }
+}
+
+impl Acceleration<'_> {
+    /// Checks that there is one acceleration a particle of the groom, if each has its own.
+    ///
+    /// # Errors
+    /// [`ParamsError::Count`] if there is not.
+    pub fn check<T>(&self, model: &Model<T>) -> Result<(), ParamsError> {
+        let Self::PerParticle(all) = self else { return Ok(()) };
+        let (found, expected) = (all.len(), model.groom_particles());
+        if found == expected {
+            return Ok(());
+        }
+        Err(ParamsError::Count { name: "acceleration", found, expected })
+    }
+
+    /// Writes `all`, one acceleration a particle of the groom, to `out`, three rows a place.
+    pub fn pack<T: Real>(all: &[Vec3], model: &Model<T>, out: &mut Vec<Row<T>>) {
+        fill(model, out, |block, lane, i| {
+            let first = model.groom_offset(block.strands[lane] as usize);
+            // Between two particles of the groom there may be some that the solver added.
+            let every = model.every as usize;
+            let (before, after) = (first + i / every, first + i.div_ceil(every));
+            #[expect(clippy::cast_precision_loss, reason = "a few particles an edge")]
+            let along = (i % every) as f32 / every as f32;
+            all[before].lerp(all[after], along).as_dvec3()
+        });
+    }
+
+    /// Writes the acceleration of each particle in `state` to `out`, three rows a place; no rows if
+    /// there is none.
+    pub fn sample<T: Real>(&self, model: &Model<T>, state: &State<T>, out: &mut Vec<Row<T>>) {
+        match *self {
+            Self::None => out.clear(),
+            Self::PerParticle(all) => Self::pack(all, model, out),
+            Self::Field(field) => fill(model, out, |block, lane, i| {
+                let relative = vector(&state.positions, block.first + i, lane);
+                field(state.origin + DVec3::from_array(relative.map(|x| x.to_f64().unwrap_or(0.0))))
+            }),
+        }
+    }
+}
+
+/// Fills three rows a place with `value` of each block, lane and particle.
+fn fill<T: Real>(
+    model: &Model<T>,
+    out: &mut Vec<Row<T>>,
+    value: impl Fn(&Block, usize, usize) -> DVec3 + Sync,
+) {
+    out.resize(3 * model.places(), Row([T::zero(); LANES]));
+    let mut rest = out.as_mut_slice();
+    let mut blocks = Vec::with_capacity(model.blocks.len());
+    for block in &model.blocks {
+        let (own, later) = rest.split_at_mut(3 * block.particles);
+        blocks.push((block, own));
+        rest = later;
+    }
+    blocks.into_par_iter().with_min_len(16).for_each(|(block, rows)| {
+        for (i, rows) in rows.chunks_exact_mut(3).enumerate() {
+            for lane in 0..LANES {
+                for (row, x) in rows.iter_mut().zip(value(block, lane, i).to_array()) {
+                    row.0[lane] = number(x);
+                }
+            }
+        }
+    });
+}
