@@ -1,5 +1,6 @@
-//! Compiles the tests that need a GPU as ignored where there is none. `FORELOCK_REQUIRE_GPU` decides (0 or 1); where it
-//! is not set, on Linux, whether there is a card, or the driver of Mesa that needs none.
+//! Compiles the tests that need a GPU as ignored where there is none. `FORELOCK_REQUIRE_GPU`
+//! decides (0 or 1); where it is not set, on Linux, whether there is a card, or the driver of Mesa
+//! that needs none.
 
 fn main() {
     println!("cargo::rerun-if-env-changed=FORELOCK_REQUIRE_GPU");

@@ -1,8 +1,8 @@
 //! What continuous integration runs, in its order; the first step that fails ends it.
 //!
-//! Every step uses the release profile, so that build scripts and procedural macros are compiled once for all. The
-//! README's test command runs in tiers ([`TIERS`]). Each tier is a choice of tests of the whole workspace, so that no
-//! crate is compiled a second time with other features.
+//! Every step uses the release profile, so that build scripts and procedural macros are compiled
+//! once for all. The README's test command runs in tiers ([`TIERS`]). Each tier is a choice of
+//! tests of the whole workspace, so that no crate is compiled a second time with other features.
 
 use std::io::{BufRead, BufReader, Write as _};
 use std::path::Path;

@@ -114,8 +114,8 @@ pub trait Simulator: Debug + Send {
     /// [`SimulatorError::Device`].
     fn set_params(&mut self, solver: &Solver<f32>) -> Result<(), SimulatorError>;
 
-    /// Continues with the edited `groom`, whose strands come from those simulated so far as `sources`
-    /// say, with the head at `head`.
+    /// Continues with the edited `groom`, whose strands come from those simulated so far as
+    /// `sources` say, with the head at `head`.
     ///
     /// # Errors
     /// [`SimulatorError::Regroom`]; nothing is changed then. [`SimulatorError::Device`].

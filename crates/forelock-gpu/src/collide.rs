@@ -294,7 +294,8 @@ impl Solids {
         Ok(true)
     }
 
-    /// Writes the queries of a frame: one after each substep, and one at the end. `has_last` says whether that one runs.
+    /// Writes the queries of a frame: one after each substep, and one at the end. `has_last` says
+    /// whether that one runs.
     pub fn write_frame(&mut self, gpu: &Gpu, rules: &FrameRules, frame: &SolidFrame<'_>) {
         let (colliders, substeps) = (frame.frame.colliders, rules.substeps);
         let h = frame.frame.dt_secs / f64::from(substeps);

@@ -11,18 +11,19 @@ use std::sync::{Arc, Mutex, PoisonError};
 ///
 /// # Layout
 /// Strands are divided into batches, each with a buffer of its own. A buffer is an array of float32
-/// rows of [`LANES`] = 16 numbers. Sixteen strands of equal particle count lie side by side, one a lane:
-/// component `c` of particle `i` of the strand in lane `l` of a [`DeviceBlock`] is number
+/// rows of [`LANES`] = 16 numbers. Sixteen strands of equal particle count lie side by side, one a
+/// lane: component `c` of particle `i` of the strand in lane `l` of a [`DeviceBlock`] is number
 ///
 /// ```text
 /// 16 (3 (first + i) + c) + l
 /// ```
 ///
-/// Positions are relative to `origin`, along the world's axes, in metres. Lanes from `live` on repeat
-/// the last strand.
+/// Positions are relative to `origin`, along the world's axes, in metres. Lanes from `live` on
+/// repeat the last strand.
 #[derive(Clone, Debug, Default)]
 pub struct DevicePositions {
-    /// The point of the world that positions are relative to after the last frame that was recorded.
+    /// The point of the world that positions are relative to after the last frame that was
+    /// recorded.
     pub origin: DVec3,
     /// A buffer a batch, with usages `STORAGE | COPY_SRC | COPY_DST`.
     pub buffers: Vec<wgpu::Buffer>,

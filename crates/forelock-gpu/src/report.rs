@@ -71,8 +71,8 @@ impl GpuSimulation {
         Ok(self.take_state(&mut read.iter().map(Vec::as_slice)))
     }
 
-    /// Positions in world space and the groom's order, `[P]`, metres. Waits for the device and copies
-    /// positions only; see [`GpuSimulation::begin_read`] for a copy without a wait.
+    /// Positions in world space and the groom's order, `[P]`, metres. Waits for the device and
+    /// copies positions only; see [`GpuSimulation::begin_read`] for a copy without a wait.
     ///
     /// # Errors
     /// [`GpuError::Failed`] if the device has failed.

@@ -14,8 +14,8 @@ use forelock_core::simulator::{Positions, Simulator, SimulatorError};
 use forelock_core::strands::{Model, Snapshot, State, Teleport};
 
 impl GpuSimulation {
-    /// The head jumps from pose `from` to pose `to` between frames. The state is read back, moved as on
-    /// the CPU and uploaded.
+    /// The head jumps from pose `from` to pose `to` between frames. The state is read back, moved
+    /// as on the CPU and uploaded.
     ///
     /// # Errors
     /// [`GpuError::Failed`] if the device has failed.
@@ -35,13 +35,13 @@ impl GpuSimulation {
         self.gpu.check()
     }
 
-    /// Changes the parameters, or the solver, from the next frame on. Buffers are made again only where
-    /// the solver asks for others.
+    /// Changes the parameters, or the solver, from the next frame on. Buffers are made again only
+    /// where the solver asks for others.
     ///
     /// # Errors
     /// [`GpuError::Params`] if a parameter is out of range, [`GpuError::Unsupported`] for a solver
-    /// without kernels; nothing is changed then. [`GpuError::TooLarge`] or [`GpuError::Failed`] if there
-    /// is no room.
+    /// without kernels; nothing is changed then. [`GpuError::TooLarge`] or [`GpuError::Failed`] if
+    /// there is no room.
     pub fn set_params(&mut self, solver: impl Into<Solver<f32>>) -> Result<(), GpuError> {
         let solver = solver.into();
         solver.validate()?;
@@ -61,8 +61,8 @@ impl GpuSimulation {
         self.replace(Packed { model, state }, &solver)
     }
 
-    /// Continues with the edited `groom`, whose strands come from those simulated so far as `sources`
-    /// say, with the head at `head`.
+    /// Continues with the edited `groom`, whose strands come from those simulated so far as
+    /// `sources` say, with the head at `head`.
     ///
     /// # Errors
     /// [`GpuError::Regroom`] if the groom cannot be simulated or the sources do not fit; nothing is

@@ -13,7 +13,9 @@ fn summary(command: &mut Command) -> Value {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
-/// Strands apart; that meet and touch, in a wind; with virtual particles; that are cut and curled while they move; that follow the leader, two steps in some frames, as smoothed particles in a wind.
+/// Strands apart; that meet and touch, in a wind; with virtual particles; that are cut and curled
+/// while they move; that follow the leader, two steps in some frames, as smoothed particles in a
+/// wind.
 const SCENES: [&str; 5] = [
     "",
     "[interaction]\nkind = \"grid\"\ncontacts = true\n[wind]\nvelocity = [3, 0, 1]\nturbulence = 0.3\nshelter = 0.5\nhair_depth = 0.05\n",
@@ -77,7 +79,8 @@ fn hash(summary: &Value) -> &Value {
     &summary["state_hash"]
 }
 
-/// Stages before one on the CPU: with the first it is a run on the GPU, with the last, which only looks, one on the CPU, bit for bit; between them like both.
+/// Stages before one on the CPU: with the first it is a run on the GPU, with the last, which only
+/// looks, one on the CPU, bit for bit; between them like both.
 fn stages_before_are_on_the_cpu(stages: &[&str]) {
     let folder = tempfile::tempdir().unwrap();
     let meeting = "[interaction]\nkind = \"grid\"\ncontacts = true\n[body]\nmotion = \"builtin:shake\"\n";
@@ -120,7 +123,8 @@ fn long_all_stages_can_be_left_on_the_cpu() {
         let resumed = run(scene, &["--gpu-from", "restore_lengths", "--resume"]);
         assert_eq!(hash(&resumed), hash(&whole), "{scene}");
     }
-    // Follow the leader on the CPU, and nothing after it that changes hair; smoothed particles there alone.
+    // Follow the leader on the CPU, and nothing after it that changes hair; smoothed particles
+    // there alone.
     let following =
         "[solver]\nkind = \"dftl\"\n[interaction]\nkind = \"sph\"\n[body]\nmotion = \"builtin:shake\"\n";
     let [gpu, cpu] = ["gpu", "cpu"].map(|backend| run(following, &["--backend", backend]));

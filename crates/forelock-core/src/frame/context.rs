@@ -40,8 +40,8 @@ pub struct FrameContext<'a, T> {
 }
 
 impl<T: Real> FrameContext<'_, T> {
-    /// The colliders as substep `substep` queries them, in which a particle that was inside comes out
-    /// by at most `max_push_out` metres.
+    /// The colliders as substep `substep` queries them, in which a particle that was inside comes
+    /// out by at most `max_push_out` metres.
     pub fn colliders(&self, substep: usize, max_push_out: f64) -> Solids<'_, T> {
         let solids = self.solids.len();
         Solids {

@@ -9,8 +9,8 @@ use crate::lane::Row;
 use crate::strands::{AIR_ROWS, Block, BlockView, Model, Scratch, State};
 use std::sync::{Mutex, PoisonError};
 
-/// Runs consecutive strand steps on all blocks, halving the list of blocks as it goes: no allocation,
-/// and no result that depends on which thread did what.
+/// Runs consecutive strand steps on all blocks, halving the list of blocks as it goes: no
+/// allocation, and no result that depends on which thread did what.
 #[derive(Debug)]
 pub(crate) struct Crew<'a, T> {
     /// The solver.
@@ -28,7 +28,8 @@ pub(crate) struct Crew<'a, T> {
 }
 
 impl<T: SolverReal> Crew<'_, T> {
-    /// Runs `steps`, all of strands; edges are restored after interactions only if one `moved` them.
+    /// Runs `steps`, all of strands; edges are restored after interactions only if one `moved`
+    /// them.
     pub fn run(&self, steps: &[Step], moved: bool, state: &mut State<T>) -> BlockReport {
         let substeps = steps.iter().take_while(|step| step.is_of_substep()).count();
         let (substeps, rest) = steps.split_at(substeps);

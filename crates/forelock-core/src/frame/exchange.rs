@@ -1,10 +1,10 @@
 //! The seam of interactions between strands.
 //!
 //! # Practice
-//! An interaction holds what it needs of the model and its own buffers, and changes the state of all
-//! strands at once. When it runs is said by its [`Exchange`], from which the frame's plan is made.
-//! Whether strands are solved by forces or by constraints it need not know: [`with_motion`] gives it the
-//! velocities with which hair moves.
+//! An interaction holds what it needs of the model and its own buffers, and changes the state of
+//! all strands at once. When it runs is said by its [`Exchange`], from which the frame's plan is
+//! made. Whether strands are solved by forces or by constraints it need not know: [`with_motion`]
+//! gives it the velocities with which hair moves.
 
 use super::plan::Exchange;
 use super::report::FrameReport;
@@ -23,8 +23,8 @@ pub struct ExchangeContext<'a, T> {
     pub model: &'a Model<T>,
     /// The head at the frame's start, from the model's centre to where positions are then.
     pub start: Pose,
-    /// The head at the start and the end of the last substep, from the model's centre to the frame's
-    /// origin.
+    /// The head at the start and the end of the last substep, from the model's centre to the
+    /// frame's origin.
     pub last_substep: [Pose; 2],
     /// Colliders of the frame.
     pub solids: &'a [ColliderFrame<'a>],
@@ -60,8 +60,8 @@ pub trait Interaction<T>: Debug + Send + Sync {
         let _ = (cx, state);
     }
 
-    /// Exchanges momentum between strands. Adds to `report` what it did and its stages' times; whether it
-    /// moved edges ([`Moves::Edges`](super::plan::Moves::Edges)).
+    /// Exchanges momentum between strands. Adds to `report` what it did and its stages' times;
+    /// whether it moved edges ([`Moves::Edges`](super::plan::Moves::Edges)).
     fn exchange(
         &mut self,
         cx: &ExchangeContext<'_, T>,
@@ -83,9 +83,9 @@ pub(crate) fn shared_secs(secs: f64) -> f64 {
     secs * threads
 }
 
-/// Lets `change` have positions and velocities of `state`: those with which hair moved in the step of
-/// `h` seconds, where velocities hold more than motion ([`State::previous`]). `motion` is a buffer for
-/// them.
+/// Lets `change` have positions and velocities of `state`: those with which hair moved in the step
+/// of `h` seconds, where velocities hold more than motion ([`State::previous`]). `motion` is a
+/// buffer for them.
 pub fn with_motion<T: Real, R>(
     state: &mut State<T>,
     motion: &mut Vec<Row<T>>,

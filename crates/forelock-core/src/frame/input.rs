@@ -77,14 +77,14 @@ impl Air<'_> {
 }
 
 impl FrameInput<'_> {
-    /// The point of the world that positions are relative to in this frame: where the head's pose at
-    /// the end takes the centre of `model`.
+    /// The point of the world that positions are relative to in this frame: where the head's pose
+    /// at the end takes the centre of `model`.
     pub fn origin<T>(&self, model: &Model<T>) -> DVec3 {
         self.roots.head()[1].transform_point(model.centre.into())
     }
 
-    /// Maps from the rest shape to positions relative to `origin`, at the start of each substep and at
-    /// the end of the last: `substeps + 1` poses.
+    /// Maps from the rest shape to positions relative to `origin`, at the start of each substep and
+    /// at the end of the last: `substeps + 1` poses.
     pub fn poses<T>(&self, model: &Model<T>, substeps: u32, origin: DVec3) -> impl Iterator<Item = Pose> {
         let [from, to] = *self.roots.head();
         (0..=substeps).map(move |step| {

@@ -1,8 +1,8 @@
-//! A frame: what it is given, the order of its steps, the seams of solvers and interactions, and the
-//! steps that all solvers share.
+//! A frame: what it is given, the order of its steps, the seams of solvers and interactions, and
+//! the steps that all solvers share.
 //!
-//! [`FramePlan`] is the one definition of a frame. It is made from the solver's [`FrameRules`] and the
-//! [`Exchange`]s of the interactions, and read by the CPU and by the GPU.
+//! [`FramePlan`] is the one definition of a frame. It is made from the solver's [`FrameRules`] and
+//! the [`Exchange`]s of the interactions, and read by the CPU and by the GPU.
 
 mod acceleration;
 mod context;

@@ -1,6 +1,6 @@
 //! The order of a frame's steps, built once from the solver and the interactions and read by every
-//! executor: the CPU runs consecutive strand steps of a block in one go, the GPU turns each step into
-//! dispatches.
+//! executor: the CPU runs consecutive strand steps of a block in one go, the GPU turns each step
+//! into dispatches.
 
 use super::rules::FrameRules;
 use crate::params::Inextensibility;

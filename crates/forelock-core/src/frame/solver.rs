@@ -1,11 +1,11 @@
 //! The seam of strand solvers.
 //!
 //! # Practice
-//! A solver is a type that holds its parameters and implements [`LaneSolver`]: one function, generic
-//! over lanes, that advances a group of strands by a substep. It is compiled for every instruction set,
-//! and as float64 it is its own specification. What all solvers share is done around it: positions are
-//! moved to the frame's origin, the air is sampled, collisions, lengths and checks follow as the plan
-//! says. [`Solver::new`] makes it a solver that a simulation takes.
+//! A solver is a type that holds its parameters and implements [`LaneSolver`]: one function,
+//! generic over lanes, that advances a group of strands by a substep. It is compiled for every
+//! instruction set, and as float64 it is its own specification. What all solvers share is done
+//! around it: positions are moved to the frame's origin, the air is sampled, collisions, lengths
+//! and checks follow as the plan says. [`Solver::new`] makes it a solver that a simulation takes.
 //!
 //! What cannot be said lane by lane (a learned solver with its own batches) implements
 //! [`StrandSolver`] itself: one dynamic call a block.
@@ -30,8 +30,8 @@ pub trait LaneSolver: Debug + Send + Sync + 'static {
     /// What is computed once a block and frame from the parameters.
     type Terms: Debug + Send + Sync;
 
-    /// Whether the solver adds [`FrameContext::shift`] to stored positions itself. Otherwise this has
-    /// been done before the first substep.
+    /// Whether the solver adds [`FrameContext::shift`] to stored positions itself. Otherwise this
+    /// has been done before the first substep.
     const SHIFTS: bool = false;
 
     /// Its name, as scene files and reports have it.
@@ -58,8 +58,8 @@ pub trait LaneSolver: Debug + Send + Sync + 'static {
         Ok(())
     }
 
-    /// Checks that frames of `dt_secs` can be stepped: a positive time, and parameters that float32 can
-    /// solve unless `beyond_float32`.
+    /// Checks that frames of `dt_secs` can be stepped: a positive time, and parameters that float32
+    /// can solve unless `beyond_float32`.
     ///
     /// # Errors
     /// [`ParamsError`] if they cannot.
@@ -78,8 +78,8 @@ pub trait LaneSolver: Debug + Send + Sync + 'static {
     fn terms(&self, dt_secs: f64) -> Self::Terms;
 
     /// Advances the lanes of `group` by a substep; what it finds of collisions, if it resolves them
-    /// itself. Mark the implementation `#[inline(always)]`: it is then compiled for each instruction
-    /// set.
+    /// itself. Mark the implementation `#[inline(always)]`: it is then compiled for each
+    /// instruction set.
     fn solve<L: Lane>(
         terms: &Self::Terms,
         cx: &FrameContext<'_, L::Scalar>,
@@ -119,7 +119,8 @@ pub trait StrandSolver<T>: Debug + Send + Sync + 'static {
     /// Strands with further particles between those of the groom, if the solver wants any.
     fn refine(&self, strands: &Strands<'_, T>) -> Option<Chain<T>>;
 
-    /// Runs consecutive [`Step::Solve`] and [`Step::Collide`] of a block of which `live` lanes count.
+    /// Runs consecutive [`Step::Solve`] and [`Step::Collide`] of a block of which `live` lanes
+    /// count.
     fn advance(
         &self,
         cx: &FrameContext<'_, T>,
@@ -236,8 +237,8 @@ impl<T> From<&Self> for Solver<T> {
     }
 }
 
-/// Makes parameters that are a [`StrandSolver`] in either precision convert to a [`Solver`]. The solver
-/// is compiled once, in the crate that calls this.
+/// Makes parameters that are a [`StrandSolver`] in either precision convert to a [`Solver`]. The
+/// solver is compiled once, in the crate that calls this.
 #[macro_export]
 macro_rules! solver_from_params {
     ($params:ty) => {
@@ -276,7 +277,8 @@ pub trait SolverReal: Real {
     #[doc(hidden)]
     fn select(single: impl FnOnce() -> Solver<f32>, double: impl FnOnce() -> Solver<f64>) -> Solver<Self>;
 
-    /// Runs `task` on a block, of which `live` lanes count, with the lanes of [`FrameContext::simd`].
+    /// Runs `task` on a block, of which `live` lanes count, with the lanes of
+    /// [`FrameContext::simd`].
     #[doc(hidden)]
     #[expect(private_bounds, reason = "only this crate has block tasks")]
     fn run<K: BlockTask>(
@@ -356,7 +358,8 @@ macro_rules! instruction_sets {
                 match cx.simd {
                     $(
                         #[cfg(target_arch = "x86_64")]
-                        // SAFETY: a simulation is built only for instruction sets that the processor has.
+                        // SAFETY: a simulation is built only for instruction sets that the
+                        // processor has.
                         Simd::$simd => unsafe { $name(task, cx, view, live, scratch) },
                     )*
                     Simd::Scalar => groups::<K, Pack<1, BASELINE_FMA>>(task, cx, view, live, scratch),

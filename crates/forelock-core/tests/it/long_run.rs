@@ -1,7 +1,9 @@
 //! Hair that is thrown about for a long time: nothing breaks, nothing leaks, nothing builds up.
 //!
-//! A head moves at random, gently and wildly by turns, in gusts and turbulence, while a ball wanders through the hair, which meets itself on the grid, and in the short run segment by segment as well. The short run
-//! is always done. The long one is ten minutes at 60 frames a second:
+//! A head moves at random, gently and wildly by turns, in gusts and turbulence, while a ball
+//! wanders through the hair, which meets itself on the grid, and in the short run segment by
+//! segment as well. The short run is always done. The long one is ten minutes at 60 frames a
+//! second:
 //!
 //! ```sh
 //! cargo test --release -p forelock-core --test it -- --ignored long_ten_minutes --nocapture
@@ -71,7 +73,8 @@ impl World {
         Self { swell_secs, place: wander3(seed, 0.5), turn: wander3(seed, 0.4), ball: wander3(seed, 0.15) }
     }
 
-    /// The head: 7 cm and half a radian to and fro where it is wild, a twentieth of it where it is gentle.
+    /// The head: 7 cm and half a radian to and fro where it is wild, a twentieth of it where it is
+    /// gentle.
     fn head(&self, t: f64) -> Pose {
         let wild = 0.525 - 0.475 * (TAU * t / self.swell_secs).cos();
         let pivot = Head::NECK_PIVOT.as_dvec3();
@@ -119,7 +122,8 @@ struct Found {
     deepest: f64,
 }
 
-/// `frames` frames of `strands` strands, in `parts` parts; from gentle to wild and back in `swell_secs`.
+/// `frames` frames of `strands` strands, in `parts` parts; from gentle to wild and back in
+/// `swell_secs`.
 fn run(strands: u32, frames: u32, parts: u32, swell_secs: f64, contacts: bool) -> Found {
     let preset = GrowParams::preset("wavy").unwrap();
     let groom = grow_on_head(&GrowParams { strands, ..preset }).unwrap();
@@ -202,7 +206,8 @@ fn holds(found: &Found) {
     assert!(most(second) < 1.5 * most(first), "{:?}", found.energies);
 }
 
-/// Threads as many as there are cores: work handed in from outside of a pool costs more than it takes.
+/// Threads as many as there are cores: work handed in from outside of a pool costs more than it
+/// takes.
 fn pool() -> rayon::ThreadPool {
     rayon::ThreadPoolBuilder::new().build().unwrap()
 }

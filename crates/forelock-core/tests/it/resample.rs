@@ -1,4 +1,5 @@
-//! Resampling: exact ends, no invented length, an error bound that shrinks with the count, and curls kept.
+//! Resampling: exact ends, no invented length, an error bound that shrinks with the count, and
+//! curls kept.
 
 #![expect(clippy::unwrap_used, reason = "a helper of tests fails by panicking")]
 

@@ -1,4 +1,5 @@
-//! Grooms, heads and a cache's worth of files that were not made here; ignored where they are missing.
+//! Grooms, heads and a cache's worth of files that were not made here; ignored where they are
+//! missing.
 
 #![expect(clippy::unwrap_used, reason = "a helper of tests fails by panicking")]
 

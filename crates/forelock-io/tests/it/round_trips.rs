@@ -174,8 +174,8 @@ fn arrays_of_every_type() {
     assert!(Array::new(&[3], vec![1u8]).is_none());
 }
 
-/// Written by NumPy 2: `np.savez_compressed(f, positions=p, root_uv=uv)` with p = arange(12) as big-endian
-/// float64 of shape [2, 2, 3] in Fortran order, and uv = [[.25, .5], [.75, 1]].
+/// Written by NumPy 2: `np.savez_compressed(f, positions=p, root_uv=uv)` with p = arange(12) as
+/// big-endian float64 of shape [2, 2, 3] in Fortran order, and uv = [[.25, .5], [.75, 1]].
 const BY_NUMPY: &[u8] = include_bytes!("../data/numpy_compressed_fortran_big_endian.npz");
 
 #[test]

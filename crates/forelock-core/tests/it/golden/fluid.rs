@@ -1,4 +1,5 @@
-//! The reference results of follow the leader and smoothed particles together (`dftl/README.md`, the last file), and how far a backend is from them.
+//! The reference results of follow the leader and smoothed particles together (`dftl/README.md`,
+//! the last file), and how far a backend is from them.
 
 use super::dftl::{poses, strands};
 use super::{Backend, vectors};
@@ -26,7 +27,8 @@ pub fn fluid_params(file: &Value) -> SphParams {
     }
 }
 
-/// Runs the steps of `dftl_6_sph`, shape and fluid together; the largest distance from the file's positions after them, over the strand's length.
+/// Runs the steps of `dftl_6_sph`, shape and fluid together; the largest distance from the file's
+/// positions after them, over the strand's length.
 pub fn coupled_error<B: Backend>(
     file: &Value,
     build: impl Fn(&Strands<'_, B::Real>, &Solver<B::Real>, Options) -> B,
@@ -62,7 +64,8 @@ pub fn coupled_error<B: Backend>(
     worst / simulation.model().strand_lengths[0].0[0].to_f64().unwrap()
 }
 
-/// The file's fluid with its `k` and `mu`, which are those of particles of a mass of 1, for the strands of a model, whose mean density is 1.
+/// The file's fluid with its `k` and `mu`, which are those of particles of a mass of 1, for the
+/// strands of a model, whose mean density is 1.
 pub fn raw<T: SimulationReal>(file: &Value) -> impl Fn(&Model<T>) -> SphParams {
     let params = fluid_params(file);
     let [k, mu] = ["k", "mu"].map(|key| file[key].as_f64().unwrap());

@@ -102,7 +102,8 @@ fn options(p: &Value, rest_pose: Pose) -> Options {
     Options { rest_pose, rest_gravity: vec3(&p["g"]), beyond_float32: true, ..Options::default() }
 }
 
-/// Largest distance from the file's positions over the strand's length, over all strands and stored frames.
+/// Largest distance from the file's positions over the strand's length, over all strands and stored
+/// frames.
 pub fn worst_error<B: Backend>(
     file: &Value,
     build: impl Fn(&Strands<'_, B::Real>, &Solver<B::Real>, Options) -> B,
@@ -155,7 +156,8 @@ pub fn worst_error<B: Backend>(
     worst
 }
 
-/// One substep from a perturbed state: the velocities solve the file's dense system and equal its solution.
+/// One substep from a perturbed state: the velocities solve the file's dense system and equal its
+/// solution.
 pub fn substep_error<B: Backend>(
     case: &Value,
     build: impl Fn(&Strands<'_, B::Real>, &Solver<B::Real>, Options) -> B,

@@ -9,7 +9,8 @@ use forelock_core::pose::Pose;
 use forelock_core::solver::AmsParams;
 use glam::DVec3;
 
-/// A free straight strand along `along` in still air: the speed at which its middle falls after `secs`, and the sideways one.
+/// A free straight strand along `along` in still air: the speed at which its middle falls after
+/// `secs`, and the sideways one.
 fn fall(params: &AmsParams, along: DVec3, secs: f64) -> DVec3 {
     let n = 200;
     let strand = (0..n).map(|i| (along * (0.01 * f64::from(i))).to_array()).collect();
@@ -24,13 +25,15 @@ fn fall(params: &AmsParams, along: DVec3, secs: f64) -> DVec3 {
 
 #[test]
 fn a_strand_falls_at_its_terminal_velocity() {
-    // 0.6 s at 240 substeps a second: 144 particles hear of the clamp. After 0.6 s at rates of 20 s⁻¹ and more all but e⁻⁶ is there.
+    // 0.6 s at 240 substeps a second: 144 particles hear of the clamp. After 0.6 s at rates of 20
+    // s⁻¹ and more all but e⁻⁶ is there.
     let (c, beta) = (40.0, 0.5);
     let params = AmsParams { drag: c, drag_along: beta, ..bare() };
     let across = fall(&params, DVec3::X, 0.6);
     assert!((across - DVec3::NEG_Y * (G / c)).length() < 1e-9, "{across}");
     let along = fall(&params, DVec3::NEG_Y, 0.6);
-    // The discrete law of the speed along the strand: a factor (1 + h c (1 − β))/(1 + h c) a substep.
+    // The discrete law of the speed along the strand: a factor (1 + h c (1 − β))/(1 + h c) a
+    // substep.
     let hc = c * DT / 4.0;
     let left = ((1.0 + hc * (1.0 - beta)) / (1.0 + hc)).powi(144);
     assert!((along.y + G / (c * beta) * (1.0 - left)).abs() < 1e-9, "{along}");

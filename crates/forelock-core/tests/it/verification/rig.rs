@@ -26,7 +26,8 @@ pub const LENGTH: f64 = 0.3;
 /// A strand: its particles, root first.
 pub type Strand = Vec<[f64; 3]>;
 
-/// The document's strand: a hanging helix of `n` particles and [`LENGTH`] along its edges, radius 1 cm, three turns.
+/// The document's strand: a hanging helix of `n` particles and [`LENGTH`] along its edges, radius 1
+/// cm, three turns.
 pub fn helix(n: usize) -> Strand {
     let segments = (n - 1) as f64;
     let (radius, turn) = (0.01, 3.0 * TAU / segments);
@@ -68,8 +69,8 @@ pub fn bare() -> AmsParams {
     }
 }
 
-/// A shake to and fro along x and a little z, peak acceleration `gs` times gravity, starting and ending (after whole
-/// periods) at rest.
+/// A shake to and fro along x and a little z, peak acceleration `gs` times gravity, starting and
+/// ending (after whole periods) at rest.
 pub fn shake(gs: f64, hertz: f64, t: f64) -> Pose {
     let omega = TAU * hertz;
     let reach = gs * G / (omega * omega) * (1.0 - (omega * t).cos());
@@ -187,7 +188,8 @@ impl<T: SimulationReal> Rig<T> {
         self.simulation.restore(&snapshot).unwrap();
     }
 
-    /// Largest acceleration of a particle from frame to frame, over gravity, with the head held for `secs`.
+    /// Largest acceleration of a particle from frame to frame, over gravity, with the head held for
+    /// `secs`.
     pub fn jitter(&mut self, secs: f64) -> f64 {
         let mut worst = 0.0;
         for _ in 0..(secs / self.dt).round() as u32 {
@@ -235,7 +237,8 @@ impl Random {
     }
 }
 
-/// Whether a hash is the same for one, two and three threads, and for all SIMD widths that round alike. `hash` runs in a pool of its own.
+/// Whether a hash is the same for one, two and three threads, and for all SIMD widths that round
+/// alike. `hash` runs in a pool of its own.
 pub fn assert_one_hash(hash: impl Fn(Simd) -> u64 + Sync) {
     let of = |threads: usize, simd: Simd| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

@@ -1,4 +1,5 @@
-//! One substep against the system that the equations state, assembled here densely and solved by elimination.
+//! One substep against the system that the equations state, assembled here densely and solved by
+//! elimination.
 
 use crate::dense::{self, Matrix};
 use crate::rig::{GRAVITY, Random, Rig, Varied, helix, real, simds, vector};
@@ -179,7 +180,8 @@ impl Instant {
     }
 }
 
-/// Largest error of the solver's velocities over the largest velocity, from a random state about a moving head.
+/// Largest error of the solver's velocities over the largest velocity, from a random state about a
+/// moving head.
 fn error<T: SimulationReal>(params: &AmsParams, simd: Simd, seed: u64, k_integrity_believed: f64) -> f64 {
     let mut random = Random(seed);
     let poses = [
@@ -288,7 +290,8 @@ fn the_band_solves_the_dense_system() {
     println!("LDLt against a dense solve: float64 {worst:.1e} (at most 1e-10), float32 {worst32:.1e} (1e-4)");
 }
 
-/// The comparison can fail: stiffness off by a thousandth is seen in float64, by a quarter in float32.
+/// The comparison can fail: stiffness off by a thousandth is seen in float64, by a quarter in
+/// float32.
 #[test]
 fn another_system_is_told_apart() {
     let params = &cases()[0];

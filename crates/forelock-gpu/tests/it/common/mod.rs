@@ -7,7 +7,8 @@ pub mod shaken;
 use forelock_gpu::{Choice, Gpu};
 use std::sync::LazyLock;
 
-/// The one device of all tests of this program. The build script compiles tests as ignored where there is none.
+/// The one device of all tests of this program. The build script compiles tests as ignored where
+/// there is none.
 pub fn gpu() -> Gpu {
     static GPU: LazyLock<Gpu> = LazyLock::new(|| {
         Gpu::open(&Choice::Fastest).unwrap_or_else(|error| {
