@@ -1,6 +1,6 @@
-//! Compiles the tests that need a GPU as ignored where there is none. `FORELOCK_REQUIRE_GPU`
-//! decides (0 or 1); where it is not set, on Linux, whether there is a card, or the driver of Mesa
-//! that needs none.
+//! Sets `cfg(gpu)` where a GPU can be used; tests that need one are ignored otherwise.
+//! `FORELOCK_REQUIRE_GPU` (0 or 1) decides. Where it is not set, on Linux, the script looks for a
+//! graphics card or for Mesa's software driver.
 
 fn main() {
     println!("cargo::rerun-if-env-changed=FORELOCK_REQUIRE_GPU");

@@ -1,7 +1,7 @@
 //! Each stage of a frame, and what prepares it: `cargo bench -p forelock-core`.
 //!
-//! The stages of a frame run fused, block by block, so each is measured as a frame that has it,
-//! beside one that has not.
+//! The stages of a frame run fused, block by block, so each is measured as the difference between a
+//! frame with it and one without it.
 
 #![expect(clippy::expect_used, reason = "a bench fails where its input cannot be made")]
 

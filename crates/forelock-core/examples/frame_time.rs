@@ -1,9 +1,9 @@
-//! Milliseconds a frame of a solver on the CPU, stage by stage: 10,298 strands × 30 particles on
-//! the built-in head, with springs, both ghost ties, the length pass and the head's distance field,
-//! the head turning or in another built-in motion.
+//! Milliseconds per frame of a solver on the CPU, stage by stage: 10,298 strands × 30 particles on
+//! the built-in head, with springs, both ghost ties, the length pass and the head's distance field.
+//! The head turns or follows another built-in motion.
 //!
-//! Every frame is timed in each of `repeats` runs from the same start, and its least time counts:
-//! on a machine that is shared, the rest is other people's work.
+//! Every frame is timed in each of `repeats` runs from the same start, and the smallest time
+//! counts, since other programs only add to it.
 //!
 //! `cargo run --release -p forelock-core --example frame_time -- [threads] [frames] [repeats]
 //! [none|sph|RESOLUTION of the grid] [contacts|free] [motion] [SIMD|Auto] [ams|dftl]`

@@ -2,8 +2,8 @@
 //!
 //! `cargo run --release -p forelock-core --example roofline`
 //!
-//! The solve's text is run once with a lane that counts its own arithmetic, and timed with the
-//! widest registers; the peak is a loop of independent fused multiply–adds in the same registers on
+//! The solver runs once with a lane type that counts its arithmetic, and is then timed with the
+//! widest registers. The peak is a loop of independent fused multiply–adds in the same registers on
 //! one core.
 
 #![expect(clippy::print_stdout, reason = "an example that measures says what")]

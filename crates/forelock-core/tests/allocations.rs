@@ -1,5 +1,5 @@
-//! A frame allocates nothing once the first has been seen. A test program of its own, because it
-//! counts for the whole process.
+//! After the first frames, a frame allocates nothing. This is a test program of its own because the
+//! counter covers the whole process.
 
 #![expect(clippy::unwrap_used, reason = "in a test a failure to build is a failure of the test")]
 
@@ -37,8 +37,8 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// Allocations of forty frames against a ball, after fifty to warm up: a grid grows with the hair's
-/// box.
+/// Allocations of forty frames against a ball, after fifty frames of warm-up in which a grid grows
+/// with the hair's bounding box.
 fn allocations_of_frames(solver: &Solver<f32>, grid: Option<&GridParams>, sph: Option<&SphParams>) -> usize {
     let strand = |s: u16| {
         let root = Vec3::new(f32::from(s) * 1e-3, 0.0, 0.0);

@@ -5,18 +5,24 @@
 //! nothing back.
 //!
 //! ```
+//! use forelock_core::frame::{FrameInput, Roots};
 //! use forelock_core::groom::grow::{GrowParams, grow_on_head};
 //! use forelock_core::pose::Pose;
-//! use forelock_core::solver::{AmsParams};
-//! use forelock_core::frame::{FrameInput, Roots};
-//! use forelock_core::simulation::{Options};
+//! use forelock_core::simulation::Options;
+//! use forelock_core::solver::AmsParams;
 //! use forelock_gpu::{Choice, Gpu, GpuSimulation};
 //! use glam::DVec3;
 //!
 //! let Ok(gpu) = Gpu::open(&Choice::Fastest) else { return Ok(()) };
 //! let groom = grow_on_head(&GrowParams { strands: 100, ..GrowParams::default() })?;
-//! let mut simulation = GpuSimulation::new(&gpu, &groom, &AmsParams::default(), &Options::default())?;
-//! let still = FrameInput { roots: Roots::Rigid([Pose::IDENTITY; 2]), gravity: DVec3::new(0.0, -9.81, 0.0), dt_secs: 1.0 / 60.0, ..FrameInput::default() };
+//! let (params, options) = (AmsParams::default(), Options::default());
+//! let mut simulation = GpuSimulation::new(&gpu, &groom, &params, &options)?;
+//! let still = FrameInput {
+//!     roots: Roots::Rigid([Pose::IDENTITY; 2]),
+//!     gravity: DVec3::new(0.0, -9.81, 0.0),
+//!     dt_secs: 1.0 / 60.0,
+//!     ..FrameInput::default()
+//! };
 //! simulation.step_frame(&still)?;
 //! assert_eq!(simulation.report()?.quarantined_strands, 0);
 //! # Ok::<(), Box<dyn std::error::Error>>(())

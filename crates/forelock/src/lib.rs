@@ -6,12 +6,13 @@
 //! (pictures).
 //!
 //! ```
-//! use std::sync::atomic::AtomicBool;
 //! use forelock::scene::Override;
 //! use forelock::{Backend, RunOptions, Scene, simulate};
+//! use std::sync::atomic::AtomicBool;
 //!
 //! # let folder = std::env::temp_dir().join("forelock-doc");
-//! let small = ["groom.strands=20", "time.frames=3", "output.film=false", "output.picture=false", "body.sdf_cells=32"];
+//! let small = ["groom.strands=20", "time.frames=3", "body.sdf_cells=32"];
+//! let small = [&small[..], &["output.film=false", "output.picture=false"]].concat();
 //! let sets: Result<Vec<_>, _> = small.iter().map(|set| Override::set(set)).collect();
 //! let scene = Scene::builtin(&sets?)?;
 //! let options = RunOptions { out: folder, resume: false, backend: Backend::Cpu };

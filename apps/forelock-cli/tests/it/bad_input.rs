@@ -1,5 +1,5 @@
-//! Bad input: each gives one clear message on standard error and status 1 (2 for wrong usage), no
-//! panic, and no file.
+//! Bad input: each case prints one clear message on standard error, returns status 1 (2 for wrong
+//! usage), does not panic and leaves no file.
 
 use std::fs;
 
@@ -182,8 +182,8 @@ fn grooms_with_mistakes() {
     check(&place, &cases);
 }
 
-/// Every truncation of a small groom is refused: one run for each would take long, so a few bytes
-/// of each part.
+/// Every truncation of a small groom is refused. One run for each would take long, so only a few
+/// bytes of each part are tried.
 #[test]
 fn truncated_at_any_byte() {
     let place = Workplace::new();

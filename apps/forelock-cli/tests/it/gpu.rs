@@ -13,9 +13,8 @@ fn summary(command: &mut Command) -> Value {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
-/// Strands apart; that meet and touch, in a wind; with virtual particles; that are cut and curled
-/// while they move; that follow the leader, two steps in some frames, as smoothed particles in a
-/// wind.
+/// Scenes: strands without interaction; with the grid and contacts, in a wind; with virtual
+/// particles; cut and curled while they move; DFTL with two steps in some frames, as SPH in a wind.
 const SCENES: [&str; 5] = [
     "",
     "[interaction]\nkind = \"grid\"\ncontacts = true\n[wind]\nvelocity = [3, 0, 1]\nturbulence = 0.3\nshelter = 0.5\nhair_depth = 0.05\n",
@@ -79,8 +78,9 @@ fn hash(summary: &Value) -> &Value {
     &summary["state_hash"]
 }
 
-/// Stages before one on the CPU: with the first it is a run on the GPU, with the last, which only
-/// looks, one on the CPU, bit for bit; between them like both.
+/// Runs in which the GPU begins at a stage and the CPU computes those before. From the first stage
+/// on, the run equals one on the GPU bit for bit; from the last, which changes nothing, one on the
+/// CPU; between them it is close to both.
 fn stages_before_are_on_the_cpu(stages: &[&str]) {
     let folder = tempfile::tempdir().unwrap();
     let meeting = "[interaction]\nkind = \"grid\"\ncontacts = true\n[body]\nmotion = \"builtin:shake\"\n";
@@ -123,8 +123,7 @@ fn long_all_stages_can_be_left_on_the_cpu() {
         let resumed = run(scene, &["--gpu-from", "restore_lengths", "--resume"]);
         assert_eq!(hash(&resumed), hash(&whole), "{scene}");
     }
-    // Follow the leader on the CPU, and nothing after it that changes hair; smoothed particles
-    // there alone.
+    // DFTL on the CPU, with no stage after it that changes hair; SPH alone on the CPU.
     let following =
         "[solver]\nkind = \"dftl\"\n[interaction]\nkind = \"sph\"\n[body]\nmotion = \"builtin:shake\"\n";
     let [gpu, cpu] = ["gpu", "cpu"].map(|backend| run(following, &["--backend", backend]));

@@ -9,8 +9,8 @@ use crate::lane::Row;
 use crate::strands::{AIR_ROWS, Block, BlockView, Model, Scratch, State};
 use std::sync::{Mutex, PoisonError};
 
-/// Runs consecutive strand steps on all blocks, halving the list of blocks as it goes: no
-/// allocation, and no result that depends on which thread did what.
+/// Runs consecutive strand steps on all blocks. Threads halve the list of blocks recursively;
+/// nothing is allocated, and no result depends on which thread ran which block.
 #[derive(Debug)]
 pub(crate) struct Crew<'a, T> {
     /// The solver.

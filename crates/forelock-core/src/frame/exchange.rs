@@ -2,8 +2,8 @@
 //!
 //! # Practice
 //! An interaction holds what it needs of the model and its own buffers, and changes the state of
-//! all strands at once. When it runs is said by its [`Exchange`], from which the frame's plan is
-//! made. Whether strands are solved by forces or by constraints it need not know: [`with_motion`]
+//! all strands at once. Its [`Exchange`] says when it runs, and the frame's plan is made from that.
+//! It does not need to know whether strands are solved by forces or by constraints: [`with_motion`]
 //! gives it the velocities with which hair moves.
 
 use super::plan::Exchange;
@@ -60,8 +60,8 @@ pub trait Interaction<T>: Debug + Send + Sync {
         let _ = (cx, state);
     }
 
-    /// Exchanges momentum between strands. Adds to `report` what it did and its stages' times;
-    /// whether it moved edges ([`Moves::Edges`](super::plan::Moves::Edges)).
+    /// Exchanges momentum between strands, and adds what it did and the times of its stages to
+    /// `report`. Returns whether it moved edges ([`Moves::Edges`](super::plan::Moves::Edges)).
     fn exchange(
         &mut self,
         cx: &ExchangeContext<'_, T>,
@@ -83,9 +83,9 @@ pub(crate) fn shared_secs(secs: f64) -> f64 {
     secs * threads
 }
 
-/// Lets `change` have positions and velocities of `state`: those with which hair moved in the step
-/// of `h` seconds, where velocities hold more than motion ([`State::previous`]). `motion` is a
-/// buffer for them.
+/// Calls `change` with the positions of `state` and with velocities: those with which hair moved in
+/// the step of `h` seconds, where the stored ones hold more than motion ([`State::previous`]).
+/// `motion` is a buffer for them.
 pub fn with_motion<T: Real, R>(
     state: &mut State<T>,
     motion: &mut Vec<Row<T>>,

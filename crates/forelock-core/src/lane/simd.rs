@@ -76,8 +76,8 @@ macro_rules! with_features {
 #[cfg(target_arch = "x86_64")]
 pub(crate) use with_features;
 
-/// `$text`, a function of lanes of float32, for the instruction set and width `$simd` (supported,
-/// not `Auto`): unsafe to call where they are not there.
+/// `$text`, a function of float32 lanes, compiled for the instruction set and width `$simd` (a
+/// supported one, not `Auto`). Unsafe to call on a processor without that instruction set.
 macro_rules! on {
     ($simd:ident, $text:ident $takes:tt $(-> $found:ty)?) => {
         match $simd {

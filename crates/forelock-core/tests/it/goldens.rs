@@ -1,6 +1,6 @@
 //! Steps against reference results in float64 (`tests/golden/ams/README.md`,
-//! `tests/golden/dftl/README.md`): the float64 instantiation at the files' float64 tolerances, and
-//! every float32 one that this processor runs at their float32 tolerances.
+//! `tests/golden/dftl/README.md`): the float64 solver at the files' float64 tolerances, and every
+//! float32 one that this processor runs at their float32 tolerances.
 
 #![expect(
     clippy::unwrap_used,
@@ -127,8 +127,8 @@ fn a_perturbed_solver_fails() {
     assert!(worst_error::<f32>(&file, Simd::Auto) > 1e-5);
 }
 
-/// Of follow the leader, over the strand's length: positions in float64 and float32, and edges
-/// whose length is restored last.
+/// Tolerances of DFTL, over the strand's length: positions in float64 and float32, and lengths of
+/// edges after restoration.
 const DFTL_TOLERANCES: [f64; 2] = [1e-9, 1e-4];
 const DFTL_STRETCH: [f64; 2] = [1e-12, 1e-6];
 

@@ -1,8 +1,8 @@
 //! Hair that is thrown about for a long time: nothing breaks, nothing leaks, nothing builds up.
 //!
-//! A head moves at random, gently and wildly by turns, in gusts and turbulence, while a ball
-//! wanders through the hair, which meets itself on the grid, and in the short run segment by
-//! segment as well. The short run is always done. The long one is ten minutes at 60 frames a
+//! A head moves at random, alternating between gentle and wild, in gusts and turbulence, while a
+//! ball moves through the hair. Strands interact on the grid, and in the short run through contacts
+//! as well. The short run is part of the daily tests. The long one is ten minutes at 60 frames a
 //! second:
 //!
 //! ```sh
@@ -73,8 +73,8 @@ impl World {
         Self { swell_secs, place: wander3(seed, 0.5), turn: wander3(seed, 0.4), ball: wander3(seed, 0.15) }
     }
 
-    /// The head: 7 cm and half a radian to and fro where it is wild, a twentieth of it where it is
-    /// gentle.
+    /// The head moves by 7 cm and half a radian where it is wild, and by a twentieth of that where
+    /// it is gentle.
     fn head(&self, t: f64) -> Pose {
         let wild = 0.525 - 0.475 * (TAU * t / self.swell_secs).cos();
         let pivot = Head::NECK_PIVOT.as_dvec3();
@@ -122,8 +122,8 @@ struct Found {
     deepest: f64,
 }
 
-/// `frames` frames of `strands` strands, in `parts` parts; from gentle to wild and back in
-/// `swell_secs`.
+/// `frames` frames of `strands` strands, in `parts` parts. The motion goes from gentle to wild and
+/// back in `swell_secs`.
 fn run(strands: u32, frames: u32, parts: u32, swell_secs: f64, contacts: bool) -> Found {
     let preset = GrowParams::preset("wavy").unwrap();
     let groom = grow_on_head(&GrowParams { strands, ..preset }).unwrap();
@@ -206,8 +206,8 @@ fn holds(found: &Found) {
     assert!(most(second) < 1.5 * most(first), "{:?}", found.energies);
 }
 
-/// Threads as many as there are cores: work handed in from outside of a pool costs more than it
-/// takes.
+/// A pool with one thread per core. Work handed in from outside a pool costs more than the work
+/// itself.
 fn pool() -> rayon::ThreadPool {
     rayon::ThreadPoolBuilder::new().build().unwrap()
 }

@@ -1,5 +1,5 @@
-//! Distance fields of real bodies, against the field that came with one and against what a head
-//! must be.
+//! Distance fields of real bodies: compared with a published field, and checked for what holds of
+//! every head.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot read its input fails")]
 
@@ -54,8 +54,8 @@ fn a_closed_collider_has_the_distances_that_came_with_it() {
 #[test]
 #[cfg_attr(not(real_data), ignore = "../shared/data is not there")]
 fn open_busts_are_solid_heads() {
-    // A point in the middle of the skull and how far it lies from the skin at least, in the file's
-    // unit.
+    // A point in the middle of the skull, and a lower bound of its distance from the skin, in the
+    // file's unit.
     let busts = [
         ("sintel/sintel.obj", Vec3::new(0.0, 1.57, -0.01), 0.05),
         ("harolongo/Retopologised_Female_Head_01_mod.obj", Vec3::new(0.0, 8.0, -9.0), 5.0),

@@ -1,5 +1,5 @@
-//! Resampling: exact ends, no invented length, an error bound that shrinks with the count, and
-//! curls kept.
+//! Resampling: ends are exact, no length is added, the error bound shrinks with the count, and
+//! curls are kept.
 
 #![expect(clippy::unwrap_used, reason = "a helper of tests fails by panicking")]
 

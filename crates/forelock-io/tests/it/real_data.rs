@@ -1,4 +1,4 @@
-//! Grooms, heads and a cache's worth of files that were not made here; ignored where they are
+//! Grooms, heads and caches that other programs wrote. Tests are ignored where the files are
 //! missing.
 
 #![expect(clippy::unwrap_used, reason = "a helper of tests fails by panicking")]

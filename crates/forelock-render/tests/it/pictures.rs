@@ -73,8 +73,8 @@ fn draw_lines(lines: &[Vec<Vec3>], width_px: f32) -> Image {
 
 #[test]
 fn a_strand_covers_its_width_times_its_length() {
-    // The filter is exact but for the ends; eight bits a channel err by a third of a level, which
-    // counts for more the less a strand covers.
+    // The filter is exact except at the ends. Eight bits a channel have an error of a third of a
+    // level, which counts for more the less a strand covers.
     for width in [0.08, 0.4, 0.9, 2.5] {
         for (angle, tolerance) in [(0.0, 0.01), (90.0, 0.01), (30.0, 0.015), (45.0, 0.015), (80.0, 0.015)] {
             for offset in [0.0, 0.13, 0.25, 0.5, 0.77] {

@@ -75,7 +75,8 @@ impl PlayerBuilder {
     ///             [solver]\nkind = \"chain\"\n[solver.chain]\ndamping = 0.8\n";
     /// let scene = Scene::parse_with(text, Path::new("scene.toml"), &[], &["chain"])?;
     /// let player = Player::builder(scene).solver("chain", |table| {
-    ///     let damping = table.get("damping").and_then(|value| value.as_float()).ok_or("damping is missing")?;
+    ///     let damping = table.get("damping").and_then(|value| value.as_float());
+    ///     let damping = damping.ok_or("damping is missing")?;
     ///     Ok((&DftlParams { damping, ..DftlParams::default() }).into())
     /// });
     /// player.build()?.step()?;

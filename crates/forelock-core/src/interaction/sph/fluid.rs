@@ -12,7 +12,7 @@ use std::f64::consts::PI;
 /// the gradient of the spiky kernel for pressure, the Laplacian of their viscosity kernel:
 ///
 /// ```text
-/// W(r) = 315/(64 π h³) (1 − q²)³        −W′ₛ(r) = 45/(π h⁴) (1 − q)²        ∇²Wᵥ(r) = 45/(π h⁵) (1 − q)
+/// W(r) = 315/(64 π h³) (1 − q²)³ ,   −W′ₛ(r) = 45/(π h⁴) (1 − q)² ,   ∇²Wᵥ(r) = 45/(π h⁵) (1 − q)
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fluid<T> {

@@ -1,5 +1,5 @@
-//! Reference results of follow the leader in float64 (`dftl/README.md`), and how far a backend is
-//! from them.
+//! Reference results of DFTL in float64 (`dftl/README.md`), and the distance of a backend from
+//! them.
 
 use super::{Backend, numbers, vec3, vectors};
 use forelock_core::body::{ColliderFrame, Shape};
@@ -13,8 +13,8 @@ use glam::{DQuat, DVec3};
 use num_traits::ToPrimitive;
 use serde_json::Value;
 
-/// Parameters of a file of follow the leader. Its numbers are in centimetres, which nothing here
-/// asks for.
+/// Parameters of a DFTL reference file. Its lengths are in centimetres; no parameter depends on
+/// that.
 fn params(file: &Value) -> DftlParams {
     let f = |key: &str| file.get(key).and_then(Value::as_f64);
     // A number, or one a particle that fades linearly: at the root, and the tip's over the root's.
@@ -62,8 +62,8 @@ pub struct Errors {
     /// Largest distance from the file's positions over the strand's length, over all strands and
     /// stored frames.
     pub worst: f64,
-    /// Largest difference of an edge's length from its rest, over the strand's length, over all
-    /// frames.
+    /// Largest difference of an edge's length from its rest length, over the strand's length, over
+    /// all frames.
     pub stretch: f64,
 }
 

@@ -1,5 +1,5 @@
-//! The reference results of follow the leader and smoothed particles together (`dftl/README.md`,
-//! the last file), and how far a backend is from them.
+//! Reference results of DFTL with SPH (`dftl/README.md`, the last file), and the distance of a
+//! backend from them.
 
 use super::dftl::{poses, strands};
 use super::{Backend, vectors};
@@ -27,8 +27,8 @@ pub fn fluid_params(file: &Value) -> SphParams {
     }
 }
 
-/// Runs the steps of `dftl_6_sph`, shape and fluid together; the largest distance from the file's
-/// positions after them, over the strand's length.
+/// Runs the steps of `dftl_6_sph`, shape and fluid together. Returns the largest distance from the
+/// file's positions after them, over the strand's length.
 pub fn coupled_error<B: Backend>(
     file: &Value,
     build: impl Fn(&Strands<'_, B::Real>, &Solver<B::Real>, Options) -> B,
@@ -64,7 +64,7 @@ pub fn coupled_error<B: Backend>(
     worst / simulation.model().strand_lengths[0].0[0].to_f64().unwrap()
 }
 
-/// The file's fluid with its `k` and `mu`, which are those of particles of a mass of 1, for the
+/// The file's fluid. Its `k` and `mu` hold for particles of mass 1; here they are converted for the
 /// strands of a model, whose mean density is 1.
 pub fn raw<T: SimulationReal>(file: &Value) -> impl Fn(&Model<T>) -> SphParams {
     let params = fluid_params(file);

@@ -9,8 +9,8 @@ use forelock_core::pose::Pose;
 use forelock_core::solver::AmsParams;
 use glam::DVec3;
 
-/// A free straight strand along `along` in still air: the speed at which its middle falls after
-/// `secs`, and the sideways one.
+/// A free straight strand along `along` in still air: the vertical and the sideways speed of its
+/// middle after `secs`.
 fn fall(params: &AmsParams, along: DVec3, secs: f64) -> DVec3 {
     let n = 200;
     let strand = (0..n).map(|i| (along * (0.01 * f64::from(i))).to_array()).collect();
@@ -25,8 +25,8 @@ fn fall(params: &AmsParams, along: DVec3, secs: f64) -> DVec3 {
 
 #[test]
 fn a_strand_falls_at_its_terminal_velocity() {
-    // 0.6 s at 240 substeps a second: 144 particles hear of the clamp. After 0.6 s at rates of 20
-    // s⁻¹ and more all but e⁻⁶ is there.
+    // 0.6 s at 240 substeps a second: the clamp affects 144 particles. After 0.6 s at rates of 20
+    // s⁻¹ and more all but e⁻⁶ of the final speed is reached.
     let (c, beta) = (40.0, 0.5);
     let params = AmsParams { drag: c, drag_along: beta, ..bare() };
     let across = fall(&params, DVec3::X, 0.6);

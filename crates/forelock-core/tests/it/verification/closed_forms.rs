@@ -134,8 +134,8 @@ fn without_preload_a_free_chain_sags_by_its_weight_over_the_tie() {
     }
 }
 
-/// The angular tie alone, in the plane: the outer particle of a hinge turns back as θ'' = −κ_α/l θ,
-/// whose frequency is √(κ_α/l) for any angle, because the couple's moment on a rigid edge is κ_α θ
+/// The angular tie alone, in the plane: the outer particle of a hinge turns back as θ'' = −κ_α/l θ.
+/// Its frequency is √(κ_α/l) for any angle, because the couple's moment on a rigid edge is κ_α θ
 /// cos(θ/2).
 #[test]
 fn an_angular_tie_rings_at_its_frequency() {

@@ -33,8 +33,8 @@ fn wisps() -> Vec<Strand> {
     (0..2 * WISP).map(strand).collect()
 }
 
-/// Of the pairs of segments, one of each wisp, that cross as seen along x: how many there are, and
-/// the share in which the first wisp's is beyond the second's.
+/// Over the pairs of segments, one of each wisp, that cross as seen along x: their number, and the
+/// share of pairs in which the first wisp's segment has passed the second's.
 fn beyond(positions: &[DVec3]) -> (usize, f64) {
     let (mut crossing, mut beyond) = (0usize, 0usize);
     for a in 0..WISP {
@@ -57,8 +57,8 @@ fn beyond(positions: &[DVec3]) -> (usize, f64) {
     (crossing, beyond as f64 / crossing.max(1) as f64)
 }
 
-/// The wisps thrown at each other: crossings and the share beyond, a frame, and how many contacts
-/// there were.
+/// The wisps thrown at each other: for each frame, the crossings and the share that has passed, and
+/// the number of contacts.
 fn throw(contacts: Option<&ContactParams>) -> (Vec<(usize, f64)>, usize) {
     let mut rig = Rig::<f32>::new(&wisps(), &AmsParams::default(), Simd::Auto);
     rig.simulation.set_contacts(contacts).unwrap();
@@ -187,8 +187,8 @@ fn momentum_is_kept_and_energy_only_lost() {
     assert!(met > 10_000 && last < 0.9 * first && error < 1e-6, "{met} {error:e}");
 }
 
-/// Two strands that cross at their middles, thrown at each other: what contact leaves of the
-/// relative velocity.
+/// Two strands that cross at their middles, thrown at each other: the relative velocity that
+/// remains after contact.
 #[test]
 fn contacts_are_inelastic_with_coulomb_friction() {
     let strand = |x: f64, along: DVec3| -> Strand {
@@ -237,8 +237,8 @@ fn hair_that_moves_with_the_head_is_untouched() {
     assert_eq!(run(Some(&ContactParams { slip: 0.0, ..ContactParams::default() })), run(None));
 }
 
-/// Strands that lie nearer than the contact distance at rest do not keep each other from going back
-/// there.
+/// Strands that are nearer than the contact distance at rest do not prevent each other from
+/// returning to rest.
 #[test]
 fn hair_goes_back_to_its_rest_shape() {
     let strands = tuft(300, 12);

@@ -1,5 +1,5 @@
-//! Follow the leader against what is known of it: exact lengths, the load that velocities hold, a
-//! pendulum, shape, friction, and strands between steps.
+//! DFTL against known results: exact lengths, the load in the velocities, a pendulum, shape,
+//! friction, and strands between steps.
 
 use crate::rig::{DT, G, GRAVITY, LENGTH, Rig, Strand, assert_one_hash, helix, largest, shake, tuft, vector};
 use forelock_core::body::{ColliderFrame, Shape};
@@ -24,7 +24,7 @@ fn straight(n: usize) -> Strand {
     (0..n).map(|i| [0.0, -0.01 * i as f64, 0.0]).collect()
 }
 
-/// The largest difference of an edge from its rest length over that length, and over the strand's,
+/// The largest difference of an edge from its rest length, over that length and over the strand's,
 /// in a shake of 10 g against a ball.
 fn stretch<T: SimulationReal>(params: &DftlParams) -> [f64; 2] {
     let strands = tuft(40, 30);
@@ -60,8 +60,8 @@ fn edges_are_exact_in_a_shake_of_ten_g() {
         "edges off by {double:?} in float64, {single:?} in float32, of their length and of the strand's"
     );
     assert!(double[0] < 1e-12, "{double:?}");
-    // What is stored in float32 within 0.4 m of the origin has a rounding of 3e-8 m: 3e-6 of an
-    // edge of 1 cm.
+    // A position stored in float32 within 0.4 m of the origin has a rounding error of 3e-8 m: 3e-6
+    // of an edge of 1 cm.
     assert!(single[0] < 4e-6 && single[1] < 1e-6, "{single:?}");
     // With solids last, as the paper has it, edges stretch.
     let loose = stretch::<f64>(&DftlParams { recheck: 0, ..params });
@@ -234,8 +234,8 @@ fn hair_that_is_carried_moves_as_before() {
     assert!(motion(&rig).iter().all(|v| *v == DVec3::ZERO));
 }
 
-/// Between two steps strands lie on the head and keep their lengths, and go from the one state to
-/// the other.
+/// Between two steps strands lie on the head, keep their lengths, and go from one state to the
+/// other.
 #[test]
 fn strands_between_steps_are_strands() {
     let strand: Vec<Vec3> = helix(20).into_iter().map(|p| DVec3::from(p).as_vec3()).collect();

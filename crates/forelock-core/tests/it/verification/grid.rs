@@ -205,8 +205,7 @@ fn hair_at_rest_stays_where_it_is() {
 }
 
 /// The same bits for any number of threads and any SIMD width of one rounding, also with a block
-/// that is not full, on a head that turns: lanes that are left over stay behind, and must not
-/// count.
+/// that is not full, on a head that turns: padding lanes stay behind and must not count.
 #[test]
 fn threads_and_widths_do_not_matter() {
     assert_one_hash(|simd| {

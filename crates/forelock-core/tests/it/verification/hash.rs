@@ -1,5 +1,5 @@
-//! The state's bits: the same for any number of threads, any width of registers, and across an
-//! interruption.
+//! The state's bits: the same for any number of threads, any register width, and after a restored
+//! snapshot.
 
 use crate::rig::{DT, Rig, shake, simds, tuft};
 use forelock_core::body::{ColliderFrame, Shape};
@@ -68,8 +68,8 @@ fn widths_leave_the_bits_alone() {
     }
 }
 
-/// Strands so long that rounding alone stretches their edges by over 1e-5, one of them on a ball:
-/// whether a strand's neighbours in a register touch must not matter to it.
+/// Strands so long that rounding alone stretches their edges by over 1e-5, one of them on a ball: a
+/// contact of one strand in a register must not change the others.
 #[test]
 fn a_neighbour_that_touches_leaves_the_bits_alone() {
     let long = |s: usize| -> Vec<[f64; 3]> {

@@ -1,5 +1,5 @@
-//! What must not matter: where the scene is, how large, how fast the frames come, and which strands
-//! are beside.
+//! Invariance under the scene's position, its size, the frame rate, and the other strands of the
+//! groom.
 
 use crate::rig::{DT, GRAVITY, LENGTH, Rig, Strand, Varied, helix, largest, shake, simds, tuft};
 use forelock_core::lane::Simd;
@@ -78,9 +78,9 @@ fn run_at(fps: u32, substeps: u32) -> Vec<DVec3> {
     path
 }
 
-/// With the same substep, frames only say how often the head's pose is given and lengths are
-/// restored; with the same number of substeps the substep doubles and halves too, a first-order
-/// error.
+/// With the same substep, the frame rate only changes how often the head's pose is given and
+/// lengths are restored. With the same number of substeps the substep doubles and halves too, a
+/// first-order error.
 #[test]
 fn frame_rates_agree() {
     let reference = run_at(60, 4);
@@ -99,8 +99,8 @@ fn strand_of(snapshot: &Snapshot<f32>, from: usize, n: usize) -> Vec<[u32; 7]> {
     (from..from + n).map(bits).collect()
 }
 
-/// Bits of the marked strand after half a second, with `others` before and after it. Strands at the
-/// far corners of one box stand in each groom, so that all have the same centre.
+/// Bits of the marked strand after half a second, with `others` before and after it. Each groom has
+/// strands at the far corners of one box, so that all have the same centre.
 fn among(before: usize, after: usize, simd: Simd) -> Vec<[u32; 7]> {
     let corner = |sign: f64| -> Strand { vec![[sign; 3], [0.9 * sign; 3]] };
     let mut strands = vec![corner(1.0), corner(-1.0)];

@@ -61,8 +61,8 @@ fn the_tension_is_smooth() {
     assert!((tension(1.0 + d) / tension(1.0) - 1.0).abs() < 20.0 * d, "and does not jump as it breaks");
 }
 
-/// The force is that of the weakened tie: the secant s κ_I, at the start of the substep and
-/// implicitly.
+/// The force is that of the weakened tie: its stiffness is the secant s κ_I at the start of the
+/// substep, integrated implicitly.
 #[test]
 fn a_damaged_tie_pulls_less() {
     for e in [0.3, 0.75, 1.05, 1.2] {

@@ -1,5 +1,5 @@
-//! Smoothed particles against what is known of them: neighbours by brute force, densities of a
-//! lattice, momentum, hair at rest.
+//! SPH against known results: neighbours by brute force, densities of a lattice, momentum, hair at
+//! rest.
 
 use crate::rig::{GRAVITY, Random, Rig, assert_one_hash, shake, tuft};
 use forelock_core::interaction::sph::find_neighbours::{Neighbours, Particle, SearchReal};
@@ -98,8 +98,8 @@ fn neighbours<T: SearchReal>(simd: Simd) {
     assert!(full > 1000, "{full} lists are full");
 }
 
-/// A lattice of spacing a has the density m/a³: the kernel's sum over it is that to 2 %, and the
-/// density found is that sum.
+/// A lattice of spacing a has the density m/a³. The kernel's sum over it is within 2 % of that, and
+/// the computed density is that sum.
 #[test]
 fn a_lattice_has_its_density() {
     let (side, spacing, h) = (12u32, 0.1, 0.235);

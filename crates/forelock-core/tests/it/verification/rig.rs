@@ -26,7 +26,7 @@ pub const LENGTH: f64 = 0.3;
 /// A strand: its particles, root first.
 pub type Strand = Vec<[f64; 3]>;
 
-/// The document's strand: a hanging helix of `n` particles and [`LENGTH`] along its edges, radius 1
+/// The design's strand: a hanging helix of `n` particles and [`LENGTH`] along its edges, radius 1
 /// cm, three turns.
 pub fn helix(n: usize) -> Strand {
     let segments = (n - 1) as f64;
@@ -69,8 +69,8 @@ pub fn bare() -> AmsParams {
     }
 }
 
-/// A shake to and fro along x and a little z, peak acceleration `gs` times gravity, starting and
-/// ending (after whole periods) at rest.
+/// A shake along x and a little along z, with a peak acceleration of `gs` times gravity. It starts
+/// and ends (after whole periods) at rest.
 pub fn shake(gs: f64, hertz: f64, t: f64) -> Pose {
     let omega = TAU * hertz;
     let reach = gs * G / (omega * omega) * (1.0 - (omega * t).cos());
@@ -237,8 +237,8 @@ impl Random {
     }
 }
 
-/// Whether a hash is the same for one, two and three threads, and for all SIMD widths that round
-/// alike. `hash` runs in a pool of its own.
+/// Whether a hash is the same for one, two and three threads, and for all SIMD widths with the same
+/// rounding. `hash` runs in a pool of its own.
 pub fn assert_one_hash(hash: impl Fn(Simd) -> u64 + Sync) {
     let of = |threads: usize, simd: Simd| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

@@ -55,8 +55,8 @@ fn nothing_ends_a_frame_inside() {
     println!("depth under the skin at a frame's end: {worst:.1e} m (at most 1e-5)");
 }
 
-/// Speed along the solid after a particle meets it at 100 along and 50 into it, the solid moving at
-/// `carried`.
+/// Tangential speed of a particle after it hits a solid at 100 along the surface and 50 into it.
+/// The solid moves at `carried`.
 fn speed_after<T: SimulationReal>(mu: f64, simd: Simd, carried: DVec3) -> f64 {
     let params = AmsParams { substeps: 1, ..bare() };
     let mut rig = Rig::<T>::new(&[vec![[0.0, 2.0, 0.0], [0.0, 0.1, 0.0]]], &params, simd);
@@ -136,8 +136,8 @@ fn hair_spawned_inside_comes_out_gently() {
     assert!(quickest_out <= params.depenetration_speed + fastest, "{quickest_out}");
 }
 
-/// A ball presses hair to a wall at 1 m/s until a gap of 3 mm is left: hair is in the gap or beside
-/// it, in neither solid, whichever is named first.
+/// A ball presses hair to a wall at 1 m/s until a gap of 3 mm is left. Hair is in the gap or beside
+/// it, in neither solid, for either order of the solids.
 #[test]
 fn between_two_solids_hair_is_in_neither() {
     let params = AmsParams::default();

@@ -67,9 +67,8 @@ fn pass(shape: &Shape, turn: DQuat, start: DVec3, speed: f64, travel: f64, heigh
     found
 }
 
-/// The plate at any speed: nothing is behind it. A finger is hardly thicker than the strands' edges
-/// are long, and contact is that of particles: strands slip round it, an edge at a time, but no
-/// particle ends inside.
+/// No particle is behind the plate, at any speed. A finger is hardly thicker than an edge is long,
+/// and collision is that of particles: edges tunnel through it, but no particle ends inside.
 #[test]
 fn what_is_fast_and_thin_does_not_pass_through() {
     let plate = Shape::Box { half_extents: DVec3::new(0.15, 0.12, 0.005) };

@@ -1,4 +1,4 @@
-//! One substep against the system that the equations state, assembled here densely and solved by
+//! One substep against the linear system of the equations, assembled densely here and solved by
 //! elimination.
 
 use crate::dense::{self, Matrix};
@@ -290,8 +290,8 @@ fn the_band_solves_the_dense_system() {
     println!("LDLt against a dense solve: float64 {worst:.1e} (at most 1e-10), float32 {worst32:.1e} (1e-4)");
 }
 
-/// The comparison can fail: stiffness off by a thousandth is seen in float64, by a quarter in
-/// float32.
+/// The comparison can fail: a stiffness that is wrong by a thousandth is detected in float64, one
+/// that is wrong by a quarter in float32.
 #[test]
 fn another_system_is_told_apart() {
     let params = &cases()[0];

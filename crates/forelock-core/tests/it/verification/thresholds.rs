@@ -106,8 +106,7 @@ fn at_constant_velocity_with_the_wind_nothing_moves() {
     assert!(carried_error(0.99) > 1e-4, "a wind that lags is felt");
 }
 
-/// Late jitter with the head held at rest, and 8 s after it was tilted by 135° within half a
-/// second.
+/// Late jitter with the head at rest, and 8 s after it was tilted by 135° within half a second.
 fn late_jitter<T: SimulationReal>(simd: Simd) -> [f64; 2] {
     let mut rig = default_rig::<T>(simd);
     rig.play(1.5, |_| Pose::IDENTITY);
@@ -125,8 +124,8 @@ fn hair_comes_to_rest() {
     assert!(worst[0] <= 1e-3 && worst[1] <= 1e-3, "{worst:?}");
 }
 
-/// Accelerations over gravity in a quarter of a second with the head held: root mean square over
-/// particles and frames, and the largest.
+/// Accelerations over gravity during a quarter of a second with the head at rest: root mean square
+/// over particles and frames, and the largest.
 fn unrest<T: SimulationReal>(rig: &mut Rig<T>) -> [f64; 2] {
     let (mut sum, mut count, mut largest) = (0.0, 0.0f64, 0.0f64);
     for _ in 0..15 {
@@ -150,8 +149,8 @@ fn after_shake<T: SimulationReal>(simd: Simd) -> [[f64; 2]; 3] {
     })
 }
 
-/// What is left after 2 s is the slowest swing, which loses about e^−1.2 a second: drag/2 and the
-/// implicit step's own.
+/// The motion left after 2 s is the slowest swing, which decays by about e^−1.2 a second through
+/// drag/2 and the damping of the implicit step.
 #[test]
 fn two_seconds_after_a_shake_it_is_calm() {
     let runs = std::iter::once(after_shake::<f64>(Simd::Auto)).chain(simds().map(after_shake::<f32>));

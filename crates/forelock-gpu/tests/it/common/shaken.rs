@@ -6,8 +6,8 @@ use glam::{DQuat, DVec3};
 
 pub const GRAVITY: DVec3 = DVec3::new(0.0, -9.81, 0.0);
 
-/// `count` curls of `particles(strand)` particles each, `spacing` metres apart, in fifties that
-/// lean by `lean` radians more strand by strand; and their offsets.
+/// `count` curls of `particles(strand)` particles each, `spacing` metres apart, in groups of fifty.
+/// Each curl leans by `lean` radians more than the one before. Also returns their offsets.
 pub fn tuft(
     count: u32,
     particles: impl Fn(u32) -> u32,
@@ -45,9 +45,9 @@ pub fn apart(a: [f32; 3], b: [f64; 3]) -> f64 {
     if d.is_finite() { d.length() } else { f64::INFINITY }
 }
 
-/// The error of a strand, that of its worst particle: the worst strand's after one step, the median
-/// strand's after more, for single ones may fall to either side of a threshold (a tie breaks or
-/// holds, a curl flips).
+/// The error of a strand is that of its worst particle. This is the error of the worst strand after
+/// one step and of the median strand after more, since single strands may fall to either side of a
+/// threshold (a tie breaks or holds, a curl flips).
 pub fn error_of_strands(offsets: &[u32], of_particle: impl Fn(usize) -> f64, steps: u32) -> f64 {
     let of_strand = |ends: &[u32]| (ends[0]..ends[1]).map(|p| of_particle(p as usize)).fold(0.0, f64::max);
     let mut errors: Vec<f64> = offsets.windows(2).map(of_strand).collect();

@@ -89,9 +89,9 @@ fn field(params: &WindParams, number: u32) -> WindField {
     Wind::new(params).unwrap().at(f64::from(number) / FPS)
 }
 
-/// What a frame changes in `params` and `wind`: on the CPU, of what it is in the mean wind; and on
-/// the GPU, with `other` instead, of what it is on the CPU. Velocities, root mean squares, m/s.
-/// Before it the GPU has frames without wind, in a wind from elsewhere, and in `wind`.
+/// The changes that `params` and `wind` make in a frame: on the CPU against the mean wind, and on
+/// the GPU, with `other` instead, against the CPU. Velocities, root mean squares, m/s. Before it
+/// the GPU has frames without wind, in a wind from elsewhere, and in `wind`.
 fn compare(gpu: &Gpu, params: &AmsParams, [wind, other]: [&WindParams; 2]) -> [f64; 2] {
     let (positions, offsets) = hair(800);
     let strands = Strands::new(&positions, &offsets);

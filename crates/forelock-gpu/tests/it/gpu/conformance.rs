@@ -20,9 +20,9 @@ use std::sync::Arc;
 
 const FPS: f64 = 60.0;
 
-/// How far a frame on the GPU may be from the same in float64, over how far the CPU's own float32
-/// is from it: both round in their own order, the CPU fuses multiply–adds, and a driver's divisions
-/// and roots may be off by two units in the last place.
+/// The largest allowed ratio of the GPU's distance from float64 to the CPU's own float32 distance,
+/// for a frame. Both round in their own order, the CPU fuses multiply–adds, and a driver's
+/// divisions and roots may be wrong by two units in the last place.
 const FACTOR: f64 = 3.0;
 /// What never counts, over the strand's length: a few units in the last place of a position.
 const FLOOR: f64 = 2e-6;
@@ -46,7 +46,7 @@ fn head(frame: u32) -> Pose {
     shaken::head(f64::from(frame) / FPS)
 }
 
-/// A solid that goes from its pose at rest `by` metres a second, in the head's space or in the
+/// A solid that moves from its pose at rest by `by` metres a second, in the head's space or in the
 /// world.
 struct Solid<'a> {
     /// One a frame, of which the last stays.
@@ -80,9 +80,9 @@ impl<'a> Solid<'a> {
 }
 
 /// Distance from the float64 CPU after `frames` frames, over the length of a strand: of the GPU,
-/// and of the float32 CPU. `params` are the GPU's and the CPU's. After one frame that of the worst
-/// strand; after more that of the median strand, for single ones may fall to either side of a
-/// threshold (a tie breaks or holds, a curl flips).
+/// and of the float32 CPU. `params` are the GPU's and the CPU's. After one frame it is that of the
+/// worst strand; after more that of the median strand, since single strands may fall to either side
+/// of a threshold (a tie breaks or holds, a curl flips).
 fn errors(gpu: &Gpu, strands: &Strands<'_, f32>, params: [&AmsParams; 2], frames: u32) -> [f64; 2] {
     errors_among(&[], gpu, strands, params, frames)
 }
@@ -216,8 +216,8 @@ fn every_form_of_every_term() {
     }
 }
 
-/// Factors in 16 bits: velocities stay within a few thousandths of what float64 has, and something
-/// is rounded.
+/// Factors in 16 bits: velocities stay within a few thousandths of those in float64, and some are
+/// rounded.
 #[test]
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
 fn half_factors_are_off_by_little() {
@@ -266,8 +266,8 @@ fn ball_field(radius: f32) -> Sdf {
     Sdf::new(glam::UVec3::splat(32), glam::Vec3::splat(node(0)), cell, values.collect()).unwrap()
 }
 
-/// Every shape, still on the head and flying through the hair, several at once, faster than a
-/// substep can see, and where there is no room between them.
+/// Every shape: still on the head, flying through the hair, several at once, faster than a substep
+/// can sample, and with no room between them.
 #[test]
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
 fn every_solid() {
@@ -280,8 +280,8 @@ fn every_solid() {
     let capsule = Shape::Capsule { half_length: 0.1, radius: 0.02 };
     let cuboid = Shape::Box { half_extents: DVec3::new(0.05, 0.02, 0.08) };
     let mesh = Shape::Sdf(Arc::new(Sdf::from_mesh(&Head::builtin().mesh, 48, 0.02).unwrap()));
-    // Three fields, gone through in forty frames; the fourth is a plain one, whose numbers come
-    // after theirs.
+    // Three fields, passed in forty frames; the fourth is a plain one, whose numbers come after
+    // theirs.
     let morph = Arc::new(Morph::new([0.02, 0.045, 0.06].map(ball_field).into()).unwrap());
     let phase = |frame: u32| 0.05 * f64::from(frame);
     let swelling: Vec<Shape> = (0..40)
@@ -329,8 +329,7 @@ fn every_solid() {
         for (kind, params) in [("lengths", &params), ("stretching", &free)] {
             let [one, many] = [1, 30].map(|frames| errors_among(solids, &gpu, &strands, [params; 2], frames));
             println!("{name}, {kind}: {one:?} after a frame, {many:?} after thirty (GPU, CPU)");
-            // Hair that is hit at 30 m/s goes where it may: of that only single frames are
-            // compared, below.
+            // Hair that is hit at 30 m/s diverges: only single frames of it are compared, below.
             let is_wild = *name == "a ball at 30 m/s";
             assert!(is_close(one) && (is_wild || is_close(many)), "{name}, {kind}: {one:?}, {many:?}");
         }
@@ -340,12 +339,12 @@ fn every_solid() {
         let off = strays(&gpu, &strands, solids, solids, [&params; 2]);
         println!("{name}: {off:?} particles off, touches");
         assert!(off[0] <= 3 + off[1] / 200, "{name}: {off:?}");
-        // What is through before a frame ends touches nothing at its end; below it is shown to be
-        // met.
+        // A solid that has passed before the end of a frame touches nothing at its end. Below it is
+        // shown to collide.
         assert!(off[1] > 20 || *name == "a ball at 30 m/s", "{name}: {off:?}");
     }
-    // The comparison can fail: other friction, edges that are not laid along, a ball too fast to be
-    // seen at the ends of a substep.
+    // The comparison can fail: other friction, edges that are not laid along solids, a ball too
+    // fast for the samples at the ends of a substep.
     let slippery = [Solid { friction: 0.0, ..Solid::new(&cuboid, [-0.1, -0.15, 0.0], [0.4, 0.0, 0.1]) }];
     let loose = AmsParams { lay_along_solids: false, ..AmsParams::default() };
     let of = |name: &str| &*scenes.iter().find(|scene| scene.0 == name).unwrap().1;
@@ -359,8 +358,9 @@ fn every_solid() {
     }
 }
 
-/// Particles that the GPU has elsewhere than the CPU a frame after the same state, and touches on
-/// the CPU; over thirty frames. The solids are the GPU's and the CPU's, and so are the parameters.
+/// Over thirty frames: the particles whose position on the GPU differs from that on the CPU a frame
+/// after the same state, and the touches on the CPU. The solids and the parameters are the GPU's
+/// and the CPU's.
 fn strays(
     gpu: &Gpu,
     strands: &Strands<'_, f32>,
@@ -573,8 +573,8 @@ fn what_a_gpu_cannot_do_is_said() {
     }
 }
 
-/// 15,000 × 30, the paper's hand scene: at most 200 bytes a particle, also with contacts, but for
-/// their table of cells.
+/// 15,000 × 30, the paper's hand scene: at most 200 bytes a particle, also with contacts, without
+/// their cell table.
 #[test]
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
 fn two_hundred_bytes_a_particle() {

@@ -30,8 +30,8 @@ const PARTICLES: usize = 20;
 /// Of a position 0.2 m from the origin in float32, some times, metres.
 const ROUNDING: f64 = 1e-7;
 
-/// Two wisps that cross at a right angle, 3 cm apart; a few strands of each have edges four times
-/// as long, and so are sought in pieces.
+/// Two wisps that cross at a right angle, 3 cm apart. A few strands of each have edges four times
+/// as long, which are searched in pieces.
 struct Wisps {
     positions: Vec<[f32; 3]>,
     offsets: Vec<u32>,
@@ -94,11 +94,11 @@ fn options() -> Options {
     Options { rest_pose: head(0), ..Options::default() }
 }
 
-/// A frame that begins after `after` frames with contacts, on the CPU under `params` and on the GPU
-/// under `other`; with a grid, too, if there is one.
+/// A frame after `after` frames with contacts, on the CPU under `params` and on the GPU under
+/// `other`; with a grid as well, if there is one.
 struct Compared {
-    /// What contacts changed on the CPU, and by how much the GPU is off: velocities and positions,
-    /// root mean squares.
+    /// The change by contacts on the CPU, and the GPU's difference from it: velocities and
+    /// positions, root mean squares.
     given: [f64; 2],
     apart: [f64; 2],
     /// What contacts did, there and here.
@@ -197,8 +197,8 @@ fn strands_touch_as_on_the_cpu() {
     assert!(Compared::new(&gpu, [&usual; 2], &solver, Some(&grid), 8).is_within(1e-2));
 }
 
-/// Where there are more than there is a budget for, both keep as many, the fastest, and come to
-/// about the same.
+/// Where contacts exceed the budget, both backends keep the same number, the fastest ones, and get
+/// about the same result.
 #[test]
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
 fn a_budget_keeps_the_fastest() {
@@ -250,8 +250,8 @@ fn free() -> AmsParams {
     }
 }
 
-/// Strands across others, `count` of them thrown at all at once, the faster the farther from their
-/// roots.
+/// Strands across others. `count` of them are thrown at all at once, the faster the farther from
+/// their roots.
 fn across(count: u32, others: u32) -> (Vec<[f32; 3]>, Vec<u32>, Vec<[f32; 3]>) {
     let (mut positions, mut offsets, mut velocities) = (Vec::new(), vec![0], Vec::new());
     for k in 0..count + others {
@@ -303,11 +303,10 @@ fn a_crowd_is_met_by_its_fastest() {
     cpu.restore(&start).unwrap();
     let there = cpu.step_frame(&weightless).unwrap().strand_contacts;
     println!("{here:?}, on the CPU {there:?}");
-    // Two slices at most: a segment meets far more in one than it has room for, and takes up so
-    // many.
+    // Two slices at most: a segment meets far more in one than it has room for, and fills its room.
     assert!(there.contacts > 2 * 2 * 512 * THROWN as usize && here.contacts <= 4 * 64 * THROWN as usize);
     assert!(here.contacts > 2 * 64 * THROWN as usize, "{here:?}");
-    // Of what the second segment reaches those are moved that are farther from the root, where it
+    // Of the particles that the second segment reaches, those farther from the root move, where it
     // is faster.
     let other = |at: usize| (THROWN as usize + at) * 6;
     let (mut all, mut moved) = ((0.0, 0.0), (0.0, 0.0));
@@ -365,8 +364,8 @@ fn strands_meet_shorter_ones() {
     assert!(rms(&own.snapshot().unwrap().positions, &cpu.snapshot().positions) < 1e-6);
 }
 
-/// A strand that is nowhere, one infinitely far away, one as far as a mountain, and few strands or
-/// none that are free: no one is harmed.
+/// A strand with positions that are not numbers, one infinitely far away, one 3e18 m away, and few
+/// free strands or none: the others are unharmed.
 #[test]
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
 fn hair_out_of_bounds_harms_no_one() {
@@ -402,8 +401,8 @@ fn hair_out_of_bounds_harms_no_one() {
     assert_eq!(run(false, &least, &AmsParams { clamped: 100, ..usual }), (0, 0));
 }
 
-/// What contacts move counts against the clearance: a solid beside the hair is seen in the same
-/// frame.
+/// Displacement by contacts counts against the clearance: a solid beside the hair is detected in
+/// the same frame.
 #[test]
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
 fn hair_that_contacts_move_still_sees_solids() {
@@ -435,8 +434,8 @@ fn hair_that_contacts_move_still_sees_solids() {
     assert!(f64::from(here.max_penetration_m) < there.max_penetration_m + 1e-6);
 }
 
-/// Twice the same bits: also of a run that was interrupted, with stages timed, on the grid, and in
-/// many batches on a device that binds little at once.
+/// Two runs give the same bits: also after an interruption, with timed stages, on the grid, and in
+/// many batches on a device with small bindings.
 #[test]
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
 fn contacts_are_the_same_bits_whatever_the_order() {

@@ -22,8 +22,8 @@ use forelock_gpu::{Gpu, GpuSimulation};
 use glam::{DQuat, DVec3};
 
 const DT: f64 = 0.016;
-/// How far a strand may be from the same in float64, over how far the CPU's own float32 is from it,
-/// and what never counts, over the strand's length.
+/// The largest allowed ratio of a strand's distance from float64 to the CPU's own float32 distance,
+/// and the distance over the strand's length that is always allowed.
 const FACTOR: f64 = 3.0;
 const FLOOR: f64 = 2e-6;
 
@@ -65,8 +65,8 @@ struct Among<'a> {
     steps: u32,
 }
 
-/// Distance from the float64 CPU after `steps`, of the median strand or after one step of the
-/// worst, over its length: of the GPU, and of the float32 CPU.
+/// Distance from the float64 CPU after `steps`, over the strand's length, of the median strand or
+/// after one step of the worst: of the GPU, and of the float32 CPU.
 fn errors(gpu: &Gpu, strands: &Strands<'_, f32>, params: [&DftlParams; 2], among: Among<'_>) -> [f64; 2] {
     let Among { solids, wind, steps } = among;
     let exact: Vec<[f64; 3]> = strands.positions.iter().map(|x| x.map(f64::from)).collect();
@@ -215,7 +215,7 @@ fn a_wind_with_turbulence_blows_as_on_the_cpu() {
     }
 }
 
-/// Two runs, in one batch or many, over a snapshot: the same bits, which all schedules share as far
+/// Two runs, in one batch or many, from a snapshot: the same bits. All schedules share them as far
 /// as a driver rounds alike.
 #[test]
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
@@ -246,8 +246,8 @@ fn the_bits_are_the_same_each_time() {
     }
 }
 
-/// What goes on from the CPU goes on with the motion that drag feels; a strand that is not finite
-/// is put back.
+/// A run continued from the CPU keeps the motion that drag acts on; a strand that is not finite is
+/// reset.
 #[test]
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
 fn what_began_on_the_cpu_goes_on() {
@@ -280,8 +280,8 @@ fn what_began_on_the_cpu_goes_on() {
     assert!(own.snapshot().unwrap().previous.iter().flatten().all(|x| x.is_finite()));
 }
 
-/// The forces of smoothed particles are the CPU's, with either solver, in one batch or many, and do
-/// not depend on the order of threads.
+/// SPH forces are the CPU's, with either solver, in one batch or many, and do not depend on the
+/// order of threads.
 #[test]
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
 fn smoothed_particles_push_as_on_the_cpu() {
@@ -327,8 +327,8 @@ fn smoothed_particles_push_as_on_the_cpu() {
     }
 }
 
-/// On the grid and in contacts, with a solid at the end of the frame, followers meet as on the CPU,
-/// with the speed at which they move.
+/// On the grid and in contacts, with a solid at the end of the frame, DFTL strands interact as on
+/// the CPU, with the velocity of their motion.
 #[test]
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
 fn hair_meets_as_on_the_cpu() {

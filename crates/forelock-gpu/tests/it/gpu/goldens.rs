@@ -90,8 +90,8 @@ fn a_perturbed_solver_fails() {
     assert!(golden::worst_error(&file, on(&gpu)) > 1e-5);
 }
 
-/// Of follow the leader in float32, over the strand's length: positions, and edges whose length is
-/// restored last.
+/// Tolerances of DFTL in float32, over the strand's length: positions, and lengths of edges after
+/// restoration.
 const DFTL_TOLERANCES: [f64; 2] = [1e-4, 1e-6];
 
 /// Every schedule against the files of follow the leader; a schedule has no bits of its own.

@@ -24,8 +24,8 @@ const FPS: f64 = 60.0;
 /// Of a position 0.2 m from the origin in float32, twice, metres.
 const ROUNDING: f64 = 3e-8;
 
-/// A bundle of `count` wavy strands, so close that they meet at once when shaken; one in three has
-/// long edges, so that more samples are taken of them.
+/// A bundle of `count` wavy strands, so close that they meet at once when shaken. One in three has
+/// long edges, which are sampled more often.
 fn bundle(count: u32, particles: u32) -> (Vec<[f32; 3]>, Vec<u32>) {
     let (mut positions, mut offsets) = (Vec::new(), vec![0]);
     for strand in 0..count {
@@ -100,8 +100,8 @@ fn play(own: &mut GpuSimulation, solids: Option<&Solids>, mut frames: Range<u32>
     })
 }
 
-/// Root mean square of the difference, but for the farthest three in a hundred: some particles
-/// between two solids go to one side or the other by a rounding, also without a grid.
+/// Root mean square of the difference, without the farthest three in a hundred: some particles
+/// between two solids go to one side or the other by a rounding error, also without a grid.
 fn rms(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
     let squares = a.iter().zip(b).map(|(a, b)| f64::from(Vec3::from(*a).distance_squared(Vec3::from(*b))));
     let mut squares: Vec<f64> = squares.collect();
@@ -110,9 +110,9 @@ fn rms(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
     (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
 }
 
-/// What a frame changes that begins after `after` frames in which hair has gathered: on the CPU
-/// with a grid, of what it is without one; and on the GPU with `other`, of what it is on the CPU
-/// with `params`. Velocities and positions, root mean squares.
+/// The changes in a frame after `after` frames in which hair has gathered: on the CPU, a grid
+/// against none; and the GPU with `other` against the CPU with `params`. Velocities and positions,
+/// root mean squares.
 fn compare(
     gpu: &Gpu,
     [params, other]: [&GridParams; 2],
@@ -152,7 +152,7 @@ fn compare(
     [of(&cpu, &alone), of(&own, &cpu)]
 }
 
-/// Two ways to find one pressure: conjugate gradients with an active set on the CPU, projected
+/// Two solvers for one pressure: conjugate gradients with an active set on the CPU, projected
 /// relaxation on the GPU.
 #[test]
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
@@ -190,8 +190,8 @@ fn hair_meets_as_on_the_cpu() {
     assert!(apart[0] < 5e-3 * given[0] && apart[1] < 5e-3 * given[1], "{apart:?} of {given:?}");
 }
 
-/// The comparison can fail: each parameter of the grid is felt, the tolerance by the sweeps that it
-/// allows.
+/// The comparison can fail: each parameter of the grid has an effect, the tolerance through the
+/// number of sweeps.
 #[test]
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
 fn another_grid_is_seen() {
@@ -213,8 +213,8 @@ fn another_grid_is_seen() {
     }
 }
 
-/// Twice the same bits: also of a run that was interrupted, with stages timed, and in many batches
-/// on a device that binds little at once.
+/// Two runs give the same bits: also after an interruption, with timed stages, and in many batches
+/// on a device with small bindings.
 #[test]
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
 fn the_grid_is_the_same_bits_whatever_the_order() {

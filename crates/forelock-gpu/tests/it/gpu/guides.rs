@@ -52,8 +52,8 @@ fn strands_are_carried_as_on_the_cpu() {
     let moved = moved.map(|(a, b)| (head(25).transform_point(a.as_dvec3()) - b.as_dvec3()).length());
     let moved = moved.fold(0.0, f64::max);
     println!("worst {worst:.1e} m, of hair that moved {moved:.2} m against the head");
-    // Guides in the world, 30 m from its origin, are float32 on the CPU: steps of 2e-6 m, which
-    // turn their edges.
+    // Guides in the world, 30 m from its origin, are float32 on the CPU. Their positions have steps
+    // of 2e-6 m, which turn their edges.
     assert!(moved > 0.02 && worst < 6e-5, "{worst} of {moved}");
     // A head that is turned otherwise is seen, and guides of another groom are refused.
     carried.place(&head(20)).unwrap();

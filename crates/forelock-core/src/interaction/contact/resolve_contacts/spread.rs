@@ -4,7 +4,8 @@
 //! Forces f on the particles of a strand, of equal masses, move it by x with
 //!
 //! ```text
-//! x_i + α_{i−1} (x_i − x_{i−1}) + α_i (x_i − x_{i+1}) = f_i ,   α_i = (ℓ/l_i)² ,   x = 0 where clamped
+//! x_i + α_{i−1} (x_i − x_{i−1}) + α_i (x_i − x_{i+1}) = f_i ,
+//! α_i = (ℓ/l_i)² ,   x = 0 where clamped
 //! ```
 //!
 //! the discrete form of (I − ℓ² ∂²/∂s²) x = f. The inverse decays as exp(−s/ℓ), is symmetric, and

@@ -169,7 +169,8 @@ pub fn advance<L: Lane>(
         let (_, mut direction) = follow(leader, ghost, length);
         if i >= terms.clamped {
             let a = acceleration(terms, step, view, i, first, was);
-            let predicted = was.add_scaled(h, V3::load(view.velocities, i, first)).add_scaled(h2, a); // (1)
+            // (1)
+            let predicted = was.add_scaled(h, V3::load(view.velocities, i, first)).add_scaled(h2, a);
             let [global, local] = terms.shares(i, n, stiffness);
             x = predicted.add_scaled(global, ghost - predicted); // (11)
             let bound = leader + frame.world(V3::load(view.local, i, first));
