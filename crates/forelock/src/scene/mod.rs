@@ -43,8 +43,8 @@ use forelock_core::air::WindParams;
 use serde::{Deserialize, Serialize};
 use solver::Registered;
 
-/// The scene that `forelock demo` runs: `scenes/default.toml`, built in.
-pub const DEFAULT_SCENE: &str = include_str!("../../../../scenes/default.toml");
+/// The scene that `forelock demo` runs: `default.toml` beside this module.
+pub const DEFAULT_SCENE: &str = include_str!("default.toml");
 
 /// A whole scene, as its file holds it: every value checked, every path absolute or relative to the
 /// current folder.
