@@ -88,7 +88,8 @@ impl GpuSimulation {
         clock.end(encoder);
     }
 
-    /// The dispatches of `steps` in their order. Between interactions, batches run one after the other.
+    /// The dispatches of `steps` in their order. Between interactions, batches run one after the
+    /// other.
     fn dispatches(&self, steps: &[PlannedStep], kinds: FrameKinds) -> DispatchList<'_> {
         let FrameKinds { air, acceleration, .. } = kinds;
         let own = self.acceleration.as_ref();

@@ -7,9 +7,9 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::fmt;
 
-/// Acceleration of particles beside gravity, m/s², world axes. It is sampled at the frame's start and
-/// adds h a to the velocity of a particle in each substep of h seconds, whatever its mass. Clamped
-/// particles follow the head all the same.
+/// Acceleration of particles beside gravity, m/s², world axes. It is sampled at the frame's start
+/// and adds h a to the velocity of a particle in each substep of h seconds, whatever its mass.
+/// Clamped particles follow the head all the same.
 #[derive(Clone, Copy, Default)]
 pub enum Acceleration<'a> {
     /// None.
@@ -17,8 +17,9 @@ pub enum Acceleration<'a> {
     None,
     /// Of each particle, `[P]`, in the groom's order.
     PerParticle(&'a [Vec3]),
-    /// A function of the place in the world, metres. A CPU calls it for every particle. A GPU calls it
-    /// at the nodes of a lattice around the hair ([`LATTICE`] cells a side) and interpolates linearly.
+    /// A function of the place in the world, metres. A CPU calls it for every particle. A GPU calls
+    /// it at the nodes of a lattice around the hair ([`LATTICE`] cells a side) and interpolates
+    /// linearly.
     Field(&'a (dyn Fn(DVec3) -> DVec3 + Sync)),
 }
 

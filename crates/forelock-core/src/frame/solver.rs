@@ -203,8 +203,8 @@ impl<T: 'static> Solver<T> {
 }
 
 impl<T: Real> Solver<T> {
-    /// Checks that frames of `dt_secs` of `model` can be stepped ([`LaneSolver::validate_step`]). Under
-    /// a spring a light particle is as stiff as one of unit mass in a longer step.
+    /// Checks that frames of `dt_secs` of `model` can be stepped ([`LaneSolver::validate_step`]).
+    /// Under a spring a light particle is as stiff as one of unit mass in a longer step.
     ///
     /// # Errors
     /// [`ParamsError`] if they cannot.

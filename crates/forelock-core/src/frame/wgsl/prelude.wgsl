@@ -84,8 +84,8 @@ struct Report {
 @group(0) @binding(1) var<uniform> substep: Substep;
 @group(0) @binding(2) var<storage, read> blocks: array<Block>;
 // Rows of LANES numbers, seven rows a particle: rest position, rest lengths to the next three
-// particles, one over the first of these lengths. With MASSES a row a particle follows: the relative
-// masses.
+// particles, one over the first of these lengths. With MASSES a row a particle follows: the
+// relative masses.
 @group(0) @binding(3) var<storage, read> model: array<f32>;
 // Two rows a block: strand lengths and relative stiffnesses.
 @group(0) @binding(4) var<storage, read> strands: array<f32>;

@@ -113,8 +113,8 @@ fn the_length_pass_weights_by_mass() {
     assert!(largest_force > 1e-3, "the pass had nothing to do");
 }
 
-/// An acceleration a beside no gravity is gravity of a, for every solver; a field of one value is the
-/// same as one value a particle.
+/// An acceleration a beside no gravity is gravity of a, for every solver; a field of one value is
+/// the same as one value a particle.
 #[test]
 fn a_uniform_acceleration_is_gravity() {
     let solvers: [Solver<f64>; 3] = [

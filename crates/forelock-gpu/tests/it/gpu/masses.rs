@@ -1,4 +1,5 @@
-//! Masses and accelerations beside gravity on a device, compared with the CPU in float32 and float64.
+//! Masses and accelerations beside gravity on a device, compared with the CPU in float32 and
+//! float64.
 
 #![expect(clippy::unwrap_used, reason = "a test fails where it cannot be set up")]
 
@@ -35,8 +36,8 @@ fn linear(x: DVec3) -> DVec3 {
     DVec3::new(4.0, 2.0, -6.0) + stretch * x
 }
 
-/// Runs `frames` on the GPU, on the CPU, and on the CPU in float64. Returns the distances of the first
-/// two from the last, over the length of a strand.
+/// Runs `frames` on the GPU, on the CPU, and on the CPU in float64. Returns the distances of the
+/// first two from the last, over the length of a strand.
 fn errors(gpu: &Gpu, solvers: &(Solver<f32>, Solver<f64>), with: [With; 2], frames: u32) -> [f64; 2] {
     let (positions, offsets) = shaken::tuft(STRANDS, |_| PARTICLES, [0.001, 0.01]);
     let exact: Vec<[f64; 3]> = positions.iter().map(|x| x.map(f64::from)).collect();
@@ -107,8 +108,8 @@ fn masses_and_accelerations_are_those_of_the_cpu() {
     }
 }
 
-/// A field that bends between the nodes of the lattice differs by the error of interpolation alone, and
-/// particles that a solver adds are interpolated.
+/// A field that bends between the nodes of the lattice differs by the error of interpolation alone,
+/// and particles that a solver adds are interpolated.
 #[test]
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
 fn a_curved_field_and_virtual_particles() {
