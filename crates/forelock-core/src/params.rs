@@ -6,15 +6,14 @@ pub const STATED_STEP_SECS: f64 = 0.016;
 
 /// The pass, once a frame, that brings every edge back to its rest length.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum Inextensibility {
     /// Two Newton steps on the constraints, one follow-the-leader sweep for the remaining error,
     /// and a projection of the velocities.
     #[default]
     Projection,
     /// Dynamic follow the leader (Müller 2012) with
-    /// [`AmsParams::dftl_damping`](crate::solver::AmsParams::dftl_damping).
-    Dftl,
+    /// [`FrameRules::length_damping`](crate::frame::FrameRules::length_damping).
+    FollowTheLeader,
     /// No pass: edges stretch with their springs.
     Off,
 }

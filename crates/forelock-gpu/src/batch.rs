@@ -3,7 +3,6 @@
 use crate::collide::{SolidBindings, Solids};
 use crate::frame::{MODEL_ROWS, StrandBindings, WindBindings};
 use crate::kernel::{Bound, StrandThreads, WORKGROUP};
-use crate::solver::dftl::FollowBindings;
 use crate::uniforms::{BlockEntry, FrameUniform, ReportEntry, SubstepUniform, UNKNOWN};
 use crate::{Gpu, GpuError};
 use forelock_core::lane::{LANES, Row};
@@ -44,8 +43,8 @@ pub(crate) struct Batch {
     pub model: wgpu::Buffer,
     pub strands: wgpu::Buffer,
     pub positions: wgpu::Buffer,
-    /// Under follow the leader, velocities are followed by the positions of the step before and by
-    /// the load.
+    /// Where the solver keeps the positions of the step before, they follow the velocities, and the
+    /// load follows them.
     pub velocities: wgpu::Buffer,
     /// Integrity and clearance, two rows a place.
     pub memory: wgpu::Buffer,
@@ -67,7 +66,6 @@ pub(crate) struct DeviceStrands<'a> {
 pub(crate) struct StrandGroups {
     pub strands: Vec<Bound<StrandBindings<'static>>>,
     pub wind: Vec<Bound<WindBindings<'static>>>,
-    pub follow: Vec<Bound<FollowBindings<'static>>>,
     pub solids: Vec<Bound<SolidBindings<'static>>>,
 }
 
@@ -109,20 +107,6 @@ impl StrandGroups {
                 wind: winds.map_or(&batch.strands, |winds| &winds[number]),
             };
             groups.wind.push(bindings.bind(gpu, batch.threads));
-            let bindings = FollowBindings {
-                frame: &shared.frame,
-                substep: &shared.substeps,
-                blocks: &batch.blocks,
-                model: &batch.model,
-                strands: &batch.strands,
-                positions: &batch.positions,
-                velocities: &batch.velocities,
-                memory: &batch.memory,
-                report: &shared.report,
-                fields: &solids.fields,
-                query: &solids.queries,
-            };
-            groups.follow.push(bindings.bind(gpu, batch.threads));
             let bindings = SolidBindings {
                 frame: &shared.frame,
                 blocks: &batch.blocks,

@@ -5,11 +5,11 @@ use crate::acceleration::Accelerated;
 use crate::air::{AirFrame, Shelter};
 use crate::clock::Clock;
 use crate::collide::{SolidFrame, SolidKinds};
-use crate::frame::{CHECK_STRANDS, RESTORE_AGAIN, RESTORE_LENGTHS};
+use crate::frame::{CHECK_STRANDS, RESTORE_AGAIN, RESTORE_LENGTHS, RESTORE_LOAD, STORE_LOAD};
 use crate::interaction::contact::ContactStep;
 use crate::interaction::grid::GridStep;
 use crate::kernel::DispatchList;
-use crate::solver::{SolveBatch, dftl};
+use crate::solver::SolveBatch;
 use crate::uniforms::{FrameUniform, SubstepUniform};
 use forelock_core::frame::{Exchange, FrameInput, Phase, PlannedStep, Step};
 use forelock_core::interaction::grid::GridFrame;
@@ -133,9 +133,9 @@ impl GpuSimulation {
             Step::Collide { substep } => list.extend(collide(substep)),
             Step::CollideFinal => {
                 let loaded = self.has_load();
-                list.extend(loaded.then(|| strands.dispatch(&dftl::STORE_LOAD, &[0])));
+                list.extend(loaded.then(|| strands.dispatch(&STORE_LOAD, &[0])));
                 list.extend(collide(last + 1));
-                list.extend(loaded.then(|| strands.dispatch(&dftl::RESTORE_LOAD, &[0])));
+                list.extend(loaded.then(|| strands.dispatch(&RESTORE_LOAD, &[0])));
             }
             Step::RestoreLengths => list.push(strands.dispatch(&RESTORE_LENGTHS, &[last])),
             Step::CheckStrands => list.push(strands.dispatch(&CHECK_STRANDS, &[last])),
@@ -153,11 +153,11 @@ impl GpuSimulation {
                 // Where velocities hold more than motion, they are those of the motion meanwhile.
                 let loaded = self.has_load() && exchange.phase != Phase::BeforeStrands;
                 if loaded {
-                    list.run(strands, &dftl::STORE_LOAD, &[0]);
+                    list.run(strands, &STORE_LOAD, &[0]);
                 }
                 self.exchange(list, &exchange);
                 if loaded {
-                    list.run(strands, &dftl::RESTORE_LOAD, &[0]);
+                    list.run(strands, &RESTORE_LOAD, &[0]);
                 }
             }
             _ => {}
@@ -233,7 +233,7 @@ impl GpuSimulation {
     }
 
     /// Writes the substeps between `poses`, the first of which moves positions by `shift`; further
-    /// entries number the levels of follow the leader.
+    /// entries number the levels of kernels that place one particle of each strand.
     fn write_substeps(&mut self, poses: &[Pose], shift: DVec3) {
         let (count, weight, stride) =
             (self.rules.substeps, self.options.carried_gravity(), self.shared.stride);

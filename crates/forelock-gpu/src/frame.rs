@@ -1,14 +1,13 @@
-//! Kernels of every frame: lengths and the final check; the bindings of strands; the constants of
-//! every shader.
+//! Kernels of every frame: lengths, loads and the final check; the bindings of strands; the
+//! constants of every shader.
 
 use crate::kernel::{
     CELLS_GROUP, CELLS_THREADS, Constant, LIST_THREADS, Shader, Threads, WORKGROUP, bindings, shader,
 };
 use crate::uniforms::{FLAGS, FrameUniform, SubstepUniform};
-use forelock_core::frame::{finish, restore_lengths};
+use forelock_core::frame::{LOAD_WGSL, finish, restore_lengths};
 use forelock_core::lane::LANES;
-use forelock_core::solver::ams::solve_strands::PIVOT_FLOOR;
-use forelock_core::strands::{MASS_RANGE, SCRATCH_ROWS};
+use forelock_core::strands::SCRATCH_ROWS;
 
 /// Rows of the model a particle.
 pub const MODEL_ROWS: u32 = 7;
@@ -25,8 +24,6 @@ pub(crate) const COMMON_CONSTANTS: [&[Constant]; 2] = [
         Constant::u32("LIST_THREADS", LIST_THREADS),
         Constant::u32("SCRATCH", SCRATCH_ROWS as u32),
         Constant::u32("MODEL_ROWS", MODEL_ROWS),
-        Constant::f32("PIVOT_FLOOR", PIVOT_FLOOR as f32),
-        Constant::f32("LEAST_MASS", *MASS_RANGE.start()),
         Constant::f32("FAR", FAR as f32),
     ],
     &FLAGS,
@@ -87,4 +84,18 @@ shader! {
     }
 }
 
-pub(crate) static SHADERS: &[&Shader] = &[&RESTORE, &CHECK];
+shader! {
+    /// The load that velocities hold beside the motion, under solvers that keep the positions of
+    /// the step before.
+    LOAD: "store_load", StrandBindings;
+    texts: [LOAD_WGSL];
+    constants: [];
+    kernels: {
+        /// Takes the load out of velocities, before hair–hair interactions and collisions.
+        STORE_LOAD: "store_load", Threads::Strands;
+        /// Adds it again afterwards.
+        RESTORE_LOAD: "restore_load", Threads::Strands;
+    }
+}
+
+pub(crate) static SHADERS: &[&Shader] = &[&RESTORE, &CHECK, &LOAD];

@@ -75,8 +75,6 @@ pub use simulation::GpuSimulation;
 pub fn shaders() -> impl Iterator<Item = &'static kernel::Shader> {
     let modules = [
         frame::SHADERS,
-        solver::ams::SHADERS,
-        solver::dftl::SHADERS,
         collide::SHADERS,
         acceleration::SHADERS,
         air::SHADERS,
@@ -85,5 +83,5 @@ pub fn shaders() -> impl Iterator<Item = &'static kernel::Shader> {
         interaction::contact::SHADERS,
         guides::SHADERS,
     ];
-    modules.into_iter().flatten().copied()
+    modules.into_iter().chain(solver::SHADERS).flatten().copied()
 }

@@ -5,12 +5,11 @@ use crate::interaction::contact::TouchEntry;
 use crate::interaction::grid::BoundsEntry;
 use crate::uniforms::ReportEntry;
 use crate::{GpuError, GpuSimulation};
+use crate::{air, frame};
 use forelock_core::frame::{FrameReport, SphReport, StageTimes, Step};
 use forelock_core::interaction::contact::ContactReport;
 use forelock_core::interaction::grid::GridReport;
 use forelock_core::lane::Row;
-use forelock_core::solver::ams::solve_strands;
-use forelock_core::solver::dftl::follow_leader;
 use forelock_core::strands::{State, world_positions};
 use glam::Vec3;
 
@@ -159,15 +158,13 @@ impl GpuSimulation {
     }
 }
 
-/// The report of a GPU in the form of the CPU's.
-pub fn to_frame_report(report: &GpuReport) -> FrameReport {
+/// The report of a GPU in the form of the CPU's, under a solver whose stage is `solver_stage`
+/// ([`FrameRules::stage`](forelock_core::frame::FrameRules::stage)).
+pub fn to_frame_report(report: &GpuReport, solver_stage: &'static str) -> FrameReport {
     let stages = report.secs.as_ref().map(|secs| &secs.stages[..]).unwrap_or_default();
-    let follows = stages.iter().any(|(name, _)| *name == follow_leader::STAGE);
     let mut times = StageTimes::default();
     for &(name, secs) in stages {
-        // On the CPU the air is sampled by the stage that it is for.
-        let solve = if follows { follow_leader::STAGE } else { solve_strands::STAGE };
-        times.add(if name == SAMPLE_AIR { solve } else { name }, secs);
+        times.add(if FOR_SOLVER.contains(&name) { solver_stage } else { name }, secs);
     }
     FrameReport {
         max_edge_stretch: report.max_edge_stretch.into(),
@@ -182,5 +179,5 @@ pub fn to_frame_report(report: &GpuReport) -> FrameReport {
     }
 }
 
-/// The stage of the air.
-const SAMPLE_AIR: &str = "sample_air";
+/// Stages of kernels that count for the solver, as their work does on the CPU.
+static FOR_SOLVER: [&str; 2] = [air::AIR.stage, frame::LOAD.stage];

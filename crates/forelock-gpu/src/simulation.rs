@@ -225,7 +225,8 @@ impl GpuSimulation {
         self.rebind()
     }
 
-    fn rebind(&mut self) -> Result<(), GpuError> {
+    /// Makes all bind groups and plans frames anew.
+    pub(crate) fn rebind(&mut self) -> Result<(), GpuError> {
         self.bind();
         self.replan()
     }
@@ -255,10 +256,23 @@ impl GpuSimulation {
     /// Makes all bind groups.
     fn bind(&mut self) {
         let Self {
-            gpu, model, shared, solids, batches, groups, grid, sph, contacts, air, acceleration, ..
+            gpu,
+            model,
+            shared,
+            solids,
+            batches,
+            groups,
+            kernels,
+            grid,
+            sph,
+            contacts,
+            air,
+            acceleration,
+            ..
         } = self;
         let strands = DeviceStrands { model, shared, batches };
         *groups = StrandGroups::new(gpu, strands, solids, air.as_ref().map(|air| &*air.wind));
+        kernels.bind(gpu, strands, solids);
         if let Some(grid) = grid {
             grid.bind(gpu, strands, solids);
         }

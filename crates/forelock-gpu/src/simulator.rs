@@ -53,7 +53,7 @@ impl GpuSimulation {
             && solver.channels() == self.solver.channels();
         if same {
             (self.solver, self.kernels, self.rules) = (solver, kernels, rules);
-            return self.replan();
+            return self.rebind();
         }
         self.read_state()?;
         let (mut model, mut state) = (self.model.clone(), self.take_memory());
@@ -107,7 +107,8 @@ impl From<GpuError> for SimulatorError {
 impl Simulator for GpuSimulation {
     fn step(&mut self, frame: &FrameInput<'_>) -> Result<FrameReport, SimulatorError> {
         self.step_frame(frame)?;
-        Ok(to_frame_report(&self.report()?))
+        let report = self.report()?;
+        Ok(to_frame_report(&report, self.rules.stage))
     }
 
     fn positions(&mut self) -> Result<Positions<'_>, SimulatorError> {

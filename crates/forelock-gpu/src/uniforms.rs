@@ -33,8 +33,8 @@ pub struct FrameUniform {
     pub inverse_h: f32,
     /// One over the time of a frame, s⁻¹.
     pub inverse_dt: f32,
-    /// Share of a DFTL correction handed up.
-    pub dftl_damping: f32,
+    /// Share of a length correction that the particle before loses as velocity.
+    pub length_damping: f32,
     /// See [`forelock_core::solver::ams::solve_strands::FrameTerms`].
     pub elastic_limit: f32,
     /// The same.
@@ -177,7 +177,7 @@ impl FrameUniform {
         let h = dt_secs / f64::from(rules.substeps);
         let single = |x: f64| x as f32;
         let on = [
-            (rules.lengths == Inextensibility::Dftl, flags::FOLLOW_THE_LEADER),
+            (rules.lengths == Inextensibility::FollowTheLeader, flags::FOLLOW_THE_LEADER),
             (rules.lay_along, flags::LAY_ALONG),
         ];
         Self {
@@ -186,7 +186,7 @@ impl FrameUniform {
             h: single(h),
             inverse_h: single(1.0 / h),
             inverse_dt: single(1.0 / dt_secs),
-            dftl_damping: single(rules.length_damping),
+            length_damping: single(rules.length_damping),
             clamped: rules.clamped as u32,
             flags: on.iter().filter(|(on, _)| *on).map(|(_, flag)| flag).sum(),
             unknown: UNKNOWN,

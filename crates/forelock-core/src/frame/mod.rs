@@ -30,6 +30,9 @@ pub use solver::{LaneSolver, Solver, SolverReal, StrandSolver};
 
 /// WGSL that every kernel begins with.
 pub const PRELUDE_WGSL: &str = include_str!("wgsl/prelude.wgsl");
+/// WGSL that stores and restores the load that velocities hold beside the motion
+/// ([`Channels::previous`]).
+pub const LOAD_WGSL: &str = include_str!("wgsl/load.wgsl");
 /// Reductions over a workgroup.
 pub const REDUCE_WGSL: &str = include_str!("wgsl/reduce.wgsl");
 /// The same for devices with subgroups.

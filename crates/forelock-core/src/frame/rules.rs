@@ -20,7 +20,7 @@ pub struct FrameRules {
     /// The length pass.
     pub lengths: Inextensibility,
     /// Share of a length correction that the particle before loses as velocity, for
-    /// [`Inextensibility::Dftl`].
+    /// [`Inextensibility::FollowTheLeader`].
     pub length_damping: f64,
     /// Whether edges that colliders stretched at the end of a frame are laid along their surface.
     pub lay_along: bool,

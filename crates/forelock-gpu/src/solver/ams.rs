@@ -9,9 +9,12 @@ use forelock_core::frame::Solver;
 use forelock_core::lane::ASIN_RATIO;
 use forelock_core::solver::ams::solve_strands::{self, FrameTerms};
 use forelock_core::solver::{AmsParams, MassSpringParams};
+use forelock_core::strands::MASS_RANGE;
 use glam::DVec3;
 
 const CONSTANTS: &[Constant] = &[
+    Constant::f32("PIVOT_FLOOR", solve_strands::PIVOT_FLOOR as f32),
+    Constant::f32("LEAST_MASS", *MASS_RANGE.start()),
     Constant::f32("ASIN_RATIO_0", ASIN_RATIO[0]),
     Constant::f32("ASIN_RATIO_1", ASIN_RATIO[1]),
     Constant::f32("ASIN_RATIO_2", ASIN_RATIO[2]),
@@ -86,7 +89,7 @@ impl GpuSolver for GpuAms {
         uniform.flags |= on.iter().filter(|(on, _)| *on).map(|(_, flag)| flag).sum::<u32>();
     }
 
-    fn solve<'a>(&self, list: &mut DispatchList<'a>, batch: &SolveBatch<'a>, substep: u32) {
+    fn solve<'a>(&'a self, list: &mut DispatchList<'a>, batch: &SolveBatch<'a>, substep: u32) {
         let kernel: &'static Kernel<WindBindings<'static>> =
             if batch.half_factors { &SOLVE_STRANDS_HALVED } else { &SOLVE_STRANDS };
         list.push(batch.groups.wind[batch.batch].dispatch(kernel, &[substep]));

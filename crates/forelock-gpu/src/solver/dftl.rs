@@ -1,10 +1,13 @@
 //! Kernels of follow the leader.
 
 use super::{GpuSolver, SolveBatch};
-use crate::batch::StrandGroups;
-use crate::collide::{MORPHING, PARTICLE_CONSTANTS, QueryUniform, RIGID, SHAPE_CONSTANTS, SolidKinds};
-use crate::frame::{StrandBindings, WindBindings};
-use crate::kernel::{Constant, DispatchList, Shader, Threads, bindings, shader};
+use crate::Gpu;
+use crate::batch::{DeviceStrands, StrandGroups};
+use crate::collide::{
+    MORPHING, PARTICLE_CONSTANTS, QueryUniform, RIGID, SHAPE_CONSTANTS, SolidKinds, Solids,
+};
+use crate::frame::WindBindings;
+use crate::kernel::{Bound, Constant, DispatchList, Shader, Threads, bindings, shader};
 use crate::uniforms::{FrameUniform, SubstepUniform, flags};
 use forelock_core::body::SHAPES_WGSL;
 use forelock_core::collide::resolve_solids;
@@ -77,36 +80,46 @@ shader! {
     }
 }
 
-shader! {
-    /// The load that velocities hold beside the motion.
-    LOAD: "follow_leader", StrandBindings;
-    texts: [follow_leader::LOAD_WGSL];
-    constants: [];
-    kernels: {
-        /// Takes the load out of velocities, before hair–hair interactions and collisions.
-        STORE_LOAD: "store_load", Threads::Strands;
-        /// Adds it again afterwards.
-        RESTORE_LOAD: "restore_load", Threads::Strands;
-    }
-}
-
-pub(crate) static SHADERS: &[&Shader] = &[&FOLLOW, &FOLLOW_MORPHING, &WIND, &LOAD];
+pub(crate) static SHADERS: &[&Shader] = &[&FOLLOW, &FOLLOW_MORPHING, &WIND];
 
 /// The solver on a GPU, if `solver` is dynamic follow the leader.
 pub(crate) fn of(solver: &Solver<f32>) -> Option<Box<dyn GpuSolver>> {
     let params = solver.params::<DftlParams>()?.clone();
-    Some(Box::new(GpuDftl { params }))
+    Some(Box::new(GpuDftl { params, groups: Vec::new() }))
 }
 
 #[derive(Debug)]
 struct GpuDftl {
     params: DftlParams,
+    /// One a batch.
+    groups: Vec<Bound<FollowBindings<'static>>>,
 }
 
 impl GpuSolver for GpuDftl {
     fn substep_entries(&self, substeps: u32, longest: u32) -> u32 {
         // Kernels of one level read its number from a substep.
         if self.params.schedule == Schedule::Particles { longest } else { substeps }
+    }
+
+    fn bind(&mut self, gpu: &Gpu, strands: DeviceStrands<'_>, solids: &Solids) {
+        let shared = strands.shared;
+        let bound = strands.batches.iter().map(|batch| {
+            let bindings = FollowBindings {
+                frame: &shared.frame,
+                substep: &shared.substeps,
+                blocks: &batch.blocks,
+                model: &batch.model,
+                strands: &batch.strands,
+                positions: &batch.positions,
+                velocities: &batch.velocities,
+                memory: &batch.memory,
+                report: &shared.report,
+                fields: &solids.fields,
+                query: &solids.queries,
+            };
+            bindings.bind(gpu, batch.threads)
+        });
+        self.groups = bound.collect();
     }
 
     fn write_terms(&self, dt_secs: f64, uniform: &mut FrameUniform) {
@@ -120,8 +133,8 @@ impl GpuSolver for GpuDftl {
         }
     }
 
-    fn solve<'a>(&self, list: &mut DispatchList<'a>, batch: &SolveBatch<'a>, _: u32) {
-        let follow = &batch.groups.follow[batch.batch];
+    fn solve<'a>(&'a self, list: &mut DispatchList<'a>, batch: &SolveBatch<'a>, _: u32) {
+        let follow = &self.groups[batch.batch];
         // Only the fused kernel supports shapes that change.
         match self.params.schedule {
             _ if batch.solids == SolidKinds::Morphing => {

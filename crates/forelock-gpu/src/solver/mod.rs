@@ -1,13 +1,13 @@
-//! The kernels of each solver. A solver registers with one line in [`of`].
+//! The kernels of each solver. A solver registers with one line in [`of`] and one in [`SHADERS`].
 
-pub(crate) mod ams;
-pub(crate) mod dftl;
+mod ams;
+mod dftl;
 
-use crate::GpuError;
-use crate::batch::StrandGroups;
-use crate::collide::SolidKinds;
-use crate::kernel::DispatchList;
+use crate::batch::{DeviceStrands, StrandGroups};
+use crate::collide::{SolidKinds, Solids};
+use crate::kernel::{DispatchList, Shader};
 use crate::uniforms::FrameUniform;
+use crate::{Gpu, GpuError};
 use forelock_core::frame::Solver;
 use std::fmt::Debug;
 
@@ -19,11 +19,17 @@ pub(crate) trait GpuSolver: Debug + Send + Sync {
         substeps
     }
 
+    /// Makes its bind groups, beside those that all solvers share ([`StrandGroups`]). Called again
+    /// when a buffer was replaced.
+    fn bind(&mut self, gpu: &Gpu, strands: DeviceStrands<'_>, solids: &Solids) {
+        let _ = (gpu, strands, solids);
+    }
+
     /// Writes its coefficients for frames of `dt_secs`.
     fn write_terms(&self, dt_secs: f64, uniform: &mut FrameUniform);
 
     /// Appends a substep of one batch.
-    fn solve<'a>(&self, list: &mut DispatchList<'a>, batch: &SolveBatch<'a>, substep: u32);
+    fn solve<'a>(&'a self, list: &mut DispatchList<'a>, batch: &SolveBatch<'a>, substep: u32);
 
     /// Appends what a wind field does before the first substep.
     fn apply_wind<'a>(&self, list: &mut DispatchList<'a>, groups: &'a StrandGroups) {
@@ -45,6 +51,9 @@ pub(crate) struct SolveBatch<'a> {
     /// Whether the solve keeps its factors in 16 bits, where it can.
     pub half_factors: bool,
 }
+
+/// The shaders of each solver.
+pub(crate) static SHADERS: [&[&Shader]; 2] = [ams::SHADERS, dftl::SHADERS];
 
 /// The kernels of `solver`.
 ///

@@ -115,7 +115,7 @@ macro_rules! layout {
 fn layouts() -> Vec<Layout> {
     vec![
         layout!("Frame", FrameUniform, [
-            k_springs k_integrity tip_scales k_angular gravity k_altitude air drag h inverse_h inverse_dt dftl_damping
+            k_springs k_integrity tip_scales k_angular gravity k_altitude air drag h inverse_h inverse_dt length_damping
             elastic_limit breaking_point breaking_width healing healing_limit clamped flags unknown drag_along
             drag_quadratic shape_global shape_local tip_global tip_local recheck pad_0
         ]),

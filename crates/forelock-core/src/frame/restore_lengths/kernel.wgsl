@@ -52,18 +52,18 @@ fn push_of(strand: Strand, i: u32) -> vec3f {
     return push / mass_at(strand, i);
 }
 
-// Places each particle at its rest length from the particle before it. With `is_dftl` the
-// corrections also change velocities, as in DFTL.
-fn follow_the_leader(strand: Strand, first: u32, is_dftl: bool) {
+// Places each particle at its rest length from the particle before it. With `changes_velocities`
+// the corrections also change velocities, as in DFTL.
+fn follow_the_leader(strand: Strand, first: u32, changes_velocities: bool) {
     for (var j = first; j + 1u < strand.particles; j++) {
         let before = position_at(strand, j + 1u);
         let after = position_at(strand, j) + rest_length(strand, j, 1u) * edge_of(strand, j).xyz;
         set_position(strand, j + 1u, after);
-        if is_dftl {
+        if changes_velocities {
             let correction = (after - before) * frame.inverse_dt;
             set_velocity(strand, j + 1u, velocity_at(strand, j + 1u) + correction);
             if j > first {
-                set_velocity(strand, j, velocity_at(strand, j) - frame.dftl_damping * correction);
+                set_velocity(strand, j, velocity_at(strand, j) - frame.length_damping * correction);
             }
         }
     }

@@ -13,7 +13,7 @@
 //! rounding. Velocities are projected with the same matrix: (J W Jᵀ) λ = −J v, v += W Jᵀ λ.
 //!
 //! The alternative, dynamic follow the leader (Müller 2012), moves each particle onto the sphere
-//! about the particle before it, and subtracts a share `dftl_damping` of the correction from that
+//! about the particle before it, and subtracts a share `damping` of the correction from that
 //! particle's velocity.
 //!
 //! # Limitations
@@ -67,7 +67,7 @@ pub fn restore<L: Lane>(
             follow_the_leader::<L>(view, first, from, None);
             project_velocities(view, first, from, directions, sweep);
         }
-        Inextensibility::Dftl => {
+        Inextensibility::FollowTheLeader => {
             let inverse_dt = 1.0 / terms.dt_secs;
             let change = VelocityChange {
                 follower: L::from_f64(inverse_dt),

@@ -19,7 +19,7 @@ struct Frame {
     inverse_h: f32,
     // One over the frame's time.
     inverse_dt: f32,
-    dftl_damping: f32,
+    length_damping: f32,
     elastic_limit: f32,
     breaking_point: f32,
     breaking_width: f32,
@@ -89,8 +89,8 @@ struct Report {
 @group(0) @binding(3) var<storage, read> model: array<f32>;
 // Two rows a block: strand lengths and relative stiffnesses.
 @group(0) @binding(4) var<storage, read> strands: array<f32>;
-// Three rows a particle each. For follow the leader, the velocities are followed by the positions
-// of the step before and by room for the load that velocities contain.
+// Three rows a particle each. For solvers that keep them, the velocities are followed by the
+// positions of the step before and by room for the load that velocities contain.
 @group(0) @binding(5) var<storage, read_write> positions: array<f32>;
 @group(0) @binding(6) var<storage, read_write> velocities: array<f32>;
 // Two rows a particle: integrity and clearance.
@@ -335,26 +335,5 @@ fn sym_sub_product(s: Sym, l: mat3x3f, a: mat3x3f) -> Sym {
     return Sym(
         s.d - l[0] * a[0] - l[1] * a[1] - l[2] * a[2],
         s.o - l[0].xxy * a[0].yzz - l[1].xxy * a[1].yzz - l[2].xxy * a[2].yzz,
-    );
-}
-
-// The inverse of a positive definite matrix by its LDLᵀ factors, with pivots of at least
-// PIVOT_FLOOR over the least mass.
-fn sym_inverse(s: Sym) -> Sym {
-    let least = select(PIVOT_FLOOR, PIVOT_FLOOR * LEAST_MASS, has(MASSES));
-    let i0 = 1.0 / max(s.d.x, least);
-    let l10 = s.o.x * i0;
-    let l20 = s.o.y * i0;
-    let i1 = 1.0 / max(s.d.y - l10 * s.o.x, least);
-    let t = s.o.z - l20 * s.o.x;
-    let l21 = t * i1;
-    let i2 = 1.0 / max((s.d.z - l20 * s.o.y) - l21 * t, least);
-    let m20 = l10 * l21 - l20;
-    let n20 = m20 * i2;
-    let n21 = -(l21 * i2);
-    let n10 = l10 * i1;
-    return Sym(
-        vec3f(i0 + l10 * n10 + m20 * n20, i1 - l21 * n21, i2),
-        vec3f(m20 * n21 - n10, n20, n21),
     );
 }

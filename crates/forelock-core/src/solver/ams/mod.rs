@@ -5,6 +5,8 @@ mod params;
 pub mod solve_strands;
 
 pub use crate::params::Inextensibility;
+#[cfg(feature = "serde")]
+pub(crate) use params::LengthPass;
 pub use params::{AmsParams, AngularForm, IntegrityForm, Jacobian};
 
 use crate::collide::resolve_solids::SolidContacts;
@@ -29,7 +31,7 @@ impl LaneSolver for AmsParams {
             skin_thickness: self.skin_thickness,
             depenetration_speed: self.depenetration_speed,
             lengths: self.inextensibility,
-            length_damping: self.dftl_damping,
+            length_damping: self.length_damping,
             lay_along: self.lay_along_solids && self.inextensibility != Inextensibility::Off,
             solver_collides: false,
             restores_own_lengths: false,

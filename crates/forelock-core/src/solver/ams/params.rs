@@ -45,6 +45,17 @@ pub enum IntegrityForm {
     Paper,
 }
 
+/// The names of length passes in files.
+#[cfg(feature = "serde")]
+#[derive(serde::Serialize, serde::Deserialize)]
+#[serde(remote = "Inextensibility", rename_all = "kebab-case")]
+pub(crate) enum LengthPass {
+    Projection,
+    #[serde(rename = "dftl")]
+    FollowTheLeader,
+    Off,
+}
+
 /// Parameters of the augmented mass-spring solver (AMS). Every default is the project's recommended
 /// value.
 #[derive(Clone, Debug, PartialEq)]
@@ -121,10 +132,12 @@ pub struct AmsParams {
     /// to 1; 0 never heals.
     pub healing_limit: f64,
     /// The pass that restores edge lengths: "projection", "dftl" or "off". Default "projection".
+    #[cfg_attr(feature = "serde", serde(with = "LengthPass"))]
     pub inextensibility: Inextensibility,
     /// Share of a follow-the-leader correction that is subtracted from the leader's velocity. No
     /// unit, default 0.9, range 0 to 1; 0 never settles.
-    pub dftl_damping: f64,
+    #[cfg_attr(feature = "serde", serde(rename = "dftl_damping"))]
+    pub length_damping: f64,
     /// Whether edges that solids stretched at the end of a frame are restored to rest length along
     /// the surface. Default true; false leaves them stretched, as the paper does.
     pub lay_along_solids: bool,
@@ -164,7 +177,7 @@ impl Default for AmsParams {
             healing_secs: 0.0,
             healing_limit: 0.25,
             inextensibility: Inextensibility::default(),
-            dftl_damping: 0.9,
+            length_damping: 0.9,
             lay_along_solids: true,
             skin_thickness: 5e-4,
             depenetration_speed: 1.0,
@@ -203,7 +216,7 @@ impl AmsParams {
             ("breaking_width", self.breaking_width, POSITIVE),
             ("healing_secs", self.healing_secs, NON_NEGATIVE),
             ("healing_limit", self.healing_limit, SHARE),
-            ("dftl_damping", self.dftl_damping, SHARE),
+            ("dftl_damping", self.length_damping, SHARE),
             ("skin_thickness", self.skin_thickness, NON_NEGATIVE),
             ("depenetration_speed", self.depenetration_speed, POSITIVE),
         ])?;

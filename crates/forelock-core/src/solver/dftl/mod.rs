@@ -30,7 +30,7 @@ impl LaneSolver for DftlParams {
             clamped: self.clamped as usize,
             skin_thickness: self.skin_thickness,
             depenetration_speed: self.depenetration_speed,
-            lengths: Inextensibility::Dftl,
+            lengths: Inextensibility::FollowTheLeader,
             length_damping: self.damping,
             lay_along: self.recheck > 0,
             solver_collides: true,

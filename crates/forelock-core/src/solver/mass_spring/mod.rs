@@ -22,6 +22,8 @@
 //! stiffening over time of the paper are not implemented. Strands sag, because nothing compensates
 //! their weight.
 
+#[cfg(feature = "serde")]
+use super::ams::LengthPass;
 use super::ams::{AmsParams, AngularForm, Jacobian};
 use crate::frame::{
     BlockReport, Channels, FrameContext, FrameRules, LaneSolver, SolverReal, Step, StepRate, StrandSolver,
@@ -71,6 +73,7 @@ pub struct MassSpringParams {
     /// How springs enter the matrix: "tension" or "paper". Default "tension".
     pub jacobian: Jacobian,
     /// The pass that restores edge lengths: "projection", "dftl" or "off". Default "off".
+    #[cfg_attr(feature = "serde", serde(with = "LengthPass"))]
     pub inextensibility: Inextensibility,
     /// Distance of particles from solids at a contact. Unit m, default 0.0005, range 0 or more; 0
     /// touches the skin.

@@ -87,10 +87,10 @@ pub fn params(p: &Value) -> AmsParams {
         inextensibility: match p["inext"].as_str().unwrap() {
             "none" => Inextensibility::Off,
             "projection" => Inextensibility::Projection,
-            "dftl" => Inextensibility::Dftl,
+            "dftl" => Inextensibility::FollowTheLeader,
             other => panic!("inextensibility {other}"),
         },
-        dftl_damping: f("dftl_damp"),
+        length_damping: f("dftl_damp"),
         skin_thickness: f("thick"),
         depenetration_speed: 1e3,
         lay_along_solids: false,

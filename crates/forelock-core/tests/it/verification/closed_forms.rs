@@ -166,7 +166,7 @@ fn an_angular_tie_rings_at_its_frequency() {
 
 #[test]
 fn follow_the_leader_keeps_lengths() {
-    let params = AmsParams { inextensibility: Inextensibility::Dftl, ..AmsParams::default() };
+    let params = AmsParams { inextensibility: Inextensibility::FollowTheLeader, ..AmsParams::default() };
     let mut stretch = [0.0f64; 2];
     let mut double = Rig::<f64>::new(&[helix(30)], &params, Simd::Auto);
     let mut single = Rig::<f32>::new(&[helix(30)], &params, Simd::Auto);

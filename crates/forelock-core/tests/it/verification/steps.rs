@@ -80,7 +80,7 @@ fn the_steps_of_a_frame_are_the_frame() {
     let all = Interactions { grid: true, sph: true, contacts: true };
     let ams = |inextensibility| Solver::from(&AmsParams { inextensibility, ..AmsParams::default() });
     let [projected, followed, loose] =
-        [Inextensibility::Projection, Inextensibility::Dftl, Inextensibility::Off].map(ams);
+        [Inextensibility::Projection, Inextensibility::FollowTheLeader, Inextensibility::Off].map(ams);
     let dftl = Solver::from(&DftlParams::default());
     for (own, solver) in [
         (none, &projected),

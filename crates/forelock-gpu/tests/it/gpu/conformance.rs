@@ -195,7 +195,7 @@ fn forms() -> Vec<(&'static str, AmsParams)> {
             },
         ),
         ("breaking", breaking),
-        ("follow the leader", AmsParams { inextensibility: Inextensibility::Dftl, ..default() }),
+        ("follow the leader", AmsParams { inextensibility: Inextensibility::FollowTheLeader, ..default() }),
         ("stretching", AmsParams { inextensibility: Inextensibility::Off, substeps: 7, ..default() }),
         ("all clamped", AmsParams { clamped: 1000, ..default() }),
         ("mass-spring", MassSpringParams { virtual_particles: false, ..MassSpringParams::default() }.ams()),

@@ -187,7 +187,7 @@ fn strands_touch_as_on_the_cpu() {
     for solver in [
         AmsParams { clamped: 3, ..AmsParams::default() },
         AmsParams { inextensibility: Inextensibility::Off, ..AmsParams::default() },
-        AmsParams { inextensibility: Inextensibility::Dftl, ..AmsParams::default() },
+        AmsParams { inextensibility: Inextensibility::FollowTheLeader, ..AmsParams::default() },
     ] {
         // One contact may be there or not by a rounding.
         assert!(Compared::new(&gpu, [&usual; 2], &solver, None, 8).is_within(5e-3));

@@ -305,6 +305,27 @@ fn add_altitude(strand: Strand, i: u32, kappa: f32, window: ptr<function, Window
     }
 }
 
+// The inverse of a positive definite matrix by its LDLᵀ factors, with pivots of at least
+// PIVOT_FLOOR over the least mass.
+fn sym_inverse(s: Sym) -> Sym {
+    let least = select(PIVOT_FLOOR, PIVOT_FLOOR * LEAST_MASS, has(MASSES));
+    let i0 = 1.0 / max(s.d.x, least);
+    let l10 = s.o.x * i0;
+    let l20 = s.o.y * i0;
+    let i1 = 1.0 / max(s.d.y - l10 * s.o.x, least);
+    let t = s.o.z - l20 * s.o.x;
+    let l21 = t * i1;
+    let i2 = 1.0 / max((s.d.z - l20 * s.o.y) - l21 * t, least);
+    let m20 = l10 * l21 - l20;
+    let n20 = m20 * i2;
+    let n21 = -(l21 * i2);
+    let n10 = l10 * i1;
+    return Sym(
+        vec3f(i0 + l10 * n10 + m20 * n20, i1 - l21 * n21, i2),
+        vec3f(m20 * n21 - n10, n20, n21),
+    );
+}
+
 // Eliminates row i from the rows after it and stores the factors for the backward sweep.
 fn eliminate(strand: Strand, i: u32, window: ptr<function, Window>) {
     let inverse = sym_inverse((*window).d0);

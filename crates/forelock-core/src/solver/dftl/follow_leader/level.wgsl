@@ -151,6 +151,6 @@ fn level_solids(strand: Strand, i: u32, was: vec3f, start: vec3f, leader: vec3f,
 // after it.
 fn end_particle(strand: Strand, i: u32, carried: Carried, correction: vec3f) {
     let v = (carried.leader - carried.leader_was) * frame.inverse_h;
-    set_velocity(strand, i, v - frame.dftl_damping * frame.inverse_h * correction);
+    set_velocity(strand, i, v - frame.length_damping * frame.inverse_h * correction);
     set_previous(strand, i, carried.leader_was);
 }

@@ -56,8 +56,6 @@ pub const LEVEL_WGSL: &str = include_str!("level.wgsl");
 pub const SCHEDULES_WGSL: &str = include_str!("schedules.wgsl");
 /// WGSL that applies the drag of a wind field before the stage.
 pub const WIND_WGSL: &str = include_str!("wind.wgsl");
-/// WGSL that stores and restores the load that velocities hold.
-pub const LOAD_WGSL: &str = include_str!("load.wgsl");
 
 /// Coefficients of a step, in float64.
 #[derive(Clone, Copy, Debug)]
