@@ -117,9 +117,9 @@ impl RunArgs {
 }
 
 fn gpu_stage(name: &str) -> Result<forelock::GpuStage, String> {
-    let all = forelock::GpuStage::ALL;
-    all.into_iter().find(|stage| stage.name() == name).ok_or_else(|| {
-        let names = all.map(forelock::GpuStage::name).join(", ");
+    let all = forelock::GpuStage::all();
+    all.iter().copied().find(|stage| stage.name() == name).ok_or_else(|| {
+        let names = all.iter().map(|stage| stage.name()).collect::<Vec<_>>().join(", ");
         format!("should be one of {names}; the grid goes as splat_segments, contacts as find_contacts")
     })
 }

@@ -5,9 +5,12 @@
 //! positions, snapshots and hashes come from that. A snapshot of one continues on the other; bits
 //! are equal on the same device only.
 
+use std::sync::LazyLock;
+
 use forelock_core::body::ColliderFrame;
 use forelock_core::frame::{
-    CHECK, ContactReport, FrameInput, FramePlan, FrameReport, GridReport, PlannedStep, Step,
+    CHECK, COLLIDE, ContactReport, Exchange, FrameInput, FramePlan, FrameReport, GridReport, LENGTHS, Phase,
+    PlannedStep, Step,
 };
 use forelock_core::interaction::contact::{self, ContactParams};
 use forelock_core::interaction::grid::{self, GridParams};
@@ -16,7 +19,7 @@ use forelock_core::simulation::Simulation;
 use forelock_gpu::{Choice, Gpu, GpuError, GpuSimulation, to_frame_report};
 
 use crate::player::PlayerError;
-use crate::scene::{InteractionKind, InteractionSection};
+use crate::scene::{InteractionKind, InteractionSection, SolverSection};
 
 /// Where to compute.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -41,17 +44,29 @@ pub enum Backend {
 pub struct GpuStage(&'static str);
 
 impl GpuStage {
-    /// All of them, in the order of a frame. Stages that run together are named by their first.
-    pub const ALL: [Self; 8] = [
-        Self("find_neighbours"),
-        Self("solve_strands"),
-        Self("follow_leader"),
-        Self("resolve_solids"),
-        Self("restore_lengths"),
-        Self("splat_segments"),
-        Self("find_contacts"),
-        Self("check_strands"),
-    ];
+    /// All of them, in the order of a frame: those of the built-in solvers and interactions, and
+    /// those that all frames share. Stages that run together are named by their first.
+    pub fn all() -> &'static [Self] {
+        static ALL: LazyLock<Vec<GpuStage>> = LazyLock::new(|| {
+            let mut interactions = [grid::EXCHANGE, sph::EXCHANGE, contact::EXCHANGE];
+            interactions.sort_by_key(|own| own.phase);
+            let (before, after): (Vec<Exchange>, Vec<Exchange>) =
+                interactions.into_iter().partition(|own| own.phase == Phase::BeforeStrands);
+            let mut names: Vec<&str> = before.iter().map(|own| own.stage).collect();
+            for own in SolverSection::default().built_in() {
+                let stage = own.solver.rules().stage;
+                // Solvers may share a stage.
+                if !names.contains(&stage) {
+                    names.push(stage);
+                }
+            }
+            names.extend([COLLIDE, LENGTHS]);
+            names.extend(after.iter().map(|own| own.stage));
+            names.push(CHECK);
+            names.into_iter().map(GpuStage).collect()
+        });
+        &ALL
+    }
 
     /// Its name, as reports have it.
     pub fn name(self) -> &'static str {
@@ -60,12 +75,12 @@ impl GpuStage {
 
     /// Whether every stage of a frame is this one or comes after it.
     fn is_first(self) -> bool {
-        self == Self::ALL[0]
+        self == Self::all()[0]
     }
 
     /// Whether it is stage `name` or comes before it.
     fn is_up_to(self, name: &str) -> bool {
-        let place = |name: &str| Self::ALL.iter().position(|own| own.0 == name);
+        let place = |name: &str| Self::all().iter().position(|own| own.0 == name);
         place(self.0) <= place(name)
     }
 }
@@ -97,7 +112,7 @@ impl Backend {
         if self == Self::Cpu {
             return Ok(Placed::default());
         }
-        let from = if let Self::GpuFrom(stage) = self { stage } else { GpuStage::ALL[0] };
+        let from = if let Self::GpuFrom(stage) = self { stage } else { GpuStage::all()[0] };
         let chosen = Chosen { from, software: self != Self::Auto };
         match Device::open(chosen, needs, simulation) {
             Ok(device) => {
@@ -231,7 +246,7 @@ impl Device {
         let (report, state) = own.report_and_state()?;
         simulation.state_mut().take(state);
         self.frame_secs = report.secs.as_ref().map(|secs| secs.whole);
-        Ok(to_frame_report(&report))
+        Ok(to_frame_report(&report, simulation.solver().rules().stage))
     }
 
     /// Steps a frame, some of it on `simulation`: the state goes to and fro. After an error the
@@ -258,8 +273,8 @@ impl Device {
         // Where the plan lacks the stage, the next one that it has.
         let from = plan.stages().into_iter().find(|stage| self.from.is_up_to(stage)).unwrap_or(CHECK);
         let own = self.simulation_mut()?;
-        let solver_collides = simulation.solver().rules().solver_collides;
-        let collides = |own: &&PlannedStep| own.step.collides(solver_collides);
+        let rules = simulation.solver().rules();
+        let collides = |own: &&PlannedStep| own.step.collides(rules.solver_collides);
         let last_collision = plan.steps().iter().rfind(collides).map(|own| own.step);
         let mut sum = FrameReport::default();
         for (on_cpu, part) in plan.split_at(from) {
@@ -267,7 +282,7 @@ impl Device {
                 own.step_part(frame, part)?;
                 let (report, state) = own.report_and_state()?;
                 simulation.state_mut().take(state);
-                let mut report = to_frame_report(&report);
+                let mut report = to_frame_report(&report, rules.stage);
                 // Interactions outside this part were reported before.
                 let has =
                     |name| part.iter().any(|own| matches!(own.step, Step::Exchange(own) if own.name == name));
@@ -291,5 +306,26 @@ impl Device {
             own.restore(&simulation.snapshot())?;
         }
         Ok(sum)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stages_are_in_the_order_of_a_frame() {
+        let names: Vec<_> = GpuStage::all().iter().map(|stage| stage.name()).collect();
+        let expected = [
+            "find_neighbours",
+            "solve_strands",
+            "follow_leader",
+            "resolve_solids",
+            "restore_lengths",
+            "splat_segments",
+            "find_contacts",
+            "check_strands",
+        ];
+        assert_eq!(names, expected);
     }
 }

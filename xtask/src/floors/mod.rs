@@ -41,7 +41,7 @@ const ALL: [Check; 7] = [
 
 /// Checks that the repository does not pass yet. A check of this list that passes is a fault, so
 /// that the list only becomes shorter.
-const NOT_YET: &[Check] = &[Check::Solvers];
+const NOT_YET: &[Check] = &[];
 
 /// What the checks found.
 #[derive(Debug, Default, PartialEq)]

@@ -79,6 +79,16 @@ impl Channels {
     }
 }
 
+/// The particles that a solver adds between those of the groom. Solvers for which it is equal have
+/// the same strands: a simulation can change from one to the other.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Refinement {
+    /// Every so many particles, from the root, one is the groom's.
+    pub every: u32,
+    /// The number on which the places of the added particles depend.
+    pub offset: f64,
+}
+
 /// How often a solver steps.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum StepRate {

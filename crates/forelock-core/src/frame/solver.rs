@@ -13,7 +13,7 @@
 use super::context::{FrameContext, Substep};
 use super::plan::Step;
 use super::report::BlockReport;
-use super::rules::{Channels, FrameRules, StepRate};
+use super::rules::{Channels, FrameRules, Refinement, StepRate};
 use crate::air::sample_air;
 use crate::collide::resolve_solids::{self, Since, SolidContacts};
 use crate::lane::{LANES, Lane, Real, Simd, V3};
@@ -68,6 +68,11 @@ pub trait LaneSolver: Debug + Send + Sync + 'static {
         check_time(dt_secs)
     }
 
+    /// The particles that [`LaneSolver::refine`] adds, if it adds any.
+    fn refinement(&self) -> Option<Refinement> {
+        None
+    }
+
     /// Strands with further particles between those of the groom, if the solver wants any.
     fn refine<T: Real>(&self, strands: &Strands<'_, T>) -> Option<Chain<T>> {
         let _ = strands;
@@ -116,6 +121,9 @@ pub trait StrandSolver<T>: Debug + Send + Sync + 'static {
     /// [`ParamsError`] if they cannot.
     fn validate_step(&self, dt_secs: f64, beyond_float32: bool) -> Result<(), ParamsError>;
 
+    /// The particles that [`StrandSolver::refine`] adds, if it adds any.
+    fn refinement(&self) -> Option<Refinement>;
+
     /// Strands with further particles between those of the groom, if the solver wants any.
     fn refine(&self, strands: &Strands<'_, T>) -> Option<Chain<T>>;
 
@@ -159,6 +167,10 @@ impl<T: SolverReal, S: LaneSolver> StrandSolver<T> for S {
         LaneSolver::validate_step(self, dt_secs, beyond_float32)
     }
 
+    fn refinement(&self) -> Option<Refinement> {
+        LaneSolver::refinement(self)
+    }
+
     fn refine(&self, strands: &Strands<'_, T>) -> Option<Chain<T>> {
         LaneSolver::refine(self, strands)
     }
@@ -194,6 +206,13 @@ impl<T: 'static> Solver<T> {
     /// A solver of one's own.
     pub fn new(solver: impl StrandSolver<T>) -> Self {
         Self(Arc::new(solver))
+    }
+
+    /// Particles of a strand of the groom, from the root, that follow the head exactly:
+    /// [`FrameRules::clamped`] without those that the solver adds between them.
+    pub fn clamped(&self) -> usize {
+        let every = self.refinement().map_or(1, |own| own.every as usize);
+        self.rules().clamped.div_ceil(every)
     }
 
     /// The parameters, if they are of type `P`.

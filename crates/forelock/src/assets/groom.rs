@@ -7,7 +7,7 @@ use glam::{DVec3, Vec3};
 
 use super::solids::Body;
 use super::{AssetError, neck};
-use crate::scene::{GroomSource, Scene, SolverKind};
+use crate::scene::{GroomSource, Scene};
 
 /// The groom of `scene` on `body`; what was changed is added to `notes`.
 pub(super) fn load(scene: &Scene, body: Option<&Body>, notes: &mut Vec<String>) -> Result<Groom, AssetError> {
@@ -57,13 +57,7 @@ pub(super) fn load(scene: &Scene, body: Option<&Body>, notes: &mut Vec<String>) 
 /// How far over the skin the solver of `scene` keeps hair, metres, and how many particles of a
 /// strand it holds there.
 fn skin(scene: &Scene) -> (f32, usize) {
-    let solver = &scene.solver;
-    let thickness = match solver.kind {
-        SolverKind::Dftl => solver.dftl.skin_thickness,
-        SolverKind::MassSpring => solver.mass_spring.skin_thickness,
-        _ => solver.ams.skin_thickness,
-    };
-    (thickness as f32, solver.clamped() as usize)
+    (scene.solver.skin_thickness() as f32, scene.solver.clamped() as usize)
 }
 
 /// Does `edit` to `groom`, which keeps out of `body` as far as the solver of `scene` asks for.

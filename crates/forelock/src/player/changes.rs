@@ -14,14 +14,14 @@ use super::timeline::Change;
 use super::track::{Drag, Track};
 use super::{ColliderId, Player, PlayerError};
 use crate::assets::{self, MotionTrack};
-use crate::scene::{ColliderSection, InteractionSection, SolverKind, SolverSection};
+use crate::scene::{ColliderSection, InteractionSection, SolverSection};
 
 impl Player {
     /// Changes the solver's parameters, or the solver, from the next step on.
     ///
     /// # Errors
     /// [`PlayerError`] if a parameter is out of range, or cannot change while the simulation runs:
-    /// the virtual particles of "mass-spring"; nothing has changed then.
+    /// the particles that the solver adds to strands; nothing has changed then.
     pub fn set_params(&mut self, solver: &SolverSection) -> Result<(), PlayerError> {
         self.make(Change::Solver(Arc::new(solver.clone())))
     }
@@ -187,16 +187,10 @@ impl Player {
     }
 
     fn apply_solver(&mut self, solver: &Arc<SolverSection>) -> Result<(), PlayerError> {
-        let own = &self.live.setting.solver;
-        let chain = |section: &SolverSection| {
-            let params = &section.mass_spring;
-            let is_virtual = section.kind == SolverKind::MassSpring && params.virtual_particles;
-            is_virtual.then_some(params.virtual_offset)
-        };
-        if chain(own) != chain(solver) {
-            return Err(PlayerError::Fixed("solver.mass_spring.virtual_particles or its offset"));
-        }
         let params = Arc::new(self.solvers.solver(solver)?);
+        if params.refinement() != self.live.setting.params.refinement() {
+            return Err(PlayerError::Fixed("the particles that the solver adds between those of the groom"));
+        }
         params.validate()?;
         params.validate_step(1.0 / self.live.fps, solver.beyond_float32)?;
         self.engine.set_params(&params)?;

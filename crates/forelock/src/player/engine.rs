@@ -20,7 +20,7 @@ use glam::{DVec3, Vec3};
 
 use super::PlayerError;
 use crate::backend::{Backend, Device, DeviceNeeds};
-use crate::scene::{InteractionKind, InteractionSection, Scene, SolverKind, SolverSection};
+use crate::scene::{InteractionKind, InteractionSection, Scene, SolverSection};
 
 /// Makes the solver of a scene from its table of parameters, `[solver.NAME]`.
 pub type SolverFactory = dyn Fn(&toml::Table) -> Result<Solver<f32>, String> + Send + Sync;
@@ -40,18 +40,15 @@ impl Solvers {
         self.0.insert(name, factory);
     }
 
-    /// The solver that `section` chooses. This is the one place where a name becomes a solver.
+    /// The solver that `section` chooses: a built-in or a registered one.
     pub fn solver(&self, section: &SolverSection) -> Result<Solver<f32>, PlayerError> {
-        match &section.kind {
-            SolverKind::MassSpring => Ok((&section.mass_spring).into()),
-            SolverKind::Dftl => Ok((&section.dftl).into()),
-            SolverKind::Custom(name) => {
-                let factory = self.0.get(name).ok_or_else(|| PlayerError::UnknownSolver(name.clone()))?;
-                factory(&section.custom)
-                    .map_err(|message| PlayerError::SolverTable { name: name.clone(), message })
-            }
-            _ => Ok((&section.ams).into()),
+        if let Some(own) = section.chosen() {
+            return Ok(own.solver);
         }
+        let name = section.kind.name();
+        let factory = self.0.get(name).ok_or_else(|| PlayerError::UnknownSolver(name.to_owned()))?;
+        factory(&section.custom)
+            .map_err(|message| PlayerError::SolverTable { name: name.to_owned(), message })
     }
 }
 

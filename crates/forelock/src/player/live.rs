@@ -17,7 +17,7 @@ use super::regrooming::Grooming;
 use super::report::Counters;
 use super::track::Track;
 use crate::assets::{Assets, Solid};
-use crate::scene::{InteractionSection, Scene, SolverKind, SolverSection};
+use crate::scene::{InteractionSection, Scene, SolverSection};
 
 /// Share of a step within which two times are the same.
 const STEP_ROUNDING: f64 = 1e-6;
@@ -59,14 +59,11 @@ impl Setting {
 
     /// Particles of a strand of the groom that are fixed to the head.
     pub fn clamped(&self) -> u32 {
-        match self.solver.kind {
-            SolverKind::MassSpring => self.solver.mass_spring.clamped,
-            _ => self.params.rules().clamped as u32,
-        }
+        self.params.clamped() as u32
     }
 
-    /// Whether the solver reports exact depths inside solids: follow the leader knows a bound only,
-    /// and is shown between its steps.
+    /// Whether the solver reports exact depths inside solids. A solver that resolves collisions
+    /// itself reports an upper bound only.
     pub fn reports_depth(&self) -> bool {
         !self.params.rules().solver_collides
     }

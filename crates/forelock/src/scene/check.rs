@@ -14,7 +14,7 @@ use forelock_render::HairColour;
 use super::document::Document;
 use super::error::one_of;
 use super::sections::{ColliderSection, GroomSource, ShapeKind};
-use super::{Keyframe, MotionSection, Scene, SolverKind};
+use super::{Keyframe, MotionSection, Scene, SolverKind, SolverSection};
 use crate::sinks;
 
 /// Key and message of what is wrong.
@@ -68,7 +68,7 @@ pub(super) fn check(scene: &Scene, document: &Document<'_>) -> Result<(), Wrong>
     for (number, teleport) in scene.teleports.iter().enumerate() {
         Range::Above(0.0).check(&format!("teleport.{number}.at_secs"), teleport.at_secs)?;
     }
-    for key in ["solver.ams.substeps", "solver.mass_spring.substeps"] {
+    for key in SolverSection::SUBSTEPS {
         if scene.time.substeps.is_some() && document.sets(key) {
             let message = format!("is set, and so is `{key}`, which means the same: keep one");
             return Err(("time.substeps".to_owned(), message));
@@ -101,17 +101,16 @@ fn check_finite(scene: &Scene) -> Result<(), Wrong> {
 
 /// Kinds that later versions bring are refused, not ignored.
 fn check_available(scene: &Scene) -> Result<(), Wrong> {
-    let later = |key: &str, what: &str, now: &str| {
-        Err((key.to_owned(), format!("asks for {what}, which this version does not have yet: {now}")))
-    };
-    match &scene.solver.kind {
-        SolverKind::Ams | SolverKind::MassSpring | SolverKind::Dftl | SolverKind::Custom(_) => {}
-        kind => {
-            let what = format!("the solver \"{}\"", kind.name());
-            return later("solver.kind", &what, "use \"ams\", \"mass-spring\" or \"dftl\"");
-        }
+    let kind = &scene.solver.kind;
+    if kind.is_available() {
+        return Ok(());
     }
-    Ok(())
+    let message = format!(
+        "asks for the solver \"{}\", which this version does not have yet: use {}",
+        kind.name(),
+        SolverKind::AVAILABLE
+    );
+    Err(("solver.kind".to_owned(), message))
 }
 
 fn check_numbers(scene: &Scene) -> Result<(), Wrong> {
@@ -242,9 +241,8 @@ fn check_timed_edits(scene: &Scene) -> Result<(), Wrong> {
         if scene.groom.guides > 0 {
             return wrong("does not go with `groom.guides`: remove one of the two".to_owned());
         }
-        if scene.solver.kind == SolverKind::MassSpring && scene.solver.mass_spring.virtual_particles {
-            let message = "needs `solver.mass_spring.virtual_particles` = false";
-            return wrong(message.to_owned());
+        if let Some(key) = scene.solver.refining_key() {
+            return wrong(format!("needs `{key}` = false"));
         }
     }
     Ok(())
@@ -302,16 +300,12 @@ fn check_solver(scene: &Scene) -> Result<(), Wrong> {
     scene.interaction.sph.validate().map_err(|error| params_error("interaction.sph", &error, scene))?;
     let contact = scene.interaction.contact.validate();
     contact.map_err(|error| params_error("interaction.contact", &error, scene))?;
-    solver.ams.validate().map_err(|error| params_error("solver.ams", &error, scene))?;
-    solver.mass_spring.validate().map_err(|error| params_error("solver.mass_spring", &error, scene))?;
-    solver.dftl.validate().map_err(|error| params_error("solver.dftl", &error, scene))?;
-    let (table, stepped) = match solver.kind {
-        SolverKind::Dftl | SolverKind::Custom(_) => return Ok(()),
-        SolverKind::MassSpring => ("solver.mass_spring", solver.mass_spring.ams()),
-        _ => ("solver.ams", solver.ams),
-    };
-    let checked = stepped.validate_step(1.0 / scene.time.fps, solver.beyond_float32);
-    checked.map_err(|error| params_error(table, &error, scene))
+    for own in solver.built_in() {
+        own.solver.validate().map_err(|error| params_error(own.table, &error, scene))?;
+    }
+    let Some(chosen) = solver.chosen() else { return Ok(()) };
+    let checked = chosen.solver.validate_step(1.0 / scene.time.fps, solver.beyond_float32);
+    checked.map_err(|error| params_error(chosen.table, &error, scene))
 }
 
 fn params_error(table: &str, error: &ParamsError, scene: &Scene) -> Wrong {

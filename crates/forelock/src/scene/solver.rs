@@ -1,7 +1,7 @@
 //! `[solver]`: which solver, and its parameters.
 
 use forelock_core::lane::Simd;
-use forelock_core::solver::{AmsParams, DftlParams, MassSpringParams};
+use forelock_core::solver::{AmsParams, DftlParams, MassSpringParams, Solver};
 use forelock_core::strands::Masses;
 use serde::{Deserialize, Serialize, Serializer};
 
@@ -38,6 +38,14 @@ impl Serialize for SolverKind {
 impl SolverKind {
     /// The names that every scene file may use.
     pub const NAMES: [&'static str; 5] = ["ams", "mass-spring", "dftl", "xpbd", "neural"];
+
+    /// Those of them that this version has, in words.
+    pub(super) const AVAILABLE: &str = "\"ams\", \"mass-spring\" or \"dftl\"";
+
+    /// Whether this version has it.
+    pub(super) fn is_available(&self) -> bool {
+        !matches!(self, Self::Xpbd | Self::Neural)
+    }
 
     /// The name in scene files.
     pub fn name(&self) -> &str {
@@ -107,23 +115,61 @@ impl From<SimdChoice> for Simd {
     }
 }
 
+/// A built-in solver with the parameters of a scene.
+#[derive(Debug)]
+pub(crate) struct BuiltIn {
+    kind: SolverKind,
+    /// The key of its parameters.
+    pub(super) table: &'static str,
+    pub(crate) solver: Solver<f32>,
+}
+
 impl SolverSection {
+    /// The keys of the substeps of solvers, which mean the same as `time.substeps`.
+    pub(super) const SUBSTEPS: [&str; 2] = ["solver.ams.substeps", "solver.mass_spring.substeps"];
+
+    /// The built-in solvers, in the order of their stages. The registered ones are known to the
+    /// player only.
+    pub(crate) fn built_in(&self) -> [BuiltIn; 3] {
+        let built_in = |kind, table, solver| BuiltIn { kind, table, solver };
+        [
+            built_in(SolverKind::Ams, "solver.ams", (&self.ams).into()),
+            built_in(SolverKind::MassSpring, "solver.mass_spring", (&self.mass_spring).into()),
+            built_in(SolverKind::Dftl, "solver.dftl", (&self.dftl).into()),
+        ]
+    }
+
+    /// The chosen solver, if it is built in.
+    pub(crate) fn chosen(&self) -> Option<BuiltIn> {
+        self.built_in().into_iter().find(|own| own.kind == self.kind)
+    }
+
+    /// The chosen solver; the first one in place of a registered solver.
+    fn chosen_or_first(&self) -> Solver<f32> {
+        let [first, ..] = self.built_in();
+        self.chosen().unwrap_or(first).solver
+    }
+
     /// Substeps a frame, M, of the solver that is chosen.
     pub fn substeps(&self) -> u32 {
-        match self.kind {
-            SolverKind::MassSpring => self.mass_spring.substeps,
-            SolverKind::Dftl | SolverKind::Custom(_) => 1,
-            _ => self.ams.substeps,
-        }
+        self.chosen().map_or(1, |own| own.solver.rules().substeps)
     }
 
     /// Particles of a strand, from the root, that the chosen solver fixes to the head.
     pub fn clamped(&self) -> u32 {
-        match self.kind {
-            SolverKind::Dftl => self.dftl.clamped,
-            SolverKind::MassSpring => self.mass_spring.clamped,
-            _ => self.ams.clamped,
-        }
+        self.chosen_or_first().clamped() as u32
+    }
+
+    /// Distance that the chosen solver keeps hair from solids, metres.
+    pub(crate) fn skin_thickness(&self) -> f64 {
+        self.chosen_or_first().rules().skin_thickness
+    }
+
+    /// The key that would have to be false for strands to have the particles of the groom only, if
+    /// they have others.
+    pub(super) fn refining_key(&self) -> Option<&'static str> {
+        let own = self.chosen().and_then(|own| own.solver.refinement());
+        own.map(|_| "solver.mass_spring.virtual_particles")
     }
 
     /// Substeps a frame, M, for every solver.

@@ -26,7 +26,8 @@
 use super::ams::LengthPass;
 use super::ams::{AmsParams, AngularForm, Jacobian};
 use crate::frame::{
-    BlockReport, Channels, FrameContext, FrameRules, LaneSolver, SolverReal, Step, StepRate, StrandSolver,
+    BlockReport, Channels, FrameContext, FrameRules, LaneSolver, Refinement, SolverReal, Step, StepRate,
+    StrandSolver,
 };
 use crate::lane::Real;
 use crate::params::{Inextensibility, ParamsError};
@@ -175,10 +176,14 @@ impl<T: SolverReal> StrandSolver<T> for MassSpringParams {
         self.ams().validate_step(dt_secs, beyond_float32)
     }
 
+    fn refinement(&self) -> Option<Refinement> {
+        self.virtual_particles.then_some(Refinement { every: EVERY, offset: self.virtual_offset })
+    }
+
     fn refine(&self, strands: &Strands<'_, T>) -> Option<Chain<T>> {
         self.virtual_particles.then(|| {
             let (positions, offsets) = with_virtual_particles(strands, self.virtual_offset);
-            Chain { positions, offsets, every: 2 }
+            Chain { positions, offsets, every: EVERY }
         })
     }
 
@@ -222,6 +227,9 @@ fn with_virtual_particles<T: Real>(strands: &Strands<'_, T>, offset: f64) -> (Ve
     }
     (positions, offsets)
 }
+
+/// Every so many particles of a chain one is the groom's.
+const EVERY: u32 = 2;
 
 /// Candidate directions of a virtual particle around its edge.
 const DIRECTIONS: usize = 8;
