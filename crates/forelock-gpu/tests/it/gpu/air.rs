@@ -93,7 +93,7 @@ fn field(params: &WindParams, number: u32) -> WindField {
 /// the GPU, with `other` instead, against the CPU. Velocities, root mean squares, m/s. Before it
 /// the GPU has frames without wind, in a wind from elsewhere, and in `wind`.
 fn compare(gpu: &Gpu, params: &AmsParams, [wind, other]: [&WindParams; 2]) -> [f64; 2] {
-    let (positions, offsets) = hair(800);
+    let (positions, offsets) = hair(400);
     let strands = Strands::new(&positions, &offsets);
     let options = Options { rest_pose: head(0), ..Options::default() };
     let solids = Solids::new();
@@ -186,7 +186,7 @@ fn wind_is_the_same_bits_and_makes_nothing() {
     let gpu = common::gpu();
     // A device of its own, for counts are a device's.
     let gpu = Gpu::open(&forelock_gpu::Choice::Named(gpu.name().to_owned())).unwrap();
-    let (positions, offsets) = hair(300);
+    let (positions, offsets) = hair(150);
     let strands = Strands::new(&positions, &offsets);
     let options = Options { rest_pose: head(0), ..Options::default() };
     let ((_, params, wind), solids) = (&cases()[5], Solids::new());
