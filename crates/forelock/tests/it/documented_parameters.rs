@@ -27,16 +27,20 @@ const TABLES: [(&str, &str, &str); 6] = [
     ("ams", "interaction.contact", include_str!("../../../forelock-core/src/interaction/contact/params.rs")),
 ];
 
-/// Name, stated default and stated range of every field of the parameters in `source`.
+/// Name in scenes, stated default and stated range of every field of the parameters in `source`.
 fn documented(source: &str) -> Vec<(String, String, Option<String>)> {
     let (_, body) = source.split_once("Params {").unwrap();
     let (body, _) = body.split_once("\n}").unwrap();
     let mut doc = String::new();
+    let mut renamed = None;
     let mut fields = Vec::new();
     for line in body.lines().map(str::trim) {
         if let Some(text) = line.strip_prefix("///") {
             doc.push_str(text);
+        } else if let Some((_, rest)) = line.split_once("serde(rename = \"") {
+            renamed = rest.split_once('"').map(|(name, _)| name);
         } else if let Some((name, _)) = line.strip_prefix("pub ").and_then(|rest| rest.split_once(':')) {
+            let name = renamed.take().unwrap_or(name);
             let default = after(&doc, "efault ").unwrap_or_else(|| panic!("`{name}` states no default"));
             fields.push((name.to_owned(), default.trim_end_matches('.').to_owned(), after(&doc, "range ")));
             doc.clear();
@@ -74,6 +78,19 @@ fn every_documented_default_holds() {
                 _ => assert_eq!(stated, defaults[&name], "{name}"),
             }
         }
+    }
+}
+
+#[test]
+fn the_length_passes_have_their_names_in_scenes() {
+    for table in ["solver.ams", "solver.mass_spring"] {
+        for name in ["projection", "dftl", "off"] {
+            let set = Override::set(&format!("{table}.inextensibility={name}")).unwrap();
+            let scene = Scene::parse("", Path::new("scene.toml"), &[set]).unwrap();
+            assert!(scene.to_toml().contains(&format!("inextensibility = \"{name}\"")), "{table}: {name}");
+        }
+        let unknown = Override::set(&format!("{table}.inextensibility=follow-the-leader")).unwrap();
+        assert!(Scene::parse("", Path::new("scene.toml"), &[unknown]).is_err());
     }
 }
 
