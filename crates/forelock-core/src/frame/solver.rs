@@ -343,11 +343,12 @@ fn groups<K: BlockTask, L: Lane>(
     report
 }
 
-/// A function for each instruction set, and the choice among them.
+/// A function for each instruction set, and the choice among them. The unit tests of this crate are
+/// built without those of AVX, which halves their compile time: `tests/it` runs them all.
 macro_rules! instruction_sets {
     ($($simd:ident, $name:ident, $features:literal, $lane:ty;)*) => {
         $(
-            #[cfg(target_arch = "x86_64")]
+            #[cfg(all(target_arch = "x86_64", not(test)))]
             #[target_feature(enable = $features)]
             fn $name<K: BlockTask>(
                 task: &K,
@@ -376,7 +377,7 @@ macro_rules! instruction_sets {
                 use crate::lane::{BASELINE_FMA, Pack};
                 match cx.simd {
                     $(
-                        #[cfg(target_arch = "x86_64")]
+                        #[cfg(all(target_arch = "x86_64", not(test)))]
                         // SAFETY: a simulation is built only for instruction sets that the
                         // processor has.
                         Simd::$simd => unsafe { $name(task, cx, view, live, scratch) },
