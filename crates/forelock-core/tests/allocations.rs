@@ -4,7 +4,7 @@
 #![expect(clippy::unwrap_used, reason = "in a test a failure to build is a failure of the test")]
 
 use forelock_core::body::{ColliderFrame, Shape};
-use forelock_core::frame::{Air, FrameInput};
+use forelock_core::frame::{Acceleration, Air, FrameInput};
 use forelock_core::groom::Groom;
 use forelock_core::groom::guides::Skinning;
 use forelock_core::interaction::grid::GridParams;
@@ -65,8 +65,8 @@ fn allocations_of_frames(solver: &Solver<f32>, grid: Option<&GridParams>, sph: O
             colliders: &colliders,
             gravity,
             air: Air::uniform(air_velocity),
+            acceleration: Acceleration::Field(&|x| -x),
             dt_secs: 1.0 / 60.0,
-            ..FrameInput::default()
         };
         let report = simulation.step_frame(&frame_of).unwrap();
         if frame >= 50 {

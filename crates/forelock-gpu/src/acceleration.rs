@@ -68,6 +68,8 @@ pub(crate) struct DeviceAcceleration {
     groups: Vec<Bound<AccelerationBindings<'static>>>,
     host: Vec<Row<f32>>,
     lattice: Vec<Vec4>,
+    /// What the last frame had.
+    pub kind: Option<Accelerated>,
 }
 
 impl DeviceAcceleration {
@@ -85,6 +87,7 @@ impl DeviceAcceleration {
             groups: Vec::new(),
             host: Vec::new(),
             lattice: Vec::new(),
+            kind: None,
         }
     }
 
@@ -131,8 +134,7 @@ impl DeviceAcceleration {
         origin: DVec3,
     ) -> Option<Accelerated> {
         let model: &Model<f32> = strands.model;
-        match acceleration {
-            Acceleration::None => None,
+        self.kind = match acceleration {
             Acceleration::PerParticle(all) => {
                 Acceleration::pack(all, model, &mut self.host);
                 for (batch, rows) in strands.batches.iter().zip(&self.rows) {
@@ -142,13 +144,16 @@ impl DeviceAcceleration {
                 Some(Accelerated::PerParticle)
             }
             Acceleration::Field(field) => {
-                let cell = 2.0 * model.reach / f64::from(LATTICE);
-                let low = centre - DVec3::splat(model.reach);
+                let cell = 2.0 * model.bound / f64::from(LATTICE);
+                let low = centre - DVec3::splat(model.bound);
                 let side = || (0..=LATTICE).map(|k| f64::from(k) * cell);
                 self.lattice.clear();
                 self.lattice.extend(side().flat_map(|z| {
                     side().flat_map(move |y| {
-                        side().map(move |x| field(low + DVec3::new(x, y, z)).as_vec3().extend(0.0))
+                        side().map(move |x| {
+                            let a = field(low + DVec3::new(x, y, z)).as_vec3();
+                            if a.is_finite() { a.extend(0.0) } else { Vec4::ZERO }
+                        })
                     })
                 }));
                 let uniform =
@@ -157,6 +162,8 @@ impl DeviceAcceleration {
                 gpu.queue().write_buffer(&self.nodes, 0, bytemuck::cast_slice(&self.lattice));
                 Some(Accelerated::Field)
             }
-        }
+            _ => None,
+        };
+        self.kind
     }
 }

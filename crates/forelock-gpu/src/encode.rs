@@ -180,7 +180,7 @@ impl GpuSimulation {
 
     /// Writes the uniforms of a frame, before `steps` of it.
     pub(crate) fn write_frame(&mut self, frame: &FrameInput<'_>, steps: &[PlannedStep]) -> FrameKinds {
-        let acceleration = self.write_acceleration(frame);
+        let acceleration = self.write_acceleration(frame, begins(steps));
         let origin = frame.origin(&self.model);
         let start = self.model.about_centre(&frame.roots.head()[0], self.origin);
         let shift = self.origin - origin;
@@ -224,8 +224,13 @@ impl GpuSimulation {
     }
 
     /// Uploads the acceleration beside gravity of a frame, before positions move to its origin.
-    fn write_acceleration(&mut self, frame: &FrameInput<'_>) -> Option<Accelerated> {
+    fn write_acceleration(&mut self, frame: &FrameInput<'_>, begins: bool) -> Option<Accelerated> {
         let mut own = self.acceleration.take()?;
+        if !begins {
+            let kind = own.kind;
+            self.acceleration = Some(own);
+            return kind;
+        }
         let centre = frame.roots.head()[0].transform_point(self.model.centre.into());
         let written = own.write_frame(&self.gpu, self.strands(), &frame.acceleration, centre, self.origin);
         self.acceleration = Some(own);

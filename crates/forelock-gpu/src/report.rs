@@ -5,7 +5,7 @@ use crate::interaction::contact::TouchEntry;
 use crate::interaction::grid::BoundsEntry;
 use crate::uniforms::ReportEntry;
 use crate::{GpuError, GpuSimulation};
-use crate::{air, frame};
+use crate::{acceleration, air, frame};
 use forelock_core::frame::{FrameReport, SphReport, StageTimes, Step};
 use forelock_core::interaction::contact::ContactReport;
 use forelock_core::interaction::grid::GridReport;
@@ -180,4 +180,4 @@ pub fn to_frame_report(report: &GpuReport, solver_stage: &'static str) -> FrameR
 }
 
 /// Stages of kernels that count for the solver, as their work does on the CPU.
-static FOR_SOLVER: [&str; 2] = [air::AIR.stage, frame::LOAD.stage];
+static FOR_SOLVER: [&str; 3] = [acceleration::ACCELERATION.stage, air::AIR.stage, frame::LOAD.stage];

@@ -96,8 +96,9 @@ impl GpuSimulation {
         solver: impl Into<Solver<f32>>,
         options: &Options,
     ) -> Result<Self, GpuError> {
+        let options = Options { masses: options.masses.fixed(groom)?, ..*options };
         let masses = options.masses.of(groom)?;
-        Self::from_strands(gpu, &Strands { masses: masses.as_deref(), ..groom.into() }, solver, options)
+        Self::from_strands(gpu, &Strands { masses: masses.as_deref(), ..groom.into() }, solver, &options)
     }
 
     /// The same from plain arrays.

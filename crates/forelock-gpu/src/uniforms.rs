@@ -25,7 +25,7 @@ pub struct FrameUniform {
     pub k_altitude: f32,
     /// Velocity of the air, m/s.
     pub air: Vec3,
-    /// h c/m.
+    /// h c, for particles of unit mass.
     pub drag: f32,
     /// Substep, seconds.
     pub h: f32,

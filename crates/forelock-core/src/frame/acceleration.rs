@@ -4,22 +4,24 @@ use crate::lane::{LANES, Real, Row};
 use crate::params::ParamsError;
 use crate::strands::{Block, Model, State, number, vector};
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
 use std::fmt;
 
-/// Acceleration of particles beside gravity, m/s², world axes. It is sampled at the frame's start
-/// and adds h a to the velocity of a particle in each substep of h seconds, whatever its mass.
-/// Clamped particles follow the head all the same.
+/// Acceleration of particles beside gravity, m/s², world axes.
+///
+/// It is sampled at the start of a frame, and adds h a to the velocity of a particle in each substep
+/// of h seconds, whatever its mass. Clamped particles follow the head all the same.
 #[derive(Clone, Copy, Default)]
+#[non_exhaustive]
 pub enum Acceleration<'a> {
     /// None.
     #[default]
     None,
     /// Of each particle, `[P]`, in the groom's order.
     PerParticle(&'a [Vec3]),
-    /// A function of the place in the world, metres. A CPU calls it for every particle. A GPU calls
-    /// it at the nodes of a lattice around the hair ([`LATTICE`] cells a side) and interpolates
-    /// linearly.
+    /// A function of the place in the world, metres. A CPU calls it for every particle, on the
+    /// threads of the rayon pool. A GPU calls it at the nodes of a lattice that contains the hair
+    /// in any pose ([`LATTICE`] cells a side), interpolates linearly, and takes 0 where it is not
+    /// finite.
     Field(&'a (dyn Fn(DVec3) -> DVec3 + Sync)),
 }
 
@@ -87,20 +89,28 @@ fn fill<T: Real>(
     value: impl Fn(&Block, usize, usize) -> DVec3 + Sync,
 ) {
     out.resize(3 * model.places(), Row([T::zero(); LANES]));
-    let mut rest = out.as_mut_slice();
-    let mut blocks = Vec::with_capacity(model.blocks.len());
-    for block in &model.blocks {
-        let (own, later) = rest.split_at_mut(3 * block.particles);
-        blocks.push((block, own));
-        rest = later;
+    fill_blocks(&model.blocks, out, &value);
+}
+
+/// Halves the list of blocks, without an allocation.
+fn fill_blocks<T: Real>(
+    blocks: &[Block],
+    rows: &mut [Row<T>],
+    value: &(impl Fn(&Block, usize, usize) -> DVec3 + Sync),
+) {
+    if blocks.len() > 1 {
+        let (left, right) = blocks.split_at(blocks.len() / 2);
+        let (left_rows, right_rows) = rows.split_at_mut(3 * (right[0].first - left[0].first));
+        rayon::join(|| fill_blocks(left, left_rows, value), || fill_blocks(right, right_rows, value));
+        return;
     }
-    blocks.into_par_iter().with_min_len(16).for_each(|(block, rows)| {
+    for block in blocks {
         for (i, rows) in rows.chunks_exact_mut(3).enumerate() {
-            for lane in 0..LANES {
+            for lane in 0..block.live {
                 for (row, x) in rows.iter_mut().zip(value(block, lane, i).to_array()) {
                     row.0[lane] = number(x);
                 }
             }
         }
-    });
+    }
 }

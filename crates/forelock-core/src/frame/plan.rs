@@ -4,6 +4,7 @@
 
 use super::rules::FrameRules;
 use crate::params::Inextensibility;
+use std::sync::Arc;
 
 /// When an interaction exchanges momentum.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -101,13 +102,24 @@ pub struct PlannedStep {
 /// A frame as an ordered list of steps.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FramePlan {
-    steps: Vec<PlannedStep>,
+    /// Shared, so that an executor copies the plan without an allocation.
+    steps: Arc<[PlannedStep]>,
+}
+
+/// A plan under construction.
+#[derive(Default)]
+struct Steps(Vec<PlannedStep>);
+
+impl Steps {
+    fn push(&mut self, step: Step, stage: &'static str) {
+        self.0.push(PlannedStep { step, stage });
+    }
 }
 
 impl FramePlan {
     /// The plan of a frame under a solver with `rules` and the `interactions` of a simulation.
     pub fn new(rules: &FrameRules, interactions: &[Exchange]) -> Self {
-        let mut plan = Self::default();
+        let mut plan = Steps::default();
         let mut sorted = interactions.to_vec();
         sorted.sort_by_key(|exchange| exchange.phase);
         for own in sorted.iter().filter(|own| own.records_start) {
@@ -140,11 +152,7 @@ impl FramePlan {
             plan.push(Step::CollideFinal, COLLIDE);
         }
         plan.push(Step::CheckStrands, CHECK);
-        plan
-    }
-
-    fn push(&mut self, step: Step, stage: &'static str) {
-        self.steps.push(PlannedStep { step, stage });
+        Self { steps: plan.0.into() }
     }
 
     /// All steps in their order.

@@ -152,8 +152,9 @@ impl Simulation<f32> {
     /// [`BuildError`] if the groom cannot be packed, a parameter is out of range, or the processor
     /// does not have the instruction set.
     pub fn new(groom: &Groom, solver: impl Into<Solver<f32>>, options: &Options) -> Result<Self, BuildError> {
+        let options = Options { masses: options.masses.fixed(groom)?, ..*options };
         let masses = options.masses.of(groom)?;
-        Self::from_strands(&Strands { masses: masses.as_deref(), ..groom.into() }, solver, options)
+        Self::from_strands(&Strands { masses: masses.as_deref(), ..groom.into() }, solver, &options)
     }
 
     /// Positions in world space and the groom's order, `[P]`, metres. Virtual particles are left
@@ -279,11 +280,8 @@ impl<T: SimulationReal> Simulation<T> {
     /// [`ParamsError`] if the frame's time and stiffness are beyond float32, or the time is not
     /// positive.
     pub fn step_frame(&mut self, frame: &FrameInput<'_>) -> Result<FrameReport, ParamsError> {
-        // Moved out during the frame, without an allocation.
-        let plan = std::mem::take(&mut self.plan);
-        let report = T::run_steps(self, frame, plan.steps());
-        self.plan = plan;
-        report
+        let plan = self.plan.clone();
+        T::run_steps(self, frame, plan.steps())
     }
 
     /// Runs some consecutive steps of a frame ([`Simulation::plan`]), for an executor that runs the

@@ -45,6 +45,9 @@ pub enum RegroomError {
         /// Strands simulated so far.
         simulated: usize,
     },
+    /// The masses were given particle by particle, and those of the edited groom are not known.
+    #[error("strands with masses of their own cannot be edited during a simulation: take masses from widths")]
+    Masses,
     /// The strands have virtual particles, which edits do not support.
     #[error("strands with virtual particles cannot be edited during a simulation: build a new simulation")]
     Virtual,
@@ -81,6 +84,9 @@ pub fn regroom(
     let (strands, simulated) = (groom.strand_count(), model.strand_count);
     if sources.len() != strands || sources.iter().any(|s| s.strand as usize >= simulated) {
         return Err(RegroomError::Sources { strands, sources: sources.len(), simulated });
+    }
+    if masses == Masses::Uniform && !model.masses.is_empty() {
+        return Err(RegroomError::Masses);
     }
     let masses = masses.of(groom)?;
     let edited = Model::new(&Strands { masses: masses.as_deref(), ..groom.into() })?;

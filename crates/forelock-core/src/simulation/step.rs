@@ -54,6 +54,7 @@ impl<T: SolverReal> Workspace<T> {
     pub fn fit(&mut self, model: &Model<T>) {
         self.scratch = scratch(model);
         self.canopy = Canopy::default();
+        self.acceleration.clear();
     }
 
     /// Bytes held.
@@ -112,7 +113,8 @@ impl<T: SimulationReal> Simulation<T> {
         let solves = steps.iter().any(|own| matches!(own.step, Step::Solve { .. }));
         let wind =
             self.wind(frame, frame.air.field.filter(|_| solves), solves && rules.local_drag, origin, shift);
-        if solves {
+        let begins = steps.iter().any(|own| own.step == Step::Solve { substep: 0 });
+        if begins {
             frame.acceleration.sample(&self.model, &self.state, &mut self.workspace.acceleration);
         }
         let Workspace {

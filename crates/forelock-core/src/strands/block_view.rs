@@ -44,7 +44,7 @@ pub struct BlockView<'a, T> {
     /// The velocity towards which drag accelerates each particle in this substep, three rows a
     /// particle; empty: that of the air.
     pub air: &'a mut [Row<T>],
-    /// h c/m of each particle in this substep, a row a particle; empty: the same for all.
+    /// h c of each particle in this substep, a row a particle; empty: the same for all.
     pub drag: &'a mut [Row<T>],
 }
 

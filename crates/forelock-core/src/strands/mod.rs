@@ -2,13 +2,15 @@
 //! view of one block of both ([`BlockView`]).
 
 mod block_view;
+mod masses;
 mod model;
 mod state;
 mod strand_frame;
 
 pub(crate) use block_view::AIR_ROWS;
 pub use block_view::{BlockView, LaneGroup, SCRATCH_ROWS, Scratch};
-pub use model::{Block, Chain, MASS_RANGE, Masses, Model, PackError, Strands};
+pub use masses::{MASS_RANGE, Masses};
+pub use model::{Block, Chain, Model, PackError, Strands};
 pub(crate) use state::vec3;
 pub use state::{Snapshot, SnapshotError, State, Teleport, number, vector, world_positions};
 pub use strand_frame::{StrandFrame, rest_edges};

@@ -1,5 +1,6 @@
 //! Model: constant data derived once from a groom and the parameters.
 
+use super::masses::{MASS_RANGE, between};
 use super::strand_frame::rest_edges;
 use crate::groom::Groom;
 use crate::lane::{LANES, Real, Row};
@@ -48,43 +49,6 @@ impl<'a, T> Strands<'a, T> {
     /// Strands of equal stiffness whose particles have equal masses.
     pub fn new(positions: &'a [[T; 3]], offsets: &'a [u32]) -> Self {
         Self { positions, offsets, stiffness: None, masses: None }
-    }
-}
-
-/// The range of relative masses.
-pub const MASS_RANGE: std::ops::RangeInclusive<f32> = 0.1..=10.0;
-
-/// The masses of a groom's particles.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
-pub enum Masses {
-    /// All particles have the same mass.
-    #[default]
-    Uniform,
-    /// The mass is proportional to the square of the groom's width at the particle, with a mean of
-    /// 1 over the groom. It is clamped to [`MASS_RANGE`].
-    Widths,
-}
-
-impl Masses {
-    /// The relative masses of the particles of `groom`, `[P]`, or none if they are all 1.
-    ///
-    /// # Errors
-    /// [`PackError::NoWidths`] if they are to follow widths that the groom does not have.
-    pub fn of(self, groom: &Groom) -> Result<Option<Vec<f32>>, PackError> {
-        if self == Self::Uniform {
-            return Ok(None);
-        }
-        let widths = groom.widths.as_deref().ok_or(PackError::NoWidths)?;
-        let square = |w: &f32| f64::from(*w) * f64::from(*w);
-        #[expect(clippy::cast_precision_loss, reason = "a groom's particles")]
-        let mean = widths.iter().map(square).sum::<f64>() / widths.len().max(1) as f64;
-        if mean.is_nan() || mean <= 0.0 {
-            return Err(PackError::NoWidths);
-        }
-        #[expect(clippy::cast_possible_truncation, reason = "clamped to the range")]
-        let mass = |w: &f32| ((square(w) / mean) as f32).clamp(*MASS_RANGE.start(), *MASS_RANGE.end());
-        Ok(Some(widths.iter().map(mass).collect()))
     }
 }
 
@@ -144,6 +108,9 @@ pub struct Model<T> {
     pub centre: [f64; 3],
     /// Radius of a ball about `centre` that contains the hair at rest with a margin, metres.
     pub reach: f64,
+    /// Radius of a ball about `centre` that contains the hair in any pose, metres: the largest
+    /// distance of a root and length of its strand, with a margin.
+    pub bound: f64,
     /// Every so many particles of a strand, from the root, one is the groom's; the solver has added
     /// the others ([`Chain`]).
     pub every: u32,
@@ -332,6 +299,7 @@ impl<T: Real> Model<T> {
             masses: vec![Row([T::one(); LANES]); if strands.masses.is_some() { first } else { 0 }],
             centre: centre(strands.positions),
             reach: 0.0,
+            bound: 0.0,
             blocks,
             every,
             strand_count,
@@ -344,6 +312,7 @@ impl<T: Real> Model<T> {
             }
         }
         model.reach = REACH * model.farthest();
+        model.bound = REACH * model.longest_reach();
         Ok(model)
     }
 
@@ -411,6 +380,19 @@ impl<T: Real> Model<T> {
             found[block.range()].fill(number);
         }
         found
+    }
+
+    /// The largest sum of a root's distance from the centre and the length of its strand, metres.
+    fn longest_reach(&self) -> f64 {
+        let number = |x: T| x.to_f64().unwrap_or(0.0);
+        let of_lane = |index: usize, block: &Block, lane: usize| {
+            let root = crate::strands::vector(&self.rest, block.first, lane).map(number);
+            DVec3::from_array(root).length() + number(self.strand_lengths[index].0[lane])
+        };
+        let of_block = |(index, block): (usize, &Block)| {
+            (0..block.live).map(|lane| of_lane(index, block, lane)).fold(0.0, f64::max)
+        };
+        self.blocks.iter().enumerate().map(of_block).fold(0.0, f64::max)
     }
 
     /// The largest distance of a particle at rest from the centre, metres.
@@ -505,20 +487,6 @@ pub(crate) fn check<T: Real>(strands: &Strands<'_, T>) -> Result<(), PackError> 
         return Err(PackError::Masses { found: masses.len(), expected });
     }
     Ok(())
-}
-
-/// Masses of strands with `every − 1` further particles in each edge, linear along the edge.
-fn between(offsets: &[u32], masses: &[f32], every: u32) -> Vec<f32> {
-    let mut all = Vec::with_capacity(masses.len() * every as usize);
-    for ends in offsets.windows(2) {
-        let own = &masses[ends[0] as usize..ends[1] as usize];
-        for pair in own.windows(2) {
-            #[expect(clippy::cast_precision_loss, reason = "a few particles an edge")]
-            all.extend((0..every).map(|k| pair[0] + (pair[1] - pair[0]) * k as f32 / every as f32));
-        }
-        all.extend(own.last());
-    }
-    all
 }
 
 /// The centre of the points' bounding box.

@@ -191,8 +191,11 @@ impl Player {
         if params.refinement() != self.live.setting.params.refinement() {
             return Err(PlayerError::Fixed("the particles that the solver adds between those of the groom"));
         }
+        if solver.masses != self.live.setting.solver.masses {
+            return Err(PlayerError::Fixed("`solver.masses`"));
+        }
         params.validate()?;
-        params.validate_step(1.0 / self.live.fps, solver.beyond_float32)?;
+        self.engine.check_step(&params, 1.0 / self.live.fps, solver.beyond_float32)?;
         self.engine.set_params(&params)?;
         self.live.set_solver(solver.clone(), params);
         Ok(())

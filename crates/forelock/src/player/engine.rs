@@ -115,6 +115,13 @@ impl Engine {
             beyond_float32: scene.solver.beyond_float32,
         };
         let simulation = build(groom, parts, &options)?;
+        simulation.solver().check_step(
+            simulation.model(),
+            1.0 / scene.time.fps,
+            scene.solver.beyond_float32,
+        )?;
+        // Masses keep the unit of this groom when it is edited.
+        let options = Options { masses: simulation.options().masses, ..options };
         let needs = DeviceNeeds { interaction: parts.interaction, solids: start.solids };
         let placed = backend.place(needs, &simulation)?;
         let mut engine = Self { simulation, device: placed.device, options, before_frame: None };
@@ -137,6 +144,16 @@ impl Engine {
     pub fn rebuild(&mut self, groom: &Groom, parts: Parts<'_>) -> Result<(), PlayerError> {
         self.simulation = build(groom, parts, &self.options)?;
         self.set_interaction(parts.interaction)
+    }
+
+    /// Checks that frames of `dt_secs` can be stepped with `params`.
+    pub fn check_step(
+        &self,
+        params: &Solver<f32>,
+        dt_secs: f64,
+        beyond_float32: bool,
+    ) -> Result<(), PlayerError> {
+        Ok(params.check_step(self.simulation.model(), dt_secs, beyond_float32)?)
     }
 
     /// Changes the solver's parameters.

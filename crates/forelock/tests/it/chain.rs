@@ -17,7 +17,7 @@ struct Chain {
 }
 
 impl LaneSolver for Chain {
-    /// Share of the velocity that a substep leaves.
+    /// Share of the velocity relative to the air that a substep leaves.
     type Terms = f64;
 
     fn name(&self) -> &'static str {
@@ -45,13 +45,20 @@ impl LaneSolver for Chain {
         let head = &cx.poses[substep.index + 1];
         let (turn, shift) = (Mat3::splat(head.matrix()), V3::splat(head.translation));
         let gravity = V3::<L>::splat(cx.gravity * cx.h);
+        let keep = L::from_f64(*keep);
         for i in 0..view.particles {
             let x = V3::<L>::load(view.positions, i, group.first);
             let (x, v) = if i < cx.rules.clamped {
                 let on_head = shift.add_mul(&turn, V3::load(view.rest, i, group.first));
                 (on_head, (on_head - x).scale(inverse_h))
             } else {
-                let v = V3::<L>::load(view.velocities, i, group.first).scale(L::from_f64(*keep)) + gravity;
+                // The wind at this particle if it differs from place to place.
+                let air = match view.wind.is_empty() {
+                    true => V3::<L>::splat(cx.air_velocity),
+                    false => V3::load(view.wind, i, group.first),
+                };
+                let slip = V3::load(view.velocities, i, group.first) - air;
+                let v = air + slip.scale(keep) + gravity;
                 (x.add_scaled(h, v), v)
             };
             x.store(view.positions, i, group.first);

@@ -13,7 +13,7 @@ struct Frame {
     gravity: vec3f,
     k_altitude: f32,
     air: vec3f,
-    // h c/m
+    // h c, for particles of unit mass.
     drag: f32,
     h: f32,
     inverse_h: f32,

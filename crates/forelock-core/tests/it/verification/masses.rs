@@ -6,10 +6,10 @@ use forelock_core::groom::Groom;
 use forelock_core::lane::Simd;
 use forelock_core::params::ParamsError;
 use forelock_core::pose::Pose;
-use forelock_core::simulation::{BuildError, Options, Simulation};
+use forelock_core::simulation::{BuildError, Options, RegroomError, Simulation};
 use forelock_core::solver::ams::Inextensibility;
 use forelock_core::solver::{AmsParams, DftlParams, MassSpringParams, Solver};
-use forelock_core::strands::{MASS_RANGE, Masses, PackError};
+use forelock_core::strands::{MASS_RANGE, Masses, PackError, Strands};
 use glam::{DQuat, DVec3, Vec3};
 
 /// A straight strand of `n` particles 1 cm apart.
@@ -187,10 +187,7 @@ fn masses_from_widths_and_wrong_input() {
     assert_eq!(all, [4.0 / 2.25, 4.0 / 2.25, 1.0 / 2.25, *MASS_RANGE.start()]);
 
     let refused = |masses: &[f32]| {
-        let strands = forelock_core::strands::Strands {
-            masses: Some(masses),
-            ..forelock_core::strands::Strands::from(&groom)
-        };
+        let strands = Strands { masses: Some(masses), ..Strands::from(&groom) };
         Simulation::from_strands(&strands, &AmsParams::default(), &Options::default()).is_err()
     };
     assert!(refused(&[1.0; 3]) && refused(&[1.0, 1.0, 1.0, 0.0]) && refused(&[1.0, f32::NAN, 1.0, 1.0]));
@@ -200,6 +197,18 @@ fn masses_from_widths_and_wrong_input() {
     let acceleration = Acceleration::PerParticle(&[Vec3::ZERO; 3]);
     let error = simulation.step_frame(&FrameInput { acceleration, ..FrameInput::default() }).unwrap_err();
     assert_eq!(error, ParamsError::Count { name: "acceleration", found: 3, expected: 4 });
+    // An edit keeps the unit of mass: particles that it does not change keep their masses.
+    let source = forelock_core::groom::edit::Source { strand: 0, fresh: false };
+    let mut thin = groom.clone();
+    thin.widths = Some(vec![2e-4, 1e-4, 1e-4, 1e-4]);
+    simulation.regroom(&thin, &[source], &options.rest_pose).unwrap();
+    let all: Vec<f32> = simulation.model().masses.iter().map(|row| row.0[0]).collect();
+    assert_eq!(all, [4.0, 1.0, 1.0, 1.0].map(|square| square / 2.25));
+    // Masses given one by one are not known for an edited groom.
+    let strands = Strands { masses: Some(&[1.0, 2.0, 1.0, 1.0]), ..Strands::from(&groom) };
+    let mut given = Simulation::from_strands(&strands, &AmsParams::default(), &Options::default()).unwrap();
+    let refused = given.regroom(&thin, &[source], &options.rest_pose);
+    assert_eq!(refused, Err(RegroomError::Masses));
     // Light particles meet the limit of float32 earlier.
     let stiff = AmsParams { k_edge: 5e7, ..AmsParams::default() };
     assert!(matches!(

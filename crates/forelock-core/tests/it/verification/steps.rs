@@ -2,7 +2,7 @@
 
 use crate::rig::{DT, GRAVITY, shake, tuft};
 use forelock_core::body::{ColliderFrame, Shape};
-use forelock_core::frame::{Air, FrameInput, Roots, Step};
+use forelock_core::frame::{Acceleration, Air, FrameInput, Roots, Step};
 use forelock_core::interaction::contact::ContactParams;
 use forelock_core::interaction::grid::GridParams;
 use forelock_core::interaction::sph::SphParams;
@@ -48,8 +48,8 @@ fn run(solver: &Solver<f32>, own: Interactions, way: Way) -> u64 {
             colliders: &[solid],
             gravity: GRAVITY,
             air: Air::uniform(DVec3::X),
+            acceleration: Acceleration::Field(&|x| x.cross(DVec3::Z) * 9.0),
             dt_secs: DT,
-            ..FrameInput::default()
         };
         let steps = simulation.plan().steps().to_vec();
         match way {

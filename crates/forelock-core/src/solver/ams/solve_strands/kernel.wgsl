@@ -101,7 +101,7 @@ fn damaged(intact: f32, deflection: vec3f, length: f32) -> f32 {
     return min(select(intact, healed, e < frame.healing_limit), psi);
 }
 
-// The velocity towards which drag accelerates a particle, and h c/m: `drag::towards_air`.
+// The velocity towards which drag accelerates a particle, and h c: `drag::towards_air`.
 fn drag_of(strand: Strand, i: u32, v: vec3f) -> vec4f {
     var air = frame.air;
     if has(WIND) {

@@ -64,7 +64,7 @@ fn predicted_at(strand: Strand, i: u32, was: vec3f) -> vec3f {
     // A wind field has changed velocities already (`apply_wind`).
     if frame.drag > 0.0 && !has(WIND) {
         let u = (was - previous_at(strand, i) - substep.shift) * frame.inverse_h;
-        kick += frame.drag / mass_at(strand, i) * (frame.air - u);
+        kick += min(frame.drag / mass_at(strand, i), 1.0) * (frame.air - u);
     }
     return was + frame.h * (velocity_at(strand, i) + kick);
 }

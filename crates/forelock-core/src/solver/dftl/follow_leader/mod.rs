@@ -223,7 +223,9 @@ fn acceleration<L: Lane>(
     let before = V3::<L>::load(view.previous, i, first) + step.shift[1];
     let air = if view.wind.is_empty() { step.air } else { V3::load(view.wind, i, first) };
     let slip = air.add_scaled(L::from_f64(-1.0 / terms.h), was - before);
-    step.gravity.add_scaled(L::from_f64(terms.drag) * view.inverse_mass::<L>(i, first), slip)
+    // Not above 1/h: the particle then moves with the air.
+    let drag = (L::from_f64(terms.drag) * view.inverse_mass::<L>(i, first)).min(L::from_f64(1.0 / terms.h));
+    step.gravity.add_scaled(drag, slip)
 }
 
 /// The point at distance `length` from `leader` in the direction of `x`, and that direction.

@@ -14,6 +14,6 @@ fn apply_wind(@builtin(global_invocation_id) id: vec3u) {
         let air = vec3f(wind[at], wind[at + LANES], wind[at + 2u * LANES]);
         // Neither is relative to this frame's origin yet, so no shift is needed.
         let u = (position_at(strand, i) - previous_at(strand, i)) * frame.inverse_h;
-        set_velocity(strand, i, velocity_at(strand, i) + frame.drag / mass_at(strand, i) * (air - u));
+        set_velocity(strand, i, velocity_at(strand, i) + min(frame.drag / mass_at(strand, i), 1.0) * (air - u));
     }
 }
