@@ -8,8 +8,8 @@ use std::fmt;
 
 /// Acceleration of particles beside gravity, m/s², world axes.
 ///
-/// It is sampled at the start of a frame, and adds h a to the velocity of a particle in each substep
-/// of h seconds, whatever its mass. Clamped particles follow the head all the same.
+/// It is sampled at the start of a frame, and adds h a to the velocity of a particle in each
+/// substep of h seconds, whatever its mass. Clamped particles follow the head all the same.
 #[derive(Clone, Copy, Default)]
 #[non_exhaustive]
 pub enum Acceleration<'a> {
