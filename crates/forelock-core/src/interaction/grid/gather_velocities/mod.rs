@@ -163,8 +163,8 @@ impl<'a> Gather<'a> {
         ])
     }
 
-    /// Interpolates the two values of the faces along `AXIS`: new velocity and change of velocity,
-    /// or unused and displacement.
+    /// Interpolates the two values that the faces store along `AXIS`: the new velocity, and the
+    /// change of velocity or the displacement.
     #[inline(always)]
     fn face<const AXIS: usize>(&self, stencils: &Stencils) -> [f32; 2] {
         let Corner { first, fraction: [fx, fy, fz], strides } = stencils.face::<AXIS>(&self.grid.bounds);
