@@ -65,7 +65,7 @@ impl Gpu {
     /// The same without blocking, as a browser requires.
     ///
     /// # Errors
-    /// As [`Gpu::open`].
+    /// The same errors as [`Gpu::open`].
     pub async fn open_async(choice: &Choice) -> Result<Self, GpuError> {
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
         let adapter = match choice {

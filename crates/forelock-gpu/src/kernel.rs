@@ -25,7 +25,7 @@ pub const CELLS_GROUP: u32 = 256;
 pub const CELLS_THREADS: u32 = 512 * CELLS_GROUP;
 /// Threads of a dispatch over a list: of cells under pressure, of contacts.
 pub const LIST_THREADS: u32 = 128 * CELLS_GROUP;
-/// Dynamic uniforms of a bind group at most.
+/// Maximum number of dynamic uniforms of a bind group.
 const MAX_DYNAMIC: usize = 2;
 
 /// A constant that a shader takes from Rust.

@@ -9,7 +9,7 @@ use crate::strands::{Model, State};
 pub struct FrameRules {
     /// The solver's stage, as reports name it.
     pub stage: &'static str,
-    /// Substeps a frame.
+    /// Substeps per frame.
     pub substeps: u32,
     /// Particles of each strand, from the root, that follow the head exactly.
     pub clamped: usize,

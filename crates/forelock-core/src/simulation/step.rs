@@ -18,7 +18,7 @@ use std::sync::{Mutex, PoisonError};
 /// Buffers whose contents are not used across frames.
 #[derive(Debug)]
 pub(super) struct Workspace<T> {
-    /// One a thread, each behind a lock that only its thread takes.
+    /// One per thread, each behind a lock that only its thread takes.
     scratch: Vec<Mutex<Scratch<T>>>,
     poses: Vec<Pose>,
     solid_poses: Vec<SolidPose<T>>,

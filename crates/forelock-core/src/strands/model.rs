@@ -14,7 +14,7 @@ pub struct Block {
     /// Place of the first particle: component `c` of particle `i` of the block is in row
     /// `3 (first + i) + c`.
     pub first: usize,
-    /// Particles a strand.
+    /// Particles per strand.
     pub particles: usize,
     /// The groom's strand in each lane. Lanes from `live` on repeat the last strand and are ignored
     /// on output.
@@ -137,7 +137,7 @@ pub struct Model<T> {
     /// count in the strand solve, for drag and in the length pass. Interactions between strands
     /// count hair by its length.
     pub masses: Vec<Row<T>>,
-    /// The least of them.
+    /// The smallest of them.
     pub least_mass: f64,
     /// The origin of stored rest positions in the head's frame: the centre of their bounding box.
     /// It keeps coordinates small, so that float32 resolves edges anywhere in the world.
@@ -181,7 +181,7 @@ pub enum PackError {
         /// Which of its particles.
         particle: usize,
     },
-    /// Masses that are not one a particle, or one out of [`MASS_RANGE`].
+    /// Masses that are not one per particle, or one out of [`MASS_RANGE`].
     #[error(
         "{found} masses for {expected} particles, or one that is not between {} and {}: give the mass of each \
          particle relative to the mean",
@@ -274,7 +274,7 @@ impl<T: Real> Model<T> {
     /// [`Model::new`] for the strands that `refine` returns, or for `strands` if it returns none.
     ///
     /// # Errors
-    /// As [`Model::new`].
+    /// The same errors as [`Model::new`].
     pub fn for_solver(
         strands: &Strands<'_, T>,
         refine: impl FnOnce(&Strands<'_, T>) -> Option<Chain<T>>,

@@ -8,7 +8,7 @@ struct Lattice {
     per_metre: f32,
 }
 
-// Three rows a particle, m/s².
+// Three rows per particle, m/s².
 @group(0) @binding(17) var<storage, read_write> acceleration: array<f32>;
 // Acceleration at the nodes of the lattice, x fastest.
 @group(0) @binding(18) var<storage, read> nodes: array<vec4f>;

@@ -9,7 +9,7 @@ use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 use std::cmp::Ordering;
 
-/// Least distance between nodes, metres.
+/// Minimum distance between nodes, metres.
 pub const SPACING: f32 = 0.03;
 /// Hair farther from the centre of the groom than so many times its rest radius is ignored.
 pub const FAR: f32 = 4.0;

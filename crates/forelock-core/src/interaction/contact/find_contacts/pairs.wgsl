@@ -340,7 +340,7 @@ fn test_entry(seeker: Seeker, at: u32) {
     }
 }
 
-// The least speed that is kept, in addition to the contacts of earlier slices. Only half of the
+// The smallest speed that is kept, in addition to the contacts of earlier slices. Only half of the
 // capacity is used, because the size of a sampled bin varies; SLOTS of them are kept in the end.
 fn find_threshold() {
     var room = (FOUND - SLOTS) / 2u;

@@ -1,5 +1,5 @@
-// The search of contacts, strand by strand, one a thread: displacements of particles, mean motion,
-// entries of cells; the GPU counterpart of `contact::{displacements, mean_motion}` and of
+// The search of contacts, strand by strand, one per thread: displacements of particles, mean
+// motion, entries of cells; the GPU counterpart of `contact::{displacements, mean_motion}` and of
 // `find_contacts::cells`.
 
 @compute @workgroup_size(WORKGROUP)
