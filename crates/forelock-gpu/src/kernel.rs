@@ -84,7 +84,7 @@ impl fmt::Display for Constant {
 /// What a binding is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BindingKind {
-    /// A uniform struct of so many bytes.
+    /// A uniform struct, with its size in bytes.
     Uniform(usize),
     /// An element of an array of such structs, selected by a dynamic offset at each dispatch.
     DynamicUniform(usize),
@@ -171,7 +171,7 @@ pub struct Shader {
     pub stage: &'static str,
     /// WGSL after the constants and the prelude.
     pub texts: &'static [&'static str],
-    /// Constants beside the common ones.
+    /// Constants in addition to the common ones.
     pub constants: &'static [&'static [Constant]],
     /// Its bindings.
     pub layout: &'static BindingLayout,

@@ -35,7 +35,7 @@ use glam::DVec3;
 /// batch). With a grid 4 more, and 68 for each cell of its capacity; under follow the leader 24
 /// more; with contacts 12 more and what [`crate::interaction::contact`] states; with SPH what
 /// [`crate::interaction::sph`] states; 12 more after the first wind field, 12 after the first
-/// acceleration beside gravity, 4 with masses.
+/// acceleration in addition to gravity, 4 with masses.
 #[derive(Debug)]
 pub struct GpuSimulation {
     pub(crate) gpu: Gpu,
@@ -65,7 +65,7 @@ pub struct GpuSimulation {
     pub(crate) interactions: InteractionParams,
     /// Made at the first wind field.
     pub(crate) air: Option<DeviceAir>,
-    /// Made at the first acceleration beside gravity.
+    /// Made at the first acceleration in addition to gravity.
     pub(crate) acceleration: Option<DeviceAcceleration>,
     pub(crate) clock: Option<Clock>,
 }

@@ -26,7 +26,7 @@ pub(super) struct Workspace<T> {
     canopy: Canopy,
     /// Share of the wind that reaches each particle, a row a place; empty: 1 everywhere.
     pub exposure: Vec<Row<T>>,
-    /// Acceleration of each particle beside gravity; empty: none.
+    /// Acceleration of each particle in addition to gravity; empty: none.
     acceleration: Vec<Row<T>>,
     /// Consecutive steps of strands.
     steps: Vec<Step>,

@@ -20,8 +20,8 @@ pub struct BlockView<'a, T> {
     pub stiffness: &'a Row<T>,
     /// Relative mass of each particle; empty: 1 everywhere. See [`BlockView::mass`].
     pub masses: &'a [Row<T>],
-    /// Acceleration of each particle beside gravity, three rows per particle; empty: none. The
-    /// driver has added it to velocities before the solver's own stage.
+    /// Acceleration of each particle in addition to gravity, three rows per particle; empty: none.
+    /// The driver has added it to velocities before the solver's own stage.
     pub acceleration: &'a [Row<T>],
     /// Rest edges in the frames of the particles before them, three rows per particle; empty if no
     /// stage needs them.

@@ -106,7 +106,7 @@ pub struct Chain<T> {
     pub positions: Vec<[T; 3]>,
     /// Offsets, `[S + 1]`.
     pub offsets: Vec<u32>,
-    /// Every so many particles, from the root, one is the groom's.
+    /// Counted from the root, every `every`-th particle is from the groom.
     pub every: u32,
 }
 
@@ -144,8 +144,8 @@ pub struct Model<T> {
     pub centre: [f64; 3],
     /// Radius of a ball about `centre` that contains the hair at rest with a margin, metres.
     pub reach: f64,
-    /// Every so many particles of a strand, from the root, one is the groom's; the solver has added
-    /// the others ([`Chain`]).
+    /// Counted from the root, every `every`-th particle of a strand is from the groom. The solver
+    /// has added the others ([`Chain`]).
     pub every: u32,
     /// Strands of the groom, S.
     pub strand_count: usize,

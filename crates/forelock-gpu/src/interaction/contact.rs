@@ -537,7 +537,7 @@ impl DeviceContacts {
 }
 
 impl TouchEntry {
-    /// The report of a frame in which so many contacts were resolved.
+    /// The report of a frame in which `contacts` contacts were resolved.
     pub(crate) fn report(&self, contacts: u32) -> ContactReport {
         let farthest_m = f32::from_bits(self.farthest).into();
         ContactReport { contacts: contacts as usize, farthest_m, ..ContactReport::default() }

@@ -58,14 +58,14 @@ fn slide(leader: vec3f, start: vec3f, length: f32) -> vec4f {
     // farther than the clearance from the solids before.
     for (var round = 0u; round < 3u; round++) {
         var clearance = FAR;
-        var between = false;
+        var repeats = false;
         for (var number = 0u; number < query.count; number++) {
             let found = slide_along(number, leader, x, length);
-            between = between || clearance < distance(found.xyz, x);
+            repeats = repeats || clearance < distance(found.xyz, x);
             x = found.xyz;
             clearance = min(clearance, found.w);
         }
-        if !between {
+        if !repeats {
             return vec4f(x, clearance);
         }
     }

@@ -63,9 +63,9 @@ pub fn lay_along<L: Lane>(
         let edge = x - leader;
         let edge = edge.scale(L::one() / edge.dot(edge).max(L::from_f64(1e-24)).sqrt());
         let v = V3::<L>::load(view.velocities, i, first);
-        let parting = edge.dot(v - V3::load(view.velocities, i - 1, first));
-        let parting = L::select(stretched.lt(stretch), parting, L::zero());
-        v.add_scaled(-parting, edge).store(view.velocities, i, first);
+        let separation = edge.dot(v - V3::load(view.velocities, i - 1, first));
+        let separation = L::select(stretched.lt(stretch), separation, L::zero());
+        v.add_scaled(-separation, edge).store(view.velocities, i, first);
     }
 }
 
@@ -79,14 +79,14 @@ fn slide<T: Real>(solids: &Solids<'_, T>, leader: [T; 3], mut x: [T; 3], length:
     // The projection out of one solid can end inside another. It is repeated if it moved the point
     // farther than the clearance from the solids before.
     for _ in 0..3 {
-        let (mut clearance, mut between) = (T::infinity(), false);
+        let (mut clearance, mut repeats) = (T::infinity(), false);
         for (collider, pose) in solids.solids.iter().zip(solids.poses) {
             let (place, bound) = slide_along(solids, Solid { collider, pose }, leader, x, length);
-            let gone = [0, 1, 2].map(|c| place[c] - x[c]);
-            between |= clearance < dot(gone, gone).sqrt();
+            let step = [0, 1, 2].map(|c| place[c] - x[c]);
+            repeats |= clearance < dot(step, step).sqrt();
             (x, clearance) = (place, clearance.min(bound));
         }
-        if !between {
+        if !repeats {
             return (x, clearance);
         }
     }

@@ -1,4 +1,4 @@
-// Acceleration of particles beside gravity: the GPU counterpart of `frame::Acceleration`.
+// Acceleration of particles in addition to gravity: the GPU counterpart of `frame::Acceleration`.
 
 // A lattice around the hair.
 struct Lattice {

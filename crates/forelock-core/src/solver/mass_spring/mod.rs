@@ -228,7 +228,7 @@ fn with_virtual_particles<T: Real>(strands: &Strands<'_, T>, offset: f64) -> (Ve
     (positions, offsets)
 }
 
-/// Every so many particles of a chain one is the groom's.
+/// Every `EVERY`-th particle of a chain is from the groom; the others are virtual.
 const EVERY: u32 = 2;
 
 /// Candidate directions of a virtual particle around its edge.

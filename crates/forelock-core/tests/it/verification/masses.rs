@@ -1,4 +1,4 @@
-//! Masses of particles and accelerations beside gravity, against closed forms.
+//! Masses of particles and accelerations in addition to gravity, against closed forms.
 
 use crate::rig::{GRAVITY, Random, Rig, Strand, Varied, bare, helix, largest, tuft};
 use forelock_core::frame::{Acceleration, FrameInput, Step};

@@ -186,7 +186,7 @@ fn add_candidate(seeker: Seeker, other: u32, approach: f32) {
     }
 }
 
-// The piece, of so many, at the fraction `along` of a segment.
+// Index of the piece at the fraction `along` of a segment that is split into `pieces`.
 fn piece_at(along: f32, pieces: u32) -> u32 {
     return min(u32(along * f32(pieces)), pieces - 1u);
 }

@@ -121,7 +121,7 @@ fn splat_mean_motion(@builtin(global_invocation_id) id: vec3u) {
         }
         let displacement = end - start;
         let own = corner_at(start + 0.5 * displacement);
-        // The sum of so many fits into 32 bits.
+        // The sum of 256 values fits into 32 bits.
         if own.first != sum.first || sum.count == 256u {
             flush_sums(&sum);
             sum.first = own.first;
