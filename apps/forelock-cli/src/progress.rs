@@ -10,7 +10,7 @@ use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 
 use crate::terminal;
 
-/// The least time between two plain lines.
+/// The minimum time between two plain lines.
 const PLAIN_INTERVAL: Duration = Duration::from_secs(5);
 
 /// Shows the progress of a long operation.

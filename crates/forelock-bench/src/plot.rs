@@ -46,8 +46,8 @@ pub struct Plot {
 }
 
 impl Plot {
-    /// The plot as a standalone SVG document: y from zero, or from the least value if that is
-    /// below, to the greatest.
+    /// The plot as a standalone SVG document: y from zero, or from the smallest value if that is
+    /// below, to the largest.
     pub fn to_svg(&self) -> String {
         let all = || self.lines.iter().flat_map(|line| &line.values).copied().filter(|y| y.is_finite());
         let (ticks, bottom, top) = ticks(all().fold(0.0, f64::min), all().fold(0.0, f64::max));

@@ -39,7 +39,7 @@ use forelock::html::thousands;
 use forelock::summary::device_name;
 use forelock::{Observer, Progress};
 
-/// Counts of strands, of which those up to the greatest asked for are run.
+/// Counts of strands, of which those up to the largest asked for are run.
 pub const STRANDS: [u32; 6] = [1_000, 10_000, 30_000, 120_000, 400_000, 1_000_000];
 /// Particles of a strand.
 const PARTICLES: u32 = 25;
@@ -63,7 +63,7 @@ const FPS: f64 = 60.0;
 pub struct ScalingOptions {
     /// On a GPU.
     pub on_gpu: bool,
-    /// Strands at most.
+    /// Maximum number of strands.
     pub most: u32,
     /// Frames timed, 1 at least.
     pub frames: u32,
@@ -82,7 +82,7 @@ pub struct Scaling {
     pub device: String,
     /// Threads; 0 on a GPU.
     pub threads: usize,
-    /// Substeps a frame.
+    /// Substeps per frame.
     pub substeps: u32,
     /// Frames timed.
     pub frames: u32,

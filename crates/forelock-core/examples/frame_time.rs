@@ -93,7 +93,8 @@ fn run(
     simulation.set_contacts(interactions.contacts.as_ref())?;
     let start = simulation.snapshot();
     let dt_secs = 1.0 / 60.0;
-    // Milliseconds: the whole frame, then each stage; a row a frame, the least of all runs.
+    // Milliseconds: the whole frame, then each stage; one row per frame, the shortest time of all
+    // runs.
     let mut times = vec![f64::INFINITY; frames as usize];
     let mut stages: Vec<(&str, Vec<f64>)> = Vec::new();
     let mut last = FrameReport::default();

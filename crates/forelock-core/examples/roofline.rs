@@ -171,7 +171,7 @@ fn count_operations() -> Result<u64, Box<dyn std::error::Error>> {
     Ok(OPERATIONS.with(Cell::get))
 }
 
-/// Least seconds of a substep's solve over all strands, on one thread.
+/// Shortest time of a substep's solve over all strands, on one thread, seconds.
 fn time_solve() -> Result<f64, Box<dyn std::error::Error + Send + Sync>> {
     let helix: Vec<[f32; 3]> = helix().iter().map(|p| p.map(|x| x as f32)).collect();
     let positions: Vec<_> = (0..STRANDS).flat_map(|_| helix.iter().copied()).collect();

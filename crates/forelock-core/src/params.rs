@@ -54,11 +54,11 @@ pub enum ParamsError {
         name: &'static str,
         /// The value, s⁻².
         value: f64,
-        /// Substeps a frame.
+        /// Substeps per frame.
         substeps: u32,
         /// Frame time, seconds.
         dt_secs: f64,
-        /// h² κ, over the least relative mass.
+        /// h² κ, over the smallest relative mass.
         product: f64,
         /// The smallest sufficient number of substeps.
         needed: u32,

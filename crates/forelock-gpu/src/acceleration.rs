@@ -1,4 +1,4 @@
-//! Acceleration beside gravity on the device.
+//! Acceleration in addition to gravity on the device.
 
 use crate::Gpu;
 use crate::batch::DeviceStrands;
@@ -49,7 +49,7 @@ pub struct LatticeUniform {
     pub per_metre: f32,
 }
 
-/// What a frame has beside gravity.
+/// What a frame has in addition to gravity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Accelerated {
     /// Each particle has its acceleration.

@@ -12,7 +12,8 @@ use forelock_core::strands::State;
 use std::ops::Range;
 use wgpu::BufferUsages;
 
-/// Bytes of scratch at most, where a device can bind more: batches use it in turn.
+/// Maximum size of the scratch buffer, bytes, if the device can bind more. The batches use the
+/// buffer one after another.
 const SCRATCH_BYTES: u64 = 512 << 20;
 /// Bytes of a row.
 const ROW: u64 = size_of::<Row<f32>>() as u64;

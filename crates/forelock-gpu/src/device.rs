@@ -65,7 +65,7 @@ impl Gpu {
     /// The same without blocking, as a browser requires.
     ///
     /// # Errors
-    /// As [`Gpu::open`].
+    /// The same errors as [`Gpu::open`].
     pub async fn open_async(choice: &Choice) -> Result<Self, GpuError> {
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
         let adapter = match choice {
@@ -267,7 +267,7 @@ impl Gpu {
         limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)
     }
 
-    /// Fails if `what`, of so many `bytes`, exceeds `limit` or the largest binding.
+    /// Fails if the size of `what`, `bytes`, exceeds `limit` or the largest binding.
     pub(crate) fn check_room(&self, what: &'static str, bytes: u64, limit: u64) -> Result<(), GpuError> {
         let limit = limit.min(self.most_bound());
         if bytes > limit {

@@ -24,7 +24,7 @@ pub(crate) struct FrameKinds {
     solids: SolidKinds,
     /// What shelters from the wind, if it is a field.
     air: Option<Shelter>,
-    /// The acceleration beside gravity, if there is one.
+    /// The acceleration in addition to gravity, if there is one.
     acceleration: Option<Accelerated>,
 }
 
@@ -223,7 +223,8 @@ impl GpuSimulation {
         FrameKinds { solids: SolidKinds::of(frame.colliders), air, acceleration }
     }
 
-    /// Uploads the acceleration beside gravity of a frame, before positions move to its origin.
+    /// Uploads the acceleration in addition to gravity of a frame, before positions move to its
+    /// origin.
     fn write_acceleration(&mut self, frame: &FrameInput<'_>, begins: bool) -> Option<Accelerated> {
         let mut own = self.acceleration.take()?;
         if !begins {

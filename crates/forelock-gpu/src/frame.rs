@@ -85,8 +85,8 @@ shader! {
 }
 
 shader! {
-    /// The load that velocities hold beside the motion, under solvers that keep the positions of
-    /// the step before.
+    /// The load that velocities hold in addition to the motion, under solvers that keep the
+    /// positions of the step before.
     LOAD: "store_load", StrandBindings;
     texts: [LOAD_WGSL];
     constants: [];

@@ -92,7 +92,7 @@ pub struct CarriedEntry {
 /// All strands of a groom, placed by guides that are simulated on the same device: [`Skinning`]
 /// without a read-back.
 ///
-/// Memory, in bytes a particle: 76 of all strands, 32 of the guides. It binds the buffers of the
+/// Memory, in bytes per particle: 76 of all strands, 32 of the guides. It binds the buffers of the
 /// simulation: make a new one for another simulation, also for one that continues after an edit.
 #[derive(Debug)]
 pub struct GpuSkinning {
@@ -180,7 +180,7 @@ impl GpuSkinning {
         Ok(())
     }
 
-    /// Positions of all strands, three float32 a particle in the groom's order, relative to the
+    /// Positions of all strands, three float32 per particle in the groom's order, relative to the
     /// simulation's origin, metres. The buffer can be bound as vertices.
     pub fn positions(&self) -> &wgpu::Buffer {
         &self.placed

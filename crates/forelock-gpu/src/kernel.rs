@@ -25,7 +25,7 @@ pub const CELLS_GROUP: u32 = 256;
 pub const CELLS_THREADS: u32 = 512 * CELLS_GROUP;
 /// Threads of a dispatch over a list: of cells under pressure, of contacts.
 pub const LIST_THREADS: u32 = 128 * CELLS_GROUP;
-/// Dynamic uniforms of a bind group at most.
+/// Maximum number of dynamic uniforms of a bind group.
 const MAX_DYNAMIC: usize = 2;
 
 /// A constant that a shader takes from Rust.
@@ -84,7 +84,7 @@ impl fmt::Display for Constant {
 /// What a binding is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BindingKind {
-    /// A uniform struct of so many bytes.
+    /// A uniform struct, with its size in bytes.
     Uniform(usize),
     /// An element of an array of such structs, selected by a dynamic offset at each dispatch.
     DynamicUniform(usize),
@@ -171,7 +171,7 @@ pub struct Shader {
     pub stage: &'static str,
     /// WGSL after the constants and the prelude.
     pub texts: &'static [&'static str],
-    /// Constants beside the common ones.
+    /// Constants in addition to the common ones.
     pub constants: &'static [&'static [Constant]],
     /// Its bindings.
     pub layout: &'static BindingLayout,

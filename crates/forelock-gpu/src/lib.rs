@@ -30,7 +30,7 @@
 //!
 //! # Practice
 //! Each solver, interaction and stage owns its kernels: a module declares their WGSL, which
-//! `forelock-core` exports beside the CPU code, their bindings and constants ([`kernel`]).
+//! `forelock-core` exports alongside the CPU code, their bindings and constants ([`kernel`]).
 //! Pipelines are made at first use and kept by the [`Gpu`]. The rows of Model and State are on the
 //! device as they are on the CPU. One strand is one thread; on the grid one cell is: 16 neighbours
 //! of a block read 64 adjacent bytes. Strands are split into batches, each within the device's

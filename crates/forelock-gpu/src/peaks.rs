@@ -1,31 +1,33 @@
-//! Measured peak rates of a device, for a roofline.
+//! Measures the peak arithmetic and memory rates of a device, for a roofline model.
 
 use crate::{Gpu, GpuError};
 use std::time::Instant;
 use wgpu::BufferUsages;
 
-/// Rounds of 32 multiply–adds a thread: on a GPU, and on a software rasterizer.
+/// Iterations per thread, each of 32 multiply–adds: on a GPU, and on a software rasterizer.
 const ROUNDS: [u32; 2] = [4096, 512];
-/// Threads of a dispatch.
+/// Number of threads of the dispatch that measures arithmetic.
 const THREADS: u32 = 256 * 1024;
-/// Bytes copied at once, if a binding is that large.
+/// Bytes copied by a dispatch; fewer on a software rasterizer, or where the size of a binding is
+/// limited.
 const BYTES: u64 = 256 << 20;
-/// Dispatches of a measurement at most.
+/// Maximum number of dispatches of a measurement.
 const MOST_TIMES: u32 = 1 << 20;
-/// Seconds of a measurement at least.
+/// Minimum duration of a measurement, seconds.
 const LEAST_SECS: f64 = 0.2;
 
 /// Peak rates of a device.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Peaks {
-    /// Float32 operations a second, in independent multiply–adds.
+    /// Float32 operations per second, in independent multiply–adds of two operations each.
     pub operations_per_sec: f64,
-    /// Bytes a second, read and written, in a copy larger than the caches.
+    /// Bytes per second, read and written, in a copy that is larger than the caches.
     pub bytes_per_sec: f64,
 }
 
 impl Peaks {
-    /// Measures `gpu`: about a second, and up to half a gigabyte on it.
+    /// Measures the rates of `gpu`. This takes about a second, and up to half a gigabyte of its
+    /// memory.
     ///
     /// # Errors
     /// [`GpuError::Failed`] if the device fails.
@@ -82,7 +84,7 @@ impl Peaks {
                     return Ok(f64::from(times) * work / secs);
                 }
                 if times >= MOST_TIMES {
-                    let reason = "it finishes a measurement in no time".to_owned();
+                    let reason = "its dispatches take no measurable time".to_owned();
                     return Err(GpuError::Failed { name: gpu.name().to_owned(), reason });
                 }
                 times *= 2;

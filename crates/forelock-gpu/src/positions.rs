@@ -38,7 +38,7 @@ pub struct DeviceBlock {
     pub buffer: usize,
     /// Place of the first particles.
     pub first: usize,
-    /// Particles a strand.
+    /// Particles per strand.
     pub particles: usize,
     /// The groom's strand in each lane.
     pub strands: [u32; LANES],

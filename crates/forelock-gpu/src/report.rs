@@ -51,7 +51,7 @@ impl GpuSimulation {
     /// The same and the state, rows as in the model, in one wait.
     ///
     /// # Errors
-    /// As [`GpuSimulation::report`].
+    /// The same errors as [`GpuSimulation::report`].
     pub fn report_and_state(&mut self) -> Result<(GpuReport, &State<f32>), GpuError> {
         let mut buffers = self.report_buffers();
         buffers.extend(self.state_buffers());

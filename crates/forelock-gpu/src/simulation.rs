@@ -31,11 +31,11 @@ use glam::DVec3;
 /// Pipelines are made when the first frame that uses them is recorded, and kept by the [`Gpu`];
 /// further frames make none.
 ///
-/// Memory, in bytes a particle: 28 of model, 32 of state, 120 of scratch (that of the largest
+/// Memory, in bytes per particle: 28 of model, 32 of state, 120 of scratch (that of the largest
 /// batch). With a grid 4 more, and 68 for each cell of its capacity; under follow the leader 24
 /// more; with contacts 12 more and what [`crate::interaction::contact`] states; with SPH what
-/// [`crate::interaction::sph`] states; 12 more after the first wind field, 12 after the
-/// first acceleration beside gravity, 4 with masses.
+/// [`crate::interaction::sph`] states; 12 more after the first wind field, 12 after the first
+/// acceleration in addition to gravity, 4 with masses.
 #[derive(Debug)]
 pub struct GpuSimulation {
     pub(crate) gpu: Gpu,
@@ -65,7 +65,7 @@ pub struct GpuSimulation {
     pub(crate) interactions: InteractionParams,
     /// Made at the first wind field.
     pub(crate) air: Option<DeviceAir>,
-    /// Made at the first acceleration beside gravity.
+    /// Made at the first acceleration in addition to gravity.
     pub(crate) acceleration: Option<DeviceAcceleration>,
     pub(crate) clock: Option<Clock>,
 }
@@ -104,7 +104,7 @@ impl GpuSimulation {
     /// The same from plain arrays.
     ///
     /// # Errors
-    /// As [`GpuSimulation::new`].
+    /// The same errors as [`GpuSimulation::new`].
     pub fn from_strands(
         gpu: &Gpu,
         strands: &Strands<'_, f32>,
@@ -183,7 +183,7 @@ impl GpuSimulation {
     }
 
     /// Whether the strand solve keeps its factors in 16 bits, from the next frame on. This saves 96
-    /// of 320 bytes of traffic a particle and substep, where memory bounds the solve; after a
+    /// of 320 bytes of traffic per particle and substep, where memory bounds the solve; after a
     /// second of a shaken tuft positions differ by 0.1 mm root mean square, where those of float32
     /// differ by 0.003 mm (`tests/conformance.rs`).
     pub fn set_half_factors(&mut self, on: bool) {
@@ -338,7 +338,7 @@ impl GpuSimulation {
     /// submission: one frame a submission.
     ///
     /// # Errors
-    /// As [`GpuSimulation::step_frame`].
+    /// The same errors as [`GpuSimulation::step_frame`].
     pub fn encode(
         &mut self,
         encoder: &mut wgpu::CommandEncoder,
@@ -352,7 +352,7 @@ impl GpuSimulation {
     /// in a submission of their own.
     ///
     /// # Errors
-    /// As [`GpuSimulation::step_frame`].
+    /// The same errors as [`GpuSimulation::step_frame`].
     pub fn step_part(&mut self, frame: &FrameInput<'_>, steps: &[PlannedStep]) -> Result<(), GpuError> {
         let mut encoder = self.gpu.device().create_command_encoder(&Default::default());
         self.encode_part(&mut encoder, frame, steps)?;

@@ -134,7 +134,7 @@ pub struct SubstepUniform {
 pub struct BlockEntry {
     /// Place of its first particle within its batch.
     pub first: u32,
-    /// Particles a strand.
+    /// Particles per strand.
     pub particles: u32,
     /// Lanes that hold a strand.
     pub live: u32,
@@ -164,7 +164,7 @@ pub struct ReportEntry {
     pub contacts: u32,
 }
 
-/// An empty extent: least and greatest coordinates, as integers in the order of floats.
+/// An empty extent: smallest and largest coordinates, as integers in the order of floats.
 pub(crate) const NO_EXTENT: [u32; 6] = [u32::MAX, u32::MAX, u32::MAX, 0, 0, 0];
 
 /// The clearance of a particle that has not been queried, metres: WGSL has no infinities.

@@ -146,7 +146,7 @@ impl Image {
     /// The bytes of the picture as a PNG.
     ///
     /// # Errors
-    /// As [`write_png`](Self::write_png).
+    /// The same errors as [`write_png`](Self::write_png).
     pub fn to_png(&self) -> Result<Vec<u8>, ImageError> {
         let mut bytes = Vec::new();
         self.write_png(&mut bytes)?;

@@ -75,7 +75,7 @@ struct Pixel {
     gathered: Vec3,
     /// The transmittance: the share of the light from behind that is still visible.
     through: f32,
-    /// The least and greatest inverse depth of the samples of bodies.
+    /// The smallest and largest inverse depth of the samples of bodies.
     bodies: [f32; 2],
 }
 

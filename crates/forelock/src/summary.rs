@@ -33,7 +33,7 @@ pub struct Summary {
     pub frames_asked: u32,
     /// Frames a second.
     pub fps: f64,
-    /// Substeps a frame.
+    /// Substeps per frame.
     pub substeps: u32,
     /// Wall time of a frame's simulation, milliseconds.
     pub ms_per_frame: Spread,

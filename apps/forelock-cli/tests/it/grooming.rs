@@ -136,7 +136,7 @@ fn scripts_with_mistakes() {
             "line 5, column 11: `edit.0.at_secs` should be 0 or more, not -1",
         ),
         (edit("op = \"trim\"\nat_secs = \"soon\""), "`edit.0.at_secs` should be a number, not the text"),
-        (edit("op = \"density\"\nat_secs = 1"), "`edit.0.at_secs` does not go with op = \"density\""),
+        (edit("op = \"density\"\nat_secs = 1"), "`edit.0.at_secs` cannot be used with op = \"density\""),
         (edit("op = \"trim\"\nat_secs = 1\n[solver]\nkind = \"mass-spring\""), "virtual_particles` = false"),
         ("edit = 3".to_owned(), "`edit` should be a list of tables: write [[edit]]"),
         ("[[edits]]\nop = \"trim\"".to_owned(), "did you mean `edit`?"),

@@ -67,8 +67,8 @@ const METHODS: [(&str, &[&str]); 3] = [
     ("+ hair–hair", &[]),
 ];
 
-/// Strands and particles a strand of Table 2, and the paper's frames a second with strand-level and
-/// particle-level parallelism. (The paper prints 8,190 vertices for the first.)
+/// Strands and particles per strand of Table 2, and the paper's frames a second with strand-level
+/// and particle-level parallelism. (The paper prints 8,190 vertices for the first.)
 const SIZES: [([usize; 2], [f64; 2]); 5] = [
     ([1024, 8], [330.0, 570.0]),
     ([1024, 32], [250.0, 520.0]),

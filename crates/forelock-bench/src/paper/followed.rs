@@ -131,7 +131,8 @@ fn occupied_litres(points: impl Iterator<Item = Vec3>) -> f64 {
     cells.len() as f64 * f64::from(CELL).powi(3) * 1e3
 }
 
-/// Of hair so far away from its rest shape, now and a frame before.
+/// Mean kinetic and gravitational energy of the particles per mass, m²/s², from the positions `now`
+/// and those one frame `before`.
 fn energy(now: &[Vec3], before: &[Vec3], scene: &Scene) -> f64 {
     let gravity = glam::DVec3::from_array(scene.gravity);
     let of_particle = |(now, before): (&Vec3, &Vec3)| {

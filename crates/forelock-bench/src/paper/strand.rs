@@ -26,7 +26,7 @@ const LOADS: [(f64, &str, &str, &str); 4] = [
     (3.0, "", "up to 8", "0.05–0.09"),
     (5.0, "", "3–9", "0.05–0.09"),
 ];
-/// Substeps a frame of the single strand's rides.
+/// Substeps per frame of the single strand's rides.
 const SUBSTEPS: [u32; 2] = [4, 8];
 
 /// A single strand after a ride.
@@ -90,7 +90,7 @@ fn ridden(load: f64, substeps: u32) -> Result<Ridden, BenchError> {
     let end = ride(load, 7.5);
     let rest = groom.positions().iter().map(|p| end.transform_point(p.as_dvec3()));
     Ok(Ridden {
-        // Without healing the least integrity is that of the end.
+        // Without healing the smallest integrity is that of the end.
         least: intact.iter().fold(1.0, |least, &s| least.min(f64::from(s))),
         broken: intact.iter().filter(|&&s| f64::from(s) < BROKEN).count(),
         from_elastic: farthest(&mut damaged.iter().zip(&elastic).map(|(a, b)| f64::from(a.distance(*b)))),

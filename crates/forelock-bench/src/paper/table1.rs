@@ -87,7 +87,7 @@ pub struct Table1Row {
     pub particles: usize,
     /// Solver.
     pub solver: String,
-    /// Substeps a frame.
+    /// Substeps per frame.
     pub substeps: u32,
     /// Whether strands interact on a grid.
     pub grid: bool,

@@ -21,7 +21,7 @@ use super::TriMesh;
 
 /// Maximum number of triangles in a leaf.
 const LEAF: usize = 4;
-/// Greatest depth of the traversal stack: a balanced tree over 2³² triangles with one pending
+/// Largest depth of the traversal stack: a balanced tree over 2³² triangles with one pending
 /// sibling per level.
 const STACK: usize = 40;
 

@@ -67,7 +67,7 @@ impl Morph {
         (distance + (next - distance) * share, gradient)
     }
 
-    /// The greatest change of the distance at any point from one field to the next, metres.
+    /// The largest change of the distance at any point from one field to the next, metres.
     pub fn change(&self) -> f32 {
         self.change
     }
@@ -84,7 +84,7 @@ impl Morph {
     }
 }
 
-/// The greatest difference between `b` and `a` at the nodes of `a`.
+/// The largest difference between `b` and `a` at the nodes of `a`.
 fn change(a: &Sdf, b: &Sdf) -> f32 {
     let (dims, layer) = (a.dims(), (a.dims().x * a.dims().y) as usize);
     let layers = a.values().par_chunks(layer).enumerate();

@@ -1,4 +1,4 @@
-//! Acceleration of particles beside gravity, for engines and tests.
+//! Acceleration of particles in addition to gravity, for engines and tests.
 
 use crate::lane::{LANES, Real, Row};
 use crate::params::ParamsError;
@@ -6,7 +6,7 @@ use crate::strands::{Block, Model, State, number, vector};
 use glam::{DVec3, Vec3};
 use std::fmt;
 
-/// Acceleration of particles beside gravity, m/s², world axes.
+/// Acceleration of particles in addition to gravity, m/s², world axes.
 ///
 /// It is sampled at the start of a frame, and adds h a to the velocity of a particle in each
 /// substep of h seconds, whatever its mass. Clamped particles follow the head all the same.

@@ -55,7 +55,8 @@ impl<T: Real> FrameContext<'_, T> {
         }
     }
 
-    /// How far a particle that starts a substep inside a collider comes out in it, metres.
+    /// Maximum distance by which a particle that starts a substep inside a collider is pushed out
+    /// in that substep, metres.
     pub fn max_push_out(&self) -> f64 {
         self.rules.depenetration_speed * self.h
     }

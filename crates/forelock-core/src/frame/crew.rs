@@ -23,7 +23,7 @@ pub(crate) struct Crew<'a, T> {
     pub scratch: &'a [Mutex<Scratch<T>>],
     /// Share of the wind that reaches each particle; empty: all of it.
     pub exposure: &'a [Row<T>],
-    /// Acceleration of each particle beside gravity; empty: none.
+    /// Acceleration of each particle in addition to gravity; empty: none.
     pub acceleration: &'a [Row<T>],
 }
 

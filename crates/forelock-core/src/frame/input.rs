@@ -19,7 +19,7 @@ pub struct FrameInput<'a> {
     pub gravity: DVec3,
     /// The air.
     pub air: Air<'a>,
-    /// Acceleration beside gravity.
+    /// Acceleration in addition to gravity.
     pub acceleration: Acceleration<'a>,
     /// Length of the frame, seconds.
     pub dt_secs: f64,

@@ -30,7 +30,7 @@ pub use solver::{LaneSolver, Solver, SolverReal, StrandSolver};
 
 /// WGSL that every kernel begins with.
 pub const PRELUDE_WGSL: &str = include_str!("wgsl/prelude.wgsl");
-/// WGSL that stores and restores the load that velocities hold beside the motion
+/// WGSL that stores and restores the load that velocities hold in addition to the motion
 /// ([`Channels::previous`]).
 pub const LOAD_WGSL: &str = include_str!("wgsl/load.wgsl");
 /// Reductions over a workgroup.

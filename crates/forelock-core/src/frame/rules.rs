@@ -9,7 +9,7 @@ use crate::strands::{Model, State};
 pub struct FrameRules {
     /// The solver's stage, as reports name it.
     pub stage: &'static str,
-    /// Substeps a frame.
+    /// Substeps per frame.
     pub substeps: u32,
     /// Particles of each strand, from the root, that follow the head exactly.
     pub clamped: usize,
@@ -52,7 +52,8 @@ impl Default for FrameRules {
     }
 }
 
-/// Per-particle data that a solver asks for beside positions, velocities, integrity and clearance.
+/// Per-particle data that a solver requests in addition to positions, velocities, integrity and
+/// clearance.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Channels {
     /// Positions a step before (`State::previous`); velocities then may hold more than motion, and
@@ -83,9 +84,10 @@ impl Channels {
 /// the same strands: a simulation can change from one to the other.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Refinement {
-    /// Every so many particles, from the root, one is the groom's.
+    /// Spacing of the groom's particles: counted from the root, every `every`-th particle is from
+    /// the groom, the others are added.
     pub every: u32,
-    /// The number on which the places of the added particles depend.
+    /// A parameter of the positions of the added particles.
     pub offset: f64,
 }
 
@@ -95,7 +97,7 @@ pub enum StepRate {
     /// Once a frame.
     #[default]
     PerFrame,
-    /// At its own rate, whatever the frames': a step of so many seconds.
+    /// At its own rate, independent of the frame rate: the length of a step, seconds.
     Fixed(f64),
 }
 

@@ -445,7 +445,7 @@ impl<S: LaneSolver> BlockTask for Substeps<'_, S> {
     }
 }
 
-/// Adds h a to all velocities, with the acceleration a beside gravity.
+/// Adds h a to all velocities, with the acceleration a in addition to gravity.
 #[inline(always)]
 fn accelerate<L: Lane>(h: f64, view: &mut BlockView<'_, L::Scalar>, first: usize) {
     if view.acceleration.is_empty() {

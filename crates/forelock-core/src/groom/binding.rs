@@ -21,7 +21,7 @@ pub struct BindingReport {
     pub inside: usize,
     /// Median distance of the roots from the surface, in metres.
     pub median_distance: f32,
-    /// Greatest distance of a root from the surface, in metres.
+    /// Largest distance of a root from the surface, in metres.
     pub max_distance: f32,
 }
 

@@ -29,7 +29,7 @@ pub struct LiftParams {
     /// Distance in metres at which particles are kept from the surface. Default 0.0005, range 0 or
     /// more.
     pub margin: f32,
-    /// Greatest depth in metres of a root that is moved to the surface. Default 0.02, range 0 or
+    /// Largest depth in metres of a root that is moved to the surface. Default 0.02, range 0 or
     /// more; 0 moves none.
     pub max_depth: f32,
     /// Number of particles from the root that may be under the skin, because they follow the head:
@@ -61,7 +61,7 @@ pub struct LiftReport {
     pub deepest: f32,
     /// Strands of which a particle beyond the clamped ones was moved.
     pub strands_bent: usize,
-    /// Greatest relative change of an edge's length.
+    /// Largest relative change of an edge's length.
     pub max_stretch: f32,
 }
 

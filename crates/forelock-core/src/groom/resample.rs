@@ -72,7 +72,7 @@ pub fn resample(groom: &Groom, particles_per_strand: usize) -> Result<Groom, Res
 /// that edges are about equally long; every strand has at least two particles, equally spaced.
 ///
 /// # Errors
-/// As [`resample`], and if there are fewer than two particles for each strand.
+/// The same errors as [`resample`], and if there are fewer than two particles for each strand.
 ///
 /// ```
 /// # use forelock_core::groom::{Groom, resample_to};
@@ -88,7 +88,7 @@ pub fn resample_to(groom: &Groom, particles: usize) -> Result<Groom, ResampleErr
         return Err(ResampleError::TooFew(particles / strands.max(1)));
     };
     // Each strand has one edge and its share of the others, rounded down. The particles that are
-    // left over are given to the strands with the greatest fractional parts.
+    // left over are given to the strands with the largest fractional parts.
     let lengths: Vec<f64> = (0..strands).map(|s| f64::from(groom.length(s))).collect();
     let shares = shares_above_one(&lengths, edges + strands);
     let mut order: Vec<usize> = (0..strands).collect();

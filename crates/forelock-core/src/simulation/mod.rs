@@ -168,7 +168,7 @@ impl<T: SimulationReal> Simulation<T> {
     /// A simulation of plain arrays: see [`Simulation::new`].
     ///
     /// # Errors
-    /// As [`Simulation::new`].
+    /// The same errors as [`Simulation::new`].
     pub fn from_strands(
         strands: &Strands<'_, T>,
         solver: impl Into<Solver<T>>,
@@ -290,7 +290,7 @@ impl<T: SimulationReal> Simulation<T> {
     /// a wind field again. Quantities that the steps do not measure are zero in the report.
     ///
     /// # Errors
-    /// As [`Simulation::step_frame`].
+    /// The same errors as [`Simulation::step_frame`].
     pub fn step_part(
         &mut self,
         frame: &FrameInput<'_>,

@@ -18,7 +18,7 @@ use std::sync::{Mutex, PoisonError};
 /// Buffers whose contents are not used across frames.
 #[derive(Debug)]
 pub(super) struct Workspace<T> {
-    /// One a thread, each behind a lock that only its thread takes.
+    /// One per thread, each behind a lock that only its thread takes.
     scratch: Vec<Mutex<Scratch<T>>>,
     poses: Vec<Pose>,
     solid_poses: Vec<SolidPose<T>>,
@@ -26,7 +26,7 @@ pub(super) struct Workspace<T> {
     canopy: Canopy,
     /// Share of the wind that reaches each particle, a row a place; empty: 1 everywhere.
     pub exposure: Vec<Row<T>>,
-    /// Acceleration of each particle beside gravity; empty: none.
+    /// Acceleration of each particle in addition to gravity; empty: none.
     acceleration: Vec<Row<T>>,
     /// Consecutive steps of strands.
     steps: Vec<Step>,

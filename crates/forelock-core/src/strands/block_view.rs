@@ -6,7 +6,7 @@ use crate::lane::{Lane, Real, Row, V3};
 /// The arrays of one block. Rows as in [`Model`](super::Model), for this block only.
 #[derive(Debug)]
 pub struct BlockView<'a, T> {
-    /// Particles a strand.
+    /// Particles per strand.
     pub particles: usize,
     /// Rest positions about the model's centre, head frame.
     pub rest: &'a [Row<T>],
@@ -20,10 +20,10 @@ pub struct BlockView<'a, T> {
     pub stiffness: &'a Row<T>,
     /// Relative mass of each particle; empty: 1 everywhere. See [`BlockView::mass`].
     pub masses: &'a [Row<T>],
-    /// Acceleration of each particle beside gravity, three rows a particle; empty: none. The driver
-    /// has added it to velocities before the solver's own stage.
+    /// Acceleration of each particle in addition to gravity, three rows per particle; empty: none.
+    /// The driver has added it to velocities before the solver's own stage.
     pub acceleration: &'a [Row<T>],
-    /// Rest edges in the frames of the particles before them, three rows a particle; empty if no
+    /// Rest edges in the frames of the particles before them, three rows per particle; empty if no
     /// stage needs them.
     pub local: &'a [Row<T>],
     /// Positions relative to the frame's origin, world axes.
@@ -38,8 +38,8 @@ pub struct BlockView<'a, T> {
     pub clearance: &'a mut [Row<T>],
     /// Share of the wind that reaches each particle, a row a particle; empty: 1 everywhere.
     pub exposure: &'a [Row<T>],
-    /// Velocity of the wind at each particle in this frame, three rows a particle; empty without a
-    /// wind field.
+    /// Velocity of the wind at each particle in this frame, three rows per particle; empty without
+    /// a wind field.
     pub wind: &'a mut [Row<T>],
     /// The velocity towards which drag accelerates each particle in this substep, three rows a
     /// particle; empty: that of the air.
@@ -87,7 +87,7 @@ pub struct Scratch<T> {
 /// Rows of scratch a particle: three 3×3 links and a vector.
 pub const SCRATCH_ROWS: usize = 30;
 
-/// Rows a particle for a wind field: wind, air and drag.
+/// Rows per particle for a wind field: wind, air and drag.
 pub(crate) const AIR_ROWS: usize = 7;
 
 impl<T: Real> Scratch<T> {

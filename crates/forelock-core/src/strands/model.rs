@@ -15,7 +15,7 @@ pub struct Block {
     /// Place of the first particle: component `c` of particle `i` of the block is in row
     /// `3 (first + i) + c`.
     pub first: usize,
-    /// Particles a strand.
+    /// Particles per strand.
     pub particles: usize,
     /// The groom's strand in each lane. Lanes from `live` on repeat the last strand and are ignored
     /// on output.
@@ -70,7 +70,7 @@ pub struct Chain<T> {
     pub positions: Vec<[T; 3]>,
     /// Offsets, `[S + 1]`.
     pub offsets: Vec<u32>,
-    /// Every so many particles, from the root, one is the groom's.
+    /// Counted from the root, every `every`-th particle is from the groom.
     pub every: u32,
 }
 
@@ -101,18 +101,18 @@ pub struct Model<T> {
     /// count in the strand solve, for drag and in the length pass. Interactions between strands
     /// count hair by its length.
     pub masses: Vec<Row<T>>,
-    /// The least of them.
+    /// The smallest of them.
     pub least_mass: f64,
     /// The origin of stored rest positions in the head's frame: the centre of their bounding box.
     /// It keeps coordinates small, so that float32 resolves edges anywhere in the world.
     pub centre: [f64; 3],
     /// Radius of a ball about `centre` that contains the hair at rest with a margin, metres.
     pub reach: f64,
-    /// Radius of a ball about `centre` that contains the hair in any pose, metres: the largest
-    /// distance of a root and length of its strand, with a margin.
+    /// Radius of a ball about `centre` that contains the hair in any pose, metres: the largest sum
+    /// of a root's distance and the length of its strand, with a margin.
     pub bound: f64,
-    /// Every so many particles of a strand, from the root, one is the groom's; the solver has added
-    /// the others ([`Chain`]).
+    /// Counted from the root, every `every`-th particle of a strand is from the groom. The solver
+    /// has added the others ([`Chain`]).
     pub every: u32,
     /// Strands of the groom, S.
     pub strand_count: usize,
@@ -148,7 +148,7 @@ pub enum PackError {
         /// Which of its particles.
         particle: usize,
     },
-    /// Masses that are not one a particle, or one out of [`MASS_RANGE`].
+    /// Masses that are not one per particle, or one out of [`MASS_RANGE`].
     #[error(
         "{found} masses for {expected} particles, or one that is not between {} and {}: give the mass of each \
          particle relative to the mean",
@@ -241,7 +241,7 @@ impl<T: Real> Model<T> {
     /// [`Model::new`] for the strands that `refine` returns, or for `strands` if it returns none.
     ///
     /// # Errors
-    /// As [`Model::new`].
+    /// The same errors as [`Model::new`].
     pub fn for_solver(
         strands: &Strands<'_, T>,
         refine: impl FnOnce(&Strands<'_, T>) -> Option<Chain<T>>,

@@ -111,12 +111,12 @@ fn energy(simulation: &Simulation) -> f64 {
 /// What a run found, part by part of its time.
 #[derive(Debug, Default)]
 struct Found {
-    /// Greatest energy in each part, m²/s².
+    /// Largest energy in each part, m²/s².
     energies: Vec<f64>,
     /// Resident memory at each part's end, bytes.
     resident: Vec<f64>,
     quarantined: u32,
-    /// Greatest speed of the head, m/s.
+    /// Largest speed of the head, m/s.
     fastest_head: f64,
     /// Deepest particle in a solid, metres.
     deepest: f64,

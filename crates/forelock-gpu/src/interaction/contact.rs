@@ -9,19 +9,19 @@
 //! list sorted by time. Lists have room for more than the budget selects on average, by many
 //! standard deviations.
 //!
-//! Memory: 12 bytes a particle, and a table of 8 or more. The rest, 76 bytes a particle or more and
-//! what the budget needs (10 MB by default), lies in the scratch of the strands where that is large
-//! enough: from 230,000 particles on, if they are one batch; several batches need a second copy of
-//! the model, 28 bytes a particle.
+//! Memory: 12 bytes per particle, and a table of 8 or more. The rest, 76 bytes per particle or more
+//! and what the budget needs (10 MB by default), lies in the scratch of the strands where that is
+//! large enough: from 230,000 particles on, if they are one batch; several batches need a second
+//! copy of the model, 28 bytes per particle.
 //!
 //! # Limitations
-//! One binding bounds the strands: 76 bytes a particle, 1.7 million particles where a device binds
-//! 128 MiB. Of an active segment the [`SLOTS`] contacts of the fastest approach are resolved, where
-//! the CPU resolves all; of those each segment keeps the first `per_segment` on both. Of contacts
-//! that approach about as fast as the slowest within the budget an evenly spread share is selected,
-//! where the CPU takes the first; the budget is that of the whole frame, where the CPU keeps it
-//! slice by slice. A share is also selected of a run of more than `RUN_SEGMENTS` segments. A
-//! residual motion of more than 64 edges counts as 64 when the frame is cut into slices. Of a
+//! One binding bounds the strands: 76 bytes per particle, 1.7 million particles where a device
+//! binds 128 MiB. Of an active segment the [`SLOTS`] contacts of the fastest approach are resolved,
+//! where the CPU resolves all; of those each segment keeps the first `per_segment` on both. Of
+//! contacts that approach about as fast as the slowest within the budget an evenly spread share is
+//! selected, where the CPU takes the first; the budget is that of the whole frame, where the CPU
+//! keeps it slice by slice. A share is also selected of a run of more than `RUN_SEGMENTS` segments.
+//! A residual motion of more than 64 edges counts as 64 when the frame is cut into slices. Of a
 //! segment stretched by more than a quarter of its rest length only the middle may be found.
 
 use crate::batch::{DeviceStrands, model_rows};
@@ -537,7 +537,7 @@ impl DeviceContacts {
 }
 
 impl TouchEntry {
-    /// The report of a frame in which so many contacts were resolved.
+    /// The report of a frame in which `contacts` contacts were resolved.
     pub(crate) fn report(&self, contacts: u32) -> ContactReport {
         let farthest_m = f32::from_bits(self.farthest).into();
         ContactReport { contacts: contacts as usize, farthest_m, ..ContactReport::default() }

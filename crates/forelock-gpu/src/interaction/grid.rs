@@ -35,7 +35,7 @@ const SWEEPS: u32 = 4;
 const FASTEST: f32 = 64.0;
 /// Cells from the grid's origin, beyond which hair is left alone.
 const MOST_OUT: f32 = 8192.0;
-/// Numbers a cell.
+/// Numbers per cell.
 const PLANES: u64 = 11;
 
 const GRID_CONSTANTS: &[Constant] = &[Constant::u32("MOST_SOLIDS", MOST_SOLIDS as u32)];

@@ -5,13 +5,13 @@
 //! has one particle and its list of neighbours; lists are sorted by distance and number, so no
 //! result depends on the order of threads. The CPU measures the rest densities.
 //!
-//! Memory: 12 bytes a particle and a table of 16 to 32. The rest, 120 bytes a particle with 16
+//! Memory: 12 bytes per particle and a table of 16 to 32. The rest, 120 bytes per particle with 16
 //! neighbours, lies in the scratch of the strands where that is large enough: with up to 16
 //! neighbours, if the strands are one batch.
 //!
 //! # Limitations
-//! One binding bounds the strands: 120 bytes a particle, 1.1 million particles where a device binds
-//! 128 MiB. Densities are not reported.
+//! One binding bounds the strands: 120 bytes per particle, 1.1 million particles where a device
+//! binds 128 MiB. Densities are not reported.
 
 use crate::batch::DeviceStrands;
 use crate::interaction::table::{self, ROW_CELLS};

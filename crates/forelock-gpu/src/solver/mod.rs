@@ -1,4 +1,5 @@
-//! The kernels of each solver. A solver registers with one line in [`of`] and one in [`SHADERS`].
+//! The GPU kernels of each solver. A solver is registered by one line in [`of`] and one in
+//! [`SHADERS`].
 
 mod ams;
 mod dftl;
@@ -13,54 +14,55 @@ use std::fmt::Debug;
 
 /// A solver on a GPU.
 pub(crate) trait GpuSolver: Debug + Send + Sync {
-    /// Entries that it needs in the buffer of substeps; at least one a substep.
+    /// Number of entries that the solver needs in the uniform buffer of substeps: at least one per
+    /// substep. `longest` is the number of particles of the longest strand.
     fn substep_entries(&self, substeps: u32, longest: u32) -> u32 {
         let _ = longest;
         substeps
     }
 
-    /// Makes its bind groups, beside those that all solvers share ([`StrandGroups`]). Called again
-    /// when a buffer was replaced.
+    /// Creates the bind groups of the solver; those that all solvers share are in [`StrandGroups`].
+    /// It is called again whenever a buffer was replaced.
     fn bind(&mut self, gpu: &Gpu, strands: DeviceStrands<'_>, solids: &Solids) {
         let _ = (gpu, strands, solids);
     }
 
-    /// Writes its coefficients for frames of `dt_secs`.
+    /// Writes the solver's coefficients for a frame time of `dt_secs` into the uniform.
     fn write_terms(&self, dt_secs: f64, uniform: &mut FrameUniform);
 
-    /// Appends a substep of one batch.
+    /// Appends the dispatches of substep `substep` of one batch to `list`.
     fn solve<'a>(&'a self, list: &mut DispatchList<'a>, batch: &SolveBatch<'a>, substep: u32);
 
-    /// Appends what a wind field does before the first substep.
+    /// Appends the dispatches that apply a wind field, once per frame, before the first substep.
     fn apply_wind<'a>(&self, list: &mut DispatchList<'a>, groups: &'a StrandGroups) {
         let _ = (list, groups);
     }
 }
 
-/// A batch of strands as a solver sees it.
+/// The inputs of [`GpuSolver::solve`]: a batch of strands.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SolveBatch<'a> {
     /// Bind groups of all batches.
     pub groups: &'a StrandGroups,
-    /// Number of the batch.
+    /// Index of the batch.
     pub batch: usize,
-    /// Particles of its longest strand.
+    /// Number of particles of the longest strand in the batch.
     pub longest: u32,
-    /// What kinds of colliders there are.
+    /// The kinds of colliders in the scene.
     pub solids: SolidKinds,
-    /// Whether the solve keeps its factors in 16 bits, where it can.
+    /// Whether the solve stores its matrix factors in 16 bits, if the solver supports that.
     pub half_factors: bool,
 }
 
 /// The shaders of each solver.
 pub(crate) static SHADERS: [&[&Shader]; 2] = [ams::SHADERS, dftl::SHADERS];
 
-/// The kernels of `solver`.
+/// Creates the GPU counterpart of `solver`.
 ///
 /// # Errors
 /// [`GpuError::Unsupported`] for a solver that runs on the CPU only.
 pub(crate) fn of(solver: &Solver<f32>) -> Result<Box<dyn GpuSolver>, GpuError> {
     ams::of(solver)
         .or_else(|| dftl::of(solver))
-        .ok_or(GpuError::Unsupported { what: "this solver: it has no GPU kernels" })
+        .ok_or(GpuError::Unsupported { what: "a solver without GPU kernels" })
 }

@@ -100,10 +100,10 @@ impl PlayerBuilder {
         self.build_observed(&mut |_| {})
     }
 
-    /// As [`PlayerBuilder::build`]; `observer` receives what is worth knowing about the assets.
+    /// Like [`PlayerBuilder::build`]; `observer` receives what is worth knowing about the assets.
     ///
     /// # Errors
-    /// As [`PlayerBuilder::build`].
+    /// The same errors as [`PlayerBuilder::build`].
     pub fn build_observed(self, observer: &mut Observer<'_>) -> Result<Player, PlayerError> {
         static PLAYERS: AtomicU64 = AtomicU64::new(0);
         let Self { scene, assets, backend, history, solvers } = self;

@@ -115,10 +115,10 @@ impl Player {
         self.edit_selected(Edit::all(operation))
     }
 
-    /// As [`Player::edit`], of a selection of the strands.
+    /// Like [`Player::edit`], of a selection of the strands.
     ///
     /// # Errors
-    /// As [`Player::edit`].
+    /// The same errors as [`Player::edit`].
     pub fn edit_selected(&mut self, edit: Edit) -> Result<(), PlayerError> {
         self.make(Change::Edit(Arc::new(edit)))
     }

@@ -135,7 +135,7 @@ impl Player {
     /// the present frame. Returns its name; `None` if there is none.
     ///
     /// # Errors
-    /// As [`Player::undo`].
+    /// The same errors as [`Player::undo`].
     pub fn redo(&mut self) -> Result<Option<&'static str>, PlayerError> {
         let Some(moved) = self.timeline.redo() else { return Ok(None) };
         let done = self.run_again_from(moved);

@@ -104,7 +104,7 @@ pub fn simulate(
 /// backend is the player's, whatever `options` say.
 ///
 /// # Errors
-/// As [`simulate`].
+/// The same errors as [`simulate`].
 pub fn record(
     player: Player,
     options: &RunOptions,

@@ -1,7 +1,7 @@
-//! The values that a scene may hold.
+//! Checks the values of a scene.
 //!
-//! Each check names the dotted key and says what would be right. The ranges are those of the doc
-//! lines; a test reads both and compares them.
+//! An error names the dotted key and states which values are allowed. The ranges are also in the
+//! doc comments of the fields; a test compares both.
 
 use forelock_core::body::Motion;
 use forelock_core::groom::grow::GrowError;
@@ -17,10 +17,10 @@ use super::sections::{ColliderSection, GroomSource, ShapeKind};
 use super::{Keyframe, MotionSection, Scene, SolverKind, SolverSection};
 use crate::sinks;
 
-/// Key and message of what is wrong.
+/// The key of a wrong value, and the error message.
 type Wrong = (String, String);
 
-/// A range of numbers and its words.
+/// A range of allowed numbers.
 #[derive(Clone, Copy)]
 enum Range {
     AtLeast(f64),
@@ -42,7 +42,7 @@ impl Range {
     }
 }
 
-/// Checks every value of `scene`; `document` knows which of them the author wrote.
+/// Checks every value of `scene`. `document` tells which of the keys the scene file sets.
 pub(super) fn check(scene: &Scene, document: &Document<'_>) -> Result<(), Wrong> {
     check_finite(scene)?;
     check_available(scene)?;
@@ -70,14 +70,14 @@ pub(super) fn check(scene: &Scene, document: &Document<'_>) -> Result<(), Wrong>
     }
     for key in SolverSection::SUBSTEPS {
         if scene.time.substeps.is_some() && document.sets(key) {
-            let message = format!("is set, and so is `{key}`, which means the same: keep one");
+            let message = format!("is set, and so is `{key}`, which means the same: remove one of the two");
             return Err(("time.substeps".to_owned(), message));
         }
     }
     check_solver(scene)
 }
 
-/// Every number of the scene is finite.
+/// Checks that every number of the scene is finite.
 fn check_finite(scene: &Scene) -> Result<(), Wrong> {
     fn walk(key: &str, value: &toml::Value) -> Result<(), Wrong> {
         match value {
@@ -87,7 +87,7 @@ fn check_finite(scene: &Scene) -> Result<(), Wrong> {
             toml::Value::Table(table) => table.iter().try_for_each(|(name, value)| {
                 walk(&if key.is_empty() { name.clone() } else { format!("{key}.{name}") }, value)
             }),
-            // Names the list, not its entry: users think of a vector as one value.
+            // The key is that of the list, not of its entry: users think of a vector as one value.
             toml::Value::Array(list) => list.iter().enumerate().try_for_each(|(index, value)| {
                 walk(&if value.is_table() { format!("{key}.{index}") } else { key.to_owned() }, value)
             }),
@@ -99,7 +99,7 @@ fn check_finite(scene: &Scene) -> Result<(), Wrong> {
     walk("", &value)
 }
 
-/// Kinds that later versions bring are refused, not ignored.
+/// Rejects solvers that are planned but do not exist in this version.
 fn check_available(scene: &Scene) -> Result<(), Wrong> {
     let kind = &scene.solver.kind;
     if kind.is_available() {
@@ -141,7 +141,7 @@ fn check_numbers(scene: &Scene) -> Result<(), Wrong> {
     if groom.vertices != 0 {
         Range::Within(2.0, 1e9).check("groom.vertices", whole(groom.vertices))?;
         if groom.vertices_per_strand != 0 {
-            let message = "is set, and so is `groom.vertices_per_strand`: keep one".to_owned();
+            let message = "is set, and so is `groom.vertices_per_strand`: remove one of the two".to_owned();
             return Err(("groom.vertices".to_owned(), message));
         }
     }
@@ -169,7 +169,7 @@ fn check_motion(key: &str, motion: &MotionSection) -> Result<(), Wrong> {
     if frames.first().is_some_and(|first| first.time_secs != 0.0) {
         return Err((
             format!("{key}.keyframe.0.time_secs"),
-            "should be 0: the first is the start".to_owned(),
+            "should be 0: the first keyframe is the start".to_owned(),
         ));
     }
     if frames.first().is_some_and(|first| first.jump) {
@@ -182,7 +182,7 @@ fn check_motion(key: &str, motion: &MotionSection) -> Result<(), Wrong> {
     match frames.windows(2).position(|pair| !follows(&pair[0], &pair[1])) {
         None => Ok(()),
         Some(index) => {
-            let message = "should be later than that of the keyframe before it".to_owned();
+            let message = "should be later than the time of the keyframe before it".to_owned();
             Err((format!("{key}.keyframe.{}.time_secs", index + 1), message))
         }
     }
@@ -205,7 +205,8 @@ fn check_collider(key: &str, collider: &ColliderSection) -> Result<(), Wrong> {
         }
     }
     if collider.mesh.is_some() && !collider.mesh_sequence.is_empty() {
-        let message = "is set, and so is `mesh`, which stands still: keep one".to_owned();
+        let message =
+            "is set, and so is `mesh`, which does not change over time: remove one of the two".to_owned();
         return Err((format!("{key}.mesh_sequence"), message));
     }
     Range::Above(0.0).check(&format!("{key}.sequence_fps"), collider.sequence_fps.unwrap_or(1.0))?;
@@ -227,19 +228,20 @@ fn check_collider(key: &str, collider: &ColliderSection) -> Result<(), Wrong> {
     check_motion(&format!("{key}.motion"), &collider.motion)
 }
 
-/// Edits while the hair moves: the cache has one layout, and not every solver can take an edited
-/// groom over.
+/// Checks the edits that are made while the hair moves. They must not add particles, because all
+/// frames of the cache have the same layout, and not every solver can continue with an edited
+/// groom.
 fn check_timed_edits(scene: &Scene) -> Result<(), Wrong> {
     for (number, _) in scene.edits.timed() {
         let wrong = |message: String| Err((format!("edit.{number}.at_secs"), message));
         let name = scene.edits.0[number].edit.operation.name();
         if matches!(name, "lengthen" | "resample" | "density" | "mirror") {
             return wrong(format!(
-                "does not go with op = \"{name}\", for particles must not be added while the hair moves"
+                "cannot be used with op = \"{name}\": no particles can be added while the hair moves"
             ));
         }
         if scene.groom.guides > 0 {
-            return wrong("does not go with `groom.guides`: remove one of the two".to_owned());
+            return wrong("cannot be used with `groom.guides`: remove one of the two".to_owned());
         }
         if let Some(key) = scene.solver.refining_key() {
             return wrong(format!("needs `{key}` = false"));
@@ -248,11 +250,11 @@ fn check_timed_edits(scene: &Scene) -> Result<(), Wrong> {
     Ok(())
 }
 
-/// Growth parameters, and that none is set twice.
+/// Checks the growth parameters, and that none of them is set by two keys.
 fn check_growth(scene: &Scene, document: &Document<'_>) -> Result<(), Wrong> {
     for (key, same) in [("groom.grow.strands", "groom.strands"), ("groom.grow.seed", "seed")] {
         if document.sets(key) {
-            return Err((key.to_owned(), format!("is called `{same}` in a scene")));
+            return Err((key.to_owned(), format!("is not a key of a scene: set `{same}` instead")));
         }
     }
     scene.groom.grow.check().map_err(|error| match error {
@@ -290,7 +292,8 @@ fn check_output(scene: &Scene) -> Result<(), Wrong> {
     }
 }
 
-/// What the solvers say of their parameters, with the scene's keys.
+/// Checks the parameters of the solvers and of the hair–hair interactions. Errors name the keys of
+/// the scene.
 fn check_solver(scene: &Scene) -> Result<(), Wrong> {
     let mut solver = scene.solver.clone();
     if let Some(substeps) = scene.time.substeps {
@@ -321,8 +324,8 @@ fn params_error(table: &str, error: &ParamsError, scene: &Scene) -> Wrong {
             let raise =
                 if *needed <= 1000 { format!("raise time.substeps to {needed} or ") } else { String::new() };
             let message = format!(
-                "= {value:e} with {fps} frames a second and {substeps} substeps makes h²κ = {product:.3e}, and float32 \
-                 holds up to {FLOAT32_STIFFNESS_LIMIT:e}: {raise}lower it to {allowed:.3e}"
+                "= {value:e} with {fps} frames a second and {substeps} substeps makes h²κ = {product:.3e}, but \
+                 float32 is reliable only up to {FLOAT32_STIFFNESS_LIMIT:e}: {raise}lower it to {allowed:.3e}"
             );
             (format!("{table}.{name}"), message)
         }

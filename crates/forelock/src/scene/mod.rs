@@ -120,12 +120,12 @@ impl Scene {
         Self::load_with(path, overrides, &[])
     }
 
-    /// As [`Scene::load`], of a scene that may name one of `solvers` as its `solver.kind` and give
-    /// its parameters in the table `[solver.NAME]`. The player that runs the scene must have the
-    /// solver registered: see [`PlayerBuilder::solver`](crate::player::PlayerBuilder::solver).
+    /// Like [`Scene::load`], of a scene that may name one of `solvers` as its `solver.kind` and
+    /// give its parameters in the table `[solver.NAME]`. The player that runs the scene must have
+    /// the solver registered: see [`PlayerBuilder::solver`](crate::player::PlayerBuilder::solver).
     ///
     /// # Errors
-    /// As [`Scene::load`].
+    /// The same errors as [`Scene::load`].
     pub fn load_with(path: &Path, overrides: &[Override], solvers: &[&str]) -> Result<Self, SceneError> {
         let text = std::fs::read_to_string(path)
             .map_err(|error| SceneError::Read { path: path.to_path_buf(), error })?;
@@ -153,10 +153,10 @@ impl Scene {
         Self::parse_with(text, path, overrides, &[])
     }
 
-    /// As [`Scene::parse`], of a scene that may name one of `solvers`: see [`Scene::load_with`].
+    /// Like [`Scene::parse`], of a scene that may name one of `solvers`: see [`Scene::load_with`].
     ///
     /// # Errors
-    /// As [`Scene::parse`].
+    /// The same errors as [`Scene::parse`].
     pub fn parse_with(
         text: &str,
         path: &Path,
@@ -204,7 +204,7 @@ impl Scene {
         }
     }
 
-    /// Substeps a frame, M.
+    /// Substeps per frame, M.
     pub fn substeps(&self) -> u32 {
         self.solver.substeps()
     }

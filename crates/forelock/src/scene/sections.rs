@@ -78,7 +78,7 @@ pub struct GroomSection {
     /// Number of strands to grow; files keep theirs. Unit strands, default 10000, range 1 to
     /// 1000000.
     pub strands: u32,
-    /// Particles a strand after resampling by arc length. Unit particles, default 0, range 2 to
+    /// Particles per strand after resampling by arc length. Unit particles, default 0, range 2 to
     /// 1000; 0 keeps those of the file or of the growth (25).
     pub vertices_per_strand: u32,
     /// Particles of all strands together, long ones with more of them than short ones, instead of
@@ -364,7 +364,7 @@ pub struct InteractionSection {
 pub struct TimeSection {
     /// Frames a second. Unit s⁻¹, default 60, range 1 to 10000.
     pub fps: f64,
-    /// Substeps a frame; the same as `substeps` of the solver, where it has them. Unit substeps,
+    /// Substeps per frame; the same as `substeps` of the solver, where it has them. Unit substeps,
     /// default 4, range 1 to 1000.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub substeps: Option<u32>,

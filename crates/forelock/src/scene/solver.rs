@@ -150,7 +150,7 @@ impl SolverSection {
         self.chosen().unwrap_or(first).solver
     }
 
-    /// Substeps a frame, M, of the solver that is chosen.
+    /// Substeps per frame, M, of the solver that is chosen.
     pub fn substeps(&self) -> u32 {
         self.chosen().map_or(1, |own| own.solver.rules().substeps)
     }
@@ -172,7 +172,7 @@ impl SolverSection {
         own.map(|_| "solver.mass_spring.virtual_particles")
     }
 
-    /// Substeps a frame, M, for every solver.
+    /// Substeps per frame, M, for every solver.
     pub(super) fn set_substeps(&mut self, substeps: u32) {
         (self.ams.substeps, self.mass_spring.substeps) = (substeps, substeps);
     }

@@ -108,7 +108,7 @@ fn values_out_of_range_are_refused_where_they_are_set() {
         ("[groom]\nvertices_per_strand = 1", "should be from 2 to 1000, not 1"),
         ("[groom]\npreset = \"wayv\"", "`groom.preset` cannot be \"wayv\": it is one of straight, wavy"),
         ("[groom.grow]\nnoise = -1", "line 2, column 9: `groom.grow.noise` should be from 0 to 10, not -1"),
-        ("[groom.grow]\nseed = 2", "`groom.grow.seed` is called `seed` in a scene"),
+        ("[groom.grow]\nseed = 2", "`groom.grow.seed` is not a key of a scene: set `seed` instead"),
         ("[body]\nmotion = \"builtin:trn\"", "did you mean \"builtin:turn\"?"),
         ("[hair]\ncolour = \"blond\"", "did you mean \"blonde\"?"),
         ("[groom]\nsource = []", "is an empty list"),
@@ -117,7 +117,7 @@ fn values_out_of_range_are_refused_where_they_are_set() {
         ("[[collider]]\nshape = \"mesh\"", "there is no `mesh` file"),
         ("[[collider]]\nradius = -1", "line 2, column 10: `collider.0.radius` should be above 0, not -1"),
         ("[output]\ncache = \"x.abc\"", "ends in .abc: this version writes .npz"),
-        ("[time]\nsubsteps = 2\n[solver.ams]\nsubsteps = 2", "which means the same: keep one"),
+        ("[time]\nsubsteps = 2\n[solver.ams]\nsubsteps = 2", "which means the same: remove one of the two"),
         (
             "[solver]\nkind = \"neural\"",
             "asks for the solver \"neural\", which this version does not have yet",

@@ -68,7 +68,7 @@ impl LaneSolver for Chain {
     }
 }
 
-/// Substeps a frame.
+/// Substeps per frame.
 const SUBSTEPS: u32 = 4;
 
 /// The solver of `[solver.chain]`.

@@ -8,7 +8,7 @@
 //! # Practice
 //! Phases are computed at the origin of the frame in float64 and reduced to a turn, so float32
 //! suffices anywhere in the world. The cosine is a polynomial of degree 9 over a quarter turn with
-//! an error of 4e-6. Cost: about 6 ns a particle on AVX2.
+//! an error of 4e-6. Cost: about 6 ns per particle on AVX2.
 
 use crate::air::{Canopy, MODES, Wake, WindField};
 use crate::lane::{Lane, Real, Row, V3};
@@ -74,7 +74,7 @@ impl<'a, T: Real> AirTerms<'a, T> {
 }
 
 /// Writes the velocity of the air at each particle of lanes `first..first + L::WIDTH` to `out`,
-/// three rows a particle. `exposure` is empty or has one row a particle.
+/// three rows per particle. `exposure` is empty or has one row per particle.
 #[inline(always)]
 pub fn sample<L: Lane>(
     air: &AirTerms<'_, L::Scalar>,

@@ -266,8 +266,8 @@ mod tests {
         }
     }
 
-    /// Greatest acceleration of a point on the head within ten seconds, and its greatest change in
-    /// a millisecond.
+    /// Largest acceleration of a point on the head within ten seconds, and its largest change in a
+    /// millisecond.
     fn peaks(motion: &BuiltinMotion) -> (f64, f64) {
         let (h, point) = (1e-3, DVec3::new(0.0, 0.2, 0.1));
         let x = |n: i32| motion.pose(f64::from(n) * h).transform_point(point);

@@ -39,7 +39,7 @@ impl Sdf {
     /// Creates the field of a closed mesh.
     ///
     /// # Errors
-    /// As [`Sdf::from_mesh`].
+    /// The same errors as [`Sdf::from_mesh`].
     pub fn from_closed(closed: &ClosedMesh, nodes: u32, padding: f32) -> Result<Self, SdfError> {
         let sound = (8..=FINEST).contains(&nodes) && padding >= 0.0 && padding.is_finite();
         if !sound {

@@ -33,7 +33,7 @@ pub struct Sdf {
     inv_cell: f32,
     layer: u32,
     top: Vec3,
-    /// The least value of each block of `BLOCK` cells a side, borders included; the number of
+    /// The smallest value of each block of `BLOCK` cells a side, borders included; the number of
     /// blocks along x and y; the last block.
     least: Vec<f32>,
     blocks: [u32; 2],
@@ -143,7 +143,7 @@ impl Sdf {
     }
 }
 
-/// The least value of each block, x fastest, and the number of blocks along each axis.
+/// The smallest value of each block, x fastest, and the number of blocks along each axis.
 fn block_minima(dims: UVec3, values: &[f32]) -> (Vec<f32>, UVec3) {
     let [width, height, depth] = dims.to_array().map(|n| n as usize);
     let blocks = [width, height, depth].map(|n| (n - 1).div_ceil(BLOCK));

@@ -116,7 +116,7 @@ impl Sdf {
     }
 
     /// Lower bounds in metres of the distances at `W` points, from one read of a small table for
-    /// each: the least value of the block of cells that contains the point, or of the nearest
+    /// each: the smallest value of the block of cells that contains the point, or of the nearest
     /// block.
     #[inline(always)]
     pub fn least_lanes<const W: usize>(&self, p: [[f32; W]; 3]) -> [f32; W] {

@@ -27,8 +27,9 @@ fn resolve_particle(strand: Strand, i: u32) -> bool {
     return found.touches;
 }
 
-// The point at `length` from `leader` near `start` that is outside a solid, if there is one, and
-// its clearance.
+// Searches for a point near `start`, at distance `length` from `leader`, that is outside a solid.
+// Returns the point and its clearance. If none is found, the point is on the surface at another
+// distance.
 fn slide_along(number: u32, leader: vec3f, start: vec3f, length: f32) -> vec4f {
     let map = query.solids[number].at_end;
     var x = start;
@@ -40,7 +41,7 @@ fn slide_along(number: u32, leader: vec3f, start: vec3f, length: f32) -> vec4f {
         }
         let out = x - sigma * turned(map, found.xyz);
         if round == SLIDE_STEPS {
-            // No such point: collision takes precedence over length.
+            // No point was found: the collision takes precedence over the length.
             return vec4f(out, 0.0);
         }
         let edge = out - leader;
@@ -49,27 +50,29 @@ fn slide_along(number: u32, leader: vec3f, start: vec3f, length: f32) -> vec4f {
     return vec4f(x, 0.0);
 }
 
-// The same for all solids.
+// Searches for a point that is outside all solids, in the same way. The clearance is 0 if the point
+// may be inside a solid.
 fn slide(leader: vec3f, start: vec3f, length: f32) -> vec4f {
     var x = start;
-    // Repeated where the projection out of one solid may have ended in another.
+    // The projection out of one solid can end inside another. It is repeated if it moved the point
+    // farther than the clearance from the solids before.
     for (var round = 0u; round < 3u; round++) {
         var clearance = FAR;
-        var between = false;
+        var repeats = false;
         for (var number = 0u; number < query.count; number++) {
             let found = slide_along(number, leader, x, length);
-            between = between || clearance < distance(found.xyz, x);
+            repeats = repeats || clearance < distance(found.xyz, x);
             x = found.xyz;
             clearance = min(clearance, found.w);
         }
-        if !between {
+        if !repeats {
             return vec4f(x, clearance);
         }
     }
     return vec4f(x, 0.0);
 }
 
-// Restores the lengths of edges that solids stretched, from root to tip; a particle whose new
+// Restores the lengths of edges that collisions stretched, from root to tip. A particle whose new
 // position is inside a solid is moved to the surface.
 fn lay_along(strand: Strand) {
     for (var i = max(frame.clamped, 1u); i < strand.particles; i++) {

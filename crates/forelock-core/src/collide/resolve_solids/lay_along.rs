@@ -1,24 +1,27 @@
-//! Restores the lengths of edges that solids stretched, along the solids' surfaces.
+//! Restores the lengths of edges that collisions stretched, by moving particles along the surfaces
+//! of solids.
 
 use super::particle::{Solid, lipschitz};
 use super::{Solids, dot};
 use crate::lane::{Lane, Real, V3};
 use crate::strands::{BlockView, LaneGroup};
 
-/// Restores the lengths of edges that solids stretched. In each strand whose `stretch` is over
-/// [`STRETCHED`], particles are moved from root to tip to their rest length from the particle
-/// before, and where that position is inside a solid, to a point of its surface at that length.
+/// Restores the lengths of edges that collisions stretched. In each strand whose `stretch` is over
+/// [`STRETCHED`], the free particles are visited from root to tip. Each is moved along its edge to
+/// the rest length l from the particle before it (the leader). If this position is inside a solid,
+/// the particle is moved to a point of the solid's surface at distance l from the leader.
 ///
 /// # Theory
 /// A point of the surface at distance l from the leader is found by alternating projections onto
-/// the surface and onto the sphere about the leader, each to the nearest point. No round moves the
-/// particle further than its error, so that a small change of the start is a small change of the
-/// end. (The formula for a flat surface, which divides by the part of the edge along it, makes
-/// strands that rest on a ridge jump from one side to the other.) Where surface and sphere do not
-/// intersect, the particle stays on the surface and the edge stays stretched.
+/// the surface and onto the sphere of radius l about the leader, each to the nearest point. No
+/// iteration moves the particle farther than its current error, so a small change of the start
+/// position changes the result only a little. (The closed form for a flat surface divides by the
+/// component of the edge along the surface; it makes strands that rest on a ridge jump from one
+/// side to the other.) Where surface and sphere do not intersect, the particle stays on the surface
+/// and the edge stays stretched.
 ///
-/// The edge then turns but does not stretch: the follower's velocity relative to the leader loses
-/// its component along the edge, as in the length pass.
+/// Afterwards the particle's velocity relative to the leader loses its component along the edge, as
+/// in the length pass, so that the edge can turn but does not change its length.
 #[inline(always)]
 pub fn lay_along<L: Lane>(
     solids: &Solids<'_, L::Scalar>,
@@ -60,39 +63,42 @@ pub fn lay_along<L: Lane>(
         let edge = x - leader;
         let edge = edge.scale(L::one() / edge.dot(edge).max(L::from_f64(1e-24)).sqrt());
         let v = V3::<L>::load(view.velocities, i, first);
-        let parting = edge.dot(v - V3::load(view.velocities, i - 1, first));
-        let parting = L::select(stretched.lt(stretch), parting, L::zero());
-        v.add_scaled(-parting, edge).store(view.velocities, i, first);
+        let separation = edge.dot(v - V3::load(view.velocities, i - 1, first));
+        let separation = L::select(stretched.lt(stretch), separation, L::zero());
+        v.add_scaled(-separation, edge).store(view.velocities, i, first);
     }
 }
 
-/// Stretch, over the rest length, above which a strand's edges are restored.
+/// Stretch, relative to the rest length, above which the edges of a strand are restored.
 pub const STRETCHED: f64 = 1e-5;
 
-/// The point at `length` from `leader` near `x` that is outside all solids, if there is one, and
-/// its clearance.
+/// Searches for a point near `x`, at distance `length` from `leader`, that is outside all solids.
+/// Returns the last point of the search and its clearance, which is 0 if the point may be inside a
+/// solid.
 fn slide<T: Real>(solids: &Solids<'_, T>, leader: [T; 3], mut x: [T; 3], length: T) -> ([T; 3], T) {
-    // Repeated where the projection out of one solid may have ended in another.
+    // The projection out of one solid can end inside another. It is repeated if it moved the point
+    // farther than the clearance from the solids before.
     for _ in 0..3 {
-        let (mut clearance, mut between) = (T::infinity(), false);
+        let (mut clearance, mut repeats) = (T::infinity(), false);
         for (collider, pose) in solids.solids.iter().zip(solids.poses) {
             let (place, bound) = slide_along(solids, Solid { collider, pose }, leader, x, length);
-            let gone = [0, 1, 2].map(|c| place[c] - x[c]);
-            between |= clearance < dot(gone, gone).sqrt();
+            let step = [0, 1, 2].map(|c| place[c] - x[c]);
+            repeats |= clearance < dot(step, step).sqrt();
             (x, clearance) = (place, clearance.min(bound));
         }
-        if !between {
+        if !repeats {
             return (x, clearance);
         }
     }
     (x, T::zero())
 }
 
-/// Samples of one solid in a search for a point of its surface at a given length.
+/// Maximum number of iterations in the search for a point on the surface of one solid.
 pub const SLIDE_STEPS: usize = 4;
 
-/// The point at `length` from `leader` near `x` that is outside `solid`, if there is one, and its
-/// clearance.
+/// Searches for a point near `x`, at distance `length` from `leader`, that is outside `solid`.
+/// Returns the point and its clearance. If none is found, the point is on the surface at another
+/// distance.
 #[inline]
 fn slide_along<T: Real>(
     solids: &Solids<'_, T>,
@@ -118,7 +124,7 @@ fn slide_along<T: Real>(
     if sigma >= T::zero() || sigma.is_nan() {
         return (x, sigma / lipschitz(collider.shape));
     }
-    // No such point: collision takes precedence over length.
+    // No point was found: the collision takes precedence over the length.
     let n = pose.turn(1, gradient);
     ([0, 1, 2].map(|c| x[c] - sigma * n[c]), T::zero())
 }

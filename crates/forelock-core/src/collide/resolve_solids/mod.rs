@@ -71,7 +71,7 @@ pub struct Solids<'a, T> {
 pub struct SolidContacts {
     /// Particles that touch or are inside a solid's skin.
     pub touching: u32,
-    /// Greatest depth under a surface (not the skin) that is left, metres.
+    /// Largest depth under a surface (not the skin) that is left, metres.
     pub deepest: f64,
 }
 

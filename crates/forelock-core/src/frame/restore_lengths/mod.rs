@@ -12,9 +12,10 @@
 //! diagonal. Two steps leave an error of fourth order, which one follow-the-leader sweep reduces to
 //! rounding. Velocities are projected with the same matrix: (J W Jᵀ) λ = −J v, v += W Jᵀ λ.
 //!
-//! The alternative, dynamic follow the leader (Müller 2012), moves each particle onto the sphere
-//! about the particle before it, and subtracts a share `damping` of the correction from that
-//! particle's velocity.
+//! The alternative is dynamic follow the leader (DFTL; Müller 2012). From root to tip, it moves
+//! each particle (the follower) by a correction c onto the sphere with the rest length as radius
+//! about the particle before it (the leader). It then adds c/dt to the velocity of the follower,
+//! and subtracts `damping`·c/dt from the velocity of the leader.
 //!
 //! # Limitations
 //! Collisions are resolved afterwards and may stretch edges again where hair is pressed against a
@@ -30,21 +31,21 @@ pub const WGSL: &str = include_str!("kernel.wgsl");
 /// Inputs of the pass.
 #[derive(Clone, Copy, Debug)]
 pub struct LengthTerms {
-    /// Kind of the pass.
+    /// Method that restores the lengths.
     pub kind: Inextensibility,
-    /// Share of a DFTL correction that the leader's velocity takes.
+    /// Fraction of a DFTL correction that is subtracted from the leader's velocity.
     pub damping: f64,
     /// Frame time, seconds.
     pub dt_secs: f64,
-    /// Clamped particles.
+    /// Number of clamped particles of each strand, counted from the root.
     pub clamped: usize,
 }
 
-/// Newton steps before the follow-the-leader sweep.
+/// Number of Newton steps before the follow-the-leader sweep.
 pub const NEWTON_STEPS: usize = 2;
 
-/// Restores the lengths of lanes `first..first + L::WIDTH` and returns the largest |l/l₀ − 1| left
-/// in each lane. `work` holds two vectors a particle.
+/// Restores the edge lengths of the strands in lanes `first..first + L::WIDTH`. Returns the largest
+/// |l/l₀ − 1| that is left in each lane. `work` is scratch memory of two vectors per particle.
 #[inline(always)]
 pub fn restore<L: Lane>(
     terms: &LengthTerms,
@@ -53,8 +54,8 @@ pub fn restore<L: Lane>(
     work: &mut [V3<L>],
 ) -> L {
     let (directions, sweep) = work.split_at_mut(view.particles);
-    // The first edge with a free end. Edges between clamped particles have their rest length
-    // already.
+    // Index of the first edge with a free end. Edges between clamped particles keep their rest
+    // length.
     let from = terms.clamped.min(view.particles).saturating_sub(1);
     match terms.kind {
         Inextensibility::Off => {}
@@ -79,7 +80,8 @@ pub fn restore<L: Lane>(
     largest_stretch(view, first)
 }
 
-/// Unit edge vectors, and −C in the third component of `sweep`.
+/// Computes the constraints: `directions` receives the unit vectors of the edges, the third
+/// component of `sweep` receives −C.
 #[inline(always)]
 fn measure<L: Lane>(
     view: &BlockView<'_, L::Scalar>,
@@ -95,6 +97,7 @@ fn measure<L: Lane>(
     }
 }
 
+/// Unit vector and length of edge `j`.
 #[inline(always)]
 fn edge<L: Lane>(view: &BlockView<'_, L::Scalar>, first: usize, j: usize) -> (V3<L>, L) {
     let d = V3::<L>::load(view.positions, j + 1, first) - V3::load(view.positions, j, first);
@@ -102,7 +105,7 @@ fn edge<L: Lane>(view: &BlockView<'_, L::Scalar>, first: usize, j: usize) -> (V3
     (d.scale(L::one() / length), length)
 }
 
-/// Thomas' algorithm on J W Jᵀ λ = r. `sweep[j].0[2]` holds r before and λ afterwards.
+/// Solves J W Jᵀ λ = r with the Thomas algorithm. `sweep[j].0[2]` holds r before and λ afterwards.
 #[inline(always)]
 fn solve_chain<L: Lane>(
     view: &BlockView<'_, L::Scalar>,
@@ -112,10 +115,11 @@ fn solve_chain<L: Lane>(
     sweep: &mut [V3<L>],
 ) {
     let particles = view.particles;
-    // The first edge starts at a clamped particle: it has one free end.
+    // Inverse mass of the particle at the start of the edge. The first edge starts at a clamped
+    // particle.
     let mut inner = L::zero();
-    let (mut upper, mut partial) = (L::zero(), L::zero()); // c′ and r′ of the row before
-    let mut beside = L::zero(); // the off-diagonal entry between this row and the row before
+    let (mut upper, mut partial) = (L::zero(), L::zero()); // c′ and r′ of the previous row
+    let mut beside = L::zero(); // the off-diagonal entry between this row and the previous one
     for j in from..particles - 1 {
         let outer = view.inverse_mass::<L>(j + 1, first);
         let pivot = L::one() / beside.neg_mul_add(upper, inner + outer);
@@ -134,7 +138,7 @@ fn solve_chain<L: Lane>(
     }
 }
 
-/// `rows += W Jᵀ λ`.
+/// Adds W Jᵀ λ to `rows`, which are positions or velocities.
 #[inline(always)]
 fn push<L: Lane>(
     rows: &mut [Row<L::Scalar>],
@@ -164,8 +168,8 @@ struct VelocityChange<L> {
     leader: L,
 }
 
-/// Places each particle at its rest length from the particle before it. With `change` the
-/// corrections also change velocities, as in DFTL.
+/// Moves each particle along its edge to the rest length from the particle before it. With
+/// `change`, the corrections also change the velocities, as in DFTL.
 #[inline(always)]
 fn follow_the_leader<L: Lane>(
     view: &mut BlockView<'_, L::Scalar>,

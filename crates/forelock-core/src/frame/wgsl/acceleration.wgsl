@@ -1,4 +1,4 @@
-// Acceleration of particles beside gravity: the GPU counterpart of `frame::Acceleration`.
+// Acceleration of particles in addition to gravity: the GPU counterpart of `frame::Acceleration`.
 
 // A lattice around the hair.
 struct Lattice {
@@ -8,7 +8,7 @@ struct Lattice {
     per_metre: f32,
 }
 
-// Three rows a particle, m/s².
+// Three rows per particle, m/s².
 @group(0) @binding(17) var<storage, read_write> acceleration: array<f32>;
 // Acceleration at the nodes of the lattice, x fastest.
 @group(0) @binding(18) var<storage, read> nodes: array<vec4f>;

@@ -1,5 +1,5 @@
-// Stores the load that velocities hold beside the motion before an interaction, and restores it
-// afterwards. One strand a thread.
+// Stores the load that velocities hold in addition to the motion before an interaction, and
+// restores it afterwards. One strand a thread.
 
 @compute @workgroup_size(WORKGROUP)
 fn store_load(@builtin(global_invocation_id) id: vec3u) {

@@ -70,7 +70,7 @@ struct Report {
     // Bits of the largest |l/l₀ − 1|.
     stretch: atomic<u32>,
     quarantined: atomic<u32>,
-    // Particles that touch a solid in the frame's final collision pass; bits of the greatest depth
+    // Particles that touch a solid in the frame's final collision pass; bits of the largest depth
     // left.
     touching: atomic<u32>,
     deepest: atomic<u32>,
@@ -83,19 +83,19 @@ struct Report {
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<uniform> substep: Substep;
 @group(0) @binding(2) var<storage, read> blocks: array<Block>;
-// Rows of LANES numbers, seven rows a particle: rest position, rest lengths to the next three
+// Rows of LANES numbers, seven rows per particle: rest position, rest lengths to the next three
 // particles, one over the first of these lengths. With MASSES a row a particle follows: the
 // relative masses.
 @group(0) @binding(3) var<storage, read> model: array<f32>;
 // Two rows a block: strand lengths and relative stiffnesses.
 @group(0) @binding(4) var<storage, read> strands: array<f32>;
-// Three rows a particle each. For solvers that keep them, the velocities are followed by the
+// Three rows per particle each. For solvers that keep them, the velocities are followed by the
 // positions of the step before and by room for the load that velocities contain.
 @group(0) @binding(5) var<storage, read_write> positions: array<f32>;
 @group(0) @binding(6) var<storage, read_write> velocities: array<f32>;
-// Two rows a particle: integrity and clearance.
+// Two rows per particle: integrity and clearance.
 @group(0) @binding(7) var<storage, read_write> memory: array<f32>;
-// SCRATCH rows a particle: numbers as bits.
+// SCRATCH rows per particle: numbers as bits.
 @group(0) @binding(8) var<storage, read_write> scratch: array<u32>;
 @group(0) @binding(9) var<storage, read_write> report: Report;
 
@@ -202,7 +202,7 @@ fn mass_at(strand: Strand, i: u32) -> f32 {
     if !has(MASSES) {
         return 1.0;
     }
-    // Positions have three rows a particle.
+    // Positions have three rows per particle.
     return model[MODEL_ROWS * (arrayLength(&positions) / 3u) + entry(strand, i, 1u, 0u)];
 }
 
@@ -258,7 +258,7 @@ fn unordered(bits: u32) -> f32 {
     return bitcast<f32>(select(~bits, bits & 0x7fffffffu, (bits & 0x80000000u) != 0u));
 }
 
-// Least and greatest coordinates of a strand. Positions that are not finite are skipped.
+// Smallest and largest coordinates of a strand. Positions that are not finite are skipped.
 struct Extent {
     low: vec3f,
     high: vec3f,

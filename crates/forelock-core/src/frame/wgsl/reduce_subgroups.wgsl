@@ -1,4 +1,4 @@
-// Reductions for devices with subgroups: of the active threads only those with the least or the
+// Reductions for devices with subgroups: of the active threads only those with the smallest or the
 // greatest value write.
 
 fn is_least(x: u32) -> bool {

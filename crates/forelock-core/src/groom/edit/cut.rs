@@ -24,12 +24,12 @@ const LEAST_EDGE: f64 = 0.1;
     serde(default, deny_unknown_fields)
 )]
 pub struct Trim {
-    /// Greatest length of a strand. Unit m, default 0, range 0 or more; 0 sets no limit.
+    /// Maximum length of a strand. Unit m, default 0, range 0 or more; 0 sets no limit.
     pub to: f32,
     /// Length removed from each strand. Unit m, default 0, range 0 or more; 0 removes nothing.
     pub by: f32,
-    /// Greatest additional length removed, drawn at random for each trimmed strand, so that the
-    /// tips do not form a straight line. Unit m, default 0, range 0 or more; 0 cuts exactly.
+    /// Largest additional length removed, drawn at random for each trimmed strand, so that the tips
+    /// do not form a straight line. Unit m, default 0, range 0 or more; 0 cuts exactly.
     pub variation: f32,
     /// Length that every strand keeps. Unit m, default 0.002, range 0 or more; 0 may leave almost
     /// nothing.
@@ -72,7 +72,7 @@ impl Trim {
 pub struct Cut {
     /// The cutting shape: a table `plane`, `sphere`, `box`, `capsule` or `stroke`. No default.
     pub shape: CutShape,
-    /// Greatest additional length removed, drawn at random for each cut strand. Unit m, default 0,
+    /// Largest additional length removed, drawn at random for each cut strand. Unit m, default 0,
     /// range 0 or more; 0 cuts exactly.
     #[cfg_attr(feature = "serde", serde(default))]
     pub variation: f32,

@@ -57,7 +57,7 @@ impl EditHistory {
     /// Applies `edit`. Edits that were undone before can no longer be redone.
     ///
     /// # Errors
-    /// As [`Edit::apply`]; the history is unchanged in this case.
+    /// The same errors as [`Edit::apply`]; the history is unchanged in this case.
     pub fn apply(&mut self, edit: &Edit, body: Option<&Body<'_>>) -> Result<EditReport, EditError> {
         let mut after = self.groom.clone();
         let report = edit.apply(&mut after, body)?;

@@ -70,7 +70,7 @@ pub enum GrowError {
         value: f32,
         /// Smallest allowed value.
         low: f32,
-        /// Greatest allowed value.
+        /// Largest allowed value.
         high: f32,
     },
     /// The number of weights differs from the number of vertices.
@@ -167,7 +167,7 @@ pub fn grow(
 /// neck and shoulders; if the region is the scalp, they also leave the face free.
 ///
 /// # Errors
-/// As [`grow`].
+/// The same errors as [`grow`].
 pub fn grow_on_head(params: &GrowParams) -> Result<Groom, GrowError> {
     let head = Head::builtin();
     grow(&head.mesh, head.weights(params.region), params, Some(&head.keep_out(params.region)))

@@ -48,11 +48,11 @@ pub struct GrowParams {
     /// Distance that particles keep from the solid. Unit m, default 0.001, range 0 to 0.1; 0 only
     /// keeps them outside.
     pub margin: f32,
-    /// Greatest additional distance of a strand's layer from the solid; the distance is drawn at
+    /// Largest additional distance of a strand's layer from the solid; the distance is drawn at
     /// random for each strand. Unit m, default 0, range 0 to 1; 0 lies flat.
     pub volume: f32,
-    /// Greatest fraction by which strands are shortened at random. No unit, default 0, range 0 to
-    /// 1; 0 gives all strands the same length.
+    /// Largest fraction by which strands are shortened at random. No unit, default 0, range 0 to 1;
+    /// 0 gives all strands the same length.
     pub length_variation: f32,
     /// Fraction by which strands are shortened where the region's weight falls to 0. No unit,
     /// default 0, range 0 to 1; 0 gives all strands the same length.
@@ -77,7 +77,7 @@ pub struct GrowParams {
     /// Rate at which strands turn downwards or to the comb's direction. Unit 1/m, default 0, range
     /// 0 to 10000; 0 leaves only the paper's formula.
     pub hang: f32,
-    /// Greatest slope at which strands from the front of the box hang forwards and all others
+    /// Largest slope at which strands from the front of the box hang forwards and all others
     /// backwards, so that the shoulders remain free. No unit, default 0, range 0 to 10; 0 hangs
     /// straight down.
     pub sweep: f32,

@@ -26,14 +26,14 @@ struct Contacts {
     distance: f32,
     slip: f32,
     friction: f32,
-    // Least length of strand that a contact bends; length of the frame; violation of the gap at
+    // Minimum length of strand that a contact bends; length of the frame; violation of the gap at
     // which rounds stop; distance from the centre beyond which hair is ignored in the box.
     spread: f32,
     dt: f32,
     close: f32,
     far: f32,
-    // Least distance between nodes of the mean motion; inverse of the longest piece; inverse of the
-    // number of particles.
+    // Minimum distance between nodes of the mean motion; inverse of the longest piece; inverse of
+    // the number of particles.
     spacing: f32,
     inverse_piece: f32,
     inverse_particles: f32,
@@ -71,7 +71,7 @@ struct Touch {
     slices: u32,
     dims: vec3u,
     slice: u32,
-    // Least and greatest coordinates, ordered as integers.
+    // Smallest and largest coordinates, ordered as integers.
     extent: array<atomic<u32>, 6>,
     // Sum of the squared residual motions relative to an edge, in units of 2⁻¹⁶; bits of the
     // largest.

@@ -71,7 +71,7 @@ impl Cutoff {
         bin(x).cmp(&self.bin)
     }
 
-    /// The least number of the next higher bin.
+    /// The smallest number of the next higher bin.
     pub fn bound(&self) -> f32 {
         f32::from_bits((self.bin + 1) << BIN_BITS)
     }

@@ -9,9 +9,10 @@ use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 use std::cmp::Ordering;
 
-/// Least distance between nodes, metres.
+/// Minimum distance between nodes, metres.
 pub const SPACING: f32 = 0.03;
-/// Hair farther from the centre of the groom than so many times its rest radius is ignored.
+/// Hair farther from the centre of the groom than this multiple of the groom's rest radius is
+/// ignored.
 pub const FAR: f32 = 4.0;
 /// Maximum number of nodes along an axis.
 pub const NODES: usize = 48;

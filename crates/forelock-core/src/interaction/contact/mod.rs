@@ -63,7 +63,7 @@ pub(crate) struct Contact {
     pub along: [f32; 2],
     /// Unit normal from the second segment to the first, in the frame of the head.
     pub normal: Vec3,
-    /// Least distance along the normal, metres.
+    /// Minimum distance along the normal, metres.
     pub gap: f32,
     /// Time of the contact, as a fraction of the frame.
     pub when: f32,

@@ -11,8 +11,8 @@ use crate::params::{COUNT, NON_NEGATIVE, ParamsError, check};
     serde(default, deny_unknown_fields)
 )]
 pub struct ContactParams {
-    /// Least distance of the centre lines of two strands. Unit m, default 5e-4, range 1e-6 to 0.1.
-    /// Strands that are closer at rest may come as close as they are at rest.
+    /// Minimum distance of the centre lines of two strands. Unit m, default 5e-4, range 1e-6 to
+    /// 0.1. Strands that are closer at rest may come as close as they are at rest.
     pub distance: f64,
     /// Relative speed below which contacts are ignored and left to the grid. Unit m/s, default
     /// 0.01, range 0 or more.
@@ -23,7 +23,7 @@ pub struct ContactParams {
     pub budget: u32,
     /// Coulomb friction between strands. No unit, default 0.3, range 0 or more.
     pub friction: f64,
-    /// Least length of strand over which a contact distributes its push. Unit m, default 0.05,
+    /// Minimum length of strand over which a contact distributes its push. Unit m, default 0.05,
     /// range 0 to 10.
     pub spread: f64,
     /// Maximum number of rounds of the solve. Unit rounds, default 16, range 1 to 1000.

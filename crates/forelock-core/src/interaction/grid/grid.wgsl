@@ -59,7 +59,7 @@ struct Bounds {
     count: u32,
     dims: vec3u,
     layer: u32,
-    // Least and greatest coordinates of the hair in cells, ordered as integers.
+    // Smallest and largest coordinates of the hair in cells, ordered as integers.
     extent: array<atomic<u32>, 6>,
     // Bits of the fullest cell's share, of the largest right-hand side, and of the largest change
     // of the last sweeps.

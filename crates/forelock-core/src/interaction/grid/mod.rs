@@ -212,7 +212,7 @@ impl Grid {
 
     /// Measures `rooms`: see Practice in the module documentation.
     fn measure_rest<T: Real>(&mut self, model: &Model<T>, frame: &GridFrame) {
-        // The first pass takes the length of an edge as its volume: the density in metres a cell.
+        // The first pass takes the length of an edge as its volume: the density in metres per cell.
         let places = 0..model.rest_lengths.len() / 3;
         for place in places.clone() {
             self.rooms[place] = Row(model.rest_lengths[3 * place].0.map(|l| l.to_f32().unwrap_or(0.0)));

@@ -289,7 +289,7 @@ fn load<T: Real>(rows: &[Row<T>], place: usize) -> Lanes {
     out
 }
 
-/// The least and the greatest coordinates of the hair along the axes of the grid, metres; zero if
+/// The smallest and the largest coordinates of the hair along the axes of the grid, metres; zero if
 /// no coordinate is finite.
 pub(crate) fn extent<T: Real>(model: &Model<T>, positions: &[Row<T>], frame: &GridFrame) -> [[f32; 3]; 2] {
     let view = View::new(frame, &Bounds::default(), 1.0);

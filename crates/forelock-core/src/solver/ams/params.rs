@@ -103,7 +103,7 @@ pub struct AmsParams {
     /// Particles that follow the head exactly, from the root. Unit particles, default 2, range 1 to
     /// 1000; 1 makes the root a hinge, 0 is refused.
     pub clamped: u32,
-    /// Substeps a frame, M. Unit substeps, default 4, range 1 to 1000; 0 is refused.
+    /// Substeps per frame, M. Unit substeps, default 4, range 1 to 1000; 0 is refused.
     pub substeps: u32,
     /// How springs enter the matrix: "tension" or "paper". Default "tension".
     pub jacobian: Jacobian,

@@ -69,7 +69,7 @@ pub struct MassSpringParams {
     /// between them do so too. Unit particles, default 2, range 1 to 1000; 1 makes the root a
     /// hinge, 0 is refused.
     pub clamped: u32,
-    /// Substeps a frame, M. Unit substeps, default 4, range 1 to 1000; 0 is refused.
+    /// Substeps per frame, M. Unit substeps, default 4, range 1 to 1000; 0 is refused.
     pub substeps: u32,
     /// How springs enter the matrix: "tension" or "paper". Default "tension".
     pub jacobian: Jacobian,
@@ -228,7 +228,7 @@ fn with_virtual_particles<T: Real>(strands: &Strands<'_, T>, offset: f64) -> (Ve
     (positions, offsets)
 }
 
-/// Every so many particles of a chain one is the groom's.
+/// Every `EVERY`-th particle of a chain is from the groom; the others are virtual.
 const EVERY: u32 = 2;
 
 /// Candidate directions of a virtual particle around its edge.

@@ -1,4 +1,4 @@
-//! Masses of particles and accelerations beside gravity, against closed forms.
+//! Masses of particles and accelerations in addition to gravity, against closed forms.
 
 use crate::rig::{GRAVITY, Random, Rig, Strand, Varied, bare, helix, largest, tuft};
 use forelock_core::frame::{Acceleration, FrameInput, Step};
@@ -183,7 +183,7 @@ fn masses_from_widths_and_wrong_input() {
     groom.widths = Some(vec![2e-4, 2e-4, 1e-4, 0.0]);
     let simulation = build(&groom).unwrap();
     let all: Vec<f32> = simulation.model().masses.iter().map(|row| row.0[0]).collect();
-    // Squares 4, 4, 1, 0 over their mean of 2.25; a tip of no width has the least mass.
+    // Squares 4, 4, 1, 0 over their mean of 2.25; a tip of no width has the smallest mass.
     assert_eq!(all, [4.0 / 2.25, 4.0 / 2.25, 1.0 / 2.25, *MASS_RANGE.start()]);
 
     let refused = |masses: &[f32]| {

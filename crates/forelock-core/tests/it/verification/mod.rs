@@ -1,6 +1,6 @@
-//! The solvers against results known beforehand: closed forms, conservation, invariances, and the
-//! bounds of the project's table of thresholds. Nothing here compares with stored output; `goldens`
-//! does that.
+//! Compares the solvers with results that are known in advance: closed forms, conservation laws,
+//! invariances, and the accuracy that this project requires (`thresholds`). Nothing here is
+//! compared with stored output; `goldens` does that.
 
 #![expect(clippy::unwrap_used, reason = "in a test a failure to build is a failure of the test")]
 

@@ -95,7 +95,7 @@ pub struct Rig<T: SimulationReal> {
     pub head: Pose,
     pub gravity: DVec3,
     pub air: DVec3,
-    /// Acceleration of each particle beside gravity; empty: none.
+    /// Acceleration of each particle in addition to gravity; empty: none.
     pub acceleration: Vec<Vec3>,
     pub dt: f64,
 }

@@ -40,7 +40,7 @@ fn nothing_ends_a_frame_inside() {
             let report = rig.step_among(to, &[on_head(&shape, local, rig.head, to)]);
             touched += report.touching;
             if frame <= 30 {
-                continue; // Hair that starts inside needs 0.2 m at 1 m/s to come out.
+                continue; // Hair that starts inside must be pushed out by 0.2 m, at 1 m/s.
             }
             let place = to.after(&local);
             for (i, &x) in rig.positions().iter().enumerate().filter(|(i, _)| i % 30 >= 2) {
@@ -88,7 +88,7 @@ fn friction_is_coulombs() {
     }
 }
 
-/// A particle that nothing else moves comes out at exactly the speed given, and stops on the skin.
+/// A particle without other forces is pushed out at exactly the given speed, and stops on the skin.
 #[test]
 fn the_way_out_has_a_speed() {
     let (speed, radius, start) = (0.6, 0.1, 0.04);
@@ -107,7 +107,8 @@ fn the_way_out_has_a_speed() {
     }
 }
 
-/// Whole hair with all its ties, spawned across a ball: it comes out, and no part of it shoots off.
+/// Whole hair with all its ties, spawned across a ball: it is pushed out, and no part of it becomes
+/// fast.
 #[test]
 fn hair_spawned_inside_comes_out_gently() {
     let params = AmsParams::default();

@@ -21,7 +21,7 @@ fn wisp(n: u32) -> Vec<Strand> {
 
 /// What a solid that comes from behind at `speed` for `travel` metres did to a wisp.
 struct Passage {
-    /// Greatest depth of a particle under the surface at a frame's end, metres.
+    /// Largest depth of a particle under the surface at a frame's end, metres.
     deepest: f64,
     /// Frames × particles at a depth of a millimetre and more, over all.
     deep_share: f64,

@@ -22,7 +22,7 @@ struct Instant {
     /// Relative stiffness of the strand.
     stiffness: f64,
     masses: Vec<f64>,
-    /// Acceleration beside gravity.
+    /// Acceleration in addition to gravity.
     acceleration: Vec<DVec3>,
     poses: [Pose; 2],
     air: DVec3,
@@ -193,7 +193,7 @@ fn error<T: SimulationReal>(params: &AmsParams, simd: Simd, seed: u64, k_integri
     let strand = helix(30).iter().map(|&p| p.map(|c| real::<T>(c).to_f64().unwrap())).collect::<Vec<_>>();
     let stiffness = 0.75;
     let options = Options { simd, rest_gravity: GRAVITY, ..Options::default() };
-    // Half of the cases have masses, a third have an acceleration beside gravity.
+    // Half of the cases have masses, a third have an acceleration in addition to gravity.
     let masses: Vec<f32> = strand
         .iter()
         .map(|_| (random.number() * 1.5).exp() as f32)

@@ -1,5 +1,5 @@
-//! The table of thresholds, row by row. Its other rows are in `system` (dense solve) and `solids`
-//! (penetration, friction).
+//! The accuracy that this project requires of the solver, one test per threshold. The thresholds of
+//! the dense solve are tested in `system`, those of penetration and friction in `solids`.
 
 use crate::rig::{DT, G, GRAVITY, LENGTH, Rig, helix, largest, shake, simds};
 use forelock_core::lane::Simd;
@@ -31,7 +31,7 @@ fn a_groom_at_rest_does_not_drift() {
     println!("drift at rest, 2 s: float64 {drift64:.1e} L (at most 1e-12), float32 {drift32:.1e} L (1e-6)");
     assert!(drift64 <= 1e-12, "{drift64:e}");
     assert!(drift32 <= 1e-6, "{drift32:e}");
-    // Control: without the preload it sags far.
+    // Negative control: without the sag-free start the strand sags by more than 0.1 L.
     assert!(drift::<f64>(Simd::Auto, &AmsParams { sag_free: false, ..AmsParams::default() }) > 0.1);
 }
 
@@ -52,7 +52,8 @@ fn edges_keep_their_length_in_a_shake() {
     assert!(worst <= 1e-5, "{worst:e}");
 }
 
-/// Greatest distance, over L, between a run and the same run with the world turned, turned back.
+/// Largest distance, over the strand's length L, between a run and the same run in a rotated world,
+/// rotated back.
 fn turned_error(turn: DQuat, gravity: DVec3) -> f64 {
     let world = Pose::new(turn, DVec3::ZERO);
     let options = Options { rest_pose: world, rest_gravity: turn * GRAVITY, ..Options::default() };
@@ -79,9 +80,11 @@ fn a_turned_world_moves_alike() {
     let error = turned_error(turn, turn * GRAVITY);
     println!("whole scene rotated, 2 s of a 4 g shake: {error:.1e} L (at most 1e-8)");
     assert!(error <= 1e-8, "{error:e}");
-    assert!(turned_error(turn, GRAVITY) > 1e-2, "a world whose gravity did not turn moves otherwise");
+    assert!(turned_error(turn, GRAVITY) > 1e-2, "if gravity is not rotated too, the motion must differ");
 }
 
+/// Largest displacement relative to the head, over L, of a strand that moves with the head at
+/// constant velocity, in a wind of `wind_share` times that velocity.
 fn carried_error(wind_share: f64) -> f64 {
     let u = DVec3::new(10.0, -2.0, 3.0);
     let mut rig = default_rig::<f64>(Simd::Auto);
@@ -101,12 +104,13 @@ fn carried_error(wind_share: f64) -> f64 {
 #[test]
 fn at_constant_velocity_with_the_wind_nothing_moves() {
     let error = carried_error(1.0);
-    println!("constant velocity, wind moving along: {error:.1e} L (at most 1e-7)");
+    println!("constant velocity, the same for the wind: {error:.1e} L (at most 1e-7)");
     assert!(error <= 1e-7, "{error:e}");
-    assert!(carried_error(0.99) > 1e-4, "a wind that lags is felt");
+    assert!(carried_error(0.99) > 1e-4, "a slower wind must move the strand");
 }
 
-/// Late jitter with the head at rest, and 8 s after it was tilted by 135° within half a second.
+/// Jitter (largest acceleration, in g) with the head at rest, and 8 s after the head was tilted by
+/// 135° within half a second.
 fn late_jitter<T: SimulationReal>(simd: Simd) -> [f64; 2] {
     let mut rig = default_rig::<T>(simd);
     rig.play(1.5, |_| Pose::IDENTITY);
@@ -124,8 +128,8 @@ fn hair_comes_to_rest() {
     assert!(worst[0] <= 1e-3 && worst[1] <= 1e-3, "{worst:?}");
 }
 
-/// Accelerations over gravity during a quarter of a second with the head at rest: root mean square
-/// over particles and frames, and the largest.
+/// Accelerations in g during a quarter of a second with the head at rest: root mean square over
+/// particles and frames, and maximum.
 fn unrest<T: SimulationReal>(rig: &mut Rig<T>) -> [f64; 2] {
     let (mut sum, mut count, mut largest) = (0.0, 0.0f64, 0.0f64);
     for _ in 0..15 {
@@ -139,7 +143,7 @@ fn unrest<T: SimulationReal>(rig: &mut Rig<T>) -> [f64; 2] {
     [(sum / count).sqrt(), largest]
 }
 
-/// [`unrest`] right after two seconds of a 4 g shake at 1 Hz, 2 s later and 3 s later.
+/// [`unrest`] immediately after two seconds of a 4 g shake at 1 Hz, 2 s later and 3 s later.
 fn after_shake<T: SimulationReal>(simd: Simd) -> [[f64; 2]; 3] {
     let mut rig = default_rig::<T>(simd);
     rig.play(2.0, |t| shake(4.0, 1.0, t));
@@ -149,8 +153,9 @@ fn after_shake<T: SimulationReal>(simd: Simd) -> [[f64; 2]; 3] {
     })
 }
 
-/// The motion left after 2 s is the slowest swing, which decays by about e^−1.2 a second through
-/// drag/2 and the damping of the implicit step.
+/// After 2 s only the slowest swing of the strand is left. Its amplitude decays by a factor of
+/// about e^−1.2 per second: through drag, at half the drag rate, and through the numerical damping
+/// of the implicit step.
 #[test]
 fn two_seconds_after_a_shake_it_is_calm() {
     let runs = std::iter::once(after_shake::<f64>(Simd::Auto)).chain(simds().map(after_shake::<f32>));
@@ -159,7 +164,7 @@ fn two_seconds_after_a_shake_it_is_calm() {
             "after a 4 g shake: {:.2} g; 2 s later {:.1e} g (at most 5e-2), largest {:.1e}; 3 s later {:.1e}",
             soon[0], two[0], two[1], three[1]
         );
-        assert!(soon[0] > 0.2, "the shake moved the strand: {soon:?}");
+        assert!(soon[0] > 0.2, "the shake must move the strand: {soon:?}");
         assert!(two[0] <= 5e-2, "{two:?}");
         assert!(three[1] <= 5e-2, "{three:?}");
     }

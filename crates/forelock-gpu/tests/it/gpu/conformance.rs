@@ -574,7 +574,7 @@ fn what_a_gpu_cannot_do_is_said() {
     }
 }
 
-/// 15,000 × 30, the paper's hand scene: at most 200 bytes a particle, also with contacts, without
+/// 15,000 × 30, the paper's hand scene: at most 200 bytes per particle, also with contacts, without
 /// their cell table.
 #[test]
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
@@ -589,7 +589,7 @@ fn two_hundred_bytes_a_particle() {
     simulation.set_contacts(Some(&ContactParams::default())).unwrap();
     let touching = bytes(&simulation);
     println!("{alone:.1} bytes a particle on the device, with contacts {touching:.1}");
-    // Two numbers a cell, of which there are up to twice as many as segments.
+    // Two numbers per cell, of which there are up to twice as many as segments.
     let table = f64::from(8 * (15_000 * 29u32).next_power_of_two()) / positions.len() as f64;
     assert!(alone <= 200.0 && touching <= 200.0 + table, "{alone} {touching}");
 }

@@ -1,5 +1,5 @@
-//! Masses and accelerations beside gravity on a device, compared with the CPU in float32 and
-//! float64.
+//! Masses and accelerations in addition to gravity on a device, compared with the CPU in float32
+//! and float64.
 
 #![expect(clippy::unwrap_used, reason = "a test fails where it cannot be set up")]
 

@@ -123,7 +123,7 @@ impl Depths {
         Self { surface, known: vec![(DVec3::ZERO, f64::NEG_INFINITY); particles] }
     }
 
-    /// Particles deeper than [`DEEP_M`] and the greatest depth in metres, for `positions` in the
+    /// Particles deeper than [`DEEP_M`] and the largest depth in metres, for `positions` in the
     /// body's frame.
     fn look(&mut self, positions: &[DVec3]) -> (usize, f64) {
         let surface = &self.surface;

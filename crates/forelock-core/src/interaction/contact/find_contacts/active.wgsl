@@ -195,7 +195,7 @@ fn scan_cells(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_ind
     scan_rows(group.x, t, contacts.cells);
 }
 
-// Reserves so many entries.
+// Reserves `count` entries and returns the index of the first.
 fn reserve_entries(count: u32) -> u32 {
     return atomicAdd(&touch.taken, count);
 }

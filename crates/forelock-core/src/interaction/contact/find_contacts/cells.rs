@@ -1,4 +1,4 @@
-//! Sorts segments into cells.
+//! Sorts the segments of a time slice into a grid of cells, for the search of contacts.
 
 use super::pairs::{ACTIVE, Entry, FIELDS, Test};
 use super::{Slice, keep_fastest};
@@ -10,21 +10,23 @@ use glam::Vec3;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-/// Number of chunks; it is fixed so that results do not depend on the number of threads.
+/// Number of chunks of blocks. It is fixed, so that results do not depend on the number of threads.
 const CHUNKS: usize = 64;
-/// Maximum numbers of cells and of layers.
+/// Maximum number of cells.
 const CELLS: usize = 1 << 22;
+/// Maximum number of layers of cells along z.
 const LAYERS: usize = 1 << 12;
-/// Longest piece of a segment, relative to [`search_edge`](super::search_edge): longer segments are
-/// inserted in several pieces.
+/// Maximum length of an entry, relative to [`search_edge`](super::search_edge). Longer segments are
+/// split into pieces of equal length, with one entry each.
 pub const PIECE: f32 = 1.25;
 /// Maximum number of pieces of a segment.
 pub const PIECES: f32 = 256.0;
-/// Maximum margins of an active and of another segment, relative to
-/// [`search_edge`](super::search_edge). The few segments whose residual motion exceeds that for
-/// which slices are chosen are found only near their position in the middle of a slice. Other
-/// segments have a smaller residual motion than active ones, unless the budget cannot take all
-/// active ones.
+/// Maximum margins of the bounding balls of active segments and of all others, relative to
+/// [`search_edge`](super::search_edge). The margin is the difference between the radius and half
+/// the length. A few active segments move farther than this bound; their contacts are found only
+/// near their position in the middle of the slice. The second bound is smaller, because segments
+/// that are not active have little residual motion, unless more segments move fast than the budget
+/// allows.
 pub const REACH: [f32; 2] = [1.25, 0.25];
 
 /// The grid of cells.
@@ -39,8 +41,8 @@ pub(crate) struct Cells {
 }
 
 impl Cells {
-    /// Creates cells for the box from `low` to `high`: half an edge wide, or wider if that would be
-    /// more than [`CELLS`].
+    /// Creates cells that cover the box from `low` to `high`. A cell is half of `edge` wide, or
+    /// wider if that would take more than [`CELLS`] cells or [`LAYERS`] layers.
     pub fn around([low, high]: [Vec3; 2], edge: f32) -> Self {
         let size = high - low;
         let mut cells = Self { low, side: 0.5 * edge, dims: [1; 3], edge };
@@ -55,18 +57,19 @@ impl Cells {
         }
     }
 
-    /// Layers of cells along z.
+    /// Number of layers of cells along z.
     pub fn layers(&self) -> usize {
         self.dims[2]
     }
 
-    /// Cells in a layer.
+    /// Number of cells in a layer.
     fn layer(&self) -> usize {
         self.dims[0] * self.dims[1]
     }
 
-    /// Largest distance from the centre of `entry` to the centres of those entries that it is
-    /// tested against: of active entries only those of a smaller radius.
+    /// Maximum distance between the centres of `entry` and of another entry whose ball touches its
+    /// ball. Of the active entries, only those with a smaller radius than `entry` are considered;
+    /// the radius of the others is bounded by [`PIECE`] and [`REACH`].
     #[inline]
     pub fn reach(&self, entry: &Entry) -> f32 {
         entry.radius + entry.radius.max((0.5 * PIECE + REACH[1]) * self.edge)
@@ -77,13 +80,13 @@ impl Cells {
         (((x - self.low[axis]) / self.side).max(0.0) as usize).min(self.dims[axis] - 1)
     }
 
-    /// The cells along an axis within `reach` of `x`.
+    /// Indices of the cells within `reach` of `x`, along one axis.
     #[inline]
     pub fn span(&self, axis: usize, x: f32, reach: f32) -> Range<usize> {
         self.index(axis, x - reach)..self.index(axis, x + reach) + 1
     }
 
-    /// Distance of `x` from cell `cell` along an axis.
+    /// Distance of `x` from cell `cell` along an axis, 0 inside the cell.
     #[inline]
     pub fn apart(&self, axis: usize, cell: usize, x: f32) -> f32 {
         let low = self.low[axis] + cell as f32 * self.side;
@@ -98,11 +101,11 @@ impl Cells {
 
 /// Number of bits of [`Marks`], a power of two.
 const MARKS: usize = 1 << 20;
-/// Side of a marked cell, relative to that of a cell.
+/// Side of a cell of [`Marks`], relative to the side of a cell of [`Cells`].
 const COARSE: f32 = 3.0;
 
-/// Bit set of the regions near active segments, in cells [`COARSE`] times as wide, indexed by a
-/// hash; collisions may mark other regions too.
+/// Marks the regions near active segments: a bit set of coarse cells, indexed by a hash of their
+/// position. Hash collisions can mark regions that are not near any active segment.
 #[derive(Debug, Default)]
 pub(crate) struct Marks(Vec<AtomicU32>);
 
@@ -151,14 +154,14 @@ impl Marks {
     }
 }
 
-/// A range of blocks and their entries.
+/// A range of blocks, and the entries of their segments.
 #[derive(Debug)]
 pub(crate) struct Chunk {
     blocks: Range<usize>,
     /// Entries, active ones first.
     entries: Vec<Entry>,
     active: usize,
-    /// Whether some segment is split into pieces.
+    /// Whether some segments are split into pieces.
     in_pieces: bool,
     /// Indices of the entries sorted by layer, and the start of each layer, `[layers + 1]`.
     order: Vec<u32>,
@@ -274,8 +277,9 @@ impl Chunk {
         self.order[own].iter().map(|&number| &self.entries[number as usize])
     }
 
-    /// Finds the contacts of the active segments: calls `follow` for each pair that passes `test`.
-    /// Keeps at most twice `most` contacts, those of the greatest approach.
+    /// Finds the contacts of the active segments. For each pair that passes `test`, `follow`
+    /// returns the contact, if there is one. Where more than `2 * most` contacts are found, only
+    /// the `most` with the largest approach are kept.
     pub fn search(
         &mut self,
         soa: &SoaCells,
@@ -292,7 +296,7 @@ impl Chunk {
                 unsafe { test(soa, entry, distance, &mut self.near) };
             }
             if pieces.len() > 1 || soa.has_pieces {
-                // With pieces a pair may appear more than once.
+                // A pair of segments that are split into pieces can appear more than once.
                 self.near.sort_unstable();
                 self.near.dedup();
             }
@@ -311,8 +315,8 @@ fn is_active(displacements: &Displacements, slice: &Slice, a: usize) -> bool {
     slice.active.includes(a, displacements.residual_motion[a].max(displacements.residual_motion[a + LANES]))
 }
 
-/// Inserts segment `a` at its position in the middle of the slice, in pieces if it is long. Skips
-/// pieces outside the box and those for which `is_near` is false.
+/// Inserts segment `a` at its position in the middle of the slice, split into pieces if it is long.
+/// Skips pieces that are outside the grid of cells and pieces for which `is_near` is false.
 #[inline]
 fn insert(
     entries: &mut Vec<Entry>,
@@ -333,7 +337,8 @@ fn insert(
             continue;
         }
         let active = is_active(displacements, slice, a);
-        // A quarter more, because the mean motion differs slightly between both segments of a pair.
+        // The factor 1.25 is a margin: the mean motions of the two segments of a pair differ
+        // slightly.
         let residual_motion =
             1.25 * displacements.residual_motion[a].max(displacements.residual_motion[a + LANES]);
         let most = REACH[usize::from(!active)] * cells.edge;
@@ -356,16 +361,16 @@ fn insert(
 #[derive(Debug, Default)]
 pub(crate) struct SoaCells {
     cells: Cells,
-    /// First group of sixteen entries of each layer, `[layers + 1]`.
+    /// Index of the first group of sixteen entries of each layer, `[layers + 1]`.
     layers: Vec<u32>,
     /// Start of each cell in its layer, `[layers × (cells of a layer + 1)]`; undefined for empty
     /// layers.
     starts: Vec<u32>,
-    /// Numbers of the segments, with [`ACTIVE`].
+    /// Numbers of the segments, with the flag [`ACTIVE`].
     pub segments: Vec<u32>,
     /// Groups of sixteen entries, field by field in the order of [`Entry::fields`].
     pub rows: Vec<[Row<f32>; FIELDS]>,
-    /// Whether some segment may be split into pieces.
+    /// Whether some segments are split into pieces.
     has_pieces: bool,
 }
 
@@ -386,7 +391,8 @@ impl SoaCells {
         &self.cells
     }
 
-    /// Collects the entries of all chunks, in their order.
+    /// Sorts the entries of all chunks by layer and cell. Entries of the same cell keep the order
+    /// of the chunks.
     pub fn fill(&mut self, chunks: &[Chunk], cells: &Cells) {
         self.cells = *cells;
         fill(&mut self.layers, cells.layers() + 1, 0);
@@ -403,7 +409,8 @@ impl SoaCells {
         each_layer(0..cells.layers(), &self.layers, all, &|k, layer| layer.fill(k, chunks, cells));
     }
 
-    /// Calls `visit` with each run of entries whose cells are within `reach` of `at`.
+    /// Finds the entries whose cells are within `reach` of `at`. They form runs of consecutive
+    /// entries: calls `visit` with the index range of each run.
     #[inline(always)]
     pub fn runs(&self, at: Vec3, reach: f32, mut visit: impl FnMut(Range<usize>)) {
         let (cells, row, layer) = (&self.cells, self.cells.dims[0], self.cells.layer() + 1);
@@ -428,7 +435,7 @@ impl SoaCells {
     }
 }
 
-/// Calls `f` for each layer and its part, in parallel.
+/// Calls `f` for each layer of `range` and its part of `all`, in parallel.
 fn each_layer(range: Range<usize>, firsts: &[u32], all: Layer<'_>, f: &(impl Fn(usize, Layer<'_>) + Sync)) {
     if range.len() <= 1 {
         return f(range.start, all);
@@ -449,7 +456,7 @@ fn each_layer(range: Range<usize>, firsts: &[u32], all: Layer<'_>, f: &(impl Fn(
 }
 
 impl Layer<'_> {
-    /// Collects the entries of all chunks in layer `k`, in their order.
+    /// Sorts the entries of all chunks in layer `k` by cell.
     fn fill(self, k: usize, chunks: &[Chunk], cells: &Cells) {
         let Self { starts, segments, rows } = self;
         if rows.is_empty() {

@@ -7,17 +7,17 @@
 //! closer at rest: hair must be able to return to its rest shape.
 //!
 //! # Practice
-//! A frame is divided into at most four slices, so many that in each slice the residual motion of
-//! typical hair is less than an edge, and that of all but one particle in 512 less than two. In the
-//! middle of a slice each active segment, and each other segment near one, is bounded by a ball
-//! around its centre whose radius is the sum of half its length, half the contact distance and half
-//! its residual motion in the slice. All balls are sorted by the cell of their centre, layer by
-//! layer, as a structure of arrays (`cells`), so the candidates of an active segment lie in a few
-//! runs of memory. The candidates are tested many at a time: first whether the balls touch, then
-//! whether the distance of the segments exceeds their displacements along the line between them
-//! (`pairs`). The few that remain are advanced through the slice conservatively, in steps that
-//! their distance allows (`follow`). All of this runs in parallel; the order of contacts does not
-//! depend on the number of threads.
+//! A frame is divided into up to four time slices. Their number is chosen so that in each slice the
+//! residual motion of typical hair is shorter than an edge, and that of all but one in 512
+//! particles is shorter than two edges. In the middle of a slice each active segment, and each
+//! other segment near one, is bounded by a ball around its centre whose radius is the sum of half
+//! its length, half the contact distance and half its residual motion in the slice. All balls are
+//! sorted by the cell of their centre, layer by layer, as a structure of arrays (`cells`), so the
+//! candidates of an active segment lie in a few runs of memory. The candidates are tested many at a
+//! time: first whether the balls touch, then whether the distance of the segments exceeds their
+//! displacements along the line between them (`pairs`). The few that remain are advanced through
+//! the slice conservatively, in steps that their distance allows (`follow`). All of this runs in
+//! parallel; the order of contacts does not depend on the number of threads.
 
 mod cells;
 mod follow;
@@ -45,13 +45,14 @@ pub const PAIRS_WGSL: &str = include_str!("pairs.wgsl");
 /// WGSL that selects contacts within the budget and creates their joints.
 pub const BUDGET_WGSL: &str = include_str!("budget.wgsl");
 
-/// Least length scale of the search, relative to the contact distance.
+/// Minimum length scale of the search, relative to the contact distance.
 const EDGE_PER_DISTANCE: f64 = 8.0;
 /// Maximum number of slices of a frame.
 pub const SLICES: u32 = 4;
 /// Contacts in the budget for each active particle.
 pub const SEGMENT_CONTACTS: usize = 8;
-/// One particle in so many may exceed the residual motion for which slices are chosen.
+/// One in this number of particles may exceed the residual motion for which the number of slices is
+/// chosen.
 pub const FEW: usize = 512;
 /// Approach in a frame that is ignored, relative to the contact distance.
 pub(crate) const SLOP: f32 = 2e-3;
@@ -191,7 +192,7 @@ pub fn search_edge<T: Real>(model: &Model<T>, params: &ContactParams) -> f32 {
     f64::max(sum / f64::max(edges, 1.0), EDGE_PER_DISTANCE * params.distance) as f32
 }
 
-/// Keeps at most `most` contacts, those of the greatest approach; of equal ones the first.
+/// Keeps the `most` contacts with the largest approach; of contacts with equal approach, the first.
 /// `approaches` is a buffer.
 fn keep_fastest(found: &mut Vec<Contact>, most: usize, approaches: &mut Histogram) {
     if found.len() <= most {

@@ -12,7 +12,7 @@ pub(crate) const ACTIVE: u32 = 1 << 31;
 /// A segment, or a piece of one, in the middle of a slice. Metres.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Entry {
-    /// Number of the segment, with [`ACTIVE`].
+    /// Number of the segment, with the flag [`ACTIVE`].
     pub segment: u32,
     pub middle: Vec3,
     /// From the centre to the upper end.

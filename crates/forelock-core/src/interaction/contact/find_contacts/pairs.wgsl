@@ -186,7 +186,7 @@ fn add_candidate(seeker: Seeker, other: u32, approach: f32) {
     }
 }
 
-// The piece, of so many, at the fraction `along` of a segment.
+// Index of the piece at the fraction `along` of a segment that is split into `pieces`.
 fn piece_at(along: f32, pieces: u32) -> u32 {
     return min(u32(along * f32(pieces)), pieces - 1u);
 }
@@ -340,7 +340,7 @@ fn test_entry(seeker: Seeker, at: u32) {
     }
 }
 
-// The least speed that is kept, in addition to the contacts of earlier slices. Only half of the
+// The smallest speed that is kept, in addition to the contacts of earlier slices. Only half of the
 // capacity is used, because the size of a sampled bin varies; SLOTS of them are kept in the end.
 fn find_threshold() {
     var room = (FOUND - SLOTS) / 2u;

@@ -1,5 +1,5 @@
-// The search of contacts, strand by strand, one a thread: displacements of particles, mean motion,
-// entries of cells; the GPU counterpart of `contact::{displacements, mean_motion}` and of
+// The search of contacts, strand by strand, one per thread: displacements of particles, mean
+// motion, entries of cells; the GPU counterpart of `contact::{displacements, mean_motion}` and of
 // `find_contacts::cells`.
 
 @compute @workgroup_size(WORKGROUP)
@@ -121,7 +121,7 @@ fn splat_mean_motion(@builtin(global_invocation_id) id: vec3u) {
         }
         let displacement = end - start;
         let own = corner_at(start + 0.5 * displacement);
-        // The sum of so many fits into 32 bits.
+        // The sum of 256 values fits into 32 bits.
         if own.first != sum.first || sum.count == 256u {
             flush_sums(&sum);
             sum.first = own.first;

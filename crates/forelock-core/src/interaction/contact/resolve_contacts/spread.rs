@@ -29,7 +29,7 @@ pub(super) struct Strand {
     /// Index of the first body, and number of bodies.
     pub first: usize,
     pub particles: usize,
-    /// Least length over which the contacts bend the strand, metres.
+    /// Minimum length over which the contacts bend the strand, metres.
     pub bend: f32,
 }
 

@@ -1,7 +1,7 @@
-// Resolution of contacts, strand by strand, one a thread: the GPU counterpart of
+// Resolution of contacts, strand by strand, one per thread: the GPU counterpart of
 // `resolve_contacts::spread`. Only strands with joints take part.
 
-// Least length over which the joints bend the strand, metres; 0 without joints.
+// Minimum length over which the joints bend the strand, metres; 0 without joints.
 fn bend_of(strand: Strand) -> f32 {
     return bitcast<f32>(atomicLoad(&table[bend_at(blocks[strand.block].number * LANES + strand.lane)]));
 }

@@ -1,26 +1,29 @@
-//! Grid to particle: adds the change of the grid's velocity to the strands.
+//! The transfer from grid to particles (G2P): adds the change of the grid's velocity to the
+//! strands.
 //!
 //! # Theory
-//! The velocity of a sample changes by a blend of the change of the grid (FLIP) and of its
-//! difference from the velocity of the grid (PIC):
+//! A sample is a point on an edge that carries a share of the edge's mass. With the interpolation
+//! weights w, the new velocities u at the faces of the grid and their changes Δu, the velocity v_s
+//! of a sample changes by a blend of FLIP, which adds the change of the grid's velocity, and PIC,
+//! which replaces the sample's velocity by the grid's:
 //!
 //! ```text
 //! Δv_s = (1 − p) Σ w Δu + p (Σ w u − v_s) ,   p = 1 − exp(−pic_rate · dt)
 //! ```
 //!
-//! The velocity of a particle changes by the mean over the samples of its segments, weighted by
-//! their mass and their linear shape function: Δv_i = Σ_s m_s N_i(s) Δv_s / Σ_s m_s N_i(s). This is
-//! the transpose of the splat, so momentum is conserved to rounding.
+//! The velocity of a particle changes by the mean of Δv_s over the samples of its two edges,
+//! weighted by the mass m_s and the linear shape function N_i: Δv_i = Σ_s m_s N_i(s) Δv_s / Σ_s m_s
+//! N_i(s). This is the transpose of the splat, so momentum is conserved to rounding.
 
-#![expect(clippy::needless_range_loop, reason = "one lane of several arrays")]
+#![expect(clippy::needless_range_loop, reason = "the index selects one lane of several arrays")]
 
 use crate::interaction::grid::splat_segments::{Corner, Stencils, stencils, weights};
 use crate::interaction::grid::{Bounds, Grid, GridMoment, View, between, split_rows};
 use crate::lane::{LANES, Quad, Real, Row};
 use crate::strands::{Block, Model};
 
-/// Adds the changes of the grid to the velocities of all particles except the first `clamped` of
-/// each strand.
+/// Adds the change of the grid's velocity to the velocities of all particles, except the first
+/// `clamped` of each strand.
 pub fn gather<T: Real>(
     grid: &Grid,
     model: &Model<T>,
@@ -41,7 +44,8 @@ pub fn gather<T: Real>(
     });
 }
 
-/// Adds the displacements of the grid to the positions of the same particles.
+/// Adds the displacements that the grid computes for hair that is too dense to the positions of all
+/// particles, except the first `clamped` of each strand.
 pub fn gather_displacements<T: Real>(
     grid: &Grid,
     model: &Model<T>,
@@ -61,15 +65,16 @@ pub fn gather_displacements<T: Real>(
 struct Gather<'a> {
     grid: &'a Grid,
     view: View,
-    /// Fraction of PIC; `None` for displacements, which are zero for most hair.
+    /// Fraction p of PIC. `None` to gather displacements: these are zero in most cells, which are
+    /// skipped.
     pic: Option<f32>,
     clamped: usize,
 }
 
-/// Weighted sum of the changes of a particle, and sum of the weights, lane by lane.
+/// Weighted sum of the changes of a particle (x, y, z), and sum of the weights, in each lane.
 type Sum = [[f32; LANES]; 4];
 
-/// The face at index `at` and the next one.
+/// The face at index `at` and the next one along x.
 #[inline(always)]
 fn pair(faces: &[[f32; 2]], at: usize) -> &[[f32; 2]; 2] {
     &bytemuck::cast_slice(&faces[at..at + 2])[0]
@@ -80,7 +85,8 @@ impl<'a> Gather<'a> {
         Self { grid, view: View::new(&moment.frame, &grid.bounds, grid.cell), pic, clamped: moment.clamped }
     }
 
-    /// Adds the changes to `rows`: velocities if `positions` is given, otherwise positions.
+    /// Adds the changes to `rows`. These are velocities if `positions` is given, and positions
+    /// otherwise.
     fn block<T: Real>(
         &self,
         model: &Model<T>,
@@ -157,7 +163,8 @@ impl<'a> Gather<'a> {
         ])
     }
 
-    /// New velocity and change of velocity along `AXIS`.
+    /// Interpolates the two values that the faces store along `AXIS`: the new velocity, and the
+    /// change of velocity or the displacement.
     #[inline(always)]
     fn face<const AXIS: usize>(&self, stencils: &Stencils) -> [f32; 2] {
         let Corner { first, fraction: [fx, fy, fz], strides } = stencils.face::<AXIS>(&self.grid.bounds);
@@ -170,6 +177,7 @@ impl<'a> Gather<'a> {
         [sum[0] + fx * (sum[2] - sum[0]), sum[1] + fx * (sum[3] - sum[1])]
     }
 
+    /// Adds the weighted mean in `sum` to particle `i`, unless it is clamped.
     #[inline]
     fn add<T: Real>(&self, rows: &mut [Row<T>], i: usize, live: usize, sum: &Sum) {
         if i < self.clamped {

@@ -139,7 +139,7 @@ pub struct Neighbours<T: SearchReal> {
     pub counts: Vec<u32>,
     /// Density of each particle.
     pub density: Vec<T>,
-    /// Key of the last neighbour of each particle with K neighbours; otherwise the least key at
+    /// Key of the last neighbour of each particle with K neighbours; otherwise the smallest key at
     /// distance h.
     bounds: Vec<T::Key>,
     /// Start of each bucket, and the end of the last.

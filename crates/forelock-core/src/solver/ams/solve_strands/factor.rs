@@ -11,7 +11,7 @@
 use super::springs::Spring;
 use crate::lane::{Lane, Mat3, Sym3, V3};
 
-/// Smallest pivot, over the least mass. Exact pivots are not less than the least mass.
+/// Smallest pivot, over the smallest mass. Exact pivots are not less than the smallest mass.
 pub const PIVOT_FLOOR: f64 = 0.999;
 
 /// −L of a row to its three earlier rows, nearest first.

@@ -17,7 +17,7 @@
 //! # Practice
 //! Row `i` needs springs from rows `i−3..=i`, so one loop computes the three springs that start at
 //! `i`, adds them to a ring of four rows, and eliminates row `i` at once. The matrix is never
-//! stored: only the factors that the backward sweep needs are kept, 30 numbers a particle.
+//! stored: only the factors that the backward sweep needs are kept, 30 numbers per particle.
 //!
 //! # Limitations
 //! In float32 the factors are accurate up to h² κ = 1e3; see
