@@ -440,9 +440,9 @@ fn hair_that_contacts_move_still_sees_solids() {
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
 fn contacts_are_the_same_bits_whatever_the_order() {
     let gpu = common::gpu();
-    let wisps = Wisps::new(22);
+    let wisps = Wisps::new(31);
     // So few that it matters which.
-    let params = ContactParams { budget: 750, ..ContactParams::default() };
+    let params = ContactParams { budget: 1500, ..ContactParams::default() };
     let new = |gpu: &Gpu, meets: bool| {
         let mut own =
             GpuSimulation::from_strands(gpu, &wisps.strands(), &AmsParams::default(), &options()).unwrap();
@@ -459,9 +459,7 @@ fn contacts_are_the_same_bits_whatever_the_order() {
     };
     for meets in [false, true] {
         let mut whole = run(new(&gpu, meets), 0..8);
-        let contacts = whole.report().unwrap().strand_contacts.unwrap().contacts;
-        println!("{contacts} contacts in the last frame");
-        assert!(contacts > 20, "{contacts}");
+        assert!(whole.report().unwrap().strand_contacts.unwrap().contacts > 100);
         let whole = whole.state_hash().unwrap();
         assert_eq!(run(new(&gpu, meets), 0..8).state_hash().unwrap(), whole);
         let half = run(new(&gpu, meets), 0..3).snapshot().unwrap();
@@ -470,7 +468,7 @@ fn contacts_are_the_same_bits_whatever_the_order() {
         resumed.time_stages(true);
         let places = resumed.model().places();
         assert_eq!(run(resumed, 3..8).state_hash().unwrap(), whole);
-        const LITTLE: u64 = 1_960_000;
+        const LITTLE: u64 = 3_900_000;
         let small = little::binding_little(&gpu, LITTLE);
         let scratch = 4 * (SCRATCH_ROWS * LANES * places) as u64;
         assert!(scratch > LITTLE, "all in one batch");
