@@ -29,10 +29,11 @@
 use crate::frame::{FrameInput, FramePlan, FrameReport, Solver};
 use crate::groom::Groom;
 use crate::groom::edit::Source;
+use crate::interaction::Interactions;
 use crate::params::ParamsError;
 use crate::pose::Pose;
 use crate::simulation::{RegroomError, Simulation};
-use crate::strands::{Model, Snapshot, SnapshotError, Teleport};
+use crate::strands::{Between, Model, Snapshot, SnapshotError, Teleport};
 use glam::Vec3;
 use std::any::Any;
 use std::fmt::Debug;
@@ -89,6 +90,20 @@ pub trait Simulator: Debug + Send {
     /// [`SimulatorError::Device`].
     fn positions(&mut self) -> Result<Positions<'_>, SimulatorError>;
 
+    /// Copies the positions after the last frame to memory: world space and the groom's order,
+    /// `[P]`, metres. A device waits for its frames.
+    ///
+    /// # Errors
+    /// [`SimulatorError::Device`].
+    fn read_positions(&mut self, out: &mut Vec<Vec3>) -> Result<(), SimulatorError>;
+
+    /// The same at a moment between the last two steps: [`State::positions_between`](crate::strands::State::positions_between).
+    ///
+    /// # Errors
+    /// [`SimulatorError::Device`].
+    fn read_positions_between(&mut self, moment: &Between, out: &mut Vec<Vec3>)
+    -> Result<(), SimulatorError>;
+
     /// A copy of the state that resumes bit for bit.
     ///
     /// # Errors
@@ -107,6 +122,13 @@ pub trait Simulator: Debug + Send {
     /// [`SimulatorError::Device`].
     fn teleport(&mut self, from: &Pose, to: &Pose, mode: Teleport) -> Result<(), SimulatorError>;
 
+    /// Invalidates cached distances to colliders, because their set has changed or they have
+    /// jumped.
+    ///
+    /// # Errors
+    /// [`SimulatorError::Device`].
+    fn forget_solids(&mut self) -> Result<(), SimulatorError>;
+
     /// Changes the parameters, or the solver, from the next frame on.
     ///
     /// # Errors
@@ -114,12 +136,24 @@ pub trait Simulator: Debug + Send {
     /// [`SimulatorError::Device`].
     fn set_params(&mut self, solver: &Solver<f32>) -> Result<(), SimulatorError>;
 
+    /// Sets or removes the built-in interactions, from the next frame on.
+    ///
+    /// # Errors
+    /// [`SimulatorError::Params`] if a parameter is out of range; nothing is changed then.
+    /// [`SimulatorError::Device`].
+    fn set_interactions(&mut self, interactions: &Interactions) -> Result<(), SimulatorError>;
+
     /// Continues with the edited `groom`, whose strands come from those simulated so far as
     /// `sources` say, with the head at `head`.
     ///
     /// # Errors
     /// [`SimulatorError::Regroom`]; nothing is changed then. [`SimulatorError::Device`].
     fn regroom(&mut self, groom: &Groom, sources: &[Source], head: &Pose) -> Result<(), SimulatorError>;
+
+    /// Name of the device; none for the CPU.
+    fn device(&self) -> Option<&str> {
+        None
+    }
 
     /// The steps of a frame.
     fn plan(&self) -> &FramePlan;
@@ -165,6 +199,20 @@ impl Simulator for HostPositions {
         Ok(Positions::Host(&self.positions))
     }
 
+    fn read_positions(&mut self, out: &mut Vec<Vec3>) -> Result<(), SimulatorError> {
+        self.simulation.positions(out);
+        Ok(())
+    }
+
+    fn read_positions_between(
+        &mut self,
+        moment: &Between,
+        out: &mut Vec<Vec3>,
+    ) -> Result<(), SimulatorError> {
+        self.simulation.state().positions_between(self.simulation.model(), moment, out);
+        Ok(())
+    }
+
     fn snapshot(&mut self) -> Result<Snapshot<f32>, SimulatorError> {
         Ok(self.simulation.snapshot())
     }
@@ -178,8 +226,17 @@ impl Simulator for HostPositions {
         Ok(())
     }
 
+    fn forget_solids(&mut self) -> Result<(), SimulatorError> {
+        self.simulation.forget_solids();
+        Ok(())
+    }
+
     fn set_params(&mut self, solver: &Solver<f32>) -> Result<(), SimulatorError> {
         Ok(self.simulation.set_params(solver)?)
+    }
+
+    fn set_interactions(&mut self, interactions: &Interactions) -> Result<(), SimulatorError> {
+        Ok(self.simulation.set_interactions(interactions)?)
     }
 
     fn regroom(&mut self, groom: &Groom, sources: &[Source], head: &Pose) -> Result<(), SimulatorError> {

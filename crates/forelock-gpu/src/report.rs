@@ -176,6 +176,7 @@ pub fn to_frame_report(report: &GpuReport, solver_stage: &'static str) -> FrameR
         strand_contacts: report.strand_contacts.unwrap_or_default(),
         sph: SphReport::default(),
         stages: times,
+        device_secs: report.secs.as_ref().map(|secs| secs.whole),
     }
 }
 

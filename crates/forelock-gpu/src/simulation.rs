@@ -20,7 +20,7 @@ use forelock_core::groom::Groom;
 use forelock_core::interaction::contact::ContactParams;
 use forelock_core::interaction::grid::GridParams;
 use forelock_core::interaction::sph::SphParams;
-use forelock_core::interaction::{contact, grid, sph};
+use forelock_core::interaction::{Interactions, contact, grid, sph};
 use forelock_core::simulation::{Options, Simulation};
 use forelock_core::strands::{Model, Strands};
 use forelock_core::strands::{Snapshot, State};
@@ -62,20 +62,12 @@ pub struct GpuSimulation {
     pub(crate) sph: Option<DeviceSph>,
     pub(crate) contacts: Option<DeviceContacts>,
     /// Parameters of the interactions.
-    pub(crate) interactions: InteractionParams,
+    pub(crate) interactions: Interactions,
     /// Made at the first wind field.
     pub(crate) air: Option<DeviceAir>,
     /// Made at the first acceleration in addition to gravity.
     pub(crate) acceleration: Option<DeviceAcceleration>,
     pub(crate) clock: Option<Clock>,
-}
-
-/// Parameters of the interactions of a simulation.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct InteractionParams {
-    pub grid: Option<GridParams>,
-    pub sph: Option<SphParams>,
-    pub contacts: Option<ContactParams>,
 }
 
 /// Strands to be simulated and their state.
@@ -172,7 +164,7 @@ impl GpuSimulation {
             grid: None,
             sph: None,
             contacts: None,
-            interactions: InteractionParams::default(),
+            interactions: Interactions::default(),
             air: None,
             acceleration: None,
             clock: None,
@@ -224,6 +216,19 @@ impl GpuSimulation {
         self.contacts = contacts.transpose()?;
         self.interactions.contacts = params.cloned();
         self.rebind()
+    }
+
+    /// Sets or removes all interactions, from the next frame on.
+    ///
+    /// # Errors
+    /// [`GpuError::Params`] if a parameter is out of range; then nothing changes.
+    /// [`GpuError::TooLarge`] if a buffer exceeds a binding, [`GpuError::Failed`] if the device has
+    /// no room.
+    pub fn set_interactions(&mut self, interactions: &Interactions) -> Result<(), GpuError> {
+        interactions.validate()?;
+        self.set_grid(interactions.grid.as_ref())?;
+        self.set_sph(interactions.sph.as_ref())?;
+        self.set_contacts(interactions.contacts.as_ref())
     }
 
     /// Makes all bind groups and plans frames anew.

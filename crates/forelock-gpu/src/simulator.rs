@@ -8,10 +8,12 @@ use crate::{GpuError, GpuSimulation};
 use forelock_core::frame::{FrameInput, FramePlan, FrameReport, Solver};
 use forelock_core::groom::Groom;
 use forelock_core::groom::edit::Source;
+use forelock_core::interaction::Interactions;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::{Regroomed, regroom};
 use forelock_core::simulator::{Positions, Simulator, SimulatorError};
-use forelock_core::strands::{Model, Snapshot, State, Teleport};
+use forelock_core::strands::{Between, Model, Snapshot, State, Teleport};
+use glam::Vec3;
 
 impl GpuSimulation {
     /// The head jumps from pose `from` to pose `to` between frames. The state is read back, moved
@@ -32,6 +34,20 @@ impl GpuSimulation {
             self.write_state(&state);
             self.read_back = Some(state);
         }
+        self.gpu.check()
+    }
+
+    /// Invalidates cached distances to colliders, because their set has changed or they have
+    /// jumped. The state is read back and uploaded.
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`] if the device has failed.
+    pub fn forget_solids(&mut self) -> Result<(), GpuError> {
+        self.read_state()?;
+        let mut state = self.take_memory();
+        state.forget_solids();
+        self.write_state(&state);
+        self.read_back = Some(state);
         self.gpu.check()
     }
 
@@ -82,9 +98,7 @@ impl GpuSimulation {
     fn replace(&mut self, packed: Packed, solver: &Solver<f32>) -> Result<(), GpuError> {
         let mut made = Self::from_packed(&self.gpu, packed, solver, &self.options)?;
         made.set_half_factors(self.half_factors);
-        made.set_grid(self.interactions.grid.as_ref())?;
-        made.set_sph(self.interactions.sph.as_ref())?;
-        made.set_contacts(self.interactions.contacts.as_ref())?;
+        made.set_interactions(&self.interactions)?;
         if self.clock.is_some() {
             made.time_stages(true);
         }
@@ -116,6 +130,22 @@ impl Simulator for GpuSimulation {
         Ok(Positions::Device(positions))
     }
 
+    fn read_positions(&mut self, out: &mut Vec<Vec3>) -> Result<(), SimulatorError> {
+        Ok(Self::read_positions(self, out)?)
+    }
+
+    fn read_positions_between(
+        &mut self,
+        moment: &Between,
+        out: &mut Vec<Vec3>,
+    ) -> Result<(), SimulatorError> {
+        self.read_state()?;
+        let state = self.take_memory();
+        state.positions_between(&self.model, moment, out);
+        self.read_back = Some(state);
+        Ok(())
+    }
+
     fn snapshot(&mut self) -> Result<Snapshot<f32>, SimulatorError> {
         Ok(Self::snapshot(self)?)
     }
@@ -128,12 +158,24 @@ impl Simulator for GpuSimulation {
         Ok(Self::teleport(self, from, to, mode)?)
     }
 
+    fn forget_solids(&mut self) -> Result<(), SimulatorError> {
+        Ok(Self::forget_solids(self)?)
+    }
+
     fn set_params(&mut self, solver: &Solver<f32>) -> Result<(), SimulatorError> {
         Ok(Self::set_params(self, solver)?)
     }
 
+    fn set_interactions(&mut self, interactions: &Interactions) -> Result<(), SimulatorError> {
+        Ok(Self::set_interactions(self, interactions)?)
+    }
+
     fn regroom(&mut self, groom: &Groom, sources: &[Source], head: &Pose) -> Result<(), SimulatorError> {
         Ok(Self::regroom(self, groom, sources, head)?)
+    }
+
+    fn device(&self) -> Option<&str> {
+        Some(self.gpu.name())
     }
 
     fn plan(&self) -> &FramePlan {

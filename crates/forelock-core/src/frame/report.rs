@@ -116,6 +116,8 @@ pub struct FrameReport {
     /// Seconds of work in each stage, summed over threads (for stages that all threads share, their
     /// time times the threads).
     pub stages: StageTimes,
+    /// Seconds of the frame on a device's clock, if it has one.
+    pub device_secs: Option<f64>,
 }
 
 impl FrameReport {
@@ -140,6 +142,7 @@ impl FrameReport {
             strand_contacts: later_of(self.strand_contacts, other.strand_contacts),
             sph: later_of(self.sph, other.sph),
             stages,
+            device_secs: self.device_secs.zip(other.device_secs).map(|(a, b)| a + b).or(other.device_secs),
         }
     }
 

@@ -1,6 +1,5 @@
 //! A simulation on the CPU: Model, State and Workspace, a frame at a time.
 
-mod between;
 mod regroom;
 mod step;
 
@@ -15,7 +14,7 @@ use crate::interaction::contact::{ContactInteraction, ContactParams};
 use crate::interaction::grid::{GridInteraction, GridParams};
 use crate::interaction::sph::find_neighbours::SearchReal;
 use crate::interaction::sph::{Sph, SphParams};
-use crate::interaction::{contact, grid, sph};
+use crate::interaction::{Interactions, contact, grid, sph};
 use crate::lane::{LANES, Row, Simd};
 use crate::params::ParamsError;
 use crate::pose::Pose;
@@ -264,6 +263,17 @@ impl<T: SimulationReal> Simulation<T> {
             params.validate()?;
             Ok(T::contacts(model, params, simd))
         })
+    }
+
+    /// Sets or removes all built-in interactions, from the next frame on.
+    ///
+    /// # Errors
+    /// [`ParamsError`] if a parameter is out of range; nothing is changed then.
+    pub fn set_interactions(&mut self, interactions: &Interactions) -> Result<(), ParamsError> {
+        interactions.validate()?;
+        self.set_grid(interactions.grid.as_ref())?;
+        self.set_sph(interactions.sph.as_ref())?;
+        self.set_contacts(interactions.contacts.as_ref())
     }
 
     /// Builds the workspace and the interactions again for a model that has changed.

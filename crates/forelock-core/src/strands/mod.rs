@@ -1,12 +1,14 @@
 //! Strands packed into lanes: constant data ([`Model`]), simulated state ([`State`]), and a stage's
 //! view of one block of both ([`BlockView`]).
 
+mod between;
 mod block_view;
 mod masses;
 mod model;
 mod state;
 mod strand_frame;
 
+pub use between::Between;
 pub(crate) use block_view::AIR_ROWS;
 pub use block_view::{BlockView, LaneGroup, SCRATCH_ROWS, Scratch};
 pub use masses::{MASS_RANGE, Masses};

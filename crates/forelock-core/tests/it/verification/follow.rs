@@ -11,6 +11,7 @@ use forelock_core::pose::Pose;
 use forelock_core::simulation::SimulationReal;
 use forelock_core::simulation::{Options, Simulation, Teleport};
 use forelock_core::solver::DftlParams;
+use forelock_core::strands::Between;
 use glam::{DQuat, DVec3, Vec3};
 use std::f64::consts::TAU;
 
@@ -254,16 +255,18 @@ fn strands_between_steps_are_strands() {
     }
     let (mut now, mut between) = (Vec::new(), Vec::new());
     simulation.positions(&mut now);
-    let heads = [&head(11), &head(12)];
+    let heads = [head(11), head(12)];
+    let (state, model) = (simulation.state(), simulation.model());
+    let shown = |share, now, out: &mut _| state.positions_between(model, &Between { share, heads, now }, out);
     let far = |a: &[Vec3], b: &[Vec3]| a.iter().zip(b).map(|(a, b)| a.distance(*b)).fold(0.0, f32::max);
-    simulation.positions_between(0.0, heads, heads[0], &mut between);
+    shown(0.0, heads[0], &mut between);
     assert!(far(&between, &last) < 1e-6);
-    simulation.positions_between(1.0, heads, heads[1], &mut between);
+    shown(1.0, heads[1], &mut between);
     assert_eq!(between, now);
-    simulation.positions_between(0.999_999, heads, heads[1], &mut between);
+    shown(0.999_999, heads[1], &mut between);
     assert!(far(&between, &now) < 1e-5 && far(&last, &now) > 1e-2);
-    let middle = heads[0].interpolate(heads[1], 0.5);
-    simulation.positions_between(0.5, heads, &middle, &mut between);
+    let middle = heads[0].interpolate(&heads[1], 0.5);
+    shown(0.5, middle, &mut between);
     let root = middle.transform_point(strand[0].as_dvec3()).as_vec3();
     assert!(between[0].distance(root) < 1e-7);
     for (edge, rest) in between.windows(2).zip(strand.windows(2)) {
