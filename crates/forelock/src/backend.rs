@@ -1,25 +1,26 @@
 //! Where a run computes.
 //!
 //! # Practice
-//! On a GPU each frame is stepped there, and its state is read back into a simulation on the CPU:
-//! positions, snapshots and hashes come from that. A snapshot of one continues on the other; bits
-//! are equal on the same device only.
+//! [`Place::simulator`] makes the simulator of a run: on the CPU, on a GPU, whose state stays
+//! there, or a mixture that runs some stages on each (`mixed.rs`). A snapshot of one continues on
+//! the other; bits are equal on the same device only.
+
+mod mixed;
 
 use std::sync::LazyLock;
 
 use forelock_core::body::ColliderFrame;
-use forelock_core::frame::{
-    CHECK, COLLIDE, ContactReport, Exchange, FrameInput, FramePlan, FrameReport, GridReport, LENGTHS, Phase,
-    PlannedStep, Step,
-};
-use forelock_core::interaction::contact::{self, ContactParams};
-use forelock_core::interaction::grid::{self, GridParams};
-use forelock_core::interaction::sph::{self, SphParams};
-use forelock_core::simulation::Simulation;
-use forelock_gpu::{Choice, Gpu, GpuError, GpuSimulation, to_frame_report};
+use forelock_core::frame::{CHECK, COLLIDE, Exchange, LENGTHS, Phase};
+use forelock_core::groom::Groom;
+use forelock_core::interaction::{Interactions, contact, grid, sph};
+use forelock_core::simulation::{Options, Simulation};
+use forelock_core::simulator::{HostPositions, Simulator};
+use forelock_core::solver::Solver;
+use forelock_gpu::{Choice, Gpu, GpuError, GpuSimulation};
 
 use crate::player::PlayerError;
-use crate::scene::{InteractionKind, InteractionSection, SolverSection};
+use crate::scene::SolverSection;
+use mixed::Mixed;
 
 /// Where to compute.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -85,227 +86,110 @@ impl GpuStage {
     }
 }
 
-/// What a scene asks of a device.
-#[derive(Clone, Copy)]
-pub(crate) struct DeviceNeeds<'a> {
-    pub(crate) interaction: &'a InteractionSection,
-    /// The solids of the first frame.
-    pub(crate) solids: &'a [ColliderFrame<'a>],
+/// What a simulation is built from.
+pub(crate) struct Parts<'a> {
+    pub(crate) solver: &'a Solver<f32>,
+    pub(crate) interactions: Interactions,
 }
 
-/// Where a simulation runs.
-#[derive(Debug, Default)]
+/// The processor that a run has chosen.
+#[derive(Debug)]
+pub(crate) enum Place {
+    Cpu,
+    /// Stages before `from` run on the CPU.
+    Gpu {
+        gpu: Gpu,
+        from: GpuStage,
+    },
+}
+
+/// A simulator, where it runs, and what the user should know about that choice.
 pub(crate) struct Placed {
-    /// The device; none for the CPU.
-    pub(crate) device: Option<Device>,
-    /// What the user should know about the choice.
+    pub(crate) simulator: Box<dyn Simulator>,
+    pub(crate) place: Place,
     pub(crate) note: Option<String>,
 }
 
 impl Backend {
-    /// The device that continues `simulation`.
+    /// The simulator of `groom` on this backend, ready for `solids` as the colliders of its first
+    /// frame.
     pub(crate) fn place(
         self,
-        needs: DeviceNeeds<'_>,
-        simulation: &Simulation,
+        groom: &Groom,
+        parts: &Parts<'_>,
+        options: &Options,
+        solids: &[ColliderFrame<'_>],
     ) -> Result<Placed, PlayerError> {
-        if self == Self::Cpu {
-            return Ok(Placed::default());
+        let mut note = None;
+        if self != Self::Cpu {
+            match self.on_gpu(groom, parts, options, solids) {
+                Ok(placed) => return Ok(placed),
+                Err(PlayerError::Gpu(error)) if self == Self::Auto => {
+                    note = Some(format!("on the CPU: {error}"));
+                }
+                Err(error) => return Err(error),
+            }
         }
+        let place = Place::Cpu;
+        Ok(Placed { simulator: place.simulator(groom, parts, options, &[])?, place, note })
+    }
+
+    fn on_gpu(
+        self,
+        groom: &Groom,
+        parts: &Parts<'_>,
+        options: &Options,
+        solids: &[ColliderFrame<'_>],
+    ) -> Result<Placed, PlayerError> {
         let from = if let Self::GpuFrom(stage) = self { stage } else { GpuStage::all()[0] };
-        let chosen = Chosen { from, software: self != Self::Auto };
-        match Device::open(chosen, needs, simulation) {
-            Ok(device) => {
-                let note = (device.is_mixed() && device.passes_over(simulation)).then(|| {
-                    let name = from.name();
-                    format!("no frame of this scene has {name}: what would come after it is on the GPU")
-                });
-                Ok(Placed { device: Some(device), note })
-            }
-            Err(error) if self == Self::Auto => {
-                Ok(Placed { device: None, note: Some(format!("on the CPU: {error}")) })
-            }
-            Err(error) => Err(error.into()),
-        }
-    }
-}
-
-/// Which device, and what runs on it.
-struct Chosen {
-    /// Stages before this one run on the CPU.
-    from: GpuStage,
-    /// Whether a processor that emulates a GPU will do: it is slower than the CPU's solver.
-    software: bool,
-}
-
-/// A simulation on a GPU.
-#[derive(Debug)]
-pub(crate) struct Device {
-    gpu: Gpu,
-    grid: Option<GridParams>,
-    sph: Option<SphParams>,
-    contacts: Option<ContactParams>,
-    /// Stages before this one run on the CPU.
-    from: GpuStage,
-    /// None only after an error.
-    simulation: Option<GpuSimulation>,
-    /// Seconds of the last frame on the device's clock, if it has one.
-    pub(crate) frame_secs: Option<f64>,
-}
-
-impl Device {
-    fn open(chosen: Chosen, needs: DeviceNeeds<'_>, simulation: &Simulation) -> Result<Self, GpuError> {
         let gpu = Gpu::open(&Choice::Fastest)?;
-        if gpu.is_software() && !chosen.software {
-            return Err(GpuError::None { reason: format!("{} is software", gpu.name()) });
+        // A processor that emulates a GPU is slower than the solver on the CPU.
+        if gpu.is_software() && self == Self::Auto {
+            return Err(GpuError::None { reason: format!("{} is software", gpu.name()) }.into());
         }
-        let mut device = Self {
-            simulation: None,
-            gpu,
-            grid: None,
-            sph: None,
-            contacts: None,
-            from: chosen.from,
-            frame_secs: None,
+        let place = Place::Gpu { gpu, from };
+        let simulator = place.simulator(groom, parts, options, solids)?;
+        let passed_over = !from.is_first() && !simulator.plan().stages().contains(&from.name());
+        let note = passed_over.then(|| {
+            let name = from.name();
+            format!("no frame of this scene has {name}: what would come after it is on the GPU")
+        });
+        Ok(Placed { simulator, place, note })
+    }
+}
+
+impl Place {
+    /// A simulator of `groom` at rest, ready for `solids` as colliders.
+    pub(crate) fn simulator(
+        &self,
+        groom: &Groom,
+        parts: &Parts<'_>,
+        options: &Options,
+        solids: &[ColliderFrame<'_>],
+    ) -> Result<Box<dyn Simulator>, PlayerError> {
+        let Parts { solver, interactions } = parts;
+        let solver = *solver;
+        let on_cpu = || -> Result<Simulation, PlayerError> {
+            let mut simulation = Simulation::new(groom, solver, options)?;
+            simulation.set_interactions(interactions)?;
+            Ok(simulation)
         };
-        device.set_interaction(needs.interaction);
-        device.rebuild(simulation)?;
-        device.simulation_mut()?.hold(needs.solids)?;
-        Ok(device)
-    }
-
-    /// Changes the interaction of strands from the next [`Device::rebuild`] on.
-    pub(crate) fn set_interaction(&mut self, section: &InteractionSection) {
-        let InteractionSection { kind, grid, sph, contacts, contact } = section;
-        self.grid = (*kind == InteractionKind::Grid).then(|| grid.clone());
-        self.sph = (*kind == InteractionKind::Sph).then(|| sph.clone());
-        self.contacts = contacts.then(|| contact.clone());
-    }
-
-    fn simulation_mut(&mut self) -> Result<&mut GpuSimulation, GpuError> {
-        let name = self.gpu.name();
-        let reason = "it has no simulation after an error".to_owned();
-        self.simulation.as_mut().ok_or_else(|| GpuError::Failed { name: name.to_owned(), reason })
-    }
-
-    /// Whether the plan of frames lacks the stage from which on the device computes.
-    fn passes_over(&self, simulation: &Simulation) -> bool {
-        let rules = simulation.solver().rules();
-        let grid = self.grid.as_ref().map(|_| grid::EXCHANGE);
-        let sph = self.sph.as_ref().map(|_| sph::EXCHANGE);
-        let contacts = self.contacts.as_ref().map(|_| contact::EXCHANGE);
-        let interactions: Vec<_> = [grid, sph, contacts].into_iter().flatten().collect();
-        !FramePlan::new(&rules, &interactions).stages().contains(&self.from.name())
-    }
-
-    /// The GPU's name.
-    pub(crate) fn name(&self) -> &str {
-        self.gpu.name()
-    }
-
-    /// Whether some stages run on the CPU.
-    pub(crate) fn is_mixed(&self) -> bool {
-        !self.from.is_first()
-    }
-
-    /// Bytes held on it.
-    pub(crate) fn bytes(&self) -> u64 {
-        self.simulation.as_ref().map_or(0, GpuSimulation::bytes)
-    }
-
-    /// Takes the state of `simulation` over.
-    pub(crate) fn take(&mut self, simulation: &Simulation) -> Result<(), GpuError> {
-        self.simulation_mut()?.restore(&simulation.snapshot())
-    }
-
-    /// Continues `simulation`, whose strands or parameters have changed. The old simulation is
-    /// dropped first: there may not be room for both.
-    pub(crate) fn rebuild(&mut self, simulation: &Simulation) -> Result<(), GpuError> {
-        self.simulation = None;
-        let mut own = GpuSimulation::continuing(&self.gpu, simulation)?;
-        // What the CPU does is not asked of the device.
-        own.set_grid(self.grid.as_ref().filter(|_| self.from.is_up_to(grid::EXCHANGE.stage)))?;
-        own.set_sph(self.sph.as_ref())?;
-        own.set_contacts(self.contacts.as_ref().filter(|_| self.from.is_up_to(contact::EXCHANGE.stage)))?;
-        own.time_stages(true);
-        self.simulation = Some(own);
-        Ok(())
-    }
-
-    /// Steps a frame, and brings the state to `simulation`.
-    pub(crate) fn step(
-        &mut self,
-        frame: &FrameInput<'_>,
-        simulation: &mut Simulation,
-    ) -> Result<FrameReport, PlayerError> {
-        if self.is_mixed() {
-            return self.step_mixed(frame, simulation);
-        }
-        let own = self.simulation_mut()?;
-        own.step_frame(frame)?;
-        let (report, state) = own.report_and_state()?;
-        simulation.state_mut().take(state);
-        self.frame_secs = report.secs.as_ref().map(|secs| secs.whole);
-        Ok(to_frame_report(&report, simulation.solver().rules().stage))
-    }
-
-    /// Steps a frame, some of it on `simulation`: the state goes to and fro. After an error the
-    /// simulation is where it was before the frame.
-    fn step_mixed(
-        &mut self,
-        frame: &FrameInput<'_>,
-        simulation: &mut Simulation,
-    ) -> Result<FrameReport, PlayerError> {
-        let before = simulation.snapshot();
-        let stepped = self.step_by_step(frame, simulation);
-        if stepped.is_err() {
-            simulation.restore(&before)?;
-        }
-        stepped
-    }
-
-    fn step_by_step(
-        &mut self,
-        frame: &FrameInput<'_>,
-        simulation: &mut Simulation,
-    ) -> Result<FrameReport, PlayerError> {
-        let plan = simulation.plan().clone();
-        // Where the plan lacks the stage, the next one that it has.
-        let from = plan.stages().into_iter().find(|stage| self.from.is_up_to(stage)).unwrap_or(CHECK);
-        let own = self.simulation_mut()?;
-        let rules = simulation.solver().rules();
-        let collides = |own: &&PlannedStep| own.step.collides(rules.solver_collides);
-        let last_collision = plan.steps().iter().rfind(collides).map(|own| own.step);
-        let mut sum = FrameReport::default();
-        for (on_cpu, part) in plan.split_at(from) {
-            if !on_cpu {
-                own.step_part(frame, part)?;
-                let (report, state) = own.report_and_state()?;
-                simulation.state_mut().take(state);
-                let mut report = to_frame_report(&report, rules.stage);
-                // Interactions outside this part were reported before.
-                let has =
-                    |name| part.iter().any(|own| matches!(own.step, Step::Exchange(own) if own.name == name));
-                if !has(grid::EXCHANGE.name) {
-                    report.grid = GridReport::default();
-                }
-                if !has(contact::EXCHANGE.name) {
-                    report.strand_contacts = ContactReport::default();
-                }
-                sum = sum.and(&report);
-                continue;
+        match self {
+            Self::Cpu => Ok(Box::new(HostPositions::new(on_cpu()?))),
+            Self::Gpu { gpu, from } if from.is_first() => {
+                let mut simulation = GpuSimulation::new(gpu, groom, solver, options)?;
+                simulation.set_interactions(interactions)?;
+                simulation.hold(solids)?;
+                simulation.time_stages(true);
+                Ok(Box::new(simulation))
             }
-            for step in part {
-                let mut report = simulation.step_part(frame, std::slice::from_ref(step))?;
-                // Contacts are reported from the final collision pass.
-                if Some(step.step) != last_collision {
-                    (report.touching, report.max_penetration_m) = (0, 0.0);
-                }
-                sum = sum.and(&report);
-            }
-            own.restore(&simulation.snapshot())?;
+            Self::Gpu { gpu, from } => Ok(Box::new(Mixed::new(gpu, *from, on_cpu()?, interactions)?)),
         }
-        Ok(sum)
+    }
+
+    /// Whether everything runs on the CPU.
+    pub(crate) fn is_cpu(&self) -> bool {
+        matches!(self, Self::Cpu)
     }
 }
 

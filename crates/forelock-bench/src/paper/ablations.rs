@@ -202,7 +202,7 @@ fn measure(figure: Figure, variant: Variant) -> Result<PaperRow, BenchError> {
     let late = frames.saturating_sub(scene.time.fps as u32);
     let (mut stretch, mut square_sum, mut terms) = (0.0_f64, 0.0, 0usize);
     let mut tracks: [Vec<Vec3>; 3] = Default::default();
-    player.positions(&mut tracks[2]);
+    player.positions(&mut tracks[2])?;
     for frame in 0..frames {
         let report = player.step()?.solver;
         if report.quarantined_strands > 0 {
@@ -213,7 +213,7 @@ fn measure(figure: Figure, variant: Variant) -> Result<PaperRow, BenchError> {
         }
         stretch = stretch.max(report.max_edge_stretch_final);
         tracks.rotate_left(1);
-        player.positions(&mut tracks[2]);
+        player.positions(&mut tracks[2])?;
         if frame >= late {
             for ((a, b), c) in tracks[0].iter().zip(&tracks[1]).zip(&tracks[2]) {
                 let acceleration = (*c - *b - (*b - *a)).as_dvec3() * scene.time.fps * scene.time.fps;

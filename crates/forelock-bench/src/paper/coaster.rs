@@ -82,12 +82,12 @@ pub(super) fn study(share: f64, keys: &[String], observer: &mut Observer<'_>) ->
             if frame > 0 {
                 player.step()?;
             }
-            player.positions(positions);
+            player.positions(positions)?;
         }
         let head = players[0].head_pose();
-        for ((player, track), x) in players.iter().zip(&mut tracks).zip(&positions) {
+        for ((player, track), x) in players.iter_mut().zip(&mut tracks).zip(&positions) {
             track.push(Moment {
-                ties: Ties::of(&player.state().integrity),
+                ties: Ties::of(&player.state()?.integrity),
                 offset: offset(&assets.groom, &strands, &head, x).over_length,
                 from_elastic: between(&assets.groom, &strands, x, &positions[2]).over_length,
             });

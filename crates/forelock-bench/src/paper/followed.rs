@@ -91,7 +91,7 @@ impl Followed {
                 followed.stretch = [0, 1].map(|k| followed.stretch[k].max(stretch[k]));
                 observer(&Progress::Step);
             }
-            player.positions(&mut positions);
+            player.positions(&mut positions)?;
             if frame > 0 {
                 let solids = player.collider_frames();
                 let measured = Penetration::measure(&positions, player.layout(), &solids);

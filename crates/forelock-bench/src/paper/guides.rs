@@ -181,7 +181,7 @@ fn measure(
     for frame in 0..scene.time.frames {
         let started = std::time::Instant::now();
         player.step()?;
-        player.positions(&mut positions);
+        player.positions(&mut positions)?;
         times.push(started.elapsed().as_secs_f64() * 1e3);
         let solids = player.collider_frames();
         let all = Penetration::measure(&positions, player.layout(), &solids);
@@ -198,7 +198,7 @@ fn measure(
         if let Some(other) = &mut other {
             other.step()?;
             if (frame + 1) % every == 0 {
-                other.positions(&mut without);
+                other.positions(&mut without)?;
                 let sum: f64 = positions.iter().zip(&without).map(|(a, b)| f64::from(a.distance(*b))).sum();
                 row.parted.push([player.time_secs(), sum / positions.len().max(1) as f64]);
             }

@@ -65,7 +65,7 @@ pub(super) fn study(
                 player.step()?;
                 observer(&Progress::Step);
             }
-            player.positions(&mut positions);
+            player.positions(&mut positions)?;
             let head = player.head_pose();
             for (part, offsets) in parts.iter().zip(&mut of_parts) {
                 offsets.push(offset(&assets.groom, &part.strands, &head, &positions));

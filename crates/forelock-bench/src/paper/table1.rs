@@ -265,7 +265,7 @@ pub(super) fn time(
         let report = player.step()?;
         let mut ms = started.elapsed().as_secs_f64() * 1e3;
         // On a GPU the wall clock would count the read-back too, which a frame does not need.
-        if let Some(secs) = report.device_secs {
+        if let Some(secs) = report.solver.device_secs {
             ms = secs * 1e3;
         }
         if frame >= options.warm_up {

@@ -49,9 +49,9 @@ pub(super) fn study(observer: &mut Observer<'_>) -> Result<Study, BenchError> {
     observer(&Progress::Begin { what: "trimming", done: 0, total: scene.time.frames.into() });
     for frame in 0..scene.time.frames {
         if frame == cut_frame {
-            player.positions(&mut before);
+            player.positions(&mut before)?;
             player.apply_due_edits()?;
-            player.positions(&mut geometric);
+            player.positions(&mut geometric)?;
             trimmed = (0..offsets.len() - 1)
                 .filter(|&strand| before[tip(strand)].distance(geometric[tip(strand)]) > TRIMMED_M)
                 .collect();
@@ -59,7 +59,7 @@ pub(super) fn study(observer: &mut Observer<'_>) -> Result<Study, BenchError> {
         }
         player.step()?;
         if frame >= cut_frame {
-            player.positions(&mut positions);
+            player.positions(&mut positions)?;
             track.push(moment(&trimmed, &geometric, &positions));
         }
         observer(&Progress::Step);

@@ -142,7 +142,12 @@ impl FrameReport {
             strand_contacts: later_of(self.strand_contacts, other.strand_contacts),
             sph: later_of(self.sph, other.sph),
             stages,
-            device_secs: self.device_secs.zip(other.device_secs).map(|(a, b)| a + b).or(other.device_secs),
+            device_secs: self
+                .device_secs
+                .zip(other.device_secs)
+                .map(|(a, b)| a + b)
+                .or(self.device_secs)
+                .or(other.device_secs),
         }
     }
 

@@ -117,7 +117,7 @@ impl PlayerBuilder {
         let live = Live::new(&scene, &assets, &solvers)?;
         let solids = live.shown_solids();
         let start = Start { head: live.head_at, solids: &solids };
-        let (engine, note) = Engine::new(&scene, groom, live.setting.parts(), backend, start)?;
+        let (engine, note) = Engine::new(&scene, groom, &live.setting.parts(), backend, start)?;
         drop(solids);
         let middle = assets.middle_of_roots();
         let mut player = Player {
@@ -135,7 +135,7 @@ impl PlayerBuilder {
             assets,
             solvers,
         };
-        player.keep_state();
+        player.keep_state()?;
         Ok(player)
     }
 }

@@ -131,7 +131,7 @@ impl Player {
                 interaction.grid.validate()?;
                 interaction.sph.validate()?;
                 interaction.contact.validate()?;
-                self.engine.set_interaction(interaction)?;
+                self.engine.simulator().set_interactions(&interaction.interactions())?;
                 self.live.setting.interaction = interaction.clone();
                 Ok(())
             }
@@ -166,7 +166,7 @@ impl Player {
                 Ok(())
             }
             Change::AddCollider(id, solid) => {
-                self.engine.forget_solids()?;
+                self.engine.simulator().forget_solids()?;
                 let track = Track::Motion(solid.motion().clone());
                 let at = track.pose(self.live.simulated_secs());
                 let now = solid.carrier(&self.live.head_shown, &track.pose(self.live.shown_secs()));
@@ -178,7 +178,7 @@ impl Player {
             Change::RemoveCollider(id) => {
                 let index = self.live.solids.iter().position(|live| live.id == *id);
                 let index = index.ok_or(PlayerError::NoCollider(*id))?;
-                self.engine.forget_solids()?;
+                self.engine.simulator().forget_solids()?;
                 self.live.solids.remove(index);
                 Ok(())
             }
@@ -196,7 +196,7 @@ impl Player {
         }
         params.validate()?;
         self.engine.check_step(&params, 1.0 / self.live.fps, solver.beyond_float32)?;
-        self.engine.set_params(&params)?;
+        self.engine.simulator().set_params(&params)?;
         self.live.set_solver(solver.clone(), params);
         Ok(())
     }

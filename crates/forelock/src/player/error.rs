@@ -2,6 +2,8 @@
 
 use forelock_core::params::ParamsError;
 use forelock_core::simulation::{BuildError, RegroomError};
+use forelock_core::simulator::SimulatorError;
+use forelock_gpu::GpuError;
 
 use crate::assets::AssetError;
 
@@ -30,7 +32,10 @@ pub enum PlayerError {
     Restore(#[from] forelock_core::strands::SnapshotError),
     /// The GPU failed, or cannot do what the scene asks for.
     #[error(transparent)]
-    Gpu(#[from] forelock_gpu::GpuError),
+    Gpu(#[from] GpuError),
+    /// A device failed.
+    #[error(transparent)]
+    Device(Box<dyn std::error::Error + Send + Sync>),
     /// The solver refuses a frame or a parameter.
     #[error("the solver cannot step this scene: {0}")]
     Step(#[from] ParamsError),
@@ -68,4 +73,18 @@ pub enum PlayerError {
     /// No snapshot is early enough to go back.
     #[error("no snapshot is kept at or before frame {0}: see PlayerBuilder::history")]
     NotKept(u32),
+}
+
+impl From<SimulatorError> for PlayerError {
+    fn from(error: SimulatorError) -> Self {
+        match error {
+            SimulatorError::Params(error) => error.into(),
+            SimulatorError::Snapshot(error) => error.into(),
+            SimulatorError::Regroom(error) => error.into(),
+            SimulatorError::Device(error) => match error.downcast::<GpuError>() {
+                Ok(error) => Self::Gpu(*error),
+                Err(error) => Self::Device(error),
+            },
+        }
+    }
 }

@@ -11,12 +11,13 @@ use forelock_core::solver::Solver;
 use glam::DVec3;
 
 use super::ColliderId;
-use super::engine::{Parts, Solvers};
+use super::engine::Solvers;
 use super::error::PlayerError;
 use super::regrooming::Grooming;
 use super::report::Counters;
 use super::track::Track;
 use crate::assets::{Assets, Solid};
+use crate::backend::Parts;
 use crate::scene::{InteractionSection, Scene, SolverSection};
 
 /// Share of a step within which two times are the same.
@@ -46,7 +47,7 @@ impl Setting {
 
     /// What a simulation is built from.
     pub fn parts(&self) -> Parts<'_> {
-        Parts { params: &self.params, interaction: &self.interaction }
+        Parts { solver: &self.params, interactions: self.interaction.interactions() }
     }
 
     /// The step of a solver with a fixed step, seconds.

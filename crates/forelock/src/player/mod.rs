@@ -16,11 +16,11 @@
 //!     player.step()?;
 //! }
 //! let mut positions = Vec::new();
-//! player.positions(&mut positions);
-//! let hash = player.state_hash();
+//! player.positions(&mut positions)?;
+//! let hash = player.state_hash()?;
 //! player.seek(3)?;
 //! player.seek(10)?;
-//! assert_eq!(player.state_hash(), hash);
+//! assert_eq!(player.state_hash()?, hash);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
@@ -59,7 +59,7 @@ use forelock_core::body::{ColliderFrame, TriMesh};
 use forelock_core::groom::Groom;
 use forelock_core::groom::guides::Skinning;
 use forelock_core::pose::Pose;
-use forelock_core::strands::Snapshot;
+use forelock_core::strands::{Between, Snapshot};
 use glam::{DVec3, Vec3};
 
 pub use builder::PlayerBuilder;
@@ -72,7 +72,7 @@ pub use report::{Counters, Jump, StepReport};
 use crate::assets::Assets;
 use crate::penetration::Layout;
 use crate::scene::{InteractionSection, Scene, SolverSection};
-use engine::{Between, Engine, Solvers};
+use engine::{Engine, Solvers};
 use history::History;
 use live::Live;
 use timeline::Timeline;
@@ -170,22 +170,29 @@ impl Player {
 
     /// All strands at the present frame, those that guides carry included: positions in world
     /// space, metres, in the order of [`Player::groom`].
-    pub fn positions(&mut self, out: &mut Vec<Vec3>) {
+    ///
+    /// # Errors
+    /// [`PlayerError`] if the device has failed.
+    pub fn positions(&mut self, out: &mut Vec<Vec3>) -> Result<(), PlayerError> {
         let Self { engine, live, skinning, simulated: buffer, .. } = self;
         let stepped = live.own_clock.filter(|clock| clock.done > 0);
-        let simulated = |out: &mut Vec<Vec3>| match stepped {
-            None => engine.positions(out),
-            Some(clock) => {
-                let share = clock.share(live.shown_secs());
-                let between = Between { share, heads: &live.step_heads, now: &live.head_shown };
-                engine.positions_between(&between, out);
-            }
+        let simulator = engine.simulator();
+        let mut simulated = |out: &mut Vec<Vec3>| -> Result<(), PlayerError> {
+            Ok(match stepped {
+                None => simulator.read_positions(out),
+                Some(clock) => {
+                    let share = clock.share(live.shown_secs());
+                    let moment = Between { share, heads: live.step_heads, now: live.head_shown };
+                    simulator.read_positions_between(&moment, out)
+                }
+            }?)
         };
         match skinning {
             None => live.grooming.positions(simulated, buffer, out),
             Some(skinning) => {
-                simulated(buffer);
+                simulated(buffer)?;
                 skinning.skin(&live.head_shown, buffer, out);
+                Ok(())
             }
         }
     }
@@ -264,18 +271,19 @@ impl Player {
     }
 
     /// A 64-bit hash of the solver's state.
-    pub fn state_hash(&self) -> u64 {
+    ///
+    /// # Errors
+    /// [`PlayerError`] if the device has failed.
+    pub fn state_hash(&mut self) -> Result<u64, PlayerError> {
         self.engine.state_hash()
     }
 
     /// A copy of the solver's state; see [`Player::resume`].
-    pub fn state(&self) -> Snapshot<f32> {
-        self.engine.snapshot()
-    }
-
-    /// The state after the last whole frame, even if a device failed in the next one.
-    pub(crate) fn resumable_state(&mut self) -> Snapshot<f32> {
-        self.engine.resumable()
+    ///
+    /// # Errors
+    /// [`PlayerError`] if the device has failed.
+    pub fn state(&mut self) -> Result<Snapshot<f32>, PlayerError> {
+        Ok(self.engine.simulator().snapshot()?)
     }
 
     /// Strands that are simulated: all, or the guides.

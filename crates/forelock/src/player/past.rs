@@ -66,16 +66,16 @@ impl Player {
         if !same_groom {
             let guides = self.skinning.as_ref().map(|skinning| skinning.guides());
             let groom = grooming.groom.as_deref().or(guides).unwrap_or(&self.assets.groom);
-            self.engine.rebuild(groom, setting.parts())?;
+            self.engine.rebuild(groom, &setting.parts())?;
         } else {
             if !Arc::ptr_eq(&own.params, &setting.params) {
-                self.engine.set_params(&setting.params)?;
+                self.engine.simulator().set_params(&setting.params)?;
             }
             if !Arc::ptr_eq(&own.interaction, &setting.interaction) {
-                self.engine.set_interaction(&setting.interaction)?;
+                self.engine.simulator().set_interactions(&setting.interaction.interactions())?;
             }
         }
-        self.engine.restore(&keyframe.state)?;
+        self.engine.simulator().restore(&keyframe.state)?;
         self.live = keyframe.live.clone();
         self.repeat_due_changes()
     }
@@ -90,18 +90,22 @@ impl Player {
     }
 
     /// Keeps the present state if it is one of those to be kept.
-    pub(super) fn keep_state(&mut self) {
-        let Some(history) = &mut self.history else { return };
+    pub(super) fn keep_state(&mut self) -> Result<(), PlayerError> {
+        let Some(history) = &mut self.history else { return Ok(()) };
         if history.wants(self.live.frame) {
-            history.keep(Keyframe { live: self.live.clone(), state: self.engine.snapshot() });
+            let state = self.engine.simulator().snapshot()?;
+            history.keep(Keyframe { live: self.live.clone(), state });
         }
+        Ok(())
     }
 
     /// Keeps the present state and no other.
-    pub(super) fn keep_only_this(&mut self) {
-        let Some(history) = &mut self.history else { return };
+    pub(super) fn keep_only_this(&mut self) -> Result<(), PlayerError> {
+        let Some(history) = &mut self.history else { return Ok(()) };
         history.clear();
-        history.keep(Keyframe { live: self.live.clone(), state: self.engine.snapshot() });
+        let state = self.engine.simulator().snapshot()?;
+        history.keep(Keyframe { live: self.live.clone(), state });
+        Ok(())
     }
 
     /// Applies `change` now and records it.
@@ -165,9 +169,12 @@ impl Player {
     }
 
     /// A copy of the present moment, with all changes, to be restored later.
-    pub fn snapshot(&self) -> PlayerSnapshot {
-        let keyframe = Keyframe { live: self.live.clone(), state: self.engine.snapshot() };
-        PlayerSnapshot { player: self.id, keyframe, timeline: self.timeline.clone() }
+    ///
+    /// # Errors
+    /// [`PlayerError`] if the device has failed.
+    pub fn snapshot(&mut self) -> Result<PlayerSnapshot, PlayerError> {
+        let keyframe = Keyframe { live: self.live.clone(), state: self.state()? };
+        Ok(PlayerSnapshot { player: self.id, keyframe, timeline: self.timeline.clone() })
     }
 
     /// Goes back to a snapshot and to the changes of that moment. Earlier frames can still be

@@ -109,7 +109,7 @@ impl Grooming {
             .assets
             .edit_other(context.scene, edit, &mut groom)
             .map_err(|error| AssetError::of_edit(number, edit, error))?;
-        context.engine.regroom(&groom, &report.sources, &context.head)?;
+        context.engine.simulator().regroom(&groom, &report.sources, &context.head)?;
         self.own_layout |= matches!(edit.operation.name(), "lengthen" | "resample" | "density" | "mirror");
         self.places = if self.own_layout { Arc::default() } else { places(start, &groom).into() };
         self.groom = Some(Arc::new(groom));
@@ -125,14 +125,14 @@ impl Grooming {
     /// scratch.
     pub fn positions(
         &self,
-        simulated: impl FnOnce(&mut Vec<Vec3>),
+        simulated: impl FnOnce(&mut Vec<Vec3>) -> Result<(), PlayerError>,
         buffer: &mut Vec<Vec3>,
         out: &mut Vec<Vec3>,
-    ) {
+    ) -> Result<(), PlayerError> {
         if self.groom.is_none() || self.own_layout {
             return simulated(out);
         }
-        simulated(buffer);
+        simulated(buffer)?;
         let at = |place: &Place| {
             let i = place.particle as usize;
             match place.fraction {
@@ -142,6 +142,7 @@ impl Grooming {
         };
         out.clear();
         out.extend(self.places.iter().map(at));
+        Ok(())
     }
 }
 

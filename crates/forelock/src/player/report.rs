@@ -10,8 +10,6 @@ pub struct StepReport {
     pub frame: u32,
     /// What the solver reports.
     pub solver: FrameReport,
-    /// Seconds of the frame on the clock of a GPU, if it ran on one that has a clock.
-    pub device_secs: Option<f64>,
     /// Teleports in this frame.
     pub teleports: Vec<Jump>,
 }

@@ -32,13 +32,9 @@ impl Player {
         match self.live.own_clock {
             None => {
                 self.step_between([self.live.shown_secs(), end_secs], &mut report)?;
-                report.device_secs = self.engine.device_secs();
             }
             Some(clock) => {
                 let end = clock.steps_until(end_secs).max(clock.done);
-                if end > clock.done + 1 {
-                    self.engine.guard();
-                }
                 let before = self.live.clone();
                 // A frame that is shorter than a step may have none.
                 for step in clock.done..end {
@@ -48,17 +44,14 @@ impl Player {
                         self.live = before;
                         return stepped.map(|()| report);
                     }
-                    let secs = self.engine.device_secs();
-                    report.device_secs = report.device_secs.zip(secs).map(|(sum, own)| sum + own).or(secs);
                     self.live.own_clock = Some(OwnClock { done: step + 1, ..clock });
                 }
             }
         }
         self.live.show_next_frame();
         self.live.counters.add(&report);
-        self.engine.end_frame();
         self.reached = self.reached.max(self.live.frame);
-        self.keep_state();
+        self.keep_state()?;
         self.repeat_due_changes()?;
         Ok(report)
     }
@@ -73,7 +66,6 @@ impl Player {
         if !self.live.grooming.is_due(secs) {
             return Ok(());
         }
-        self.engine.guard();
         let Self { scene, assets, engine, live, .. } = self;
         let mut context = EditContext { scene, assets, engine, head: live.head_at };
         live.grooming.advance(secs, &mut context)
@@ -87,8 +79,7 @@ impl Player {
         let HeadStep { poses: head, jump } = self.head_step(times);
         self.live.teleport = None;
         if let Some(jump) = &jump {
-            self.engine.guard();
-            self.engine.teleport(&self.live.head_at, &head[0], jump.mode)?;
+            self.engine.simulator().teleport(&self.live.head_at, &head[0], jump.mode)?;
             report.teleports.push(*jump);
         }
         let mut jumped = false;
@@ -105,8 +96,7 @@ impl Player {
             frames.push(live.solid.frame_between(times[0], carriers));
         }
         if jumped && jump.is_none() {
-            self.engine.guard();
-            self.engine.forget_solids()?;
+            self.engine.simulator().forget_solids()?;
         }
         let setting = &self.live.setting;
         let air = setting.wind.at(times[0]);
@@ -185,10 +175,9 @@ impl Player {
             }
             self.pass_frame();
         }
-        self.engine.restore(state)?;
+        self.engine.simulator().restore(state)?;
         self.reached = frame;
-        self.keep_only_this();
-        Ok(())
+        self.keep_only_this()
     }
 
     /// Moves clock, head and solids by a frame, and counts the jumps in it.

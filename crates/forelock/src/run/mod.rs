@@ -114,11 +114,12 @@ pub fn record(
     let mut run = Run::start(player, options)?;
     run.player.backend_notes().iter().chain(&run.notes).for_each(|note| observer(&Progress::Note(note)));
     match run.step_through(observer, cancel) {
-        // The frames so far are not lost with the device: the run can be resumed after the last
-        // one.
-        Err(RunError::Player(PlayerError::Gpu(error))) => {
+        // Not all frames are lost with a device: the run can be resumed after the last state that
+        // is kept.
+        Err(RunError::Player(error @ (PlayerError::Gpu(_) | PlayerError::Device(_)))) => {
+            run.go_back_to_kept();
             run.finish(observer)?;
-            Err(PlayerError::from(error).into())
+            Err(error.into())
         }
         stepped => stepped.and_then(|()| run.finish(observer)),
     }
@@ -131,6 +132,8 @@ struct Run<'a> {
     cache: Option<Box<dyn CacheSink>>,
     /// Frames done, what they took, and the worst values over them.
     so_far: Snapshot,
+    /// The same at an earlier frame, with the state, of a run on a device.
+    kept: Option<Snapshot>,
     positions: Vec<Vec3>,
     /// What the user should know of the run itself.
     notes: Vec<String>,
@@ -163,8 +166,11 @@ impl<'a> Run<'a> {
             notes.push(format!("the first {frames} frames ran elsewhere: times and plots are without them"));
         }
         so_far.machine = machine;
-        let mut run = Self { player, out, cache, so_far, positions: Vec::new(), notes };
-        run.player.positions(&mut run.positions);
+        let mut run = Self { player, out, cache, so_far, kept: None, positions: Vec::new(), notes };
+        run.player.positions(&mut run.positions)?;
+        if run.is_on_device() {
+            run.keep_state()?;
+        }
         if !options.resume {
             run.append()?;
         }
@@ -196,6 +202,9 @@ impl<'a> Run<'a> {
             if let Some(row) = self.so_far.rows.last_mut() {
                 row.stages.push((WRITE_CACHE.into(), written.elapsed().as_secs_f64() * 1e3));
             }
+            if self.is_on_device() && self.so_far.frame.is_multiple_of(KEEP_EVERY) {
+                self.keep_state()?;
+            }
             observer(&Progress::Step);
         }
         observer(&Progress::End);
@@ -207,7 +216,7 @@ impl<'a> Run<'a> {
         let started = Instant::now();
         let StepReport { solver: report, .. } = self.player.step()?;
         let stepped = Instant::now();
-        self.player.positions(&mut self.positions);
+        self.player.positions(&mut self.positions)?;
         let skin_ms = stepped.elapsed().as_secs_f64() * 1e3;
         let mut ms = stepped.duration_since(started).as_secs_f64() * 1e3;
         let solids = self.player.collider_frames();
@@ -239,13 +248,42 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
+    /// Keeps the present state in memory, for the case that the device fails.
+    fn keep_state(&mut self) -> Result<(), RunError> {
+        let state = Some(self.player.state()?);
+        self.kept = Some(Snapshot { state, ..self.so_far.clone() });
+        Ok(())
+    }
+
+    fn is_on_device(&self) -> bool {
+        self.player.gpu_name().is_some()
+    }
+
+    /// Goes back to the state that was kept last. Frames of the cache after it are written again
+    /// when the run is resumed.
+    fn go_back_to_kept(&mut self) {
+        if let Some(kept) = self.kept.take() {
+            let lost = self.so_far.frame - kept.frame;
+            self.so_far = kept;
+            if lost > 0 {
+                self.notes
+                    .push(format!("the device failed: --resume simulates the last {lost} frames again"));
+            }
+        }
+    }
+
     /// Closes the cache, saves the state, takes the pictures, and writes summary and report.
     fn finish(mut self, observer: &mut Observer<'_>) -> Result<Summary, RunError> {
         let mut outputs = Vec::new();
         if let Some(cache) = self.cache.take() {
             outputs.extend(cache.finish()?);
         }
-        self.so_far.state = Some(self.player.resumable_state());
+        let state = match self.so_far.state.take() {
+            Some(kept) => kept,
+            None => self.player.state()?,
+        };
+        let state_hash = state.hash();
+        self.so_far.state = Some(state);
         let snapshot = self.out.join(SNAPSHOT);
         self.so_far.write(&snapshot)?;
         outputs.push(snapshot);
@@ -266,7 +304,7 @@ impl<'a> Run<'a> {
         let pictures = pictures::of_run(&Studio::new(scene, assets), &last, self.out, observer)?;
         outputs.extend(pictures.files);
 
-        let mut summary = self.summary(outputs);
+        let mut summary = self.summary(outputs, state_hash);
         summary.outputs.push(self.out.join("summary.json"));
         if scene.output.report {
             summary.outputs.push(self.out.join("report.html"));
@@ -277,7 +315,7 @@ impl<'a> Run<'a> {
         Ok(summary)
     }
 
-    fn summary(&self, outputs: Vec<PathBuf>) -> Summary {
+    fn summary(&self, outputs: Vec<PathBuf>, state_hash: u64) -> Summary {
         let Self { player, so_far, .. } = self;
         let (scene, groom) = (player.scene(), &player.assets().groom);
         let times: Vec<f64> = so_far.rows.iter().map(|row| row.ms).collect();
@@ -307,12 +345,15 @@ impl<'a> Run<'a> {
             max_strand_contacts: so_far.worst[4] as u64,
             quarantined_strands: so_far.quarantined_strands,
             teleports: player.counters().teleports,
-            state_hash: format!("{:016x}", player.state_hash()),
+            state_hash: format!("{:016x}", state_hash),
             notes: [player.notes(), self.notes.clone()].concat(),
             outputs,
         }
     }
 }
+
+/// Frames after which a run on a device keeps its state.
+const KEEP_EVERY: u32 = 30;
 
 /// Name of the snapshot in the output folder.
 const SNAPSHOT: &str = "snapshot.npz";
@@ -321,4 +362,46 @@ const SNAPSHOT: &str = "snapshot.npz";
 fn cache_path(scene: &Scene, out: &Path) -> Option<PathBuf> {
     let name = &scene.output.cache;
     (!name.as_os_str().is_empty()).then(|| out.join(name))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Override;
+
+    /// After a device has failed a run goes back to the state that was kept, and resumes from it to
+    /// the result of a run without the failure.
+    #[test]
+    fn a_run_whose_device_failed_resumes_from_the_kept_state() {
+        let sets = ["groom.strands=20", "body.sdf_cells=32", "time.frames=8", "output.picture=false"];
+        let sets: Vec<Override> = sets.iter().map(|set| Override::set(set).unwrap()).collect();
+        let scene = Scene::builtin(&sets).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let options = |name: &str, resume| {
+            let out = folder.path().join(name);
+            RunOptions { out, resume, backend: Backend::Cpu }
+        };
+        let never = AtomicBool::new(false);
+        let whole = simulate(&scene, &options("whole", false), &mut |_| {}, &never).unwrap();
+        let failing = options("failing", false);
+        let player = || Player::builder(scene.clone()).without_history().build().unwrap();
+        let mut run = Run::start(player(), &failing).unwrap();
+        for frame in 1..=5 {
+            run.step().unwrap();
+            run.append().unwrap();
+            if frame == 3 {
+                run.keep_state().unwrap();
+            }
+        }
+        run.go_back_to_kept();
+        let so_far = run.finish(&mut |_| {}).unwrap();
+        assert_eq!(so_far.frames, 3);
+        assert!(so_far.notes.iter().any(|note| note.contains("the last 2 frames again")), "{so_far:?}");
+        assert_ne!(so_far.state_hash, whole.state_hash);
+        let resumed = simulate(&scene, &options("failing", true), &mut |_| {}, &never).unwrap();
+        assert_eq!((resumed.frames, resumed.state_hash), (8, whole.state_hash));
+        let cache =
+            |name: &str| std::fs::read(cache_path(&scene, &folder.path().join(name)).unwrap()).unwrap();
+        assert!(cache("whole") == cache("failing"));
+    }
 }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use forelock_core::groom::grow::{GrowParams, PRESETS};
 use forelock_core::groom::{Import, Unit, Up};
+use forelock_core::interaction::Interactions;
 use forelock_core::interaction::contact::ContactParams;
 use forelock_core::interaction::grid::GridParams;
 use forelock_core::interaction::sph::SphParams;
@@ -356,6 +357,18 @@ pub struct InteractionSection {
     pub contacts: bool,
     /// Parameters of the contacts.
     pub contact: ContactParams,
+}
+
+impl InteractionSection {
+    /// The interactions that are on.
+    pub fn interactions(&self) -> Interactions {
+        let Self { kind, grid, sph, contacts, contact } = self;
+        Interactions {
+            grid: (*kind == InteractionKind::Grid).then(|| grid.clone()),
+            sph: (*kind == InteractionKind::Sph).then(|| sph.clone()),
+            contacts: contacts.then(|| contact.clone()),
+        }
+    }
 }
 
 /// `[time]`: frames and substeps.
