@@ -97,3 +97,60 @@ fn damage_stays_without_healing_and_goes_with_it() {
     pull(&mut held, 0.3);
     assert_eq!(step(&mut held), damaged);
 }
+
+/// The curve of `params` at a deflection of `e` lengths, from an intact tie.
+fn at<T: SimulationReal>(rig: &mut Rig<T>, e: f64) -> f64 {
+    pull(rig, e);
+    rig.edit(|snapshot| snapshot.integrity.fill(T::one()));
+    step(rig)
+}
+
+/// For any limits and widths: within 0 and 1, falling, continuous, and of a tension that is flat at
+/// the breaking point.
+#[test]
+fn the_curve_holds_for_any_limits() {
+    let mut state = 1u64;
+    let mut random = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1u64 << 53) as f64
+    };
+    for case in 0..1000 {
+        let elastic_limit = if case % 10 == 0 { 0.0 } else { random() };
+        let breaking_point = elastic_limit + 3.0 * random().powi(4) + 1e-3;
+        let breaking_width = 1e-3 + random();
+        let params = AmsParams { elastic_limit, breaking_point, breaking_width, ..params() };
+        let mut rig = pulled::<f64>(&params, Simd::Auto, 0.0);
+        let mut single = pulled::<f32>(&params, Simd::Auto, 0.0);
+        let range = breaking_point - elastic_limit;
+        let closed = |e: f64| {
+            let over = (e - elastic_limit).max(0.0);
+            let softened = |e: f64, over: f64| 1.0 - over * over / (2.0 * range * e.max(1e-12));
+            let past = (e - breaking_point) / breaking_width;
+            if past < 0.0 {
+                softened(e, over)
+            } else {
+                (softened(breaking_point, range) * (1.0 - past)).max(0.0)
+            }
+        };
+        let mut before = 1.0;
+        for share in [0.1, 0.3, 0.5, 0.7, 0.9, 1.1] {
+            let e = share * (breaking_point + breaking_width);
+            let (s, wide) = (at(&mut single, e), at(&mut rig, e));
+            assert!((0.0..=1.0).contains(&wide) && (0.0..=1.0).contains(&s), "{params:?} {e}: {wide} {s}");
+            assert!((wide - closed(e)).abs() < 1e-12, "{params:?} {e}: {wide}");
+            assert!((s - wide).abs() < 1e-3, "{params:?} {e}: {s} for {wide}");
+            assert!(wide <= before, "{params:?}: rises to {wide} at {e}");
+            before = wide;
+        }
+        // Continuous where its pieces meet, flat where the tension is largest.
+        let d = 1e-6 * range.min(breaking_width);
+        for e in [elastic_limit, breaking_point, breaking_point + breaking_width] {
+            let jump = at(&mut rig, e + d) - at(&mut rig, (e - d).max(0.0));
+            assert!(jump.abs() < 1e-5, "{params:?}: jumps by {jump} at {e}");
+        }
+        let tension = |rig: &mut Rig<f64>, e: f64| e * at(rig, e);
+        let before_break = tension(&mut rig, breaking_point - d);
+        let slope = (tension(&mut rig, breaking_point) - before_break) / d;
+        assert!(slope.abs() < 1e-3, "{params:?}: {slope}");
+    }
+}

@@ -106,19 +106,18 @@ fn implicit_tie<L: Lane>(
 }
 
 /// The tie's intact share after this substep's deflection e = |x − y|/L: s = min(s, ψ(e)), healed
-/// first where e is small. ψ is 1 up to the elastic limit e₀ and [e − (e − e₀)²]/e up to the
-/// breaking point; then it falls to 0 linearly.
+/// first where e is small. ψ is 1 up to the elastic limit e₀ and [e − (e − e₀)²/(2 (e_b − e₀))]/e up
+/// to the breaking point e_b, where the tension e ψ has its maximum; then ψ falls linearly from
+/// (e_b + e₀)/(2 e_b) to 0.
 #[inline(always)]
 pub fn damage<L: Lane>(frame: &FrameTerms, intact: L, deflection: V3<L>, strand_length: L) -> L {
     let Some(curve) = frame.non_hookean else { return intact };
     let (one, zero) = (L::one(), L::zero());
     let e = deflection.dot(deflection).sqrt() / strand_length;
     let over = (e - L::from_f64(curve.elastic_limit)).max(zero);
-    let softened = one - over * over / e.max(L::from_f64(1e-12));
-    let at_break = {
-        let (e0, e1) = (curve.elastic_limit, curve.breaking_point);
-        L::from_f64(1.0 - (e1 - e0) * (e1 - e0) / e1)
-    };
+    let (e0, e1) = (curve.elastic_limit, curve.breaking_point);
+    let softened = one - over * over * L::from_f64((0.5 / (e1 - e0)).min(1e30)) / e.max(L::from_f64(1e-12));
+    let at_break = L::from_f64(0.5 * (e1 + e0) / e1);
     let past = (e - L::from_f64(curve.breaking_point)) / L::from_f64(curve.breaking_width);
     let broken = (at_break * (one - past)).max(zero);
     let psi = L::select(past.lt(zero), softened, broken);

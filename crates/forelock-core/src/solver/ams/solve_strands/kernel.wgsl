@@ -91,9 +91,9 @@ fn tie(window: ptr<function, Window>, kappa: f32, pull: vec3f, w: vec3f) {
 fn damaged(intact: f32, deflection: vec3f, length: f32) -> f32 {
     let e = sqrt(dot(deflection, deflection)) / length;
     let over = max(e - frame.elastic_limit, 0.0);
-    let softened = 1.0 - over * over / max(e, 1e-12);
-    let range = frame.breaking_point - frame.elastic_limit;
-    let at_break = 1.0 - range * range / frame.breaking_point;
+    let range = max(frame.breaking_point - frame.elastic_limit, 1e-30);
+    let softened = 1.0 - over * over * (0.5 / range) / max(e, 1e-12);
+    let at_break = 0.5 * (frame.breaking_point + frame.elastic_limit) / frame.breaking_point;
     let past = (e - frame.breaking_point) / frame.breaking_width;
     let broken = max(at_break * (1.0 - past), 0.0);
     let psi = select(broken, softened, past < 0.0);
