@@ -6,14 +6,11 @@ use crate::air::{AirFrame, Shelter};
 use crate::clock::Clock;
 use crate::collide::{SolidFrame, SolidKinds};
 use crate::frame::{CHECK_STRANDS, RESTORE_AGAIN, RESTORE_LENGTHS, RESTORE_LOAD, STORE_LOAD};
-use crate::interaction::contact::ContactStep;
-use crate::interaction::grid::GridStep;
+use crate::interaction::{GpuInteraction, InteractionFrame};
 use crate::kernel::DispatchList;
 use crate::solver::SolveBatch;
 use crate::uniforms::{FrameUniform, SubstepUniform};
 use forelock_core::frame::{Exchange, FrameInput, Phase, PlannedStep, Step};
-use forelock_core::interaction::grid::GridFrame;
-use forelock_core::interaction::{contact, grid, sph};
 use forelock_core::pose::Pose;
 use glam::DVec3;
 
@@ -147,7 +144,11 @@ impl GpuSimulation {
     fn run_on_all<'a>(&'a self, list: &mut DispatchList<'a>, step: Step) {
         let strands = &self.groups.strands;
         match step {
-            Step::RecordStart(_) => self.contacts.iter().for_each(|own| own.record_start(list)),
+            Step::RecordStart(exchange) => {
+                if let Some(own) = self.interaction(&exchange) {
+                    own.record_start(list);
+                }
+            }
             Step::RestoreIfMoved => list.run(strands, &RESTORE_AGAIN, &[self.rules.substeps - 1]),
             Step::Exchange(exchange) => {
                 // Where velocities hold more than motion, they are those of the motion meanwhile.
@@ -155,7 +156,9 @@ impl GpuSimulation {
                 if loaded {
                     list.run(strands, &STORE_LOAD, &[0]);
                 }
-                self.exchange(list, &exchange);
+                if let Some(own) = self.interaction(&exchange) {
+                    own.exchange(list, self.rules.substeps);
+                }
                 if loaded {
                     list.run(strands, &RESTORE_LOAD, &[0]);
                 }
@@ -164,18 +167,10 @@ impl GpuSimulation {
         }
     }
 
-    /// An interaction: one line each.
-    fn exchange<'a>(&'a self, list: &mut DispatchList<'a>, exchange: &Exchange) {
-        match exchange.name {
-            name if name == grid::EXCHANGE.name => {
-                self.grid.iter().for_each(|own| own.exchange(list, self.rules.substeps));
-            }
-            name if name == sph::EXCHANGE.name => self.sph.iter().for_each(|own| own.interact(list)),
-            name if name == contact::EXCHANGE.name => {
-                self.contacts.iter().for_each(|own| own.interact(list));
-            }
-            _ => {}
-        }
+    /// The interaction of `exchange`, if the simulation has it.
+    fn interaction(&self, exchange: &Exchange) -> Option<&dyn GpuInteraction> {
+        let own = self.interactions.iter().find(|own| own.exchange_plan().name == exchange.name)?;
+        Some(&**own)
     }
 
     /// Writes the uniforms of a frame, before `steps` of it.
@@ -205,16 +200,16 @@ impl GpuSimulation {
             let has_last = self.plan.contains(Step::CollideFinal);
             self.solids.write_frame(&self.gpu, &self.rules, &SolidFrame { frame, origin, has_last });
         }
-        if let (Some(contacts), [.., now]) = (&mut self.contacts, &*poses) {
-            let (head, clamped) = ([&start, now], self.rules.clamped as u32);
-            contacts.write_frame(&self.gpu, &ContactStep { head, clamped, dt_secs: frame.dt_secs });
-        }
-        if let Some(sph) = &mut self.sph {
-            sph.write_frame(&self.gpu, frame.dt_secs);
-        }
-        if let (Some(grid), [.., before, now]) = (&mut self.grid, &*poses) {
-            let motion = &GridFrame::new(before, now, frame.dt_secs / f64::from(count));
-            grid.write_frame(&self.gpu, &GridStep { frame, substeps: count, motion, origin });
+        if let [.., before, now] = poses[..] {
+            let given = InteractionFrame {
+                input: frame,
+                start,
+                last_substep: [before, now],
+                origin,
+                clamped: self.rules.clamped as u32,
+                substeps: count,
+            };
+            self.interactions.iter_mut().for_each(|own| own.write_frame(&self.gpu, &given));
         }
         let air = self.air.as_mut().zip(wind).map(|(air, wind)| {
             let air_frame = AirFrame { wind, solids: frame.colliders.len(), origin, shift };

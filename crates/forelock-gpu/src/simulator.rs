@@ -98,7 +98,7 @@ impl GpuSimulation {
     fn replace(&mut self, packed: Packed, solver: &Solver<f32>) -> Result<(), GpuError> {
         let mut made = Self::from_packed(&self.gpu, packed, solver, &self.options)?;
         made.set_half_factors(self.half_factors);
-        made.set_interactions(&self.interactions)?;
+        made.rebuild_interactions(self)?;
         if self.clock.is_some() {
             made.time_stages(true);
         }
