@@ -42,15 +42,10 @@ impl GpuSimulation {
     }
 
     /// Measures the time of each stage from the next frame on, or stops. Returns whether the device
-    /// supports it.
+    /// supports it. A frame that changes from stage to stage more than 2048 times, by many substeps
+    /// and batches, is not timed.
     pub fn time_stages(&mut self, on: bool) -> bool {
-        let kinds = FrameKinds {
-            solids: SolidKinds::Rigid,
-            air: self.air.is_some().then_some(Shelter { wake: true, canopy: true }),
-            acceleration: self.acceleration.is_some().then_some(Accelerated::Field),
-        };
-        let passes = self.dispatches(self.plan.steps(), kinds).stages().count() as u32;
-        self.clock = on.then(|| Clock::new(&self.gpu, passes)).flatten();
+        self.clock = on.then(|| Clock::new(&self.gpu)).flatten();
         self.clock.is_some()
     }
 
@@ -66,23 +61,22 @@ impl GpuSimulation {
         self.clock = clock;
     }
 
-    /// Records a plan: in one pass, or in one pass a stage if stages are timed.
+    /// Records a plan: in one pass, or in one pass a stage if the frame is timed.
     fn record(&self, encoder: &mut wgpu::CommandEncoder, plan: &DispatchList<'_>, clock: Option<&mut Clock>) {
-        let Some(clock) = clock else {
+        let Some(mut timed) = clock.and_then(|clock| clock.begin(&self.gpu, plan.stages().count())) else {
             let described = wgpu::ComputePassDescriptor { label: Some("frame"), timestamp_writes: None };
             let mut pass = encoder.begin_compute_pass(&described);
             plan.iter().for_each(|dispatch| dispatch.record(&self.gpu, &mut pass));
             return;
         };
-        clock.begin();
         for dispatches in plan.stages() {
             let stage = dispatches[0].stage();
-            let timestamp_writes = Some(clock.next(stage));
+            let timestamp_writes = Some(timed.next(stage));
             let described = wgpu::ComputePassDescriptor { label: Some(stage), timestamp_writes };
             let mut pass = encoder.begin_compute_pass(&described);
             dispatches.iter().for_each(|dispatch| dispatch.record(&self.gpu, &mut pass));
         }
-        clock.end(encoder);
+        timed.end(encoder);
     }
 
     /// The dispatches of `steps` in their order. Between interactions, batches run one after the

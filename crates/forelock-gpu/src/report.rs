@@ -32,7 +32,7 @@ pub struct GpuReport {
     pub grid: Option<GridReport>,
     /// The contacts between strands in the last frame, without their times; `None` without them.
     pub strand_contacts: Option<ContactReport>,
-    /// The times of the last frame, if stages are timed.
+    /// The times of the last frame, if it was timed ([`GpuSimulation::time_stages`]).
     pub secs: Option<FrameSecs>,
 }
 
@@ -110,7 +110,7 @@ impl GpuSimulation {
     fn report_buffers(&self) -> Vec<&wgpu::Buffer> {
         let mut buffers = vec![&self.shared.report];
         buffers.extend(self.interactions.iter().filter_map(|own| own.report_buffer()));
-        buffers.extend(self.clock.as_ref().map(Clock::resolved));
+        buffers.extend(self.clock.as_ref().and_then(Clock::resolved));
         buffers
     }
 
@@ -138,7 +138,8 @@ impl GpuSimulation {
         for interaction in self.interactions.iter().filter(|own| own.report_buffer().is_some()) {
             interaction.add_report(next(), &own, &mut report);
         }
-        report.secs = self.clock.as_ref().map(|clock| clock.secs(next()));
+        let timed = self.clock.as_ref().filter(|clock| clock.resolved().is_some());
+        report.secs = timed.map(|clock| clock.secs(next()));
         report
     }
 

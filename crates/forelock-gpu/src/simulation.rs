@@ -243,9 +243,6 @@ impl GpuSimulation {
     /// Plans frames anew.
     pub(crate) fn replan(&mut self) -> Result<(), GpuError> {
         self.plan = FramePlan::new(&self.rules, &self.exchanges());
-        if self.clock.is_some() {
-            self.time_stages(true);
-        }
         self.gpu.check()
     }
 

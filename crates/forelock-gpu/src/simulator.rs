@@ -99,9 +99,7 @@ impl GpuSimulation {
         let mut made = Self::from_packed(&self.gpu, packed, solver, &self.options)?;
         made.set_half_factors(self.half_factors);
         made.rebuild_interactions(self)?;
-        if self.clock.is_some() {
-            made.time_stages(true);
-        }
+        made.time_stages(self.clock.is_some());
         *self = made;
         Ok(())
     }

@@ -517,34 +517,6 @@ fn many_batches_are_as_one() {
 
 #[test]
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
-fn stages_are_timed_and_bits_stay_the_same() {
-    let gpu = common::gpu();
-    let (positions, offsets) = tuft(200, |_| 20);
-    let strands = Strands::new(&positions, &offsets);
-    let ball = Shape::Sphere { radius: 0.05 };
-    let solid = Solid::new(&ball, [0.03, -0.12, 0.0], [0.0; 3]);
-    let run = |timed: bool| {
-        let mut own = GpuSimulation::from_strands(&gpu, &strands, &AmsParams::default(), &options()).unwrap();
-        let can = own.time_stages(timed);
-        for number in 0..5 {
-            own.step_frame(&FrameInput { colliders: &[solid.frame(number)], ..frame(number) }).unwrap();
-        }
-        let secs = own.report().unwrap().secs;
-        assert_eq!(secs.is_some(), can);
-        let ran = ["solve_strands", "resolve_solids", "restore_lengths", "check_strands"];
-        if let Some(secs) = secs {
-            let names: Vec<_> = secs.stages.iter().map(|(name, _)| *name).collect();
-            assert_eq!(names, ran);
-            assert!(secs.stages.iter().all(|(_, secs)| *secs > 0.0 && *secs < 10.0), "{secs:?}");
-            assert!(secs.whole >= 0.999 * secs.stages.iter().map(|(_, secs)| secs).sum::<f64>(), "{secs:?}");
-        }
-        own.state_hash().unwrap()
-    };
-    assert_eq!(run(true), run(false));
-}
-
-#[test]
-#[cfg_attr(not(gpu), ignore = "there is no GPU")]
 fn what_a_gpu_cannot_do_is_said() {
     let gpu = common::gpu();
     let named = Gpu::open(&Choice::Named("a name that no one has".to_owned()));
