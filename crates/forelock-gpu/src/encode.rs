@@ -1,8 +1,8 @@
 //! A frame of a simulation: its uniforms, its dispatches, their recording.
 
 use crate::GpuSimulation;
-use crate::acceleration::Accelerated;
 use crate::air::{AirFrame, Shelter};
+use crate::batch::DeviceStrands;
 use crate::clock::Clock;
 use crate::collide::{SolidFrame, SolidKinds};
 use crate::frame::{CHECK_STRANDS, RESTORE_AGAIN, RESTORE_LENGTHS, RESTORE_LOAD, STORE_LOAD};
@@ -21,8 +21,6 @@ pub(crate) struct FrameKinds {
     solids: SolidKinds,
     /// What shelters from the wind, if it is a field.
     air: Option<Shelter>,
-    /// The acceleration in addition to gravity, if there is one.
-    acceleration: Option<Accelerated>,
 }
 
 /// Whether one of `steps` moves positions to the frame's origin.
@@ -82,8 +80,6 @@ impl GpuSimulation {
     /// The dispatches of `steps` in their order. Between interactions, batches run one after the
     /// other.
     fn dispatches(&self, steps: &[PlannedStep], kinds: FrameKinds) -> DispatchList<'_> {
-        let FrameKinds { air, acceleration, .. } = kinds;
-        let own = self.acceleration.as_ref();
         let mut list = DispatchList::default();
         for steps in steps.chunk_by(|a, b| is_of_batches(&a.step) && is_of_batches(&b.step)) {
             let step = steps[0].step;
@@ -91,12 +87,15 @@ impl GpuSimulation {
                 self.run_on_all(&mut list, step);
                 continue;
             }
-            if let Some((shelter, air)) = air.zip(self.air.as_ref()).filter(|_| begins(steps)) {
-                air.sample(&mut list, shelter);
-                self.kernels.apply_wind(&mut list, &self.groups);
+            if begins(steps) {
+                if let Some((shelter, air)) = kinds.air.zip(self.air.as_ref()) {
+                    air.sample(&mut list, shelter);
+                    self.kernels.apply_wind(&mut list, &self.groups);
+                }
+                if let Some(acceleration) = &self.acceleration {
+                    acceleration.sample(&mut list);
+                }
             }
-            let sampled = own.filter(|_| acceleration == Some(Accelerated::Field) && begins(steps));
-            sampled.iter().for_each(|own| own.sample(&mut list));
             for batch in 0..self.batches.len() {
                 steps.iter().for_each(|own| self.step_batch(&mut list, own.step, batch, kinds));
             }
@@ -114,8 +113,9 @@ impl GpuSimulation {
             |number| solids.resolve().map(|kernel| groups.solids[batch].dispatch(kernel, &[number]));
         match step {
             Step::Solve { substep } => {
-                let accelerates = self.acceleration.iter().filter(|_| kinds.acceleration.is_some());
-                accelerates.for_each(|own| own.accelerate(list, batch));
+                if let Some(acceleration) = &self.acceleration {
+                    acceleration.accelerate(list, batch);
+                }
                 let longest = self.batches[batch].threads.longest;
                 let half_factors = self.half_factors;
                 let batch = SolveBatch { groups, batch, longest, solids, half_factors };
@@ -169,12 +169,12 @@ impl GpuSimulation {
 
     /// Writes the uniforms of a frame, before `steps` of it.
     pub(crate) fn write_frame(&mut self, frame: &FrameInput<'_>, steps: &[PlannedStep]) -> FrameKinds {
-        let acceleration = self.write_acceleration(frame, begins(steps));
         let origin = frame.origin(&self.model);
         let start = self.model.about_centre(&frame.roots.head()[0], self.origin);
         let shift = self.origin - origin;
-        // Positions move there in the first substep.
         if begins(steps) {
+            self.write_acceleration(frame);
+            // Positions move there in the first substep.
             self.origin = origin;
         }
         let mut uniform = FrameUniform::new(&self.rules, frame.dt_secs, frame.gravity, frame.air.velocity);
@@ -209,22 +209,18 @@ impl GpuSimulation {
             let air_frame = AirFrame { wind, solids: frame.colliders.len(), origin, shift };
             air.write_frame(&self.gpu, &self.model, &air_frame)
         });
-        FrameKinds { solids: SolidKinds::of(frame.colliders), air, acceleration }
+        FrameKinds { solids: SolidKinds::of(frame.colliders), air }
     }
 
     /// Uploads the acceleration in addition to gravity of a frame, before positions move to its
     /// origin.
-    fn write_acceleration(&mut self, frame: &FrameInput<'_>, begins: bool) -> Option<Accelerated> {
-        let mut own = self.acceleration.take()?;
-        if !begins {
-            let kind = own.kind;
-            self.acceleration = Some(own);
-            return kind;
+    fn write_acceleration(&mut self, frame: &FrameInput<'_>) {
+        let Self { gpu, model, shared, batches, acceleration, origin, .. } = self;
+        if let Some(own) = acceleration {
+            let centre = frame.roots.head()[0].transform_point(model.centre.into());
+            let strands = DeviceStrands { model, shared, batches };
+            own.write_frame(gpu, strands, &frame.acceleration, centre, *origin);
         }
-        let centre = frame.roots.head()[0].transform_point(self.model.centre.into());
-        let written = own.write_frame(&self.gpu, self.strands(), &frame.acceleration, centre, self.origin);
-        self.acceleration = Some(own);
-        written
     }
 
     /// Writes the substeps between `poses`, the first of which moves positions by `shift`; further

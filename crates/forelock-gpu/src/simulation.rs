@@ -298,7 +298,7 @@ impl GpuSimulation {
         &self.batches
     }
 
-    pub(crate) fn strands(&self) -> DeviceStrands<'_> {
+    fn strands(&self) -> DeviceStrands<'_> {
         DeviceStrands { model: &self.model, shared: &self.shared, batches: &self.batches }
     }
 
