@@ -318,8 +318,8 @@ impl GpuSimulation {
     /// [`GpuError::Unsupported`] for what only the CPU supports, [`GpuError::Failed`] if the device
     /// has failed.
     pub fn step_frame(&mut self, frame: &FrameInput<'_>) -> Result<(), GpuError> {
-        let steps = self.plan.steps().to_vec();
-        self.step_part(frame, &steps)
+        let plan = self.plan.clone();
+        self.step_part(frame, plan.steps())
     }
 
     /// Records a frame into the caller's `encoder`, for an engine that submits its own work: the
@@ -334,8 +334,8 @@ impl GpuSimulation {
         encoder: &mut wgpu::CommandEncoder,
         frame: &FrameInput<'_>,
     ) -> Result<(), GpuError> {
-        let steps = self.plan.steps().to_vec();
-        self.encode_part(encoder, frame, &steps)
+        let plan = self.plan.clone();
+        self.encode_part(encoder, frame, plan.steps())
     }
 
     /// Some steps of a frame ([`GpuSimulation::plan`]), in their order, if the CPU runs the others;
