@@ -1,5 +1,5 @@
 //! The GPU kernels of each interaction between strands. An interaction is registered by one line in
-//! [`KINDS`].
+//! `KINDS`.
 
 pub mod contact;
 pub mod grid;
