@@ -51,7 +51,7 @@ pub struct LatticeUniform {
 
 /// What a frame has in addition to gravity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Accelerated {
+enum Accelerated {
     /// Each particle has its acceleration.
     PerParticle,
     /// The lattice has those of a field.
@@ -69,7 +69,7 @@ pub(crate) struct DeviceAcceleration {
     host: Vec<Row<f32>>,
     lattice: Vec<Vec4>,
     /// What the last frame had.
-    pub kind: Option<Accelerated>,
+    kind: Option<Accelerated>,
 }
 
 impl DeviceAcceleration {
@@ -113,14 +113,18 @@ impl DeviceAcceleration {
         self.groups = bound.collect();
     }
 
-    /// Appends the samples of a field, at the frame's start.
+    /// Appends the samples of a field at the frame's start, if the frame has a field.
     pub fn sample<'a>(&'a self, list: &mut DispatchList<'a>) {
-        list.run(&self.groups, &SAMPLE_ACCELERATION, &[]);
+        if self.kind == Some(Accelerated::Field) {
+            list.run(&self.groups, &SAMPLE_ACCELERATION, &[]);
+        }
     }
 
-    /// Appends h a for one batch, before a substep.
+    /// Appends h a for one batch before a substep, if the frame has an acceleration.
     pub fn accelerate<'a>(&'a self, list: &mut DispatchList<'a>, batch: usize) {
-        list.push(self.groups[batch].dispatch(&ACCELERATE, &[]));
+        if self.kind.is_some() {
+            list.push(self.groups[batch].dispatch(&ACCELERATE, &[]));
+        }
     }
 
     /// Uploads the acceleration of a frame, for hair about `centre` whose positions are relative to
@@ -132,7 +136,7 @@ impl DeviceAcceleration {
         acceleration: &Acceleration<'_>,
         centre: DVec3,
         origin: DVec3,
-    ) -> Option<Accelerated> {
+    ) {
         let model: &Model<f32> = strands.model;
         self.kind = match acceleration {
             Acceleration::PerParticle(all) => {
@@ -164,6 +168,5 @@ impl DeviceAcceleration {
             }
             _ => None,
         };
-        self.kind
     }
 }

@@ -3,8 +3,8 @@
 use crate::Gpu;
 use wgpu::BufferUsages;
 
-/// Queries of a set at most, as in WebGPU.
-const MOST_QUERIES: u32 = 4096;
+/// Passes of a frame that is timed, at most: in WebGPU a set has 4096 queries.
+const MOST_PASSES: usize = 4096 / 2;
 
 /// The times of a frame, by the clock of the device.
 #[derive(Clone, Debug, PartialEq)]
@@ -15,58 +15,88 @@ pub struct FrameSecs {
     pub whole: f64,
 }
 
-/// Two timestamps a pass.
+/// The clock of a simulation.
 #[derive(Debug)]
 pub(crate) struct Clock {
-    set: wgpu::QuerySet,
-    resolved: wgpu::Buffer,
     secs_per_tick: f64,
-    /// The stage of each pass of the last frame.
+    /// Room for the longest frame so far.
+    queries: Option<Queries>,
+    /// The stage of each pass of the last frame; none if it was not timed.
     passes: Vec<&'static str>,
 }
 
-impl Clock {
-    /// A clock for frames of up to `passes`; `None` if the device has no timestamps, or not enough.
-    pub fn new(gpu: &Gpu, passes: u32) -> Option<Self> {
-        let count = 2 * passes;
-        if !gpu.device().features().contains(wgpu::Features::TIMESTAMP_QUERY) || count > MOST_QUERIES {
-            return None;
-        }
+/// Two timestamps a pass.
+#[derive(Debug)]
+struct Queries {
+    set: wgpu::QuerySet,
+    resolved: wgpu::Buffer,
+    /// Passes at most.
+    passes: usize,
+}
+
+impl Queries {
+    fn new(gpu: &Gpu, passes: usize) -> Self {
+        let count = 2 * passes as u32;
         let described =
             wgpu::QuerySetDescriptor { label: Some("stages"), ty: wgpu::QueryType::Timestamp, count };
         let usage = BufferUsages::QUERY_RESOLVE | BufferUsages::COPY_SRC;
-        Some(Self {
-            set: gpu.device().create_query_set(&described),
-            resolved: gpu.buffer("timestamps", u64::from(count) * 8, usage),
-            secs_per_tick: f64::from(gpu.queue().get_timestamp_period()) * 1e-9,
-            passes: Vec::with_capacity(passes as usize),
-        })
+        let resolved = gpu.buffer("timestamps", u64::from(count) * 8, usage);
+        Self { set: gpu.device().create_query_set(&described), resolved, passes }
     }
+}
 
-    /// Begins a frame.
-    pub fn begin(&mut self) {
-        self.passes.clear();
-    }
+/// A frame that is timed while it is recorded.
+#[derive(Debug)]
+pub(crate) struct TimedFrame<'a> {
+    queries: &'a Queries,
+    passes: &'a mut Vec<&'static str>,
+}
 
+impl TimedFrame<'_> {
     /// The timestamps of the next pass, a pass of `stage`.
     pub fn next(&mut self, stage: &'static str) -> wgpu::ComputePassTimestampWrites<'_> {
         let first = 2 * self.passes.len() as u32;
         self.passes.push(stage);
         wgpu::ComputePassTimestampWrites {
-            query_set: &self.set,
+            query_set: &self.queries.set,
             beginning_of_pass_write_index: Some(first),
             end_of_pass_write_index: Some(first + 1),
         }
     }
 
     /// Ends the frame.
-    pub fn end(&self, encoder: &mut wgpu::CommandEncoder) {
-        encoder.resolve_query_set(&self.set, 0..2 * self.passes.len() as u32, &self.resolved, 0);
+    pub fn end(self, encoder: &mut wgpu::CommandEncoder) {
+        let Queries { set, resolved, .. } = self.queries;
+        encoder.resolve_query_set(set, 0..2 * self.passes.len() as u32, resolved, 0);
+    }
+}
+
+impl Clock {
+    /// A clock; `None` if the device has no timestamps.
+    pub fn new(gpu: &Gpu) -> Option<Self> {
+        let has_timestamps = gpu.device().features().contains(wgpu::Features::TIMESTAMP_QUERY);
+        has_timestamps.then(|| Self {
+            secs_per_tick: f64::from(gpu.queue().get_timestamp_period()) * 1e-9,
+            queries: None,
+            passes: Vec::new(),
+        })
     }
 
-    /// The buffer of timestamps.
-    pub fn resolved(&self) -> &wgpu::Buffer {
-        &self.resolved
+    /// Begins a frame of `passes`; `None` if a query set has no room for so many, or there are
+    /// none: the frame is not timed.
+    pub fn begin(&mut self, gpu: &Gpu, passes: usize) -> Option<TimedFrame<'_>> {
+        self.passes.clear();
+        if passes == 0 || passes > MOST_PASSES {
+            return None;
+        }
+        let kept = self.queries.take().filter(|own| own.passes >= passes);
+        let queries = self.queries.insert(kept.unwrap_or_else(|| Queries::new(gpu, passes)));
+        Some(TimedFrame { queries, passes: &mut self.passes })
+    }
+
+    /// The buffer of timestamps, if the last frame was timed.
+    pub fn resolved(&self) -> Option<&wgpu::Buffer> {
+        self.queries.as_ref().filter(|_| !self.passes.is_empty()).map(|own| &own.resolved)
     }
 
     /// The times of the last frame, from the bytes of the timestamps.

@@ -1,19 +1,16 @@
 //! A frame of a simulation: its uniforms, its dispatches, their recording.
 
 use crate::GpuSimulation;
-use crate::acceleration::Accelerated;
 use crate::air::{AirFrame, Shelter};
+use crate::batch::DeviceStrands;
 use crate::clock::Clock;
 use crate::collide::{SolidFrame, SolidKinds};
 use crate::frame::{CHECK_STRANDS, RESTORE_AGAIN, RESTORE_LENGTHS, RESTORE_LOAD, STORE_LOAD};
-use crate::interaction::contact::ContactStep;
-use crate::interaction::grid::GridStep;
+use crate::interaction::{GpuInteraction, InteractionFrame};
 use crate::kernel::DispatchList;
 use crate::solver::SolveBatch;
 use crate::uniforms::{FrameUniform, SubstepUniform};
 use forelock_core::frame::{Exchange, FrameInput, Phase, PlannedStep, Step};
-use forelock_core::interaction::grid::GridFrame;
-use forelock_core::interaction::{contact, grid, sph};
 use forelock_core::pose::Pose;
 use glam::DVec3;
 
@@ -24,8 +21,6 @@ pub(crate) struct FrameKinds {
     solids: SolidKinds,
     /// What shelters from the wind, if it is a field.
     air: Option<Shelter>,
-    /// The acceleration in addition to gravity, if there is one.
-    acceleration: Option<Accelerated>,
 }
 
 /// Whether one of `steps` moves positions to the frame's origin.
@@ -45,15 +40,10 @@ impl GpuSimulation {
     }
 
     /// Measures the time of each stage from the next frame on, or stops. Returns whether the device
-    /// supports it.
+    /// supports it. A frame that changes from stage to stage more than 2048 times, by many substeps
+    /// and batches, is not timed.
     pub fn time_stages(&mut self, on: bool) -> bool {
-        let kinds = FrameKinds {
-            solids: SolidKinds::Rigid,
-            air: self.air.is_some().then_some(Shelter { wake: true, canopy: true }),
-            acceleration: self.acceleration.is_some().then_some(Accelerated::Field),
-        };
-        let passes = self.dispatches(self.plan.steps(), kinds).stages().count() as u32;
-        self.clock = on.then(|| Clock::new(&self.gpu, passes)).flatten();
+        self.clock = on.then(|| Clock::new(&self.gpu)).flatten();
         self.clock.is_some()
     }
 
@@ -69,30 +59,27 @@ impl GpuSimulation {
         self.clock = clock;
     }
 
-    /// Records a plan: in one pass, or in one pass a stage if stages are timed.
+    /// Records a plan: in one pass, or in one pass a stage if the frame is timed.
     fn record(&self, encoder: &mut wgpu::CommandEncoder, plan: &DispatchList<'_>, clock: Option<&mut Clock>) {
-        let Some(clock) = clock else {
+        let Some(mut timed) = clock.and_then(|clock| clock.begin(&self.gpu, plan.stages().count())) else {
             let described = wgpu::ComputePassDescriptor { label: Some("frame"), timestamp_writes: None };
             let mut pass = encoder.begin_compute_pass(&described);
             plan.iter().for_each(|dispatch| dispatch.record(&self.gpu, &mut pass));
             return;
         };
-        clock.begin();
         for dispatches in plan.stages() {
             let stage = dispatches[0].stage();
-            let timestamp_writes = Some(clock.next(stage));
+            let timestamp_writes = Some(timed.next(stage));
             let described = wgpu::ComputePassDescriptor { label: Some(stage), timestamp_writes };
             let mut pass = encoder.begin_compute_pass(&described);
             dispatches.iter().for_each(|dispatch| dispatch.record(&self.gpu, &mut pass));
         }
-        clock.end(encoder);
+        timed.end(encoder);
     }
 
     /// The dispatches of `steps` in their order. Between interactions, batches run one after the
     /// other.
     fn dispatches(&self, steps: &[PlannedStep], kinds: FrameKinds) -> DispatchList<'_> {
-        let FrameKinds { air, acceleration, .. } = kinds;
-        let own = self.acceleration.as_ref();
         let mut list = DispatchList::default();
         for steps in steps.chunk_by(|a, b| is_of_batches(&a.step) && is_of_batches(&b.step)) {
             let step = steps[0].step;
@@ -100,12 +87,15 @@ impl GpuSimulation {
                 self.run_on_all(&mut list, step);
                 continue;
             }
-            if let Some((shelter, air)) = air.zip(self.air.as_ref()).filter(|_| begins(steps)) {
-                air.sample(&mut list, shelter);
-                self.kernels.apply_wind(&mut list, &self.groups);
+            if begins(steps) {
+                if let Some((shelter, air)) = kinds.air.zip(self.air.as_ref()) {
+                    air.sample(&mut list, shelter);
+                    self.kernels.apply_wind(&mut list, &self.groups);
+                }
+                if let Some(acceleration) = &self.acceleration {
+                    acceleration.sample(&mut list);
+                }
             }
-            let sampled = own.filter(|_| acceleration == Some(Accelerated::Field) && begins(steps));
-            sampled.iter().for_each(|own| own.sample(&mut list));
             for batch in 0..self.batches.len() {
                 steps.iter().for_each(|own| self.step_batch(&mut list, own.step, batch, kinds));
             }
@@ -123,8 +113,9 @@ impl GpuSimulation {
             |number| solids.resolve().map(|kernel| groups.solids[batch].dispatch(kernel, &[number]));
         match step {
             Step::Solve { substep } => {
-                let accelerates = self.acceleration.iter().filter(|_| kinds.acceleration.is_some());
-                accelerates.for_each(|own| own.accelerate(list, batch));
+                if let Some(acceleration) = &self.acceleration {
+                    acceleration.accelerate(list, batch);
+                }
                 let longest = self.batches[batch].threads.longest;
                 let half_factors = self.half_factors;
                 let batch = SolveBatch { groups, batch, longest, solids, half_factors };
@@ -147,7 +138,11 @@ impl GpuSimulation {
     fn run_on_all<'a>(&'a self, list: &mut DispatchList<'a>, step: Step) {
         let strands = &self.groups.strands;
         match step {
-            Step::RecordStart(_) => self.contacts.iter().for_each(|own| own.record_start(list)),
+            Step::RecordStart(exchange) => {
+                if let Some(own) = self.interaction(&exchange) {
+                    own.record_start(list);
+                }
+            }
             Step::RestoreIfMoved => list.run(strands, &RESTORE_AGAIN, &[self.rules.substeps - 1]),
             Step::Exchange(exchange) => {
                 // Where velocities hold more than motion, they are those of the motion meanwhile.
@@ -155,7 +150,9 @@ impl GpuSimulation {
                 if loaded {
                     list.run(strands, &STORE_LOAD, &[0]);
                 }
-                self.exchange(list, &exchange);
+                if let Some(own) = self.interaction(&exchange) {
+                    own.exchange(list, self.rules.substeps);
+                }
                 if loaded {
                     list.run(strands, &RESTORE_LOAD, &[0]);
                 }
@@ -164,28 +161,20 @@ impl GpuSimulation {
         }
     }
 
-    /// An interaction: one line each.
-    fn exchange<'a>(&'a self, list: &mut DispatchList<'a>, exchange: &Exchange) {
-        match exchange.name {
-            name if name == grid::EXCHANGE.name => {
-                self.grid.iter().for_each(|own| own.exchange(list, self.rules.substeps));
-            }
-            name if name == sph::EXCHANGE.name => self.sph.iter().for_each(|own| own.interact(list)),
-            name if name == contact::EXCHANGE.name => {
-                self.contacts.iter().for_each(|own| own.interact(list));
-            }
-            _ => {}
-        }
+    /// The interaction of `exchange`, if the simulation has it.
+    fn interaction(&self, exchange: &Exchange) -> Option<&dyn GpuInteraction> {
+        let own = self.interactions.iter().find(|own| own.exchange_plan().name == exchange.name)?;
+        Some(&**own)
     }
 
     /// Writes the uniforms of a frame, before `steps` of it.
     pub(crate) fn write_frame(&mut self, frame: &FrameInput<'_>, steps: &[PlannedStep]) -> FrameKinds {
-        let acceleration = self.write_acceleration(frame, begins(steps));
         let origin = frame.origin(&self.model);
         let start = self.model.about_centre(&frame.roots.head()[0], self.origin);
         let shift = self.origin - origin;
-        // Positions move there in the first substep.
         if begins(steps) {
+            self.write_acceleration(frame);
+            // Positions move there in the first substep.
             self.origin = origin;
         }
         let mut uniform = FrameUniform::new(&self.rules, frame.dt_secs, frame.gravity, frame.air.velocity);
@@ -205,37 +194,33 @@ impl GpuSimulation {
             let has_last = self.plan.contains(Step::CollideFinal);
             self.solids.write_frame(&self.gpu, &self.rules, &SolidFrame { frame, origin, has_last });
         }
-        if let (Some(contacts), [.., now]) = (&mut self.contacts, &*poses) {
-            let (head, clamped) = ([&start, now], self.rules.clamped as u32);
-            contacts.write_frame(&self.gpu, &ContactStep { head, clamped, dt_secs: frame.dt_secs });
-        }
-        if let Some(sph) = &mut self.sph {
-            sph.write_frame(&self.gpu, frame.dt_secs);
-        }
-        if let (Some(grid), [.., before, now]) = (&mut self.grid, &*poses) {
-            let motion = &GridFrame::new(before, now, frame.dt_secs / f64::from(count));
-            grid.write_frame(&self.gpu, &GridStep { frame, substeps: count, motion, origin });
+        if let [.., before, now] = poses[..] {
+            let given = InteractionFrame {
+                input: frame,
+                start,
+                last_substep: [before, now],
+                origin,
+                clamped: self.rules.clamped as u32,
+                substeps: count,
+            };
+            self.interactions.iter_mut().for_each(|own| own.write_frame(&self.gpu, &given));
         }
         let air = self.air.as_mut().zip(wind).map(|(air, wind)| {
             let air_frame = AirFrame { wind, solids: frame.colliders.len(), origin, shift };
             air.write_frame(&self.gpu, &self.model, &air_frame)
         });
-        FrameKinds { solids: SolidKinds::of(frame.colliders), air, acceleration }
+        FrameKinds { solids: SolidKinds::of(frame.colliders), air }
     }
 
     /// Uploads the acceleration in addition to gravity of a frame, before positions move to its
     /// origin.
-    fn write_acceleration(&mut self, frame: &FrameInput<'_>, begins: bool) -> Option<Accelerated> {
-        let mut own = self.acceleration.take()?;
-        if !begins {
-            let kind = own.kind;
-            self.acceleration = Some(own);
-            return kind;
+    fn write_acceleration(&mut self, frame: &FrameInput<'_>) {
+        let Self { gpu, model, shared, batches, acceleration, origin, .. } = self;
+        if let Some(own) = acceleration {
+            let centre = frame.roots.head()[0].transform_point(model.centre.into());
+            let strands = DeviceStrands { model, shared, batches };
+            own.write_frame(gpu, strands, &frame.acceleration, centre, *origin);
         }
-        let centre = frame.roots.head()[0].transform_point(self.model.centre.into());
-        let written = own.write_frame(&self.gpu, self.strands(), &frame.acceleration, centre, self.origin);
-        self.acceleration = Some(own);
-        written
     }
 
     /// Writes the substeps between `poses`, the first of which moves positions by `shift`; further

@@ -73,15 +73,7 @@ pub use simulation::GpuSimulation;
 
 /// The shaders of all modules, for tests and tools.
 pub fn shaders() -> impl Iterator<Item = &'static kernel::Shader> {
-    let modules = [
-        frame::SHADERS,
-        collide::SHADERS,
-        acceleration::SHADERS,
-        air::SHADERS,
-        interaction::grid::SHADERS,
-        interaction::sph::SHADERS,
-        interaction::contact::SHADERS,
-        guides::SHADERS,
-    ];
-    modules.into_iter().chain(solver::SHADERS).flatten().copied()
+    let modules = [frame::SHADERS, collide::SHADERS, acceleration::SHADERS, air::SHADERS, guides::SHADERS];
+    let interactions = interaction::KINDS.iter().map(|kind| kind.shaders);
+    modules.into_iter().chain(interactions).chain(solver::SHADERS).flatten().copied()
 }

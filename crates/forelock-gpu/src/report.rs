@@ -1,8 +1,6 @@
 //! What a simulation reads back: reports and the state.
 
 use crate::clock::{Clock, FrameSecs};
-use crate::interaction::contact::TouchEntry;
-use crate::interaction::grid::BoundsEntry;
 use crate::uniforms::ReportEntry;
 use crate::{GpuError, GpuSimulation};
 use crate::{acceleration, air, frame};
@@ -34,7 +32,7 @@ pub struct GpuReport {
     pub grid: Option<GridReport>,
     /// The contacts between strands in the last frame, without their times; `None` without them.
     pub strand_contacts: Option<ContactReport>,
-    /// The times of the last frame, if stages are timed.
+    /// The times of the last frame, if it was timed ([`GpuSimulation::time_stages`]).
     pub secs: Option<FrameSecs>,
 }
 
@@ -111,9 +109,8 @@ impl GpuSimulation {
 
     fn report_buffers(&self) -> Vec<&wgpu::Buffer> {
         let mut buffers = vec![&self.shared.report];
-        buffers.extend(self.grid.as_ref().map(|grid| &grid.bounds));
-        buffers.extend(self.contacts.as_ref().map(|contacts| &contacts.touch));
-        buffers.extend(self.clock.as_ref().map(Clock::resolved));
+        buffers.extend(self.interactions.iter().filter_map(|own| own.report_buffer()));
+        buffers.extend(self.clock.as_ref().and_then(Clock::resolved));
         buffers
     }
 
@@ -130,21 +127,20 @@ impl GpuSimulation {
         // A solver may leave edges at their lengths without a length pass.
         let restores = has(Step::RestoreLengths) || has(Step::RestoreIfMoved);
         let restored = if restores { own.restored } else { own.stretch };
-        let grid = self.grid.as_ref().map(|_| bytemuck::pod_read_unaligned::<BoundsEntry>(next()).report());
-        let strand_contacts = self.contacts.as_ref().map(|_| {
-            let touch = &next()[..size_of::<TouchEntry>()];
-            bytemuck::pod_read_unaligned::<TouchEntry>(touch).report(own.contacts)
-        });
-        GpuReport {
+        let mut report = GpuReport {
             max_edge_stretch: f32::from_bits(restored),
             max_edge_stretch_final: f32::from_bits(own.stretch),
             quarantined_strands: own.quarantined,
             touching: own.touching,
             max_penetration_m: f32::from_bits(own.deepest),
-            grid,
-            strand_contacts,
-            secs: self.clock.as_ref().map(|clock| clock.secs(next())),
+            ..GpuReport::default()
+        };
+        for interaction in self.interactions.iter().filter(|own| own.report_buffer().is_some()) {
+            interaction.add_report(next(), &own, &mut report);
         }
+        let timed = self.clock.as_ref().filter(|clock| clock.resolved().is_some());
+        report.secs = timed.map(|clock| clock.secs(next()));
+        report
     }
 
     /// The state in the bytes of [`Self::state_buffers`].

@@ -5,9 +5,7 @@ use crate::air::DeviceAir;
 use crate::batch::{Batch, DeviceStrands, Shared, StrandGroups, split};
 use crate::clock::Clock;
 use crate::collide::Solids;
-use crate::interaction::contact::DeviceContacts;
-use crate::interaction::grid::DeviceGrid;
-use crate::interaction::sph::DeviceSph;
+use crate::interaction::{self, GpuInteraction, Kind};
 use crate::positions::DevicePositions;
 use crate::solver::{self, GpuSolver};
 use crate::{Gpu, GpuError};
@@ -17,10 +15,10 @@ use forelock_core::frame::{
     Acceleration, Air, Exchange, FrameInput, FramePlan, FrameRules, PlannedStep, Solver,
 };
 use forelock_core::groom::Groom;
+use forelock_core::interaction::Interactions;
 use forelock_core::interaction::contact::ContactParams;
 use forelock_core::interaction::grid::GridParams;
 use forelock_core::interaction::sph::SphParams;
-use forelock_core::interaction::{Interactions, contact, grid, sph};
 use forelock_core::simulation::{Options, Simulation};
 use forelock_core::strands::{Model, Strands};
 use forelock_core::strands::{Snapshot, State};
@@ -58,11 +56,8 @@ pub struct GpuSimulation {
     /// Bytes of the substeps of a frame.
     pub(crate) substeps: Vec<u8>,
     pub(crate) half_factors: bool,
-    pub(crate) grid: Option<DeviceGrid>,
-    pub(crate) sph: Option<DeviceSph>,
-    pub(crate) contacts: Option<DeviceContacts>,
-    /// Parameters of the interactions.
-    pub(crate) interactions: Interactions,
+    /// In the order of [`interaction::KINDS`], each at most once.
+    pub(crate) interactions: Vec<Box<dyn GpuInteraction>>,
     /// Made at the first wind field.
     pub(crate) air: Option<DeviceAir>,
     /// Made at the first acceleration in addition to gravity.
@@ -161,10 +156,7 @@ impl GpuSimulation {
             groups: StrandGroups::default(),
             substeps: Vec::new(),
             half_factors: false,
-            grid: None,
-            sph: None,
-            contacts: None,
-            interactions: Interactions::default(),
+            interactions: Vec::new(),
             air: None,
             acceleration: None,
             clock: None,
@@ -188,10 +180,8 @@ impl GpuSimulation {
     /// [`GpuError::Params`] if a parameter is out of range; then nothing changes.
     /// [`GpuError::Failed`] if the device has no room.
     pub fn set_grid(&mut self, params: Option<&GridParams>) -> Result<(), GpuError> {
-        let grid = params.map(|params| DeviceGrid::new(&self.gpu, self.strands(), params));
-        self.grid = grid.transpose()?;
-        self.interactions.grid = params.cloned();
-        self.rebind()
+        let wanted = Interactions { grid: params.cloned(), ..Interactions::default() };
+        self.set_kinds(&[&interaction::grid::KIND], &wanted)
     }
 
     /// Sets the SPH interaction from the next frame on, or removes it.
@@ -200,10 +190,8 @@ impl GpuSimulation {
     /// [`GpuError::Params`] if a parameter is out of range, [`GpuError::TooLarge`] if a buffer
     /// exceeds a binding; then nothing changes. [`GpuError::Failed`] if the device has no room.
     pub fn set_sph(&mut self, params: Option<&SphParams>) -> Result<(), GpuError> {
-        let sph = params.map(|params| DeviceSph::new(&self.gpu, self.strands(), params));
-        self.sph = sph.transpose()?;
-        self.interactions.sph = params.cloned();
-        self.rebind()
+        let wanted = Interactions { sph: params.cloned(), ..Interactions::default() };
+        self.set_kinds(&[&interaction::sph::KIND], &wanted)
     }
 
     /// Sets the contacts between strands from the next frame on, or removes them.
@@ -212,10 +200,8 @@ impl GpuSimulation {
     /// [`GpuError::Params`] if a parameter is out of range, [`GpuError::TooLarge`] if a buffer
     /// exceeds a binding; then nothing changes. [`GpuError::Failed`] if the device has no room.
     pub fn set_contacts(&mut self, params: Option<&ContactParams>) -> Result<(), GpuError> {
-        let contacts = params.map(|params| DeviceContacts::new(&self.gpu, self.strands(), params));
-        self.contacts = contacts.transpose()?;
-        self.interactions.contacts = params.cloned();
-        self.rebind()
+        let wanted = Interactions { contacts: params.cloned(), ..Interactions::default() };
+        self.set_kinds(&[&interaction::contact::KIND], &wanted)
     }
 
     /// Sets or removes all interactions, from the next frame on.
@@ -226,9 +212,26 @@ impl GpuSimulation {
     /// no room.
     pub fn set_interactions(&mut self, interactions: &Interactions) -> Result<(), GpuError> {
         interactions.validate()?;
-        self.set_grid(interactions.grid.as_ref())?;
-        self.set_sph(interactions.sph.as_ref())?;
-        self.set_contacts(interactions.contacts.as_ref())
+        self.set_kinds(&interaction::KINDS, interactions)
+    }
+
+    /// Sets or removes the interactions of `kinds` one after the other, as `wanted` says.
+    fn set_kinds(&mut self, kinds: &[&Kind], wanted: &Interactions) -> Result<(), GpuError> {
+        let set = kinds.iter().try_for_each(|kind| {
+            let made = (kind.make)(&self.gpu, self.strands(), wanted)?;
+            interaction::replace(&mut self.interactions, kind.name, made);
+            Ok(())
+        });
+        // After an error too: those before it are set.
+        let bound = self.rebind();
+        set.and(bound)
+    }
+
+    /// Builds the interactions of `other`, a simulation of other strands.
+    pub(crate) fn rebuild_interactions(&mut self, other: &Self) -> Result<(), GpuError> {
+        let rebuilt = other.interactions.iter().map(|own| own.rebuild(&self.gpu, self.strands()));
+        self.interactions = rebuilt.collect::<Result<_, _>>()?;
+        self.rebind()
     }
 
     /// Makes all bind groups and plans frames anew.
@@ -240,18 +243,12 @@ impl GpuSimulation {
     /// Plans frames anew.
     pub(crate) fn replan(&mut self) -> Result<(), GpuError> {
         self.plan = FramePlan::new(&self.rules, &self.exchanges());
-        if self.clock.is_some() {
-            self.time_stages(true);
-        }
         self.gpu.check()
     }
 
     /// The interactions of the simulation.
     pub fn exchanges(&self) -> Vec<Exchange> {
-        let grid = self.grid.as_ref().map(|_| grid::EXCHANGE);
-        let sph = self.sph.as_ref().map(|_| sph::EXCHANGE);
-        let contacts = self.contacts.as_ref().map(|_| contact::EXCHANGE);
-        [grid, sph, contacts].into_iter().flatten().collect()
+        self.interactions.iter().map(|own| own.exchange_plan()).collect()
     }
 
     /// A frame as a list of steps.
@@ -269,9 +266,7 @@ impl GpuSimulation {
             batches,
             groups,
             kernels,
-            grid,
-            sph,
-            contacts,
+            interactions,
             air,
             acceleration,
             ..
@@ -279,15 +274,7 @@ impl GpuSimulation {
         let strands = DeviceStrands { model, shared, batches };
         *groups = StrandGroups::new(gpu, strands, solids, air.as_ref().map(|air| &*air.wind));
         kernels.bind(gpu, strands, solids);
-        if let Some(grid) = grid {
-            grid.bind(gpu, strands, solids);
-        }
-        if let Some(sph) = sph {
-            sph.bind(gpu, strands);
-        }
-        if let Some(contacts) = contacts {
-            contacts.bind(gpu, strands);
-        }
+        interactions.iter_mut().for_each(|own| own.bind(gpu, strands, solids));
         if let Some(air) = air {
             air.bind(gpu, strands, solids);
         }
@@ -311,19 +298,17 @@ impl GpuSimulation {
         &self.batches
     }
 
-    pub(crate) fn strands(&self) -> DeviceStrands<'_> {
+    fn strands(&self) -> DeviceStrands<'_> {
         DeviceStrands { model: &self.model, shared: &self.shared, batches: &self.batches }
     }
 
     /// Bytes held on the device.
     pub fn bytes(&self) -> u64 {
         let batches = self.batches.iter().map(Batch::bytes).sum::<u64>();
-        let grid = self.grid.as_ref().map_or(0, DeviceGrid::bytes);
         let air = self.air.as_ref().map_or(0, DeviceAir::bytes)
             + self.acceleration.as_ref().map_or(0, DeviceAcceleration::bytes);
-        let contacts = self.contacts.as_ref().map_or(0, DeviceContacts::bytes);
-        let sph = self.sph.as_ref().map_or(0, DeviceSph::bytes);
-        self.shared.bytes() + self.solids.bytes() + grid + air + contacts + sph + batches
+        let interactions = self.interactions.iter().map(|own| own.bytes()).sum::<u64>();
+        self.shared.bytes() + self.solids.bytes() + interactions + air + batches
     }
 
     /// Submits a frame, in one submission, and does not wait for it.
@@ -333,8 +318,8 @@ impl GpuSimulation {
     /// [`GpuError::Unsupported`] for what only the CPU supports, [`GpuError::Failed`] if the device
     /// has failed.
     pub fn step_frame(&mut self, frame: &FrameInput<'_>) -> Result<(), GpuError> {
-        let steps = self.plan.steps().to_vec();
-        self.step_part(frame, &steps)
+        let plan = self.plan.clone();
+        self.step_part(frame, plan.steps())
     }
 
     /// Records a frame into the caller's `encoder`, for an engine that submits its own work: the
@@ -349,8 +334,8 @@ impl GpuSimulation {
         encoder: &mut wgpu::CommandEncoder,
         frame: &FrameInput<'_>,
     ) -> Result<(), GpuError> {
-        let steps = self.plan.steps().to_vec();
-        self.encode_part(encoder, frame, &steps)
+        let plan = self.plan.clone();
+        self.encode_part(encoder, frame, plan.steps())
     }
 
     /// Some steps of a frame ([`GpuSimulation::plan`]), in their order, if the CPU runs the others;

@@ -98,10 +98,8 @@ impl GpuSimulation {
     fn replace(&mut self, packed: Packed, solver: &Solver<f32>) -> Result<(), GpuError> {
         let mut made = Self::from_packed(&self.gpu, packed, solver, &self.options)?;
         made.set_half_factors(self.half_factors);
-        made.set_interactions(&self.interactions)?;
-        if self.clock.is_some() {
-            made.time_stages(true);
-        }
+        made.rebuild_interactions(self)?;
+        made.time_stages(self.clock.is_some());
         *self = made;
         Ok(())
     }

@@ -25,12 +25,16 @@
 //! segment stretched by more than a quarter of its rest length only the middle may be found.
 
 use crate::batch::{DeviceStrands, model_rows};
+use crate::collide::Solids;
 use crate::frame::MODEL_ROWS;
 use crate::interaction::table::{self, ROW_CELLS};
-use crate::kernel::{Bound, Constant, DispatchList, Shader, StrandThreads, Threads, bindings, shader};
-use crate::uniforms::{NO_EXTENT, rigid};
+use crate::interaction::{GpuInteraction, InteractionFrame, Kind, boxed};
+use crate::kernel::{Bound, Constant, DispatchList, StrandThreads, Threads, bindings, shader};
+use crate::report::GpuReport;
+use crate::uniforms::{NO_EXTENT, ReportEntry, rigid};
 use crate::{Gpu, GpuError};
 use bytemuck::{Pod, Zeroable};
+use forelock_core::frame::Exchange;
 use forelock_core::interaction::contact::find_contacts::{
     self, FEW, PIECE, PIECES, SEGMENT_CONTACTS, SLICES, search_edge,
 };
@@ -39,7 +43,6 @@ use forelock_core::interaction::contact::{
     self, ContactParams, ContactReport, RUN_SEGMENTS, histogram, mean_motion,
 };
 use forelock_core::lane::{LANES, Row};
-use forelock_core::pose::Pose;
 use glam::{Mat4, UVec3, Vec3};
 use wgpu::BufferUsages;
 
@@ -233,7 +236,14 @@ shader! {
     }
 }
 
-pub(crate) static SHADERS: &[&Shader] = &[&INSERT, &FIND, &MOVE, &RESOLVE];
+/// Registers contacts.
+pub(crate) static KIND: Kind = Kind {
+    name: contact::EXCHANGE.name,
+    shaders: &[&INSERT, &FIND, &MOVE, &RESOLVE],
+    make: |gpu, strands, all| {
+        boxed(all.contacts.as_ref().map(|params| DeviceContacts::new(gpu, strands, params)))
+    },
+};
 
 /// Contacts in a frame: `Contacts` in the kernels, where its fields are documented.
 #[repr(C)]
@@ -306,13 +316,13 @@ pub struct TouchEntry {
 
 /// The contacts of a simulation.
 #[derive(Debug)]
-pub(crate) struct DeviceContacts {
-    pub params: ContactParams,
+struct DeviceContacts {
+    params: ContactParams,
     uniform: wgpu::Buffer,
     starts: wgpu::Buffer,
     work: wgpu::Buffer,
     table: wgpu::Buffer,
-    pub touch: wgpu::Buffer,
+    touch: wgpu::Buffer,
     /// The model of all strands: that of the only batch, or a copy.
     rest: wgpu::Buffer,
     owners: wgpu::Buffer,
@@ -329,21 +339,9 @@ struct ContactGroups {
     moves: Vec<Bound<MoveBindings<'static>>>,
 }
 
-/// A frame of contacts.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct ContactStep<'a> {
-    /// The head at the frame's start and at its end, about the model's centre, relative to the
-    /// origin of positions then.
-    pub head: [&'a Pose; 2],
-    /// Clamped particles from the root.
-    pub clamped: u32,
-    /// The frame's time, seconds.
-    pub dt_secs: f64,
-}
-
 impl DeviceContacts {
     /// Contacts of `strands`, to be bound before the first frame.
-    pub fn new(gpu: &Gpu, strands: DeviceStrands<'_>, params: &ContactParams) -> Result<Self, GpuError> {
+    fn new(gpu: &Gpu, strands: DeviceStrands<'_>, params: &ContactParams) -> Result<Self, GpuError> {
         params.validate()?;
         let DeviceStrands { model, shared, batches } = strands;
         let edge = search_edge(model, params);
@@ -437,9 +435,14 @@ impl DeviceContacts {
         let groups = ContactGroups::default();
         Ok(Self { params, uniform, starts, work, table, touch, rest, owners, groups, bytes, host })
     }
+}
 
-    /// Makes its bind groups.
-    pub fn bind(&mut self, gpu: &Gpu, strands: DeviceStrands<'_>) {
+impl GpuInteraction for DeviceContacts {
+    fn exchange_plan(&self) -> Exchange {
+        contact::EXCHANGE
+    }
+
+    fn bind(&mut self, gpu: &Gpu, strands: DeviceStrands<'_>, _: &Solids) {
         let mut groups = ContactGroups::default();
         for batch in strands.batches {
             let bindings = InsertBindings {
@@ -480,13 +483,20 @@ impl DeviceContacts {
         self.groups = groups;
     }
 
-    /// Appends what records the positions at the frame's start.
-    pub fn record_start<'a>(&'a self, list: &mut DispatchList<'a>) {
+    fn write_frame(&mut self, gpu: &Gpu, frame: &InteractionFrame<'_>) {
+        let (host, dt_secs) = (&mut *self.host, frame.input.dt_secs);
+        let head = [&frame.start, &frame.last_substep[1]];
+        [host.from_start, host.from_end] = head.map(|pose| rigid(&pose.inverse()));
+        host.slip = self.params.slip_distance(dt_secs);
+        (host.clamped, host.dt) = (frame.clamped, dt_secs as f32);
+        gpu.queue().write_buffer(&self.uniform, 0, bytemuck::bytes_of(host));
+    }
+
+    fn record_start<'a>(&'a self, list: &mut DispatchList<'a>) {
         list.run(&self.groups.insert, &RECORD_START, &[]);
     }
 
-    /// Appends the search of contacts and their resolution.
-    pub fn interact<'a>(&'a self, list: &mut DispatchList<'a>) {
+    fn exchange<'a>(&'a self, list: &mut DispatchList<'a>, _: u32) {
         let ContactGroups { insert, pairs, moves } = &self.groups;
         list.run(insert, &RECORD_END, &[]);
         list.run(pairs, &FIT_MEAN_MOTION, &[]);
@@ -521,24 +531,27 @@ impl DeviceContacts {
         list.run(moves, &APPLY_MOVES, &[]);
     }
 
-    /// Bytes held on the device.
-    pub fn bytes(&self) -> u64 {
-        self.bytes
+    fn report_buffer(&self) -> Option<&wgpu::Buffer> {
+        Some(&self.touch)
     }
 
-    /// Writes the uniform of a frame.
-    pub fn write_frame(&mut self, gpu: &Gpu, step: &ContactStep<'_>) {
-        let host = &mut *self.host;
-        [host.from_start, host.from_end] = step.head.map(|pose| rigid(&pose.inverse()));
-        host.slip = self.params.slip_distance(step.dt_secs);
-        (host.clamped, host.dt) = (step.clamped, step.dt_secs as f32);
-        gpu.queue().write_buffer(&self.uniform, 0, bytemuck::bytes_of(host));
+    fn add_report(&self, bytes: &[u8], shared: &ReportEntry, report: &mut GpuReport) {
+        let touch: TouchEntry = bytemuck::pod_read_unaligned(&bytes[..size_of::<TouchEntry>()]);
+        report.strand_contacts = Some(touch.report(shared.contacts));
+    }
+
+    fn rebuild(&self, gpu: &Gpu, strands: DeviceStrands<'_>) -> Result<Box<dyn GpuInteraction>, GpuError> {
+        Ok(Box::new(Self::new(gpu, strands, &self.params)?))
+    }
+
+    fn bytes(&self) -> u64 {
+        self.bytes
     }
 }
 
 impl TouchEntry {
     /// The report of a frame in which `contacts` contacts were resolved.
-    pub(crate) fn report(&self, contacts: u32) -> ContactReport {
+    fn report(&self, contacts: u32) -> ContactReport {
         let farthest_m = f32::from_bits(self.farthest).into();
         ContactReport { contacts: contacts as usize, farthest_m, ..ContactReport::default() }
     }

@@ -13,12 +13,14 @@
 
 use crate::batch::DeviceStrands;
 use crate::collide::{MORPHING, MOST_SOLIDS, QueryUniform, SHAPE_CONSTANTS, Solids};
-use crate::kernel::{Bound, Constant, DispatchList, Shader, StrandThreads, Threads, bindings, shader};
-use crate::uniforms::{FrameUniform, NO_EXTENT};
+use crate::interaction::{GpuInteraction, InteractionFrame, Kind, boxed};
+use crate::kernel::{Bound, Constant, DispatchList, StrandThreads, Threads, bindings, shader};
+use crate::report::GpuReport;
+use crate::uniforms::{FrameUniform, NO_EXTENT, ReportEntry};
 use crate::{Gpu, GpuError};
 use bytemuck::{Pod, Zeroable};
 use forelock_core::body::SHAPES_WGSL;
-use forelock_core::frame::FrameInput;
+use forelock_core::frame::Exchange;
 use forelock_core::interaction::grid::solve_pressure::{LOOSE, SLACK, SPARSE};
 use forelock_core::interaction::grid::{
     self, Grid, GridFrame, GridParams, GridPlacement, GridReport, MARGIN, SolidMaps,
@@ -147,7 +149,12 @@ shader! {
     }
 }
 
-pub(crate) static SHADERS: &[&Shader] = &[&SPLAT, &SOLVE, &GATHER];
+/// Registers the grid.
+pub(crate) static KIND: Kind = Kind {
+    name: grid::EXCHANGE.name,
+    shaders: &[&SPLAT, &SOLVE, &GATHER],
+    make: |gpu, strands, all| boxed(all.grid.as_ref().map(|params| DeviceGrid::new(gpu, strands, params))),
+};
 
 /// A solid in the frame of the grid: `GridSolid` in the kernels.
 #[repr(C)]
@@ -233,7 +240,7 @@ pub struct BoundsEntry {
 
 impl BoundsEntry {
     /// The report of a frame.
-    pub(crate) fn report(&self) -> GridReport {
+    fn report(&self) -> GridReport {
         GridReport {
             cells: self.held as usize,
             iterations: self.sweeps,
@@ -246,12 +253,12 @@ impl BoundsEntry {
 
 /// The grid of a simulation.
 #[derive(Debug)]
-pub(crate) struct DeviceGrid {
-    pub params: GridParams,
-    pub uniform: wgpu::Buffer,
-    pub bounds: wgpu::Buffer,
-    pub cells: wgpu::Buffer,
-    pub faces: wgpu::Buffer,
+struct DeviceGrid {
+    params: GridParams,
+    uniform: wgpu::Buffer,
+    bounds: wgpu::Buffer,
+    cells: wgpu::Buffer,
+    faces: wgpu::Buffer,
     /// Cells that the hair of each edge fills at rest, a row a place: a buffer a batch.
     rooms: Vec<wgpu::Buffer>,
     groups: GridGroups,
@@ -266,22 +273,9 @@ struct GridGroups {
     gather: Vec<Bound<GatherBindings<'static>>>,
 }
 
-/// A frame of the grid.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct GridStep<'a> {
-    /// The frame.
-    pub frame: &'a FrameInput<'a>,
-    /// Substeps of the frame.
-    pub substeps: u32,
-    /// The motion of the grid.
-    pub motion: &'a GridFrame,
-    /// The origin of positions.
-    pub origin: DVec3,
-}
-
 impl DeviceGrid {
     /// A grid for `strands`, to be bound before the first frame.
-    pub fn new(gpu: &Gpu, strands: DeviceStrands<'_>, params: &GridParams) -> Result<Self, GpuError> {
+    fn new(gpu: &Gpu, strands: DeviceStrands<'_>, params: &GridParams) -> Result<Self, GpuError> {
         params.validate()?;
         let model = strands.model;
         let own = Grid::new(model, params);
@@ -325,8 +319,25 @@ impl DeviceGrid {
         })
     }
 
-    /// Makes its bind groups.
-    pub fn bind(&mut self, gpu: &Gpu, strands: DeviceStrands<'_>, solids: &Solids) {
+    /// Appends the sweeps of a pressure, with a check every [`SWEEPS`] and after the last.
+    fn relax<'a>(&'a self, list: &mut DispatchList<'a>, query: &[u32]) {
+        let cells = &self.groups.cells;
+        for sweep in 1..=self.params.iterations.next_multiple_of(SWEEPS) {
+            list.run(cells, &RELAX_RED, query);
+            list.run(cells, &RELAX_BLACK, query);
+            if sweep % SWEEPS == 0 {
+                list.run(cells, &CHECK_CONVERGENCE, query);
+            }
+        }
+    }
+}
+
+impl GpuInteraction for DeviceGrid {
+    fn exchange_plan(&self) -> Exchange {
+        grid::EXCHANGE
+    }
+
+    fn bind(&mut self, gpu: &Gpu, strands: DeviceStrands<'_>, solids: &Solids) {
         let mut groups = GridGroups::default();
         for (batch, rooms) in strands.batches.iter().zip(&self.rooms) {
             let bindings = SplatBindings {
@@ -365,10 +376,34 @@ impl DeviceGrid {
         self.groups = groups;
     }
 
-    /// Appends the exchange between strands and grid; solids are those of the query number `query`.
-    pub fn exchange<'a>(&'a self, list: &mut DispatchList<'a>, query: u32) {
+    fn write_frame(&mut self, gpu: &Gpu, frame: &InteractionFrame<'_>) {
+        let InteractionFrame { input, last_substep: [before, now], origin, substeps, .. } = *frame;
+        let (dt, cell, params) = (input.dt_secs, self.cell, &self.params);
+        let moving = &GridFrame::new(&before, &now, dt / f64::from(substeps));
+        let axes = moving.rotation.transpose();
+        let host = &mut *self.host;
+        host.place = matrix(affine(axes * (1.0 / cell), DVec3::ZERO));
+        let motion = affine(axes * moving.motion.matrix3, axes * moving.motion.translation);
+        host.motion = matrix(motion);
+        host.axes = matrix(affine(axes, DVec3::ZERO));
+        host.pic = params.pic_share(dt) as f32;
+        host.slack = (cell / dt) as f32;
+        host.expand = params.expansion(dt) as f32;
+        host.solids = input.colliders.len() as u32;
+        let last = 1.0 - 1.0 / f64::from(substeps);
+        let h = dt * (1.0 - last);
+        let placement = GridPlacement { frame: moving, cell, origin, last_substep: last, h };
+        for (entry, solid) in host.each.iter_mut().zip(input.colliders) {
+            let maps = SolidMaps::new(solid, &placement);
+            *entry = GridSolidEntry { local: matrix(maps.local), velocity: matrix(maps.velocity) };
+        }
+        gpu.queue().write_buffer(&self.uniform, 0, bytemuck::bytes_of(host));
+    }
+
+    fn exchange<'a>(&'a self, list: &mut DispatchList<'a>, substeps: u32) {
         let GridGroups { splat, cells, gather } = &self.groups;
-        let query = &[query];
+        // Solids at the end of the last substep.
+        let query = &[substeps];
         for kernel in [&MEASURE_HAIR, &FIT_GRID, &CLEAR_GRID, &SPLAT_SEGMENTS] {
             list.run(splat, kernel, &[]);
         }
@@ -384,46 +419,21 @@ impl DeviceGrid {
         list.run(gather, &GATHER_DISPLACEMENTS, &[]);
     }
 
-    /// Appends the sweeps of a pressure, with a check every [`SWEEPS`] and after the last.
-    fn relax<'a>(&'a self, list: &mut DispatchList<'a>, query: &[u32]) {
-        let cells = &self.groups.cells;
-        for sweep in 1..=self.params.iterations.next_multiple_of(SWEEPS) {
-            list.run(cells, &RELAX_RED, query);
-            list.run(cells, &RELAX_BLACK, query);
-            if sweep % SWEEPS == 0 {
-                list.run(cells, &CHECK_CONVERGENCE, query);
-            }
-        }
+    fn report_buffer(&self) -> Option<&wgpu::Buffer> {
+        Some(&self.bounds)
     }
 
-    /// Bytes held on the device.
-    pub fn bytes(&self) -> u64 {
+    fn add_report(&self, bytes: &[u8], _: &ReportEntry, report: &mut GpuReport) {
+        report.grid = Some(bytemuck::pod_read_unaligned::<BoundsEntry>(bytes).report());
+    }
+
+    fn rebuild(&self, gpu: &Gpu, strands: DeviceStrands<'_>) -> Result<Box<dyn GpuInteraction>, GpuError> {
+        Ok(Box::new(Self::new(gpu, strands, &self.params)?))
+    }
+
+    fn bytes(&self) -> u64 {
         let own = [&self.uniform, &self.bounds, &self.cells, &self.faces];
         own.into_iter().chain(&self.rooms).map(|buffer| buffer.size()).sum()
-    }
-
-    /// Writes the uniform of a frame.
-    pub fn write_frame(&mut self, gpu: &Gpu, step: &GridStep<'_>) {
-        let GridStep { frame, substeps, motion: moving, origin } = *step;
-        let (dt, cell, params) = (frame.dt_secs, self.cell, &self.params);
-        let axes = moving.rotation.transpose();
-        let host = &mut *self.host;
-        host.place = matrix(affine(axes * (1.0 / cell), DVec3::ZERO));
-        let motion = affine(axes * moving.motion.matrix3, axes * moving.motion.translation);
-        host.motion = matrix(motion);
-        host.axes = matrix(affine(axes, DVec3::ZERO));
-        host.pic = params.pic_share(dt) as f32;
-        host.slack = (cell / dt) as f32;
-        host.expand = params.expansion(dt) as f32;
-        host.solids = frame.colliders.len() as u32;
-        let last = 1.0 - 1.0 / f64::from(substeps);
-        let h = dt * (1.0 - last);
-        let placement = GridPlacement { frame: moving, cell, origin, last_substep: last, h };
-        for (entry, solid) in host.each.iter_mut().zip(frame.colliders) {
-            let maps = SolidMaps::new(solid, &placement);
-            *entry = GridSolidEntry { local: matrix(maps.local), velocity: matrix(maps.velocity) };
-        }
-        gpu.queue().write_buffer(&self.uniform, 0, bytemuck::bytes_of(host));
     }
 }
 

@@ -14,10 +14,13 @@
 //! binds 128 MiB. Densities are not reported.
 
 use crate::batch::DeviceStrands;
+use crate::collide::Solids;
 use crate::interaction::table::{self, ROW_CELLS};
-use crate::kernel::{Bound, Constant, DispatchList, Shader, StrandThreads, Threads, bindings, shader};
+use crate::interaction::{GpuInteraction, InteractionFrame, Kind, boxed};
+use crate::kernel::{Bound, Constant, DispatchList, StrandThreads, Threads, bindings, shader};
 use crate::{Gpu, GpuError};
 use bytemuck::{Pod, Zeroable};
+use forelock_core::frame::Exchange;
 use forelock_core::interaction::contact::TABLE_WGSL;
 use forelock_core::interaction::sph::find_neighbours::{self, MOST_NEIGHBOURS};
 use forelock_core::interaction::sph::push_particles;
@@ -99,7 +102,12 @@ shader! {
     }
 }
 
-pub(crate) static SHADERS: &[&Shader] = &[&INSERT, &FIND, &PUSH];
+/// Registers SPH.
+pub(crate) static KIND: Kind = Kind {
+    name: sph::EXCHANGE.name,
+    shaders: &[&INSERT, &FIND, &PUSH],
+    make: |gpu, strands, all| boxed(all.sph.as_ref().map(|params| DeviceSph::new(gpu, strands, params))),
+};
 
 /// The fluid: `Fluid` in the kernels, where its fields are documented.
 #[repr(C)]
@@ -126,7 +134,8 @@ pub struct FluidUniform {
 
 /// The SPH particles of a simulation.
 #[derive(Debug)]
-pub(crate) struct DeviceSph {
+struct DeviceSph {
+    params: SphParams,
     uniform: wgpu::Buffer,
     cloud: wgpu::Buffer,
     names: wgpu::Buffer,
@@ -145,7 +154,7 @@ struct SphGroups {
 
 impl DeviceSph {
     /// The particles of `strands`, to be bound before the first frame.
-    pub fn new(gpu: &Gpu, strands: DeviceStrands<'_>, params: &SphParams) -> Result<Self, GpuError> {
+    fn new(gpu: &Gpu, strands: DeviceStrands<'_>, params: &SphParams) -> Result<Self, GpuError> {
         params.validate()?;
         let DeviceStrands { model, shared, .. } = strands;
         let sph = Sph::new(model, params, Simd::Auto);
@@ -193,11 +202,17 @@ impl DeviceSph {
             mutual: fluid.mutual.into(),
             ..FluidUniform::zeroed()
         };
-        Ok(Self { uniform, cloud, names, table, groups: SphGroups::default(), bytes, host })
+        let (params, groups) = (params.clone(), SphGroups::default());
+        Ok(Self { params, uniform, cloud, names, table, groups, bytes, host })
+    }
+}
+
+impl GpuInteraction for DeviceSph {
+    fn exchange_plan(&self) -> Exchange {
+        sph::EXCHANGE
     }
 
-    /// Makes its bind groups.
-    pub fn bind(&mut self, gpu: &Gpu, strands: DeviceStrands<'_>) {
+    fn bind(&mut self, gpu: &Gpu, strands: DeviceStrands<'_>, _: &Solids) {
         let mut groups = SphGroups::default();
         for batch in strands.batches {
             let bindings = SphStrandBindings {
@@ -217,8 +232,13 @@ impl DeviceSph {
         self.groups = groups;
     }
 
-    /// Appends a step: neighbours, densities, accelerations.
-    pub fn interact<'a>(&'a self, list: &mut DispatchList<'a>) {
+    fn write_frame(&mut self, gpu: &Gpu, frame: &InteractionFrame<'_>) {
+        let dt_secs = frame.input.dt_secs;
+        (self.host.dt, self.host.inverse_dt) = (dt_secs as f32, (1.0 / dt_secs) as f32);
+        gpu.queue().write_buffer(&self.uniform, 0, bytemuck::bytes_of(&self.host));
+    }
+
+    fn exchange<'a>(&'a self, list: &mut DispatchList<'a>, _: u32) {
         let SphGroups { strands, particles } = &self.groups;
         list.run(particles, &CLEAR_BUCKETS, &[]);
         list.run(strands, &COUNT_PARTICLES, &[]);
@@ -229,14 +249,11 @@ impl DeviceSph {
         list.run(strands, &ACCELERATE_STRANDS, &[]);
     }
 
-    /// Bytes held on the device.
-    pub fn bytes(&self) -> u64 {
-        self.bytes
+    fn rebuild(&self, gpu: &Gpu, strands: DeviceStrands<'_>) -> Result<Box<dyn GpuInteraction>, GpuError> {
+        Ok(Box::new(Self::new(gpu, strands, &self.params)?))
     }
 
-    /// Writes the uniform of a frame of `dt_secs`.
-    pub fn write_frame(&mut self, gpu: &Gpu, dt_secs: f64) {
-        (self.host.dt, self.host.inverse_dt) = (dt_secs as f32, (1.0 / dt_secs) as f32);
-        gpu.queue().write_buffer(&self.uniform, 0, bytemuck::bytes_of(&self.host));
+    fn bytes(&self) -> u64 {
+        self.bytes
     }
 }

@@ -94,8 +94,66 @@ fn options() -> Options {
     Options { rest_pose: head(0), ..Options::default() }
 }
 
-/// A frame after `after` frames with contacts, on the CPU under `params` and on the GPU under
-/// `other`; with a grid as well, if there is one.
+/// Two wisps on the CPU after some frames with contacts, and a frame without them.
+struct Start<'a> {
+    wisps: Wisps,
+    solver: &'a AmsParams,
+    /// The grid of the frames to be compared.
+    grid: Option<&'a GridParams>,
+    /// The number of the next frame.
+    number: u32,
+    cpu: Simulation,
+    state: Snapshot<f32>,
+    /// After a frame without contacts.
+    alone: Snapshot<f32>,
+}
+
+impl<'a> Start<'a> {
+    fn new(solver: &'a AmsParams, grid: Option<&'a GridParams>, after: u32) -> Self {
+        let wisps = Wisps::new(SIDE);
+        let mut cpu = Simulation::from_strands(&wisps.strands(), solver, &options()).unwrap();
+        let thrown = wisps.thrown(cpu.snapshot());
+        cpu.restore(&thrown).unwrap();
+        cpu.set_contacts(Some(&ContactParams::default())).unwrap();
+        for number in 0..after {
+            cpu.step_frame(&frame(number)).unwrap();
+        }
+        let state = cpu.snapshot();
+        cpu.set_grid(grid).unwrap();
+        cpu.set_contacts(None).unwrap();
+        cpu.step_frame(&frame(after)).unwrap();
+        let alone = cpu.snapshot();
+        Self { wisps, solver, grid, number: after, cpu, state, alone }
+    }
+
+    /// The next frame on the CPU under `params` and on the GPU under `other`.
+    fn compare(&mut self, gpu: &Gpu, [params, other]: [&ContactParams; 2]) -> Compared {
+        let Self { wisps, solver, grid, number, cpu, state, alone } = self;
+        cpu.restore(state).unwrap();
+        cpu.set_contacts(Some(params)).unwrap();
+        let on_cpu = cpu.step_frame(&frame(*number)).unwrap().strand_contacts;
+        let cpu = cpu.snapshot();
+        let mut own = GpuSimulation::from_strands(gpu, &wisps.strands(), *solver, &options()).unwrap();
+        own.set_grid(*grid).unwrap();
+        own.set_contacts(Some(other)).unwrap();
+        own.restore(state).unwrap();
+        own.step_frame(&frame(*number)).unwrap();
+        let on_gpu = own.report().unwrap().strand_contacts.unwrap();
+        let own = own.snapshot().unwrap();
+        let of = |a: &Snapshot<f32>, b: &Snapshot<f32>| {
+            [rms(&a.velocities, &b.velocities), rms(&a.positions, &b.positions)]
+        };
+        let own = Compared { given: of(&cpu, alone), apart: of(&own, &cpu), did: [on_cpu, on_gpu] };
+        let [there, here] = own.did;
+        println!(
+            "m/s and m: given {:?}, apart {:?}; contacts {} and {}, farthest {} and {} m",
+            own.given, own.apart, there.contacts, here.contacts, there.farthest_m, here.farthest_m
+        );
+        own
+    }
+}
+
+/// A frame on both sides.
 struct Compared {
     /// The change by contacts on the CPU, and the GPU's difference from it: velocities and
     /// positions, root mean squares.
@@ -106,49 +164,6 @@ struct Compared {
 }
 
 impl Compared {
-    fn new(
-        gpu: &Gpu,
-        [params, other]: [&ContactParams; 2],
-        solver: &AmsParams,
-        grid: Option<&GridParams>,
-        after: u32,
-    ) -> Self {
-        let wisps = Wisps::new(SIDE);
-        let mut cpu = Simulation::from_strands(&wisps.strands(), solver, &options()).unwrap();
-        let thrown = wisps.thrown(cpu.snapshot());
-        cpu.restore(&thrown).unwrap();
-        cpu.set_contacts(Some(&ContactParams::default())).unwrap();
-        for number in 0..after {
-            cpu.step_frame(&frame(number)).unwrap();
-        }
-        let start = cpu.snapshot();
-        cpu.set_grid(grid).unwrap();
-        cpu.set_contacts(None).unwrap();
-        cpu.step_frame(&frame(after)).unwrap();
-        let alone = cpu.snapshot();
-        cpu.restore(&start).unwrap();
-        cpu.set_contacts(Some(params)).unwrap();
-        let on_cpu = cpu.step_frame(&frame(after)).unwrap().strand_contacts;
-        let cpu = cpu.snapshot();
-        let mut own = GpuSimulation::from_strands(gpu, &wisps.strands(), solver, &options()).unwrap();
-        own.set_grid(grid).unwrap();
-        own.set_contacts(Some(other)).unwrap();
-        own.restore(&start).unwrap();
-        own.step_frame(&frame(after)).unwrap();
-        let on_gpu = own.report().unwrap().strand_contacts.unwrap();
-        let own = own.snapshot().unwrap();
-        let of = |a: &Snapshot<f32>, b: &Snapshot<f32>| {
-            [rms(&a.velocities, &b.velocities), rms(&a.positions, &b.positions)]
-        };
-        let own = Self { given: of(&cpu, &alone), apart: of(&own, &cpu), did: [on_cpu, on_gpu] };
-        let [there, here] = own.did;
-        println!(
-            "m/s and m: given {:?}, apart {:?}; contacts {} and {}, farthest {} and {} m",
-            own.given, own.apart, there.contacts, here.contacts, there.farthest_m, here.farthest_m
-        );
-        own
-    }
-
     /// Whether velocities and positions are apart by less than `share` of what contacts gave.
     fn is_within(&self, share: f64) -> bool {
         let [there, here] = self.did.map(|did| did.farthest_m);
@@ -158,43 +173,81 @@ impl Compared {
     }
 }
 
+/// The cases of a comparison.
+struct Cases<'a> {
+    /// Frames with contacts before it.
+    after: &'a [u32],
+    params: &'a [ContactParams],
+    solvers: &'a [AmsParams],
+}
+
 /// The same contacts, found another way. What float64 differs from float32 on the CPU is as much.
-#[test]
-#[cfg_attr(not(gpu), ignore = "there is no GPU")]
-fn strands_touch_as_on_the_cpu() {
+fn touch_as_on_the_cpu(cases: &Cases<'_>) {
     let gpu = common::gpu();
     let (solver, usual) = (AmsParams::default(), ContactParams::default());
-    for after in [2, 4, 8, 16] {
-        let own = Compared::new(&gpu, [&usual; 2], &solver, None, after);
+    for &after in cases.after {
+        let own = Start::new(&solver, None, after).compare(&gpu, [&usual; 2]);
         let [there, here] = own.did.map(|did| did.contacts);
         assert!(there > 1000 && there.abs_diff(here) < 4);
         assert!(own.given[0] > 0.02 && own.is_within(1e-3));
     }
-    for params in [
-        ContactParams { distance: 8e-4, ..usual.clone() },
-        ContactParams { slip: 0.5, ..usual.clone() },
-        ContactParams { friction: 0.0, spread: 0.0, ..usual.clone() },
-        ContactParams { friction: 2.0, spread: 0.3, ..usual.clone() },
-        ContactParams { rounds: 1, ..usual.clone() },
-        ContactParams { rounds: 400, slip: 0.3, ..usual.clone() },
-        ContactParams { per_segment: 3, ..usual.clone() },
-    ] {
+    let mut start = Start::new(&solver, None, 8);
+    for params in cases.params {
         println!("{params:?}");
-        let own = Compared::new(&gpu, [&params; 2], &solver, None, 8);
+        let own = start.compare(&gpu, [params; 2]);
         assert!(own.is_within(2e-3));
         assert!(own.did[0].contacts.abs_diff(own.did[1].contacts) < 4);
     }
-    for solver in [
-        AmsParams { clamped: 3, ..AmsParams::default() },
-        AmsParams { inextensibility: Inextensibility::Off, ..AmsParams::default() },
-        AmsParams { inextensibility: Inextensibility::FollowTheLeader, ..AmsParams::default() },
-    ] {
+    for solver in cases.solvers {
         // One contact may be there or not by a rounding.
-        assert!(Compared::new(&gpu, [&usual; 2], &solver, None, 8).is_within(5e-3));
+        assert!(Start::new(solver, None, 8).compare(&gpu, [&usual; 2]).is_within(5e-3));
     }
     // On the grid two solvers find one pressure, each to its tolerance.
     let grid = GridParams::default();
-    assert!(Compared::new(&gpu, [&usual; 2], &solver, Some(&grid), 8).is_within(1e-2));
+    assert!(Start::new(&solver, Some(&grid), 8).compare(&gpu, [&usual; 2]).is_within(1e-2));
+}
+
+/// Early and late, and every parameter and length pass at least once.
+#[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn strands_touch_as_on_the_cpu() {
+    let (usual, solver) = (ContactParams::default(), AmsParams::default());
+    touch_as_on_the_cpu(&Cases {
+        after: &[2, 16],
+        params: &[
+            ContactParams { distance: 8e-4, friction: 2.0, spread: 0.3, ..usual.clone() },
+            ContactParams { friction: 0.0, spread: 0.0, rounds: 1, ..usual.clone() },
+            ContactParams { rounds: 100, slip: 0.3, ..usual.clone() },
+            ContactParams { per_segment: 3, ..usual },
+        ],
+        solvers: &[
+            AmsParams { clamped: 3, inextensibility: Inextensibility::Off, ..solver.clone() },
+            AmsParams { inextensibility: Inextensibility::FollowTheLeader, ..solver },
+        ],
+    });
+}
+
+#[test]
+#[ignore = "long: cargo xtask ci --nightly"]
+fn long_strands_touch_as_on_the_cpu_in_each_case() {
+    let (usual, solver) = (ContactParams::default(), AmsParams::default());
+    touch_as_on_the_cpu(&Cases {
+        after: &[2, 4, 8, 16],
+        params: &[
+            ContactParams { distance: 8e-4, ..usual.clone() },
+            ContactParams { slip: 0.5, ..usual.clone() },
+            ContactParams { friction: 0.0, spread: 0.0, ..usual.clone() },
+            ContactParams { friction: 2.0, spread: 0.3, ..usual.clone() },
+            ContactParams { rounds: 1, ..usual.clone() },
+            ContactParams { rounds: 400, slip: 0.3, ..usual.clone() },
+            ContactParams { per_segment: 3, ..usual },
+        ],
+        solvers: &[
+            AmsParams { clamped: 3, ..solver.clone() },
+            AmsParams { inextensibility: Inextensibility::Off, ..solver.clone() },
+            AmsParams { inextensibility: Inextensibility::FollowTheLeader, ..solver },
+        ],
+    });
 }
 
 /// Where contacts exceed the budget, both backends keep the same number, the fastest ones, and get
@@ -203,15 +256,17 @@ fn strands_touch_as_on_the_cpu() {
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
 fn a_budget_keeps_the_fastest() {
     let gpu = common::gpu();
-    for budget in [64, 300, 2000] {
+    let solver = AmsParams::default();
+    let mut start = Start::new(&solver, None, 2);
+    for budget in [64, 2000] {
         let params = ContactParams { budget, ..ContactParams::default() };
-        let own = Compared::new(&gpu, [&params; 2], &AmsParams::default(), None, 2);
+        let own = start.compare(&gpu, [&params; 2]);
         let [there, here] = own.did.map(|did| did.contacts);
         assert!(there.abs_diff(here) < 6 + budget as usize / 16, "{there} {here}");
         assert!(own.is_within(0.1));
     }
     // Hair flies into each other so fast that single segments meet more than are taken up.
-    let own = Compared::new(&gpu, [&ContactParams::default(); 2], &AmsParams::default(), None, 0);
+    let own = Start::new(&solver, None, 0).compare(&gpu, [&ContactParams::default(); 2]);
     assert!(own.is_within(0.03));
 }
 
@@ -220,7 +275,8 @@ fn a_budget_keeps_the_fastest() {
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
 fn other_contacts_are_seen() {
     let gpu = common::gpu();
-    let usual = ContactParams::default();
+    let (solver, usual) = (AmsParams::default(), ContactParams::default());
+    let mut start = Start::new(&solver, None, 8);
     for other in [
         ContactParams { distance: 6e-4, ..usual.clone() },
         ContactParams { slip: 0.1, ..usual.clone() },
@@ -230,8 +286,7 @@ fn other_contacts_are_seen() {
         ContactParams { rounds: 12, ..usual.clone() },
         ContactParams { per_segment: 4, ..usual.clone() },
     ] {
-        let own = Compared::new(&gpu, [&usual, &other], &AmsParams::default(), None, 8);
-        assert!(!own.is_within(5e-3), "{other:?}");
+        assert!(!start.compare(&gpu, [&usual, &other]).is_within(5e-3), "{other:?}");
     }
 }
 
@@ -384,7 +439,7 @@ fn hair_out_of_bounds_harms_no_one() {
         own.restore(&start).unwrap();
         let mut contacts = 0;
         let mut quarantined = 0;
-        for number in 0..3 {
+        for number in 0..2 {
             own.step_frame(&frame(number)).unwrap();
             let report = own.report().unwrap();
             contacts = contacts.max(report.strand_contacts.unwrap().contacts);
@@ -434,16 +489,16 @@ fn hair_that_contacts_move_still_sees_solids() {
     assert!(f64::from(here.max_penetration_m) < there.max_penetration_m + 1e-6);
 }
 
-/// Two runs give the same bits: also after an interruption, with timed stages, on the grid, and in
-/// many batches on a device with small bindings.
-#[test]
-#[cfg_attr(not(gpu), ignore = "there is no GPU")]
-fn contacts_are_the_same_bits_whatever_the_order() {
+/// Two runs of `frames` give the same bits: also after an interruption, with timed stages, and in
+/// many batches on a device with small bindings. With a grid too if hair `meets`.
+fn are_the_same_bits(meets: bool, frames: u32) {
+    // With fewer strands a device that binds so little has all in one batch.
+    const LITTLE: u64 = 3_900_000;
     let gpu = common::gpu();
     let wisps = Wisps::new(31);
     // So few that it matters which.
     let params = ContactParams { budget: 1500, ..ContactParams::default() };
-    let new = |gpu: &Gpu, meets: bool| {
+    let new = |gpu: &Gpu| {
         let mut own =
             GpuSimulation::from_strands(gpu, &wisps.strands(), &AmsParams::default(), &options()).unwrap();
         own.set_contacts(Some(&params)).unwrap();
@@ -457,22 +512,33 @@ fn contacts_are_the_same_bits_whatever_the_order() {
         frames.for_each(|number| own.step_frame(&frame(number)).unwrap());
         own
     };
+    let mut whole = run(new(&gpu), 0..frames / 2);
+    let half = whole.snapshot().unwrap();
+    let mut whole = run(whole, frames / 2..frames);
+    assert!(whole.report().unwrap().strand_contacts.unwrap().contacts > 100);
+    let whole = whole.state_hash().unwrap();
+    assert_eq!(run(new(&gpu), 0..frames).state_hash().unwrap(), whole);
+    let mut resumed = new(&gpu);
+    resumed.restore(&half).unwrap();
+    resumed.time_stages(true);
+    let scratch = 4 * (SCRATCH_ROWS * LANES * resumed.model().places()) as u64;
+    assert_eq!(run(resumed, frames / 2..frames).state_hash().unwrap(), whole);
+    assert!(scratch > LITTLE, "all in one batch");
+    let small = little::binding_little(&gpu, LITTLE);
+    assert_eq!(run(new(&small), 0..frames).state_hash().unwrap(), whole);
+}
+
+#[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn contacts_are_the_same_bits_whatever_the_order() {
+    are_the_same_bits(true, 4);
+}
+
+#[test]
+#[ignore = "long: cargo xtask ci --nightly"]
+fn long_contacts_are_the_same_bits_for_longer_and_without_a_grid() {
     for meets in [false, true] {
-        let mut whole = run(new(&gpu, meets), 0..8);
-        assert!(whole.report().unwrap().strand_contacts.unwrap().contacts > 100);
-        let whole = whole.state_hash().unwrap();
-        assert_eq!(run(new(&gpu, meets), 0..8).state_hash().unwrap(), whole);
-        let half = run(new(&gpu, meets), 0..3).snapshot().unwrap();
-        let mut resumed = new(&gpu, meets);
-        resumed.restore(&half).unwrap();
-        resumed.time_stages(true);
-        let places = resumed.model().places();
-        assert_eq!(run(resumed, 3..8).state_hash().unwrap(), whole);
-        const LITTLE: u64 = 3_900_000;
-        let small = little::binding_little(&gpu, LITTLE);
-        let scratch = 4 * (SCRATCH_ROWS * LANES * places) as u64;
-        assert!(scratch > LITTLE, "all in one batch");
-        assert_eq!(run(new(&small, meets), 0..8).state_hash().unwrap(), whole);
+        are_the_same_bits(meets, 8);
     }
 }
 
@@ -483,7 +549,7 @@ fn a_steady_frame_with_contacts_makes_nothing_and_reads_nothing_back() {
     let gpu = common::gpu();
     // A device of its own, for counts are a device's.
     let gpu = Gpu::open(&Choice::Named(gpu.name().to_owned())).unwrap();
-    let wisps = Wisps::new(SIDE);
+    let wisps = Wisps::new(4);
     let mut own =
         GpuSimulation::from_strands(&gpu, &wisps.strands(), &AmsParams::default(), &options()).unwrap();
     let wrong = ContactParams { distance: 0.0, ..ContactParams::default() };
@@ -493,12 +559,12 @@ fn a_steady_frame_with_contacts_makes_nothing_and_reads_nothing_back() {
     own.restore(&thrown).unwrap();
     own.step_frame(&frame(0)).unwrap();
     let before = gpu.counts();
-    (1..6).for_each(|number| own.step_frame(&frame(number)).unwrap());
+    (1..4).for_each(|number| own.step_frame(&frame(number)).unwrap());
     assert_eq!(gpu.counts(), before);
     own.set_contacts(None).unwrap();
-    own.step_frame(&frame(6)).unwrap();
+    own.step_frame(&frame(4)).unwrap();
     assert_eq!(own.report().unwrap().strand_contacts, None);
-    let small = little::binding_little(&gpu, 1 << 18);
+    let (small, wisps) = (little::binding_little(&gpu, 1 << 18), Wisps::new(SIDE));
     let mut own =
         GpuSimulation::from_strands(&small, &wisps.strands(), &AmsParams::default(), &options()).unwrap();
     assert!(matches!(own.set_contacts(Some(&ContactParams::default())), Err(GpuError::TooLarge { .. })));

@@ -121,7 +121,7 @@ fn parameters_and_the_solver_change_while_hair_moves() {
 fn an_edit_while_hair_moves_keeps_interactions() {
     let gpu = common::gpu();
     let mut own = GpuSimulation::new(&gpu, &groom(), &AmsParams::default(), &options()).unwrap();
-    own.set_grid(Some(&GridParams { resolution: 16, ..GridParams::default() })).unwrap();
+    own.set_grid(Some(&GridParams { resolution: 16, iterations: 8, ..GridParams::default() })).unwrap();
     shake(&mut own);
     let mut edited = groom();
     let trim = Trim { to: 0.04, ..Trim::default() };
