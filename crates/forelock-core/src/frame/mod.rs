@@ -25,7 +25,7 @@ pub use exchange::{ExchangeContext, Interaction, with_motion};
 pub use input::{Air, FrameInput, Roots, fractions};
 pub use plan::{CHECK, COLLIDE, Exchange, FramePlan, LENGTHS, Moves, Phase, PlannedStep, Step};
 pub use report::{BlockNanos, BlockReport, ContactReport, FrameReport, GridReport, SphReport, StageTimes};
-pub use rules::{Channels, FrameRules, Refinement, StepRate};
+pub use rules::{Channels, FrameRules, Refinement, StepCheck, StepRate};
 pub use solver::{LaneSolver, Solver, SolverReal, StrandSolver};
 
 /// WGSL that every kernel begins with.

@@ -107,3 +107,16 @@ impl StepRate {
         if let Self::Fixed(secs) = self { secs } else { STATED_STEP_SECS }
     }
 }
+
+/// The frames that a solver is asked to check before it steps one
+/// ([`LaneSolver::validate_step`](super::LaneSolver::validate_step)).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StepCheck {
+    /// Length of a frame, seconds.
+    pub dt_secs: f64,
+    /// The smallest relative mass of a particle: under a spring, a light particle is as stiff as
+    /// one of unit mass under a stiffer spring.
+    pub least_mass: f64,
+    /// Accepts parameters beyond the limit of float32.
+    pub beyond_float32: bool,
+}

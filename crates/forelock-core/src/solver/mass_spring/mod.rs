@@ -26,8 +26,8 @@
 use super::ams::LengthPass;
 use super::ams::{AmsParams, AngularForm, Jacobian};
 use crate::frame::{
-    BlockReport, Channels, FrameContext, FrameRules, LaneSolver, Refinement, SolverReal, Step, StepRate,
-    StrandSolver,
+    BlockReport, Channels, FrameContext, FrameRules, LaneSolver, Refinement, SolverReal, Step, StepCheck,
+    StepRate, StrandSolver,
 };
 use crate::lane::Real;
 use crate::params::{Inextensibility, ParamsError};
@@ -172,8 +172,8 @@ impl<T: SolverReal> StrandSolver<T> for MassSpringParams {
         Self::validate(self)
     }
 
-    fn validate_step(&self, dt_secs: f64, beyond_float32: bool) -> Result<(), ParamsError> {
-        self.ams().validate_step(dt_secs, beyond_float32)
+    fn validate_step(&self, step: &StepCheck) -> Result<(), ParamsError> {
+        self.ams().validate_step(step)
     }
 
     fn refinement(&self) -> Option<Refinement> {
