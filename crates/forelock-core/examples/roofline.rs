@@ -155,6 +155,7 @@ fn count_operations() -> Result<u64, Box<dyn std::error::Error>> {
         strand_length: &model.strand_lengths[0],
         stiffness: &model.stiffness[0],
         masses: &[],
+        least_mass: model.least_mass,
         acceleration: &[],
         positions: &mut state.positions,
         previous: &mut [],

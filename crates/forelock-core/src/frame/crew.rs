@@ -86,6 +86,7 @@ impl<T: SolverReal> Crew<'_, T> {
             strand_length: &self.model.strand_lengths[index],
             stiffness: &self.model.stiffness[index],
             masses: self.model.masses.get(block.range()).unwrap_or_default(),
+            least_mass: self.model.least_mass,
             acceleration: self.acceleration.get(rows.clone()).unwrap_or_default(),
             positions: arrays.positions,
             previous: arrays.previous,

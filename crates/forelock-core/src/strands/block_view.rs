@@ -1,6 +1,5 @@
 //! A stage's view of a block of strands, and the scratch memory of a thread.
 
-use super::MASS_RANGE;
 use crate::lane::{Lane, Real, Row, V3};
 
 /// The arrays of one block. Rows as in [`Model`](super::Model), for this block only.
@@ -20,6 +19,8 @@ pub struct BlockView<'a, T> {
     pub stiffness: &'a Row<T>,
     /// Relative mass of each particle; empty: 1 everywhere. See [`BlockView::mass`].
     pub masses: &'a [Row<T>],
+    /// The smallest relative mass of a particle of the model.
+    pub least_mass: f64,
     /// Acceleration of each particle in addition to gravity, three rows per particle; empty: none.
     /// The driver has added it to velocities before the solver's own stage.
     pub acceleration: &'a [Row<T>],
@@ -53,12 +54,6 @@ impl<T: Real> BlockView<'_, T> {
     #[inline(always)]
     pub fn mass<L: Lane<Scalar = T>>(&self, i: usize, first: usize) -> L {
         if self.masses.is_empty() { L::one() } else { L::load(&self.masses[i], first) }
-    }
-
-    /// A mass that no particle of any view falls below.
-    #[inline(always)]
-    pub fn least_mass(&self) -> f32 {
-        if self.masses.is_empty() { 1.0 } else { *MASS_RANGE.start() }
     }
 
     /// One over [`BlockView::mass`].
