@@ -18,7 +18,7 @@ use crate::air::sample_air;
 use crate::collide::resolve_solids::{self, Since, SolidContacts};
 use crate::lane::{LANES, Lane, Real, Simd, V3};
 use crate::params::{ParamsError, check_time};
-use crate::strands::{BlockView, Chain, LaneGroup, Model, Scratch, Strands};
+use crate::strands::{BlockView, LaneGroup, Model, PackError, Scratch, Strands};
 use glam::DVec3;
 use std::any::Any;
 use std::fmt::Debug;
@@ -67,15 +67,17 @@ pub trait LaneSolver: Debug + Send + Sync + 'static {
         check_time(step.dt_secs)
     }
 
-    /// The particles that [`LaneSolver::refine`] adds, if it adds any.
+    /// The particles that the solver adds between those of the groom, if it adds any. Such a solver
+    /// implements [`LaneSolver::refine`].
     fn refinement(&self) -> Option<Refinement> {
         None
     }
 
-    /// Strands with further particles between those of the groom, if the solver wants any.
-    fn refine<T: Real>(&self, strands: &Strands<'_, T>) -> Option<Chain<T>> {
-        let _ = strands;
-        None
+    /// Rest positions of `strands` with the particles of `refinement`, in the head's frame, strand
+    /// after strand: (N − 1) `every` + 1 for a strand of N, metres.
+    fn refine<T: Real>(&self, strands: &Strands<'_, T>, refinement: &Refinement) -> Vec<[T; 3]> {
+        let _ = (strands, refinement);
+        Vec::new()
     }
 
     /// The terms for frames of `dt_secs`.
@@ -120,11 +122,11 @@ pub trait StrandSolver<T>: Debug + Send + Sync + 'static {
     /// [`ParamsError`] if they cannot.
     fn validate_step(&self, step: &StepCheck) -> Result<(), ParamsError>;
 
-    /// The particles that [`StrandSolver::refine`] adds, if it adds any.
+    /// The particles that the solver adds between those of the groom, if it adds any.
     fn refinement(&self) -> Option<Refinement>;
 
-    /// Strands with further particles between those of the groom, if the solver wants any.
-    fn refine(&self, strands: &Strands<'_, T>) -> Option<Chain<T>>;
+    /// Rest positions of strands with the particles of `refinement`: see [`LaneSolver::refine`].
+    fn refine(&self, strands: &Strands<'_, T>, refinement: &Refinement) -> Vec<[T; 3]>;
 
     /// Runs consecutive [`Step::Solve`] and [`Step::Collide`] of a block of which `live` lanes
     /// count.
@@ -170,8 +172,8 @@ impl<T: SolverReal, S: LaneSolver> StrandSolver<T> for S {
         LaneSolver::refinement(self)
     }
 
-    fn refine(&self, strands: &Strands<'_, T>) -> Option<Chain<T>> {
-        LaneSolver::refine(self, strands)
+    fn refine(&self, strands: &Strands<'_, T>, refinement: &Refinement) -> Vec<[T; 3]> {
+        LaneSolver::refine(self, strands, refinement)
     }
 
     fn advance(
@@ -230,6 +232,19 @@ impl<T: 'static> Solver<T> {
         beyond_float32: bool,
     ) -> Result<(), ParamsError> {
         self.validate_step(&StepCheck { dt_secs, least_mass: model.least_mass, beyond_float32 })
+    }
+}
+
+impl<T: Real> Solver<T> {
+    /// `strands` packed for this solver, with the particles that it adds.
+    ///
+    /// # Errors
+    /// [`PackError`] if they cannot be simulated.
+    pub fn pack(&self, strands: &Strands<'_, T>) -> Result<Model<T>, PackError> {
+        match self.refinement() {
+            None => Model::new(strands),
+            Some(own) => Model::refined(strands, own.every, |strands| self.refine(strands, &own)),
+        }
     }
 }
 

@@ -59,8 +59,15 @@ impl<T: Real> BlockView<'_, T> {
     /// One over [`BlockView::mass`].
     #[inline(always)]
     pub fn inverse_mass<L: Lane<Scalar = T>>(&self, i: usize, first: usize) -> L {
-        if self.masses.is_empty() { L::one() } else { L::one() / L::load(&self.masses[i], first) }
+        inverse_mass(self.masses, i, first)
     }
+}
+
+/// One over the mass of particle `i` in the lanes from `first` on, of `masses` as in
+/// [`BlockView::masses`].
+#[inline(always)]
+pub(crate) fn inverse_mass<L: Lane>(masses: &[Row<L::Scalar>], i: usize, first: usize) -> L {
+    if masses.is_empty() { L::one() } else { L::one() / L::load(&masses[i], first) }
 }
 
 /// A group of adjacent lanes of a block.
