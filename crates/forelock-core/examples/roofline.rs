@@ -19,7 +19,7 @@ use forelock_core::solver::AmsParams;
 use forelock_core::solver::ams::Inextensibility;
 use forelock_core::solver::ams::solve_strands::{self, FrameTerms, SubstepTerms};
 use forelock_core::strands::Strands;
-use forelock_core::strands::{BlockView, Scratch};
+use forelock_core::strands::{BlockChannels, BlockView, Scratch};
 use glam::DVec3;
 use std::cell::Cell;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
@@ -162,6 +162,7 @@ fn count_operations() -> Result<u64, Box<dyn std::error::Error>> {
         velocities: &mut state.velocities,
         integrity: &mut state.integrity,
         clearance: &mut state.clearance,
+        extra: BlockChannels::default(),
         exposure: &[],
         wind: &mut [],
         air: &mut [],

@@ -16,7 +16,7 @@ pub mod restore_lengths;
 mod rules;
 mod solver;
 
-pub use crate::strands::LaneGroup;
+pub use crate::strands::{Channel, ChannelKind, LaneGroup};
 pub use acceleration::{ACCELERATION_WGSL, Acceleration, LATTICE};
 pub use context::{FrameContext, Substep};
 pub(crate) use crew::Crew;

@@ -365,7 +365,7 @@ impl<T: SimulationReal> Simulation<T> {
     /// Restores a snapshot.
     ///
     /// # Errors
-    /// [`SnapshotError`] if it is of another groom.
+    /// [`SnapshotError`] if it is of another groom, or lacks a channel of the solver.
     pub fn restore(&mut self, snapshot: &Snapshot<T>) -> Result<(), SnapshotError> {
         self.state.restore(&self.model, snapshot)
     }

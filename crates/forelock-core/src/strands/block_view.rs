@@ -1,5 +1,6 @@
 //! A stage's view of a block of strands, and the scratch memory of a thread.
 
+use super::BlockChannels;
 use crate::lane::{Lane, Real, Row, V3};
 
 /// The arrays of one block. Rows as in [`Model`](super::Model), for this block only.
@@ -37,6 +38,10 @@ pub struct BlockView<'a, T> {
     pub integrity: &'a mut [Row<T>],
     /// Lower bound on the distance to the nearest solid; negative: depth inside it; −∞: unknown.
     pub clearance: &'a mut [Row<T>],
+    /// The channels that the solver asks for ([`Channels::extra`]).
+    ///
+    /// [`Channels::extra`]: crate::frame::Channels::extra
+    pub extra: BlockChannels<'a, T>,
     /// Share of the wind that reaches each particle, a row a particle; empty: 1 everywhere.
     pub exposure: &'a [Row<T>],
     /// Velocity of the wind at each particle in this frame, three rows per particle; empty without
