@@ -19,7 +19,7 @@ use forelock_core::solver::AmsParams;
 use forelock_core::solver::ams::Inextensibility;
 use forelock_core::solver::ams::solve_strands::{self, FrameTerms, SubstepTerms};
 use forelock_core::strands::Strands;
-use forelock_core::strands::{BlockView, Scratch};
+use forelock_core::strands::{BlockChannels, BlockView, Scratch};
 use glam::DVec3;
 use std::cell::Cell;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
@@ -155,12 +155,14 @@ fn count_operations() -> Result<u64, Box<dyn std::error::Error>> {
         strand_length: &model.strand_lengths[0],
         stiffness: &model.stiffness[0],
         masses: &[],
+        least_mass: model.least_mass,
         acceleration: &[],
         positions: &mut state.positions,
         previous: &mut [],
         velocities: &mut state.velocities,
         integrity: &mut state.integrity,
         clearance: &mut state.clearance,
+        extra: BlockChannels::default(),
         exposure: &[],
         wind: &mut [],
         air: &mut [],

@@ -3,6 +3,9 @@
 
 #![expect(clippy::unwrap_used, reason = "in a test a failure to build is a failure of the test")]
 
+#[path = "it/verification/keeper.rs"]
+mod keeper;
+
 use forelock_core::body::{ColliderFrame, Shape};
 use forelock_core::frame::{Acceleration, Air, FrameInput};
 use forelock_core::groom::Groom;
@@ -105,6 +108,7 @@ fn frames_allocate_nothing() {
             (&dftl, None, None),
             (&dftl, None, Some(&in_fluid)),
             (&dftl, Some(&on_grid), None),
+            (&keeper::keeper(), Some(&on_grid), None),
         ] {
             let counted = pool.install(|| allocations_of_frames(solver, grid, sph));
             println!("{threads} thread(s), {grid:?}, {sph:?}: {counted} allocations in 40 frames");

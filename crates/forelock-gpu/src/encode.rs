@@ -180,7 +180,7 @@ impl GpuSimulation {
         let mut uniform = FrameUniform::new(&self.rules, frame.dt_secs, frame.gravity, frame.air.velocity);
         self.kernels.write_terms(frame.dt_secs, &mut uniform);
         if !self.model.masses.is_empty() {
-            uniform = uniform.with_masses();
+            uniform = uniform.with_masses(self.model.least_mass);
         }
         let wind = frame.air.field;
         if wind.is_some() {

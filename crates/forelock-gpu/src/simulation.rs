@@ -100,7 +100,7 @@ impl GpuSimulation {
     ) -> Result<Self, GpuError> {
         let solver = solver.into();
         solver.validate()?;
-        let mut model = Model::for_solver(strands, |strands| solver.refine(strands))?;
+        let mut model = solver.pack(strands)?;
         let mut state = State::at_rest(&model, &options.rest_pose);
         solver.channels().prepare(&mut model, &mut state);
         Self::from_packed(gpu, Packed { model, state }, &solver, options)

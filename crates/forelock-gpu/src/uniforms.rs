@@ -65,8 +65,8 @@ pub struct FrameUniform {
     pub tip_local: f32,
     /// Queries of solids after the first.
     pub recheck: u32,
-    /// Padding.
-    pub pad_0: f32,
+    /// The smallest relative mass of a particle.
+    pub least_mass: f32,
 }
 
 /// Bits of [`FrameUniform::flags`].
@@ -191,13 +191,14 @@ impl FrameUniform {
             flags: on.iter().filter(|(on, _)| *on).map(|(_, flag)| flag).sum(),
             unknown: UNKNOWN,
             drag_along: 1.0,
+            least_mass: 1.0,
             ..Self::zeroed()
         }
     }
 
-    /// The same for particles that have masses.
-    pub fn with_masses(self) -> Self {
-        Self { flags: self.flags | flags::MASSES, ..self }
+    /// The same for particles that have masses of at least `least`.
+    pub fn with_masses(self, least: f64) -> Self {
+        Self { flags: self.flags | flags::MASSES, least_mass: least as f32, ..self }
     }
 
     /// The same where the wind is a field: kernels sample it instead of `air`.

@@ -2,7 +2,7 @@
 
 use crate::lane::{LANES, Real, Row};
 use crate::params::ParamsError;
-use crate::strands::{Block, Model, State, number, vector};
+use crate::strands::{Block, Model, PlaceInGroom, State, number, vector};
 use glam::{DVec3, Vec3};
 use std::fmt;
 
@@ -58,13 +58,8 @@ impl Acceleration<'_> {
     /// Writes `all`, one acceleration a particle of the groom, to `out`, three rows a place.
     pub fn pack<T: Real>(all: &[Vec3], model: &Model<T>, out: &mut Vec<Row<T>>) {
         fill(model, out, |block, lane, i| {
-            let first = model.groom_offset(block.strands[lane] as usize);
-            // Between two particles of the groom there may be some that the solver added.
-            let every = model.every as usize;
-            let (before, after) = (first + i / every, first + i.div_ceil(every));
-            #[expect(clippy::cast_precision_loss, reason = "a few particles an edge")]
-            let along = (i % every) as f32 / every as f32;
-            all[before].lerp(all[after], along).as_dvec3()
+            let PlaceInGroom { before, after, share } = model.in_groom(block.strands[lane] as usize, i);
+            all[before].lerp(all[after], share).as_dvec3()
         });
     }
 

@@ -5,8 +5,8 @@ use super::finish::Finish;
 use super::plan::Step;
 use super::report::BlockReport;
 use super::solver::{Solver, SolverReal};
-use crate::lane::Row;
-use crate::strands::{AIR_ROWS, Block, BlockView, Model, Scratch, State};
+use crate::lane::{Real, Row};
+use crate::strands::{AIR_ROWS, Block, BlockChannels, BlockView, Model, Scratch, State};
 use std::sync::{Mutex, PoisonError};
 
 /// Runs consecutive strand steps on all blocks. Threads halve the list of blocks recursively;
@@ -86,12 +86,14 @@ impl<T: SolverReal> Crew<'_, T> {
             strand_length: &self.model.strand_lengths[index],
             stiffness: &self.model.stiffness[index],
             masses: self.model.masses.get(block.range()).unwrap_or_default(),
+            least_mass: self.model.least_mass,
             acceleration: self.acceleration.get(rows.clone()).unwrap_or_default(),
             positions: arrays.positions,
             previous: arrays.previous,
             velocities: arrays.velocities,
             integrity: arrays.integrity,
             clearance: arrays.clearance,
+            extra: arrays.extra,
             exposure: self.exposure.get(block.range()).unwrap_or_default(),
             wind,
             air: drawn,
@@ -124,9 +126,10 @@ struct Arrays<'a, T> {
     clearance: &'a mut [Row<T>],
     /// Empty, or as long as the positions.
     previous: &'a mut [Row<T>],
+    extra: BlockChannels<'a, T>,
 }
 
-impl<'a, T> Arrays<'a, T> {
+impl<'a, T: Real> Arrays<'a, T> {
     fn of(state: &'a mut State<T>) -> Self {
         Self {
             positions: &mut state.positions,
@@ -134,6 +137,7 @@ impl<'a, T> Arrays<'a, T> {
             integrity: &mut state.integrity,
             clearance: &mut state.clearance,
             previous: &mut state.previous,
+            extra: state.extra.all(),
         }
     }
 
@@ -144,14 +148,16 @@ impl<'a, T> Arrays<'a, T> {
         let (clearance, clearance_right) = self.clearance.split_at_mut(places);
         let remembered = (3 * places).min(self.previous.len());
         let (previous, previous_right) = self.previous.split_at_mut(remembered);
+        let (extra, extra_right) = self.extra.split_at(places);
         (
-            Self { positions, velocities, integrity, clearance, previous },
+            Self { positions, velocities, integrity, clearance, previous, extra },
             Self {
                 positions: positions_right,
                 velocities: velocities_right,
                 integrity: integrity_right,
                 clearance: clearance_right,
                 previous: previous_right,
+                extra: extra_right,
             },
         )
     }

@@ -16,7 +16,7 @@ pub mod restore_lengths;
 mod rules;
 mod solver;
 
-pub use crate::strands::LaneGroup;
+pub use crate::strands::{Channel, ChannelKind, LaneGroup};
 pub use acceleration::{ACCELERATION_WGSL, Acceleration, LATTICE};
 pub use context::{FrameContext, Substep};
 pub(crate) use crew::Crew;
@@ -25,7 +25,7 @@ pub use exchange::{ExchangeContext, Interaction, with_motion};
 pub use input::{Air, FrameInput, Roots, fractions};
 pub use plan::{CHECK, COLLIDE, Exchange, FramePlan, LENGTHS, Moves, Phase, PlannedStep, Step};
 pub use report::{BlockNanos, BlockReport, ContactReport, FrameReport, GridReport, SphReport, StageTimes};
-pub use rules::{Channels, FrameRules, Refinement, StepRate};
+pub use rules::{Channels, FrameRules, Refinement, StepCheck, StepRate};
 pub use solver::{LaneSolver, Solver, SolverReal, StrandSolver};
 
 /// WGSL that every kernel begins with.

@@ -2,7 +2,7 @@
 
 use crate::lane::Real;
 use crate::params::{Inextensibility, STATED_STEP_SECS};
-use crate::strands::{Model, State};
+use crate::strands::{Channel, Model, State};
 
 /// Parameters of the shared stages, and how the solver wants its frame laid out.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,18 +54,23 @@ impl Default for FrameRules {
 
 /// Per-particle data that a solver requests in addition to positions, velocities, integrity and
 /// clearance.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Channels {
     /// Positions a step before (`State::previous`); velocities then may hold more than motion, and
     /// whoever asks how fast hair moves takes the difference of positions.
     pub previous: bool,
     /// Rest edges in the frame of the particle before (`Model::local`).
     pub rest_frames: bool,
+    /// State that only this solver understands, in [`BlockView::extra`] under its index here.
+    ///
+    /// [`BlockView::extra`]: crate::strands::BlockView::extra
+    pub extra: &'static [Channel],
 }
 
 impl Channels {
     /// Adds to `model` and `state` what is asked for, and drops what is not: where positions a step
-    /// before are no longer kept, velocities become those with which hair moved.
+    /// before are no longer kept, velocities become those with which hair moved. Extra channels of
+    /// the same name, kind and number of values are kept, others start in the next frame.
     pub fn prepare<T: Real>(self, model: &mut Model<T>, state: &mut State<T>) {
         if self.rest_frames {
             model.find_frames();
@@ -77,6 +82,7 @@ impl Channels {
         } else {
             state.forget(STATED_STEP_SECS);
         }
+        state.extra.prepare(self.extra, model.places());
     }
 }
 
@@ -106,4 +112,17 @@ impl StepRate {
     pub fn usual_secs(self) -> f64 {
         if let Self::Fixed(secs) = self { secs } else { STATED_STEP_SECS }
     }
+}
+
+/// The frames that a solver is asked to check before it steps one
+/// ([`LaneSolver::validate_step`](super::LaneSolver::validate_step)).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StepCheck {
+    /// Length of a frame, seconds.
+    pub dt_secs: f64,
+    /// The smallest relative mass of a particle: under a spring, a light particle is as stiff as
+    /// one of unit mass under a stiffer spring.
+    pub least_mass: f64,
+    /// Accepts parameters beyond the limit of float32.
+    pub beyond_float32: bool,
 }

@@ -13,12 +13,12 @@
 use super::context::{FrameContext, Substep};
 use super::plan::Step;
 use super::report::BlockReport;
-use super::rules::{Channels, FrameRules, Refinement, StepRate};
+use super::rules::{Channels, FrameRules, Refinement, StepCheck, StepRate};
 use crate::air::sample_air;
 use crate::collide::resolve_solids::{self, Since, SolidContacts};
 use crate::lane::{LANES, Lane, Real, Simd, V3};
 use crate::params::{ParamsError, check_time};
-use crate::strands::{BlockView, Chain, LaneGroup, Model, Scratch, Strands};
+use crate::strands::{BlockView, LaneGroup, Model, PackError, Scratch, Strands};
 use glam::DVec3;
 use std::any::Any;
 use std::fmt::Debug;
@@ -58,25 +58,26 @@ pub trait LaneSolver: Debug + Send + Sync + 'static {
         Ok(())
     }
 
-    /// Checks that frames of `dt_secs` can be stepped: a positive time, and parameters that float32
-    /// can solve unless `beyond_float32`.
+    /// Checks that frames like `step` can be solved: a positive time, and parameters that float32
+    /// can solve unless [`StepCheck::beyond_float32`].
     ///
     /// # Errors
     /// [`ParamsError`] if they cannot.
-    fn validate_step(&self, dt_secs: f64, beyond_float32: bool) -> Result<(), ParamsError> {
-        let _ = beyond_float32;
-        check_time(dt_secs)
+    fn validate_step(&self, step: &StepCheck) -> Result<(), ParamsError> {
+        check_time(step.dt_secs)
     }
 
-    /// The particles that [`LaneSolver::refine`] adds, if it adds any.
+    /// The particles that the solver adds between those of the groom, if it adds any. Such a solver
+    /// implements [`LaneSolver::refine`].
     fn refinement(&self) -> Option<Refinement> {
         None
     }
 
-    /// Strands with further particles between those of the groom, if the solver wants any.
-    fn refine<T: Real>(&self, strands: &Strands<'_, T>) -> Option<Chain<T>> {
-        let _ = strands;
-        None
+    /// Rest positions of `strands` with the particles of `refinement`, in the head's frame, strand
+    /// after strand: (N − 1) `every` + 1 for a strand of N, metres.
+    fn refine<T: Real>(&self, strands: &Strands<'_, T>, refinement: &Refinement) -> Vec<[T; 3]> {
+        let _ = (strands, refinement);
+        Vec::new()
     }
 
     /// The terms for frames of `dt_secs`.
@@ -115,17 +116,17 @@ pub trait StrandSolver<T>: Debug + Send + Sync + 'static {
     /// [`ParamsError::Range`] for the first that is not in it.
     fn validate(&self) -> Result<(), ParamsError>;
 
-    /// Checks that frames of `dt_secs` can be stepped: see [`LaneSolver::validate_step`].
+    /// Checks that frames like `step` can be solved: see [`LaneSolver::validate_step`].
     ///
     /// # Errors
     /// [`ParamsError`] if they cannot.
-    fn validate_step(&self, dt_secs: f64, beyond_float32: bool) -> Result<(), ParamsError>;
+    fn validate_step(&self, step: &StepCheck) -> Result<(), ParamsError>;
 
-    /// The particles that [`StrandSolver::refine`] adds, if it adds any.
+    /// The particles that the solver adds between those of the groom, if it adds any.
     fn refinement(&self) -> Option<Refinement>;
 
-    /// Strands with further particles between those of the groom, if the solver wants any.
-    fn refine(&self, strands: &Strands<'_, T>) -> Option<Chain<T>>;
+    /// Rest positions of strands with the particles of `refinement`: see [`LaneSolver::refine`].
+    fn refine(&self, strands: &Strands<'_, T>, refinement: &Refinement) -> Vec<[T; 3]>;
 
     /// Runs consecutive [`Step::Solve`] and [`Step::Collide`] of a block of which `live` lanes
     /// count.
@@ -163,16 +164,16 @@ impl<T: SolverReal, S: LaneSolver> StrandSolver<T> for S {
         LaneSolver::validate(self)
     }
 
-    fn validate_step(&self, dt_secs: f64, beyond_float32: bool) -> Result<(), ParamsError> {
-        LaneSolver::validate_step(self, dt_secs, beyond_float32)
+    fn validate_step(&self, step: &StepCheck) -> Result<(), ParamsError> {
+        LaneSolver::validate_step(self, step)
     }
 
     fn refinement(&self) -> Option<Refinement> {
         LaneSolver::refinement(self)
     }
 
-    fn refine(&self, strands: &Strands<'_, T>) -> Option<Chain<T>> {
-        LaneSolver::refine(self, strands)
+    fn refine(&self, strands: &Strands<'_, T>, refinement: &Refinement) -> Vec<[T; 3]> {
+        LaneSolver::refine(self, strands, refinement)
     }
 
     fn advance(
@@ -219,11 +220,8 @@ impl<T: 'static> Solver<T> {
     pub fn params<P: 'static>(&self) -> Option<&P> {
         self.0.params().downcast_ref()
     }
-}
 
-impl<T: Real> Solver<T> {
-    /// Checks that frames of `dt_secs` of `model` can be stepped ([`LaneSolver::validate_step`]).
-    /// Under a spring a light particle is as stiff as one of unit mass in a longer step.
+    /// Checks that frames of `dt_secs` of `model` can be solved ([`LaneSolver::validate_step`]).
     ///
     /// # Errors
     /// [`ParamsError`] if they cannot.
@@ -233,12 +231,20 @@ impl<T: Real> Solver<T> {
         dt_secs: f64,
         beyond_float32: bool,
     ) -> Result<(), ParamsError> {
-        self.validate_step(dt_secs / model.least_mass.sqrt(), beyond_float32).map_err(|error| match error {
-            ParamsError::TooStiff { name, value, substeps, product, needed, allowed, .. } => {
-                ParamsError::TooStiff { name, value, substeps, dt_secs, product, needed, allowed }
-            }
-            other => other,
-        })
+        self.validate_step(&StepCheck { dt_secs, least_mass: model.least_mass, beyond_float32 })
+    }
+}
+
+impl<T: Real> Solver<T> {
+    /// `strands` packed for this solver, with the particles that it adds.
+    ///
+    /// # Errors
+    /// [`PackError`] if they cannot be simulated.
+    pub fn pack(&self, strands: &Strands<'_, T>) -> Result<Model<T>, PackError> {
+        match self.refinement() {
+            None => Model::new(strands),
+            Some(own) => Model::refined(strands, own.every, |strands| self.refine(strands, &own)),
+        }
     }
 }
 

@@ -179,7 +179,7 @@ impl<T: SimulationReal> Simulation<T> {
         if !simd.is_supported() {
             return Err(BuildError::Simd(simd));
         }
-        let mut model = Model::for_solver(strands, |strands| solver.refine(strands))?;
+        let mut model = solver.pack(strands)?;
         let mut state = State::at_rest(&model, &options.rest_pose);
         solver.channels().prepare(&mut model, &mut state);
         let workspace = Workspace::new(&model);
@@ -365,7 +365,7 @@ impl<T: SimulationReal> Simulation<T> {
     /// Restores a snapshot.
     ///
     /// # Errors
-    /// [`SnapshotError`] if it is of another groom.
+    /// [`SnapshotError`] if it is of another groom, or lacks a channel of the solver.
     pub fn restore(&mut self, snapshot: &Snapshot<T>) -> Result<(), SnapshotError> {
         self.state.restore(&self.model, snapshot)
     }

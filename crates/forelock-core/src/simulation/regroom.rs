@@ -2,12 +2,12 @@
 //!
 //! # Theory
 //! The edited strands are the new rest shape: they define ghosts, rest lengths and weights. The
-//! motion continues: each particle takes position, velocity and damage from its strand before the
-//! edit, at the particle's arc length from the root. So cut hair is the same hair, shorter; combed
-//! and curled hair keeps its position, and its ties pull it to the new shape. Hair that is longer
-//! than before is extended from the old tip, with the rotation of the tip's edge from its rest
-//! direction. A new strand starts with the displacement from the rest shape that its source has,
-//! and with its edges at their rest lengths.
+//! motion continues: each particle takes position, velocity, damage and the channels of the solver
+//! from its strand before the edit, at the particle's arc length from the root. So cut hair is the
+//! same hair, shorter; combed and curled hair keeps its position, and its ties pull it to the new
+//! shape. Hair that is longer than before is extended from the old tip, with the rotation of the
+//! tip's edge from its rest direction. A new strand starts with the displacement from the rest
+//! shape that its source has, and with its edges at their rest lengths.
 //!
 //! # Practice
 //! [`Edit::apply`](crate::groom::edit::Edit::apply) reports the [`Source`]s that
@@ -24,8 +24,7 @@ use super::Simulation;
 use crate::groom::Groom;
 use crate::groom::edit::Source;
 use crate::pose::Pose;
-use crate::strands::{Masses, Model, PackError, Strands};
-use crate::strands::{Snapshot, State, vector};
+use crate::strands::{Channel, Masses, Model, PackError, Snapshot, State, Strands, vector};
 
 /// Why the state cannot be transferred to an edited groom.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -94,14 +93,22 @@ pub fn regroom(
     if !state.previous.is_empty() {
         begun.remember();
     }
+    let channels: Vec<Channel> = state.extra.channels().copied().collect();
+    begun.extra.prepare(&channels, edited.places());
     let mut now = begun.snapshot(&edited);
     let before = Before {
+        channels: &channels,
         rest: rest(model),
         head,
         moving: state.snapshot(model),
         offsets: &model.offsets,
         shift: state.origin - begun.origin,
     };
+    for channel in &channels {
+        let started = before.moving.extra.get(channel.name).is_some_and(|values| !values.is_empty());
+        let entries = if started { channel.rows() * edited.particle_count } else { 0 };
+        now.extra.insert(channel.name.to_owned(), vec![0.0; entries]);
+    }
     for (strand, source) in sources.iter().enumerate() {
         before.transfer(groom, strand, source, &mut now);
     }
@@ -141,6 +148,7 @@ fn rest(model: &Model<f32>) -> Vec<DVec3> {
 
 /// The simulation before the edit.
 struct Before<'a> {
+    channels: &'a [Channel],
     rest: Vec<DVec3>,
     head: &'a Pose,
     moving: Snapshot<f32>,
@@ -204,6 +212,25 @@ impl Before<'_> {
                 }
                 now.integrity[particle] =
                     integrity[edge] + (integrity[edge + 1] - integrity[edge]) * t as f32;
+            }
+            self.transfer_channels(old.start + edge, t, particle, now);
+        }
+    }
+
+    /// Writes the channels of a particle that lies at fraction `t` of the edge after particle
+    /// `from` of the strands before.
+    fn transfer_channels(&self, from: usize, t: f64, particle: usize, now: &mut Snapshot<f32>) {
+        for channel in self.channels {
+            let (Some(old), Some(new)) =
+                (self.moving.extra.get(channel.name), now.extra.get_mut(channel.name))
+            else {
+                continue;
+            };
+            let rows = channel.rows();
+            // A channel that has not started has no values.
+            if let Some(out) = new.get_mut(rows * particle..rows * (particle + 1)) {
+                let (before, after) = old[rows * from..rows * (from + 2)].split_at(rows);
+                channel.interpolate([before, after], t, out);
             }
         }
     }

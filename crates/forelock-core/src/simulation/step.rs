@@ -115,6 +115,7 @@ impl<T: SimulationReal> Simulation<T> {
             self.wind(frame, frame.air.field.filter(|_| solves), solves && rules.local_drag, origin, shift);
         let begins = steps.iter().any(|own| own.step == Step::Solve { substep: 0 });
         if begins {
+            self.state.extra.start(frame.roots.head()[0].rotation);
             frame.acceleration.sample(&self.model, &self.state, &mut self.workspace.acceleration);
         }
         let Workspace {

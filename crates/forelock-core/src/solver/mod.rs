@@ -9,8 +9,8 @@ pub mod dftl;
 pub mod mass_spring;
 
 pub use crate::frame::{
-    Channels, FrameContext, FrameRules, LaneGroup, LaneSolver, Refinement, Solver, StepRate, StrandSolver,
-    Substep,
+    Channel, ChannelKind, Channels, FrameContext, FrameRules, LaneGroup, LaneSolver, Refinement, Solver,
+    StepCheck, StepRate, StrandSolver, Substep,
 };
 pub use ams::AmsParams;
 pub use dftl::DftlParams;

@@ -1,6 +1,6 @@
 //! A stage's view of a block of strands, and the scratch memory of a thread.
 
-use super::MASS_RANGE;
+use super::BlockChannels;
 use crate::lane::{Lane, Real, Row, V3};
 
 /// The arrays of one block. Rows as in [`Model`](super::Model), for this block only.
@@ -20,6 +20,8 @@ pub struct BlockView<'a, T> {
     pub stiffness: &'a Row<T>,
     /// Relative mass of each particle; empty: 1 everywhere. See [`BlockView::mass`].
     pub masses: &'a [Row<T>],
+    /// The smallest relative mass of a particle of the model.
+    pub least_mass: f64,
     /// Acceleration of each particle in addition to gravity, three rows per particle; empty: none.
     /// The driver has added it to velocities before the solver's own stage.
     pub acceleration: &'a [Row<T>],
@@ -36,6 +38,10 @@ pub struct BlockView<'a, T> {
     pub integrity: &'a mut [Row<T>],
     /// Lower bound on the distance to the nearest solid; negative: depth inside it; −∞: unknown.
     pub clearance: &'a mut [Row<T>],
+    /// The channels that the solver asks for ([`Channels::extra`]).
+    ///
+    /// [`Channels::extra`]: crate::frame::Channels::extra
+    pub extra: BlockChannels<'a, T>,
     /// Share of the wind that reaches each particle, a row a particle; empty: 1 everywhere.
     pub exposure: &'a [Row<T>],
     /// Velocity of the wind at each particle in this frame, three rows per particle; empty without
@@ -55,17 +61,18 @@ impl<T: Real> BlockView<'_, T> {
         if self.masses.is_empty() { L::one() } else { L::load(&self.masses[i], first) }
     }
 
-    /// A mass that no particle of any view falls below.
-    #[inline(always)]
-    pub fn least_mass(&self) -> f32 {
-        if self.masses.is_empty() { 1.0 } else { *MASS_RANGE.start() }
-    }
-
     /// One over [`BlockView::mass`].
     #[inline(always)]
     pub fn inverse_mass<L: Lane<Scalar = T>>(&self, i: usize, first: usize) -> L {
-        if self.masses.is_empty() { L::one() } else { L::one() / L::load(&self.masses[i], first) }
+        inverse_mass(self.masses, i, first)
     }
+}
+
+/// One over the mass of particle `i` in the lanes from `first` on, of `masses` as in
+/// [`BlockView::masses`].
+#[inline(always)]
+pub(crate) fn inverse_mass<L: Lane>(masses: &[Row<L::Scalar>], i: usize, first: usize) -> L {
+    if masses.is_empty() { L::one() } else { L::one() / L::load(&masses[i], first) }
 }
 
 /// A group of adjacent lanes of a block.

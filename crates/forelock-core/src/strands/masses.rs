@@ -53,17 +53,3 @@ impl Masses {
 fn square(width: &f32) -> f64 {
     f64::from(*width).powi(2)
 }
-
-/// Masses of strands with `every − 1` further particles in each edge, linear along the edge.
-pub(super) fn between(offsets: &[u32], masses: &[f32], every: u32) -> Vec<f32> {
-    let mut all = Vec::with_capacity(masses.len() * every as usize);
-    for ends in offsets.windows(2) {
-        let own = &masses[ends[0] as usize..ends[1] as usize];
-        for pair in own.windows(2) {
-            #[expect(clippy::cast_precision_loss, reason = "a few particles an edge")]
-            all.extend((0..every).map(|k| pair[0] + (pair[1] - pair[0]) * k as f32 / every as f32));
-        }
-        all.extend(own.last());
-    }
-    all
-}

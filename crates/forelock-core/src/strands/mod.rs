@@ -3,16 +3,18 @@
 
 mod between;
 mod block_view;
+mod channels;
 mod masses;
 mod model;
 mod state;
 mod strand_frame;
 
 pub use between::Between;
-pub(crate) use block_view::AIR_ROWS;
+pub(crate) use block_view::{AIR_ROWS, inverse_mass};
 pub use block_view::{BlockView, LaneGroup, SCRATCH_ROWS, Scratch};
+pub use channels::{BlockChannels, Channel, ChannelKind, ChannelStore};
 pub use masses::{MASS_RANGE, Masses};
-pub use model::{Block, Chain, Model, PackError, Strands};
+pub use model::{Block, Model, PackError, PlaceInGroom, Strands};
 pub(crate) use state::vec3;
 pub use state::{Snapshot, SnapshotError, State, Teleport, number, vector, world_positions};
 pub use strand_frame::{StrandFrame, rest_edges};

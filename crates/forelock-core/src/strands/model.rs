@@ -1,6 +1,6 @@
 //! Model: constant data derived once from a groom and the parameters.
 
-use super::masses::{MASS_RANGE, between};
+use super::masses::MASS_RANGE;
 use super::strand_frame::rest_edges;
 use crate::groom::Groom;
 use crate::lane::{LANES, Real, Row};
@@ -63,15 +63,16 @@ impl<'a> From<&'a Groom> for Strands<'a, f32> {
     }
 }
 
-/// Strands with added particles between those of a groom.
-#[derive(Clone, Debug)]
-pub struct Chain<T> {
-    /// Rest positions in the head's frame, `[P]`.
-    pub positions: Vec<[T; 3]>,
-    /// Offsets, `[S + 1]`.
-    pub offsets: Vec<u32>,
-    /// Counted from the root, every `every`-th particle is from the groom.
-    pub every: u32,
+/// The particles of the groom between which a simulated one lies ([`Model::in_groom`]).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlaceInGroom {
+    /// Index in the groom of the nearest of its particles on the root's side. A particle of the
+    /// groom is its own neighbour on both sides.
+    pub before: usize,
+    /// The same on the tip's side.
+    pub after: usize,
+    /// Fraction of the particles of the edge that have been passed, 0 at `before`, less than 1.
+    pub share: f32,
 }
 
 /// [`Model::reach`] over the hair's own radius at rest.
@@ -112,7 +113,7 @@ pub struct Model<T> {
     /// of a root's distance and the length of its strand, with a margin.
     pub bound: f64,
     /// Counted from the root, every `every`-th particle of a strand is from the groom. The solver
-    /// has added the others ([`Chain`]).
+    /// has added the others ([`Model::refined`]).
     pub every: u32,
     /// Strands of the groom, S.
     pub strand_count: usize,
@@ -163,6 +164,16 @@ pub enum PackError {
     /// Masses from widths for a groom without widths.
     #[error("masses cannot follow widths that the groom does not have: set widths, or use uniform masses")]
     NoWidths,
+    /// A solver's refinement of the strands with another number of particles than it announced.
+    #[error(
+        "the solver refines the strands to {found} particles, but its refinement has {expected}: correct `refine`"
+    )]
+    Refinement {
+        /// Particles given.
+        found: usize,
+        /// (N − 1) `every` + 1 for each strand of N, summed.
+        expected: usize,
+    },
     /// An edge of no length.
     #[error("strand {strand} repeats a point at its particle {particle}: repair the groom first")]
     Repeated {
@@ -219,6 +230,14 @@ impl<T> Model<T> {
         (self.offsets[strand] as usize + strand * (every - 1)) / every
     }
 
+    /// Where particle `i` of `strand`, counted from the root, lies between those of the groom.
+    pub fn in_groom(&self, strand: usize, i: usize) -> PlaceInGroom {
+        let (first, every) = (self.groom_offset(strand), self.every as usize);
+        #[expect(clippy::cast_precision_loss, reason = "a few particles an edge")]
+        let share = (i % every) as f32 / every as f32;
+        PlaceInGroom { before: first + i / every, after: first + i.div_ceil(every), share }
+    }
+
     /// The map from rest positions relative to `centre` to positions relative to `origin`, for the
     /// head pose `head`.
     pub fn about_centre(&self, head: &Pose, origin: DVec3) -> Pose {
@@ -235,30 +254,37 @@ impl<T: Real> Model<T> {
     /// # Errors
     /// [`PackError`] if there are no strands, or one that cannot be simulated.
     pub fn new(strands: &Strands<'_, T>) -> Result<Self, PackError> {
-        Self::for_solver(strands, |_| None)
+        check(strands)?;
+        Ok(Self::pack(strands, strands.masses, 1))
     }
 
-    /// [`Model::new`] for the strands that `refine` returns, or for `strands` if it returns none.
+    /// [`Model::new`] for strands with `every` − 1 further particles in each edge. `refine` gives
+    /// the rest positions of all particles in the head's frame, strand after strand: (N − 1)
+    /// `every` + 1 for a strand of N, metres. Masses between those of the groom are interpolated.
     ///
     /// # Errors
-    /// The same errors as [`Model::new`].
-    pub fn for_solver(
+    /// The same errors as [`Model::new`], and [`PackError::Refinement`] for another number of
+    /// positions.
+    pub fn refined(
         strands: &Strands<'_, T>,
-        refine: impl FnOnce(&Strands<'_, T>) -> Option<Chain<T>>,
+        every: u32,
+        refine: impl FnOnce(&Strands<'_, T>) -> Vec<[T; 3]>,
     ) -> Result<Self, PackError> {
         check(strands)?;
-        match refine(strands) {
-            None => Self::pack(strands, 1),
-            Some(Chain { positions, offsets, every }) => {
-                let masses = strands.masses.map(|masses| between(strands.offsets, masses, every));
-                let masses = masses.as_deref();
-                Self::pack(&Strands { positions: &positions, offsets: &offsets, masses, ..*strands }, every)
-            }
+        let of_strand = |(strand, offset): (u32, &u32)| (offset - strand).saturating_mul(every) + strand;
+        let offsets: Vec<u32> = (0..).zip(strands.offsets).map(of_strand).collect();
+        let positions = refine(strands);
+        let (found, expected) = (positions.len(), offsets[offsets.len() - 1] as usize);
+        if found != expected || every == 0 {
+            return Err(PackError::Refinement { found, expected });
         }
+        let refined = Strands { positions: &positions, offsets: &offsets, masses: None, ..*strands };
+        check(&refined)?;
+        Ok(Self::pack(&refined, strands.masses, every))
     }
 
-    fn pack(strands: &Strands<'_, T>, every: u32) -> Result<Self, PackError> {
-        check(strands)?;
+    /// Packs strands that have been checked; `masses` are those of the groom.
+    fn pack(strands: &Strands<'_, T>, masses: Option<&[f32]>, every: u32) -> Self {
         let strand_count = strands.offsets.len() - 1;
         let count = |s: u32| (strands.offsets[s as usize + 1] - strands.offsets[s as usize]) as usize;
         #[expect(clippy::cast_possible_truncation, reason = "offsets are 32-bit, so strand numbers are")]
@@ -291,12 +317,8 @@ impl<T: Real> Model<T> {
             local: Vec::new(),
             strand_lengths: vec![Row([T::zero(); LANES]); blocks.len()],
             stiffness: vec![Row([T::one(); LANES]); blocks.len()],
-            least_mass: strands
-                .masses
-                .unwrap_or(&[1.0])
-                .iter()
-                .fold(f64::INFINITY, |least, m| least.min(f64::from(*m))),
-            masses: vec![Row([T::one(); LANES]); if strands.masses.is_some() { first } else { 0 }],
+            least_mass: f64::from(masses.unwrap_or(&[1.0]).iter().copied().fold(f32::INFINITY, f32::min)),
+            masses: vec![Row([T::one(); LANES]); if masses.is_some() { first } else { 0 }],
             centre: centre(strands.positions),
             reach: 0.0,
             bound: 0.0,
@@ -309,11 +331,24 @@ impl<T: Real> Model<T> {
         for block in 0..model.blocks.len() {
             for lane in 0..LANES {
                 model.fill_lane(strands, block, lane);
+                if let Some(masses) = masses {
+                    model.fill_masses(masses, block, lane);
+                }
             }
         }
         model.reach = REACH * model.farthest();
         model.bound = REACH * model.longest_reach();
-        Ok(model)
+        model
+    }
+
+    /// Fills a lane with the masses of the groom's particles.
+    fn fill_masses(&mut self, masses: &[f32], index: usize, lane: usize) {
+        let (range, strand) = (self.blocks[index].range(), self.blocks[index].strands[lane] as usize);
+        for (i, place) in range.enumerate() {
+            let PlaceInGroom { before, after, share } = self.in_groom(strand, i);
+            let mass = masses[before] + (masses[after] - masses[before]) * share;
+            self.masses[place].0[lane] = crate::strands::number(f64::from(mass));
+        }
     }
 
     fn fill_lane(&mut self, strands: &Strands<'_, T>, index: usize, lane: usize) {
@@ -343,10 +378,6 @@ impl<T: Real> Model<T> {
             length = length + edge;
         }
         self.strand_lengths[index].0[lane] = length;
-        let masses = strands.masses.unwrap_or_default();
-        for (place, mass) in block.range().zip(masses.get(from..from + block.particles).unwrap_or_default()) {
-            self.masses[place].0[lane] = crate::strands::number(f64::from(*mass));
-        }
         if let Some(scale) = strands.stiffness.and_then(|s| T::from(s[strand])) {
             self.stiffness[index].0[lane] = scale;
         }
@@ -538,6 +569,14 @@ mod tests {
         };
         assert_eq!(build(&[], &[0]), Err(PackError::Empty));
         assert_eq!(build(&[[0.0; 3]], &[0, 1]), Err(PackError::TooShort { strand: 0, particles: 1 }));
+        let refined = |every, count| {
+            let strands = Strands::new(&[[0.0; 3], [0.0, 1.0, 0.0]], &[0, 2]);
+            let points = (0..count).map(|i| [0.0, f64::from(i), 0.0]).collect();
+            Model::refined(&strands, every, |_| points).map(|model| model.particle_count)
+        };
+        assert_eq!(refined(3, 4), Ok(4));
+        assert_eq!(refined(3, 5), Err(PackError::Refinement { found: 5, expected: 4 }));
+        assert_eq!(refined(0, 2), Err(PackError::Refinement { found: 2, expected: 1 }));
         let nan = [[0.0; 3], [1.0, f64::NAN, 0.0]];
         assert_eq!(build(&nan, &[0, 2]), Err(PackError::NonFinite { strand: 0, particle: 1 }));
         assert_eq!(

@@ -1,9 +1,10 @@
 //! State: the data that each step changes, and snapshots of it.
 
-use super::Model;
+use super::{ChannelStore, Model};
 use crate::lane::{LANES, Real, Row};
 use crate::pose::Pose;
 use glam::{DVec3, Vec3};
+use std::collections::BTreeMap;
 
 /// Treatment of the hair when the head jumps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -33,6 +34,8 @@ pub struct State<T> {
     /// Positions a step before, relative to `origin`, `[3 × places]` rows, metres; empty for
     /// solvers that do not need them.
     pub previous: Vec<Row<T>>,
+    /// Channels that the solver asks for.
+    pub extra: ChannelStore<T>,
     /// The origin of positions in the world: the position of the model's centre on the head.
     pub origin: DVec3,
 }
@@ -53,17 +56,20 @@ pub struct Snapshot<T> {
     pub previous: Vec<[T; 3]>,
     /// The origin of positions in the world.
     pub origin: [f64; 3],
+    /// Values of the channels that the solver asks for, by name, `[P × rows]`; empty for a channel
+    /// that has not started ([`ChannelStore`]).
+    pub extra: BTreeMap<String, Vec<T>>,
 }
 
-/// A snapshot of another groom.
+/// A snapshot of another groom or solver.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "the snapshot holds {found} particles in `{array}`, but the groom has {expected}: it belongs to another run"
+    "the snapshot holds {found} entries in `{array}`, but the strands need {expected}: it belongs to another run"
 )]
 pub struct SnapshotError {
-    /// Which array.
+    /// Which array, or which channel.
     pub array: &'static str,
-    /// Particles of the groom.
+    /// Entries that the strands need: one per particle, or the rows of a channel.
     pub expected: usize,
     /// Entries of the array.
     pub found: usize,
@@ -79,6 +85,7 @@ impl<T: Real> State<T> {
             integrity: vec![Row([T::one(); LANES]); places],
             clearance: vec![Row([T::neg_infinity(); LANES]); places],
             previous: Vec::new(),
+            extra: ChannelStore::empty(),
             origin: pose.transform_point(model.centre.into()),
         };
         let r = pose.matrix();
@@ -100,6 +107,7 @@ impl<T: Real> State<T> {
         self.integrity.clone_from(&other.integrity);
         self.clearance.clone_from(&other.clearance);
         self.previous.clone_from(&other.previous);
+        self.extra.take(&other.extra);
         self.origin = other.origin;
     }
 
@@ -117,8 +125,8 @@ impl<T: Real> State<T> {
 
     /// Moves the hair with the head when the head jumps between frames. `jump` maps the world
     /// before to the world after. Velocities are rotated, or with [`Teleport::CarryShape`] the
-    /// motion is stopped. `step_secs` is the step in which hair moved from `previous` to
-    /// `positions`. [`Teleport::Reset`] is not handled here.
+    /// motion is stopped; channels are rotated in both cases. `step_secs` is the step in which hair
+    /// moved from `previous` to `positions`. [`Teleport::Reset`] is not handled here.
     pub fn carry(&mut self, jump: &Pose, mode: Teleport, step_secs: f64) {
         let origin = jump.transform_point(self.origin);
         let Self { positions, previous, .. } = self;
@@ -132,6 +140,7 @@ impl<T: Real> State<T> {
                 turn(rows, jump);
             }
         }
+        self.extra.rotate(jump.rotation);
         self.origin = origin;
         if mode == Teleport::CarryShape {
             // Stops the motion; the load that velocities contain stays.
@@ -179,7 +188,7 @@ impl<T: Real> State<T> {
     pub fn bytes(&self) -> usize {
         let vectors = self.positions.len() + self.velocities.len() + self.previous.len();
         let rows = vectors + self.integrity.len() + self.clearance.len();
-        rows * size_of::<Row<T>>()
+        rows * size_of::<Row<T>>() + self.extra.bytes()
     }
 
     /// Calls `visit(particle in the groom's order, place, lane)` for every particle, block by
@@ -205,6 +214,7 @@ impl<T: Real> State<T> {
             clearance: vec![T::zero(); particles],
             previous: vec![[T::zero(); 3]; if self.previous.is_empty() { 0 } else { particles }],
             origin: self.origin.to_array(),
+            extra: self.extra.snapshot(model),
         };
         Self::each_particle(model, |p, place, lane| {
             snapshot.positions[p] = vector(&self.positions, place, lane);
@@ -219,10 +229,11 @@ impl<T: Real> State<T> {
     }
 
     /// Restores a snapshot. If the snapshot or this state has no positions of the step before, the
-    /// displacement in that step is zero.
+    /// displacement in that step is zero. Channels for which the solver does not ask are ignored.
     ///
     /// # Errors
-    /// [`SnapshotError`] if it belongs to a groom of another size; nothing is changed then.
+    /// [`SnapshotError`] if it belongs to a groom of another size or lacks a channel; nothing is
+    /// changed then.
     pub fn restore(&mut self, model: &Model<T>, snapshot: &Snapshot<T>) -> Result<(), SnapshotError> {
         let expected = model.particle_count;
         for (array, found) in [
@@ -236,6 +247,8 @@ impl<T: Real> State<T> {
                 return Err(SnapshotError { array, expected, found });
             }
         }
+        self.extra.check(model, &snapshot.extra)?;
+        self.extra.restore(model, &snapshot.extra);
         self.origin = snapshot.origin.into();
         let Snapshot { positions, velocities, previous, .. } = snapshot;
         let before = if previous.is_empty() { positions } else { previous };
@@ -282,7 +295,24 @@ impl<T: Real> Snapshot<T> {
         take(bytemuck::cast_slice(&self.clearance));
         take(bytemuck::cast_slice(&self.previous));
         take(bytemuck::cast_slice(&self.origin));
+        for (name, values) in &self.extra {
+            take(name.as_bytes());
+            take(bytemuck::cast_slice(values));
+        }
         hash ^ (hash >> 32)
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        let Self { positions, velocities, integrity, clearance, previous, origin: _, extra } = self;
+        let of_channel = |(name, values): (&String, &Vec<T>)| name.len() + size_of_val(&**values);
+        size_of::<Self>()
+            + size_of_val(&**positions)
+            + size_of_val(&**velocities)
+            + size_of_val(&**integrity)
+            + size_of_val(&**clearance)
+            + size_of_val(&**previous)
+            + extra.iter().map(of_channel).sum::<usize>()
     }
 }
 

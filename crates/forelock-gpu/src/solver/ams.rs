@@ -9,12 +9,10 @@ use forelock_core::frame::Solver;
 use forelock_core::lane::ASIN_RATIO;
 use forelock_core::solver::ams::solve_strands::{self, FrameTerms};
 use forelock_core::solver::{AmsParams, MassSpringParams};
-use forelock_core::strands::MASS_RANGE;
 use glam::DVec3;
 
 const CONSTANTS: &[Constant] = &[
     Constant::f32("PIVOT_FLOOR", solve_strands::PIVOT_FLOOR as f32),
-    Constant::f32("LEAST_MASS", *MASS_RANGE.start()),
     Constant::f32("ASIN_RATIO_0", ASIN_RATIO[0]),
     Constant::f32("ASIN_RATIO_1", ASIN_RATIO[1]),
     Constant::f32("ASIN_RATIO_2", ASIN_RATIO[2]),

@@ -1,5 +1,6 @@
 //! Snapshots: what a later run needs to go on bit for bit, as an `.npz` file.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -54,6 +55,9 @@ const MACHINE: &str = "machine";
 /// What the name of an array of a stage's times begins with.
 const STAGE: &str = "stage_";
 
+/// What the name of an array of a solver's channel begins with.
+const CHANNEL: &str = "channel.";
+
 impl Snapshot {
     /// Before the first frame.
     pub(crate) fn begin(fingerprint: u64) -> Self {
@@ -94,6 +98,8 @@ impl Snapshot {
                 |row: &FrameRow| row.stages.iter().find(|(own, _)| own == stage).map_or(0.0, |(_, ms)| *ms);
             arrays.push((name, Array::vector(rows.iter().map(ms).collect::<Vec<f64>>())));
         }
+        let extra = self.state.iter().flat_map(|state| &state.extra);
+        let channels: Vec<_> = extra.map(|(name, values)| (format!("{CHANNEL}{name}"), values)).collect();
         if let Some(state) = &self.state {
             let flat = |vectors: &[[f32; 3]]| Array {
                 shape: vec![vectors.len(), 3],
@@ -109,6 +115,11 @@ impl Snapshot {
             if !state.previous.is_empty() {
                 arrays.push(("previous", flat(&state.previous)));
             }
+            let particles = state.positions.len();
+            for (name, values) in &channels {
+                let shape = vec![particles, values.len() / particles.max(1)];
+                arrays.push((name, Array { shape, data: Data::F32(values.to_vec()) }));
+            }
         }
         write_npz(path, &arrays)
     }
@@ -121,7 +132,7 @@ impl Snapshot {
         let arrays = read_npz(path)?;
         let snapshot = Self::from_arrays(&arrays).map_err(|name| SnapshotError::Content {
             path: path.to_path_buf(),
-            problem: format!("the array `{name}` is missing or of the wrong type"),
+            problem: format!("the array `{name}` is missing or malformed"),
         })?;
         if snapshot.fingerprint != fingerprint {
             return Err(SnapshotError::Other(path.to_path_buf()));
@@ -129,7 +140,8 @@ impl Snapshot {
         Ok(snapshot)
     }
 
-    fn from_arrays(arrays: &BTreeMap<String, Array>) -> Result<Self, &'static str> {
+    /// The snapshot in `arrays`, or the name of one that is missing or malformed.
+    fn from_arrays(arrays: &BTreeMap<String, Array>) -> Result<Self, Cow<'static, str>> {
         let data = |name: &'static str| arrays.get(name).map(|array| &array.data).ok_or(name);
         let floats = |name| match data(name)? {
             Data::F32(values) => Ok(values.clone()),
@@ -148,9 +160,9 @@ impl Snapshot {
         };
         let &[fingerprint, frame, quarantined_strands] = (match data("counters")? {
             Data::U64(values) => values.as_slice(),
-            _ => return Err("counters"),
+            _ => return Err("counters".into()),
         }) else {
-            return Err("counters");
+            return Err("counters".into());
         };
         let mut rows = Vec::new();
         if arrays.contains_key(ROWS) {
@@ -160,16 +172,16 @@ impl Snapshot {
                 penetration_m,
                 stages: Vec::new(),
             };
-            let (whole, []) = doubles(ROWS)?.as_chunks::<3>() else { return Err(ROWS) };
+            let (whole, []) = doubles(ROWS)?.as_chunks::<3>() else { return Err(ROWS.into()) };
             rows = whole.iter().map(row).collect();
         }
         for (stage, array) in
             arrays.iter().filter_map(|(name, array)| Some((name.strip_prefix(STAGE)?, array)))
         {
             // A stage that took no time did not run.
-            let Data::F64(times) = &array.data else { return Err("stage_…") };
+            let Data::F64(times) = &array.data else { return Err(format!("{STAGE}{stage}").into()) };
             if times.len() != rows.len() {
-                return Err("stage_…");
+                return Err(format!("{STAGE}{stage}").into());
             }
             let ran = rows.iter_mut().zip(times).filter(|(_, ms)| **ms > 0.0);
             ran.for_each(|(row, ms)| row.stages.push((stage.to_owned().into(), *ms)));
@@ -178,6 +190,17 @@ impl Snapshot {
             Some(Data::U64(values)) => values.first().copied().unwrap_or_default(),
             _ => 0,
         };
+        let positions = vectors("positions")?;
+        let mut extra = BTreeMap::new();
+        for (name, array) in arrays {
+            let Some(channel) = name.strip_prefix(CHANNEL) else { continue };
+            match (&array.data, array.shape.as_slice()) {
+                (Data::F32(values), [particles, _]) if *particles == positions.len() => {
+                    extra.insert(channel.to_owned(), values.clone());
+                }
+                _ => return Err(name.clone().into()),
+            }
+        }
         Ok(Self {
             fingerprint,
             machine,
@@ -186,12 +209,13 @@ impl Snapshot {
             quarantined_strands,
             worst: doubles("worst")?.try_into().map_err(|_| "worst")?,
             state: Some(State {
-                positions: vectors("positions")?,
+                positions,
                 velocities: vectors("velocities")?,
                 integrity: floats("integrity")?,
                 clearance: floats("clearance")?,
                 previous: if arrays.contains_key("previous") { vectors("previous")? } else { Vec::new() },
                 origin: doubles("origin")?.try_into().map_err(|_| "origin")?,
+                extra,
             }),
         })
     }
@@ -232,11 +256,25 @@ mod tests {
                 clearance: vec![f32::NEG_INFINITY],
                 previous: vec![[0.5, -0.0, 3.0]],
                 origin: [1.0, 2.0, 0.1],
+                extra: [("frame", vec![0.0, -0.0, f32::NEG_INFINITY, 1.0]), ("later", Vec::new())]
+                    .map(|(name, values)| (name.to_owned(), values))
+                    .into(),
             }),
         };
         snapshot.write(&path).unwrap();
         assert_eq!(Snapshot::read(&path, u64::MAX).unwrap(), snapshot);
         assert!(matches!(Snapshot::read(&path, 1), Err(SnapshotError::Other(_))));
+        // A channel is [P, rows] of float32.
+        for wrong in [
+            Array { shape: vec![2, 2], data: Data::F32(vec![0.0; 4]) },
+            Array::vector(vec![0.0f32; 4]),
+            Array { shape: vec![1, 4], data: Data::F64(vec![0.0; 4]) },
+        ] {
+            let mut arrays = read_npz(&path).unwrap();
+            arrays.insert("channel.frame".into(), wrong);
+            let found = Snapshot::from_arrays(&arrays).unwrap_err();
+            assert_eq!(found, "channel.frame");
+        }
         std::fs::write(&path, b"no archive").unwrap();
         assert!(matches!(Snapshot::read(&path, 1), Err(SnapshotError::Read(_))));
     }

@@ -7,6 +7,7 @@ use forelock_core::body::Motion;
 use forelock_core::groom::grow::GrowError;
 use forelock_core::params::FLOAT32_STIFFNESS_LIMIT;
 use forelock_core::params::ParamsError;
+use forelock_core::solver::StepCheck;
 
 use forelock_io::Format;
 use forelock_render::HairColour;
@@ -307,7 +308,9 @@ fn check_solver(scene: &Scene) -> Result<(), Wrong> {
         own.solver.validate().map_err(|error| params_error(own.table, &error, scene))?;
     }
     let Some(chosen) = solver.chosen() else { return Ok(()) };
-    let checked = chosen.solver.validate_step(1.0 / scene.time.fps, solver.beyond_float32);
+    // The masses are known once the groom is: the player checks the step again.
+    let (dt_secs, beyond_float32) = (1.0 / scene.time.fps, solver.beyond_float32);
+    let checked = chosen.solver.validate_step(&StepCheck { dt_secs, least_mass: 1.0, beyond_float32 });
     checked.map_err(|error| params_error(chosen.table, &error, scene))
 }
 

@@ -175,7 +175,8 @@ fn finiteness<L: Lane>(view: &BlockView<'_, L::Scalar>, first: usize) -> L {
 }
 
 /// Puts the strand in `lane`, which has a number that is not finite, back to its rest shape, moving
-/// with the head, with integrity 1; other strands are not changed.
+/// with the head, with integrity 1 and channels at their initial values; other strands are not
+/// changed.
 fn quarantine<T: Real>(cx: &FrameContext<'_, T>, view: &mut BlockView<'_, T>, lane: usize) {
     let [.., before, last] = cx.poses else { return };
     for i in 0..view.particles {
@@ -192,4 +193,5 @@ fn quarantine<T: Real>(cx: &FrameContext<'_, T>, view: &mut BlockView<'_, T>, la
         view.integrity[i].0[lane] = T::one();
         view.clearance[i].0[lane] = T::neg_infinity();
     }
+    view.extra.reset(lane, last.rotation);
 }

@@ -23,7 +23,7 @@
 
 use crate::lane::{Lane, Row, V3};
 use crate::params::Inextensibility;
-use crate::strands::BlockView;
+use crate::strands::{BlockView, inverse_mass};
 
 /// WGSL of the stage.
 pub const WGSL: &str = include_str!("kernel.wgsl");
@@ -150,7 +150,7 @@ fn push<L: Lane>(
 ) {
     let particles = directions.len();
     for i in from + 1..particles {
-        let w = if masses.is_empty() { L::one() } else { L::one() / L::load(&masses[i], first) };
+        let w: L = inverse_mass(masses, i, first);
         let mut value = V3::load(rows, i, first).add_scaled(sweep[i - 1].0[2] * w, directions[i - 1]);
         if i + 1 < particles {
             value = value.add_scaled(-sweep[i].0[2] * w, directions[i]);

@@ -39,7 +39,8 @@ struct Frame {
     tip_global: f32,
     tip_local: f32,
     recheck: u32,
-    pad_0: f32,
+    // The smallest relative mass of a particle.
+    least_mass: f32,
 }
 
 // The head's pose at a substep's start and end, as maps from rest positions to positions.

@@ -10,7 +10,7 @@ pub(crate) use params::LengthPass;
 pub use params::{AmsParams, AngularForm, IntegrityForm, Jacobian};
 
 use crate::collide::resolve_solids::SolidContacts;
-use crate::frame::{FrameContext, FrameRules, LaneGroup, LaneSolver, Substep};
+use crate::frame::{FrameContext, FrameRules, LaneGroup, LaneSolver, StepCheck, Substep};
 use crate::lane::Lane;
 use crate::params::ParamsError;
 use crate::strands::{BlockView, Scratch};
@@ -43,8 +43,8 @@ impl LaneSolver for AmsParams {
         Self::validate(self)
     }
 
-    fn validate_step(&self, dt_secs: f64, beyond_float32: bool) -> Result<(), ParamsError> {
-        Self::validate_step(self, dt_secs, beyond_float32)
+    fn validate_step(&self, step: &StepCheck) -> Result<(), ParamsError> {
+        Self::validate_step(self, step)
     }
 
     fn terms(&self, dt_secs: f64) -> FrameTerms {

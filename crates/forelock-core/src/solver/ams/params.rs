@@ -3,6 +3,7 @@
 //! Stiffnesses are rates: stiffness over particle mass, in s⁻². The motion depends only on these
 //! ratios, lengths and gravity. They do not depend on the frame rate or the number of substeps.
 
+use crate::frame::StepCheck;
 use crate::params::{
     COUNT, FLOAT32_STIFFNESS_LIMIT, Inextensibility, NON_NEGATIVE, POSITIVE, ParamsError, SHARE, check,
     check_time,
@@ -227,12 +228,14 @@ impl AmsParams {
         Ok(())
     }
 
-    /// Checks that frames of `dt_secs` can be stepped: the time is positive and, unless
-    /// `beyond_float32`, h² κ is at most [`FLOAT32_STIFFNESS_LIMIT`].
+    /// Checks that frames like `step` can be solved: the time is positive and, unless
+    /// `beyond_float32`, h² κ over the smallest relative mass is at most
+    /// [`FLOAT32_STIFFNESS_LIMIT`].
     ///
     /// # Errors
     /// [`ParamsError`] for the first check that fails.
-    pub fn validate_step(&self, dt_secs: f64, beyond_float32: bool) -> Result<(), ParamsError> {
+    pub fn validate_step(&self, step: &StepCheck) -> Result<(), ParamsError> {
+        let StepCheck { dt_secs, least_mass, beyond_float32 } = *step;
         check_time(dt_secs)?;
         if beyond_float32 {
             return Ok(());
@@ -246,7 +249,7 @@ impl AmsParams {
             ("k_altitude", self.k_altitude),
         ];
         for (name, value) in stiffest {
-            let product = h * h * value;
+            let product = h * h * value / least_mass;
             // The tolerance accepts a limit that was computed from a rounded frame time.
             if product > FLOAT32_STIFFNESS_LIMIT * (1.0 + 1e-9) {
                 #[expect(
@@ -254,8 +257,9 @@ impl AmsParams {
                     clippy::cast_sign_loss,
                     reason = "positive, saturating"
                 )]
-                let needed = (dt_secs * (value / FLOAT32_STIFFNESS_LIMIT).sqrt()).ceil() as u32;
-                let allowed = FLOAT32_STIFFNESS_LIMIT / (h * h);
+                let needed =
+                    (dt_secs * (value / (FLOAT32_STIFFNESS_LIMIT * least_mass)).sqrt()).ceil() as u32;
+                let allowed = FLOAT32_STIFFNESS_LIMIT * least_mass / (h * h);
                 let substeps = self.substeps;
                 return Err(ParamsError::TooStiff {
                     name,

@@ -40,7 +40,7 @@ impl LaneSolver for DftlParams {
     }
 
     fn channels(&self) -> Channels {
-        Channels { previous: true, rest_frames: true }
+        Channels { previous: true, rest_frames: true, ..Channels::default() }
     }
 
     fn rate(&self) -> StepRate {

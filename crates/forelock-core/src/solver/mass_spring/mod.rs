@@ -26,12 +26,12 @@
 use super::ams::LengthPass;
 use super::ams::{AmsParams, AngularForm, Jacobian};
 use crate::frame::{
-    BlockReport, Channels, FrameContext, FrameRules, LaneSolver, Refinement, SolverReal, Step, StepRate,
-    StrandSolver,
+    BlockReport, Channels, FrameContext, FrameRules, LaneSolver, Refinement, SolverReal, Step, StepCheck,
+    StepRate, StrandSolver,
 };
 use crate::lane::Real;
 use crate::params::{Inextensibility, ParamsError};
-use crate::strands::{BlockView, Chain, Scratch, Strands};
+use crate::strands::{BlockView, Scratch, Strands};
 use glam::DVec3;
 use std::any::Any;
 
@@ -172,19 +172,16 @@ impl<T: SolverReal> StrandSolver<T> for MassSpringParams {
         Self::validate(self)
     }
 
-    fn validate_step(&self, dt_secs: f64, beyond_float32: bool) -> Result<(), ParamsError> {
-        self.ams().validate_step(dt_secs, beyond_float32)
+    fn validate_step(&self, step: &StepCheck) -> Result<(), ParamsError> {
+        self.ams().validate_step(step)
     }
 
     fn refinement(&self) -> Option<Refinement> {
         self.virtual_particles.then_some(Refinement { every: EVERY, offset: self.virtual_offset })
     }
 
-    fn refine(&self, strands: &Strands<'_, T>) -> Option<Chain<T>> {
-        self.virtual_particles.then(|| {
-            let (positions, offsets) = with_virtual_particles(strands, self.virtual_offset);
-            Chain { positions, offsets, every: EVERY }
-        })
+    fn refine(&self, strands: &Strands<'_, T>, refinement: &Refinement) -> Vec<[T; 3]> {
+        with_virtual_particles(strands, refinement.offset)
     }
 
     fn advance(
@@ -205,10 +202,9 @@ impl<T: SolverReal> StrandSolver<T> for MassSpringParams {
 
 crate::solver_from_params!(MassSpringParams);
 
-/// The chains of 2N − 1 particles of strands of N, and their offsets, [S + 1].
-fn with_virtual_particles<T: Real>(strands: &Strands<'_, T>, offset: f64) -> (Vec<[T; 3]>, Vec<u32>) {
+/// The chains of 2N − 1 particles of strands of N.
+fn with_virtual_particles<T: Real>(strands: &Strands<'_, T>, offset: f64) -> Vec<[T; 3]> {
     let mut positions = Vec::with_capacity(2 * strands.positions.len());
-    let mut offsets = vec![0];
     let mut points = Vec::new();
     for ends in strands.offsets.windows(2) {
         let strand = &strands.positions[ends[0] as usize..ends[1] as usize];
@@ -219,13 +215,8 @@ fn with_virtual_particles<T: Real>(strands: &Strands<'_, T>, offset: f64) -> (Ve
             positions.push(point);
             positions.extend(between.get(i).map(|p| p.to_array().map(crate::strands::number::<T>)));
         }
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "twice a groom's particles; packing counts them"
-        )]
-        offsets.push(positions.len() as u32);
     }
-    (positions, offsets)
+    positions
 }
 
 /// Every `EVERY`-th particle of a chain is from the groom; the others are virtual.

@@ -209,12 +209,40 @@ fn masses_from_widths_and_wrong_input() {
     let mut given = Simulation::from_strands(&strands, &AmsParams::default(), &Options::default()).unwrap();
     let refused = given.regroom(&thin, &[source], &options.rest_pose);
     assert_eq!(refused, Err(RegroomError::Masses));
-    // Light particles meet the limit of float32 earlier.
-    let stiff = AmsParams { k_edge: 5e7, ..AmsParams::default() };
-    assert!(matches!(
-        Simulation::new(&groom, &stiff, &options).unwrap().step_frame(&FrameInput::default()),
-        Err(ParamsError::TooStiff { .. })
-    ));
-    let uniform = Options::default();
-    Simulation::new(&groom, &stiff, &uniform).unwrap().step_frame(&FrameInput::default()).unwrap();
+}
+
+/// Light particles meet the limit of float32 earlier. The substeps and the stiffness that the error
+/// names are just enough.
+#[test]
+fn the_limit_of_float32_counts_the_lightest_particle() {
+    let positions: Vec<[f32; 3]> = straight(4).iter().map(|p| p.map(|x| x as f32)).collect();
+    let own = [1.0, 2.0, 0.25, 4.0];
+    let dt_secs = 1.0 / 60.0;
+    let step = |solver: Solver<f32>, masses: Option<&[f32]>| {
+        let strands = Strands { masses, ..Strands::new(&positions, &[0, 4]) };
+        let mut simulation = Simulation::from_strands(&strands, solver, &Options::default()).unwrap();
+        simulation.step_frame(&FrameInput { dt_secs, ..FrameInput::default() }).map(|_| ())
+    };
+    let ams = |k_edge: f64, substeps: u32, masses: Option<&[f32]>| {
+        step((&AmsParams { k_edge, substeps, ..AmsParams::default() }).into(), masses)
+    };
+    let error = ams(5e7, 4, Some(&own)).unwrap_err();
+    let ParamsError::TooStiff { name, value, substeps, dt_secs: dt, product, needed, allowed } = error else {
+        panic!("{error}");
+    };
+    assert_eq!((name, value, substeps, dt), ("k_edge", 5e7, 4, dt_secs));
+    // h = 1/240 s: h² κ/m = 5e7/240²/0.25; ⌈√(5e7/(1e3 · 0.25))/60⌉ substeps; 1e3 · 0.25 · 240².
+    assert!((product / 3_472.222_222 - 1.0).abs() < 1e-9, "{product}");
+    assert_eq!(needed, 8);
+    assert!((allowed / 1.44e7 - 1.0).abs() < 1e-12, "{allowed}");
+    ams(5e7, needed, Some(&own)).unwrap();
+    ams(5e7, needed - 1, Some(&own)).unwrap_err();
+    ams(allowed, 4, Some(&own)).unwrap();
+    ams(1.001 * allowed, 4, Some(&own)).unwrap_err();
+    ams(5e7, 4, None).unwrap();
+    // Mass-spring runs as AMS.
+    let chain = MassSpringParams { k_edge: 5e7, ..MassSpringParams::default() };
+    step((&chain).into(), None).unwrap();
+    let error = step((&chain).into(), Some(&own)).unwrap_err();
+    assert!(matches!(error, ParamsError::TooStiff { needed: 8, .. }), "{error}");
 }

@@ -5,6 +5,7 @@
 #![expect(clippy::unwrap_used, reason = "in a test a failure to build is a failure of the test")]
 
 mod air;
+mod channels;
 mod closed_forms;
 mod contacts;
 pub mod dense;
@@ -13,6 +14,7 @@ mod follow;
 mod grid;
 mod hash;
 mod invariance;
+mod keeper;
 mod masses;
 mod non_hookean;
 mod particles;

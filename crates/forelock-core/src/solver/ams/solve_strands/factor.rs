@@ -36,10 +36,10 @@ impl<L: Lane> Ring<L> {
     /// An empty ring. `accumulate` says that a coupling has further contributions besides its
     /// spring. No particle is lighter than `least_mass`.
     #[inline(always)]
-    pub fn new(accumulate: bool, least_mass: f32) -> Self {
+    pub fn new(accumulate: bool, least_mass: f64) -> Self {
         Self {
             accumulate,
-            floor: L::from_f64(PIVOT_FLOOR * f64::from(least_mass)),
+            floor: L::from_f64(PIVOT_FLOOR * least_mass),
             diagonal: [Sym3::zero(); 4],
             rhs: [V3::zero(); 4],
             coupling: [[Sym3::zero(); 3]; 8],

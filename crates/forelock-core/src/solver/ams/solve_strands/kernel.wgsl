@@ -308,7 +308,7 @@ fn add_altitude(strand: Strand, i: u32, kappa: f32, window: ptr<function, Window
 // The inverse of a positive definite matrix by its LDLᵀ factors, with pivots of at least
 // PIVOT_FLOOR over the smallest mass.
 fn sym_inverse(s: Sym) -> Sym {
-    let least = select(PIVOT_FLOOR, PIVOT_FLOOR * LEAST_MASS, has(MASSES));
+    let least = PIVOT_FLOOR * frame.least_mass;
     let i0 = 1.0 / max(s.d.x, least);
     let l10 = s.o.x * i0;
     let l20 = s.o.y * i0;

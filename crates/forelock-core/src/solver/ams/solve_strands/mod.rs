@@ -97,7 +97,7 @@ fn eliminate<L: Lane>(
     let n = view.particles;
     let clamped = frame.clamped.min(n);
     let stiffness = L::load(view.stiffness, first);
-    let mut ring = Ring::new(frame.k_altitude > 0.0, view.least_mass());
+    let mut ring = Ring::new(frame.k_altitude > 0.0, view.least_mass);
     let mut ghost = Ghost::new(substep, V3::load(view.rest, 0, first));
     for i in 0..n {
         let terms = frame.row::<L>(i, n, stiffness, view.mass(i, first));
