@@ -30,13 +30,7 @@ pub(super) struct Keyframe {
 
 impl Keyframe {
     fn bytes(&self) -> usize {
-        let Snapshot { positions, velocities, integrity, clearance, previous, .. } = &self.state;
-        size_of::<Self>()
-            + size_of_val(&**positions)
-            + size_of_val(&**velocities)
-            + size_of_val(&**integrity)
-            + size_of_val(&**clearance)
-            + size_of_val(&**previous)
+        size_of::<Live>() + self.state.bytes()
     }
 }
 
