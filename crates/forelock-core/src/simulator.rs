@@ -97,7 +97,8 @@ pub trait Simulator: Debug + Send {
     /// [`SimulatorError::Device`].
     fn read_positions(&mut self, out: &mut Vec<Vec3>) -> Result<(), SimulatorError>;
 
-    /// The same at a moment between the last two steps: [`State::positions_between`](crate::strands::State::positions_between).
+    /// The same at a moment between the last two steps:
+    /// [`State::positions_between`](crate::strands::State::positions_between).
     ///
     /// # Errors
     /// [`SimulatorError::Device`].

@@ -43,7 +43,7 @@ impl LaneSolver for Keeper {
 
     #[inline(always)]
     fn solve<L: Lane>(
-        (): &(),
+        _: &(),
         cx: &FrameContext<'_, L::Scalar>,
         substep: Substep,
         view: &mut BlockView<'_, L::Scalar>,

@@ -106,8 +106,8 @@ fn implicit_tie<L: Lane>(
 }
 
 /// The tie's intact share after this substep's deflection e = |x − y|/L: s = min(s, ψ(e)), healed
-/// first where e is small. ψ is 1 up to the elastic limit e₀ and [e − (e − e₀)²/(2 (e_b − e₀))]/e up
-/// to the breaking point e_b, where the tension e ψ has its maximum; then ψ falls linearly from
+/// first where e is small. ψ is 1 up to the elastic limit e₀, and [e − (e − e₀)²/(2 (e_b − e₀))]/e
+/// up to the breaking point e_b, where the tension e ψ has its maximum. Then ψ falls linearly from
 /// (e_b + e₀)/(2 e_b) to 0.
 #[inline(always)]
 pub fn damage<L: Lane>(frame: &FrameTerms, intact: L, deflection: V3<L>, strand_length: L) -> L {
