@@ -173,6 +173,12 @@ fn a_gpu_is_measured_by_its_own_clock() {
     assert!(row["ms_per_frame"].as_f64().is_some_and(|ms| ms > 0.0), "{table}");
     assert!(row["ms_per_stage"]["solve_strands"].as_f64().is_some_and(|ms| ms > 0.0), "{table}");
     assert!(table["peak_bytes_per_sec"].as_f64().is_some_and(|rate| rate > 1e8), "{table}");
+}
+
+#[test]
+#[ignore = "long: cargo xtask ci --nightly"]
+fn long_a_paper_s_table_is_measured_by_the_clock_of_a_gpu() {
+    let place = Workplace::new();
     let small = ["bench", "paper", "--share", "0.001", "--frames", "1", "--warm-up", "0"];
     let table = json(&place.run(small.iter().copied().chain(["--backend", "gpu", "--json"])));
     let rows = table["rows"].as_array().map(Vec::as_slice).unwrap_or_default();

@@ -177,7 +177,8 @@ impl Player {
         Ok(PlayerSnapshot { player: self.id, keyframe, timeline: self.timeline.clone() })
     }
 
-    /// Goes back to a snapshot and to the changes of that moment. Earlier frames can still be
+    /// Goes back to a snapshot, of this or of another player of the same scene, and to the changes
+    /// of that moment. Earlier frames can still be
     /// sought where this player kept states of them and has made no other changes since.
     ///
     /// # Errors

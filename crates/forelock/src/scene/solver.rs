@@ -203,7 +203,9 @@ impl Registered {
             Some(_) if found.is_some() => document.remove("solver", "kind"),
             Some(other) if !SolverKind::NAMES.contains(&other.as_str()) => {
                 let known: Vec<&str> = SolverKind::NAMES.iter().chain(names).copied().collect();
-                return Err(document.refuse("solver.kind", one_of(&other, &known)));
+                let message = one_of(&other, &known);
+                let own = "a solver of your own is registered with a player, see Scene::load_with";
+                return Err(document.refuse("solver.kind", format!("{message} ({own})")));
             }
             _ => {}
         }

@@ -6,6 +6,7 @@
 // chain-begin
 use forelock::core::collide::resolve_solids::SolidContacts;
 use forelock::core::lane::{Lane, Mat3, V3};
+use forelock::core::params::ParamsError;
 use forelock::core::solver::{FrameContext, FrameRules, LaneGroup, LaneSolver, Solver, Substep};
 use forelock::core::strands::{BlockView, Scratch};
 
@@ -26,6 +27,14 @@ impl LaneSolver for Chain {
 
     fn rules(&self) -> FrameRules {
         FrameRules { stage: "move_chain", substeps: SUBSTEPS, ..FrameRules::default() }
+    }
+
+    fn validate(&self) -> Result<(), ParamsError> {
+        let Self { drag: value } = *self;
+        if value >= 0.0 {
+            return Ok(());
+        }
+        Err(ParamsError::Range { name: "drag", value, expected: "0 or more" })
     }
 
     fn terms(&self, dt_secs: f64) -> f64 {
@@ -73,7 +82,11 @@ const SUBSTEPS: u32 = 4;
 
 /// The solver of `[solver.chain]`.
 fn chain(table: &toml::Table) -> Result<Solver<f32>, String> {
-    let drag = table.get("drag").and_then(toml::Value::as_float).ok_or("drag is missing")?;
+    if let Some(key) = table.keys().find(|key| *key != "drag") {
+        return Err(format!("there is no key {key}"));
+    }
+    let drag = table.get("drag").and_then(|value| value.clone().try_into().ok());
+    let drag = drag.ok_or("drag must be a number")?;
     Ok(Solver::new(Chain { drag }))
 }
 // chain-end
@@ -133,6 +146,22 @@ fn it_works_with_interactions_and_snapshots() {
         same.step().unwrap();
     }
     assert_eq!(first.state_hash().unwrap(), same.state_hash().unwrap());
+}
+
+#[test]
+fn its_table_is_checked() {
+    let built = |drag: &str| {
+        let text = SCENE.replace("drag = 4.0", drag);
+        let scene = Scene::parse_with(&text, Path::new("scene.toml"), &[], &["chain"]).unwrap();
+        Player::builder(scene).solver("chain", chain).build().map(drop).map_err(|error| error.to_string())
+    };
+    assert_eq!(built("drag = 4"), Ok(()));
+    for (keys, message) in
+        [("drag = -1", "0 or more"), ("drag = \"x\"", "must be a number"), ("dragg = 4.0", "no key dragg")]
+    {
+        let error = built(keys).unwrap_err();
+        assert!(error.contains(message), "{keys}: {error}");
+    }
 }
 
 #[test]
