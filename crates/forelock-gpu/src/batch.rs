@@ -115,6 +115,7 @@ impl StrandGroups {
                 positions: &batch.positions,
                 velocities: &batch.velocities,
                 memory: &batch.memory,
+                scratch: &shared.scratch,
                 report: &shared.report,
                 fields: &solids.fields,
                 query: &solids.queries,

@@ -8,7 +8,7 @@ use bytemuck::{Pod, Zeroable};
 use forelock_core::body::{ColliderFrame, SHAPES_WGSL, Sdf, Shape};
 use forelock_core::collide::resolve_solids::{self, SolidMotion};
 use forelock_core::frame::FrameRules;
-use forelock_core::frame::{FrameInput, fractions};
+use forelock_core::frame::{FrameInput, FramePlan, Step, fractions};
 use forelock_core::pose::Pose;
 use glam::{DMat4, DVec2, DVec3, Mat4, UVec3, Vec2, Vec3};
 use std::sync::Arc;
@@ -38,6 +38,24 @@ pub mod kinds {
 const AFTER_SUBSTEP: u32 = 1;
 /// Bit of [`QueryUniform::how`]: the last query of the frame, whose contacts are reported.
 const LAST: u32 = 2;
+/// Bit of [`QueryUniform::how`]: the length pass has displaced particles.
+const DISPLACED: u32 = 4;
+/// Bit of [`QueryUniform::how`]: nothing is done unless contacts moved strands.
+const IF_MOVED: u32 = 8;
+/// Bit of [`QueryUniform::how`]: nothing is done if contacts moved strands.
+const UNLESS_MOVED: u32 = 16;
+
+/// Queries of a frame after those of its substeps, by their number from there.
+pub(crate) mod queries {
+    /// After the length pass.
+    pub const RESTORED: u32 = 0;
+    /// After the length pass that follows contacts.
+    pub const RESTORED_AGAIN: u32 = 1;
+    /// After interactions.
+    pub const FINAL: u32 = 2;
+    /// Their count.
+    pub const COUNT: u32 = 3;
+}
 
 /// Constants of the text that samples shapes.
 pub(crate) const SHAPE_CONSTANTS: &[Constant] = &[
@@ -50,6 +68,9 @@ pub(crate) const SHAPE_CONSTANTS: &[Constant] = &[
     Constant::u32("MORPH", kinds::MORPH),
     Constant::u32("AFTER_SUBSTEP", AFTER_SUBSTEP),
     Constant::u32("LAST", LAST),
+    Constant::u32("DISPLACED", DISPLACED),
+    Constant::u32("IF_MOVED", IF_MOVED),
+    Constant::u32("UNLESS_MOVED", UNLESS_MOVED),
     Constant::u32("MOST_SOLIDS", MOST_SOLIDS as u32),
     Constant::u32("FIELD_NUMBERS", FIELD_NUMBERS),
 ];
@@ -64,6 +85,19 @@ pub(crate) const PARTICLE_CONSTANTS: &[Constant] = &[
 
 /// Constants of the strand kernel.
 const STRAND_CONSTANTS: &[Constant] = &[
+    // Rows of scratch; the length pass writes those from ORIGIN on.
+    Constant::u32("ORIGIN", 5),
+    Constant::u32("MOVED", 8),
+    Constant::u32("BEFORE_EDGES", 9),
+    Constant::u32("OLD_CURVE", 12),
+    Constant::u32("PACKET", resolve_solids::EDGE_SAMPLES as u32 + 1),
+    Constant::f32("SKIN_SHARE", resolve_solids::SKIN_SHARE as f32),
+    Constant::u32("REFINEMENTS", resolve_solids::REFINEMENTS as u32),
+    Constant::u32("EDGE_ROUNDS", resolve_solids::EDGE_ROUNDS as u32),
+    Constant::u32("TAKE_BACK_ROUNDS", resolve_solids::TAKE_BACK_ROUNDS as u32),
+    Constant::f32("PASSES", resolve_solids::PASSES as f32),
+    Constant::f32("FOLDS", resolve_solids::FOLDS as f32),
+    Constant::f32("LEAST_TURN", resolve_solids::LEAST_TURN as f32),
     Constant::u32("SLIDE_STEPS", resolve_solids::SLIDE_STEPS as u32),
     Constant::f32("STRETCHED", resolve_solids::STRETCHED as f32),
 ];
@@ -84,6 +118,7 @@ bindings! {
         5 positions: read_write,
         6 velocities: read_write,
         7 memory: read_write,
+        8 scratch: read_write,
         9 report: read_write,
         10 fields: read,
         11 query: dynamic(QueryUniform),
@@ -93,7 +128,13 @@ bindings! {
 shader! {
     /// `resolve_solids` for shapes that do not change.
     RESOLVE: "resolve_solids", SolidBindings;
-    texts: [SHAPES_WGSL, resolve_solids::PARTICLE_WGSL, resolve_solids::WGSL];
+    texts: [
+        SHAPES_WGSL,
+        resolve_solids::PARTICLE_WGSL,
+        resolve_solids::EDGES_WGSL,
+        resolve_solids::LAY_ALONG_WGSL,
+        resolve_solids::WGSL,
+    ];
     constants: [SHAPE_CONSTANTS, PARTICLE_CONSTANTS, STRAND_CONSTANTS, RIGID, FREE];
     kernels: {
         /// Resolves the collisions of each strand.
@@ -104,7 +145,13 @@ shader! {
 shader! {
     /// `resolve_solids` where some shapes change.
     RESOLVE_MORPHING: "resolve_solids", SolidBindings;
-    texts: [SHAPES_WGSL, resolve_solids::PARTICLE_WGSL, resolve_solids::WGSL];
+    texts: [
+        SHAPES_WGSL,
+        resolve_solids::PARTICLE_WGSL,
+        resolve_solids::EDGES_WGSL,
+        resolve_solids::LAY_ALONG_WGSL,
+        resolve_solids::WGSL,
+    ];
     constants: [SHAPE_CONSTANTS, PARTICLE_CONSTANTS, STRAND_CONSTANTS, MORPHING, FREE];
     kernels: {
         /// Resolves the collisions of each strand.
@@ -203,12 +250,19 @@ pub const FIELD_NUMBERS: u32 = 9;
 pub struct QueryUniform {
     /// The number of solids.
     pub count: u32,
-    /// Bits 1: after a substep; 2: the last query of the frame.
+    /// Bits 1: after a substep; 2: the last query of the frame; 4: the length pass has displaced
+    /// particles; 8: only if contacts moved strands; 16: only if they did not.
     pub how: u32,
     /// Distance kept from surfaces, metres.
     pub thickness: f32,
     /// Depth by which a particle inside a solid may be moved out, metres.
     pub max_push_out: f32,
+    /// Share of a solid's thinness that an edge may move without being tested.
+    pub slow_edges: f32,
+    /// Largest displacement of a point of an edge that was inside before, metres.
+    pub max_edge_push: f32,
+    /// Unused.
+    pub pad: [f32; 2],
     /// The first `count` are used.
     pub solids: [SolidEntry; MOST_SOLIDS],
 }
@@ -220,8 +274,8 @@ pub(crate) struct SolidFrame<'a> {
     pub frame: &'a FrameInput<'a>,
     /// The origin of positions.
     pub origin: DVec3,
-    /// Whether solids are queried once more at the frame's end.
-    pub has_last: bool,
+    /// The frame's plan.
+    pub plan: &'a FramePlan,
 }
 
 /// Distance fields on the device, and the queries of a frame.
@@ -244,7 +298,7 @@ impl Solids {
     /// For frames of `substeps`, without a field yet.
     pub fn new(gpu: &Gpu, substeps: u32) -> Self {
         let stride = gpu.uniform_stride(size_of::<QueryUniform>());
-        let bytes = u64::from(stride) * u64::from(substeps + 1);
+        let bytes = u64::from(stride) * u64::from(substeps + queries::COUNT);
         Self {
             fields: buffer_of(gpu, &[]),
             held: Vec::new(),
@@ -294,27 +348,40 @@ impl Solids {
         Ok(true)
     }
 
-    /// Writes the queries of a frame: one after each substep, and one at the end. `has_last` says
-    /// whether that one runs.
+    /// Writes the queries of a frame: one after each substep, and those of [`queries`].
     pub fn write_frame(&mut self, gpu: &Gpu, rules: &FrameRules, frame: &SolidFrame<'_>) {
         let (colliders, substeps) = (frame.frame.colliders, rules.substeps);
         let h = frame.frame.dt_secs / f64::from(substeps);
         self.bytes.clear();
         self.query.count = colliders.len() as u32;
         self.query.thickness = rules.skin_thickness as f32;
+        self.query.slow_edges = 1.0 / substeps as f32;
+        self.query.max_edge_push = (rules.depenetration_speed * h) as f32;
+        // Contacts are reported by the query that comes last.
+        let has = |step| frame.plan.contains(step);
+        let again = has(Step::RestoreIfMoved);
+        let is_final = again || has(Step::CollideFinal { unless_moved: false });
+        let restored = has(Step::RestoreLengths) && !is_final;
+        let last = |reports: bool| if reports { LAST } else { 0 };
         for (step, fractions) in (0..substeps).zip(fractions(substeps)) {
             for (entry, solid) in self.query.solids.iter_mut().zip(colliders) {
                 let place = place_of(&self.held, solid.shape).unwrap_or(0);
                 *entry = entry_of(solid, fractions, frame.origin, place);
             }
-            let is_last = step + 1 == substeps && !frame.has_last;
-            self.query.how = if is_last { AFTER_SUBSTEP | LAST } else { AFTER_SUBSTEP };
+            let is_last = step + 1 == substeps && !is_final && !restored;
+            self.query.how = AFTER_SUBSTEP | last(is_last);
             self.query.max_push_out = (rules.depenetration_speed * h) as f32;
             self.append(step);
         }
-        self.query.how = LAST;
         self.query.max_push_out = 0.0;
-        self.append(substeps);
+        self.query.slow_edges = 0.0;
+        self.query.max_edge_push = (rules.depenetration_speed * frame.frame.dt_secs) as f32;
+        let unless = if again { UNLESS_MOVED } else { 0 };
+        let hows = [DISPLACED | last(restored), DISPLACED | IF_MOVED | LAST, unless | LAST];
+        for (number, how) in (substeps..).zip(hows) {
+            self.query.how = how;
+            self.append(number);
+        }
         gpu.queue().write_buffer(&self.queries, 0, &self.bytes);
     }
 

@@ -4,7 +4,7 @@ use crate::GpuSimulation;
 use crate::air::{AirFrame, Shelter};
 use crate::batch::DeviceStrands;
 use crate::clock::Clock;
-use crate::collide::{SolidFrame, SolidKinds};
+use crate::collide::{SolidFrame, SolidKinds, queries};
 use crate::frame::{CHECK_STRANDS, RESTORE_AGAIN, RESTORE_LENGTHS, RESTORE_LOAD, STORE_LOAD};
 use crate::interaction::{GpuInteraction, InteractionFrame};
 use crate::kernel::DispatchList;
@@ -26,11 +26,6 @@ pub(crate) struct FrameKinds {
 /// Whether one of `steps` moves positions to the frame's origin.
 fn begins(steps: &[PlannedStep]) -> bool {
     steps.iter().any(|own| own.step == Step::Solve { substep: 0 })
-}
-
-/// Whether a step runs batch by batch; others run on all batches before the next step.
-fn is_of_batches(step: &Step) -> bool {
-    step.is_of_strands() && *step != Step::RestoreIfMoved
 }
 
 impl GpuSimulation {
@@ -81,9 +76,9 @@ impl GpuSimulation {
     /// other.
     fn dispatches(&self, steps: &[PlannedStep], kinds: FrameKinds) -> DispatchList<'_> {
         let mut list = DispatchList::default();
-        for steps in steps.chunk_by(|a, b| is_of_batches(&a.step) && is_of_batches(&b.step)) {
+        for steps in steps.chunk_by(|a, b| a.step.is_of_strands() && b.step.is_of_strands()) {
             let step = steps[0].step;
-            if !is_of_batches(&step) {
+            if !step.is_of_strands() {
                 self.run_on_all(&mut list, step);
                 continue;
             }
@@ -111,6 +106,13 @@ impl GpuSimulation {
         let last = self.rules.substeps - 1;
         let collide =
             |number| solids.resolve().map(|kernel| groups.solids[batch].dispatch(kernel, &[number]));
+        // At the frame's end colliders meet hair with the speed at which it moves.
+        let collide_at_end = |list: &mut DispatchList<'a>, query| {
+            let loaded = self.has_load() && solids.resolve().is_some();
+            list.extend(loaded.then(|| strands.dispatch(&STORE_LOAD, &[0])));
+            list.extend(collide(self.rules.substeps + query));
+            list.extend(loaded.then(|| strands.dispatch(&RESTORE_LOAD, &[0])));
+        };
         match step {
             Step::Solve { substep } => {
                 if let Some(acceleration) = &self.acceleration {
@@ -122,15 +124,17 @@ impl GpuSimulation {
                 self.kernels.solve(list, &batch, substep);
             }
             Step::Collide { substep } => list.extend(collide(substep)),
-            Step::CollideFinal => {
-                let loaded = self.has_load();
-                list.extend(loaded.then(|| strands.dispatch(&STORE_LOAD, &[0])));
-                list.extend(collide(last + 1));
-                list.extend(loaded.then(|| strands.dispatch(&RESTORE_LOAD, &[0])));
+            Step::CollideFinal { .. } => collide_at_end(list, queries::FINAL),
+            Step::RestoreLengths => {
+                list.push(strands.dispatch(&RESTORE_LENGTHS, &[last]));
+                collide_at_end(list, queries::RESTORED);
             }
-            Step::RestoreLengths => list.push(strands.dispatch(&RESTORE_LENGTHS, &[last])),
+            Step::RestoreIfMoved => {
+                list.push(strands.dispatch(&RESTORE_AGAIN, &[last]));
+                collide_at_end(list, queries::RESTORED_AGAIN);
+            }
             Step::CheckStrands => list.push(strands.dispatch(&CHECK_STRANDS, &[last])),
-            Step::RecordStart(_) | Step::Exchange(_) | Step::RestoreIfMoved => {}
+            Step::RecordStart(_) | Step::Exchange(_) => {}
         }
     }
 
@@ -143,7 +147,6 @@ impl GpuSimulation {
                     own.record_start(list);
                 }
             }
-            Step::RestoreIfMoved => list.run(strands, &RESTORE_AGAIN, &[self.rules.substeps - 1]),
             Step::Exchange(exchange) => {
                 // Where velocities hold more than motion, they are those of the motion meanwhile.
                 let loaded = self.has_load() && exchange.phase != Phase::BeforeStrands;
@@ -191,8 +194,8 @@ impl GpuSimulation {
         let poses: Vec<_> = frame.poses(&self.model, count, origin).collect();
         self.write_substeps(&poses, shift);
         if !frame.colliders.is_empty() || self.rules.solver_collides {
-            let has_last = self.plan.contains(Step::CollideFinal);
-            self.solids.write_frame(&self.gpu, &self.rules, &SolidFrame { frame, origin, has_last });
+            let solids = SolidFrame { frame, origin, plan: &self.plan };
+            self.solids.write_frame(&self.gpu, &self.rules, &solids);
         }
         if let [.., before, now] = poses[..] {
             let given = InteractionFrame {

@@ -40,13 +40,21 @@ struct Solid {
 // The solids of a collision query and its options.
 struct Query {
     count: u32,
-    // AFTER_SUBSTEP: a substep has passed since the last query; without it, motions were subtracted
-    // from the clearances. LAST: the last query of the frame.
+    // AFTER_SUBSTEP: a substep has passed since the last query. DISPLACED: a pass has displaced
+    // particles from stored positions. Otherwise displacements were subtracted from the clearances.
+    // IF_MOVED, UNLESS_MOVED: only if contacts moved strands, or did not. LAST: the last query of
+    // the frame.
     how: u32,
     // Distance that is kept from surfaces.
     thickness: f32,
     // Largest depth by which a particle that was inside may be pushed out in this query.
     max_push_out: f32,
+    // Share of a solid's thinness that an edge may move in this query without being tested.
+    slow_edges: f32,
+    // Largest displacement in this query of a point of an edge that was inside before.
+    max_edge_push: f32,
+    pad_1: f32,
+    pad_2: f32,
     solids: array<Solid, MOST_SOLIDS>,
 }
 

@@ -52,6 +52,8 @@ impl<T: Real> FrameContext<'_, T> {
             h: number(self.h),
             clamped: self.rules.clamped,
             friction_moves: false,
+            slow_edges: number(1.0 / f64::from(self.rules.substeps)),
+            max_edge_push: number(self.max_push_out()),
         }
     }
 

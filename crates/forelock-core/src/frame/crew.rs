@@ -105,7 +105,7 @@ impl<T: SolverReal> Crew<'_, T> {
         }
         if work.finish.is_any() {
             let after = T::run(&work.finish, &self.cx, &mut view, block.live, &mut scratch);
-            report = report.finished(after, work.finish.collides);
+            report = report.finished(after, work.finish.lengths || work.finish.collides);
         }
         scratch.put_air(air);
         report

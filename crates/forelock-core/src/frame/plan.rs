@@ -58,12 +58,15 @@ pub enum Step {
         /// Number of the substep.
         substep: u32,
     },
-    /// The length pass.
+    /// The length pass, and the collisions of what it displaced.
     RestoreLengths,
-    /// The length pass, if an interaction before it moved edges in this frame.
+    /// The same, if an interaction before it moved edges in this frame.
     RestoreIfMoved,
-    /// The final collision pass.
-    CollideFinal,
+    /// Collisions after interactions.
+    CollideFinal {
+        /// Not if [`Step::RestoreIfMoved`] has resolved them.
+        unless_moved: bool,
+    },
     /// Stretch is measured; strands that are not finite are put back to rest.
     CheckStrands,
 }
@@ -82,7 +85,10 @@ impl Step {
     /// Whether it queries colliders; `solver_collides` if the solver's own stage does.
     pub fn collides(&self, solver_collides: bool) -> bool {
         match self {
-            Self::Collide { .. } | Self::CollideFinal => true,
+            Self::Collide { .. }
+            | Self::CollideFinal { .. }
+            | Self::RestoreLengths
+            | Self::RestoreIfMoved => true,
             Self::Solve { .. } => solver_collides,
             _ => false,
         }
@@ -139,17 +145,17 @@ impl FramePlan {
             plan.push(Step::RestoreLengths, LENGTHS);
         }
         after.iter().for_each(|own| plan.push(Step::Exchange(*own), own.stage));
-        if let Some(last) = after.last().filter(|_| restores) {
-            let moves = |kind| after.iter().any(|own| own.moves == kind);
+        if let Some(last) = after.last() {
+            let moves = |kind| restores && after.iter().any(|own| own.moves == kind);
             if rules.restores_own_lengths && moves(Moves::Particles) {
                 plan.push(Step::RestoreLengths, last.stage);
-            } else if moves(Moves::Edges) {
-                plan.push(Step::RestoreIfMoved, last.stage);
+            } else {
+                let unless_moved = moves(Moves::Edges);
+                if unless_moved {
+                    plan.push(Step::RestoreIfMoved, last.stage);
+                }
+                plan.push(Step::CollideFinal { unless_moved }, COLLIDE);
             }
-        }
-        // Without anything after the substeps their last collision pass is the frame's.
-        if (restores && !rules.restores_own_lengths) || !after.is_empty() {
-            plan.push(Step::CollideFinal, COLLIDE);
         }
         plan.push(Step::CheckStrands, CHECK);
         Self { steps: plan.0.into() }

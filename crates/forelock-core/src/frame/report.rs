@@ -247,6 +247,7 @@ impl BlockReport {
             max_edge_stretch_final: self.max_edge_stretch_final.max(other.max_edge_stretch_final),
             contacts: SolidContacts {
                 touching: self.contacts.touching + other.contacts.touching,
+                edges: self.contacts.edges + other.contacts.edges,
                 deepest: self.contacts.deepest.max(other.contacts.deepest),
             },
             quarantined: self.quarantined + other.quarantined,

@@ -15,7 +15,7 @@ use super::plan::Step;
 use super::report::BlockReport;
 use super::rules::{Channels, FrameRules, Refinement, StepCheck, StepRate};
 use crate::air::sample_air;
-use crate::collide::resolve_solids::{self, Since, SolidContacts};
+use crate::collide::resolve_solids::{self, QueriedStrands, Since, SolidContacts};
 use crate::lane::{LANES, Lane, Real, Simd, V3};
 use crate::params::{ParamsError, check_time};
 use crate::strands::{BlockView, LaneGroup, Model, PackError, Scratch, Strands};
@@ -441,7 +441,10 @@ impl<S: LaneSolver> BlockTask for Substeps<'_, S> {
                 }
                 Step::Collide { substep } => {
                     let solids = cx.colliders(substep as usize, cx.max_push_out());
-                    report.contacts = resolve_solids::resolve::<L>(&solids, Since::Substep, view, group);
+                    let queried = QueriedStrands::all::<L>(group);
+                    let work = scratch.vectors::<L>();
+                    report.contacts =
+                        resolve_solids::resolve::<L>(&solids, Since::Substep, view, queried, work);
                     report.nanos.collide += clock.lap();
                 }
                 _ => {}

@@ -1,101 +1,81 @@
 // Hair–solid collisions, one strand a thread: the GPU counterpart of `resolve_solids::resolve` and
 // `resolve_solids::lay_along`.
+//
+// Scratch rows ORIGIN to ORIGIN + 2 of a particle hold where it came from (the length pass has
+// written them where it came before), row MOVED how far it moved relative to the solids, and the
+// rows from BEFORE_EDGES and from OLD_CURVE on positions in between.
 
-// Queries the solids at particle i if its clearance is used up. Returns whether it touches one.
-fn resolve_particle(strand: Strand, i: u32) -> bool {
-    let at = entry(strand, i, 2u, 1u);
-    let last = memory[at];
-    let x = position_at(strand, i);
-    let v = velocity_at(strand, i);
-    var origin = x;
-    var left = vec2f(last, 0.0);
-    if (query.how & AFTER_SUBSTEP) != 0u {
-        origin = x - frame.h * v;
-        left = clearance_left(x, origin, last);
-    }
-    if left.x > 0.0 {
-        memory[at] = left.x;
+// Queries the solids at particle i, which came from `origin` since the query before and moved by
+// `moved`, if its clearance `left` is used up. Returns whether it touches one.
+fn resolve_particle(strand: Strand, i: u32, origin: vec3f, moved: f32, left: f32) -> bool {
+    let last = clearance_of(strand, i);
+    if left > 0.0 {
+        set_clearance(strand, i, left);
         return false;
     }
-    let found = query_solids(x, v, origin, left.y, last);
-    memory[at] = found.clearance;
+    let found = query_solids(position_at(strand, i), velocity_at(strand, i), origin, moved, last);
+    set_clearance(strand, i, found.clearance);
     if found.touches {
         set_position(strand, i, found.x);
         set_velocity(strand, i, found.v);
     }
-    report_contact(found.touches, -(found.clearance + query.thickness));
     return found.touches;
 }
 
-// Searches for a point near `start`, at distance `length` from `leader`, that is outside a solid.
-// Returns the point and its clearance. If none is found, the point is on the surface at another
-// distance.
-fn slide_along(number: u32, leader: vec3f, start: vec3f, length: f32) -> vec4f {
-    let map = query.solids[number].at_end;
-    var x = start;
-    for (var round = 0u; round <= SLIDE_STEPS; round++) {
-        let found = sample_shape(number, local(map, x), 1.0);
-        let sigma = found.w - query.thickness;
-        if !(sigma < 0.0) {
-            return vec4f(x, sigma / lipschitz(number));
-        }
-        let out = x - sigma * turned(map, found.xyz);
-        if round == SLIDE_STEPS {
-            // No point was found: the collision takes precedence over the length.
-            return vec4f(out, 0.0);
-        }
-        let edge = out - leader;
-        x = leader + edge * (length / max(sqrt(dot(edge, edge)), 1e-37));
-    }
-    return vec4f(x, 0.0);
+// Clearance left after a displacement by `moved`; below zero it is a depth.
+fn left_of(clearance: f32, moved: f32) -> f32 {
+    return select(clearance - moved, clearance, clearance < 0.0);
 }
 
-// Searches for a point that is outside all solids, in the same way. The clearance is 0 if the point
-// may be inside a solid.
-fn slide(leader: vec3f, start: vec3f, length: f32) -> vec4f {
-    var x = start;
-    // The projection out of one solid can end inside another. It is repeated if it moved the point
-    // farther than the clearance from the solids before.
-    for (var round = 0u; round < 3u; round++) {
-        var clearance = FAR;
-        var repeats = false;
-        for (var number = 0u; number < query.count; number++) {
-            let found = slide_along(number, leader, x, length);
-            repeats = repeats || clearance < distance(found.xyz, x);
-            x = found.xyz;
-            clearance = min(clearance, found.w);
+// Resolves the collisions of all particles. Returns whether one touches a solid.
+fn resolve_particles(strand: Strand) -> bool {
+    let after_substep = (query.how & AFTER_SUBSTEP) != 0u;
+    let displaced = (query.how & DISPLACED) != 0u;
+    var touched = false;
+    for (var i = 0u; i < strand.particles; i++) {
+        let x = position_at(strand, i);
+        var origin = x;
+        if after_substep {
+            origin = x - frame.h * velocity_at(strand, i);
+        } else if displaced && i >= frame.clamped {
+            origin = scratch_vector(strand, i, ORIGIN);
         }
-        if !repeats {
-            return vec4f(x, clearance);
+        set_scratch_vector(strand, i, ORIGIN, origin);
+        if i < frame.clamped {
+            set_scratch_number(entry(strand, i, SCRATCH, MOVED), 0.0);
+            continue;
+        }
+        let last = clearance_of(strand, i);
+        var left = vec2f(last, 0.0);
+        if after_substep {
+            left = clearance_left(x, origin, last);
+        } else if displaced {
+            let moved = distance(x, origin);
+            left = vec2f(left_of(last, moved), moved);
+        }
+        set_scratch_number(entry(strand, i, SCRATCH, MOVED), left.y);
+        let touches = resolve_particle(strand, i, origin, left.y, left.x);
+        touched = touched || touches;
+        if !(left.x > 0.0) {
+            report_contact(touches, -(clearance_of(strand, i) + query.thickness));
         }
     }
-    return vec4f(x, 0.0);
+    return touched;
 }
 
-// Restores the lengths of edges that collisions stretched, from root to tip. A particle whose new
-// position is inside a solid is moved to the surface.
-fn lay_along(strand: Strand) {
-    for (var i = max(frame.clamped, 1u); i < strand.particles; i++) {
-        let leader = position_at(strand, i - 1u);
-        let old = position_at(strand, i);
-        let length = rest_length(strand, i - 1u, 1u);
-        let d = old - leader;
-        var x = leader + d * (length / sqrt(max(dot(d, d), 1e-24)));
-        let at = entry(strand, i, 2u, 1u);
-        let clearance = memory[at];
-        let left = clearance - distance(old, x);
-        if left > 0.0 {
-            memory[at] = left;
-        } else if clearance >= 0.0 {
-            let found = slide(leader, x, length);
-            x = found.xyz;
-            memory[at] = found.w;
+// Resolves the collisions of particles that edges have moved.
+fn resolve_again(strand: Strand) {
+    at_rest = true;
+    for (var i = min(frame.clamped, strand.particles); i < strand.particles; i++) {
+        let origin = scratch_vector(strand, i, BEFORE_EDGES);
+        let moved = distance(position_at(strand, i), origin);
+        let left = left_of(clearance_of(strand, i), moved);
+        let touches = resolve_particle(strand, i, origin, moved, left);
+        if !(left > 0.0) {
+            report_contact(false, -(clearance_of(strand, i) + query.thickness));
         }
-        set_position(strand, i, x);
-        let edge = unit(x - leader).xyz;
-        let v = velocity_at(strand, i);
-        set_velocity(strand, i, v - dot(edge, v - velocity_at(strand, i - 1u)) * edge);
     }
+    at_rest = (query.how & AFTER_SUBSTEP) == 0u;
 }
 
 @compute @workgroup_size(WORKGROUP)
@@ -104,15 +84,21 @@ fn resolve_solids(@builtin(global_invocation_id) id: vec3u) {
     if !strand.here {
         return;
     }
-    let lays = query.how == LAST && has(LAY_ALONG);
+    let condition = query.how & (IF_MOVED | UNLESS_MOVED);
+    if condition != 0u && (condition == IF_MOVED) != (atomicLoad(&report.contacts) > 0u) {
+        return;
+    }
+    at_rest = (query.how & AFTER_SUBSTEP) == 0u;
+    let lays = at_rest && has(LAY_ALONG);
     var before = 0.0;
     if lays {
         before = largest_stretch(strand);
     }
-    var touched = false;
-    for (var i = min(frame.clamped, strand.particles); i < strand.particles; i++) {
-        let touches = resolve_particle(strand, i);
-        touched = touched || touches;
+    var touched = resolve_particles(strand);
+    if resolve_edges(strand) {
+        touched = true;
+        resolve_again(strand);
+        take_back(strand);
     }
     if lays && touched {
         let stretch = largest_stretch(strand);

@@ -1,24 +1,29 @@
 //! Restores the lengths of edges that collisions stretched, by moving particles along the surfaces
 //! of solids.
 
+use super::edges::{Samples, distance, lerp};
 use super::particle::{Solid, lipschitz};
+use super::sweep::sweep;
 use super::{Solids, dot};
 use crate::lane::{Lane, Real, V3};
-use crate::strands::{BlockView, LaneGroup};
+use crate::strands::{BlockView, LaneGroup, number, vector};
 
 /// Restores the lengths of edges that collisions stretched. In each strand whose `stretch` is over
-/// [`STRETCHED`], the free particles are visited from root to tip. Each is moved along its edge to
-/// the rest length l from the particle before it (the leader). If this position is inside a solid,
-/// the particle is moved to a point of the solid's surface at distance l from the leader.
+/// [`STRETCHED`], the free particles are visited from root to tip. Each is moved towards the
+/// particle before it (the leader) to the rest length l. Where a solid is in the way it follows the
+/// old curve of the strand instead. Where the new edge is in a solid, it is turned about the leader
+/// until it touches the solid. `old` is scratch memory of a vector a particle.
 ///
 /// # Theory
-/// A point of the surface at distance l from the leader is found by alternating projections onto
-/// the surface and onto the sphere of radius l about the leader, each to the nearest point. No
-/// iteration moves the particle farther than its current error, so a small change of the start
-/// position changes the result only a little. (The closed form for a flat surface divides by the
-/// component of the edge along the surface; it makes strands that rest on a ridge jump from one
-/// side to the other.) Where surface and sphere do not intersect, the particle stays on the surface
-/// and the edge stays stretched.
+/// The old curve is outside all solids. The part of the strand that has been placed, the way back
+/// from its end to the old curve, and the rest of that curve stay outside too, so that no solid
+/// passes through the strand: a strand that a plate pulls taut slips over the plate's rim at its
+/// length.
+///
+/// A point of the edge at distance s from the leader and at depth −σ in a solid comes out where the
+/// edge turns by asin(−σ/s) towards the normal of the surface through which it entered. Turns are
+/// repeated for the point that needs the largest one, up to [`SLIDE_STEPS`] times. Where no
+/// direction is free the surface has precedence and the edge stays stretched.
 ///
 /// Afterwards the particle's velocity relative to the leader loses its component along the edge, as
 /// in the length pass, so that the edge can turn but does not change its length.
@@ -28,39 +33,32 @@ pub fn lay_along<L: Lane>(
     stretch: L,
     view: &mut BlockView<'_, L::Scalar>,
     group: LaneGroup,
+    old: &mut [V3<L>],
 ) {
     let LaneGroup { first, live } = group;
     let stretched = L::from_f64(STRETCHED);
     if L::all(stretch.lt(stretched)) {
         return;
     }
-    for i in solids.clamped.max(1)..view.particles {
-        let leader = V3::<L>::load(view.positions, i - 1, first);
-        let old = V3::load(view.positions, i, first);
-        let rest_length = L::load(&view.rest_lengths[3 * (i - 1)], first);
-        let d = old - leader;
-        let inverse = L::one() / d.dot(d).max(L::from_f64(1e-24)).sqrt();
-        let mut x = leader.add_scaled(rest_length * inverse, d);
-        let back = old - x;
-        let mut clearance = L::load(&view.clearance[i], first);
-        let left = clearance - back.dot(back).sqrt();
-        for lane in 0..L::WIDTH.min(live - first) {
-            let is_stretched = stretch.get(lane) > stretched.get(lane);
-            if !is_stretched {
-                x.set(lane, old.get(lane));
-                continue;
-            }
-            if left.get(lane) > <L::Scalar as num_traits::Zero>::zero() {
-                clearance.set(lane, left.get(lane));
-            } else if clearance.get(lane) >= <L::Scalar as num_traits::Zero>::zero() {
-                let (place, bound) = slide(solids, leader.get(lane), x.get(lane), rest_length.get(lane));
-                x.set(lane, place);
-                clearance.set(lane, bound);
-            }
+    let n = view.particles;
+    let from = solids.clamped.max(1);
+    for (i, x) in old.iter_mut().enumerate().take(n) {
+        *x = V3::load(view.positions, i, first);
+    }
+    // The old curve of a strand that is being pushed out of a solid is not outside.
+    let mut least = L::zero();
+    for i in from..n {
+        least = L::load(&view.clearance[i], first).min(least);
+    }
+    let stretch = L::select(least.lt(-L::splat(solids.thickness)), L::zero(), stretch);
+    for lane in 0..L::WIDTH.min(live - first) {
+        if stretch.get(lane) > stretched.get(lane) {
+            let mut curve = Curve { points: &old[..n], lane, edge: from - 1, share: L::Scalar::default() };
+            lay_strand(solids, view, first + lane, from, &mut curve);
         }
-        clearance.store(&mut view.clearance[i], first);
-        x.store(view.positions, i, first);
-        let edge = x - leader;
+    }
+    for i in from..n {
+        let edge = V3::<L>::load(view.positions, i, first) - V3::load(view.positions, i - 1, first);
         let edge = edge.scale(L::one() / edge.dot(edge).max(L::from_f64(1e-24)).sqrt());
         let v = V3::<L>::load(view.velocities, i, first);
         let separation = edge.dot(v - V3::load(view.velocities, i - 1, first));
@@ -72,59 +70,298 @@ pub fn lay_along<L: Lane>(
 /// Stretch, relative to the rest length, above which the edges of a strand are restored.
 pub const STRETCHED: f64 = 1e-5;
 
-/// Searches for a point near `x`, at distance `length` from `leader`, that is outside all solids.
-/// Returns the last point of the search and its clearance, which is 0 if the point may be inside a
-/// solid.
-fn slide<T: Real>(solids: &Solids<'_, T>, leader: [T; 3], mut x: [T; 3], length: T) -> ([T; 3], T) {
-    // The projection out of one solid can end inside another. It is repeated if it moved the point
-    // farther than the clearance from the solids before.
-    for _ in 0..3 {
-        let (mut clearance, mut repeats) = (T::infinity(), false);
-        for (collider, pose) in solids.solids.iter().zip(solids.poses) {
-            let (place, bound) = slide_along(solids, Solid { collider, pose }, leader, x, length);
-            let step = [0, 1, 2].map(|c| place[c] - x[c]);
-            repeats |= clearance < dot(step, step).sqrt();
-            (x, clearance) = (place, clearance.min(bound));
+/// Distance from the leader to the next place on the old curve, over the edge's length, below which
+/// the particle follows the curve.
+pub const FOLDS: f64 = 0.7;
+
+/// Restores the lengths of the strand in `lane`.
+#[inline(never)]
+fn lay_strand<L: Lane>(
+    solids: &Solids<'_, L::Scalar>,
+    view: &mut BlockView<'_, L::Scalar>,
+    lane: usize,
+    from: usize,
+    curve: &mut Curve<'_, L>,
+) {
+    let zero = L::Scalar::default();
+    let mut leader = vector(view.positions, from - 1, lane);
+    let mut before = vector(view.positions, from.max(2) - 2, lane);
+    let mut leader_clearance = if solids.clamped > 0 { zero } else { view.clearance[from - 1].0[lane] };
+    for i in from..view.particles {
+        let length = view.rest_lengths[3 * (i - 1)].0[lane];
+        let goal = curve.next();
+        let mut x = at_distance(leader, goal, length);
+        let moved = distance(x, goal);
+        // A leader that has slipped past its place would fold the strand.
+        let folds = distance(leader, goal) < number::<L::Scalar>(FOLDS) * length;
+        // Where the strand has slipped, the goal is between two particles of the old curve.
+        let known = if curve.edge + 1 == i && curve.share == zero { view.clearance[i].0[lane] } else { zero };
+        let mut clearance = known - moved;
+        if known < zero {
+            curve.edge += 1;
+            clearance = known;
+        } else if clearance <= zero || clearance + leader_clearance <= length || folds {
+            let turn = Turn { corner: None, leader, length, is_root: i <= solids.clamped };
+            let found = if folds { None } else { turn.find(solids, x).ok() };
+            let found = found.filter(|(x, _)| !is_behind(solids, goal, *x));
+            (x, clearance) = if let Some(found) = found {
+                curve.edge += 1;
+                found
+            } else {
+                let (x, corner) = curve.follow([before, leader], length);
+                let turn = Turn { corner, ..turn };
+                // Where no direction is free the surface has precedence over the length.
+                turn.find(solids, x).unwrap_or_else(|x| (project(solids, x), zero))
+            };
+        } else {
+            curve.edge += 1;
         }
-        if !repeats {
-            return (x, clearance);
+        view.clearance[i].0[lane] = clearance;
+        for (row, x) in view.positions[3 * i..3 * i + 3].iter_mut().zip(x) {
+            row.0[lane] = x;
         }
+        (before, leader, leader_clearance) = (leader, x, clearance);
     }
-    (x, T::zero())
 }
 
-/// Maximum number of iterations in the search for a point on the surface of one solid.
-pub const SLIDE_STEPS: usize = 4;
+/// Whether a solid is between two points. Solids that are thicker than twice the distance are not.
+#[inline(always)]
+fn is_behind<T: Real>(solids: &Solids<'_, T>, from: [T; 3], to: [T; 3]) -> bool {
+    solids.solids.iter().zip(solids.poses).any(|(collider, pose)| {
+        let path = pose.sweep_path(1, from, to);
+        path.length() > number(collider.shape.thinness())
+            && sweep(collider.shape, solids.thickness, &path).is_some()
+    })
+}
 
-/// Searches for a point near `x`, at distance `length` from `leader`, that is outside `solid`.
-/// Returns the point and its clearance. If none is found, the point is on the surface at another
-/// distance.
-#[inline]
-fn slide_along<T: Real>(
-    solids: &Solids<'_, T>,
-    solid: Solid<'_, T>,
-    leader: [T; 3],
-    mut x: [T; 3],
-    length: T,
-) -> ([T; 3], T) {
-    let Solid { collider, pose } = solid;
-    for _ in 0..SLIDE_STEPS {
+/// The old curve of a strand, and the place on it up to which the strand has been placed.
+struct Curve<'a, L: Lane> {
+    points: &'a [V3<L>],
+    /// Lane of the points.
+    lane: usize,
+    /// The edge of the curve on which the place is, and where on it, 0 to 1.
+    edge: usize,
+    share: L::Scalar,
+}
+
+impl<L: Lane> Curve<'_, L> {
+    fn point(&self, i: usize) -> [L::Scalar; 3] {
+        self.points[i].get(self.lane)
+    }
+
+    /// The place one edge on. Beyond its end the curve goes on straight.
+    #[inline(always)]
+    fn next(&self) -> [L::Scalar; 3] {
+        let last = self.points.len() - 1;
+        if self.edge + 1 < last {
+            return lerp(self.point(self.edge + 1), self.point(self.edge + 2), self.share);
+        }
+        let beyond = number::<L::Scalar>((self.edge + 1 - last) as f64) + self.share;
+        lerp(self.point(last - 1), self.point(last), number::<L::Scalar>(1.0) + beyond)
+    }
+
+    /// Moves on to the first place at distance `length` from `leader`, on the way back to the curve
+    /// and then along it. Returns the place, and the corner of that way that the straight edge cuts
+    /// off most, if there is one. Beyond the curve's end the strand goes on straight: `placed` are
+    /// the last two particles.
+    #[inline(always)]
+    fn follow(
+        &mut self,
+        placed: [[L::Scalar; 3]; 2],
+        length: L::Scalar,
+    ) -> ([L::Scalar; 3], Option<[L::Scalar; 3]>) {
+        let tip = self.points.len() - 1;
+        let [before, leader] = placed;
+        if self.edge >= tip {
+            return (at_distance(leader, lerp(before, leader, number(2.0)), length), None);
+        }
+        let back = lerp(self.point(self.edge), self.point(self.edge + 1), self.share);
+        if distance(leader, back) > length {
+            return (at_distance(leader, back, length), None);
+        }
+        let passed = self.edge + 1;
+        let mut place = self.point(tip);
+        while self.edge < tip {
+            let ends = [self.edge, self.edge + 1].map(|i| self.point(i));
+            if let Some(share) = leaves_sphere(leader, length, ends) {
+                // It does not move back.
+                self.share = if share > self.share { share } else { self.share };
+                place = lerp(ends[0], ends[1], self.share);
+                break;
+            }
+            self.edge += 1;
+            self.share = L::Scalar::default();
+        }
+        let x = at_distance(leader, place, length);
+        let (mut corner, mut most) = (None, number::<L::Scalar>(1e-3) * length);
+        for i in passed - 1..=self.edge.min(tip - 1) {
+            let point = if i < passed { back } else { self.point(i) };
+            let beside = distance_to_line(leader, x, point);
+            if beside > most {
+                (corner, most) = (Some(point), beside);
+            }
+        }
+        (x, corner)
+    }
+}
+
+/// Distance of `point` from the line through `a` and `b`.
+fn distance_to_line<T: Real>(a: [T; 3], b: [T; 3], point: [T; 3]) -> T {
+    let (d, p) = ([0, 1, 2].map(|c| b[c] - a[c]), [0, 1, 2].map(|c| point[c] - a[c]));
+    let along = dot(p, d) / dot(d, d);
+    let across = [0, 1, 2].map(|c| p[c] - along * d[c]);
+    dot(across, across).sqrt()
+}
+
+/// Where the segment between two `ends` leaves the sphere about `centre`, 0 to 1, if its second end
+/// is outside.
+#[inline(always)]
+fn leaves_sphere<T: Real>(centre: [T; 3], radius: T, ends: [[T; 3]; 2]) -> Option<T> {
+    let [a, b] = ends.map(|end| [0, 1, 2].map(|c| end[c] - centre[c]));
+    if dot(b, b) < radius * radius {
+        return None;
+    }
+    // |a + u g| = radius: the larger root, without cancellation.
+    let g = [0, 1, 2].map(|c| b[c] - a[c]);
+    let (square, half, rest) = (dot(g, g), dot(a, g), dot(a, a) - radius * radius);
+    let root = (half * half - square * rest).max(T::zero()).sqrt();
+    let share = if half > T::zero() { -rest / (half + root) } else { (root - half) / square };
+    Some(if share.is_nan() { T::one() } else { share.min(T::one()) })
+}
+
+/// The point in the direction of `x` at distance `length` from `leader`.
+fn at_distance<T: Real>(leader: [T; 3], x: [T; 3], length: T) -> [T; 3] {
+    let edge = [0, 1, 2].map(|c| x[c] - leader[c]);
+    let scale = length / dot(edge, edge).sqrt().max(T::min_positive_value());
+    [0, 1, 2].map(|c| leader[c] + scale * edge[c])
+}
+
+/// `x` moved to the surfaces of the solids that it is in.
+fn project<T: Real>(solids: &Solids<'_, T>, mut x: [T; 3]) -> [T; 3] {
+    for (collider, pose) in solids.solids.iter().zip(solids.poses) {
         let (distance, gradient) = collider.shape.sample_at(pose.local(1, x), pose.fractions[1]);
         let sigma = distance - solids.thickness;
-        if sigma >= T::zero() || sigma.is_nan() {
-            return (x, sigma / lipschitz(collider.shape));
+        if sigma < T::zero() {
+            let n = pose.turn(1, gradient);
+            x = [0, 1, 2].map(|c| x[c] - sigma * n[c]);
         }
-        let n = pose.turn(1, gradient);
-        let edge = [0, 1, 2].map(|c| x[c] - sigma * n[c] - leader[c]);
-        let scale = length / dot(edge, edge).sqrt().max(T::min_positive_value());
-        x = [0, 1, 2].map(|c| leader[c] + scale * edge[c]);
     }
-    let (distance, gradient) = collider.shape.sample_at(pose.local(1, x), pose.fractions[1]);
-    let sigma = distance - solids.thickness;
-    if sigma >= T::zero() || sigma.is_nan() {
-        return (x, sigma / lipschitz(collider.shape));
+    x
+}
+
+/// Most turns of an edge in the search for a direction in which it is outside all solids.
+pub const SLIDE_STEPS: usize = 16;
+
+/// Least angle of a turn, radians.
+pub const LEAST_TURN: f64 = 1e-3;
+
+/// The search for a place of a particle at `length` from its leader where the edge is outside all
+/// solids.
+struct Turn<T> {
+    /// A place that the edge cuts off, and towards which it turns; `None`: it turns towards the
+    /// surface's normal.
+    corner: Option<[T; 3]>,
+    leader: [T; 3],
+    length: T,
+    /// The leader may be inside a solid.
+    is_root: bool,
+}
+
+/// The point of an edge that is inside a solid and needs the largest turn.
+struct Inside<T> {
+    /// Sine of the turn that brings it out, if the edge turns towards the normal.
+    sine: T,
+    /// The normal of the surface through which the edge enters the solid, seen from the leader.
+    normal: [T; 3],
+}
+
+impl<T: Real> Turn<T> {
+    /// Searches from the direction of `x`. Returns the particle's place and its clearance, or the
+    /// last place if no direction is free.
+    #[inline(never)]
+    fn find(&self, solids: &Solids<'_, T>, mut x: [T; 3]) -> Result<([T; 3], T), [T; 3]> {
+        for _ in 0..SLIDE_STEPS {
+            let (mut clearance, mut inside) = (T::infinity(), None);
+            for (collider, pose) in solids.solids.iter().zip(solids.poses) {
+                clearance = clearance.min(self.test(solids, Solid { collider, pose }, x, &mut inside));
+            }
+            let Some(inside) = inside else { return Ok((x, clearance)) };
+            let Some(turned) = self.turned(x, &inside) else { break };
+            x = turned;
+        }
+        Err(x)
     }
-    // No point was found: the collision takes precedence over the length.
-    let n = pose.turn(1, gradient);
-    ([0, 1, 2].map(|c| x[c] - sigma * n[c]), T::zero())
+
+    /// The place of the particle at `x` after a turn about the leader; `None` if it cannot turn.
+    fn turned(&self, x: [T; 3], inside: &Inside<T>) -> Option<[T; 3]> {
+        let inverse = T::one() / self.length;
+        let d = [0, 1, 2].map(|c| (x[c] - self.leader[c]) * inverse);
+        let across = |v: [T; 3]| {
+            let along = dot(v, d);
+            [0, 1, 2].map(|c| v[c] - along * d[c])
+        };
+        let (e, limit) = if let Some(corner) = self.corner {
+            let to_corner = [0, 1, 2].map(|c| corner[c] - self.leader[c]);
+            let e = across(to_corner);
+            (e, (dot(e, e) / dot(to_corner, to_corner)).sqrt())
+        } else {
+            (across(inside.normal), number(0.7))
+        };
+        let size = dot(e, e).sqrt();
+        // The edge points straight into the surface or at the corner.
+        let least = if self.corner.is_none() { number(1e-3) } else { T::zero() };
+        if size <= least || size.is_nan() {
+            return None;
+        }
+        let rise = (dot(e, inside.normal) / size).max(number(0.25));
+        let sine = (inside.sine / rise + number(LEAST_TURN)).min(limit).min(number(0.7));
+        let cosine = (T::one() - sine * sine).sqrt();
+        let turned = [0, 1, 2].map(|c| self.leader[c] + cosine * d[c] + sine / size * e[c]);
+        Some(at_distance(self.leader, turned, self.length))
+    }
+
+    /// Tests the edge with the particle at `x` against `solid`: replaces `inside` by the point that
+    /// needs a larger turn. Returns the particle's clearance from the solid.
+    fn test(
+        &self,
+        solids: &Solids<'_, T>,
+        solid: Solid<'_, T>,
+        x: [T; 3],
+        inside: &mut Option<Inside<T>>,
+    ) -> T {
+        let Solid { collider, pose } = solid;
+        let bound = pose.distance_bound_at(x) - solids.thickness;
+        if bound > self.length {
+            return bound;
+        }
+        let samples = Samples::of_edge(solids, solid, 1, [self.leader, x], true);
+        let mut clearance = T::zero();
+        for k in 0..samples.count {
+            let t = samples.parameters[k];
+            let is_particle = k + 1 == samples.count;
+            let thickness = if is_particle { solids.thickness } else { samples.thickness };
+            let sigma = samples.distances[k] - thickness;
+            if is_particle {
+                clearance = sigma.max(T::zero()) / lipschitz(collider.shape);
+            }
+            let sine = -sigma / (t * self.length);
+            // Rounding does not count.
+            if sigma >= number(-1e-6)
+                || sigma.is_nan()
+                || inside.as_ref().is_some_and(|inside| inside.sine >= sine)
+            {
+                continue;
+            }
+            // Roots may be inside a solid, and so may be the start of their edges.
+            if self.is_root && !is_particle && t < number(0.5) {
+                continue;
+            }
+            let point = samples.point(k);
+            let path = pose.sweep_path(1, self.leader, point);
+            let normal = sweep(collider.shape, thickness, &path)
+                .map_or_else(|| samples.gradient(k), |(_, normal)| normal);
+            *inside = Some(Inside { sine, normal: pose.turn(1, normal) });
+        }
+        clearance
+    }
 }

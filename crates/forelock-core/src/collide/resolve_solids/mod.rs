@@ -21,10 +21,12 @@
 //! depend on the SIMD width. Trilinear grids can change √3 times as fast along a diagonal: their
 //! clearance is divided by √3.
 //!
-//! A particle with a large displacement in a substep is tested along its whole path (`sweep`), so
-//! that fast particles do not tunnel through thin solids. The surface velocity of a shape that
-//! changes ([`Shape::Morph`](crate::body::Shape::Morph)) counts in the contact.
+//! A particle with a large displacement, in a substep or in the length pass, is tested along its
+//! whole path (`sweep`), so that it does not tunnel through thin solids. Edges are sampled at
+//! points between their particles, which are tested in the same way (`edges`). The surface velocity
+//! of a shape that changes ([`Shape::Morph`](crate::body::Shape::Morph)) counts in the contact.
 
+mod edges;
 mod lay_along;
 mod levels;
 mod particle;
@@ -35,7 +37,8 @@ mod sweep;
 use crate::body::{ColliderFrame, PACKET};
 use crate::lane::{Lane, Real, V3};
 use crate::strands::{BlockView, LaneGroup};
-pub use lay_along::{SLIDE_STEPS, STRETCHED, lay_along};
+pub use edges::{EDGE_ROUNDS, EDGE_SAMPLES, PASSES, REFINEMENTS, SKIN_SHARE, TAKE_BACK_ROUNDS};
+pub use lay_along::{FOLDS, LEAST_TURN, SLIDE_STEPS, STRETCHED, lay_along};
 pub use levels::LevelSolids;
 pub use particle::{MAX_PUSHES, PROJECTION_ROUNDS};
 pub use pose::{SolidMotion, SolidPose};
@@ -44,6 +47,10 @@ pub use sweep::{SWEEP_STEPS, TOUCH};
 
 /// WGSL of the stage.
 pub const WGSL: &str = include_str!("kernel.wgsl");
+/// WGSL that resolves the collisions of edges.
+pub const EDGES_WGSL: &str = include_str!("edges.wgsl");
+/// WGSL that restores lengths along surfaces.
+pub const LAY_ALONG_WGSL: &str = include_str!("lay_along.wgsl");
 /// WGSL that resolves the collisions of one particle.
 pub const PARTICLE_WGSL: &str = include_str!("particle.wgsl");
 
@@ -64,6 +71,11 @@ pub struct Solids<'a, T> {
     pub clamped: usize,
     /// Whether friction changes positions too, for solvers that derive velocities from positions.
     pub friction_moves: bool,
+    /// Share of a solid's thinness that an edge may move in this query without being tested. Slower
+    /// edges wait for the frame's final query.
+    pub slow_edges: T,
+    /// Largest displacement in this query of a point of an edge that was inside before, metres.
+    pub max_edge_push: T,
 }
 
 /// The contacts found by a query.
@@ -71,30 +83,47 @@ pub struct Solids<'a, T> {
 pub struct SolidContacts {
     /// Particles that touch or are inside a solid's skin.
     pub touching: u32,
+    /// Strands of which an edge was moved.
+    pub edges: u32,
     /// Largest depth under a surface (not the skin) that is left, metres.
     pub deepest: f64,
 }
 
-/// What has happened since the last query.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Since {
+/// What has moved particles since the last query.
+#[derive(Clone, Copy, Debug)]
+pub enum Since<'a, L> {
     /// A substep: particles were at x − h v, and solids moved.
     Substep,
-    /// Only displacements that [`reduce_clearances`] has subtracted from the clearances.
+    /// A pass that displaced particles from these positions, an entry a particle. Solids are at
+    /// rest.
+    Displaced(&'a [V3<L>]),
+    /// Interactions, which have subtracted displacements from the clearances
+    /// ([`reduce_clearance`]). Solids are at rest.
     Noted,
 }
 
-/// Subtracts the displacements of lanes `first..first + L::WIDTH` since `before` from their
-/// clearances. The solids are at rest.
-#[inline(always)]
-pub fn reduce_clearances<L: Lane>(before: &[V3<L>], view: &mut BlockView<'_, L::Scalar>, first: usize) {
-    for (i, &from) in before.iter().enumerate() {
-        let d = V3::load(view.positions, i, first) - from;
-        reduce_clearances_of::<L>(d.dot(d).sqrt(), view, i, first);
+/// The strands of a query: those of the lanes from `first` on whose bits are set in `lanes`.
+#[derive(Clone, Copy, Debug)]
+pub struct QueriedStrands {
+    /// The first lane of the group.
+    pub first: usize,
+    /// A bit a lane; the lowest is that of `first`.
+    pub lanes: u32,
+}
+
+impl QueriedStrands {
+    /// All strands of a group of `L::WIDTH` lanes.
+    #[inline(always)]
+    pub fn all<L: Lane>(group: LaneGroup) -> Self {
+        let LaneGroup { first, live } = group;
+        Self { first, lanes: u32::MAX >> (32 - L::WIDTH.min(live - first)) }
     }
 }
 
-/// [`reduce_clearances`] for particles `i`, which moved by `moved`.
+/// Vectors of scratch memory that [`resolve`] needs, a particle.
+pub const QUERY_VECTORS: usize = 3;
+
+/// Subtracts a displacement by `moved` from the clearances of particles `i`.
 #[inline(always)]
 fn reduce_clearances_of<L: Lane>(moved: L, view: &mut BlockView<'_, L::Scalar>, i: usize, first: usize) {
     let clearance = L::load(&view.clearance[i], first);
@@ -103,7 +132,7 @@ fn reduce_clearances_of<L: Lane>(moved: L, view: &mut BlockView<'_, L::Scalar>, 
     L::select(clearance.lt(L::zero()), clearance, left).store(&mut view.clearance[i], first);
 }
 
-/// [`reduce_clearances`] for one particle, for code that does not work on lanes.
+/// Subtracts a displacement from a clearance, for code that does not work on lanes.
 #[inline]
 pub fn reduce_clearance<T: Real>(clearance: &mut T, moved: T) {
     if *clearance >= T::zero() {
@@ -111,23 +140,72 @@ pub fn reduce_clearance<T: Real>(clearance: &mut T, moved: T) {
     }
 }
 
-/// Resolves the collisions of the lanes in `group`.
+/// Resolves the collisions of the `queried` strands: those of their particles, then those of their
+/// edges. `work` is scratch memory of [`QUERY_VECTORS`] vectors a particle.
 #[inline(always)]
 pub fn resolve<L: Lane>(
     solids: &Solids<'_, L::Scalar>,
-    since: Since,
+    since: Since<'_, L>,
     view: &mut BlockView<'_, L::Scalar>,
-    group: LaneGroup,
+    queried: QueriedStrands,
+    work: &mut [V3<L>],
 ) -> SolidContacts {
-    let LaneGroup { first, live } = group;
     let mut contacts = SolidContacts::default();
     if solids.solids.is_empty() {
         return contacts;
     }
-    let start = usize::from(since == Since::Noted);
-    let mut queue = Queue::new(start);
-    let own = u32::MAX >> (32 - L::WIDTH.min(live - first));
-    for i in solids.clamped.min(view.particles)..view.particles {
+    let (from, rest) = work.split_at_mut(view.particles);
+    let (moved, before) = rest.split_at_mut(view.particles);
+    resolve_particles(solids, since, view, queried, Some([&mut *from, &mut *moved]), &mut contacts);
+    let paths = edges::Paths {
+        from: if let Since::Displaced(from) = since { from } else { from },
+        moved,
+        start: since.start(),
+    };
+    let moved = edges::resolve(solids, &paths, view, queried, before);
+    if moved != 0 {
+        // Edges moved particles, perhaps into solids.
+        let queried = QueriedStrands { lanes: moved, ..queried };
+        let since = Since::Displaced(&before[..view.particles]);
+        let touching = contacts.touching;
+        resolve_particles(solids, since, view, queried, None, &mut contacts);
+        contacts.touching = touching;
+        contacts.edges += moved.count_ones();
+        edges::take_back(solids, &paths, view, queried, before);
+    }
+    contacts
+}
+
+impl<L> Since<'_, L> {
+    /// When the displacements began: at the substep's start (0) or at its end (1).
+    fn start(&self) -> usize {
+        usize::from(!matches!(self, Self::Substep))
+    }
+}
+
+/// Resolves the collisions of particles. Writes to `paths` where they came from, and in the first
+/// component of the second vector how far they moved relative to the solids.
+#[inline(always)]
+fn resolve_particles<L: Lane>(
+    solids: &Solids<'_, L::Scalar>,
+    since: Since<'_, L>,
+    view: &mut BlockView<'_, L::Scalar>,
+    queried: QueriedStrands,
+    mut paths: Option<[&mut [V3<L>]; 2]>,
+    contacts: &mut SolidContacts,
+) {
+    let QueriedStrands { first, lanes } = queried;
+    let mut queue = Queue::new(since.start());
+    let clamped = solids.clamped.min(view.particles);
+    if let Some([came_from, displacement]) = &mut paths {
+        for i in 0..clamped {
+            let x = V3::<L>::load(view.positions, i, first);
+            let v = V3::load(view.velocities, i, first);
+            came_from[i] = if since.start() == 0 { x.add_scaled(L::splat(-solids.h), v) } else { x };
+            displacement[i] = V3::zero();
+        }
+    }
+    for i in clamped..view.particles {
         let x = V3::<L>::load(view.positions, i, first);
         let last = L::load(&view.clearance[i], first);
         let (from, moved, left) = match since {
@@ -136,17 +214,25 @@ pub fn resolve<L: Lane>(
                 let (moved, left) = clearance_left(solids, last, from, x);
                 (from, moved, left)
             }
+            Since::Displaced(from) => {
+                let by = x - from[i];
+                let moved = by.dot(by).sqrt();
+                (from[i], moved, L::select(last.lt(L::zero()), last, last - moved))
+            }
             Since::Noted => (x, L::zero(), last),
         };
-        let used_up = !L::bits(L::zero().lt(left)) & own;
+        if let Some([came_from, displacement]) = &mut paths {
+            came_from[i] = from;
+            displacement[i].0[0] = moved;
+        }
+        let used_up = !L::bits(L::zero().lt(left)) & lanes;
         queue.push_lanes(used_up, i, first, Queued { last, moved, from });
         left.store(&mut view.clearance[i], first);
         let rest = if i + 1 < view.particles { PACKET } else { 1 };
         while queue.len >= rest {
-            queue.resolve_packet(solids, view, &mut contacts);
+            queue.resolve_packet(solids, view, contacts);
         }
     }
-    contacts
 }
 
 /// For particles that moved from `from` to `x` in a substep and had clearance `last`: an upper

@@ -132,13 +132,17 @@ pub(super) fn resolve_ccd_hit<T: Real>(
     particle: &mut Particle<T>,
 ) -> bool {
     let Solid { collider, pose } = solid;
-    // A particle that was inside at the last query is being pushed out.
-    if particle.last_clearance < T::zero() {
-        return false;
-    }
     let path = pose.sweep_path(start, from, particle.x);
     if path.length() <= crate::strands::number(collider.shape.thinness()) {
         return false;
+    }
+    // A particle that was inside at the last query is being pushed out. One that has not been
+    // queried may have been outside.
+    if particle.last_clearance < T::zero() {
+        let was_outside = |point| collider.shape.sample_at(point, path.fractions[0]).0 >= solids.thickness;
+        if particle.last_clearance > T::neg_infinity() || !was_outside(path.ends[0]) {
+            return false;
+        }
     }
     let Some((place, normal)) = sweep(collider.shape, solids.thickness, &path) else { return false };
     let same_side = dot(sample.gradient, normal) > crate::strands::number(0.5);

@@ -8,6 +8,12 @@ struct Particle {
     last_clearance: f32,
 }
 
+// Distance kept from surfaces: of particles, or of edges.
+var<private> skin: f32;
+// Whether solids are at rest at the substep's end during the displacements; otherwise these began
+// at the substep's start.
+var<private> at_rest: bool = false;
+
 // Removes the velocity at which the particle approaches the solid, and applies Coulomb friction.
 fn apply_friction(number: u32, normal: vec3f, particle: ptr<function, Particle>, is_ccd_hit: bool) {
     let arm = (*particle).x - query.solids[number].pivot;
@@ -39,7 +45,7 @@ fn apply_friction(number: u32, normal: vec3f, particle: ptr<function, Particle>,
 // Pushes a particle out of one solid and applies friction; `found` is the sample at the particle.
 // Returns the distance to the solid's skin that is left.
 fn resolve_penetration(number: u32, found: vec4f, particle: ptr<function, Particle>) -> f32 {
-    var sigma = found.w - query.thickness;
+    var sigma = found.w - skin;
     var gradient = found.xyz;
     if !(sigma < 0.0) {
         return sigma;
@@ -62,7 +68,7 @@ fn resolve_penetration(number: u32, found: vec4f, particle: ptr<function, Partic
             return allowed;
         }
         let there = sample_shape(number, local(map, (*particle).x), 1.0);
-        sigma = there.w - query.thickness;
+        sigma = there.w - skin;
         gradient = there.xyz;
         if !(sigma < 0.0) {
             return sigma;
@@ -79,7 +85,7 @@ fn resolve_penetrations(particle: ptr<function, Particle>) -> f32 {
         clearance = FAR;
         for (var number = 0u; number < query.count; number++) {
             let found = sample_shape(number, local(query.solids[number].at_end, (*particle).x), 1.0);
-            let sigma = found.w - query.thickness;
+            let sigma = found.w - skin;
             clearance = min(clearance, sigma / select(1.0, lipschitz(number), sigma > 0.0));
             // The last round only measures.
             if round < PROJECTION_ROUNDS && sigma < 0.0 {
@@ -94,9 +100,22 @@ fn resolve_penetrations(particle: ptr<function, Particle>) -> f32 {
     return clearance;
 }
 
+// From positions to the solid's local space where the displacements began, and the fraction of the
+// substep there.
+fn map_at_start(number: u32) -> mat4x4f {
+    if at_rest {
+        return query.solids[number].at_end;
+    }
+    return query.solids[number].at_start;
+}
+
+fn start_fraction() -> f32 {
+    return select(0.0, 1.0, at_rest);
+}
+
 // Upper bound of the displacement since the last query of a surface whose shape changes.
 fn swell_of(number: u32) -> f32 {
-    return select(0.0, query.solids[number].swell, CHANGES && (query.how & AFTER_SUBSTEP) != 0u);
+    return select(0.0, query.solids[number].swell, CHANGES && !at_rest);
 }
 
 // First touch of a particle that moves straight through the solid's local space, and the normal
@@ -120,7 +139,7 @@ fn sweep(number: u32, start: vec3f, end: vec3f) -> Touch {
     for (var k = 0u; k < SWEEP_STEPS; k++) {
         let point = start + share * go;
         let found = sample_shape(number, point, select(1.0, share, changes > 0.0));
-        let sigma = found.w - query.thickness;
+        let sigma = found.w - skin;
         if sigma <= touch && (dot(found.xyz, go) < 0.0 || changes > 0.0) {
             return Touch(true, point + max(-sigma, 0.0) * found.xyz, found.xyz);
         }
@@ -135,18 +154,24 @@ fn sweep(number: u32, start: vec3f, end: vec3f) -> Touch {
 // Stops a particle at the surface that it passed through on its path from `origin`. Returns whether
 // it was stopped.
 fn resolve_ccd_hit(number: u32, found: vec4f, origin: vec3f, particle: ptr<function, Particle>) -> bool {
-    // A particle that was inside at the last query is being pushed out.
-    if (*particle).last_clearance < 0.0 {
-        return false;
-    }
     let map = query.solids[number].at_end;
-    let start = local(query.solids[number].at_start, origin);
+    let start = local(map_at_start(number), origin);
     let end = local(map, (*particle).x);
     if distance(start, end) + swell_of(number) <= query.solids[number].thinness {
         return false;
     }
+    // A particle that was inside at the last query is being pushed out. One that has not been
+    // queried may have been outside.
+    if (*particle).last_clearance < 0.0 {
+        if (*particle).last_clearance > frame.unknown {
+            return false;
+        }
+        if sample_shape(number, start, start_fraction()).w < skin {
+            return false;
+        }
+    }
     let touch = sweep(number, start, end);
-    if !touch.found || (found.w < query.thickness && dot(found.xyz, touch.normal) > 0.5) {
+    if !touch.found || (found.w < skin && dot(found.xyz, touch.normal) > 0.5) {
         return false;
     }
     (*particle).x = turned(map, touch.place - map[3].xyz);
@@ -183,6 +208,7 @@ struct Resolved {
 // Resolves the collisions of a particle that came from `origin`. `moved` is its displacement
 // relative to the solid that moved most against it, `last` its clearance after the last query.
 fn query_solids(x: vec3f, v: vec3f, origin: vec3f, moved: f32, last: f32) -> Resolved {
+    skin = query.thickness;
     var particle = Particle(x, v, last);
     var clearance = FAR;
     var touches = false;

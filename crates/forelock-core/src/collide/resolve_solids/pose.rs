@@ -143,10 +143,10 @@ impl<T: Real> SolidPose<T> {
         [0, 1, 2].map(|c| r[0][c] * d[0] + r[1][c] * d[1] + r[2][c] * d[2])
     }
 
-    /// Transforms a packet of points to the solid's local space at the substep's end.
+    /// Transforms a packet of points to the solid's local space at `end`.
     #[inline(always)]
-    pub(super) fn local_packet(&self, x: &[[T; PACKET]; 3]) -> [[T; PACKET]; 3] {
-        let (r, p) = (&self.rotations[1], &self.translations[1]);
+    pub(super) fn local_packet(&self, end: usize, x: &[[T; PACKET]; 3]) -> [[T; PACKET]; 3] {
+        let (r, p) = (&self.rotations[end], &self.translations[end]);
         let mut local = [[T::zero(); PACKET]; 3];
         for c in 0..3 {
             for k in 0..PACKET {

@@ -108,7 +108,7 @@ impl<T: Real> Queue<T> {
                 continue;
             }
             let (distances, gradients) =
-                collider.shape.sample_packet(&pose.local_packet(&x), pose.fractions[1]);
+                collider.shape.sample_packet(&pose.local_packet(1, &x), pose.fractions[1]);
             for k in 0..taken {
                 let place = [x[0][k], x[1][k], x[2][k]];
                 let mut particle = Particle {

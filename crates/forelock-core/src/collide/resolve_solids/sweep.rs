@@ -13,9 +13,7 @@
 //! `Shape::thinness` are traced: at ordinary speeds none.
 //!
 //! # Limitations
-//! Particles are traced, not the edges between them: a part of a solid thinner than the distance
-//! between two particles can pass between them. Rotation within a substep is approximated by the
-//! chord.
+//! Rotation within a substep is approximated by the chord.
 
 use crate::body::Shape;
 use crate::lane::Real;

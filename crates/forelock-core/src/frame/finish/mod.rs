@@ -6,7 +6,7 @@ use super::plan::Step;
 use super::report::BlockReport;
 use super::restore_lengths::{self, LengthTerms};
 use super::solver::{BlockTask, Clock};
-use crate::collide::resolve_solids::{self, Since};
+use crate::collide::resolve_solids::{self, QueriedStrands, Since, Solids};
 use crate::lane::{Lane, Real, V3};
 use crate::params::Inextensibility;
 use crate::strands::{BlockView, LaneGroup, Scratch, number, vector};
@@ -17,21 +17,22 @@ pub const WGSL: &str = include_str!("check_strands.wgsl");
 /// Which of the shared steps a block runs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Finish {
-    /// The length pass.
+    /// The length pass and its collisions.
     pub lengths: bool,
-    /// The final collision pass.
+    /// Collisions after interactions.
     pub collides: bool,
     /// Checks.
     pub checks: bool,
 }
 
 impl Finish {
-    /// Those among `steps`; edges are restored after interactions only if one `moved` them.
+    /// Those among `steps`, some of which depend on whether an interaction `moved` edges.
     pub fn of(steps: &[Step], moved: bool) -> Self {
         let has = |step: Step| steps.contains(&step);
         Self {
             lengths: has(Step::RestoreLengths) || (moved && has(Step::RestoreIfMoved)),
-            collides: has(Step::CollideFinal),
+            collides: has(Step::CollideFinal { unless_moved: false })
+                || (!moved && has(Step::CollideFinal { unless_moved: true })),
             checks: has(Step::CheckStrands),
         }
     }
@@ -53,28 +54,29 @@ impl BlockTask for Finish {
     ) -> BlockReport {
         let mut report = BlockReport::default();
         let mut clock = Clock::start();
-        // The largest stretch of each lane after the length pass, if there was one.
-        let mut restored = None;
+        // The largest stretch of each lane, where it has been measured.
+        let mut stretch = None;
         if self.lengths {
-            let stretch = restore::<L>(cx, view, group.first, scratch);
-            report.max_edge_stretch = largest(stretch, group);
-            restored = Some(stretch);
+            let restored = restore::<L>(cx, view, group.first, scratch);
+            report.max_edge_stretch = largest(restored, group);
             report.nanos.lengths += clock.lap();
+            stretch = Some(collide::<L>(cx, view, group, true, restored, scratch, &mut report));
+            report.nanos.collide += clock.lap();
         }
         if self.collides || self.checks {
-            let before = restored.unwrap_or_else(|| restore_lengths::largest_stretch::<L>(view, group.first));
+            let before = stretch.unwrap_or_else(|| restore_lengths::largest_stretch::<L>(view, group.first));
             // Where no length pass measures it.
             let unmeasured = cx.rules.restores_own_lengths || cx.rules.lengths == Inextensibility::Off;
-            if restored.is_none() && unmeasured {
+            if stretch.is_none() && unmeasured {
                 report.max_edge_stretch = largest(before, group);
             }
-            let mut stretch = before;
+            stretch = Some(before);
             if self.collides {
-                stretch = collide::<L>(cx, view, group, before, scratch, &mut report);
+                stretch = Some(collide::<L>(cx, view, group, false, before, scratch, &mut report));
                 report.nanos.collide += clock.lap();
             }
-            report.max_edge_stretch_final = largest(stretch, group);
         }
+        report.max_edge_stretch_final = stretch.map_or(0.0, |stretch| largest(stretch, group));
         if self.checks {
             let sum = finiteness::<L>(view, group.first);
             for lane in 0..L::WIDTH.min(group.live - group.first) {
@@ -107,51 +109,61 @@ fn restore<L: Lane>(
         dt_secs: cx.dt_secs,
         clamped: cx.rules.clamped,
     };
-    let stretch = restore_lengths::restore(&terms, view, first, work);
-    resolve_solids::reduce_clearances::<L>(before, view, first);
-    stretch
+    restore_lengths::restore(&terms, view, first, work)
 }
 
-/// The final collision pass; the largest stretch after it, a lane. Colliders meet hair with the
-/// speed at which it moves: where velocities hold more than motion (`BlockView::previous`), the
-/// rest of them is set aside meanwhile.
+/// Collisions after the length pass (`restored`) or after interactions; the largest stretch left, a
+/// lane. Colliders meet hair with the speed at which it moves: where velocities hold
+/// more than motion (`BlockView::previous`), the rest of them is set aside meanwhile.
 #[inline(always)]
 fn collide<L: Lane>(
     cx: &FrameContext<'_, L::Scalar>,
     view: &mut BlockView<'_, L::Scalar>,
     group: LaneGroup,
-    before: L,
+    restored: bool,
+    stretch: L,
     scratch: &mut Scratch<L::Scalar>,
     report: &mut BlockReport,
 ) -> L {
+    if cx.solids.is_empty() {
+        return stretch;
+    }
     let first = group.first;
+    let n = view.particles;
+    // The length pass has stored the positions before it.
+    let (before, work) = scratch.vectors::<L>().split_at_mut(n);
+    let (load, work) = work.split_at_mut(n);
     let loaded = !view.previous.is_empty();
     if loaded {
         let inverse_h = L::from_f64(1.0 / cx.h);
-        for (i, load) in scratch.vectors::<L>()[..view.particles].iter_mut().enumerate() {
+        for (i, load) in load.iter_mut().enumerate() {
             let u = (V3::load(view.positions, i, first) - V3::load(view.previous, i, first)).scale(inverse_h);
             *load = V3::load(view.velocities, i, first) - u;
             u.store(view.velocities, i, first);
         }
     }
-    let mut stretch = before;
     let solids = cx.colliders(cx.poses.len() - 2, 0.0);
-    report.contacts = resolve_solids::resolve::<L>(&solids, Since::Noted, view, group);
-    if report.contacts.touching > 0 {
-        stretch = restore_lengths::largest_stretch::<L>(view, first);
+    let max_edge_push = number(cx.rules.depenetration_speed * cx.dt_secs);
+    let solids = Solids { slow_edges: L::Scalar::default(), max_edge_push, ..solids };
+    let queried = QueriedStrands::all::<L>(group);
+    let since = if restored { Since::Displaced(&*before) } else { Since::Noted };
+    report.contacts = resolve_solids::resolve::<L>(&solids, since, view, queried, work);
+    let mut left = stretch;
+    if report.contacts.touching + report.contacts.edges > 0 {
+        left = restore_lengths::largest_stretch::<L>(view, first);
         if cx.rules.lay_along {
             // Only strands that colliders stretched: the result must not depend on the width.
-            let by_solids = L::select(before.lt(stretch), stretch, L::zero());
-            resolve_solids::lay_along(&solids, by_solids, view, group);
-            stretch = restore_lengths::largest_stretch::<L>(view, first);
+            let by_solids = L::select(stretch.lt(left), left, L::zero());
+            resolve_solids::lay_along(&solids, by_solids, view, group, work);
+            left = restore_lengths::largest_stretch::<L>(view, first);
         }
     }
     if loaded {
-        for (i, load) in scratch.vectors::<L>()[..view.particles].iter().enumerate() {
+        for (i, load) in load.iter().enumerate() {
             (V3::load(view.velocities, i, first) + *load).store(view.velocities, i, first);
         }
     }
-    stretch
+    left
 }
 
 /// The largest of the lanes that hold strands of their own.

@@ -2,7 +2,8 @@
 // `restore_lengths::restore`.
 //
 // Scratch rows 0 to 2 of an edge hold its direction, row 3 the right side and then λ, row 4 the
-// eliminated entry; rows 5 to 7 of a particle hold its position before the pass.
+// eliminated entry; rows 5 to 7 of a particle hold its position before the pass, from which
+// the collision pass after it sweeps.
 
 fn edge_of(strand: Strand, j: u32) -> vec4f {
     let d = position_at(strand, j + 1u) - position_at(strand, j);
@@ -110,13 +111,6 @@ fn restore_strand(strand: Strand) {
         set_scratch_vector(strand, i, 5u, position_at(strand, i));
     }
     restore(strand, first);
-    // Displacements are subtracted from clearances. Negative clearances are depths, not distances.
-    for (var i = first + 1u; i < n; i++) {
-        let at = entry(strand, i, 2u, 1u);
-        if memory[at] >= 0.0 {
-            memory[at] = max(memory[at] - distance(position_at(strand, i), scratch_vector(strand, i, 5u)), 0.0);
-        }
-    }
     let stretch = bitcast<u32>(largest_stretch(strand));
     if is_greatest(stretch) && stretch > atomicLoad(&report.restored) {
         atomicMax(&report.restored, stretch);

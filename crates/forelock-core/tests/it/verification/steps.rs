@@ -110,10 +110,10 @@ fn each_step_of_a_frame_counts() {
         |step| matches!(step, Step::Exchange(own) if own.name == "grid"),
         |step| matches!(step, Step::Exchange(own) if own.name == "contacts"),
         |step| matches!(step, Step::Solve { substep: 0 }),
-        |step| matches!(step, Step::CollideFinal),
+        |step| matches!(step, Step::RestoreLengths),
     ];
     let of_ams: [fn(&Step) -> bool; 2] =
-        [|step| matches!(step, Step::Collide { substep: 1 }), |step| matches!(step, Step::RestoreLengths)];
+        [|step| matches!(step, Step::Collide { substep: 1 }), |step| matches!(step, Step::RestoreIfMoved)];
     for (solver, left_out) in [(&ams, [&shared[..], &of_ams].concat()), (&dftl, shared.to_vec())] {
         let whole = run(solver, all, Way::Whole);
         for (number, left_out) in left_out.into_iter().enumerate() {

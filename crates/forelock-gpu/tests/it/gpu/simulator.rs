@@ -13,7 +13,7 @@ use forelock_core::simulation::{Simulation, Teleport};
 use forelock_core::simulator::{HostPositions, Simulator};
 use forelock_core::solver::{AmsParams, DftlParams};
 use forelock_core::strands::Snapshot;
-use forelock_gpu::{DevicePositions, GpuSimulation};
+use forelock_gpu::{Choice, DevicePositions, Gpu, GpuSimulation};
 use glam::{DQuat, DVec3, Vec3};
 
 const DT: f64 = 1.0 / 60.0;
@@ -138,7 +138,8 @@ fn an_edit_while_hair_moves_keeps_interactions() {
 #[test]
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
 fn positions_stay_on_the_device() {
-    let gpu = common::gpu();
+    // A device of its own: it counts what is read back.
+    let gpu = Gpu::open(&Choice::Fastest).unwrap();
     let mut own = GpuSimulation::new(&gpu, &groom(), &AmsParams::default(), &options()).unwrap();
     let mut same = GpuSimulation::new(&gpu, &groom(), &AmsParams::default(), &options()).unwrap();
     let before = gpu.counts().read_backs;

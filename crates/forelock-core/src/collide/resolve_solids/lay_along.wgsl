@@ -1,0 +1,277 @@
+// Restores the lengths of edges that collisions stretched: the GPU counterpart of `lay_along`.
+
+fn at_distance(leader: vec3f, x: vec3f, length: f32) -> vec3f {
+    let edge = x - leader;
+    return leader + edge * (length / max(sqrt(dot(edge, edge)), 1e-37));
+}
+
+// The point of an edge that is inside a solid and needs the largest turn.
+struct Inside {
+    found: bool,
+    sine: f32,
+    normal: vec3f,
+}
+
+// The search for a place of a particle at `length` from its leader.
+struct Turn {
+    leader: vec3f,
+    length: f32,
+    // A place that the edge cuts off, and towards which it turns.
+    corner: vec3f,
+    has_corner: bool,
+    is_root: bool,
+}
+
+// Tests the edge with the particle at x against a solid. Returns the particle's clearance.
+fn test_edge(number: u32, turn: Turn, x: vec3f, inside: ptr<function, Inside>) -> f32 {
+    let bound = distance(x, query.solids[number].ball) - query.solids[number].ball_radius - query.thickness;
+    if bound > turn.length {
+        return bound;
+    }
+    let map = query.solids[number].at_end;
+    let samples = sample_edge(number, map, 1.0, turn.leader, x, true);
+    var clearance = 0.0;
+    for (var k = 0u; k < samples.count; k++) {
+        let t = samples.parameters[k];
+        let is_particle = k + 1u == samples.count;
+        skin = select(SKIN_SHARE * query.thickness, query.thickness, is_particle);
+        let sigma = samples.distances[k] - skin;
+        if is_particle {
+            clearance = max(sigma, 0.0) / lipschitz(number);
+        }
+        let sine = -sigma / (t * turn.length);
+        // Rounding does not count.
+        if !(-sigma > 1e-6) || ((*inside).found && (*inside).sine >= sine) {
+            continue;
+        }
+        // Roots may be inside a solid, and so may be the start of their edges.
+        if turn.is_root && !is_particle && t < 0.5 {
+            continue;
+        }
+        let touch = sweep(number, local(map, turn.leader), local(map, mix(turn.leader, x, t)));
+        let normal = select(samples.gradients[k], touch.normal, touch.found);
+        *inside = Inside(true, sine, turned(map, normal));
+    }
+    return clearance;
+}
+
+// A place and its clearance.
+struct Place {
+    found: bool,
+    x: vec3f,
+    clearance: f32,
+}
+
+// Searches from the direction of `start`. If no direction is free, the place is the last one.
+fn find_turn(turn: Turn, start: vec3f) -> Place {
+    var x = start;
+    for (var step = 0u; step < SLIDE_STEPS; step++) {
+        var clearance = FAR;
+        var inside = Inside(false, 0.0, vec3f());
+        for (var number = 0u; number < query.count; number++) {
+            clearance = min(clearance, test_edge(number, turn, x, &inside));
+        }
+        if !inside.found {
+            return Place(true, x, clearance);
+        }
+        let d = (x - turn.leader) / turn.length;
+        var e = inside.normal - dot(inside.normal, d) * d;
+        var limit = 0.7;
+        if turn.has_corner {
+            let to_corner = turn.corner - turn.leader;
+            e = to_corner - dot(to_corner, d) * d;
+            limit = min(sqrt(dot(e, e) / dot(to_corner, to_corner)), 0.7);
+        }
+        let size = sqrt(dot(e, e));
+        // The edge points straight into the surface or at the corner.
+        if !(size > select(1e-3, 0.0, turn.has_corner)) {
+            break;
+        }
+        let rise = max(dot(e, inside.normal) / size, 0.25);
+        let sine = min(inside.sine / rise + LEAST_TURN, limit);
+        x = at_distance(turn.leader, turn.leader + sqrt(1.0 - sine * sine) * d + (sine / size) * e, turn.length);
+    }
+    return Place(false, x, 0.0);
+}
+
+// Whether a solid is between two points. Solids that are thicker than twice the distance are not.
+fn is_behind(a: vec3f, b: vec3f) -> bool {
+    skin = query.thickness;
+    for (var number = 0u; number < query.count; number++) {
+        let map = query.solids[number].at_end;
+        if distance(a, b) > query.solids[number].thinness && sweep(number, local(map, a), local(map, b)).found {
+            return true;
+        }
+    }
+    return false;
+}
+
+// x moved to the surfaces of the solids that it is in.
+fn project(place: vec3f) -> vec3f {
+    var x = place;
+    for (var number = 0u; number < query.count; number++) {
+        let map = query.solids[number].at_end;
+        let found = sample_shape(number, local(map, x), 1.0);
+        let sigma = found.w - query.thickness;
+        if sigma < 0.0 {
+            x -= sigma * turned(map, found.xyz);
+        }
+    }
+    return x;
+}
+
+// A place on the strand's old curve: an edge, and where on it, 0 to 1.
+struct CurvePlace {
+    edge: u32,
+    share: f32,
+}
+
+fn curve_point(strand: Strand, i: u32) -> vec3f {
+    return scratch_vector(strand, i, OLD_CURVE);
+}
+
+// The place one edge on. Beyond its end the curve goes on straight.
+fn next_on_curve(strand: Strand, at: CurvePlace) -> vec3f {
+    let last = strand.particles - 1u;
+    if at.edge + 1u < last {
+        return mix(curve_point(strand, at.edge + 1u), curve_point(strand, at.edge + 2u), at.share);
+    }
+    let beyond = f32(at.edge + 1u - last) + at.share;
+    return mix(curve_point(strand, last - 1u), curve_point(strand, last), 1.0 + beyond);
+}
+
+// Where the segment from a to b leaves the sphere about `centre`, 0 to 1; b is outside.
+fn leaves_sphere(centre: vec3f, radius: f32, a: vec3f, b: vec3f) -> f32 {
+    let p = a - centre;
+    let g = b - a;
+    let square = dot(g, g);
+    let half = dot(p, g);
+    let rest = dot(p, p) - radius * radius;
+    let root = sqrt(max(half * half - square * rest, 0.0));
+    // The larger root, without cancellation.
+    if half > 0.0 {
+        return min(-rest / (half + root), 1.0);
+    }
+    return select(1.0, min((root - half) / square, 1.0), square > 0.0);
+}
+
+fn distance_to_line(a: vec3f, b: vec3f, point: vec3f) -> f32 {
+    let d = b - a;
+    let p = point - a;
+    let across = p - (dot(p, d) / dot(d, d)) * d;
+    return sqrt(dot(across, across));
+}
+
+// A place on the way along the curve, and the corner of that way that the straight edge cuts off
+// most.
+struct Followed {
+    x: vec3f,
+    corner: vec3f,
+    has_corner: bool,
+}
+
+// The first place at distance `length` from the leader, on the way back to the curve and then along
+// it. Beyond the curve's end the strand goes on straight, in the direction of `ahead`.
+fn follow_curve(strand: Strand, at: ptr<function, CurvePlace>, leader: vec3f, ahead: vec3f, length: f32) -> Followed {
+    let tip = strand.particles - 1u;
+    if (*at).edge >= tip {
+        return Followed(at_distance(leader, leader + ahead, length), vec3f(), false);
+    }
+    let back = mix(curve_point(strand, (*at).edge), curve_point(strand, (*at).edge + 1u), (*at).share);
+    if distance(leader, back) > length {
+        return Followed(at_distance(leader, back, length), vec3f(), false);
+    }
+    let passed = (*at).edge + 1u;
+    var place = curve_point(strand, tip);
+    while (*at).edge < tip {
+        let a = curve_point(strand, (*at).edge);
+        let b = curve_point(strand, (*at).edge + 1u);
+        if !(dot(b - leader, b - leader) < length * length) {
+            // It does not move back.
+            (*at).share = max(leaves_sphere(leader, length, a, b), (*at).share);
+            place = mix(a, b, (*at).share);
+            break;
+        }
+        (*at).edge += 1u;
+        (*at).share = 0.0;
+    }
+    var found = Followed(at_distance(leader, place, length), vec3f(), false);
+    var most = 1e-3 * length;
+    for (var i = passed - 1u; i <= min((*at).edge, tip - 1u); i++) {
+        var point = back;
+        if i >= passed {
+            point = curve_point(strand, i);
+        }
+        let beside = distance_to_line(leader, found.x, point);
+        if beside > most {
+            found.corner = point;
+            found.has_corner = true;
+            most = beside;
+        }
+    }
+    return found;
+}
+
+fn lay_along(strand: Strand) {
+    let first = max(frame.clamped, 1u);
+    // The old curve of a strand that is being pushed out of a solid is not outside.
+    for (var i = first; i < strand.particles; i++) {
+        if clearance_of(strand, i) < -query.thickness {
+            return;
+        }
+    }
+    for (var i = 0u; i < strand.particles; i++) {
+        set_scratch_vector(strand, i, OLD_CURVE, position_at(strand, i));
+    }
+    var at = CurvePlace(first - 1u, 0.0);
+    var leader = position_at(strand, first - 1u);
+    var before = position_at(strand, max(first, 2u) - 2u);
+    for (var i = first; i < strand.particles; i++) {
+        let length = rest_length(strand, i - 1u, 1u);
+        let goal = next_on_curve(strand, at);
+        var x = at_distance(leader, goal, length);
+        // Where the strand has slipped, the goal is between two particles of the old curve.
+        let is_known = at.edge + 1u == i && at.share == 0.0;
+        let known = select(0.0, memory[entry(strand, i, 2u, 1u)], is_known);
+        // A leader that has slipped past its place would fold the strand.
+        let folds = distance(leader, goal) < FOLDS * length;
+        var clearance = known - distance(x, goal);
+        if known < 0.0 {
+            at.edge += 1u;
+            clearance = known;
+        } else if clearance <= 0.0 || clearance + clearance_of(strand, i - 1u) <= length || folds {
+            var turn = Turn(leader, length, vec3f(), false, i <= frame.clamped);
+            var found = Place(false, x, 0.0);
+            if !folds {
+                found = find_turn(turn, x);
+            }
+            if found.found && !is_behind(goal, found.x) {
+                at.edge += 1u;
+                x = found.x;
+                clearance = found.clearance;
+            } else {
+                let followed = follow_curve(strand, &at, leader, leader - before, length);
+                turn.corner = followed.corner;
+                turn.has_corner = followed.has_corner;
+                let own = find_turn(turn, followed.x);
+                x = own.x;
+                clearance = own.clearance;
+                if !own.found {
+                    // The surface has precedence over the length.
+                    x = project(own.x);
+                }
+            }
+        } else {
+            at.edge += 1u;
+        }
+        set_clearance(strand, i, clearance);
+        set_position(strand, i, x);
+        before = leader;
+        leader = x;
+    }
+    for (var i = first; i < strand.particles; i++) {
+        let edge = unit(position_at(strand, i) - position_at(strand, i - 1u)).xyz;
+        let v = velocity_at(strand, i);
+        set_velocity(strand, i, v - dot(edge, v - velocity_at(strand, i - 1u)) * edge);
+    }
+}
