@@ -262,7 +262,9 @@ pub struct QueryUniform {
     /// Largest displacement of a point of an edge that was inside before, metres.
     pub max_edge_push: f32,
     /// Unused.
-    pub pad: [f32; 2],
+    pub pad_1: f32,
+    /// Unused.
+    pub pad_2: f32,
     /// The first `count` are used.
     pub solids: [SolidEntry; MOST_SOLIDS],
 }

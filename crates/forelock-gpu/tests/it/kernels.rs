@@ -155,7 +155,7 @@ fn layouts() -> Vec<Layout> {
             at_end at_start carry spin friction travel kind pivot thinness size cell ball ball_radius origin described
             dims first phases swell fields
         ]),
-        layout!("Query", QueryUniform, [count how thickness max_push_out solids]),
+        layout!("Query", QueryUniform, [count how thickness max_push_out slow_edges max_edge_push pad_1 pad_2 solids]),
     ]
 }
 

@@ -349,11 +349,13 @@ fn every_solid_for(frames: u32) {
             assert!(is_close(one) && (is_wild || is_close(many)), "{name}, {kind}: {one:?}, {many:?}");
         }
     }
-    // Frame by frame from the CPU's state, so that nothing adds up: every particle counts.
+    // Frame by frame from the CPU's state, so that nothing adds up: every particle counts. An edge in
+    // a solid can turn either way, and rounding decides for some strand in some frame.
+    let most = 3 + positions.len() * frames as usize / 400;
     for (name, solids) in &scenes {
         let off = strays(&gpu, &strands, [solids; 2], [&params; 2], frames);
         println!("{name}: {off:?} particles off, touches");
-        assert!(off[0] <= 3 + off[1] / 200, "{name}: {off:?}");
+        assert!(off[0] <= most, "{name}: {off:?}, {most} allowed");
         // A solid that has passed before the end of a frame touches nothing at its end. Below it is
         // shown to collide.
         assert!(off[1] > 10 || *name == "a ball at 30 m/s", "{name}: {off:?}");
@@ -369,7 +371,7 @@ fn every_solid_for(frames: u32) {
         ("swept", strays(&gpu, &strands, [&[], of("a ball at 30 m/s")], [&params; 2], frames)),
     ] {
         println!("other {name}: {off:?} particles off, touches");
-        assert!(off[0] > 3 + off[1] / 200, "{name}: {off:?}");
+        assert!(off[0] > most, "{name}: {off:?}, {most} allowed");
     }
 }
 

@@ -371,10 +371,11 @@ fn hair_meets_as_on_the_cpu() {
             ("places", (&own.positions, &with.positions, &without.positions)),
             ("velocities", (&own.velocities, &with.velocities, &without.velocities)),
         ] {
-            // An edge in a solid can turn either way: rounding decides for a strand in a hundred.
-            let (off, given) = (trimmed_rms(of.0, of.1, 0.01), rms(of.1, of.2));
+            // An edge in a solid can turn either way, and rounding decides: the one particle in
+            // twenty that is farthest off does not count.
+            let (off, given) = (trimmed_rms(of.0, of.1, 0.05), rms(of.1, of.2));
             println!("grid {meets}, contacts {touches}, {what}: given {given:.2e}, off by {off:.1e}");
-            assert!(given > 1e-5 && off < 0.05 * given, "{what}: {off} of {given}");
+            assert!(given > 1e-5 && off < 1e-3 * given, "{what}: {off} of {given}");
         }
         let stretch = f64::from(report.max_edge_stretch) - expected.max_edge_stretch;
         assert!(stretch.abs() < 1e-5 && report.max_edge_stretch > 0.0, "{report:?}, {expected:?}");
