@@ -124,7 +124,8 @@ fn meets(half: DVec3, a: DVec3, b: DVec3) -> bool {
     p.min(q).max_element().max(0.0) < p.max(q).min_element().min(1.0)
 }
 
-/// Taut hair slips over the rim of a plate at its length: no edge is left in the plate or stretched.
+/// Taut hair slips over the rim of a plate at its length: no edge is left in the plate or
+/// stretched.
 #[test]
 fn plates_do_not_cut_through_taut_hair() {
     for (half, speed) in [(0.001, 1.0), (0.005, 0.5), (0.005, 2.0), (0.01, 5.0)] {

@@ -349,8 +349,8 @@ fn every_solid_for(frames: u32) {
             assert!(is_close(one) && (is_wild || is_close(many)), "{name}, {kind}: {one:?}, {many:?}");
         }
     }
-    // Frame by frame from the CPU's state, so that nothing adds up: every particle counts. An edge in
-    // a solid can turn either way, and rounding decides for some strand in some frame.
+    // Frame by frame from the CPU's state, so that nothing adds up: every particle counts. An edge
+    // in a solid can turn either way, and rounding decides for some strand in some frame.
     let most = 3 + positions.len() * frames as usize / 300;
     for (name, solids) in &scenes {
         let off = strays(&gpu, &strands, [solids; 2], [&params; 2], frames);
