@@ -159,18 +159,7 @@ fn sweep(solver: &Solver<f32>, taut: bool, plate: &Plate) -> Result<Found, Failu
 
 /// Whether the segment from `a` to `b` meets the box of half size `half` about the origin.
 fn intersects(half: DVec3, a: DVec3, b: DVec3) -> bool {
-    let (mut enter, mut leave) = (0.0f64, 1.0f64);
-    for c in 0..3 {
-        let (start, go) = (a[c], b[c] - a[c]);
-        if go == 0.0 {
-            if start.abs() > half[c] {
-                return false;
-            }
-            continue;
-        }
-        let (near, far) = ((-half[c] - start) / go, (half[c] - start) / go);
-        enter = enter.max(near.min(far));
-        leave = leave.min(near.max(far));
-    }
-    enter < leave
+    let go = b - a;
+    let (p, q) = ((-half - a) / go, (half - a) / go);
+    p.min(q).max_element().max(0.0) < p.max(q).min_element().min(1.0)
 }

@@ -128,13 +128,7 @@ bindings! {
 shader! {
     /// `resolve_solids` for shapes that do not change.
     RESOLVE: "resolve_solids", SolidBindings;
-    texts: [
-        SHAPES_WGSL,
-        resolve_solids::PARTICLE_WGSL,
-        resolve_solids::EDGES_WGSL,
-        resolve_solids::LAY_ALONG_WGSL,
-        resolve_solids::WGSL,
-    ];
+    texts: [SHAPES_WGSL, resolve_solids::PARTICLE_WGSL, resolve_solids::WGSL];
     constants: [SHAPE_CONSTANTS, PARTICLE_CONSTANTS, STRAND_CONSTANTS, RIGID, FREE];
     kernels: {
         /// Resolves the collisions of each strand.
@@ -145,13 +139,7 @@ shader! {
 shader! {
     /// `resolve_solids` where some shapes change.
     RESOLVE_MORPHING: "resolve_solids", SolidBindings;
-    texts: [
-        SHAPES_WGSL,
-        resolve_solids::PARTICLE_WGSL,
-        resolve_solids::EDGES_WGSL,
-        resolve_solids::LAY_ALONG_WGSL,
-        resolve_solids::WGSL,
-    ];
+    texts: [SHAPES_WGSL, resolve_solids::PARTICLE_WGSL, resolve_solids::WGSL];
     constants: [SHAPE_CONSTANTS, PARTICLE_CONSTANTS, STRAND_CONSTANTS, MORPHING, FREE];
     kernels: {
         /// Resolves the collisions of each strand.

@@ -14,12 +14,13 @@
 //!
 //! # Practice
 //! An edge of length l whose ends have the clearances c_a and c_b can touch a solid only if c_a +
-//! c_b < l, since σ is 1-Lipschitz. The points are at most the solid's thinness and the skin apart,
-//! [`EDGE_SAMPLES`] at most. Edges keep a tenth of the skin's thickness: a chord of 1 cm between
-//! particles that lie on a head is 0.2 mm deeper than they are, and stays free.
+//! c_b < l, since σ is 1-Lipschitz. Up to [`EDGE_SAMPLES`] points are tested: of a field, which is
+//! smooth over a cell, about one a cell; of a primitive, which may have sharp edges, all, and the
+//! deepest one is refined by bisection. Edges keep a tenth of the skin's thickness: a chord of 1 cm
+//! between particles that lie on a head is 0.2 mm deeper than they are, and stays free.
 //!
 //! # Limitations
-//! Solids thinner than the distance between two points can pass between them.
+//! Parts of solids that are thinner than the distance between two points can pass between them.
 
 use super::particle::{Particle, Sample, Solid, resolve_ccd_hit, resolve_penetration};
 use super::{QueriedStrands, Solids, dot};
@@ -127,7 +128,7 @@ pub(super) fn take_back<L: Lane>(
                 if !is_moved(i - 1) && !is_moved(i) {
                     continue;
                 }
-                let from = || [paths.from[i - 1].get(lane), paths.from[i].get(lane)];
+                let from = [paths.from[i - 1].get(lane), paths.from[i].get(lane)];
                 found |= take_edge_back(solids, paths.start, view, i, queried.first + lane, from);
             }
             if !found {
@@ -146,7 +147,7 @@ fn take_edge_back<T: Real>(
     view: &mut BlockView<'_, T>,
     i: usize,
     lane: usize,
-    from: impl Fn() -> [[T; 3]; 2],
+    from: [[T; 3]; 2],
 ) -> bool {
     let clearances = [i - 1, i].map(|i| view.clearance[i].0[lane]);
     let known = if i <= solids.clamped { T::zero() } else { clearances[0] };
@@ -154,7 +155,7 @@ fn take_edge_back<T: Real>(
     if known + clearances[1] >= distance(edge.ends[0], edge.ends[1]) || known.min(clearances[1]) < T::zero() {
         return false;
     }
-    edge.from = from();
+    edge.from = from;
     let found = solids.solids.iter().zip(solids.poses).find(|(collider, pose)| {
         let solid = Solid { collider, pose };
         passes(solids, solid, 1, edge.ends) && !passes(solids, solid, start, edge.from)
@@ -180,12 +181,7 @@ fn take_edge_back<T: Real>(
 /// Whether the edge between two `ends` passes through a solid at the substep's start (`when` = 0)
 /// or end (1).
 #[inline(always)]
-pub(super) fn passes<T: Real>(
-    solids: &Solids<'_, T>,
-    solid: Solid<'_, T>,
-    when: usize,
-    ends: [[T; 3]; 2],
-) -> bool {
+fn passes<T: Real>(solids: &Solids<'_, T>, solid: Solid<'_, T>, when: usize, ends: [[T; 3]; 2]) -> bool {
     let samples = Samples::of_edge(solids, solid, when, ends, false);
     samples.distances[..samples.count].iter().any(|d| *d < number(-PASSES))
 }
@@ -212,7 +208,7 @@ fn far_from_middle<T: Real>(
     while lanes != 0 {
         let mut taken = [0; PACKET];
         let mut points = [[T::zero(); PACKET]; 3];
-        // How far the solids must be from the middle, and the edge's length and direction.
+        // How far primitives must be from the middle.
         let mut reach = [T::zero(); PACKET];
         let mut edges = [[T::zero(); 3]; PACKET];
         let mut count = 0;

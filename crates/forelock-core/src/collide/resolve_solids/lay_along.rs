@@ -97,13 +97,11 @@ fn lay_strand<L: Lane>(
         // Where the strand has slipped, the goal is between two particles of the old curve.
         let known = if curve.edge + 1 == i && curve.share == zero { view.clearance[i].0[lane] } else { zero };
         let mut clearance = known - moved;
-        if known < zero {
-            curve.edge += 1;
-            clearance = known;
-        } else if clearance <= zero || clearance + leader_clearance <= length || folds {
+        let is_near = clearance <= zero || clearance + leader_clearance <= length;
+        if known >= zero && (is_near || folds) {
             let turn = Turn { corner: None, leader, length, is_root: i <= solids.clamped };
             let found = if folds { None } else { turn.find(solids, x).ok() };
-            let found = found.filter(|(x, _)| !is_behind(solids, goal, *x));
+            let found = found.filter(|(x, _)| !is_between(solids, goal, *x));
             (x, clearance) = if let Some(found) = found {
                 curve.edge += 1;
                 found
@@ -115,6 +113,8 @@ fn lay_strand<L: Lane>(
             };
         } else {
             curve.edge += 1;
+            // Below zero it is a depth, not a distance.
+            clearance = if known < zero { known } else { clearance };
         }
         view.clearance[i].0[lane] = clearance;
         for (row, x) in view.positions[3 * i..3 * i + 3].iter_mut().zip(x) {
@@ -124,9 +124,9 @@ fn lay_strand<L: Lane>(
     }
 }
 
-/// Whether a solid is between two points. Solids that are thicker than twice the distance are not.
+/// Whether a solid lies between two points. One that is too thick to fit between them does not.
 #[inline(always)]
-fn is_behind<T: Real>(solids: &Solids<'_, T>, from: [T; 3], to: [T; 3]) -> bool {
+fn is_between<T: Real>(solids: &Solids<'_, T>, from: [T; 3], to: [T; 3]) -> bool {
     solids.solids.iter().zip(solids.poses).any(|(collider, pose)| {
         let path = pose.sweep_path(1, from, to);
         path.length() > number(collider.shape.thinness())

@@ -94,8 +94,8 @@ fn find_turn(turn: Turn, start: vec3f) -> Place {
     return Place(false, x, 0.0);
 }
 
-// Whether a solid is between two points. Solids that are thicker than twice the distance are not.
-fn is_behind(a: vec3f, b: vec3f) -> bool {
+// Whether a solid lies between two points. One that is too thick to fit between them does not.
+fn is_between(a: vec3f, b: vec3f) -> bool {
     skin = query.thickness;
     for (var number = 0u; number < query.count; number++) {
         let map = query.solids[number].at_end;
@@ -245,7 +245,7 @@ fn lay_along(strand: Strand) {
             if !folds {
                 found = find_turn(turn, x);
             }
-            if found.found && !is_behind(goal, found.x) {
+            if found.found && !is_between(goal, found.x) {
                 at.edge += 1u;
                 x = found.x;
                 clearance = found.clearance;

@@ -46,11 +46,8 @@ use queue::{Queue, Queued};
 pub use sweep::{SWEEP_STEPS, TOUCH};
 
 /// WGSL of the stage.
-pub const WGSL: &str = include_str!("kernel.wgsl");
-/// WGSL that resolves the collisions of edges.
-pub const EDGES_WGSL: &str = include_str!("edges.wgsl");
-/// WGSL that restores lengths along surfaces.
-pub const LAY_ALONG_WGSL: &str = include_str!("lay_along.wgsl");
+pub const WGSL: &str =
+    concat!(include_str!("edges.wgsl"), include_str!("lay_along.wgsl"), include_str!("kernel.wgsl"));
 /// WGSL that resolves the collisions of one particle.
 pub const PARTICLE_WGSL: &str = include_str!("particle.wgsl");
 

@@ -112,9 +112,10 @@ fn restore<L: Lane>(
     restore_lengths::restore(&terms, view, first, work)
 }
 
-/// Collisions after the length pass (`restored`) or after interactions; the largest stretch left, a
-/// lane. Colliders meet hair with the speed at which it moves: where velocities hold
-/// more than motion (`BlockView::previous`), the rest of them is set aside meanwhile.
+/// Collisions after the length pass (`restored`) or after interactions. `stretch` is the largest of
+/// each lane before them; returns it after them. Colliders meet hair with the speed at which it
+/// moves: where velocities hold more than motion (`BlockView::previous`), the rest of them is set
+/// aside meanwhile.
 #[inline(always)]
 fn collide<L: Lane>(
     cx: &FrameContext<'_, L::Scalar>,
