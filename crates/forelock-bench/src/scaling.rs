@@ -24,6 +24,7 @@ use forelock_core::groom::grow::{GrowParams, grow_on_head};
 use forelock_core::interaction::contact::ContactParams;
 use forelock_core::interaction::grid::GridParams;
 use forelock_core::lane::peak::multiply_adds_per_sec;
+use forelock_core::params::parts;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::{Options, Simulation};
 use forelock_core::solver::AmsParams;
@@ -231,7 +232,7 @@ pub fn scaling(options: &ScalingOptions, observer: &mut Observer<'_>) -> Result<
     Ok(Scaling {
         device: gpu.as_ref().map_or_else(device_name, |gpu| gpu.name().to_owned()),
         threads: if options.on_gpu { 0 } else { rayon::current_num_threads() },
-        substeps: AmsParams::default().substeps,
+        substeps: substeps(&AmsParams::default()),
         frames: options.frames,
         grid: options.grid,
         contacts: options.contacts,
@@ -297,7 +298,7 @@ fn row(
     if gpu.is_some() {
         (frames, threads) = (options.frames.min(TIMED), 1.0);
         traffic = if options.half_factors { GPU_BYTES_HALVED } else { GPU_BYTES };
-        traffic *= f64::from(params.substeps);
+        traffic *= f64::from(substeps(&params));
         for number in 0..frames {
             scene.step(&mut on, warm_up + options.frames + number, &mut tally)?;
             on.add_to(&mut tally)?;
@@ -311,10 +312,15 @@ fn row(
         ms_per_frame,
         ms_per_stage: tally.secs.keys().filter_map(|&name| Some((name, secs(name)? * 1e3))).collect(),
         bytes_per_particle: bytes as f64 / particles as f64,
-        solve_operations_per_sec: per_sec(OPERATIONS * f64::from(params.substeps)),
+        solve_operations_per_sec: per_sec(OPERATIONS * f64::from(substeps(&params))),
         solve_bytes_per_sec: per_sec(traffic),
         quarantined_strands: tally.quarantined,
     })
+}
+
+/// Substeps of a frame of the scene.
+fn substeps(params: &AmsParams) -> u32 {
+    parts(1.0 / FPS, params.substep_secs)
 }
 
 /// What the processor's threads do together.

@@ -1,27 +1,35 @@
-//! Thin plates swept through 200 strands × 31 particles: what passes through them.
+//! Thin solids swept through 200 strands × 31 particles: what passes through them.
 //!
-//! The strands hang from a patch of 5 cm by 10 cm, straight or as a loose zigzag. A plate with its
-//! upper rim 3 cm below the roots crosses the patch and stops 12 cm behind it (`push`), or goes on
-//! until all hair has slipped over its rim (`past`). Prints for each thickness and speed:
+//! The strands hang from a patch of 5 cm by 10 cm, straight or as a loose zigzag, no two alike. A
+//! plate with its upper rim 3 cm below the roots crosses the patch and stops 12 cm behind it
+//! (`push`), or goes on until all hair has slipped over its rim (`past`). Or a finger of 16 mm
+//! crosses it 15 cm below the roots, or a comb 10 cm below, teeth first. Prints for each thickness
+//! and speed:
 //!
-//! - the largest share of edges that intersect the plate at the end of a frame (the plate without
-//!   the outer fifth of its thickness);
-//! - the share of particles that came from the front of the plate to its back in one frame, so deep
-//!   below the rim that they cannot have slipped over it;
-//! - the largest stretch of an edge one second after the plate stopped;
+//! - the largest share of edges that intersect the solid at the end of a frame (the plate without
+//!   the outer fifth of its thickness, the others without 0.8 and 0.3 mm);
+//! - the share of particles that came from the front of the solid to its back in one frame, so deep
+//!   below a plate's rim that they cannot have slipped over it, at a finger's height; a comb lets
+//!   hair through;
+//! - the largest stretch of an edge one second after the solid stopped;
 //! - the time, in milliseconds per frame.
 //!
-//! `cargo run --release -p forelock-core --example plates -- [ams|dftl|mass_spring]`
+//! Edges are those of the solver's strands: `mass_spring` adds a particle between each two.
+//!
+//! `cargo run --release -p forelock-core --example plates -- [ams|dftl|mass_spring]
+//! [plates|finger|comb]`
 
 #![expect(clippy::print_stdout, reason = "an example that measures says what")]
 
-use forelock_core::body::{ColliderFrame, Shape};
+use forelock_core::body::{ColliderFrame, Prop, Sdf, Shape};
 use forelock_core::frame::{FrameInput, Solver};
 use forelock_core::pose::Pose;
 use forelock_core::simulation::{Options, Simulation};
 use forelock_core::solver::{AmsParams, DftlParams, MassSpringParams};
 use forelock_core::strands::Strands;
-use glam::{DQuat, DVec3};
+use glam::{DMat3, DQuat, DVec3};
+use std::f64::consts::FRAC_PI_2;
+use std::sync::Arc;
 use std::time::Instant;
 
 const STRANDS: u32 = 200;
@@ -42,14 +50,22 @@ fn main() -> Result<(), Failure> {
         "mass_spring" => (&MassSpringParams::default()).into(),
         _ => return Err("no such solver".into()),
     };
-    println!("| hair | path | plate, mm | speed, m/s | edges inside | crossed | stretch after | ms |");
+    let kind = std::env::args().nth(2).unwrap_or_else(|| "plates".into());
+    let thicknesses: &[f64] = match kind.as_str() {
+        "plates" => &[2.0, 5.0, 10.0, 20.0, 30.0, 80.0],
+        "finger" => &[16.0],
+        "comb" => &[2.7],
+        _ => return Err("no such solid".into()),
+    };
+    println!("| hair | path | solid, mm | speed, m/s | edges inside | crossed | stretch after | ms |");
     println!("| --- | --- | --- | --- | --- | --- | --- | --- |");
     for taut in [true, false] {
         for travel in [0.12, 0.5] {
-            for millimetres in [2.0, 5.0, 10.0, 20.0, 30.0, 80.0] {
+            for &millimetres in thicknesses {
                 for speed in [0.5, 1.0, 2.0, 5.0, 10.0] {
-                    let plate = Plate { half: 5e-4 * millimetres, speed, travel: travel + PATCH };
-                    let found = sweep(&solver, taut, &plate)?;
+                    let half = 5e-4 * millimetres;
+                    let solid = Solid::new(&kind, half, speed, travel + PATCH)?;
+                    let found = sweep(&solver, taut, &solid)?;
                     println!(
                         "| {} | {} | {millimetres} | {speed} | {:.2} % | {:.2} % | {:.1} % | {:.2} |",
                         if taut { "taut" } else { "slack" },
@@ -66,18 +82,64 @@ fn main() -> Result<(), Failure> {
     Ok(())
 }
 
-/// A plate and its path along x.
-struct Plate {
+/// A solid and its path along x.
+struct Solid {
+    shape: Shape,
+    /// Its place on the carrier.
+    local: Pose,
     /// Half the thickness, metres.
     half: f64,
+    /// Distance from the carrier to its front, metres.
+    front: f64,
     speed: f64,
     travel: f64,
 }
 
-impl Plate {
+impl Solid {
+    fn new(kind: &str, half: f64, speed: f64, travel: f64) -> Result<Self, Failure> {
+        let (shape, turn, height, front) = match kind {
+            "finger" => {
+                let shape = Shape::Capsule { half_length: 0.1, radius: half };
+                (shape, DQuat::from_rotation_x(FRAC_PI_2), -0.15, half)
+            }
+            "comb" => {
+                let field = Sdf::from_mesh(&Prop::Comb.mesh(), Prop::Comb.field_nodes(), 0.008)?;
+                // The spine along z, the teeth to +x.
+                let turn = DMat3::from_cols(DVec3::Z, DVec3::NEG_X, DVec3::NEG_Y);
+                (Shape::Sdf(Arc::new(field)), DQuat::from_mat3(&turn), -0.1, 0.045)
+            }
+            _ => {
+                let half_extents = DVec3::new(half, 0.25, 0.2);
+                (Shape::Box { half_extents }, DQuat::IDENTITY, -RIM - half_extents.y, half)
+            }
+        };
+        let local = Pose::new(turn, DVec3::new(0.0, height, 0.0));
+        Ok(Self { shape, local, half, front, speed, travel })
+    }
+
     fn pose(&self, frame: u32) -> Pose {
         let gone = (self.speed * DT * f64::from(frame)).min(self.travel);
-        Pose::new(DQuat::IDENTITY, DVec3::new(-0.02 - self.half + gone, 0.0, 0.0))
+        Pose::new(DQuat::IDENTITY, DVec3::new(-0.02 - self.front + gone, 0.0, 0.0))
+    }
+
+    /// Whether the edge between two points in its local space is in it.
+    fn contains(&self, a: DVec3, b: DVec3) -> bool {
+        if let Shape::Box { half_extents } = self.shape {
+            return intersects(half_extents - DVec3::splat(0.2 * self.half), a, b);
+        }
+        let skin = if matches!(self.shape, Shape::Capsule { .. }) { 8e-4 } else { 3e-4 };
+        let inside = |k: i32| self.shape.sample(a.lerp(b, 0.125 * f64::from(k)).to_array()).0 < -skin;
+        (0..=8).any(inside)
+    }
+
+    /// 1 before it, −1 behind it, 0 where that is not known, of a point relative to the carrier.
+    fn side(&self, x: DVec3) -> f64 {
+        let is_beside = match self.shape {
+            Shape::Box { .. } => x.y < -RIM - 0.01 - self.speed * DT,
+            Shape::Capsule { .. } => (x.y - self.local.translation.y).abs() < 0.5 * self.half,
+            _ => false,
+        };
+        if is_beside && x.x.abs() > 0.2 * self.half { x.x.signum() } else { 0.0 }
     }
 }
 
@@ -92,7 +154,8 @@ struct Found {
 fn strands(taut: bool) -> Vec<[f32; 3]> {
     let mut positions = Vec::new();
     for s in 0..STRANDS {
-        let root = DVec3::new(f64::from(s % 10) * PATCH / 9.0, 0.0, 0.1 * (f64::from(s / 10) / 19.0 - 0.5));
+        let along = f64::from(s % 10) + 0.05 * f64::from(s / 10);
+        let root = DVec3::new(along * PATCH / 10.0, 0.0, 0.1 * (f64::from(s / 10) / 19.0 - 0.5));
         let (mut x, edge) = (root, LENGTH / f64::from(PARTICLES - 1));
         for i in 0..PARTICLES {
             positions.push(x.as_vec3().to_array());
@@ -104,57 +167,57 @@ fn strands(taut: bool) -> Vec<[f32; 3]> {
     positions
 }
 
-fn sweep(solver: &Solver<f32>, taut: bool, plate: &Plate) -> Result<Found, Failure> {
+fn sweep(solver: &Solver<f32>, taut: bool, solid: &Solid) -> Result<Found, Failure> {
     let rest = strands(taut);
     let offsets: Vec<u32> = (0..=STRANDS).map(|s| s * PARTICLES).collect();
     let gravity = DVec3::new(0.0, -9.81, 0.0);
     let options = Options { rest_gravity: gravity, ..Options::default() };
     let mut simulation = Simulation::from_strands(&Strands::new(&rest, &offsets), solver, &options)?;
-    let half_extents = DVec3::new(plate.half, 0.25, 0.2);
-    let shape = Shape::Box { half_extents };
-    let local = Pose::new(DQuat::IDENTITY, DVec3::new(0.0, -RIM - half_extents.y, 0.0));
-    let moving = (plate.travel / plate.speed / DT).ceil() as u32;
+    let moving = (solid.travel / solid.speed / DT).ceil() as u32;
     let mut found = Found::default();
-    let mut positions = Vec::new();
+    // With the particles that a solver adds between those of the groom.
+    let rest = chain(&simulation);
+    let particles = rest.len() / STRANDS as usize;
     let (mut sides, mut crossed) = (vec![0.0; rest.len()], 0);
     let clock = Instant::now();
     for frame in 0..moving + 60 {
-        let (from, to) = (plate.pose(frame), plate.pose(frame + 1));
-        let collider = ColliderFrame { shape: &shape, local, from, to, friction: 0.3 };
+        let (from, to) = (solid.pose(frame), solid.pose(frame + 1));
+        let collider = ColliderFrame { shape: &solid.shape, local: solid.local, from, to, friction: 0.3 };
         let colliders = [collider];
         let input = FrameInput { colliders: &colliders, gravity, dt_secs: DT, ..FrameInput::default() };
         simulation.step_frame(&input)?;
-        simulation.positions(&mut positions);
-        let inverse = to.after(&local).inverse();
-        let core = DVec3::new(0.8 * plate.half, half_extents.y - 0.2 * plate.half, half_extents.z);
-        let (mut inside, mut place) = (0, 0);
-        for strand in positions.chunks(PARTICLES as usize) {
-            let strand: Vec<DVec3> = strand.iter().map(|x| inverse.transform_point(x.as_dvec3())).collect();
-            inside +=
-                strand.windows(2).map(|ends| u32::from(intersects(core, ends[0], ends[1]))).sum::<u32>();
-            // A particle that was deep in front of the plate and is deep behind it has not come
-            // over the rim in one frame.
-            let deep = half_extents.y - 0.01 - plate.speed * DT;
-            for x in &strand {
-                let side = if x.y < deep && x.x.abs() > 0.2 * plate.half { x.x.signum() } else { 0.0 };
-                crossed += u32::from(side < 0.0 && sides[place] > 0.0);
-                sides[place] = side;
-                place += 1;
-            }
+        let positions = chain(&simulation);
+        let own = solid.local.inverse().after(&to.inverse());
+        let mut inside = 0;
+        for strand in positions.chunks(particles) {
+            let strand: Vec<DVec3> = strand.iter().map(|x| own.transform_point(*x)).collect();
+            inside += strand.windows(2).map(|ends| u32::from(solid.contains(ends[0], ends[1]))).sum::<u32>();
         }
-        found.edges = found.edges.max(f64::from(inside) / f64::from(STRANDS * (PARTICLES - 1)));
-        found.crossed = f64::from(crossed) / f64::from(STRANDS * PARTICLES);
+        for (x, before) in positions.iter().zip(&mut sides) {
+            let side = solid.side(to.inverse().transform_point(*x));
+            crossed += u32::from(side < 0.0 && *before > 0.0);
+            *before = side;
+        }
+        found.edges = found.edges.max(f64::from(inside) / (rest.len() as f64 - f64::from(STRANDS)));
+        found.crossed = f64::from(crossed) / rest.len() as f64;
         if frame + 1 == moving + 60 {
-            for (x, r) in positions.chunks(PARTICLES as usize).zip(rest.chunks(PARTICLES as usize)) {
+            for (x, r) in positions.chunks(particles).zip(rest.chunks(particles)) {
                 for i in 1..x.len() {
-                    let l = glam::Vec3::from(r[i]).distance(glam::Vec3::from(r[i - 1]));
-                    found.stretch = found.stretch.max(f64::from((x[i].distance(x[i - 1]) / l - 1.0).abs()));
+                    let l = r[i].distance(r[i - 1]);
+                    found.stretch = found.stretch.max(x[i].distance(x[i - 1]) / l - 1.0);
                 }
             }
         }
     }
     found.milliseconds = 1e3 * clock.elapsed().as_secs_f64() / f64::from(moving + 60);
     Ok(found)
+}
+
+/// Where all particles of the solver's strands are.
+fn chain(simulation: &Simulation) -> Vec<DVec3> {
+    let state = simulation.snapshot();
+    let place = |x: &[f32; 3]| DVec3::from(x.map(f64::from)) + DVec3::from(state.origin);
+    state.positions.iter().map(place).collect()
 }
 
 /// Whether the segment from `a` to `b` meets the box of half size `half` about the origin.

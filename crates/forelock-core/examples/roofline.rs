@@ -13,6 +13,7 @@ use forelock_core::frame::FrameInput;
 use forelock_core::lane::Simd;
 use forelock_core::lane::peak::multiply_adds_per_sec;
 use forelock_core::lane::{LANES, Lane, Row};
+use forelock_core::params::parts;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::{Options, Simulation};
 use forelock_core::solver::AmsParams;
@@ -189,7 +190,8 @@ fn time_solve() -> Result<f64, Box<dyn std::error::Error + Send + Sync>> {
         let frame =
             FrameInput { roots: head.into(), gravity: GRAVITY, dt_secs: 1.0 / 60.0, ..FrameInput::default() };
         let report = simulation.step_frame(&frame)?;
-        least = least.min(report.stages.get("solve_strands") / f64::from(params.substeps));
+        least =
+            least.min(report.stages.get("solve_strands") / f64::from(parts(1.0 / 60.0, params.substep_secs)));
     }
     Ok(least)
 }

@@ -4,6 +4,30 @@
 /// seconds (Sánchez-Banderas et al. 2015).
 pub const STATED_STEP_SECS: f64 = 0.016;
 
+/// The longest substep by default, seconds.
+pub const SUBSTEP_SECS: f64 = 1.0 / 240.0;
+
+/// How often the length pass runs in a player, whatever the frame rate, seconds. Between two passes
+/// edges stretch with their springs, so hair would move differently if frames decided.
+pub const LENGTH_PASS_SECS: f64 = 1.0 / 60.0;
+
+/// By how much of itself a part of a frame may be longer than it is said to be at most: a frame of
+/// 59.94 a second has the substeps of one of 60, and so has one whose substep was rounded.
+pub const PART_TOLERANCE: f64 = 2e-3;
+
+/// The most parts of a frame, so that a frame of hours does not fill the memory with its plan.
+pub const MOST_PARTS: u32 = 10_000;
+
+/// Into how many equal parts a frame of `secs` seconds is divided, so that none is longer than
+/// `longest_secs` (with [`PART_TOLERANCE`]): at least one, and at most [`MOST_PARTS`], which are
+/// longer then.
+pub fn parts(secs: f64, longest_secs: f64) -> u32 {
+    let parts = secs / (longest_secs * (1.0 + PART_TOLERANCE));
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive, saturating")]
+    let whole = (parts - 1e-9).ceil() as u32;
+    whole.clamp(1, MOST_PARTS)
+}
+
 /// The pass, once a frame, that brings every edge back to its rest length.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Inextensibility {
@@ -47,7 +71,8 @@ pub enum ParamsError {
     /// h² κ too large for float32.
     #[error(
         "`{name}` = {value:e} at {substeps} substep(s) of a {dt_secs:.4} s frame is beyond float32 \
-         (h²κ = {product:.0}, limit {FLOAT32_STIFFNESS_LIMIT:.0}): set substeps to {needed} or more, or lower it to {allowed:.1e}"
+         (h²κ = {product:.0}, limit {FLOAT32_STIFFNESS_LIMIT:.0}): {}lower it to {allowed:.1e}",
+        needed_secs.map(|secs| format!("set substep_secs to {secs:e} or less, or ")).unwrap_or_default()
     )]
     TooStiff {
         /// The field.
@@ -60,9 +85,10 @@ pub enum ParamsError {
         dt_secs: f64,
         /// h² κ, over the smallest relative mass.
         product: f64,
-        /// The smallest sufficient number of substeps.
-        needed: u32,
-        /// The largest stiffness allowed at this number of substeps.
+        /// The longest substep that suffices, rounded down to three digits, seconds; none if it is
+        /// below the range of substeps.
+        needed_secs: Option<f64>,
+        /// The largest stiffness allowed with these substeps.
         allowed: f64,
     },
 }
@@ -72,6 +98,8 @@ pub(crate) type Range = (&'static str, fn(f64) -> bool);
 pub(crate) const NON_NEGATIVE: Range = ("a finite number of 0 or more", |x| x >= 0.0);
 pub(crate) const POSITIVE: Range = ("a finite number above 0", |x| x > 0.0);
 pub(crate) const SHARE: Range = ("between 0 and 1", |x| (0.0..=1.0).contains(&x));
+pub(crate) const SUBSTEP: Range = ("between 1e-5 and 1", |x| (LEAST_SUBSTEP_SECS..=1.0).contains(&x));
+pub(crate) const LEAST_SUBSTEP_SECS: f64 = 1e-5;
 pub(crate) const COUNT: Range = ("between 1 and 1000", |x| (1.0..=1000.0).contains(&x));
 
 /// Checks parameters, each a name, a value and its range.
@@ -91,4 +119,24 @@ pub(crate) fn check(values: &[(&'static str, f64, Range)]) -> Result<(), ParamsE
 /// [`ParamsError::Range`] if it is not finite or not above 0.
 pub(crate) fn check_time(dt_secs: f64) -> Result<(), ParamsError> {
     check(&[("dt_secs", dt_secs, POSITIVE)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_are_divided_tolerantly_to_rounding() {
+        for (fps, expected) in
+            [(60.0, 4), (59.94, 4), (30.0, 8), (24.0, 10), (144.0, 2), (240.0, 1), (1e4, 1)]
+        {
+            assert_eq!(parts(1.0 / fps, SUBSTEP_SECS), expected, "{fps}");
+        }
+        // Lengths that were rounded to four digits, either way; half a percent is no rounding.
+        assert_eq!([4.166e-3, 4.167e-3, 4.145e-3].map(|secs| parts(1.0 / 60.0, secs)), [4, 4, 5]);
+        // Parts of a part are not divided again.
+        assert!((1..2000).all(|n| parts(1.0 / f64::from(n), 1.0 / f64::from(n)) == 1));
+        assert_eq!([f64::INFINITY, f64::NAN, -1.0].map(|secs| parts(secs, 1e-3)), [MOST_PARTS, 1, 1]);
+        assert_eq!(parts(1.0, f64::INFINITY), 1);
+    }
 }

@@ -166,6 +166,16 @@ impl Shared {
         }
     }
 
+    /// Makes room for `substeps`. Returns whether the buffer is a new one.
+    pub fn hold(&mut self, gpu: &Gpu, substeps: u32) -> bool {
+        let bytes = u64::from(self.stride) * u64::from(substeps);
+        let grows = bytes > self.substeps.size();
+        if grows {
+            self.substeps = gpu.buffer("substeps", bytes, BufferUsages::UNIFORM | BufferUsages::COPY_DST);
+        }
+        grows
+    }
+
     /// Bytes held.
     pub fn bytes(&self) -> u64 {
         [&self.frame, &self.substeps, &self.scratch, &self.report].iter().map(|buffer| buffer.size()).sum()

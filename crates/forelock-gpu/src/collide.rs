@@ -5,7 +5,7 @@ use crate::kernel::{Constant, Kernel, Shader, Threads, bindings, shader};
 use crate::uniforms::FrameUniform;
 use crate::{Gpu, GpuError};
 use bytemuck::{Pod, Zeroable};
-use forelock_core::body::{ColliderFrame, SHAPES_WGSL, Sdf, Shape};
+use forelock_core::body::{BRICK_NODES, ColliderFrame, REFINEMENT, SHAPES_WGSL, Sdf, Shape};
 use forelock_core::collide::resolve_solids::{self, SolidMotion};
 use forelock_core::frame::FrameRules;
 use forelock_core::frame::{FrameInput, FramePlan, Step, fractions};
@@ -44,6 +44,8 @@ const DISPLACED: u32 = 4;
 const IF_MOVED: u32 = 8;
 /// Bit of [`QueryUniform::how`]: nothing is done if contacts moved strands.
 const UNLESS_MOVED: u32 = 16;
+/// Bit of [`QueryUniform::how`]: velocities will be derived from positions.
+const POSITIONAL: u32 = 32;
 
 /// Queries of a frame after those of its substeps, by their number from there.
 pub(crate) mod queries {
@@ -71,8 +73,11 @@ pub(crate) const SHAPE_CONSTANTS: &[Constant] = &[
     Constant::u32("DISPLACED", DISPLACED),
     Constant::u32("IF_MOVED", IF_MOVED),
     Constant::u32("UNLESS_MOVED", UNLESS_MOVED),
+    Constant::u32("POSITIONAL", POSITIONAL),
     Constant::u32("MOST_SOLIDS", MOST_SOLIDS as u32),
     Constant::u32("FIELD_NUMBERS", FIELD_NUMBERS),
+    Constant::u32("REFINEMENT", REFINEMENT),
+    Constant::u32("BRICK_NODES", BRICK_NODES as u32),
 ];
 
 /// Constants of the text that resolves the collisions of a particle.
@@ -100,14 +105,13 @@ const STRAND_CONSTANTS: &[Constant] = &[
     Constant::f32("LEAST_TURN", resolve_solids::LEAST_TURN as f32),
     Constant::u32("SLIDE_STEPS", resolve_solids::SLIDE_STEPS as u32),
     Constant::f32("STRETCHED", resolve_solids::STRETCHED as f32),
+    Constant::u32("EXACT_ROUNDS", resolve_solids::EXACT_ROUNDS as u32),
 ];
 
 /// Shapes that change are supported.
 pub(crate) const MORPHING: &[Constant] = &[Constant::bool("CHANGES", true)];
 /// Shapes that change are left out, which makes the kernel faster.
 pub(crate) const RIGID: &[Constant] = &[Constant::bool("CHANGES", false)];
-/// Collisions change velocities.
-const FREE: &[Constant] = &[Constant::bool("FRICTION_MOVES", false)];
 
 bindings! {
     /// Strands and solids.
@@ -129,7 +133,7 @@ shader! {
     /// `resolve_solids` for shapes that do not change.
     RESOLVE: "resolve_solids", SolidBindings;
     texts: [SHAPES_WGSL, resolve_solids::PARTICLE_WGSL, resolve_solids::WGSL];
-    constants: [SHAPE_CONSTANTS, PARTICLE_CONSTANTS, STRAND_CONSTANTS, RIGID, FREE];
+    constants: [SHAPE_CONSTANTS, PARTICLE_CONSTANTS, STRAND_CONSTANTS, RIGID];
     kernels: {
         /// Resolves the collisions of each strand.
         RESOLVE_SOLIDS: "resolve_solids", Threads::Strands;
@@ -140,7 +144,7 @@ shader! {
     /// `resolve_solids` where some shapes change.
     RESOLVE_MORPHING: "resolve_solids", SolidBindings;
     texts: [SHAPES_WGSL, resolve_solids::PARTICLE_WGSL, resolve_solids::WGSL];
-    constants: [SHAPE_CONSTANTS, PARTICLE_CONSTANTS, STRAND_CONSTANTS, MORPHING, FREE];
+    constants: [SHAPE_CONSTANTS, PARTICLE_CONSTANTS, STRAND_CONSTANTS, MORPHING];
     kernels: {
         /// Resolves the collisions of each strand.
         RESOLVE_MORPHING_SOLIDS: "resolve_solids", Threads::Strands;
@@ -206,7 +210,7 @@ pub struct SolidEntry {
     pub thinness: f32,
     /// Radius; half length and radius; half extents. Metres.
     pub size: Vec3,
-    /// Side of a field's cells, metres; 0 for what is exact.
+    /// Side of a field's cells near the surface, metres; 0 for what is exact.
     pub cell: f32,
     /// Centre of its bounding ball.
     pub ball: Vec3,
@@ -214,7 +218,8 @@ pub struct SolidEntry {
     pub ball_radius: f32,
     /// A field's first node, metres.
     pub origin: Vec3,
-    /// Of a shape that changes, the first number of the description of its first field.
+    /// Of a shape that changes, the first number of the description of its first field; of a field,
+    /// the first entry of its table of bricks, 0 if it is not refined.
     pub described: u32,
     /// A field's nodes.
     pub dims: UVec3,
@@ -228,9 +233,9 @@ pub struct SolidEntry {
     pub fields: u32,
 }
 
-/// Numbers of the description of a field: first node, side of a cell, nodes, and the index of its
-/// first value in two halves.
-pub const FIELD_NUMBERS: u32 = 9;
+/// Numbers of the description of a field: first node, side of a cell, nodes, and in two halves each
+/// the index of its first value and that of its table of bricks.
+pub const FIELD_NUMBERS: u32 = 11;
 
 /// A query of all solids: `Query` in the kernel.
 #[repr(C)]
@@ -239,7 +244,8 @@ pub struct QueryUniform {
     /// The number of solids.
     pub count: u32,
     /// Bits 1: after a substep; 2: the last query of the frame; 4: the length pass has displaced
-    /// particles; 8: only if contacts moved strands; 16: only if they did not.
+    /// particles; 8: only if contacts moved strands; 16: only if they did not; 32: velocities will
+    /// be derived from positions.
     pub how: u32,
     /// Distance kept from surfaces, metres.
     pub thickness: f32,
@@ -249,8 +255,8 @@ pub struct QueryUniform {
     pub slow_edges: f32,
     /// Largest displacement of a point of an edge that was inside before, metres.
     pub max_edge_push: f32,
-    /// Unused.
-    pub pad_1: f32,
+    /// Stretch above which a strand that touches solids is laid along them; `FAR`: never.
+    pub stretch_limit: f32,
     /// Unused.
     pub pad_2: f32,
     /// The first `count` are used.
@@ -262,10 +268,14 @@ pub struct QueryUniform {
 pub(crate) struct SolidFrame<'a> {
     /// The frame.
     pub frame: &'a FrameInput<'a>,
+    /// Its substeps.
+    pub substeps: u32,
     /// The origin of positions.
     pub origin: DVec3,
     /// The frame's plan.
     pub plan: &'a FramePlan,
+    /// Whether velocities are derived from positions after the collisions of a substep.
+    pub positional: bool,
 }
 
 /// Distance fields on the device, and the queries of a frame.
@@ -288,11 +298,10 @@ impl Solids {
     /// For frames of `substeps`, without a field yet.
     pub fn new(gpu: &Gpu, substeps: u32) -> Self {
         let stride = gpu.uniform_stride(size_of::<QueryUniform>());
-        let bytes = u64::from(stride) * u64::from(substeps + queries::COUNT);
         Self {
             fields: buffer_of(gpu, &[]),
             held: Vec::new(),
-            queries: gpu.buffer("queries", bytes, BufferUsages::UNIFORM | BufferUsages::COPY_DST),
+            queries: queries_of(gpu, stride, substeps),
             stride,
             query: Box::new(QueryUniform::zeroed()),
             bytes: Vec::new(),
@@ -302,6 +311,15 @@ impl Solids {
     /// Bytes held on the device.
     pub fn bytes(&self) -> u64 {
         self.fields.size() + self.queries.size()
+    }
+
+    /// Makes room for the queries of frames of `substeps`. Returns whether the buffer is a new one.
+    pub fn hold_queries(&mut self, gpu: &Gpu, substeps: u32) -> bool {
+        let grows = query_bytes(self.stride, substeps) > self.queries.size();
+        if grows {
+            self.queries = queries_of(gpu, self.stride, substeps);
+        }
+        grows
     }
 
     /// Uploads the fields of `solids` that are missing. Returns whether the buffer is a new one.
@@ -325,6 +343,8 @@ impl Solids {
                         described.extend(describe(field, values.len() as u32));
                     }
                     values.extend_from_slice(field.values());
+                    // A float holds the numbers exactly: 2²⁴ bricks would be 8 GB.
+                    values.extend(field.brick_numbers().map(|number| number as f32));
                 }
             }
         }
@@ -340,12 +360,14 @@ impl Solids {
 
     /// Writes the queries of a frame: one after each substep, and those of [`queries`].
     pub fn write_frame(&mut self, gpu: &Gpu, rules: &FrameRules, frame: &SolidFrame<'_>) {
-        let (colliders, substeps) = (frame.frame.colliders, rules.substeps);
+        let SolidFrame { substeps, .. } = *frame;
+        let colliders = frame.frame.colliders;
         let h = frame.frame.dt_secs / f64::from(substeps);
         self.bytes.clear();
         self.query.count = colliders.len() as u32;
         self.query.thickness = rules.skin_thickness as f32;
-        self.query.slow_edges = 1.0 / substeps as f32;
+        let limit = rules.stretch_limit.unwrap_or(FAR) as f32;
+        let positional = if frame.positional { POSITIONAL } else { 0 };
         self.query.max_edge_push = (rules.depenetration_speed * h) as f32;
         // Contacts are reported by the query that comes last.
         let has = |step| frame.plan.contains(step);
@@ -359,12 +381,16 @@ impl Solids {
                 *entry = entry_of(solid, fractions, frame.origin, place);
             }
             let is_last = step + 1 == substeps && !is_final && !restored;
-            self.query.how = AFTER_SUBSTEP | last(is_last);
+            self.query.how = AFTER_SUBSTEP | positional | last(is_last);
+            let ends = rules.collides_once() && step + 1 == substeps;
+            self.query.slow_edges = if ends { 0.0 } else { 1.0 / substeps as f32 };
+            self.query.stretch_limit = if ends { limit } else { FAR as f32 };
             self.query.max_push_out = (rules.depenetration_speed * h) as f32;
             self.append(step);
         }
         self.query.max_push_out = 0.0;
         self.query.slow_edges = 0.0;
+        self.query.stretch_limit = limit;
         self.query.max_edge_push = (rules.depenetration_speed * frame.frame.dt_secs) as f32;
         let unless = if again { UNLESS_MOVED } else { 0 };
         let hows = [DISPLACED | last(restored), DISPLACED | IF_MOVED | LAST, unless | LAST];
@@ -379,6 +405,16 @@ impl Solids {
         self.bytes.resize((number * self.stride) as usize, 0);
         self.bytes.extend_from_slice(bytemuck::bytes_of(&*self.query));
     }
+}
+
+/// Bytes of the queries of a frame of `substeps`, each at a multiple of `stride`.
+fn query_bytes(stride: u32, substeps: u32) -> u64 {
+    u64::from(stride) * u64::from(substeps + queries::COUNT)
+}
+
+fn queries_of(gpu: &Gpu, stride: u32, substeps: u32) -> wgpu::Buffer {
+    let usage = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
+    gpu.buffer("queries", query_bytes(stride, substeps), usage)
 }
 
 /// The fields of a shape; none of a primitive.
@@ -403,7 +439,20 @@ fn place_of(held: &[(Shape, u32)], shape: &Shape) -> Option<u32> {
 /// [`FIELD_NUMBERS`] of a field whose values start at `first`.
 fn describe(field: &Sdf, first: u32) -> [f32; FIELD_NUMBERS as usize] {
     let ([x, y, z], [i, j, k]) = (field.origin().to_array(), field.dims().as_vec3().to_array());
-    [x, y, z, field.cell(), i, j, k, (first >> 16) as f32, (first & 0xffff) as f32]
+    let [a, b] = halves(first);
+    let [c, d] = halves(table_of(field, first));
+    [x, y, z, field.cell(), i, j, k, a, b, c, d]
+}
+
+/// An index in two halves, each of which a float holds exactly.
+fn halves(index: u32) -> [f32; 2] {
+    [(index >> 16) as f32, (index & 0xffff) as f32]
+}
+
+/// The first entry of the table of bricks of a field whose values start at `first`; 0 if it has
+/// none.
+fn table_of(field: &Sdf, first: u32) -> u32 {
+    if field.is_refined() { first + field.values().len() as u32 } else { 0 }
 }
 
 fn buffer_of(gpu: &Gpu, values: &[f32]) -> wgpu::Buffer {
@@ -447,7 +496,10 @@ fn entry_of(solid: &ColliderFrame<'_>, fractions: [f64; 2], origin: DVec3, place
         ball: ball.as_vec3(),
         ball_radius: ball_radius as f32,
         origin: field.map_or(Vec3::ZERO, |field| field.origin()),
-        described: place,
+        described: match solid.shape {
+            Shape::Sdf(field) => table_of(field, place),
+            _ => place,
+        },
         dims: field.map_or(UVec3::ONE, |field| field.dims()),
         first: place,
         phases: DVec2::from_array(phases).as_vec2(),

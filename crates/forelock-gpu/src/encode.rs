@@ -5,7 +5,9 @@ use crate::air::{AirFrame, Shelter};
 use crate::batch::DeviceStrands;
 use crate::clock::Clock;
 use crate::collide::{SolidFrame, SolidKinds, queries};
-use crate::frame::{CHECK_STRANDS, RESTORE_AGAIN, RESTORE_LENGTHS, RESTORE_LOAD, STORE_LOAD};
+use crate::frame::{
+    CHECK_STRANDS, DERIVE_VELOCITIES, RESTORE_AGAIN, RESTORE_LENGTHS, RESTORE_LOAD, STORE_LOAD,
+};
 use crate::interaction::{GpuInteraction, InteractionFrame};
 use crate::kernel::DispatchList;
 use crate::solver::SolveBatch;
@@ -103,14 +105,14 @@ impl GpuSimulation {
         let solids = kinds.solids;
         let groups = &self.groups;
         let strands = &groups.strands[batch];
-        let last = self.rules.substeps - 1;
+        let last = self.count - 1;
         let collide =
             |number| solids.resolve().map(|kernel| groups.solids[batch].dispatch(kernel, &[number]));
         // At the frame's end colliders meet hair with the speed at which it moves.
         let collide_at_end = |list: &mut DispatchList<'a>, query| {
             let loaded = self.has_load() && solids.resolve().is_some();
             list.extend(loaded.then(|| strands.dispatch(&STORE_LOAD, &[0])));
-            list.extend(collide(self.rules.substeps + query));
+            list.extend(collide(self.count + query));
             list.extend(loaded.then(|| strands.dispatch(&RESTORE_LOAD, &[0])));
         };
         match step {
@@ -123,7 +125,12 @@ impl GpuSimulation {
                 let batch = SolveBatch { groups, batch, longest, solids, half_factors };
                 self.kernels.solve(list, &batch, substep);
             }
-            Step::Collide { substep } => list.extend(collide(substep)),
+            Step::Collide { substep } => {
+                let loaded = self.has_load() && solids.resolve().is_some();
+                list.extend(loaded.then(|| strands.dispatch(&STORE_LOAD, &[0])));
+                list.extend(collide(substep));
+                list.extend(loaded.then(|| strands.dispatch(&DERIVE_VELOCITIES, &[0])));
+            }
             Step::CollideFinal { .. } => collide_at_end(list, queries::FINAL),
             Step::RestoreLengths => {
                 list.push(strands.dispatch(&RESTORE_LENGTHS, &[last]));
@@ -154,7 +161,7 @@ impl GpuSimulation {
                     list.run(strands, &STORE_LOAD, &[0]);
                 }
                 if let Some(own) = self.interaction(&exchange) {
-                    own.exchange(list, self.rules.substeps);
+                    own.exchange(list, self.count);
                 }
                 if loaded {
                     list.run(strands, &RESTORE_LOAD, &[0]);
@@ -190,11 +197,12 @@ impl GpuSimulation {
             uniform = uniform.in_wind();
         }
         self.gpu.queue().write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&uniform));
-        let count = self.rules.substeps;
+        let count = self.count;
         let poses: Vec<_> = frame.poses(&self.model, count, origin).collect();
         self.write_substeps(&poses, shift);
         if !frame.colliders.is_empty() || self.rules.solver_collides {
-            let solids = SolidFrame { frame, origin, plan: &self.plan };
+            let solids =
+                SolidFrame { frame, substeps: count, origin, plan: &self.plan, positional: self.has_load() };
             self.solids.write_frame(&self.gpu, &self.rules, &solids);
         }
         if let [.., before, now] = poses[..] {
@@ -229,8 +237,7 @@ impl GpuSimulation {
     /// Writes the substeps between `poses`, the first of which moves positions by `shift`; further
     /// entries number the levels of kernels that place one particle of each strand.
     fn write_substeps(&mut self, poses: &[Pose], shift: DVec3) {
-        let (count, weight, stride) =
-            (self.rules.substeps, self.options.carried_gravity(), self.shared.stride);
+        let (count, weight, stride) = (self.count, self.options.carried_gravity(), self.shared.stride);
         self.substeps.clear();
         let mut append = |number: u32, substep: &SubstepUniform| {
             self.substeps.resize((number * stride) as usize, 0);
@@ -240,7 +247,7 @@ impl GpuSimulation {
             let shift = if step == 0 { shift } else { DVec3::ZERO };
             append(step, &SubstepUniform::new([&ends[0], &ends[1]], weight, shift));
         }
-        for level in count..(self.shared.substeps.size() / u64::from(stride)) as u32 {
+        for level in count..self.kernels.substep_entries(count, self.model.longest() as u32) {
             let [start, end] = [&poses[0], &poses[1]];
             append(level, &SubstepUniform { level, ..SubstepUniform::new([start, end], weight, shift) });
         }

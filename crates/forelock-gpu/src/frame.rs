@@ -95,6 +95,8 @@ shader! {
         STORE_LOAD: "store_load", Threads::Strands;
         /// Adds it again afterwards.
         RESTORE_LOAD: "restore_load", Threads::Strands;
+        /// Adds it to the motion of the positions after the collisions of a substep.
+        DERIVE_VELOCITIES: "derive_velocities", Threads::Strands;
     }
 }
 

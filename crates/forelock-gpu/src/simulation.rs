@@ -24,6 +24,9 @@ use forelock_core::strands::{Model, Strands};
 use forelock_core::strands::{Snapshot, State};
 use glam::DVec3;
 
+/// The frame that is planned before the length of one is known, seconds.
+pub(crate) const USUAL_FRAME_SECS: f64 = 1.0 / 60.0;
+
 /// A simulation whose state is on a GPU: [`forelock_core::simulation::Simulation`], stage by stage.
 ///
 /// Pipelines are made when the first frame that uses them is recorded, and kept by the [`Gpu`];
@@ -47,6 +50,8 @@ pub struct GpuSimulation {
     pub(crate) solver: Solver<f32>,
     pub(crate) kernels: Box<dyn GpuSolver>,
     pub(crate) rules: FrameRules,
+    /// Substeps of `plan`.
+    pub(crate) count: u32,
     pub(crate) plan: FramePlan,
     pub(crate) options: Options,
     pub(crate) shared: Shared,
@@ -129,9 +134,10 @@ impl GpuSimulation {
             model.blocks[range.clone()].iter().map(|block| block.particles).sum::<usize>()
         };
         let (kernels, rules) = (solver::of(solver)?, solver.rules());
-        let entries = kernels.substep_entries(rules.substeps, model.longest() as u32);
+        let count = rules.substeps(USUAL_FRAME_SECS);
+        let entries = kernels.substep_entries(count, model.longest() as u32);
         let shared = Shared::new(gpu, ranges.iter().map(places).max().unwrap_or(1), entries);
-        let solids = Solids::new(gpu, rules.substeps);
+        let solids = Solids::new(gpu, count);
         let batch = |range| {
             let batch = Batch::new(gpu, &model, range);
             batch.write(gpu, &state);
@@ -148,7 +154,8 @@ impl GpuSimulation {
             solver: solver.clone(),
             kernels,
             rules,
-            plan: FramePlan::new(&rules, &[]),
+            count,
+            plan: FramePlan::new(&rules, count, &[]),
             options: *options,
             shared,
             solids,
@@ -242,7 +249,7 @@ impl GpuSimulation {
 
     /// Plans frames anew.
     pub(crate) fn replan(&mut self) -> Result<(), GpuError> {
-        self.plan = FramePlan::new(&self.rules, &self.exchanges());
+        self.plan = FramePlan::new(&self.rules, self.count, &self.exchanges());
         self.gpu.check()
     }
 
@@ -251,9 +258,29 @@ impl GpuSimulation {
         self.interactions.iter().map(|own| own.exchange_plan()).collect()
     }
 
-    /// A frame as a list of steps.
+    /// The last frame as a list of steps; before the first frame, one of 1/60 s. Its stages do not
+    /// depend on the frame's length, its substeps do.
     pub fn plan(&self) -> &FramePlan {
         &self.plan
+    }
+
+    /// A frame of `dt_secs` as a list of steps. Buffers grow if it has more substeps than all
+    /// frames before.
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`] if the device has failed.
+    pub fn plan_for(&mut self, dt_secs: f64) -> Result<FramePlan, GpuError> {
+        let count = self.rules.substeps(dt_secs);
+        if count != self.count {
+            self.count = count;
+            let entries = self.kernels.substep_entries(count, self.model.longest() as u32);
+            let grown = [self.shared.hold(&self.gpu, entries), self.solids.hold_queries(&self.gpu, count)];
+            if grown.contains(&true) {
+                self.bind();
+            }
+            self.replan()?;
+        }
+        Ok(self.plan.clone())
     }
 
     /// Makes all bind groups.
@@ -318,7 +345,7 @@ impl GpuSimulation {
     /// [`GpuError::Unsupported`] for what only the CPU supports, [`GpuError::Failed`] if the device
     /// has failed.
     pub fn step_frame(&mut self, frame: &FrameInput<'_>) -> Result<(), GpuError> {
-        let plan = self.plan.clone();
+        let plan = self.plan_for(frame.dt_secs)?;
         self.step_part(frame, plan.steps())
     }
 
@@ -334,12 +361,12 @@ impl GpuSimulation {
         encoder: &mut wgpu::CommandEncoder,
         frame: &FrameInput<'_>,
     ) -> Result<(), GpuError> {
-        let plan = self.plan.clone();
+        let plan = self.plan_for(frame.dt_secs)?;
         self.encode_part(encoder, frame, plan.steps())
     }
 
-    /// Some steps of a frame ([`GpuSimulation::plan`]), in their order, if the CPU runs the others;
-    /// in a submission of their own.
+    /// Some steps of a frame ([`GpuSimulation::plan_for`]), in their order, if the CPU runs the
+    /// others; in a submission of their own.
     ///
     /// # Errors
     /// The same errors as [`GpuSimulation::step_frame`].
@@ -357,6 +384,8 @@ impl GpuSimulation {
         steps: &[PlannedStep],
     ) -> Result<(), GpuError> {
         self.gpu.check()?;
+        self.plan_for(frame.dt_secs)?;
+        FramePlan::check(steps, self.count)?;
         self.solver.check_step(&self.model, frame.dt_secs, self.options.beyond_float32)?;
         frame.acceleration.check(&self.model)?;
         self.hold(frame.colliders)?;

@@ -2,7 +2,7 @@
 
 use crate::positions::DevicePositions;
 use crate::report::to_frame_report;
-use crate::simulation::Packed;
+use crate::simulation::{Packed, USUAL_FRAME_SECS};
 use crate::solver;
 use crate::{GpuError, GpuSimulation};
 use forelock_core::frame::{FrameInput, FramePlan, FrameReport, Solver};
@@ -63,12 +63,11 @@ impl GpuSimulation {
         solver.validate()?;
         let (kernels, rules) = (solver::of(&solver)?, solver.rules());
         let longest = self.model.longest() as u32;
-        let entries = kernels.substep_entries(rules.substeps, longest);
-        let same = rules.substeps == self.rules.substeps
-            && entries == self.kernels.substep_entries(self.rules.substeps, longest)
-            && solver.channels() == self.solver.channels();
-        if same {
-            (self.solver, self.kernels, self.rules) = (solver, kernels, rules);
+        let count = rules.substeps(USUAL_FRAME_SECS);
+        if solver.channels() == self.solver.channels() {
+            self.shared.hold(&self.gpu, kernels.substep_entries(count, longest));
+            self.solids.hold_queries(&self.gpu, count);
+            (self.solver, self.kernels, self.rules, self.count) = (solver, kernels, rules, count);
             return self.rebind();
         }
         self.read_state()?;

@@ -85,8 +85,8 @@ pub mod flags {
     pub const NON_HOOKEAN: u32 = 1 << 5;
     /// Lengths are restored by dynamic follow the leader, not by projection.
     pub const FOLLOW_THE_LEADER: u32 = 1 << 6;
-    /// Edges that solids stretched are laid along them.
-    pub const LAY_ALONG: u32 = 1 << 7;
+    /// Collisions are resolved level by level.
+    pub const LEVEL_SOLIDS: u32 = 1 << 7;
     /// Drag differs along a strand, or with speed.
     pub const SLENDER: u32 = 1 << 8;
     /// The air is not the same everywhere.
@@ -104,7 +104,7 @@ pub const FLAGS: [Constant; 11] = [
     Constant::u32("SAG_FREE", flags::SAG_FREE),
     Constant::u32("NON_HOOKEAN", flags::NON_HOOKEAN),
     Constant::u32("FOLLOW_THE_LEADER", flags::FOLLOW_THE_LEADER),
-    Constant::u32("LAY_ALONG", flags::LAY_ALONG),
+    Constant::u32("LEVEL_SOLIDS", flags::LEVEL_SOLIDS),
     Constant::u32("SLENDER", flags::SLENDER),
     Constant::u32("WIND", flags::WIND),
     Constant::u32("MASSES", flags::MASSES),
@@ -174,11 +174,11 @@ impl FrameUniform {
     /// What all solvers share, of frames of `dt_secs` in air of velocity `air` everywhere;
     /// [`FrameUniform::in_wind`] for a field. The solver adds its coefficients.
     pub fn new(rules: &FrameRules, dt_secs: f64, gravity: DVec3, air: DVec3) -> Self {
-        let h = dt_secs / f64::from(rules.substeps);
+        let h = rules.h(dt_secs);
         let single = |x: f64| x as f32;
         let on = [
             (rules.lengths == Inextensibility::FollowTheLeader, flags::FOLLOW_THE_LEADER),
-            (rules.lay_along, flags::LAY_ALONG),
+            (rules.solver_collides, flags::LEVEL_SOLIDS),
         ];
         Self {
             gravity: gravity.as_vec3(),

@@ -1,11 +1,24 @@
 //! How much hair lies inside solids, measured on positions.
+//!
+//! # Practice
+//! Depths are exact: those inside primitives in closed form, those inside meshes against their
+//! triangles. The distance grid of a mesh only tells which particles need that: a sample farther
+//! outside than the error bound of the grid
+//! ([`Sdf::error_bound`](forelock_core::body::Sdf::error_bound)) is outside the mesh too. No other
+//! particle counts as outside before its winding number says so.
+//!
+//! # Limitations
+//! Edges between particles are not measured. A mesh that changes (`mesh_sequence`) is measured by
+//! its grids, since between two meshes of the sequence there are no triangles.
 
-use forelock_core::body::ColliderFrame;
+use forelock_core::body::{ClosedMesh, ColliderFrame, Shape};
 use glam::Vec3;
 use rayon::prelude::*;
 
 /// Depth under a surface from which a particle counts as inside, metres.
 const INSIDE_M: f64 = 1e-3;
+/// Depth or height of a surface within rounding, metres.
+const ROUNDING_M: f32 = 1e-6;
 
 /// How particles are divided into strands.
 #[derive(Clone, Copy, Debug)]
@@ -14,6 +27,29 @@ pub struct Layout<'a> {
     pub strand_offsets: &'a [u32],
     /// Particles of each strand, from the root, that are fixed to the head.
     pub clamped: u32,
+}
+
+/// A solid at the end of its frame.
+#[derive(Clone, Copy, Debug)]
+pub struct MeasuredSolid<'a> {
+    /// Its shape and pose.
+    pub frame: ColliderFrame<'a>,
+    /// The surface of which its shape is the distance grid, if there is one.
+    pub surface: Option<&'a ClosedMesh>,
+}
+
+impl MeasuredSolid<'_> {
+    /// The depth in metres of a point of its local space; 0 outside.
+    fn depth(&self, p: Vec3) -> f64 {
+        if let (Shape::Sdf(field), Some(surface)) = (self.frame.shape, self.surface) {
+            let bound = field.error_bound();
+            let may_be_inside = field.sample_near(p, bound).is_some_and(|(distance, _)| distance <= bound);
+            let may_be_inside = may_be_inside && field.lower_bound(p) <= ROUNDING_M;
+            return if may_be_inside { surface.depth(p).into() } else { 0.0 };
+        }
+        let found = self.frame.shape.sample_near(p.as_dvec3().to_array(), 0.0);
+        found.map_or(0.0, |(distance, _)| (-distance).max(0.0))
+    }
 }
 
 /// What lies inside solids.
@@ -46,12 +82,11 @@ impl Tally {
 
 impl Penetration {
     /// Measures `positions` (metres, world space) against `solids` at the end of their frame.
-    pub fn measure(positions: &[Vec3], layout: Layout<'_>, solids: &[ColliderFrame<'_>]) -> Self {
-        let local: Vec<_> = solids.iter().map(|solid| (solid.shape, solid.pose(1.0).inverse())).collect();
+    pub fn measure(positions: &[Vec3], layout: Layout<'_>, solids: &[MeasuredSolid<'_>]) -> Self {
+        let local: Vec<_> = solids.iter().map(|solid| (solid, solid.frame.pose(1.0).inverse())).collect();
         let depth = |p: &Vec3| {
-            let depths = local.iter().map(|(shape, local_from_world)| {
-                let p = local_from_world.transform_point(p.as_dvec3()).as_vec3().to_array();
-                shape.sample_near(p, 0.0).map_or(0.0, |(distance, _)| -f64::from(distance))
+            let depths = local.iter().map(|(solid, local_from_world)| {
+                solid.depth(local_from_world.transform_point(p.as_dvec3()).as_vec3())
             });
             depths.fold(0.0, f64::max)
         };
@@ -67,5 +102,75 @@ impl Penetration {
         let strands = layout.strand_offsets.par_windows(2).with_min_len(256).map(of_strand);
         let sum = strands.reduce(Tally::default, Tally::merge);
         Self { share_inside: sum.inside as f64 / sum.all.max(1) as f64, deepest_m: sum.deepest_m }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use forelock_core::body::{Head, Sdf};
+    use forelock_core::pose::Pose;
+    use glam::{DQuat, DVec3};
+    use std::sync::Arc;
+
+    /// Points within 5 mm of the head's surface, in strands of eight of which two are clamped.
+    fn points(closed: &ClosedMesh) -> Vec<Vec3> {
+        let mesh = &Head::builtin().mesh;
+        let near = |t: usize| {
+            let [a, b, c] = mesh.corners(t);
+            let normal = (b - a).cross(c - a).normalize_or_zero();
+            (a + b + c) / 3.0 + normal * (((t * 7919) % 1000) as f32 * 1e-5 - 0.005)
+        };
+        let points: Vec<Vec3> = (0..mesh.triangles.len()).step_by(5).map(near).collect();
+        assert!(points.iter().any(|p| closed.contains(*p)));
+        points[..points.len() / 8 * 8].to_vec()
+    }
+
+    #[test]
+    fn depths_are_those_under_the_mesh_whatever_the_field() {
+        let closed = ClosedMesh::new(&Head::builtin().mesh);
+        let local = points(&closed);
+        let world_from_local = Pose::new(DQuat::from_rotation_y(0.7), DVec3::new(0.3, -1.0, 2.0));
+        let world: Vec<Vec3> =
+            local.iter().map(|p| world_from_local.transform_point(p.as_dvec3()).as_vec3()).collect();
+        let strand_offsets: Vec<u32> = (0..=local.len() as u32).step_by(8).collect();
+        let layout = Layout { strand_offsets: &strand_offsets, clamped: 2 };
+        let depths = local.iter().enumerate().filter(|(i, _)| i % 8 >= 2);
+        let depths: Vec<f64> = depths.map(|(_, p)| f64::from(-closed.signed_distance(*p)).max(0.0)).collect();
+        let share = depths.iter().filter(|d| **d > INSIDE_M).count() as f64 / depths.len() as f64;
+        let deepest = depths.iter().copied().fold(0.0, f64::max);
+        assert!(share > 0.2 && deepest > 4e-3, "{share} {deepest}");
+        for (nodes, near, is_exact) in [(16, f32::INFINITY, false), (16, 2e-3, true)] {
+            let field = Sdf::near(&closed, nodes, 0.02, near).unwrap();
+            assert_eq!(field.is_refined(), is_exact);
+            let shape = Shape::Sdf(Arc::new(field));
+            let frame = ColliderFrame {
+                shape: &shape,
+                local: Pose::IDENTITY,
+                from: Pose::IDENTITY,
+                to: world_from_local,
+                friction: 0.0,
+            };
+            let measure = |surface| Penetration::measure(&world, layout, &[MeasuredSolid { frame, surface }]);
+            let exact = measure(Some(&closed));
+            // The world's positions are rounded to 0.2 µm.
+            assert!((exact.share_inside - share).abs() < 2e-3, "{nodes}: {exact:?}, not {share}");
+            assert!((exact.deepest_m - deepest).abs() < 1e-6, "{nodes}: {exact:?}, not {deepest}");
+            // By a coarse field alone it is another measurement.
+            let by_field = measure(None);
+            assert!(is_exact || (by_field.share_inside - share).abs() > 0.02, "{by_field:?}");
+        }
+    }
+
+    #[test]
+    fn primitives_are_measured_in_closed_form() {
+        let shape = Shape::Sphere { radius: 0.1 };
+        let still = Pose::IDENTITY;
+        let frame = ColliderFrame { shape: &shape, local: still, from: still, to: still, friction: 0.0 };
+        let positions = [0.0, 0.2, 0.097, 0.0995].map(|x| Vec3::new(x, 0.0, 0.0));
+        let layout = Layout { strand_offsets: &[0, 4], clamped: 1 };
+        let found = Penetration::measure(&positions, layout, &[MeasuredSolid { frame, surface: None }]);
+        assert_eq!(found.share_inside, 1.0 / 3.0);
+        assert!((found.deepest_m - 3e-3).abs() < 1e-8, "{found:?}");
     }
 }

@@ -38,7 +38,7 @@ pub struct Summary {
     /// Wall time of a frame's simulation, milliseconds.
     pub ms_per_frame: Spread,
     /// Median time of each stage, milliseconds a frame: the solver's stages, on the CPU summed over
-    /// its threads, and `write_cache`.
+    /// its threads, and `measure_depth` and `write_cache`, which `ms_per_frame` does not include.
     pub ms_per_stage: BTreeMap<String, f64>,
     /// Largest resident memory of the process, bytes; `null` where the system does not report it.
     pub peak_memory_bytes: Option<u64>,
@@ -49,10 +49,11 @@ pub struct Summary {
     /// The same at the end of the frame, after the final collision pass. No unit.
     pub max_edge_stretch_after_solids: f64,
     /// Largest depth of any particle that is not clamped inside a solid at the end of any frame,
-    /// metres.
+    /// metres; measured against the mesh itself where the solid has one, as
+    /// [`Player::penetration`](crate::Player::penetration) does.
     pub max_penetration_m: f64,
     /// Largest share of particles more than 1 mm inside a solid at the end of a frame, but for
-    /// those clamped to the head. No unit.
+    /// those clamped to the head, from the same measurement. No unit.
     pub max_share_1mm_inside: f64,
     /// Most contacts between strands that a frame resolved; 0 without `interaction.contacts`, or
     /// where hair moves with its neighbours.
@@ -110,6 +111,8 @@ pub struct FrameRow {
 
 /// Name of the stage that carries strands by guides.
 pub(crate) const SKIN_STRANDS: &str = "skin_strands";
+/// Name of the stage that measures how much hair lies inside solids.
+pub(crate) const MEASURE_DEPTH: &str = "measure_depth";
 /// Name of the stage that writes the cache.
 pub(crate) const WRITE_CACHE: &str = "write_cache";
 

@@ -93,7 +93,7 @@ impl Followed {
             }
             player.positions(&mut positions)?;
             if frame > 0 {
-                let solids = player.collider_frames();
+                let solids = player.measured_solids();
                 let measured = Penetration::measure(&positions, player.layout(), &solids);
                 followed.inside = followed.inside.max(measured.share_inside);
             }

@@ -183,7 +183,7 @@ fn measure(
         player.step()?;
         player.positions(&mut positions)?;
         times.push(started.elapsed().as_secs_f64() * 1e3);
-        let solids = player.collider_frames();
+        let solids = player.measured_solids();
         let all = Penetration::measure(&positions, player.layout(), &solids);
         // The body comes first.
         let but_body = solids.get(1..).unwrap_or_default();
@@ -215,7 +215,7 @@ mod tests {
 
     /// The table with `guides`, at a fiftieth of the strands.
     fn table(guides: u32) -> GuidesTable {
-        let keys = ["body.sdf_cells=64".to_owned()];
+        let keys = ["body.sdf_cells=64", "body.sdf_near_cell=0.002"].map(str::to_owned);
         let table = GuidesTable::run(&[guides], 0.02, &keys, false, &mut |_| {}).unwrap();
         println!("{}", table.to_markdown());
         table

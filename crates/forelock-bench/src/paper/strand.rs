@@ -67,7 +67,8 @@ fn ridden(load: f64, substeps: u32) -> Result<Ridden, BenchError> {
     let gravity = DVec3::new(0.0, -GRAVITY, 0.0);
     let run = |non_hookean| -> Result<_, BenchError> {
         let options = Options { rest_gravity: gravity, ..Options::default() };
-        let params = AmsParams { non_hookean, substeps, ..AmsParams::default() };
+        let substep_secs = dt_secs / f64::from(substeps);
+        let params = AmsParams { non_hookean, substep_secs, ..AmsParams::default() };
         let mut simulation = Simulation::<f32>::new(&groom, &params, &options)?;
         for frame in 0..450 {
             let head = [frame, frame + 1].map(|frame| ride(load, f64::from(frame) * dt_secs));

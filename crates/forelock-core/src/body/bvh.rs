@@ -165,6 +165,12 @@ impl Bvh {
         winding
     }
 
+    /// The corners of all triangles.
+    #[cfg(test)]
+    pub(super) fn triangles(&self) -> impl Iterator<Item = &[Vec3; 3]> {
+        self.corners.iter()
+    }
+
     fn measure(&self, p: Vec3, slot: u32) -> Nearest {
         let corners = &self.corners[slot as usize];
         let barycentric = nearest_barycentric(corners, p);

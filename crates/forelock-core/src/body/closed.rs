@@ -94,9 +94,21 @@ impl ClosedMesh {
         self.report.hidden_triangles < self.triangles.len()
     }
 
+    /// The area of all triangles in m², including closing and hidden ones.
+    pub fn area(&self) -> f32 {
+        let doubled = |[a, b, c]: &[Vec3; 3]| (b - a).cross(c - a).length();
+        self.triangles.iter().map(doubled).sum::<f32>() * 0.5
+    }
+
     /// All triangles, including closing and hidden ones: a surface without boundary.
     pub(super) fn triangles(&self) -> &[[Vec3; 3]] {
         &self.triangles
+    }
+
+    /// The triangles between inside and outside.
+    #[cfg(test)]
+    pub(super) fn surface_triangles(&self) -> impl Iterator<Item = &[Vec3; 3]> {
+        self.surface.triangles()
     }
 
     /// Whether `p` is inside: the winding number there is positive.
@@ -109,6 +121,13 @@ impl ClosedMesh {
     /// `None` if nothing is enclosed.
     pub(super) fn nearest_from(&self, p: Vec3, hint: Option<&Nearest>) -> Option<Nearest> {
         self.surface.nearest_from(p, hint)
+    }
+
+    /// The depth of `p` in metres under the surface; 0 if it is outside. Outside it is faster than
+    /// [`ClosedMesh::signed_distance`].
+    pub fn depth(&self, p: Vec3) -> f32 {
+        let distance = || self.nearest_from(p, None).map_or(0.0, |n| n.distance_squared.sqrt());
+        if self.contains(p) { distance() } else { 0.0 }
     }
 
     /// The signed distance in metres from `p` to the surface, negative inside; +∞ if nothing is

@@ -104,24 +104,25 @@ impl Shape {
         }
     }
 
-    /// The side of the cells in metres, if the shape is a field.
+    /// The side of the cells near the surface in metres, if the shape is a field.
     pub fn cell(&self) -> Option<f32> {
         match self {
-            Self::Sdf(sdf) => Some(sdf.cell()),
+            Self::Sdf(sdf) => Some(sdf.near_cell()),
             Self::Morph { morph, .. } => Some(morph.cell()),
             _ => None,
         }
     }
 
     /// Half the thickness of the thinnest part in metres, as far as it is known: a point that moves
-    /// less than this cannot pass through the solid. The thinnest part of a field is assumed to be
-    /// two cells thick.
+    /// less than this cannot pass through the solid. For a field it is an assumption
+    /// ([`Sdf::thinness`]).
     pub fn thinness(&self) -> f64 {
         match self {
             Self::Sphere { radius } | Self::Capsule { radius, .. } => *radius,
             Self::Box { half_extents } => half_extents.min_element(),
             Self::HollowSphere { .. } | Self::Plane => f64::INFINITY,
-            Self::Sdf(_) | Self::Morph { .. } => self.cell().map_or(f64::INFINITY, f64::from),
+            Self::Sdf(sdf) => sdf.thinness().into(),
+            Self::Morph { morph, .. } => morph.thinness().into(),
         }
     }
 

@@ -30,4 +30,4 @@ pub use motion::{
     BuiltinMotion, KeyframeInterpolation, Keyframes, KeyframesError, Motion, MotionKind, UnknownMotion,
 };
 pub use props::Prop;
-pub use sdf::{Sdf, SdfBytesError, SdfError};
+pub use sdf::{BRICK_NODES, REFINEMENT, Sdf, SdfBytesError, SdfError};

@@ -74,7 +74,12 @@ impl Morph {
 
     /// The smallest cell of all fields, metres.
     pub fn cell(&self) -> f32 {
-        self.fields.iter().map(Sdf::cell).fold(f32::INFINITY, f32::min)
+        self.fields.iter().map(Sdf::near_cell).fold(f32::INFINITY, f32::min)
+    }
+
+    /// The smallest [`Sdf::thinness`] of all fields, metres.
+    pub fn thinness(&self) -> f32 {
+        self.fields.iter().map(Sdf::thinness).fold(f32::INFINITY, f32::min)
     }
 
     /// The bounding box of all fields: (min, max) in metres.
@@ -86,15 +91,20 @@ impl Morph {
 
 /// The largest difference between `b` and `a` at the nodes of `a`.
 fn change(a: &Sdf, b: &Sdf) -> f32 {
+    let at_nodes = |(first, values): (Vec3, &[f32])| {
+        let nodes = (0..).zip(values).map(|(node, value)| (first + a.brick_node(node), value));
+        nodes.map(|(p, value)| (b.sample(p).0 - value).abs()).fold(0.0, f32::max)
+    };
+    let in_bricks = a.bricks().par_bridge().map(at_nodes).reduce(|| 0.0, f32::max);
     let (dims, layer) = (a.dims(), (a.dims().x * a.dims().y) as usize);
-    let layers = a.values().par_chunks(layer).enumerate();
+    let layers = a.values()[..layer * dims.z as usize].par_chunks(layer).enumerate();
     let greatest = layers.map(|(k, values)| {
         let node = |at: usize| Vec3::new((at as u32 % dims.x) as f32, (at as u32 / dims.x) as f32, k as f32);
         let difference =
             |(at, value): (usize, &f32)| (b.sample(a.origin() + node(at) * a.cell()).0 - value).abs();
         values.iter().enumerate().map(difference).fold(0.0, f32::max)
     });
-    greatest.reduce(|| 0.0, f32::max)
+    greatest.reduce(|| in_bricks, f32::max)
 }
 
 #[cfg(test)]

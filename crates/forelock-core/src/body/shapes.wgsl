@@ -19,14 +19,15 @@ struct Solid {
     thinness: f32,
     // Sphere: radius; capsule: half length and radius; box: half extents.
     size: vec3f,
-    // Side of a field's cells; 0 for exact shapes.
+    // Side of a field's cells near the surface; 0 for exact shapes.
     cell: f32,
     // Centre of a ball that contains the solid.
     ball: vec3f,
     ball_radius: f32,
     // Field: the first node, the number of nodes and the index of its first value.
     origin: vec3f,
-    // Shape that changes: the index of its first field's description.
+    // Shape that changes: the index of its first field's description. Field: the index of the first
+    // entry of its table of bricks, 0 if it is not refined.
     described: u32,
     dims: vec3u,
     first: u32,
@@ -53,13 +54,14 @@ struct Query {
     slow_edges: f32,
     // Largest displacement in this query of a point of an edge that was inside before.
     max_edge_push: f32,
-    pad_1: f32,
+    stretch_limit: f32,
     pad_2: f32,
     solids: array<Solid, MOST_SOLIDS>,
 }
 
-// Values of all fields, one field after the other; then FIELD_NUMBERS numbers for each field of a
-// shape that changes.
+// Values of all fields, one field after the other: those of its nodes, then those of its bricks,
+// then for each node of a refined field the number of the brick of the cell that starts there, from
+// 1, or 0. Then FIELD_NUMBERS numbers for each field of a shape that changes.
 @group(0) @binding(10) var<storage, read> fields: array<f32>;
 @group(0) @binding(11) var<uniform> query: Query;
 
@@ -98,19 +100,25 @@ fn sample_box(half: vec3f, p: vec3f) -> vec4f {
     return vec4f(0.0, 0.0, side.z, q.z);
 }
 
-// A field: its first node, cell size, number of nodes and the index of its first value.
+// A field: its first node, the side of a cell away from the surface, the number of nodes, the index
+// of its first value, and the index of the first entry of its table of bricks (0 if it has none).
 struct Field {
     origin: vec3f,
     cell: f32,
     dims: vec3u,
     first: u32,
+    bricks: u32,
 }
 
 fn field_at(at: u32) -> Field {
     let origin = vec3f(fields[at], fields[at + 1u], fields[at + 2u]);
     let dims = vec3u(u32(fields[at + 4u]), u32(fields[at + 5u]), u32(fields[at + 6u]));
-    // The index is stored in two halves, because a float holds 24 bits only.
-    return Field(origin, fields[at + 3u], dims, u32(fields[at + 7u]) * 65536u + u32(fields[at + 8u]));
+    return Field(origin, fields[at + 3u], dims, index_at(at + 7u), index_at(at + 9u));
+}
+
+// An index that is stored in two halves, because a float holds 24 bits only.
+fn index_at(at: u32) -> u32 {
+    return u32(fields[at]) * 65536u + u32(fields[at + 1u]);
 }
 
 // Gradient (of any length) and distance, as in `Sdf::sample`.
@@ -119,10 +127,25 @@ fn sample_field(field: Field, p: vec3f) -> vec4f {
     let top = vec3f(field.dims - 1u);
     let inside = clamp(place, vec3f(0.0), top);
     let low = vec3u(clamp(inside, vec3f(0.0), top - 1.0));
-    let f = inside - vec3f(low);
-    let row = field.dims.x;
-    let layer = row * field.dims.y;
-    let first = field.first + low.x + row * low.y + layer * low.z;
+    var f = inside - vec3f(low);
+    var row = field.dims.x;
+    var layer = row * field.dims.y;
+    var first = field.first + low.x + row * low.y + layer * low.z;
+    var cell = field.cell;
+    if field.bricks != 0u {
+        // The brick's number, if the cell has one.
+        let brick = u32(fields[field.bricks + first - field.first]);
+        if brick != 0u {
+            let within = f * f32(REFINEMENT);
+            let low_within = vec3u(clamp(within, vec3f(0.0), vec3f(f32(REFINEMENT - 1u))));
+            f = within - vec3f(low_within);
+            let start = field.first + layer * field.dims.z + (brick - 1u) * BRICK_NODES;
+            row = REFINEMENT + 1u;
+            layer = row * row;
+            first = start + low_within.x + row * low_within.y + layer * low_within.z;
+            cell /= f32(REFINEMENT);
+        }
+    }
     let a = vec4f(fields[first], fields[first + row], fields[first + layer], fields[first + layer + row]);
     let b = vec4f(
         fields[first + 1u], fields[first + row + 1u], fields[first + layer + 1u], fields[first + layer + row + 1u],
@@ -137,7 +160,7 @@ fn sample_field(field: Field, p: vec3f) -> vec4f {
         dx_layer.x + (dx_layer.y - dx_layer.x) * f.z,
         dy.x + (dy.y - dy.x) * f.z,
         on_layer.y - on_layer.x,
-    ) / field.cell;
+    ) / cell;
     if dot(slope, slope) <= 1e-12 {
         slope = vec3f(0.0, 1.0, 0.0);
     }
@@ -191,8 +214,10 @@ fn sample_shape(number: u32, p: vec3f, share: f32) -> vec4f {
             return vec4f(0.0, 1.0, 0.0, p.y);
         }
         case FIELD: {
+            let bricks = query.solids[number].described;
+            let cell = query.solids[number].cell * f32(select(1u, REFINEMENT, bricks != 0u));
             let field = Field(
-                query.solids[number].origin, query.solids[number].cell, query.solids[number].dims, query.solids[number].first,
+                query.solids[number].origin, cell, query.solids[number].dims, query.solids[number].first, bricks,
             );
             let found = sample_field(field, p);
             return vec4f(found.xyz / sqrt(dot(found.xyz, found.xyz)), found.w);

@@ -19,6 +19,8 @@ pub struct FrameContext<'a, T> {
     pub(crate) simd: Simd,
     /// Length of the frame, seconds.
     pub dt_secs: f64,
+    /// Number of substeps, M.
+    pub substeps: u32,
     /// Substep, seconds.
     pub h: f64,
     /// Head poses at the substeps' ends, M + 1, from the model's centre to the frame's origin.
@@ -52,7 +54,7 @@ impl<T: Real> FrameContext<'_, T> {
             h: number(self.h),
             clamped: self.rules.clamped,
             friction_moves: false,
-            slow_edges: number(1.0 / f64::from(self.rules.substeps)),
+            slow_edges: number(1.0 / f64::from(self.substeps)),
             max_edge_push: number(self.max_push_out()),
         }
     }

@@ -3,7 +3,7 @@
 //! into dispatches.
 
 use super::rules::FrameRules;
-use crate::params::Inextensibility;
+use crate::params::{Inextensibility, ParamsError};
 use std::sync::Arc;
 
 /// When an interaction exchanges momentum.
@@ -123,8 +123,9 @@ impl Steps {
 }
 
 impl FramePlan {
-    /// The plan of a frame under a solver with `rules` and the `interactions` of a simulation.
-    pub fn new(rules: &FrameRules, interactions: &[Exchange]) -> Self {
+    /// The plan of a frame of `substeps` under a solver with `rules` and the `interactions` of a
+    /// simulation.
+    pub fn new(rules: &FrameRules, substeps: u32, interactions: &[Exchange]) -> Self {
         let mut plan = Steps::default();
         let mut sorted = interactions.to_vec();
         sorted.sort_by_key(|exchange| exchange.phase);
@@ -134,7 +135,7 @@ impl FramePlan {
         let (before, after): (Vec<Exchange>, Vec<Exchange>) =
             sorted.into_iter().partition(|own| own.phase == Phase::BeforeStrands);
         before.iter().for_each(|own| plan.push(Step::Exchange(*own), own.stage));
-        for substep in 0..rules.substeps {
+        for substep in 0..substeps {
             plan.push(Step::Solve { substep }, rules.stage);
             if !rules.solver_collides {
                 plan.push(Step::Collide { substep }, COLLIDE);
@@ -164,6 +165,22 @@ impl FramePlan {
     /// All steps in their order.
     pub fn steps(&self) -> &[PlannedStep] {
         &self.steps
+    }
+
+    /// Checks that `steps` are of a frame of `substeps`.
+    ///
+    /// # Errors
+    /// [`ParamsError::Range`] for a step of a substep that the frame does not have.
+    pub fn check(steps: &[PlannedStep], substeps: u32) -> Result<(), ParamsError> {
+        let beyond = steps.iter().find_map(|own| match own.step {
+            Step::Solve { substep } | Step::Collide { substep } if substep >= substeps => Some(substep),
+            _ => None,
+        });
+        let expected = "below those of the frame: plan steps for the frame's length";
+        match beyond.map(f64::from) {
+            Some(value) => Err(ParamsError::Range { name: "substep", value, expected }),
+            None => Ok(()),
+        }
     }
 
     /// Whether `step` is one of them.

@@ -62,10 +62,10 @@ pub struct GridReport {
     pub cells: usize,
     /// Iterations of the pressure solve, all rounds together.
     pub iterations: u32,
-    /// Residual left, over that at the start.
+    /// Largest change in the last sweeps, over the largest right-hand side.
     pub residual: f64,
-    /// The fullest cell: volume of hair in it over the volume that fills it.
-    pub fullest: f64,
+    /// Density of the densest cell before the solve, relative to that of the same hair at rest.
+    pub densest: f64,
     /// An upper bound of the displacement of hair that was too dense, metres.
     pub farthest_m: f64,
     /// Seconds of splat, solve and gather.
@@ -248,6 +248,7 @@ impl BlockReport {
             contacts: SolidContacts {
                 touching: self.contacts.touching + other.contacts.touching,
                 edges: self.contacts.edges + other.contacts.edges,
+                lanes: self.contacts.lanes | other.contacts.lanes,
                 deepest: self.contacts.deepest.max(other.contacts.deepest),
             },
             quarantined: self.quarantined + other.quarantined,

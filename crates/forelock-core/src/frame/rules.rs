@@ -1,7 +1,8 @@
 //! What the stages that all solvers share need to know of the solver.
 
+use crate::collide::resolve_solids::STRETCHED;
 use crate::lane::Real;
-use crate::params::{Inextensibility, STATED_STEP_SECS};
+use crate::params::{Inextensibility, STATED_STEP_SECS, parts};
 use crate::strands::{Channel, Model, State};
 
 /// Parameters of the shared stages, and how the solver wants its frame laid out.
@@ -9,8 +10,9 @@ use crate::strands::{Channel, Model, State};
 pub struct FrameRules {
     /// The solver's stage, as reports name it.
     pub stage: &'static str,
-    /// Substeps per frame.
-    pub substeps: u32,
+    /// The longest substep, seconds: a frame is divided into as many equal ones as it takes.
+    /// Infinite: one a frame.
+    pub substep_secs: f64,
     /// Particles of each strand, from the root, that follow the head exactly.
     pub clamped: usize,
     /// Distance that particles keep from colliders, metres.
@@ -22,8 +24,9 @@ pub struct FrameRules {
     /// Share of a length correction that the particle before loses as velocity, for
     /// [`Inextensibility::FollowTheLeader`].
     pub length_damping: f64,
-    /// Whether edges that colliders stretched at the end of a frame are laid along their surface.
-    pub lay_along: bool,
+    /// Stretch above which a strand that touches colliders is laid along their surfaces at the end
+    /// of a frame ([`lay_along`](crate::collide::resolve_solids::lay_along)); `None`: never.
+    pub stretch_limit: Option<f64>,
     /// Whether the solver's own stage resolves collisions, so that no pass follows it.
     pub solver_collides: bool,
     /// Whether the solver's own stage leaves every edge at its length, so that the length pass runs
@@ -38,17 +41,37 @@ impl Default for FrameRules {
     fn default() -> Self {
         Self {
             stage: "solve",
-            substeps: 1,
+            substep_secs: f64::INFINITY,
             clamped: 1,
             skin_thickness: 5e-4,
             depenetration_speed: 1.0,
             lengths: Inextensibility::Projection,
             length_damping: 0.9,
-            lay_along: true,
+            stretch_limit: Some(STRETCHED),
             solver_collides: false,
             restores_own_lengths: false,
             local_drag: false,
         }
+    }
+}
+
+impl FrameRules {
+    /// Substeps of a frame of `dt_secs`: [`parts`].
+    pub fn substeps(&self, dt_secs: f64) -> u32 {
+        parts(dt_secs, self.substep_secs)
+    }
+
+    /// Whether the collisions of the last substep are the frame's final ones unless interactions
+    /// follow, so that they test all edges and lay strands along colliders.
+    pub fn collides_once(&self) -> bool {
+        !self.solver_collides
+            && self.stretch_limit.is_some()
+            && (self.restores_own_lengths || self.lengths == Inextensibility::Off)
+    }
+
+    /// Length of a substep of a frame of `dt_secs`, seconds.
+    pub fn h(&self, dt_secs: f64) -> f64 {
+        dt_secs / f64::from(self.substeps(dt_secs))
     }
 }
 
@@ -110,7 +133,12 @@ pub enum StepRate {
 impl StepRate {
     /// The step, or [`STATED_STEP_SECS`] where it is the frame's.
     pub fn usual_secs(self) -> f64 {
-        if let Self::Fixed(secs) = self { secs } else { STATED_STEP_SECS }
+        self.secs(STATED_STEP_SECS)
+    }
+
+    /// The step in frames of `frame_secs`, seconds.
+    pub fn secs(self, frame_secs: f64) -> f64 {
+        if let Self::Fixed(secs) = self { secs } else { frame_secs }
     }
 }
 

@@ -11,11 +11,12 @@
 //! [`StrandSolver`] itself: one dynamic call a block.
 
 use super::context::{FrameContext, Substep};
+use super::finish;
 use super::plan::Step;
 use super::report::BlockReport;
 use super::rules::{Channels, FrameRules, Refinement, StepCheck, StepRate};
 use crate::air::sample_air;
-use crate::collide::resolve_solids::{self, QueriedStrands, Since, SolidContacts};
+use crate::collide::resolve_solids::SolidContacts;
 use crate::lane::{LANES, Lane, Real, Simd, V3};
 use crate::params::{ParamsError, check_time};
 use crate::strands::{BlockView, LaneGroup, Model, PackError, Scratch, Strands};
@@ -440,11 +441,8 @@ impl<S: LaneSolver> BlockTask for Substeps<'_, S> {
                     report.nanos.solve += clock.lap();
                 }
                 Step::Collide { substep } => {
-                    let solids = cx.colliders(substep as usize, cx.max_push_out());
-                    let queried = QueriedStrands::all::<L>(group);
-                    let work = scratch.vectors::<L>();
                     report.contacts =
-                        resolve_solids::resolve::<L>(&solids, Since::Substep, view, queried, work);
+                        finish::collide_substep::<L>(cx, substep as usize, view, group, scratch);
                     report.nanos.collide += clock.lap();
                 }
                 _ => {}

@@ -20,17 +20,15 @@
 
 mod math;
 pub mod peak;
-mod quad;
 mod simd;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
 pub use math::{Mat3, Sym3, V3};
-pub(crate) use quad::Quad;
 pub use simd::Simd;
 #[cfg(target_arch = "x86_64")]
 pub(crate) use simd::with_features;
-pub(crate) use simd::{BASELINE_FMA, on};
+pub(crate) use simd::{BASELINE_FMA, on, widest};
 #[cfg(target_arch = "x86_64")]
 pub(crate) use x86::{Avx2, Avx512};
 

@@ -59,6 +59,26 @@ impl Simd {
     }
 }
 
+/// Runs `f` with the processor's AVX2, if it has it. Only what is inlined into `f` is compiled for
+/// it. Results do not depend on it: the compiler fuses no multiplications with additions.
+#[inline(always)]
+pub(crate) fn widest<R>(f: impl FnOnce() -> R) -> R {
+    #[cfg(target_arch = "x86_64")]
+    {
+        // A function of its own: what the compiler merges with its caller is often slower.
+        #[target_feature(enable = "avx2")]
+        #[inline(never)]
+        fn with_avx2<R>(f: impl FnOnce() -> R) -> R {
+            f()
+        }
+        if is_x86_feature_detected!("avx2") {
+            // SAFETY: the processor has AVX2.
+            return unsafe { with_avx2(f) };
+        }
+    }
+    f()
+}
+
 /// Whether the target has fused multiply–add without asking.
 pub(crate) const BASELINE_FMA: bool = cfg!(any(target_arch = "aarch64", target_feature = "fma"));
 

@@ -22,6 +22,9 @@ use crate::strands::{Masses, Model, PackError, Snapshot, SnapshotError, State, S
 use glam::{DVec3, Vec3};
 use step::Workspace;
 
+/// The frame that is planned before the length of one is known, seconds.
+const USUAL_FRAME_SECS: f64 = 1.0 / 60.0;
+
 /// Options of a simulation besides its parameters.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Options {
@@ -140,6 +143,8 @@ pub struct Simulation<T: SimulationReal = f32> {
     solver: Solver<T>,
     options: Options,
     interactions: Vec<Box<dyn Interaction<T>>>,
+    /// Substeps of `plan`.
+    substeps: u32,
     plan: FramePlan,
 }
 
@@ -183,12 +188,14 @@ impl<T: SimulationReal> Simulation<T> {
         let mut state = State::at_rest(&model, &options.rest_pose);
         solver.channels().prepare(&mut model, &mut state);
         let workspace = Workspace::new(&model);
-        let plan = FramePlan::new(&solver.rules(), &[]);
-        Ok(Self { model, state, workspace, solver, options: *options, interactions: Vec::new(), plan })
+        let (rules, interactions) = (solver.rules(), Vec::new());
+        let substeps = rules.substeps(USUAL_FRAME_SECS);
+        let plan = FramePlan::new(&rules, substeps, &[]);
+        Ok(Self { model, state, workspace, solver, options: *options, interactions, substeps, plan })
     }
 
     fn replan(&mut self) {
-        self.plan = FramePlan::new(&self.solver.rules(), &self.exchanges());
+        self.plan = FramePlan::new(&self.solver.rules(), self.substeps, &self.exchanges());
     }
 
     /// The interactions of the simulation.
@@ -196,9 +203,20 @@ impl<T: SimulationReal> Simulation<T> {
         self.interactions.iter().map(|own| own.exchange_plan()).collect()
     }
 
-    /// A frame as a list of steps.
+    /// The last frame as a list of steps; before the first frame, one of 1/60 s. Its stages do not
+    /// depend on the frame's length, its substeps do.
     pub fn plan(&self) -> &FramePlan {
         &self.plan
+    }
+
+    /// A frame of `dt_secs` as a list of steps.
+    pub fn plan_for(&mut self, dt_secs: f64) -> FramePlan {
+        let substeps = self.solver.rules().substeps(dt_secs);
+        if substeps != self.substeps {
+            self.substeps = substeps;
+            self.replan();
+        }
+        self.plan.clone()
     }
 
     /// Adds an interaction from the next frame on. It replaces an interaction of the same name.
@@ -283,21 +301,21 @@ impl<T: SimulationReal> Simulation<T> {
         self.interactions.iter_mut().for_each(|own| own.rebuild(&self.model, simd));
     }
 
-    /// Advances by a frame. It allocates only when a frame has more colliders, a larger box of hair
-    /// on the grid or more contacts than all frames before.
+    /// Advances by a frame. It allocates only when a frame has other substeps than the one before,
+    /// or more colliders, a larger box of hair on the grid or more contacts than all before.
     ///
     /// # Errors
     /// [`ParamsError`] if the frame's time and stiffness are beyond float32, or the time is not
     /// positive.
     pub fn step_frame(&mut self, frame: &FrameInput<'_>) -> Result<FrameReport, ParamsError> {
-        let plan = self.plan.clone();
+        let plan = self.plan_for(frame.dt_secs);
         T::run_steps(self, frame, plan.steps())
     }
 
-    /// Runs some consecutive steps of a frame ([`Simulation::plan`]), for an executor that runs the
-    /// other steps elsewhere. All steps of a frame in order, in any number of calls, give the state
-    /// of [`Simulation::step_frame`] bit for bit, except that each call that solves strands samples
-    /// a wind field again. Quantities that the steps do not measure are zero in the report.
+    /// Runs some consecutive steps of a frame ([`Simulation::plan_for`]), for an executor that runs
+    /// the other steps elsewhere. All steps of a frame in order, in any number of calls, give the
+    /// state of [`Simulation::step_frame`] bit for bit, except that each call that solves strands
+    /// samples a wind field again. Quantities that the steps do not measure are zero in the report.
     ///
     /// # Errors
     /// The same errors as [`Simulation::step_frame`].
@@ -344,6 +362,7 @@ impl<T: SimulationReal> Simulation<T> {
         solver.validate()?;
         self.solver = solver;
         self.solver.channels().prepare(&mut self.model, &mut self.state);
+        self.substeps = self.solver.rules().substeps(USUAL_FRAME_SECS);
         self.replan();
         Ok(())
     }

@@ -5,8 +5,8 @@ use crate::air::sample_air::AirTerms;
 use crate::air::{Canopy, PlacedHair, Wake, WindField};
 use crate::collide::resolve_solids::SolidPose;
 use crate::frame::{
-    BlockReport, Crew, ExchangeContext, FrameContext, FrameInput, FrameReport, Interaction, PlannedStep,
-    SolverReal, Step, fractions,
+    BlockReport, Crew, ExchangeContext, FrameContext, FrameInput, FramePlan, FrameReport, Interaction,
+    PlannedStep, SolverReal, Step, fractions,
 };
 use crate::lane::Row;
 use crate::params::ParamsError;
@@ -106,10 +106,12 @@ impl<T: SimulationReal> Simulation<T> {
         self.solver.check_step(&self.model, frame.dt_secs, beyond_float32)?;
         frame.acceleration.check(&self.model)?;
         let rules = self.solver.rules();
+        let substeps = rules.substeps(frame.dt_secs);
+        FramePlan::check(steps, substeps)?;
         let origin = frame.origin(&self.model);
         let shift = self.state.origin - origin;
         let start = self.model.about_centre(&frame.roots.head()[0], self.state.origin);
-        self.workspace.place(frame, rules.substeps, &self.model, origin);
+        self.workspace.place(frame, substeps, &self.model, origin);
         let solves = steps.iter().any(|own| matches!(own.step, Step::Solve { .. }));
         let wind =
             self.wind(frame, frame.air.field.filter(|_| solves), solves && rules.local_drag, origin, shift);
@@ -133,7 +135,8 @@ impl<T: SimulationReal> Simulation<T> {
             rules,
             simd: self.options.simd.resolve(),
             dt_secs: frame.dt_secs,
-            h: frame.dt_secs / f64::from(rules.substeps),
+            substeps,
+            h: frame.dt_secs / f64::from(substeps),
             poses,
             gravity: frame.gravity,
             rest_gravity: self.options.carried_gravity(),
@@ -151,7 +154,7 @@ impl<T: SimulationReal> Simulation<T> {
             solids: frame.colliders,
             origin,
             clamped: rules.clamped,
-            substeps: rules.substeps,
+            substeps,
             dt_secs: frame.dt_secs,
         };
         let mut crew = Crew { solver: &self.solver, cx, model: &self.model, scratch, exposure, acceleration };

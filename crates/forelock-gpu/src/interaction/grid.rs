@@ -21,7 +21,7 @@ use crate::{Gpu, GpuError};
 use bytemuck::{Pod, Zeroable};
 use forelock_core::body::SHAPES_WGSL;
 use forelock_core::frame::Exchange;
-use forelock_core::interaction::grid::solve_pressure::{LOOSE, SLACK, SPARSE};
+use forelock_core::interaction::grid::solve_pressure::{LOOSE, SLACK, SPARSE, SWEEPS, relaxation};
 use forelock_core::interaction::grid::{
     self, Grid, GridFrame, GridParams, GridPlacement, GridReport, MARGIN, SolidMaps,
 };
@@ -29,16 +29,12 @@ use forelock_core::interaction::grid::{gather_velocities, solve_pressure, splat_
 use glam::{DAffine3, DMat3, DMat4, DVec3, IVec3, Mat4, UVec3};
 use wgpu::BufferUsages;
 
-/// The longest side of the rest shape over the thickness of its hair, about.
-const THINNESS: f64 = 7.0;
-/// Sweeps between two checks of convergence.
-const SWEEPS: u32 = 4;
 /// Largest speed relative to the head that the grid transfers, m/s.
 const FASTEST: f32 = 64.0;
 /// Cells from the grid's origin, beyond which hair is left alone.
 const MOST_OUT: f32 = 8192.0;
 /// Numbers per cell.
-const PLANES: u64 = 11;
+const PLANES: u64 = 10;
 
 const GRID_CONSTANTS: &[Constant] = &[Constant::u32("MOST_SOLIDS", MOST_SOLIDS as u32)];
 
@@ -58,7 +54,7 @@ bindings! {
         3 model: read,
         5 positions: read_write,
         6 velocities: read_write,
-        12 rooms: read,
+        12 volumes: read,
         13 cells: read_write,
         14 bounds: read_write,
         16 grid: uniform(GridUniform),
@@ -72,7 +68,7 @@ bindings! {
         11 query: dynamic(QueryUniform),
         13 cells: read_write,
         14 bounds: read_write,
-        15 faces: read_write,
+        15 nodes: read_write,
         16 grid: uniform(GridUniform),
     }
 }
@@ -87,7 +83,7 @@ bindings! {
         6 velocities: read_write,
         7 memory: read_write,
         14 bounds: read_write,
-        15 faces: read,
+        15 nodes: read,
         16 grid: uniform(GridUniform),
     }
 }
@@ -117,7 +113,7 @@ shader! {
     kernels: {
         /// Marks cells inside solids.
         MARK_SOLID_CELLS: "mark_solid_cells", Threads::CELLS;
-        /// Divides momentum by mass.
+        /// Turns integer sums into momenta, masses and densities.
         NORMALIZE_VELOCITY: "normalize_velocity", Threads::CELLS;
         /// Computes the divergence to be removed from velocities.
         COMPUTE_DIVERGENCE: "compute_divergence", Threads::CELLS;
@@ -142,10 +138,8 @@ shader! {
     texts: [grid::WGSL, gather_velocities::WGSL];
     constants: [GRID_CONSTANTS];
     kernels: {
-        /// Transfers changes of velocity to particles.
+        /// Transfers changes of velocity and displacements to particles.
         GATHER_VELOCITIES: "gather_velocities", Threads::Strands;
-        /// Transfers displacements to particles.
-        GATHER_DISPLACEMENTS: "gather_displacements", Threads::Strands;
     }
 }
 
@@ -196,10 +190,8 @@ pub struct GridUniform {
     pub solids: u32,
     /// Over-relaxation of the pressure.
     pub relaxation: f32,
-    /// Share of a cell that counts as one while volumes are summed.
-    pub room: f32,
-    /// Padding.
-    pub pad_0: u32,
+    /// Cells that count as one while volumes V and V φ₀ are summed.
+    pub volumes: [f32; 2],
     /// The first `solids` are used.
     pub each: [GridSolidEntry; MOST_SOLIDS],
 }
@@ -218,8 +210,8 @@ pub struct BoundsEntry {
     pub layer: u32,
     /// Extent of the hair, ordered as integers.
     pub extent: [u32; 6],
-    /// Bits of the fullest cell's share.
-    pub fullest: u32,
+    /// Bits of the density of the densest cell.
+    pub densest: u32,
     /// Bits of the largest right-hand side.
     pub lack: u32,
     /// Bits of the largest change since the last check.
@@ -245,7 +237,7 @@ impl BoundsEntry {
             cells: self.held as usize,
             iterations: self.sweeps,
             residual: f32::from_bits(self.residual).into(),
-            fullest: f32::from_bits(self.fullest).into(),
+            densest: f32::from_bits(self.densest).into(),
             ..GridReport::default()
         }
     }
@@ -258,9 +250,9 @@ struct DeviceGrid {
     uniform: wgpu::Buffer,
     bounds: wgpu::Buffer,
     cells: wgpu::Buffer,
-    faces: wgpu::Buffer,
-    /// Cells that the hair of each edge fills at rest, a row a place: a buffer a batch.
-    rooms: Vec<wgpu::Buffer>,
+    nodes: wgpu::Buffer,
+    /// The volumes of the hair of each edge, two rows a place: a buffer a batch.
+    volumes: Vec<wgpu::Buffer>,
     groups: GridGroups,
     host: Box<GridUniform>,
     cell: f64,
@@ -282,28 +274,28 @@ impl DeviceGrid {
         let cell = own.cell();
         let points: Vec<u32> = own.samples_per_edge().map(|points| points as u32).collect();
         let side = 2.0 * (model.reach / cell).ceil() + f64::from(2 * MARGIN + 1);
-        let room = gpu.most_bound() / (4 * PLANES);
-        let capacity = (side.powi(3) as u64).min(params.max_cells.into()).min(room);
+        let bindable = gpu.most_bound() / (4 * PLANES);
+        let capacity = (side.powi(3) as u64).min(params.max_cells.into()).min(bindable);
         let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
         let empty = BoundsEntry { extent: NO_EXTENT, ..BoundsEntry::zeroed() };
         let bounds = gpu.filled("bounds", bytemuck::bytes_of(&empty), storage);
-        let rooms = strands.batches.iter().map(|batch| {
+        let volumes = strands.batches.iter().map(|batch| {
             batch.set_points(gpu, model, &points);
-            gpu.filled("rooms", bytemuck::cast_slice(&own.rooms()[batch.places.clone()]), storage)
+            gpu.filled("volumes", bytemuck::cast_slice(&own.volumes()[batch.places.clone()]), storage)
         });
         let unit = own.densest().max(own.sample_mass());
         let host = GridUniform {
             cell: cell as f32,
             least: SPARSE * own.sample_mass(),
             unit,
-            room: own.fullest_at_rest().max(f32::MIN_POSITIVE),
+            volumes: own.fullest_at_rest().map(|most| most.max(f32::MIN_POSITIVE)),
             tolerance: params.tolerance as f32,
             capacity: capacity as u32,
             relaxation: relaxation(params.resolution),
             ..GridUniform::zeroed()
         };
         Ok(Self {
-            rooms: rooms.collect(),
+            volumes: volumes.collect(),
             params: params.clone(),
             uniform: gpu.buffer(
                 "grid",
@@ -312,7 +304,7 @@ impl DeviceGrid {
             ),
             bounds,
             cells: gpu.buffer("cells", 4 * PLANES * capacity, storage),
-            faces: gpu.buffer("faces", 8 * 3 * capacity, storage),
+            nodes: gpu.buffer("nodes", 32 * capacity, storage),
             groups: GridGroups::default(),
             host: Box::new(host),
             cell,
@@ -339,13 +331,13 @@ impl GpuInteraction for DeviceGrid {
 
     fn bind(&mut self, gpu: &Gpu, strands: DeviceStrands<'_>, solids: &Solids) {
         let mut groups = GridGroups::default();
-        for (batch, rooms) in strands.batches.iter().zip(&self.rooms) {
+        for (batch, volumes) in strands.batches.iter().zip(&self.volumes) {
             let bindings = SplatBindings {
                 blocks: &batch.blocks,
                 model: &batch.model,
                 positions: &batch.positions,
                 velocities: &batch.velocities,
-                rooms,
+                volumes,
                 cells: &self.cells,
                 bounds: &self.bounds,
                 grid: &self.uniform,
@@ -359,7 +351,7 @@ impl GpuInteraction for DeviceGrid {
                 velocities: &batch.velocities,
                 memory: &batch.memory,
                 bounds: &self.bounds,
-                faces: &self.faces,
+                nodes: &self.nodes,
                 grid: &self.uniform,
             };
             groups.gather.push(bindings.bind(gpu, batch.threads));
@@ -369,7 +361,7 @@ impl GpuInteraction for DeviceGrid {
             query: &solids.queries,
             cells: &self.cells,
             bounds: &self.bounds,
-            faces: &self.faces,
+            nodes: &self.nodes,
             grid: &self.uniform,
         };
         groups.cells.push(bindings.bind(gpu, StrandThreads::default()));
@@ -412,11 +404,10 @@ impl GpuInteraction for DeviceGrid {
         }
         self.relax(list, query);
         list.run(cells, &APPLY_VELOCITY_PRESSURE, query);
-        list.run(gather, &GATHER_VELOCITIES, &[]);
         list.run(cells, &COMPUTE_EXCESS, query);
         self.relax(list, query);
         list.run(cells, &APPLY_DISPLACEMENT_PRESSURE, query);
-        list.run(gather, &GATHER_DISPLACEMENTS, &[]);
+        list.run(gather, &GATHER_VELOCITIES, &[]);
     }
 
     fn report_buffer(&self) -> Option<&wgpu::Buffer> {
@@ -432,15 +423,9 @@ impl GpuInteraction for DeviceGrid {
     }
 
     fn bytes(&self) -> u64 {
-        let own = [&self.uniform, &self.bounds, &self.cells, &self.faces];
-        own.into_iter().chain(&self.rooms).map(|buffer| buffer.size()).sum()
+        let own = [&self.uniform, &self.bounds, &self.cells, &self.nodes];
+        own.into_iter().chain(&self.volumes).map(|buffer| buffer.size()).sum()
     }
-}
-
-/// The best ω for hair n cells thick with free cells on both sides: 2/(1 + sin π/n) (Young 1954).
-fn relaxation(resolution: u32) -> f32 {
-    let cells = (f64::from(resolution) / THINNESS).max(2.0);
-    (2.0 / (1.0 + (std::f64::consts::PI / cells).sin())) as f32
 }
 
 /// A map M x + b.

@@ -7,7 +7,7 @@ use crate::collide::{
     MORPHING, PARTICLE_CONSTANTS, QueryUniform, RIGID, SHAPE_CONSTANTS, SolidKinds, Solids,
 };
 use crate::frame::WindBindings;
-use crate::kernel::{Bound, Constant, DispatchList, Shader, Threads, bindings, shader};
+use crate::kernel::{Bound, DispatchList, Shader, Threads, bindings, shader};
 use crate::uniforms::{FrameUniform, SubstepUniform, flags};
 use forelock_core::body::SHAPES_WGSL;
 use forelock_core::collide::resolve_solids;
@@ -32,9 +32,6 @@ bindings! {
     }
 }
 
-/// Friction drags particles along instead of changing their velocity.
-const DRAGGED: &[Constant] = &[Constant::bool("FRICTION_MOVES", true)];
-
 shader! {
     /// `follow_leader` among shapes that do not change.
     FOLLOW: "follow_leader", FollowBindings;
@@ -45,7 +42,7 @@ shader! {
         follow_leader::WGSL,
         follow_leader::SCHEDULES_WGSL,
     ];
-    constants: [SHAPE_CONSTANTS, PARTICLE_CONSTANTS, RIGID, DRAGGED];
+    constants: [SHAPE_CONSTANTS, PARTICLE_CONSTANTS, RIGID];
     kernels: {
         /// A whole step.
         FOLLOW_LEADER: "follow_leader", Threads::Strands;
@@ -62,7 +59,7 @@ shader! {
     /// `follow_leader` where some shapes change.
     FOLLOW_MORPHING: "follow_leader", FollowBindings;
     texts: [SHAPES_WGSL, resolve_solids::PARTICLE_WGSL, follow_leader::LEVEL_WGSL, follow_leader::WGSL];
-    constants: [SHAPE_CONSTANTS, PARTICLE_CONSTANTS, MORPHING, DRAGGED];
+    constants: [SHAPE_CONSTANTS, PARTICLE_CONSTANTS, MORPHING];
     kernels: {
         /// A whole step.
         FOLLOW_LEADER_MORPHING: "follow_leader", Threads::Strands;

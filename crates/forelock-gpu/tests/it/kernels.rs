@@ -123,11 +123,11 @@ fn layouts() -> Vec<Layout> {
         layout!("Block", BlockEntry, [first particles live points place number]),
         layout!("Report", ReportEntry, [stretch quarantined touching deepest restored contacts]),
         layout!("Bounds", BoundsEntry, [
-            low count dims layer extent fullest lack change held found sweeps listed ratio residual
+            low count dims layer extent densest lack change held found sweeps listed ratio residual
         ]),
         layout!("GridSolid", GridSolidEntry, [local velocity]),
         layout!("Grid", GridUniform, [
-            place motion axes cell pic slack expand least unit tolerance capacity solids relaxation room pad_0 each
+            place motion axes cell pic slack expand least unit tolerance capacity solids relaxation volumes each
         ]),
         layout!("Skin", SkinUniform, [head count pad_0 pad_1 pad_2]),
         layout!("Carried", CarriedEntry, [entries fractions weights rest pad_0]),
@@ -155,7 +155,7 @@ fn layouts() -> Vec<Layout> {
             at_end at_start carry spin friction travel kind pivot thinness size cell ball ball_radius origin described
             dims first phases swell fields
         ]),
-        layout!("Query", QueryUniform, [count how thickness max_push_out slow_edges max_edge_push pad_1 pad_2 solids]),
+        layout!("Query", QueryUniform, [count how thickness max_push_out slow_edges max_edge_push stretch_limit pad_2 solids]),
     ]
 }
 

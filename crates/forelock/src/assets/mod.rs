@@ -22,6 +22,7 @@ use crate::progress::{Observer, Progress};
 use crate::scene::{
     CameraSection, ColliderSection, GroomSource, HairSection, MotionSection, OutputSection, Scene,
 };
+use crate::sdf_cache::CellSizes;
 pub use motion::MotionTrack;
 use solids::Body;
 pub(crate) use solids::Solid;
@@ -270,7 +271,7 @@ fn neck(lo: DVec3, hi: DVec3) -> DVec3 {
 }
 
 /// The distance grid of `mesh`, from the cache if it is there.
-fn distance_grid(mesh: &TriMesh, name: &str, cells: u32, key: &'static str) -> Result<Sdf, AssetError> {
+fn distance_grid(mesh: &TriMesh, name: &str, cells: CellSizes, key: &'static str) -> Result<Sdf, AssetError> {
     crate::sdf_cache::load_or_compute(mesh, cells).map_err(|error| AssetError::Solid {
         mesh: name.to_owned(),
         error,

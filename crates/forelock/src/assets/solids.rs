@@ -1,14 +1,15 @@
 //! The body and all other solids.
 
 use std::borrow::Cow;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
-use forelock_core::body::{ColliderFrame, Head, Horse, Morph, Prop, Sdf, Shape, TriMesh};
+use forelock_core::body::{ClosedMesh, ColliderFrame, Head, Horse, Morph, Prop, Sdf, Shape, TriMesh};
 use forelock_core::pose::Pose;
 use glam::DVec3;
 
 use super::{AssetError, MotionTrack, distance_grid, motion, neck};
-use crate::scene::{ColliderSection, Scene, ShapeKind};
+use crate::scene::{ColliderSection, NEAR_CELL, Scene, ShapeKind};
+use crate::sdf_cache::CellSizes;
 use crate::tessellate;
 
 /// Cells along the longest side of a mesh collider's distance grid.
@@ -36,7 +37,8 @@ impl Body {
             "builtin:horse" => (Cow::Borrowed(&Horse::builtin().mesh), Some(Horse::PIVOT.as_dvec3())),
             path => (Cow::Owned(forelock_io::read_mesh(path.as_ref(), &section.import())?), None),
         };
-        let grid = || distance_grid(&mesh, &section.mesh, section.sdf_cells, "body.collide = false");
+        let cells = CellSizes { along: section.sdf_cells, near: section.sdf_near_cell as f32 };
+        let grid = || distance_grid(&mesh, &section.mesh, cells, "body.collide = false");
         let sdf = section.collide.then(grid).transpose()?.map(Arc::new);
         Ok(Some(Self { mesh, sdf, pivot }))
     }
@@ -67,6 +69,9 @@ pub(crate) struct Solid {
     pub(super) meshes: Vec<TriMesh>,
     /// Meshes a second.
     sequence_fps: f64,
+    /// The mesh of which its shape is the distance grid, and its surface, which is made when it is
+    /// asked for.
+    exact: Option<(Arc<TriMesh>, OnceLock<ClosedMesh>)>,
 }
 
 impl Solid {
@@ -95,6 +100,11 @@ impl Solid {
         shown.get(nearest(time * self.sequence_fps, shown.len()))
     }
 
+    /// The exact surface of which its shape is the distance grid; `None` for other shapes.
+    pub(crate) fn surface(&self) -> Option<&ClosedMesh> {
+        self.exact.as_ref().map(|(mesh, surface)| surface.get_or_init(|| ClosedMesh::new(mesh)))
+    }
+
     /// The pose that carries the solid when the body is at `head` and its motion at `motion`.
     pub(crate) fn carrier(&self, head: &Pose, motion: &Pose) -> Pose {
         if self.on_body { head.after(motion) } else { *motion }
@@ -119,7 +129,7 @@ fn nearest(at: f64, count: usize) -> usize {
 /// All solids of `scene`, the body first.
 pub(super) fn load(scene: &Scene, body: Option<&Body>) -> Result<Vec<Arc<Solid>>, AssetError> {
     let mut solids = Vec::with_capacity(scene.colliders.len() + 1);
-    if let Some(sdf) = body.and_then(|body| body.sdf.as_ref()) {
+    if let Some((body, sdf)) = body.and_then(|body| Some((body, body.sdf.as_ref()?))) {
         solids.push(Arc::new(Solid {
             shapes: vec![Shape::Sdf(sdf.clone())],
             fps: scene.time.fps,
@@ -130,6 +140,7 @@ pub(super) fn load(scene: &Scene, body: Option<&Body>) -> Result<Vec<Arc<Solid>>
             visible: true,
             meshes: Vec::new(),
             sequence_fps: 1.0,
+            exact: Some((Arc::new(body.mesh.clone().into_owned()), OnceLock::new())),
         }));
     }
     for section in &scene.colliders {
@@ -156,8 +167,7 @@ pub(super) fn solid(section: &ColliderSection, fps: f64) -> Result<Solid, AssetE
             let path = section.mesh.as_deref().unwrap_or("".as_ref());
             let mesh = forelock_io::read_mesh(path, &section.import())?;
             let name = path.display().to_string();
-            let cells = section.sdf_cells.unwrap_or(COLLIDER_CELLS);
-            let sdf = distance_grid(&mesh, &name, cells, "another `shape`")?;
+            let sdf = distance_grid(&mesh, &name, cell_sizes(section, COLLIDER_CELLS), "another `shape`")?;
             (Shape::Sdf(Arc::new(sdf)), Some(mesh))
         }
         ShapeKind::Hand => prop(Prop::Hand, section)?,
@@ -171,6 +181,10 @@ pub(super) fn solid(section: &ColliderSection, fps: f64) -> Result<Solid, AssetE
     } else {
         sequence(section, sequence_fps / fps)?
     };
+    let exact = match (&shapes[..], &meshes[..]) {
+        ([Shape::Sdf(_)], [mesh]) => Some((Arc::new(mesh.clone()), OnceLock::new())),
+        _ => None,
+    };
     Ok(Solid {
         shapes,
         fps,
@@ -181,12 +195,20 @@ pub(super) fn solid(section: &ColliderSection, fps: f64) -> Result<Solid, AssetE
         visible: section.visible,
         meshes,
         sequence_fps,
+        exact,
     })
+}
+
+/// How fine the grid of `section` is, with `along` cells along the longest side if it does not say.
+fn cell_sizes(section: &ColliderSection, along: u32) -> CellSizes {
+    let near = section.sdf_near_cell.unwrap_or(NEAR_CELL);
+    CellSizes { along: section.sdf_cells.unwrap_or(along), near: near as f32 }
 }
 
 /// A mesh that changes: its shape in each frame, which advances by `step` meshes, and its meshes.
 fn sequence(section: &ColliderSection, step: f64) -> Result<(Vec<Shape>, Vec<TriMesh>), AssetError> {
-    let cells = section.sdf_cells.unwrap_or(COLLIDER_CELLS);
+    // A sequence has many fields: their cells are all alike, to save memory.
+    let cells = CellSizes { near: 0.0, ..cell_sizes(section, COLLIDER_CELLS) };
     let (mut fields, mut meshes) = (Vec::new(), Vec::new());
     for path in &section.mesh_sequence {
         let mesh = forelock_io::read_mesh(path, &section.import())?;
@@ -206,7 +228,7 @@ fn sequence(section: &ColliderSection, step: f64) -> Result<(Vec<Shape>, Vec<Tri
 /// A built-in solid as a distance grid.
 fn prop(prop: Prop, section: &ColliderSection) -> Result<(Shape, Option<TriMesh>), AssetError> {
     let mesh = prop.mesh();
-    let cells = section.sdf_cells.unwrap_or_else(|| prop.field_nodes());
+    let cells = cell_sizes(section, prop.field_nodes());
     let sdf = distance_grid(&mesh, section.shape.name(), cells, "fewer `sdf_cells`")?;
     Ok((Shape::Sdf(Arc::new(sdf)), Some(mesh)))
 }

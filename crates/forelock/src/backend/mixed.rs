@@ -53,7 +53,7 @@ impl Mixed {
 
     fn step_by_step(&mut self, frame: &FrameInput<'_>) -> Result<FrameReport, SimulatorError> {
         let cpu = self.cpu.simulation_mut();
-        let plan = cpu.plan().clone();
+        let plan = cpu.plan_for(frame.dt_secs);
         // Where the plan lacks the stage, the next one that it has.
         let from = plan.stages().into_iter().find(|stage| self.from.is_up_to(stage)).unwrap_or(CHECK);
         let rules = cpu.solver().rules();

@@ -113,7 +113,8 @@ impl Engine {
         dt_secs: f64,
         beyond_float32: bool,
     ) -> Result<(), PlayerError> {
-        Ok(params.check_step(self.simulator.model(), dt_secs, beyond_float32)?)
+        let step_secs = params.rate().secs(dt_secs);
+        Ok(params.check_step(self.simulator.model(), step_secs, beyond_float32)?)
     }
 
     pub fn step(&mut self, step: &Step<'_>) -> Result<FrameReport, PlayerError> {

@@ -30,7 +30,8 @@ pub(super) struct Keyframe {
 
 impl Keyframe {
     fn bytes(&self) -> usize {
-        size_of::<Live>() + self.state.bytes()
+        let before = self.live.before.as_ref().map_or(0, |own| size_of_val(&**own));
+        size_of::<Live>() + before + self.state.bytes()
     }
 }
 

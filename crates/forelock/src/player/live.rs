@@ -8,7 +8,7 @@ use forelock_core::frame::StepRate;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::Teleport;
 use forelock_core::solver::Solver;
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 use super::ColliderId;
 use super::engine::Solvers;
@@ -18,6 +18,7 @@ use super::report::Counters;
 use super::track::Track;
 use crate::assets::{Assets, Solid};
 use crate::backend::Parts;
+use crate::penetration::MeasuredSolid;
 use crate::scene::{InteractionSection, Scene, SolverSection};
 
 /// Share of a step within which two times are the same.
@@ -63,15 +64,14 @@ impl Setting {
         self.params.clamped() as u32
     }
 
-    /// Whether the solver reports exact depths inside solids. A solver that resolves collisions
-    /// itself reports an upper bound only.
-    pub fn reports_depth(&self) -> bool {
-        !self.params.rules().solver_collides
+    /// Whether the state holds the positions of the step before.
+    pub fn stores_step_before(&self) -> bool {
+        self.params.channels().previous
     }
 
-    /// Substeps of a frame, 1 for a solver without them.
-    pub fn substeps(&self) -> u32 {
-        self.params.rules().substeps
+    /// Substeps of a frame of `dt_secs`, 1 for a solver without them.
+    pub fn substeps(&self, dt_secs: f64) -> u32 {
+        self.params.rules().substeps(dt_secs)
     }
 }
 
@@ -94,6 +94,11 @@ pub(super) struct OwnClock {
 impl OwnClock {
     /// Time of step `step`, seconds.
     pub fn secs(&self, step: u64) -> f64 {
+        let rate = (1.0 / self.step_secs).round();
+        // A whole number of steps a second: the times are those of frames at that rate, to the bit.
+        if (rate * self.step_secs - 1.0).abs() < 1e-12 {
+            return self.since_secs + step as f64 / rate;
+        }
         self.since_secs + step as f64 * self.step_secs
     }
 
@@ -148,6 +153,9 @@ pub(super) struct Live {
     pub head_at: Pose,
     /// Its poses at start and end of the last step.
     pub step_heads: [Pose; 2],
+    /// Positions that are simulated before the last step, if the frame lies within that step and
+    /// the state does not hold them: world space, metres.
+    pub before: Option<Arc<[Vec3]>>,
     /// Its pose at the frame.
     pub head_shown: Pose,
     pub solids: Vec<LiveSolid>,
@@ -176,6 +184,7 @@ impl Live {
             head,
             head_at: at,
             step_heads: [at; 2],
+            before: None,
             head_shown: at,
             next_collider: solids.last().map_or(1, |solid| solid.id.0 + 1),
             solids,
@@ -208,6 +217,12 @@ impl Live {
         self.own_clock.map_or(1.0 / self.fps, |clock| clock.step_secs)
     }
 
+    /// Whether the next frame is shown before a step that ends at `secs`.
+    pub fn ends_within(&self, secs: f64) -> bool {
+        let next = self.frame_secs(self.frame + 1);
+        self.own_clock.is_some_and(|clock| secs - next > STEP_ROUNDING * clock.step_secs)
+    }
+
     /// Starts the clock of a solver with a fixed step at `secs`.
     fn start_clock(&mut self, secs: f64) {
         let step_secs = self.setting.own_step_secs();
@@ -221,6 +236,13 @@ impl Live {
         if self.own_clock.map(|clock| clock.step_secs) != self.setting.own_step_secs() {
             self.start_clock(secs);
         }
+    }
+
+    /// All solids from the frame before to the one that is shown, with their exact surfaces.
+    pub fn measured_solids(&self) -> Vec<MeasuredSolid<'_>> {
+        let surfaces = self.solids.iter().map(|live| live.solid.surface());
+        let measured = |(frame, surface)| MeasuredSolid { frame, surface };
+        self.shown_solids().into_iter().zip(surfaces).map(measured).collect()
     }
 
     /// All solids from the frame before to the one that is shown.

@@ -25,7 +25,8 @@
 //! ```
 //!
 //! **Time.** A frame takes 1 / `time.fps` seconds. A solver with a fixed step takes the steps that
-//! begin before the end of the frame; [`Player::positions`] shows strands at the frame's time.
+//! begin before the end of the frame; [`Player::positions`] shows strands at the frame's time. All
+//! built-in solvers have one, so that the motion does not depend on the frame rate.
 //!
 //! **Live changes** (parameters, wind, colliders, poses, edits) take effect before the next step
 //! and are recorded on a timeline at the frame at which they were made. Every state is the result
@@ -40,6 +41,7 @@
 //! A player without history ([`PlayerBuilder::without_history`]) records nothing: it neither seeks
 //! nor undoes.
 
+mod between;
 mod builder;
 mod changes;
 mod engine;
@@ -70,7 +72,7 @@ pub use past::PlayerSnapshot;
 pub use report::{Counters, Jump, StepReport};
 
 use crate::assets::Assets;
-use crate::penetration::Layout;
+use crate::penetration::{Layout, MeasuredSolid, Penetration};
 use crate::scene::{InteractionSection, Scene, SolverSection};
 use engine::{Engine, Solvers};
 use history::History;
@@ -178,14 +180,18 @@ impl Player {
         let stepped = live.own_clock.filter(|clock| clock.done > 0);
         let simulator = engine.simulator();
         let mut simulated = |out: &mut Vec<Vec3>| -> Result<(), PlayerError> {
-            Ok(match stepped {
-                None => simulator.read_positions(out),
-                Some(clock) => {
-                    let share = clock.share(live.shown_secs());
-                    let moment = Between { share, heads: live.step_heads, now: live.head_shown };
-                    simulator.read_positions_between(&moment, out)
-                }
-            }?)
+            let Some(clock) = stepped else { return Ok(simulator.read_positions(out)?) };
+            let share = clock.share(live.shown_secs());
+            let moment = Between { share, heads: live.step_heads, now: live.head_shown };
+            if live.setting.stores_step_before() {
+                return Ok(simulator.read_positions_between(&moment, out)?);
+            }
+            simulator.read_positions(out)?;
+            let before = live.before.as_ref().filter(|own| share < 1.0 && own.len() == out.len());
+            if let Some(before) = before {
+                between::interpolate(simulator.model(), before, &moment, out);
+            }
+            Ok(())
         };
         match skinning {
             None => live.grooming.positions(simulated, buffer, out),
@@ -245,13 +251,19 @@ impl Player {
 
     /// Substeps of a frame as they are now, 1 for a solver without them.
     pub fn substeps(&self) -> u32 {
-        self.live.setting.substeps()
+        self.live.setting.substeps(1.0 / self.live.fps)
     }
 
-    /// Whether the solver reports exact depths inside solids at the end of a frame, and not a
-    /// bound.
-    pub(crate) fn reports_depth(&self) -> bool {
-        self.live.setting.reports_depth()
+    /// Measures how much of the hair lies inside solids at the present frame: `positions` are those
+    /// of [`Player::positions`]. Exact for primitives and meshes.
+    pub fn penetration(&self, positions: &[Vec3]) -> Penetration {
+        Penetration::measure(positions, self.layout(), &self.measured_solids())
+    }
+
+    /// All solids at the present frame, as [`Penetration::measure`] needs them, in the order of
+    /// [`Player::collider_frames`].
+    pub fn measured_solids(&self) -> Vec<MeasuredSolid<'_>> {
+        self.live.measured_solids()
     }
 
     /// Sums over all frames so far.
@@ -283,7 +295,12 @@ impl Player {
     /// # Errors
     /// [`PlayerError`] if the device has failed.
     pub fn state(&mut self) -> Result<Snapshot<f32>, PlayerError> {
-        Ok(self.engine.simulator().snapshot()?)
+        let mut state = self.engine.simulator().snapshot()?;
+        if let Some(before) = &self.live.before {
+            let flat = before.iter().flat_map(|x| x.to_array()).collect();
+            state.extra.insert(between::CHANNEL.to_owned(), flat);
+        }
+        Ok(state)
     }
 
     /// Strands that are simulated: all, or the guides.

@@ -44,7 +44,8 @@ pub struct Counters {
     pub max_edge_stretch: f64,
     /// The same at the end of a frame.
     pub max_edge_stretch_final: f64,
-    /// Deepest particle inside a solid at the end of any frame, metres, as the solver reports it.
+    /// Deepest particle inside a solid at the end of any frame, metres, as the solver finds it in
+    /// its distance fields; [`Player::penetration`](super::Player::penetration) measures exactly.
     pub max_penetration_m: f64,
 }
 

@@ -3,7 +3,9 @@
 use forelock_core::pose::Pose;
 use forelock_core::simulation::Teleport;
 use forelock_core::strands::Snapshot;
+use glam::Vec3;
 
+use super::between;
 use super::engine::Step;
 use super::live::OwnClock;
 use super::regrooming::EditContext;
@@ -98,6 +100,7 @@ impl Player {
         if jumped && jump.is_none() {
             self.engine.simulator().forget_solids()?;
         }
+        let needs_before = self.live.ends_within(times[1]) && !self.live.setting.stores_step_before();
         let setting = &self.live.setting;
         let air = setting.wind.at(times[0]);
         let step = Step {
@@ -108,14 +111,20 @@ impl Player {
             uniform_air: setting.wind.params().is_uniform(),
             dt_secs: self.live.step_secs(),
         };
+        let before = if needs_before {
+            let mut before = Vec::new();
+            self.engine.simulator().read_positions(&mut before)?;
+            Some(before.into())
+        } else {
+            None
+        };
         let stepped = self.engine.step(&step)?;
         drop(frames);
         report.solver = report.solver.then(&stepped);
         for (live, end) in self.live.solids.iter_mut().zip(ends) {
             live.at = end;
         }
-        self.live.step_heads = head;
-        self.live.head_at = head[1];
+        (self.live.before, self.live.step_heads, self.live.head_at) = (before, head, head[1]);
         Ok(())
     }
 
@@ -176,6 +185,9 @@ impl Player {
             self.pass_frame();
         }
         self.engine.simulator().restore(state)?;
+        let before = state.extra.get(between::CHANNEL);
+        self.live.before =
+            before.map(|flat| flat.as_chunks().0.iter().copied().map(Vec3::from_array).collect());
         self.reached = frame;
         self.keep_only_this()
     }

@@ -26,7 +26,6 @@ use std::time::Instant;
 use glam::Vec3;
 
 use crate::backend::Backend;
-use crate::penetration::Penetration;
 use crate::pictures::{self, LastFrame, PictureError, Studio};
 use crate::player::{Player, PlayerError, StepReport};
 use crate::progress::{Observer, Progress};
@@ -34,7 +33,7 @@ use crate::report;
 use crate::scene::Scene;
 use crate::sinks::{self, CacheSink, FrameView};
 use crate::summary::{
-    FrameRow, SKIN_STRANDS, Spread, Summary, WRITE_CACHE, median_stages, peak_memory_bytes,
+    FrameRow, MEASURE_DEPTH, SKIN_STRANDS, Spread, Summary, WRITE_CACHE, median_stages, peak_memory_bytes,
 };
 use machine::Machine;
 use snapshot::Snapshot;
@@ -219,24 +218,21 @@ impl<'a> Run<'a> {
         self.player.positions(&mut self.positions)?;
         let skin_ms = stepped.elapsed().as_secs_f64() * 1e3;
         let mut ms = stepped.duration_since(started).as_secs_f64() * 1e3;
-        let solids = self.player.collider_frames();
-        let measured = Penetration::measure(&self.positions, self.player.layout(), &solids);
-        drop(solids);
-        let mut penetration_m =
-            if self.player.reports_depth() { report.max_penetration_m } else { measured.deepest_m };
+        let measuring = Instant::now();
+        let measured = self.player.penetration(&self.positions);
+        let measure_ms = measuring.elapsed().as_secs_f64() * 1e3;
         // Stages that did not run are left out.
         let ran = report.stages.iter().filter(|(_, secs)| *secs > 0.0);
         let mut stages: Vec<_> = ran.map(|(stage, secs)| (stage.into(), secs * 1e3)).collect();
         if self.player.guides() > 0 {
             ms += skin_ms;
             stages.push((SKIN_STRANDS.into(), skin_ms));
-            // The solver reports the depth of the guides only.
-            penetration_m = penetration_m.max(measured.deepest_m);
         }
+        stages.push((MEASURE_DEPTH.into(), measure_ms));
         let worst = [
             report.max_edge_stretch,
             report.max_edge_stretch_final,
-            penetration_m,
+            measured.deepest_m,
             measured.share_inside,
             report.strand_contacts.contacts as f64,
         ];
@@ -244,7 +240,12 @@ impl<'a> Run<'a> {
         so_far.frame += 1;
         so_far.worst = std::array::from_fn(|i| so_far.worst[i].max(worst[i]));
         so_far.quarantined_strands += u64::from(report.quarantined_strands);
-        so_far.rows.push(FrameRow { ms, stretch: report.max_edge_stretch, penetration_m, stages });
+        so_far.rows.push(FrameRow {
+            ms,
+            stretch: report.max_edge_stretch,
+            penetration_m: measured.deepest_m,
+            stages,
+        });
         Ok(())
     }
 

@@ -13,9 +13,9 @@ use forelock_io::Format;
 use forelock_render::HairColour;
 
 use super::document::Document;
-use super::error::one_of;
+use super::error::{SceneError, one_of};
 use super::sections::{ColliderSection, GroomSource, ShapeKind};
-use super::{Keyframe, MotionSection, Scene, SolverKind, SolverSection};
+use super::{Keyframe, MotionSection, Scene, SolverKind, SolverSection, TimeSection};
 use crate::sinks;
 
 /// The key of a wrong value, and the error message.
@@ -62,20 +62,39 @@ pub(super) fn check(scene: &Scene, document: &Document<'_>) -> Result<(), Wrong>
     for (index, collider) in scene.colliders.iter().enumerate() {
         check_collider(&format!("collider.{index}"), collider)?;
     }
-    scene.wind.validate().map_err(|error| params_error("wind", &error, scene))?;
+    scene.wind.validate().map_err(|error| params_error("wind", &error))?;
     check_output(scene)?;
     check_growth(scene, document)?;
     check_timed_edits(scene)?;
     for (number, teleport) in scene.teleports.iter().enumerate() {
         Range::Above(0.0).check(&format!("teleport.{number}.at_secs"), teleport.at_secs)?;
     }
-    for key in SolverSection::SUBSTEPS {
-        if scene.time.substeps.is_some() && document.sets(key) {
+    for key in SolverSection::SUBSTEP {
+        if scene.time.substep_secs.is_some() && document.sets(key) {
             let message = format!("is set, and so is `{key}`, which means the same: remove one of the two");
-            return Err(("time.substeps".to_owned(), message));
+            return Err(("time.substep_secs".to_owned(), message));
         }
     }
     check_solver(scene)
+}
+
+/// Refuses the keys for a number of substeps a frame, and says what to write instead.
+pub(super) fn refuse_former_keys(document: &Document<'_>) -> Result<(), SceneError> {
+    let Some(key) = SolverSection::FORMER.into_iter().find(|key| document.sets(key)) else {
+        return Ok(());
+    };
+    let fps = document.number_at("time.fps").unwrap_or(TimeSection::default().fps);
+    let instead = key.replace("substeps", "substep_secs");
+    let value = match document.number_at(key) {
+        Some(substeps) if substeps > 0.0 && fps > 0.0 => {
+            format!("{instead} = {:.6} (1/({fps} × {substeps}))", 1.0 / (fps * substeps))
+        }
+        _ => format!("{instead} = 1/(frames a second × substeps)"),
+    };
+    let message = format!(
+        "is no longer a key: the length of a substep is, and frames take what they need; write {value}"
+    );
+    Err(document.refuse(key, message))
 }
 
 /// Checks that every number of the scene is finite.
@@ -125,8 +144,9 @@ fn check_numbers(scene: &Scene) -> Result<(), Wrong> {
         ("body.teleport_turn_degrees", body.teleport_turn_degrees, Range::AtLeast(0.0)),
         ("body.friction", body.friction, Range::AtLeast(0.0)),
         ("body.sdf_cells", whole(body.sdf_cells), Range::Within(8.0, 512.0)),
+        ("body.sdf_near_cell", body.sdf_near_cell, Range::AtLeast(0.0)),
         ("time.fps", time.fps, Range::Within(1.0, 1e4)),
-        ("time.substeps", whole(time.substeps.unwrap_or(1)), Range::Within(1.0, 1e3)),
+        ("time.substep_secs", time.substep_secs.unwrap_or(1.0), Range::Within(1e-5, 1.0)),
         ("time.frames", whole(time.frames), Range::Within(1.0, 1e6)),
         ("output.film_every", whole(output.film_every), Range::Within(1.0, 1e3)),
         ("output.width", whole(output.width), Range::Within(16.0, 4096.0)),
@@ -199,6 +219,7 @@ fn check_collider(key: &str, collider: &ColliderSection) -> Result<(), Wrong> {
         ("mesh_sequence", !collider.mesh_sequence.is_empty(), shape == ShapeKind::Mesh),
         ("sequence_fps", collider.sequence_fps.is_some(), !collider.mesh_sequence.is_empty()),
         ("sdf_cells", collider.sdf_cells.is_some(), shape.has_grid()),
+        ("sdf_near_cell", collider.sdf_near_cell.is_some(), shape.has_grid()),
     ] {
         if set && !fits {
             let message = format!("does not apply to this `shape` ({}): remove one of the two", shape.name());
@@ -225,6 +246,7 @@ fn check_collider(key: &str, collider: &ColliderSection) -> Result<(), Wrong> {
     Range::Above(0.0).check(&format!("{key}.scale"), collider.scale)?;
     Range::Within(8.0, 512.0)
         .check(&format!("{key}.sdf_cells"), f64::from(collider.sdf_cells.unwrap_or(96)))?;
+    Range::AtLeast(0.0).check(&format!("{key}.sdf_near_cell"), collider.sdf_near_cell.unwrap_or(0.0))?;
     Range::AtLeast(0.0).check(&format!("{key}.friction"), collider.friction)?;
     check_motion(&format!("{key}.motion"), &collider.motion)
 }
@@ -297,25 +319,24 @@ fn check_output(scene: &Scene) -> Result<(), Wrong> {
 /// the scene.
 fn check_solver(scene: &Scene) -> Result<(), Wrong> {
     let mut solver = scene.solver.clone();
-    if let Some(substeps) = scene.time.substeps {
-        solver.set_substeps(substeps);
+    if let Some(secs) = scene.time.substep_secs {
+        solver.set_substep_secs(secs);
     }
-    scene.interaction.grid.validate().map_err(|error| params_error("interaction.grid", &error, scene))?;
-    scene.interaction.sph.validate().map_err(|error| params_error("interaction.sph", &error, scene))?;
+    scene.interaction.grid.validate().map_err(|error| params_error("interaction.grid", &error))?;
+    scene.interaction.sph.validate().map_err(|error| params_error("interaction.sph", &error))?;
     let contact = scene.interaction.contact.validate();
-    contact.map_err(|error| params_error("interaction.contact", &error, scene))?;
+    contact.map_err(|error| params_error("interaction.contact", &error))?;
     for own in solver.built_in() {
-        own.solver.validate().map_err(|error| params_error(own.table, &error, scene))?;
+        own.solver.validate().map_err(|error| params_error(own.table, &error))?;
     }
     let Some(chosen) = solver.chosen() else { return Ok(()) };
     // The masses are known once the groom is: the player checks the step again.
-    let (dt_secs, beyond_float32) = (1.0 / scene.time.fps, solver.beyond_float32);
+    let (dt_secs, beyond_float32) = (chosen.solver.rate().secs(1.0 / scene.time.fps), solver.beyond_float32);
     let checked = chosen.solver.validate_step(&StepCheck { dt_secs, least_mass: 1.0, beyond_float32 });
-    checked.map_err(|error| params_error(chosen.table, &error, scene))
+    checked.map_err(|error| params_error(chosen.table, &error))
 }
 
-fn params_error(table: &str, error: &ParamsError, scene: &Scene) -> Wrong {
-    let fps = scene.time.fps;
+fn params_error(table: &str, error: &ParamsError) -> Wrong {
     match error {
         ParamsError::Range { name, value, expected } => {
             (format!("{table}.{name}"), format!("should be {expected}, not {value}"))
@@ -323,12 +344,12 @@ fn params_error(table: &str, error: &ParamsError, scene: &Scene) -> Wrong {
         ParamsError::Count { name, found, expected } => {
             (format!("{table}.{name}"), format!("has {found} entries, but there are {expected} particles"))
         }
-        ParamsError::TooStiff { name, value, substeps, product, needed, allowed, .. } => {
-            let raise =
-                if *needed <= 1000 { format!("raise time.substeps to {needed} or ") } else { String::new() };
+        ParamsError::TooStiff { name, value, substeps, dt_secs, product, needed_secs, allowed } => {
+            let shorten = needed_secs.map(|secs| format!("lower time.substep_secs to {secs:e}, or "));
+            let shorten = shorten.unwrap_or_default();
             let message = format!(
-                "= {value:e} with {fps} frames a second and {substeps} substeps makes h²κ = {product:.3e}, but \
-                 float32 is reliable only up to {FLOAT32_STIFFNESS_LIMIT:e}: {raise}lower it to {allowed:.3e}"
+                "= {value:e} with {substeps} substeps in {dt_secs:.4} s makes h²κ = {product:.3e}, but \
+                 float32 is reliable only up to {FLOAT32_STIFFNESS_LIMIT:e}: {shorten}lower it to {allowed:.3e}"
             );
             (format!("{table}.{name}"), message)
         }

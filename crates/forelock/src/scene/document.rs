@@ -183,6 +183,21 @@ impl<'a> Document<'a> {
         }
     }
 
+    /// The number at `key`, if there is one.
+    pub(super) fn number_at(&self, key: &str) -> Option<f64> {
+        let mut names = key.split('.');
+        let mut value = self.table.get(names.next()?)?.get_ref();
+        for name in names {
+            value = value.as_table()?.get(name)?.get_ref();
+        }
+        let text = match value {
+            DeValue::Integer(number) => number.as_str(),
+            DeValue::Float(number) => number.as_str(),
+            _ => return None,
+        };
+        text.parse().ok()
+    }
+
     fn place(&self, span: Range<usize>) -> Place {
         if span.start > self.text.len() {
             let layer = self.layers.iter().find(|layer| span.start < layer.text.len());

@@ -29,6 +29,7 @@ pub use document::Override;
 pub use edits::{EditSection, EditSections};
 pub use error::{Place, SceneError};
 pub use motion::{Keyframe, MotionSection};
+pub(crate) use sections::NEAR_CELL;
 pub use sections::{
     BodySection, CameraSection, ColliderSection, GroomSection, GroomSource, HairSection, InteractionKind,
     InteractionSection, OutputSection, ShapeKind, TimeSection,
@@ -170,6 +171,7 @@ impl Scene {
             sections::preset_toml(&preset).map_err(|message| written.refuse("groom.preset", message))?;
         let below = written.below(&growth);
         let mut document = Document::parse(text, path, &layers, &below)?;
+        check::refuse_former_keys(&document)?;
         let registered = Registered::take(&mut document, solvers)?;
         let mut scene: Self = document.deserialize()?;
         if let Some(registered) = registered {
@@ -177,10 +179,10 @@ impl Scene {
         }
         scene.edits = edits::read(&document)?;
         check::check(&scene, &document).map_err(|(key, message)| document.refuse(&key, message))?;
-        if let Some(substeps) = scene.time.substeps {
-            scene.solver.set_substeps(substeps);
+        if let Some(secs) = scene.time.substep_secs {
+            scene.solver.set_substep_secs(secs);
         }
-        scene.time.substeps = Some(scene.solver.substeps());
+        scene.time.substep_secs = scene.solver.substep_secs();
         scene.keep_vertices_a_strand(text, path, overrides, solvers);
         (scene.groom.grow.strands, scene.groom.grow.seed) = (scene.groom.strands, scene.seed);
         scene.resolve_paths(path.parent().unwrap_or(Path::new("")));
@@ -206,15 +208,16 @@ impl Scene {
 
     /// Substeps per frame, M.
     pub fn substeps(&self) -> u32 {
-        self.solver.substeps()
+        self.solver.substeps(1.0 / self.time.fps)
     }
 
     /// The scene as a TOML document with every key written out; [`Scene::parse`] reads it back to
     /// an equal scene.
     pub fn to_toml(&self) -> String {
         let table = toml::Table::try_from(self).map(|mut table| {
-            // Keys that say the same as another: the solver's `substeps`, `groom.strands`, `seed`.
-            remove(&mut table, &["time", "substeps"]);
+            // Keys that say the same as another: `substep_secs` of the solver, `groom.strands`,
+            // `seed`.
+            remove(&mut table, &["time", "substep_secs"]);
             remove(&mut table, &["groom", "grow", "strands"]);
             remove(&mut table, &["groom", "grow", "seed"]);
             if let (SolverKind::Custom(name), Some(solver)) =

@@ -154,6 +154,9 @@ pub struct BodySection {
     /// Cells of the body's signed distance grid along its longest side. Unit cells, default 128,
     /// range 8 to 512.
     pub sdf_cells: u32,
+    /// Largest side of that grid's cells near the surface, however large the body is. Unit m,
+    /// default 0, range 0 or more; 0 leaves all cells alike.
+    pub sdf_near_cell: f64,
 }
 
 impl GroomSection {
@@ -188,6 +191,7 @@ impl Default for BodySection {
             collide: true,
             friction: 0.3,
             sdf_cells: 128,
+            sdf_near_cell: NEAR_CELL,
         }
     }
 }
@@ -285,6 +289,10 @@ pub struct ColliderSection {
     /// Unit cells, default 96 and what a built-in one needs, range 8 to 512.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sdf_cells: Option<u32>,
+    /// Largest side of that grid's cells near the surface; a `mesh_sequence` ignores it. Unit m,
+    /// default 0, range 0 or more; 0 leaves all cells alike.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sdf_near_cell: Option<f64>,
     /// Whether it is fixed to the body and moves with it; otherwise it stands in the world. Default
     /// false.
     pub on_body: bool,
@@ -296,6 +304,9 @@ pub struct ColliderSection {
     /// true.
     pub visible: bool,
 }
+
+/// The default largest side of a distance grid's cells near the surface, metres.
+pub(crate) const NEAR_CELL: f64 = 0.0;
 
 impl ColliderSection {
     /// How the file's numbers become metres, y up.
@@ -320,6 +331,7 @@ impl Default for ColliderSection {
             up: Up::default(),
             scale: 1.0,
             sdf_cells: None,
+            sdf_near_cell: None,
             on_body: false,
             motion: MotionSection::default(),
             friction: 0.3,
@@ -377,17 +389,17 @@ impl InteractionSection {
 pub struct TimeSection {
     /// Frames a second. Unit s⁻¹, default 60, range 1 to 10000.
     pub fps: f64,
-    /// Substeps per frame; the same as `substeps` of the solver, where it has them. Unit substeps,
-    /// default 4, range 1 to 1000.
+    /// Longest substep; the same as `substep_secs` of the solver, where it has one. Unit s, default
+    /// that of the solver, range 1e-5 to 1.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub substeps: Option<u32>,
+    pub substep_secs: Option<f64>,
     /// Frames to simulate after the start. Unit frames, default 240, range 1 to 1000000.
     pub frames: u32,
 }
 
 impl Default for TimeSection {
     fn default() -> Self {
-        Self { fps: 60.0, substeps: None, frames: 240 }
+        Self { fps: 60.0, substep_secs: None, frames: 240 }
     }
 }
 

@@ -125,8 +125,12 @@ pub(crate) struct BuiltIn {
 }
 
 impl SolverSection {
-    /// The keys of the substeps of solvers, which mean the same as `time.substeps`.
-    pub(super) const SUBSTEPS: [&str; 2] = ["solver.ams.substeps", "solver.mass_spring.substeps"];
+    /// The keys of the substep of solvers, which mean the same as `time.substep_secs`.
+    pub(super) const SUBSTEP: [&str; 2] = ["solver.ams.substep_secs", "solver.mass_spring.substep_secs"];
+
+    /// The keys that these replace: a number of substeps a frame.
+    pub(super) const FORMER: [&str; 3] =
+        ["time.substeps", "solver.ams.substeps", "solver.mass_spring.substeps"];
 
     /// The built-in solvers, in the order of their stages. The registered ones are known to the
     /// player only.
@@ -150,9 +154,9 @@ impl SolverSection {
         self.chosen().unwrap_or(first).solver
     }
 
-    /// Substeps per frame, M, of the solver that is chosen.
-    pub fn substeps(&self) -> u32 {
-        self.chosen().map_or(1, |own| own.solver.rules().substeps)
+    /// Substeps of a frame of `dt_secs`, M, of the solver that is chosen.
+    pub fn substeps(&self, dt_secs: f64) -> u32 {
+        self.chosen().map_or(1, |own| own.solver.rules().substeps(dt_secs))
     }
 
     /// Particles of a strand, from the root, that the chosen solver fixes to the head.
@@ -172,9 +176,18 @@ impl SolverSection {
         own.map(|_| "solver.mass_spring.virtual_particles")
     }
 
-    /// Substeps per frame, M, for every solver.
-    pub(super) fn set_substeps(&mut self, substeps: u32) {
-        (self.ams.substeps, self.mass_spring.substeps) = (substeps, substeps);
+    /// The longest substep of the solver that is chosen, seconds; none if it has one a frame.
+    pub(super) fn substep_secs(&self) -> Option<f64> {
+        match self.kind {
+            SolverKind::Ams => Some(self.ams.substep_secs),
+            SolverKind::MassSpring => Some(self.mass_spring.substep_secs),
+            _ => None,
+        }
+    }
+
+    /// Sets the longest substep, seconds, of every solver that has one.
+    pub(super) fn set_substep_secs(&mut self, secs: f64) {
+        (self.ams.substep_secs, self.mass_spring.substep_secs) = (secs, secs);
     }
 }
 

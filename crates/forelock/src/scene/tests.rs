@@ -17,7 +17,7 @@ fn message(text: &str, sets: &[&str]) -> String {
 fn the_empty_file_is_the_default_scene() {
     let scene = parse("", &[]).unwrap();
     let mut expected = Scene::default();
-    expected.time.substeps = Some(4);
+    expected.time.substep_secs = Some(1.0 / 240.0);
     expected.groom.grow.seed = 1;
     assert_eq!(scene, expected);
 }
@@ -99,7 +99,7 @@ fn values_out_of_range_are_refused_where_they_are_set() {
         ("[time]\nfps = 0", "line 2, column 7: `time.fps` should be from 1 to 10000, not 0"),
         ("[time]\nfps = nan", "`time.fps` should be a finite number, not NaN"),
         ("gravity = [0, inf, 0]", "`gravity` should be a finite number"),
-        ("[time]\nsubsteps = 0", "`time.substeps` should be from 1 to 1000, not 0"),
+        ("[time]\nsubstep_secs = 0", "`time.substep_secs` should be from 0.00001 to 1, not 0"),
         ("[time]\nframes = 0", "`time.frames` should be from 1 to 1000000"),
         (
             "[solver.ams]\nk_bend = -1.0",
@@ -117,7 +117,10 @@ fn values_out_of_range_are_refused_where_they_are_set() {
         ("[[collider]]\nshape = \"mesh\"", "there is no `mesh` file"),
         ("[[collider]]\nradius = -1", "line 2, column 10: `collider.0.radius` should be above 0, not -1"),
         ("[output]\ncache = \"x.abc\"", "ends in .abc: this version writes .npz"),
-        ("[time]\nsubsteps = 2\n[solver.ams]\nsubsteps = 2", "which means the same: remove one of the two"),
+        (
+            "[time]\nsubstep_secs = 0.01\n[solver.ams]\nsubstep_secs = 0.01",
+            "which means the same: remove one of the two",
+        ),
         (
             "[solver]\nkind = \"neural\"",
             "asks for the solver \"neural\", which this version does not have yet",
@@ -154,9 +157,47 @@ fn stiffness_beyond_float32_says_how_to_mend_it() {
     // h = 1/240 s: the bound is 1e3 · 240² = 5.76e7 s⁻².
     assert!(parse("[solver.ams]\nk_edge = 5.76e7", &[]).is_ok());
     let message = message("[solver.ams]\nk_edge = 1e9", &[]);
-    assert!(message.contains("raise time.substeps to 17 or lower it to 5.760e7"), "{message}");
-    assert!(parse("[solver.ams]\nk_edge = 1e9", &["time.substeps=17"]).is_ok());
-    assert!(parse("[solver.ams]\nk_edge = 1e9", &["time.substeps=16"]).is_err());
+    assert!(message.contains("lower time.substep_secs to 9.98e-4, or lower it to 5.760e7"), "{message}");
+    assert!(parse("[solver.ams]\nk_edge = 1e9", &["time.substep_secs=9.98e-4"]).is_ok());
+    assert!(parse("[solver.ams]\nk_edge = 1e9", &["time.substep_secs=1.04e-3"]).is_err());
+}
+
+#[test]
+fn a_number_of_substeps_is_refused_with_what_to_write_instead() {
+    let old = message("[time]\nfps = 30\nsubsteps = 8", &[]);
+    assert_eq!(
+        old,
+        "dir/scene.toml, line 3, column 12: `time.substeps` is no longer a key: the length of a substep is, \
+         and frames take what they need; write time.substep_secs = 0.004167 (1/(30 × 8))"
+    );
+    // What the message names means the same number of substeps.
+    assert_eq!(parse("[time]\nfps = 30\nsubstep_secs = 0.004167", &[]).unwrap().substeps(), 8);
+    let old = message("", &["solver.mass_spring.substeps=5"]);
+    assert!(old.contains("write solver.mass_spring.substep_secs = 0.003333 (1/(60 × 5))"), "{old}");
+    assert_eq!(parse("[solver.ams]\nsubstep_secs = 0.003333", &[]).unwrap().substeps(), 5);
+    let odd = message("[solver.ams]\nsubsteps = \"many\"", &[]);
+    assert!(odd.contains("1/(frames a second × substeps)"), "{odd}");
+}
+
+#[test]
+fn frames_take_the_substeps_that_they_need() {
+    for (fps, expected) in [
+        ("24", 10),
+        ("25", 10),
+        ("30", 8),
+        ("48", 5),
+        ("50", 5),
+        ("59.94", 4),
+        ("60", 4),
+        ("72", 4),
+        ("90", 3),
+        ("120", 2),
+        ("144", 2),
+        ("240", 1),
+        ("1000", 1),
+    ] {
+        assert_eq!(parse("", &[&format!("time.fps={fps}")]).unwrap().substeps(), expected, "{fps}");
+    }
 }
 
 #[test]

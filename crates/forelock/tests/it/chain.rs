@@ -26,7 +26,7 @@ impl LaneSolver for Chain {
     }
 
     fn rules(&self) -> FrameRules {
-        FrameRules { stage: "move_chain", substeps: SUBSTEPS, ..FrameRules::default() }
+        FrameRules { stage: "move_chain", substep_secs: SUBSTEP_SECS, ..FrameRules::default() }
     }
 
     fn validate(&self) -> Result<(), ParamsError> {
@@ -38,7 +38,7 @@ impl LaneSolver for Chain {
     }
 
     fn terms(&self, dt_secs: f64) -> f64 {
-        (-self.drag * dt_secs / f64::from(SUBSTEPS)).exp()
+        (-self.drag * self.rules().h(dt_secs)).exp()
     }
 
     #[inline(always)]
@@ -77,8 +77,8 @@ impl LaneSolver for Chain {
     }
 }
 
-/// Substeps per frame.
-const SUBSTEPS: u32 = 4;
+/// Longest substep, seconds.
+const SUBSTEP_SECS: f64 = 1.0 / 240.0;
 
 /// The solver of `[solver.chain]`.
 fn chain(table: &toml::Table) -> Result<Solver<f32>, String> {

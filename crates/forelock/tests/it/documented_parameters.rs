@@ -107,7 +107,6 @@ fn every_documented_range_is_held_to() {
             let Some(range) = range else { continue };
             ranges += 1;
             let whole = [
-                "substeps",
                 "clamped",
                 "resolution",
                 "iterations",
@@ -132,6 +131,7 @@ fn every_documented_range_is_held_to() {
                 "1 to 64" => (vec![1.0, 64.0], vec![0.0, 65.0]),
                 "1 to 1024" => (vec![1.0, 1024.0], vec![0.0, 1025.0]),
                 "0 to 1" => (vec![0.0, 0.9, 1.0], vec![-1e-3, 1.001]),
+                "1e-5 to 1" => (vec![1e-5, 0.03], vec![9e-6, 1.1]),
                 "0.01 to 1" => (vec![0.01, 1.0], vec![0.0099, 1.001]),
                 "1 to 1000" => (vec![1.0, 1000.0], vec![0.0, 1001.0]),
                 "8 to 512" => (vec![8.0, 512.0], vec![7.0, 513.0]),

@@ -3,9 +3,11 @@
 mod ams_scenes;
 mod chain;
 mod documented_parameters;
+mod frame_rates;
 mod measure;
 mod mesh_sequence;
 mod player;
+mod rates_agree;
 mod readme;
 mod real_grooms;
 mod teleports;

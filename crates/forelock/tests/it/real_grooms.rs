@@ -27,7 +27,7 @@ fn run(name: &str, sets: &[&str]) -> (Summary, Shown) {
     let folder = tempfile::tempdir().unwrap();
     let options = RunOptions { out: folder.path().to_path_buf(), resume: false, backend: Backend::Cpu };
     let summary = simulate(&scene, &options, &mut |_| {}, &AtomicBool::new(false)).unwrap();
-    let shown = measure::shown(folder.path(), 5);
+    let shown = measure::shown(folder.path(), 1);
     drop(turn);
     (summary, shown)
 }
@@ -59,6 +59,9 @@ fn check(name: &str) {
     assert_eq!((summary.quarantined_strands, shaken.non_finite), (0, 0));
     assert!(summary.max_edge_stretch <= 1e-5, "stretch {} after the pass", summary.max_edge_stretch);
     assert!(shaken.share_inside <= 1e-3, "{} of the particles more than 1 mm inside", shaken.share_inside);
+    let [share, deepest_m] = shaken.reported;
+    assert!((share - shaken.share_inside).abs() < 1e-6, "{share} reported for {}", shaken.share_inside);
+    assert!((deepest_m - shaken.deepest_m).abs() < 2e-5, "{deepest_m} m reported for {}", shaken.deepest_m);
     assert!(shaken.jitter_g > 0.5, "at 4 g the hair moves");
     assert_eq!((summary.strands, summary.particles), (shaken.strands, shaken.particles));
 

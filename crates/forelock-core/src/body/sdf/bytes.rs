@@ -1,15 +1,17 @@
 //! A distance field as bytes, for a cache on disk.
 //!
 //! All numbers are little-endian: 8 bytes of magic including the version, `dims` 3 × u32, `origin`
-//! 3 × f32, `cell` f32, the values f32, and a 64-bit FNV-1a hash of all preceding 32-bit words.
+//! 3 × f32, `cell` f32, `thinness` f32, the number of bricks u32, the cells that have them u32, the
+//! values f32 (those of the nodes, then those of the bricks), and a 64-bit FNV-1a hash of all
+//! preceding 32-bit words.
 
 use glam::{UVec3, Vec3};
 
-use super::{Sdf, SdfError, node_count};
+use super::{BRICK_NODES, Sdf, SdfError, node_count};
 
 /// Identifies the format and its version.
-const MAGIC: &[u8; 8] = b"FLSDF\0\0\x01";
-const HEADER: usize = 8 + 7 * 4;
+const MAGIC: &[u8; 8] = b"FLSDF\0\0\x02";
+const HEADER: usize = 8 + 9 * 4;
 const TRAILER: usize = 8;
 
 /// Why bytes are not a valid distance field.
@@ -37,11 +39,16 @@ pub enum SdfBytesError {
 impl Sdf {
     /// The field as bytes; [`Sdf::from_bytes`] restores it bit for bit.
     pub fn to_bytes(&self) -> Vec<u8> {
-        let mut bytes = Vec::with_capacity(HEADER + self.values.len() * 4 + TRAILER);
+        let refined: Vec<u32> = self.bricks.cells().collect();
+        let numbers = refined.len() + self.values.len();
+        let mut bytes = Vec::with_capacity(HEADER + numbers * 4 + TRAILER);
         bytes.extend_from_slice(MAGIC);
         self.dims.to_array().iter().for_each(|n| bytes.extend_from_slice(&n.to_le_bytes()));
-        let frame = self.origin.to_array().into_iter().chain([self.cell]);
-        frame.chain(self.values.iter().copied()).for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
+        let frame = self.origin.to_array().into_iter().chain([self.cell, self.thinness]);
+        frame.for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
+        let counted = std::iter::once(refined.len() as u32).chain(refined);
+        counted.for_each(|n| bytes.extend_from_slice(&n.to_le_bytes()));
+        self.values.iter().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
         let hash = checksum(&bytes);
         bytes.extend_from_slice(&hash.to_le_bytes());
         bytes
@@ -61,9 +68,11 @@ impl Sdf {
         }
         let words = words(&header[8..]);
         let dims = UVec3::new(words[0], words[1], words[2]);
-        let [x, y, z, cell] = [words[3], words[4], words[5], words[6]].map(f32::from_bits);
+        let [x, y, z, cell, thinness] = [3, 4, 5, 6, 7].map(|at| f32::from_bits(words[at]));
         let nodes = node_count(dims).ok_or(SdfError::Dims(dims))?;
-        let expected = nodes as u64 * 4 + (HEADER + TRAILER) as u64;
+        let bricks = words[8] as usize;
+        let numbers = nodes as u64 + bricks as u64 * (BRICK_NODES as u64 + 1);
+        let expected = numbers * 4 + (HEADER + TRAILER) as u64;
         if bytes.len() as u64 != expected {
             return Err(wrong(expected));
         }
@@ -71,8 +80,9 @@ impl Sdf {
         if trailer != checksum(body).to_le_bytes() {
             return Err(SdfBytesError::Checksum);
         }
-        let values = self::words(&body[HEADER..]).into_iter().map(f32::from_bits).collect();
-        Ok(Self::new(dims, Vec3::new(x, y, z), cell, values)?)
+        let (refined, values) = body[HEADER..].split_at(bricks * 4);
+        let values = self::words(values).into_iter().map(f32::from_bits).collect();
+        Ok(Self::with_bricks(dims, Vec3::new(x, y, z), cell, thinness, values, &self::words(refined))?)
     }
 }
 
@@ -99,19 +109,32 @@ mod tests {
         Sdf::new(UVec3::new(2, 3, 4), Vec3::new(0.5, -1.0, 2.0), 0.125, values).unwrap()
     }
 
+    /// The same with bricks in two of its six cells.
+    fn refined() -> Sdf {
+        let values = (0..24 + 250).map(|i| i as f32 * 0.125 - 3.0).collect();
+        Sdf::with_bricks(UVec3::new(2, 3, 4), Vec3::ZERO, 0.125, 0.5, values, &[2, 14]).unwrap()
+    }
+
     #[test]
     fn bytes_give_the_same_field() {
-        assert_eq!(Sdf::from_bytes(&field().to_bytes()), Ok(field()));
+        for field in [field(), refined()] {
+            assert_eq!(Sdf::from_bytes(&field.to_bytes()), Ok(field));
+        }
     }
 
     #[test]
     fn cut_or_changed_bytes_are_refused() {
-        let bytes = field().to_bytes();
+        for field in [field(), refined()] {
+            refuse_damaged(&field.to_bytes());
+        }
+    }
+
+    fn refuse_damaged(bytes: &[u8]) {
         for length in 0..bytes.len() {
             assert!(Sdf::from_bytes(&bytes[..length]).is_err(), "{length} bytes");
         }
         for at in 0..bytes.len() {
-            let mut changed = bytes.clone();
+            let mut changed = bytes.to_vec();
             changed[at] ^= 0x10;
             assert!(Sdf::from_bytes(&changed).is_err(), "byte {at}");
         }

@@ -8,13 +8,31 @@
 
 use glam::Vec3;
 
-use super::{BLOCK, Sdf};
+use super::Sdf;
+use super::bricks::{BRICK_LAYER, BRICK_ROW, NONE, REFINEMENT};
 
 /// 2²³: adding it to a float from 0 to 2²² rounds the float to an integer, which is then in the
 /// mantissa.
 const INTEGER: f32 = 8_388_608.0;
 /// A gradient whose squared length is below this is treated as zero.
 const FLAT: f32 = 1e-12;
+/// Number of the last cell of a brick along an axis.
+const LAST_IN_BRICK: f32 = (REFINEMENT - 1) as f32;
+
+/// Where a sample is taken.
+struct Place {
+    /// From the nearest point of the grid's box to the point, in cells.
+    away: Vec3,
+    /// The cell's first value, and the values from one row to the next and from one layer to the
+    /// next.
+    first: usize,
+    row: usize,
+    layer: usize,
+    /// The position in the cell, 0 to 1.
+    f: Vec3,
+    /// Such cells per metre.
+    inv_cell: f32,
+}
 
 impl Sdf {
     /// The signed distance in metres at `p` and its gradient. The gradient is not of unit length,
@@ -23,15 +41,7 @@ impl Sdf {
     /// Outside the grid the distance is a positive lower bound.
     #[inline]
     pub fn sample(&self, p: Vec3) -> (f32, Vec3) {
-        let at = (p - self.origin) * self.inv_cell;
-        let inside = at.clamp(Vec3::ZERO, self.top);
-        // Subtracting half a cell and rounding gives the cell's first node without the slow
-        // saturating conversion. On a node both adjacent cells give the same value.
-        let low = (inside - 0.5).clamp(Vec3::ZERO, self.top - 1.0) + INTEGER;
-        let [i, j, k] = low.to_array().map(|c| mantissa(c) as usize);
-        let f = inside - (low - INTEGER);
-        let (row, layer) = (self.dims.x as usize, self.layer as usize);
-        let first = i + row * j + layer * k;
+        let Place { away, first, row, layer, f, inv_cell } = self.place(p);
         let block = &self.values[first..first + layer + row + 2];
         let pair = |at: usize| {
             let slope = block[at + 1] - block[at];
@@ -43,9 +53,32 @@ impl Sdf {
         let (v0, v1) = (v00 + e0 * f.y, v01 + e1 * f.y);
         let (d0, d1) = (d00 + (d10 - d00) * f.y, d01 + (d11 - d01) * f.y);
         let value = v0 + (v1 - v0) * f.z;
-        let slope = Vec3::new(d0 + (d1 - d0) * f.z, e0 + (e1 - e0) * f.z, v1 - v0) * self.inv_cell;
+        let slope = Vec3::new(d0 + (d1 - d0) * f.z, e0 + (e1 - e0) * f.z, v1 - v0) * inv_cell;
         let slope = if slope.length_squared() > FLAT { slope } else { Vec3::Y };
-        if at == inside { (value, slope) } else { self.beyond((at - inside) * self.cell, value, slope) }
+        if away == Vec3::ZERO { (value, slope) } else { self.beyond(away * self.cell, value, slope) }
+    }
+
+    /// Where the sample at `p` is taken.
+    #[inline(always)]
+    fn place(&self, p: Vec3) -> Place {
+        let at = (p - self.origin) * self.inv_cell;
+        let inside = at.clamp(Vec3::ZERO, self.top);
+        // Subtracting half a cell and rounding gives the cell's first node without the slow
+        // saturating conversion. On a node both adjacent cells give the same value.
+        let low = (inside - 0.5).clamp(Vec3::ZERO, self.top - 1.0) + INTEGER;
+        let [i, j, k] = low.to_array().map(|c| mantissa(c) as usize);
+        let mut f = inside - (low - INTEGER);
+        let (mut row, mut layer) = (self.dims.x as usize, self.layer as usize);
+        let (mut first, mut inv_cell) = (i + row * j + layer * k, self.inv_cell);
+        if let Some(start) = self.bricks.start(first) {
+            let within = f * REFINEMENT as f32;
+            let low = (within - 0.5).clamp(Vec3::ZERO, Vec3::splat(LAST_IN_BRICK)) + INTEGER;
+            let [i, j, k] = low.to_array().map(|c| mantissa(c) as usize);
+            f = within - (low - INTEGER);
+            (row, layer) = (BRICK_ROW as usize, BRICK_LAYER as usize);
+            (first, inv_cell) = (start + i + row * j + layer * k, inv_cell * REFINEMENT as f32);
+        }
+        Place { away: at - inside, first, row, layer, f, inv_cell }
     }
 
     /// The sample at `away` from the nearest point of the grid's box, from the value and gradient
@@ -64,6 +97,22 @@ impl Sdf {
     pub fn sample_near(&self, p: Vec3, reach: f32) -> Option<(f32, Vec3)> {
         let [least] = self.least_lanes(p.to_array().map(|c| [c]));
         if least > reach { None } else { Some(self.sample(p)) }
+    }
+
+    /// A lower bound in metres of the exact distance at `p`, if the values at the nodes are exact:
+    /// the distance at a corner of the cell, less the distance from that corner. Above a smooth
+    /// surface it is much nearer to the exact distance than a sample less [`Sdf::error_bound`].
+    pub fn lower_bound(&self, p: Vec3) -> f32 {
+        let Place { away, first, row, layer, f, inv_cell } = self.place(p);
+        if away != Vec3::ZERO {
+            return self.sample(p).0;
+        }
+        let corners = [0, 1, row, row + 1, layer, layer + 1, layer + row, layer + row + 1];
+        let bounds = corners.into_iter().zip(0u8..).map(|(at, corner)| {
+            let node = Vec3::new((corner & 1).into(), (corner >> 1 & 1).into(), (corner >> 2).into());
+            self.values[first + at] - (f - node).length() / inv_cell
+        });
+        bounds.fold(f32::NEG_INFINITY, f32::max)
     }
 
     /// [`Sdf::sample`] at `W` points, component-major: distances in metres and gradients.
@@ -86,7 +135,34 @@ impl Sdf {
                 outside |= at != inside;
             }
         }
-        let corners = self.corners(first);
+        let mut inv_cell = [self.inv_cell; W];
+        let starts = if self.bricks.is_empty() {
+            [NONE; W]
+        } else {
+            first.map(|cell| self.bricks.start_or_none(cell))
+        };
+        let in_bricks = starts.iter().filter(|start| **start != NONE).count();
+        // Most packets are on one level.
+        let corners = if in_bricks == 0 {
+            self.corners(first, [self.dims.x; W], [self.layer; W])
+        } else if in_bricks == W {
+            (first, f) = in_brick(starts, &f);
+            inv_cell = inv_cell.map(|inverse| inverse * REFINEMENT as f32);
+            self.corners(first, [BRICK_ROW; W], [BRICK_LAYER; W])
+        } else {
+            let (at, within) = in_brick(starts, &f);
+            let (mut rows, mut layers) = ([self.dims.x; W], [self.layer; W]);
+            for lane in 0..W {
+                if starts[lane] != NONE {
+                    (first[lane], rows[lane], layers[lane]) = (at[lane], BRICK_ROW, BRICK_LAYER);
+                    inv_cell[lane] *= REFINEMENT as f32;
+                    for axis in 0..3 {
+                        f[axis][lane] = within[axis][lane];
+                    }
+                }
+            }
+            self.corners(first, rows, layers)
+        };
         let (mut value, mut slope) = ([0.0; W], [[0.0; W]; 3]);
         for lane in 0..W {
             let [x, y, z] = [f[0][lane], f[1][lane], f[2][lane]];
@@ -100,9 +176,9 @@ impl Sdf {
             let dx = [a + (b - a) * y, c + (d - c) * y];
             value[lane] = on_layer[0] + (on_layer[1] - on_layer[0]) * z;
             let g = [
-                (dx[0] + (dx[1] - dx[0]) * z) * self.inv_cell,
-                (dy[0] + (dy[1] - dy[0]) * z) * self.inv_cell,
-                (on_layer[1] - on_layer[0]) * self.inv_cell,
+                (dx[0] + (dx[1] - dx[0]) * z) * inv_cell[lane],
+                (dy[0] + (dy[1] - dy[0]) * z) * inv_cell[lane],
+                (on_layer[1] - on_layer[0]) * inv_cell[lane],
             ];
             let steep = g[0] * g[0] + g[1] * g[1] + g[2] * g[2] > FLAT;
             slope[0][lane] = if steep { g[0] } else { 0.0 };
@@ -121,24 +197,23 @@ impl Sdf {
     #[inline(always)]
     pub fn least_lanes<const W: usize>(&self, p: [[f32; W]; 3]) -> [f32; W] {
         let strides = [1, self.blocks[0], self.blocks[0] * self.blocks[1]];
-        let per_block = self.inv_cell * (1.0 / BLOCK as f32);
         let mut at = [0u32; W];
         for axis in 0..3 {
             for lane in 0..W {
-                let block = (p[axis][lane] - self.origin[axis]) * per_block - 0.5;
+                let block = (p[axis][lane] - self.origin[axis]) * self.per_block - 0.5;
                 at[lane] += mantissa(clamp(block, self.top_block[axis]) + INTEGER) * strides[axis];
             }
         }
         at.map(|block| self.least[block as usize])
     }
 
-    /// The eight values of the cells whose first nodes are `first`; x fastest, then y, then z.
+    /// The eight values of the cells whose first nodes are `first`, from rows and layers that lie
+    /// `rows` and `layers` values apart; x fastest, then y, then z.
     #[inline(always)]
-    fn corners<const W: usize>(&self, first: [u32; W]) -> [[f32; W]; 8] {
-        let (row, layer) = (self.dims.x as usize, self.layer as usize);
+    fn corners<const W: usize>(&self, first: [u32; W], rows: [u32; W], layers: [u32; W]) -> [[f32; W]; 8] {
         let mut corners = [[0.0; W]; 8];
         for lane in 0..W {
-            let first = first[lane] as usize;
+            let (first, row, layer) = (first[lane] as usize, rows[lane] as usize, layers[lane] as usize);
             let block = &self.values[first..first + layer + row + 2];
             corners[0][lane] = block[0];
             corners[1][lane] = block[1];
@@ -151,6 +226,22 @@ impl Sdf {
         }
         corners
     }
+}
+
+/// For positions `f` in cells whose bricks begin at `starts`: the first nodes of their cells in the
+/// bricks, and the positions in those.
+#[inline(always)]
+fn in_brick<const W: usize>(starts: [u32; W], f: &[[f32; W]; 3]) -> ([u32; W], [[f32; W]; 3]) {
+    let (mut at, mut within) = (starts, [[0.0; W]; 3]);
+    for (axis, stride) in [1, BRICK_ROW, BRICK_LAYER].into_iter().enumerate() {
+        for lane in 0..W {
+            let place = f[axis][lane] * REFINEMENT as f32;
+            let low = clamp(place - 0.5, LAST_IN_BRICK) + INTEGER;
+            at[lane] += mantissa(low) * stride;
+            within[axis][lane] = place - (low - INTEGER);
+        }
+    }
+    (at, within)
 }
 
 /// Converts values and gradients at the nearest points of the grid's box to those of points `away`
@@ -188,7 +279,8 @@ fn mantissa(value: f32) -> u32 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::shapes_for_tests::lattice;
+    use super::super::super::ClosedMesh;
+    use super::super::super::shapes_for_tests::{lattice, uv_sphere};
     use glam::UVec3;
 
     use super::*;
@@ -225,9 +317,20 @@ mod tests {
         assert!(compared > 1000);
     }
 
+    /// The same ball in two levels: cells of 40 mm, near the surface of 10 mm.
+    fn refined_ball() -> Sdf {
+        let mesh = uv_sphere(0.4, 48, 24);
+        Sdf::near(&ClosedMesh::new(&mesh), 20, 0.1, 0.01).unwrap()
+    }
+
     #[test]
     fn skipped_points_are_farther_than_the_reach() {
-        let sdf = ball();
+        for sdf in [ball(), refined_ball()] {
+            skips_only_what_is_far(&sdf);
+        }
+    }
+
+    fn skips_only_what_is_far(sdf: &Sdf) {
         for reach in [-0.1, 0.0, 0.03] {
             let mut skipped = 0;
             for p in lattice(3000, 0.7) {
@@ -265,8 +368,8 @@ mod tests {
     }
 
     /// Compares packets with single points; some of the points are outside the grid.
-    fn lanes_agree<const W: usize>() {
-        let (sdf, points) = (ball(), lattice(W as u32 * 50, 0.8).collect::<Vec<_>>());
+    fn lanes_agree<const W: usize>(sdf: &Sdf) {
+        let points = lattice(W as u32 * 50, 0.8).collect::<Vec<_>>();
         for points in points.chunks_exact(W) {
             let p = std::array::from_fn(|axis| std::array::from_fn(|lane| points[lane][axis]));
             let (distances, gradients) = sdf.sample_lanes::<W>(p);
@@ -279,8 +382,10 @@ mod tests {
 
     #[test]
     fn packets_and_single_points_are_bit_identical() {
-        lanes_agree::<1>();
-        lanes_agree::<8>();
-        lanes_agree::<16>();
+        for sdf in [ball(), refined_ball()] {
+            lanes_agree::<1>(&sdf);
+            lanes_agree::<8>(&sdf);
+            lanes_agree::<16>(&sdf);
+        }
     }
 }

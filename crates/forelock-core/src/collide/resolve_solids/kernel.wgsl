@@ -5,6 +5,11 @@
 // written them where it came before), row MOVED how far it moved relative to the solids, and the
 // rows from BEFORE_EDGES and from OLD_CURVE on positions in between.
 
+// Whether velocities will be derived from positions.
+fn friction_moves() -> bool {
+    return (query.how & POSITIONAL) != 0u;
+}
+
 // Queries the solids at particle i, which came from `origin` since the query before and moved by
 // `moved`, if its clearance `left` is used up. Returns whether it touches one.
 fn resolve_particle(strand: Strand, i: u32, origin: vec3f, moved: f32, left: f32) -> bool {
@@ -89,9 +94,9 @@ fn resolve_solids(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     at_rest = (query.how & AFTER_SUBSTEP) == 0u;
-    let lays = at_rest && has(LAY_ALONG);
+    let lays = query.stretch_limit < FAR;
     var before = 0.0;
-    if lays {
+    if lays && at_rest {
         before = largest_stretch(strand);
     }
     var touched = resolve_particles(strand);
@@ -102,7 +107,8 @@ fn resolve_solids(@builtin(global_invocation_id) id: vec3u) {
     }
     if lays && touched {
         let stretch = largest_stretch(strand);
-        if stretch > before && stretch > STRETCHED {
+        if stretch > before && stretch > query.stretch_limit {
+            at_rest = true;
             lay_along(strand);
         }
     }

@@ -9,10 +9,15 @@ use crate::lane::{Lane, Real, V3};
 use crate::strands::{BlockView, LaneGroup, number, vector};
 
 /// Restores the lengths of edges that collisions stretched. In each strand whose `stretch` is over
-/// [`STRETCHED`], the free particles are visited from root to tip. Each is moved towards the
-/// particle before it (the leader) to the rest length l. Where a solid is in the way it follows the
-/// old curve of the strand instead. Where the new edge is in a solid, it is turned about the leader
-/// until it touches the solid. `old` is scratch memory of a vector a particle.
+/// `limit`, the free particles are visited from root to tip. Each is moved towards the particle
+/// before it (the leader) to the rest length l. Where a solid is in the way it follows the old
+/// curve of the strand instead. Where the new edge is in a solid, it is turned about the leader
+/// until it touches the solid. `old` is scratch memory of a vector a particle. Returns the largest
+/// depth of a particle that was left in a solid.
+///
+/// The limit is one of three. [`STRETCHED`]: a length pass precedes, and surfaces have precedence
+/// over lengths. [`EXACT`]: lengths have precedence. [`SPRING_STRETCH`], for strands whose lengths
+/// only springs keep: edges keep the lengths that they have, up to that stretch.
 ///
 /// # Theory
 /// The old curve is outside all solids. The part of the strand that has been placed, the way back
@@ -23,38 +28,42 @@ use crate::strands::{BlockView, LaneGroup, number, vector};
 /// A point of the edge at distance s from the leader and at depth −σ in a solid comes out where the
 /// edge turns by asin(−σ/s) towards the normal of the surface through which it entered. Turns are
 /// repeated for the point that needs the largest one, up to [`SLIDE_STEPS`] times. Where no
-/// direction is free the surface has precedence and the edge stays stretched.
+/// direction is free the edge stays stretched or in the solid, as the limit says.
 ///
 /// Afterwards the particle's velocity relative to the leader loses its component along the edge, as
 /// in the length pass, so that the edge can turn but does not change its length.
 #[inline(always)]
 pub fn lay_along<L: Lane>(
     solids: &Solids<'_, L::Scalar>,
-    stretch: L,
+    [stretch, limit]: [L; 2],
     view: &mut BlockView<'_, L::Scalar>,
     group: LaneGroup,
     old: &mut [V3<L>],
-) {
+) -> f64 {
     let LaneGroup { first, live } = group;
-    let stretched = L::from_f64(STRETCHED);
-    if L::all(stretch.lt(stretched)) {
-        return;
+    let mut deepest = 0.0f64;
+    if L::all(stretch.lt(limit)) {
+        return deepest;
     }
     let n = view.particles;
     let from = solids.clamped.max(1);
     for (i, x) in old.iter_mut().enumerate().take(n) {
         *x = V3::load(view.positions, i, first);
     }
-    // The old curve of a strand that is being pushed out of a solid is not outside.
+    // The old curve of a strand that is being pushed out of a solid is not outside: it waits, if
+    // another pass keeps its lengths.
+    let has_pass = L::all(limit.lt(L::from_f64(0.5 * SPRING_STRETCH))) && L::all(L::zero().lt(limit));
     let mut least = L::zero();
     for i in from..n {
         least = L::load(&view.clearance[i], first).min(least);
     }
-    let stretch = L::select(least.lt(-L::splat(solids.thickness)), L::zero(), stretch);
+    let is_pushed_out = least.lt(-L::splat(solids.thickness));
+    let stretch = if has_pass { L::select(is_pushed_out, L::zero(), stretch) } else { stretch };
     for lane in 0..L::WIDTH.min(live - first) {
-        if stretch.get(lane) > stretched.get(lane) {
+        if stretch.get(lane) > limit.get(lane) {
             let mut curve = Curve { points: &old[..n], lane, edge: from - 1, share: L::Scalar::default() };
-            lay_strand(solids, view, first + lane, from, &mut curve);
+            deepest =
+                deepest.max(lay_strand(solids, limit.get(lane), view, [first + lane, from], &mut curve));
         }
     }
     for i in from..n {
@@ -62,33 +71,58 @@ pub fn lay_along<L: Lane>(
         let edge = edge.scale(L::one() / edge.dot(edge).max(L::from_f64(1e-24)).sqrt());
         let v = V3::<L>::load(view.velocities, i, first);
         let separation = edge.dot(v - V3::load(view.velocities, i - 1, first));
-        let separation = L::select(stretched.lt(stretch), separation, L::zero());
+        let separation = L::select(limit.lt(stretch), separation, L::zero());
         v.add_scaled(-separation, edge).store(view.velocities, i, first);
     }
+    deepest
 }
 
 /// Stretch, relative to the rest length, above which the edges of a strand are restored.
 pub const STRETCHED: f64 = 1e-5;
 
+/// The limit of strands of which every edge must have its rest length.
+pub const EXACT: f64 = 0.0;
+
+/// Rounds of projections onto the surfaces and onto the rest length of a particle for which no
+/// direction is free, where no length pass follows.
+pub const EXACT_ROUNDS: usize = 8;
+
+/// The limit of strands without a length pass. Their springs give way by less under their weight.
+pub const SPRING_STRETCH: f64 = 0.04;
+
 /// Distance from the leader to the next place on the old curve, over the edge's length, below which
 /// the particle follows the curve.
 pub const FOLDS: f64 = 0.7;
 
-/// Restores the lengths of the strand in `lane`.
+/// Restores the lengths of the strand in `lane`, of which the particles before `from` are clamped.
+/// Returns the largest depth that is left.
 #[inline(never)]
 fn lay_strand<L: Lane>(
     solids: &Solids<'_, L::Scalar>,
+    limit: L::Scalar,
     view: &mut BlockView<'_, L::Scalar>,
-    lane: usize,
-    from: usize,
+    [lane, from]: [usize; 2],
     curve: &mut Curve<'_, L>,
-) {
+) -> f64 {
     let zero = L::Scalar::default();
+    let mut deepest = 0.0f64;
+    let has_pass = limit > zero && limit < number(0.5 * SPRING_STRETCH);
     let mut leader = vector(view.positions, from - 1, lane);
     let mut before = vector(view.positions, from.max(2) - 2, lane);
     let mut leader_clearance = if solids.clamped > 0 { zero } else { view.clearance[from - 1].0[lane] };
     for i in from..view.particles {
-        let length = view.rest_lengths[3 * (i - 1)].0[lane];
+        let mut length = view.rest_lengths[3 * (i - 1)].0[lane];
+        if limit > number(SPRING_STRETCH * 0.5) {
+            let now = distance(curve.point(i - 1), curve.point(i));
+            let [least, most] = [-limit, limit].map(|by| length * (number::<L::Scalar>(1.0) + by));
+            length = if now < least {
+                least
+            } else if now > most {
+                most
+            } else {
+                now
+            };
+        }
         let goal = curve.next();
         let mut x = at_distance(leader, goal, length);
         let moved = distance(x, goal);
@@ -106,10 +140,21 @@ fn lay_strand<L: Lane>(
                 curve.edge += 1;
                 found
             } else {
-                let (x, corner) = curve.follow([before, leader], length);
-                let turn = Turn { corner, ..turn };
-                // Where no direction is free the surface has precedence over the length.
-                turn.find(solids, x).unwrap_or_else(|x| (project(solids, x), zero))
+                let (place, corner) = curve.follow([before, leader], length);
+                let found = Turn { corner, ..turn }.find(solids, place).or_else(|x| {
+                    // The corner may lie beside the edge on the solid's side.
+                    let found = corner.filter(|_| !has_pass).and_then(|_| turn.find(solids, place).ok());
+                    found.filter(|(x, _)| !is_between(solids, place, *x)).ok_or(x)
+                });
+                // Where no direction is free the length has precedence, unless a pass restores it.
+                found.unwrap_or_else(|x| {
+                    if has_pass {
+                        return (project(solids, x), zero);
+                    }
+                    let x = (0..EXACT_ROUNDS).fold(x, |x, _| at_distance(leader, project(solids, x), length));
+                    deepest = deepest.max(depth(solids, x));
+                    (x, zero)
+                })
             };
         } else {
             curve.edge += 1;
@@ -122,6 +167,16 @@ fn lay_strand<L: Lane>(
         }
         (before, leader, leader_clearance) = (leader, x, clearance);
     }
+    deepest
+}
+
+/// Depth of `x` under the surfaces of the solids that it is in.
+fn depth<T: Real>(solids: &Solids<'_, T>, x: [T; 3]) -> f64 {
+    let depths = solids.solids.iter().zip(solids.poses).map(|(collider, pose)| {
+        let (distance, _) = collider.shape.sample_at(pose.local(1, x), pose.fractions[1]);
+        distance.to_f64().map_or(0.0, |distance| -distance)
+    });
+    depths.fold(0.0, f64::max)
 }
 
 /// Whether a solid lies between two points. One that is too thick to fit between them does not.

@@ -120,6 +120,15 @@ fn project(place: vec3f) -> vec3f {
     return x;
 }
 
+// Depth of x under the surfaces of the solids that it is in.
+fn depth_of(x: vec3f) -> f32 {
+    var depth = 0.0;
+    for (var number = 0u; number < query.count; number++) {
+        depth = max(depth, -sample_shape(number, local(query.solids[number].at_end, x), 1.0).w);
+    }
+    return depth;
+}
+
 // A place on the strand's old curve: an edge, and where on it, 0 to 1.
 struct CurvePlace {
     edge: u32,
@@ -214,9 +223,12 @@ fn follow_curve(strand: Strand, at: ptr<function, CurvePlace>, leader: vec3f, ah
 
 fn lay_along(strand: Strand) {
     let first = max(frame.clamped, 1u);
-    // The old curve of a strand that is being pushed out of a solid is not outside.
+    let limit = query.stretch_limit;
+    // The old curve of a strand that is being pushed out of a solid is not outside: it waits, if
+    // another pass keeps its lengths.
+    let has_pass = limit > 0.0 && limit <= STRETCHED;
     for (var i = first; i < strand.particles; i++) {
-        if clearance_of(strand, i) < -query.thickness {
+        if has_pass && clearance_of(strand, i) < -query.thickness {
             return;
         }
     }
@@ -227,7 +239,11 @@ fn lay_along(strand: Strand) {
     var leader = position_at(strand, first - 1u);
     var before = position_at(strand, max(first, 2u) - 2u);
     for (var i = first; i < strand.particles; i++) {
-        let length = rest_length(strand, i - 1u, 1u);
+        var length = rest_length(strand, i - 1u, 1u);
+        if limit > STRETCHED {
+            let now = distance(curve_point(strand, i - 1u), curve_point(strand, i));
+            length = clamp(now, length * (1.0 - limit), length * (1.0 + limit));
+        }
         let goal = next_on_curve(strand, at);
         var x = at_distance(leader, goal, length);
         // Where the strand has slipped, the goal is between two particles of the old curve.
@@ -253,12 +269,25 @@ fn lay_along(strand: Strand) {
                 let followed = follow_curve(strand, &at, leader, leader - before, length);
                 turn.corner = followed.corner;
                 turn.has_corner = followed.has_corner;
-                let own = find_turn(turn, followed.x);
+                var own = find_turn(turn, followed.x);
+                if !own.found && turn.has_corner && !has_pass {
+                    // The corner may lie beside the edge on the solid's side.
+                    turn.has_corner = false;
+                    let other = find_turn(turn, followed.x);
+                    if other.found && !is_between(followed.x, other.x) {
+                        own = other;
+                    }
+                }
                 x = own.x;
                 clearance = own.clearance;
-                if !own.found {
-                    // The surface has precedence over the length.
-                    x = project(own.x);
+                // Where no direction is free the length has precedence, unless a pass restores it.
+                if !own.found && has_pass {
+                    x = project(x);
+                } else if !own.found {
+                    for (var round = 0u; round < EXACT_ROUNDS; round++) {
+                        x = at_distance(leader, project(x), length);
+                    }
+                    report_contact(false, depth_of(x));
                 }
             }
         } else {

@@ -38,7 +38,9 @@ use crate::body::{ColliderFrame, PACKET};
 use crate::lane::{Lane, Real, V3};
 use crate::strands::{BlockView, LaneGroup};
 pub use edges::{EDGE_ROUNDS, EDGE_SAMPLES, PASSES, REFINEMENTS, SKIN_SHARE, TAKE_BACK_ROUNDS};
-pub use lay_along::{FOLDS, LEAST_TURN, SLIDE_STEPS, STRETCHED, lay_along};
+pub use lay_along::{
+    EXACT, EXACT_ROUNDS, FOLDS, LEAST_TURN, SLIDE_STEPS, SPRING_STRETCH, STRETCHED, lay_along,
+};
 pub use levels::LevelSolids;
 pub use particle::{MAX_PUSHES, PROJECTION_ROUNDS};
 pub use pose::{SolidMotion, SolidPose};
@@ -82,6 +84,8 @@ pub struct SolidContacts {
     pub touching: u32,
     /// Strands of which an edge was moved.
     pub edges: u32,
+    /// Lanes of the block, a bit a lane, whose strands touch a solid.
+    pub lanes: u32,
     /// Largest depth under a surface (not the skin) that is left, metres.
     pub deepest: f64,
 }
@@ -151,6 +155,7 @@ pub fn resolve<L: Lane>(
     if solids.solids.is_empty() {
         return contacts;
     }
+    let first_lane = queried.first;
     let (from, rest) = work.split_at_mut(view.particles);
     let (moved, before) = rest.split_at_mut(view.particles);
     resolve_particles(solids, since, view, queried, Some([&mut *from, &mut *moved]), &mut contacts);
@@ -168,6 +173,7 @@ pub fn resolve<L: Lane>(
         resolve_particles(solids, since, view, queried, None, &mut contacts);
         contacts.touching = touching;
         contacts.edges += moved.count_ones();
+        contacts.lanes |= moved << first_lane;
         edges::take_back(solids, &paths, view, queried, before);
     }
     contacts

@@ -56,7 +56,7 @@ pub(super) fn resolve_penetration<T: Real>(
     // is not small against a cell. Primitives are exact.
     let small_push =
         collider.shape.cell().map_or(T::infinity(), |cell| T::from(0.1 * cell).unwrap_or_else(T::zero));
-    for push_number in 1..=MAX_PUSHES {
+    for _ in 0..MAX_PUSHES {
         let allowed = if particle.last_clearance < zero {
             (particle.last_clearance.max(sigma) + solids.max_push_out).min(zero)
         } else {
@@ -68,7 +68,7 @@ pub(super) fn resolve_penetration<T: Real>(
         }
         let normal = pose.turn(1, gradient);
         particle.x = [0, 1, 2].map(|c| particle.x[c] + push * normal[c]);
-        if push < small_push || push_number == MAX_PUSHES {
+        if push < small_push {
             return allowed;
         }
         let (distance, there) = collider.shape.sample_at(pose.local(1, particle.x), pose.fractions[1]);
@@ -80,7 +80,8 @@ pub(super) fn resolve_penetration<T: Real>(
     sigma
 }
 
-/// Pushes out of a distance field in one query.
+/// Pushes out of a distance field in one query. The field is sampled after the last one too: a
+/// particle that is still inside is not taken for one that is out.
 pub const MAX_PUSHES: usize = 3;
 
 /// Pushes a particle out of one solid after the other until it is outside all. Returns the

@@ -37,7 +37,7 @@ fn apply_friction(number: u32, normal: vec3f, particle: ptr<function, Particle>,
     (*particle).v = solid_velocity + kept * along;
     // Where velocities are derived from positions, friction changes positions too. A particle
     // stopped on its path has no tangential displacement left to reduce.
-    if FRICTION_MOVES && !is_ccd_hit {
+    if friction_moves() && !is_ccd_hit {
         (*particle).x -= frame.h * (1.0 - kept) * along;
     }
 }
@@ -54,7 +54,7 @@ fn resolve_penetration(number: u32, found: vec4f, particle: ptr<function, Partic
     apply_friction(number, turned(map, gradient), particle, false);
     let cell = query.solids[number].cell;
     let small_push = select(FAR, 0.1 * cell, cell > 0.0);
-    for (var k = 1u; k <= MAX_PUSHES; k++) {
+    for (var k = 0u; k < MAX_PUSHES; k++) {
         var allowed = 0.0;
         if (*particle).last_clearance < 0.0 {
             allowed = min(max((*particle).last_clearance, sigma) + query.max_push_out, 0.0);
@@ -64,7 +64,7 @@ fn resolve_penetration(number: u32, found: vec4f, particle: ptr<function, Partic
             return sigma;
         }
         (*particle).x += push * turned(map, gradient);
-        if push < small_push || k == MAX_PUSHES {
+        if push < small_push {
             return allowed;
         }
         let there = sample_shape(number, local(map, (*particle).x), 1.0);
@@ -217,6 +217,12 @@ fn query_solids(x: vec3f, v: vec3f, origin: vec3f, moved: f32, last: f32) -> Res
         let place = particle.x;
         let found = sample_shape(number, local(query.solids[number].at_end, place), 1.0);
         var own = Particle(place, particle.v, last);
+        // One that has not been queried may have been outside: the solid came to it. Slower ones
+        // are pushed out at once anyway.
+        if last <= frame.unknown && moved > query.max_push_out && found.w < skin
+            && sample_shape(number, local(map_at_start(number), origin), start_fraction()).w >= skin {
+            own.last_clearance = 0.0;
+        }
         var sigma = 0.0;
         let is_ccd_hit = moved > query.solids[number].thinness && resolve_ccd_hit(number, found, origin, &own);
         if !is_ccd_hit {

@@ -111,15 +111,24 @@ impl<T: Real> Queue<T> {
                 collider.shape.sample_packet(&pose.local_packet(1, &x), pose.fractions[1]);
             for k in 0..taken {
                 let place = [x[0][k], x[1][k], x[2][k]];
-                let mut particle = Particle {
-                    x: place,
-                    v: [v[0][k], v[1][k], v[2][k]],
-                    last_clearance: self.last[self.len + k],
-                };
                 let sample = Sample {
                     distance: distances[k],
                     gradient: [gradients[0][k], gradients[1][k], gradients[2][k]],
                 };
+                let mut last_clearance = self.last[self.len + k];
+                // One that has not been queried may have been outside: the solid came to it. Slower
+                // ones are pushed out at once anyway.
+                if last_clearance == T::neg_infinity()
+                    && self.moved[self.len + k] > solids.max_push_out
+                    && sample.distance < solids.thickness
+                {
+                    let from = pose.local(self.start, self.from[self.len + k]);
+                    let before = collider.shape.sample_at(from, pose.fractions[self.start]).0;
+                    if before >= solids.thickness {
+                        last_clearance = T::zero();
+                    }
+                }
+                let mut particle = Particle { x: place, v: [v[0][k], v[1][k], v[2][k]], last_clearance };
                 let is_ccd_hit = self.moved[self.len + k] > thin
                     && resolve_ccd_hit(
                         solids,
@@ -168,6 +177,7 @@ impl<T: Real> Queue<T> {
                 }
             }
             contacts.touching += u32::from(touches[k]);
+            contacts.lanes |= u32::from(touches[k]) << lane;
             let depth = -(clearance[k] + solids.thickness).to_f64().unwrap_or(0.0);
             contacts.deepest = contacts.deepest.max(depth);
         }

@@ -6,10 +6,11 @@ use super::plan::Step;
 use super::report::BlockReport;
 use super::restore_lengths::{self, LengthTerms};
 use super::solver::{BlockTask, Clock};
-use crate::collide::resolve_solids::{self, QueriedStrands, Since, Solids};
+use crate::collide::resolve_solids::{self, QueriedStrands, Since, SolidContacts, Solids};
 use crate::lane::{Lane, Real, V3};
 use crate::params::Inextensibility;
 use crate::strands::{BlockView, LaneGroup, Scratch, number, vector};
+use num_traits::ToPrimitive;
 
 /// The WGSL of `check_strands`.
 pub const WGSL: &str = include_str!("check_strands.wgsl");
@@ -112,6 +113,79 @@ fn restore<L: Lane>(
     restore_lengths::restore(&terms, view, first, work)
 }
 
+/// Collisions at the end of a substep. The last one tests slow edges too where no length pass
+/// follows ([`FrameRules::collides_once`]), and lays strands along colliders.
+///
+/// [`FrameRules::collides_once`]: super::FrameRules::collides_once
+#[inline(always)]
+pub(super) fn collide_substep<L: Lane>(
+    cx: &FrameContext<'_, L::Scalar>,
+    substep: usize,
+    view: &mut BlockView<'_, L::Scalar>,
+    group: LaneGroup,
+    scratch: &mut Scratch<L::Scalar>,
+) -> SolidContacts {
+    if cx.solids.is_empty() {
+        return SolidContacts::default();
+    }
+    let first = group.first;
+    let (load, work) = scratch.vectors::<L>().split_at_mut(view.particles);
+    let is_final = cx.rules.collides_once() && substep + 1 == cx.substeps as usize;
+    let loaded = set_load_aside(cx, view, first, load);
+    let solids = cx.colliders(substep, cx.max_push_out());
+    let slow_edges = if is_final { L::Scalar::default() } else { solids.slow_edges };
+    // Velocities are derived from positions below.
+    let solids = Solids { slow_edges, friction_moves: loaded, ..solids };
+    let queried = QueriedStrands::all::<L>(group);
+    let mut contacts = resolve_solids::resolve::<L>(&solids, Since::Substep, view, queried, work);
+    if is_final && (contacts.lanes >> first) & queried.lanes != 0 {
+        let stretch = restore_lengths::largest_stretch::<L>(view, first);
+        let mut touched = stretch;
+        for lane in (0..L::WIDTH).filter(|lane| (contacts.lanes >> first >> lane) & 1 == 0) {
+            touched.set(lane, L::Scalar::default());
+        }
+        if let Some(limit) = cx.rules.stretch_limit {
+            let limit = L::from_f64(limit);
+            let depth = resolve_solids::lay_along(&solids, [touched, limit], view, group, work);
+            contacts.deepest = contacts.deepest.max(depth);
+        }
+    }
+    if loaded {
+        let inverse_h = L::from_f64(1.0 / cx.h);
+        for (i, load) in load.iter().enumerate() {
+            (motion(view, i, first, inverse_h) + *load).store(view.velocities, i, first);
+        }
+    }
+    contacts
+}
+
+/// The velocity with which particles `i` moved in the last step, from their positions.
+#[inline(always)]
+fn motion<L: Lane>(view: &BlockView<'_, L::Scalar>, i: usize, first: usize, inverse_h: L) -> V3<L> {
+    (V3::load(view.positions, i, first) - V3::load(view.previous, i, first)).scale(inverse_h)
+}
+
+/// Where velocities hold more than motion, stores the rest of them in `load` and leaves the motion;
+/// returns whether they do.
+#[inline(always)]
+fn set_load_aside<L: Lane>(
+    cx: &FrameContext<'_, L::Scalar>,
+    view: &mut BlockView<'_, L::Scalar>,
+    first: usize,
+    load: &mut [V3<L>],
+) -> bool {
+    if view.previous.is_empty() {
+        return false;
+    }
+    let inverse_h = L::from_f64(1.0 / cx.h);
+    for (i, load) in load.iter_mut().enumerate() {
+        let u = motion(view, i, first, inverse_h);
+        *load = V3::load(view.velocities, i, first) - u;
+        u.store(view.velocities, i, first);
+    }
+    true
+}
+
 /// Collisions after the length pass (`restored`) or after interactions. `stretch` is the largest of
 /// each lane before them; returns it after them. Colliders meet hair with the speed at which it
 /// moves: where velocities hold more than motion (`BlockView::previous`), the rest of them is set
@@ -134,15 +208,7 @@ fn collide<L: Lane>(
     // The length pass has stored the positions before it.
     let (before, work) = scratch.vectors::<L>().split_at_mut(n);
     let (load, work) = work.split_at_mut(n);
-    let loaded = !view.previous.is_empty();
-    if loaded {
-        let inverse_h = L::from_f64(1.0 / cx.h);
-        for (i, load) in load.iter_mut().enumerate() {
-            let u = (V3::load(view.positions, i, first) - V3::load(view.previous, i, first)).scale(inverse_h);
-            *load = V3::load(view.velocities, i, first) - u;
-            u.store(view.velocities, i, first);
-        }
-    }
+    let loaded = set_load_aside(cx, view, first, load);
     let solids = cx.colliders(cx.poses.len() - 2, 0.0);
     let max_edge_push = number(cx.rules.depenetration_speed * cx.dt_secs);
     let solids = Solids { slow_edges: L::Scalar::default(), max_edge_push, ..solids };
@@ -152,10 +218,10 @@ fn collide<L: Lane>(
     let mut left = stretch;
     if report.contacts.touching + report.contacts.edges > 0 {
         left = restore_lengths::largest_stretch::<L>(view, first);
-        if cx.rules.lay_along {
+        if let Some(limit) = cx.rules.stretch_limit {
             // Only strands that colliders stretched: the result must not depend on the width.
             let by_solids = L::select(stretch.lt(left), left, L::zero());
-            resolve_solids::lay_along(&solids, by_solids, view, group, work);
+            resolve_solids::lay_along(&solids, [by_solids, L::from_f64(limit)], view, group, work);
             left = restore_lengths::largest_stretch::<L>(view, first);
         }
     }
@@ -170,7 +236,7 @@ fn collide<L: Lane>(
 /// The largest of the lanes that hold strands of their own.
 fn largest<L: Lane>(stretch: L, group: LaneGroup) -> f64 {
     (0..L::WIDTH.min(group.live - group.first))
-        .filter_map(|lane| num_traits::ToPrimitive::to_f64(&stretch.get(lane)))
+        .filter_map(|lane| stretch.get(lane).to_f64())
         .fold(0.0, f64::max)
 }
 

@@ -1,6 +1,6 @@
 //! Placement and motion of the grid and of the solids in it.
 
-use crate::body::{ColliderFrame, Shape};
+use crate::body::ColliderFrame;
 use crate::interaction::grid::Bounds;
 use crate::pose::Pose;
 use glam::{DAffine3, DMat3, DVec3};
@@ -88,23 +88,22 @@ impl SolidMaps {
 /// A solid on the grid: maps from cells of the box to the local space of the solid, and to its
 /// velocity relative to the grid.
 #[derive(Clone, Copy, Debug)]
-pub struct GridSolid<'a> {
-    pub(crate) shape: &'a Shape,
+pub struct GridSolid {
     /// Local space of the solid, metres.
     local: RowMap,
     /// Velocity relative to the grid, along the axes of the grid, m/s.
     velocity: RowMap,
 }
 
-impl<'a> GridSolid<'a> {
+impl GridSolid {
     /// `solid` in the box `bounds` of a grid placed as `grid`.
-    pub(crate) fn new(solid: &ColliderFrame<'a>, grid: &GridPlacement<'_>, bounds: &Bounds) -> Self {
+    pub(crate) fn new(solid: &ColliderFrame<'_>, grid: &GridPlacement<'_>, bounds: &Bounds) -> Self {
         let maps = SolidMaps::new(solid, grid);
         // Counts cells from the first of the box.
         let low = DVec3::from_array(bounds.low.map(f64::from));
         let [local, velocity] = [maps.local, maps.velocity]
             .map(|map| RowMap::new(map.matrix3, map.matrix3 * low + map.translation));
-        Self { shape: solid.shape, local, velocity }
+        Self { local, velocity }
     }
 
     /// Position of the point `q` (cells) in the local space of the solid, metres.

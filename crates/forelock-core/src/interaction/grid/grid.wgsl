@@ -1,21 +1,23 @@
-// The grid of hair–hair interaction, as in `grid`: faces and cells of a box that moves with the
-// head.
+// The grid of hair–hair interaction, as in `grid`: cells of a box that moves with the head.
 //
-// Cell (i, j, k) owns its lower face along each axis. `cells` has planes of `grid.capacity`
-// numbers, x fastest: first MASS and MOMENTUM of the three faces and the FILLED share of the cell,
-// as integers while hair is splat; then MOBILITY and VELOCITY of the faces and FILLED, as bits of
-// floats; LACK (the right-hand side), PRESSURE and WALL (the solid) of the cell, likewise; and a
-// LIST of the cells where pressure can act, red ones from its start, black ones from its end.
+// `cells` has planes of `grid.capacity` numbers, x fastest: first MOMENTUM along each axis, MASS
+// and the volumes FILLED and AT_REST of the cell, as integers while hair is splat; then MOMENTUM,
+// MASS (or SOLID) and DENSITY, as bits of floats; LACK (the right-hand side), PRESSURE and WALL
+// (the solid) of the cell, likewise; and a LIST of the cells where pressure can act, red ones from
+// its start, black ones from its end.
 
-const MASS: u32 = 0u;
-const MOBILITY: u32 = 0u;
-const MOMENTUM: u32 = 3u;
-const VELOCITY: u32 = 3u;
-const FILLED: u32 = 6u;
-const LACK: u32 = 7u;
-const PRESSURE: u32 = 8u;
-const WALL: u32 = 9u;
-const LIST: u32 = 10u;
+const MOMENTUM: u32 = 0u;
+const MASS: u32 = 3u;
+const FILLED: u32 = 4u;
+const DENSITY: u32 = 4u;
+const AT_REST: u32 = 5u;
+const LACK: u32 = 6u;
+const PRESSURE: u32 = 7u;
+const WALL: u32 = 8u;
+const LIST: u32 = 9u;
+
+// The mass of a cell inside a solid.
+const SOLID: f32 = -1.0;
 
 // A solid: the maps from cells to its local space and to its velocity relative to the grid.
 struct GridSolid {
@@ -46,9 +48,8 @@ struct Grid {
     capacity: u32,
     solids: u32,
     relaxation: f32,
-    // Fraction of a cell to the unit of the sums of volume.
-    room: f32,
-    pad_0: u32,
+    // Cells to the unit of the sums of volume: FILLED and AT_REST.
+    volumes: vec2f,
     each: array<GridSolid, MOST_SOLIDS>,
 }
 
@@ -61,9 +62,9 @@ struct Bounds {
     layer: u32,
     // Smallest and largest coordinates of the hair in cells, ordered as integers.
     extent: array<atomic<u32>, 6>,
-    // Bits of the fullest cell's share, of the largest right-hand side, and of the largest change
-    // of the last sweeps.
-    fullest: atomic<u32>,
+    // Bits of the density of the densest cell, of the largest right-hand side, and of the largest
+    // change of the last sweeps.
+    densest: atomic<u32>,
     lack: atomic<u32>,
     change: atomic<u32>,
     // Cells under pressure.
@@ -100,28 +101,25 @@ fn stride(axis: u32) -> u32 {
     return vec3u(1u, bounds.dims.x, bounds.layer)[axis];
 }
 
-// The first of the eight entries around a point, and the offset from it along each axis.
+// The first of the eight cells around a point, and the offset from its middle along each axis.
 struct Stencil {
     first: u32,
     f: vec3f,
 }
 
-// The stencil at the point `at` of the box, of the faces across `axis`, or with 3 of the cells'
-// centres.
-fn stencil(at: vec3f, axis: u32) -> Stencil {
-    let across = vec3u(0u, 1u, 2u) == vec3u(axis);
-    let shifted = select(at - 0.5, at, across);
-    let low = vec3u(shifted);
-    return Stencil(low.x + bounds.dims.x * low.y + bounds.layer * low.z, shifted - vec3f(low));
+// The stencil at the point `at` of the box.
+fn stencil(at: vec3f) -> Stencil {
+    let low = vec3u(at - 0.5);
+    return Stencil(low.x + bounds.dims.x * low.y + bounds.layer * low.z, at - 0.5 - vec3f(low));
 }
 
 fn corner_place(stencil: Stencil, corner: u32) -> u32 {
     return stencil.first + corner_offset(bounds.dims.x, bounds.layer, corner);
 }
 
-// Whether all stencils of a point lie in the box.
+// Whether the stencil of a point lies inside the box.
 fn holds(at: vec3f) -> bool {
-    return all_finite(at) && all(at >= vec3f(2.0)) && all(at < vec3f(bounds.dims) - 2.0);
+    return all_finite(at) && all(at >= vec3f(2.0)) && all(at < vec3f(bounds.dims) - 2.5);
 }
 
 // A position, in cells from the box's first.

@@ -17,19 +17,18 @@ pub struct GridParams {
     /// Unit s⁻¹, default 3, range 0 or more; 0 is pure FLIP, 3.08 is 95 % FLIP at 60 frames a
     /// second.
     pub pic_rate: f64,
-    /// Length of hair per volume above which hair resists compression. Unit m⁻², default 0, range 0
-    /// or more; 0 uses the mean of the rest shape.
+    /// Length of hair per volume, at rest, of the sparsest hair that keeps its volume; sparser
+    /// hair may gather until it is as dense. Unit m⁻², default 0, range 0 or more; 0 uses a tenth
+    /// of the mean of the rest shape.
     pub rest_density: f64,
-    /// Rate at which over-dense hair expands. Unit s⁻¹, default 10, range 0 or more; with 0 it does
-    /// not expand and only stops getting denser.
+    /// Rate at which over-dense hair expands. Unit s⁻¹, default 100, range 0 or more; with 0 it
+    /// does not expand and only stops getting denser.
     pub volume_rate: f64,
-    /// Maximum number of iterations of the pressure solve: of conjugate gradients in each round of
-    /// the active set, or of relaxation sweeps on a GPU. Unit iterations, default 60, range 1 to
-    /// 10000.
+    /// Maximum number of relaxation sweeps of a pressure solve, rounded up to a multiple of four.
+    /// Unit iterations, default 60, range 1 to 10000.
     pub iterations: u32,
-    /// Residual at which the pressure solve stops, relative to the residual at its start; on a GPU
-    /// the largest change in four sweeps, relative to the largest residual at the start. No unit,
-    /// default 1e-3, range above 0 and below 1.
+    /// Largest change in four sweeps, relative to the largest right-hand side, at which the
+    /// pressure solve stops. No unit, default 1e-3, range above 0 and below 1.
     pub tolerance: f64,
     /// Maximum number of cells; hair outside the box does not take part. Unit cells, default
     /// 4000000, range 4096 to 1000000000.
@@ -42,7 +41,7 @@ impl Default for GridParams {
             resolution: 64,
             pic_rate: 3.0,
             rest_density: 0.0,
-            volume_rate: 10.0,
+            volume_rate: 100.0,
             iterations: 60,
             tolerance: 1e-3,
             max_cells: 4_000_000,

@@ -3,23 +3,39 @@
 #![expect(clippy::needless_range_loop, reason = "one index for several arrays is what vectorises")]
 
 use super::frame::RowMap;
-use super::{GridFrame, MARGIN, SLAB};
-use crate::lane::{LANES, Real, Row};
+use super::{GridFrame, MARGIN, MASS, SLAB};
+use crate::lane::{LANES, Real, Row, widest};
 use crate::strands::{Block, Model};
 use std::ops::Range;
 
-/// A sample of a segment.
+/// One sample on an edge of each strand of a block.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Sample {
+pub(crate) struct Samples {
     /// Position in cells, from the first cell of the box.
-    pub at: [f32; 3],
-    /// Length of hair that the sample represents, metres.
-    pub mass: f32,
+    pub at: Lanes,
     /// Velocity relative to the grid, along its axes, m/s.
-    pub velocity: [f32; 3],
-    /// Rest volume of this hair, cells.
-    pub room: f32,
+    pub velocity: Lanes,
+    /// Length of hair that the sample represents, metres.
+    pub mass: [f32; LANES],
+    /// Rest volume V of this hair, cells, and V φ₀.
+    pub volume: [[f32; LANES]; 2],
 }
+
+/// A sample, ready to be splat.
+#[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C, align(16))]
+pub(crate) struct Sample {
+    /// Position from the first node of its stencil, cells.
+    pub offset: [f32; 3],
+    /// Index of this node.
+    pub first: u32,
+    /// What it adds to the nodes.
+    pub share: [f32; 8],
+}
+
+/// Distance from the faces of the box that samples keep, cells.
+const START: f32 = 2.0;
+const END: f32 = 2.5;
 
 /// The box of cells.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -63,11 +79,24 @@ impl Bounds {
         self.dims[2].div_ceil(SLAB)
     }
 
-    /// Whether all faces and cells that a sample at `at` touches lie in the box.
-    #[inline]
-    pub fn holds(&self, at: [f32; 3]) -> bool {
-        let inner = |c: usize| at[c] >= 2.0 && at[c] < self.dims[c] as f32 - 2.0;
-        inner(0) && inner(1) && inner(2)
+    /// Nodes from the first of a stencil to the first of each of its rows.
+    #[inline(always)]
+    pub fn stencil_rows(&self) -> [usize; 4] {
+        let [row, layer] = [self.dims[0], self.layer()];
+        [0, row, layer, layer + row]
+    }
+
+    /// Whether all nodes that a sample at `at` touches lie inside the box, lane by lane.
+    #[inline(always)]
+    pub fn hold(&self, at: &Lanes) -> [bool; LANES] {
+        let mut inside = [true; LANES];
+        for c in 0..3 {
+            let end = self.dims[c] as f32 - END;
+            for lane in 0..LANES {
+                inside[lane] &= (at[c][lane] >= START) & (at[c][lane] < end);
+            }
+        }
+        inside
     }
 }
 
@@ -77,7 +106,7 @@ pub(crate) struct Segments<'a, T> {
     pub model: &'a Model<T>,
     pub positions: &'a [Row<T>],
     pub velocities: &'a [Row<T>],
-    pub rooms: &'a [Row<f32>],
+    pub volumes: &'a [[Row<f32>; 2]],
 }
 
 /// A range of blocks and the samples of their edges, sorted by slab.
@@ -91,13 +120,16 @@ pub(crate) struct Chunk {
     pub starts: Vec<u32>,
 }
 
-/// Samples on each edge of a block: enough that neighbouring samples are at most two cells apart,
-/// the width of the kernel of a sample.
+/// Largest distance of neighbouring samples of a strand, cells. The kernel of a sample is two cells
+/// wide; in dense hair, samples of neighbouring strands lie between them.
+const SPACING: f64 = 2.5;
+
+/// Samples on each edge of a block.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a count of 1 to 8")]
 fn samples_per_edge<T: Real>(model: &Model<T>, block: &Block, cell: f64) -> usize {
     let lengths = block.range().flat_map(|place| &model.rest_lengths[3 * place].0[..block.live]);
     let longest = lengths.filter_map(num_traits::ToPrimitive::to_f64).fold(0.0, f64::max);
-    (0.5 * longest / cell).ceil().clamp(1.0, 8.0) as usize
+    (longest / (SPACING * cell)).ceil().clamp(1.0, 8.0) as usize
 }
 
 /// Splits the blocks of `model` into chunks, whose number does not depend on the number of threads.
@@ -108,11 +140,8 @@ pub(crate) fn chunks<T: Real>(model: &Model<T>, cell: f64) -> Vec<Chunk> {
         .map(|range| {
             let blocks = &model.blocks[range.clone()];
             let points: Vec<usize> = blocks.iter().map(|b| samples_per_edge(model, b, cell)).collect();
-            let samples = blocks
-                .iter()
-                .zip(&points)
-                .map(|(b, points)| b.live * (b.particles - 1) * points)
-                .sum::<usize>();
+            let samples: usize =
+                blocks.iter().zip(&points).map(|(b, points)| b.live * (b.particles - 1) * points).sum();
             Chunk { blocks: range, points, samples: Vec::with_capacity(samples), starts: Vec::new() }
         })
         .collect()
@@ -126,42 +155,127 @@ impl Chunk {
     }
 
     /// The samples of a slab.
-    #[inline]
     pub fn slab(&self, slab: usize) -> &[Sample] {
         &self.samples[self.starts[slab] as usize..self.starts[slab + 1] as usize]
+    }
+
+    /// Number of samples in the box, and their mass, metres of hair.
+    pub fn totals(&self) -> (f64, f64) {
+        let masses = self.samples.iter().map(|sample| f64::from(sample.share[MASS]));
+        masses.filter(|mass| *mass > 0.0).fold((0.0, 0.0), |(n, sum), mass| (n + 1.0, sum + mass))
     }
 
     /// Samples the edges of the blocks and sorts the samples by slab; within a slab they keep the
     /// order of the strands.
     pub fn fill<T: Real>(&mut self, hair: &Segments<'_, T>, frame: &GridFrame, bounds: &Bounds, cell: f64) {
-        let slab = |at: [f32; 3]| at[2] as usize / SLAB;
-        let starts = &mut self.starts;
-        crate::scratch::fill(starts, bounds.slabs() + 1, 0);
+        widest(
+            #[inline(always)]
+            || self.fill_inline(hair, frame, bounds, cell),
+        );
+    }
+
+    #[inline(always)]
+    fn fill_inline<T: Real>(
+        &mut self,
+        hair: &Segments<'_, T>,
+        frame: &GridFrame,
+        bounds: &Bounds,
+        cell: f64,
+    ) {
+        crate::scratch::fill(&mut self.starts, bounds.slabs() + 1, 0);
         let view = View::new(frame, bounds, cell);
-        for (block, &points) in hair.model.blocks[self.blocks.clone()].iter().zip(&self.points) {
-            view.visit(hair, block, points, false, |_, _, sample| {
-                if bounds.holds(sample.at) {
-                    starts[slab(sample.at) + 1] += 1;
-                }
-            });
+        let starts = &mut self.starts[..];
+        let blocks = || hair.model.blocks[self.blocks.clone()].iter().zip(&self.points);
+        for (block, &points) in blocks() {
+            view.visit(
+                hair,
+                block,
+                points,
+                false,
+                #[inline(always)]
+                |_, samples| {
+                    for &slab in &samples.slabs(bounds)[..block.live] {
+                        starts[slab as usize + 1] += 1;
+                    }
+                },
+            );
         }
         for k in 1..starts.len() {
             starts[k] += starts[k - 1];
         }
-        crate::scratch::fill(&mut self.samples, starts[starts.len() - 1] as usize, Sample::default());
-        let samples = &mut self.samples;
-        for (block, &points) in hair.model.blocks[self.blocks.clone()].iter().zip(&self.points) {
-            view.visit(hair, block, points, true, |_, _, sample| {
-                if bounds.holds(sample.at) {
-                    let next = &mut starts[slab(sample.at)];
-                    samples[*next as usize] = *sample;
-                    *next += 1;
-                }
-            });
+        crate::scratch::resize(&mut self.samples, starts[starts.len() - 1] as usize, Sample::default());
+        let sorted = &mut self.samples[..];
+        for (block, &points) in blocks() {
+            view.visit(
+                hair,
+                block,
+                points,
+                true,
+                #[inline(always)]
+                |_, samples| {
+                    let slabs = samples.slabs(bounds);
+                    let stencils = Stencils::new(bounds, &samples.at);
+                    let shares = samples.shares(bounds);
+                    for lane in 0..block.live {
+                        let next = &mut starts[slabs[lane] as usize];
+                        sorted[*next as usize] = Sample {
+                            offset: [0, 1, 2].map(|c| stencils.offset[c][lane]),
+                            first: stencils.first[lane],
+                            share: [0, 1, 2, 3, 4, 5, 6, 6].map(|k| shares[k][lane]),
+                        };
+                        *next += 1;
+                    }
+                },
+            );
         }
         // Each entry now holds the start of the next slab.
         starts.rotate_right(1);
         starts[0] = 0;
+    }
+}
+
+/// The trilinear stencils of one sample of each strand of a block. The nodes are the middles of the
+/// cells.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Stencils {
+    /// Positions from the first node, cells.
+    pub offset: Lanes,
+    /// Index of the first node.
+    pub first: [u32; LANES],
+}
+
+impl Stencils {
+    /// The stencils of samples at `at`, cells. Samples outside the box get those of the nearest
+    /// point inside.
+    #[inline(always)]
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few thousand at most")]
+    pub fn new(bounds: &Bounds, at: &Lanes) -> Self {
+        let strides = [1, bounds.dims[0] as u32, bounds.layer() as u32];
+        let mut stencils = Self { offset: [[0.0; LANES]; 3], first: [0; LANES] };
+        for c in 0..3 {
+            let end = bounds.dims[c] as f32 - END;
+            for k in 0..LANES {
+                // Coordinates are positive: a cast is the floor.
+                let x = at[c][k].max(START).min(end) - 0.5;
+                let low = x as i32;
+                stencils.offset[c][k] = x - low as f32;
+                stencils.first[k] += strides[c] * low as u32;
+            }
+        }
+        stencils
+    }
+
+    /// The weighted sum of `f` of the nodes of a lane's stencil.
+    pub fn sum(&self, bounds: &Bounds, lane: usize, f: impl Fn(usize) -> f32) -> f32 {
+        let [x, y, z] = [0, 1, 2].map(|c| [1.0 - self.offset[c][lane], self.offset[c][lane]]);
+        let nodes = self.nodes(bounds, lane).into_iter().enumerate();
+        nodes.map(|(n, node)| x[n & 1] * y[n >> 1 & 1] * z[n >> 2] * f(node)).sum()
+    }
+
+    /// The nodes of a lane's stencil, x fastest.
+    pub fn nodes(&self, bounds: &Bounds, lane: usize) -> [usize; 8] {
+        let rows = bounds.stencil_rows();
+        std::array::from_fn(|n| self.first[lane] as usize + rows[n >> 1] + (n & 1))
     }
 }
 
@@ -190,7 +304,7 @@ impl View {
     }
 
     /// Positions of the particles at `place`, in cells.
-    #[inline]
+    #[inline(always)]
     pub fn place<T: Real>(&self, positions: &[Row<T>], place: usize) -> Lanes {
         let x = load(positions, place);
         let RowMap { rows: m, offset: b } = &self.place;
@@ -204,7 +318,7 @@ impl View {
     }
 
     /// Velocities of the particles at `place` relative to the grid, along the axes of the grid.
-    #[inline]
+    #[inline(always)]
     pub fn velocity<T: Real>(&self, positions: &[Row<T>], velocities: &[Row<T>], place: usize) -> Lanes {
         let (x, v) = (load(positions, place), load(velocities, place));
         let (a, RowMap { rows: m, offset: b }) = (&self.axes, &self.motion);
@@ -218,23 +332,30 @@ impl View {
         out
     }
 
-    /// Turns a vector from the axes of the grid to those of the world.
-    #[inline]
-    pub fn to_world(&self, v: [f32; 3]) -> [f32; 3] {
+    /// Turns vectors from the axes of the grid to those of the world.
+    #[inline(always)]
+    pub fn to_world(&self, v: &Lanes) -> Lanes {
         let a = &self.axes;
-        [0, 1, 2].map(|c| a[0][c] * v[0] + a[1][c] * v[1] + a[2][c] * v[2])
+        let mut out = [[0.0; LANES]; 3];
+        for c in 0..3 {
+            for k in 0..LANES {
+                out[c][k] = a[0][c] * v[0][k] + a[1][c] * v[1][k] + a[2][c] * v[2][k];
+            }
+        }
+        out
     }
 
-    /// Calls `f` with the index of the edge in the block, the lane and the sample, for `points`
-    /// samples on every edge of the strands of the block. Velocities are zero unless `moving`.
-    #[inline]
+    /// Calls `f` with the index of the edge in the block and its samples, for `points` samples on
+    /// every edge of the strands of the block, all lanes together. Velocities are zero unless
+    /// `moving`.
+    #[inline(always)]
     pub fn visit<T: Real>(
         &self,
         hair: &Segments<'_, T>,
         block: &Block,
         points: usize,
         moving: bool,
-        mut f: impl FnMut(usize, usize, &Sample),
+        mut f: impl FnMut(usize, &Samples),
     ) {
         let share = 1.0 / points as f32;
         let still = [[0.0; LANES]; 3];
@@ -246,23 +367,54 @@ impl View {
             let to = self.place(hair.positions, place + 1);
             let to_velocity =
                 if moving { self.velocity(hair.positions, hair.velocities, place + 1) } else { still };
-            let (lengths, rooms) = (&hair.model.rest_lengths[3 * place].0, &hair.rooms[place].0);
+            let mass = hair.model.rest_lengths[3 * place].0.map(|l| l.to_f32().unwrap_or(0.0) * share);
+            let volume = [0, 1].map(|k| hair.volumes[place][k].0.map(|volume| volume * share));
             for point in 0..points {
                 let along = (point as f32 + 0.5) * share;
-                let (at, velocity) =
-                    (between(&from, &to, along), between(&from_velocity, &to_velocity, along));
-                for lane in 0..block.live {
-                    let sample = Sample {
-                        at: [at[0][lane], at[1][lane], at[2][lane]],
-                        mass: lengths[lane].to_f32().unwrap_or(0.0) * share,
-                        velocity: [velocity[0][lane], velocity[1][lane], velocity[2][lane]],
-                        room: rooms[lane] * share,
-                    };
-                    f(edge, lane, &sample);
-                }
+                let samples = Samples {
+                    at: between(&from, &to, along),
+                    velocity: between(&from_velocity, &to_velocity, along),
+                    mass,
+                    volume,
+                };
+                f(edge, &samples);
             }
             (from, from_velocity) = (to, to_velocity);
         }
+    }
+}
+
+impl Samples {
+    /// The slab of each sample: that of the nearest point of the box for samples outside.
+    #[inline(always)]
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few thousand at most")]
+    fn slabs(&self, bounds: &Bounds) -> [u32; LANES] {
+        let end = bounds.dims[2] as f32 - END;
+        self.at[2].map(|z| (z.max(START).min(end) - 0.5) as i32 as u32 / SLAB as u32)
+    }
+
+    /// What the samples add to the nodes: momentum, mass, volumes and zero. Nothing outside the
+    /// box, and nothing if a velocity is not finite.
+    #[inline(always)]
+    fn shares(&self, bounds: &Bounds) -> [[f32; LANES]; 7] {
+        let mut out = [[0.0; LANES]; 7];
+        let inside = bounds.hold(&self.at);
+        let [x, y, z] = &self.velocity;
+        for k in 0..LANES {
+            let counts = inside[k] & (0.0 * (x[k] + y[k] + z[k]) == 0.0);
+            let all = [
+                x[k] * self.mass[k],
+                y[k] * self.mass[k],
+                z[k] * self.mass[k],
+                self.mass[k],
+                self.volume[0][k],
+                self.volume[1][k],
+            ];
+            for (row, value) in out.iter_mut().zip(all) {
+                row[k] = if counts { value } else { 0.0 };
+            }
+        }
+        out
     }
 }
 
@@ -278,7 +430,7 @@ pub(crate) fn between(a: &Lanes, b: &Lanes, along: f32) -> Lanes {
     out
 }
 
-#[inline]
+#[inline(always)]
 fn load<T: Real>(rows: &[Row<T>], place: usize) -> Lanes {
     let mut out = [[0.0; LANES]; 3];
     for c in 0..3 {
@@ -312,45 +464,55 @@ pub(crate) fn mean<T: Real>(model: &Model<T>, lengths: &[Row<f32>], at_edges: &[
     (sum / total) as f32
 }
 
-/// The field `filled` of the grid at the middle of each edge of the rest shape.
+/// A function of the nodes of the grid at the middle of each edge of the rest shape, or the largest
+/// of the nodes around it.
 pub(crate) fn at_edges<T: Real>(
     model: &Model<T>,
-    filled: &[f32],
+    nodes: &[f32],
     bounds: &Bounds,
     cell: f64,
     frame: &GridFrame,
+    largest: bool,
 ) -> Vec<Row<f32>> {
-    let mut out = vec![Row([0.0; LANES]); model.rest_lengths.len() / 3];
+    let nothing = Row([0.0; LANES]);
+    let mut out = vec![nothing; model.rest_lengths.len() / 3];
     let view = View::new(frame, bounds, cell);
-    let hair = Segments { model, positions: &model.rest, velocities: &model.rest, rooms: &out.clone() };
+    let volumes = vec![[nothing; 2]; out.len()];
+    let hair = Segments { model, positions: &model.rest, velocities: &model.rest, volumes: &volumes };
     for block in &model.blocks {
-        view.visit(&hair, block, 1, false, |edge, lane, sample| {
-            if bounds.holds(sample.at) {
-                out[block.first + edge].0[lane] =
-                    crate::interaction::grid::splat_segments::interpolate(filled, bounds, sample.at);
+        view.visit(&hair, block, 1, false, |edge, samples| {
+            let inside = bounds.hold(&samples.at);
+            let stencils = Stencils::new(bounds, &samples.at);
+            let row = &mut out[block.first + edge].0;
+            for lane in (0..block.live).filter(|&lane| inside[lane]) {
+                row[lane] = if largest {
+                    stencils.nodes(bounds, lane).map(|node| nodes[node]).into_iter().fold(0.0, f32::max)
+                } else {
+                    stencils.sum(bounds, lane, |node| nodes[node])
+                };
             }
         });
     }
     out
 }
 
-/// Calls `f` for every chunk and its part of `rows`, which has three rows a place, in parallel.
+/// Calls `f` for every chunk and its parts of two arrays of three rows a place, in parallel.
 pub(crate) fn split_rows<T: Real>(
     chunks: &[Chunk],
     blocks: &[Block],
-    rows: &mut [Row<T>],
-    f: &(impl Fn(&Chunk, &mut [Row<T>]) + Sync),
+    [a, b]: [&mut [Row<T>]; 2],
+    f: &(impl Fn(&Chunk, [&mut [Row<T>]; 2]) + Sync),
 ) {
     match chunks {
         [] => {}
-        [chunk] => f(chunk, rows),
+        [chunk] => f(chunk, [a, b]),
         _ => {
             let (left, right) = chunks.split_at(chunks.len() / 2);
-            let middle = blocks[right[0].blocks.start].first - blocks[left[0].blocks.start].first;
-            let (left_rows, right_rows) = rows.split_at_mut(3 * middle);
+            let middle = 3 * (blocks[right[0].blocks.start].first - blocks[left[0].blocks.start].first);
+            let ((left_a, right_a), (left_b, right_b)) = (a.split_at_mut(middle), b.split_at_mut(middle));
             rayon::join(
-                || split_rows(left, blocks, left_rows, f),
-                || split_rows(right, blocks, right_rows, f),
+                || split_rows(left, blocks, [left_a, left_b], f),
+                || split_rows(right, blocks, [right_a, right_b], f),
             );
         }
     }

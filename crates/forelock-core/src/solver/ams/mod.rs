@@ -9,8 +9,8 @@ pub use crate::params::Inextensibility;
 pub(crate) use params::LengthPass;
 pub use params::{AmsParams, AngularForm, IntegrityForm, Jacobian};
 
-use crate::collide::resolve_solids::SolidContacts;
-use crate::frame::{FrameContext, FrameRules, LaneGroup, LaneSolver, StepCheck, Substep};
+use crate::collide::resolve_solids::{SPRING_STRETCH, STRETCHED, SolidContacts};
+use crate::frame::{FrameContext, FrameRules, LaneGroup, LaneSolver, StepCheck, StepRate, Substep};
 use crate::lane::Lane;
 use crate::params::ParamsError;
 use crate::strands::{BlockView, Scratch};
@@ -26,17 +26,26 @@ impl LaneSolver for AmsParams {
     fn rules(&self) -> FrameRules {
         FrameRules {
             stage: solve_strands::STAGE,
-            substeps: self.substeps,
+            substep_secs: self.substep_secs,
             clamped: self.clamped as usize,
             skin_thickness: self.skin_thickness,
             depenetration_speed: self.depenetration_speed,
             lengths: self.inextensibility,
             length_damping: self.length_damping,
-            lay_along: self.lay_along_solids && self.inextensibility != Inextensibility::Off,
+            stretch_limit: match self.inextensibility {
+                _ if !self.lay_along_solids => None,
+                // Without springs either, nothing keeps lengths.
+                Inextensibility::Off => (self.k_edge > 0.0).then_some(SPRING_STRETCH),
+                _ => Some(STRETCHED),
+            },
             solver_collides: false,
             restores_own_lengths: false,
             local_drag: self.has_local_drag(),
         }
+    }
+
+    fn rate(&self) -> StepRate {
+        self.rate()
     }
 
     fn validate(&self) -> Result<(), ParamsError> {

@@ -1,12 +1,12 @@
 //! Parameters of the augmented mass-spring solver.
 //!
 //! Stiffnesses are rates: stiffness over particle mass, in s⁻². The motion depends only on these
-//! ratios, lengths and gravity. They do not depend on the frame rate or the number of substeps.
+//! ratios, lengths and gravity. They do not depend on the frame rate or the substep.
 
-use crate::frame::StepCheck;
+use crate::frame::{StepCheck, StepRate};
 use crate::params::{
-    COUNT, FLOAT32_STIFFNESS_LIMIT, Inextensibility, NON_NEGATIVE, POSITIVE, ParamsError, SHARE, check,
-    check_time,
+    COUNT, FLOAT32_STIFFNESS_LIMIT, Inextensibility, LEAST_SUBSTEP_SECS, LENGTH_PASS_SECS, NON_NEGATIVE,
+    PART_TOLERANCE, POSITIVE, ParamsError, SHARE, SUBSTEP, SUBSTEP_SECS, check, check_time, parts,
 };
 
 /// How a stretched spring enters the implicit matrix.
@@ -104,8 +104,9 @@ pub struct AmsParams {
     /// Particles that follow the head exactly, from the root. Unit particles, default 2, range 1 to
     /// 1000; 1 makes the root a hinge, 0 is refused.
     pub clamped: u32,
-    /// Substeps per frame, M. Unit substeps, default 4, range 1 to 1000; 0 is refused.
-    pub substeps: u32,
+    /// Longest substep, 1/240 s by default; frames and steps are divided into as many equal ones as
+    /// they take. Unit s, default 0.004166666666666667, range 1e-5 to 1.
+    pub substep_secs: f64,
     /// How springs enter the matrix: "tension" or "paper". Default "tension".
     pub jacobian: Jacobian,
     /// Form of the angular tie: "edge", "paper" or "off". Default "edge".
@@ -140,7 +141,8 @@ pub struct AmsParams {
     #[cfg_attr(feature = "serde", serde(rename = "dftl_damping"))]
     pub length_damping: f64,
     /// Whether edges that solids stretched at the end of a frame are restored to rest length along
-    /// the surface. Default true; false leaves them stretched, as the paper does.
+    /// the surface; without a length pass, where they are stretched by more than 4 %. Default true;
+    /// false leaves them stretched, as the paper does.
     pub lay_along_solids: bool,
     /// Distance of particles from solids at a contact. Unit m, default 0.0005, range 0 or more; 0
     /// touches the skin.
@@ -166,7 +168,7 @@ impl Default for AmsParams {
             drag_along: 1.0,
             drag_quadratic: 0.0,
             clamped: 2,
-            substeps: 4,
+            substep_secs: SUBSTEP_SECS,
             jacobian: Jacobian::default(),
             angular: AngularForm::default(),
             integrity: IntegrityForm::default(),
@@ -192,6 +194,12 @@ impl AmsParams {
         self.drag_along != 1.0 || self.drag_quadratic != 0.0
     }
 
+    /// A step each [`LENGTH_PASS_SECS`], or each substep if that is longer.
+    pub fn rate(&self) -> StepRate {
+        let is_longer = self.substep_secs > LENGTH_PASS_SECS * (1.0 + PART_TOLERANCE);
+        StepRate::Fixed(if is_longer { self.substep_secs } else { LENGTH_PASS_SECS })
+    }
+
     /// Checks every parameter against its range.
     ///
     /// # Errors
@@ -211,7 +219,7 @@ impl AmsParams {
             ("drag_along", self.drag_along, SHARE),
             ("drag_quadratic", self.drag_quadratic, NON_NEGATIVE),
             ("clamped", f64::from(self.clamped), COUNT),
-            ("substeps", f64::from(self.substeps), COUNT),
+            ("substep_secs", self.substep_secs, SUBSTEP),
             ("elastic_limit", self.elastic_limit, SHARE),
             ("breaking_point", self.breaking_point, POSITIVE),
             ("breaking_width", self.breaking_width, POSITIVE),
@@ -240,7 +248,8 @@ impl AmsParams {
         if beyond_float32 {
             return Ok(());
         }
-        let h = dt_secs / f64::from(self.substeps);
+        let substeps = parts(dt_secs, self.substep_secs);
+        let h = dt_secs / f64::from(substeps);
         let stiffest = [
             ("k_edge", self.k_edge),
             ("k_bend", self.k_bend),
@@ -252,26 +261,27 @@ impl AmsParams {
             let product = h * h * value / least_mass;
             // The tolerance accepts a limit that was computed from a rounded frame time.
             if product > FLOAT32_STIFFNESS_LIMIT * (1.0 + 1e-9) {
-                #[expect(
-                    clippy::cast_possible_truncation,
-                    clippy::cast_sign_loss,
-                    reason = "positive, saturating"
-                )]
-                let needed =
-                    (dt_secs * (value / (FLOAT32_STIFFNESS_LIMIT * least_mass)).sqrt()).ceil() as u32;
+                let longest = (FLOAT32_STIFFNESS_LIMIT * least_mass / value).sqrt() / (1.0 + PART_TOLERANCE);
+                let needed_secs = Some(floor_to_three_digits(longest)).filter(|s| *s >= LEAST_SUBSTEP_SECS);
                 let allowed = FLOAT32_STIFFNESS_LIMIT * least_mass / (h * h);
-                let substeps = self.substeps;
                 return Err(ParamsError::TooStiff {
                     name,
                     value,
                     substeps,
                     dt_secs,
                     product,
-                    needed,
+                    needed_secs,
                     allowed,
                 });
             }
         }
         Ok(())
     }
+}
+
+/// `x`, above 0, rounded down to three digits.
+fn floor_to_three_digits(x: f64) -> f64 {
+    let unit = 10f64.powf(x.log10().floor() - 2.0);
+    // Written in decimal and read back, so that it prints as three digits.
+    format!("{:.2e}", (x / unit).floor() * unit).parse().unwrap_or(x)
 }

@@ -6,7 +6,7 @@ mod params;
 pub use crate::params::STATED_STEP_SECS;
 pub use params::{DftlParams, Schedule};
 
-use crate::collide::resolve_solids::{LevelSolids, SolidContacts};
+use crate::collide::resolve_solids::{EXACT, LevelSolids, SolidContacts};
 use crate::frame::{Channels, FrameContext, FrameRules, LaneGroup, LaneSolver, StepRate, Substep};
 use crate::lane::Lane;
 use crate::params::{Inextensibility, ParamsError};
@@ -26,14 +26,14 @@ impl LaneSolver for DftlParams {
     fn rules(&self) -> FrameRules {
         FrameRules {
             stage: follow_leader::STAGE,
-            substeps: 1,
+            substep_secs: f64::INFINITY,
             clamped: self.clamped as usize,
             skin_thickness: self.skin_thickness,
             depenetration_speed: self.depenetration_speed,
             lengths: Inextensibility::FollowTheLeader,
             length_damping: self.damping,
-            lay_along: self.recheck > 0,
-            solver_collides: true,
+            stretch_limit: (!self.level_collisions || self.recheck > 0).then_some(EXACT),
+            solver_collides: self.level_collisions,
             restores_own_lengths: true,
             local_drag: false,
         }
@@ -70,7 +70,8 @@ impl LaneSolver for DftlParams {
         let carried =
             if terms.sag_free { cx.poses[1].transform_vector(cx.rest_gravity) } else { DVec3::ZERO };
         let step = FollowStep::<L>::new(&cx.poses[1], cx.gravity - carried, cx.air_velocity, shift);
-        let solids = LevelSolids::new(cx.colliders(0, cx.max_push_out()));
+        let levels = cx.rules.solver_collides;
+        let solids = if levels { LevelSolids::new(cx.colliders(0, cx.max_push_out())) } else { None };
         follow_leader::advance(terms, &step, solids, view, group)
     }
 }

@@ -59,9 +59,14 @@ pub struct DftlParams {
     /// Particles that follow the head exactly, from the root. Unit particles, default 1, range 1 to
     /// 1000; 0 is refused.
     pub clamped: u32,
-    /// Repetitions of the length correction and the collision query for an edge that a solid has
-    /// stretched. Unit times, default 2, range 0 to 16; 0 leaves edges stretched, as the paper
-    /// does.
+    /// Whether collisions are resolved level by level, as in the paper: thin moving solids then cut
+    /// through strands, and `recheck` counts. Otherwise they are resolved after each step, along
+    /// the paths of particles and edges, and strands are laid along solids at their lengths.
+    /// Default false.
+    pub level_collisions: bool,
+    /// With `level_collisions`, repetitions of the length correction and the collision query for an
+    /// edge that a solid has stretched. Unit times, default 2, range 0 to 16; 0 leaves edges
+    /// stretched, as the paper does.
     pub recheck: u32,
     /// Distance of particles from solids at a contact. Unit m, default 0.0005, range 0 or more; 0
     /// touches the skin.
@@ -86,6 +91,7 @@ impl Default for DftlParams {
             sag_free: false,
             drag: 2.0,
             clamped: 1,
+            level_collisions: false,
             recheck: 2,
             skin_thickness: 5e-4,
             depenetration_speed: 1.0,

@@ -69,8 +69,9 @@ pub struct MassSpringParams {
     /// between them do so too. Unit particles, default 2, range 1 to 1000; 1 makes the root a
     /// hinge, 0 is refused.
     pub clamped: u32,
-    /// Substeps per frame, M. Unit substeps, default 4, range 1 to 1000; 0 is refused.
-    pub substeps: u32,
+    /// Longest substep, 1/240 s by default; frames and steps are divided into as many equal ones as
+    /// they take. Unit s, default 0.004166666666666667, range 1e-5 to 1.
+    pub substep_secs: f64,
     /// How springs enter the matrix: "tension" or "paper". Default "tension".
     pub jacobian: Jacobian,
     /// The pass that restores edge lengths: "projection", "dftl" or "off". Default "off".
@@ -97,7 +98,7 @@ impl Default for MassSpringParams {
             virtual_offset: 0.25,
             drag: ams.drag,
             clamped: ams.clamped,
-            substeps: ams.substeps,
+            substep_secs: ams.substep_secs,
             jacobian: ams.jacobian,
             inextensibility: Inextensibility::Off,
             skin_thickness: ams.skin_thickness,
@@ -124,12 +125,11 @@ impl MassSpringParams {
             } else {
                 self.clamped
             },
-            substeps: self.substeps,
+            substep_secs: self.substep_secs,
             jacobian: self.jacobian,
             angular: AngularForm::Off,
             sag_free: false,
             inextensibility: self.inextensibility,
-            lay_along_solids: self.inextensibility != Inextensibility::Off,
             skin_thickness: self.skin_thickness,
             depenetration_speed: self.depenetration_speed,
             ..AmsParams::default()
@@ -165,7 +165,7 @@ impl<T: SolverReal> StrandSolver<T> for MassSpringParams {
     }
 
     fn rate(&self) -> StepRate {
-        StepRate::PerFrame
+        self.ams().rate()
     }
 
     fn validate(&self) -> Result<(), ParamsError> {

@@ -199,7 +199,7 @@ fn altitude_springs_solve_the_system_of_their_energy() {
             k_bend: 0.0,
             k_torsion: 0.0,
             drag: 0.0,
-            substeps: 1,
+            substep_secs: 1.0,
             ..MassSpringParams { k_altitude: kappa, clamped: 1, ..Default::default() }.ams()
         };
         let after = substep(&rest, &x, &v, &params);
@@ -230,8 +230,11 @@ fn the_system_is_symmetric_positive_definite() {
     let mut noise = Noise(3);
     let rest = chain(&walk(4, &mut noise), 0.25);
     let x: Vec<DVec3> = rest.iter().map(|p| *p + 0.002 * noise.vector()).collect();
-    let params =
-        AmsParams { drag: 0.0, substeps: 1, ..MassSpringParams { clamped: 1, ..Default::default() }.ams() };
+    let params = AmsParams {
+        drag: 0.0,
+        substep_secs: 1.0,
+        ..MassSpringParams { clamped: 1, ..Default::default() }.ams()
+    };
     let size = 3 * rest.len();
     let still = substep(&rest, &x, &vec![0.0; size], &params);
     let columns: Vec<Vec<f64>> = (3..size)
@@ -290,7 +293,7 @@ fn altitude_springs_restore_an_inverted_tetrahedron() {
     let side = |k_altitude: f64| {
         let params = MassSpringParams { k_altitude, clamped: 1, drag: 20.0, ..Default::default() };
         let (mut x, mut v) = (inverted.clone(), vec![0.0; 12]);
-        let params = AmsParams { substeps: 1, ..params.ams() };
+        let params = AmsParams { substep_secs: 1.0, ..params.ams() };
         for _ in 0..2000 {
             v = substep(&rest, &x, &v, &params);
             for (x, v) in x.iter_mut().zip(v.as_chunks::<3>().0) {

@@ -34,6 +34,7 @@ fn params(file: &Value) -> DftlParams {
         damping: f("sd").unwrap(),
         drag: 0.0,
         clamped: 1,
+        level_collisions: true,
         recheck: f("recheck").map_or(0, |x| x as u32),
         skin_thickness: f("thick").unwrap_or(0.0),
         depenetration_speed: 1e6,

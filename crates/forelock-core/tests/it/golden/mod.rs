@@ -68,7 +68,7 @@ pub fn params(p: &Value) -> AmsParams {
         k_altitude: f("kAlt"),
         drag: f("drag"),
         clamped: f("n_clamp") as u32,
-        substeps: f("M") as u32,
+        substep_secs: f("dt") / f("M"),
         jacobian: if flag("geo") { Jacobian::Tension } else { Jacobian::Paper },
         angular: match p["angular"].as_str().unwrap() {
             "off" => AngularForm::Off,
@@ -167,7 +167,7 @@ pub fn substep_error<B: Backend>(
     let rest = vectors::<B::Real>(&case["rest"]);
     let offsets = [0, rest.len() as u32];
     let strands = Strands::new(&rest, &offsets);
-    let one_substep = AmsParams { substeps: 1, ..params(p) };
+    let one_substep = AmsParams { substep_secs: 1.0, ..params(p) };
     let mut simulation = build(&strands, &(&one_substep).into(), options(p, Pose::IDENTITY));
     let origin = poses[0].transform_point(simulation.model().centre.into());
     let relative = |x: [f64; 3]| [0, 1, 2].map(|c| number(x[c] - origin[c]));

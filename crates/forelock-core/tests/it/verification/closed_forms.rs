@@ -15,7 +15,11 @@ fn bar() -> Vec<[f64; 3]> {
 
 /// Depth fallen in `secs` with `substeps` a frame.
 fn fall(substeps: u32, secs: f64) -> f64 {
-    let mut rig = Rig::<f64>::new(&[helix(30)], &AmsParams { substeps, ..bare() }, Simd::Auto);
+    let mut rig = Rig::<f64>::new(
+        &[helix(30)],
+        &AmsParams { substep_secs: DT / f64::from(substeps), ..bare() },
+        Simd::Auto,
+    );
     let start = rig.positions();
     rig.play(secs, |_| Pose::IDENTITY);
     let fallen: Vec<f64> = start.iter().zip(rig.positions()).map(|(a, b)| a.y - b.y).collect();
@@ -39,7 +43,11 @@ fn free_fall_is_exact_to_first_order() {
 fn drag_decays_exponentially() {
     let (drag, secs, start) = (3.0, 0.5, DVec3::new(2.0, -1.0, 0.5));
     for substeps in [1, 4, 64] {
-        let mut rig = Rig::<f64>::new(&[bar()], &AmsParams { drag, substeps, ..bare() }, Simd::Auto);
+        let mut rig = Rig::<f64>::new(
+            &[bar()],
+            &AmsParams { drag, substep_secs: DT / f64::from(substeps), ..bare() },
+            Simd::Auto,
+        );
         (rig.gravity, rig.air) = (DVec3::ZERO, DVec3::new(1.0, 1.0, 1.0));
         let slip = start - rig.air;
         rig.edit(|snapshot| snapshot.velocities[1] = start.to_array());
@@ -68,7 +76,7 @@ fn a_hinge_swings_as_a_pendulum() {
     let amplitude = 0.2f64;
     let strand = vec![[0.0; 3], [amplitude.sin(), -amplitude.cos(), 0.0]];
     for inextensibility in [Inextensibility::Off, Inextensibility::Projection] {
-        let params = AmsParams { k_edge: 1e6, substeps: 20, inextensibility, ..bare() };
+        let params = AmsParams { k_edge: 1e6, substep_secs: DT / 20.0, inextensibility, ..bare() };
         let mut rig = Rig::<f64>::new(std::slice::from_ref(&strand), &params, Simd::Auto);
         let mut swing = Vec::new();
         for _ in 0..600 {
@@ -83,7 +91,7 @@ fn a_hinge_swings_as_a_pendulum() {
 
 /// Rate of decay and angular frequency of a particle on its integrity tie alone, per second.
 fn ring(substeps: u32, k_integrity: f64) -> (f64, f64) {
-    let params = AmsParams { k_integrity, substeps, sag_free: true, ..bare() };
+    let params = AmsParams { k_integrity, substep_secs: DT / f64::from(substeps), sag_free: true, ..bare() };
     let mut rig = Rig::<f64>::new(&[bar()], &params, Simd::Auto);
     rig.edit(|snapshot| snapshot.positions[1][2] += 0.1);
     let mut x = Vec::new();
@@ -144,7 +152,7 @@ fn an_angular_tie_rings_at_its_frequency() {
         k_edge: 1e6,
         k_angular,
         angular: forelock_core::solver::ams::AngularForm::Edge,
-        substeps: 50,
+        substep_secs: DT / 50.0,
         inextensibility: Inextensibility::Projection,
         ..bare()
     };

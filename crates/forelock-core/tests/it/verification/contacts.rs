@@ -268,7 +268,7 @@ fn solids_have_the_last_word() {
     rig.simulation.set_contacts(Some(&contact)).unwrap();
     let (shape, radius) = (Shape::Sphere { radius: 0.03 }, 0.03);
     let (mut met, mut touching) = (0, 0);
-    for frame in 0..40 {
+    for frame in 0..60 {
         let [from, to] = [frame, frame + 1]
             .map(|f| Pose::new(DQuat::IDENTITY, DVec3::new(-0.2 + 5e-3 * f64::from(f), -0.1, 0.0)));
         let ball = ColliderFrame { shape: &shape, local: Pose::IDENTITY, from, to, friction: 0.3 };

@@ -189,7 +189,7 @@ fn a_squeezed_clump_comes_back_to_its_rest_density_and_no_further() {
     let volumes: Vec<f64> = course.iter().map(|c| c.0).collect();
     println!(
         "squeezed to 30 %: after 0.25, 0.5, 1, 2, 3 s {:.3} {:.3} {:.3} {:.3} {:.3} of the rest volume; fullest {:.3}",
-        volumes[14], volumes[29], volumes[59], volumes[119], volumes[179], course[59].1.fullest
+        volumes[14], volumes[29], volumes[59], volumes[119], volumes[179], course[59].1.densest
     );
     let most = volumes.iter().copied().fold(0.0, f64::max);
     assert!((volumes[59] - 1.0).abs() < 0.05, "after 1 s {}", volumes[59]);

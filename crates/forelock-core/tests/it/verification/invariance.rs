@@ -65,7 +65,8 @@ fn a_hundred_times_as_large_it_moves_a_hundred_times_as_far() {
 
 /// Position at each tenth of a second of the gentle scene, at `fps` with `substeps`.
 fn run_at(fps: u32, substeps: u32) -> Vec<DVec3> {
-    let params = AmsParams { substeps, ..AmsParams::default() };
+    let substep_secs = 1.0 / f64::from(fps * substeps);
+    let params = AmsParams { substep_secs, ..AmsParams::default() };
     let mut rig = Rig::<f64>::new(&[helix(30)], &params, Simd::Auto);
     rig.dt = 1.0 / f64::from(fps);
     let mut path = Vec::new();

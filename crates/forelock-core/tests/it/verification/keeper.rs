@@ -18,7 +18,7 @@ pub const FILTERED: Channel =
 pub const COUNTS: Channel = Channel { name: "counts", kind: ChannelKind::Scalar(2.0), values: 2 };
 pub const FRAME: Channel = Channel { name: "frame", kind: ChannelKind::Rotation(DQuat::IDENTITY), values: 1 };
 
-/// Substeps per frame.
+/// Substeps per frame of 1/60 s.
 pub const SUBSTEPS: u32 = 2;
 
 /// Half the angle by which the frame turns in a substep, radians.
@@ -32,7 +32,11 @@ impl LaneSolver for Keeper {
     }
 
     fn rules(&self) -> FrameRules {
-        FrameRules { stage: "keep", substeps: SUBSTEPS, ..FrameRules::default() }
+        FrameRules {
+            stage: "keep",
+            substep_secs: 1.0 / (60.0 * f64::from(SUBSTEPS)),
+            ..FrameRules::default()
+        }
     }
 
     fn channels(&self) -> Channels {

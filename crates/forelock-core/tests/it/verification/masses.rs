@@ -4,7 +4,7 @@ use crate::rig::{GRAVITY, Random, Rig, Strand, Varied, bare, helix, largest, tuf
 use forelock_core::frame::{Acceleration, FrameInput, Step};
 use forelock_core::groom::Groom;
 use forelock_core::lane::Simd;
-use forelock_core::params::ParamsError;
+use forelock_core::params::{ParamsError, SUBSTEP_SECS};
 use forelock_core::pose::Pose;
 use forelock_core::simulation::{BuildError, Options, RegroomError, Simulation};
 use forelock_core::solver::ams::Inextensibility;
@@ -211,7 +211,7 @@ fn masses_from_widths_and_wrong_input() {
     assert_eq!(refused, Err(RegroomError::Masses));
 }
 
-/// Light particles meet the limit of float32 earlier. The substeps and the stiffness that the error
+/// Light particles meet the limit of float32 earlier. The substep and the stiffness that the error
 /// names are just enough.
 #[test]
 fn the_limit_of_float32_counts_the_lightest_particle() {
@@ -223,26 +223,28 @@ fn the_limit_of_float32_counts_the_lightest_particle() {
         let mut simulation = Simulation::from_strands(&strands, solver, &Options::default()).unwrap();
         simulation.step_frame(&FrameInput { dt_secs, ..FrameInput::default() }).map(|_| ())
     };
-    let ams = |k_edge: f64, substeps: u32, masses: Option<&[f32]>| {
-        step((&AmsParams { k_edge, substeps, ..AmsParams::default() }).into(), masses)
+    let ams = |k_edge: f64, substep_secs: f64, masses: Option<&[f32]>| {
+        step((&AmsParams { k_edge, substep_secs, ..AmsParams::default() }).into(), masses)
     };
-    let error = ams(5e7, 4, Some(&own)).unwrap_err();
-    let ParamsError::TooStiff { name, value, substeps, dt_secs: dt, product, needed, allowed } = error else {
+    let error = ams(5e7, SUBSTEP_SECS, Some(&own)).unwrap_err();
+    let ParamsError::TooStiff { name, value, substeps, dt_secs: dt, product, needed_secs, allowed } = error
+    else {
         panic!("{error}");
     };
     assert_eq!((name, value, substeps, dt), ("k_edge", 5e7, 4, dt_secs));
-    // h = 1/240 s: h² κ/m = 5e7/240²/0.25; ⌈√(5e7/(1e3 · 0.25))/60⌉ substeps; 1e3 · 0.25 · 240².
+    // h = 1/240 s: h² κ/m = 5e7/240²/0.25; √(1e3 · 0.25/5e7) s, which is 7.5 substeps;
+    // 1e3 · 0.25 · 240².
     assert!((product / 3_472.222_222 - 1.0).abs() < 1e-9, "{product}");
-    assert_eq!(needed, 8);
+    assert_eq!(needed_secs, Some(2.23e-3));
     assert!((allowed / 1.44e7 - 1.0).abs() < 1e-12, "{allowed}");
-    ams(5e7, needed, Some(&own)).unwrap();
-    ams(5e7, needed - 1, Some(&own)).unwrap_err();
-    ams(allowed, 4, Some(&own)).unwrap();
-    ams(1.001 * allowed, 4, Some(&own)).unwrap_err();
-    ams(5e7, 4, None).unwrap();
+    ams(5e7, 2.23e-3, Some(&own)).unwrap();
+    ams(5e7, dt_secs / 7.0, Some(&own)).unwrap_err();
+    ams(allowed, SUBSTEP_SECS, Some(&own)).unwrap();
+    ams(1.001 * allowed, SUBSTEP_SECS, Some(&own)).unwrap_err();
+    ams(5e7, SUBSTEP_SECS, None).unwrap();
     // Mass-spring runs as AMS.
     let chain = MassSpringParams { k_edge: 5e7, ..MassSpringParams::default() };
     step((&chain).into(), None).unwrap();
     let error = step((&chain).into(), Some(&own)).unwrap_err();
-    assert!(matches!(error, ParamsError::TooStiff { needed: 8, .. }), "{error}");
+    assert!(matches!(error, ParamsError::TooStiff { needed_secs: Some(2.23e-3), .. }), "{error}");
 }

@@ -7,7 +7,7 @@ use forelock_core::simulation::SimulationReal;
 use forelock_core::solver::AmsParams;
 
 fn params() -> AmsParams {
-    AmsParams { k_integrity: 100.0, non_hookean: true, substeps: 1, ..bare() }
+    AmsParams { k_integrity: 100.0, non_hookean: true, substep_secs: DT, ..bare() }
 }
 
 /// A tie pulled out to `e` strand lengths.

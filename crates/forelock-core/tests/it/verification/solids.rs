@@ -58,7 +58,7 @@ fn nothing_ends_a_frame_inside() {
 /// Tangential speed of a particle after it hits a solid at 100 along the surface and 50 into it.
 /// The solid moves at `carried`.
 fn speed_after<T: SimulationReal>(mu: f64, simd: Simd, carried: DVec3) -> f64 {
-    let params = AmsParams { substeps: 1, ..bare() };
+    let params = AmsParams { substep_secs: DT, ..bare() };
     let mut rig = Rig::<T>::new(&[vec![[0.0, 2.0, 0.0], [0.0, 0.1, 0.0]]], &params, simd);
     rig.gravity = DVec3::ZERO;
     rig.edit(|snapshot| {

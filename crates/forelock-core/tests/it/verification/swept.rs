@@ -1,10 +1,10 @@
 //! Fast solids and solids that change: nothing passes through them.
 
-use crate::rig::{DT, Rig, Strand};
+use crate::rig::{DT, Rig, Strand, vector};
 use forelock_core::body::{ColliderFrame, Morph, Prop, Sdf, Shape};
 use forelock_core::lane::Simd;
 use forelock_core::pose::Pose;
-use forelock_core::solver::AmsParams;
+use forelock_core::solver::{AmsParams, DftlParams, MassSpringParams, Solver};
 use glam::{DQuat, DVec3};
 use std::sync::Arc;
 
@@ -87,32 +87,54 @@ fn what_is_fast_and_thin_does_not_pass_through() {
 
 /// What a thin plate did to a wisp that it dragged along for 20 cm.
 struct Dragged {
-    /// Edges that met the plate at a frame's end, the outer fifth of its thickness aside, at most.
-    cut: usize,
+    /// Share of the edges that met the plate at a frame's end, the outer fifth of its thickness
+    /// aside, at most.
+    cut: f64,
+    /// Particles that came from the front of the plate to its back in a frame, too far from its
+    /// rims to have slipped over one.
+    crossed: usize,
     /// The largest stretch of an edge a second after the plate stopped.
     stretch: f64,
 }
 
-fn drag(params: &AmsParams, half: f64, speed: f64) -> Dragged {
-    let mut rig = Rig::<f32>::new(&wisp(30), params, Simd::Auto);
+fn drag(solver: &Solver<f32>, half: f64, speed: f64) -> Dragged {
+    let mut rig = Rig::<f32>::new(&wisp(30), solver, Simd::Auto);
+    // With the particles that a solver adds between those of the groom.
+    let rest: Vec<DVec3> = rig.simulation.snapshot().positions.iter().map(|x| vector(*x)).collect();
+    let particles = rest.len() / 55;
     let half_extents = DVec3::new(0.15, 0.12, half);
-    let (shape, travel, length) = (Shape::Box { half_extents }, 0.2, 0.3 / 29.0);
+    let (shape, travel) = (Shape::Box { half_extents }, 0.2);
     let core = half_extents - DVec3::splat(0.2 * half);
     let at = |frame: u32| {
-        Pose::new(DQuat::IDENTITY, DVec3::new(0.0, -0.17, (speed * DT * f64::from(frame)).min(travel) - 0.1))
+        let gone = (speed * DT * f64::from(frame)).min(travel);
+        Pose::new(DQuat::IDENTITY, DVec3::new(0.0, -0.17, gone - 0.1))
     };
     let frames = (travel / speed / DT).ceil() as u32 + 60;
-    let mut found = Dragged { cut: 0, stretch: 0.0 };
+    let mut found = Dragged { cut: 0.0, crossed: 0, stretch: 0.0 };
+    let mut in_front = vec![false; 55 * particles];
     for frame in 0..frames {
         let (from, to) = (at(frame), at(frame + 1));
         let solid = ColliderFrame { shape: &shape, local: Pose::IDENTITY, from, to, friction: 0.3 };
         rig.step_among(Pose::IDENTITY, &[solid]);
         let local = |x: &DVec3| to.inverse().transform_point(*x);
-        let places: Vec<DVec3> = rig.positions().iter().map(local).collect();
-        let edges = || places.chunks(30).flat_map(|strand| strand.windows(2));
-        found.cut = found.cut.max(edges().filter(|ends| meets(core, ends[0], ends[1])).count());
-        let stretch = |ends: &[DVec3]| (ends[0].distance(ends[1]) / length - 1.0).abs();
-        found.stretch = edges().map(stretch).fold(0.0, f64::max);
+        let snapshot = rig.simulation.snapshot();
+        let chain = snapshot.positions.iter().map(|x| vector(*x) + DVec3::from(snapshot.origin));
+        let places: Vec<DVec3> = chain.map(|x| local(&x)).collect();
+        let edges = places.chunks(particles).flat_map(|strand| strand.windows(2));
+        let cut = edges.filter(|ends| meets(core, ends[0], ends[1])).count();
+        found.cut = found.cut.max(cut as f64 / (places.len() - 55) as f64);
+        for (x, before) in places.iter().zip(&mut in_front) {
+            let is_deep = x.y < half_extents.y - 0.03 - speed * DT && x.y > 0.04 - half_extents.y;
+            found.crossed += usize::from(*before && is_deep && x.z < 0.0);
+            *before = is_deep && x.z > 0.0;
+        }
+        let stretch = |(strand, rest): (&[DVec3], &[DVec3])| {
+            let lengths = strand.windows(2).zip(rest.windows(2));
+            let stretches = lengths.map(|(a, b)| a[0].distance(a[1]) / b[0].distance(b[1]) - 1.0);
+            stretches.fold(0.0, f64::max)
+        };
+        let strands = places.chunks(particles).zip(rest.chunks(particles));
+        found.stretch = strands.map(stretch).fold(0.0, f64::max);
     }
     found
 }
@@ -124,19 +146,34 @@ fn meets(half: DVec3, a: DVec3, b: DVec3) -> bool {
     p.min(q).max_element().max(0.0) < p.max(q).min_element().min(1.0)
 }
 
-/// Taut hair slips over the rim of a plate at its length: no edge is left in the plate or
-/// stretched.
+/// Taut hair of any solver slips over the rim of a plate at its length: no edge is left in the
+/// plate or stretched, and none passes through it, from the first frame on.
 #[test]
 fn plates_do_not_cut_through_taut_hair() {
-    for (half, speed) in [(0.001, 1.0), (0.005, 0.5), (0.005, 2.0), (0.01, 5.0)] {
-        let Dragged { cut, stretch } = drag(&AmsParams::default(), half, speed);
-        println!("{half} m at {speed} m/s: {cut} edges cut, stretch {stretch:.1e}");
-        // A tenth of a per cent of 1595 edges.
-        assert!(cut <= 1 && stretch < 0.05, "{half} m at {speed} m/s: {cut}, {stretch}");
+    let ams: Solver<f32> = (&AmsParams::default()).into();
+    let dftl = (&DftlParams::default()).into();
+    let springs = (&MassSpringParams::default()).into();
+    for (name, solver) in [("ams", &ams), ("dftl", &dftl), ("mass-spring", &springs)] {
+        for (half, speed) in
+            [(0.001, 1.0), (0.005, 0.5), (0.005, 2.0), (0.01, 5.0), (0.04, 5.0), (0.04, 10.0)]
+        {
+            let Dragged { cut, crossed, stretch } = drag(solver, half, speed);
+            println!(
+                "{name}, {half} m at {speed} m/s: {cut:.1e} cut, {crossed} crossed, stretch {stretch:.1e}"
+            );
+            // Of the other solvers an edge of each of some strands may lie in the rim of a plate of
+            // 2 mm in single frames, and springs alone give way by some per cent under the weight.
+            let most = if name != "ams" && half < 0.005 { 1e-2 } else { 1e-3 };
+            let longest = if name == "mass-spring" { 0.08 } else { 0.05 };
+            assert!(cut <= most && crossed == 0 && stretch < longest, "{name}, {half} m at {speed} m/s");
+        }
     }
     let loose = AmsParams { lay_along_solids: false, ..AmsParams::default() };
-    let Dragged { cut, stretch } = drag(&loose, 0.005, 2.0);
-    assert!(cut > 1 || stretch > 0.05, "the check can fail: {cut}, {stretch}");
+    let levels = DftlParams { level_collisions: true, ..DftlParams::default() };
+    for solver in [(&loose).into(), (&levels).into()] {
+        let Dragged { cut, crossed, stretch } = drag(&solver, 0.005, 2.0);
+        assert!(cut > 1e-3 || crossed > 0 || stretch > 0.05, "the check can fail: {cut}, {stretch}");
+    }
 }
 
 #[test]

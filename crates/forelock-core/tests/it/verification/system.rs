@@ -251,7 +251,7 @@ fn cases() -> Vec<AmsParams> {
                     jacobian,
                     angular,
                     integrity,
-                    substeps: 1,
+                    substep_secs: 1.0,
                     inextensibility: Inextensibility::Off,
                     ..AmsParams::default()
                 };

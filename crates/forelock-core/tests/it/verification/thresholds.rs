@@ -175,7 +175,7 @@ fn every_number_of_substeps_stays_finite_at_5_g() {
     let mut fastest = 0.0f64;
     for simd in simds() {
         for substeps in 1..=10 {
-            let params = AmsParams { substeps, ..AmsParams::default() };
+            let params = AmsParams { substep_secs: DT / f64::from(substeps), ..AmsParams::default() };
             let mut rig = Rig::<f32>::new(&[helix(30)], &params, simd);
             for frame in 1..=120 {
                 let report = rig.step(shake(5.0, 2.0, f64::from(frame) * DT));

@@ -74,7 +74,7 @@ fn a_frame_of_too_many_passes_is_not_timed() {
     };
     assert_eq!(is_timed(&mut own), can);
     // Three stages a substep.
-    own.set_params(&AmsParams { substeps: 1000, ..few.clone() }).unwrap();
+    own.set_params(&AmsParams { substep_secs: 1.0 / 60e3, ..few.clone() }).unwrap();
     assert!(!is_timed(&mut own));
     own.set_params(&few).unwrap();
     assert_eq!(is_timed(&mut own), can);

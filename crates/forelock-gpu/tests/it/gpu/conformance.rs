@@ -10,15 +10,14 @@ use crate::common::{
     self, little,
     shaken::{self, GRAVITY, apart, error_of_strands, options},
 };
-use forelock_core::body::{ColliderFrame, Head, Morph, Sdf, Shape};
+use forelock_core::body::{ClosedMesh, ColliderFrame, Head, Morph, Sdf, Shape, TriMesh};
 use forelock_core::frame::{Air, FrameInput, Roots};
-use forelock_core::interaction::contact::ContactParams;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::Simulation;
 use forelock_core::solver::ams::{AngularForm, Inextensibility, IntegrityForm, Jacobian};
 use forelock_core::solver::{AmsParams, MassSpringParams};
 use forelock_core::strands::Strands;
-use forelock_gpu::{Choice, Gpu, GpuError, GpuSimulation};
+use forelock_gpu::{Choice, Gpu, GpuSimulation};
 use glam::{DQuat, DVec3};
 use std::sync::Arc;
 
@@ -31,7 +30,7 @@ const FACTOR: f64 = 3.0;
 /// What never counts, over the strand's length: a few units in the last place of a position.
 const FLOOR: f64 = 2e-6;
 
-fn frame(number: u32) -> FrameInput<'static> {
+pub fn frame(number: u32) -> FrameInput<'static> {
     FrameInput {
         roots: Roots::Rigid([head(number), head(number + 1)]),
         gravity: GRAVITY,
@@ -42,7 +41,7 @@ fn frame(number: u32) -> FrameInput<'static> {
 }
 
 /// Curls a millimetre apart, which lean.
-fn tuft(count: u32, particles: impl Fn(u32) -> u32) -> (Vec<[f32; 3]>, Vec<u32>) {
+pub fn tuft(count: u32, particles: impl Fn(u32) -> u32) -> (Vec<[f32; 3]>, Vec<u32>) {
     shaken::tuft(count, particles, [0.001, 0.01])
 }
 
@@ -111,8 +110,11 @@ fn errors_among(
         truth.step_frame(&frame).unwrap();
         let expected = cpu.step_frame(&frame).unwrap();
         let report = own.report().unwrap();
+        // Later the deepest particle may be one of a strand that fell to another side; `strays`
+        // compares depths in every frame.
         let depth = f64::from(report.max_penetration_m);
-        assert!((depth - expected.max_penetration_m).abs() < 1e-4, "{report:?}, {expected:?}");
+        let is_as_deep = (depth - expected.max_penetration_m).abs() < 1e-4;
+        assert!(number > 0 || is_as_deep, "{report:?}, {expected:?}");
         let (touching, of) = (f64::from(report.touching), f64::from(expected.touching));
         // What lies on a surface touches it or does not by a rounding, in float64 seldom.
         assert!((touching - of).abs() <= 10.0 + 0.25 * of, "{report:?}, {expected:?}");
@@ -200,7 +202,10 @@ fn forms() -> Vec<(&'static str, AmsParams)> {
         ),
         ("breaking", breaking),
         ("follow the leader", AmsParams { inextensibility: Inextensibility::FollowTheLeader, ..default() }),
-        ("stretching", AmsParams { inextensibility: Inextensibility::Off, substeps: 7, ..default() }),
+        (
+            "stretching",
+            AmsParams { inextensibility: Inextensibility::Off, substep_secs: 1.0 / (7.0 * FPS), ..default() },
+        ),
         ("all clamped", AmsParams { clamped: 1000, ..default() }),
         ("mass-spring", MassSpringParams { virtual_particles: false, ..MassSpringParams::default() }.ams()),
     ]
@@ -297,6 +302,23 @@ fn every_solid_for(frames: u32) {
     // Three fields, of which the second is passed after two thirds of the frames; the fourth is a
     // plain one, whose numbers come after theirs.
     let morph = Arc::new(Morph::new([0.02, 0.045, 0.06].map(ball_field).into()).unwrap());
+    // Two levels of cells: 12 mm, and 3 mm near the surface.
+    let near = |mesh: &TriMesh| Sdf::near(&ClosedMesh::new(mesh), 16, 0.02, 0.003).unwrap();
+    let refined = near(&Head::builtin().mesh);
+    assert!(refined.is_refined() && refined.near_cell() == 0.003);
+    let refined = Shape::Sdf(Arc::new(refined));
+    let grown = [0.95f32, 1.0].map(|size| {
+        let mut mesh = Head::builtin().mesh.clone();
+        mesh.positions.iter_mut().for_each(|p| *p *= size);
+        near(&mesh)
+    });
+    let grown = Arc::new(Morph::new(grown.into()).unwrap());
+    let grows: Vec<Shape> = (0..frames)
+        .map(|frame| Shape::Morph {
+            morph: grown.clone(),
+            phases: [frame, frame + 1].map(|frame| f64::from(frame) / f64::from(frames)),
+        })
+        .collect();
     let phase = |frame: u32| 1.5 * f64::from(frame) / f64::from(frames);
     let swelling: Vec<Shape> = (0..frames)
         .map(|frame| Shape::Morph { morph: morph.clone(), phases: [phase(frame), phase(frame + 1)] })
@@ -312,6 +334,8 @@ fn every_solid_for(frames: u32) {
         ("a plane", vec![still(&Shape::Plane, [0.0, -0.2, 0.0])]),
         ("a hollow sphere", vec![still(&hollow, [0.0, -0.1, 0.0])]),
         ("a field", vec![still(&mesh, [0.0, -0.16, 0.0])]),
+        ("a refined field", vec![still(&refined, [0.0, -0.16, 0.0])]),
+        ("refined fields that change", vec![Solid::changing(&grows, [0.0, -0.16, 0.0], [0.0; 3])]),
         ("a ball that swells", vec![Solid::changing(&swelling, [0.02, -0.14, 0.0], [0.0; 3])]),
         (
             "a ball that swells past a field and moves",
@@ -399,8 +423,12 @@ fn strays(
             cpu.step_frame(&FrameInput { colliders: &b, ..frame(number) }).unwrap();
             continue;
         }
+        own.report().unwrap();
         own.step_frame(&FrameInput { colliders: &a, ..frame(number) }).unwrap();
-        touching += cpu.step_frame(&FrameInput { colliders: &b, ..frame(number) }).unwrap().touching as usize;
+        let report = own.report().unwrap();
+        let expected = cpu.step_frame(&FrameInput { colliders: &b, ..frame(number) }).unwrap();
+        touching += expected.touching as usize;
+        let off_before = off;
         let (own, cpu) = (own.snapshot().unwrap(), cpu.snapshot());
         let apart =
             |a: [f32; 3], b: [f32; 3]| DVec3::from(a.map(f64::from)).distance(DVec3::from(b.map(f64::from)));
@@ -410,6 +438,10 @@ fn strays(
             // A tenth of a millimetre, and as far in the frame to come.
             off += usize::from(!(x < 1e-4 && v < 1e-4));
         }
+        // A field changes by at most √3 times as much as a position.
+        let depth = f64::from(report.max_penetration_m);
+        let is_as_deep = (depth - expected.max_penetration_m).abs() < 2e-4;
+        assert!(off > off_before || is_as_deep, "{report:?}, {expected:?}");
     }
     [off, touching]
 }
@@ -536,55 +568,4 @@ fn many_batches_are_as_one() {
     let ((one, bytes), (many, fewer)) = (run(&gpu), run(&small));
     assert_eq!(one, many);
     assert!(fewer < bytes / 2, "scratch is that of one batch of several: {fewer} of {bytes}");
-}
-
-#[test]
-#[cfg_attr(not(gpu), ignore = "there is no GPU")]
-fn what_a_gpu_cannot_do_is_said() {
-    let gpu = common::gpu();
-    let named = Gpu::open(&Choice::Named("a name that no one has".to_owned()));
-    let text = named.unwrap_err().to_string();
-    assert!(text.contains("a name that no one has") && text.contains(gpu.name()), "{text}");
-    let (positions, offsets) = tuft(10, |_| 20);
-    let strands = Strands::new(&positions, &offsets);
-    let gpu = Gpu::open(&Choice::Named(gpu.name().to_owned())).unwrap();
-    let mut simulation =
-        GpuSimulation::from_strands(&gpu, &strands, &AmsParams::default(), &options()).unwrap();
-    let too_stiff = FrameInput { dt_secs: 1e3, ..frame(0) };
-    assert!(matches!(simulation.step_frame(&too_stiff), Err(GpuError::Params(_))));
-    simulation.step_frame(&frame(0)).unwrap();
-    // A device that is gone, and a driver that says so while one waits.
-    let gone = Gpu::open(&Choice::Named(gpu.name().to_owned())).unwrap();
-    let mut on_gone =
-        GpuSimulation::from_strands(&gone, &strands, &AmsParams::default(), &options()).unwrap();
-    gone.device().destroy();
-    assert!(matches!(on_gone.snapshot(), Err(GpuError::Failed { .. })));
-    assert!(matches!(on_gone.step_frame(&frame(0)), Err(GpuError::Failed { .. })));
-    gpu.lose("a cable was pulled");
-    for error in [simulation.step_frame(&frame(1)).unwrap_err(), simulation.snapshot().unwrap_err()] {
-        assert!(
-            matches!(&error, GpuError::Failed { .. }) && error.to_string().contains("a cable was pulled"),
-            "{error}"
-        );
-    }
-}
-
-/// 15,000 × 30, the paper's hand scene: at most 200 bytes per particle, also with contacts, without
-/// their cell table.
-#[test]
-#[cfg_attr(not(gpu), ignore = "there is no GPU")]
-fn two_hundred_bytes_a_particle() {
-    let gpu = common::gpu();
-    let (positions, offsets) = tuft(15_000, |_| 30);
-    let strands = Strands::new(&positions, &offsets);
-    let mut simulation =
-        GpuSimulation::from_strands(&gpu, &strands, &AmsParams::default(), &options()).unwrap();
-    let bytes = |simulation: &GpuSimulation| simulation.bytes() as f64 / positions.len() as f64;
-    let alone = bytes(&simulation);
-    simulation.set_contacts(Some(&ContactParams::default())).unwrap();
-    let touching = bytes(&simulation);
-    println!("{alone:.1} bytes a particle on the device, with contacts {touching:.1}");
-    // Two numbers per cell, of which there are up to twice as many as segments.
-    let table = f64::from(8 * (15_000 * 29u32).next_power_of_two()) / positions.len() as f64;
-    assert!(alone <= 200.0 && touching <= 200.0 + table, "{alone} {touching}");
 }

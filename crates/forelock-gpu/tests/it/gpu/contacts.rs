@@ -515,7 +515,8 @@ fn are_the_same_bits(meets: bool, frames: u32) {
     let mut whole = run(new(&gpu), 0..frames / 2);
     let half = whole.snapshot().unwrap();
     let mut whole = run(whole, frames / 2..frames);
-    assert!(whole.report().unwrap().strand_contacts.unwrap().contacts > 100);
+    let contacts = whole.report().unwrap().strand_contacts.unwrap();
+    assert!(contacts.contacts > 100, "{contacts:?}");
     let whole = whole.state_hash().unwrap();
     assert_eq!(run(new(&gpu), 0..frames).state_hash().unwrap(), whole);
     let mut resumed = new(&gpu);

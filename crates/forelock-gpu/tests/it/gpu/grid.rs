@@ -21,8 +21,9 @@ use std::ops::Range;
 
 const GRAVITY: DVec3 = DVec3::new(0.0, -9.81, 0.0);
 const FPS: f64 = 60.0;
-/// Of a position 0.2 m from the origin in float32, twice, metres.
-const ROUNDING: f64 = 3e-8;
+/// Of a velocity, whose momentum is summed in steps of 2e-7 of a full cell's mass times m/s, and of
+/// a position 0.2 m from the origin in float32, twice; m/s and metres.
+const ROUNDING: [f64; 2] = [2e-6, 3e-8];
 
 /// A bundle of `count` wavy strands, so close that they meet at once when shaken. One in three has
 /// long edges, which are sampled more often.
@@ -161,7 +162,8 @@ impl<'a> Start<'a> {
         let own = own.snapshot().unwrap();
         println!("CPU: {on_cpu:?}; GPU: {on_gpu:?}");
         if params == other {
-            assert!((on_gpu.fullest - on_cpu.fullest).abs() < 1e-5 * (on_cpu.fullest + 1.0));
+            // A sample at the end of a cut box may count on one of them only.
+            assert!((on_gpu.densest - on_cpu.densest).abs() < 1e-4 * (on_cpu.densest + 1.0));
         }
         let of = |a: &Snapshot<f32>, b: &Snapshot<f32>| {
             [rms(&a.velocities, &b.velocities), rms(&a.positions, &b.positions)]
@@ -170,8 +172,12 @@ impl<'a> Start<'a> {
     }
 }
 
-/// Two solvers for one pressure: conjugate gradients with an active set on the CPU, projected
-/// relaxation on the GPU.
+/// Whether two frames are the same beside what the grid changed in them.
+fn is_same(apart: [f64; 2], given: [f64; 2]) -> bool {
+    (0..2).all(|k| apart[k] < 1e-3 * given[k] + ROUNDING[k])
+}
+
+/// One algorithm on both, whose sums are of floats on the CPU and of integers on the GPU.
 #[test]
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
 fn hair_meets_as_on_the_cpu() {
@@ -184,11 +190,7 @@ fn hair_meets_as_on_the_cpu() {
         let [given, apart] = start.compare(&gpu, [&exact; 2]);
         println!("m/s and m: given {given:?}, apart {apart:?}");
         assert!(given[0] > 2e-3 && given[1] > 5e-6, "the grid did little: {given:?}");
-        // Momenta are summed in steps of 2e-7 of a full cell's mass times m/s.
-        assert!(
-            apart[0] < 1e-3 * given[0] && apart[1] < 1e-3 * given[1] + ROUNDING,
-            "{apart:?} of {given:?}"
-        );
+        assert!(is_same(apart, given), "{apart:?} of {given:?}");
     }
     // A box that is cut, and hair that may gather far beyond or far under what it has at rest.
     for other in [
@@ -198,11 +200,8 @@ fn hair_meets_as_on_the_cpu() {
     ] {
         let [given, apart] = gathered.compare(&gpu, [&other; 2]);
         println!("{other:?}: given {given:?}, apart {apart:?}");
-        assert!(given[0] > 2e-3, "the grid did little: {given:?}");
-        assert!(
-            apart[0] < 1e-3 * given[0] && apart[1] < 1e-3 * given[1] + ROUNDING,
-            "{apart:?} of {given:?}"
-        );
+        assert!(given[0] > 1e-3, "the grid did little: {given:?}");
+        assert!(is_same(apart, given), "{apart:?} of {given:?}");
     }
     let [given, apart] = gathered.compare(&gpu, [&GridParams::default(); 2]);
     println!("as it comes: given {given:?}, apart {apart:?}");
@@ -217,20 +216,17 @@ fn hair_meets_as_on_the_cpu() {
 fn another_grid_is_seen() {
     let gpu = common::gpu();
     let solids = Solids::new();
-    let mut start = Start::new(Some(&solids), 12);
+    let mut start = Start::new(Some(&solids), 25);
     for other in [
         GridParams { pic_rate: 6.0, ..exact() },
-        GridParams { volume_rate: 12.0, ..exact() },
+        GridParams { volume_rate: 10.0, ..exact() },
         GridParams { resolution: 30, ..exact() },
         GridParams { rest_density: 2e6, ..exact() },
         GridParams { iterations: 4, ..exact() },
         GridParams { max_cells: 5000, ..exact() },
     ] {
         let [given, apart] = start.compare(&gpu, [&exact(), &other]);
-        assert!(
-            apart[0] > 5e-3 * given[0] || apart[1] > 5e-3 * given[1],
-            "{other:?}: {apart:?} of {given:?}"
-        );
+        assert!(!is_same(apart, given), "{other:?}: {apart:?} of {given:?}");
     }
 }
 
@@ -256,7 +252,7 @@ fn the_grid_is_the_same_bits_whatever_the_order() {
     let mut whole = run(new(&gpu), 0..3);
     let half = whole.snapshot().unwrap();
     let mut whole = run(whole, 3..6);
-    assert!(whole.report().unwrap().grid.unwrap().cells > 50, "strands never met");
+    assert!(whole.report().unwrap().grid.unwrap().cells > 10, "strands never met");
     let whole = whole.state_hash().unwrap();
     assert_eq!(run(new(&gpu), 0..6).state_hash().unwrap(), whole);
     let mut resumed = new(&gpu);

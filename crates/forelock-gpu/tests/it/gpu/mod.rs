@@ -8,6 +8,7 @@ mod follow;
 mod goldens;
 mod grid;
 mod guides;
+mod limits;
 mod masses;
 mod pipelines;
 mod simulator;

@@ -61,7 +61,7 @@ fn a_frame_makes_only_the_pipelines_that_it_needs() {
     own.step_frame(&still(&[])).unwrap();
     let made = gpu.made_pipelines();
     let grid: Vec<_> = made[expected.len()..].iter().map(|kernel| kernel.shader.stage).collect();
-    assert_eq!(grid.len(), 15);
+    assert_eq!(grid.len(), 14);
     assert!(grid.iter().all(|own| ["splat_segments", "solve_pressure", "gather_velocities"].contains(own)));
     own.step_frame(&still(&[])).unwrap();
     assert_eq!(gpu.counts().pipelines as usize, made.len(), "further frames make none");

@@ -91,7 +91,7 @@ fn parameters_and_the_solver_change_while_hair_moves() {
     shake(&mut *cpu);
     gpu.restore(&cpu.snapshot().unwrap()).unwrap();
     let stiffer = AmsParams { k_integrity: 200.0, ..AmsParams::default() };
-    let finer = AmsParams { substeps: 6, ..AmsParams::default() };
+    let finer = AmsParams { substep_secs: DT / 6.0, ..AmsParams::default() };
     let changes = [
         Solver::from(&stiffer),
         Solver::from(&finer),
@@ -110,7 +110,7 @@ fn parameters_and_the_solver_change_while_hair_moves() {
         assert!(far(&before[1], &gpu.snapshot().unwrap()) > 1e-5, "{solver:?}: nothing moved");
     }
     // What is out of range changes nothing.
-    let wrong = Solver::from(&AmsParams { substeps: 0, ..AmsParams::default() });
+    let wrong = Solver::from(&AmsParams { substep_secs: 0.0, ..AmsParams::default() });
     for simulator in [&mut cpu, &mut gpu] {
         assert!(simulator.set_params(&wrong).is_err());
     }

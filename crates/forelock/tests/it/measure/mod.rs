@@ -1,6 +1,6 @@
-//! What a run's cache shows, measured without the solver: depths against the body's own triangles,
-//! not against the distance grid that pushed the strands out; lengths, drift and jitter from
-//! positions alone.
+//! What a run's cache shows, measured without the solver: depths against the triangles of the body
+//! and of the other visible solids, not against the distance grids that pushed the strands out;
+//! lengths, drift and jitter from positions alone.
 
 #![expect(clippy::expect_used, reason = "what cannot be read cannot be measured")]
 
@@ -28,12 +28,17 @@ pub struct Shown {
     pub non_finite: usize,
     /// Largest |l/l₀ − 1| of an edge, against the first frame. No unit.
     pub stretch: f64,
-    /// Largest share of particles more than 1 mm inside the mesh in a frame looked at. No unit.
+    /// Largest share of the particles that are not clamped which is more than 1 mm inside a mesh in
+    /// a frame looked at. No unit.
     pub share_inside: f64,
     /// The same at the start. No unit.
     pub share_inside_at_start: f64,
-    /// Deepest particle inside the mesh in a frame looked at, metres.
+    /// Deepest particle that is not clamped inside a mesh in a frame looked at, metres.
     pub deepest_m: f64,
+    /// Deepest clamped particle, metres.
+    pub deepest_clamped_m: f64,
+    /// What the run's summary says of `share_inside` and `deepest_m`.
+    pub reported: [f64; 2],
     /// Farthest that a particle is from its rest place in the head's frame, in the last frame,
     /// metres.
     pub drift_m: f64,
@@ -55,9 +60,15 @@ pub fn shown(folder: &Path, every: usize) -> Shown {
     cache.read_frame(0, &mut rest).expect("a first frame");
     let groom = forelock::core::groom::Groom::new(rest.clone(), offsets.clone()).expect("a groom");
     let assets = Assets::around(&scene, groom).expect("the scene's assets");
-    let mut depths = assets.body_mesh().map(|mesh| Depths::new(ClosedMesh::new(mesh), rest.len()));
+    let surfaces = assets.body_mesh().into_iter().chain(assets.solid_meshes(0.0).into_iter().map(|s| s.0));
+    let mut depths: Vec<_> = surfaces.map(|mesh| Depths::new(ClosedMesh::new(mesh), rest.len())).collect();
+    let clamped = scene.solver.clamped();
+    let is_free: Vec<bool> =
+        offsets.windows(2).flat_map(|ends| (0..ends[1] - ends[0]).map(|i| i >= clamped)).collect();
+    let free = is_free.iter().filter(|free| **free).count();
 
-    let mut shown = Shown { strands: offsets.len() - 1, particles: rest.len(), ..Shown::default() };
+    let reported = reported(folder);
+    let mut shown = Shown { strands: offsets.len() - 1, particles: rest.len(), reported, ..Shown::default() };
     let last = cache.frames() - 1;
     let settled = last.saturating_sub((scene.time.fps / 2.0) as usize).max(2);
     let mut window: [Vec<Vec3>; 3] = Default::default();
@@ -68,16 +79,29 @@ pub fn shown(folder: &Path, every: usize) -> Shown {
         let positions = &window[2];
         shown.non_finite += positions.iter().filter(|p| !p.is_finite()).count();
         shown.stretch = shown.stretch.max(stretch(positions, &rest, &offsets));
-        let head_from_world = assets.head_pose(frame as f64 / scene.time.fps).inverse();
+        let time = frame as f64 / scene.time.fps;
+        let head_from_world = assets.head_pose(time).inverse();
         let local = |p: &Vec3| head_from_world.transform_point(p.as_dvec3());
-        if let Some(depths) = depths.as_mut().filter(|_| frame % every == 0 || frame == last) {
-            let (deep, deepest) = depths.look(&positions.par_iter().map(local).collect::<Vec<_>>());
-            let share = deep as f64 / rest.len() as f64;
+        if frame % every == 0 || frame == last {
+            let mut deepest = vec![0.0f64; rest.len()];
+            let own = assets.body_mesh().map(|_| head_from_world);
+            let others = assets.solid_meshes(time).into_iter().map(|(_, pose)| pose.inverse());
+            for (depths, local_from_world) in depths.iter_mut().zip(own.into_iter().chain(others)) {
+                let local = |p: &Vec3| local_from_world.transform_point(p.as_dvec3());
+                let found = depths.look(&positions.par_iter().map(local).collect::<Vec<_>>());
+                deepest.iter_mut().zip(found).for_each(|(deepest, found)| *deepest = deepest.max(found));
+            }
+            let of = |wanted| deepest.iter().zip(&is_free).filter(move |(_, free)| **free == wanted);
+            let share = of(true).filter(|(depth, _)| **depth > DEEP_M).count() as f64 / free.max(1) as f64;
+            shown.deepest_clamped_m =
+                of(false).map(|(depth, _)| *depth).fold(shown.deepest_clamped_m, f64::max);
+            // The summary is about what was simulated.
             if frame == 0 {
                 shown.share_inside_at_start = share;
+            } else {
+                shown.share_inside = shown.share_inside.max(share);
+                shown.deepest_m = of(true).map(|(depth, _)| *depth).fold(shown.deepest_m, f64::max);
             }
-            shown.share_inside = shown.share_inside.max(share);
-            shown.deepest_m = shown.deepest_m.max(deepest);
         }
         if frame > settled {
             for ((a, b), c) in window[0].iter().zip(&window[1]).zip(positions) {
@@ -99,6 +123,13 @@ pub fn shown(folder: &Path, every: usize) -> Shown {
     }
     shown.jitter_rms_g = (squares / accelerations.max(1) as f64).sqrt();
     shown
+}
+
+/// The share inside and the largest depth that the summary in `folder` reports.
+fn reported(folder: &Path) -> [f64; 2] {
+    let text = std::fs::read(folder.join("summary.json")).expect("the summary of a run");
+    let summary: serde_json::Value = serde_json::from_slice(&text).expect("a summary in JSON");
+    ["max_share_1mm_inside", "max_penetration_m"].map(|key| summary[key].as_f64().expect("a number"))
 }
 
 fn stretch(positions: &[Vec3], rest: &[Vec3], offsets: &[u32]) -> f64 {
@@ -123,9 +154,8 @@ impl Depths {
         Self { surface, known: vec![(DVec3::ZERO, f64::NEG_INFINITY); particles] }
     }
 
-    /// Particles deeper than [`DEEP_M`] and the largest depth in metres, for `positions` in the
-    /// body's frame.
-    fn look(&mut self, positions: &[DVec3]) -> (usize, f64) {
+    /// The depth in metres of each particle, for `positions` in the surface's frame.
+    fn look(&mut self, positions: &[DVec3]) -> Vec<f64> {
         let surface = &self.surface;
         let depth = |(known, p): (&mut (DVec3, f64), &DVec3)| {
             if known.1 - known.0.distance(*p) <= 0.0 {
@@ -134,7 +164,6 @@ impl Depths {
             }
             0.0
         };
-        let depths: Vec<f64> = self.known.par_iter_mut().zip(positions).map(depth).collect();
-        (depths.iter().filter(|d| **d > DEEP_M).count(), depths.iter().copied().fold(0.0, f64::max))
+        self.known.par_iter_mut().zip(positions).map(depth).collect()
     }
 }

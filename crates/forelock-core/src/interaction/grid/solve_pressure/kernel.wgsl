@@ -6,7 +6,7 @@
 // the grid nor an active set.
 
 @group(0) @binding(13) var<storage, read_write> cells: array<u32>;
-@group(0) @binding(15) var<storage, read_write> faces: array<vec2f>;
+@group(0) @binding(15) var<storage, read_write> nodes: array<vec4f>;
 
 // Index of a cell along each axis.
 fn cell_at(cell: u32) -> vec3u {
@@ -38,10 +38,10 @@ fn mark_solid_cells(@builtin(global_invocation_id) id: vec3u) {
         var wall = 0.0;
         let at = cell_at(cell);
         if grid.solids > 0u && is_inner(at) {
-            var hair = summed(FILLED, cell) > 0;
+            var hair = summed(MASS, cell) > 0;
             for (var axis = 0u; axis < 3u; axis++) {
                 let beyond = stride(axis);
-                hair = hair || summed(FILLED, cell - beyond) > 0 || summed(FILLED, cell + beyond) > 0;
+                hair = hair || summed(MASS, cell - beyond) > 0 || summed(MASS, cell + beyond) > 0;
             }
             if hair {
                 let middle = vec3f(vec3i(at) + bounds.low) + 0.5;
@@ -57,56 +57,67 @@ fn mark_solid_cells(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// Turns sums into mobilities, velocities and fill fractions. Faces of solid cells are closed and
-// move with the solid.
+// Turns sums into momenta, masses and densities.
 @compute @workgroup_size(CELLS_GROUP)
 fn normalize_velocity(@builtin(global_invocation_id) id: vec3u) {
     for (var cell = id.x; cell < bounds.count; cell += CELLS_THREADS) {
-        let at = cell_at(cell);
-        let own_wall = value_of(WALL, cell);
-        for (var axis = 0u; axis < 3u; axis++) {
-            let mass = grid.unit * f32(summed(MASS + axis, cell)) / SCALE;
-            let momentum = grid.unit * f32(summed(MOMENTUM + axis, cell)) / SCALE;
-            var mobility = select(0.0, 1.0 / mass, mass > grid.least);
-            var velocity = select(0.0, momentum / mass, mass > 0.0);
-            var wall = own_wall;
-            if at[axis] > 0u {
-                wall = max(wall, value_of(WALL, cell - stride(axis)));
-            }
-            if wall > 0.0 {
-                var middle = vec3f(vec3i(at) + bounds.low) + 0.5;
-                middle[axis] -= 0.5;
-                velocity = local(grid.each[u32(wall) - 1u].velocity, middle)[axis];
-                mobility = 0.0;
-            }
-            put(MOBILITY + axis, cell, mobility);
-            put(VELOCITY + axis, cell, velocity);
+        for (var number = 0u; number < 4u; number++) {
+            let sum = grid.unit * f32(summed(MOMENTUM + number, cell)) / SCALE;
+            put(MOMENTUM + number, cell, sum);
         }
-        put(FILLED, cell, grid.room * f32(summed(FILLED, cell)) / SCALE);
+        if value_of(WALL, cell) > 0.0 {
+            put(MASS, cell, SOLID);
+        }
+        let filled = grid.volumes.x * f32(summed(FILLED, cell)) / SCALE;
+        let at_rest = grid.volumes.y * f32(summed(AT_REST, cell)) / SCALE;
+        put(DENSITY, cell, select(0.0, filled * filled / at_rest, at_rest > 0.0));
     }
+}
+
+// Whether one of two cells is inside a solid.
+fn is_wall(below: u32, above: u32) -> bool {
+    return value_of(MASS, below) < 0.0 || value_of(MASS, above) < 0.0;
+}
+
+// The inverse mass of the face between two cells, of which at least one has hair; 0 if it is a wall
+// or has almost no hair.
+fn mobility(below: u32, above: u32) -> f32 {
+    let sum = value_of(MASS, below) + value_of(MASS, above);
+    return select(0.0, 2.0 / sum, !is_wall(below, above) && 0.5 * sum > grid.least);
+}
+
+// The velocity of solid `wall` at a point of the box.
+fn solid_velocity(wall: f32, at: vec3f) -> vec3f {
+    return local(grid.each[u32(wall) - 1u].velocity, at + vec3f(bounds.low));
+}
+
+// The velocity along `axis` at the face between two cells, of which at least one has hair.
+fn face_velocity(axis: u32, below: u32, above: u32) -> f32 {
+    if is_wall(below, above) {
+        let wall = value_of(WALL, below);
+        var middle = vec3f(cell_at(above)) + 0.5;
+        middle[axis] -= 0.5;
+        return solid_velocity(select(value_of(WALL, above), wall, wall > 0.0), middle)[axis];
+    }
+    let momentum = value_of(MOMENTUM + axis, below) + value_of(MOMENTUM + axis, above);
+    return momentum / (value_of(MASS, below) + value_of(MASS, above));
 }
 
 // The right-hand side of a cell; −FAR where no pressure can act.
 fn right_hand_side(cell: u32, displaces: bool) -> f32 {
-    let share = value_of(FILLED, cell);
-    if !displaces && share > bitcast<f32>(atomicLoad(&bounds.fullest)) {
-        atomicMax(&bounds.fullest, bitcast<u32>(share));
+    let density = value_of(DENSITY, cell);
+    if !displaces && density > bitcast<f32>(atomicLoad(&bounds.densest)) {
+        atomicMax(&bounds.densest, bitcast<u32>(density));
     }
-    if share < LOOSE || value_of(WALL, cell) > 0.0 || !is_inner(cell_at(cell)) {
+    if density < LOOSE || value_of(MASS, cell) < 0.0 || !is_inner(cell_at(cell)) {
         return -FAR;
     }
     var divergence = 0.0;
     for (var axis = 0u; axis < 3u; axis++) {
         let beyond = cell + stride(axis);
-        // A side with neither hair nor a solid cannot sustain pressure.
-        let below = value_of(MOBILITY + axis, cell) > 0.0 || value_of(WALL, cell - stride(axis)) > 0.0;
-        let above = value_of(MOBILITY + axis, beyond) > 0.0 || value_of(WALL, beyond) > 0.0;
-        if !(below && above) {
-            return -FAR;
-        }
-        divergence += value_of(VELOCITY + axis, beyond) - value_of(VELOCITY + axis, cell);
+        divergence += face_velocity(axis, cell, beyond) - face_velocity(axis, cell - stride(axis), cell);
     }
-    let excess = (share - 1.0) / share;
+    let excess = (density - 1.0) / density;
     if displaces {
         return grid.cell * select(excess, grid.expand * excess, excess > 0.0);
     }
@@ -174,8 +185,8 @@ fn relax(id: u32, colour: u32) {
         var diagonal = 0.0;
         for (var axis = 0u; axis < 3u; axis++) {
             let beyond = stride(axis);
-            let below = value_of(MOBILITY + axis, cell);
-            let above = value_of(MOBILITY + axis, cell + beyond);
+            let below = mobility(cell - beyond, cell);
+            let above = mobility(cell, cell + beyond);
             given += below * pressure_at(cell - beyond) + above * pressure_at(cell + beyond);
             diagonal += below + above;
         }
@@ -218,22 +229,44 @@ fn check_convergence() {
     }
 }
 
+// The change along `axis` of a cell with hair: the mean of those at its two faces, of which walls
+// do not count.
+fn change_along(axis: u32, cell: u32) -> f32 {
+    let beyond = stride(axis);
+    let own = pressure_at(cell);
+    var change = 0.0;
+    var count = 0.0;
+    if !is_wall(cell - beyond, cell) {
+        change += mobility(cell - beyond, cell) * (pressure_at(cell - beyond) - own);
+        count += 1.0;
+    }
+    if !is_wall(cell, cell + beyond) {
+        change += mobility(cell, cell + beyond) * (own - pressure_at(cell + beyond));
+        count += 1.0;
+    }
+    return change / max(count, 1.0);
+}
+
 fn apply_pressure(id: u32, displaces: bool) {
     var held = 0u;
     for (var cell = id; cell < bounds.count; cell += CELLS_THREADS) {
-        let over = pressure_at(cell);
-        held += select(0u, 1u, over > 0.0);
-        for (var axis = 0u; axis < 3u; axis++) {
-            var change = 0.0;
-            let beyond = stride(axis);
-            if cell >= beyond {
-                change = value_of(MOBILITY + axis, cell) * (pressure_at(cell - beyond) - over);
+        held += select(0u, 1u, pressure_at(cell) > 0.0);
+        let mass = value_of(MASS, cell);
+        let at = cell_at(cell);
+        var change = vec3f();
+        var old = vec3f();
+        if mass > 0.0 && is_inner(at) {
+            for (var axis = 0u; axis < 3u; axis++) {
+                change[axis] = change_along(axis, cell);
+                old[axis] = value_of(MOMENTUM + axis, cell) / mass;
             }
-            var old = 0.0;
-            if !displaces {
-                old = value_of(VELOCITY + axis, cell);
-            }
-            faces[plane(axis, cell)] = vec2f(old + change, change);
+        } else if mass < 0.0 {
+            old = solid_velocity(value_of(WALL, cell), vec3f(at) + 0.5);
+        }
+        if displaces {
+            nodes[2u * cell + 1u] = vec4f(change, 0.0);
+        } else {
+            nodes[2u * cell] = vec4f(change + grid.pic * old, 0.0);
         }
     }
     if held > 0u && !displaces {

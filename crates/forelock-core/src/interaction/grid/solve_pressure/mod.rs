@@ -2,31 +2,31 @@
 //! further.
 //!
 //! # Theory
-//! Let φ be the fill fraction of a cell, u the velocities of the faces and m their masses. Over the
-//! frame φ becomes φ (1 − dt ∇·u), which must not exceed 1, and must not grow where it already
-//! does: ∇·u ≥ t, with
+//! Let ρ be the density of a cell, relative to that of the same hair at rest, u the velocities of
+//! the faces between cells and m their masses: the momentum of a face divided by its mass, each the
+//! mean of the two cells. Over the frame ρ becomes ρ (1 − dt ∇·u), which must not exceed 1,
+//! and must not grow where it already does: ∇·u ≥ t, with
 //!
 //! ```text
-//! t = −(1 − φ)/(φ dt)   φ ≤ 1 ,      t = 0   φ > 1
+//! t = −(1 − ρ)/(ρ dt)   ρ ≤ 1 ,      t = 0   ρ > 1
 //! ```
 //!
 //! The pressure P ≥ 0 acts only where this would be violated (hair may separate freely, as in
-//! Narain 2010's granular flow): Δu = −(P₊ − P₋)/m on each face, P = 0 in all cells outside the
-//! active set, and Σ m Δu = 0, so momentum is conserved. A primal–dual active-set method finds the
-//! active cells: solve ∇·u = t in the active cells, deactivate cells of negative pressure, activate
-//! cells that are still compressed, and repeat.
+//! Narain 2010's granular flow), and ∇·u = t where P > 0: Δu = −(P₊ − P₋)/m on each face. The
+//! change of a cell is the mean of those of its faces, so Σ m Δu = 0 over the cells as over the
+//! faces, and momentum is conserved.
 //!
 //! Hair that is already too dense is displaced, without gaining velocity: displacements s from the
-//! same system with ∇·s = (1 − exp(−volume_rate dt)) (φ − 1)/φ where φ > 1 and ∇·s ≥ −(1 − φ)/φ
+//! same system with ∇·s = (1 − exp(−volume_rate dt)) (ρ − 1)/ρ where ρ > 1 and ∇·s ≥ −(1 − ρ)/ρ
 //! elsewhere change positions and not velocities, so the hair stops at its rest density and does
 //! not expand beyond it.
 //!
 //! # Practice
-//! The system is a Poisson equation with coefficients 1/m on the faces. It is symmetric and
-//! positive definite, has the compact stencil of a staggered grid, and is solved by conjugate
-//! gradients with a diagonal preconditioner. Hair is a shell a few cells thick with free cells
-//! outside, so few iterations suffice. Rows without active cells are skipped. Sums are computed
-//! layer by layer and added in order, so results do not depend on the number of threads.
+//! The equations have coefficients 1/m on the faces and the compact stencil of seven cells. What
+//! alternates from cell to cell is not seen by the faces and remains.
+//! Projected over-relaxation in two colours solves them ([`relaxation`]). Hair is a shell a few
+//! cells thick with free cells outside, so few sweeps suffice. Both pressures have the same matrix,
+//! which contains only cells with hair.
 //!
 //! Solids: nothing flows through a cell whose centre is inside a solid; its faces move with the
 //! solid. Collision detection keeps the hair out of solids in a later stage.
@@ -35,26 +35,23 @@
 //! The boundary of a solid follows the cells, not the surface within them. Nothing flows through
 //! faces with almost no hair.
 
-mod conjugate;
 mod fields;
+mod relax;
 
-pub use conjugate::SLACK;
 pub(crate) use fields::Fields;
 pub use fields::{LOOSE, SPARSE};
+pub use relax::{SLACK, SWEEPS, relaxation};
 
-use crate::interaction::grid::{Bounds, Grid, GridMoment, GridParams, GridPlacement, GridReport, GridSolid};
+use crate::interaction::grid::{Grid, GridMoment, GridPlacement, GridReport};
 
 /// WGSL of the stage.
 pub const WGSL: &str = include_str!("kernel.wgsl");
 
-/// Maximum number of rounds of the active set.
-const ROUNDS: u32 = 12;
-
-/// Replaces (mass, momentum) of the faces by (new velocity, change of velocity).
-pub fn solve_velocities(grid: &mut Grid, moment: &GridMoment<'_>) -> GridReport {
-    let Grid { params, bounds, cell, sample_mass, faces, filled, pressure: fields, .. } = grid;
-    fields.fit(bounds);
-    fields.normalize_velocity(bounds, faces, *sample_mass);
+/// Solves for the pressures. Replaces momenta and volumes of the nodes by the velocities to
+/// interpolate and the displacements of over-dense hair.
+pub fn solve(grid: &mut Grid, moment: &GridMoment<'_>) -> GridReport {
+    let Grid { params, bounds, cell, sample_mass, nodes, pressure: fields, .. } = grid;
+    fields.fit(bounds, nodes);
     let placement = GridPlacement {
         frame: &moment.frame,
         cell: *cell,
@@ -62,62 +59,33 @@ pub fn solve_velocities(grid: &mut Grid, moment: &GridMoment<'_>) -> GridReport 
         last_substep: moment.last_substep,
         h: moment.dt_secs * (1.0 - moment.last_substep),
     };
-    for (number, solid) in (1..=u16::MAX).zip(moment.solids) {
-        let solid = GridSolid::new(solid, &placement, bounds);
-        fields.mark_solid_cells(bounds, faces, filled, *cell, number, &solid);
-    }
-    let slack = (*cell / moment.dt_secs) as f32;
-    let rhs = |share: f32, divergence: f32| slack * ((share - 1.0) / share).min(0.0) - divergence;
-    let fullest = fields.compute_divergence(bounds, faces, filled, &rhs);
-    let report = find_pressure(fields, bounds, params);
-    fields.apply_pressure(bounds, faces);
-    GridReport { fullest, ..report }
-}
-
-/// Computes the displacements of over-dense hair and writes them to both entries of the faces; does
-/// nothing if no hair is too dense. Call it after [`solve_velocities`], whose solid cells and
-/// masses it uses. Returns an upper bound of the displacements in metres, 0 if there are none.
-pub fn solve_displacements(grid: &mut Grid, moment: &GridMoment<'_>, report: &mut GridReport) -> f64 {
-    let Grid { params, bounds, cell, faces, filled, pressure: fields, .. } = grid;
-    let share = params.expansion(moment.dt_secs) as f32;
-    if report.fullest <= 1.0 || share <= 0.0 {
-        return 0.0;
-    }
-    let cell = *cell as f32;
-    for face in faces.iter_mut() {
-        face.fill([0.0; 2]);
-    }
-    let rhs = |filled: f32, _: f32| {
-        let excess = (filled - 1.0) / filled;
-        cell * if excess > 0.0 { share * excess } else { excess }
+    fields.mark_solid_cells(bounds, moment.solids, &placement);
+    let side = *cell as f32;
+    let slack = side / moment.dt_secs as f32;
+    let expansion = params.expansion(moment.dt_secs) as f32;
+    let right_hand_sides = |density: f32, divergence: f32| {
+        let excess = (density - 1.0) / density;
+        let shift = if excess > 0.0 { expansion * excess } else { excess };
+        [slack * excess.min(0.0) - divergence, side * shift]
     };
-    fields.pressure.fill(0.0);
-    fields.compute_divergence(bounds, faces, filled, &rhs);
-    let found = find_pressure(fields, bounds, params);
-    report.iterations += found.iterations;
-    report.residual = report.residual.max(found.residual);
-    if found.cells == 0 {
-        return 0.0;
+    let least = SPARSE * *sample_mass;
+    let densest = fields.build_system(bounds, nodes, least, &right_hand_sides);
+    let found = fields.system.solve(bounds, params, 0);
+    let mut report = GridReport {
+        densest,
+        cells: fields.collect_pressures(bounds, 0),
+        iterations: found.sweeps,
+        residual: found.residual.into(),
+        ..GridReport::default()
+    };
+    if densest > 1.0 && expansion > 0.0 {
+        let found = fields.system.solve(bounds, params, 1);
+        report.iterations += found.sweeps;
+        report.residual = report.residual.max(found.residual.into());
+        fields.collect_pressures(bounds, 1);
     }
-    fields.mark_touched(bounds);
-    fields.apply_pressure(bounds, faces)
-}
-
-/// Solves for the pressure of the cells with a positive right-hand side.
-fn find_pressure(fields: &mut Fields, bounds: &Bounds, params: &GridParams) -> GridReport {
-    let mut report = GridReport::default();
-    for _ in 0..ROUNDS {
-        report.cells = fields.build_system(bounds);
-        if report.cells == 0 {
-            break;
-        }
-        let (iterations, residual) = conjugate::solve(fields, bounds, params);
-        report.iterations += iterations;
-        report.residual = residual;
-        if !fields.update_active_set(bounds) {
-            break;
-        }
-    }
+    let pic = params.pic_share(moment.dt_secs) as f32;
+    report.farthest_m = fields.apply_pressure(bounds, nodes, least, pic);
     report
 }
 

@@ -3,9 +3,9 @@
 //
 // Sums are of integers, so that they do not depend on the order of threads: 2²² to the unit in 32
 // bits, that is, up to 512 units. A unit is all the hair in the densest cell at rest, or that times
-// a metre a second, or that cell's volume.
+// a metre a second, or the volume V or V φ₀ of the cell at rest that has most of it.
 
-@group(0) @binding(12) var<storage, read> rooms: array<f32>;
+@group(0) @binding(12) var<storage, read> volumes: array<f32>;
 @group(0) @binding(13) var<storage, read_write> cells: array<atomic<i32>>;
 
 // The extent of the hair. Reading first spares most threads the atomic write.
@@ -67,7 +67,7 @@ fn fit_grid() {
     bounds.dims = vec3u(high - low);
     bounds.layer = bounds.dims.x * bounds.dims.y;
     bounds.count = bounds.layer * bounds.dims.z;
-    atomicStore(&bounds.fullest, 0u);
+    atomicStore(&bounds.densest, 0u);
     atomicStore(&bounds.held, 0u);
     bounds.sweeps = 0u;
     bounds.residual = 0.0;
@@ -77,7 +77,7 @@ fn fit_grid() {
 @compute @workgroup_size(CELLS_GROUP)
 fn clear_grid(@builtin(global_invocation_id) id: vec3u) {
     for (var at = id.x; at < bounds.count; at += CELLS_THREADS) {
-        for (var number = 0u; number <= FILLED; number++) {
+        for (var number = 0u; number <= AT_REST; number++) {
             atomicStore(&cells[plane(number, at)], 0);
         }
     }
@@ -87,20 +87,18 @@ fn add(number: u32, at: u32, value: f32) {
     atomicAdd(&cells[plane(number, at)], i32(round(value * SCALE)));
 }
 
-fn splat_sample(at: vec3f, mass: f32, velocity: vec3f, room: f32) {
-    let share = mass / grid.unit;
-    for (var axis = 0u; axis < 3u; axis++) {
-        let own = stencil(at, axis);
-        for (var corner = 0u; corner < 8u; corner++) {
-            let place = corner_place(own, corner);
-            let part = share * corner_weight(own.f, corner);
-            add(MASS + axis, place, part);
-            add(MOMENTUM + axis, place, part * velocity[axis]);
-        }
-    }
-    let own = stencil(at, 3u);
+fn splat_sample(at: vec3f, mass: f32, velocity: vec3f, volume: vec2f) {
+    let share = mass / grid.unit * vec4f(velocity, 1.0);
+    let volumes = volume / grid.volumes;
+    let own = stencil(at);
     for (var corner = 0u; corner < 8u; corner++) {
-        add(FILLED, corner_place(own, corner), room / grid.room * corner_weight(own.f, corner));
+        let place = corner_place(own, corner);
+        let weight = corner_weight(own.f, corner);
+        for (var number = 0u; number < 4u; number++) {
+            add(MOMENTUM + number, place, weight * share[number]);
+        }
+        add(FILLED, place, weight * volumes.x);
+        add(AT_REST, place, weight * volumes.y);
     }
 }
 
@@ -120,13 +118,14 @@ fn splat_segments(@builtin(global_invocation_id) id: vec3u) {
         let end = in_cells(x);
         let end_velocity = on_grid(x, velocity_at(strand, edge + 1u));
         let mass = rest_length(strand, edge, 1u) * share;
-        let room = rooms[entry(strand, edge, 1u, 0u)] * share;
+        let at = entry(strand, edge, 2u, 0u);
+        let volume = vec2f(volumes[at], volumes[at + LANES]) * share;
         for (var point = 0u; point < points; point++) {
             let along = (f32(point) + 0.5) * share;
             let at = start + along * (end - start);
             let velocity = start_velocity + along * (end_velocity - start_velocity);
             if all_finite(velocity) && holds(at) {
-                splat_sample(at, mass, clamp(velocity, vec3f(-FASTEST), vec3f(FASTEST)), room);
+                splat_sample(at, mass, clamp(velocity, vec3f(-FASTEST), vec3f(FASTEST)), volume);
             }
         }
         start = end;

@@ -1,6 +1,7 @@
 //! Coefficients of a frame, a substep and a row.
 
 use crate::lane::{Lane, Mat3, V3};
+use crate::params::parts;
 use crate::pose::Pose;
 use crate::solver::ams::{AmsParams, AngularForm, IntegrityForm, Jacobian};
 use glam::DVec3;
@@ -62,7 +63,7 @@ pub struct FrameTerms {
 impl FrameTerms {
     /// The terms of `params` for frames of `dt_secs`.
     pub fn new(params: &AmsParams, dt_secs: f64) -> Self {
-        let h = dt_secs / f64::from(params.substeps);
+        let h = dt_secs / f64::from(parts(dt_secs, params.substep_secs));
         let healing = if params.healing_secs > 0.0 { (h / params.healing_secs).min(1.0) } else { 0.0 };
         Self {
             h,

@@ -95,7 +95,7 @@ fn follow_level(strand: Strand, i: u32, was: vec3f, predicted: vec3f, carried: C
         direction = direction_of(x - leader);
         x = leader + length * direction;
         correction = x - predicted;
-        if query.count > 0u {
+        if has(LEVEL_SOLIDS) && query.count > 0u {
             let resolved = level_solids(strand, i, was, x, leader, length);
             if any(resolved.xyz != x) {
                 direction = direction_of(resolved.xyz - leader);
@@ -106,6 +106,11 @@ fn follow_level(strand: Strand, i: u32, was: vec3f, predicted: vec3f, carried: C
     end_particle(strand, i - 1u, carried, correction);
     set_position(strand, i, x);
     return Carried(x, was, direction, turned_normal(carried.tangent, carried.normal, direction));
+}
+
+// Velocities are derived from positions.
+fn friction_moves() -> bool {
+    return true;
 }
 
 // Resolves the collisions of particle i, which moves from `was` to `start`. With rechecks the

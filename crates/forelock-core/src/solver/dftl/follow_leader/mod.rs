@@ -21,11 +21,15 @@
 //! rest: it holds the load of the followers. The velocity of the motion is u = (x − x_previous)/h;
 //! drag and SPH use u.
 //!
+//! The collisions between the levels are the paper's (`level_collisions`). By default none come
+//! there: [`resolve_solids`](crate::collide::resolve_solids) follows the step, sweeps particles and
+//! edges and lays strands along solids, and the velocities get the motion of the new positions.
+//!
 //! At a contact, Coulomb friction reduces the tangential motion relative to the solid, as in
 //! [`resolve_solids`](crate::collide::resolve_solids). Friction changes the position too, since the
-//! velocity is derived from it. With `recheck` > 0 the lengths are restored last: edges are exact,
-//! and single particles may end slightly inside a solid. With 0, as in the paper, collisions are
-//! resolved last.
+//! velocity is derived from it. Between levels with `recheck` > 0 the lengths are restored last:
+//! edges are exact, and single particles may end slightly inside a solid. With 0, as in the paper,
+//! collisions are resolved last.
 //!
 //! # Practice
 //! A strand is a lane. One pass from root to tip predicts and corrects each particle and writes the
