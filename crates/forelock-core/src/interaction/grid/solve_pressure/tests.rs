@@ -65,7 +65,8 @@ fn compression_falls_a_thousandfold() {
         row.0 = row.0.map(|x| 0.9 * x);
     }
     grid.fit(&model, &positions, &moment().frame);
-    let hair = Segments { model: &model, positions: &positions, velocities: &velocities, volumes: &grid.volumes };
+    let hair =
+        Segments { model: &model, positions: &positions, velocities: &velocities, volumes: &grid.volumes };
     let (bounds, cell) = (grid.bounds, grid.cell);
     grid.chunks.iter_mut().for_each(|chunk| chunk.fill(&hair, &moment().frame, &bounds, cell));
     crate::interaction::grid::splat_segments::splat(&mut grid);
