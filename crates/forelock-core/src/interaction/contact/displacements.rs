@@ -1,5 +1,7 @@
 //! Displacement of every particle in a frame, in the frame of the head.
 
+#![expect(clippy::needless_range_loop, reason = "one index for several arrays is what vectorises")]
+
 use crate::lane::{LANES, Real, Row};
 use crate::pose::Pose;
 use crate::strands::Model;
@@ -57,6 +59,20 @@ impl Displacements {
     #[inline]
     pub fn at(&self, p: usize, fraction: f32) -> Vec3 {
         self.start[p] + fraction * self.of(p)
+    }
+
+    /// Positions of the particles of a place at the start and at the end of the frame, axis by axis.
+    #[inline(always)]
+    pub fn rows(&self, place: usize) -> [[[f32; LANES]; 3]; 2] {
+        [&self.start, &self.end].map(|positions| {
+            let own = &positions[LANES * place..LANES * (place + 1)];
+            let mut rows = [[0.0; LANES]; 3];
+            for lane in 0..LANES {
+                let [x, y, z] = own[lane].to_array();
+                (rows[0][lane], rows[1][lane], rows[2][lane]) = (x, y, z);
+            }
+            rows
+        })
     }
 
     /// Whether two segments belong to the same strand.

@@ -71,6 +71,11 @@ impl Cutoff {
         bin(x).cmp(&self.bin)
     }
 
+    /// The smallest number of this bin.
+    pub fn floor(&self) -> f32 {
+        f32::from_bits(self.bin << BIN_BITS)
+    }
+
     /// The smallest number of the next higher bin.
     pub fn bound(&self) -> f32 {
         f32::from_bits((self.bin + 1) << BIN_BITS)

@@ -1,13 +1,16 @@
 //! Mean motion: a smooth field of the displacements of the hair in a frame.
 
+#![expect(clippy::needless_range_loop, reason = "one index for several arrays is what vectorises")]
+
 use super::Displacements;
 use super::histogram::{Cutoff, Histogram};
-use crate::lane::{LANES, Real};
+use crate::lane::{LANES, Real, widest};
 use crate::scratch::fill;
 use crate::strands::Model;
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 use std::cmp::Ordering;
+use std::ops::Range;
 
 /// Minimum distance between nodes, metres.
 pub const SPACING: f32 = 0.03;
@@ -40,6 +43,40 @@ pub(crate) struct MeanMotion {
     pub extent: [Vec3; 2],
 }
 
+const EMPTY: [Vec3; 2] = [Vec3::INFINITY, Vec3::NEG_INFINITY];
+
+/// Bounding box of the start and end positions of the particles of some places whose distance from
+/// the origin, squared, is less than `far`.
+#[inline(always)]
+fn extent<T: Real>(
+    model: &Model<T>,
+    displacements: &Displacements,
+    places: Range<usize>,
+    far: f32,
+) -> [Vec3; 2] {
+    let (mut low, mut high) = ([[f32::INFINITY; LANES]; 3], [[f32::NEG_INFINITY; LANES]; 3]);
+    for place in places {
+        let live = model.blocks[displacements.block[place] as usize].live;
+        for x in displacements.rows(place) {
+            for lane in 0..LANES {
+                let square = x[0][lane] * x[0][lane] + x[1][lane] * x[1][lane] + x[2][lane] * x[2][lane];
+                let counts = (square < far) & (lane < live);
+                for c in 0..3 {
+                    let [least, greatest] =
+                        if counts { [x[c][lane]; 2] } else { [f32::INFINITY, -f32::INFINITY] };
+                    low[c][lane] = low[c][lane].min(least);
+                    high[c][lane] = high[c][lane].max(greatest);
+                }
+            }
+        }
+    }
+    let [low, high] = [
+        low.map(|own| own.into_iter().fold(f32::INFINITY, f32::min)),
+        high.map(|own| own.into_iter().fold(f32::NEG_INFINITY, f32::max)),
+    ];
+    [Vec3::from_array(low), Vec3::from_array(high)]
+}
+
 /// The node below a point, and the fraction along each axis.
 struct Corner {
     node: [usize; 3],
@@ -57,6 +94,16 @@ pub(crate) struct LargestResiduals {
 }
 
 impl LargestResiduals {
+    /// No particle of a smaller residual motion is selected, metres.
+    pub fn floor(&self) -> f32 {
+        self.least.max(self.last_bin.floor())
+    }
+
+    /// All particles of a larger residual motion are selected, metres.
+    pub fn bound(&self) -> f32 {
+        self.least.max(self.last_bin.bound())
+    }
+
     /// Whether the particle `a` with the given residual motion is selected; of the last bin an
     /// evenly spread fraction is.
     #[inline]
@@ -125,17 +172,18 @@ impl MeanMotion {
 
     /// Fits the box to the start and end positions of all particles, and the nodes to the box.
     fn fit<T: Real>(&mut self, model: &Model<T>, displacements: &Displacements) {
-        const EMPTY: [Vec3; 2] = [Vec3::INFINITY, Vec3::NEG_INFINITY];
-        let join = |a: [Vec3; 2], b: [Vec3; 2]| [a[0].min(b[0]), a[1].max(b[1])];
         // Distant outliers must not make the nodes coarse.
         let far = FAR * model.reach as f32;
-        let around = |k: usize| {
-            let live = model.blocks[displacements.block[k] as usize].live;
-            let range = LANES * k..LANES * k + live;
-            let points = displacements.start[range.clone()].iter().chain(&displacements.end[range]);
-            points.filter(|x| x.length_squared() < far * far).fold(EMPTY, |sum, &x| join(sum, [x, x]))
+        let parts = model.places().div_ceil(PARTS).max(1);
+        let around = |part: usize| {
+            let places = part * parts..((part + 1) * parts).min(model.places());
+            widest(
+                #[inline(always)]
+                || extent(model, displacements, places, far * far),
+            )
         };
-        let extent = (0..model.places()).into_par_iter().with_min_len(256).map(around).reduce(|| EMPTY, join);
+        let join = |a: [Vec3; 2], b: [Vec3; 2]| [a[0].min(b[0]), a[1].max(b[1])];
+        let extent = (0..PARTS).into_par_iter().map(around).reduce(|| EMPTY, join);
         self.extent = if extent[0].is_finite() { extent } else { [Vec3::ZERO; 2] };
         let side = (self.extent[1] - self.extent[0]).max_element();
         self.spacing = SPACING.max(4.0 * displacements.longest).max(side / (NODES - 2) as f32);
@@ -210,14 +258,59 @@ impl MeanMotion {
         }
     }
 
+    /// Length of the displacement of each particle of a place relative to the mean motion, metres;
+    /// 0 if it is not finite.
+    #[inline(always)]
+    fn residual_motion(&self, displacements: &Displacements, place: usize) -> [f32; LANES] {
+        let [start, end] = displacements.rows(place);
+        let inverse = 1.0 / self.spacing;
+        let strides = [1, self.dims[0], self.dims[0] * self.dims[1]];
+        let steps = strides.map(|stride| stride as i32);
+        // The node below the middle of each displacement, and the fraction along each axis.
+        let (mut first, mut fractions) = ([0i32; LANES], [[0.0f32; LANES]; 3]);
+        for c in 0..3 {
+            let last = (self.dims[c] - 2) as f32;
+            for lane in 0..LANES {
+                let middle = 0.5 * (start[c][lane] + end[c][lane]);
+                let u = ((middle - self.low[c]) * inverse).max(0.0);
+                let node = u.min(last) as i32;
+                fractions[c][lane] = (u - node as f32).min(1.0);
+                first[lane] += steps[c] * node;
+            }
+        }
+        let mut mean = [[0.0f32; LANES]; 3];
+        for lane in 0..LANES {
+            let [x, y, z] = [0, 1, 2].map(|c| fractions[c][lane]);
+            let along_x = |row: usize| {
+                let pair = &self.nodes[row..row + 2];
+                pair[0] + x * (pair[1] - pair[0])
+            };
+            let along_y = |layer: usize| {
+                let [low, high] = [along_x(layer), along_x(layer + strides[1])];
+                low + y * (high - low)
+            };
+            let first = first[lane] as usize;
+            let [low, high] = [along_y(first), along_y(first + strides[2])];
+            let at = low + z * (high - low);
+            (mean[0][lane], mean[1][lane], mean[2][lane]) = (at.x, at.y, at.z);
+        }
+        let mut squares = [0.0f32; LANES];
+        for c in 0..3 {
+            for lane in 0..LANES {
+                squares[lane] += (end[c][lane] - start[c][lane] - mean[c][lane]).powi(2);
+            }
+        }
+        squares.map(|square| if square < f32::INFINITY { square.sqrt() } else { 0.0 })
+    }
+
     fn measure_residual_motion<T: Real>(
         &mut self,
         model: &Model<T>,
         displacements: &mut Displacements,
         per_part: usize,
     ) {
-        let Displacements { start, end, residual_motion, block, .. } = displacements;
-        let (start, end, block) = (&*start, &*end, &*block);
+        let mut residual_motion = std::mem::take(&mut displacements.residual_motion);
+        let now = &*displacements;
         let mut sums = [(0.0, 0.0); PARTS];
         let mut histograms = std::mem::take(&mut self.part_histograms);
         histograms.resize_with(PARTS, Histogram::default);
@@ -230,29 +323,23 @@ impl MeanMotion {
             .for_each(|(k, ((residual_motion, sums), histograms))| {
                 histograms.clear();
                 let (mut sum, mut most) = (0.0f64, 0.0f32);
-                for (own, residual_motion) in residual_motion.chunks_mut(LANES).enumerate() {
+                for (own, residual_motion) in residual_motion.chunks_exact_mut(LANES).enumerate() {
                     let place = k * per_part + own;
-                    for (lane, residual_motion) in
-                        residual_motion[..model.blocks[block[place] as usize].live].iter_mut().enumerate()
-                    {
-                        let p = LANES * place + lane;
-                        let at = 0.5 * (start[p] + end[p]);
-                        let mut displacement = end[p] - start[p];
-                        for (node, w) in field.about(at) {
-                            displacement -= w * field.nodes[node].truncate();
-                        }
-                        *residual_motion = displacement.length();
-                        if !residual_motion.is_finite() {
-                            *residual_motion = 0.0;
-                            continue;
-                        }
-                        sum += f64::from(*residual_motion) * f64::from(*residual_motion);
-                        most = most.max(*residual_motion);
-                        histograms.add(*residual_motion);
+                    let row = widest(
+                        #[inline(always)]
+                        || field.residual_motion(now, place),
+                    );
+                    let live = model.blocks[now.block[place] as usize].live;
+                    for (out, residual) in residual_motion.iter_mut().zip(row).take(live) {
+                        *out = residual;
+                        sum += f64::from(residual) * f64::from(residual);
+                        most = most.max(residual);
+                        histograms.add(residual);
                     }
                 }
                 *sums = (sum, most);
             });
+        displacements.residual_motion = residual_motion;
         if let [all, others @ ..] = &mut *histograms {
             others.iter().for_each(|other| all.merge(other));
         }

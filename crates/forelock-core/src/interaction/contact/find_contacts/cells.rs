@@ -1,9 +1,11 @@
 //! Sorts the segments of a time slice into a grid of cells, for the search of contacts.
 
+#![expect(clippy::needless_range_loop, reason = "one index for several arrays is what vectorises")]
+
 use super::pairs::{ACTIVE, Entry, FIELDS, Test};
 use super::{Slice, keep_fastest};
 use crate::interaction::contact::{Contact, Displacements, Histogram};
-use crate::lane::{LANES, Real, Row};
+use crate::lane::{LANES, Real, Row, widest};
 use crate::scratch::{fill, resize};
 use crate::strands::Model;
 use glam::Vec3;
@@ -38,6 +40,8 @@ pub(crate) struct Cells {
     dims: [usize; 3],
     /// Length scale of the search, metres.
     edge: f32,
+    /// Largest radius of the entries that are not active, metres.
+    pub widest_other: f32,
 }
 
 impl Cells {
@@ -45,7 +49,7 @@ impl Cells {
     /// wider if that would take more than [`CELLS`] cells or [`LAYERS`] layers.
     pub fn around([low, high]: [Vec3; 2], edge: f32) -> Self {
         let size = high - low;
-        let mut cells = Self { low, side: 0.5 * edge, dims: [1; 3], edge };
+        let mut cells = Self { low, side: 0.5 * edge, dims: [1; 3], edge, widest_other: 0.0 };
         loop {
             let counts =
                 (size / cells.side).to_array().map(|count| count.clamp(0.0, CELLS as f32) as usize + 1);
@@ -68,11 +72,10 @@ impl Cells {
     }
 
     /// Maximum distance between the centres of `entry` and of another entry whose ball touches its
-    /// ball. Of the active entries, only those with a smaller radius than `entry` are considered;
-    /// the radius of the others is bounded by [`PIECE`] and [`REACH`].
+    /// ball. Of the active entries, only those with a smaller radius than `entry` are considered.
     #[inline]
     pub fn reach(&self, entry: &Entry) -> f32 {
-        entry.radius + entry.radius.max((0.5 * PIECE + REACH[1]) * self.edge)
+        entry.radius + entry.radius.max(self.widest_other)
     }
 
     #[inline]
@@ -99,58 +102,123 @@ impl Cells {
     }
 }
 
-/// Number of bits of [`Marks`], a power of two.
-const MARKS: usize = 1 << 20;
-/// Side of a cell of [`Marks`], relative to the side of a cell of [`Cells`].
-const COARSE: f32 = 3.0;
+/// Maximum number of bits of [`Marks`].
+const MARKS: usize = 1 << 23;
+/// Side of a cell of [`Marks`], relative to that of a cell of [`Cells`], if there are not too many.
+const FINE: f32 = 0.5;
 
-/// Marks the regions near active segments: a bit set of coarse cells, indexed by a hash of their
-/// position. Hash collisions can mark regions that are not near any active segment.
+/// Marks the regions near active segments: a bit for each of the fine cells of the box.
 #[derive(Debug, Default)]
-pub(crate) struct Marks(Vec<AtomicU32>);
+pub(crate) struct Marks {
+    low: Vec3,
+    /// Side of a cell, and its inverse, metres.
+    side: f32,
+    inverse: f32,
+    dims: [usize; 3],
+    /// Words of a row of cells along x.
+    words: usize,
+    bits: Vec<AtomicU32>,
+}
 
 impl Marks {
     pub fn bytes(&self) -> usize {
-        4 * self.0.capacity()
+        4 * self.bits.capacity()
     }
 
-    /// Clears all marks.
-    pub fn clear(&mut self) {
-        self.0.clear();
-        self.0.resize_with(MARKS / 32, AtomicU32::default);
+    /// Fits the marks to the box of `cells`, and clears them.
+    pub fn fit(&mut self, cells: &Cells) {
+        let size = cells.side * Vec3::from_array(cells.dims.map(|count| count as f32));
+        self.low = cells.low;
+        self.side = FINE * cells.side;
+        loop {
+            self.inverse = 1.0 / self.side;
+            self.dims = (size * self.inverse).to_array().map(|count| count as usize + 1);
+            self.words = self.dims[0].div_ceil(32);
+            if 32 * self.words * self.dims[1] * self.dims[2] <= MARKS {
+                break;
+            }
+            self.side *= 1.25;
+        }
+        self.bits.clear();
+        self.bits.resize_with(self.words * self.dims[1] * self.dims[2], AtomicU32::default);
     }
 
-    #[inline]
-    fn index(cells: &Cells, at: Vec3) -> [usize; 3] {
-        let most = Vec3::from_array(cells.dims.map(|count| count as f32)) / COARSE;
-        let at = ((at - cells.low) / (COARSE * cells.side)).clamp(Vec3::ZERO, most);
-        at.to_array().map(|x| x as usize)
+    /// The cells within `reach` of `x`, along one axis.
+    #[inline(always)]
+    fn span(&self, axis: usize, x: f32, reach: f32) -> Range<usize> {
+        let index =
+            |x: f32| (((x - self.low[axis]) * self.inverse).max(0.0) as usize).min(self.dims[axis] - 1);
+        index(x - reach)..index(x + reach) + 1
     }
 
-    #[inline]
-    fn bit([x, y, z]: [usize; 3]) -> (usize, u32) {
-        let place = (x ^ y << 7 ^ z << 14) % MARKS;
-        (place / 32, 1 << (place % 32))
+    /// Distance of `x` from cell `cell` along an axis, 0 inside the cell.
+    #[inline(always)]
+    fn apart(&self, axis: usize, cell: usize, x: f32) -> f32 {
+        let low = self.low[axis] + cell as f32 * self.side;
+        (low - x).max(x - low - self.side).max(0.0)
     }
 
-    fn set(&self, cells: &Cells, at: Vec3, reach: f32) {
-        let [low, high] = [at - reach, at + reach].map(|at| Self::index(cells, at));
-        for z in low[2]..=high[2] {
-            for y in low[1]..=high[1] {
-                for x in low[0]..=high[0] {
-                    let (word, bit) = Self::bit([x, y, z]);
-                    if self.0[word].load(Relaxed) & bit == 0 {
-                        self.0[word].fetch_or(bit, Relaxed);
+    /// Marks all cells within `radius` of the segment from `middle` − `half` to `middle` + `half`,
+    /// by balls along it.
+    fn mark(&self, middle: Vec3, half: Vec3, radius: f32) {
+        // Cells whose bounds are rounded must count as well.
+        let radius = radius + 1e-3 * self.side;
+        let length = 2.0 * half.length();
+        let steps = (length / radius).ceil().clamp(1.0, 64.0);
+        let ball = (radius * radius + (0.5 * length / steps).powi(2)).sqrt();
+        for k in 0..=steps as usize {
+            let at = middle + half * (2.0 * k as f32 / steps - 1.0);
+            for z in self.span(2, at.z, ball) {
+                let left = ball * ball - self.apart(2, z, at.z).powi(2);
+                for y in self.span(1, at.y, ball) {
+                    let left = left - self.apart(1, y, at.y).powi(2);
+                    if left > 0.0 {
+                        self.mark_row(self.words * (y + self.dims[1] * z), self.span(0, at.x, left.sqrt()));
                     }
                 }
             }
         }
     }
 
-    #[inline]
-    fn has(&self, cells: &Cells, at: Vec3) -> bool {
-        let (word, bit) = Self::bit(Self::index(cells, at));
-        self.0[word].load(Relaxed) & bit != 0
+    /// Marks the cells `span` of the row that begins at `first`.
+    #[inline(always)]
+    fn mark_row(&self, first: usize, span: Range<usize>) {
+        let last = span.end - 1;
+        for word in span.start / 32..=last / 32 {
+            let from = span.start.max(32 * word) % 32;
+            let to = last.min(32 * word + 31) % 32;
+            let bits = (u32::MAX << from) & (u32::MAX >> (31 - to));
+            let own = &self.bits[first + word];
+            if own.load(Relaxed) & bits != bits {
+                own.fetch_or(bits, Relaxed);
+            }
+        }
+    }
+
+    /// The lanes whose points are in marked cells.
+    #[inline(always)]
+    fn marked(&self, at: &[[f32; LANES]; 3]) -> [bool; LANES] {
+        let mut cells = [[0i32; LANES]; 3];
+        for c in 0..3 {
+            let last = (self.dims[c] - 1) as f32;
+            for lane in 0..LANES {
+                // A cast of a positive number is the floor.
+                cells[c][lane] = ((at[c][lane] - self.low[c]) * self.inverse).max(0.0).min(last) as i32;
+            }
+        }
+        let [nx, ny] = [self.words as i32, self.dims[1] as i32];
+        let mut words = [0i32; LANES];
+        for lane in 0..LANES {
+            words[lane] = nx * (cells[1][lane] + ny * cells[2][lane]) + (cells[0][lane] >> 5);
+        }
+        std::array::from_fn(|lane| {
+            let word = self.bits[words[lane] as usize].load(Relaxed);
+            word >> (cells[0][lane] & 31) & 1 != 0
+        })
+    }
+
+    fn has(&self, at: Vec3) -> bool {
+        self.marked(&at.to_array().map(|x| [x; LANES]))[0]
     }
 }
 
@@ -161,6 +229,8 @@ pub(crate) struct Chunk {
     /// Entries, active ones first.
     entries: Vec<Entry>,
     active: usize,
+    /// Largest radius of the entries that are not active, metres.
+    pub widest_other: f32,
     /// Whether some segments are split into pieces.
     in_pieces: bool,
     /// Indices of the entries sorted by layer, and the start of each layer, `[layers + 1]`.
@@ -179,6 +249,7 @@ pub(super) fn chunks<T: Real>(model: &Model<T>) -> Vec<Chunk> {
         blocks,
         entries: Vec::new(),
         active: 0,
+        widest_other: 0.0,
         in_pieces: false,
         order: Vec::new(),
         starts: Vec::new(),
@@ -197,26 +268,33 @@ impl Chunk {
             + 4 * (self.order.capacity() + self.starts.capacity() + self.near.capacity())
     }
 
-    /// Inserts the active segments, and marks the regions near them.
+    /// Inserts the active segments.
     pub fn insert_active<T: Real>(
         &mut self,
         model: &Model<T>,
         displacements: &Displacements,
         slice: &Slice,
         cells: &Cells,
-        marks: &Marks,
     ) {
         self.entries.clear();
-        self.each_segment(model, |entries, a| {
-            if is_active(displacements, slice, a) {
-                let before = entries.len();
-                insert(entries, displacements, slice, cells, a, |_| true);
-                for entry in &entries[before..] {
-                    marks.set(cells, entry.middle, cells.reach(entry));
+        for (place, live) in places(model, self.blocks.clone()) {
+            for lane in lanes(fast_lanes(displacements, slice, place, live)) {
+                let segment = LANES * place + lane;
+                if is_active(displacements, slice, segment) {
+                    insert(&mut self.entries, displacements, slice, cells, segment, |_, _| true);
                 }
             }
-        });
+        }
         self.active = self.entries.len();
+    }
+
+    /// Marks the regions in which the middle of another entry can be whose ball touches an active
+    /// segment.
+    pub fn mark(&self, cells: &Cells, marks: &Marks) {
+        for entry in &self.entries[..self.active] {
+            let reach = entry.radius - entry.half.length();
+            marks.mark(entry.middle, entry.half, reach + cells.widest_other);
+        }
     }
 
     /// Whether the chunk has no active segments.
@@ -233,22 +311,34 @@ impl Chunk {
         cells: &Cells,
         marks: &Marks,
     ) {
-        self.each_segment(model, |entries, a| {
-            if !is_active(displacements, slice, a) {
-                insert(entries, displacements, slice, cells, a, |middle| marks.has(cells, middle));
-            }
-        });
-        self.sort(cells);
-    }
-
-    fn each_segment<T: Real>(&mut self, model: &Model<T>, mut f: impl FnMut(&mut Vec<Entry>, usize)) {
+        let most = slice.other_reach(cells.edge);
+        let longest = 2.0 * (cells.widest_other - most);
         for block in &model.blocks[self.blocks.clone()] {
+            let middles = |place: usize| middles(displacements, place, slice.middle());
+            let mut lower = middles(block.first);
             for place in block.first..block.first + block.particles - 1 {
-                for lane in 0..block.live {
-                    f(&mut self.entries, LANES * place + lane);
+                let upper = middles(place + 1);
+                let [near, long] = widest(
+                    #[inline(always)]
+                    || near_lanes(marks, &lower, &upper, longest),
+                );
+                lower = upper;
+                let live = u32::MAX >> (32 - block.live);
+                let fast = fast_lanes(displacements, slice, place, block.live);
+                for lane in lanes((near | long) & live) {
+                    let segment = LANES * place + lane;
+                    if fast >> lane & 1 != 0 && is_active(displacements, slice, segment) {
+                        continue;
+                    }
+                    let is_long = long >> lane & 1 != 0;
+                    insert(&mut self.entries, displacements, slice, cells, segment, |middle, radius| {
+                        !is_long || radius > cells.widest_other || marks.has(middle)
+                    });
                 }
             }
         }
+        self.widest_other = self.entries[self.active..].iter().map(|entry| entry.radius).fold(0.0, f32::max);
+        self.sort(cells);
     }
 
     fn sort(&mut self, cells: &Cells) {
@@ -309,6 +399,67 @@ impl Chunk {
     }
 }
 
+/// The places of the lower particles of all segments of `blocks`, each with the number of strands.
+fn places<T: Real>(model: &Model<T>, blocks: Range<usize>) -> impl Iterator<Item = (usize, usize)> {
+    model.blocks[blocks]
+        .iter()
+        .flat_map(|block| (block.first..block.first + block.particles - 1).map(|place| (place, block.live)))
+}
+
+/// The lanes whose bits are set.
+fn lanes(mut bits: u32) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let lane = bits.trailing_zeros() as usize;
+        bits &= bits.wrapping_sub(1);
+        (lane < 32).then_some(lane)
+    })
+}
+
+/// Bits of the lanes for which `f` is true.
+#[inline(always)]
+fn bits(f: [bool; LANES]) -> u32 {
+    f.iter().enumerate().fold(0, |bits, (lane, &own)| bits | u32::from(own) << lane)
+}
+
+/// The first `live` lanes whose segments may be active.
+#[inline]
+fn fast_lanes(displacements: &Displacements, slice: &Slice, place: usize, live: usize) -> u32 {
+    let floor = slice.active.floor();
+    let rows = &displacements.residual_motion[LANES * place..LANES * (place + 2)];
+    let (lower, upper) = rows.split_at(LANES);
+    let mut is_fast = [false; LANES];
+    for lane in 0..LANES {
+        is_fast[lane] = lower[lane].max(upper[lane]) >= floor;
+    }
+    if is_fast == [false; LANES] { 0 } else { bits(is_fast) & u32::MAX >> (32 - live) }
+}
+
+/// Positions of the particles of a place at a fraction of the frame.
+#[inline(always)]
+fn middles(displacements: &Displacements, place: usize, fraction: f32) -> [[f32; LANES]; 3] {
+    let [start, end] = displacements.rows(place);
+    let mut at = start;
+    for c in 0..3 {
+        for lane in 0..LANES {
+            at[c][lane] += fraction * (end[c][lane] - start[c][lane]);
+        }
+    }
+    at
+}
+
+/// The lanes whose segments have their middles in marked cells, and those longer than `longest`.
+#[inline(always)]
+fn near_lanes(marks: &Marks, lower: &[[f32; LANES]; 3], upper: &[[f32; LANES]; 3], longest: f32) -> [u32; 2] {
+    let (mut middles, mut squares) = ([[0.0; LANES]; 3], [0.0f32; LANES]);
+    for c in 0..3 {
+        for lane in 0..LANES {
+            middles[c][lane] = 0.5 * (lower[c][lane] + upper[c][lane]);
+            squares[lane] += (upper[c][lane] - lower[c][lane]).powi(2);
+        }
+    }
+    [bits(marks.marked(&middles)), bits(squares.map(|square| square > longest * longest))]
+}
+
 /// Whether segment `a` is active.
 #[inline]
 fn is_active(displacements: &Displacements, slice: &Slice, a: usize) -> bool {
@@ -316,7 +467,8 @@ fn is_active(displacements: &Displacements, slice: &Slice, a: usize) -> bool {
 }
 
 /// Inserts segment `a` at its position in the middle of the slice, split into pieces if it is long.
-/// Skips pieces that are outside the grid of cells and pieces for which `is_near` is false.
+/// Skips pieces that are outside the grid of cells and pieces for whose ball, its centre and its
+/// radius, `is_near` is false.
 #[inline]
 fn insert(
     entries: &mut Vec<Entry>,
@@ -324,25 +476,21 @@ fn insert(
     slice: &Slice,
     cells: &Cells,
     a: usize,
-    is_near: impl Fn(Vec3) -> bool,
+    is_near: impl Fn(Vec3, f32) -> bool,
 ) {
     let (lower, upper) = (displacements.at(a, slice.middle()), displacements.at(a + LANES, slice.middle()));
     let edge = upper - lower;
     let length = edge.length();
     let pieces = (length / (PIECE * cells.edge)).ceil().clamp(1.0, PIECES);
     let half = edge * (0.5 / pieces);
+    let active = is_active(displacements, slice, a);
+    let residual_motion = displacements.residual_motion[a].max(displacements.residual_motion[a + LANES]);
+    let radius = 0.5 * length / pieces + slice.reach(residual_motion, active, cells.edge);
     for piece in 0..pieces as usize {
         let middle = lower + (2 * piece + 1) as f32 * half;
-        if !(cells.holds(middle) && is_near(middle)) {
+        if !(cells.holds(middle) && is_near(middle, radius)) {
             continue;
         }
-        let active = is_active(displacements, slice, a);
-        // The factor 1.25 is a margin: the mean motions of the two segments of a pair differ
-        // slightly.
-        let residual_motion =
-            1.25 * displacements.residual_motion[a].max(displacements.residual_motion[a + LANES]);
-        let most = REACH[usize::from(!active)] * cells.edge;
-        let reach = (0.5 * (slice.distance + slice.length() * residual_motion)).min(most);
         let (displacement, next) =
             (slice.length() * displacements.of(a), slice.length() * displacements.of(a + LANES));
         entries.push(Entry {
@@ -350,7 +498,7 @@ fn insert(
             middle,
             half,
             inverse: 1.0 / half.length_squared().max(1e-20),
-            radius: 0.5 * length / pieces + reach,
+            radius,
             displacement: 0.5 * (displacement + next),
             spread: 0.5 * displacement.distance(next),
         });

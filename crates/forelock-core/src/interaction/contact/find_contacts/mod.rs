@@ -91,6 +91,20 @@ impl Slice {
     pub fn length(&self) -> f32 {
         self.span[1] - self.span[0]
     }
+
+    /// Margin of the bounding ball of a segment: half the contact distance and half its
+    /// `residual_motion` in the slice, up to a bound. Metres.
+    pub fn reach(&self, residual_motion: f32, is_active: bool, edge: f32) -> f32 {
+        // A margin: the mean motions of the two segments of a pair differ slightly.
+        let residual_motion = 1.25 * residual_motion;
+        let most = REACH[usize::from(!is_active)] * edge;
+        (0.5 * (self.distance + self.length() * residual_motion)).min(most)
+    }
+
+    /// Largest margin of the segments that are not active, metres.
+    pub fn other_reach(&self, edge: f32) -> f32 {
+        self.reach(self.active.bound(), false, edge)
+    }
 }
 
 impl Finder {
@@ -127,21 +141,27 @@ impl Finder {
         let Some((slice, slices)) = self.first_slice(model, params, dt_secs, mean_motion) else {
             return &self.found;
         };
-        let cells = Cells::around(mean_motion.extent, self.edge);
+        let mut cells = Cells::around(mean_motion.extent, self.edge);
+        // Longer segments are in several pieces, or looked at one by one.
+        let longest = (1.01 * displacements.longest).min(PIECE * self.edge);
         for k in 0..slices {
             let span = [k, k + 1].map(|k| k as f32 / slices as f32);
             let slice = Slice { span, ..slice };
-            self.marks.clear();
-            let (chunks, marks) = (&mut self.chunks, &self.marks);
-            chunks
-                .par_iter_mut()
-                .for_each(|chunk| chunk.insert_active(model, displacements, &slice, &cells, marks));
+            cells.widest_other = 0.5 * longest + slice.other_reach(self.edge);
+            let chunks = &mut self.chunks;
+            chunks.par_iter_mut().for_each(|chunk| chunk.insert_active(model, displacements, &slice, &cells));
             if chunks.iter().all(Chunk::has_no_active) {
                 continue;
             }
+            self.marks.fit(&cells);
+            let marks = &self.marks;
+            chunks.par_iter().for_each(|chunk| chunk.mark(&cells, marks));
             chunks
                 .par_iter_mut()
                 .for_each(|chunk| chunk.insert_others(model, displacements, &slice, &cells, marks));
+            let widest = chunks.iter().map(|chunk| chunk.widest_other).fold(0.0, f32::max);
+            // A few stretched segments are found only near their middles.
+            cells.widest_other = widest.min((0.5 * PIECE + REACH[1]) * self.edge);
             self.soa.fill(chunks, &cells);
             let (soa, test) = (&self.soa, self.test);
             chunks.par_iter_mut().for_each(|chunk| {
