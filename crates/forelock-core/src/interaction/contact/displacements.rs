@@ -2,19 +2,22 @@
 
 #![expect(clippy::needless_range_loop, reason = "one index for several arrays is what vectorises")]
 
-use crate::lane::{LANES, Real, Row};
+use crate::lane::{LANES, Real, Row, widest};
 use crate::pose::Pose;
 use crate::strands::Model;
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
+/// Coordinates of the particles of a place, axis by axis.
+pub(crate) type Place = [[f32; LANES]; 3];
+
 /// Positions of the particles at the start and at the end of the frame, metres in the frame of the
-/// head, and their residual motion. Indexed by particle number: place × [`LANES`] + lane.
+/// head, and their residual motion. The number of a particle is place × [`LANES`] + lane.
 #[derive(Debug)]
 pub(crate) struct Displacements {
-    pub start: Vec<Vec3>,
-    pub end: Vec<Vec3>,
-    /// Length of the displacement of each particle relative to the mean motion, metres.
+    start: Vec<Place>,
+    end: Vec<Place>,
+    /// Length of the displacement of each particle relative to the mean motion, metres; by number.
     pub residual_motion: Vec<f32>,
     /// The block of each place.
     pub block: Vec<u32>,
@@ -29,8 +32,8 @@ impl Displacements {
         let lengths = model.rest_lengths.iter().step_by(3).flat_map(|row| row.0);
         let longest = lengths.filter_map(|l| l.to_f32()).fold(0.0, f32::max);
         Self {
-            start: vec![Vec3::ZERO; particles],
-            end: vec![Vec3::ZERO; particles],
+            start: vec![[[0.0; LANES]; 3]; model.places()],
+            end: vec![[[0.0; LANES]; 3]; model.places()],
             residual_motion: vec![0.0; particles],
             block,
             longest,
@@ -38,7 +41,8 @@ impl Displacements {
     }
 
     pub fn bytes(&self) -> usize {
-        28 * self.start.capacity() + 4 * self.block.capacity()
+        let places = self.start.capacity() + self.end.capacity();
+        places * size_of::<Place>() + 4 * (self.residual_motion.capacity() + self.block.capacity())
     }
 
     pub fn record_start<T: Real>(&mut self, model: &Model<T>, positions: &[Row<T>], head: &Pose) {
@@ -49,30 +53,47 @@ impl Displacements {
         to_head_frame(model, positions, head, &mut self.end);
     }
 
+    /// The position of particle `p` at the start of the frame.
+    #[inline]
+    pub fn start(&self, p: usize) -> Vec3 {
+        particle(&self.start, p)
+    }
+
+    /// The position of particle `p` at the end of the frame.
+    #[inline]
+    pub fn end(&self, p: usize) -> Vec3 {
+        particle(&self.end, p)
+    }
+
     /// The displacement of particle `p` in the frame.
     #[inline]
     pub fn of(&self, p: usize) -> Vec3 {
-        self.end[p] - self.start[p]
+        self.end(p) - self.start(p)
     }
 
     /// The position of particle `p` at a fraction of the frame.
     #[inline]
     pub fn at(&self, p: usize, fraction: f32) -> Vec3 {
-        self.start[p] + fraction * self.of(p)
+        self.start(p) + fraction * self.of(p)
     }
 
-    /// Positions of the particles of a place at the start and at the end of the frame, axis by axis.
+    /// Positions of the particles of a place at the start and at the end of the frame.
+    #[inline]
+    pub fn place(&self, place: usize) -> [&Place; 2] {
+        [&self.start[place], &self.end[place]]
+    }
+
+    /// Positions of the particles of a place at a fraction of the frame.
     #[inline(always)]
-    pub fn rows(&self, place: usize) -> [[[f32; LANES]; 3]; 2] {
-        [&self.start, &self.end].map(|positions| {
-            let own = &positions[LANES * place..LANES * (place + 1)];
-            let mut rows = [[0.0; LANES]; 3];
+    pub fn place_at(&self, place: usize, fraction: f32) -> Place {
+        let [start, end] = self.place(place);
+        let mut at = *start;
+        for c in 0..3 {
             for lane in 0..LANES {
-                let [x, y, z] = own[lane].to_array();
-                (rows[0][lane], rows[1][lane], rows[2][lane]) = (x, y, z);
+                at[c][lane] += fraction * (end[c][lane] - start[c][lane]);
             }
-            rows
-        })
+        }
+        at
     }
 
     /// Whether two segments belong to the same strand.
@@ -83,17 +104,31 @@ impl Displacements {
     }
 }
 
+#[inline]
+fn particle(places: &[Place], p: usize) -> Vec3 {
+    let [x, y, z] = &places[p / LANES];
+    Vec3::new(x[p % LANES], y[p % LANES], z[p % LANES])
+}
+
 /// Positions in the head's frame: x' = Rᵀ (x − p).
-fn to_head_frame<T: Real>(model: &Model<T>, positions: &[Row<T>], head: &Pose, out: &mut [Vec3]) {
+fn to_head_frame<T: Real>(model: &Model<T>, positions: &[Row<T>], head: &Pose, out: &mut [Place]) {
     let back = head.inverse();
     let (turn, shift): (Mat3, Vec3) = (back.matrix().as_mat3(), back.translation.as_vec3());
-    debug_assert_eq!(out.len(), LANES * model.places());
-    out.par_chunks_mut(LANES).zip(positions.par_chunks(3)).with_min_len(256).for_each(|(out, x)| {
-        let number = |x: T| x.to_f32().unwrap_or(f32::NAN);
-        for (lane, out) in out.iter_mut().enumerate() {
-            let x = Vec3::new(number(x[0].0[lane]), number(x[1].0[lane]), number(x[2].0[lane]));
-            *out = turn * x + shift;
-        }
+    let (turn, shift) = (turn.transpose().to_cols_array_2d(), shift.to_array());
+    debug_assert_eq!(out.len(), model.places());
+    let number = |x: T| x.to_f32().unwrap_or(f32::NAN);
+    out.par_iter_mut().zip(positions.par_chunks_exact(3)).with_min_len(256).for_each(|(out, x)| {
+        widest(
+            #[inline(always)]
+            || {
+                for c in 0..3 {
+                    for lane in 0..LANES {
+                        let [x, y, z] = [0, 1, 2].map(|k| number(x[k].0[lane]));
+                        out[c][lane] = turn[c][0] * x + turn[c][1] * y + turn[c][2] * z + shift[c];
+                    }
+                }
+            },
+        );
     });
 }
 

@@ -57,7 +57,7 @@ fn extent<T: Real>(
     let (mut low, mut high) = ([[f32::INFINITY; LANES]; 3], [[f32::NEG_INFINITY; LANES]; 3]);
     for place in places {
         let live = model.blocks[displacements.block[place] as usize].live;
-        for x in displacements.rows(place) {
+        for x in displacements.place(place) {
             for lane in 0..LANES {
                 let square = x[0][lane] * x[0][lane] + x[1][lane] * x[1][lane] + x[2][lane] * x[2][lane];
                 let counts = (square < far) & (lane < live);
@@ -139,7 +139,7 @@ impl MeanMotion {
                     let p = LANES * place + lane;
                     let displacement = displacements.of(p);
                     // Particles outside the box would count at its boundary.
-                    let is_near = self.holds(displacements.start[p]) && self.holds(displacements.end[p]);
+                    let is_near = self.holds(displacements.start(p)) && self.holds(displacements.end(p));
                     if is_near && displacement.is_finite() {
                         self.add(nodes, displacements.at(p, 0.5), displacement);
                     }
@@ -262,7 +262,7 @@ impl MeanMotion {
     /// 0 if it is not finite.
     #[inline(always)]
     fn residual_motion(&self, displacements: &Displacements, place: usize) -> [f32; LANES] {
-        let [start, end] = displacements.rows(place);
+        let [start, end] = displacements.place(place);
         let inverse = 1.0 / self.spacing;
         let strides = [1, self.dims[0], self.dims[0] * self.dims[1]];
         let steps = strides.map(|stride| stride as i32);

@@ -20,10 +20,12 @@
 //! parallel; the order of contacts does not depend on the number of threads.
 
 mod cells;
+mod chunk;
 mod follow;
+mod marks;
 mod pairs;
 
-pub use cells::{PIECE, PIECES, REACH};
+pub use chunk::{PIECE, PIECES, REACH};
 pub use follow::{CLOSE, REST_SHARE, STEPS};
 
 use crate::interaction::contact::{
@@ -32,7 +34,9 @@ use crate::interaction::contact::{
 use crate::lane::Real;
 use crate::lane::Simd;
 use crate::strands::Model;
-use cells::{Cells, Chunk, Marks, SoaCells};
+use cells::{Cells, SoaCells};
+use chunk::{Chunk, Entries, Motion};
+use marks::Marks;
 use rayon::prelude::*;
 use std::cmp::Ordering;
 
@@ -45,6 +49,10 @@ pub const PAIRS_WGSL: &str = include_str!("pairs.wgsl");
 /// WGSL that selects contacts within the budget and creates their joints.
 pub const BUDGET_WGSL: &str = include_str!("budget.wgsl");
 
+/// Sides of a cell of the search, and of the marks near active segments, relative to
+/// [`search_edge`].
+const CELL: f32 = 0.5;
+const MARK: f32 = 0.25;
 /// Minimum length scale of the search, relative to the contact distance.
 const EDGE_PER_DISTANCE: f64 = 8.0;
 /// Maximum number of slices of a frame.
@@ -64,7 +72,8 @@ pub(crate) struct Finder {
     edge: f32,
     test: pairs::Test,
     chunks: Vec<Chunk>,
-    soa: SoaCells,
+    /// The active segments, and those near them.
+    cells: [SoaCells; 2],
     marks: Marks,
     found: Vec<Contact>,
     approaches: Histogram,
@@ -100,11 +109,6 @@ impl Slice {
         let most = REACH[usize::from(!is_active)] * edge;
         (0.5 * (self.distance + self.length() * residual_motion)).min(most)
     }
-
-    /// Largest margin of the segments that are not active, metres.
-    pub fn other_reach(&self, edge: f32) -> f32 {
-        self.reach(self.active.bound(), false, edge)
-    }
 }
 
 impl Finder {
@@ -112,8 +116,8 @@ impl Finder {
         Self {
             edge: search_edge(model, params),
             test: pairs::test_for(simd),
-            chunks: cells::chunks(model),
-            soa: SoaCells::default(),
+            chunks: chunk::chunks(model),
+            cells: [true, false].map(SoaCells::new),
             marks: Marks::default(),
             found: Vec::new(),
             approaches: Histogram::default(),
@@ -123,7 +127,8 @@ impl Finder {
     pub fn bytes(&self) -> usize {
         let chunks: usize = self.chunks.iter().map(Chunk::bytes).sum();
         let found = self.found.capacity() * size_of::<Contact>() + self.approaches.bytes();
-        chunks + self.soa.bytes() + self.marks.bytes() + found
+        let cells: usize = self.cells.iter().map(SoaCells::bytes).sum();
+        chunks + cells + self.marks.bytes() + found
     }
 
     /// Finds the contacts of active segments in the frame, slice by slice. A pair may appear once
@@ -141,31 +146,34 @@ impl Finder {
         let Some((slice, slices)) = self.first_slice(model, params, dt_secs, mean_motion) else {
             return &self.found;
         };
-        let mut cells = Cells::around(mean_motion.extent, self.edge);
+        let cells = Cells::around(mean_motion.extent, CELL * self.edge);
         // Longer segments are in several pieces, or looked at one by one.
         let longest = (1.01 * displacements.longest).min(PIECE * self.edge);
         for k in 0..slices {
             let span = [k, k + 1].map(|k| k as f32 / slices as f32);
             let slice = Slice { span, ..slice };
-            cells.widest_other = 0.5 * longest + slice.other_reach(self.edge);
+            let motion = Motion { displacements, slice: &slice, cells: &cells, edge: self.edge };
             let chunks = &mut self.chunks;
-            chunks.par_iter_mut().for_each(|chunk| chunk.insert_active(model, displacements, &slice, &cells));
+            chunks.par_iter_mut().for_each(|chunk| chunk.insert_active(model, &motion));
             if chunks.iter().all(Chunk::has_no_active) {
                 continue;
             }
-            self.marks.fit(&cells);
+            let widest_other = 0.5 * longest + slice.reach(slice.active.bound(), false, self.edge);
+            self.marks.fit(&cells, MARK * self.edge);
             let marks = &self.marks;
-            chunks.par_iter().for_each(|chunk| chunk.mark(&cells, marks));
-            chunks
-                .par_iter_mut()
-                .for_each(|chunk| chunk.insert_others(model, displacements, &slice, &cells, marks));
-            let widest = chunks.iter().map(|chunk| chunk.widest_other).fold(0.0, f32::max);
-            // A few stretched segments are found only near their middles.
-            cells.widest_other = widest.min((0.5 * PIECE + REACH[1]) * self.edge);
-            self.soa.fill(chunks, &cells);
-            let (soa, test) = (&self.soa, self.test);
+            chunks.par_iter().for_each(|chunk| chunk.mark(widest_other, marks));
+            let near = [longest, widest_other];
+            chunks.par_iter_mut().for_each(|chunk| chunk.insert_others(model, &motion, marks, near));
+            let lists: [fn(&Chunk) -> &Entries; 2] = [|chunk| &chunk.active, |chunk| &chunk.others];
+            for (own, list) in self.cells.iter_mut().zip(lists) {
+                own.fill(chunks.iter().map(list), &cells);
+                // A few stretched segments are found only near their middles.
+                own.widest =
+                    own.widest.min((0.5 * PIECE + REACH[usize::from(!own.holds_active)]) * self.edge);
+            }
+            let (cells, test) = (&self.cells, self.test);
             chunks.par_iter_mut().for_each(|chunk| {
-                chunk.search(soa, test, slice.distance, budget, |pair| {
+                chunk.search(cells, test, slice.distance, budget, |pair| {
                     follow::follow(model, displacements, &slice, pair)
                 });
             });

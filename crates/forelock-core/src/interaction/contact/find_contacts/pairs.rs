@@ -19,8 +19,9 @@ pub(crate) struct Entry {
     pub half: Vec3,
     /// Inverse square of the length of `half`.
     pub inverse: f32,
-    /// Radius of a ball around the centre: half the length, half the contact distance, and half the
-    /// residual motion in the slice, up to a bound.
+    /// Half the contact distance, and half the residual motion in the slice, up to a bound.
+    pub reach: f32,
+    /// Radius of a ball around the centre: half the length, and `reach`.
     pub radius: f32,
     /// Mean of the displacements of both ends in the slice.
     pub displacement: Vec3,
@@ -28,8 +29,11 @@ pub(crate) struct Entry {
     pub spread: f32,
 }
 
+/// 2, and a margin for rounding.
+const NEAR: f32 = 2.01;
+
 /// Number of rows of an entry.
-pub(super) const FIELDS: usize = 12;
+pub(super) const FIELDS: usize = 13;
 
 impl Entry {
     /// All fields except the number.
@@ -50,6 +54,7 @@ impl Entry {
             displacement.y,
             displacement.z,
             spread,
+            self.reach,
         ]
     }
 }
@@ -73,8 +78,10 @@ pub(super) fn test_for(simd: Simd) -> Test {
 fn test<L: Lane<Scalar = f32>>(soa: &SoaCells, entry: &Entry, distance: f32, near: &mut Vec<u32>) {
     let a = EntryLanes::<L>::splat(entry);
     let distance = L::splat(distance);
-    let reach = L::splat(entry.radius - entry.half.length());
-    soa.runs(entry.middle, soa.cells().reach(entry), |run| {
+    let reach = L::splat(entry.reach);
+    // Of active candidates, only those of a smaller radius are considered.
+    let widest = if soa.holds_active { entry.radius.min(soa.widest) } else { soa.widest };
+    soa.runs(entry.middle, entry.half, entry.reach + widest, |run| {
         // The entries at the ends of a long run are skipped.
         let cut = run.len().saturating_sub(RUN_SEGMENTS) / 2;
         let run = run.start + cut..run.end - cut;
@@ -137,7 +144,11 @@ impl<L: Lane<Scalar = f32>> EntryLanes<L> {
     }
 }
 
-/// The lanes whose balls are within `reach` of the segment `a`.
+/// The lanes whose balls are within `reach` of the segment `a`, and whose segments pass near the
+/// line through `a`.
+///
+/// Seen along `a`, a segment is no nearer to the line than its middle less its half length, h.
+/// Both in squares: (D + h)² ≤ 2 D² + 2 h².
 #[inline(always)]
 fn balls_touch<L: Lane<Scalar = f32>>(
     a: &EntryLanes<L>,
@@ -145,10 +156,19 @@ fn balls_touch<L: Lane<Scalar = f32>>(
     rows: &[Row<f32>; FIELDS],
     first: usize,
 ) -> u32 {
-    let r = V3([L::load(&rows[0], first), L::load(&rows[1], first), L::load(&rows[2], first)]) - a.middle;
-    let apart = r - a.half.scale(clamp(a.half.dot(r) * a.inverse));
-    let radius = reach + L::load(&rows[3], first);
-    L::bits(apart.dot(apart).lt(radius * radius))
+    let row = |k: usize| L::load(&rows[k], first);
+    let r = V3([row(0), row(1), row(2)]) - a.middle;
+    let ar = a.half.dot(r);
+    let apart = r - a.half.scale(clamp(ar * a.inverse));
+    let radius = reach + row(3);
+    let is_near = apart.dot(apart).lt(radius * radius);
+    let half = V3([row(4), row(5), row(6)]);
+    let ab = a.half.dot(half);
+    let across = r.dot(r) - ar * ar * a.inverse;
+    let half_across = half.dot(half) - ab * ab * a.inverse;
+    let distance = reach + row(12);
+    let most = L::splat(NEAR) * (distance * distance + half_across.max(L::zero()));
+    L::bits(is_near) & L::bits(across.lt(most))
 }
 
 /// The lanes whose segments may touch `a` in the slice.

@@ -129,7 +129,7 @@ impl Resolver {
         spread::each(&self.strands, &mut self.bodies, &|strand, bodies| {
             strand.prepare(bodies, model, clamped, strand.bend.max(params.spread as f32));
             for (body, place) in bodies.iter_mut().zip(strand.place..) {
-                body.position = displacements.end[LANES * place + strand.lane()];
+                body.position = displacements.end(LANES * place + strand.lane());
                 body.velocity = velocity(place, strand.lane());
             }
         });
@@ -156,7 +156,7 @@ impl Resolver {
         for strand in &self.strands {
             for (body, place) in strand.of(&self.bodies).iter().zip(strand.place..).skip(clamped) {
                 let lane = strand.lane();
-                let moved = body.position - displacements.end[LANES * place + lane];
+                let moved = body.position - displacements.end(LANES * place + lane);
                 let changed = body.velocity - back * vec3(velocities, place, lane);
                 if !(moved.is_finite() && changed.is_finite()) {
                     continue;
