@@ -8,6 +8,9 @@ use crate::strands::Model;
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
+/// Places of a task.
+const PLACES: usize = 256;
+
 /// Coordinates of the particles of a place, axis by axis.
 pub(crate) type Place = [[f32; LANES]; 3];
 
@@ -117,14 +120,16 @@ fn to_head_frame<T: Real>(model: &Model<T>, positions: &[Row<T>], head: &Pose, o
     let (turn, shift) = (turn.transpose().to_cols_array_2d(), shift.to_array());
     debug_assert_eq!(out.len(), model.places());
     let number = |x: T| x.to_f32().unwrap_or(f32::NAN);
-    out.par_iter_mut().zip(positions.par_chunks_exact(3)).with_min_len(256).for_each(|(out, x)| {
+    out.par_chunks_mut(PLACES).zip(positions.par_chunks(3 * PLACES)).for_each(|(out, positions)| {
         widest(
             #[inline(always)]
             || {
-                for c in 0..3 {
-                    for lane in 0..LANES {
-                        let [x, y, z] = [0, 1, 2].map(|k| number(x[k].0[lane]));
-                        out[c][lane] = turn[c][0] * x + turn[c][1] * y + turn[c][2] * z + shift[c];
+                for (out, x) in out.iter_mut().zip(positions.chunks_exact(3)) {
+                    for c in 0..3 {
+                        for lane in 0..LANES {
+                            let [x, y, z] = [0, 1, 2].map(|k| number(x[k].0[lane]));
+                            out[c][lane] = turn[c][0] * x + turn[c][1] * y + turn[c][2] * z + shift[c];
+                        }
                     }
                 }
             },

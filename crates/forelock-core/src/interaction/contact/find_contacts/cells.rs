@@ -15,8 +15,9 @@ const LAYERS: usize = 1 << 12;
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Cells {
     low: Vec3,
-    /// Side of a cell, metres.
+    /// Side of a cell, and its inverse, metres.
     side: f32,
+    inverse: f32,
     dims: [usize; 3],
 }
 
@@ -25,7 +26,7 @@ impl Cells {
     /// that would take more than [`CELLS`] cells or [`LAYERS`] layers.
     pub fn around([low, high]: [Vec3; 2], side: f32) -> Self {
         let size = high - low;
-        let mut cells = Self { low, side, dims: [1; 3] };
+        let mut cells = Self { low, side, inverse: 1.0 / side, dims: [1; 3] };
         loop {
             let counts =
                 (size / cells.side).to_array().map(|count| count.clamp(0.0, CELLS as f32) as usize + 1);
@@ -34,6 +35,7 @@ impl Cells {
                 return cells;
             }
             cells.side *= 1.25;
+            cells.inverse = 1.0 / cells.side;
         }
     }
 
@@ -49,7 +51,7 @@ impl Cells {
 
     #[inline]
     fn index(&self, axis: usize, x: f32) -> usize {
-        (((x - self.low[axis]) / self.side).max(0.0) as usize).min(self.dims[axis] - 1)
+        (((x - self.low[axis]) * self.inverse).max(0.0) as usize).min(self.dims[axis] - 1)
     }
 
     /// Indices of the cells within `reach` of `x`, along one axis.
@@ -93,10 +95,9 @@ struct Part {
 }
 
 impl Part {
-    /// The part whose coordinate lies between `low` and `high`.
+    /// The part whose coordinate lies between `low` and `high`; `inverse` is that of `half`.
     #[inline(always)]
-    fn clip(self, middle: f32, half: f32, [low, high]: [f32; 2]) -> Self {
-        let inverse = 1.0 / if half.abs() < 1e-12 { 1e-12 } else { half };
+    fn clip(self, middle: f32, inverse: f32, [low, high]: [f32; 2]) -> Self {
         let ends = [(low - middle) * inverse, (high - middle) * inverse];
         Self { from: self.from.max(ends[0].min(ends[1])), to: self.to.min(ends[0].max(ends[1])) }
     }
@@ -179,6 +180,7 @@ impl SoaCells {
     pub fn runs(&self, middle: Vec3, half: Vec3, reach: f32, mut visit: impl FnMut(Range<usize>)) {
         let (cells, row, layer) = (&self.cells, self.cells.dims[0], self.cells.layer() + 1);
         let widened = |[low, high]: [f32; 2]| [low - reach, high + reach];
+        let inverse = half.to_array().map(|half| 1.0 / if half.abs() < 1e-12 { 1e-12 } else { half });
         let whole = Part { from: -1.0, to: 1.0 };
         for z in cells.span(2, middle.z, reach + half.z.abs()) {
             let first = self.layers[z] as usize;
@@ -186,14 +188,14 @@ impl SoaCells {
                 continue;
             }
             let bounds_z = cells.bounds(2, z);
-            let part = whole.clip(middle.z, half.z, widened(bounds_z));
+            let part = whole.clip(middle.z, inverse[2], widened(bounds_z));
             if part.from > part.to {
                 continue;
             }
             let [low, high] = widened(part.range(middle.y, half.y));
             for y in cells.index(1, low)..cells.index(1, high) + 1 {
                 let bounds_y = cells.bounds(1, y);
-                let part = part.clip(middle.y, half.y, widened(bounds_y));
+                let part = part.clip(middle.y, inverse[1], widened(bounds_y));
                 let apart_z = gap(part.range(middle.z, half.z), bounds_z);
                 let apart_y = gap(part.range(middle.y, half.y), bounds_y);
                 let left = reach * reach - apart_z * apart_z - apart_y * apart_y;

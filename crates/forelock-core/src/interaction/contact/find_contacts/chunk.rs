@@ -34,8 +34,8 @@ pub const REACH: [f32; 2] = [1.25, 0.25];
 pub(super) struct Motion<'a> {
     pub displacements: &'a Displacements,
     pub slice: &'a Slice,
-    /// The cells of the entries.
-    pub cells: &'a Cells,
+    /// The cells of active segments, and of those near them.
+    pub cells: &'a [Cells; 2],
     /// See [`search_edge`](super::search_edge).
     pub edge: f32,
 }
@@ -138,7 +138,7 @@ impl Chunk {
                 }
             }
         }
-        self.active.sort(motion.cells);
+        self.active.sort(&motion.cells[0]);
     }
 
     /// Marks the regions in which the middle of an entry of radius `widest_other` can be whose ball
@@ -191,7 +191,7 @@ impl Chunk {
                 }
             }
         }
-        self.others.sort(motion.cells);
+        self.others.sort(&motion.cells[1]);
     }
 
     /// Finds the contacts of the active segments with each other and with the others, which are in
@@ -264,7 +264,7 @@ fn fast_lanes(motion: &Motion<'_>, place: usize, live: usize) -> u32 {
 
 /// The lanes whose segments have their middles in marked cells, and those longer than `longest`.
 #[inline(always)]
-fn near_lanes(marks: &Marks, lower: &[[f32; LANES]; 3], upper: &[[f32; LANES]; 3], longest: f32) -> [u32; 2] {
+fn near_lanes(marks: &Marks, lower: &Place, upper: &Place, longest: f32) -> [u32; 2] {
     let (mut middles, mut squares) = ([[0.0; LANES]; 3], [0.0f32; LANES]);
     for c in 0..3 {
         for lane in 0..LANES {
@@ -299,7 +299,7 @@ fn insert(entries: &mut Entries, motion: &Motion<'_>, a: usize, is_near: impl Fn
     let radius = 0.5 * length / pieces + reach;
     for piece in 0..pieces as usize {
         let middle = lower + (2 * piece + 1) as f32 * half;
-        if !(cells.holds(middle) && is_near(middle, radius)) {
+        if !(cells[0].holds(middle) && is_near(middle, radius)) {
             continue;
         }
         let (displacement, next) =

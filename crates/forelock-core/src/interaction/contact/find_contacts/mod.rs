@@ -49,10 +49,10 @@ pub const PAIRS_WGSL: &str = include_str!("pairs.wgsl");
 /// WGSL that selects contacts within the budget and creates their joints.
 pub const BUDGET_WGSL: &str = include_str!("budget.wgsl");
 
-/// Sides of a cell of the search, and of the marks near active segments, relative to
+/// Sides of the cells of active segments, of those near them, and of the marks, relative to
 /// [`search_edge`].
-const CELL: f32 = 0.5;
-const MARK: f32 = 0.25;
+const CELLS: [f32; 2] = [2.0, 0.5];
+const MARK: f32 = 0.5;
 /// Minimum length scale of the search, relative to the contact distance.
 const EDGE_PER_DISTANCE: f64 = 8.0;
 /// Maximum number of slices of a frame.
@@ -146,7 +146,7 @@ impl Finder {
         let Some((slice, slices)) = self.first_slice(model, params, dt_secs, mean_motion) else {
             return &self.found;
         };
-        let cells = Cells::around(mean_motion.extent, CELL * self.edge);
+        let cells = CELLS.map(|side| Cells::around(mean_motion.extent, side * self.edge));
         // Longer segments are in several pieces, or looked at one by one.
         let longest = (1.01 * displacements.longest).min(PIECE * self.edge);
         for k in 0..slices {
@@ -159,14 +159,14 @@ impl Finder {
                 continue;
             }
             let widest_other = 0.5 * longest + slice.reach(slice.active.bound(), false, self.edge);
-            self.marks.fit(&cells, MARK * self.edge);
+            self.marks.fit(&cells[0], MARK * self.edge);
             let marks = &self.marks;
             chunks.par_iter().for_each(|chunk| chunk.mark(widest_other, marks));
             let near = [longest, widest_other];
             chunks.par_iter_mut().for_each(|chunk| chunk.insert_others(model, &motion, marks, near));
             let lists: [fn(&Chunk) -> &Entries; 2] = [|chunk| &chunk.active, |chunk| &chunk.others];
-            for (own, list) in self.cells.iter_mut().zip(lists) {
-                own.fill(chunks.iter().map(list), &cells);
+            for ((own, list), cells) in self.cells.iter_mut().zip(lists).zip(&cells) {
+                own.fill(chunks.iter().map(list), cells);
                 // A few stretched segments are found only near their middles.
                 own.widest =
                     own.widest.min((0.5 * PIECE + REACH[usize::from(!own.holds_active)]) * self.edge);
