@@ -1,7 +1,5 @@
 //! Mean motion: a smooth field of the displacements of the hair in a frame.
 
-#![expect(clippy::needless_range_loop, reason = "one index for several arrays is what vectorises")]
-
 use super::Displacements;
 use super::histogram::{Cutoff, Histogram};
 use crate::lane::{LANES, Real, widest};

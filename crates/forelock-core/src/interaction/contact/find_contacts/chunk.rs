@@ -1,7 +1,5 @@
 //! The segments of a time slice, chunk by chunk.
 
-#![expect(clippy::needless_range_loop, reason = "one index for several arrays is what vectorises")]
-
 use super::cells::{Cells, SoaCells};
 use super::marks::Marks;
 use super::pairs::{ACTIVE, Entry, Test};

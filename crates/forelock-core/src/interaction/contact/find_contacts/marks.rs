@@ -1,7 +1,5 @@
 //! Marks the regions near active segments, so that only segments near one are sorted into cells.
 
-#![expect(clippy::needless_range_loop, reason = "one index for several arrays is what vectorises")]
-
 use super::cells::Cells;
 use crate::interaction::contact::displacements::Place;
 use crate::lane::LANES;
@@ -29,8 +27,8 @@ impl Marks {
         4 * self.bits.capacity()
     }
 
-    /// Fits the marks to the box of `cells`, and clears them. A cell of the marks is `side` wide, or
-    /// wider if that would take more than [`MARKS`] bits.
+    /// Fits the marks to the box of `cells`, and clears them. A cell of the marks is `side` wide,
+    /// or wider if that would take more than [`MARKS`] bits.
     pub fn fit(&mut self, cells: &Cells, side: f32) {
         let size = cells.size();
         self.low = cells.low();

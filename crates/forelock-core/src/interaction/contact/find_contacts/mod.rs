@@ -9,15 +9,17 @@
 //! # Practice
 //! A frame is divided into up to four time slices. Their number is chosen so that in each slice the
 //! residual motion of typical hair is shorter than an edge, and that of all but one in 512
-//! particles is shorter than two edges. In the middle of a slice each active segment, and each
-//! other segment near one, is bounded by a ball around its centre whose radius is the sum of half
-//! its length, half the contact distance and half its residual motion in the slice. All balls are
-//! sorted by the cell of their centre, layer by layer, as a structure of arrays (`cells`), so the
-//! candidates of an active segment lie in a few runs of memory. The candidates are tested many at a
-//! time: first whether the balls touch, then whether the distance of the segments exceeds their
-//! displacements along the line between them (`pairs`). The few that remain are advanced through
-//! the slice conservatively, in steps that their distance allows (`follow`). All of this runs in
-//! parallel; the order of contacts does not depend on the number of threads.
+//! particles is shorter than two edges. In the middle of a slice each active segment is bounded by
+//! a capsule, and each other segment near one (`marks`) by a ball around its centre: their margin,
+//! or reach, is half the contact distance and half the residual motion in the slice. Entries are
+//! sorted by the cell of their centre, layer by layer, as a structure of arrays (`cells`), active
+//! ones apart from the others: only few segments move far. The candidates of an active segment lie
+//! in the rows of cells along it, each a run of memory, and are tested many at a time: first
+//! whether capsule and ball touch and whether the segments pass each other closely, then whether
+//! their distance exceeds their displacements along the line between them (`pairs`). The few that
+//! remain are advanced through the slice conservatively, in steps that their distance allows
+//! (`follow`). All of this runs in parallel; the order of contacts does not depend on the number of
+//! threads.
 
 mod cells;
 mod chunk;
