@@ -2,23 +2,23 @@
 //!
 //! # Practice
 //! Depths are exact: those inside primitives in closed form, those inside meshes against their
-//! triangles. The distance grid of a mesh only tells which particles need that: a sample farther
-//! outside than the error bound of the grid
-//! ([`Sdf::error_bound`](forelock_core::body::Sdf::error_bound)) is outside the mesh too. No other
-//! particle counts as outside before its winding number says so.
+//! triangles. The distance grid of a mesh only tells which particles need that, see [`Depths`].
 //!
 //! # Limitations
 //! Edges between particles are not measured. A mesh that changes (`mesh_sequence`) is measured by
 //! its grids, since between two meshes of the sequence there are no triangles.
 
-use forelock_core::body::{ClosedMesh, ColliderFrame, Shape};
+use forelock_core::body::{ClosedMesh, ColliderFrame, Depths, Shape};
+use forelock_core::pose::Pose;
 use glam::Vec3;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Depth under a surface from which a particle counts as inside, metres.
 const INSIDE_M: f64 = 1e-3;
-/// Depth or height of a surface within rounding, metres.
-const ROUNDING_M: f32 = 1e-6;
+
+/// Strands that a thread measures at once.
+const STRANDS_AT_ONCE: usize = 256;
 
 /// How particles are divided into strands.
 #[derive(Clone, Copy, Debug)]
@@ -38,17 +38,32 @@ pub struct MeasuredSolid<'a> {
     pub surface: Option<&'a ClosedMesh>,
 }
 
-impl MeasuredSolid<'_> {
-    /// The depth in metres of a point of its local space; 0 outside.
-    fn depth(&self, p: Vec3) -> f64 {
-        if let (Shape::Sdf(field), Some(surface)) = (self.frame.shape, self.surface) {
-            let bound = field.error_bound();
-            let may_be_inside = field.sample_near(p, bound).is_some_and(|(distance, _)| distance <= bound);
-            let may_be_inside = may_be_inside && field.lower_bound(p) <= ROUNDING_M;
-            return if may_be_inside { surface.depth(p).into() } else { 0.0 };
+/// A solid in its own space.
+enum Local<'a> {
+    Mesh(Depths<'a>),
+    Other { frame: ColliderFrame<'a>, local_from_world: Pose },
+}
+
+impl<'a> Local<'a> {
+    fn new(solid: &MeasuredSolid<'a>) -> Self {
+        let pose = solid.frame.pose(1.0);
+        match (solid.frame.shape, solid.surface) {
+            (Shape::Sdf(field), Some(surface)) => Self::Mesh(Depths::new(field, surface, &pose)),
+            _ => Self::Other { frame: solid.frame, local_from_world: pose.inverse() },
         }
-        let found = self.frame.shape.sample_near(p.as_dvec3().to_array(), 0.0);
-        found.map_or(0.0, |(distance, _)| (-distance).max(0.0))
+    }
+
+    /// Appends those of `particles` that are inside to `inside`, with their depths in metres.
+    fn find(&self, positions: &[Vec3], particles: &[Range<usize>], inside: &mut Vec<(usize, f64)>) {
+        let (frame, local_from_world) = match self {
+            Self::Mesh(depths) => return depths.find(positions, particles, inside),
+            Self::Other { frame, local_from_world } => (frame, local_from_world),
+        };
+        for particle in particles.iter().cloned().flatten() {
+            let p = local_from_world.transform_point(positions[particle].as_dvec3());
+            let found = frame.shape.sample_near(p.to_array(), 0.0).filter(|(distance, _)| *distance < 0.0);
+            inside.extend(found.map(|(distance, _)| (particle, -distance)));
+        }
     }
 }
 
@@ -83,24 +98,32 @@ impl Tally {
 impl Penetration {
     /// Measures `positions` (metres, world space) against `solids` at the end of their frame.
     pub fn measure(positions: &[Vec3], layout: Layout<'_>, solids: &[MeasuredSolid<'_>]) -> Self {
-        let local: Vec<_> = solids.iter().map(|solid| (solid, solid.frame.pose(1.0).inverse())).collect();
-        let depth = |p: &Vec3| {
-            let depths = local.iter().map(|(solid, local_from_world)| {
-                solid.depth(local_from_world.transform_point(p.as_dvec3()).as_vec3())
+        let solids: Vec<_> = solids.iter().map(Local::new).collect();
+        let ends = layout.strand_offsets.len().saturating_sub(1);
+        let of_strands = |first: usize| {
+            let ends = &layout.strand_offsets[first..=(first + STRANDS_AT_ONCE).min(ends)];
+            let free = ends.windows(2).map(|ends| {
+                let end = (ends[1] as usize).min(positions.len());
+                (ends[0] + layout.clamped).min(ends[1]) as usize..end
             });
-            depths.fold(0.0, f64::max)
+            let free: Vec<Range<usize>> = free.filter(|range| !range.is_empty()).collect();
+            let mut inside = Vec::new();
+            for solid in &solids {
+                solid.find(positions, &free, &mut inside);
+            }
+            // A particle may be inside several solids.
+            let mut deep: Vec<usize> =
+                inside.iter().filter(|(_, depth)| *depth > INSIDE_M).map(|(particle, _)| *particle).collect();
+            deep.sort_unstable();
+            deep.dedup();
+            Tally {
+                inside: deep.len(),
+                all: free.iter().map(Range::len).sum(),
+                deepest_m: inside.iter().map(|(_, depth)| *depth).fold(0.0, f64::max),
+            }
         };
-        let of_strand = |ends: &[u32]| {
-            let free = (ends[0] + layout.clamped) as usize..ends[1] as usize;
-            let free = positions.get(free).unwrap_or_default();
-            free.iter().map(depth).fold(Tally { all: free.len(), ..Tally::default() }, |tally, depth| Tally {
-                inside: tally.inside + usize::from(depth > INSIDE_M),
-                deepest_m: tally.deepest_m.max(depth),
-                ..tally
-            })
-        };
-        let strands = layout.strand_offsets.par_windows(2).with_min_len(256).map(of_strand);
-        let sum = strands.reduce(Tally::default, Tally::merge);
+        let parts = (0..ends).into_par_iter().step_by(STRANDS_AT_ONCE).map(of_strands);
+        let sum = parts.reduce(Tally::default, Tally::merge);
         Self { share_inside: sum.inside as f64 / sum.all.max(1) as f64, deepest_m: sum.deepest_m }
     }
 }

@@ -215,7 +215,7 @@ mod tests {
 
     /// The table with `guides`, at a fiftieth of the strands.
     fn table(guides: u32) -> GuidesTable {
-        let keys = ["body.sdf_cells=64", "body.sdf_near_cell=0.002"].map(str::to_owned);
+        let keys = ["body.sdf_cells=64".to_owned()];
         let table = GuidesTable::run(&[guides], 0.02, &keys, false, &mut |_| {}).unwrap();
         println!("{}", table.to_markdown());
         table

@@ -11,7 +11,15 @@ pub(super) struct Offset {
     pub metres: f64,
     /// Over the length of their strand.
     pub over_length: f64,
+    /// Of the means of single strands, over their length: the median.
+    pub median_over_length: f64,
+    /// Share of the strands of which that mean is more than [`ELSEWHERE`].
+    pub elsewhere: f64,
 }
+
+/// Mean distance over its length from which a strand lies elsewhere than at rest, for instance
+/// behind an ear instead of in front of it.
+pub(super) const ELSEWHERE: f64 = 0.05;
 
 /// Strands put together.
 #[derive(Clone, Debug)]
@@ -50,16 +58,26 @@ pub(super) fn between(groom: &Groom, strands: &[usize], a: &[Vec3], b: &[Vec3]) 
 
 fn apart(groom: &Groom, strands: &[usize], distance: impl Fn(usize) -> f64) -> Offset {
     let (mut sum, mut particles) = (Offset::default(), 0usize);
+    let mut of_strands = Vec::with_capacity(strands.len());
     for &strand in strands {
         let offsets = groom.strand_offsets();
         let range = offsets[strand] as usize..offsets[strand + 1] as usize;
         let total: f64 = range.clone().map(&distance).sum();
+        let over_length = total / f64::from(groom.length(strand)).max(f64::MIN_POSITIVE);
         sum.metres += total;
-        sum.over_length += total / f64::from(groom.length(strand)).max(f64::MIN_POSITIVE);
+        sum.over_length += over_length;
         particles += range.len();
+        of_strands.push(over_length / range.len().max(1) as f64);
     }
+    of_strands.sort_by(f64::total_cmp);
     let count = particles.max(1) as f64;
-    Offset { metres: sum.metres / count, over_length: sum.over_length / count }
+    let elsewhere = of_strands.iter().filter(|mean| **mean > ELSEWHERE).count();
+    Offset {
+        metres: sum.metres / count,
+        over_length: sum.over_length / count,
+        median_over_length: of_strands.get(of_strands.len() / 2).copied().unwrap_or_default(),
+        elsewhere: elsewhere as f64 / of_strands.len().max(1) as f64,
+    }
 }
 
 /// The mean; 0 of nothing.
@@ -98,6 +116,7 @@ mod tests {
         let away = offset(&groom, &[0, 1], &head, &moved(Vec3::Z * 0.5));
         // Strands of 2 m and 1 m: a quarter and a half of their lengths.
         assert!((away.metres - 0.5).abs() < 1e-6 && (away.over_length - 0.375).abs() < 1e-6, "{away:?}");
+        assert!((away.median_over_length - 0.5).abs() < 1e-6 && away.elsewhere == 1.0, "{away:?}");
         let same = between(&groom, &[1], &moved(Vec3::ZERO), &moved(Vec3::Z * 0.5));
         assert!((same.over_length - 0.5).abs() < 1e-6);
     }

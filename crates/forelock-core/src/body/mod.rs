@@ -4,6 +4,7 @@
 mod bvh;
 mod closed;
 mod collider;
+mod depths;
 mod head;
 mod horse;
 mod implicit;
@@ -22,6 +23,7 @@ mod surface_nets;
 pub use bvh::{Bvh, Nearest};
 pub use closed::{ClosedMesh, ClosingReport};
 pub use collider::{Attachment, Collider, ColliderFrame, PACKET, Shape};
+pub use depths::Depths;
 pub use head::{Head, Region};
 pub use horse::{Horse, Part};
 pub use mesh::{MeshError, TriMesh};

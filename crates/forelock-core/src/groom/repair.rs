@@ -32,8 +32,11 @@ pub struct RepairReport {
     pub repeated_particles: usize,
     /// Strands from which repeated particles were removed.
     pub strands_with_repeats: usize,
-    /// Strands removed because a coordinate is not finite or too large for float32 lengths.
+    /// Strands removed because a coordinate is not finite.
     pub non_finite_strands: usize,
+    /// Strands removed because their length overflows: an edge is longer than about 1.8e19 m, whose
+    /// square float32 cannot hold.
+    pub overlong_strands: usize,
     /// Strands removed because they have less than two particles.
     pub one_point_strands: usize,
     /// Strands removed because all their particles coincide.
@@ -50,7 +53,7 @@ impl RepairReport {
 
     /// Number of strands removed for any reason.
     pub fn dropped_strands(&self) -> usize {
-        self.non_finite_strands + self.one_point_strands + self.zero_length_strands
+        self.non_finite_strands + self.overlong_strands + self.one_point_strands + self.zero_length_strands
     }
 
     /// One sentence for each kind of repair that was needed.
@@ -64,6 +67,7 @@ impl RepairReport {
             }
         };
         add(self.non_finite_strands, "dropped: a point is not finite");
+        add(self.overlong_strands, "dropped: too long, two neighbouring points are more than 1e19 m apart");
         add(self.one_point_strands, "dropped: fewer than two points, which means 'no strand here'");
         add(self.zero_length_strands, "dropped: all points coincide");
         add(
@@ -91,6 +95,7 @@ enum Verdict {
     Whole,
     Thinned,
     NonFinite,
+    Overlong,
     OnePoint,
     ZeroLength,
 }
@@ -130,6 +135,7 @@ pub fn repair(mut groom: Groom) -> (Groom, RepairReport) {
                 thinned += groom.range(strand).len();
             }
             Verdict::NonFinite => report.non_finite_strands += 1,
+            Verdict::Overlong => report.overlong_strands += 1,
             Verdict::OnePoint => report.one_point_strands += 1,
             Verdict::ZeroLength => report.zero_length_strands += 1,
         }
@@ -153,7 +159,8 @@ fn classify(groom: &Groom, strand: usize, kept: &mut Vec<usize>) -> Verdict {
     }
     let length = groom.length(strand);
     if !length.is_finite() {
-        return Verdict::NonFinite;
+        let points_are_finite = groom.strand(strand).iter().all(|p| p.is_finite());
+        return if points_are_finite { Verdict::Overlong } else { Verdict::NonFinite };
     }
     let (root, count) = (range.start, range.len());
     let start = kept.len();
@@ -294,14 +301,23 @@ mod tests {
             strands_before: 8,
             repeated_particles: 2,
             strands_with_repeats: 1,
-            non_finite_strands: 2,
+            non_finite_strands: 1,
+            overlong_strands: 1,
             one_point_strands: 2,
             zero_length_strands: 1,
             dropped_attributes: vec!["transparencies"],
         };
         assert_eq!(report, expected);
-        assert_eq!(report.sentences().len(), 5);
+        assert_eq!(report.sentences().len(), 6);
         assert!(report.to_string().contains("2 points removed"), "{report}");
+    }
+
+    #[test]
+    fn a_far_point_is_not_called_infinite() {
+        let far = vec![Vec3::ZERO, Vec3::new(0.0, -4e37, 0.0)];
+        let (_, report) = repair(Groom::from_strands([far, line(2)]).unwrap());
+        assert_eq!((report.non_finite_strands, report.overlong_strands), (0, 1));
+        assert!(report.to_string().contains("too long"), "{report}");
     }
 
     #[test]

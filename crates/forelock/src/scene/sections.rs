@@ -155,7 +155,7 @@ pub struct BodySection {
     /// range 8 to 512.
     pub sdf_cells: u32,
     /// Largest side of that grid's cells near the surface, however large the body is. Unit m,
-    /// default 0, range 0 or more; 0 leaves all cells alike.
+    /// default 0.002, range 0 or more; 0 leaves all cells alike.
     pub sdf_near_cell: f64,
 }
 
@@ -290,7 +290,7 @@ pub struct ColliderSection {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sdf_cells: Option<u32>,
     /// Largest side of that grid's cells near the surface; a `mesh_sequence` ignores it. Unit m,
-    /// default 0, range 0 or more; 0 leaves all cells alike.
+    /// default 0.002, range 0 or more; 0 leaves all cells alike.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sdf_near_cell: Option<f64>,
     /// Whether it is fixed to the body and moves with it; otherwise it stands in the world. Default
@@ -306,7 +306,7 @@ pub struct ColliderSection {
 }
 
 /// The default largest side of a distance grid's cells near the surface, metres.
-pub(crate) const NEAR_CELL: f64 = 0.0;
+pub(crate) const NEAR_CELL: f64 = 0.002;
 
 impl ColliderSection {
     /// How the file's numbers become metres, y up.

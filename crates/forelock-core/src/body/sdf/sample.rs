@@ -19,6 +19,10 @@ const FLAT: f32 = 1e-12;
 /// Number of the last cell of a brick along an axis.
 const LAST_IN_BRICK: f32 = (REFINEMENT - 1) as f32;
 
+/// How far outwards from a point the cells are whose nodes bound its distance from below, in cells
+/// near the surface.
+const BOUND_CELLS: [f32; 3] = [1.5, 0.0, 3.0];
+
 /// Where a sample is taken.
 struct Place {
     /// From the nearest point of the grid's box to the point, in cells.
@@ -100,19 +104,43 @@ impl Sdf {
     }
 
     /// A lower bound in metres of the exact distance at `p`, if the values at the nodes are exact:
-    /// the distance at a corner of the cell, less the distance from that corner. Above a smooth
-    /// surface it is much nearer to the exact distance than a sample less [`Sdf::error_bound`].
+    /// the distance at a node, less the distance from that node. The nodes are those of the cell of
+    /// `p` and of cells outwards from it. Over a smooth surface, the farther a node is in that
+    /// direction, the nearer its bound is to the distance, much nearer than a sample less
+    /// [`Sdf::error_bound`]. The search ends with the first bound above 0.
     pub fn lower_bound(&self, p: Vec3) -> f32 {
-        let Place { away, first, row, layer, f, inv_cell } = self.place(p);
+        self.lower_bound_along(p, self.sample(p).1)
+    }
+
+    /// [`Sdf::lower_bound`] at a point where the field's gradient is `slope`.
+    pub(in crate::body) fn lower_bound_along(&self, p: Vec3, slope: Vec3) -> f32 {
+        let outwards = slope.normalize_or_zero() * self.near_cell();
+        let mut bound = f32::NEG_INFINITY;
+        for cells in BOUND_CELLS {
+            if let Some(found) = self.bound_from_cell(p + outwards * cells, p) {
+                bound = bound.max(found);
+            }
+            if bound > 0.0 {
+                return bound;
+            }
+        }
+        // All of these cells are outside the grid only where the point is.
+        if bound == f32::NEG_INFINITY { self.sample(p).0 } else { bound }
+    }
+
+    /// The best lower bound of the distance at `p` from the corners of the cell of `q`; `None` if
+    /// `q` is outside the grid.
+    fn bound_from_cell(&self, q: Vec3, p: Vec3) -> Option<f32> {
+        let Place { away, first, row, layer, f, inv_cell } = self.place(q);
         if away != Vec3::ZERO {
-            return self.sample(p).0;
+            return None;
         }
         let corners = [0, 1, row, row + 1, layer, layer + 1, layer + row, layer + row + 1];
         let bounds = corners.into_iter().zip(0u8..).map(|(at, corner)| {
             let node = Vec3::new((corner & 1).into(), (corner >> 1 & 1).into(), (corner >> 2).into());
-            self.values[first + at] - (f - node).length() / inv_cell
+            self.values[first + at] - ((f - node) / inv_cell + (p - q)).length()
         });
-        bounds.fold(f32::NEG_INFINITY, f32::max)
+        Some(bounds.fold(f32::NEG_INFINITY, f32::max))
     }
 
     /// [`Sdf::sample`] at `W` points, component-major: distances in metres and gradients.
@@ -197,11 +225,16 @@ impl Sdf {
     #[inline(always)]
     pub fn least_lanes<const W: usize>(&self, p: [[f32; W]; 3]) -> [f32; W] {
         let strides = [1, self.blocks[0], self.blocks[0] * self.blocks[1]];
-        let mut at = [0u32; W];
+        let (per_block, mut at) = (self.per_block, [0u32; W]);
         for axis in 0..3 {
+            let (origin, top, stride) = (self.origin[axis], self.top_block[axis], strides[axis]);
+            // Two loops, which the compiler vectorises; it does not vectorise one of both.
+            let mut low = [0.0; W];
             for lane in 0..W {
-                let block = (p[axis][lane] - self.origin[axis]) * self.per_block - 0.5;
-                at[lane] += mantissa(clamp(block, self.top_block[axis]) + INTEGER) * strides[axis];
+                low[lane] = clamp((p[axis][lane] - origin) * per_block - 0.5, top) + INTEGER;
+            }
+            for (at, low) in at.iter_mut().zip(&low) {
+                *at += mantissa(*low) * stride;
             }
         }
         at.map(|block| self.least[block as usize])
