@@ -94,6 +94,11 @@ pub const SPRING_STRETCH: f64 = 0.04;
 /// the particle follows the curve.
 pub const FOLDS: f64 = 0.7;
 
+/// Distance by which a leader may be ahead of its place on the old curve, over the edge's length,
+/// without the next edge being turned back towards that place. A rim around which a strand has
+/// been pulled lies farther back.
+pub const SLIP: f64 = 0.1;
+
 /// Restores the lengths of the strand in `lane`, of which the particles before `from` are clamped.
 /// Returns the largest depth that is left.
 #[inline(never)]
@@ -253,7 +258,12 @@ impl<L: Lane> Curve<'_, L> {
             let point = if i < passed { back } else { self.point(i) };
             let beside = distance_to_line(leader, x, point);
             if beside > most {
-                (corner, most) = (Some(point), beside);
+                // A turn towards the place that the leader has slipped from would fold the strand.
+                let [to_point, to_x] = [point, x].map(|p| [0, 1, 2].map(|c| p[c] - leader[c]));
+                let slipped = i < passed
+                    && dot(to_point, to_x) <= L::Scalar::default()
+                    && distance(leader, point) < number::<L::Scalar>(SLIP) * length;
+                (corner, most) = ((!slipped).then_some(point), beside);
             }
         }
         (x, corner)

@@ -213,8 +213,11 @@ fn follow_curve(strand: Strand, at: ptr<function, CurvePlace>, leader: vec3f, ah
         }
         let beside = distance_to_line(leader, found.x, point);
         if beside > most {
+            // A turn towards the place that the leader has slipped from would fold the strand.
+            let slipped = i < passed && dot(point - leader, found.x - leader) <= 0.0
+                && distance(leader, point) < SLIP * length;
             found.corner = point;
-            found.has_corner = true;
+            found.has_corner = !slipped;
             most = beside;
         }
     }

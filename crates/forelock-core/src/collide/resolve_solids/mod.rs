@@ -39,7 +39,7 @@ use crate::lane::{Lane, Real, V3};
 use crate::strands::{BlockView, LaneGroup};
 pub use edges::{EDGE_ROUNDS, EDGE_SAMPLES, PASSES, REFINEMENTS, SKIN_SHARE, TAKE_BACK_ROUNDS};
 pub use lay_along::{
-    EXACT, EXACT_ROUNDS, FOLDS, LEAST_TURN, SLIDE_STEPS, SPRING_STRETCH, STRETCHED, lay_along,
+    EXACT, EXACT_ROUNDS, FOLDS, LEAST_TURN, SLIDE_STEPS, SLIP, SPRING_STRETCH, STRETCHED, lay_along,
 };
 pub use levels::LevelSolids;
 pub use particle::{MAX_PUSHES, PROJECTION_ROUNDS};
