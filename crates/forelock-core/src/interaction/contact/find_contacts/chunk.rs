@@ -193,14 +193,15 @@ impl Chunk {
     }
 
     /// Finds the contacts of the active segments with each other and with the others, which are in
-    /// `cells`. For each pair that passes `test`, `follow` returns the contact, if there is one.
+    /// `cells`. For each pair that passes `test` with `limits`, `follow` returns the contact, if
+    /// there is one.
     /// Where more than `2 * most` contacts are found, only the `most` with the largest approach are
     /// kept.
     pub fn search(
         &mut self,
         cells: &[SoaCells; 2],
         test: Test,
-        distance: f32,
+        limits: [f32; 2],
         most: usize,
         follow: impl Fn([u32; 2]) -> Option<Contact>,
     ) {
@@ -209,7 +210,7 @@ impl Chunk {
             self.near.clear();
             for (entry, cells) in pieces.iter().flat_map(|entry| cells.iter().map(move |own| (entry, own))) {
                 // SAFETY: `test_for` returns only functions that the processor supports.
-                unsafe { test(cells, entry, distance, &mut self.near) };
+                unsafe { test(cells, entry, limits, &mut self.near) };
             }
             if pieces.len() > 1 || cells.iter().any(|own| own.has_pieces) {
                 // A pair of segments that are split into pieces can appear more than once.

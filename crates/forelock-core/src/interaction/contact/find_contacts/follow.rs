@@ -30,16 +30,18 @@ pub(super) fn follow<T: Real>(
     }
     let ([a, b], numbers) = if a < b { ([a, b], [a, b]) } else { ([b, a], [b, a]) };
     let (a, b) = (a as usize, b as usize);
-    let (displacement_a, displacement_b) = (
-        [displacements.of(a), displacements.of(a + LANES)],
-        [displacements.of(b), displacements.of(b + LANES)],
-    );
+    // Each step needs them, so they are read once.
+    let [start_a, start_b] = [a, b].map(|p| [displacements.start(p), displacements.start(p + LANES)]);
+    let [displacement_a, displacement_b] = [a, b].map(|p| [displacements.of(p), displacements.of(p + LANES)]);
+    let at = |start: [Vec3; 2], displacement: [Vec3; 2], when: f32| {
+        [start[0] + when * displacement[0], start[1] + when * displacement[1]]
+    };
     let mut reach = slice.distance;
     let mut has_rest_distance = false;
     let mut when = slice.span[0];
     for _ in 0..STEPS {
-        let segment = |p: usize| [displacements.at(p, when), displacements.at(p + LANES, when)];
-        let (along, r) = closest(segment(a), segment(b));
+        let (own, other) = (at(start_a, displacement_a, when), at(start_b, displacement_b, when));
+        let (along, r) = closest(own, other);
         let distance = r.length();
         if distance <= reach * (1.0 + CLOSE) {
             if !has_rest_distance {
@@ -51,7 +53,7 @@ pub(super) fn follow<T: Real>(
             }
             let relative = displacement_a[0].lerp(displacement_a[1], along[0])
                 - displacement_b[0].lerp(displacement_b[1], along[1]);
-            let normal = direction(r, distance, segment(a), segment(b), relative)?;
+            let normal = direction(r, distance, own, other, relative)?;
             let approach = -normal.dot(relative);
             let gap = distance.min(reach);
             let segments = numbers;

@@ -174,8 +174,10 @@ impl Finder {
                     own.widest.min((0.5 * PIECE + REACH[usize::from(!own.holds_active)]) * self.edge);
             }
             let (cells, test) = (&self.cells, self.test);
+            // Less, for rounding.
+            let limits = [slice.distance, 0.999 * slice.length() * slice.slip];
             chunks.par_iter_mut().for_each(|chunk| {
-                chunk.search(cells, test, slice.distance, budget, |pair| {
+                chunk.search(cells, test, limits, budget, |pair| {
                     follow::follow(model, displacements, &slice, pair)
                 });
             });

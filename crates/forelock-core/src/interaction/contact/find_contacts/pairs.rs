@@ -60,24 +60,30 @@ impl Entry {
 }
 
 /// Collects the segments that may touch an active segment in the slice, given one piece of it; the
-/// third argument is the contact distance. Of active candidates only those of a smaller radius are
+/// third argument are the contact distance, and the approach in the slice that is ignored, metres.
+/// Of active candidates only those of a smaller radius are
 /// collected, so each pair appears once, or once for each pair of pieces.
 ///
 /// # Safety
 /// The processor must support the instruction set of the function.
-pub(super) type Test = unsafe fn(&SoaCells, &Entry, f32, &mut Vec<u32>);
+pub(super) type Test = unsafe fn(&SoaCells, &Entry, [f32; 2], &mut Vec<u32>);
 
 /// The test for `simd`, or the portable one if `simd` is not supported.
 #[inline(never)]
 pub(super) fn test_for(simd: Simd) -> Test {
     let simd = if simd.is_supported() { simd } else { Simd::Portable };
-    on!(simd, test(soa: &SoaCells, entry: &Entry, distance: f32, near: &mut Vec<u32>))
+    on!(simd, test(soa: &SoaCells, entry: &Entry, limits: [f32; 2], near: &mut Vec<u32>))
 }
 
 #[inline(always)]
-fn test<L: Lane<Scalar = f32>>(soa: &SoaCells, entry: &Entry, distance: f32, near: &mut Vec<u32>) {
+fn test<L: Lane<Scalar = f32>>(
+    soa: &SoaCells,
+    entry: &Entry,
+    [distance, slip]: [f32; 2],
+    near: &mut Vec<u32>,
+) {
     let a = EntryLanes::<L>::splat(entry);
-    let distance = L::splat(distance);
+    let (distance, slip) = (L::splat(distance), L::splat(slip));
     let reach = L::splat(entry.reach);
     // Of active candidates, only those of a smaller radius are considered.
     let widest = if soa.holds_active { entry.radius.min(soa.widest) } else { soa.widest };
@@ -90,9 +96,12 @@ fn test<L: Lane<Scalar = f32>>(soa: &SoaCells, entry: &Entry, distance: f32, nea
             let rows = &soa.rows[first / LANES];
             let lane = first % LANES;
             // Excludes the lanes before and after the run, which belong to other cells.
-            let mut bits = balls_touch(&a, reach, rows, lane);
+            let mut bits = may_approach(&a, rows, lane, slip);
             bits &= u32::MAX << run.start.saturating_sub(first);
             bits &= u32::MAX >> (32 - (run.end - first).min(32));
+            if bits != 0 {
+                bits &= balls_touch(&a, reach, rows, lane);
+            }
             if bits != 0 {
                 bits &= may_touch(&a, &EntryLanes::load(rows, lane), distance);
             }
@@ -169,6 +178,21 @@ fn balls_touch<L: Lane<Scalar = f32>>(
     let distance = reach + row(12);
     let most = L::splat(NEAR) * (distance * distance + half_across.max(L::zero()));
     L::bits(is_near) & L::bits(across.lt(most))
+}
+
+/// The lanes whose segments may approach `a` by more than `slip` in the slice: no two points do by
+/// more than the means of the ends do, and both spreads.
+#[inline(always)]
+fn may_approach<L: Lane<Scalar = f32>>(
+    a: &EntryLanes<L>,
+    rows: &[Row<f32>; FIELDS],
+    first: usize,
+    slip: L,
+) -> u32 {
+    let row = |k: usize| L::load(&rows[k], first);
+    let relative = a.displacement - V3([row(8), row(9), row(10)]);
+    let left = (slip - a.spread - row(11)).max(L::zero());
+    !L::bits(relative.dot(relative).lt(left * left))
 }
 
 /// The lanes whose segments may touch `a` in the slice.
