@@ -14,11 +14,11 @@ const LAYERS: usize = 1 << 12;
 /// The grid of cells.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Cells {
-    low: Vec3,
+    pub low: Vec3,
     /// Side of a cell, and its inverse, metres.
-    side: f32,
-    inverse: f32,
-    dims: [usize; 3],
+    pub side: f32,
+    pub inverse: f32,
+    pub dims: [usize; 3],
 }
 
 impl Cells {
@@ -67,13 +67,10 @@ impl Cells {
         [low, low + self.side]
     }
 
-    pub fn low(&self) -> Vec3 {
-        self.low
-    }
-
-    /// Size of the box, metres.
-    pub fn size(&self) -> Vec3 {
-        self.side * Vec3::from_array(self.dims.map(|count| count as f32))
+    /// Distance of `x` from cell `cell` along an axis, 0 inside the cell.
+    #[inline]
+    pub fn apart(&self, axis: usize, cell: usize, x: f32) -> f32 {
+        gap(self.bounds(axis, cell), [x, x])
     }
 
     /// The layer of a point.
@@ -83,7 +80,8 @@ impl Cells {
     }
 
     pub fn holds(&self, at: Vec3) -> bool {
-        at.cmpge(self.low).all() && at.cmple(self.low + self.size()).all()
+        let high = self.low + self.side * Vec3::from_array(self.dims.map(|count| count as f32));
+        at.cmpge(self.low).all() && at.cmple(high).all()
     }
 }
 

@@ -93,8 +93,9 @@ impl Entries {
 #[derive(Debug)]
 pub(crate) struct Chunk {
     blocks: Range<usize>,
-    /// The active segments, and those near them.
+    /// The active segments.
     pub active: Entries,
+    /// The other segments near active ones.
     pub others: Entries,
     /// Candidates of one segment.
     near: Vec<u32>,
@@ -194,9 +195,8 @@ impl Chunk {
 
     /// Finds the contacts of the active segments with each other and with the others, which are in
     /// `cells`. For each pair that passes `test` with `limits`, `follow` returns the contact, if
-    /// there is one.
-    /// Where more than `2 * most` contacts are found, only the `most` with the largest approach are
-    /// kept.
+    /// there is one. Where more than `2 * most` contacts are found, only the `most` with the
+    /// largest approach are kept.
     pub fn search(
         &mut self,
         cells: &[SoaCells; 2],
@@ -293,12 +293,13 @@ fn insert(entries: &mut Entries, motion: &Motion<'_>, a: usize, is_near: impl Fn
     let pieces = (length / (PIECE * edge)).ceil().clamp(1.0, PIECES);
     let half = along * (0.5 / pieces);
     let active = is_active(motion, a);
+    let cells = &cells[usize::from(!active)];
     let residual_motion = displacements.residual_motion[a].max(displacements.residual_motion[a + LANES]);
     let reach = slice.reach(residual_motion, active, edge);
     let radius = 0.5 * length / pieces + reach;
     for piece in 0..pieces as usize {
         let middle = lower + (2 * piece + 1) as f32 * half;
-        if !(cells[0].holds(middle) && is_near(middle, radius)) {
+        if !(cells.holds(middle) && is_near(middle, radius)) {
             continue;
         }
         let (displacement, next) =

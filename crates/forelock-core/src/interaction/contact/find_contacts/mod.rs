@@ -51,10 +51,8 @@ pub const PAIRS_WGSL: &str = include_str!("pairs.wgsl");
 /// WGSL that selects contacts within the budget and creates their joints.
 pub const BUDGET_WGSL: &str = include_str!("budget.wgsl");
 
-/// Sides of the cells of active segments, of those near them, and of the marks, relative to
-/// [`search_edge`].
+/// Sides of the cells of active segments and of those near them, relative to [`search_edge`].
 const CELLS: [f32; 2] = [2.0, 0.5];
-const MARK: f32 = 0.5;
 /// Minimum length scale of the search, relative to the contact distance.
 const EDGE_PER_DISTANCE: f64 = 8.0;
 /// Maximum number of slices of a frame.
@@ -161,7 +159,7 @@ impl Finder {
                 continue;
             }
             let widest_other = 0.5 * longest + slice.reach(slice.active.bound(), false, self.edge);
-            self.marks.fit(&cells[0], MARK * self.edge);
+            self.marks.fit(&cells[1]);
             let marks = &self.marks;
             chunks.par_iter().for_each(|chunk| chunk.mark(widest_other, marks));
             let near = [longest, widest_other];
