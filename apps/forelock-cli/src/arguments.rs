@@ -9,7 +9,7 @@ use forelock_core::groom::{Import, Unit, Up};
 /// Real-time simulation of dense hair, strand by strand.
 ///
 /// Start with `forelock demo`. Exit status: 0 success, 1 failure with one message, 2 wrong usage,
-/// 130 interrupted with all output complete.
+/// 130 interrupted.
 #[derive(Debug, Parser)]
 #[command(
     name = "forelock",

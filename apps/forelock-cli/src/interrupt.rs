@@ -1,18 +1,47 @@
-//! Ctrl-C: the first requests a clean end, the second ends the program immediately.
+//! Ctrl-C and termination requests: the program ends within two seconds, whatever it does, and
+//! leaves no half-written file.
 
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
-/// The exit status after an interruption with all output complete: 128 + SIGINT, as shells expect.
+use crate::terminal;
+
+/// The exit status after an interruption: 128 + SIGINT, as shells expect.
 pub const STATUS: u8 = 130;
 
-static ASKED: AtomicBool = AtomicBool::new(false);
+/// How long work may take to end by itself.
+const GRACE: Duration = Duration::from_millis(1500);
 
-/// Installs the handler. The first Ctrl-C (or termination request) sets the returned flag.
-pub fn listen() -> anyhow::Result<&'static AtomicBool> {
+static ASKED: AtomicBool = AtomicBool::new(false);
+static WATCHED: AtomicBool = AtomicBool::new(false);
+
+/// Installs the handler. An interruption ends the program at once, or, while the work at hand
+/// watches for it, after a time of grace. A second one ends the program at once.
+pub fn listen() -> anyhow::Result<()> {
     ctrlc::set_handler(|| {
-        if ASKED.swap(true, Ordering::SeqCst) {
-            std::process::exit(i32::from(STATUS));
+        if ASKED.swap(true, Ordering::SeqCst) || !WATCHED.load(Ordering::SeqCst) {
+            leave();
         }
+        std::thread::spawn(|| {
+            std::thread::sleep(GRACE);
+            leave();
+        });
     })?;
-    Ok(&ASKED)
+    Ok(())
+}
+
+/// Set by the first interruption.
+pub fn asked() -> &'static AtomicBool {
+    &ASKED
+}
+
+/// Whether the work at hand ends by itself soon after [`asked`] has been set.
+pub fn is_watched(watched: bool) {
+    WATCHED.store(watched, Ordering::SeqCst);
+}
+
+fn leave() -> ! {
+    forelock_io::remove_temporaries();
+    terminal::note("interrupted; a run goes on from its last checkpoint with --resume");
+    std::process::exit(STATUS.into());
 }

@@ -1,7 +1,7 @@
 //! The `forelock` command.
 //!
 //! Exit status: 0 success, 1 failure with one message on standard error, 2 wrong usage, 130
-//! interrupted with all output complete.
+//! interrupted.
 
 mod arguments;
 mod commands;
@@ -16,7 +16,7 @@ use clap::Parser;
 fn main() -> ExitCode {
     let cli = arguments::Cli::parse();
     terminal::start_log(cli.verbose);
-    match commands::run(cli) {
+    match interrupt::listen().and_then(|()| commands::run(cli)) {
         Ok(status) => status,
         Err(error) => {
             terminal::error(&error);

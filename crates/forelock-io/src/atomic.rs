@@ -4,9 +4,43 @@ use std::{
     fs,
     io::{self, BufWriter, Write},
     path::{Path, PathBuf},
+    sync::{Mutex, MutexGuard, PoisonError},
 };
 
+use tempfile::NamedTempFile;
+
 use crate::error::WriteError;
+
+/// What the names of temporary files begin and end with.
+const TEMPORARY: [&str; 2] = [".forelock-", ".part"];
+
+/// The temporary files and locks of this process.
+static TEMPORARIES: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+pub(crate) fn temporaries() -> MutexGuard<'static, Vec<PathBuf>> {
+    TEMPORARIES.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Removes the temporary files of all writes that are under way in this process, and its locks. The
+/// process must end after this: those writes fail.
+pub fn remove_temporaries() {
+    for path in temporaries().drain(..) {
+        let _ = fs::remove_file(path);
+    }
+}
+
+/// Removes the temporary files that killed processes have left in `folder`. No other process may
+/// write files there.
+pub fn remove_leftovers(folder: &Path) {
+    let Ok(entries) = fs::read_dir(folder) else { return };
+    for entry in entries.flatten() {
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        if name.starts_with(TEMPORARY[0]) && name.ends_with(TEMPORARY[1]) {
+            let _ = fs::remove_file(entry.path());
+        }
+    }
+}
 
 /// Writes a file through `write`. The bytes go to a temporary file in the same folder, which is
 /// renamed to `path` when it is complete. After an error the temporary file is removed, and an
@@ -21,17 +55,27 @@ pub fn atomic_write(
 ) -> Result<(), WriteError> {
     check_target(path)?;
     let mut builder = tempfile::Builder::new();
-    builder.prefix(".forelock-").suffix(".part");
+    builder.prefix(TEMPORARY[0]).suffix(TEMPORARY[1]);
     // Temporary files are private by default. This one becomes an ordinary file, with the
     // permissions that the umask gives.
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     let file = builder.tempfile_in(folder(path)).map_err(WriteError::io(path))?;
+    let temporary = file.path().to_path_buf();
+    temporaries().push(temporary.clone());
+    let written = fill(file, write).and_then(|file| Ok(file.persist(path)?));
+    temporaries().retain(|own| *own != temporary);
+    written.map(drop).map_err(WriteError::io(path))
+}
+
+/// Writes `file` through `write`.
+fn fill(
+    file: NamedTempFile,
+    write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> io::Result<NamedTempFile> {
     let mut buffered = BufWriter::with_capacity(1 << 16, file);
-    write(&mut buffered).map_err(WriteError::io(path))?;
-    let file = buffered.into_inner().map_err(|e| WriteError::io(path)(e.into_error()))?;
-    file.persist(path).map_err(|e| WriteError::io(path)(e.error))?;
-    Ok(())
+    write(&mut buffered)?;
+    buffered.into_inner().map_err(io::IntoInnerError::into_error)
 }
 
 /// The folder that contains `path`.

@@ -93,6 +93,17 @@ pub enum WriteError {
         /// What cannot be stored, and what to do.
         problem: String,
     },
+    /// Another process writes the same.
+    #[error(
+        "{}: another run writes here ({by}); wait until it has ended, or write elsewhere",
+        path.display()
+    )]
+    Locked {
+        /// The file or folder.
+        path: PathBuf,
+        /// Who writes.
+        by: String,
+    },
     /// The cache cannot be resumed.
     #[error("{}: cannot go on with this cache: {problem}", path.display())]
     Resume {

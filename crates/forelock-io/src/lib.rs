@@ -32,6 +32,7 @@
 mod atomic;
 mod bytes;
 mod error;
+mod lock;
 
 pub mod ct2hair;
 pub mod hair;
@@ -52,9 +53,10 @@ use forelock_core::{
     groom::{Groom, Import, RepairReport, ZUp, repair},
 };
 
-pub use atomic::atomic_write;
+pub use atomic::{atomic_write, remove_leftovers, remove_temporaries};
 pub use error::{FormatError, Problem, ReadError, WriteError};
-pub use npz::{Array, Cache, CacheWriter, Data, read_npz, write_npz};
+pub use lock::Lock;
+pub use npz::{Array, Cache, CacheWriter, Data, Stored, read_npz, write_npz};
 
 /// A file format for grooms.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

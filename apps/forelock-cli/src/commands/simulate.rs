@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use forelock::scene::Override;
-use forelock::{RunOptions, Scene, Summary};
+use forelock::{Progress, RunOptions, SIMULATING, Scene, Summary};
 
 use crate::arguments::{RunArgs, SimulateArgs};
 use crate::progress::Reporter;
@@ -33,11 +33,18 @@ fn overrides(run: &RunArgs) -> anyhow::Result<Vec<Override>> {
 }
 
 fn simulate_scene(scene: &Scene, run: &RunArgs) -> anyhow::Result<ExitCode> {
-    let cancel = interrupt::listen()?;
     let out = run.out.clone().unwrap_or_else(|| default_folder(&scene.name));
     let options = RunOptions { out, resume: run.resume, backend: run.backend() };
     let mut reporter = Reporter::new(run.json);
-    let summary = forelock::simulate(scene, &options, &mut |progress| reporter.report(progress), cancel)?;
+    let mut observer = |progress: &Progress<'_>| {
+        match progress {
+            Progress::Begin { what, .. } => interrupt::is_watched(*what == SIMULATING),
+            Progress::End => interrupt::is_watched(false),
+            Progress::Note(_) | Progress::Step => {}
+        }
+        reporter.report(progress);
+    };
+    let summary = forelock::simulate(scene, &options, &mut observer, interrupt::asked())?;
     if run.json {
         terminal::json(&summary)?;
     } else {

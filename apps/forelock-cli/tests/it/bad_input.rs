@@ -110,12 +110,6 @@ fn command_lines_with_mistakes() {
             2,
             "cannot be used with",
         ),
-        (
-            "nothing to resume",
-            vec!["demo", "--resume", "--out", "nowhere", "--set", "body.sdf_cells=24"],
-            1,
-            "there is nothing to resume",
-        ),
     ];
     check(&place, &cases);
 }

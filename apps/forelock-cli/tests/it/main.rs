@@ -5,4 +5,6 @@ mod bench;
 mod common;
 mod gpu;
 mod grooming;
+#[cfg(unix)]
+mod kills;
 mod runs;

@@ -92,7 +92,9 @@ fn a_shorter_run_resumed_is_the_longer_run() {
     let quiet = ["--json", "--set", "output.film=false", "--set", "output.picture=false"];
     let run = |out: &str, more: &[&str]| json(&place.run(small_demo(out, &[&quiet[..], more].concat())));
     let whole = run("whole", &[]);
-    run("parts", &["--frames", "2"]);
+    // Where there is nothing to resume, a run starts anew and says so.
+    let begun = run("parts", &["--frames", "2", "--resume"]);
+    assert!(begun["notes"].to_string().contains("nothing to resume in parts"), "{begun}");
     let resumed = run("parts", &["--resume"]);
     assert_eq!(resumed["state_hash"], whole["state_hash"]);
     assert_eq!(resumed["max_edge_stretch"], whole["max_edge_stretch"]);

@@ -34,7 +34,7 @@ mod zip;
 
 use std::{
     collections::BTreeMap,
-    io::{self, BufReader, Read, Seek},
+    io::{self, BufReader, Read, Seek, Write},
     path::Path,
 };
 
@@ -44,7 +44,7 @@ use zip::{Archive, Entry};
 
 pub use cache::Cache;
 pub use npy::{Array, Data};
-pub use writer::CacheWriter;
+pub use writer::{CacheWriter, Stored};
 
 use crate::{
     atomic::atomic_write,
@@ -106,18 +106,29 @@ pub fn read_npz(path: &Path) -> Result<BTreeMap<String, Array>, ReadError> {
 /// The bytes of an archive with `arrays`, in their order.
 pub fn write(arrays: &[(&str, Array)]) -> Vec<u8> {
     let mut out = Vec::new();
+    // A vector takes all bytes.
+    let _ = write_to(&mut out, arrays);
+    out
+}
+
+/// Writes an archive with `arrays`, in their order, to `out`.
+fn write_to(out: &mut dyn Write, arrays: &[(&str, Array)]) -> io::Result<()> {
     let mut entries = Vec::new();
+    let mut at = 0;
     for (name, array) in arrays {
-        let npy = array.to_npy();
-        let entry =
-            Entry::stored(&format!("{name}.npy"), crc32fast::hash(&npy), npy.len() as u64, out.len() as u64);
-        out.extend(entry.local());
-        out.extend(npy);
+        let (header, bytes) = (array.npy_header(), array.data.bytes());
+        let mut crc = crc32fast::Hasher::new();
+        crc.update(&header);
+        crc.update(bytes);
+        let size = (header.len() + bytes.len()) as u64;
+        let entry = Entry::stored(&format!("{name}.npy"), crc.finalize(), size, at);
+        out.write_all(&entry.local())?;
+        out.write_all(&header)?;
+        out.write_all(bytes)?;
+        at += entry.local_bytes() + size;
         entries.push(entry);
     }
-    let directory = zip::directory(&entries, out.len() as u64);
-    out.extend(directory);
-    out
+    out.write_all(&zip::directory(&entries, at))
 }
 
 /// Writes `arrays` to `path` atomically.
@@ -125,7 +136,7 @@ pub fn write(arrays: &[(&str, Array)]) -> Vec<u8> {
 /// # Errors
 /// [`WriteError`] if the file cannot be written.
 pub fn write_npz(path: &Path, arrays: &[(&str, Array)]) -> Result<(), WriteError> {
-    atomic_write(path, |file| file.write_all(&write(arrays)))
+    atomic_write(path, |file| write_to(file, arrays))
 }
 
 /// Reads the groom in an archive, or the first frame of a cache. Units and axes are those of the

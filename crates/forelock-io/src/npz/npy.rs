@@ -51,7 +51,7 @@ macro_rules! from_vec {
 from_vec!(f32 => F32, f64 => F64, u8 => U8, u32 => U32, u64 => U64, i32 => I32, i64 => I64);
 
 impl Data {
-    fn bytes(&self) -> &[u8] {
+    pub(super) fn bytes(&self) -> &[u8] {
         match self {
             Self::F32(v) => bytemuck::cast_slice(v),
             Self::F64(v) => bytemuck::cast_slice(v),
@@ -125,9 +125,12 @@ impl Array {
 
     /// The bytes of a `.npy` file with this array.
     pub(super) fn to_npy(&self) -> Vec<u8> {
-        let mut npy = header(self.data.descr(), &self.shape);
-        npy.extend_from_slice(self.data.bytes());
-        npy
+        [self.npy_header().as_slice(), self.data.bytes()].concat()
+    }
+
+    /// The header of that file.
+    pub(super) fn npy_header(&self) -> Vec<u8> {
+        header(self.data.descr(), &self.shape)
     }
 
     /// Reads the array in `npy`, the bytes of a `.npy` file.

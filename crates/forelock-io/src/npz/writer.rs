@@ -1,24 +1,24 @@
 //! Writing a motion cache frame by frame.
 //!
 //! # Theory
-//! The file starts with `strand_offsets` and other constant arrays. The array `positions` follows;
-//! its header has space for any number of frames. The array `times` and the ZIP directory, which
-//! are known only at the end, come last. When the cache is finished, the writer overwrites the
-//! header of `positions` with the number of frames F, the sizes and the CRC-32. It combines the
-//! checksum from those of the header and of the frames, so it does not read the frames again.
+//! The file starts with `strand_offsets` and other constant arrays. The array `positions` follows,
+//! the last member that grows. What is known only at the end, the array `times` and the ZIP
+//! directory, is the *tail*. While the cache is written, the tail lies some frames beyond the last
+//! frame, and new frames fill the gap, which takes no space on most file systems. When the gap is
+//! full, or a checkpoint is asked for, a tail that lists all frames so far is written at the end of
+//! the file, and then the header of `positions`. So the file is a complete archive while it grows,
+//! and after its process was killed. The checksum of `positions` is combined from those of its
+//! header and of the frames: nothing is read again.
 //!
 //! # Practice
-//! Until it is finished, the cache `hair.npz` is the file `hair.npz.part`, and its times are in
-//! `hair.npz.times.part`. So memory does not grow with the number of frames, and a run that was
-//! killed can be resumed after its last complete frame. [`CacheWriter::finish`] renames the file.
-//! It can be called at any time and gives a complete cache of the frames so far, even after
-//! [`append`](CacheWriter::append) failed: `append` removes the incomplete frame, which on a full
-//! disk usually leaves enough space for the end of the file. A cache written in several runs has
-//! the same bytes as a cache written in one run.
+//! A new cache is the file `hair.npz.part` until its first [`checkpoint`](CacheWriter::checkpoint)
+//! or [`finish`](CacheWriter::finish) renames it, so an older `hair.npz` stays until then. `finish`
+//! moves the tail behind the last frame; a writer that is dropped before either leaves nothing. A cache written in several runs has the same bytes as a
+//! cache written in one run. If [`append`](CacheWriter::append) fails, as on a full disk, the frames
+//! so far are kept. A [`Lock`] keeps a second writer from the same file.
 //!
 //! # Limitations
-//! Only one writer may use a file name at a time. A writer that is dropped before it is finished
-//! leaves its `.part` files if they contain a frame.
+//! Only [`Stored`] says how many frames of a cache are valid; the file may hold more.
 
 use std::{
     fs::{self, File, OpenOptions},
@@ -34,12 +34,21 @@ use super::{
     npy::{self, HEADER_BYTES},
     zip::{self, Entry},
 };
-use crate::{atomic, error::WriteError};
+use crate::{atomic, error::WriteError, lock::Lock};
 
 const POSITIONS: &str = "positions.npy";
 const TIMES: &str = "times.npy";
-/// Bytes per entry of `times`.
-const TIME_BYTES: u64 = 8;
+/// Frames that fit at least between the last frame and a new tail.
+const GAP_FRAMES: u64 = 16;
+
+/// The frames of a cache that a later run keeps.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Stored {
+    /// The times of the frames in seconds, `[F]`.
+    pub times_secs: Vec<f64>,
+    /// The CRC-32 of their positions, from [`CacheWriter::checkpoint`].
+    pub checksum: u32,
+}
 
 /// A cache that is being written.
 ///
@@ -63,105 +72,149 @@ const TIME_BYTES: u64 = 8;
 /// ```
 pub struct CacheWriter {
     path: PathBuf,
+    /// Whether the file has its final name.
+    is_named: bool,
     file: File,
-    times: File,
     /// The constant members.
     entries: Vec<Entry>,
     /// The offset of the local header of `positions`.
     header_at: u64,
     particles: usize,
-    frames: u64,
-    /// The checksum of all frames so far.
+    times_secs: Vec<f64>,
+    /// The checksum of the frames so far.
     crc: Hasher,
-    finished: bool,
+    /// The offset of the tail, and of the end of the file.
+    tail_at: u64,
+    end: u64,
+    _lock: Lock,
 }
 
 impl CacheWriter {
     /// Starts the cache at `path` for strands at `strand_offsets`, `[S + 1]`. `constants` are
     /// further arrays, with any names except `positions`, `strand_offsets` and `times`. An existing
-    /// file at `path` stays until [`finish`](Self::finish) replaces it.
+    /// file at `path` stays until the first [`checkpoint`](Self::checkpoint) or
+    /// [`finish`](Self::finish) replaces it.
     ///
     /// # Errors
-    /// [`WriteError`] if the file cannot be written, or the offsets describe no particle.
+    /// [`WriteError`] if the file cannot be written, another writer has it, or the offsets describe
+    /// no particle.
     pub fn create(
         path: &Path,
         strand_offsets: &[u32],
         constants: &[(&str, Array)],
     ) -> Result<Self, WriteError> {
+        let (mut writer, start) = Self::open(path, strand_offsets, constants, Opening::New)?;
+        let mut begin = || {
+            if std::mem::take(&mut writer.end) > 0 {
+                writer.file.set_len(0)?;
+            }
+            writer.file.write_all(&start)?;
+            writer.publish()
+        };
+        begin().map_err(WriteError::io(path))?;
+        Ok(writer)
+    }
+
+    /// Resumes the cache at `path`, which was begun with the same `strand_offsets` and `constants`,
+    /// after the frames of `stored`.
+    ///
+    /// # Errors
+    /// [`WriteError`] if there is no such cache, another writer has it, or it does not begin with
+    /// these frames, bit for bit. The file is unchanged then.
+    pub fn resume(
+        path: &Path,
+        strand_offsets: &[u32],
+        constants: &[(&str, Array)],
+        stored: &Stored,
+    ) -> Result<Self, WriteError> {
+        let (mut writer, start) = Self::open(path, strand_offsets, constants, Opening::Existing)?;
+        let refuse = |problem: &str| {
+            let problem = format!("{problem}; start again without resuming");
+            WriteError::Resume { path: path.into(), problem }
+        };
+        let read_error = |error: io::Error| match error.kind() {
+            io::ErrorKind::UnexpectedEof => {
+                refuse(&format!("it is shorter than the {} frames wanted", stored.times_secs.len()))
+            }
+            _ => WriteError::io(path)(error),
+        };
+        let mut found = vec![0; start.len()];
+        writer.file.read_exact(&mut found).map_err(read_error)?;
+        if found != start {
+            return Err(refuse("it was not written by Forelock for these strands, or it is damaged"));
+        }
+        writer.file.seek(SeekFrom::Start(writer.frames_at())).map_err(read_error)?;
+        let bytes = stored.times_secs.len() as u64 * writer.frame_bytes();
+        hash_exactly(&mut writer.file, bytes, &mut writer.crc).map_err(read_error)?;
+        if writer.checksum() != stored.checksum {
+            return Err(refuse("its frames are damaged: their checksum is wrong"));
+        }
+        writer.times_secs.clone_from(&stored.times_secs);
+        writer.publish().map_err(WriteError::io(path))?;
+        // What a run left that was killed before its first checkpoint.
+        let _ = fs::remove_file(part(path));
+        Ok(writer)
+    }
+
+    /// The writer of a file, and the bytes with which the file starts, up to the local header of
+    /// `positions`.
+    fn open(
+        path: &Path,
+        strand_offsets: &[u32],
+        constants: &[(&str, Array)],
+        opening: Opening,
+    ) -> Result<(Self, Vec<u8>), WriteError> {
         atomic::check_target(path)?;
         let particles = strand_offsets.last().map_or(0, |&last| last as usize);
         if particles == 0 {
             let problem = "a cache needs at least one particle".into();
             return Err(WriteError::Unfit { path: path.into(), problem });
         }
-        let mut open = OpenOptions::new();
-        open.read(true).write(true).create(true).truncate(true);
-        let open = |path: &Path| open.open(path).map_err(WriteError::io(path));
-        let mut writer = Self {
-            path: path.into(),
-            file: open(&part(path))?,
-            times: open(&times_part(path))?,
-            entries: Vec::new(),
-            header_at: 0,
-            particles,
-            frames: 0,
-            crc: Hasher::new(),
-            finished: false,
+        let lock = Lock::take(&with_suffix(path, ".lock"), path)?;
+        let mut options = OpenOptions::new();
+        options.read(true).write(true);
+        let file = match opening {
+            Opening::New => options.create(true).truncate(false).open(part(path)),
+            Opening::Existing => options.open(path),
         };
-        writer.begin(strand_offsets, constants).map_err(WriteError::io(path))?;
-        Ok(writer)
-    }
-
-    fn begin(&mut self, strand_offsets: &[u32], constants: &[(&str, Array)]) -> io::Result<()> {
+        let file = file.map_err(|error| match error.kind() {
+            io::ErrorKind::NotFound if opening == Opening::Existing => WriteError::Resume {
+                path: path.into(),
+                problem: "there is none under this name; start again without resuming".into(),
+            },
+            _ => WriteError::io(path)(error),
+        })?;
+        let mut entries = Vec::new();
+        let mut start = Vec::new();
         let offsets = Array::vector(strand_offsets.to_vec());
         for (name, array) in std::iter::once(&("strand_offsets", offsets)).chain(constants) {
             let npy = array.to_npy();
             let name = format!("{name}.npy");
-            let entry = Entry::stored(&name, crc32fast::hash(&npy), npy.len() as u64, self.header_at);
-            self.file.write_all(&entry.local())?;
-            self.file.write_all(&npy)?;
-            self.header_at += entry.local_bytes() + entry.size;
-            self.entries.push(entry);
+            let entry = Entry::stored(&name, crc32fast::hash(&npy), npy.len() as u64, start.len() as u64);
+            start.extend(entry.local());
+            start.extend(npy);
+            entries.push(entry);
         }
-        self.write_header()?;
-        self.seek_end()
-    }
-
-    /// Resumes the cache at `path`, finished or left as `.part`, after its first `keep_frames`
-    /// frames.
-    ///
-    /// # Errors
-    /// [`WriteError`] if there is no such cache, Forelock did not write it, or it has fewer frames.
-    pub fn resume(path: &Path, keep_frames: usize) -> Result<Self, WriteError> {
-        atomic::check_target(path)?;
-        let keep = keep_frames as u64;
-        let refuse = |problem: String| WriteError::Resume { path: path.into(), problem };
-        let mut held = None;
-        for from in [part(path), path.to_path_buf()] {
-            match Found::open(&from, from != path, &times_part(path)) {
-                Ok(found) if found.frames >= keep => return found.go_on(path, keep),
-                Ok(found) => held = Some(held.unwrap_or(0).max(found.frames)),
-                Err(e) if e.kind() == io::ErrorKind::NotFound => {}
-                Err(e) if matches!(e.kind(), io::ErrorKind::InvalidData | io::ErrorKind::UnexpectedEof) => {
-                    return Err(refuse(format!(
-                        "{} was not written by Forelock; start again without resuming",
-                        from.display()
-                    )));
-                }
-                Err(e) => return Err(WriteError::io(&from)(e)),
-            }
-        }
-        Err(refuse(match held {
-            Some(held) => format!(
-                "it holds {held} frames and the first {keep} are wanted; start again without resuming"
-            ),
-            None => "there is none under this name; start again without resuming".into(),
-        }))
+        let end = file.metadata().map_err(WriteError::io(path))?.len();
+        let writer = Self {
+            path: path.into(),
+            is_named: opening == Opening::Existing,
+            file,
+            entries,
+            header_at: start.len() as u64,
+            particles,
+            times_secs: Vec::new(),
+            crc: Hasher::new(),
+            tail_at: 0,
+            end,
+            _lock: lock,
+        };
+        Ok((writer, start))
     }
 
     /// The number of frames so far, F.
     pub fn frames(&self) -> usize {
-        usize::try_from(self.frames).unwrap_or(usize::MAX)
+        self.times_secs.len()
     }
 
     /// Appends the frame at `time_secs` with the P `positions` in metres.
@@ -176,59 +229,104 @@ impl CacheWriter {
             return Err(WriteError::Unfit { path: self.path.clone(), problem });
         }
         let bytes: &[u8] = bytemuck::cast_slice(positions);
-        let written =
-            self.file.write_all(bytes).and_then(|()| self.times.write_all(&time_secs.to_le_bytes()));
-        if let Err(error) = written {
-            // If this fails too, the next write returns an error.
-            let _ = self.seek_end();
+        if let Err(error) = self.append_bytes(bytes) {
+            // Frees the space of the part of the frame that was written, which on a full disk
+            // usually leaves enough for the tail. If this fails too, the next write returns an
+            // error.
+            let _ = self.close_up();
             return Err(WriteError::io(&self.path)(error));
         }
         self.crc.update(bytes);
-        self.frames += 1;
+        self.times_secs.push(time_secs);
         Ok(())
     }
 
-    /// Completes the cache and renames it to its final name. Returns the number of frames.
-    ///
-    /// # Errors
-    /// [`WriteError`] if the file cannot be written. The `.part` files remain and can be resumed.
-    pub fn finish(mut self) -> Result<usize, WriteError> {
-        atomic::check_target(&self.path)?;
-        self.complete().map_err(WriteError::io(&self.path))?;
-        // Windows cannot rename an open file, so close both files first.
-        let (path, frames) = (self.path.clone(), self.frames());
-        self.finished = true;
-        drop(self);
-        fs::rename(part(&path), &path).map_err(WriteError::io(&path))?;
-        // If this fails, the file of times remains, which does no harm.
-        let _ = fs::remove_file(times_part(&path));
-        Ok(frames)
+    fn append_bytes(&mut self, bytes: &[u8]) -> io::Result<()> {
+        if self.frames_end() + bytes.len() as u64 > self.tail_at {
+            self.publish()?;
+        }
+        self.file.seek(SeekFrom::Start(self.frames_end()))?;
+        self.file.write_all(bytes)
     }
 
-    /// Writes the end of the file, then overwrites the header of `positions`.
-    fn complete(&mut self) -> io::Result<()> {
-        self.seek_end()?;
-        let mut entries = self.entries.clone();
-        let positions = self.positions_entry();
-        let times_at = positions.header + positions.local_bytes() + positions.size;
-        entries.push(positions);
+    /// Makes the file a complete cache of the frames so far under its final name, and goes on.
+    /// Returns the CRC-32 of their positions, for [`Stored`].
+    ///
+    /// # Errors
+    /// [`WriteError`] if the file cannot be written.
+    pub fn checkpoint(&mut self) -> Result<u32, WriteError> {
+        self.publish().map_err(WriteError::io(&self.path))?;
+        self.take_name()?;
+        Ok(self.checksum())
+    }
 
-        let header = npy::header("<f8", &[self.frames()]);
-        let mut crc = Hasher::new();
-        crc.update(&header);
-        self.times.rewind()?;
-        hash_exactly(&mut self.times, self.frames * TIME_BYTES, &mut crc)?;
-        let size = header.len() as u64 + self.frames * TIME_BYTES;
-        let times = Entry::stored(TIMES, crc.finalize(), size, times_at);
-        self.file.write_all(&times.local())?;
-        self.file.write_all(&header)?;
-        self.times.rewind()?;
-        io::copy(&mut (&self.times).take(self.frames * TIME_BYTES), &mut self.file)?;
-        let end = times.header + times.local_bytes() + times.size;
-        entries.push(times);
-        self.file.write_all(&zip::directory(&entries, end))?;
+    /// Completes the cache under its final name. Returns the CRC-32 of the positions, for
+    /// [`Stored`].
+    ///
+    /// # Errors
+    /// [`WriteError`] if the file cannot be written.
+    pub fn finish(mut self) -> Result<u32, WriteError> {
+        // While the tail moves to its final place, the one beyond it is valid.
+        let beyond = self.publish().and_then(|()| self.close_up());
+        beyond.or_else(|_| self.close_up()).map_err(WriteError::io(&self.path))?;
+        self.take_name()?;
+        Ok(self.checksum())
+    }
+
+    fn checksum(&self) -> u32 {
+        self.crc.clone().finalize()
+    }
+
+    /// Gives the file its final name.
+    fn take_name(&mut self) -> Result<(), WriteError> {
+        if !self.is_named {
+            atomic::check_target(&self.path)?;
+            fs::rename(part(&self.path), &self.path).map_err(WriteError::io(&self.path))?;
+            self.is_named = true;
+        }
+        Ok(())
+    }
+
+    /// Writes a tail for the frames so far at the end of the file, a gap beyond the last frame, and
+    /// then the header of `positions`.
+    fn publish(&mut self) -> io::Result<()> {
+        // The tail must fit into the gap as well, see `close_up`.
+        let gap = (GAP_FRAMES * self.frame_bytes()).max(1 << 16) + 16 * self.frames() as u64;
+        let tail_at = self.end.max(self.frames_end() + gap);
+        let tail = self.tail(tail_at);
+        self.file.seek(SeekFrom::Start(tail_at))?;
+        self.file.write_all(&tail)?;
         self.write_header()?;
-        self.file.flush()
+        (self.tail_at, self.end) = (tail_at, tail_at + tail.len() as u64);
+        Ok(())
+    }
+
+    /// Moves the tail behind the last frame and ends the file there.
+    fn close_up(&mut self) -> io::Result<()> {
+        let tail_at = self.frames_end();
+        let tail = self.tail(tail_at);
+        let end = tail_at + tail.len() as u64;
+        if self.tail_at < end {
+            // The old tail is in the way. It may be the only one, on a full disk.
+            self.file.set_len(tail_at)?;
+        }
+        self.file.seek(SeekFrom::Start(tail_at))?;
+        self.file.write_all(&tail)?;
+        self.write_header()?;
+        self.file.set_len(end)?;
+        (self.tail_at, self.end) = (tail_at, end);
+        Ok(())
+    }
+
+    /// The array `times` and the directory, for a tail at byte `at`.
+    fn tail(&self, at: u64) -> Vec<u8> {
+        let times = Array::vector(self.times_secs.clone()).to_npy();
+        let entry = Entry::stored(TIMES, crc32fast::hash(&times), times.len() as u64, at);
+        let mut tail = entry.local();
+        tail.extend(times);
+        let entries = [self.entries.as_slice(), &[self.positions_entry(), entry]].concat();
+        tail.extend(zip::directory(&entries, at + tail.len() as u64));
+        tail
     }
 
     fn npy_header(&self) -> Vec<u8> {
@@ -240,131 +338,44 @@ impl CacheWriter {
         let mut crc = Hasher::new();
         crc.update(&self.npy_header());
         crc.combine(&self.crc);
-        let size = HEADER_BYTES as u64 + self.frames * self.frame_bytes();
+        let size = HEADER_BYTES as u64 + self.frames() as u64 * self.frame_bytes();
         Entry::stored(POSITIONS, crc.finalize(), size, self.header_at)
     }
 
+    /// Writes the local header of `positions` and its `.npy` header in one call.
     fn write_header(&mut self) -> io::Result<()> {
         self.file.seek(SeekFrom::Start(self.header_at))?;
-        self.file.write_all(&self.positions_entry().local())?;
-        self.file.write_all(&self.npy_header())
+        self.file.write_all(&[self.positions_entry().local(), self.npy_header()].concat())
     }
 
     fn frame_bytes(&self) -> u64 {
         size_of::<Vec3>() as u64 * self.particles as u64
     }
 
-    /// Truncates both files after the last complete frame and seeks to their ends.
-    fn seek_end(&mut self) -> io::Result<()> {
-        let entry = self.positions_entry();
-        let end = entry.header + entry.local_bytes() + entry.size;
-        for (file, end) in [(&mut self.file, end), (&mut self.times, self.frames * TIME_BYTES)] {
-            file.set_len(end)?;
-            file.seek(SeekFrom::Start(end))?;
-        }
-        Ok(())
+    /// The offset of the first frame.
+    fn frames_at(&self) -> u64 {
+        self.header_at + self.positions_entry().local_bytes() + HEADER_BYTES as u64
+    }
+
+    /// The offset of the end of the last frame.
+    fn frames_end(&self) -> u64 {
+        self.frames_at() + self.frames() as u64 * self.frame_bytes()
     }
 }
 
 impl Drop for CacheWriter {
     fn drop(&mut self) {
-        if !self.finished && self.frames == 0 {
+        if !self.is_named {
             let _ = fs::remove_file(part(&self.path));
-            let _ = fs::remove_file(times_part(&self.path));
         }
     }
 }
 
-/// A cache that can be resumed, complete or not.
-struct Found {
-    file: File,
-    is_part: bool,
-    entries: Vec<Entry>,
-    header_at: u64,
-    particles: usize,
-    frames: u64,
-    times: Vec<u8>,
-}
-
-impl Found {
-    /// Reads the members of a cache from its start. If the bytes are not those of a cache, the kind
-    /// of the error is `InvalidData` or `UnexpectedEof`.
-    fn open(path: &Path, is_part: bool, times_path: &Path) -> io::Result<Self> {
-        let mut file = OpenOptions::new().read(true).write(true).open(path)?;
-        let length = file.metadata()?.len();
-        let mut entries = Vec::new();
-        let mut at = 0;
-        let positions = loop {
-            file.seek(SeekFrom::Start(at))?;
-            let entry = Entry::read_local(&mut file, at)?;
-            if entry.name == POSITIONS {
-                break entry;
-            }
-            at = at.saturating_add(entry.local_bytes()).saturating_add(entry.size);
-            entries.push(entry);
-        };
-        let mut head = [0; HEADER_BYTES];
-        file.read_exact(&mut head)?;
-        let header = npy::Header::parse(&head).map_err(|e| io::Error::new(io::ErrorKind::InvalidData, e))?;
-        let [stated, particles @ 1..=usize::MAX, 3] = header.shape[..] else {
-            return Err(io::ErrorKind::InvalidData.into());
-        };
-        let frame_bytes = (particles as u64).saturating_mul(size_of::<Vec3>() as u64);
-        let data_at = at + positions.local_bytes() + HEADER_BYTES as u64;
-        let mut frames = length.saturating_sub(data_at) / frame_bytes;
-        let mut times = Vec::new();
-        if is_part {
-            File::open(times_path)?.read_to_end(&mut times)?;
-            frames = frames.min(times.len() as u64 / TIME_BYTES);
-        } else {
-            frames = frames.min(stated as u64);
-            file.seek(SeekFrom::Start(data_at + frames * frame_bytes))?;
-            let here = file.stream_position()?;
-            let entry = Entry::read_local(&mut file, here)?;
-            let size = entry.size.checked_sub(frames * TIME_BYTES).filter(|_| entry.name == TIMES);
-            let skipped = size.and_then(|n| i64::try_from(n).ok()).ok_or(io::ErrorKind::InvalidData)?;
-            file.seek_relative(skipped)?;
-            (&file).take(frames * TIME_BYTES).read_to_end(&mut times)?;
-        }
-        Ok(Self { file, is_part, entries, header_at: at, particles, frames, times })
-    }
-
-    /// A writer that continues after the first `keep` frames, which must exist.
-    fn go_on(self, path: &Path, keep: u64) -> Result<CacheWriter, WriteError> {
-        let at_times = |keep: u64| usize::try_from(keep * TIME_BYTES).unwrap_or(usize::MAX);
-        let times_path = times_part(path);
-        let open_times = || {
-            let mut times =
-                OpenOptions::new().read(true).write(true).create(true).truncate(true).open(&times_path)?;
-            times.write_all(self.times.get(..at_times(keep)).unwrap_or(&self.times))?;
-            Ok(times)
-        };
-        let times = open_times().map_err(WriteError::io(&times_path))?;
-        if !self.is_part {
-            fs::rename(path, part(path)).map_err(WriteError::io(path))?;
-        }
-        let mut writer = CacheWriter {
-            path: path.into(),
-            file: self.file,
-            times,
-            entries: self.entries,
-            header_at: self.header_at,
-            particles: self.particles,
-            frames: 0,
-            crc: Hasher::new(),
-            finished: false,
-        };
-        let start = writer.header_at + writer.positions_entry().local_bytes() + HEADER_BYTES as u64;
-        writer.frames = keep;
-        let bytes = keep * writer.frame_bytes();
-        let mut recount = || {
-            writer.file.seek(SeekFrom::Start(start))?;
-            hash_exactly(&mut writer.file, bytes, &mut writer.crc)?;
-            writer.seek_end()
-        };
-        recount().map_err(WriteError::io(path))?;
-        Ok(writer)
-    }
+/// Whether a cache is begun or resumed.
+#[derive(Clone, Copy, PartialEq)]
+enum Opening {
+    New,
+    Existing,
 }
 
 /// Hashes the next `count` bytes of `file`, which must exist.
@@ -388,8 +399,4 @@ fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
 
 fn part(path: &Path) -> PathBuf {
     with_suffix(path, ".part")
-}
-
-fn times_part(path: &Path) -> PathBuf {
-    with_suffix(path, ".times.part")
 }

@@ -83,21 +83,6 @@ impl Entry {
         out
     }
 
-    /// Reads a local header as [`local`](Self::local) writes it, which starts at byte `at`. For any
-    /// other header the kind of the error is `InvalidData`.
-    pub fn read_local(file: &mut impl Read, at: u64) -> io::Result<Self> {
-        let mut fixed = [0; 30];
-        file.read_exact(&mut fixed)?;
-        let name_bytes = usize::from(u16_at(&fixed, 26));
-        if !fixed.starts_with(&LOCAL) || u16_at(&fixed, 8) != STORED || u16_at(&fixed, 28) != 20 {
-            return Err(io::ErrorKind::InvalidData.into());
-        }
-        let mut rest = vec![0; name_bytes + 20];
-        file.read_exact(&mut rest)?;
-        let name = std::str::from_utf8(&rest[..name_bytes]).map_err(|_| io::ErrorKind::InvalidData)?;
-        Ok(Self::stored(name, u32_at(&fixed, 14), u64_at(&rest, name_bytes + 4), at))
-    }
-
     /// Writes the fields that the local and the central header share: from the version needed to
     /// the sizes.
     fn common(&self, out: &mut Vec<u8>, wide: bool) {

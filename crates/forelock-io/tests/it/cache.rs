@@ -5,7 +5,7 @@
 use std::{fs, io::Cursor, path::Path};
 
 use forelock_core::groom::Import;
-use forelock_io::{Array, Cache, CacheWriter, Data, npz, read_groom};
+use forelock_io::{Array, Cache, CacheWriter, Data, Stored, WriteError, npz, read_groom};
 use glam::Vec3;
 
 const OFFSETS: [u32; 3] = [0, 2, 5];
@@ -20,14 +20,28 @@ fn append(writer: &mut CacheWriter, frames: std::ops::Range<usize>) {
     }
 }
 
+fn constants() -> [(&'static str, Array); 1] {
+    [("fps", Array::vector(vec![60.0f64]))]
+}
+
 fn create(path: &Path) -> CacheWriter {
-    CacheWriter::create(path, &OFFSETS, &[("fps", Array::vector(vec![60.0f64]))]).unwrap()
+    CacheWriter::create(path, &OFFSETS, &constants()).unwrap()
+}
+
+/// The first `frames` frames, as a run remembers them.
+fn stored(frames: usize) -> Stored {
+    let bytes: Vec<u8> = (0..frames).flat_map(|f| bytemuck::cast_slice(&frame(f)).to_vec()).collect();
+    Stored { times_secs: (0..frames).map(|f| f as f64 / 60.0).collect(), checksum: crc32fast::hash(&bytes) }
+}
+
+fn resume(path: &Path, frames: usize) -> Result<CacheWriter, WriteError> {
+    CacheWriter::resume(path, &OFFSETS, &constants(), &stored(frames))
 }
 
 fn write(path: &Path, frames: usize) -> Vec<u8> {
     let mut writer = create(path);
     append(&mut writer, 0..frames);
-    assert_eq!(writer.finish().unwrap(), frames);
+    assert_eq!(writer.finish().unwrap(), stored(frames).checksum);
     fs::read(path).unwrap()
 }
 
@@ -73,7 +87,7 @@ fn resuming_gives_the_bytes_of_an_uninterrupted_run() {
     for (stopped, kept) in [(4, 4), (6, 3), (9, 9), (5, 0)] {
         let path = folder.path().join("resumed.npz");
         write(&path, stopped);
-        let mut writer = CacheWriter::resume(&path, kept).unwrap();
+        let mut writer = resume(&path, kept).unwrap();
         assert_eq!(writer.frames(), kept);
         append(&mut writer, kept..9);
         writer.finish().unwrap();
@@ -82,52 +96,118 @@ fn resuming_gives_the_bytes_of_an_uninterrupted_run() {
     assert_eq!(names(folder.path()), ["resumed.npz", "whole.npz"]);
 }
 
+/// Whatever is killed, and when: the file can be read, and resumed.
 #[test]
-fn a_killed_run_is_resumed_from_its_whole_frames() {
+fn the_cache_is_complete_while_it_is_written() {
     let folder = tempfile::tempdir().unwrap();
-    let whole = write(&folder.path().join("whole.npz"), 9);
-    let path = folder.path().join("killed.npz");
-    for torn_bytes in [0, 31] {
-        let mut writer = create(&path);
-        append(&mut writer, 0..6);
-        drop(writer);
-        let part = folder.path().join("killed.npz.part");
-        let mut bytes = fs::read(&part).unwrap();
-        bytes.extend(vec![7; torn_bytes]);
-        fs::write(&part, bytes).unwrap();
-        assert!(!path.exists(), "a broken file under the final name");
-        let message = CacheWriter::resume(&path, 7).map(|_| ()).unwrap_err().to_string();
-        assert!(message.contains("it holds 6 frames and the first 7 are wanted"), "{message}");
-        let mut writer = CacheWriter::resume(&path, 5).unwrap();
-        append(&mut writer, 5..9);
-        writer.finish().unwrap();
-        assert!(fs::read(&path).unwrap() == whole);
-        fs::remove_file(&path).unwrap();
+    let (path, copy) = (folder.path().join("hair.npz"), folder.path().join("copy.npz"));
+    let frames = 4_000;
+    let whole = write(&folder.path().join("whole.npz"), frames);
+    let mut writer = create(&path);
+    let mut checked = 0;
+    for f in 0..frames {
+        append(&mut writer, f..f + 1);
+        if f % 250 != 7 {
+            continue;
+        }
+        // At first under a temporary name, and from the first checkpoint on under its own.
+        let asked = f % 500 == 7;
+        if asked {
+            assert_eq!(writer.checkpoint().unwrap(), stored(f + 1).checksum);
+        }
+        fs::copy(&path, &copy).unwrap();
+        let mut cache = Cache::open(&copy).unwrap();
+        let found = cache.frames();
+        assert!(found <= f + 1 && (!asked || found == f + 1), "{found} of {}", f + 1);
+        assert_eq!(cache.times_secs().unwrap(), stored(found).times_secs);
+        let mut positions = Vec::new();
+        cache.read_frame(found - 1, &mut positions).unwrap();
+        assert_eq!(positions, frame(found - 1));
+        // Its members' checksums are right as well.
+        assert_eq!(npz::read(fs::File::open(&copy).unwrap()).unwrap()["positions"].shape, [found, 5, 3]);
+        let mut resumed = resume(&copy, found).unwrap();
+        append(&mut resumed, found..frames);
+        resumed.finish().unwrap();
+        assert!(fs::read(&copy).unwrap() == whole, "resumed after {found}");
+        checked += 1;
     }
+    writer.finish().unwrap();
+    assert!(fs::read(&path).unwrap() == whole);
+    assert_eq!(checked, 16);
+    assert_eq!(names(folder.path()), ["copy.npz", "hair.npz", "whole.npz"]);
+}
+
+#[test]
+fn an_older_cache_stays_until_the_first_checkpoint() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.npz");
+    let old = write(&path, 3);
+    let mut writer = create(&path);
+    append(&mut writer, 0..2);
+    assert!(fs::read(&path).unwrap() == old);
+    // A second writer is refused as long as the first one lives.
+    for second in [CacheWriter::create(&path, &OFFSETS, &constants()), resume(&path, 2)] {
+        let message = second.map(drop).unwrap_err().to_string();
+        assert!(message.contains("a.npz: another run writes here (process "), "{message}");
+    }
+    writer.checkpoint().unwrap();
+    assert_eq!(Cache::open(&path).unwrap().frames(), 2);
+    drop(writer);
+    // Of a writer that was killed before its first checkpoint, the next one leaves nothing.
+    fs::write(folder.path().join("a.npz.part"), &old).unwrap();
+    resume(&path, 2).unwrap().finish().unwrap();
+    assert_eq!(names(folder.path()), ["a.npz"]);
 }
 
 #[test]
 fn what_cannot_be_resumed_is_refused_and_left_alone() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.npz");
-    let message = |path| CacheWriter::resume(path, 1).map(|_| ()).unwrap_err().to_string();
-    assert!(message(&path).contains("there is none under this name"));
+    let message = |frames| resume(&path, frames).map(drop).unwrap_err().to_string();
+    assert!(message(1).contains("there is none under this name"));
     let whole = write(&path, 3);
-    for length in [0, 10, 200, 500, whole.len() / 2] {
+    let shorter = message(80);
+    assert!(shorter.contains("shorter than the 80 frames wanted"), "{shorter}");
+    for length in [0, 10, 200, 500] {
         fs::write(&path, &whole[..length]).unwrap();
-        let said = message(&path);
+        let said = message(3);
         assert!(said.contains("cannot go on with this cache"), "{length}: {said}");
         assert_eq!(fs::read(&path).unwrap(), whole[..length]);
     }
-    fs::write(&path, npz::write(&[("positions", Array::vector(vec![1.0f32]))])).unwrap();
-    assert!(message(&path).contains("was not written by Forelock"));
+    fs::write(&path, npz::write(&[("positions", Array::vector(vec![1.0f32; 2000]))])).unwrap();
+    assert!(message(1).contains("was not written by Forelock for these strands"));
     assert_eq!(names(folder.path()), ["a.npz"]);
 }
 
+/// A flipped bit anywhere is noticed, or of no consequence.
 #[test]
-fn a_writer_without_a_frame_leaves_nothing() {
+fn a_damaged_cache_is_not_continued() {
     let folder = tempfile::tempdir().unwrap();
-    drop(create(&folder.path().join("a.npz")));
+    let path = folder.path().join("a.npz");
+    let whole = write(&path, 3);
+    let mut refused = 0;
+    for bit in 0..8 * whole.len() {
+        let mut flipped = whole.clone();
+        flipped[bit / 8] ^= 1 << (bit % 8);
+        fs::write(&path, &flipped).unwrap();
+        match resume(&path, 3) {
+            Err(_) => refused += 1,
+            Ok(writer) => {
+                writer.finish().unwrap();
+                assert!(fs::read(&path).unwrap() == whole, "bit {bit}");
+            }
+        }
+    }
+    // All bits of offsets and frames.
+    assert!(refused > 8 * (4 * OFFSETS.len() + 3 * 5 * 12), "{refused}");
+}
+
+#[test]
+fn a_writer_that_is_dropped_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    for frames in [0, 3] {
+        append(&mut create(&folder.path().join("a.npz")), 0..frames);
+    }
     assert!(CacheWriter::create(&folder.path().join("a.npz"), &[0], &[]).is_err());
     assert!(CacheWriter::create(folder.path(), &OFFSETS, &[]).is_err());
     let missing =

@@ -8,14 +8,21 @@
 //! loaded. [`record`] does the same with a player that was built elsewhere, for one with a
 //! registered solver.
 //!
+//! Every few seconds a checkpoint makes the cache readable and writes the snapshot, so a run whose
+//! process is killed, whose device fails or whose disk is full loses only the work after it. A later
+//! run with [`RunOptions::resume`] continues from the snapshot: cache and state hash are those of an
+//! uninterrupted run. Where there is no snapshot, it starts with the first frame.
+//!
 //! When `cancel` is set, the current frame is finished and the run ends as if its scene were that
-//! long. A later run with [`RunOptions::resume`] continues from the snapshot: cache and state hash
-//! are those of an uninterrupted run.
+//! long, but without pictures.
+//!
+//! The output folder and the cache are locked while a run writes there.
 //!
 //! # Limitations
 //! A resumed run needs the scene and the files of the first one: all but `time.frames`, the outputs
 //! and the looks is compared, and a difference is an error.
 
+mod checkpoints;
 mod machine;
 mod snapshot;
 
@@ -23,10 +30,11 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
+use forelock_io::{Lock, Stored};
 use glam::Vec3;
 
 use crate::backend::Backend;
-use crate::pictures::{self, LastFrame, PictureError, Studio};
+use crate::pictures::{self, LastFrame, PictureError, RunPictures, Studio};
 use crate::player::{Player, PlayerError, StepReport};
 use crate::progress::{Observer, Progress};
 use crate::report;
@@ -35,6 +43,8 @@ use crate::sinks::{self, CacheSink, FrameView};
 use crate::summary::{
     FrameRow, MEASURE_DEPTH, SKIN_STRANDS, Spread, Summary, WRITE_CACHE, median_stages, peak_memory_bytes,
 };
+use checkpoints::Checkpoints;
+use forelock_core::strands::Snapshot as State;
 use machine::Machine;
 use snapshot::Snapshot;
 pub use snapshot::SnapshotError;
@@ -113,15 +123,19 @@ pub fn record(
     let mut run = Run::start(player, options)?;
     run.player.backend_notes().iter().chain(&run.notes).for_each(|note| observer(&Progress::Note(note)));
     match run.step_through(observer, cancel) {
-        // Not all frames are lost with a device: the run can be resumed after the last state that
-        // is kept.
-        Err(RunError::Player(error @ (PlayerError::Gpu(_) | PlayerError::Device(_)))) => {
-            run.go_back_to_kept();
-            run.finish(observer)?;
-            Err(error.into())
+        Ok(ended) => run.finish(ended, observer),
+        Err(error) => {
+            run.keep_cache(observer);
+            Err(error)
         }
-        stepped => stepped.and_then(|()| run.finish(observer)),
     }
+}
+
+/// How the frames of a run ended.
+#[derive(Clone, Copy, PartialEq)]
+enum Ended {
+    Whole,
+    Interrupted,
 }
 
 /// A run under way.
@@ -131,33 +145,39 @@ struct Run<'a> {
     cache: Option<Box<dyn CacheSink>>,
     /// Frames done, what they took, and the worst values over them.
     so_far: Snapshot,
-    /// The same at an earlier frame, with the state, of a run on a device.
-    kept: Option<Snapshot>,
+    checkpoints: Checkpoints,
+    /// Frames done at the last checkpoint in this folder that a later run can resume from.
+    saved: Option<u32>,
     positions: Vec<Vec3>,
     /// What the user should know of the run itself.
     notes: Vec<String>,
+    _lock: Lock,
 }
 
 impl<'a> Run<'a> {
     fn start(mut player: Player, options: &'a RunOptions) -> Result<Self, RunError> {
         let out = options.out.as_path();
+        std::fs::create_dir_all(out).map_err(|error| RunError::Folder { path: out.to_path_buf(), error })?;
+        let lock = Lock::take(&out.join(LOCK), out)?;
+        forelock_io::remove_leftovers(out);
         let fingerprint = player.assets().fingerprint(player.scene());
-        let cache_path = cache_path(player.scene(), out);
+        let mut notes = Vec::new();
         let mut so_far = Snapshot::begin(fingerprint);
-        let mut stored_frames = None;
-        if options.resume {
-            so_far = Snapshot::read(&out.join(SNAPSHOT), fingerprint)?;
-            if let Some(state) = so_far.state.take() {
-                player.resume(so_far.frame, &state)?;
-            }
-            stored_frames = Some(so_far.frame as usize + 1);
-        } else {
-            std::fs::create_dir_all(out)
-                .map_err(|error| RunError::Folder { path: out.to_path_buf(), error })?;
+        let mut stored = None;
+        let snapshot = out.join(SNAPSHOT);
+        if options.resume && !snapshot.exists() {
+            notes.push(format!("there is nothing to resume in {}: the run starts anew", out.display()));
+        } else if options.resume {
+            let (read, state) = Snapshot::read(&snapshot, fingerprint)?;
+            so_far = read;
+            player.resume(so_far.frame, &state)?;
+            let times_secs = (0..=so_far.frame).map(|frame| player.secs_of(frame)).collect();
+            stored = Some(Stored { times_secs, checksum: so_far.cache_checksum });
         }
         let offsets = player.assets().groom.strand_offsets();
-        let cache = cache_path.map(|path| sinks::open_cache(&path, offsets, stored_frames)).transpose()?;
-        let mut notes = Vec::new();
+        let cache = cache_path(player.scene(), out)
+            .map(|path| sinks::open_cache(&path, offsets, stored.as_ref()))
+            .transpose()?;
         let machine = Machine::of(&player).hash();
         if so_far.machine != machine && !so_far.rows.is_empty() {
             so_far.rows.clear();
@@ -165,12 +185,12 @@ impl<'a> Run<'a> {
             notes.push(format!("the first {frames} frames ran elsewhere: times and plots are without them"));
         }
         so_far.machine = machine;
-        let mut run = Self { player, out, cache, so_far, kept: None, positions: Vec::new(), notes };
+        let saved = stored.as_ref().map(|_| so_far.frame);
+        let checkpoints = Checkpoints::begin();
+        let positions = Vec::new();
+        let mut run = Self { player, out, cache, so_far, checkpoints, saved, positions, notes, _lock: lock };
         run.player.positions(&mut run.positions)?;
-        if run.is_on_device() {
-            run.keep_state()?;
-        }
-        if !options.resume {
+        if stored.is_none() {
             run.append()?;
         }
         Ok(run)
@@ -190,10 +210,11 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    fn step_through(&mut self, observer: &mut Observer<'_>, cancel: &AtomicBool) -> Result<(), RunError> {
+    /// Simulates the frames that are left.
+    fn step_through(&mut self, observer: &mut Observer<'_>, cancel: &AtomicBool) -> Result<Ended, RunError> {
         let frames = self.player.scene().time.frames;
         let done = self.so_far.frame.into();
-        observer(&Progress::Begin { what: "simulating", done, total: frames.into() });
+        observer(&Progress::Begin { what: SIMULATING, done, total: frames.into() });
         while self.so_far.frame < frames && !cancel.load(Ordering::SeqCst) {
             self.step()?;
             let written = Instant::now();
@@ -201,13 +222,15 @@ impl<'a> Run<'a> {
             if let Some(row) = self.so_far.rows.last_mut() {
                 row.stages.push((WRITE_CACHE.into(), written.elapsed().as_secs_f64() * 1e3));
             }
-            if self.is_on_device() && self.so_far.frame.is_multiple_of(KEEP_EVERY) {
-                self.keep_state()?;
+            if self.checkpoints.are_due() {
+                let started = Instant::now();
+                self.checkpoint()?;
+                self.checkpoints.done(started);
             }
             observer(&Progress::Step);
         }
         observer(&Progress::End);
-        Ok(())
+        Ok(if self.so_far.frame < frames { Ended::Interrupted } else { Ended::Whole })
     }
 
     /// One frame.
@@ -249,60 +272,70 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Keeps the present state in memory, for the case that the device fails.
-    fn keep_state(&mut self) -> Result<(), RunError> {
-        let state = Some(self.player.state()?);
-        self.kept = Some(Snapshot { state, ..self.so_far.clone() });
+    /// Saves all that a later run needs to continue from here.
+    fn checkpoint(&mut self) -> Result<(), RunError> {
+        let state = self.player.state()?;
+        self.before_first_save();
+        if let Some(cache) = &mut self.cache {
+            self.so_far.cache_checksum = cache.checkpoint()?;
+        }
+        self.save(state)
+    }
+
+    /// The snapshot of an earlier run goes before its cache is replaced.
+    fn before_first_save(&self) {
+        if self.saved.is_none() {
+            // If it cannot be removed, it cannot be replaced either, which is an error.
+            let _ = std::fs::remove_file(self.out.join(SNAPSHOT));
+        }
+    }
+
+    /// Writes the snapshot with `state`.
+    fn save(&mut self, state: State<f32>) -> Result<(), RunError> {
+        self.so_far.write(&self.out.join(SNAPSHOT), state)?;
+        self.saved = Some(self.so_far.frame);
         Ok(())
     }
 
-    fn is_on_device(&self) -> bool {
-        self.player.gpu_name().is_some()
-    }
-
-    /// Goes back to the state that was kept last. Frames of the cache after it are written again
-    /// when the run is resumed.
-    fn go_back_to_kept(&mut self) {
-        if let Some(kept) = self.kept.take() {
-            let lost = self.so_far.frame - kept.frame;
-            self.so_far = kept;
-            if lost > 0 {
-                self.notes
-                    .push(format!("the device failed: --resume simulates the last {lost} frames again"));
-            }
-        }
+    /// After an error: keeps the cache of the frames so far, if they can be resumed. Otherwise an
+    /// earlier run's files stay as they are.
+    fn keep_cache(mut self, observer: &mut Observer<'_>) {
+        let Some(frame) = self.saved else { return };
+        let _ = self.cache.take().map(CacheSink::finish);
+        let note = format!("the run stopped; the same command with --resume goes on after frame {frame}");
+        observer(&Progress::Note(&note));
     }
 
     /// Closes the cache, saves the state, takes the pictures, and writes summary and report.
-    fn finish(mut self, observer: &mut Observer<'_>) -> Result<Summary, RunError> {
+    fn finish(mut self, ended: Ended, observer: &mut Observer<'_>) -> Result<Summary, RunError> {
         let mut outputs = Vec::new();
-        if let Some(cache) = self.cache.take() {
-            outputs.extend(cache.finish()?);
-        }
-        let state = match self.so_far.state.take() {
-            Some(kept) => kept,
-            None => self.player.state()?,
-        };
+        let state = self.player.state()?;
         let state_hash = state.hash();
-        self.so_far.state = Some(state);
-        let snapshot = self.out.join(SNAPSHOT);
-        self.so_far.write(&snapshot)?;
-        outputs.push(snapshot);
+        self.before_first_save();
+        if let Some(cache) = self.cache.take() {
+            let finished = cache.finish()?;
+            outputs.extend(finished.files);
+            self.so_far.cache_checksum = finished.checksum;
+        }
+        self.save(state)?;
+        outputs.push(self.out.join(SNAPSHOT));
         let text = |name: &str, text: &str| {
             let path = self.out.join(name);
             forelock_io::atomic_write(&path, |file| file.write_all(text.as_bytes())).map(|()| path)
         };
         let (scene, assets) = (self.player.scene(), self.player.assets());
         outputs.push(text("scene.toml", &Scene::clone(scene).with_absolute_paths().to_toml())?);
-        // An interrupted run gets its film when it has been resumed.
-        let whole = self.so_far.frame >= scene.time.frames;
-        let cache = cache_path(scene, self.out).filter(|_| whole);
-        let last = LastFrame {
-            positions: &self.positions,
-            time_secs: self.player.secs_of(self.so_far.frame),
-            cache: cache.as_deref(),
-        };
-        let pictures = pictures::of_run(&Studio::new(scene, assets), &last, self.out, observer)?;
+        // An interrupted run gets its pictures when it has been resumed.
+        let mut pictures = RunPictures::default();
+        if ended == Ended::Whole {
+            let cache = cache_path(scene, self.out);
+            let last = LastFrame {
+                positions: &self.positions,
+                time_secs: self.player.secs_of(self.so_far.frame),
+                cache: cache.as_deref(),
+            };
+            pictures = pictures::of_run(&Studio::new(scene, assets), &last, self.out, observer)?;
+        }
         outputs.extend(pictures.files);
 
         let mut summary = self.summary(outputs, state_hash);
@@ -353,11 +386,14 @@ impl<'a> Run<'a> {
     }
 }
 
-/// Frames after which a run on a device keeps its state.
-const KEEP_EVERY: u32 = 30;
+/// The piece of work ([`Progress::Begin`]) in which a run watches for its `cancel`.
+pub const SIMULATING: &str = "simulating";
 
 /// Name of the snapshot in the output folder.
 const SNAPSHOT: &str = "snapshot.npz";
+
+/// Name of the lock in the output folder.
+const LOCK: &str = ".forelock.lock";
 
 /// Where the cache goes, if there is to be one.
 fn cache_path(scene: &Scene, out: &Path) -> Option<PathBuf> {
@@ -370,39 +406,84 @@ mod tests {
     use super::*;
     use crate::scene::Override;
 
-    /// After a device has failed a run goes back to the state that was kept, and resumes from it to
-    /// the result of a run without the failure.
-    #[test]
-    fn a_run_whose_device_failed_resumes_from_the_kept_state() {
+    /// A small scene without pictures.
+    fn scene() -> Scene {
         let sets = ["groom.strands=20", "body.sdf_cells=32", "time.frames=8", "output.picture=false"];
         let sets: Vec<Override> = sets.iter().map(|set| Override::set(set).unwrap()).collect();
-        let scene = Scene::builtin(&sets).unwrap();
+        Scene::builtin(&sets).unwrap()
+    }
+
+    fn options(folder: &Path, name: &str, resume: bool) -> RunOptions {
+        RunOptions { out: folder.join(name), resume, backend: Backend::Cpu }
+    }
+
+    fn cache(options: &RunOptions) -> Vec<u8> {
+        std::fs::read(cache_path(&scene(), &options.out).unwrap()).unwrap()
+    }
+
+    static NEVER: AtomicBool = AtomicBool::new(false);
+
+    /// After an error a run resumes from its last checkpoint, to the result of a run without it.
+    #[test]
+    fn a_run_that_failed_resumes_from_its_checkpoint() {
         let folder = tempfile::tempdir().unwrap();
-        let options = |name: &str, resume| {
-            let out = folder.path().join(name);
-            RunOptions { out, resume, backend: Backend::Cpu }
-        };
-        let never = AtomicBool::new(false);
-        let whole = simulate(&scene, &options("whole", false), &mut |_| {}, &never).unwrap();
-        let failing = options("failing", false);
-        let player = || Player::builder(scene.clone()).without_history().build().unwrap();
-        let mut run = Run::start(player(), &failing).unwrap();
-        for frame in 1..=5 {
-            run.step().unwrap();
-            run.append().unwrap();
-            if frame == 3 {
-                run.keep_state().unwrap();
+        let whole_options = options(folder.path(), "whole", false);
+        let whole = simulate(&scene(), &whole_options, &mut |_| {}, &NEVER).unwrap();
+        for checkpoints in [&[1, 4][..], &[]] {
+            let failing = options(folder.path(), "failing", false);
+            let player = Player::builder(scene()).without_history().build().unwrap();
+            let mut run = Run::start(player, &failing).unwrap();
+            for frame in 1..=5 {
+                run.step().unwrap();
+                run.append().unwrap();
+                if checkpoints.contains(&frame) {
+                    run.checkpoint().unwrap();
+                }
             }
+            let mut notes = Vec::new();
+            run.keep_cache(&mut |progress| match progress {
+                Progress::Note(note) => notes.push((*note).to_owned()),
+                _ => {}
+            });
+            let last = checkpoints.last();
+            assert_eq!(notes.len(), usize::from(last.is_some()));
+            assert!(last.is_none_or(|frame| notes[0].contains(&format!("after frame {frame}"))), "{notes:?}");
+            let failing = RunOptions { resume: true, ..failing };
+            let resumed = simulate(&scene(), &failing, &mut |_| {}, &NEVER).unwrap();
+            assert_eq!((resumed.frames, &resumed.state_hash), (8, &whole.state_hash), "{checkpoints:?}");
+            assert!(cache(&whole_options) == cache(&failing), "{checkpoints:?}");
+            std::fs::remove_dir_all(&failing.out).unwrap();
         }
-        run.go_back_to_kept();
-        let so_far = run.finish(&mut |_| {}).unwrap();
-        assert_eq!(so_far.frames, 3);
-        assert!(so_far.notes.iter().any(|note| note.contains("the last 2 frames again")), "{so_far:?}");
-        assert_ne!(so_far.state_hash, whole.state_hash);
-        let resumed = simulate(&scene, &options("failing", true), &mut |_| {}, &never).unwrap();
-        assert_eq!((resumed.frames, resumed.state_hash), (8, whole.state_hash));
-        let cache =
-            |name: &str| std::fs::read(cache_path(&scene, &folder.path().join(name)).unwrap()).unwrap();
-        assert!(cache("whole") == cache("failing"));
+    }
+
+    /// A run that fails early leaves the files of the run before it.
+    #[test]
+    fn an_earlier_run_stays_until_the_first_checkpoint() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = options(folder.path(), "run", false);
+        let files = || {
+            let names = std::fs::read_dir(&at.out).unwrap().map(|entry| entry.unwrap().path());
+            let mut files: Vec<_> = names.map(|path| (std::fs::read(&path).unwrap(), path)).collect();
+            files.sort();
+            files
+        };
+        simulate(&scene(), &at, &mut |_| {}, &NEVER).unwrap();
+        let before = files();
+        let player = || Player::builder(scene()).without_history().build().unwrap();
+        let mut run = Run::start(player(), &at).unwrap();
+        run.step().unwrap();
+        run.append().unwrap();
+        let second = Run::start(player(), &at).map(|_| ()).unwrap_err().to_string();
+        assert!(second.contains("another run writes here"), "{second}");
+        run.keep_cache(&mut |_| {});
+        assert!(files() == before);
+        // What killed processes have left goes with the next run.
+        for name in [".forelock-abc.part", "hair.npz.part"] {
+            std::fs::write(at.out.join(name), "half a file").unwrap();
+        }
+        simulate(&scene(), &RunOptions { resume: true, ..at.clone() }, &mut |_| {}, &NEVER).unwrap();
+        let names =
+            |files: &[(Vec<u8>, PathBuf)]| files.iter().map(|file| file.1.clone()).collect::<Vec<_>>();
+        assert_eq!(names(&files()).len(), names(&before).len());
     }
 }

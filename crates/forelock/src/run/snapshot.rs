@@ -7,9 +7,11 @@ use std::path::{Path, PathBuf};
 use forelock_core::strands::Snapshot as State;
 use forelock_io::npz::{Array, Data, read_npz, write_npz};
 
+use crate::hash::Fnv;
 use crate::summary::FrameRow;
 
-/// The state after a frame, what each frame until then took, and the worst values of all of them.
+/// What each frame until one took, and the worst values of all of them; a file holds the state
+/// after that frame as well.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Snapshot {
     /// What it belongs to: see [`Assets::fingerprint`](crate::assets::Assets::fingerprint).
@@ -24,7 +26,8 @@ pub(crate) struct Snapshot {
     pub(crate) rows: Vec<FrameRow>,
     /// Where `rows` were timed, as a hash.
     pub(crate) machine: u64,
-    pub(crate) state: Option<State<f32>>,
+    /// The checksum of the cache's frames until then; 0 without a cache.
+    pub(crate) cache_checksum: u32,
 }
 
 /// Why a run cannot be resumed.
@@ -52,6 +55,13 @@ const ROWS: &str = "frames";
 /// Name of the array of where that was.
 const MACHINE: &str = "machine";
 
+/// Name of the array of the cache's checksum.
+const CACHE: &str = "cache_checksum";
+
+/// Name of the array of the hash of the other arrays' names. Checksums protect the arrays, but not
+/// their names, and some arrays may be missing.
+const NAMES: &str = "names";
+
 /// What the name of an array of a stage's times begins with.
 const STAGE: &str = "stage_";
 
@@ -68,15 +78,15 @@ impl Snapshot {
             worst: [0.0; 5],
             rows: Vec::new(),
             machine: 0,
-            state: None,
+            cache_checksum: 0,
         }
     }
 
-    /// Writes the snapshot, whole or not at all.
+    /// Writes the snapshot and `state`, whole or not at all.
     ///
     /// # Errors
     /// [`forelock_io::WriteError`] if the disk refuses.
-    pub(crate) fn write(&self, path: &Path) -> Result<(), forelock_io::WriteError> {
+    pub(crate) fn write(&self, path: &Path, state: State<f32>) -> Result<(), forelock_io::WriteError> {
         let rows = &self.rows;
         let of_rows: Vec<f64> =
             rows.iter().flat_map(|row| [row.ms, row.stretch, row.penetration_m]).collect();
@@ -85,6 +95,7 @@ impl Snapshot {
             ("counters", Array::vector(vec![self.fingerprint, self.frame.into(), self.quarantined_strands])),
             ("worst", Array::vector(self.worst.to_vec())),
             (MACHINE, Array::vector(vec![self.machine])),
+            (CACHE, Array::vector(vec![self.cache_checksum])),
         ];
         let mut stages: Vec<&str> = Vec::new();
         for (name, _) in rows.iter().flat_map(|row| &row.stages) {
@@ -98,50 +109,50 @@ impl Snapshot {
                 |row: &FrameRow| row.stages.iter().find(|(own, _)| own == stage).map_or(0.0, |(_, ms)| *ms);
             arrays.push((name, Array::vector(rows.iter().map(ms).collect::<Vec<f64>>())));
         }
-        let extra = self.state.iter().flat_map(|state| &state.extra);
-        let channels: Vec<_> = extra.map(|(name, values)| (format!("{CHANNEL}{name}"), values)).collect();
-        if let Some(state) = &self.state {
-            let flat = |vectors: &[[f32; 3]]| Array {
-                shape: vec![vectors.len(), 3],
-                data: Data::F32(vectors.as_flattened().to_vec()),
-            };
-            arrays.extend([
-                ("positions", flat(&state.positions)),
-                ("velocities", flat(&state.velocities)),
-                ("integrity", Array::vector(state.integrity.clone())),
-                ("clearance", Array::vector(state.clearance.clone())),
-                ("origin", Array::vector(state.origin.to_vec())),
-            ]);
-            if !state.previous.is_empty() {
-                arrays.push(("previous", flat(&state.previous)));
-            }
-            let particles = state.positions.len();
-            for (name, values) in &channels {
-                let shape = vec![particles, values.len() / particles.max(1)];
-                arrays.push((name, Array { shape, data: Data::F32(values.to_vec()) }));
-            }
+        let particles = state.positions.len();
+        let flat = |vectors: Vec<[f32; 3]>| Array {
+            shape: vec![vectors.len(), 3],
+            data: Data::F32(vectors.into_flattened()),
+        };
+        if !state.previous.is_empty() {
+            arrays.push(("previous", flat(state.previous)));
         }
+        arrays.extend([
+            ("positions", flat(state.positions)),
+            ("velocities", flat(state.velocities)),
+            ("integrity", Array::vector(state.integrity)),
+            ("clearance", Array::vector(state.clearance)),
+            ("origin", Array::vector(state.origin.to_vec())),
+        ]);
+        let channels: Vec<_> =
+            state.extra.into_iter().map(|(name, v)| (format!("{CHANNEL}{name}"), v)).collect();
+        for (name, values) in channels.iter() {
+            let shape = vec![particles, values.len() / particles.max(1)];
+            arrays.push((name, Array { shape, data: Data::F32(values.clone()) }));
+        }
+        let names = sum_of_names(arrays.iter().map(|&(name, _)| name));
+        arrays.push((NAMES, Array::vector(vec![names])));
         write_npz(path, &arrays)
     }
 
-    /// Reads the snapshot of the run with `fingerprint`.
+    /// Reads the snapshot of the run with `fingerprint`, and its state.
     ///
     /// # Errors
     /// [`SnapshotError`] if there is none, or it is of another run.
-    pub(crate) fn read(path: &Path, fingerprint: u64) -> Result<Self, SnapshotError> {
+    pub(crate) fn read(path: &Path, fingerprint: u64) -> Result<(Self, State<f32>), SnapshotError> {
         let arrays = read_npz(path)?;
-        let snapshot = Self::from_arrays(&arrays).map_err(|name| SnapshotError::Content {
+        let (snapshot, state) = Self::from_arrays(&arrays).map_err(|name| SnapshotError::Content {
             path: path.to_path_buf(),
             problem: format!("the array `{name}` is missing or malformed"),
         })?;
         if snapshot.fingerprint != fingerprint {
             return Err(SnapshotError::Other(path.to_path_buf()));
         }
-        Ok(snapshot)
+        Ok((snapshot, state))
     }
 
-    /// The snapshot in `arrays`, or the name of one that is missing or malformed.
-    fn from_arrays(arrays: &BTreeMap<String, Array>) -> Result<Self, Cow<'static, str>> {
+    /// The snapshot and the state in `arrays`, or the name of one that is missing or malformed.
+    fn from_arrays(arrays: &BTreeMap<String, Array>) -> Result<(Self, State<f32>), Cow<'static, str>> {
         let data = |name: &'static str| arrays.get(name).map(|array| &array.data).ok_or(name);
         let floats = |name| match data(name)? {
             Data::F32(values) => Ok(values.clone()),
@@ -157,6 +168,14 @@ impl Snapshot {
                 (values.as_chunks::<3>().0.to_vec(), values.len() % 3)
             };
             if rest == 0 { Ok(vectors) } else { Err(name) }
+        };
+        let others = arrays.keys().map(String::as_str).filter(|&name| name != NAMES);
+        if data(NAMES)? != &Data::U64(vec![sum_of_names(others)]) {
+            return Err(NAMES.into());
+        }
+        let cache_checksum = match data(CACHE)? {
+            Data::U32(values) => *values.first().ok_or(CACHE)?,
+            _ => return Err(CACHE.into()),
         };
         let &[fingerprint, frame, quarantined_strands] = (match data("counters")? {
             Data::U64(values) => values.as_slice(),
@@ -201,40 +220,48 @@ impl Snapshot {
                 _ => return Err(name.clone().into()),
             }
         }
-        Ok(Self {
+        let snapshot = Self {
             fingerprint,
             machine,
+            cache_checksum,
             rows,
             frame: u32::try_from(frame).map_err(|_| "counters")?,
             quarantined_strands,
             worst: doubles("worst")?.try_into().map_err(|_| "worst")?,
-            state: Some(State {
-                positions,
-                velocities: vectors("velocities")?,
-                integrity: floats("integrity")?,
-                clearance: floats("clearance")?,
-                previous: if arrays.contains_key("previous") { vectors("previous")? } else { Vec::new() },
-                origin: doubles("origin")?.try_into().map_err(|_| "origin")?,
-                extra,
-            }),
-        })
+        };
+        let state = State {
+            positions,
+            velocities: vectors("velocities")?,
+            integrity: floats("integrity")?,
+            clearance: floats("clearance")?,
+            previous: if arrays.contains_key("previous") { vectors("previous")? } else { Vec::new() },
+            origin: doubles("origin")?.try_into().map_err(|_| "origin")?,
+            extra,
+        };
+        Ok((snapshot, state))
     }
+}
+
+/// The hash of `names`, in any order.
+fn sum_of_names<'a>(names: impl Iterator<Item = &'a str>) -> u64 {
+    let mut names: Vec<&str> = names.collect();
+    names.sort_unstable();
+    Fnv::new().bytes(names.join("\n").as_bytes()).value()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    #[test]
-    fn comes_back_bit_for_bit_and_only_to_its_own_run() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("snapshot.npz");
+    /// A snapshot with every kind of array, and its state.
+    fn example() -> (Snapshot, State<f32>) {
         let snapshot = Snapshot {
             fingerprint: u64::MAX,
             frame: 7,
             quarantined_strands: 2,
             worst: [1e-7, 0.1, f64::MIN_POSITIVE, 0.25, 300.0],
             machine: 1 << 63,
+            cache_checksum: u32::MAX,
             rows: vec![
                 FrameRow {
                     ms: 1.5,
@@ -249,20 +276,28 @@ mod tests {
                     stages: vec![("resolve_solids".into(), 2.0)],
                 },
             ],
-            state: Some(State {
-                positions: vec![[-0.0, f32::MIN_POSITIVE, 3.0]],
-                velocities: vec![[1.0, 2.0, 3.0]],
-                integrity: vec![0.5],
-                clearance: vec![f32::NEG_INFINITY],
-                previous: vec![[0.5, -0.0, 3.0]],
-                origin: [1.0, 2.0, 0.1],
-                extra: [("frame", vec![0.0, -0.0, f32::NEG_INFINITY, 1.0]), ("later", Vec::new())]
-                    .map(|(name, values)| (name.to_owned(), values))
-                    .into(),
-            }),
         };
-        snapshot.write(&path).unwrap();
-        assert_eq!(Snapshot::read(&path, u64::MAX).unwrap(), snapshot);
+        let state = State {
+            positions: vec![[-0.0, f32::MIN_POSITIVE, 3.0]],
+            velocities: vec![[1.0, 2.0, 3.0]],
+            integrity: vec![0.5],
+            clearance: vec![f32::NEG_INFINITY],
+            previous: vec![[0.5, -0.0, 3.0]],
+            origin: [1.0, 2.0, 0.1],
+            extra: [("frame", vec![0.0, -0.0, f32::NEG_INFINITY, 1.0]), ("later", Vec::new())]
+                .map(|(name, values)| (name.to_owned(), values))
+                .into(),
+        };
+        (snapshot, state)
+    }
+
+    #[test]
+    fn comes_back_bit_for_bit_and_only_to_its_own_run() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("snapshot.npz");
+        let (snapshot, state) = example();
+        snapshot.write(&path, state.clone()).unwrap();
+        assert_eq!(Snapshot::read(&path, u64::MAX).unwrap(), (snapshot, state));
         assert!(matches!(Snapshot::read(&path, 1), Err(SnapshotError::Other(_))));
         // A channel is [P, rows] of float32.
         for wrong in [
@@ -277,5 +312,27 @@ mod tests {
         }
         std::fs::write(&path, b"no archive").unwrap();
         assert!(matches!(Snapshot::read(&path, 1), Err(SnapshotError::Read(_))));
+    }
+
+    #[test]
+    fn a_flipped_bit_is_noticed_or_has_no_effect() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("snapshot.npz");
+        let (snapshot, state) = example();
+        snapshot.write(&path, state.clone()).unwrap();
+        let whole = std::fs::read(&path).unwrap();
+        let expected = (snapshot, state);
+        let mut refused = 0;
+        for bit in 0..8 * whole.len() {
+            let mut flipped = whole.clone();
+            flipped[bit / 8] ^= 1 << (bit % 8);
+            std::fs::write(&path, &flipped).unwrap();
+            match Snapshot::read(&path, u64::MAX) {
+                Err(_) => refused += 1,
+                Ok(read) => assert_eq!(read, expected, "bit {bit}"),
+            }
+        }
+        // Dates and other fields of the archive have no effect.
+        assert!(refused > 8 * whole.len() * 3 / 4, "{refused} of {}", 8 * whole.len());
     }
 }

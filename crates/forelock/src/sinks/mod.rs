@@ -10,7 +10,7 @@ mod npz;
 use std::path::{Path, PathBuf};
 
 use forelock_core::pose::Pose;
-use forelock_io::WriteError;
+use forelock_io::{Stored, WriteError};
 use glam::Vec3;
 
 pub use npz::NpzSink;
@@ -42,26 +42,42 @@ pub trait CacheSink {
     /// [`WriteError`] if it cannot be stored.
     fn append(&mut self, frame: &FrameView<'_>) -> Result<(), WriteError>;
 
-    /// Completes what is stored; the files written.
+    /// Makes the frames so far readable, even if the process is killed after this, and goes on. The
+    /// checksum of these frames.
     ///
     /// # Errors
     /// [`WriteError`] if that fails.
-    fn finish(self: Box<Self>) -> Result<Vec<PathBuf>, WriteError>;
+    fn checkpoint(&mut self) -> Result<u32, WriteError>;
+
+    /// Completes what is stored.
+    ///
+    /// # Errors
+    /// [`WriteError`] if that fails.
+    fn finish(self: Box<Self>) -> Result<Finished, WriteError>;
+}
+
+/// A cache that is complete.
+#[derive(Clone, Debug)]
+pub struct Finished {
+    /// The files written.
+    pub files: Vec<PathBuf>,
+    /// The checksum of all frames.
+    pub checksum: u32,
 }
 
 /// Opens the cache `path` for strands at `strand_offsets` in the format of its ending. With
-/// `stored_frames` the cache is there, and keeps that many frames.
+/// `stored` the cache is there, and keeps these frames.
 ///
 /// # Errors
-/// [`WriteError`] if it cannot be written, or has not that many frames.
+/// [`WriteError`] if it cannot be written, another run writes it, or it has not these frames.
 pub fn open_cache(
     path: &Path,
     strand_offsets: &[u32],
-    stored_frames: Option<usize>,
+    stored: Option<&Stored>,
 ) -> Result<Box<dyn CacheSink>, WriteError> {
     // The one format so far; scenes are refused that name another.
-    Ok(match stored_frames {
+    Ok(match stored {
         None => Box::new(NpzSink::create(path, strand_offsets)?),
-        Some(frames) => Box::new(NpzSink::resume(path, frames)?),
+        Some(stored) => Box::new(NpzSink::resume(path, strand_offsets, stored)?),
     })
 }

@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use forelock_io::{CacheWriter, WriteError};
+use forelock_io::{CacheWriter, Stored, WriteError};
 
-use super::{CacheSink, FrameView};
+use super::{CacheSink, Finished, FrameView};
 
 /// A cache that is written as an `.npz` file.
 pub struct NpzSink {
@@ -22,12 +22,13 @@ impl NpzSink {
         Ok(Self { path: path.to_path_buf(), writer })
     }
 
-    /// Continues the cache `path` after its first `frames` frames.
+    /// Continues the cache `path` for strands at `strand_offsets` after the frames of `stored`.
     ///
     /// # Errors
-    /// [`WriteError`] if it is not there, or has not that many frames.
-    pub fn resume(path: &Path, frames: usize) -> Result<Self, WriteError> {
-        Ok(Self { path: path.to_path_buf(), writer: CacheWriter::resume(path, frames)? })
+    /// [`WriteError`] if it is not there, or has not these frames.
+    pub fn resume(path: &Path, strand_offsets: &[u32], stored: &Stored) -> Result<Self, WriteError> {
+        let writer = CacheWriter::resume(path, strand_offsets, &[], stored)?;
+        Ok(Self { path: path.to_path_buf(), writer })
     }
 }
 
@@ -36,8 +37,12 @@ impl CacheSink for NpzSink {
         self.writer.append(frame.time_secs, frame.positions)
     }
 
-    fn finish(self: Box<Self>) -> Result<Vec<PathBuf>, WriteError> {
-        self.writer.finish()?;
-        Ok(vec![self.path])
+    fn checkpoint(&mut self) -> Result<u32, WriteError> {
+        self.writer.checkpoint()
+    }
+
+    fn finish(self: Box<Self>) -> Result<Finished, WriteError> {
+        let checksum = self.writer.finish()?;
+        Ok(Finished { files: vec![self.path], checksum })
     }
 }
