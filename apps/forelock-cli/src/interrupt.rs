@@ -14,6 +14,8 @@ const GRACE: Duration = Duration::from_millis(1500);
 
 static ASKED: AtomicBool = AtomicBool::new(false);
 static WATCHED: AtomicBool = AtomicBool::new(false);
+/// Whether a run has begun.
+static RESUMABLE: AtomicBool = AtomicBool::new(false);
 
 /// Installs the handler. An interruption ends the program at once, or, while the work at hand
 /// watches for it, after a time of grace. A second one ends the program at once.
@@ -37,11 +39,14 @@ pub fn asked() -> &'static AtomicBool {
 
 /// Whether the work at hand ends by itself soon after [`asked`] has been set.
 pub fn is_watched(watched: bool) {
+    RESUMABLE.fetch_or(watched, Ordering::SeqCst);
     WATCHED.store(watched, Ordering::SeqCst);
 }
 
 fn leave() -> ! {
     forelock_io::remove_temporaries();
-    terminal::note("interrupted; a run goes on from its last checkpoint with --resume");
+    let hint =
+        if RESUMABLE.load(Ordering::SeqCst) { ": --resume goes on from the last checkpoint" } else { "" };
+    terminal::note(format!("interrupted{hint}"));
     std::process::exit(STATUS.into());
 }

@@ -9,6 +9,8 @@ use std::path::PathBuf;
 
 use forelock_core::body::{ClosedMesh, Sdf, SdfError, TriMesh};
 
+use forelock_core::meter::Meter;
+
 use crate::hash::Fnv;
 
 /// Cells of air around the mesh.
@@ -23,11 +25,11 @@ pub(crate) struct CellSizes {
     pub near: f32,
 }
 
-/// The signed distance grid of `mesh`.
+/// The signed distance grid of `mesh`; `meter` counts the steps of computing it.
 ///
 /// # Errors
 /// [`SdfError`] if the mesh encloses nothing.
-pub(crate) fn load_or_compute(mesh: &TriMesh, cells: CellSizes) -> Result<Sdf, SdfError> {
+pub(crate) fn load_or_compute(mesh: &TriMesh, cells: CellSizes, meter: &Meter) -> Result<Sdf, SdfError> {
     let path = folder().map(|folder| folder.join(file_name(mesh, cells)));
     if let Some(path) = &path {
         match std::fs::read(path).map(|bytes| Sdf::from_bytes(&bytes)) {
@@ -42,7 +44,7 @@ pub(crate) fn load_or_compute(mesh: &TriMesh, cells: CellSizes) -> Result<Sdf, S
     let padding = MARGIN_CELLS * (hi - lo).max_element() / cells.along as f32;
     let closed = ClosedMesh::new(mesh);
     let near = if cells.near > 0.0 { cells.near } else { f32::INFINITY };
-    let sdf = Sdf::near(&closed, cells.along, padding, near)?;
+    let sdf = Sdf::near_watched(&closed, cells.along, padding, near, meter)?;
     if let Some(path) = &path {
         let kept = path.parent().map(std::fs::create_dir_all).transpose().is_ok()
             && forelock_io::atomic_write(path, |file| file.write_all(&sdf.to_bytes())).is_ok();

@@ -116,8 +116,7 @@ fn a_killed_run_goes_on_bit_for_bit() {
 #[test]
 #[ignore = "long: cargo xtask ci --nightly"]
 fn long_two_hundred_kills() {
-    let signals: Vec<&str> =
-        (0..250).map(|index| if index % 5 == 4 { "-TERM" } else { "-KILL" }).collect();
+    let signals: Vec<&str> = (0..250).map(|index| if index % 5 == 4 { "-TERM" } else { "-KILL" }).collect();
     interrupted_runs_end_alike(12_000, &signals, Duration::from_millis(2500));
 }
 

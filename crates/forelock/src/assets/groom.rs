@@ -1,8 +1,9 @@
 //! The strands of a scene: read or grown, repaired, resampled, brought out of the body.
 
 use forelock_core::groom::edit::{self, Edit, EditError, EditReport};
-use forelock_core::groom::grow::{self, grow};
+use forelock_core::groom::grow;
 use forelock_core::groom::{Groom, LiftParams, LiftReport, lift_out, resample, resample_to};
+use forelock_core::meter::Meter;
 use glam::{DVec3, Vec3};
 
 use super::solids::Body;
@@ -10,7 +11,12 @@ use super::{AssetError, neck};
 use crate::scene::{GroomSource, Scene};
 
 /// The groom of `scene` on `body`; what was changed is added to `notes`.
-pub(super) fn load(scene: &Scene, body: Option<&Body>, notes: &mut Vec<String>) -> Result<Groom, AssetError> {
+pub(super) fn load(
+    scene: &Scene,
+    body: Option<&Body>,
+    notes: &mut Vec<String>,
+    meter: &Meter,
+) -> Result<Groom, AssetError> {
     let section = &scene.groom;
     let mut groom = match (&section.source, body) {
         (GroomSource::Files(files), _) => {
@@ -23,7 +29,7 @@ pub(super) fn load(scene: &Scene, body: Option<&Body>, notes: &mut Vec<String>) 
             }
             join(grooms)?
         }
-        (GroomSource::Grow, Some(body)) => grow_on(scene, body)?,
+        (GroomSource::Grow, Some(body)) => grow_on(scene, body, meter)?,
         (GroomSource::Grow, None) => return Err(grow::GrowError::EmptyRegion.into()),
     };
     let count = section.vertices_per_strand as usize;
@@ -74,10 +80,10 @@ pub(super) fn edit(
     edit.apply(groom, solid.as_ref())
 }
 
-fn grow_on(scene: &Scene, body: &Body) -> Result<Groom, AssetError> {
+fn grow_on(scene: &Scene, body: &Body, meter: &Meter) -> Result<Groom, AssetError> {
     let params = &scene.groom.grow;
     if scene.body.mesh == "builtin:head" {
-        return Ok(grow::grow_on_head(params)?);
+        return Ok(grow::grow_on_head_watched(params, meter)?);
     }
     let weights: Vec<f32> = match scene.groom.region_box {
         None => vec![1.0; body.mesh.positions.len()],
@@ -93,7 +99,8 @@ fn grow_on(scene: &Scene, body: &Body) -> Result<Groom, AssetError> {
         let (distance, gradient) = field?.sample_near(p, reach)?;
         Some((distance, gradient.normalize_or_zero()))
     };
-    Ok(grow(&body.mesh, &weights, params, field.map(|_| &avoid as &grow::Avoid<'_>))?)
+    let avoid = field.map(|_| &avoid as &grow::Avoid<'_>);
+    Ok(grow::grow_watched(&body.mesh, &weights, params, avoid, meter)?)
 }
 
 /// All strands of `grooms` in order. An attribute is kept where every groom has it.

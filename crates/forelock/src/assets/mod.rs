@@ -14,11 +14,12 @@ use std::sync::Arc;
 use forelock_core::body::{ColliderFrame, Sdf, SdfError, TriMesh};
 use forelock_core::groom::Groom;
 use forelock_core::groom::edit::{Edit, EditError, EditReport};
+use forelock_core::meter::Meter;
 use forelock_core::pose::Pose;
 use glam::DVec3;
 
 use crate::hash::Fnv;
-use crate::progress::{Observer, Progress};
+use crate::progress::{Observer, Progress, watch};
 use crate::scene::{
     CameraSection, ColliderSection, GroomSource, HairSection, MotionSection, OutputSection, Scene,
 };
@@ -130,15 +131,20 @@ impl Assets {
     /// # Errors
     /// [`AssetError`] if a file cannot be used.
     pub fn unedited(scene: &Scene, observer: &mut Observer<'_>) -> Result<Self, AssetError> {
-        let body = Body::load(scene)?;
-        let mut notes = Vec::new();
-        let groom = groom::load(scene, body.as_ref(), &mut notes)?;
-        let pivot = body.as_ref().map_or_else(|| groom::middle_of_roots(&groom), Body::pivot);
-        let head = Arc::new(MotionTrack::new(&scene.body.motion, pivot)?);
-        let solids = solids::load(scene, body.as_ref())?;
-        for note in &notes {
+        let assets = watch(observer, |meter| Self::unedited_watched(scene, meter))?;
+        for note in &assets.notes {
             observer(&Progress::Note(note));
         }
+        Ok(assets)
+    }
+
+    fn unedited_watched(scene: &Scene, meter: &Meter) -> Result<Self, AssetError> {
+        let body = Body::load(scene, meter)?;
+        let mut notes = Vec::new();
+        let groom = groom::load(scene, body.as_ref(), &mut notes, meter)?;
+        let pivot = body.as_ref().map_or_else(|| groom::middle_of_roots(&groom), Body::pivot);
+        let head = Arc::new(MotionTrack::new(&scene.body.motion, pivot)?);
+        let solids = solids::load(scene, body.as_ref(), meter)?;
         Ok(Self { groom, notes, body, pivot, head, solids })
     }
 
@@ -172,10 +178,11 @@ impl Assets {
     pub fn around(scene: &Scene, groom: Groom) -> Result<Self, AssetError> {
         let mut scene = scene.clone();
         scene.body.collide = false;
-        let body = Body::load(&scene)?;
+        let meter = Meter::default();
+        let body = Body::load(&scene, &meter)?;
         let pivot = body.as_ref().map_or_else(|| groom::middle_of_roots(&groom), Body::pivot);
         let head = Arc::new(MotionTrack::new(&scene.body.motion, pivot)?);
-        let solids = solids::load(&scene, None)?;
+        let solids = solids::load(&scene, None, &meter)?;
         Ok(Self { groom, notes: Vec::new(), body, pivot, head, solids })
     }
 
@@ -260,7 +267,7 @@ impl Assets {
 
 /// The solid that `section` describes; `fps` is the frame rate of the scene.
 pub(crate) fn solid(section: &ColliderSection, fps: f64) -> Result<Solid, AssetError> {
-    solids::solid(section, fps)
+    solids::solid(section, fps, &Meter::default())
 }
 
 /// The point about which a body of bounds (`lo`, `hi`) turns: in its middle, a quarter of the way
@@ -271,8 +278,14 @@ fn neck(lo: DVec3, hi: DVec3) -> DVec3 {
 }
 
 /// The distance grid of `mesh`, from the cache if it is there.
-fn distance_grid(mesh: &TriMesh, name: &str, cells: CellSizes, key: &'static str) -> Result<Sdf, AssetError> {
-    crate::sdf_cache::load_or_compute(mesh, cells).map_err(|error| AssetError::Solid {
+fn distance_grid(
+    mesh: &TriMesh,
+    name: &str,
+    cells: CellSizes,
+    key: &'static str,
+    meter: &Meter,
+) -> Result<Sdf, AssetError> {
+    crate::sdf_cache::load_or_compute(mesh, cells, meter).map_err(|error| AssetError::Solid {
         mesh: name.to_owned(),
         error,
         key,

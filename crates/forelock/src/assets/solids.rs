@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::sync::{Arc, OnceLock};
 
 use forelock_core::body::{ClosedMesh, ColliderFrame, Head, Horse, Morph, Prop, Sdf, Shape, TriMesh};
+use forelock_core::meter::Meter;
 use forelock_core::pose::Pose;
 use glam::DVec3;
 
@@ -29,7 +30,7 @@ pub(super) struct Body {
 
 impl Body {
     /// The body of `scene`, if it has one.
-    pub(super) fn load(scene: &Scene) -> Result<Option<Self>, AssetError> {
+    pub(super) fn load(scene: &Scene, meter: &Meter) -> Result<Option<Self>, AssetError> {
         let section = &scene.body;
         let (mesh, pivot) = match section.mesh.as_str() {
             "none" => return Ok(None),
@@ -38,7 +39,7 @@ impl Body {
             path => (Cow::Owned(forelock_io::read_mesh(path.as_ref(), &section.import())?), None),
         };
         let cells = CellSizes { along: section.sdf_cells, near: section.sdf_near_cell as f32 };
-        let grid = || distance_grid(&mesh, &section.mesh, cells, "body.collide = false");
+        let grid = || distance_grid(&mesh, &section.mesh, cells, "body.collide = false", meter);
         let sdf = section.collide.then(grid).transpose()?.map(Arc::new);
         Ok(Some(Self { mesh, sdf, pivot }))
     }
@@ -127,7 +128,7 @@ fn nearest(at: f64, count: usize) -> usize {
 }
 
 /// All solids of `scene`, the body first.
-pub(super) fn load(scene: &Scene, body: Option<&Body>) -> Result<Vec<Arc<Solid>>, AssetError> {
+pub(super) fn load(scene: &Scene, body: Option<&Body>, meter: &Meter) -> Result<Vec<Arc<Solid>>, AssetError> {
     let mut solids = Vec::with_capacity(scene.colliders.len() + 1);
     if let Some((body, sdf)) = body.and_then(|body| Some((body, body.sdf.as_ref()?))) {
         solids.push(Arc::new(Solid {
@@ -144,12 +145,12 @@ pub(super) fn load(scene: &Scene, body: Option<&Body>) -> Result<Vec<Arc<Solid>>
         }));
     }
     for section in &scene.colliders {
-        solids.push(Arc::new(solid(section, scene.time.fps)?));
+        solids.push(Arc::new(solid(section, scene.time.fps, meter)?));
     }
     Ok(solids)
 }
 
-pub(super) fn solid(section: &ColliderSection, fps: f64) -> Result<Solid, AssetError> {
+pub(super) fn solid(section: &ColliderSection, fps: f64, meter: &Meter) -> Result<Solid, AssetError> {
     let radius = section.radius.unwrap_or(0.1);
     let half_length = section.half_length.unwrap_or(0.1);
     let half_extents = DVec3::from_array(section.half_extents.unwrap_or([0.1; 3]));
@@ -167,19 +168,20 @@ pub(super) fn solid(section: &ColliderSection, fps: f64) -> Result<Solid, AssetE
             let path = section.mesh.as_deref().unwrap_or("".as_ref());
             let mesh = forelock_io::read_mesh(path, &section.import())?;
             let name = path.display().to_string();
-            let sdf = distance_grid(&mesh, &name, cell_sizes(section, COLLIDER_CELLS), "another `shape`")?;
+            let cells = cell_sizes(section, COLLIDER_CELLS);
+            let sdf = distance_grid(&mesh, &name, cells, "another `shape`", meter)?;
             (Shape::Sdf(Arc::new(sdf)), Some(mesh))
         }
-        ShapeKind::Hand => prop(Prop::Hand, section)?,
-        ShapeKind::Comb => prop(Prop::Comb, section)?,
-        ShapeKind::HoledSphere => prop(Prop::HoledSphere { radius: radius as f32 }, section)?,
+        ShapeKind::Hand => prop(Prop::Hand, section, meter)?,
+        ShapeKind::Comb => prop(Prop::Comb, section, meter)?,
+        ShapeKind::HoledSphere => prop(Prop::HoledSphere { radius: radius as f32 }, section, meter)?,
     };
     let position = DVec3::from_array(section.position);
     let sequence_fps = section.sequence_fps.unwrap_or(SEQUENCE_FPS);
     let (shapes, meshes) = if section.mesh_sequence.is_empty() {
         (vec![shape], mesh.into_iter().collect())
     } else {
-        sequence(section, sequence_fps / fps)?
+        sequence(section, sequence_fps / fps, meter)?
     };
     let exact = match (&shapes[..], &meshes[..]) {
         ([Shape::Sdf(_)], [mesh]) => Some((Arc::new(mesh.clone()), OnceLock::new())),
@@ -206,13 +208,17 @@ fn cell_sizes(section: &ColliderSection, along: u32) -> CellSizes {
 }
 
 /// A mesh that changes: its shape in each frame, which advances by `step` meshes, and its meshes.
-fn sequence(section: &ColliderSection, step: f64) -> Result<(Vec<Shape>, Vec<TriMesh>), AssetError> {
+fn sequence(
+    section: &ColliderSection,
+    step: f64,
+    meter: &Meter,
+) -> Result<(Vec<Shape>, Vec<TriMesh>), AssetError> {
     // A sequence has many fields: their cells are all alike, to save memory.
     let cells = CellSizes { near: 0.0, ..cell_sizes(section, COLLIDER_CELLS) };
     let (mut fields, mut meshes) = (Vec::new(), Vec::new());
     for path in &section.mesh_sequence {
         let mesh = forelock_io::read_mesh(path, &section.import())?;
-        fields.push(distance_grid(&mesh, &path.display().to_string(), cells, "another `shape`")?);
+        fields.push(distance_grid(&mesh, &path.display().to_string(), cells, "another `shape`", meter)?);
         meshes.push(mesh);
     }
     let frames = ((fields.len() - 1) as f64 / step).ceil() as u32;
@@ -226,9 +232,13 @@ fn sequence(section: &ColliderSection, step: f64) -> Result<(Vec<Shape>, Vec<Tri
 }
 
 /// A built-in solid as a distance grid.
-fn prop(prop: Prop, section: &ColliderSection) -> Result<(Shape, Option<TriMesh>), AssetError> {
+fn prop(
+    prop: Prop,
+    section: &ColliderSection,
+    meter: &Meter,
+) -> Result<(Shape, Option<TriMesh>), AssetError> {
     let mesh = prop.mesh();
     let cells = cell_sizes(section, prop.field_nodes());
-    let sdf = distance_grid(&mesh, section.shape.name(), cells, "fewer `sdf_cells`")?;
+    let sdf = distance_grid(&mesh, section.shape.name(), cells, "fewer `sdf_cells`", meter)?;
     Ok((Shape::Sdf(Arc::new(sdf)), Some(mesh)))
 }

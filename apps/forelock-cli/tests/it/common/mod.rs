@@ -46,7 +46,10 @@ impl Workplace {
     /// The command, to be given arguments.
     pub fn command(&self) -> Command {
         let mut command = Command::cargo_bin("forelock").unwrap();
-        command.current_dir(self.folder.path()).env("XDG_CACHE_HOME", self.shared_cache()).env_remove("RUST_LOG");
+        command
+            .current_dir(self.folder.path())
+            .env("XDG_CACHE_HOME", self.shared_cache())
+            .env_remove("RUST_LOG");
         command
     }
 

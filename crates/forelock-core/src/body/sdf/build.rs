@@ -24,6 +24,7 @@ use rayon::prelude::*;
 use super::super::bvh::crossing;
 use super::super::{ClosedMesh, Nearest, TriMesh};
 use super::{BRICK_NODES, REFINEMENT, Sdf, SdfError};
+use crate::meter::Meter;
 
 /// Maximum number of nodes along the longest axis.
 const FINEST: u32 = 1024;
@@ -35,6 +36,10 @@ const HALF_DIAGONAL: f32 = 0.8661;
 /// The most values of a refined field, as far as they are known beforehand: 128 MB. Cells of larger
 /// bodies are larger.
 const MOST_VALUES: f32 = 32e6;
+/// Name of the work for a [`Meter`].
+const FIELD: &str = "distance field";
+/// Steps of the work for a layer of bricks; one for a layer of nodes.
+const BRICK_STEPS: u64 = 8;
 
 impl Sdf {
     /// Creates the field of `mesh` on a grid with `nodes` nodes (8–1024) along the longest axis;
@@ -54,7 +59,7 @@ impl Sdf {
     /// The same errors as [`Sdf::from_mesh`].
     pub fn from_closed(closed: &ClosedMesh, nodes: u32, padding: f32) -> Result<Self, SdfError> {
         let (grid, _) = Grid::around(closed, nodes, padding)?;
-        Self::new(grid.dims, grid.origin, grid.cell, grid.distances(closed))
+        Self::new(grid.dims, grid.origin, grid.cell, grid.distances(closed, &Meter::default()))
     }
 
     /// Creates a field whose cells near the surface have a side of at most `near` metres, however
@@ -65,19 +70,41 @@ impl Sdf {
     /// # Errors
     /// The same errors as [`Sdf::from_mesh`]; [`SdfError::Resolution`] if `near` is not positive.
     pub fn near(closed: &ClosedMesh, nodes: u32, padding: f32, near: f32) -> Result<Self, SdfError> {
+        Self::near_watched(closed, nodes, padding, near, &Meter::default())
+    }
+
+    /// The same as [`Sdf::near`]; `meter` counts layers.
+    ///
+    /// # Errors
+    /// The same errors as [`Sdf::near`].
+    pub fn near_watched(
+        closed: &ClosedMesh,
+        nodes: u32,
+        padding: f32,
+        near: f32,
+        meter: &Meter,
+    ) -> Result<Self, SdfError> {
         let (uniform, padding) = Grid::around(closed, nodes, padding)?;
         if near.is_nan() || near <= 0.0 {
             return Err(SdfError::Resolution { nodes, padding: near });
         }
         let cell = REFINEMENT as f32 * affordable(closed, near, padding);
         if uniform.cell <= near || cell > REFINEMENT as f32 * uniform.cell {
-            return Self::new(uniform.dims, uniform.origin, uniform.cell, uniform.distances(closed));
+            meter.begin(FIELD, uniform.dims.z.into());
+            let values = uniform.distances(closed, meter);
+            return Self::new(uniform.dims, uniform.origin, uniform.cell, values);
         }
         let grid = Grid::of_cells(bounds(closed), cell, padding.max(cell));
-        let mut values = grid.distances(closed);
+        // A layer of bricks takes several times as long as a layer of nodes.
+        meter.begin(FIELD, u64::from(grid.dims.z) + BRICK_STEPS * u64::from(grid.dims.z - 1));
+        let mut values = grid.distances(closed, meter);
         let fine = grid.refined();
-        let layers: Vec<(Vec<u32>, Vec<f32>)> =
-            (0..grid.dims.z - 1).into_par_iter().map(|k| grid.bricks(&fine, closed, k, &values)).collect();
+        let layer = |k| {
+            let bricks = grid.bricks(&fine, closed, k, &values);
+            meter.add(BRICK_STEPS);
+            bricks
+        };
+        let layers: Vec<(Vec<u32>, Vec<f32>)> = (0..grid.dims.z - 1).into_par_iter().map(layer).collect();
         let mut refined = Vec::new();
         for (cells, bricks) in layers {
             refined.extend(cells);
@@ -149,13 +176,14 @@ impl Grid {
         Self { dims, origin: self.origin, cell: self.cell / REFINEMENT as f32 }
     }
 
-    /// The signed distance at each node.
-    fn distances(&self, closed: &ClosedMesh) -> Vec<f32> {
+    /// The signed distance at each node; `meter` counts layers.
+    fn distances(&self, closed: &ClosedMesh, meter: &Meter) -> Vec<f32> {
         let layer = self.dims.x as usize * self.dims.y as usize;
         let mut values = vec![0.0; layer * self.dims.z as usize];
         values.par_chunks_mut(layer).enumerate().for_each(|(k, values)| {
             let winding = self.winding_in_layer(closed, k as u32);
             self.fill_layer(closed, k as u32, &winding, values);
+            meter.add(1);
         });
         values
     }

@@ -48,6 +48,7 @@ pub use sheets::{Sheet, sheets};
 
 use super::{Groom, GroomError};
 use crate::body::{Head, TriMesh};
+use crate::meter::Meter;
 use roots::Root;
 use strand::{Field, Traits};
 
@@ -130,6 +131,20 @@ pub fn grow(
     params: &GrowParams,
     avoid: Option<&Avoid>,
 ) -> Result<Groom, GrowError> {
+    grow_watched(mesh, weights, params, avoid, &Meter::default())
+}
+
+/// The same as [`grow`]; `meter` counts strands.
+///
+/// # Errors
+/// The same errors as [`grow`].
+pub fn grow_watched(
+    mesh: &TriMesh,
+    weights: &[f32],
+    params: &GrowParams,
+    avoid: Option<&Avoid>,
+    meter: &Meter,
+) -> Result<Groom, GrowError> {
     params.check()?;
     let particles = u64::from(params.strands) * u64::from(params.vertices_per_strand);
     if u32::try_from(particles).is_err() {
@@ -142,6 +157,7 @@ pub fn grow(
     let field = Field { params, avoid, low, high };
     let vertices = params.vertices_per_strand as usize;
     let mut positions = vec![Vec3::ZERO; roots.len() * vertices];
+    meter.begin("growing", roots.len() as u64);
     let traits: Vec<Traits> = positions
         .par_chunks_mut(vertices)
         .zip(&roots)
@@ -149,6 +165,7 @@ pub fn grow(
         .map(|(strand, (out, root))| {
             let traits = field.traits(strand, root);
             field.grow(root, &traits, out);
+            meter.add(1);
             cut(&field, root, traits, out)
         })
         .collect();
@@ -169,8 +186,17 @@ pub fn grow(
 /// # Errors
 /// The same errors as [`grow`].
 pub fn grow_on_head(params: &GrowParams) -> Result<Groom, GrowError> {
+    grow_on_head_watched(params, &Meter::default())
+}
+
+/// The same as [`grow_on_head`]; `meter` counts strands.
+///
+/// # Errors
+/// The same errors as [`grow`].
+pub fn grow_on_head_watched(params: &GrowParams, meter: &Meter) -> Result<Groom, GrowError> {
     let head = Head::builtin();
-    grow(&head.mesh, head.weights(params.region), params, Some(&head.keep_out(params.region)))
+    let keep_out = head.keep_out(params.region);
+    grow_watched(&head.mesh, head.weights(params.region), params, Some(&keep_out), meter)
 }
 
 /// Shortens the edges of a strand that crosses the cut and grows it again, so that its tip is near
