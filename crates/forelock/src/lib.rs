@@ -38,7 +38,7 @@ pub mod sinks;
 pub mod summary;
 mod tessellate;
 
-pub use assets::{AssetError, Assets, MotionTrack};
+pub use assets::{AssetError, Assets};
 pub use backend::{Backend, GpuStage};
 pub use grooming::{Counts, EditRow, Grooming, GroomingOptions, groom};
 pub use pictures::{PictureError, Studio, labelled, write_png};

@@ -29,7 +29,8 @@ pub use horse::{Horse, Part};
 pub use mesh::{MeshError, TriMesh};
 pub use morph::Morph;
 pub use motion::{
-    BuiltinMotion, KeyframeInterpolation, Keyframes, KeyframesError, Motion, MotionKind, UnknownMotion,
+    BuiltinMotion, Keyframe, KeyframeInterpolation, Keyframes, KeyframesError, Motion, MotionKind,
+    UnknownMotion,
 };
 pub use props::Prop;
 pub use sdf::{BRICK_NODES, REFINEMENT, Sdf, SdfBytesError, SdfError};
