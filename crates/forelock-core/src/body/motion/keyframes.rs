@@ -2,9 +2,9 @@
 //!
 //! # Theory
 //! The six components of a key (shift along x, y, z; yaw, pitch, roll) are interpolated each by
-//! itself. Smooth interpolation is the monotone cubic of M. Steffen (Astronomy and Astrophysics 239,
-//! 1990): a cubic Hermite piece whose slope at a key between the secants d₁ and d₂ of intervals h₁
-//! and h₂ is
+//! itself. Smooth interpolation is the monotone cubic of M. Steffen (Astronomy and Astrophysics
+//! 239, 1990): a cubic Hermite piece whose slope at a key between the secants d₁ and d₂ of
+//! intervals h₁ and h₂ is
 //!
 //! m = (sgn d₁ + sgn d₂) min(|d₁|, |d₂|, ½ |d₁ h₂ + d₂ h₁| / (h₁ + h₂)),   (1)
 //!
