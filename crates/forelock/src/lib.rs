@@ -44,7 +44,7 @@ pub use grooming::{Counts, EditRow, Grooming, GroomingOptions, groom};
 pub use pictures::{PictureError, Studio, labelled, write_png};
 pub use player::{Player, PlayerError};
 pub use progress::{Observer, Progress};
-pub use run::{RunError, RunOptions, SnapshotError, record, simulate};
+pub use run::{MEASURED_EVERY, RunError, RunOptions, SnapshotError, record, simulate};
 pub use scene::Scene;
 pub use summary::Summary;
 pub use {forelock_core as core, forelock_io as io, forelock_render as render};
