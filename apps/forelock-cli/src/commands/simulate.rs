@@ -74,11 +74,11 @@ fn print(summary: &Summary) {
         summary.simd,
     ));
     terminal::line(format!(
-        "{:.1} ms per frame by the clock, {:.1} ms of it in the solver (median; 95 % within {:.1}), \
+        "{:.1} ms per frame by the clock (95 % within {:.1}), {:.1} of it in the solver, \
          stretch {:.1e} ({:.1e} after collisions), {} strands reset, state {}",
         summary.ms_per_frame.mean,
-        summary.solver_ms_per_frame.median,
-        summary.solver_ms_per_frame.p95,
+        summary.ms_per_frame.p95,
+        summary.solver_ms_per_frame.mean,
         summary.max_edge_stretch,
         summary.max_edge_stretch_after_solids,
         summary.quarantined_strands,

@@ -24,9 +24,13 @@ fn a_demo_writes_everything_it_names() {
         assert!(stdout(&output).contains(name), "{name} is not named");
     }
     let report = fs::read_to_string(place.path("out/report.html")).unwrap();
-    for words in
-        ["largest stretch", "deepest penetration", "solve strands", "data:image/png;base64,", "film.png"]
-    {
+    for words in [
+        "largest stretch",
+        "deepest edge inside a solid",
+        "solve strands",
+        "data:image/png;base64,",
+        "film.png",
+    ] {
         assert!(report.contains(words), "the report does not show {words:?}");
     }
     let leftovers = place.files().into_iter().filter(|path| path.to_string_lossy().contains(".part"));
@@ -50,10 +54,13 @@ fn the_summary_is_json_alone_with_the_fields_of_the_interface() {
         "fps",
         "substeps",
         "ms_per_frame",
+        "solver_ms_per_frame",
         "ms_per_stage",
         "peak_memory_bytes",
         "max_edge_stretch",
         "max_penetration_m",
+        "max_edge_penetration_m",
+        "max_edge_share_1mm_inside",
         "quarantined_strands",
         "teleports",
         "state_hash",
@@ -102,7 +109,7 @@ fn a_shorter_run_resumed_is_the_longer_run() {
     // With nothing left to do, what frames took is told as before.
     let again = run("parts", &["--resume"]);
     assert!(resumed["ms_per_frame"]["median"].as_f64().unwrap() > 0.0, "{resumed}");
-    for key in ["frames", "ms_per_frame", "ms_per_stage", "state_hash"] {
+    for key in ["frames", "ms_per_frame", "solver_ms_per_frame", "ms_per_stage", "state_hash"] {
         assert_eq!(again[key], resumed[key], "{key}");
     }
     // Another scene must not go on from here.

@@ -67,9 +67,9 @@ impl Nearby {
         for (index, solid) in solids.iter().enumerate() {
             match solid.world_bounds() {
                 None => everywhere.push(index),
-                Some(bounds) => {
+                Some((low, high)) => {
                     bounded.push(index);
-                    boxes.push(wider(bounds));
+                    boxes.push(wider(low, high));
                 }
             }
         }
@@ -80,7 +80,8 @@ impl Nearby {
     pub fn of_strands(&self, positions: &[Vec3], strands: &[Stretch]) -> Vec<(usize, Vec<Stretch>)> {
         let mut near: Vec<(usize, Stretch)> = Vec::new();
         for piece in strands.iter().flat_map(Stretch::pieces) {
-            let (low, high) = wider(bounds(&positions[piece.all.clone()]));
+            let (low, high) = bounds(&positions[piece.all.clone()]);
+            let (low, high) = wider(low, high);
             self.boxes
                 .overlapping(low, high, |index| near.push((self.bounded[index as usize], piece.clone())));
         }
@@ -113,7 +114,7 @@ fn bounds(points: &[Vec3]) -> (Vec3, Vec3) {
 }
 
 /// The box with a margin for rounding.
-fn wider((low, high): (Vec3, Vec3)) -> (Vec3, Vec3) {
+fn wider(low: Vec3, high: Vec3) -> (Vec3, Vec3) {
     let margin = (low.abs().max(high.abs()) + 1.0) * ROUNDING;
     (low - margin, high + margin)
 }

@@ -77,7 +77,7 @@ fn scatter(i: usize, reach: f32) -> Vec3 {
 /// Solids of all shapes that have a closed form, many of them small.
 fn many_solids() -> Vec<Shape> {
     let mut solids = vec![Shape::HollowSphere { radius: 0.97 }];
-    for i in 0..300 {
+    for i in 0..120 {
         let radius = 0.01 + f64::from(noise(i + 7000)) * 0.03;
         solids.push(match i % 3 {
             0 => Shape::Sphere { radius },
@@ -107,15 +107,15 @@ fn many_solids_are_measured_as_one_by_one() {
     let mut frames = Vec::new();
     for (i, shape) in shapes.iter().enumerate() {
         let turned = DQuat::from_euler(glam::EulerRot::XYZ, f64::from(noise(i)) * 6.0, 1.0, 2.0);
-        let at = if i == 0 { DVec3::ZERO } else { scatter(i + 900, 0.5).as_dvec3() };
+        let at = if i == 0 { DVec3::ZERO } else { scatter(i + 900, 0.35).as_dvec3() };
         let (local, to) = (Pose::new(turned, at * 0.25), Pose::new(DQuat::IDENTITY, at * 0.75));
         frames.push(ColliderFrame { shape, local, from: Pose::IDENTITY, to, friction: 0.0 });
     }
     let mut positions = Vec::new();
     let mut offsets = vec![0];
-    for strand in 0..300 {
-        let (root, along) = (scatter(strand, 0.55), scatter(strand + 400, 0.02));
-        let bend = scatter(strand + 700, 0.003);
+    for strand in 0..100 {
+        let (root, along) = (scatter(strand, 0.4), scatter(strand + 400, 0.02));
+        let bend = scatter(strand + 700, 5e-4);
         let particles = 2 + strand % 23;
         positions.extend((0..particles).map(|i| root + along * i as f32 + bend * (i * i) as f32));
         offsets.push(positions.len() as u32);
@@ -135,7 +135,7 @@ fn many_solids_are_measured_as_one_by_one() {
                     !is_rooted || sampled(&[**frame], positions[i - 1], positions[i - 1], 0) == 0.0
                 };
                 let frames: Vec<_> = frames.iter().filter(own).copied().collect();
-                edges.push(sampled(&frames, positions[i - 1], positions[i], 100));
+                edges.push(sampled(&frames, positions[i - 1], positions[i], 64));
             }
         }
         let share = |depths: &[f64], from: f64| {
@@ -144,7 +144,7 @@ fn many_solids_are_measured_as_one_by_one() {
         let deepest = particles.iter().copied().fold(0.0, f64::max);
         assert_eq!((found.share_inside, found.deepest_m), (share(&particles, INSIDE_M), deepest));
         assert!(found.share_inside > 0.05);
-        // Edges are up to 40 mm long: samples lie within 0.2 mm of the deepest point.
+        // Edges are up to 60 mm long, most shorter: samples lie near the deepest point.
         let tolerance = f64::from(SEGMENT_TOLERANCE_M);
         let deepest = edges.iter().copied().fold(0.0, f64::max);
         assert!((found.deepest_edge_m - deepest).abs() < 2.0 * tolerance, "{found:?}, not {deepest}");
