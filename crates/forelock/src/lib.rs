@@ -38,13 +38,13 @@ pub mod sinks;
 pub mod summary;
 mod tessellate;
 
-pub use assets::{AssetError, Assets, MotionTrack};
+pub use assets::{AssetError, Assets};
 pub use backend::{Backend, GpuStage};
 pub use grooming::{Counts, EditRow, Grooming, GroomingOptions, groom};
 pub use pictures::{PictureError, Studio, labelled, write_png};
 pub use player::{Player, PlayerError};
 pub use progress::{Observer, Progress};
-pub use run::{RunError, RunOptions, SIMULATING, SnapshotError, record, simulate};
+pub use run::{MEASURED_EVERY, RunError, RunOptions, SIMULATING, SnapshotError, record, simulate};
 pub use scene::Scene;
 pub use summary::Summary;
 pub use {forelock_core as core, forelock_io as io, forelock_render as render};

@@ -6,6 +6,7 @@
 use std::fmt::Write as _;
 
 use crate::html::{base64, escape, page, thousands};
+use crate::penetration::Penetration;
 use crate::scene::Scene;
 use crate::summary::{FrameRow, Summary};
 
@@ -77,15 +78,18 @@ fn cards(summary: &Summary) -> String {
     let bytes = |n: u64| format!("{:.0} MiB", n as f64 / 1048576.0);
     let per_particle = summary.simulation_bytes as f64 / summary.particles.max(1) as f64;
     let cards = [
-        (format!("{:.1} ms", summary.ms_per_frame.median), "a frame (median)"),
+        (format!("{:.1} ms", summary.ms_per_frame.mean), "a frame by the clock (mean)"),
+        (format!("{:.1} ms", summary.solver_ms_per_frame.mean), "of it in the solver"),
         (
             format!("{:.1} / {:.1} ms", summary.ms_per_frame.p95, summary.ms_per_frame.max),
             "95th percentile / longest",
         ),
         (format!("{:.1e}", summary.max_edge_stretch), "largest stretch after the length pass"),
         (format!("{:.1e}", summary.max_edge_stretch_after_solids), "the same after solids"),
-        (format!("{:.2} mm", summary.max_penetration_m * 1e3), "deepest penetration"),
-        (format!("{:.3} %", summary.max_share_1mm_inside * 1e2), "more than 1 mm inside"),
+        (format!("{:.2} mm", summary.max_penetration_m * 1e3), "deepest particle inside a solid"),
+        (format!("{:.3} %", summary.max_share_1mm_inside * 1e2), "of particles more than 1 mm inside"),
+        (format!("{:.2} mm", summary.max_edge_penetration_m * 1e3), "deepest edge inside a solid"),
+        (format!("{:.3} %", summary.max_edge_share_1mm_inside * 1e2), "of edges more than 1 mm inside"),
         (summary.quarantined_strands.to_string(), "strands reset"),
         (summary.peak_memory_bytes.map_or_else(|| "unknown".into(), bytes), "peak memory"),
         (format!("{per_particle:.0} B"), "a particle in the solver"),
@@ -98,10 +102,15 @@ fn cards(summary: &Summary) -> String {
 }
 
 fn plots(rows: &[FrameRow]) -> String {
-    let series: [(&str, Vec<f64>); 3] = [
+    let measured = |depth_m: fn(&Penetration) -> f64| {
+        rows.iter().filter_map(|row| row.penetration.as_ref()).map(|found| depth_m(found) * 1e3).collect()
+    };
+    let series: [(&str, Vec<f64>); 5] = [
         ("milliseconds a frame", rows.iter().map(|row| row.ms).collect()),
+        ("of it in the solver", rows.iter().map(|row| row.solver_ms).collect()),
         ("largest stretch", rows.iter().map(|row| row.stretch).collect()),
-        ("deepest penetration, mm", rows.iter().map(|row| row.penetration_m * 1e3).collect()),
+        ("deepest particle inside, mm", measured(|found| found.deepest_m)),
+        ("deepest edge inside, mm", measured(|found| found.deepest_edge_m)),
     ];
     let plots: String = series.iter().map(|(name, values)| plot(name, values)).collect();
     format!("<h2>Over time</h2><section class=\"plots\">{plots}</section>")

@@ -6,6 +6,8 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
+use crate::penetration::Penetration;
+
 /// The JSON summary of a run. Field names and units are part of the interface.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
@@ -35,10 +37,14 @@ pub struct Summary {
     pub fps: f64,
     /// Substeps per frame.
     pub substeps: u32,
-    /// Wall time of a frame's simulation, milliseconds.
+    /// Milliseconds by the clock from the end of a frame to the end of the next: everything that a
+    /// run does between its first and last frame. Pictures, films and loading are not in it.
     pub ms_per_frame: Spread,
-    /// Median time of each stage, milliseconds a frame: the solver's stages, on the CPU summed over
-    /// its threads, and `measure_depth` and `write_cache`, which `ms_per_frame` does not include.
+    /// The solver's share of it: the simulation of the frame, and the strands that guides carry.
+    pub solver_ms_per_frame: Spread,
+    /// Median time of each stage over the frames in which it ran, milliseconds: the solver's
+    /// stages, on the CPU summed over its threads, and `measure_depth` and `write_cache`, which
+    /// `solver_ms_per_frame` does not include.
     pub ms_per_stage: BTreeMap<String, f64>,
     /// Largest resident memory of the process, bytes; `null` where the system does not report it.
     pub peak_memory_bytes: Option<u64>,
@@ -48,13 +54,22 @@ pub struct Summary {
     pub max_edge_stretch: f64,
     /// The same at the end of the frame, after the final collision pass. No unit.
     pub max_edge_stretch_after_solids: f64,
-    /// Largest depth of any particle that is not clamped inside a solid at the end of any frame,
-    /// metres; measured against the mesh itself where the solid has one, as
+    /// Penetration is measured in every so many frames
+    /// ([`MEASURED_EVERY`](crate::MEASURED_EVERY)), and in the last one.
+    pub penetration_measured_every: u32,
+    /// Largest depth of any particle that is not clamped inside a solid at the end of a frame that
+    /// is measured, metres; measured against the mesh itself where the solid has one, as
     /// [`Player::penetration`](crate::Player::penetration) does.
     pub max_penetration_m: f64,
     /// Largest share of particles more than 1 mm inside a solid at the end of a frame, but for
     /// those clamped to the head, from the same measurement. No unit.
     pub max_share_1mm_inside: f64,
+    /// Largest depth of any point of an edge, a segment between two particles, from the same
+    /// measurement, metres: at most 0.1 mm too small.
+    pub max_edge_penetration_m: f64,
+    /// Largest share of edges that are more than 1 mm inside a solid anywhere along them, from the
+    /// same measurement. No unit.
+    pub max_edge_share_1mm_inside: f64,
     /// Most contacts between strands that a frame resolved; 0 without `interaction.contacts`, or
     /// where hair moves with its neighbours.
     pub max_strand_contacts: u64,
@@ -71,9 +86,11 @@ pub struct Summary {
     pub outputs: Vec<PathBuf>,
 }
 
-/// Median, 95th percentile and maximum of a set of times, milliseconds.
+/// Mean, median, 95th percentile and maximum of a set of times, milliseconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Spread {
+    /// Their sum over their number.
+    pub mean: f64,
     /// Half of the values are at most this.
     pub median: f64,
     /// 95 in 100 are at most this.
@@ -92,19 +109,22 @@ impl Spread {
             let rank = (share * sorted.len() as f64).ceil() as usize;
             sorted.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
         };
-        Self { median: at(0.5), p95: at(0.95), max: at(1.0) }
+        let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+        Self { mean, median: at(0.5), p95: at(0.95), max: at(1.0) }
     }
 }
 
 /// One simulated frame, for progress and plots.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FrameRow {
-    /// Wall time of its simulation, milliseconds.
+    /// Milliseconds by the clock from the end of the frame before to its own end.
     pub ms: f64,
+    /// The solver's share of it.
+    pub solver_ms: f64,
     /// Largest edge stretch at its end. No unit.
     pub stretch: f64,
-    /// Deepest particle at its end, metres.
-    pub penetration_m: f64,
+    /// What is inside solids at its end, if it was measured.
+    pub penetration: Option<Penetration>,
     /// Time of each stage, milliseconds.
     pub stages: Vec<(Cow<'static, str>, f64)>,
 }
@@ -146,8 +166,8 @@ mod tests {
     #[test]
     fn spread_is_by_nearest_rank() {
         let values: Vec<f64> = (1..=100).rev().map(f64::from).collect();
-        assert_eq!(Spread::of(&values), Spread { median: 50.0, p95: 95.0, max: 100.0 });
-        assert_eq!(Spread::of(&[3.0]), Spread { median: 3.0, p95: 3.0, max: 3.0 });
+        assert_eq!(Spread::of(&values), Spread { mean: 50.5, median: 50.0, p95: 95.0, max: 100.0 });
+        assert_eq!(Spread::of(&[3.0]), Spread { mean: 3.0, median: 3.0, p95: 3.0, max: 3.0 });
         assert_eq!(Spread::of(&[]), Spread::default());
     }
 

@@ -15,6 +15,8 @@
 //! stack has a fixed size, and the same triangles always give the same tree. Corners are stored in
 //! leaf order.
 
+mod overlap;
+
 use glam::{DVec3, Vec3};
 
 use super::TriMesh;

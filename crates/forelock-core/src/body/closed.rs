@@ -18,6 +18,8 @@
 //! crude for a rim that folds back on itself. A single sheet closes to a body without thickness,
 //! which encloses nothing.
 
+mod segment;
+
 use std::collections::HashMap;
 
 use glam::Vec3;
@@ -25,6 +27,7 @@ use rayon::prelude::*;
 
 use super::bvh::{Bvh, Nearest};
 use super::mesh::TriMesh;
+pub use segment::SEGMENT_TOLERANCE_M;
 
 /// Vertices closer than this fraction of the mesh's diagonal are merged.
 const WELD: f32 = 1e-6;

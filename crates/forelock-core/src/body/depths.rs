@@ -1,4 +1,4 @@
-//! Depths of particles inside a mesh.
+//! Depths of particles and of the edges between them inside a mesh.
 //!
 //! # Theory
 //! Depths are exact, against the mesh's triangles. Its distance field only tells which particles
@@ -10,6 +10,10 @@
 //! # Practice
 //! Most particles take one read of a small table, eight of them at once, and hair that rests on the
 //! skin takes a sample and one cell of nodes.
+//!
+//! Edges are in [`edges`].
+
+mod edges;
 
 use std::ops::Range;
 
@@ -75,23 +79,9 @@ impl<'a> Depths<'a> {
     #[inline(always)]
     fn find_near(&self, positions: &[Vec3], particles: Range<usize>, near: &mut Vec<Near>) {
         let reach = self.field.error_bound() + ROUNDING_M;
-        let rows = [self.axes.row(0), self.axes.row(1), self.axes.row(2)];
         let Some(positions) = positions.get(..particles.end) else { return };
         for first in particles.step_by(PACKET) {
-            let mut world = [[0.0; PACKET]; 3];
-            for k in 0..PACKET {
-                let p = positions[(first + k).min(positions.len() - 1)];
-                for c in 0..3 {
-                    world[c][k] = p[c];
-                }
-            }
-            let mut at = [[0.0; PACKET]; 3];
-            for k in 0..PACKET {
-                let [x, y, z] = [0, 1, 2].map(|c: usize| world[c][k] - self.origin[0][c] - self.origin[1][c]);
-                for c in 0..3 {
-                    at[c][k] = rows[c].x * x + rows[c].y * y + rows[c].z * z;
-                }
-            }
+            let at = self.local(positions, first);
             let mut lanes = 0u32;
             for (k, least) in self.field.least_lanes(at).iter().enumerate() {
                 lanes |= u32::from(*least <= reach) << k;
@@ -104,6 +94,27 @@ impl<'a> Depths<'a> {
                 }
             }
         }
+    }
+
+    /// The packet of `positions` from `first` on in the mesh's space; the last one fills it up.
+    #[inline(always)]
+    fn local(&self, positions: &[Vec3], first: usize) -> [[f32; PACKET]; 3] {
+        let rows = [self.axes.row(0), self.axes.row(1), self.axes.row(2)];
+        let mut world = [[0.0; PACKET]; 3];
+        for k in 0..PACKET {
+            let p = positions[(first + k).min(positions.len() - 1)];
+            for c in 0..3 {
+                world[c][k] = p[c];
+            }
+        }
+        let mut at = [[0.0; PACKET]; 3];
+        for k in 0..PACKET {
+            let [x, y, z] = [0, 1, 2].map(|c: usize| world[c][k] - self.origin[0][c] - self.origin[1][c]);
+            for c in 0..3 {
+                at[c][k] = rows[c].x * x + rows[c].y * y + rows[c].z * z;
+            }
+        }
+        at
     }
 
     /// Keeps the particles of `near` that the field does not prove to be outside.

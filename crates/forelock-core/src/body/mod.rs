@@ -21,7 +21,7 @@ pub(crate) mod shapes_for_tests;
 mod surface_nets;
 
 pub use bvh::{Bvh, Nearest};
-pub use closed::{ClosedMesh, ClosingReport};
+pub use closed::{ClosedMesh, ClosingReport, SEGMENT_TOLERANCE_M};
 pub use collider::{Attachment, Collider, ColliderFrame, PACKET, Shape};
 pub use depths::Depths;
 pub use head::{Head, Region};
@@ -29,7 +29,8 @@ pub use horse::{Horse, Part};
 pub use mesh::{MeshError, TriMesh};
 pub use morph::Morph;
 pub use motion::{
-    BuiltinMotion, KeyframeInterpolation, Keyframes, KeyframesError, Motion, MotionKind, UnknownMotion,
+    BuiltinMotion, Keyframe, KeyframeInterpolation, Keyframes, KeyframesError, Motion, MotionKind,
+    UnknownMotion,
 };
 pub use props::Prop;
 pub use sdf::{BRICK_NODES, REFINEMENT, Sdf, SdfBytesError, SdfError};

@@ -186,20 +186,20 @@ fn a_damaged_cache_is_not_continued() {
     let path = folder.path().join("a.npz");
     let whole = write(&path, 3);
     let mut refused = 0;
-    for bit in 0..8 * whole.len() {
+    for byte in 0..whole.len() {
         let mut flipped = whole.clone();
-        flipped[bit / 8] ^= 1 << (bit % 8);
+        flipped[byte] ^= 1 << (byte % 8);
         fs::write(&path, &flipped).unwrap();
         match resume(&path, 3) {
             Err(_) => refused += 1,
             Ok(writer) => {
                 writer.finish().unwrap();
-                assert!(fs::read(&path).unwrap() == whole, "bit {bit}");
+                assert!(fs::read(&path).unwrap() == whole, "byte {byte}");
             }
         }
     }
-    // All bits of offsets and frames.
-    assert!(refused > 8 * (4 * OFFSETS.len() + 3 * 5 * 12), "{refused}");
+    // All of offsets and frames.
+    assert!(refused > 4 * OFFSETS.len() + 3 * 5 * 12, "{refused}");
 }
 
 #[test]

@@ -11,7 +11,7 @@ mod solids;
 
 use std::sync::Arc;
 
-use forelock_core::body::{ColliderFrame, Sdf, SdfError, TriMesh};
+use forelock_core::body::{ColliderFrame, Motion, Sdf, SdfError, TriMesh};
 use forelock_core::groom::Groom;
 use forelock_core::groom::edit::{Edit, EditError, EditReport};
 use forelock_core::meter::Meter;
@@ -24,7 +24,6 @@ use crate::scene::{
     CameraSection, ColliderSection, GroomSource, HairSection, MotionSection, OutputSection, Scene,
 };
 use crate::sdf_cache::CellSizes;
-pub use motion::MotionTrack;
 use solids::Body;
 pub(crate) use solids::Solid;
 
@@ -106,7 +105,7 @@ pub struct Assets {
     body: Option<Body>,
     /// The point about which the head turns, metres.
     pivot: DVec3,
-    head: Arc<MotionTrack>,
+    head: Arc<Motion>,
     solids: Vec<Arc<Solid>>,
 }
 
@@ -143,7 +142,7 @@ impl Assets {
         let mut notes = Vec::new();
         let groom = groom::load(scene, body.as_ref(), &mut notes, meter)?;
         let pivot = body.as_ref().map_or_else(|| groom::middle_of_roots(&groom), Body::pivot);
-        let head = Arc::new(MotionTrack::new(&scene.body.motion, pivot)?);
+        let head = Arc::new(motion::from_section(&scene.body.motion, pivot)?);
         let solids = solids::load(scene, body.as_ref(), meter)?;
         Ok(Self { groom, notes, body, pivot, head, solids })
     }
@@ -181,7 +180,7 @@ impl Assets {
         let meter = Meter::default();
         let body = Body::load(&scene, &meter)?;
         let pivot = body.as_ref().map_or_else(|| groom::middle_of_roots(&groom), Body::pivot);
-        let head = Arc::new(MotionTrack::new(&scene.body.motion, pivot)?);
+        let head = Arc::new(motion::from_section(&scene.body.motion, pivot)?);
         let solids = solids::load(&scene, None, &meter)?;
         Ok(Self { groom, notes: Vec::new(), body, pivot, head, solids })
     }
@@ -197,7 +196,7 @@ impl Assets {
     }
 
     /// The motion of the body.
-    pub fn head_motion(&self) -> &Arc<MotionTrack> {
+    pub fn head_motion(&self) -> &Arc<Motion> {
         &self.head
     }
 
@@ -205,8 +204,8 @@ impl Assets {
     ///
     /// # Errors
     /// [`AssetError`] if it is not a motion.
-    pub fn motion(&self, section: &MotionSection) -> Result<MotionTrack, AssetError> {
-        MotionTrack::new(section, self.pivot)
+    pub fn motion(&self, section: &MotionSection) -> Result<Motion, AssetError> {
+        motion::from_section(section, self.pivot)
     }
 
     /// All solids, the body first.

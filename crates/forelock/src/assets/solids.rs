@@ -3,12 +3,12 @@
 use std::borrow::Cow;
 use std::sync::{Arc, OnceLock};
 
-use forelock_core::body::{ClosedMesh, ColliderFrame, Head, Horse, Morph, Prop, Sdf, Shape, TriMesh};
+use forelock_core::body::{ClosedMesh, ColliderFrame, Head, Horse, Morph, Motion, Prop, Sdf, Shape, TriMesh};
 use forelock_core::meter::Meter;
 use forelock_core::pose::Pose;
 use glam::DVec3;
 
-use super::{AssetError, MotionTrack, distance_grid, motion, neck};
+use super::{AssetError, distance_grid, motion, neck};
 use crate::scene::{ColliderSection, NEAR_CELL, Scene, ShapeKind};
 use crate::sdf_cache::CellSizes;
 use crate::tessellate;
@@ -64,7 +64,7 @@ pub(crate) struct Solid {
     on_body: bool,
     /// Its pose before its motion.
     base: Pose,
-    motion: Arc<MotionTrack>,
+    motion: Arc<Motion>,
     visible: bool,
     /// Meshes for pictures, one after the other; the body is drawn as itself.
     pub(super) meshes: Vec<TriMesh>,
@@ -112,7 +112,7 @@ impl Solid {
     }
 
     /// Its motion, relative to the body or the world.
-    pub(crate) fn motion(&self) -> &Arc<MotionTrack> {
+    pub(crate) fn motion(&self) -> &Arc<Motion> {
         &self.motion
     }
 
@@ -193,7 +193,7 @@ pub(super) fn solid(section: &ColliderSection, fps: f64, meter: &Meter) -> Resul
         friction: section.friction,
         on_body: section.on_body,
         base: Pose::new(motion::rotation(section.rotation_degrees), position),
-        motion: Arc::new(MotionTrack::new(&section.motion, position)?),
+        motion: Arc::new(motion::from_section(&section.motion, position)?),
         visible: section.visible,
         meshes,
         sequence_fps,

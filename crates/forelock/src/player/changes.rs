@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use forelock_core::air::WindParams;
+use forelock_core::body::Motion;
 use forelock_core::groom::edit::{Edit, EditReport, Operation};
 use forelock_core::pose::Pose;
 use forelock_core::simulation::Teleport;
@@ -13,7 +14,7 @@ use super::regrooming::EditContext;
 use super::timeline::Change;
 use super::track::{Drag, Track};
 use super::{ColliderId, Player, PlayerError};
-use crate::assets::{self, MotionTrack};
+use crate::assets;
 use crate::scene::{ColliderSection, InteractionSection, SolverSection};
 
 impl Player {
@@ -56,8 +57,8 @@ impl Player {
     ///
     /// # Errors
     /// What a recorded change may return.
-    pub fn set_motion(&mut self, motion: impl Into<MotionTrack>) -> Result<(), PlayerError> {
-        self.make(Change::Motion(Arc::new(motion.into())))
+    pub fn set_motion(&mut self, motion: Motion) -> Result<(), PlayerError> {
+        self.make(Change::Motion(Arc::new(motion)))
     }
 
     /// Moves the head to `pose` (world from head) in the next frame, at constant speed, and leaves

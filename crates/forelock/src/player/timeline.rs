@@ -3,13 +3,14 @@
 use std::sync::Arc;
 
 use forelock_core::air::WindParams;
+use forelock_core::body::Motion;
 use forelock_core::groom::edit::Edit;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::Teleport;
 use glam::DVec3;
 
 use super::ColliderId;
-use crate::assets::{MotionTrack, Solid};
+use crate::assets::Solid;
 use crate::scene::{InteractionSection, SolverSection};
 
 /// A change of a running simulation.
@@ -19,7 +20,7 @@ pub(super) enum Change {
     Interaction(Arc<InteractionSection>),
     Gravity(DVec3),
     Wind(WindParams),
-    Motion(Arc<MotionTrack>),
+    Motion(Arc<Motion>),
     HeadPose(Pose),
     Teleport(Teleport),
     ColliderPose(ColliderId, Pose),

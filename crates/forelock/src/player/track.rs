@@ -2,15 +2,14 @@
 
 use std::sync::Arc;
 
+use forelock_core::body::Motion;
 use forelock_core::pose::Pose;
-
-use crate::assets::MotionTrack;
 
 /// A pose as a function of time.
 #[derive(Clone, Debug)]
 pub(super) enum Track {
     /// As a scene describes it.
-    Motion(Arc<MotionTrack>),
+    Motion(Arc<Motion>),
     /// From one pose to another at constant speed; at rest before and after.
     Drag(Drag),
 }

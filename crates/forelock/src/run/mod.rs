@@ -24,6 +24,7 @@
 
 mod checkpoints;
 mod machine;
+mod measure;
 mod snapshot;
 
 use std::path::{Path, PathBuf};
@@ -34,6 +35,7 @@ use forelock_io::{Lock, Stored};
 use glam::Vec3;
 
 use crate::backend::Backend;
+use crate::penetration::Penetration;
 use crate::pictures::{self, LastFrame, PictureError, RunPictures, Studio};
 use crate::player::{Player, PlayerError, StepReport};
 use crate::progress::{Observer, Progress};
@@ -46,6 +48,8 @@ use crate::summary::{
 use checkpoints::Checkpoints;
 use forelock_core::strands::Snapshot as State;
 use machine::Machine;
+use measure::FrameClock;
+pub use measure::MEASURED_EVERY;
 use snapshot::Snapshot;
 pub use snapshot::SnapshotError;
 
@@ -214,13 +218,17 @@ impl<'a> Run<'a> {
     fn step_through(&mut self, observer: &mut Observer<'_>, cancel: &AtomicBool) -> Result<Ended, RunError> {
         let frames = self.player.scene().time.frames;
         let done = self.so_far.frame.into();
+        // Surfaces to measure against are made here, not in the first frame that is measured.
+        drop(self.player.measured_solids());
         observer(&Progress::Begin { what: SIMULATING, done, total: frames.into() });
+        let mut clock = FrameClock::start();
         while self.so_far.frame < frames && !cancel.load(Ordering::SeqCst) {
             self.step()?;
             let written = Instant::now();
             self.append()?;
             if let Some(row) = self.so_far.rows.last_mut() {
                 row.stages.push((WRITE_CACHE.into(), written.elapsed().as_secs_f64() * 1e3));
+                row.ms = clock.lap_ms();
             }
             if self.checkpoints.are_due() {
                 let started = Instant::now();
@@ -240,33 +248,29 @@ impl<'a> Run<'a> {
         let stepped = Instant::now();
         self.player.positions(&mut self.positions)?;
         let skin_ms = stepped.elapsed().as_secs_f64() * 1e3;
-        let mut ms = stepped.duration_since(started).as_secs_f64() * 1e3;
-        let measuring = Instant::now();
-        let measured = self.player.penetration(&self.positions);
-        let measure_ms = measuring.elapsed().as_secs_f64() * 1e3;
+        let mut solver_ms = stepped.duration_since(started).as_secs_f64() * 1e3;
+        let measured = measure::penetration(&self.player, self.so_far.frame + 1, &self.positions);
         // Stages that did not run are left out.
         let ran = report.stages.iter().filter(|(_, secs)| *secs > 0.0);
         let mut stages: Vec<_> = ran.map(|(stage, secs)| (stage.into(), secs * 1e3)).collect();
         if self.player.guides() > 0 {
-            ms += skin_ms;
+            solver_ms += skin_ms;
             stages.push((SKIN_STRANDS.into(), skin_ms));
         }
-        stages.push((MEASURE_DEPTH.into(), measure_ms));
-        let worst = [
-            report.max_edge_stretch,
-            report.max_edge_stretch_final,
-            measured.deepest_m,
-            measured.share_inside,
-            report.strand_contacts.contacts as f64,
-        ];
+        stages.extend(measured.map(|(_, ms)| (MEASURE_DEPTH.into(), ms)));
+        let worst =
+            [report.max_edge_stretch, report.max_edge_stretch_final, report.strand_contacts.contacts as f64];
+        let penetration = measured.map(|(found, _)| found);
         let so_far = &mut self.so_far;
         so_far.frame += 1;
         so_far.worst = std::array::from_fn(|i| so_far.worst[i].max(worst[i]));
+        so_far.penetration = so_far.penetration.max(&penetration.unwrap_or_default());
         so_far.quarantined_strands += u64::from(report.quarantined_strands);
         so_far.rows.push(FrameRow {
-            ms,
+            ms: solver_ms,
+            solver_ms,
             stretch: report.max_edge_stretch,
-            penetration_m: measured.deepest_m,
+            penetration,
             stages,
         });
         Ok(())
@@ -349,10 +353,19 @@ impl<'a> Run<'a> {
         Ok(summary)
     }
 
+    /// Penetration in the last frame, unless it has been measured or its positions are lost with a
+    /// device.
+    fn last_penetration(&self) -> Penetration {
+        let frame = self.so_far.frame;
+        let is_missing = frame > 0 && !frame.is_multiple_of(MEASURED_EVERY) && self.player.frame() == frame;
+        if is_missing { self.player.penetration(&self.positions) } else { Penetration::default() }
+    }
+
     fn summary(&self, outputs: Vec<PathBuf>, state_hash: u64) -> Summary {
         let Self { player, so_far, .. } = self;
         let (scene, groom) = (player.scene(), &player.assets().groom);
-        let times: Vec<f64> = so_far.rows.iter().map(|row| row.ms).collect();
+        let spread = |ms: fn(&FrameRow) -> f64| Spread::of(&so_far.rows.iter().map(ms).collect::<Vec<_>>());
+        let penetration = so_far.penetration.max(&self.last_penetration());
         let machine = Machine::of(player);
         Summary {
             scene: scene.name.clone(),
@@ -368,15 +381,19 @@ impl<'a> Run<'a> {
             frames_asked: scene.time.frames,
             fps: scene.time.fps,
             substeps: player.substeps(),
-            ms_per_frame: Spread::of(&times),
+            ms_per_frame: spread(|row| row.ms),
+            solver_ms_per_frame: spread(|row| row.solver_ms),
             ms_per_stage: median_stages(&so_far.rows),
             peak_memory_bytes: peak_memory_bytes(),
             simulation_bytes: player.simulation_bytes(),
             max_edge_stretch: so_far.worst[0],
             max_edge_stretch_after_solids: so_far.worst[1],
-            max_penetration_m: so_far.worst[2],
-            max_share_1mm_inside: so_far.worst[3],
-            max_strand_contacts: so_far.worst[4] as u64,
+            penetration_measured_every: MEASURED_EVERY,
+            max_penetration_m: penetration.deepest_m,
+            max_share_1mm_inside: penetration.share_inside,
+            max_edge_penetration_m: penetration.deepest_edge_m,
+            max_edge_share_1mm_inside: penetration.edge_share_inside,
+            max_strand_contacts: so_far.worst[2] as u64,
             quarantined_strands: so_far.quarantined_strands,
             teleports: player.counters().teleports,
             state_hash: format!("{:016x}", state_hash),

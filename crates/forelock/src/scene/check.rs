@@ -3,7 +3,7 @@
 //! An error names the dotted key and states which values are allowed. The ranges are also in the
 //! doc comments of the fields; a test compares both.
 
-use forelock_core::body::Motion;
+use forelock_core::body::{KeyframeInterpolation, Motion};
 use forelock_core::groom::grow::GrowError;
 use forelock_core::params::FLOAT32_STIFFNESS_LIMIT;
 use forelock_core::params::ParamsError;
@@ -198,7 +198,8 @@ fn check_motion(key: &str, motion: &MotionSection) -> Result<(), Wrong> {
         return Err((format!("{key}.keyframe.0.jump"), message));
     }
     let follows = |before: &Keyframe, next: &Keyframe| {
-        next.time_secs > before.time_secs || (next.jump && next.time_secs == before.time_secs)
+        let held = before.interpolation.unwrap_or(motion.interpolation) == KeyframeInterpolation::Hold;
+        next.time_secs > before.time_secs || ((next.jump || held) && next.time_secs == before.time_secs)
     };
     match frames.windows(2).position(|pair| !follows(&pair[0], &pair[1])) {
         None => Ok(()),

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use forelock_core::body::KeyframeInterpolation;
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{Deserialize, Deserializer, MapAccess, Visitor};
 
@@ -24,6 +25,9 @@ pub struct MotionSection {
     /// collider's position.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pivot: Option<[f64; 3]>,
+    /// How keyframes are interpolated: "smooth" (never beyond them, starting and stopping at rest),
+    /// "linear" or "hold" (rest until the next one, and a jump there). Default "smooth".
+    pub interpolation: KeyframeInterpolation,
     /// Poses to pass through instead of a named motion, in order of time. Default none.
     #[serde(rename = "keyframe", skip_serializing_if = "Vec::is_empty")]
     pub keyframes: Vec<Keyframe>,
@@ -38,10 +42,14 @@ pub struct Keyframe {
     /// Where, as a shift from rest, [x, y, z]. Unit m, default [0, 0, 0].
     pub translation: [f64; 3],
     /// How turned from rest about the pivot: yaw about y, pitch about x, roll about z, in this
-    /// order. Unit degrees, default [0, 0, 0].
+    /// order. Angles count as given, 720 is two turns. Unit degrees, default [0, 0, 0].
     pub rotation_degrees: [f64; 3],
-    /// Whether the pose jumps here: until then the motion ends at the keyframe before, whose time
-    /// may be the same. A jump of the body is simulated as motion unless a `[[teleport]]` declares
+    /// Interpolation from here to the next keyframe: "smooth", "linear" or "hold". Default that of
+    /// the motion.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub interpolation: Option<KeyframeInterpolation>,
+    /// Whether the pose jumps here, as if the keyframe before were to "hold"; its time may be the
+    /// same. A jump of the body is simulated as motion unless a `[[teleport]]` declares
     /// it or `body.teleport_speed` finds it. Default false.
     pub jump: bool,
 }
@@ -61,6 +69,7 @@ impl MotionSection {
             frequency_hz: None,
             rest_after_secs: 0.0,
             pivot: None,
+            interpolation: KeyframeInterpolation::default(),
             keyframes: Vec::new(),
         }
     }
@@ -80,15 +89,29 @@ struct Table {
     frequency_hz: Option<f64>,
     rest_after_secs: f64,
     pivot: Option<[f64; 3]>,
+    interpolation: KeyframeInterpolation,
     #[serde(rename = "keyframe")]
     keyframes: Vec<Keyframe>,
 }
 
 impl Default for Table {
     fn default() -> Self {
-        let MotionSection { name, amplitude, frequency_hz, rest_after_secs, pivot, keyframes } =
-            MotionSection::default();
-        Self { name, amplitude, frequency_hz, rest_after_secs, pivot, keyframes }
+        MotionSection::default().into()
+    }
+}
+
+impl From<MotionSection> for Table {
+    fn from(section: MotionSection) -> Self {
+        let MotionSection { name, amplitude, frequency_hz, rest_after_secs, pivot, interpolation, keyframes } =
+            section;
+        Self { name, amplitude, frequency_hz, rest_after_secs, pivot, interpolation, keyframes }
+    }
+}
+
+impl From<Table> for MotionSection {
+    fn from(table: Table) -> Self {
+        let Table { name, amplitude, frequency_hz, rest_after_secs, pivot, interpolation, keyframes } = table;
+        Self { name, amplitude, frequency_hz, rest_after_secs, pivot, interpolation, keyframes }
     }
 }
 
@@ -104,9 +127,7 @@ impl<'de> Deserialize<'de> for MotionSection {
                 Ok(MotionSection::named(name))
             }
             fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<MotionSection, A::Error> {
-                let Table { name, amplitude, frequency_hz, rest_after_secs, pivot, keyframes } =
-                    Table::deserialize(MapAccessDeserializer::new(map))?;
-                Ok(MotionSection { name, amplitude, frequency_hz, rest_after_secs, pivot, keyframes })
+                Table::deserialize(MapAccessDeserializer::new(map)).map(MotionSection::from)
             }
         }
         deserializer.deserialize_any(NameOrTable)

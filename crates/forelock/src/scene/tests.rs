@@ -302,6 +302,10 @@ fn teleports_and_keyframes_that_jump_are_read_and_checked() {
     };
     assert!(keys("").unwrap_err().to_string().contains("`body.motion.keyframe.2.time_secs` should be later"));
     assert!(keys("jump = true").unwrap().body.motion.keyframes[2].jump);
+    let held = "[body.motion]\nkeyframe = [{}, {time_secs = 1, interpolation = \"hold\"}, {time_secs = 1}]\n";
+    let scene = parse(held, &[]).unwrap();
+    assert_eq!(Scene::parse(&scene.to_toml(), Path::new("scene.toml"), &[]).unwrap(), scene);
+    assert!(message("[body.motion]\ninterpolation = \"holt\"\n", &[]).contains("\"hold\""));
 }
 
 #[test]

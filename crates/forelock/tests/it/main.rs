@@ -5,6 +5,7 @@ mod chain;
 mod documented_parameters;
 mod frame_rates;
 mod measure;
+mod measured_runs;
 mod mesh_sequence;
 mod player;
 mod rates_agree;

@@ -59,9 +59,15 @@ fn check(name: &str) {
     assert_eq!((summary.quarantined_strands, shaken.non_finite), (0, 0));
     assert!(summary.max_edge_stretch <= 1e-5, "stretch {} after the pass", summary.max_edge_stretch);
     assert!(shaken.share_inside <= 1e-3, "{} of the particles more than 1 mm inside", shaken.share_inside);
-    let [share, deepest_m] = shaken.reported;
-    assert!((share - shaken.share_inside).abs() < 1e-6, "{share} reported for {}", shaken.share_inside);
-    assert!((deepest_m - shaken.deepest_m).abs() < 2e-5, "{deepest_m} m reported for {}", shaken.deepest_m);
+    let [share, deepest_m, edge_share, deepest_edge_m] = shaken.reported;
+    assert!((share - shaken.measured[0]).abs() < 1e-6, "{share} reported for {:?}", shaken.measured);
+    assert!(
+        (deepest_m - shaken.measured[1]).abs() < 2e-5,
+        "{deepest_m} m reported for {:?}",
+        shaken.measured
+    );
+    assert!((edge_share - shaken.edge_share_inside).abs() < 1e-5, "{edge_share} reported");
+    assert!((deepest_edge_m - shaken.deepest_edge_m).abs() < 2e-4, "{deepest_edge_m} m reported");
     assert!(shaken.jitter_g > 0.5, "at 4 g the hair moves");
     assert_eq!((summary.strands, summary.particles), (shaken.strands, shaken.particles));
 

@@ -1,21 +1,51 @@
-//! Keyframe motion: poses at given times, interpolated in between.
+//! Keyframe motion: shifts and turns at given times, interpolated in between.
 //!
 //! # Theory
-//! Linear interpolation: linear in the translation, constant speed along the shorter arc in the
-//! rotation. Smooth interpolation: cubic Hermite pieces whose slope at each key is that of the
-//! parabola through the key and its neighbours (Catmull and Rom 1974, for uneven times), for the
-//! translation and for the four components of the rotation, which is then normalised. The slopes at
-//! the ends are zero, so the motion starts and stops at rest.
+//! The six components of a key (shift along x, y, z; yaw, pitch, roll) are interpolated each by
+//! itself. Smooth interpolation is the monotone cubic of M. Steffen (Astronomy and Astrophysics
+//! 239, 1990): a cubic Hermite piece whose slope at a key between the secants d₁ and d₂ of
+//! intervals h₁ and h₂ is
+//!
+//! m = (sgn d₁ + sgn d₂) min(|d₁|, |d₂|, ½ |d₁ h₂ + d₂ h₁| / (h₁ + h₂)),   (1)
+//!
+//! that of the parabola through three keys, but for its limits: 0 where the component turns back
+//! and at most twice the smaller secant. With such slopes a piece is monotone, so no component ever
+//! leaves the range of the two keys around it. Beside a linear interval the slope is that
+//! interval's, as far as a monotone piece can have it (three times its own secant). At the first
+//! and last key, and beside a hold, it is 0: motions start and stop at rest.
+//!
+//! # Practice
+//! Turns are angles, so 1,440° of yaw in one interval are four turns. Between two keys that differ
+//! in one angle the axis is fixed and the speed is that of the angle.
 //!
 //! # Limitations
 //! Smooth motion is once continuously differentiable: accelerations are discontinuous at the keys.
-//! A rotation of more than half a turn between two keys takes the shorter arc.
+//! Between keys that differ in several angles the axis moves, as it does for any Euler angles.
 
-use glam::{DQuat, DVec4};
+use glam::{DQuat, DVec3, EulerRot};
 
 use crate::pose::Pose;
 
-/// Poses at increasing times.
+/// One key of a motion.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(default, deny_unknown_fields)
+)]
+pub struct Keyframe {
+    /// When, seconds.
+    pub time_secs: f64,
+    /// Shift from rest, metres.
+    pub translation: DVec3,
+    /// Turn from rest about the pivot, radians: yaw about y, pitch about x, roll about z, in this
+    /// order. Angles are taken as given: 4π is two turns.
+    pub turn: DVec3,
+    /// How the motion goes on from here to the next key.
+    pub interpolation: KeyframeInterpolation,
+}
+
+/// Keys at increasing times and the point about which they turn.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -23,20 +53,21 @@ use crate::pose::Pose;
     serde(try_from = "raw::Keyframes", into = "raw::Keyframes")
 )]
 pub struct Keyframes {
-    times: Vec<f64>,
-    poses: Vec<Pose>,
-    interpolation: KeyframeInterpolation,
+    keys: Vec<Keyframe>,
+    pivot: DVec3,
 }
 
 /// Interpolation between two keys.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum KeyframeInterpolation {
-    /// A smooth curve through all keys.
+    /// A smooth curve through all keys that never goes beyond them.
     #[default]
     Smooth,
-    /// Linear interpolation at constant speed.
+    /// Constant speed.
     Linear,
+    /// Rest until the next key, and a jump there.
+    Hold,
 }
 
 /// Why keys do not form a motion.
@@ -45,123 +76,138 @@ pub enum KeyframesError {
     /// There are no keys.
     #[error("a motion needs at least one keyframe")]
     Empty,
-    /// The numbers of times and poses differ.
-    #[error("there are {times} times, but {poses} poses")]
-    Length {
-        /// Times given.
-        times: usize,
-        /// Poses given.
-        poses: usize,
-    },
-    /// The time of this key is not finite or not later than that of the key before.
+    /// The time of this key is not finite or not later than that of the key before, which does not
+    /// hold.
     #[error("the time of keyframe {0} is not later than the time of the keyframe before it")]
     Order(usize),
-    /// The pose of this key is not finite, or its rotation is zero.
-    #[error("the pose of keyframe {0} is not finite or has a zero rotation")]
-    Pose(usize),
+    /// The shift or turn of this key, or the pivot, is not finite.
+    #[error("keyframe {0} has a translation or rotation that is not finite")]
+    NotFinite(usize),
 }
 
 impl Keyframes {
-    /// Creates the motion through `poses` at `times` (seconds, increasing). It stays at the first
-    /// pose before the first time and at the last pose after the last time. Rotations are
-    /// normalised.
+    /// Creates the motion through `keys`, turning about `pivot` (metres). It stays at the first key
+    /// before its time and at the last key after its time. Two keys may have the same time if the
+    /// first of them holds: the motion jumps there.
     ///
     /// # Errors
-    /// [`KeyframesError`] if there are no keys, the numbers of times and poses differ, the times do
-    /// not increase, or a pose is invalid.
-    pub fn new(
-        times: Vec<f64>,
-        mut poses: Vec<Pose>,
-        interpolation: KeyframeInterpolation,
-    ) -> Result<Self, KeyframesError> {
-        if times.len() != poses.len() {
-            return Err(KeyframesError::Length { times: times.len(), poses: poses.len() });
-        }
-        if times.is_empty() {
+    /// [`KeyframesError`] if there are no keys, the times do not increase, or a number is not
+    /// finite.
+    pub fn new(keys: Vec<Keyframe>, pivot: DVec3) -> Result<Self, KeyframesError> {
+        if keys.is_empty() {
             return Err(KeyframesError::Empty);
         }
-        let late = |key: usize| times[key].is_finite() && (key == 0 || times[key] > times[key - 1]);
-        if let Some(key) = (0..times.len()).find(|&key| !late(key)) {
-            return Err(KeyframesError::Order(key));
+        for (index, key) in keys.iter().enumerate() {
+            let later = |before: &Keyframe| {
+                let tied = before.interpolation == KeyframeInterpolation::Hold;
+                key.time_secs > before.time_secs || (tied && key.time_secs == before.time_secs)
+            };
+            if !key.time_secs.is_finite() || (index > 0 && !later(&keys[index - 1])) {
+                return Err(KeyframesError::Order(index));
+            }
+            if !(key.translation.is_finite() && key.turn.is_finite() && pivot.is_finite()) {
+                return Err(KeyframesError::NotFinite(index));
+            }
         }
-        let mut before = DQuat::IDENTITY;
-        for (key, pose) in poses.iter_mut().enumerate() {
-            let length = pose.rotation.length();
-            if !(pose.is_finite() && length > 1e-6 && length.is_finite()) {
-                return Err(KeyframesError::Pose(key));
-            }
-            if (length - 1.0).abs() > 1e-9 {
-                pose.rotation = pose.rotation.normalize();
-            }
-            // q and −q are the same rotation: choose the one nearer to the previous key.
-            if pose.rotation.dot(before) < 0.0 {
-                pose.rotation = -pose.rotation;
-            }
-            before = pose.rotation;
-        }
-        Ok(Self { times, poses, interpolation })
+        Ok(Self { keys, pivot })
     }
 
-    /// The pose at `time` seconds.
+    /// The pose at `time` seconds; at a jump, the pose after it.
     pub fn pose(&self, time: f64) -> Pose {
-        let next = self.times.partition_point(|&t| t <= time);
-        if next == 0 {
-            return self.poses[0];
+        let next = self.keys.partition_point(|key| key.time_secs <= time);
+        if next == 0 || next == self.keys.len() {
+            return self.pose_at_key(next.saturating_sub(1));
         }
-        let key = next - 1;
-        if next == self.times.len() {
-            return self.poses[key];
-        }
-        let span = self.times[next] - self.times[key];
-        let u = (time - self.times[key]) / span;
-        match self.interpolation {
-            KeyframeInterpolation::Linear => self.poses[key].interpolate(&self.poses[next], u),
-            KeyframeInterpolation::Smooth => {
-                let translation = [
-                    self.translation(key),
-                    self.translation_slope(key),
-                    self.translation(next),
-                    self.translation_slope(next),
-                ];
-                let rotation = [
-                    self.rotation(key),
-                    self.rotation_slope(key),
-                    self.rotation(next),
-                    self.rotation_slope(next),
-                ];
-                let [a, b, c, d] = hermite(u, span);
-                let blend = |v: [DVec4; 4]| v[0] * a + v[1] * b + v[2] * c + v[3] * d;
-                Pose::new(DQuat::from_vec4(blend(rotation)), blend(translation).truncate())
+        let (from, to) = (&self.keys[next - 1], &self.keys[next]);
+        let span = to.time_secs - from.time_secs;
+        let u = (time - from.time_secs) / span;
+        let component = |value: fn(&Keyframe) -> DVec3| -> DVec3 {
+            let [start, end] = [value(from), value(to)];
+            let at = match from.interpolation {
+                KeyframeInterpolation::Hold => start,
+                KeyframeInterpolation::Linear => start + (end - start) * u,
+                KeyframeInterpolation::Smooth => {
+                    let [a, b, c, d] = hermite(u, span);
+                    let [leave, arrive] = self.slopes(next - 1, value);
+                    start * a + leave * b + end * c + arrive * d
+                }
+            };
+            // Monotone pieces leave their keys by rounding only.
+            at.clamp(start.min(end), start.max(end))
+        };
+        self.turned(component(|key| key.translation), component(|key| key.turn))
+    }
+
+    /// The jumps after the first and not after the second of `times` (seconds) as one displacement,
+    /// from poses before them to poses after them.
+    pub fn jump_between(&self, times: [f64; 2]) -> Option<Pose> {
+        let first = self.keys.partition_point(|key| key.time_secs <= times[0]).max(1);
+        let mut jump: Option<Pose> = None;
+        for next in (first..self.keys.len()).take_while(|&next| self.keys[next].time_secs <= times[1]) {
+            let (from, to) = (&self.keys[next - 1], &self.keys[next]);
+            let moves = from.translation != to.translation || from.turn != to.turn;
+            if from.interpolation == KeyframeInterpolation::Hold && moves {
+                let step = self.pose_at_key(next).after(&self.pose_at_key(next - 1).inverse());
+                jump = Some(jump.map_or(step, |jump| step.after(&jump)));
             }
         }
+        jump
     }
 
-    fn translation(&self, key: usize) -> DVec4 {
-        self.poses[key].translation.extend(0.0)
+    fn pose_at_key(&self, key: usize) -> Pose {
+        self.turned(self.keys[key].translation, self.keys[key].turn)
     }
 
-    fn rotation(&self, key: usize) -> DVec4 {
-        DVec4::from(self.poses[key].rotation)
+    fn turned(&self, translation: DVec3, turn: DVec3) -> Pose {
+        let rotation = DQuat::from_euler(EulerRot::YXZ, turn.x, turn.y, turn.z);
+        Pose::new(rotation, self.pivot + translation - rotation * self.pivot)
     }
 
-    fn translation_slope(&self, key: usize) -> DVec4 {
-        self.slope(key, |key| self.translation(key))
+    /// The slopes of `value` at both ends of the smooth interval that begins at `key`.
+    fn slopes(&self, key: usize, value: impl Fn(&Keyframe) -> DVec3) -> [DVec3; 2] {
+        let interval = |key: usize| {
+            let (from, to) = (self.keys.get(key)?, self.keys.get(key + 1)?);
+            let span = to.time_secs - from.time_secs;
+            let interpolation = from.interpolation;
+            let secant = || (value(to) - value(from)) / span;
+            (interpolation != KeyframeInterpolation::Hold).then(|| Interval {
+                secant: secant(),
+                span,
+                interpolation,
+            })
+        };
+        let own = interval(key);
+        [key.checked_sub(1), Some(key + 1)].map(|beside| match (&own, beside.and_then(interval)) {
+            (Some(own), Some(beside)) => {
+                DVec3::from_array(std::array::from_fn(|axis| slope(own, &beside, axis)))
+            }
+            _ => DVec3::ZERO,
+        })
     }
+}
 
-    fn rotation_slope(&self, key: usize) -> DVec4 {
-        self.slope(key, |key| self.rotation(key))
-    }
+/// The time between two keys.
+struct Interval {
+    /// Change over time of three components.
+    secant: DVec3,
+    span: f64,
+    interpolation: KeyframeInterpolation,
+}
 
-    /// The slope at `key` of the parabola through it and its neighbours; zero at the ends.
-    fn slope(&self, key: usize, value: impl Fn(usize) -> DVec4) -> DVec4 {
-        if key == 0 || key + 1 == self.times.len() {
-            return DVec4::ZERO;
-        }
-        let (before, after) = (self.times[key] - self.times[key - 1], self.times[key + 1] - self.times[key]);
-        let rise = (value(key) - value(key - 1)) / before;
-        let next = (value(key + 1) - value(key)) / after;
-        (rise * after + next * before) / (before + after)
+/// The slope of component `axis` at the key between a smooth interval and the one `beside` it.
+fn slope(own: &Interval, beside: &Interval, axis: usize) -> f64 {
+    let (d, e) = (own.secant[axis], beside.secant[axis]);
+    if d * e <= 0.0 {
+        return 0.0;
     }
+    let most = if beside.interpolation == KeyframeInterpolation::Linear {
+        e.abs().min(3.0 * d.abs())
+    } else {
+        // (1); the sum of the signs is ±2.
+        let parabola = (d * beside.span + e * own.span).abs() / (own.span + beside.span);
+        (2.0 * d.abs().min(e.abs())).min(parabola)
+    };
+    most.copysign(d)
 }
 
 /// Hermite weights at `u` of a cubic over `span` seconds: value and slope at its start, value and
@@ -175,93 +221,30 @@ fn hermite(u: f64, span: f64) -> [f64; 4] {
 mod raw {
     //! The keys in the form in which a file stores them.
 
-    use super::{KeyframeInterpolation, KeyframesError, Pose};
+    use super::{DVec3, Keyframe, KeyframesError};
 
     #[derive(Clone, serde::Serialize, serde::Deserialize)]
     #[serde(deny_unknown_fields)]
     pub(super) struct Keyframes {
-        times: Vec<f64>,
-        poses: Vec<Pose>,
+        keys: Vec<Keyframe>,
         #[serde(default)]
-        interpolation: KeyframeInterpolation,
+        pivot: DVec3,
     }
 
     impl TryFrom<Keyframes> for super::Keyframes {
         type Error = KeyframesError;
 
         fn try_from(raw: Keyframes) -> Result<Self, KeyframesError> {
-            Self::new(raw.times, raw.poses, raw.interpolation)
+            Self::new(raw.keys, raw.pivot)
         }
     }
 
     impl From<super::Keyframes> for Keyframes {
-        fn from(keys: super::Keyframes) -> Self {
-            Self { times: keys.times, poses: keys.poses, interpolation: keys.interpolation }
+        fn from(motion: super::Keyframes) -> Self {
+            Self { keys: motion.keys, pivot: motion.pivot }
         }
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use glam::DVec3;
-
-    use super::*;
-
-    fn keys(interpolation: KeyframeInterpolation) -> Keyframes {
-        let pose = |yaw: f64, x: f64| Pose::new(-DQuat::from_rotation_y(yaw), DVec3::X * x);
-        Keyframes::new(
-            vec![0.0, 1.0, 1.5, 3.0],
-            vec![pose(0.0, 0.0), pose(0.5, 1.0), pose(0.2, -1.0), pose(2.0, 0.5)],
-            interpolation,
-        )
-        .unwrap()
-    }
-
-    #[test]
-    fn the_motion_passes_through_its_keys() {
-        for interpolation in [KeyframeInterpolation::Smooth, KeyframeInterpolation::Linear] {
-            let keys = keys(interpolation);
-            for (time, pose) in keys.times.iter().zip(&keys.poses) {
-                for side in [-1e-9, 0.0, 1e-9] {
-                    let got = keys.pose(time + side);
-                    assert!((got.translation - pose.translation).length() < 1e-7);
-                    assert!(got.rotation.dot(pose.rotation).abs() > 1.0 - 1e-12);
-                }
-            }
-            assert_eq!(keys.pose(-5.0), keys.poses[0]);
-            assert_eq!(keys.pose(50.0), keys.poses[3]);
-        }
-    }
-
-    #[test]
-    fn smooth_velocity_is_continuous_and_linear_is_not() {
-        let jump = |interpolation| {
-            let (keys, h, point) = (keys(interpolation), 1e-5, DVec3::new(0.1, 0.0, 0.3));
-            let x = |t: f64| keys.pose(t).transform_point(point);
-            let at = |t: f64| ((x(t + 2.0 * h) - x(t + h)) - (x(t - h) - x(t - 2.0 * h))).length() / h;
-            keys.times.iter().map(|&t| at(t)).fold(0.0, f64::max)
-        };
-        assert!(jump(KeyframeInterpolation::Smooth) < 1e-2);
-        assert!(jump(KeyframeInterpolation::Linear) > 1.0);
-    }
-
-    #[test]
-    fn invalid_keys_are_refused() {
-        let new = |times: Vec<f64>, poses| Keyframes::new(times, poses, KeyframeInterpolation::Linear);
-        let pose = Pose::IDENTITY;
-        let zero = Pose { rotation: DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0), ..pose };
-        assert_eq!(new(vec![], vec![]), Err(KeyframesError::Empty));
-        assert_eq!(new(vec![0.0], vec![]), Err(KeyframesError::Length { times: 1, poses: 0 }));
-        assert_eq!(new(vec![0.0, 0.0], vec![pose; 2]), Err(KeyframesError::Order(1)));
-        assert_eq!(new(vec![f64::NAN], vec![pose]), Err(KeyframesError::Order(0)));
-        assert_eq!(new(vec![0.0], vec![zero]), Err(KeyframesError::Pose(0)));
-    }
-
-    #[cfg(feature = "serde")]
-    #[test]
-    fn keys_read_from_a_file_are_checked() {
-        let text = serde_json::to_string(&keys(KeyframeInterpolation::Linear)).unwrap();
-        assert_eq!(serde_json::from_str::<Keyframes>(&text).unwrap(), keys(KeyframeInterpolation::Linear));
-        assert!(serde_json::from_str::<Keyframes>(r#"{"times": [], "poses": []}"#).is_err());
-    }
-}
+mod tests;

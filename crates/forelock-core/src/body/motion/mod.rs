@@ -1,4 +1,4 @@
-//! Motions of the head: functions from time to [`Pose`].
+//! Motions of the head and of colliders: functions from time to [`Pose`].
 //!
 //! # Theory
 //! The built-in motions start at the identity with zero velocity and acceleration and are twice
@@ -19,20 +19,20 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DQuat, DVec3};
 
-pub use keyframes::{KeyframeInterpolation, Keyframes, KeyframesError};
+pub use keyframes::{Keyframe, KeyframeInterpolation, Keyframes, KeyframesError};
 
 use crate::pose::Pose;
 
 /// Standard gravity, m/s².
 const GRAVITY: f64 = 9.80665;
 
-/// The motion of the head.
+/// The motion of the head or of a collider.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum Motion {
     /// One of the built-in motions.
     Builtin(BuiltinMotion),
-    /// Poses at given times.
+    /// Shifts and turns at given times.
     Keyframes(Keyframes),
 }
 
@@ -119,12 +119,21 @@ impl Motion {
         Ok(Self::Builtin(BuiltinMotion { kind, ..BuiltinMotion::default() }))
     }
 
-    /// The pose at `time` seconds: world from head. A built-in motion is at the identity before
-    /// time 0.
+    /// The pose at `time` seconds: world from head; at a jump, the pose after it. A built-in motion
+    /// is at the identity before time 0.
     pub fn pose(&self, time: f64) -> Pose {
         match self {
             Self::Builtin(motion) => motion.pose(time),
             Self::Keyframes(keyframes) => keyframes.pose(time),
+        }
+    }
+
+    /// The jumps after the first and not after the second of `times` (seconds) as one displacement,
+    /// from poses before them to poses after them. Only keyframes jump.
+    pub fn jump_between(&self, times: [f64; 2]) -> Option<Pose> {
+        match self {
+            Self::Builtin(_) => None,
+            Self::Keyframes(keyframes) => keyframes.jump_between(times),
         }
     }
 }

@@ -8,7 +8,7 @@ use std::path::Path;
 
 use forelock::core::body::ClosedMesh;
 use forelock::io::Cache;
-use forelock::{Assets, Scene};
+use forelock::{Assets, MEASURED_EVERY, Scene};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -37,8 +37,15 @@ pub struct Shown {
     pub deepest_m: f64,
     /// Deepest clamped particle, metres.
     pub deepest_clamped_m: f64,
-    /// What the run's summary says of `share_inside` and `deepest_m`.
-    pub reported: [f64; 2],
+    /// Deepest point of an edge inside a mesh in a frame that the run measures, metres: of free
+    /// particles, or from a clamped one that is outside.
+    pub deepest_edge_m: f64,
+    /// Largest share of those edges that is more than 1 mm inside in such a frame. No unit.
+    pub edge_share_inside: f64,
+    /// `share_inside` and `deepest_m` of the frames that the run measures.
+    pub measured: [f64; 2],
+    /// What the run's summary says of `measured`, `edge_share_inside` and `deepest_edge_m`.
+    pub reported: [f64; 4],
     /// Farthest that a particle is from its rest place in the head's frame, in the last frame,
     /// metres.
     pub drift_m: f64,
@@ -83,19 +90,34 @@ pub fn shown(folder: &Path, every: usize) -> Shown {
         let head_from_world = assets.head_pose(time).inverse();
         let local = |p: &Vec3| head_from_world.transform_point(p.as_dvec3());
         if frame % every == 0 || frame == last {
+            // The summary is about what was simulated and measured.
+            let is_measured = frame > 0 && (frame % MEASURED_EVERY as usize == 0 || frame == last);
             let mut deepest = vec![0.0f64; rest.len()];
+            let mut deepest_edges = vec![0.0f64; rest.len()];
             let own = assets.body_mesh().map(|_| head_from_world);
             let others = assets.solid_meshes(time).into_iter().map(|(_, pose)| pose.inverse());
             for (depths, local_from_world) in depths.iter_mut().zip(own.into_iter().chain(others)) {
                 let local = |p: &Vec3| local_from_world.transform_point(p.as_dvec3());
-                let found = depths.look(&positions.par_iter().map(local).collect::<Vec<_>>());
+                let local: Vec<DVec3> = positions.par_iter().map(local).collect();
+                let found = depths.look(&local);
+                if is_measured {
+                    let edges = depths.look_along_edges(&local, &offsets, clamped, &found);
+                    deepest_edges.iter_mut().zip(edges).for_each(|(edge, found)| *edge = edge.max(found));
+                }
                 deepest.iter_mut().zip(found).for_each(|(deepest, found)| *deepest = deepest.max(found));
             }
             let of = |wanted| deepest.iter().zip(&is_free).filter(move |(_, free)| **free == wanted);
             let share = of(true).filter(|(depth, _)| **depth > DEEP_M).count() as f64 / free.max(1) as f64;
             shown.deepest_clamped_m =
                 of(false).map(|(depth, _)| *depth).fold(shown.deepest_clamped_m, f64::max);
-            // The summary is about what was simulated.
+            if is_measured {
+                let deepest = of(true).map(|(depth, _)| *depth).fold(shown.measured[1], f64::max);
+                shown.measured = [shown.measured[0].max(share), deepest];
+                let cut = deepest_edges.iter().filter(|depth| **depth > DEEP_M).count();
+                let edges = free - if clamped == 0 { offsets.len() - 1 } else { 0 };
+                shown.edge_share_inside = shown.edge_share_inside.max(cut as f64 / edges.max(1) as f64);
+                shown.deepest_edge_m = deepest_edges.iter().copied().fold(shown.deepest_edge_m, f64::max);
+            }
             if frame == 0 {
                 shown.share_inside_at_start = share;
             } else {
@@ -125,11 +147,13 @@ pub fn shown(folder: &Path, every: usize) -> Shown {
     shown
 }
 
-/// The share inside and the largest depth that the summary in `folder` reports.
-fn reported(folder: &Path) -> [f64; 2] {
+/// Shares inside and largest depths that the summary in `folder` reports.
+fn reported(folder: &Path) -> [f64; 4] {
     let text = std::fs::read(folder.join("summary.json")).expect("the summary of a run");
     let summary: serde_json::Value = serde_json::from_slice(&text).expect("a summary in JSON");
-    ["max_share_1mm_inside", "max_penetration_m"].map(|key| summary[key].as_f64().expect("a number"))
+    let keys =
+        ["max_share_1mm_inside", "max_penetration_m", "max_edge_share_1mm_inside", "max_edge_penetration_m"];
+    keys.map(|key| summary[key].as_f64().expect("a number"))
 }
 
 fn stretch(positions: &[Vec3], rest: &[Vec3], offsets: &[u32]) -> f64 {
@@ -165,5 +189,42 @@ impl Depths {
             0.0
         };
         self.known.par_iter_mut().zip(positions).map(depth).collect()
+    }
+
+    /// The greatest depth in metres along each edge, at its second particle: marched from end to
+    /// end, by the distance outside and by 0.1 mm inside. `found` are the depths of the particles,
+    /// `positions` those of the last look.
+    fn look_along_edges(
+        &self,
+        positions: &[DVec3],
+        offsets: &[u32],
+        clamped: u32,
+        found: &[f64],
+    ) -> Vec<f64> {
+        let surface = &self.surface;
+        let least = |i: usize| self.known[i].1 - self.known[i].0.distance(positions[i]);
+        let along = |i: usize| {
+            let (a, b) = (positions[i - 1], positions[i]);
+            let length = a.distance(b);
+            if least(i - 1) + least(i) > length {
+                return 0.0;
+            }
+            let (mut at, mut deepest) = (0.0, 0.0f64);
+            while at <= length {
+                let distance = f64::from(surface.signed_distance(a.lerp(b, at / length).as_vec3()));
+                deepest = deepest.max(-distance);
+                at += distance.max(1e-4);
+            }
+            deepest.max(found[i])
+        };
+        let strand = |ends: &[u32]| -> Vec<f64> {
+            let counts = |i: usize| {
+                let before = i.wrapping_sub(ends[0] as usize);
+                let is_rooted = before == clamped as usize;
+                before > 0 && before >= clamped as usize && !(is_rooted && clamped > 0 && found[i - 1] > 0.0)
+            };
+            (ends[0] as usize..ends[1] as usize).map(|i| if counts(i) { along(i) } else { 0.0 }).collect()
+        };
+        offsets.par_windows(2).flat_map_iter(strand).collect()
     }
 }
