@@ -44,7 +44,8 @@ pub enum Command {
     Groom(GroomArgs),
     /// Describe a groom or cache, and list the faults that were repaired.
     Info(InfoArgs),
-    /// Convert a groom between formats.
+    /// Repair a groom and convert it to another format: drop strands that cannot be simulated, and
+    /// merge repeated points.
     Convert(ConvertArgs),
     /// Measure the scenes of the papers and the speed of this machine.
     Bench(BenchArgs),

@@ -15,6 +15,7 @@ use clap::CommandFactory;
 use forelock::scene::Override;
 
 use crate::arguments::{Cli, Command};
+use crate::terminal;
 
 /// Runs the command of the command line.
 pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
@@ -32,7 +33,9 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Convert(arguments) => convert::convert(&arguments)?,
         Command::Bench(arguments) => bench::bench(&arguments)?,
         Command::Completions { shell } => {
-            clap_complete::generate(shell, &mut Cli::command(), "forelock", &mut std::io::stdout());
+            let mut script = Vec::new();
+            clap_complete::generate(shell, &mut Cli::command(), "forelock", &mut script);
+            terminal::text(&script)?;
         }
     }
     Ok(ExitCode::SUCCESS)

@@ -41,7 +41,7 @@ fn simulate_scene(scene: &Scene, run: &RunArgs) -> anyhow::Result<ExitCode> {
     if run.json {
         terminal::json(&summary)?;
     } else {
-        print(&summary);
+        print(&summary)?;
     }
     if summary.frames < summary.frames_asked {
         terminal::note(format!(
@@ -61,7 +61,7 @@ pub(super) fn default_folder(name: &str) -> PathBuf {
     Path::new("forelock-out").join(if name.is_empty() { "scene" } else { name })
 }
 
-fn print(summary: &Summary) {
+fn print(summary: &Summary) -> anyhow::Result<()> {
     terminal::line(format!(
         "{}: {} strands, {} particles, {} frames with {} on {} ({} threads, {})",
         summary.scene,
@@ -72,7 +72,7 @@ fn print(summary: &Summary) {
         summary.device,
         summary.threads,
         summary.simd,
-    ));
+    ))?;
     terminal::line(format!(
         "{:.1} ms per frame (median; 95 % within {:.1}), stretch {:.1e} ({:.1e} after collisions), \
          penetration {:.2} mm, {} strands reset, state {}",
@@ -83,10 +83,11 @@ fn print(summary: &Summary) {
         summary.max_penetration_m * 1e3,
         summary.quarantined_strands,
         summary.state_hash,
-    ));
+    ))?;
     for path in &summary.outputs {
-        terminal::line(format!("  {}", path.display()));
+        terminal::line(format!("  {}", path.display()))?;
     }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -16,6 +16,7 @@ fn check(place: &Workplace, cases: &[Case<'_>]) {
         let message = stderr(&output);
         assert_eq!(output.status.code(), Some(*status), "{name}: {message}");
         assert!(message.contains(words), "{name}: {words:?} is not in {message:?}");
+        assert!(!message.contains("No such file"), "{name} is told twice: {message}");
         assert_eq!(message.matches("error:").count(), 1, "{name}: {message}");
         assert!(!message.contains("panicked") && !message.contains("RUST_BACKTRACE"), "{name}: {message}");
         if *status == 1 {
@@ -222,6 +223,89 @@ fn places_that_cannot_be_written() {
         fs::remove_file(locked.join("probe")).unwrap();
         println!("skipped: this user may write to folders without write permission");
     }
+}
+
+/// What does not fit into the memory, here of 16 GB, is refused before it is tried.
+#[cfg(target_os = "linux")]
+#[test]
+fn more_than_the_memory() {
+    let place = Workplace::new();
+    fs::File::create(place.path("huge.hair")).unwrap().set_len(4_000_000_000_000).unwrap();
+    // A count of strands; of each, its count of points and two points.
+    let strand = [2, 0, 0, 0, 0, 0, 0.1f32.to_bits()].map(u32::to_le_bytes).concat();
+    place.write("many.data", [&500_000u32.to_le_bytes()[..], &strand.repeat(500_000)].concat());
+    let many = ["groom.strands=1000000", "groom.vertices_per_strand=1000"];
+    let cells = ["interaction.kind=grid", "interaction.grid.max_cells=1000000000"];
+    let demo = |keys: &[&'static str], more: &[&'static str]| {
+        [small_demo("out", more), crate::common::sets(keys.iter().copied())].concat()
+    };
+    let words = |line: &str| line.split(' ').map(str::to_owned).collect::<Vec<_>>();
+    let strands = "lower the number of strands or of their particles";
+    let cases = [
+        (demo(&many, &[]), "the simulation needs 150 GB of memory, ", strands),
+        (demo(&many, &["--json"]), "the simulation needs 150 GB of memory, ", strands),
+        (demo(&cells, &[]), "the grid of hair–hair interaction needs 60 GB of memory, ", "max_cells"),
+        (words("grow x.npz --strands 1000000 --vertices 1000"), "the groom needs 28 GB of memory, ", strands),
+        (words("convert many.data x.npz --resample 1000"), "resampling needs 18 GB of memory, ", "fewer"),
+        (words("info huge.hair"), "huge.hair: reading needs 4.0 TB of memory, ", "split the file"),
+    ];
+    for (arguments, needs, remedy) in cases {
+        let output = std::process::Command::new("sh")
+            .args(["-c", "ulimit -v 16000000; exec \"$0\" \"$@\""])
+            .arg(assert_cmd::cargo::cargo_bin("forelock"))
+            .args(&arguments)
+            .current_dir(place.path(""))
+            .env("XDG_CACHE_HOME", place.path("cache"))
+            .output()
+            .unwrap();
+        let message = stderr(&output);
+        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {message}");
+        assert!(message.contains(needs) && message.contains(remedy), "{arguments:?}: {message}");
+        assert_eq!(message.trim_end().lines().count(), 1, "{arguments:?}: {message}");
+        assert!(!place.path("out/hair.npz").exists());
+    }
+}
+
+/// Standard output on a full device: one message, after the work is done.
+#[cfg(target_os = "linux")]
+#[test]
+fn results_that_cannot_be_written() {
+    let place = Workplace::new();
+    place.write("good.hair", hair(1, 2, 2));
+    let demo = small_demo("out", &["--json", "--set", "output.film=false"]);
+    let demo: Vec<&str> = demo.iter().map(String::as_str).collect();
+    let cases = [
+        vec!["info", "good.hair"],
+        vec!["info", "good.hair", "--json"],
+        vec!["convert", "good.hair", "out.hair"],
+        vec!["completions", "bash"],
+        vec!["--version"],
+        vec!["grow", "--help"],
+        demo,
+    ];
+    for arguments in cases {
+        let output = std::process::Command::new(assert_cmd::cargo::cargo_bin("forelock"))
+            .args(&arguments)
+            .current_dir(place.path(""))
+            .env("XDG_CACHE_HOME", place.path("cache"))
+            .stdout(fs::File::create("/dev/full").unwrap())
+            .output()
+            .unwrap();
+        let message = stderr(&output);
+        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {message}");
+        let expected = "error: the result cannot be written to standard output: No space left on device";
+        assert_eq!(message.matches(expected).count(), 1, "{arguments:?}: {message}");
+        assert!(!message.contains("panicked"), "{arguments:?}: {message}");
+    }
+    // The reader of a pipe may close it, as `head` does.
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let closed = std::process::Command::new(assert_cmd::cargo::cargo_bin("forelock"))
+        .args(["completions", "bash"])
+        .stdout(writer)
+        .output()
+        .unwrap();
+    assert_eq!(closed.status.code(), Some(0), "{}", stderr(&closed));
 }
 
 /// A disk that is full after 16 KiB, as the limit on file sizes makes it.

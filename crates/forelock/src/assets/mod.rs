@@ -42,6 +42,9 @@ pub enum AssetError {
     /// Strands cannot be resampled.
     #[error("the strands cannot be resampled: {0}")]
     Resample(#[from] forelock_core::groom::ResampleError),
+    /// The groom does not fit into the memory.
+    #[error(transparent)]
+    Memory(#[from] forelock_core::memory::MemoryError),
     /// `groom.vertices` does not suit the strands.
     #[error("`groom.vertices` is {vertices}, but {strands} strands take 2 to 1000 each: between {} and {}", 2 * .strands, 1000 * .strands)]
     Vertices {

@@ -4,6 +4,7 @@
 //! doc comments of the fields; a test compares both.
 
 use forelock_core::body::Motion;
+use forelock_core::groom::Import;
 use forelock_core::groom::grow::GrowError;
 use forelock_core::params::FLOAT32_STIFFNESS_LIMIT;
 use forelock_core::params::ParamsError;
@@ -56,6 +57,9 @@ pub(super) fn check(scene: &Scene, document: &Document<'_>) -> Result<(), Wrong>
             one_of(&scene.body.mesh, &["builtin:head", "builtin:horse", "none", "a path"]),
         ));
     }
+    check_import("body", &scene.body.import(), !scene.body.is_named(), "`body.mesh` is built in")?;
+    let is_read = scene.groom.source != GroomSource::Grow;
+    check_import("groom", &scene.groom.import(), is_read, "`groom.source` is \"grow\"")?;
     if !HairColour::NAMES.contains(&scene.hair.colour.as_str()) {
         return Err(("hair.colour".to_owned(), one_of(&scene.hair.colour, &HairColour::NAMES)));
     }
@@ -178,6 +182,23 @@ fn check_numbers(scene: &Scene) -> Result<(), Wrong> {
     }
 }
 
+/// Checks that unit, axis and scale of files are set only where a file `is_read`.
+fn check_import(table: &str, import: &Import, is_read: bool, instead: &str) -> Result<(), Wrong> {
+    let usual = Import::default();
+    let set = [
+        ("unit", import.unit != usual.unit),
+        ("up", import.up != usual.up),
+        ("scale", import.scale != usual.scale),
+    ];
+    match set.into_iter().find(|(_, set)| *set && !is_read) {
+        Some((name, _)) => {
+            let message = format!("is for files, but {instead}: remove it, or name a file");
+            Err((format!("{table}.{name}"), message))
+        }
+        None => Ok(()),
+    }
+}
+
 fn check_motion(key: &str, motion: &MotionSection) -> Result<(), Wrong> {
     if motion.builtin_name().is_none_or(|name| !Motion::NAMES.contains(&name)) {
         let known = Motion::NAMES.map(|name| format!("builtin:{name}"));
@@ -226,6 +247,8 @@ fn check_collider(key: &str, collider: &ColliderSection) -> Result<(), Wrong> {
             return Err((format!("{key}.{name}"), message));
         }
     }
+    let no_mesh = format!("this `shape` ({}) is not read from one", shape.name());
+    check_import(key, &collider.import(), shape == ShapeKind::Mesh, &no_mesh)?;
     if collider.mesh.is_some() && !collider.mesh_sequence.is_empty() {
         let message =
             "is set, and so is `mesh`, which does not change over time: remove one of the two".to_owned();

@@ -160,6 +160,20 @@ pub struct BodySection {
 }
 
 impl GroomSection {
+    /// How many particles growth and resampling will give; 0 if that is not known before files are
+    /// read.
+    pub(crate) fn grown_particles(&self) -> u64 {
+        let each = match self.vertices_per_strand {
+            0 => self.grow.vertices_per_strand,
+            count => count,
+        };
+        match self.source {
+            GroomSource::Grow if self.vertices == 0 => u64::from(self.strands) * u64::from(each),
+            GroomSource::Grow => self.vertices.into(),
+            GroomSource::Files(_) => 0,
+        }
+    }
+
     /// How the files' numbers become metres, y up.
     pub fn import(&self) -> Import {
         Import { unit: self.unit, up: self.up, scale: self.scale }

@@ -48,6 +48,7 @@ pub use sheets::{Sheet, sheets};
 
 use super::{Groom, GroomError};
 use crate::body::{Head, TriMesh};
+use crate::memory::{self, MemoryError};
 use roots::Root;
 use strand::{Field, Traits};
 
@@ -101,6 +102,9 @@ pub enum GrowError {
     /// The groom would be too large.
     #[error(transparent)]
     Groom(#[from] GroomError),
+    /// The groom does not fit into the memory.
+    #[error(transparent)]
+    Memory(#[from] MemoryError),
 }
 
 /// Grows strands on the part of `mesh` where `weights` (one for each vertex, 0 to 1) are positive;
@@ -111,7 +115,7 @@ pub enum GrowError {
 ///
 /// # Errors
 /// [`GrowError`] if a parameter or weight is out of range, a triangle refers to a missing vertex,
-/// or the region is empty.
+/// the region is empty, or the groom does not fit into the memory.
 ///
 /// # Example
 /// ```
@@ -135,6 +139,9 @@ pub fn grow(
     if u32::try_from(particles).is_err() {
         return Err(GroomError::TooManyParticles(usize::try_from(particles).unwrap_or(usize::MAX)).into());
     }
+    // Positions before and after strands are clumped, and widths.
+    let each = 2 * size_of::<Vec3>() + size_of::<f32>();
+    memory::check("growth", particles, each as u64, "lower the number of strands or of their particles")?;
     let roots = roots::draw(mesh, weights, params)?;
     let (low, high) = roots
         .iter()
