@@ -4,6 +4,7 @@ mod bench;
 mod convert;
 mod groom;
 mod grow;
+mod help;
 mod info;
 mod render;
 mod simulate;
@@ -32,6 +33,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Info(arguments) => info::info(&arguments)?,
         Command::Convert(arguments) => convert::convert(&arguments)?,
         Command::Bench(arguments) => bench::bench(&arguments)?,
+        Command::Help(arguments) => help::help(&arguments)?,
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut Cli::command(), "forelock", &mut script);

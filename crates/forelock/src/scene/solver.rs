@@ -77,6 +77,7 @@ pub enum SimdChoice {
     Scalar,
 }
 
+forelock_core::documented! {
 /// `[solver]`: which solver, and its parameters.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -101,6 +102,7 @@ pub struct SolverSection {
     /// empty.
     #[serde(skip)]
     pub custom: toml::Table,
+}
 }
 
 impl From<SimdChoice> for Simd {

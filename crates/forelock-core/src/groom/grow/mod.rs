@@ -49,6 +49,7 @@ pub use sheets::{Sheet, sheets};
 use super::{Groom, GroomError};
 use crate::body::{Head, TriMesh};
 use crate::memory::{self, MemoryError};
+use crate::params::{OutOfRange, Range};
 use roots::Root;
 use strand::{Field, Traits};
 
@@ -63,16 +64,14 @@ pub type Avoid<'a> = dyn Fn(Vec3, f32) -> Option<(f32, Vec3)> + Sync + 'a;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum GrowError {
     /// A parameter is out of range or NaN.
-    #[error("growth parameter `{name}` must be from {low} to {high}, not {value}")]
+    #[error("growth parameter `{name}` must be {range}, not {value}")]
     Parameter {
         /// Name of the field.
         name: &'static str,
         /// Its value.
-        value: f32,
-        /// Smallest allowed value.
-        low: f32,
-        /// Largest allowed value.
-        high: f32,
+        value: f64,
+        /// Its range.
+        range: Range,
     },
     /// The number of weights differs from the number of vertices.
     #[error("the region has {found} weights, but the mesh has {expected} vertices")]
@@ -105,6 +104,13 @@ pub enum GrowError {
     /// The groom does not fit into the memory.
     #[error(transparent)]
     Memory(#[from] MemoryError),
+}
+
+impl From<OutOfRange> for GrowError {
+    fn from(error: OutOfRange) -> Self {
+        let OutOfRange { name, value, range } = error;
+        Self::Parameter { name, value, range }
+    }
 }
 
 /// Grows strands on the part of `mesh` where `weights` (one for each vertex, 0 to 1) are positive;
