@@ -209,13 +209,14 @@ mod tests {
 
     crate::documented! {
         /// A struct.
+        #[expect(dead_code, reason = "only its documentation is read")]
         pub struct Sample {
             /// How far a thing
             /// reaches. Unit m, default 2.5, range 0.1 to 10 or 0; 0 reaches
             /// nowhere.
             pub reach: f32,
             /// Where it lies, [x, y, z]. Unit m, default [0, -1, 0], range -10 to 10 each.
-            #[cfg_attr(feature = "serde", doc(alias = "rename = \"place\""))]
+            #[cfg_attr(any(), serde(rename = "place"))]
             pub position: [f32; 3],
             /// Its kind: "a" or "b". Default "a". Changed rarely.
             pub kind: u8,

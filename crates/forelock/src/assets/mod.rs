@@ -73,6 +73,14 @@ pub enum AssetError {
         /// What is wrong.
         error: EditError,
     },
+    /// An edit removes all strands.
+    #[error("edit {number} ({operation}) leaves no strands: change its parameters, or select with `only`")]
+    NoStrands {
+        /// Which, from 1.
+        number: usize,
+        /// Its `op`.
+        operation: &'static str,
+    },
     /// No motion of that name.
     #[error("there is no motion `{0}`")]
     Motion(String),
@@ -148,13 +156,18 @@ impl Assets {
     /// Does edit `number`, from 0, of `scene` to the groom.
     ///
     /// # Errors
-    /// [`AssetError`] if it cannot be done; the groom is unchanged then.
+    /// [`AssetError`] if it cannot be done, and the groom is unchanged then; or if it leaves no
+    /// strands.
     pub fn edit(&mut self, scene: &Scene, number: usize) -> Result<EditReport, AssetError> {
         let Some(edit) = scene.edits.0.get(number).map(|section| &section.edit) else {
             return Ok(EditReport::default());
         };
         let report = groom::edit(edit, scene, &mut self.groom, self.body.as_ref());
-        report.map_err(|error| AssetError::of_edit(number, edit, error))
+        let report = report.map_err(|error| AssetError::of_edit(number, edit, error))?;
+        if self.groom.strand_count() == 0 {
+            return Err(AssetError::NoStrands { number: number + 1, operation: edit.operation.name() });
+        }
+        Ok(report)
     }
 
     /// Does `edit` to `groom`, which may be another than [`Assets::groom`], and keeps its strands
