@@ -3,7 +3,7 @@
 
 use std::fs;
 
-use crate::common::{Workplace, small_demo, stderr};
+use crate::common::{Workplace, sets, shared_cache, small_demo, stderr};
 
 /// One case: what it is called, the arguments, the status, and words of the message.
 type Case<'a> = (&'a str, Vec<&'a str>, i32, &'a str);
@@ -72,6 +72,13 @@ fn command_lines_with_mistakes() {
     let cases: Vec<Case<'_>> = vec![
         ("unknown command", vec!["simulat"], 2, "unrecognized subcommand"),
         ("unknown option", vec!["demo", "--frame", "3"], 2, "unexpected argument"),
+        (
+            "unknown key of the reference",
+            vec!["help", "scene", "solver.ams.k_egde"],
+            1,
+            "did you mean `solver.ams.k_edge`?",
+        ),
+        ("help of an unknown command", vec!["help", "simulat"], 1, "there is no command `simulat`"),
         ("no scene", vec!["simulate"], 2, "required arguments"),
         ("no threads", vec!["demo", "--threads", "0"], 2, "0 is not in 1..=1024"),
         ("wrong unit", vec!["info", "x.hair", "--unit", "ell"], 2, "not a unit of length"),
@@ -233,7 +240,7 @@ fn more_than_the_memory() {
     let many = ["groom.strands=1000000", "groom.vertices_per_strand=1000"];
     let cells = ["interaction.kind=grid", "interaction.grid.max_cells=1000000000"];
     let demo = |keys: &[&'static str], more: &[&'static str]| {
-        [small_demo("out", more), crate::common::sets(keys.iter().copied())].concat()
+        [small_demo("out", more), sets(keys.iter().copied())].concat()
     };
     let words = |line: &str| line.split(' ').map(str::to_owned).collect::<Vec<_>>();
     let strands = "lower the number of strands or of their particles";
@@ -251,7 +258,7 @@ fn more_than_the_memory() {
             .arg(assert_cmd::cargo::cargo_bin("forelock"))
             .args(&arguments)
             .current_dir(place.path(""))
-            .env("XDG_CACHE_HOME", place.path("cache"))
+            .env("XDG_CACHE_HOME", shared_cache())
             .output()
             .unwrap();
         let message = stderr(&output);
@@ -283,7 +290,7 @@ fn results_that_cannot_be_written() {
         let output = std::process::Command::new(assert_cmd::cargo::cargo_bin("forelock"))
             .args(&arguments)
             .current_dir(place.path(""))
-            .env("XDG_CACHE_HOME", place.path("cache"))
+            .env("XDG_CACHE_HOME", shared_cache())
             .stdout(fs::File::create("/dev/full").unwrap())
             .output()
             .unwrap();

@@ -5,4 +5,5 @@ mod bench;
 mod common;
 mod gpu;
 mod grooming;
+mod help;
 mod runs;

@@ -167,13 +167,20 @@ impl fmt::Display for Range {
     }
 }
 
-/// A number in few letters.
-struct Short(f64);
+/// A number in few letters, for messages.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Short(pub f64);
 
 impl fmt::Display for Short {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let size = self.0.abs();
-        if size != 0.0 && !(1e-3..1e10).contains(&size) { write!(f, "{:e}", self.0) } else { self.0.fmt(f) }
+        let (size, single) = (self.0.abs(), self.0 as f32);
+        let is_plain = size == 0.0 || (1e-3..1e10).contains(&size) || !size.is_finite();
+        match f64::from(single).to_bits() == self.0.to_bits() {
+            true if is_plain => write!(f, "{single}"),
+            true => write!(f, "{single:e}"),
+            false if is_plain => write!(f, "{}", self.0),
+            false => write!(f, "{:e}", self.0),
+        }
     }
 }
 
@@ -252,6 +259,8 @@ mod tests {
             assert_eq!(check(reach, x).unwrap_err().name, name);
         }
         assert_eq!(Range::parse("1e-6 to 1e12").unwrap().to_string(), "from 1e-6 to 1e12");
+        let short = [0.1f32.into(), 0.1, -2e50, 59.94, 1e9].map(|value: f64| Short(value).to_string());
+        assert_eq!(short, ["0.1", "0.1", "-2e50", "59.94", "1000000000"]);
         assert!(Range::parse("0 or more").unwrap().contains(1e19) && Range::parse("some").is_none());
     }
 }

@@ -6,7 +6,7 @@
 use forelock_core::body::Motion;
 use forelock_core::groom::Import;
 use forelock_core::params::FLOAT32_STIFFNESS_LIMIT;
-use forelock_core::params::ParamsError;
+use forelock_core::params::{ParamsError, Short};
 use forelock_core::solver::StepCheck;
 
 use forelock_io::Format;
@@ -116,7 +116,7 @@ fn check_range(key: &str, entry: &str, value: &toml::Value) -> Result<(), Wrong>
     }
     match reference::find(entry).and_then(|entry| entry.range) {
         Some(range) if !range.contains(number) => {
-            Err((key.to_owned(), format!("should be {range}, not {number}")))
+            Err((key.to_owned(), format!("should be {range}, not {}", Short(number))))
         }
         _ => Ok(()),
     }

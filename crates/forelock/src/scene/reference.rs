@@ -16,14 +16,13 @@ use forelock_core::interaction::contact::ContactParams;
 use forelock_core::interaction::grid::GridParams;
 use forelock_core::interaction::sph::SphParams;
 use forelock_core::params::{Documented, Key, Range};
-use forelock_core::solver::{AmsParams, DftlParams, MassSpringParams};
 use serde::Serialize;
 
 use super::edits::EditSection;
 use super::error::nearest;
 use super::{
     BodySection, CameraSection, ColliderSection, GroomSection, HairSection, InteractionSection, Keyframe,
-    MotionSection, OutputSection, Scene, SolverSection, TeleportSection, TimeSection,
+    MotionSection, OutputSection, Scene, SolverSection, TeleportSection, TimeSection, solver,
 };
 
 /// One key of a scene file.
@@ -42,7 +41,7 @@ pub struct Entry {
 }
 
 /// The keys of one table of a scene file.
-struct Section {
+pub(super) struct Section {
     table: &'static str,
     /// Heading of the page; it starts with `#`.
     title: &'static str,
@@ -62,9 +61,6 @@ const GROW_NOTE: &str = "The default is the preset's value; the table shows the 
     \"Box\" is the bounding box of the roots.";
 const MOTION_NOTE: &str = "Write a name, `motion = \"builtin:turn\"`, or a table with these keys. A collider \
     has the same keys in `[collider.motion]`.";
-const AMS_NOTE: &str = "Stiffness is also bounded by float32: h²κ ≤ 1000 for the substep h; the message \
-    names a substep that would do.";
-const DFTL_NOTE: &str = "Shares are those of a step of 0.016 s; for other steps they are converted.";
 const EDIT_NOTE: &str = "`[edit.only]` selects strands. [Grooming](grooming.md) has examples.";
 const SHAPE_NOTE: &str = "`[edit.only]` has `plane` and `sphere` too.";
 
@@ -75,7 +71,7 @@ static SECTIONS: LazyLock<Vec<Section>> = LazyLock::new(|| {
     let mut edit = without::<EditSection>("edit", "## `[[edit]]`: groom edits", EDIT_NOTE);
     let operation = Key { field: "op", lines: &["The operation, one of the tables below. No default."] };
     edit.entries.splice(0..0, entries("edit", &[operation], &toml::Table::new()));
-    vec![
+    let mut sections = vec![
         with::<Scene>("", "## Top level", ""),
         with::<GroomSection>("groom", "## `[groom]`: the strands", ""),
         grow,
@@ -86,13 +82,6 @@ static SECTIONS: LazyLock<Vec<Section>> = LazyLock::new(|| {
         with::<ColliderSection>("collider", "## `[[collider]]`: further solids", ""),
         with::<WindParams>("wind", "## `[wind]`: moving air", ""),
         with::<SolverSection>("solver", "## `[solver]`", ""),
-        with::<AmsParams>("solver.ams", "## `[solver.ams]`: augmented mass-spring", AMS_NOTE),
-        with::<MassSpringParams>(
-            "solver.mass_spring",
-            "## `[solver.mass_spring]`: plain mass-spring",
-            AMS_NOTE,
-        ),
-        with::<DftlParams>("solver.dftl", "## `[solver.dftl]`: dynamic follow the leader", DFTL_NOTE),
         with::<InteractionSection>("interaction", "## `[interaction]`: hair–hair interaction", ""),
         with::<GridParams>("interaction.grid", "## `[interaction.grid]`", ""),
         with::<SphParams>("interaction.sph", "## `[interaction.sph]`", ""),
@@ -129,11 +118,14 @@ static SECTIONS: LazyLock<Vec<Section>> = LazyLock::new(|| {
         without::<Stroke>("edit.cut.shape.stroke", "### `shape.stroke` of `cut`", ""),
         with::<Selection>("edit.only", "### `[edit.only]`: selection", "All conditions must hold."),
         without::<Cuboid>("edit.only.box", "### `box` of `[edit.only]`", ""),
-    ]
+    ];
+    let place = sections.iter().position(|section| section.table == "interaction").unwrap_or(0);
+    sections.splice(place..place, solver::sections());
+    sections
 });
 
 /// The section of the keys of `D`, with the defaults of `D`.
-fn with<D: Documented + Default + Serialize>(
+pub(super) fn with<D: Documented + Default + Serialize>(
     table: &'static str,
     title: &'static str,
     note: &'static str,

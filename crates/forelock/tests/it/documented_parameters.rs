@@ -326,11 +326,7 @@ fn the_ends_of_every_range_keep_positions_finite() {
         let high = if range.high.is_finite() { range.high } else { i64::MAX as f64 / 2.0 };
         for value in [range.low, high].into_iter().chain(range.or_zero.then_some(0.0)) {
             tried += 1;
-            let t0 = std::time::Instant::now();
             faults.extend(fault(entry, value).map(|fault| format!("{} = {value:?}: {fault}", entry.key)));
-            if t0.elapsed().as_millis() > 150 {
-                println!("SLOW {} {value} {:?}", entry.key, t0.elapsed());
-            }
         }
     }
     assert!(faults.is_empty(), "{}", faults.join("\n"));

@@ -1,7 +1,7 @@
 //! Errors of edits.
 
 use crate::groom::GroomError;
-use crate::params::{self, Documented, OutOfRange};
+use crate::params::{self, Documented, OutOfRange, Short};
 use glam::Vec3;
 
 /// Why an edit was refused.
@@ -40,8 +40,7 @@ impl EditError {
 
 impl From<OutOfRange> for EditError {
     fn from(error: OutOfRange) -> Self {
-        // As short as it was written: edits are float32.
-        Self::new(error.name, error.value as f32, error.range.to_string())
+        Self::new(error.name, Short(error.value), error.range.to_string())
     }
 }
 
