@@ -1,6 +1,7 @@
 //! Errors of edits.
 
 use crate::groom::GroomError;
+use crate::memory::MemoryError;
 use crate::params::{self, Documented, OutOfRange, Short};
 use glam::Vec3;
 
@@ -17,6 +18,9 @@ pub enum EditError {
         /// Description of the valid values.
         expected: String,
     },
+    /// The result does not fit into the memory.
+    #[error(transparent)]
+    Memory(#[from] MemoryError),
     /// An attribute has the wrong number of entries, or the result would be too large.
     #[error(transparent)]
     Groom(#[from] GroomError),
