@@ -16,7 +16,8 @@ use forelock_core::groom::{Import, Unit, Up};
     version,
     propagate_version = true,
     arg_required_else_help = true,
-    args_override_self = true
+    args_override_self = true,
+    disable_help_subcommand = true
 )]
 pub struct Cli {
     #[command(subcommand)]
@@ -44,15 +45,27 @@ pub enum Command {
     Groom(GroomArgs),
     /// Describe a groom or cache, and list the faults that were repaired.
     Info(InfoArgs),
-    /// Convert a groom between formats.
+    /// Repair a groom and convert it to another format: drop strands that cannot be simulated, and
+    /// merge repeated points.
     Convert(ConvertArgs),
     /// Measure the scenes of the papers and the speed of this machine.
     Bench(BenchArgs),
+    /// Describe a command, or every key of scene files: `forelock help scene [KEY]`.
+    Help(HelpArgs),
     /// Print completions for a shell on standard output.
     Completions {
         /// The shell.
         shell: Shell,
     },
+}
+
+#[derive(Debug, Args)]
+pub struct HelpArgs {
+    /// A command, or `scene` and a key such as `solver.ams.k_edge` or a table such as `solver.ams`.
+    pub topic: Vec<String>,
+    /// With `scene`: print the reference as a page in Markdown.
+    #[arg(long)]
+    pub markdown: bool,
 }
 
 /// The options that `demo` and `simulate` share.

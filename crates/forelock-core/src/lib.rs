@@ -16,6 +16,7 @@ pub mod frame;
 pub mod groom;
 pub mod interaction;
 pub mod lane;
+pub mod memory;
 pub mod meter;
 pub mod params;
 pub mod pose;

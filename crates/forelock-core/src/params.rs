@@ -1,5 +1,10 @@
 //! Ranges, checks and the error type for the parameters of all solvers and interactions.
 
+mod key;
+
+pub use key::{Documented, Key, Range, Short};
+pub(crate) use key::{OutOfRange, check};
+
 /// The time step to which the published coefficients of dynamic follow the leader and of SPH refer,
 /// seconds (Sánchez-Banderas et al. 2015).
 pub const STATED_STEP_SECS: f64 = 0.016;
@@ -56,7 +61,7 @@ pub enum ParamsError {
         /// The value.
         value: f64,
         /// The range, in words.
-        expected: &'static str,
+        expected: String,
     },
     /// An array of another length than the particles of the groom.
     #[error("`{name}` has {found} entries, but the groom has {expected} particles: give one a particle")]
@@ -93,23 +98,12 @@ pub enum ParamsError {
     },
 }
 
-/// The range of a finite number: in words, and as a test.
-pub(crate) type Range = (&'static str, fn(f64) -> bool);
-pub(crate) const NON_NEGATIVE: Range = ("a finite number of 0 or more", |x| x >= 0.0);
-pub(crate) const POSITIVE: Range = ("a finite number above 0", |x| x > 0.0);
-pub(crate) const SHARE: Range = ("between 0 and 1", |x| (0.0..=1.0).contains(&x));
-pub(crate) const SUBSTEP: Range = ("between 1e-5 and 1", |x| (LEAST_SUBSTEP_SECS..=1.0).contains(&x));
 pub(crate) const LEAST_SUBSTEP_SECS: f64 = 1e-5;
-pub(crate) const COUNT: Range = ("between 1 and 1000", |x| (1.0..=1000.0).contains(&x));
 
-/// Checks parameters, each a name, a value and its range.
-///
-/// # Errors
-/// [`ParamsError::Range`] for the first value that is not finite or not in its range.
-pub(crate) fn check(values: &[(&'static str, f64, Range)]) -> Result<(), ParamsError> {
-    match values.iter().find(|(_, value, (_, holds))| !(value.is_finite() && holds(*value))) {
-        Some(&(name, value, (expected, _))) => Err(ParamsError::Range { name, value, expected }),
-        None => Ok(()),
+impl From<OutOfRange> for ParamsError {
+    fn from(error: OutOfRange) -> Self {
+        let OutOfRange { name, value, range } = error;
+        Self::Range { name, value, expected: range.to_string() }
     }
 }
 
@@ -118,7 +112,14 @@ pub(crate) fn check(values: &[(&'static str, f64, Range)]) -> Result<(), ParamsE
 /// # Errors
 /// [`ParamsError::Range`] if it is not finite or not above 0.
 pub(crate) fn check_time(dt_secs: f64) -> Result<(), ParamsError> {
-    check(&[("dt_secs", dt_secs, POSITIVE)])
+    if dt_secs > 0.0 && dt_secs.is_finite() {
+        return Ok(());
+    }
+    Err(ParamsError::Range {
+        name: "dt_secs",
+        value: dt_secs,
+        expected: "a finite number above 0".to_owned(),
+    })
 }
 
 #[cfg(test)]

@@ -5,18 +5,18 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use forelock_core::{body::MeshError, groom::GroomError};
+use forelock_core::{body::MeshError, groom::GroomError, memory};
 
 /// Why a file cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
     /// The file cannot be opened, or a read fails.
-    #[error("{}: {}", path.display(), explain(source))]
+    #[error("{}: {}", path.display(), explain(error))]
     Io {
         /// The file.
         path: PathBuf,
         /// The error of the operating system.
-        source: io::Error,
+        error: io::Error,
     },
     /// The path is a directory, a pipe or a device.
     #[error("{}: {what}, where a file is expected", path.display())]
@@ -41,12 +41,12 @@ pub enum ReadError {
         known: String,
     },
     /// The bytes do not follow the format.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {error}", path.display())]
     Format {
         /// The file.
         path: PathBuf,
         /// What is wrong, and where.
-        source: FormatError,
+        error: FormatError,
     },
     /// The file has no strand that can be simulated.
     #[error("{}: no usable strand in the file ({found})", path.display())]
@@ -62,12 +62,12 @@ pub enum ReadError {
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError {
     /// The operating system reports an error.
-    #[error("{}: cannot write: {}", path.display(), explain(source))]
+    #[error("{}: cannot write: {}", path.display(), explain(error))]
     Io {
         /// The file.
         path: PathBuf,
         /// The error of the operating system.
-        source: io::Error,
+        error: io::Error,
     },
     /// The path is a directory, a pipe or a device.
     #[error("{}: {what}, and is not replaced by a file; choose another name", path.display())]
@@ -166,18 +166,25 @@ pub enum Problem {
 
 impl ReadError {
     pub(crate) fn io(path: &Path) -> impl FnOnce(io::Error) -> Self + '_ {
-        move |source| Self::Io { path: path.into(), source }
+        move |error| Self::Io { path: path.into(), error }
     }
 
     pub(crate) fn format(path: &Path) -> impl FnOnce(FormatError) -> Self + '_ {
-        move |source| Self::Format { path: path.into(), source }
+        move |error| Self::Format { path: path.into(), error }
     }
 }
 
 impl WriteError {
     pub(crate) fn io(path: &Path) -> impl FnOnce(io::Error) -> Self + '_ {
-        move |source| Self::Io { path: path.into(), source }
+        move |error| Self::Io { path: path.into(), error }
     }
+}
+
+/// Checks that the `bytes` to be read fit into the memory.
+pub(crate) fn check_room(bytes: u64) -> io::Result<()> {
+    let remedy = "split the file, or export it again if it should be small";
+    memory::check("reading", bytes, 1, remedy)
+        .map_err(|error| io::Error::new(io::ErrorKind::OutOfMemory, error))
 }
 
 /// The message for an error of the operating system. For common errors it states what to do.
@@ -189,7 +196,9 @@ fn explain(error: &io::Error) -> String {
         }
         io::ErrorKind::StorageFull => "the disk is full; free some space or write elsewhere".into(),
         io::ErrorKind::ReadOnlyFilesystem => "the file system is read-only; write elsewhere".into(),
-        io::ErrorKind::OutOfMemory => "the file is larger than the memory".into(),
+        io::ErrorKind::OutOfMemory if error.get_ref().is_none() => {
+            "the file is larger than the memory; split it".into()
+        }
         _ => error.to_string(),
     }
 }

@@ -226,7 +226,10 @@ fn open(path: &Path) -> Result<File, ReadError> {
 }
 
 fn read_bytes(path: &Path) -> Result<Vec<u8>, ReadError> {
+    let mut file = open(path)?;
+    let size = file.metadata().map_err(ReadError::io(path))?.len();
+    error::check_room(size).map_err(ReadError::io(path))?;
     let mut bytes = Vec::new();
-    open(path)?.read_to_end(&mut bytes).map_err(ReadError::io(path))?;
+    file.read_to_end(&mut bytes).map_err(ReadError::io(path))?;
     Ok(bytes)
 }

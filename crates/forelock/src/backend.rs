@@ -13,7 +13,7 @@ use forelock_core::body::ColliderFrame;
 use forelock_core::frame::{CHECK, COLLIDE, Exchange, LENGTHS, Phase};
 use forelock_core::groom::Groom;
 use forelock_core::interaction::{Interactions, contact, grid, sph};
-use forelock_core::simulation::{Options, Simulation};
+use forelock_core::simulation::{BuildError, Options, Simulation, check_memory};
 use forelock_core::simulator::{HostPositions, Simulator};
 use forelock_core::solver::Solver;
 use forelock_gpu::{Choice, Gpu, GpuError, GpuSimulation};
@@ -168,6 +168,7 @@ impl Place {
         solids: &[ColliderFrame<'_>],
     ) -> Result<Box<dyn Simulator>, PlayerError> {
         let Parts { solver, interactions } = parts;
+        check_memory(groom.particle_count() as u64, interactions).map_err(BuildError::from)?;
         let solver = *solver;
         let on_cpu = || -> Result<Simulation, PlayerError> {
             let mut simulation = Simulation::new(groom, solver, options)?;

@@ -168,8 +168,7 @@ impl Report<'_> {
         if self.json {
             return terminal::json(data);
         }
-        terminal::line(markdown.trim_end());
-        Ok(())
+        terminal::line(markdown.trim_end())
     }
 
     fn write(&self, ending: &str, text: &str) -> anyhow::Result<()> {

@@ -37,7 +37,9 @@ pub fn convert(arguments: &ConvertArgs) -> anyhow::Result<()> {
     for repair in &report.repairs {
         terminal::note(format!("repaired: {repair}"));
     }
-    let Report { input, output, strands, particles, .. } = &report;
-    terminal::line(format!("{input} → {output}: {strands} strands, {particles} particles, in metres, y up"));
-    Ok(())
+    let Report { input, output, strands, particles, repairs } = &report;
+    let repaired = if repairs.is_empty() { "nothing to repair" } else { "repaired" };
+    terminal::line(format!(
+        "{input} → {output}: {strands} strands, {particles} particles, in metres, y up, {repaired}"
+    ))
 }

@@ -18,14 +18,14 @@ pub fn groom(arguments: &GroomArgs) -> anyhow::Result<()> {
     }
     let Grooming { scene, before, after, edits, outputs, .. } = &done;
     for (number, edit) in edits.iter().enumerate() {
-        terminal::line(format!("{:>3}  {:<10} {:>7.1} ms  {}", number + 1, edit.op, edit.ms, edit.report));
+        terminal::line(format!("{:>3}  {:<10} {:>7.1} ms  {}", number + 1, edit.op, edit.ms, edit.report))?;
     }
     terminal::line(format!(
         "{scene}: {} strands of {} particles became {} of {}",
         before.strands, before.particles, after.strands, after.particles
-    ));
+    ))?;
     for path in outputs {
-        terminal::line(format!("  {}", path.display()));
+        terminal::line(format!("  {}", path.display()))?;
     }
     Ok(())
 }

@@ -43,8 +43,7 @@ pub fn grow(arguments: &GrowArgs) -> anyhow::Result<()> {
     }
     let Report { preset, outputs, info } = &report;
     let outputs = outputs.join(", ");
-    terminal::line(format!("{preset}: {} strands, {} particles → {outputs}", info.strands, info.particles));
-    Ok(())
+    terminal::line(format!("{preset}: {} strands, {} particles → {outputs}", info.strands, info.particles))
 }
 
 /// The options as keys of a scene. `--set` changes keys of `[groom.grow]`.

@@ -33,13 +33,13 @@ pub fn info(arguments: &InfoArgs) -> anyhow::Result<()> {
     if arguments.json {
         return terminal::json(&report);
     }
-    terminal::line(format!("{}: {}", report.file, report.format));
+    terminal::line(format!("{}: {}", report.file, report.format))?;
     if let Some(frames) = report.frames {
-        terminal::line(format!("a cache of {frames} frames; the first frame:"));
+        terminal::line(format!("a cache of {frames} frames; the first frame:"))?;
     }
-    terminal::line(report.info.to_string());
+    terminal::line(report.info.to_string())?;
     for repair in &report.repairs {
-        terminal::line(format!("repaired: {repair}"));
+        terminal::line(format!("repaired: {repair}"))?;
     }
     Ok(())
 }

@@ -4,6 +4,7 @@ mod bench;
 mod convert;
 mod groom;
 mod grow;
+mod help;
 mod info;
 mod render;
 mod simulate;
@@ -15,6 +16,7 @@ use clap::CommandFactory;
 use forelock::scene::Override;
 
 use crate::arguments::{Cli, Command};
+use crate::terminal;
 
 /// Runs the command of the command line.
 pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
@@ -31,8 +33,11 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Info(arguments) => info::info(&arguments)?,
         Command::Convert(arguments) => convert::convert(&arguments)?,
         Command::Bench(arguments) => bench::bench(&arguments)?,
+        Command::Help(arguments) => help::help(&arguments)?,
         Command::Completions { shell } => {
-            clap_complete::generate(shell, &mut Cli::command(), "forelock", &mut std::io::stdout());
+            let mut script = Vec::new();
+            clap_complete::generate(shell, &mut Cli::command(), "forelock", &mut script);
+            terminal::text(&script)?;
         }
     }
     Ok(ExitCode::SUCCESS)

@@ -57,8 +57,7 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
         None if arguments.sheet => write_png(&out, &studio.sides()?)?,
         None => write_png(&out, &studio.picture(assets.groom.positions(), 0.0, 1.0)?)?,
     }
-    terminal::line(out.display().to_string());
-    Ok(())
+    terminal::line(out.display().to_string())
 }
 
 /// The scene of `scene.toml`, which a run writes beside its cache. Without this file, a scene of

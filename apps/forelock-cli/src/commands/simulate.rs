@@ -48,7 +48,7 @@ fn simulate_scene(scene: &Scene, run: &RunArgs) -> anyhow::Result<ExitCode> {
     if run.json {
         terminal::json(&summary)?;
     } else {
-        print(&summary);
+        print(&summary)?;
     }
     if summary.frames < summary.frames_asked {
         terminal::note(format!(
@@ -68,7 +68,7 @@ pub(super) fn default_folder(name: &str) -> PathBuf {
     Path::new("forelock-out").join(if name.is_empty() { "scene" } else { name })
 }
 
-fn print(summary: &Summary) {
+fn print(summary: &Summary) -> anyhow::Result<()> {
     terminal::line(format!(
         "{}: {} strands, {} particles, {} frames with {} on {} ({} threads, {})",
         summary.scene,
@@ -79,7 +79,7 @@ fn print(summary: &Summary) {
         summary.device,
         summary.threads,
         summary.simd,
-    ));
+    ))?;
     terminal::line(format!(
         "{:.1} ms per frame by the clock (95 % within {:.1}), {:.1} of it in the solver, \
          stretch {:.1e} ({:.1e} after collisions), {} strands reset, state {}",
@@ -90,7 +90,7 @@ fn print(summary: &Summary) {
         summary.max_edge_stretch_after_solids,
         summary.quarantined_strands,
         summary.state_hash,
-    ));
+    ))?;
     terminal::line(format!(
         "inside solids: particles up to {:.2} mm, {:.3} % by more than 1 mm; edges between them up to \
          {:.2} mm, {:.3} % (every {} frames)",
@@ -99,10 +99,11 @@ fn print(summary: &Summary) {
         summary.max_edge_penetration_m * 1e3,
         summary.max_edge_share_1mm_inside * 1e2,
         summary.penetration_measured_every,
-    ));
+    ))?;
     for path in &summary.outputs {
-        terminal::line(format!("  {}", path.display()));
+        terminal::line(format!("  {}", path.display()))?;
     }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant, SystemTime};
 
-use crate::common::{Workplace, sets, stderr};
+use crate::common::{Workplace, sets, shared_cache, stderr};
 
 /// Keys of a run whose frames take long for their size.
 const SLOW: [&str; 9] = [
@@ -32,7 +32,7 @@ fn start(place: &Workplace, out: &str, frames: u32, more: &[&str]) -> Child {
         .args(["--set", &frames])
         .args(more)
         .current_dir(place.path(""))
-        .env("XDG_CACHE_HOME", place.shared_cache())
+        .env("XDG_CACHE_HOME", shared_cache())
         .stdout(Stdio::null())
         .stderr(Stdio::piped())
         .spawn()

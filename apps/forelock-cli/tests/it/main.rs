@@ -5,6 +5,7 @@ mod bench;
 mod common;
 mod gpu;
 mod grooming;
+mod help;
 #[cfg(unix)]
 mod kills;
 mod runs;

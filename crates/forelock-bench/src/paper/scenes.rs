@@ -105,7 +105,7 @@ pub(super) fn wisp(scene: &Scene) -> Result<Groom, BenchError> {
 
 fn strands(scene: &Scene, obj: &[u8]) -> Result<Groom, BenchError> {
     let groom = forelock_io::obj::read_groom(obj)
-        .map_err(|error| forelock_io::ReadError::Format { path: scene.name.clone().into(), source: error })
+        .map_err(|error| forelock_io::ReadError::Format { path: scene.name.clone().into(), error })
         .map_err(forelock::AssetError::from)?;
     Ok(groom)
 }

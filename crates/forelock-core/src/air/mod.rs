@@ -42,10 +42,11 @@ pub use turbulence::MODES;
 pub use turbulence::Mode;
 pub use wake::Wake;
 
-use crate::params::{NON_NEGATIVE, POSITIVE, ParamsError, Range, SHARE, check};
+use crate::params::{ParamsError, check};
 use gusts::Gusts;
 use turbulence::Turbulence;
 
+crate::documented! {
 /// The wind of a scene.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
@@ -54,30 +55,31 @@ use turbulence::Turbulence;
     serde(default, deny_unknown_fields)
 )]
 pub struct WindParams {
-    /// Mean velocity of the air, [x, y, z]. Unit m/s, default [0, 0, 0]; a zero vector means still
-    /// air, without gusts or turbulence.
+    /// Mean velocity of the air, [x, y, z]. Unit m/s, default [0, 0, 0], range -1000 to 1000 each;
+    /// a zero vector means still air, without gusts or turbulence.
     pub velocity: DVec3,
     /// Standard deviation of the wind speed over time, relative to the mean speed. No unit, default
     /// 0, range 0 to 1; 0 is a steady wind.
     pub gust_strength: f64,
-    /// Approximate time between two gusts. Unit s, default 2, range above 0.
+    /// Approximate time between two gusts. Unit s, default 2, range 1e-3 to 1e6.
     pub gust_period_secs: f64,
     /// Standard deviation of each component of the velocity over space, relative to the mean speed.
     /// No unit, default 0, range 0 to 1; 0 is a uniform flow.
     pub turbulence: f64,
     /// Wavelength of the largest eddies; the smallest eddies are a sixth of it. Unit m, default
-    /// 0.3, range above 0.
+    /// 0.3, range 1e-3 to 1000.
     pub turbulence_scale: f64,
     /// Fraction of the wind that solids block in their wake. No unit, default 0, range 0 to 1; 0
     /// lets the wind blow through solids.
     pub shelter: f64,
     /// Penetration depth of the wind into hair: over this distance, in hair at its rest density,
-    /// the wind falls to 37 %. Unit m, default 0, range 0 or more; 0 lets the wind blow through
+    /// the wind falls to 37 %. Unit m, default 0, range 0 to 1000; 0 lets the wind blow through
     /// hair.
     pub hair_depth: f64,
     /// Seed of gusts and turbulence; the scene's seed is added to it. No unit, default 0, range 0
     /// or more.
     pub seed: u64,
+}
 }
 
 impl Default for WindParams {
@@ -101,16 +103,15 @@ impl WindParams {
     /// # Errors
     /// [`ParamsError::Range`] for the first parameter that is out of range.
     pub fn validate(&self) -> Result<(), ParamsError> {
-        const FINITE: Range = ("finite", |_| true);
-        check(&self.velocity.to_array().map(|value| ("velocity", value, FINITE)))?;
-        check(&[
-            ("gust_strength", self.gust_strength, SHARE),
-            ("turbulence", self.turbulence, SHARE),
-            ("shelter", self.shelter, SHARE),
-            ("hair_depth", self.hair_depth, NON_NEGATIVE),
-            ("gust_period_secs", self.gust_period_secs, POSITIVE),
-            ("turbulence_scale", self.turbulence_scale, POSITIVE),
-        ])
+        Ok(check::<Self, f64>(&[
+            ("velocity", &self.velocity.to_array()),
+            ("gust_strength", &[self.gust_strength]),
+            ("turbulence", &[self.turbulence]),
+            ("shelter", &[self.shelter]),
+            ("hair_depth", &[self.hair_depth]),
+            ("gust_period_secs", &[self.gust_period_secs]),
+            ("turbulence_scale", &[self.turbulence_scale]),
+        ])?)
     }
 
     /// Whether the wind is the same at all places, so that one velocity a frame describes it.

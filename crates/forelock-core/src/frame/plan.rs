@@ -176,7 +176,7 @@ impl FramePlan {
             Step::Solve { substep } | Step::Collide { substep } if substep >= substeps => Some(substep),
             _ => None,
         });
-        let expected = "below those of the frame: plan steps for the frame's length";
+        let expected = "below those of the frame: plan steps for the frame's length".to_owned();
         match beyond.map(f64::from) {
             Some(value) => Err(ParamsError::Range { name: "substep", value, expected }),
             None => Ok(()),

@@ -28,6 +28,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{Groom, GroomError, arc_lengths};
+use crate::memory::{self, MemoryError};
 
 /// Number of chords that approximate the spline between two particles when it is measured.
 const PIECES: usize = 16;
@@ -41,8 +42,13 @@ pub enum ResampleError {
     #[error("a strand needs at least 2 particles, not {0}")]
     TooFew(usize),
     /// A strand has no finite length above zero; [`repair`](super::repair) removes such strands.
-    #[error("strand {0} has no finite length above zero: repair the groom before resampling")]
+    #[error(
+        "strand {0} has no finite length above zero: `groom::repair` and `forelock convert` drop such strands"
+    )]
     NoLength(usize),
+    /// The result does not fit into the memory.
+    #[error(transparent)]
+    Memory(#[from] MemoryError),
     /// An attribute or the result has a wrong size.
     #[error(transparent)]
     Groom(#[from] GroomError),
@@ -53,7 +59,7 @@ pub enum ResampleError {
 ///
 /// # Errors
 /// [`ResampleError`] if fewer than two particles are requested, a strand has no finite length, or
-/// the result has more than 2³² − 1 particles.
+/// the result has more than 2³² − 1 particles or does not fit into the memory.
 ///
 /// ```
 /// # use forelock_core::groom::{Groom, resample};
@@ -134,6 +140,9 @@ fn resample_each(groom: &Groom, counts: &[usize]) -> Result<Groom, ResampleError
     if u32::try_from(total).is_err() {
         return Err(GroomError::TooManyParticles(total).into());
     }
+    // A sample of the curve and the particle that is made of it.
+    let each = size_of::<Sample>() + size_of::<Vec3>();
+    memory::check("resampling", total as u64, each as u64, "ask for fewer particles a strand")?;
     let has_length = |s: usize| (f32::MIN_POSITIVE..f32::INFINITY).contains(&groom.length(s));
     if let Some(strand) = (0..strands).find(|&s| !has_length(s)) {
         return Err(ResampleError::NoLength(strand));

@@ -16,6 +16,7 @@ use crate::interaction::sph::find_neighbours::SearchReal;
 use crate::interaction::sph::{Sph, SphParams};
 use crate::interaction::{Interactions, contact, grid, sph};
 use crate::lane::{LANES, Row, Simd};
+use crate::memory::{self, MemoryError};
 use crate::params::ParamsError;
 use crate::pose::Pose;
 use crate::strands::{Masses, Model, PackError, Snapshot, SnapshotError, State, Strands};
@@ -56,9 +57,28 @@ pub enum BuildError {
     /// A parameter is out of its range.
     #[error(transparent)]
     Params(#[from] ParamsError),
+    /// The simulation does not fit into the memory.
+    #[error(transparent)]
+    Memory(#[from] MemoryError),
     /// The processor does not have the requested instruction set.
     #[error("this processor cannot run simd = {0:?}: choose \"auto\"")]
     Simd(Simd),
+}
+
+/// Checks that the simulation of `particles` with `interactions` fits into the memory, as far as
+/// can be foreseen.
+///
+/// # Errors
+/// [`MemoryError`] if it does not.
+pub fn check_memory(particles: u64, interactions: &Interactions) -> Result<(), MemoryError> {
+    // The least of the solvers, with the groom; its neighbour lists for SPH; a cell's node, masses,
+    // pressures and equations.
+    let [particle, listed, cell] = [150, 100, 60];
+    let lists = interactions.sph.as_ref().map_or(0, |sph| listed + 4 * u64::from(sph.neighbours));
+    let remedy = "lower the number of strands or of their particles, or simulate guides";
+    memory::check("the simulation", particles, particle + lists, remedy)?;
+    let cells = interactions.grid.as_ref().map_or(0, |grid| u64::from(grid.max_cells));
+    memory::check("the grid of hair–hair interaction", cells, cell, "lower `interaction.grid.max_cells`")
 }
 
 /// Bytes held.
@@ -184,6 +204,7 @@ impl<T: SimulationReal> Simulation<T> {
         if !simd.is_supported() {
             return Err(BuildError::Simd(simd));
         }
+        check_memory(strands.positions.len() as u64, &Interactions::default())?;
         let mut model = solver.pack(strands)?;
         let mut state = State::at_rest(&model, &options.rest_pose);
         solver.channels().prepare(&mut model, &mut state);

@@ -131,7 +131,8 @@ pub enum PackError {
     Empty,
     /// A strand with fewer than two particles.
     #[error(
-        "strand {strand} has {particles} particle(s), but a strand needs 2 or more: repair the groom first"
+        "strand {strand} has {particles} particle(s), but a strand needs 2 or more: `groom::repair` \
+         and `forelock convert` drop such strands"
     )]
     TooShort {
         /// Which strand.
@@ -141,7 +142,8 @@ pub enum PackError {
     },
     /// A position that is not finite.
     #[error(
-        "strand {strand} has a position that is not finite at its particle {particle}: repair the groom first"
+        "strand {strand} has a position that is not finite at its particle {particle}: `groom::repair` and \
+         `forelock convert` drop such strands"
     )]
     NonFinite {
         /// Which strand.
@@ -175,7 +177,10 @@ pub enum PackError {
         expected: usize,
     },
     /// An edge of no length.
-    #[error("strand {strand} repeats a point at its particle {particle}: repair the groom first")]
+    #[error(
+        "strand {strand} repeats a point at its particle {particle}: `groom::repair` and `forelock convert` \
+         remove repeated points; of strands that were grown or resampled lower the number of particles"
+    )]
     Repeated {
         /// Which strand.
         strand: usize,

@@ -13,7 +13,7 @@ use super::{
     npy::{Data, Header},
     zip::{Archive, Entry},
 };
-use crate::error::ReadError;
+use crate::error::{ReadError, check_room};
 
 /// A cache file whose frames are read on demand. Only offsets and times are kept in memory.
 ///
@@ -129,6 +129,7 @@ impl Cache {
             let mut member = self.archive.member(&self.positions)?;
             io::copy(&mut member.by_ref().take(skipped), &mut io::sink())?;
             let mut raw = Vec::new();
+            check_room(bytes as u64)?;
             member.take(bytes as u64).read_to_end(&mut raw)?;
             raw
         };

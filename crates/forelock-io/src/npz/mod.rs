@@ -48,7 +48,7 @@ pub use writer::{CacheWriter, Stored};
 
 use crate::{
     atomic::atomic_write,
-    error::{FormatError, Problem, ReadError, WriteError},
+    error::{FormatError, Problem, ReadError, WriteError, check_room},
 };
 
 /// Why an `.npz` cannot be read.
@@ -65,8 +65,8 @@ pub enum NpzError {
 impl NpzError {
     pub(crate) fn at(self, path: &Path) -> ReadError {
         match self {
-            Self::Io(source) => ReadError::Io { path: path.into(), source },
-            Self::Format(source) => ReadError::Format { path: path.into(), source },
+            Self::Io(error) => ReadError::Io { path: path.into(), error },
+            Self::Format(error) => ReadError::Format { path: path.into(), error },
         }
     }
 }
@@ -200,7 +200,8 @@ fn read_positions<R: Read + Seek>(
         && header.has_frames()
     {
         let mut raw = Vec::new();
-        let bytes = particles as u64 * 3 * header.item_bytes as u64;
+        let bytes = (particles as u64).saturating_mul(3 * header.item_bytes as u64);
+        check_room(bytes)?;
         let mut member = archive.member(&entry)?;
         io::copy(&mut member.by_ref().take(header.at as u64), &mut io::sink())?;
         member.take(bytes).read_to_end(&mut raw)?;

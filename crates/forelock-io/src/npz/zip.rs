@@ -11,7 +11,7 @@ use super::{
     NpzError,
     npy::{Array, HEADER_LIMIT, Header},
 };
-use crate::error::{FormatError, Problem};
+use crate::error::{FormatError, Problem, check_room};
 
 const LOCAL: [u8; 4] = *b"PK\x03\x04";
 const CENTRAL: [u8; 4] = *b"PK\x01\x02";
@@ -232,6 +232,7 @@ impl<R: Read + Seek> Archive<R> {
             let problem = Problem::Short { what: "its records", needed: count, left };
             return Err(FormatError { format: ".npz", offset: at, strand: None, problem }.into());
         }
+        check_room(count)?;
         self.file.seek(SeekFrom::Start(at))?;
         let mut bytes =
             vec![0; usize::try_from(count).map_err(|_| invalid(at, "a member is larger than the memory"))?];
@@ -286,6 +287,7 @@ impl<R: Read + Seek> Archive<R> {
     pub fn read(&mut self, entry: &Entry) -> Result<Vec<u8>, NpzError> {
         let mut bytes = Vec::new();
         let damaged = |why: &str| invalid(entry.header, format!("member `{}` is damaged: {why}", entry.name));
+        check_room(entry.size)?;
         self.member(entry)?.read_to_end(&mut bytes).map_err(|e| match e.kind() {
             io::ErrorKind::InvalidInput | io::ErrorKind::InvalidData => damaged("it cannot be decompressed"),
             _ => e.into(),

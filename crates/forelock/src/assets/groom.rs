@@ -3,12 +3,16 @@
 use forelock_core::groom::edit::{self, Edit, EditError, EditReport};
 use forelock_core::groom::grow;
 use forelock_core::groom::{Groom, LiftParams, LiftReport, lift_out, resample, resample_to};
+use forelock_core::memory;
 use forelock_core::meter::Meter;
 use glam::{DVec3, Vec3};
 
 use super::solids::Body;
 use super::{AssetError, neck};
 use crate::scene::{GroomSource, Scene};
+
+/// The least memory that a particle takes while strands are grown or resampled, bytes.
+const GROWN_BYTES: u64 = 28;
 
 /// The groom of `scene` on `body`; what was changed is added to `notes`.
 pub(super) fn load(
@@ -18,6 +22,8 @@ pub(super) fn load(
     meter: &Meter,
 ) -> Result<Groom, AssetError> {
     let section = &scene.groom;
+    let remedy = "lower the number of strands or of their particles";
+    memory::check("the groom", section.grown_particles(), GROWN_BYTES, remedy)?;
     let mut groom = match (&section.source, body) {
         (GroomSource::Files(files), _) => {
             let mut grooms = Vec::with_capacity(files.len());

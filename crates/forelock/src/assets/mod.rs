@@ -42,6 +42,9 @@ pub enum AssetError {
     /// Strands cannot be resampled.
     #[error("the strands cannot be resampled: {0}")]
     Resample(#[from] forelock_core::groom::ResampleError),
+    /// The groom does not fit into the memory.
+    #[error(transparent)]
+    Memory(#[from] forelock_core::memory::MemoryError),
     /// `groom.vertices` does not suit the strands.
     #[error("`groom.vertices` is {vertices}, but {strands} strands take 2 to 1000 each: between {} and {}", 2 * .strands, 1000 * .strands)]
     Vertices {
@@ -69,6 +72,14 @@ pub enum AssetError {
         operation: &'static str,
         /// What is wrong.
         error: EditError,
+    },
+    /// An edit removes all strands.
+    #[error("edit {number} ({operation}) leaves no strands: change its parameters, or select with `only`")]
+    NoStrands {
+        /// Which, from 1.
+        number: usize,
+        /// Its `op`.
+        operation: &'static str,
     },
     /// No motion of that name.
     #[error("there is no motion `{0}`")]
@@ -150,13 +161,18 @@ impl Assets {
     /// Does edit `number`, from 0, of `scene` to the groom.
     ///
     /// # Errors
-    /// [`AssetError`] if it cannot be done; the groom is unchanged then.
+    /// [`AssetError`] if it cannot be done, and the groom is unchanged then; or if it leaves no
+    /// strands.
     pub fn edit(&mut self, scene: &Scene, number: usize) -> Result<EditReport, AssetError> {
         let Some(edit) = scene.edits.0.get(number).map(|section| &section.edit) else {
             return Ok(EditReport::default());
         };
         let report = groom::edit(edit, scene, &mut self.groom, self.body.as_ref());
-        report.map_err(|error| AssetError::of_edit(number, edit, error))
+        let report = report.map_err(|error| AssetError::of_edit(number, edit, error))?;
+        if self.groom.strand_count() == 0 {
+            return Err(AssetError::NoStrands { number: number + 1, operation: edit.operation.name() });
+        }
+        Ok(report)
     }
 
     /// Does `edit` to `groom`, which may be another than [`Assets::groom`], and keeps its strands

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use forelock_core::groom::guides::Skinning;
+use forelock_core::simulation::{BuildError, check_memory};
 use forelock_core::solver::Solver;
 
 use super::engine::{Engine, Solvers, Start};
@@ -109,7 +110,14 @@ impl PlayerBuilder {
         let Self { scene, assets, backend, history, solvers } = self;
         let assets = match assets {
             Some(assets) => assets,
-            None => Arc::new(Assets::load(&scene, observer)?),
+            None => {
+                // Before minutes of growth, not after them.
+                let groom = &scene.groom;
+                let share = if groom.guides > 0 { groom.strands.div_ceil(groom.guides) } else { 1 };
+                let simulated = groom.grown_particles() / u64::from(share);
+                check_memory(simulated, &scene.interaction.interactions()).map_err(BuildError::from)?;
+                Arc::new(Assets::load(&scene, observer)?)
+            }
         };
         let guides = scene.groom.guides as usize;
         let skinning = (guides > 0).then(|| Skinning::new(&assets.groom, guides, scene.seed)).transpose()?;

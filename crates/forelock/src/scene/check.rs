@@ -1,12 +1,12 @@
 //! Checks the values of a scene.
 //!
-//! An error names the dotted key and states which values are allowed. The ranges are also in the
-//! doc comments of the fields; a test compares both.
+//! An error names the dotted key and states which values are allowed. Ranges come from the
+//! documentation of the fields.
 
 use forelock_core::body::{KeyframeInterpolation, Motion};
-use forelock_core::groom::grow::GrowError;
+use forelock_core::groom::Import;
 use forelock_core::params::FLOAT32_STIFFNESS_LIMIT;
-use forelock_core::params::ParamsError;
+use forelock_core::params::{ParamsError, Short};
 use forelock_core::solver::StepCheck;
 
 use forelock_io::Format;
@@ -15,39 +15,17 @@ use forelock_render::HairColour;
 use super::document::Document;
 use super::error::{SceneError, one_of};
 use super::sections::{ColliderSection, GroomSource, ShapeKind};
-use super::{Keyframe, MotionSection, Scene, SolverKind, SolverSection, TimeSection};
+use super::{Keyframe, MotionSection, Scene, SolverKind, SolverSection, TimeSection, reference};
 use crate::sinks;
 
 /// The key of a wrong value, and the error message.
 type Wrong = (String, String);
 
-/// A range of allowed numbers.
-#[derive(Clone, Copy)]
-enum Range {
-    AtLeast(f64),
-    Above(f64),
-    Within(f64, f64),
-}
-
-impl Range {
-    fn check(self, key: &str, value: f64) -> Result<(), Wrong> {
-        let (inside, words) = match self {
-            Self::AtLeast(low) => (value >= low, format!("{low} or more")),
-            Self::Above(low) => (value > low, format!("above {low}")),
-            Self::Within(low, high) => ((low..=high).contains(&value), format!("from {low} to {high}")),
-        };
-        if inside && value.is_finite() {
-            return Ok(());
-        }
-        Err((key.to_owned(), format!("should be {words}, not {value}")))
-    }
-}
-
 /// Checks every value of `scene`. `document` tells which of the keys the scene file sets.
 pub(super) fn check(scene: &Scene, document: &Document<'_>) -> Result<(), Wrong> {
-    check_finite(scene)?;
+    check_ranges(scene)?;
     check_available(scene)?;
-    check_numbers(scene)?;
+    check_groom(scene)?;
     check_motion("body.motion", &scene.body.motion)?;
     if scene.body.is_named() && !matches!(scene.body.mesh.as_str(), "none" | "builtin:head" | "builtin:horse")
     {
@@ -56,19 +34,18 @@ pub(super) fn check(scene: &Scene, document: &Document<'_>) -> Result<(), Wrong>
             one_of(&scene.body.mesh, &["builtin:head", "builtin:horse", "none", "a path"]),
         ));
     }
+    check_import("body", &scene.body.import(), !scene.body.is_named(), "`body.mesh` is built in")?;
+    let is_read = scene.groom.source != GroomSource::Grow;
+    check_import("groom", &scene.groom.import(), is_read, "`groom.source` is \"grow\"")?;
     if !HairColour::NAMES.contains(&scene.hair.colour.as_str()) {
         return Err(("hair.colour".to_owned(), one_of(&scene.hair.colour, &HairColour::NAMES)));
     }
     for (index, collider) in scene.colliders.iter().enumerate() {
         check_collider(&format!("collider.{index}"), collider)?;
     }
-    scene.wind.validate().map_err(|error| params_error("wind", &error))?;
     check_output(scene)?;
-    check_growth(scene, document)?;
+    check_growth(document)?;
     check_timed_edits(scene)?;
-    for (number, teleport) in scene.teleports.iter().enumerate() {
-        Range::Above(0.0).check(&format!("teleport.{number}.at_secs"), teleport.at_secs)?;
-    }
     for key in SolverSection::SUBSTEP {
         if scene.time.substep_secs.is_some() && document.sets(key) {
             let message = format!("is set, and so is `{key}`, which means the same: remove one of the two");
@@ -97,26 +74,52 @@ pub(super) fn refuse_former_keys(document: &Document<'_>) -> Result<(), SceneErr
     Err(document.refuse(key, message))
 }
 
-/// Checks that every number of the scene is finite.
-fn check_finite(scene: &Scene) -> Result<(), Wrong> {
-    fn walk(key: &str, value: &toml::Value) -> Result<(), Wrong> {
-        match value {
-            toml::Value::Float(number) if !number.is_finite() => {
-                Err((key.to_owned(), format!("should be a finite number, not {number}")))
-            }
-            toml::Value::Table(table) => table.iter().try_for_each(|(name, value)| {
-                walk(&if key.is_empty() { name.clone() } else { format!("{key}.{name}") }, value)
-            }),
-            // The key is that of the list, not of its entry: users think of a vector as one value.
-            toml::Value::Array(list) => list.iter().enumerate().try_for_each(|(index, value)| {
-                walk(&if value.is_table() { format!("{key}.{index}") } else { key.to_owned() }, value)
-            }),
-            _ => Ok(()),
-        }
-    }
+/// Checks that every number of the scene is finite and in the range that its documentation states.
+fn check_ranges(scene: &Scene) -> Result<(), Wrong> {
     let value = toml::Value::try_from(scene)
         .map_err(|error| (String::new(), format!("holds a value that TOML cannot express: {error}")))?;
-    walk("", &value)
+    check_range("", "", &value)
+}
+
+/// Checks `value` at `key`, whose entry of the reference is `entry`.
+fn check_range(key: &str, entry: &str, value: &toml::Value) -> Result<(), Wrong> {
+    let number = match value {
+        toml::Value::Float(number) => *number,
+        toml::Value::Integer(number) => *number as f64,
+        toml::Value::Table(table) => {
+            // The keys of an edit depend on its operation.
+            let operation = table.get("op").and_then(toml::Value::as_str);
+            return table.iter().try_for_each(|(name, value)| {
+                let join = |parent: &str| {
+                    if parent.is_empty() { name.clone() } else { format!("{parent}.{name}") }
+                };
+                let entry = match operation {
+                    Some(op) if !matches!(name.as_str(), "only" | "at_secs") => {
+                        join(&format!("{entry}.{op}"))
+                    }
+                    _ => join(entry),
+                };
+                check_range(&join(key), &entry, value)
+            });
+        }
+        // The key is that of the list, not of its entry: users think of a vector as one value.
+        toml::Value::Array(list) => {
+            return list.iter().enumerate().try_for_each(|(index, value)| {
+                let place = if value.is_table() { format!("{key}.{index}") } else { key.to_owned() };
+                check_range(&place, entry, value)
+            });
+        }
+        _ => return Ok(()),
+    };
+    if !number.is_finite() {
+        return Err((key.to_owned(), format!("should be a finite number, not {number}")));
+    }
+    match reference::find(entry).and_then(|entry| entry.range) {
+        Some(range) if !range.contains(number) => {
+            Err((key.to_owned(), format!("should be {range}, not {}", Short(number))))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Rejects solvers that are planned but do not exist in this version.
@@ -133,38 +136,12 @@ fn check_available(scene: &Scene) -> Result<(), Wrong> {
     Err(("solver.kind".to_owned(), message))
 }
 
-fn check_numbers(scene: &Scene) -> Result<(), Wrong> {
-    let whole = f64::from;
-    let (groom, body, time, output) = (&scene.groom, &scene.body, &scene.time, &scene.output);
-    let rows = [
-        ("groom.strands", whole(groom.strands), Range::Within(1.0, 1e6)),
-        ("groom.scale", groom.scale, Range::Above(0.0)),
-        ("body.scale", body.scale, Range::Above(0.0)),
-        ("body.teleport_speed", body.teleport_speed, Range::AtLeast(0.0)),
-        ("body.teleport_turn_degrees", body.teleport_turn_degrees, Range::AtLeast(0.0)),
-        ("body.friction", body.friction, Range::AtLeast(0.0)),
-        ("body.sdf_cells", whole(body.sdf_cells), Range::Within(8.0, 512.0)),
-        ("body.sdf_near_cell", body.sdf_near_cell, Range::AtLeast(0.0)),
-        ("time.fps", time.fps, Range::Within(1.0, 1e4)),
-        ("time.substep_secs", time.substep_secs.unwrap_or(1.0), Range::Within(1e-5, 1.0)),
-        ("time.frames", whole(time.frames), Range::Within(1.0, 1e6)),
-        ("output.film_every", whole(output.film_every), Range::Within(1.0, 1e3)),
-        ("output.width", whole(output.width), Range::Within(16.0, 4096.0)),
-        ("output.height", whole(output.height), Range::Within(16.0, 4096.0)),
-        ("camera.pitch_degrees", scene.camera.pitch_degrees, Range::Within(-89.0, 89.0)),
-        ("camera.distance", scene.camera.distance, Range::Within(0.01, 100.0)),
-        ("hair.width", scene.hair.width, Range::Within(0.0, 0.01)),
-    ];
-    rows.into_iter().try_for_each(|(key, value, range)| range.check(key, value))?;
-    if groom.vertices_per_strand != 0 {
-        Range::Within(2.0, 1000.0).check("groom.vertices_per_strand", whole(groom.vertices_per_strand))?;
-    }
-    if groom.vertices != 0 {
-        Range::Within(2.0, 1e9).check("groom.vertices", whole(groom.vertices))?;
-        if groom.vertices_per_strand != 0 {
-            let message = "is set, and so is `groom.vertices_per_strand`: remove one of the two".to_owned();
-            return Err(("groom.vertices".to_owned(), message));
-        }
+/// Checks that the keys of the groom agree with each other.
+fn check_groom(scene: &Scene) -> Result<(), Wrong> {
+    let (groom, body) = (&scene.groom, &scene.body);
+    if groom.vertices != 0 && groom.vertices_per_strand != 0 {
+        let message = "is set, and so is `groom.vertices_per_strand`: remove one of the two".to_owned();
+        return Err(("groom.vertices".to_owned(), message));
     }
     match &groom.source {
         GroomSource::Files(files) if files.is_empty() => {
@@ -178,14 +155,28 @@ fn check_numbers(scene: &Scene) -> Result<(), Wrong> {
     }
 }
 
+/// Checks that unit, axis and scale of files are set only where a file `is_read`.
+fn check_import(table: &str, import: &Import, is_read: bool, instead: &str) -> Result<(), Wrong> {
+    let usual = Import::default();
+    let set = [
+        ("unit", import.unit != usual.unit),
+        ("up", import.up != usual.up),
+        ("scale", import.scale != usual.scale),
+    ];
+    match set.into_iter().find(|(_, set)| *set && !is_read) {
+        Some((name, _)) => {
+            let message = format!("is for files, but {instead}: remove it, or name a file");
+            Err((format!("{table}.{name}"), message))
+        }
+        None => Ok(()),
+    }
+}
+
 fn check_motion(key: &str, motion: &MotionSection) -> Result<(), Wrong> {
     if motion.builtin_name().is_none_or(|name| !Motion::NAMES.contains(&name)) {
         let known = Motion::NAMES.map(|name| format!("builtin:{name}"));
         return Err((key.to_owned(), one_of(&motion.name, &known.each_ref().map(String::as_str))));
     }
-    Range::AtLeast(0.0).check(&format!("{key}.amplitude"), motion.amplitude)?;
-    Range::Above(0.0).check(&format!("{key}.frequency_hz"), motion.frequency_hz.unwrap_or(1.0))?;
-    Range::AtLeast(0.0).check(&format!("{key}.rest_after_secs"), motion.rest_after_secs)?;
     let frames = &motion.keyframes;
     if frames.first().is_some_and(|first| first.time_secs != 0.0) {
         return Err((
@@ -227,28 +218,19 @@ fn check_collider(key: &str, collider: &ColliderSection) -> Result<(), Wrong> {
             return Err((format!("{key}.{name}"), message));
         }
     }
+    let no_mesh = format!("this `shape` ({}) is not read from one", shape.name());
+    check_import(key, &collider.import(), shape == ShapeKind::Mesh, &no_mesh)?;
     if collider.mesh.is_some() && !collider.mesh_sequence.is_empty() {
         let message =
             "is set, and so is `mesh`, which does not change over time: remove one of the two".to_owned();
         return Err((format!("{key}.mesh_sequence"), message));
     }
-    Range::Above(0.0).check(&format!("{key}.sequence_fps"), collider.sequence_fps.unwrap_or(1.0))?;
     if shape == ShapeKind::Mesh && collider.mesh.is_none() && collider.mesh_sequence.is_empty() {
         return Err((
             format!("{key}.shape"),
             "is \"mesh\", but there is no `mesh` file: name one".to_owned(),
         ));
     }
-    Range::Above(0.0).check(&format!("{key}.radius"), collider.radius.unwrap_or(1.0))?;
-    Range::AtLeast(0.0).check(&format!("{key}.half_length"), collider.half_length.unwrap_or(1.0))?;
-    for side in collider.half_extents.unwrap_or([1.0; 3]) {
-        Range::Above(0.0).check(&format!("{key}.half_extents"), side)?;
-    }
-    Range::Above(0.0).check(&format!("{key}.scale"), collider.scale)?;
-    Range::Within(8.0, 512.0)
-        .check(&format!("{key}.sdf_cells"), f64::from(collider.sdf_cells.unwrap_or(96)))?;
-    Range::AtLeast(0.0).check(&format!("{key}.sdf_near_cell"), collider.sdf_near_cell.unwrap_or(0.0))?;
-    Range::AtLeast(0.0).check(&format!("{key}.friction"), collider.friction)?;
     check_motion(&format!("{key}.motion"), &collider.motion)
 }
 
@@ -274,21 +256,14 @@ fn check_timed_edits(scene: &Scene) -> Result<(), Wrong> {
     Ok(())
 }
 
-/// Checks the growth parameters, and that none of them is set by two keys.
-fn check_growth(scene: &Scene, document: &Document<'_>) -> Result<(), Wrong> {
+/// Checks that no growth parameter is set by two keys.
+fn check_growth(document: &Document<'_>) -> Result<(), Wrong> {
     for (key, same) in [("groom.grow.strands", "groom.strands"), ("groom.grow.seed", "seed")] {
         if document.sets(key) {
             return Err((key.to_owned(), format!("is not a key of a scene: set `{same}` instead")));
         }
     }
-    scene.groom.grow.check().map_err(|error| match error {
-        GrowError::Parameter { name, value, low, high } => {
-            let low = if low == f32::MIN_POSITIVE { "above 0".to_owned() } else { format!("from {low}") };
-            let key = name.split('[').next().unwrap_or(name);
-            (format!("groom.grow.{key}"), format!("should be {low} to {high}, not {value}"))
-        }
-        other => ("groom.grow".to_owned(), other.to_string()),
-    })
+    Ok(())
 }
 
 fn check_output(scene: &Scene) -> Result<(), Wrong> {

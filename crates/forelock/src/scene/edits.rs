@@ -19,14 +19,16 @@ use super::error::{SceneError, one_of};
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct EditSections(pub Vec<EditSection>);
 
+forelock_core::documented! {
 /// `[[edit]]`: one edit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EditSection {
     /// What is done, and to which strands.
     pub edit: Edit,
-    /// When, while the hair moves. Unit s, default none, range 0 or more; without it the edit is
+    /// When, while the hair moves. Unit s, default none, range 0 to 1e6; without it the edit is
     /// done before the first frame.
     pub at_secs: Option<f64>,
+}
 }
 
 impl EditSections {
@@ -148,10 +150,6 @@ fn read_edit(
             let mut alone = DeTable::default();
             alone.insert(name, value);
             let Timed { at_secs } = document.read(alone, span.clone())?;
-            if !(at_secs.is_finite() && at_secs >= 0.0) {
-                let message = format!("should be 0 or more, not {at_secs}");
-                return Err(document.refuse(&format!("{key}.at_secs"), message));
-            }
             Some(at_secs)
         }
     };

@@ -21,6 +21,7 @@ mod document;
 mod edits;
 mod error;
 mod motion;
+pub mod reference;
 mod sections;
 mod solver;
 mod teleport;
@@ -47,17 +48,19 @@ use solver::Registered;
 /// The scene that `forelock demo` runs: `default.toml` beside this module.
 pub const DEFAULT_SCENE: &str = include_str!("default.toml");
 
+forelock_core::documented! {
 /// A whole scene, as its file holds it: every value checked, every path absolute or relative to the
 /// current folder.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Scene {
-    /// Name of the scene, for reports and the output folder. Default: the file's name without its
+    /// Name of the scene, for reports and the output folder. Default the file's name without its
     /// ending.
     pub name: String,
     /// Seed of everything random. No unit, default 1, range 0 or more; 0 is a seed like any other.
     pub seed: u64,
-    /// Gravity, [x, y, z]. Unit m/s², default [0, -9.81, 0]; zeros switch it off.
+    /// Gravity, [x, y, z]. Unit m/s², default [0, -9.81, 0], range -1000 to 1000 each; zeros switch
+    /// it off.
     pub gravity: [f64; 3],
     /// The strands.
     pub groom: GroomSection,
@@ -87,6 +90,7 @@ pub struct Scene {
     pub camera: CameraSection,
     /// How the hair looks in pictures.
     pub hair: HairSection,
+}
 }
 
 impl Default for Scene {

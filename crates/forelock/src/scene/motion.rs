@@ -6,6 +6,7 @@ use forelock_core::body::KeyframeInterpolation;
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{Deserialize, Deserializer, MapAccess, Visitor};
 
+forelock_core::documented! {
 /// A motion: `motion = "builtin:turn"`, or a table `[body.motion]` with these keys.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct MotionSection {
@@ -13,16 +14,16 @@ pub struct MotionSection {
     /// "builtin:jump", "builtin:shake-and-jump" or "builtin:roller-coaster". Default
     /// "builtin:still".
     pub name: String,
-    /// Factor on the motion's angles and lengths. No unit, default 1, range 0 or more; 0 stands
+    /// Factor on the motion's angles and lengths. No unit, default 1, range 0 to 100; 0 stands
     /// still.
     pub amplitude: f64,
-    /// How often the motion repeats. Unit Hz, default that of the named motion, range above 0.
+    /// How often the motion repeats. Unit Hz, default that of the named motion, range 1e-6 to 1000.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frequency_hz: Option<f64>,
-    /// When the motion comes to rest. Unit s, default 0, range 0 or more; 0 never rests.
+    /// When the motion comes to rest. Unit s, default 0, range 0 to 1e6; 0 never rests.
     pub rest_after_secs: f64,
-    /// The point about which rotations turn, [x, y, z]. Unit m, default: the neck of the body, the
-    /// collider's position.
+    /// The point about which rotations turn, [x, y, z]. Unit m, default the neck of the body or the
+    /// collider's position, range -1e4 to 1e4 each.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pivot: Option<[f64; 3]>,
     /// How keyframes are interpolated: "smooth" (never beyond them, starting and stopping at rest),
@@ -32,17 +33,20 @@ pub struct MotionSection {
     #[serde(rename = "keyframe", skip_serializing_if = "Vec::is_empty")]
     pub keyframes: Vec<Keyframe>,
 }
+}
 
+forelock_core::documented! {
 /// One pose of a motion by keyframes, a `[[body.motion.keyframe]]` table.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Keyframe {
-    /// When. Unit s, default 0, range 0 or more; the first must be 0.
+    /// When. Unit s, default 0, range 0 to 1e6; the first must be 0.
     pub time_secs: f64,
-    /// Where, as a shift from rest, [x, y, z]. Unit m, default [0, 0, 0].
+    /// Where, as a shift from rest, [x, y, z]. Unit m, default [0, 0, 0], range -1e4 to 1e4 each.
     pub translation: [f64; 3],
     /// How turned from rest about the pivot: yaw about y, pitch about x, roll about z, in this
-    /// order. Angles count as given, 720 is two turns. Unit degrees, default [0, 0, 0].
+    /// order. Angles count as given, 720 is two turns. Unit degrees, default [0, 0, 0], range -1e6
+    /// to 1e6 each.
     pub rotation_degrees: [f64; 3],
     /// Interpolation from here to the next keyframe: "smooth", "linear" or "hold". Default that of
     /// the motion.
@@ -52,6 +56,7 @@ pub struct Keyframe {
     /// same. A jump of the body is simulated as motion unless a `[[teleport]]` declares
     /// it or `body.teleport_speed` finds it. Default false.
     pub jump: bool,
+}
 }
 
 impl Default for MotionSection {

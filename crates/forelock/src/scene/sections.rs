@@ -67,43 +67,48 @@ pub(super) fn preset_toml(name: &str) -> Result<String, String> {
     Ok(toml::Table::from_iter([("groom".to_owned(), toml::Value::Table(groom))]).to_string())
 }
 
+forelock_core::documented! {
 /// `[groom]`: the strands.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct GroomSection {
-    /// "grow", a file (.hair, .data, .tfx, .npz) or a list of files. Default "grow".
+    /// "grow", a file (.hair, .data, .tfx, .npz, .obj, .bin) or a list of files. Default "grow".
     pub source: GroomSource,
-    /// Preset that `grow` starts from; the keys of `[groom.grow]` change single parameters of it.
-    /// Default "wavy".
+    /// Preset that `grow` starts from: straight, wavy, curly, afro, bob, asymmetric, beard,
+    /// short-fur or ponytail; the keys of `[groom.grow]` change single parameters of it. Default
+    /// "wavy".
     pub preset: String,
     /// Number of strands to grow; files keep theirs. Unit strands, default 10000, range 1 to
     /// 1000000.
     pub strands: u32,
     /// Particles per strand after resampling by arc length. Unit particles, default 0, range 2 to
-    /// 1000; 0 keeps those of the file or of the growth (25).
+    /// 1000 or 0; 0 keeps those of the file or of the growth (25).
     pub vertices_per_strand: u32,
     /// Particles of all strands together, long ones with more of them than short ones, instead of
     /// `vertices_per_strand`; they scale with the strands if `--set groom.strands` changes those.
-    /// Unit particles, default 0, range 2 to 1000000000; 0 leaves that to `vertices_per_strand`.
+    /// Unit particles, default 0, range 2 to 1000000000 or 0; 0 leaves that to
+    /// `vertices_per_strand`.
     pub vertices: u32,
     /// Unit of length of the files: "m", "cm", "mm" or "in". Default "m".
     pub unit: Unit,
     /// Axis that points up in the files: "y" or "z". Default "y".
     pub up: Up,
-    /// Further factor on lengths, for files in other units. No unit, default 1, range above 0.
+    /// Further factor on lengths, for files in other units. No unit, default 1, range 1e-9 to 1e9.
     pub scale: f64,
     /// Whether strands that start inside the body are brought out before the simulation. Default
     /// true.
     pub lift: bool,
     /// Strands that are simulated; all others follow the nearest of them. Unit strands, default 0,
-    /// range 0 or more; 0 simulates all.
+    /// range 0 to 1000000; 0 simulates all.
     pub guides: u32,
     /// Where to grow on a mesh that is not built in: two opposite corners of a box, [[x, y, z], [x,
-    /// y, z]]. Unit m, default the whole mesh; the built-in head has its regions.
+    /// y, z]]. Unit m, default the whole mesh, range -1e4 to 1e4 each; the built-in head has its
+    /// regions.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub region_box: Option<[[f64; 3]; 2]>,
-    /// Growth parameters. Default the preset's.
+    /// Growth parameters.
     pub grow: GrowParams,
+}
 }
 
 impl Default for GroomSection {
@@ -125,6 +130,7 @@ impl Default for GroomSection {
     }
 }
 
+forelock_core::documented! {
 /// `[body]`: what the hair grows on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -135,31 +141,46 @@ pub struct BodySection {
     pub unit: Unit,
     /// Axis that points up in the file: "y" or "z". Default "y".
     pub up: Up,
-    /// Further factor on lengths, for files in other units. No unit, default 1, range above 0.
+    /// Further factor on lengths, for files in other units. No unit, default 1, range 1e-9 to 1e9.
     pub scale: f64,
     /// How the body and the roots move: a name such as "builtin:turn", or a table. Default
     /// "builtin:turn".
     pub motion: MotionSection,
     /// Speed of the roots' middle from one step to the next above which a motion counts as a
     /// teleport that is not declared: the hair is carried along in its shape. Unit m/s, default 50,
-    /// range 0 or more; 0 never does.
+    /// range 0 to 1e9; 0 never does.
     pub teleport_speed: f64,
     /// Turning speed above which a motion counts as a teleport too. Unit degrees per second,
-    /// default 3600 (ten turns a second), range 0 or more; 0 never does.
+    /// default 3600 (ten turns a second), range 0 to 1e9; 0 never does.
     pub teleport_turn_degrees: f64,
     /// Whether strands collide with the body. Default true.
     pub collide: bool,
-    /// Coulomb friction of the body's surface. No unit, default 0.3, range 0 or more; 0 is ice.
+    /// Coulomb friction of the body's surface. No unit, default 0.3, range 0 to 100; 0 is ice.
     pub friction: f64,
     /// Cells of the body's signed distance grid along its longest side. Unit cells, default 128,
     /// range 8 to 512.
     pub sdf_cells: u32,
     /// Largest side of that grid's cells near the surface, however large the body is. Unit m,
-    /// default 0.002, range 0 or more; 0 leaves all cells alike.
+    /// default 0.002, range 0 to 1; 0 leaves all cells alike.
     pub sdf_near_cell: f64,
+}
 }
 
 impl GroomSection {
+    /// How many particles growth and resampling will give; 0 if that is not known before files are
+    /// read.
+    pub(crate) fn grown_particles(&self) -> u64 {
+        let each = match self.vertices_per_strand {
+            0 => self.grow.vertices_per_strand,
+            count => count,
+        };
+        match self.source {
+            GroomSource::Grow if self.vertices == 0 => u64::from(self.strands) * u64::from(each),
+            GroomSource::Grow => self.vertices.into(),
+            GroomSource::Files(_) => 0,
+        }
+    }
+
     /// How the files' numbers become metres, y up.
     pub fn import(&self) -> Import {
         Import { unit: self.unit, up: self.up, scale: self.scale }
@@ -248,6 +269,7 @@ impl ShapeKind {
     }
 }
 
+forelock_core::documented! {
 /// `[[collider]]`: one further solid.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -255,18 +277,20 @@ pub struct ColliderSection {
     /// "sphere", "hollow-sphere", "capsule", "box", "plane", "mesh", or one of the built-in "hand",
     /// "comb" and "holed-sphere". Default "sphere".
     pub shape: ShapeKind,
-    /// Where its centre is at the start, [x, y, z]. Unit m, default [0, 0, 0].
+    /// Where its centre is at the start, [x, y, z]. Unit m, default [0, 0, 0], range -1e4 to 1e4
+    /// each.
     pub position: [f64; 3],
     /// How it is turned at the start: yaw about y, pitch about x, roll about z, in this order. Unit
-    /// degrees, default [0, 0, 0].
+    /// degrees, default [0, 0, 0], range -1e6 to 1e6 each.
     pub rotation_degrees: [f64; 3],
-    /// Radius of a sphere, hollow or holed sphere, or capsule. Unit m, default 0.1, range above 0.
+    /// Radius of a sphere, hollow or holed sphere, or capsule. Unit m, default 0.1, range 1e-4 to
+    /// 1e4.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub radius: Option<f64>,
-    /// Half the length of a capsule's axis. Unit m, default 0.1, range 0 or more; 0 is a sphere.
+    /// Half the length of a capsule's axis. Unit m, default 0.1, range 0 to 1e4; 0 is a sphere.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub half_length: Option<f64>,
-    /// Half the sides of a box, [x, y, z]. Unit m, default [0.1, 0.1, 0.1], range above 0.
+    /// Half the sides of a box, [x, y, z]. Unit m, default [0.1, 0.1, 0.1], range 1e-4 to 1e4 each.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub half_extents: Option<[f64; 3]>,
     /// The .obj file of a mesh. No default: a mesh needs one.
@@ -276,21 +300,22 @@ pub struct ColliderSection {
     /// move by less than half their thickness from one to the next. Default none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub mesh_sequence: Vec<PathBuf>,
-    /// Meshes of `mesh_sequence` a second; the last one stays. Unit s⁻¹, default 24, range above 0.
+    /// Meshes of `mesh_sequence` a second; the last one stays. Unit s⁻¹, default 24, range 1e-3 to
+    /// 1e4.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sequence_fps: Option<f64>,
     /// Unit of length of that file: "m", "cm", "mm" or "in". Default "m".
     pub unit: Unit,
     /// Axis that points up in that file: "y" or "z". Default "y".
     pub up: Up,
-    /// Further factor on that file's lengths. No unit, default 1, range above 0.
+    /// Further factor on that file's lengths. No unit, default 1, range 1e-9 to 1e9.
     pub scale: f64,
     /// Cells of a mesh's, hand's, comb's or holed sphere's distance grid along its longest side.
     /// Unit cells, default 96 and what a built-in one needs, range 8 to 512.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sdf_cells: Option<u32>,
     /// Largest side of that grid's cells near the surface; a `mesh_sequence` ignores it. Unit m,
-    /// default 0.002, range 0 or more; 0 leaves all cells alike.
+    /// default 0.002, range 0 to 1; 0 leaves all cells alike.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sdf_near_cell: Option<f64>,
     /// Whether it is fixed to the body and moves with it; otherwise it stands in the world. Default
@@ -298,11 +323,12 @@ pub struct ColliderSection {
     pub on_body: bool,
     /// How it moves: a name such as "builtin:nod", or a table. Default "builtin:still".
     pub motion: MotionSection,
-    /// Coulomb friction of its surface. No unit, default 0.3, range 0 or more; 0 is ice.
+    /// Coulomb friction of its surface. No unit, default 0.3, range 0 to 100; 0 is ice.
     pub friction: f64,
     /// Whether pictures show it; what stands in for a part of the body need not be seen. Default
     /// true.
     pub visible: bool,
+}
 }
 
 /// The default largest side of a distance grid's cells near the surface, metres.
@@ -353,6 +379,7 @@ pub enum InteractionKind {
     Sph,
 }
 
+forelock_core::documented! {
 /// `[interaction]`: hair against hair.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -370,6 +397,7 @@ pub struct InteractionSection {
     /// Parameters of the contacts.
     pub contact: ContactParams,
 }
+}
 
 impl InteractionSection {
     /// The interactions that are on.
@@ -383,6 +411,7 @@ impl InteractionSection {
     }
 }
 
+forelock_core::documented! {
 /// `[time]`: frames and substeps.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -396,6 +425,7 @@ pub struct TimeSection {
     /// Frames to simulate after the start. Unit frames, default 240, range 1 to 1000000.
     pub frames: u32,
 }
+}
 
 impl Default for TimeSection {
     fn default() -> Self {
@@ -403,6 +433,7 @@ impl Default for TimeSection {
     }
 }
 
+forelock_core::documented! {
 /// `[output]`: what is written into the output folder.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -427,6 +458,7 @@ pub struct OutputSection {
     /// "groom.npz".
     pub groom: PathBuf,
 }
+}
 
 impl Default for OutputSection {
     fn default() -> Self {
@@ -444,11 +476,13 @@ impl Default for OutputSection {
     }
 }
 
+forelock_core::documented! {
 /// `[camera]`: from where pictures are taken.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CameraSection {
-    /// Angle around the body from its front towards its left side. Unit degrees, default 30.
+    /// Angle around the body from its front towards its left side. Unit degrees, default 30, range
+    /// -1e6 to 1e6.
     pub yaw_degrees: f64,
     /// Angle above the horizon. Unit degrees, default 5, range -89 to 89.
     pub pitch_degrees: f64,
@@ -456,12 +490,13 @@ pub struct CameraSection {
     /// 0.01 to 100.
     pub distance: f64,
     /// The point in the middle of the picture, [x, y, z], where body and hair are at rest. Unit m,
-    /// default their middle.
+    /// default their middle, range -1e4 to 1e4 each.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub look_at: Option<[f64; 3]>,
     /// Whether the camera goes where the body goes, without turning with it, so that the body stays
     /// in the picture's middle. Default false.
     pub follow: bool,
+}
 }
 
 impl Default for CameraSection {
@@ -470,15 +505,17 @@ impl Default for CameraSection {
     }
 }
 
+forelock_core::documented! {
 /// `[hair]`: how the hair looks in pictures.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct HairSection {
-    /// Name of the colour. Default "dark-brown".
+    /// Colour: black, dark-brown, chestnut, blonde, red or white. Default "dark-brown".
     pub colour: String,
     /// Width of a drawn strand. Unit m, default 0, range 0 to 0.01; 0 chooses one by the number of
     /// strands.
     pub width: f64,
+}
 }
 
 impl Default for HairSection {

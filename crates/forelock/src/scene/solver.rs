@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize, Serializer};
 
 use super::document::Document;
 use super::error::{SceneError, one_of};
+use super::reference::{Section, with};
 
 /// The solvers that a scene can name.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Deserialize)]
@@ -77,6 +78,7 @@ pub enum SimdChoice {
     Scalar,
 }
 
+forelock_core::documented! {
 /// `[solver]`: which solver, and its parameters.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -102,6 +104,7 @@ pub struct SolverSection {
     #[serde(skip)]
     pub custom: toml::Table,
 }
+}
 
 impl From<SimdChoice> for Simd {
     fn from(choice: SimdChoice) -> Self {
@@ -113,6 +116,23 @@ impl From<SimdChoice> for Simd {
             SimdChoice::Avx512 => Self::Avx512,
         }
     }
+}
+
+const AMS_NOTE: &str = "Stiffness is also bounded by float32: h²κ ≤ 1000 for the substep h; the message \
+    names a substep that would do.";
+const DFTL_NOTE: &str = "Shares are those of a step of 0.016 s; for other steps they are converted.";
+
+/// The sections of the reference for the tables of solvers.
+pub(super) fn sections() -> [Section; 3] {
+    [
+        with::<AmsParams>("solver.ams", "## `[solver.ams]`: augmented mass-spring", AMS_NOTE),
+        with::<MassSpringParams>(
+            "solver.mass_spring",
+            "## `[solver.mass_spring]`: plain mass-spring",
+            AMS_NOTE,
+        ),
+        with::<DftlParams>("solver.dftl", "## `[solver.dftl]`: dynamic follow the leader", DFTL_NOTE),
+    ]
 }
 
 /// A built-in solver with the parameters of a scene.

@@ -99,23 +99,29 @@ fn values_out_of_range_are_refused_where_they_are_set() {
         ("[time]\nfps = 0", "line 2, column 7: `time.fps` should be from 1 to 10000, not 0"),
         ("[time]\nfps = nan", "`time.fps` should be a finite number, not NaN"),
         ("gravity = [0, inf, 0]", "`gravity` should be a finite number"),
-        ("[time]\nsubstep_secs = 0", "`time.substep_secs` should be from 0.00001 to 1, not 0"),
+        ("[time]\nsubstep_secs = 0", "`time.substep_secs` should be from 1e-5 to 1, not 0"),
         ("[time]\nframes = 0", "`time.frames` should be from 1 to 1000000"),
         (
             "[solver.ams]\nk_bend = -1.0",
-            "line 2, column 10: `solver.ams.k_bend` should be a finite number of 0 or more, not -1",
+            "line 2, column 10: `solver.ams.k_bend` should be from 0 to 1e12, not -1",
         ),
-        ("[groom]\nvertices_per_strand = 1", "should be from 2 to 1000, not 1"),
+        ("[groom]\nvertices_per_strand = 1", "should be from 2 to 1000, or 0, not 1"),
         ("[groom]\npreset = \"wayv\"", "`groom.preset` cannot be \"wayv\": it is one of straight, wavy"),
         ("[groom.grow]\nnoise = -1", "line 2, column 9: `groom.grow.noise` should be from 0 to 10, not -1"),
         ("[groom.grow]\nseed = 2", "`groom.grow.seed` is not a key of a scene: set `seed` instead"),
         ("[body]\nmotion = \"builtin:trn\"", "did you mean \"builtin:turn\"?"),
         ("[hair]\ncolour = \"blond\"", "did you mean \"blonde\"?"),
         ("[groom]\nsource = []", "is an empty list"),
+        ("[body]\nscale = 2", "line 2, column 9: `body.scale` is for files, but `body.mesh` is built in"),
+        ("[groom]\nunit = \"cm\"", "`groom.unit` is for files, but `groom.source` is \"grow\": remove it"),
+        ("[[collider]]\nup = \"z\"", "`collider.0.up` is for files, but this `shape` (sphere) is not read"),
         ("[body]\nmesh = \"none\"", "hair needs a body to grow on"),
         ("[[collider]]\nshape = \"box\"\nradius = 1", "does not apply to this `shape` (box)"),
         ("[[collider]]\nshape = \"mesh\"", "there is no `mesh` file"),
-        ("[[collider]]\nradius = -1", "line 2, column 10: `collider.0.radius` should be above 0, not -1"),
+        (
+            "[[collider]]\nradius = -1",
+            "line 2, column 10: `collider.0.radius` should be from 1e-4 to 10000, not -1",
+        ),
         ("[output]\ncache = \"x.abc\"", "ends in .abc: this version writes .npz"),
         (
             "[time]\nsubstep_secs = 0.01\n[solver.ams]\nsubstep_secs = 0.01",
@@ -127,14 +133,11 @@ fn values_out_of_range_are_refused_where_they_are_set() {
         ),
         (
             "[interaction.grid]\nresolution = 4",
-            "`interaction.grid.resolution` should be between 8 and 512, not 4",
+            "`interaction.grid.resolution` should be from 8 to 512, not 4",
         ),
         ("[wind]\ngusts = 1", "there is no key `wind.gusts`"),
-        (
-            "[wind]\ngust_strength = 2",
-            "line 2, column 17: `wind.gust_strength` should be between 0 and 1, not 2",
-        ),
-        ("[wind]\nturbulence_scale = 0", "`wind.turbulence_scale` should be a finite number above 0, not 0"),
+        ("[wind]\ngust_strength = 2", "line 2, column 17: `wind.gust_strength` should be from 0 to 1, not 2"),
+        ("[wind]\nturbulence_scale = 0", "`wind.turbulence_scale` should be from 0.001 to 1000, not 0"),
         ("[wind]\nvelocity = [1, 0]", "`wind.velocity`"),
         (
             "[[collider]]\nshape = \"mesh\"\nmesh = \"a.obj\"\nmesh_sequence = [\"b.obj\"]",
@@ -293,9 +296,11 @@ fn teleports_and_keyframes_that_jump_are_read_and_checked() {
     assert_eq!(scene.teleports[0].mode, forelock_core::simulation::Teleport::CarryShape);
     assert_eq!(scene.teleports[1].mode, forelock_core::simulation::Teleport::Reset);
     assert_eq!(Scene::parse(&scene.to_toml(), Path::new("scene.toml"), &[]).unwrap(), scene);
-    assert!(message("[[teleport]]\nat_secs = 0\n", &[]).contains("`teleport.0.at_secs` should be above 0"));
+    assert!(
+        message("[[teleport]]\nat_secs = 0\n", &[]).contains("`teleport.0.at_secs` should be from 1e-6 to")
+    );
     assert!(message("[[teleport]]\nmode = \"rest\"\n", &[]).contains("did you mean \"reset\"?"));
-    assert!(message("", &["body.teleport_speed=-1"]).contains("should be 0 or more"));
+    assert!(message("", &["body.teleport_speed=-1"]).contains("should be from 0 to 1000000000"));
     let keys = |second: &str| {
         let keyframe = "[[body.motion.keyframe]]\ntime_secs = ";
         parse(&format!("{keyframe}0\n{keyframe}1\n{keyframe}1\n{second}\n"), &[])

@@ -34,7 +34,7 @@ impl LaneSolver for Chain {
         if value >= 0.0 {
             return Ok(());
         }
-        Err(ParamsError::Range { name: "drag", value, expected: "0 or more" })
+        Err(ParamsError::Range { name: "drag", value, expected: "0 or more".to_owned() })
     }
 
     fn terms(&self, dt_secs: f64) -> f64 {

@@ -38,17 +38,12 @@ impl Workplace {
         path
     }
 
-    /// Where distance grids are kept between tests.
-    pub fn shared_cache(&self) -> PathBuf {
-        Path::new(env!("CARGO_TARGET_TMPDIR")).join("cache")
-    }
-
     /// The command, to be given arguments.
     pub fn command(&self) -> Command {
         let mut command = Command::cargo_bin("forelock").unwrap();
         command
             .current_dir(self.folder.path())
-            .env("XDG_CACHE_HOME", self.shared_cache())
+            .env("XDG_CACHE_HOME", shared_cache())
             .env_remove("RUST_LOG");
         command
     }
@@ -76,6 +71,11 @@ fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
             files.push(path);
         }
     }
+}
+
+/// Distance grids are kept here between tests.
+pub fn shared_cache() -> PathBuf {
+    Path::new(env!("CARGO_TARGET_TMPDIR")).join("cache")
 }
 
 /// `--set` before each of `keys`.

@@ -3,11 +3,12 @@
 use super::EditError;
 use super::chain::Chain;
 use super::change::Change;
-use super::error::{above_zero, within};
+use super::error::check;
 use super::locks::locks;
 use crate::groom::Groom;
 use crate::groom::grow::random::Random;
 
+crate::documented! {
 /// `clump`: moves strands towards the strand at the centre of their lock; lengths are kept.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
@@ -16,7 +17,7 @@ use crate::groom::grow::random::Random;
     serde(default, deny_unknown_fields)
 )]
 pub struct Clump {
-    /// Smallest distance between the centres of locks. Unit m, default 0.012, range above 0.
+    /// Smallest distance between the centres of locks. Unit m, default 0.012, range 1e-6 to 1000.
     pub spacing: f32,
     /// Fraction of the distance to the centre strand that is removed at the root. No unit, default
     /// 0, range 0 to 1; 0 does nothing there.
@@ -25,13 +26,14 @@ pub struct Clump {
     /// joins the tips.
     pub tip: f32,
     /// Distance between a strand's tip and the centre strand beyond which the strand does not join
-    /// the lock, as on the other side of a parting. Unit m, default 0.05, range above 0.
+    /// the lock, as on the other side of a parting. Unit m, default 0.05, range 1e-6 to 1000.
     pub spread: f32,
     /// Fraction of the strands that do not join locks. No unit, default 0.02, range 0 to 1; 0
     /// includes all strands.
     pub flyaways: f32,
-    /// Seed of all random numbers. No unit, default 1; 0 is a valid seed.
+    /// Seed of all random numbers. No unit, default 1, range 0 or more; 0 is a valid seed.
     pub seed: u64,
+}
 }
 
 impl Default for Clump {
@@ -42,11 +44,13 @@ impl Default for Clump {
 
 impl Clump {
     pub(super) fn validate(&self) -> Result<(), EditError> {
-        above_zero("spacing", self.spacing)?;
-        within("root", self.root, 0.0, 1.0)?;
-        within("tip", self.tip, 0.0, 1.0)?;
-        above_zero("spread", self.spread)?;
-        within("flyaways", self.flyaways, 0.0, 1.0)
+        check::<Self>(&[
+            ("spacing", &[self.spacing]),
+            ("root", &[self.root]),
+            ("tip", &[self.tip]),
+            ("spread", &[self.spread]),
+            ("flyaways", &[self.flyaways]),
+        ])
     }
 
     pub(super) fn change(&self, groom: &Groom, selected: &[bool]) -> Change {

@@ -10,18 +10,20 @@ use glam::Vec3;
 
 use super::chain::{falloff, rise, turn};
 use super::change::Change;
-use super::error::{at_least, within};
+use super::error::check;
 use super::{EditError, Stroke};
 use crate::groom::Groom;
 
+crate::documented! {
 /// `comb`: rotates hair along a stroke; lengths are kept.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
 pub struct Comb {
     /// The polyline of the stroke, two points or more; the effect decreases with the distance from
-    /// it. Unit m, no default.
+    /// it. Unit m, no default, range -1e4 to 1e4 each.
     pub points: Vec<Vec3>,
-    /// Distance from the polyline at which the effect ends. Unit m, default 0.03, range above 0.
+    /// Distance from the polyline at which the effect ends. Unit m, default 0.03, range 1e-6 to
+    /// 1000.
     #[cfg_attr(feature = "serde", serde(default = "radius"))]
     pub radius: f32,
     /// Fraction of the rotation for hair on the polyline. No unit, default 1, range 0 to 1; 0 does
@@ -29,13 +31,14 @@ pub struct Comb {
     #[cfg_attr(feature = "serde", serde(default = "strength"))]
     pub strength: f32,
     /// Length over which the hair's direction is averaged; finer curls are kept. Unit m, default
-    /// 0.03, range 0 or more; 0 straightens.
+    /// 0.03, range 0 to 1000; 0 straightens.
     #[cfg_attr(feature = "serde", serde(default = "detail"))]
     pub detail: f32,
     /// Length from the root over which the effect increases to its full strength. Unit m, default
-    /// 0.005, range 0 or more; 0 rotates the first edge fully.
+    /// 0.005, range 0 to 1000; 0 rotates the first edge fully.
     #[cfg_attr(feature = "serde", serde(default = "ease"))]
     pub ease: f32,
+}
 }
 
 fn radius() -> f32 {
@@ -63,9 +66,7 @@ impl Comb {
 
     pub(super) fn validate(&self) -> Result<(), EditError> {
         self.stroke().validate()?;
-        within("strength", self.strength, 0.0, 1.0)?;
-        at_least("detail", self.detail, 0.0)?;
-        at_least("ease", self.ease, 0.0)
+        check::<Self>(&[("strength", &[self.strength]), ("detail", &[self.detail]), ("ease", &[self.ease])])
     }
 
     pub(super) fn change(&self, groom: &Groom, selected: &[bool]) -> Change {

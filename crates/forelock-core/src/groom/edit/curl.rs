@@ -15,7 +15,7 @@ use glam::{DQuat, DVec3, Vec3};
 use super::EditError;
 use super::chain::{Chain, rise};
 use super::change::Change;
-use super::error::{above_zero, at_least, finite, within};
+use super::error::check;
 use super::locks::locks;
 use crate::groom::Groom;
 use crate::groom::grow::random::{Random, sin_cos};
@@ -36,6 +36,7 @@ pub enum CurlKind {
     Roll,
 }
 
+crate::documented! {
 /// `curl`: curls strands; lengths are kept, so tips rise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
@@ -49,13 +50,13 @@ pub struct Curl {
     /// Strength of the curl. No unit, default 1, range -1 to 1; 0 does nothing, a negative value
     /// reverses the sense.
     pub amount: f32,
-    /// Radius of a helix or roll; amplitude of a wave. Unit m, default 0.006, range above 0.
+    /// Radius of a helix or roll; amplitude of a wave. Unit m, default 0.006, range 1e-6 to 1000.
     pub radius: f32,
     /// Distance along the strand's axis from one turn to the next; not used by a roll. Unit m,
-    /// default 0.035, range above 0.
+    /// default 0.035, range 1e-6 to 1000.
     pub wavelength: f32,
-    /// Number of turns per metre, which replaces the wavelength. Unit 1/m, default 0, range 0 or
-    /// more; 0 uses the wavelength.
+    /// Number of turns per metre, which replaces the wavelength. Unit 1/m, default 0, range 0 to
+    /// 1e6; 0 uses the wavelength.
     pub frequency: f32,
     /// Fraction of the strand at which the curl begins. No unit, default 0, range 0 to 1; 0 is the
     /// root.
@@ -64,16 +65,17 @@ pub struct Curl {
     /// range 0 to 1.
     pub full: f32,
     /// Point towards which a roll bends; at each edge the point's height is that of the edge. Unit
-    /// m, default the middle of the roots.
+    /// m, default the middle of the roots, range -1e4 to 1e4 each.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub centre: Option<Vec3>,
-    /// Width of the locks whose strands curl together. Unit m, default 0.015, range above 0.
+    /// Width of the locks whose strands curl together. Unit m, default 0.015, range 1e-6 to 1000.
     pub lock_size: f32,
     /// Coherence of the phases of the strands in a lock. No unit, default 0.8, range 0 to 1; 0
     /// gives each strand an independent phase.
     pub coherence: f32,
-    /// Seed of all random numbers. No unit, default 1; 0 is a valid seed.
+    /// Seed of all random numbers. No unit, default 1, range 0 or more; 0 is a valid seed.
     pub seed: u64,
+}
 }
 
 impl Default for Curl {
@@ -96,15 +98,16 @@ impl Default for Curl {
 
 impl Curl {
     pub(super) fn validate(&self) -> Result<(), EditError> {
-        within("amount", self.amount, -1.0, 1.0)?;
-        above_zero("radius", self.radius)?;
-        above_zero("wavelength", self.wavelength)?;
-        at_least("frequency", self.frequency, 0.0)?;
-        within("start", self.start, 0.0, 1.0)?;
-        within("full", self.full, 0.0, 1.0)?;
-        self.centre.iter().try_for_each(|&centre| finite("centre", centre))?;
-        above_zero("lock_size", self.lock_size)?;
-        within("coherence", self.coherence, 0.0, 1.0)
+        check::<Self>(&[
+            ("amount", &[self.amount]),
+            ("radius", &[self.radius]),
+            ("wavelength", &[self.wavelength]),
+            ("frequency", &[self.frequency]),
+            ("start", &[self.start]),
+            ("full", &[self.full]),
+        ])?;
+        self.centre.iter().try_for_each(|centre| check::<Self>(&[("centre", &centre.to_array())]))?;
+        check::<Self>(&[("lock_size", &[self.lock_size]), ("coherence", &[self.coherence])])
     }
 
     fn wavelength(&self) -> f64 {
@@ -207,6 +210,7 @@ fn middle_of_roots(groom: &Groom) -> DVec3 {
     if lo.x <= hi.x { ((lo + hi) * 0.5).as_dvec3() } else { DVec3::ZERO }
 }
 
+crate::documented! {
 /// `straighten`: rotates edges towards the strand's smoothed direction; lengths are kept.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
@@ -218,11 +222,12 @@ pub struct Straighten {
     /// Fraction of the rotation. No unit, default 1, range 0 to 1; 0 does nothing.
     pub amount: f32,
     /// Length over which directions are averaged: finer curls are removed. Unit m, default 0.05,
-    /// range 0 or more; 0 does nothing.
+    /// range 0 to 1000; 0 does nothing.
     pub reach: f32,
     /// Fraction of the strand at which straightening begins. No unit, default 0, range 0 to 1; 0 is
     /// the root.
     pub start: f32,
+}
 }
 
 impl Default for Straighten {
@@ -233,9 +238,7 @@ impl Default for Straighten {
 
 impl Straighten {
     pub(super) fn validate(&self) -> Result<(), EditError> {
-        within("amount", self.amount, 0.0, 1.0)?;
-        at_least("reach", self.reach, 0.0)?;
-        within("start", self.start, 0.0, 1.0)
+        check::<Self>(&[("amount", &[self.amount]), ("reach", &[self.reach]), ("start", &[self.start])])
     }
 
     pub(super) fn change(&self, groom: &Groom, selected: &[bool]) -> Change {

@@ -8,7 +8,7 @@
 
 use super::chain::Chain;
 use super::change::{Change, Particle};
-use super::error::at_least;
+use super::error::check;
 use super::{CutShape, EditError};
 use crate::groom::Groom;
 use crate::groom::grow::random::Random;
@@ -16,6 +16,7 @@ use crate::groom::grow::random::Random;
 /// Smallest fraction of an edge that may be left as the last edge.
 const LEAST_EDGE: f64 = 0.1;
 
+crate::documented! {
 /// `trim`: removes length at the tips.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
@@ -24,18 +25,19 @@ const LEAST_EDGE: f64 = 0.1;
     serde(default, deny_unknown_fields)
 )]
 pub struct Trim {
-    /// Maximum length of a strand. Unit m, default 0, range 0 or more; 0 sets no limit.
+    /// Maximum length of a strand. Unit m, default 0, range 0 to 1000; 0 sets no limit.
     pub to: f32,
-    /// Length removed from each strand. Unit m, default 0, range 0 or more; 0 removes nothing.
+    /// Length removed from each strand. Unit m, default 0, range 0 to 1000; 0 removes nothing.
     pub by: f32,
     /// Largest additional length removed, drawn at random for each trimmed strand, so that the tips
-    /// do not form a straight line. Unit m, default 0, range 0 or more; 0 cuts exactly.
+    /// do not form a straight line. Unit m, default 0, range 0 to 1000; 0 cuts exactly.
     pub variation: f32,
-    /// Length that every strand keeps. Unit m, default 0.002, range 0 or more; 0 may leave almost
+    /// Length that every strand keeps. Unit m, default 0.002, range 0 to 1000; 0 may leave almost
     /// nothing.
     pub stub: f32,
-    /// Seed of the variation. No unit, default 1; 0 is a valid seed.
+    /// Seed of the variation. No unit, default 1, range 0 or more; 0 is a valid seed.
     pub seed: u64,
+}
 }
 
 impl Default for Trim {
@@ -46,10 +48,12 @@ impl Default for Trim {
 
 impl Trim {
     pub(super) fn validate(&self) -> Result<(), EditError> {
-        at_least("to", self.to, 0.0)?;
-        at_least("by", self.by, 0.0)?;
-        at_least("variation", self.variation, 0.0)?;
-        at_least("stub", self.stub, 0.0)
+        check::<Self>(&[
+            ("to", &[self.to]),
+            ("by", &[self.by]),
+            ("variation", &[self.variation]),
+            ("stub", &[self.stub]),
+        ])
     }
 
     pub(super) fn change(&self, groom: &Groom, selected: &[bool]) -> Change {
@@ -66,6 +70,7 @@ impl Trim {
     }
 }
 
+crate::documented! {
 /// `cut`: ends strands where they first enter a shape.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
@@ -73,16 +78,17 @@ pub struct Cut {
     /// The cutting shape: a table `plane`, `sphere`, `box`, `capsule` or `stroke`. No default.
     pub shape: CutShape,
     /// Largest additional length removed, drawn at random for each cut strand. Unit m, default 0,
-    /// range 0 or more; 0 cuts exactly.
+    /// range 0 to 1000; 0 cuts exactly.
     #[cfg_attr(feature = "serde", serde(default))]
     pub variation: f32,
-    /// Length that every strand keeps. Unit m, default 0.002, range 0 or more; 0 may leave almost
+    /// Length that every strand keeps. Unit m, default 0.002, range 0 to 1000; 0 may leave almost
     /// nothing.
     #[cfg_attr(feature = "serde", serde(default = "stub"))]
     pub stub: f32,
-    /// Seed of the variation. No unit, default 1; 0 is a valid seed.
+    /// Seed of the variation. No unit, default 1, range 0 or more; 0 is a valid seed.
     #[cfg_attr(feature = "serde", serde(default = "seed"))]
     pub seed: u64,
+}
 }
 
 /// The default of `Cut::stub`.
@@ -104,8 +110,7 @@ impl Cut {
 
     pub(super) fn validate(&self) -> Result<(), EditError> {
         self.shape.validate().map_err(|e| e.under("shape"))?;
-        at_least("variation", self.variation, 0.0)?;
-        at_least("stub", self.stub, 0.0)
+        check::<Self>(&[("variation", &[self.variation]), ("stub", &[self.stub])])
     }
 
     pub(super) fn change(&self, groom: &Groom, selected: &[bool]) -> Change {

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use super::EditError;
 use super::chain::{Chain, falloff};
 use super::change::{Change, NewStrand, Particle, What};
-use super::error::{at_least, within};
+use super::error::check;
 use crate::groom::Groom;
 use crate::groom::grow::random::{Random, mix};
 use crate::groom::nearest::Nearest;
@@ -23,6 +23,7 @@ const NEIGHBOURS: usize = 7;
 /// Distance at which new strands are added to a strand without neighbours, metres.
 const ALONE: f64 = 1e-3;
 
+crate::documented! {
 /// `density`: removes strands, or adds strands between the existing ones.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
@@ -35,13 +36,14 @@ pub struct Density {
     /// to 100; 0 leaves none, 2 doubles them.
     pub factor: f32,
     /// Distance of tips beyond which neighbours are not mixed, as on both sides of a parting. Unit
-    /// m, default 0.05, range 0 or more; 0 mixes none.
+    /// m, default 0.05, range 0 to 1000; 0 mixes none.
     pub spread: f32,
-    /// Length over which the flow of a strand is averaged. Unit m, default 0.03, range 0 or more; 0
+    /// Length over which the flow of a strand is averaged. Unit m, default 0.03, range 0 to 1000; 0
     /// mixes curls too.
     pub detail: f32,
-    /// Seed of all random numbers. No unit, default 1; 0 is a valid seed.
+    /// Seed of all random numbers. No unit, default 1, range 0 or more; 0 is a valid seed.
     pub seed: u64,
+}
 }
 
 impl Default for Density {
@@ -52,9 +54,7 @@ impl Default for Density {
 
 impl Density {
     pub(super) fn validate(&self) -> Result<(), EditError> {
-        within("factor", self.factor, 0.0, 100.0)?;
-        at_least("spread", self.spread, 0.0)?;
-        at_least("detail", self.detail, 0.0)
+        check::<Self>(&[("factor", &[self.factor]), ("spread", &[self.spread]), ("detail", &[self.detail])])
     }
 
     pub(super) fn change(&self, groom: &Groom, selected: &[bool]) -> Change {

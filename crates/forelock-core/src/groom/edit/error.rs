@@ -1,6 +1,8 @@
 //! Errors of edits.
 
 use crate::groom::GroomError;
+use crate::memory::MemoryError;
+use crate::params::{self, Documented, OutOfRange, Short};
 use glam::Vec3;
 
 /// Why an edit was refused.
@@ -16,6 +18,9 @@ pub enum EditError {
         /// Description of the valid values.
         expected: String,
     },
+    /// The result does not fit into the memory.
+    #[error(transparent)]
+    Memory(#[from] MemoryError),
     /// An attribute has the wrong number of entries, or the result would be too large.
     #[error(transparent)]
     Groom(#[from] GroomError),
@@ -37,30 +42,15 @@ impl EditError {
     }
 }
 
-/// Checks that `value` is finite and at least `low`.
-pub(super) fn at_least(name: &str, value: f32, low: f32) -> Result<(), EditError> {
-    if value >= low && value.is_finite() {
-        return Ok(());
+impl From<OutOfRange> for EditError {
+    fn from(error: OutOfRange) -> Self {
+        Self::new(error.name, Short(error.value), error.range.to_string())
     }
-    Err(EditError::new(name, value, format!("{low} or more")))
 }
 
-/// Checks that `value` is finite and above 0.
-pub(super) fn above_zero(name: &str, value: f32) -> Result<(), EditError> {
-    if value > 0.0 && value.is_finite() { Ok(()) } else { Err(EditError::new(name, value, "above 0")) }
-}
-
-/// Checks that `value` is between `low` and `high`.
-pub(super) fn within(name: &str, value: f32, low: f32, high: f32) -> Result<(), EditError> {
-    if (low..=high).contains(&value) {
-        return Ok(());
-    }
-    Err(EditError::new(name, value, format!("from {low} to {high}")))
-}
-
-/// Checks that every component of `value` is finite.
-pub(super) fn finite(name: &str, value: Vec3) -> Result<(), EditError> {
-    if value.is_finite() { Ok(()) } else { Err(EditError::new(name, value, "three finite numbers")) }
+/// Checks parameters of `D`, each its name in files and its numbers.
+pub(super) fn check<D: Documented>(values: &[(&'static str, &[f32])]) -> Result<(), EditError> {
+    Ok(params::check::<D, f32>(values)?)
 }
 
 /// Checks that `value` is finite and not zero.

@@ -12,13 +12,14 @@ use glam::{DQuat, DVec3};
 use super::EditError;
 use super::chain::Chain;
 use super::change::{Change, Particle};
-use super::error::at_least;
+use super::error::check;
 use crate::groom::Groom;
 use crate::groom::resample::respaced;
 
 /// Maximum number of particles of a strand.
 const MOST_PARTICLES: usize = 1000;
 
+crate::documented! {
 /// `lengthen`: extends strands, continuing their curl.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
@@ -27,11 +28,12 @@ const MOST_PARTICLES: usize = 1000;
     serde(default, deny_unknown_fields)
 )]
 pub struct Lengthen {
-    /// Length added to each strand. Unit m, default 0, range 0 or more; 0 adds nothing.
+    /// Length added to each strand. Unit m, default 0, range 0 to 1000; 0 adds nothing.
     pub by: f32,
-    /// Factor on each strand's length, applied before `by`. No unit, default 1, range 1 or more; 1
+    /// Factor on each strand's length, applied before `by`. No unit, default 1, range 1 to 1000; 1
     /// adds nothing.
     pub factor: f32,
+}
 }
 
 impl Default for Lengthen {
@@ -42,8 +44,7 @@ impl Default for Lengthen {
 
 impl Lengthen {
     pub(super) fn validate(&self) -> Result<(), EditError> {
-        at_least("by", self.by, 0.0)?;
-        at_least("factor", self.factor, 1.0)
+        check::<Self>(&[("by", &[self.by]), ("factor", &[self.factor])])
     }
 
     pub(super) fn change(&self, groom: &Groom, selected: &[bool]) -> Change {
@@ -146,6 +147,7 @@ fn reflected(values: &[f64], k: usize) -> f64 {
     values[values.len() - 1 - from_end]
 }
 
+crate::documented! {
 /// `resample`: the same curves with another number of particles, equally spaced.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
@@ -157,6 +159,7 @@ pub struct Resample {
     /// Number of particles of each strand. Unit particles, default 25, range 2 to 1000.
     pub particles: u32,
 }
+}
 
 impl Default for Resample {
     fn default() -> Self {
@@ -166,10 +169,7 @@ impl Default for Resample {
 
 impl Resample {
     pub(super) fn validate(&self) -> Result<(), EditError> {
-        if (2..=1000).contains(&self.particles) {
-            return Ok(());
-        }
-        Err(EditError::new("particles", self.particles, "from 2 to 1000"))
+        check::<Self>(&[("particles", &[self.particles as f32])])
     }
 
     pub(super) fn change(&self, groom: &Groom, selected: &[bool]) -> Change {

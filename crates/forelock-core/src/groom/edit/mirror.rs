@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::EditError;
 use super::change::{Change, NewStrand, Particle, What};
-use super::error::{direction, finite};
+use super::error::{check, direction};
 use crate::groom::Groom;
 
 /// What happens to the strands on the other side.
@@ -21,6 +21,7 @@ pub enum MirrorMode {
     Flip,
 }
 
+crate::documented! {
 /// `mirror`: mirrors strands at a plane. The strands rooted on the side to which the normal points
 /// are copied.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,11 +33,12 @@ pub enum MirrorMode {
 pub struct Mirror {
     /// What happens to the other side: "replace", "add" or "flip". Default "replace".
     pub mode: MirrorMode,
-    /// A point of the plane. Unit m, default [0, 0, 0].
+    /// A point of the plane. Unit m, default [0, 0, 0], range -1e4 to 1e4 each.
     pub point: Vec3,
     /// Normal of the plane, of any non-zero length; it points to the side that is copied. No unit,
-    /// default [1, 0, 0].
+    /// default [1, 0, 0], range -1e4 to 1e4 each.
     pub normal: Vec3,
+}
 }
 
 impl Default for Mirror {
@@ -47,7 +49,7 @@ impl Default for Mirror {
 
 impl Mirror {
     pub(super) fn validate(&self) -> Result<(), EditError> {
-        finite("point", self.point)?;
+        check::<Self>(&[("point", &self.point.to_array())])?;
         direction("normal", self.normal)
     }
 

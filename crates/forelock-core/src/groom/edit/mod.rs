@@ -75,7 +75,9 @@ pub use smooth::Smooth;
 
 use super::{Groom, LiftParams, LiftReport, lift_out};
 use crate::body::{Sdf, TriMesh};
+use crate::memory;
 use change::Change;
+use glam::Vec3;
 
 /// An operation on the selected strands.
 #[derive(Clone, Debug, PartialEq)]
@@ -166,6 +168,19 @@ impl Operation {
         }
     }
 
+    /// The most particles that `groom` will have after the operation; lengthened strands have a few
+    /// more.
+    fn foreseen_particles(&self, groom: &Groom) -> u64 {
+        let (strands, particles) = (groom.strand_count() as u64, groom.particle_count() as u64);
+        match self {
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a factor up to 100")]
+            Self::Density(op) => (particles as f64 * f64::from(op.factor.max(1.0))) as u64,
+            Self::Resample(op) => (strands * u64::from(op.particles)).max(particles),
+            Self::Mirror(_) => 2 * particles,
+            _ => particles,
+        }
+    }
+
     /// The change that the operation would make to `groom`.
     fn change(&self, groom: &Groom, selected: &[bool]) -> Change {
         match self {
@@ -226,11 +241,14 @@ impl Edit {
     /// strands outside `body`.
     ///
     /// # Errors
-    /// [`EditError`] if a parameter is out of range or the result is too large; `groom` is
-    /// unchanged in this case.
+    /// [`EditError`] if a parameter is out of range or the result is too large, also for the memory;
+    /// `groom` is unchanged in this case.
     pub fn apply(&self, groom: &mut Groom, body: Option<&Body<'_>>) -> Result<EditReport, EditError> {
         self.validate()?;
         groom.check_attributes()?;
+        let each = size_of::<change::Particle>() + size_of::<Vec3>();
+        let foreseen = self.operation.foreseen_particles(groom);
+        memory::check("the edited groom", foreseen, each as u64, "lower its strands or their particles")?;
         let chosen = self.only.strands(groom);
         let finite = |s: usize| groom.strand(s).len() >= 2 && groom.strand(s).iter().all(|p| p.is_finite());
         let selected: Vec<bool> = chosen.iter().enumerate().map(|(s, &chosen)| chosen && finite(s)).collect();

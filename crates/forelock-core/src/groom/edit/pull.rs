@@ -11,25 +11,28 @@ use glam::{DVec3, Vec3};
 use super::EditError;
 use super::chain::{Chain, falloff};
 use super::change::Change;
-use super::error::{above_zero, finite, within};
+use super::error::check;
 use crate::groom::Groom;
 
 /// Number of rounds from tip to root and back.
 const ROUNDS: usize = 8;
 
+crate::documented! {
 /// `attract` and `repel`: moves hair towards a point or away from it; lengths are kept.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
 pub struct Pull {
-    /// The point. Unit m, no default.
+    /// The point. Unit m, no default, range -1e4 to 1e4 each.
     pub centre: Vec3,
-    /// Distance from the point within which hair is moved. Unit m, default 0.05, range above 0.
+    /// Distance from the point within which hair is moved. Unit m, default 0.05, range 1e-6 to
+    /// 1000.
     #[cfg_attr(feature = "serde", serde(default = "radius"))]
     pub radius: f32,
     /// Fraction of the distance to the point, or to the border of the radius. No unit, default 0.5,
     /// range 0 to 1; 0 does nothing.
     #[cfg_attr(feature = "serde", serde(default = "strength"))]
     pub strength: f32,
+}
 }
 
 fn radius() -> f32 {
@@ -46,9 +49,11 @@ impl Pull {
     }
 
     pub(super) fn validate(&self) -> Result<(), EditError> {
-        finite("centre", self.centre)?;
-        above_zero("radius", self.radius)?;
-        within("strength", self.strength, 0.0, 1.0)
+        check::<Self>(&[
+            ("centre", &self.centre.to_array()),
+            ("radius", &[self.radius]),
+            ("strength", &[self.strength]),
+        ])
     }
 
     /// `sign` is 1 to attract, -1 to repel.

@@ -3,61 +3,72 @@
 use glam::{EulerRot, Quat, Vec3};
 
 use super::EditError;
-use super::error::{above_zero, direction, finite};
+use super::error::{check, direction};
 
+crate::documented! {
 /// A ball.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
 pub struct Ball {
-    /// Centre of the ball. Unit m.
+    /// Centre of the ball. Unit m, no default, range -1e4 to 1e4 each.
     pub centre: Vec3,
-    /// Radius of the ball. Unit m, range above 0.
+    /// Radius of the ball. Unit m, no default, range 1e-6 to 1000.
     pub radius: f32,
 }
+}
 
+crate::documented! {
 /// The half-space on the side of a plane to which its normal points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
 pub struct HalfSpace {
-    /// A point of the plane. Unit m.
+    /// A point of the plane. Unit m, no default, range -1e4 to 1e4 each.
     pub point: Vec3,
-    /// Normal of the plane, of any non-zero length. No unit.
+    /// Normal of the plane, of any non-zero length. No unit, no default, range -1e4 to 1e4 each.
     pub normal: Vec3,
 }
+}
 
+crate::documented! {
 /// A box that may be rotated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
 pub struct TurnedBox {
-    /// Centre of the box. Unit m.
+    /// Centre of the box. Unit m, no default, range -1e4 to 1e4 each.
     pub centre: Vec3,
-    /// Half the lengths of the sides. Unit m, range above 0.
+    /// Half the lengths of the sides. Unit m, no default, range 1e-6 to 1000 each.
     pub half_extents: Vec3,
-    /// Yaw about y, pitch about x, roll about z, in this order. Unit degrees, default [0, 0, 0].
+    /// Yaw about y, pitch about x, roll about z, in this order. Unit degrees, default [0, 0, 0],
+    /// range -1e6 to 1e6 each.
     #[cfg_attr(feature = "serde", serde(default))]
     pub rotation_degrees: Vec3,
 }
+}
 
+crate::documented! {
 /// A cylinder with hemispherical ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
 pub struct Capsule {
-    /// One end of the axis. Unit m.
+    /// One end of the axis. Unit m, no default, range -1e4 to 1e4 each.
     pub from: Vec3,
-    /// The other end of the axis. Unit m.
+    /// The other end of the axis. Unit m, no default, range -1e4 to 1e4 each.
     pub to: Vec3,
-    /// Radius. Unit m, range above 0.
+    /// Radius. Unit m, no default, range 1e-6 to 1000.
     pub radius: f32,
 }
+}
 
+crate::documented! {
 /// A polyline with a radius, such as a brush stroke.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
 pub struct Stroke {
-    /// Points of the polyline, two or more. Unit m.
+    /// Points of the polyline, two or more. Unit m, no default, range -1e4 to 1e4 each.
     pub points: Vec<Vec3>,
-    /// Radius around the polyline. Unit m, range above 0.
+    /// Radius around the polyline. Unit m, no default, range 1e-6 to 1000.
     pub radius: f32,
+}
 }
 
 /// The shape of a cut; a strand ends where it first enters the shape.
@@ -78,14 +89,13 @@ pub enum CutShape {
 
 impl Ball {
     pub(super) fn validate(&self) -> Result<(), EditError> {
-        finite("centre", self.centre)?;
-        above_zero("radius", self.radius)
+        check::<Self>(&[("centre", &self.centre.to_array()), ("radius", &[self.radius])])
     }
 }
 
 impl HalfSpace {
     pub(super) fn validate(&self) -> Result<(), EditError> {
-        finite("point", self.point)?;
+        check::<Self>(&[("point", &self.point.to_array())])?;
         direction("normal", self.normal)
     }
 
@@ -97,27 +107,31 @@ impl HalfSpace {
 
 impl TurnedBox {
     fn validate(&self) -> Result<(), EditError> {
-        finite("centre", self.centre)?;
-        finite("rotation_degrees", self.rotation_degrees)?;
-        self.half_extents.to_array().into_iter().try_for_each(|h| above_zero("half_extents", h))
+        check::<Self>(&[
+            ("centre", &self.centre.to_array()),
+            ("rotation_degrees", &self.rotation_degrees.to_array()),
+        ])?;
+        check::<Self>(&[("half_extents", &self.half_extents.to_array())])
     }
 }
 
 impl Capsule {
     fn validate(&self) -> Result<(), EditError> {
-        finite("from", self.from)?;
-        finite("to", self.to)?;
-        above_zero("radius", self.radius)
+        check::<Self>(&[
+            ("from", &self.from.to_array()),
+            ("to", &self.to.to_array()),
+            ("radius", &[self.radius]),
+        ])
     }
 }
 
 impl Stroke {
     pub(super) fn validate(&self) -> Result<(), EditError> {
-        above_zero("radius", self.radius)?;
+        check::<Self>(&[("radius", &[self.radius])])?;
         if self.points.len() < 2 {
             return Err(EditError::new("points", self.points.len(), "two points or more"));
         }
-        self.points.iter().try_for_each(|&p| finite("points", p))?;
+        self.points.iter().try_for_each(|p| check::<Self>(&[("points", &p.to_array())]))?;
         let apart = self.points.windows(2).any(|w| w[0].distance(w[1]) > 0.0);
         if apart { Ok(()) } else { Err(EditError::new("points", "one place", "points that differ")) }
     }

@@ -5,13 +5,14 @@ use glam::DVec3;
 use super::EditError;
 use super::chain::{Chain, falloff};
 use super::change::Change;
-use super::error::{at_least, within};
+use super::error::check;
 use crate::groom::Groom;
 use crate::groom::nearest::Nearest;
 
 /// Maximum number of neighbours with which a strand is averaged.
 const NEIGHBOURS: usize = 16;
 
+crate::documented! {
 /// `smooth`: rotates edges towards the mean of the edges around them; lengths are kept.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
@@ -22,13 +23,14 @@ const NEIGHBOURS: usize = 16;
 pub struct Smooth {
     /// Fraction of the rotation. No unit, default 0.5, range 0 to 1; 0 does nothing.
     pub amount: f32,
-    /// Distance along the strand within which edges are averaged. Unit m, default 0.01, range 0 or
-    /// more; 0 uses the edge alone.
+    /// Distance along the strand within which edges are averaged. Unit m, default 0.01, range 0 to
+    /// 1000; 0 uses the edge alone.
     pub along: f32,
     /// Distance around the root within which other strands are averaged, at the same arc length and
     /// weighted by the agreement of their directions; the 16 nearest at most. Unit m, default 0.01,
-    /// range 0 or more; 0 uses none.
+    /// range 0 to 1000; 0 uses none.
     pub across: f32,
+}
 }
 
 impl Default for Smooth {
@@ -39,9 +41,7 @@ impl Default for Smooth {
 
 impl Smooth {
     pub(super) fn validate(&self) -> Result<(), EditError> {
-        within("amount", self.amount, 0.0, 1.0)?;
-        at_least("along", self.along, 0.0)?;
-        at_least("across", self.across, 0.0)
+        check::<Self>(&[("amount", &[self.amount]), ("along", &[self.along]), ("across", &[self.across])])
     }
 
     pub(super) fn change(&self, groom: &Groom, selected: &[bool]) -> Change {

@@ -48,7 +48,9 @@ pub use sheets::{Sheet, sheets};
 
 use super::{Groom, GroomError};
 use crate::body::{Head, TriMesh};
+use crate::memory::{self, MemoryError};
 use crate::meter::Meter;
+use crate::params::{OutOfRange, Range};
 use roots::Root;
 use strand::{Field, Traits};
 
@@ -63,16 +65,14 @@ pub type Avoid<'a> = dyn Fn(Vec3, f32) -> Option<(f32, Vec3)> + Sync + 'a;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum GrowError {
     /// A parameter is out of range or NaN.
-    #[error("growth parameter `{name}` must be from {low} to {high}, not {value}")]
+    #[error("growth parameter `{name}` must be {range}, not {value}")]
     Parameter {
         /// Name of the field.
         name: &'static str,
         /// Its value.
-        value: f32,
-        /// Smallest allowed value.
-        low: f32,
-        /// Largest allowed value.
-        high: f32,
+        value: f64,
+        /// Its range.
+        range: Range,
     },
     /// The number of weights differs from the number of vertices.
     #[error("the region has {found} weights, but the mesh has {expected} vertices")]
@@ -102,6 +102,16 @@ pub enum GrowError {
     /// The groom would be too large.
     #[error(transparent)]
     Groom(#[from] GroomError),
+    /// The groom does not fit into the memory.
+    #[error(transparent)]
+    Memory(#[from] MemoryError),
+}
+
+impl From<OutOfRange> for GrowError {
+    fn from(error: OutOfRange) -> Self {
+        let OutOfRange { name, value, range } = error;
+        Self::Parameter { name, value, range }
+    }
 }
 
 /// Grows strands on the part of `mesh` where `weights` (one for each vertex, 0 to 1) are positive;
@@ -112,7 +122,7 @@ pub enum GrowError {
 ///
 /// # Errors
 /// [`GrowError`] if a parameter or weight is out of range, a triangle refers to a missing vertex,
-/// or the region is empty.
+/// the region is empty, or the groom does not fit into the memory.
 ///
 /// # Example
 /// ```
@@ -150,6 +160,9 @@ pub fn grow_watched(
     if u32::try_from(particles).is_err() {
         return Err(GroomError::TooManyParticles(usize::try_from(particles).unwrap_or(usize::MAX)).into());
     }
+    // Positions before and after strands are clumped, and widths.
+    let each = 2 * size_of::<Vec3>() + size_of::<f32>();
+    memory::check("growth", particles, each as u64, "lower the number of strands or of their particles")?;
     let roots = roots::draw(mesh, weights, params)?;
     let (low, high) = roots
         .iter()

@@ -2,7 +2,9 @@
 
 use super::GrowError;
 use crate::body::Region;
+use crate::params::check;
 
+crate::documented! {
 /// Parameters of procedural growth. The first block, down to `spiral`, has the paper's parameters
 /// (supplement D) under its names; the others are additions. With the defaults of the additions,
 /// growth follows the paper's formula.
@@ -21,11 +23,11 @@ pub struct GrowParams {
     /// Number of particles of each strand. Unit particles, default 25, range 2 to 1000; 0 and 1 are
     /// refused.
     pub vertices_per_strand: u32,
-    /// Seed of all random numbers. No unit, default 1; 0 is a valid seed.
+    /// Seed of all random numbers. No unit, default 1, range 0 or more; 0 is a valid seed.
     pub seed: u64,
     /// Region of the built-in head on which the hair grows: "scalp" or "beard". Default "scalp".
     pub region: Region,
-    /// Length of an edge, p_τ. Unit m, default 0.01, range above 0 to 1; 0 is refused.
+    /// Length of an edge, p_τ. Unit m, default 0.01, range 1e-5 to 1; 0 is refused.
     pub step: f32,
     /// Half-width of the noise added to the first direction. No unit, default 0.1, range 0 to 10; 0
     /// grows along the normal.
@@ -69,7 +71,7 @@ pub struct GrowParams {
     /// 0], range -10 to 10 each; 0 does not comb.
     pub comb: [f32; 3],
     /// Length over which a strand follows the comb's direction and on which strands rise to their
-    /// layer. Unit m, default 0.1, range above 0 to 10; 0 is refused.
+    /// layer. Unit m, default 0.1, range 1e-5 to 10; 0 is refused.
     pub comb_length: f32,
     /// Position of the parting: distance from the middle towards +x, divided by half the box's
     /// width. No unit, default 0, range -2 to 2; 0 is the middle.
@@ -89,15 +91,14 @@ pub struct GrowParams {
     pub gather_radius: f32,
     /// Radius of the waves or curls. Unit m, default 0, range 0 to 1; 0 is straight.
     pub wave_radius: f32,
-    /// Length of one wave along the strand. Unit m, default 0.05, range above 0 to 10; 0 is
-    /// refused.
+    /// Length of one wave along the strand. Unit m, default 0.05, range 1e-5 to 10; 0 is refused.
     pub wave_length: f32,
     /// Weight of the lock's common phase in the phases of its strands. No unit, default 0.8, range
     /// 0 to 1; 0 gives each strand an independent phase.
     pub wave_coherence: f32,
     /// Random change of direction at each particle. No unit, default 0, range 0 to 10; 0 is smooth.
     pub frizz: f32,
-    /// Mean distance of locks on the skin. Unit m, default 0.015, range above 0 to 1; 0 is refused.
+    /// Mean distance of locks on the skin. Unit m, default 0.015, range 1e-5 to 1; 0 is refused.
     pub lock_size: f32,
     /// Fraction by which tips move towards the middle strand of their lock. No unit, default 0,
     /// range 0 to 1; 0 has no locks.
@@ -106,8 +107,9 @@ pub struct GrowParams {
     /// has none.
     pub flyaways: f32,
     /// Width (diameter) of the hair at the root; it tapers to a third at the tip. Unit m, default
-    /// 0.00008, range above 0 to 0.1; 0 is refused.
+    /// 0.00008, range 1e-7 to 0.1; 0 is refused.
     pub width: f32,
+}
 }
 
 impl Default for GrowParams {
@@ -156,47 +158,38 @@ impl GrowParams {
     /// # Errors
     /// [`GrowError::Parameter`] for the first field that is out of range or NaN.
     pub fn check(&self) -> Result<(), GrowError> {
-        let above_zero = f32::MIN_POSITIVE;
-        let ranges = [
-            ("strands", self.strands as f32, 1.0, 1e6),
-            ("vertices_per_strand", self.vertices_per_strand as f32, 2.0, 1e3),
-            ("step", self.step, above_zero, 1.0),
-            ("noise", self.noise, 0.0, 10.0),
-            ("gravity", self.gravity, 0.0, 10.0),
-            ("deviation", self.deviation, 0.0, 1.0),
-            ("helix_radius", self.helix_radius, 0.0, 1e3),
-            ("helix_frequency", self.helix_frequency, 0.0, 10.0),
-            ("spiral", self.spiral, 0.0, 1.0),
-            ("margin", self.margin, 0.0, 0.1),
-            ("volume", self.volume, 0.0, 1.0),
-            ("length_variation", self.length_variation, 0.0, 1.0),
-            ("fade", self.fade, 0.0, 1.0),
-            ("cut", self.cut, 0.0, 10.0),
-            ("cut_slope", self.cut_slope, -10.0, 10.0),
-            ("lift", self.lift, 0.0, 1.0),
-            ("comb[0]", self.comb[0], -10.0, 10.0),
-            ("comb[1]", self.comb[1], -10.0, 10.0),
-            ("comb[2]", self.comb[2], -10.0, 10.0),
-            ("comb_length", self.comb_length, above_zero, 10.0),
-            ("parting", self.parting, -2.0, 2.0),
-            ("hang", self.hang, 0.0, 1e4),
-            ("sweep", self.sweep, 0.0, 10.0),
-            ("gather[0]", self.gather[0], -5.0, 5.0),
-            ("gather[1]", self.gather[1], -5.0, 5.0),
-            ("gather[2]", self.gather[2], -5.0, 5.0),
-            ("gather_radius", self.gather_radius, 0.0, 1.0),
-            ("wave_radius", self.wave_radius, 0.0, 1.0),
-            ("wave_length", self.wave_length, above_zero, 10.0),
-            ("wave_coherence", self.wave_coherence, 0.0, 1.0),
-            ("frizz", self.frizz, 0.0, 10.0),
-            ("lock_size", self.lock_size, above_zero, 1.0),
-            ("clump", self.clump, 0.0, 1.0),
-            ("flyaways", self.flyaways, 0.0, 1.0),
-            ("width", self.width, above_zero, 0.1),
-        ];
-        match ranges.into_iter().find(|&(_, value, low, high)| !(low..=high).contains(&value)) {
-            Some((name, value, low, high)) => Err(GrowError::Parameter { name, value, low, high }),
-            None => Ok(()),
-        }
+        Ok(check::<Self, f32>(&[
+            ("strands", &[self.strands as f32]),
+            ("vertices_per_strand", &[self.vertices_per_strand as f32]),
+            ("step", &[self.step]),
+            ("noise", &[self.noise]),
+            ("gravity", &[self.gravity]),
+            ("deviation", &[self.deviation]),
+            ("helix_radius", &[self.helix_radius]),
+            ("helix_frequency", &[self.helix_frequency]),
+            ("spiral", &[self.spiral]),
+            ("margin", &[self.margin]),
+            ("volume", &[self.volume]),
+            ("length_variation", &[self.length_variation]),
+            ("fade", &[self.fade]),
+            ("cut", &[self.cut]),
+            ("cut_slope", &[self.cut_slope]),
+            ("lift", &[self.lift]),
+            ("comb", &self.comb),
+            ("comb_length", &[self.comb_length]),
+            ("parting", &[self.parting]),
+            ("hang", &[self.hang]),
+            ("sweep", &[self.sweep]),
+            ("gather", &self.gather),
+            ("gather_radius", &[self.gather_radius]),
+            ("wave_radius", &[self.wave_radius]),
+            ("wave_length", &[self.wave_length]),
+            ("wave_coherence", &[self.wave_coherence]),
+            ("frizz", &[self.frizz]),
+            ("lock_size", &[self.lock_size]),
+            ("clump", &[self.clump]),
+            ("flyaways", &[self.flyaways]),
+            ("width", &[self.width]),
+        ])?)
     }
 }

@@ -219,7 +219,7 @@ fn invalid_input_is_refused() {
     assert_eq!(parameter(|p| p.step = 0.0), "step");
     assert_eq!(parameter(|p| p.step = f32::NAN), "step");
     assert_eq!(parameter(|p| p.gravity = -1.0), "gravity");
-    assert_eq!(parameter(|p| p.comb[2] = f32::INFINITY), "comb[2]");
+    assert_eq!(parameter(|p| p.comb[2] = f32::INFINITY), "comb");
     assert!(GrowParams::preset("mohawk").unwrap_err().to_string().contains("short-fur"));
     let broken = TriMesh { positions: vec![Vec3::ZERO; 3], triangles: vec![[0, 1, 3]] };
     let params = GrowParams { region: Region::Beard, ..GrowParams::default() };

@@ -68,7 +68,8 @@ pub enum GuidesError {
     None,
     /// A strand has fewer than two particles, or a particle that is not finite.
     #[error(
-        "strand {0} has fewer than 2 particles, or a particle that is not finite: repair the groom first"
+        "strand {0} has fewer than 2 particles, or a particle that is not finite: `groom::repair` and \
+         `forelock convert` drop such strands"
     )]
     Strand(usize),
 }

@@ -1,8 +1,9 @@
 //! Parameters of the contacts.
 
 use crate::interaction::contact::find_contacts::SLOP;
-use crate::params::{COUNT, NON_NEGATIVE, ParamsError, check};
+use crate::params::{ParamsError, check};
 
+crate::documented! {
 /// Parameters of contacts between strand segments.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
@@ -15,13 +16,13 @@ pub struct ContactParams {
     /// 0.1. Strands that are closer at rest may come as close as they are at rest.
     pub distance: f64,
     /// Relative speed below which contacts are ignored and left to the grid. Unit m/s, default
-    /// 0.01, range 0 or more.
+    /// 0.01, range 0 to 1000.
     pub slip: f64,
     /// Maximum number of contacts in a frame; those of the fastest approach are kept. Contacts are
     /// searched for an eighth as many particles, those of the largest motion relative to their
-    /// neighbours. Unit contacts, default 32768, range 8 or more.
+    /// neighbours. Unit contacts, default 32768, range 8 to 10000000.
     pub budget: u32,
-    /// Coulomb friction between strands. No unit, default 0.3, range 0 or more.
+    /// Coulomb friction between strands. No unit, default 0.3, range 0 to 100.
     pub friction: f64,
     /// Minimum length of strand over which a contact distributes its push. Unit m, default 0.05,
     /// range 0 to 10.
@@ -31,6 +32,7 @@ pub struct ContactParams {
     /// Maximum number of contacts of a segment, the first in time. Unit contacts, default 128,
     /// range 1 to 1024.
     pub per_segment: u32,
+}
 }
 
 impl Default for ContactParams {
@@ -59,14 +61,14 @@ impl ContactParams {
     /// # Errors
     /// [`ParamsError::Range`] for the first parameter that is out of range.
     pub fn validate(&self) -> Result<(), ParamsError> {
-        check(&[
-            ("distance", self.distance, ("between 1e-6 and 0.1", |x| (1e-6..=0.1).contains(&x))),
-            ("slip", self.slip, NON_NEGATIVE),
-            ("budget", self.budget.into(), ("8 or more", |x| x >= 8.0)),
-            ("friction", self.friction, NON_NEGATIVE),
-            ("spread", self.spread, ("between 0 and 10", |x| (0.0..=10.0).contains(&x))),
-            ("rounds", self.rounds.into(), COUNT),
-            ("per_segment", self.per_segment.into(), ("between 1 and 1024", |x| (1.0..=1024.0).contains(&x))),
-        ])
+        Ok(check::<Self, f64>(&[
+            ("distance", &[self.distance]),
+            ("slip", &[self.slip]),
+            ("budget", &[self.budget.into()]),
+            ("friction", &[self.friction]),
+            ("spread", &[self.spread]),
+            ("rounds", &[self.rounds.into()]),
+            ("per_segment", &[self.per_segment.into()]),
+        ])?)
     }
 }

@@ -1,7 +1,8 @@
 //! Parameters of the grid.
 
-use crate::params::{NON_NEGATIVE, ParamsError, check};
+use crate::params::{ParamsError, check};
 
+crate::documented! {
 /// Parameters of hair–hair interaction on a grid.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
@@ -14,25 +15,26 @@ pub struct GridParams {
     /// default 64, range 8 to 512.
     pub resolution: u32,
     /// Rate at which particles adopt the velocity of the grid (PIC) rather than its change (FLIP).
-    /// Unit s⁻¹, default 3, range 0 or more; 0 is pure FLIP, 3.08 is 95 % FLIP at 60 frames a
+    /// Unit s⁻¹, default 3, range 0 to 1e6; 0 is pure FLIP, 3.08 is 95 % FLIP at 60 frames a
     /// second.
     pub pic_rate: f64,
-    /// Length of hair per volume, at rest, of the sparsest hair that keeps its volume; sparser
-    /// hair may gather until it is as dense. Unit m⁻², default 0, range 0 or more; 0 uses a tenth
-    /// of the mean of the rest shape.
+    /// Length of hair per volume, at rest, of the sparsest hair that keeps its volume; sparser hair
+    /// may gather until it is as dense. Unit m⁻², default 0, range 0 to 1e12; 0 uses a tenth of the
+    /// mean of the rest shape.
     pub rest_density: f64,
-    /// Rate at which over-dense hair expands. Unit s⁻¹, default 100, range 0 or more; with 0 it
-    /// does not expand and only stops getting denser.
+    /// Rate at which over-dense hair expands. Unit s⁻¹, default 100, range 0 to 1e6; with 0 it does
+    /// not expand and only stops getting denser.
     pub volume_rate: f64,
     /// Maximum number of relaxation sweeps of a pressure solve, rounded up to a multiple of four.
     /// Unit iterations, default 60, range 1 to 10000.
     pub iterations: u32,
     /// Largest change in four sweeps, relative to the largest right-hand side, at which the
-    /// pressure solve stops. No unit, default 1e-3, range above 0 and below 1.
+    /// pressure solve stops. No unit, default 1e-3, range 1e-9 to 1.
     pub tolerance: f64,
     /// Maximum number of cells; hair outside the box does not take part. Unit cells, default
     /// 4000000, range 4096 to 1000000000.
     pub max_cells: u32,
+}
 }
 
 impl Default for GridParams {
@@ -66,18 +68,14 @@ impl GridParams {
     /// [`ParamsError::Range`] for the first parameter that is out of range.
     pub fn validate(&self) -> Result<(), ParamsError> {
         let (resolution, iterations) = (f64::from(self.resolution), f64::from(self.iterations));
-        check(&[
-            ("resolution", resolution, ("between 8 and 512", |x| (8.0..=512.0).contains(&x))),
-            ("pic_rate", self.pic_rate, NON_NEGATIVE),
-            ("rest_density", self.rest_density, NON_NEGATIVE),
-            ("volume_rate", self.volume_rate, NON_NEGATIVE),
-            ("iterations", iterations, ("between 1 and 10000", |x| (1.0..=1e4).contains(&x))),
-            ("tolerance", self.tolerance, ("above 0 and below 1", |x| x > 0.0 && x < 1.0)),
-            (
-                "max_cells",
-                self.max_cells.into(),
-                ("between 4096 and 1000000000", |x| (4096.0..=1e9).contains(&x)),
-            ),
-        ])
+        Ok(check::<Self, f64>(&[
+            ("resolution", &[resolution]),
+            ("pic_rate", &[self.pic_rate]),
+            ("rest_density", &[self.rest_density]),
+            ("volume_rate", &[self.volume_rate]),
+            ("iterations", &[iterations]),
+            ("tolerance", &[self.tolerance]),
+            ("max_cells", &[self.max_cells.into()]),
+        ])?)
     }
 }

@@ -1,7 +1,8 @@
 //! Parameters of SPH between hair particles.
 
-use crate::params::{POSITIVE, ParamsError, check};
+use crate::params::{ParamsError, check};
 
+crate::documented! {
 /// Parameters of hair–hair interaction by smoothed-particle hydrodynamics (Sánchez-Banderas et al.
 /// 2015, Sec. 3.2; Müller et al. 2003).
 ///
@@ -15,9 +16,9 @@ use crate::params::{POSITIVE, ParamsError, check};
     serde(default, deny_unknown_fields)
 )]
 pub struct SphParams {
-    /// Smoothing length h, the reach of the forces between particles. Unit m, default 0, range 0 to
-    /// 10; 0 selects the length at which half of the particles have `neighbours` neighbours at
-    /// rest, other values under 1e-6 are refused.
+    /// Smoothing length h, the reach of the forces between particles. Unit m, default 0, range 1e-6
+    /// to 10 or 0; 0 selects the length at which half of the particles have `neighbours` neighbours
+    /// at rest, other values under 1e-6 are refused.
     pub smoothing_length: f64,
     /// Maximum number of nearest neighbours K of a particle. Unit particles, default 16, range 1 to
     /// 64.
@@ -29,13 +30,14 @@ pub struct SphParams {
     /// unit, default 0.02, range 0 to 0.2; 0 disables viscosity.
     pub viscosity: f64,
     /// Density above which hair is under pressure, relative to that of the groom at rest. No unit,
-    /// default 1, range above 0.
+    /// default 1, range 1e-3 to 1000.
     pub rest_density: f64,
     /// Whether particles of the same strand are neighbours. Default false.
     pub own_strand: bool,
     /// Whether a pair interacts only if each particle is among the nearest neighbours of the other,
     /// which conserves momentum; the paper checks one side only. Default true.
     pub mutual: bool,
+}
 }
 
 impl Default for SphParams {
@@ -58,16 +60,12 @@ impl SphParams {
     /// # Errors
     /// [`ParamsError::Range`] for the first parameter that is out of range.
     pub fn validate(&self) -> Result<(), ParamsError> {
-        check(&[
-            (
-                "smoothing_length",
-                self.smoothing_length,
-                ("0, or between 1e-6 and 10", |x| x == 0.0 || (1e-6..=10.0).contains(&x)),
-            ),
-            ("neighbours", f64::from(self.neighbours), ("between 1 and 64", |x| (1.0..=64.0).contains(&x))),
-            ("pressure", self.pressure, ("between 0 and 0.5", |x| (0.0..=0.5).contains(&x))),
-            ("viscosity", self.viscosity, ("between 0 and 0.2", |x| (0.0..=0.2).contains(&x))),
-            ("rest_density", self.rest_density, POSITIVE),
-        ])
+        Ok(check::<Self, f64>(&[
+            ("smoothing_length", &[self.smoothing_length]),
+            ("neighbours", &[f64::from(self.neighbours)]),
+            ("pressure", &[self.pressure]),
+            ("viscosity", &[self.viscosity]),
+            ("rest_density", &[self.rest_density]),
+        ])?)
     }
 }

@@ -5,8 +5,8 @@
 
 use crate::frame::{StepCheck, StepRate};
 use crate::params::{
-    COUNT, FLOAT32_STIFFNESS_LIMIT, Inextensibility, LEAST_SUBSTEP_SECS, LENGTH_PASS_SECS, NON_NEGATIVE,
-    PART_TOLERANCE, POSITIVE, ParamsError, SHARE, SUBSTEP, SUBSTEP_SECS, check, check_time, parts,
+    FLOAT32_STIFFNESS_LIMIT, Inextensibility, LEAST_SUBSTEP_SECS, LENGTH_PASS_SECS, PART_TOLERANCE,
+    ParamsError, SUBSTEP_SECS, check, check_time, parts,
 };
 
 /// How a stretched spring enters the implicit matrix.
@@ -57,6 +57,7 @@ pub(crate) enum LengthPass {
     Off,
 }
 
+crate::documented! {
 /// Parameters of the augmented mass-spring solver (AMS). Every default is the project's recommended
 /// value.
 #[derive(Clone, Debug, PartialEq)]
@@ -66,40 +67,40 @@ pub(crate) enum LengthPass {
     serde(default, deny_unknown_fields)
 )]
 pub struct AmsParams {
-    /// Edge spring stiffness over mass, particles i and i+1. Unit s⁻², default 1e6, range 0 to the
-    /// float32 bound; 0 switches it off.
+    /// Edge spring stiffness over mass, particles i and i+1. Unit s⁻², default 1e6, range 0 to
+    /// 1e12; 0 switches it off.
     pub k_edge: f64,
-    /// Bend spring stiffness over mass, particles i and i+2. Unit s⁻², default 1e6, range 0 to the
-    /// float32 bound; 0 switches it off.
+    /// Bend spring stiffness over mass, particles i and i+2. Unit s⁻², default 1e6, range 0 to
+    /// 1e12; 0 switches it off.
     pub k_bend: f64,
     /// Torsion spring stiffness over mass, particles i and i+3. Unit s⁻², default 1e6, range 0 to
-    /// the float32 bound; 0 switches it off.
+    /// 1e12; 0 switches it off.
     pub k_torsion: f64,
     /// Integrity spring stiffness over mass, particle to ghost. Unit s⁻², default 100, range 0 to
-    /// the float32 bound; 0 switches it off.
+    /// 1e12; 0 switches it off.
     pub k_integrity: f64,
     /// Angular spring stiffness over mass, edge to ghost edge. Unit m s⁻² per radian, default 100,
-    /// range 0 or more; 0 switches it off.
+    /// range 0 to 1e6; 0 switches it off.
     pub k_angular: f64,
     /// Altitude spring stiffness over mass, across the tetrahedra of four consecutive particles
-    /// (Selle 2008). Unit s⁻², default 0, range 0 to the float32 bound; 0 switches it off.
+    /// (Selle 2008). Unit s⁻², default 0, range 0 to 1e12; 0 switches it off.
     pub k_altitude: f64,
     /// Stiffness at the tip over stiffness at the root, linear along the strand, for edge, bend,
     /// torsion and altitude springs. No unit, default 1, range 0 to 1; 0 leaves the tip free.
     pub tip_scale_springs: f64,
-    /// [`tip_scale_springs`](Self::tip_scale_springs) for the integrity spring. No unit, default 1,
+    /// `tip_scale_springs` for the integrity spring. No unit, default 1,
     /// range 0 to 1; 0 leaves the tip free.
     pub tip_scale_integrity: f64,
-    /// [`tip_scale_springs`](Self::tip_scale_springs) for the angular spring. No unit, default 1,
+    /// `tip_scale_springs` for the angular spring. No unit, default 1,
     /// range 0 to 1; 0 leaves the tip free.
     pub tip_scale_angular: f64,
-    /// Drag rate against the air. Unit s⁻¹, default 2, range 0 or more; 0 is a vacuum.
+    /// Drag rate against the air. Unit s⁻¹, default 2, range 0 to 1e4; 0 is a vacuum.
     pub drag: f64,
     /// Drag of air flow along the strand over that of air flow across it. No unit, default 1, range
     /// 0 to 1; a thin rod has 0.5, 0 lets air slip along the strand.
     pub drag_along: f64,
     /// Growth of the drag rate with the speed of the air relative to the hair. Unit 1/m, default 0,
-    /// range 0 or more; 0 is drag in proportion to the speed.
+    /// range 0 to 1000; 0 is drag in proportion to the speed.
     pub drag_quadratic: f64,
     /// Particles that follow the head exactly, from the root. Unit particles, default 2, range 1 to
     /// 1000; 1 makes the root a hinge, 0 is refused.
@@ -121,14 +122,14 @@ pub struct AmsParams {
     /// Deflection, over the strand's length, up to which ties are elastic. No unit, default 0.5,
     /// range 0 to 1; 0 softens from the start.
     pub elastic_limit: f64,
-    /// Deflection, over the strand's length, from which ties break. No unit, default 1, range above
-    /// `elastic_limit`.
+    /// Deflection, over the strand's length, from which ties break. No unit, default 1, range 1e-6
+    /// to 1000.
     pub breaking_point: f64,
     /// Further deflection, over the strand's length, at which a tie is fully broken. No unit,
-    /// default 0.1, range above 0.
+    /// default 0.1, range 1e-6 to 1000.
     pub breaking_width: f64,
     /// Time in which damage heals while the deflection is under `healing_limit`. Unit s, default 0,
-    /// range 0 or more; 0 never heals.
+    /// range 0 to 1e6; 0 never heals.
     pub healing_secs: f64,
     /// Deflection, over the strand's length, under which ties heal. No unit, default 0.25, range 0
     /// to 1; 0 never heals.
@@ -144,12 +145,13 @@ pub struct AmsParams {
     /// the surface; without a length pass, where they are stretched by more than 4 %. Default true;
     /// false leaves them stretched, as the paper does.
     pub lay_along_solids: bool,
-    /// Distance of particles from solids at a contact. Unit m, default 0.0005, range 0 or more; 0
+    /// Distance of particles from solids at a contact. Unit m, default 0.0005, range 0 to 0.1; 0
     /// touches the skin.
     pub skin_thickness: f64,
     /// Largest speed at which a particle that starts a frame inside a solid is pushed out. Unit
-    /// m/s, default 1, range above 0; 0 is refused.
+    /// m/s, default 1, range 1e-3 to 1000; 0 is refused.
     pub depenetration_speed: f64,
+}
 }
 
 impl Default for AmsParams {
@@ -205,33 +207,33 @@ impl AmsParams {
     /// # Errors
     /// [`ParamsError::Range`] for the first parameter out of its range.
     pub fn validate(&self) -> Result<(), ParamsError> {
-        check(&[
-            ("k_edge", self.k_edge, NON_NEGATIVE),
-            ("k_bend", self.k_bend, NON_NEGATIVE),
-            ("k_torsion", self.k_torsion, NON_NEGATIVE),
-            ("k_integrity", self.k_integrity, NON_NEGATIVE),
-            ("k_angular", self.k_angular, NON_NEGATIVE),
-            ("k_altitude", self.k_altitude, NON_NEGATIVE),
-            ("tip_scale_springs", self.tip_scale_springs, SHARE),
-            ("tip_scale_integrity", self.tip_scale_integrity, SHARE),
-            ("tip_scale_angular", self.tip_scale_angular, SHARE),
-            ("drag", self.drag, NON_NEGATIVE),
-            ("drag_along", self.drag_along, SHARE),
-            ("drag_quadratic", self.drag_quadratic, NON_NEGATIVE),
-            ("clamped", f64::from(self.clamped), COUNT),
-            ("substep_secs", self.substep_secs, SUBSTEP),
-            ("elastic_limit", self.elastic_limit, SHARE),
-            ("breaking_point", self.breaking_point, POSITIVE),
-            ("breaking_width", self.breaking_width, POSITIVE),
-            ("healing_secs", self.healing_secs, NON_NEGATIVE),
-            ("healing_limit", self.healing_limit, SHARE),
-            ("dftl_damping", self.length_damping, SHARE),
-            ("skin_thickness", self.skin_thickness, NON_NEGATIVE),
-            ("depenetration_speed", self.depenetration_speed, POSITIVE),
+        check::<Self, f64>(&[
+            ("k_edge", &[self.k_edge]),
+            ("k_bend", &[self.k_bend]),
+            ("k_torsion", &[self.k_torsion]),
+            ("k_integrity", &[self.k_integrity]),
+            ("k_angular", &[self.k_angular]),
+            ("k_altitude", &[self.k_altitude]),
+            ("tip_scale_springs", &[self.tip_scale_springs]),
+            ("tip_scale_integrity", &[self.tip_scale_integrity]),
+            ("tip_scale_angular", &[self.tip_scale_angular]),
+            ("drag", &[self.drag]),
+            ("drag_along", &[self.drag_along]),
+            ("drag_quadratic", &[self.drag_quadratic]),
+            ("clamped", &[f64::from(self.clamped)]),
+            ("substep_secs", &[self.substep_secs]),
+            ("elastic_limit", &[self.elastic_limit]),
+            ("breaking_point", &[self.breaking_point]),
+            ("breaking_width", &[self.breaking_width]),
+            ("healing_secs", &[self.healing_secs]),
+            ("healing_limit", &[self.healing_limit]),
+            ("dftl_damping", &[self.length_damping]),
+            ("skin_thickness", &[self.skin_thickness]),
+            ("depenetration_speed", &[self.depenetration_speed]),
         ])?;
         if self.breaking_point <= self.elastic_limit {
             let (name, value) = ("breaking_point", self.breaking_point);
-            return Err(ParamsError::Range { name, value, expected: "above `elastic_limit`" });
+            return Err(ParamsError::Range { name, value, expected: "above `elastic_limit`".to_owned() });
         }
         Ok(())
     }

@@ -2,7 +2,7 @@
 //!
 //! [`follow_leader`](crate::solver::dftl::follow_leader) has the equations.
 
-use crate::params::{COUNT, NON_NEGATIVE, POSITIVE, ParamsError, SHARE, STATED_STEP_SECS, check};
+use crate::params::{ParamsError, STATED_STEP_SECS, check};
 
 /// How a GPU processes strands. The CPU always processes one strand a lane.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -20,6 +20,7 @@ pub enum Schedule {
     Particles,
 }
 
+crate::documented! {
 /// Parameters of dynamic follow the leader with global and local shape (Sánchez-Banderas et al.
 /// 2015). Shares s refer to a step of 0.016 s, as in the paper; for another step the solver uses 1
 /// − (1 − s)^(step/0.016 s), which compensates the change in part.
@@ -31,8 +32,8 @@ pub enum Schedule {
 )]
 pub struct DftlParams {
     /// Fixed step, independent of the frame rate; a run takes as many steps as its frames need.
-    /// Unit s, default 0.016, range 0 to 1; 0 takes one step a frame, other values under 1e-4 are
-    /// refused.
+    /// Unit s, default 0.016, range 1e-4 to 1 or 0; 0 takes one step a frame, other values under
+    /// 1e-4 are refused.
     pub step_secs: f64,
     /// Share of the displacement to its rest position in the head's frame that a particle makes in
     /// a step, at the root (s_g). No unit, default 0.05, range 0 to 1; 0 switches it off, above 0.1
@@ -54,7 +55,7 @@ pub struct DftlParams {
     /// Whether the weight at rest is compensated, in the head's frame, so that a groom at rest does
     /// not sag; in the paper it sags. Default false.
     pub sag_free: bool,
-    /// Drag rate against the air. Unit s⁻¹, default 2, range 0 or more; 0 is a vacuum.
+    /// Drag rate against the air. Unit s⁻¹, default 2, range 0 to 1e4; 0 is a vacuum.
     pub drag: f64,
     /// Particles that follow the head exactly, from the root. Unit particles, default 1, range 1 to
     /// 1000; 0 is refused.
@@ -68,15 +69,16 @@ pub struct DftlParams {
     /// edge that a solid has stretched. Unit times, default 2, range 0 to 16; 0 leaves edges
     /// stretched, as the paper does.
     pub recheck: u32,
-    /// Distance of particles from solids at a contact. Unit m, default 0.0005, range 0 or more; 0
+    /// Distance of particles from solids at a contact. Unit m, default 0.0005, range 0 to 0.1; 0
     /// touches the skin.
     pub skin_thickness: f64,
     /// Largest speed at which a particle that starts a frame inside a solid is pushed out. Unit
-    /// m/s, default 1, range above 0; 0 is refused.
+    /// m/s, default 1, range 1e-3 to 1000; 0 is refused.
     pub depenetration_speed: f64,
     /// How a GPU processes strands: "fused", "strands" or "particles". Default "fused", the
     /// fastest; the others are the paper's.
     pub schedule: Schedule,
+}
 }
 
 impl Default for DftlParams {
@@ -106,22 +108,18 @@ impl DftlParams {
     /// # Errors
     /// [`ParamsError::Range`] for the first parameter out of its range.
     pub fn validate(&self) -> Result<(), ParamsError> {
-        check(&[
-            (
-                "step_secs",
-                self.step_secs,
-                ("0, or between 1e-4 and 1", |x| x == 0.0 || (1e-4..=1.0).contains(&x)),
-            ),
-            ("shape_global", self.shape_global, SHARE),
-            ("shape_local", self.shape_local, SHARE),
-            ("tip_scale_global", self.tip_scale_global, SHARE),
-            ("tip_scale_local", self.tip_scale_local, SHARE),
-            ("damping", self.damping, SHARE),
-            ("drag", self.drag, NON_NEGATIVE),
-            ("clamped", f64::from(self.clamped), COUNT),
-            ("recheck", f64::from(self.recheck), ("between 0 and 16", |x| (0.0..=16.0).contains(&x))),
-            ("skin_thickness", self.skin_thickness, NON_NEGATIVE),
-            ("depenetration_speed", self.depenetration_speed, POSITIVE),
-        ])
+        Ok(check::<Self, f64>(&[
+            ("step_secs", &[self.step_secs]),
+            ("shape_global", &[self.shape_global]),
+            ("shape_local", &[self.shape_local]),
+            ("tip_scale_global", &[self.tip_scale_global]),
+            ("tip_scale_local", &[self.tip_scale_local]),
+            ("damping", &[self.damping]),
+            ("drag", &[self.drag]),
+            ("clamped", &[f64::from(self.clamped)]),
+            ("recheck", &[f64::from(self.recheck)]),
+            ("skin_thickness", &[self.skin_thickness]),
+            ("depenetration_speed", &[self.depenetration_speed]),
+        ])?)
     }
 }

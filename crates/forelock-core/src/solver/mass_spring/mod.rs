@@ -30,11 +30,12 @@ use crate::frame::{
     StepRate, StrandSolver,
 };
 use crate::lane::Real;
-use crate::params::{Inextensibility, ParamsError};
+use crate::params::{Inextensibility, ParamsError, check};
 use crate::strands::{BlockView, Scratch, Strands};
 use glam::DVec3;
 use std::any::Any;
 
+crate::documented! {
 /// Parameters of plain mass-spring strands.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
@@ -44,16 +45,16 @@ use std::any::Any;
 )]
 pub struct MassSpringParams {
     /// Edge spring stiffness over mass, particles i and i+1 of the chain. Unit s⁻², default 1e6,
-    /// range 0 to the float32 bound; 0 switches it off.
+    /// range 0 to 1e12; 0 switches it off.
     pub k_edge: f64,
     /// Bend spring stiffness over mass, particles i and i+2 of the chain. Unit s⁻², default 1e6,
-    /// range 0 to the float32 bound; 0 switches it off.
+    /// range 0 to 1e12; 0 switches it off.
     pub k_bend: f64,
     /// Torsion spring stiffness over mass, particles i and i+3 of the chain. Unit s⁻², default 1e6,
-    /// range 0 to the float32 bound; 0 switches it off.
+    /// range 0 to 1e12; 0 switches it off.
     pub k_torsion: f64,
     /// Altitude spring stiffness over mass, across the tetrahedra of four consecutive particles of
-    /// the chain. Unit s⁻², default 1e6, range 0 to the float32 bound; 0 switches it off.
+    /// the chain. Unit s⁻², default 1e6, range 0 to 1e12; 0 switches it off.
     pub k_altitude: f64,
     /// Stiffness at the tip over stiffness at the root, linear along the strand, for all springs.
     /// No unit, default 1, range 0 to 1; 0 leaves the tip free.
@@ -63,7 +64,7 @@ pub struct MassSpringParams {
     /// Distance of a virtual particle from the middle of its edge, over the edge's length. No unit,
     /// default 0.25, range 0.01 to 1.
     pub virtual_offset: f64,
-    /// Drag rate against the air. Unit s⁻¹, default 2, range 0 or more; 0 is a vacuum.
+    /// Drag rate against the air. Unit s⁻¹, default 2, range 0 to 1e4; 0 is a vacuum.
     pub drag: f64,
     /// Particles of the groom that follow the head exactly, from the root; virtual particles
     /// between them do so too. Unit particles, default 2, range 1 to 1000; 1 makes the root a
@@ -77,12 +78,13 @@ pub struct MassSpringParams {
     /// The pass that restores edge lengths: "projection", "dftl" or "off". Default "off".
     #[cfg_attr(feature = "serde", serde(with = "LengthPass"))]
     pub inextensibility: Inextensibility,
-    /// Distance of particles from solids at a contact. Unit m, default 0.0005, range 0 or more; 0
+    /// Distance of particles from solids at a contact. Unit m, default 0.0005, range 0 to 0.1; 0
     /// touches the skin.
     pub skin_thickness: f64,
     /// Largest speed at which a particle that starts a frame inside a solid is pushed out. Unit
-    /// m/s, default 1, range above 0; 0 is refused.
+    /// m/s, default 1, range 1e-3 to 1000; 0 is refused.
     pub depenetration_speed: f64,
+}
 }
 
 impl Default for MassSpringParams {
@@ -142,11 +144,7 @@ impl MassSpringParams {
     /// [`ParamsError::Range`] for the first parameter out of its range.
     pub fn validate(&self) -> Result<(), ParamsError> {
         AmsParams { clamped: self.clamped, ..self.ams() }.validate()?;
-        if (0.01..=1.0).contains(&self.virtual_offset) {
-            return Ok(());
-        }
-        let (name, value) = ("virtual_offset", self.virtual_offset);
-        Err(ParamsError::Range { name, value, expected: "between 0.01 and 1" })
+        Ok(check::<Self, f64>(&[("virtual_offset", &[self.virtual_offset])])?)
     }
 }
 

@@ -206,10 +206,22 @@ fn strands_that_are_not_finite_are_unchanged_and_counted() {
 }
 
 #[test]
+fn the_size_of_the_result_is_foreseen() {
+    let start = groom(&[9; 20], 1);
+    let density = |factor| Operation::Density(Density { factor, ..Density::default() });
+    for operation in [density(3.0), density(0.5), Operation::Resample(Resample { particles: 40 })] {
+        let mut after = start.clone();
+        Edit::all(operation.clone()).apply(&mut after, None).unwrap();
+        let foreseen = operation.foreseen_particles(&start);
+        assert_eq!(foreseen, after.particle_count().max(start.particle_count()) as u64, "{operation:?}");
+    }
+}
+
+#[test]
 fn parameters_out_of_range_are_refused_by_name() {
     let curl = Curl { radius: 0.0, ..Curl::default() };
     let error = Edit::all(Operation::Curl(curl)).apply(&mut groom(&[3], 1), None).unwrap_err();
-    assert_eq!(error.to_string(), "`radius` should be above 0, not 0");
+    assert_eq!(error.to_string(), "`radius` should be from 1e-6 to 1000, not 0");
     let stroke = Operation::Comb(Comb::along(vec![Vec3::ZERO; 2]));
     assert_eq!(
         stroke.validate().unwrap_err().to_string(),
