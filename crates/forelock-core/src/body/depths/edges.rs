@@ -91,8 +91,8 @@ impl Depths<'_> {
                 least = self.lower_bounds(at);
             }
             let count = PACKET.min(range.end - first);
-            for c in 0..3 {
-                local.at[c].extend_from_slice(&at[c][..count]);
+            for (all, own) in local.at.iter_mut().zip(&at) {
+                all.extend_from_slice(&own[..count]);
             }
             local.least.extend_from_slice(&least[..count]);
         }
@@ -119,10 +119,9 @@ impl Depths<'_> {
             }
             // Each sample stands for the part of the edge around it.
             let mut at = [[0.0; PACKET]; 3];
-            for k in 0..PACKET {
-                let p = ends[0] + along * ((k as f32 + 0.5) / PACKET as f32);
-                for c in 0..3 {
-                    at[c][k] = p[c];
+            for (c, row) in at.iter_mut().enumerate() {
+                for (k, value) in row.iter_mut().enumerate() {
+                    *value = ends[0][c] + along[c] * ((k as f32 + 0.5) / PACKET as f32);
                 }
             }
             let reach = length * (0.5 / PACKET as f32);
