@@ -62,13 +62,9 @@ impl Depths<'_> {
             },
         );
         let mut cuts = Vec::new();
+        let is_outside = |p: Vec3| self.field.lower_bound(p) > ROUNDING_M;
         for NearEdge { particle, ends: [a, b] } in near {
-            cuts.clear();
-            self.surface.cut(a, b, &mut cuts);
-            if cuts.is_empty() && self.field.lower_bound(a) > ROUNDING_M {
-                continue;
-            }
-            let depth = self.surface.depth_between(a, b, &mut cuts);
+            let depth = self.surface.depth_between(a, b, &mut cuts, is_outside);
             if depth > 0.0 {
                 inside.push((particle, depth.into()));
             }
