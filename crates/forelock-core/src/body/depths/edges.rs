@@ -171,7 +171,7 @@ mod tests {
         let outside = |i: usize| !HEAD.contains(local[i]);
         let between = (0..local.len() - 1).filter(|&i| exact[i] > 1e-3 && outside(i) && outside(i + 1));
         assert!(between.count() > 20, "edges dip in between particles that are outside");
-        for (nodes, near) in [(16, f32::INFINITY), (16, 2e-3), (64, 2e-3)] {
+        for (nodes, near) in [(16, f32::INFINITY), (16, 6e-3)] {
             let field = Sdf::near(&HEAD, nodes, 0.02, near).unwrap();
             let mut found = Vec::new();
             Depths::new(&field, &HEAD, &pose).find_edges(&world, &ranges, &mut found);
