@@ -1,5 +1,7 @@
 //! A solid in its own space, and what is inside it.
 
+use std::slice;
+
 use forelock_core::body::{ColliderFrame, Depths, SEGMENT_TOLERANCE_M, Shape};
 use forelock_core::pose::Pose;
 use glam::{DVec3, Vec3};
@@ -98,7 +100,7 @@ impl<'a> Local<'a> {
             None => self.distance(self.local(positions[particle])) < 0.0,
             Some(depths) => {
                 let mut inside = Vec::new();
-                depths.find(positions, &[particle..particle + 1], &mut inside);
+                depths.find(positions, slice::from_ref(&(particle..particle + 1)), &mut inside);
                 !inside.is_empty()
             }
         }

@@ -24,28 +24,32 @@ impl ClosedMesh {
     /// The depth in metres of the deepest point of the segment from `a` to `b`, up to
     /// [`SEGMENT_TOLERANCE_M`]; 0 if all of it is outside.
     pub fn segment_depth(&self, a: Vec3, b: Vec3) -> f32 {
-        let mut cuts = Vec::new();
-        self.surface.crossings(a, b, &mut cuts);
-        self.depth_between(a, b, &mut cuts)
+        self.depth_between(a, b, &mut Vec::new(), |_| false)
     }
 
-    /// Appends to `cuts` where the segment crosses the surface: shares of its length, not sorted.
-    pub(in crate::body) fn cut(&self, a: Vec3, b: Vec3, cuts: &mut Vec<f32>) {
+    /// [`ClosedMesh::segment_depth`], faster by `is_outside`, which is true of points that are
+    /// known to be outside. `cuts` is scratch.
+    pub(in crate::body) fn depth_between(
+        &self,
+        a: Vec3,
+        b: Vec3,
+        cuts: &mut Vec<f32>,
+        is_outside: impl Fn(Vec3) -> bool,
+    ) -> f32 {
+        cuts.clear();
         self.surface.crossings(a, b, cuts);
-    }
-
-    /// [`ClosedMesh::segment_depth`] for a segment that crosses the surface at `cuts`.
-    pub(in crate::body) fn depth_between(&self, a: Vec3, b: Vec3, cuts: &mut Vec<f32>) -> f32 {
         cuts.extend([0.0, 1.0]);
         cuts.sort_unstable_by(f32::total_cmp);
-        let mut search =
-            Search { surface: self, tolerance: tolerance(a.distance(b)), deepest: 0.0, hint: None };
+        let (length, parts) = (a.distance(b), cuts.len() - 1);
+        let mut search = Search { surface: self, tolerance: tolerance(length), deepest: 0.0, hint: None };
         for part in cuts.windows(2) {
+            // A part is no deeper than its length, since it begins or ends at the surface.
+            if parts > 1 && (part[1] - part[0]) * length <= search.tolerance {
+                continue;
+            }
             let [from, to] = [part[0], part[1]].map(|share| a.lerp(b, share));
-            // A part is no deeper than half its length, but where it begins or ends inside.
-            let is_cut = part[0] > 0.0 && part[1] < 1.0;
-            let can_be_deep = !is_cut || from.distance(to) * 0.5 > search.tolerance;
-            if part[0] < part[1] && can_be_deep && self.contains((from + to) * 0.5) {
+            let middle = (from + to) * 0.5;
+            if !is_outside(middle) && self.contains(middle) {
                 search.part(from, to);
             }
         }

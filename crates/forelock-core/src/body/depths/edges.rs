@@ -62,13 +62,9 @@ impl Depths<'_> {
             },
         );
         let mut cuts = Vec::new();
+        let is_outside = |p: Vec3| self.field.lower_bound(p) > ROUNDING_M;
         for NearEdge { particle, ends: [a, b] } in near {
-            cuts.clear();
-            self.surface.cut(a, b, &mut cuts);
-            if cuts.is_empty() && self.field.lower_bound(a) > ROUNDING_M {
-                continue;
-            }
-            let depth = self.surface.depth_between(a, b, &mut cuts);
+            let depth = self.surface.depth_between(a, b, &mut cuts, is_outside);
             if depth > 0.0 {
                 inside.push((particle, depth.into()));
             }
@@ -91,8 +87,8 @@ impl Depths<'_> {
                 least = self.lower_bounds(at);
             }
             let count = PACKET.min(range.end - first);
-            for c in 0..3 {
-                local.at[c].extend_from_slice(&at[c][..count]);
+            for (all, own) in local.at.iter_mut().zip(&at) {
+                all.extend_from_slice(&own[..count]);
             }
             local.least.extend_from_slice(&least[..count]);
         }
@@ -119,10 +115,9 @@ impl Depths<'_> {
             }
             // Each sample stands for the part of the edge around it.
             let mut at = [[0.0; PACKET]; 3];
-            for k in 0..PACKET {
-                let p = ends[0] + along * ((k as f32 + 0.5) / PACKET as f32);
-                for c in 0..3 {
-                    at[c][k] = p[c];
+            for (c, row) in at.iter_mut().enumerate() {
+                for (k, value) in row.iter_mut().enumerate() {
+                    *value = ends[0][c] + along[c] * ((k as f32 + 0.5) / PACKET as f32);
                 }
             }
             let reach = length * (0.5 / PACKET as f32);
@@ -176,7 +171,7 @@ mod tests {
         let outside = |i: usize| !HEAD.contains(local[i]);
         let between = (0..local.len() - 1).filter(|&i| exact[i] > 1e-3 && outside(i) && outside(i + 1));
         assert!(between.count() > 20, "edges dip in between particles that are outside");
-        for (nodes, near) in [(16, f32::INFINITY), (16, 2e-3), (64, 2e-3)] {
+        for (nodes, near) in [(16, f32::INFINITY), (16, 6e-3)] {
             let field = Sdf::near(&HEAD, nodes, 0.02, near).unwrap();
             let mut found = Vec::new();
             Depths::new(&field, &HEAD, &pose).find_edges(&world, &ranges, &mut found);
