@@ -111,7 +111,10 @@ fn scripts_with_mistakes() {
             edit("op = \"trim\"\nto = \"long\""),
             "line 5, column 6: `edit.0.to` should be a number, not the text",
         ),
-        (edit("op = \"trim\"\nto = -0.1"), "line 5, column 6: `edit.0.to` should be 0 or more, not -0.1"),
+        (
+            edit("op = \"trim\"\nto = -0.1"),
+            "line 5, column 6: `edit.0.to` should be from 0 to 1000, not -0.1",
+        ),
         (edit("op = \"curl\"\nradius = inf"), "`edit.0.radius` should be"),
         (
             edit("op = \"curl\"\nkind = \"helx\""),
@@ -121,7 +124,7 @@ fn scripts_with_mistakes() {
         (edit("op = \"cut\"\nshape.cone = {}"), "`edit.0.shape.cone`"),
         (
             edit("op = \"cut\"\nshape.sphere = { centre = [0, 0, 0], radius = 0 }"),
-            "`edit.0.shape.sphere.radius` should be above 0",
+            "`edit.0.shape.sphere.radius` should be from 1e-6",
         ),
         (
             edit("op = \"cut\"\nshape.sphere = { centre = [0, 0], radius = 1 }"),
@@ -133,7 +136,7 @@ fn scripts_with_mistakes() {
         (edit("op = \"trim\"\n[output]\ngroom = \"x.bin\""), "`output.groom` should end in one of .hair"),
         (
             edit("op = \"trim\"\nat_secs = -1"),
-            "line 5, column 11: `edit.0.at_secs` should be 0 or more, not -1",
+            "line 5, column 11: `edit.0.at_secs` should be from 0 to 1000000, not -1",
         ),
         (edit("op = \"trim\"\nat_secs = \"soon\""), "`edit.0.at_secs` should be a number, not the text"),
         (edit("op = \"density\"\nat_secs = 1"), "`edit.0.at_secs` cannot be used with op = \"density\""),

@@ -241,8 +241,8 @@ impl Edit {
     /// strands outside `body`.
     ///
     /// # Errors
-    /// [`EditError`] if a parameter is out of range or the result is too large, also for the memory;
-    /// `groom` is unchanged in this case.
+    /// [`EditError`] if a parameter is out of range or the result is too large; `groom` is then
+    /// unchanged.
     pub fn apply(&self, groom: &mut Groom, body: Option<&Body<'_>>) -> Result<EditReport, EditError> {
         self.validate()?;
         groom.check_attributes()?;
