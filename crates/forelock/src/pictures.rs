@@ -174,18 +174,21 @@ impl<'a> Studio<'a> {
 
     fn time_secs(&self, cache: &Cache, frame: usize) -> f64 {
         let time = cache.times_secs().and_then(|times| times.get(frame).copied());
-        time.unwrap_or(frame as f64 / self.scene.time.fps)
+        time.unwrap_or(frame as f64 * f64::from(self.scene.output.cache_every) / self.scene.time.fps)
     }
 
-    /// Every `output.film_every`-th frame of `cache` as an animated PNG of half the size of a
-    /// picture.
+    /// Frames of `cache`, `output.film_every` frames of the run apart or as near to that as it has
+    /// them, as an animated PNG of half the size of a picture.
     ///
     /// # Errors
     /// [`PictureError`] if a frame cannot be read or drawn.
     pub fn film(&self, cache: &mut Cache, observer: &mut Observer<'_>) -> Result<Vec<u8>, PictureError> {
-        let every = self.scene.output.film_every as usize;
-        let frames: Vec<usize> = (0..cache.frames()).step_by(every).collect();
-        let fps = (self.scene.time.fps / every as f64).round().clamp(1.0, 1000.0) as u32;
+        let output = &self.scene.output;
+        let apart = f64::from(output.film_every) / f64::from(output.cache_every);
+        let step = apart.round().max(1.0) as usize;
+        let frames: Vec<usize> = (0..cache.frames()).step_by(step).collect();
+        let every = step as f64 * f64::from(output.cache_every);
+        let fps = (self.scene.time.fps / every).round().clamp(1.0, 1000.0) as u32;
         observer(&Progress::Begin { what: "filming", done: 0, total: frames.len() as u64 });
         let mut film = None;
         // As many frames at a time as there are threads: parts of a picture are drawn by one.

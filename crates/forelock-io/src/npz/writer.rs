@@ -12,10 +12,11 @@
 //!
 //! # Practice
 //! A new cache is the file `hair.npz.part` until its first [`checkpoint`](CacheWriter::checkpoint)
-//! or [`finish`](CacheWriter::finish) renames it, so an older `hair.npz` stays until then. `finish`
-//! moves the tail behind the last frame; a writer that is dropped before either leaves nothing. A cache written in several runs has the same bytes as a
-//! cache written in one run. If [`append`](CacheWriter::append) fails, as on a full disk, the frames
-//! so far are kept. A [`Lock`] keeps a second writer from the same file.
+//! or [`finish`](CacheWriter::finish) renames it, so an older `hair.npz` stays until then; a writer
+//! that is dropped before leaves nothing. `finish` moves the tail behind the last frame. A cache
+//! written in several runs has the same bytes as a cache written in one run. If
+//! [`append`](CacheWriter::append) fails, as on a full disk, the frames so far are kept. A [`Lock`]
+//! keeps a second writer from the same file.
 //!
 //! # Limitations
 //! Only [`Stored`] says how many frames of a cache are valid; the file may hold more.

@@ -9,9 +9,9 @@
 //! registered solver.
 //!
 //! Every few seconds a checkpoint makes the cache readable and writes the snapshot, so a run whose
-//! process is killed, whose device fails or whose disk is full loses only the work after it. A later
-//! run with [`RunOptions::resume`] continues from the snapshot: cache and state hash are those of an
-//! uninterrupted run. Where there is no snapshot, it starts with the first frame.
+//! process is killed, whose device fails or whose disk is full loses only the work after it. A
+//! later run with [`RunOptions::resume`] continues from the snapshot: cache and state hash are
+//! those of an uninterrupted run. Where there is no snapshot, it starts with the first frame.
 //!
 //! When `cancel` is set, the current frame is finished and the run ends as if its scene were that
 //! long, but without pictures.
@@ -80,7 +80,7 @@ pub enum RunError {
     #[error(transparent)]
     Write(#[from] forelock_io::WriteError),
     /// The output folder cannot be made.
-    #[error("{}: the output folder cannot be made: {error}; name another with --out", .path.display())]
+    #[error("{}: the output folder cannot be made: {}; name another with --out", .path.display(), .error.kind())]
     Folder {
         /// The folder.
         path: PathBuf,
@@ -175,7 +175,8 @@ impl<'a> Run<'a> {
             let (read, state) = Snapshot::read(&snapshot, fingerprint)?;
             so_far = read;
             player.resume(so_far.frame, &state)?;
-            let times_secs = (0..=so_far.frame).map(|frame| player.secs_of(frame)).collect();
+            let cached = (0..=so_far.frame).step_by(player.scene().output.cache_every as usize);
+            let times_secs = cached.map(|frame| player.secs_of(frame)).collect();
             stored = Some(Stored { times_secs, checksum: so_far.cache_checksum });
         }
         let offsets = player.assets().groom.strand_offsets();
@@ -200,9 +201,10 @@ impl<'a> Run<'a> {
         Ok(run)
     }
 
-    /// Appends the present positions to the cache.
+    /// Appends the present positions to the cache, if the frame belongs there.
     fn append(&mut self) -> Result<(), RunError> {
-        if let Some(cache) = &mut self.cache {
+        let every = self.player.scene().output.cache_every;
+        if let Some(cache) = self.cache.as_mut().filter(|_| self.player.frame().is_multiple_of(every)) {
             cache.append(&FrameView {
                 frame: self.player.frame(),
                 time_secs: self.player.time_secs(),

@@ -452,6 +452,9 @@ pub struct OutputSection {
     pub height: u32,
     /// Name of the cache, an .npz file. Default "hair.npz"; empty writes none.
     pub cache: PathBuf,
+    /// Frames from one in the cache to the next; films and sheets show frames of the cache. Unit
+    /// frames, default 1, range 1 to 1000.
+    pub cache_every: u32,
     /// Whether to write the page `report.html`. Default true.
     pub report: bool,
     /// Name of the groom that `forelock groom` writes; its ending picks the format. Default
@@ -470,6 +473,7 @@ impl Default for OutputSection {
             width: 900,
             height: 900,
             cache: PathBuf::from("hair.npz"),
+            cache_every: 1,
             report: true,
             groom: PathBuf::from("groom.npz"),
         }

@@ -14,13 +14,14 @@ pub struct Workplace {
 }
 
 /// Keys that make a run small and quick.
-pub const SMALL: [&str; 6] = [
+pub const SMALL: [&str; 7] = [
     "groom.strands=40",
     "groom.vertices_per_strand=8",
     "body.sdf_cells=24",
     "output.width=64",
     "output.height=64",
     "time.frames=6",
+    "output.cache_every=1",
 ];
 
 impl Workplace {
@@ -41,10 +42,7 @@ impl Workplace {
     /// The command, to be given arguments.
     pub fn command(&self) -> Command {
         let mut command = Command::cargo_bin("forelock").unwrap();
-        command
-            .current_dir(self.folder.path())
-            .env("XDG_CACHE_HOME", shared_cache())
-            .env_remove("RUST_LOG");
+        command.current_dir(self.folder.path()).env("XDG_CACHE_HOME", shared_cache()).env_remove("RUST_LOG");
         command
     }
 
