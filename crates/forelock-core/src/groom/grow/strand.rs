@@ -4,6 +4,7 @@ use glam::{Vec3, vec3};
 
 use super::random::{Random, mix, sin_cos};
 use super::roots::Root;
+use super::curve::Curve;
 use super::{Avoid, GrowParams};
 
 /// Fraction of the comb's length over which the comb loses its effect on a strand that has left the
@@ -12,11 +13,26 @@ const LEAVING: f32 = 0.25;
 /// Fraction of the comb's length over which a strand rises to half the height of its layer.
 const RISING: f32 = 0.5;
 
+/// Largest length in metres of the pieces in which combed strands grow.
+const PIECE: f32 = 8e-3;
+/// Length in metres of combed hair that grows between two measurements of the distance.
+const MEASURED: f32 = 6e-3;
+/// Fraction of the comb's length over which a strand bends along a surface that it meets.
+const GLIDE: f32 = 0.25;
+/// Curvature of the solid in 1/m up to which it is safe to extrapolate its distance.
+const BULGE: f32 = 25.0;
+/// Depth of a root in the drape, as a fraction of the comb's length, from which on its strand does
+/// not rise to the drape.
+const TUCKED: f32 = 0.08;
+
 /// The data that all strands of a groom share.
 pub(super) struct Field<'a> {
     pub(super) params: &'a GrowParams,
-    pub(super) avoid: Option<&'a Avoid<'a>>,
-    /// Bounding box of the roots.
+    /// The solid that no particle enters.
+    pub(super) body: Option<&'a Avoid<'a>>,
+    /// The solid over which combed hair falls; it contains the body.
+    pub(super) drape: Option<&'a Avoid<'a>>,
+    /// Bounding box of the region.
     pub(super) low: Vec3,
     pub(super) high: Vec3,
 }
@@ -33,9 +49,9 @@ pub(super) struct Traits {
     phase: f32,
     sense: f32,
     /// Sideways direction of the comb, −1 to 1.
-    side: f32,
-    /// The z coordinate in metres at which the strand hangs down.
-    hang_z: f32,
+    pub(super) side: f32,
+    /// The z coordinates in metres between which the strand hangs straight down.
+    hang: [f32; 2],
     /// Position in the tail below the band, in band radii.
     spot: Vec3,
     random: Random,
@@ -55,11 +71,11 @@ impl Field<'_> {
         Traits {
             step: p.step * (shorter * faded).max(0.05),
             stray,
-            layer: p.volume * random.unit() * if stray { 1.5 } else { 1.0 },
+            layer: p.volume * random.unit() * (0.3 + 0.7 * root.weight) * if stray { 1.5 } else { 1.0 },
             phase,
             sense: if lock.unit() < 0.5 { -1.0 } else { 1.0 },
             side: self.side(root.position, random.signed()),
-            hang_z: self.hang_z(root.position, [random.signed(), random.signed()]),
+            hang: self.hang(root.position, [lock.signed(), random.signed()]),
             spot: random.cube(),
             random,
         }
@@ -76,62 +92,100 @@ impl Field<'_> {
     fn side(&self, x: Vec3, jitter: f32) -> f32 {
         let half_width = (0.5 * (self.high.x - self.low.x)).max(f32::MIN_POSITIVE);
         let across = (x.x - 0.5 * (self.low.x + self.high.x)) / half_width - self.params.parting;
-        let sharp = if across + 0.05 * jitter < 0.0 { -1.0 } else { 1.0 };
+        let sharp = if across + 0.015 * jitter < 0.0 { -1.0 } else { 1.0 };
         let spread = (1.2 * across).clamp(-1.0, 1.0);
-        let front = (3.0 * (self.share_to_front(x) - 0.25)).clamp(0.0, 1.0);
+        let front = (4.0 * (self.share_to_front(x) - 0.35)).clamp(0.0, 1.0);
         spread + (sharp - spread) * front
     }
 
-    /// Strands from the front of the box hang in front of the shoulders, the others behind them.
-    /// Both the border and the position are blurred by `jitter`, each in −1 to 1.
-    fn hang_z(&self, x: Vec3, jitter: [f32; 2]) -> f32 {
-        let front = self.share_to_front(x) + 0.08 * jitter[0] > 0.64;
-        let share = if front { 0.74 } else { -0.12 } + 0.1 * jitter[1];
-        self.low.z + (self.high.z - self.low.z) * share
+    /// The z coordinates in metres between which a strand from `x` hangs: those from the front of
+    /// the box in front of the shoulders and beside the face, the others behind the shoulders. Both
+    /// the border and the places are blurred by `jitter`, each in −1 to 1.
+    fn hang(&self, x: Vec3, jitter: [f32; 2]) -> [f32; 2] {
+        let front = self.share_to_front(x) + 0.04 * jitter[0] > 0.52;
+        let blur = 0.05 * (jitter[0] + jitter[1]);
+        let shares = if front { [0.57 + blur, 0.76 + blur] } else { [-0.5, 0.05 + blur] };
+        shares.map(|share| self.low.z + (self.high.z - self.low.z) * share)
     }
 
-    /// Grows a strand into `out`; its length is the number of particles.
-    pub(super) fn grow(&self, root: &Root, traits: &Traits, out: &mut [Vec3]) {
+    /// Number of pieces in which an edge of a strand grows.
+    fn pieces(&self, traits: &Traits) -> usize {
+        if self.params.hang > 0.0 { (traits.step / PIECE).ceil().max(1.0) as usize } else { 1 }
+    }
+
+    /// Grows a strand into `curve`.
+    pub(super) fn grow(&self, root: &Root, traits: &Traits, curve: &mut Curve) {
         let p = self.params;
         let mut random = traits.random;
-        let combed = self.comb(traits, root.normal);
-        // Where the comb has no effect, flat hair points downwards.
-        let down = Vec3::NEG_Y + root.normal * root.normal.y;
-        let combed = combed + down * (1.0 - combed.length());
-        let mut direction = (root.normal * p.lift + combed * (1.0 - p.lift) + random.cube() * p.noise)
-            .normalize_or(root.normal);
+        let mut direction = self.first_direction(root, traits, random.cube());
         let mut gathered = p.gather_radius == 0.0;
         // The normal of the skin on which the strand lies; its length decreases as the strand
         // leaves the skin.
         let mut skin = root.normal;
         let mut across = root.normal.any_orthonormal_vector();
-        out[0] = root.position;
-        for i in 1..out.len() {
-            let from = out[i - 1];
-            let arc = traits.step * i as f32;
-            direction = self.turn_as_paper(direction, i);
+        let pieces = self.pieces(traits);
+        let piece = traits.step / pieces as f32;
+        let (mut from, mut frizz, mut sag) = (root.position, Vec3::ZERO, 0.0);
+        let mut guide = Guide::new(self, root, traits);
+        curve.start(from, piece);
+        for i in 0..(p.vertices_per_strand as usize - 1) * pieces {
+            let arc = piece * (i + 1) as f32;
+            if i % pieces == 0 {
+                direction = self.turn_as_paper(direction, i / pieces + 1);
+                frizz = random.cube() * (p.frizz * if traits.stray { 2.0 } else { 1.0 });
+            }
             if p.hang > 0.0 {
                 let target = self.target(traits, from, skin, arc, &mut gathered);
-                let rate = p.hang * traits.step;
+                let rate = p.hang * piece;
                 let unit = direction.normalize_or(root.normal);
                 direction = (unit + (target - unit) * (rate / (1.0 + rate))).normalize_or(target);
             }
-            let stray = if traits.stray { 2.0 } else { 1.0 };
-            let frizz = random.cube() * (p.frizz * stray);
             let heading = self.wave(direction, &mut across, traits, arc) + frizz * direction.length();
-            let wanted = from + heading.normalize_or(root.normal) * traits.step;
-            let (to, touched) = self.advance(from, wanted, traits, arc);
-            skin /= 1.0 + traits.step / (LEAVING * p.comb_length);
+            let heading = heading.normalize_or(root.normal);
+            skin /= 1.0 + piece / (LEAVING * p.comb_length);
+            let (to, gap, touched) = if p.hang > 0.0 {
+                guide.glide(from, heading, piece, arc)
+            } else {
+                let (to, touched) = self.advance(from, from + heading * piece, traits, arc);
+                (to, 0.0, touched)
+            };
             if let Some(outwards) = touched {
                 // From here on the strand continues along the skin, not into it.
                 skin = outwards;
-                if p.hang > 0.0 {
-                    let taken = (to - from) / traits.step;
-                    direction = 0.5 * (direction - outwards * direction.dot(outwards).min(0.0) + taken);
+                direction -= outwards * direction.dot(outwards).min(0.0);
+                if outwards.y > 0.2 && from.y < self.low.y {
+                    sag += (piece + to.y - from.y).max(0.0);
                 }
             }
-            out[i] = to;
+            curve.push(to, sag, gap);
+            from = to;
         }
+    }
+
+    /// The direction at the root: between the normal and the comb's direction. Where the comb has
+    /// no direction, as in a whorl, hair stands up.
+    fn first_direction(&self, root: &Root, traits: &Traits, noise: Vec3) -> Vec3 {
+        let p = self.params;
+        let normal = root.normal;
+        let combed = if p.gather_radius > 0.0 {
+            let to_band = (self.band() - root.position).normalize_or_zero();
+            (to_band - normal * to_band.dot(normal)).normalize_or_zero()
+        } else {
+            self.comb(traits, normal)
+        };
+        // Where the comb has no effect, flat hair points downwards.
+        let down = Vec3::NEG_Y + normal * normal.y;
+        let flat = combed + down * (1.0 - combed.length());
+        let whorl = (1.0 - 2.5 * flat.length()).max(0.0);
+        let lift = p.lift + (1.0 - p.lift) * whorl;
+        // Where hair grows thinly, it is less orderly.
+        let noise = noise * (p.noise * (1.0 + 3.0 * whorl + (1.0 - root.weight)));
+        (normal * lift + flat * (1.0 - p.lift) + noise).normalize_or(normal)
+    }
+
+    /// The middle of the band of a ponytail.
+    fn band(&self) -> Vec3 {
+        self.low + (self.high - self.low) * Vec3::from_array(self.params.gather)
     }
 
     /// Supplement Eqs. 4–7 in the form used here:
@@ -155,12 +209,23 @@ impl Field<'_> {
         (comb - normal * comb.dot(normal)).clamp_length_max(1.0)
     }
 
+    /// `point` moved by `shift`, as far as it stays outside the body, at the length `arc` of a strand.
+    pub(super) fn outside(&self, point: Vec3, shift: Vec3, arc: f32) -> Vec3 {
+        let mut to = point + shift;
+        let Some(body) = self.body else { return to };
+        let margin = self.params.margin.min(0.25 * arc);
+        for _ in 0..8 {
+            let Some((distance, outwards)) = body(to, margin) else { break };
+            to += outwards * (1.05 * (margin - distance)).max(1e-6);
+        }
+        to
+    }
+
     /// The direction in which a strand at `from` would continue if it bent immediately.
     fn target(&self, traits: &Traits, from: Vec3, skin: Vec3, arc: f32, gathered: &mut bool) -> Vec3 {
         let p = self.params;
         if p.gather_radius > 0.0 {
-            let band = self.low + (self.high - self.low) * Vec3::from_array(p.gather);
-            let to_band = band - from;
+            let to_band = self.band() - from;
             *gathered |= to_band.length() < p.gather_radius.max(traits.step);
             if !*gathered {
                 return to_band.normalize_or(Vec3::NEG_Y);
@@ -172,11 +237,13 @@ impl Field<'_> {
         let held = arc / p.comb_length;
         let contact = skin.length();
         let combed = self.comb(traits, skin / contact) * (contact / (1.0 + held * held * held * held));
-        // The sweep starts below half the box's height and ends where the strand hangs down.
+        // The sweep starts in the lower part of the box and ends where the strand hangs down.
         let size = (self.high - self.low).max(Vec3::splat(f32::MIN_POSITIVE));
-        let below = (0.5 - (from.y - self.low.y) / size.y).clamp(0.0, 1.0);
-        let aside = (5.0 * (traits.hang_z - from.z) / size.z).clamp(-1.0, 1.0);
-        let hanging = vec3(0.0, -1.0, p.sweep * below * aside);
+        let below = (0.6 - 2.5 * (from.y - self.low.y) / size.y).clamp(0.0, 1.0);
+        let beside = (3.0 - 4.0 * (from.y - self.low.y) / size.y).clamp(0.0, 1.0);
+        let [back, front] = traits.hang.map(|z| 4.0 * (z - from.z) / size.z);
+        let aside = below * back.clamp(0.0, 1.0) + below.max(if traits.hang[0] > self.low.z { beside } else { 0.0 }) * front.clamp(-1.0, 0.0);
+        let hanging = vec3(0.0, -1.0, p.sweep * aside);
         (combed + hanging * (1.0 - combed.length()).max(0.05)).normalize_or(Vec3::NEG_Y)
     }
 
@@ -207,7 +274,7 @@ impl Field<'_> {
     ) -> (Vec3, Option<Vec3>) {
         let edge = |to: Vec3| from + (to - from).normalize_or(Vec3::NEG_Y) * traits.step;
         let mut to = edge(wanted);
-        let Some(avoid) = self.avoid else { return (to, None) };
+        let Some(avoid) = self.body else { return (to, None) };
         let near = (self.params.margin).min(0.25 * arc);
         let layer = traits.layer * (arc / (arc + RISING * self.params.comb_length));
         let mut touched = None;
@@ -224,5 +291,103 @@ impl Field<'_> {
             to = edge(from + avoid(from, f32::INFINITY).map_or(Vec3::Y, |(_, outwards)| outwards));
         }
         (to, touched)
+    }
+}
+
+/// A solid near a strand: the distance in metres and the normal, and where they were measured.
+#[derive(Clone, Copy)]
+struct Near {
+    distance: f32,
+    outwards: Vec3,
+    at: Vec3,
+}
+
+impl Near {
+    fn of(solid: &Avoid, at: Vec3, reach: f32) -> Option<Self> {
+        solid(at, reach).map(|(distance, outwards)| Self { distance, outwards, at })
+    }
+
+    /// The distance at `x`, to first order.
+    fn distance(&self, x: Vec3) -> f32 {
+        self.distance + self.outwards.dot(x - self.at)
+    }
+}
+
+/// Guides a combed strand along the solids.
+struct Guide<'a> {
+    field: &'a Field<'a>,
+    /// Distance of the strand's layer from the solid, in metres.
+    layer: f32,
+    /// How deep the root lies in the drape, in metres, negative.
+    depth: f32,
+    /// The inside of the drape, if the strand is so deep in it that it follows the body, as hair
+    /// that is tucked behind an ear.
+    under: Option<Near>,
+    /// The solid at the last measurement, if it was near.
+    near: Option<Near>,
+    /// Length of the strand since then, in metres.
+    since: f32,
+}
+
+impl<'a> Guide<'a> {
+    fn new(field: &'a Field<'a>, root: &Root, traits: &Traits) -> Self {
+        let (at, length) = (root.position, field.params.comb_length);
+        let near = field.drape.and_then(|drape| Near::of(drape, at, GLIDE * length));
+        let depth = near.map_or(0.0, |near| near.distance.min(0.0));
+        let under = near.filter(|_| depth < -TUCKED * length);
+        let near = match under {
+            Some(_) => field.body.and_then(|body| Near::of(body, at, GLIDE * length)),
+            None => near,
+        };
+        Self { field, layer: traits.layer, depth, under, near, since: 0.0 }
+    }
+
+    /// The point at the distance `piece` from `from` in direction `heading`, turned along the solid
+    /// where it is near; a lower bound of its distance from the body; and the solid's normal if the
+    /// strand lies on it.
+    fn glide(&mut self, from: Vec3, heading: Vec3, piece: f32, arc: f32) -> (Vec3, f32, Option<Vec3>) {
+        let p = self.field.params;
+        let (Some(drape), Some(body)) = (self.field.drape, self.field.body) else {
+            return (from + heading * piece, f32::INFINITY, None);
+        };
+        let length = GLIDE * p.comb_length;
+        let margin = p.margin.min(0.25 * arc);
+        let rise = arc / (arc + RISING * p.comb_length);
+        let mut heading = heading;
+        let mut layer = self.layer * rise;
+        match self.under.filter(|under| under.outwards.y > 0.0) {
+            // Distances approach their limits exponentially over `length`.
+            Some(under) => {
+                let excess = heading.dot(under.outwards) - (-under.distance(from) / length).max(0.0);
+                heading = (heading - under.outwards * excess.max(0.0)).normalize_or(heading);
+                layer *= 0.3;
+            }
+            None => layer += self.depth * (1.0 - rise) * (1.0 - rise),
+        }
+        let clearance = margin + layer;
+        let mut touched = None;
+        if let Some(near) = self.near {
+            let rising = ((clearance - near.distance(from)) / length).min(0.7);
+            let lacking = rising - heading.dot(near.outwards);
+            if lacking > 0.0 {
+                heading = (heading + near.outwards * lacking).normalize_or(near.outwards);
+                touched = Some(near.outwards);
+            }
+        }
+        let mut to = from + heading * piece;
+        let reach = clearance.max(margin) + length + PIECE;
+        self.since += piece;
+        if self.under.is_some() {
+            (self.under, self.near) = (Near::of(drape, to, 0.0), Near::of(body, to, reach));
+            self.since = 0.0;
+        } else if self.since > self.near.map_or(MEASURED, |near| MEASURED + 0.3 * near.distance(to).max(0.0)) {
+            self.near = Near::of(drape, to, reach);
+            self.since = 0.0;
+        }
+        let gap = self.near.map_or(reach - self.since, |near| near.distance(to) - BULGE * self.since * self.since);
+        if gap < margin {
+            to = self.field.outside(to, Vec3::ZERO, arc);
+        }
+        (to, gap, touched)
     }
 }
