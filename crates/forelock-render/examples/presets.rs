@@ -91,8 +91,7 @@ fn picture(groom: &Groom, view: &View) -> Result<Image, Box<dyn std::error::Erro
     let distance = 0.5 * height / (0.5 * fov_y).tan();
     let camera = Camera { eye: target + direction * distance, target, up: Vec3::Y, fov_y };
     let body = Body::new(&Head::builtin().mesh, Pose::IDENTITY);
-    let scene =
-        Scene::new(vec![body], vec![Strands::from_groom(groom, HairColour::CHESTNUT)], camera);
+    let scene = Scene::new(vec![body], vec![Strands::from_groom(groom, HairColour::CHESTNUT)], camera);
     let size = number("SIZE")?.unwrap_or(480);
     Ok(render(&scene, &Settings { width: size, height: size, ..Settings::default() })?)
 }

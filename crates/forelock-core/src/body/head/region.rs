@@ -43,10 +43,14 @@ impl Region {
                 let nostrils = rise(-5.3 - p.y, 0.5);
                 // The moustache reaches down to the beard at the corners of the mouth.
                 let lower = 7.0 + 2.0 * rise(p.x.abs() - 2.3, 0.8);
-                let lip =
-                    rise(3.9 - p.x.abs(), 1.0) * rise(p.z - 6.0, 0.8) * rise(p.y + lower, 0.3) * nostrils * 0.8;
-                let jaw =
-                    rise(line(&BEARDLINE, p.z) + 0.3 - p.y, 1.6) * rise(p.y + 13.0, 1.6) * rise(p.z + 0.6, 1.6);
+                let lip = rise(3.9 - p.x.abs(), 1.0)
+                    * rise(p.z - 6.0, 0.8)
+                    * rise(p.y + lower, 0.3)
+                    * nostrils
+                    * 0.8;
+                let jaw = rise(line(&BEARDLINE, p.z) + 0.3 - p.y, 1.6)
+                    * rise(p.y + 13.0, 1.6)
+                    * rise(p.z + 0.6, 1.6);
                 let ear = ellipsoid(p, vec3(7.5, -1.6, -1.4), vec3(2.6, 3.6, 2.0));
                 lip.max(jaw) * rise(lips, 0.3) * rise(ear, 0.5)
             }

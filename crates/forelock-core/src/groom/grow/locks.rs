@@ -49,7 +49,9 @@ impl Locks {
     /// Moves the curve of `strand` towards the middle of its lock, increasingly towards the tip,
     /// and returns whether it was moved.
     pub(super) fn join(&self, field: &Field, strand: usize, traits: &Traits, curve: &mut Curve) -> bool {
-        let Some(middle) = self.lock.get(strand).map(|&lock| &self.curves[lock as usize]) else { return false };
+        let Some(middle) = self.lock.get(strand).map(|&lock| &self.curves[lock as usize]) else {
+            return false;
+        };
         if traits.stray {
             return false;
         }

@@ -31,7 +31,12 @@
 //! a convex part of it by the edge's sagitta, l²/8R; choose a larger `margin`.
 
 mod curve;
+mod guide;
 mod locks;
+#[cfg(test)]
+mod looks;
+#[cfg(test)]
+mod looks_tests;
 mod params;
 mod presets;
 pub(crate) mod random;
@@ -186,7 +191,9 @@ fn grow_over(
 pub fn grow_on_head(params: &GrowParams) -> Result<Groom, GrowError> {
     let head = Head::builtin();
     let (body, drape) = (head.keep_out(Region::Beard), head.keep_out(params.region));
-    // Hair that is pulled back does not fall over the ears.
-    let drape: &Avoid = if params.gather_radius > 0.0 { &body } else { &drape };
+    // Short hair and hair that is pulled back do not fall over the ears.
+    let length = params.step * (params.vertices_per_strand - 1) as f32;
+    let falls = params.gather_radius == 0.0 && length > params.comb_length;
+    let drape: &Avoid = if falls { &drape } else { &body };
     grow_over(&head.mesh, head.weights(params.region), params, [Some(&body), Some(drape)])
 }

@@ -2,28 +2,19 @@
 
 use glam::{Vec3, vec3};
 
+use super::curve::Curve;
+use super::guide::Guide;
 use super::random::{Random, mix, sin_cos};
 use super::roots::Root;
-use super::curve::Curve;
 use super::{Avoid, GrowParams};
 
 /// Fraction of the comb's length over which the comb loses its effect on a strand that has left the
 /// skin.
 const LEAVING: f32 = 0.25;
-/// Fraction of the comb's length over which a strand rises to half the height of its layer.
-const RISING: f32 = 0.5;
-
 /// Largest length in metres of the pieces in which combed strands grow.
-const PIECE: f32 = 8e-3;
-/// Length in metres of combed hair that grows between two measurements of the distance.
-const MEASURED: f32 = 6e-3;
-/// Fraction of the comb's length over which a strand bends along a surface that it meets.
-const GLIDE: f32 = 0.25;
-/// Curvature of the solid in 1/m up to which it is safe to extrapolate its distance.
-const BULGE: f32 = 25.0;
-/// Depth of a root in the drape, as a fraction of the comb's length, from which on its strand does
-/// not rise to the drape.
-const TUCKED: f32 = 0.08;
+pub(super) const PIECE: f32 = 8e-3;
+/// Fraction of the comb's length over which a strand rises to half the height of its layer.
+pub(super) const RISING: f32 = 0.5;
 
 /// The data that all strands of a groom share.
 pub(super) struct Field<'a> {
@@ -44,12 +35,14 @@ pub(super) struct Traits {
     /// Whether the strand does not join a lock.
     pub(super) stray: bool,
     /// Distance of the strand's layer from the solid, in metres.
-    layer: f32,
+    pub(super) layer: f32,
     /// Phase of the strand's wave, in radians, and its sense of rotation.
     phase: f32,
     sense: f32,
     /// Sideways direction of the comb, −1 to 1.
     pub(super) side: f32,
+    /// Whether the strand hangs in front of the shoulders.
+    front: bool,
     /// The z coordinates in metres between which the strand hangs straight down.
     hang: [f32; 2],
     /// Position in the tail below the band, in band radii.
@@ -68,14 +61,18 @@ impl Field<'_> {
         let faded = 1.0 - p.fade * (1.0 - root.weight);
         let jitter = random.unit() - 0.5;
         let phase = std::f32::consts::TAU * (lock.unit() + (1.0 - p.wave_coherence) * jitter);
+        let side = self.side(root.position, random.signed());
+        let blur = lock.signed();
+        let front = self.front(root.position, blur);
         Traits {
             step: p.step * (shorter * faded).max(0.05),
             stray,
             layer: p.volume * random.unit() * (0.3 + 0.7 * root.weight) * if stray { 1.5 } else { 1.0 },
             phase,
             sense: if lock.unit() < 0.5 { -1.0 } else { 1.0 },
-            side: self.side(root.position, random.signed()),
-            hang: self.hang(root.position, [lock.signed(), random.signed()]),
+            side,
+            front,
+            hang: self.hang(front, blur + random.signed()),
             spot: random.cube(),
             random,
         }
@@ -98,14 +95,17 @@ impl Field<'_> {
         spread + (sharp - spread) * front
     }
 
-    /// The z coordinates in metres between which a strand from `x` hangs: those from the front of
-    /// the box in front of the shoulders and beside the face, the others behind the shoulders. Both
-    /// the border and the places are blurred by `jitter`, each in −1 to 1.
-    fn hang(&self, x: Vec3, jitter: [f32; 2]) -> [f32; 2] {
-        let front = self.share_to_front(x) + 0.04 * jitter[0] > 0.52;
-        let blur = 0.05 * (jitter[0] + jitter[1]);
-        let shares = if front { [0.57 + blur, 0.76 + blur] } else { [-0.5, 0.05 + blur] };
-        shares.map(|share| self.low.z + (self.high.z - self.low.z) * share)
+    /// Whether a strand from `x` hangs in front of the shoulders, with a border blurred by `jitter`
+    /// in −1 to 1.
+    fn front(&self, x: Vec3, jitter: f32) -> bool {
+        self.share_to_front(x) + 0.04 * jitter > 0.52
+    }
+
+    /// The z coordinates in metres between which a strand hangs: beside the face and in front of
+    /// the shoulders, or behind them. The places are blurred by `jitter` in −2 to 2.
+    fn hang(&self, front: bool, jitter: f32) -> [f32; 2] {
+        let shares = if front { [0.57, 0.76] } else { [-0.5, 0.05] };
+        shares.map(|share| self.low.z + (self.high.z - self.low.z) * (share + 0.05 * jitter))
     }
 
     /// Number of pieces in which an edge of a strand grows.
@@ -237,14 +237,21 @@ impl Field<'_> {
         let held = arc / p.comb_length;
         let contact = skin.length();
         let combed = self.comb(traits, skin / contact) * (contact / (1.0 + held * held * held * held));
-        // The sweep starts in the lower part of the box and ends where the strand hangs down.
-        let size = (self.high - self.low).max(Vec3::splat(f32::MIN_POSITIVE));
-        let below = (0.6 - 2.5 * (from.y - self.low.y) / size.y).clamp(0.0, 1.0);
-        let beside = (3.0 - 4.0 * (from.y - self.low.y) / size.y).clamp(0.0, 1.0);
-        let [back, front] = traits.hang.map(|z| 4.0 * (z - from.z) / size.z);
-        let aside = below * back.clamp(0.0, 1.0) + below.max(if traits.hang[0] > self.low.z { beside } else { 0.0 }) * front.clamp(-1.0, 0.0);
-        let hanging = vec3(0.0, -1.0, p.sweep * aside);
+        let hanging = vec3(0.0, -1.0, p.sweep * self.aside(traits, from));
         (combed + hanging * (1.0 - combed.length()).max(0.05)).normalize_or(Vec3::NEG_Y)
+    }
+
+    /// How strongly a strand at `from` is swept, −1 backwards to 1 forwards, until it is where it
+    /// hangs down. The sweep off the shoulders starts in the lower part of the box, that off the
+    /// face in the upper part.
+    fn aside(&self, traits: &Traits, from: Vec3) -> f32 {
+        let size = (self.high - self.low).max(Vec3::splat(f32::MIN_POSITIVE));
+        let height = (from.y - self.low.y) / size.y;
+        let shoulders = (0.6 - 2.5 * height).clamp(0.0, 1.0);
+        let face = (3.0 - 4.0 * height).clamp(0.0, 1.0);
+        let [back, front] = traits.hang.map(|z| 4.0 * (z - from.z) / size.z);
+        let backwards = if traits.front { face } else { shoulders };
+        shoulders * back.clamp(0.0, 1.0) + backwards * front.clamp(-1.0, 0.0)
     }
 
     /// The direction of a helix around `direction` with the wave's radius and length; the amplitude
@@ -291,103 +298,5 @@ impl Field<'_> {
             to = edge(from + avoid(from, f32::INFINITY).map_or(Vec3::Y, |(_, outwards)| outwards));
         }
         (to, touched)
-    }
-}
-
-/// A solid near a strand: the distance in metres and the normal, and where they were measured.
-#[derive(Clone, Copy)]
-struct Near {
-    distance: f32,
-    outwards: Vec3,
-    at: Vec3,
-}
-
-impl Near {
-    fn of(solid: &Avoid, at: Vec3, reach: f32) -> Option<Self> {
-        solid(at, reach).map(|(distance, outwards)| Self { distance, outwards, at })
-    }
-
-    /// The distance at `x`, to first order.
-    fn distance(&self, x: Vec3) -> f32 {
-        self.distance + self.outwards.dot(x - self.at)
-    }
-}
-
-/// Guides a combed strand along the solids.
-struct Guide<'a> {
-    field: &'a Field<'a>,
-    /// Distance of the strand's layer from the solid, in metres.
-    layer: f32,
-    /// How deep the root lies in the drape, in metres, negative.
-    depth: f32,
-    /// The inside of the drape, if the strand is so deep in it that it follows the body, as hair
-    /// that is tucked behind an ear.
-    under: Option<Near>,
-    /// The solid at the last measurement, if it was near.
-    near: Option<Near>,
-    /// Length of the strand since then, in metres.
-    since: f32,
-}
-
-impl<'a> Guide<'a> {
-    fn new(field: &'a Field<'a>, root: &Root, traits: &Traits) -> Self {
-        let (at, length) = (root.position, field.params.comb_length);
-        let near = field.drape.and_then(|drape| Near::of(drape, at, GLIDE * length));
-        let depth = near.map_or(0.0, |near| near.distance.min(0.0));
-        let under = near.filter(|_| depth < -TUCKED * length);
-        let near = match under {
-            Some(_) => field.body.and_then(|body| Near::of(body, at, GLIDE * length)),
-            None => near,
-        };
-        Self { field, layer: traits.layer, depth, under, near, since: 0.0 }
-    }
-
-    /// The point at the distance `piece` from `from` in direction `heading`, turned along the solid
-    /// where it is near; a lower bound of its distance from the body; and the solid's normal if the
-    /// strand lies on it.
-    fn glide(&mut self, from: Vec3, heading: Vec3, piece: f32, arc: f32) -> (Vec3, f32, Option<Vec3>) {
-        let p = self.field.params;
-        let (Some(drape), Some(body)) = (self.field.drape, self.field.body) else {
-            return (from + heading * piece, f32::INFINITY, None);
-        };
-        let length = GLIDE * p.comb_length;
-        let margin = p.margin.min(0.25 * arc);
-        let rise = arc / (arc + RISING * p.comb_length);
-        let mut heading = heading;
-        let mut layer = self.layer * rise;
-        match self.under.filter(|under| under.outwards.y > 0.0) {
-            // Distances approach their limits exponentially over `length`.
-            Some(under) => {
-                let excess = heading.dot(under.outwards) - (-under.distance(from) / length).max(0.0);
-                heading = (heading - under.outwards * excess.max(0.0)).normalize_or(heading);
-                layer *= 0.3;
-            }
-            None => layer += self.depth * (1.0 - rise) * (1.0 - rise),
-        }
-        let clearance = margin + layer;
-        let mut touched = None;
-        if let Some(near) = self.near {
-            let rising = ((clearance - near.distance(from)) / length).min(0.7);
-            let lacking = rising - heading.dot(near.outwards);
-            if lacking > 0.0 {
-                heading = (heading + near.outwards * lacking).normalize_or(near.outwards);
-                touched = Some(near.outwards);
-            }
-        }
-        let mut to = from + heading * piece;
-        let reach = clearance.max(margin) + length + PIECE;
-        self.since += piece;
-        if self.under.is_some() {
-            (self.under, self.near) = (Near::of(drape, to, 0.0), Near::of(body, to, reach));
-            self.since = 0.0;
-        } else if self.since > self.near.map_or(MEASURED, |near| MEASURED + 0.3 * near.distance(to).max(0.0)) {
-            self.near = Near::of(drape, to, reach);
-            self.since = 0.0;
-        }
-        let gap = self.near.map_or(reach - self.since, |near| near.distance(to) - BULGE * self.since * self.since);
-        if gap < margin {
-            to = self.field.outside(to, Vec3::ZERO, arc);
-        }
-        (to, gap, touched)
     }
 }
