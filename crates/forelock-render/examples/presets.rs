@@ -56,6 +56,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let (folder, names) = arguments.split_first().ok_or("name a folder")?;
     std::fs::create_dir_all(folder)?;
+    if names.is_empty() {
+        gallery(folder)?;
+    }
     let all = PRESETS.map(str::to_owned);
     for name in if names.is_empty() { &all[..] } else { names } {
         let mut params = GrowParams::preset(name)?;
@@ -79,6 +82,20 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
+/// One picture of each preset, filled by the hair.
+fn gallery(folder: &str) -> Result<(), Box<dyn std::error::Error>> {
+    let mut pictures = Vec::new();
+    for name in PRESETS {
+        let groom = grow_on_head(&GrowParams::preset(name)?)?;
+        let points = groom.positions().iter();
+        let bounds = points.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), &p| (l.min(p), h.max(p)));
+        let yaw: f32 = if name == "ponytail" { 1.3 } else { 0.6 };
+        pictures.push((draw(&groom, Camera::framing(bounds, yaw, 0.08))?, name));
+    }
+    let pictures: Vec<_> = pictures.iter().map(|(image, label)| Labelled { image, label }).collect();
+    Ok(std::fs::write(Path::new(folder).join("presets.png"), contact_sheet(&pictures, 3)?.to_png()?)?)
+}
+
 fn number(variable: &str) -> Result<Option<u32>, std::num::ParseIntError> {
     std::env::var(variable).ok().map(|text| text.parse()).transpose()
 }
@@ -90,6 +107,10 @@ fn picture(groom: &Groom, view: &View) -> Result<Image, Box<dyn std::error::Erro
     let direction = vec3(yaw.sin() * pitch.cos(), pitch.sin(), yaw.cos() * pitch.cos());
     let distance = 0.5 * height / (0.5 * fov_y).tan();
     let camera = Camera { eye: target + direction * distance, target, up: Vec3::Y, fov_y };
+    draw(groom, camera)
+}
+
+fn draw(groom: &Groom, camera: Camera) -> Result<Image, Box<dyn std::error::Error>> {
     let body = Body::new(&Head::builtin().mesh, Pose::IDENTITY);
     let scene = Scene::new(vec![body], vec![Strands::from_groom(groom, HairColour::CHESTNUT)], camera);
     let size = number("SIZE")?.unwrap_or(480);

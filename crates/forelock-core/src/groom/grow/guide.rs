@@ -10,8 +10,8 @@
 //! # Practice
 //!
 //! The drape is the body with the spaces that hair passes over: the ears, and the space in front of
-//! the face. A root that is a little below its surface rises to it gradually; the strand of a deeper
-//! root stays under it, along the body.
+//! the face. A strand whose root is a little below its surface rises to it gradually; that of a
+//! deeper root stays under it, along the body.
 //!
 //! Distances are measured every few millimetres and extrapolated in between.
 
@@ -25,8 +25,6 @@ use super::strand::{Field, PIECE, RISING, Traits};
 const GLIDE: f32 = 0.25;
 /// Length in metres of combed hair that grows between two measurements of the distance.
 const MEASURED: f32 = 6e-3;
-/// Curvature of the solid in 1/m up to which it is safe to extrapolate its distance.
-const BULGE: f32 = 25.0;
 /// Depth of a root in the drape, as a fraction of the comb's length, from which on its strand does
 /// not rise to the drape.
 const TUCKED: f32 = 0.08;
@@ -123,12 +121,12 @@ impl<'a> Guide<'a> {
         if self.under.is_some() {
             (self.under, self.near) = (Near::of(drape, to, 0.0), Near::of(body, to, reach));
             self.since = 0.0;
-        } else if self.since > MEASURED + 0.5 * self.near.map_or(0.0, |near| near.distance(to).max(0.0)) {
+        } else if self.since > MEASURED + 0.3 * self.near.map_or(0.0, |near| near.distance(to).max(0.0)) {
             self.near = Near::of(drape, to, reach);
             self.since = 0.0;
         }
-        let gap =
-            self.near.map_or(reach - self.since, |near| near.distance(to) - BULGE * self.since * self.since);
+        // The distance changes by little more than the way.
+        let gap = self.near.map_or(reach, |near| near.distance) - 1.2 * self.since;
         if gap < margin {
             to = self.field.outside(to, Vec3::ZERO, arc);
         }

@@ -58,8 +58,8 @@ pub(super) fn shelves(groom: &Groom) -> f32 {
     out as f32 / all.max(1) as f32
 }
 
-/// The share of strands that, within 20 cm of their roots, move 5 cm away from the strand whose root
-/// is nearest, unless a parting lies between them.
+/// The share of strands that, within 20 cm of their roots, move 5 cm away from the strand whose
+/// root is nearest, unless a parting lies between them.
 pub(super) fn cracks(groom: &Groom, parting: f32) -> f32 {
     let strands: Vec<&[Vec3]> = groom.strands().collect();
     let side = |p: Vec3| p.x < parting;

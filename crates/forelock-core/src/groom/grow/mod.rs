@@ -14,9 +14,10 @@
 //! further parameters: a comb direction with a parting, a rate at which strands turn downwards,
 //! layers over the skin, a band that gathers a ponytail, waves and curls with a wavelength and a
 //! radius in metres, a level cut, locks, and stray strands. All of them are off by default. While
-//! strands grow, they are moved around the solid, so that no particle is inside and every edge
-//! keeps its length. Locks are a second pass: each strand follows, edge by edge, a weighted mean of
-//! itself and the strand in the middle of its lock.
+//! strands grow, they glide along the solid, and no particle is inside. A strand then moves towards
+//! the middle strand of its lock, point by point at the same length from the root; a lock ends at
+//! the parting. Last, the strand is cut and its particles are placed on it at equal distances.
+//! Where hair lies on a shoulder, the cut counts its length instead of its height.
 //!
 //! [`grow`] works on any mesh, [`grow_on_head`] on the built-in head, for which the presets were
 //! tuned.

@@ -209,7 +209,8 @@ impl Field<'_> {
         (comb - normal * comb.dot(normal)).clamp_length_max(1.0)
     }
 
-    /// `point` moved by `shift`, as far as it stays outside the body, at the length `arc` of a strand.
+    /// `point`, at the length `arc` of a strand, moved by `shift` as far as it stays outside the
+    /// body.
     pub(super) fn outside(&self, point: Vec3, shift: Vec3, arc: f32) -> Vec3 {
         let mut to = point + shift;
         let Some(body) = self.body else { return to };
