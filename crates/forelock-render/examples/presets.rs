@@ -8,6 +8,8 @@
 //! `STRANDS`, `SEED` and `SIZE` in the environment change the number of strands, the seed and the
 //! side of a picture in pixels.
 
+#![expect(clippy::print_stdout, reason = "an example that says what it draws")]
+
 use std::path::Path;
 
 use forelock_core::body::{Head, Region};
@@ -90,7 +92,9 @@ fn gallery(folder: &str) -> Result<(), Box<dyn std::error::Error>> {
         let points = groom.positions().iter();
         let bounds = points.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), &p| (l.min(p), h.max(p)));
         let yaw: f32 = if name == "ponytail" { 1.3 } else { 0.6 };
-        pictures.push((draw(&groom, Camera::framing(bounds, yaw, 0.08))?, name));
+        let mut camera = Camera::framing(bounds, yaw, 0.08);
+        camera.eye = camera.target + 0.8 * (camera.eye - camera.target);
+        pictures.push((draw(&groom, camera)?, name));
     }
     let pictures: Vec<_> = pictures.iter().map(|(image, label)| Labelled { image, label }).collect();
     Ok(std::fs::write(Path::new(folder).join("presets.png"), contact_sheet(&pictures, 3)?.to_png()?)?)

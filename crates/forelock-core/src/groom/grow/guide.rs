@@ -96,24 +96,24 @@ impl<'a> Guide<'a> {
         let rise = arc / (arc + RISING * p.comb_length);
         let mut heading = heading;
         let mut layer = self.layer * rise;
-        match self.under.filter(|under| under.outwards.y > 0.0) {
-            // Distances approach their limits exponentially over `length`.
-            Some(under) => {
-                let excess = heading.dot(under.outwards) - (-under.distance(from) / length).max(0.0);
-                heading = (heading - under.outwards * excess.max(0.0)).normalize_or(heading);
-                layer *= 0.3;
-            }
+        match self.under {
+            Some(_) => layer *= 0.3,
             None => layer += self.depth * (1.0 - rise) * (1.0 - rise),
         }
         let clearance = margin + layer;
         let mut touched = None;
         if let Some(near) = self.near {
+            // Distances approach their limits exponentially over `length`.
             let rising = ((clearance - near.distance(from)) / length).min(0.7);
             let lacking = rising - heading.dot(near.outwards);
             if lacking > 0.0 {
                 heading = (heading + near.outwards * lacking).normalize_or(near.outwards);
                 touched = Some(near.outwards);
             }
+        }
+        if let Some(under) = self.under.filter(|under| under.outwards.y > 0.0) {
+            let excess = heading.dot(under.outwards) - (-under.distance(from) / length).max(0.0);
+            heading = (heading - under.outwards * excess.max(0.0)).normalize_or(heading);
         }
         let mut to = from + heading * piece;
         let reach = clearance.max(margin) + length + PIECE;
