@@ -27,7 +27,7 @@ const GLIDE: f32 = 0.25;
 const MEASURED: f32 = 6e-3;
 /// Depth of a root in the drape, as a fraction of the comb's length, from which on its strand does
 /// not rise to the drape.
-const TUCKED: f32 = 0.08;
+pub(super) const TUCKED: f32 = 0.08;
 
 /// A solid near a strand: the distance in metres and the normal, and where they were measured.
 #[derive(Clone, Copy)]
@@ -69,7 +69,7 @@ impl<'a> Guide<'a> {
         let (at, length) = (root.position, field.params.comb_length);
         let near = field.drape.and_then(|drape| Near::of(drape, at, GLIDE * length));
         let depth = near.map_or(0.0, |near| near.distance.min(0.0));
-        let under = near.filter(|_| depth < -TUCKED * length);
+        let under = near.filter(|_| traits.tucked);
         let near = match under {
             Some(_) => field.body.and_then(|body| Near::of(body, at, GLIDE * length)),
             None => near,

@@ -15,14 +15,15 @@ pub(super) struct Locks {
 }
 
 impl Locks {
-    /// Grows the middle strand of each lock. A lock ends at the parting.
+    /// Grows the middle strand of each lock. A lock ends at the parting, and
+    /// hair that is tucked behind an ear is not in a lock with hair that falls over it.
     pub(super) fn new(field: &Field, roots: &[Root], traits: &[Traits]) -> Self {
         if field.params.clump == 0.0 {
             return Self { lock: Vec::new(), curves: Vec::new() };
         }
         let key = |strand: u32| {
             let strand = strand as usize;
-            (roots[strand].lock.key, traits[strand].side < 0.0)
+            (roots[strand].lock.key, traits[strand].side < 0.0, traits[strand].tucked)
         };
         let distance = |strand: u32| roots[strand as usize].lock.distance_squared;
         let mut order: Vec<u32> = (0..field.params.strands).collect();

@@ -3,7 +3,7 @@
 use glam::{Vec3, vec3};
 
 use super::curve::Curve;
-use super::guide::Guide;
+use super::guide::{Guide, TUCKED};
 use super::random::{Random, mix, sin_cos};
 use super::roots::Root;
 use super::{Avoid, GrowParams};
@@ -36,6 +36,8 @@ pub(super) struct Traits {
     pub(super) stray: bool,
     /// Distance of the strand's layer from the solid, in metres.
     pub(super) layer: f32,
+    /// Whether the root is so deep in the drape that its strand stays under it.
+    pub(super) tucked: bool,
     /// Phase of the strand's wave, in radians, and its sense of rotation.
     phase: f32,
     sense: f32,
@@ -64,10 +66,12 @@ impl Field<'_> {
         let side = self.side(root.position, random.signed());
         let blur = lock.signed();
         let front = self.front(root.position, blur);
+        let depth = self.drape.filter(|_| p.hang > 0.0).and_then(|drape| drape(root.position, 0.0));
         Traits {
             step: p.step * (shorter * faded).max(0.05),
             stray,
             layer: p.volume * random.unit() * (0.3 + 0.7 * root.weight) * if stray { 1.5 } else { 1.0 },
+            tucked: depth.is_some_and(|(distance, _)| distance < -TUCKED * p.comb_length),
             phase,
             sense: if lock.unit() < 0.5 { -1.0 } else { 1.0 },
             side,
