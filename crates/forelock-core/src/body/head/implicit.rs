@@ -21,7 +21,7 @@ pub fn distance_with_face_space(point: Vec3) -> f32 {
     let section = vec3(p.x, p.y, p.z.min(8.5));
     let space = cone(section, vec3(0.0, 0.2, 8.5), vec3(0.0, -16.0, 8.5), 5.6, 5.0);
     // Hair must pass over the ear, not between the ear and the skull, and without a step.
-    let ear = ellipsoid(vec3(p.x.abs(), p.y, p.z), vec3(5.6, -1.0, -2.2), vec3(3.8, 9.0, 5.2));
+    let ear = ellipsoid(vec3(p.x.abs(), p.y, p.z), vec3(5.6, -1.0, -2.6), vec3(4.1, 9.0, 5.4));
     join(join(distance_cm(p), space, 2.0), ear, 2.0) * 0.01
 }
 
