@@ -19,10 +19,10 @@ pub fn distance(point: Vec3) -> f32 {
 pub fn distance_with_face_space(point: Vec3) -> f32 {
     let p = point * 100.0;
     let section = vec3(p.x, p.y, p.z.min(8.5));
-    let space = cone(section, vec3(0.0, 0.2, 8.5), vec3(0.0, -10.0, 8.5), 5.6, 5.2);
-    // Hair must pass over the ear, not between the ear and the skull.
-    let ear = ellipsoid(vec3(p.x.abs(), p.y, p.z), vec3(7.6, -1.6, -1.2), vec3(1.4, 3.1, 1.6));
-    join(join(distance_cm(p), space, 2.0), ear, 0.6) * 0.01
+    let space = cone(section, vec3(0.0, 0.2, 8.5), vec3(0.0, -16.0, 8.5), 5.6, 5.0);
+    // Hair must pass over the ear, not between the ear and the skull, and without a step.
+    let ear = ellipsoid(vec3(p.x.abs(), p.y, p.z), vec3(5.6, -1.0, -2.6), vec3(4.1, 9.0, 5.4));
+    join(join(distance_cm(p), space, 2.0), ear, 2.0) * 0.01
 }
 
 fn distance_cm(p: Vec3) -> f32 {

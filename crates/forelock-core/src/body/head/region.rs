@@ -36,15 +36,21 @@ impl Region {
         match self {
             Self::Scalp => {
                 let ear = ellipsoid(p, vec3(7.5, -1.6, -1.4), vec3(3.0, 3.5, 2.3));
-                rise(p.y - line(&HAIRLINE, p.z), 1.1) * rise(ear, 0.6)
+                rise(p.y - line(&HAIRLINE, p.z) + 0.3, 1.8) * rise(ear, 0.8)
             }
             Self::Beard => {
                 let lips = ellipsoid(p, vec3(0.0, -7.1, 8.8), vec3(2.9, 1.0, 2.4));
                 let nostrils = rise(-5.3 - p.y, 0.5);
-                let lip =
-                    rise(2.9 - p.x.abs(), 0.8) * rise(p.z - 6.8, 0.5) * rise(p.y + 7.0, 0.3) * nostrils * 0.5;
-                let jaw =
-                    rise(line(&BEARDLINE, p.z) - p.y, 1.0) * rise(p.y + 13.0, 1.6) * rise(p.z + 0.2, 1.0);
+                // The moustache reaches down to the beard at the corners of the mouth.
+                let lower = 7.0 + 2.0 * rise(p.x.abs() - 2.3, 0.8);
+                let lip = rise(3.9 - p.x.abs(), 1.0)
+                    * rise(p.z - 6.0, 0.8)
+                    * rise(p.y + lower, 0.3)
+                    * nostrils
+                    * 0.8;
+                let jaw = rise(line(&BEARDLINE, p.z) + 0.3 - p.y, 1.6)
+                    * rise(p.y + 13.0, 1.6)
+                    * rise(p.z + 0.6, 1.6);
                 let ear = ellipsoid(p, vec3(7.5, -1.6, -1.4), vec3(2.6, 3.6, 2.0));
                 lip.max(jaw) * rise(lips, 0.3) * rise(ear, 0.5)
             }

@@ -14,9 +14,10 @@
 //! further parameters: a comb direction with a parting, a rate at which strands turn downwards,
 //! layers over the skin, a band that gathers a ponytail, waves and curls with a wavelength and a
 //! radius in metres, a level cut, locks, and stray strands. All of them are off by default. While
-//! strands grow, they are moved around the solid, so that no particle is inside and every edge
-//! keeps its length. Locks are a second pass: each strand follows, edge by edge, a weighted mean of
-//! itself and the strand in the middle of its lock.
+//! strands grow, they glide along the solid, and no particle is inside. A strand then moves towards
+//! the middle strand of its lock, point by point at the same length from the root; a lock ends at
+//! the parting. Last, the strand is cut and its particles are placed on it at equal distances.
+//! Where hair lies on a shoulder, the cut counts its length instead of its height.
 //!
 //! [`grow`] works on any mesh, [`grow_on_head`] on the built-in head, for which the presets were
 //! tuned.
@@ -30,6 +31,13 @@
 //! Strands do not interact with each other. An edge between two particles outside the solid may cut
 //! a convex part of it by the edge's sagitta, l²/8R; choose a larger `margin`.
 
+mod curve;
+mod guide;
+mod locks;
+#[cfg(test)]
+mod looks;
+#[cfg(test)]
+mod looks_tests;
 mod params;
 mod presets;
 pub(crate) mod random;
@@ -47,11 +55,12 @@ pub use presets::PRESETS;
 pub use sheets::{Sheet, sheets};
 
 use super::{Groom, GroomError};
-use crate::body::{Head, TriMesh};
+use crate::body::{Head, Region, TriMesh};
 use crate::memory::{self, MemoryError};
 use crate::meter::Meter;
 use crate::params::{OutOfRange, Range};
-use roots::Root;
+use curve::Curve;
+use locks::Locks;
 use strand::{Field, Traits};
 
 /// A solid that strands avoid. The function takes a point and a reach in metres. It returns the
@@ -155,6 +164,17 @@ pub fn grow_watched(
     avoid: Option<&Avoid>,
     meter: &Meter,
 ) -> Result<Groom, GrowError> {
+    grow_over(mesh, weights, params, [avoid, avoid], meter)
+}
+
+/// The same with two solids: the body, and a drape that contains it.
+fn grow_over(
+    mesh: &TriMesh,
+    weights: &[f32],
+    params: &GrowParams,
+    [body, drape]: [Option<&Avoid>; 2],
+    meter: &Meter,
+) -> Result<Groom, GrowError> {
     params.check()?;
     let particles = u64::from(params.strands) * u64::from(params.vertices_per_strand);
     if u32::try_from(particles).is_err() {
@@ -164,31 +184,32 @@ pub fn grow_watched(
     let each = 2 * size_of::<Vec3>() + size_of::<f32>();
     memory::check("growth", particles, each as u64, "lower the number of strands or of their particles")?;
     let roots = roots::draw(mesh, weights, params)?;
-    let (low, high) = roots
-        .iter()
-        .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), r| (l.min(r.position), h.max(r.position)));
-    let field = Field { params, avoid, low, high };
+    let (low, high) = roots::bounds(mesh, weights);
+    let field = Field { params, body, drape, low, high };
+    let traits: Vec<Traits> =
+        roots.par_iter().enumerate().map(|(strand, root)| field.traits(strand, root)).collect();
+    let locks = Locks::new(&field, &roots, &traits);
     let vertices = params.vertices_per_strand as usize;
     let mut positions = vec![Vec3::ZERO; roots.len() * vertices];
     meter.begin("growing", roots.len() as u64);
-    let traits: Vec<Traits> = positions
-        .par_chunks_mut(vertices)
-        .zip(&roots)
-        .enumerate()
-        .map(|(strand, (out, root))| {
-            let traits = field.traits(strand, root);
-            field.grow(root, &traits, out);
-            meter.add(1);
-            cut(&field, root, traits, out)
-        })
-        .collect();
-    if params.clump > 0.0 {
-        positions = clump_locks(&field, &roots, &traits, &positions);
-    }
+    positions.par_chunks_mut(vertices).enumerate().for_each_init(Curve::default, |curve, (strand, out)| {
+        let (root, traits) = (&roots[strand], &traits[strand]);
+        field.grow(root, traits, curve);
+        let joined = locks.join(&field, strand, traits, curve);
+        let end = field.cut(traits, curve);
+        if joined || end < 1.0 || params.hang > 0.0 {
+            curve.place(end, out);
+        } else {
+            out.copy_from_slice(&curve.points);
+        }
+        meter.add(1);
+    });
     let offsets = (0..=params.strands).map(|strand| strand * params.vertices_per_strand).collect();
     let mut groom = Groom::new(positions, offsets)?;
-    let taper = |i: usize| params.width * (1.0 - 2.0 / 3.0 * (i % vertices) as f32 / (vertices - 1) as f32);
-    groom.widths = Some((0..groom.particle_count()).map(taper).collect());
+    // Hair is finer where it grows thinly, and tapers to its tip.
+    let taper = |i: usize| 1.0 - 2.0 / 3.0 * (i % vertices) as f32 / (vertices - 1) as f32;
+    let fine = |i: usize| 0.3 + 0.7 * roots[i / vertices].weight;
+    groom.widths = Some((0..groom.particle_count()).map(|i| params.width * taper(i) * fine(i)).collect());
     groom.bindings = Some(roots.iter().map(|root| root.binding).collect());
     Ok(groom)
 }
@@ -208,63 +229,10 @@ pub fn grow_on_head(params: &GrowParams) -> Result<Groom, GrowError> {
 /// The same errors as [`grow`].
 pub fn grow_on_head_watched(params: &GrowParams, meter: &Meter) -> Result<Groom, GrowError> {
     let head = Head::builtin();
-    let keep_out = head.keep_out(params.region);
-    grow_watched(&head.mesh, head.weights(params.region), params, Some(&keep_out), meter)
-}
-
-/// Shortens the edges of a strand that crosses the cut and grows it again, so that its tip is near
-/// the cut.
-fn cut(field: &Field, root: &Root, mut traits: Traits, out: &mut [Vec3]) -> Traits {
-    let p = field.params;
-    if p.cut == 0.0 {
-        return traits;
-    }
-    let middle = 0.5 * (field.low.x + field.high.x);
-    let height = field.high.y - p.cut * (field.high.y - field.low.y);
-    let over = |x: &Vec3| x.y - (height + p.cut_slope * (x.x - middle));
-    let variation = traits.step / p.step;
-    let edges = (out.len() - 1) as f32;
-    for _ in 0..2 {
-        let Some(crossing) = (1..out.len()).find(|&i| over(&out[i]) < 0.0) else { break };
-        let (before, after) = (over(&out[crossing - 1]), over(&out[crossing]));
-        let kept = (crossing - 1) as f32 + (before / (before - after)).clamp(0.0, 1.0);
-        // Half of the strand's variation in length is kept, so that the tips do not form a straight
-        // line.
-        let share = (kept / edges * (0.5 + 0.5 * variation)).max(0.05);
-        traits.step *= share.min(1.0);
-        field.grow(root, &traits, out);
-    }
-    traits
-}
-
-/// Moves strands towards the middle strand of their lock, increasingly towards the tip.
-fn clump_locks(field: &Field, roots: &[Root], traits: &[Traits], grown: &[Vec3]) -> Vec<Vec3> {
-    let vertices = field.params.vertices_per_strand as usize;
-    let mut order: Vec<u32> = (0..field.params.strands).collect();
-    order.par_sort_unstable_by(|&a, &b| {
-        let (x, y) = (&roots[a as usize].lock, &roots[b as usize].lock);
-        x.key.cmp(&y.key).then(x.distance_squared.total_cmp(&y.distance_squared)).then(a.cmp(&b))
-    });
-    let mut middle = vec![0u32; roots.len()];
-    for lock in order.chunk_by(|&a, &b| roots[a as usize].lock.key == roots[b as usize].lock.key) {
-        let chosen = lock.iter().find(|&&s| !traits[s as usize].stray).unwrap_or(&lock[0]);
-        for &strand in lock {
-            middle[strand as usize] = *chosen;
-        }
-    }
-    let mut clumped = grown.to_vec();
-    clumped.par_chunks_mut(vertices).enumerate().for_each(|(strand, out)| {
-        let leader = middle[strand] as usize;
-        let traits = &traits[strand];
-        if traits.stray || leader == strand {
-            return;
-        }
-        for i in 1..vertices {
-            let fraction = i as f32 / (vertices - 1) as f32;
-            let share = field.params.clump * fraction * (2.0 - fraction);
-            let wanted = out[i].lerp(grown[leader * vertices + i], share);
-            out[i] = field.advance(out[i - 1], wanted, traits, traits.step * i as f32).0;
-        }
-    });
-    clumped
+    let (body, drape) = (head.keep_out(Region::Beard), head.keep_out(params.region));
+    // Short hair and hair that is pulled back do not fall over the ears.
+    let length = params.step * (params.vertices_per_strand - 1) as f32;
+    let falls = params.gather_radius == 0.0 && length > params.comb_length;
+    let drape: &Avoid = if falls { &drape } else { &body };
+    grow_over(&head.mesh, head.weights(params.region), params, [Some(&body), Some(drape)], meter)
 }

@@ -9,7 +9,7 @@ crate::documented! {
 /// (supplement D) under its names; the others are additions. With the defaults of the additions,
 /// growth follows the paper's formula.
 ///
-/// "Box" below is the bounding box of the strands' roots.
+/// "Box" below is the bounding box of the region: the triangles with vertices of positive weight.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -79,9 +79,9 @@ pub struct GrowParams {
     /// Rate at which strands turn downwards or to the comb's direction. Unit 1/m, default 0, range
     /// 0 to 10000; 0 leaves only the paper's formula.
     pub hang: f32,
-    /// Largest slope at which strands from the front of the box hang forwards and all others
-    /// backwards, so that the shoulders remain free. No unit, default 0, range 0 to 10; 0 hangs
-    /// straight down.
+    /// Largest slope at which strands from the front of the box hang in front of the shoulders and
+    /// beside the face, and all others behind the shoulders. No unit, default 0, range 0 to 10; 0
+    /// hangs straight down.
     pub sweep: f32,
     /// Point at which strands are gathered before they hang down, relative to the box: 0 to 1 on
     /// each axis is inside. No unit, default [0.5, 0.5, 0], range -5 to 5 each; used if
@@ -106,8 +106,8 @@ pub struct GrowParams {
     /// Fraction of strands that do not join locks but stray. No unit, default 0, range 0 to 1; 0
     /// has none.
     pub flyaways: f32,
-    /// Width (diameter) of the hair at the root; it tapers to a third at the tip. Unit m, default
-    /// 0.00008, range 1e-7 to 0.1; 0 is refused.
+    /// Width (diameter) of the hair at the root; it tapers to a third at the tip, and to 30 % where
+    /// the region's weight falls to 0. Unit m, default 0.00008, range 1e-7 to 0.1; 0 is refused.
     pub width: f32,
 }
 }

@@ -73,6 +73,13 @@ pub(super) fn draw(mesh: &TriMesh, weights: &[f32], params: &GrowParams) -> Resu
     Ok((0..params.strands).into_par_iter().map(root).collect())
 }
 
+/// The bounding box of the triangles of the region.
+pub(super) fn bounds(mesh: &TriMesh, weights: &[f32]) -> (Vec3, Vec3) {
+    let vertices = mesh.triangles.iter().flatten().filter(|&&v| weights[v as usize] > 0.0);
+    let positions = vertices.map(|&v| mesh.positions[v as usize]);
+    positions.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)))
+}
+
 fn blend(barycentric: [f32; 3], [a, b, c]: [Vec3; 3]) -> Vec3 {
     a * barycentric[0] + b * barycentric[1] + c * barycentric[2]
 }

@@ -2,6 +2,8 @@
 
 use glam::{Vec3, vec3};
 
+use super::curve::Curve;
+use super::guide::{Guide, TUCKED};
 use super::random::{Random, mix, sin_cos};
 use super::roots::Root;
 use super::{Avoid, GrowParams};
@@ -9,14 +11,19 @@ use super::{Avoid, GrowParams};
 /// Fraction of the comb's length over which the comb loses its effect on a strand that has left the
 /// skin.
 const LEAVING: f32 = 0.25;
+/// Largest length in metres of the pieces in which combed strands grow.
+pub(super) const PIECE: f32 = 8e-3;
 /// Fraction of the comb's length over which a strand rises to half the height of its layer.
-const RISING: f32 = 0.5;
+pub(super) const RISING: f32 = 0.5;
 
 /// The data that all strands of a groom share.
 pub(super) struct Field<'a> {
     pub(super) params: &'a GrowParams,
-    pub(super) avoid: Option<&'a Avoid<'a>>,
-    /// Bounding box of the roots.
+    /// The solid that no particle enters.
+    pub(super) body: Option<&'a Avoid<'a>>,
+    /// The solid over which combed hair falls; it contains the body.
+    pub(super) drape: Option<&'a Avoid<'a>>,
+    /// Bounding box of the region.
     pub(super) low: Vec3,
     pub(super) high: Vec3,
 }
@@ -28,14 +35,18 @@ pub(super) struct Traits {
     /// Whether the strand does not join a lock.
     pub(super) stray: bool,
     /// Distance of the strand's layer from the solid, in metres.
-    layer: f32,
+    pub(super) layer: f32,
+    /// Whether the root is so deep in the drape that its strand stays under it.
+    pub(super) tucked: bool,
     /// Phase of the strand's wave, in radians, and its sense of rotation.
     phase: f32,
     sense: f32,
     /// Sideways direction of the comb, −1 to 1.
-    side: f32,
-    /// The z coordinate in metres at which the strand hangs down.
-    hang_z: f32,
+    pub(super) side: f32,
+    /// Whether the strand hangs in front of the shoulders.
+    front: bool,
+    /// The z coordinates in metres between which the strand hangs straight down.
+    hang: [f32; 2],
     /// Position in the tail below the band, in band radii.
     spot: Vec3,
     random: Random,
@@ -52,14 +63,20 @@ impl Field<'_> {
         let faded = 1.0 - p.fade * (1.0 - root.weight);
         let jitter = random.unit() - 0.5;
         let phase = std::f32::consts::TAU * (lock.unit() + (1.0 - p.wave_coherence) * jitter);
+        let side = self.side(root.position, random.signed());
+        let blur = lock.signed();
+        let front = self.front(root.position, blur);
+        let depth = self.drape.filter(|_| p.hang > 0.0).and_then(|drape| drape(root.position, 0.0));
         Traits {
             step: p.step * (shorter * faded).max(0.05),
             stray,
-            layer: p.volume * random.unit() * if stray { 1.5 } else { 1.0 },
+            layer: p.volume * random.unit() * (0.3 + 0.7 * root.weight) * if stray { 1.5 } else { 1.0 },
+            tucked: depth.is_some_and(|(distance, _)| distance < -TUCKED * p.comb_length),
             phase,
             sense: if lock.unit() < 0.5 { -1.0 } else { 1.0 },
-            side: self.side(root.position, random.signed()),
-            hang_z: self.hang_z(root.position, [random.signed(), random.signed()]),
+            side,
+            front,
+            hang: self.hang(front, blur + random.signed()),
             spot: random.cube(),
             random,
         }
@@ -76,62 +93,103 @@ impl Field<'_> {
     fn side(&self, x: Vec3, jitter: f32) -> f32 {
         let half_width = (0.5 * (self.high.x - self.low.x)).max(f32::MIN_POSITIVE);
         let across = (x.x - 0.5 * (self.low.x + self.high.x)) / half_width - self.params.parting;
-        let sharp = if across + 0.05 * jitter < 0.0 { -1.0 } else { 1.0 };
+        let sharp = if across + 0.015 * jitter < 0.0 { -1.0 } else { 1.0 };
         let spread = (1.2 * across).clamp(-1.0, 1.0);
-        let front = (3.0 * (self.share_to_front(x) - 0.25)).clamp(0.0, 1.0);
+        let front = (4.0 * (self.share_to_front(x) - 0.35)).clamp(0.0, 1.0);
         spread + (sharp - spread) * front
     }
 
-    /// Strands from the front of the box hang in front of the shoulders, the others behind them.
-    /// Both the border and the position are blurred by `jitter`, each in −1 to 1.
-    fn hang_z(&self, x: Vec3, jitter: [f32; 2]) -> f32 {
-        let front = self.share_to_front(x) + 0.08 * jitter[0] > 0.64;
-        let share = if front { 0.74 } else { -0.12 } + 0.1 * jitter[1];
-        self.low.z + (self.high.z - self.low.z) * share
+    /// Whether a strand from `x` hangs in front of the shoulders, with a border blurred by `jitter`
+    /// in −1 to 1.
+    fn front(&self, x: Vec3, jitter: f32) -> bool {
+        self.share_to_front(x) + 0.04 * jitter > 0.52
     }
 
-    /// Grows a strand into `out`; its length is the number of particles.
-    pub(super) fn grow(&self, root: &Root, traits: &Traits, out: &mut [Vec3]) {
+    /// The z coordinates in metres between which a strand hangs: beside the face and in front of
+    /// the shoulders, or behind them. The places are blurred by `jitter` in −2 to 2.
+    fn hang(&self, front: bool, jitter: f32) -> [f32; 2] {
+        let shares = if front { [0.57, 0.76] } else { [-0.5, 0.05] };
+        shares.map(|share| self.low.z + (self.high.z - self.low.z) * (share + 0.05 * jitter))
+    }
+
+    /// Number of pieces in which an edge of a strand grows.
+    fn pieces(&self, traits: &Traits) -> usize {
+        if self.params.hang > 0.0 { (traits.step / PIECE).ceil().max(1.0) as usize } else { 1 }
+    }
+
+    /// Grows a strand into `curve`.
+    pub(super) fn grow(&self, root: &Root, traits: &Traits, curve: &mut Curve) {
         let p = self.params;
         let mut random = traits.random;
-        let combed = self.comb(traits, root.normal);
-        // Where the comb has no effect, flat hair points downwards.
-        let down = Vec3::NEG_Y + root.normal * root.normal.y;
-        let combed = combed + down * (1.0 - combed.length());
-        let mut direction = (root.normal * p.lift + combed * (1.0 - p.lift) + random.cube() * p.noise)
-            .normalize_or(root.normal);
+        let mut direction = self.first_direction(root, traits, random.cube());
         let mut gathered = p.gather_radius == 0.0;
         // The normal of the skin on which the strand lies; its length decreases as the strand
         // leaves the skin.
         let mut skin = root.normal;
         let mut across = root.normal.any_orthonormal_vector();
-        out[0] = root.position;
-        for i in 1..out.len() {
-            let from = out[i - 1];
-            let arc = traits.step * i as f32;
-            direction = self.turn_as_paper(direction, i);
+        let pieces = self.pieces(traits);
+        let piece = traits.step / pieces as f32;
+        let (mut from, mut frizz, mut sag) = (root.position, Vec3::ZERO, 0.0);
+        let mut guide = Guide::new(self, root, traits);
+        curve.start(from, piece);
+        for i in 0..(p.vertices_per_strand as usize - 1) * pieces {
+            let arc = piece * (i + 1) as f32;
+            if i % pieces == 0 {
+                direction = self.turn_as_paper(direction, i / pieces + 1);
+                frizz = random.cube() * (p.frizz * if traits.stray { 2.0 } else { 1.0 });
+            }
             if p.hang > 0.0 {
                 let target = self.target(traits, from, skin, arc, &mut gathered);
-                let rate = p.hang * traits.step;
+                let rate = p.hang * piece;
                 let unit = direction.normalize_or(root.normal);
                 direction = (unit + (target - unit) * (rate / (1.0 + rate))).normalize_or(target);
             }
-            let stray = if traits.stray { 2.0 } else { 1.0 };
-            let frizz = random.cube() * (p.frizz * stray);
             let heading = self.wave(direction, &mut across, traits, arc) + frizz * direction.length();
-            let wanted = from + heading.normalize_or(root.normal) * traits.step;
-            let (to, touched) = self.advance(from, wanted, traits, arc);
-            skin /= 1.0 + traits.step / (LEAVING * p.comb_length);
+            let heading = heading.normalize_or(root.normal);
+            skin /= 1.0 + piece / (LEAVING * p.comb_length);
+            let (to, gap, touched) = if p.hang > 0.0 {
+                guide.glide(from, heading, piece, arc)
+            } else {
+                let (to, touched) = self.advance(from, from + heading * piece, traits, arc);
+                (to, 0.0, touched)
+            };
             if let Some(outwards) = touched {
                 // From here on the strand continues along the skin, not into it.
                 skin = outwards;
-                if p.hang > 0.0 {
-                    let taken = (to - from) / traits.step;
-                    direction = 0.5 * (direction - outwards * direction.dot(outwards).min(0.0) + taken);
+                direction -= outwards * direction.dot(outwards).min(0.0);
+                if outwards.y > 0.2 && from.y < self.low.y {
+                    sag += (piece + to.y - from.y).max(0.0);
                 }
             }
-            out[i] = to;
+            curve.push(to, sag, gap);
+            from = to;
         }
+    }
+
+    /// The direction at the root: between the normal and the comb's direction. Where the comb has
+    /// no direction, as in a whorl, hair stands up.
+    fn first_direction(&self, root: &Root, traits: &Traits, noise: Vec3) -> Vec3 {
+        let p = self.params;
+        let normal = root.normal;
+        let combed = if p.gather_radius > 0.0 {
+            let to_band = (self.band() - root.position).normalize_or_zero();
+            (to_band - normal * to_band.dot(normal)).normalize_or_zero()
+        } else {
+            self.comb(traits, normal)
+        };
+        // Where the comb has no effect, flat hair points downwards.
+        let down = Vec3::NEG_Y + normal * normal.y;
+        let flat = combed + down * (1.0 - combed.length());
+        let whorl = (1.0 - 2.5 * flat.length()).max(0.0);
+        let lift = p.lift + (1.0 - p.lift) * whorl;
+        // Where hair grows thinly, it is less orderly.
+        let noise = noise * (p.noise * (1.0 + 3.0 * whorl + (1.0 - root.weight)));
+        (normal * lift + flat * (1.0 - p.lift) + noise).normalize_or(normal)
+    }
+
+    /// The middle of the band of a ponytail.
+    fn band(&self) -> Vec3 {
+        self.low + (self.high - self.low) * Vec3::from_array(self.params.gather)
     }
 
     /// Supplement Eqs. 4–7 in the form used here:
@@ -155,12 +213,24 @@ impl Field<'_> {
         (comb - normal * comb.dot(normal)).clamp_length_max(1.0)
     }
 
+    /// `point`, at the length `arc` of a strand, moved by `shift` as far as it stays outside the
+    /// body.
+    pub(super) fn outside(&self, point: Vec3, shift: Vec3, arc: f32) -> Vec3 {
+        let mut to = point + shift;
+        let Some(body) = self.body else { return to };
+        let margin = self.params.margin.min(0.25 * arc);
+        for _ in 0..8 {
+            let Some((distance, outwards)) = body(to, margin) else { break };
+            to += outwards * (1.05 * (margin - distance)).max(1e-6);
+        }
+        to
+    }
+
     /// The direction in which a strand at `from` would continue if it bent immediately.
     fn target(&self, traits: &Traits, from: Vec3, skin: Vec3, arc: f32, gathered: &mut bool) -> Vec3 {
         let p = self.params;
         if p.gather_radius > 0.0 {
-            let band = self.low + (self.high - self.low) * Vec3::from_array(p.gather);
-            let to_band = band - from;
+            let to_band = self.band() - from;
             *gathered |= to_band.length() < p.gather_radius.max(traits.step);
             if !*gathered {
                 return to_band.normalize_or(Vec3::NEG_Y);
@@ -172,12 +242,21 @@ impl Field<'_> {
         let held = arc / p.comb_length;
         let contact = skin.length();
         let combed = self.comb(traits, skin / contact) * (contact / (1.0 + held * held * held * held));
-        // The sweep starts below half the box's height and ends where the strand hangs down.
-        let size = (self.high - self.low).max(Vec3::splat(f32::MIN_POSITIVE));
-        let below = (0.5 - (from.y - self.low.y) / size.y).clamp(0.0, 1.0);
-        let aside = (5.0 * (traits.hang_z - from.z) / size.z).clamp(-1.0, 1.0);
-        let hanging = vec3(0.0, -1.0, p.sweep * below * aside);
+        let hanging = vec3(0.0, -1.0, p.sweep * self.aside(traits, from));
         (combed + hanging * (1.0 - combed.length()).max(0.05)).normalize_or(Vec3::NEG_Y)
+    }
+
+    /// How strongly a strand at `from` is swept, −1 backwards to 1 forwards, until it is where it
+    /// hangs down. The sweep off the shoulders starts in the lower part of the box, that off the
+    /// face in the upper part.
+    fn aside(&self, traits: &Traits, from: Vec3) -> f32 {
+        let size = (self.high - self.low).max(Vec3::splat(f32::MIN_POSITIVE));
+        let height = (from.y - self.low.y) / size.y;
+        let shoulders = (0.6 - 2.5 * height).clamp(0.0, 1.0);
+        let face = (3.0 - 4.0 * height).clamp(0.0, 1.0);
+        let [back, front] = traits.hang.map(|z| 4.0 * (z - from.z) / size.z);
+        let backwards = if traits.front { face } else { shoulders };
+        shoulders * back.clamp(0.0, 1.0) + backwards * front.clamp(-1.0, 0.0)
     }
 
     /// The direction of a helix around `direction` with the wave's radius and length; the amplitude
@@ -207,7 +286,7 @@ impl Field<'_> {
     ) -> (Vec3, Option<Vec3>) {
         let edge = |to: Vec3| from + (to - from).normalize_or(Vec3::NEG_Y) * traits.step;
         let mut to = edge(wanted);
-        let Some(avoid) = self.avoid else { return (to, None) };
+        let Some(avoid) = self.body else { return (to, None) };
         let near = (self.params.margin).min(0.25 * arc);
         let layer = traits.layer * (arc / (arc + RISING * self.params.comb_length));
         let mut touched = None;

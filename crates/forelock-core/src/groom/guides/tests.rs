@@ -4,7 +4,8 @@ use super::*;
 use crate::groom::grow::{GrowParams, grow_on_head};
 
 fn hair() -> Groom {
-    let params = GrowParams { strands: 600, ..GrowParams::preset("wavy").unwrap() };
+    // Hair that stands: neighbours that fall to different sides of a shoulder are no neighbours.
+    let params = GrowParams { strands: 600, ..GrowParams::preset("afro").unwrap() };
     let grown = grow_on_head(&params).unwrap();
     // Different lengths and numbers of particles.
     let strands = grown.strands().enumerate().map(|(s, points)| points[..5 + s % 20].to_vec());
