@@ -1,6 +1,8 @@
 //! Runs that are killed, terminated or started twice: nothing is lost but the work since the last
 //! checkpoint, and nothing is mixed.
 
+#![expect(clippy::unwrap_used, reason = "a helper of tests fails by panicking")]
+
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant, SystemTime};
