@@ -460,9 +460,10 @@ mod tests {
                 }
             }
             let mut notes = Vec::new();
-            run.keep_cache(&mut |progress| match progress {
-                Progress::Note(note) => notes.push((*note).to_owned()),
-                _ => {}
+            run.keep_cache(&mut |progress| {
+                if let Progress::Note(note) = progress {
+                    notes.push((*note).to_owned());
+                }
             });
             let last = checkpoints.last();
             assert_eq!(notes.len(), usize::from(last.is_some()));
