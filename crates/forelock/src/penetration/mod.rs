@@ -4,7 +4,7 @@
 //! Depths of particles are exact: those inside primitives in closed form, those inside meshes
 //! against their triangles. Depths of edges, the segments between particles, are at most 0.1 mm too
 //! small ([`SEGMENT_TOLERANCE_M`]) and never too large. Boxes around the solids tell which of them
-//! eight particles may touch ([`nearby`]), and the distance grid of a mesh which particles and
+//! eight particles may touch (`nearby`), and the distance grid of a mesh which particles and
 //! edges need its triangles ([`Depths`](forelock_core::body::Depths)).
 //!
 //! # Limitations
