@@ -45,8 +45,11 @@ pub fn is_watched(watched: bool) {
 
 fn leave() -> ! {
     forelock_io::remove_temporaries();
-    let hint =
-        if RESUMABLE.load(Ordering::SeqCst) { ": --resume goes on from the last checkpoint" } else { "" };
+    let hint = if RESUMABLE.load(Ordering::SeqCst) {
+        ": --resume goes on from the last checkpoint, if there is one"
+    } else {
+        ""
+    };
     terminal::note(format!("interrupted{hint}"));
     std::process::exit(STATUS.into());
 }

@@ -24,9 +24,12 @@ pub(crate) fn temporaries() -> MutexGuard<'static, Vec<PathBuf>> {
 /// Removes the temporary files of all writes that are under way in this process, and its locks. The
 /// process must end after this: those writes fail.
 pub fn remove_temporaries() {
-    for path in temporaries().drain(..) {
+    let mut temporaries = temporaries();
+    for path in temporaries.drain(..) {
         let _ = fs::remove_file(path);
     }
+    // Writes that fail now wait for the end instead of reporting an error.
+    std::mem::forget(temporaries);
 }
 
 /// Removes the temporary files that killed processes have left in `folder`. No other process may

@@ -95,13 +95,13 @@ pub enum WriteError {
     },
     /// Another process writes the same.
     #[error(
-        "{}: another run writes here ({by}); wait until it has ended, or write elsewhere",
+        "{}: another run writes here{by}; wait until it has ended, or write elsewhere",
         path.display()
     )]
     Locked {
         /// The file or folder.
         path: PathBuf,
-        /// Who writes.
+        /// Who writes, in parentheses after a space, if that is known.
         by: String,
     },
     /// The cache cannot be resumed.

@@ -36,9 +36,10 @@ impl Lock {
                 Err(TryLockError::WouldBlock) => {
                     let mut by = String::new();
                     let _ = file.take(32).read_to_string(&mut by);
-                    return Err(WriteError::Locked { path: target.into(), by: by.trim().into() });
+                    let by = if by.is_empty() { by } else { format!(" ({})", by.trim()) };
+                    return Err(WriteError::Locked { path: target.into(), by });
                 }
-                Err(TryLockError::Error(error)) if error.kind() == io::ErrorKind::Unsupported => {}
+                Err(TryLockError::Error(error)) if is_without_locks(&error) => {}
                 Err(TryLockError::Error(error)) => return Err(WriteError::io(path)(error)),
             }
             // The holder before may have removed the file after it was opened here.
@@ -59,6 +60,12 @@ impl Drop for Lock {
             let _ = fs::remove_file(&self.path);
         }
     }
+}
+
+/// Whether `error` means that the file system has no locks: ENOLCK of network file systems too.
+fn is_without_locks(error: &io::Error) -> bool {
+    let no_locks = if cfg!(target_os = "linux") { 37 } else { 77 };
+    error.kind() == io::ErrorKind::Unsupported || cfg!(unix) && error.raw_os_error() == Some(no_locks)
 }
 
 /// Whether `file` is the one at `path`.

@@ -301,7 +301,10 @@ mod tests {
     fn a_weaker_angular_spring_is_less_stable() {
         let rows = Figure::Angular.table().unwrap().rows;
         let stretch: Vec<f64> = rows.iter().map(|row| row.measured.max_stretch.unwrap()).collect();
-        assert!(stretch.is_sorted() && stretch[0] < 0.02 && stretch[3] > 2.0, "{stretch:?}");
+        // Where the wisp explodes, how far depends on each detail.
+        let [stable, weaker, exploded @ ..] = &stretch[..] else { panic!("{stretch:?}") };
+        assert!(*stable < 0.02 && *weaker > 1.0, "{stretch:?}");
+        assert!(exploded.len() == 2 && exploded.iter().all(|other| *other > 2.0 * weaker), "{stretch:?}");
         let jitter: Vec<f64> = rows.iter().map(|row| row.measured.late_jitter_g.unwrap()).collect();
         assert!(jitter[0] < 1e-3 && jitter[1..].iter().all(|g| *g > 0.5), "{jitter:?}");
     }

@@ -176,11 +176,9 @@ impl FramePlan {
             Step::Solve { substep } | Step::Collide { substep } if substep >= substeps => Some(substep),
             _ => None,
         });
+        let Some(value) = beyond.map(f64::from) else { return Ok(()) };
         let expected = "below those of the frame: plan steps for the frame's length".to_owned();
-        match beyond.map(f64::from) {
-            Some(value) => Err(ParamsError::Range { name: "substep", value, expected }),
-            None => Ok(()),
-        }
+        Err(ParamsError::Range { name: "substep", value, expected })
     }
 
     /// Whether `step` is one of them.

@@ -7,7 +7,8 @@
 //! frame, and new frames fill the gap, which takes no space on most file systems. When the gap is
 //! full, or a checkpoint is asked for, a tail that lists all frames so far is written at the end of
 //! the file, and then the header of `positions`. So the file is a complete archive while it grows,
-//! and after its process was killed. The checksum of `positions` is combined from those of its
+//! and after its process was killed, unless that happens between these two writes or within the
+//! first; resuming mends it then. The checksum of `positions` is combined from those of its
 //! header and of the frames: nothing is read again.
 //!
 //! # Practice
@@ -87,6 +88,8 @@ pub struct CacheWriter {
     /// The offset of the tail, and of the end of the file.
     tail_at: u64,
     end: u64,
+    /// The number of frames that the tail lists.
+    published: usize,
     _lock: Lock,
 }
 
@@ -105,6 +108,7 @@ impl CacheWriter {
         constants: &[(&str, Array)],
     ) -> Result<Self, WriteError> {
         let (mut writer, start) = Self::open(path, strand_offsets, constants, Opening::New)?;
+        atomic::temporaries().push(part(path));
         let mut begin = || {
             if std::mem::take(&mut writer.end) > 0 {
                 writer.file.set_len(0)?;
@@ -148,7 +152,7 @@ impl CacheWriter {
         let bytes = stored.times_secs.len() as u64 * writer.frame_bytes();
         hash_exactly(&mut writer.file, bytes, &mut writer.crc).map_err(read_error)?;
         if writer.checksum() != stored.checksum {
-            return Err(refuse("its frames are damaged: their checksum is wrong"));
+            return Err(refuse("it does not hold the frames of this run, or it is damaged"));
         }
         writer.times_secs.clone_from(&stored.times_secs);
         writer.publish().map_err(WriteError::io(path))?;
@@ -208,6 +212,7 @@ impl CacheWriter {
             crc: Hasher::new(),
             tail_at: 0,
             end,
+            published: 0,
             _lock: lock,
         };
         Ok((writer, start))
@@ -256,7 +261,9 @@ impl CacheWriter {
     /// # Errors
     /// [`WriteError`] if the file cannot be written.
     pub fn checkpoint(&mut self) -> Result<u32, WriteError> {
-        self.publish().map_err(WriteError::io(&self.path))?;
+        if self.published < self.frames() {
+            self.publish().map_err(WriteError::io(&self.path))?;
+        }
         self.take_name()?;
         Ok(self.checksum())
     }
@@ -284,8 +291,15 @@ impl CacheWriter {
             atomic::check_target(&self.path)?;
             fs::rename(part(&self.path), &self.path).map_err(WriteError::io(&self.path))?;
             self.is_named = true;
+            self.forget_part();
         }
         Ok(())
+    }
+
+    /// The file is no longer a temporary one.
+    fn forget_part(&self) {
+        let part = part(&self.path);
+        atomic::temporaries().retain(|own| *own != part);
     }
 
     /// Writes a tail for the frames so far at the end of the file, a gap beyond the last frame, and
@@ -296,9 +310,14 @@ impl CacheWriter {
         let tail_at = self.end.max(self.frames_end() + gap);
         let tail = self.tail(tail_at);
         self.file.seek(SeekFrom::Start(tail_at))?;
-        self.file.write_all(&tail)?;
+        if let Err(error) = self.file.write_all(&tail) {
+            // The tail before stays the last one.
+            let _ = self.file.set_len(self.end);
+            return Err(error);
+        }
         self.write_header()?;
         (self.tail_at, self.end) = (tail_at, tail_at + tail.len() as u64);
+        self.published = self.frames();
         Ok(())
     }
 
@@ -367,6 +386,7 @@ impl CacheWriter {
 impl Drop for CacheWriter {
     fn drop(&mut self) {
         if !self.is_named {
+            self.forget_part();
             let _ = fs::remove_file(part(&self.path));
         }
     }

@@ -255,7 +255,7 @@ impl Assets {
     }
 
     /// A hash of all that determines the simulation: strands, meshes and the scene's physics. The
-    /// number of frames, the outputs, the looks and where files lie are no part of it.
+    /// number of frames, the outputs but `cache_every`, the looks and where files lie are no part of it.
     pub fn fingerprint(&self, scene: &Scene) -> u64 {
         let mut physics = scene.clone();
         physics.name = String::new();
@@ -267,7 +267,9 @@ impl Assets {
             collider.mesh_sequence.clear();
             collider.visible = true;
         }
-        physics.output = OutputSection::default();
+        // Which frames a cache holds must not change within it.
+        let cache_every = physics.output.cache_every;
+        physics.output = OutputSection { cache_every, ..OutputSection::default() };
         physics.camera = CameraSection::default();
         physics.hair = HairSection::default();
         let mut hash = Fnv::new().bytes(physics.to_toml().as_bytes());

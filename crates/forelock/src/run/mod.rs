@@ -281,23 +281,18 @@ impl<'a> Run<'a> {
     /// Saves all that a later run needs to continue from here.
     fn checkpoint(&mut self) -> Result<(), RunError> {
         let state = self.player.state()?;
-        self.before_first_save();
-        if let Some(cache) = &mut self.cache {
-            self.so_far.cache_checksum = cache.checkpoint()?;
-        }
-        self.save(state)
+        let checksum = self.cache.as_mut().map(|cache| cache.checkpoint()).transpose()?;
+        self.save(state, checksum)
     }
 
-    /// The snapshot of an earlier run goes before its cache is replaced.
-    fn before_first_save(&self) {
-        if self.saved.is_none() {
-            // If it cannot be removed, it cannot be replaced either, which is an error.
+    /// Writes the snapshot with `state` for a cache with `checksum`.
+    fn save(&mut self, state: State<f32>, checksum: Option<u32>) -> Result<(), RunError> {
+        if self.saved.is_none() && checksum.is_some() {
+            // The snapshot of an earlier run, whose cache has just been replaced. If it cannot be
+            // removed, it cannot be replaced either, which is an error.
             let _ = std::fs::remove_file(self.out.join(SNAPSHOT));
         }
-    }
-
-    /// Writes the snapshot with `state`.
-    fn save(&mut self, state: State<f32>) -> Result<(), RunError> {
+        self.so_far.cache_checksum = checksum.unwrap_or(0);
         self.so_far.write(&self.out.join(SNAPSHOT), state)?;
         self.saved = Some(self.so_far.frame);
         Ok(())
@@ -317,13 +312,9 @@ impl<'a> Run<'a> {
         let mut outputs = Vec::new();
         let state = self.player.state()?;
         let state_hash = state.hash();
-        self.before_first_save();
-        if let Some(cache) = self.cache.take() {
-            let finished = cache.finish()?;
-            outputs.extend(finished.files);
-            self.so_far.cache_checksum = finished.checksum;
-        }
-        self.save(state)?;
+        let finished = self.cache.take().map(CacheSink::finish).transpose()?;
+        self.save(state, finished.as_ref().map(|cache| cache.checksum))?;
+        outputs.extend(finished.into_iter().flat_map(|cache| cache.files));
         outputs.push(self.out.join(SNAPSHOT));
         let text = |name: &str, text: &str| {
             let path = self.out.join(name);
@@ -355,11 +346,10 @@ impl<'a> Run<'a> {
         Ok(summary)
     }
 
-    /// Penetration in the last frame, unless it has been measured or its positions are lost with a
-    /// device.
+    /// Penetration in the last frame, unless it has been measured.
     fn last_penetration(&self) -> Penetration {
         let frame = self.so_far.frame;
-        let is_missing = frame > 0 && !frame.is_multiple_of(MEASURED_EVERY) && self.player.frame() == frame;
+        let is_missing = frame > 0 && !frame.is_multiple_of(MEASURED_EVERY);
         if is_missing { self.player.penetration(&self.positions) } else { Penetration::default() }
     }
 

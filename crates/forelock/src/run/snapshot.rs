@@ -36,7 +36,7 @@ pub(crate) struct Snapshot {
 #[derive(Debug, thiserror::Error)]
 pub enum SnapshotError {
     /// The snapshot cannot be read.
-    #[error("there is nothing to resume: {0}")]
+    #[error("the run cannot be resumed: {0}; run once without --resume")]
     Read(#[from] forelock_io::ReadError),
     /// It holds something else.
     #[error("{}: this is no snapshot of a run: {problem}; run once without --resume", .path.display())]

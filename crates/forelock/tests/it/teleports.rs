@@ -141,7 +141,8 @@ fn declared(mode: &str) -> String {
 fn declared_jumps_give_hair_no_speed() {
     for solver in SOLVERS {
         for wind in WINDS {
-            let gusts = if wind == WINDS[2] { speed_without_jump(solver, wind) } else { 0.0 };
+            // DFTL hair does not come to rest in wind: its speed varies without a jump too.
+            let gusts = if wind == WINDS[0] { 0.0 } else { speed_without_jump(solver, wind) };
             for mode in ["reset", "carry-shape", "carry-shape-and-velocity"] {
                 let mut player = player(solver, &format!("{}{wind}", declared(mode)));
                 let seen = watch(&mut player);

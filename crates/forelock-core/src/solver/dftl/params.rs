@@ -69,11 +69,11 @@ pub struct DftlParams {
     /// edge that a solid has stretched. Unit times, default 2, range 0 to 16; 0 leaves edges
     /// stretched, as the paper does.
     pub recheck: u32,
-    /// Distance of particles from solids at a contact. Unit m, default 0.0005, range 0 to 0.1; 0
+    /// Distance of particles from solids at a contact. Unit m, default 0.0005, range 0 to 1; 0
     /// touches the skin.
     pub skin_thickness: f64,
     /// Largest speed at which a particle that starts a frame inside a solid is pushed out. Unit
-    /// m/s, default 1, range 1e-3 to 1000; 0 is refused.
+    /// m/s, default 1, range 1e-3 to 1e6; 0 is refused.
     pub depenetration_speed: f64,
     /// How a GPU processes strands: "fused", "strands" or "particles". Default "fused", the
     /// fastest; the others are the paper's.

@@ -78,11 +78,11 @@ pub struct MassSpringParams {
     /// The pass that restores edge lengths: "projection", "dftl" or "off". Default "off".
     #[cfg_attr(feature = "serde", serde(with = "LengthPass"))]
     pub inextensibility: Inextensibility,
-    /// Distance of particles from solids at a contact. Unit m, default 0.0005, range 0 to 0.1; 0
+    /// Distance of particles from solids at a contact. Unit m, default 0.0005, range 0 to 1; 0
     /// touches the skin.
     pub skin_thickness: f64,
     /// Largest speed at which a particle that starts a frame inside a solid is pushed out. Unit
-    /// m/s, default 1, range 1e-3 to 1000; 0 is refused.
+    /// m/s, default 1, range 1e-3 to 1e6; 0 is refused.
     pub depenetration_speed: f64,
 }
 }
