@@ -255,7 +255,8 @@ impl Assets {
     }
 
     /// A hash of all that determines the simulation: strands, meshes and the scene's physics. The
-    /// number of frames, the outputs but `cache_every`, the looks and where files lie are no part of it.
+    /// number of frames, the outputs but `cache_every`, the looks and where files lie are no part
+    /// of it.
     pub fn fingerprint(&self, scene: &Scene) -> u64 {
         let mut physics = scene.clone();
         physics.name = String::new();
