@@ -19,7 +19,7 @@ pub struct GridParams {
     /// second.
     pub pic_rate: f64,
     /// Length of hair per volume, at rest, of the sparsest hair that keeps its volume; sparser hair
-    /// may gather until it is as dense. Unit m⁻², default 0, range 0 to 1e12; 0 uses a tenth of the
+    /// may gather until it is as dense. Unit m⁻², default 0, range 0 to 1e15; 0 uses a tenth of the
     /// mean of the rest shape.
     pub rest_density: f64,
     /// Rate at which over-dense hair expands. Unit s⁻¹, default 100, range 0 to 1e6; with 0 it does
