@@ -3,7 +3,7 @@
 
 use std::fs;
 
-use crate::common::{Workplace, sets, shared_cache, small_demo, stderr};
+use crate::common::{Workplace, lines_but_progress, sets, shared_cache, small_demo, stderr};
 
 /// One case: what it is called, the arguments, the status, and words of the message.
 type Case<'a> = (&'a str, Vec<&'a str>, i32, &'a str);
@@ -20,11 +20,7 @@ fn check(place: &Workplace, cases: &[Case<'_>]) {
         assert_eq!(message.matches("error:").count(), 1, "{name}: {message}");
         assert!(!message.contains("panicked") && !message.contains("RUST_BACKTRACE"), "{name}: {message}");
         if *status == 1 {
-            // Work before the error shows its progress where it takes long.
-            let is_progress =
-                |line: &&str| ["growing", "distance field"].iter().any(|work| line.starts_with(work));
-            let lines = message.trim_end().lines().filter(|line| !is_progress(line));
-            assert_eq!(lines.count(), 1, "{name}: {message}");
+            assert_eq!(lines_but_progress(&message), 1, "{name}: {message}");
         }
         assert!(output.stdout.is_empty(), "{name} wrote to standard output");
         assert_eq!(place.files(), before, "{name} left a file");
@@ -262,7 +258,7 @@ fn more_than_the_memory() {
         let message = stderr(&output);
         assert_eq!(output.status.code(), Some(1), "{arguments:?}: {message}");
         assert!(message.contains(needs) && message.contains(remedy), "{arguments:?}: {message}");
-        assert_eq!(message.trim_end().lines().count(), 1, "{arguments:?}: {message}");
+        assert_eq!(lines_but_progress(&message), 1, "{arguments:?}: {message}");
         assert!(!place.path("out/hair.npz").exists());
     }
 }

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::common::{SMALL, Workplace, json, sets, stderr, stdout};
+use crate::common::{SMALL, Workplace, json, lines_but_progress, sets, stderr, stdout};
 
 const SCRIPT: &str = "\
 [groom]\nstrands = 60\nvertices_per_strand = 12\n[body]\nsdf_cells = 24\n[output]\nwidth = 64\nheight = 64\n\
@@ -150,11 +150,7 @@ fn scripts_with_mistakes() {
         let message = stderr(&output);
         assert_eq!(output.status.code(), Some(1), "{text}: {message}");
         assert!(message.contains(words), "{words:?} is not in {message:?}");
-        assert_eq!(
-            (message.matches("error:").count(), message.trim_end().lines().count()),
-            (1, 1),
-            "{message}"
-        );
+        assert_eq!((message.matches("error:").count(), lines_but_progress(&message)), (1, 1), "{message}");
         assert!(output.stdout.is_empty());
         assert_eq!(place.files(), before, "{text} left a file");
     }

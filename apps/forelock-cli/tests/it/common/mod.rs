@@ -102,3 +102,9 @@ pub fn json(output: &Output) -> serde_json::Value {
     assert!(output.status.success(), "{}", stderr(output));
     serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {}", stdout(output)))
 }
+
+/// The number of lines of `message`. Work before an error shows its progress where it takes long.
+pub fn lines_but_progress(message: &str) -> usize {
+    let is_progress = |line: &&str| ["growing", "distance field"].iter().any(|work| line.starts_with(work));
+    message.trim_end().lines().filter(|line| !is_progress(line)).count()
+}
