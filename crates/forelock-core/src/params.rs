@@ -2,7 +2,7 @@
 
 mod key;
 
-pub use key::{Documented, Key, Range, Short};
+pub use key::{Documented, Key, Range, Short, in_few_letters};
 pub(crate) use key::{OutOfRange, check};
 
 /// The time step to which the published coefficients of dynamic follow the leader and of SPH refer,

@@ -17,8 +17,37 @@ const TEMPORARY: [&str; 2] = [".forelock-", ".part"];
 /// The temporary files and locks of this process.
 static TEMPORARIES: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
-pub(crate) fn temporaries() -> MutexGuard<'static, Vec<PathBuf>> {
+fn temporaries() -> MutexGuard<'static, Vec<PathBuf>> {
     TEMPORARIES.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A file that [`remove_temporaries`] removes as long as this value lives.
+#[derive(Debug)]
+pub(crate) struct Temporary(PathBuf);
+
+impl Temporary {
+    pub fn new(path: PathBuf) -> Self {
+        temporaries().push(path.clone());
+        Self(path)
+    }
+
+    pub fn path(&self) -> &Path {
+        &self.0
+    }
+
+    /// Removes the file. From then on another process may have one of this name, so it is struck
+    /// off the list at the same moment.
+    pub fn remove(&self) {
+        let mut temporaries = temporaries();
+        let _ = fs::remove_file(&self.0);
+        temporaries.retain(|own| *own != self.0);
+    }
+}
+
+impl Drop for Temporary {
+    fn drop(&mut self) {
+        temporaries().retain(|own| *own != self.0);
+    }
 }
 
 /// Removes the temporary files of all writes that are under way in this process, and its locks. The
@@ -64,10 +93,8 @@ pub fn atomic_write(
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     let file = builder.tempfile_in(folder(path)).map_err(WriteError::io(path))?;
-    let temporary = file.path().to_path_buf();
-    temporaries().push(temporary.clone());
+    let _temporary = Temporary::new(file.path().to_path_buf());
     let written = fill(file, write).and_then(|file| Ok(file.persist(path)?));
-    temporaries().retain(|own| *own != temporary);
     written.map(drop).map_err(WriteError::io(path))
 }
 

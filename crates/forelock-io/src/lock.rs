@@ -7,15 +7,15 @@
 use std::{
     fs::{self, File, OpenOptions, TryLockError},
     io::{self, Read, Write},
-    path::{Path, PathBuf},
+    path::Path,
 };
 
-use crate::{atomic, error::WriteError};
+use crate::{atomic::Temporary, error::WriteError};
 
 /// A lock that is held until it is dropped.
 #[derive(Debug)]
 pub struct Lock {
-    path: PathBuf,
+    path: Temporary,
     _file: File,
 }
 
@@ -44,9 +44,9 @@ impl Lock {
             }
             // The holder before may have removed the file after it was opened here.
             if is_at(&file, path) {
-                atomic::temporaries().push(path.into());
+                let own = Temporary::new(path.into());
                 let _ = file.set_len(0).and_then(|()| write!(file, "process {}", std::process::id()));
-                return Ok(Self { path: path.into(), _file: file });
+                return Ok(Self { path: own, _file: file });
             }
         }
     }
@@ -54,10 +54,9 @@ impl Lock {
 
 impl Drop for Lock {
     fn drop(&mut self) {
-        atomic::temporaries().retain(|own| *own != self.path);
         // While it is locked. Where open files cannot be told apart, the file stays.
         if cfg!(unix) {
-            let _ = fs::remove_file(&self.path);
+            self.path.remove();
         }
     }
 }

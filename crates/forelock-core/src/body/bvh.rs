@@ -133,8 +133,29 @@ impl Bvh {
     /// meaningless otherwise.
     pub fn winding_number(&self, p: Vec3) -> i32 {
         let mut winding = 0;
+        let misses = |node: &Node| {
+            node.high.x < p.x
+                || p.y < node.low.y
+                || p.y > node.high.y
+                || p.z < node.low.z
+                || p.z > node.high.z
+        };
+        self.visit(misses, |_, corners| {
+            if let Some((x, sign)) = crossing(corners, p.y, p.z)
+                && x > f64::from(p.x)
+            {
+                winding += sign;
+            }
+        });
+        winding
+    }
+
+    /// Calls `visit` with the place and the corners of each triangle of each leaf, but for subtrees
+    /// whose box `misses`.
+    #[inline]
+    fn visit(&self, misses: impl Fn(&Node) -> bool, mut visit: impl FnMut(usize, &[Vec3; 3])) {
         if self.nodes.is_empty() {
-            return winding;
+            return;
         }
         let mut stack = [0u32; STACK];
         let mut waiting = 1;
@@ -142,12 +163,7 @@ impl Bvh {
             waiting -= 1;
             let at = stack[waiting];
             let node = &self.nodes[at as usize];
-            let missed = node.high.x < p.x
-                || p.y < node.low.y
-                || p.y > node.high.y
-                || p.z < node.low.z
-                || p.z > node.high.z;
-            if missed {
+            if misses(node) {
                 continue;
             }
             if node.count == 0 {
@@ -156,15 +172,10 @@ impl Bvh {
                 waiting += 2;
                 continue;
             }
-            for corners in &self.corners[node.first as usize..(node.first + node.count) as usize] {
-                if let Some((x, sign)) = crossing(corners, p.y, p.z)
-                    && x > f64::from(p.x)
-                {
-                    winding += sign;
-                }
+            for slot in node.first as usize..(node.first + node.count) as usize {
+                visit(slot, &self.corners[slot]);
             }
         }
-        winding
     }
 
     /// The corners of all triangles.

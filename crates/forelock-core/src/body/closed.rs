@@ -27,7 +27,7 @@ use rayon::prelude::*;
 
 use super::bvh::{Bvh, Nearest};
 use super::mesh::TriMesh;
-pub use segment::SEGMENT_TOLERANCE_M;
+pub use segment::{SEGMENT_TOLERANCE_M, segment_tolerance};
 
 /// Vertices closer than this fraction of the mesh's diagonal are merged.
 const WELD: f32 = 1e-6;

@@ -8,10 +8,18 @@
 
 use glam::{Vec3, vec3};
 
+/// Step of the differences that give a gradient, metres.
+const H: f32 = 4e-4;
+
+/// Gradient of `distance` at `point`, where it is `value`, from three more samples.
+pub fn forward_gradient(distance: impl Fn(Vec3) -> f32, point: Vec3, value: f32) -> Vec3 {
+    let ahead = |axis: Vec3| (distance(point + axis * H) - value) / H;
+    vec3(ahead(Vec3::X), ahead(Vec3::Y), ahead(Vec3::Z))
+}
+
 /// Gradient of `distance` from four samples at the corners of a tetrahedron, in units of `distance`
 /// per metre.
 pub fn gradient(distance: impl Fn(Vec3) -> f32, point: Vec3) -> Vec3 {
-    const H: f32 = 4e-4;
     let corners = [vec3(1.0, -1.0, -1.0), vec3(-1.0, -1.0, 1.0), vec3(-1.0, 1.0, -1.0), vec3(1.0, 1.0, 1.0)];
     corners.into_iter().map(|k| k * distance(point + k * H)).sum::<Vec3>() / (4.0 * H)
 }

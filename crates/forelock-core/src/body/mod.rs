@@ -21,7 +21,7 @@ pub(crate) mod shapes_for_tests;
 mod surface_nets;
 
 pub use bvh::{Bvh, Nearest};
-pub use closed::{ClosedMesh, ClosingReport, SEGMENT_TOLERANCE_M};
+pub use closed::{ClosedMesh, ClosingReport, SEGMENT_TOLERANCE_M, segment_tolerance};
 pub use collider::{Attachment, Collider, ColliderFrame, PACKET, Shape};
 pub use depths::Depths;
 pub use head::{Head, Region};

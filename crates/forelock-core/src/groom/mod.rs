@@ -58,6 +58,11 @@ pub struct Groom {
     pub bindings: Option<Vec<RootBinding>>,
 }
 
+/// Length of `strand` along its edges, in the points' unit.
+fn length(strand: &[Vec3]) -> f32 {
+    strand.windows(2).map(|w| w[0].distance(w[1])).sum()
+}
+
 /// Arc length of `strand` (one point or more) from its root to each of its points, in the points'
 /// unit. It is computed in float64, because a thousand additions would accumulate rounding errors.
 pub fn arc_lengths(strand: &[Vec3]) -> Vec<f64> {
@@ -219,7 +224,7 @@ impl Groom {
     /// # Panics
     /// If there is no such strand.
     pub fn length(&self, strand: usize) -> f32 {
-        self.strand(strand).windows(2).map(|w| w[0].distance(w[1])).sum()
+        length(self.strand(strand))
     }
 
     /// The strands for which `keep` returns true, in order, with all their attributes.

@@ -173,14 +173,20 @@ pub struct Short(pub f64);
 
 impl fmt::Display for Short {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (size, single) = (self.0.abs(), self.0 as f32);
-        let is_plain = size == 0.0 || (1e-3..1e10).contains(&size) || !size.is_finite();
-        match f64::from(single).to_bits() == self.0.to_bits() {
-            true if is_plain => write!(f, "{single}"),
-            true => write!(f, "{single:e}"),
-            false if is_plain => write!(f, "{}", self.0),
-            false => write!(f, "{:e}", self.0),
-        }
+        f.write_str(&in_few_letters(self.0, 1e10))
+    }
+}
+
+/// `value` in few letters: with an exponent from `largest` on and below 0.001, and as float32 if it
+/// is one.
+pub fn in_few_letters(value: f64, largest: f64) -> String {
+    let (size, single) = (value.abs(), value as f32);
+    let is_plain = size == 0.0 || (1e-3..largest).contains(&size) || !size.is_finite();
+    match f64::from(single).to_bits() == value.to_bits() {
+        true if is_plain => single.to_string(),
+        true => format!("{single:e}"),
+        false if is_plain => value.to_string(),
+        false => format!("{value:e}"),
     }
 }
 

@@ -36,7 +36,11 @@ use super::{
     npy::{self, HEADER_BYTES},
     zip::{self, Entry},
 };
-use crate::{atomic, error::WriteError, lock::Lock};
+use crate::{
+    atomic::{Temporary, check_target},
+    error::WriteError,
+    lock::Lock,
+};
 
 const POSITIONS: &str = "positions.npy";
 const TIMES: &str = "times.npy";
@@ -74,13 +78,15 @@ pub struct Stored {
 /// ```
 pub struct CacheWriter {
     path: PathBuf,
-    /// Whether the file has its final name.
-    is_named: bool,
+    /// The file, until it has its final name.
+    part: Option<Temporary>,
     file: File,
     /// The constant members.
     entries: Vec<Entry>,
     /// The offset of the local header of `positions`.
     header_at: u64,
+    /// The offset of the first frame.
+    frames_at: u64,
     particles: usize,
     times_secs: Vec<f64>,
     /// The checksum of the frames so far.
@@ -108,7 +114,6 @@ impl CacheWriter {
         constants: &[(&str, Array)],
     ) -> Result<Self, WriteError> {
         let (mut writer, start) = Self::open(path, strand_offsets, constants, Opening::New)?;
-        atomic::temporaries().push(part(path));
         let mut begin = || {
             if std::mem::take(&mut writer.end) > 0 {
                 writer.file.set_len(0)?;
@@ -148,7 +153,7 @@ impl CacheWriter {
         if found != start {
             return Err(refuse("it was not written by Forelock for these strands, or it is damaged"));
         }
-        writer.file.seek(SeekFrom::Start(writer.frames_at())).map_err(read_error)?;
+        writer.file.seek(SeekFrom::Start(writer.frames_at)).map_err(read_error)?;
         let bytes = stored.times_secs.len() as u64 * writer.frame_bytes();
         hash_exactly(&mut writer.file, bytes, &mut writer.crc).map_err(read_error)?;
         if writer.checksum() != stored.checksum {
@@ -169,7 +174,7 @@ impl CacheWriter {
         constants: &[(&str, Array)],
         opening: Opening,
     ) -> Result<(Self, Vec<u8>), WriteError> {
-        atomic::check_target(path)?;
+        check_target(path)?;
         let particles = strand_offsets.last().map_or(0, |&last| last as usize);
         if particles == 0 {
             let problem = "a cache needs at least one particle".into();
@@ -201,12 +206,15 @@ impl CacheWriter {
             entries.push(entry);
         }
         let end = file.metadata().map_err(WriteError::io(path))?.len();
+        let header_at = start.len() as u64;
+        let header_bytes = Entry::stored(POSITIONS, 0, 0, header_at).local_bytes();
         let writer = Self {
             path: path.into(),
-            is_named: opening == Opening::Existing,
+            part: (opening == Opening::New).then(|| Temporary::new(part(path))),
             file,
             entries,
-            header_at: start.len() as u64,
+            header_at,
+            frames_at: header_at + header_bytes + HEADER_BYTES as u64,
             particles,
             times_secs: Vec::new(),
             crc: Hasher::new(),
@@ -287,19 +295,12 @@ impl CacheWriter {
 
     /// Gives the file its final name.
     fn take_name(&mut self) -> Result<(), WriteError> {
-        if !self.is_named {
-            atomic::check_target(&self.path)?;
-            fs::rename(part(&self.path), &self.path).map_err(WriteError::io(&self.path))?;
-            self.is_named = true;
-            self.forget_part();
+        if let Some(part) = &self.part {
+            check_target(&self.path)?;
+            fs::rename(part.path(), &self.path).map_err(WriteError::io(&self.path))?;
+            self.part = None;
         }
         Ok(())
-    }
-
-    /// The file is no longer a temporary one.
-    fn forget_part(&self) {
-        let part = part(&self.path);
-        atomic::temporaries().retain(|own| *own != part);
     }
 
     /// Writes a tail for the frames so far at the end of the file, a gap beyond the last frame, and
@@ -372,22 +373,16 @@ impl CacheWriter {
         size_of::<Vec3>() as u64 * self.particles as u64
     }
 
-    /// The offset of the first frame.
-    fn frames_at(&self) -> u64 {
-        self.header_at + self.positions_entry().local_bytes() + HEADER_BYTES as u64
-    }
-
     /// The offset of the end of the last frame.
     fn frames_end(&self) -> u64 {
-        self.frames_at() + self.frames() as u64 * self.frame_bytes()
+        self.frames_at + self.frames() as u64 * self.frame_bytes()
     }
 }
 
 impl Drop for CacheWriter {
     fn drop(&mut self) {
-        if !self.is_named {
-            self.forget_part();
-            let _ = fs::remove_file(part(&self.path));
+        if let Some(part) = &self.part {
+            part.remove();
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::slice;
 
-use forelock_core::body::{ColliderFrame, Depths, SEGMENT_TOLERANCE_M, Shape};
+use forelock_core::body::{ColliderFrame, Depths, Shape, segment_tolerance};
 use forelock_core::pose::Pose;
 use glam::{DVec3, Vec3};
 
@@ -119,7 +119,7 @@ impl<'a> Local<'a> {
 /// distances `ends` from a surface; `distance` is that at a share of the edge. A distance is
 /// 1-Lipschitz, so a part is no deeper than half of its length less the distances of its ends.
 fn deepest_along(length: f64, ends: [f64; 2], distance: impl Fn(f64) -> f64) -> f64 {
-    let tolerance = f64::from(SEGMENT_TOLERANCE_M).max(length / 4096.0);
+    let tolerance = segment_tolerance(length);
     let mut deepest = ends.iter().fold(0.0f64, |deepest, distance| deepest.max(-distance));
     let mut parts = vec![([0.0, 1.0], ends)];
     while let Some((shares, ends)) = parts.pop() {

@@ -54,8 +54,8 @@ pub enum SnapshotError {
 /// Name of the array of what each frame took and found.
 const ROWS: &str = "frames";
 
-/// Numbers of a row of it: milliseconds by the clock and of the solver, stretch, and those of the
-/// penetration, which are NaN where it was not measured.
+/// Numbers of a row of [`ROWS`]: milliseconds by the clock and of the solver, stretch, and those of
+/// the penetration, which are NaN where it was not measured.
 const ROW: usize = 7;
 
 /// Name of the array of the largest penetration.
@@ -80,7 +80,7 @@ fn row_of(&[ms, solver_ms, stretch, a, b, c, d]: &[f64; ROW]) -> FrameRow {
     FrameRow { ms, solver_ms, stretch, penetration, stages: Vec::new() }
 }
 
-/// Name of the array of where that was.
+/// Name of the array of the machine on which the frames were timed.
 const MACHINE: &str = "machine";
 
 /// Name of the array of the cache's checksum.

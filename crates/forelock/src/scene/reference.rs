@@ -15,7 +15,7 @@ use forelock_core::groom::grow::GrowParams;
 use forelock_core::interaction::contact::ContactParams;
 use forelock_core::interaction::grid::GridParams;
 use forelock_core::interaction::sph::SphParams;
-use forelock_core::params::{Documented, Key, Range};
+use forelock_core::params::{Documented, Key, Range, in_few_letters};
 use serde::Serialize;
 
 use super::edits::EditSection;
@@ -163,17 +163,7 @@ fn entries(table: &str, keys: &[Key], defaults: &toml::Table) -> Vec<Entry> {
 /// `value` as in a file, in few letters.
 fn shown(value: &toml::Value) -> String {
     match value {
-        toml::Value::Float(number) => {
-            let single = *number as f32;
-            let is_single = f64::from(single).to_bits() == number.to_bits();
-            let size = number.abs();
-            match size != 0.0 && !(1e-3..1e5).contains(&size) {
-                true if is_single => format!("{single:e}"),
-                true => format!("{number:e}"),
-                false if is_single => single.to_string(),
-                false => number.to_string(),
-            }
-        }
+        toml::Value::Float(number) => in_few_letters(*number, 1e5),
         toml::Value::Array(list) => format!("[{}]", list.iter().map(shown).collect::<Vec<_>>().join(", ")),
         other => other.to_string(),
     }

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3};
 
-use super::{Bvh, STACK};
+use super::{Bvh, Node};
 
 /// How far outside a triangle or beyond the ends of a segment a crossing still counts, as a share
 /// of their size: rounding must not let a segment slip through between two triangles.
@@ -12,7 +12,7 @@ impl Bvh {
     /// Calls `visit` with the index of each triangle whose bounding box meets the box from `low` to
     /// `high`, metres. Boxes are triangles here: see [`Bvh::from_boxes`].
     pub fn overlapping(&self, low: Vec3, high: Vec3, mut visit: impl FnMut(u32)) {
-        self.visit(low, high, |slot, corners| {
+        self.visit(apart(low, high), |slot, corners| {
             let [a, b, c] = corners;
             let meets = a.min(*b).min(*c).cmple(high).all() && a.max(*b).max(*c).cmpge(low).all();
             if meets {
@@ -30,37 +30,15 @@ impl Bvh {
     /// and twice where it crosses an edge between two triangles.
     pub(in crate::body) fn crossings(&self, a: Vec3, b: Vec3, shares: &mut Vec<f32>) {
         let (from, along) = (a.as_dvec3(), (b - a).as_dvec3());
-        self.visit(a.min(b), a.max(b), |_, corners| {
+        self.visit(apart(a.min(b), a.max(b)), |_, corners| {
             shares.extend(share_of_crossing(from, along, &corners.map(|c| c.as_dvec3())));
         });
     }
+}
 
-    /// Calls `visit` with each triangle of each leaf whose box meets the box from `low` to `high`.
-    #[inline]
-    fn visit(&self, low: Vec3, high: Vec3, mut visit: impl FnMut(usize, &[Vec3; 3])) {
-        if self.nodes.is_empty() {
-            return;
-        }
-        let mut stack = [0u32; STACK];
-        let mut waiting = 1;
-        while waiting > 0 {
-            waiting -= 1;
-            let at = stack[waiting];
-            let node = &self.nodes[at as usize];
-            if !(node.low.cmple(high).all() && node.high.cmpge(low).all()) {
-                continue;
-            }
-            if node.count == 0 {
-                stack[waiting] = node.first;
-                stack[waiting + 1] = at + 1;
-                waiting += 2;
-                continue;
-            }
-            for slot in node.first as usize..(node.first + node.count) as usize {
-                visit(slot, &self.corners[slot]);
-            }
-        }
-    }
+/// Whether a box of the tree does not meet the box from `low` to `high`.
+fn apart(low: Vec3, high: Vec3) -> impl Fn(&Node) -> bool {
+    move |node| !(node.low.cmple(high).all() && node.high.cmpge(low).all())
 }
 
 /// Where along the segment a triangle is crossed (Möller and Trumbore 1997), with some slack.

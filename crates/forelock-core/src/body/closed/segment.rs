@@ -15,9 +15,9 @@ use super::{ClosedMesh, Nearest};
 /// longer than 0.4 m it is the length over 4096.
 pub const SEGMENT_TOLERANCE_M: f32 = 1e-4;
 
-/// The tolerance for a segment of `length` metres.
-pub(in crate::body) fn tolerance(length: f32) -> f32 {
-    SEGMENT_TOLERANCE_M.max(length / 4096.0)
+/// That tolerance for a segment of `length` metres.
+pub fn segment_tolerance(length: f64) -> f64 {
+    f64::from(SEGMENT_TOLERANCE_M).max(length / 4096.0)
 }
 
 impl ClosedMesh {
@@ -41,7 +41,8 @@ impl ClosedMesh {
         cuts.extend([0.0, 1.0]);
         cuts.sort_unstable_by(f32::total_cmp);
         let (length, parts) = (a.distance(b), cuts.len() - 1);
-        let mut search = Search { surface: self, tolerance: tolerance(length), deepest: 0.0, hint: None };
+        let tolerance = segment_tolerance(length.into()) as f32;
+        let mut search = Search { surface: self, tolerance, deepest: 0.0, hint: None };
         for part in cuts.windows(2) {
             // A part is no deeper than its length, since it begins or ends at the surface.
             if parts > 1 && (part[1] - part[0]) * length <= search.tolerance {

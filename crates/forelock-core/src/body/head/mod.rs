@@ -35,8 +35,6 @@ pub use region::Region;
 
 /// Side of the finest cells of the mesh, in metres.
 const CELL: f32 = 2.2e-3;
-/// Step of the differences that give the gradient of the distance, in metres.
-const STEP: f32 = 4e-4;
 /// The box of grid points before [`warp`] is applied; the warped box contains the whole head.
 const BOX: Bounds = Bounds { min: vec3(-0.166, -0.221, -0.085), max: vec3(0.166, 0.105, 0.126) };
 
@@ -98,9 +96,7 @@ impl Head {
         move |point, reach| {
             let distance = solid(point);
             (distance < reach).then(|| {
-                // Forward differences: the distance at the point is known.
-                let ahead = |axis: Vec3| (solid(point + axis * STEP) - distance) / STEP;
-                let gradient = vec3(ahead(Vec3::X), ahead(Vec3::Y), ahead(Vec3::Z));
+                let gradient = super::implicit::forward_gradient(solid, point, distance);
                 let slope = gradient.length().max(0.1);
                 (distance / slope, gradient / slope)
             })

@@ -19,7 +19,7 @@ use glam::Vec3;
 
 use super::Avoid;
 use super::roots::Root;
-use super::strand::{Field, PIECE, RISING, Traits};
+use super::strand::{Field, PIECE, Traits};
 
 /// Fraction of the comb's length over which a strand bends along a surface that it meets.
 const GLIDE: f32 = 0.25;
@@ -87,13 +87,12 @@ impl<'a> Guide<'a> {
         piece: f32,
         arc: f32,
     ) -> (Vec3, f32, Option<Vec3>) {
-        let p = self.field.params;
         let (Some(drape), Some(body)) = (self.field.drape, self.field.body) else {
             return (from + heading * piece, f32::INFINITY, None);
         };
-        let length = GLIDE * p.comb_length;
-        let margin = p.margin.min(0.25 * arc);
-        let rise = arc / (arc + RISING * p.comb_length);
+        let length = GLIDE * self.field.params.comb_length;
+        let margin = self.field.margin(arc);
+        let rise = self.field.rise(arc);
         let mut heading = heading;
         let mut layer = self.layer * rise;
         match self.under {

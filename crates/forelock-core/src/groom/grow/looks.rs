@@ -3,11 +3,7 @@
 use glam::Vec3;
 
 use crate::body::Head;
-use crate::groom::Groom;
-
-pub(super) fn length(strand: &[Vec3]) -> f32 {
-    strand.windows(2).map(|w| w[0].distance(w[1])).sum()
-}
+use crate::groom::{Groom, length};
 
 pub(super) fn mean_length(groom: &Groom) -> f32 {
     groom.strands().map(length).sum::<f32>() / groom.strand_count() as f32

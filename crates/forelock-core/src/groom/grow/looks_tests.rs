@@ -2,8 +2,9 @@
 
 use std::sync::OnceLock;
 
-use super::looks::{cracks, folds, length, mean_length, nests, shelves, strings};
+use super::looks::{cracks, folds, mean_length, nests, shelves, strings};
 use super::*;
+use crate::groom::length;
 
 /// The presets of hair that is worn down and not curled.
 const SMOOTH: [&str; 4] = ["straight", "wavy", "bob", "asymmetric"];

@@ -14,7 +14,7 @@ const LEAVING: f32 = 0.25;
 /// Largest length in metres of the pieces in which combed strands grow.
 pub(super) const PIECE: f32 = 8e-3;
 /// Fraction of the comb's length over which a strand rises to half the height of its layer.
-pub(super) const RISING: f32 = 0.5;
+const RISING: f32 = 0.5;
 
 /// The data that all strands of a groom share.
 pub(super) struct Field<'a> {
@@ -213,12 +213,23 @@ impl Field<'_> {
         (comb - normal * comb.dot(normal)).clamp_length_max(1.0)
     }
 
+    /// The distance that a strand keeps from the solid at the length `arc` from its root, which is
+    /// on the skin, in metres.
+    pub(super) fn margin(&self, arc: f32) -> f32 {
+        self.params.margin.min(0.25 * arc)
+    }
+
+    /// How far a strand has risen to its layer at the length `arc` from its root, 0 to 1.
+    pub(super) fn rise(&self, arc: f32) -> f32 {
+        arc / (arc + RISING * self.params.comb_length)
+    }
+
     /// `point`, at the length `arc` of a strand, moved by `shift` as far as it stays outside the
     /// body.
     pub(super) fn outside(&self, point: Vec3, shift: Vec3, arc: f32) -> Vec3 {
         let mut to = point + shift;
         let Some(body) = self.body else { return to };
-        let margin = self.params.margin.min(0.25 * arc);
+        let margin = self.margin(arc);
         for _ in 0..8 {
             let Some((distance, outwards)) = body(to, margin) else { break };
             to += outwards * (1.05 * (margin - distance)).max(1e-6);
@@ -287,8 +298,8 @@ impl Field<'_> {
         let edge = |to: Vec3| from + (to - from).normalize_or(Vec3::NEG_Y) * traits.step;
         let mut to = edge(wanted);
         let Some(avoid) = self.body else { return (to, None) };
-        let near = (self.params.margin).min(0.25 * arc);
-        let layer = traits.layer * (arc / (arc + RISING * self.params.comb_length));
+        let near = self.margin(arc);
+        let layer = traits.layer * self.rise(arc);
         let mut touched = None;
         for attempt in 0..12 {
             // The distance of the layer is optional; staying outside is not.
