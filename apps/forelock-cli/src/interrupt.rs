@@ -18,7 +18,7 @@ static WATCHED: AtomicBool = AtomicBool::new(false);
 static RESUMABLE: AtomicBool = AtomicBool::new(false);
 
 /// Installs the handler. An interruption ends the program at once, or, while the work at hand
-/// watches for it, after a time of grace. A second one ends the program at once.
+/// watches for it, after a grace period. A second one ends the program at once.
 pub fn listen() -> anyhow::Result<()> {
     ctrlc::set_handler(|| {
         if ASKED.swap(true, Ordering::SeqCst) || !WATCHED.load(Ordering::SeqCst) {
@@ -37,8 +37,8 @@ pub fn asked() -> &'static AtomicBool {
     &ASKED
 }
 
-/// Whether the work at hand ends by itself soon after [`asked`] has been set.
-pub fn is_watched(watched: bool) {
+/// States whether the work at hand ends by itself soon after [`asked`] has been set.
+pub fn set_watched(watched: bool) {
     RESUMABLE.fetch_or(watched, Ordering::SeqCst);
     WATCHED.store(watched, Ordering::SeqCst);
 }

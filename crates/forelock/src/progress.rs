@@ -31,7 +31,8 @@ pub type Observer<'a> = dyn FnMut(&Progress<'_>) + 'a;
 /// Time between two looks at a [`Meter`]; work that takes less is not reported.
 const LOOK: Duration = Duration::from_millis(250);
 
-/// Does `work` on another thread, and reports to `observer` what its meter counts, in percent.
+/// Does `work` on another thread, and so in rayon's global pool, and reports to `observer` what its
+/// meter counts, in percent.
 pub(crate) fn watch<T: Send>(observer: &mut Observer<'_>, work: impl FnOnce(&Meter) -> T + Send) -> T {
     let meter = Meter::default();
     std::thread::scope(|scope| {

@@ -38,8 +38,8 @@ fn simulate_scene(scene: &Scene, run: &RunArgs) -> anyhow::Result<ExitCode> {
     let mut reporter = Reporter::new(run.json);
     let mut observer = |progress: &Progress<'_>| {
         match progress {
-            Progress::Begin { what, .. } => interrupt::is_watched(*what == SIMULATING),
-            Progress::End => interrupt::is_watched(false),
+            Progress::Begin { what, .. } => interrupt::set_watched(*what == SIMULATING),
+            Progress::End => interrupt::set_watched(false),
             Progress::Note(_) | Progress::Step => {}
         }
         reporter.report(progress);

@@ -22,7 +22,7 @@ use forelock_core::body::{ClosedMesh, ColliderFrame};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use nearby::{Nearby, Stretch};
+use nearby::{Nearby, Span};
 use solid::Local;
 
 /// Depth under a surface from which a particle or an edge counts as inside, metres.
@@ -104,14 +104,12 @@ impl Penetration {
         let strands = layout.strand_offsets.len().saturating_sub(1);
         let of_strands = |first: usize| {
             let ends = &layout.strand_offsets[first..=(first + STRANDS_AT_ONCE).min(strands)];
-            let strands: Vec<Stretch> = ends
-                .windows(2)
-                .filter_map(|ends| Stretch::of_strand(ends, layout.clamped, positions))
-                .collect();
+            let strands: Vec<Span> =
+                ends.windows(2).filter_map(|ends| Span::of_strand(ends, layout.clamped, positions)).collect();
             let (mut particles, mut edges) = (Vec::new(), Vec::new());
-            for (solid, stretches) in nearby.of_strands(positions, &strands) {
-                solids[solid].find(positions, &stretches, &mut particles);
-                solids[solid].find_edges(positions, &stretches, &mut edges);
+            for (solid, spans) in nearby.of_strands(positions, &strands) {
+                solids[solid].find(positions, &spans, &mut particles);
+                solids[solid].find_edges(positions, &spans, &mut edges);
             }
             [
                 Tally::of(particles, strands.iter().map(|strand| strand.free().len()).sum()),

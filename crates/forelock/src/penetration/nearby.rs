@@ -19,14 +19,14 @@ const ROUNDING: f32 = 1e-6;
 
 /// Consecutive particles of a strand.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Stretch {
+pub(super) struct Span {
     /// Their indices; edges are between consecutive ones.
     pub all: Range<usize>,
     /// Whether the first one is clamped.
     pub begins_clamped: bool,
 }
 
-impl Stretch {
+impl Span {
     /// The particles from the last clamped one on of the strand between two `ends`; `None` if none
     /// is free, or there is no position for them.
     pub fn of_strand(ends: &[u32], clamped: u32, positions: &[Vec3]) -> Option<Self> {
@@ -77,20 +77,20 @@ impl Nearby {
     }
 
     /// The solids near `strands`, each with the parts of the strands that may touch it.
-    pub fn of_strands(&self, positions: &[Vec3], strands: &[Stretch]) -> Vec<(usize, Vec<Stretch>)> {
-        let mut near: Vec<(usize, Stretch)> = Vec::new();
-        for piece in strands.iter().flat_map(Stretch::pieces) {
+    pub fn of_strands(&self, positions: &[Vec3], strands: &[Span]) -> Vec<(usize, Vec<Span>)> {
+        let mut near: Vec<(usize, Span)> = Vec::new();
+        for piece in strands.iter().flat_map(Span::pieces) {
             let (low, high) = bounds(&positions[piece.all.clone()]);
             let (low, high) = wider(low, high);
             self.boxes
                 .overlapping(low, high, |index| near.push((self.bounded[index as usize], piece.clone())));
         }
         near.sort_by_key(|(solid, piece)| (*solid, piece.all.start));
-        let mut found: Vec<(usize, Vec<Stretch>)> =
+        let mut found: Vec<(usize, Vec<Span>)> =
             self.everywhere.iter().map(|solid| (*solid, strands.to_vec())).collect();
         for (solid, piece) in near {
             match found.last_mut() {
-                Some((last, stretches)) if *last == solid => join(stretches, piece),
+                Some((last, spans)) if *last == solid => join(spans, piece),
                 _ => found.push((solid, vec![piece])),
             }
         }
@@ -98,13 +98,13 @@ impl Nearby {
     }
 }
 
-/// Appends `piece` to `stretches`, to the last of them if it goes on from there.
-fn join(stretches: &mut Vec<Stretch>, piece: Stretch) {
-    match stretches.last_mut() {
+/// Appends `piece` to `spans`, to the last of them if it goes on from there.
+fn join(spans: &mut Vec<Span>, piece: Span) {
+    match spans.last_mut() {
         Some(last) if last.all.end == piece.all.start + 1 && !piece.begins_clamped => {
             last.all.end = piece.all.end;
         }
-        _ => stretches.push(piece),
+        _ => spans.push(piece),
     }
 }
 

@@ -7,7 +7,7 @@ use forelock_core::pose::Pose;
 use glam::{DVec3, Vec3};
 
 use super::MeasuredSolid;
-use super::nearby::Stretch;
+use super::nearby::Span;
 
 /// A solid in its own space.
 pub(super) struct Local<'a> {
@@ -39,14 +39,14 @@ impl<'a> Local<'a> {
         Some(((middle - half).as_vec3(), (middle + half).as_vec3()))
     }
 
-    /// Appends the free particles of `stretches` that are inside to `inside`, with their depths in
+    /// Appends the free particles of `spans` that are inside to `inside`, with their depths in
     /// metres.
-    pub fn find(&self, positions: &[Vec3], stretches: &[Stretch], inside: &mut Vec<(usize, f64)>) {
+    pub fn find(&self, positions: &[Vec3], spans: &[Span], inside: &mut Vec<(usize, f64)>) {
         if let Some(depths) = &self.depths {
-            let free: Vec<_> = stretches.iter().map(Stretch::free).collect();
+            let free: Vec<_> = spans.iter().map(Span::free).collect();
             return depths.find(positions, &free, inside);
         }
-        for particle in stretches.iter().flat_map(Stretch::free) {
+        for particle in spans.iter().flat_map(Span::free) {
             let distance = self.distance(self.local(positions[particle]));
             if distance < 0.0 {
                 inside.push((particle, -distance));
@@ -54,21 +54,21 @@ impl<'a> Local<'a> {
         }
     }
 
-    /// Appends the edges of `stretches` that are inside to `inside`: the first particle of each,
+    /// Appends the edges of `spans` that are inside to `inside`: the first particle of each,
     /// and its greatest depth in metres. An edge from a clamped particle that is inside is left
     /// out.
-    pub fn find_edges(&self, positions: &[Vec3], stretches: &[Stretch], inside: &mut Vec<(usize, f64)>) {
+    pub fn find_edges(&self, positions: &[Vec3], spans: &[Span], inside: &mut Vec<(usize, f64)>) {
         let before = inside.len();
         if let Some(depths) = &self.depths {
-            let ranges: Vec<_> = stretches.iter().map(|stretch| stretch.all.clone()).collect();
+            let ranges: Vec<_> = spans.iter().map(|span| span.all.clone()).collect();
             depths.find_edges(positions, &ranges, inside);
         } else {
-            for stretch in stretches {
-                self.find_edges_of(&positions[stretch.all.clone()], stretch.all.start, inside);
+            for span in spans {
+                self.find_edges_of(&positions[span.all.clone()], span.all.start, inside);
             }
         }
-        let rooted = stretches.iter().filter(|stretch| stretch.begins_clamped);
-        let rooted: Vec<usize> = rooted.map(|stretch| stretch.all.start).collect();
+        let rooted = spans.iter().filter(|span| span.begins_clamped);
+        let rooted: Vec<usize> = rooted.map(|span| span.all.start).collect();
         let is_rooted = |edge: &usize| rooted.binary_search(edge).is_ok();
         let found = inside.split_off(before);
         let counts = |(edge, _): &(usize, f64)| !(is_rooted(edge) && self.contains(positions, *edge));

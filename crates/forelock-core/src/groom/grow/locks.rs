@@ -15,8 +15,8 @@ pub(super) struct Locks {
 }
 
 impl Locks {
-    /// Grows the middle strand of each lock. A lock ends at the parting, and
-    /// hair that is tucked behind an ear is not in a lock with hair that falls over it.
+    /// Grows the middle strand of each lock. A lock ends at the parting, and hair that is tucked
+    /// behind an ear is not in a lock with hair that falls over it.
     pub(super) fn new(field: &Field, roots: &[Root], traits: &[Traits]) -> Self {
         if field.params.clump == 0.0 {
             return Self { lock: Vec::new(), curves: Vec::new() };
