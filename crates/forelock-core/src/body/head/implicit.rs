@@ -2,6 +2,8 @@
 //!
 //! A smooth union with a blend of width k differs from the nearer of its parts only where their
 //! distances differ by less than k, so parts that are farther away are skipped by a bounding ball.
+//! Distances to parts may be too small far away from them; they are bounded from below by the
+//! distance to the ball, so that there is no step where a part is skipped.
 //! All parts are defined for x ≥ 0 and mirrored with a rounded |x|, which leaves no crease in the
 //! middle.
 
@@ -39,10 +41,13 @@ fn skull(m: Vec3) -> f32 {
     carve(d, ellipsoid(m, vec3(9.4, 0.9, 5.4), vec3(2.6, 3.4, 3.0)), 2.4)
 }
 
-fn face(m: Vec3, mut d: f32) -> f32 {
-    if (m - vec3(0.0, -4.0, 3.5)).length() - 9.3 > d + 2.5 {
-        return d;
-    }
+fn face(m: Vec3, skull: f32) -> f32 {
+    // A ball that contains the parts, less the width of the blends.
+    let ball = (m - vec3(0.0, -4.0, 3.5)).length() - 11.8;
+    if ball > skull { skull } else { features(m, skull).max(ball) }
+}
+
+fn features(m: Vec3, mut d: f32) -> f32 {
     // Maxilla and the mass between the jaws.
     d = join(d, ellipsoid(m, vec3(0.0, -4.4, 4.0), vec3(4.9, 6.0, 4.7)), 2.0);
     d = join(d, ellipsoid(m, vec3(0.0, -7.2, 3.4), vec3(4.2, 3.6, 5.2)), 2.0);
@@ -98,10 +103,15 @@ fn mouth(m: Vec3, mut d: f32) -> f32 {
     carve(d, cone(bent, vec3(0.0, -7.12, 9.42), vec3(2.2, -7.12, 8.92), 0.25, 0.12), 0.6)
 }
 
+/// Width of the blend between the ear and the skull.
+const EAR_BLEND: f32 = 0.7;
+
 /// A plate in the shape of an egg with a rolled rim, a hollow and a tragus.
 fn ear(m: Vec3, d: f32) -> f32 {
     let q = m - vec3(7.35, -1.5, -1.2);
-    if q.length() > 4.0 + d.max(0.0) {
+    // A ball that contains the ear.
+    let ball = q.length() - 3.7;
+    if ball > d.max(0.0) + EAR_BLEND {
         return d;
     }
     let back = vec3(0.43, -0.2, -0.88).normalize();
@@ -121,7 +131,7 @@ fn ear(m: Vec3, d: f32) -> f32 {
     ear = carve(ear, ellipsoid(l, vec3(-0.15, -0.35, 0.95), vec3(0.8, 1.0, 0.75)), 0.4);
     ear = carve(ear, ellipsoid(l, vec3(0.2, 1.5, 0.85), vec3(0.6, 0.7, 0.35)), 0.4);
     ear = join(ear, ellipsoid(l, vec3(-1.2, -0.55, 0.3), vec3(0.4, 0.6, 0.4)), 0.4);
-    join(d, ear, 0.7)
+    join(d, ear.max(ball), EAR_BLEND)
 }
 
 fn bust(m: Vec3, mut d: f32) -> f32 {

@@ -99,3 +99,26 @@ fn keep_out_points_outwards_with_the_distance() {
     assert!(keep_out(before_the_face, 0.0).is_none());
     assert!(head.keep_out(Region::Scalp)(before_the_face, 0.0).is_some());
 }
+
+#[test]
+fn distances_have_no_steps() {
+    // Along rays through the space around the head, outside of it. The distance to the groove over
+    // the chin changes five times as fast as the place.
+    const STEP: f32 = 2e-4;
+    let (low, high) = (vec3(-0.26, -0.36, -0.22), vec3(0.26, 0.18, 0.22));
+    for distance in [implicit::distance, implicit::distance_with_face_space] {
+        for (axis, i, j) in (0..3).flat_map(|axis| (0..256).map(move |ray| (axis, ray % 16, ray / 16))) {
+            let mut share = Vec3::ZERO;
+            (share[(axis + 1) % 3], share[(axis + 2) % 3]) = (i as f32 / 15.0, j as f32 / 15.0);
+            let mut at = low + share * (high - low);
+            let mut before = distance(at);
+            while at[axis] < high[axis] {
+                at[axis] += STEP;
+                let after = distance(at);
+                let change = after.max(0.0) - before.max(0.0);
+                assert!(change.abs() < 6.0 * STEP, "{before} to {after} m at {at}");
+                before = after;
+            }
+        }
+    }
+}
