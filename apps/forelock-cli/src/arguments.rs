@@ -155,7 +155,8 @@ pub struct RenderArgs {
     /// Change one key of the scene, as in `--set camera.yaw_degrees=90`; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub sets: Vec<String>,
-    /// The picture to write; with `--film` an animated PNG [default: picture.png beside the input].
+    /// The picture to write, a .png or .jpg; with `--film` an animated PNG [default: picture.png
+    /// beside the input].
     #[arg(short, long, value_name = "FILE")]
     pub out: Option<PathBuf>,
     /// Frame of the cache [default: the last].
@@ -168,7 +169,8 @@ pub struct RenderArgs {
     /// scene.
     #[arg(long, conflicts_with = "frame")]
     pub sheet: bool,
-    /// Draw the frames of the cache at these times in seconds, side by side, as in `--at 0,0.5,2`.
+    /// Draw the frames of the cache at these times in seconds, in rows of three, as in
+    /// `--at 0,0.5,2`.
     #[arg(long, value_name = "SECS", value_delimiter = ',', conflicts_with_all = ["film", "frame", "sheet"])]
     pub at: Vec<f64>,
 }
@@ -193,7 +195,7 @@ pub struct GrowArgs {
     /// Change one growth parameter, as in `--set wave_radius=0.01`; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub sets: Vec<String>,
-    /// Also draw a picture.
+    /// Also draw a picture, a .png or .jpg.
     #[arg(long, value_name = "FILE")]
     pub picture: Option<PathBuf>,
     /// Write the contact sheets for Figs. 13 and 14 of the AMS paper to this folder.

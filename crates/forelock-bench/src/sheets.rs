@@ -8,7 +8,7 @@ use crate::BenchError;
 use forelock::Scene;
 use forelock::{AssetError, Assets};
 use forelock::{Observer, Progress};
-use forelock::{Studio, labelled, write_png};
+use forelock::{Studio, labelled, write_picture};
 
 /// Draws both sheets into `folder`, which is made if it is not there, and returns the pictures'
 /// names.
@@ -47,5 +47,5 @@ fn draw(sheet: &Sheet, path: &Path, observer: &mut Observer<'_>) -> Result<(), B
     }
     let columns = u32::try_from(columns).unwrap_or(1);
     let image = labelled(&pictures, columns)?;
-    Ok(write_png(path, &image)?)
+    Ok(write_picture(path, &image)?)
 }

@@ -1,9 +1,12 @@
-//! 8-bit pictures and their PNG encoding.
+//! 8-bit pictures and their encoding as PNG and JPEG.
 
 use std::io::Write;
 
 /// The largest width and height of a picture, in pixels.
 pub const MAX_SIDE: u32 = 4096;
+
+/// Quality of JPEG pictures, 1 to 100.
+const JPEG_QUALITY: u8 = 88;
 
 /// Why a picture, a contact sheet or a film cannot be made.
 #[derive(Debug, thiserror::Error)]
@@ -48,6 +51,9 @@ pub enum ImageError {
     /// The PNG encoder failed.
     #[error("the PNG encoder failed")]
     Encoding(#[from] png::EncodingError),
+    /// The JPEG encoder failed.
+    #[error("the JPEG encoder failed")]
+    Jpeg(#[from] jpeg_encoder::EncodingError),
     /// Writing failed.
     #[error("writing the picture failed")]
     Io(#[from] std::io::Error),
@@ -150,6 +156,20 @@ impl Image {
     pub fn to_png(&self) -> Result<Vec<u8>, ImageError> {
         let mut bytes = Vec::new();
         self.write_png(&mut bytes)?;
+        Ok(bytes)
+    }
+
+    /// The bytes of the picture as a JPEG of high quality, over black where it is transparent.
+    ///
+    /// # Errors
+    /// [`ImageError::Jpeg`].
+    pub fn to_jpeg(&self) -> Result<Vec<u8>, ImageError> {
+        let over_black = |p: &[u8]| [0, 1, 2].map(|i| (u16::from(p[i]) * u16::from(p[3]) / 255) as u8);
+        let rgb: Vec<u8> = self.rgba.chunks_exact(4).flat_map(over_black).collect();
+        let mut bytes = Vec::new();
+        let encoder = jpeg_encoder::Encoder::new(&mut bytes, JPEG_QUALITY);
+        // No side of a picture is longer than `MAX_SIDE`.
+        encoder.encode(&rgb, self.width as u16, self.height as u16, jpeg_encoder::ColorType::Rgb)?;
         Ok(bytes)
     }
 

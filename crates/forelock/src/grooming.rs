@@ -18,7 +18,7 @@ use forelock_render::{Camera, Image};
 use serde::Serialize;
 
 use crate::assets::{AssetError, Assets};
-use crate::pictures::{Studio, labelled, write_png};
+use crate::pictures::{Studio, labelled, write_picture};
 use crate::progress::{Observer, Progress};
 use crate::run::RunError;
 use crate::scene::Scene;
@@ -162,7 +162,7 @@ impl Darkroom<'_> {
             }
         }
         let path = out.join("before-after.png");
-        write_png(&path, &labelled(&pictures, 4)?)?;
+        write_picture(&path, &labelled(&pictures, 4)?)?;
         Ok(path)
     }
 
@@ -184,7 +184,7 @@ impl Darkroom<'_> {
                 Some(edit) => format!("{number:02}-{}.png", edits[edit].op),
             };
             let path = folder.join(name);
-            write_png(&path, &image)?;
+            write_picture(&path, &image)?;
             written.push(path);
             observer(&Progress::Step);
         }

@@ -41,7 +41,7 @@ mod tessellate;
 pub use assets::{AssetError, Assets};
 pub use backend::{Backend, GpuStage};
 pub use grooming::{Counts, EditRow, Grooming, GroomingOptions, groom};
-pub use pictures::{PictureError, Studio, labelled, write_png};
+pub use pictures::{PictureError, Studio, labelled, write_picture};
 pub use player::{Player, PlayerError};
 pub use progress::{Observer, Progress};
 pub use run::{MEASURED_EVERY, RunError, RunOptions, SIMULATING, SnapshotError, record, simulate};

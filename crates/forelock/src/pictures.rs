@@ -47,6 +47,9 @@ pub enum PictureError {
         /// Frames that it has.
         frames: usize,
     },
+    /// The name of a picture has an unknown ending.
+    #[error("{}: a picture is a .png or .jpg file", .0.display())]
+    Format(PathBuf),
 }
 
 /// A camera before a scene.
@@ -222,8 +225,8 @@ impl<'a> Studio<'a> {
         labelled(&pictures, SHEET.1)
     }
 
-    /// The frames of `cache` that are nearest to `times` (seconds), side by side, each of the size
-    /// that the scene asks for.
+    /// The frames of `cache` that are nearest to `times` (seconds), in rows of at most three, each
+    /// of the size that the scene asks for.
     ///
     /// # Errors
     /// [`PictureError`] if a frame cannot be read or drawn, or there is no time.
@@ -236,9 +239,12 @@ impl<'a> Studio<'a> {
         let frames: Vec<usize> = times.iter().map(nearest).collect();
         let pictures = self.frames(cache, &frames, 1.0)?;
         let [width, height] = pictures.first().map_or([0; 2], |first| [first.width(), first.height()]);
-        let mut strip = Image::filled(width.saturating_mul(pictures.len() as u32), height, [0, 0, 0, 255])?;
-        for (place, picture) in pictures.iter().enumerate() {
-            strip.paste(picture, place as u32 * width, 0);
+        let count = pictures.len() as u32;
+        let columns = if count == 4 { 2 } else { count.min(3) };
+        let size = [width.saturating_mul(columns), height.saturating_mul(count.div_ceil(columns.max(1)))];
+        let mut strip = Image::filled(size[0], size[1], [0, 0, 0, 255])?;
+        for (place, picture) in (0..).zip(&pictures) {
+            strip.paste(picture, place % columns * width, place / columns * height);
         }
         Ok(strip)
     }
@@ -281,13 +287,19 @@ pub fn labelled(pictures: &[(Image, String)], columns: u32) -> Result<Image, Pic
     Ok(contact_sheet(&cells, columns)?)
 }
 
-/// Writes `image` as the PNG `path`, whole or not at all.
+/// Writes `image` to the file `path`, whole or not at all: as a JPEG if the name ends in `.jpg` or
+/// `.jpeg`, as a PNG if it ends in `.png` or has no ending.
 ///
 /// # Errors
-/// [`PictureError`] if it cannot be written.
-pub fn write_png(path: &Path, image: &Image) -> Result<(), PictureError> {
-    let png = image.to_png()?;
-    Ok(forelock_io::atomic_write(path, |file| file.write_all(&png))?)
+/// [`PictureError`] if the name ends otherwise or the file cannot be written.
+pub fn write_picture(path: &Path, image: &Image) -> Result<(), PictureError> {
+    let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase());
+    let bytes = match ending.as_deref() {
+        None | Some("png") => image.to_png()?,
+        Some("jpg" | "jpeg") => image.to_jpeg()?,
+        Some(_) => return Err(PictureError::Format(path.to_owned())),
+    };
+    Ok(forelock_io::atomic_write(path, |file| file.write_all(&bytes))?)
 }
 
 /// What pictures a run left.

@@ -103,7 +103,7 @@ fn run_paper(
         Some(PaperFigure::Guides) => {
             let table = GuidesTable::run(&GUIDES, options.share, &[], report.out.is_some(), observer)?;
             if let (Some(folder), Some(picture)) = (report.out, &table.picture) {
-                forelock::write_png(&folder.join(format!("{}.png", report.name)), picture)?;
+                forelock::write_picture(&folder.join(format!("{}.png", report.name)), picture)?;
             }
             return report.tell(&table.to_markdown(), &table);
         }
@@ -128,7 +128,7 @@ impl Report<'_> {
     fn ablation(&self, figure: Figure) -> anyhow::Result<()> {
         let table = figure.table()?;
         if let Some(folder) = self.out {
-            forelock::write_png(&folder.join(format!("{}.png", self.name)), &figure.picture(&table)?)?;
+            forelock::write_picture(&folder.join(format!("{}.png", self.name)), &figure.picture(&table)?)?;
         }
         self.tell(&table.to_markdown(), &table)
     }
@@ -148,7 +148,7 @@ impl Report<'_> {
             }
             for strip in &study.strips {
                 let path = folder.join(format!("{}-{}.png", self.name, strip.name));
-                forelock::write_png(&path, &strip.image)?;
+                forelock::write_picture(&path, &strip.image)?;
             }
         }
         self.texts(&study.to_markdown(), data)

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use forelock::scene::Override;
-use forelock::{Assets, Scene, Studio, write_png};
+use forelock::{Assets, Scene, Studio, write_picture};
 use forelock_core::groom::Info;
 use serde::Serialize;
 
@@ -34,7 +34,7 @@ pub fn grow(arguments: &GrowArgs) -> anyhow::Result<()> {
         outputs.push(path.display().to_string());
     }
     if let Some(path) = &arguments.picture {
-        write_png(path, &Studio::new(&scene, &assets).picture(assets.groom.positions(), 0.0, 1.0)?)?;
+        write_picture(path, &Studio::new(&scene, &assets).picture(assets.groom.positions(), 0.0, 1.0)?)?;
         outputs.push(path.display().to_string());
     }
     let report = Report { preset: arguments.preset.clone(), outputs, info: Info::of(&assets.groom) };

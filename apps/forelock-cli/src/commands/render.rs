@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::bail;
-use forelock::{Assets, Scene, Studio, write_png};
+use forelock::{Assets, Scene, Studio, write_picture};
 use forelock_core::groom::Groom;
 use forelock_io::Cache;
 
@@ -38,15 +38,21 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
     let studio = Studio::new(&scene, &assets);
     let out = arguments.out.clone().unwrap_or_else(|| default_name(arguments));
     match &mut cache {
+        Some(_)
+            if arguments.film
+                && out.extension().is_some_and(|ending| !ending.eq_ignore_ascii_case("png")) =>
+        {
+            bail!("{}: a film is an animated PNG, a .png file", out.display());
+        }
         Some(cache) if arguments.film => {
             let film = studio.film(cache, &mut |progress| reporter.report(progress))?;
             forelock_io::atomic_write(&out, |file| file.write_all(&film))?;
         }
-        Some(cache) if arguments.sheet => write_png(&out, &studio.sheet(cache)?)?,
-        Some(cache) if !arguments.at.is_empty() => write_png(&out, &studio.strip(cache, &arguments.at)?)?,
+        Some(cache) if arguments.sheet => write_picture(&out, &studio.sheet(cache)?)?,
+        Some(cache) if !arguments.at.is_empty() => write_picture(&out, &studio.strip(cache, &arguments.at)?)?,
         Some(cache) => {
             let frame = arguments.frame.unwrap_or(cache.frames().saturating_sub(1));
-            write_png(&out, &studio.frame(cache, input, frame, 1.0)?)?;
+            write_picture(&out, &studio.frame(cache, input, frame, 1.0)?)?;
         }
         None if arguments.film || arguments.frame.is_some() || !arguments.at.is_empty() => {
             bail!(
@@ -54,8 +60,8 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
                 input.display()
             );
         }
-        None if arguments.sheet => write_png(&out, &studio.sides()?)?,
-        None => write_png(&out, &studio.picture(assets.groom.positions(), 0.0, 1.0)?)?,
+        None if arguments.sheet => write_picture(&out, &studio.sides()?)?,
+        None => write_picture(&out, &studio.picture(assets.groom.positions(), 0.0, 1.0)?)?,
     }
     terminal::line(out.display().to_string())
 }

@@ -185,14 +185,24 @@ fn guides_carry_all_strands_and_resume() {
 fn a_strip_has_a_picture_for_every_time() {
     let place = Workplace::new();
     place.run(small_demo("out", &["--set", "output.film=false", "--set", "output.picture=false"]));
-    let strip = |input: &str| place.run(["render", input, "--at", "0,0.05,9", "--out", "strip.png"]);
-    assert!(strip("out/hair.npz").status.success());
-    let png = fs::read(place.path("strip.png")).unwrap();
-    // The header's width and height, big-endian.
-    let side = |at: usize| u32::from_be_bytes(png[at..at + 4].try_into().unwrap());
-    assert_eq!((side(16), side(20)), (3 * 64, 64));
-    let refused = strip("out/scene.toml");
+    let strip =
+        |input: &str, times: &str, out: &str| place.run(["render", input, "--at", times, "--out", out]);
+    for (times, columns, rows) in [("0,0.05,9", 3, 1), ("0,0.05,0.1,9", 2, 2), ("0,0,0,0,0", 3, 2)] {
+        assert!(strip("out/hair.npz", times, "strip.png").status.success());
+        let png = fs::read(place.path("strip.png")).unwrap();
+        // The header's width and height, big-endian.
+        let side = |at: usize| u32::from_be_bytes(png[at..at + 4].try_into().unwrap());
+        assert_eq!((side(16), side(20)), (columns * 64, rows * 64));
+    }
+    let refused = strip("out/scene.toml", "0", "strip.png");
     assert!(stderr(&refused).contains("needs a cache"), "{}", stderr(&refused));
+
+    assert!(strip("out/hair.npz", "0", "strip.JPG").status.success());
+    assert_eq!(fs::read(place.path("strip.JPG")).unwrap()[..3], [0xff, 0xd8, 0xff]);
+    let refused = strip("out/hair.npz", "0", "strip.gif");
+    assert!(stderr(&refused).contains("strip.gif: a picture is a .png or .jpg"), "{}", stderr(&refused));
+    let refused = place.run(["render", "out/hair.npz", "--film", "--out", "film.jpg"]);
+    assert!(stderr(&refused).contains("animated PNG"), "{}", stderr(&refused));
 }
 
 #[test]
