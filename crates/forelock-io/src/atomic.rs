@@ -61,17 +61,24 @@ pub fn remove_temporaries() {
     std::mem::forget(temporaries);
 }
 
-/// Removes the temporary files that killed processes have left in `folder`. No other process may
-/// write files there.
+/// Removes the temporary files that killed processes have left in `folder`. Those of processes that
+/// still write are locked, and stay.
 pub fn remove_leftovers(folder: &Path) {
     let Ok(entries) = fs::read_dir(folder) else { return };
     for entry in entries.flatten() {
         let name = entry.file_name();
         let name = name.to_string_lossy();
-        if name.starts_with(TEMPORARY[0]) && name.ends_with(TEMPORARY[1]) {
+        let is_temporary = name.starts_with(TEMPORARY[0]) && name.ends_with(TEMPORARY[1]);
+        if is_temporary && !is_locked(&entry.path()) {
             let _ = fs::remove_file(entry.path());
         }
     }
+}
+
+/// Whether another open file holds a lock on the file at `path`.
+fn is_locked(path: &Path) -> bool {
+    let lock = fs::File::open(path).map(|file| file.try_lock());
+    matches!(lock, Ok(Err(fs::TryLockError::WouldBlock)))
 }
 
 /// Writes a file through `write`. The bytes go to a temporary file in the same folder, which is
@@ -94,6 +101,9 @@ pub fn atomic_write(
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     let file = builder.tempfile_in(folder(path)).map_err(WriteError::io(path))?;
     let _temporary = Temporary::new(file.path().to_path_buf());
+    // Without locks, [`remove_leftovers`] of another process may remove the file, and this write
+    // ends with an error.
+    let _ = file.as_file().try_lock();
     let written = fill(file, write).and_then(|file| Ok(file.persist(path)?));
     written.map(drop).map_err(WriteError::io(path))
 }
@@ -130,4 +140,25 @@ pub(crate) fn check_target(path: &Path) -> Result<(), WriteError> {
 /// A description, for error messages, of something that is not a regular file.
 pub(crate) fn kind(metadata: &fs::Metadata) -> &'static str {
     if metadata.is_dir() { "this is a folder" } else { "this is a device or a pipe" }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn leftovers_are_removed_but_not_files_under_way() {
+        let folder = tempfile::tempdir().unwrap();
+        let left = folder.path().join(".forelock-left.part");
+        fs::write(&left, "half").unwrap();
+        let path = folder.path().join("whole");
+        atomic_write(&path, |file| {
+            file.write_all(b"all")?;
+            remove_leftovers(folder.path());
+            Ok(())
+        })
+        .unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"all");
+        assert!(!left.exists());
+    }
 }

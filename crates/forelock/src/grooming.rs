@@ -20,7 +20,7 @@ use serde::Serialize;
 use crate::assets::{AssetError, Assets};
 use crate::pictures::{Studio, labelled, write_picture};
 use crate::progress::{Observer, Progress};
-use crate::run::RunError;
+use crate::run::{RunError, check_outputs};
 use crate::scene::Scene;
 
 /// Where an edited groom goes.
@@ -119,6 +119,7 @@ pub fn groom(
     std::fs::create_dir_all(&options.out)
         .map_err(|error| RunError::Folder { path: options.out.clone(), error })?;
     let path = options.out.join(&scene.output.groom);
+    check_outputs(scene, &[&path])?;
     forelock_io::write_groom(&path, &assets.groom)?;
     let mut outputs = vec![path];
     let after = assets.groom.clone();

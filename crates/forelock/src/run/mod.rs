@@ -25,6 +25,7 @@
 mod checkpoints;
 mod machine;
 mod measure;
+mod overwrite;
 mod snapshot;
 
 use std::path::{Path, PathBuf};
@@ -50,6 +51,7 @@ use forelock_core::strands::Snapshot as State;
 use machine::Machine;
 use measure::FrameClock;
 pub use measure::MEASURED_EVERY;
+pub(crate) use overwrite::check_outputs;
 use snapshot::Snapshot;
 pub use snapshot::SnapshotError;
 
@@ -86,6 +88,14 @@ pub enum RunError {
         path: PathBuf,
         /// The error of the operating system.
         error: std::io::Error,
+    },
+    /// An output would replace a file of the user.
+    #[error("{}: this would be replaced, {what}; name another folder with --out or another file", .path.display())]
+    Overwrites {
+        /// The file.
+        path: PathBuf,
+        /// What it is.
+        what: &'static str,
     },
     /// A picture cannot be made.
     #[error(transparent)]
@@ -162,13 +172,18 @@ impl<'a> Run<'a> {
     fn start(mut player: Player, options: &'a RunOptions) -> Result<Self, RunError> {
         let out = options.out.as_path();
         std::fs::create_dir_all(out).map_err(|error| RunError::Folder { path: out.to_path_buf(), error })?;
+        let snapshot = out.join(SNAPSHOT);
+        let cache = cache_path(player.scene(), out);
+        let outputs = [Some(&snapshot), cache.as_ref()];
+        let outputs: Vec<&Path> = outputs.into_iter().flatten().map(PathBuf::as_path).collect();
+        check_outputs(player.scene(), &outputs)?;
+        overwrite::check_scene_file(&out.join(SCENE))?;
         let lock = Lock::take(&out.join(LOCK), out)?;
         forelock_io::remove_leftovers(out);
         let fingerprint = player.assets().fingerprint(player.scene());
         let mut notes = Vec::new();
         let mut so_far = Snapshot::begin(fingerprint);
         let mut stored = None;
-        let snapshot = out.join(SNAPSHOT);
         if options.resume && !snapshot.exists() {
             notes.push(format!("there is nothing to resume in {}: the run starts anew", out.display()));
         } else if options.resume {
@@ -180,9 +195,7 @@ impl<'a> Run<'a> {
             stored = Some(Stored { times_secs, checksum: so_far.cache_checksum });
         }
         let offsets = player.assets().groom.strand_offsets();
-        let cache = cache_path(player.scene(), out)
-            .map(|path| sinks::open_cache(&path, offsets, stored.as_ref()))
-            .transpose()?;
+        let cache = cache.map(|path| sinks::open_cache(&path, offsets, stored.as_ref())).transpose()?;
         let machine = Machine::of(&player).hash();
         if so_far.machine != machine && !so_far.rows.is_empty() {
             so_far.rows.clear();
@@ -321,7 +334,8 @@ impl<'a> Run<'a> {
             forelock_io::atomic_write(&path, |file| file.write_all(text.as_bytes())).map(|()| path)
         };
         let (scene, assets) = (self.player.scene(), self.player.assets());
-        outputs.push(text("scene.toml", &Scene::clone(scene).with_absolute_paths().to_toml())?);
+        let written = Scene::clone(scene).with_absolute_paths().to_toml();
+        outputs.push(text(SCENE, &format!("{}{written}", overwrite::SCENE_HEADER))?);
         // An interrupted run gets its pictures when it has been resumed.
         let mut pictures = RunPictures::default();
         if ended == Ended::Whole {
@@ -400,6 +414,9 @@ pub const SIMULATING: &str = "simulating";
 
 /// Name of the snapshot in the output folder.
 const SNAPSHOT: &str = "snapshot.npz";
+
+/// Name of the scene with every key in the output folder.
+const SCENE: &str = "scene.toml";
 
 /// Name of the lock in the output folder.
 const LOCK: &str = ".forelock.lock";

@@ -249,8 +249,18 @@ impl Scene {
         self.each_path(|path| folder.join(path));
     }
 
+    /// Paths of the files that the scene names to be read.
+    pub fn inputs(&self) -> Vec<PathBuf> {
+        let mut inputs = Vec::new();
+        self.clone().each_path(|path| {
+            inputs.push(path.to_path_buf());
+            path.to_path_buf()
+        });
+        inputs
+    }
+
     /// Puts `of(path)` in place of every path of an input.
-    fn each_path(&mut self, of: impl Fn(&Path) -> PathBuf) {
+    fn each_path(&mut self, mut of: impl FnMut(&Path) -> PathBuf) {
         if let GroomSource::Files(files) = &mut self.groom.source {
             files.iter_mut().for_each(|path| *path = of(path));
         }
