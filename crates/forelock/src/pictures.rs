@@ -126,7 +126,8 @@ impl<'a> Studio<'a> {
             ..Strands::new(positions, groom.strand_offsets(), self.colour)
         };
         let head = self.assets.head_pose(time_secs);
-        let body = self.assets.body_mesh().map(|mesh| Body::new(mesh, head));
+        let colour = HairColour::by_name(&section.body_colour).map_or(Body::CLAY, |hair| hair.albedo());
+        let body = self.assets.body_mesh().map(|mesh| Body { colour, ..Body::new(mesh, head) });
         let solids = self.assets.solid_meshes(time_secs);
         let solids = solids.iter().map(|&(mesh, pose): &(_, Pose)| Body::new(mesh, pose));
         let bodies = body.into_iter().chain(solids).collect();

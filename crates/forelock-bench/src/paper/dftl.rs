@@ -363,7 +363,7 @@ pub fn volume(share: f64, observer: &mut Observer<'_>) -> Result<Study, BenchErr
         followed.push(Followed::run(
             &case,
             &assets,
-            &Shots { moments: &[0.99, 0.5, 0.75], scale: 0.6 },
+            &Shots { moments: &[0.99, 0.5, 0.75], scale: 0.54 },
             observer,
         )?);
     }
@@ -468,7 +468,7 @@ pub fn compare(
             followed.push(Followed::run(
                 &case,
                 &assets,
-                &Shots { moments: &[0.0, 0.25, 0.5, 0.75, 1.0], scale: 0.4 },
+                &Shots { moments: &[0.25, 0.5, 1.0], scale: 0.54 },
                 observer,
             )?);
         }
@@ -500,7 +500,7 @@ pub fn compare(
         study.strips.push(Strip {
             name: PLOTS[number][2],
             title: format!("{name}, over time"),
-            image: labelled(&pictures, 5)?,
+            image: labelled(&pictures, 3)?,
         });
         study.notes.push(format!("So far: {} of {} scenes.", number + 1, SCENES.len()));
         so_far(&study);

@@ -108,7 +108,8 @@ impl Followed {
             before = away;
             if let Some(number) = wanted.iter().position(|&moment| moment == frame) {
                 let time = player.time_secs();
-                let label = if number == 0 { case.label.clone() } else { format!("{time:.2} S") };
+                let time_label = format!("{time:.2} S");
+                let label = if number == 0 { format!("{}  {time_label}", case.label) } else { time_label };
                 followed.pictures.push((studio.picture(&positions, time, shots.scale)?, label));
             }
         }

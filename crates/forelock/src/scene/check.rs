@@ -14,7 +14,7 @@ use forelock_render::HairColour;
 
 use super::document::Document;
 use super::error::{SceneError, one_of};
-use super::sections::{ColliderSection, GroomSource, ShapeKind};
+use super::sections::{CLAY, ColliderSection, GroomSource, ShapeKind};
 use super::{Keyframe, MotionSection, Scene, SolverKind, SolverSection, TimeSection, reference};
 use crate::sinks;
 
@@ -39,6 +39,10 @@ pub(super) fn check(scene: &Scene, document: &Document<'_>) -> Result<(), Wrong>
     check_import("groom", &scene.groom.import(), is_read, "`groom.source` is \"grow\"")?;
     if !HairColour::NAMES.contains(&scene.hair.colour.as_str()) {
         return Err(("hair.colour".to_owned(), one_of(&scene.hair.colour, &HairColour::NAMES)));
+    }
+    let bodies = [&[CLAY][..], &HairColour::NAMES].concat();
+    if !bodies.contains(&scene.hair.body_colour.as_str()) {
+        return Err(("hair.body_colour".to_owned(), one_of(&scene.hair.body_colour, &bodies)));
     }
     for (index, collider) in scene.colliders.iter().enumerate() {
         check_collider(&format!("collider.{index}"), collider)?;
