@@ -137,6 +137,10 @@ pub trait Simulator: Debug + Send {
     /// [`SimulatorError::Device`].
     fn set_params(&mut self, solver: &Solver<f32>) -> Result<(), SimulatorError>;
 
+    /// Sets the speed below which strands are still, m/s, from the next frame on: those that are
+    /// still for a second sleep until something wakes them. 0: no strand sleeps.
+    fn set_sleep_speed(&mut self, speed: f64);
+
     /// Sets or removes the built-in interactions, from the next frame on.
     ///
     /// # Errors
@@ -234,6 +238,10 @@ impl Simulator for HostPositions {
 
     fn set_params(&mut self, solver: &Solver<f32>) -> Result<(), SimulatorError> {
         Ok(self.simulation.set_params(solver)?)
+    }
+
+    fn set_sleep_speed(&mut self, speed: f64) {
+        self.simulation.set_sleep_speed(speed);
     }
 
     fn set_interactions(&mut self, interactions: &Interactions) -> Result<(), SimulatorError> {

@@ -10,6 +10,7 @@ use crate::frame::{
 };
 use crate::interaction::{GpuInteraction, InteractionFrame};
 use crate::kernel::DispatchList;
+use crate::sleep::SleepStep;
 use crate::solver::SolveBatch;
 use crate::uniforms::{FrameUniform, SubstepUniform};
 use forelock_core::frame::{Exchange, FrameInput, Phase, PlannedStep, Step};
@@ -20,9 +21,11 @@ use glam::DVec3;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FrameKinds {
     /// What kinds of colliders there are.
-    solids: SolidKinds,
+    pub solids: SolidKinds,
     /// What shelters from the wind, if it is a field.
-    air: Option<Shelter>,
+    pub air: Option<Shelter>,
+    /// What it does about sleep.
+    pub sleep: SleepStep,
 }
 
 /// Whether one of `steps` moves positions to the frame's origin.
@@ -78,6 +81,7 @@ impl GpuSimulation {
     /// other.
     fn dispatches(&self, steps: &[PlannedStep], kinds: FrameKinds) -> DispatchList<'_> {
         let mut list = DispatchList::default();
+        self.sleep.begin(&mut list, kinds.sleep);
         for steps in steps.chunk_by(|a, b| a.step.is_of_strands() && b.step.is_of_strands()) {
             let step = steps[0].step;
             if !step.is_of_strands() {
@@ -97,6 +101,7 @@ impl GpuSimulation {
                 steps.iter().for_each(|own| self.step_batch(&mut list, own.step, batch, kinds));
             }
         }
+        self.sleep.end(&mut list, kinds.sleep);
         list
     }
 
@@ -220,7 +225,7 @@ impl GpuSimulation {
             let air_frame = AirFrame { wind, solids: frame.colliders.len(), origin, shift };
             air.write_frame(&self.gpu, &self.model, &air_frame)
         });
-        FrameKinds { solids: SolidKinds::of(frame.colliders), air }
+        FrameKinds { solids: SolidKinds::of(frame.colliders), air, sleep: SleepStep::Awake }
     }
 
     /// Uploads the acceleration in addition to gravity of a frame, before positions move to its

@@ -59,6 +59,7 @@ mod positions;
 mod report;
 mod simulation;
 mod simulator;
+mod sleep;
 mod solver;
 pub mod uniforms;
 
@@ -73,7 +74,14 @@ pub use simulation::GpuSimulation;
 
 /// The shaders of all modules, for tests and tools.
 pub fn shaders() -> impl Iterator<Item = &'static kernel::Shader> {
-    let modules = [frame::SHADERS, collide::SHADERS, acceleration::SHADERS, air::SHADERS, guides::SHADERS];
+    let modules = [
+        frame::SHADERS,
+        collide::SHADERS,
+        acceleration::SHADERS,
+        air::SHADERS,
+        sleep::SHADERS,
+        guides::SHADERS,
+    ];
     let interactions = interaction::KINDS.iter().map(|kind| kind.shaders);
     modules.into_iter().chain(interactions).chain(solver::SHADERS).flatten().copied()
 }

@@ -23,6 +23,8 @@ pub struct GpuReport {
     pub max_edge_stretch_final: f32,
     /// Strands that were not finite and were reset to their rest shape.
     pub quarantined_strands: u32,
+    /// Strands that sleep after the last frame: all or none.
+    pub sleeping_strands: u32,
     /// Particles in contact with a solid at a frame's end, summed over all frames.
     pub touching: u32,
     /// Largest depth of a particle inside a solid at a frame's end, metres.
@@ -103,6 +105,7 @@ impl GpuSimulation {
     /// Uploads `state`.
     pub(crate) fn write_state(&mut self, state: &State<f32>) {
         self.batches.iter().for_each(|batch| batch.write(&self.gpu, state));
+        self.sleep.take(&self.gpu, &self.model, state);
         self.origin = state.origin;
         self.positions.origin = state.origin;
     }
@@ -110,6 +113,7 @@ impl GpuSimulation {
     fn report_buffers(&self) -> Vec<&wgpu::Buffer> {
         let mut buffers = vec![&self.shared.report];
         buffers.extend(self.interactions.iter().filter_map(|own| own.report_buffer()));
+        buffers.extend(self.sleep.report_buffer());
         buffers.extend(self.clock.as_ref().and_then(Clock::resolved));
         buffers
     }
@@ -119,7 +123,7 @@ impl GpuSimulation {
     }
 
     /// The report in the bytes of [`Self::report_buffers`]; its sums begin anew.
-    fn take_report<'a>(&self, read: &mut impl Iterator<Item = &'a [u8]>) -> GpuReport {
+    fn take_report<'a>(&mut self, read: &mut impl Iterator<Item = &'a [u8]>) -> GpuReport {
         let mut next = || read.next().unwrap_or_default();
         self.gpu.queue().write_buffer(&self.shared.report, 0, &[0; SUMS]);
         let own: ReportEntry = bytemuck::pod_read_unaligned(next());
@@ -138,6 +142,10 @@ impl GpuSimulation {
         for interaction in self.interactions.iter().filter(|own| own.report_buffer().is_some()) {
             interaction.add_report(next(), &own, &mut report);
         }
+        if self.sleep.report_buffer().is_some() {
+            self.sleep.report(&self.gpu, next(), self.options.sleep_speed);
+        }
+        report.sleeping_strands = self.sleeping_strands() as u32;
         let timed = self.clock.as_ref().filter(|clock| clock.resolved().is_some());
         report.secs = timed.map(|clock| clock.secs(next()));
         report
@@ -150,6 +158,7 @@ impl GpuSimulation {
         for batch in &self.batches {
             batch.take([next(), next(), next()], &mut state);
         }
+        self.sleep.give(&mut state);
         self.read_back.insert(state)
     }
 }
@@ -168,6 +177,7 @@ pub fn to_frame_report(report: &GpuReport, solver_stage: &'static str) -> FrameR
         max_penetration_m: report.max_penetration_m.into(),
         touching: report.touching,
         quarantined_strands: report.quarantined_strands,
+        sleeping_strands: report.sleeping_strands,
         grid: report.grid.unwrap_or_default(),
         strand_contacts: report.strand_contacts.unwrap_or_default(),
         sph: SphReport::default(),

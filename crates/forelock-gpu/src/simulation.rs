@@ -5,8 +5,10 @@ use crate::air::DeviceAir;
 use crate::batch::{Batch, DeviceStrands, Shared, StrandGroups, split};
 use crate::clock::Clock;
 use crate::collide::Solids;
+use crate::encode::FrameKinds;
 use crate::interaction::{self, GpuInteraction, Kind};
 use crate::positions::DevicePositions;
+use crate::sleep::{DeviceSleep, SleepStep};
 use crate::solver::{self, GpuSolver};
 use crate::{Gpu, GpuError};
 use forelock_core::air::WindField;
@@ -67,6 +69,7 @@ pub struct GpuSimulation {
     pub(crate) air: Option<DeviceAir>,
     /// Made at the first acceleration in addition to gravity.
     pub(crate) acceleration: Option<DeviceAcceleration>,
+    pub(crate) sleep: DeviceSleep,
     pub(crate) clock: Option<Clock>,
 }
 
@@ -166,11 +169,25 @@ impl GpuSimulation {
             interactions: Vec::new(),
             air: None,
             acceleration: None,
+            sleep: DeviceSleep::default(),
             clock: None,
         };
+        made.sleep.take(gpu, &made.model, &state);
         made.positions = DevicePositions::of(&made.model, &made.batches, made.origin);
         made.bind();
         Ok(made)
+    }
+
+    /// Sets the speed below which strands are still, m/s, from the next frame on; 0: no strand
+    /// sleeps. See [`Options::sleep_speed`].
+    pub fn set_sleep_speed(&mut self, speed: f64) {
+        self.options.sleep_speed = speed;
+        self.sleep.wake();
+    }
+
+    /// Strands that sleep: all or none.
+    pub fn sleeping_strands(&self) -> usize {
+        if self.sleep.is_asleep() { self.model.strand_count } else { 0 }
     }
 
     /// Whether the strand solve keeps its factors in 16 bits, from the next frame on. This saves 96
@@ -229,6 +246,7 @@ impl GpuSimulation {
             interaction::replace(&mut self.interactions, kind.name, made);
             Ok(())
         });
+        self.sleep.wake();
         // After an error too: those before it are set.
         let bound = self.rebind();
         set.and(bound)
@@ -296,9 +314,11 @@ impl GpuSimulation {
             interactions,
             air,
             acceleration,
+            sleep,
             ..
         } = self;
         let strands = DeviceStrands { model, shared, batches };
+        sleep.bind(gpu, strands);
         *groups = StrandGroups::new(gpu, strands, solids, air.as_ref().map(|air| &*air.wind));
         kernels.bind(gpu, strands, solids);
         interactions.iter_mut().for_each(|own| own.bind(gpu, strands, solids));
@@ -333,6 +353,7 @@ impl GpuSimulation {
     pub fn bytes(&self) -> u64 {
         let batches = self.batches.iter().map(Batch::bytes).sum::<u64>();
         let air = self.air.as_ref().map_or(0, DeviceAir::bytes)
+            + self.sleep.bytes()
             + self.acceleration.as_ref().map_or(0, DeviceAcceleration::bytes);
         let interactions = self.interactions.iter().map(|own| own.bytes()).sum::<u64>();
         self.shared.bytes() + self.solids.bytes() + interactions + air + batches
@@ -389,6 +410,19 @@ impl GpuSimulation {
         self.solver.check_step(&self.model, frame.dt_secs, self.options.beyond_float32)?;
         frame.acceleration.check(&self.model)?;
         self.hold(frame.colliders)?;
+        let whole = steps.len() == self.plan.steps().len();
+        let bounds = [self.options.sleep_speed, self.rules.skin_thickness];
+        let sleep = self.sleep.prepare(frame, &self.model, bounds, whole);
+        match sleep {
+            SleepStep::Asleep => return Ok(()),
+            SleepStep::Measure | SleepStep::Wake => {
+                let Self { gpu, model, shared, batches, sleep, .. } = &mut *self;
+                if sleep.hold(gpu, DeviceStrands { model, shared, batches }) {
+                    self.rebind()?;
+                }
+            }
+            SleepStep::Awake => {}
+        }
         let Air { velocity, field } = frame.air;
         let velocity = field.map_or(DVec3::ZERO, |wind| wind.mean) + velocity;
         let wind = field.map(|wind| WindField { mean: velocity, ..*wind }).filter(|wind| !wind.is_uniform());
@@ -403,6 +437,7 @@ impl GpuSimulation {
         }
         let kinds =
             self.write_frame(&FrameInput { air: Air { velocity, field: wind.as_ref() }, ..*frame }, steps);
+        let kinds = FrameKinds { sleep, ..kinds };
         self.positions.origin = self.origin;
         self.record_steps(encoder, steps, kinds);
         Ok(())

@@ -1,7 +1,7 @@
 //! The simulator of a GPU: what changes a simulation as a whole.
 
 use crate::positions::DevicePositions;
-use crate::report::to_frame_report;
+use crate::report::{GpuReport, to_frame_report};
 use crate::simulation::{Packed, USUAL_FRAME_SECS};
 use crate::solver;
 use crate::{GpuError, GpuSimulation};
@@ -68,11 +68,13 @@ impl GpuSimulation {
             self.shared.hold(&self.gpu, kernels.substep_entries(count, longest));
             self.solids.hold_queries(&self.gpu, count);
             (self.solver, self.kernels, self.rules, self.count) = (solver, kernels, rules, count);
+            self.sleep.wake();
             return self.rebind();
         }
         self.read_state()?;
         let (mut model, mut state) = (self.model.clone(), self.take_memory());
         solver.channels().prepare(&mut model, &mut state);
+        state.sleep.set_all(0.0, None);
         self.replace(Packed { model, state }, &solver)
     }
 
@@ -118,7 +120,11 @@ impl From<GpuError> for SimulatorError {
 impl Simulator for GpuSimulation {
     fn step(&mut self, frame: &FrameInput<'_>) -> Result<FrameReport, SimulatorError> {
         self.step_frame(frame)?;
-        let report = self.report()?;
+        if self.sleep.is_asleep() {
+            let sleeping_strands = self.sleeping_strands() as u32;
+            return Ok(FrameReport { sleeping_strands, ..FrameReport::default() });
+        }
+        let report = GpuReport { sleeping_strands: 0, ..self.report()? };
         Ok(to_frame_report(&report, self.rules.stage))
     }
 
@@ -161,6 +167,10 @@ impl Simulator for GpuSimulation {
 
     fn set_params(&mut self, solver: &Solver<f32>) -> Result<(), SimulatorError> {
         Ok(Self::set_params(self, solver)?)
+    }
+
+    fn set_sleep_speed(&mut self, speed: f64) {
+        Self::set_sleep_speed(self, speed);
     }
 
     fn set_interactions(&mut self, interactions: &Interactions) -> Result<(), SimulatorError> {

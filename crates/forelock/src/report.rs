@@ -91,6 +91,7 @@ fn cards(summary: &Summary) -> String {
         (format!("{:.2} mm", summary.max_edge_penetration_m * 1e3), "deepest edge inside a solid"),
         (format!("{:.3} %", summary.max_edge_share_1mm_inside * 1e2), "of edges more than 1 mm inside"),
         (summary.quarantined_strands.to_string(), "strands reset"),
+        (summary.sleeping_strands.to_string(), "strands asleep at the end"),
         (summary.peak_memory_bytes.map_or_else(|| "unknown".into(), bytes), "peak memory"),
         (format!("{per_particle:.0} B"), "a particle in the solver"),
     ];

@@ -75,6 +75,8 @@ pub struct Summary {
     pub max_strand_contacts: u64,
     /// Strands that became non-finite and were reset to rest, over all frames.
     pub quarantined_strands: u64,
+    /// Strands, or guides where those are simulated, that sleep after the last frame.
+    pub sleeping_strands: u64,
     /// Jumps of the head that were simulated as teleports: those that `[[teleport]]` declares, and
     /// those that are faster than `body.teleport_speed` or `body.teleport_turn_degrees`.
     pub teleports: u32,

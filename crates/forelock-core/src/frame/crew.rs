@@ -4,9 +4,11 @@ use super::context::FrameContext;
 use super::finish::Finish;
 use super::plan::Step;
 use super::report::BlockReport;
+use super::sleep::Stillness;
 use super::solver::{Solver, SolverReal};
 use crate::lane::{Real, Row};
-use crate::strands::{AIR_ROWS, Block, BlockChannels, BlockView, Model, Scratch, State};
+use crate::strands::{AIR_ROWS, Block, BlockChannels, BlockView, Model, Scratch, State, number, sleeps};
+use glam::DVec3;
 use std::sync::{Mutex, PoisonError};
 
 /// Runs consecutive strand steps on all blocks. Threads halve the list of blocks recursively;
@@ -25,19 +27,28 @@ pub(crate) struct Crew<'a, T> {
     pub exposure: &'a [Row<T>],
     /// Acceleration of each particle in addition to gravity; empty: none.
     pub acceleration: &'a [Row<T>],
+    /// How far strands that are still may move, if that is measured.
+    pub stillness: Option<Stillness<T>>,
 }
 
 impl<T: SolverReal> Crew<'_, T> {
-    /// Runs `steps`, all of strands; edges are restored after interactions only if one `moved`
-    /// them.
-    pub fn run(&self, steps: &[Step], moved: bool, state: &mut State<T>) -> BlockReport {
+    /// Runs `steps`, all of strands that are awake; edges are restored after interactions only if
+    /// one `moved` them. Where stillness is measured, `start` holds the positions at the frame's
+    /// start.
+    pub fn run(
+        &self,
+        steps: &[Step],
+        moved: bool,
+        state: &mut State<T>,
+        start: &mut [Row<T>],
+    ) -> BlockReport {
         let substeps = steps.iter().take_while(|step| step.is_of_substep()).count();
         let (substeps, rest) = steps.split_at(substeps);
         let work = BlockWork { substeps, finish: Finish::of(rest, moved) };
         if substeps.is_empty() && !work.finish.is_any() {
             return BlockReport::default();
         }
-        self.halve(&work, &self.model.blocks, 0, Arrays::of(state))
+        self.halve(&work, &self.model.blocks, 0, Arrays::of(state, start))
     }
 
     fn halve(
@@ -53,7 +64,7 @@ impl<T: SolverReal> Crew<'_, T> {
             _ => {
                 let middle = blocks.len() / 2;
                 let (left, right) = blocks.split_at(middle);
-                let (left_arrays, right_arrays) = arrays.split(right[0].first - left[0].first);
+                let (left_arrays, right_arrays) = arrays.split(middle, right[0].first - left[0].first);
                 let (a, b) = rayon::join(
                     || self.halve(work, left, index, left_arrays),
                     || self.halve(work, right, index + middle, right_arrays),
@@ -70,6 +81,18 @@ impl<T: SolverReal> Crew<'_, T> {
         index: usize,
         arrays: Arrays<'_, T>,
     ) -> BlockReport {
+        let [still_secs] = arrays.still_secs else { return BlockReport::default() };
+        let begins = work.substeps.contains(&Step::Solve { substep: 0 });
+        if sleeps(still_secs) {
+            if begins {
+                [arrays.positions, arrays.previous].into_iter().for_each(|rows| shift(rows, self.cx.shift));
+            }
+            return BlockReport::default();
+        }
+        if begins && self.stillness.is_some() {
+            arrays.start.copy_from_slice(arrays.positions);
+            shift(arrays.start, self.cx.shift);
+        }
         let rows = 3 * block.first..3 * (block.first + block.particles);
         let worker = rayon::current_thread_index().unwrap_or(0) % self.scratch.len();
         let mut scratch = self.scratch[worker].lock().unwrap_or_else(PoisonError::into_inner);
@@ -107,8 +130,24 @@ impl<T: SolverReal> Crew<'_, T> {
             let after = T::run(&work.finish, &self.cx, &mut view, block.live, &mut scratch);
             report = report.finished(after, work.finish.lengths || work.finish.collides);
         }
+        if let Some(stillness) = self.stillness.filter(|_| work.finish.checks) {
+            stillness.advance(still_secs, arrays.start, view.positions);
+        }
         scratch.put_air(air);
         report
+    }
+}
+
+/// Adds `shift` to positions.
+fn shift<T: Real>(positions: &mut [Row<T>], shift: DVec3) {
+    if shift == DVec3::ZERO {
+        return;
+    }
+    let shift = shift.to_array().map(number::<T>);
+    for rows in positions.as_chunks_mut::<3>().0 {
+        for (row, shift) in rows.iter_mut().zip(shift) {
+            row.0.iter_mut().for_each(|x| *x = *x + shift);
+        }
     }
 }
 
@@ -127,10 +166,14 @@ struct Arrays<'a, T> {
     /// Empty, or as long as the positions.
     previous: &'a mut [Row<T>],
     extra: BlockChannels<'a, T>,
+    /// A row a block.
+    still_secs: &'a mut [Row<T>],
+    /// Empty, or as long as the positions.
+    start: &'a mut [Row<T>],
 }
 
 impl<'a, T: Real> Arrays<'a, T> {
-    fn of(state: &'a mut State<T>) -> Self {
+    fn of(state: &'a mut State<T>, start: &'a mut [Row<T>]) -> Self {
         Self {
             positions: &mut state.positions,
             velocities: &mut state.velocities,
@@ -138,10 +181,13 @@ impl<'a, T: Real> Arrays<'a, T> {
             clearance: &mut state.clearance,
             previous: &mut state.previous,
             extra: state.extra.all(),
+            still_secs: &mut state.sleep.still_secs,
+            start,
         }
     }
 
-    fn split(self, places: usize) -> (Self, Self) {
+    /// The arrays of the first `blocks` blocks, which have `places` places, and of the others.
+    fn split(self, blocks: usize, places: usize) -> (Self, Self) {
         let (positions, positions_right) = self.positions.split_at_mut(3 * places);
         let (velocities, velocities_right) = self.velocities.split_at_mut(3 * places);
         let (integrity, integrity_right) = self.integrity.split_at_mut(places);
@@ -149,8 +195,11 @@ impl<'a, T: Real> Arrays<'a, T> {
         let remembered = (3 * places).min(self.previous.len());
         let (previous, previous_right) = self.previous.split_at_mut(remembered);
         let (extra, extra_right) = self.extra.split_at(places);
+        let (still_secs, still_secs_right) = self.still_secs.split_at_mut(blocks);
+        let recorded = (3 * places).min(self.start.len());
+        let (start, start_right) = self.start.split_at_mut(recorded);
         (
-            Self { positions, velocities, integrity, clearance, previous, extra },
+            Self { positions, velocities, integrity, clearance, previous, extra, still_secs, start },
             Self {
                 positions: positions_right,
                 velocities: velocities_right,
@@ -158,6 +207,8 @@ impl<'a, T: Real> Arrays<'a, T> {
                 clearance: clearance_right,
                 previous: previous_right,
                 extra: extra_right,
+                still_secs: still_secs_right,
+                start: start_right,
             },
         )
     }

@@ -14,6 +14,7 @@ mod plan;
 mod report;
 pub mod restore_lengths;
 mod rules;
+mod sleep;
 mod solver;
 
 pub use crate::strands::{Channel, ChannelKind, LaneGroup};
@@ -26,6 +27,8 @@ pub use input::{Air, FrameInput, Roots, fractions};
 pub use plan::{CHECK, COLLIDE, Exchange, FramePlan, LENGTHS, Moves, Phase, PlannedStep, Step};
 pub use report::{BlockNanos, BlockReport, ContactReport, FrameReport, GridReport, SphReport, StageTimes};
 pub use rules::{Channels, FrameRules, Refinement, StepCheck, StepRate};
+pub use sleep::{LastSolids, PLACE_M, ROUNDING_M, Reach};
+pub(crate) use sleep::{Stillness, farthest_squared};
 pub use solver::{LaneSolver, Solver, SolverReal, StrandSolver};
 
 /// WGSL that every kernel begins with.
@@ -33,6 +36,8 @@ pub const PRELUDE_WGSL: &str = include_str!("wgsl/prelude.wgsl");
 /// WGSL that stores and restores the load that velocities hold in addition to the motion
 /// ([`Channels::previous`]).
 pub const LOAD_WGSL: &str = include_str!("wgsl/load.wgsl");
+/// WGSL that measures how fast hair moves, for its sleep.
+pub const SLEEP_WGSL: &str = include_str!("wgsl/sleep.wgsl");
 /// Reductions over a workgroup.
 pub const REDUCE_WGSL: &str = include_str!("wgsl/reduce.wgsl");
 /// The same for devices with subgroups.

@@ -107,6 +107,8 @@ pub struct FrameReport {
     pub touching: u32,
     /// Strands that were not finite and were put back to their rest shape.
     pub quarantined_strands: u32,
+    /// Strands that slept in this frame; all other numbers are of those that were awake.
+    pub sleeping_strands: u32,
     /// What the grid did, if there is one.
     pub grid: GridReport,
     /// What contacts between strands did, if there are any.
@@ -124,7 +126,8 @@ impl FrameReport {
     /// This report and that of a `later` frame: maxima and sums over both.
     #[must_use]
     pub fn then(self, later: &Self) -> Self {
-        Self { touching: later.touching, ..self.and(later) }
+        let Self { touching, sleeping_strands, .. } = *later;
+        Self { touching, sleeping_strands, ..self.and(later) }
     }
 
     /// This report and that of `other` steps of the same frame.
@@ -138,6 +141,7 @@ impl FrameReport {
             max_penetration_m: self.max_penetration_m.max(other.max_penetration_m),
             touching: self.touching + other.touching,
             quarantined_strands: self.quarantined_strands + other.quarantined_strands,
+            sleeping_strands: self.sleeping_strands.max(other.sleeping_strands),
             grid: later_of(self.grid, other.grid),
             strand_contacts: later_of(self.strand_contacts, other.strand_contacts),
             sph: later_of(self.sph, other.sph),

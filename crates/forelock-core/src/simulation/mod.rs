@@ -1,6 +1,7 @@
 //! A simulation on the CPU: Model, State and Workspace, a frame at a time.
 
 mod regroom;
+mod sleep;
 mod step;
 
 pub use crate::strands::Teleport;
@@ -39,6 +40,9 @@ pub struct Options {
     pub rest_gravity: DVec3,
     /// Accepts h²κ beyond the float32 limit (to demonstrate the failure).
     pub beyond_float32: bool,
+    /// Speed below which strands are still, m/s: those that are still for a second sleep until
+    /// something wakes them. 0, the default: no strand sleeps.
+    pub sleep_speed: f64,
 }
 
 impl Options {
@@ -245,12 +249,14 @@ impl<T: SimulationReal> Simulation<T> {
         let name = interaction.exchange_plan().name;
         self.interactions.retain(|own| own.exchange_plan().name != name);
         self.interactions.push(interaction);
+        self.wake();
         self.replan();
     }
 
     /// Removes the interaction `name`, if there is one.
     pub fn remove_interaction(&mut self, name: &str) {
         self.interactions.retain(|own| own.exchange_plan().name != name);
+        self.wake();
         self.replan();
     }
 
@@ -358,8 +364,9 @@ impl<T: SimulationReal> Simulation<T> {
         &self.state
     }
 
-    /// The state, mutable.
+    /// The state, mutable; all strands wake.
     pub fn state_mut(&mut self) -> &mut State<T> {
+        self.wake();
         &mut self.state
     }
 
@@ -383,6 +390,7 @@ impl<T: SimulationReal> Simulation<T> {
         solver.validate()?;
         self.solver = solver;
         self.solver.channels().prepare(&mut self.model, &mut self.state);
+        self.wake();
         self.substeps = self.solver.rules().substeps(USUAL_FRAME_SECS);
         self.replan();
         Ok(())
@@ -407,6 +415,7 @@ impl<T: SimulationReal> Simulation<T> {
     /// # Errors
     /// [`SnapshotError`] if it is of another groom, or lacks a channel of the solver.
     pub fn restore(&mut self, snapshot: &Snapshot<T>) -> Result<(), SnapshotError> {
+        self.workspace.sleeper.forget();
         self.state.restore(&self.model, snapshot)
     }
 

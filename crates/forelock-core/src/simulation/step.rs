@@ -1,12 +1,13 @@
 //! Executes the steps of a frame's plan on the CPU.
 
+use super::sleep::Sleeper;
 use super::{Simulation, SimulationReal};
 use crate::air::sample_air::AirTerms;
 use crate::air::{Canopy, PlacedHair, Wake, WindField};
 use crate::collide::resolve_solids::SolidPose;
 use crate::frame::{
     BlockReport, Crew, ExchangeContext, FrameContext, FrameInput, FramePlan, FrameReport, Interaction,
-    PlannedStep, SolverReal, Step, fractions,
+    PlannedStep, SolverReal, Step, Stillness, fractions,
 };
 use crate::lane::Row;
 use crate::params::ParamsError;
@@ -32,6 +33,7 @@ pub(super) struct Workspace<T> {
     steps: Vec<Step>,
     /// Whether an interaction has moved edges in the current frame.
     moved: bool,
+    pub sleeper: Sleeper<T>,
 }
 
 impl<T: SolverReal> Workspace<T> {
@@ -47,6 +49,7 @@ impl<T: SolverReal> Workspace<T> {
             acceleration: Vec::new(),
             steps: Vec::new(),
             moved: false,
+            sleeper: Sleeper::default(),
         }
     }
 
@@ -55,6 +58,7 @@ impl<T: SolverReal> Workspace<T> {
         self.scratch = scratch(model);
         self.canopy = Canopy::default();
         self.acceleration.clear();
+        self.sleeper.forget();
     }
 
     /// Bytes held.
@@ -67,6 +71,7 @@ impl<T: SolverReal> Workspace<T> {
             + size_of_val(&*self.acceleration)
             + self.wake.bytes()
             + self.canopy.bytes()
+            + self.sleeper.bytes()
     }
 
     /// Poses of head and colliders at the substeps, relative to `origin`.
@@ -108,6 +113,15 @@ impl<T: SimulationReal> Simulation<T> {
         let rules = self.solver.rules();
         let substeps = rules.substeps(frame.dt_secs);
         FramePlan::check(steps, substeps)?;
+        let is_whole = steps.len() == self.plan.steps().len();
+        if !is_whole {
+            self.wake();
+        }
+        let measures_stillness = is_whole && self.prepare_sleep(frame);
+        let sleeping = self.sleeping_strands();
+        if sleeping == self.model.strand_count {
+            return Ok(FrameReport { sleeping_strands: sleeping as u32, ..FrameReport::default() });
+        }
         let origin = frame.origin(&self.model);
         let shift = self.state.origin - origin;
         let start = self.model.about_centre(&frame.roots.head()[0], self.state.origin);
@@ -130,6 +144,7 @@ impl<T: SimulationReal> Simulation<T> {
             acceleration,
             steps: run,
             moved,
+            sleeper,
         } = &mut self.workspace;
         let cx = FrameContext {
             rules,
@@ -157,8 +172,11 @@ impl<T: SimulationReal> Simulation<T> {
             substeps,
             dt_secs: frame.dt_secs,
         };
-        let mut crew = Crew { solver: &self.solver, cx, model: &self.model, scratch, exposure, acceleration };
-        let mut report = FrameReport::default();
+        let (speed, dt_secs, h) = (self.options.sleep_speed, frame.dt_secs, cx.h);
+        let stillness = measures_stillness.then(|| Stillness::new(speed, dt_secs));
+        let mut crew =
+            Crew { solver: &self.solver, cx, model: &self.model, scratch, exposure, acceleration, stillness };
+        let mut report = FrameReport { sleeping_strands: sleeping as u32, ..FrameReport::default() };
         let mut sum: Option<BlockReport> = None;
         for chunk in steps.chunk_by(|a, b| a.step.is_of_strands() && b.step.is_of_strands()) {
             match chunk[0].step {
@@ -169,7 +187,13 @@ impl<T: SimulationReal> Simulation<T> {
                 }
                 Step::Exchange(own) => {
                     if let Some(interaction) = named(&mut self.interactions, own.name) {
+                        if sleeping > 0 {
+                            sleeper.hold(&self.state);
+                        }
                         *moved |= interaction.exchange(&exchange, &mut self.state, &mut report);
+                        if sleeping > 0 {
+                            sleeper.release(&self.model, &mut self.state, speed, dt_secs);
+                        }
                     }
                 }
                 _ => {
@@ -178,7 +202,7 @@ impl<T: SimulationReal> Simulation<T> {
                     *moved &= !run.contains(&Step::Solve { substep: 0 });
                     // Positions are moved there by the first of these steps.
                     self.state.origin = origin;
-                    let found = crew.run(run, *moved, &mut self.state);
+                    let found = crew.run(run, *moved, &mut self.state, &mut sleeper.start);
                     crew.cx.shift = DVec3::ZERO;
                     sum = Some(sum.map_or(found, |sum| sum.then(&found)));
                 }
@@ -186,6 +210,9 @@ impl<T: SimulationReal> Simulation<T> {
         }
         if let Some(sum) = sum {
             report.add_blocks(&sum, rules.stage);
+        }
+        if measures_stillness {
+            self.fall_asleep(h);
         }
         Ok(report)
     }

@@ -1,6 +1,6 @@
 //! State: the data that each step changes, and snapshots of it.
 
-use super::{ChannelStore, Model};
+use super::{Block, ChannelStore, Model, Sleep, SleepSnapshot};
 use crate::lane::{LANES, Real, Row};
 use crate::pose::Pose;
 use glam::{DVec3, Vec3};
@@ -36,6 +36,8 @@ pub struct State<T> {
     pub previous: Vec<Row<T>>,
     /// Channels that the solver asks for.
     pub extra: ChannelStore<T>,
+    /// Which strands sleep, and for how long the others have been still.
+    pub sleep: Sleep<T>,
     /// The origin of positions in the world: the position of the model's centre on the head.
     pub origin: DVec3,
 }
@@ -59,6 +61,8 @@ pub struct Snapshot<T> {
     /// Values of the channels that the solver asks for, by name, `[P × rows]`; empty for a channel
     /// that has not started ([`ChannelStore`]).
     pub extra: BTreeMap<String, Vec<T>>,
+    /// Which strands sleep, and for how long the others have been still; none if no strand has.
+    pub sleep: Option<SleepSnapshot<T>>,
 }
 
 /// A snapshot of another groom or solver.
@@ -86,6 +90,7 @@ impl<T: Real> State<T> {
             clearance: vec![Row([T::neg_infinity(); LANES]); places],
             previous: Vec::new(),
             extra: ChannelStore::empty(),
+            sleep: Sleep::awake(model),
             origin: pose.transform_point(model.centre.into()),
         };
         let r = pose.matrix();
@@ -108,6 +113,7 @@ impl<T: Real> State<T> {
         self.clearance.clone_from(&other.clearance);
         self.previous.clone_from(&other.previous);
         self.extra.take(&other.extra);
+        self.sleep.take(&other.sleep);
         self.origin = other.origin;
     }
 
@@ -116,8 +122,9 @@ impl<T: Real> State<T> {
         world_positions(model, &self.positions, self.origin, out);
     }
 
-    /// Invalidates all clearances, because colliders have jumped.
+    /// Invalidates all clearances, because colliders have jumped, and wakes all strands.
     pub fn forget_solids(&mut self) {
+        self.sleep.wake();
         for row in &mut self.clearance {
             row.0.fill(T::neg_infinity());
         }
@@ -173,6 +180,26 @@ impl<T: Real> State<T> {
         }
     }
 
+    /// Stops the strands of `block` after a step of `h` seconds, where they are. The load that
+    /// velocities contain stays, distances to solids are not known any more.
+    pub(crate) fn stop_block(&mut self, block: &Block, h: f64) {
+        let rows = 3 * block.range().start..3 * block.range().end;
+        let inverse_h = number::<T>(1.0 / h);
+        let (velocities, positions) = (&mut self.velocities[rows.clone()], &self.positions[rows.clone()]);
+        match self.previous.get_mut(rows) {
+            None => velocities.fill(Row([T::zero(); LANES])),
+            Some(previous) => {
+                for ((v, x), before) in velocities.iter_mut().zip(positions).zip(previous) {
+                    for k in 0..LANES {
+                        v.0[k] = v.0[k] - (x.0[k] - before.0[k]) * inverse_h;
+                    }
+                    *before = *x;
+                }
+            }
+        }
+        self.clearance[block.range()].fill(Row([T::neg_infinity(); LANES]));
+    }
+
     /// Replaces each velocity v by `change(v, u)`, with u the velocity of the motion in the step
     /// before, of `h` seconds.
     fn change_velocities(&mut self, h: f64, change: impl Fn(T, T) -> T) {
@@ -188,7 +215,7 @@ impl<T: Real> State<T> {
     pub fn bytes(&self) -> usize {
         let vectors = self.positions.len() + self.velocities.len() + self.previous.len();
         let rows = vectors + self.integrity.len() + self.clearance.len();
-        rows * size_of::<Row<T>>() + self.extra.bytes()
+        rows * size_of::<Row<T>>() + self.extra.bytes() + self.sleep.bytes()
     }
 
     /// Calls `visit(particle in the groom's order, place, lane)` for every particle, block by
@@ -215,6 +242,7 @@ impl<T: Real> State<T> {
             previous: vec![[T::zero(); 3]; if self.previous.is_empty() { 0 } else { particles }],
             origin: self.origin.to_array(),
             extra: self.extra.snapshot(model),
+            sleep: self.sleep.snapshot(model),
         };
         Self::each_particle(model, |p, place, lane| {
             snapshot.positions[p] = vector(&self.positions, place, lane);
@@ -248,6 +276,8 @@ impl<T: Real> State<T> {
             }
         }
         self.extra.check(model, &snapshot.extra)?;
+        snapshot.sleep.as_ref().map_or(Ok(()), |sleep| sleep.check(model))?;
+        self.sleep.restore(model, snapshot.sleep.as_ref());
         self.extra.restore(model, &snapshot.extra);
         self.origin = snapshot.origin.into();
         let Snapshot { positions, velocities, previous, .. } = snapshot;
@@ -299,12 +329,16 @@ impl<T: Real> Snapshot<T> {
             take(name.as_bytes());
             take(bytemuck::cast_slice(values));
         }
+        if let Some(SleepSnapshot { still_secs, place }) = &self.sleep {
+            take(bytemuck::cast_slice(still_secs));
+            take(bytemuck::cast_slice(place));
+        }
         hash ^ (hash >> 32)
     }
 
     /// Bytes held.
     pub fn bytes(&self) -> usize {
-        let Self { positions, velocities, integrity, clearance, previous, origin: _, extra } = self;
+        let Self { positions, velocities, integrity, clearance, previous, origin: _, extra, sleep } = self;
         let of_channel = |(name, values): (&String, &Vec<T>)| name.len() + size_of_val(&**values);
         size_of::<Self>()
             + size_of_val(&**positions)
@@ -313,6 +347,7 @@ impl<T: Real> Snapshot<T> {
             + size_of_val(&**clearance)
             + size_of_val(&**previous)
             + extra.iter().map(of_channel).sum::<usize>()
+            + sleep.as_ref().map_or(0, SleepSnapshot::bytes)
     }
 }
 

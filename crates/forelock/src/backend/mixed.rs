@@ -140,6 +140,9 @@ impl Simulator for Mixed {
         Ok(self.gpu.set_params(solver)?)
     }
 
+    /// Frames that are run in parts do not sleep.
+    fn set_sleep_speed(&mut self, _: f64) {}
+
     fn set_interactions(&mut self, interactions: &Interactions) -> Result<(), SimulatorError> {
         self.cpu.set_interactions(interactions)?;
         Ok(self.set_gpu_interactions(interactions)?)

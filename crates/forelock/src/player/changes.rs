@@ -198,6 +198,7 @@ impl Player {
         params.validate()?;
         self.engine.check_step(&params, 1.0 / self.live.fps, solver.beyond_float32)?;
         self.engine.simulator().set_params(&params)?;
+        self.engine.set_sleep_speed(solver.sleep_speed);
         self.live.set_solver(solver.clone(), params);
         Ok(())
     }

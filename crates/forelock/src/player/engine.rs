@@ -93,6 +93,7 @@ impl Engine {
             masses: scene.solver.masses.fixed(groom).map_err(BuildError::from)?,
             rest_gravity: DVec3::from_array(scene.gravity),
             beyond_float32: scene.solver.beyond_float32,
+            sleep_speed: scene.solver.sleep_speed,
         };
         let Placed { simulator, place, note } = backend.place(groom, parts, &options, start.solids)?;
         let engine = Self { simulator, place, options };
@@ -104,6 +105,14 @@ impl Engine {
     pub fn rebuild(&mut self, groom: &Groom, parts: &Parts<'_>) -> Result<(), PlayerError> {
         self.simulator = self.place.simulator(groom, parts, &self.options, &[])?;
         Ok(())
+    }
+
+    /// Sets the speed below which strands are still, m/s; all strands wake if it is another one.
+    pub fn set_sleep_speed(&mut self, speed: f64) {
+        if self.options.sleep_speed != speed {
+            self.options.sleep_speed = speed;
+            self.simulator.set_sleep_speed(speed);
+        }
     }
 
     /// Checks that frames of `dt_secs` can be stepped with `params`.

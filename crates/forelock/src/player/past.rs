@@ -62,6 +62,7 @@ impl Player {
             (Some(a), Some(b)) => Arc::ptr_eq(a, b),
             _ => false,
         };
+        self.engine.set_sleep_speed(setting.solver.sleep_speed);
         let own = &self.live.setting;
         if !same_groom {
             let guides = self.skinning.as_ref().map(|skinning| skinning.guides());

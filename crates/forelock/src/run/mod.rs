@@ -47,7 +47,7 @@ use crate::summary::{
     FrameRow, MEASURE_DEPTH, SKIN_STRANDS, Spread, Summary, WRITE_CACHE, median_stages, peak_memory_bytes,
 };
 use checkpoints::Checkpoints;
-use forelock_core::strands::Snapshot as State;
+use forelock_core::strands::{SleepSnapshot, Snapshot as State};
 use machine::Machine;
 use measure::FrameClock;
 pub use measure::MEASURED_EVERY;
@@ -325,6 +325,9 @@ impl<'a> Run<'a> {
         let mut outputs = Vec::new();
         let state = self.player.state()?;
         let state_hash = state.hash();
+        let asleep =
+            |own: &SleepSnapshot<f32>| own.still_secs.iter().filter(|secs| secs.is_infinite()).count();
+        let sleeping = state.sleep.as_ref().map_or(0, asleep);
         let finished = self.cache.take().map(CacheSink::finish).transpose()?;
         self.save(state, finished.as_ref().map(|cache| cache.checksum))?;
         outputs.extend(finished.into_iter().flat_map(|cache| cache.files));
@@ -349,7 +352,7 @@ impl<'a> Run<'a> {
         }
         outputs.extend(pictures.files);
 
-        let mut summary = self.summary(outputs, state_hash);
+        let mut summary = self.summary(outputs, state_hash, sleeping);
         summary.outputs.push(self.out.join("summary.json"));
         if scene.output.report {
             summary.outputs.push(self.out.join("report.html"));
@@ -367,7 +370,7 @@ impl<'a> Run<'a> {
         if is_missing { self.player.penetration(&self.positions) } else { Penetration::default() }
     }
 
-    fn summary(&self, outputs: Vec<PathBuf>, state_hash: u64) -> Summary {
+    fn summary(&self, outputs: Vec<PathBuf>, state_hash: u64, sleeping: usize) -> Summary {
         let Self { player, so_far, .. } = self;
         let (scene, groom) = (player.scene(), &player.assets().groom);
         let spread = |ms: fn(&FrameRow) -> f64| Spread::of(&so_far.rows.iter().map(ms).collect::<Vec<_>>());
@@ -401,6 +404,7 @@ impl<'a> Run<'a> {
             max_edge_share_1mm_inside: penetration.edge_share_inside,
             max_strand_contacts: so_far.worst[2] as u64,
             quarantined_strands: so_far.quarantined_strands,
+            sleeping_strands: sleeping as u64,
             teleports: player.counters().teleports,
             state_hash: format!("{:016x}", state_hash),
             notes: [player.notes(), self.notes.clone()].concat(),

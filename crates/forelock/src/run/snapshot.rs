@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use forelock_core::strands::Snapshot as State;
+use forelock_core::strands::{SleepSnapshot, Snapshot as State};
 use forelock_io::npz::{Array, Data, read_npz, write_npz};
 
 use crate::hash::Fnv;
@@ -90,6 +90,10 @@ const CACHE: &str = "cache_checksum";
 /// their names, and some arrays may be missing.
 const NAMES: &str = "names";
 
+/// Names of the arrays of the seconds for which strands have been still, and of where; both are
+/// missing if none has been.
+const SLEEP: [&str; 2] = ["still_secs", "sleep_place"];
+
 /// What the name of an array of a stage's times begins with.
 const STAGE: &str = "stage_";
 
@@ -145,6 +149,10 @@ impl Snapshot {
         };
         if !state.previous.is_empty() {
             arrays.push(("previous", flat(state.previous)));
+        }
+        if let Some(sleep) = state.sleep {
+            arrays.push((SLEEP[0], Array::vector(sleep.still_secs)));
+            arrays.push((SLEEP[1], Array::vector(sleep.place.to_vec())));
         }
         arrays.extend([
             ("positions", flat(state.positions)),
@@ -243,6 +251,12 @@ impl Snapshot {
                 _ => return Err(name.clone().into()),
             }
         }
+        let sleep = if SLEEP.into_iter().any(|name| arrays.contains_key(name)) {
+            let place = doubles(SLEEP[1])?.try_into().map_err(|_| SLEEP[1])?;
+            Some(SleepSnapshot { still_secs: floats(SLEEP[0])?, place })
+        } else {
+            None
+        };
         let snapshot = Self {
             fingerprint,
             machine,
@@ -261,6 +275,7 @@ impl Snapshot {
             previous: if arrays.contains_key("previous") { vectors("previous")? } else { Vec::new() },
             origin: doubles("origin")?.try_into().map_err(|_| "origin")?,
             extra,
+            sleep,
         };
         Ok((snapshot, state))
     }
@@ -314,6 +329,7 @@ mod tests {
             extra: [("frame", vec![0.0, -0.0, f32::NEG_INFINITY, 1.0]), ("later", Vec::new())]
                 .map(|(name, values)| (name.to_owned(), values))
                 .into(),
+            sleep: Some(SleepSnapshot { still_secs: vec![f32::INFINITY], place: [0.5; 10] }),
         };
         (snapshot, state)
     }

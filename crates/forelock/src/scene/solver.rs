@@ -80,7 +80,7 @@ pub enum SimdChoice {
 
 forelock_core::documented! {
 /// `[solver]`: which solver, and its parameters.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SolverSection {
     /// "ams", "mass-spring" or "dftl". Default "ams".
@@ -93,6 +93,10 @@ pub struct SolverSection {
     /// Masses of particles: "uniform", or "widths" for masses in proportion to the squares of the
     /// groom's widths. Default "uniform".
     pub masses: Masses,
+    /// Speed below which a strand is still. Strands that are still for a second sleep: they are not
+    /// simulated until something wakes them. Unit m/s, default 0.001, range 0 to 1; 0 lets none
+    /// sleep.
+    pub sleep_speed: f64,
     /// Parameters of "ams".
     pub ams: AmsParams,
     /// Parameters of "mass-spring".
@@ -104,6 +108,22 @@ pub struct SolverSection {
     #[serde(skip)]
     pub custom: toml::Table,
 }
+}
+
+impl Default for SolverSection {
+    fn default() -> Self {
+        Self {
+            kind: SolverKind::default(),
+            simd: SimdChoice::default(),
+            beyond_float32: false,
+            masses: Masses::default(),
+            sleep_speed: 1e-3,
+            ams: AmsParams::default(),
+            mass_spring: MassSpringParams::default(),
+            dftl: DftlParams::default(),
+            custom: toml::Table::default(),
+        }
+    }
 }
 
 impl From<SimdChoice> for Simd {

@@ -11,4 +11,5 @@ mod player;
 mod rates_agree;
 mod readme;
 mod real_grooms;
+mod sleep;
 mod teleports;

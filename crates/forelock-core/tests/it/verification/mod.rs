@@ -19,6 +19,7 @@ mod masses;
 mod non_hookean;
 mod particles;
 pub mod rig;
+mod sleep;
 mod solids;
 mod steps;
 mod swept;

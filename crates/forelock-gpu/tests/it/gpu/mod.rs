@@ -12,3 +12,4 @@ mod limits;
 mod masses;
 mod pipelines;
 mod simulator;
+mod sleep;

@@ -1,0 +1,167 @@
+//! Sleep on the device: all strands fall asleep together and wake on the causes of the CPU.
+
+#![expect(clippy::unwrap_used, reason = "in a test a failure to build is a failure of the test")]
+
+use crate::common;
+use crate::common::shaken::{GRAVITY, tuft};
+use forelock_core::air::WindField;
+use forelock_core::body::{ColliderFrame, Shape};
+use forelock_core::frame::{Air, FrameInput, FrameReport, Roots};
+use forelock_core::groom::Groom;
+use forelock_core::groom::edit::Source;
+use forelock_core::interaction::grid::GridParams;
+use forelock_core::pose::Pose;
+use forelock_core::simulation::{Options, Simulation, Teleport};
+use forelock_core::simulator::{HostPositions, Simulator};
+use forelock_core::solver::{AmsParams, DftlParams, Solver};
+use forelock_gpu::GpuSimulation;
+use glam::{DVec3, Vec3};
+
+const DT: f64 = 1.0 / 60.0;
+const STRANDS: u32 = 40;
+const SPEED: f64 = 1e-3;
+
+fn groom() -> Groom {
+    let (positions, offsets) = tuft(STRANDS, |_| 8, [0.001, 0.01]);
+    let strand = |ends: &[u32]| {
+        positions[ends[0] as usize..ends[1] as usize].iter().map(|p| Vec3::from_array(*p)).collect::<Vec<_>>()
+    };
+    Groom::from_strands(offsets.windows(2).map(strand)).unwrap()
+}
+
+fn options(sleep_speed: f64) -> Options {
+    Options { rest_gravity: GRAVITY, sleep_speed, ..Options::default() }
+}
+
+fn simulation(solver: &Solver<f32>, sleep_speed: f64) -> GpuSimulation {
+    let mut simulation = GpuSimulation::new(&common::gpu(), &groom(), solver, &options(sleep_speed)).unwrap();
+    simulation.time_stages(true);
+    simulation
+}
+
+fn at(x: f64) -> Pose {
+    Pose { translation: DVec3::X * x, ..Pose::IDENTITY }
+}
+
+fn still() -> FrameInput<'static> {
+    FrameInput { gravity: GRAVITY, dt_secs: DT, ..FrameInput::default() }
+}
+
+fn step(simulator: &mut dyn Simulator, frame: &FrameInput<'_>) -> FrameReport {
+    simulator.step(frame).unwrap()
+}
+
+/// Frames until everything sleeps, at most `most`.
+fn frames_to_sleep(simulator: &mut dyn Simulator, most: u32) -> Option<u32> {
+    (1..=most).find(|_| step(simulator, &still()).sleeping_strands == STRANDS)
+}
+
+/// After half a second in which the head moves by 5 cm and back.
+fn moved(solver: &Solver<f32>, sleep_speed: f64) -> GpuSimulation {
+    let mut simulation = simulation(solver, sleep_speed);
+    let place = |frame: u32| at(0.025 * (1.0 - (f64::from(frame) / 30.0 * std::f64::consts::TAU).cos()));
+    for frame in 0..30 {
+        let roots = Roots::Rigid([place(frame), if frame == 29 { at(0.0) } else { place(frame + 1) }]);
+        step(&mut simulation, &FrameInput { roots, ..still() });
+    }
+    simulation
+}
+
+#[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn hair_falls_asleep_where_it_comes_to_rest() {
+    for solver in [Solver::from(&AmsParams::default()), Solver::from(&DftlParams::default())] {
+        let mut sleeper = moved(&solver, SPEED);
+        let frames = frames_to_sleep(&mut sleeper, 600).unwrap();
+        assert!(frames > 62, "{frames}: it moved");
+        let asleep = sleeper.snapshot().unwrap();
+        // The frame that follows does nothing, not even on the device's clock.
+        let report = step(&mut sleeper, &still());
+        assert_eq!((report.sleeping_strands, report.device_secs), (STRANDS, None));
+        assert_eq!(report.stages.iter().count(), 0);
+        assert_eq!(sleeper.snapshot().unwrap(), asleep);
+        let mut awake = moved(&solver, 0.0);
+        assert_eq!(frames_to_sleep(&mut awake, frames + 300), None);
+        let there = awake.snapshot().unwrap().positions;
+        let pairs = asleep.positions.iter().zip(&there);
+        let far = pairs.map(|(a, b)| Vec3::from(*a).distance((*b).into())).fold(0.0, f32::max);
+        println!("{}: asleep after {frames} frames, {:.4} mm away", solver.name(), far * 1e3);
+        assert!(far < 1e-4, "{far}");
+    }
+}
+
+#[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn each_cause_wakes() {
+    let ams = Solver::from(&AmsParams::default());
+    let mut own = simulation(&ams, SPEED);
+    frames_to_sleep(&mut own, 70).unwrap();
+    let state = own.snapshot().unwrap();
+    let shape = Shape::Sphere { radius: 0.02 };
+    let ball = |from: f64, to: f64| {
+        let [from, to] =
+            [from, to].map(|z| Pose { translation: DVec3::new(0.02, -0.1, z), ..Pose::IDENTITY });
+        [ColliderFrame { shape: &shape, local: Pose::IDENTITY, from, to, friction: 0.3 }]
+    };
+    let (far, near) = (ball(3.0, 2.9), ball(0.5, 0.05));
+    let wind = WindField { mean: DVec3::Z, ..WindField::default() };
+    let frames = [
+        ("nothing", still(), STRANDS),
+        ("a collider far away", FrameInput { colliders: &far, ..still() }, STRANDS),
+        ("a collider that comes near", FrameInput { colliders: &near, ..still() }, 0),
+        ("the head moves", FrameInput { roots: Roots::Rigid([at(0.0), at(1e-5)]), ..still() }, 0),
+        ("the head is elsewhere", FrameInput { roots: Roots::Rigid([at(1e-4); 2]), ..still() }, 0),
+        ("gravity", FrameInput { gravity: 1.01 * GRAVITY, ..still() }, 0),
+        ("air", FrameInput { air: Air::uniform(DVec3::X), ..still() }, 0),
+        ("wind", FrameInput { air: Air { velocity: DVec3::ZERO, field: Some(&wind) }, ..still() }, 0),
+    ];
+    for (name, frame, expected) in frames {
+        Simulator::restore(&mut own, &state).unwrap();
+        assert_eq!(step(&mut own, &frame).sleeping_strands, expected, "{name}");
+    }
+    let sources: Vec<Source> = (0..STRANDS).map(|strand| Source { strand, fresh: false }).collect();
+    let changes: [(&str, &dyn Fn(&mut dyn Simulator)); 7] = [
+        ("parameters", &|own| own.set_params(&ams).unwrap()),
+        ("grid", &|own| {
+            let grid = Some(GridParams::default());
+            own.set_interactions(&forelock_core::interaction::Interactions { grid, ..Default::default() })
+                .unwrap();
+        }),
+        ("no grid", &|own| own.set_interactions(&Default::default()).unwrap()),
+        ("colliders", &|own| own.forget_solids().unwrap()),
+        ("teleport", &|own| own.teleport(&at(0.0), &at(0.0), Teleport::CarryShape).unwrap()),
+        ("speed", &|own| own.set_sleep_speed(2e-3)),
+        ("edit", &|own| own.regroom(&groom(), &sources, &Pose::IDENTITY).unwrap()),
+    ];
+    for (name, change) in changes {
+        Simulator::restore(&mut own, &state).unwrap();
+        assert_eq!(step(&mut own, &still()).sleeping_strands, STRANDS);
+        change(&mut own);
+        assert_eq!(step(&mut own, &still()).sleeping_strands, 0, "{name}");
+    }
+}
+
+/// A snapshot of hair that is about to sleep goes on bit for bit, and sleeping hair of the GPU
+/// sleeps on the CPU.
+#[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn snapshots_hold_sleep() {
+    let ams = Solver::from(&AmsParams::default());
+    let mut whole = moved(&ams, SPEED);
+    (0..90).for_each(|_| {
+        step(&mut whole, &still());
+    });
+    let cut = whole.snapshot().unwrap();
+    let mut second = simulation(&ams, SPEED);
+    Simulator::restore(&mut second, &cut).unwrap();
+    assert_eq!(second.snapshot().unwrap(), cut);
+    let frames = frames_to_sleep(&mut whole, 600).unwrap();
+    assert_eq!(frames_to_sleep(&mut second, 600), Some(frames));
+    let asleep = whole.snapshot().unwrap();
+    assert_eq!(second.state_hash().unwrap(), asleep.hash());
+    let cpu = Simulation::new(&groom(), &ams, &options(SPEED)).unwrap();
+    let mut cpu = HostPositions::new(cpu);
+    cpu.restore(&asleep).unwrap();
+    assert_eq!(step(&mut cpu, &still()).sleeping_strands, STRANDS);
+    assert_eq!(cpu.snapshot().unwrap(), asleep);
+}
