@@ -80,6 +80,40 @@ fn allocations_of_frames(solver: &Solver<f32>, grid: Option<&GridParams>, sph: O
     counted
 }
 
+/// Allocations of thirty frames in which hair sleeps and a ball wakes a part of it, after those in
+/// which it fell asleep and the first that it was woken in.
+fn allocations_of_sleep(grid: Option<&GridParams>) -> usize {
+    let strand = |s: u16| {
+        let root = Vec3::new(f32::from(s) * 1e-3, 0.0, 0.0);
+        (0..25u8).map(move |i| root + Vec3::new(0.0, -0.01 * f32::from(i), 0.0)).collect::<Vec<_>>()
+    };
+    let groom = Groom::from_strands((0..500).map(strand)).unwrap();
+    let gravity = DVec3::new(0.0, -9.81, 0.0);
+    let options = Options { rest_gravity: gravity, sleep_speed: 1e-3, ..Options::default() };
+    let mut simulation = Simulation::new(&groom, &AmsParams::default(), &options).unwrap();
+    simulation.set_grid(grid).unwrap();
+    let shape = Shape::Sphere { radius: 0.03 };
+    let place = |frame: u32| {
+        let z = 0.1 - 2e-3 * f64::from(frame.clamp(80, 130) - 80);
+        Pose { translation: DVec3::new(0.1, -0.2, z), ..Pose::IDENTITY }
+    };
+    let (mut counted, mut slept, mut fewest) = (0, 0, u32::MAX);
+    for frame in 0..145 {
+        let [from, to] = [frame, frame + 1].map(place);
+        let ball = [ColliderFrame { shape: &shape, local: Pose::IDENTITY, from, to, friction: 0.3 }];
+        let input = FrameInput { colliders: &ball, gravity, dt_secs: 1.0 / 60.0, ..FrameInput::default() };
+        let before = ALLOCATIONS.load(Ordering::SeqCst);
+        let sleeping = simulation.step_frame(&input).unwrap().sleeping_strands;
+        if (70..80).contains(&frame) || frame >= 125 {
+            counted += ALLOCATIONS.load(Ordering::SeqCst) - before;
+        }
+        (slept, fewest) = (slept.max(sleeping), if frame >= 125 { fewest.min(sleeping) } else { fewest });
+    }
+    assert_eq!(slept, 500);
+    assert!((1..500).contains(&fewest), "{fewest}");
+    counted
+}
+
 /// Allocations of ten frames of strands that follow guides, after one to make room.
 fn allocations_of_skinning() -> usize {
     let strand = |s: u16| {
@@ -113,6 +147,13 @@ fn frames_allocate_nothing() {
             let counted = pool.install(|| allocations_of_frames(solver, grid, sph));
             println!("{threads} thread(s), {grid:?}, {sph:?}: {counted} allocations in 40 frames");
             assert_eq!(counted, 0, "{threads} thread(s), {grid:?}");
+        }
+        for grid in [None, Some(&on_grid)] {
+            assert_eq!(
+                pool.install(|| allocations_of_sleep(grid)),
+                0,
+                "sleep, {threads} thread(s), {grid:?}"
+            );
         }
         assert_eq!(pool.install(allocations_of_skinning), 0, "skinning, {threads} thread(s)");
     }

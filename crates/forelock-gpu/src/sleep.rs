@@ -20,9 +20,6 @@ use forelock_core::lane::Row;
 use forelock_core::strands::{Model, SLEEP_SECS, SleepPlace, State};
 use wgpu::BufferUsages;
 
-/// Metres beyond the thickness of the skin at which a collider that moves is within reach.
-const MARGIN_M: f64 = 1e-3;
-
 bindings! {
     /// Positions, their places at the frame's start, and the largest speed.
     pub(crate) struct SleepBindings {
@@ -146,7 +143,7 @@ impl DeviceSleep {
         }
         let Some(here) = here else { return SleepStep::Awake };
         if self.is_asleep() {
-            Reach::moving(frame, skin_thickness + MARGIN_M, &mut self.moving);
+            Reach::moving(frame, skin_thickness, &mut self.moving);
             let hair = Reach::ball(here.head.transform_point(model.centre.into()), model.bound);
             if self.moving.iter().any(|reach| reach.meets(&hair)) {
                 self.wake();

@@ -15,6 +15,8 @@ use glam::DVec3;
 
 /// Motion in a frame that counts as rounding, metres.
 pub const ROUNDING_M: f64 = 1e-9;
+/// Distance beyond the thickness of the skin at which a moving collider is within reach, metres.
+const MARGIN_M: f64 = 1e-3;
 /// Largest distance of a head from where its strands have been still, metres.
 pub const PLACE_M: f64 = 1e-6;
 
@@ -120,10 +122,11 @@ impl Reach {
         Some(Self { low: reach.low - grown, high: reach.high + grown })
     }
 
-    /// Writes to `out` where the colliders of `frame` are that move or change their shape, each
-    /// with a `margin`, metres.
-    pub fn moving(frame: &FrameInput<'_>, margin: f64, out: &mut Vec<Self>) {
+    /// Writes to `out` where the colliders of `frame` are that move or change their shape, as far
+    /// as they reach beyond a skin of `skin_thickness` metres.
+    pub fn moving(frame: &FrameInput<'_>, skin_thickness: f64, out: &mut Vec<Self>) {
         out.clear();
+        let margin = skin_thickness + MARGIN_M;
         out.extend(frame.colliders.iter().filter_map(|solid| Self::of_moving(solid, margin)));
     }
 }

@@ -25,16 +25,13 @@
 //!
 //! # Limitations
 //! A strand that moves, however little of it, keeps the fifteen others of its block awake, and with
-//! interactions all strands. Damage of ties does not heal in sleep. Under strong drag ((2/T + c) v/ω²
-//! above) a strand may fall asleep visibly before it has come to rest: lower the sleep speed.
+//! interactions all strands. Damage of ties does not heal in sleep. Under strong drag a strand may
+//! fall asleep visibly before it has come to rest, by the distance above: lower the sleep speed.
 
 use super::{Simulation, SimulationReal};
 use crate::frame::{FrameInput, LastSolids, Reach, farthest_squared};
 use crate::lane::{LANES, Real, Row};
 use crate::strands::{Block, Model, SLEEP_SECS, State, number};
-
-/// Metres beyond the thickness of the skin at which a collider that moves is within reach.
-const MARGIN_M: f64 = 1e-3;
 
 /// Buffers for sleep. What they hold can be computed again.
 #[derive(Clone, Debug, Default)]
@@ -69,8 +66,8 @@ impl<T: Real> Sleeper<T> {
         self.held[1].clone_from(&state.velocities);
     }
 
-    /// After an interaction: wakes strands that it moved or accelerated beyond `speed` in a frame of
-    /// `dt_secs`, and undoes what it did to the others that sleep.
+    /// After an interaction: wakes strands that it moved or accelerated beyond `speed` in a frame
+    /// of `dt_secs`, and undoes what it did to the others that sleep.
     pub fn release(&mut self, model: &Model<T>, state: &mut State<T>, speed: f64, dt_secs: f64) {
         let largest = [speed * dt_secs, speed].map(|x| number::<T>(x * x));
         let [positions, velocities] = &self.held;
@@ -141,7 +138,7 @@ impl<T: SimulationReal> Simulation<T> {
     fn wake_by_solids(&mut self, frame: &FrameInput<'_>) {
         let Sleeper { boxes, moving, .. } = &mut self.workspace.sleeper;
         let State { sleep, positions, origin, .. } = &mut self.state;
-        Reach::moving(frame, self.solver.rules().skin_thickness + MARGIN_M, moving);
+        Reach::moving(frame, self.solver.rules().skin_thickness, moving);
         boxes.resize(self.model.blocks.len(), None);
         if moving.is_empty() {
             return;

@@ -1,5 +1,5 @@
-// How fast hair moves in a frame, and what follows a sleep. On a GPU all strands sleep together: the
-// host decides by the largest speed.
+// How fast hair moves in a frame, and what follows a sleep. On a GPU all strands sleep together:
+// the host decides by the largest speed.
 
 // Positions at the frame's start, three rows per particle.
 @group(0) @binding(17) var<storage, read_write> start: array<f32>;

@@ -8,6 +8,7 @@ mod air;
 mod channels;
 mod closed_forms;
 mod contacts;
+mod counting;
 pub mod dense;
 mod faults;
 mod follow;

@@ -1,5 +1,6 @@
 //! Strands that are still fall asleep, stay where the awake ones would be, and wake on each cause.
 
+use super::counting::counting;
 use crate::rig::{DT, GRAVITY, Rig, Strand, assert_one_hash, helix, largest, shake, tuft};
 use forelock_core::air::WindField;
 use forelock_core::body::{ColliderFrame, Shape};
@@ -105,73 +106,6 @@ fn a_strand_that_creeps_is_not_stopped_on_its_way() {
     assert!(frames > 120);
 }
 
-/// Calls of a solver, to count what a frame does.
-mod counting {
-    use super::*;
-    use forelock_core::frame::{
-        BlockReport, Channels, FrameContext, FrameRules, Refinement, Step, StepCheck, StepRate, StrandSolver,
-    };
-    use forelock_core::params::ParamsError;
-    use forelock_core::strands::{BlockView, Scratch, Strands};
-    use std::any::Any;
-    use std::sync::Arc;
-    use std::sync::atomic::{AtomicU32, Ordering};
-
-    /// AMS that counts the blocks it advances.
-    #[derive(Debug)]
-    pub struct Counting {
-        solver: Solver<f32>,
-        blocks: Arc<AtomicU32>,
-    }
-
-    pub fn counting() -> (Solver<f32>, Arc<AtomicU32>) {
-        let blocks = Arc::new(AtomicU32::new(0));
-        let solver = (&AmsParams::default()).into();
-        (Solver::new(Counting { solver, blocks: blocks.clone() }), blocks)
-    }
-
-    impl StrandSolver<f32> for Counting {
-        fn name(&self) -> &'static str {
-            "counting"
-        }
-        fn rules(&self) -> FrameRules {
-            self.solver.rules()
-        }
-        fn channels(&self) -> Channels {
-            self.solver.channels()
-        }
-        fn rate(&self) -> StepRate {
-            self.solver.rate()
-        }
-        fn validate(&self) -> Result<(), ParamsError> {
-            self.solver.validate()
-        }
-        fn validate_step(&self, step: &StepCheck) -> Result<(), ParamsError> {
-            self.solver.validate_step(step)
-        }
-        fn refinement(&self) -> Option<Refinement> {
-            None
-        }
-        fn refine(&self, strands: &Strands<'_, f32>, refinement: &Refinement) -> Vec<[f32; 3]> {
-            self.solver.refine(strands, refinement)
-        }
-        fn advance(
-            &self,
-            cx: &FrameContext<'_, f32>,
-            steps: &[Step],
-            view: &mut BlockView<'_, f32>,
-            live: usize,
-            scratch: &mut Scratch<f32>,
-        ) -> BlockReport {
-            self.blocks.fetch_add(1, Ordering::Relaxed);
-            self.solver.advance(cx, steps, view, live, scratch)
-        }
-        fn params(&self) -> &dyn Any {
-            self
-        }
-    }
-}
-
 /// A frame in which all hair sleeps advances no block and runs no interaction.
 #[test]
 fn a_sleeping_frame_does_nothing() {
@@ -181,7 +115,7 @@ fn a_sleeping_frame_does_nothing() {
         ..Interactions::default()
     };
     for interactions in [Interactions::default(), grid_and_contacts] {
-        let (solver, blocks) = counting::counting();
+        let (solver, blocks) = counting();
         let mut rig = hair(&solver, SPEED);
         rig.simulation.set_interactions(&interactions).unwrap();
         let advanced = || blocks.swap(0, std::sync::atomic::Ordering::Relaxed);
@@ -356,8 +290,8 @@ fn a_collider_wakes_what_is_near() {
     assert_eq!(asleep(report), 0, "it jumped");
 }
 
-/// One block swings against another that sleeps: with contacts the sleeper wakes when it is hit, and
-/// not before. Where the other swings free of it, and without contacts, it sleeps on.
+/// One block swings against another that sleeps: with contacts the sleeper wakes when it is hit,
+/// and not before. Where the other swings free of it, and without contacts, it sleeps on.
 #[test]
 fn strands_that_are_awake_wake_those_they_push() {
     let contacts = Interactions { contacts: Some(ContactParams::default()), ..Interactions::default() };
