@@ -80,7 +80,8 @@ impl<T: Real> Sleeper<T> {
             let after = [&mut state.positions[rows.clone()], &mut state.velocities[rows.clone()]];
             let beyond = |k: usize| {
                 let changes = farthest_squared(before[k], after[k]);
-                changes[..block.live].iter().any(|change| !(*change <= largest[k]))
+                // What is not finite counts as beyond.
+                !changes[..block.live].iter().all(|change| *change <= largest[k])
             };
             if beyond(0) || beyond(1) {
                 self.start[rows].copy_from_slice(before[0]);
@@ -113,7 +114,8 @@ impl<T: SimulationReal> Simulation<T> {
     /// Before `frame`: wakes the strands that have a cause to, and returns whether stillness is
     /// measured in the frame.
     pub(super) fn prepare_sleep(&mut self, frame: &FrameInput<'_>) -> bool {
-        if !(self.options.sleep_speed > 0.0) {
+        let is_on = self.options.sleep_speed > 0.0;
+        if !is_on {
             self.state.sleep.wake();
             return false;
         }

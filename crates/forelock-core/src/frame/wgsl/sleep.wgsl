@@ -4,12 +4,8 @@
 // Positions at the frame's start, three rows per particle.
 @group(0) @binding(17) var<storage, read_write> start: array<f32>;
 
-// The largest speed of a particle over a frame.
-struct Motion {
-    // Bits of its square, m²/s².
-    speed_squared: atomic<u32>,
-}
-@group(0) @binding(18) var<storage, read_write> motion: Motion;
+// Bits of the square of the largest speed of a particle over a frame, m²/s².
+@group(0) @binding(18) var<storage, read_write> motion: atomic<u32>;
 
 // Records where hair is at the frame's start, relative to the frame's origin.
 @compute @workgroup_size(WORKGROUP)
@@ -42,7 +38,7 @@ fn measure_motion(@builtin(global_invocation_id) id: vec3u) {
         fastest = max(fastest, bitcast<u32>(dot(u, u)) & 0x7fffffffu);
     }
     if is_greatest(fastest) {
-        atomicMax(&motion.speed_squared, fastest);
+        atomicMax(&motion, fastest);
     }
 }
 
