@@ -118,9 +118,13 @@ impl DeviceSleep {
         }
     }
 
-    /// Gives `state`, which was read back, its sleep.
+    /// Gives `state`, which was read back, its sleep. Distances to solids of hair that sleeps are
+    /// not known, since solids may move meanwhile.
     pub fn give(&self, state: &mut State<f32>) {
         state.sleep.set_all(self.still_secs, self.place);
+        if self.is_asleep() {
+            state.clearance.iter_mut().for_each(|row| row.0.fill(f32::NEG_INFINITY));
+        }
     }
 
     /// What `frame` does, at a sleep speed of `speed`; `whole`: it is not run in parts.
