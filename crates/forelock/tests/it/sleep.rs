@@ -14,6 +14,9 @@ use forelock::scene::{ColliderSection, InteractionKind, Override};
 use forelock::{Backend, Progress, RunOptions, Scene, Summary, simulate};
 use glam::DVec3;
 
+/// A live change, and its name.
+type Change<'a> = (&'static str, &'a dyn Fn(&mut Player));
+
 const STRANDS: u32 = 32;
 
 /// Hair on a head that is held, and `keys`.
@@ -100,7 +103,7 @@ fn live_changes_wake_hair() {
     fall_asleep(&mut player).unwrap();
     let moment = player.snapshot().unwrap();
     let there = Pose { translation: DVec3::X * 0.01, ..Pose::IDENTITY };
-    let changes: [(&str, &dyn Fn(&mut Player)); 9] = [
+    let changes: [Change<'_>; 9] = [
         ("gravity", &|own| own.set_gravity(DVec3::new(0.0, -9.0, 0.0)).unwrap()),
         ("wind", &|own| {
             own.set_wind(&WindParams { velocity: DVec3::X, ..WindParams::default() }).unwrap();

@@ -17,6 +17,9 @@ use forelock_core::solver::{AmsParams, DftlParams, Solver};
 use forelock_gpu::GpuSimulation;
 use glam::{DVec3, Vec3};
 
+/// A change of a simulation, and its name.
+type Change<'a> = (&'static str, &'a dyn Fn(&mut dyn Simulator));
+
 const DT: f64 = 1.0 / 60.0;
 const STRANDS: u32 = 40;
 const SPEED: f64 = 1e-3;
@@ -120,7 +123,7 @@ fn each_cause_wakes() {
         assert_eq!(step(&mut own, &frame).sleeping_strands, expected, "{name}");
     }
     let sources: Vec<Source> = (0..STRANDS).map(|strand| Source { strand, fresh: false }).collect();
-    let changes: [(&str, &dyn Fn(&mut dyn Simulator)); 7] = [
+    let changes: [Change<'_>; 7] = [
         ("parameters", &|own| own.set_params(&ams).unwrap()),
         ("grid", &|own| {
             let grid = Some(GridParams::default());
