@@ -77,7 +77,7 @@ impl Patch {
         self.nodes.capacity() * size_of::<Node>() + self.marks.capacity() + size_of_val(&*self.points)
     }
 
-    /// Measures the extent of the hair.
+    /// Measures the extent of the hair, and clears the nodes.
     pub fn measure<T: Real>(&mut self, model: &Model<T>, positions: &[Row<T>], frame: &GridFrame) {
         let view = View::new(frame, &Bounds::default(), 1.0);
         let blocks = &model.blocks[self.blocks.clone()];
@@ -85,14 +85,15 @@ impl Patch {
             #[inline(always)]
             || blocks.iter().map(|block| view.extent(positions, block)).fold(NOWHERE, join),
         );
+        self.clear();
     }
 
-    /// Adds the samples of all edges to the nodes, after clearing them. The extent has been
-    /// measured.
+    /// Adds the samples of all edges to the nodes, which have been placed.
     pub fn splat<T: Real>(&mut self, hair: &Segments<'_, T>, frame: &GridFrame, bounds: &Bounds, cell: f64) {
-        self.clear();
-        let lattice = self.fit(bounds, cell);
-        let view = View::new(frame, bounds, cell);
+        let clusters = self.dims.iter().product();
+        resize(&mut self.nodes, CLUSTER * clusters, Node::default());
+        crate::scratch::fill(&mut self.marks, clusters, 0);
+        let (lattice, view) = (self.lattice(bounds, cell), View::new(frame, bounds, cell));
         widest(
             #[inline(always)]
             || self.add_samples(hair, &view, bounds, &lattice),
@@ -109,20 +110,32 @@ impl Patch {
         }
     }
 
-    /// Fits the nodes to the hair.
+    /// Places the nodes around the hair, whose extent has been measured. Returns their number.
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few thousand at most")]
-    fn fit(&mut self, bounds: &Bounds, cell: f64) -> Lattice {
+    pub fn place(&mut self, bounds: &Bounds, cell: f64) -> usize {
         let [start, end] = bounds.part(self.extent, cell);
         let low = start.map(|x| (x - 0.5) as usize);
         let last = end.map(|x| (x - 0.5) as usize + 1);
         self.low = [low[0] / STRIP * STRIP, low[1], low[2]];
         let [across, rows, layers] = [0, 1, 2].map(|c| last[c] + 1 - self.low[c]);
         self.dims = [CLUSTERS * strips_of(across), rows, layers];
-        let clusters = self.dims.iter().product();
-        resize(&mut self.nodes, CLUSTER * clusters, Node::default());
-        crate::scratch::fill(&mut self.marks, clusters, 0);
+        CLUSTER * self.dims.iter().product::<usize>()
+    }
+
+    /// Makes room for twice `most` nodes if there is none for `most`. All patches have the same
+    /// room, so that none runs out of it when hair swings to the other side.
+    pub fn reserve(&mut self, most: usize) {
+        if self.nodes.capacity() < most {
+            self.nodes.reserve_exact(2 * most - self.nodes.len());
+            self.marks.reserve_exact(2 * most / CLUSTER - self.marks.len());
+        }
+    }
+
+    /// The nodes as samples find them.
+    fn lattice(&self, bounds: &Bounds, cell: f64) -> Lattice {
+        let [start, end] = bounds.part(self.extent, cell);
         let row = CLUSTER * self.dims[0];
-        Lattice::new(start, end, self.low, [1, row, row * rows])
+        Lattice::new(start, end, self.low, [1, row, row * self.dims[1]])
     }
 
     /// Adds all samples to the nodes, and marks the clusters of the first row of each stencil.

@@ -238,13 +238,13 @@ impl System {
         }
         for layer in &mut self.layers {
             // Room for all packs of a layer, so that only a larger box allocates.
-            for packs in &mut layer.packs {
+            for (packs, places) in layer.packs.iter_mut().zip(&mut layer.places) {
                 packs.clear();
-                packs.reserve(strips);
-            }
-            for places in &mut layer.places {
                 places.clear();
-                places.reserve(strips);
+                if packs.capacity() < strips {
+                    packs.reserve_exact(2 * strips);
+                    places.reserve_exact(2 * strips);
+                }
             }
         }
         &mut self.layers[..layers]

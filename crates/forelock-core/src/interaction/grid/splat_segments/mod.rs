@@ -38,6 +38,8 @@ pub(crate) fn splat<T: Real>(
     // Zero if no coordinate is finite.
     let extent = extent.map(|ends| ends.map(|x| if x.is_finite() { x } else { 0.0 }));
     *bounds = Bounds::around(extent, *cell, params.max_cells as usize);
+    let most = patches.iter_mut().map(|patch| patch.place(bounds, *cell)).max().unwrap_or(0);
+    patches.iter_mut().for_each(|patch| patch.reserve(most));
     let hair = Segments { model, positions, velocities, volumes };
     patches.par_iter_mut().for_each(|patch| patch.splat(&hair, frame, bounds, *cell));
     resize(nodes, bounds.cells(), Node::default());
