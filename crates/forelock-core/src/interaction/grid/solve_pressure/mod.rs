@@ -28,6 +28,9 @@
 //! cells thick with free cells outside, so few sweeps suffice. Both pressures have the same matrix,
 //! which contains only cells with hair.
 //!
+//! Strips of sixteen cells are computed together; strips without hair are skipped. What neighbours
+//! of hair hold is set in every frame, so nothing of earlier frames is cleared.
+//!
 //! Solids: nothing flows through a cell whose centre is inside a solid; its faces move with the
 //! solid. Collision detection keeps the hair out of solids in a later stage.
 //!

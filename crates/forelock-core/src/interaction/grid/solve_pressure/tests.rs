@@ -1,11 +1,12 @@
 //! Effect of the pressure on the grid.
 
-use crate::body::{ColliderFrame, Shape};
+use crate::body::{ColliderFrame, Head, Sdf, Shape};
 use crate::interaction::grid::{Grid, GridFrame, GridMoment, GridParams, splat_segments};
 use crate::lane::Row;
 use crate::pose::Pose;
 use crate::strands::{Model, Strands};
-use glam::DVec3;
+use glam::{DQuat, DVec3};
+use std::sync::Arc;
 
 /// A block of hair, a side of 20 cm: strands along y, 5 mm apart, a particle every centimetre.
 fn block() -> Model<f32> {
@@ -139,4 +140,44 @@ fn the_pressure_of_a_closed_pocket_stays_bounded() {
     let fastest = grid.filled_nodes().flat_map(|(_, node)| &node.0[..3]).map(|v| v.abs()).fold(0.0, f32::max);
     println!("fastest {fastest} m/s; {report:?}");
     assert!(fastest < 1.5 * 6.0 && report.farthest_m < grid.cell, "{fastest} m/s, {report:?}");
+}
+
+/// The cells inside a distance field that the head carries are remembered from frame to frame. A
+/// grid that has seen other frames gives the same bits as a new one.
+#[test]
+fn remembered_cells_do_not_depend_on_the_frames_before() {
+    let model = block();
+    let params = GridParams { resolution: 32, ..GridParams::default() };
+    let shape = Shape::Sdf(Arc::new(Sdf::from_mesh(&Head::builtin().mesh, 32, 0.02).unwrap()));
+    let step = |grid: &mut Grid, angle: f64, with_head: bool| {
+        let head = Pose::new(DQuat::from_rotation_y(angle), DVec3::new(0.3, 0.2, 0.1) * angle);
+        let solid =
+            ColliderFrame { shape: &shape, local: Pose::IDENTITY, from: head, to: head, friction: 0.0 };
+        let solids = if with_head { &[solid][..] } else { &[] };
+        let moment = GridMoment {
+            frame: GridFrame::new(&head, &head, 1e-3),
+            solids,
+            origin: head.translation,
+            ..moment()
+        };
+        let mut positions = model.rest.clone();
+        for rows in positions.chunks_exact_mut(3) {
+            for lane in 0..16 {
+                let x = DVec3::from_array([0, 1, 2].map(|c| f64::from(rows[c].0[lane])));
+                let x = (head.rotation * x).as_vec3();
+                (0..3).for_each(|c| rows[c].0[lane] = x[c]);
+            }
+        }
+        let mut velocities: Vec<_> = positions.iter().map(|row| Row(row.0.map(|x| -5.0 * x))).collect();
+        grid.exchange(&model, &mut positions, &mut velocities, &mut [], &moment);
+        velocities
+    };
+    let mut seasoned = Grid::new(&model, &params);
+    for angle in [0.0, 0.3, 0.1] {
+        step(&mut seasoned, angle, true);
+    }
+    let mut new = Grid::new(&model, &params);
+    let expected = step(&mut new, 0.7, true);
+    assert!(step(&mut seasoned, 0.7, true) == expected, "the frames before count");
+    assert!(step(&mut new, 0.7, false) != expected, "the head does not reach the hair");
 }
