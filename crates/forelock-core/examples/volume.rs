@@ -5,10 +5,10 @@
 //! is the length of hair in a cube of 20 mm, at any place in steps of 5 mm; the densest cube is
 //! compared with the densest at rest. Both are printed relative to the groom at rest.
 //!
-//! `cargo run --release -p forelock-core --example volume -- [turn|shake|sag|...] [secs]
+//! `cargo run --release -p forelock-core --example volume -- [turn|shake|sag|settle|...] [secs]
 //! [none|grid|contacts|all] [key=value ...]` with the keys resolution, pic_rate, rest_density,
 //! volume_rate, strands, preset and every (frames to a line). `sag` is hair without ties that falls
-//! from its rest shape.
+//! from its rest shape; `settle` is a head that is shaken for 2 s and then held still.
 
 #![expect(clippy::print_stdout, reason = "an example that measures says what")]
 
@@ -32,6 +32,9 @@ const VOXEL: f32 = 5e-3;
 const DENSITY_CELL: i32 = 4;
 /// Distance of samples along a strand, metres.
 const STEP: f32 = 1e-3;
+
+/// Time for which the head is shaken before hair settles.
+const SHAKE_SECS: f64 = 2.0;
 
 /// The hair at one time, relative to the head.
 struct Measure {
@@ -67,7 +70,14 @@ fn main() -> Result<(), Failure> {
         }
     }
     let sag = motion_name == "sag";
-    let motion = Motion::by_name(if sag { "still" } else { motion_name })?;
+    let settle = motion_name == "settle";
+    let motion = Motion::by_name(match motion_name {
+        "sag" => "still",
+        "settle" => "shake",
+        name => name,
+    })?;
+    let moves_until = if settle { SHAKE_SECS } else { f64::INFINITY };
+    let pose = |secs: f64| motion.pose(secs.min(moves_until));
     let groom =
         grow_on_head(&GrowParams { strands, vertices_per_strand: 30, ..GrowParams::preset(&preset)? })?;
     let shape = Shape::Sdf(Arc::new(Sdf::from_mesh(&Head::builtin().mesh, 128, 0.02)?));
@@ -89,7 +99,7 @@ fn main() -> Result<(), Failure> {
             measure(&local, groom.strand_offsets())
         };
         let dt_secs = 1.0 / 60.0;
-        let rest = measure_at(&simulation, &motion.pose(0.0));
+        let rest = measure_at(&simulation, &pose(0.0));
         let (mut least, mut most) = (f64::INFINITY, 0.0f32);
         println!(
             "{motion_name}, {choice}: rest {:.2} l, densest {:.1} m at {:.3}",
@@ -98,7 +108,7 @@ fn main() -> Result<(), Failure> {
         let frames = (secs / dt_secs).round() as u32;
         let mut frame_secs = 0.0;
         for frame in 0..frames {
-            let head = [frame, frame + 1].map(|f| motion.pose(f64::from(f) * dt_secs));
+            let head = [frame, frame + 1].map(|f| pose(f64::from(f) * dt_secs));
             let collider = ColliderFrame {
                 shape: &shape,
                 local: Pose::IDENTITY,

@@ -10,7 +10,7 @@ mod mixed;
 use std::sync::LazyLock;
 
 use forelock_core::body::ColliderFrame;
-use forelock_core::frame::{CHECK, COLLIDE, Exchange, LENGTHS, Phase};
+use forelock_core::frame::{CHECK, COLLIDE, LENGTHS, Phase};
 use forelock_core::groom::Groom;
 use forelock_core::interaction::{Interactions, contact, grid, sph};
 use forelock_core::simulation::{BuildError, Options, Simulation, check_memory};
@@ -51,9 +51,10 @@ impl GpuStage {
         static ALL: LazyLock<Vec<GpuStage>> = LazyLock::new(|| {
             let mut interactions = [grid::EXCHANGE, sph::EXCHANGE, contact::EXCHANGE];
             interactions.sort_by_key(|own| own.phase);
-            let (before, after): (Vec<Exchange>, Vec<Exchange>) =
-                interactions.into_iter().partition(|own| own.phase == Phase::BeforeStrands);
-            let mut names: Vec<&str> = before.iter().map(|own| own.stage).collect();
+            let stages = |is_of: fn(Phase) -> bool| {
+                interactions.iter().filter(move |own| is_of(own.phase)).map(|own| own.stage)
+            };
+            let mut names: Vec<&str> = stages(|phase| phase == Phase::BeforeStrands).collect();
             for own in SolverSection::default().built_in() {
                 let stage = own.solver.rules().stage;
                 // Solvers may share a stage.
@@ -61,8 +62,10 @@ impl GpuStage {
                     names.push(stage);
                 }
             }
-            names.extend([COLLIDE, LENGTHS]);
-            names.extend(after.iter().map(|own| own.stage));
+            names.push(COLLIDE);
+            names.extend(stages(|phase| phase == Phase::BeforeLengths));
+            names.push(LENGTHS);
+            names.extend(stages(|phase| phase > Phase::BeforeLengths));
             names.push(CHECK);
             names.into_iter().map(GpuStage).collect()
         });
@@ -206,8 +209,8 @@ mod tests {
             "solve_strands",
             "follow_leader",
             "resolve_solids",
-            "restore_lengths",
             "splat_segments",
+            "restore_lengths",
             "find_contacts",
             "check_strands",
         ];

@@ -11,6 +11,10 @@ use std::sync::Arc;
 pub enum Phase {
     /// Before strands are solved; it changes velocities only.
     BeforeStrands,
+    /// After strands are solved and before the length pass, whose collisions follow what it moved;
+    /// without a length pass, and with solvers that keep lengths themselves, the first after
+    /// strands are solved.
+    BeforeLengths,
     /// After strands are solved and have their lengths; lower numbers first.
     AfterStrands(u8),
 }
@@ -132,8 +136,11 @@ impl FramePlan {
         for own in sorted.iter().filter(|own| own.records_start) {
             plan.push(Step::RecordStart(*own), own.stage);
         }
-        let (before, after): (Vec<Exchange>, Vec<Exchange>) =
-            sorted.into_iter().partition(|own| own.phase == Phase::BeforeStrands);
+        let restores = rules.lengths != Inextensibility::Off;
+        let has_pass = restores && !rules.restores_own_lengths;
+        let (before, rest) = sorted.split_at(sorted.partition_point(|own| own.phase < Phase::BeforeLengths));
+        let of_pass = |own: &Exchange| has_pass && own.phase == Phase::BeforeLengths;
+        let (between, after) = rest.split_at(rest.partition_point(of_pass));
         before.iter().for_each(|own| plan.push(Step::Exchange(*own), own.stage));
         for substep in 0..substeps {
             plan.push(Step::Solve { substep }, rules.stage);
@@ -141,8 +148,8 @@ impl FramePlan {
                 plan.push(Step::Collide { substep }, COLLIDE);
             }
         }
-        let restores = rules.lengths != Inextensibility::Off;
-        if restores && !rules.restores_own_lengths {
+        between.iter().for_each(|own| plan.push(Step::Exchange(*own), own.stage));
+        if has_pass {
             plan.push(Step::RestoreLengths, LENGTHS);
         }
         after.iter().for_each(|own| plan.push(Step::Exchange(*own), own.stage));

@@ -1,19 +1,17 @@
 //! The grid as an interaction of a simulation.
 
 use super::{Grid, GridFrame, GridMoment, GridParams};
-use crate::collide::resolve_solids::reduce_clearance;
 use crate::frame::{
     Exchange, ExchangeContext, FrameReport, Interaction, Moves, Phase, shared_secs, with_motion,
 };
 use crate::lane::{Real, Row, Simd};
-use crate::strands::{Model, State, number};
-use rayon::prelude::*;
+use crate::strands::{Model, State};
 
 /// The exchange that the grid adds to the plan of a frame.
 pub const EXCHANGE: Exchange = Exchange {
     name: "grid",
     stage: "splat_segments",
-    phase: Phase::AfterStrands(0),
+    phase: Phase::BeforeLengths,
     moves: Moves::Particles,
     records_start: false,
 };
@@ -53,15 +51,12 @@ impl<T: Real> Interaction<T> for GridInteraction<T> {
             dt_secs: cx.dt_secs,
         };
         let grid = &mut self.grid;
+        // Moved out while the rest of the state is borrowed.
+        let mut clearance = std::mem::take(&mut state.clearance);
         let grid_report = with_motion(state, &mut self.motion, cx.h(), |positions, velocities| {
-            grid.exchange(cx.model, positions, velocities, &moment)
+            grid.exchange(cx.model, positions, velocities, &mut clearance, &moment)
         });
-        if grid_report.farthest_m > 0.0 {
-            let moved = number(grid_report.farthest_m);
-            let reduce =
-                |row: &mut Row<T>| row.0.iter_mut().for_each(|clearance| reduce_clearance(clearance, moved));
-            state.clearance.par_iter_mut().with_min_len(1024).for_each(reduce);
-        }
+        state.clearance = clearance;
         report.grid = grid_report;
         let stages = ["splat_segments", "solve_pressure", "gather_velocities"];
         stages

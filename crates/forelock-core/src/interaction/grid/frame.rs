@@ -135,7 +135,7 @@ impl RowMap {
     }
 
     #[inline]
-    fn apply(&self, q: [f32; 3]) -> [f32; 3] {
+    pub fn apply(&self, q: [f32; 3]) -> [f32; 3] {
         let Self { rows, offset } = self;
         [0, 1, 2].map(|c| rows[c][0] * q[0] + rows[c][1] * q[1] + rows[c][2] * q[2] + offset[c])
     }

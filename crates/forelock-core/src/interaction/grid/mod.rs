@@ -37,27 +37,32 @@
 //! [`solve_pressure`]: crate::interaction::grid::solve_pressure
 //! [`gather_velocities`]: crate::interaction::grid::gather_velocities
 
+mod bounds;
 mod exchange;
 mod frame;
 pub mod gather_velocities;
 mod params;
+mod patch;
+mod rest;
 mod segments;
 pub mod solve_pressure;
 pub mod splat_segments;
+mod transpose;
 
 pub use crate::frame::GridReport;
+pub(crate) use bounds::{Bounds, Lattice, STRIP, Stencils};
 pub use exchange::EXCHANGE;
 pub(crate) use exchange::GridInteraction;
+pub(crate) use frame::RowMap;
 pub use frame::{GridFrame, GridPlacement, GridSolid, SolidMaps};
 pub use params::GridParams;
-pub(crate) use segments::{Bounds, Chunk, Lanes, Segments, Stencils, View, between, split_rows};
+pub(crate) use patch::{NOWHERE, Patch, join};
+pub(crate) use segments::{Lanes, ParticleRows, Segments, View, between, to_f32};
 
 use crate::body::ColliderFrame;
 use crate::lane::{LANES, Real, Row};
-use crate::scratch::fill;
 use crate::strands::Model;
 use glam::DVec3;
-use rayon::prelude::*;
 use std::ops::{Add, Mul};
 
 /// WGSL shared by the kernels of the grid.
@@ -65,18 +70,6 @@ pub const WGSL: &str = include_str!("grid.wgsl");
 
 /// Empty cells kept around the hair.
 pub const MARGIN: i32 = 3;
-/// Layers of cells in a slab. The samples of a slab are splat by one task.
-pub(crate) const SLAB: usize = 2;
-/// Rounds of each iteration that distributes the rest volume.
-const ROUNDS: usize = 8;
-/// Least fill fraction at rest φ₀: sparser hair may gather until it fills as much of a cell.
-const EMPTIEST: f32 = 0.3;
-/// Largest fill fraction at rest φ₀ from the rounds that may lower it too: without a bound they
-/// amplify differences between neighbouring edges, up to 1e11 in a groom of few strands.
-const FULLEST: f32 = 4.0;
-/// Density of hair at rest that keeps its volume, over the mean density of the groom, by default.
-const SPARSEST: f32 = 0.1;
-
 /// The grid and its buffers.
 #[derive(Debug)]
 pub struct Grid {
@@ -89,12 +82,14 @@ pub struct Grid {
     densest: f32,
     /// Largest Σ w V and Σ w V φ₀ in a cell of the rest shape.
     fullest_at_rest: [f32; 2],
-    pub(crate) chunks: Vec<Chunk>,
+    pub(crate) patches: Vec<Patch>,
     /// Rest volume V of the hair of each edge, in cells, and V φ₀: `[places]` rows.
     pub(crate) volumes: Vec<[Row<f32>; 2]>,
     pub(crate) bounds: Bounds,
-    /// The middles of the cells.
+    /// The middles of the cells, of which only those of marked strips are used.
     pub(crate) nodes: Vec<Node>,
+    /// 1 for each strip of cells that holds hair.
+    pub(crate) marks: Vec<u8>,
     pub(crate) pressure: solve_pressure::Fields,
 }
 
@@ -164,7 +159,9 @@ impl Grid {
     /// Creates a grid for the strands of `model` and measures their rest volume.
     pub fn new<T: Real>(model: &Model<T>, params: &GridParams) -> Self {
         let frame = GridFrame::at_rest();
-        let extent = segments::extent(model, &model.rest, &frame);
+        let view = View::new(&frame, &Bounds::default(), 1.0);
+        let extents = model.blocks.iter().map(|block| view.extent(&model.rest, block));
+        let extent = extents.fold(NOWHERE, join);
         let longest = (0..3).map(|c| extent[1][c] - extent[0][c]).fold(0.0, f32::max);
         let cell = f64::from(longest.max(f32::MIN_POSITIVE)) / f64::from(params.resolution);
         let mut grid = Self {
@@ -173,10 +170,11 @@ impl Grid {
             sample_mass: 0.0,
             densest: 0.0,
             fullest_at_rest: [1.0; 2],
-            chunks: segments::chunks(model, cell),
+            patches: patch::patches(model, cell),
             volumes: vec![[Row([0.0; LANES]); 2]; model.rest_lengths.len() / 3],
             bounds: Bounds::default(),
             nodes: Vec::new(),
+            marks: Vec::new(),
             pressure: solve_pressure::Fields::default(),
         };
         grid.measure_rest(model, &frame);
@@ -201,7 +199,7 @@ impl Grid {
 
     /// Samples on each edge, one number for each block of the model.
     pub fn samples_per_edge(&self) -> impl Iterator<Item = usize> {
-        self.chunks.iter().flat_map(|chunk| &chunk.points).copied()
+        self.patches.iter().flat_map(|patch| &patch.points).copied()
     }
 
     /// Mean mass of a sample, metres of hair.
@@ -221,128 +219,45 @@ impl Grid {
 
     /// Bytes held.
     pub fn bytes(&self) -> usize {
-        let chunks: usize = self.chunks.iter().map(Chunk::bytes).sum();
-        chunks
+        let patches: usize = self.patches.iter().map(Patch::bytes).sum();
+        patches
             + size_of_val(&*self.volumes)
             + self.nodes.capacity() * size_of::<Node>()
+            + self.marks.capacity()
             + self.pressure.bytes()
     }
 
-    /// Fits the box to the hair and clears its fields.
-    pub(crate) fn fit<T: Real>(&mut self, model: &Model<T>, positions: &[Row<T>], frame: &GridFrame) {
-        let extent = segments::extent(model, positions, frame);
-        self.bounds = Bounds::around(extent, self.cell, self.params.max_cells as usize);
-        fill(&mut self.nodes, self.bounds.cells(), Node::default());
+    /// The nodes of strips with hair, each with its index.
+    pub(crate) fn filled_nodes(&self) -> impl Iterator<Item = (usize, &Node)> {
+        let marked = self.marks.iter().enumerate().filter(|(_, mark)| **mark != 0);
+        marked.flat_map(|(strip, _)| {
+            let first = STRIP * strip;
+            (first..).zip(&self.nodes[first..first + STRIP])
+        })
     }
 
     /// Splats the hair, solves for the pressure, and changes the velocities of all particles except
-    /// the first `clamped` of each strand; where hair is too dense it changes positions too.
-    /// Positions are relative to the origin of `moment`.
+    /// the first `clamped` of each strand; where hair is too dense it changes positions too, and
+    /// subtracts the displacements from `clearance` (a row a place, or empty). Positions are
+    /// relative to the origin of `moment`.
     pub fn exchange<T: Real>(
         &mut self,
         model: &Model<T>,
         positions: &mut [Row<T>],
         velocities: &mut [Row<T>],
+        clearance: &mut [Row<T>],
         moment: &GridMoment<'_>,
     ) -> GridReport {
         let clock = std::time::Instant::now();
-        self.fit(model, positions, &moment.frame);
-        let hair =
-            Segments { model, positions: &*positions, velocities: &*velocities, volumes: &self.volumes };
-        let (bounds, cell) = (self.bounds, self.cell);
-        self.chunks.par_iter_mut().for_each(|chunk| chunk.fill(&hair, &moment.frame, &bounds, cell));
-        splat_segments::splat(self);
+        splat_segments::splat(self, model, [&*positions, &*velocities], &moment.frame);
         let splat = clock.elapsed().as_secs_f64();
         let mut report = solve_pressure::solve(self, moment);
         let solved = clock.elapsed().as_secs_f64();
         let displaces = report.farthest_m > 0.0;
-        gather_velocities::gather(self, model, positions, velocities, moment, displaces);
+        let rows = ParticleRows { positions, velocities, clearance };
+        gather_velocities::gather(self, model, rows, moment, displaces);
         report.secs = [splat, solved - splat, clock.elapsed().as_secs_f64() - solved];
         report
-    }
-
-    /// Measures `volumes`: see Practice in the module documentation.
-    fn measure_rest<T: Real>(&mut self, model: &Model<T>, frame: &GridFrame) {
-        // The first pass takes the length of an edge as its volume: the density in metres per cell.
-        let lengths: Vec<Row<f32>> = model
-            .rest_lengths
-            .iter()
-            .step_by(3)
-            .map(|row| Row(row.0.map(|l| l.to_f32().unwrap_or(0.0))))
-            .collect();
-        for (volumes, lengths) in self.volumes.iter_mut().zip(&lengths) {
-            volumes[0] = *lengths;
-        }
-        let at_edges = self.at_rest(model, frame, |[filled, _]| filled, false);
-        let totals = self.chunks.iter().map(Chunk::totals);
-        let (count, mass) = totals.fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
-        self.sample_mass = (mass / f64::max(count, 1.0)) as f32;
-        let sparsest = self.params.rest_density * self.cell.powi(3);
-        let sparsest = if sparsest > 0.0 {
-            sparsest as f32
-        } else {
-            SPARSEST * segments::mean(model, &lengths, &at_edges)
-        };
-        let sparsest = sparsest.max(f32::MIN_POSITIVE);
-        self.densest = at_edges.iter().flat_map(|row| row.0).fold(0.0, f32::max);
-        // A volume of at most `length / sparsest`: hair may gather until it is as dense as that.
-        self.set_volumes(&at_edges, |_, _, [length, _], filled| [length / filled.max(sparsest), 0.0]);
-        for _ in 0..ROUNDS {
-            let filled = self.at_rest(model, frame, |[filled, _]| filled, false);
-            self.set_volumes(&filled, |place, lane, [volume, _], filled| {
-                [(volume / filled.max(0.5)).min(lengths[place].0[lane] / sparsest), 0.0]
-            });
-        }
-        let filled = self.at_rest(model, frame, |[filled, _]| filled, false);
-        self.set_volumes(&filled, |_, _, [volume, _], filled| [volume, volume * filled.max(EMPTIEST)]);
-        // First up and down, until the density is near 1; then up only, until it is nowhere above.
-        for round in 0..2 * ROUNDS {
-            let largest = round >= ROUNDS;
-            let (least, most) = if largest { (1.0, f32::MAX) } else { (0.0, FULLEST) };
-            let densities = self.at_rest(model, frame, density, largest);
-            self.set_volumes(&densities, |_, _, [volume, at_rest], density| {
-                [volume, (at_rest * density.max(least)).clamp(volume * EMPTIEST, volume * most)]
-            });
-        }
-        self.at_rest(model, frame, density, true);
-        let largest =
-            |f: fn([f32; 2]) -> f32| self.nodes.iter().map(|node| f(node.volumes())).fold(0.0, f32::max);
-        // What is left of the last iteration, and rounding.
-        let densest = largest(density).max(1.0) * (1.0 + 1e-5);
-        self.fullest_at_rest = [largest(|[filled, _]| filled), densest * largest(|[_, at_rest]| at_rest)];
-        for [_, at_rest] in &mut self.volumes {
-            at_rest.0 = at_rest.0.map(|volume| volume * densest);
-        }
-    }
-
-    /// Sets the volumes of each edge to `f` of its place, its lane, its volumes, and the value of
-    /// `at_edges`.
-    fn set_volumes(&mut self, at_edges: &[Row<f32>], f: impl Fn(usize, usize, [f32; 2], f32) -> [f32; 2]) {
-        for (place, (volumes, at_edges)) in self.volumes.iter_mut().zip(at_edges).enumerate() {
-            for lane in 0..LANES {
-                let new = f(place, lane, [0, 1].map(|k| volumes[k].0[lane]), at_edges.0[lane]);
-                [volumes[0].0[lane], volumes[1].0[lane]] = new;
-            }
-        }
-    }
-
-    /// A function of the sums of volumes in the cells around each edge of the rest shape,
-    /// `[places]` rows.
-    fn at_rest<T: Real>(
-        &mut self,
-        model: &Model<T>,
-        frame: &GridFrame,
-        f: impl Fn([f32; 2]) -> f32,
-        largest: bool,
-    ) -> Vec<Row<f32>> {
-        self.fit(model, &model.rest, frame);
-        let hair =
-            Segments { model, positions: &model.rest, velocities: &model.rest, volumes: &self.volumes };
-        let (bounds, cell) = (self.bounds, self.cell);
-        self.chunks.par_iter_mut().for_each(|chunk| chunk.fill(&hair, frame, &bounds, cell));
-        splat_segments::splat(self);
-        let cells: Vec<f32> = self.nodes.iter().map(|node| f(node.volumes())).collect();
-        segments::at_edges(model, &cells, &self.bounds, self.cell, frame, largest)
     }
 }
 

@@ -94,7 +94,7 @@ fn momentum_is_kept_to_rounding() {
             fill(&model, |x, k| -20.0 * x + DVec3::new(1.0 + noise(k), noise(k + 7) - 0.5, noise(k + 13)));
         let (before, size) = momentum(&model, &velocities);
         let old = velocities.clone();
-        let report = grid.exchange(&model, &mut positions, &mut velocities, &moment(still()));
+        let report = grid.exchange(&model, &mut positions, &mut velocities, &mut [], &moment(still()));
         let (after, _) = momentum(&model, &velocities);
         let given: f64 = {
             let mut sum = 0.0;
@@ -127,8 +127,13 @@ fn what_moves_with_the_head_is_untouched() {
     let mut positions = fill(&model, |x, _| now.transform_point(x));
     let mut velocities = fill(&model, |x, _| (now.transform_point(x) - before.transform_point(x)) / h);
     let old = velocities.clone();
-    let report =
-        grid.exchange(&model, &mut positions, &mut velocities, &moment(GridFrame::new(&before, &now, h)));
+    let report = grid.exchange(
+        &model,
+        &mut positions,
+        &mut velocities,
+        &mut [],
+        &moment(GridFrame::new(&before, &now, h)),
+    );
     let mut worst = 0.0f64;
     each(&model, |p, lane, _| {
         worst = worst.max(
@@ -146,7 +151,7 @@ fn a_shift_against_the_head_is_untouched() {
     let mut positions = model.rest.clone();
     let mut velocities = fill(&model, |_, _| DVec3::new(1.0, -2.0, 0.5));
     let old = velocities.clone();
-    grid.exchange(&model, &mut positions, &mut velocities, &moment(still()));
+    grid.exchange(&model, &mut positions, &mut velocities, &mut [], &moment(still()));
     let mut worst = 0.0f64;
     each(&model, |p, lane, _| {
         worst = worst.max((place(&velocities, p, lane) - place(&old, p, lane)).length())
@@ -177,7 +182,7 @@ fn expand(share: f64, frames: usize) -> Vec<(f64, GridReport)> {
                     x.0[lane] += v.0[lane] * DT as f32;
                 }
             }
-            let report = grid.exchange(&model, &mut positions, &mut velocities, &moment(still()));
+            let report = grid.exchange(&model, &mut positions, &mut velocities, &mut [], &moment(still()));
             (volume(&model, &positions), report)
         })
         .collect()

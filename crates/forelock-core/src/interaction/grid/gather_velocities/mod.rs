@@ -15,40 +15,46 @@
 //! The velocity of a particle changes by the mean of Δv_s over the samples of its two edges,
 //! weighted by the mass m_s and the linear shape function N_i: Δv_i = Σ_s m_s N_i(s) Δv_s / Σ_s m_s
 //! N_i(s). This is the transpose of the splat, so momentum is conserved to rounding.
+//!
+//! # Practice
+//! Velocities and displacements come in one pass, and displacements are subtracted from the
+//! clearances of the particles that they move.
 
 #![expect(clippy::needless_range_loop, reason = "the index selects one lane of several arrays")]
 
-use crate::interaction::grid::{Grid, GridMoment, Lanes, Node, Stencils, View, between, split_rows};
+use crate::interaction::grid::bounds::masked;
+use crate::interaction::grid::transpose::{Rows, rows_of_nodes};
+use crate::interaction::grid::{
+    Grid, GridMoment, Lanes, Lattice, Node, ParticleRows, Stencils, View, between, to_f32,
+};
 use crate::lane::{LANES, Real, Row, widest};
 use crate::strands::{Block, Model};
 
 /// Adds the change of the grid's velocity to the velocities of all particles, except the first
 /// `clamped` of each strand, and if `shifts`, the displacements that the grid computes for hair
 /// that is too dense to their positions.
-pub fn gather<T: Real>(
+pub(crate) fn gather<T: Real>(
     grid: &Grid,
     model: &Model<T>,
-    positions: &mut [Row<T>],
-    velocities: &mut [Row<T>],
+    rows: ParticleRows<'_, T>,
     moment: &GridMoment<'_>,
     shifts: bool,
 ) {
     let gather = Gather {
         grid,
         view: View::new(&moment.frame, &grid.bounds, grid.cell),
+        lattice: grid.bounds.lattice(),
         pic: grid.params.pic_share(moment.dt_secs) as f32,
         clamped: moment.clamped,
         shifts,
     };
-    split_rows(&grid.chunks, &model.blocks, [positions, velocities], &|chunk, [positions, velocities]| {
-        let blocks = &model.blocks[chunk.blocks.clone()];
-        for (block, &points) in blocks.iter().zip(&chunk.points) {
-            let start = 3 * (block.first - blocks[0].first);
-            let rows = start..start + 3 * block.particles;
-            let (positions, velocities) = (&mut positions[rows.clone()], &mut velocities[rows]);
+    rows.split(&grid.patches, &model.blocks, &|patch, mut rows| {
+        for (block, &points) in model.blocks[patch.blocks.clone()].iter().zip(&patch.points) {
+            let [mut own, rest] = rows.split_at(block.particles);
+            rows = rest;
             widest(
                 #[inline(always)]
-                || gather.block(model, block, points, positions, velocities),
+                || gather.block(model, block, points, &mut own),
             );
         }
     });
@@ -57,6 +63,7 @@ pub fn gather<T: Real>(
 struct Gather<'a> {
     grid: &'a Grid,
     view: View,
+    lattice: Lattice,
     /// Fraction p of PIC.
     pic: f32,
     clamped: usize,
@@ -76,20 +83,64 @@ struct Sum {
 
 const NOTHING: Sum = Sum { change: [[0.0; LANES]; 3], shift: [[0.0; LANES]; 3], weight: [0.0; LANES] };
 
-impl Sum {
+/// One sample on an edge of each strand of a block, and what the grid gives it.
+#[derive(Default)]
+struct Found {
+    at: Lanes,
+    velocity: Lanes,
+    stencils: Stencils,
+    /// All bits of the lanes that count.
+    counts: [u32; LANES],
+    nodes: [Node; LANES],
+    /// Changes of velocity along the axes of the grid in the first three, displacements from the
+    /// fifth on.
+    rows: Rows,
+}
+
+impl Found {
+    /// Sets the changes from what was interpolated, with the fraction `pic` of PIC; zero in lanes
+    /// that are not `live` or outside the box.
     #[inline(always)]
-    fn add(&mut self, weight: &[f32; LANES], change: &Lanes, shift: &Lanes) {
+    fn blend(&mut self, pic: f32, live: &[u32; LANES]) {
+        let Self { velocity, counts, nodes, rows, .. } = self;
+        rows_of_nodes(nodes, rows);
         for k in 0..LANES {
-            self.weight[k] += weight[k];
+            counts[k] &= live[k];
         }
         for c in 0..3 {
             for k in 0..LANES {
-                self.change[c][k] += weight[k] * change[c][k];
+                rows[c][k] = masked(rows[c][k] - pic * velocity[c][k], counts[k]);
+            }
+            for k in 0..LANES {
+                rows[4 + c][k] = masked(rows[4 + c][k], counts[k]);
+            }
+        }
+    }
+}
+
+impl Sum {
+    #[inline(always)]
+    fn clear(&mut self) {
+        self.weight = [0.0; LANES];
+        for row in self.change.iter_mut().chain(&mut self.shift) {
+            *row = [0.0; LANES];
+        }
+    }
+
+    /// Adds changes and displacements with weights `factor` times `mass`.
+    #[inline(always)]
+    fn add<T: Real>(&mut self, factor: f32, mass: &[T; LANES], found: &Rows) {
+        for k in 0..LANES {
+            self.weight[k] += factor * to_f32(mass[k]);
+        }
+        for c in 0..3 {
+            for k in 0..LANES {
+                self.change[c][k] += factor * to_f32(mass[k]) * found[c][k];
             }
         }
         for c in 0..3 {
             for k in 0..LANES {
-                self.shift[c][k] += weight[k] * shift[c][k];
+                self.shift[c][k] += factor * to_f32(mass[k]) * found[4 + c][k];
             }
         }
     }
@@ -98,84 +149,95 @@ impl Sum {
 impl Gather<'_> {
     /// Changes the rows of `block`.
     #[inline(always)]
-    fn block<T: Real>(
-        &self,
-        model: &Model<T>,
-        block: &Block,
-        points: usize,
-        positions: &mut [Row<T>],
-        velocities: &mut [Row<T>],
-    ) {
+    fn block<T: Real>(&self, model: &Model<T>, block: &Block, points: usize, rows: &mut ParticleRows<'_, T>) {
         let share = 1.0 / points as f32;
-        let mut from = self.view.place(positions, 0);
-        let mut from_velocity = self.view.velocity(positions, velocities, 0);
-        let mut from_sum = NOTHING;
+        let mut live = [0; LANES];
+        live[..block.live].fill(u32::MAX);
+        let Self { view, grid, lattice, .. } = self;
+        let mut found = Found::default();
+        // The ends of an edge: the first particle is at its number modulo 2.
+        let mut at = [[[0.0; LANES]; 3]; 2];
+        let mut velocity = at;
+        let mut sums = [NOTHING; 2];
+        view.place(rows.positions, 0, &mut at[0]);
+        view.velocity([&*rows.positions, &*rows.velocities], 0, &mut velocity[0]);
         for edge in 0..block.particles - 1 {
-            let to = self.view.place(positions, edge + 1);
-            let to_velocity = self.view.velocity(positions, velocities, edge + 1);
-            let mut to_sum = NOTHING;
-            let mass = model.rest_lengths[3 * (block.first + edge)].0.map(|l| l.to_f32().unwrap_or(0.0));
+            let (from, to) = (edge & 1, !edge & 1);
+            view.place(rows.positions, edge + 1, &mut at[to]);
+            view.velocity([&*rows.positions, &*rows.velocities], edge + 1, &mut velocity[to]);
+            sums[to].clear();
+            let mass = &model.rest_lengths[3 * (block.first + edge)].0;
             for point in 0..points {
                 let along = (point as f32 + 0.5) * share;
-                let at = between(&from, &to, along);
-                let velocity = between(&from_velocity, &to_velocity, along);
-                let [near, far] = [share * (1.0 - along), share * along].map(|w| mass.map(|m| m * w));
-                let [change, shift] = self.change(&at, &velocity, block.live);
-                from_sum.add(&near, &change, &shift);
-                to_sum.add(&far, &change, &shift);
+                between(&at[from], &at[to], along, &mut found.at);
+                between(&velocity[from], &velocity[to], along, &mut found.velocity);
+                found.stencils.set(lattice, &found.at);
+                interpolate(&grid.nodes, lattice.rows(), &found.stencils, &mut found.nodes[..block.live]);
+                grid.bounds.hold(&found.at, &mut found.counts);
+                found.blend(self.pic, &live);
+                let [near, far] = [share * (1.0 - along), share * along];
+                sums[from].add(near, mass, &found.rows);
+                sums[to].add(far, mass, &found.rows);
             }
-            self.add(positions, velocities, edge, &from_sum);
-            (from, from_velocity, from_sum) = (to, to_velocity, to_sum);
+            self.add(rows, edge, &sums[from]);
         }
-        self.add(positions, velocities, block.particles - 1, &from_sum);
-    }
-
-    /// The changes of samples at `at` with velocities `velocity`, along the axes of the grid, and
-    /// their displacements.
-    #[inline(always)]
-    fn change(&self, at: &Lanes, velocity: &Lanes, live: usize) -> [Lanes; 2] {
-        let bounds = &self.grid.bounds;
-        let inside = bounds.hold(at);
-        let stencils = Stencils::new(bounds, at);
-        let mut found = [Node::default(); LANES];
-        widest(
-            #[inline(always)]
-            || interpolate(&self.grid.nodes, bounds.stencil_rows(), &stencils, &mut found[..live]),
-        );
-        let [mut change, mut shift] = [[[0.0; LANES]; 3]; 2];
-        for c in 0..3 {
-            for k in 0..LANES {
-                let blend = found[k].0[c] - self.pic * velocity[c][k];
-                let counts = inside[k] & (k < live);
-                change[c][k] = if counts { blend } else { 0.0 };
-                shift[c][k] = if counts { found[k].0[4 + c] } else { 0.0 };
-            }
-        }
-        [change, shift]
+        let last = block.particles - 1;
+        self.add(rows, last, &sums[last & 1]);
     }
 
     /// Adds the weighted means in `sum` to particle `i`, unless it is clamped.
     #[inline(always)]
-    fn add<T: Real>(&self, positions: &mut [Row<T>], velocities: &mut [Row<T>], i: usize, sum: &Sum) {
+    fn add<T: Real>(&self, rows: &mut ParticleRows<'_, T>, i: usize, sum: &Sum) {
         if i < self.clamped {
             return;
         }
-        let inverse = sum.weight.map(|w| 1.0 / w.max(f32::MIN_POSITIVE));
-        self.add_mean(velocities, i, &sum.change, &inverse);
+        let mut inverse = sum.weight;
+        for k in 0..LANES {
+            let weight = inverse[k];
+            inverse[k] = 1.0 / if weight > f32::MIN_POSITIVE { weight } else { f32::MIN_POSITIVE };
+        }
+        self.add_mean(rows.velocities, i, &sum.change, &inverse);
         if self.shifts {
-            self.add_mean(positions, i, &sum.shift, &inverse);
+            let square = self.add_mean(rows.positions, i, &sum.shift, &inverse);
+            if let Some(clearance) = rows.clearance.get_mut(i) {
+                reduce_clearances(clearance, &square);
+            }
         }
     }
 
+    /// Adds the weighted means in `sum` to the rows of particle `i`; their squared lengths.
     #[inline(always)]
-    fn add_mean<T: Real>(&self, rows: &mut [Row<T>], i: usize, sum: &Lanes, inverse: &[f32; LANES]) {
-        let world = self.view.to_world(sum);
+    fn add_mean<T: Real>(
+        &self,
+        rows: &mut [Row<T>],
+        i: usize,
+        sum: &Lanes,
+        inverse: &[f32; LANES],
+    ) -> [T; LANES] {
+        let mut world = [[0.0; LANES]; 3];
+        self.view.to_world(sum, &mut world);
+        let mut square = [T::zero(); LANES];
         for c in 0..3 {
             let row = &mut rows[3 * i + c].0;
             for k in 0..LANES {
-                row[k] = row[k] + T::from(world[c][k] * inverse[k]).unwrap_or_else(T::zero);
+                let by = T::from(world[c][k] * inverse[k]).unwrap_or_else(T::zero);
+                row[k] = row[k] + by;
+                square[k] = square[k] + by * by;
             }
         }
+        square
+    }
+}
+
+/// Subtracts displacements, of which the squares are given, from clearances, as
+/// [`reduce_clearance`](crate::collide::resolve_solids::reduce_clearance) does.
+#[inline(always)]
+fn reduce_clearances<T: Real>(clearance: &mut Row<T>, square: &[T; LANES]) {
+    for k in 0..LANES {
+        let old = clearance.0[k];
+        let left = old - square[k].sqrt();
+        let left = if left > T::zero() { left } else { T::zero() };
+        clearance.0[k] = if old >= T::zero() { left } else { old };
     }
 }
 
@@ -185,16 +247,15 @@ fn interpolate(nodes: &[Node], rows: [usize; 4], stencils: &Stencils, found: &mu
     for (lane, found) in found.iter_mut().enumerate() {
         let first = stencils.first[lane] as usize;
         assert!(first + rows[3] + 1 < nodes.len(), "the box holds all stencils");
-        let [x, y, z] = [0, 1, 2].map(|c| stencils.offset[c][lane]);
-        let weights = [(1.0 - y) * (1.0 - z), y * (1.0 - z), (1.0 - y) * z, y * z];
+        let weight = |n: usize| stencils.weights[n][lane];
         let [mut low, mut high] = [Node::default(); 2];
-        for (row, weight) in rows.into_iter().zip(weights) {
+        for (n, row) in rows.into_iter().enumerate() {
             // SAFETY: the last row was checked.
             let pair = unsafe { nodes.get_unchecked(first + row..first + row + 2) };
-            low = low + pair[0] * weight;
-            high = high + pair[1] * weight;
+            low = low + pair[0] * weight(n);
+            high = high + pair[1] * weight(n);
         }
-        *found = low * (1.0 - x) + high * x;
+        *found = low * weight(4) + high * weight(5);
     }
 }
 

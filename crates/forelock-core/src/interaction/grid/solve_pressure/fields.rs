@@ -2,11 +2,13 @@
 
 #![expect(clippy::needless_range_loop, reason = "one index for several arrays is what vectorises")]
 
-use super::relax::{Equation, System};
-use crate::body::{ColliderFrame, PACKET, Shape};
-use crate::interaction::grid::{Bounds, GridPlacement, GridSolid, Node, density};
+use super::relax::System;
+use super::walls::{KnownCells, LayerWalls};
+use crate::body::ColliderFrame;
+use crate::interaction::grid::transpose::{nodes_of_rows, rows_of_nodes};
+use crate::interaction::grid::{Bounds, GridPlacement, GridSolid, MASS, Node, STRIP, density};
 use crate::lane::widest;
-use crate::scratch::{fill, resize};
+use crate::scratch::resize;
 use rayon::prelude::*;
 
 /// Mass below which a face is closed, relative to that of a sample.
@@ -14,187 +16,133 @@ pub const SPARSE: f32 = 1e-3;
 /// Density below which no pressure acts in a cell.
 pub const LOOSE: f32 = 0.05;
 /// Stands in the field of masses for a cell inside a solid.
-const SOLID: f32 = -1.0;
-/// Cells that are computed side by side.
-const WIDE: usize = 16;
+pub(super) const SOLID: f32 = -1.0;
+/// The strip holds hair.
+pub(super) const HAIR: u8 = 1;
+/// The strip holds hair or lies beside one that does.
+pub(super) const NEAR: u8 = 2;
 
-/// Fields on the cells of the box, x fastest.
+/// Fields on the cells of the box, x fastest, of which only strips near hair are used.
 #[derive(Debug, Default)]
 pub(crate) struct Fields {
-    /// Cells of each row that are next to hair: `[z][y]`.
-    rows: Vec<[u32; 2]>,
-    /// Cells of each row with hair.
-    filled_rows: Vec<[u32; 2]>,
+    /// [`HAIR`] and [`NEAR`] of each strip.
+    pub(super) strips: Vec<u8>,
+    /// The cells of each strip that hold hair, a bit a cell.
+    hair: Vec<u16>,
     /// Mass of each cell, or [`SOLID`].
     pub(super) masses: Vec<f32>,
+    /// Momentum along each axis.
+    pub(super) momentum: [Vec<f32>; 3],
+    /// Density of each cell relative to rest.
+    pub(super) densities: Vec<f32>,
     /// The solid in the cell, counted from 1; 0 is none. If several solids overlap, the first.
-    walls: Vec<u16>,
+    pub(super) walls: Vec<u16>,
     /// The solids of the frame.
-    solids: Vec<GridSolid>,
+    pub(super) solids: Vec<GridSolid>,
+    /// Their cells, as far as they are known from frames before.
+    known: Vec<KnownCells>,
     /// The equations of the pressure.
     pub(super) system: System,
     /// Pressures of each cell: for velocities and for displacements.
     pub(super) pressures: [Vec<f32>; 2],
     /// A maximum for each layer.
-    partial: Vec<f32>,
+    pub(super) partial: Vec<f32>,
+}
+
+/// The fields of a layer that are set from the nodes.
+struct LayerFields<'a> {
+    hair: &'a mut [u16],
+    masses: &'a mut [f32],
+    momentum: [&'a mut [f32]; 3],
+    densities: &'a mut [f32],
 }
 
 impl Fields {
     /// Bytes held.
     pub fn bytes(&self) -> usize {
-        let floats: usize = self.pressures.iter().chain([&self.masses]).map(|f| 4 * f.capacity()).sum();
-        floats
+        let floats = self.pressures.iter().chain(&self.momentum).chain([&self.masses, &self.densities]);
+        floats.map(|field| 4 * field.capacity()).sum::<usize>()
             + 2 * self.walls.capacity()
-            + 8 * (self.rows.capacity() + self.filled_rows.capacity())
+            + self.strips.capacity()
+            + self.known.iter().map(KnownCells::bytes).sum::<usize>()
+            + 2 * self.hair.capacity()
             + 4 * self.partial.capacity()
             + self.system.bytes()
     }
 
-    /// Resizes the fields to the box, finds the rows with hair, and clears solid cells.
-    pub(super) fn fit(&mut self, bounds: &Bounds, nodes: &[Node]) {
-        let cells = bounds.cells();
-        let [nx, ny, nz] = bounds.dims;
-        for field in self.pressures.iter_mut().chain([&mut self.masses]) {
-            fill(field, cells + WIDE, 0.0);
-        }
-        fill(&mut self.walls, cells, 0);
-        resize(&mut self.partial, nz, 0.0);
-        resize(&mut self.filled_rows, ny * nz, [0; 2]);
-        resize(&mut self.rows, ny * nz, [0; 2]);
-        let each =
-            self.filled_rows.par_iter_mut().zip(self.masses.par_chunks_mut(nx)).zip(nodes.par_chunks(nx));
-        each.with_min_len(256).for_each(|((span, masses), nodes)| {
-            let is_filled = |node: &Node| node.mass() > 0.0;
-            let from = nodes.iter().position(is_filled);
-            let to = nodes.iter().rposition(is_filled);
-            let Some((from, to)) = from.zip(to) else {
-                *span = [0; 2];
-                return;
-            };
-            #[expect(clippy::cast_possible_truncation, reason = "a row has fewer cells")]
-            let here = [from as u32, to as u32 + 1];
-            *span = here;
-            for (mass, node) in masses[from..=to].iter_mut().zip(&nodes[from..=to]) {
-                *mass = node.mass();
-            }
-        });
-        let filled_rows = &self.filled_rows;
-        let at = |j: usize, k: usize| if j < ny && k < nz { filled_rows[j + ny * k] } else { [0; 2] };
-        for (index, row) in self.rows.iter_mut().enumerate() {
-            let (j, k) = (index % ny, index / ny);
-            let near =
-                [at(j, k), at(j.wrapping_sub(1), k), at(j + 1, k), at(j, k.wrapping_sub(1)), at(j, k + 1)];
-            let spans = near.into_iter().filter(|[from, to]| from < to);
-            *row = spans
-                .reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
-                .map_or([0; 2], |[from, to]| [from.saturating_sub(1), to + 1]);
-        }
-    }
-
-    /// Marks the cells next to hair whose centres are inside one of `solids`.
-    pub(super) fn mark_solid_cells(
-        &mut self,
-        bounds: &Bounds,
-        solids: &[ColliderFrame<'_>],
-        grid: &GridPlacement<'_>,
-    ) {
-        let [nx, ny, _] = bounds.dims;
-        self.solids.clear();
-        self.solids.extend(solids.iter().map(|solid| GridSolid::new(solid, grid, bounds)));
-        let Self { walls, rows, solids: placed, masses, .. } = self;
-        if placed.is_empty() {
-            return;
-        }
-        let each = walls.par_chunks_mut(nx).zip(masses.par_chunks_mut(nx)).enumerate();
-        each.with_min_len(64).for_each(|(row, (walls, masses))| {
-            let [from, to] = rows[row];
-            for ((number, solid), placed) in (1..=u16::MAX).zip(solids).zip(&*placed) {
-                for i in (from as usize..to as usize).step_by(PACKET) {
-                    let end = (i + PACKET).min(to as usize);
-                    let at = [i, row % ny, row / ny];
-                    mark_row(walls, number, at, end, solid.shape, placed, grid.cell as f32);
-                }
-            }
-            let span = from as usize..to as usize;
-            for (mass, _) in masses[span.clone()].iter_mut().zip(&walls[span]).filter(|(_, wall)| **wall > 0)
-            {
-                *mass = SOLID;
-            }
-        });
-    }
-
-    /// Sets up the equations of both pressures. Faces with at most the mass `least` are closed.
-    /// `right_hand_sides` is a function of the density and the divergence of a cell. Returns the
-    /// density of the densest cell.
-    pub(super) fn build_system(
+    /// Resizes the fields to the box and sets those near hair from the `nodes`, of which strips
+    /// with `marks` hold hair. Marks cells whose centres are inside one of `solids`.
+    pub(super) fn fit(
         &mut self,
         bounds: &Bounds,
         nodes: &[Node],
-        least: f32,
-        right_hand_sides: &(impl Fn(f32, f32) -> [f32; 2] + Sync),
-    ) -> f64 {
-        let [nx, ny, nz] = bounds.dims;
-        let layer = bounds.layer();
-        let strides = [1, nx, layer];
-        let Self { masses, walls, solids, filled_rows, system, partial, .. } = self;
-        let (masses, walls, solids, filled_rows) = (&*masses, &*walls, &*solids, &*filled_rows);
-        // The velocity of a wall between the cells `below` and `above`.
-        let wall_velocity = |axis: usize, below: usize, above: usize| {
-            let wall = if walls[below] > 0 { walls[below] } else { walls[above] };
-            let mut middle = [above % nx, above / nx % ny, above / layer].map(|i| i as f32 + 0.5);
-            middle[axis] -= 0.5;
-            solids[usize::from(wall) - 1].velocity(axis, middle)
-        };
-        system.fit(bounds, partial, &|k, half, out| {
-            let rows: &[[u32; 2]] = match k {
-                0 => &[],
-                k if k + 1 >= nz => &[],
-                k => &filled_rows[ny * k..ny * (k + 1) - 1],
-            };
-            let mut densest = 0.0f32;
-            out.build(bounds, k, half, rows, &mut |here| {
-                let index = layer * k + here;
-                let density = density(nodes[index].volumes());
-                densest = densest.max(density);
-                if density < LOOSE || masses[index] < 0.0 {
-                    return None;
-                }
-                let (mut sides, mut divergence) = ([0.0; 6], 0.0);
-                for axis in 0..3 {
-                    let mut velocity = |side: usize, below: usize, above: usize| {
-                        let (a, b) = (masses[below], masses[above]);
-                        if a < 0.0 || b < 0.0 {
-                            return wall_velocity(axis, below, above);
-                        }
-                        let inverse = 1.0 / (a + b);
-                        // Closed if there is almost no hair.
-                        if 0.5 * (a + b) > least {
-                            sides[2 * axis + side] = 2.0 * inverse;
-                        }
-                        (nodes[below].0[axis] + nodes[above].0[axis]) * inverse
-                    };
-                    let stride = strides[axis];
-                    let (below, above) =
-                        (velocity(0, index - stride, index), velocity(1, index, index + stride));
-                    divergence += above - below;
-                }
-                Some(Equation { sides, rhs: right_hand_sides(density, divergence) })
-            });
-            densest
+        marks: &[u8],
+        solids: &[ColliderFrame<'_>],
+        grid: &GridPlacement<'_>,
+    ) {
+        let cells = bounds.cells();
+        self.solids.clear();
+        self.solids.extend(solids.iter().map(|solid| GridSolid::new(solid, grid, bounds)));
+        self.known.resize_with(solids.len(), KnownCells::default);
+        self.known.iter_mut().zip(solids).for_each(|(known, solid)| known.fit(solid, grid));
+        let Self { strips, hair, masses, momentum, densities, walls, pressures, partial, .. } = self;
+        for field in momentum.iter_mut().chain(pressures).chain([&mut *masses, densities]) {
+            resize(field, cells, 0.0);
+        }
+        resize(walls, cells, 0);
+        resize(strips, cells / STRIP, 0);
+        resize(hair, cells / STRIP, 0);
+        resize(partial, bounds.dims[2], 0.0);
+        let [_, _, layer] = bounds.strides();
+        let [x, y, z] = momentum.each_mut().map(|field| field.par_chunks_mut(layer));
+        let layers = hair
+            .par_chunks_mut(layer / STRIP)
+            .zip(masses.par_chunks_mut(layer))
+            .zip(x.zip(y).zip(z))
+            .zip(densities.par_chunks_mut(layer))
+            .enumerate();
+        layers.for_each(|(k, (((hair, masses), ((x, y), z)), densities))| {
+            let marks = &marks[layer / STRIP * k..layer / STRIP * (k + 1)];
+            let mut fields = LayerFields { hair, masses, momentum: [x, y, z], densities };
+            widest(
+                #[inline(always)]
+                || fields.set(&nodes[layer * k..layer * (k + 1)], marks),
+            );
         });
-        partial.iter().copied().fold(0.0, f32::max).into()
+        let (hair, placed, known, cell) = (&*hair, &*self.solids, &*self.known, grid.cell as f32);
+        let [x, y, z] = momentum.each_mut().map(|field| field.par_chunks_mut(layer));
+        let layers = strips
+            .par_chunks_mut(layer / STRIP)
+            .zip(masses.par_chunks_mut(layer))
+            .zip(x.zip(y).zip(z))
+            .zip(walls.par_chunks_mut(layer))
+            .enumerate();
+        layers.for_each(|(k, (((strips, masses), ((x, y), z)), walls))| {
+            let momentum = [x, y, z];
+            LayerWalls { strips, masses, momentum, walls, solids, placed, known, cell }.find(bounds, k, hair);
+        });
     }
 
-    /// Copies the pressures of velocities (`which` 0) or displacements (1) to the cells of the box.
-    /// Returns the number of cells under pressure.
-    pub(super) fn collect_pressures(&mut self, bounds: &Bounds, which: usize) -> usize {
-        let mut cells = 0;
-        let Self { system, pressures, .. } = self;
-        system.pressures(bounds, |cell, value| {
-            pressures[which][cell] = value;
-            cells += 1;
-        });
-        cells
+    /// Copies the pressures of both solves to the cells of the box. Returns the number of cells
+    /// under the pressure of velocities.
+    pub(super) fn collect_pressures(&mut self, bounds: &Bounds) -> usize {
+        let [_, _, layer] = bounds.strides();
+        let Self { system, pressures: [velocity, displacement], strips, .. } = self;
+        let (system, strips) = (&*system, &*strips);
+        let layers = velocity.par_chunks_mut(layer).zip(displacement.par_chunks_mut(layer)).enumerate();
+        let of_layer = |(k, (velocity, displacement)): (usize, (&mut [f32], &mut [f32]))| {
+            let mut held = 0;
+            let first = k * (layer / STRIP);
+            for (strip, _) in near(&strips[first..first + layer / STRIP]) {
+                let cells = STRIP * strip..STRIP * (strip + 1);
+                let odd = (strip / bounds.strips() + k) & 1;
+                system.pressures(0, first + strip, odd, &mut velocity[cells.clone()]);
+                system.pressures(1, first + strip, odd, &mut displacement[cells.clone()]);
+                held += velocity[cells].iter().filter(|pressure| **pressure > 0.0).count();
+            }
+            held
+        };
+        layers.map(of_layer).sum()
     }
 
     /// Replaces momenta and volumes of the nodes by the velocities to interpolate, with the
@@ -206,56 +154,123 @@ impl Fields {
         least: f32,
         pic: f32,
     ) -> f64 {
-        let [nx, ny, _] = bounds.dims;
-        let layer = bounds.layer();
-        let Self { pressures, masses, partial, filled_rows, walls, solids, .. } = self;
-        let (pressures, masses, filled_rows) = (&*pressures, &*masses, &*filled_rows);
-        let strides = [1, nx, layer];
-        nodes.par_chunks_mut(layer).zip(partial.par_iter_mut()).enumerate().for_each(
-            |(k, (nodes, farthest))| {
-                *farthest = 0.0;
-                for (j, nodes) in nodes.chunks_mut(nx).enumerate() {
-                    let [from, to] = filled_rows[j + ny * k].map(|end| end as usize);
-                    for first in (from..to).step_by(WIDE) {
-                        let end = (first + WIDE).min(to);
-                        let index = layer * k + nx * j + first;
-                        let changes = widest(
-                            #[inline(always)]
-                            || {
-                                pressures
-                                    .each_ref()
-                                    .map(|pressure| changes(pressure, masses, index, strides, least))
-                            },
-                        );
-                        for (n, node) in nodes[first..end].iter_mut().enumerate() {
-                            let mass = node.mass();
-                            if mass <= 0.0 {
-                                continue;
-                            }
-                            let wall = walls[index + n];
-                            let middle = [first + n, j, k].map(|i| i as f32 + 0.5);
-                            for axis in 0..3 {
-                                let old = match wall {
-                                    0 => node.0[axis] / mass,
-                                    wall => solids[usize::from(wall) - 1].velocity(axis, middle),
-                                };
-                                let [change, shift] = [0, 1].map(|which: usize| changes[which][axis][n]);
-                                node.0[axis] = change + pic * old;
-                                node.0[4 + axis] = shift;
-                                *farthest = farthest.max(shift.abs());
-                            }
-                            node.0[7] = 0.0;
-                        }
+        let strides = bounds.strides();
+        let [_, row, layer] = strides;
+        let Self { pressures, masses, momentum, partial, strips, walls, solids, .. } = self;
+        let (pressures, masses, momentum) = (&*pressures, &*masses, &*momentum);
+        let (strips, walls, solids) = (&*strips, &*walls, &*solids);
+        let layers = nodes.par_chunks_mut(layer).zip(partial.par_iter_mut()).enumerate();
+        layers.for_each(|(k, (nodes, farthest))| {
+            *farthest = 0.0;
+            let first = k * (layer / STRIP);
+            for number in filled(&strips[first..first + layer / STRIP]) {
+                let (from, index) = (STRIP * number, layer * k + STRIP * number);
+                let Some(nodes) = nodes[from..].first_chunk_mut::<STRIP>() else { continue };
+                let hair: [f32; STRIP] = std::array::from_fn(|n| nodes[n].mass());
+                let most = widest(
+                    #[inline(always)]
+                    || {
+                        let momentum = momentum.each_ref().map(|field| strip(field, index));
+                        let changes = [
+                            changes(&pressures[0], masses, index, strides, least),
+                            changes(&pressures[1], masses, index, strides, least),
+                        ];
+                        let mass = strip(masses, index);
+                        to_interpolate(mass, momentum, &changes, pic, nodes)
+                    },
+                );
+                *farthest = farthest.max(most);
+                for n in (0..STRIP).filter(|n| walls[index + n] > 0) {
+                    let middle = [(from + n) % row, (from + n) / row, k].map(|i| i as f32 + 0.5);
+                    let wall = &solids[usize::from(walls[index + n]) - 1];
+                    let velocity =
+                        |axis: usize| if hair[n] > 0.0 { wall.velocity(axis, middle) } else { 0.0 };
+                    nodes[n] = Node::default();
+                    nodes[n].0[MASS] = hair[n];
+                    for axis in 0..3 {
+                        nodes[n].0[axis] = pic * velocity(axis);
                     }
                 }
-            },
-        );
+            }
+        });
         let farthest = f64::from(partial.iter().copied().fold(0.0, f32::max));
         farthest * 3.0f64.sqrt()
     }
 }
 
-/// The changes that a pressure causes in [`WIDE`] cells from `index`, along each axis: the mean of
+/// Writes to `nodes` the velocities to interpolate, masses and displacements of cells with `mass`
+/// and `momentum`, from the `changes` of velocity and displacements. Returns the largest component
+/// of a displacement.
+#[inline(always)]
+fn to_interpolate(
+    mass: &[f32; STRIP],
+    momentum: [&[f32; STRIP]; 3],
+    changes: &[[[f32; STRIP]; 3]; 2],
+    pic: f32,
+    nodes: &mut [Node; STRIP],
+) -> f32 {
+    let mut rows = [[0.0; STRIP]; 8];
+    let mut farthest = [0.0f32; STRIP];
+    rows[MASS] = *mass;
+    for axis in 0..3 {
+        for n in 0..STRIP {
+            let is_hair = mass[n] > 0.0;
+            let old = momentum[axis][n] / mass[n];
+            let [change, shift] = [changes[0][axis][n] + pic * old, changes[1][axis][n]];
+            rows[axis][n] = if is_hair { change } else { 0.0 };
+            rows[4 + axis][n] = if is_hair { shift } else { 0.0 };
+        }
+        for n in 0..STRIP {
+            let size = rows[4 + axis][n].abs();
+            farthest[n] = if size > farthest[n] { size } else { farthest[n] };
+        }
+    }
+    nodes_of_rows(&rows, nodes);
+    farthest.into_iter().fold(0.0, f32::max)
+}
+
+impl LayerFields<'_> {
+    /// Sets the fields of all strips with hair (`marks`) from the `nodes` of the layer.
+    #[inline(always)]
+    fn set(&mut self, nodes: &[Node], marks: &[u8]) {
+        let mut rows = [[0.0; STRIP]; 8];
+        self.hair.fill(0);
+        for (strip, _) in near(marks) {
+            let cells = STRIP * strip..STRIP * (strip + 1);
+            let Some(nodes) = nodes[cells.clone()].first_chunk() else { continue };
+            rows_of_nodes(nodes, &mut rows);
+            let mut hair = 0;
+            for n in 0..STRIP {
+                self.densities[cells.start + n] = density([rows[4][n], rows[5][n]]);
+                hair |= u16::from(rows[MASS][n] > 0.0) << n;
+            }
+            self.hair[strip] = hair;
+            self.masses[cells.clone()].copy_from_slice(&rows[MASS]);
+            for (field, row) in self.momentum.iter_mut().zip(&rows) {
+                field[cells.clone()].copy_from_slice(row);
+            }
+        }
+    }
+}
+
+/// The strips near hair, each with whether it holds hair.
+fn near(strips: &[u8]) -> impl Iterator<Item = (usize, bool)> + '_ {
+    let marked = strips.iter().enumerate().filter(|(_, mark)| **mark != 0);
+    marked.map(|(strip, mark)| (strip, mark & HAIR != 0))
+}
+
+/// The strips that hold hair.
+pub(super) fn filled(strips: &[u8]) -> impl Iterator<Item = usize> + '_ {
+    near(strips).filter(|(_, is_hair)| *is_hair).map(|(strip, _)| strip)
+}
+
+/// The values of a field in the cells of a strip, or of one moved by some cells.
+#[inline(always)]
+pub(super) fn strip(field: &[f32], index: usize) -> &[f32; STRIP] {
+    field[index..].first_chunk().unwrap_or(&[0.0; STRIP])
+}
+
+/// The changes that a pressure causes in [`STRIP`] cells from `index`, along each axis: the mean of
 /// the changes at the two faces of a cell, of which walls do not count.
 #[inline(always)]
 fn changes(
@@ -264,57 +279,25 @@ fn changes(
     index: usize,
     strides: [usize; 3],
     least: f32,
-) -> [[f32; WIDE]; 3] {
-    let at = |field: &[f32], index: usize| -> [f32; WIDE] {
-        field[index..index + WIDE].try_into().unwrap_or([0.0; WIDE])
-    };
-    let (p, m) = (at(pressure, index), at(masses, index));
-    strides.map(|stride| {
-        let sides = [index - stride, index + stride];
-        let [below, above] = sides.map(|index| (at(pressure, index), at(masses, index)));
-        let mut out = [0.0; WIDE];
-        for n in 0..WIDE {
-            let face = |beyond: (f32, f32), sign: f32| -> (f32, f32) {
-                let sum = m[n] + beyond.1;
-                let is_wall = (m[n] < 0.0) | (beyond.1 < 0.0);
+) -> [[f32; STRIP]; 3] {
+    let (p, m) = (strip(pressure, index), strip(masses, index));
+    let mut out = [[0.0; STRIP]; 3];
+    for axis in 0..3 {
+        let mut faces = [0.0; STRIP];
+        for (beyond, sign) in [(index - strides[axis], 2.0), (index + strides[axis], -2.0)] {
+            let (other, beyond) = (strip(pressure, beyond), strip(masses, beyond));
+            for n in 0..STRIP {
+                let sum = m[n] + beyond[n];
+                let is_wall = (m[n] < 0.0) | (beyond[n] < 0.0);
                 let is_open = !is_wall & (0.5 * sum > least);
-                let change = sign * (beyond.0 - p[n]) * 2.0 / sum;
-                (if is_open { change } else { 0.0 }, if is_wall { 0.0 } else { 1.0 })
-            };
-            let below = face((below.0[n], below.1[n]), 1.0);
-            let above = face((above.0[n], above.1[n]), -1.0);
-            out[n] = (below.0 + above.0) / (below.1 + above.1).max(1.0);
+                let change = sign * (other[n] - p[n]) / sum;
+                out[axis][n] += if is_open { change } else { 0.0 };
+                faces[n] += if is_wall { 0.0 } else { 1.0 };
+            }
         }
-        out
-    })
-}
-
-/// Marks the cells of the row `walls` from `at` to `end` whose centres are inside `solid`.
-fn mark_row(
-    walls: &mut [u16],
-    number: u16,
-    at: [usize; 3],
-    end: usize,
-    shape: &Shape,
-    solid: &GridSolid,
-    cell: f32,
-) {
-    let middle = |i: usize| [i as f32 + 0.5, at[1] as f32 + 0.5, at[2] as f32 + 0.5];
-    let reach = cell * PACKET as f32 * 0.5;
-    if shape.sample_near(solid.local(middle(at[0] + PACKET / 2)), reach).is_none() {
-        return;
-    }
-    let mut points = [[0.0; PACKET]; 3];
-    for k in 0..PACKET {
-        let local = solid.local(middle(at[0] + k));
-        for c in 0..3 {
-            points[c][k] = local[c];
+        for n in 0..STRIP {
+            out[axis][n] /= if faces[n] > 1.0 { faces[n] } else { 1.0 };
         }
     }
-    let (distances, _) = shape.sample_packet(&points, 1.0);
-    for i in at[0]..end {
-        if walls[i] == 0 && distances[i - at[0]] < 0.0 {
-            walls[i] = number;
-        }
-    }
+    out
 }

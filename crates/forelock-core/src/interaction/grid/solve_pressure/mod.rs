@@ -28,6 +28,9 @@
 //! cells thick with free cells outside, so few sweeps suffice. Both pressures have the same matrix,
 //! which contains only cells with hair.
 //!
+//! Strips of sixteen cells are computed together; strips without hair are skipped. What neighbours
+//! of hair hold is set in every frame, so nothing of earlier frames is cleared.
+//!
 //! Solids: nothing flows through a cell whose centre is inside a solid; its faces move with the
 //! solid. Collision detection keeps the hair out of solids in a later stage.
 //!
@@ -37,12 +40,15 @@
 
 mod fields;
 mod relax;
+mod system;
+mod walls;
 
 pub(crate) use fields::Fields;
 pub use fields::{LOOSE, SPARSE};
 pub use relax::{SLACK, SWEEPS, relaxation};
 
 use crate::interaction::grid::{Grid, GridMoment, GridPlacement, GridReport};
+use system::Terms;
 
 /// WGSL of the stage.
 pub const WGSL: &str = include_str!("kernel.wgsl");
@@ -50,8 +56,7 @@ pub const WGSL: &str = include_str!("kernel.wgsl");
 /// Solves for the pressures. Replaces momenta and volumes of the nodes by the velocities to
 /// interpolate and the displacements of over-dense hair.
 pub fn solve(grid: &mut Grid, moment: &GridMoment<'_>) -> GridReport {
-    let Grid { params, bounds, cell, sample_mass, nodes, pressure: fields, .. } = grid;
-    fields.fit(bounds, nodes);
+    let Grid { params, bounds, cell, sample_mass, nodes, marks, pressure: fields, .. } = grid;
     let placement = GridPlacement {
         frame: &moment.frame,
         cell: *cell,
@@ -59,34 +64,24 @@ pub fn solve(grid: &mut Grid, moment: &GridMoment<'_>) -> GridReport {
         last_substep: moment.last_substep,
         h: moment.dt_secs * (1.0 - moment.last_substep),
     };
-    fields.mark_solid_cells(bounds, moment.solids, &placement);
+    fields.fit(bounds, nodes, marks, moment.solids, &placement);
     let side = *cell as f32;
-    let slack = side / moment.dt_secs as f32;
     let expansion = params.expansion(moment.dt_secs) as f32;
-    let right_hand_sides = |density: f32, divergence: f32| {
-        let excess = (density - 1.0) / density;
-        let shift = if excess > 0.0 { expansion * excess } else { excess };
-        [slack * excess.min(0.0) - divergence, side * shift]
-    };
     let least = SPARSE * *sample_mass;
-    let densest = fields.build_system(bounds, nodes, least, &right_hand_sides);
-    let found = fields.system.solve(bounds, params, 0);
-    let mut report = GridReport {
-        densest,
-        cells: fields.collect_pressures(bounds, 0),
-        iterations: found.sweeps,
-        residual: found.residual.into(),
-        ..GridReport::default()
-    };
-    if densest > 1.0 && expansion > 0.0 {
-        let found = fields.system.solve(bounds, params, 1);
-        report.iterations += found.sweeps;
-        report.residual = report.residual.max(found.residual.into());
-        fields.collect_pressures(bounds, 1);
-    }
+    let terms = Terms { least, cell: side, slack: side / moment.dt_secs as f32, expansion };
+    let densest = fields.build_system(bounds, terms);
+    let displaces = densest > 1.0 && expansion > 0.0;
+    let [velocities, displacements] = fields.system.solve(bounds, &fields.strips, params, displaces);
+    let cells = fields.collect_pressures(bounds);
     let pic = params.pic_share(moment.dt_secs) as f32;
-    report.farthest_m = fields.apply_pressure(bounds, nodes, least, pic);
-    report
+    GridReport {
+        densest,
+        cells,
+        iterations: velocities.sweeps + displacements.sweeps,
+        residual: velocities.residual.max(displacements.residual).into(),
+        farthest_m: fields.apply_pressure(bounds, nodes, least, pic),
+        ..GridReport::default()
+    }
 }
 
 #[cfg(test)]

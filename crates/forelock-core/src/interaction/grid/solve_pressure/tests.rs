@@ -1,11 +1,12 @@
 //! Effect of the pressure on the grid.
 
-use crate::body::{ColliderFrame, Shape};
-use crate::interaction::grid::{Grid, GridFrame, GridMoment, GridParams, Segments};
+use crate::body::{ColliderFrame, Head, Sdf, Shape};
+use crate::interaction::grid::{Grid, GridFrame, GridMoment, GridParams, splat_segments};
 use crate::lane::Row;
 use crate::pose::Pose;
 use crate::strands::{Model, Strands};
-use glam::DVec3;
+use glam::{DQuat, DVec3};
+use std::sync::Arc;
 
 /// A block of hair, a side of 20 cm: strands along y, 5 mm apart, a particle every centimetre.
 fn block() -> Model<f32> {
@@ -32,7 +33,7 @@ fn moment() -> GridMoment<'static> {
 /// Root mean square of the compression of the cells under pressure, m/s: before the solve and
 /// after it.
 fn compression(grid: &Grid) -> [f64; 2] {
-    let strides = [1, grid.bounds.dims[0], grid.bounds.layer()];
+    let strides = grid.bounds.strides();
     let fields = &grid.pressure;
     // The change of velocity at the face between two cells.
     let change = |below: usize, above: usize| {
@@ -64,12 +65,7 @@ fn compression_falls_a_thousandfold() {
     for row in &mut positions {
         row.0 = row.0.map(|x| 0.9 * x);
     }
-    grid.fit(&model, &positions, &moment().frame);
-    let hair =
-        Segments { model: &model, positions: &positions, velocities: &velocities, volumes: &grid.volumes };
-    let (bounds, cell) = (grid.bounds, grid.cell);
-    grid.chunks.iter_mut().for_each(|chunk| chunk.fill(&hair, &moment().frame, &bounds, cell));
-    crate::interaction::grid::splat_segments::splat(&mut grid);
+    splat_segments::splat(&mut grid, &model, [&positions, &velocities], &moment().frame);
     let report = super::solve(&mut grid, &moment());
     let [before, after] = compression(&grid);
     println!("compression {before:.3e} m/s a cell before the solve, after it {after:.3e}; {report:?}");
@@ -97,12 +93,12 @@ fn solid_cells_move_with_their_solid() {
     let moment = GridMoment { solids: &solids, ..moment() };
     let still = vec![Row([0.0; 16]); model.rest.len()];
     let (mut positions, mut velocities) = (model.rest.clone(), still);
-    grid.exchange(&model, &mut positions, &mut velocities, &moment);
-    let [nx, ny, _] = grid.bounds.dims;
+    grid.exchange(&model, &mut positions, &mut velocities, &mut [], &moment);
     let mut seen = [0; 2];
-    for (index, node) in grid.nodes.iter().enumerate() {
+    for (index, node) in grid.filled_nodes() {
         let middle = |c: usize, i: usize| (f64::from(grid.bounds.low[c]) + i as f64 + 0.5) * grid.cell;
-        let [x, y, z] = [middle(0, index % nx), middle(1, index / nx % ny), middle(2, index / (nx * ny))];
+        let place = grid.bounds.place(index);
+        let [x, y, z] = [0, 1, 2].map(|c| middle(c, place[c]));
         let inside = |centre: f64| (x - centre).abs() < 0.02 && y.abs() < 0.08 && z.abs() < 0.08;
         for (k, (centre, speed)) in [(-0.06, 0.0), (0.06, 6.0)].into_iter().enumerate() {
             if inside(centre) && node.mass() > 0.0 {
@@ -138,14 +134,50 @@ fn the_pressure_of_a_closed_pocket_stays_bounded() {
     let still = vec![Row([0.0; 16]); model.rest.len()];
     // Compressed by a fifth, so that no cell has free volume.
     let positions: Vec<_> = model.rest.iter().map(|row| Row(row.0.map(|x| 0.8 * x))).collect();
-    grid.fit(&model, &positions, &moment.frame);
-    let hair = Segments { model: &model, positions: &positions, velocities: &still, volumes: &grid.volumes };
-    let (bounds, cell) = (grid.bounds, grid.cell);
-    grid.chunks.iter_mut().for_each(|chunk| chunk.fill(&hair, &moment.frame, &bounds, cell));
-    crate::interaction::grid::splat_segments::splat(&mut grid);
+    splat_segments::splat(&mut grid, &model, [&positions, &still], &moment.frame);
     let report = super::solve(&mut grid, &moment);
     assert!(report.cells > 100, "{report:?}");
-    let fastest = grid.nodes.iter().flat_map(|node| &node.0[..3]).map(|v| v.abs()).fold(0.0, f32::max);
+    let fastest = grid.filled_nodes().flat_map(|(_, node)| &node.0[..3]).map(|v| v.abs()).fold(0.0, f32::max);
     println!("fastest {fastest} m/s; {report:?}");
     assert!(fastest < 1.5 * 6.0 && report.farthest_m < grid.cell, "{fastest} m/s, {report:?}");
+}
+
+/// The cells inside a distance field that the head carries are remembered from frame to frame. A
+/// grid that has seen other frames gives the same bits as a new one.
+#[test]
+fn remembered_cells_do_not_depend_on_the_frames_before() {
+    let model = block();
+    let params = GridParams { resolution: 32, ..GridParams::default() };
+    let shape = Shape::Sdf(Arc::new(Sdf::from_mesh(&Head::builtin().mesh, 32, 0.02).unwrap()));
+    let step = |grid: &mut Grid, angle: f64, with_head: bool| {
+        let head = Pose::new(DQuat::from_rotation_y(angle), DVec3::new(0.3, 0.2, 0.1) * angle);
+        let solid =
+            ColliderFrame { shape: &shape, local: Pose::IDENTITY, from: head, to: head, friction: 0.0 };
+        let solids = if with_head { &[solid][..] } else { &[] };
+        let moment = GridMoment {
+            frame: GridFrame::new(&head, &head, 1e-3),
+            solids,
+            origin: head.translation,
+            ..moment()
+        };
+        let mut positions = model.rest.clone();
+        for rows in positions.chunks_exact_mut(3) {
+            for lane in 0..16 {
+                let x = DVec3::from_array([0, 1, 2].map(|c| f64::from(rows[c].0[lane])));
+                let x = (head.rotation * x).as_vec3();
+                (0..3).for_each(|c| rows[c].0[lane] = x[c]);
+            }
+        }
+        let mut velocities: Vec<_> = positions.iter().map(|row| Row(row.0.map(|x| -5.0 * x))).collect();
+        grid.exchange(&model, &mut positions, &mut velocities, &mut [], &moment);
+        velocities
+    };
+    let mut seasoned = Grid::new(&model, &params);
+    for angle in [0.0, 0.3, 0.1] {
+        step(&mut seasoned, angle, true);
+    }
+    let mut new = Grid::new(&model, &params);
+    let expected = step(&mut new, 0.7, true);
+    assert!(step(&mut seasoned, 0.7, true) == expected, "the frames before count");
+    assert!(step(&mut new, 0.7, false) != expected, "the head does not reach the hair");
 }

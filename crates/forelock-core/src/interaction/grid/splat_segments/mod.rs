@@ -7,56 +7,52 @@
 //!
 //! # Practice
 //! All numbers of a node lie in one register of eight, and all of a sample too, so a sample costs
-//! eight loads, products, sums and stores. Samples are sorted by slabs of two layers. The samples
-//! of a slab touch three layers, so all even slabs can be splat in parallel, then all odd ones: no
-//! two threads write to the same node, and the order of summation does not depend on the number of
-//! threads.
+//! eight loads, products, sums and stores. Samples are not sorted: neighbouring strands lie side by
+//! side in memory, so their nodes stay in the second-level cache.
+//!
+//! A number of patches that does not depend on the number of threads divides the strands. Each has
+//! nodes of its own around its hair, and marks the clusters of four nodes that it touches. Then
+//! the nodes of marked clusters are summed over the patches, layer by layer and always in the same
+//! order. Others are neither cleared nor summed.
 
-use crate::interaction::grid::{Chunk, Grid, Node, SLAB};
-use crate::lane::widest;
+use crate::interaction::grid::{Bounds, Grid, GridFrame, NOWHERE, Node, STRIP, Segments, join};
+use crate::lane::{Real, Row, widest};
+use crate::scratch::{fill, resize};
+use crate::strands::Model;
 use rayon::prelude::*;
 
 /// WGSL of the stage.
 pub const WGSL: &str = include_str!("kernel.wgsl");
 
-/// Adds all samples to the nodes of an empty grid.
-pub fn splat(grid: &mut Grid) {
-    let Grid { bounds, chunks, nodes, .. } = grid;
-    let chunks = &*chunks;
-    let layer = bounds.layer();
-    let rows = bounds.stencil_rows();
-    for parity in 0..2 {
-        let start = SLAB * parity * layer;
-        nodes[start..].par_chunks_mut(2 * SLAB * layer).enumerate().for_each(|(k, nodes)| {
-            let slab = 2 * k + parity;
-            if slab < bounds.slabs() {
-                widest(
-                    #[inline(always)]
-                    || splat_slab(nodes, SLAB * slab * layer, chunks, slab, rows),
-                );
-            }
-        });
-    }
-}
-
-/// Adds the samples of a slab to its `nodes`, the first of which has the index `base`.
-#[inline(always)]
-fn splat_slab(nodes: &mut [Node], base: usize, chunks: &[Chunk], slab: usize, rows: [usize; 4]) {
-    let beyond = rows[3] + 1;
-    for chunk in chunks {
-        for sample in chunk.slab(slab) {
-            let first = sample.first as usize - base;
-            assert!(first + beyond < nodes.len(), "a sample lies in the layers of its slab");
-            let [x, y, z] = sample.offset;
-            let share = Node(sample.share);
-            let (low, high) = (share * (1.0 - x), share * x);
-            let weights = [(1.0 - y) * (1.0 - z), y * (1.0 - z), (1.0 - y) * z, y * z];
-            for (row, weight) in rows.into_iter().zip(weights) {
-                // SAFETY: the last of the nodes is `beyond` the first.
-                let pair = unsafe { nodes.get_unchecked_mut(first + row..first + row + 2) };
-                pair[0] = pair[0] + low * weight;
-                pair[1] = pair[1] + high * weight;
-            }
+/// Fits the box to hair with positions and velocities `rows`, and splats it. Returns the box.
+pub(crate) fn splat<T: Real>(
+    grid: &mut Grid,
+    model: &Model<T>,
+    rows: [&[Row<T>]; 2],
+    frame: &GridFrame,
+) -> Bounds {
+    let Grid { params, cell, volumes, patches, bounds, nodes, marks, .. } = grid;
+    let [positions, velocities] = rows;
+    patches.par_iter_mut().for_each(|patch| patch.measure(model, positions, frame));
+    let extent = patches.iter().map(|patch| patch.extent).fold(NOWHERE, join);
+    // Zero if no coordinate is finite.
+    let extent = extent.map(|ends| ends.map(|x| if x.is_finite() { x } else { 0.0 }));
+    *bounds = Bounds::around(extent, *cell, params.max_cells as usize);
+    let most = patches.iter_mut().map(|patch| patch.place(bounds, *cell)).max().unwrap_or(0);
+    patches.iter_mut().for_each(|patch| patch.reserve(most));
+    let hair = Segments { model, positions, velocities, volumes };
+    patches.par_iter_mut().for_each(|patch| patch.splat(&hair, frame, bounds, *cell));
+    resize(nodes, bounds.cells(), Node::default());
+    fill(marks, bounds.layer_strips() * bounds.dims[2], 0);
+    let layer = bounds.layer_strips();
+    let layers = nodes.par_chunks_mut(STRIP * layer).zip(marks.par_chunks_mut(layer)).enumerate();
+    layers.for_each(|(k, (nodes, marks))| {
+        for patch in &*patches {
+            widest(
+                #[inline(always)]
+                || patch.add_layer(k, bounds, nodes, marks),
+            );
         }
-    }
+    });
+    *bounds
 }
