@@ -1,7 +1,5 @@
 //! The equations of the pressure, from the fields.
 
-#![expect(clippy::needless_range_loop, reason = "one index for several arrays is what vectorises")]
-
 use super::fields::{Fields, LOOSE, filled, strip};
 use super::relax::{Equations, Layer, SLACK};
 use crate::interaction::grid::{Bounds, GridSolid, STRIP};

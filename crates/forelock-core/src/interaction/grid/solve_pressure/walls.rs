@@ -104,13 +104,8 @@ fn inside(shape: &Shape, cell: f32, middle: impl Fn(usize) -> [f32; 3]) -> u32 {
     if shape.sample_near(middle(PACKET / 2), cell * PACKET as f32 * 0.5).is_none() {
         return 0;
     }
-    let mut points = [[0.0; PACKET]; 3];
-    for k in 0..PACKET {
-        let local = middle(k);
-        for c in 0..3 {
-            points[c][k] = local[c];
-        }
-    }
+    let locals: [[f32; 3]; PACKET] = std::array::from_fn(&middle);
+    let points = [0, 1, 2].map(|c| locals.map(|local| local[c]));
     let (distances, _) = shape.sample_packet(&points, 1.0);
     distances.iter().enumerate().fold(0, |bits, (k, distance)| bits | u32::from(*distance < 0.0) << k)
 }
