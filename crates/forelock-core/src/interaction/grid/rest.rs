@@ -1,4 +1,5 @@
-//! The volume of the hair, measured in the rest shape: see Practice in the documentation of the grid.
+//! The volume of the hair, measured in the rest shape: see Practice in the documentation of the
+//! grid.
 
 use super::splat_segments::splat;
 use super::{Bounds, Grid, GridFrame, Patch, Segments, Stencils, View, density};

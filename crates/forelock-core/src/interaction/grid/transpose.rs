@@ -12,7 +12,7 @@ pub(super) fn rows_of_nodes(nodes: &[Node; LANES], rows: &mut Rows) {
     #[cfg(target_arch = "x86_64")]
     if is_x86_feature_detected!("avx2") {
         for half in [0, 8] {
-            // SAFETY: the processor has AVX2; eight nodes and half of each row are read and written.
+            // SAFETY: the processor has AVX2; eight nodes and half of a row are touched.
             unsafe {
                 let from = std::array::from_fn(|n| nodes[half + n].0.as_ptr());
                 let to = rows.each_mut().map(|row| row.as_mut_ptr().add(half));
@@ -34,7 +34,7 @@ pub(super) fn nodes_of_rows(rows: &Rows, nodes: &mut [Node; LANES]) {
     #[cfg(target_arch = "x86_64")]
     if is_x86_feature_detected!("avx2") {
         for half in [0, 8] {
-            // SAFETY: the processor has AVX2; half of each row and eight nodes are read and written.
+            // SAFETY: the processor has AVX2; half of a row and eight nodes are touched.
             unsafe {
                 let from = rows.each_ref().map(|row| row.as_ptr().add(half));
                 let first = nodes.as_mut_ptr().add(half);

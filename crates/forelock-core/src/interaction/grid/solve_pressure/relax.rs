@@ -273,8 +273,8 @@ impl System {
         [a, b]
     }
 
-    /// Writes the pressures `which` of `strip` to `out`. Those of the first colour are at odd places
-    /// if `odd` is 1.
+    /// Writes the pressures `which` of `strip` to `out`. Those of the first colour are at odd
+    /// places if `odd` is 1.
     #[inline(always)]
     pub fn pressures(&self, which: usize, strip: usize, odd: usize, out: &mut [f32]) {
         let places = PACK * strip..PACK * (strip + 1);

@@ -98,8 +98,8 @@ fn middle_of(axis: usize, n: usize) -> f32 {
     if axis == 0 { n as f32 + 0.5 } else { 0.5 }
 }
 
-/// Which cells of a packet are inside a shape, a bit a cell. `middle` is the middle of a cell in the
-/// local space of the shape, metres; `cell` the side of a cell.
+/// Which cells of a packet are inside a shape, a bit a cell. `middle` is the middle of a cell in
+/// the local space of the shape, metres; `cell` the side of a cell.
 fn inside(shape: &Shape, cell: f32, middle: impl Fn(usize) -> [f32; 3]) -> u32 {
     if shape.sample_near(middle(PACKET / 2), cell * PACKET as f32 * 0.5).is_none() {
         return 0;
@@ -119,8 +119,8 @@ pub(super) struct KnownCells {
     /// First strip along x, and first cells along y and z, from the grid's origin.
     low: [i32; 3],
     dims: [usize; 3],
-    /// Of each strip the cells inside, a bit a cell, and from bit [`STRIP`] on a bit for each packet
-    /// that has been asked for.
+    /// Of each strip the cells inside, a bit a cell, and from bit [`STRIP`] on a bit for each
+    /// packet that has been asked for.
     strips: Vec<AtomicU32>,
 }
 
