@@ -14,6 +14,11 @@ use forelock_core::simulation::{Options, Teleport};
 use forelock_core::solver::{AmsParams, DftlParams, Solver};
 use glam::{DQuat, DVec3, Vec3};
 
+/// A change of a frame.
+type FrameChange<'s> = dyn for<'a> Fn(&mut FrameInput<'a>) + 's;
+/// A change of a scene.
+type RigChange<'s> = dyn Fn(&mut Rig<f32>) + 's;
+
 /// The sleep speed of these tests, m/s.
 const SPEED: f64 = 1e-3;
 const STILL: [Pose; 2] = [Pose::IDENTITY; 2];
@@ -141,7 +146,7 @@ fn surroundings_that_change_wake_all() {
     let pushes = vec![Vec3::ZERO; 3 * LANES * 12];
     let field = |_: DVec3| DVec3::ZERO;
     let turned = Pose { rotation: DQuat::from_rotation_y(1e-6), ..Pose::IDENTITY };
-    let causes: [(&str, &dyn for<'a> Fn(&mut FrameInput<'a>)); 7] = [
+    let causes: [(&str, &FrameChange<'_>); 7] = [
         ("the head moves", &|frame| frame.roots = Roots::Rigid([Pose::IDENTITY, moved(1e-6)])),
         ("the head turns", &|frame| frame.roots = Roots::Rigid([Pose::IDENTITY, turned])),
         ("the head is elsewhere", &|frame| frame.roots = Roots::Rigid([moved(1e-4); 2])),
@@ -197,7 +202,7 @@ fn hair_is_not_left_behind_by_a_head_that_creeps() {
 fn changes_of_the_simulation_wake_all() {
     let params = AmsParams::default();
     let contacts = ContactParams::default();
-    let causes: [(&str, &dyn Fn(&mut Rig<f32>)); 9] = [
+    let causes: [(&str, &RigChange<'_>); 9] = [
         ("parameters", &|rig| rig.simulation.set_params(&params).unwrap()),
         ("contacts", &|rig| rig.simulation.set_contacts(Some(&contacts)).unwrap()),
         ("grid", &|rig| rig.simulation.set_grid(Some(&GridParams::default())).unwrap()),
