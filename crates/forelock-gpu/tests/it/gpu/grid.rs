@@ -229,12 +229,8 @@ fn another_grid_is_seen() {
     }
     // Hair that is pressed together takes many sweeps.
     let other = GridParams { iterations: 4, ..exact() };
-    let seen = [2, 6, 12, 18].into_iter().any(|after| {
-        let [given, apart] = Start::new(Some(&solids), after).compare(&gpu, [&exact(), &other]);
-        println!("after {after} frames: {apart:?} of {given:?}");
-        !is_same(apart, given)
-    });
-    assert!(seen, "the number of sweeps has no effect");
+    let [given, apart] = Start::new(Some(&solids), 2).compare(&gpu, [&exact(), &other]);
+    assert!(!is_same(apart, given), "{other:?}: {apart:?} of {given:?}");
 }
 
 /// Two runs give the same bits: also after an interruption, with timed stages, and in many batches
