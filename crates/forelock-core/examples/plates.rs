@@ -8,9 +8,10 @@
 //!
 //! - the largest share of edges that intersect the solid at the end of a frame (the plate without
 //!   the outer fifth of its thickness, the others without 0.8 and 0.3 mm);
-//! - the share of particles that came from the front of the solid to its back in one frame, so deep
-//!   below a plate's rim that they cannot have slipped over it, at a finger's height; a comb lets
-//!   hair through;
+//! - the share of particles that came from the front of the solid to its back in one frame: of a
+//!   plate those so deep below its rim that they cannot have slipped over it, of a finger those of
+//!   strands that lay in front of it and then hang behind it, with more of the strand below than can
+//!   have slipped over it meanwhile; a comb lets hair through;
 //! - the largest stretch of an edge one second after the solid stopped;
 //! - the time, in milliseconds per frame.
 //!
@@ -39,6 +40,8 @@ const DT: f64 = 1.0 / 60.0;
 /// Depth of the rim below the roots, metres.
 const RIM: f64 = 0.03;
 const PATCH: f64 = 0.05;
+/// Speed at which hair may slip over a finger by itself, m/s.
+const OWN_SPEED: f64 = 2.0;
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 
@@ -132,14 +135,41 @@ impl Solid {
         (0..=8).any(inside)
     }
 
-    /// 1 before it, −1 behind it, 0 where that is not known, of a point relative to the carrier.
-    fn side(&self, x: DVec3) -> f64 {
-        let is_beside = match self.shape {
-            Shape::Box { .. } => x.y < -RIM - 0.01 - self.speed * DT,
-            Shape::Capsule { .. } => (x.y - self.local.translation.y).abs() < 0.5 * self.half,
-            _ => false,
-        };
-        if is_beside && x.x.abs() > 0.2 * self.half { x.x.signum() } else { 0.0 }
+    /// Particles that came from its front to its back. `before` and `now` are the particles of a
+    /// strand at two frames' ends, relative to the carrier.
+    fn crossed(&self, before: &[DVec3], now: &[DVec3]) -> usize {
+        match self.shape {
+            Shape::Box { .. } => {
+                let is_deep = |x: &DVec3| x.y < -RIM - 0.01 - self.speed * DT && x.x.abs() > 0.2 * self.half;
+                let through = |(a, b): &(&DVec3, &DVec3)| is_deep(a) && is_deep(b) && a.x > 0.0 && b.x < 0.0;
+                before.iter().zip(now).filter(through).count()
+            }
+            Shape::Capsule { .. } => {
+                let ([in_front, _], below) = self.around(before);
+                let ([still, behind], _) = self.around(now);
+                let edge = LENGTH / (before.len() - 1) as f64;
+                let slips = edge * below as f64 <= self.speed * DT + OWN_SPEED * DT;
+                if in_front > 0 && still <= 0 && behind > 0 && !slips { below } else { 0 }
+            }
+            _ => 0,
+        }
+    }
+
+    /// How often a strand passes a finger's axis downwards in front of it and behind it, less how
+    /// often it does so upwards; and the particles after the last place in front.
+    fn around(&self, strand: &[DVec3]) -> ([i32; 2], usize) {
+        let (mut passes, mut below) = ([0, 0], 0);
+        let axis = self.local.translation;
+        for (i, ends) in strand.windows(2).enumerate() {
+            let [a, b] = [ends[0] - axis, ends[1] - axis];
+            let down = i32::from(a.y > 0.0) - i32::from(b.y > 0.0);
+            let is_behind = a.lerp(b, a.y / (a.y - b.y)).x < 0.0;
+            passes[usize::from(is_behind)] += down;
+            if down > 0 && !is_behind {
+                below = strand.len() - 1 - i;
+            }
+        }
+        (passes, below)
     }
 }
 
@@ -178,7 +208,8 @@ fn sweep(solver: &Solver<f32>, taut: bool, solid: &Solid) -> Result<Found, Failu
     // With the particles that a solver adds between those of the groom.
     let rest = chain(&simulation);
     let particles = rest.len() / STRANDS as usize;
-    let (mut sides, mut crossed) = (vec![0.0; rest.len()], 0);
+    let mut last: Vec<DVec3> = rest.iter().map(|x| solid.pose(0).inverse().transform_point(*x)).collect();
+    let mut crossed = 0;
     let clock = Instant::now();
     for frame in 0..moving + 60 {
         let (from, to) = (solid.pose(frame), solid.pose(frame + 1));
@@ -188,18 +219,18 @@ fn sweep(solver: &Solver<f32>, taut: bool, solid: &Solid) -> Result<Found, Failu
         simulation.step_frame(&input)?;
         let positions = chain(&simulation);
         let own = solid.local.inverse().after(&to.inverse());
+        let relative: Vec<DVec3> = positions.iter().map(|x| to.inverse().transform_point(*x)).collect();
+        for (before, now) in last.chunks(particles).zip(relative.chunks(particles)) {
+            crossed += solid.crossed(before, now);
+        }
+        last = relative;
         let mut inside = 0;
         for strand in positions.chunks(particles) {
             let strand: Vec<DVec3> = strand.iter().map(|x| own.transform_point(*x)).collect();
             inside += strand.windows(2).map(|ends| u32::from(solid.contains(ends[0], ends[1]))).sum::<u32>();
         }
-        for (x, before) in positions.iter().zip(&mut sides) {
-            let side = solid.side(to.inverse().transform_point(*x));
-            crossed += u32::from(side < 0.0 && *before > 0.0);
-            *before = side;
-        }
         found.edges = found.edges.max(f64::from(inside) / (rest.len() as f64 - f64::from(STRANDS)));
-        found.crossed = f64::from(crossed) / rest.len() as f64;
+        found.crossed = crossed as f64 / rest.len() as f64;
         if frame + 1 == moving + 60 {
             for (x, r) in positions.chunks(particles).zip(rest.chunks(particles)) {
                 for i in 1..x.len() {

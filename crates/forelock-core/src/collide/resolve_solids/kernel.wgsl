@@ -68,19 +68,23 @@ fn resolve_particles(strand: Strand) -> bool {
     return touched;
 }
 
-// Resolves the collisions of particles that edges have moved.
+// Resolves the collisions of particles that edges have moved, along their paths since the last
+// query.
 fn resolve_again(strand: Strand) {
-    at_rest = true;
     for (var i = min(frame.clamped, strand.particles); i < strand.particles; i++) {
-        let origin = scratch_vector(strand, i, BEFORE_EDGES);
-        let moved = distance(position_at(strand, i), origin);
-        let left = left_of(clearance_of(strand, i), moved);
+        let x = position_at(strand, i);
+        let last = clearance_of(strand, i);
+        let left = left_of(last, distance(x, scratch_vector(strand, i, BEFORE_EDGES)));
+        let origin = scratch_vector(strand, i, ORIGIN);
+        var moved = distance(x, origin);
+        if !at_rest {
+            moved = clearance_left(x, origin, last).y;
+        }
         let touches = resolve_particle(strand, i, origin, moved, left);
         if !(left > 0.0) {
             report_contact(false, -(clearance_of(strand, i) + query.thickness));
         }
     }
-    at_rest = (query.how & AFTER_SUBSTEP) == 0u;
 }
 
 @compute @workgroup_size(WORKGROUP)

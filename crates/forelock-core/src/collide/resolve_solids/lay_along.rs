@@ -94,6 +94,10 @@ pub const SPRING_STRETCH: f64 = 0.04;
 /// the particle follows the curve.
 pub const FOLDS: f64 = 0.7;
 
+/// Distance of a leader from its place on the old curve, over the edge's length, above which the
+/// particle follows the curve.
+pub const LAG: f64 = 0.5;
+
 /// Distance by which a leader may be ahead of its place on the old curve, over the edge's length,
 /// without the next edge being turned back towards that place. A rim around which a strand has
 /// been pulled lies farther back.
@@ -131,15 +135,17 @@ fn lay_strand<L: Lane>(
         let goal = curve.next();
         let mut x = at_distance(leader, goal, length);
         let moved = distance(x, goal);
-        // A leader that has slipped past its place would fold the strand.
-        let folds = distance(leader, goal) < number::<L::Scalar>(FOLDS) * length;
+        // A leader that has slipped past its place would fold the strand; between one that is far
+        // from its place and the goal, the way along the curve may lead around a solid.
+        let leaves = distance(leader, goal) < number::<L::Scalar>(FOLDS) * length
+            || distance(leader, curve.place()) > number::<L::Scalar>(LAG) * length;
         // Where the strand has slipped, the goal is between two particles of the old curve.
         let known = if curve.edge + 1 == i && curve.share == zero { view.clearance[i].0[lane] } else { zero };
         let mut clearance = known - moved;
         let is_near = clearance <= zero || clearance + leader_clearance <= length;
-        if known >= zero && (is_near || folds) {
+        if known >= zero && (is_near || leaves) {
             let turn = Turn { corner: None, leader, length, is_root: i <= solids.clamped };
-            let found = if folds { None } else { turn.find(solids, x).ok() };
+            let found = if leaves { None } else { turn.find(solids, x).ok() };
             let found = found.filter(|(x, _)| !is_between(solids, goal, *x));
             (x, clearance) = if let Some(found) = found {
                 curve.edge += 1;
@@ -207,6 +213,16 @@ struct Curve<'a, L: Lane> {
 impl<L: Lane> Curve<'_, L> {
     fn point(&self, i: usize) -> [L::Scalar; 3] {
         self.points[i].get(self.lane)
+    }
+
+    /// The place up to which the strand has been placed.
+    fn place(&self) -> [L::Scalar; 3] {
+        let last = self.points.len() - 1;
+        if self.edge < last {
+            lerp(self.point(self.edge), self.point(self.edge + 1), self.share)
+        } else {
+            self.point(last)
+        }
     }
 
     /// The place one edge on. Beyond its end the curve goes on straight.

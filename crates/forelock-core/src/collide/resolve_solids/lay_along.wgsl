@@ -139,6 +139,15 @@ fn curve_point(strand: Strand, i: u32) -> vec3f {
     return scratch_vector(strand, i, OLD_CURVE);
 }
 
+// The place up to which the strand has been placed.
+fn place_on_curve(strand: Strand, at: CurvePlace) -> vec3f {
+    let last = strand.particles - 1u;
+    if at.edge < last {
+        return mix(curve_point(strand, at.edge), curve_point(strand, at.edge + 1u), at.share);
+    }
+    return curve_point(strand, last);
+}
+
 // The place one edge on. Beyond its end the curve goes on straight.
 fn next_on_curve(strand: Strand, at: CurvePlace) -> vec3f {
     let last = strand.particles - 1u;
@@ -252,16 +261,18 @@ fn lay_along(strand: Strand) {
         // Where the strand has slipped, the goal is between two particles of the old curve.
         let is_known = at.edge + 1u == i && at.share == 0.0;
         let known = select(0.0, memory[entry(strand, i, 2u, 1u)], is_known);
-        // A leader that has slipped past its place would fold the strand.
-        let folds = distance(leader, goal) < FOLDS * length;
+        // A leader that has slipped past its place would fold the strand; between one that is far
+        // from its place and the goal, the way along the curve may lead around a solid.
+        let leaves = distance(leader, goal) < FOLDS * length
+            || distance(leader, place_on_curve(strand, at)) > LAG * length;
         var clearance = known - distance(x, goal);
         if known < 0.0 {
             at.edge += 1u;
             clearance = known;
-        } else if clearance <= 0.0 || clearance + clearance_of(strand, i - 1u) <= length || folds {
+        } else if clearance <= 0.0 || clearance + clearance_of(strand, i - 1u) <= length || leaves {
             var turn = Turn(leader, length, vec3f(), false, i <= frame.clamped);
             var found = Place(false, x, 0.0);
-            if !folds {
+            if !leaves {
                 found = find_turn(turn, x);
             }
             if found.found && !is_between(goal, found.x) {

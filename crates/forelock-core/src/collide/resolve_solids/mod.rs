@@ -39,7 +39,7 @@ use crate::lane::{Lane, Real, V3};
 use crate::strands::{BlockView, LaneGroup};
 pub use edges::{EDGE_ROUNDS, EDGE_SAMPLES, PASSES, REFINEMENTS, SKIN_SHARE, TAKE_BACK_ROUNDS};
 pub use lay_along::{
-    EXACT, EXACT_ROUNDS, FOLDS, LEAST_TURN, SLIDE_STEPS, SLIP, SPRING_STRETCH, STRETCHED, lay_along,
+    EXACT, EXACT_ROUNDS, FOLDS, LAG, LEAST_TURN, SLIDE_STEPS, SLIP, SPRING_STRETCH, STRETCHED, lay_along,
 };
 pub use levels::LevelSolids;
 pub use particle::{MAX_PUSHES, PROJECTION_ROUNDS};
@@ -158,7 +158,7 @@ pub fn resolve<L: Lane>(
     let first_lane = queried.first;
     let (from, rest) = work.split_at_mut(view.particles);
     let (moved, before) = rest.split_at_mut(view.particles);
-    resolve_particles(solids, since, view, queried, Some([&mut *from, &mut *moved]), &mut contacts);
+    resolve_particles(solids, since, view, queried, [&mut *from, &mut *moved], &mut contacts);
     let paths = edges::Paths {
         from: if let Since::Displaced(from) = since { from } else { from },
         moved,
@@ -168,9 +168,8 @@ pub fn resolve<L: Lane>(
     if moved != 0 {
         // Edges moved particles, perhaps into solids.
         let queried = QueriedStrands { lanes: moved, ..queried };
-        let since = Since::Displaced(&before[..view.particles]);
         let touching = contacts.touching;
-        resolve_particles(solids, since, view, queried, None, &mut contacts);
+        resolve_again(solids, &paths, view, queried, before, &mut contacts);
         contacts.touching = touching;
         contacts.edges += moved.count_ones();
         contacts.lanes |= moved << first_lane;
@@ -194,19 +193,17 @@ fn resolve_particles<L: Lane>(
     since: Since<'_, L>,
     view: &mut BlockView<'_, L::Scalar>,
     queried: QueriedStrands,
-    mut paths: Option<[&mut [V3<L>]; 2]>,
+    [came_from, displacement]: [&mut [V3<L>]; 2],
     contacts: &mut SolidContacts,
 ) {
     let QueriedStrands { first, lanes } = queried;
     let mut queue = Queue::new(since.start());
     let clamped = solids.clamped.min(view.particles);
-    if let Some([came_from, displacement]) = &mut paths {
-        for i in 0..clamped {
-            let x = V3::<L>::load(view.positions, i, first);
-            let v = V3::load(view.velocities, i, first);
-            came_from[i] = if since.start() == 0 { x.add_scaled(L::splat(-solids.h), v) } else { x };
-            displacement[i] = V3::zero();
-        }
+    for i in 0..clamped {
+        let x = V3::<L>::load(view.positions, i, first);
+        let v = V3::load(view.velocities, i, first);
+        came_from[i] = if since.start() == 0 { x.add_scaled(L::splat(-solids.h), v) } else { x };
+        displacement[i] = V3::zero();
     }
     for i in clamped..view.particles {
         let x = V3::<L>::load(view.positions, i, first);
@@ -224,13 +221,48 @@ fn resolve_particles<L: Lane>(
             }
             Since::Noted => (x, L::zero(), last),
         };
-        if let Some([came_from, displacement]) = &mut paths {
-            came_from[i] = from;
-            displacement[i].0[0] = moved;
-        }
+        came_from[i] = from;
+        displacement[i].0[0] = moved;
         let used_up = !L::bits(L::zero().lt(left)) & lanes;
         queue.push_lanes(used_up, i, first, Queued { last, moved, from });
         left.store(&mut view.clearance[i], first);
+        let rest = if i + 1 < view.particles { PACKET } else { 1 };
+        while queue.len >= rest {
+            queue.resolve_packet(solids, view, contacts);
+        }
+    }
+}
+
+/// Resolves the collisions of particles that edges have moved from where they were `before`. They
+/// are swept along their `paths` since the last query: an edge that went over the middle of a solid
+/// comes back through it, and a sweep from `before` would stop its ends there.
+#[inline(always)]
+fn resolve_again<L: Lane>(
+    solids: &Solids<'_, L::Scalar>,
+    paths: &edges::Paths<'_, L>,
+    view: &mut BlockView<'_, L::Scalar>,
+    queried: QueriedStrands,
+    before: &[V3<L>],
+    contacts: &mut SolidContacts,
+) {
+    let QueriedStrands { first, lanes } = queried;
+    let mut queue = Queue::new(paths.start);
+    for i in solids.clamped.min(view.particles)..view.particles {
+        let x = V3::<L>::load(view.positions, i, first);
+        let last = L::load(&view.clearance[i], first);
+        let (by, from) = (x - before[i], paths.from[i]);
+        let left = L::select(last.lt(L::zero()), last, last - by.dot(by).sqrt());
+        left.store(&mut view.clearance[i], first);
+        let used_up = !L::bits(L::zero().lt(left)) & lanes;
+        if used_up != 0 {
+            let moved = if paths.start == 0 {
+                clearance_left(solids, last, from, x).0
+            } else {
+                let along = x - from;
+                along.dot(along).sqrt()
+            };
+            queue.push_lanes(used_up, i, first, Queued { last, moved, from });
+        }
         let rest = if i + 1 < view.particles { PACKET } else { 1 };
         while queue.len >= rest {
             queue.resolve_packet(solids, view, contacts);

@@ -176,6 +176,70 @@ fn plates_do_not_cut_through_taut_hair() {
     }
 }
 
+/// Strands of a wisp through which a finger of 16 mm, which crosses it at `speed` for `travel`
+/// metres, passed: they lay in front of it at a frame's end and then hang behind it, with more of
+/// them below than can have slipped over it meanwhile.
+fn through_finger(solver: &Solver<f32>, speed: f64, travel: f64) -> usize {
+    let mut rig = Rig::<f32>::new(&wisp(30), solver, Simd::Auto);
+    let shape = Shape::Capsule { half_length: 0.1, radius: 0.008 };
+    let across = DQuat::from_rotation_z(std::f64::consts::FRAC_PI_2);
+    let at = |frame: u32| {
+        let gone = (speed * DT * f64::from(frame)).min(travel);
+        Pose::new(across, DVec3::new(0.0, -0.15, gone - 0.03))
+    };
+    // Hair may slip over it by itself at up to 2 m/s.
+    let slips = (speed + 2.0) * DT;
+    // How much of each strand is in front.
+    let mut in_front = [0.0; 55];
+    let mut through = 0;
+    for frame in 0..(travel / speed / DT).ceil() as u32 + 30 {
+        let (from, to) = (at(frame), at(frame + 1));
+        let solid = ColliderFrame { shape: &shape, local: Pose::IDENTITY, from, to, friction: 0.3 };
+        rig.step_among(Pose::IDENTITY, &[solid]);
+        let snapshot = rig.simulation.snapshot();
+        let own = |x: &[f32; 3]| vector(*x) + DVec3::from(snapshot.origin) - to.translation;
+        let places: Vec<DVec3> = snapshot.positions.iter().map(own).collect();
+        for (strand, last) in places.chunks(places.len() / 55).zip(&mut in_front) {
+            let ([front, behind], length) = around(strand);
+            through += usize::from(*last > slips && front <= 0 && behind > 0);
+            *last = if front > 0 { length } else { 0.0 };
+        }
+    }
+    through
+}
+
+/// How often a strand of 30 cm passes the height 0 downwards before z = 0 and behind it, less how
+/// often it does so upwards; and its length after the last place before.
+fn around(strand: &[DVec3]) -> ([i32; 2], f64) {
+    let (mut passes, mut length) = ([0, 0], 0.0);
+    for (i, ends) in strand.windows(2).enumerate() {
+        let down = i32::from(ends[0].y > 0.0) - i32::from(ends[1].y > 0.0);
+        let is_behind = ends[0].lerp(ends[1], ends[0].y / (ends[0].y - ends[1].y)).z < 0.0;
+        passes[usize::from(is_behind)] += down;
+        if down > 0 && !is_behind {
+            length = 0.3 * (1.0 - f64::from(i as u32) / f64::from(strand.len() as u32 - 1));
+        }
+    }
+    (passes, length)
+}
+
+/// Hair of any solver lies around a finger, and leaves it with its tips.
+#[test]
+fn fingers_do_not_pass_through_hair() {
+    let ams: Solver<f32> = (&AmsParams::default()).into();
+    let dftl = (&DftlParams::default()).into();
+    let springs = (&MassSpringParams::default()).into();
+    for (name, solver) in [("ams", &ams), ("dftl", &dftl), ("mass-spring", &springs)] {
+        for speed in [0.5, 1.0, 2.0, 5.0, 10.0] {
+            for travel in [0.15, 0.45] {
+                let through = through_finger(solver, speed, travel);
+                println!("{name} at {speed} m/s for {travel} m: {through} strands");
+                assert_eq!(through, 0, "{name} at {speed} m/s");
+            }
+        }
+    }
+}
+
 #[test]
 fn the_hand_passes_between_the_strands_and_not_through_them() {
     let sdf = Sdf::from_mesh(&Prop::Hand.mesh(), Prop::Hand.field_nodes(), 0.008).unwrap();
