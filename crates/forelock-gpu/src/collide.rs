@@ -102,6 +102,7 @@ const STRAND_CONSTANTS: &[Constant] = &[
     Constant::u32("TAKE_BACK_ROUNDS", resolve_solids::TAKE_BACK_ROUNDS as u32),
     Constant::f32("PASSES", resolve_solids::PASSES as f32),
     Constant::f32("FOLDS", resolve_solids::FOLDS as f32),
+    Constant::f32("THIN", resolve_solids::THIN as f32),
     Constant::f32("LAG", resolve_solids::LAG as f32),
     Constant::f32("SLIP", resolve_solids::SLIP as f32),
     Constant::f32("LEAST_TURN", resolve_solids::LEAST_TURN as f32),

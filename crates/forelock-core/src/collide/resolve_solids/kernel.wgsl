@@ -68,19 +68,33 @@ fn resolve_particles(strand: Strand) -> bool {
     return touched;
 }
 
-// Resolves the collisions of particles that edges have moved, along their paths since the last
-// query.
+// Whether a solid that is thinner than `moved` lies on the path between two points.
+fn is_blocked(a: vec3f, b: vec3f, moved: f32) -> bool {
+    skin = query.thickness;
+    for (var number = 0u; number < query.count; number++) {
+        if moved > query.solids[number].thinness
+            && sweep(number, local(map_at_start(number), a), local(query.solids[number].at_end, b)).found {
+            return true;
+        }
+    }
+    return false;
+}
+
+// Resolves the collisions of particles that edges have moved. One whose straight path since the last
+// query is free is not swept.
 fn resolve_again(strand: Strand) {
+    let began_at_rest = at_rest;
     for (var i = min(frame.clamped, strand.particles); i < strand.particles; i++) {
         let x = position_at(strand, i);
-        let last = clearance_of(strand, i);
-        let left = left_of(last, distance(x, scratch_vector(strand, i, BEFORE_EDGES)));
-        let origin = scratch_vector(strand, i, ORIGIN);
+        let origin = scratch_vector(strand, i, BEFORE_EDGES);
         var moved = distance(x, origin);
-        if !at_rest {
-            moved = clearance_left(x, origin, last).y;
+        let left = left_of(clearance_of(strand, i), moved);
+        if !(left > 0.0) && !is_blocked(scratch_vector(strand, i, ORIGIN), x, moved) {
+            moved = 0.0;
         }
+        at_rest = true;
         let touches = resolve_particle(strand, i, origin, moved, left);
+        at_rest = began_at_rest;
         if !(left > 0.0) {
             report_contact(false, -(clearance_of(strand, i) + query.thickness));
         }

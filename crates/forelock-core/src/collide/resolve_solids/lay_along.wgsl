@@ -247,6 +247,10 @@ fn lay_along(strand: Strand) {
     for (var i = 0u; i < strand.particles; i++) {
         set_scratch_vector(strand, i, OLD_CURVE, position_at(strand, i));
     }
+    var thinnest = FAR;
+    for (var number = 0u; number < query.count; number++) {
+        thinnest = min(thinnest, query.solids[number].thinness);
+    }
     var at = CurvePlace(first - 1u, 0.0);
     var leader = position_at(strand, first - 1u);
     var before = position_at(strand, max(first, 2u) - 2u);
@@ -264,7 +268,7 @@ fn lay_along(strand: Strand) {
         // A leader that has slipped past its place would fold the strand; between one that is far
         // from its place and the goal, the way along the curve may lead around a solid.
         let leaves = distance(leader, goal) < FOLDS * length
-            || distance(leader, place_on_curve(strand, at)) > LAG * length;
+            || (distance(leader, place_on_curve(strand, at)) > LAG * length && thinnest >= THIN * length);
         var clearance = known - distance(x, goal);
         if known < 0.0 {
             at.edge += 1u;
