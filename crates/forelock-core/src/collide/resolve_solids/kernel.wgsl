@@ -80,8 +80,8 @@ fn is_blocked(a: vec3f, b: vec3f, moved: f32) -> bool {
     return false;
 }
 
-// Resolves the collisions of particles that edges have moved. One whose straight path since the last
-// query is free is not swept.
+// Resolves the collisions of particles that edges have moved. One whose straight path since the
+// last query is free is not swept.
 fn resolve_again(strand: Strand) {
     let began_at_rest = at_rest;
     for (var i = min(frame.clamped, strand.particles); i < strand.particles; i++) {

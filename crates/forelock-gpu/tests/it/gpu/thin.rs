@@ -82,7 +82,7 @@ fn around(strand: &[DVec3]) -> ([i32; 2], f64) {
     (passes, length)
 }
 
-/// The largest share of edges in the solid at a frame's end, and the strands that it passed through.
+/// The largest share of edges in the solid at a frame's end, and the strands it passed through.
 fn cross(gpu: &Gpu, solver: &Solver<f32>, thin: &Thin, speed: f64) -> (f64, usize) {
     let place = |s: usize, i: u32| {
         let y = -LENGTH as f32 * i as f32 / 29.0;
