@@ -1,4 +1,4 @@
-//! Contacts between strands as an interaction of a simulation.
+//! Contacts and friction between strands as interactions of a simulation.
 
 use super::{ContactMoment, ContactParams, Contacts, ParticleRows};
 use crate::frame::{
@@ -15,6 +15,19 @@ pub const EXCHANGE: Exchange = Exchange {
     moves: Moves::Edges,
     records_start: true,
 };
+
+/// The exchange that friction between neighbouring hair adds to the plan of a frame.
+pub const FRICTION: Exchange = Exchange {
+    name: "contacts",
+    stage: "hold_hair",
+    phase: Phase::BeforeLengths(1),
+    moves: Moves::Particles,
+    records_start: true,
+};
+
+fn moment<'a, T>(cx: &'a ExchangeContext<'_, T>) -> ContactMoment<'a> {
+    ContactMoment { head: &cx.last_substep[1], clamped: cx.clamped, dt_secs: cx.dt_secs }
+}
 
 /// Contacts, and a buffer for the velocities of the hair.
 #[derive(Debug)]
@@ -47,7 +60,7 @@ impl<T: Real> Interaction<T> for ContactInteraction<T> {
     ) -> bool {
         // Moved out while the rest of the state is borrowed.
         let mut clearance = std::mem::take(&mut state.clearance);
-        let moment = ContactMoment { head: &cx.last_substep[1], clamped: cx.clamped, dt_secs: cx.dt_secs };
+        let moment = moment(cx);
         let contacts = &mut self.contacts;
         let contact_report = with_motion(state, &mut self.motion, cx.h(), |positions, velocities| {
             let rows = ParticleRows { positions, velocities, clearance: &mut clearance };
@@ -61,6 +74,28 @@ impl<T: Real> Interaction<T> for ContactInteraction<T> {
             .zip(contact_report.secs)
             .for_each(|(name, secs)| report.stages.add(name, shared_secs(secs)));
         contact_report.contacts > 0
+    }
+
+    fn early_exchange(&self) -> Option<Exchange> {
+        (self.contacts.params().hold > 0.0).then_some(FRICTION)
+    }
+
+    fn exchange_early(
+        &mut self,
+        cx: &ExchangeContext<'_, T>,
+        state: &mut State<T>,
+        report: &mut FrameReport,
+    ) {
+        let clock = std::time::Instant::now();
+        // Moved out while the rest of the state is borrowed.
+        let mut clearance = std::mem::take(&mut state.clearance);
+        let contacts = &mut self.contacts;
+        with_motion(state, &mut self.motion, cx.h(), |positions, velocities| {
+            let rows = ParticleRows { positions, velocities, clearance: &mut clearance };
+            contacts.hold(cx.model, rows, &moment(cx));
+        });
+        state.clearance = clearance;
+        report.stages.add(FRICTION.stage, shared_secs(clock.elapsed().as_secs_f64()));
     }
 
     fn rebuild(&mut self, model: &Model<T>, simd: Simd) {
