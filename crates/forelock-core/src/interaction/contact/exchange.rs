@@ -1,4 +1,5 @@
-//! Contacts and friction between strands as interactions of a simulation.
+//! Contacts between strands, with friction between neighbours, as an interaction of a simulation:
+//! two exchanges that share their buffers.
 
 use super::{ContactMoment, ContactParams, Contacts, ParticleRows};
 use crate::frame::{
@@ -18,16 +19,12 @@ pub const EXCHANGE: Exchange = Exchange {
 
 /// The exchange that friction between neighbouring hair adds to the plan of a frame.
 pub const FRICTION: Exchange = Exchange {
-    name: "contacts",
+    name: EXCHANGE.name,
     stage: "hold_hair",
     phase: Phase::BeforeLengths(1),
     moves: Moves::Particles,
     records_start: true,
 };
-
-fn moment<'a, T>(cx: &'a ExchangeContext<'_, T>) -> ContactMoment<'a> {
-    ContactMoment { head: &cx.last_substep[1], clamped: cx.clamped, dt_secs: cx.dt_secs }
-}
 
 /// Contacts, and a buffer for the velocities of the hair.
 #[derive(Debug)]
@@ -40,6 +37,24 @@ impl<T: Real> ContactInteraction<T> {
     /// Creates the contacts for the strands of `model`; the search uses the instruction set `simd`.
     pub fn new(model: &Model<T>, params: &ContactParams, simd: Simd) -> Self {
         Self { contacts: Contacts::new(model, params, simd), motion: Vec::new() }
+    }
+
+    /// Calls `change` with the rows of `state`, its velocities those of the motion.
+    fn change<R>(
+        &mut self,
+        cx: &ExchangeContext<'_, T>,
+        state: &mut State<T>,
+        change: impl FnOnce(&mut Contacts, ParticleRows<'_, T>, &ContactMoment<'_>) -> R,
+    ) -> R {
+        let moment = ContactMoment { head: &cx.last_substep[1], clamped: cx.clamped, dt_secs: cx.dt_secs };
+        // Moved out while the rest of the state is borrowed.
+        let mut clearance = std::mem::take(&mut state.clearance);
+        let contacts = &mut self.contacts;
+        let result = with_motion(state, &mut self.motion, cx.h(), |positions, velocities| {
+            change(contacts, ParticleRows { positions, velocities, clearance: &mut clearance }, &moment)
+        });
+        state.clearance = clearance;
+        result
     }
 }
 
@@ -58,15 +73,8 @@ impl<T: Real> Interaction<T> for ContactInteraction<T> {
         state: &mut State<T>,
         report: &mut FrameReport,
     ) -> bool {
-        // Moved out while the rest of the state is borrowed.
-        let mut clearance = std::mem::take(&mut state.clearance);
-        let moment = moment(cx);
-        let contacts = &mut self.contacts;
-        let contact_report = with_motion(state, &mut self.motion, cx.h(), |positions, velocities| {
-            let rows = ParticleRows { positions, velocities, clearance: &mut clearance };
-            contacts.resolve(cx.model, rows, &moment)
-        });
-        state.clearance = clearance;
+        let contact_report =
+            self.change(cx, state, |contacts, rows, moment| contacts.resolve(cx.model, rows, moment));
         report.strand_contacts = contact_report;
         let stages = ["find_contacts", "resolve_contacts"];
         stages
@@ -87,14 +95,7 @@ impl<T: Real> Interaction<T> for ContactInteraction<T> {
         report: &mut FrameReport,
     ) {
         let clock = std::time::Instant::now();
-        // Moved out while the rest of the state is borrowed.
-        let mut clearance = std::mem::take(&mut state.clearance);
-        let contacts = &mut self.contacts;
-        with_motion(state, &mut self.motion, cx.h(), |positions, velocities| {
-            let rows = ParticleRows { positions, velocities, clearance: &mut clearance };
-            contacts.hold(cx.model, rows, &moment(cx));
-        });
-        state.clearance = clearance;
+        self.change(cx, state, |contacts, rows, moment| contacts.hold(cx.model, rows, moment));
         report.stages.add(FRICTION.stage, shared_secs(clock.elapsed().as_secs_f64()));
     }
 

@@ -130,37 +130,28 @@ impl Free {
         }
     }
 
-    /// Moves by the velocities for a frame, and resolves; contacts, farthest move.
-    fn step(&mut self) -> (usize, f64) {
+    /// Moves by the velocities for a frame, and lets `act` change what is there then.
+    fn advance<R>(
+        &mut self,
+        act: impl FnOnce(&mut Contacts, &Model<f32>, ParticleRows<'_, f32>, &ContactMoment<'_>) -> R,
+    ) -> R {
         self.contacts.record_start(&self.model, &self.positions, &Pose::IDENTITY);
         self.each(|_, x, v| (0..3).for_each(|c| x[c] += v[c] * DT as f32));
         let mut clearance = vec![Row([f32::INFINITY; 16]); self.model.places()];
-        let report = self.contacts.resolve(
-            &self.model,
-            ParticleRows {
-                positions: &mut self.positions,
-                velocities: &mut self.velocities,
-                clearance: &mut clearance,
-            },
-            &ContactMoment { head: &Pose::IDENTITY, clamped: 0, dt_secs: DT },
-        );
+        let Self { model, positions, velocities, contacts } = self;
+        let rows = ParticleRows { positions, velocities, clearance: &mut clearance };
+        act(contacts, model, rows, &ContactMoment { head: &Pose::IDENTITY, clamped: 0, dt_secs: DT })
+    }
+
+    /// Moves for a frame, and resolves; contacts, farthest move.
+    fn step(&mut self) -> (usize, f64) {
+        let report = self.advance(|contacts, model, rows, moment| contacts.resolve(model, rows, moment));
         (report.contacts, report.farthest_m)
     }
 
-    /// Moves by the velocities for a frame, and lets friction act.
+    /// Moves for a frame, and lets friction act.
     fn hold(&mut self) {
-        self.contacts.record_start(&self.model, &self.positions, &Pose::IDENTITY);
-        self.each(|_, x, v| (0..3).for_each(|c| x[c] += v[c] * DT as f32));
-        let mut clearance = vec![Row([f32::INFINITY; 16]); self.model.places()];
-        self.contacts.hold(
-            &self.model,
-            ParticleRows {
-                positions: &mut self.positions,
-                velocities: &mut self.velocities,
-                clearance: &mut clearance,
-            },
-            &ContactMoment { head: &Pose::IDENTITY, clamped: 0, dt_secs: DT },
-        );
+        self.advance(|contacts, model, rows, moment| contacts.hold(model, rows, moment));
     }
 
     /// Σ v and Σ |v|, all particles of equal mass.

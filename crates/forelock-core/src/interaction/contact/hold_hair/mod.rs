@@ -24,7 +24,7 @@
 //!
 //! # Limitations
 //! Friction does not depend on how hard strands press on each other, and hair that is alone is held
-//! by nothing. The mean motion is one over some centimetres.
+//! by nothing. The mean motion is an average over some centimetres.
 
 #![expect(clippy::needless_range_loop, reason = "one index for several arrays is what vectorises")]
 
@@ -44,6 +44,7 @@ pub const APPLY_WGSL: &str = include_str!("apply.wgsl");
 
 /// Lanes whose changes are summed together.
 pub const GROUP: usize = 8;
+/// Groups of a place.
 const GROUPS: usize = LANES / GROUP;
 
 /// Friction and its buffers.
