@@ -30,7 +30,7 @@ const PARTICLES: u32 = 30;
 const GRAVITY: DVec3 = DVec3::new(0.0, -9.81, 0.0);
 const DT_SECS: f64 = 1.0 / 60.0;
 /// The sleep speed of scenes, m/s.
-const SPEED: f64 = 1e-3;
+const SPEED: f64 = 2e-3;
 
 fn main() -> Result<(), AnyError> {
     let mut arguments = std::env::args().skip(1);

@@ -94,7 +94,7 @@ pub struct SolverSection {
     /// groom's widths. Default "uniform".
     pub masses: Masses,
     /// Speed below which a strand is still. Strands that are still for a second sleep: they are not
-    /// simulated until something wakes them. Unit m/s, default 0.001, range 0 to 1; 0 lets none
+    /// simulated until something wakes them. Unit m/s, default 0.002, range 0 to 1; 0 lets none
     /// sleep.
     pub sleep_speed: f64,
     /// Parameters of "ams".
@@ -117,7 +117,7 @@ impl Default for SolverSection {
             simd: SimdChoice::default(),
             beyond_float32: false,
             masses: Masses::default(),
-            sleep_speed: 1e-3,
+            sleep_speed: 2e-3,
             ams: AmsParams::default(),
             mass_spring: MassSpringParams::default(),
             dftl: DftlParams::default(),

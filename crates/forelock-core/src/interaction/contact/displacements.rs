@@ -10,6 +10,12 @@ use rayon::prelude::*;
 
 /// Places of a task.
 const PLACES: usize = 256;
+/// Hair farther from the centre of the groom than this multiple of the groom's rest radius is
+/// ignored.
+pub const FAR: f32 = 4.0;
+
+/// A box that holds nothing.
+const EMPTY: [Vec3; 2] = [Vec3::INFINITY, Vec3::NEG_INFINITY];
 
 /// Coordinates of the particles of a place, axis by axis.
 pub(crate) type Place = [[f32; LANES]; 3];
@@ -22,6 +28,9 @@ pub(crate) struct Displacements {
     end: Vec<Place>,
     /// Length of the displacement of each particle relative to the mean motion, metres; by number.
     pub residual_motion: Vec<f32>,
+    /// Bounding boxes of the positions at the start and at the end that are not [`FAR`] from the
+    /// centre of the model, `[low, high]`.
+    boxes: [[Vec3; 2]; 2],
     /// The block of each place.
     pub block: Vec<u32>,
     /// The longest edge at rest, metres.
@@ -38,6 +47,7 @@ impl Displacements {
             start: vec![[[0.0; LANES]; 3]; model.places()],
             end: vec![[[0.0; LANES]; 3]; model.places()],
             residual_motion: vec![0.0; particles],
+            boxes: [EMPTY; 2],
             block,
             longest,
         }
@@ -49,11 +59,17 @@ impl Displacements {
     }
 
     pub fn record_start<T: Real>(&mut self, model: &Model<T>, positions: &[Row<T>], head: &Pose) {
-        to_head_frame(model, positions, head, &mut self.start);
+        self.boxes[0] = to_head_frame(model, &self.block, positions, head, &mut self.start);
     }
 
     pub fn record_end<T: Real>(&mut self, model: &Model<T>, positions: &[Row<T>], head: &Pose) {
-        to_head_frame(model, positions, head, &mut self.end);
+        self.boxes[1] = to_head_frame(model, &self.block, positions, head, &mut self.end);
+    }
+
+    /// Bounding box of the hair at the start and at the end of the frame.
+    pub fn extent(&self) -> [Vec3; 2] {
+        let extent = join(self.boxes[0], self.boxes[1]);
+        if extent[0].is_finite() { extent } else { [Vec3::ZERO; 2] }
     }
 
     /// The position of particle `p` at the start of the frame.
@@ -113,28 +129,62 @@ fn particle(places: &[Place], p: usize) -> Vec3 {
     Vec3::new(x[p % LANES], y[p % LANES], z[p % LANES])
 }
 
-/// Positions in the head's frame: x' = Rᵀ (x − p).
-fn to_head_frame<T: Real>(model: &Model<T>, positions: &[Row<T>], head: &Pose, out: &mut [Place]) {
+/// The box around two boxes.
+fn join(a: [Vec3; 2], b: [Vec3; 2]) -> [Vec3; 2] {
+    [a[0].min(b[0]), a[1].max(b[1])]
+}
+
+/// Positions in the head's frame: x' = Rᵀ (x − p). Returns the bounding box of those that are not
+/// [`FAR`]: distant outliers must not make the nodes of a field coarse. `block` is that of each
+/// place.
+fn to_head_frame<T: Real>(
+    model: &Model<T>,
+    block: &[u32],
+    positions: &[Row<T>],
+    head: &Pose,
+    out: &mut [Place],
+) -> [Vec3; 2] {
     let back = head.inverse();
     let (turn, shift): (Mat3, Vec3) = (back.matrix().as_mat3(), back.translation.as_vec3());
     let (turn, shift) = (turn.transpose().to_cols_array_2d(), shift.to_array());
+    let far = (FAR * model.reach as f32).powi(2);
     debug_assert_eq!(out.len(), model.places());
     let number = |x: T| x.to_f32().unwrap_or(f32::NAN);
-    out.par_chunks_mut(PLACES).zip(positions.par_chunks(3 * PLACES)).for_each(|(out, positions)| {
+    let tasks =
+        out.par_chunks_mut(PLACES).zip(positions.par_chunks(3 * PLACES)).zip(block.par_chunks(PLACES));
+    let boxes = tasks.map(|((out, positions), block)| {
+        let (mut low, mut high) = ([[f32::INFINITY; LANES]; 3], [[f32::NEG_INFINITY; LANES]; 3]);
         widest(
             #[inline(always)]
             || {
-                for (out, x) in out.iter_mut().zip(positions.chunks_exact(3)) {
+                for ((out, x), &block) in out.iter_mut().zip(positions.chunks_exact(3)).zip(block) {
+                    let mut squares = [0.0; LANES];
                     for c in 0..3 {
                         for lane in 0..LANES {
                             let [x, y, z] = [0, 1, 2].map(|k| number(x[k].0[lane]));
-                            out[c][lane] = turn[c][0] * x + turn[c][1] * y + turn[c][2] * z + shift[c];
+                            let own = turn[c][0] * x + turn[c][1] * y + turn[c][2] * z + shift[c];
+                            out[c][lane] = own;
+                            squares[lane] += own * own;
+                        }
+                    }
+                    // Lanes without a strand of their own do not count.
+                    squares[model.blocks[block as usize].live..].fill(f32::INFINITY);
+                    for c in 0..3 {
+                        for lane in 0..LANES {
+                            let own = out[c][lane];
+                            let counts = squares[lane] < far;
+                            low[c][lane] = if counts & (own < low[c][lane]) { own } else { low[c][lane] };
+                            high[c][lane] = if counts & (own > high[c][lane]) { own } else { high[c][lane] };
                         }
                     }
                 }
             },
         );
+        let least = |row: [f32; LANES]| row.into_iter().fold(f32::INFINITY, f32::min);
+        let most = |row: [f32; LANES]| row.into_iter().fold(f32::NEG_INFINITY, f32::max);
+        [Vec3::from_array(low.map(least)), Vec3::from_array(high.map(most))]
     });
+    boxes.reduce(|| EMPTY, join)
 }
 
 /// The nearest points of two segments: the fraction along each, and the vector from the second

@@ -1,5 +1,6 @@
 //! Mean motion: a smooth field of the displacements of the hair in a frame.
 
+pub use super::displacements::FAR;
 use super::displacements::{Displacements, Place};
 use super::histogram::{Cutoff, Histogram};
 use crate::lane::{LANES, Real, widest};
@@ -8,21 +9,20 @@ use crate::strands::Model;
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 use std::cmp::Ordering;
-use std::ops::Range;
 
 /// Minimum distance between nodes, metres.
 pub const SPACING: f32 = 0.03;
 /// Minimum distance between nodes for the search of contacts, over the longest edge.
 pub const SPACING_PER_EDGE: f32 = 4.0;
-/// Hair farther from the centre of the groom than this multiple of the groom's rest radius is
-/// ignored.
-pub const FAR: f32 = 4.0;
 /// Maximum number of nodes along an axis.
 pub const NODES: usize = 48;
 /// Number of partial sums; it is fixed so that sums do not depend on the number of threads.
 pub(super) const PARTS: usize = 16;
 /// Stride of the lanes that are summed.
 pub const EVERY: usize = 8;
+
+/// 2²³: float32 above it are whole.
+const ROUNDER: f32 = 8_388_608.0;
 
 /// Trilinear field of displacements a frame, on a grid of nodes.
 #[derive(Debug, Default)]
@@ -45,41 +45,11 @@ pub(crate) struct MeanMotion {
     pub extent: [Vec3; 2],
 }
 
-const EMPTY: [Vec3; 2] = [Vec3::INFINITY, Vec3::NEG_INFINITY];
-
-/// Bounding box of the start and end positions of the particles of some places whose distance from
-/// the origin, squared, is less than `far`.
+/// `x` from `least` to `most`; `least` if it is not a number. One instruction each, unlike `clamp`.
 #[inline(always)]
-fn extent<T: Real>(
-    model: &Model<T>,
-    displacements: &Displacements,
-    places: Range<usize>,
-    far: f32,
-) -> [Vec3; 2] {
-    let (mut low, mut high) = ([[f32::INFINITY; LANES]; 3], [[f32::NEG_INFINITY; LANES]; 3]);
-    for place in places {
-        let live = model.blocks[displacements.block[place] as usize].live;
-        for x in displacements.place(place) {
-            let mut counts = [false; LANES];
-            for lane in 0..LANES {
-                let square = x[0][lane] * x[0][lane] + x[1][lane] * x[1][lane] + x[2][lane] * x[2][lane];
-                counts[lane] = square < far;
-            }
-            counts[live..].fill(false);
-            for c in 0..3 {
-                for lane in 0..LANES {
-                    let own = x[c][lane];
-                    low[c][lane] = if counts[lane] & (own < low[c][lane]) { own } else { low[c][lane] };
-                    high[c][lane] = if counts[lane] & (own > high[c][lane]) { own } else { high[c][lane] };
-                }
-            }
-        }
-    }
-    let [low, high] = [
-        low.map(|own| own.into_iter().fold(f32::INFINITY, f32::min)),
-        high.map(|own| own.into_iter().fold(f32::NEG_INFINITY, f32::max)),
-    ];
-    [Vec3::from_array(low), Vec3::from_array(high)]
+fn clamp(x: f32, least: f32, most: f32) -> f32 {
+    let x = if x > least { x } else { least };
+    if x < most { x } else { most }
 }
 
 /// The node below a point, and the fraction along each axis.
@@ -154,7 +124,7 @@ impl MeanMotion {
 
     /// Measures the field.
     pub fn measure_field<T: Real>(&mut self, model: &Model<T>, displacements: &Displacements) {
-        self.fit(model, displacements);
+        self.fit(displacements);
         let count = self.count();
         let per_part = model.places().div_ceil(PARTS).max(1);
         self.parts.resize_with(PARTS, Vec::new);
@@ -198,20 +168,8 @@ impl MeanMotion {
     }
 
     /// Fits the box to the start and end positions of all particles, and the nodes to the box.
-    fn fit<T: Real>(&mut self, model: &Model<T>, displacements: &Displacements) {
-        // Distant outliers must not make the nodes coarse.
-        let far = FAR * model.reach as f32;
-        let parts = model.places().div_ceil(PARTS).max(1);
-        let around = |part: usize| {
-            let places = part * parts..((part + 1) * parts).min(model.places());
-            widest(
-                #[inline(always)]
-                || extent(model, displacements, places, far * far),
-            )
-        };
-        let join = |a: [Vec3; 2], b: [Vec3; 2]| [a[0].min(b[0]), a[1].max(b[1])];
-        let extent = (0..PARTS).into_par_iter().map(around).reduce(|| EMPTY, join);
-        self.extent = if extent[0].is_finite() { extent } else { [Vec3::ZERO; 2] };
+    fn fit(&mut self, displacements: &Displacements) {
+        self.extent = displacements.extent();
         let side = (self.extent[1] - self.extent[0]).max_element();
         self.spacing = self.least_spacing.max(side / (NODES - 2) as f32);
         self.low = self.extent[0];
@@ -312,10 +270,12 @@ impl MeanMotion {
             let last = (self.dims[c] - 2) as f32;
             for lane in 0..LANES {
                 let middle = 0.5 * (start[c][lane] + end[c][lane]);
-                let u = ((middle - self.low[c]) * inverse).max(0.0);
-                let node = u.min(last) as i32;
-                fractions[c][lane] = (u - node as f32).min(1.0);
-                first[lane] += steps[c] * node;
+                let u = (middle - self.low[c]) * inverse;
+                // A number added to 2²³ is rounded to a whole one, which its last bits hold. If the
+                // two nodes beside it are as near, either will do.
+                let below = clamp(u - 0.5, 0.0, last) + ROUNDER;
+                fractions[c][lane] = clamp(u - (below - ROUNDER), 0.0, 1.0);
+                first[lane] += steps[c] * (below.to_bits() & 0xffff) as i32;
             }
         }
         let mut residual = [[0.0f32; LANES]; 3];
