@@ -206,6 +206,15 @@ fn forms() -> Vec<(&'static str, AmsParams)> {
             "stretching",
             AmsParams { inextensibility: Inextensibility::Off, substep_secs: 1.0 / (7.0 * FPS), ..default() },
         ),
+        (
+            "limited",
+            AmsParams {
+                inextensibility: Inextensibility::Limit,
+                max_stretch: 1e-3,
+                k_edge: 1e5,
+                ..default()
+            },
+        ),
         ("all clamped", AmsParams { clamped: 1000, ..default() }),
         ("mass-spring", MassSpringParams { virtual_particles: false, ..MassSpringParams::default() }.ams()),
     ]
@@ -363,8 +372,16 @@ fn every_solid_for(frames: u32) {
     ];
     let params = AmsParams::default();
     let free = AmsParams { inextensibility: Inextensibility::Off, ..AmsParams::default() };
+    let limited = AmsParams {
+        k_edge: 1e4,
+        inextensibility: Inextensibility::Limit,
+        max_stretch: 0.01,
+        ..AmsParams::default()
+    };
     for (name, solids) in &scenes {
-        for (kind, params, later) in [("lengths", &params, frames), ("stretching", &free, 2)] {
+        for (kind, params, later) in
+            [("lengths", &params, frames), ("stretching", &free, 2), ("limited", &limited, 2)]
+        {
             let [one, many] =
                 [1, later].map(|frames| errors_among(solids, &gpu, &strands, [params; 2], frames));
             println!("{name}, {kind}: {one:?} after a frame, {many:?} after {later} (GPU, CPU)");
