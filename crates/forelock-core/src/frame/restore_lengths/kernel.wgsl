@@ -58,9 +58,9 @@ fn push_of(strand: Strand, i: u32) -> vec3f {
     return push / mass_at(strand, i);
 }
 
-// Places each particle at its rest length from the particle before it; with LIMIT_LENGTHS only those
-// beyond the limit, and there. With `changes_velocities`
-// the corrections also change velocities, as in DFTL.
+// Places each particle at its rest length from the particle before it; with LIMIT_LENGTHS only
+// those that are farther than the limit, and at it. With `changes_velocities` the corrections also
+// change velocities, as in DFTL.
 fn follow_the_leader(strand: Strand, first: u32, changes_velocities: bool) {
     for (var j = first; j + 1u < strand.particles; j++) {
         let before = position_at(strand, j + 1u);
@@ -96,7 +96,7 @@ fn restore(strand: Strand, first: u32) {
             var missing = rest_length(strand, j, 1u) - edge.w;
             if has(LIMIT_LENGTHS) {
                 missing = min(most_of(strand, j) - edge.w, 0.0);
-                edge *= select(0.0, 1.0, missing < 0.0);
+                edge *= select(0.0, 1.0, edge.w > AT_LIMIT * most_of(strand, j));
             }
             set_scratch_vector(strand, j, 0u, edge.xyz);
             set_scratch_number(entry(strand, j, SCRATCH, 3u), missing);

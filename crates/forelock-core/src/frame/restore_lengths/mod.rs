@@ -18,12 +18,15 @@
 //! and subtracts `damping`·c/dt from the velocity of the leader.
 //!
 //! [`Inextensibility::Limit`] shortens edges longer than (1 + s) l_j to that length and leaves all
-//! others alone: the same steps with the rows of these edges only, the others being zero. The sweep
-//! then leaves no edge over its limit. Of the velocities, rows are those of edges at their limit
-//! whose ends move apart. This is a projection, so kinetic energy never grows. Selle (2008) limits
-//! strain after each implicit solve in this way, from root to tip.
+//! others alone: the same steps with rows for edges at their limit or beyond, those of the others
+//! being zero. The sweep then leaves no edge over its limit. Velocities have rows for edges at
+//! their limit whose ends move apart. This is a projection, so kinetic energy never grows. Selle
+//! (2008) limits the strain after each implicit solve, from root to tip.
 //!
 //! # Limitations
+//! Between two passes a strand that hangs at its limit falls by up to ½ g dt². Lifting it stretches,
+//! up to the limit, a few edges that its weight alone would stretch less.
+//!
 //! Collisions are resolved afterwards and may stretch edges again where hair is pressed against a
 //! solid.
 
@@ -54,7 +57,7 @@ pub const NEWTON_STEPS: usize = 2;
 
 /// Length, over the limit, from which an edge counts as being at its limit: rounding leaves it a
 /// little shorter.
-pub const AT_LIMIT: f64 = 0.999;
+pub const AT_LIMIT: f64 = 0.9999;
 
 /// Restores the edge lengths of the strands in lanes `first..first + L::WIDTH`. Returns the largest
 /// |l/l₀ − 1| that is left in each lane. `work` is scratch memory of two vectors per particle.
@@ -109,7 +112,7 @@ fn project<L: Lane>(
 }
 
 /// Computes the constraints: `directions` receives the unit vectors of the edges, the third
-/// component of `sweep` receives −C. Both are zero for edges within the `limit`.
+/// component of `sweep` receives −C. With a `limit`, both are zero for edges that are not at it.
 #[inline(always)]
 fn measure<L: Lane>(
     view: &BlockView<'_, L::Scalar>,
@@ -124,8 +127,10 @@ fn measure<L: Lane>(
         let rest_length = L::load(&view.rest_lengths[3 * j], first);
         let mut missing = rest_length - length;
         if let Some(limit) = limit {
-            missing = (limit * rest_length - length).min(L::zero());
-            direction = V3::select(missing.lt(L::zero()), direction, V3::zero());
+            let most = limit * rest_length;
+            missing = (most - length).min(L::zero());
+            let is_at_limit = (L::from_f64(AT_LIMIT) * most).lt(length);
+            direction = V3::select(is_at_limit, direction, V3::zero());
         }
         directions[j] = direction;
         sweep[j].0[2] = missing;
@@ -203,9 +208,9 @@ struct VelocityChange<L> {
     leader: L,
 }
 
-/// Moves each particle along its edge to the rest length from the particle before it, or only those
-/// beyond the `limit`, and to the limit. With
-/// `change`, the corrections also change the velocities, as in DFTL.
+/// Moves each particle along its edge to the rest length from the particle before it; with a
+/// `limit` only those that are farther than that, and to it. With `change`, the corrections also
+/// change the velocities, as in DFTL.
 #[inline(always)]
 fn follow_the_leader<L: Lane>(
     view: &mut BlockView<'_, L::Scalar>,
@@ -237,8 +242,8 @@ fn follow_the_leader<L: Lane>(
     }
 }
 
-/// Removes the component of the velocities that changes edge lengths; with a `limit`, that stretches
-/// edges which are at it.
+/// Removes the component of the velocities that changes edge lengths; with a `limit`, the one that
+/// stretches edges which are at it.
 #[inline(always)]
 fn project_velocities<L: Lane>(
     view: &mut BlockView<'_, L::Scalar>,
@@ -254,8 +259,8 @@ fn project_velocities<L: Lane>(
         let (mut direction, length) = edge(view, first, j);
         let mut closing = -direction.dot(next - v);
         if let Some(limit) = limit {
-            let most = limit * L::from_f64(AT_LIMIT) * L::load(&view.rest_lengths[3 * j], first);
-            closing = L::select(most.lt(length), closing.min(L::zero()), L::zero());
+            let most = limit * L::load(&view.rest_lengths[3 * j], first);
+            closing = L::select((L::from_f64(AT_LIMIT) * most).lt(length), closing.min(L::zero()), L::zero());
             direction = V3::select(closing.lt(L::zero()), direction, V3::zero());
         }
         directions[j] = direction;

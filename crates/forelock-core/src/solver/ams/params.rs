@@ -147,9 +147,9 @@ pub struct AmsParams {
     #[cfg_attr(feature = "serde", serde(rename = "dftl_damping"))]
     pub length_damping: f64,
     /// Whether edges that solids stretched at the end of a frame are restored to rest length along
-    /// the surface; where springs give way, where they are stretched by more than 4 % and
-    /// `max_stretch`. Default true;
-    /// false leaves them stretched, as the paper does.
+    /// the surface; without a length pass and with "limit", where they are stretched by more than
+    /// 4 % and by more than `max_stretch`. Default true; false leaves them stretched, as the paper
+    /// does.
     pub lay_along_solids: bool,
     /// Distance of particles from solids at a contact. Unit m, default 0.0005, range 0 to 1; 0
     /// touches the skin.

@@ -75,7 +75,8 @@ pub struct MassSpringParams {
     pub substep_secs: f64,
     /// How springs enter the matrix: "tension" or "paper". Default "tension".
     pub jacobian: Jacobian,
-    /// The pass that restores edge lengths: "projection", "dftl", "limit" or "off". Default "limit".
+    /// The pass that restores edge lengths: "projection", "dftl", "limit" or "off". Default
+    /// "limit".
     #[cfg_attr(feature = "serde", serde(with = "LengthPass"))]
     pub inextensibility: Inextensibility,
     /// Stretch, over the rest length, to which the pass "limit" shortens edges; it leaves others

@@ -180,7 +180,7 @@ fn slack_wisp() -> Vec<Strand> {
     let slack = |strand: Strand| {
         let mut x = DVec3::from(strand[0]);
         let along = |i: usize| {
-            let side = if i / 2 % 2 == 0 { 0.9f64 } else { -0.9 };
+            let side = if (i / 2).is_multiple_of(2) { 0.9f64 } else { -0.9 };
             let bend = if i == 0 { 0.0 } else { side };
             0.01 * DVec3::new(0.0, -bend.cos(), bend.sin())
         };
