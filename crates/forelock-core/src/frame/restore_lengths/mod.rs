@@ -24,8 +24,8 @@
 //! (2008) limits the strain after each implicit solve, from root to tip.
 //!
 //! # Limitations
-//! Between two passes a strand that hangs at its limit falls by up to ½ g dt². Lifting it stretches,
-//! up to the limit, a few edges that its weight alone would stretch less.
+//! Between two passes a strand that hangs at its limit falls by up to ½ g dt². Lifting it
+//! stretches, up to the limit, a few edges that its weight alone would stretch less.
 //!
 //! Collisions are resolved afterwards and may stretch edges again where hair is pressed against a
 //! solid.
