@@ -33,7 +33,7 @@ pub fn parts(secs: f64, longest_secs: f64) -> u32 {
     whole.clamp(1, MOST_PARTS)
 }
 
-/// The pass, once a frame, that brings every edge back to its rest length.
+/// The pass, once a frame, that brings edges back to their rest lengths.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Inextensibility {
     /// Two Newton steps on the constraints, one follow-the-leader sweep for the remaining error,
@@ -43,6 +43,9 @@ pub enum Inextensibility {
     /// Dynamic follow the leader (Müller 2012) with
     /// [`FrameRules::length_damping`](crate::frame::FrameRules::length_damping).
     FollowTheLeader,
+    /// The steps of the projection for edges that are stretched by more than
+    /// [`FrameRules::max_stretch`](crate::frame::FrameRules::max_stretch), back to that stretch.
+    Limit,
     /// No pass: edges stretch with their springs.
     Off,
 }

@@ -64,7 +64,10 @@ shader! {
     /// `restore_lengths`.
     RESTORE: "restore_lengths", StrandBindings;
     texts: [restore_lengths::WGSL];
-    constants: [&[Constant::u32("NEWTON_STEPS", restore_lengths::NEWTON_STEPS as u32)]];
+    constants: [&[
+        Constant::u32("NEWTON_STEPS", restore_lengths::NEWTON_STEPS as u32),
+        Constant::f32("AT_LIMIT", restore_lengths::AT_LIMIT as f32),
+    ]];
     kernels: {
         /// Restores the length of every edge.
         RESTORE_LENGTHS: "restore_lengths", Threads::Strands;

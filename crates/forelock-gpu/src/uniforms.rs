@@ -67,6 +67,10 @@ pub struct FrameUniform {
     pub recheck: u32,
     /// The smallest relative mass of a particle.
     pub least_mass: f32,
+    /// Longest edge that `flags::LIMIT_LENGTHS` allows, over its rest length.
+    pub length_limit: f32,
+    /// Padding.
+    pub pad_0: [f32; 3],
 }
 
 /// Bits of [`FrameUniform::flags`].
@@ -93,10 +97,12 @@ pub mod flags {
     pub const WIND: u32 = 1 << 9;
     /// Particles have masses.
     pub const MASSES: u32 = 1 << 10;
+    /// Lengths are only limited.
+    pub const LIMIT_LENGTHS: u32 = 1 << 11;
 }
 
 /// The same by their WGSL names.
-pub const FLAGS: [Constant; 11] = [
+pub const FLAGS: [Constant; 12] = [
     Constant::u32("TENSION", flags::TENSION),
     Constant::u32("ANGULAR_EDGE", flags::ANGULAR_EDGE),
     Constant::u32("ANGULAR_PAPER", flags::ANGULAR_PAPER),
@@ -108,6 +114,7 @@ pub const FLAGS: [Constant; 11] = [
     Constant::u32("SLENDER", flags::SLENDER),
     Constant::u32("WIND", flags::WIND),
     Constant::u32("MASSES", flags::MASSES),
+    Constant::u32("LIMIT_LENGTHS", flags::LIMIT_LENGTHS),
 ];
 
 /// A substep's poses: `Substep` in `prelude.wgsl`.
@@ -178,6 +185,7 @@ impl FrameUniform {
         let single = |x: f64| x as f32;
         let on = [
             (rules.lengths == Inextensibility::FollowTheLeader, flags::FOLLOW_THE_LEADER),
+            (rules.lengths == Inextensibility::Limit, flags::LIMIT_LENGTHS),
             (rules.solver_collides, flags::LEVEL_SOLIDS),
         ];
         Self {
@@ -187,6 +195,7 @@ impl FrameUniform {
             inverse_h: single(1.0 / h),
             inverse_dt: single(1.0 / dt_secs),
             length_damping: single(rules.length_damping),
+            length_limit: single(1.0 + rules.max_stretch),
             clamped: rules.clamped as u32,
             flags: on.iter().filter(|(on, _)| *on).map(|(_, flag)| flag).sum(),
             unknown: UNKNOWN,

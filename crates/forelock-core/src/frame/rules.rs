@@ -21,6 +21,8 @@ pub struct FrameRules {
     pub depenetration_speed: f64,
     /// The length pass.
     pub lengths: Inextensibility,
+    /// Stretch, over the rest length, to which [`Inextensibility::Limit`] shortens edges.
+    pub max_stretch: f64,
     /// Share of a length correction that the particle before loses as velocity, for
     /// [`Inextensibility::FollowTheLeader`].
     pub length_damping: f64,
@@ -46,6 +48,7 @@ impl Default for FrameRules {
             skin_thickness: 5e-4,
             depenetration_speed: 1.0,
             lengths: Inextensibility::Projection,
+            max_stretch: 0.0,
             length_damping: 0.9,
             stretch_limit: Some(STRETCHED),
             solver_collides: false,

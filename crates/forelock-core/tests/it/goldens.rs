@@ -16,7 +16,7 @@ use forelock_core::interaction::sph::push_particles;
 use forelock_core::lane::Simd;
 use forelock_core::simulation::SimulationReal;
 use forelock_core::simulation::{Options, Simulation};
-use forelock_core::solver::ams::Jacobian;
+use forelock_core::solver::ams::{Inextensibility, Jacobian};
 use forelock_core::solver::{MassSpringParams, Solver};
 use forelock_core::strands::Snapshot;
 use forelock_core::strands::{Model, Strands};
@@ -96,6 +96,7 @@ fn g03_ms_sag() {
         drag: 3.0,
         substep_secs: 1.0 / 60.0 / 5.0,
         jacobian: Jacobian::Paper,
+        inextensibility: Inextensibility::Off,
         skin_thickness: 0.0,
         depenetration_speed: 1e3,
         ..MassSpringParams::default()

@@ -117,7 +117,7 @@ fn layouts() -> Vec<Layout> {
         layout!("Frame", FrameUniform, [
             k_springs k_integrity tip_scales k_angular gravity k_altitude air drag h inverse_h inverse_dt length_damping
             elastic_limit breaking_point breaking_width healing healing_limit clamped flags unknown drag_along
-            drag_quadratic shape_global shape_local tip_global tip_local recheck least_mass
+            drag_quadratic shape_global shape_local tip_global tip_local recheck least_mass length_limit
         ]),
         layout!("Substep", SubstepUniform, [start end carried_weight level shift pad_1]),
         layout!("Block", BlockEntry, [first particles live points place number]),

@@ -138,7 +138,7 @@ fn collect(key: &str, value: &toml::Value, keys: &mut Vec<String>) {
 #[test]
 fn the_length_passes_have_their_names_in_scenes() {
     for table in ["solver.ams", "solver.mass_spring"] {
-        for name in ["projection", "dftl", "off"] {
+        for name in ["projection", "dftl", "limit", "off"] {
             let set = Override::set(&format!("{table}.inextensibility={name}")).unwrap();
             let scene = Scene::parse("", Path::new("scene.toml"), &[set]).unwrap();
             assert!(scene.to_toml().contains(&format!("inextensibility = \"{name}\"")), "{table}: {name}");
@@ -166,6 +166,9 @@ fn context(key: &str) -> (String, Vec<String>) {
             set("solver.ams.non_hookean=true");
             if name.starts_with("breaking") || name.starts_with("healing") {
                 set("solver.ams.elastic_limit=0");
+            }
+            if name == "max_stretch" {
+                set("solver.ams.inextensibility=limit");
             }
         }
         ["interaction", "contact", _] => set("interaction.contacts=true"),

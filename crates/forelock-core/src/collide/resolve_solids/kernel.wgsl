@@ -101,6 +101,15 @@ fn resolve_again(strand: Strand) {
     }
 }
 
+// The stretch that is compared before and after. Edges that springs may compress would hide those
+// that solids stretch.
+fn stretch_by_solids(strand: Strand) -> f32 {
+    if has(LIMIT_LENGTHS) {
+        return largest_extension(strand);
+    }
+    return largest_stretch(strand);
+}
+
 @compute @workgroup_size(WORKGROUP)
 fn resolve_solids(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
@@ -115,7 +124,7 @@ fn resolve_solids(@builtin(global_invocation_id) id: vec3u) {
     let lays = query.stretch_limit < FAR;
     var before = 0.0;
     if lays && at_rest {
-        before = largest_stretch(strand);
+        before = stretch_by_solids(strand);
     }
     var touched = resolve_particles(strand);
     if resolve_edges(strand) {
@@ -124,7 +133,7 @@ fn resolve_solids(@builtin(global_invocation_id) id: vec3u) {
         take_back(strand);
     }
     if lays && touched {
-        let stretch = largest_stretch(strand);
+        let stretch = stretch_by_solids(strand);
         if stretch > before && stretch > query.stretch_limit {
             at_rest = true;
             lay_along(strand);

@@ -106,6 +106,7 @@ fn restore<L: Lane>(
     }
     let terms = LengthTerms {
         kind: cx.rules.lengths,
+        max_stretch: cx.rules.max_stretch,
         damping: cx.rules.length_damping,
         dt_secs: cx.dt_secs,
         clamped: cx.rules.clamped,
@@ -214,13 +215,17 @@ fn collide<L: Lane>(
     let solids = Solids { slow_edges: L::Scalar::default(), max_edge_push, ..solids };
     let queried = QueriedStrands::all::<L>(group);
     let since = if restored { Since::Displaced(&*before) } else { Since::Noted };
+    // Edges that springs may compress would hide those that solids stretch.
+    let is_limit = cx.rules.lengths == Inextensibility::Limit;
+    let longest = if is_limit { restore_lengths::largest_extension::<L>(view, first) } else { stretch };
     report.contacts = resolve_solids::resolve::<L>(&solids, since, view, queried, work);
     let mut left = stretch;
     if report.contacts.touching + report.contacts.edges > 0 {
         left = restore_lengths::largest_stretch::<L>(view, first);
         if let Some(limit) = cx.rules.stretch_limit {
             // Only strands that colliders stretched: the result must not depend on the width.
-            let by_solids = L::select(stretch.lt(left), left, L::zero());
+            let now = if is_limit { restore_lengths::largest_extension::<L>(view, first) } else { left };
+            let by_solids = L::select(longest.lt(now), now, L::zero());
             resolve_solids::lay_along(&solids, [by_solids, L::from_f64(limit)], view, group, work);
             left = restore_lengths::largest_stretch::<L>(view, first);
         }

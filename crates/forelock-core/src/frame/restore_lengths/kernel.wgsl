@@ -1,5 +1,5 @@
-// The pass that restores the rest length of every edge, one strand a thread: the GPU counterpart of
-// `restore_lengths::restore`.
+// The pass that restores the rest length of every edge, or limits their stretch, one strand a
+// thread: the GPU counterpart of `restore_lengths::restore`.
 //
 // Scratch rows 0 to 2 of an edge hold its direction, row 3 the right side and then λ, row 4 the
 // eliminated entry; rows 5 to 7 of a particle hold its position before the pass, from which
@@ -9,6 +9,11 @@ fn edge_of(strand: Strand, j: u32) -> vec4f {
     let d = position_at(strand, j + 1u) - position_at(strand, j);
     let length = sqrt(max(dot(d, d), 1e-24));
     return vec4f(d / length, length);
+}
+
+// The longest that edge j may be.
+fn most_of(strand: Strand, j: u32) -> f32 {
+    return frame.length_limit * rest_length(strand, j, 1u);
 }
 
 // Thomas' algorithm on J W Jᵀ λ = r. Row 3 holds r before and λ afterwards.
@@ -53,12 +58,21 @@ fn push_of(strand: Strand, i: u32) -> vec3f {
     return push / mass_at(strand, i);
 }
 
-// Places each particle at its rest length from the particle before it. With `changes_velocities`
-// the corrections also change velocities, as in DFTL.
+// Places each particle at its rest length from the particle before it; with LIMIT_LENGTHS only
+// those that are farther than the limit, and at it. With `changes_velocities` the corrections also
+// change velocities, as in DFTL.
 fn follow_the_leader(strand: Strand, first: u32, changes_velocities: bool) {
     for (var j = first; j + 1u < strand.particles; j++) {
         let before = position_at(strand, j + 1u);
-        let after = position_at(strand, j) + rest_length(strand, j, 1u) * edge_of(strand, j).xyz;
+        let edge = edge_of(strand, j);
+        var goal = rest_length(strand, j, 1u);
+        if has(LIMIT_LENGTHS) {
+            goal = most_of(strand, j);
+            if edge.w <= goal {
+                continue;
+            }
+        }
+        let after = position_at(strand, j) + goal * edge.xyz;
         set_position(strand, j + 1u, after);
         if changes_velocities {
             let correction = (after - before) * frame.inverse_dt;
@@ -78,9 +92,14 @@ fn restore(strand: Strand, first: u32) {
     }
     for (var step = 0u; step < NEWTON_STEPS; step++) {
         for (var j = first; j + 1u < n; j++) {
-            let edge = edge_of(strand, j);
+            var edge = edge_of(strand, j);
+            var missing = rest_length(strand, j, 1u) - edge.w;
+            if has(LIMIT_LENGTHS) {
+                missing = min(most_of(strand, j) - edge.w, 0.0);
+                edge *= select(0.0, 1.0, edge.w > AT_LIMIT * most_of(strand, j));
+            }
             set_scratch_vector(strand, j, 0u, edge.xyz);
-            set_scratch_number(entry(strand, j, SCRATCH, 3u), rest_length(strand, j, 1u) - edge.w);
+            set_scratch_number(entry(strand, j, SCRATCH, 3u), missing);
         }
         solve_chain(strand, first);
         for (var i = first + 1u; i < n; i++) {
@@ -89,10 +108,15 @@ fn restore(strand: Strand, first: u32) {
     }
     follow_the_leader(strand, first, false);
     for (var j = first; j + 1u < n; j++) {
-        let direction = edge_of(strand, j).xyz;
-        set_scratch_vector(strand, j, 0u, direction);
+        var edge = edge_of(strand, j);
         let apart = velocity_at(strand, j + 1u) - velocity_at(strand, j);
-        set_scratch_number(entry(strand, j, SCRATCH, 3u), -dot(direction, apart));
+        var closing = -dot(edge.xyz, apart);
+        if has(LIMIT_LENGTHS) && (edge.w <= AT_LIMIT * most_of(strand, j) || closing >= 0.0) {
+            edge = vec4f();
+            closing = 0.0;
+        }
+        set_scratch_vector(strand, j, 0u, edge.xyz);
+        set_scratch_number(entry(strand, j, SCRATCH, 3u), closing);
     }
     solve_chain(strand, first);
     for (var i = first + 1u; i < n; i++) {

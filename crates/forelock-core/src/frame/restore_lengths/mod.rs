@@ -17,7 +17,16 @@
 //! about the particle before it (the leader). It then adds c/dt to the velocity of the follower,
 //! and subtracts `damping`·c/dt from the velocity of the leader.
 //!
+//! [`Inextensibility::Limit`] shortens edges longer than (1 + s) l_j to that length and leaves all
+//! others alone: the same steps with rows for edges at their limit or beyond, those of the others
+//! being zero. The sweep then leaves no edge over its limit. Velocities have rows for edges at
+//! their limit whose ends move apart. This is a projection, so kinetic energy never grows. Selle
+//! (2008) limits the strain after each implicit solve, from root to tip.
+//!
 //! # Limitations
+//! Between two passes a strand that hangs at its limit falls by up to ½ g dt². Lifting it
+//! stretches, up to the limit, a few edges that its weight alone would stretch less.
+//!
 //! Collisions are resolved afterwards and may stretch edges again where hair is pressed against a
 //! solid.
 
@@ -33,6 +42,8 @@ pub const WGSL: &str = include_str!("kernel.wgsl");
 pub struct LengthTerms {
     /// Method that restores the lengths.
     pub kind: Inextensibility,
+    /// Stretch to which [`Inextensibility::Limit`] shortens edges.
+    pub max_stretch: f64,
     /// Fraction of a DFTL correction that is subtracted from the leader's velocity.
     pub damping: f64,
     /// Frame time, seconds.
@@ -43,6 +54,10 @@ pub struct LengthTerms {
 
 /// Number of Newton steps before the follow-the-leader sweep.
 pub const NEWTON_STEPS: usize = 2;
+
+/// Length, over the limit, from which an edge counts as being at its limit: rounding leaves it a
+/// little shorter.
+pub const AT_LIMIT: f64 = 0.9999;
 
 /// Restores the edge lengths of the strands in lanes `first..first + L::WIDTH`. Returns the largest
 /// |l/l₀ − 1| that is left in each lane. `work` is scratch memory of two vectors per particle.
@@ -59,14 +74,10 @@ pub fn restore<L: Lane>(
     let from = terms.clamped.min(view.particles).saturating_sub(1);
     match terms.kind {
         Inextensibility::Off => {}
-        Inextensibility::Projection => {
-            for _ in 0..NEWTON_STEPS {
-                measure(view, first, from, directions, sweep);
-                solve_chain(view, first, from, directions, sweep);
-                push(view.positions, view.masses, first, from, directions, sweep);
-            }
-            follow_the_leader::<L>(view, first, from, None);
-            project_velocities(view, first, from, directions, sweep);
+        Inextensibility::Projection => project(view, first, from, None, directions, sweep),
+        Inextensibility::Limit => {
+            let limit = Some(L::from_f64(1.0 + terms.max_stretch));
+            project(view, first, from, limit, directions, sweep);
         }
         Inextensibility::FollowTheLeader => {
             let inverse_dt = 1.0 / terms.dt_secs;
@@ -74,26 +85,55 @@ pub fn restore<L: Lane>(
                 follower: L::from_f64(inverse_dt),
                 leader: L::from_f64(terms.damping * inverse_dt),
             };
-            follow_the_leader(view, first, from, Some(change));
+            follow_the_leader(view, first, from, None, Some(change));
         }
     }
     largest_stretch(view, first)
 }
 
+/// Newton steps, the sweep and the projection of the velocities. With a `limit`, edges shorter than
+/// that, over their rest length, are left alone.
+#[inline(always)]
+fn project<L: Lane>(
+    view: &mut BlockView<'_, L::Scalar>,
+    first: usize,
+    from: usize,
+    limit: Option<L>,
+    directions: &mut [V3<L>],
+    sweep: &mut [V3<L>],
+) {
+    for _ in 0..NEWTON_STEPS {
+        measure(view, first, from, limit, directions, sweep);
+        solve_chain(view, first, from, directions, sweep);
+        push(view.positions, view.masses, first, from, directions, sweep);
+    }
+    follow_the_leader(view, first, from, limit, None);
+    project_velocities(view, first, from, limit, directions, sweep);
+}
+
 /// Computes the constraints: `directions` receives the unit vectors of the edges, the third
-/// component of `sweep` receives −C.
+/// component of `sweep` receives −C. With a `limit`, both are zero for edges that are not at it.
 #[inline(always)]
 fn measure<L: Lane>(
     view: &BlockView<'_, L::Scalar>,
     first: usize,
     from: usize,
+    limit: Option<L>,
     directions: &mut [V3<L>],
     sweep: &mut [V3<L>],
 ) {
     for j in from..view.particles - 1 {
-        let (direction, length) = edge(view, first, j);
+        let (mut direction, length) = edge(view, first, j);
+        let rest_length = L::load(&view.rest_lengths[3 * j], first);
+        let mut missing = rest_length - length;
+        if let Some(limit) = limit {
+            let most = limit * rest_length;
+            missing = (most - length).min(L::zero());
+            let is_at_limit = (L::from_f64(AT_LIMIT) * most).lt(length);
+            direction = V3::select(is_at_limit, direction, V3::zero());
+        }
         directions[j] = direction;
-        sweep[j].0[2] = L::load(&view.rest_lengths[3 * j], first) - length;
+        sweep[j].0[2] = missing;
     }
 }
 
@@ -168,20 +208,27 @@ struct VelocityChange<L> {
     leader: L,
 }
 
-/// Moves each particle along its edge to the rest length from the particle before it. With
-/// `change`, the corrections also change the velocities, as in DFTL.
+/// Moves each particle along its edge to the rest length from the particle before it; with a
+/// `limit` only those that are farther than that, and to it. With `change`, the corrections also
+/// change the velocities, as in DFTL.
 #[inline(always)]
 fn follow_the_leader<L: Lane>(
     view: &mut BlockView<'_, L::Scalar>,
     first: usize,
     from: usize,
+    limit: Option<L>,
     change: Option<VelocityChange<L>>,
 ) {
     for j in from..view.particles - 1 {
         let before = V3::load(view.positions, j + 1, first);
-        let (direction, _) = edge(view, first, j);
-        let rest_length = L::load(&view.rest_lengths[3 * j], first);
-        let after = V3::<L>::load(view.positions, j, first).add_scaled(rest_length, direction);
+        let (direction, length) = edge(view, first, j);
+        let mut goal = L::load(&view.rest_lengths[3 * j], first);
+        let leader = V3::<L>::load(view.positions, j, first);
+        let mut after = leader.add_scaled(goal, direction);
+        if let Some(limit) = limit {
+            goal = limit * goal;
+            after = V3::select(goal.lt(length), leader.add_scaled(goal, direction), before);
+        }
         after.store(view.positions, j + 1, first);
         if let Some(change) = change {
             let correction = after - before;
@@ -195,20 +242,29 @@ fn follow_the_leader<L: Lane>(
     }
 }
 
-/// Removes the component of the velocities that changes edge lengths.
+/// Removes the component of the velocities that changes edge lengths; with a `limit`, the one that
+/// stretches edges which are at it.
 #[inline(always)]
 fn project_velocities<L: Lane>(
     view: &mut BlockView<'_, L::Scalar>,
     first: usize,
     from: usize,
+    limit: Option<L>,
     directions: &mut [V3<L>],
     sweep: &mut [V3<L>],
 ) {
     let mut v = V3::<L>::load(view.velocities, from, first);
     for j in from..view.particles - 1 {
         let next = V3::load(view.velocities, j + 1, first);
-        directions[j] = edge(view, first, j).0;
-        sweep[j].0[2] = -directions[j].dot(next - v);
+        let (mut direction, length) = edge(view, first, j);
+        let mut closing = -direction.dot(next - v);
+        if let Some(limit) = limit {
+            let most = limit * L::load(&view.rest_lengths[3 * j], first);
+            closing = L::select((L::from_f64(AT_LIMIT) * most).lt(length), closing.min(L::zero()), L::zero());
+            direction = V3::select(closing.lt(L::zero()), direction, V3::zero());
+        }
+        directions[j] = direction;
+        sweep[j].0[2] = closing;
         v = next;
     }
     solve_chain(view, first, from, directions, sweep);
@@ -220,8 +276,24 @@ fn project_velocities<L: Lane>(
 pub fn largest_stretch<L: Lane>(view: &BlockView<'_, L::Scalar>, first: usize) -> L {
     let mut largest = L::zero();
     for j in 0..view.particles - 1 {
-        let stretch = edge::<L>(view, first, j).1 / L::load(&view.rest_lengths[3 * j], first) - L::one();
+        let stretch = stretch::<L>(view, first, j);
         largest = stretch.max(-stretch).max(largest);
     }
     largest
+}
+
+/// The largest l/l₀ − 1 of the edges of each lane, at least 0: compressed edges do not count.
+#[inline(always)]
+pub fn largest_extension<L: Lane>(view: &BlockView<'_, L::Scalar>, first: usize) -> L {
+    let mut largest = L::zero();
+    for j in 0..view.particles - 1 {
+        largest = stretch::<L>(view, first, j).max(largest);
+    }
+    largest
+}
+
+/// l/l₀ − 1 of edge `j`.
+#[inline(always)]
+fn stretch<L: Lane>(view: &BlockView<'_, L::Scalar>, first: usize, j: usize) -> L {
+    edge::<L>(view, first, j).1 / L::load(&view.rest_lengths[3 * j], first) - L::one()
 }

@@ -41,6 +41,8 @@ struct Frame {
     recheck: u32,
     // The smallest relative mass of a particle.
     least_mass: f32,
+    // With LIMIT_LENGTHS, the longest edge over its rest length.
+    length_limit: f32,
 }
 
 // The head's pose at a substep's start and end, as maps from rest positions to positions.
@@ -291,13 +293,24 @@ fn corner_offset(row: u32, layer: u32, corner: u32) -> u32 {
 
 // The largest |l/l₀ − 1| of a strand's edges. Edges that are not finite are skipped.
 fn largest_stretch(strand: Strand) -> f32 {
+    return largest_change(strand, 1.0);
+}
+
+// The largest l/l₀ − 1, at least 0: compressed edges do not count.
+fn largest_extension(strand: Strand) -> f32 {
+    return largest_change(strand, 0.0);
+}
+
+// The largest l/l₀ − 1, or 1 − l/l₀ times `shorter`.
+fn largest_change(strand: Strand, shorter: f32) -> f32 {
     var largest = 0.0;
     var before = position_at(strand, 0u);
     for (var i = 1u; i < strand.particles; i++) {
         let x = position_at(strand, i);
         let d = x - before;
-        let stretch = abs(sqrt(max(dot(d, d), 1e-24)) / rest_length(strand, i - 1u, 1u) - 1.0);
-        largest = max(largest, select(0.0, stretch, all_finite(x) && all_finite(before)));
+        let stretch = sqrt(max(dot(d, d), 1e-24)) / rest_length(strand, i - 1u, 1u) - 1.0;
+        let change = max(stretch, -shorter * stretch);
+        largest = max(largest, select(0.0, change, all_finite(x) && all_finite(before)));
         before = x;
     }
     return largest;

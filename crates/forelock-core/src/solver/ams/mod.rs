@@ -31,11 +31,13 @@ impl LaneSolver for AmsParams {
             skin_thickness: self.skin_thickness,
             depenetration_speed: self.depenetration_speed,
             lengths: self.inextensibility,
+            max_stretch: self.max_stretch,
             length_damping: self.length_damping,
             stretch_limit: match self.inextensibility {
                 _ if !self.lay_along_solids => None,
                 // Without springs either, nothing keeps lengths.
                 Inextensibility::Off => (self.k_edge > 0.0).then_some(SPRING_STRETCH),
+                Inextensibility::Limit => Some(SPRING_STRETCH.max(self.max_stretch)),
                 _ => Some(STRETCHED),
             },
             solver_collides: false,

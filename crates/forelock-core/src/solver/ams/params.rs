@@ -54,6 +54,7 @@ pub(crate) enum LengthPass {
     Projection,
     #[serde(rename = "dftl")]
     FollowTheLeader,
+    Limit,
     Off,
 }
 
@@ -134,16 +135,21 @@ pub struct AmsParams {
     /// Deflection, over the strand's length, under which ties heal. No unit, default 0.25, range 0
     /// to 1; 0 never heals.
     pub healing_limit: f64,
-    /// The pass that restores edge lengths: "projection", "dftl" or "off". Default "projection".
+    /// The pass that restores edge lengths: "projection", "dftl", "limit" or "off". Default
+    /// "projection".
     #[cfg_attr(feature = "serde", serde(with = "LengthPass"))]
     pub inextensibility: Inextensibility,
+    /// Stretch, over the rest length, to which the pass "limit" shortens edges; it leaves others
+    /// alone. No unit, default 0.03, range 0 to 10; 0 lets no edge stretch.
+    pub max_stretch: f64,
     /// Share of a follow-the-leader correction that is subtracted from the leader's velocity. No
     /// unit, default 0.9, range 0 to 1; 0 never settles.
     #[cfg_attr(feature = "serde", serde(rename = "dftl_damping"))]
     pub length_damping: f64,
     /// Whether edges that solids stretched at the end of a frame are restored to rest length along
-    /// the surface; without a length pass, where they are stretched by more than 4 %. Default true;
-    /// false leaves them stretched, as the paper does.
+    /// the surface; without a length pass and with "limit", where they are stretched by more than
+    /// 4 % and by more than `max_stretch`. Default true; false leaves them stretched, as the paper
+    /// does.
     pub lay_along_solids: bool,
     /// Distance of particles from solids at a contact. Unit m, default 0.0005, range 0 to 1; 0
     /// touches the skin.
@@ -182,6 +188,7 @@ impl Default for AmsParams {
             healing_secs: 0.0,
             healing_limit: 0.25,
             inextensibility: Inextensibility::default(),
+            max_stretch: 0.03,
             length_damping: 0.9,
             lay_along_solids: true,
             skin_thickness: 5e-4,
@@ -227,6 +234,7 @@ impl AmsParams {
             ("breaking_width", &[self.breaking_width]),
             ("healing_secs", &[self.healing_secs]),
             ("healing_limit", &[self.healing_limit]),
+            ("max_stretch", &[self.max_stretch]),
             ("dftl_damping", &[self.length_damping]),
             ("skin_thickness", &[self.skin_thickness]),
             ("depenetration_speed", &[self.depenetration_speed]),

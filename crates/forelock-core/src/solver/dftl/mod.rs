@@ -31,6 +31,7 @@ impl LaneSolver for DftlParams {
             skin_thickness: self.skin_thickness,
             depenetration_speed: self.depenetration_speed,
             lengths: Inextensibility::FollowTheLeader,
+            max_stretch: 0.0,
             length_damping: self.damping,
             stretch_limit: (!self.level_collisions || self.recheck > 0).then_some(EXACT),
             solver_collides: self.level_collisions,

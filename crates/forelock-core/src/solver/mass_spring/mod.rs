@@ -75,9 +75,13 @@ pub struct MassSpringParams {
     pub substep_secs: f64,
     /// How springs enter the matrix: "tension" or "paper". Default "tension".
     pub jacobian: Jacobian,
-    /// The pass that restores edge lengths: "projection", "dftl" or "off". Default "off".
+    /// The pass that restores edge lengths: "projection", "dftl", "limit" or "off". Default
+    /// "limit".
     #[cfg_attr(feature = "serde", serde(with = "LengthPass"))]
     pub inextensibility: Inextensibility,
+    /// Stretch, over the rest length, to which the pass "limit" shortens edges; it leaves others
+    /// alone. No unit, default 0.03, range 0 to 10; 0 lets no edge stretch.
+    pub max_stretch: f64,
     /// Distance of particles from solids at a contact. Unit m, default 0.0005, range 0 to 1; 0
     /// touches the skin.
     pub skin_thickness: f64,
@@ -102,7 +106,8 @@ impl Default for MassSpringParams {
             clamped: ams.clamped,
             substep_secs: ams.substep_secs,
             jacobian: ams.jacobian,
-            inextensibility: Inextensibility::Off,
+            inextensibility: Inextensibility::Limit,
+            max_stretch: ams.max_stretch,
             skin_thickness: ams.skin_thickness,
             depenetration_speed: ams.depenetration_speed,
         }
@@ -132,6 +137,7 @@ impl MassSpringParams {
             angular: AngularForm::Off,
             sag_free: false,
             inextensibility: self.inextensibility,
+            max_stretch: self.max_stretch,
             skin_thickness: self.skin_thickness,
             depenetration_speed: self.depenetration_speed,
             ..AmsParams::default()

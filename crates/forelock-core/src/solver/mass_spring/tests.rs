@@ -130,13 +130,14 @@ fn frame(gravity: DVec3, dt_secs: f64) -> FrameInput<'static> {
 const H: f64 = 1.0 / 240.0;
 
 /// The velocities of a chain, with all particles but the root free, after one substep from
-/// positions `x` and `velocities`.
+/// positions `x` and `velocities`, without the length pass.
 fn substep(rest: &[DVec3], x: &[DVec3], velocities: &[f64], params: &AmsParams) -> Vec<f64> {
     let positions: Vec<[f64; 3]> = rest.iter().map(|p| p.to_array()).collect();
     let offsets = [0, positions.len() as u32];
     let strands = Strands::new(&positions, &offsets);
     let options = Options { simd: Simd::Scalar, ..Options::default() };
-    let mut simulation = Simulation::from_strands(&strands, params, &options).unwrap();
+    let params = AmsParams { inextensibility: Inextensibility::Off, ..params.clone() };
+    let mut simulation = Simulation::from_strands(&strands, &params, &options).unwrap();
     let origin = DVec3::from(simulation.model().centre);
     let snapshot = Snapshot {
         positions: x.iter().map(|p| (*p - origin).to_array()).collect(),

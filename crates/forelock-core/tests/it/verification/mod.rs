@@ -16,6 +16,7 @@ mod grid;
 mod hash;
 mod invariance;
 mod keeper;
+mod limit;
 mod masses;
 mod non_hookean;
 mod particles;

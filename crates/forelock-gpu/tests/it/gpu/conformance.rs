@@ -206,6 +206,15 @@ fn forms() -> Vec<(&'static str, AmsParams)> {
             "stretching",
             AmsParams { inextensibility: Inextensibility::Off, substep_secs: 1.0 / (7.0 * FPS), ..default() },
         ),
+        (
+            "limited",
+            AmsParams {
+                inextensibility: Inextensibility::Limit,
+                max_stretch: 1e-3,
+                k_edge: 1e5,
+                ..default()
+            },
+        ),
         ("all clamped", AmsParams { clamped: 1000, ..default() }),
         ("mass-spring", MassSpringParams { virtual_particles: false, ..MassSpringParams::default() }.ams()),
     ]
@@ -376,13 +385,21 @@ fn every_solid_for(frames: u32) {
     // Frame by frame from the CPU's state, so that nothing adds up: every particle counts. An edge
     // in a solid can turn either way, and rounding decides for some strand in some frame.
     let most = 3 + positions.len() * frames as usize / 300;
+    let limited = AmsParams {
+        k_edge: 1e4,
+        inextensibility: Inextensibility::Limit,
+        max_stretch: 0.01,
+        ..AmsParams::default()
+    };
     for (name, solids) in &scenes {
-        let off = strays(&gpu, &strands, [solids; 2], [&params; 2], frames);
-        println!("{name}: {off:?} particles off, touches");
-        assert!(off[0] <= most, "{name}: {off:?}, {most} allowed");
-        // A solid that has passed before the end of a frame touches nothing at its end. Below it is
-        // shown to collide.
-        assert!(off[1] > 10 || *name == "a ball at 30 m/s", "{name}: {off:?}");
+        for (kind, params) in [("lengths", &params), ("limited", &limited)] {
+            let off = strays(&gpu, &strands, [solids; 2], [params; 2], frames);
+            println!("{name}, {kind}: {off:?} particles off, touches");
+            assert!(off[0] <= most, "{name}, {kind}: {off:?}, {most} allowed");
+            // A solid that has passed before the end of a frame touches nothing at its end. Below
+            // it is shown to collide.
+            assert!(off[1] > 10 || *name == "a ball at 30 m/s", "{name}, {kind}: {off:?}");
+        }
     }
     // The comparison can fail: other friction, edges that are not laid along solids, a ball too
     // fast for the samples at the ends of a substep.
