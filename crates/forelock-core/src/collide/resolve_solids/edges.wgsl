@@ -95,15 +95,24 @@ fn find_hit(number: u32, edge: Edge, hit: ptr<function, Hit>) {
     }
     skin = SKIN_SHARE * query.thickness;
     let samples = sample_edge(number, map, 1.0, edge.ends[0], edge.ends[1], false);
+    // A point that is outside has passed through if it moved by the solid's thickness.
+    var reach = skin;
+    if moved > thinness + thinness {
+        reach = moved * lipschitz(number) + TOUCH * thinness + skin;
+    }
+    let parts = parts_of(number, moved);
     for (var k = 0u; k < samples.count; k++) {
         let inside = samples.distances[k] < skin;
-        // A point that is outside has passed through if it moved by the solid's thickness.
-        if !inside && moved <= thinness + thinness {
-            continue;
-        }
         let t = samples.parameters[k];
         let origin = mix(edge.origins[0], edge.origins[1], t);
         let place = mix(edge.ends[0], edge.ends[1], t);
+        var passed = moved > ccd_motion(number) && samples.distances[k] <= reach;
+        if passed && parts > 0u {
+            passed = is_on_path(number, local(map_before, origin), local(map, place), parts);
+        }
+        if !inside && !passed {
+            continue;
+        }
         let velocity = mix(edge.velocities[0], edge.velocities[1], t);
         // Roots may be inside a solid: points of their edges that start inside are left there.
         if edge.inverse_masses.x == 0.0 && sample_shape(number, local(map_before, origin), start_fraction()).w <= skin {
@@ -111,7 +120,7 @@ fn find_hit(number: u32, edge: Edge, hit: ptr<function, Hit>) {
         }
         let found = vec4f(samples.gradients[k], samples.distances[k]);
         var point = Particle(place, velocity, 0.0);
-        let is_ccd_hit = moved > thinness && resolve_ccd_hit(number, found, origin, &point);
+        let is_ccd_hit = passed && resolve_ccd_hit(number, found, origin, &point);
         if !is_ccd_hit {
             if !inside {
                 continue;

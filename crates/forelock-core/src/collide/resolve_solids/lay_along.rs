@@ -28,7 +28,9 @@ use crate::strands::{BlockView, LaneGroup, number, vector};
 /// A point of the edge at distance s from the leader and at depth −σ in a solid comes out where the
 /// edge turns by asin(−σ/s) towards the normal of the surface through which it entered. Turns are
 /// repeated for the point that needs the largest one, up to [`SLIDE_STEPS`] times. Where no
-/// direction is free the edge stays stretched or in the solid, as the limit says.
+/// direction is free, as where the rim of a thin plate lies between the leader and the follower, the
+/// edge is made shorter ([`SHORTER_STEPS`]); where that does not help it stays stretched or in the solid,
+/// as the limit says.
 ///
 /// Afterwards the particle's velocity relative to the leader loses its component along the edge, as
 /// in the length pass, so that the edge can turn but does not change its length.
@@ -82,6 +84,13 @@ pub const STRETCHED: f64 = 1e-5;
 
 /// The limit of strands of which every edge must have its rest length.
 pub const EXACT: f64 = 0.0;
+
+/// Stretch of an edge that a pass may be left to restore, where no direction is free at its length.
+pub const NEARLY: f64 = 0.02;
+
+/// How often an edge is halved for a frame where no direction is free, as at a rim between its
+/// ends: the curve up to there is outside.
+pub const SHORTER_STEPS: usize = 5;
 
 /// Rounds of projections onto the surfaces and onto the rest length of a particle for which no
 /// direction is free, where no length pass follows.
@@ -151,14 +160,9 @@ fn lay_strand<L: Lane>(
                 curve.edge += 1;
                 found
             } else {
-                let (place, corner) = curve.follow([before, leader], length);
-                let found = Turn { corner, ..turn }.find(solids, place).or_else(|x| {
-                    // The corner may lie beside the edge on the solid's side.
-                    let found = corner.filter(|_| !has_pass).and_then(|_| turn.find(solids, place).ok());
-                    found.filter(|(x, _)| !is_between(solids, place, *x)).ok_or(x)
-                });
-                // Where no direction is free the length has precedence, unless a pass restores it.
-                found.unwrap_or_else(|x| {
+                curve.search(solids, &turn, before, has_pass).unwrap_or_else(|x| {
+                    // Where no direction is free the length has precedence, unless a pass restores
+                    // it.
                     if has_pass {
                         return (project(solids, x), zero);
                     }
@@ -234,6 +238,56 @@ impl<L: Lane> Curve<'_, L> {
         }
         let beyond = number::<L::Scalar>((self.edge + 1 - last) as f64) + self.share;
         lerp(self.point(last - 1), self.point(last), number::<L::Scalar>(1.0) + beyond)
+    }
+
+    /// Searches along the curve for the place of the next particle of `turn`, at shorter distances
+    /// if no direction is free at its length. `before` is the particle before the leader. Returns
+    /// the place and its clearance, or the last place that was tried at its length.
+    #[inline(never)]
+    fn search(
+        &mut self,
+        solids: &Solids<'_, L::Scalar>,
+        turn: &Turn<L::Scalar>,
+        before: [L::Scalar; 3],
+        has_pass: bool,
+    ) -> Result<([L::Scalar; 3], L::Scalar), [L::Scalar; 3]> {
+        let from = (self.edge, self.share);
+        let (place, corner) = self.follow([before, turn.leader], turn.length);
+        let free = |turn: &Turn<L::Scalar>, place| {
+            let found = turn.find(solids, place);
+            found.and_then(|(x, own)| if is_between(solids, place, x) { Err(x) } else { Ok((x, own)) })
+        };
+        let mut found = free(&Turn { corner, ..*turn }, place);
+        if found.is_err() && corner.is_some() {
+            // The corner may lie beside the edge on the solid's side.
+            found = free(turn, place).or(found);
+        }
+        if let (Err(x), true) = (found, has_pass) {
+            // Nearly at its length on the surface.
+            let x = project(solids, x);
+            let nearly = Turn { corner: None, length: distance(turn.leader, x), ..*turn };
+            if nearly.stays_within(turn.length)
+                && let Ok(clearance) = nearly.test_all(solids, x)
+                && !is_between(solids, place, x)
+            {
+                return Ok((x, clearance));
+            }
+        }
+        let followed = (self.edge, self.share);
+        let mut shorter = Turn { corner: None, ..*turn };
+        for _ in 0..SHORTER_STEPS {
+            if found.is_ok() {
+                return found;
+            }
+            (self.edge, self.share) = from;
+            shorter.length = shorter.length * number(0.5);
+            let (place, _) = self.follow([before, turn.leader], shorter.length);
+            found = free(&shorter, place).or(found);
+        }
+        if found.is_err() {
+            (self.edge, self.share) = followed;
+        }
+        found
     }
 
     /// Moves on to the first place at distance `length` from `leader`, on the way back to the curve
@@ -362,15 +416,30 @@ impl<T: Real> Turn<T> {
     #[inline(never)]
     fn find(&self, solids: &Solids<'_, T>, mut x: [T; 3]) -> Result<([T; 3], T), [T; 3]> {
         for _ in 0..SLIDE_STEPS {
-            let (mut clearance, mut inside) = (T::infinity(), None);
-            for (collider, pose) in solids.solids.iter().zip(solids.poses) {
-                clearance = clearance.min(self.test(solids, Solid { collider, pose }, x, &mut inside));
-            }
-            let Some(inside) = inside else { return Ok((x, clearance)) };
+            let inside = match self.test_all(solids, x) {
+                Ok(clearance) => return Ok((x, clearance)),
+                Err(inside) => inside,
+            };
             let Some(turned) = self.turned(x, &inside) else { break };
             x = turned;
         }
         Err(x)
+    }
+
+    /// Whether the edge is as long as one of `length`, up to [`NEARLY`].
+    fn stays_within(&self, length: T) -> bool {
+        (self.length - length).abs() < number::<T>(NEARLY) * length
+    }
+
+    /// Tests the edge with the particle at `x` against all solids. Returns the particle's clearance,
+    /// or the point of the edge that needs the largest turn.
+    #[inline(always)]
+    fn test_all(&self, solids: &Solids<'_, T>, x: [T; 3]) -> Result<T, Inside<T>> {
+        let (mut clearance, mut inside) = (T::infinity(), None);
+        for (collider, pose) in solids.solids.iter().zip(solids.poses) {
+            clearance = clearance.min(self.test(solids, Solid { collider, pose }, x, &mut inside));
+        }
+        inside.map_or(Ok(clearance), Err)
     }
 
     /// The place of the particle at `x` after a turn about the leader; `None` if it cannot turn.

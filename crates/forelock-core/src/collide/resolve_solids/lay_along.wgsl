@@ -62,15 +62,21 @@ struct Place {
     clearance: f32,
 }
 
+// Tests the edge with the particle at x against all solids. Returns the particle's clearance.
+fn test_all(turn: Turn, x: vec3f, inside: ptr<function, Inside>) -> f32 {
+    var clearance = FAR;
+    for (var number = 0u; number < query.count; number++) {
+        clearance = min(clearance, test_edge(number, turn, x, inside));
+    }
+    return clearance;
+}
+
 // Searches from the direction of `start`. If no direction is free, the place is the last one.
 fn find_turn(turn: Turn, start: vec3f) -> Place {
     var x = start;
     for (var step = 0u; step < SLIDE_STEPS; step++) {
-        var clearance = FAR;
         var inside = Inside(false, 0.0, vec3f());
-        for (var number = 0u; number < query.count; number++) {
-            clearance = min(clearance, test_edge(number, turn, x, &inside));
-        }
+        let clearance = test_all(turn, x, &inside);
         if !inside.found {
             return Place(true, x, clearance);
         }
@@ -233,6 +239,59 @@ fn follow_curve(strand: Strand, at: ptr<function, CurvePlace>, leader: vec3f, ah
     return found;
 }
 
+// Searches from the direction of `start`; the place must not lie behind a solid.
+fn find_free(turn: Turn, start: vec3f) -> Place {
+    var own = find_turn(turn, start);
+    own.found = own.found && !is_between(start, own.x);
+    return own;
+}
+
+// Searches along the curve for the place of the next particle of `turn`, at shorter distances if no
+// direction is free at its length. If none is, the place is the last one at its length.
+fn search_curve(strand: Strand, at: ptr<function, CurvePlace>, turn: Turn, ahead: vec3f, has_pass: bool) -> Place {
+    let from = *at;
+    let followed = follow_curve(strand, at, turn.leader, ahead, turn.length);
+    var own = turn;
+    own.corner = followed.corner;
+    own.has_corner = followed.has_corner;
+    var found = find_free(own, followed.x);
+    own.has_corner = false;
+    if !found.found && followed.has_corner {
+        // The corner may lie beside the edge on the solid's side.
+        let other = find_free(own, followed.x);
+        if other.found {
+            found = other;
+        }
+    }
+    if !found.found && has_pass {
+        // Nearly at its length on the surface.
+        let x = project(found.x);
+        own.length = distance(turn.leader, x);
+        if abs(own.length - turn.length) < NEARLY * turn.length {
+            var inside = Inside(false, 0.0, vec3f());
+            let clearance = test_all(own, x, &inside);
+            if !inside.found && !is_between(followed.x, x) {
+                return Place(true, x, clearance);
+            }
+        }
+        own.length = turn.length;
+    }
+    let last = *at;
+    for (var k = 0u; k < SHORTER_STEPS && !found.found; k++) {
+        *at = from;
+        own.length *= 0.5;
+        let shorter = follow_curve(strand, at, turn.leader, ahead, own.length);
+        let other = find_free(own, shorter.x);
+        if other.found {
+            found = other;
+        }
+    }
+    if !found.found {
+        *at = last;
+    }
+    return found;
+}
+
 fn lay_along(strand: Strand) {
     let first = max(frame.clamped, 1u);
     let limit = query.stretch_limit;
@@ -270,7 +329,7 @@ fn lay_along(strand: Strand) {
             at.edge += 1u;
             clearance = known;
         } else if clearance <= 0.0 || clearance + clearance_of(strand, i - 1u) <= length || leaves {
-            var turn = Turn(leader, length, vec3f(), false, i <= frame.clamped);
+            let turn = Turn(leader, length, vec3f(), false, i <= frame.clamped);
             var found = Place(false, x, 0.0);
             if !leaves {
                 found = find_turn(turn, x);
@@ -280,18 +339,7 @@ fn lay_along(strand: Strand) {
                 x = found.x;
                 clearance = found.clearance;
             } else {
-                let followed = follow_curve(strand, &at, leader, leader - before, length);
-                turn.corner = followed.corner;
-                turn.has_corner = followed.has_corner;
-                var own = find_turn(turn, followed.x);
-                if !own.found && turn.has_corner && !has_pass {
-                    // The corner may lie beside the edge on the solid's side.
-                    turn.has_corner = false;
-                    let other = find_turn(turn, followed.x);
-                    if other.found && !is_between(followed.x, other.x) {
-                        own = other;
-                    }
-                }
+                let own = search_curve(strand, &at, turn, leader - before, has_pass);
                 x = own.x;
                 clearance = own.clearance;
                 // Where no direction is free the length has precedence, unless a pass restores it.

@@ -136,6 +136,7 @@ fn sweep(number: u32, start: vec3f, end: vec3f) -> Touch {
         return none;
     }
     var share = 0.0;
+    var last = none;
     for (var k = 0u; k < SWEEP_STEPS; k++) {
         let point = start + share * go;
         let found = sample_shape(number, point, select(1.0, share, changes > 0.0));
@@ -147,8 +148,66 @@ fn sweep(number: u32, start: vec3f, end: vec3f) -> Touch {
         if !(share < 1.0) {
             return none;
         }
+        last = Touch(true, point, found.xyz);
     }
-    return none;
+    // It grazes the surface.
+    return last;
+}
+
+// Motion relative to a solid above which continuous collision detection is needed.
+fn ccd_motion(number: u32) -> f32 {
+    return query.solids[number].thinness * select(CCD_MOTION, 1.0, query.solids[number].cell > 0.0);
+}
+
+// Into how many parts the path of a point is divided to see whether it passed through a field; 0:
+// it is traced.
+fn parts_of(number: u32, length: f32) -> u32 {
+    if query.solids[number].cell <= 0.0 || swell_of(number) > 0.0 {
+        return 0u;
+    }
+    let parts = ceil(length / query.solids[number].thinness);
+    return select(0u, u32(parts), parts <= f32(MOST_PARTS));
+}
+
+// Whether a point of the path from `start` to `end` in a solid's local space, divided into `parts`,
+// is inside.
+fn is_on_path(number: u32, start: vec3f, end: vec3f, parts: u32) -> bool {
+    for (var part = 1u; part < parts; part++) {
+        let point = start + (f32(part) / f32(parts)) * (end - start);
+        if sample_shape(number, point, 1.0).w <= skin {
+            return true;
+        }
+    }
+    return false;
+}
+
+// Whether a point that ends at `sigma` over the skin may have passed through a solid, or have entered
+// it elsewhere.
+fn may_pass(number: u32, sigma: f32, start: vec3f, end: vec3f) -> bool {
+    let length = distance(start, end) + swell_of(number);
+    if sigma > length * lipschitz(number) + TOUCH * query.solids[number].thinness {
+        return false;
+    }
+    let parts = parts_of(number, length);
+    return parts == 0u || is_on_path(number, start, end, parts);
+}
+
+// Stops a particle where it touched a solid.
+fn stop(number: u32, touch: Touch, particle: ptr<function, Particle>) {
+    let map = query.solids[number].at_end;
+    (*particle).x = turned(map, touch.place - map[3].xyz);
+    apply_friction(number, turned(map, touch.normal), particle, true);
+}
+
+// Stops a particle that came from outside, and that pushes have not brought out again, where it
+// entered a solid. Returns whether it did.
+fn stop_at_entry(number: u32, origin: vec3f, particle: ptr<function, Particle>) -> bool {
+    let start = local(map_at_start(number), origin);
+    let touch = sweep(number, start, local(query.solids[number].at_end, (*particle).x));
+    if touch.found {
+        stop(number, touch, particle);
+    }
+    return touch.found;
 }
 
 // Stops a particle at the surface that it passed through on its path from `origin`. Returns whether
@@ -157,7 +216,7 @@ fn resolve_ccd_hit(number: u32, found: vec4f, origin: vec3f, particle: ptr<funct
     let map = query.solids[number].at_end;
     let start = local(map_at_start(number), origin);
     let end = local(map, (*particle).x);
-    if distance(start, end) + swell_of(number) <= query.solids[number].thinness {
+    if distance(start, end) + swell_of(number) <= ccd_motion(number) {
         return false;
     }
     // A particle that was inside at the last query is being pushed out. One that has not been
@@ -171,11 +230,13 @@ fn resolve_ccd_hit(number: u32, found: vec4f, origin: vec3f, particle: ptr<funct
         }
     }
     let touch = sweep(number, start, end);
-    if !touch.found || (found.w < skin && dot(found.xyz, touch.normal) > 0.5) {
+    // Deep inside a field its gradient does not say where the particle came from.
+    let sigma = found.w - skin;
+    let is_shallow = sigma > -query.solids[number].thinness;
+    if !touch.found || (sigma < 0.0 && is_shallow && dot(found.xyz, touch.normal) > 0.5) {
         return false;
     }
-    (*particle).x = turned(map, touch.place - map[3].xyz);
-    apply_friction(number, turned(map, touch.normal), particle, true);
+    stop(number, touch, particle);
     return true;
 }
 
@@ -224,9 +285,25 @@ fn query_solids(x: vec3f, v: vec3f, origin: vec3f, moved: f32, last: f32) -> Res
             own.last_clearance = 0.0;
         }
         var sigma = 0.0;
-        let is_ccd_hit = moved > query.solids[number].thinness && resolve_ccd_hit(number, found, origin, &own);
+        var is_ccd_hit = false;
+        if moved > ccd_motion(number) {
+            let start = local(map_at_start(number), origin);
+            let end = local(query.solids[number].at_end, place);
+            if may_pass(number, found.w - skin, start, end) {
+                is_ccd_hit = resolve_ccd_hit(number, found, origin, &own);
+            }
+        }
         if !is_ccd_hit {
+            let last_clearance = own.last_clearance;
             sigma = resolve_penetration(number, found, &own);
+            if sigma < -PASSES && last_clearance >= 0.0 {
+                // Near the middle of a field pushes do not bring it out.
+                var stopped = Particle(place, particle.v, last_clearance);
+                if stop_at_entry(number, origin, &stopped) {
+                    own = stopped;
+                    sigma = 0.0;
+                }
+            }
         }
         if is_ccd_hit || found.w < query.thickness {
             touches = true;
