@@ -249,7 +249,7 @@ fn find_free(turn: Turn, start: vec3f) -> Place {
 // Searches along the curve for the place of the next particle of `turn`, at shorter distances if no
 // direction is free at its length. If none is, the place is the last one at its length.
 fn search_curve(strand: Strand, at: ptr<function, CurvePlace>, turn: Turn, ahead: vec3f, has_pass: bool) -> Place {
-    let from = *at;
+    let began = *at;
     let followed = follow_curve(strand, at, turn.leader, ahead, turn.length);
     var own = turn;
     own.corner = followed.corner;
@@ -278,7 +278,7 @@ fn search_curve(strand: Strand, at: ptr<function, CurvePlace>, turn: Turn, ahead
     }
     let last = *at;
     for (var k = 0u; k < SHORTER_STEPS && !found.found; k++) {
-        *at = from;
+        *at = began;
         own.length *= 0.5;
         let shorter = follow_curve(strand, at, turn.leader, ahead, own.length);
         let other = find_free(own, shorter.x);
