@@ -433,8 +433,8 @@ impl<T: Real> Samples<T> {
         } else {
             moved * lipschitz::<T>(shape) + number::<T>(TOUCH) * thinness + self.thickness
         };
-        for k in 0..self.count {
-            passed[k] = self.distances[k] <= reach;
+        for (passed, distance) in passed.iter_mut().zip(&self.distances[..self.count]) {
+            *passed = *distance <= reach;
         }
         let Some(parts) = parts_of(shape, moved, paths[0].swell).filter(|_| passed.contains(&true)) else {
             return passed;
@@ -443,16 +443,11 @@ impl<T: Real> Samples<T> {
         for part in 1..parts {
             let share = count_of::<T>(part) / count_of::<T>(parts);
             let ends = [0, 1].map(|end| lerp(paths[end].ends[0], paths[end].ends[1], share));
-            let mut points = [[T::zero(); PACKET]; 3];
-            for k in 0..PACKET {
-                let point = lerp(ends[0], ends[1], self.parameters[k]);
-                for c in 0..3 {
-                    points[c][k] = point[c];
-                }
-            }
+            let places = self.parameters.map(|t| lerp(ends[0], ends[1], t));
+            let points = [0, 1, 2].map(|c| places.map(|place| place[c]));
             let (distances, _) = shape.sample_packet(&points, paths[0].fractions[1]);
-            for k in 0..PACKET {
-                touched[k] |= distances[k] <= self.thickness;
+            for (touched, distance) in touched.iter_mut().zip(distances) {
+                *touched |= distance <= self.thickness;
             }
         }
         std::array::from_fn(|k| passed[k] && touched[k])

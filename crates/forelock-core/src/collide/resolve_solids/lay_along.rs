@@ -250,7 +250,7 @@ impl<L: Lane> Curve<'_, L> {
         turn: &Turn<L::Scalar>,
         before: [L::Scalar; 3],
         has_pass: bool,
-    ) -> Result<([L::Scalar; 3], L::Scalar), [L::Scalar; 3]> {
+    ) -> Place<L::Scalar> {
         let from = (self.edge, self.share);
         let (place, corner) = self.follow([before, turn.leader], turn.length);
         let free = |turn: &Turn<L::Scalar>, place| {
@@ -402,6 +402,9 @@ struct Turn<T> {
     is_root: bool,
 }
 
+/// A particle's place and its clearance, or the last place that was tried if none is free.
+type Place<T> = Result<([T; 3], T), [T; 3]>;
+
 /// The point of an edge that is inside a solid and needs the largest turn.
 struct Inside<T> {
     /// Sine of the turn that brings it out, if the edge turns towards the normal.
@@ -414,7 +417,7 @@ impl<T: Real> Turn<T> {
     /// Searches from the direction of `x`. Returns the particle's place and its clearance, or the
     /// last place if no direction is free.
     #[inline(never)]
-    fn find(&self, solids: &Solids<'_, T>, mut x: [T; 3]) -> Result<([T; 3], T), [T; 3]> {
+    fn find(&self, solids: &Solids<'_, T>, mut x: [T; 3]) -> Place<T> {
         for _ in 0..SLIDE_STEPS {
             let inside = match self.test_all(solids, x) {
                 Ok(clearance) => return Ok((x, clearance)),

@@ -53,8 +53,8 @@ impl<'a, L: Lane> Nearby<'a, L> {
         }
         if tested != [0; CHUNK] {
             let far = self.far_from_middle(solids, view, start, tested, slow);
-            for k in 0..CHUNK {
-                tested[k] &= !far[k];
+            for (tested, far) in tested.iter_mut().zip(far) {
+                *tested &= !far;
             }
         }
         tested
@@ -172,9 +172,9 @@ impl<T: Real> Middles<T> {
         self.half[k] = distance(ends[0], ends[1]) * number(0.5);
         self.reach[k] =
             self.half[k] - if i <= solids.clamped { T::zero() } else { clearance(i - 1).min(clearance(i)) };
-        for c in 0..3 {
-            self.points[c][k] = (ends[0][c] + ends[1][c]) * number(0.5);
-            self.edges[c][k] = ends[1][c] - ends[0][c];
+        for (c, (a, b)) in ends[0].into_iter().zip(ends[1]).enumerate() {
+            self.points[c][k] = (a + b) * number(0.5);
+            self.edges[c][k] = b - a;
         }
         self.count += 1;
         k
@@ -213,9 +213,8 @@ impl<T: Real> Middles<T> {
                 is_far[k] &= distances[k] - solids.thickness > far_enough;
             }
         }
-        for k in 0..self.count {
-            let (entry, lane) = self.at[k];
-            far[entry] |= u32::from(is_far[k]) << lane;
+        for ((entry, lane), is_far) in self.at.into_iter().zip(is_far).take(self.count) {
+            far[entry] |= u32::from(is_far) << lane;
         }
         self.count = 0;
     }
