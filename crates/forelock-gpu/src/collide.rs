@@ -106,6 +106,7 @@ const STRAND_CONSTANTS: &[Constant] = &[
     Constant::f32("NEARLY", resolve_solids::NEARLY as f32),
     Constant::u32("SHORTER_STEPS", resolve_solids::SHORTER_STEPS as u32),
     Constant::f32("FOLDS", resolve_solids::FOLDS as f32),
+    Constant::f32("THIN", resolve_solids::THIN as f32),
     Constant::f32("LAG", resolve_solids::LAG as f32),
     Constant::f32("SLIP", resolve_solids::SLIP as f32),
     Constant::f32("LEAST_TURN", resolve_solids::LEAST_TURN as f32),

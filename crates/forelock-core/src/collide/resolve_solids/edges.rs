@@ -173,7 +173,12 @@ fn take_edge_back<T: Real>(
 /// Whether the edge between two `ends` passes through a solid at the substep's start (`when` = 0)
 /// or end (1).
 #[inline(always)]
-fn passes<T: Real>(solids: &Solids<'_, T>, solid: Solid<'_, T>, when: usize, ends: [[T; 3]; 2]) -> bool {
+pub(super) fn passes<T: Real>(
+    solids: &Solids<'_, T>,
+    solid: Solid<'_, T>,
+    when: usize,
+    ends: [[T; 3]; 2],
+) -> bool {
     let samples = Samples::of_edge(solids, solid, when, ends, false);
     samples.distances[..samples.count].iter().any(|d| *d < number(-PASSES))
 }

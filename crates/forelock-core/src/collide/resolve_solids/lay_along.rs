@@ -1,7 +1,7 @@
 //! Restores the lengths of edges that collisions stretched, by moving particles along the surfaces
 //! of solids.
 
-use super::edges::{Samples, distance, lerp};
+use super::edges::{Samples, distance, lerp, passes};
 use super::particle::{Solid, lipschitz};
 use super::sweep::sweep;
 use super::{Solids, dot};
@@ -29,8 +29,8 @@ use crate::strands::{BlockView, LaneGroup, number, vector};
 /// edge turns by asin(−σ/s) towards the normal of the surface through which it entered. Turns are
 /// repeated for the point that needs the largest one, up to [`SLIDE_STEPS`] times. Where no
 /// direction is free, as where the rim of a thin plate lies between the leader and the follower, the
-/// edge is made shorter ([`SHORTER_STEPS`]); where that does not help it stays stretched or in the solid,
-/// as the limit says.
+/// edge is made as little shorter as it takes ([`SHORTER_STEPS`]), until it is laid again; where that
+/// does not help it stays stretched or in the solid, as the limit says.
 ///
 /// Afterwards the particle's velocity relative to the leader loses its component along the edge, as
 /// in the length pass, so that the edge can turn but does not change its length.
@@ -63,7 +63,13 @@ pub fn lay_along<L: Lane>(
     let stretch = if has_pass { L::select(is_pushed_out, L::zero(), stretch) } else { stretch };
     for lane in 0..L::WIDTH.min(live - first) {
         if stretch.get(lane) > limit.get(lane) {
-            let mut curve = Curve { points: &old[..n], lane, edge: from - 1, share: L::Scalar::default() };
+            let mut curve = Curve {
+                points: &old[..n],
+                lane,
+                is_outside: !(least.get(lane) < -solids.thickness),
+                edge: from - 1,
+                share: L::Scalar::default(),
+            };
             deepest =
                 deepest.max(lay_strand(solids, limit.get(lane), view, [first + lane, from], &mut curve));
         }
@@ -88,9 +94,13 @@ pub const EXACT: f64 = 0.0;
 /// Stretch of an edge that a pass may be left to restore, where no direction is free at its length.
 pub const NEARLY: f64 = 0.02;
 
-/// How often an edge is halved for a frame where no direction is free, as at a rim between its
-/// ends: the curve up to there is outside.
+/// Bisections in the search for the longest edge for which a direction is free, for a frame where
+/// none is at its length, as at a rim between its ends: the curve up to there is outside.
 pub const SHORTER_STEPS: usize = 5;
+
+/// Thinness of a solid, over the length of an edge that is left in it, below which the edge is made
+/// shorter although lengths have precedence: the solid would cut the strand.
+pub const THIN: f64 = 0.3;
 
 /// Rounds of projections onto the surfaces and onto the rest length of a particle for which no
 /// direction is free, where no length pass follows.
@@ -147,7 +157,7 @@ fn lay_strand<L: Lane>(
         // A leader that has slipped past its place would fold the strand; between one that is far
         // from its place and the goal, the way along the curve may lead around a solid.
         let leaves = distance(leader, goal) < number::<L::Scalar>(FOLDS) * length
-            || distance(leader, curve.place()) > number::<L::Scalar>(LAG) * length;
+            || (curve.is_outside && distance(leader, curve.place()) > number::<L::Scalar>(LAG) * length);
         // Where the strand has slipped, the goal is between two particles of the old curve.
         let known = if curve.edge + 1 == i && curve.share == zero { view.clearance[i].0[lane] } else { zero };
         let mut clearance = known - moved;
@@ -209,6 +219,8 @@ struct Curve<'a, L: Lane> {
     points: &'a [V3<L>],
     /// Lane of the points.
     lane: usize,
+    /// Whether it is not being pushed out of a solid.
+    is_outside: bool,
     /// The edge of the curve on which the place is, and where on it, 0 to 1.
     edge: usize,
     share: L::Scalar,
@@ -273,21 +285,38 @@ impl<L: Lane> Curve<'_, L> {
                 return Ok((x, clearance));
             }
         }
-        let followed = (self.edge, self.share);
+        let Err(x) = found else { return found };
+        let is_cut = has_pass || turn.meets_thin(solids, x);
+        if !is_cut || !self.is_outside || !self.is_free(solids, from.0) {
+            return found;
+        }
+        // The longest edge for which a direction is free, by bisection.
+        let mut end = (self.edge, self.share);
         let mut shorter = Turn { corner: None, ..*turn };
+        let (mut least, mut most) = (L::Scalar::default(), turn.length);
         for _ in 0..SHORTER_STEPS {
-            if found.is_ok() {
-                return found;
-            }
             (self.edge, self.share) = from;
-            shorter.length = shorter.length * number(0.5);
+            shorter.length = (least + most) * number(0.5);
             let (place, _) = self.follow([before, turn.leader], shorter.length);
-            found = free(&shorter, place).or(found);
+            if let Ok(place) = free(&shorter, place) {
+                (found, end) = (Ok(place), (self.edge, self.share));
+                least = shorter.length;
+            } else {
+                most = shorter.length;
+            }
         }
-        if found.is_err() {
-            (self.edge, self.share) = followed;
-        }
+        (self.edge, self.share) = end;
         found
+    }
+
+    /// Whether the curve is outside all solids from edge `from` on to its place.
+    fn is_free(&self, solids: &Solids<'_, L::Scalar>, from: usize) -> bool {
+        let last = self.edge.min(self.points.len() - 2);
+        (from..=last).all(|edge| {
+            let ends = [self.point(edge), self.point(edge + 1)];
+            let poses = solids.solids.iter().zip(solids.poses);
+            !poses.into_iter().any(|(collider, pose)| passes(solids, Solid { collider, pose }, 1, ends))
+        })
     }
 
     /// Moves on to the first place at distance `length` from `leader`, on the way back to the curve
@@ -427,6 +456,15 @@ impl<T: Real> Turn<T> {
             x = turned;
         }
         Err(x)
+    }
+
+    /// Whether the edge with the particle at `x` passes through a solid that is thin beside it.
+    fn meets_thin(&self, solids: &Solids<'_, T>, x: [T; 3]) -> bool {
+        solids.solids.iter().zip(solids.poses).any(|(collider, pose)| {
+            let thinness = number::<T>(collider.shape.thinness());
+            thinness < number::<T>(THIN) * self.length
+                && passes(solids, Solid { collider, pose }, 1, [self.leader, x])
+        })
     }
 
     /// Whether the edge is as long as one of `length`, up to [`NEARLY`].

@@ -139,6 +139,8 @@ fn depth_of(x: vec3f) -> f32 {
 struct CurvePlace {
     edge: u32,
     share: f32,
+    // Whether the curve is not being pushed out of a solid.
+    is_outside: bool,
 }
 
 fn curve_point(strand: Strand, i: u32) -> vec3f {
@@ -239,6 +241,34 @@ fn follow_curve(strand: Strand, at: ptr<function, CurvePlace>, leader: vec3f, ah
     return found;
 }
 
+// Whether the edge of `turn` with the particle at x may be made shorter: the old curve is outside all
+// solids from edge `begin` to edge `end`, and unless a pass follows (`has_pass`) one that is thin
+// beside the edge would cut it.
+fn may_shorten(strand: Strand, begin: u32, end: u32, turn: Turn, x: vec3f, has_pass: bool) -> bool {
+    let last = min(end, strand.particles - 2u);
+    for (var edge = begin; edge <= last + 1u; edge++) {
+        let is_new = edge > last;
+        var a = turn.leader;
+        var b = x;
+        if !is_new {
+            a = curve_point(strand, edge);
+            b = curve_point(strand, edge + 1u);
+        }
+        var meets = false;
+        for (var number = 0u; number < query.count; number++) {
+            let counts = !is_new || query.solids[number].thinness < THIN * turn.length;
+            if counts && passes(number, query.solids[number].at_end, 1.0, a, b) {
+                meets = true;
+                break;
+            }
+        }
+        if meets || is_new {
+            return is_new && (meets || has_pass);
+        }
+    }
+    return false;
+}
+
 // Searches from the direction of `start`; the place must not lie behind a solid.
 fn find_free(turn: Turn, start: vec3f) -> Place {
     var own = find_turn(turn, start);
@@ -250,45 +280,62 @@ fn find_free(turn: Turn, start: vec3f) -> Place {
 // direction is free at its length. If none is, the place is the last one at its length.
 fn search_curve(strand: Strand, at: ptr<function, CurvePlace>, turn: Turn, ahead: vec3f, has_pass: bool) -> Place {
     let began = *at;
-    let followed = follow_curve(strand, at, turn.leader, ahead, turn.length);
+    var end = began;
     var own = turn;
-    own.corner = followed.corner;
-    own.has_corner = followed.has_corner;
-    var found = find_free(own, followed.x);
-    own.has_corner = false;
-    if !found.found && followed.has_corner {
-        // The corner may lie beside the edge on the solid's side.
-        let other = find_free(own, followed.x);
-        if other.found {
-            found = other;
+    var found = Place(false, turn.leader, 0.0);
+    var goal = turn.leader;
+    var has_corner = true;
+    // Of the longest edge for which a direction is free, by bisection.
+    var least = 0.0;
+    var most = turn.length;
+    for (var k = 0u; k < 2u + SHORTER_STEPS; k++) {
+        if k == 1u && !has_corner {
+            continue;
         }
-    }
-    if !found.found && has_pass {
-        // Nearly at its length on the surface.
-        let x = project(found.x);
-        own.length = distance(turn.leader, x);
-        if abs(own.length - turn.length) < NEARLY * turn.length {
-            var inside = Inside(false, 0.0, vec3f());
-            let clearance = test_all(own, x, &inside);
-            if !inside.found && !is_between(followed.x, x) {
-                return Place(true, x, clearance);
+        if k == 2u {
+            if has_pass {
+                // Nearly at its length on the surface.
+                let x = project(found.x);
+                own.length = distance(turn.leader, x);
+                if abs(own.length - turn.length) < NEARLY * turn.length {
+                    var inside = Inside(false, 0.0, vec3f());
+                    let clearance = test_all(own, x, &inside);
+                    if !inside.found && !is_between(goal, x) {
+                        *at = end;
+                        return Place(true, x, clearance);
+                    }
+                }
+            }
+            if !began.is_outside || !may_shorten(strand, began.edge, end.edge, turn, found.x, has_pass) {
+                break;
             }
         }
-        own.length = turn.length;
-    }
-    let last = *at;
-    for (var k = 0u; k < SHORTER_STEPS && !found.found; k++) {
         *at = began;
-        own.length *= 0.5;
-        let shorter = follow_curve(strand, at, turn.leader, ahead, own.length);
-        let other = find_free(own, shorter.x);
-        if other.found {
+        own.length = select(0.5 * (least + most), turn.length, k < 2u);
+        let followed = follow_curve(strand, at, turn.leader, ahead, own.length);
+        own.corner = followed.corner;
+        // The corner may lie beside the edge on the solid's side.
+        own.has_corner = followed.has_corner && k == 0u;
+        let other = find_free(own, followed.x);
+        if k == 0u {
             found = other;
+            end = *at;
+            goal = followed.x;
+            has_corner = followed.has_corner;
+        } else if other.found {
+            found = other;
+            end = *at;
+        }
+        if k < 2u && found.found {
+            break;
+        }
+        if other.found {
+            least = own.length;
+        } else if k >= 2u {
+            most = own.length;
         }
     }
-    if !found.found {
-        *at = last;
-    }
+    *at = end;
     return found;
 }
 
@@ -298,15 +345,16 @@ fn lay_along(strand: Strand) {
     // The old curve of a strand that is being pushed out of a solid is not outside: it waits, if
     // another pass keeps its lengths.
     let has_pass = limit > 0.0 && limit <= STRETCHED;
+    var at = CurvePlace(first - 1u, 0.0, true);
     for (var i = first; i < strand.particles; i++) {
-        if has_pass && clearance_of(strand, i) < -query.thickness {
-            return;
-        }
+        at.is_outside = at.is_outside && !(clearance_of(strand, i) < -query.thickness);
+    }
+    if has_pass && !at.is_outside {
+        return;
     }
     for (var i = 0u; i < strand.particles; i++) {
         set_scratch_vector(strand, i, OLD_CURVE, position_at(strand, i));
     }
-    var at = CurvePlace(first - 1u, 0.0);
     var leader = position_at(strand, first - 1u);
     var before = position_at(strand, max(first, 2u) - 2u);
     for (var i = first; i < strand.particles; i++) {
@@ -323,7 +371,7 @@ fn lay_along(strand: Strand) {
         // A leader that has slipped past its place would fold the strand; between one that is far
         // from its place and the goal, the way along the curve may lead around a solid.
         let leaves = distance(leader, goal) < FOLDS * length
-            || distance(leader, place_on_curve(strand, at)) > LAG * length;
+            || (at.is_outside && distance(leader, place_on_curve(strand, at)) > LAG * length);
         var clearance = known - distance(x, goal);
         if known < 0.0 {
             at.edge += 1u;

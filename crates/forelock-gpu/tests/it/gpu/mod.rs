@@ -13,3 +13,4 @@ mod masses;
 mod pipelines;
 mod simulator;
 mod sleep;
+mod thin;
