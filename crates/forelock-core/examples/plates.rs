@@ -10,8 +10,8 @@
 //!   the outer fifth of its thickness, the others without 0.8 and 0.3 mm);
 //! - the share of particles that came from the front of the solid to its back in one frame: of a
 //!   plate those so deep below its rim that they cannot have slipped over it, of a finger those of
-//!   strands that lay in front of it and then hang behind it, with more of the strand below than can
-//!   have slipped over it meanwhile; a comb lets hair through;
+//!   strands that lay in front of it and then hang behind it, with more of the strand below than
+//!   can have slipped over it meanwhile; a comb lets hair through;
 //! - the largest stretch of an edge one second after the solid stopped, and that of the same hair
 //!   without a solid: springs without a length pass give way under the weight;
 //! - the time, in milliseconds per frame.

@@ -166,7 +166,11 @@ impl GpuSimulation {
                     list.run(strands, &STORE_LOAD, &[0]);
                 }
                 if let Some(own) = self.interaction(&exchange) {
-                    own.exchange(list, self.count);
+                    if own.early_exchange() == Some(exchange) {
+                        own.exchange_early(list);
+                    } else {
+                        own.exchange(list, self.count);
+                    }
                 }
                 if loaded {
                     list.run(strands, &RESTORE_LOAD, &[0]);

@@ -273,7 +273,8 @@ impl GpuSimulation {
 
     /// The interactions of the simulation.
     pub fn exchanges(&self) -> Vec<Exchange> {
-        self.interactions.iter().map(|own| own.exchange_plan()).collect()
+        let of_each = self.interactions.iter();
+        of_each.flat_map(|own| own.early_exchange().into_iter().chain([own.exchange_plan()])).collect()
     }
 
     /// The last frame as a list of steps; before the first frame, one of 1/60 s. Its stages do not

@@ -49,7 +49,7 @@ impl GpuStage {
     /// those that all frames share. Stages that run together are named by their first.
     pub fn all() -> &'static [Self] {
         static ALL: LazyLock<Vec<GpuStage>> = LazyLock::new(|| {
-            let mut interactions = [grid::EXCHANGE, sph::EXCHANGE, contact::EXCHANGE];
+            let mut interactions = [grid::EXCHANGE, sph::EXCHANGE, contact::FRICTION, contact::EXCHANGE];
             interactions.sort_by_key(|own| own.phase);
             let stages = |is_of: fn(Phase) -> bool| {
                 interactions.iter().filter(move |own| is_of(own.phase)).map(|own| own.stage)
@@ -63,9 +63,9 @@ impl GpuStage {
                 }
             }
             names.push(COLLIDE);
-            names.extend(stages(|phase| phase == Phase::BeforeLengths));
+            names.extend(stages(|phase| matches!(phase, Phase::BeforeLengths(_))));
             names.push(LENGTHS);
-            names.extend(stages(|phase| phase > Phase::BeforeLengths));
+            names.extend(stages(|phase| phase > Phase::BeforeLengths(u8::MAX)));
             names.push(CHECK);
             names.into_iter().map(GpuStage).collect()
         });
@@ -210,6 +210,7 @@ mod tests {
             "follow_leader",
             "resolve_solids",
             "splat_segments",
+            "hold_hair",
             "restore_lengths",
             "find_contacts",
             "check_strands",

@@ -69,6 +69,21 @@ pub trait Interaction<T>: Debug + Send + Sync {
         report: &mut FrameReport,
     ) -> bool;
 
+    /// An exchange that comes earlier in the frame, if it has one; both have the same name.
+    fn early_exchange(&self) -> Option<Exchange> {
+        None
+    }
+
+    /// Does what [`early_exchange`](Self::early_exchange) announces.
+    fn exchange_early(
+        &mut self,
+        cx: &ExchangeContext<'_, T>,
+        state: &mut State<T>,
+        report: &mut FrameReport,
+    ) {
+        let _ = (cx, state, report);
+    }
+
     /// Is built again for a model that has changed.
     fn rebuild(&mut self, model: &Model<T>, simd: Simd);
 

@@ -13,8 +13,8 @@ pub enum Phase {
     BeforeStrands,
     /// After strands are solved and before the length pass, whose collisions follow what it moved;
     /// without a length pass, and with solvers that keep lengths themselves, the first after
-    /// strands are solved.
-    BeforeLengths,
+    /// strands are solved. Lower numbers first.
+    BeforeLengths(u8),
     /// After strands are solved and have their lengths; lower numbers first.
     AfterStrands(u8),
 }
@@ -138,8 +138,9 @@ impl FramePlan {
         }
         let restores = rules.lengths != Inextensibility::Off;
         let has_pass = restores && !rules.restores_own_lengths;
-        let (before, rest) = sorted.split_at(sorted.partition_point(|own| own.phase < Phase::BeforeLengths));
-        let of_pass = |own: &Exchange| has_pass && own.phase == Phase::BeforeLengths;
+        let (before, rest) =
+            sorted.split_at(sorted.partition_point(|own| own.phase < Phase::BeforeLengths(0)));
+        let of_pass = |own: &Exchange| has_pass && matches!(own.phase, Phase::BeforeLengths(_));
         let (between, after) = rest.split_at(rest.partition_point(of_pass));
         before.iter().for_each(|own| plan.push(Step::Exchange(*own), own.stage));
         for substep in 0..substeps {

@@ -225,7 +225,8 @@ impl<T: SimulationReal> Simulation<T> {
 
     /// The interactions of the simulation.
     pub fn exchanges(&self) -> Vec<Exchange> {
-        self.interactions.iter().map(|own| own.exchange_plan()).collect()
+        let of_each = self.interactions.iter();
+        of_each.flat_map(|own| own.early_exchange().into_iter().chain([own.exchange_plan()])).collect()
     }
 
     /// The last frame as a list of steps; before the first frame, one of 1/60 s. Its stages do not
@@ -299,7 +300,8 @@ impl<T: SimulationReal> Simulation<T> {
         })
     }
 
-    /// Sets or removes the contacts between segments of strands, from the next frame on.
+    /// Sets or removes the contacts between segments of strands, and with them the friction between
+    /// neighbouring hair, from the next frame on.
     ///
     /// # Errors
     /// [`ParamsError`] if a parameter is out of range; nothing is changed then.

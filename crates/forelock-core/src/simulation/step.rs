@@ -178,10 +178,13 @@ impl<T: SimulationReal> Simulation<T> {
             Crew { solver: &self.solver, cx, model: &self.model, scratch, exposure, acceleration, stillness };
         let mut report = FrameReport { sleeping_strands: sleeping as u32, ..FrameReport::default() };
         let mut sum: Option<BlockReport> = None;
+        // An interaction with two exchanges records the start once.
+        let mut recorded = None;
         for chunk in steps.chunk_by(|a, b| a.step.is_of_strands() && b.step.is_of_strands()) {
             match chunk[0].step {
                 Step::RecordStart(own) => {
-                    if let Some(interaction) = named(&mut self.interactions, own.name) {
+                    let is_new = recorded.replace(own.name) != Some(own.name);
+                    if let Some(interaction) = named(&mut self.interactions, own.name).filter(|_| is_new) {
                         interaction.record_start(&exchange, &self.state);
                     }
                 }
@@ -190,7 +193,11 @@ impl<T: SimulationReal> Simulation<T> {
                         if sleeping > 0 {
                             sleeper.hold(&self.state);
                         }
-                        *moved |= interaction.exchange(&exchange, &mut self.state, &mut report);
+                        if interaction.early_exchange() == Some(own) {
+                            interaction.exchange_early(&exchange, &mut self.state, &mut report);
+                        } else {
+                            *moved |= interaction.exchange(&exchange, &mut self.state, &mut report);
+                        }
                         if sleeping > 0 {
                             sleeper.release(&self.model, &mut self.state, speed, dt_secs);
                         }

@@ -38,10 +38,10 @@ use forelock_core::frame::Exchange;
 use forelock_core::interaction::contact::find_contacts::{
     self, FEW, PIECE, PIECES, SEGMENT_CONTACTS, SLICES, search_edge,
 };
-use forelock_core::interaction::contact::resolve_contacts;
 use forelock_core::interaction::contact::{
     self, ContactParams, ContactReport, RUN_SEGMENTS, histogram, mean_motion,
 };
+use forelock_core::interaction::contact::{hold_hair, resolve_contacts};
 use forelock_core::lane::{LANES, Row};
 use glam::{Mat4, UVec3, Vec3};
 use wgpu::BufferUsages;
@@ -80,10 +80,12 @@ const CONSTANTS: &[Constant] = &[
 const STRAND_CONSTANTS: &[Constant] = &[
     Constant::u32("EVERY", mean_motion::EVERY as u32),
     Constant::f32("MEAN_MOTION_UNIT", (1u32 << 22) as f32),
+    Constant::u32("GROUP", hold_hair::GROUP as u32),
 ];
 
 const PAIR_CONSTANTS: &[Constant] = &[
     Constant::u32("MEAN_MOTION_NODES", mean_motion::NODES as u32),
+    Constant::f32("FRICTION_SPACING", mean_motion::SPACING),
     Constant::u32("SLICES", SLICES),
     Constant::u32("FOLLOW_STEPS", find_contacts::STEPS as u32),
     Constant::u32("PAIR_GROUPS", PAIR_GROUPS),
@@ -143,7 +145,7 @@ bindings! {
 shader! {
     /// `find_contacts`, strand by strand.
     INSERT: "find_contacts", InsertBindings;
-    texts: [contact::WGSL, find_contacts::STRANDS_WGSL];
+    texts: [contact::WGSL, find_contacts::STRANDS_WGSL, hold_hair::WGSL];
     constants: [CONSTANTS, STRAND_CONSTANTS];
     kernels: {
         /// Records positions at the frame's start.
@@ -154,6 +156,10 @@ shader! {
         SPLAT_MEAN_MOTION: "splat_mean_motion", Threads::Strands;
         /// Measures how far each particle moves relative to the mean motion.
         MEASURE_RESIDUAL_MOTION: "measure_residual_motion", Threads::Strands;
+        /// Sums what friction changes at the nodes.
+        SUM_CHANGES: "sum_changes", Threads::Strands;
+        /// Writes the changes of each particle, the mean of which is zero.
+        BALANCE_CHANGES: "balance_changes", Threads::Strands;
         /// Lists the segments whose contacts are searched.
         LIST_ACTIVE: "list_active", Threads::Strands;
         /// Counts the segments of each cell the first time, stores them the second.
@@ -175,6 +181,8 @@ shader! {
     kernels: {
         /// Fits the nodes of the mean motion to the extent of the hair.
         FIT_MEAN_MOTION: "fit_mean_motion", Threads::ONCE;
+        /// Fits those of friction.
+        FIT_FRICTION: "fit_friction", Threads::ONCE;
         /// Clears them.
         CLEAR_MEAN_MOTION: "clear_mean_motion", Threads::LIST;
         /// Turns sums into means over neighbouring nodes.
@@ -203,9 +211,11 @@ shader! {
 shader! {
     /// `resolve_contacts`, strand by strand.
     MOVE: "resolve_contacts", MoveBindings;
-    texts: [contact::WGSL, resolve_contacts::STRANDS_WGSL];
+    texts: [contact::WGSL, resolve_contacts::STRANDS_WGSL, hold_hair::APPLY_WGSL];
     constants: [CONSTANTS];
     kernels: {
+        /// Applies the changes of friction to positions and velocities.
+        APPLY_CHANGES: "apply_changes", Threads::Strands;
         /// Factors the matrices of strands that have joints.
         PREPARE_STRANDS: "prepare_strands", Threads::Strands;
         /// Moves bodies by what a round adds to their joints.
@@ -263,7 +273,7 @@ pub struct ContactUniform {
     pub spacing: f32,
     pub inverse_piece: f32,
     pub inverse_particles: f32,
-    pub pad_0: f32,
+    pub hold: f32,
     pub budget: u32,
     pub most_active: u32,
     pub few: u32,
@@ -408,7 +418,7 @@ impl DeviceContacts {
             spread: params.spread as f32,
             close: resolve_contacts::CLOSE * params.distance as f32,
             far: mean_motion::FAR * model.reach as f32,
-            spacing: mean_motion::SPACING.max(4.0 * longest),
+            spacing: mean_motion::SPACING.max(mean_motion::SPACING_PER_EDGE * longest),
             inverse_piece,
             inverse_particles: 1.0 / model.particle_count.max(1) as f32,
             budget: params.budget,
@@ -488,6 +498,7 @@ impl GpuInteraction for DeviceContacts {
         let head = [&frame.start, &frame.last_substep[1]];
         [host.from_start, host.from_end] = head.map(|pose| rigid(&pose.inverse()));
         host.slip = self.params.slip_distance(dt_secs);
+        host.hold = (self.params.hold * dt_secs * dt_secs) as f32;
         (host.clamped, host.dt) = (frame.clamped, dt_secs as f32);
         gpu.queue().write_buffer(&self.uniform, 0, bytemuck::bytes_of(host));
     }
@@ -529,6 +540,23 @@ impl GpuInteraction for DeviceContacts {
             list.run(pairs, &CHECK_ROUND, &[]);
         }
         list.run(moves, &APPLY_MOVES, &[]);
+    }
+
+    fn early_exchange(&self) -> Option<Exchange> {
+        (self.params.hold > 0.0).then_some(contact::FRICTION)
+    }
+
+    fn exchange_early<'a>(&'a self, list: &mut DispatchList<'a>) {
+        let ContactGroups { insert, pairs, moves } = &self.groups;
+        list.run(insert, &RECORD_END, &[]);
+        list.run(pairs, &FIT_FRICTION, &[]);
+        list.run(pairs, &CLEAR_MEAN_MOTION, &[]);
+        list.run(insert, &SPLAT_MEAN_MOTION, &[]);
+        list.run(pairs, &SMOOTH_MEAN_MOTION, &[]);
+        list.run(pairs, &CLEAR_MEAN_MOTION, &[]);
+        list.run(insert, &SUM_CHANGES, &[]);
+        list.run(insert, &BALANCE_CHANGES, &[]);
+        list.run(moves, &APPLY_CHANGES, &[]);
     }
 
     fn report_buffer(&self) -> Option<&wgpu::Buffer> {

@@ -60,6 +60,16 @@ pub(crate) trait GpuInteraction: Debug + Send + Sync {
     /// Appends the dispatches that exchange momentum, in a frame of `substeps`.
     fn exchange<'a>(&'a self, list: &mut DispatchList<'a>, substeps: u32);
 
+    /// An exchange that comes earlier in the frame, if it has one; both have the same name.
+    fn early_exchange(&self) -> Option<Exchange> {
+        None
+    }
+
+    /// Appends the dispatches of [`early_exchange`](Self::early_exchange).
+    fn exchange_early<'a>(&'a self, list: &mut DispatchList<'a>) {
+        let _ = list;
+    }
+
     /// The buffer that a report reads back, if there is one.
     fn report_buffer(&self) -> Option<&wgpu::Buffer> {
         None

@@ -133,7 +133,7 @@ fn layouts() -> Vec<Layout> {
         layout!("Carried", CarriedEntry, [entries fractions weights rest pad_0]),
         layout!("Contacts", ContactUniform, [
             from_start from_end edge distance slip friction spread dt close far spacing inverse_piece
-            inverse_particles pad_0 budget most_active few per_segment rounds clamped cells entries numbers bodies
+            inverse_particles hold budget most_active few per_segment rounds clamped cells entries numbers bodies
             found joints sides most_actives most_joints strands
         ]),
         // Bins and a list follow what is read back.

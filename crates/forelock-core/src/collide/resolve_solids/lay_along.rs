@@ -114,8 +114,8 @@ pub const SPRING_STRETCH: f64 = 0.04;
 pub const FOLDS: f64 = 0.7;
 
 /// Distance of a leader from its place on the old curve, over the edge's length, above which the
-/// particle follows the curve.
-pub const LAG: f64 = 0.5;
+/// particle follows the curve, if no solid is thinner than [`THIN`].
+pub const LAG: f64 = 1.0;
 
 /// Distance by which a leader may be ahead of its place on the old curve, over the edge's length,
 /// without the next edge being turned back towards that place. A rim around which a strand has
@@ -135,6 +135,8 @@ fn lay_strand<L: Lane>(
     let zero = L::Scalar::default();
     let mut deepest = 0.0f64;
     let has_pass = limit > zero && limit < number(0.5 * SPRING_STRETCH);
+    let thinness = solids.solids.iter().map(|solid| solid.shape.thinness());
+    let thinnest = number::<L::Scalar>(thinness.fold(f64::INFINITY, f64::min));
     let mut leader = vector(view.positions, from - 1, lane);
     let mut before = vector(view.positions, from.max(2) - 2, lane);
     let mut leader_clearance = if solids.clamped > 0 { zero } else { view.clearance[from - 1].0[lane] };
@@ -157,7 +159,8 @@ fn lay_strand<L: Lane>(
         // A leader that has slipped past its place would fold the strand; between one that is far
         // from its place and the goal, the way along the curve may lead around a solid.
         let leaves = distance(leader, goal) < number::<L::Scalar>(FOLDS) * length
-            || (curve.is_outside && distance(leader, curve.place()) > number::<L::Scalar>(LAG) * length);
+            || (distance(leader, curve.place()) > number::<L::Scalar>(LAG) * length
+                && thinnest >= number::<L::Scalar>(THIN) * length);
         // Where the strand has slipped, the goal is between two particles of the old curve.
         let known = if curve.edge + 1 == i && curve.share == zero { view.clearance[i].0[lane] } else { zero };
         let mut clearance = known - moved;

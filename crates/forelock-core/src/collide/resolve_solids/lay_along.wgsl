@@ -48,12 +48,20 @@ fn test_edge(number: u32, turn: Turn, x: vec3f, inside: ptr<function, Inside>) -
         if turn.is_root && !is_particle && t < 0.5 {
             continue;
         }
-        let touch = sweep(number, local(map, turn.leader), local(map, mix(turn.leader, x, t)));
+        let touch = sweep(number, local(map, turn.leader), local(map, mix(turn.leader, x, t)), 0u);
         let normal = select(samples.gradients[k], touch.normal, touch.found);
         *inside = Inside(true, sine, turned(map, normal));
     }
     return clearance;
 }
+
+// Attempts to place a particle: straight to its goal, along the old curve, the same without a turn to
+// the corner of that way, on the surface nearly at its length, and at shorter lengths.
+const STRAIGHT = 0u;
+const ALONG_CURVE = 1u;
+const PAST_CORNER = 2u;
+const ON_SURFACE = 3u;
+const SHORTER = 4u;
 
 // A place and its clearance.
 struct Place {
@@ -71,10 +79,11 @@ fn test_all(turn: Turn, x: vec3f, inside: ptr<function, Inside>) -> f32 {
     return clearance;
 }
 
-// Searches from the direction of `start`. If no direction is free, the place is the last one.
-fn find_turn(turn: Turn, start: vec3f) -> Place {
+// Searches from the direction of `start`, in so many `steps`. If no direction is free, the place is
+// the last one.
+fn find_turn(turn: Turn, start: vec3f, steps: u32) -> Place {
     var x = start;
-    for (var step = 0u; step < SLIDE_STEPS; step++) {
+    for (var step = 0u; step < steps; step++) {
         var inside = Inside(false, 0.0, vec3f());
         let clearance = test_all(turn, x, &inside);
         if !inside.found {
@@ -105,7 +114,7 @@ fn is_between(a: vec3f, b: vec3f) -> bool {
     skin = query.thickness;
     for (var number = 0u; number < query.count; number++) {
         let map = query.solids[number].at_end;
-        if distance(a, b) > query.solids[number].thinness && sweep(number, local(map, a), local(map, b)).found {
+        if distance(a, b) > query.solids[number].thinness && sweep(number, local(map, a), local(map, b), 0u).found {
             return true;
         }
     }
@@ -269,69 +278,71 @@ fn may_shorten(strand: Strand, begin: u32, end: u32, turn: Turn, x: vec3f, has_p
     return false;
 }
 
-// Searches from the direction of `start`; the place must not lie behind a solid.
-fn find_free(turn: Turn, start: vec3f) -> Place {
-    var own = find_turn(turn, start);
-    own.found = own.found && !is_between(start, own.x);
-    return own;
-}
-
-// Searches along the curve for the place of the next particle of `turn`, at shorter distances if no
-// direction is free at its length. If none is, the place is the last one at its length.
-fn search_curve(strand: Strand, at: ptr<function, CurvePlace>, turn: Turn, ahead: vec3f, has_pass: bool) -> Place {
+// Searches for a place of the next particle of `turn`, at `x` if the edge is free there. If no
+// direction is free, the place is the last one at its length. `goal` is one edge on along the curve,
+// `ahead` the strand's direction.
+fn place_next(
+    strand: Strand,
+    at: ptr<function, CurvePlace>,
+    turn: Turn,
+    x: vec3f,
+    goal: vec3f,
+    leaves: bool,
+    ahead: vec3f,
+    has_pass: bool,
+) -> Place {
     let began = *at;
     var end = began;
+    var found = Place(false, x, 0.0);
     var own = turn;
-    var found = Place(false, turn.leader, 0.0);
-    var goal = turn.leader;
-    var has_corner = true;
+    var way = Followed(goal, vec3f(), false);
     // Of the longest edge for which a direction is free, by bisection.
     var least = 0.0;
     var most = turn.length;
-    for (var k = 0u; k < 2u + SHORTER_STEPS; k++) {
-        if k == 1u && !has_corner {
+    // All attempts share one search: compilers inline it.
+    for (var attempt = select(STRAIGHT, ALONG_CURVE, leaves); attempt < SHORTER + SHORTER_STEPS; attempt++) {
+        if (attempt == PAST_CORNER && !way.has_corner) || (attempt == ON_SURFACE && !has_pass) {
             continue;
         }
-        if k == 2u {
-            if has_pass {
-                // Nearly at its length on the surface.
-                let x = project(found.x);
-                own.length = distance(turn.leader, x);
-                if abs(own.length - turn.length) < NEARLY * turn.length {
-                    var inside = Inside(false, 0.0, vec3f());
-                    let clearance = test_all(own, x, &inside);
-                    if !inside.found && !is_between(goal, x) {
-                        *at = end;
-                        return Place(true, x, clearance);
-                    }
-                }
-            }
-            if !began.is_outside || !may_shorten(strand, began.edge, end.edge, turn, found.x, has_pass) {
-                break;
-            }
-        }
-        *at = began;
-        own.length = select(0.5 * (least + most), turn.length, k < 2u);
-        let followed = follow_curve(strand, at, turn.leader, ahead, own.length);
-        own.corner = followed.corner;
-        // The corner may lie beside the edge on the solid's side.
-        own.has_corner = followed.has_corner && k == 0u;
-        let other = find_free(own, followed.x);
-        if k == 0u {
-            found = other;
-            end = *at;
-            goal = followed.x;
-            has_corner = followed.has_corner;
-        } else if other.found {
-            found = other;
-            end = *at;
-        }
-        if k < 2u && found.found {
+        if attempt == SHORTER && !(began.is_outside && may_shorten(strand, began.edge, end.edge, turn, found.x, has_pass)) {
             break;
         }
-        if other.found {
+        own.length = select(turn.length, 0.5 * (least + most), attempt >= SHORTER);
+        if attempt == ALONG_CURVE || attempt >= SHORTER {
+            *at = began;
+            way = follow_curve(strand, at, turn.leader, ahead, own.length);
+        }
+        own.corner = way.corner;
+        // The corner may lie beside the edge on the solid's side.
+        own.has_corner = way.has_corner && attempt == ALONG_CURVE;
+        var start = way.x;
+        var steps = SLIDE_STEPS;
+        if attempt == STRAIGHT {
+            start = x;
+        } else if attempt == ON_SURFACE {
+            // Nearly at its length.
+            start = project(found.x);
+            steps = 1u;
+            own.length = distance(turn.leader, start);
+            if !(abs(own.length - turn.length) < NEARLY * turn.length) {
+                continue;
+            }
+        }
+        var tried = find_turn(own, start, steps);
+        tried.found = tried.found && !is_between(way.x, tried.x);
+        if attempt == STRAIGHT && tried.found {
+            (*at).edge += 1u;
+        }
+        if attempt < SHORTER && tried.found {
+            return tried;
+        }
+        if attempt == ALONG_CURVE || (attempt >= SHORTER && tried.found) {
+            found = tried;
+            end = *at;
+        }
+        if tried.found {
             least = own.length;
-        } else if k >= 2u {
+        } else if attempt >= SHORTER {
             most = own.length;
         }
     }
@@ -355,6 +366,10 @@ fn lay_along(strand: Strand) {
     for (var i = 0u; i < strand.particles; i++) {
         set_scratch_vector(strand, i, OLD_CURVE, position_at(strand, i));
     }
+    var thinnest = FAR;
+    for (var number = 0u; number < query.count; number++) {
+        thinnest = min(thinnest, query.solids[number].thinness);
+    }
     var leader = position_at(strand, first - 1u);
     var before = position_at(strand, max(first, 2u) - 2u);
     for (var i = first; i < strand.particles; i++) {
@@ -371,34 +386,25 @@ fn lay_along(strand: Strand) {
         // A leader that has slipped past its place would fold the strand; between one that is far
         // from its place and the goal, the way along the curve may lead around a solid.
         let leaves = distance(leader, goal) < FOLDS * length
-            || (at.is_outside && distance(leader, place_on_curve(strand, at)) > LAG * length);
+            || (distance(leader, place_on_curve(strand, at)) > LAG * length && thinnest >= THIN * length);
         var clearance = known - distance(x, goal);
         if known < 0.0 {
             at.edge += 1u;
             clearance = known;
         } else if clearance <= 0.0 || clearance + clearance_of(strand, i - 1u) <= length || leaves {
             let turn = Turn(leader, length, vec3f(), false, i <= frame.clamped);
-            var found = Place(false, x, 0.0);
-            if !leaves {
-                found = find_turn(turn, x);
-            }
-            if found.found && !is_between(goal, found.x) {
-                at.edge += 1u;
-                x = found.x;
-                clearance = found.clearance;
-            } else {
-                let own = search_curve(strand, &at, turn, leader - before, has_pass);
-                x = own.x;
-                clearance = own.clearance;
-                // Where no direction is free the length has precedence, unless a pass restores it.
-                if !own.found && has_pass {
-                    x = project(x);
-                } else if !own.found {
-                    for (var round = 0u; round < EXACT_ROUNDS; round++) {
-                        x = at_distance(leader, project(x), length);
-                    }
-                    report_contact(false, depth_of(x));
+            let own = place_next(strand, &at, turn, x, goal, leaves, leader - before, has_pass);
+            x = own.x;
+            clearance = own.clearance;
+            // Where no direction is free the length has precedence, unless a pass restores it.
+            for (var round = 0u; !own.found && round < select(EXACT_ROUNDS, 1u, has_pass); round++) {
+                x = project(x);
+                if !has_pass {
+                    x = at_distance(leader, x, length);
                 }
+            }
+            if !own.found && !has_pass {
+                report_contact(false, depth_of(x));
             }
         } else {
             at.edge += 1u;

@@ -235,9 +235,9 @@ fn resolve_particles<L: Lane>(
     }
 }
 
-/// Resolves the collisions of particles that edges have moved from where they were `before`. They
-/// are swept along their `paths` since the last query: an edge that went over the middle of a solid
-/// comes back through it, and a sweep from `before` would stop its ends there.
+/// Resolves the collisions of particles that edges have moved from where they were `before`. One
+/// whose straight path since the last query is free is not swept: an edge that went over the middle
+/// of a solid comes back through it, and a sweep from `before` would stop its ends there.
 #[inline(always)]
 fn resolve_again<L: Lane>(
     solids: &Solids<'_, L::Scalar>,
@@ -248,28 +248,39 @@ fn resolve_again<L: Lane>(
     contacts: &mut SolidContacts,
 ) {
     let QueriedStrands { first, lanes } = queried;
-    let mut queue = Queue::new(paths.start);
-    for i in solids.clamped.min(view.particles)..view.particles {
+    let mut queue = Queue::new(1);
+    for (i, &before) in before.iter().enumerate().take(view.particles).skip(solids.clamped) {
         let x = V3::<L>::load(view.positions, i, first);
         let last = L::load(&view.clearance[i], first);
-        let (by, from) = (x - before[i], paths.from[i]);
-        let left = L::select(last.lt(L::zero()), last, last - by.dot(by).sqrt());
+        let by = x - before;
+        let mut moved = by.dot(by).sqrt();
+        let left = L::select(last.lt(L::zero()), last, last - moved);
         left.store(&mut view.clearance[i], first);
         let used_up = !L::bits(L::zero().lt(left)) & lanes;
-        if used_up != 0 {
-            let moved = if paths.start == 0 {
-                clearance_left(solids, last, from, x).0
-            } else {
-                let along = x - from;
-                along.dot(along).sqrt()
-            };
-            queue.push_lanes(used_up, i, first, Queued { last, moved, from });
+        let mut swept = used_up & L::bits(L::zero().lt(moved));
+        while swept != 0 {
+            let lane = swept.trailing_zeros() as usize;
+            swept &= swept - 1;
+            if !is_blocked(solids, paths.start, paths.from[i].get(lane), x.get(lane), moved.get(lane)) {
+                moved.set(lane, L::Scalar::default());
+            }
         }
+        queue.push_lanes(used_up, i, first, Queued { last, moved, from: before });
         let rest = if i + 1 < view.particles { PACKET } else { 1 };
         while queue.len >= rest {
             queue.resolve_packet(solids, view, contacts);
         }
     }
+}
+
+/// Whether a solid that is thinner than `moved` lies on the path between two points, of which the
+/// first is one at the substep's start (`start` = 0) or end (1).
+#[inline(never)]
+fn is_blocked<T: Real>(solids: &Solids<'_, T>, start: usize, from: [T; 3], to: [T; 3], moved: T) -> bool {
+    solids.solids.iter().zip(solids.poses).any(|(collider, pose)| {
+        moved > crate::strands::number(collider.shape.thinness())
+            && sweep::sweep(collider.shape, solids.thickness, &pose.sweep_path(start, from, to)).is_some()
+    })
 }
 
 /// For particles that moved from `from` to `x` in a substep and had clearance `last`: an upper

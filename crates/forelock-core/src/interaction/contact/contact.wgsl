@@ -37,7 +37,8 @@ struct Contacts {
     spacing: f32,
     inverse_piece: f32,
     inverse_particles: f32,
-    pad_0: f32,
+    // Displacement relative to the mean motion that friction holds in a frame, metres.
+    hold: f32,
     // Maximum number of contacts in a frame; maximum number of active particles; number of
     // particles that may exceed the residual motion for which slices are chosen.
     budget: u32,
@@ -162,6 +163,19 @@ fn side_of_box() -> f32 {
 
 fn in_box(at: vec3f) -> bool {
     return all_finite(at) && all(at >= touch.low) && all(at <= touch.high);
+}
+
+// A sum of 64 bits, lower half first (`add_wide`).
+fn wide(at: u32) -> f32 {
+    var low = atomicLoad(&table[at]);
+    var high = atomicLoad(&table[at + 1u]);
+    let negative = (high & 0x80000000u) != 0u;
+    if negative {
+        low = ~low + 1u;
+        high = ~high + select(0u, 1u, low == 0u);
+    }
+    let sum = f32(high) * 4294967296.0 + f32(low);
+    return select(sum, -sum, negative);
 }
 
 fn bin_of(x: f32) -> u32 {

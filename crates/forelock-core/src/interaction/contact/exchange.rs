@@ -1,4 +1,5 @@
-//! Contacts between strands as an interaction of a simulation.
+//! Contacts between strands, with friction between neighbours, as an interaction of a simulation:
+//! two exchanges that share their buffers.
 
 use super::{ContactMoment, ContactParams, Contacts, ParticleRows};
 use crate::frame::{
@@ -16,6 +17,15 @@ pub const EXCHANGE: Exchange = Exchange {
     records_start: true,
 };
 
+/// The exchange that friction between neighbouring hair adds to the plan of a frame.
+pub const FRICTION: Exchange = Exchange {
+    name: EXCHANGE.name,
+    stage: "hold_hair",
+    phase: Phase::BeforeLengths(1),
+    moves: Moves::Particles,
+    records_start: true,
+};
+
 /// Contacts, and a buffer for the velocities of the hair.
 #[derive(Debug)]
 pub(crate) struct ContactInteraction<T> {
@@ -27,6 +37,24 @@ impl<T: Real> ContactInteraction<T> {
     /// Creates the contacts for the strands of `model`; the search uses the instruction set `simd`.
     pub fn new(model: &Model<T>, params: &ContactParams, simd: Simd) -> Self {
         Self { contacts: Contacts::new(model, params, simd), motion: Vec::new() }
+    }
+
+    /// Calls `change` with the rows of `state`, its velocities those of the motion.
+    fn change<R>(
+        &mut self,
+        cx: &ExchangeContext<'_, T>,
+        state: &mut State<T>,
+        change: impl FnOnce(&mut Contacts, ParticleRows<'_, T>, &ContactMoment<'_>) -> R,
+    ) -> R {
+        let moment = ContactMoment { head: &cx.last_substep[1], clamped: cx.clamped, dt_secs: cx.dt_secs };
+        // Moved out while the rest of the state is borrowed.
+        let mut clearance = std::mem::take(&mut state.clearance);
+        let contacts = &mut self.contacts;
+        let result = with_motion(state, &mut self.motion, cx.h(), |positions, velocities| {
+            change(contacts, ParticleRows { positions, velocities, clearance: &mut clearance }, &moment)
+        });
+        state.clearance = clearance;
+        result
     }
 }
 
@@ -45,15 +73,8 @@ impl<T: Real> Interaction<T> for ContactInteraction<T> {
         state: &mut State<T>,
         report: &mut FrameReport,
     ) -> bool {
-        // Moved out while the rest of the state is borrowed.
-        let mut clearance = std::mem::take(&mut state.clearance);
-        let moment = ContactMoment { head: &cx.last_substep[1], clamped: cx.clamped, dt_secs: cx.dt_secs };
-        let contacts = &mut self.contacts;
-        let contact_report = with_motion(state, &mut self.motion, cx.h(), |positions, velocities| {
-            let rows = ParticleRows { positions, velocities, clearance: &mut clearance };
-            contacts.resolve(cx.model, rows, &moment)
-        });
-        state.clearance = clearance;
+        let contact_report =
+            self.change(cx, state, |contacts, rows, moment| contacts.resolve(cx.model, rows, moment));
         report.strand_contacts = contact_report;
         let stages = ["find_contacts", "resolve_contacts"];
         stages
@@ -61,6 +82,21 @@ impl<T: Real> Interaction<T> for ContactInteraction<T> {
             .zip(contact_report.secs)
             .for_each(|(name, secs)| report.stages.add(name, shared_secs(secs)));
         contact_report.contacts > 0
+    }
+
+    fn early_exchange(&self) -> Option<Exchange> {
+        (self.contacts.params().hold > 0.0).then_some(FRICTION)
+    }
+
+    fn exchange_early(
+        &mut self,
+        cx: &ExchangeContext<'_, T>,
+        state: &mut State<T>,
+        report: &mut FrameReport,
+    ) {
+        let clock = std::time::Instant::now();
+        self.change(cx, state, |contacts, rows, moment| contacts.hold(cx.model, rows, moment));
+        report.stages.add(FRICTION.stage, shared_secs(clock.elapsed().as_secs_f64()));
     }
 
     fn rebuild(&mut self, model: &Model<T>, simd: Simd) {

@@ -1,6 +1,6 @@
 //! Mean motion: a smooth field of the displacements of the hair in a frame.
 
-use super::Displacements;
+use super::displacements::{Displacements, Place};
 use super::histogram::{Cutoff, Histogram};
 use crate::lane::{LANES, Real, widest};
 use crate::scratch::fill;
@@ -12,19 +12,23 @@ use std::ops::Range;
 
 /// Minimum distance between nodes, metres.
 pub const SPACING: f32 = 0.03;
+/// Minimum distance between nodes for the search of contacts, over the longest edge.
+pub const SPACING_PER_EDGE: f32 = 4.0;
 /// Hair farther from the centre of the groom than this multiple of the groom's rest radius is
 /// ignored.
 pub const FAR: f32 = 4.0;
 /// Maximum number of nodes along an axis.
 pub const NODES: usize = 48;
 /// Number of partial sums; it is fixed so that sums do not depend on the number of threads.
-const PARTS: usize = 16;
+pub(super) const PARTS: usize = 16;
 /// Stride of the lanes that are summed.
-pub const EVERY: usize = 4;
+pub const EVERY: usize = 8;
 
 /// Trilinear field of displacements a frame, on a grid of nodes.
 #[derive(Debug, Default)]
 pub(crate) struct MeanMotion {
+    /// Minimum distance between nodes, metres.
+    least_spacing: f32,
     low: Vec3,
     spacing: f32,
     dims: [usize; 3],
@@ -56,14 +60,17 @@ fn extent<T: Real>(
     for place in places {
         let live = model.blocks[displacements.block[place] as usize].live;
         for x in displacements.place(place) {
+            let mut counts = [false; LANES];
             for lane in 0..LANES {
                 let square = x[0][lane] * x[0][lane] + x[1][lane] * x[1][lane] + x[2][lane] * x[2][lane];
-                let counts = (square < far) & (lane < live);
-                for c in 0..3 {
-                    let [least, greatest] =
-                        if counts { [x[c][lane]; 2] } else { [f32::INFINITY, -f32::INFINITY] };
-                    low[c][lane] = low[c][lane].min(least);
-                    high[c][lane] = high[c][lane].max(greatest);
+                counts[lane] = square < far;
+            }
+            counts[live..].fill(false);
+            for c in 0..3 {
+                for lane in 0..LANES {
+                    let own = x[c][lane];
+                    low[c][lane] = if counts[lane] & (own < low[c][lane]) { own } else { low[c][lane] };
+                    high[c][lane] = if counts[lane] & (own > high[c][lane]) { own } else { high[c][lane] };
                 }
             }
         }
@@ -118,15 +125,37 @@ impl LargestResiduals {
 }
 
 impl MeanMotion {
+    /// A field whose nodes are at least `least_spacing` apart, metres.
+    pub fn new(least_spacing: f32) -> Self {
+        Self { least_spacing, ..Self::default() }
+    }
+
+    /// A field for the search of contacts between edges of up to `longest` metres.
+    pub fn for_edges(longest: f32) -> Self {
+        Self::new(SPACING.max(SPACING_PER_EDGE * longest))
+    }
+
     pub fn bytes(&self) -> usize {
         let nodes = 16 * (self.nodes.capacity() + self.parts.iter().map(Vec::capacity).sum::<usize>());
         nodes + self.part_histograms.iter().map(Histogram::bytes).sum::<usize>()
     }
 
-    /// Measures the field, and the residual motion of every particle.
-    pub fn measure<T: Real>(&mut self, model: &Model<T>, displacements: &mut Displacements) {
+    /// Measures the field, and the residual motion of every particle. Particles can be selected by
+    /// residual motions of more than `least`, metres.
+    pub fn measure<T: Real>(&mut self, model: &Model<T>, displacements: &mut Displacements, least: f32) {
+        self.measure_field(model, displacements);
+        self.measure_residual_motion(model, displacements, least);
+    }
+
+    /// The number of nodes.
+    pub fn count(&self) -> usize {
+        self.dims.iter().product()
+    }
+
+    /// Measures the field.
+    pub fn measure_field<T: Real>(&mut self, model: &Model<T>, displacements: &Displacements) {
         self.fit(model, displacements);
-        let count = self.dims.iter().product();
+        let count = self.count();
         let per_part = model.places().div_ceil(PARTS).max(1);
         self.parts.resize_with(PARTS, Vec::new);
         let mut parts = std::mem::take(&mut self.parts);
@@ -152,16 +181,16 @@ impl MeanMotion {
         }
         self.smooth(&mut parts[0]);
         self.parts = parts;
-        self.measure_residual_motion(model, displacements, per_part);
     }
 
-    /// The residual motion that at most `most` particles exceed, to an eighth, metres.
+    /// The residual motion that at most `most` particles exceed, to an eighth, metres; about zero
+    /// if it is less than the least that was measured.
     pub fn exceeded_by(&self, most: usize) -> f32 {
         self.part_histograms[0].cutoff(most).bound()
     }
 
     /// Selects the `most` particles of the largest residual motion among those that exceed `least`
-    /// metres.
+    /// metres, which is not less than the least that was measured.
     pub fn largest_residuals(&self, most: usize, least: f32) -> LargestResiduals {
         let last = self.part_histograms[0].cutoff(most);
         let share = if last.count == 0 { 1.0 } else { last.selected as f32 / last.count as f32 };
@@ -184,7 +213,7 @@ impl MeanMotion {
         let extent = (0..PARTS).into_par_iter().map(around).reduce(|| EMPTY, join);
         self.extent = if extent[0].is_finite() { extent } else { [Vec3::ZERO; 2] };
         let side = (self.extent[1] - self.extent[0]).max_element();
-        self.spacing = SPACING.max(4.0 * displacements.longest).max(side / (NODES - 2) as f32);
+        self.spacing = self.least_spacing.max(side / (NODES - 2) as f32);
         self.low = self.extent[0];
         let nodes = (self.extent[1] - self.low) / self.spacing;
         self.dims = nodes.to_array().map(|nodes| (nodes as usize + 2).min(NODES + 1));
@@ -211,7 +240,7 @@ impl MeanMotion {
 
     /// The eight nodes around a point, and their weights.
     #[inline]
-    fn about(&self, at: Vec3) -> [(usize, f32); 8] {
+    pub fn about(&self, at: Vec3) -> [(usize, f32); 8] {
         let Corner { node, fraction: f } = self.corner(at);
         let (first, g) = (self.index(node), 1.0 - f);
         let (y, z) = (self.dims[0], self.dims[0] * self.dims[1]);
@@ -260,6 +289,19 @@ impl MeanMotion {
     /// 0 if it is not finite.
     #[inline(always)]
     fn residual_motion(&self, displacements: &Displacements, place: usize) -> [f32; LANES] {
+        let residual = self.residual(displacements, place);
+        let mut squares = [0.0f32; LANES];
+        for row in &residual {
+            for lane in 0..LANES {
+                squares[lane] += row[lane] * row[lane];
+            }
+        }
+        squares.map(|square| if square < f32::INFINITY { square.sqrt() } else { 0.0 })
+    }
+
+    /// The displacement of each particle of a place relative to the mean motion, metres.
+    #[inline(always)]
+    pub fn residual(&self, displacements: &Displacements, place: usize) -> Place {
         let [start, end] = displacements.place(place);
         let inverse = 1.0 / self.spacing;
         let strides = [1, self.dims[0], self.dims[0] * self.dims[1]];
@@ -276,7 +318,27 @@ impl MeanMotion {
                 first[lane] += steps[c] * node;
             }
         }
-        let mut mean = [[0.0f32; LANES]; 3];
+        let mut residual = [[0.0f32; LANES]; 3];
+        let one = first[0];
+        if first.iter().all(|node| *node == one) {
+            // Neighbouring strands mostly have the same nodes.
+            let corner = |k: usize| {
+                let layers = (k >> 1 & 1) * strides[1] + (k >> 2) * strides[2];
+                self.nodes[one as usize + (k & 1) + layers]
+            };
+            let corners: [Vec4; 8] = std::array::from_fn(corner);
+            let [x, y, z] = &fractions;
+            for c in 0..3 {
+                let at = corners.map(|node| node[c]);
+                for lane in 0..LANES {
+                    let along_x = |k: usize| at[k] + x[lane] * (at[k + 1] - at[k]);
+                    let along_y = |k: usize| along_x(k) + y[lane] * (along_x(k + 2) - along_x(k));
+                    let mean = along_y(0) + z[lane] * (along_y(4) - along_y(0));
+                    residual[c][lane] = end[c][lane] - start[c][lane] - mean;
+                }
+            }
+            return residual;
+        }
         for lane in 0..LANES {
             let [x, y, z] = [0, 1, 2].map(|c| fractions[c][lane]);
             let along_x = |row: usize| {
@@ -289,24 +351,21 @@ impl MeanMotion {
             };
             let first = first[lane] as usize;
             let [low, high] = [along_y(first), along_y(first + strides[2])];
-            let at = low + z * (high - low);
-            (mean[0][lane], mean[1][lane], mean[2][lane]) = (at.x, at.y, at.z);
-        }
-        let mut squares = [0.0f32; LANES];
-        for c in 0..3 {
-            for lane in 0..LANES {
-                squares[lane] += (end[c][lane] - start[c][lane] - mean[c][lane]).powi(2);
+            let mean = low + z * (high - low);
+            for c in 0..3 {
+                residual[c][lane] = end[c][lane] - start[c][lane] - mean[c];
             }
         }
-        squares.map(|square| if square < f32::INFINITY { square.sqrt() } else { 0.0 })
+        residual
     }
 
     fn measure_residual_motion<T: Real>(
         &mut self,
         model: &Model<T>,
         displacements: &mut Displacements,
-        per_part: usize,
+        least: f32,
     ) {
+        let per_part = model.places().div_ceil(PARTS).max(1);
         let mut residual_motion = std::mem::take(&mut displacements.residual_motion);
         let now = &*displacements;
         let mut sums = [(0.0, 0.0); PARTS];
@@ -320,7 +379,7 @@ impl MeanMotion {
             .enumerate()
             .for_each(|(k, ((residual_motion, sums), histograms))| {
                 histograms.clear();
-                let (mut sum, mut most) = (0.0f64, 0.0f32);
+                let (mut squares, mut most) = ([0.0f64; LANES], [0.0f32; LANES]);
                 for (own, residual_motion) in residual_motion.chunks_exact_mut(LANES).enumerate() {
                     let place = k * per_part + own;
                     let row = widest(
@@ -328,14 +387,19 @@ impl MeanMotion {
                         || field.residual_motion(now, place),
                     );
                     let live = model.blocks[now.block[place] as usize].live;
-                    for (out, residual) in residual_motion.iter_mut().zip(row).take(live) {
-                        *out = residual;
-                        sum += f64::from(residual) * f64::from(residual);
-                        most = most.max(residual);
-                        histograms.add(residual);
+                    let mut fastest = 0.0f32;
+                    for lane in 0..LANES {
+                        let residual = if lane < live { row[lane] } else { 0.0 };
+                        residual_motion[lane] = residual;
+                        squares[lane] += f64::from(residual) * f64::from(residual);
+                        most[lane] = if residual > most[lane] { residual } else { most[lane] };
+                        fastest = if residual > fastest { residual } else { fastest };
+                    }
+                    if fastest > least {
+                        row[..live].iter().filter(|own| **own > least).for_each(|own| histograms.add(*own));
                     }
                 }
-                *sums = (sum, most);
+                *sums = (squares.iter().sum(), most.into_iter().fold(0.0, f32::max));
             });
         displacements.residual_motion = residual_motion;
         if let [all, others @ ..] = &mut *histograms {

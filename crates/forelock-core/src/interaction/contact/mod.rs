@@ -14,7 +14,7 @@
 //! residual motion of a segment, relative to the mean motion, extends its reach in the search, so
 //! hair that swings together costs no more than hair at rest. Contacts are searched only for
 //! segments whose residual motion is faster than half of [`ContactParams::slip`], fastest first,
-//! and [`ContactParams::budget`] bounds the work.
+//! and [`ContactParams::budget`] bounds the work. Slower hair is held by friction ([`hold_hair`]).
 //!
 //! # Limitations
 //! There is no self-collision of strands. If more than [`RUN_SEGMENTS`] segments lie side by side
@@ -24,6 +24,7 @@ mod displacements;
 mod exchange;
 pub mod find_contacts;
 pub mod histogram;
+pub mod hold_hair;
 pub mod mean_motion;
 mod params;
 pub mod resolve_contacts;
@@ -31,7 +32,7 @@ pub mod resolve_contacts;
 pub use crate::frame::ContactReport;
 pub(crate) use displacements::{Displacements, closest};
 pub(crate) use exchange::ContactInteraction;
-pub use exchange::EXCHANGE;
+pub use exchange::{EXCHANGE, FRICTION};
 pub(crate) use histogram::Histogram;
 pub(crate) use mean_motion::{LargestResiduals, MeanMotion};
 pub use params::ContactParams;
@@ -108,6 +109,7 @@ pub struct Contacts {
     params: ContactParams,
     displacements: Displacements,
     mean_motion: MeanMotion,
+    friction: hold_hair::Friction,
     finder: find_contacts::Finder,
     resolver: resolve_contacts::Resolver,
 }
@@ -115,10 +117,13 @@ pub struct Contacts {
 impl Contacts {
     /// Creates the contacts for the strands of `model`; the search uses the instruction set `simd`.
     pub fn new<T: Real>(model: &Model<T>, params: &ContactParams, simd: Simd) -> Self {
+        let displacements = Displacements::new(model);
+        let mean_motion = MeanMotion::for_edges(displacements.longest);
         Self {
             params: params.clone(),
-            displacements: Displacements::new(model),
-            mean_motion: MeanMotion::default(),
+            displacements,
+            mean_motion,
+            friction: hold_hair::Friction::new(model),
             finder: find_contacts::Finder::new(model, params, simd),
             resolver: resolve_contacts::Resolver::default(),
         }
@@ -131,13 +136,26 @@ impl Contacts {
 
     /// Bytes held.
     pub fn bytes(&self) -> usize {
-        self.displacements.bytes() + self.mean_motion.bytes() + self.finder.bytes() + self.resolver.bytes()
+        self.displacements.bytes()
+            + self.mean_motion.bytes()
+            + self.friction.bytes()
+            + self.finder.bytes()
+            + self.resolver.bytes()
     }
 
     /// Records the positions at the start of the frame. `head` maps the frame of the head, about
     /// the centre of the model, to the frame of `positions`.
     pub fn record_start<T: Real>(&mut self, model: &Model<T>, positions: &[Row<T>], head: &Pose) {
         self.displacements.record_start(model, positions, head);
+    }
+
+    /// Holds what moved slowly relative to its neighbours since
+    /// [`record_start`](Self::record_start), up to the acceleration [`ContactParams::hold`]:
+    /// changes positions and velocities of all particles except the clamped ones, and subtracts the
+    /// distances from their clearances.
+    pub fn hold<T: Real>(&mut self, model: &Model<T>, rows: ParticleRows<'_, T>, moment: &ContactMoment<'_>) {
+        self.displacements.record_end(model, rows.positions, moment.head);
+        self.friction.hold(model, &self.displacements, rows, moment, self.params.hold);
     }
 
     /// Finds the contacts since [`record_start`](Self::record_start) and resolves them: changes
@@ -151,7 +169,8 @@ impl Contacts {
     ) -> ContactReport {
         let clock = std::time::Instant::now();
         self.displacements.record_end(model, rows.positions, moment.head);
-        self.mean_motion.measure(model, &mut self.displacements);
+        let least = find_contacts::least_residual(&self.params, moment.dt_secs);
+        self.mean_motion.measure(model, &mut self.displacements, least);
         let found =
             self.finder.find(model, &self.params, moment.dt_secs, &self.displacements, &self.mean_motion);
         let secs = clock.elapsed().as_secs_f64();

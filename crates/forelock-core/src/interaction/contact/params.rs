@@ -15,9 +15,12 @@ pub struct ContactParams {
     /// Minimum distance of the centre lines of two strands. Unit m, default 5e-4, range 1e-6 to
     /// 0.1. Strands that are closer at rest may come as close as they are at rest.
     pub distance: f64,
-    /// Relative speed below which contacts are ignored and left to the grid. Unit m/s, default
-    /// 0.01, range 0 to 1000.
+    /// Relative speed below which contacts are ignored and left to friction and the grid. Unit m/s,
+    /// default 0.02, range 0 to 1000.
     pub slip: f64,
+    /// Acceleration up to which friction holds hair that moves relative to its neighbours; 0 is no
+    /// such friction. Unit m/s², default 1.2, range 0 to 10000.
+    pub hold: f64,
     /// Maximum number of contacts in a frame; those of the fastest approach are kept. Contacts are
     /// searched for an eighth as many particles, those of the largest motion relative to their
     /// neighbours. Unit contacts, default 32768, range 8 to 10000000.
@@ -39,7 +42,8 @@ impl Default for ContactParams {
     fn default() -> Self {
         Self {
             distance: 5e-4,
-            slip: 0.01,
+            slip: 0.02,
+            hold: 1.2,
             budget: 32_768,
             friction: 0.3,
             spread: 0.05,
@@ -64,6 +68,7 @@ impl ContactParams {
         Ok(check::<Self, f64>(&[
             ("distance", &[self.distance]),
             ("slip", &[self.slip]),
+            ("hold", &[self.hold]),
             ("budget", &[self.budget.into()]),
             ("friction", &[self.friction]),
             ("spread", &[self.spread]),

@@ -11,7 +11,7 @@ use crate::strands::{Model, State};
 pub const EXCHANGE: Exchange = Exchange {
     name: "grid",
     stage: "splat_segments",
-    phase: Phase::BeforeLengths,
+    phase: Phase::BeforeLengths(0),
     moves: Moves::Particles,
     records_start: false,
 };

@@ -12,7 +12,7 @@ crate::documented! {
 )]
 pub struct GridParams {
     /// Number of cells along the longest side of the bounding box of the rest shape. Unit cells,
-    /// default 64, range 8 to 512.
+    /// default 48, range 8 to 512.
     pub resolution: u32,
     /// Rate at which particles adopt the velocity of the grid (PIC) rather than its change (FLIP).
     /// Unit s⁻¹, default 3, range 0 to 1e6; 0 is pure FLIP, 3.08 is 95 % FLIP at 60 frames a
@@ -22,7 +22,7 @@ pub struct GridParams {
     /// may gather until it is as dense. Unit m⁻², default 0, range 0 to 1e15; 0 uses a tenth of the
     /// mean of the rest shape.
     pub rest_density: f64,
-    /// Rate at which over-dense hair expands. Unit s⁻¹, default 100, range 0 to 1e6; with 0 it does
+    /// Rate at which over-dense hair expands. Unit s⁻¹, default 200, range 0 to 1e6; with 0 it does
     /// not expand and only stops getting denser.
     pub volume_rate: f64,
     /// Maximum number of relaxation sweeps of a pressure solve, rounded up to a multiple of four.
@@ -40,10 +40,10 @@ pub struct GridParams {
 impl Default for GridParams {
     fn default() -> Self {
         Self {
-            resolution: 64,
+            resolution: 48,
             pic_rate: 3.0,
             rest_density: 0.0,
-            volume_rate: 100.0,
+            volume_rate: 200.0,
             iterations: 60,
             tolerance: 1e-3,
             max_cells: 4_000_000,

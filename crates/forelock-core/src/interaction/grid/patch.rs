@@ -5,7 +5,7 @@ use super::bounds::{STRIP, strips_of};
 use super::transpose::nodes_of_rows;
 use super::{Bounds, GridFrame, Lattice, Node, Segments, Stencils, View};
 use crate::lane::{LANES, Real, Row, widest};
-use crate::scratch::resize;
+use crate::scratch::{fill, resize};
 use crate::strands::{Block, Model};
 use std::ops::Range;
 
@@ -23,8 +23,10 @@ pub(crate) struct Patch {
     dims: [usize; 3],
     /// Zero except in marked clusters.
     nodes: Vec<Node>,
-    /// 1 for each cluster to whose nodes a sample may have added.
+    /// 1 for each cluster to whose nodes a sample added in the first row of its stencil.
     marks: Vec<u8>,
+    /// A bit for each cluster to whose nodes a sample may have added.
+    touched: Vec<u32>,
 }
 
 /// Nodes side by side that a patch marks and clears together. Patches overlap, so this is less than
@@ -32,6 +34,8 @@ pub(crate) struct Patch {
 const CLUSTER: usize = 4;
 /// Clusters of a strip.
 const CLUSTERS: usize = STRIP / CLUSTER;
+/// Clusters of a word of bits.
+const WORD: usize = 32;
 
 /// Largest distance of neighbouring samples of a strand, cells. The kernel of a sample is two cells
 /// wide; in dense hair, samples of neighbouring strands lie between them.
@@ -59,6 +63,7 @@ pub(crate) fn patches<T: Real>(model: &Model<T>, cell: f64) -> Vec<Patch> {
             dims: [0; 3],
             nodes: Vec::new(),
             marks: Vec::new(),
+            touched: Vec::new(),
         }
     };
     model.parts(PATCHES).map(patch).collect()
@@ -74,7 +79,8 @@ pub(crate) fn join(a: [[f32; 3]; 2], b: [[f32; 3]; 2]) -> [[f32; 3]; 2] {
 
 impl Patch {
     pub fn bytes(&self) -> usize {
-        self.nodes.capacity() * size_of::<Node>() + self.marks.capacity() + size_of_val(&*self.points)
+        let marks = self.marks.capacity() + 4 * self.touched.capacity();
+        self.nodes.capacity() * size_of::<Node>() + marks + size_of_val(&*self.points)
     }
 
     /// Measures the extent of the hair, and clears the nodes.
@@ -90,9 +96,10 @@ impl Patch {
 
     /// Adds the samples of all edges to the nodes, which have been placed.
     pub fn splat<T: Real>(&mut self, hair: &Segments<'_, T>, frame: &GridFrame, bounds: &Bounds, cell: f64) {
-        let clusters = self.dims.iter().product();
+        let clusters: usize = self.dims.iter().product();
         resize(&mut self.nodes, CLUSTER * clusters, Node::default());
-        crate::scratch::fill(&mut self.marks, clusters, 0);
+        fill(&mut self.marks, clusters.next_multiple_of(WORD), 0);
+        fill(&mut self.touched, clusters.div_ceil(WORD), 0);
         let (lattice, view) = (self.lattice(bounds, cell), View::new(frame, bounds, cell));
         widest(
             #[inline(always)]
@@ -103,10 +110,8 @@ impl Patch {
 
     /// Clears the nodes of marked clusters.
     fn clear(&mut self) {
-        for (mark, nodes) in self.marks.iter().zip(self.nodes.chunks_exact_mut(CLUSTER)) {
-            if *mark != 0 {
-                nodes.fill(Node::default());
-            }
+        for cluster in ones(&self.touched) {
+            self.nodes[CLUSTER * cluster..CLUSTER * (cluster + 1)].fill(Node::default());
         }
     }
 
@@ -127,7 +132,9 @@ impl Patch {
     pub fn reserve(&mut self, most: usize) {
         if self.nodes.capacity() < most {
             self.nodes.reserve_exact(2 * most - self.nodes.len());
-            self.marks.reserve_exact(2 * most / CLUSTER - self.marks.len());
+            let clusters = (2 * most / CLUSTER).next_multiple_of(WORD);
+            self.marks.reserve_exact(clusters - self.marks.len());
+            self.touched.reserve_exact(clusters / WORD - self.touched.len());
         }
     }
 
@@ -168,12 +175,19 @@ impl Patch {
         }
     }
 
-    /// Spreads the marks from the first row of the stencils to all four.
+    /// Collects the marks and spreads them from the first row of the stencils to all four.
     fn spread_marks(&mut self) {
-        let [row, rows, _] = self.dims;
-        for stride in [row, row * rows] {
-            for cluster in (stride..self.marks.len()).rev() {
-                self.marks[cluster] |= self.marks[cluster - stride];
+        let Self { marks, touched, dims: [row, rows, _], .. } = self;
+        for (word, marks) in touched.iter_mut().zip(marks.chunks_exact(WORD)) {
+            *word = (0..WORD).fold(0, |word, k| word | u32::from(marks[k]) << k);
+        }
+        for stride in [*row, *row * *rows] {
+            let (words, bits) = (stride / WORD, stride % WORD);
+            for k in (words..touched.len()).rev() {
+                // Shifted by all bits there is nothing left.
+                let below = if k > words { touched[k - words - 1] } else { 0 };
+                let carried = below.checked_shr((WORD - bits) as u32).unwrap_or(0);
+                touched[k] |= touched[k - words] << bits | carried;
             }
         }
     }
@@ -184,24 +198,42 @@ impl Patch {
     pub fn add_layer(&self, k: usize, bounds: &Bounds, nodes: &mut [Node], marks: &mut [u8]) {
         let [row, rows, layers] = self.dims;
         let Some(layer) = k.checked_sub(self.low[2]).filter(|layer| *layer < layers) else { return };
-        for j in 0..rows {
-            let from = row * (rows * layer + j);
-            let first = bounds.strips() * (self.low[1] + j) + self.low[0] / STRIP;
-            let marked = self.marks[from..from + row].iter().enumerate().filter(|(_, mark)| **mark != 0);
-            for (cluster, _) in marked {
-                let strip = first + cluster / CLUSTERS;
-                let all = &mut nodes[STRIP * strip..STRIP * (strip + 1)];
-                if marks[strip] == 0 {
-                    marks[strip] = 1;
-                    all.fill(Node::default());
-                }
-                let own = &self.nodes[CLUSTER * (from + cluster)..][..CLUSTER];
-                for (sum, node) in all[CLUSTER * (cluster % CLUSTERS)..].iter_mut().zip(own) {
-                    *sum = *sum + *node;
-                }
+        let (from, to) = (row * rows * layer, row * rows * (layer + 1));
+        let words = &self.touched[from / WORD..to.div_ceil(WORD)];
+        // The first cluster of the next row, and the first strip of this one.
+        let mut next = from + row;
+        let mut first = bounds.strips() * self.low[1] + self.low[0] / STRIP;
+        let clusters = ones(words).map(|place| from / WORD * WORD + place);
+        for cluster in clusters.skip_while(|cluster| *cluster < from).take_while(|cluster| *cluster < to) {
+            while cluster >= next {
+                (next, first) = (next + row, first + bounds.strips());
+            }
+            let place = cluster + row - next;
+            let strip = first + place / CLUSTERS;
+            let all = &mut nodes[STRIP * strip..STRIP * (strip + 1)];
+            if marks[strip] == 0 {
+                marks[strip] = 1;
+                all.fill(Node::default());
+            }
+            let own = &self.nodes[CLUSTER * cluster..CLUSTER * (cluster + 1)];
+            for (sum, node) in all[CLUSTER * (place % CLUSTERS)..].iter_mut().zip(own) {
+                *sum = *sum + *node;
             }
         }
     }
+}
+
+/// The places of the ones in `words`, lowest first.
+#[inline(always)]
+fn ones(words: &[u32]) -> impl Iterator<Item = usize> {
+    words.iter().enumerate().filter(|(_, word)| **word != 0).flat_map(|(k, word)| {
+        let mut word = *word;
+        std::iter::from_fn(move || {
+            let place = word.trailing_zeros() as usize;
+            word &= word.wrapping_sub(1);
+            (place < WORD).then_some(WORD * k + place)
+        })
+    })
 }
 
 /// Adds a sample of each lane to the nodes of its stencil.

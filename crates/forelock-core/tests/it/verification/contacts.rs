@@ -130,21 +130,28 @@ impl Free {
         }
     }
 
-    /// Moves by the velocities for a frame, and resolves; contacts, farthest move.
-    fn step(&mut self) -> (usize, f64) {
+    /// Moves by the velocities for a frame, and lets `act` change what is there then.
+    fn advance<R>(
+        &mut self,
+        act: impl FnOnce(&mut Contacts, &Model<f32>, ParticleRows<'_, f32>, &ContactMoment<'_>) -> R,
+    ) -> R {
         self.contacts.record_start(&self.model, &self.positions, &Pose::IDENTITY);
         self.each(|_, x, v| (0..3).for_each(|c| x[c] += v[c] * DT as f32));
         let mut clearance = vec![Row([f32::INFINITY; 16]); self.model.places()];
-        let report = self.contacts.resolve(
-            &self.model,
-            ParticleRows {
-                positions: &mut self.positions,
-                velocities: &mut self.velocities,
-                clearance: &mut clearance,
-            },
-            &ContactMoment { head: &Pose::IDENTITY, clamped: 0, dt_secs: DT },
-        );
+        let Self { model, positions, velocities, contacts } = self;
+        let rows = ParticleRows { positions, velocities, clearance: &mut clearance };
+        act(contacts, model, rows, &ContactMoment { head: &Pose::IDENTITY, clamped: 0, dt_secs: DT })
+    }
+
+    /// Moves for a frame, and resolves; contacts, farthest move.
+    fn step(&mut self) -> (usize, f64) {
+        let report = self.advance(|contacts, model, rows, moment| contacts.resolve(model, rows, moment));
         (report.contacts, report.farthest_m)
+    }
+
+    /// Moves for a frame, and lets friction act.
+    fn hold(&mut self) {
+        self.advance(|contacts, model, rows, moment| contacts.hold(model, rows, moment));
     }
 
     /// Σ v and Σ |v|, all particles of equal mass.
@@ -185,6 +192,43 @@ fn momentum_is_kept_and_energy_only_lost() {
         last / first
     );
     assert!(met > 10_000 && last < 0.9 * first && error < 1e-6, "{met} {error:e}");
+}
+
+/// Friction holds strands that move slowly relative to their neighbours, slows down the others by
+/// no more than its acceleration, and keeps momentum.
+#[test]
+fn friction_holds_slow_hair_and_keeps_momentum() {
+    let params = ContactParams::default();
+    let limit = params.hold * DT;
+    for (speed, held) in [(0.3 * limit, true), (20.0 * limit, false)] {
+        let mut random = Random(11);
+        let mut free = Free::new(&wisps(), &params);
+        let throw: Vec<DVec3> = (0..2 * WISP).map(|_| speed * random.vector()).collect();
+        let drift = DVec3::new(0.2, 0.1, 0.0);
+        free.each(|strand, _, v| *v = (drift + throw[strand]).as_vec3().to_array());
+        let spread = |free: &mut Free| {
+            let (mut sum, mut squares, mut count) = (DVec3::ZERO, 0.0, 0.0);
+            free.each(|_, _, v| {
+                sum += vector(*v);
+                squares += vector(*v).length_squared();
+                count += 1.0;
+            });
+            (squares / count - (sum / count).length_squared()).sqrt()
+        };
+        let (before, (momentum, size)) = (spread(&mut free), free.momentum());
+        free.hold();
+        let after = spread(&mut free);
+        let error = (free.momentum().0 - momentum).length() / size;
+        println!(
+            "{speed:.4} m/s: relative motion {before:.5} to {after:.5} m/s, momentum off by {error:.1e}"
+        );
+        assert!(error < 1e-6, "{error:e}");
+        if held {
+            assert!(after < 0.1 * before, "{after}");
+        } else {
+            assert!(after < before && before - after < limit, "{before} {after}");
+        }
+    }
 }
 
 /// Two strands that cross at their middles, thrown at each other: the relative velocity that

@@ -20,6 +20,7 @@ mod masses;
 mod non_hookean;
 mod particles;
 pub mod rig;
+mod settles;
 mod sleep;
 mod solids;
 mod steps;

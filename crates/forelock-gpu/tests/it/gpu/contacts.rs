@@ -94,6 +94,11 @@ fn options() -> Options {
     Options { rest_pose: head(0), ..Options::default() }
 }
 
+/// Contacts without the friction between neighbours.
+fn contacts_alone() -> ContactParams {
+    ContactParams { hold: 0.0, slip: 0.01, ..ContactParams::default() }
+}
+
 /// Two wisps on the CPU after some frames with contacts, and a frame without them.
 struct Start<'a> {
     wisps: Wisps,
@@ -114,7 +119,7 @@ impl<'a> Start<'a> {
         let mut cpu = Simulation::from_strands(&wisps.strands(), solver, &options()).unwrap();
         let thrown = wisps.thrown(cpu.snapshot());
         cpu.restore(&thrown).unwrap();
-        cpu.set_contacts(Some(&ContactParams::default())).unwrap();
+        cpu.set_contacts(Some(&contacts_alone())).unwrap();
         for number in 0..after {
             cpu.step_frame(&frame(number)).unwrap();
         }
@@ -184,7 +189,7 @@ struct Cases<'a> {
 /// The same contacts, found another way. What float64 differs from float32 on the CPU is as much.
 fn touch_as_on_the_cpu(cases: &Cases<'_>) {
     let gpu = common::gpu();
-    let (solver, usual) = (AmsParams::default(), ContactParams::default());
+    let (solver, usual) = (AmsParams::default(), contacts_alone());
     for &after in cases.after {
         let own = Start::new(&solver, None, after).compare(&gpu, [&usual; 2]);
         let [there, here] = own.did.map(|did| did.contacts);
@@ -211,7 +216,7 @@ fn touch_as_on_the_cpu(cases: &Cases<'_>) {
 #[test]
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
 fn strands_touch_as_on_the_cpu() {
-    let (usual, solver) = (ContactParams::default(), AmsParams::default());
+    let (usual, solver) = (contacts_alone(), AmsParams::default());
     touch_as_on_the_cpu(&Cases {
         after: &[2, 16],
         params: &[
@@ -230,7 +235,7 @@ fn strands_touch_as_on_the_cpu() {
 #[test]
 #[ignore = "long: cargo xtask ci --nightly"]
 fn long_strands_touch_as_on_the_cpu_in_each_case() {
-    let (usual, solver) = (ContactParams::default(), AmsParams::default());
+    let (usual, solver) = (contacts_alone(), AmsParams::default());
     touch_as_on_the_cpu(&Cases {
         after: &[2, 4, 8, 16],
         params: &[
@@ -275,7 +280,7 @@ fn a_budget_keeps_the_fastest() {
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
 fn other_contacts_are_seen() {
     let gpu = common::gpu();
-    let (solver, usual) = (AmsParams::default(), ContactParams::default());
+    let (solver, usual) = (AmsParams::default(), contacts_alone());
     let mut start = Start::new(&solver, None, 8);
     for other in [
         ContactParams { distance: 6e-4, ..usual.clone() },
@@ -340,7 +345,7 @@ fn a_crowd_is_met_by_its_fastest() {
     let gpu = common::gpu();
     let (positions, offsets, velocities) = across(THROWN, 6000);
     let strands = Strands::new(&positions, &offsets);
-    let params = ContactParams { per_segment: 1024, budget: 1 << 18, ..ContactParams::default() };
+    let params = ContactParams { per_segment: 1024, budget: 1 << 18, hold: 0.0, ..ContactParams::default() };
     let weightless =
         FrameInput { gravity: DVec3::ZERO, roots: Roots::Rigid([Pose::IDENTITY; 2]), ..frame(0) };
     let free = free();
@@ -426,7 +431,7 @@ fn strands_meet_shorter_ones() {
 fn hair_out_of_bounds_harms_no_one() {
     let gpu = common::gpu();
     let wisps = Wisps::new(4);
-    let least = ContactParams { budget: 8, rounds: 1, per_segment: 1, ..ContactParams::default() };
+    let least = ContactParams { budget: 8, rounds: 1, per_segment: 1, ..contacts_alone() };
     let run = |broken: bool, params: &ContactParams, solver: &AmsParams| {
         let mut own = GpuSimulation::from_strands(&gpu, &wisps.strands(), solver, &options()).unwrap();
         own.set_contacts(Some(params)).unwrap();
@@ -569,4 +574,23 @@ fn a_steady_frame_with_contacts_makes_nothing_and_reads_nothing_back() {
     let mut own =
         GpuSimulation::from_strands(&small, &wisps.strands(), &AmsParams::default(), &options()).unwrap();
     assert!(matches!(own.set_contacts(Some(&ContactParams::default())), Err(GpuError::TooLarge { .. })));
+}
+
+/// Friction holds on the GPU what it holds on the CPU, and the comparison sees how strong it is.
+#[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn friction_holds_as_on_the_cpu() {
+    let gpu = common::gpu();
+    let solver = AmsParams::default();
+    let mut start = Start::new(&solver, None, 8);
+    // No contact is resolved, so that friction alone acts.
+    let alone = |hold| ContactParams { hold, slip: 1000.0, ..ContactParams::default() };
+    for hold in [0.3, 1.5, 20.0] {
+        let own = start.compare(&gpu, [&alone(hold); 2]);
+        assert_eq!(own.did.map(|did| did.contacts), [0; 2]);
+        assert!(own.given[0] > 3e-3 * hold.min(1.0), "{hold}");
+        assert!(own.apart[0] < 2e-3 * own.given[0] && own.apart[1] < 2e-3 * own.given[1] + ROUNDING);
+    }
+    let other = start.compare(&gpu, [&alone(1.5), &alone(1.4)]);
+    assert!(other.apart[0] > 2e-2 * other.given[0]);
 }

@@ -1,4 +1,5 @@
 //! Thin solids that cross hanging hair: what passes through them.
+#![expect(clippy::unwrap_used, reason = "a test fails where it cannot be set up")]
 
 use crate::common::{self, shaken::options};
 use forelock_core::body::{ColliderFrame, Prop, Sdf, Shape};

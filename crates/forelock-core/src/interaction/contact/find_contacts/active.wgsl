@@ -17,6 +17,16 @@ fn own_pieces_of(segment: u32) -> u32 {
 // Fits the box of the frame and resets the search.
 @compute @workgroup_size(1)
 fn fit_mean_motion() {
+    fit_nodes(contacts.spacing);
+}
+
+// The same for friction, which acts between neighbours, however long their edges are.
+@compute @workgroup_size(1)
+fn fit_friction() {
+    fit_nodes(FRICTION_SPACING);
+}
+
+fn fit_nodes(least_spacing: f32) {
     var low = vec3f();
     var high = vec3f();
     for (var c = 0u; c < 3u; c++) {
@@ -31,7 +41,7 @@ fn fit_mean_motion() {
     let size = high - low;
     touch.low = low;
     touch.high = high;
-    touch.spacing = max(contacts.spacing, max(size.x, max(size.y, size.z)) / f32(MEAN_MOTION_NODES - 2u));
+    touch.spacing = max(least_spacing, max(size.x, max(size.y, size.z)) / f32(MEAN_MOTION_NODES - 2u));
     touch.dims = min(vec3u(size / touch.spacing) + 2u, vec3u(MEAN_MOTION_NODES + 1u));
     touch.slices = 0u;
     touch.slice = 0u;
@@ -53,19 +63,6 @@ fn clear_mean_motion(@builtin(global_invocation_id) id: vec3u) {
     for (var at = id.x; at < 8u * node_count(); at += LIST_THREADS) {
         atomicStore(&table[at], 0u);
     }
-}
-
-// A sum of `add_wide`.
-fn wide(at: u32) -> f32 {
-    var low = atomicLoad(&table[at]);
-    var high = atomicLoad(&table[at + 1u]);
-    let negative = (high & 0x80000000u) != 0u;
-    if negative {
-        low = ~low + 1u;
-        high = ~high + select(0u, 1u, low == 0u);
-    }
-    let sum = f32(high) * 4294967296.0 + f32(low);
-    return select(sum, -sum, negative);
 }
 
 // Turns sums into means over each node and its neighbours.

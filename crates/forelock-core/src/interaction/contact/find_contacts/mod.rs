@@ -197,7 +197,8 @@ impl Finder {
     ) -> Option<(Slice, u32)> {
         let distance = params.distance as f32;
         let slip = params.slip_distance(dt_secs);
-        let active = mean_motion.largest_residuals(params.budget as usize / SEGMENT_CONTACTS, 0.5 * slip);
+        let least = least_residual(params, dt_secs);
+        let active = mean_motion.largest_residuals(params.budget as usize / SEGMENT_CONTACTS, least);
         let (typical, most) = (mean_motion.rms_residual, mean_motion.largest_residual);
         if most <= active.least {
             return None;
@@ -206,6 +207,11 @@ impl Finder {
         let slices = (typical / self.edge).max(most / (2.0 * self.edge)).ceil().clamp(1.0, SLICES as f32);
         Some((Slice { span: [0.0, 1.0 / slices], distance, slip, active }, slices as u32))
     }
+}
+
+/// Residual motion in a frame of `dt_secs` up to which no contacts are searched, metres.
+pub(crate) fn least_residual(params: &ContactParams, dt_secs: f64) -> f32 {
+    0.5 * params.slip_distance(dt_secs)
 }
 
 /// Length scale of the search: the mean length of an edge, but at least several times the contact

@@ -58,8 +58,8 @@ fn frame(model: &Model<f32>, random: &mut Random, speed: f32) -> (Displacements,
     let mut displacements = Displacements::new(model);
     displacements.record_start(model, &model.rest, &Pose::IDENTITY);
     displacements.record_end(model, &end, &Pose::IDENTITY);
-    let mut mean_motion = MeanMotion::default();
-    mean_motion.measure(model, &mut displacements);
+    let mut mean_motion = MeanMotion::for_edges(displacements.longest);
+    mean_motion.measure(model, &mut displacements, 0.0);
     (displacements, mean_motion)
 }
 
@@ -147,8 +147,8 @@ fn outliers_do_not_slow_the_search() {
     let mut displacements = Displacements::new(&model);
     displacements.record_start(&model, &model.rest, &Pose::IDENTITY);
     displacements.record_end(&model, &end, &Pose::IDENTITY);
-    let mut mean_motion = MeanMotion::default();
-    mean_motion.measure(&model, &mut displacements);
+    let mut mean_motion = MeanMotion::for_edges(displacements.longest);
+    mean_motion.measure(&model, &mut displacements, 0.0);
     let params = ContactParams::default();
     let mut finder = Finder::new(&model, &params, Simd::Auto.resolve());
     let started = std::time::Instant::now();

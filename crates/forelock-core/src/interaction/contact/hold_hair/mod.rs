@@ -1,0 +1,278 @@
+//! Friction between neighbouring hair: holds what moves slowly relative to its neighbours.
+//!
+//! # Theory
+//! In dense hair every strand touches its neighbours all along, and Coulomb friction holds it as
+//! long as the other forces on it accelerate it by less than some a relative to them. Over a frame
+//! such an acceleration moves it by a dt², so the displacement of a particle relative to the mean
+//! motion around it, r, is shortened by that much:
+//!
+//! ```text
+//! Δx = −min(1, a dt²/|r|) r ,   Δv = Δx/dt
+//! ```
+//!
+//! Strands that move with the mean are held, others are slowed down by a. Contacts alone would stop
+//! each approach that is faster than [`ContactParams::slip`](super::ContactParams::slip) and none
+//! that is slower, so strands that press on others would slip and stick and never come to rest.
+//!
+//! # Practice
+//! Neighbouring strands lie in neighbouring lanes. The changes of [`GROUP`] of them at a place are
+//! summed to the nodes around their middle, and the mean of the changes at the nodes, interpolated
+//! in the same way, is subtracted from those of the group. So the sum of all changes is zero to
+//! rounding, and with it the change of momentum.
+//!
+//! The stage comes before the length pass, which restores the edges that it stretched.
+//!
+//! # Limitations
+//! Friction does not depend on how hard strands press on each other, and hair that is alone is held
+//! by nothing. The mean motion is an average over some centimetres.
+
+#![expect(clippy::needless_range_loop, reason = "one index for several arrays is what vectorises")]
+
+use super::displacements::Place;
+use super::mean_motion::{PARTS, SPACING};
+use super::{ContactMoment, Displacements, MeanMotion, ParticleRows};
+use crate::lane::{LANES, Real, Row, widest};
+use crate::scratch::fill;
+use crate::strands::{Block, Model, number};
+use glam::{Vec3, Vec4};
+use rayon::prelude::*;
+
+/// WGSL of the kernels that compute the changes.
+pub const WGSL: &str = include_str!("kernel.wgsl");
+/// WGSL of the kernel that applies them.
+pub const APPLY_WGSL: &str = include_str!("apply.wgsl");
+
+/// Lanes whose changes are summed together.
+pub const GROUP: usize = 8;
+/// Groups of a place.
+const GROUPS: usize = LANES / GROUP;
+
+/// Friction and its buffers.
+#[derive(Debug)]
+pub(crate) struct Friction {
+    mean_motion: MeanMotion,
+    /// Changes of the positions of each place, metres in the frame of the head.
+    changes: Vec<(Place, [Group; GROUPS])>,
+    /// Σ w Δx and Σ w at each node, of each part; then the sums of all.
+    parts: Vec<Vec<Vec4>>,
+    nodes: Vec<Vec4>,
+}
+
+impl Friction {
+    /// Friction between the strands of `model`.
+    pub fn new<T: Real>(model: &Model<T>) -> Self {
+        Self {
+            mean_motion: MeanMotion::new(SPACING),
+            changes: vec![([[0.0; LANES]; 3], [Group::default(); GROUPS]); model.places()],
+            parts: Vec::new(),
+            nodes: Vec::new(),
+        }
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        let nodes = self.nodes.capacity() + self.parts.iter().map(Vec::capacity).sum::<usize>();
+        size_of::<Vec4>() * nodes + size_of_val(&*self.changes) + self.mean_motion.bytes()
+    }
+
+    /// Changes positions and velocities of all particles except the clamped ones, and subtracts the
+    /// distances from their clearances. `displacements` are those of the frame, `acceleration` is
+    /// the largest that is held, m/s².
+    pub fn hold<T: Real>(
+        &mut self,
+        model: &Model<T>,
+        displacements: &Displacements,
+        rows: ParticleRows<'_, T>,
+        moment: &ContactMoment<'_>,
+        acceleration: f64,
+    ) {
+        self.mean_motion.measure_field(model, displacements);
+        let Self { mean_motion, changes, parts, nodes } = self;
+        let hold = Hold {
+            model,
+            displacements,
+            field: mean_motion,
+            most: (acceleration * moment.dt_secs * moment.dt_secs) as f32,
+            clamped: moment.clamped,
+        };
+        let count = mean_motion.count();
+        let per_part = model.places().div_ceil(PARTS).max(1);
+        parts.resize_with(PARTS, Vec::new);
+        changes.par_chunks_mut(per_part).zip(&mut *parts).enumerate().for_each(|(part, (changes, nodes))| {
+            fill(nodes, count, Vec4::ZERO);
+            for ((change, groups), place) in changes.iter_mut().zip(per_part * part..) {
+                widest(
+                    #[inline(always)]
+                    || hold.shorten(place, change, groups),
+                );
+                for group in groups.iter().filter(|group| group.sum.w > 0.0) {
+                    for (node, w) in mean_motion.about(group.middle) {
+                        nodes[node] += w * group.sum;
+                    }
+                }
+            }
+        });
+        fill(nodes, count, Vec4::ZERO);
+        for part in parts.iter().take(model.places().div_ceil(per_part)) {
+            nodes.iter_mut().zip(part).for_each(|(sum, own)| *sum += *own);
+        }
+        nodes.iter_mut().for_each(|sum| *sum /= sum.w.max(f32::MIN_POSITIVE));
+        let (nodes, per_dt) = (&*nodes, 1.0 / moment.dt_secs);
+        let turn = moment.head.matrix().as_mat3();
+        let axes = turn.transpose().to_cols_array_2d();
+        let ParticleRows { positions, velocities, clearance } = rows;
+        let rows = positions.par_chunks_mut(3 * per_part).zip(velocities.par_chunks_mut(3 * per_part));
+        let rows = rows.zip(clearance.par_chunks_mut(per_part)).zip(changes.par_chunks_mut(per_part));
+        rows.for_each(|(((positions, velocities), clearance), changes)| {
+            for (own, (change, groups)) in changes.iter_mut().enumerate() {
+                if groups.iter().all(|group| group.sum.w == 0.0) {
+                    continue;
+                }
+                let means = groups.each_ref().map(|group| {
+                    let about = mean_motion.about(group.middle).into_iter();
+                    about.map(|(node, w)| w * nodes[node]).sum::<Vec4>().truncate()
+                });
+                let rows = [&mut positions[3 * own..][..3], &mut velocities[3 * own..][..3]];
+                widest(
+                    #[inline(always)]
+                    || apply(change, &means, &axes, number(per_dt), rows, &mut clearance[own]),
+                );
+            }
+        });
+    }
+}
+
+/// What is needed of a frame.
+struct Hold<'a, T> {
+    model: &'a Model<T>,
+    displacements: &'a Displacements,
+    field: &'a MeanMotion,
+    /// The largest displacement that is held, metres.
+    most: f32,
+    clamped: usize,
+}
+
+impl<T: Real> Hold<'_, T> {
+    fn block(&self, place: usize) -> &Block {
+        &self.model.blocks[self.displacements.block[place] as usize]
+    }
+
+    /// Whether the particles of a place follow the head.
+    fn is_clamped(&self, place: usize) -> bool {
+        place - self.block(place).first < self.clamped
+    }
+
+    /// Writes the changes Δx of a place, zero for hair outside the box and for padding lanes, and
+    /// what its groups add to the nodes.
+    #[inline(always)]
+    fn shorten(&self, place: usize, change: &mut Place, groups: &mut [Group; GROUPS]) {
+        if self.is_clamped(place) {
+            *groups = [Group::default(); GROUPS];
+            return;
+        }
+        let [start, end] = self.displacements.place(place);
+        let residual = self.field.residual(self.displacements, place);
+        let live = self.block(place).live;
+        let [low, high] = self.field.extent.map(|corner| corner.to_array());
+        let mut share = [0.0f32; LANES];
+        for lane in 0..LANES {
+            let [x, y, z] = [0, 1, 2].map(|c| residual[c][lane]);
+            let length = (x * x + y * y + z * z).sqrt();
+            let mut counts = (length > 0.0) & (length < f32::INFINITY) & (lane < live);
+            for c in 0..3 {
+                let [a, b] = [start[c][lane], end[c][lane]];
+                counts &= (a >= low[c]) & (b >= low[c]) & (a <= high[c]) & (b <= high[c]);
+            }
+            let own = self.most / length;
+            let own = if own < 1.0 { own } else { 1.0 };
+            share[lane] = if counts { own } else { 0.0 };
+        }
+        for c in 0..3 {
+            for lane in 0..LANES {
+                change[c][lane] = if share[lane] > 0.0 { -share[lane] * residual[c][lane] } else { 0.0 };
+            }
+        }
+        let mut held = [0.0f32; LANES];
+        let mut middle = [[0.0f32; LANES]; 3];
+        for lane in 0..LANES {
+            held[lane] = if share[lane] > 0.0 { 1.0 } else { 0.0 };
+        }
+        for c in 0..3 {
+            for lane in 0..LANES {
+                let own = 0.5 * (start[c][lane] + end[c][lane]);
+                middle[c][lane] = if share[lane] > 0.0 { own } else { 0.0 };
+            }
+        }
+        let counts = sums(&held);
+        let (middles, changes) = (middle.each_ref().map(sums), change.each_ref().map(sums));
+        for (k, group) in groups.iter_mut().enumerate() {
+            let count = counts[k];
+            let middle = Vec3::from_array(middles.map(|sum| sum[k])) / count.max(1.0);
+            let sum = Vec3::from_array(changes.map(|sum| sum[k])).extend(count);
+            *group = Group { middle, sum };
+        }
+    }
+}
+
+/// The sum of the lanes of each group.
+#[inline(always)]
+fn sums(row: &[f32; LANES]) -> [f32; GROUPS] {
+    let mut sums = *row;
+    let mut width = GROUP / 2;
+    while width > 0 {
+        let from = sums;
+        for k in 0..LANES - width {
+            sums[k] = from[k] + from[k + width];
+        }
+        width /= 2;
+    }
+    std::array::from_fn(|group| sums[GROUP * group])
+}
+
+/// Neighbouring lanes of a place.
+#[derive(Clone, Copy, Debug, Default)]
+struct Group {
+    /// The mean of the places of those that are held in the middle of the frame.
+    middle: Vec3,
+    /// The sum of their changes, and their number.
+    sum: Vec4,
+}
+
+/// Adds `change`, from which the `means` of its groups are subtracted, turned by `axes`, to
+/// positions and its `per_dt` to velocities, and subtracts its length from the clearances.
+#[inline(always)]
+fn apply<T: Real>(
+    change: &mut Place,
+    means: &[Vec3; GROUPS],
+    axes: &[[f32; 3]; 3],
+    per_dt: T,
+    [positions, velocities]: [&mut [Row<T>]; 2],
+    clearance: &mut Row<T>,
+) {
+    let mut held = [false; LANES];
+    for lane in 0..LANES {
+        held[lane] = (change[0][lane] != 0.0) | (change[1][lane] != 0.0) | (change[2][lane] != 0.0);
+    }
+    for c in 0..3 {
+        for lane in 0..LANES {
+            let balanced = change[c][lane] - means[lane / GROUP][c];
+            change[c][lane] = if held[lane] { balanced } else { 0.0 };
+        }
+    }
+    for c in 0..3 {
+        for lane in 0..LANES {
+            let [x, y, z] = [0, 1, 2].map(|k| axes[c][k] * change[k][lane]);
+            let by = T::from(x + y + z).unwrap_or_else(T::zero);
+            positions[c].0[lane] = positions[c].0[lane] + by;
+            velocities[c].0[lane] = velocities[c].0[lane] + by * per_dt;
+        }
+    }
+    for lane in 0..LANES {
+        let [x, y, z] = [0, 1, 2].map(|c| change[c][lane]);
+        let moved = T::from((x * x + y * y + z * z).sqrt()).unwrap_or_else(T::zero);
+        let old = clearance.0[lane];
+        let left = if old > moved { old - moved } else { T::zero() };
+        // Below zero it is a depth, not a distance.
+        clearance.0[lane] = if old >= T::zero() { left } else { old };
+    }
+}

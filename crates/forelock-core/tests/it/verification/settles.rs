@@ -1,0 +1,97 @@
+//! Hair with contacts comes to rest after a shake.
+
+use crate::rig::{DT, GRAVITY, shake};
+use forelock_core::body::{ClosedMesh, ColliderFrame, Head, Sdf, Shape};
+use forelock_core::frame::FrameInput;
+use forelock_core::groom::grow::{GrowParams, grow_on_head};
+use forelock_core::interaction::contact::ContactParams;
+use forelock_core::pose::Pose;
+use forelock_core::simulation::{Options, Simulation};
+use forelock_core::solver::AmsParams;
+use forelock_core::strands::vector;
+use glam::DVec3;
+use std::sync::Arc;
+
+/// Length of the shake, seconds.
+const SHAKE_SECS: f64 = 2.0;
+/// Motion in a frame above which a particle counts as moving, metres.
+const MOVING: f64 = 1e-5;
+
+/// What a second of a run showed.
+#[derive(Debug, Default)]
+struct Second {
+    /// The largest distance that a particle moved in a frame, metres.
+    farthest: f64,
+    /// The largest number of particles that moved in a frame.
+    moving: usize,
+    /// Contacts of all frames.
+    contacts: usize,
+}
+
+/// Shakes the built-in head at 4 g for two seconds and then holds it still: second after second.
+fn settle(strands: u32, secs: u32, params: &ContactParams) -> Vec<Second> {
+    let preset = GrowParams::preset("straight").unwrap();
+    let groom = grow_on_head(&GrowParams { strands, vertices_per_strand: 30, ..preset }).unwrap();
+    let options = Options { rest_gravity: GRAVITY, ..Options::default() };
+    let mut simulation = Simulation::<f32>::new(&groom, &AmsParams::default(), &options).unwrap();
+    simulation.set_contacts(Some(params)).unwrap();
+    let field = Sdf::near(&ClosedMesh::new(&Head::builtin().mesh), 128, 0.02, 0.002).unwrap();
+    let shape = Shape::Sdf(Arc::new(field));
+    let mut before: Vec<DVec3> = Vec::new();
+    let mut course = Vec::new();
+    for second in 0..secs {
+        let mut found = Second::default();
+        for frame in 60 * second..60 * (second + 1) {
+            let [from, to] = [frame, frame + 1].map(|f| (f64::from(f) * DT).min(SHAKE_SECS));
+            let head = [from, to].map(|t| shake(4.0, 2.0, t));
+            let collider = ColliderFrame {
+                shape: &shape,
+                local: Pose::IDENTITY,
+                from: head[0],
+                to: head[1],
+                friction: 0.3,
+            };
+            let report = simulation
+                .step_frame(&FrameInput {
+                    roots: head.into(),
+                    colliders: &[collider],
+                    gravity: GRAVITY,
+                    dt_secs: DT,
+                    ..FrameInput::default()
+                })
+                .unwrap();
+            found.contacts += report.strand_contacts.contacts;
+            let now = places(&simulation);
+            let moves = now.iter().zip(&before).map(|(x, y)| x.distance(*y));
+            found.moving = found.moving.max(moves.clone().filter(|&d| d > MOVING).count());
+            found.farthest = moves.fold(found.farthest, f64::max);
+            before = now;
+        }
+        course.push(found);
+    }
+    course
+}
+
+/// The positions of all particles.
+fn places(simulation: &Simulation) -> Vec<DVec3> {
+    let state = simulation.state();
+    let of_block = |block: &forelock_core::strands::Block| {
+        let live = block.live;
+        block.range().flat_map(move |place| (0..live).map(move |lane| (place, lane)))
+    };
+    let all = simulation.model().blocks.iter().flat_map(of_block);
+    all.map(|(place, lane)| state.origin + DVec3::from(vector(&state.positions, place, lane).map(f64::from)))
+        .collect()
+}
+
+/// Little moves, and little at a time, where friction holds; without friction a tenth of the hair
+/// slips and sticks by millimetres.
+#[test]
+fn hair_with_contacts_comes_to_rest() {
+    let course = settle(150, 20, &ContactParams::default());
+    let last = &course[19];
+    assert!(course[1].contacts > 1000 && last.farthest < 5.0 * MOVING && last.contacts == 0, "{last:?}");
+    let course = settle(150, 20, &ContactParams { hold: 0.0, slip: 0.01, ..ContactParams::default() });
+    let last = &course[19];
+    assert!(last.farthest > 20.0 * MOVING, "{last:?}");
+}
