@@ -168,7 +168,7 @@ fn sweep(number: u32, start: vec3f, end: vec3f, parts: u32) -> Touch {
         if !(share < 1.0) {
             return none;
         }
-        last = Touch(true, point, found.xyz);
+        last = Touch(sigma > 0.0 && dot(found.xyz, go) < 0.0, point, found.xyz);
     }
     // It grazes the surface.
     return last;

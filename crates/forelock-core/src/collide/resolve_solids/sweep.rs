@@ -80,7 +80,7 @@ pub(super) fn sweep<T: Real>(shape: &Shape, thickness: T, path: &SweepPath<T>) -
         if share >= T::one() || sigma.is_nan() {
             return None;
         }
-        last = Some((point, normal));
+        last = (sigma > zero && dot(normal, go) < zero).then_some((point, normal));
     }
     last
 }
