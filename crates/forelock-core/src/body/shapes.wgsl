@@ -179,20 +179,15 @@ fn sample_fields(number: u32, p: vec3f, share: f32) -> vec4f {
     let first = query.solids[number].described;
     let last = f32(query.solids[number].fields - 1u);
     let phase = clamp(mix(query.solids[number].phases.x, query.solids[number].phases.y, share), 0.0, last);
+    let before = sample_field(field_at(first + u32(phase) * FIELD_NUMBERS), p);
     let part = fract(phase);
-    // One call: compilers inline it, and kernels have many samples.
-    var before = vec4f();
-    for (var k = 0u; k < select(1u, 2u, part > 0.0); k++) {
-        let found = sample_field(field_at(first + (u32(phase) + k) * FIELD_NUMBERS), p);
-        if k == 0u {
-            before = found;
-            continue;
-        }
-        let blended = mix(before, found, part);
-        // Opposite gradients cancel where the surface turns inside out.
-        before = select(vec4f(before.xyz, blended.w), blended, dot(blended.xyz, blended.xyz) > 1e-6);
+    if part == 0.0 {
+        return before;
     }
-    return before;
+    let after = sample_field(field_at(first + (u32(phase) + 1u) * FIELD_NUMBERS), p);
+    let blended = mix(before, after, part);
+    // Opposite gradients cancel where the surface turns inside out.
+    return select(vec4f(before.xyz, blended.w), blended, dot(blended.xyz, blended.xyz) > 1e-6);
 }
 
 // Unit gradient and distance at `p` in the solid's local space, at the fraction `share` of the

@@ -438,11 +438,25 @@ struct Turn<T> {
 type Place<T> = Result<([T; 3], T), [T; 3]>;
 
 /// The point of an edge that is inside a solid and needs the largest turn.
-struct Inside<T> {
+struct Inside<'a, T> {
     /// Sine of the turn that brings it out, if the edge turns towards the normal.
     sine: T,
+    solid: Solid<'a, T>,
+    point: [T; 3],
+    /// The solid's gradient there.
+    gradient: [T; 3],
+    /// Distance kept from the surface.
+    thickness: T,
+}
+
+impl<T: Real> Inside<'_, T> {
     /// The normal of the surface through which the edge enters the solid, seen from the leader.
-    normal: [T; 3],
+    fn normal(&self, leader: [T; 3]) -> [T; 3] {
+        let Solid { collider, pose } = self.solid;
+        let path = pose.sweep_path(1, leader, self.point);
+        let touch = sweep(collider.shape, self.thickness, &path);
+        pose.turn(1, touch.map_or(self.gradient, |(_, normal)| normal))
+    }
 }
 
 impl<T: Real> Turn<T> {
@@ -478,7 +492,7 @@ impl<T: Real> Turn<T> {
     /// Tests the edge with the particle at `x` against all solids. Returns the particle's clearance,
     /// or the point of the edge that needs the largest turn.
     #[inline(always)]
-    fn test_all(&self, solids: &Solids<'_, T>, x: [T; 3]) -> Result<T, Inside<T>> {
+    fn test_all<'a>(&self, solids: &Solids<'a, T>, x: [T; 3]) -> Result<T, Inside<'a, T>> {
         let (mut clearance, mut inside) = (T::infinity(), None);
         for (collider, pose) in solids.solids.iter().zip(solids.poses) {
             clearance = clearance.min(self.test(solids, Solid { collider, pose }, x, &mut inside));
@@ -487,7 +501,8 @@ impl<T: Real> Turn<T> {
     }
 
     /// The place of the particle at `x` after a turn about the leader; `None` if it cannot turn.
-    fn turned(&self, x: [T; 3], inside: &Inside<T>) -> Option<[T; 3]> {
+    fn turned(&self, x: [T; 3], inside: &Inside<'_, T>) -> Option<[T; 3]> {
+        let normal = inside.normal(self.leader);
         let inverse = T::one() / self.length;
         let d = [0, 1, 2].map(|c| (x[c] - self.leader[c]) * inverse);
         let across = |v: [T; 3]| {
@@ -499,7 +514,7 @@ impl<T: Real> Turn<T> {
             let e = across(to_corner);
             (e, (dot(e, e) / dot(to_corner, to_corner)).sqrt())
         } else {
-            (across(inside.normal), number(0.7))
+            (across(normal), number(0.7))
         };
         let size = dot(e, e).sqrt();
         // The edge points straight into the surface or at the corner.
@@ -507,7 +522,7 @@ impl<T: Real> Turn<T> {
         if size <= least || size.is_nan() {
             return None;
         }
-        let rise = (dot(e, inside.normal) / size).max(number(0.25));
+        let rise = (dot(e, normal) / size).max(number(0.25));
         let sine = (inside.sine / rise + number(LEAST_TURN)).min(limit).min(number(0.7));
         let cosine = (T::one() - sine * sine).sqrt();
         let turned = [0, 1, 2].map(|c| self.leader[c] + cosine * d[c] + sine / size * e[c]);
@@ -516,12 +531,12 @@ impl<T: Real> Turn<T> {
 
     /// Tests the edge with the particle at `x` against `solid`: replaces `inside` by the point that
     /// needs a larger turn. Returns the particle's clearance from the solid.
-    fn test(
+    fn test<'a>(
         &self,
-        solids: &Solids<'_, T>,
-        solid: Solid<'_, T>,
+        solids: &Solids<'a, T>,
+        solid: Solid<'a, T>,
         x: [T; 3],
-        inside: &mut Option<Inside<T>>,
+        inside: &mut Option<Inside<'a, T>>,
     ) -> T {
         let Solid { collider, pose } = solid;
         let bound = pose.distance_bound_at(x) - solids.thickness;
@@ -550,11 +565,8 @@ impl<T: Real> Turn<T> {
             if self.is_root && !is_particle && t < number(0.5) {
                 continue;
             }
-            let point = samples.point(k);
-            let path = pose.sweep_path(1, self.leader, point);
-            let normal = sweep(collider.shape, thickness, &path)
-                .map_or_else(|| samples.gradient(k), |(_, normal)| normal);
-            *inside = Some(Inside { sine, normal: pose.turn(1, normal) });
+            let (point, gradient) = (samples.point(k), samples.gradient(k));
+            *inside = Some(Inside { sine, solid, point, gradient, thickness });
         }
         clearance
     }

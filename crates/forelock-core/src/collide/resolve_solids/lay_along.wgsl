@@ -9,7 +9,10 @@ fn at_distance(leader: vec3f, x: vec3f, length: f32) -> vec3f {
 struct Inside {
     found: bool,
     sine: f32,
-    normal: vec3f,
+    number: u32,
+    t: f32,
+    gradient: vec3f,
+    skin: f32,
 }
 
 // The search for a place of a particle at `length` from its leader.
@@ -34,8 +37,8 @@ fn test_edge(number: u32, turn: Turn, x: vec3f, inside: ptr<function, Inside>) -
     for (var k = 0u; k < samples.count; k++) {
         let t = samples.parameters[k];
         let is_particle = k + 1u == samples.count;
-        skin = select(SKIN_SHARE * query.thickness, query.thickness, is_particle);
-        let sigma = samples.distances[k] - skin;
+        let kept = select(SKIN_SHARE * query.thickness, query.thickness, is_particle);
+        let sigma = samples.distances[k] - kept;
         if is_particle {
             clearance = max(sigma, 0.0) / lipschitz(number);
         }
@@ -48,9 +51,7 @@ fn test_edge(number: u32, turn: Turn, x: vec3f, inside: ptr<function, Inside>) -
         if turn.is_root && !is_particle && t < 0.5 {
             continue;
         }
-        let touch = sweep(number, local(map, turn.leader), local(map, mix(turn.leader, x, t)), 0u);
-        let normal = select(samples.gradients[k], touch.normal, touch.found);
-        *inside = Inside(true, sine, turned(map, normal));
+        *inside = Inside(true, sine, number, t, samples.gradients[k], kept);
     }
     return clearance;
 }
@@ -79,18 +80,29 @@ fn test_all(turn: Turn, x: vec3f, inside: ptr<function, Inside>) -> f32 {
     return clearance;
 }
 
+// The normal of the surface through which the edge with the particle at x enters the solid that its
+// point `inside` is in, seen from the leader.
+fn entry_normal(turn: Turn, x: vec3f, inside: Inside) -> vec3f {
+    let map = query.solids[inside.number].at_end;
+    skin = inside.skin;
+    let point = local(map, mix(turn.leader, x, inside.t));
+    let touch = sweep(inside.number, local(map, turn.leader), point, 0u);
+    return turned(map, select(inside.gradient, touch.normal, touch.found));
+}
+
 // Searches from the direction of `start`, in so many `steps`. If no direction is free, the place is
 // the last one.
 fn find_turn(turn: Turn, start: vec3f, steps: u32) -> Place {
     var x = start;
     for (var step = 0u; step < steps; step++) {
-        var inside = Inside(false, 0.0, vec3f());
+        var inside = Inside();
         let clearance = test_all(turn, x, &inside);
         if !inside.found {
             return Place(true, x, clearance);
         }
+        let normal = entry_normal(turn, x, inside);
         let d = (x - turn.leader) / turn.length;
-        var e = inside.normal - dot(inside.normal, d) * d;
+        var e = normal - dot(normal, d) * d;
         var limit = 0.7;
         if turn.has_corner {
             let to_corner = turn.corner - turn.leader;
@@ -102,7 +114,7 @@ fn find_turn(turn: Turn, start: vec3f, steps: u32) -> Place {
         if !(size > select(1e-3, 0.0, turn.has_corner)) {
             break;
         }
-        let rise = max(dot(e, inside.normal) / size, 0.25);
+        let rise = max(dot(e, normal) / size, 0.25);
         let sine = min(inside.sine / rise + LEAST_TURN, limit);
         x = at_distance(turn.leader, turn.leader + sqrt(1.0 - sine * sine) * d + (sine / size) * e, turn.length);
     }

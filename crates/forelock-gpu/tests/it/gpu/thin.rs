@@ -25,10 +25,11 @@ struct Thin {
 }
 
 impl Thin {
-    fn plate() -> Self {
-        let half_extents = DVec3::new(0.001, 0.25, 0.15);
+    /// Half as thick as `half`, its rim 3 cm below the roots.
+    fn plate(half: f64) -> Self {
+        let half_extents = DVec3::new(half, 0.25, 0.15);
         let local = Pose::new(DQuat::IDENTITY, DVec3::new(0.0, -0.28, 0.0));
-        Self { shape: Shape::Box { half_extents }, local, front: 0.001 }
+        Self { shape: Shape::Box { half_extents }, local, front: half }
     }
 
     fn finger() -> Self {
@@ -49,7 +50,7 @@ impl Thin {
     /// thickness and some tenths of a millimetre of the others aside.
     fn contains(&self, a: DVec3, b: DVec3) -> bool {
         if let Shape::Box { half_extents } = self.shape {
-            let half = half_extents - DVec3::splat(2e-4);
+            let half = half_extents - DVec3::splat(0.2 * half_extents.x);
             let go = b - a;
             let (p, q) = ((-half - a) / go, (half - a) / go);
             return p.min(q).max_element().max(0.0) < p.max(q).min_element().min(1.0);
@@ -62,9 +63,9 @@ impl Thin {
     /// have slipped over it. `before` and `now` are relative to the carrier. A comb lets hair through.
     fn passed(&self, before: &[DVec3], now: &[DVec3], speed: f64) -> bool {
         match self.shape {
-            Shape::Box { .. } => {
-                let is_deep = |x: &DVec3| x.y < -0.04 - speed * DT;
-                before.iter().zip(now).any(|(a, b)| is_deep(a) && is_deep(b) && a.x > 2e-4 && b.x < -2e-4)
+            Shape::Box { half_extents } => {
+                let is_deep = |x: &DVec3| x.y < -0.04 - speed * DT && x.x.abs() > 0.2 * half_extents.x;
+                before.iter().zip(now).any(|(a, b)| is_deep(a) && is_deep(b) && a.x > 0.0 && b.x < 0.0)
             }
             Shape::Capsule { .. } => {
                 let ([front, _], length) = around(before);
@@ -143,10 +144,15 @@ fn thin_solids_do_not_pass_through_hair() {
     let ams: Solver<f32> = (&AmsParams::default()).into();
     let dftl = (&DftlParams::default()).into();
     let springs = (&MassSpringParams::default()).into();
-    let solids = [("plate", Thin::plate()), ("finger", Thin::finger()), ("comb", Thin::comb())];
+    let solids: [(&str, Thin, &[f64]); 4] = [
+        ("plate of 2 mm", Thin::plate(0.001), &[1.0, 10.0]),
+        ("plate of 20 mm", Thin::plate(0.01), &[2.0]),
+        ("finger", Thin::finger(), &[1.0, 2.0, 5.0]),
+        ("comb", Thin::comb(), &[1.0, 5.0]),
+    ];
     for (solver_name, solver) in [("ams", &ams), ("dftl", &dftl), ("mass-spring", &springs)] {
-        for (name, thin) in &solids {
-            for speed in [1.0, 5.0] {
+        for (name, thin, speeds) in &solids {
+            for &speed in *speeds {
                 let (inside, passed) = cross(&gpu, solver, thin, speed);
                 println!(
                     "{name} at {speed} m/s, {solver_name}: {inside:.1e} of edges inside, {passed} passed"
