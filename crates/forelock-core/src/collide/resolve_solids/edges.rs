@@ -273,9 +273,9 @@ impl<T: Real> Edge<T> {
         }
         let samples = Samples::of_edge(solids, solid, 1, self.ends, false);
         let passed = samples.may_pass(collider.shape, &paths, moved);
-        for k in 0..samples.count {
+        for (k, passed) in passed.into_iter().enumerate().take(samples.count) {
             let inside = samples.distances[k] < thickness;
-            if !inside && !passed[k] {
+            if !inside && !passed {
                 continue;
             }
             let t = samples.parameters[k];
@@ -289,7 +289,7 @@ impl<T: Real> Edge<T> {
             }
             let sample = Sample { distance: samples.distances[k], gradient: samples.gradient(k) };
             let mut point = Particle { x: place, v: velocity, last_clearance: T::zero() };
-            let is_ccd_hit = passed[k] && resolve_ccd_hit(&own, solid, sample, start, from, &mut point);
+            let is_ccd_hit = passed && resolve_ccd_hit(&own, solid, sample, start, from, &mut point);
             if !is_ccd_hit {
                 if !inside {
                     continue;

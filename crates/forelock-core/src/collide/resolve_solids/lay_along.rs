@@ -66,7 +66,7 @@ pub fn lay_along<L: Lane>(
             let mut curve = Curve {
                 points: &old[..n],
                 lane,
-                is_outside: !(least.get(lane) < -solids.thickness),
+                is_outside: least.get(lane) >= -solids.thickness,
                 edge: from - 1,
                 share: L::Scalar::default(),
             };

@@ -170,7 +170,7 @@ fn sweep(number: u32, start: vec3f, end: vec3f, parts: u32) -> Touch {
         }
         last = Touch(sigma > 0.0 && dot(found.xyz, go) < 0.0, point, found.xyz);
     }
-    // It grazes the surface.
+    // It grazes the surface, or leaves it.
     return last;
 }
 

@@ -8,7 +8,7 @@
 
 use crate::common::{
     self, little,
-    shaken::{self, GRAVITY, apart, error_of_strands, options},
+    shaken::{self, GRAVITY, ROUNDED_STARTS, apart, error_of_strands, options, rounded},
 };
 use forelock_core::body::{ClosedMesh, ColliderFrame, Head, Morph, Sdf, Shape, TriMesh};
 use forelock_core::frame::{Air, FrameInput, Roots};
@@ -88,15 +88,6 @@ impl<'a> Solid<'a> {
 /// of a threshold (a tie breaks or holds, a curl flips).
 fn errors(gpu: &Gpu, strands: &Strands<'_, f32>, params: [&AmsParams; 2], frames: u32) -> [f64; 2] {
     errors_among(&[], gpu, strands, params, frames)
-}
-
-/// Starts that differ by a rounding from one on the CPU.
-const ROUNDED_STARTS: usize = 8;
-
-/// Positions of which some differ by a rounding.
-fn rounded(positions: &[[f32; 3]], seed: usize) -> Vec<[f32; 3]> {
-    let by = |p: usize| f32::EPSILON * ((p * 7919 + seed * 104_729) % 3) as f32 - f32::EPSILON;
-    positions.iter().enumerate().map(|(p, x)| x.map(|x| x * (1.0 + by(p)))).collect()
 }
 
 /// The same among solids. After one frame the float32 CPU is the worst of several starts that differ
