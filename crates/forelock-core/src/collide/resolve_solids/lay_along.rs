@@ -28,9 +28,9 @@ use crate::strands::{BlockView, LaneGroup, number, vector};
 /// A point of the edge at distance s from the leader and at depth −σ in a solid comes out where the
 /// edge turns by asin(−σ/s) towards the normal of the surface through which it entered. Turns are
 /// repeated for the point that needs the largest one, up to [`SLIDE_STEPS`] times. Where no
-/// direction is free, as where the rim of a thin plate lies between the leader and the follower, the
-/// edge is made as little shorter as it takes ([`SHORTER_STEPS`]), until it is laid again; where that
-/// does not help it stays stretched or in the solid, as the limit says.
+/// direction is free, as where the rim of a thin plate lies between the leader and the follower,
+/// the edge is made as little shorter as it takes ([`SHORTER_STEPS`]), until it is laid again;
+/// where that does not help it stays stretched or in the solid, as the limit says.
 ///
 /// Afterwards the particle's velocity relative to the leader loses its component along the edge, as
 /// in the length pass, so that the edge can turn but does not change its length.
@@ -489,8 +489,8 @@ impl<T: Real> Turn<T> {
         (self.length - length).abs() < number::<T>(NEARLY) * length
     }
 
-    /// Tests the edge with the particle at `x` against all solids. Returns the particle's clearance,
-    /// or the point of the edge that needs the largest turn.
+    /// Tests the edge with the particle at `x` against all solids. Returns the particle's
+    /// clearance, or the point of the edge that needs the largest turn.
     #[inline(always)]
     fn test_all<'a>(&self, solids: &Solids<'a, T>, x: [T; 3]) -> Result<T, Inside<'a, T>> {
         let (mut clearance, mut inside) = (T::infinity(), None);

@@ -56,8 +56,8 @@ fn test_edge(number: u32, turn: Turn, x: vec3f, inside: ptr<function, Inside>) -
     return clearance;
 }
 
-// Attempts to place a particle: straight to its goal, along the old curve, the same without a turn to
-// the corner of that way, on the surface nearly at its length, and at shorter lengths.
+// Attempts to place a particle: straight to its goal, along the old curve, the same without a turn
+// to the corner of that way, on the surface nearly at its length, and at shorter lengths.
 const STRAIGHT = 0u;
 const ALONG_CURVE = 1u;
 const PAST_CORNER = 2u;
@@ -262,9 +262,9 @@ fn follow_curve(strand: Strand, at: ptr<function, CurvePlace>, leader: vec3f, ah
     return found;
 }
 
-// Whether the edge of `turn` with the particle at x may be made shorter: the old curve is outside all
-// solids from edge `begin` to edge `end`, and unless a pass follows (`has_pass`) one that is thin
-// beside the edge would cut it.
+// Whether the edge of `turn` with the particle at x may be made shorter: the old curve is outside
+// all solids from edge `begin` to edge `end`, and unless a pass follows (`has_pass`) one that is
+// thin beside the edge would cut it.
 fn may_shorten(strand: Strand, begin: u32, end: u32, turn: Turn, x: vec3f, has_pass: bool) -> bool {
     let last = min(end, strand.particles - 2u);
     for (var edge = begin; edge <= last + 1u; edge++) {
@@ -291,8 +291,8 @@ fn may_shorten(strand: Strand, begin: u32, end: u32, turn: Turn, x: vec3f, has_p
 }
 
 // Searches for a place of the next particle of `turn`, at `x` if the edge is free there. If no
-// direction is free, the place is the last one at its length. `goal` is one edge on along the curve,
-// `ahead` the strand's direction.
+// direction is free, the place is the last one at its length. `goal` is one edge on along the
+// curve, `ahead` the strand's direction.
 fn place_next(
     strand: Strand,
     at: ptr<function, CurvePlace>,

@@ -91,7 +91,8 @@ impl<'a, L: Lane> Nearby<'a, L> {
     /// The lanes whose edge to particle `i` is near a solid, and those among them in which it is
     /// too slow to have passed through one.
     #[inline(always)]
-    fn near(&self, i: usize, (a, near): (V3<L>, L), (b, far): (V3<L>, L)) -> [u32; 2] {
+    fn near(&self, i: usize, last: (V3<L>, L), end: (V3<L>, L)) -> [u32; 2] {
+        let ((a, near), (b, far)) = (last, end);
         let edge = b - a;
         let room = near + far;
         let moved = self.moved[i].0[0].max(self.moved[i - 1].0[0]);
@@ -140,9 +141,9 @@ impl<'a, L: Lane> Nearby<'a, L> {
 
 /// A packet of edges.
 ///
-/// A field is taken to be no more curved than a ball of half the edge's length: from the middle to a
-/// quarter of the edge the distance falls by less than by its slope and 1/16 of the length, to its
-/// ends by twice the one and four times the other.
+/// A field is taken to be no more curved than a ball of half the edge's length: from the middle to
+/// a quarter of the edge the distance falls by less than by its slope and 1/16 of the length, to
+/// its ends by twice the one and four times the other.
 struct Middles<T> {
     count: usize,
     /// Entry and lane of each.

@@ -156,15 +156,15 @@ pub(super) fn resolve_ccd_hit<T: Real>(
             return false;
         }
     }
-    let Some((place, normal)) = sweep(collider.shape, solids.thickness, &path) else { return false };
+    let Some(touch) = sweep(collider.shape, solids.thickness, &path) else { return false };
     // Deep inside a field its gradient does not say where the particle came from.
     let sigma = sample.distance - solids.thickness;
     let is_shallow = sigma > -crate::strands::number::<T>(collider.shape.thinness());
-    let same_side = dot(sample.gradient, normal) > crate::strands::number(0.5);
+    let same_side = dot(sample.gradient, touch.1) > crate::strands::number(0.5);
     if sigma < T::zero() && same_side && is_shallow {
         return false;
     }
-    stop(solids, solid, (place, normal), particle);
+    stop(solids, solid, touch, particle);
     true
 }
 
@@ -189,10 +189,11 @@ pub(super) fn stop_at_entry<T: Real>(
 fn stop<T: Real>(
     solids: &Solids<'_, T>,
     solid: Solid<'_, T>,
-    (place, normal): ([T; 3], [T; 3]),
+    touch: ([T; 3], [T; 3]),
     particle: &mut Particle<T>,
 ) {
     let Solid { collider, pose } = solid;
+    let (place, normal) = touch;
     particle.x = pose.world(1, place);
     let normal = pose.turn(1, normal);
     let displacement = surface_displacement(solid, particle.x, normal);

@@ -23,8 +23,8 @@ use super::dot;
 use super::edges::{count_of, lerp};
 use super::particle::lipschitz;
 
-/// Steps of a trace. A path on which more steps touch nothing grazes the surface. It ends at the last
-/// of them if it still approaches there, as between the teeth of a comb; otherwise it leaves.
+/// Steps of a trace. A path on which more steps touch nothing grazes the surface. It ends at the
+/// last of them if it still approaches there, as between the teeth of a comb; otherwise it leaves.
 pub const SWEEP_STEPS: usize = 48;
 
 /// The path of a particle during a substep, in a solid's local space.
@@ -85,9 +85,9 @@ pub(super) fn sweep<T: Real>(shape: &Shape, thickness: T, path: &SweepPath<T>) -
     last
 }
 
-/// Whether a point that ends at `sigma` over the skin of `thickness` may have passed through `shape`
-/// on its `path`, or have entered it at another place than where it is nearest to the surface. A
-/// field is sampled at places of the path that are its thinness apart.
+/// Whether a point that ends at `sigma` over the skin of `thickness` may have passed through
+/// `shape` on its `path`, or have entered it at another place than where it is nearest to the
+/// surface. A field is sampled at places of the path that are its thinness apart.
 pub(super) fn may_pass<T: Real>(shape: &Shape, thickness: T, sigma: T, path: &SweepPath<T>) -> bool {
     let number = crate::strands::number::<T>;
     let length = path.length();

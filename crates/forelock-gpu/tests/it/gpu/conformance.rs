@@ -90,8 +90,8 @@ fn errors(gpu: &Gpu, strands: &Strands<'_, f32>, params: [&AmsParams; 2], frames
     errors_among(&[], gpu, strands, params, frames)
 }
 
-/// The same among solids. After one frame the float32 CPU is the worst of several starts that differ
-/// by roundings: a strand that begins in a solid leaves it by either side.
+/// The same among solids. After one frame the float32 CPU is the worst of several starts that
+/// differ by roundings: a strand that begins in a solid leaves it by either side.
 fn errors_among(
     solids: &[Solid<'_>],
     gpu: &Gpu,

@@ -60,7 +60,8 @@ impl Thin {
     }
 
     /// Whether a strand came from its front to its back in a frame, with more of it below than can
-    /// have slipped over it. `before` and `now` are relative to the carrier. A comb lets hair through.
+    /// have slipped over it. `before` and `now` are relative to the carrier. A comb lets hair
+    /// through.
     fn passed(&self, before: &[DVec3], now: &[DVec3], speed: f64) -> bool {
         match self.shape {
             Shape::Box { half_extents } => {
@@ -93,7 +94,8 @@ fn around(strand: &[DVec3]) -> ([i32; 2], f64) {
     (passes, length)
 }
 
-/// The largest share of edges in the solid at a frame's end, and the strands that it passed through.
+/// The largest share of edges in the solid at a frame's end, and the strands that it passed
+/// through.
 fn cross(gpu: &Gpu, solver: &Solver<f32>, thin: &Thin, speed: f64) -> (f64, usize) {
     let place = |s: usize, i: u32| {
         let y = -LENGTH as f32 * i as f32 / 29.0;
