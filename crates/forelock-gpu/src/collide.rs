@@ -86,6 +86,9 @@ pub(crate) const PARTICLE_CONSTANTS: &[Constant] = &[
     Constant::u32("PROJECTION_ROUNDS", resolve_solids::PROJECTION_ROUNDS as u32),
     Constant::u32("SWEEP_STEPS", resolve_solids::SWEEP_STEPS as u32),
     Constant::f32("TOUCH", resolve_solids::TOUCH as f32),
+    Constant::f32("CCD_MOTION", resolve_solids::CCD_MOTION as f32),
+    Constant::u32("MOST_PARTS", resolve_solids::MOST_PARTS as u32),
+    Constant::f32("PASSES", resolve_solids::PASSES as f32),
 ];
 
 /// Constants of the strand kernel.
@@ -100,7 +103,8 @@ const STRAND_CONSTANTS: &[Constant] = &[
     Constant::u32("REFINEMENTS", resolve_solids::REFINEMENTS as u32),
     Constant::u32("EDGE_ROUNDS", resolve_solids::EDGE_ROUNDS as u32),
     Constant::u32("TAKE_BACK_ROUNDS", resolve_solids::TAKE_BACK_ROUNDS as u32),
-    Constant::f32("PASSES", resolve_solids::PASSES as f32),
+    Constant::f32("NEARLY", resolve_solids::NEARLY as f32),
+    Constant::u32("SHORTER_STEPS", resolve_solids::SHORTER_STEPS as u32),
     Constant::f32("FOLDS", resolve_solids::FOLDS as f32),
     Constant::f32("THIN", resolve_solids::THIN as f32),
     Constant::f32("LAG", resolve_solids::LAG as f32),

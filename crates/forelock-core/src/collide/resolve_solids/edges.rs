@@ -22,9 +22,11 @@
 //! # Limitations
 //! Parts of solids that are thinner than the distance between two points can pass between them.
 
-use super::particle::{Particle, Sample, Solid, resolve_ccd_hit, resolve_penetration};
+use super::near::{CHUNK, Nearby};
+use super::particle::{Particle, Sample, Solid, ccd_motion, lipschitz, resolve_ccd_hit, resolve_penetration};
+use super::sweep::{SweepPath, TOUCH, parts_of};
 use super::{QueriedStrands, Solids, dot};
-use crate::body::PACKET;
+use crate::body::{PACKET, Shape};
 use crate::lane::{Lane, Real, V3};
 use crate::strands::{BlockView, number};
 
@@ -57,50 +59,40 @@ pub(super) fn resolve<L: Lane>(
     queried: QueriedStrands,
     before: &mut [V3<L>],
 ) -> u32 {
-    let QueriedStrands { first, lanes } = queried;
+    let first = queried.first;
     let mut changed = 0;
-    let thinnest = number::<L::Scalar>(
-        solids.solids.iter().map(|solid| solid.shape.thinness()).fold(f64::INFINITY, f64::min),
-    );
-    let slow = thinnest * solids.slow_edges;
+    let nearby = Nearby::new(solids, paths.moved, queried);
     let from = solids.clamped.clamp(1, view.particles);
-    let mut last = V3::<L>::load(view.positions, from - 1, first);
-    // Clamped particles are not queried: their clearance is not known.
-    let mut last_clearance =
-        if solids.clamped > 0 { L::zero() } else { L::load(&view.clearance[from - 1], first) };
-    for i in from..view.particles {
-        let x = V3::<L>::load(view.positions, i, first);
-        let clearance = L::load(&view.clearance[i], first);
-        let edge = x - last;
-        let room = clearance + last_clearance;
-        let moved = paths.moved[i].0[0].max(paths.moved[i - 1].0[0]);
-        let is_near = L::bits((room * room).lt(edge.dot(edge))) & lanes;
-        // Particles that were inside are being pushed out.
-        let is_inside = L::bits(clearance.min(last_clearance).lt(L::zero()));
-        let mut tested = is_near & !is_inside & L::bits(L::splat(slow).lt(moved));
-        (last, last_clearance) = (x, clearance);
-        if tested == 0 {
+    for start in (from..view.particles).step_by(CHUNK) {
+        let tested = nearby.select(solids, view, start);
+        if tested == [0; CHUNK] {
             continue;
         }
-        let slow = tested & !L::bits(L::splat(thinnest).lt(moved));
-        tested &= !far_from_middle(solids, view, i, QueriedStrands { first, lanes: slow });
-        while tested != 0 {
-            let lane = tested.trailing_zeros() as usize;
-            tested &= tested - 1;
-            let mut edge = Edge::load(view, i, first + lane, solids.clamped);
-            edge.from = [paths.from[i - 1].get(lane), paths.from[i].get(lane)];
-            if edge.resolve(solids, paths.start) {
-                if changed == 0 {
-                    for (k, place) in before.iter_mut().enumerate().take(view.particles) {
-                        *place = V3::load(view.positions, k, first);
+        // Lanes in which the edge before was moved: what was selected does not hold there.
+        let mut moved = 0;
+        for i in start..(start + CHUNK).min(view.particles) {
+            let mut own = tested[i - start] & !moved;
+            if moved != 0 {
+                own |= nearby.select_again(solids, view, i, moved);
+            }
+            moved = 0;
+            while own != 0 {
+                let lane = own.trailing_zeros() as usize;
+                own &= own - 1;
+                let mut edge = Edge::load(view, i, first + lane, solids.clamped);
+                edge.from = [paths.from[i - 1].get(lane), paths.from[i].get(lane)];
+                if edge.resolve(solids, paths.start) {
+                    if changed == 0 {
+                        for (k, place) in before.iter_mut().enumerate().take(view.particles) {
+                            *place = V3::load(view.positions, k, first);
+                        }
                     }
+                    changed |= 1 << lane;
+                    moved |= 1 << lane;
+                    edge.store(view, i, first + lane);
                 }
-                changed |= 1 << lane;
-                edge.store(view, i, first + lane);
             }
         }
-        last = V3::load(view.positions, i, first);
-        last_clearance = L::load(&view.clearance[i], first);
     }
     changed
 }
@@ -181,7 +173,12 @@ fn take_edge_back<T: Real>(
 /// Whether the edge between two `ends` passes through a solid at the substep's start (`when` = 0)
 /// or end (1).
 #[inline(always)]
-fn passes<T: Real>(solids: &Solids<'_, T>, solid: Solid<'_, T>, when: usize, ends: [[T; 3]; 2]) -> bool {
+pub(super) fn passes<T: Real>(
+    solids: &Solids<'_, T>,
+    solid: Solid<'_, T>,
+    when: usize,
+    ends: [[T; 3]; 2],
+) -> bool {
     let samples = Samples::of_edge(solids, solid, when, ends, false);
     samples.distances[..samples.count].iter().any(|d| *d < number(-PASSES))
 }
@@ -191,64 +188,6 @@ pub const TAKE_BACK_ROUNDS: usize = 4;
 
 /// Depth of an edge under a surface that counts as passing through, metres.
 pub const PASSES: f64 = 1e-5;
-
-/// Those of the lanes in `queried` in which the solids are too far from the middle of the edge to
-/// particle `i` to touch it anywhere. A field is taken to be no more curved than a ball of half the
-/// edge's length: from the middle to a quarter of the edge the distance falls by less than by its
-/// slope and 1/16 of the length.
-#[inline(never)]
-fn far_from_middle<T: Real>(
-    solids: &Solids<'_, T>,
-    view: &BlockView<'_, T>,
-    i: usize,
-    queried: QueriedStrands,
-) -> u32 {
-    let QueriedStrands { first, mut lanes } = queried;
-    let mut far = 0;
-    while lanes != 0 {
-        let mut taken = [0; PACKET];
-        let mut points = [[T::zero(); PACKET]; 3];
-        // How far primitives must be from the middle.
-        let mut reach = [T::zero(); PACKET];
-        let mut edges = [[T::zero(); 3]; PACKET];
-        let mut count = 0;
-        while lanes != 0 && count < PACKET {
-            let lane = lanes.trailing_zeros() as usize;
-            lanes &= lanes - 1;
-            let ends = [i - 1, i].map(|i| crate::strands::vector(view.positions, i, first + lane));
-            let clearance = |i: usize| view.clearance[i].0[first + lane].max(T::zero());
-            let half = distance(ends[0], ends[1]) * number(0.5);
-            reach[count] =
-                half - if i <= solids.clamped { T::zero() } else { clearance(i - 1).min(clearance(i)) };
-            for c in 0..3 {
-                points[c][count] = (ends[0][c] + ends[1][c]) * number(0.5);
-                edges[count][c] = ends[1][c] - ends[0][c];
-            }
-            taken[count] = lane;
-            count += 1;
-        }
-        let mut is_far = [true; PACKET];
-        for (collider, pose) in solids.solids.iter().zip(solids.poses) {
-            let is_field = collider.shape.cell().is_some();
-            let (distances, gradients) =
-                collider.shape.sample_packet(&pose.local_packet(1, &points), pose.fractions[1]);
-            for k in 0..count {
-                let far_enough = if is_field {
-                    let normal = pose.turn(1, [0, 1, 2].map(|c| gradients[c][k]));
-                    let length = dot(edges[k], edges[k]).sqrt();
-                    dot(normal, edges[k]).abs() * number(0.25) + length * number(1.0 / 16.0)
-                } else {
-                    reach[k]
-                };
-                is_far[k] &= distances[k] - solids.thickness > far_enough;
-            }
-        }
-        for k in 0..count {
-            far |= u32::from(is_far[k]) << taken[k];
-        }
-    }
-    far
-}
 
 /// An edge during a query.
 struct Edge<T> {
@@ -324,8 +263,8 @@ impl<T: Real> Edge<T> {
         let thickness = solids.thickness * number(SKIN_SHARE);
         let own = Solids { thickness, ..*solids };
         let length = distance(self.ends[0], self.ends[1]);
-        let paths = [0, 1].map(|end| pose.sweep_path(start, self.from[end], self.ends[end]).length());
-        let moved = paths[0].max(paths[1]);
+        let paths = [0, 1].map(|end| pose.sweep_path(start, self.from[end], self.ends[end]));
+        let moved = paths[0].length().max(paths[1].length());
         let middle = [0, 1, 2].map(|c| (self.ends[0][c] + self.ends[1][c]) * number(0.5));
         let reach = length * number(0.5) + moved + solids.thickness;
         let thinness = number::<T>(collider.shape.thinness());
@@ -333,10 +272,10 @@ impl<T: Real> Edge<T> {
             return;
         }
         let samples = Samples::of_edge(solids, solid, 1, self.ends, false);
-        for k in 0..samples.count {
+        let passed = samples.may_pass(collider.shape, &paths, moved);
+        for (k, passed) in passed.into_iter().enumerate().take(samples.count) {
             let inside = samples.distances[k] < thickness;
-            // A point that is outside has passed through if it moved by the solid's thickness.
-            if !inside && moved <= thinness + thinness {
+            if !inside && !passed {
                 continue;
             }
             let t = samples.parameters[k];
@@ -350,8 +289,7 @@ impl<T: Real> Edge<T> {
             }
             let sample = Sample { distance: samples.distances[k], gradient: samples.gradient(k) };
             let mut point = Particle { x: place, v: velocity, last_clearance: T::zero() };
-            let is_ccd_hit =
-                moved > thinness && resolve_ccd_hit(&own, solid, sample, start, from, &mut point);
+            let is_ccd_hit = passed && resolve_ccd_hit(&own, solid, sample, start, from, &mut point);
             if !is_ccd_hit {
                 if !inside {
                     continue;
@@ -483,6 +421,43 @@ impl<T: Real> Samples<T> {
         }
     }
 
+    /// Which points may have passed through `shape`, or have entered it at another place than where
+    /// they are nearest to the surface, while the edge's ends moved along `paths`, by `moved` at
+    /// most. A solid is as thick as twice its thinness; of a field places of the paths that are its
+    /// thinness apart are sampled.
+    #[inline(always)]
+    fn may_pass(&self, shape: &Shape, paths: &[SweepPath<T>; 2], moved: T) -> [bool; PACKET] {
+        let thinness = number::<T>(shape.thinness());
+        let mut passed = [false; PACKET];
+        if moved <= ccd_motion(shape) {
+            return passed;
+        }
+        // A point that is farther off than it moved cannot have touched the solid.
+        let reach = if moved <= thinness + thinness {
+            self.thickness
+        } else {
+            moved * lipschitz::<T>(shape) + number::<T>(TOUCH) * thinness + self.thickness
+        };
+        for (passed, distance) in passed.iter_mut().zip(&self.distances[..self.count]) {
+            *passed = *distance <= reach;
+        }
+        let Some(parts) = parts_of(shape, moved, paths[0].swell).filter(|_| passed.contains(&true)) else {
+            return passed;
+        };
+        let mut touched = [false; PACKET];
+        for part in 1..parts {
+            let share = count_of::<T>(part) / count_of::<T>(parts);
+            let ends = [0, 1].map(|end| lerp(paths[end].ends[0], paths[end].ends[1], share));
+            let places = self.parameters.map(|t| lerp(ends[0], ends[1], t));
+            let points = [0, 1, 2].map(|c| places.map(|place| place[c]));
+            let (distances, _) = shape.sample_packet(&points, paths[0].fractions[1]);
+            for (touched, distance) in touched.iter_mut().zip(distances) {
+                *touched |= distance <= self.thickness;
+            }
+        }
+        std::array::from_fn(|k| passed[k] && touched[k])
+    }
+
     /// Point `k`.
     #[inline(always)]
     pub fn point(&self, k: usize) -> [T; 3] {
@@ -500,7 +475,7 @@ impl<T: Real> Samples<T> {
 pub const REFINEMENTS: usize = 4;
 
 #[expect(clippy::cast_precision_loss, reason = "counts are small")]
-fn count_of<T: Real>(n: usize) -> T {
+pub(super) fn count_of<T: Real>(n: usize) -> T {
     number(n as f64)
 }
 

@@ -29,40 +29,43 @@ fn sample_edge(number: u32, map: mat4x4f, fraction: f32, a: vec3f, b: vec3f, wit
     own.count = select(parts - 1u, parts, with_end);
     let spacing = 1.0 / f32(parts);
     var deepest = 0u;
-    for (var k = 0u; k < own.count; k++) {
-        own.parameters[k] = f32(k + 1u) * spacing;
-        let found = sample_shape(number, local(map, mix(a, b, own.parameters[k])), fraction);
-        own.distances[k] = found.w;
-        own.gradients[k] = found.xyz;
-        if found.w < own.distances[deepest] {
-            deepest = k;
-        }
-    }
-    if cell > 0.0 || own.distances[deepest] - SKIN_SHARE * query.thickness > 0.5 * spacing * length {
-        return own;
-    }
-    // Move the deepest point to where the edge is deepest.
-    let falls = dot(turned(map, own.gradients[deepest]), b - a) < 0.0;
-    var near = own.parameters[deepest];
-    var far = clamp(near + select(-spacing, spacing, falls), 0.0, 1.0);
-    var slot = deepest;
-    if with_end && deepest + 1u == own.count {
-        slot = deepest - 1u;
-    }
-    var least = own.distances[deepest];
-    for (var k = 0u; k < REFINEMENTS; k++) {
-        let t = 0.5 * (near + far);
+    var slot = 0u;
+    var near = 0.0;
+    var far = 0.0;
+    var falls = false;
+    var steps = own.count;
+    for (var k = 0u; k < steps; k++) {
+        let refines = k >= own.count;
+        let t = select(f32(k + 1u) * spacing, 0.5 * (near + far), refines);
         let found = sample_shape(number, local(map, mix(a, b, t)), fraction);
-        if found.w < least {
-            least = found.w;
-            own.distances[slot] = found.w;
+        if !refines {
+            slot = k;
+        }
+        let is_deeper = found.w < own.distances[deepest];
+        if !refines || is_deeper {
             own.parameters[slot] = t;
+            own.distances[slot] = found.w;
             own.gradients[slot] = found.xyz;
         }
-        if (dot(turned(map, found.xyz), b - a) < 0.0) == falls {
+        if k == 0u || is_deeper {
+            deepest = slot;
+        }
+        let falls_here = dot(turned(map, found.xyz), b - a) < 0.0;
+        if refines && falls_here == falls {
             near = t;
-        } else {
+        } else if refines {
             far = t;
+        } else if k + 1u == own.count && cell <= 0.0
+            && own.distances[deepest] - SKIN_SHARE * query.thickness <= 0.5 * spacing * length {
+            // Move the deepest point to where the edge is deepest.
+            steps += REFINEMENTS;
+            falls = dot(turned(map, own.gradients[deepest]), b - a) < 0.0;
+            near = own.parameters[deepest];
+            far = clamp(near + select(-spacing, spacing, falls), 0.0, 1.0);
+            slot = deepest;
+            if with_end && deepest + 1u == own.count {
+                slot = deepest - 1u;
+            }
         }
     }
     return own;
@@ -95,23 +98,40 @@ fn find_hit(number: u32, edge: Edge, hit: ptr<function, Hit>) {
     }
     skin = SKIN_SHARE * query.thickness;
     let samples = sample_edge(number, map, 1.0, edge.ends[0], edge.ends[1], false);
+    // A point that is outside has passed through if it moved by the solid's thickness.
+    var reach = skin;
+    if moved > thinness + thinness {
+        reach = moved * lipschitz(number) + TOUCH * thinness + skin;
+    }
+    let parts = parts_of(number, moved);
     for (var k = 0u; k < samples.count; k++) {
         let inside = samples.distances[k] < skin;
-        // A point that is outside has passed through if it moved by the solid's thickness.
-        if !inside && moved <= thinness + thinness {
+        var is_ccd_hit = moved > ccd_motion(number) && samples.distances[k] <= reach;
+        if !inside && !is_ccd_hit {
             continue;
         }
         let t = samples.parameters[k];
         let origin = mix(edge.origins[0], edge.origins[1], t);
         let place = mix(edge.ends[0], edge.ends[1], t);
         let velocity = mix(edge.velocities[0], edge.velocities[1], t);
+        let start = local(map_before, origin);
+        let before = sample_shape(number, start, start_fraction()).w;
         // Roots may be inside a solid: points of their edges that start inside are left there.
-        if edge.inverse_masses.x == 0.0 && sample_shape(number, local(map_before, origin), start_fraction()).w <= skin {
+        if edge.inverse_masses.x == 0.0 && before <= skin {
             continue;
         }
         let found = vec4f(samples.gradients[k], samples.distances[k]);
         var point = Particle(place, velocity, 0.0);
-        let is_ccd_hit = moved > thinness && resolve_ccd_hit(number, found, origin, &point);
+        let end = local(map, place);
+        if is_ccd_hit && distance(start, end) + swell_of(number) > ccd_motion(number) {
+            let touch = sweep(number, start, end, parts);
+            is_ccd_hit = is_stopped(number, found, touch);
+            if is_ccd_hit {
+                stop(number, touch, &point);
+            }
+        } else {
+            is_ccd_hit = false;
+        }
         if !is_ccd_hit {
             if !inside {
                 continue;
@@ -119,7 +139,7 @@ fn find_hit(number: u32, edge: Edge, hit: ptr<function, Hit>) {
             let left = resolve_penetration(number, found, &point);
         }
         var size = distance(point.x, place);
-        if !is_ccd_hit && size > query.max_edge_push && sample_shape(number, local(map_before, origin), start_fraction()).w < 0.0 {
+        if !is_ccd_hit && size > query.max_edge_push && before < 0.0 {
             // It was inside before: it comes out little by little.
             point.x = mix(place, point.x, query.max_edge_push / size);
             size = query.max_edge_push;
@@ -232,8 +252,22 @@ fn take_edge_back(strand: Strand, i: u32) -> bool {
     for (var number = 0u; number < query.count; number++) {
         let map = query.solids[number].at_end;
         let map_before = map_at_start(number);
-        if !passes(number, map, 1.0, edge.ends[0], edge.ends[1])
-            || passes(number, map_before, start_fraction(), edge.origins[0], edge.origins[1]) {
+        // It passes through the solid now and did not before.
+        var is_taken = false;
+        for (var round = 0u; round < 2u; round++) {
+            let was = round == 1u;
+            var own_map = map;
+            var ends = edge.ends;
+            if was {
+                own_map = map_before;
+                ends = edge.origins;
+            }
+            if passes(number, own_map, select(1.0, start_fraction(), was), ends[0], ends[1]) == was {
+                break;
+            }
+            is_taken = was;
+        }
+        if !is_taken {
             continue;
         }
         for (var end = 0u; end < 2u; end++) {

@@ -32,73 +32,66 @@ fn left_of(clearance: f32, moved: f32) -> f32 {
     return select(clearance - moved, clearance, clearance < 0.0);
 }
 
-// Resolves the collisions of all particles. Returns whether one touches a solid.
-fn resolve_particles(strand: Strand) -> bool {
-    let after_substep = (query.how & AFTER_SUBSTEP) != 0u;
-    let displaced = (query.how & DISPLACED) != 0u;
-    var touched = false;
-    for (var i = 0u; i < strand.particles; i++) {
-        let x = position_at(strand, i);
-        var origin = x;
-        if after_substep {
-            origin = x - frame.h * velocity_at(strand, i);
-        } else if displaced && i >= frame.clamped {
-            origin = scratch_vector(strand, i, ORIGIN);
-        }
-        set_scratch_vector(strand, i, ORIGIN, origin);
-        if i < frame.clamped {
-            set_scratch_number(entry(strand, i, SCRATCH, MOVED), 0.0);
-            continue;
-        }
-        let last = clearance_of(strand, i);
-        var left = vec2f(last, 0.0);
-        if after_substep {
-            left = clearance_left(x, origin, last);
-        } else if displaced {
-            let moved = distance(x, origin);
-            left = vec2f(left_of(last, moved), moved);
-        }
-        set_scratch_number(entry(strand, i, SCRATCH, MOVED), left.y);
-        let touches = resolve_particle(strand, i, origin, left.y, left.x);
-        touched = touched || touches;
-        if !(left.x > 0.0) {
-            report_contact(touches, -(clearance_of(strand, i) + query.thickness));
-        }
-    }
-    return touched;
-}
-
 // Whether a solid that is thinner than `moved` lies on the path between two points.
 fn is_blocked(a: vec3f, b: vec3f, moved: f32) -> bool {
     skin = query.thickness;
     for (var number = 0u; number < query.count; number++) {
         if moved > query.solids[number].thinness
-            && sweep(number, local(map_at_start(number), a), local(query.solids[number].at_end, b)).found {
+            && sweep(number, local(map_at_start(number), a), local(query.solids[number].at_end, b), 0u).found {
             return true;
         }
     }
     return false;
 }
 
-// Resolves the collisions of particles that edges have moved. One whose straight path since the
-// last query is free is not swept.
-fn resolve_again(strand: Strand) {
+// Resolves the collisions of all particles; if `again`, of those that edges have moved. Returns
+// whether one touches a solid.
+fn resolve_particles(strand: Strand, again: bool) -> bool {
+    let after_substep = (query.how & AFTER_SUBSTEP) != 0u;
+    let displaced = (query.how & DISPLACED) != 0u;
     let began_at_rest = at_rest;
-    for (var i = min(frame.clamped, strand.particles); i < strand.particles; i++) {
+    var touched = false;
+    for (var i = 0u; i < strand.particles; i++) {
         let x = position_at(strand, i);
-        let origin = scratch_vector(strand, i, BEFORE_EDGES);
-        var moved = distance(x, origin);
-        let left = left_of(clearance_of(strand, i), moved);
-        if !(left > 0.0) && !is_blocked(scratch_vector(strand, i, ORIGIN), x, moved) {
-            moved = 0.0;
+        var origin = x;
+        if again {
+            origin = scratch_vector(strand, i, BEFORE_EDGES);
+        } else if after_substep {
+            origin = x - frame.h * velocity_at(strand, i);
+        } else if displaced && i >= frame.clamped {
+            origin = scratch_vector(strand, i, ORIGIN);
         }
-        at_rest = true;
-        let touches = resolve_particle(strand, i, origin, moved, left);
+        let last = clearance_of(strand, i);
+        var left = vec2f(last, 0.0);
+        if again || displaced {
+            let moved = distance(x, origin);
+            left = vec2f(left_of(last, moved), moved);
+        } else if after_substep {
+            left = clearance_left(x, origin, last);
+        }
+        if i < frame.clamped {
+            left.y = 0.0;
+        }
+        if !again {
+            set_scratch_vector(strand, i, ORIGIN, origin);
+            set_scratch_number(entry(strand, i, SCRATCH, MOVED), left.y);
+        }
+        if i < frame.clamped {
+            continue;
+        }
+        // One whose straight path since the query before is free is not swept.
+        if again && !(left.x > 0.0) && !is_blocked(scratch_vector(strand, i, ORIGIN), x, left.y) {
+            left.y = 0.0;
+        }
+        at_rest = again || began_at_rest;
+        let touches = resolve_particle(strand, i, origin, left.y, left.x) && !again;
         at_rest = began_at_rest;
-        if !(left > 0.0) {
-            report_contact(false, -(clearance_of(strand, i) + query.thickness));
+        touched = touched || touches;
+        if !(left.x > 0.0) {
+            report_contact(touches, -(clearance_of(strand, i) + query.thickness));
         }
     }
+    return touched;
 }
 
 // The stretch that is compared before and after. Edges that springs may compress would hide those
@@ -126,11 +119,17 @@ fn resolve_solids(@builtin(global_invocation_id) id: vec3u) {
     if lays && at_rest {
         before = stretch_by_solids(strand);
     }
-    var touched = resolve_particles(strand);
-    if resolve_edges(strand) {
-        touched = true;
-        resolve_again(strand);
-        take_back(strand);
+    // One call of each function: compilers inline them.
+    var touched = false;
+    for (var round = 0u; round < 2u; round++) {
+        touched = resolve_particles(strand, round == 1u) || touched;
+        if round == 1u {
+            take_back(strand);
+        } else if !resolve_edges(strand) {
+            break;
+        } else {
+            touched = true;
+        }
     }
     if lays && touched {
         let stretch = stretch_by_solids(strand);

@@ -1,7 +1,7 @@
 //! Restores the lengths of edges that collisions stretched, by moving particles along the surfaces
 //! of solids.
 
-use super::edges::{Samples, distance, lerp};
+use super::edges::{Samples, distance, lerp, passes};
 use super::particle::{Solid, lipschitz};
 use super::sweep::sweep;
 use super::{Solids, dot};
@@ -28,7 +28,9 @@ use crate::strands::{BlockView, LaneGroup, number, vector};
 /// A point of the edge at distance s from the leader and at depth −σ in a solid comes out where the
 /// edge turns by asin(−σ/s) towards the normal of the surface through which it entered. Turns are
 /// repeated for the point that needs the largest one, up to [`SLIDE_STEPS`] times. Where no
-/// direction is free the edge stays stretched or in the solid, as the limit says.
+/// direction is free, as where the rim of a thin plate lies between the leader and the follower,
+/// the edge is made as little shorter as it takes ([`SHORTER_STEPS`]), until it is laid again;
+/// where that does not help it stays stretched or in the solid, as the limit says.
 ///
 /// Afterwards the particle's velocity relative to the leader loses its component along the edge, as
 /// in the length pass, so that the edge can turn but does not change its length.
@@ -61,7 +63,13 @@ pub fn lay_along<L: Lane>(
     let stretch = if has_pass { L::select(is_pushed_out, L::zero(), stretch) } else { stretch };
     for lane in 0..L::WIDTH.min(live - first) {
         if stretch.get(lane) > limit.get(lane) {
-            let mut curve = Curve { points: &old[..n], lane, edge: from - 1, share: L::Scalar::default() };
+            let mut curve = Curve {
+                points: &old[..n],
+                lane,
+                is_outside: least.get(lane) >= -solids.thickness,
+                edge: from - 1,
+                share: L::Scalar::default(),
+            };
             deepest =
                 deepest.max(lay_strand(solids, limit.get(lane), view, [first + lane, from], &mut curve));
         }
@@ -83,6 +91,17 @@ pub const STRETCHED: f64 = 1e-5;
 /// The limit of strands of which every edge must have its rest length.
 pub const EXACT: f64 = 0.0;
 
+/// Stretch of an edge that a pass may be left to restore, where no direction is free at its length.
+pub const NEARLY: f64 = 0.02;
+
+/// Bisections in the search for the longest edge for which a direction is free, for a frame where
+/// none is at its length, as at a rim between its ends: the curve up to there is outside.
+pub const SHORTER_STEPS: usize = 5;
+
+/// Thinness of a solid, over the length of an edge that is left in it, below which the edge is made
+/// shorter although lengths have precedence: the solid would cut the strand.
+pub const THIN: f64 = 0.3;
+
 /// Rounds of projections onto the surfaces and onto the rest length of a particle for which no
 /// direction is free, where no length pass follows.
 pub const EXACT_ROUNDS: usize = 8;
@@ -97,10 +116,6 @@ pub const FOLDS: f64 = 0.7;
 /// Distance of a leader from its place on the old curve, over the edge's length, above which the
 /// particle follows the curve, if no solid is thinner than [`THIN`].
 pub const LAG: f64 = 1.0;
-
-/// Thinness of a solid, over the edge's length, below which a leader may be far from its place: an
-/// edge along the curve around the rim of such a solid is seldom free at its length.
-pub const THIN: f64 = 0.3;
 
 /// Distance by which a leader may be ahead of its place on the old curve, over the edge's length,
 /// without the next edge being turned back towards that place. A rim around which a strand has
@@ -158,14 +173,9 @@ fn lay_strand<L: Lane>(
                 curve.edge += 1;
                 found
             } else {
-                let (place, corner) = curve.follow([before, leader], length);
-                let found = Turn { corner, ..turn }.find(solids, place).or_else(|x| {
-                    // The corner may lie beside the edge on the solid's side.
-                    let found = corner.filter(|_| !has_pass).and_then(|_| turn.find(solids, place).ok());
-                    found.filter(|(x, _)| !is_between(solids, place, *x)).ok_or(x)
-                });
-                // Where no direction is free the length has precedence, unless a pass restores it.
-                found.unwrap_or_else(|x| {
+                curve.search(solids, &turn, before, has_pass).unwrap_or_else(|x| {
+                    // Where no direction is free the length has precedence, unless a pass restores
+                    // it.
                     if has_pass {
                         return (project(solids, x), zero);
                     }
@@ -212,6 +222,8 @@ struct Curve<'a, L: Lane> {
     points: &'a [V3<L>],
     /// Lane of the points.
     lane: usize,
+    /// Whether it is not being pushed out of a solid.
+    is_outside: bool,
     /// The edge of the curve on which the place is, and where on it, 0 to 1.
     edge: usize,
     share: L::Scalar,
@@ -241,6 +253,73 @@ impl<L: Lane> Curve<'_, L> {
         }
         let beyond = number::<L::Scalar>((self.edge + 1 - last) as f64) + self.share;
         lerp(self.point(last - 1), self.point(last), number::<L::Scalar>(1.0) + beyond)
+    }
+
+    /// Searches along the curve for the place of the next particle of `turn`, at shorter distances
+    /// if no direction is free at its length. `before` is the particle before the leader. Returns
+    /// the place and its clearance, or the last place that was tried at its length.
+    #[inline(never)]
+    fn search(
+        &mut self,
+        solids: &Solids<'_, L::Scalar>,
+        turn: &Turn<L::Scalar>,
+        before: [L::Scalar; 3],
+        has_pass: bool,
+    ) -> Place<L::Scalar> {
+        let from = (self.edge, self.share);
+        let (place, corner) = self.follow([before, turn.leader], turn.length);
+        let free = |turn: &Turn<L::Scalar>, place| {
+            let found = turn.find(solids, place);
+            found.and_then(|(x, own)| if is_between(solids, place, x) { Err(x) } else { Ok((x, own)) })
+        };
+        let mut found = free(&Turn { corner, ..*turn }, place);
+        if found.is_err() && corner.is_some() {
+            // The corner may lie beside the edge on the solid's side.
+            found = free(turn, place).or(found);
+        }
+        if let (Err(x), true) = (found, has_pass) {
+            // Nearly at its length on the surface.
+            let x = project(solids, x);
+            let nearly = Turn { corner: None, length: distance(turn.leader, x), ..*turn };
+            if nearly.stays_within(turn.length)
+                && let Ok(clearance) = nearly.test_all(solids, x)
+                && !is_between(solids, place, x)
+            {
+                return Ok((x, clearance));
+            }
+        }
+        let Err(x) = found else { return found };
+        let is_cut = has_pass || turn.meets_thin(solids, x);
+        if !is_cut || !self.is_outside || !self.is_free(solids, from.0) {
+            return found;
+        }
+        // The longest edge for which a direction is free, by bisection.
+        let mut end = (self.edge, self.share);
+        let mut shorter = Turn { corner: None, ..*turn };
+        let (mut least, mut most) = (L::Scalar::default(), turn.length);
+        for _ in 0..SHORTER_STEPS {
+            (self.edge, self.share) = from;
+            shorter.length = (least + most) * number(0.5);
+            let (place, _) = self.follow([before, turn.leader], shorter.length);
+            if let Ok(place) = free(&shorter, place) {
+                (found, end) = (Ok(place), (self.edge, self.share));
+                least = shorter.length;
+            } else {
+                most = shorter.length;
+            }
+        }
+        (self.edge, self.share) = end;
+        found
+    }
+
+    /// Whether the curve is outside all solids from edge `from` on to its place.
+    fn is_free(&self, solids: &Solids<'_, L::Scalar>, from: usize) -> bool {
+        let last = self.edge.min(self.points.len() - 2);
+        (from..=last).all(|edge| {
+            let ends = [self.point(edge), self.point(edge + 1)];
+            let poses = solids.solids.iter().zip(solids.poses);
+            !poses.into_iter().any(|(collider, pose)| passes(solids, Solid { collider, pose }, 1, ends))
+        })
     }
 
     /// Moves on to the first place at distance `length` from `leader`, on the way back to the curve
@@ -355,33 +434,75 @@ struct Turn<T> {
     is_root: bool,
 }
 
+/// A particle's place and its clearance, or the last place that was tried if none is free.
+type Place<T> = Result<([T; 3], T), [T; 3]>;
+
 /// The point of an edge that is inside a solid and needs the largest turn.
-struct Inside<T> {
+struct Inside<'a, T> {
     /// Sine of the turn that brings it out, if the edge turns towards the normal.
     sine: T,
+    solid: Solid<'a, T>,
+    point: [T; 3],
+    /// The solid's gradient there.
+    gradient: [T; 3],
+    /// Distance kept from the surface.
+    thickness: T,
+}
+
+impl<T: Real> Inside<'_, T> {
     /// The normal of the surface through which the edge enters the solid, seen from the leader.
-    normal: [T; 3],
+    fn normal(&self, leader: [T; 3]) -> [T; 3] {
+        let Solid { collider, pose } = self.solid;
+        let path = pose.sweep_path(1, leader, self.point);
+        let touch = sweep(collider.shape, self.thickness, &path);
+        pose.turn(1, touch.map_or(self.gradient, |(_, normal)| normal))
+    }
 }
 
 impl<T: Real> Turn<T> {
     /// Searches from the direction of `x`. Returns the particle's place and its clearance, or the
     /// last place if no direction is free.
     #[inline(never)]
-    fn find(&self, solids: &Solids<'_, T>, mut x: [T; 3]) -> Result<([T; 3], T), [T; 3]> {
+    fn find(&self, solids: &Solids<'_, T>, mut x: [T; 3]) -> Place<T> {
         for _ in 0..SLIDE_STEPS {
-            let (mut clearance, mut inside) = (T::infinity(), None);
-            for (collider, pose) in solids.solids.iter().zip(solids.poses) {
-                clearance = clearance.min(self.test(solids, Solid { collider, pose }, x, &mut inside));
-            }
-            let Some(inside) = inside else { return Ok((x, clearance)) };
+            let inside = match self.test_all(solids, x) {
+                Ok(clearance) => return Ok((x, clearance)),
+                Err(inside) => inside,
+            };
             let Some(turned) = self.turned(x, &inside) else { break };
             x = turned;
         }
         Err(x)
     }
 
+    /// Whether the edge with the particle at `x` passes through a solid that is thin beside it.
+    fn meets_thin(&self, solids: &Solids<'_, T>, x: [T; 3]) -> bool {
+        solids.solids.iter().zip(solids.poses).any(|(collider, pose)| {
+            let thinness = number::<T>(collider.shape.thinness());
+            thinness < number::<T>(THIN) * self.length
+                && passes(solids, Solid { collider, pose }, 1, [self.leader, x])
+        })
+    }
+
+    /// Whether the edge is as long as one of `length`, up to [`NEARLY`].
+    fn stays_within(&self, length: T) -> bool {
+        (self.length - length).abs() < number::<T>(NEARLY) * length
+    }
+
+    /// Tests the edge with the particle at `x` against all solids. Returns the particle's
+    /// clearance, or the point of the edge that needs the largest turn.
+    #[inline(always)]
+    fn test_all<'a>(&self, solids: &Solids<'a, T>, x: [T; 3]) -> Result<T, Inside<'a, T>> {
+        let (mut clearance, mut inside) = (T::infinity(), None);
+        for (collider, pose) in solids.solids.iter().zip(solids.poses) {
+            clearance = clearance.min(self.test(solids, Solid { collider, pose }, x, &mut inside));
+        }
+        inside.map_or(Ok(clearance), Err)
+    }
+
     /// The place of the particle at `x` after a turn about the leader; `None` if it cannot turn.
-    fn turned(&self, x: [T; 3], inside: &Inside<T>) -> Option<[T; 3]> {
+    fn turned(&self, x: [T; 3], inside: &Inside<'_, T>) -> Option<[T; 3]> {
+        let normal = inside.normal(self.leader);
         let inverse = T::one() / self.length;
         let d = [0, 1, 2].map(|c| (x[c] - self.leader[c]) * inverse);
         let across = |v: [T; 3]| {
@@ -393,7 +514,7 @@ impl<T: Real> Turn<T> {
             let e = across(to_corner);
             (e, (dot(e, e) / dot(to_corner, to_corner)).sqrt())
         } else {
-            (across(inside.normal), number(0.7))
+            (across(normal), number(0.7))
         };
         let size = dot(e, e).sqrt();
         // The edge points straight into the surface or at the corner.
@@ -401,7 +522,7 @@ impl<T: Real> Turn<T> {
         if size <= least || size.is_nan() {
             return None;
         }
-        let rise = (dot(e, inside.normal) / size).max(number(0.25));
+        let rise = (dot(e, normal) / size).max(number(0.25));
         let sine = (inside.sine / rise + number(LEAST_TURN)).min(limit).min(number(0.7));
         let cosine = (T::one() - sine * sine).sqrt();
         let turned = [0, 1, 2].map(|c| self.leader[c] + cosine * d[c] + sine / size * e[c]);
@@ -410,12 +531,12 @@ impl<T: Real> Turn<T> {
 
     /// Tests the edge with the particle at `x` against `solid`: replaces `inside` by the point that
     /// needs a larger turn. Returns the particle's clearance from the solid.
-    fn test(
+    fn test<'a>(
         &self,
-        solids: &Solids<'_, T>,
-        solid: Solid<'_, T>,
+        solids: &Solids<'a, T>,
+        solid: Solid<'a, T>,
         x: [T; 3],
-        inside: &mut Option<Inside<T>>,
+        inside: &mut Option<Inside<'a, T>>,
     ) -> T {
         let Solid { collider, pose } = solid;
         let bound = pose.distance_bound_at(x) - solids.thickness;
@@ -444,11 +565,8 @@ impl<T: Real> Turn<T> {
             if self.is_root && !is_particle && t < number(0.5) {
                 continue;
             }
-            let point = samples.point(k);
-            let path = pose.sweep_path(1, self.leader, point);
-            let normal = sweep(collider.shape, thickness, &path)
-                .map_or_else(|| samples.gradient(k), |(_, normal)| normal);
-            *inside = Some(Inside { sine, normal: pose.turn(1, normal) });
+            let (point, gradient) = (samples.point(k), samples.gradient(k));
+            *inside = Some(Inside { sine, solid, point, gradient, thickness });
         }
         clearance
     }

@@ -9,7 +9,10 @@ fn at_distance(leader: vec3f, x: vec3f, length: f32) -> vec3f {
 struct Inside {
     found: bool,
     sine: f32,
-    normal: vec3f,
+    number: u32,
+    t: f32,
+    gradient: vec3f,
+    skin: f32,
 }
 
 // The search for a place of a particle at `length` from its leader.
@@ -34,8 +37,8 @@ fn test_edge(number: u32, turn: Turn, x: vec3f, inside: ptr<function, Inside>) -
     for (var k = 0u; k < samples.count; k++) {
         let t = samples.parameters[k];
         let is_particle = k + 1u == samples.count;
-        skin = select(SKIN_SHARE * query.thickness, query.thickness, is_particle);
-        let sigma = samples.distances[k] - skin;
+        let kept = select(SKIN_SHARE * query.thickness, query.thickness, is_particle);
+        let sigma = samples.distances[k] - kept;
         if is_particle {
             clearance = max(sigma, 0.0) / lipschitz(number);
         }
@@ -48,12 +51,18 @@ fn test_edge(number: u32, turn: Turn, x: vec3f, inside: ptr<function, Inside>) -
         if turn.is_root && !is_particle && t < 0.5 {
             continue;
         }
-        let touch = sweep(number, local(map, turn.leader), local(map, mix(turn.leader, x, t)));
-        let normal = select(samples.gradients[k], touch.normal, touch.found);
-        *inside = Inside(true, sine, turned(map, normal));
+        *inside = Inside(true, sine, number, t, samples.gradients[k], kept);
     }
     return clearance;
 }
+
+// Attempts to place a particle: straight to its goal, along the old curve, the same without a turn
+// to the corner of that way, on the surface nearly at its length, and at shorter lengths.
+const STRAIGHT = 0u;
+const ALONG_CURVE = 1u;
+const PAST_CORNER = 2u;
+const ON_SURFACE = 3u;
+const SHORTER = 4u;
 
 // A place and its clearance.
 struct Place {
@@ -62,20 +71,38 @@ struct Place {
     clearance: f32,
 }
 
-// Searches from the direction of `start`. If no direction is free, the place is the last one.
-fn find_turn(turn: Turn, start: vec3f) -> Place {
+// Tests the edge with the particle at x against all solids. Returns the particle's clearance.
+fn test_all(turn: Turn, x: vec3f, inside: ptr<function, Inside>) -> f32 {
+    var clearance = FAR;
+    for (var number = 0u; number < query.count; number++) {
+        clearance = min(clearance, test_edge(number, turn, x, inside));
+    }
+    return clearance;
+}
+
+// The normal of the surface through which the edge with the particle at x enters the solid that its
+// point `inside` is in, seen from the leader.
+fn entry_normal(turn: Turn, x: vec3f, inside: Inside) -> vec3f {
+    let map = query.solids[inside.number].at_end;
+    skin = inside.skin;
+    let point = local(map, mix(turn.leader, x, inside.t));
+    let touch = sweep(inside.number, local(map, turn.leader), point, 0u);
+    return turned(map, select(inside.gradient, touch.normal, touch.found));
+}
+
+// Searches from the direction of `start`, in so many `steps`. If no direction is free, the place is
+// the last one.
+fn find_turn(turn: Turn, start: vec3f, steps: u32) -> Place {
     var x = start;
-    for (var step = 0u; step < SLIDE_STEPS; step++) {
-        var clearance = FAR;
-        var inside = Inside(false, 0.0, vec3f());
-        for (var number = 0u; number < query.count; number++) {
-            clearance = min(clearance, test_edge(number, turn, x, &inside));
-        }
+    for (var step = 0u; step < steps; step++) {
+        var inside = Inside();
+        let clearance = test_all(turn, x, &inside);
         if !inside.found {
             return Place(true, x, clearance);
         }
+        let normal = entry_normal(turn, x, inside);
         let d = (x - turn.leader) / turn.length;
-        var e = inside.normal - dot(inside.normal, d) * d;
+        var e = normal - dot(normal, d) * d;
         var limit = 0.7;
         if turn.has_corner {
             let to_corner = turn.corner - turn.leader;
@@ -87,7 +114,7 @@ fn find_turn(turn: Turn, start: vec3f) -> Place {
         if !(size > select(1e-3, 0.0, turn.has_corner)) {
             break;
         }
-        let rise = max(dot(e, inside.normal) / size, 0.25);
+        let rise = max(dot(e, normal) / size, 0.25);
         let sine = min(inside.sine / rise + LEAST_TURN, limit);
         x = at_distance(turn.leader, turn.leader + sqrt(1.0 - sine * sine) * d + (sine / size) * e, turn.length);
     }
@@ -99,7 +126,7 @@ fn is_between(a: vec3f, b: vec3f) -> bool {
     skin = query.thickness;
     for (var number = 0u; number < query.count; number++) {
         let map = query.solids[number].at_end;
-        if distance(a, b) > query.solids[number].thinness && sweep(number, local(map, a), local(map, b)).found {
+        if distance(a, b) > query.solids[number].thinness && sweep(number, local(map, a), local(map, b), 0u).found {
             return true;
         }
     }
@@ -133,6 +160,8 @@ fn depth_of(x: vec3f) -> f32 {
 struct CurvePlace {
     edge: u32,
     share: f32,
+    // Whether the curve is not being pushed out of a solid.
+    is_outside: bool,
 }
 
 fn curve_point(strand: Strand, i: u32) -> vec3f {
@@ -233,16 +262,118 @@ fn follow_curve(strand: Strand, at: ptr<function, CurvePlace>, leader: vec3f, ah
     return found;
 }
 
+// Whether the edge of `turn` with the particle at x may be made shorter: the old curve is outside
+// all solids from edge `begin` to edge `end`, and unless a pass follows (`has_pass`) one that is
+// thin beside the edge would cut it.
+fn may_shorten(strand: Strand, begin: u32, end: u32, turn: Turn, x: vec3f, has_pass: bool) -> bool {
+    let last = min(end, strand.particles - 2u);
+    for (var edge = begin; edge <= last + 1u; edge++) {
+        let is_new = edge > last;
+        var a = turn.leader;
+        var b = x;
+        if !is_new {
+            a = curve_point(strand, edge);
+            b = curve_point(strand, edge + 1u);
+        }
+        var meets = false;
+        for (var number = 0u; number < query.count; number++) {
+            let counts = !is_new || query.solids[number].thinness < THIN * turn.length;
+            if counts && passes(number, query.solids[number].at_end, 1.0, a, b) {
+                meets = true;
+                break;
+            }
+        }
+        if meets || is_new {
+            return is_new && (meets || has_pass);
+        }
+    }
+    return false;
+}
+
+// Searches for a place of the next particle of `turn`, at `x` if the edge is free there. If no
+// direction is free, the place is the last one at its length. `goal` is one edge on along the
+// curve, `ahead` the strand's direction.
+fn place_next(
+    strand: Strand,
+    at: ptr<function, CurvePlace>,
+    turn: Turn,
+    x: vec3f,
+    goal: vec3f,
+    leaves: bool,
+    ahead: vec3f,
+    has_pass: bool,
+) -> Place {
+    let began = *at;
+    var end = began;
+    var found = Place(false, x, 0.0);
+    var own = turn;
+    var way = Followed(goal, vec3f(), false);
+    // Of the longest edge for which a direction is free, by bisection.
+    var least = 0.0;
+    var most = turn.length;
+    // All attempts share one search: compilers inline it.
+    for (var attempt = select(STRAIGHT, ALONG_CURVE, leaves); attempt < SHORTER + SHORTER_STEPS; attempt++) {
+        if (attempt == PAST_CORNER && !way.has_corner) || (attempt == ON_SURFACE && !has_pass) {
+            continue;
+        }
+        if attempt == SHORTER && !(began.is_outside && may_shorten(strand, began.edge, end.edge, turn, found.x, has_pass)) {
+            break;
+        }
+        own.length = select(turn.length, 0.5 * (least + most), attempt >= SHORTER);
+        if attempt == ALONG_CURVE || attempt >= SHORTER {
+            *at = began;
+            way = follow_curve(strand, at, turn.leader, ahead, own.length);
+        }
+        own.corner = way.corner;
+        // The corner may lie beside the edge on the solid's side.
+        own.has_corner = way.has_corner && attempt == ALONG_CURVE;
+        var start = way.x;
+        var steps = SLIDE_STEPS;
+        if attempt == STRAIGHT {
+            start = x;
+        } else if attempt == ON_SURFACE {
+            // Nearly at its length.
+            start = project(found.x);
+            steps = 1u;
+            own.length = distance(turn.leader, start);
+            if !(abs(own.length - turn.length) < NEARLY * turn.length) {
+                continue;
+            }
+        }
+        var tried = find_turn(own, start, steps);
+        tried.found = tried.found && !is_between(way.x, tried.x);
+        if attempt == STRAIGHT && tried.found {
+            (*at).edge += 1u;
+        }
+        if attempt < SHORTER && tried.found {
+            return tried;
+        }
+        if attempt == ALONG_CURVE || (attempt >= SHORTER && tried.found) {
+            found = tried;
+            end = *at;
+        }
+        if tried.found {
+            least = own.length;
+        } else if attempt >= SHORTER {
+            most = own.length;
+        }
+    }
+    *at = end;
+    return found;
+}
+
 fn lay_along(strand: Strand) {
     let first = max(frame.clamped, 1u);
     let limit = query.stretch_limit;
     // The old curve of a strand that is being pushed out of a solid is not outside: it waits, if
     // another pass keeps its lengths.
     let has_pass = limit > 0.0 && limit <= STRETCHED;
+    var at = CurvePlace(first - 1u, 0.0, true);
     for (var i = first; i < strand.particles; i++) {
-        if has_pass && clearance_of(strand, i) < -query.thickness {
-            return;
-        }
+        at.is_outside = at.is_outside && !(clearance_of(strand, i) < -query.thickness);
+    }
+    if has_pass && !at.is_outside {
+        return;
     }
     for (var i = 0u; i < strand.particles; i++) {
         set_scratch_vector(strand, i, OLD_CURVE, position_at(strand, i));
@@ -251,7 +382,6 @@ fn lay_along(strand: Strand) {
     for (var number = 0u; number < query.count; number++) {
         thinnest = min(thinnest, query.solids[number].thinness);
     }
-    var at = CurvePlace(first - 1u, 0.0);
     var leader = position_at(strand, first - 1u);
     var before = position_at(strand, max(first, 2u) - 2u);
     for (var i = first; i < strand.particles; i++) {
@@ -274,39 +404,19 @@ fn lay_along(strand: Strand) {
             at.edge += 1u;
             clearance = known;
         } else if clearance <= 0.0 || clearance + clearance_of(strand, i - 1u) <= length || leaves {
-            var turn = Turn(leader, length, vec3f(), false, i <= frame.clamped);
-            var found = Place(false, x, 0.0);
-            if !leaves {
-                found = find_turn(turn, x);
+            let turn = Turn(leader, length, vec3f(), false, i <= frame.clamped);
+            let own = place_next(strand, &at, turn, x, goal, leaves, leader - before, has_pass);
+            x = own.x;
+            clearance = own.clearance;
+            // Where no direction is free the length has precedence, unless a pass restores it.
+            for (var round = 0u; !own.found && round < select(EXACT_ROUNDS, 1u, has_pass); round++) {
+                x = project(x);
+                if !has_pass {
+                    x = at_distance(leader, x, length);
+                }
             }
-            if found.found && !is_between(goal, found.x) {
-                at.edge += 1u;
-                x = found.x;
-                clearance = found.clearance;
-            } else {
-                let followed = follow_curve(strand, &at, leader, leader - before, length);
-                turn.corner = followed.corner;
-                turn.has_corner = followed.has_corner;
-                var own = find_turn(turn, followed.x);
-                if !own.found && turn.has_corner && !has_pass {
-                    // The corner may lie beside the edge on the solid's side.
-                    turn.has_corner = false;
-                    let other = find_turn(turn, followed.x);
-                    if other.found && !is_between(followed.x, other.x) {
-                        own = other;
-                    }
-                }
-                x = own.x;
-                clearance = own.clearance;
-                // Where no direction is free the length has precedence, unless a pass restores it.
-                if !own.found && has_pass {
-                    x = project(x);
-                } else if !own.found {
-                    for (var round = 0u; round < EXACT_ROUNDS; round++) {
-                        x = at_distance(leader, project(x), length);
-                    }
-                    report_contact(false, depth_of(x));
-                }
+            if !own.found && !has_pass {
+                report_contact(false, depth_of(x));
             }
         } else {
             at.edge += 1u;

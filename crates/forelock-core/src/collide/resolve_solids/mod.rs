@@ -29,6 +29,7 @@
 mod edges;
 mod lay_along;
 mod levels;
+mod near;
 mod particle;
 mod pose;
 mod queue;
@@ -39,14 +40,14 @@ use crate::lane::{Lane, Real, V3};
 use crate::strands::{BlockView, LaneGroup};
 pub use edges::{EDGE_ROUNDS, EDGE_SAMPLES, PASSES, REFINEMENTS, SKIN_SHARE, TAKE_BACK_ROUNDS};
 pub use lay_along::{
-    EXACT, EXACT_ROUNDS, FOLDS, LAG, LEAST_TURN, SLIDE_STEPS, SLIP, SPRING_STRETCH, STRETCHED, THIN,
-    lay_along,
+    EXACT, EXACT_ROUNDS, FOLDS, LAG, LEAST_TURN, NEARLY, SHORTER_STEPS, SLIDE_STEPS, SLIP, SPRING_STRETCH,
+    STRETCHED, THIN, lay_along,
 };
 pub use levels::LevelSolids;
-pub use particle::{MAX_PUSHES, PROJECTION_ROUNDS};
+pub use particle::{CCD_MOTION, MAX_PUSHES, PROJECTION_ROUNDS};
 pub use pose::{SolidMotion, SolidPose};
 use queue::{Queue, Queued};
-pub use sweep::{SWEEP_STEPS, TOUCH};
+pub use sweep::{MOST_PARTS, SWEEP_STEPS, TOUCH};
 
 /// WGSL of the stage.
 pub const WGSL: &str =

@@ -11,6 +11,17 @@ pub(super) fn lipschitz<T: Real>(shape: &Shape) -> T {
     if shape.cell().is_some() { T::from(3.0).unwrap_or_else(T::one).sqrt() } else { T::one() }
 }
 
+/// Motion relative to `shape` above which continuous collision detection is needed. A particle that
+/// stops near the middle of a ball or a box would leave it by any side.
+#[inline(always)]
+pub(super) fn ccd_motion<T: Real>(shape: &Shape) -> T {
+    let share = if shape.cell().is_some() { 1.0 } else { CCD_MOTION };
+    crate::strands::number(share * shape.thinness())
+}
+
+/// Share of the thinness of a primitive in [`ccd_motion`].
+pub const CCD_MOTION: f64 = 0.5;
+
 /// The state of a particle during a query.
 pub(super) struct Particle<T> {
     pub x: [T; 3],
@@ -134,7 +145,7 @@ pub(super) fn resolve_ccd_hit<T: Real>(
 ) -> bool {
     let Solid { collider, pose } = solid;
     let path = pose.sweep_path(start, from, particle.x);
-    if path.length() <= crate::strands::number(collider.shape.thinness()) {
+    if path.length() <= ccd_motion(collider.shape) {
         return false;
     }
     // A particle that was inside at the last query is being pushed out. One that has not been
@@ -145,16 +156,48 @@ pub(super) fn resolve_ccd_hit<T: Real>(
             return false;
         }
     }
-    let Some((place, normal)) = sweep(collider.shape, solids.thickness, &path) else { return false };
-    let same_side = dot(sample.gradient, normal) > crate::strands::number(0.5);
-    if sample.distance < solids.thickness && same_side {
+    let Some(touch) = sweep(collider.shape, solids.thickness, &path) else { return false };
+    // Deep inside a field its gradient does not say where the particle came from.
+    let sigma = sample.distance - solids.thickness;
+    let is_shallow = sigma > -crate::strands::number::<T>(collider.shape.thinness());
+    let same_side = dot(sample.gradient, touch.1) > crate::strands::number(0.5);
+    if sigma < T::zero() && same_side && is_shallow {
         return false;
     }
+    stop(solids, solid, touch, particle);
+    true
+}
+
+/// Continuous collision detection of a particle at `particle.x` that came from outside and that
+/// pushes have not brought out again. Stops it where it entered the solid. Returns whether it did.
+#[inline(never)]
+pub(super) fn stop_at_entry<T: Real>(
+    solids: &Solids<'_, T>,
+    solid: Solid<'_, T>,
+    start: usize,
+    from: [T; 3],
+    particle: &mut Particle<T>,
+) -> bool {
+    let path = solid.pose.sweep_path(start, from, particle.x);
+    let Some(touch) = sweep(solid.collider.shape, solids.thickness, &path) else { return false };
+    stop(solids, solid, touch, particle);
+    true
+}
+
+/// Stops a particle at a place in the solid's local space, where the surface has a normal.
+#[inline(always)]
+fn stop<T: Real>(
+    solids: &Solids<'_, T>,
+    solid: Solid<'_, T>,
+    touch: ([T; 3], [T; 3]),
+    particle: &mut Particle<T>,
+) {
+    let Solid { collider, pose } = solid;
+    let (place, normal) = touch;
     particle.x = pose.world(1, place);
     let normal = pose.turn(1, normal);
     let displacement = surface_displacement(solid, particle.x, normal);
     apply_friction(solids, collider.friction, displacement, normal, particle, true);
-    true
 }
 
 /// Displacement in the substep of the solid's surface at `x`, where its normal is `normal`: the

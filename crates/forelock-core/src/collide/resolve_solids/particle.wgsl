@@ -18,9 +18,11 @@ var<private> at_rest: bool = false;
 fn apply_friction(number: u32, normal: vec3f, particle: ptr<function, Particle>, is_ccd_hit: bool) {
     let arm = (*particle).x - query.solids[number].pivot;
     var gone = query.solids[number].travel + cross(query.solids[number].spin, arm);
-    if CHANGES && query.solids[number].swell > 0.0 {
+    if CHANGES {
         let place = local(query.solids[number].at_end, (*particle).x);
-        gone += (sample_shape(number, place, 0.0).w - sample_shape(number, place, 1.0).w) * normal;
+        for (var time = 0u; time < select(0u, 2u, query.solids[number].swell > 0.0); time++) {
+            gone += sample_shape(number, place, f32(time)).w * select(1.0, -1.0, time > 0u) * normal;
+        }
     }
     let solid_velocity = gone * frame.inverse_h;
     let relative = (*particle).v - solid_velocity;
@@ -126,7 +128,9 @@ struct Touch {
     normal: vec3f,
 }
 
-fn sweep(number: u32, start: vec3f, end: vec3f) -> Touch {
+// With `parts` the path is traced only if one of the places that divide it into so many is inside
+// (`sweep::may_pass`).
+fn sweep(number: u32, start: vec3f, end: vec3f, parts: u32) -> Touch {
     let none = Touch(false, vec3f(), vec3f());
     let touch = TOUCH * query.solids[number].thinness;
     let go = end - start;
@@ -136,10 +140,27 @@ fn sweep(number: u32, start: vec3f, end: vec3f) -> Touch {
         return none;
     }
     var share = 0.0;
-    for (var k = 0u; k < SWEEP_STEPS; k++) {
+    var last = none;
+    var is_free = parts > 0u;
+    // Below zero it is a place that divides the path.
+    for (var k = min(1 - i32(parts), 0); k < i32(SWEEP_STEPS); k++) {
+        if is_free && k >= 0 {
+            return none;
+        }
+        if k < 0 {
+            share = f32(-k) / f32(parts);
+        }
         let point = start + share * go;
         let found = sample_shape(number, point, select(1.0, share, changes > 0.0));
         let sigma = found.w - skin;
+        if k < 0 {
+            share = 0.0;
+            if sigma <= 0.0 {
+                is_free = false;
+                k = -1;
+            }
+            continue;
+        }
         if sigma <= touch && (dot(found.xyz, go) < 0.0 || changes > 0.0) {
             return Touch(true, point + max(-sigma, 0.0) * found.xyz, found.xyz);
         }
@@ -147,36 +168,41 @@ fn sweep(number: u32, start: vec3f, end: vec3f) -> Touch {
         if !(share < 1.0) {
             return none;
         }
+        last = Touch(sigma > 0.0 && dot(found.xyz, go) < 0.0, point, found.xyz);
     }
-    return none;
+    // It grazes the surface, or leaves it.
+    return last;
 }
 
-// Stops a particle at the surface that it passed through on its path from `origin`. Returns whether
-// it was stopped.
-fn resolve_ccd_hit(number: u32, found: vec4f, origin: vec3f, particle: ptr<function, Particle>) -> bool {
+// Motion relative to a solid above which continuous collision detection is needed.
+fn ccd_motion(number: u32) -> f32 {
+    return query.solids[number].thinness * select(CCD_MOTION, 1.0, query.solids[number].cell > 0.0);
+}
+
+// Into how many parts the path of a point is divided to see whether it passed through a field; 0:
+// it is traced.
+fn parts_of(number: u32, length: f32) -> u32 {
+    if query.solids[number].cell <= 0.0 || swell_of(number) > 0.0 {
+        return 0u;
+    }
+    let parts = ceil(length / query.solids[number].thinness);
+    return select(0u, u32(parts), parts <= f32(MOST_PARTS));
+}
+
+// Whether a particle, of which `found` is the sample, is stopped where its path touched a solid:
+// otherwise pushes bring it out on that side. Deep inside a field its gradient does not say where
+// the particle came from.
+fn is_stopped(number: u32, found: vec4f, touch: Touch) -> bool {
+    let sigma = found.w - skin;
+    let is_shallow = sigma > -query.solids[number].thinness;
+    return touch.found && !(sigma < 0.0 && is_shallow && dot(found.xyz, touch.normal) > 0.5);
+}
+
+// Stops a particle where it touched a solid.
+fn stop(number: u32, touch: Touch, particle: ptr<function, Particle>) {
     let map = query.solids[number].at_end;
-    let start = local(map_at_start(number), origin);
-    let end = local(map, (*particle).x);
-    if distance(start, end) + swell_of(number) <= query.solids[number].thinness {
-        return false;
-    }
-    // A particle that was inside at the last query is being pushed out. One that has not been
-    // queried may have been outside.
-    if (*particle).last_clearance < 0.0 {
-        if (*particle).last_clearance > frame.unknown {
-            return false;
-        }
-        if sample_shape(number, start, start_fraction()).w < skin {
-            return false;
-        }
-    }
-    let touch = sweep(number, start, end);
-    if !touch.found || (found.w < skin && dot(found.xyz, touch.normal) > 0.5) {
-        return false;
-    }
     (*particle).x = turned(map, touch.place - map[3].xyz);
     apply_friction(number, turned(map, touch.normal), particle, true);
-    return true;
 }
 
 // For a particle that moved from `origin` to `x` in a substep and had clearance `last`: the
@@ -215,18 +241,42 @@ fn query_solids(x: vec3f, v: vec3f, origin: vec3f, moved: f32, last: f32) -> Res
     var between = false;
     for (var number = 0u; number < query.count; number++) {
         let place = particle.x;
-        let found = sample_shape(number, local(query.solids[number].at_end, place), 1.0);
+        let end = local(query.solids[number].at_end, place);
+        let found = sample_shape(number, end, 1.0);
+        let start = local(map_at_start(number), origin);
+        let length = distance(start, end) + swell_of(number);
+        let reach = length * lipschitz(number) + TOUCH * query.solids[number].thinness;
+        var may_hit = min(moved, length) > ccd_motion(number) && !(found.w - skin > reach);
+        // A particle that was inside at the last query is being pushed out. One that has not been
+        // queried may have been outside: the solid came to it. Slower ones are pushed out at once
+        // anyway.
         var own = Particle(place, particle.v, last);
-        // One that has not been queried may have been outside: the solid came to it. Slower ones
-        // are pushed out at once anyway.
-        if last <= frame.unknown && moved > query.max_push_out && found.w < skin
-            && sample_shape(number, local(map_at_start(number), origin), start_fraction()).w >= skin {
-            own.last_clearance = 0.0;
+        let is_taken = moved > query.max_push_out && found.w < skin;
+        if last > frame.unknown {
+            may_hit = may_hit && last >= 0.0;
+        } else if may_hit || is_taken {
+            let was_outside = sample_shape(number, start, start_fraction()).w >= skin;
+            may_hit = may_hit && was_outside;
+            own.last_clearance = select(last, 0.0, is_taken && was_outside);
         }
         var sigma = 0.0;
-        let is_ccd_hit = moved > query.solids[number].thinness && resolve_ccd_hit(number, found, origin, &own);
-        if !is_ccd_hit {
-            sigma = resolve_penetration(number, found, &own);
+        var is_ccd_hit = false;
+        for (var attempt = 0u; attempt < 2u; attempt++) {
+            // Near the middle of a field pushes do not bring it out.
+            let is_left_inside = sigma < -PASSES && own.last_clearance >= 0.0;
+            if select(is_left_inside, may_hit, attempt == 0u) {
+                let touch = sweep(number, start, end, select(0u, parts_of(number, length), attempt == 0u));
+                is_ccd_hit = select(touch.found, is_stopped(number, found, touch), attempt == 0u);
+                if is_ccd_hit {
+                    own = Particle(place, particle.v, own.last_clearance);
+                    stop(number, touch, &own);
+                    sigma = 0.0;
+                    break;
+                }
+            }
+            if attempt == 0u {
+                sigma = resolve_penetration(number, found, &own);
+            }
         }
         if is_ccd_hit || found.w < query.thickness {
             touches = true;

@@ -1,9 +1,11 @@
 //! The queue of particles whose clearance is used up. They are resolved in packets.
 
 use super::particle::{
-    Particle, Sample, Solid, lipschitz, resolve_ccd_hit, resolve_penetration, resolve_penetrations,
+    Particle, Sample, Solid, ccd_motion, lipschitz, resolve_ccd_hit, resolve_penetration,
+    resolve_penetrations, stop_at_entry,
 };
-use super::{SolidContacts, Solids, dot};
+use super::sweep::may_pass;
+use super::{PASSES, SolidContacts, Solids, dot};
 use crate::body::PACKET;
 use crate::lane::{LANES, Lane, Real, V3};
 use crate::strands::BlockView;
@@ -94,7 +96,7 @@ impl<T: Real> Queue<T> {
         let mut between = [false; PACKET];
         for (collider, pose) in solids.solids.iter().zip(solids.poses) {
             let solid = Solid { collider, pose };
-            let thin = crate::strands::number(collider.shape.thinness());
+            let thin = ccd_motion(collider.shape);
             // A sample is not needed where the displacement cannot tunnel through this solid and
             // the distance from its bounding ball exceeds the clearance from the solids before: the
             // particle cannot touch this solid, nor can its clearance fall.
@@ -128,21 +130,32 @@ impl<T: Real> Queue<T> {
                         last_clearance = T::zero();
                     }
                 }
-                let mut particle = Particle { x: place, v: [v[0][k], v[1][k], v[2][k]], last_clearance };
-                let is_ccd_hit = self.moved[self.len + k] > thin
-                    && resolve_ccd_hit(
-                        solids,
-                        solid,
-                        sample,
-                        self.start,
-                        self.from[self.len + k],
-                        &mut particle,
-                    );
-                let sigma = if is_ccd_hit {
+                let velocity = [v[0][k], v[1][k], v[2][k]];
+                let own = || Particle { x: place, v: velocity, last_clearance };
+                let (mut particle, from) = (own(), self.from[self.len + k]);
+                let may_hit = self.moved[self.len + k] > thin && {
+                    let sigma = sample.distance - solids.thickness;
+                    may_pass(
+                        collider.shape,
+                        solids.thickness,
+                        sigma,
+                        &pose.sweep_path(self.start, from, place),
+                    )
+                };
+                let is_ccd_hit =
+                    may_hit && resolve_ccd_hit(solids, solid, sample, self.start, from, &mut particle);
+                let mut sigma = if is_ccd_hit {
                     T::zero()
                 } else {
                     resolve_penetration(solids, solid, sample, &mut particle)
                 };
+                if sigma < crate::strands::number(-PASSES) && last_clearance >= T::zero() {
+                    // Near the middle of a field pushes do not bring it out.
+                    let mut stopped = own();
+                    if stop_at_entry(solids, solid, self.start, from, &mut stopped) {
+                        (particle, sigma) = (stopped, T::zero());
+                    }
+                }
                 if is_ccd_hit || sample.distance < solids.thickness {
                     touches[k] = true;
                     let gone = [0, 1, 2].map(|c| particle.x[c] - place[c]);

@@ -10,7 +10,8 @@
 //!
 //! # Practice
 //! Only particles that used up their clearance *and* moved by more than the solid's
-//! `Shape::thinness` are traced: at ordinary speeds none.
+//! `Shape::thinness`, of a primitive half of it, are traced: at ordinary speeds none. Where the
+//! solid is a field, one is traced only if it was inside somewhere on its path before the end.
 //!
 //! # Limitations
 //! Rotation within a substep is approximated by the chord.
@@ -19,10 +20,11 @@ use crate::body::Shape;
 use crate::lane::Real;
 
 use super::dot;
+use super::edges::{count_of, lerp};
 use super::particle::lipschitz;
 
-/// Steps of a trace. A path on which more steps touch nothing counts as free; such a path grazes
-/// the surface.
+/// Steps of a trace. A path on which more steps touch nothing grazes the surface. It ends at the
+/// last of them if it still approaches there, as between the teeth of a comb; otherwise it leaves.
 pub const SWEEP_STEPS: usize = 48;
 
 /// The path of a particle during a substep, in a solid's local space.
@@ -61,6 +63,7 @@ pub(super) fn sweep<T: Real>(shape: &Shape, thickness: T, path: &SweepPath<T>) -
         return None;
     }
     let mut share = zero;
+    let mut last = None;
     for _ in 0..SWEEP_STEPS {
         let point = [0, 1, 2].map(|c| from[c] + share * go[c]);
         let time = share.to_f64().unwrap_or(1.0);
@@ -77,9 +80,40 @@ pub(super) fn sweep<T: Real>(shape: &Shape, thickness: T, path: &SweepPath<T>) -
         if share >= T::one() || sigma.is_nan() {
             return None;
         }
+        last = (sigma > zero && dot(normal, go) < zero).then_some((point, normal));
     }
-    None
+    last
 }
+
+/// Whether a point that ends at `sigma` over the skin of `thickness` may have passed through
+/// `shape` on its `path`, or have entered it at another place than where it is nearest to the
+/// surface. A field is sampled at places of the path that are its thinness apart.
+pub(super) fn may_pass<T: Real>(shape: &Shape, thickness: T, sigma: T, path: &SweepPath<T>) -> bool {
+    let number = crate::strands::number::<T>;
+    let length = path.length();
+    if sigma > length * lipschitz(shape) + number(TOUCH * shape.thinness()) {
+        return false;
+    }
+    let Some(parts) = parts_of(shape, length, path.swell) else { return true };
+    (1..parts).any(|part| {
+        let point = lerp(path.ends[0], path.ends[1], count_of::<T>(part) / count_of::<T>(parts));
+        shape.sample_at(point, path.fractions[1]).0 <= thickness
+    })
+}
+
+/// Into how many parts the path of a point is divided to see whether it passed through a field,
+/// whose surface moves by `swell` meanwhile. `None`: it is traced.
+#[inline(always)]
+pub(super) fn parts_of<T: Real>(shape: &Shape, length: T, swell: T) -> Option<usize> {
+    if shape.cell().is_none() || swell > T::zero() {
+        return None;
+    }
+    let parts = (length / crate::strands::number(shape.thinness())).ceil().to_usize()?;
+    (parts <= MOST_PARTS).then_some(parts)
+}
+
+/// Most parts of a path that is not traced.
+pub const MOST_PARTS: usize = 9;
 
 /// Distance that counts as touching, over the thinness.
 pub const TOUCH: f64 = 2e-3;

@@ -54,3 +54,13 @@ pub fn error_of_strands(offsets: &[u32], of_particle: impl Fn(usize) -> f64, ste
     errors.sort_by(f64::total_cmp);
     if steps == 1 { errors[errors.len() - 1] } else { errors[errors.len() / 2] }
 }
+
+/// Starts on the CPU that differ from another one by roundings: what differs among them says where
+/// rounding decides, as on which side a strand that begins in a solid leaves it.
+pub const ROUNDED_STARTS: usize = 8;
+
+/// `positions` of which some differ by a rounding.
+pub fn rounded(positions: &[[f32; 3]], seed: usize) -> Vec<[f32; 3]> {
+    let by = |p: usize| f32::EPSILON * ((p * 7919 + seed * 104_729) % 3) as f32 - f32::EPSILON;
+    positions.iter().enumerate().map(|(p, x)| x.map(|x| x * (1.0 + by(p)))).collect()
+}

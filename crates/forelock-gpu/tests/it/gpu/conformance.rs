@@ -8,7 +8,7 @@
 
 use crate::common::{
     self, little,
-    shaken::{self, GRAVITY, apart, error_of_strands, options},
+    shaken::{self, GRAVITY, ROUNDED_STARTS, apart, error_of_strands, options, rounded},
 };
 use forelock_core::body::{ClosedMesh, ColliderFrame, Head, Morph, Sdf, Shape, TriMesh};
 use forelock_core::frame::{Air, FrameInput, Roots};
@@ -16,7 +16,7 @@ use forelock_core::pose::Pose;
 use forelock_core::simulation::Simulation;
 use forelock_core::solver::ams::{AngularForm, Inextensibility, IntegrityForm, Jacobian};
 use forelock_core::solver::{AmsParams, MassSpringParams};
-use forelock_core::strands::Strands;
+use forelock_core::strands::{Snapshot, Strands};
 use forelock_gpu::{Choice, Gpu, GpuSimulation};
 use glam::{DQuat, DVec3};
 use std::sync::Arc;
@@ -90,7 +90,8 @@ fn errors(gpu: &Gpu, strands: &Strands<'_, f32>, params: [&AmsParams; 2], frames
     errors_among(&[], gpu, strands, params, frames)
 }
 
-/// The same among solids.
+/// The same among solids. After one frame the float32 CPU is the worst of several starts that
+/// differ by roundings: a strand that begins in a solid leaves it by either side.
 fn errors_among(
     solids: &[Solid<'_>],
     gpu: &Gpu,
@@ -120,16 +121,30 @@ fn errors_among(
         assert!((touching - of).abs() <= 10.0 + 0.25 * of, "{report:?}, {expected:?}");
     }
     let truth = truth.snapshot();
-    [own.snapshot().unwrap(), cpu.snapshot()].map(|found| {
-        assert_eq!(found.origin, truth.origin);
+    let error = |found: Snapshot<f32>| {
+        let shift: [f64; 3] = std::array::from_fn(|c| truth.origin[c] - found.origin[c]);
         let of_particle = |p: usize| {
-            let x = apart(found.positions[p], truth.positions[p]);
+            let x = apart(found.positions[p], std::array::from_fn(|c| truth.positions[p][c] + shift[c]));
             // A frame's worth of velocity.
             let v = apart(found.velocities[p], truth.velocities[p]) / FPS;
             (x.max(v) / 0.25).max((f64::from(found.integrity[p]) - truth.integrity[p]).abs())
         };
         error_of_strands(strands.offsets, of_particle, frames)
-    })
+    };
+    let found = own.snapshot().unwrap();
+    assert_eq!(found.origin, truth.origin);
+    let mut of_cpu = error(cpu.snapshot());
+    if frames == 1 {
+        for seed in 0..ROUNDED_STARTS {
+            let starts = rounded(strands.positions, seed);
+            let starts = Strands { stiffness: strands.stiffness, ..Strands::new(&starts, strands.offsets) };
+            let mut cpu = Simulation::from_strands(&starts, params[1], &options()).unwrap();
+            let colliders: Vec<_> = solids.iter().map(|solid| solid.frame(0)).collect();
+            cpu.step_frame(&FrameInput { colliders: &colliders, ..frame(0) }).unwrap();
+            of_cpu = of_cpu.max(error(cpu.snapshot()));
+        }
+    }
+    [error(found), of_cpu]
 }
 
 /// Whether the GPU is as near as float32 should be.
@@ -440,25 +455,39 @@ fn strays(
             cpu.step_frame(&FrameInput { colliders: &b, ..frame(number) }).unwrap();
             continue;
         }
+        let start = cpu.snapshot();
         own.report().unwrap();
         own.step_frame(&FrameInput { colliders: &a, ..frame(number) }).unwrap();
         let report = own.report().unwrap();
         let expected = cpu.step_frame(&FrameInput { colliders: &b, ..frame(number) }).unwrap();
         touching += expected.touching as usize;
-        let off_before = off;
         let (own, cpu) = (own.snapshot().unwrap(), cpu.snapshot());
         let apart =
             |a: [f32; 3], b: [f32; 3]| DVec3::from(a.map(f64::from)).distance(DVec3::from(b.map(f64::from)));
-        for p in 0..own.positions.len() {
+        let differs = |cpu: &Snapshot<f32>, p: usize| {
             let x = apart(own.positions[p], cpu.positions[p]);
             let v = apart(own.velocities[p], cpu.velocities[p]) / FPS;
             // A tenth of a millimetre, and as far in the frame to come.
-            off += usize::from(!(x < 1e-4 && v < 1e-4));
+            !(x < 1e-4 && v < 1e-4)
+        };
+        let mut strays: Vec<usize> = (0..own.positions.len()).filter(|&p| differs(&cpu, p)).collect();
+        let agrees = strays.is_empty();
+        for seed in 0..ROUNDED_STARTS {
+            if strays.is_empty() {
+                break;
+            }
+            let positions = rounded(&start.positions, seed);
+            let mut other = Simulation::from_strands(strands, params[1], &options()).unwrap();
+            other.restore(&Snapshot { positions, ..start.clone() }).unwrap();
+            other.step_frame(&FrameInput { colliders: &b, ..frame(number) }).unwrap();
+            let other = other.snapshot();
+            strays.retain(|&p| differs(&other, p));
         }
+        off += strays.len();
         // A field changes by at most √3 times as much as a position.
         let depth = f64::from(report.max_penetration_m);
         let is_as_deep = (depth - expected.max_penetration_m).abs() < 2e-4;
-        assert!(off > off_before || is_as_deep, "{report:?}, {expected:?}");
+        assert!(!agrees || is_as_deep, "{report:?}, {expected:?}");
     }
     [off, touching]
 }

@@ -5,7 +5,7 @@
 use crate::common::{
     self, little,
     rms::{rms, trimmed_rms},
-    shaken::{self, GRAVITY, apart, error_of_strands, options},
+    shaken::{self, GRAVITY, ROUNDED_STARTS, apart, error_of_strands, options, rounded},
 };
 use forelock_core::air::{Wind, WindField, WindParams};
 use forelock_core::body::{ColliderFrame, Head, Sdf, Shape};
@@ -17,7 +17,7 @@ use forelock_core::pose::Pose;
 use forelock_core::simulation::Simulation;
 use forelock_core::solver::dftl::Schedule;
 use forelock_core::solver::{AmsParams, DftlParams, MassSpringParams, Solver};
-use forelock_core::strands::Strands;
+use forelock_core::strands::{Snapshot, Strands};
 use forelock_gpu::{Gpu, GpuSimulation};
 use glam::{DQuat, DVec3};
 
@@ -66,7 +66,8 @@ struct Among<'a> {
 }
 
 /// Distance from the float64 CPU after `steps`, over the strand's length, of the median strand or
-/// after one step of the worst: of the GPU, and of the float32 CPU.
+/// after one step of the worst: of the GPU, and of the float32 CPU. After one step among solids the
+/// latter is the worst of several starts that differ by roundings.
 fn errors(gpu: &Gpu, strands: &Strands<'_, f32>, params: [&DftlParams; 2], among: Among<'_>) -> [f64; 2] {
     let Among { solids, wind, steps } = among;
     let exact: Vec<[f64; 3]> = strands.positions.iter().map(|x| x.map(f64::from)).collect();
@@ -96,16 +97,32 @@ fn errors(gpu: &Gpu, strands: &Strands<'_, f32>, params: [&DftlParams; 2], among
         );
     }
     let truth = truth.snapshot();
-    [own.snapshot().unwrap(), cpu.snapshot()].map(|found| {
-        assert_eq!(found.origin, truth.origin);
+    let error = |found: &Snapshot<f32>| {
+        let shift: [f64; 3] = std::array::from_fn(|c| truth.origin[c] - found.origin[c]);
+        let shifted = |x: [f64; 3]| std::array::from_fn(|c| x[c] + shift[c]);
         let of_particle = |p: usize| {
-            let places = apart(found.positions[p], truth.positions[p])
-                .max(apart(found.previous[p], truth.previous[p]));
+            let places = apart(found.positions[p], shifted(truth.positions[p]))
+                .max(apart(found.previous[p], shifted(truth.previous[p])));
             // Velocities hold the load of all the strand.
             places.max(0.1 * DT * apart(found.velocities[p], truth.velocities[p])) / 0.25
         };
         error_of_strands(strands.offsets, of_particle, steps)
-    })
+    };
+    let found = own.snapshot().unwrap();
+    assert_eq!(found.origin, truth.origin);
+    let mut of_cpu = error(&cpu.snapshot());
+    if steps == 1 && !solids.is_empty() {
+        for seed in 0..ROUNDED_STARTS {
+            let starts = rounded(strands.positions, seed);
+            let starts = Strands { stiffness: strands.stiffness, ..Strands::new(&starts, strands.offsets) };
+            let mut cpu = Simulation::from_strands(&starts, params[1], &options()).unwrap();
+            let colliders = on_head(solids, 0);
+            let frame = FrameInput { colliders: &colliders, ..frame(0) };
+            cpu.step_frame(&FrameInput { air: Air { field: wind, ..frame.air }, ..frame }).unwrap();
+            of_cpu = of_cpu.max(error(&cpu.snapshot()));
+        }
+    }
+    [error(&found), of_cpu]
 }
 
 fn is_close([gpu, cpu]: [f64; 2]) -> bool {
@@ -389,16 +406,18 @@ fn hair_meets_as_on_the_cpu() {
     }
 }
 
-/// The largest share of edges in a plate of 1 cm that crosses hanging strands at 2 m/s and stops,
-/// the particles that it let through, and the largest stretch of an edge half a second later.
-fn dragged(gpu: &Gpu, solver: &Solver<f32>) -> (f64, usize, f64) {
+/// The largest share of edges in a plate, half as thick as `half`, that crosses hanging strands at
+/// 2 m/s and stops, the outer fifth of its thickness aside; the particles that it let through, and
+/// the largest stretch of an edge half a second later.
+fn dragged(gpu: &Gpu, solver: &Solver<f32>, half: f64) -> (f64, usize, f64) {
     let root = |s: u32| [0.004 * (s % 11) as f32 - 0.02, 0.0, 0.005 * (s / 11) as f32 - 0.01];
     let strand = |s: u32| (0..30).map(move |i| [root(s)[0], -0.3 * i as f32 / 29.0, root(s)[2]]);
     let positions: Vec<[f32; 3]> = (0..55).flat_map(strand).collect();
     let offsets: Vec<u32> = (0..=55).map(|s| 30 * s).collect();
     let strands = Strands::new(&positions, &offsets);
     let mut own = GpuSimulation::from_strands(gpu, &strands, solver, &options()).unwrap();
-    let half = DVec3::new(0.15, 0.25, 0.005);
+    let half = DVec3::new(0.15, 0.25, half);
+    let core = half - DVec3::splat(0.2 * half.z);
     let (shape, dt) = (Shape::Box { half_extents: half }, 1.0 / 60.0);
     let pose = |number: u32| {
         Pose::new(DQuat::IDENTITY, DVec3::new(0.0, -0.3, (2.0 * dt * f64::from(number)).min(0.2) - 0.065))
@@ -419,9 +438,11 @@ fn dragged(gpu: &Gpu, solver: &Solver<f32>) -> (f64, usize, f64) {
             FrameInput { colliders: &[plate], gravity: GRAVITY, dt_secs: dt, ..FrameInput::default() };
         own.step_frame(&frame).unwrap();
         let places: Vec<DVec3> = chain(&mut own).iter().map(|x| to.inverse().transform_point(*x)).collect();
+        // The segment meets the box.
         let is_inside = |ends: &&[DVec3]| {
-            let depth = |k: i32| (half - ends[0].lerp(ends[1], 0.125 * f64::from(k)).abs()).min_element();
-            (0..=8).any(|k| depth(k) > 1e-3)
+            let go = ends[1] - ends[0];
+            let (p, q) = ((-core - ends[0]) / go, (core - ends[0]) / go);
+            p.min(q).max_element().max(0.0) < p.max(q).min_element().min(1.0)
         };
         let edges = places.chunks(particles).flat_map(|strand| strand.windows(2));
         cut = cut.max(edges.filter(is_inside).count() as f64 / (places.len() - 55) as f64);
@@ -447,11 +468,16 @@ fn plates_do_not_cut_through_taut_hair() {
     for (name, solver) in
         [("ams", (&ams).into()), ("dftl", (&dftl).into()), ("mass-spring", (&springs).into())]
     {
-        let (cut, crossed, stretch) = dragged(&gpu, &solver);
-        println!("{name}: {cut:.1e} cut, {crossed} crossed, stretch {stretch:.1e}");
-        assert!(cut <= 1e-3 && crossed == 0 && stretch < 0.05, "{name}: {cut}, {crossed}, {stretch}");
+        for half in [0.001, 0.005] {
+            let (cut, crossed, stretch) = dragged(&gpu, &solver, half);
+            println!("{name}, {half} m: {cut:.1e} cut, {crossed} crossed, stretch {stretch:.1e}");
+            // Springs alone give way by some per cent where hair hangs over the rim of a thin
+            // plate.
+            let longest = if name == "mass-spring" && half < 0.005 { 0.08 } else { 0.05 };
+            assert!(cut <= 1e-3 && crossed == 0 && stretch < longest, "{name}: {cut}, {crossed}, {stretch}");
+        }
     }
     let levels = DftlParams { level_collisions: true, ..dftl };
-    let (cut, crossed, stretch) = dragged(&gpu, &(&levels).into());
+    let (cut, crossed, stretch) = dragged(&gpu, &(&levels).into(), 0.005);
     assert!(cut > 1e-3 || crossed > 0, "the check can fail: {cut}, {crossed}, {stretch}");
 }

@@ -2,13 +2,14 @@
 #![expect(clippy::unwrap_used, reason = "a test fails where it cannot be set up")]
 
 use crate::common::{self, shaken::options};
-use forelock_core::body::{ColliderFrame, Shape};
+use forelock_core::body::{ColliderFrame, Prop, Sdf, Shape};
 use forelock_core::frame::{FrameInput, Solver};
 use forelock_core::pose::Pose;
 use forelock_core::solver::{AmsParams, DftlParams, MassSpringParams};
 use forelock_core::strands::Strands;
 use forelock_gpu::{Gpu, GpuSimulation};
-use glam::{DQuat, DVec3};
+use glam::{DMat3, DQuat, DVec3};
+use std::sync::Arc;
 
 const DT: f64 = 1.0 / 60.0;
 const STRANDS: usize = 55;
@@ -24,10 +25,11 @@ struct Thin {
 }
 
 impl Thin {
-    fn plate() -> Self {
-        let half_extents = DVec3::new(0.001, 0.25, 0.15);
+    /// Half as thick as `half`, its rim 3 cm below the roots.
+    fn plate(half: f64) -> Self {
+        let half_extents = DVec3::new(half, 0.25, 0.15);
         let local = Pose::new(DQuat::IDENTITY, DVec3::new(0.0, -0.28, 0.0));
-        Self { shape: Shape::Box { half_extents }, local, front: 0.001 }
+        Self { shape: Shape::Box { half_extents }, local, front: half }
     }
 
     fn finger() -> Self {
@@ -36,25 +38,35 @@ impl Thin {
         Self { shape: Shape::Capsule { half_length: 0.1, radius: 0.008 }, local, front: 0.008 }
     }
 
+    /// Its spine along z, the teeth to +x.
+    fn comb() -> Self {
+        let field = Sdf::from_mesh(&Prop::Comb.mesh(), Prop::Comb.field_nodes(), 0.008).unwrap();
+        let turn = DQuat::from_mat3(&DMat3::from_cols(DVec3::Z, DVec3::NEG_X, DVec3::NEG_Y));
+        let local = Pose::new(turn, DVec3::new(0.0, -0.1, 0.0));
+        Self { shape: Shape::Sdf(Arc::new(field)), local, front: 0.045 }
+    }
+
     /// Whether an edge between two points in its local space is in it, the outer fifth of a plate's
-    /// thickness or 0.8 mm of a finger aside.
+    /// thickness and some tenths of a millimetre of the others aside.
     fn contains(&self, a: DVec3, b: DVec3) -> bool {
         if let Shape::Box { half_extents } = self.shape {
-            let half = half_extents - DVec3::splat(2e-4);
+            let half = half_extents - DVec3::splat(0.2 * half_extents.x);
             let go = b - a;
             let (p, q) = ((-half - a) / go, (half - a) / go);
             return p.min(q).max_element().max(0.0) < p.max(q).min_element().min(1.0);
         }
-        (0..=8).any(|k| self.shape.sample(a.lerp(b, 0.125 * f64::from(k)).to_array()).0 < -8e-4)
+        let skin = if self.shape.cell().is_some() { 3e-4 } else { 8e-4 };
+        (0..=8).any(|k| self.shape.sample(a.lerp(b, 0.125 * f64::from(k)).to_array()).0 < -skin)
     }
 
     /// Whether a strand came from its front to its back in a frame, with more of it below than can
-    /// have slipped over it. `before` and `now` are relative to the carrier.
+    /// have slipped over it. `before` and `now` are relative to the carrier. A comb lets hair
+    /// through.
     fn passed(&self, before: &[DVec3], now: &[DVec3], speed: f64) -> bool {
         match self.shape {
-            Shape::Box { .. } => {
-                let is_deep = |x: &DVec3| x.y < -0.04 - speed * DT;
-                before.iter().zip(now).any(|(a, b)| is_deep(a) && is_deep(b) && a.x > 2e-4 && b.x < -2e-4)
+            Shape::Box { half_extents } => {
+                let is_deep = |x: &DVec3| x.y < -0.04 - speed * DT && x.x.abs() > 0.2 * half_extents.x;
+                before.iter().zip(now).any(|(a, b)| is_deep(a) && is_deep(b) && a.x > 0.0 && b.x < 0.0)
             }
             Shape::Capsule { .. } => {
                 let ([front, _], length) = around(before);
@@ -82,7 +94,8 @@ fn around(strand: &[DVec3]) -> ([i32; 2], f64) {
     (passes, length)
 }
 
-/// The largest share of edges in the solid at a frame's end, and the strands it passed through.
+/// The largest share of edges in the solid at a frame's end, and the strands that it passed
+/// through.
 fn cross(gpu: &Gpu, solver: &Solver<f32>, thin: &Thin, speed: f64) -> (f64, usize) {
     let place = |s: usize, i: u32| {
         let y = -LENGTH as f32 * i as f32 / 29.0;
@@ -124,23 +137,33 @@ fn cross(gpu: &Gpu, solver: &Solver<f32>, thin: &Thin, speed: f64) -> (f64, usiz
     (inside, passed)
 }
 
-/// As on the CPU, no more than a thousandth of the edges is in a finger at the end of a frame, and
-/// none passes through hair.
+/// As on the CPU, no more than a thousandth of the edges is in a thin solid at the end of a frame,
+/// and none passes through hair.
 #[test]
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
-fn fingers_do_not_pass_through_hair() {
+fn thin_solids_do_not_pass_through_hair() {
     let gpu = common::gpu();
     let ams: Solver<f32> = (&AmsParams::default()).into();
     let dftl = (&DftlParams::default()).into();
     let springs = (&MassSpringParams::default()).into();
-    for (name, solver) in [("ams", &ams), ("dftl", &dftl), ("mass-spring", &springs)] {
-        for speed in [1.0, 2.0, 5.0] {
-            let (inside, passed) = cross(&gpu, solver, &Thin::finger(), speed);
-            println!("{name} at {speed} m/s: {inside:.1e} of edges inside, {passed} passed");
-            assert!(inside <= 1e-3 && passed == 0, "{name} at {speed} m/s");
+    let solids: [(&str, Thin, &[f64]); 4] = [
+        ("plate of 2 mm", Thin::plate(0.001), &[1.0, 10.0]),
+        ("plate of 20 mm", Thin::plate(0.01), &[2.0]),
+        ("finger", Thin::finger(), &[1.0, 2.0, 5.0]),
+        ("comb", Thin::comb(), &[1.0, 5.0]),
+    ];
+    for (solver_name, solver) in [("ams", &ams), ("dftl", &dftl), ("mass-spring", &springs)] {
+        for (name, thin, speeds) in &solids {
+            for &speed in *speeds {
+                let (inside, passed) = cross(&gpu, solver, thin, speed);
+                println!(
+                    "{name} at {speed} m/s, {solver_name}: {inside:.1e} of edges inside, {passed} passed"
+                );
+                assert!(inside <= 1e-3 && passed == 0, "{name} at {speed} m/s, {solver_name}");
+            }
         }
     }
     let levels = DftlParams { level_collisions: true, ..DftlParams::default() };
-    let (inside, passed) = cross(&gpu, &(&levels).into(), &Thin::plate(), 5.0);
+    let (inside, passed) = cross(&gpu, &(&levels).into(), &solids[0].1, 5.0);
     assert!(inside > 1e-3 || passed > 0, "the check can fail: {inside}, {passed}");
 }
