@@ -8,7 +8,9 @@
 //! `cargo run --release -p forelock-core --example volume -- [turn|shake|sag|settle|...] [secs]
 //! [none|grid|contacts|all] [key=value ...]` with the keys resolution, pic_rate, rest_density,
 //! volume_rate, strands, preset and every (frames to a line). `sag` is hair without ties that falls
-//! from its rest shape; `settle` is a head that is shaken for 2 s and then held still.
+//! from its rest shape; `settle` is a head that is shaken for 2 s and then held still. At its end
+//! the strands of which a particle is more than 1 cm from its rest place are counted, and the
+//! volume is printed as it is with these strands at their rest places.
 
 #![expect(clippy::print_stdout, reason = "an example that measures says what")]
 
@@ -32,6 +34,9 @@ const VOXEL: f32 = 5e-3;
 const DENSITY_CELL: i32 = 4;
 /// Distance of samples along a strand, metres.
 const STEP: f32 = 1e-3;
+
+/// Distance from its rest place beyond which a strand counts as caught elsewhere, metres.
+const CAUGHT: f32 = 0.01;
 
 /// Time for which the head is shaken before hair settles.
 const SHAKE_SECS: f64 = 2.0;
@@ -91,15 +96,15 @@ fn main() -> Result<(), Failure> {
         simulation.set_grid((index > 0).then_some(&grid))?;
         simulation.set_contacts((index > 1).then(ContactParams::default).as_ref())?;
         let mut positions = Vec::new();
-        let mut measure_at = |simulation: &Simulation, pose: &Pose| {
+        let mut on_head = |simulation: &Simulation, pose: &Pose| -> Vec<Vec3> {
             simulation.positions(&mut positions);
             let back = pose.inverse();
-            let local: Vec<Vec3> =
-                positions.iter().map(|x| back.transform_point(x.as_dvec3()).as_vec3()).collect();
-            measure(&local, groom.strand_offsets())
+            positions.iter().map(|x| back.transform_point(x.as_dvec3()).as_vec3()).collect()
         };
+        let offsets = groom.strand_offsets();
         let dt_secs = 1.0 / 60.0;
-        let rest = measure_at(&simulation, &pose(0.0));
+        let at_rest = on_head(&simulation, &pose(0.0));
+        let rest = measure(&at_rest, offsets);
         let (mut least, mut most) = (f64::INFINITY, 0.0f32);
         println!(
             "{motion_name}, {choice}: rest {:.2} l, densest {:.1} m at {:.3}",
@@ -128,7 +133,7 @@ fn main() -> Result<(), Failure> {
             if frame % 4 != 3 && frame + 1 != frames {
                 continue;
             }
-            let now = measure_at(&simulation, &head[1]);
+            let now = measure(&on_head(&simulation, &head[1]), offsets);
             let volume = now.volume / rest.volume;
             let density = now.densest / rest.densest;
             least = least.min(volume);
@@ -145,12 +150,34 @@ fn main() -> Result<(), Failure> {
                 );
             }
         }
+        if settle {
+            let mut hair = on_head(&simulation, &pose(secs));
+            let caught = put_back(&mut hair, &at_rest, offsets);
+            let volume = measure(&hair, offsets).volume / rest.volume;
+            println!(
+                "  {caught} strands caught elsewhere; volume with them at their rest places {volume:.3}"
+            );
+        }
         println!(
             "  least volume {least:.3}, most density {most:.3}; {:.1} ms a frame",
             1e3 * frame_secs / f64::from(frames)
         );
     }
     Ok(())
+}
+
+/// Puts the strands that are caught elsewhere to their rest places, and returns their number.
+fn put_back(hair: &mut [Vec3], rest: &[Vec3], offsets: &[u32]) -> usize {
+    let mut caught = 0;
+    for strand in offsets.windows(2) {
+        let own = strand[0] as usize..strand[1] as usize;
+        let off = hair[own.clone()].iter().zip(&rest[own.clone()]).map(|(x, rest)| x.distance(*rest));
+        if off.fold(0.0, f32::max) > CAUGHT {
+            hair[own.clone()].copy_from_slice(&rest[own]);
+            caught += 1;
+        }
+    }
+    caught
 }
 
 fn measure(positions: &[Vec3], offsets: &[u32]) -> Measure {

@@ -1,7 +1,5 @@
 //! Displacement of every particle in a frame, in the frame of the head.
 
-#![expect(clippy::needless_range_loop, reason = "one index for several arrays is what vectorises")]
-
 use crate::lane::{LANES, Real, Row, widest};
 use crate::pose::Pose;
 use crate::strands::Model;

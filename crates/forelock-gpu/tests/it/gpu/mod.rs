@@ -13,4 +13,5 @@ mod masses;
 mod pipelines;
 mod simulator;
 mod sleep;
+mod strays;
 mod thin;
