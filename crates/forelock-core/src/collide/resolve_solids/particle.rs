@@ -19,7 +19,7 @@ pub(super) fn ccd_motion<T: Real>(shape: &Shape) -> T {
     crate::strands::number(share * shape.thinness())
 }
 
-/// Share of the thinness of a primitive in [`ccd_motion`].
+/// Share of the thinness of a primitive in `ccd_motion`.
 pub const CCD_MOTION: f64 = 0.5;
 
 /// The state of a particle during a query.
