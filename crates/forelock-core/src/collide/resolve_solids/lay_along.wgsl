@@ -267,7 +267,7 @@ fn follow_curve(strand: Strand, at: ptr<function, CurvePlace>, leader: vec3f, ah
 // thin beside the edge would cut it.
 fn may_shorten(strand: Strand, begin: u32, end: u32, turn: Turn, x: vec3f, has_pass: bool) -> bool {
     let last = min(end, strand.particles - 2u);
-    for (var edge = begin; edge <= last + 1u; edge++) {
+    for (var edge = min(begin, last + 1u); edge <= last + 1u; edge++) {
         let is_new = edge > last;
         var a = turn.leader;
         var b = x;

@@ -226,7 +226,9 @@ fn collide<L: Lane>(
             // Only strands that colliders stretched: the result must not depend on the width.
             let now = if is_limit { restore_lengths::largest_extension::<L>(view, first) } else { left };
             let by_solids = L::select(longest.lt(now), now, L::zero());
-            resolve_solids::lay_along(&solids, [by_solids, L::from_f64(limit)], view, group, work);
+            let limit = L::from_f64(limit);
+            let depth = resolve_solids::lay_along(&solids, [by_solids, limit], view, group, work);
+            report.contacts.deepest = report.contacts.deepest.max(depth);
             left = restore_lengths::largest_stretch::<L>(view, first);
         }
     }

@@ -61,6 +61,7 @@ pub const ROUNDED_STARTS: usize = 8;
 
 /// `positions` of which some differ by a rounding.
 pub fn rounded(positions: &[[f32; 3]], seed: usize) -> Vec<[f32; 3]> {
-    let by = |p: usize| f32::EPSILON * ((p * 7919 + seed * 104_729) % 3) as f32 - f32::EPSILON;
+    let hash = |p: usize| (p as u32 ^ (seed as u32).wrapping_mul(0x85eb_ca6b)).wrapping_mul(0x9e37_79b9);
+    let by = |p: usize| f32::EPSILON * ((hash(p) >> 16) % 3) as f32 - f32::EPSILON;
     positions.iter().enumerate().map(|(p, x)| x.map(|x| x * (1.0 + by(p)))).collect()
 }

@@ -135,7 +135,7 @@ fn errors_among(
     let found = own.snapshot().unwrap();
     assert_eq!(found.origin, truth.origin);
     let mut of_cpu = error(cpu.snapshot());
-    if frames == 1 {
+    if frames == 1 && !solids.is_empty() {
         for seed in 0..ROUNDED_STARTS {
             let starts = rounded(strands.positions, seed);
             let starts = Strands { stiffness: strands.stiffness, ..Strands::new(&starts, strands.offsets) };
@@ -412,9 +412,7 @@ fn every_solid_for(frames: u32) {
             let off = strays(&gpu, &strands, [solids; 2], [params; 2], frames);
             println!("{name}, {kind}: {off:?} particles off, touches, depths off");
             assert!(off[0] <= most, "{name}, {kind}: {off:?}, {most} allowed");
-            // In one frame the GPU reports a depth of hair between a ball and a field that the CPU,
-            // with the same positions, does not.
-            assert!(off[2] <= usize::from(*kind == "limited"), "{name}, {kind}: {off:?}");
+            assert_eq!(off[2], 0, "{name}, {kind}");
             // A solid that has passed before the end of a frame touches nothing at its end. Below
             // it is shown to collide.
             assert!(off[1] > 10 || *name == "a ball at 30 m/s", "{name}, {kind}: {off:?}");
