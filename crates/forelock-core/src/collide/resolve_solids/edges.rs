@@ -423,8 +423,8 @@ impl<T: Real> Samples<T> {
 
     /// Which points may have passed through `shape`, or have entered it at another place than where
     /// they are nearest to the surface, while the edge's ends moved along `paths`, by `moved` at
-    /// most. A solid is as thick as twice its thinness; of a field places of the paths that are its
-    /// thinness apart are sampled.
+    /// most. A solid is as thick as twice its thinness, so points that moved by no more than that
+    /// are inside if they entered it. Paths in a field are sampled at places its thinness apart.
     #[inline(always)]
     fn may_pass(&self, shape: &Shape, paths: &[SweepPath<T>; 2], moved: T) -> [bool; PACKET] {
         let thinness = number::<T>(shape.thinness());

@@ -37,14 +37,16 @@ use crate::strands::{BlockView, LaneGroup, number, vector};
 #[inline(always)]
 pub fn lay_along<L: Lane>(
     solids: &Solids<'_, L::Scalar>,
-    [stretch, limit]: [L; 2],
+    stretch: L,
+    limit: f64,
     view: &mut BlockView<'_, L::Scalar>,
     group: LaneGroup,
     old: &mut [V3<L>],
 ) -> f64 {
     let LaneGroup { first, live } = group;
     let mut deepest = 0.0f64;
-    if L::all(stretch.lt(limit)) {
+    let most = L::from_f64(limit);
+    if L::all(stretch.lt(most)) {
         return deepest;
     }
     let n = view.particles;
@@ -54,15 +56,14 @@ pub fn lay_along<L: Lane>(
     }
     // The old curve of a strand that is being pushed out of a solid is not outside: it waits, if
     // another pass keeps its lengths.
-    let has_pass = L::all(limit.lt(L::from_f64(0.5 * SPRING_STRETCH))) && L::all(L::zero().lt(limit));
     let mut least = L::zero();
     for i in from..n {
         least = L::load(&view.clearance[i], first).min(least);
     }
     let is_pushed_out = least.lt(-L::splat(solids.thickness));
-    let stretch = if has_pass { L::select(is_pushed_out, L::zero(), stretch) } else { stretch };
+    let stretch = if follows_pass(limit) { L::select(is_pushed_out, L::zero(), stretch) } else { stretch };
     for lane in 0..L::WIDTH.min(live - first) {
-        if stretch.get(lane) > limit.get(lane) {
+        if stretch.get(lane) > most.get(lane) {
             let mut curve = Curve {
                 points: &old[..n],
                 lane,
@@ -70,8 +71,7 @@ pub fn lay_along<L: Lane>(
                 edge: from - 1,
                 share: L::Scalar::default(),
             };
-            deepest =
-                deepest.max(lay_strand(solids, limit.get(lane), view, [first + lane, from], &mut curve));
+            deepest = deepest.max(lay_strand(solids, limit, view, [first + lane, from], &mut curve));
         }
     }
     for i in from..n {
@@ -79,7 +79,7 @@ pub fn lay_along<L: Lane>(
         let edge = edge.scale(L::one() / edge.dot(edge).max(L::from_f64(1e-24)).sqrt());
         let v = V3::<L>::load(view.velocities, i, first);
         let separation = edge.dot(v - V3::load(view.velocities, i - 1, first));
-        let separation = L::select(limit.lt(stretch), separation, L::zero());
+        let separation = L::select(most.lt(stretch), separation, L::zero());
         v.add_scaled(-separation, edge).store(view.velocities, i, first);
     }
     deepest
@@ -122,19 +122,24 @@ pub const LAG: f64 = 1.0;
 /// been pulled lies farther back.
 pub const SLIP: f64 = 0.1;
 
+/// Whether `limit` is that of strands which a length pass precedes.
+fn follows_pass(limit: f64) -> bool {
+    limit > 0.0 && limit <= STRETCHED
+}
+
 /// Restores the lengths of the strand in `lane`, of which the particles before `from` are clamped.
 /// Returns the largest depth that is left.
 #[inline(never)]
 fn lay_strand<L: Lane>(
     solids: &Solids<'_, L::Scalar>,
-    limit: L::Scalar,
+    limit: f64,
     view: &mut BlockView<'_, L::Scalar>,
     [lane, from]: [usize; 2],
     curve: &mut Curve<'_, L>,
 ) -> f64 {
     let zero = L::Scalar::default();
     let mut deepest = 0.0f64;
-    let has_pass = limit > zero && limit < number(0.5 * SPRING_STRETCH);
+    let has_pass = follows_pass(limit);
     let thinness = solids.solids.iter().map(|solid| solid.shape.thinness());
     let thinnest = number::<L::Scalar>(thinness.fold(f64::INFINITY, f64::min));
     let mut leader = vector(view.positions, from - 1, lane);
@@ -142,9 +147,9 @@ fn lay_strand<L: Lane>(
     let mut leader_clearance = if solids.clamped > 0 { zero } else { view.clearance[from - 1].0[lane] };
     for i in from..view.particles {
         let mut length = view.rest_lengths[3 * (i - 1)].0[lane];
-        if limit > number(SPRING_STRETCH * 0.5) {
+        if limit > STRETCHED {
             let now = distance(curve.point(i - 1), curve.point(i));
-            let [least, most] = [-limit, limit].map(|by| length * (number::<L::Scalar>(1.0) + by));
+            let [least, most] = [-limit, limit].map(|by| length * (number::<L::Scalar>(1.0) + number(by)));
             length = if now < least {
                 least
             } else if now > most {

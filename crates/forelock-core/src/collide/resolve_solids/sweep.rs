@@ -10,8 +10,9 @@
 //!
 //! # Practice
 //! Only particles that used up their clearance *and* moved by more than the solid's
-//! `Shape::thinness`, of a primitive half of it, are traced: at ordinary speeds none. Where the
-//! solid is a field, one is traced only if it was inside somewhere on its path before the end.
+//! `Shape::thinness`, of a primitive half of it, are traced: at ordinary speeds none. The path
+//! of one in a field is sampled first, unless it is long or the field changes, and traced only if a
+//! sample is inside.
 //!
 //! # Limitations
 //! Rotation within a substep is approximated by the chord.

@@ -146,8 +146,7 @@ pub(super) fn collide_substep<L: Lane>(
             touched.set(lane, L::Scalar::default());
         }
         if let Some(limit) = cx.rules.stretch_limit {
-            let limit = L::from_f64(limit);
-            let depth = resolve_solids::lay_along(&solids, [touched, limit], view, group, work);
+            let depth = resolve_solids::lay_along(&solids, touched, limit, view, group, work);
             contacts.deepest = contacts.deepest.max(depth);
         }
     }
@@ -217,17 +216,19 @@ fn collide<L: Lane>(
     let since = if restored { Since::Displaced(&*before) } else { Since::Noted };
     // Edges that springs may compress would hide those that solids stretch.
     let is_limit = cx.rules.lengths == Inextensibility::Limit;
-    let longest = if is_limit { restore_lengths::largest_extension::<L>(view, first) } else { stretch };
+    let by_solids = |view: &BlockView<'_, L::Scalar>, stretch: L| {
+        if is_limit { restore_lengths::largest_extension(view, first) } else { stretch }
+    };
+    let before_solids = by_solids(view, stretch);
     report.contacts = resolve_solids::resolve::<L>(&solids, since, view, queried, work);
     let mut left = stretch;
     if report.contacts.touching + report.contacts.edges > 0 {
         left = restore_lengths::largest_stretch::<L>(view, first);
         if let Some(limit) = cx.rules.stretch_limit {
             // Only strands that colliders stretched: the result must not depend on the width.
-            let now = if is_limit { restore_lengths::largest_extension::<L>(view, first) } else { left };
-            let by_solids = L::select(longest.lt(now), now, L::zero());
-            let limit = L::from_f64(limit);
-            let depth = resolve_solids::lay_along(&solids, [by_solids, limit], view, group, work);
+            let now = by_solids(view, left);
+            let stretched = L::select(before_solids.lt(now), now, L::zero());
+            let depth = resolve_solids::lay_along(&solids, stretched, limit, view, group, work);
             report.contacts.deepest = report.contacts.deepest.max(depth);
             left = restore_lengths::largest_stretch::<L>(view, first);
         }

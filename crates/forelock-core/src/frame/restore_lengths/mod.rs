@@ -111,6 +111,12 @@ fn project<L: Lane>(
     project_velocities(view, first, from, limit, directions, sweep);
 }
 
+/// Whether edges of the given `length` are at the limit `most`.
+#[inline(always)]
+fn is_at_limit<L: Lane>(length: L, most: L) -> L::Mask {
+    (L::from_f64(AT_LIMIT) * most).lt(length)
+}
+
 /// Computes the constraints: `directions` receives the unit vectors of the edges, the third
 /// component of `sweep` receives −C. With a `limit`, both are zero for edges that are not at it.
 #[inline(always)]
@@ -129,8 +135,7 @@ fn measure<L: Lane>(
         if let Some(limit) = limit {
             let most = limit * rest_length;
             missing = (most - length).min(L::zero());
-            let is_at_limit = (L::from_f64(AT_LIMIT) * most).lt(length);
-            direction = V3::select(is_at_limit, direction, V3::zero());
+            direction = V3::select(is_at_limit(length, most), direction, V3::zero());
         }
         directions[j] = direction;
         sweep[j].0[2] = missing;
@@ -222,12 +227,11 @@ fn follow_the_leader<L: Lane>(
     for j in from..view.particles - 1 {
         let before = V3::load(view.positions, j + 1, first);
         let (direction, length) = edge(view, first, j);
-        let mut goal = L::load(&view.rest_lengths[3 * j], first);
-        let leader = V3::<L>::load(view.positions, j, first);
-        let mut after = leader.add_scaled(goal, direction);
-        if let Some(limit) = limit {
-            goal = limit * goal;
-            after = V3::select(goal.lt(length), leader.add_scaled(goal, direction), before);
+        let rest_length = L::load(&view.rest_lengths[3 * j], first);
+        let goal = limit.map_or(rest_length, |limit| limit * rest_length);
+        let mut after = V3::<L>::load(view.positions, j, first).add_scaled(goal, direction);
+        if limit.is_some() {
+            after = V3::select(goal.lt(length), after, before);
         }
         after.store(view.positions, j + 1, first);
         if let Some(change) = change {
@@ -260,7 +264,7 @@ fn project_velocities<L: Lane>(
         let mut closing = -direction.dot(next - v);
         if let Some(limit) = limit {
             let most = limit * L::load(&view.rest_lengths[3 * j], first);
-            closing = L::select((L::from_f64(AT_LIMIT) * most).lt(length), closing.min(L::zero()), L::zero());
+            closing = L::select(is_at_limit(length, most), closing.min(L::zero()), L::zero());
             direction = V3::select(closing.lt(L::zero()), direction, V3::zero());
         }
         directions[j] = direction;

@@ -406,9 +406,9 @@ fn hair_meets_as_on_the_cpu() {
     }
 }
 
-/// The largest share of edges in a plate, half as thick as `half`, that crosses hanging strands at
-/// 2 m/s and stops, the outer fifth of its thickness aside; the particles that it let through, and
-/// the largest stretch of an edge half a second later.
+/// The largest share of edges in a plate of half the thickness `half` that crosses hanging strands
+/// at 2 m/s and stops, the outer fifth of its thickness aside; the particles that it let through,
+/// and the largest stretch of an edge half a second later.
 fn dragged(gpu: &Gpu, solver: &Solver<f32>, half: f64) -> (f64, usize, f64) {
     let root = |s: u32| [0.004 * (s % 11) as f32 - 0.02, 0.0, 0.005 * (s / 11) as f32 - 0.01];
     let strand = |s: u32| (0..30).map(move |i| [root(s)[0], -0.3 * i as f32 / 29.0, root(s)[2]]);

@@ -72,6 +72,17 @@ fn node_of(first: u32, corner: u32) -> u32 {
     return first + corner_offset(touch.dims.x, touch.dims.x * touch.dims.y, corner);
 }
 
+// A displacement relative to the mean motion.
+fn residual_displacement(start: vec3f, end: vec3f) -> vec3f {
+    let own = corner_at(0.5 * (start + end));
+    var residual = end - start;
+    for (var corner = 0u; corner < 8u; corner++) {
+        let node = contacts.bodies + 4u * node_of(own.first, corner);
+        residual -= corner_weight(own.f, corner) * vec3f(real(node), real(node + 1u), real(node + 2u));
+    }
+    return residual;
+}
+
 // Adds to a 64-bit sum, lower half first, with the carry to the upper half; the order of additions
 // does not matter.
 fn add_wide(at: u32, x: i32) {
@@ -153,13 +164,7 @@ fn measure_residual_motion(@builtin(global_invocation_id) id: vec3u, @builtin(lo
         let end = end_of(number);
         var residual = 0.0;
         if all_finite(start) && all_finite(end) {
-            let own = corner_at(0.5 * (start + end));
-            var displacement = end - start;
-            for (var corner = 0u; corner < 8u; corner++) {
-                let node = contacts.bodies + 4u * node_of(own.first, corner);
-                displacement -= corner_weight(own.f, corner) * vec3f(real(node), real(node + 1u), real(node + 2u));
-            }
-            residual = length(displacement);
+            residual = length(residual_displacement(start, end));
             if !is_finite(residual) {
                 residual = 0.0;
             }

@@ -8,12 +8,7 @@ fn change_of(number: u32) -> vec3f {
     if !(in_box(start) && in_box(end)) {
         return vec3f();
     }
-    let own = corner_at(0.5 * (start + end));
-    var residual = end - start;
-    for (var corner = 0u; corner < 8u; corner++) {
-        let node = contacts.bodies + 4u * node_of(own.first, corner);
-        residual -= corner_weight(own.f, corner) * vec3f(real(node), real(node + 1u), real(node + 2u));
-    }
+    let residual = residual_displacement(start, end);
     let size = length(residual);
     return select(vec3f(), -min(contacts.hold / max(size, 1e-30), 1.0) * residual, is_finite(size));
 }
