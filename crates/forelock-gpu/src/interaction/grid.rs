@@ -33,6 +33,12 @@ use wgpu::BufferUsages;
 const FASTEST: f32 = 64.0;
 /// Cells from the grid's origin, beyond which hair is left alone.
 const MOST_OUT: f32 = 8192.0;
+/// Nodes that a workgroup sums in its own memory: 28 bytes each, of the 16 KiB that WebGPU grants.
+const SLOTS: u32 = 512;
+/// Slots in which a node may lie.
+const PROBES: u32 = 8;
+/// Edges of each strand that a workgroup sums before it adds the sums to memory.
+const FLUSH_EDGES: u32 = 8;
 /// Numbers per cell.
 const PLANES: u64 = 10;
 
@@ -42,6 +48,10 @@ const SPLAT_CONSTANTS: &[Constant] = &[
     Constant::i32("MARGIN", MARGIN),
     Constant::f32("FASTEST", FASTEST),
     Constant::f32("MOST_OUT", MOST_OUT),
+    Constant::u32("SLOTS", SLOTS),
+    Constant::u32("SLOT_NUMBERS", 6 * SLOTS),
+    Constant::u32("PROBES", PROBES),
+    Constant::u32("FLUSH_EDGES", FLUSH_EDGES),
 ];
 
 const PRESSURE_CONSTANTS: &[Constant] =

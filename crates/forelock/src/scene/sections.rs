@@ -371,9 +371,9 @@ impl Default for ColliderSection {
 #[serde(rename_all = "kebab-case")]
 pub enum InteractionKind {
     /// Strands pass through each other.
-    #[default]
     None,
     /// Through a grid: pressed together, it pushes apart.
+    #[default]
     Grid,
     /// Through smoothed particles: it pushes itself apart and shares its speed.
     Sph,
@@ -381,22 +381,34 @@ pub enum InteractionKind {
 
 forelock_core::documented! {
 /// `[interaction]`: hair against hair.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct InteractionSection {
     /// "none": strands pass through each other; "grid": they keep their volume; "sph": as smoothed
-    /// particles. Default "none".
+    /// particles. Default "grid".
     pub kind: InteractionKind,
     /// Parameters of the grid.
     pub grid: GridParams,
     /// Parameters of the smoothed particles.
     pub sph: SphParams,
     /// Whether segments of strands touch, one by one, so that locks do not pass through each other.
-    /// Default false.
+    /// Default true.
     pub contacts: bool,
     /// Parameters of the contacts.
     pub contact: ContactParams,
 }
+}
+
+impl Default for InteractionSection {
+    fn default() -> Self {
+        Self {
+            kind: InteractionKind::default(),
+            grid: GridParams::default(),
+            sph: SphParams::default(),
+            contacts: true,
+            contact: ContactParams::default(),
+        }
+    }
 }
 
 impl InteractionSection {

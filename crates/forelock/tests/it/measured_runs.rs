@@ -23,7 +23,8 @@ fn scene(frames: u32, more: &str) -> Scene {
 
 /// A plate that cuts into the hair of a solver that keeps particles out of it badly.
 const CUTTING: &str = "[solver]\nkind = \"dftl\"\n[solver.dftl]\nlevel_collisions = true\n\
-    [[collider]]\nshape = \"box\"\nhalf_extents = [0.3, 0.3, 0.02]\n";
+    [[collider]]\nshape = \"box\"\nhalf_extents = [0.3, 0.3, 0.02]\n\
+    [interaction]\nkind = \"none\"\ncontacts = false\n";
 
 /// Runs `scene` into `out`; and how long its frames took.
 fn run(scene: &Scene, out: &Path, resume: bool) -> (Summary, Duration) {

@@ -83,8 +83,42 @@ fn clear_grid(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-fn add(number: u32, at: u32, value: f32) {
-    atomicAdd(&cells[plane(number, at)], i32(round(value * SCALE)));
+// Sums of a workgroup in its own memory, where strands that lie side by side meet at the same nodes:
+// a hash table of nodes. Only its sums go to `cells`, so an atomic addition to memory stands for
+// many samples. Samples that find no slot are added to `cells` directly. Sums of integers do not
+// depend on which way they go.
+
+// The node of a slot plus one; 0 if it is free.
+var<workgroup> keys: array<atomic<u32>, SLOTS>;
+// Six numbers a slot, number by number.
+var<workgroup> slot_sums: array<atomic<i32>, SLOT_NUMBERS>;
+
+// The slot of a node, or SLOTS if there is none. A node may have two slots: both are added up.
+fn slot_of(node: u32) -> u32 {
+    let key = node + 1u;
+    var slot = (node * 2654435769u) / (0xffffffffu / SLOTS + 1u);
+    for (var probe = 0u; probe < PROBES; probe++) {
+        var held = atomicLoad(&keys[slot]);
+        if held == 0u {
+            let exchange = atomicCompareExchangeWeak(&keys[slot], 0u, key);
+            held = select(exchange.old_value, key, exchange.exchanged);
+        }
+        if held == key {
+            return slot;
+        }
+        slot = (slot + 1u) % SLOTS;
+    }
+    return SLOTS;
+}
+
+// Adds a number of the slot `slot`, or of the node `node` if there is none.
+fn add(number: u32, slot: u32, node: u32, value: f32) {
+    let share = i32(round(value * SCALE));
+    if slot < SLOTS {
+        atomicAdd(&slot_sums[number * SLOTS + slot], share);
+    } else {
+        atomicAdd(&cells[plane(number, node)], share);
+    }
 }
 
 fn splat_sample(at: vec3f, mass: f32, velocity: vec3f, volume: vec2f) {
@@ -92,43 +126,81 @@ fn splat_sample(at: vec3f, mass: f32, velocity: vec3f, volume: vec2f) {
     let volumes = volume / grid.volumes;
     let own = stencil(at);
     for (var corner = 0u; corner < 8u; corner++) {
-        let place = corner_place(own, corner);
+        let node = corner_place(own, corner);
+        let slot = slot_of(node);
         let weight = corner_weight(own.f, corner);
         for (var number = 0u; number < 4u; number++) {
-            add(MOMENTUM + number, place, weight * share[number]);
+            add(MOMENTUM + number, slot, node, weight * share[number]);
         }
-        add(FILLED, place, weight * volumes.x);
-        add(AT_REST, place, weight * volumes.y);
+        add(FILLED, slot, node, weight * volumes.x);
+        add(AT_REST, slot, node, weight * volumes.y);
+    }
+}
+
+// Adds the sums of the workgroup to `cells`, and clears them.
+fn flush_sums(thread: u32) {
+    for (var slot = thread; slot < SLOTS; slot += WORKGROUP) {
+        let key = atomicExchange(&keys[slot], 0u);
+        if key == 0u {
+            continue;
+        }
+        for (var number = 0u; number < SLOT_NUMBERS / SLOTS; number++) {
+            let sum = atomicExchange(&slot_sums[number * SLOTS + slot], 0);
+            if sum != 0 {
+                atomicAdd(&cells[plane(MOMENTUM + number, key - 1u)], sum);
+            }
+        }
+    }
+}
+
+// Splats the samples of the edge that starts at particle `edge`.
+fn splat_edge(strand: Strand, edge: u32) {
+    let points = blocks[strand.block].points;
+    let share = 1.0 / f32(points);
+    let x = array(position_at(strand, edge), position_at(strand, edge + 1u));
+    let ends = array(in_cells(x[0]), in_cells(x[1]));
+    let velocities = array(
+        on_grid(x[0], velocity_at(strand, edge)),
+        on_grid(x[1], velocity_at(strand, edge + 1u)),
+    );
+    let mass = rest_length(strand, edge, 1u) * share;
+    let row = entry(strand, edge, 2u, 0u);
+    let volume = vec2f(volumes[row], volumes[row + LANES]) * share;
+    for (var point = 0u; point < points; point++) {
+        let along = (f32(point) + 0.5) * share;
+        let at = ends[0] + along * (ends[1] - ends[0]);
+        let velocity = velocities[0] + along * (velocities[1] - velocities[0]);
+        if all_finite(velocity) && holds(at) {
+            splat_sample(at, mass, clamp(velocity, vec3f(-FASTEST), vec3f(FASTEST)), volume);
+        }
     }
 }
 
 @compute @workgroup_size(WORKGROUP)
-fn splat_segments(@builtin(global_invocation_id) id: vec3u) {
+fn splat_segments(
+    @builtin(global_invocation_id) id: vec3u,
+    @builtin(local_invocation_index) thread: u32,
+    @builtin(workgroup_id) group: vec3u,
+) {
     let strand = strand_of(id.x);
-    if !strand.here {
-        return;
+    for (var slot = thread; slot < SLOTS; slot += WORKGROUP) {
+        atomicStore(&keys[slot], 0u);
     }
-    let points = blocks[strand.block].points;
-    let share = 1.0 / f32(points);
-    let root = position_at(strand, 0u);
-    var start = in_cells(root);
-    var start_velocity = on_grid(root, velocity_at(strand, 0u));
-    for (var edge = 0u; edge + 1u < strand.particles; edge++) {
-        let x = position_at(strand, edge + 1u);
-        let end = in_cells(x);
-        let end_velocity = on_grid(x, velocity_at(strand, edge + 1u));
-        let mass = rest_length(strand, edge, 1u) * share;
-        let at = entry(strand, edge, 2u, 0u);
-        let volume = vec2f(volumes[at], volumes[at + LANES]) * share;
-        for (var point = 0u; point < points; point++) {
-            let along = (f32(point) + 0.5) * share;
-            let at = start + along * (end - start);
-            let velocity = start_velocity + along * (end_velocity - start_velocity);
-            if all_finite(velocity) && holds(at) {
-                splat_sample(at, mass, clamp(velocity, vec3f(-FASTEST), vec3f(FASTEST)), volume);
-            }
+    for (var at = thread; at < SLOT_NUMBERS; at += WORKGROUP) {
+        atomicStore(&slot_sums[at], 0);
+    }
+    workgroupBarrier();
+    // The most particles of a strand of the workgroup: the same for all of its threads.
+    var most = 0u;
+    for (var lane = 0u; lane < WORKGROUP; lane += LANES) {
+        most = max(most, blocks[min((group.x * WORKGROUP + lane) / LANES, arrayLength(&blocks) - 1u)].particles);
+    }
+    for (var first = 0u; first + 1u < most; first += FLUSH_EDGES) {
+        for (var edge = first; strand.here && edge < first + FLUSH_EDGES && edge + 1u < strand.particles; edge++) {
+            splat_edge(strand, edge);
         }
-        start = end;
-        start_velocity = end_velocity;
+        workgroupBarrier();
+        flush_sums(thread);
+        workgroupBarrier();
     }
 }
