@@ -13,18 +13,18 @@ out=$(mktemp -d)
 trap 'rm -rf "$out"' EXIT
 common="time.frames=24 output.picture=false output.film=false output.contact_sheet=false output.report=false body.sdf_cells=48 groom.vertices_per_strand=16"
 scenes=(
-  "ams-free|crates/forelock/src/scene/default.toml|groom.strands=400 body.collide=false"
-  "ams-solids|scenes/bob-and-ball.toml|groom.strands=300"
-  "ams-grid|crates/forelock/src/scene/default.toml|groom.strands=300 interaction.kind=grid"
+  "ams-free|crates/forelock/src/scene/default.toml|groom.strands=400 body.collide=false interaction.kind=none interaction.contacts=false"
+  "ams-solids|scenes/bob-and-ball.toml|groom.strands=300 interaction.kind=none interaction.contacts=false"
+  "ams-grid|crates/forelock/src/scene/default.toml|groom.strands=300 interaction.kind=grid interaction.contacts=false"
   "ams-grid-contacts|crates/forelock/src/scene/default.toml|groom.strands=300 interaction.kind=grid interaction.contacts=true body.motion=builtin:shake"
   "ams-wind|scenes/ams/wig-wind.toml|groom.strands=300"
-  "mass-spring|crates/forelock/src/scene/default.toml|groom.strands=200 solver.kind=mass-spring"
-  "dftl|crates/forelock/src/scene/default.toml|groom.strands=300 solver.kind=dftl"
-  "dftl-sph|crates/forelock/src/scene/default.toml|groom.strands=300 solver.kind=dftl interaction.kind=sph wind.turbulence=0.3"
+  "mass-spring|crates/forelock/src/scene/default.toml|groom.strands=200 solver.kind=mass-spring interaction.kind=none interaction.contacts=false"
+  "dftl|crates/forelock/src/scene/default.toml|groom.strands=300 solver.kind=dftl interaction.kind=none interaction.contacts=false"
+  "dftl-sph|crates/forelock/src/scene/default.toml|groom.strands=300 solver.kind=dftl interaction.kind=sph interaction.contacts=false wind.turbulence=0.3"
   "dftl-grid-contacts|crates/forelock/src/scene/default.toml|groom.strands=300 solver.kind=dftl interaction.kind=grid interaction.contacts=true body.motion=builtin:shake"
-  "edits|scenes/grooms/trim-in-motion.toml|groom.strands=200 time.fps=12 interaction.contacts=true"
-  "guides|crates/forelock/src/scene/default.toml|groom.strands=600 groom.guides=100 interaction.kind=sph"
-  "damage|crates/forelock/src/scene/default.toml|groom.strands=200 body.motion=builtin:shake solver.ams.non_hookean=true interaction.contacts=true"
+  "edits|scenes/grooms/trim-in-motion.toml|groom.strands=200 time.fps=12 interaction.kind=none interaction.contacts=true"
+  "guides|crates/forelock/src/scene/default.toml|groom.strands=600 groom.guides=100 interaction.kind=sph interaction.contacts=false"
+  "damage|crates/forelock/src/scene/default.toml|groom.strands=200 body.motion=builtin:shake solver.ams.non_hookean=true interaction.kind=none interaction.contacts=true"
 )
 printf '| scene |'; printf ' %s |' "${backends[@]}"; printf '\n| --- |'; printf ' --- |%.0s' "${backends[@]}"; printf '\n'
 for row in "${scenes[@]}"; do

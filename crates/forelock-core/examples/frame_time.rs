@@ -8,7 +8,7 @@
 //!
 //! `cargo run --release -p forelock-core --example frame_time -- [threads] [frames] [repeats]
 //! [none|sph|RESOLUTION of the grid] [contacts|free] [motion] [SIMD|Auto] [ams|dftl]
-//! [METRES of the largest cell near the surface; inf: all cells alike]`
+//! [METRES of the largest cell near the surface; inf: all cells alike] [preset of growth]`
 
 #![expect(clippy::print_stdout, reason = "an example that measures says what")]
 
@@ -54,6 +54,7 @@ fn main() -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
         Some(_) => return Err("no such solver".into()),
     };
     let near = arguments.next().map_or(Ok(0.002), |a| a.parse())?;
+    let preset = arguments.next().unwrap_or_else(|| "straight".to_owned());
     let closed = ClosedMesh::new(&Head::builtin().mesh);
     let clock = Instant::now();
     let field = Sdf::near(&closed, 128, 0.02, near)?;
@@ -64,18 +65,27 @@ fn main() -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
         field.near_cell() * 1e3
     );
     let shape = Shape::Sdf(Arc::new(field));
-    rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .build()?
-        .install(|| run(threads, Count { frames, repeats }, &solver, &interactions, &motion, &shape, simd))
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build()?.install(|| {
+        run(
+            threads,
+            Count { frames, repeats, preset: &preset },
+            &solver,
+            &interactions,
+            &motion,
+            &shape,
+            simd,
+        )
+    })
 }
 
 /// What is timed.
 #[derive(Clone, Copy)]
-struct Count {
+struct Count<'a> {
     frames: u32,
     /// Runs from the same start.
     repeats: u32,
+    /// Preset of growth.
+    preset: &'a str,
 }
 
 /// The interactions of strands.
@@ -88,16 +98,17 @@ struct Interactions {
 
 fn run(
     threads: usize,
-    count: Count,
+    count: Count<'_>,
     solver: &Solver<f32>,
     interactions: &Interactions,
     motion: &Motion,
     shape: &Shape,
     simd: Simd,
 ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
-    let Count { frames, repeats } = count;
-    let preset = GrowParams::preset("straight")?;
-    let groom = grow_on_head(&GrowParams { strands: STRANDS, vertices_per_strand: PARTICLES, ..preset })?;
+    let Count { frames, repeats, preset } = count;
+    let growth =
+        GrowParams { strands: STRANDS, vertices_per_strand: PARTICLES, ..GrowParams::preset(preset)? };
+    let groom = grow_on_head(&growth)?;
     let gravity = DVec3::new(0.0, -9.81, 0.0);
     let options = Options { simd, rest_gravity: gravity, ..Options::default() };
     let mut simulation = Simulation::new(&groom, solver, &options)?;
@@ -140,7 +151,7 @@ fn run(
         }
     }
     println!(
-        "{STRANDS} x {PARTICLES}, {threads} thread(s), {:?}, {frames} frames, {repeats} run(s)",
+        "{preset}, {STRANDS} x {PARTICLES}, {threads} thread(s), {:?}, {frames} frames, {repeats} run(s)",
         simd.resolve()
     );
     print_column("frame", "", times);

@@ -16,11 +16,11 @@ fn summary(command: &mut Command) -> Value {
 /// Scenes: strands without interaction; with the grid and contacts, in a wind; with virtual
 /// particles; cut and curled while they move; DFTL with two steps in some frames, as SPH in a wind.
 const SCENES: [&str; 5] = [
-    "",
+    "[interaction]\nkind = \"none\"\ncontacts = false\n",
     "[interaction]\nkind = \"grid\"\ncontacts = true\n[wind]\nvelocity = [3, 0, 1]\nturbulence = 0.3\nshelter = 0.5\nhair_depth = 0.05\n",
-    "[solver]\nkind = \"mass-spring\"\n",
-    "[[edit]]\nop = \"trim\"\nto = 0.05\nat_secs = 0.05\n[[edit]]\nop = \"curl\"\nat_secs = 0.03\n",
-    "[solver]\nkind = \"dftl\"\n[interaction]\nkind = \"sph\"\n[wind]\nvelocity = [3, 0, 1]\nturbulence = 0.3\n[time]\nfps = 40\n[[edit]]\nop = \"trim\"\nto = 0.05\nat_secs = 0.05\n",
+    "[solver]\nkind = \"mass-spring\"\n[interaction]\nkind = \"none\"\ncontacts = false\n",
+    "[interaction]\nkind = \"none\"\ncontacts = false\n[[edit]]\nop = \"trim\"\nto = 0.05\nat_secs = 0.05\n[[edit]]\nop = \"curl\"\nat_secs = 0.03\n",
+    "[solver]\nkind = \"dftl\"\n[interaction]\nkind = \"sph\"\ncontacts = false\n[wind]\nvelocity = [3, 0, 1]\nturbulence = 0.3\n[time]\nfps = 40\n[[edit]]\nop = \"trim\"\nto = 0.05\nat_secs = 0.05\n",
 ];
 
 /// Runs `scenes` on the GPU, in one and in two parts, and on the CPU.
@@ -137,8 +137,8 @@ fn long_all_stages_can_be_left_on_the_cpu() {
         assert_eq!(hash(&resumed), hash(&whole), "{scene}");
     }
     // DFTL on the CPU, with no stage after it that changes hair; SPH alone on the CPU.
-    let following =
-        "[solver]\nkind = \"dftl\"\n[interaction]\nkind = \"sph\"\n[body]\nmotion = \"builtin:shake\"\n";
+    let following = "[solver]\nkind = \"dftl\"\n[interaction]\nkind = \"sph\"\ncontacts = false\n\
+        [body]\nmotion = \"builtin:shake\"\n";
     let [gpu, cpu] = ["gpu", "cpu"].map(|backend| run(following, &["--backend", backend]));
     for (stage, same) in
         [("find_neighbours", [true, false]), ("follow_leader", [false; 2]), ("resolve_solids", [false, true])]

@@ -43,7 +43,8 @@ fn shown(player: &mut Player) -> (u64, Vec<[u32; 3]>, Pose) {
 }
 
 /// Every kind of solver and interaction.
-const CASES: [&[&str]; 5] = [
+const CASES: [&[&str]; 6] = [
+    &["interaction.kind=none", "interaction.contacts=false"],
     &["interaction.kind=grid", "interaction.contacts=true"],
     &["solver.kind=dftl", "interaction.kind=sph"],
     &["solver.kind=dftl", "time.fps=24"],
@@ -128,7 +129,7 @@ fn perform(player: &mut Player) {
         run(player, 1);
     }
     let mut interaction = player.interaction().clone();
-    interaction.kind = InteractionKind::Grid;
+    interaction.kind = InteractionKind::None;
     player.set_interaction(&interaction).unwrap();
     let mut wind = player.scene().wind.clone();
     wind.velocity = DVec3::Z * 3.0;

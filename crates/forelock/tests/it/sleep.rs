@@ -121,7 +121,7 @@ fn live_changes_wake_hair() {
         }),
         ("interaction", &|own| {
             let mut interaction = own.interaction().clone();
-            interaction.kind = InteractionKind::Grid;
+            interaction.kind = InteractionKind::None;
             own.set_interaction(&interaction).unwrap();
         }),
         ("collider", &|own| {

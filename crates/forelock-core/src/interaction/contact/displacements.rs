@@ -100,19 +100,6 @@ impl Displacements {
         [&self.start[place], &self.end[place]]
     }
 
-    /// Positions of the particles of a place at a fraction of the frame.
-    #[inline(always)]
-    pub fn place_at(&self, place: usize, fraction: f32) -> Place {
-        let [start, end] = self.place(place);
-        let mut at = *start;
-        for c in 0..3 {
-            for lane in 0..LANES {
-                at[c][lane] += fraction * (end[c][lane] - start[c][lane]);
-            }
-        }
-        at
-    }
-
     /// Whether two segments belong to the same strand.
     #[inline]
     pub fn same_strand(&self, a: u32, b: u32) -> bool {

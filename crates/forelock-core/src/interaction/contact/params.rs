@@ -22,8 +22,8 @@ pub struct ContactParams {
     /// such friction. Unit m/s², default 1.2, range 0 to 10000.
     pub hold: f64,
     /// Maximum number of contacts in a frame; those of the fastest approach are kept. Contacts are
-    /// searched for an eighth as many particles, those of the largest motion relative to their
-    /// neighbours. Unit contacts, default 32768, range 8 to 10000000.
+    /// searched for a quarter of this number of particles, those of the largest motion relative to
+    /// their neighbours. Unit contacts, default 16384, range 8 to 10000000.
     pub budget: u32,
     /// Coulomb friction between strands. No unit, default 0.3, range 0 to 100.
     pub friction: f64,
@@ -44,7 +44,7 @@ impl Default for ContactParams {
             distance: 5e-4,
             slip: 0.02,
             hold: 1.2,
-            budget: 32_768,
+            budget: 16_384,
             friction: 0.3,
             spread: 0.05,
             rounds: 16,

@@ -1,19 +1,19 @@
 //! The segments of a time slice, chunk by chunk.
 
-use super::cells::{Cells, SoaCells};
+use super::cells::Cells;
 use super::marks::Marks;
 use super::pairs::{ACTIVE, Entry, Test};
+use super::tree::Tree;
 use super::{Slice, keep_fastest};
 use crate::interaction::contact::displacements::Place;
 use crate::interaction::contact::{Contact, Displacements, Histogram};
 use crate::lane::{LANES, Real, widest};
-use crate::scratch::fill;
 use crate::strands::Model;
 use glam::Vec3;
 use std::ops::Range;
 
 /// Number of chunks of blocks. It is fixed, so that results do not depend on the number of threads.
-const CHUNKS: usize = 64;
+pub(super) const CHUNKS: usize = 64;
 /// Maximum length of an entry, relative to [`search_edge`](super::search_edge). Longer segments are
 /// split into pieces of equal length, with one entry each.
 pub const PIECE: f32 = 1.25;
@@ -32,61 +32,10 @@ pub const REACH: [f32; 2] = [1.25, 0.25];
 pub(super) struct Motion<'a> {
     pub displacements: &'a Displacements,
     pub slice: &'a Slice,
-    /// The cells of active segments, and of those near them.
-    pub cells: &'a [Cells; 2],
+    /// The cells that hold the hair.
+    pub cells: &'a Cells,
     /// See [`search_edge`](super::search_edge).
     pub edge: f32,
-}
-
-/// Entries, and their order by layer.
-#[derive(Debug, Default)]
-pub(crate) struct Entries {
-    list: Vec<Entry>,
-    /// Largest radius, metres.
-    pub widest: f32,
-    /// Whether some segments are split into pieces.
-    pub in_pieces: bool,
-    /// Indices of the entries sorted by layer, and the start of each layer, `[layers + 1]`.
-    order: Vec<u32>,
-    starts: Vec<u32>,
-}
-
-impl Entries {
-    fn bytes(&self) -> usize {
-        self.list.capacity() * size_of::<Entry>() + 4 * (self.order.capacity() + self.starts.capacity())
-    }
-
-    fn clear(&mut self) {
-        self.list.clear();
-        self.widest = 0.0;
-    }
-
-    /// Sorts the entries by layer.
-    fn sort(&mut self, cells: &Cells) {
-        self.in_pieces = self.list.windows(2).any(|pair| pair[0].segment == pair[1].segment);
-        fill(&mut self.starts, cells.layers() + 1, 0);
-        for entry in &self.list {
-            self.starts[cells.layer_of(entry.middle) + 1] += 1;
-        }
-        for k in 1..self.starts.len() {
-            self.starts[k] += self.starts[k - 1];
-        }
-        fill(&mut self.order, self.list.len(), 0);
-        for (entry, number) in self.list.iter().zip(0..) {
-            let next = &mut self.starts[cells.layer_of(entry.middle)];
-            self.order[*next as usize] = number;
-            *next += 1;
-        }
-        // Each entry now holds the start of the next layer.
-        self.starts.rotate_right(1);
-        self.starts[0] = 0;
-    }
-
-    /// The entries of layer `k`.
-    pub fn layer(&self, k: usize) -> impl ExactSizeIterator<Item = &Entry> {
-        let own = self.starts[k] as usize..self.starts[k + 1] as usize;
-        self.order[own].iter().map(|&number| &self.list[number as usize])
-    }
 }
 
 /// A range of blocks, and the entries of their segments.
@@ -94,9 +43,11 @@ impl Entries {
 pub(crate) struct Chunk {
     blocks: Range<usize>,
     /// The active segments.
-    pub active: Entries,
+    pub active: Vec<Entry>,
     /// The other segments near active ones.
-    pub others: Entries,
+    pub others: Vec<Entry>,
+    /// Whether some segments are split into pieces.
+    pub has_pieces: bool,
     /// Candidates of one segment.
     near: Vec<u32>,
     /// Contacts of the active segments.
@@ -108,8 +59,9 @@ pub(crate) struct Chunk {
 pub(super) fn chunks<T: Real>(model: &Model<T>) -> Vec<Chunk> {
     let chunk = |blocks| Chunk {
         blocks,
-        active: Entries::default(),
-        others: Entries::default(),
+        active: Vec::new(),
+        others: Vec::new(),
+        has_pieces: false,
         near: Vec::new(),
         found: Vec::new(),
         approaches: Histogram::default(),
@@ -119,14 +71,13 @@ pub(super) fn chunks<T: Real>(model: &Model<T>) -> Vec<Chunk> {
 
 impl Chunk {
     pub fn bytes(&self) -> usize {
-        self.active.bytes()
-            + self.others.bytes()
+        (self.active.capacity() + self.others.capacity()) * size_of::<Entry>()
             + self.found.capacity() * size_of::<Contact>()
             + self.approaches.bytes()
             + 4 * self.near.capacity()
     }
 
-    /// Inserts the active segments, sorted by layer.
+    /// Inserts the active segments.
     pub fn insert_active<T: Real>(&mut self, model: &Model<T>, motion: &Motion<'_>) {
         self.active.clear();
         for (place, live) in places(model, self.blocks.clone()) {
@@ -137,23 +88,22 @@ impl Chunk {
                 }
             }
         }
-        self.active.sort(&motion.cells[0]);
     }
 
     /// Marks the regions in which the middle of an entry of radius `widest_other` can be whose ball
     /// touches an active segment.
     pub fn mark(&self, widest_other: f32, marks: &Marks) {
-        for entry in &self.active.list {
+        for entry in &self.active {
             marks.mark(entry.middle, entry.half, entry.reach + widest_other);
         }
     }
 
     /// Whether the chunk has no active segments.
     pub fn has_no_active(&self) -> bool {
-        self.active.list.is_empty()
+        self.active.is_empty()
     }
 
-    /// Inserts the other segments that are near active ones, sorted by layer. Segments longer than
+    /// Inserts the other segments that are near active ones. Segments longer than
     /// `longest` are looked at piece by piece, and those of a radius above `widest_other` count as
     /// near.
     pub fn insert_others<T: Real>(
@@ -164,18 +114,18 @@ impl Chunk {
         [longest, widest_other]: [f32; 2],
     ) {
         self.others.clear();
-        let middle = motion.slice.middle();
         for block in &model.blocks[self.blocks.clone()] {
-            let mut lower = motion.displacements.place_at(block.first, middle);
             for place in block.first..block.first + block.particles - 1 {
-                let ([near, long], upper) = widest(
+                let (rows, near, long) = widest(
                     #[inline(always)]
                     || {
-                        let upper = motion.displacements.place_at(place + 1, middle);
-                        (near_lanes(marks, &lower, &upper, longest), upper)
+                        let rows = EntryRows::new(motion, place);
+                        let mut is_long = [false; LANES];
+                        is_long.iter_mut().zip(rows.length).for_each(|(is, l)| *is = l > longest);
+                        let near = marks.marked(&rows.middle);
+                        (rows, near, bits(is_long))
                     },
                 );
-                lower = upper;
                 let live = u32::MAX >> (32 - block.live);
                 let fast = fast_lanes(motion, place, block.live);
                 for lane in lanes((near | long) & live) {
@@ -183,37 +133,44 @@ impl Chunk {
                     if fast >> lane & 1 != 0 && is_active(motion, segment) {
                         continue;
                     }
-                    let is_long = long >> lane & 1 != 0;
-                    insert(&mut self.others, motion, segment, |middle, radius| {
-                        !is_long || radius > widest_other || marks.has(middle)
-                    });
+                    if long >> lane & 1 == 0 {
+                        if motion.cells.holds(rows.middle(lane)) {
+                            self.others.push(rows.entry(place, lane));
+                        }
+                    } else {
+                        insert(&mut self.others, motion, segment, |middle, radius| {
+                            radius > widest_other || marks.has(middle)
+                        });
+                    }
                 }
             }
         }
-        self.others.sort(&motion.cells[1]);
+        let lists = [&self.active, &self.others];
+        let is_split = |list: &Vec<Entry>| list.windows(2).any(|pair| pair[0].segment == pair[1].segment);
+        self.has_pieces = lists.into_iter().any(is_split);
     }
 
     /// Finds the contacts of the active segments with each other and with the others, which are in
-    /// `cells`. For each pair that passes `test` with `limits`, `follow` returns the contact, if
-    /// there is one. Where more than `2 * most` contacts are found, only the `most` with the
-    /// largest approach are kept.
+    /// `tree`. For each pair that passes `test` with `limits`, `follow` returns the contact, if
+    /// there is one. If segments are in pieces, `has_pieces`, a pair can pass more than once. Where
+    /// more than `2 * most` contacts are found, only the `most` with the largest approach are kept.
     pub fn search(
         &mut self,
-        cells: &[SoaCells; 2],
+        tree: &Tree,
+        has_pieces: bool,
         test: Test,
         limits: [f32; 2],
         most: usize,
         follow: impl Fn([u32; 2]) -> Option<Contact>,
     ) {
         self.found.clear();
-        for pieces in self.active.list.chunk_by(|a, b| a.segment == b.segment) {
+        for pieces in self.active.chunk_by(|a, b| a.segment == b.segment) {
             self.near.clear();
-            for (entry, cells) in pieces.iter().flat_map(|entry| cells.iter().map(move |own| (entry, own))) {
+            for entry in pieces {
                 // SAFETY: `test_for` returns only functions that the processor supports.
-                unsafe { test(cells, entry, limits, &mut self.near) };
+                unsafe { test(tree, entry, limits, &mut self.near) };
             }
-            if pieces.len() > 1 || cells.iter().any(|own| own.has_pieces) {
-                // A pair of segments that are split into pieces can appear more than once.
+            if has_pieces {
                 self.near.sort_unstable();
                 self.near.dedup();
             }
@@ -261,17 +218,73 @@ fn fast_lanes(motion: &Motion<'_>, place: usize, live: usize) -> u32 {
     if is_fast == [false; LANES] { 0 } else { bits(is_fast) & u32::MAX >> (32 - live) }
 }
 
-/// The lanes whose segments have their middles in marked cells, and those longer than `longest`.
-#[inline(always)]
-fn near_lanes(marks: &Marks, lower: &Place, upper: &Place, longest: f32) -> [u32; 2] {
-    let (mut middles, mut squares) = ([[0.0; LANES]; 3], [0.0f32; LANES]);
-    for c in 0..3 {
+/// The entries of the segments of a place that are not active and in one piece, lane by lane.
+struct EntryRows {
+    middle: Place,
+    half: Place,
+    displacement: Place,
+    length: [f32; LANES],
+    inverse: [f32; LANES],
+    reach: [f32; LANES],
+    spread: [f32; LANES],
+}
+
+impl EntryRows {
+    #[inline(always)]
+    fn new(motion: &Motion<'_>, place: usize) -> Self {
+        let Motion { displacements, slice, edge, .. } = *motion;
+        let ([from, to], [from_next, to_next]) = (displacements.place(place), displacements.place(place + 1));
+        let (when, dt) = (slice.middle(), slice.length());
+        let mut out = Self {
+            middle: [[0.0; LANES]; 3],
+            half: [[0.0; LANES]; 3],
+            displacement: [[0.0; LANES]; 3],
+            length: [0.0; LANES],
+            inverse: [0.0; LANES],
+            reach: [0.0; LANES],
+            spread: [0.0; LANES],
+        };
+        let (mut squares, mut spreads) = ([0.0; LANES], [0.0; LANES]);
+        for c in 0..3 {
+            for lane in 0..LANES {
+                let lower_moved = to[c][lane] - from[c][lane];
+                let upper_moved = to_next[c][lane] - from_next[c][lane];
+                let lower = from[c][lane] + when * lower_moved;
+                let upper = from_next[c][lane] + when * upper_moved;
+                out.middle[c][lane] = 0.5 * (lower + upper);
+                out.half[c][lane] = 0.5 * (upper - lower);
+                out.displacement[c][lane] = 0.5 * dt * (lower_moved + upper_moved);
+                let apart = 0.5 * dt * (upper_moved - lower_moved);
+                spreads[lane] += apart * apart;
+                squares[lane] += out.half[c][lane] * out.half[c][lane];
+            }
+        }
+        let residual = &displacements.residual_motion[LANES * place..LANES * (place + 2)];
         for lane in 0..LANES {
-            middles[c][lane] = 0.5 * (lower[c][lane] + upper[c][lane]);
-            squares[lane] += (upper[c][lane] - lower[c][lane]).powi(2);
+            out.length[lane] = 2.0 * squares[lane].sqrt();
+            out.inverse[lane] = 1.0 / squares[lane].max(1e-20);
+            out.spread[lane] = spreads[lane].sqrt();
+            out.reach[lane] = slice.reach(residual[lane].max(residual[LANES + lane]), false, edge);
+        }
+        out
+    }
+
+    fn middle(&self, lane: usize) -> Vec3 {
+        Vec3::from_array(self.middle.map(|row| row[lane]))
+    }
+
+    fn entry(&self, place: usize, lane: usize) -> Entry {
+        Entry {
+            segment: (LANES * place + lane) as u32,
+            middle: self.middle(lane),
+            half: Vec3::from_array(self.half.map(|row| row[lane])),
+            inverse: self.inverse[lane],
+            reach: self.reach[lane],
+            radius: 0.5 * self.length[lane] + self.reach[lane],
+            displacement: Vec3::from_array(self.displacement.map(|row| row[lane])),
+            spread: self.spread[lane],
         }
     }
-    [bits(marks.marked(&middles)), bits(squares.map(|square| square > longest * longest))]
 }
 
 /// Whether segment `a` is active.
@@ -285,7 +298,7 @@ fn is_active(motion: &Motion<'_>, a: usize) -> bool {
 /// Skips pieces that are outside the grid of cells and pieces for whose ball, its centre and its
 /// radius, `is_near` is false.
 #[inline]
-fn insert(entries: &mut Entries, motion: &Motion<'_>, a: usize, is_near: impl Fn(Vec3, f32) -> bool) {
+fn insert(entries: &mut Vec<Entry>, motion: &Motion<'_>, a: usize, is_near: impl Fn(Vec3, f32) -> bool) {
     let Motion { displacements, slice, cells, edge } = *motion;
     let (lower, upper) = (displacements.at(a, slice.middle()), displacements.at(a + LANES, slice.middle()));
     let along = upper - lower;
@@ -293,7 +306,6 @@ fn insert(entries: &mut Entries, motion: &Motion<'_>, a: usize, is_near: impl Fn
     let pieces = (length / (PIECE * edge)).ceil().clamp(1.0, PIECES);
     let half = along * (0.5 / pieces);
     let active = is_active(motion, a);
-    let cells = &cells[usize::from(!active)];
     let residual_motion = displacements.residual_motion[a].max(displacements.residual_motion[a + LANES]);
     let reach = slice.reach(residual_motion, active, edge);
     let radius = 0.5 * length / pieces + reach;
@@ -304,8 +316,7 @@ fn insert(entries: &mut Entries, motion: &Motion<'_>, a: usize, is_near: impl Fn
         }
         let (displacement, next) =
             (slice.length() * displacements.of(a), slice.length() * displacements.of(a + LANES));
-        entries.widest = entries.widest.max(radius);
-        entries.list.push(Entry {
+        entries.push(Entry {
             segment: a as u32 | if active { ACTIVE } else { 0 },
             middle,
             half,

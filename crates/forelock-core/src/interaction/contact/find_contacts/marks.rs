@@ -1,4 +1,4 @@
-//! Marks the regions near active segments, so that only segments near one are sorted into cells.
+//! Marks the regions near active segments, so that only segments near one are in the tree.
 
 use super::cells::Cells;
 use crate::interaction::contact::displacements::Place;
@@ -69,9 +69,9 @@ impl Marks {
         }
     }
 
-    /// The lanes whose points are in marked cells.
+    /// Bits of the lanes whose points are in marked cells.
     #[inline(always)]
-    pub fn marked(&self, at: &Place) -> [bool; LANES] {
+    pub fn marked(&self, at: &Place) -> u32 {
         let Cells { low, inverse, dims, .. } = self.cells;
         let mut cells = [[0i32; LANES]; 3];
         for c in 0..3 {
@@ -86,13 +86,15 @@ impl Marks {
         for lane in 0..LANES {
             words[lane] = nx * (cells[1][lane] + ny * cells[2][lane]) + (cells[0][lane] >> 5);
         }
-        std::array::from_fn(|lane| {
+        let mut marked = 0;
+        for lane in 0..LANES {
             let word = self.bits[words[lane] as usize].load(Relaxed);
-            word >> (cells[0][lane] & 31) & 1 != 0
-        })
+            marked |= (word >> (cells[0][lane] & 31) & 1) << lane;
+        }
+        marked
     }
 
     pub fn has(&self, at: Vec3) -> bool {
-        self.marked(&at.to_array().map(|x| [x; LANES]))[0]
+        self.marked(&at.to_array().map(|x| [x; LANES])) & 1 != 0
     }
 }

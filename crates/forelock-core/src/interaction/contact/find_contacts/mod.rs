@@ -10,22 +10,22 @@
 //! A frame is divided into up to four time slices. Their number is chosen so that in each slice the
 //! residual motion of typical hair is shorter than an edge, and that of all but one in 512
 //! particles is shorter than two edges. In the middle of a slice each active segment is bounded by
-//! a capsule, and each other segment near one (`marks`) by a ball around its centre: their margin,
-//! or reach, is half the contact distance and half the residual motion in the slice. Entries are
-//! sorted by the cell of their centre, layer by layer, as a structure of arrays (`cells`), active
-//! ones apart from the others: only few segments move far. The candidates of an active segment lie
-//! in the rows of cells along it, each a run of memory, and are tested many at a time: first
-//! whether capsule and ball touch and whether the segments pass each other closely, then whether
-//! their distance exceeds their displacements along the line between them (`pairs`). The few that
-//! remain are advanced through the slice conservatively, in steps that their distance allows
-//! (`follow`). All of this runs in parallel; the order of contacts does not depend on the number of
-//! threads.
+//! a capsule, and so is each other segment near one (`marks`): their margin, or reach, is half the
+//! contact distance and half the residual motion in the slice. The capsules are sorted along a
+//! space-filling curve into groups of sixteen, with a tree of boxes over them (`tree`). An active
+//! segment visits the groups whose boxes touch its own, and is tested against sixteen segments at a
+//! time: first whether capsule and ball touch, then whether the segments approach and pass each
+//! other closely, then whether their distance exceeds their displacements along the line between
+//! them (`pairs`). The few that remain are advanced through the slice conservatively, in steps that
+//! their distance allows (`follow`). All of this runs in parallel; the order of contacts does not
+//! depend on the number of threads.
 
 mod cells;
 mod chunk;
 mod follow;
 mod marks;
 mod pairs;
+mod tree;
 
 pub use chunk::{PIECE, PIECES, REACH};
 pub use follow::{CLOSE, REST_SHARE, STEPS};
@@ -36,11 +36,13 @@ use crate::interaction::contact::{
 use crate::lane::Real;
 use crate::lane::Simd;
 use crate::strands::Model;
-use cells::{Cells, SoaCells};
-use chunk::{Chunk, Entries, Motion};
+use cells::Cells;
+use chunk::{CHUNKS, Chunk, Motion};
 use marks::Marks;
+use pairs::Entry;
 use rayon::prelude::*;
 use std::cmp::Ordering;
+use tree::Tree;
 
 /// WGSL of the kernels that run strand by strand: displacements, mean motion, entries of cells.
 pub const STRANDS_WGSL: &str = include_str!("strands.wgsl");
@@ -51,14 +53,14 @@ pub const PAIRS_WGSL: &str = include_str!("pairs.wgsl");
 /// WGSL that selects contacts within the budget and creates their joints.
 pub const BUDGET_WGSL: &str = include_str!("budget.wgsl");
 
-/// Sides of the cells of active segments and of those near them, relative to [`search_edge`].
-const CELLS: [f32; 2] = [2.0, 0.5];
+/// Side of the cells that are marked near active segments, relative to [`search_edge`].
+const CELL: f32 = 0.5;
 /// Minimum length scale of the search, relative to the contact distance.
 const EDGE_PER_DISTANCE: f64 = 8.0;
 /// Maximum number of slices of a frame.
 pub const SLICES: u32 = 4;
 /// Contacts in the budget for each active particle.
-pub const SEGMENT_CONTACTS: usize = 8;
+pub const SEGMENT_CONTACTS: usize = 4;
 /// One in this number of particles may exceed the residual motion for which the number of slices is
 /// chosen.
 pub const FEW: usize = 512;
@@ -72,8 +74,8 @@ pub(crate) struct Finder {
     edge: f32,
     test: pairs::Test,
     chunks: Vec<Chunk>,
-    /// The active segments, and those near them.
-    cells: [SoaCells; 2],
+    /// The active segments and those near them.
+    tree: Tree,
     marks: Marks,
     found: Vec<Contact>,
     approaches: Histogram,
@@ -117,7 +119,7 @@ impl Finder {
             edge: search_edge(model, params),
             test: pairs::test_for(simd),
             chunks: chunk::chunks(model),
-            cells: [true, false].map(SoaCells::new),
+            tree: Tree::default(),
             marks: Marks::default(),
             found: Vec::new(),
             approaches: Histogram::default(),
@@ -127,8 +129,7 @@ impl Finder {
     pub fn bytes(&self) -> usize {
         let chunks: usize = self.chunks.iter().map(Chunk::bytes).sum();
         let found = self.found.capacity() * size_of::<Contact>() + self.approaches.bytes();
-        let cells: usize = self.cells.iter().map(SoaCells::bytes).sum();
-        chunks + cells + self.marks.bytes() + found
+        chunks + self.tree.bytes() + self.marks.bytes() + found
     }
 
     /// Finds the contacts of active segments in the frame, slice by slice. A pair may appear once
@@ -146,7 +147,7 @@ impl Finder {
         let Some((slice, slices)) = self.first_slice(model, params, dt_secs, mean_motion) else {
             return &self.found;
         };
-        let cells = CELLS.map(|side| Cells::around(mean_motion.extent, side * self.edge));
+        let cells = Cells::around(mean_motion.extent, CELL * self.edge);
         // Longer segments are in several pieces, or looked at one by one.
         let longest = (1.01 * displacements.longest).min(PIECE * self.edge);
         for k in 0..slices {
@@ -159,23 +160,21 @@ impl Finder {
                 continue;
             }
             let widest_other = 0.5 * longest + slice.reach(slice.active.bound(), false, self.edge);
-            self.marks.fit(&cells[1]);
+            self.marks.fit(&cells);
             let marks = &self.marks;
             chunks.par_iter().for_each(|chunk| chunk.mark(widest_other, marks));
             let near = [longest, widest_other];
             chunks.par_iter_mut().for_each(|chunk| chunk.insert_others(model, &motion, marks, near));
-            let lists: [fn(&Chunk) -> &Entries; 2] = [|chunk| &chunk.active, |chunk| &chunk.others];
-            for ((own, list), cells) in self.cells.iter_mut().zip(lists).zip(&cells) {
-                own.fill(chunks.iter().map(list), cells);
-                // A few stretched segments are found only near their middles.
-                own.widest =
-                    own.widest.min((0.5 * PIECE + REACH[usize::from(!own.holds_active)]) * self.edge);
-            }
-            let (cells, test) = (&self.cells, self.test);
+            let has_pieces = chunks.iter().any(|chunk| chunk.has_pieces);
+            let mut lists: [&[Entry]; 2 * CHUNKS] = [&[]; 2 * CHUNKS];
+            let filled = chunks.iter().flat_map(|chunk| [&*chunk.active, &*chunk.others]);
+            lists.iter_mut().zip(filled).for_each(|(list, filled)| *list = filled);
+            self.tree.build(&lists, mean_motion.extent);
+            let (tree, test) = (&self.tree, self.test);
             // Less, for rounding.
             let limits = [slice.distance, 0.999 * slice.length() * slice.slip];
             chunks.par_iter_mut().for_each(|chunk| {
-                chunk.search(cells, test, limits, budget, |pair| {
+                chunk.search(tree, has_pieces, test, limits, budget, |pair| {
                     follow::follow(model, displacements, &slice, pair)
                 });
             });

@@ -1,7 +1,6 @@
 //! Tests one segment against many candidates at a time.
 
-use super::cells::SoaCells;
-use crate::interaction::contact::RUN_SEGMENTS;
+use super::tree::Tree;
 use crate::lane::{LANES, Lane, Row, V3};
 use crate::lane::{Simd, on};
 use glam::Vec3;
@@ -32,89 +31,78 @@ pub(crate) struct Entry {
 /// 2, and a margin for rounding.
 const NEAR: f32 = 2.01;
 
-/// Number of rows of an entry.
-pub(super) const FIELDS: usize = 13;
+/// Rows of the ball of an entry, which is tested first: its centre and radius.
+pub(super) const BALL: usize = 4;
+/// Rows of the rest of an entry.
+pub(super) const REST: usize = 9;
 
 impl Entry {
-    /// All fields except the number.
+    /// The centre and the radius.
     #[inline]
-    pub fn fields(&self) -> [f32; FIELDS] {
-        let (at, half, displacement) = (self.middle, self.half, self.displacement);
-        let (radius, inverse, spread) = (self.radius, self.inverse, self.spread);
+    pub fn ball(&self) -> [f32; BALL] {
+        [self.middle.x, self.middle.y, self.middle.z, self.radius]
+    }
+
+    /// Bounds of the positions of its points in the middle of the slice, and of their displacements
+    /// in it: lower and upper corners.
+    #[inline]
+    pub fn bounds(&self) -> [[Vec3; 2]; 2] {
+        let half = self.half.abs();
         [
-            at.x,
-            at.y,
-            at.z,
-            radius,
-            half.x,
-            half.y,
-            half.z,
-            inverse,
-            displacement.x,
-            displacement.y,
-            displacement.z,
-            spread,
-            self.reach,
+            [self.middle - half, self.middle + half],
+            [self.displacement - self.spread, self.displacement + self.spread],
         ]
+    }
+
+    /// All other fields except the number.
+    #[inline]
+    pub fn rest(&self) -> [f32; REST] {
+        let (half, displacement) = (self.half.to_array(), self.displacement.to_array());
+        let ([a, b, c], [d, e, f]) = (half, displacement);
+        [a, b, c, self.inverse, d, e, f, self.spread, self.reach]
     }
 }
 
 /// Collects the segments that may touch an active segment in the slice, given one piece of it; the
 /// third argument are the contact distance, and the approach in the slice that is ignored, metres.
-/// Of active candidates only those of a smaller radius are
-/// collected, so each pair appears once, or once for each pair of pieces.
+/// Of active candidates only those of a smaller radius are collected, so each pair appears once, or
+/// once for each pair of pieces.
 ///
 /// # Safety
 /// The processor must support the instruction set of the function.
-pub(super) type Test = unsafe fn(&SoaCells, &Entry, [f32; 2], &mut Vec<u32>);
+pub(super) type Test = unsafe fn(&Tree, &Entry, [f32; 2], &mut Vec<u32>);
 
 /// The test for `simd`, or the portable one if `simd` is not supported.
 #[inline(never)]
 pub(super) fn test_for(simd: Simd) -> Test {
     let simd = if simd.is_supported() { simd } else { Simd::Portable };
-    on!(simd, test(soa: &SoaCells, entry: &Entry, limits: [f32; 2], near: &mut Vec<u32>))
+    on!(simd, test(tree: &Tree, entry: &Entry, limits: [f32; 2], near: &mut Vec<u32>))
 }
 
 #[inline(always)]
-fn test<L: Lane<Scalar = f32>>(
-    soa: &SoaCells,
-    entry: &Entry,
-    [distance, slip]: [f32; 2],
-    near: &mut Vec<u32>,
-) {
+fn test<L: Lane<Scalar = f32>>(tree: &Tree, entry: &Entry, [distance, slip]: [f32; 2], near: &mut Vec<u32>) {
     let a = EntryLanes::<L>::splat(entry);
-    let (distance, slip) = (L::splat(distance), L::splat(slip));
-    let reach = L::splat(entry.reach);
-    // Of active candidates, only those of a smaller radius are considered.
-    let widest = if soa.holds_active { entry.radius.min(soa.widest) } else { soa.widest };
-    soa.runs(entry.middle, entry.half, entry.reach + widest, |run| {
-        // The entries at the ends of a long run are skipped.
-        let cut = run.len().saturating_sub(RUN_SEGMENTS) / 2;
-        let run = run.start + cut..run.end - cut;
-        let mut first = run.start / L::WIDTH * L::WIDTH;
-        while first < run.end {
-            let rows = &soa.rows[first / LANES];
-            let lane = first % LANES;
-            // Excludes the lanes before and after the run, which belong to other cells.
-            let mut bits = may_approach(&a, rows, lane, slip);
-            bits &= u32::MAX << run.start.saturating_sub(first);
-            bits &= u32::MAX >> (32 - (run.end - first).min(32));
+    let (wide, slip) = (L::splat(distance), L::splat(slip));
+    tree.groups::<L>(entry, distance, |group| {
+        let balls = &tree.balls[group];
+        for lane in (0..LANES).step_by(L::WIDTH) {
+            let mut bits = balls_touch(&a, balls, lane);
             if bits != 0 {
-                bits &= balls_touch(&a, reach, rows, lane);
-            }
-            if bits != 0 {
-                bits &= may_touch(&a, &EntryLanes::load(rows, lane), distance);
+                let b = EntryLanes::load(balls, &tree.rest[group], lane);
+                bits &= may_approach(&a, &b, slip) & lines_pass(&a, &b);
+                if bits != 0 {
+                    bits &= may_touch(&a, &b, wide);
+                }
             }
             while bits != 0 {
-                let k = bits.trailing_zeros() as usize;
+                let k = lane + bits.trailing_zeros() as usize;
                 bits &= bits - 1;
-                let (other, radius) = (soa.segments[first + k], rows[3].0[lane + k]);
+                let (other, radius) = (tree.segments[group][k], balls[3].0[k]);
                 let own = other & !ACTIVE;
                 if own == other || (radius, other) < (entry.radius, entry.segment) {
                     near.push(own);
                 }
             }
-            first += L::WIDTH;
         }
     });
 }
@@ -127,71 +115,65 @@ struct EntryLanes<L> {
     inverse: L,
     displacement: V3<L>,
     spread: L,
+    reach: L,
 }
 
 impl<L: Lane<Scalar = f32>> EntryLanes<L> {
     #[inline(always)]
-    fn load(rows: &[Row<f32>; FIELDS], first: usize) -> Self {
-        Self::from(|k| L::load(&rows[k], first))
+    fn load(balls: &[Row<f32>; BALL], rest: &[Row<f32>; REST], first: usize) -> Self {
+        Self::from(|k| L::load(&balls[k], first), |k| L::load(&rest[k], first))
     }
 
     #[inline(always)]
     fn splat(entry: &Entry) -> Self {
-        let fields = entry.fields();
-        Self::from(|k| L::splat(fields[k]))
+        let (ball, rest) = (entry.ball(), entry.rest());
+        Self::from(|k| L::splat(ball[k]), |k| L::splat(rest[k]))
     }
 
     #[inline(always)]
-    fn from(f: impl Fn(usize) -> L) -> Self {
+    fn from(ball: impl Fn(usize) -> L, rest: impl Fn(usize) -> L) -> Self {
         Self {
-            middle: V3([f(0), f(1), f(2)]),
-            half: V3([f(4), f(5), f(6)]),
-            inverse: f(7),
-            displacement: V3([f(8), f(9), f(10)]),
-            spread: f(11),
+            middle: V3([ball(0), ball(1), ball(2)]),
+            half: V3([rest(0), rest(1), rest(2)]),
+            inverse: rest(3),
+            displacement: V3([rest(4), rest(5), rest(6)]),
+            spread: rest(7),
+            reach: rest(8),
         }
     }
 }
 
-/// The lanes whose balls are within `reach` of the segment `a`, and whose segments pass near the
-/// line through `a`.
+/// The lanes whose balls are within reach of the segment `a`.
+#[inline(always)]
+fn balls_touch<L: Lane<Scalar = f32>>(a: &EntryLanes<L>, balls: &[Row<f32>; BALL], first: usize) -> u32 {
+    let row = |k: usize| L::load(&balls[k], first);
+    let r = V3([row(0), row(1), row(2)]) - a.middle;
+    let apart = r - a.half.scale(clamp(a.half.dot(r) * a.inverse));
+    let radius = a.reach + row(3);
+    L::bits(apart.dot(apart).lt(radius * radius))
+}
+
+/// The lanes whose segments pass near the line through `a`.
 ///
 /// Seen along `a`, a segment is no nearer to the line than its middle less its half length, h.
 /// Both in squares: (D + h)² ≤ 2 D² + 2 h².
 #[inline(always)]
-fn balls_touch<L: Lane<Scalar = f32>>(
-    a: &EntryLanes<L>,
-    reach: L,
-    rows: &[Row<f32>; FIELDS],
-    first: usize,
-) -> u32 {
-    let row = |k: usize| L::load(&rows[k], first);
-    let r = V3([row(0), row(1), row(2)]) - a.middle;
-    let ar = a.half.dot(r);
-    let apart = r - a.half.scale(clamp(ar * a.inverse));
-    let radius = reach + row(3);
-    let is_near = apart.dot(apart).lt(radius * radius);
-    let half = V3([row(4), row(5), row(6)]);
-    let ab = a.half.dot(half);
+fn lines_pass<L: Lane<Scalar = f32>>(a: &EntryLanes<L>, b: &EntryLanes<L>) -> u32 {
+    let r = b.middle - a.middle;
+    let (ar, ab) = (a.half.dot(r), a.half.dot(b.half));
     let across = r.dot(r) - ar * ar * a.inverse;
-    let half_across = half.dot(half) - ab * ab * a.inverse;
-    let distance = reach + row(12);
+    let half_across = b.half.dot(b.half) - ab * ab * a.inverse;
+    let distance = a.reach + b.reach;
     let most = L::splat(NEAR) * (distance * distance + half_across.max(L::zero()));
-    L::bits(is_near) & L::bits(across.lt(most))
+    L::bits(across.lt(most))
 }
 
 /// The lanes whose segments may approach `a` by more than `slip` in the slice: no two points do by
 /// more than the means of the ends do, and both spreads.
 #[inline(always)]
-fn may_approach<L: Lane<Scalar = f32>>(
-    a: &EntryLanes<L>,
-    rows: &[Row<f32>; FIELDS],
-    first: usize,
-    slip: L,
-) -> u32 {
-    let row = |k: usize| L::load(&rows[k], first);
-    let relative = a.displacement - V3([row(8), row(9), row(10)]);
-    let left = (slip - a.spread - row(11)).max(L::zero());
+fn may_approach<L: Lane<Scalar = f32>>(a: &EntryLanes<L>, b: &EntryLanes<L>, slip: L) -> u32 {
+    let relative = a.displacement - b.displacement;
+    let left = (slip - a.spread - b.spread).max(L::zero());
     !L::bits(relative.dot(relative).lt(left * left))
 }
 

@@ -83,8 +83,8 @@ fn clear_grid(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// Sums of a workgroup in its own memory, where strands that lie side by side meet at the same nodes:
-// a hash table of nodes. Only its sums go to `cells`, so an atomic addition to memory stands for
+// Sums of a workgroup in its own memory, a hash table of nodes: strands that lie side by side meet
+// at the same nodes. Only its sums go to `cells`, so an atomic addition to memory stands for
 // many samples. Samples that find no slot are added to `cells` directly. Sums of integers do not
 // depend on which way they go.
 
