@@ -157,8 +157,8 @@ impl Tree {
     ///
     /// Along no axis are two points of segments farther apart when they touch than `distance`, and
     /// in the middle of the slice they were no farther apart than that and half of their relative
-    /// displacement in it. Their reaches bound the same, up to differences of the mean motion and up
-    /// to [`REACH`](super::REACH).
+    /// displacement in it. Their reaches bound the same, up to differences of the mean motion and
+    /// up to [`REACH`](super::REACH).
     #[inline(always)]
     pub fn groups<L: Lane<Scalar = f32>>(&self, entry: &Entry, distance: f32, mut visit: impl FnMut(usize)) {
         if self.segments.is_empty() {
