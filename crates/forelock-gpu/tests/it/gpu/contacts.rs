@@ -256,14 +256,15 @@ fn long_strands_touch_as_on_the_cpu_in_each_case() {
 }
 
 /// Where contacts exceed the budget, both backends keep the same number, the fastest ones, and get
-/// about the same result.
+/// about the same result. Of 64 contacts a single one that only one backend selects is 15 % of the
+/// effect.
 #[test]
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
 fn a_budget_keeps_the_fastest() {
     let gpu = common::gpu();
     let solver = AmsParams::default();
     let mut start = Start::new(&solver, None, 2);
-    for budget in [64, 2000] {
+    for budget in [128, 2000] {
         let params = ContactParams { budget, ..ContactParams::default() };
         let own = start.compare(&gpu, [&params; 2]);
         let [there, here] = own.did.map(|did| did.contacts);
