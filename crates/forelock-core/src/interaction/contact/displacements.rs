@@ -146,7 +146,8 @@ fn to_head_frame<T: Real>(
                     let mut squares = [0.0; LANES];
                     for c in 0..3 {
                         for lane in 0..LANES {
-                            let [x, y, z] = [0, 1, 2].map(|k| number(x[k].0[lane]));
+                            let (x, y, z) =
+                                (number(x[0].0[lane]), number(x[1].0[lane]), number(x[2].0[lane]));
                             let own = turn[c][0] * x + turn[c][1] * y + turn[c][2] * z + shift[c];
                             out[c][lane] = own;
                             squares[lane] += own * own;

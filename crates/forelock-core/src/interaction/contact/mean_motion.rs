@@ -254,7 +254,10 @@ impl MeanMotion {
                 squares[lane] += row[lane] * row[lane];
             }
         }
-        squares.map(|square| if square < f32::INFINITY { square.sqrt() } else { 0.0 })
+        for lane in 0..LANES {
+            squares[lane] = if squares[lane] < f32::INFINITY { squares[lane].sqrt() } else { 0.0 };
+        }
+        squares
     }
 
     /// The displacement of each particle of a place relative to the mean motion, metres.
@@ -263,7 +266,7 @@ impl MeanMotion {
         let [start, end] = displacements.place(place);
         let inverse = 1.0 / self.spacing;
         let strides = [1, self.dims[0], self.dims[0] * self.dims[1]];
-        let steps = strides.map(|stride| stride as i32);
+        let steps = [1, strides[1] as i32, strides[2] as i32];
         // The node below the middle of each displacement, and the fraction along each axis.
         let (mut first, mut fractions) = ([0i32; LANES], [[0.0f32; LANES]; 3]);
         for c in 0..3 {
@@ -280,38 +283,49 @@ impl MeanMotion {
         }
         let mut residual = [[0.0f32; LANES]; 3];
         let one = first[0];
-        if first.iter().all(|node| *node == one) {
+        let mut differ = 0;
+        for lane in 0..LANES {
+            differ |= first[lane] ^ one;
+        }
+        if differ == 0 {
             // Neighbouring strands mostly have the same nodes.
-            let corner = |k: usize| {
+            let mut corners = [Vec4::ZERO; 8];
+            for k in 0..8 {
                 let layers = (k >> 1 & 1) * strides[1] + (k >> 2) * strides[2];
-                self.nodes[one as usize + (k & 1) + layers]
-            };
-            let corners: [Vec4; 8] = std::array::from_fn(corner);
+                corners[k] = self.nodes[one as usize + (k & 1) + layers];
+            }
             let [x, y, z] = &fractions;
             for c in 0..3 {
-                let at = corners.map(|node| node[c]);
+                let mut at = [0.0; 8];
+                for k in 0..8 {
+                    at[k] = corners[k][c];
+                }
                 for lane in 0..LANES {
-                    let along_x = |k: usize| at[k] + x[lane] * (at[k + 1] - at[k]);
-                    let along_y = |k: usize| along_x(k) + y[lane] * (along_x(k + 2) - along_x(k));
-                    let mean = along_y(0) + z[lane] * (along_y(4) - along_y(0));
+                    let (x, y, z) = (x[lane], y[lane], z[lane]);
+                    let rows = [
+                        at[0] + x * (at[1] - at[0]),
+                        at[2] + x * (at[3] - at[2]),
+                        at[4] + x * (at[5] - at[4]),
+                        at[6] + x * (at[7] - at[6]),
+                    ];
+                    let layers = [rows[0] + y * (rows[1] - rows[0]), rows[2] + y * (rows[3] - rows[2])];
+                    let mean = layers[0] + z * (layers[1] - layers[0]);
                     residual[c][lane] = end[c][lane] - start[c][lane] - mean;
                 }
             }
             return residual;
         }
         for lane in 0..LANES {
-            let [x, y, z] = [0, 1, 2].map(|c| fractions[c][lane]);
-            let along_x = |row: usize| {
-                let pair = &self.nodes[row..row + 2];
-                pair[0] + x * (pair[1] - pair[0])
-            };
-            let along_y = |layer: usize| {
-                let [low, high] = [along_x(layer), along_x(layer + strides[1])];
-                low + y * (high - low)
-            };
+            let (x, y, z) = (fractions[0][lane], fractions[1][lane], fractions[2][lane]);
             let first = first[lane] as usize;
-            let [low, high] = [along_y(first), along_y(first + strides[2])];
-            let mean = low + z * (high - low);
+            let mut layers = [Vec4::ZERO; 2];
+            for k in 0..2 {
+                let low = &self.nodes[first + k * strides[2]..][..2];
+                let high = &self.nodes[first + k * strides[2] + strides[1]..][..2];
+                let (low, high) = (low[0] + x * (low[1] - low[0]), high[0] + x * (high[1] - high[0]));
+                layers[k] = low + y * (high - low);
+            }
+            let mean = layers[0] + z * (layers[1] - layers[0]);
             for c in 0..3 {
                 residual[c][lane] = end[c][lane] - start[c][lane] - mean[c];
             }

@@ -128,10 +128,12 @@ impl Friction {
                 if groups.iter().all(|group| group.sum.w == 0.0) {
                     continue;
                 }
-                let means = groups.each_ref().map(|group| {
-                    let about = mean_motion.about(group.middle).into_iter();
-                    about.map(|(node, w)| w * nodes[node]).sum::<Vec4>().truncate()
-                });
+                let mut means = [Vec3::ZERO; GROUPS];
+                for (mean, group) in means.iter_mut().zip(&*groups) {
+                    for (node, w) in mean_motion.about(group.middle) {
+                        *mean += w * nodes[node].truncate();
+                    }
+                }
                 let rows = [&mut positions[3 * own..][..3], &mut velocities[3 * own..][..3]];
                 widest(
                     #[inline(always)]
@@ -173,10 +175,10 @@ impl<T: Real> Hold<'_, T> {
         let [start, end] = self.displacements.place(place);
         let residual = self.field.residual(self.displacements, place);
         let live = self.block(place).live;
-        let [low, high] = self.field.extent.map(|corner| corner.to_array());
+        let [low, high] = [self.field.extent[0].to_array(), self.field.extent[1].to_array()];
         let mut share = [0.0f32; LANES];
         for lane in 0..LANES {
-            let [x, y, z] = [0, 1, 2].map(|c| residual[c][lane]);
+            let (x, y, z) = (residual[0][lane], residual[1][lane], residual[2][lane]);
             let length = (x * x + y * y + z * z).sqrt();
             let mut counts = (length > 0.0) & (length < f32::INFINITY) & (lane < live);
             for c in 0..3 {
@@ -204,12 +206,15 @@ impl<T: Real> Hold<'_, T> {
             }
         }
         let counts = sums(&held);
-        let (middles, changes) = (middle.each_ref().map(sums), change.each_ref().map(sums));
-        for (k, group) in groups.iter_mut().enumerate() {
+        let mut of_axes = [[[0.0; GROUPS]; 2]; 3];
+        for c in 0..3 {
+            of_axes[c] = [sums(&middle[c]), sums(&change[c])];
+        }
+        for k in 0..GROUPS {
             let count = counts[k];
-            let middle = Vec3::from_array(middles.map(|sum| sum[k])) / count.max(1.0);
-            let sum = Vec3::from_array(changes.map(|sum| sum[k])).extend(count);
-            *group = Group { middle, sum };
+            let middle = Vec3::new(of_axes[0][0][k], of_axes[1][0][k], of_axes[2][0][k]) / count.max(1.0);
+            let sum = Vec4::new(of_axes[0][1][k], of_axes[1][1][k], of_axes[2][1][k], count);
+            groups[k] = Group { middle, sum };
         }
     }
 }
@@ -226,7 +231,11 @@ fn sums(row: &[f32; LANES]) -> [f32; GROUPS] {
         }
         width /= 2;
     }
-    std::array::from_fn(|group| sums[GROUP * group])
+    let mut out = [0.0; GROUPS];
+    for group in 0..GROUPS {
+        out[group] = sums[GROUP * group];
+    }
+    out
 }
 
 /// Neighbouring lanes of a place.
@@ -261,14 +270,15 @@ fn apply<T: Real>(
     }
     for c in 0..3 {
         for lane in 0..LANES {
-            let [x, y, z] = [0, 1, 2].map(|k| axes[c][k] * change[k][lane]);
+            let (x, y, z) =
+                (axes[c][0] * change[0][lane], axes[c][1] * change[1][lane], axes[c][2] * change[2][lane]);
             let by = T::from(x + y + z).unwrap_or_else(T::zero);
             positions[c].0[lane] = positions[c].0[lane] + by;
             velocities[c].0[lane] = velocities[c].0[lane] + by * per_dt;
         }
     }
     for lane in 0..LANES {
-        let [x, y, z] = [0, 1, 2].map(|c| change[c][lane]);
+        let (x, y, z) = (change[0][lane], change[1][lane], change[2][lane]);
         let moved = T::from((x * x + y * y + z * z).sqrt()).unwrap_or_else(T::zero);
         let old = clearance.0[lane];
         let left = if old > moved { old - moved } else { T::zero() };
