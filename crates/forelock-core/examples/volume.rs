@@ -60,7 +60,7 @@ fn main() -> Result<(), Failure> {
     let which = plain.get(2).map_or("all", |a| a.as_str());
     let mut grid = GridParams::default();
     let mut every = 20;
-    let (mut strands, mut preset) = (10_298, "straight".to_owned());
+    let (mut strands, mut preset, mut amplitude) = (10_298, "straight".to_owned(), 1.0);
     for setting in settings {
         let (key, value) = setting.split_once('=').ok_or("not of the form key=value")?;
         match key {
@@ -71,18 +71,22 @@ fn main() -> Result<(), Failure> {
             "every" => every = value.parse()?,
             "strands" => strands = value.parse()?,
             "preset" => preset = value.to_owned(),
+            "amplitude" => amplitude = value.parse()?,
             _ => return Err(format!("no such key: {key}").into()),
         }
     }
     let sag = motion_name == "sag";
     let settle = motion_name == "settle";
-    let motion = Motion::by_name(match motion_name {
+    let mut motion = Motion::by_name(match motion_name {
         "sag" => "still",
         "settle" => "shake",
         name => name,
     })?;
-    let moves_until = if settle { SHAKE_SECS } else { f64::INFINITY };
-    let pose = |secs: f64| motion.pose(secs.min(moves_until));
+    if let Motion::Builtin(motion) = &mut motion {
+        motion.amplitude = amplitude;
+        motion.rest_after_secs = settle.then_some(SHAKE_SECS);
+    }
+    let pose = |secs: f64| motion.pose(secs);
     let groom =
         grow_on_head(&GrowParams { strands, vertices_per_strand: 30, ..GrowParams::preset(&preset)? })?;
     let shape = Shape::Sdf(Arc::new(Sdf::from_mesh(&Head::builtin().mesh, 128, 0.02)?));
