@@ -38,24 +38,10 @@ impl<T: Real> ContactInteraction<T> {
     pub fn new(model: &Model<T>, params: &ContactParams, simd: Simd) -> Self {
         Self { contacts: Contacts::new(model, params, simd), motion: Vec::new() }
     }
+}
 
-    /// Calls `change` with the rows of `state`, its velocities those of the motion.
-    fn change<R>(
-        &mut self,
-        cx: &ExchangeContext<'_, T>,
-        state: &mut State<T>,
-        change: impl FnOnce(&mut Contacts, ParticleRows<'_, T>, &ContactMoment<'_>) -> R,
-    ) -> R {
-        let moment = ContactMoment { head: &cx.last_substep[1], clamped: cx.clamped, dt_secs: cx.dt_secs };
-        // Moved out while the rest of the state is borrowed.
-        let mut clearance = std::mem::take(&mut state.clearance);
-        let contacts = &mut self.contacts;
-        let result = with_motion(state, &mut self.motion, cx.h(), |positions, velocities| {
-            change(contacts, ParticleRows { positions, velocities, clearance: &mut clearance }, &moment)
-        });
-        state.clearance = clearance;
-        result
-    }
+fn moment<'a, T>(cx: &'a ExchangeContext<'_, T>) -> ContactMoment<'a> {
+    ContactMoment { head: &cx.last_substep[1], clamped: cx.clamped, dt_secs: cx.dt_secs }
 }
 
 impl<T: Real> Interaction<T> for ContactInteraction<T> {
@@ -73,8 +59,18 @@ impl<T: Real> Interaction<T> for ContactInteraction<T> {
         state: &mut State<T>,
         report: &mut FrameReport,
     ) -> bool {
-        let contact_report =
-            self.change(cx, state, |contacts, rows, moment| contacts.resolve(cx.model, rows, moment));
+        let Self { contacts, motion } = self;
+        let moment = moment(cx);
+        let mut contact_report = contacts.find(cx.model, &state.positions, &moment);
+        if contact_report.contacts > 0 {
+            // Moved out while the rest of the state is borrowed.
+            let mut clearance = std::mem::take(&mut state.clearance);
+            contact_report = with_motion(state, motion, cx.h(), |positions, velocities| {
+                let rows = ParticleRows { positions, velocities, clearance: &mut clearance };
+                contacts.resolve_found(cx.model, rows, &moment, contact_report)
+            });
+            state.clearance = clearance;
+        }
         report.strand_contacts = contact_report;
         let stages = ["find_contacts", "resolve_contacts"];
         stages
@@ -95,7 +91,9 @@ impl<T: Real> Interaction<T> for ContactInteraction<T> {
         report: &mut FrameReport,
     ) {
         let clock = std::time::Instant::now();
-        self.change(cx, state, |contacts, rows, moment| contacts.hold(cx.model, rows, moment));
+        // A change of velocity is the same for velocities that are not yet those of the motion.
+        let State { positions, velocities, clearance, .. } = state;
+        self.contacts.hold(cx.model, ParticleRows { positions, velocities, clearance }, &moment(cx));
         report.stages.add(FRICTION.stage, shared_secs(clock.elapsed().as_secs_f64()));
     }
 

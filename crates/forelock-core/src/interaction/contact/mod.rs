@@ -169,15 +169,39 @@ impl Contacts {
         rows: ParticleRows<'_, T>,
         moment: &ContactMoment<'_>,
     ) -> ContactReport {
+        let found = self.find(model, rows.positions, moment);
+        if found.contacts == 0 { found } else { self.resolve_found(model, rows, moment, found) }
+    }
+
+    /// Finds the contacts since [`record_start`](Self::record_start). Returns their number and the
+    /// time it took.
+    pub fn find<T: Real>(
+        &mut self,
+        model: &Model<T>,
+        positions: &[Row<T>],
+        moment: &ContactMoment<'_>,
+    ) -> ContactReport {
         let clock = std::time::Instant::now();
-        self.displacements.record_end(model, rows.positions, moment.head);
+        self.displacements.record_end(model, positions, moment.head);
         let least = find_contacts::least_residual(&self.params, moment.dt_secs);
         self.mean_motion.measure(model, &mut self.displacements, least);
-        let found =
-            self.finder.find(model, &self.params, moment.dt_secs, &self.displacements, &self.mean_motion);
-        let secs = clock.elapsed().as_secs_f64();
-        let mut report = self.resolver.resolve(&self.params, model, found, &self.displacements, rows, moment);
-        report.secs = [secs, clock.elapsed().as_secs_f64() - secs];
-        report
+        self.finder.find(model, &self.params, moment.dt_secs, &self.displacements, &self.mean_motion);
+        let secs = [clock.elapsed().as_secs_f64(), 0.0];
+        ContactReport { contacts: self.finder.found().len(), secs, ..ContactReport::default() }
+    }
+
+    /// Resolves the contacts that [`find`](Self::find) has just found, as [`resolve`](Self::resolve)
+    /// does.
+    pub fn resolve_found<T: Real>(
+        &mut self,
+        model: &Model<T>,
+        rows: ParticleRows<'_, T>,
+        moment: &ContactMoment<'_>,
+        found: ContactReport,
+    ) -> ContactReport {
+        let clock = std::time::Instant::now();
+        let Self { params, displacements, finder, resolver, .. } = self;
+        let report = resolver.resolve(params, model, finder.found(), displacements, rows, moment);
+        ContactReport { secs: [found.secs[0], clock.elapsed().as_secs_f64()], ..report }
     }
 }

@@ -141,11 +141,11 @@ impl Finder {
         dt_secs: f64,
         displacements: &Displacements,
         mean_motion: &MeanMotion,
-    ) -> &[Contact] {
+    ) {
         self.found.clear();
         let budget = params.budget as usize;
         let Some((slice, slices)) = self.first_slice(model, params, dt_secs, mean_motion) else {
-            return &self.found;
+            return;
         };
         let cells = Cells::around(mean_motion.extent, CELL * self.edge);
         // Longer segments are in several pieces, or looked at one by one.
@@ -183,6 +183,10 @@ impl Finder {
             }
             keep_fastest(&mut self.found, budget, &mut self.approaches);
         }
+    }
+
+    /// The contacts that [`find`](Self::find) found last.
+    pub fn found(&self) -> &[Contact] {
         &self.found
     }
 
