@@ -190,8 +190,8 @@ impl Contacts {
         ContactReport { contacts: self.finder.found().len(), secs, ..ContactReport::default() }
     }
 
-    /// Resolves the contacts that [`find`](Self::find) has just found, as [`resolve`](Self::resolve)
-    /// does.
+    /// Resolves the contacts that [`find`](Self::find) has just found, as
+    /// [`resolve`](Self::resolve) does.
     pub fn resolve_found<T: Real>(
         &mut self,
         model: &Model<T>,
