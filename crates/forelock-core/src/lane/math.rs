@@ -1,8 +1,8 @@
 //! Small vectors and matrices over SIMD lanes.
 
 use super::{Lane, Row};
-use glam::{DMat3, DVec3};
-use std::ops::{Add, AddAssign, Neg, Sub, SubAssign};
+use glam::{DMat3, DQuat, DVec3};
+use std::ops::{Add, AddAssign, Mul, Neg, Sub, SubAssign};
 
 /// One vector for each lane.
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
@@ -302,9 +302,130 @@ impl<L: Lane> Sym3<L> {
     }
 }
 
+/// One quaternion for each lane: its vector part, then its scalar part.
+#[derive(Clone, Copy, Debug)]
+pub struct Quat<L> {
+    /// x, y, z.
+    pub v: V3<L>,
+    /// w.
+    pub w: L,
+}
+
+impl<L: Lane> Mul for Quat<L> {
+    type Output = Self;
+    /// The Hamilton product.
+    #[inline(always)]
+    fn mul(self, b: Self) -> Self {
+        let v = b.v.scale(self.w).add_scaled(b.w, self.v) + self.v.cross(b.v);
+        Self { v, w: self.w.mul_add(b.w, -self.v.dot(b.v)) }
+    }
+}
+
+impl<L: Lane> Add for Quat<L> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        Self { v: self.v + b.v, w: self.w + b.w }
+    }
+}
+
+impl<L: Lane> Quat<L> {
+    /// The same quaternion in every lane.
+    #[inline(always)]
+    pub fn splat(q: DQuat) -> Self {
+        Self { v: V3::splat(DVec3::new(q.x, q.y, q.z)), w: L::from_f64(q.w) }
+    }
+
+    /// Zero in every lane.
+    #[inline(always)]
+    pub fn zero() -> Self {
+        Self::pure(V3::zero())
+    }
+
+    /// A quaternion whose scalar part is zero.
+    #[inline(always)]
+    pub fn pure(v: V3<L>) -> Self {
+        Self { v, w: L::zero() }
+    }
+
+    /// Reads lanes `first..` of four rows: x, y, z, w.
+    #[inline(always)]
+    pub fn load(rows: &[Row<L::Scalar>], first: usize) -> Self {
+        Self { v: V3::load(rows, 0, first), w: L::load(&rows[3], first) }
+    }
+
+    /// Writes lanes `first..` of four rows: x, y, z, w.
+    #[inline(always)]
+    pub fn store(self, rows: &mut [Row<L::Scalar>], first: usize) {
+        self.v.store(rows, 0, first);
+        self.w.store(&mut rows[3], first);
+    }
+
+    /// The conjugate, which is the inverse of a unit quaternion.
+    #[inline(always)]
+    pub fn conjugate(self) -> Self {
+        Self { v: -self.v, w: self.w }
+    }
+
+    /// `self · a`.
+    #[inline(always)]
+    pub fn scale(self, a: L) -> Self {
+        Self { v: self.v.scale(a), w: self.w * a }
+    }
+
+    /// The dot product of all four components.
+    #[inline(always)]
+    pub fn dot(self, b: Self) -> L {
+        self.w.mul_add(b.w, self.v.dot(b.v))
+    }
+
+    /// `v` rotated by a unit quaternion.
+    #[inline(always)]
+    pub fn rotate(self, v: V3<L>) -> V3<L> {
+        let twice = self.v.cross(v).scale(L::from_f64(2.0));
+        v.add_scaled(self.w, twice) + self.v.cross(twice)
+    }
+
+    /// The shortest rotation from the unit vector `a` to the unit vector `b`; of opposite vectors,
+    /// half a turn about an axis perpendicular to both.
+    #[inline(always)]
+    pub fn arc(a: V3<L>, b: V3<L>) -> Self {
+        let n = L::from_f64(2.0).mul_add(a.dot(b), L::from_f64(2.0)).max(L::zero()).sqrt();
+        let turned = n.lt(L::from_f64(1e-4));
+        let inverse = L::one() / n.max(L::from_f64(1e-4));
+        let [x, y, z] = a.0;
+        let is_along_x = L::from_f64(0.5).lt(x * x);
+        let axis = V3::select(is_along_x, V3([-y, x, L::zero()]), V3([L::zero(), -z, y]));
+        let axis = axis.scale(L::one() / axis.dot(axis).sqrt());
+        Self {
+            v: V3::select(turned, axis, a.cross(b).scale(inverse)),
+            w: L::select(turned, L::zero(), n * L::from_f64(0.5)),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn quaternions_agree_with_glam() {
+        let (a, b) =
+            (DQuat::from_rotation_x(0.7), DQuat::from_rotation_z(-1.9) * DQuat::from_rotation_y(0.4));
+        let of = |q: Quat<f64>| DQuat::from_xyzw(q.v.0[0], q.v.0[1], q.v.0[2], q.w);
+        let near = |q: Quat<f64>, other: DQuat| (of(q) - other).length() < 1e-15;
+        let (qa, qb) = (Quat::<f64>::splat(a), Quat::splat(b));
+        assert!(near(qa * qb, a * b) && near(qa.conjugate(), a.inverse()));
+        let v = DVec3::new(0.3, -0.6, 2.0);
+        assert!((DVec3::from_array(qb.rotate(V3::splat(v)).0) - b * v).length() < 1e-14);
+        let ends = [DVec3::new(1.0, 2.0, -0.5).normalize(), DVec3::new(-0.2, 0.9, 1.0).normalize()];
+        let [from, to] = ends.map(V3::<f64>::splat);
+        assert!(near(Quat::arc(from, to), DQuat::from_rotation_arc(ends[0], ends[1])));
+        for axis in [DVec3::X, DVec3::Y, ends[0]] {
+            let half_turn = of(Quat::<f64>::arc(V3::splat(axis), V3::splat(-axis)));
+            assert!((half_turn * axis + axis).length() < 1e-14 && (half_turn.length() - 1.0).abs() < 1e-14);
+        }
+    }
 
     #[test]
     fn a_matrix_times_its_inverse_is_the_identity() {

@@ -24,7 +24,7 @@ mod simd;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
-pub use math::{Mat3, Sym3, V3};
+pub use math::{Mat3, Quat, Sym3, V3};
 pub use simd::Simd;
 #[cfg(target_arch = "x86_64")]
 pub(crate) use simd::with_features;

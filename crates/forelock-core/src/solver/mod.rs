@@ -7,6 +7,7 @@
 pub mod ams;
 pub mod dftl;
 pub mod mass_spring;
+pub mod xpbd;
 
 pub use crate::frame::{
     Channel, ChannelKind, Channels, FrameContext, FrameRules, LaneGroup, LaneSolver, Refinement, Solver,
@@ -15,3 +16,4 @@ pub use crate::frame::{
 pub use ams::AmsParams;
 pub use dftl::DftlParams;
 pub use mass_spring::MassSpringParams;
+pub use xpbd::XpbdParams;

@@ -8,6 +8,7 @@
     reason = "a test fails where its file is not as expected, and tells how near it came"
 )]
 
+use crate::golden::xpbd::Trajectory;
 use crate::golden::{self, Backend, dftl, fluid, load, params};
 use forelock_core::frame::FrameInput;
 use forelock_core::interaction::sph::Fluid;
@@ -244,4 +245,36 @@ fn dftl_with_smoothed_particles() {
     }
     // Without the fluid hair would be somewhere else.
     assert!(fluid::coupled_error(&file, with::<f64>(Simd::Auto)) > 1e-4);
+}
+
+/// Trajectories of XPBD rods: positions in metres, quaternions.
+fn check_rods(name: &str) {
+    let trajectory = Trajectory::load(name);
+    let [x, q] = trajectory.worst_errors(with::<f64>(Simd::Auto));
+    println!("{name} float64: {x:.1e} m, {q:.1e}");
+    assert!(x <= 1e-9 && q <= 1e-8, "{name} float64: {x:e} {q:e}");
+    for simd in Simd::ALL.into_iter().filter(|s| s.is_supported()) {
+        let [x, q] = trajectory.worst_errors(with::<f32>(simd));
+        println!("{name} {simd:?}: {x:.1e} m, {q:.1e}");
+        assert!(x <= 2e-5 && q <= 5e-3, "{name} {simd:?}: {x:e} {q:e}");
+    }
+}
+
+#[test]
+fn xpbd_3_cantilever() {
+    check_rods("xpbd_3_cantilever");
+}
+
+#[test]
+fn xpbd_4_curly_turn() {
+    check_rods("xpbd_4_curly_turn");
+}
+
+/// A wrong weight of rotations is found.
+#[test]
+fn rods_of_another_weight_are_not_the_reference() {
+    let mut trajectory = Trajectory::load("xpbd_4_curly_turn");
+    trajectory.params.rotation_weight *= 1.01;
+    let [x, q] = trajectory.worst_errors(with::<f64>(Simd::Auto));
+    assert!(x > 1e-5 && q > 1e-4, "{x:e} {q:e}");
 }

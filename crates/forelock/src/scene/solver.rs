@@ -1,7 +1,7 @@
 //! `[solver]`: which solver, and its parameters.
 
 use forelock_core::lane::Simd;
-use forelock_core::solver::{AmsParams, DftlParams, MassSpringParams, Solver};
+use forelock_core::solver::{AmsParams, DftlParams, MassSpringParams, Solver, XpbdParams};
 use forelock_core::strands::Masses;
 use serde::{Deserialize, Serialize, Serializer};
 
@@ -20,7 +20,7 @@ pub enum SolverKind {
     MassSpring,
     /// Dynamic follow the leader, with preserved shape.
     Dftl,
-    /// Position-based Cosserat rods. Not yet available.
+    /// Cosserat rods under extended position-based dynamics.
     Xpbd,
     /// The learned simulator. Not yet available.
     Neural,
@@ -41,11 +41,11 @@ impl SolverKind {
     pub const NAMES: [&'static str; 5] = ["ams", "mass-spring", "dftl", "xpbd", "neural"];
 
     /// Those of them that this version has, in words.
-    pub(super) const AVAILABLE: &str = "\"ams\", \"mass-spring\" or \"dftl\"";
+    pub(super) const AVAILABLE: &str = "\"ams\", \"mass-spring\", \"dftl\" or \"xpbd\"";
 
     /// Whether this version has it.
     pub(super) fn is_available(&self) -> bool {
-        !matches!(self, Self::Xpbd | Self::Neural)
+        *self != Self::Neural
     }
 
     /// The name in scene files.
@@ -83,7 +83,7 @@ forelock_core::documented! {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SolverSection {
-    /// "ams", "mass-spring" or "dftl". Default "ams".
+    /// "ams", "mass-spring", "dftl" or "xpbd". Default "ams".
     pub kind: SolverKind,
     /// Instructions to use: "auto", "portable", "avx2", "avx512" or "scalar". Default "auto".
     pub simd: SimdChoice,
@@ -103,6 +103,8 @@ pub struct SolverSection {
     pub mass_spring: MassSpringParams,
     /// Parameters of "dftl".
     pub dftl: DftlParams,
+    /// Parameters of "xpbd".
+    pub xpbd: XpbdParams,
     /// Parameters of the registered solver that is chosen, the table `[solver.NAME]`. Default
     /// empty.
     #[serde(skip)]
@@ -121,6 +123,7 @@ impl Default for SolverSection {
             ams: AmsParams::default(),
             mass_spring: MassSpringParams::default(),
             dftl: DftlParams::default(),
+            xpbd: XpbdParams::default(),
             custom: toml::Table::default(),
         }
     }
@@ -141,9 +144,10 @@ impl From<SimdChoice> for Simd {
 const AMS_NOTE: &str = "Stiffness is also bounded by float32: h²κ ≤ 1000 for the substep h; the message \
     names a substep that would do.";
 const DFTL_NOTE: &str = "Shares are those of a step of 0.016 s; for other steps they are converted.";
+const XPBD_NOTE: &str = "`time.substep_secs` does not apply: rods need far shorter substeps than springs.";
 
 /// The sections of the reference for the tables of solvers.
-pub(super) fn sections() -> [Section; 3] {
+pub(super) fn sections() -> [Section; 4] {
     [
         with::<AmsParams>("solver.ams", "## `[solver.ams]`: augmented mass-spring", AMS_NOTE),
         with::<MassSpringParams>(
@@ -152,6 +156,7 @@ pub(super) fn sections() -> [Section; 3] {
             AMS_NOTE,
         ),
         with::<DftlParams>("solver.dftl", "## `[solver.dftl]`: dynamic follow the leader", DFTL_NOTE),
+        with::<XpbdParams>("solver.xpbd", "## `[solver.xpbd]`: XPBD Cosserat rods", XPBD_NOTE),
     ]
 }
 
@@ -174,12 +179,13 @@ impl SolverSection {
 
     /// The built-in solvers, in the order of their stages. The registered ones are known to the
     /// player only.
-    pub(crate) fn built_in(&self) -> [BuiltIn; 3] {
+    pub(crate) fn built_in(&self) -> [BuiltIn; 4] {
         let built_in = |kind, table, solver| BuiltIn { kind, table, solver };
         [
             built_in(SolverKind::Ams, "solver.ams", (&self.ams).into()),
             built_in(SolverKind::MassSpring, "solver.mass_spring", (&self.mass_spring).into()),
             built_in(SolverKind::Dftl, "solver.dftl", (&self.dftl).into()),
+            built_in(SolverKind::Xpbd, "solver.xpbd", (&self.xpbd).into()),
         ]
     }
 

@@ -162,6 +162,7 @@ fn context(key: &str) -> (String, Vec<String>) {
     match names[..] {
         ["solver", "mass_spring", _] => set("solver.kind=mass-spring"),
         ["solver", "dftl", _] => set("solver.kind=dftl"),
+        ["solver", "xpbd", _] => set("solver.kind=xpbd"),
         ["solver", "ams", name] => {
             set("solver.ams.non_hookean=true");
             if name.starts_with("breaking") || name.starts_with("healing") {

@@ -4,6 +4,7 @@
 
 pub mod dftl;
 pub mod fluid;
+pub mod xpbd;
 
 use forelock_core::body::{ColliderFrame, Shape};
 use forelock_core::frame::SolverReal;
@@ -29,9 +30,9 @@ pub trait Backend {
     fn model(&self) -> &Model<Self::Real>;
 }
 
-/// The file `name` of its folder: `dftl_…` of one, all others of the other.
+/// The file `name` of its folder, which the names of all but AMS's begin with.
 pub fn load(name: &str) -> Value {
-    let folder = if name.starts_with("dftl_") { "dftl" } else { "ams" };
+    let folder = ["dftl", "xpbd"].into_iter().find(|own| name.starts_with(own)).unwrap_or("ams");
     let folder = format!("{}/../forelock-core/tests/golden/{folder}", env!("CARGO_MANIFEST_DIR"));
     let path = format!("{folder}/{name}.json");
     serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()

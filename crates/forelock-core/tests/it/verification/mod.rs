@@ -21,6 +21,7 @@ mod masses;
 mod non_hookean;
 mod particles;
 pub mod rig;
+mod rods;
 mod settles;
 mod sleep;
 mod solids;

@@ -1,0 +1,82 @@
+//! Cosserat rods under extended position-based dynamics (XPBD): the reference method of the third
+//! paper.
+
+mod params;
+pub mod solve_rods;
+
+pub use params::XpbdParams;
+
+use crate::collide::resolve_solids::{SPRING_STRETCH, SolidContacts};
+use crate::frame::{
+    Channel, ChannelKind, Channels, FrameContext, FrameRules, LaneGroup, LaneSolver, StepRate, Substep,
+};
+use crate::lane::Lane;
+use crate::params::{Inextensibility, ParamsError};
+use crate::strands::{BlockView, Scratch};
+use glam::{DQuat, DVec3};
+use solve_rods::{RodStep, RodTerms};
+
+/// A step of whole substeps, seconds: the motion does not depend on the frame rate.
+const STEP_SECS: f64 = 1.0 / 60.0;
+
+/// The rotation of each edge from its rest direction on the head at rest, in the place of its lower
+/// particle.
+const ROTATION: Channel =
+    Channel { name: "rotation", kind: ChannelKind::Rotation(DQuat::IDENTITY), values: 1 };
+/// The angular velocity of each edge, rad/s.
+const SPIN: Channel = Channel { name: "spin", kind: ChannelKind::Vector(DVec3::ZERO), values: 1 };
+
+impl LaneSolver for XpbdParams {
+    type Terms = RodTerms;
+
+    fn name(&self) -> &'static str {
+        "xpbd"
+    }
+
+    fn rules(&self) -> FrameRules {
+        FrameRules {
+            stage: solve_rods::STAGE,
+            substep_secs: self.substep_secs,
+            clamped: self.clamped as usize,
+            skin_thickness: self.skin_thickness,
+            depenetration_speed: self.depenetration_speed,
+            lengths: Inextensibility::Limit,
+            max_stretch: self.max_stretch,
+            stretch_limit: Some(SPRING_STRETCH.max(self.max_stretch)),
+            ..FrameRules::default()
+        }
+    }
+
+    fn channels(&self) -> Channels {
+        Channels { extra: &[ROTATION, SPIN], ..Channels::default() }
+    }
+
+    fn rate(&self) -> StepRate {
+        StepRate::Fixed(self.substep_secs.max(STEP_SECS))
+    }
+
+    fn validate(&self) -> Result<(), ParamsError> {
+        Self::validate(self)
+    }
+
+    fn terms(&self, dt_secs: f64) -> RodTerms {
+        RodTerms::new(self, LaneSolver::rules(self).h(dt_secs))
+    }
+
+    #[inline(always)]
+    fn solve<L: Lane>(
+        terms: &RodTerms,
+        cx: &FrameContext<'_, L::Scalar>,
+        substep: Substep,
+        view: &mut BlockView<'_, L::Scalar>,
+        group: LaneGroup,
+        scratch: &mut Scratch<L::Scalar>,
+    ) -> SolidContacts {
+        let poses = [&cx.poses[substep.index], &cx.poses[substep.index + 1]];
+        let step = RodStep::<L>::new(terms, poses, cx.gravity, cx.air_velocity);
+        solve_rods::advance(terms, &step, view, group.first, scratch.vectors());
+        SolidContacts::default()
+    }
+}
+
+crate::solver_from_params!(XpbdParams);
