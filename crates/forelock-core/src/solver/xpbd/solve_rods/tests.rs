@@ -155,10 +155,8 @@ fn corrections_follow_the_gradients() {
         let change = couple([of_a, of_b], Quat::splat(arc), [SMALL; 2], 0.2, V3::zero());
         let change = DVec3::from_array(change.0);
         let constraint = |a: DQuat, b: DQuat| vector(a.conjugate() * b * arc);
-        let expected = [
-            gradient(a, |a| change.dot(constraint(a, b))),
-            gradient(b, |b| change.dot(constraint(a, b))),
-        ];
+        let expected =
+            [gradient(a, |a| change.dot(constraint(a, b))), gradient(b, |b| change.dot(constraint(a, b)))];
         for (own, expected) in pair.iter().zip(expected) {
             let found = glam(own.change) * (1.0 / SMALL);
             assert!((found - expected).length() < 1e-8, "{found} {expected}");
