@@ -8,8 +8,8 @@
     reason = "a test fails where its file is not as expected, and tells how near it came"
 )]
 
-use crate::golden::xpbd::Trajectory;
 use crate::golden::{self, Backend, dftl, fluid, load, params};
+use crate::golden_rods::Trajectory;
 use forelock_core::frame::FrameInput;
 use forelock_core::interaction::sph::Fluid;
 use forelock_core::interaction::sph::find_neighbours::{Neighbours, Particle};

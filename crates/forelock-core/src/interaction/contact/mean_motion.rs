@@ -1,5 +1,7 @@
 //! Mean motion: a smooth field of the displacements of the hair in a frame.
 
+#![expect(clippy::needless_range_loop, reason = "one index for several arrays is what vectorises")]
+
 pub use super::displacements::FAR;
 use super::displacements::{Displacements, Place};
 use super::histogram::{Cutoff, Histogram};

@@ -4,7 +4,6 @@
 
 pub mod dftl;
 pub mod fluid;
-pub mod xpbd;
 
 use forelock_core::body::{ColliderFrame, Shape};
 use forelock_core::frame::SolverReal;

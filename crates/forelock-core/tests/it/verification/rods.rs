@@ -1,7 +1,7 @@
 //! XPBD Cosserat rods against closed forms, their own limit, and the least energy of the discrete
 //! rod. Lengths in the names of tests are metres, as everywhere.
 
-use crate::golden::xpbd::{Trajectory, positions};
+use crate::golden_rods::{Trajectory, positions};
 use forelock_core::frame::FrameInput;
 use forelock_core::lane::Simd;
 use forelock_core::pose::Pose;

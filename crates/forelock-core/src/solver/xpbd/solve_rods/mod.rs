@@ -50,8 +50,8 @@ pub const STAGE: &str = "solve_rods";
 const ROTATION: usize = 0;
 /// Index of the channel of angular velocities.
 const SPIN: usize = 1;
-/// Vectors of scratch an edge: both λ, the rotation before the substep and its change, each a vector
-/// part and a scalar part.
+/// Vectors of scratch an edge: both λ, the rotation before the substep and its change, each a
+/// vector part and a scalar part.
 const KEPT: usize = 6;
 
 /// Coefficients of a substep, in float64.

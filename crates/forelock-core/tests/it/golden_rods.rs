@@ -1,6 +1,8 @@
-//! Trajectories of XPBD Cosserat rods (`xpbd/README.md`).
+//! Trajectories of XPBD Cosserat rods (`tests/golden/xpbd/README.md`).
 
-use super::{Backend, load, numbers, vectors};
+#![expect(clippy::unwrap_used, reason = "a test fails where its file is not as expected")]
+
+use crate::golden::{Backend, load, numbers, vectors};
 use forelock_core::frame::FrameInput;
 use forelock_core::lane::Real;
 use forelock_core::pose::Pose;
