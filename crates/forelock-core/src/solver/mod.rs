@@ -14,6 +14,8 @@ pub use crate::frame::{
     StepCheck, StepRate, StrandSolver, Substep,
 };
 pub use ams::AmsParams;
+#[cfg(feature = "serde")]
+pub(crate) use ams::LengthPass;
 pub use dftl::DftlParams;
 pub use mass_spring::MassSpringParams;
 pub use xpbd::XpbdParams;

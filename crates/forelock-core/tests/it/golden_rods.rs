@@ -5,6 +5,7 @@
 use crate::golden::{Backend, load, numbers, vectors};
 use forelock_core::frame::FrameInput;
 use forelock_core::lane::Real;
+use forelock_core::params::Inextensibility;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::Options;
 use forelock_core::solver::{Solver, XpbdParams};
@@ -53,7 +54,7 @@ impl Trajectory {
             substep_secs: dt_secs / f("nsub"),
             iterations: f("nit") as u32,
             drag: f("damp"),
-            max_stretch: 1e3,
+            inextensibility: Inextensibility::Off,
             ..XpbdParams::default()
         };
         let turns = file["head_q"].as_array().into_iter().flatten();

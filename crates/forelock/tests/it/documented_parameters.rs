@@ -137,7 +137,7 @@ fn collect(key: &str, value: &toml::Value, keys: &mut Vec<String>) {
 
 #[test]
 fn the_length_passes_have_their_names_in_scenes() {
-    for table in ["solver.ams", "solver.mass_spring"] {
+    for table in ["solver.ams", "solver.mass_spring", "solver.xpbd"] {
         for name in ["projection", "dftl", "limit", "off"] {
             let set = Override::set(&format!("{table}.inextensibility={name}")).unwrap();
             let scene = Scene::parse("", Path::new("scene.toml"), &[set]).unwrap();
@@ -162,7 +162,12 @@ fn context(key: &str) -> (String, Vec<String>) {
     match names[..] {
         ["solver", "mass_spring", _] => set("solver.kind=mass-spring"),
         ["solver", "dftl", _] => set("solver.kind=dftl"),
-        ["solver", "xpbd", _] => set("solver.kind=xpbd"),
+        ["solver", "xpbd", name] => {
+            set("solver.kind=xpbd");
+            if name == "max_stretch" {
+                set("solver.xpbd.inextensibility=limit");
+            }
+        }
         ["solver", "ams", name] => {
             set("solver.ams.non_hookean=true");
             if name.starts_with("breaking") || name.starts_with("healing") {

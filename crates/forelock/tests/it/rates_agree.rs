@@ -16,7 +16,7 @@ fn set(text: &str) -> Vec<Override> {
 
 #[test]
 fn tips_are_where_they_are_at_any_frame_rate() {
-    for solver in ["ams", "mass-spring", "dftl"] {
+    for solver in ["ams", "mass-spring", "dftl", "xpbd"] {
         let sets = set(&format!("solver.kind={solver}"));
         for hair in &HAIR {
             for motion in &MOTIONS {

@@ -22,8 +22,6 @@
 //! stiffening over time of the paper are not implemented. Strands sag, because nothing compensates
 //! their weight.
 
-#[cfg(feature = "serde")]
-use super::ams::LengthPass;
 use super::ams::{AmsParams, AngularForm, Jacobian};
 use crate::frame::{
     BlockReport, Channels, FrameContext, FrameRules, LaneSolver, Refinement, SolverReal, Step, StepCheck,
@@ -77,7 +75,7 @@ pub struct MassSpringParams {
     pub jacobian: Jacobian,
     /// The pass that restores edge lengths: "projection", "dftl", "limit" or "off". Default
     /// "limit".
-    #[cfg_attr(feature = "serde", serde(with = "LengthPass"))]
+    #[cfg_attr(feature = "serde", serde(with = "crate::solver::LengthPass"))]
     pub inextensibility: Inextensibility,
     /// Stretch, over the rest length, to which the pass "limit" shortens edges; it leaves others
     /// alone. No unit, default 0.03, range 0 to 10; 0 lets no edge stretch.

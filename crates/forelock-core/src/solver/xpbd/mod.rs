@@ -6,7 +6,7 @@ pub mod solve_rods;
 
 pub use params::XpbdParams;
 
-use crate::collide::resolve_solids::{SPRING_STRETCH, SolidContacts};
+use crate::collide::resolve_solids::{SPRING_STRETCH, STRETCHED, SolidContacts};
 use crate::frame::{
     Channel, ChannelKind, Channels, FrameContext, FrameRules, LaneGroup, LaneSolver, StepRate, Substep,
 };
@@ -40,9 +40,13 @@ impl LaneSolver for XpbdParams {
             clamped: self.clamped as usize,
             skin_thickness: self.skin_thickness,
             depenetration_speed: self.depenetration_speed,
-            lengths: Inextensibility::Limit,
+            lengths: self.inextensibility,
             max_stretch: self.max_stretch,
-            stretch_limit: Some(SPRING_STRETCH.max(self.max_stretch)),
+            stretch_limit: Some(match self.inextensibility {
+                Inextensibility::Off => SPRING_STRETCH,
+                Inextensibility::Limit => SPRING_STRETCH.max(self.max_stretch),
+                _ => STRETCHED,
+            }),
             ..FrameRules::default()
         }
     }

@@ -2,8 +2,7 @@
 //!
 //! [`solve_rods`](crate::solver::xpbd::solve_rods) has the equations.
 
-use crate::collide::resolve_solids::SPRING_STRETCH;
-use crate::params::{ParamsError, check};
+use crate::params::{Inextensibility, ParamsError, check};
 
 crate::documented! {
 /// Parameters of Cosserat rods under extended position-based dynamics. Stiffnesses are over the
@@ -35,9 +34,12 @@ pub struct XpbdParams {
     /// Drag rate of particles against the air, and of rotations against the head's. Unit s⁻¹,
     /// default 2, range 0 to 1e4; 0 is a vacuum.
     pub drag: f64,
-    /// Stretch to which a pass shortens edges at the end of a step, where solids, contacts or a
-    /// jolt stretched them further; edges below it are left alone. No unit, default 0.04, range 0
-    /// to 1000; a large value leaves all alone.
+    /// The pass over edge lengths at the end of a step: "projection", "dftl", "limit" or "off".
+    /// Default "projection"; "off" is the method as published.
+    #[cfg_attr(feature = "serde", serde(with = "crate::solver::LengthPass"))]
+    pub inextensibility: Inextensibility,
+    /// Stretch, over the rest length, to which the pass "limit" shortens edges; it leaves others
+    /// alone. No unit, default 0.03, range 0 to 10; 0 lets no edge stretch.
     pub max_stretch: f64,
     /// Particles that follow the head exactly, from the root. Unit particles, default 1, range 1 to
     /// 1000; with 1 the first edge bends from the head's frame, 0 is refused.
@@ -60,7 +62,8 @@ impl Default for XpbdParams {
             substep_secs: 1.0 / 6000.0,
             iterations: 1,
             drag: 2.0,
-            max_stretch: SPRING_STRETCH,
+            inextensibility: Inextensibility::Projection,
+            max_stretch: 0.03,
             clamped: 1,
             skin_thickness: 5e-4,
             depenetration_speed: 1.0,

@@ -4,6 +4,7 @@
 use crate::golden_rods::{Trajectory, positions};
 use forelock_core::frame::FrameInput;
 use forelock_core::lane::Simd;
+use forelock_core::params::Inextensibility;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::{Options, Simulation, SimulationReal};
 use forelock_core::solver::{Solver, XpbdParams};
@@ -18,7 +19,8 @@ const DT: f64 = 1.0 / 30.0;
 
 /// Rods that nothing but their own constraints keeps together.
 fn rods(substeps: u32) -> XpbdParams {
-    XpbdParams { substep_secs: DT / f64::from(substeps), max_stretch: 1e3, ..XpbdParams::default() }
+    let substep_secs = DT / f64::from(substeps);
+    XpbdParams { substep_secs, inextensibility: Inextensibility::Off, ..XpbdParams::default() }
 }
 
 /// Runs `rest` for `frames`, with the head at `pose` of a frame; calls `see` with the positions in
