@@ -91,7 +91,7 @@ impl<T: Real> Interaction<T> for ContactInteraction<T> {
         report: &mut FrameReport,
     ) {
         let clock = std::time::Instant::now();
-        // A change of velocity is the same for velocities that are not yet those of the motion.
+        // Only changes are added, so velocities may hold more than motion.
         let State { positions, velocities, clearance, .. } = state;
         self.contacts.hold(cx.model, ParticleRows { positions, velocities, clearance }, &moment(cx));
         report.stages.add(FRICTION.stage, shared_secs(clock.elapsed().as_secs_f64()));

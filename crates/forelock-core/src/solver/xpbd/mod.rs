@@ -1,5 +1,5 @@
-//! Cosserat rods under extended position-based dynamics (XPBD): the reference method of the third
-//! paper.
+//! Cosserat rods under extended position-based dynamics (XPBD): the reference method of Neuralocks
+//! (2025).
 
 mod params;
 pub mod solve_rods;

@@ -15,7 +15,7 @@ crate::documented! {
 )]
 pub struct XpbdParams {
     /// Stiffness against stretch and shear, k_s over mass: an edge of length l that holds N
-    /// particles is stretched by N g/(l k_s). Unit s⁻², default 2e6, range 1 to 1e12.
+    /// particles is longer by the share N g/(l k_s). Unit s⁻², default 2e6, range 1 to 1e12.
     pub k_stretch: f64,
     /// Stiffness against bending and twist, k_bt over mass, times the relative stiffness of the
     /// strand: the bending stiffness EI over the mass of a particle. Unit m³ s⁻², default 1, range

@@ -3,13 +3,15 @@
 
 use crate::golden_rods::{Trajectory, positions};
 use forelock_core::frame::FrameInput;
+use forelock_core::groom::Groom;
+use forelock_core::groom::edit::{Edit, Lengthen, Operation};
 use forelock_core::lane::Simd;
 use forelock_core::params::Inextensibility;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::{Options, Simulation, SimulationReal};
 use forelock_core::solver::{Solver, XpbdParams};
 use forelock_core::strands::{Strands, number};
-use glam::{DQuat, DVec3};
+use glam::{DQuat, DVec3, Vec3};
 
 /// Metres of a centimetre.
 const CM: f64 = 0.01;
@@ -236,4 +238,36 @@ fn a_turn_in_float32_is_that_in_float64() {
     println!("turn: float32 {:.1e} cm, stretch {:.2} %", worst / CM, 100.0 * stretch);
     assert!(worst <= 2e-5, "{worst:e} m");
     assert!(stretch <= 0.025, "{stretch}");
+}
+
+/// Hair that is lengthened after the head has turned goes on as it moved: its new edges continue
+/// the rotation of the tip, not that of the start.
+#[test]
+fn lengthened_hair_is_not_jolted() {
+    let strand = |s: usize| (0..9).map(move |i| Vec3::new(0.01 * s as f32, -0.01 * i as f32, 0.0));
+    let groom = Groom::from_strands((0..3).map(|s| strand(s).collect::<Vec<_>>())).unwrap();
+    let solver = XpbdParams { inextensibility: Inextensibility::Off, drag: 20.0, ..XpbdParams::default() };
+    let options = Options { simd: Simd::Auto, ..Options::default() };
+    let mut simulation = Simulation::new(&groom, &solver, &options).unwrap();
+    let pose = |frame: usize| Pose::new(DQuat::from_rotation_z(0.04 * frame.min(60) as f64), DVec3::ZERO);
+    let play = |simulation: &mut Simulation, frames: std::ops::Range<usize>| {
+        let mut fastest = 0.0f64;
+        for frame in frames {
+            let roots = [pose(frame), pose(frame + 1)].into();
+            let input = FrameInput { roots, gravity: GRAVITY, dt_secs: 1.0 / 60.0, ..FrameInput::default() };
+            simulation.step_frame(&input).unwrap();
+            let velocities = simulation.snapshot().velocities;
+            let speeds = velocities.iter().map(|v| DVec3::from(v.map(f64::from)).length());
+            fastest = speeds.fold(fastest, f64::max);
+        }
+        fastest
+    };
+    play(&mut simulation, 0..240);
+    let mut edited = groom.clone();
+    let longer = Operation::Lengthen(Lengthen { by: 0.02, ..Lengthen::default() });
+    let sources = Edit::all(longer).apply(&mut edited, None).unwrap().sources;
+    simulation.regroom(&edited, &sources, &pose(240)).unwrap();
+    let fastest = play(&mut simulation, 240..250);
+    println!("lengthened: {fastest:.3} m/s");
+    assert!(fastest < 0.3, "{fastest} m/s");
 }

@@ -19,8 +19,8 @@
 //!
 //! Here a = k−1 and b = k, L is the mean of their lengths, and s = −1 if r̄_a r_b T and T are in
 //! opposite hemispheres of the unit quaternions, otherwise 1. The root's a is the head: r_a = Q,
-//! w_a = 0, T = 1, L = l_0/2. The weight of rotations is w_q = β w/(2l²). Rotations are normalised
-//! after each correction. The energies are ½ k_s l² |C|² and (2 k_bt/L) |C|².
+//! w_a = 0, T = 1, L = l_0/2. The weight of rotations is w_q = β w_{i+1}/(2l²). Rotations are
+//! normalised after each correction. The energies are ½ k_s l² |C|² and (2 k_bt/L) |C|².
 //!
 //! ```text
 //! v += h g,  x += h v,  r = normalise(r + (h/2) (0,ω) r),  λ = 0
@@ -167,7 +167,7 @@ struct Edge<L> {
     tangent: V3<L>,
 }
 
-/// Advances the lanes from `first` on by a substep. `scratch` holds ten vectors a particle.
+/// Advances the lanes from `first` on by a substep. `scratch` holds six vectors an edge.
 #[inline(always)]
 pub fn advance<L: Lane>(
     terms: &RodTerms,
@@ -178,7 +178,8 @@ pub fn advance<L: Lane>(
 ) {
     let stretch = L::from_f64(terms.stretch);
     let stiffness = L::load(view.stiffness, first).max(L::from_f64(1e-12));
-    let bend_twist = L::from_f64(terms.bend_twist) / stiffness;
+    // Finite, so that next to no stiffness is none.
+    let bend_twist = (L::from_f64(terms.bend_twist) / stiffness).min(L::from_f64(1e30));
     let bends = terms.bend_twist.is_finite();
     for pass in 0..terms.iterations {
         let is = Pass { first: pass == 0, last: pass + 1 == terms.iterations };
@@ -223,6 +224,10 @@ pub fn advance<L: Lane>(
         }
         if let Some(edge) = before {
             rods.store_edge(view, view.particles - 2, &edge, scratch);
+            if is.last {
+                // The tip has the values of its edge: edits interpolate them between particles.
+                rods.store_edge(view, view.particles - 1, &edge, scratch);
+            }
         }
         rods.store_particle(view, view.particles - 1, &lower);
     }
