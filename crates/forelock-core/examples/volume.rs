@@ -7,10 +7,11 @@
 //!
 //! `cargo run --release -p forelock-core --example volume -- [turn|shake|sag|settle|...] [secs]
 //! [none|grid|contacts|all] [key=value ...]` with the keys resolution, pic_rate, rest_density,
-//! volume_rate, strands, preset and every (frames to a line). `sag` is hair without ties that falls
-//! from its rest shape; `settle` is a head that is shaken for 2 s and then held still. At its end
-//! the strands of which a particle is more than 1 cm from its rest place are counted, and the
-//! volume is printed as it is with these strands at their rest places.
+//! volume_rate, strands, preset, amplitude (of the motion; at 1 the shake has 4 g) and every
+//! (frames to a line). `sag` is hair without ties that falls from its rest shape; `settle` is a
+//! head that is shaken, comes to rest within 2 s and is then held still. At its end the strands of
+//! which a particle is more than 1 cm from its rest place are counted, and the volume is printed as
+//! it is with these strands at their rest places.
 
 #![expect(clippy::print_stdout, reason = "an example that measures says what")]
 

@@ -40,6 +40,7 @@ impl<T: Real> ContactInteraction<T> {
     }
 }
 
+/// What contacts need of the frame of `cx`.
 fn moment<'a, T>(cx: &'a ExchangeContext<'_, T>) -> ContactMoment<'a> {
     ContactMoment { head: &cx.last_substep[1], clamped: cx.clamped, dt_secs: cx.dt_secs }
 }
