@@ -83,7 +83,7 @@ impl Pose {
 /// Spherical linear interpolation, exact to rounding for nearly equal quaternions too. Falling back
 /// to linear interpolation there would cause an error of 1e-9 of a turn, more than the golden files
 /// allow.
-fn slerp(from: DQuat, to: DQuat, fraction: f64) -> DQuat {
+pub(crate) fn slerp(from: DQuat, to: DQuat, fraction: f64) -> DQuat {
     let to = if from.dot(to) < 0.0 { -to } else { to };
     // The angle is computed from the chord lengths: `acos(dot)` would lose half the digits for
     // small angles.

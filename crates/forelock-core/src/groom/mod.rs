@@ -9,6 +9,7 @@ mod lift;
 mod nearest;
 mod repair;
 mod resample;
+mod root_frames;
 mod units;
 
 use glam::Vec3;
@@ -18,6 +19,7 @@ pub use info::{Info, Spread, UnitGuess};
 pub use lift::{LiftParams, LiftReport, lift_out};
 pub use repair::{REPEATED_FRACTION, RepairReport, repair};
 pub use resample::{ResampleError, resample, resample_to};
+pub use root_frames::{FrameBuffers, RootFrames, SurfaceRoots};
 pub use units::{Import, Unit, UnknownWord, Up, ZUp};
 
 /// The attachment of a strand's root: a triangle of the body's mesh and a point in it.
