@@ -48,6 +48,14 @@ pub enum ReadError {
         /// What is wrong, and where.
         error: FormatError,
     },
+    /// The file is not a character.
+    #[error("{}: not a glTF 2.0 file that can be used: {problem}", path.display())]
+    Character {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, and where.
+        problem: String,
+    },
     /// The file has no strand that can be simulated.
     #[error("{}: no usable strand in the file ({found})", path.display())]
     NoStrands {

@@ -1,4 +1,4 @@
-//! Reading and writing of grooms, meshes and caches. Each format has its own module.
+//! Reading and writing of grooms, meshes, characters, motions and caches. Each format has its own module.
 //!
 //! | ending | format | read | written |
 //! | --- | --- | --- | --- |
@@ -8,6 +8,8 @@
 //! | `.npz` | [NumPy](npz): grooms, DiffLocks, caches | yes | yes |
 //! | `.obj` | [Wavefront](obj): meshes, polylines | yes | yes |
 //! | `.bin` | [CT2Hair](ct2hair) | yes | no |
+//! | `.glb`, `.gltf` | [glTF 2.0](gltf): characters, meshes | yes | no |
+//! | `.bvh` | [Biovision](bvh): motions | yes | yes |
 //!
 //! Readers check every count against the size of the file before they allocate memory, and never
 //! panic. Errors name the file, the byte and the strand. Writers are atomic: a file is complete or
@@ -34,7 +36,9 @@ mod bytes;
 mod error;
 mod lock;
 
+pub mod bvh;
 pub mod ct2hair;
+pub mod gltf;
 pub mod hair;
 pub mod npz;
 pub mod obj;
@@ -49,9 +53,11 @@ use std::{
 };
 
 use forelock_core::{
-    body::TriMesh,
+    body::{TriMesh, character::Character},
     groom::{Groom, Import, RepairReport, ZUp, repair},
 };
+
+use glam::{DAffine3, DVec3, Vec3};
 
 pub use atomic::{atomic_write, remove_leftovers, remove_temporaries};
 pub use error::{FormatError, Problem, ReadError, WriteError};
@@ -180,13 +186,67 @@ pub fn write_groom(path: &Path, groom: &Groom) -> Result<(), WriteError> {
     atomic_write(path, |file| file.write_all(&bytes))
 }
 
-/// Reads the mesh at `path` (`.obj`) and converts it to metres and y up according to `import`.
+/// A character read from a file.
+#[derive(Clone, Debug)]
+pub struct ImportedCharacter {
+    /// The character in metres, y up.
+    pub character: Character,
+    /// What was changed or left out, one sentence each.
+    pub notes: Vec<String>,
+}
+
+/// Whether `path` ends as the name of a character's file does: `.glb` or `.gltf`.
+pub fn is_character(path: &Path) -> bool {
+    path.extension().is_some_and(|own| own.eq_ignore_ascii_case("glb") || own.eq_ignore_ascii_case("gltf"))
+}
+
+/// Whether `path` ends as the name of a motion's file does: `.bvh`.
+pub fn is_motion(path: &Path) -> bool {
+    path.extension().is_some_and(|own| own.eq_ignore_ascii_case("bvh"))
+}
+
+/// Reads the character at `path` (`.glb` or `.gltf`) and converts it to metres and y up according
+/// to `import`.
 ///
 /// # Errors
-/// [`ReadError`] if the file cannot be read, is not an OBJ file, or has no valid mesh.
+/// [`ReadError`] if the file cannot be read, is not a glTF file, or has no triangles.
+pub fn read_character(path: &Path, import: &Import) -> Result<ImportedCharacter, ReadError> {
+    if !is_character(path) {
+        return Err(ReadError::UnknownEnding { path: path.into(), known: ".glb .gltf".into() });
+    }
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let problem = |problem: String| ReadError::Character { path: path.into(), problem };
+    let (mut character, notes) = gltf::read(&read_bytes(path)?, folder).map_err(problem)?;
+    let axes = Vec3::AXES.map(|axis| import.point(axis, ZUp::Common).as_dvec3());
+    let map = DAffine3::from_cols(axes[0], axes[1], axes[2], DVec3::ZERO);
+    if map != DAffine3::IDENTITY {
+        character.transform(&map).map_err(|error| problem(error.to_string()))?;
+    }
+    Ok(ImportedCharacter { character, notes })
+}
+
+/// Reads the motion at `path` (`.bvh`).
+///
+/// # Errors
+/// [`ReadError`] if the file cannot be read or is not a BVH file.
+pub fn read_motion(path: &Path) -> Result<bvh::Bvh, ReadError> {
+    if !is_motion(path) {
+        return Err(ReadError::UnknownEnding { path: path.into(), known: ".bvh".into() });
+    }
+    bvh::read(&read_bytes(path)?).map_err(ReadError::format(path))
+}
+
+/// Reads the mesh at `path` (`.obj`, `.glb` or `.gltf`; of a character, its mesh at rest) and
+/// converts it to metres and y up according to `import`.
+///
+/// # Errors
+/// [`ReadError`] if the file cannot be read, is not of its format, or has no valid mesh.
 pub fn read_mesh(path: &Path, import: &Import) -> Result<TriMesh, ReadError> {
+    if is_character(path) {
+        return Ok(read_character(path, import)?.character.rest().clone());
+    }
     if Format::of(path) != Some(Format::Obj) {
-        return Err(ReadError::UnknownEnding { path: path.into(), known: ".obj".into() });
+        return Err(ReadError::UnknownEnding { path: path.into(), known: ".obj .glb .gltf".into() });
     }
     let mut mesh = obj::read_mesh(&read_bytes(path)?).map_err(ReadError::format(path))?;
     for p in &mut mesh.positions {

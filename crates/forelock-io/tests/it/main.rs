@@ -1,8 +1,10 @@
 //! The tests of this crate that use its public interface alone, as one program.
 
 mod cache;
+mod characters;
 mod common;
 mod files;
+mod khronos;
 mod malformed;
 mod real_data;
 mod round_trips;

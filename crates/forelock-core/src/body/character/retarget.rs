@@ -17,7 +17,7 @@ use std::collections::BTreeMap;
 use glam::{DAffine3, DQuat, DVec3};
 
 use super::skeleton::nearest_rotation;
-use super::{Clip, Interpolation, Skeleton, Track, Transform, Values};
+use super::{Clip, Interpolation, Skeleton, Track, Values};
 
 /// Bones shorter than this share of the skeleton's height have no direction.
 const SHORTEST: f64 = 1e-6;
@@ -267,7 +267,7 @@ pub(super) fn other_side(name: &str) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Joint;
+    use super::super::{Joint, Transform};
     use super::*;
     use std::f64::consts::FRAC_PI_2;
 
