@@ -9,10 +9,10 @@
 #![expect(clippy::print_stdout, reason = "an example that measures says what")]
 
 use bytemuck::{Pod, Zeroable};
-use forelock_core::frame::FrameInput;
+use forelock_core::frame::{FrameInput, RestMotion};
 use forelock_core::lane::Simd;
 use forelock_core::lane::peak::multiply_adds_per_sec;
-use forelock_core::lane::{LANES, Lane, Row};
+use forelock_core::lane::{LANES, Lane, Row, V3};
 use forelock_core::params::parts;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::{Options, Simulation};
@@ -145,11 +145,13 @@ fn count_operations() -> Result<u64, Box<dyn std::error::Error>> {
     let (model, mut state) = (simulation.model(), simulation.state().clone());
     let mut scratch = Scratch::new(PARTICLES);
     let terms = FrameTerms::new(&params, 1.0 / 60.0);
-    let pose = Pose::IDENTITY;
-    let substep = SubstepTerms::<Counted>::new(terms.h, [&pose, &pose], GRAVITY, GRAVITY, DVec3::ZERO);
+    let rest = RestMotion::<Counted>::rigid(&Pose::IDENTITY);
+    let weight = V3::splat(GRAVITY);
+    let substep = SubstepTerms::new(terms.h, [&rest, &rest], GRAVITY, weight, DVec3::ZERO);
     let mut view = BlockView {
         particles: PARTICLES,
         rest: &model.rest,
+        root_frames: &[],
         rest_lengths: &model.rest_lengths,
         local: &[],
         inverse_edges: &model.inverse_edges,

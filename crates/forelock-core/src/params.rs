@@ -66,15 +66,17 @@ pub enum ParamsError {
         /// The range, in words.
         expected: String,
     },
-    /// An array of another length than the particles of the groom.
-    #[error("`{name}` has {found} entries, but the groom has {expected} particles: give one a particle")]
+    /// An array of another length than the groom has particles, or strands.
+    #[error("`{name}` has {found} entries, but the groom has {expected} {of}: give one for each")]
     Count {
         /// The array.
         name: &'static str,
         /// Its entries.
         found: usize,
-        /// Particles.
+        /// Entries that are needed.
         expected: usize,
+        /// "particles" or "strands".
+        of: &'static str,
     },
     /// h² κ too large for float32.
     #[error(

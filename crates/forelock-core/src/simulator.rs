@@ -27,8 +27,8 @@
 //! ```
 
 use crate::frame::{FrameInput, FramePlan, FrameReport, Solver};
-use crate::groom::Groom;
 use crate::groom::edit::Source;
+use crate::groom::{Groom, RootFrames};
 use crate::interaction::Interactions;
 use crate::params::ParamsError;
 use crate::pose::Pose;
@@ -122,6 +122,13 @@ pub trait Simulator: Debug + Send {
     /// # Errors
     /// [`SimulatorError::Device`].
     fn teleport(&mut self, from: &Pose, to: &Pose, mode: Teleport) -> Result<(), SimulatorError>;
+
+    /// Puts all strands to rest, with the head at `head` and each strand at its own motion of
+    /// `frames`, one a strand in the groom's order.
+    ///
+    /// # Errors
+    /// [`SimulatorError::Device`], also of a device that has no motion of single roots.
+    fn rest_on(&mut self, head: &Pose, frames: &RootFrames) -> Result<(), SimulatorError>;
 
     /// Invalidates cached distances to colliders, because their set has changed or they have
     /// jumped.
@@ -228,6 +235,11 @@ impl Simulator for HostPositions {
 
     fn teleport(&mut self, from: &Pose, to: &Pose, mode: Teleport) -> Result<(), SimulatorError> {
         self.simulation.teleport(from, to, mode);
+        Ok(())
+    }
+
+    fn rest_on(&mut self, head: &Pose, frames: &RootFrames) -> Result<(), SimulatorError> {
+        self.simulation.rest_on(head, frames);
         Ok(())
     }
 

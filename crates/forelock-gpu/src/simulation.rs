@@ -410,6 +410,9 @@ impl GpuSimulation {
         FramePlan::check(steps, self.count)?;
         self.solver.check_step(&self.model, frame.dt_secs, self.options.beyond_float32)?;
         frame.acceleration.check(&self.model)?;
+        if frame.roots.frames().is_some() {
+            return Err(GpuError::RootFrames);
+        }
         self.hold(frame.colliders)?;
         let whole = steps.len() == self.plan.steps().len();
         let bounds = [self.options.sleep_speed, self.rules.skin_thickness];

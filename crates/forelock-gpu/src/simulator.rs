@@ -6,8 +6,8 @@ use crate::simulation::{Packed, USUAL_FRAME_SECS};
 use crate::solver;
 use crate::{GpuError, GpuSimulation};
 use forelock_core::frame::{FrameInput, FramePlan, FrameReport, Solver};
-use forelock_core::groom::Groom;
 use forelock_core::groom::edit::Source;
+use forelock_core::groom::{Groom, RootFrames};
 use forelock_core::interaction::Interactions;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::{Regroomed, regroom};
@@ -159,6 +159,10 @@ impl Simulator for GpuSimulation {
 
     fn teleport(&mut self, from: &Pose, to: &Pose, mode: Teleport) -> Result<(), SimulatorError> {
         Ok(Self::teleport(self, from, to, mode)?)
+    }
+
+    fn rest_on(&mut self, _: &Pose, _: &RootFrames) -> Result<(), SimulatorError> {
+        Err(GpuError::RootFrames.into())
     }
 
     fn forget_solids(&mut self) -> Result<(), SimulatorError> {

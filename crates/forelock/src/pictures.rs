@@ -127,7 +127,8 @@ impl<'a> Studio<'a> {
         };
         let head = self.assets.head_pose(time_secs);
         let colour = HairColour::by_name(&section.body_colour).map_or(Body::CLAY, |hair| hair.albedo());
-        let body = self.assets.body_mesh().map(|mesh| Body { colour, ..Body::new(mesh, head) });
+        let body = self.assets.body_mesh_at(time_secs);
+        let body = body.as_deref().map(|mesh| Body { colour, ..Body::new(mesh, head) });
         let solids = self.assets.solid_meshes(time_secs);
         let solids = solids.iter().map(|&(mesh, pose): &(_, Pose)| Body::new(mesh, pose));
         let bodies = body.into_iter().chain(solids).collect();

@@ -1,4 +1,6 @@
-//! `info`: describes a groom or a cache.
+//! `info`: describes a groom, a cache, a character or a motion.
+
+mod character;
 
 use std::path::Path;
 
@@ -22,6 +24,12 @@ struct Report {
 
 /// Prints a description of the file.
 pub fn info(arguments: &InfoArgs) -> anyhow::Result<()> {
+    if forelock_io::is_character(&arguments.file) {
+        return character::describe_character(arguments);
+    }
+    if forelock_io::is_motion(&arguments.file) {
+        return character::describe_motion(arguments);
+    }
     let imported = forelock_io::read_groom(&arguments.file, &arguments.import.import())?;
     let report = Report {
         file: arguments.file.display().to_string(),

@@ -52,7 +52,7 @@ impl Acceleration<'_> {
         if found == expected {
             return Ok(());
         }
-        Err(ParamsError::Count { name: "acceleration", found, expected })
+        Err(ParamsError::Count { name: "acceleration", found, expected, of: "particles" })
     }
 
     /// Writes `all`, one acceleration a particle of the groom, to `out`, three rows a place.

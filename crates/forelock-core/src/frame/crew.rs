@@ -4,6 +4,7 @@ use super::context::FrameContext;
 use super::finish::Finish;
 use super::plan::Step;
 use super::report::BlockReport;
+use super::roots::FRAME_ROWS;
 use super::sleep::Stillness;
 use super::solver::{Solver, SolverReal};
 use crate::lane::{Real, Row};
@@ -27,6 +28,8 @@ pub(crate) struct Crew<'a, T> {
     pub exposure: &'a [Row<T>],
     /// Acceleration of each particle in addition to gravity; empty: none.
     pub acceleration: &'a [Row<T>],
+    /// Motion of each strand relative to the head, [`FRAME_ROWS`] a block; empty: none.
+    pub root_frames: &'a [Row<T>],
     /// How far strands that are still may move, if that is measured.
     pub stillness: Option<Stillness<T>>,
 }
@@ -103,6 +106,10 @@ impl<T: SolverReal> Crew<'_, T> {
         let mut view = BlockView {
             particles: block.particles,
             rest: &self.model.rest[rows.clone()],
+            root_frames: self
+                .root_frames
+                .get(FRAME_ROWS * index..FRAME_ROWS * (index + 1))
+                .unwrap_or_default(),
             rest_lengths: &self.model.rest_lengths[rows.clone()],
             inverse_edges: &self.model.inverse_edges[block.range()],
             local: self.model.local.get(rows.clone()).unwrap_or_default(),

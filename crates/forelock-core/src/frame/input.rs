@@ -1,6 +1,7 @@
 //! What a simulation is given for one frame.
 
 use super::acceleration::Acceleration;
+use super::roots::Roots;
 use crate::air::WindField;
 use crate::body::ColliderFrame;
 use crate::pose::Pose;
@@ -11,8 +12,8 @@ use glam::DVec3;
 /// accelerates hair. The default is a head at rest in still air, without gravity, for 1/60 s.
 #[derive(Clone, Copy, Debug)]
 pub struct FrameInput<'a> {
-    /// Poses of the roots, and with them of the rest shape, at the frame's start and end.
-    pub roots: Roots,
+    /// Motion of the roots, and with them of the rest shape.
+    pub roots: Roots<'a>,
     /// Colliders.
     pub colliders: &'a [ColliderFrame<'a>],
     /// Gravity, m/s².
@@ -35,28 +36,6 @@ impl Default for FrameInput<'_> {
             acceleration: Acceleration::None,
             dt_secs: 1.0 / 60.0,
         }
-    }
-}
-
-/// The motion of roots during a frame: poses at its start and end.
-#[derive(Clone, Copy, Debug)]
-#[non_exhaustive]
-pub enum Roots {
-    /// All roots are on one rigid head.
-    Rigid([Pose; 2]),
-}
-
-impl Roots {
-    /// The head's pose at the frame's start and end.
-    pub fn head(&self) -> &[Pose; 2] {
-        let Self::Rigid(head) = self;
-        head
-    }
-}
-
-impl From<[Pose; 2]> for Roots {
-    fn from(head: [Pose; 2]) -> Self {
-        Self::Rigid(head)
     }
 }
 

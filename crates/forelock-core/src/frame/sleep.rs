@@ -38,6 +38,7 @@ impl FrameInput<'_> {
         let is_still = air == DVec3::ZERO
             && wind_is_steady
             && matches!(self.acceleration, Acceleration::None)
+            && !self.roots.bends()
             && distance(from, to, model.centre.into(), model.bound) <= ROUNDING_M;
         is_still.then_some(SleepPlace { head: *to, gravity: self.gravity })
     }

@@ -10,7 +10,7 @@ pub use regroom::{RegroomError, Regroomed, regroom};
 use crate::frame::{
     Exchange, FrameInput, FramePlan, FrameReport, Interaction, PlannedStep, Solver, SolverReal,
 };
-use crate::groom::Groom;
+use crate::groom::{Groom, RootFrames};
 use crate::interaction::contact::{ContactInteraction, ContactParams};
 use crate::interaction::grid::{GridInteraction, GridParams};
 use crate::interaction::sph::find_neighbours::SearchReal;
@@ -435,6 +435,16 @@ impl<T: SimulationReal> Simulation<T> {
             let step_secs = self.solver.rate().usual_secs();
             self.state.carry(&to.after(&from.inverse()), mode, step_secs);
         }
+    }
+
+    /// Puts all strands to rest, with the head at `head` and each strand at its own motion of
+    /// `frames`, in the groom's order.
+    ///
+    /// # Panics
+    /// If `frames` are not one a strand.
+    pub fn rest_on(&mut self, head: &Pose, frames: &RootFrames) {
+        self.state = State::at_rest_on(&self.model, head, frames);
+        self.solver.channels().prepare(&mut self.model, &mut self.state);
     }
 
     /// A 64-bit hash of the state: see [`Snapshot::hash`].

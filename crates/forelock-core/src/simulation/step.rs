@@ -7,7 +7,7 @@ use crate::air::{Canopy, PlacedHair, Wake, WindField};
 use crate::collide::resolve_solids::SolidPose;
 use crate::frame::{
     BlockReport, Crew, ExchangeContext, FrameContext, FrameInput, FramePlan, FrameReport, Interaction,
-    PlannedStep, SolverReal, Step, Stillness, fractions,
+    PlannedStep, SolverReal, Step, Stillness, fractions, pack_frames,
 };
 use crate::lane::Row;
 use crate::params::ParamsError;
@@ -22,6 +22,8 @@ pub(super) struct Workspace<T> {
     /// One per thread, each behind a lock that only its thread takes.
     scratch: Vec<Mutex<Scratch<T>>>,
     poses: Vec<Pose>,
+    /// Motion of strands relative to the head; empty: none.
+    root_frames: Vec<Row<T>>,
     solid_poses: Vec<SolidPose<T>>,
     wake: Wake,
     canopy: Canopy,
@@ -42,6 +44,7 @@ impl<T: SolverReal> Workspace<T> {
         Self {
             scratch: scratch(model),
             poses: Vec::new(),
+            root_frames: Vec::new(),
             solid_poses: Vec::new(),
             wake: Wake::default(),
             canopy: Canopy::default(),
@@ -66,6 +69,7 @@ impl<T: SolverReal> Workspace<T> {
         let locked = |s: &Mutex<Scratch<T>>| s.lock().unwrap_or_else(PoisonError::into_inner).bytes();
         self.scratch.iter().map(locked).sum::<usize>()
             + size_of_val(&*self.poses)
+            + size_of_val(&*self.root_frames)
             + size_of_val(&*self.solid_poses)
             + size_of_val(&*self.exposure)
             + size_of_val(&*self.acceleration)
@@ -110,6 +114,7 @@ impl<T: SimulationReal> Simulation<T> {
         let beyond_float32 = self.options.beyond_float32 || size_of::<T>() > 4;
         self.solver.check_step(&self.model, frame.dt_secs, beyond_float32)?;
         frame.acceleration.check(&self.model)?;
+        frame.roots.check(&self.model)?;
         let rules = self.solver.rules();
         let substeps = rules.substeps(frame.dt_secs);
         FramePlan::check(steps, substeps)?;
@@ -126,17 +131,22 @@ impl<T: SimulationReal> Simulation<T> {
         let shift = self.state.origin - origin;
         let start = self.model.about_centre(&frame.roots.head()[0], self.state.origin);
         self.workspace.place(frame, substeps, &self.model, origin);
+        self.workspace.root_frames.clear();
+        if let Some(frames) = frame.roots.frames() {
+            pack_frames(&self.model, frames, &mut self.workspace.root_frames);
+        }
         let solves = steps.iter().any(|own| matches!(own.step, Step::Solve { .. }));
         let wind =
             self.wind(frame, frame.air.field.filter(|_| solves), solves && rules.local_drag, origin, shift);
         let begins = steps.iter().any(|own| own.step == Step::Solve { substep: 0 });
         if begins {
-            self.state.extra.start(frame.roots.head()[0].rotation);
+            self.start_channels(frame);
             frame.acceleration.sample(&self.model, &self.state, &mut self.workspace.acceleration);
         }
         let Workspace {
             scratch,
             poses,
+            root_frames,
             solid_poses,
             wake,
             canopy,
@@ -174,8 +184,16 @@ impl<T: SimulationReal> Simulation<T> {
         };
         let (speed, dt_secs, h) = (self.options.sleep_speed, frame.dt_secs, cx.h);
         let stillness = measures_stillness.then(|| Stillness::new(speed, dt_secs));
-        let mut crew =
-            Crew { solver: &self.solver, cx, model: &self.model, scratch, exposure, acceleration, stillness };
+        let mut crew = Crew {
+            solver: &self.solver,
+            cx,
+            model: &self.model,
+            scratch,
+            exposure,
+            acceleration,
+            root_frames,
+            stillness,
+        };
         let mut report = FrameReport { sleeping_strands: sleeping as u32, ..FrameReport::default() };
         let mut sum: Option<BlockReport> = None;
         // An interaction with two exchanges records the start once.
@@ -222,6 +240,19 @@ impl<T: SimulationReal> Simulation<T> {
             self.fall_asleep(h);
         }
         Ok(report)
+    }
+
+    /// Sets channels without values to their initial ones, at the start of `frame`.
+    fn start_channels(&mut self, frame: &FrameInput<'_>) {
+        let head = frame.roots.head()[0].rotation;
+        let Some([frames, _]) = frame.roots.frames() else {
+            return self.state.extra.start(|_, _| head);
+        };
+        let blocks = &self.model.blocks;
+        self.state.extra.start(|place, lane| {
+            let block = &blocks[blocks.partition_point(|block| block.first <= place) - 1];
+            head * frames.rotations[block.strands[lane] as usize].as_dquat()
+        });
     }
 
     /// The wind of a frame in which the air, or the drag (`local`), differs from particle to

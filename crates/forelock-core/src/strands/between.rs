@@ -3,12 +3,12 @@
 //! # Theory
 //! A solver with a fixed step is ahead of the displayed time by less than a step. The displayed
 //! strands are interpolated between the last two states relative to the head, so that roots stay on
-//! the head. Directions and lengths of edges are interpolated, not positions, so that strands do
+//! it. Directions and lengths of edges are interpolated, not positions, so that strands do
 //! not shrink between steps.
 
 use super::{Model, State, vector};
 use crate::pose::Pose;
-use glam::{DVec3, Mat3, Vec3};
+use glam::{Mat3, Vec3};
 
 /// A moment between the last two steps of a simulation.
 #[derive(Clone, Copy, Debug)]
@@ -34,12 +34,15 @@ impl State<f32> {
         let turn = |head: Pose| Mat3::from_quat((now.rotation * head.rotation.conjugate()).as_quat());
         let [before, last] = heads.map(turn);
         let place = |rows, place, lane| Vec3::from_array(vector(rows, place, lane));
+        let backs = heads.map(|head| head.inverse());
         for block in &model.blocks {
             for (lane, &strand) in block.strands[..block.live].iter().enumerate() {
                 let from = model.offsets[strand as usize] as usize;
-                let root = place(&model.rest, block.first, lane).as_dvec3();
                 // Relative to the root, in single precision anywhere in the world.
-                let root = now.transform_point(root + DVec3::from_array(model.centre));
+                let roots = [&self.previous, &self.positions].map(|rows| place(rows, block.first, lane));
+                let [start, end] =
+                    [0, 1].map(|end: usize| backs[end].transform_point(roots[end].as_dvec3() + self.origin));
+                let root = now.transform_point(start.lerp(end, f64::from(*share)));
                 let mut x = Vec3::ZERO;
                 out[from] = root.as_vec3();
                 for p in block.range().skip(1) {

@@ -10,6 +10,8 @@ pub struct BlockView<'a, T> {
     pub particles: usize,
     /// Rest positions about the model's centre, head frame.
     pub rest: &'a [Row<T>],
+    /// Motion of each strand relative to the head, at the frame's start and end; empty: none.
+    pub root_frames: &'a [Row<T>],
     /// Rest lengths to the next three particles.
     pub rest_lengths: &'a [Row<T>],
     /// One over the rest length to the next particle.

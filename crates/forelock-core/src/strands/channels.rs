@@ -188,14 +188,14 @@ impl<T: Real> ChannelStore<T> {
         }
     }
 
-    /// Sets the channels that have no values to their initial ones, with the head rotated by
-    /// `head`.
-    pub(crate) fn start(&mut self, head: DQuat) {
+    /// Sets the channels that have no values to their initial ones, where the strand that has
+    /// particle `place` in `lane` is rotated by `rotation(place, lane)`.
+    pub(crate) fn start(&mut self, rotation: impl Fn(usize, usize) -> DQuat) {
         let stride = stride(&self.stored);
         for own in self.stored.iter_mut().filter(|own| !own.started) {
             own.started = true;
-            for particle in self.rows.chunks_exact_mut(stride.max(1)) {
-                (0..LANES).for_each(|lane| own.reset(particle, lane, head));
+            for (place, particle) in self.rows.chunks_exact_mut(stride.max(1)).enumerate() {
+                (0..LANES).for_each(|lane| own.reset(particle, lane, rotation(place, lane)));
             }
         }
     }

@@ -5,15 +5,18 @@
 //! turns meshes into distance grids, and brings strands that start inside the body out of it. Every
 //! repair is reported in a note.
 
+mod character;
 mod groom;
 mod motion;
 mod solids;
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
+use forelock_core::body::character::{CharacterError, Performance, PosingBuffers, RetargetError};
 use forelock_core::body::{ColliderFrame, Motion, Sdf, SdfError, TriMesh};
-use forelock_core::groom::Groom;
 use forelock_core::groom::edit::{Edit, EditError, EditReport};
+use forelock_core::groom::{Groom, SurfaceRoots};
 use forelock_core::meter::Meter;
 use forelock_core::pose::Pose;
 use glam::DVec3;
@@ -24,6 +27,7 @@ use crate::scene::{
     CameraSection, ColliderSection, GroomSource, HairSection, MotionSection, OutputSection, Scene,
 };
 use crate::sdf_cache::CellSizes;
+pub use character::Names;
 use solids::Body;
 pub(crate) use solids::Solid;
 
@@ -84,6 +88,28 @@ pub enum AssetError {
     /// No motion of that name.
     #[error("there is no motion `{0}`")]
     Motion(String),
+    /// The character has no clip of that name.
+    #[error("there is no clip \"{name}\" in the body's file; it has: {known}")]
+    Clip {
+        /// The name.
+        name: String,
+        /// Those that there are.
+        known: Names,
+    },
+    /// The character has no joint of that name.
+    #[error("body.joint: there is no joint \"{name}\"; the body has: {known}")]
+    Joint {
+        /// The name.
+        name: String,
+        /// Those that there are.
+        known: Names,
+    },
+    /// A motion cannot be carried over to the body's joints.
+    #[error("{0} in `body.motion.clip.joints`")]
+    Retarget(#[from] RetargetError),
+    /// A character cannot play its clip.
+    #[error(transparent)]
+    Character(#[from] CharacterError),
     /// Keyframes do not make a motion.
     #[error("the keyframes do not make a motion: {0}")]
     Keyframes(#[from] forelock_core::body::KeyframesError),
@@ -117,6 +143,7 @@ pub struct Assets {
     /// The point about which the head turns, metres.
     pivot: DVec3,
     head: Arc<Motion>,
+    performance: Option<Arc<Performance>>,
     solids: Vec<Arc<Solid>>,
 }
 
@@ -150,12 +177,12 @@ impl Assets {
 
     fn unedited_watched(scene: &Scene, meter: &Meter) -> Result<Self, AssetError> {
         let body = Body::load(scene, meter)?;
-        let mut notes = Vec::new();
+        let mut notes = body.as_ref().map_or_else(Vec::new, |body| body.notes.clone());
         let groom = groom::load(scene, body.as_ref(), &mut notes, meter)?;
         let pivot = body.as_ref().map_or_else(|| groom::middle_of_roots(&groom), Body::pivot);
-        let head = Arc::new(motion::from_section(&scene.body.motion, pivot)?);
-        let solids = solids::load(scene, body.as_ref(), meter)?;
-        Ok(Self { groom, notes, body, pivot, head, solids })
+        let (head, performance) = Self::head(scene, body.as_ref(), &groom, pivot)?;
+        let solids = solids::load(scene, body.as_ref(), performance.as_deref(), meter)?;
+        Ok(Self { groom, notes, body, pivot, head, performance, solids })
     }
 
     /// Does edit `number`, from 0, of `scene` to the groom.
@@ -196,9 +223,45 @@ impl Assets {
         let meter = Meter::default();
         let body = Body::load(&scene, &meter)?;
         let pivot = body.as_ref().map_or_else(|| groom::middle_of_roots(&groom), Body::pivot);
-        let head = Arc::new(motion::from_section(&scene.body.motion, pivot)?);
-        let solids = solids::load(&scene, None, &meter)?;
-        Ok(Self { groom, notes: Vec::new(), body, pivot, head, solids })
+        let (head, performance) = Self::head(&scene, body.as_ref(), &groom, pivot)?;
+        let solids = solids::load(&scene, None, None, &meter)?;
+        Ok(Self { groom, notes: Vec::new(), body, pivot, head, performance, solids })
+    }
+
+    /// The motion of what carries `groom`, and what the body plays if it bends.
+    fn head(
+        scene: &Scene,
+        body: Option<&Body>,
+        groom: &Groom,
+        pivot: DVec3,
+    ) -> Result<(Arc<Motion>, Option<Arc<Performance>>), AssetError> {
+        if let Some(character) = body.and_then(|body| body.character.as_ref()) {
+            if let Some(own) = character::performance(&scene.body, character, groom)? {
+                let own = Arc::new(own);
+                return Ok((Arc::new(Motion::Joint(own.clone())), Some(own)));
+            }
+        }
+        Ok((Arc::new(motion::from_section(&scene.body.motion, pivot)?), None))
+    }
+
+    /// What the body plays, if it bends.
+    pub fn performance(&self) -> Option<&Arc<Performance>> {
+        self.performance.as_ref()
+    }
+
+    /// The roots of `groom` on the body, if it bends.
+    pub(crate) fn bind(&self, groom: &Groom) -> Option<SurfaceRoots> {
+        Some(character::bind(self.performance.as_deref()?, groom))
+    }
+
+    /// The body's mesh at `time` seconds before its pose ([`Assets::head_pose`]), if there is a
+    /// body.
+    pub fn body_mesh_at(&self, time: f64) -> Option<Cow<'_, TriMesh>> {
+        let mesh = self.body_mesh()?;
+        let Some(performance) = &self.performance else { return Some(Cow::Borrowed(mesh)) };
+        let mut buffers = PosingBuffers::default();
+        let positions = performance.posed(time, &mut buffers).positions.to_vec();
+        Some(Cow::Owned(TriMesh { positions, triangles: mesh.triangles.clone() }))
     }
 
     /// The body's mesh in local space, if there is a body.
@@ -279,7 +342,9 @@ impl Assets {
         }
         let meshes = self.body_mesh().into_iter().chain(self.solids.iter().flat_map(|s| &s.meshes));
         let points = meshes.flat_map(|mesh| &mesh.positions).chain(self.groom.positions());
-        points.flat_map(|p| p.to_array()).fold(hash, |hash, x| hash.bytes(&x.to_le_bytes())).value()
+        let hash = points.flat_map(|p| p.to_array()).fold(hash, |hash, x| hash.bytes(&x.to_le_bytes()));
+        let clip = self.performance.as_ref().map(|own| format!("{:?}", own.clip()));
+        hash.bytes(clip.unwrap_or_default().as_bytes()).value()
     }
 }
 

@@ -3,12 +3,13 @@
 use std::borrow::Cow;
 use std::sync::{Arc, OnceLock};
 
+use forelock_core::body::character::{Character, Performance};
 use forelock_core::body::{ClosedMesh, ColliderFrame, Head, Horse, Morph, Motion, Prop, Sdf, Shape, TriMesh};
 use forelock_core::meter::Meter;
 use forelock_core::pose::Pose;
 use glam::DVec3;
 
-use super::{AssetError, distance_grid, motion, neck};
+use super::{AssetError, character, distance_grid, motion, neck};
 use crate::scene::{ColliderSection, NEAR_CELL, Scene, ShapeKind};
 use crate::sdf_cache::CellSizes;
 use crate::tessellate;
@@ -26,22 +27,34 @@ pub(super) struct Body {
     /// Its distance grid, if strands collide with it.
     pub(super) sdf: Option<Arc<Sdf>>,
     pivot: Option<DVec3>,
+    /// It with its joints, if it has any.
+    pub(super) character: Option<Arc<Character>>,
+    /// What was changed when it was read.
+    pub(super) notes: Vec<String>,
 }
 
 impl Body {
     /// The body of `scene`, if it has one.
     pub(super) fn load(scene: &Scene, meter: &Meter) -> Result<Option<Self>, AssetError> {
         let section = &scene.body;
+        let (mut character, mut notes) = (None, Vec::new());
         let (mesh, pivot) = match section.mesh.as_str() {
             "none" => return Ok(None),
             "builtin:head" => (Cow::Borrowed(&Head::builtin().mesh), Some(Head::NECK_PIVOT.as_dvec3())),
             "builtin:horse" => (Cow::Borrowed(&Horse::builtin().mesh), Some(Horse::PIVOT.as_dvec3())),
+            path if section.is_character() => {
+                let read = forelock_io::read_character(path.as_ref(), &section.import())?;
+                notes.extend(read.notes.into_iter().map(|note| format!("{path}: {note}")));
+                let mesh = read.character.rest().clone();
+                character = Some(Arc::new(read.character));
+                (Cow::Owned(mesh), None)
+            }
             path => (Cow::Owned(forelock_io::read_mesh(path.as_ref(), &section.import())?), None),
         };
         let cells = CellSizes { along: section.sdf_cells, near: section.sdf_near_cell as f32 };
         let grid = || distance_grid(&mesh, &section.mesh, cells, "body.collide = false", meter);
         let sdf = section.collide.then(grid).transpose()?.map(Arc::new);
-        Ok(Some(Self { mesh, sdf, pivot }))
+        Ok(Some(Self { mesh, sdf, pivot, character, notes }))
     }
 
     /// The point about which it turns.
@@ -57,22 +70,22 @@ impl Body {
 #[derive(Debug)]
 pub(crate) struct Solid {
     /// Its shape in every frame, the last one for all that follow.
-    shapes: Vec<Shape>,
+    pub(super) shapes: Vec<Shape>,
     /// Frames a second.
-    fps: f64,
-    friction: f64,
-    on_body: bool,
+    pub(super) fps: f64,
+    pub(super) friction: f64,
+    pub(super) on_body: bool,
     /// Its pose before its motion.
-    base: Pose,
-    motion: Arc<Motion>,
-    visible: bool,
+    pub(super) base: Pose,
+    pub(super) motion: Arc<Motion>,
+    pub(super) visible: bool,
     /// Meshes for pictures, one after the other; the body is drawn as itself.
     pub(super) meshes: Vec<TriMesh>,
     /// Meshes a second.
-    sequence_fps: f64,
+    pub(super) sequence_fps: f64,
     /// The mesh of which its shape is the distance grid, and its surface, which is made when it is
     /// asked for.
-    exact: Option<(Arc<TriMesh>, OnceLock<ClosedMesh>)>,
+    pub(super) exact: Option<(Arc<TriMesh>, OnceLock<ClosedMesh>)>,
 }
 
 impl Solid {
@@ -128,9 +141,17 @@ fn nearest(at: f64, count: usize) -> usize {
 }
 
 /// All solids of `scene`, the body first.
-pub(super) fn load(scene: &Scene, body: Option<&Body>, meter: &Meter) -> Result<Vec<Arc<Solid>>, AssetError> {
+pub(super) fn load(
+    scene: &Scene,
+    body: Option<&Body>,
+    performance: Option<&Performance>,
+    meter: &Meter,
+) -> Result<Vec<Arc<Solid>>, AssetError> {
     let mut solids = Vec::with_capacity(scene.colliders.len() + 1);
-    if let Some((body, sdf)) = body.and_then(|body| Some((body, body.sdf.as_ref()?))) {
+    if let (Some(body), Some(performance)) = (body, performance) {
+        let parts = character::parts(scene, body, performance, meter)?;
+        solids.extend(parts.into_iter().map(Arc::new));
+    } else if let Some((body, sdf)) = body.and_then(|body| Some((body, body.sdf.as_ref()?))) {
         solids.push(Arc::new(Solid {
             shapes: vec![Shape::Sdf(sdf.clone())],
             fps: scene.time.fps,

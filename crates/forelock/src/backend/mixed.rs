@@ -7,8 +7,8 @@
 use forelock_core::frame::{
     CHECK, ContactReport, FrameInput, FramePlan, FrameReport, GridReport, PlannedStep, Solver, Step,
 };
-use forelock_core::groom::Groom;
 use forelock_core::groom::edit::Source;
+use forelock_core::groom::{Groom, RootFrames};
 use forelock_core::interaction::{Interactions, contact, grid};
 use forelock_core::pose::Pose;
 use forelock_core::simulation::{Simulation, Teleport};
@@ -129,6 +129,10 @@ impl Simulator for Mixed {
 
     fn teleport(&mut self, from: &Pose, to: &Pose, mode: Teleport) -> Result<(), SimulatorError> {
         self.cpu.teleport(from, to, mode)
+    }
+
+    fn rest_on(&mut self, head: &Pose, frames: &RootFrames) -> Result<(), SimulatorError> {
+        self.cpu.rest_on(head, frames)
     }
 
     fn forget_solids(&mut self) -> Result<(), SimulatorError> {

@@ -2,7 +2,7 @@
 //!
 //! # Theory
 //! As [`State::positions_between`](forelock_core::strands::State::positions_between): directions
-//! and lengths of edges are interpolated relative to the head, so that roots stay on the head and
+//! and lengths of edges are interpolated relative to the head, so that roots stay on it and
 //! strands do not shrink between steps.
 
 use forelock_core::strands::{Between, Model};
@@ -16,11 +16,12 @@ pub(super) const CHANNEL: &str = "shown_before";
 pub(super) fn interpolate(model: &Model<f32>, before: &[Vec3], moment: &Between, now: &mut [Vec3]) {
     let Between { share, heads, now: head } = moment;
     let turns = heads.map(|own| Mat3::from_quat((head.rotation * own.rotation.conjugate()).as_quat()));
-    let after = heads[1].inverse();
+    let backs = heads.map(|own| own.inverse());
     for strand in 0..model.strand_count {
         let range = model.groom_offset(strand)..model.groom_offset(strand + 1);
         let (a, b) = (&before[range.clone()], &mut now[range]);
-        let root = head.transform_point(after.transform_point(b[0].as_dvec3()));
+        let [from, to] = [0, 1].map(|end: usize| backs[end].transform_point([a[0], b[0]][end].as_dvec3()));
+        let root = head.transform_point(from.lerp(to, f64::from(*share)));
         let (mut x, mut last) = (Vec3::ZERO, b[0]);
         b[0] = root.as_vec3();
         for i in 1..b.len() {

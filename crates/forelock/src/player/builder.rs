@@ -7,6 +7,7 @@ use forelock_core::groom::guides::Skinning;
 use forelock_core::simulation::{BuildError, check_memory};
 use forelock_core::solver::Solver;
 
+use super::bending::Bending;
 use super::engine::{Engine, Solvers, Start};
 use super::history::{History, HistoryOptions};
 use super::live::Live;
@@ -125,8 +126,14 @@ impl PlayerBuilder {
         let live = Live::new(&scene, &assets, &solvers)?;
         let solids = live.shown_solids();
         let start = Start { head: live.head_at, solids: &solids };
-        let (engine, note) = Engine::new(&scene, groom, &live.setting.parts(), backend, start)?;
+        let mut bending = Bending::new(&assets, groom);
+        let bends_on_cpu = bending.is_some() && backend == Backend::Auto;
+        let backend = if bends_on_cpu { Backend::Cpu } else { backend };
+        let (mut engine, note) = Engine::new(&scene, groom, &live.setting.parts(), backend, start)?;
         drop(solids);
+        if let Some(bending) = &mut bending {
+            engine.simulator().rest_on(&live.head_at, bending.at([0.0; 2])[0])?;
+        }
         let middle = assets.middle_of_roots();
         let mut player = Player {
             engine,
@@ -135,6 +142,7 @@ impl PlayerBuilder {
             history: history.map(History::new),
             reached: 0,
             id: PLAYERS.fetch_add(1, Ordering::Relaxed),
+            bending,
             skinning,
             middle,
             simulated: Vec::new(),

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use forelock_core::air::{Wind, WindParams};
-use forelock_core::body::ColliderFrame;
+use forelock_core::body::{ColliderFrame, Motion};
 use forelock_core::frame::StepRate;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::Teleport;
@@ -151,6 +151,8 @@ pub(super) struct Live {
     pub head: Track,
     /// The head's pose at the time that the simulation has reached.
     pub head_at: Pose,
+    /// The time of the pose that a body that bends has, seconds.
+    pub bent_secs: f64,
     /// Its poses at start and end of the last step.
     pub step_heads: [Pose; 2],
     /// Positions that are simulated before the last step, if the frame lies within that step and
@@ -183,6 +185,7 @@ impl Live {
             own_clock: None,
             head,
             head_at: at,
+            bent_secs: 0.0,
             step_heads: [at; 2],
             before: None,
             head_shown: at,
@@ -195,6 +198,15 @@ impl Live {
         };
         live.start_clock(0.0);
         Ok(live)
+    }
+
+    /// The time of the pose that a body that bends has at the end of a step until `secs`: it stays
+    /// as it is while the head is dragged.
+    pub fn bends_until(&self, secs: f64) -> f64 {
+        match &self.head {
+            Track::Motion(motion) if matches!(**motion, Motion::Joint(_)) => secs,
+            _ => self.bent_secs,
+        }
     }
 
     /// Time of frame `frame`, seconds.

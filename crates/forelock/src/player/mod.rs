@@ -41,6 +41,7 @@
 //! A player without history ([`PlayerBuilder::without_history`]) records nothing: it neither seeks
 //! nor undoes.
 
+mod bending;
 mod between;
 mod builder;
 mod changes;
@@ -74,6 +75,7 @@ pub use report::{Counters, Jump, StepReport};
 use crate::assets::Assets;
 use crate::penetration::{Layout, MeasuredSolid, Penetration};
 use crate::scene::{InteractionSection, Scene, SolverSection};
+use bending::Bending;
 use engine::{Engine, Solvers};
 use history::History;
 use live::Live;
@@ -115,6 +117,8 @@ pub struct Player {
     reached: u32,
     /// Identifies the snapshots of this player.
     id: u64,
+    /// The roots, if the body bends.
+    bending: Option<Bending>,
     /// How guides carry all strands, if only guides are simulated.
     skinning: Option<Skinning>,
     /// The middle of the roots at rest, metres.

@@ -80,8 +80,18 @@ impl Player {
         }
         let HeadStep { poses: head, jump } = self.head_step(times);
         self.live.teleport = None;
+        let bent_until = self.live.bends_until(times[1]);
+        let roots = self.bending.as_mut().map(|bending| {
+            bending.follow(&self.assets, self.live.grooming.groom.as_ref());
+            // A jump takes the body to its pose at the end of the step.
+            let from = if jump.is_some() { bent_until } else { self.live.bent_secs };
+            bending.at([from, bent_until])
+        });
         if let Some(jump) = &jump {
             self.engine.simulator().teleport(&self.live.head_at, &head[0], jump.mode)?;
+            if let Some([frames, _]) = roots.filter(|_| jump.mode == Teleport::Reset) {
+                self.engine.simulator().rest_on(&head[0], frames)?;
+            }
             report.teleports.push(*jump);
         }
         let mut jumped = false;
@@ -105,6 +115,7 @@ impl Player {
         let air = setting.wind.at(times[0]);
         let step = Step {
             head,
+            roots,
             colliders: &frames,
             gravity: setting.gravity,
             air: &air,
@@ -125,6 +136,7 @@ impl Player {
             live.at = end;
         }
         (self.live.before, self.live.step_heads, self.live.head_at) = (before, head, head[1]);
+        self.live.bent_secs = bent_until;
         Ok(())
     }
 
@@ -215,5 +227,6 @@ impl Player {
         }
         self.live.step_heads = poses;
         self.live.head_at = poses[1];
+        self.live.bent_secs = self.live.bends_until(times[1]);
     }
 }

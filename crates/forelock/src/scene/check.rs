@@ -15,7 +15,7 @@ use forelock_render::HairColour;
 use super::document::Document;
 use super::error::{SceneError, one_of};
 use super::sections::{CLAY, ColliderSection, GroomSource, ShapeKind};
-use super::{Keyframe, MotionSection, Scene, SolverKind, SolverSection, TimeSection, reference};
+use super::{ClipSection, Keyframe, MotionSection, Scene, SolverKind, SolverSection, TimeSection, reference};
 use crate::sinks;
 
 /// The key of a wrong value, and the error message.
@@ -26,7 +26,7 @@ pub(super) fn check(scene: &Scene, document: &Document<'_>) -> Result<(), Wrong>
     check_ranges(scene)?;
     check_available(scene)?;
     check_groom(scene)?;
-    check_motion("body.motion", &scene.body.motion)?;
+    check_body_motion(scene)?;
     if scene.body.is_named() && !matches!(scene.body.mesh.as_str(), "none" | "builtin:head" | "builtin:horse")
     {
         return Err((
@@ -176,7 +176,30 @@ fn check_import(table: &str, import: &Import, is_read: bool, instead: &str) -> R
     }
 }
 
+/// Checks the body's motion, which may be a clip or a file if it is a character.
+fn check_body_motion(scene: &Scene) -> Result<(), Wrong> {
+    let (body, motion) = (&scene.body, &scene.body.motion);
+    let is_clip = motion.builtin_name().is_none() && motion.keyframes.is_empty();
+    if !is_clip || !body.is_character() {
+        if is_clip && motion.is_file() {
+            let message =
+                "is a .bvh file, which moves characters: `body.mesh` should be a .glb or .gltf file";
+            return Err(("body.motion".to_owned(), message.to_owned()));
+        }
+        return check_motion("body.motion", motion);
+    }
+    if scene.groom.guides > 0 {
+        let message = "should be 0: guides do not follow a body that bends yet".to_owned();
+        return Err(("groom.guides".to_owned(), message));
+    }
+    Ok(())
+}
+
 fn check_motion(key: &str, motion: &MotionSection) -> Result<(), Wrong> {
+    if motion.clip != ClipSection::default() {
+        let message = "is for a body that plays a clip or a .bvh file: remove it".to_owned();
+        return Err((format!("{key}.clip"), message));
+    }
     if motion.builtin_name().is_none_or(|name| !Motion::NAMES.contains(&name)) {
         let known = Motion::NAMES.map(|name| format!("builtin:{name}"));
         return Err((key.to_owned(), one_of(&motion.name, &known.each_ref().map(String::as_str))));
@@ -321,8 +344,8 @@ fn params_error(table: &str, error: &ParamsError) -> Wrong {
         ParamsError::Range { name, value, expected } => {
             (format!("{table}.{name}"), format!("should be {expected}, not {value}"))
         }
-        ParamsError::Count { name, found, expected } => {
-            (format!("{table}.{name}"), format!("has {found} entries, but there are {expected} particles"))
+        ParamsError::Count { name, found, expected, of } => {
+            (format!("{table}.{name}"), format!("has {found} entries, but there are {expected} {of}"))
         }
         ParamsError::TooStiff { name, value, substeps, dt_secs, product, needed_secs, allowed } => {
             let shorten = needed_secs.map(|secs| format!("lower time.substep_secs to {secs:e}, or "));

@@ -29,7 +29,7 @@ mod teleport;
 pub use document::Override;
 pub use edits::{EditSection, EditSections};
 pub use error::{Place, SceneError};
-pub use motion::{Keyframe, MotionSection};
+pub use motion::{ClipSection, Keyframe, MotionSection};
 pub(crate) use sections::NEAR_CELL;
 pub use sections::{
     BodySection, CameraSection, ColliderSection, GroomSection, GroomSource, HairSection, InteractionKind,
@@ -266,6 +266,10 @@ impl Scene {
         }
         if !self.body.is_named() {
             self.body.mesh = of(self.body.mesh.as_ref()).to_string_lossy().into_owned();
+        }
+        if self.body.motion.is_file() {
+            let name = &mut self.body.motion.name;
+            *name = of(name.as_ref()).to_string_lossy().into_owned();
         }
         let meshes = self.colliders.iter_mut().flat_map(|c| c.mesh.iter_mut().chain(&mut c.mesh_sequence));
         meshes.for_each(|path| *path = of(path));

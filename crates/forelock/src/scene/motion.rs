@@ -1,8 +1,11 @@
 //! How the body or a collider moves, as a scene says it: a name, or a table.
 
+use std::collections::BTreeMap;
 use std::fmt;
+use std::path::Path;
 
 use forelock_core::body::KeyframeInterpolation;
+use forelock_core::body::character::Playback;
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{Deserialize, Deserializer, MapAccess, Visitor};
 
@@ -11,9 +14,13 @@ forelock_core::documented! {
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct MotionSection {
     /// "builtin:still", "builtin:turn", "builtin:nod", "builtin:shake", "builtin:spin",
-    /// "builtin:jump", "builtin:shake-and-jump" or "builtin:roller-coaster". Default
+    /// "builtin:jump", "builtin:shake-and-jump" or "builtin:roller-coaster"; of a body from a
+    /// .glb or .gltf file also the name of one of its clips, or a .bvh file. Default
     /// "builtin:still".
     pub name: String,
+    /// How a clip or a .bvh file is played, `[body.motion.clip]`.
+    #[serde(skip_serializing_if = "ClipSection::is_default")]
+    pub clip: ClipSection,
     /// Factor on the motion's angles and lengths. No unit, default 1, range 0 to 100; 0 stands
     /// still.
     pub amplitude: f64,
@@ -33,6 +40,57 @@ pub struct MotionSection {
     #[serde(rename = "keyframe", skip_serializing_if = "Vec::is_empty")]
     pub keyframes: Vec<Keyframe>,
 }
+}
+
+forelock_core::documented! {
+/// `[body.motion.clip]`: how a clip of a character is played.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ClipSection {
+    /// The clip's time at the start. Unit s, default 0, range 0 to 1e6.
+    pub start_secs: f64,
+    /// Seconds of the clip a second. No unit, default 1, range 0 to 100; 0 holds its start.
+    pub speed: f64,
+    /// Whether the clip is repeated; otherwise the body stays at its end. Default true.
+    pub repeat: bool,
+    /// Time over which the end of a repeated clip fades into its start. Unit s, default 0, range 0
+    /// to 1000, at most half of the clip; clips that end as they start need none.
+    pub seam_secs: f64,
+    /// Time over which the body goes from rest to the clip. Unit s, default 0.5, range 0 to 1000; 0
+    /// starts in the clip.
+    pub blend_secs: f64,
+    /// Whether left and right are exchanged. Default false.
+    pub mirrored: bool,
+    /// Joints of the body with the joints of the .bvh file that they follow, where their names
+    /// differ: `{ Head = "head", Tail = "" }`; "" follows none. Default none.
+    pub joints: BTreeMap<String, String>,
+}
+}
+
+impl Default for ClipSection {
+    fn default() -> Self {
+        let Playback { start_secs, speed, repeats, seam_secs, blend_secs, mirrored } = Playback::default();
+        let joints = BTreeMap::new();
+        Self { start_secs, speed, repeat: repeats, seam_secs, blend_secs, mirrored, joints }
+    }
+}
+
+impl ClipSection {
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// The same as what a performance takes.
+    pub fn playback(&self) -> Playback {
+        Playback {
+            start_secs: self.start_secs,
+            speed: self.speed,
+            repeats: self.repeat,
+            seam_secs: self.seam_secs,
+            blend_secs: self.blend_secs,
+            mirrored: self.mirrored,
+        }
+    }
 }
 
 forelock_core::documented! {
@@ -70,6 +128,7 @@ impl MotionSection {
     pub fn named(name: &str) -> Self {
         Self {
             name: name.to_owned(),
+            clip: ClipSection::default(),
             amplitude: 1.0,
             frequency_hz: None,
             rest_after_secs: 0.0,
@@ -77,6 +136,11 @@ impl MotionSection {
             interpolation: KeyframeInterpolation::default(),
             keyframes: Vec::new(),
         }
+    }
+
+    /// Whether it is a .bvh file.
+    pub fn is_file(&self) -> bool {
+        forelock_io::is_motion(Path::new(&self.name))
     }
 
     /// The name after `builtin:`.
@@ -90,6 +154,7 @@ impl MotionSection {
 #[serde(default, deny_unknown_fields)]
 struct Table {
     name: String,
+    clip: ClipSection,
     amplitude: f64,
     frequency_hz: Option<f64>,
     rest_after_secs: f64,
@@ -107,16 +172,25 @@ impl Default for Table {
 
 impl From<MotionSection> for Table {
     fn from(section: MotionSection) -> Self {
-        let MotionSection { name, amplitude, frequency_hz, rest_after_secs, pivot, interpolation, keyframes } =
-            section;
-        Self { name, amplitude, frequency_hz, rest_after_secs, pivot, interpolation, keyframes }
+        let MotionSection {
+            name,
+            clip,
+            amplitude,
+            frequency_hz,
+            rest_after_secs,
+            pivot,
+            interpolation,
+            keyframes,
+        } = section;
+        Self { name, clip, amplitude, frequency_hz, rest_after_secs, pivot, interpolation, keyframes }
     }
 }
 
 impl From<Table> for MotionSection {
     fn from(table: Table) -> Self {
-        let Table { name, amplitude, frequency_hz, rest_after_secs, pivot, interpolation, keyframes } = table;
-        Self { name, amplitude, frequency_hz, rest_after_secs, pivot, interpolation, keyframes }
+        let Table { name, clip, amplitude, frequency_hz, rest_after_secs, pivot, interpolation, keyframes } =
+            table;
+        Self { name, clip, amplitude, frequency_hz, rest_after_secs, pivot, interpolation, keyframes }
     }
 }
 

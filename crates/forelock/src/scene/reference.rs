@@ -21,8 +21,8 @@ use serde::Serialize;
 use super::edits::EditSection;
 use super::error::nearest;
 use super::{
-    BodySection, CameraSection, ColliderSection, GroomSection, HairSection, InteractionSection, Keyframe,
-    MotionSection, OutputSection, Scene, SolverSection, TeleportSection, TimeSection, solver,
+    BodySection, CameraSection, ClipSection, ColliderSection, GroomSection, HairSection, InteractionSection,
+    Keyframe, MotionSection, OutputSection, Scene, SolverSection, TeleportSection, TimeSection, solver,
 };
 
 /// One key of a scene file.
@@ -77,6 +77,7 @@ static SECTIONS: LazyLock<Vec<Section>> = LazyLock::new(|| {
         grow,
         with::<BodySection>("body", "## `[body]`: what the hair grows on", ""),
         with::<MotionSection>("body.motion", "## `[body.motion]`: how a body or collider moves", MOTION_NOTE),
+        with::<ClipSection>("body.motion.clip", "### `[body.motion.clip]`", ""),
         with::<Keyframe>("body.motion.keyframe", "### `[[body.motion.keyframe]]`", ""),
         without::<TeleportSection>("teleport", "## `[[teleport]]`: jumps of the body", ""),
         with::<ColliderSection>("collider", "## `[[collider]]`: further solids", ""),

@@ -3,6 +3,7 @@
 use std::fmt;
 use std::path::PathBuf;
 
+use forelock_core::body::character::Skinning;
 use forelock_core::groom::grow::{GrowParams, PRESETS};
 use forelock_core::groom::{Import, Unit, Up};
 use forelock_core::interaction::Interactions;
@@ -135,7 +136,8 @@ forelock_core::documented! {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BodySection {
-    /// "builtin:head", "builtin:horse", "none" or an .obj file. Default "builtin:head".
+    /// "builtin:head", "builtin:horse", "none" or a file: .obj, or a character that bends, .glb or
+    /// .gltf. Default "builtin:head".
     pub mesh: String,
     /// Unit of length of the file: "m", "cm", "mm" or "in". Default "m".
     pub unit: Unit,
@@ -146,6 +148,12 @@ pub struct BodySection {
     /// How the body and the roots move: a name such as "builtin:turn", or a table. Default
     /// "builtin:turn".
     pub motion: MotionSection,
+    /// Joint of a character that carries the hair: positions are stored relative to it, and
+    /// teleports are found by its motion. Default "", the joint that the roots follow most.
+    pub joint: String,
+    /// How a character's vertices follow its joints: "linear" or "dual-quaternion", which keeps the
+    /// girth of limbs that twist. Default "linear".
+    pub skinning: Skinning,
     /// Speed of the roots' middle from one step to the next above which a motion counts as a
     /// teleport that is not declared: the hair is carried along in its shape. Unit m/s, default 50,
     /// range 0 to 1e9; 0 never does.
@@ -193,6 +201,11 @@ impl BodySection {
         Import { unit: self.unit, up: self.up, scale: self.scale }
     }
 
+    /// Whether the body is a character, with joints.
+    pub fn is_character(&self) -> bool {
+        !self.is_named() && forelock_io::is_character(self.mesh.as_ref())
+    }
+
     /// Whether `mesh` is a name rather than a file.
     pub fn is_named(&self) -> bool {
         self.mesh == "none" || self.mesh.starts_with("builtin:")
@@ -207,6 +220,8 @@ impl Default for BodySection {
             up: Up::default(),
             scale: 1.0,
             motion: MotionSection::named("builtin:turn"),
+            joint: String::new(),
+            skinning: Skinning::default(),
             teleport_speed: 50.0,
             teleport_turn_degrees: 3600.0,
             collide: true,

@@ -44,7 +44,7 @@ pub struct Group {
 }
 
 /// What a character is made of.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct CharacterParts {
     /// The skeleton.
     pub skeleton: Skeleton,
@@ -80,7 +80,7 @@ pub enum CharacterError {
 }
 
 /// A mesh that a skeleton moves.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Character {
     parts: CharacterParts,
     rest: TriMesh,

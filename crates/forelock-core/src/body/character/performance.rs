@@ -37,7 +37,7 @@ impl Default for Playback {
 }
 
 /// A character that plays a clip: a function from time to its pose.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Performance {
     character: Arc<Character>,
     clip: Clip,
@@ -123,6 +123,15 @@ impl Performance {
     /// The joint that carries the hair.
     pub fn joint(&self) -> usize {
         self.joint
+    }
+
+    /// The same performance with hair that `joint` carries.
+    ///
+    /// # Errors
+    /// [`CharacterError`] if the joint does not exist.
+    pub fn carried_by(&self, joint: usize) -> Result<Self, CharacterError> {
+        let Self { character, clip, playback, skinning, .. } = self.clone();
+        Self::new(character, clip, playback, skinning, joint)
     }
 
     /// The motion of that joint at `secs`, from rest to the body's space.

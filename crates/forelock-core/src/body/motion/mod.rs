@@ -16,11 +16,13 @@
 mod keyframes;
 
 use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
 
 use glam::{DQuat, DVec3};
 
 pub use keyframes::{Keyframe, KeyframeInterpolation, Keyframes, KeyframesError};
 
+use super::character::{Performance, PosingBuffers};
 use crate::pose::Pose;
 
 /// Standard gravity, m/s².
@@ -34,6 +36,9 @@ pub enum Motion {
     Builtin(BuiltinMotion),
     /// Shifts and turns at given times.
     Keyframes(Keyframes),
+    /// That of the joint of a character that carries hair.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    Joint(Arc<Performance>),
 }
 
 /// The built-in motions.
@@ -125,6 +130,7 @@ impl Motion {
         match self {
             Self::Builtin(motion) => motion.pose(time),
             Self::Keyframes(keyframes) => keyframes.pose(time),
+            Self::Joint(performance) => performance.carrier(time, &mut PosingBuffers::default()),
         }
     }
 
@@ -132,7 +138,7 @@ impl Motion {
     /// from poses before them to poses after them. Only keyframes jump.
     pub fn jump_between(&self, times: [f64; 2]) -> Option<Pose> {
         match self {
-            Self::Builtin(_) => None,
+            Self::Builtin(_) | Self::Joint(_) => None,
             Self::Keyframes(keyframes) => keyframes.jump_between(times),
         }
     }

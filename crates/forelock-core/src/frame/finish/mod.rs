@@ -265,7 +265,8 @@ fn finiteness<L: Lane>(view: &BlockView<'_, L::Scalar>, first: usize) -> L {
 /// with the head, with integrity 1 and channels at their initial values; other strands are not
 /// changed.
 fn quarantine<T: Real>(cx: &FrameContext<'_, T>, view: &mut BlockView<'_, T>, lane: usize) {
-    let [.., before, last] = cx.poses else { return };
+    let end = cx.poses.len() - 1;
+    let [before, last] = [end - 1, end].map(|end| cx.rest_motion_of(view, lane, end));
     for i in 0..view.particles {
         let rest = vector(view.rest, i, lane).map(|x| x.to_f64().unwrap_or(0.0)).into();
         let x = last.transform_point(rest);

@@ -71,8 +71,10 @@ impl LaneSolver for AmsParams {
         group: LaneGroup,
         scratch: &mut Scratch<L::Scalar>,
     ) -> SolidContacts {
-        let poses = [&cx.poses[substep.index], &cx.poses[substep.index + 1]];
-        let own = SubstepTerms::<L>::new(terms.h, poses, cx.gravity, cx.rest_gravity, cx.air_velocity);
+        let (first, end) = (group.first, substep.index + 1);
+        let rests = [cx.rest_motion::<L>(view, first, substep.index), cx.rest_motion(view, first, end)];
+        let weight = cx.turned(view, &rests[1], end, cx.rest_gravity);
+        let own = SubstepTerms::new(terms.h, [&rests[0], &rests[1]], cx.gravity, weight, cx.air_velocity);
         // Drag that depends on the hair's motion changes in each substep.
         if cx.air.is_some() && (terms.slender || substep.air_is_new) {
             drag::towards_air::<L>(terms, view, group.first);

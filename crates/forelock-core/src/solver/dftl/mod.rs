@@ -8,7 +8,7 @@ pub use params::{DftlParams, Schedule};
 
 use crate::collide::resolve_solids::{EXACT, LevelSolids, SolidContacts};
 use crate::frame::{Channels, FrameContext, FrameRules, LaneGroup, LaneSolver, StepRate, Substep};
-use crate::lane::Lane;
+use crate::lane::{Lane, V3};
 use crate::params::{Inextensibility, ParamsError};
 use crate::strands::{BlockView, Scratch};
 use follow_leader::{FollowStep, FollowTerms};
@@ -68,9 +68,15 @@ impl LaneSolver for DftlParams {
         // Where the air was sampled positions are at the frame's origin already; those before are
         // not.
         let shift = [if cx.air.is_some() { DVec3::ZERO } else { cx.shift }, cx.shift];
-        let carried =
-            if terms.sag_free { cx.poses[1].transform_vector(cx.rest_gravity) } else { DVec3::ZERO };
-        let step = FollowStep::<L>::new(&cx.poses[1], cx.gravity - carried, cx.air_velocity, shift);
+        let rest = cx.rest_motion::<L>(view, group.first, 1);
+        let gravity = if terms.sag_free && !view.root_frames.is_empty() {
+            V3::<L>::splat(cx.gravity) - cx.turned(view, &rest, 1, cx.rest_gravity)
+        } else if terms.sag_free {
+            V3::splat(cx.gravity - cx.poses[1].transform_vector(cx.rest_gravity))
+        } else {
+            V3::splat(cx.gravity)
+        };
+        let step = FollowStep::new(&rest, gravity, cx.air_velocity, shift);
         let levels = cx.rules.solver_collides;
         let solids = if levels { LevelSolids::new(cx.colliders(0, cx.max_push_out())) } else { None };
         follow_leader::advance(terms, &step, solids, view, group)

@@ -76,8 +76,10 @@ impl LaneSolver for XpbdParams {
         group: LaneGroup,
         scratch: &mut Scratch<L::Scalar>,
     ) -> SolidContacts {
-        let poses = [&cx.poses[substep.index], &cx.poses[substep.index + 1]];
-        let step = RodStep::<L>::new(terms, poses, cx.gravity, cx.air_velocity);
+        let (first, end) = (group.first, substep.index + 1);
+        let rest = cx.rest_motion::<L>(view, first, end);
+        let spin = cx.spin(view, first, end);
+        let step = RodStep::new(terms, &rest, spin, cx.gravity, cx.air_velocity);
         solve_rods::advance(terms, &step, view, group.first, scratch.vectors());
         SolidContacts::default()
     }

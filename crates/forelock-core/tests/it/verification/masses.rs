@@ -196,7 +196,7 @@ fn masses_from_widths_and_wrong_input() {
     let mut simulation = build(&groom).unwrap();
     let acceleration = Acceleration::PerParticle(&[Vec3::ZERO; 3]);
     let error = simulation.step_frame(&FrameInput { acceleration, ..FrameInput::default() }).unwrap_err();
-    assert_eq!(error, ParamsError::Count { name: "acceleration", found: 3, expected: 4 });
+    assert_eq!(error, ParamsError::Count { name: "acceleration", found: 3, expected: 4, of: "particles" });
     // An edit keeps the unit of mass: particles that it does not change keep their masses.
     let source = forelock_core::groom::edit::Source { strand: 0, fresh: false };
     let mut thin = groom.clone();

@@ -22,6 +22,7 @@ mod non_hookean;
 mod particles;
 pub mod rig;
 mod rods;
+mod roots;
 mod settles;
 mod sleep;
 mod solids;

@@ -1,8 +1,8 @@
 //! Coefficients of a frame, a substep and a row.
 
+use crate::frame::RestMotion;
 use crate::lane::{Lane, Mat3, V3};
 use crate::params::parts;
-use crate::pose::Pose;
 use crate::solver::ams::{AmsParams, AngularForm, IntegrityForm, Jacobian};
 use glam::DVec3;
 
@@ -156,12 +156,16 @@ pub struct SubstepTerms<L> {
 }
 
 impl<L: Lane> SubstepTerms<L> {
-    /// The terms of a substep of `h` seconds. `poses` map points relative to the model's centre to
-    /// positions relative to the frame's origin, at the start and at the end; `rest_gravity` is
-    /// gravity in the head's rest frame.
+    /// The terms of a substep of `h` seconds with the rest shape at `start` and at `end`, whose
+    /// `carried_weight` is the gravity that it carries, turned with it.
     #[inline(always)]
-    pub fn new(h: f64, poses: [&Pose; 2], gravity: DVec3, rest_gravity: DVec3, air: DVec3) -> Self {
-        let [start, end] = poses;
+    pub fn new(
+        h: f64,
+        [start, end]: [&RestMotion<L>; 2],
+        gravity: DVec3,
+        carried_weight: V3<L>,
+        air: DVec3,
+    ) -> Self {
         Self {
             h: L::from_f64(h),
             h2: L::from_f64(h * h),
@@ -169,9 +173,9 @@ impl<L: Lane> SubstepTerms<L> {
             tiny: L::from_f64(1e-24),
             gravity: V3::splat(gravity),
             air: V3::splat(air),
-            carried_weight: V3::splat(end.transform_vector(rest_gravity)),
-            start: (Mat3::splat(start.matrix()), V3::splat(start.translation)),
-            end: (Mat3::splat(end.matrix()), V3::splat(end.translation)),
+            carried_weight,
+            start: start.map,
+            end: end.map,
         }
     }
 

@@ -43,9 +43,9 @@
 //! previous positions refer to the length of the step before.
 
 use crate::collide::resolve_solids::{LevelSolids, SolidContacts};
+use crate::frame::RestMotion;
 use crate::lane::{Lane, Mat3, V3};
 use crate::params::STATED_STEP_SECS;
-use crate::pose::Pose;
 use crate::solver::DftlParams;
 use crate::strands::{BlockView, LaneGroup, StrandFrame};
 use glam::DVec3;
@@ -126,13 +126,13 @@ pub struct FollowStep<L> {
 }
 
 impl<L: Lane> FollowStep<L> {
-    /// The inputs of a step at whose end the rest shape has the pose `end`. `shift` moves stored
+    /// The inputs of a step at whose end the rest shape is at `end`. `shift` moves stored
     /// positions and stored previous positions to the step's origin.
     #[inline(always)]
-    pub fn new(end: &Pose, gravity: DVec3, air: DVec3, shift: [DVec3; 2]) -> Self {
+    pub fn new(end: &RestMotion<L>, gravity: V3<L>, air: DVec3, shift: [DVec3; 2]) -> Self {
         Self {
-            ghost: (Mat3::splat(end.matrix()), V3::splat(end.translation)),
-            gravity: V3::splat(gravity),
+            ghost: end.map,
+            gravity,
             air: V3::splat(air),
             shift: [V3::splat(shift[0]), V3::splat(shift[1])],
         }

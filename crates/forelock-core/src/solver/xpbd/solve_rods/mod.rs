@@ -37,8 +37,8 @@
 //! correction Δx adds Δx/h to the velocity instead, and r − r_old is the sum of the changes of r.
 //! With one iteration λ is not stored.
 
+use crate::frame::RestMotion;
 use crate::lane::{Lane, Mat3, Quat, V3};
-use crate::pose::Pose;
 use crate::solver::XpbdParams;
 use crate::strands::BlockView;
 use glam::DVec3;
@@ -104,18 +104,15 @@ pub struct RodStep<L> {
 }
 
 impl<L: Lane> RodStep<L> {
-    /// The inputs of a substep in which the head moves from one of `poses` to the other.
+    /// The inputs of a substep at whose end the rest shape is at `rest` and turns at `spin`, s⁻¹.
     #[inline(always)]
-    pub fn new(terms: &RodTerms, poses: [&Pose; 2], gravity: DVec3, air: DVec3) -> Self {
-        let [from, to] = poses;
-        let turn = to.rotation * from.rotation.inverse();
-        let spin = DVec3::new(turn.x, turn.y, turn.z) * (2.0 / terms.h).copysign(turn.w);
+    pub fn new(terms: &RodTerms, rest: &RestMotion<L>, spin: V3<L>, gravity: DVec3, air: DVec3) -> Self {
         Self {
             h: L::from_f64(terms.h),
             inverse_h: L::from_f64(1.0 / terms.h),
             keep: L::from_f64(terms.keep),
-            ghost: (Mat3::splat(to.matrix()), V3::splat(to.translation)),
-            head: (Quat::splat(to.rotation), V3::splat(spin)),
+            ghost: rest.map,
+            head: (rest.rotation, spin),
             fall: V3::splat(gravity * terms.h),
             air: V3::splat(air),
         }
