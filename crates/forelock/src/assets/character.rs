@@ -7,6 +7,7 @@ use forelock_core::body::{ClosedMesh, Motion, Shape, TriMesh};
 use forelock_core::groom::{Groom, SurfaceRoots, bind_roots};
 use forelock_core::meter::Meter;
 use forelock_core::pose::Pose;
+use glam::Vec3;
 
 use super::solids::{Body, Solid};
 use super::{AssetError, distance_grid};
@@ -63,10 +64,19 @@ pub(super) fn bind(performance: &Performance, groom: &Groom) -> SurfaceRoots {
     SurfaceRoots::new(&roots, &bindings, mesh)
 }
 
-/// The parts of the body that joints move, each rigid.
+/// The box that the strands of `groom` can reach from where they are at rest.
+fn reach(groom: &Groom) -> [Vec3; 2] {
+    let longest = (0..groom.strand_count()).map(|strand| groom.length(strand)).fold(0.0, f32::max);
+    let box_of = |[low, high]: [Vec3; 2], &p: &Vec3| [low.min(p), high.max(p)];
+    let [low, high] = groom.positions().iter().fold([Vec3::INFINITY, Vec3::NEG_INFINITY], box_of);
+    [low - longest, high + longest]
+}
+
+/// The parts of the body that joints move and the strands of `groom` can reach, each rigid.
 pub(super) fn parts(
     scene: &Scene,
     body: &Body,
+    groom: &Groom,
     performance: &Performance,
     meter: &Meter,
 ) -> Result<Vec<Solid>, AssetError> {
@@ -76,8 +86,13 @@ pub(super) fn parts(
     if body.sdf.is_none() {
         return Ok(solids);
     }
+    let [low, high] = reach(groom);
     for (joint, own) in character.skeleton().joints().iter().enumerate() {
         let Some(mesh) = part(character, joint) else { continue };
+        let (from, to) = mesh.bounds();
+        if from.cmpgt(high).any() || to.cmplt(low).any() {
+            continue;
+        }
         let closed = ClosedMesh::new(&mesh);
         if closed.area() < SMALLEST_PART || !closed.encloses_something() {
             continue;

@@ -181,7 +181,8 @@ impl Assets {
         let groom = groom::load(scene, body.as_ref(), &mut notes, meter)?;
         let pivot = body.as_ref().map_or_else(|| groom::middle_of_roots(&groom), Body::pivot);
         let (head, performance) = Self::head(scene, body.as_ref(), &groom, pivot)?;
-        let solids = solids::load(scene, body.as_ref(), performance.as_deref(), meter)?;
+        let solids =
+            solids::load(scene, body.as_ref(), performance.as_deref().map(|own| (own, &groom)), meter)?;
         Ok(Self { groom, notes, body, pivot, head, performance, solids })
     }
 

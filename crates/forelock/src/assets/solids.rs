@@ -5,6 +5,7 @@ use std::sync::{Arc, OnceLock};
 
 use forelock_core::body::character::{Character, Performance};
 use forelock_core::body::{ClosedMesh, ColliderFrame, Head, Horse, Morph, Motion, Prop, Sdf, Shape, TriMesh};
+use forelock_core::groom::Groom;
 use forelock_core::meter::Meter;
 use forelock_core::pose::Pose;
 use glam::DVec3;
@@ -144,12 +145,12 @@ fn nearest(at: f64, count: usize) -> usize {
 pub(super) fn load(
     scene: &Scene,
     body: Option<&Body>,
-    performance: Option<&Performance>,
+    bending: Option<(&Performance, &Groom)>,
     meter: &Meter,
 ) -> Result<Vec<Arc<Solid>>, AssetError> {
     let mut solids = Vec::with_capacity(scene.colliders.len() + 1);
-    if let (Some(body), Some(performance)) = (body, performance) {
-        let parts = character::parts(scene, body, performance, meter)?;
+    if let (Some(body), Some((performance, groom))) = (body, bending) {
+        let parts = character::parts(scene, body, groom, performance, meter)?;
         solids.extend(parts.into_iter().map(Arc::new));
     } else if let Some((body, sdf)) = body.and_then(|body| Some((body, body.sdf.as_ref()?))) {
         solids.push(Arc::new(Solid {

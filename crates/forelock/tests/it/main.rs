@@ -2,6 +2,7 @@
 
 mod ams_scenes;
 mod chain;
+mod characters;
 mod documented_parameters;
 mod frame_rates;
 mod measure;

@@ -7,6 +7,10 @@
 //! source's: skeletons at rest may hold their arms differently. Joints without a counterpart follow
 //! their parents.
 //!
+//! Bones that point upwards in both skeletons (spine, neck), and bones at a branch that are shorter
+//! than the next one (collar bones, hip joints), keep their own direction: skeletons differ in where
+//! such joints are, not in how the body stands.
+//!
 //! # Practice
 //! The first joint that both have also takes over the source's path, scaled by the ratio of the
 //! heights of the two. The path starts where the target is at rest and in the direction in which it
@@ -19,6 +23,8 @@ use glam::{DAffine3, DQuat, DVec3};
 use super::skeleton::nearest_rotation;
 use super::{Clip, Interpolation, Skeleton, Track, Values};
 
+/// Height of the direction of a bone that points upwards: within 37° of the vertical.
+const UPRIGHT: f64 = 0.8;
 /// Bones shorter than this share of the skeleton's height have no direction.
 const SHORTEST: f64 = 1e-6;
 
@@ -195,14 +201,10 @@ impl<'a> Retarget<'a> {
             globals.iter().map(|global| global.translation.length()).fold(0.0, f64::max)
         };
         let (source_shortest, target_shortest) = (SHORTEST * height(source), SHORTEST * height(target));
-        let children = |joint: usize| {
-            let has_counterpart = move |&(index, _): &(usize, &super::Joint)| self.joints[index].is_some();
-            let own = self.target.joints().iter().enumerate().filter(has_counterpart);
-            own.filter(move |&(index, _)| self.counterpart_parent(index) == Some(joint)).map(|own| own.0)
-        };
+        let children_of = |joint: usize| self.target_children(joint).count();
         let arc = |joint: usize| {
             let other = self.joints[joint]?;
-            let mut children = children(joint);
+            let mut children = self.target_children(joint);
             let (child, more) = (children.next()?, children.next());
             // Joints that branch, such as the hips, have no one direction.
             if more.is_some() {
@@ -213,9 +215,22 @@ impl<'a> Retarget<'a> {
             if ours.length() <= target_shortest || theirs.length() <= source_shortest {
                 return None;
             }
-            Some(DQuat::from_rotation_arc(ours.normalize(), theirs.normalize()))
+            let (length, ours, theirs) = (ours.length(), ours.normalize(), theirs.normalize());
+            let is_at_branch = self.counterpart_parent(joint).is_some_and(|parent| children_of(parent) > 1);
+            let next = self.target_children(child).next();
+            let next = next.map_or(0.0, |next| target[next].translation.distance(target[child].translation));
+            if (ours.y > UPRIGHT && theirs.y > UPRIGHT) || (is_at_branch && length < next) {
+                return None;
+            }
+            Some(DQuat::from_rotation_arc(ours, theirs))
         };
         (0..self.joints.len()).map(|joint| arc(joint).unwrap_or(DQuat::IDENTITY)).collect()
+    }
+
+    /// The nearest descendants of a joint of the target that have a counterpart.
+    fn target_children(&self, joint: usize) -> impl Iterator<Item = usize> {
+        let own = (0..self.joints.len()).filter(|&own| self.joints[own].is_some());
+        own.filter(move |&own| self.counterpart_parent(own) == Some(joint))
     }
 
     /// The nearest ancestor of a joint of the target that has a counterpart.
