@@ -1,4 +1,5 @@
-//! Reading and writing of grooms, meshes, characters, motions and caches. Each format has its own module.
+//! Reading and writing of grooms, meshes, characters, motions and caches. Each format has its own
+//! module.
 //!
 //! | ending | format | read | written |
 //! | --- | --- | --- | --- |

@@ -1,5 +1,5 @@
-//! Bodies: triangle meshes, signed distance fields, colliders, motions, characters that bend, and the
-//! built-in head, horse and props.
+//! Bodies: triangle meshes, signed distance fields, colliders, motions, characters that bend, and
+//! the built-in head, horse and props.
 
 mod bvh;
 pub mod character;

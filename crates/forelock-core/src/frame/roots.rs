@@ -183,8 +183,8 @@ impl<T: Real> FrameContext<'_, T> {
         rest.map.0.mul(V3::splat(vector))
     }
 
-    /// The angular velocity, s⁻¹, at which the rest shape of the strands in the lanes from `first` on
-    /// turns in the substep that ends after `substeps` of the frame's.
+    /// The angular velocity, s⁻¹, at which the rest shape of the strands in the lanes from `first`
+    /// on turns in the substep that ends after `substeps` of the frame's.
     #[inline(always)]
     pub fn spin<L: Lane<Scalar = T>>(&self, view: &BlockView<'_, T>, first: usize, substeps: usize) -> V3<L> {
         let [from, to] = [substeps - 1, substeps].map(|end| self.poses[end].rotation);

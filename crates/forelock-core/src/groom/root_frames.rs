@@ -335,7 +335,8 @@ mod tests {
             let frames = frames(&surface, &positions);
             let turns: Vec<f32> = frames.rotations.iter().map(|q| -2.0 * q.z.atan2(q.w)).collect();
             for (root, &turn) in roots.iter().zip(&turns) {
-                // A square turns by 10°: half of one at most, at the ends where there is none beyond.
+                // A square turns by 10°: half of one at most, at the ends where there is none
+                // beyond.
                 assert!((turn - bent(*root, angle).1).abs() < 6f32.to_radians(), "{turn}");
             }
             let steps = turns.windows(2).map(|pair| (pair[1] - pair[0]) * angle.signum());

@@ -191,7 +191,8 @@ fn units_and_axes_are_converted() {
     assert!(out[0].distance(own.rest().positions[0] + Vec3::X * 0.5) < 1e-6);
 }
 
-/// Faults, each a place in the JSON, what is there instead (null: nothing), and a part of the error.
+/// Faults, each a place in the JSON, what is there instead (null: nothing), and a part of the
+/// error.
 fn faults() -> Vec<(&'static str, Value, &'static str)> {
     vec![
         ("/asset", Value::Null, "asset"),

@@ -1,4 +1,5 @@
-//! Hair on bodies that bend: a file of two joints with clips, and a `.bvh` file for the same joints.
+//! Hair on bodies that bend: a file of two joints with clips, and a `.bvh` file for the same
+//! joints.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot build its scene fails")]
 
@@ -47,9 +48,9 @@ impl Numbers {
     }
 }
 
-/// A ball about the origin whose upper half follows the joint "top", which is at the origin too, and
-/// whose clips turn the whole ("turn", by 60° in a second) or bend its upper half ("nod", by 50° and
-/// back in a second).
+/// A ball about the origin whose upper half follows the joint "top", which is at the origin too,
+/// and whose clips turn the whole ("turn", by 60° in a second) or bend its upper half ("nod", by
+/// 50° and back in a second).
 fn ball() -> Value {
     let mut numbers = Numbers::default();
     let (mut positions, mut joints, mut weights) = (Vec::new(), Vec::new(), Vec::new());

@@ -8,8 +8,8 @@
 //! their parents.
 //!
 //! Bones that point upwards in both skeletons (spine, neck), and bones at a branch that are shorter
-//! than the next one (collar bones, hip joints), keep their own direction: skeletons differ in where
-//! such joints are, not in how the body stands.
+//! than the next one (collar bones, hip joints), keep their own direction: skeletons differ in
+//! where such joints are, not in how the body stands.
 //!
 //! # Practice
 //! The first joint that both have also takes over the source's path, scaled by the ratio of the

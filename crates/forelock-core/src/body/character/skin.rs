@@ -9,8 +9,8 @@
 //! ```
 //!
 //! as glTF 2.0 (section 3.7.3) does. Its mean of rotations shrinks the mesh where joints twist.
-//! Dual quaternion skinning (Kavan et al. 2007) blends rigid motions instead: with M_b = D_b A_b, D_b
-//! rigid and A_b the stretch that remains, x = (Σ w_b D_b / |Σ w_b D_b|) Σ w_b A_b v, where the
+//! Dual quaternion skinning (Kavan et al. 2007) blends rigid motions instead: with M_b = D_b A_b,
+//! D_b rigid and A_b the stretch that remains, x = (Σ w_b D_b / |Σ w_b D_b|) Σ w_b A_b v, where the
 //! signs of the D_b are those nearest to the bone of the largest weight.
 
 use glam::{DAffine3, DMat3, DQuat, Quat, Vec3, Vec4};

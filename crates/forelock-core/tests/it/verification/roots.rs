@@ -76,8 +76,8 @@ fn a_motion_of_all_strands_is_a_motion_of_the_head() {
             let own = [&frames[frame as usize], &frames[frame as usize + 1]];
             step(&mut free.simulation, [Pose::IDENTITY; 2], own);
         }
-        // The motions are stored in float32, and rotations between two frames, of up to 2.3°, differ
-        // in speed by 1e-4. The zigzags of mass-spring are the stiffest.
+        // The motions are stored in float32, and rotations between two frames, of up to 2.3°,
+        // differ in speed by 1e-4. The zigzags of mass-spring are the stiffest.
         let difference = largest(&rigid.positions(), &free.positions());
         assert!(difference < 2e-4 * LENGTH, "{name}: {difference}");
         assert!(rigid.positions()[0].distance(DVec3::from(strands[0][0])) > 1e-3);
