@@ -32,9 +32,9 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Simulate the built-in scene, hair on a turning head, and write pictures, a cache and a
-    /// report.
-    Demo(RunArgs),
+    /// Simulate a built-in scene, hair on a turning head or on a walking figure, and write
+    /// pictures, a cache and a report.
+    Demo(DemoArgs),
     /// Simulate a scene.
     Simulate(SimulateArgs),
     /// Draw pictures of a scene at rest, a cache or a groom.
@@ -66,6 +66,25 @@ pub struct HelpArgs {
     /// With `scene`: print the reference as a page in Markdown.
     #[arg(long)]
     pub markdown: bool,
+}
+
+/// The scenes of `demo`.
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+pub enum DemoScene {
+    /// Hair on a head that turns in the wind.
+    #[default]
+    Head,
+    /// Hair on a figure that walks.
+    Character,
+}
+
+#[derive(Debug, Args)]
+pub struct DemoArgs {
+    /// Which scene.
+    #[arg(long, value_enum, default_value_t)]
+    pub scene: DemoScene,
+    #[command(flatten)]
+    pub run: RunArgs,
 }
 
 /// The options that `demo` and `simulate` share.
@@ -471,7 +490,7 @@ mod tests {
     /// Checks that a scene has every key that the command sets.
     fn check_keys(command: &Command) -> Result<(), SceneError> {
         let (prefix, sets) = match command {
-            Command::Demo(run) => ("", &run.sets),
+            Command::Demo(demo) => ("", &demo.run.sets),
             Command::Simulate(simulate) => ("", &simulate.run.sets),
             Command::Render(render) => ("", &render.sets),
             Command::Grow(grow) => ("groom.grow.", &grow.sets),

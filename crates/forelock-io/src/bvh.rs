@@ -160,7 +160,7 @@ pub fn read(bytes: &[u8]) -> Result<Bvh, FormatError> {
     if frames == 0 || frame_secs <= 0.0 {
         return Err(words.invalid(format_args!("{frames} frames of {frame_secs} s are no motion")));
     }
-    let numbers = channels.len();
+    let numbers = channels.len().max(1);
     // Every number takes two bytes at least.
     let needed = (frames as u64).saturating_mul(numbers as u64).saturating_mul(2);
     if needed > bytes.len() as u64 + 1 {
@@ -195,6 +195,7 @@ fn joint(
         }
     };
     let own = joints.len();
+    let first = channels.len();
     joints.push(Joint { name, parent, rest: Transform::IDENTITY });
     let mut has_channels = false;
     loop {
@@ -208,7 +209,7 @@ fn joint(
                 has_channels = true;
                 for _ in 0..words.count("the number of channels")? {
                     let channel = channel(words)?;
-                    if channels.contains(&(own, channel)) {
+                    if channels[first..].contains(&(own, channel)) {
                         return Err(words.invalid("a joint has a channel twice"));
                     }
                     channels.push((own, channel));

@@ -14,6 +14,7 @@ mod morph;
 mod motion;
 mod props;
 mod sdf;
+mod walker;
 
 /// WGSL of solids and their distance fields.
 pub const SHAPES_WGSL: &str = include_str!("shapes.wgsl");
@@ -35,3 +36,4 @@ pub use motion::{
 };
 pub use props::Prop;
 pub use sdf::{BRICK_NODES, REFINEMENT, Sdf, SdfBytesError, SdfError};
+pub use walker::Walker;

@@ -91,7 +91,7 @@ pub(crate) fn pack_frames<T: Real>(model: &Model<T>, frames: [&RootFrames; 2], r
                 to = -to;
             }
             let shifts = frames.map(|own| own.shifts[strand].to_array());
-            let numbers = [from.to_array().as_slice(), &shifts[0], &to.to_array(), &shifts[1]].concat();
+            let numbers = from.to_array().into_iter().chain(shifts[0]).chain(to.to_array()).chain(shifts[1]);
             for (row, x) in rows.iter_mut().zip(numbers) {
                 row.0[lane] = number(f64::from(x));
             }

@@ -218,7 +218,8 @@ impl Corner {
     fn new([a, b, c]: [DVec3; 3]) -> Option<Self> {
         let (edge, other) = (b - a, c - a);
         let normal = edge.cross(other);
-        if normal.length() <= FLAT * edge.length() * other.length() {
+        let is_flat = normal.length() <= FLAT * edge.length() * other.length();
+        if is_flat || !normal.is_finite() {
             return None;
         }
         let (first, along, normal) = (edge.length(), edge.normalize(), normal.normalize());

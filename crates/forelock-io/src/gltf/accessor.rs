@@ -8,7 +8,7 @@ use ::gltf::{Accessor, Document};
 use base64::Engine as _;
 
 /// The most entries of an accessor whose values are not in the file, but zero.
-const MOST_ZEROS: usize = 1 << 24;
+const MOST_ZEROS: usize = 1 << 20;
 
 /// The buffers of a file.
 pub struct Buffers(Vec<Vec<u8>>);

@@ -64,6 +64,12 @@ pub fn read(bytes: &[u8], folder: &Path) -> Result<(Character, Vec<String>), Str
     if meshes.dropped > 0 {
         notes.push(format!("{} triangles with a repeated corner are left out", meshes.dropped));
     }
+    if meshes.unbound > 0 {
+        let count = meshes.unbound;
+        notes.push(format!(
+            "{count} vertices have no valid weight: they follow the first joint of their skin"
+        ));
+    }
     let clips = clips::read(document, &nodes, &buffers, &mut notes)?;
     let bound = TriMesh::new(meshes.positions, meshes.triangles).map_err(|error| error.to_string())?;
     let (skin, report) = Skin::new(meshes.bones, meshes.weights);
@@ -195,6 +201,8 @@ struct Meshes {
     groups: Vec<Group>,
     skipped: usize,
     dropped: usize,
+    /// Vertices without valid weights.
+    unbound: usize,
 }
 
 /// The attributes of a primitive.
@@ -283,18 +291,22 @@ impl Meshes {
             for &(bone, weight) in weights.into_iter().flatten() {
                 key.extend([bone as u32, weight.to_bits()]);
             }
-            for deltas in &own.deltas {
+            for deltas in own.deltas.iter().filter(|deltas| !deltas.is_empty()) {
                 key.extend(deltas[vertex].to_array().map(|x| (x + 0.0).to_bits()));
             }
             let next = self.positions.len() as u32;
             let number = *joined.entry(key).or_insert(next);
             if number == next {
                 self.positions.push(position);
-                let weights = weights.cloned().unwrap_or_else(|| vec![(0, 1.0)]);
+                let mut weights = weights.cloned().unwrap_or_else(|| vec![(0, 1.0)]);
+                if weights.iter().all(|(_, weight)| !(weight.is_finite() && *weight > 0.0)) {
+                    self.unbound += 1;
+                    weights = vec![(0, 1.0)];
+                }
                 self.weights.push(weights.into_iter().map(|(bone, w)| (first_bone + bone, w)).collect());
                 for (shape, deltas) in self.shapes[first_shape..].iter_mut().zip(&own.deltas) {
-                    if deltas[vertex] != Vec3::ZERO {
-                        shape.deltas.push((number, deltas[vertex]));
+                    if let Some(&delta) = deltas.get(vertex).filter(|delta| **delta != Vec3::ZERO) {
+                        shape.deltas.push((number, delta));
                     }
                 }
             }
@@ -352,8 +364,12 @@ impl Attributes {
         for (shape, target) in primitive.morph_targets().enumerate() {
             let own = match target.positions() {
                 Some(accessor) => vectors(&accessor)?,
-                None => vec![Vec3::ZERO; count],
+                None => Vec::new(),
             };
+            if own.is_empty() && count > 0 {
+                deltas.push(own);
+                continue;
+            }
             if own.len() != count || own.iter().any(|delta| !delta.is_finite()) {
                 let found = own.len();
                 return Err(format!("blend shape {shape} has {found} finite entries for {count} vertices"));

@@ -77,7 +77,7 @@ pub(super) fn parts(
     scene: &Scene,
     body: &Body,
     groom: &Groom,
-    performance: &Performance,
+    performance: &Arc<Performance>,
     meter: &Meter,
 ) -> Result<Vec<Solid>, AssetError> {
     let section = &scene.body;
@@ -88,6 +88,9 @@ pub(super) fn parts(
     }
     let [low, high] = reach(groom);
     for (joint, own) in character.skeleton().joints().iter().enumerate() {
+        if !character.skin().bones().iter().any(|bone| bone.joint == joint) {
+            continue;
+        }
         let Some(mesh) = part(character, joint) else { continue };
         let (from, to) = mesh.bounds();
         if from.cmpgt(high).any() || to.cmplt(low).any() {
@@ -100,14 +103,13 @@ pub(super) fn parts(
         let name = format!("{}, joint {}", section.mesh, own.name);
         let cells = CellSizes { along: section.sdf_cells, near: section.sdf_near_cell as f32 };
         let grid = distance_grid(&mesh, &name, cells, "body.collide = false", meter)?;
-        let motion = Motion::Joint(Arc::new(performance.carried_by(joint)?));
         solids.push(Solid {
             shapes: vec![Shape::Sdf(Arc::new(grid))],
             fps: scene.time.fps,
             friction: section.friction,
-            on_body: false,
+            on_body: true,
             base: Pose::IDENTITY,
-            motion: Arc::new(motion),
+            motion: Arc::new(Motion::Part(performance.clone(), joint)),
             visible: false,
             meshes: Vec::new(),
             sequence_fps: 1.0,

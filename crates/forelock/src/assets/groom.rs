@@ -1,5 +1,6 @@
 //! The strands of a scene: read or grown, repaired, resampled, brought out of the body.
 
+use forelock_core::body::Walker;
 use forelock_core::groom::edit::{self, Edit, EditError, EditReport};
 use forelock_core::groom::grow;
 use forelock_core::groom::{Groom, LiftParams, LiftReport, lift_out, resample, resample_to};
@@ -92,9 +93,10 @@ fn grow_on(scene: &Scene, body: &Body, meter: &Meter) -> Result<Groom, AssetErro
         return Ok(grow::grow_on_head_watched(params, meter)?);
     }
     let weights: Vec<f32> = match scene.groom.region_box {
-        None => vec![1.0; body.mesh.positions.len()],
-        Some(corners) => {
-            let [a, b] = corners.map(|corner| DVec3::from_array(corner).as_vec3());
+        None if scene.body.mesh != "builtin:walker" => vec![1.0; body.mesh.positions.len()],
+        corners => {
+            let corners = corners.map(|own| own.map(|corner| DVec3::from_array(corner).as_vec3()));
+            let [a, b] = corners.unwrap_or(Walker::SCALP);
             let (lo, hi) = (a.min(b), a.max(b));
             let inside = |p: &Vec3| p.cmpge(lo).all() && p.cmple(hi).all();
             body.mesh.positions.iter().map(|p| if inside(p) { 1.0 } else { 0.0 }).collect()

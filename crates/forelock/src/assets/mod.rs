@@ -31,6 +31,9 @@ pub use character::Names;
 use solids::Body;
 pub(crate) use solids::Solid;
 
+/// Times of a performance that a fingerprint is made of.
+const MOMENTS: u32 = 16;
+
 /// Why something that a scene names cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum AssetError {
@@ -182,7 +185,7 @@ impl Assets {
         let pivot = body.as_ref().map_or_else(|| groom::middle_of_roots(&groom), Body::pivot);
         let (head, performance) = Self::head(scene, body.as_ref(), &groom, pivot)?;
         let solids =
-            solids::load(scene, body.as_ref(), performance.as_deref().map(|own| (own, &groom)), meter)?;
+            solids::load(scene, body.as_ref(), performance.as_ref().map(|own| (own, &groom)), meter)?;
         Ok(Self { groom, notes, body, pivot, head, performance, solids })
     }
 
@@ -327,6 +330,9 @@ impl Assets {
         physics.time.frames = Scene::default().time.frames;
         physics.groom.source = GroomSource::Grow;
         physics.body.mesh = String::new();
+        if physics.body.motion.is_file() {
+            physics.body.motion.name = String::new();
+        }
         for collider in &mut physics.colliders {
             collider.mesh = None;
             collider.mesh_sequence.clear();
@@ -344,8 +350,21 @@ impl Assets {
         let meshes = self.body_mesh().into_iter().chain(self.solids.iter().flat_map(|s| &s.meshes));
         let points = meshes.flat_map(|mesh| &mesh.positions).chain(self.groom.positions());
         let hash = points.flat_map(|p| p.to_array()).fold(hash, |hash, x| hash.bytes(&x.to_le_bytes()));
-        let clip = self.performance.as_ref().map(|own| format!("{:?}", own.clip()));
-        hash.bytes(clip.unwrap_or_default().as_bytes()).value()
+        let Some(performance) = &self.performance else { return hash.value() };
+        // What the performance does: where vertices are at some of its times.
+        let mut buffers = PosingBuffers::default();
+        let duration = performance.clip().duration_secs();
+        let moments = (0..=MOMENTS).map(|moment| duration * f64::from(moment) / f64::from(MOMENTS));
+        moments
+            .fold(hash, |hash, secs| {
+                let posed = performance.posed(secs, &mut buffers);
+                let carrier = posed.carrier.rotation.to_array().into_iter();
+                let carrier = carrier.chain(posed.carrier.translation.to_array());
+                let hash = carrier.fold(hash, |hash, x| hash.bytes(&x.to_le_bytes()));
+                let positions = posed.positions.iter().flat_map(|p| p.to_array());
+                positions.fold(hash, |hash, x| hash.bytes(&x.to_le_bytes()))
+            })
+            .value()
     }
 }
 

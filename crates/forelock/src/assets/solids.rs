@@ -4,7 +4,9 @@ use std::borrow::Cow;
 use std::sync::{Arc, OnceLock};
 
 use forelock_core::body::character::{Character, Performance};
-use forelock_core::body::{ClosedMesh, ColliderFrame, Head, Horse, Morph, Motion, Prop, Sdf, Shape, TriMesh};
+use forelock_core::body::{
+    ClosedMesh, ColliderFrame, Head, Horse, Morph, Motion, Prop, Sdf, Shape, TriMesh, Walker,
+};
 use forelock_core::groom::Groom;
 use forelock_core::meter::Meter;
 use forelock_core::pose::Pose;
@@ -43,6 +45,11 @@ impl Body {
             "none" => return Ok(None),
             "builtin:head" => (Cow::Borrowed(&Head::builtin().mesh), Some(Head::NECK_PIVOT.as_dvec3())),
             "builtin:horse" => (Cow::Borrowed(&Horse::builtin().mesh), Some(Horse::PIVOT.as_dvec3())),
+            "builtin:walker" => {
+                let walker = Walker::builtin();
+                character = Some(walker.clone());
+                (Cow::Borrowed(walker.rest()), None)
+            }
             path if section.is_character() => {
                 let read = forelock_io::read_character(path.as_ref(), &section.import())?;
                 notes.extend(read.notes.into_iter().map(|note| format!("{path}: {note}")));
@@ -145,7 +152,7 @@ fn nearest(at: f64, count: usize) -> usize {
 pub(super) fn load(
     scene: &Scene,
     body: Option<&Body>,
-    bending: Option<(&Performance, &Groom)>,
+    bending: Option<(&Arc<Performance>, &Groom)>,
     meter: &Meter,
 ) -> Result<Vec<Arc<Solid>>, AssetError> {
     let mut solids = Vec::with_capacity(scene.colliders.len() + 1);

@@ -209,6 +209,14 @@ impl Live {
         }
     }
 
+    /// The time of a solid's motion at `secs`: parts of a body that bends have its pose.
+    pub fn solid_secs(&self, track: &Track, secs: f64) -> f64 {
+        match track {
+            Track::Motion(motion) if matches!(**motion, Motion::Part(..)) => self.bends_until(secs),
+            _ => secs,
+        }
+    }
+
     /// Time of frame `frame`, seconds.
     pub fn frame_secs(&self, frame: u32) -> f64 {
         f64::from(frame) / self.fps
@@ -268,9 +276,11 @@ impl Live {
         self.frame += 1;
         let secs = self.shown_secs();
         self.head_shown = self.head.pose(secs);
-        for live in &mut self.solids {
-            let carrier = live.solid.carrier(&self.head_shown, &live.track.pose(secs));
-            live.shown = [live.shown[1], carrier];
+        let mut solids = std::mem::take(&mut self.solids);
+        for live in &mut solids {
+            let motion = live.track.pose(self.solid_secs(&live.track, secs));
+            live.shown = [live.shown[1], live.solid.carrier(&self.head_shown, &motion)];
         }
+        self.solids = solids;
     }
 }

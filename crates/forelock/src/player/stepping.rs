@@ -83,8 +83,10 @@ impl Player {
         let bent_until = self.live.bends_until(times[1]);
         let roots = self.bending.as_mut().map(|bending| {
             bending.follow(&self.assets, self.live.grooming.groom.as_ref());
-            // A jump takes the body to its pose at the end of the step.
-            let from = if jump.is_some() { bent_until } else { self.live.bent_secs };
+            // A reset takes the body to its pose at the end of the step; hair that is carried
+            // follows what the body bends in the step, as without a jump.
+            let is_reset = jump.as_ref().is_some_and(|jump| jump.mode == Teleport::Reset);
+            let from = if is_reset { bent_until } else { self.live.bent_secs };
             bending.at([from, bent_until])
         });
         if let Some(jump) = &jump {
@@ -102,7 +104,7 @@ impl Player {
             let across = live.track.jump_between(times);
             jumped |= across.is_some();
             let from = across.map_or(live.at, |across| across.after(&live.at));
-            let to = live.track.pose(times[1]);
+            let to = live.track.pose(self.live.solid_secs(&live.track, times[1]));
             let carriers = [live.solid.carrier(&head[0], &from), live.solid.carrier(&head[1], &to)];
             ends.push(to);
             frames.push(live.solid.frame_between(times[0], carriers));
@@ -222,9 +224,11 @@ impl Player {
     fn pass(&mut self, times: [f64; 2]) {
         let HeadStep { poses, jump } = self.head_step(times);
         jump.iter().for_each(|jump| self.live.counters.add_jump(jump));
-        for live in &mut self.live.solids {
-            live.at = live.track.pose(times[1]);
+        let mut solids = std::mem::take(&mut self.live.solids);
+        for live in &mut solids {
+            live.at = live.track.pose(self.live.solid_secs(&live.track, times[1]));
         }
+        self.live.solids = solids;
         self.live.step_heads = poses;
         self.live.head_at = poses[1];
         self.live.bent_secs = self.live.bends_until(times[1]);

@@ -18,6 +18,9 @@ use super::sections::{CLAY, ColliderSection, GroomSource, ShapeKind};
 use super::{ClipSection, Keyframe, MotionSection, Scene, SolverKind, SolverSection, TimeSection, reference};
 use crate::sinks;
 
+/// The bodies that have names.
+const BODIES: [&str; 4] = ["builtin:head", "builtin:horse", "builtin:walker", "none"];
+
 /// The key of a wrong value, and the error message.
 type Wrong = (String, String);
 
@@ -27,12 +30,8 @@ pub(super) fn check(scene: &Scene, document: &Document<'_>) -> Result<(), Wrong>
     check_available(scene)?;
     check_groom(scene)?;
     check_body_motion(scene)?;
-    if scene.body.is_named() && !matches!(scene.body.mesh.as_str(), "none" | "builtin:head" | "builtin:horse")
-    {
-        return Err((
-            "body.mesh".to_owned(),
-            one_of(&scene.body.mesh, &["builtin:head", "builtin:horse", "none", "a path"]),
-        ));
+    if scene.body.is_named() && !BODIES.contains(&scene.body.mesh.as_str()) {
+        return Err(("body.mesh".to_owned(), one_of(&scene.body.mesh, &[&BODIES[..], &["a path"]].concat())));
     }
     check_import("body", &scene.body.import(), !scene.body.is_named(), "`body.mesh` is built in")?;
     let is_read = scene.groom.source != GroomSource::Grow;

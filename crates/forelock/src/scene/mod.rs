@@ -47,6 +47,8 @@ use solver::Registered;
 
 /// The scene that `forelock demo` runs: `default.toml` beside this module.
 pub const DEFAULT_SCENE: &str = include_str!("default.toml");
+/// The scene that `forelock demo --scene character` runs.
+pub const CHARACTER_SCENE: &str = include_str!("character.toml");
 
 forelock_core::documented! {
 /// A whole scene, as its file holds it: every value checked, every path absolute or relative to the

@@ -136,8 +136,9 @@ forelock_core::documented! {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BodySection {
-    /// "builtin:head", "builtin:horse", "none" or a file: .obj, or a character that bends, .glb or
-    /// .gltf. Default "builtin:head".
+    /// "builtin:head", "builtin:horse", "builtin:walker" (a figure with the clips "walk", "jump"
+    /// and "look"), "none" or a file: .obj, or a character that bends, .glb or .gltf. Default
+    /// "builtin:head".
     pub mesh: String,
     /// Unit of length of the file: "m", "cm", "mm" or "in". Default "m".
     pub unit: Unit,
@@ -152,7 +153,7 @@ pub struct BodySection {
     /// teleports are found by its motion. Default "", the joint that the roots follow most.
     pub joint: String,
     /// How a character's vertices follow its joints: "linear" or "dual-quaternion", which keeps the
-    /// girth of limbs that twist. Default "linear".
+    /// girth of limbs that twist. The rest pose is linear. Default "linear".
     pub skinning: Skinning,
     /// Speed of the roots' middle from one step to the next above which a motion counts as a
     /// teleport that is not declared: the hair is carried along in its shape. Unit m/s, default 50,
@@ -203,7 +204,7 @@ impl BodySection {
 
     /// Whether the body is a character, with joints.
     pub fn is_character(&self) -> bool {
-        !self.is_named() && forelock_io::is_character(self.mesh.as_ref())
+        self.mesh == "builtin:walker" || !self.is_named() && forelock_io::is_character(self.mesh.as_ref())
     }
 
     /// Whether `mesh` is a name rather than a file.

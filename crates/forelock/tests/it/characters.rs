@@ -181,11 +181,6 @@ fn positions(player: &mut Player) -> Vec<Vec3> {
     positions
 }
 
-fn farthest(a: &[Vec3], b: &[Vec3]) -> f32 {
-    assert_eq!(a.len(), b.len());
-    a.iter().zip(b).map(|(a, b)| a.distance(*b)).fold(0.0, f32::max)
-}
-
 #[test]
 fn a_clip_that_turns_the_whole_is_a_rigid_motion() {
     let files = Files::new();

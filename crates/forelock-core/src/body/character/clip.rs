@@ -159,6 +159,7 @@ impl Track {
 
     /// Sets what the track drives to its value at `secs`.
     fn apply(&self, secs: f64, locals: &mut [Transform], shapes: &mut [f64]) {
+        // Callers that only pose joints have no shapes.
         let vector = |own: &[DVec3]| {
             let hermite = |v: [DVec3; 4], w: [f64; 4]| (0..4).map(|i| v[i] * w[i]).sum::<DVec3>();
             self.at(secs, |i| own[i], |a, b, share| a.lerp(b, share), hermite)
@@ -174,10 +175,9 @@ impl Track {
                 locals[self.joint].rotation = self.at(secs, |i| own[i], slerp, hermite);
             }
             Values::Shapes { first, count, weights } => {
-                for shape in 0..*count {
+                for (shape, own) in shapes.iter_mut().skip(*first).take(*count).enumerate() {
                     let hermite = |v: [f64; 4], w: [f64; 4]| (0..4).map(|i| v[i] * w[i]).sum();
-                    shapes[first + shape] =
-                        self.at(secs, |i| weights[i * count + shape], |a, b, s| a + (b - a) * s, hermite);
+                    *own = self.at(secs, |i| weights[i * count + shape], |a, b, s| a + (b - a) * s, hermite);
                 }
             }
         }

@@ -97,6 +97,9 @@ impl Character {
         if mesh != skinned {
             return Err(CharacterError::Vertices { mesh, skin: skinned });
         }
+        if skin.bones().is_empty() {
+            return Err(CharacterError::Missing("the skin has no bones; a vertex".into()));
+        }
         if skin.bones().iter().any(|bone| bone.joint >= skeleton.joints().len()) {
             return Err(CharacterError::Missing("a bone".into()));
         }

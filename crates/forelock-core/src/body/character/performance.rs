@@ -26,7 +26,7 @@ pub struct Playback {
     pub seam_secs: f64,
     /// Time over which the pose goes from rest to the clip's, seconds.
     pub blend_secs: f64,
-    /// Whether left and right are exchanged, in the body's plane x = 0.
+    /// Whether the joints of left and right are exchanged, in the body's plane x = 0.
     pub mirrored: bool,
 }
 
@@ -125,13 +125,14 @@ impl Performance {
         self.joint
     }
 
-    /// The same performance with hair that `joint` carries.
+    /// The motion of `joint` from rest at `secs`, relative to the joint that carries the hair.
     ///
-    /// # Errors
-    /// [`CharacterError`] if the joint does not exist.
-    pub fn carried_by(&self, joint: usize) -> Result<Self, CharacterError> {
-        let Self { character, clip, playback, skinning, .. } = self.clone();
-        Self::new(character, clip, playback, skinning, joint)
+    /// # Panics
+    /// If there is no such joint.
+    pub fn part(&self, joint: usize, secs: f64, buffers: &mut PosingBuffers) -> Pose {
+        self.pose_joints(secs, buffers);
+        let [carrier, own] = [self.joint, joint].map(|joint| self.motion_of(joint, &buffers.globals[joint]));
+        carrier.inverse().after(&own)
     }
 
     /// The motion of that joint at `secs`, from rest to the body's space.
@@ -160,9 +161,14 @@ impl Performance {
         Posed { carrier, positions: &buffers.positions }
     }
 
-    /// The motion from rest of a joint that is at `global`.
+    /// The motion from rest of the joint that carries the hair, which is at `global`.
     fn carrier_of(&self, global: &DAffine3) -> Pose {
-        let rest = &self.rest_globals[self.joint];
+        self.motion_of(self.joint, global)
+    }
+
+    /// The motion from rest of `joint`, which is at `global`.
+    fn motion_of(&self, joint: usize, global: &DAffine3) -> Pose {
+        let rest = &self.rest_globals[joint];
         let rotation = nearest_rotation(&global.matrix3) * nearest_rotation(&rest.matrix3).conjugate();
         let turned = Pose::new(rotation, DVec3::ZERO);
         Pose { translation: global.translation - turned.transform_point(rest.translation), ..turned }
@@ -222,7 +228,13 @@ impl Performance {
         let reflection = DAffine3::from_scale(DVec3::new(-1.0, 1.0, 1.0));
         mirrored.clear();
         for (rest, &other) in self.rest_globals.iter().zip(&self.counterparts) {
-            let motion = globals[other] * self.rest_globals[other].inverse();
+            let back = self.rest_globals[other].inverse();
+            // A joint of scale 0 has no inverse, and hides what follows it.
+            if !back.is_finite() {
+                mirrored.push(*rest);
+                continue;
+            }
+            let motion = globals[other] * back;
             mirrored.push(reflection * motion * reflection * *rest);
         }
         std::mem::swap(globals, mirrored);

@@ -11,7 +11,7 @@
 //! as glTF 2.0 (section 3.7.3) does. Its mean of rotations shrinks the mesh where joints twist.
 //! Dual quaternion skinning (Kavan et al. 2007) blends rigid motions instead: with M_b = D_b A_b,
 //! D_b rigid and A_b the stretch that remains, x = (Σ w_b D_b / |Σ w_b D_b|) Σ w_b A_b v, where the
-//! signs of the D_b are those nearest to the bone of the largest weight.
+//! signs of the D_b are those nearest to the sum so far, that of the largest weight first.
 
 use glam::{DAffine3, DMat3, DQuat, Quat, Vec3, Vec4};
 use rayon::prelude::*;
@@ -118,7 +118,7 @@ impl Skin {
                 own.iter_mut().for_each(|own| own.1 /= kept);
             }
         }
-        let influences = vertices.iter().map(Vec::len).max().unwrap_or(1);
+        let influences = vertices.iter().map(Vec::len).max().unwrap_or(1).max(1);
         let mut skin = Self { bones, influences, indices: Vec::new(), weights: Vec::new() };
         for own in &vertices {
             for i in 0..influences {

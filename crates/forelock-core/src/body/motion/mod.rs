@@ -39,6 +39,9 @@ pub enum Motion {
     /// That of the joint of a character that carries hair.
     #[cfg_attr(feature = "serde", serde(skip))]
     Joint(Arc<Performance>),
+    /// That of a joint of a character, by its number, relative to the one that carries hair.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    Part(Arc<Performance>, usize),
 }
 
 /// The built-in motions.
@@ -131,14 +134,16 @@ impl Motion {
             Self::Builtin(motion) => motion.pose(time),
             Self::Keyframes(keyframes) => keyframes.pose(time),
             Self::Joint(performance) => performance.carrier(time, &mut PosingBuffers::default()),
+            Self::Part(performance, joint) => performance.part(*joint, time, &mut PosingBuffers::default()),
         }
     }
 
     /// The jumps after the first and not after the second of `times` (seconds) as one displacement,
-    /// from poses before them to poses after them. Only keyframes jump.
+    /// from poses before them to poses after them. Only keyframes jump; a clip that leaps where it
+    /// is repeated moves there.
     pub fn jump_between(&self, times: [f64; 2]) -> Option<Pose> {
         match self {
-            Self::Builtin(_) | Self::Joint(_) => None,
+            Self::Builtin(_) | Self::Joint(_) | Self::Part(..) => None,
             Self::Keyframes(keyframes) => keyframes.jump_between(times),
         }
     }
