@@ -239,11 +239,11 @@ impl Assets {
         groom: &Groom,
         pivot: DVec3,
     ) -> Result<(Arc<Motion>, Option<Arc<Performance>>), AssetError> {
-        if let Some(character) = body.and_then(|body| body.character.as_ref()) {
-            if let Some(own) = character::performance(&scene.body, character, groom)? {
-                let own = Arc::new(own);
-                return Ok((Arc::new(Motion::Joint(own.clone())), Some(own)));
-            }
+        if let Some(character) = body.and_then(|body| body.character.as_ref())
+            && let Some(own) = character::performance(&scene.body, character, groom)?
+        {
+            let own = Arc::new(own);
+            return Ok((Arc::new(Motion::Joint(own.clone())), Some(own)));
         }
         Ok((Arc::new(motion::from_section(&scene.body.motion, pivot)?), None))
     }

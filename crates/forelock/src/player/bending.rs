@@ -57,13 +57,12 @@ impl Bending {
             self.frames.swap(0, 1);
             self.secs.swap(0, 1);
         }
-        for end in 0..2 {
-            if self.secs[end] == Some(secs[end]) {
-                continue;
+        for ((secs, known), frames) in secs.into_iter().zip(&mut self.secs).zip(&mut self.frames) {
+            if *known != Some(secs) {
+                let posed = self.performance.posed(secs, &mut self.posing);
+                self.roots.frames(posed.positions, &mut self.buffers, frames);
+                *known = Some(secs);
             }
-            let posed = self.performance.posed(secs[end], &mut self.posing);
-            self.roots.frames(posed.positions, &mut self.buffers, &mut self.frames[end]);
-            self.secs[end] = Some(secs[end]);
         }
         let [from, to] = &self.frames;
         [from, to]

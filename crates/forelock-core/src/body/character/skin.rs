@@ -97,7 +97,7 @@ impl Skin {
         let mut report = SkinReport::default();
         for own in &mut vertices {
             own.retain(|&(bone, weight)| weight.is_finite() && weight > 0.0 && bone < bones.len());
-            own.sort_by(|a, b| a.0.cmp(&b.0));
+            own.sort_by_key(|own| own.0);
             own.dedup_by(|next, kept| {
                 let same = next.0 == kept.0;
                 kept.1 += if same { next.1 } else { 0.0 };
@@ -157,7 +157,7 @@ impl Skin {
     /// Applies `map` to the space of the mesh that is bound.
     pub(super) fn transform(&mut self, map: &DAffine3) {
         let back = map.inverse();
-        self.bones.iter_mut().for_each(|bone| bone.inverse_bind = bone.inverse_bind * back);
+        self.bones.iter_mut().for_each(|bone| bone.inverse_bind *= back);
     }
 
     /// The bones' motions M_b of joints whose transforms to the body's space are `globals`.
