@@ -5,7 +5,7 @@ mod character;
 use std::path::Path;
 
 use forelock_core::groom::Info;
-use forelock_io::{Cache, Format};
+use forelock_io::{Cache, Format, ReadError};
 use serde::Serialize;
 
 use crate::arguments::InfoArgs;
@@ -30,7 +30,13 @@ pub fn info(arguments: &InfoArgs) -> anyhow::Result<()> {
     if forelock_io::is_motion(&arguments.file) {
         return character::describe_motion(arguments);
     }
-    let imported = forelock_io::read_groom(&arguments.file, &arguments.import.import())?;
+    let imported =
+        forelock_io::read_groom(&arguments.file, &arguments.import.import()).map_err(|mut error| {
+            if let ReadError::UnknownEnding { known, .. } = &mut error {
+                known.push_str(" .glb .gltf .bvh");
+            }
+            error
+        })?;
     let report = Report {
         file: arguments.file.display().to_string(),
         format: imported.format.to_string(),

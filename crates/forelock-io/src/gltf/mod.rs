@@ -117,6 +117,7 @@ fn explain(error: &::gltf::Error) -> String {
             let more = if more > 0 { format!(" (and {more} more faults)") } else { String::new() };
             format!("{}{more}", first.unwrap_or_default())
         }
+        ::gltf::Error::Binary(own) => format!("{own}; copy or export it again if it is cut short"),
         other => other.to_string(),
     };
     text.split_whitespace().collect::<Vec<_>>().join(" ")

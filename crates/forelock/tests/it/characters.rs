@@ -333,3 +333,44 @@ fn what_a_body_cannot_play_is_said() {
     let on_head = Scene::parse("[body]\nmotion = \"nod.bvh\"\n", Path::new("scene.toml"), &[]).unwrap_err();
     assert!(on_head.to_string().contains("`body.mesh` should be a .glb or .gltf file"), "{on_head}");
 }
+
+/// Share of the particles that are free that lie deeper than 1 mm inside the skin itself, over
+/// `frames`, and the deepest, metres. All numbers must be finite.
+fn inside_skin(player: &mut Player, frames: u32) -> (f64, f32) {
+    let (mut inside, mut all, mut deepest) = (0u32, 0u32, 0.0f32);
+    for frame in 1..=frames {
+        player.step().unwrap();
+        if frame % 15 != 0 {
+            continue;
+        }
+        let skin = player.assets().body_mesh_at(player.time_secs()).unwrap();
+        let skin = ClosedMesh::new(&skin);
+        let back = player.head_pose().inverse();
+        let now = positions(player);
+        let groom = player.groom();
+        for strand in 0..groom.strand_count() {
+            for p in &now[groom.range(strand)][2..] {
+                assert!(p.is_finite(), "frame {frame}");
+                let depth = skin.depth(back.transform_point(p.as_dvec3()).as_vec3());
+                deepest = deepest.max(depth);
+                inside += u32::from(depth > 1e-3);
+                all += 1;
+            }
+        }
+    }
+    (f64::from(inside) / f64::from(all), deepest)
+}
+
+#[test]
+fn hair_stays_outside_the_skin_of_a_figure_that_walks_and_jumps() {
+    for motion in ["walk", "jump", "look"] {
+        let text = format!(
+            "groom.strands = 300\n[body]\nmesh = \"builtin:walker\"\nsdf_cells = 64\nmotion = \"{motion}\""
+        );
+        let scene = Scene::parse(&text, Path::new("scene.toml"), &[]).unwrap();
+        let mut player = Player::builder(scene).without_history().build().unwrap();
+        let (share, deepest) = inside_skin(&mut player, 120);
+        eprintln!("{motion}: {:.4} % deeper than 1 mm, {:.2} mm at most", 100.0 * share, 1e3 * deepest);
+        assert!(share <= 1e-3, "{motion}: {share}, {deepest}");
+    }
+}
