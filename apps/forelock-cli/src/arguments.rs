@@ -1,9 +1,11 @@
 //! The arguments of the command line.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
+use forelock::Scene;
+use forelock::scene::{CHARACTER_SCENE, DEFAULT_SCENE, Override, SceneError};
 use forelock_core::groom::{Import, Unit, Up};
 
 /// Real-time simulation of dense hair, strand by strand.
@@ -76,6 +78,17 @@ pub enum DemoScene {
     Head,
     /// Hair on a figure that walks.
     Character,
+}
+
+impl DemoScene {
+    /// The scene with `overrides` laid over it.
+    pub fn scene(self, overrides: &[Override]) -> Result<Scene, SceneError> {
+        let text = match self {
+            Self::Head => DEFAULT_SCENE,
+            Self::Character => CHARACTER_SCENE,
+        };
+        Scene::parse(text, Path::new("the built-in scene"), overrides)
+    }
 }
 
 #[derive(Debug, Args)]
@@ -442,9 +455,6 @@ fn positive(word: &str) -> Result<f64, String> {
 
 #[cfg(test)]
 mod tests {
-    use forelock::Scene;
-    use forelock::scene::{Override, SceneError};
-
     use super::*;
 
     #[test]
@@ -456,7 +466,7 @@ mod tests {
 
     #[test]
     fn the_pages_commands_are_understood() -> std::io::Result<()> {
-        let docs = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs");
+        let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs");
         let mut all = Vec::new();
         for entry in std::fs::read_dir(docs)? {
             let path = entry?.path();
@@ -498,6 +508,7 @@ mod tests {
         };
         let sets: Result<Vec<_>, _> =
             sets.iter().map(|set| Override::set(&format!("{prefix}{set}"))).collect();
-        Scene::builtin(&sets?).map(drop)
+        let scene = if let Command::Demo(demo) = command { demo.scene } else { DemoScene::Head };
+        scene.scene(&sets?).map(drop)
     }
 }

@@ -3,21 +3,17 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use forelock::scene::{CHARACTER_SCENE, DEFAULT_SCENE, Override};
+use forelock::scene::Override;
 use forelock::{Progress, RunOptions, SIMULATING, Scene, Summary};
 
-use crate::arguments::{DemoArgs, DemoScene, RunArgs, SimulateArgs};
+use crate::arguments::{DemoArgs, RunArgs, SimulateArgs};
 use crate::progress::Reporter;
 use crate::{interrupt, terminal};
 
 /// Runs a built-in scene.
 pub fn demo(arguments: &DemoArgs) -> anyhow::Result<ExitCode> {
     let DemoArgs { scene, run } = arguments;
-    let text = match scene {
-        DemoScene::Head => DEFAULT_SCENE,
-        DemoScene::Character => CHARACTER_SCENE,
-    };
-    simulate_scene(&Scene::parse(text, Path::new("the built-in scene"), &overrides(run)?)?, run)
+    simulate_scene(&scene.scene(&overrides(run)?)?, run)
 }
 
 /// Runs the scene in a file.
