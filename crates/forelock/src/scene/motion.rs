@@ -53,8 +53,8 @@ pub struct ClipSection {
     pub speed: f64,
     /// Whether the clip is repeated; otherwise the body stays at its end. Default true.
     pub repeat: bool,
-    /// Time over which the end of a repeated clip fades into its start. Unit s, default 0, range 0
-    /// to 1000, at most half of the clip; clips that end as they start need none.
+    /// Time over which the end of a repeated clip fades into its start, at most half of the clip.
+    /// Unit s, default 0, range 0 to 1000; 0 is for clips that end as they start.
     pub seam_secs: f64,
     /// Time over which the body goes from rest to the clip. Unit s, default 0.5, range 0 to 1000; 0
     /// starts in the clip.

@@ -365,11 +365,11 @@ fn inside_skin(player: &mut Player, frames: u32) -> (f64, f32) {
 fn hair_stays_outside_the_skin_of_a_figure_that_walks_and_jumps() {
     for motion in ["walk", "jump", "look"] {
         let text = format!(
-            "groom.strands = 300\n[body]\nmesh = \"builtin:walker\"\nsdf_cells = 64\nmotion = \"{motion}\""
+            "groom.strands = 150\n[body]\nmesh = \"builtin:walker\"\nsdf_cells = 64\nmotion = \"{motion}\""
         );
         let scene = Scene::parse(&text, Path::new("scene.toml"), &[]).unwrap();
         let mut player = Player::builder(scene).without_history().build().unwrap();
-        let (share, deepest) = inside_skin(&mut player, 120);
+        let (share, deepest) = inside_skin(&mut player, 90);
         eprintln!("{motion}: {:.4} % deeper than 1 mm, {:.2} mm at most", 100.0 * share, 1e3 * deepest);
         assert!(share <= 1e-3, "{motion}: {share}, {deepest}");
     }
