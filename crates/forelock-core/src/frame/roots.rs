@@ -10,7 +10,7 @@
 //! at the share s of a frame: the pose H of the joint that carries the hair, interpolated as the
 //! pose of a rigid head is, after the strand's own [`RootFrames`]. Between the ends of a frame d is
 //! linear, and Q the normalised mean of the two rotations. Where the body does not bend, d is zero
-//! and Q the identity, exactly, and the arithmetic is that of a rigid head.
+//! and Q the identity, and the result has the bits of a rigid head.
 
 use super::context::FrameContext;
 use crate::groom::RootFrames;

@@ -59,17 +59,15 @@ impl RootFrames {
 /// Roots bound to a mesh, and that mesh at rest.
 #[derive(Clone, Debug)]
 pub struct SurfaceRoots {
-    /// The vertices around the roots, by their numbers in the mesh.
-    vertices: Vec<u32>,
-    /// Where the lists of `fans` begin, one a vertex and the end.
+    /// Where the lists of `fans` begin: one for each corner of a root's triangle, and the end.
     fan_starts: Vec<u32>,
-    /// For each vertex the triangles around it, by their numbers in `triangles`.
+    /// For each corner the triangles around it, by their numbers in `triangles`.
     fans: Vec<u32>,
     /// Their corners, in the mesh.
     triangles: Vec<[u32; 3]>,
     /// Each at rest.
     rest: Vec<Option<Corner>>,
-    /// Neighbours of each vertex, by their numbers in `vertices`, as far as they are there.
+    /// Neighbours of each corner that are corners themselves.
     neighbours: Vec<Vec<u32>>,
     roots: Vec<Root>,
 }
@@ -78,7 +76,7 @@ pub struct SurfaceRoots {
 #[derive(Clone, Copy, Debug)]
 struct Root {
     corners: [u32; 3],
-    /// The corners in `vertices`.
+    /// The same, by their numbers among the corners.
     own: [u32; 3],
     barycentric: [f32; 3],
     /// The point on the triangle at rest.
@@ -101,17 +99,17 @@ impl SurfaceRoots {
     /// If a binding is of another mesh.
     pub fn new(roots: &[Vec3], bindings: &[RootBinding], mesh: &TriMesh) -> Self {
         let mut number = vec![u32::MAX; mesh.positions.len()];
-        let mut vertices = Vec::new();
+        let mut count = 0;
         for binding in bindings {
             for v in mesh.triangles[binding.triangle as usize] {
                 if number[v as usize] == u32::MAX {
-                    number[v as usize] = vertices.len() as u32;
-                    vertices.push(v);
+                    number[v as usize] = count;
+                    count += 1;
                 }
             }
         }
-        let mut around: Vec<Vec<u32>> = vec![Vec::new(); vertices.len()];
-        let mut neighbours: Vec<Vec<u32>> = vec![Vec::new(); vertices.len()];
+        let mut around: Vec<Vec<u32>> = vec![Vec::new(); count as usize];
+        let mut neighbours: Vec<Vec<u32>> = vec![Vec::new(); count as usize];
         let mut triangles = Vec::new();
         for &corners in &mesh.triangles {
             let own = corners.map(|v| number[v as usize]);
@@ -149,16 +147,10 @@ impl SurfaceRoots {
             rest: triangles.iter().map(at_rest).collect(),
             roots: roots.iter().zip(bindings).map(root).collect(),
             fans: around.into_iter().flatten().collect(),
-            vertices,
             fan_starts,
             triangles,
             neighbours,
         }
-    }
-
-    /// The vertices of the mesh that move roots.
-    pub fn vertices(&self) -> &[u32] {
-        &self.vertices
     }
 
     /// The roots' motion to the bent mesh with vertices at `positions`.
@@ -177,7 +169,7 @@ impl SurfaceRoots {
             let fan = self.fan_starts[vertex] as usize..self.fan_starts[vertex + 1] as usize;
             mean(self.fans[fan].iter().map(|&triangle| turns[triangle as usize]))
         };
-        (0..self.vertices.len()).into_par_iter().map(of_vertex).collect_into_vec(of_vertices);
+        (0..self.neighbours.len()).into_par_iter().map(of_vertex).collect_into_vec(of_vertices);
         let known = |vertex: u32| {
             of_vertices[vertex as usize].or_else(|| {
                 let around = self.neighbours[vertex as usize].iter();

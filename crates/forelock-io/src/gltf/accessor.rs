@@ -56,20 +56,11 @@ impl Buffers {
         if found != width {
             return Err(format!("{name} has {found} numbers an entry where {width} are expected"));
         }
-        let (data_type, count) = (accessor.data_type(), accessor.count());
-        let is_normalised = accessor.normalized();
+        let (data_type, is_normalised) = (accessor.data_type(), accessor.normalized());
         let mut numbers = match accessor.view() {
-            Some(view) => {
-                let bytes = self.view(&view, accessor.offset());
-                let entry = width * data_type.size();
-                let stride = view.stride().unwrap_or(entry).max(1);
-                let own = Packed { data_type, is_normalised, width, stride, count };
-                own.read(bytes.unwrap_or_default()).ok_or_else(|| {
-                    format!("{name} has {count} entries of {stride} bytes, more than its buffer view")
-                })?
-            }
-            None if count <= MOST_ZEROS => vec![0.0; count * width],
-            None => return Err(format!("{name} has {count} entries, but no buffer view")),
+            Some(view) => self.read(accessor, &view, width, Packed::read)?,
+            None if accessor.count() <= MOST_ZEROS => vec![0.0; accessor.count() * width],
+            None => return Err(format!("{name} has {} entries, but no buffer view", accessor.count())),
         };
         if let Some(sparse) = accessor.sparse() {
             let short = || format!("{name}: its sparse values are more than their buffer view");
@@ -99,8 +90,7 @@ impl Buffers {
     /// The numbers of `accessor` as whole numbers.
     pub fn integers(&self, accessor: &Accessor<'_>, width: usize) -> Result<Vec<u32>, String> {
         let name = format!("accessor {}", accessor.index());
-        let (found, data_type, count) =
-            (components(accessor.dimensions()), accessor.data_type(), accessor.count());
+        let (found, data_type) = (components(accessor.dimensions()), accessor.data_type());
         if found != width || !matches!(data_type, DataType::U8 | DataType::U16 | DataType::U32) {
             return Err(format!(
                 "{name} has {found} numbers of type {data_type:?} an entry where {width} whole ones are \
@@ -111,11 +101,24 @@ impl Buffers {
             return Err(format!("{name}: sparse whole numbers cannot be read; export the file without"));
         }
         let view = accessor.view().ok_or_else(|| format!("{name} has no buffer view"))?;
+        self.read(accessor, &view, width, Packed::read_integers)
+    }
+
+    /// The entries of `accessor` in `view` as `read` reads them, `width` numbers each.
+    fn read<T>(
+        &self,
+        accessor: &Accessor<'_>,
+        view: &View<'_>,
+        width: usize,
+        read: impl Fn(&Packed, &[u8]) -> Option<Vec<T>>,
+    ) -> Result<Vec<T>, String> {
+        let (data_type, count) = (accessor.data_type(), accessor.count());
         let stride = view.stride().unwrap_or(width * data_type.size()).max(1);
-        let own = Packed { data_type, is_normalised: false, width, stride, count };
-        let bytes = self.view(&view, accessor.offset()).unwrap_or_default();
-        own.read_integers(bytes)
-            .ok_or_else(|| format!("{name} has {count} entries of {stride} bytes, more than its buffer view"))
+        let own = Packed { data_type, is_normalised: accessor.normalized(), width, stride, count };
+        read(&own, self.view(view, accessor.offset()).unwrap_or_default()).ok_or_else(|| {
+            let name = format!("accessor {}", accessor.index());
+            format!("{name} has {count} entries of {stride} bytes, more than its buffer view")
+        })
     }
 }
 

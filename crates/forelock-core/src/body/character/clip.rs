@@ -159,7 +159,6 @@ impl Track {
 
     /// Sets what the track drives to its value at `secs`.
     fn apply(&self, secs: f64, locals: &mut [Transform], shapes: &mut [f64]) {
-        // Callers that only pose joints have no shapes.
         let vector = |own: &[DVec3]| {
             let hermite = |v: [DVec3; 4], w: [f64; 4]| (0..4).map(|i| v[i] * w[i]).sum::<DVec3>();
             self.at(secs, |i| own[i], |a, b, share| a.lerp(b, share), hermite)
@@ -175,6 +174,7 @@ impl Track {
                 locals[self.joint].rotation = self.at(secs, |i| own[i], slerp, hermite);
             }
             Values::Shapes { first, count, weights } => {
+                // Those who only pose joints pass no shapes.
                 for (shape, own) in shapes.iter_mut().skip(*first).take(*count).enumerate() {
                     let hermite = |v: [f64; 4], w: [f64; 4]| (0..4).map(|i| v[i] * w[i]).sum();
                     *own = self.at(secs, |i| weights[i * count + shape], |a, b, s| a + (b - a) * s, hermite);
@@ -203,7 +203,8 @@ impl Clip {
     /// values at `secs`; what it does not drive is left as it is.
     ///
     /// # Panics
-    /// If a track drives a joint or a shape that is not there: see [`Clip::check`].
+    /// If a track drives a joint that is not there: see [`Clip::check`]. Shapes that are not there
+    /// are passed over.
     pub fn sample(&self, secs: f64, locals: &mut [Transform], shapes: &mut [f64]) {
         for track in &self.tracks {
             track.apply(secs, locals, shapes);
