@@ -479,7 +479,8 @@ fn entry_of(solid: &ColliderFrame<'_>, fractions: [f64; 2], origin: DVec3, place
         }
         Shape::Box { half_extents } => (kinds::BOX, *half_extents),
         Shape::Plane => (kinds::PLANE, DVec3::ZERO),
-        Shape::Sdf(_) => (kinds::FIELD, DVec3::ZERO),
+        // Hair on a body that bends is refused before (`GpuError::RootFrames`).
+        Shape::Sdf(_) | Shape::Bending(_) => (kinds::FIELD, DVec3::ZERO),
         Shape::Morph { .. } => (kinds::MORPH, DVec3::ZERO),
     };
     let (ball, ball_radius) = motion.ball.unwrap_or((DVec3::ZERO, FAR));

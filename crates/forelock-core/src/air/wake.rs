@@ -66,7 +66,9 @@ impl Wake {
                     let local = solid.pose(0.0).inverse().transform_point(point);
                     let (distance, _) = match solid.shape {
                         // Also sampled at the frame's start.
-                        Shape::Morph { .. } => solid.shape.sample_at(local.to_array(), 0.0),
+                        Shape::Morph { .. } | Shape::Bending(_) => {
+                            solid.shape.sample_at(local.to_array(), 0.0)
+                        }
                         shape => shape.sample_near(local.to_array(), near)?,
                     };
                     Some((0.5 - distance / cell).clamp(0.0, 1.0) as f32)

@@ -234,7 +234,7 @@ fn box_distance_squared(node: &Node, p: Vec3) -> f32 {
 
 /// Barycentric coordinates of the point of a triangle nearest to `p` (Ericson, Real-Time Collision
 /// Detection, 5.1.5: by Voronoi region).
-fn nearest_barycentric([a, b, c]: &[Vec3; 3], p: Vec3) -> [f32; 3] {
+pub(super) fn nearest_barycentric([a, b, c]: &[Vec3; 3], p: Vec3) -> [f32; 3] {
     let (ab, ac, ap) = (*b - *a, *c - *a, p - *a);
     let (d1, d2) = (ab.dot(ap), ac.dot(ap));
     if d1 <= 0.0 && d2 <= 0.0 {

@@ -56,35 +56,127 @@ pub struct ClosingReport {
     pub turned: bool,
 }
 
+/// The triangles of a closed surface as indices, for a mesh whose vertices move.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ClosedFaces {
+    /// Corners of each triangle: vertices of the mesh, then the centres of rims.
+    corners: Vec<[u32; 3]>,
+    /// The vertices around each rim that is closed by a cone from its centre.
+    rims: Vec<Vec<u32>>,
+    /// Whether the inside is on one side of a triangle of the mesh at rest and the outside on the
+    /// other.
+    bounding: Vec<bool>,
+    report: ClosingReport,
+}
+
+impl ClosedFaces {
+    /// Closes `mesh`.
+    pub fn new(mesh: &TriMesh) -> Self {
+        Self::with_closed(mesh).0
+    }
+
+    /// The faces of `mesh` and its closed surface.
+    fn with_closed(mesh: &TriMesh) -> (Self, ClosedMesh) {
+        let (low, high) = mesh.bounds();
+        let diagonal = (high - low).length();
+        let mut corners = weld(mesh, low, diagonal * WELD);
+        let loops = boundary_loops(&corners);
+        let mut report = ClosingReport { rims: loops.len(), ..ClosingReport::default() };
+        let mut rims = Vec::new();
+        for rim in loops {
+            let length =
+                edges(&rim).map(|(a, b)| mesh.positions[a as usize].distance(mesh.positions[b as usize]));
+            report.longest_rim = report.longest_rim.max(length.sum());
+            if let [a, b, c] = rim[..] {
+                corners.push([a, b, c]);
+            } else {
+                let centre = (mesh.positions.len() + rims.len()) as u32;
+                corners.extend(edges(&rim).map(|(a, b)| [a, b, centre]));
+                rims.push(rim);
+            }
+        }
+        let mut faces = Self { corners, rims, bounding: Vec::new(), report };
+        let positions = faces.positions(&mesh.positions);
+        let at = |corners: &[u32; 3]| corners.map(|corner| positions[corner as usize]);
+        let mut triangles: Vec<[Vec3; 3]> = faces.corners.iter().map(at).collect();
+        faces.report.turned = volume(&triangles, (low + high) * 0.5) < 0.0;
+        if faces.report.turned {
+            triangles.iter_mut().for_each(|triangle| triangle.swap(1, 2));
+            faces.corners.iter_mut().for_each(|corners| corners.swap(1, 2));
+        }
+        let winding = Bvh::from_triangles(triangles.clone());
+        faces.bounding = are_bounding(&triangles, &winding, diagonal * PROBE);
+        faces.report.hidden_triangles = faces.bounding.iter().filter(|bounding| !**bounding).count();
+        let closed = faces.closed_with(triangles, winding);
+        (faces, closed)
+    }
+
+    /// The closed surface of the mesh with its vertices at `positions`. The triangles that bound it
+    /// are those of the mesh at rest.
+    pub fn closed(&self, positions: &[Vec3]) -> ClosedMesh {
+        let positions = self.positions(positions);
+        let at = |corners: &[u32; 3]| corners.map(|corner| positions[corner as usize]);
+        let triangles: Vec<_> = self.corners.iter().map(at).collect();
+        let winding = Bvh::from_triangles(triangles.clone());
+        self.closed_with(triangles, winding)
+    }
+
+    fn closed_with(&self, triangles: Vec<[Vec3; 3]>, winding: Bvh) -> ClosedMesh {
+        let bounding = triangles.iter().zip(&self.bounding).filter(|(_, bounding)| **bounding);
+        let surface = Bvh::from_triangles(bounding.map(|(triangle, _)| *triangle).collect());
+        ClosedMesh { triangles, winding, surface, report: self.report }
+    }
+
+    /// The positions of all corners, from those of the mesh's vertices.
+    fn positions(&self, vertices: &[Vec3]) -> Vec<Vec3> {
+        let mut positions = Vec::with_capacity(vertices.len() + self.rims.len());
+        self.write_positions(vertices, &mut positions);
+        positions
+    }
+
+    /// Writes the positions of all corners to `out`, from those of the mesh's vertices.
+    pub(super) fn write_positions(&self, vertices: &[Vec3], out: &mut Vec<Vec3>) {
+        out.clear();
+        out.extend_from_slice(vertices);
+        out.extend(
+            self.rims.iter().map(|rim| {
+                rim.iter().map(|&vertex| vertices[vertex as usize]).sum::<Vec3>() / rim.len() as f32
+            }),
+        );
+    }
+
+    /// The corners of each triangle, and whether it bounds the solid.
+    pub(super) fn triangles(&self) -> impl ExactSizeIterator<Item = ([u32; 3], bool)> + Clone {
+        self.corners.iter().copied().zip(self.bounding.iter().copied())
+    }
+
+    /// Number of triangles.
+    pub(super) fn len(&self) -> u32 {
+        self.corners.len() as u32
+    }
+
+    /// Whether a triangle bounds the solid.
+    #[inline(always)]
+    pub(super) fn is_bounding(&self, triangle: u32) -> bool {
+        self.bounding[triangle as usize]
+    }
+
+    /// The corners of a triangle.
+    #[inline(always)]
+    pub(super) fn corners_of(&self, triangle: u32) -> [u32; 3] {
+        self.corners[triangle as usize]
+    }
+
+    /// Whether the surface encloses any volume.
+    pub fn encloses_something(&self) -> bool {
+        self.report.hidden_triangles < self.corners.len()
+    }
+}
+
 impl ClosedMesh {
     /// Closes `mesh`.
     pub fn new(mesh: &TriMesh) -> Self {
-        let (low, high) = mesh.bounds();
-        let diagonal = (high - low).length();
-        let (positions, faces) = weld(mesh, low, diagonal * WELD);
-        let loops = boundary_loops(&faces);
-        let mut report = ClosingReport { rims: loops.len(), ..ClosingReport::default() };
-        let mut triangles: Vec<[Vec3; 3]> =
-            faces.iter().map(|face| face.map(|v| positions[v as usize])).collect();
-        for rim in &loops {
-            let rim: Vec<Vec3> = rim.iter().map(|&v| positions[v as usize]).collect();
-            let length = edges(&rim).map(|(a, b)| a.distance(b)).sum();
-            report.longest_rim = report.longest_rim.max(length);
-            if let [a, b, c] = rim[..] {
-                triangles.push([a, b, c]);
-            } else {
-                let centre = rim.iter().sum::<Vec3>() / rim.len() as f32;
-                triangles.extend(edges(&rim).map(|(a, b)| [a, b, centre]));
-            }
-        }
-        report.turned = volume(&triangles, (low + high) * 0.5) < 0.0;
-        if report.turned {
-            triangles.iter_mut().for_each(|t| t.swap(1, 2));
-        }
-        let winding = Bvh::from_triangles(triangles.clone());
-        let bounding = bounding_triangles(&triangles, &winding, diagonal * PROBE);
-        report.hidden_triangles = triangles.len() - bounding.len();
-        Self { triangles, winding, surface: Bvh::from_triangles(bounding), report }
+        ClosedFaces::with_closed(mesh).1
     }
 
     /// Statistics of how the mesh was closed.
@@ -141,35 +233,21 @@ impl ClosedMesh {
     }
 }
 
-/// Pairs of consecutive points around a loop.
-fn edges(rim: &[Vec3]) -> impl Iterator<Item = (Vec3, Vec3)> {
+/// Pairs of consecutive vertices around a loop.
+fn edges(rim: &[u32]) -> impl Iterator<Item = (u32, u32)> {
     rim.iter().copied().zip(rim.iter().copied().cycle().skip(1))
 }
 
-/// Merges vertices in the same cell of size `tolerance` and removes degenerate faces; returns
-/// positions and faces.
-fn weld(mesh: &TriMesh, low: Vec3, tolerance: f32) -> (Vec<Vec3>, Vec<[u32; 3]>) {
+/// The faces of `mesh` without degenerate ones. Of vertices in the same cell of size `tolerance`
+/// all are replaced by the first.
+fn weld(mesh: &TriMesh, low: Vec3, tolerance: f32) -> Vec<[u32; 3]> {
     let mut known: HashMap<[i32; 3], u32> = HashMap::with_capacity(mesh.positions.len());
-    let mut positions = Vec::new();
     let scale = if tolerance > 0.0 { 1.0 / tolerance } else { 0.0 };
-    let merged: Vec<u32> = mesh
-        .positions
-        .iter()
-        .map(|&p| {
-            let key = ((p - low) * scale).round().as_ivec3().to_array();
-            *known.entry(key).or_insert_with(|| {
-                positions.push(p);
-                positions.len() as u32 - 1
-            })
-        })
-        .collect();
-    let faces = mesh
-        .triangles
-        .iter()
-        .map(|face| face.map(|v| merged[v as usize]))
-        .filter(|[a, b, c]| a != b && b != c && c != a)
-        .collect();
-    (positions, faces)
+    let place = |p: Vec3| ((p - low) * scale).round().as_ivec3().to_array();
+    let positions = (0..).zip(&mesh.positions);
+    let merged: Vec<u32> = positions.map(|(vertex, &p)| *known.entry(place(p)).or_insert(vertex)).collect();
+    let faces = mesh.triangles.iter().map(|face| face.map(|v| merged[v as usize]));
+    faces.filter(|[a, b, c]| a != b && b != c && c != a).collect()
 }
 
 /// Loops whose cones, added to `faces`, leave no boundary.
@@ -227,9 +305,9 @@ fn volume(triangles: &[[Vec3; 3]], centre: Vec3) -> f64 {
         .sum()
 }
 
-/// The triangles with the inside on one side and the outside on the other, probed at `reach` metres
-/// from the surface.
-fn bounding_triangles(triangles: &[[Vec3; 3]], winding: &Bvh, reach: f32) -> Vec<[Vec3; 3]> {
+/// Which triangles have the inside on one side and the outside on the other, probed at `reach`
+/// metres from the surface.
+fn are_bounding(triangles: &[[Vec3; 3]], winding: &Bvh, reach: f32) -> Vec<bool> {
     // The centroid decides for almost all triangles; if another part cuts the triangle, only a
     // point near a corner or an edge may show it.
     const PLACES: [[f32; 3]; 7] = [
@@ -241,17 +319,14 @@ fn bounding_triangles(triangles: &[[Vec3; 3]], winding: &Bvh, reach: f32) -> Vec
         [0.05, 0.48, 0.47],
         [0.47, 0.05, 0.48],
     ];
-    triangles
-        .par_iter()
-        .filter(|[a, b, c]| {
-            let normal = (b - a).cross(c - a).normalize_or_zero() * reach;
-            PLACES.iter().any(|w| {
-                let p = *a * w[0] + *b * w[1] + *c * w[2];
-                (winding.winding_number(p + normal) > 0) != (winding.winding_number(p - normal) > 0)
-            })
+    let is_bounding = |[a, b, c]: &[Vec3; 3]| {
+        let normal = (b - a).cross(c - a).normalize_or_zero() * reach;
+        PLACES.iter().any(|w| {
+            let p = *a * w[0] + *b * w[1] + *c * w[2];
+            (winding.winding_number(p + normal) > 0) != (winding.winding_number(p - normal) > 0)
         })
-        .copied()
-        .collect()
+    };
+    triangles.par_iter().map(is_bounding).collect()
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ use std::sync::Arc;
 use glam::{DVec3, Vec3};
 use num_traits::Float;
 
-use super::{Morph, Sdf};
+use super::{BendingField, Morph, Sdf};
 use crate::pose::Pose;
 
 /// A solid in local space, in metres, y up.
@@ -58,17 +58,32 @@ pub enum Shape {
         /// first.
         phases: [f64; 2],
     },
+    /// The field of a body that bends, which moves from one pose to another during the frame; also
+    /// sampled in float32.
+    Bending(Arc<BendingField>),
 }
 
 /// Number of points that are sampled together.
 pub const PACKET: usize = 8;
+
+/// Samples of a shape at a packet of points, component-major.
+#[derive(Clone, Copy, Debug)]
+pub struct PacketSamples<T> {
+    /// Signed distances in metres.
+    pub distances: [T; PACKET],
+    /// Unit gradients.
+    pub gradients: [[T; PACKET]; 3],
+    /// The distances at the frame's end, for a body that bends: see [`BendingField`].
+    pub at_end: Option<[T; PACKET]>,
+}
 
 impl Shape {
     /// The signed distance in metres from `p` to the surface (negative inside) and its outward unit
     /// gradient. A shape that changes is sampled at the frame's end.
     ///
     /// The result is exact for the primitives. For [`Shape::Sdf`] the accuracy is that of
-    /// [`Sdf::sample`], with the gradient normalised.
+    /// [`Sdf::sample`], with the gradient normalised. For [`Shape::Bending`] the gradient is
+    /// shorter than 1 where two parts press into each other and no direction leads out.
     #[inline]
     pub fn sample<T: Float>(&self, p: [T; 3]) -> (T, [T; 3]) {
         self.sample_at(p, 1.0)
@@ -101,6 +116,11 @@ impl Shape {
                 let (distance, gradient) = morph.sample(to_vec3(p), from + (to - from) * fraction);
                 from_field(distance, gradient)
             }
+            Self::Bending(field) => {
+                let (distance, gradient) = field.sample(to_vec3(p), fraction);
+                let to_t = |c: f32| T::from(c).unwrap_or_else(T::nan);
+                (to_t(distance), (gradient * shorten(gradient)).to_array().map(to_t))
+            }
         }
     }
 
@@ -109,6 +129,7 @@ impl Shape {
         match self {
             Self::Sdf(sdf) => Some(sdf.near_cell()),
             Self::Morph { morph, .. } => Some(morph.cell()),
+            Self::Bending(field) => Some(field.cell()),
             _ => None,
         }
     }
@@ -123,45 +144,52 @@ impl Shape {
             Self::HollowSphere { .. } | Self::Plane => f64::INFINITY,
             Self::Sdf(sdf) => sdf.thinness().into(),
             Self::Morph { morph, .. } => morph.thinness().into(),
+            Self::Bending(field) => field.thinness().into(),
         }
     }
 
-    /// [`Shape::sample_at`] for a packet of points, component-major. The results are bit-identical
-    /// to those of single points.
+    /// [`Shape::sample_at`] for a packet of points, component-major, and lower bounds of the
+    /// distances there until the frame's end if the shape is a body that bends: those at the end.
+    /// The results are bit-identical to those of single points.
     #[inline(always)]
-    pub fn sample_packet<T: Float>(
-        &self,
-        p: &[[T; PACKET]; 3],
-        fraction: f64,
-    ) -> ([T; PACKET], [[T; PACKET]; 3]) {
-        let (mut distances, mut gradients) = ([T::zero(); PACKET], [[T::zero(); PACKET]; 3]);
-        let Self::Sdf(sdf) = self else {
-            for k in 0..PACKET {
-                let (distance, gradient) = self.sample_at([p[0][k], p[1][k], p[2][k]], fraction);
-                distances[k] = distance;
-                for c in 0..3 {
-                    gradients[c][k] = gradient[c];
-                }
-            }
-            return (distances, gradients);
+    pub fn sample_packet<T: Float>(&self, p: &[[T; PACKET]; 3], fraction: f64) -> PacketSamples<T> {
+        let mut samples = PacketSamples {
+            distances: [T::zero(); PACKET],
+            gradients: [[T::zero(); PACKET]; 3],
+            at_end: None,
         };
-        let mut at = [[0.0; PACKET]; 3];
-        for c in 0..3 {
-            for k in 0..PACKET {
-                at[c][k] = p[c][k].to_f32().unwrap_or(f32::NAN);
-            }
-        }
-        let (values, slopes) = sdf.sample_lanes(at);
+        let at = p.map(|row| row.map(|c| c.to_f32().unwrap_or(f32::NAN)));
         let to_t = |c: f32| T::from(c).unwrap_or_else(T::nan);
+        let (values, slopes) = match self {
+            Self::Sdf(sdf) => sdf.sample_lanes(at),
+            Self::Bending(field) => {
+                let (values, slopes, ends) = field.sample_packet(at, fraction);
+                samples.at_end = Some(ends.map(to_t));
+                (values, slopes)
+            }
+            _ => {
+                for k in 0..PACKET {
+                    let (distance, gradient) = self.sample_at([p[0][k], p[1][k], p[2][k]], fraction);
+                    samples.distances[k] = distance;
+                    for (row, c) in samples.gradients.iter_mut().zip(gradient) {
+                        row[k] = c;
+                    }
+                }
+                return samples;
+            }
+        };
         for k in 0..PACKET {
             let [x, y, z] = [slopes[0][k], slopes[1][k], slopes[2][k]];
-            let unit = 1.0 / (x * x + y * y + z * z).sqrt();
-            distances[k] = to_t(values[k]);
-            gradients[0][k] = to_t(x * unit);
-            gradients[1][k] = to_t(y * unit);
-            gradients[2][k] = to_t(z * unit);
+            let unit = match self {
+                Self::Bending(_) => shorten(Vec3::new(x, y, z)),
+                _ => 1.0 / (x * x + y * y + z * z).sqrt(),
+            };
+            samples.distances[k] = to_t(values[k]);
+            samples.gradients[0][k] = to_t(x * unit);
+            samples.gradients[1][k] = to_t(y * unit);
+            samples.gradients[2][k] = to_t(z * unit);
         }
-        (distances, gradients)
+        samples
     }
 
     /// [`Shape::sample`] if the distance may be at most `reach` metres; `None` if it is certainly
@@ -169,7 +197,12 @@ impl Shape {
     /// cost for hair at rest on a head.
     #[inline]
     pub fn sample_near<T: Float>(&self, p: [T; 3], reach: T) -> Option<(T, [T; 3])> {
-        if let Self::Sdf(sdf) = self {
+        let field = match self {
+            Self::Sdf(sdf) => Some(&**sdf),
+            Self::Bending(field) => Some(field.end()),
+            _ => None,
+        };
+        if let Some(sdf) = field {
             let reach = reach.to_f32().unwrap_or(f32::INFINITY);
             let found = sdf.sample_near(to_vec3(p), reach);
             return found.map(|(distance, gradient)| from_field(distance, gradient));
@@ -187,6 +220,7 @@ impl Shape {
             Self::HollowSphere { .. } | Self::Plane => return None,
             Self::Sdf(sdf) => return Some(sdf.bounds()),
             Self::Morph { morph, .. } => return Some(morph.bounds()),
+            Self::Bending(field) => return Some(field.bounds()),
         };
         let half = half.as_vec3() * (1.0 + f32::EPSILON);
         Some((-half, half))
@@ -264,6 +298,16 @@ fn cast<T: Float>(value: f64) -> T {
 fn to_vec3<T: Float>(p: [T; 3]) -> Vec3 {
     Vec3::from_array(p.map(|c| c.to_f32().unwrap_or(f32::NAN)))
 }
+
+/// The factor that makes `gradient` a unit vector, or a shorter one where the field is flat: where
+/// two surfaces of a body press into each other, no direction leads out.
+#[inline(always)]
+fn shorten(gradient: Vec3) -> f32 {
+    1.0 / gradient.length().max(FLAT)
+}
+
+/// Gradients of a body that bends are shorter than 1 where the field's are shorter than this.
+const FLAT: f32 = 0.5;
 
 /// Converts a sample of a field to the caller's precision and normalises its gradient.
 #[inline]

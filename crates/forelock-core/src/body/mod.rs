@@ -1,6 +1,7 @@
 //! Bodies: triangle meshes, signed distance fields, colliders, motions, characters that bend, and
 //! the built-in head, horse and props.
 
+mod bending;
 mod bvh;
 pub mod character;
 mod closed;
@@ -22,9 +23,10 @@ pub const SHAPES_WGSL: &str = include_str!("shapes.wgsl");
 pub(crate) mod shapes_for_tests;
 mod surface_nets;
 
+pub use bending::{BendingBox, BendingField};
 pub use bvh::{Bvh, Nearest};
-pub use closed::{ClosedMesh, ClosingReport, SEGMENT_TOLERANCE_M, segment_tolerance};
-pub use collider::{Attachment, Collider, ColliderFrame, PACKET, Shape};
+pub use closed::{ClosedFaces, ClosedMesh, ClosingReport, SEGMENT_TOLERANCE_M, segment_tolerance};
+pub use collider::{Attachment, Collider, ColliderFrame, PACKET, PacketSamples, Shape};
 pub use depths::Depths;
 pub use head::{Head, Region};
 pub use horse::{Horse, Part};

@@ -98,7 +98,11 @@ impl Reach {
     /// Where `solid` is in the frame, with a `margin`, if it moves or changes its shape.
     fn of_moving(solid: &ColliderFrame<'_>, margin: f64) -> Option<Self> {
         let ends = [solid.pose(0.0), solid.pose(1.0)];
-        let changes = matches!(solid.shape, Shape::Morph { phases: [from, to], .. } if from != to);
+        let changes = match solid.shape {
+            Shape::Morph { phases: [from, to], .. } => from != to,
+            Shape::Bending(field) => field.changes(),
+            _ => false,
+        };
         let Some((low, high)) = solid.shape.bounds() else {
             let moves = distance(&ends[0], &ends[1], DVec3::ZERO, 1.0) > ROUNDING_M;
             return (moves || changes).then_some(Self::EVERYWHERE);

@@ -1,24 +1,44 @@
-//! A body that bends: the clip that it plays, and its parts as solids.
+//! A body that bends: the clip that it plays, and its distance field.
 
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
-use forelock_core::body::character::{Character, Clip, Performance, Retarget};
-use forelock_core::body::{ClosedMesh, Motion, Shape, TriMesh};
+use forelock_core::body::character::{Character, Clip, Performance, PosingBuffers, Retarget};
+use forelock_core::body::{BendingBox, BendingField, ClosedMesh, ColliderFrame, Shape};
 use forelock_core::groom::{Groom, SurfaceRoots, bind_roots};
-use forelock_core::meter::Meter;
 use forelock_core::pose::Pose;
 use glam::Vec3;
 
-use super::solids::{Body, Solid};
-use super::{AssetError, distance_grid};
-use crate::scene::{BodySection, Scene};
-use crate::sdf_cache::CellSizes;
+use super::AssetError;
+use crate::scene::BodySection;
 
-/// A vertex belongs to the part of a joint that has at least this share of its weights. Parts of
-/// neighbours overlap, so that no gap opens between them when a joint bends.
-const PART_WEIGHT: f32 = 0.3;
-/// Parts with a smaller surface are no solids, m².
-const SMALLEST_PART: f32 = 1e-4;
+/// Times at which a clip is sampled to find where the body is.
+const SAMPLES: u32 = 240;
+/// Space around the body in all of its poses, metres: what it may move between two samples.
+const MARGIN_M: f32 = 0.08;
+/// Longest reach of a strand over its length, and what is added to it in metres: strands stretch a
+/// little where solids press on them.
+const STRETCH: f32 = 1.03;
+const ROOM_M: f32 = 0.02;
+/// Cells of the field near the skin, over `sdf_near_cell`: they are computed anew in each step.
+const COARSER: f32 = 2.0;
+/// The longest motion of a particle in a substep that is not swept, in cells near the skin.
+const THIN_CELLS: f32 = 4.0;
+
+/// The body as a solid.
+#[derive(Clone, Debug)]
+pub(crate) struct BendingSolid {
+    /// Its field at rest.
+    pub(crate) field: BendingField,
+    friction: f64,
+}
+
+impl BendingSolid {
+    /// The solid with the `shape`, which moves with the joint that carries the hair between two
+    /// poses.
+    pub(crate) fn frame<'a>(&self, shape: &'a Shape, [from, to]: [Pose; 2]) -> ColliderFrame<'a> {
+        ColliderFrame { shape, local: Pose::IDENTITY, from, to, friction: self.friction }
+    }
+}
 
 /// The performance that `section` asks of `character`, whose hair has the roots of `groom`; none if
 /// it only moves as a whole.
@@ -64,82 +84,64 @@ pub(super) fn bind(performance: &Performance, groom: &Groom) -> SurfaceRoots {
     SurfaceRoots::new(&roots, &bindings, mesh)
 }
 
-/// The box that the strands of `groom` can reach from where they are at rest.
-fn reach(groom: &Groom) -> [Vec3; 2] {
-    let longest = (0..groom.strand_count()).map(|strand| groom.length(strand)).fold(0.0, f32::max);
-    let box_of = |[low, high]: [Vec3; 2], &p: &Vec3| [low.min(p), high.max(p)];
-    let [low, high] = groom.positions().iter().fold([Vec3::INFINITY, Vec3::NEG_INFINITY], box_of);
-    [low - longest, high + longest]
-}
-
-/// The parts of the body that joints move and the strands of `groom` can reach, each rigid.
-pub(super) fn parts(
-    scene: &Scene,
-    body: &Body,
-    groom: &Groom,
-    performance: &Arc<Performance>,
-    meter: &Meter,
-) -> Result<Vec<Solid>, AssetError> {
-    let section = &scene.body;
+/// Whether the body of `performance` only moves as a whole, with the joint that carries the hair.
+pub(super) fn is_rigid(performance: &Performance) -> bool {
     let character = performance.character();
-    let mut solids = Vec::new();
-    if body.sdf.is_none() {
-        return Ok(solids);
-    }
-    let [low, high] = reach(groom);
-    for (joint, own) in character.skeleton().joints().iter().enumerate() {
-        if !character.skin().bones().iter().any(|bone| bone.joint == joint) {
-            continue;
-        }
-        let Some(mesh) = part(character, joint) else { continue };
-        let (from, to) = mesh.bounds();
-        if from.cmpgt(high).any() || to.cmplt(low).any() {
-            continue;
-        }
-        let closed = ClosedMesh::new(&mesh);
-        if closed.area() < SMALLEST_PART || !closed.encloses_something() {
-            continue;
-        }
-        let name = format!("{}, joint {}", section.mesh, own.name);
-        let cells = CellSizes { along: section.sdf_cells, near: section.sdf_near_cell as f32 };
-        let grid = distance_grid(&mesh, &name, cells, "body.collide = false", meter)?;
-        solids.push(Solid {
-            shapes: vec![Shape::Sdf(Arc::new(grid))],
-            fps: scene.time.fps,
-            friction: section.friction,
-            on_body: true,
-            base: Pose::IDENTITY,
-            motion: Arc::new(Motion::Part(performance.clone(), joint)),
-            visible: false,
-            meshes: Vec::new(),
-            sequence_fps: 1.0,
-            exact: Some((Arc::new(mesh), OnceLock::new())),
-        });
-    }
-    Ok(solids)
+    character.shapes().is_empty()
+        && character.skin().bones().iter().all(|bone| bone.joint == performance.joint())
 }
 
-/// The part of the mesh at rest that `joint` moves.
-fn part(character: &Character, joint: usize) -> Option<TriMesh> {
-    let bones = character.skin().bones();
-    let belongs = |vertex: u32| {
-        let own = character.skin().of_vertex(vertex as usize).filter(|own| bones[own.0].joint == joint);
-        own.map(|own| own.1).sum::<f32>() >= PART_WEIGHT
+/// The body of `performance` as a solid, where the strands of `groom` can reach it; `None` if they
+/// cannot.
+pub(super) fn solid(
+    section: &BodySection,
+    groom: &Groom,
+    performance: &Performance,
+) -> Result<Option<BendingSolid>, AssetError> {
+    let balls = reach(groom);
+    let ends = balls.iter().flat_map(|(root, length)| [*root - *length, *root + *length]);
+    let [low, high] = box_of(ends);
+    let mesh = performance.character().rest();
+    let (from, to) = mesh.bounds();
+    let uniform = (to - from).max_element() / section.sdf_cells as f32;
+    let near = COARSER * section.sdf_near_cell as f32;
+    let near = if near > 0.0 { near.min(uniform) } else { uniform };
+    let [least, most] = extent(performance);
+    let margin = MARGIN_M + 2.0 * THIN_CELLS * near;
+    let bounds = [low.max(least - margin), high.min(most + margin)];
+    if !bounds[0].cmplt(bounds[1]).all() {
+        return Ok(None);
+    }
+    let place = BendingBox { bounds, balls, near, thinness: uniform.clamp(near, THIN_CELLS * near) };
+    let field = BendingField::new(mesh, &place).map_err(|error| AssetError::Solid {
+        mesh: section.mesh.clone(),
+        error,
+        key: "body.collide = false",
+    })?;
+    Ok(Some(BendingSolid { field, friction: section.friction }))
+}
+
+/// The balls that the strands of `groom` can reach: root and radius.
+fn reach(groom: &Groom) -> Vec<(Vec3, f32)> {
+    let strands = groom.strands().enumerate();
+    let ball = |(strand, points): (usize, &[Vec3])| {
+        Some((*points.first()?, STRETCH * groom.length(strand) + ROOM_M))
     };
-    let rest = character.rest();
-    let triangles = rest.triangles.iter().filter(|corners| corners.iter().all(|&vertex| belongs(vertex)));
-    let mut number = vec![u32::MAX; rest.positions.len()];
-    let mut positions = Vec::new();
-    let mut renumber = |vertex: u32| {
-        let own = &mut number[vertex as usize];
-        if *own == u32::MAX {
-            *own = positions.len() as u32;
-            positions.push(rest.positions[vertex as usize]);
-        }
-        *own
-    };
-    let triangles: Vec<[u32; 3]> = triangles.map(|corners| corners.map(&mut renumber)).collect();
-    TriMesh::new(positions, triangles).ok()
+    strands.filter_map(ball).collect()
+}
+
+/// The box of the body in all poses of `performance`, relative to the joint that carries the hair.
+fn extent(performance: &Performance) -> [Vec3; 2] {
+    let playback = performance.playback();
+    let seconds = playback.blend_secs + performance.clip().duration_secs() / playback.speed.abs().max(1e-3);
+    let mut buffers = PosingBuffers::default();
+    let times = (0..=SAMPLES).map(|sample| seconds * f64::from(sample) / f64::from(SAMPLES));
+    let boxes = times.map(|secs| box_of(performance.posed(secs, &mut buffers).positions.iter().copied()));
+    boxes.fold([Vec3::INFINITY, Vec3::NEG_INFINITY], |[a, b], [low, high]| [a.min(low), b.max(high)])
+}
+
+fn box_of(points: impl Iterator<Item = Vec3>) -> [Vec3; 2] {
+    points.fold([Vec3::INFINITY, Vec3::NEG_INFINITY], |[low, high], p| [low.min(p), high.max(p)])
 }
 
 /// Names for a message.

@@ -27,6 +27,7 @@ use crate::scene::{
     CameraSection, ColliderSection, GroomSource, HairSection, MotionSection, OutputSection, Scene,
 };
 use crate::sdf_cache::CellSizes;
+pub(crate) use character::BendingSolid;
 pub use character::Names;
 use solids::Body;
 pub(crate) use solids::Solid;
@@ -147,6 +148,8 @@ pub struct Assets {
     pivot: DVec3,
     head: Arc<Motion>,
     performance: Option<Arc<Performance>>,
+    /// The body as a solid, if it bends.
+    bending: Option<BendingSolid>,
     solids: Vec<Arc<Solid>>,
 }
 
@@ -184,9 +187,15 @@ impl Assets {
         let groom = groom::load(scene, body.as_ref(), &mut notes, meter)?;
         let pivot = body.as_ref().map_or_else(|| groom::middle_of_roots(&groom), Body::pivot);
         let (head, performance) = Self::head(scene, body.as_ref(), &groom, pivot)?;
-        let solids =
-            solids::load(scene, body.as_ref(), performance.as_ref().map(|own| (own, &groom)), meter)?;
-        Ok(Self { groom, notes, body, pivot, head, performance, solids })
+        let collides = body.as_ref().is_some_and(|body| body.sdf.is_some());
+        let bends = performance.as_deref().filter(|own| !character::is_rigid(own));
+        let bending = match bends {
+            Some(performance) if collides => character::solid(&scene.body, &groom, performance)?,
+            _ => None,
+        };
+        let rigid = body.as_ref().filter(|_| bends.is_none());
+        let solids = solids::load(scene, rigid, meter)?;
+        Ok(Self { groom, notes, body, pivot, head, performance, bending, solids })
     }
 
     /// Does edit `number`, from 0, of `scene` to the groom.
@@ -228,8 +237,8 @@ impl Assets {
         let body = Body::load(&scene, &meter)?;
         let pivot = body.as_ref().map_or_else(|| groom::middle_of_roots(&groom), Body::pivot);
         let (head, performance) = Self::head(&scene, body.as_ref(), &groom, pivot)?;
-        let solids = solids::load(&scene, None, None, &meter)?;
-        Ok(Self { groom, notes: Vec::new(), body, pivot, head, performance, solids })
+        let solids = solids::load(&scene, None, &meter)?;
+        Ok(Self { groom, notes: Vec::new(), body, pivot, head, performance, bending: None, solids })
     }
 
     /// The motion of what carries `groom`, and what the body plays if it bends.
@@ -291,14 +300,20 @@ impl Assets {
         motion::from_section(section, self.pivot)
     }
 
-    /// All solids, the body first.
+    /// The body as a solid, if it bends and collides.
+    pub(crate) fn bending_solid(&self) -> Option<&BendingSolid> {
+        self.bending.as_ref()
+    }
+
+    /// All solids but a body that bends, a rigid body first.
     pub(crate) fn solids(&self) -> &[Arc<Solid>] {
         &self.solids
     }
 
     /// Whether the first of the solids is the body.
     pub(crate) fn body_collides(&self) -> bool {
-        self.body.as_ref().is_some_and(|body| body.sdf.is_some())
+        let bends = self.performance.as_deref().is_some_and(|own| !character::is_rigid(own));
+        !bends && self.body.as_ref().is_some_and(|body| body.sdf.is_some())
     }
 
     /// The middle of the roots, metres.
@@ -309,7 +324,8 @@ impl Assets {
         sum / f64::max(count, 1.0)
     }
 
-    /// All solids in the frame between two `times` (seconds) at which the body is at `head`.
+    /// All solids but a body that bends, in the frame between two `times` (seconds) at which the
+    /// body is at `head`.
     pub fn collider_frames(&self, times: [f64; 2], head: [Pose; 2]) -> Vec<ColliderFrame<'_>> {
         self.solids.iter().map(|solid| solid.frame(times, head)).collect()
     }

@@ -3,16 +3,15 @@
 use std::borrow::Cow;
 use std::sync::{Arc, OnceLock};
 
-use forelock_core::body::character::{Character, Performance};
+use forelock_core::body::character::Character;
 use forelock_core::body::{
     ClosedMesh, ColliderFrame, Head, Horse, Morph, Motion, Prop, Sdf, Shape, TriMesh, Walker,
 };
-use forelock_core::groom::Groom;
 use forelock_core::meter::Meter;
 use forelock_core::pose::Pose;
 use glam::DVec3;
 
-use super::{AssetError, character, distance_grid, motion, neck};
+use super::{AssetError, distance_grid, motion, neck};
 use crate::scene::{ColliderSection, NEAR_CELL, Scene, ShapeKind};
 use crate::sdf_cache::CellSizes;
 use crate::tessellate;
@@ -148,18 +147,10 @@ fn nearest(at: f64, count: usize) -> usize {
     (at.round().max(0.0) as usize).min(count.saturating_sub(1))
 }
 
-/// All solids of `scene`, the body first.
-pub(super) fn load(
-    scene: &Scene,
-    body: Option<&Body>,
-    bending: Option<(&Arc<Performance>, &Groom)>,
-    meter: &Meter,
-) -> Result<Vec<Arc<Solid>>, AssetError> {
+/// All solids of `scene`, a rigid `body` first.
+pub(super) fn load(scene: &Scene, body: Option<&Body>, meter: &Meter) -> Result<Vec<Arc<Solid>>, AssetError> {
     let mut solids = Vec::with_capacity(scene.colliders.len() + 1);
-    if let (Some(body), Some((performance, groom))) = (body, bending) {
-        let parts = character::parts(scene, body, groom, performance, meter)?;
-        solids.extend(parts.into_iter().map(Arc::new));
-    } else if let Some((body, sdf)) = body.and_then(|body| Some((body, body.sdf.as_ref()?))) {
+    if let Some((body, sdf)) = body.and_then(|body| Some((body, body.sdf.as_ref()?))) {
         solids.push(Arc::new(Solid {
             shapes: vec![Shape::Sdf(sdf.clone())],
             fps: scene.time.fps,

@@ -23,6 +23,9 @@ impl<'a> Local<'a> {
         let world_from_local = solid.frame.pose(1.0);
         let depths = match (solid.frame.shape, solid.surface) {
             (Shape::Sdf(field), Some(surface)) => Some(Depths::new(field, surface, &world_from_local)),
+            (Shape::Bending(field), Some(surface)) => {
+                Some(Depths::new(field.end(), surface, &world_from_local))
+            }
             _ => None,
         };
         Self { frame: solid.frame, world_from_local, local_from_world: world_from_local.inverse(), depths }

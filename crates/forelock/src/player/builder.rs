@@ -124,15 +124,15 @@ impl PlayerBuilder {
         let skinning = (guides > 0).then(|| Skinning::new(&assets.groom, guides, scene.seed)).transpose()?;
         let groom = skinning.as_ref().map_or(&assets.groom, Skinning::guides);
         let live = Live::new(&scene, &assets, &solvers)?;
-        let solids = live.shown_solids();
-        let start = Start { head: live.head_at, solids: &solids };
         let mut bending = Bending::new(&assets, groom);
+        let solids: Vec<_> = live.measured_solids(&assets).into_iter().map(|solid| solid.frame).collect();
+        let start = Start { head: live.head_at, solids: &solids };
         let bends_on_cpu = bending.is_some() && backend == Backend::Auto;
         let backend = if bends_on_cpu { Backend::Cpu } else { backend };
         let (mut engine, note) = Engine::new(&scene, groom, &live.setting.parts(), backend, start)?;
         drop(solids);
         if let Some(bending) = &mut bending {
-            engine.simulator().rest_on(&live.head_at, bending.at([0.0; 2])[0])?;
+            engine.simulator().rest_on(&live.head_at, bending.at(&assets, [0.0; 2]).roots[0])?;
         }
         let middle = assets.middle_of_roots();
         let mut player = Player {

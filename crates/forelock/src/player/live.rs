@@ -1,9 +1,9 @@
 //! All of a running player that changes from frame to frame, but for the solver's state.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use forelock_core::air::{Wind, WindParams};
-use forelock_core::body::{ColliderFrame, Motion};
+use forelock_core::body::Motion;
 use forelock_core::frame::StepRate;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::Teleport;
@@ -11,6 +11,7 @@ use forelock_core::solver::Solver;
 use glam::{DVec3, Vec3};
 
 use super::ColliderId;
+use super::bending::ShownSkin;
 use super::engine::Solvers;
 use super::error::PlayerError;
 use super::regrooming::Grooming;
@@ -153,6 +154,8 @@ pub(super) struct Live {
     pub head_at: Pose,
     /// The time of the pose that a body that bends has, seconds.
     pub bent_secs: f64,
+    /// Its skin at the frame, once it has been asked for, if hair collides with it.
+    pub shown_skin: OnceLock<Option<Arc<ShownSkin>>>,
     /// Its poses at start and end of the last step.
     pub step_heads: [Pose; 2],
     /// Positions that are simulated before the last step, if the frame lies within that step and
@@ -186,6 +189,7 @@ impl Live {
             head,
             head_at: at,
             bent_secs: 0.0,
+            shown_skin: OnceLock::new(),
             step_heads: [at; 2],
             before: None,
             head_shown: at,
@@ -206,14 +210,6 @@ impl Live {
         match &self.head {
             Track::Motion(motion) if matches!(**motion, Motion::Joint(_)) => secs,
             _ => self.bent_secs,
-        }
-    }
-
-    /// The time of a solid's motion at `secs`: parts of a body that bends have its pose.
-    pub fn solid_secs(&self, track: &Track, secs: f64) -> f64 {
-        match track {
-            Track::Motion(motion) if matches!(**motion, Motion::Part(..)) => self.bends_until(secs),
-            _ => secs,
         }
     }
 
@@ -259,16 +255,19 @@ impl Live {
     }
 
     /// All solids from the frame before to the one that is shown, with their exact surfaces.
-    pub fn measured_solids(&self) -> Vec<MeasuredSolid<'_>> {
-        let surfaces = self.solids.iter().map(|live| live.solid.surface());
-        let measured = |(frame, surface)| MeasuredSolid { frame, surface };
-        self.shown_solids().into_iter().zip(surfaces).map(measured).collect()
-    }
-
-    /// All solids from the frame before to the one that is shown.
-    pub fn shown_solids(&self) -> Vec<ColliderFrame<'_>> {
+    pub fn measured_solids<'a>(&'a self, assets: &'a Assets) -> Vec<MeasuredSolid<'a>> {
+        let skin = self.shown_skin.get_or_init(|| {
+            let secs = self.bends_until(self.shown_secs());
+            ShownSkin::new(assets, secs).map(Arc::new)
+        });
+        let head = [self.head_shown; 2];
+        let skin = skin.as_ref().zip(assets.bending_solid()).map(|(skin, solid)| skin.measured(solid, head));
         let secs = self.frame_secs(self.frame.saturating_sub(1));
-        self.solids.iter().map(|live| live.solid.frame_between(secs, live.shown)).collect()
+        let others = self.solids.iter().map(|live| MeasuredSolid {
+            frame: live.solid.frame_between(secs, live.shown),
+            surface: live.solid.surface(),
+        });
+        skin.into_iter().chain(others).collect()
     }
 
     /// One frame more is done: poses at its time.
@@ -276,11 +275,10 @@ impl Live {
         self.frame += 1;
         let secs = self.shown_secs();
         self.head_shown = self.head.pose(secs);
-        let mut solids = std::mem::take(&mut self.solids);
-        for live in &mut solids {
-            let motion = live.track.pose(self.solid_secs(&live.track, secs));
+        self.shown_skin = OnceLock::new();
+        for live in &mut self.solids {
+            let motion = live.track.pose(secs);
             live.shown = [live.shown[1], live.solid.carrier(&self.head_shown, &motion)];
         }
-        self.solids = solids;
     }
 }

@@ -228,9 +228,9 @@ impl Player {
         self.live.head_shown
     }
 
-    /// All solids from the frame before to the present one.
+    /// All solids from the frame before to the present one. A body that bends has its present pose.
     pub fn collider_frames(&self) -> Vec<ColliderFrame<'_>> {
-        self.live.shown_solids()
+        self.measured_solids().into_iter().map(|solid| solid.frame).collect()
     }
 
     /// All solids at the present frame.
@@ -267,7 +267,7 @@ impl Player {
     /// All solids at the present frame, as [`Penetration::measure`] needs them, in the order of
     /// [`Player::collider_frames`].
     pub fn measured_solids(&self) -> Vec<MeasuredSolid<'_>> {
-        self.live.measured_solids()
+        self.live.measured_solids(&self.assets)
     }
 
     /// Sums over all frames so far.

@@ -81,14 +81,15 @@ impl Player {
         let HeadStep { poses: head, jump } = self.head_step(times);
         self.live.teleport = None;
         let bent_until = self.live.bends_until(times[1]);
-        let roots = self.bending.as_mut().map(|bending| {
+        let bent = self.bending.as_mut().map(|bending| {
             bending.follow(&self.assets, self.live.grooming.groom.as_ref());
             // A reset takes the body to its pose at the end of the step; hair that is carried
             // follows what the body bends in the step, as without a jump.
             let is_reset = jump.as_ref().is_some_and(|jump| jump.mode == Teleport::Reset);
             let from = if is_reset { bent_until } else { self.live.bent_secs };
-            bending.at([from, bent_until])
+            bending.at(&self.assets, [from, bent_until])
         });
+        let roots = bent.map(|body| body.roots);
         if let Some(jump) = &jump {
             self.engine.simulator().teleport(&self.live.head_at, &head[0], jump.mode)?;
             if let Some([frames, _]) = roots.filter(|_| jump.mode == Teleport::Reset) {
@@ -98,13 +99,14 @@ impl Player {
         }
         let mut jumped = false;
         let mut ends = Vec::with_capacity(self.live.solids.len());
-        let mut frames = Vec::with_capacity(self.live.solids.len());
+        let mut frames = Vec::with_capacity(self.live.solids.len() + 1);
+        frames.extend(bent.and_then(|body| body.solid(head)));
         for live in &self.live.solids {
             // A solid is not swept across a jump of its motion.
             let across = live.track.jump_between(times);
             jumped |= across.is_some();
             let from = across.map_or(live.at, |across| across.after(&live.at));
-            let to = live.track.pose(self.live.solid_secs(&live.track, times[1]));
+            let to = live.track.pose(times[1]);
             let carriers = [live.solid.carrier(&head[0], &from), live.solid.carrier(&head[1], &to)];
             ends.push(to);
             frames.push(live.solid.frame_between(times[0], carriers));
@@ -224,11 +226,9 @@ impl Player {
     fn pass(&mut self, times: [f64; 2]) {
         let HeadStep { poses, jump } = self.head_step(times);
         jump.iter().for_each(|jump| self.live.counters.add_jump(jump));
-        let mut solids = std::mem::take(&mut self.live.solids);
-        for live in &mut solids {
-            live.at = live.track.pose(self.live.solid_secs(&live.track, times[1]));
+        for live in &mut self.live.solids {
+            live.at = live.track.pose(times[1]);
         }
-        self.live.solids = solids;
         self.live.step_heads = poses;
         self.live.head_at = poses[1];
         self.live.bent_secs = self.live.bends_until(times[1]);

@@ -120,19 +120,14 @@ impl Performance {
         &self.clip
     }
 
+    /// How the clip is played.
+    pub fn playback(&self) -> &Playback {
+        &self.playback
+    }
+
     /// The joint that carries the hair.
     pub fn joint(&self) -> usize {
         self.joint
-    }
-
-    /// The motion of `joint` from rest at `secs`, relative to the joint that carries the hair.
-    ///
-    /// # Panics
-    /// If there is no such joint.
-    pub fn part(&self, joint: usize, secs: f64, buffers: &mut PosingBuffers) -> Pose {
-        self.pose_joints(secs, buffers);
-        let [carrier, own] = [self.joint, joint].map(|joint| self.motion_of(joint, &buffers.globals[joint]));
-        carrier.inverse().after(&own)
     }
 
     /// The motion of that joint at `secs`, from rest to the body's space.

@@ -39,9 +39,6 @@ pub enum Motion {
     /// That of the joint of a character that carries hair.
     #[cfg_attr(feature = "serde", serde(skip))]
     Joint(Arc<Performance>),
-    /// That of a joint of a character, by its number, relative to the one that carries hair.
-    #[cfg_attr(feature = "serde", serde(skip))]
-    Part(Arc<Performance>, usize),
 }
 
 /// The built-in motions.
@@ -134,7 +131,6 @@ impl Motion {
             Self::Builtin(motion) => motion.pose(time),
             Self::Keyframes(keyframes) => keyframes.pose(time),
             Self::Joint(performance) => performance.carrier(time, &mut PosingBuffers::default()),
-            Self::Part(performance, joint) => performance.part(*joint, time, &mut PosingBuffers::default()),
         }
     }
 
@@ -143,7 +139,7 @@ impl Motion {
     /// is repeated moves there.
     pub fn jump_between(&self, times: [f64; 2]) -> Option<Pose> {
         match self {
-            Self::Builtin(_) | Self::Joint(_) | Self::Part(..) => None,
+            Self::Builtin(_) | Self::Joint(_) => None,
             Self::Keyframes(keyframes) => keyframes.jump_between(times),
         }
     }

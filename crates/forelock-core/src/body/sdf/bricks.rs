@@ -12,7 +12,7 @@ pub const BRICK_NODES: usize = (BRICK_LAYER * BRICK_ROW) as usize;
 pub(super) const BRICK_ROW: u32 = REFINEMENT + 1;
 pub(super) const BRICK_LAYER: u32 = BRICK_ROW * BRICK_ROW;
 /// The entry of a cell without a brick. No brick starts at the first value.
-pub(super) const NONE: u32 = 0;
+pub(in crate::body) const NONE: u32 = 0;
 
 /// The table of bricks: the index of each brick's first value.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -46,6 +46,19 @@ impl Bricks {
             start += BRICK_NODES;
         }
         Ok(Self { starts })
+    }
+
+    /// A table for `nodes` nodes without bricks, to be written.
+    pub fn blank(nodes: usize) -> Self {
+        Self { starts: vec![NONE; nodes] }
+    }
+
+    pub fn starts(&self) -> &[u32] {
+        &self.starts
+    }
+
+    pub fn starts_mut(&mut self) -> &mut [u32] {
+        &mut self.starts
     }
 
     #[inline(always)]

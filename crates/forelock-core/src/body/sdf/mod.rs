@@ -35,6 +35,7 @@ mod sample;
 use glam::{UVec3, Vec3};
 
 use bricks::Bricks;
+pub(super) use bricks::NONE as NO_BRICK;
 pub use bricks::{BRICK_NODES, REFINEMENT};
 pub use bytes::SdfBytesError;
 
@@ -61,6 +62,16 @@ pub struct Sdf {
     blocks: [u32; 2],
     top_block: Vec3,
     per_block: f32,
+}
+
+/// The arrays of a field whose values change.
+pub(super) struct PartsMut<'a> {
+    /// See [`Sdf::values`].
+    pub values: &'a mut Vec<f32>,
+    /// See [`Sdf::starts`].
+    pub starts: &'a mut [u32],
+    /// See [`Sdf::least`].
+    pub least: &'a mut [f32],
 }
 
 /// Cells along the side of a block; blocks of a refined field are single cells.
@@ -169,6 +180,64 @@ impl Sdf {
             top_block: (blocks - 1).as_vec3(),
             per_block: 1.0 / cell * (1.0 / block as f32),
         })
+    }
+
+    /// A refined field whose values are to be written ([`Sdf::parts_mut`]): 0 at all nodes, and no
+    /// bricks. `None` if there are fewer than two nodes along an axis or too many to index.
+    pub(super) fn blank(dims: UVec3, origin: Vec3, cell: f32, thinness: f32) -> Option<Self> {
+        let nodes = node_count(dims)?;
+        let cells = dims - 1;
+        Some(Self {
+            dims,
+            origin,
+            cell,
+            thinness,
+            values: vec![0.0; nodes],
+            bricks: Bricks::blank(nodes),
+            inv_cell: 1.0 / cell,
+            layer: dims.x * dims.y,
+            top: cells.as_vec3(),
+            least: vec![0.0; cells.element_product() as usize],
+            blocks: [cells.x, cells.y],
+            top_block: (cells - 1).as_vec3(),
+            per_block: 1.0 / cell,
+        })
+    }
+
+    /// The arrays of a refined field.
+    pub(super) fn parts_mut(&mut self) -> PartsMut<'_> {
+        PartsMut { values: &mut self.values, starts: self.bricks.starts_mut(), least: &mut self.least }
+    }
+
+    /// The value of each cell's brick, [`NO_BRICK`] without one; one entry for each node.
+    pub(super) fn starts(&self) -> &[u32] {
+        self.bricks.starts()
+    }
+
+    /// The smallest value of each block of cells.
+    pub(super) fn least(&self) -> &[f32] {
+        &self.least
+    }
+
+    /// The number of the block of cells that holds `p`, or of the nearest one.
+    #[inline(always)]
+    pub(super) fn block_of(&self, p: Vec3) -> usize {
+        let at = (p - self.origin) * self.per_block;
+        let [i, j, k] = at.clamp(Vec3::ZERO, self.top_block).to_array().map(|c| c as usize);
+        i + self.blocks[0] as usize * (j + self.blocks[1] as usize * k)
+    }
+
+    /// The value of the node nearest to `p` of the brick in which `p` is; `None` where there is
+    /// none.
+    pub(super) fn nearest_in_brick(&self, p: Vec3) -> Option<usize> {
+        let at = (p - self.origin) * self.inv_cell;
+        let cell = at.clamp(Vec3::ZERO, self.top - 1.0).floor();
+        let [i, j, k] = cell.to_array().map(|c| c as u32);
+        let start = self.bricks.start((i + self.dims.x * j + self.layer * k) as usize)?;
+        let node =
+            ((at - cell) * REFINEMENT as f32).round().clamp(Vec3::ZERO, Vec3::splat(REFINEMENT as f32));
+        let [i, j, k] = node.to_array().map(|c| c as usize);
+        Some(start + i + (REFINEMENT as usize + 1) * (j + (REFINEMENT as usize + 1) * k))
     }
 
     /// Number of nodes along x, y and z, each at least 2.

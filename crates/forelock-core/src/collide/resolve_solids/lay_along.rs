@@ -5,6 +5,7 @@ use super::edges::{Samples, distance, lerp, passes};
 use super::particle::{Solid, lipschitz};
 use super::sweep::sweep;
 use super::{Solids, dot};
+use crate::body::Shape;
 use crate::lane::{Lane, Real, V3};
 use crate::strands::{BlockView, LaneGroup, number, vector};
 
@@ -61,7 +62,10 @@ pub fn lay_along<L: Lane>(
         least = L::load(&view.clearance[i], first).min(least);
     }
     let is_pushed_out = least.lt(-L::splat(solids.thickness));
-    let stretch = if follows_pass(limit) { L::select(is_pushed_out, L::zero(), stretch) } else { stretch };
+    // Hair that parts of a body hold between them has no other place.
+    let bends = solids.solids.iter().any(|solid| matches!(solid.shape, Shape::Bending(_)));
+    let waits = bends || follows_pass(limit);
+    let stretch = if waits { L::select(is_pushed_out, L::zero(), stretch) } else { stretch };
     for lane in 0..L::WIDTH.min(live - first) {
         if stretch.get(lane) > most.get(lane) {
             let mut curve = Curve {

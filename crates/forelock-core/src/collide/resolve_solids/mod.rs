@@ -35,7 +35,7 @@ mod pose;
 mod queue;
 mod sweep;
 
-use crate::body::{ColliderFrame, PACKET};
+use crate::body::{BendingField, ColliderFrame, PACKET, Shape};
 use crate::lane::{Lane, Real, V3};
 use crate::strands::{BlockView, LaneGroup};
 pub use edges::{EDGE_ROUNDS, EDGE_SAMPLES, PASSES, REFINEMENTS, SKIN_SHARE, TAKE_BACK_ROUNDS};
@@ -290,7 +290,7 @@ fn is_blocked<T: Real>(solids: &Solids<'_, T>, start: usize, from: [T; 3], to: [
 fn clearance_left<L: Lane>(solids: &Solids<'_, L::Scalar>, last: L, from: V3<L>, x: V3<L>) -> (L, L) {
     let apart = solids.poses.len() > 1;
     let (mut moved, mut left) = (L::zero(), L::from_f64(f64::INFINITY));
-    for pose in solids.poses {
+    for (collider, pose) in solids.solids.iter().zip(solids.poses) {
         let by = pose.moved(from, x);
         // The distance from this solid at any time of the substep is at least the larger of two
         // bounds, less the relative displacement: the distance from the nearest solid at the start,
@@ -298,10 +298,30 @@ fn clearance_left<L: Lane>(solids: &Solids<'_, L::Scalar>, last: L, from: V3<L>,
         // solid does not use up the clearance.
         let distance =
             if apart { last.max(pose.distance_bound(x) - L::splat(solids.thickness)) } else { last };
-        left = left.min(distance - by);
+        let near = distance - by;
+        left = left.min(match collider.shape {
+            // The clearance counted on the pose at the frame's start.
+            Shape::Bending(field) if pose.fractions[0] == 0.0 && field.changes() => {
+                near - fall(field, pose, from)
+            }
+            _ => near,
+        });
         moved = by.max(moved);
     }
     (moved, left)
+}
+
+/// How far the distance from a body that bends falls at most in the frame, for particles at `from`
+/// at its start.
+#[inline(never)]
+fn fall<L: Lane>(field: &BendingField, pose: &SolidPose<L::Scalar>, from: V3<L>) -> L {
+    let mut fall = L::zero();
+    for lane in 0..L::WIDTH {
+        let at =
+            pose.local(0, from.get(lane)).map(|c| num_traits::ToPrimitive::to_f32(&c).unwrap_or(f32::NAN));
+        fall.set(lane, crate::strands::number(field.fall(at.into()).into()));
+    }
+    fall
 }
 
 #[inline(always)]

@@ -22,8 +22,11 @@ pub struct SolidPose<T> {
     ball: ([T; 3], T),
     /// The substep's start and end as fractions of the frame.
     pub(super) fractions: [f64; 2],
-    /// Upper bound of the surface's displacement in the substep where the shape changes.
+    /// Upper bound of the surface's displacement in the substep where the shape changes; 0 for a
+    /// body that bends, whose clearances count on it (`BendingField`).
     pub(super) swell: T,
+    /// The same, for sweeps.
+    swept: T,
 }
 
 /// Motion of a solid in a substep in float64, relative to the frame's origin. [`SolidPose`] holds
@@ -71,6 +74,7 @@ impl SolidMotion {
                     let phases = (to - from).abs() * (fractions[1] - fractions[0]);
                     f64::from(morph.change()) * phases
                 }
+                Shape::Bending(field) => f64::from(field.motion()) * (fractions[1] - fractions[0]),
                 _ => 0.0,
             },
         }
@@ -96,7 +100,8 @@ impl<T: Real> SolidPose<T> {
                 .ball
                 .map_or(([T::zero(); 3], T::infinity()), |(centre, radius)| (vector(centre), number(radius))),
             fractions,
-            swell: number(motion.swell),
+            swell: if matches!(solid.shape, Shape::Bending(_)) { T::zero() } else { number(motion.swell) },
+            swept: number(motion.swell),
         }
     }
 
@@ -114,7 +119,7 @@ impl<T: Real> SolidPose<T> {
         SweepPath {
             ends: [self.local(start, from), self.local(1, to)],
             fractions: [self.fractions[start], self.fractions[1]],
-            swell: if start == 0 { self.swell } else { T::zero() },
+            swell: if start == 0 { self.swept } else { T::zero() },
         }
     }
 

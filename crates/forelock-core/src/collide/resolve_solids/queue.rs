@@ -6,7 +6,7 @@ use super::particle::{
 };
 use super::sweep::may_pass;
 use super::{PASSES, SolidContacts, Solids, dot};
-use crate::body::PACKET;
+use crate::body::{PACKET, PacketSamples};
 use crate::lane::{LANES, Lane, Real, V3};
 use crate::strands::BlockView;
 
@@ -109,7 +109,7 @@ impl<T: Real> Queue<T> {
             if (0..taken).all(is_far) {
                 continue;
             }
-            let (distances, gradients) =
+            let PacketSamples { distances, gradients, at_end } =
                 collider.shape.sample_packet(&pose.local_packet(1, &x), pose.fractions[1]);
             for k in 0..taken {
                 let place = [x[0][k], x[1][k], x[2][k]];
@@ -164,6 +164,14 @@ impl<T: Real> Queue<T> {
                         x[c][k] = particle.x[c];
                         v[c][k] = particle.v[c];
                     }
+                }
+                if let Some(at_end) = at_end
+                    && sigma > T::zero()
+                {
+                    // The clearance holds until the frame's end.
+                    let gone = [0, 1, 2].map(|c| particle.x[c] - place[c]);
+                    let left = at_end[k] - solids.thickness - rise * dot(gone, gone).sqrt();
+                    sigma = sigma.min(left.max(T::zero()));
                 }
                 let rise = if sigma > T::zero() { lipschitz(collider.shape) } else { T::one() };
                 clearance[k] = clearance[k].min(sigma / rise);

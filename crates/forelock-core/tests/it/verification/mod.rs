@@ -5,6 +5,7 @@
 #![expect(clippy::unwrap_used, reason = "in a test a failure to build is a failure of the test")]
 
 mod air;
+mod bending;
 mod channels;
 mod closed_forms;
 mod contacts;
