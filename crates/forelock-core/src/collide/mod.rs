@@ -1,4 +1,5 @@
 //! Collisions of particles with solids: distance queries, continuous collision detection and
 //! friction.
 
+pub mod impact;
 pub mod resolve_solids;

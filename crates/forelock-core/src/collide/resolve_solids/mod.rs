@@ -24,7 +24,7 @@
 //! A particle with a large displacement, in a substep or in the length pass, is tested along its
 //! whole path (`sweep`), so that it does not tunnel through thin solids. Edges are sampled at
 //! points between their particles, which are tested in the same way (`edges`). The surface velocity
-//! of a shape that changes ([`Shape::Morph`](crate::body::Shape::Morph)) counts in the contact.
+//! of a shape that changes ([`Shape::Morph`], [`Shape::Bending`]) counts in the contact.
 
 mod edges;
 mod lay_along;
