@@ -346,6 +346,19 @@ pub enum BenchCommand {
         #[arg(long)]
         json: bool,
     },
+    /// All solvers on the same five scenes: time, lengths, penetration, shape and energy, with film
+    /// strips.
+    Solvers {
+        /// Share of the strands that is grown, above 0 and at most 1.
+        #[arg(long, default_value_t = 1.0, value_parser = share, allow_negative_numbers = true)]
+        share: f64,
+        /// Folder for Markdown, JSON, an HTML page, plots and film strips [default: print only].
+        #[arg(long, value_name = "DIR")]
+        out: Option<PathBuf>,
+        /// Print one JSON object instead of the table.
+        #[arg(long)]
+        json: bool,
+    },
     /// The time of a frame for 1,000 to many strands, and the strand solve compared with the peak
     /// rates of the device.
     Scaling {
@@ -421,15 +434,13 @@ pub enum PaperFigure {
     /// Follow the leader: the effect of hair–hair interaction and of shape constraints.
     #[value(name = "2")]
     Volume,
-    /// Follow the leader compared with AMS, on the five scenes of its paper.
-    Compare,
 }
 
 impl PaperFigure {
     /// The paper of the figure.
     pub fn paper(self) -> WhichPaper {
         match self {
-            Self::Volume | Self::Compare => WhichPaper::Dftl,
+            Self::Volume => WhichPaper::Dftl,
             _ => WhichPaper::Ams,
         }
     }

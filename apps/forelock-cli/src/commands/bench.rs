@@ -1,4 +1,4 @@
-//! `bench`: the papers' tables and figures, rerun.
+//! `bench`: the papers' tables and figures, rerun, solvers compared, and scaling.
 
 use std::path::Path;
 
@@ -19,6 +19,7 @@ use crate::terminal;
 pub fn bench(arguments: &BenchArgs) -> anyhow::Result<()> {
     let (json, out, name) = match &arguments.what {
         BenchCommand::Paper { paper, figure, out, json, .. } => (*json, out, name_of(*paper, *figure)?),
+        BenchCommand::Solvers { out, json, .. } => (*json, out, "solvers".to_owned()),
         BenchCommand::Scaling { backend, out, json, .. } => {
             let device = if *backend == BenchBackend::Gpu { "gpu" } else { "cpu" };
             (*json, out, format!("scaling-{device}"))
@@ -37,6 +38,12 @@ pub fn bench(arguments: &BenchArgs) -> anyhow::Result<()> {
             let on_gpu = *backend == BenchBackend::Gpu;
             let options = Table1Options { warm_up: *warm_up, frames: *frames, share: *share, on_gpu };
             run_paper(&report, *paper, *figure, &options, &mut observer)
+        }
+        BenchCommand::Solvers { share, .. } => {
+            // A failure to write now is reported when the final result is written.
+            let keep = &mut |so_far: &Study| drop(report.keep(so_far, so_far));
+            let study = compare(*share, &mut observer, keep)?;
+            report.study(&study, &study)
         }
         BenchCommand::Scaling { backend, most, frames, apart, contacts, half_factors, .. } => {
             let on_gpu = *backend == BenchBackend::Gpu;
@@ -87,11 +94,6 @@ fn run_paper(
         }
         Some(PaperFigure::Volume) => {
             let study = volume(options.share, observer)?;
-            return report.study(&study, &study);
-        }
-        Some(PaperFigure::Compare) => {
-            // A failure to write now is reported when the final result is written.
-            let study = compare(options.share, observer, &mut |so_far| drop(report.keep(so_far, so_far)))?;
             return report.study(&study, &study);
         }
         None => {

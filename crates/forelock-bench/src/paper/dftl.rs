@@ -1,11 +1,9 @@
-//! The follow-the-leader paper (Sánchez-Banderas et al. 2015): its Table 1, Table 2 and Fig. 2, and
-//! its solver beside AMS.
+//! The follow-the-leader paper (Sánchez-Banderas et al. 2015): its Table 1, Table 2 and Fig. 2.
 //!
 //! # Practice
 //! [`dftl_tables`] runs the five scenes of Table 1, each with lengths alone, with shape and with
 //! hair against hair, and the five sizes of Table 2 under each schedule that the device knows.
-//! [`volume`] is Fig. 2, measured: the same hair under all four. [`compare`] follows AMS and follow
-//! the leader through the five scenes.
+//! [`volume`] is Fig. 2, measured: the same hair under all four.
 //!
 //! # Limitations
 //! The paper gives frames a second with rendering, and of the scenes it gives counts only. Ours are
@@ -40,10 +38,10 @@ use super::table1::{Table1Options, or_skipped, time};
 const PAPER_DEVICE: &str = "NVIDIA GeForce GTX 650";
 
 /// A scene of the paper.
-struct Entry {
+pub(super) struct Entry {
     /// The paper's name.
-    name: &'static str,
-    builtin: Builtin,
+    pub name: &'static str,
+    pub builtin: Builtin,
     /// The paper's strands, vertices and colliders.
     counts: [usize; 3],
     /// The paper's frames a second with each of [`METHODS`].
@@ -52,7 +50,7 @@ struct Entry {
 
 /// The scenes of Table 1.
 #[rustfmt::skip]
-const SCENES: [Entry; 5] = [
+pub(super) const SCENES: [Entry; 5] = [
     Entry { name: "Mannequin A", builtin: scenes::MANNEQUIN_A, counts: [15_000, 349_232, 15], fps: [130.3, 124.0, 21.5] },
     Entry { name: "Mannequin B", builtin: scenes::MANNEQUIN_B, counts: [500, 8000, 15], fps: [174.2, 172.6, 147.4] },
     Entry { name: "Horse Louis", builtin: scenes::HORSE, counts: [3358, 32_041, 18], fps: [115.0, 108.5, 83.2] },
@@ -411,112 +409,6 @@ pub fn volume(share: f64, observer: &mut Observer<'_>) -> Result<Study, BenchErr
         strips: vec![Strip { name: "cases", title: "The four cases at half, three quarters and all of the time".to_owned(), image: labelled(&pictures, 4)? }],
     })
 }
-
-/// Solvers compared, as keys of the five scenes: each alone, and with the hair–hair interaction of
-/// its paper.
-const SOLVERS: [(&str, &[&str]); 4] = [
-    ("AMS", &["solver.kind=\"ams\"", "interaction.kind=\"none\""]),
-    ("DFTL", &["interaction.kind=\"none\""]),
-    ("AMS, GRID", &["solver.kind=\"ams\"", "interaction.kind=\"grid\""]),
-    ("DFTL, SPH", &[]),
-];
-
-/// AMS and follow the leader through the five scenes. `so_far` gets what there is after each: all
-/// of them take minutes.
-///
-/// # Errors
-/// [`BenchError`] if a scene cannot be simulated; one whose files are not there is left out, and
-/// said so.
-pub fn compare(
-    share: f64,
-    observer: &mut Observer<'_>,
-    so_far: &mut dyn FnMut(&Study),
-) -> Result<Study, BenchError> {
-    let table = Table::new(
-        "",
-        &[
-            "scene",
-            "solver",
-            "ms a frame",
-            "edges off by",
-            "after solids",
-            "over 1 mm inside",
-            "from the shape, mean over L",
-            "energy, J/kg, rms",
-        ],
-    );
-    let mut study = Study {
-        title: "AMS and DFTL on the same five scenes".to_owned(),
-        claim: String::new(),
-        notes: vec!["AMS with its defaults, follow the leader with the scenes' parameters; each alone, and with what its own paper lets hair meet in: the grid, whose cost hardly depends on the strands, and smoothed particles. \"Edges off by\" is the largest after the length pass, \"after solids\" at the end of a frame; roots do not count as inside. Energy is that of the motion relative to the rest shape on the head, and of the height over it.".to_owned()],
-        tables: vec![table],
-        plots: Vec::new(),
-        bars: None,
-        strips: Vec::new(),
-    };
-    for (number, Entry { name, builtin, .. }) in SCENES.iter().enumerate() {
-        let (base, assets) = match or_skipped(builtin.load(share, AS_IT_IS, &mut |_| {}))? {
-            Ok(loaded) => loaded,
-            Err(why) => {
-                study.notes.push(format!("{name} is left out: {why}."));
-                continue;
-            }
-        };
-        let mut followed = Vec::new();
-        for (solver, keys) in SOLVERS {
-            let case = Case { label: solver.to_owned(), scene: builtin.scene(share, keys)? };
-            followed.push(Followed::run(
-                &case,
-                &assets,
-                &Shots { moments: &[0.25, 0.5, 1.0], scale: 0.54 },
-                observer,
-            )?);
-        }
-        for one in &followed {
-            let rms = (one.energy.iter().map(|e| e * e).sum::<f64>() / one.energy.len().max(1) as f64).sqrt();
-            study.tables[0].rows.push(vec![
-                (*name).to_owned(),
-                one.label.clone(),
-                format!("{:.2}", one.ms),
-                format!("{:.1e}", one.stretch[0]),
-                percent(one.stretch[1]),
-                percent(one.inside),
-                percent(super::watch::mean(one.shape.iter().copied())),
-                format!("{rms:.3}"),
-            ]);
-        }
-        let fps = base.time.fps;
-        study.plots.push(plot(
-            PLOTS[number][0],
-            format!("{name}: mean distance from the rest shape over the strand's length, %"),
-            &followed,
-            fps,
-            |one| one.shape.iter().map(|share| 100.0 * share).collect(),
-        ));
-        study.plots.push(plot(PLOTS[number][1], format!("{name}: energy, J/kg"), &followed, fps, |one| {
-            one.energy.clone()
-        }));
-        let pictures: Vec<_> = followed.iter().flat_map(|one| one.pictures.clone()).collect();
-        study.strips.push(Strip {
-            name: PLOTS[number][2],
-            title: format!("{name}, over time"),
-            image: labelled(&pictures, 3)?,
-        });
-        study.notes.push(format!("So far: {} of {} scenes.", number + 1, SCENES.len()));
-        so_far(&study);
-        study.notes.pop();
-    }
-    Ok(study)
-}
-
-/// Names of the plots and the strip of each scene.
-const PLOTS: [[&str; 3]; 5] = [
-    ["mannequin-a-shape", "mannequin-a-energy", "mannequin-a"],
-    ["mannequin-b-shape", "mannequin-b-energy", "mannequin-b"],
-    ["horse-shape", "horse-energy", "horse"],
-    ["bunny-shape", "bunny-energy", "bunny"],
-    ["doll-shape", "doll-energy", "doll"],
-];
 
 #[cfg(test)]
 mod tests {

@@ -4,8 +4,8 @@
 //! [`Figure`] reruns the ablations of Figs. 4 and 5 on one strand and a wisp. [`Experiment`] reruns
 //! what the paper shows as film strips and leaves to the eye (Figs. 9, 10, 11 and the asymmetric
 //! style), measured: how far hair is from its rest shape, over time. [`table1()`] runs every scene
-//! of Table 1 and puts our times beside the paper's. [`dftl_tables`], [`volume`] and [`compare`] do
-//! the same for the follow-the-leader paper. The scenes are those of `scenes/ams` and
+//! of Table 1 and puts our times beside the paper's. [`dftl_tables`] and [`volume`] do the
+//! same for the follow-the-leader paper. [`compare`] runs all solvers on its scenes. The scenes are those of `scenes/ams` and
 //! `scenes/dftl`, built in; only what they read from files must be there.
 
 mod ablations;
@@ -15,6 +15,7 @@ mod followed;
 mod guides;
 mod keeping;
 mod scenes;
+mod solvers;
 mod strand;
 mod study;
 mod table1;
@@ -22,8 +23,9 @@ mod trim;
 mod watch;
 
 pub use ablations::{Figure, Measures, PaperRow, PaperTable};
-pub use dftl::{DftlTables, SceneRow, SizeRow, compare, dftl_tables, volume};
+pub use dftl::{DftlTables, SceneRow, SizeRow, dftl_tables, volume};
 pub use guides::{GUIDES, GuidesRow, GuidesTable};
+pub use solvers::compare;
 pub use study::{Strip, Study, Table};
 pub use table1::{Table1, Table1Options, Table1Row, table1};
 

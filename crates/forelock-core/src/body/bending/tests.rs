@@ -114,7 +114,7 @@ fn clearances_hold_until_the_end_of_the_step() {
             assert!(now >= start.min(field.sample_end(p)) - 1e-6);
         }
     }
-    assert!(falls > 300, "{falls}");
+    assert!(falls > 100, "{falls}");
     assert!((field.motion() - 0.02).abs() < 1e-6);
 }
 
