@@ -4,9 +4,9 @@
 //! [`Figure`] reruns the ablations of Figs. 4 and 5 on one strand and a wisp. [`Experiment`] reruns
 //! what the paper shows as film strips and leaves to the eye (Figs. 9, 10, 11 and the asymmetric
 //! style), measured: how far hair is from its rest shape, over time. [`table1()`] runs every scene
-//! of Table 1 and puts our times beside the paper's. [`dftl_tables`] and [`volume`] do the
-//! same for the follow-the-leader paper. [`compare`] runs all solvers on its scenes. The scenes are those of `scenes/ams` and
-//! `scenes/dftl`, built in; only what they read from files must be there.
+//! of Table 1 and puts our times beside the paper's. [`dftl_tables`] and [`volume`] do the same for
+//! the follow-the-leader paper. [`compare`] runs all solvers on its scenes. The scenes are those of
+//! `scenes/ams` and `scenes/dftl`, built in; only what they read from files must be there.
 
 mod ablations;
 mod coaster;
