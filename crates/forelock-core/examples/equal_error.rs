@@ -3,7 +3,7 @@
 //!
 //! Curls of 25 particles and 30 cm hang from a head that turns by 60° in 0.3 s and stands still
 //! until 1 s. Errors are those of 32 strands in float32, against float64 with the finest substep;
-//! times are those of 3,008 strands on `threads` threads, the least of `repeats` runs.
+//! times are those of 3,008 strands on `threads` threads: medians of runs, the least of `repeats`.
 //!
 //! `cargo run --release -p forelock-core --example equal_error -- [threads] [repeats]`
 

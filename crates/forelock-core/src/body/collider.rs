@@ -118,8 +118,7 @@ impl Shape {
             }
             Self::Bending(field) => {
                 let (distance, gradient) = field.sample(to_vec3(p), fraction);
-                let to_t = |c: f32| T::from(c).unwrap_or_else(T::nan);
-                (to_t(distance), (gradient * shorten(gradient)).to_array().map(to_t))
+                from_bending_field(distance, gradient)
             }
         }
     }
@@ -205,7 +204,10 @@ impl Shape {
         if let Some(sdf) = field {
             let reach = reach.to_f32().unwrap_or(f32::INFINITY);
             let found = sdf.sample_near(to_vec3(p), reach);
-            return found.map(|(distance, gradient)| from_field(distance, gradient));
+            return found.map(|(distance, gradient)| match self {
+                Self::Bending(_) => from_bending_field(distance, gradient),
+                _ => from_field(distance, gradient),
+            });
         }
         Some(self.sample(p)).filter(|(distance, _)| *distance <= reach)
     }
@@ -308,6 +310,13 @@ fn shorten(gradient: Vec3) -> f32 {
 
 /// Gradients of a body that bends are shorter than 1 where the field's are shorter than this.
 const FLAT: f32 = 0.5;
+
+/// Converts a sample of the field of a body that bends to the caller's precision.
+#[inline]
+fn from_bending_field<T: Float>(distance: f32, gradient: Vec3) -> (T, [T; 3]) {
+    let to_t = |c: f32| T::from(c).unwrap_or_else(T::nan);
+    (to_t(distance), (gradient * shorten(gradient)).to_array().map(to_t))
+}
 
 /// Converts a sample of a field to the caller's precision and normalises its gradient.
 #[inline]

@@ -144,7 +144,7 @@ impl<T: Real> Cubic<T> {
     fn root_between(&self, mut low: T, mut high: T) -> Option<T> {
         let (zero, half) = (T::zero(), number::<T>(0.5));
         let (first, last) = (self.at(low), self.at(high));
-        if first == zero || first * last > zero {
+        if first == zero || last != zero && (first > zero) == (last > zero) {
             return None;
         }
         let mut t = half * (low + high);

@@ -11,13 +11,14 @@ use glam::Vec3;
 use super::AssetError;
 use crate::scene::BodySection;
 
-/// Times at which a clip is sampled to find where the body is.
-const SAMPLES: u32 = 240;
+/// Times a second at which a clip is sampled to find where the body is, and the most of all.
+const SAMPLES_PER_SECOND: f64 = 30.0;
+const MOST_SAMPLES: f64 = 3000.0;
 /// Space around the body in all of its poses, metres: what it may move between two samples.
 const MARGIN_M: f32 = 0.08;
 /// Longest reach of a strand over its length, and what is added to it in metres: strands stretch a
 /// little where solids press on them.
-const STRETCH: f32 = 1.03;
+const STRETCH: f32 = 1.1;
 const ROOM_M: f32 = 0.02;
 /// Cells of the field near the skin, over `sdf_near_cell`: they are computed anew in each step.
 const COARSER: f32 = 2.0;
@@ -135,7 +136,8 @@ fn extent(performance: &Performance) -> [Vec3; 2] {
     let playback = performance.playback();
     let seconds = playback.blend_secs + performance.clip().duration_secs() / playback.speed.abs().max(1e-3);
     let mut buffers = PosingBuffers::default();
-    let times = (0..=SAMPLES).map(|sample| seconds * f64::from(sample) / f64::from(SAMPLES));
+    let samples = (seconds * SAMPLES_PER_SECOND).ceil().clamp(1.0, MOST_SAMPLES) as u32;
+    let times = (0..=samples).map(|sample| seconds * f64::from(sample) / f64::from(samples));
     let boxes = times.map(|secs| box_of(performance.posed(secs, &mut buffers).positions.iter().copied()));
     boxes.fold([Vec3::INFINITY, Vec3::NEG_INFINITY], |[a, b], [low, high]| [a.min(low), b.max(high)])
 }

@@ -62,7 +62,7 @@ impl ShownSkin {
         let mut buffers = PosingBuffers::default();
         let positions = performance.posed(secs, &mut buffers).positions;
         let mut field = solid.field.clone();
-        field.set([positions; 2]);
+        field.hold(positions);
         let surface = field.faces().closed(positions);
         Some(Self { shape: Shape::Bending(Arc::new(field)), surface })
     }

@@ -169,8 +169,9 @@ pub struct BodySection {
     /// Cells of the body's signed distance grid along its longest side. Unit cells, default 128,
     /// range 8 to 512.
     pub sdf_cells: u32,
-    /// Largest side of that grid's cells near the surface, however large the body is; of a body
-    /// that bends half of it. Unit m, default 0.002, range 0 to 1; 0 leaves all cells alike.
+    /// Largest side of that grid's cells near the surface, however large the body is. A body that
+    /// bends has cells twice as large. Unit m, default 0.002, range 0 to 1; 0 leaves all cells
+    /// alike.
     pub sdf_near_cell: f64,
 }
 }

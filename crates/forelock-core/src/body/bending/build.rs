@@ -122,7 +122,8 @@ pub(super) fn build(
     let axes = [0, 1, 2].map(|axis| grid.axis(axis, 1));
     let is_active = |number: u32| {
         let at = faces.corners_of(number).map(|corner| corners[corner as usize]);
-        let nodes = nodes_near(&axes, &at, band)?;
+        // A touched node has bricks beside it that reach a cell farther.
+        let nodes = nodes_near(&axes, &at, (1.0 + BRICK_BAND) * grid.cell)?;
         (faces.is_bounding(number) && any_touched(touched, rows, &nodes)).then(|| Triangle::new(number, at))
     };
     active.clear();
@@ -292,13 +293,7 @@ impl Context<'_> {
                 values[at] = match before.map(|before| before[at]) {
                     _ if !touched && !self.grid.reached.has(row + rows * k, column) => band,
                     // Near the surface at rest, and no part of it has moved.
-                    Some(value) if !touched => {
-                        if value.abs() < band {
-                            value
-                        } else {
-                            signed(band)
-                        }
-                    }
+                    Some(value) if !touched => signed(value.abs()),
                     _ => {
                         let squared = coarse.squared(column, row);
                         signed(if squared < band * band { squared.sqrt() } else { band })

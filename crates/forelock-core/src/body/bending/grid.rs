@@ -6,6 +6,10 @@ use glam::{IVec3, UVec3, Vec2, Vec3, Vec3Swizzles};
 
 use super::triangle::Axis;
 
+/// Cells around the balls that hair can reach: the diagonal of a cell, and what queries of lower
+/// bounds look beyond a point.
+const MARGIN: f32 = 2.5;
+
 /// The coarse grid.
 #[derive(Clone, Debug)]
 pub(super) struct Grid {
@@ -26,7 +30,7 @@ impl Grid {
         self.dims.to_array().map(|n| n as usize)
     }
 
-    /// The nodes in one of the `balls` (centre and radius), or next to one.
+    /// Finds the nodes of all cells that are in one of the `balls` (centre and radius) or near one.
     pub fn find_reached(&mut self, balls: &[(Vec3, f32)]) {
         let [columns, rows, planes] = self.size();
         self.reached.reset(columns, rows * planes, false);
@@ -42,7 +46,7 @@ impl Grid {
         let axes = [0, 1, 2].map(|axis| self.axis(axis, 1));
         for (cell, radius) in merged {
             let centre = middle(IVec3::from_array(cell).as_vec3());
-            let radius = radius + self.cell;
+            let radius = radius + MARGIN * self.cell;
             let Some([_, y, z]) = nodes_near(&axes, &[centre; 3], radius) else { continue };
             for k in z.0..=z.1 {
                 for j in y.0..=y.1 {

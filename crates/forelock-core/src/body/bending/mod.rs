@@ -15,6 +15,7 @@
 //! start of the next step it falls by at most [`BendingField::fall`] of the cell.
 //!
 //! # Limitations
+//! Deeper inside than the band the field is flat: hair that gets there is held and not pushed out.
 //! Between two poses that differ by more than the thickness of a part, the part vanishes in
 //! between. Distances beyond 1.25 coarse cells, 20 mm with cells of 4 mm near the surface, are
 //! lower bounds.
@@ -98,7 +99,7 @@ pub struct BendingBox {
     /// The box in which the field is needed, (low, high) in metres.
     pub bounds: [Vec3; 2],
     /// The balls in that box in which it is needed, centre and radius in metres; all of the box if
-    /// there are none. Elsewhere nothing is near.
+    /// there are none. Elsewhere the field says that nothing is near.
     pub balls: Vec<(Vec3, f32)>,
     /// Side of the cells near the surface in metres; larger where the box is so large that the
     /// field would have too many.
@@ -160,6 +161,13 @@ impl BendingField {
         for (end, positions) in positions.into_iter().enumerate() {
             self.set_end(end, positions);
         }
+        self.compare();
+    }
+
+    /// Stands still in a pose with the mesh's vertices at `positions`.
+    pub fn hold(&mut self, positions: &[Vec3]) {
+        self.set_end(1, positions);
+        self.ends[0] = self.ends[1].clone();
         self.compare();
     }
 
@@ -306,7 +314,8 @@ impl BendingField {
         let [from, to] = &self.ends;
         let (low, high) = to.sdf.bounds();
         let pairs = from.corners.iter().zip(&to.corners);
-        let within = pairs.filter(|(_, to)| to.cmpge(low).all() && to.cmple(high).all());
+        let is_in = |p: &Vec3| p.cmpge(low).all() && p.cmple(high).all();
+        let within = pairs.filter(|(from, to)| is_in(from) || is_in(to));
         self.motion = within.map(|(from, to)| from.distance_squared(*to)).fold(0.0, f32::max).sqrt();
         self.changes = from.corners != to.corners;
         if !self.changes {

@@ -62,7 +62,8 @@ pub fn lay_along<L: Lane>(
         least = L::load(&view.clearance[i], first).min(least);
     }
     let is_pushed_out = least.lt(-L::splat(solids.thickness));
-    // Hair that parts of a body hold between them has no other place.
+    // Hair that parts of a body that bends hold between them is marked as being pushed out, and it
+    // has no other place.
     let bends = solids.solids.iter().any(|solid| matches!(solid.shape, Shape::Bending(_)));
     let waits = bends || follows_pass(limit);
     let stretch = if waits { L::select(is_pushed_out, L::zero(), stretch) } else { stretch };

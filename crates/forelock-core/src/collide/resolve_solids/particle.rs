@@ -61,6 +61,7 @@ pub(super) fn resolve_penetration<T: Real>(
     if sigma >= zero || sigma.is_nan() {
         return sigma;
     }
+    let is_bending = matches!(collider.shape, Shape::Bending(_));
     // Parts that come towards each other may leave no room between them.
     let bends = match collider.shape {
         Shape::Bending(field) => !field.is_still(at_f32(pose.local(1, particle.x))),
@@ -68,7 +69,7 @@ pub(super) fn resolve_penetration<T: Real>(
     };
     let normal = pose.turn(1, gradient);
     let displacement = surface_displacement(solid, particle.x, normal);
-    if bends && leads_nowhere(gradient) {
+    if is_bending && leads_nowhere(gradient) {
         particle.v = displacement.map(|d| d / solids.h);
         return held(solids, sigma);
     }
@@ -88,7 +89,7 @@ pub(super) fn resolve_penetration<T: Real>(
         if push <= zero {
             return sigma;
         }
-        if bends && leads_nowhere(gradient) {
+        if is_bending && leads_nowhere(gradient) {
             return held(solids, sigma);
         }
         let normal = pose.turn(1, gradient);

@@ -23,7 +23,7 @@ pub struct SolidPose<T> {
     /// The substep's start and end as fractions of the frame.
     pub(super) fractions: [f64; 2],
     /// Upper bound of the surface's displacement in the substep where the shape changes; 0 for a
-    /// body that bends, whose clearances count on it (`BendingField`).
+    /// body that bends, whose motion is in the clearances (`BendingField`).
     pub(super) swell: T,
     /// The same, for sweeps.
     swept: T,

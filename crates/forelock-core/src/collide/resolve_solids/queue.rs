@@ -6,7 +6,7 @@ use super::particle::{
 };
 use super::sweep::may_pass;
 use super::{PASSES, SolidContacts, Solids, dot};
-use crate::body::{PACKET, PacketSamples};
+use crate::body::{PACKET, PacketSamples, Shape};
 use crate::lane::{LANES, Lane, Real, V3};
 use crate::strands::BlockView;
 
@@ -183,6 +183,9 @@ impl<T: Real> Queue<T> {
                 let (place, velocity) = ([x[0][k], x[1][k], x[2][k]], [v[0][k], v[1][k], v[2][k]]);
                 let mut particle = Particle { x: place, v: velocity, last_clearance: T::zero() };
                 clearance[k] = resolve_penetrations(solids, &mut particle);
+                if clearance[k] > T::zero() {
+                    clearance[k] = clearance[k].min(clearance_at_end(solids, particle.x));
+                }
                 for c in 0..3 {
                     x[c][k] = particle.x[c];
                     v[c][k] = particle.v[c];
@@ -203,4 +206,15 @@ impl<T: Real> Queue<T> {
             contacts.deepest = contacts.deepest.max(depth);
         }
     }
+}
+
+/// The clearance at `x` from bodies that bend at the frame's end, 0 inside.
+fn clearance_at_end<T: Real>(solids: &Solids<'_, T>, x: [T; 3]) -> T {
+    let bending = solids.solids.iter().zip(solids.poses);
+    let bending = bending.filter(|(collider, _)| matches!(collider.shape, Shape::Bending(_)));
+    let clearances = bending.map(|(collider, pose)| {
+        let distance = collider.shape.sample(pose.local(1, x)).0 - solids.thickness;
+        distance.max(T::zero()) / lipschitz(collider.shape)
+    });
+    clearances.fold(T::infinity(), T::min)
 }
