@@ -8,6 +8,13 @@ fn around(mesh: &TriMesh, near: f32) -> BendingBox {
     BendingBox { bounds: [low - 0.05, high + 0.05], balls: Vec::new(), near, thinness: 0.016 }
 }
 
+/// A ball, and a field around it in which it can move and grow.
+fn ball_with_room() -> (TriMesh, BendingBox) {
+    let bounds = [Vec3::splat(-0.2), Vec3::splat(0.2)];
+    let mesh = uv_sphere(0.06, 48, 24);
+    (mesh, BendingBox { bounds, balls: Vec::new(), near: 0.004, thinness: 0.016 })
+}
+
 /// Compares the field at the step's end with exact distances at points within `reach` of it.
 fn check_end(field: &BendingField, positions: &[Vec3], points: impl Iterator<Item = Vec3>) -> [f32; 2] {
     let exact = field.faces().closed(positions);
@@ -47,13 +54,7 @@ fn at_rest_it_is_the_distance_from_the_surface() {
 
 #[test]
 fn a_ball_that_moves_and_grows_is_followed() {
-    let mesh = uv_sphere(0.06, 48, 24);
-    let place = BendingBox {
-        bounds: [Vec3::splat(-0.2), Vec3::splat(0.2)],
-        balls: Vec::new(),
-        near: 0.004,
-        thinness: 0.016,
-    };
+    let (mesh, place) = ball_with_room();
     let mut field = BendingField::new(&mesh, &place).unwrap();
     for step in 1..8u8 {
         let by = f32::from(step);
@@ -93,13 +94,7 @@ fn a_ball_that_moves_and_grows_is_followed() {
 /// smaller of both ends later.
 #[test]
 fn clearances_hold_until_the_end_of_the_step() {
-    let mesh = uv_sphere(0.06, 48, 24);
-    let place = BendingBox {
-        bounds: [Vec3::splat(-0.2), Vec3::splat(0.2)],
-        balls: Vec::new(),
-        near: 0.004,
-        thinness: 0.016,
-    };
+    let (mesh, place) = ball_with_room();
     let mut field = BendingField::new(&mesh, &place).unwrap();
     let moved: Vec<Vec3> = mesh.positions.iter().map(|p| *p + Vec3::X * 0.02).collect();
     field.advance(&moved);
