@@ -66,17 +66,6 @@ pub enum Shape {
 /// Number of points that are sampled together.
 pub const PACKET: usize = 8;
 
-/// Samples of a shape at a packet of points, component-major.
-#[derive(Clone, Copy, Debug)]
-pub struct PacketSamples<T> {
-    /// Signed distances in metres.
-    pub distances: [T; PACKET],
-    /// Unit gradients.
-    pub gradients: [[T; PACKET]; 3],
-    /// The distances at the frame's end, for a body that bends: see [`BendingField`].
-    pub at_end: Option<[T; PACKET]>,
-}
-
 impl Shape {
     /// The signed distance in metres from `p` to the surface (negative inside) and its outward unit
     /// gradient. A shape that changes is sampled at the frame's end.
@@ -147,48 +136,45 @@ impl Shape {
         }
     }
 
-    /// [`Shape::sample_at`] for a packet of points, component-major, and lower bounds of the
-    /// distances there until the frame's end if the shape is a body that bends: those at the end.
-    /// The results are bit-identical to those of single points.
+    /// [`Shape::sample_at`] for a packet of points, component-major. The results are bit-identical
+    /// to those of single points.
     #[inline(always)]
-    pub fn sample_packet<T: Float>(&self, p: &[[T; PACKET]; 3], fraction: f64) -> PacketSamples<T> {
-        let mut samples = PacketSamples {
-            distances: [T::zero(); PACKET],
-            gradients: [[T::zero(); PACKET]; 3],
-            at_end: None,
-        };
-        let at = p.map(|row| row.map(|c| c.to_f32().unwrap_or(f32::NAN)));
-        let to_t = |c: f32| T::from(c).unwrap_or_else(T::nan);
-        let (values, slopes) = match self {
-            Self::Sdf(sdf) => sdf.sample_lanes(at),
-            Self::Bending(field) => {
-                let (values, slopes, ends) = field.sample_packet(at, fraction);
-                samples.at_end = Some(ends.map(to_t));
-                (values, slopes)
-            }
-            _ => {
-                for k in 0..PACKET {
-                    let (distance, gradient) = self.sample_at([p[0][k], p[1][k], p[2][k]], fraction);
-                    samples.distances[k] = distance;
-                    for (row, c) in samples.gradients.iter_mut().zip(gradient) {
-                        row[k] = c;
-                    }
+    pub fn sample_packet<T: Float>(
+        &self,
+        p: &[[T; PACKET]; 3],
+        fraction: f64,
+    ) -> ([T; PACKET], [[T; PACKET]; 3]) {
+        if let Self::Bending(field) = self {
+            return sample_bending_packet(field, p, fraction);
+        }
+        let (mut distances, mut gradients) = ([T::zero(); PACKET], [[T::zero(); PACKET]; 3]);
+        let Self::Sdf(sdf) = self else {
+            for k in 0..PACKET {
+                let (distance, gradient) = self.sample_at([p[0][k], p[1][k], p[2][k]], fraction);
+                distances[k] = distance;
+                for c in 0..3 {
+                    gradients[c][k] = gradient[c];
                 }
-                return samples;
             }
+            return (distances, gradients);
         };
+        let mut at = [[0.0; PACKET]; 3];
+        for c in 0..3 {
+            for k in 0..PACKET {
+                at[c][k] = p[c][k].to_f32().unwrap_or(f32::NAN);
+            }
+        }
+        let (values, slopes) = sdf.sample_lanes(at);
+        let to_t = |c: f32| T::from(c).unwrap_or_else(T::nan);
         for k in 0..PACKET {
             let [x, y, z] = [slopes[0][k], slopes[1][k], slopes[2][k]];
-            let unit = match self {
-                Self::Bending(_) => shorten(Vec3::new(x, y, z)),
-                _ => 1.0 / (x * x + y * y + z * z).sqrt(),
-            };
-            samples.distances[k] = to_t(values[k]);
-            samples.gradients[0][k] = to_t(x * unit);
-            samples.gradients[1][k] = to_t(y * unit);
-            samples.gradients[2][k] = to_t(z * unit);
+            let unit = 1.0 / (x * x + y * y + z * z).sqrt();
+            distances[k] = to_t(values[k]);
+            gradients[0][k] = to_t(x * unit);
+            gradients[1][k] = to_t(y * unit);
+            gradients[2][k] = to_t(z * unit);
         }
-        samples
+        (distances, gradients)
     }
 
     /// [`Shape::sample`] if the distance may be at most `reach` metres; `None` if it is certainly
@@ -299,6 +285,22 @@ fn cast<T: Float>(value: f64) -> T {
 #[inline]
 fn to_vec3<T: Float>(p: [T; 3]) -> Vec3 {
     Vec3::from_array(p.map(|c| c.to_f32().unwrap_or(f32::NAN)))
+}
+
+/// [`Shape::sample_packet`] of a body that bends.
+#[inline(never)]
+fn sample_bending_packet<T: Float>(
+    field: &BendingField,
+    p: &[[T; PACKET]; 3],
+    fraction: f64,
+) -> ([T; PACKET], [[T; PACKET]; 3]) {
+    let at = p.map(|row| row.map(|c| c.to_f32().unwrap_or(f32::NAN)));
+    let to_t = |c: f32| T::from(c).unwrap_or_else(T::nan);
+    let (values, slopes) = field.sample_packet(at, fraction);
+    let [x, y, z] = slopes;
+    let unit: [f32; PACKET] = std::array::from_fn(|k| shorten(Vec3::new(x[k], y[k], z[k])));
+    let gradients = slopes.map(|row| std::array::from_fn(|k| to_t(row[k] * unit[k])));
+    (values.map(to_t), gradients)
 }
 
 /// The factor that makes `gradient` a unit vector, or a shorter one where the field is flat: where

@@ -26,7 +26,7 @@ mod surface_nets;
 pub use bending::{BendingBox, BendingField};
 pub use bvh::{Bvh, Nearest};
 pub use closed::{ClosedFaces, ClosedMesh, ClosingReport, SEGMENT_TOLERANCE_M, segment_tolerance};
-pub use collider::{Attachment, Collider, ColliderFrame, PACKET, PacketSamples, Shape};
+pub use collider::{Attachment, Collider, ColliderFrame, PACKET, Shape};
 pub use depths::Depths;
 pub use head::{Head, Region};
 pub use horse::{Horse, Part};

@@ -250,21 +250,17 @@ impl BendingField {
         (before + (after - before) * share, gradient)
     }
 
-    /// [`BendingField::sample`] of a packet, component-major, and the distances at the step's end.
-    /// Results are bit-identical to those of single points.
+    /// [`BendingField::sample`] of a packet, component-major. Results are bit-identical to those of
+    /// single points.
     #[inline(always)]
-    pub fn sample_packet(
-        &self,
-        p: [[f32; PACKET]; 3],
-        fraction: f64,
-    ) -> ([f32; PACKET], [[f32; PACKET]; 3], [f32; PACKET]) {
+    pub fn sample_packet(&self, p: [[f32; PACKET]; 3], fraction: f64) -> ([f32; PACKET], [[f32; PACKET]; 3]) {
         let [from, to] = &self.ends;
         let (ends, slopes) = to.sdf.sample_lanes(p);
         let share = fraction as f32;
         let point = |k: usize| Vec3::new(p[0][k], p[1][k], p[2][k]);
         let same: [bool; PACKET] = std::array::from_fn(|k| self.is_still(point(k)));
         if share >= 1.0 || same.iter().all(|same| *same) {
-            return (ends, slopes, ends);
+            return (ends, slopes);
         }
         let (starts, before) = from.sdf.sample_lanes(p);
         let (mut values, mut gradients) = (ends, slopes);
@@ -281,7 +277,7 @@ impl BendingField {
                 gradients[c][k] = gradient[c];
             }
         }
-        (values, gradients, ends)
+        (values, gradients)
     }
 
     /// The distance at the step's end, metres.

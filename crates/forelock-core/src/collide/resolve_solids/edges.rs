@@ -26,7 +26,7 @@ use super::near::{CHUNK, Nearby};
 use super::particle::{Particle, Sample, Solid, ccd_motion, lipschitz, resolve_ccd_hit, resolve_penetration};
 use super::sweep::{SweepPath, TOUCH, parts_of};
 use super::{QueriedStrands, Solids, dot};
-use crate::body::{PACKET, PacketSamples, Shape};
+use crate::body::{PACKET, Shape};
 use crate::lane::{Lane, Real, V3};
 use crate::strands::{BlockView, number};
 
@@ -370,7 +370,7 @@ impl<T: Real> Samples<T> {
                 points[c][k] = point[c];
             }
         }
-        let PacketSamples { distances, gradients, .. } =
+        let (distances, gradients) =
             collider.shape.sample_packet(&pose.local_packet(when, &points), pose.fractions[when]);
         let mut samples = Self { count, thickness, distances, parameters, points, gradients };
         if cell.is_none() {
@@ -450,7 +450,7 @@ impl<T: Real> Samples<T> {
             let ends = [0, 1].map(|end| lerp(paths[end].ends[0], paths[end].ends[1], share));
             let places = self.parameters.map(|t| lerp(ends[0], ends[1], t));
             let points = [0, 1, 2].map(|c| places.map(|place| place[c]));
-            let PacketSamples { distances, .. } = shape.sample_packet(&points, paths[0].fractions[1]);
+            let (distances, _) = shape.sample_packet(&points, paths[0].fractions[1]);
             for (touched, distance) in touched.iter_mut().zip(distances) {
                 *touched |= distance <= self.thickness;
             }

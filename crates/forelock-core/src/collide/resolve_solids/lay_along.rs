@@ -4,8 +4,7 @@
 use super::edges::{Samples, distance, lerp, passes};
 use super::particle::{Solid, lipschitz};
 use super::sweep::sweep;
-use super::{Solids, dot};
-use crate::body::Shape;
+use super::{Solids, bending, dot};
 use crate::lane::{Lane, Real, V3};
 use crate::strands::{BlockView, LaneGroup, number, vector};
 
@@ -64,8 +63,7 @@ pub fn lay_along<L: Lane>(
     let is_pushed_out = least.lt(-L::splat(solids.thickness));
     // Hair that parts of a body that bends hold between them is marked as being pushed out, and it
     // has no other place.
-    let bends = solids.solids.iter().any(|solid| matches!(solid.shape, Shape::Bending(_)));
-    let waits = bends || follows_pass(limit);
+    let waits = bending::may_hold(solids) || follows_pass(limit);
     let stretch = if waits { L::select(is_pushed_out, L::zero(), stretch) } else { stretch };
     for lane in 0..L::WIDTH.min(live - first) {
         if stretch.get(lane) > most.get(lane) {

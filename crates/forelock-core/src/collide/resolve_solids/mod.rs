@@ -24,8 +24,10 @@
 //! A particle with a large displacement, in a substep or in the length pass, is tested along its
 //! whole path (`sweep`), so that it does not tunnel through thin solids. Edges are sampled at
 //! points between their particles, which are tested in the same way (`edges`). The surface velocity
-//! of a shape that changes ([`Shape::Morph`], [`Shape::Bending`]) counts in the contact.
+//! of a shape that changes ([`Shape::Morph`](crate::body::Shape::Morph),
+//! [`Shape::Bending`](crate::body::Shape::Bending)) counts in the contact.
 
+mod bending;
 mod edges;
 mod lay_along;
 mod levels;
@@ -35,7 +37,7 @@ mod pose;
 mod queue;
 mod sweep;
 
-use crate::body::{BendingField, ColliderFrame, PACKET, Shape};
+use crate::body::{ColliderFrame, PACKET};
 use crate::lane::{Lane, Real, V3};
 use crate::strands::{BlockView, LaneGroup};
 pub use edges::{EDGE_ROUNDS, EDGE_SAMPLES, PASSES, REFINEMENTS, SKIN_SHARE, TAKE_BACK_ROUNDS};
@@ -298,30 +300,14 @@ fn clearance_left<L: Lane>(solids: &Solids<'_, L::Scalar>, last: L, from: V3<L>,
         // solid does not use up the clearance.
         let distance =
             if apart { last.max(pose.distance_bound(x) - L::splat(solids.thickness)) } else { last };
-        let near = distance - by;
-        left = left.min(match collider.shape {
-            // The clearance counted on the pose at the frame's start.
-            Shape::Bending(field) if pose.fractions[0] == 0.0 && field.changes() => {
-                near - fall(field, pose, from)
-            }
-            _ => near,
-        });
+        let mut near = distance - by;
+        if pose.falls {
+            near = near - bending::fall(collider.shape, pose, from);
+        }
+        left = left.min(near);
         moved = by.max(moved);
     }
     (moved, left)
-}
-
-/// How far the distance from a body that bends falls at most in the frame, for particles at `from`
-/// at its start.
-#[inline(never)]
-fn fall<L: Lane>(field: &BendingField, pose: &SolidPose<L::Scalar>, from: V3<L>) -> L {
-    let mut fall = L::zero();
-    for lane in 0..L::WIDTH {
-        let at =
-            pose.local(0, from.get(lane)).map(|c| num_traits::ToPrimitive::to_f32(&c).unwrap_or(f32::NAN));
-        fall.set(lane, crate::strands::number(field.fall(at.into()).into()));
-    }
-    fall
 }
 
 #[inline(always)]

@@ -11,7 +11,7 @@
 use super::edges::distance;
 use super::particle::lipschitz;
 use super::{QueriedStrands, Solids, dot};
-use crate::body::{PACKET, PacketSamples};
+use crate::body::PACKET;
 use crate::lane::{Lane, Real, V3};
 use crate::strands::{BlockView, number, vector};
 
@@ -196,7 +196,7 @@ impl<T: Real> Middles<T> {
                 continue;
             }
             let is_field = collider.shape.cell().is_some();
-            let PacketSamples { distances, gradients, .. } =
+            let (distances, gradients) =
                 collider.shape.sample_packet(&pose.local_packet(1, &self.points), pose.fractions[1]);
             for k in 0..self.count {
                 let fast = self.moved[k] > T::zero();

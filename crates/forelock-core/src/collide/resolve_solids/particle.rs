@@ -1,10 +1,9 @@
 //! Collisions of one particle: penetration, tunnelling and friction.
 
 use super::sweep::sweep;
-use super::{SolidPose, Solids, dot};
+use super::{SolidPose, Solids, bending, dot};
 use crate::body::{ColliderFrame, Shape};
 use crate::lane::Real;
-use glam::Vec3;
 
 /// Factor by which a shape's field can change faster than the distance does.
 #[inline(always)]
@@ -56,79 +55,49 @@ pub(super) fn resolve_penetration<T: Real>(
     particle: &mut Particle<T>,
 ) -> T {
     let Solid { collider, pose } = solid;
-    let zero = T::zero();
     let (mut sigma, mut gradient) = (sample.distance - solids.thickness, sample.gradient);
-    if sigma >= zero || sigma.is_nan() {
+    if sigma >= T::zero() || sigma.is_nan() {
         return sigma;
     }
-    let is_bending = matches!(collider.shape, Shape::Bending(_));
-    // Parts that come towards each other may leave no room between them.
-    let bends = match collider.shape {
-        Shape::Bending(field) => !field.is_still(at_f32(pose.local(1, particle.x))),
-        _ => false,
-    };
+    if let Shape::Bending(field) = collider.shape {
+        return bending::resolve_penetration(solids, solid, field, sample, particle);
+    }
     let normal = pose.turn(1, gradient);
     let displacement = surface_displacement(solid, particle.x, normal);
-    if is_bending && leads_nowhere(gradient) {
-        particle.v = displacement.map(|d| d / solids.h);
-        return held(solids, sigma);
-    }
     apply_friction(solids, collider.friction, displacement, normal, particle, false);
     // A grid's gradient is not exactly the direction to the surface: sample again after a push that
     // is not small against a cell. Primitives are exact.
-    let half = crate::strands::number::<T>(0.5);
     let small_push =
         collider.shape.cell().map_or(T::infinity(), |cell| T::from(0.1 * cell).unwrap_or_else(T::zero));
     for _ in 0..MAX_PUSHES {
-        let allowed = if particle.last_clearance < zero {
-            (particle.last_clearance.max(sigma) + solids.max_push_out).min(zero)
-        } else {
-            zero
-        };
+        let allowed = allowed_clearance(solids, particle, sigma);
         let push = allowed - sigma;
-        if push <= zero {
+        if push <= T::zero() {
             return sigma;
-        }
-        if is_bending && leads_nowhere(gradient) {
-            return held(solids, sigma);
         }
         let normal = pose.turn(1, gradient);
         particle.x = [0, 1, 2].map(|c| particle.x[c] + push * normal[c]);
-        let is_small = push < small_push;
-        if is_small && !bends {
+        if push < small_push {
             return allowed;
         }
         let (distance, there) = collider.shape.sample_at(pose.local(1, particle.x), pose.fractions[1]);
-        sigma = distance - solids.thickness;
-        if sigma >= zero || sigma.is_nan() {
-            return if is_small { allowed } else { sigma };
+        (sigma, gradient) = (distance - solids.thickness, there);
+        if sigma >= T::zero() || sigma.is_nan() {
+            return sigma;
         }
-        if bends && dot(there, gradient) < crate::strands::number(OPPOSITE) {
-            // It has passed the middle of a gap that is narrower than the skins.
-            particle.x = [0, 1, 2].map(|c| particle.x[c] - half * push * normal[c]);
-            particle.v = displacement.map(|d| d / solids.h);
-            return held(solids, sigma);
-        }
-        gradient = there;
     }
     sigma
 }
 
-/// The product of the directions out of two surfaces between which there may be no room.
-const OPPOSITE: f64 = -0.8;
-
-/// Whether a particle is held between two parts of a body that press into each other: there it
-/// moves with the skin.
+/// The clearance to which this query may bring a particle that has clearance `sigma`: 0, or less
+/// for one that was inside at the last query.
 #[inline(always)]
-fn leads_nowhere<T: Real>(gradient: [T; 3]) -> bool {
-    dot(gradient, gradient) < crate::strands::number(0.2)
-}
-
-/// The clearance of such a particle: that of one which is being pushed out, so that its strand is
-/// not laid around the body.
-#[inline(always)]
-fn held<T: Real>(solids: &Solids<'_, T>, sigma: T) -> T {
-    sigma.min(-solids.thickness * crate::strands::number(1.001))
+pub(super) fn allowed_clearance<T: Real>(solids: &Solids<'_, T>, particle: &Particle<T>, sigma: T) -> T {
+    if particle.last_clearance < T::zero() {
+        (particle.last_clearance.max(sigma) + solids.max_push_out).min(T::zero())
+    } else {
+        T::zero()
+    }
 }
 
 /// Pushes out of a distance field in one query. The field is sampled after the last one too: a
@@ -244,32 +213,25 @@ fn stop<T: Real>(
 /// rigid motion, plus that of skin that bends, or the motion along the normal of a shape that
 /// changes.
 #[inline(always)]
-fn surface_displacement<T: Real>(solid: Solid<'_, T>, x: [T; 3], normal: [T; 3]) -> [T; 3] {
+pub(super) fn surface_displacement<T: Real>(solid: Solid<'_, T>, x: [T; 3], normal: [T; 3]) -> [T; 3] {
     let Solid { collider, pose } = solid;
     let moved = pose.displacement(x);
-    if let Shape::Bending(field) = collider.shape {
-        if let Some(bent) = field.displacement(at_f32(pose.local(1, x))) {
-            let share = pose.fractions[1] - pose.fractions[0];
-            let bent = pose.turn(1, bent.to_array().map(|c| crate::strands::number(f64::from(c) * share)));
-            return [0, 1, 2].map(|c| moved[c] + bent[c]);
-        }
-    } else if pose.swell == T::zero() {
+    if pose.swell == T::zero() {
         return moved;
+    }
+    if let Shape::Bending(field) = collider.shape
+        && let Some(bent) = bending::displacement(field, pose, x)
+    {
+        return [0, 1, 2].map(|c| moved[c] + bent[c]);
     }
     let [before, now] = pose.fractions.map(|fraction| collider.shape.sample_at(pose.local(1, x), fraction).0);
     [0, 1, 2].map(|c| moved[c] + (before - now) * normal[c])
 }
 
-/// A point in the precision of fields.
-#[inline(always)]
-fn at_f32<T: Real>(p: [T; 3]) -> Vec3 {
-    p.map(|c| c.to_f32().unwrap_or(f32::NAN)).into()
-}
-
 /// Removes the velocity at which a particle approaches a surface that moves by `displacement` in h,
 /// and applies Coulomb friction. `is_ccd_hit` says that the particle was stopped on its path.
 #[inline(always)]
-fn apply_friction<T: Real>(
+pub(super) fn apply_friction<T: Real>(
     solids: &Solids<'_, T>,
     friction: f64,
     displacement: [T; 3],

@@ -22,11 +22,14 @@ pub struct SolidPose<T> {
     ball: ([T; 3], T),
     /// The substep's start and end as fractions of the frame.
     pub(super) fractions: [f64; 2],
-    /// Upper bound of the surface's displacement in the substep where the shape changes; 0 for a
-    /// body that bends, whose motion is in the clearances (`BendingField`).
+    /// Upper bound of the surface's displacement in the substep where the shape changes.
     pub(super) swell: T,
-    /// The same, for sweeps.
-    swept: T,
+    /// The part of it by which the distance from the surface may fall. That from a body that bends
+    /// falls by less (`BendingField::fall`).
+    sinks: T,
+    /// Whether the clearances at the substep's start count on the skin of a body that bends as it
+    /// is then, not until the frame's end.
+    pub(super) falls: bool,
 }
 
 /// Motion of a solid in a substep in float64, relative to the frame's origin. [`SolidPose`] holds
@@ -100,8 +103,12 @@ impl<T: Real> SolidPose<T> {
                 .ball
                 .map_or(([T::zero(); 3], T::infinity()), |(centre, radius)| (vector(centre), number(radius))),
             fractions,
-            swell: if matches!(solid.shape, Shape::Bending(_)) { T::zero() } else { number(motion.swell) },
-            swept: number(motion.swell),
+            swell: number(motion.swell),
+            sinks: if matches!(solid.shape, Shape::Bending(_)) { T::zero() } else { number(motion.swell) },
+            falls: match solid.shape {
+                Shape::Bending(field) => fractions[0] == 0.0 && field.changes(),
+                _ => false,
+            },
         }
     }
 
@@ -119,7 +126,7 @@ impl<T: Real> SolidPose<T> {
         SweepPath {
             ends: [self.local(start, from), self.local(1, to)],
             fractions: [self.fractions[start], self.fractions[1]],
-            swell: if start == 0 { self.swept } else { T::zero() },
+            swell: if start == 0 { self.swell } else { T::zero() },
         }
     }
 
@@ -188,7 +195,7 @@ impl<T: Real> SolidPose<T> {
         let carried = V3([L::splat(*x), L::splat(*y), L::splat(*z)])
             .add_mul(&Mat3([splat_row(a), splat_row(b), splat_row(c)]), from);
         let d = to - carried;
-        d.dot(d).sqrt() + L::splat(self.swell)
+        d.dot(d).sqrt() + L::splat(self.sinks)
     }
 }
 

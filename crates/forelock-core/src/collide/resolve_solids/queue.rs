@@ -5,8 +5,8 @@ use super::particle::{
     resolve_penetrations, stop_at_entry,
 };
 use super::sweep::may_pass;
-use super::{PASSES, SolidContacts, Solids, dot};
-use crate::body::{PACKET, PacketSamples, Shape};
+use super::{PASSES, SolidContacts, Solids, bending, dot};
+use crate::body::{PACKET, Shape};
 use crate::lane::{LANES, Lane, Real, V3};
 use crate::strands::BlockView;
 
@@ -109,8 +109,14 @@ impl<T: Real> Queue<T> {
             if (0..taken).all(is_far) {
                 continue;
             }
-            let PacketSamples { distances, gradients, at_end } =
-                collider.shape.sample_packet(&pose.local_packet(1, &x), pose.fractions[1]);
+            let points = pose.local_packet(1, &x);
+            let (distances, gradients) = collider.shape.sample_packet(&points, pose.fractions[1]);
+            let at_end = match collider.shape {
+                Shape::Bending(field) if pose.fractions[1] < 1.0 => {
+                    Some(bending::clearances_at_end(solids, field, &points))
+                }
+                _ => None,
+            };
             for k in 0..taken {
                 let place = [x[0][k], x[1][k], x[2][k]];
                 let sample = Sample {
@@ -170,7 +176,7 @@ impl<T: Real> Queue<T> {
                 {
                     // The clearance holds until the frame's end.
                     let gone = [0, 1, 2].map(|c| particle.x[c] - place[c]);
-                    let left = at_end[k] - solids.thickness - rise * dot(gone, gone).sqrt();
+                    let left = at_end[k] - rise * dot(gone, gone).sqrt();
                     sigma = sigma.min(left.max(T::zero()));
                 }
                 let rise = if sigma > T::zero() { lipschitz(collider.shape) } else { T::one() };
@@ -184,7 +190,7 @@ impl<T: Real> Queue<T> {
                 let mut particle = Particle { x: place, v: velocity, last_clearance: T::zero() };
                 clearance[k] = resolve_penetrations(solids, &mut particle);
                 if clearance[k] > T::zero() {
-                    clearance[k] = clearance[k].min(clearance_at_end(solids, particle.x));
+                    clearance[k] = clearance[k].min(bending::clearance_at_end(solids, particle.x));
                 }
                 for c in 0..3 {
                     x[c][k] = particle.x[c];
@@ -206,15 +212,4 @@ impl<T: Real> Queue<T> {
             contacts.deepest = contacts.deepest.max(depth);
         }
     }
-}
-
-/// The clearance at `x` from bodies that bend at the frame's end, 0 inside.
-fn clearance_at_end<T: Real>(solids: &Solids<'_, T>, x: [T; 3]) -> T {
-    let bending = solids.solids.iter().zip(solids.poses);
-    let bending = bending.filter(|(collider, _)| matches!(collider.shape, Shape::Bending(_)));
-    let clearances = bending.map(|(collider, pose)| {
-        let distance = collider.shape.sample(pose.local(1, x)).0 - solids.thickness;
-        distance.max(T::zero()) / lipschitz(collider.shape)
-    });
-    clearances.fold(T::infinity(), T::min)
 }

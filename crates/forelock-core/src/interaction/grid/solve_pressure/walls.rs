@@ -1,7 +1,7 @@
 //! The cells inside solids.
 
 use super::fields::{HAIR, NEAR, SOLID};
-use crate::body::{ColliderFrame, PACKET, PacketSamples, Sdf, Shape};
+use crate::body::{ColliderFrame, PACKET, Sdf, Shape};
 use crate::interaction::grid::{Bounds, GridPlacement, GridSolid, RowMap, STRIP, SolidMaps};
 use glam::{DAffine3, DVec3, Vec3};
 use std::sync::Arc;
@@ -106,7 +106,7 @@ fn inside(shape: &Shape, cell: f32, middle: impl Fn(usize) -> [f32; 3]) -> u32 {
     }
     let locals: [[f32; 3]; PACKET] = std::array::from_fn(&middle);
     let points = [0, 1, 2].map(|c| locals.map(|local| local[c]));
-    let PacketSamples { distances, .. } = shape.sample_packet(&points, 1.0);
+    let (distances, _) = shape.sample_packet(&points, 1.0);
     distances.iter().enumerate().fold(0, |bits, (k, distance)| bits | u32::from(*distance < 0.0) << k)
 }
 

@@ -1,0 +1,136 @@
+//! Collisions with a body that bends: skin that comes towards other skin may leave no room between
+//! them, and a clearance is valid until the step's end, or counts on the skin's motion.
+
+use super::particle::{
+    MAX_PUSHES, Particle, Sample, Solid, allowed_clearance, apply_friction, lipschitz, surface_displacement,
+};
+use super::{SolidPose, Solids, dot};
+use crate::body::{BendingField, PACKET, Shape};
+use crate::lane::{Lane, Real, V3};
+use crate::strands::number;
+use glam::Vec3;
+
+/// The product of the directions out of two surfaces between which there may be no room.
+const OPPOSITE: f64 = -0.8;
+
+/// [`resolve_penetration`](super::particle::resolve_penetration) of a particle inside the skin of a
+/// body that bends. One that is held between two parts which press into each other moves with the
+/// skin.
+#[inline(never)]
+pub(super) fn resolve_penetration<T: Real>(
+    solids: &Solids<'_, T>,
+    solid: Solid<'_, T>,
+    field: &BendingField,
+    sample: Sample<T>,
+    particle: &mut Particle<T>,
+) -> T {
+    let Solid { collider, pose } = solid;
+    let (mut sigma, mut gradient) = (sample.distance - solids.thickness, sample.gradient);
+    // Parts that come towards each other may leave no room between them.
+    let bends = !field.is_still(at_f32(pose.local(1, particle.x)));
+    let normal = pose.turn(1, gradient);
+    let displacement = surface_displacement(solid, particle.x, normal);
+    if leads_nowhere(gradient) {
+        particle.v = displacement.map(|d| d / solids.h);
+        return held(solids, sigma);
+    }
+    apply_friction(solids, collider.friction, displacement, normal, particle, false);
+    for _ in 0..MAX_PUSHES {
+        let allowed = allowed_clearance(solids, particle, sigma);
+        let push = allowed - sigma;
+        if push <= T::zero() {
+            return sigma;
+        }
+        if leads_nowhere(gradient) {
+            return held(solids, sigma);
+        }
+        let normal = pose.turn(1, gradient);
+        particle.x = [0, 1, 2].map(|c| particle.x[c] + push * normal[c]);
+        let is_small = push < number(0.1 * f64::from(field.cell()));
+        if is_small && !bends {
+            return allowed;
+        }
+        let (distance, there) = collider.shape.sample_at(pose.local(1, particle.x), pose.fractions[1]);
+        sigma = distance - solids.thickness;
+        if sigma >= T::zero() || sigma.is_nan() {
+            return if is_small { allowed } else { sigma };
+        }
+        if bends && dot(there, gradient) < number(OPPOSITE) {
+            // It has passed the middle of a gap that is narrower than the skins.
+            particle.x = [0, 1, 2].map(|c| particle.x[c] - number::<T>(0.5) * push * normal[c]);
+            particle.v = displacement.map(|d| d / solids.h);
+            return held(solids, sigma);
+        }
+        gradient = there;
+    }
+    sigma
+}
+
+/// Whether no direction leads out: two parts of the body press into each other there.
+#[inline(always)]
+fn leads_nowhere<T: Real>(gradient: [T; 3]) -> bool {
+    dot(gradient, gradient) < number(0.2)
+}
+
+/// The clearance of a particle that parts of the body hold: that of one which is being pushed out,
+/// so that its strand is not laid around the body.
+#[inline(always)]
+fn held<T: Real>(solids: &Solids<'_, T>, sigma: T) -> T {
+    sigma.min(-solids.thickness * number(1.001))
+}
+
+/// Whether hair may be held between parts of a body.
+#[inline(always)]
+pub(super) fn may_hold<T>(solids: &Solids<'_, T>) -> bool {
+    solids.solids.iter().any(|solid| matches!(solid.shape, Shape::Bending(_)))
+}
+
+/// Displacement in the substep of the skin nearest to `x` relative to the body, in world axes.
+#[inline(never)]
+pub(super) fn displacement<T: Real>(field: &BendingField, pose: &SolidPose<T>, x: [T; 3]) -> Option<[T; 3]> {
+    let bent = field.displacement(at_f32(pose.local(1, x)))?;
+    let share = pose.fractions[1] - pose.fractions[0];
+    Some(pose.turn(1, bent.to_array().map(|c| number(f64::from(c) * share))))
+}
+
+/// How far the distance from a shape falls at most in the frame, for particles at `from` at its
+/// start; 0 for one that does not bend.
+#[inline(never)]
+pub(super) fn fall<L: Lane>(shape: &Shape, pose: &SolidPose<L::Scalar>, from: V3<L>) -> L {
+    let mut fall = L::zero();
+    if let Shape::Bending(field) = shape {
+        for lane in 0..L::WIDTH {
+            fall.set(lane, number(field.fall(at_f32(pose.local(0, from.get(lane)))).into()));
+        }
+    }
+    fall
+}
+
+/// Lower bounds of the clearances of a packet from a body that bends, from now until the frame's
+/// end.
+#[inline(never)]
+pub(super) fn clearances_at_end<T: Real>(
+    solids: &Solids<'_, T>,
+    field: &BendingField,
+    points: &[[T; PACKET]; 3],
+) -> [T; PACKET] {
+    let at = points.map(|row| row.map(|c| c.to_f32().unwrap_or(f32::NAN)));
+    field.end().sample_lanes(at).0.map(|distance| number::<T>(distance.into()) - solids.thickness)
+}
+
+/// The clearance at `x` from bodies that bend at the frame's end, 0 inside.
+pub(super) fn clearance_at_end<T: Real>(solids: &Solids<'_, T>, x: [T; 3]) -> T {
+    let bending = solids.solids.iter().zip(solids.poses);
+    let bending = bending.filter(|(collider, _)| matches!(collider.shape, Shape::Bending(_)));
+    let clearances = bending.map(|(collider, pose)| {
+        let distance = collider.shape.sample(pose.local(1, x)).0 - solids.thickness;
+        distance.max(T::zero()) / lipschitz(collider.shape)
+    });
+    clearances.fold(T::infinity(), T::min)
+}
+
+/// A point in the precision of fields.
+#[inline(always)]
+fn at_f32<T: Real>(p: [T; 3]) -> Vec3 {
+    p.map(|c| c.to_f32().unwrap_or(f32::NAN)).into()
+}
