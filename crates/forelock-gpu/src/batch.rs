@@ -1,14 +1,13 @@
 //! Strands in batches that each fit into the bindings of a device.
 
+use crate::channels::DeviceChannels;
 use crate::collide::{SolidBindings, Solids};
-use crate::frame::{MODEL_ROWS, StrandBindings, WindBindings};
+use crate::frame::{CheckBindings, MODEL_ROWS, StrandBindings, WindBindings};
 use crate::kernel::{Bound, StrandThreads, WORKGROUP};
 use crate::uniforms::{BlockEntry, FrameUniform, ReportEntry, SubstepUniform, UNKNOWN};
 use crate::{Gpu, GpuError};
 use forelock_core::lane::{LANES, Row};
-use forelock_core::strands::Model;
-use forelock_core::strands::SCRATCH_ROWS;
-use forelock_core::strands::State;
+use forelock_core::strands::{Channel, Model, SCRATCH_ROWS, State};
 use std::ops::Range;
 use wgpu::BufferUsages;
 
@@ -49,6 +48,8 @@ pub(crate) struct Batch {
     pub velocities: wgpu::Buffer,
     /// Integrity and clearance, two rows a place.
     pub memory: wgpu::Buffer,
+    /// The channels of the solver, as in the state; of no meaning without one.
+    pub channels: wgpu::Buffer,
 }
 
 /// The strands of a simulation on the device.
@@ -66,16 +67,18 @@ pub(crate) struct DeviceStrands<'a> {
 #[derive(Debug, Default)]
 pub(crate) struct StrandGroups {
     pub strands: Vec<Bound<StrandBindings<'static>>>,
+    pub checks: Vec<Bound<CheckBindings<'static>>>,
     pub wind: Vec<Bound<WindBindings<'static>>>,
     pub solids: Vec<Bound<SolidBindings<'static>>>,
 }
 
 impl StrandGroups {
-    /// Binds `strands` and `solids`; `winds` are the wind fields of the batches, if there are any
+    /// Binds `strands`, their `channels` and `solids`; `winds` are the wind fields of the batches, if there are any
     /// yet.
     pub fn new(
         gpu: &Gpu,
         strands: DeviceStrands<'_>,
+        channels: &DeviceChannels,
         solids: &Solids,
         winds: Option<&[wgpu::Buffer]>,
     ) -> Self {
@@ -94,6 +97,19 @@ impl StrandGroups {
                 report: &shared.report,
             };
             groups.strands.push(bindings.bind(gpu, batch.threads));
+            let bindings = CheckBindings {
+                frame: &shared.frame,
+                substep: &shared.substeps,
+                blocks: &batch.blocks,
+                model: &batch.model,
+                positions: &batch.positions,
+                velocities: &batch.velocities,
+                memory: &batch.memory,
+                report: &shared.report,
+                channels: &batch.channels,
+                channel_starts: channels.starts(),
+            };
+            groups.checks.push(bindings.bind(gpu, batch.threads));
             let bindings = WindBindings {
                 frame: &shared.frame,
                 substep: &shared.substeps,
@@ -126,15 +142,17 @@ impl StrandGroups {
     }
 }
 
-/// The blocks of `model` in ranges of which each fits into the device's bindings.
-pub(crate) fn split(gpu: &Gpu, model: &Model<f32>) -> Result<Vec<Range<usize>>, GpuError> {
+/// The blocks of `model`, whose particles have `channel_rows` of channels, in ranges of which each
+/// fits into the device's bindings.
+pub(crate) fn split(gpu: &Gpu, model: &Model<f32>, channel_rows: u32) -> Result<Vec<Range<usize>>, GpuError> {
     let limits = gpu.device().limits();
     let limit = gpu.most_bound().min(SCRATCH_BYTES);
     let most_blocks = limits.max_compute_workgroups_per_dimension as usize * WORKGROUP as usize / LANES;
     let mut batches: Vec<Range<usize>> = Vec::new();
+    let rows = u64::from(channel_rows).max(SCRATCH_ROWS as u64);
     let mut bytes = 0;
     for (k, block) in model.blocks.iter().enumerate() {
-        let own = block.particles as u64 * SCRATCH_ROWS as u64 * ROW;
+        let own = block.particles as u64 * rows * ROW;
         gpu.check_room("sixteen strands of that many particles", own, limit)?;
         match batches.last_mut() {
             Some(last) if bytes + own <= limit && last.len() < most_blocks => {
@@ -183,8 +201,8 @@ impl Shared {
 }
 
 impl Batch {
-    /// `blocks` of `model`, without a state yet.
-    pub fn new(gpu: &Gpu, model: &Model<f32>, blocks: Range<usize>) -> Self {
+    /// `blocks` of `model`, whose particles have `channel_rows` of channels, without a state yet.
+    pub fn new(gpu: &Gpu, model: &Model<f32>, blocks: Range<usize>, channel_rows: u32) -> Self {
         let own = &model.blocks[blocks.clone()];
         let places = own[0].first..own[own.len() - 1].range().end;
         let entries = entries(model, blocks.clone(), |_| 1);
@@ -207,6 +225,7 @@ impl Batch {
         let positions = gpu.buffer("positions", 3 * room, change);
         let velocities = gpu.buffer("velocities", 3 * arrays * room, change);
         let memory = gpu.buffer("memory", 2 * room, change);
+        let channels = gpu.buffer("channels", (u64::from(channel_rows) * room).max(ROW), change);
         Self {
             threads: StrandThreads {
                 workgroups: (own.len() * LANES).div_ceil(WORKGROUP as usize) as u32,
@@ -220,6 +239,7 @@ impl Batch {
             positions,
             velocities,
             memory,
+            channels,
         }
     }
 
@@ -241,8 +261,8 @@ impl Batch {
 
     /// Bytes held on the device.
     pub fn bytes(&self) -> u64 {
-        let all = [&self.blocks, &self.model, &self.strands, &self.positions, &self.velocities, &self.memory];
-        all.iter().map(|buffer| buffer.size()).sum()
+        let constant = [&self.blocks, &self.model, &self.strands];
+        constant.into_iter().chain(self.state()).map(|buffer| buffer.size()).sum()
     }
 
     /// Uploads its part of `state`.
@@ -261,15 +281,26 @@ impl Batch {
             queue.write_buffer(&self.velocities, self.velocities.size() / 3, previous);
         }
         queue.write_buffer(&self.memory, 0, bytemuck::cast_slice(&memory));
+        queue.write_buffer(
+            &self.channels,
+            0,
+            bytemuck::cast_slice(&state.extra.rows()[self.channels_of(state)]),
+        );
+    }
+
+    /// Its rows of the channels of `state`.
+    fn channels_of(&self, state: &State<f32>) -> Range<usize> {
+        let rows: usize = state.extra.channels().map(Channel::rows).sum();
+        rows * self.places.start..rows * self.places.end
     }
 
     /// The buffers of its part of the state.
-    pub fn state(&self) -> [&wgpu::Buffer; 3] {
-        [&self.positions, &self.velocities, &self.memory]
+    pub fn state(&self) -> [&wgpu::Buffer; 4] {
+        [&self.positions, &self.velocities, &self.memory, &self.channels]
     }
 
     /// Copies its part of `state` from the bytes of [`Batch::state`].
-    pub fn take(&self, [positions, velocities, memory]: [&[u8]; 3], state: &mut State<f32>) {
+    pub fn take(&self, [positions, velocities, memory, channels]: [&[u8]; 4], state: &mut State<f32>) {
         let (from, to) = (self.places.start, self.places.end);
         bytemuck::cast_slice_mut(&mut state.positions[3 * from..3 * to]).copy_from_slice(positions);
         let own = if state.previous.is_empty() { velocities.len() } else { velocities.len() / 3 };
@@ -278,6 +309,9 @@ impl Batch {
         if !state.previous.is_empty() {
             bytemuck::cast_slice_mut(&mut state.previous[3 * from..3 * to]).copy_from_slice(&later[..own]);
         }
+        let range = self.channels_of(state);
+        let own: &mut [u8] = bytemuck::cast_slice_mut(&mut state.extra.rows_mut()[range]);
+        own.copy_from_slice(&channels[..own.len()]);
         let rows: Vec<[Row<f32>; 2]> = bytemuck::pod_collect_to_vec(memory);
         for (place, [integrity, clearance]) in self.places.clone().zip(rows) {
             let unknown = |x: f32| if x <= UNKNOWN { f32::NEG_INFINITY } else { x };

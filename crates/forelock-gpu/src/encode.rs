@@ -24,6 +24,8 @@ pub(crate) struct FrameKinds {
     pub solids: SolidKinds,
     /// What shelters from the wind, if it is a field.
     pub air: Option<Shelter>,
+    /// Whether channels of the solver start.
+    pub starts_channels: bool,
     /// What it does about sleep.
     pub sleep: SleepStep,
 }
@@ -89,6 +91,9 @@ impl GpuSimulation {
                 continue;
             }
             if begins(steps) {
+                if kinds.starts_channels {
+                    self.channels.start(&mut list);
+                }
                 if let Some((shelter, air)) = kinds.air.zip(self.air.as_ref()) {
                     air.sample(&mut list, shelter);
                     self.kernels.apply_wind(&mut list, &self.groups);
@@ -145,7 +150,7 @@ impl GpuSimulation {
                 list.push(strands.dispatch(&RESTORE_AGAIN, &[last]));
                 collide_at_end(list, queries::RESTORED_AGAIN);
             }
-            Step::CheckStrands => list.push(strands.dispatch(&CHECK_STRANDS, &[last])),
+            Step::CheckStrands => list.push(groups.checks[batch].dispatch(&CHECK_STRANDS, &[last])),
             Step::RecordStart(_) | Step::Exchange(_) => {}
         }
     }
@@ -191,6 +196,7 @@ impl GpuSimulation {
         let origin = frame.origin(&self.model);
         let start = self.model.about_centre(&frame.roots.head()[0], self.origin);
         let shift = self.origin - origin;
+        let starts_channels = self.channels.write_frame(&self.gpu, frame, begins(steps));
         if begins(steps) {
             self.write_acceleration(frame);
             // Positions move there in the first substep.
@@ -198,6 +204,7 @@ impl GpuSimulation {
         }
         let mut uniform = FrameUniform::new(&self.rules, frame.dt_secs, frame.gravity, frame.air.velocity);
         self.kernels.write_terms(frame.dt_secs, &mut uniform);
+        uniform.channel_rows = self.channels.rows();
         if !self.model.masses.is_empty() {
             uniform = uniform.with_masses(self.model.least_mass);
         }
@@ -208,7 +215,7 @@ impl GpuSimulation {
         self.gpu.queue().write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&uniform));
         let count = self.count;
         let poses: Vec<_> = frame.poses(&self.model, count, origin).collect();
-        self.write_substeps(&poses, shift);
+        self.write_substeps(&poses, frame.dt_secs / f64::from(count), shift);
         if !frame.colliders.is_empty() || self.rules.solver_collides {
             let solids =
                 SolidFrame { frame, substeps: count, origin, plan: &self.plan, positional: self.has_load() };
@@ -229,7 +236,8 @@ impl GpuSimulation {
             let air_frame = AirFrame { wind, solids: frame.colliders.len(), origin, shift };
             air.write_frame(&self.gpu, &self.model, &air_frame)
         });
-        FrameKinds { solids: SolidKinds::of(frame.colliders), air, sleep: SleepStep::Awake }
+        let solids = SolidKinds::of(frame.colliders);
+        FrameKinds { solids, air, starts_channels, sleep: SleepStep::Awake }
     }
 
     /// Uploads the acceleration in addition to gravity of a frame, before positions move to its
@@ -243,9 +251,9 @@ impl GpuSimulation {
         }
     }
 
-    /// Writes the substeps between `poses`, the first of which moves positions by `shift`; further
-    /// entries number the levels of kernels that place one particle of each strand.
-    fn write_substeps(&mut self, poses: &[Pose], shift: DVec3) {
+    /// Writes the substeps of `h` seconds between `poses`, the first of which moves positions by
+    /// `shift`; further entries number the levels of kernels that place one particle of each strand.
+    fn write_substeps(&mut self, poses: &[Pose], h: f64, shift: DVec3) {
         let (count, weight, stride) = (self.count, self.options.carried_gravity(), self.shared.stride);
         self.substeps.clear();
         let mut append = |number: u32, substep: &SubstepUniform| {
@@ -254,11 +262,11 @@ impl GpuSimulation {
         };
         for (step, ends) in (0..count).zip(poses.windows(2)) {
             let shift = if step == 0 { shift } else { DVec3::ZERO };
-            append(step, &SubstepUniform::new([&ends[0], &ends[1]], weight, shift));
+            append(step, &SubstepUniform::new([&ends[0], &ends[1]], h, weight, shift));
         }
         for level in count..self.kernels.substep_entries(count, self.model.longest() as u32) {
             let [start, end] = [&poses[0], &poses[1]];
-            append(level, &SubstepUniform { level, ..SubstepUniform::new([start, end], weight, shift) });
+            append(level, &SubstepUniform { level, ..SubstepUniform::new([start, end], h, weight, shift) });
         }
         self.gpu.queue().write_buffer(&self.shared.substeps, 0, &self.substeps);
     }

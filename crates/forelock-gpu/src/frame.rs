@@ -60,6 +60,22 @@ bindings! {
     }
 }
 
+bindings! {
+    /// Strands and channels: what a strand that is reset needs.
+    pub(crate) struct CheckBindings {
+        0 frame: uniform(FrameUniform),
+        1 substep: dynamic(SubstepUniform),
+        2 blocks: read,
+        3 model: read,
+        5 positions: read_write,
+        6 velocities: read_write,
+        7 memory: read_write,
+        9 report: read_write,
+        35 channels: read_write,
+        36 channel_starts: read,
+    }
+}
+
 shader! {
     /// `restore_lengths`.
     RESTORE: "restore_lengths", StrandBindings;
@@ -78,7 +94,7 @@ shader! {
 
 shader! {
     /// `check_strands`.
-    CHECK: "check_strands", StrandBindings;
+    CHECK: "check_strands", CheckBindings;
     texts: [finish::WGSL];
     constants: [];
     kernels: {

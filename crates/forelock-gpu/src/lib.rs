@@ -44,6 +44,7 @@
 pub mod acceleration;
 pub mod air;
 mod batch;
+mod channels;
 mod clock;
 pub mod collide;
 mod device;
@@ -79,6 +80,7 @@ pub fn shaders() -> impl Iterator<Item = &'static kernel::Shader> {
         collide::SHADERS,
         acceleration::SHADERS,
         air::SHADERS,
+        channels::SHADERS,
         sleep::SHADERS,
         guides::SHADERS,
     ];

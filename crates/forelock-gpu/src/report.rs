@@ -92,9 +92,7 @@ impl GpuSimulation {
     pub(crate) fn take_memory(&mut self) -> State<f32> {
         let made = || {
             let mut state = State::at_rest(&self.model, &self.options.rest_pose);
-            if self.solver.channels().previous {
-                state.remember();
-            }
+            self.solver.channels().prepare_state(&self.model, &mut state);
             state
         };
         let mut state = self.read_back.take().unwrap_or_else(made);
@@ -106,6 +104,7 @@ impl GpuSimulation {
     pub(crate) fn write_state(&mut self, state: &State<f32>) {
         self.batches.iter().for_each(|batch| batch.write(&self.gpu, state));
         self.sleep.take(&self.gpu, &self.model, state);
+        self.channels.take(state);
         self.origin = state.origin;
         self.positions.origin = state.origin;
     }
@@ -156,8 +155,9 @@ impl GpuSimulation {
         let mut state = self.take_memory();
         let mut next = || read.next().unwrap_or_default();
         for batch in &self.batches {
-            batch.take([next(), next(), next()], &mut state);
+            batch.take([next(), next(), next(), next()], &mut state);
         }
+        self.channels.give(&mut state);
         self.sleep.give(&mut state);
         self.read_back.insert(state)
     }

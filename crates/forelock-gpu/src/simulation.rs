@@ -3,6 +3,7 @@
 use crate::acceleration::DeviceAcceleration;
 use crate::air::DeviceAir;
 use crate::batch::{Batch, DeviceStrands, Shared, StrandGroups, split};
+use crate::channels::{self, DeviceChannels};
 use crate::clock::Clock;
 use crate::collide::Solids;
 use crate::encode::FrameKinds;
@@ -38,7 +39,7 @@ pub(crate) const USUAL_FRAME_SECS: f64 = 1.0 / 60.0;
 /// batch). With a grid 4 more, and 68 for each cell of its capacity; under follow the leader 24
 /// more; with contacts 12 more and what [`crate::interaction::contact`] states; with SPH what
 /// [`crate::interaction::sph`] states; 12 more after the first wind field, 12 after the first
-/// acceleration in addition to gravity, 4 with masses.
+/// acceleration in addition to gravity, 4 with masses, 4 for each row of the solver's channels.
 #[derive(Debug)]
 pub struct GpuSimulation {
     pub(crate) gpu: Gpu,
@@ -60,6 +61,7 @@ pub struct GpuSimulation {
     pub(crate) solids: Solids,
     pub(crate) batches: Vec<Batch>,
     pub(crate) groups: StrandGroups,
+    pub(crate) channels: DeviceChannels,
     /// Bytes of the substeps of a frame.
     pub(crate) substeps: Vec<u8>,
     pub(crate) half_factors: bool,
@@ -132,7 +134,9 @@ impl GpuSimulation {
         options: &Options,
     ) -> Result<Self, GpuError> {
         let Packed { model, state } = packed;
-        let ranges = split(gpu, &model)?;
+        let asked = solver.channels().extra;
+        let channel_rows = channels::rows(asked);
+        let ranges = split(gpu, &model, channel_rows)?;
         let places = |range: &std::ops::Range<usize>| {
             model.blocks[range.clone()].iter().map(|block| block.particles).sum::<usize>()
         };
@@ -142,7 +146,7 @@ impl GpuSimulation {
         let shared = Shared::new(gpu, ranges.iter().map(places).max().unwrap_or(1), entries);
         let solids = Solids::new(gpu, count);
         let batch = |range| {
-            let batch = Batch::new(gpu, &model, range);
+            let batch = Batch::new(gpu, &model, range, channel_rows);
             batch.write(gpu, &state);
             batch
         };
@@ -164,6 +168,7 @@ impl GpuSimulation {
             solids,
             batches,
             groups: StrandGroups::default(),
+            channels: DeviceChannels::new(gpu, asked, &state),
             substeps: Vec::new(),
             half_factors: false,
             interactions: Vec::new(),
@@ -311,6 +316,7 @@ impl GpuSimulation {
             solids,
             batches,
             groups,
+            channels,
             kernels,
             interactions,
             air,
@@ -320,8 +326,10 @@ impl GpuSimulation {
         } = self;
         let strands = DeviceStrands { model, shared, batches };
         sleep.bind(gpu, strands);
-        *groups = StrandGroups::new(gpu, strands, solids, air.as_ref().map(|air| &*air.wind));
-        kernels.bind(gpu, strands, solids);
+        channels.bind(gpu, strands);
+        let winds = air.as_ref().map(|air| &*air.wind);
+        *groups = StrandGroups::new(gpu, strands, channels, solids, winds);
+        kernels.bind(gpu, strands, solids, winds);
         interactions.iter_mut().for_each(|own| own.bind(gpu, strands, solids));
         if let Some(air) = air {
             air.bind(gpu, strands, solids);
@@ -355,6 +363,7 @@ impl GpuSimulation {
         let batches = self.batches.iter().map(Batch::bytes).sum::<u64>();
         let air = self.air.as_ref().map_or(0, DeviceAir::bytes)
             + self.sleep.bytes()
+            + self.channels.bytes()
             + self.acceleration.as_ref().map_or(0, DeviceAcceleration::bytes);
         let interactions = self.interactions.iter().map(|own| own.bytes()).sum::<u64>();
         self.shared.bytes() + self.solids.bytes() + interactions + air + batches

@@ -5,7 +5,7 @@ use bytemuck::{Pod, Zeroable};
 use forelock_core::frame::FrameRules;
 use forelock_core::params::Inextensibility;
 use forelock_core::pose::Pose;
-use glam::{DMat4, DVec3, Mat4, Vec3};
+use glam::{DMat4, DVec3, Mat4, Vec3, Vec4};
 
 /// Coefficients of a frame: `FrameInput` in `prelude.wgsl`.
 #[repr(C)]
@@ -69,8 +69,20 @@ pub struct FrameUniform {
     pub least_mass: f32,
     /// Longest edge that `flags::LIMIT_LENGTHS` allows, over its rest length.
     pub length_limit: f32,
+    /// Of rods, α̃ l² of stretch–shear constraints.
+    pub stretch_compliance: f32,
+    /// Of rods, α̃/L of bend–twist constraints, if [`flags::BENDS`].
+    pub bend_compliance: f32,
+    /// Of rods, β.
+    pub rotation_weight: f32,
+    /// Of rods, the share of the velocity relative to the air that a substep leaves.
+    pub keep: f32,
+    /// Of rods, passes over the constraints in a substep.
+    pub iterations: u32,
+    /// Rows per particle of the solver's channels.
+    pub channel_rows: u32,
     /// Padding.
-    pub pad_0: [f32; 3],
+    pub pad_0: f32,
 }
 
 /// Bits of [`FrameUniform::flags`].
@@ -99,10 +111,12 @@ pub mod flags {
     pub const MASSES: u32 = 1 << 10;
     /// Lengths are only limited.
     pub const LIMIT_LENGTHS: u32 = 1 << 11;
+    /// Rods resist bending and twist.
+    pub const BENDS: u32 = 1 << 12;
 }
 
 /// The same by their WGSL names.
-pub const FLAGS: [Constant; 12] = [
+pub const FLAGS: [Constant; 13] = [
     Constant::u32("TENSION", flags::TENSION),
     Constant::u32("ANGULAR_EDGE", flags::ANGULAR_EDGE),
     Constant::u32("ANGULAR_PAPER", flags::ANGULAR_PAPER),
@@ -115,6 +129,7 @@ pub const FLAGS: [Constant; 12] = [
     Constant::u32("WIND", flags::WIND),
     Constant::u32("MASSES", flags::MASSES),
     Constant::u32("LIMIT_LENGTHS", flags::LIMIT_LENGTHS),
+    Constant::u32("BENDS", flags::BENDS),
 ];
 
 /// A substep's poses: `Substep` in `prelude.wgsl`.
@@ -133,6 +148,24 @@ pub struct SubstepUniform {
     pub shift: Vec3,
     /// Padding.
     pub pad_1: f32,
+    /// The head's rotation at its end, x, y, z, w.
+    pub rotation: Vec4,
+    /// The head's angular velocity in it, s⁻¹.
+    pub spin: Vec3,
+    /// Padding.
+    pub pad_2: f32,
+}
+
+/// A row of a solver's channels: `ChannelRow` in `prelude.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct ChannelRowEntry {
+    /// Its initial value, turned with the head at the frame's start.
+    pub at_start: f32,
+    /// The same at the frame's end.
+    pub at_end: f32,
+    /// 1 if the channel starts in this frame, else 0.
+    pub starts: u32,
 }
 
 /// A block of strands: `Block` in `prelude.wgsl`.
@@ -222,8 +255,10 @@ pub(crate) fn rigid(pose: &Pose) -> Mat4 {
 }
 
 impl SubstepUniform {
-    /// From `poses` about the model's centre at the substep's start and end.
-    pub fn new([start, end]: [&Pose; 2], rest_gravity: DVec3, shift: DVec3) -> Self {
+    /// From poses about the model's centre at the start and end of a substep of `h` seconds.
+    pub fn new([start, end]: [&Pose; 2], h: f64, rest_gravity: DVec3, shift: DVec3) -> Self {
+        let turn = end.rotation * start.rotation.inverse();
+        let spin = DVec3::new(turn.x, turn.y, turn.z) * (2.0 / h).copysign(turn.w);
         Self {
             start: rigid(start),
             end: rigid(end),
@@ -231,6 +266,9 @@ impl SubstepUniform {
             level: 0,
             shift: shift.as_vec3(),
             pad_1: 0.0,
+            rotation: end.rotation.as_quat().into(),
+            spin: spin.as_vec3(),
+            pad_2: 0.0,
         }
     }
 }

@@ -55,7 +55,7 @@ impl GpuStage {
                 interactions.iter().filter(move |own| is_of(own.phase)).map(|own| own.stage)
             };
             let mut names: Vec<&str> = stages(|phase| phase == Phase::BeforeStrands).collect();
-            for own in SolverSection::default().built_in().into_iter().filter(|own| own.has_gpu_kernels()) {
+            for own in SolverSection::default().built_in() {
                 let stage = own.solver.rules().stage;
                 // Solvers may share a stage.
                 if !names.contains(&stage) {
@@ -208,6 +208,7 @@ mod tests {
             "find_neighbours",
             "solve_strands",
             "follow_leader",
+            "solve_rods",
             "resolve_solids",
             "splat_segments",
             "hold_hair",

@@ -41,6 +41,8 @@ pub const PRELUDE_WGSL: &str = include_str!("wgsl/prelude.wgsl");
 pub const LOAD_WGSL: &str = include_str!("wgsl/load.wgsl");
 /// WGSL that measures how fast hair moves, for its sleep.
 pub const SLEEP_WGSL: &str = include_str!("wgsl/sleep.wgsl");
+/// WGSL that starts the channels of a solver ([`Channels::extra`]).
+pub const CHANNELS_WGSL: &str = include_str!("wgsl/channels.wgsl");
 /// Reductions over a workgroup.
 pub const REDUCE_WGSL: &str = include_str!("wgsl/reduce.wgsl");
 /// The same for devices with subgroups.

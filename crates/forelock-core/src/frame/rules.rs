@@ -103,6 +103,12 @@ impl Channels {
         } else {
             model.local = Vec::new();
         }
+        self.prepare_state(model, state);
+    }
+
+    /// Adds to `state` what is asked for, and drops what is not: the part of [`Channels::prepare`]
+    /// that leaves the model as it is.
+    pub fn prepare_state<T: Real>(self, model: &Model<T>, state: &mut State<T>) {
         if self.previous {
             state.remember();
         } else {

@@ -27,8 +27,14 @@ pub struct Channel {
 
 impl Channel {
     /// Rows per particle.
-    pub fn rows(&self) -> usize {
+    pub const fn rows(&self) -> usize {
         self.values * self.kind.rows()
+    }
+
+    /// The rows of a particle at the initial value, with the head rotated by `head`.
+    pub fn initial_rows(&self, head: DQuat) -> impl Iterator<Item = f64> {
+        let (initial, rows) = (self.kind.initial(head).to_array(), self.kind.rows());
+        (0..self.rows()).map(move |row| initial[row % rows])
     }
 
     /// Whether values of `other` are values of this channel.
@@ -75,7 +81,7 @@ pub enum ChannelKind {
 
 impl ChannelKind {
     /// Rows per value.
-    pub fn rows(self) -> usize {
+    pub const fn rows(self) -> usize {
         match self {
             Self::Scalar(_) => 1,
             Self::Vector(_) => 3,
@@ -129,11 +135,8 @@ impl Stored {
 
     /// Sets its values among the rows of a particle to the initial one.
     fn reset<T: Real>(&self, particle: &mut [Row<T>], lane: usize, head: DQuat) {
-        let initial = self.channel.kind.initial(head).to_array();
-        for (row, x) in
-            particle[self.range()].iter_mut().zip(initial[..self.channel.kind.rows()].iter().cycle())
-        {
-            row.0[lane] = number(*x);
+        for (row, x) in particle[self.range()].iter_mut().zip(self.channel.initial_rows(head)) {
+            row.0[lane] = number(x);
         }
     }
 }
@@ -160,6 +163,27 @@ impl<T: Real> ChannelStore<T> {
     /// The channels.
     pub fn channels(&self) -> impl Iterator<Item = &Channel> {
         self.stored.iter().map(|own| &own.channel)
+    }
+
+    /// All rows, those of one particle after those of another; a channel that has not started has
+    /// none of meaning.
+    pub fn rows(&self) -> &[Row<T>] {
+        &self.rows
+    }
+
+    /// [`ChannelStore::rows`], to be changed.
+    pub fn rows_mut(&mut self) -> &mut [Row<T>] {
+        &mut self.rows
+    }
+
+    /// Whether each channel has values.
+    pub fn started(&self) -> impl Iterator<Item = bool> {
+        self.stored.iter().map(|own| own.started)
+    }
+
+    /// Sets whether each channel has values, after its rows were written.
+    pub fn set_started(&mut self, started: impl IntoIterator<Item = bool>) {
+        self.stored.iter_mut().zip(started).for_each(|(own, started)| own.started = started);
     }
 
     /// Makes room for `channels` of `places` particles. Values of a channel of the same name, kind

@@ -98,7 +98,7 @@ impl GpuSolver for GpuDftl {
         if self.params.schedule == Schedule::Particles { longest } else { substeps }
     }
 
-    fn bind(&mut self, gpu: &Gpu, strands: DeviceStrands<'_>, solids: &Solids) {
+    fn bind(&mut self, gpu: &Gpu, strands: DeviceStrands<'_>, solids: &Solids, _: Option<&[wgpu::Buffer]>) {
         let shared = strands.shared;
         let bound = strands.batches.iter().map(|batch| {
             let bindings = FollowBindings {

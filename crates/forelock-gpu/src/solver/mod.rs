@@ -3,6 +3,7 @@
 
 mod ams;
 mod dftl;
+mod xpbd;
 
 use crate::batch::{DeviceStrands, StrandGroups};
 use crate::collide::{SolidKinds, Solids};
@@ -23,8 +24,15 @@ pub(crate) trait GpuSolver: Debug + Send + Sync {
 
     /// Creates the bind groups of the solver; those that all solvers share are in [`StrandGroups`].
     /// It is called again whenever a buffer was replaced.
-    fn bind(&mut self, gpu: &Gpu, strands: DeviceStrands<'_>, solids: &Solids) {
-        let _ = (gpu, strands, solids);
+    /// `winds` are the wind fields of the batches, if there are any yet.
+    fn bind(
+        &mut self,
+        gpu: &Gpu,
+        strands: DeviceStrands<'_>,
+        solids: &Solids,
+        winds: Option<&[wgpu::Buffer]>,
+    ) {
+        let _ = (gpu, strands, solids, winds);
     }
 
     /// Writes the solver's coefficients for a frame time of `dt_secs` into the uniform.
@@ -55,7 +63,7 @@ pub(crate) struct SolveBatch<'a> {
 }
 
 /// The shaders of each solver.
-pub(crate) static SHADERS: [&[&Shader]; 2] = [ams::SHADERS, dftl::SHADERS];
+pub(crate) static SHADERS: [&[&Shader]; 3] = [ams::SHADERS, dftl::SHADERS, xpbd::SHADERS];
 
 /// Creates the GPU counterpart of `solver`.
 ///
@@ -64,5 +72,6 @@ pub(crate) static SHADERS: [&[&Shader]; 2] = [ams::SHADERS, dftl::SHADERS];
 pub(crate) fn of(solver: &Solver<f32>) -> Result<Box<dyn GpuSolver>, GpuError> {
     ams::of(solver)
         .or_else(|| dftl::of(solver))
+        .or_else(|| xpbd::of(solver))
         .ok_or(GpuError::Unsupported { what: "a solver without GPU kernels" })
 }

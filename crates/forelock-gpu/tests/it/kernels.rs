@@ -11,7 +11,7 @@ use forelock_gpu::interaction::contact::{ContactUniform, TouchEntry};
 use forelock_gpu::interaction::grid::{BoundsEntry, GridSolidEntry, GridUniform};
 use forelock_gpu::interaction::sph::FluidUniform;
 use forelock_gpu::kernel::{Binding, BindingKind, Shader};
-use forelock_gpu::uniforms::{BlockEntry, FrameUniform, ReportEntry, SubstepUniform};
+use forelock_gpu::uniforms::{BlockEntry, ChannelRowEntry, FrameUniform, ReportEntry, SubstepUniform};
 use naga::back::{hlsl, msl, spv};
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 use std::collections::BTreeSet;
@@ -118,8 +118,10 @@ fn layouts() -> Vec<Layout> {
             k_springs k_integrity tip_scales k_angular gravity k_altitude air drag h inverse_h inverse_dt length_damping
             elastic_limit breaking_point breaking_width healing healing_limit clamped flags unknown drag_along
             drag_quadratic shape_global shape_local tip_global tip_local recheck least_mass length_limit
+            stretch_compliance bend_compliance rotation_weight keep iterations channel_rows
         ]),
-        layout!("Substep", SubstepUniform, [start end carried_weight level shift pad_1]),
+        layout!("Substep", SubstepUniform, [start end carried_weight level shift pad_1 rotation spin pad_2]),
+        layout!("ChannelRow", ChannelRowEntry, [at_start at_end starts]),
         layout!("Block", BlockEntry, [first particles live points place number]),
         layout!("Report", ReportEntry, [stretch quarantined touching deepest restored contacts]),
         layout!("Bounds", BoundsEntry, [

@@ -3,5 +3,7 @@
 mod common;
 #[path = "../../../forelock-core/tests/it/golden/mod.rs"]
 mod golden;
+#[path = "../../../forelock-core/tests/it/golden_rods.rs"]
+mod golden_rods;
 mod gpu;
 mod kernels;

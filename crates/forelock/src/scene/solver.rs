@@ -169,13 +169,6 @@ pub(crate) struct BuiltIn {
     pub(crate) solver: Solver<f32>,
 }
 
-impl BuiltIn {
-    /// Whether it runs on GPUs too.
-    pub(crate) fn has_gpu_kernels(&self) -> bool {
-        self.kind != SolverKind::Xpbd
-    }
-}
-
 impl SolverSection {
     /// The keys of the substep of solvers, which mean the same as `time.substep_secs`.
     pub(super) const SUBSTEP: [&str; 2] = ["solver.ams.substep_secs", "solver.mass_spring.substep_secs"];

@@ -32,5 +32,8 @@ fn check_strands(@builtin(global_invocation_id) id: vec3u) {
         let at = entry(strand, i, 2u, 0u);
         memory[at] = 1.0;
         memory[at + LANES] = frame.unknown;
+        for (var row = 0u; row < frame.channel_rows; row++) {
+            channels[channel_entry(strand, i, row)] = channel_starts[row].at_end;
+        }
     }
 }

@@ -43,6 +43,15 @@ struct Frame {
     least_mass: f32,
     // With LIMIT_LENGTHS, the longest edge over its rest length.
     length_limit: f32,
+    // Rods: α̃ l² of stretch and shear, α̃/L of bending and twist, the weight of rotations, the share
+    // of the velocity relative to the air that a substep leaves, passes over the constraints.
+    stretch_compliance: f32,
+    bend_compliance: f32,
+    rotation_weight: f32,
+    keep: f32,
+    iterations: u32,
+    // Rows per particle of the solver's channels.
+    channel_rows: u32,
 }
 
 // The head's pose at a substep's start and end, as maps from rest positions to positions.
@@ -55,6 +64,10 @@ struct Substep {
     // Added to positions before the substep, because the origin moves with the head.
     shift: vec3f,
     pad_1: f32,
+    // The head's rotation at its end, x y z w, and the head's angular velocity in it, s⁻¹.
+    rotation: vec4f,
+    spin: vec3f,
+    pad_2: f32,
 }
 
 struct Block {
@@ -66,6 +79,14 @@ struct Block {
     // In the whole model: the place of the block's first particle, and the number of the block.
     place: u32,
     number: u32,
+}
+
+// A row of a solver's channels at its initial value, turned with the head at the frame's start and
+// at its end; whether the channel starts in this frame.
+struct ChannelRow {
+    at_start: f32,
+    at_end: f32,
+    starts: u32,
 }
 
 // Results of a frame over all strands.
@@ -102,6 +123,11 @@ struct Report {
 @group(0) @binding(8) var<storage, read_write> scratch: array<u32>;
 @group(0) @binding(9) var<storage, read_write> report: Report;
 
+// The channels of a solver: `channel_rows` rows per particle.
+@group(0) @binding(35) var<storage, read_write> channels: array<f32>;
+// The rows of a particle.
+@group(0) @binding(36) var<storage, read> channel_starts: array<ChannelRow>;
+
 // This thread's strand.
 struct Strand {
     // Place of its first particle.
@@ -128,6 +154,21 @@ fn number_of(strand: Strand, i: u32) -> u32 {
 // The entry of row `row` (of `rows` a particle) of particle `i`.
 fn entry(strand: Strand, i: u32, rows: u32, row: u32) -> u32 {
     return (rows * (strand.first + i) + row) * LANES + strand.lane;
+}
+
+// The entry of a row of the channels of particle `i`.
+fn channel_entry(strand: Strand, i: u32, row: u32) -> u32 {
+    return entry(strand, i, frame.channel_rows, row);
+}
+
+fn channel_vector(at: u32) -> vec3f {
+    return vec3f(channels[at], channels[at + LANES], channels[at + 2u * LANES]);
+}
+
+fn set_channel_vector(at: u32, v: vec3f) {
+    channels[at] = v.x;
+    channels[at + LANES] = v.y;
+    channels[at + 2u * LANES] = v.z;
 }
 
 fn rest_at(strand: Strand, i: u32) -> vec3f {

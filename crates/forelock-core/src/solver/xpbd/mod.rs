@@ -21,10 +21,10 @@ const STEP_SECS: f64 = 1.0 / 60.0;
 
 /// The rotation of each edge from its rest direction on the head at rest, in the place of its lower
 /// particle.
-const ROTATION: Channel =
+pub const ROTATION: Channel =
     Channel { name: "rotation", kind: ChannelKind::Rotation(DQuat::IDENTITY), values: 1 };
 /// The angular velocity of each edge, rad/s.
-const SPIN: Channel = Channel { name: "spin", kind: ChannelKind::Vector(DVec3::ZERO), values: 1 };
+pub const SPIN: Channel = Channel { name: "spin", kind: ChannelKind::Vector(DVec3::ZERO), values: 1 };
 
 impl LaneSolver for XpbdParams {
     type Terms = RodTerms;

@@ -16,7 +16,7 @@ use forelock_core::interaction::sph::SphParams;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::Simulation;
 use forelock_core::solver::dftl::Schedule;
-use forelock_core::solver::{AmsParams, DftlParams, MassSpringParams, Solver};
+use forelock_core::solver::{AmsParams, DftlParams, MassSpringParams, Solver, XpbdParams};
 use forelock_core::strands::{Snapshot, Strands};
 use forelock_gpu::{Gpu, GpuSimulation};
 use glam::{DQuat, DVec3};
@@ -465,9 +465,12 @@ fn plates_do_not_cut_through_taut_hair() {
     let gpu = common::gpu();
     let (ams, dftl) = (AmsParams::default(), DftlParams::default());
     let springs = MassSpringParams::default();
-    for (name, solver) in
-        [("ams", (&ams).into()), ("dftl", (&dftl).into()), ("mass-spring", (&springs).into())]
-    {
+    for (name, solver) in [
+        ("ams", (&ams).into()),
+        ("dftl", (&dftl).into()),
+        ("mass-spring", (&springs).into()),
+        ("xpbd", (&XpbdParams::default()).into()),
+    ] {
         for half in [0.001, 0.005] {
             let (cut, crossed, stretch) = dragged(&gpu, &solver, half);
             println!("{name}, {half} m: {cut:.1e} cut, {crossed} crossed, stretch {stretch:.1e}");

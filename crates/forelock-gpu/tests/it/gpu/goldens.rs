@@ -37,7 +37,7 @@ impl Backend for GpuSimulation {
     }
 }
 
-fn on(gpu: &Gpu) -> impl Fn(&Strands<'_, f32>, &Solver<f32>, Options) -> GpuSimulation {
+pub fn on(gpu: &Gpu) -> impl Fn(&Strands<'_, f32>, &Solver<f32>, Options) -> GpuSimulation {
     |strands, params, options| GpuSimulation::from_strands(gpu, strands, params, &options).unwrap()
 }
 

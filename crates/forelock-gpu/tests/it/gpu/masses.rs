@@ -12,7 +12,7 @@ use forelock_core::frame::{Acceleration, Air, FrameInput};
 use forelock_core::groom::Groom;
 use forelock_core::params::ParamsError;
 use forelock_core::simulation::{Options, Simulation};
-use forelock_core::solver::{AmsParams, DftlParams, MassSpringParams, Solver};
+use forelock_core::solver::{AmsParams, DftlParams, MassSpringParams, Solver, XpbdParams};
 use forelock_core::strands::{Masses, Strands};
 use forelock_gpu::{Gpu, GpuError, GpuSimulation};
 use glam::{DMat3, DVec3, Vec3};
@@ -86,9 +86,11 @@ fn masses_and_accelerations_are_those_of_the_cpu() {
     let gpu = common::gpu();
     let ams = AmsParams { drag: 4.0, ..AmsParams::default() };
     let dftl = DftlParams { drag: 4.0, sag_free: true, ..DftlParams::default() };
-    let solvers = [((&ams).into(), (&ams).into()), ((&dftl).into(), (&dftl).into())];
+    let rods = XpbdParams { drag: 4.0, ..XpbdParams::default() };
+    let solvers =
+        [((&ams).into(), (&ams).into()), ((&dftl).into(), (&dftl).into()), ((&rods).into(), (&rods).into())];
     let none = With { masses: false, each: false, field: false, wind: false };
-    for (solver, name) in solvers.iter().zip(["ams", "dftl"]) {
+    for (solver, name) in solvers.iter().zip(["ams", "dftl", "xpbd"]) {
         for with in [
             With { masses: true, ..none },
             With { each: true, ..none },

@@ -11,7 +11,7 @@ use forelock_core::interaction::grid::GridParams;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::{Simulation, Teleport};
 use forelock_core::simulator::{HostPositions, Simulator};
-use forelock_core::solver::{AmsParams, DftlParams};
+use forelock_core::solver::{AmsParams, DftlParams, XpbdParams};
 use forelock_core::strands::Snapshot;
 use forelock_gpu::{Choice, DevicePositions, Gpu, GpuSimulation};
 use glam::{DQuat, DVec3, Vec3};
@@ -63,7 +63,11 @@ fn far(a: &Snapshot<f32>, b: &Snapshot<f32>) -> f32 {
 #[cfg_attr(not(gpu), ignore = "there is no GPU")]
 fn a_teleport_moves_hair_as_on_the_cpu() {
     let to = Pose { rotation: DQuat::from_rotation_y(1.0), translation: DVec3::new(14.0, 1.0, -3.0) };
-    for solver in [Solver::from(&AmsParams::default()), Solver::from(&DftlParams::default())] {
+    for solver in [
+        Solver::from(&AmsParams::default()),
+        Solver::from(&DftlParams::default()),
+        Solver::from(&XpbdParams::default()),
+    ] {
         for mode in [Teleport::Reset, Teleport::CarryShape, Teleport::CarryShapeAndVelocity] {
             let [mut cpu, mut gpu] = both(&solver);
             shake(&mut *cpu);
@@ -96,6 +100,8 @@ fn parameters_and_the_solver_change_while_hair_moves() {
         Solver::from(&stiffer),
         Solver::from(&finer),
         Solver::from(&DftlParams::default()),
+        Solver::from(&XpbdParams::default()),
+        Solver::from(&XpbdParams { substep_secs: DT / 50.0, iterations: 2, ..XpbdParams::default() }),
         Solver::from(&AmsParams::default()),
     ];
     for (number, solver) in (10..).zip(&changes) {

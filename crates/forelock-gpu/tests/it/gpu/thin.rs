@@ -5,7 +5,7 @@ use crate::common::{self, shaken::options};
 use forelock_core::body::{ColliderFrame, Prop, Sdf, Shape};
 use forelock_core::frame::{FrameInput, Solver};
 use forelock_core::pose::Pose;
-use forelock_core::solver::{AmsParams, DftlParams, MassSpringParams};
+use forelock_core::solver::{AmsParams, DftlParams, MassSpringParams, XpbdParams};
 use forelock_core::strands::Strands;
 use forelock_gpu::{Gpu, GpuSimulation};
 use glam::{DMat3, DQuat, DVec3};
@@ -146,13 +146,15 @@ fn thin_solids_do_not_pass_through_hair() {
     let ams: Solver<f32> = (&AmsParams::default()).into();
     let dftl = (&DftlParams::default()).into();
     let springs = (&MassSpringParams::default()).into();
+    let rods = (&XpbdParams::default()).into();
     let solids: [(&str, Thin, &[f64]); 4] = [
         ("plate of 2 mm", Thin::plate(0.001), &[1.0, 10.0]),
         ("plate of 20 mm", Thin::plate(0.01), &[2.0]),
         ("finger", Thin::finger(), &[1.0, 2.0, 5.0]),
         ("comb", Thin::comb(), &[1.0, 5.0]),
     ];
-    for (solver_name, solver) in [("ams", &ams), ("dftl", &dftl), ("mass-spring", &springs)] {
+    for (solver_name, solver) in [("ams", &ams), ("dftl", &dftl), ("mass-spring", &springs), ("xpbd", &rods)]
+    {
         for (name, thin, speeds) in &solids {
             for &speed in *speeds {
                 let (inside, passed) = cross(&gpu, solver, thin, speed);

@@ -43,6 +43,8 @@ use crate::solver::XpbdParams;
 use crate::strands::BlockView;
 use glam::DVec3;
 
+/// The WGSL of the stage.
+pub const WGSL: &str = include_str!("kernel.wgsl");
 /// The stage's name in reports.
 pub const STAGE: &str = "solve_rods";
 
@@ -53,6 +55,10 @@ const SPIN: usize = 1;
 /// Vectors of scratch an edge: both λ, the rotation before the substep and its change, each a
 /// vector part and a scalar part.
 const KEPT: usize = 6;
+/// α̃ beyond which a constraint does nothing: next to no stiffness is none.
+pub const SOFTEST: f64 = 1e30;
+/// The smallest relative stiffness of a strand.
+pub const LEAST_STIFFNESS: f64 = 1e-12;
 
 /// Coefficients of a substep, in float64.
 #[derive(Clone, Copy, Debug)]
@@ -174,9 +180,8 @@ pub fn advance<L: Lane>(
     scratch: &mut [V3<L>],
 ) {
     let stretch = L::from_f64(terms.stretch);
-    let stiffness = L::load(view.stiffness, first).max(L::from_f64(1e-12));
-    // Finite, so that next to no stiffness is none.
-    let bend_twist = (L::from_f64(terms.bend_twist) / stiffness).min(L::from_f64(1e30));
+    let stiffness = L::load(view.stiffness, first).max(L::from_f64(LEAST_STIFFNESS));
+    let bend_twist = (L::from_f64(terms.bend_twist) / stiffness).min(L::from_f64(SOFTEST));
     let bends = terms.bend_twist.is_finite();
     for pass in 0..terms.iterations {
         let is = Pass { first: pass == 0, last: pass + 1 == terms.iterations };
