@@ -105,10 +105,7 @@ impl Shape {
                 let (distance, gradient) = morph.sample(to_vec3(p), from + (to - from) * fraction);
                 from_field(distance, gradient)
             }
-            Self::Bending(field) => {
-                let (distance, gradient) = field.sample(to_vec3(p), fraction);
-                from_bending_field(distance, gradient)
-            }
+            Self::Bending(field) => sample_bending(field, p, fraction),
         }
     }
 
@@ -182,18 +179,13 @@ impl Shape {
     /// cost for hair at rest on a head.
     #[inline]
     pub fn sample_near<T: Float>(&self, p: [T; 3], reach: T) -> Option<(T, [T; 3])> {
-        let field = match self {
-            Self::Sdf(sdf) => Some(&**sdf),
-            Self::Bending(field) => Some(field.end()),
-            _ => None,
-        };
-        if let Some(sdf) = field {
+        if let Self::Sdf(sdf) = self {
             let reach = reach.to_f32().unwrap_or(f32::INFINITY);
             let found = sdf.sample_near(to_vec3(p), reach);
-            return found.map(|(distance, gradient)| match self {
-                Self::Bending(_) => from_bending_field(distance, gradient),
-                _ => from_field(distance, gradient),
-            });
+            return found.map(|(distance, gradient)| from_field(distance, gradient));
+        }
+        if let Self::Bending(field) = self {
+            return sample_bending_near(field, p, reach);
         }
         Some(self.sample(p)).filter(|(distance, _)| *distance <= reach)
     }
@@ -285,6 +277,22 @@ fn cast<T: Float>(value: f64) -> T {
 #[inline]
 fn to_vec3<T: Float>(p: [T; 3]) -> Vec3 {
     Vec3::from_array(p.map(|c| c.to_f32().unwrap_or(f32::NAN)))
+}
+
+/// [`Shape::sample_at`] of a body that bends. Like the next two not inlined, so that rigid shapes
+/// are sampled as fast as without it.
+#[inline(never)]
+fn sample_bending<T: Float>(field: &BendingField, p: [T; 3], fraction: f64) -> (T, [T; 3]) {
+    let (distance, gradient) = field.sample(to_vec3(p), fraction);
+    from_bending_field(distance, gradient)
+}
+
+/// [`Shape::sample_near`] of a body that bends.
+#[inline(never)]
+fn sample_bending_near<T: Float>(field: &BendingField, p: [T; 3], reach: T) -> Option<(T, [T; 3])> {
+    let reach = reach.to_f32().unwrap_or(f32::INFINITY);
+    let found = field.end().sample_near(to_vec3(p), reach);
+    found.map(|(distance, gradient)| from_bending_field(distance, gradient))
 }
 
 /// [`Shape::sample_packet`] of a body that bends.
