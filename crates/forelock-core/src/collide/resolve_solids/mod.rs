@@ -302,7 +302,7 @@ fn clearance_left<L: Lane>(solids: &Solids<'_, L::Scalar>, last: L, from: V3<L>,
             if apart { last.max(pose.distance_bound(x) - L::splat(solids.thickness)) } else { last };
         let mut near = distance - by;
         if pose.falls {
-            near = near - bending::fall(collider.shape, pose, from);
+            near -= bending::fall(collider.shape, pose, from);
         }
         left = left.min(near);
         moved = by.max(moved);
