@@ -73,8 +73,8 @@ pub(crate) struct StrandGroups {
 }
 
 impl StrandGroups {
-    /// Binds `strands`, their `channels` and `solids`; `winds` are the wind fields of the batches, if there are any
-    /// yet.
+    /// Binds `strands`, their `channels` and `solids`; `winds` are the wind fields of the batches,
+    /// if there are any yet.
     pub fn new(
         gpu: &Gpu,
         strands: DeviceStrands<'_>,

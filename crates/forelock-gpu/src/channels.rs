@@ -3,9 +3,9 @@
 //! # Practice
 //! Each batch has the rows of its particles as the CPU has them
 //! ([`ChannelStore`](forelock_core::strands::ChannelStore)). The host keeps which channels have
-//! values. The others start in the first frame that solves strands, and strands that are reset start
-//! anew: for both, each frame uploads the initial value of each row of a particle, turned with the
-//! head.
+//! values. The others start in the first frame that solves strands, and strands that are reset
+//! start anew: for both, each frame uploads the initial value of each row of a particle, turned
+//! with the head.
 
 use crate::Gpu;
 use crate::batch::DeviceStrands;

@@ -252,7 +252,8 @@ impl GpuSimulation {
     }
 
     /// Writes the substeps of `h` seconds between `poses`, the first of which moves positions by
-    /// `shift`; further entries number the levels of kernels that place one particle of each strand.
+    /// `shift`; further entries number the levels of kernels that place one particle of each
+    /// strand.
     fn write_substeps(&mut self, poses: &[Pose], h: f64, shift: DVec3) {
         let (count, weight, stride) = (self.count, self.options.carried_gravity(), self.shared.stride);
         self.substeps.clear();

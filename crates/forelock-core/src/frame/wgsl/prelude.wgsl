@@ -43,8 +43,8 @@ struct Frame {
     least_mass: f32,
     // With LIMIT_LENGTHS, the longest edge over its rest length.
     length_limit: f32,
-    // Rods: α̃ l² of stretch and shear, α̃/L of bending and twist, the weight of rotations, the share
-    // of the velocity relative to the air that a substep leaves, passes over the constraints.
+    // Rods: α̃ l² of stretch and shear, α̃/L of bending and twist, the weight of rotations, the
+    // share of the velocity relative to the air that a substep leaves, passes over the constraints.
     stretch_compliance: f32,
     bend_compliance: f32,
     rotation_weight: f32,
