@@ -14,13 +14,15 @@ fn summary(command: &mut Command) -> Value {
 }
 
 /// Scenes: strands without interaction; with the grid and contacts, in a wind; with virtual
-/// particles; cut and curled while they move; DFTL with two steps in some frames, as SPH in a wind.
-const SCENES: [&str; 5] = [
+/// particles; cut and curled while they move; DFTL with two steps in some frames, as SPH in a wind;
+/// rods in a wind, curled while they move.
+const SCENES: [&str; 6] = [
     "[interaction]\nkind = \"none\"\ncontacts = false\n",
     "[interaction]\nkind = \"grid\"\ncontacts = true\n[wind]\nvelocity = [3, 0, 1]\nturbulence = 0.3\nshelter = 0.5\nhair_depth = 0.05\n",
     "[solver]\nkind = \"mass-spring\"\n[interaction]\nkind = \"none\"\ncontacts = false\n",
     "[interaction]\nkind = \"none\"\ncontacts = false\n[[edit]]\nop = \"trim\"\nto = 0.05\nat_secs = 0.05\n[[edit]]\nop = \"curl\"\nat_secs = 0.03\n",
     "[solver]\nkind = \"dftl\"\n[interaction]\nkind = \"sph\"\ncontacts = false\n[wind]\nvelocity = [3, 0, 1]\nturbulence = 0.3\n[time]\nfps = 40\n[[edit]]\nop = \"trim\"\nto = 0.05\nat_secs = 0.05\n",
+    "[solver]\nkind = \"xpbd\"\n[interaction]\nkind = \"none\"\ncontacts = false\n[wind]\nvelocity = [3, 0, 1]\nturbulence = 0.3\n[[edit]]\nop = \"curl\"\nat_secs = 0.05\n",
 ];
 
 /// Runs `scenes` on the GPU, in one and in two parts, and on the CPU.
@@ -147,6 +149,20 @@ fn long_all_stages_can_be_left_on_the_cpu() {
         let notes = own["notes"].to_string();
         assert_eq!(notes.contains("no frame of this scene has"), stage == "resolve_solids", "{notes}");
         assert_eq!([&gpu, &cpu].map(|other| hash(&own) == hash(other)), same, "{stage}");
+    }
+    // Rods: their channels go with the other state from one device to the other.
+    let rods = "[solver]\nkind = \"xpbd\"\n[body]\nmotion = \"builtin:shake\"\n";
+    let [gpu, cpu] = ["gpu", "cpu"].map(|backend| run(rods, &["--backend", backend]));
+    for (stage, same) in
+        [("solve_rods", [true, false]), ("resolve_solids", [false; 2]), ("check_strands", [false, true])]
+    {
+        let own = run(rods, &["--gpu-from", stage]);
+        assert_eq!([&gpu, &cpu].map(|other| hash(&own) == hash(other)), same, "{stage}");
+        let [a, b] = [&own, &cpu].map(|summary| summary["max_edge_stretch"].as_f64().unwrap());
+        assert!((a - b).abs() < 1e-4 + 1e-3 * b, "{a} {b} from {stage}");
+        run(rods, &["--gpu-from", stage, "--frames", "3"]);
+        let resumed = run(rods, &["--gpu-from", stage, "--resume"]);
+        assert_eq!(hash(&resumed), hash(&own), "{stage}");
     }
     // Wind is sampled where the strands are solved.
     let [cpu, own] = [["--backend", "cpu"], ["--gpu-from", "find_contacts"]].map(|how| run(SCENES[1], &how));

@@ -11,6 +11,7 @@ mod guides;
 mod limits;
 mod masses;
 mod pipelines;
+mod rod_constraints;
 mod rods;
 mod simulator;
 mod sleep;

@@ -1,6 +1,6 @@
 //! Cosserat rods on a GPU against reference results and against the same on the CPU.
 
-#![expect(clippy::unwrap_used, reason = "a test fails where it cannot be set up, and tells how near it came")]
+#![expect(clippy::unwrap_used, reason = "a test fails where it cannot be set up")]
 
 use super::goldens::on;
 use crate::common::{
