@@ -23,8 +23,8 @@ pub(crate) trait GpuSolver: Debug + Send + Sync {
     }
 
     /// Creates the bind groups of the solver; those that all solvers share are in [`StrandGroups`].
-    /// It is called again whenever a buffer was replaced.
-    /// `winds` are the wind fields of the batches, if there are any yet.
+    /// It is called again whenever a buffer was replaced. `winds` are the wind fields of the
+    /// batches, if there are any yet.
     fn bind(
         &mut self,
         gpu: &Gpu,

@@ -111,11 +111,10 @@ pub(super) fn fall<L: Lane>(shape: &Shape, pose: &SolidPose<L::Scalar>, from: V3
 #[inline(never)]
 pub(super) fn clearances_at_end<T: Real>(
     solids: &Solids<'_, T>,
-    field: &BendingField,
+    shape: &Shape,
     points: &[[T; PACKET]; 3],
 ) -> [T; PACKET] {
-    let at = points.map(|row| row.map(|c| c.to_f32().unwrap_or(f32::NAN)));
-    field.end().sample_lanes(at).0.map(|distance| number::<T>(distance.into()) - solids.thickness)
+    shape.sample_packet(points, 1.0).0.map(|distance| distance - solids.thickness)
 }
 
 /// The clearance at `x` from bodies that bend at the frame's end, 0 inside.

@@ -112,8 +112,8 @@ impl<T: Real> Queue<T> {
             let points = pose.local_packet(1, &x);
             let (distances, gradients) = collider.shape.sample_packet(&points, pose.fractions[1]);
             let at_end = match collider.shape {
-                Shape::Bending(field) if pose.fractions[1] < 1.0 => {
-                    Some(bending::clearances_at_end(solids, field, &points))
+                Shape::Bending(_) if pose.fractions[1] < 1.0 => {
+                    Some(bending::clearances_at_end(solids, collider.shape, &points))
                 }
                 _ => None,
             };
