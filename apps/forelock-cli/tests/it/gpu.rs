@@ -138,9 +138,10 @@ fn long_all_stages_can_be_left_on_the_cpu() {
         let resumed = run(scene, &["--gpu-from", "restore_lengths", "--resume"]);
         assert_eq!(hash(&resumed), hash(&whole), "{scene}");
     }
-    // DFTL on the CPU, with no stage after it that changes hair; SPH alone on the CPU.
-    let following = "[solver]\nkind = \"dftl\"\n[interaction]\nkind = \"sph\"\ncontacts = false\n\
-        [body]\nmotion = \"builtin:shake\"\n";
+    // DFTL that collides level by level on the CPU, with no stage after it that changes hair; SPH
+    // alone on the CPU.
+    let following = "[solver]\nkind = \"dftl\"\n[solver.dftl]\nlevel_collisions = true\n\
+        [interaction]\nkind = \"sph\"\ncontacts = false\n[body]\nmotion = \"builtin:shake\"\n";
     let [gpu, cpu] = ["gpu", "cpu"].map(|backend| run(following, &["--backend", backend]));
     for (stage, same) in
         [("find_neighbours", [true, false]), ("follow_leader", [false; 2]), ("resolve_solids", [false, true])]
