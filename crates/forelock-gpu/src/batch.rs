@@ -6,6 +6,7 @@ use crate::frame::{CheckBindings, MODEL_ROWS, StrandBindings, WindBindings};
 use crate::kernel::{Bound, StrandThreads, WORKGROUP};
 use crate::uniforms::{BlockEntry, FrameUniform, ReportEntry, SubstepUniform, UNKNOWN};
 use crate::{Gpu, GpuError};
+use forelock_core::frame::FRAME_ROWS;
 use forelock_core::lane::{LANES, Row};
 use forelock_core::strands::{Channel, Model, SCRATCH_ROWS, State};
 use std::ops::Range;
@@ -206,11 +207,7 @@ impl Batch {
         let own = &model.blocks[blocks.clone()];
         let places = own[0].first..own[own.len() - 1].range().end;
         let entries = entries(model, blocks.clone(), |_| 1);
-        let mut rows = Vec::with_capacity(places.len() * MODEL_ROWS as usize);
-        for place in places.clone() {
-            rows.extend(model_rows(model, place));
-        }
-        rows.extend(model.masses.get(places.clone()).unwrap_or_default());
+        let rows = all_model_rows(model, places.clone());
         let strands: Vec<Row<f32>> =
             blocks.clone().flat_map(|block| [model.strand_lengths[block], model.stiffness[block]]).collect();
         let read = BufferUsages::STORAGE | BufferUsages::COPY_DST;
@@ -241,6 +238,24 @@ impl Batch {
             memory,
             channels,
         }
+    }
+
+    /// Uploads its part of the motions of strands relative to the head: all `frames`, packed, of a
+    /// `model`. Returns whether it has made a new buffer of the model, with room for them.
+    pub fn write_root_frames(&mut self, gpu: &Gpu, model: &Model<f32>, frames: &[Row<f32>]) -> bool {
+        let own = &frames[FRAME_ROWS * self.range.start..FRAME_ROWS * self.range.end];
+        let row_count = if model.masses.is_empty() { MODEL_ROWS } else { MODEL_ROWS + 1 };
+        let at = u64::from(row_count) * self.places.len() as u64 * ROW;
+        let grows = self.model.size() == at;
+        if grows {
+            let mut rows = all_model_rows(model, self.places.clone());
+            rows.extend(own);
+            let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
+            self.model = gpu.filled("model", bytemuck::cast_slice(&rows), usage);
+        } else {
+            gpu.queue().write_buffer(&self.model, at, bytemuck::cast_slice(own));
+        }
+        grows
     }
 
     /// Sets how many samples the grid takes of the edges of each block of `model`.
@@ -318,6 +333,16 @@ impl Batch {
             (state.integrity[place], state.clearance[place]) = (integrity, Row(clearance.0.map(unknown)));
         }
     }
+}
+
+/// The rows of all `places` of `model`, and their masses.
+fn all_model_rows(model: &Model<f32>, places: Range<usize>) -> Vec<Row<f32>> {
+    let mut rows = Vec::with_capacity(places.len() * MODEL_ROWS as usize);
+    for place in places.clone() {
+        rows.extend(model_rows(model, place));
+    }
+    rows.extend(model.masses.get(places).unwrap_or_default());
+    rows
 }
 
 /// The rows of a place of `model`: rest position, rest length to the next particle; then, as the

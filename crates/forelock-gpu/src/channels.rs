@@ -5,13 +5,14 @@
 //! ([`ChannelStore`](forelock_core::strands::ChannelStore)). The host keeps which channels have
 //! values. The others start in the first frame that solves strands, and strands that are reset
 //! start anew: for both, each frame uploads the initial value of each row of a particle, turned
-//! with the head.
+//! with the head; kernels turn it by the strand's own motion, if it has one.
 
 use crate::Gpu;
 use crate::batch::DeviceStrands;
+use crate::frame::ROOT_CONSTANTS;
 use crate::kernel::{Bound, DispatchList, Shader, Threads, bindings, shader};
-use crate::uniforms::{ChannelRowEntry, FrameUniform};
-use forelock_core::frame::{CHANNELS_WGSL, FrameInput};
+use crate::uniforms::{CHANNEL_KINDS, ChannelRowEntry, FrameUniform, SubstepUniform, channel_kinds};
+use forelock_core::frame::{CHANNELS_WGSL, ChannelKind, FrameInput, ROOTS_WGSL, START_CHANNELS_WGSL};
 use forelock_core::strands::{Channel, State};
 use wgpu::BufferUsages;
 
@@ -19,7 +20,9 @@ bindings! {
     /// Channels and their initial values.
     pub(crate) struct ChannelBindings {
         0 frame: uniform(FrameUniform),
+        1 substep: dynamic(SubstepUniform),
         2 blocks: read,
+        3 model: read,
         35 channels: read_write,
         36 channel_starts: read,
     }
@@ -28,8 +31,8 @@ bindings! {
 shader! {
     /// `start_channels`.
     CHANNELS: "start_channels", ChannelBindings;
-    texts: [CHANNELS_WGSL];
-    constants: [];
+    texts: [ROOTS_WGSL, CHANNELS_WGSL, START_CHANNELS_WGSL];
+    constants: [ROOT_CONSTANTS, CHANNEL_KINDS];
     kernels: {
         /// Sets the channels that start in a frame.
         START_CHANNELS: "start_channels", Threads::Strands;
@@ -89,7 +92,9 @@ impl DeviceChannels {
         let bound = strands.batches.iter().map(|batch| {
             let bindings = ChannelBindings {
                 frame: &strands.shared.frame,
+                substep: &strands.shared.substeps,
                 blocks: &batch.blocks,
+                model: &batch.model,
                 channels: &batch.channels,
                 channel_starts: &self.starts,
             };
@@ -105,11 +110,20 @@ impl DeviceChannels {
         self.host.clear();
         for (channel, started) in self.channels.iter().zip(&self.started) {
             let starts = u32::from(begins && !started);
+            let kind = match channel.kind {
+                ChannelKind::Scalar(_) => channel_kinds::SCALAR,
+                ChannelKind::Vector(_) => channel_kinds::VECTOR,
+                ChannelKind::Rotation(_) => channel_kinds::ROTATION,
+            };
             let rows = channel.initial_rows(start).zip(channel.initial_rows(end));
-            self.host.extend(rows.map(|(at_start, at_end)| ChannelRowEntry {
-                at_start: at_start as f32,
-                at_end: at_end as f32,
-                starts,
+            self.host.extend(rows.zip(channel.components()).map(|((at_start, at_end), component)| {
+                ChannelRowEntry {
+                    at_start: at_start as f32,
+                    at_end: at_end as f32,
+                    starts,
+                    kind,
+                    component: component as u32,
+                }
             }));
         }
         gpu.queue().write_buffer(&self.starts, 0, bytemuck::cast_slice(&self.host));
@@ -122,7 +136,7 @@ impl DeviceChannels {
 
     /// Appends the start of channels.
     pub fn start<'a>(&'a self, list: &mut DispatchList<'a>) {
-        list.run(&self.groups, &START_CHANNELS, &[]);
+        list.run(&self.groups, &START_CHANNELS, &[0]);
     }
 
     /// Takes which channels of `state`, which replaces that on the device, have values.

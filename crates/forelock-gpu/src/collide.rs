@@ -334,6 +334,9 @@ impl Solids {
         if solids.len() > MOST_SOLIDS {
             return Err(GpuError::Unsupported { what: "more than 32 solids at once" });
         }
+        if solids.iter().any(|solid| matches!(solid.shape, Shape::Bending(_))) {
+            return Err(GpuError::Unsupported { what: "collisions with a body that bends" });
+        }
         let shapes = || solids.iter().map(|solid| solid.shape).filter(|shape| !fields_of(shape).is_empty());
         if shapes().all(|shape| place_of(&self.held, shape).is_some()) {
             return Ok(false);
@@ -479,7 +482,7 @@ fn entry_of(solid: &ColliderFrame<'_>, fractions: [f64; 2], origin: DVec3, place
         }
         Shape::Box { half_extents } => (kinds::BOX, *half_extents),
         Shape::Plane => (kinds::PLANE, DVec3::ZERO),
-        // Hair on a body that bends is refused before (`GpuError::RootFrames`).
+        // Bodies that bend are refused before (`Solids::hold`).
         Shape::Sdf(_) | Shape::Bending(_) => (kinds::FIELD, DVec3::ZERO),
         Shape::Morph { .. } => (kinds::MORPH, DVec3::ZERO),
     };

@@ -13,7 +13,7 @@ use crate::kernel::DispatchList;
 use crate::sleep::SleepStep;
 use crate::solver::SolveBatch;
 use crate::uniforms::{FrameUniform, SubstepUniform};
-use forelock_core::frame::{Exchange, FrameInput, Phase, PlannedStep, Step};
+use forelock_core::frame::{Exchange, FrameInput, Phase, PlannedStep, Step, fractions};
 use forelock_core::pose::Pose;
 use glam::DVec3;
 
@@ -208,6 +208,9 @@ impl GpuSimulation {
         if !self.model.masses.is_empty() {
             uniform = uniform.with_masses(self.model.least_mass);
         }
+        if frame.roots.frames().is_some() {
+            uniform = uniform.with_root_frames();
+        }
         let wind = frame.air.field;
         if wind.is_some() {
             uniform = uniform.in_wind();
@@ -261,13 +264,14 @@ impl GpuSimulation {
             self.substeps.resize((number * stride) as usize, 0);
             self.substeps.extend_from_slice(bytemuck::bytes_of(substep));
         };
-        for (step, ends) in (0..count).zip(poses.windows(2)) {
+        for ((step, ends), shares) in (0..count).zip(poses.windows(2)).zip(fractions(count)) {
             let shift = if step == 0 { shift } else { DVec3::ZERO };
-            append(step, &SubstepUniform::new([&ends[0], &ends[1]], h, weight, shift));
+            append(step, &SubstepUniform::new([&ends[0], &ends[1]], h, shares, weight, shift));
         }
         for level in count..self.kernels.substep_entries(count, self.model.longest() as u32) {
-            let [start, end] = [&poses[0], &poses[1]];
-            append(level, &SubstepUniform { level, ..SubstepUniform::new([start, end], h, weight, shift) });
+            // Solvers that step particles level by level have one substep a frame.
+            let substep = SubstepUniform::new([&poses[0], &poses[1]], h, [0.0, 1.0], weight, shift);
+            append(level, &SubstepUniform { level, ..substep });
         }
         self.gpu.queue().write_buffer(&self.shared.substeps, 0, &self.substeps);
     }

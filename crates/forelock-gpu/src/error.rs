@@ -16,9 +16,6 @@ pub enum GpuError {
         /// The error of the search.
         reason: String,
     },
-    /// Strands have motions of their own, relative to the head.
-    #[error("roots on a body that bends are simulated on the CPU only: set the backend to the CPU")]
-    RootFrames,
     /// No GPU has the requested name.
     #[error("no GPU is named like \"{name}\": there {}", list(.found))]
     Name {

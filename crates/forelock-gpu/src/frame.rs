@@ -4,8 +4,8 @@
 use crate::kernel::{
     CELLS_GROUP, CELLS_THREADS, Constant, LIST_THREADS, Shader, Threads, WORKGROUP, bindings, shader,
 };
-use crate::uniforms::{FLAGS, FrameUniform, SubstepUniform};
-use forelock_core::frame::{LOAD_WGSL, finish, restore_lengths};
+use crate::uniforms::{CHANNEL_KINDS, FLAGS, FrameUniform, SubstepUniform};
+use forelock_core::frame::{CHANNELS_WGSL, FRAME_ROWS, LOAD_WGSL, ROOTS_WGSL, finish, restore_lengths};
 use forelock_core::lane::LANES;
 use forelock_core::strands::SCRATCH_ROWS;
 
@@ -28,6 +28,9 @@ pub(crate) const COMMON_CONSTANTS: [&[Constant]; 2] = [
     ],
     &FLAGS,
 ];
+
+/// Constants of the text that says where strands are at rest.
+pub(crate) const ROOT_CONSTANTS: &[Constant] = &[Constant::u32("ROOT_ROWS", FRAME_ROWS as u32)];
 
 bindings! {
     /// Strands: model, state and report.
@@ -95,8 +98,8 @@ shader! {
 shader! {
     /// `check_strands`.
     CHECK: "check_strands", CheckBindings;
-    texts: [finish::WGSL];
-    constants: [];
+    texts: [ROOTS_WGSL, CHANNELS_WGSL, finish::WGSL];
+    constants: [ROOT_CONSTANTS, CHANNEL_KINDS];
     kernels: {
         /// Measures the stretch and quarantines strands that are not finite.
         CHECK_STRANDS: "check_strands", Threads::Strands;

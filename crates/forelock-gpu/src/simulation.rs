@@ -15,13 +15,14 @@ use crate::{Gpu, GpuError};
 use forelock_core::air::WindField;
 use forelock_core::body::ColliderFrame;
 use forelock_core::frame::{
-    Acceleration, Air, Exchange, FrameInput, FramePlan, FrameRules, PlannedStep, Solver,
+    Acceleration, Air, Exchange, FrameInput, FramePlan, FrameRules, PlannedStep, Solver, pack_frames,
 };
 use forelock_core::groom::Groom;
 use forelock_core::interaction::Interactions;
 use forelock_core::interaction::contact::ContactParams;
 use forelock_core::interaction::grid::GridParams;
 use forelock_core::interaction::sph::SphParams;
+use forelock_core::lane::Row;
 use forelock_core::simulation::{Options, Simulation};
 use forelock_core::strands::{Model, Strands};
 use forelock_core::strands::{Snapshot, State};
@@ -39,7 +40,8 @@ pub(crate) const USUAL_FRAME_SECS: f64 = 1.0 / 60.0;
 /// batch). With a grid 4 more, and 68 for each cell of its capacity; under follow the leader 24
 /// more; with contacts 12 more and what [`crate::interaction::contact`] states; with SPH what
 /// [`crate::interaction::sph`] states; 12 more after the first wind field, 12 after the first
-/// acceleration in addition to gravity, 4 with masses, 4 for each row of the solver's channels.
+/// acceleration in addition to gravity, 4 with masses, 4 for each row of the solver's channels. On
+/// a body that bends 56 more per strand.
 #[derive(Debug)]
 pub struct GpuSimulation {
     pub(crate) gpu: Gpu,
@@ -64,6 +66,8 @@ pub struct GpuSimulation {
     pub(crate) channels: DeviceChannels,
     /// Bytes of the substeps of a frame.
     pub(crate) substeps: Vec<u8>,
+    /// Motions of strands relative to the head in a frame, packed.
+    pub(crate) root_frames: Vec<Row<f32>>,
     pub(crate) half_factors: bool,
     /// In the order of [`interaction::KINDS`], each at most once.
     pub(crate) interactions: Vec<Box<dyn GpuInteraction>>,
@@ -170,6 +174,7 @@ impl GpuSimulation {
             groups: StrandGroups::default(),
             channels: DeviceChannels::new(gpu, asked, &state),
             substeps: Vec::new(),
+            root_frames: Vec::new(),
             half_factors: false,
             interactions: Vec::new(),
             air: None,
@@ -419,9 +424,8 @@ impl GpuSimulation {
         FramePlan::check(steps, self.count)?;
         self.solver.check_step(&self.model, frame.dt_secs, self.options.beyond_float32)?;
         frame.acceleration.check(&self.model)?;
-        if frame.roots.frames().is_some() {
-            return Err(GpuError::RootFrames);
-        }
+        frame.roots.check(&self.model)?;
+        self.write_root_frames(frame)?;
         self.hold(frame.colliders)?;
         let whole = steps.len() == self.plan.steps().len();
         let bounds = [self.options.sleep_speed, self.rules.skin_thickness];
@@ -454,6 +458,17 @@ impl GpuSimulation {
         self.positions.origin = self.origin;
         self.record_steps(encoder, steps, kinds);
         Ok(())
+    }
+
+    /// Uploads the motions of strands relative to the head, if they have any in `frame`.
+    fn write_root_frames(&mut self, frame: &FrameInput<'_>) -> Result<(), GpuError> {
+        let Some(frames) = frame.roots.frames() else { return Ok(()) };
+        pack_frames(&self.model, frames, &mut self.root_frames);
+        let mut grown = false;
+        for batch in &mut self.batches {
+            grown |= batch.write_root_frames(&self.gpu, &self.model, &self.root_frames);
+        }
+        if grown { self.rebind() } else { Ok(()) }
     }
 
     /// The positions where they are, on the device: no copy, no wait.

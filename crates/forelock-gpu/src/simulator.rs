@@ -5,7 +5,7 @@ use crate::report::{GpuReport, to_frame_report};
 use crate::simulation::{Packed, USUAL_FRAME_SECS};
 use crate::solver;
 use crate::{GpuError, GpuSimulation};
-use forelock_core::frame::{FrameInput, FramePlan, FrameReport, Solver};
+use forelock_core::frame::{FrameInput, FramePlan, FrameReport, Roots, Solver};
 use forelock_core::groom::edit::Source;
 use forelock_core::groom::{Groom, RootFrames};
 use forelock_core::interaction::Interactions;
@@ -23,10 +23,7 @@ impl GpuSimulation {
     /// [`GpuError::Failed`] if the device has failed.
     pub fn teleport(&mut self, from: &Pose, to: &Pose, mode: Teleport) -> Result<(), GpuError> {
         if mode == Teleport::Reset {
-            let mut state = State::at_rest(&self.model, to);
-            self.solver.channels().prepare(&mut self.model, &mut state);
-            self.write_state(&state);
-            self.read_back = Some(state);
+            self.take_rest(State::at_rest(&self.model, to));
         } else {
             self.read_state()?;
             let mut state = self.take_memory();
@@ -35,6 +32,25 @@ impl GpuSimulation {
             self.read_back = Some(state);
         }
         self.gpu.check()
+    }
+
+    /// Brings all strands to rest with the head at `head` and the strands at their own `frames`, in
+    /// the groom's order.
+    ///
+    /// # Errors
+    /// [`GpuError::Params`] if there is not one motion a strand, [`GpuError::Failed`] if the device
+    /// has failed.
+    pub fn rest_on(&mut self, head: &Pose, frames: &RootFrames) -> Result<(), GpuError> {
+        Roots::PerStrand { head: [*head; 2], frames: [frames; 2] }.check(&self.model)?;
+        self.take_rest(State::at_rest_on(&self.model, head, frames));
+        self.gpu.check()
+    }
+
+    /// Takes `state`, in which strands are at rest.
+    fn take_rest(&mut self, mut state: State<f32>) {
+        self.solver.channels().prepare(&mut self.model, &mut state);
+        self.write_state(&state);
+        self.read_back = Some(state);
     }
 
     /// Invalidates cached distances to colliders, because their set has changed or they have
@@ -161,8 +177,8 @@ impl Simulator for GpuSimulation {
         Ok(Self::teleport(self, from, to, mode)?)
     }
 
-    fn rest_on(&mut self, _: &Pose, _: &RootFrames) -> Result<(), SimulatorError> {
-        Err(GpuError::RootFrames.into())
+    fn rest_on(&mut self, head: &Pose, frames: &RootFrames) -> Result<(), SimulatorError> {
+        Ok(Self::rest_on(self, head, frames)?)
     }
 
     fn forget_solids(&mut self) -> Result<(), SimulatorError> {

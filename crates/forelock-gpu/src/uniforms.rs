@@ -113,10 +113,12 @@ pub mod flags {
     pub const LIMIT_LENGTHS: u32 = 1 << 11;
     /// Rods resist bending and twist.
     pub const BENDS: u32 = 1 << 12;
+    /// Strands have motions of their own, relative to the head.
+    pub const ROOT_FRAMES: u32 = 1 << 13;
 }
 
 /// The same by their WGSL names.
-pub const FLAGS: [Constant; 13] = [
+pub const FLAGS: [Constant; 14] = [
     Constant::u32("TENSION", flags::TENSION),
     Constant::u32("ANGULAR_EDGE", flags::ANGULAR_EDGE),
     Constant::u32("ANGULAR_PAPER", flags::ANGULAR_PAPER),
@@ -130,6 +132,7 @@ pub const FLAGS: [Constant; 13] = [
     Constant::u32("MASSES", flags::MASSES),
     Constant::u32("LIMIT_LENGTHS", flags::LIMIT_LENGTHS),
     Constant::u32("BENDS", flags::BENDS),
+    Constant::u32("ROOT_FRAMES", flags::ROOT_FRAMES),
 ];
 
 /// A substep's poses: `Substep` in `prelude.wgsl`.
@@ -146,14 +149,14 @@ pub struct SubstepUniform {
     pub level: u32,
     /// What positions are moved by before it, metres.
     pub shift: Vec3,
-    /// Padding.
-    pub pad_1: f32,
+    /// The share of the frame that has passed at its start.
+    pub share_at_start: f32,
     /// The head's rotation at its end, x, y, z, w.
     pub rotation: Vec4,
     /// The head's angular velocity in it, s⁻¹.
     pub spin: Vec3,
-    /// Padding.
-    pub pad_2: f32,
+    /// The share of the frame that has passed at its end.
+    pub share_at_end: f32,
 }
 
 /// A row of a solver's channels: `ChannelRow` in `prelude.wgsl`.
@@ -166,7 +169,28 @@ pub struct ChannelRowEntry {
     pub at_end: f32,
     /// 1 if the channel starts in this frame, else 0.
     pub starts: u32,
+    /// What the channel's values are: one of [`channel_kinds`].
+    pub kind: u32,
+    /// Which component of a value the row is.
+    pub component: u32,
 }
+
+/// Numbers of the kinds of channels.
+pub mod channel_kinds {
+    /// Numbers.
+    pub const SCALAR: u32 = 0;
+    /// Vectors.
+    pub const VECTOR: u32 = 1;
+    /// Rotations.
+    pub const ROTATION: u32 = 2;
+}
+
+/// The same by their WGSL names.
+pub const CHANNEL_KINDS: &[Constant] = &[
+    Constant::u32("SCALAR", channel_kinds::SCALAR),
+    Constant::u32("VECTOR", channel_kinds::VECTOR),
+    Constant::u32("ROTATION_VALUE", channel_kinds::ROTATION),
+];
 
 /// A block of strands: `Block` in `prelude.wgsl`.
 #[repr(C)]
@@ -243,6 +267,11 @@ impl FrameUniform {
         Self { flags: self.flags | flags::MASSES, least_mass: least as f32, ..self }
     }
 
+    /// The same where strands have motions of their own.
+    pub fn with_root_frames(self) -> Self {
+        Self { flags: self.flags | flags::ROOT_FRAMES, ..self }
+    }
+
     /// The same where the wind is a field: kernels sample it instead of `air`.
     pub fn in_wind(self) -> Self {
         Self { flags: self.flags | flags::WIND, ..self }
@@ -255,8 +284,15 @@ pub(crate) fn rigid(pose: &Pose) -> Mat4 {
 }
 
 impl SubstepUniform {
-    /// From poses about the model's centre at the start and end of a substep of `h` seconds.
-    pub fn new([start, end]: [&Pose; 2], h: f64, rest_gravity: DVec3, shift: DVec3) -> Self {
+    /// From poses about the model's centre at the start and end of a substep of `h` seconds, and
+    /// the shares of the frame that have passed then.
+    pub fn new(
+        [start, end]: [&Pose; 2],
+        h: f64,
+        shares: [f64; 2],
+        rest_gravity: DVec3,
+        shift: DVec3,
+    ) -> Self {
         let turn = end.rotation * start.rotation.inverse();
         let spin = DVec3::new(turn.x, turn.y, turn.z) * (2.0 / h).copysign(turn.w);
         Self {
@@ -265,10 +301,10 @@ impl SubstepUniform {
             carried_weight: end.transform_vector(rest_gravity).as_vec3(),
             level: 0,
             shift: shift.as_vec3(),
-            pad_1: 0.0,
+            share_at_start: shares[0] as f32,
             rotation: end.rotation.as_quat().into(),
             spin: spin.as_vec3(),
-            pad_2: 0.0,
+            share_at_end: shares[1] as f32,
         }
     }
 }

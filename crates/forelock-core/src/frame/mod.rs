@@ -27,8 +27,7 @@ pub use exchange::{ExchangeContext, Interaction, with_motion};
 pub use input::{Air, FrameInput, fractions};
 pub use plan::{CHECK, COLLIDE, Exchange, FramePlan, LENGTHS, Moves, Phase, PlannedStep, Step};
 pub use report::{BlockNanos, BlockReport, ContactReport, FrameReport, GridReport, SphReport, StageTimes};
-pub(crate) use roots::pack_frames;
-pub use roots::{RestMotion, Roots};
+pub use roots::{FRAME_ROWS, RestMotion, Roots, pack_frames};
 pub use rules::{Channels, FrameRules, Refinement, StepCheck, StepRate};
 pub use sleep::{LastSolids, PLACE_M, ROUNDING_M, Reach};
 pub(crate) use sleep::{Stillness, farthest_squared};
@@ -41,8 +40,12 @@ pub const PRELUDE_WGSL: &str = include_str!("wgsl/prelude.wgsl");
 pub const LOAD_WGSL: &str = include_str!("wgsl/load.wgsl");
 /// WGSL that measures how fast hair moves, for its sleep.
 pub const SLEEP_WGSL: &str = include_str!("wgsl/sleep.wgsl");
-/// WGSL that starts the channels of a solver ([`Channels::extra`]).
+/// WGSL of where the rest shape of a strand is ([`Roots`]).
+pub const ROOTS_WGSL: &str = include_str!("wgsl/roots.wgsl");
+/// WGSL of the initial values of channels ([`Channels::extra`]), after [`ROOTS_WGSL`].
 pub const CHANNELS_WGSL: &str = include_str!("wgsl/channels.wgsl");
+/// WGSL that starts the channels of a solver.
+pub const START_CHANNELS_WGSL: &str = include_str!("wgsl/start_channels.wgsl");
 /// Reductions over a workgroup.
 pub const REDUCE_WGSL: &str = include_str!("wgsl/reduce.wgsl");
 /// The same for devices with subgroups.

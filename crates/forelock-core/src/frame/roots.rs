@@ -78,10 +78,13 @@ impl From<[Pose; 2]> for Roots<'_> {
 }
 
 /// Rows a block of strands: rotation and shift at the start, and at the end.
-pub(crate) const FRAME_ROWS: usize = 14;
+pub const FRAME_ROWS: usize = 14;
 
 /// Packs the `frames` of a frame's start and end, [`FRAME_ROWS`] a block.
-pub(crate) fn pack_frames<T: Real>(model: &Model<T>, frames: [&RootFrames; 2], rows: &mut Vec<Row<T>>) {
+///
+/// # Panics
+/// If there are not as many as strands ([`Roots::check`]).
+pub fn pack_frames<T: Real>(model: &Model<T>, frames: [&RootFrames; 2], rows: &mut Vec<Row<T>>) {
     rows.resize(FRAME_ROWS * model.blocks.len(), Row([T::zero(); LANES]));
     for (block, rows) in model.blocks.iter().zip(rows.chunks_exact_mut(FRAME_ROWS)) {
         for (lane, &strand) in block.strands.iter().enumerate() {

@@ -37,6 +37,12 @@ impl Channel {
         (0..self.rows()).map(move |row| initial[row % rows])
     }
 
+    /// For each row of a particle, which component of a value it is.
+    pub fn components(&self) -> impl Iterator<Item = usize> {
+        let rows = self.kind.rows();
+        (0..self.rows()).map(move |row| row % rows)
+    }
+
     /// Whether values of `other` are values of this channel.
     fn continues(&self, other: &Self) -> bool {
         let same_kind = std::mem::discriminant(&self.kind) == std::mem::discriminant(&other.kind);

@@ -1,11 +1,11 @@
 //! Kernels of the augmented mass-spring solver.
 
 use super::{GpuSolver, SolveBatch};
-use crate::frame::WindBindings;
+use crate::frame::{ROOT_CONSTANTS, WindBindings};
 use crate::kernel::DispatchList;
 use crate::kernel::{Constant, Kernel, Shader, Threads, shader};
 use crate::uniforms::{FrameUniform, flags};
-use forelock_core::frame::Solver;
+use forelock_core::frame::{ROOTS_WGSL, Solver};
 use forelock_core::lane::ASIN_RATIO;
 use forelock_core::solver::ams::solve_strands::{self, FrameTerms};
 use forelock_core::solver::{AmsParams, MassSpringParams};
@@ -23,8 +23,8 @@ const CONSTANTS: &[Constant] = &[
 shader! {
     /// `solve_strands`.
     SOLVE: "solve_strands", WindBindings;
-    texts: [solve_strands::LINKS_WGSL, solve_strands::WGSL];
-    constants: [CONSTANTS];
+    texts: [ROOTS_WGSL, solve_strands::LINKS_WGSL, solve_strands::WGSL];
+    constants: [CONSTANTS, ROOT_CONSTANTS];
     kernels: {
         /// One implicit substep.
         SOLVE_STRANDS: "solve_strands", Threads::Strands;
@@ -34,8 +34,8 @@ shader! {
 shader! {
     /// `solve_strands` with factors in 16 bits.
     SOLVE_HALVED: "solve_strands", WindBindings;
-    texts: [solve_strands::LINKS_HALVED_WGSL, solve_strands::WGSL];
-    constants: [CONSTANTS];
+    texts: [ROOTS_WGSL, solve_strands::LINKS_HALVED_WGSL, solve_strands::WGSL];
+    constants: [CONSTANTS, ROOT_CONSTANTS];
     kernels: {
         /// One implicit substep.
         SOLVE_STRANDS_HALVED: "solve_strands", Threads::Strands;

@@ -6,12 +6,12 @@ use crate::batch::{DeviceStrands, StrandGroups};
 use crate::collide::{
     MORPHING, PARTICLE_CONSTANTS, QueryUniform, RIGID, SHAPE_CONSTANTS, SolidKinds, Solids,
 };
-use crate::frame::WindBindings;
+use crate::frame::{ROOT_CONSTANTS, WindBindings};
 use crate::kernel::{Bound, DispatchList, Shader, Threads, bindings, shader};
 use crate::uniforms::{FrameUniform, SubstepUniform, flags};
 use forelock_core::body::SHAPES_WGSL;
 use forelock_core::collide::resolve_solids;
-use forelock_core::frame::Solver;
+use forelock_core::frame::{ROOTS_WGSL, Solver};
 use forelock_core::solver::dftl::follow_leader::{self, FollowTerms};
 use forelock_core::solver::dftl::{DftlParams, Schedule};
 
@@ -36,13 +36,14 @@ shader! {
     /// `follow_leader` among shapes that do not change.
     FOLLOW: "follow_leader", FollowBindings;
     texts: [
+        ROOTS_WGSL,
         SHAPES_WGSL,
         resolve_solids::PARTICLE_WGSL,
         follow_leader::LEVEL_WGSL,
         follow_leader::WGSL,
         follow_leader::SCHEDULES_WGSL,
     ];
-    constants: [SHAPE_CONSTANTS, PARTICLE_CONSTANTS, RIGID];
+    constants: [ROOT_CONSTANTS, SHAPE_CONSTANTS, PARTICLE_CONSTANTS, RIGID];
     kernels: {
         /// A whole step.
         FOLLOW_LEADER: "follow_leader", Threads::Strands;
@@ -58,8 +59,14 @@ shader! {
 shader! {
     /// `follow_leader` where some shapes change.
     FOLLOW_MORPHING: "follow_leader", FollowBindings;
-    texts: [SHAPES_WGSL, resolve_solids::PARTICLE_WGSL, follow_leader::LEVEL_WGSL, follow_leader::WGSL];
-    constants: [SHAPE_CONSTANTS, PARTICLE_CONSTANTS, MORPHING];
+    texts: [
+        ROOTS_WGSL,
+        SHAPES_WGSL,
+        resolve_solids::PARTICLE_WGSL,
+        follow_leader::LEVEL_WGSL,
+        follow_leader::WGSL,
+    ];
+    constants: [ROOT_CONSTANTS, SHAPE_CONSTANTS, PARTICLE_CONSTANTS, MORPHING];
     kernels: {
         /// A whole step.
         FOLLOW_LEADER_MORPHING: "follow_leader", Threads::Strands;

@@ -4,9 +4,10 @@ use super::{GpuSolver, SolveBatch};
 use crate::Gpu;
 use crate::batch::DeviceStrands;
 use crate::collide::Solids;
+use crate::frame::ROOT_CONSTANTS;
 use crate::kernel::{Bound, Constant, DispatchList, Shader, Threads, bindings, shader};
 use crate::uniforms::{FrameUniform, SubstepUniform, flags};
-use forelock_core::frame::{LaneSolver, Solver};
+use forelock_core::frame::{LaneSolver, ROOTS_WGSL, Solver};
 use forelock_core::solver::XpbdParams;
 use forelock_core::solver::xpbd::{
     ROTATION,
@@ -32,8 +33,8 @@ bindings! {
 shader! {
     /// `solve_rods`.
     RODS: "solve_rods", RodBindings;
-    texts: [solve_rods::WGSL];
-    constants: [&[
+    texts: [ROOTS_WGSL, solve_rods::WGSL];
+    constants: [ROOT_CONSTANTS, &[
         Constant::u32("ROTATION", 0),
         Constant::u32("SPIN", ROTATION.rows() as u32),
         Constant::f32("LEAST_STIFFNESS", LEAST_STIFFNESS as f32),

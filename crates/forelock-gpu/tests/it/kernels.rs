@@ -120,8 +120,10 @@ fn layouts() -> Vec<Layout> {
             drag_quadratic shape_global shape_local tip_global tip_local recheck least_mass length_limit
             stretch_compliance bend_compliance rotation_weight keep iterations channel_rows
         ]),
-        layout!("Substep", SubstepUniform, [start end carried_weight level shift pad_1 rotation spin pad_2]),
-        layout!("ChannelRow", ChannelRowEntry, [at_start at_end starts]),
+        layout!("Substep", SubstepUniform, [
+            start end carried_weight level shift share_at_start rotation spin share_at_end
+        ]),
+        layout!("ChannelRow", ChannelRowEntry, [at_start at_end starts kind component]),
         layout!("Block", BlockEntry, [first particles live points place number]),
         layout!("Report", ReportEntry, [stretch quarantined touching deepest restored contacts]),
         layout!("Bounds", BoundsEntry, [

@@ -1,5 +1,5 @@
 // The check at the end of a frame: the largest stretch of each strand, and the reset of strands
-// that are not finite to their rest shape, moving with the head.
+// that are not finite to their rest shape, moving with the head and their own motion before it.
 
 @compute @workgroup_size(WORKGROUP)
 fn check_strands(@builtin(global_invocation_id) id: vec3u) {
@@ -20,11 +20,12 @@ fn check_strands(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     atomicAdd(&report.quarantined, 1u);
+    let turn = own_turn(strand, substep.end, substep.share_at_end);
     for (var i = 0u; i < n; i++) {
-        let rest = vec4f(rest_at(strand, i), 1.0);
-        let end = (substep.end * rest).xyz;
+        let rest = rest_at(strand, i);
+        let end = rest_at_end(strand, rest);
         set_position(strand, i, end);
-        let start = (substep.start * rest).xyz;
+        let start = rest_at_start(strand, rest);
         set_velocity(strand, i, (end - start) * frame.inverse_h);
         if arrayLength(&velocities) > arrayLength(&positions) {
             set_previous(strand, i, start);
@@ -33,7 +34,7 @@ fn check_strands(@builtin(global_invocation_id) id: vec3u) {
         memory[at] = 1.0;
         memory[at + LANES] = frame.unknown;
         for (var row = 0u; row < frame.channel_rows; row++) {
-            channels[channel_entry(strand, i, row)] = channel_starts[row].at_end;
+            channels[channel_entry(strand, i, row)] = initial_value(row, turn, true);
         }
     }
 }

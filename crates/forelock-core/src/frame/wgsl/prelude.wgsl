@@ -63,11 +63,12 @@ struct Substep {
     level: u32,
     // Added to positions before the substep, because the origin moves with the head.
     shift: vec3f,
-    pad_1: f32,
+    // The share of the frame that has passed at its start, and at its end.
+    share_at_start: f32,
     // The head's rotation at its end, x y z w, and the head's angular velocity in it, s⁻¹.
     rotation: vec4f,
     spin: vec3f,
-    pad_2: f32,
+    share_at_end: f32,
 }
 
 struct Block {
@@ -82,11 +83,14 @@ struct Block {
 }
 
 // A row of a solver's channels at its initial value, turned with the head at the frame's start and
-// at its end; whether the channel starts in this frame.
+// at its end; whether the channel starts in this frame; what its values are (SCALAR, VECTOR or
+// ROTATION_VALUE), and which component of a value this row is.
 struct ChannelRow {
     at_start: f32,
     at_end: f32,
     starts: u32,
+    kind: u32,
+    component: u32,
 }
 
 // Results of a frame over all strands.
@@ -109,7 +113,8 @@ struct Report {
 @group(0) @binding(2) var<storage, read> blocks: array<Block>;
 // Rows of LANES numbers, seven rows per particle: rest position, rest lengths to the next three
 // particles, one over the first of these lengths. With MASSES a row a particle follows: the
-// relative masses.
+// relative masses. With ROOT_FRAMES the last ROOT_ROWS rows a block are the motions of strands
+// relative to the head: rotation (four rows) and shift at the frame's start, the same at its end.
 @group(0) @binding(3) var<storage, read> model: array<f32>;
 // Two rows a block: strand lengths and relative stiffnesses.
 @group(0) @binding(4) var<storage, read> strands: array<f32>;

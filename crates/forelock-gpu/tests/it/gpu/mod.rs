@@ -13,6 +13,7 @@ mod masses;
 mod pipelines;
 mod rod_constraints;
 mod rods;
+mod roots;
 mod simulator;
 mod sleep;
 mod strays;

@@ -40,10 +40,9 @@ struct Window {
     b3: vec3f,
 }
 
-fn ghost_of(rest: vec3f) -> Ghost {
-    let y = (substep.start * vec4f(rest, 1.0)).xyz;
-    let end = (substep.end * vec4f(rest, 1.0)).xyz;
-    return Ghost(y, (end - y) * frame.inverse_h);
+fn ghost_of(strand: Strand, rest: vec3f) -> Ghost {
+    let y = rest_at_start(strand, rest);
+    return Ghost(y, (rest_at_end(strand, rest) - y) * frame.inverse_h);
 }
 
 fn moved_position(strand: Strand, i: u32) -> vec3f {
@@ -137,10 +136,11 @@ fn tie_to_ghost(strand: Strand, i: u32, x: vec3f, ghost: Ghost, kappas: vec2f, w
         (*window).b0 += frame.h * kappa * pull;
         var direction = pull;
         if has(SAG_FREE) {
-            (*window).b0 -= frame.h * intact * mass * substep.carried_weight;
+            let weight = carried_weight(strand);
+            (*window).b0 -= frame.h * intact * mass * weight;
             // The force is that of a tie to a ghost raised by m g/κ_I, so the tie points to that
             // ghost.
-            direction -= mass * substep.carried_weight / max(kappas.x, 1e-24);
+            direction -= mass * weight / max(kappas.x, 1e-24);
         }
         tie(window, kappa, direction, ghost.w);
     }
@@ -297,7 +297,7 @@ fn add_altitude(strand: Strand, i: u32, kappa: f32, window: ptr<function, Window
             let share = weights[k] * weights[l];
             let block = Sym(share * along.d, share * along.o);
             if i + l < frame.clamped {
-                add_impulse(window, k, -sym_mul(block, ghost_of(before[l]).w));
+                add_impulse(window, k, -sym_mul(block, ghost_of(strand, before[l]).w));
             } else if l <= k {
                 add_block(window, k, l, block);
             }
@@ -376,7 +376,7 @@ fn solve_strands(@builtin(global_invocation_id) id: vec3u) {
     let clamped = min(frame.clamped, n);
     let stiffness = strand_stiffness(strand);
     var window: Window;
-    var ghost = ghost_of(rest_at(strand, 0u));
+    var ghost = ghost_of(strand, rest_at(strand, 0u));
     for (var i = 0u; i < n; i++) {
         let fraction = f32(i) / f32(n - 1u);
         let scales = (1.0 + (frame.tip_scales - 1.0) * fraction) * stiffness;
@@ -386,7 +386,7 @@ fn solve_strands(@builtin(global_invocation_id) id: vec3u) {
             let kappas = vec2f(frame.k_integrity * scales.y, frame.k_angular * scales.z);
             tie_to_ghost(strand, i, x, ghost, kappas, &window);
         }
-        let next = ghost_of(rest_at(strand, min(i + 1u, n - 1u)));
+        let next = ghost_of(strand, rest_at(strand, min(i + 1u, n - 1u)));
         for (var reach = 1u; reach <= 3u; reach++) {
             let j = i + reach;
             if j < n && j >= clamped {
@@ -424,7 +424,7 @@ fn solve_strands(@builtin(global_invocation_id) id: vec3u) {
             );
             set_position(strand, i, moved_position(strand, i) + frame.h * v);
         } else {
-            set_position(strand, i, (substep.end * vec4f(rest_at(strand, i), 1.0)).xyz);
+            set_position(strand, i, rest_at_end(strand, rest_at(strand, i)));
         }
         set_velocity(strand, i, v);
         v3 = v2;

@@ -38,19 +38,19 @@ fn direction_of(edge: vec3f) -> vec3f {
 }
 
 fn ghost_at(strand: Strand, i: u32) -> vec3f {
-    return (substep.end * vec4f(rest_at(strand, i), 1.0)).xyz;
+    return rest_at_end(strand, rest_at(strand, i));
 }
 
 // Places the root.
 fn begin_strand(strand: Strand) -> Carried {
     let first = rest_at(strand, 0u);
     let along = direction_of(rest_at(strand, 1u) - first);
-    let leader = (substep.end * vec4f(first, 1.0)).xyz;
+    let leader = rest_at_end(strand, first);
     return Carried(
         leader,
         position_at(strand, 0u) + substep.shift,
-        (substep.end * vec4f(along, 0.0)).xyz,
-        (substep.end * vec4f(local_at(strand, 0u), 0.0)).xyz,
+        turned_at_end(strand, along),
+        turned_at_end(strand, local_at(strand, 0u)),
     );
 }
 
@@ -58,7 +58,7 @@ fn begin_strand(strand: Strand) -> Carried {
 fn predicted_at(strand: Strand, i: u32, was: vec3f) -> vec3f {
     var a = frame.gravity;
     if has(SAG_FREE) {
-        a -= substep.carried_weight;
+        a -= carried_weight(strand);
     }
     var kick = frame.h * a;
     // A wind field has changed velocities already (`apply_wind`).

@@ -2,7 +2,7 @@
 //
 // A pass over the strand does an iteration. The first predicts, the last writes velocities; between
 // passes, scratch holds both λ of an edge, its rotation before the substep and its change. With one
-// iteration scratch is not used. Quaternions are x, y, z, w.
+// iteration scratch is not used.
 
 // Velocity of the air at each particle, three rows; used with a wind field.
 @group(0) @binding(17) var<storage, read> wind: array<f32>;
@@ -48,21 +48,6 @@ struct Coupled {
     sum: vec3f,
 }
 
-// The Hamilton product.
-fn product(a: vec4f, b: vec4f) -> vec4f {
-    return vec4f(a.w * b.xyz + b.w * a.xyz + cross(a.xyz, b.xyz), a.w * b.w - dot(a.xyz, b.xyz));
-}
-
-fn conjugate(q: vec4f) -> vec4f {
-    return vec4f(-q.xyz, q.w);
-}
-
-// `v` rotated by the unit quaternion `q`.
-fn rotate(q: vec4f, v: vec3f) -> vec3f {
-    let twice = 2.0 * cross(q.xyz, v);
-    return v + q.w * twice + cross(q.xyz, twice);
-}
-
 // The shortest rotation between two unit vectors: `Quat::arc`.
 fn arc(a: vec3f, b: vec3f) -> vec4f {
     let n = sqrt(max(2.0 * dot(a, b) + 2.0, 0.0));
@@ -95,7 +80,7 @@ fn particle_of(strand: Strand, i: u32, is_first: bool) -> Particle {
     }
     let start = x + substep.shift;
     if is_clamped {
-        let on_head = (substep.end * vec4f(rest_at(strand, i), 1.0)).xyz;
+        let on_head = rest_at_end(strand, rest_at(strand, i));
         return Particle(on_head, (on_head - start) * frame.inverse_h, w);
     }
     let fallen = v + frame.h * frame.gravity;
@@ -117,7 +102,7 @@ fn edge_of(strand: Strand, i: u32, is_first: bool) -> Edge {
     let length = rest_length(strand, i, 1u);
     let tangent = (rest_at(strand, i + 1u) - rest_at(strand, i)) * inverse;
     if i + 1u < frame.clamped {
-        let head = substep.rotation;
+        let head = rest_rotation(strand);
         return Edge(Rotation(head, vec4f()), head, 0.0, length, tangent);
     }
     let weight = 0.5 * frame.rotation_weight * inverse * inverse / mass_at(strand, i + 1u);
@@ -186,7 +171,7 @@ fn store_edge(strand: Strand, i: u32, edge: Edge, is_last: bool) {
         set_scratch_quaternion(strand, i, CHANGE, edge.rotation.change);
         return;
     }
-    var spin = substep.spin;
+    var spin = rest_spin(strand);
     if i + 1u >= frame.clamped {
         // r r̄_old = 1 + (r − r_old) r̄_old
         let turn = product(edge.rotation.change, conjugate(edge.before));
@@ -224,7 +209,7 @@ fn iterate(strand: Strand, is_first: bool, is_last: bool) {
         }
         // Bend–twist: of the first edge against the head.
         if has(BENDS) {
-            var a = Rotation(substep.rotation, vec4f());
+            var a = Rotation(rest_rotation(strand), vec4f());
             var bend = vec4f(0.0, 0.0, 0.0, 1.0);
             var weights = vec2f(0.0, edge.weight);
             var length = edge.length;
