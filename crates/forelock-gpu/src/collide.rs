@@ -49,6 +49,8 @@ const POSITIONAL: u32 = 32;
 
 /// Queries of a frame after those of its substeps, by their number from there.
 pub(crate) mod queries {
+    use forelock_core::frame::{FrameRules, Span};
+
     /// After the length pass.
     pub const RESTORED: u32 = 0;
     /// After the length pass that follows contacts.
@@ -56,7 +58,17 @@ pub(crate) mod queries {
     /// After interactions.
     pub const FINAL: u32 = 2;
     /// Their count.
-    pub const COUNT: u32 = 3;
+    const COUNT: u32 = 3;
+
+    /// All queries of a frame of `substeps` under a solver with `rules`.
+    pub fn of_frame(rules: &FrameRules, substeps: u32) -> u32 {
+        substeps + COUNT * rules.spans(substeps)
+    }
+
+    /// The number of `query` at the end of `span` in a frame of `substeps`.
+    pub fn at_end(span: Span, query: u32, substeps: u32) -> u32 {
+        substeps + COUNT * span.number + query
+    }
 }
 
 /// Constants of the text that samples shapes.
@@ -302,13 +314,13 @@ pub(crate) struct Solids {
 }
 
 impl Solids {
-    /// For frames of `substeps`, without a field yet.
-    pub fn new(gpu: &Gpu, substeps: u32) -> Self {
+    /// For frames of `count` queries ([`queries::of_frame`]), without a field yet.
+    pub fn new(gpu: &Gpu, count: u32) -> Self {
         let stride = gpu.uniform_stride(size_of::<QueryUniform>());
         Self {
             fields: buffer_of(gpu, &[]),
             held: Vec::new(),
-            queries: queries_of(gpu, stride, substeps),
+            queries: queries_of(gpu, stride, count),
             stride,
             query: Box::new(QueryUniform::zeroed()),
             bytes: Vec::new(),
@@ -320,11 +332,11 @@ impl Solids {
         self.fields.size() + self.queries.size()
     }
 
-    /// Makes room for the queries of frames of `substeps`. Returns whether the buffer is a new one.
-    pub fn hold_queries(&mut self, gpu: &Gpu, substeps: u32) -> bool {
-        let grows = query_bytes(self.stride, substeps) > self.queries.size();
+    /// Makes room for frames of `count` queries. Returns whether the buffer is a new one.
+    pub fn hold_queries(&mut self, gpu: &Gpu, count: u32) -> bool {
+        let grows = query_bytes(self.stride, count) > self.queries.size();
         if grows {
-            self.queries = queries_of(gpu, self.stride, substeps);
+            self.queries = queries_of(gpu, self.stride, count);
         }
         grows
     }
@@ -368,47 +380,61 @@ impl Solids {
         Ok(true)
     }
 
-    /// Writes the queries of a frame: one after each substep, and those of [`queries`].
+    /// Writes the queries of a frame: one after each substep, and those of [`queries`] after each
+    /// span.
     pub fn write_frame(&mut self, gpu: &Gpu, rules: &FrameRules, frame: &SolidFrame<'_>) {
-        let SolidFrame { substeps, .. } = *frame;
-        let colliders = frame.frame.colliders;
+        let SolidFrame { substeps, plan, .. } = *frame;
         let h = frame.frame.dt_secs / f64::from(substeps);
         self.bytes.clear();
-        self.query.count = colliders.len() as u32;
+        self.query.count = frame.frame.colliders.len() as u32;
         self.query.thickness = rules.skin_thickness as f32;
         let limit = rules.stretch_limit.unwrap_or(FAR) as f32;
         let positional = if frame.positional { POSITIONAL } else { 0 };
         self.query.max_edge_push = (rules.depenetration_speed * h) as f32;
+        self.query.max_push_out = (rules.depenetration_speed * h) as f32;
         // Contacts are reported by the query that comes last.
-        let has = |step| frame.plan.contains(step);
-        let again = has(Step::RestoreIfMoved);
-        let is_final = again || has(Step::CollideFinal { unless_moved: false });
-        let restored = has(Step::RestoreLengths) && !is_final;
+        let again = plan.any(|step| matches!(step, Step::RestoreIfMoved { .. }));
+        let always = |step: &Step| matches!(step, Step::CollideFinal { unless_moved: false, .. });
+        let is_final = again || plan.any(always);
+        let restored = plan.any(|step| matches!(step, Step::RestoreLengths { .. })) && !is_final;
         let last = |reports: bool| if reports { LAST } else { 0 };
         for (step, fractions) in (0..substeps).zip(fractions(substeps)) {
-            for (entry, solid) in self.query.solids.iter_mut().zip(colliders) {
-                let place = place_of(&self.held, solid.shape).unwrap_or(0);
-                *entry = entry_of(solid, fractions, frame.origin, place);
-            }
-            let is_last = step + 1 == substeps && !is_final && !restored;
-            self.query.how = AFTER_SUBSTEP | positional | last(is_last);
-            let ends = rules.collides_once() && step + 1 == substeps;
-            self.query.slow_edges = if ends { 0.0 } else { 1.0 / substeps as f32 };
-            self.query.stretch_limit = if ends { limit } else { FAR as f32 };
-            self.query.max_push_out = (rules.depenetration_speed * h) as f32;
+            self.place(frame, fractions);
+            let ends = step + 1 == substeps;
+            self.query.how = AFTER_SUBSTEP | positional | last(ends && !is_final && !restored);
+            let is_final_pass = rules.collides_once() && ends;
+            self.query.slow_edges = if is_final_pass { 0.0 } else { 1.0 / substeps as f32 };
+            self.query.stretch_limit = if is_final_pass { limit } else { FAR as f32 };
             self.append(step);
         }
         self.query.max_push_out = 0.0;
         self.query.slow_edges = 0.0;
         self.query.stretch_limit = limit;
-        self.query.max_edge_push = (rules.depenetration_speed * frame.frame.dt_secs) as f32;
         let unless = if again { UNLESS_MOVED } else { 0 };
-        let hows = [DISPLACED | last(restored), DISPLACED | IF_MOVED | LAST, unless | LAST];
-        for (number, how) in (substeps..).zip(hows) {
-            self.query.how = how;
-            self.append(number);
+        for &span in plan.spans() {
+            let fractions = [span.end - 1, span.end].map(|step| f64::from(step) / f64::from(substeps));
+            self.place(frame, fractions);
+            let secs = span.secs(substeps, frame.frame.dt_secs);
+            self.query.max_edge_push = (rules.depenetration_speed * secs) as f32;
+            let ends = span.end == substeps;
+            for (query, how) in [
+                (queries::RESTORED, DISPLACED | last(restored && ends)),
+                (queries::RESTORED_AGAIN, DISPLACED | IF_MOVED | last(ends)),
+                (queries::FINAL, unless | last(ends)),
+            ] {
+                self.query.how = how;
+                self.append(queries::at_end(span, query, substeps));
+            }
         }
         gpu.queue().write_buffer(&self.queries, 0, &self.bytes);
+    }
+
+    /// Places the colliders of a query at `fractions` of the frame.
+    fn place(&mut self, frame: &SolidFrame<'_>, fractions: [f64; 2]) {
+        for (entry, solid) in self.query.solids.iter_mut().zip(frame.frame.colliders) {
+            let place = place_of(&self.held, solid.shape).unwrap_or(0);
+            *entry = entry_of(solid, fractions, frame.origin, place);
+        }
     }
 
     fn append(&mut self, number: u32) {
@@ -417,14 +443,14 @@ impl Solids {
     }
 }
 
-/// Bytes of the queries of a frame of `substeps`, each at a multiple of `stride`.
-fn query_bytes(stride: u32, substeps: u32) -> u64 {
-    u64::from(stride) * u64::from(substeps + queries::COUNT)
+/// Bytes of `count` queries, each at a multiple of `stride`.
+fn query_bytes(stride: u32, count: u32) -> u64 {
+    u64::from(stride) * u64::from(count)
 }
 
-fn queries_of(gpu: &Gpu, stride: u32, substeps: u32) -> wgpu::Buffer {
+fn queries_of(gpu: &Gpu, stride: u32, count: u32) -> wgpu::Buffer {
     let usage = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
-    gpu.buffer("queries", query_bytes(stride, substeps), usage)
+    gpu.buffer("queries", query_bytes(stride, count), usage)
 }
 
 /// The fields of a shape; none of a primitive.

@@ -13,7 +13,7 @@ use crate::kernel::DispatchList;
 use crate::sleep::SleepStep;
 use crate::solver::SolveBatch;
 use crate::uniforms::{FrameUniform, SubstepUniform};
-use forelock_core::frame::{Exchange, FrameInput, Phase, PlannedStep, Step, fractions};
+use forelock_core::frame::{Exchange, FrameInput, Phase, PlannedStep, Span, Step, fractions};
 use forelock_core::pose::Pose;
 use glam::DVec3;
 
@@ -115,14 +115,13 @@ impl GpuSimulation {
         let solids = kinds.solids;
         let groups = &self.groups;
         let strands = &groups.strands[batch];
-        let last = self.count - 1;
         let collide =
             |number| solids.resolve().map(|kernel| groups.solids[batch].dispatch(kernel, &[number]));
-        // At the frame's end colliders meet hair with the speed at which it moves.
-        let collide_at_end = |list: &mut DispatchList<'a>, query| {
+        // At a span's end colliders meet hair with the speed at which it moves.
+        let collide_at_end = |list: &mut DispatchList<'a>, span: Span, query| {
             let loaded = self.has_load() && solids.resolve().is_some();
             list.extend(loaded.then(|| strands.dispatch(&STORE_LOAD, &[0])));
-            list.extend(collide(self.count + query));
+            list.extend(collide(queries::at_end(span, query, self.count)));
             list.extend(loaded.then(|| strands.dispatch(&RESTORE_LOAD, &[0])));
         };
         match step {
@@ -141,17 +140,19 @@ impl GpuSimulation {
                 list.extend(collide(substep));
                 list.extend(loaded.then(|| strands.dispatch(&DERIVE_VELOCITIES, &[0])));
             }
-            Step::CollideFinal { .. } => collide_at_end(list, queries::FINAL),
-            Step::RestoreLengths => {
-                list.push(strands.dispatch(&RESTORE_LENGTHS, &[last]));
-                collide_at_end(list, queries::RESTORED);
+            Step::CollideFinal { span, .. } => collide_at_end(list, span, queries::FINAL),
+            Step::RestoreLengths { span } => {
+                list.push(strands.dispatch(&RESTORE_LENGTHS, &[span.end - 1]));
+                collide_at_end(list, span, queries::RESTORED);
             }
-            Step::RestoreIfMoved => {
-                list.push(strands.dispatch(&RESTORE_AGAIN, &[last]));
-                collide_at_end(list, queries::RESTORED_AGAIN);
+            Step::RestoreIfMoved { span } => {
+                list.push(strands.dispatch(&RESTORE_AGAIN, &[span.end - 1]));
+                collide_at_end(list, span, queries::RESTORED_AGAIN);
             }
-            Step::CheckStrands => list.push(groups.checks[batch].dispatch(&CHECK_STRANDS, &[last])),
-            Step::RecordStart(_) | Step::Exchange(_) => {}
+            Step::CheckStrands => {
+                list.push(groups.checks[batch].dispatch(&CHECK_STRANDS, &[self.count - 1]));
+            }
+            Step::RecordStart { .. } | Step::Exchange { .. } => {}
         }
     }
 
@@ -159,12 +160,12 @@ impl GpuSimulation {
     fn run_on_all<'a>(&'a self, list: &mut DispatchList<'a>, step: Step) {
         let strands = &self.groups.strands;
         match step {
-            Step::RecordStart(exchange) => {
+            Step::RecordStart { exchange, span } => {
                 if let Some(own) = self.interaction(&exchange) {
-                    own.record_start(list);
+                    own.record_start(list, span);
                 }
             }
-            Step::Exchange(exchange) => {
+            Step::Exchange { exchange, span } => {
                 // Where velocities hold more than motion, they are those of the motion meanwhile.
                 let loaded = self.has_load() && exchange.phase != Phase::BeforeStrands;
                 if loaded {
@@ -172,9 +173,9 @@ impl GpuSimulation {
                 }
                 if let Some(own) = self.interaction(&exchange) {
                     if own.early_exchange() == Some(exchange) {
-                        own.exchange_early(list);
+                        own.exchange_early(list, span);
                     } else {
-                        own.exchange(list, self.count);
+                        own.exchange(list, span);
                     }
                 }
                 if loaded {
@@ -218,7 +219,7 @@ impl GpuSimulation {
         self.gpu.queue().write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&uniform));
         let count = self.count;
         let poses: Vec<_> = frame.poses(&self.model, count, origin).collect();
-        self.write_substeps(&poses, frame.dt_secs / f64::from(count), shift);
+        self.write_substeps(&poses, frame.dt_secs, shift);
         if !frame.colliders.is_empty() || self.rules.solver_collides {
             let solids =
                 SolidFrame { frame, substeps: count, origin, plan: &self.plan, positional: self.has_load() };
@@ -228,10 +229,12 @@ impl GpuSimulation {
             let given = InteractionFrame {
                 input: frame,
                 start,
+                poses: &poses,
                 last_substep: [before, now],
                 origin,
                 clamped: self.rules.clamped as u32,
                 substeps: count,
+                spans: self.plan.spans(),
             };
             self.interactions.iter_mut().for_each(|own| own.write_frame(&self.gpu, &given));
         }
@@ -254,11 +257,13 @@ impl GpuSimulation {
         }
     }
 
-    /// Writes the substeps of `h` seconds between `poses`, the first of which moves positions by
+    /// Writes the substeps of a frame of `dt_secs` between `poses`, the first of which moves positions by
     /// `shift`; further entries number the levels of kernels that place one particle of each
     /// strand.
-    fn write_substeps(&mut self, poses: &[Pose], h: f64, shift: DVec3) {
+    fn write_substeps(&mut self, poses: &[Pose], dt_secs: f64, shift: DVec3) {
+        let h = dt_secs / f64::from(self.count);
         let (count, weight, stride) = (self.count, self.options.carried_gravity(), self.shared.stride);
+        let spans = self.plan.spans();
         self.substeps.clear();
         let mut append = |number: u32, substep: &SubstepUniform| {
             self.substeps.resize((number * stride) as usize, 0);
@@ -266,7 +271,10 @@ impl GpuSimulation {
         };
         for ((step, ends), shares) in (0..count).zip(poses.windows(2)).zip(fractions(count)) {
             let shift = if step == 0 { shift } else { DVec3::ZERO };
-            append(step, &SubstepUniform::new([&ends[0], &ends[1]], h, shares, weight, shift));
+            let substep = SubstepUniform::new([&ends[0], &ends[1]], h, shares, weight, shift);
+            let span = spans.iter().find(|span| step < span.end);
+            let secs = span.map_or(h, |span| span.secs(count, dt_secs));
+            append(step, &SubstepUniform { inverse_span: (1.0 / secs) as f32, ..substep });
         }
         for level in count..self.kernels.substep_entries(count, self.model.longest() as u32) {
             // Solvers that step particles level by level have one substep a frame.

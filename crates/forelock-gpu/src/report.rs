@@ -126,9 +126,10 @@ impl GpuSimulation {
         let mut next = || read.next().unwrap_or_default();
         self.gpu.queue().write_buffer(&self.shared.report, 0, &[0; SUMS]);
         let own: ReportEntry = bytemuck::pod_read_unaligned(next());
-        let has = |step| self.plan.contains(step);
         // A solver may leave edges at their lengths without a length pass.
-        let restores = has(Step::RestoreLengths) || has(Step::RestoreIfMoved);
+        let restores =
+            |step: &Step| matches!(step, Step::RestoreLengths { .. } | Step::RestoreIfMoved { .. });
+        let restores = self.plan.any(restores);
         let restored = if restores { own.restored } else { own.stretch };
         let mut report = GpuReport {
             max_edge_stretch: f32::from_bits(restored),

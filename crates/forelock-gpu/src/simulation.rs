@@ -5,7 +5,7 @@ use crate::air::DeviceAir;
 use crate::batch::{Batch, DeviceStrands, Shared, StrandGroups, split};
 use crate::channels::{self, DeviceChannels};
 use crate::clock::Clock;
-use crate::collide::Solids;
+use crate::collide::{Solids, queries};
 use crate::encode::FrameKinds;
 use crate::interaction::{self, GpuInteraction, Kind};
 use crate::positions::DevicePositions;
@@ -148,7 +148,7 @@ impl GpuSimulation {
         let count = rules.substeps(USUAL_FRAME_SECS);
         let entries = kernels.substep_entries(count, model.longest() as u32);
         let shared = Shared::new(gpu, ranges.iter().map(places).max().unwrap_or(1), entries);
-        let solids = Solids::new(gpu, count);
+        let solids = Solids::new(gpu, queries::of_frame(&rules, count));
         let batch = |range| {
             let batch = Batch::new(gpu, &model, range, channel_rows);
             batch.write(gpu, &state);
@@ -303,7 +303,8 @@ impl GpuSimulation {
         if count != self.count {
             self.count = count;
             let entries = self.kernels.substep_entries(count, self.model.longest() as u32);
-            let grown = [self.shared.hold(&self.gpu, entries), self.solids.hold_queries(&self.gpu, count)];
+            let queries = queries::of_frame(&self.rules, count);
+            let grown = [self.shared.hold(&self.gpu, entries), self.solids.hold_queries(&self.gpu, queries)];
             if grown.contains(&true) {
                 self.bind();
             }

@@ -1,5 +1,6 @@
 //! The simulator of a GPU: what changes a simulation as a whole.
 
+use crate::collide::queries;
 use crate::positions::DevicePositions;
 use crate::report::{GpuReport, to_frame_report};
 use crate::simulation::{Packed, USUAL_FRAME_SECS};
@@ -82,7 +83,7 @@ impl GpuSimulation {
         let count = rules.substeps(USUAL_FRAME_SECS);
         if solver.channels() == self.solver.channels() {
             self.shared.hold(&self.gpu, kernels.substep_entries(count, longest));
-            self.solids.hold_queries(&self.gpu, count);
+            self.solids.hold_queries(&self.gpu, queries::of_frame(&rules, count));
             (self.solver, self.kernels, self.rules, self.count) = (solver, kernels, rules, count);
             self.sleep.wake();
             return self.rebind();

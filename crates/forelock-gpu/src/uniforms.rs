@@ -157,6 +157,10 @@ pub struct SubstepUniform {
     pub spin: Vec3,
     /// The share of the frame that has passed at its end.
     pub share_at_end: f32,
+    /// 1 over the length of its span, s⁻¹.
+    pub inverse_span: f32,
+    /// Unused.
+    pub pad: Vec3,
 }
 
 /// A row of a solver's channels: `ChannelRow` in `prelude.wgsl`.
@@ -305,6 +309,8 @@ impl SubstepUniform {
             rotation: end.rotation.as_quat().into(),
             spin: spin.as_vec3(),
             share_at_end: shares[1] as f32,
+            inverse_span: 0.0,
+            pad: Vec3::ZERO,
         }
     }
 }

@@ -47,7 +47,7 @@ impl<T: SolverReal> Crew<'_, T> {
     ) -> BlockReport {
         let substeps = steps.iter().take_while(|step| step.is_of_substep()).count();
         let (substeps, rest) = steps.split_at(substeps);
-        let work = BlockWork { substeps, finish: Finish::of(rest, moved) };
+        let work = BlockWork { substeps, finish: Finish::of(rest, self.cx.substeps, moved) };
         if substeps.is_empty() && !work.finish.is_any() {
             return BlockReport::default();
         }

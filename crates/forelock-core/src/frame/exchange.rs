@@ -16,14 +16,14 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::fmt::Debug;
 
-/// What an interaction needs to know of the frame.
+/// What an interaction needs to know of the frame, or of the part of it since its last exchange.
 #[derive(Debug)]
 pub struct ExchangeContext<'a, T> {
     /// The strands.
     pub model: &'a Model<T>,
-    /// The head at the frame's start, from the model's centre to where positions are then.
+    /// The head at the start of the span, from the model's centre to where positions are then.
     pub start: Pose,
-    /// The head at the start and the end of the last substep, from the model's centre to the
+    /// The head at the start and the end of the span's last substep, from the model's centre to the
     /// frame's origin.
     pub last_substep: [Pose; 2],
     /// Colliders of the frame.
@@ -32,9 +32,9 @@ pub struct ExchangeContext<'a, T> {
     pub origin: DVec3,
     /// Particles of each strand, from the root, that follow the head.
     pub clamped: usize,
-    /// Substeps of the frame.
+    /// Substeps of the span.
     pub substeps: u32,
-    /// Length of the frame, seconds.
+    /// Length of the span, seconds.
     pub dt_secs: f64,
 }
 
@@ -44,7 +44,7 @@ impl<T> ExchangeContext<'_, T> {
         self.dt_secs / f64::from(self.substeps)
     }
 
-    /// Where the last substep starts, as a fraction of the frame.
+    /// Where the last substep starts, as a fraction of the span.
     pub fn last_fraction(&self) -> f64 {
         1.0 - 1.0 / f64::from(self.substeps)
     }
@@ -55,7 +55,7 @@ pub trait Interaction<T>: Debug + Send + Sync {
     /// Its name, when it runs, and what it moves.
     fn exchange_plan(&self) -> Exchange;
 
-    /// Records where hair is at the frame's start, if [`Exchange::records_start`].
+    /// Records where hair is at the start of a span, if [`Exchange::records_start`].
     fn record_start(&mut self, cx: &ExchangeContext<'_, T>, state: &State<T>) {
         let _ = (cx, state);
     }

@@ -41,17 +41,65 @@ pub struct Exchange {
     pub phase: Phase,
     /// What it moves.
     pub moves: Moves,
-    /// Whether it records where hair is at the frame's start.
+    /// Whether it records where hair is at the start of its span.
     pub records_start: bool,
+    /// Whether it runs also between substeps, as often as [`FrameRules::exchange_secs`] asks for;
+    /// not [`Phase::BeforeStrands`].
+    pub repeats: bool,
+}
+
+/// Consecutive substeps of a frame. An exchange at the end of a span sees the motion of hair in it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Span {
+    /// Its number in the frame.
+    pub number: u32,
+    /// Number of the first substep.
+    pub first: u32,
+    /// Number after that of the last substep.
+    pub end: u32,
+}
+
+impl Span {
+    /// Number of substeps.
+    pub fn substeps(&self) -> u32 {
+        self.end - self.first
+    }
+
+    /// Its length in a frame of `substeps` and `dt_secs`, seconds.
+    pub fn secs(&self, substeps: u32, dt_secs: f64) -> f64 {
+        dt_secs * (f64::from(self.substeps()) / f64::from(substeps))
+    }
+
+    /// Span `number` of `count` equal ones, up to whole substeps, in a frame of `substeps`.
+    fn of(number: u32, count: u32, substeps: u32) -> Self {
+        let start = |number: u32| (u64::from(substeps) * u64::from(number) / u64::from(count)) as u32;
+        Self { number, first: start(number), end: start(number + 1) }
+    }
+
+    /// A frame of `substeps` as one span.
+    pub fn whole(substeps: u32) -> Self {
+        Self::of(0, 1, substeps)
+    }
 }
 
 /// A step of a frame, over all strands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
-    /// An interaction records where hair is at the frame's start.
-    RecordStart(Exchange),
+    /// An interaction records where hair is at the start of a span; after an exchange, before the
+    /// length pass that follows it.
+    RecordStart {
+        /// What the interaction does at the span's end.
+        exchange: Exchange,
+        /// The span.
+        span: Span,
+    },
     /// An interaction exchanges momentum between strands.
-    Exchange(Exchange),
+    Exchange {
+        /// What it does.
+        exchange: Exchange,
+        /// The substeps since the last time, or all of the frame.
+        span: Span,
+    },
     /// The solver's own stage in a substep. The first one moves hair to the frame's origin.
     Solve {
         /// Number of the substep.
@@ -63,11 +111,19 @@ pub enum Step {
         substep: u32,
     },
     /// The length pass, and the collisions of what it displaced.
-    RestoreLengths,
-    /// The same, if an interaction before it moved edges in this frame.
-    RestoreIfMoved,
+    RestoreLengths {
+        /// The substeps since the last one, or all of the frame.
+        span: Span,
+    },
+    /// The same, if an interaction before it moved edges since the last substep.
+    RestoreIfMoved {
+        /// As of [`Step::RestoreLengths`].
+        span: Span,
+    },
     /// Collisions after interactions.
     CollideFinal {
+        /// As of [`Step::RestoreLengths`].
+        span: Span,
         /// Not if [`Step::RestoreIfMoved`] has resolved them.
         unless_moved: bool,
     },
@@ -78,7 +134,14 @@ pub enum Step {
 impl Step {
     /// Whether blocks of strands run it independently of each other.
     pub fn is_of_strands(&self) -> bool {
-        !matches!(self, Self::RecordStart(_) | Self::Exchange(_))
+        !matches!(self, Self::RecordStart { .. } | Self::Exchange { .. })
+    }
+
+    /// Whether blocks of strands run this and the `next` step of a frame in one go: substeps, and
+    /// what follows them.
+    pub fn runs_with(&self, next: &Self) -> bool {
+        let restarts = next.is_of_substep() && !self.is_of_substep();
+        self.is_of_strands() && next.is_of_strands() && !restarts
     }
 
     /// Whether the solver runs it, together with the collisions of its substeps.
@@ -91,8 +154,8 @@ impl Step {
         match self {
             Self::Collide { .. }
             | Self::CollideFinal { .. }
-            | Self::RestoreLengths
-            | Self::RestoreIfMoved => true,
+            | Self::RestoreLengths { .. }
+            | Self::RestoreIfMoved { .. } => true,
             Self::Solve { .. } => solver_collides,
             _ => false,
         }
@@ -114,6 +177,7 @@ pub struct PlannedStep {
 pub struct FramePlan {
     /// Shared, so that an executor copies the plan without an allocation.
     steps: Arc<[PlannedStep]>,
+    spans: Arc<[Span]>,
 }
 
 /// A plan under construction.
@@ -133,41 +197,69 @@ impl FramePlan {
         let mut plan = Steps::default();
         let mut sorted = interactions.to_vec();
         sorted.sort_by_key(|exchange| exchange.phase);
-        for own in sorted.iter().filter(|own| own.records_start) {
-            plan.push(Step::RecordStart(*own), own.stage);
-        }
         let restores = rules.lengths != Inextensibility::Off;
         let has_pass = restores && !rules.restores_own_lengths;
         let (before, rest) =
             sorted.split_at(sorted.partition_point(|own| own.phase < Phase::BeforeLengths(0)));
         let of_pass = |own: &Exchange| has_pass && matches!(own.phase, Phase::BeforeLengths(_));
         let (between, after) = rest.split_at(rest.partition_point(of_pass));
-        before.iter().for_each(|own| plan.push(Step::Exchange(*own), own.stage));
-        for substep in 0..substeps {
-            plan.push(Step::Solve { substep }, rules.stage);
-            if !rules.solver_collides {
-                plan.push(Step::Collide { substep }, COLLIDE);
-            }
+        let whole = Span::whole(substeps);
+        let count = if rest.iter().any(|own| own.repeats) { rules.spans(substeps) } else { 1 };
+        let spans: Arc<[Span]> = (0..count).map(|number| Span::of(number, count, substeps)).collect();
+        let of_whole = |own: &Exchange| !own.repeats || own.phase < Phase::BeforeLengths(0);
+        for exchange in sorted.iter().filter(|own| own.records_start).copied() {
+            let span = if of_whole(&exchange) { whole } else { spans[0] };
+            plan.push(Step::RecordStart { exchange, span }, exchange.stage);
         }
-        between.iter().for_each(|own| plan.push(Step::Exchange(*own), own.stage));
-        if has_pass {
-            plan.push(Step::RestoreLengths, LENGTHS);
+        for exchange in before.iter().copied() {
+            plan.push(Step::Exchange { exchange, span: whole }, exchange.stage);
         }
-        after.iter().for_each(|own| plan.push(Step::Exchange(*own), own.stage));
-        if let Some(last) = after.last() {
-            let moves = |kind| restores && after.iter().any(|own| own.moves == kind);
-            if rules.restores_own_lengths && moves(Moves::Particles) {
-                plan.push(Step::RestoreLengths, last.stage);
-            } else {
-                let unless_moved = moves(Moves::Edges);
-                if unless_moved {
-                    plan.push(Step::RestoreIfMoved, last.stage);
+        for (number, &span) in spans.iter().enumerate() {
+            for substep in span.first..span.end {
+                plan.push(Step::Solve { substep }, rules.stage);
+                if !rules.solver_collides {
+                    plan.push(Step::Collide { substep }, COLLIDE);
                 }
-                plan.push(Step::CollideFinal { unless_moved }, COLLIDE);
+            }
+            let next = spans.get(number + 1).copied();
+            let is_last = next.is_none();
+            let is_due = |own: &&Exchange| own.repeats || is_last;
+            let exchange = |plan: &mut Steps, own: &Exchange| {
+                let span = if own.repeats { span } else { whole };
+                plan.push(Step::Exchange { exchange: *own, span }, own.stage);
+            };
+            between.iter().filter(is_due).for_each(|own| exchange(&mut plan, own));
+            if has_pass {
+                plan.push(Step::RestoreLengths { span }, LENGTHS);
+            }
+            let after = || after.iter().filter(is_due);
+            after().for_each(|own| exchange(&mut plan, own));
+            // Before lengths are restored, so that the next exchange sees what that displaces.
+            if let Some(span) = next {
+                for exchange in rest.iter().filter(|own| own.records_start && own.repeats).copied() {
+                    plan.push(Step::RecordStart { exchange, span }, exchange.stage);
+                }
+            }
+            if let Some(last) = after().next_back() {
+                let moves = |kind| restores && after().any(|own| own.moves == kind);
+                if rules.restores_own_lengths && moves(Moves::Particles) {
+                    plan.push(Step::RestoreLengths { span }, last.stage);
+                } else {
+                    let unless_moved = moves(Moves::Edges);
+                    if unless_moved {
+                        plan.push(Step::RestoreIfMoved { span }, last.stage);
+                    }
+                    plan.push(Step::CollideFinal { span, unless_moved }, COLLIDE);
+                }
             }
         }
         plan.push(Step::CheckStrands, CHECK);
-        Self { steps: plan.0.into() }
+        Self { steps: plan.0.into(), spans }
+    }
+
+    /// The spans of the frame: one if no interaction repeats.
+    pub fn spans(&self) -> &[Span] {
+        &self.spans
     }
 
     /// All steps in their order.
@@ -180,25 +272,31 @@ impl FramePlan {
     /// # Errors
     /// [`ParamsError::Range`] for a step of a substep that the frame does not have.
     pub fn check(steps: &[PlannedStep], substeps: u32) -> Result<(), ParamsError> {
-        let beyond = steps.iter().find_map(|own| match own.step {
-            Step::Solve { substep } | Step::Collide { substep } if substep >= substeps => Some(substep),
-            _ => None,
-        });
+        let last = |step: Step| match step {
+            Step::Solve { substep } | Step::Collide { substep } => substep,
+            Step::RecordStart { span, .. }
+            | Step::Exchange { span, .. }
+            | Step::RestoreLengths { span }
+            | Step::RestoreIfMoved { span }
+            | Step::CollideFinal { span, .. } => span.end.saturating_sub(1),
+            Step::CheckStrands => 0,
+        };
+        let beyond = steps.iter().map(|own| last(own.step)).find(|substep| *substep >= substeps);
         let Some(value) = beyond.map(f64::from) else { return Ok(()) };
         let expected = "below those of the frame: plan steps for the frame's length".to_owned();
         Err(ParamsError::Range { name: "substep", value, expected })
     }
 
-    /// Whether `step` is one of them.
-    pub fn contains(&self, step: Step) -> bool {
-        self.steps.iter().any(|own| own.step == step)
+    /// Whether there are steps for which `is_one` is true.
+    pub fn any(&self, is_one: impl Fn(&Step) -> bool) -> bool {
+        self.steps.iter().any(|own| is_one(&own.step))
     }
 
     /// The stages in the order in which they first do their work; recording the start counts for
     /// nothing.
     pub fn stages(&self) -> Vec<&'static str> {
         let mut names = Vec::new();
-        let works = |own: &&PlannedStep| !matches!(own.step, Step::RecordStart(_));
+        let works = |own: &&PlannedStep| !matches!(own.step, Step::RecordStart { .. });
         for own in self.steps.iter().filter(works) {
             if !names.contains(&own.stage) {
                 names.push(own.stage);

@@ -75,12 +75,21 @@ pub struct GridReport {
 /// What contacts between strands did in a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ContactReport {
-    /// Contacts resolved.
+    /// Contacts resolved; of several exchanges in the frame, those of the last.
     pub contacts: usize,
-    /// The largest displacement of a particle, metres.
+    /// The largest displacement of a particle in that exchange, metres.
     pub farthest_m: f64,
     /// Seconds of finding and of resolving.
     pub secs: [f64; 2],
+}
+
+impl ContactReport {
+    /// The report of this exchange and a `later` one of the same frame.
+    #[must_use]
+    pub fn then(self, later: Self) -> Self {
+        let secs = [0, 1].map(|k| self.secs[k] + later.secs[k]);
+        Self { secs, ..later_of(self, later) }
+    }
 }
 
 /// What SPH did in a step.
@@ -143,7 +152,7 @@ impl FrameReport {
             quarantined_strands: self.quarantined_strands + other.quarantined_strands,
             sleeping_strands: self.sleeping_strands.max(other.sleeping_strands),
             grid: later_of(self.grid, other.grid),
-            strand_contacts: later_of(self.strand_contacts, other.strand_contacts),
+            strand_contacts: self.strand_contacts.then(other.strand_contacts),
             sph: later_of(self.sph, other.sph),
             stages,
             device_secs: self

@@ -5,6 +5,9 @@ use crate::lane::Real;
 use crate::params::{Inextensibility, STATED_STEP_SECS, parts};
 use crate::strands::{Channel, Model, State};
 
+/// Most spans of a frame.
+pub const SPANS: u32 = 16;
+
 /// Parameters of the shared stages, and how the solver wants its frame laid out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameRules {
@@ -13,6 +16,10 @@ pub struct FrameRules {
     /// The longest substep, seconds: a frame is divided into as many equal ones as it takes.
     /// Infinite: one a frame.
     pub substep_secs: f64,
+    /// The longest time between two exchanges of an interaction that repeats
+    /// ([`Exchange::repeats`](super::plan::Exchange::repeats)), in whole substeps, seconds.
+    /// Infinite: once a frame.
+    pub exchange_secs: f64,
     /// Particles of each strand, from the root, that follow the head exactly.
     pub clamped: usize,
     /// Distance that particles keep from colliders, metres.
@@ -44,6 +51,7 @@ impl Default for FrameRules {
         Self {
             stage: "solve",
             substep_secs: f64::INFINITY,
+            exchange_secs: f64::INFINITY,
             clamped: 1,
             skin_thickness: 5e-4,
             depenetration_speed: 1.0,
@@ -62,6 +70,13 @@ impl FrameRules {
     /// Substeps of a frame of `dt_secs`: [`parts`].
     pub fn substeps(&self, dt_secs: f64) -> u32 {
         parts(dt_secs, self.substep_secs)
+    }
+
+    /// Spans of a frame of `substeps`, at whose ends interactions that repeat run.
+    pub fn spans(&self, substeps: u32) -> u32 {
+        // In whole substeps; rounding must not lose one.
+        let each = (self.exchange_secs / self.substep_secs * (1.0 + 1e-9)).max(1.0);
+        substeps.div_ceil(each as u32).clamp(1, SPANS)
     }
 
     /// Whether the collisions of the last substep are the frame's final ones unless interactions

@@ -7,7 +7,7 @@ use crate::air::{Canopy, PlacedHair, Wake, WindField};
 use crate::collide::resolve_solids::SolidPose;
 use crate::frame::{
     BlockReport, Crew, ExchangeContext, FrameContext, FrameInput, FramePlan, FrameReport, Interaction,
-    PlannedStep, SolverReal, Step, Stillness, fractions, pack_frames,
+    PlannedStep, SolverReal, Span, Step, Stillness, fractions, pack_frames,
 };
 use crate::lane::Row;
 use crate::params::ParamsError;
@@ -171,16 +171,18 @@ impl<T: SimulationReal> Simulation<T> {
             solids: frame.colliders,
             solid_poses,
         };
-        let [.., last, now] = *poses.as_slice() else { return Ok(FrameReport::default()) };
-        let exchange = ExchangeContext {
-            model: &self.model,
-            start,
-            last_substep: [last, now],
-            solids: frame.colliders,
-            origin,
-            clamped: rules.clamped,
-            substeps,
-            dt_secs: frame.dt_secs,
+        let context = |span: Span| {
+            let [first, end] = [span.first, span.end].map(|k| k as usize);
+            ExchangeContext {
+                model: &self.model,
+                start: if first == 0 { start } else { poses[first] },
+                last_substep: [poses[end - 1], poses[end]],
+                solids: frame.colliders,
+                origin,
+                clamped: rules.clamped,
+                substeps: span.substeps(),
+                dt_secs: span.secs(substeps, frame.dt_secs),
+            }
         };
         let (speed, dt_secs, h) = (self.options.sleep_speed, frame.dt_secs, cx.h);
         let stillness = measures_stillness.then(|| Stillness::new(speed, dt_secs));
@@ -196,17 +198,19 @@ impl<T: SimulationReal> Simulation<T> {
         };
         let mut report = FrameReport { sleeping_strands: sleeping as u32, ..FrameReport::default() };
         let mut sum: Option<BlockReport> = None;
-        // An interaction with two exchanges records the start once.
+        // An interaction with two exchanges records the start of a span once.
         let mut recorded = None;
-        for chunk in steps.chunk_by(|a, b| a.step.is_of_strands() && b.step.is_of_strands()) {
+        for chunk in steps.chunk_by(|a, b| a.step.runs_with(&b.step)) {
             match chunk[0].step {
-                Step::RecordStart(own) => {
-                    let is_new = recorded.replace(own.name) != Some(own.name);
+                Step::RecordStart { exchange: own, span } => {
+                    let now = Some((own.name, span));
+                    let is_new = std::mem::replace(&mut recorded, now) != now;
                     if let Some(interaction) = named(&mut self.interactions, own.name).filter(|_| is_new) {
-                        interaction.record_start(&exchange, &self.state);
+                        interaction.record_start(&context(span), &self.state);
                     }
                 }
-                Step::Exchange(own) => {
+                Step::Exchange { exchange: own, span } => {
+                    let exchange = context(span);
                     if let Some(interaction) = named(&mut self.interactions, own.name) {
                         if sleeping > 0 {
                             sleeper.hold(&self.state);
@@ -224,7 +228,7 @@ impl<T: SimulationReal> Simulation<T> {
                 _ => {
                     run.clear();
                     run.extend(chunk.iter().map(|own| own.step));
-                    *moved &= !run.contains(&Step::Solve { substep: 0 });
+                    *moved &= !run.iter().any(|step| matches!(step, Step::Solve { .. }));
                     // Positions are moved there by the first of these steps.
                     self.state.origin = origin;
                     let found = crew.run(run, *moved, &mut self.state, &mut sleeper.start);

@@ -34,7 +34,7 @@ use crate::report::GpuReport;
 use crate::uniforms::{NO_EXTENT, ReportEntry, rigid};
 use crate::{Gpu, GpuError};
 use bytemuck::{Pod, Zeroable};
-use forelock_core::frame::Exchange;
+use forelock_core::frame::{Exchange, SPANS, Span};
 use forelock_core::interaction::contact::find_contacts::{
     self, FEW, PIECE, PIECES, SEGMENT_CONTACTS, SLICES, search_edge,
 };
@@ -109,7 +109,7 @@ bindings! {
         26 work: read_write,
         27 table: read_write,
         28 touch: read_write,
-        29 contacts: uniform(ContactUniform),
+        29 contacts: dynamic(ContactUniform),
     }
 }
 
@@ -121,7 +121,7 @@ bindings! {
         26 work: read_write,
         27 table: read_write,
         28 touch: read_write,
-        29 contacts: uniform(ContactUniform),
+        29 contacts: dynamic(ContactUniform),
         30 rest: read,
         31 owners: read,
     }
@@ -138,7 +138,7 @@ bindings! {
         26 work: read_write,
         27 table: read_write,
         28 touch: read_write,
-        29 contacts: uniform(ContactUniform),
+        29 contacts: dynamic(ContactUniform),
     }
 }
 
@@ -328,7 +328,9 @@ pub struct TouchEntry {
 #[derive(Debug)]
 struct DeviceContacts {
     params: ContactParams,
+    /// A `ContactUniform` a span, each at a multiple of `stride`.
     uniform: wgpu::Buffer,
+    stride: u32,
     starts: wgpu::Buffer,
     work: wgpu::Buffer,
     table: wgpu::Buffer,
@@ -439,11 +441,12 @@ impl DeviceContacts {
             ..ContactUniform::zeroed()
         };
         let uniform = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
-        let uniform = gpu.buffer("contacts", size_of::<ContactUniform>() as u64, uniform);
+        let stride = gpu.uniform_stride(size_of::<ContactUniform>());
+        let uniform = gpu.buffer("contacts", u64::from(stride) * u64::from(SPANS), uniform);
         bytes += uniform.size();
         let (params, host) = (params.clone(), Box::new(host));
         let groups = ContactGroups::default();
-        Ok(Self { params, uniform, starts, work, table, touch, rest, owners, groups, bytes, host })
+        Ok(Self { params, uniform, stride, starts, work, table, touch, rest, owners, groups, bytes, host })
     }
 }
 
@@ -494,69 +497,77 @@ impl GpuInteraction for DeviceContacts {
     }
 
     fn write_frame(&mut self, gpu: &Gpu, frame: &InteractionFrame<'_>) {
-        let (host, dt_secs) = (&mut *self.host, frame.input.dt_secs);
-        let head = [&frame.start, &frame.last_substep[1]];
-        [host.from_start, host.from_end] = head.map(|pose| rigid(&pose.inverse()));
-        host.slip = self.params.slip_distance(dt_secs);
-        host.hold = (self.params.hold * dt_secs * dt_secs) as f32;
-        (host.clamped, host.dt) = (frame.clamped, dt_secs as f32);
-        gpu.queue().write_buffer(&self.uniform, 0, bytemuck::bytes_of(host));
+        let Self { params, host, .. } = self;
+        host.clamped = frame.clamped;
+        for span in frame.spans {
+            let dt_secs = span.secs(frame.substeps, frame.input.dt_secs);
+            let [first, end] = [span.first, span.end].map(|k| k as usize);
+            let start = if first == 0 { &frame.start } else { &frame.poses[first] };
+            [host.from_start, host.from_end] = [start, &frame.poses[end]].map(|pose| rigid(&pose.inverse()));
+            host.slip = params.slip_distance(dt_secs);
+            host.hold = (params.hold * dt_secs * dt_secs) as f32;
+            host.dt = dt_secs as f32;
+            let place = u64::from(span.number * self.stride);
+            gpu.queue().write_buffer(&self.uniform, place, bytemuck::bytes_of(&**host));
+        }
     }
 
-    fn record_start<'a>(&'a self, list: &mut DispatchList<'a>) {
-        list.run(&self.groups.insert, &RECORD_START, &[]);
+    fn record_start<'a>(&'a self, list: &mut DispatchList<'a>, span: Span) {
+        list.run(&self.groups.insert, &RECORD_START, &[span.number]);
     }
 
-    fn exchange<'a>(&'a self, list: &mut DispatchList<'a>, _: u32) {
+    fn exchange<'a>(&'a self, list: &mut DispatchList<'a>, span: Span) {
+        let span = &[span.number];
         let ContactGroups { insert, pairs, moves } = &self.groups;
-        list.run(insert, &RECORD_END, &[]);
-        list.run(pairs, &FIT_MEAN_MOTION, &[]);
-        list.run(pairs, &CLEAR_MEAN_MOTION, &[]);
-        list.run(insert, &SPLAT_MEAN_MOTION, &[]);
-        list.run(pairs, &SMOOTH_MEAN_MOTION, &[]);
-        list.run(insert, &MEASURE_RESIDUAL_MOTION, &[]);
-        list.run(pairs, &SELECT_ACTIVE, &[]);
-        list.run(insert, &LIST_ACTIVE, &[]);
+        list.run(insert, &RECORD_END, span);
+        list.run(pairs, &FIT_MEAN_MOTION, span);
+        list.run(pairs, &CLEAR_MEAN_MOTION, span);
+        list.run(insert, &SPLAT_MEAN_MOTION, span);
+        list.run(pairs, &SMOOTH_MEAN_MOTION, span);
+        list.run(insert, &MEASURE_RESIDUAL_MOTION, span);
+        list.run(pairs, &SELECT_ACTIVE, span);
+        list.run(insert, &LIST_ACTIVE, span);
         // The device decides how many slices the frame has; kernels of further ones do nothing.
         for _ in 0..SLICES {
-            list.run(pairs, &CLEAR_CELLS, &[]);
-            list.run(insert, &INSERT_SEGMENTS, &[]);
-            list.run(pairs, &SCAN_CELLS, &[]);
-            list.run(insert, &INSERT_SEGMENTS, &[]);
-            list.run(pairs, &FIND_PAIRS, &[]);
-            list.run(pairs, &NEXT_SLICE, &[]);
+            list.run(pairs, &CLEAR_CELLS, span);
+            list.run(insert, &INSERT_SEGMENTS, span);
+            list.run(pairs, &SCAN_CELLS, span);
+            list.run(insert, &INSERT_SEGMENTS, span);
+            list.run(pairs, &FIND_PAIRS, span);
+            list.run(pairs, &NEXT_SLICE, span);
         }
         for kernel in [&COUNT_FOUND, &SELECT_FOUND, &CLEAR_LINKS, &CREATE_JOINTS] {
-            list.run(pairs, kernel, &[]);
+            list.run(pairs, kernel, span);
         }
         for kernel in [&RESERVE_LISTS, &LINK_JOINTS, &ORDER_JOINTS] {
-            list.run(pairs, kernel, &[]);
+            list.run(pairs, kernel, span);
         }
-        list.run(moves, &PREPARE_STRANDS, &[]);
-        list.run(pairs, &WEIGHT_JOINTS, &[]);
+        list.run(moves, &PREPARE_STRANDS, span);
+        list.run(pairs, &WEIGHT_JOINTS, span);
         for _ in 0..self.params.rounds {
-            list.run(pairs, &RELAX_JOINTS, &[]);
-            list.run(moves, &GATHER_MOVES, &[]);
-            list.run(pairs, &CHECK_ROUND, &[]);
+            list.run(pairs, &RELAX_JOINTS, span);
+            list.run(moves, &GATHER_MOVES, span);
+            list.run(pairs, &CHECK_ROUND, span);
         }
-        list.run(moves, &APPLY_MOVES, &[]);
+        list.run(moves, &APPLY_MOVES, span);
     }
 
     fn early_exchange(&self) -> Option<Exchange> {
         (self.params.hold > 0.0).then_some(contact::FRICTION)
     }
 
-    fn exchange_early<'a>(&'a self, list: &mut DispatchList<'a>) {
+    fn exchange_early<'a>(&'a self, list: &mut DispatchList<'a>, span: Span) {
+        let span = &[span.number];
         let ContactGroups { insert, pairs, moves } = &self.groups;
-        list.run(insert, &RECORD_END, &[]);
-        list.run(pairs, &FIT_FRICTION, &[]);
-        list.run(pairs, &CLEAR_MEAN_MOTION, &[]);
-        list.run(insert, &SPLAT_MEAN_MOTION, &[]);
-        list.run(pairs, &SMOOTH_MEAN_MOTION, &[]);
-        list.run(pairs, &CLEAR_MEAN_MOTION, &[]);
-        list.run(insert, &SUM_CHANGES, &[]);
-        list.run(insert, &BALANCE_CHANGES, &[]);
-        list.run(moves, &APPLY_CHANGES, &[]);
+        list.run(insert, &RECORD_END, span);
+        list.run(pairs, &FIT_FRICTION, span);
+        list.run(pairs, &CLEAR_MEAN_MOTION, span);
+        list.run(insert, &SPLAT_MEAN_MOTION, span);
+        list.run(pairs, &SMOOTH_MEAN_MOTION, span);
+        list.run(pairs, &CLEAR_MEAN_MOTION, span);
+        list.run(insert, &SUM_CHANGES, span);
+        list.run(insert, &BALANCE_CHANGES, span);
+        list.run(moves, &APPLY_CHANGES, span);
     }
 
     fn report_buffer(&self) -> Option<&wgpu::Buffer> {

@@ -12,7 +12,7 @@
 //! CPU.
 
 use crate::batch::DeviceStrands;
-use crate::collide::{MORPHING, MOST_SOLIDS, QueryUniform, SHAPE_CONSTANTS, Solids};
+use crate::collide::{MORPHING, MOST_SOLIDS, QueryUniform, SHAPE_CONSTANTS, Solids, queries};
 use crate::interaction::{GpuInteraction, InteractionFrame, Kind, boxed};
 use crate::kernel::{Bound, Constant, DispatchList, StrandThreads, Threads, bindings, shader};
 use crate::report::GpuReport;
@@ -20,7 +20,7 @@ use crate::uniforms::{FrameUniform, NO_EXTENT, ReportEntry};
 use crate::{Gpu, GpuError};
 use bytemuck::{Pod, Zeroable};
 use forelock_core::body::SHAPES_WGSL;
-use forelock_core::frame::Exchange;
+use forelock_core::frame::{Exchange, Span};
 use forelock_core::interaction::grid::solve_pressure::{LOOSE, SLACK, SPARSE, SWEEPS, relaxation};
 use forelock_core::interaction::grid::{
     self, Grid, GridFrame, GridParams, GridPlacement, GridReport, MARGIN, SolidMaps,
@@ -266,6 +266,8 @@ struct DeviceGrid {
     groups: GridGroups,
     host: Box<GridUniform>,
     cell: f64,
+    /// Number of a query whose solids are at the frame's end.
+    query: u32,
 }
 
 #[derive(Debug, Default)]
@@ -316,6 +318,7 @@ impl DeviceGrid {
             cells: gpu.buffer("cells", 4 * PLANES * capacity, storage),
             nodes: gpu.buffer("nodes", 32 * capacity, storage),
             groups: GridGroups::default(),
+            query: 0,
             host: Box::new(host),
             cell,
         })
@@ -392,6 +395,8 @@ impl GpuInteraction for DeviceGrid {
         host.slack = (cell / dt) as f32;
         host.expand = params.expansion(dt) as f32;
         host.solids = input.colliders.len() as u32;
+        let last_span = frame.spans.last().copied().unwrap_or(Span::whole(substeps));
+        self.query = queries::at_end(last_span, queries::FINAL, substeps);
         let last = 1.0 - 1.0 / f64::from(substeps);
         let h = dt * (1.0 - last);
         let placement = GridPlacement { frame: moving, cell, origin, last_substep: last, h };
@@ -402,10 +407,9 @@ impl GpuInteraction for DeviceGrid {
         gpu.queue().write_buffer(&self.uniform, 0, bytemuck::bytes_of(host));
     }
 
-    fn exchange<'a>(&'a self, list: &mut DispatchList<'a>, substeps: u32) {
+    fn exchange<'a>(&'a self, list: &mut DispatchList<'a>, _: Span) {
         let GridGroups { splat, cells, gather } = &self.groups;
-        // Solids at the end of the last substep.
-        let query = &[substeps];
+        let query = &[self.query];
         for kernel in [&MEASURE_HAIR, &FIT_GRID, &CLEAR_GRID, &SPLAT_SEGMENTS] {
             list.run(splat, kernel, &[]);
         }

@@ -12,7 +12,7 @@ use crate::kernel::{DispatchList, Shader};
 use crate::report::GpuReport;
 use crate::uniforms::ReportEntry;
 use crate::{Gpu, GpuError};
-use forelock_core::frame::{Exchange, FrameInput};
+use forelock_core::frame::{Exchange, FrameInput, Span};
 use forelock_core::interaction::Interactions;
 use forelock_core::pose::Pose;
 use glam::DVec3;
@@ -51,14 +51,14 @@ pub(crate) trait GpuInteraction: Debug + Send + Sync {
     /// Writes its uniforms of a frame.
     fn write_frame(&mut self, gpu: &Gpu, frame: &InteractionFrame<'_>);
 
-    /// Appends the dispatches that record where hair is at the frame's start, if
+    /// Appends the dispatches that record where hair is at the start of `span`, if
     /// [`Exchange::records_start`].
-    fn record_start<'a>(&'a self, list: &mut DispatchList<'a>) {
-        let _ = list;
+    fn record_start<'a>(&'a self, list: &mut DispatchList<'a>, span: Span) {
+        let _ = (list, span);
     }
 
-    /// Appends the dispatches that exchange momentum, in a frame of `substeps`.
-    fn exchange<'a>(&'a self, list: &mut DispatchList<'a>, substeps: u32);
+    /// Appends the dispatches that exchange momentum after `span`.
+    fn exchange<'a>(&'a self, list: &mut DispatchList<'a>, span: Span);
 
     /// An exchange that comes earlier in the frame, if it has one; both have the same name.
     fn early_exchange(&self) -> Option<Exchange> {
@@ -66,8 +66,8 @@ pub(crate) trait GpuInteraction: Debug + Send + Sync {
     }
 
     /// Appends the dispatches of [`early_exchange`](Self::early_exchange).
-    fn exchange_early<'a>(&'a self, list: &mut DispatchList<'a>) {
-        let _ = list;
+    fn exchange_early<'a>(&'a self, list: &mut DispatchList<'a>, span: Span) {
+        let _ = (list, span);
     }
 
     /// The buffer that a report reads back, if there is one.
@@ -95,7 +95,10 @@ pub(crate) struct InteractionFrame<'a> {
     pub input: &'a FrameInput<'a>,
     /// The head at the frame's start, from the model's centre to where positions are then.
     pub start: Pose,
-    /// The head at the start and the end of the last substep, from the model's centre to `origin`.
+    /// The head at the ends of the substeps, from the model's centre to `origin`, and before them
+    /// that at the frame's start.
+    pub poses: &'a [Pose],
+    /// The last two of `poses`.
     pub last_substep: [Pose; 2],
     /// The point of the world that positions are relative to after strands are solved.
     pub origin: DVec3,
@@ -103,6 +106,8 @@ pub(crate) struct InteractionFrame<'a> {
     pub clamped: u32,
     /// Substeps of the frame.
     pub substeps: u32,
+    /// Spans of the frame, at whose ends interactions that repeat run.
+    pub spans: &'a [Span],
 }
 
 /// Puts `made`, of the kind called `name`, in the place of the one of `all` with that name, or

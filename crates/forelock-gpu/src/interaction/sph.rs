@@ -20,7 +20,7 @@ use crate::interaction::{GpuInteraction, InteractionFrame, Kind, boxed};
 use crate::kernel::{Bound, Constant, DispatchList, StrandThreads, Threads, bindings, shader};
 use crate::{Gpu, GpuError};
 use bytemuck::{Pod, Zeroable};
-use forelock_core::frame::Exchange;
+use forelock_core::frame::{Exchange, Span};
 use forelock_core::interaction::contact::TABLE_WGSL;
 use forelock_core::interaction::sph::find_neighbours::{self, MOST_NEIGHBOURS};
 use forelock_core::interaction::sph::push_particles;
@@ -238,7 +238,7 @@ impl GpuInteraction for DeviceSph {
         gpu.queue().write_buffer(&self.uniform, 0, bytemuck::bytes_of(&self.host));
     }
 
-    fn exchange<'a>(&'a self, list: &mut DispatchList<'a>, _: u32) {
+    fn exchange<'a>(&'a self, list: &mut DispatchList<'a>, _: Span) {
         let SphGroups { strands, particles } = &self.groups;
         list.run(particles, &CLEAR_BUCKETS, &[]);
         list.run(strands, &COUNT_PARTICLES, &[]);

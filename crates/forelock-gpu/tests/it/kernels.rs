@@ -122,6 +122,7 @@ fn layouts() -> Vec<Layout> {
         ]),
         layout!("Substep", SubstepUniform, [
             start end carried_weight level shift share_at_start rotation spin share_at_end
+            inverse_span
         ]),
         layout!("ChannelRow", ChannelRowEntry, [at_start at_end starts kind component]),
         layout!("Block", BlockEntry, [first particles live points place number]),

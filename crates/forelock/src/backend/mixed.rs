@@ -78,8 +78,10 @@ impl Mixed {
             cpu.state_mut().take(state);
             let mut report = to_frame_report(&report, rules.stage);
             // Interactions outside this part were reported before.
-            let has =
-                |name| part.iter().any(|own| matches!(own.step, Step::Exchange(own) if own.name == name));
+            let has = |name| {
+                let is_own = |own: &PlannedStep| matches!(own.step, Step::Exchange { exchange, .. } if exchange.name == name);
+                part.iter().any(is_own)
+            };
             if !has(grid::EXCHANGE.name) {
                 report.grid = GridReport::default();
             }

@@ -2,7 +2,7 @@
 //! pass, and the checks.
 
 use super::context::FrameContext;
-use super::plan::Step;
+use super::plan::{Span, Step};
 use super::report::BlockReport;
 use super::restore_lengths::{self, LengthTerms};
 use super::solver::{BlockTask, Clock};
@@ -16,8 +16,10 @@ use num_traits::ToPrimitive;
 pub const WGSL: &str = include_str!("check_strands.wgsl");
 
 /// Which of the shared steps a block runs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Finish {
+    /// The substeps that they come after.
+    pub span: Span,
     /// The length pass and its collisions.
     pub lengths: bool,
     /// Collisions after interactions.
@@ -27,20 +29,28 @@ pub(super) struct Finish {
 }
 
 impl Finish {
-    /// Those among `steps`, some of which depend on whether an interaction `moved` edges.
-    pub fn of(steps: &[Step], moved: bool) -> Self {
-        let has = |step: Step| steps.contains(&step);
-        Self {
-            lengths: has(Step::RestoreLengths) || (moved && has(Step::RestoreIfMoved)),
-            collides: has(Step::CollideFinal { unless_moved: false })
-                || (!moved && has(Step::CollideFinal { unless_moved: true })),
-            checks: has(Step::CheckStrands),
+    /// Those among `steps`, all after the same span, of a frame of `substeps`; some depend on
+    /// whether an interaction `moved` edges.
+    pub fn of(steps: &[Step], substeps: u32, moved: bool) -> Self {
+        let span = Span::whole(substeps);
+        let mut finish = Self { span, lengths: false, collides: false, checks: false };
+        for step in steps {
+            match *step {
+                Step::RestoreLengths { span } => (finish.span, finish.lengths) = (span, true),
+                Step::RestoreIfMoved { span } if moved => (finish.span, finish.lengths) = (span, true),
+                Step::CollideFinal { span, unless_moved } if !(moved && unless_moved) => {
+                    (finish.span, finish.collides) = (span, true);
+                }
+                Step::CheckStrands => finish.checks = true,
+                _ => {}
+            }
         }
+        finish
     }
 
     /// Whether there is anything to do.
     pub fn is_any(self) -> bool {
-        self != Self::default()
+        self.lengths || self.collides || self.checks
     }
 }
 
@@ -58,10 +68,10 @@ impl BlockTask for Finish {
         // The largest stretch of each lane, where it has been measured.
         let mut stretch = None;
         if self.lengths {
-            let restored = restore::<L>(cx, view, group.first, scratch);
+            let restored = restore::<L>(cx, self.span, view, group.first, scratch);
             report.max_edge_stretch = largest(restored, group);
             report.nanos.lengths += clock.lap();
-            stretch = Some(collide::<L>(cx, view, group, true, restored, scratch, &mut report));
+            stretch = Some(collide::<L>(cx, self.span, view, group, true, restored, scratch, &mut report));
             report.nanos.collide += clock.lap();
         }
         if self.collides || self.checks {
@@ -73,7 +83,7 @@ impl BlockTask for Finish {
             }
             stretch = Some(before);
             if self.collides {
-                stretch = Some(collide::<L>(cx, view, group, false, before, scratch, &mut report));
+                stretch = Some(collide::<L>(cx, self.span, view, group, false, before, scratch, &mut report));
                 report.nanos.collide += clock.lap();
             }
         }
@@ -96,6 +106,7 @@ impl BlockTask for Finish {
 #[inline(always)]
 fn restore<L: Lane>(
     cx: &FrameContext<'_, L::Scalar>,
+    span: Span,
     view: &mut BlockView<'_, L::Scalar>,
     first: usize,
     scratch: &mut Scratch<L::Scalar>,
@@ -108,7 +119,7 @@ fn restore<L: Lane>(
         kind: cx.rules.lengths,
         max_stretch: cx.rules.max_stretch,
         damping: cx.rules.length_damping,
-        dt_secs: cx.dt_secs,
+        dt_secs: span.secs(cx.substeps, cx.dt_secs),
         clamped: cx.rules.clamped,
     };
     restore_lengths::restore(&terms, view, first, work)
@@ -193,6 +204,7 @@ fn set_load_aside<L: Lane>(
 #[inline(always)]
 fn collide<L: Lane>(
     cx: &FrameContext<'_, L::Scalar>,
+    span: Span,
     view: &mut BlockView<'_, L::Scalar>,
     group: LaneGroup,
     restored: bool,
@@ -209,8 +221,9 @@ fn collide<L: Lane>(
     let (before, work) = scratch.vectors::<L>().split_at_mut(n);
     let (load, work) = work.split_at_mut(n);
     let loaded = set_load_aside(cx, view, first, load);
-    let solids = cx.colliders(cx.poses.len() - 2, 0.0);
-    let max_edge_push = number(cx.rules.depenetration_speed * cx.dt_secs);
+    let solids = cx.colliders(span.end as usize - 1, 0.0);
+    let secs = span.secs(cx.substeps, cx.dt_secs);
+    let max_edge_push = number(cx.rules.depenetration_speed * secs);
     let solids = Solids { slow_edges: L::Scalar::default(), max_edge_push, ..solids };
     let queried = QueriedStrands::all::<L>(group);
     let since = if restored { Since::Displaced(&*before) } else { Since::Noted };

@@ -75,7 +75,7 @@ fn follow_the_leader(strand: Strand, first: u32, changes_velocities: bool) {
         let after = position_at(strand, j) + goal * edge.xyz;
         set_position(strand, j + 1u, after);
         if changes_velocities {
-            let correction = (after - before) * frame.inverse_dt;
+            let correction = (after - before) * substep.inverse_span;
             set_velocity(strand, j + 1u, velocity_at(strand, j + 1u) + correction);
             if j > first {
                 set_velocity(strand, j, velocity_at(strand, j) - frame.length_damping * correction);

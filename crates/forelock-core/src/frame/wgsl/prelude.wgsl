@@ -69,6 +69,8 @@ struct Substep {
     rotation: vec4f,
     spin: vec3f,
     share_at_end: f32,
+    // 1 over the length of its span, s⁻¹.
+    inverse_span: f32,
 }
 
 struct Block {

@@ -15,6 +15,7 @@ pub const EXCHANGE: Exchange = Exchange {
     phase: Phase::AfterStrands(1),
     moves: Moves::Edges,
     records_start: true,
+    repeats: true,
 };
 
 /// The exchange that friction between neighbouring hair adds to the plan of a frame.
@@ -24,6 +25,7 @@ pub const FRICTION: Exchange = Exchange {
     phase: Phase::BeforeLengths(1),
     moves: Moves::Particles,
     records_start: true,
+    repeats: true,
 };
 
 /// Contacts, and a buffer for the velocities of the hair.
@@ -72,7 +74,7 @@ impl<T: Real> Interaction<T> for ContactInteraction<T> {
             });
             state.clearance = clearance;
         }
-        report.strand_contacts = contact_report;
+        report.strand_contacts = report.strand_contacts.then(contact_report);
         let stages = ["find_contacts", "resolve_contacts"];
         stages
             .into_iter()

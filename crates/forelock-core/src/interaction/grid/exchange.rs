@@ -14,6 +14,7 @@ pub const EXCHANGE: Exchange = Exchange {
     phase: Phase::BeforeLengths(0),
     moves: Moves::Particles,
     records_start: false,
+    repeats: false,
 };
 
 /// The grid, and a buffer for the velocities of the hair.

@@ -13,6 +13,7 @@ pub const EXCHANGE: Exchange = Exchange {
     phase: Phase::BeforeStrands,
     moves: Moves::Velocities,
     records_start: false,
+    repeats: false,
 };
 
 impl<T: SearchReal> Interaction<T> for Sph<T> {

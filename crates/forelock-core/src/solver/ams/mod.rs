@@ -27,6 +27,7 @@ impl LaneSolver for AmsParams {
         FrameRules {
             stage: solve_strands::STAGE,
             substep_secs: self.substep_secs,
+            exchange_secs: f64::INFINITY,
             clamped: self.clamped as usize,
             skin_thickness: self.skin_thickness,
             depenetration_speed: self.depenetration_speed,

@@ -27,6 +27,7 @@ impl LaneSolver for DftlParams {
         FrameRules {
             stage: follow_leader::STAGE,
             substep_secs: f64::INFINITY,
+            exchange_secs: f64::INFINITY,
             clamped: self.clamped as usize,
             skin_thickness: self.skin_thickness,
             depenetration_speed: self.depenetration_speed,

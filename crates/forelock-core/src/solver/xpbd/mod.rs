@@ -19,6 +19,9 @@ use solve_rods::{RodStep, RodTerms};
 /// A step of whole substeps, seconds: the motion does not depend on the frame rate.
 const STEP_SECS: f64 = 1.0 / 60.0;
 
+/// Time between two searches for contacts, seconds: rods that have been pushed react within it.
+const CONTACT_SECS: f64 = 1.0 / 480.0;
+
 /// The rotation of each edge from its rest direction on the head at rest, in the place of its lower
 /// particle.
 pub const ROTATION: Channel =
@@ -37,6 +40,7 @@ impl LaneSolver for XpbdParams {
         FrameRules {
             stage: solve_rods::STAGE,
             substep_secs: self.substep_secs,
+            exchange_secs: CONTACT_SECS,
             clamped: self.clamped as usize,
             skin_thickness: self.skin_thickness,
             depenetration_speed: self.depenetration_speed,

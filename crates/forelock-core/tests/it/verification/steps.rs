@@ -105,15 +105,17 @@ fn each_step_of_a_frame_counts() {
     let ams = Solver::from(&AmsParams::default());
     let dftl = Solver::from(&DftlParams::default());
     let shared: [fn(&Step) -> bool; 6] = [
-        |step| matches!(step, Step::RecordStart(_)),
-        |step| matches!(step, Step::Exchange(own) if own.name == "sph"),
-        |step| matches!(step, Step::Exchange(own) if own.name == "grid"),
-        |step| matches!(step, Step::Exchange(own) if own.name == "contacts"),
+        |step| matches!(step, Step::RecordStart { .. }),
+        |step| matches!(step, Step::Exchange { exchange, .. } if exchange.name == "sph"),
+        |step| matches!(step, Step::Exchange { exchange, .. } if exchange.name == "grid"),
+        |step| matches!(step, Step::Exchange { exchange, .. } if exchange.name == "contacts"),
         |step| matches!(step, Step::Solve { substep: 0 }),
-        |step| matches!(step, Step::RestoreLengths),
+        |step| matches!(step, Step::RestoreLengths { .. }),
     ];
-    let of_ams: [fn(&Step) -> bool; 2] =
-        [|step| matches!(step, Step::Collide { substep: 1 }), |step| matches!(step, Step::RestoreIfMoved)];
+    let of_ams: [fn(&Step) -> bool; 2] = [
+        |step| matches!(step, Step::Collide { substep: 1 }),
+        |step| matches!(step, Step::RestoreIfMoved { .. }),
+    ];
     for (solver, left_out) in [(&ams, [&shared[..], &of_ams].concat()), (&dftl, shared.to_vec())] {
         let whole = run(solver, all, Way::Whole);
         for (number, left_out) in left_out.into_iter().enumerate() {
