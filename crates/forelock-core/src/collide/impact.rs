@@ -13,6 +13,10 @@
 //! The extrema of the cubic divide the time into at most three parts in which it is monotonic. In
 //! each the root is bracketed, and Newton's method is safeguarded by bisection.
 //!
+//! The search for contacts between strands has a thickness and advances pairs by their distance
+//! instead ([`find_contacts`](crate::interaction::contact::find_contacts)); its tests require it to
+//! find every impact of these functions.
+//!
 //! # Limitations
 //! Motion in one plane, for which the cubic vanishes, and parallel edges have no answer: those are
 //! found by their distance.
