@@ -122,6 +122,7 @@ const STRAND_CONSTANTS: &[Constant] = &[
     Constant::f32("LAG", resolve_solids::LAG as f32),
     Constant::f32("SLIP", resolve_solids::SLIP as f32),
     Constant::f32("LEAST_TURN", resolve_solids::LEAST_TURN as f32),
+    Constant::f32("SHALLOW", resolve_solids::SHALLOW as f32),
     Constant::u32("SLIDE_STEPS", resolve_solids::SLIDE_STEPS as u32),
     Constant::f32("STRETCHED", resolve_solids::STRETCHED as f32),
     Constant::u32("EXACT_ROUNDS", resolve_solids::EXACT_ROUNDS as u32),

@@ -27,7 +27,7 @@ use super::particle::{Particle, Sample, Solid, ccd_motion, lipschitz, resolve_cc
 use super::sweep::{SweepPath, TOUCH, parts_of};
 use super::{QueriedStrands, Solids, dot};
 use crate::body::{PACKET, Shape};
-use crate::lane::{Lane, Real, V3};
+use crate::lane::{Lane, Real, V3, widest};
 use crate::strands::{BlockView, number};
 
 /// Most points of an edge that are tested.
@@ -370,8 +370,10 @@ impl<T: Real> Samples<T> {
                 points[c][k] = point[c];
             }
         }
-        let (distances, gradients) =
-            collider.shape.sample_packet(&pose.local_packet(when, &points), pose.fractions[when]);
+        let (distances, gradients) = widest(
+            #[inline(always)]
+            || collider.shape.sample_packet(&pose.local_packet(when, &points), pose.fractions[when]),
+        );
         let mut samples = Self { count, thickness, distances, parameters, points, gradients };
         if cell.is_none() {
             samples.refine(solid, when, ends, inverse, with_end);

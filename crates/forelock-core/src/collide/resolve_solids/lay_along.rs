@@ -5,6 +5,7 @@ use super::edges::{Samples, distance, lerp, passes};
 use super::particle::{Solid, lipschitz};
 use super::sweep::sweep;
 use super::{Solids, bending, dot};
+use crate::body::Shape;
 use crate::lane::{Lane, Real, V3};
 use crate::strands::{BlockView, LaneGroup, number, vector};
 
@@ -427,6 +428,10 @@ fn project<T: Real>(solids: &Solids<'_, T>, mut x: [T; 3]) -> [T; 3] {
 /// Most turns of an edge in the search for a direction in which it is outside all solids.
 pub const SLIDE_STEPS: usize = 16;
 
+/// Depth in a rigid field, over its thinness, up to which its gradient is the normal of the surface
+/// through which an edge enters it.
+pub const SHALLOW: f64 = 0.25;
+
 /// Least angle of a turn, radians.
 pub const LEAST_TURN: f64 = 1e-3;
 
@@ -455,12 +460,20 @@ struct Inside<'a, T> {
     gradient: [T; 3],
     /// Distance kept from the surface.
     thickness: T,
+    /// Depth under that distance.
+    depth: T,
 }
 
 impl<T: Real> Inside<'_, T> {
     /// The normal of the surface through which the edge enters the solid, seen from the leader.
     fn normal(&self, leader: [T; 3]) -> [T; 3] {
         let Solid { collider, pose } = self.solid;
+        // Near the surface of a rigid field no other one is nearer; parts of a body that bends may
+        // press into each other.
+        let is_rigid = matches!(collider.shape, Shape::Sdf(_));
+        if is_rigid && self.depth < number(SHALLOW * collider.shape.thinness()) {
+            return pose.turn(1, self.gradient);
+        }
         let path = pose.sweep_path(1, leader, self.point);
         let touch = sweep(collider.shape, self.thickness, &path);
         pose.turn(1, touch.map_or(self.gradient, |(_, normal)| normal))
@@ -574,7 +587,7 @@ impl<T: Real> Turn<T> {
                 continue;
             }
             let (point, gradient) = (samples.point(k), samples.gradient(k));
-            *inside = Some(Inside { sine, solid, point, gradient, thickness });
+            *inside = Some(Inside { sine, solid, point, gradient, thickness, depth: -sigma });
         }
         clearance
     }

@@ -13,6 +13,7 @@ struct Inside {
     t: f32,
     gradient: vec3f,
     skin: f32,
+    depth: f32,
 }
 
 // The search for a place of a particle at `length` from its leader.
@@ -51,7 +52,7 @@ fn test_edge(number: u32, turn: Turn, x: vec3f, inside: ptr<function, Inside>) -
         if turn.is_root && !is_particle && t < 0.5 {
             continue;
         }
-        *inside = Inside(true, sine, number, t, samples.gradients[k], kept);
+        *inside = Inside(true, sine, number, t, samples.gradients[k], kept, -sigma);
     }
     return clearance;
 }
@@ -84,6 +85,12 @@ fn test_all(turn: Turn, x: vec3f, inside: ptr<function, Inside>) -> f32 {
 // point `inside` is in, seen from the leader.
 fn entry_normal(turn: Turn, x: vec3f, inside: Inside) -> vec3f {
     let map = query.solids[inside.number].at_end;
+    // Near the surface of a rigid field no other one is nearer; parts of a body that bends may press
+    // into each other.
+    let solid = &query.solids[inside.number];
+    if (*solid).kind == FIELD && inside.depth < SHALLOW * (*solid).thinness {
+        return turned(map, inside.gradient);
+    }
     skin = inside.skin;
     let point = local(map, mix(turn.leader, x, inside.t));
     let touch = sweep(inside.number, local(map, turn.leader), point, 0u);

@@ -42,8 +42,8 @@ use crate::lane::{Lane, Real, V3};
 use crate::strands::{BlockView, LaneGroup};
 pub use edges::{EDGE_ROUNDS, EDGE_SAMPLES, PASSES, REFINEMENTS, SKIN_SHARE, TAKE_BACK_ROUNDS};
 pub use lay_along::{
-    EXACT, EXACT_ROUNDS, FOLDS, LAG, LEAST_TURN, NEARLY, SHORTER_STEPS, SLIDE_STEPS, SLIP, SPRING_STRETCH,
-    STRETCHED, THIN, lay_along,
+    EXACT, EXACT_ROUNDS, FOLDS, LAG, LEAST_TURN, NEARLY, SHALLOW, SHORTER_STEPS, SLIDE_STEPS, SLIP,
+    SPRING_STRETCH, STRETCHED, THIN, lay_along,
 };
 pub use levels::LevelSolids;
 pub use particle::{CCD_MOTION, MAX_PUSHES, PROJECTION_ROUNDS};
