@@ -44,6 +44,7 @@
 pub mod acceleration;
 pub mod air;
 mod batch;
+mod bending;
 mod channels;
 mod clock;
 pub mod collide;

@@ -372,7 +372,8 @@ fn lay_along(strand: Strand) {
     for (var i = first; i < strand.particles; i++) {
         at.is_outside = at.is_outside && !(clearance_of(strand, i) < -query.thickness);
     }
-    if has_pass && !at.is_outside {
+    // Hair that parts of a body that bends hold between them has no other place.
+    if !at.is_outside && (has_pass || may_hold()) {
         return;
     }
     for (var i = 0u; i < strand.particles; i++) {
