@@ -2,7 +2,7 @@
 
 use crate::Gpu;
 use crate::batch::DeviceStrands;
-use crate::collide::{MORPHING, QueryUniform, SHAPE_CONSTANTS, Solids};
+use crate::collide::{BENDING, QueryUniform, SHAPE_CONSTANTS, Solids};
 use crate::kernel::{Bound, Constant, DispatchList, Shader, Threads, bindings, shader};
 use crate::uniforms::NO_EXTENT;
 use bytemuck::{Pod, Zeroable};
@@ -47,7 +47,7 @@ shader! {
     /// `sample_air`.
     AIR: "sample_air", AirBindings;
     texts: [SHAPES_WGSL, sample_air::WGSL];
-    constants: [SHAPE_CONSTANTS, MORPHING, CONSTANTS];
+    constants: [SHAPE_CONSTANTS, BENDING, CONSTANTS];
     kernels: {
         /// Samples the solids at the nodes of the wake.
         FILL_WAKE: "fill_wake", Threads::count(WAKE_COUNT);

@@ -1,17 +1,18 @@
 //! Solids on the device, and the kernels that resolve collisions with them.
 
+use crate::bending::{DeviceBody, bending};
+use crate::fields::{describe, fields_of, place_of, table_of};
 use crate::frame::FAR;
 use crate::kernel::{Constant, Kernel, Shader, Threads, bindings, shader};
 use crate::uniforms::FrameUniform;
 use crate::{Gpu, GpuError};
 use bytemuck::{Pod, Zeroable};
-use forelock_core::body::{BRICK_NODES, ColliderFrame, REFINEMENT, SHAPES_WGSL, Sdf, Shape};
+use forelock_core::body::{BRICK_NODES, ColliderFrame, FLAT_GRADIENT, REFINEMENT, SHAPES_WGSL, STILL, Shape};
 use forelock_core::collide::resolve_solids::{self, SolidMotion};
 use forelock_core::frame::FrameRules;
 use forelock_core::frame::{FrameInput, FramePlan, Step, fractions};
 use forelock_core::pose::Pose;
-use glam::{DMat4, DVec2, DVec3, Mat4, UVec3, Vec2, Vec3};
-use std::sync::Arc;
+use glam::{DMat4, DVec2, DVec3, Mat4, UVec3, UVec4, Vec2, Vec3};
 use wgpu::BufferUsages;
 
 /// Largest number of solids in a frame.
@@ -32,6 +33,8 @@ pub mod kinds {
     pub const FIELD: u32 = 5;
     /// A sequence of fields: a shape that changes.
     pub const MORPH: u32 = 6;
+    /// The field of a body that bends.
+    pub const BENDING: u32 = 7;
 }
 
 /// Bit of [`QueryUniform::how`]: a substep has passed since the query before.
@@ -80,6 +83,7 @@ pub(crate) const SHAPE_CONSTANTS: &[Constant] = &[
     Constant::u32("PLANE", kinds::PLANE),
     Constant::u32("FIELD", kinds::FIELD),
     Constant::u32("MORPH", kinds::MORPH),
+    Constant::u32("BENDING", kinds::BENDING),
     Constant::u32("AFTER_SUBSTEP", AFTER_SUBSTEP),
     Constant::u32("LAST", LAST),
     Constant::u32("DISPLACED", DISPLACED),
@@ -90,6 +94,8 @@ pub(crate) const SHAPE_CONSTANTS: &[Constant] = &[
     Constant::u32("FIELD_NUMBERS", FIELD_NUMBERS),
     Constant::u32("REFINEMENT", REFINEMENT),
     Constant::u32("BRICK_NODES", BRICK_NODES as u32),
+    Constant::f32("STILL", STILL),
+    Constant::f32("FLAT_GRADIENT", FLAT_GRADIENT),
 ];
 
 /// Constants of the text that resolves the collisions of a particle.
@@ -101,6 +107,9 @@ pub(crate) const PARTICLE_CONSTANTS: &[Constant] = &[
     Constant::f32("CCD_MOTION", resolve_solids::CCD_MOTION as f32),
     Constant::u32("MOST_PARTS", resolve_solids::MOST_PARTS as u32),
     Constant::f32("PASSES", resolve_solids::PASSES as f32),
+    Constant::f32("NOWHERE", resolve_solids::NOWHERE as f32),
+    Constant::f32("HELD", resolve_solids::HELD as f32),
+    Constant::f32("OPPOSITE", resolve_solids::OPPOSITE as f32),
 ];
 
 /// Constants of the strand kernel.
@@ -128,10 +137,13 @@ const STRAND_CONSTANTS: &[Constant] = &[
     Constant::u32("EXACT_ROUNDS", resolve_solids::EXACT_ROUNDS as u32),
 ];
 
-/// Shapes that change are supported.
-pub(crate) const MORPHING: &[Constant] = &[Constant::bool("CHANGES", true)];
-/// Shapes that change are left out, which makes the kernel faster.
-pub(crate) const RIGID: &[Constant] = &[Constant::bool("CHANGES", false)];
+/// All shapes are supported.
+pub(crate) const BENDING: &[Constant] = &[Constant::bool("CHANGES", true), Constant::bool("MAY_BEND", true)];
+/// Bodies that bend are left out, which makes the kernel faster.
+pub(crate) const MORPHING: &[Constant] =
+    &[Constant::bool("CHANGES", true), Constant::bool("MAY_BEND", false)];
+/// All shapes that change are left out.
+pub(crate) const RIGID: &[Constant] = &[Constant::bool("CHANGES", false), Constant::bool("MAY_BEND", false)];
 
 bindings! {
     /// Strands and solids.
@@ -171,7 +183,18 @@ shader! {
     }
 }
 
-pub(crate) static SHADERS: &[&Shader] = &[&RESOLVE, &RESOLVE_MORPHING];
+shader! {
+    /// `resolve_solids` where a body bends.
+    RESOLVE_BENDING: "resolve_solids", SolidBindings;
+    texts: [SHAPES_WGSL, resolve_solids::PARTICLE_WGSL, resolve_solids::WGSL];
+    constants: [SHAPE_CONSTANTS, PARTICLE_CONSTANTS, STRAND_CONSTANTS, BENDING];
+    kernels: {
+        /// Resolves the collisions of each strand.
+        RESOLVE_BENDING_SOLIDS: "resolve_solids", Threads::Strands;
+    }
+}
+
+pub(crate) static SHADERS: &[&Shader] = &[&RESOLVE, &RESOLVE_MORPHING, &RESOLVE_BENDING];
 
 /// Which solids a frame has, as far as kernels differ by it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -182,6 +205,8 @@ pub(crate) enum SolidKinds {
     Rigid,
     /// Some that change.
     Morphing,
+    /// Some that bend; others may change.
+    Bending,
 }
 
 impl SolidKinds {
@@ -189,6 +214,8 @@ impl SolidKinds {
     pub fn of(solids: &[ColliderFrame<'_>]) -> Self {
         if solids.is_empty() {
             Self::None
+        } else if solids.iter().any(|solid| matches!(solid.shape, Shape::Bending(_))) {
+            Self::Bending
         } else if solids.iter().any(|solid| matches!(solid.shape, Shape::Morph { .. })) {
             Self::Morphing
         } else {
@@ -202,6 +229,7 @@ impl SolidKinds {
             Self::None => None,
             Self::Rigid => Some(&RESOLVE_SOLIDS),
             Self::Morphing => Some(&RESOLVE_MORPHING_SOLIDS),
+            Self::Bending => Some(&RESOLVE_BENDING_SOLIDS),
         }
     }
 }
@@ -239,18 +267,23 @@ pub struct SolidEntry {
     /// A field's first node, metres.
     pub origin: Vec3,
     /// Of a shape that changes, the first number of the description of its first field; of a field,
-    /// the first entry of its table of bricks, 0 if it is not refined.
+    /// the first entry of its table of bricks, 0 if it is not refined; of a body that bends, the
+    /// first value at the frame's end.
     pub described: u32,
     /// A field's nodes.
     pub dims: UVec3,
-    /// The first of its values.
+    /// The first of its values; of a body that bends, at the frame's start.
     pub first: u32,
-    /// Of a shape that changes, the position in its sequence at the substep's start and end.
+    /// Of a shape that changes, the position in its sequence at the substep's start and end; of a
+    /// body that bends, the shares of the frame.
     pub phases: Vec2,
     /// The largest displacement of its surface in the substep, metres.
     pub swell: f32,
     /// The number of its fields.
     pub fields: u32,
+    /// Of a body that bends, the first corner of its triangles, fall of its cells, value of its
+    /// bricks and nearest triangle.
+    pub body: UVec4,
 }
 
 /// Numbers of the description of a field: first node, side of a cell, nodes, and in two halves each
@@ -306,6 +339,8 @@ pub(crate) struct Solids {
     /// Shapes whose fields are there, and where: the first value of a field, or the description of
     /// a shape that changes.
     held: Vec<(Shape, u32)>,
+    /// Those of the bodies that bend, in the order of the solids.
+    bodies: Vec<DeviceBody>,
     /// A `QueryUniform` a query, each at a multiple of `stride`.
     pub queries: wgpu::Buffer,
     stride: u32,
@@ -319,8 +354,9 @@ impl Solids {
     pub fn new(gpu: &Gpu, count: u32) -> Self {
         let stride = gpu.uniform_stride(size_of::<QueryUniform>());
         Self {
-            fields: buffer_of(gpu, &[]),
+            fields: buffer_of(gpu, 0),
             held: Vec::new(),
+            bodies: Vec::new(),
             queries: queries_of(gpu, stride, count),
             stride,
             query: Box::new(QueryUniform::zeroed()),
@@ -342,16 +378,24 @@ impl Solids {
         grows
     }
 
-    /// Uploads the fields of `solids` that are missing. Returns whether the buffer is a new one.
+    /// Uploads what is missing of the fields of `solids`. Returns whether the buffer is a new one.
     pub fn hold(&mut self, gpu: &Gpu, solids: &[ColliderFrame<'_>]) -> Result<bool, GpuError> {
+        let is_new = self.hold_constant(gpu, solids)?;
+        for (body, field) in self.bodies.iter_mut().zip(bending(solids)) {
+            body.write(gpu, &self.fields, field);
+        }
+        Ok(is_new)
+    }
+
+    /// Makes the buffer anew and uploads what does not change, if some of that is missing.
+    fn hold_constant(&mut self, gpu: &Gpu, solids: &[ColliderFrame<'_>]) -> Result<bool, GpuError> {
         if solids.len() > MOST_SOLIDS {
             return Err(GpuError::Unsupported { what: "more than 32 solids at once" });
         }
-        if solids.iter().any(|solid| matches!(solid.shape, Shape::Bending(_))) {
-            return Err(GpuError::Unsupported { what: "collisions with a body that bends" });
-        }
         let shapes = || solids.iter().map(|solid| solid.shape).filter(|shape| !fields_of(shape).is_empty());
-        if shapes().all(|shape| place_of(&self.held, shape).is_some()) {
+        let bodies_fit = bending(solids).count() <= self.bodies.len()
+            && bending(solids).zip(&self.bodies).all(|(field, body)| body.fits(field));
+        if bodies_fit && shapes().all(|shape| place_of(&self.held, shape).is_some()) {
             return Ok(false);
         }
         let mut held: Vec<(Shape, u32)> = Vec::new();
@@ -375,9 +419,19 @@ impl Solids {
             *place += values.len() as u32;
         }
         values.append(&mut described);
-        gpu.check_room("the solids' distance fields together", size_of_val(&*values) as u64, u64::MAX)?;
-        self.fields = buffer_of(gpu, &values);
-        self.held = held;
+        let mut count = values.len();
+        let mut bodies: Vec<DeviceBody> = Vec::new();
+        for field in bending(solids) {
+            let body = DeviceBody::new(field, count);
+            count += body.len();
+            bodies.push(body);
+        }
+        let bytes = (count * size_of::<f32>()) as u64;
+        gpu.check_room("the solids' distance fields together", bytes, u64::MAX)?;
+        self.fields = buffer_of(gpu, count);
+        gpu.queue().write_buffer(&self.fields, 0, bytemuck::cast_slice(&values));
+        bodies.iter_mut().for_each(|body| body.write_rest(gpu, &self.fields));
+        (self.held, self.bodies) = (held, bodies);
         Ok(true)
     }
 
@@ -432,9 +486,15 @@ impl Solids {
 
     /// Places the colliders of a query at `fractions` of the frame.
     fn place(&mut self, frame: &SolidFrame<'_>, fractions: [f64; 2]) {
+        let mut bodies = self.bodies.iter();
         for (entry, solid) in self.query.solids.iter_mut().zip(frame.frame.colliders) {
             let place = place_of(&self.held, solid.shape).unwrap_or(0);
             *entry = entry_of(solid, fractions, frame.origin, place);
+            if let Shape::Bending(field) = solid.shape
+                && let Some(body) = bodies.next()
+            {
+                entry.place_body(field, body, fractions);
+            }
         }
     }
 
@@ -454,46 +514,10 @@ fn queries_of(gpu: &Gpu, stride: u32, count: u32) -> wgpu::Buffer {
     gpu.buffer("queries", query_bytes(stride, count), usage)
 }
 
-/// The fields of a shape; none of a primitive.
-fn fields_of(shape: &Shape) -> &[Sdf] {
-    match shape {
-        Shape::Sdf(field) => std::slice::from_ref(field),
-        Shape::Morph { morph, .. } => morph.fields(),
-        _ => &[],
-    }
-}
-
-/// Where `shape` is held, if it is.
-fn place_of(held: &[(Shape, u32)], shape: &Shape) -> Option<u32> {
-    let is_same = |own: &Shape| match (own, shape) {
-        (Shape::Sdf(own), Shape::Sdf(other)) => Arc::ptr_eq(own, other),
-        (Shape::Morph { morph: own, .. }, Shape::Morph { morph: other, .. }) => Arc::ptr_eq(own, other),
-        _ => false,
-    };
-    held.iter().find(|(own, _)| is_same(own)).map(|(_, first)| *first)
-}
-
-/// [`FIELD_NUMBERS`] of a field whose values start at `first`.
-fn describe(field: &Sdf, first: u32) -> [f32; FIELD_NUMBERS as usize] {
-    let ([x, y, z], [i, j, k]) = (field.origin().to_array(), field.dims().as_vec3().to_array());
-    let [a, b] = halves(first);
-    let [c, d] = halves(table_of(field, first));
-    [x, y, z, field.cell(), i, j, k, a, b, c, d]
-}
-
-/// An index in two halves, each of which a float holds exactly.
-fn halves(index: u32) -> [f32; 2] {
-    [(index >> 16) as f32, (index & 0xffff) as f32]
-}
-
-/// The first entry of the table of bricks of a field whose values start at `first`; 0 if it has
-/// none.
-fn table_of(field: &Sdf, first: u32) -> u32 {
-    if field.is_refined() { first + field.values().len() as u32 } else { 0 }
-}
-
-fn buffer_of(gpu: &Gpu, values: &[f32]) -> wgpu::Buffer {
-    gpu.filled("fields", bytemuck::cast_slice(values), BufferUsages::STORAGE)
+/// A buffer of `count` numbers.
+fn buffer_of(gpu: &Gpu, count: usize) -> wgpu::Buffer {
+    let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
+    gpu.buffer("fields", (count.max(1) * size_of::<f32>()) as u64, usage)
 }
 
 /// `solid`, which is held at `place`, from one fraction of its frame to another, relative to
@@ -509,8 +533,8 @@ fn entry_of(solid: &ColliderFrame<'_>, fractions: [f64; 2], origin: DVec3, place
         }
         Shape::Box { half_extents } => (kinds::BOX, *half_extents),
         Shape::Plane => (kinds::PLANE, DVec3::ZERO),
-        // Bodies that bend are refused before (`Solids::hold`).
-        Shape::Sdf(_) | Shape::Bending(_) => (kinds::FIELD, DVec3::ZERO),
+        Shape::Sdf(_) => (kinds::FIELD, DVec3::ZERO),
+        Shape::Bending(_) => (kinds::BENDING, DVec3::ZERO),
         Shape::Morph { .. } => (kinds::MORPH, DVec3::ZERO),
     };
     let (ball, ball_radius) = motion.ball.unwrap_or((DVec3::ZERO, FAR));
@@ -543,5 +567,6 @@ fn entry_of(solid: &ColliderFrame<'_>, fractions: [f64; 2], origin: DVec3, place
         phases: DVec2::from_array(phases).as_vec2(),
         swell: motion.swell as f32,
         fields: fields_of(solid.shape).len() as u32,
+        body: UVec4::ZERO,
     }
 }

@@ -257,9 +257,9 @@ impl GpuSimulation {
         }
     }
 
-    /// Writes the substeps of a frame of `dt_secs` between `poses`, the first of which moves positions by
-    /// `shift`; further entries number the levels of kernels that place one particle of each
-    /// strand.
+    /// Writes the substeps of a frame of `dt_secs` between `poses`, the first of which moves
+    /// positions by `shift`; further entries number the levels of kernels that place one particle
+    /// of each strand.
     fn write_substeps(&mut self, poses: &[Pose], dt_secs: f64, shift: DVec3) {
         let h = dt_secs / f64::from(self.count);
         let (count, weight, stride) = (self.count, self.options.carried_gravity(), self.shared.stride);

@@ -44,12 +44,14 @@
 pub mod acceleration;
 pub mod air;
 mod batch;
+mod bending;
 mod channels;
 mod clock;
 pub mod collide;
 mod device;
 mod encode;
 mod error;
+mod fields;
 pub mod frame;
 pub mod guides;
 pub mod interaction;

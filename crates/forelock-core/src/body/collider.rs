@@ -315,11 +315,11 @@ fn sample_bending_packet<T: Float>(
 /// two surfaces of a body press into each other, no direction leads out.
 #[inline(always)]
 fn shorten(gradient: Vec3) -> f32 {
-    1.0 / gradient.length().max(FLAT)
+    1.0 / gradient.length().max(FLAT_GRADIENT)
 }
 
 /// Gradients of a body that bends are shorter than 1 where the field's are shorter than this.
-const FLAT: f32 = 0.5;
+pub const FLAT_GRADIENT: f32 = 0.5;
 
 /// Converts a sample of the field of a body that bends to the caller's precision.
 #[inline]

@@ -18,15 +18,15 @@ mod sdf;
 mod walker;
 
 /// WGSL of solids and their distance fields.
-pub const SHAPES_WGSL: &str = include_str!("shapes.wgsl");
+pub const SHAPES_WGSL: &str = concat!(include_str!("shapes.wgsl"), include_str!("bending/sample.wgsl"));
 #[cfg(test)]
 pub(crate) mod shapes_for_tests;
 mod surface_nets;
 
-pub use bending::{BendingBox, BendingField};
+pub use bending::{BendingBody, BendingBox, BendingField, BendingLevel, STILL};
 pub use bvh::{Bvh, Nearest};
 pub use closed::{ClosedFaces, ClosedMesh, ClosingReport, SEGMENT_TOLERANCE_M, segment_tolerance};
-pub use collider::{Attachment, Collider, ColliderFrame, PACKET, Shape};
+pub use collider::{Attachment, Collider, ColliderFrame, FLAT_GRADIENT, PACKET, Shape};
 pub use depths::Depths;
 pub use head::{Head, Region};
 pub use horse::{Horse, Part};

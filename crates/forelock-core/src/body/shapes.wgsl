@@ -24,18 +24,24 @@ struct Solid {
     // Centre of a ball that contains the solid.
     ball: vec3f,
     ball_radius: f32,
-    // Field: the first node, the number of nodes and the index of its first value.
+    // Field: the first node, the number of nodes and the index of its first value; of a body that
+    // bends the latter at the frame's start.
     origin: vec3f,
     // Shape that changes: the index of its first field's description. Field: the index of the first
-    // entry of its table of bricks, 0 if it is not refined.
+    // entry of its table of bricks, 0 if it is not refined. Body that bends: the index of the first
+    // value at the frame's end.
     described: u32,
     dims: vec3u,
     first: u32,
     // Shape that changes: its positions in the sequence of fields at the substep's start and end,
-    // an upper bound of its surface's motion during the substep, and the number of fields.
+    // an upper bound of its surface's motion during the substep, and the number of fields. Body
+    // that bends: the shares of the frame at both.
     phases: vec2f,
     swell: f32,
     fields: u32,
+    // Body that bends: the indices of the corners of its triangles, of the falls of its cells, of
+    // the first value of its bricks, and of the nearest triangles of these.
+    body: vec4u,
 }
 
 // The solids of a collision query and its options.
@@ -61,7 +67,8 @@ struct Query {
 
 // Values of all fields, one field after the other: those of its nodes, then those of its bricks,
 // then for each node of a refined field the number of the brick of the cell that starts there, from
-// 1, or 0. Then FIELD_NUMBERS numbers for each field of a shape that changes.
+// 1, or 0. Then FIELD_NUMBERS numbers for each field of a shape that changes, and what bodies that
+// bend need (`level_of`).
 @group(0) @binding(10) var<storage, read> fields: array<f32>;
 @group(0) @binding(11) var<uniform> query: Query;
 
@@ -101,19 +108,26 @@ fn sample_box(half: vec3f, p: vec3f) -> vec4f {
 }
 
 // A field: its first node, the side of a cell away from the surface, the number of nodes, the index
-// of its first value, and the index of the first entry of its table of bricks (0 if it has none).
+// of its first value, the index of the first entry of its table of bricks (0 if it has none), and
+// that of the first value of brick 1.
 struct Field {
     origin: vec3f,
     cell: f32,
     dims: vec3u,
     first: u32,
     bricks: u32,
+    values: u32,
+}
+
+// A field whose bricks follow its nodes.
+fn field_of(origin: vec3f, cell: f32, dims: vec3u, first: u32, bricks: u32) -> Field {
+    return Field(origin, cell, dims, first, bricks, first + dims.x * dims.y * dims.z);
 }
 
 fn field_at(at: u32) -> Field {
     let origin = vec3f(fields[at], fields[at + 1u], fields[at + 2u]);
     let dims = vec3u(u32(fields[at + 4u]), u32(fields[at + 5u]), u32(fields[at + 6u]));
-    return Field(origin, fields[at + 3u], dims, index_at(at + 7u), index_at(at + 9u));
+    return field_of(origin, fields[at + 3u], dims, index_at(at + 7u), index_at(at + 9u));
 }
 
 // An index that is stored in two halves, because a float holds 24 bits only.
@@ -139,7 +153,7 @@ fn sample_field(field: Field, p: vec3f) -> vec4f {
             let within = f * f32(REFINEMENT);
             let low_within = vec3u(clamp(within, vec3f(0.0), vec3f(f32(REFINEMENT - 1u))));
             f = within - vec3f(low_within);
-            let start = field.first + layer * field.dims.z + (brick - 1u) * BRICK_NODES;
+            let start = field.values + (brick - 1u) * BRICK_NODES;
             row = REFINEMENT + 1u;
             layer = row * row;
             first = start + low_within.x + row * low_within.y + layer * low_within.z;
@@ -174,20 +188,52 @@ fn sample_field(field: Field, p: vec3f) -> vec4f {
     return vec4f((away + along) / distance, distance);
 }
 
-// The same for a shape that changes, as in `Morph::sample`.
+// The field of a shape that does not change.
+fn constant_field(number: u32) -> Field {
+    let bricks = query.solids[number].described;
+    let cell = query.solids[number].cell * f32(select(1u, REFINEMENT, bricks != 0u));
+    return field_of(
+        query.solids[number].origin, cell, query.solids[number].dims, query.solids[number].first, bricks,
+    );
+}
+
+// The same for a shape that changes, as in `Morph::sample` and `BendingField::sample`; among bodies
+// that bend also for one that does not.
 fn sample_fields(number: u32, p: vec3f, share: f32) -> vec4f {
-    let first = query.solids[number].described;
-    let last = f32(query.solids[number].fields - 1u);
-    let phase = clamp(mix(query.solids[number].phases.x, query.solids[number].phases.y, share), 0.0, last);
-    let before = sample_field(field_at(first + u32(phase) * FIELD_NUMBERS), p);
-    let part = fract(phase);
-    if part == 0.0 {
-        return before;
+    var part = mix(query.solids[number].phases.x, query.solids[number].phases.y, share);
+    var first = 0u;
+    let bends = is_bending(number);
+    let is_constant = MAY_BEND && query.solids[number].kind == FIELD;
+    if !bends && !is_constant {
+        let phase = clamp(part, 0.0, f32(query.solids[number].fields - 1u));
+        first = query.solids[number].described + u32(phase) * FIELD_NUMBERS;
+        part = fract(phase);
     }
-    let after = sample_field(field_at(first + (u32(phase) + 1u) * FIELD_NUMBERS), p);
-    let blended = mix(before, after, part);
+    // Whether the field is that of one end.
+    let only_end = bends && (part >= 1.0 || is_still(number, p));
+    let only_start = is_constant || (!bends && part == 0.0);
+    var before = vec4f();
+    var found = vec4f();
+    // One call: compilers inline it.
+    for (var end = select(0u, 1u, only_end); end < select(2u, 1u, only_start); end++) {
+        var field: Field;
+        if bends {
+            field = level_of(number, end);
+        } else if is_constant {
+            field = constant_field(number);
+        } else {
+            field = field_at(first + end * FIELD_NUMBERS);
+        }
+        before = found;
+        found = sample_field(field, p);
+    }
+    if only_end || only_start {
+        return found;
+    }
+    let blended = mix(before, found, part);
     // Opposite gradients cancel where the surface turns inside out.
-    return select(vec4f(before.xyz, blended.w), blended, dot(blended.xyz, blended.xyz) > 1e-6);
+    let flat = select(before.xyz, found.xyz, bends);
+    return select(vec4f(flat, blended.w), blended, dot(blended.xyz, blended.xyz) > 1e-6);
 }
 
 // Unit gradient and distance at `p` in the solid's local space, at the fraction `share` of the
@@ -214,24 +260,23 @@ fn sample_shape(number: u32, p: vec3f, share: f32) -> vec4f {
             return vec4f(0.0, 1.0, 0.0, p.y);
         }
         case FIELD: {
-            let bricks = query.solids[number].described;
-            let cell = query.solids[number].cell * f32(select(1u, REFINEMENT, bricks != 0u));
-            let field = Field(
-                query.solids[number].origin, cell, query.solids[number].dims, query.solids[number].first, bricks,
-            );
-            let found = sample_field(field, p);
-            return vec4f(found.xyz / sqrt(dot(found.xyz, found.xyz)), found.w);
-        }
-        default: {
-            // Sampling shapes that change would make all others slower by a tenth and more: such
-            // solids use a separate kernel.
-            if !CHANGES {
-                return vec4f(0.0, 1.0, 0.0, FAR);
+            if !MAY_BEND {
+                let found = sample_field(constant_field(number), p);
+                return vec4f(found.xyz / sqrt(dot(found.xyz, found.xyz)), found.w);
             }
-            let found = sample_fields(number, p, share);
-            return vec4f(found.xyz / sqrt(dot(found.xyz, found.xyz)), found.w);
         }
+        default: {}
     }
+    // Sampling shapes that change would make all others slower by a tenth and more: such solids use
+    // a separate kernel.
+    if !CHANGES {
+        return vec4f(0.0, 1.0, 0.0, FAR);
+    }
+    let found = sample_fields(number, p, share);
+    if is_bending(number) {
+        return vec4f(found.xyz * shorten(found.xyz), found.w);
+    }
+    return vec4f(found.xyz / sqrt(dot(found.xyz, found.xyz)), found.w);
 }
 
 // Lipschitz constant of the shape's field: how much faster than the distance it can rise.

@@ -12,7 +12,7 @@
 //! CPU.
 
 use crate::batch::DeviceStrands;
-use crate::collide::{MORPHING, MOST_SOLIDS, QueryUniform, SHAPE_CONSTANTS, Solids, queries};
+use crate::collide::{BENDING, MOST_SOLIDS, QueryUniform, SHAPE_CONSTANTS, Solids, queries};
 use crate::interaction::{GpuInteraction, InteractionFrame, Kind, boxed};
 use crate::kernel::{Bound, Constant, DispatchList, StrandThreads, Threads, bindings, shader};
 use crate::report::GpuReport;
@@ -119,7 +119,7 @@ shader! {
     /// `solve_pressure`.
     SOLVE: "solve_pressure", CellBindings;
     texts: [grid::WGSL, SHAPES_WGSL, solve_pressure::WGSL];
-    constants: [SHAPE_CONSTANTS, MORPHING, PRESSURE_CONSTANTS];
+    constants: [SHAPE_CONSTANTS, BENDING, PRESSURE_CONSTANTS];
     kernels: {
         /// Marks cells inside solids.
         MARK_SOLID_CELLS: "mark_solid_cells", Threads::CELLS;

@@ -4,7 +4,7 @@ use super::{GpuSolver, SolveBatch};
 use crate::Gpu;
 use crate::batch::{DeviceStrands, StrandGroups};
 use crate::collide::{
-    MORPHING, PARTICLE_CONSTANTS, QueryUniform, RIGID, SHAPE_CONSTANTS, SolidKinds, Solids,
+    BENDING, MORPHING, PARTICLE_CONSTANTS, QueryUniform, RIGID, SHAPE_CONSTANTS, SolidKinds, Solids,
 };
 use crate::frame::{ROOT_CONSTANTS, WindBindings};
 use crate::kernel::{Bound, DispatchList, Shader, Threads, bindings, shader};
@@ -74,6 +74,23 @@ shader! {
 }
 
 shader! {
+    /// `follow_leader` where a body bends.
+    FOLLOW_BENDING: "follow_leader", FollowBindings;
+    texts: [
+        ROOTS_WGSL,
+        SHAPES_WGSL,
+        resolve_solids::PARTICLE_WGSL,
+        follow_leader::LEVEL_WGSL,
+        follow_leader::WGSL,
+    ];
+    constants: [ROOT_CONSTANTS, SHAPE_CONSTANTS, PARTICLE_CONSTANTS, BENDING];
+    kernels: {
+        /// A whole step.
+        FOLLOW_LEADER_BENDING: "follow_leader", Threads::Strands;
+    }
+}
+
+shader! {
     /// The drag of a wind field.
     WIND: "follow_leader", WindBindings;
     texts: [follow_leader::WIND_WGSL];
@@ -84,7 +101,7 @@ shader! {
     }
 }
 
-pub(crate) static SHADERS: &[&Shader] = &[&FOLLOW, &FOLLOW_MORPHING, &WIND];
+pub(crate) static SHADERS: &[&Shader] = &[&FOLLOW, &FOLLOW_MORPHING, &FOLLOW_BENDING, &WIND];
 
 /// The solver on a GPU, if `solver` is dynamic follow the leader.
 pub(crate) fn of(solver: &Solver<f32>) -> Option<Box<dyn GpuSolver>> {
@@ -141,6 +158,9 @@ impl GpuSolver for GpuDftl {
         let follow = &self.groups[batch.batch];
         // Only the fused kernel supports shapes that change.
         match self.params.schedule {
+            _ if batch.solids == SolidKinds::Bending => {
+                list.push(follow.dispatch(&FOLLOW_LEADER_BENDING, &[]));
+            }
             _ if batch.solids == SolidKinds::Morphing => {
                 list.push(follow.dispatch(&FOLLOW_LEADER_MORPHING, &[]));
             }

@@ -158,7 +158,7 @@ fn layouts() -> Vec<Layout> {
         layout!("Canopy", CanopyEntry, [low cell dims pad_0 extent pad_1 pad_2]),
         layout!("Solid", SolidEntry, [
             at_end at_start carry spin friction travel kind pivot thinness size cell ball ball_radius origin described
-            dims first phases swell fields
+            dims first phases swell fields body
         ]),
         layout!("Query", QueryUniform, [count how thickness max_push_out slow_edges max_edge_push stretch_limit pad_2 solids]),
     ]

@@ -23,6 +23,7 @@
 mod brick;
 mod build;
 mod grid;
+mod parts;
 mod triangle;
 mod winding;
 
@@ -39,13 +40,14 @@ use super::sdf::{BRICK_NODES, NO_BRICK, REFINEMENT, Sdf};
 use super::{ClosedFaces, PACKET, SdfError, TriMesh};
 use build::{Level, Work, build};
 use grid::Grid;
+pub use parts::{BendingBody, BendingLevel};
 
 /// The most coarse nodes of a field; larger ones have larger cells.
 const MOST_NODES: f32 = 1.5e6;
 /// A fall that leaves no clearance, metres.
 const ALL: f32 = 1e6;
 /// The fall of a cell in which the field is the same at both ends.
-const SAME: f32 = -1.0;
+pub const STILL: f32 = -1.0;
 
 /// A body at rest, and the place and the cells of its field.
 #[derive(Debug)]
@@ -63,7 +65,7 @@ pub struct BendingField {
     body: Arc<Body>,
     /// At the step's start and at its end.
     ends: [Level; 2],
-    /// For each cell, how far the field falls at most at any of its points, metres; [`SAME`] where
+    /// For each cell, how far the field falls at most at any of its points, metres; [`STILL`] where
     /// both ends are alike.
     fall: Vec<f32>,
     changes: bool,
@@ -145,7 +147,7 @@ impl BendingField {
         let mut work = Work::default();
         build(&grid, &faces, None, &mut base, &mut work);
         let ends = [base.clone(), base.clone()];
-        let fall = vec![SAME; base.sdf.least().len()];
+        let fall = vec![STILL; base.sdf.least().len()];
         Ok(Self { body: Arc::new(Body { faces, grid, base }), ends, fall, changes: false, motion: 0.0, work })
     }
 
@@ -232,7 +234,7 @@ impl BendingField {
     /// Whether the field is the same at both ends of the step in the cell of `p`.
     #[inline(always)]
     pub fn is_still(&self, p: Vec3) -> bool {
-        self.fall[self.ends[1].sdf.block_of(p)] == SAME
+        self.fall[self.ends[1].sdf.block_of(p)] == STILL
     }
 
     /// The distance in metres and its gradient at `p`, at `fraction` of the step.
@@ -315,7 +317,7 @@ impl BendingField {
         self.motion = within.map(|(from, to)| from.distance_squared(*to)).fold(0.0, f32::max).sqrt();
         self.changes = from.corners != to.corners;
         if !self.changes {
-            self.fall.fill(SAME);
+            self.fall.fill(STILL);
             return;
         }
         let [columns, rows, _] = self.body.grid.dims.to_array().map(|n| n as usize);
@@ -339,13 +341,13 @@ impl BendingField {
                     *fall = match starts {
                         [NO_BRICK, NO_BRICK] => {
                             if alike {
-                                SAME
+                                STILL
                             } else {
                                 greatest
                             }
                         }
                         [NO_BRICK, _] | [_, NO_BRICK] => ALL,
-                        [a, b] if a == b && (a as usize) < at_rest => SAME,
+                        [a, b] if a == b && (a as usize) < at_rest => STILL,
                         [a, b] => {
                             let before = &from.sdf.values()[a as usize..][..BRICK_NODES];
                             let after = &to.sdf.values()[b as usize..][..BRICK_NODES];

@@ -10,8 +10,12 @@ use crate::lane::{Lane, Real, V3};
 use crate::strands::number;
 use glam::Vec3;
 
+/// The squared length of a gradient below which it does not say where it is outside.
+pub const NOWHERE: f64 = 0.2;
+/// The depth under the skin, over its thickness, of a particle that is held.
+pub const HELD: f64 = 1.001;
 /// The product of the directions out of two surfaces between which there may be no room.
-const OPPOSITE: f64 = -0.8;
+pub const OPPOSITE: f64 = -0.8;
 
 /// [`resolve_penetration`](super::particle::resolve_penetration) of a particle inside the skin of a
 /// body that bends. One that is held between two parts which press into each other moves with the
@@ -32,7 +36,7 @@ pub(super) fn resolve_penetration<T: Real>(
     let displacement = surface_displacement(solid, particle.x, normal);
     if leads_nowhere(gradient) {
         particle.v = displacement.map(|d| d / solids.h);
-        return held(solids, sigma);
+        return held(solids, sigma, particle);
     }
     apply_friction(solids, collider.friction, displacement, normal, particle, false);
     for _ in 0..MAX_PUSHES {
@@ -42,7 +46,7 @@ pub(super) fn resolve_penetration<T: Real>(
             return sigma;
         }
         if leads_nowhere(gradient) {
-            return held(solids, sigma);
+            return held(solids, sigma, particle);
         }
         let normal = pose.turn(1, gradient);
         particle.x = [0, 1, 2].map(|c| particle.x[c] + push * normal[c]);
@@ -59,7 +63,7 @@ pub(super) fn resolve_penetration<T: Real>(
             // It has passed the middle of a gap that is narrower than the skins.
             particle.x = [0, 1, 2].map(|c| particle.x[c] - number::<T>(0.5) * push * normal[c]);
             particle.v = displacement.map(|d| d / solids.h);
-            return held(solids, sigma);
+            return held(solids, sigma, particle);
         }
         gradient = there;
     }
@@ -69,14 +73,16 @@ pub(super) fn resolve_penetration<T: Real>(
 /// Whether no direction leads out: two parts of the body press into each other there.
 #[inline(always)]
 fn leads_nowhere<T: Real>(gradient: [T; 3]) -> bool {
-    dot(gradient, gradient) < number(0.2)
+    dot(gradient, gradient) < number(NOWHERE)
 }
 
 /// The clearance of a particle that parts of the body hold: that of one which is being pushed out,
-/// so that its strand is not laid around the body.
+/// so that its strand is not laid around the body. Where the skin touched it first in the substep
+/// there is no room any more, so it is not stopped there.
 #[inline(always)]
-fn held<T: Real>(solids: &Solids<'_, T>, sigma: T) -> T {
-    sigma.min(-solids.thickness * number(1.001))
+fn held<T: Real>(solids: &Solids<'_, T>, sigma: T, particle: &mut Particle<T>) -> T {
+    particle.is_held = true;
+    sigma.min(-solids.thickness * number(HELD))
 }
 
 /// Whether hair may be held between parts of a body.

@@ -288,7 +288,7 @@ impl<T: Real> Edge<T> {
                 continue;
             }
             let sample = Sample { distance: samples.distances[k], gradient: samples.gradient(k) };
-            let mut point = Particle { x: place, v: velocity, last_clearance: T::zero() };
+            let mut point = Particle::new(place, velocity, T::zero());
             let is_ccd_hit = passed && resolve_ccd_hit(&own, solid, sample, start, from, &mut point);
             if !is_ccd_hit {
                 if !inside {

@@ -121,7 +121,7 @@ fn find_hit(number: u32, edge: Edge, hit: ptr<function, Hit>) {
             continue;
         }
         let found = vec4f(samples.gradients[k], samples.distances[k]);
-        var point = Particle(place, velocity, 0.0);
+        var point = Particle(place, velocity, 0.0, false);
         let end = local(map, place);
         if is_ccd_hit && distance(start, end) + swell_of(number) > ccd_motion(number) {
             let touch = sweep(number, start, end, parts);

@@ -85,8 +85,8 @@ fn test_all(turn: Turn, x: vec3f, inside: ptr<function, Inside>) -> f32 {
 // point `inside` is in, seen from the leader.
 fn entry_normal(turn: Turn, x: vec3f, inside: Inside) -> vec3f {
     let map = query.solids[inside.number].at_end;
-    // Near the surface of a rigid field no other one is nearer; parts of a body that bends may press
-    // into each other.
+    // Near the surface of a rigid field no other one is nearer; parts of a body that bends may
+    // press into each other.
     let solid = &query.solids[inside.number];
     if (*solid).kind == FIELD && inside.depth < SHALLOW * (*solid).thinness {
         return turned(map, inside.gradient);
@@ -379,7 +379,8 @@ fn lay_along(strand: Strand) {
     for (var i = first; i < strand.particles; i++) {
         at.is_outside = at.is_outside && !(clearance_of(strand, i) < -query.thickness);
     }
-    if has_pass && !at.is_outside {
+    // Hair that parts of a body that bends hold between them has no other place.
+    if !at.is_outside && (has_pass || may_hold()) {
         return;
     }
     for (var i = 0u; i < strand.particles; i++) {

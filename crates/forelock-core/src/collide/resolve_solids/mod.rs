@@ -40,6 +40,7 @@ mod sweep;
 use crate::body::{ColliderFrame, PACKET};
 use crate::lane::{Lane, Real, V3};
 use crate::strands::{BlockView, LaneGroup};
+pub use bending::{HELD, NOWHERE, OPPOSITE};
 pub use edges::{EDGE_ROUNDS, EDGE_SAMPLES, PASSES, REFINEMENTS, SKIN_SHARE, TAKE_BACK_ROUNDS};
 pub use lay_along::{
     EXACT, EXACT_ROUNDS, FOLDS, LAG, LEAST_TURN, NEARLY, SHALLOW, SHORTER_STEPS, SLIDE_STEPS, SLIP,
@@ -55,7 +56,7 @@ pub use sweep::{MOST_PARTS, SWEEP_STEPS, TOUCH};
 pub const WGSL: &str =
     concat!(include_str!("edges.wgsl"), include_str!("lay_along.wgsl"), include_str!("kernel.wgsl"));
 /// WGSL that resolves the collisions of one particle.
-pub const PARTICLE_WGSL: &str = include_str!("particle.wgsl");
+pub const PARTICLE_WGSL: &str = concat!(include_str!("particle.wgsl"), include_str!("bending.wgsl"));
 
 /// The solids of one query.
 #[derive(Clone, Copy, Debug)]

@@ -28,6 +28,15 @@ pub(super) struct Particle<T> {
     pub v: [T; 3],
     /// Clearance after the last query.
     pub last_clearance: T,
+    /// Whether parts of a body that bends hold it in this query.
+    pub is_held: bool,
+}
+
+impl<T> Particle<T> {
+    #[inline(always)]
+    pub fn new(x: [T; 3], v: [T; 3], last_clearance: T) -> Self {
+        Self { x, v, last_clearance, is_held: false }
+    }
 }
 
 /// A solid and its pose in the substep.

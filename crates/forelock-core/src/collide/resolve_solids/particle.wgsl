@@ -6,6 +6,8 @@ struct Particle {
     v: vec3f,
     // Clearance after the last query.
     last_clearance: f32,
+    // Whether parts of a body that bends hold it in this query.
+    is_held: bool,
 }
 
 // Distance kept from surfaces: of particles, or of edges.
@@ -14,16 +16,29 @@ var<private> skin: f32;
 // at the substep's start.
 var<private> at_rest: bool = false;
 
-// Removes the velocity at which the particle approaches the solid, and applies Coulomb friction.
-fn apply_friction(number: u32, normal: vec3f, particle: ptr<function, Particle>, is_ccd_hit: bool) {
-    let arm = (*particle).x - query.solids[number].pivot;
+// Displacement in the substep of the solid's surface at `x`, where its normal is `normal`: the
+// rigid motion, plus that of skin that bends, or that along the normal of a shape that changes.
+fn surface_displacement(number: u32, x: vec3f, normal: vec3f) -> vec3f {
+    let arm = x - query.solids[number].pivot;
     var gone = query.solids[number].travel + cross(query.solids[number].spin, arm);
-    if CHANGES {
-        let place = local(query.solids[number].at_end, (*particle).x);
-        for (var time = 0u; time < select(0u, 2u, query.solids[number].swell > 0.0); time++) {
+    if CHANGES && query.solids[number].swell > 0.0 {
+        if is_bending(number) {
+            let bent = displacement(number, x);
+            if bent.is_known {
+                return gone + bent.by;
+            }
+        }
+        let place = local(query.solids[number].at_end, x);
+        for (var time = 0u; time < 2u; time++) {
             gone += sample_shape(number, place, f32(time)).w * select(1.0, -1.0, time > 0u) * normal;
         }
     }
+    return gone;
+}
+
+// Removes the velocity at which the particle approaches a surface that moves by `gone` in h, and
+// applies Coulomb friction.
+fn apply_friction(number: u32, gone: vec3f, normal: vec3f, particle: ptr<function, Particle>, is_ccd_hit: bool) {
     let solid_velocity = gone * frame.inverse_h;
     let relative = (*particle).v - solid_velocity;
     let approach = dot(relative, normal);
@@ -53,7 +68,18 @@ fn resolve_penetration(number: u32, found: vec4f, particle: ptr<function, Partic
         return sigma;
     }
     let map = query.solids[number].at_end;
-    apply_friction(number, turned(map, gradient), particle, false);
+    // Parts of a body that come towards each other may leave no room between them.
+    let is_skin = is_bending(number);
+    var bends = false;
+    if is_skin {
+        bends = !is_still(number, local(map, (*particle).x));
+    }
+    let gone = surface_displacement(number, (*particle).x, turned(map, gradient));
+    if is_skin && leads_nowhere(gradient) {
+        (*particle).v = gone * frame.inverse_h;
+        return held(sigma, particle);
+    }
+    apply_friction(number, gone, turned(map, gradient), particle, false);
     let cell = query.solids[number].cell;
     let small_push = select(FAR, 0.1 * cell, cell > 0.0);
     for (var k = 0u; k < MAX_PUSHES; k++) {
@@ -65,16 +91,26 @@ fn resolve_penetration(number: u32, found: vec4f, particle: ptr<function, Partic
         if push <= 0.0 {
             return sigma;
         }
-        (*particle).x += push * turned(map, gradient);
-        if push < small_push {
+        if is_skin && leads_nowhere(gradient) {
+            return held(sigma, particle);
+        }
+        let normal = turned(map, gradient);
+        (*particle).x += push * normal;
+        if push < small_push && !bends {
             return allowed;
         }
         let there = sample_shape(number, local(map, (*particle).x), 1.0);
         sigma = there.w - skin;
-        gradient = there.xyz;
         if !(sigma < 0.0) {
-            return sigma;
+            return select(sigma, allowed, push < small_push);
         }
+        if bends && dot(there.xyz, gradient) < OPPOSITE {
+            // It has passed the middle of a gap that is narrower than the skins.
+            (*particle).x -= 0.5 * push * normal;
+            (*particle).v = gone * frame.inverse_h;
+            return held(sigma, particle);
+        }
+        gradient = there.xyz;
     }
     return sigma;
 }
@@ -202,7 +238,8 @@ fn is_stopped(number: u32, found: vec4f, touch: Touch) -> bool {
 fn stop(number: u32, touch: Touch, particle: ptr<function, Particle>) {
     let map = query.solids[number].at_end;
     (*particle).x = turned(map, touch.place - map[3].xyz);
-    apply_friction(number, turned(map, touch.normal), particle, true);
+    let normal = turned(map, touch.normal);
+    apply_friction(number, surface_displacement(number, (*particle).x, normal), normal, particle, true);
 }
 
 // For a particle that moved from `origin` to `x` in a substep and had clearance `last`: the
@@ -211,13 +248,15 @@ fn clearance_left(x: vec3f, origin: vec3f, last: f32) -> vec2f {
     var left = FAR;
     var moved = 0.0;
     for (var number = 0u; number < query.count; number++) {
-        let by = distance(x, local(query.solids[number].carry, origin)) + query.solids[number].swell;
+        // The distance from a body that bends falls by what is known of each cell.
+        let sinks = select(query.solids[number].swell, 0.0, is_bending(number));
+        let by = distance(x, local(query.solids[number].carry, origin)) + sinks;
         var far = last;
         if query.count > 1u {
             // The motion of a distant solid does not use up the clearance.
             far = max(last, distance(x, query.solids[number].ball) - query.solids[number].ball_radius - query.thickness);
         }
-        left = min(left, far - by);
+        left = min(left, far - by - fall(number, origin));
         moved = max(moved, by);
     }
     return vec2f(left, moved);
@@ -235,7 +274,7 @@ struct Resolved {
 // relative to the solid that moved most against it, `last` its clearance after the last query.
 fn query_solids(x: vec3f, v: vec3f, origin: vec3f, moved: f32, last: f32) -> Resolved {
     skin = query.thickness;
-    var particle = Particle(x, v, last);
+    var particle = Particle(x, v, last, false);
     var clearance = FAR;
     var touches = false;
     var between = false;
@@ -250,7 +289,7 @@ fn query_solids(x: vec3f, v: vec3f, origin: vec3f, moved: f32, last: f32) -> Res
         // A particle that was inside at the last query is being pushed out. One that has not been
         // queried may have been outside: the solid came to it. Slower ones are pushed out at once
         // anyway.
-        var own = Particle(place, particle.v, last);
+        var own = Particle(place, particle.v, last, false);
         let is_taken = moved > query.max_push_out && found.w < skin;
         if last > frame.unknown {
             may_hit = may_hit && last >= 0.0;
@@ -263,12 +302,12 @@ fn query_solids(x: vec3f, v: vec3f, origin: vec3f, moved: f32, last: f32) -> Res
         var is_ccd_hit = false;
         for (var attempt = 0u; attempt < 2u; attempt++) {
             // Near the middle of a field pushes do not bring it out.
-            let is_left_inside = sigma < -PASSES && own.last_clearance >= 0.0;
+            let is_left_inside = sigma < -PASSES && own.last_clearance >= 0.0 && !own.is_held;
             if select(is_left_inside, may_hit, attempt == 0u) {
                 let touch = sweep(number, start, end, select(0u, parts_of(number, length), attempt == 0u));
                 is_ccd_hit = select(touch.found, is_stopped(number, found, touch), attempt == 0u);
                 if is_ccd_hit {
-                    own = Particle(place, particle.v, own.last_clearance);
+                    own = Particle(place, particle.v, own.last_clearance, false);
                     stop(number, touch, &own);
                     sigma = 0.0;
                     break;
@@ -284,12 +323,20 @@ fn query_solids(x: vec3f, v: vec3f, origin: vec3f, moved: f32, last: f32) -> Res
             particle.x = own.x;
             particle.v = own.v;
         }
+        if is_bending(number) && sigma > 0.0 && query.solids[number].phases.y < 1.0 {
+            // The clearance holds until the frame's end.
+            let at_end = clearance_at_end_of(number, place) - lipschitz(number) * distance(own.x, place);
+            sigma = min(sigma, max(at_end, 0.0));
+        }
         clearance = min(clearance, sigma / select(1.0, lipschitz(number), sigma > 0.0));
     }
     // A particle that was inside at the last query is pushed out over several substeps.
     if between && last >= 0.0 {
         particle.last_clearance = 0.0;
         clearance = resolve_penetrations(&particle);
+        if MAY_BEND && clearance > 0.0 {
+            clearance = min(clearance, clearance_at_end(particle.x));
+        }
     }
     return Resolved(particle.x, particle.v, clearance, touches);
 }

@@ -137,7 +137,7 @@ impl<T: Real> Queue<T> {
                     }
                 }
                 let velocity = [v[0][k], v[1][k], v[2][k]];
-                let own = || Particle { x: place, v: velocity, last_clearance };
+                let own = || Particle::new(place, velocity, last_clearance);
                 let (mut particle, from) = (own(), self.from[self.len + k]);
                 let may_hit = self.moved[self.len + k] > thin && {
                     let sigma = sample.distance - solids.thickness;
@@ -155,7 +155,8 @@ impl<T: Real> Queue<T> {
                 } else {
                     resolve_penetration(solids, solid, sample, &mut particle)
                 };
-                if sigma < crate::strands::number(-PASSES) && last_clearance >= T::zero() {
+                if sigma < crate::strands::number(-PASSES) && last_clearance >= T::zero() && !particle.is_held
+                {
                     // Near the middle of a field pushes do not bring it out.
                     let mut stopped = own();
                     if stop_at_entry(solids, solid, self.start, from, &mut stopped) {
@@ -187,7 +188,7 @@ impl<T: Real> Queue<T> {
             // A particle that was inside at the last query is pushed out over several substeps.
             if between[k] && self.last[self.len + k] >= T::zero() {
                 let (place, velocity) = ([x[0][k], x[1][k], x[2][k]], [v[0][k], v[1][k], v[2][k]]);
-                let mut particle = Particle { x: place, v: velocity, last_clearance: T::zero() };
+                let mut particle = Particle::new(place, velocity, T::zero());
                 clearance[k] = resolve_penetrations(solids, &mut particle);
                 if clearance[k] > T::zero() {
                     clearance[k] = clearance[k].min(bending::clearance_at_end(solids, particle.x));

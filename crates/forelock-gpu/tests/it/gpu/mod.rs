@@ -1,6 +1,7 @@
 //! Kernels on a device, compared with the same stages on the CPU. All tests share one device.
 
 mod air;
+mod bending;
 mod clock;
 mod conformance;
 mod contacts;
