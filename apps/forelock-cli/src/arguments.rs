@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
 use forelock::Scene;
-use forelock::scene::{CHARACTER_SCENE, DEFAULT_SCENE, Override, SceneError};
+use forelock::scene::{BEARD_SCENE, CHARACTER_SCENE, DEFAULT_SCENE, Override, SceneError};
 use forelock_core::groom::{Import, Unit, Up};
 
 /// Real-time simulation of dense hair, strand by strand.
@@ -34,8 +34,8 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Simulate a built-in scene, hair on a turning head or on a walking figure, and write
-    /// pictures, a cache and a report.
+    /// Simulate a built-in scene, hair on a turning head or a walking figure, or a beard on a head
+    /// that talks, and write pictures, a cache and a report.
     Demo(DemoArgs),
     /// Simulate a scene.
     Simulate(SimulateArgs),
@@ -78,6 +78,8 @@ pub enum DemoScene {
     Head,
     /// Hair on a figure that walks.
     Character,
+    /// A beard on a head that talks.
+    Beard,
 }
 
 impl DemoScene {
@@ -86,6 +88,7 @@ impl DemoScene {
         let text = match self {
             Self::Head => DEFAULT_SCENE,
             Self::Character => CHARACTER_SCENE,
+            Self::Beard => BEARD_SCENE,
         };
         Scene::parse(text, Path::new("the built-in scene"), overrides)
     }

@@ -15,6 +15,7 @@ mod morph;
 mod motion;
 mod props;
 mod sdf;
+mod talker;
 mod walker;
 
 /// WGSL of solids and their distance fields.
@@ -38,4 +39,5 @@ pub use motion::{
 };
 pub use props::Prop;
 pub use sdf::{BRICK_NODES, REFINEMENT, Sdf, SdfBytesError, SdfError};
+pub use talker::Talker;
 pub use walker::Walker;

@@ -89,7 +89,8 @@ pub(super) fn edit(
 
 fn grow_on(scene: &Scene, body: &Body, meter: &Meter) -> Result<Groom, AssetError> {
     let params = &scene.groom.grow;
-    if scene.body.mesh == "builtin:head" {
+    // At rest the talker is the head.
+    if ["builtin:head", "builtin:talker"].contains(&scene.body.mesh.as_str()) {
         return Ok(grow::grow_on_head_watched(params, meter)?);
     }
     let weights: Vec<f32> = match scene.groom.region_box {

@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 
 use forelock_core::body::character::Character;
 use forelock_core::body::{
-    ClosedMesh, ColliderFrame, Head, Horse, Morph, Motion, Prop, Sdf, Shape, TriMesh, Walker,
+    ClosedMesh, ColliderFrame, Head, Horse, Morph, Motion, Prop, Sdf, Shape, Talker, TriMesh, Walker,
 };
 use forelock_core::meter::Meter;
 use forelock_core::pose::Pose;
@@ -48,6 +48,11 @@ impl Body {
                 let walker = Walker::builtin();
                 character = Some(walker.clone());
                 (Cow::Borrowed(walker.rest()), None)
+            }
+            "builtin:talker" => {
+                let talker = Talker::builtin();
+                character = Some(talker.clone());
+                (Cow::Borrowed(talker.rest()), None)
             }
             path if section.is_character() => {
                 let read = forelock_io::read_character(path.as_ref(), &section.import())?;

@@ -19,7 +19,7 @@ use super::{ClipSection, Keyframe, MotionSection, Scene, SolverKind, SolverSecti
 use crate::sinks;
 
 /// The bodies that have names.
-const BODIES: [&str; 4] = ["builtin:head", "builtin:horse", "builtin:walker", "none"];
+const BODIES: [&str; 5] = ["builtin:head", "builtin:horse", "builtin:talker", "builtin:walker", "none"];
 
 /// The key of a wrong value, and the error message.
 type Wrong = (String, String);

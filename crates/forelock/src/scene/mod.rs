@@ -49,6 +49,8 @@ use solver::Registered;
 pub const DEFAULT_SCENE: &str = include_str!("default.toml");
 /// The scene that `forelock demo --scene character` runs.
 pub const CHARACTER_SCENE: &str = include_str!("character.toml");
+/// The scene that `forelock demo --scene beard` runs.
+pub const BEARD_SCENE: &str = include_str!("beard.toml");
 
 forelock_core::documented! {
 /// A whole scene, as its file holds it: every value checked, every path absolute or relative to the

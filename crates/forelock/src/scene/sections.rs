@@ -136,9 +136,9 @@ forelock_core::documented! {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BodySection {
-    /// "builtin:head", "builtin:horse", "builtin:walker" (a figure with the clips "walk", "jump"
-    /// and "look"), "none" or a file: .obj, or a character that bends, .glb or .gltf. Default
-    /// "builtin:head".
+    /// "builtin:head", "builtin:horse", "builtin:talker" (the head with a jaw, and the clips "talk"
+    /// and "chew"), "builtin:walker" (a figure with the clips "walk", "jump" and "look"), "none" or
+    /// a file: .obj, or a character that bends, .glb or .gltf. Default "builtin:head".
     pub mesh: String,
     /// Unit of length of the file: "m", "cm", "mm" or "in". Default "m".
     pub unit: Unit,
@@ -205,7 +205,8 @@ impl BodySection {
 
     /// Whether the body is a character, with joints.
     pub fn is_character(&self) -> bool {
-        self.mesh == "builtin:walker" || !self.is_named() && forelock_io::is_character(self.mesh.as_ref())
+        ["builtin:talker", "builtin:walker"].contains(&self.mesh.as_str())
+            || !self.is_named() && forelock_io::is_character(self.mesh.as_ref())
     }
 
     /// Whether `mesh` is a name rather than a file.

@@ -6,12 +6,13 @@
 use std::path::{Path, PathBuf};
 
 use base64::Engine as _;
-use forelock::core::body::{ClosedMesh, Motion};
+use forelock::core::body::{ClosedMesh, Motion, TriMesh};
 use forelock::core::groom::bind_roots;
 use forelock::core::groom::edit::{Operation, Trim};
 use forelock::core::pose::Pose;
 use forelock::core::simulation::Teleport;
 use forelock::player::HistoryOptions;
+use forelock::scene::{BEARD_SCENE, Override};
 use forelock::{Player, Scene};
 use glam::{DQuat, DVec3, Vec3};
 use serde_json::{Value, json};
@@ -373,4 +374,75 @@ fn hair_stays_outside_the_skin_of_a_figure_that_walks_and_jumps() {
         eprintln!("{motion}: {:.4} % deeper than 1 mm, {:.2} mm at most", 100.0 * share, 1e3 * deepest);
         assert!(share <= 1e-3, "{motion}: {share}, {deepest}");
     }
+}
+
+/// The beard of `forelock demo --scene beard`, a tenth of it, over 300
+/// frames: outside the skin,
+/// its roots on the skin, those of the upper lip at rest, and no step where the clip repeats.
+#[test]
+fn a_beard_follows_the_jaw() {
+    let keys = ["groom.strands=600", "body.sdf_cells=64", "time.frames=300"];
+    let keys: Vec<Override> = keys.iter().map(|key| Override::set(key).unwrap()).collect();
+    let scene = Scene::parse(BEARD_SCENE, Path::new("scene.toml"), &keys).unwrap();
+    let mut player = Player::builder(scene).without_history().build().unwrap();
+    let mesh = player.assets().body_mesh().unwrap().clone();
+    let (bindings, _) = bind_roots(&player.groom().clone(), &mesh, &ClosedMesh::new(&mesh));
+    let start = positions(&mut player);
+    let (mut inside, mut all, mut deepest) = (0u32, 0u32, 0.0f32);
+    let (mut chin, mut lips) = (0.0f32, 0);
+    // The largest change of a particle's displacement from frame to frame: within the clip of
+    // 2.8 s, and where it repeats.
+    let (mut before, mut last, mut within, mut seam) = (start.clone(), start.clone(), 0.0f32, 0.0f32);
+    for frame in 1..=300u32 {
+        player.step().unwrap();
+        let now = positions(&mut player);
+        let skin = player.assets().body_mesh_at(player.time_secs()).unwrap();
+        let back = player.head_pose().inverse();
+        for (strand, binding) in bindings.iter().enumerate() {
+            let from = player.groom().range(strand).start;
+            let root = back.transform_point(now[from].as_dvec3()).as_vec3();
+            let corners = |mesh: &TriMesh| {
+                let own = mesh.corners(binding.triangle as usize).into_iter().zip(binding.barycentric);
+                own.map(|(corner, share)| corner * share).sum::<Vec3>()
+            };
+            let apart = root.distance(corners(&skin)) - binding.distance.abs();
+            assert!(apart < 2e-6, "frame {frame}, strand {strand}: {apart} m off the skin");
+            let rest = start[from];
+            if rest.y > -0.068 && rest.z > 0.075 && rest.x.abs() < 0.015 {
+                assert!(now[from].distance(rest) < 1e-6, "the upper lip moved in frame {frame}");
+                lips += 1;
+            }
+            if rest.y < -0.095 && rest.z > 0.075 {
+                chin = chin.max(now[from].distance(rest));
+            }
+        }
+        let jerks = now.iter().zip(&last).zip(&before);
+        let jerk = jerks.map(|((a, b), c)| (*a + *c - 2.0 * *b).length()).fold(0.0, f32::max);
+        if (167..171).contains(&frame) {
+            seam = seam.max(jerk);
+        } else if frame > 60 {
+            within = within.max(jerk);
+        }
+        (before, last) = (last, now);
+        if frame % 15 == 0 {
+            let skin = ClosedMesh::new(&skin);
+            for strand in 0..bindings.len() {
+                for p in &last[player.groom().range(strand)][2..] {
+                    assert!(p.is_finite(), "frame {frame}");
+                    let depth = skin.depth(back.transform_point(p.as_dvec3()).as_vec3());
+                    (deepest, all) = (deepest.max(depth), all + 1);
+                    inside += u32::from(depth > 1e-3);
+                }
+            }
+        }
+    }
+    let share = f64::from(inside) / f64::from(all);
+    eprintln!(
+        "{:.4} % deeper than 1 mm, {:.2} mm at most; chin {chin} m; seam {seam} of {within} m",
+        100.0 * share,
+        1e3 * deepest
+    );
+    assert!(share <= 1e-3, "{share}, {deepest}");
+    assert!(lips > 300 && chin > 0.01, "{lips} roots on the upper lip; the chin moved by {chin} m");
+    assert!(seam > 0.0 && seam < 0.3 * within, "{seam} at the seam, {within} within the clip");
 }

@@ -71,7 +71,8 @@ impl BlockTask for Finish {
             let restored = restore::<L>(cx, self.span, view, group.first, scratch);
             report.max_edge_stretch = largest(restored, group);
             report.nanos.lengths += clock.lap();
-            stretch = Some(collide::<L>(cx, self.span, view, group, true, restored, scratch, &mut report));
+            let (left, contacts) = collide::<L>(cx, self.span, view, group, true, restored, scratch);
+            (stretch, report.contacts) = (Some(left), contacts);
             report.nanos.collide += clock.lap();
         }
         if self.collides || self.checks {
@@ -83,7 +84,8 @@ impl BlockTask for Finish {
             }
             stretch = Some(before);
             if self.collides {
-                stretch = Some(collide::<L>(cx, self.span, view, group, false, before, scratch, &mut report));
+                let (left, contacts) = collide::<L>(cx, self.span, view, group, false, before, scratch);
+                (stretch, report.contacts) = (Some(left), contacts);
                 report.nanos.collide += clock.lap();
             }
         }
@@ -197,10 +199,10 @@ fn set_load_aside<L: Lane>(
     true
 }
 
-/// Collisions after the length pass (`restored`) or after interactions. `stretch` is the largest of
-/// each lane before them; returns it after them. Colliders meet hair with the speed at which it
-/// moves: where velocities hold more than motion (`BlockView::previous`), the rest of them is set
-/// aside meanwhile.
+/// Collisions after the length pass (`restored`) or after interactions, at the end of `span`.
+/// `stretch` is the largest of each lane before them; returns it after them, and the contacts.
+/// Colliders meet hair with the speed at which it moves: where velocities hold more than motion
+/// (`BlockView::previous`), the rest of them is set aside meanwhile.
 #[inline(always)]
 fn collide<L: Lane>(
     cx: &FrameContext<'_, L::Scalar>,
@@ -210,10 +212,9 @@ fn collide<L: Lane>(
     restored: bool,
     stretch: L,
     scratch: &mut Scratch<L::Scalar>,
-    report: &mut BlockReport,
-) -> L {
+) -> (L, SolidContacts) {
     if cx.solids.is_empty() {
-        return stretch;
+        return (stretch, SolidContacts::default());
     }
     let first = group.first;
     let n = view.particles;
@@ -233,16 +234,16 @@ fn collide<L: Lane>(
         if is_limit { restore_lengths::largest_extension(view, first) } else { stretch }
     };
     let before_solids = by_solids(view, stretch);
-    report.contacts = resolve_solids::resolve::<L>(&solids, since, view, queried, work);
+    let mut contacts = resolve_solids::resolve::<L>(&solids, since, view, queried, work);
     let mut left = stretch;
-    if report.contacts.touching + report.contacts.edges > 0 {
+    if contacts.touching + contacts.edges > 0 {
         left = restore_lengths::largest_stretch::<L>(view, first);
         if let Some(limit) = cx.rules.stretch_limit {
             // Only strands that colliders stretched: the result must not depend on the width.
             let now = by_solids(view, left);
             let stretched = L::select(before_solids.lt(now), now, L::zero());
             let depth = resolve_solids::lay_along(&solids, stretched, limit, view, group, work);
-            report.contacts.deepest = report.contacts.deepest.max(depth);
+            contacts.deepest = contacts.deepest.max(depth);
             left = restore_lengths::largest_stretch::<L>(view, first);
         }
     }
@@ -251,7 +252,7 @@ fn collide<L: Lane>(
             (V3::load(view.velocities, i, first) + *load).store(view.velocities, i, first);
         }
     }
-    left
+    (left, contacts)
 }
 
 /// The largest of the lanes that hold strands of their own.
