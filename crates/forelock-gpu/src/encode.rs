@@ -225,19 +225,16 @@ impl GpuSimulation {
                 SolidFrame { frame, substeps: count, origin, plan: &self.plan, positional: self.has_load() };
             self.solids.write_frame(&self.gpu, &self.rules, &solids);
         }
-        if let [.., before, now] = poses[..] {
-            let given = InteractionFrame {
-                input: frame,
-                start,
-                poses: &poses,
-                last_substep: [before, now],
-                origin,
-                clamped: self.rules.clamped as u32,
-                substeps: count,
-                spans: self.plan.spans(),
-            };
-            self.interactions.iter_mut().for_each(|own| own.write_frame(&self.gpu, &given));
-        }
+        let given = InteractionFrame {
+            input: frame,
+            start,
+            poses: &poses,
+            origin,
+            clamped: self.rules.clamped as u32,
+            substeps: count,
+            spans: self.plan.spans(),
+        };
+        self.interactions.iter_mut().for_each(|own| own.write_frame(&self.gpu, &given));
         let air = self.air.as_mut().zip(wind).map(|(air, wind)| {
             let air_frame = AirFrame { wind, solids: frame.colliders.len(), origin, shift };
             air.write_frame(&self.gpu, &self.model, &air_frame)
@@ -277,7 +274,7 @@ impl GpuSimulation {
             append(step, &SubstepUniform { inverse_span: (1.0 / secs) as f32, ..substep });
         }
         for level in count..self.kernels.substep_entries(count, self.model.longest() as u32) {
-            // Solvers that step particles level by level have one substep a frame.
+            // Solvers that step particles level by level have one substep a frame, and one span.
             let substep = SubstepUniform::new([&poses[0], &poses[1]], h, [0.0, 1.0], weight, shift);
             append(level, &SubstepUniform { level, ..substep });
         }

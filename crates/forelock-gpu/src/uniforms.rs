@@ -288,8 +288,8 @@ pub(crate) fn rigid(pose: &Pose) -> Mat4 {
 }
 
 impl SubstepUniform {
-    /// From poses about the model's centre at the start and end of a substep of `h` seconds, and
-    /// the shares of the frame that have passed then.
+    /// From poses about the model's centre at the start and end of a substep of `h` seconds, which
+    /// is a span of its own, and the shares of the frame that have passed then.
     pub fn new(
         [start, end]: [&Pose; 2],
         h: f64,
@@ -309,7 +309,7 @@ impl SubstepUniform {
             rotation: end.rotation.as_quat().into(),
             spin: spin.as_vec3(),
             share_at_end: shares[1] as f32,
-            inverse_span: 0.0,
+            inverse_span: (1.0 / h) as f32,
             pad: Vec3::ZERO,
         }
     }

@@ -51,7 +51,7 @@ pub struct Exchange {
 /// Consecutive substeps of a frame. An exchange at the end of a span sees the motion of hair in it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Span {
-    /// Its number in the frame.
+    /// Its number among [`FramePlan::spans`]; 0 for the whole frame.
     pub number: u32,
     /// Number of the first substep.
     pub first: u32,

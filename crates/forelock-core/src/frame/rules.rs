@@ -17,8 +17,8 @@ pub struct FrameRules {
     /// Infinite: one a frame.
     pub substep_secs: f64,
     /// The longest time between two exchanges of an interaction that repeats
-    /// ([`Exchange::repeats`](super::plan::Exchange::repeats)), in whole substeps, seconds.
-    /// Infinite: once a frame.
+    /// ([`Exchange::repeats`](super::plan::Exchange::repeats)), in whole substeps, seconds; longer
+    /// where a frame would have more than [`SPANS`] of them. Infinite: once a frame.
     pub exchange_secs: f64,
     /// Particles of each strand, from the root, that follow the head exactly.
     pub clamped: usize,

@@ -444,9 +444,18 @@ impl DeviceContacts {
         let stride = gpu.uniform_stride(size_of::<ContactUniform>());
         let uniform = gpu.buffer("contacts", u64::from(stride) * u64::from(SPANS), uniform);
         bytes += uniform.size();
-        let (params, host) = (params.clone(), Box::new(host));
-        let groups = ContactGroups::default();
+        let (params, host, groups) = (params.clone(), Box::new(host), ContactGroups::default());
         Ok(Self { params, uniform, stride, starts, work, table, touch, rest, owners, groups, bytes, host })
+    }
+}
+
+impl DeviceContacts {
+    /// Appends the dispatches that make the field of the mean motion, on nodes that are fitted.
+    fn splat_mean_motion<'a>(&'a self, list: &mut DispatchList<'a>, span: &[u32]) {
+        let ContactGroups { insert, pairs, .. } = &self.groups;
+        list.run(pairs, &CLEAR_MEAN_MOTION, span);
+        list.run(insert, &SPLAT_MEAN_MOTION, span);
+        list.run(pairs, &SMOOTH_MEAN_MOTION, span);
     }
 }
 
@@ -521,9 +530,7 @@ impl GpuInteraction for DeviceContacts {
         let ContactGroups { insert, pairs, moves } = &self.groups;
         list.run(insert, &RECORD_END, span);
         list.run(pairs, &FIT_MEAN_MOTION, span);
-        list.run(pairs, &CLEAR_MEAN_MOTION, span);
-        list.run(insert, &SPLAT_MEAN_MOTION, span);
-        list.run(pairs, &SMOOTH_MEAN_MOTION, span);
+        self.splat_mean_motion(list, span);
         list.run(insert, &MEASURE_RESIDUAL_MOTION, span);
         list.run(pairs, &SELECT_ACTIVE, span);
         list.run(insert, &LIST_ACTIVE, span);
@@ -536,10 +543,8 @@ impl GpuInteraction for DeviceContacts {
             list.run(pairs, &FIND_PAIRS, span);
             list.run(pairs, &NEXT_SLICE, span);
         }
-        for kernel in [&COUNT_FOUND, &SELECT_FOUND, &CLEAR_LINKS, &CREATE_JOINTS] {
-            list.run(pairs, kernel, span);
-        }
-        for kernel in [&RESERVE_LISTS, &LINK_JOINTS, &ORDER_JOINTS] {
+        let select = [&COUNT_FOUND, &SELECT_FOUND, &CLEAR_LINKS, &CREATE_JOINTS];
+        for kernel in select.into_iter().chain([&RESERVE_LISTS, &LINK_JOINTS, &ORDER_JOINTS]) {
             list.run(pairs, kernel, span);
         }
         list.run(moves, &PREPARE_STRANDS, span);
@@ -561,9 +566,7 @@ impl GpuInteraction for DeviceContacts {
         let ContactGroups { insert, pairs, moves } = &self.groups;
         list.run(insert, &RECORD_END, span);
         list.run(pairs, &FIT_FRICTION, span);
-        list.run(pairs, &CLEAR_MEAN_MOTION, span);
-        list.run(insert, &SPLAT_MEAN_MOTION, span);
-        list.run(pairs, &SMOOTH_MEAN_MOTION, span);
+        self.splat_mean_motion(list, span);
         list.run(pairs, &CLEAR_MEAN_MOTION, span);
         list.run(insert, &SUM_CHANGES, span);
         list.run(insert, &BALANCE_CHANGES, span);

@@ -382,9 +382,11 @@ impl GpuInteraction for DeviceGrid {
     }
 
     fn write_frame(&mut self, gpu: &Gpu, frame: &InteractionFrame<'_>) {
-        let InteractionFrame { input, last_substep: [before, now], origin, substeps, .. } = *frame;
+        let InteractionFrame { input, poses: [.., before, now], origin, substeps, .. } = *frame else {
+            return;
+        };
         let (dt, cell, params) = (input.dt_secs, self.cell, &self.params);
-        let moving = &GridFrame::new(&before, &now, dt / f64::from(substeps));
+        let moving = &GridFrame::new(before, now, dt / f64::from(substeps));
         let axes = moving.rotation.transpose();
         let host = &mut *self.host;
         host.place = matrix(affine(axes * (1.0 / cell), DVec3::ZERO));

@@ -98,8 +98,6 @@ pub(crate) struct InteractionFrame<'a> {
     /// The head at the ends of the substeps, from the model's centre to `origin`, and before them
     /// that at the frame's start.
     pub poses: &'a [Pose],
-    /// The last two of `poses`.
-    pub last_substep: [Pose; 2],
     /// The point of the world that positions are relative to after strands are solved.
     pub origin: DVec3,
     /// Particles of each strand, from the root, that follow the head.

@@ -376,9 +376,9 @@ fn hair_stays_outside_the_skin_of_a_figure_that_walks_and_jumps() {
     }
 }
 
-/// The beard of `forelock demo --scene beard`, a tenth of it, over 300
-/// frames: outside the skin,
-/// its roots on the skin, those of the upper lip at rest, and no step where the clip repeats.
+/// A tenth of the beard of `forelock demo --scene beard` over 300 frames: it stays outside the
+/// skin, its roots stay on the skin, those of the upper lip at rest, and nothing jumps where the
+/// clip repeats.
 #[test]
 fn a_beard_follows_the_jaw() {
     let keys = ["groom.strands=600", "body.sdf_cells=64", "time.frames=300"];
@@ -386,7 +386,7 @@ fn a_beard_follows_the_jaw() {
     let scene = Scene::parse(BEARD_SCENE, Path::new("scene.toml"), &keys).unwrap();
     let mut player = Player::builder(scene).without_history().build().unwrap();
     let mesh = player.assets().body_mesh().unwrap().clone();
-    let (bindings, _) = bind_roots(&player.groom().clone(), &mesh, &ClosedMesh::new(&mesh));
+    let (bindings, _) = bind_roots(player.groom(), &mesh, &ClosedMesh::new(&mesh));
     let start = positions(&mut player);
     let (mut inside, mut all, mut deepest) = (0u32, 0u32, 0.0f32);
     let (mut chin, mut lips) = (0.0f32, 0);

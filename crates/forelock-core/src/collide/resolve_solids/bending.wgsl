@@ -5,7 +5,9 @@ fn leads_nowhere(gradient: vec3f) -> bool {
     return dot(gradient, gradient) < NOWHERE;
 }
 
-// The clearance of a particle that parts of the body hold: that of one which is being pushed out.
+// The clearance of a particle that parts of the body hold: that of one which is being pushed out,
+// so that its strand is not laid around the body. Where the skin touched it first in the substep
+// there is no room any more, so it is not stopped there.
 fn held(sigma: f32, particle: ptr<function, Particle>) -> f32 {
     (*particle).is_held = true;
     return min(sigma, -HELD * skin);
@@ -32,7 +34,7 @@ fn displacement(number: u32, x: vec3f) -> Displacement {
 }
 
 // How far the distance from a solid falls at most in the frame, for a particle at `origin` at its
-// start; 0 for one that does not bend.
+// start; 0 in later substeps and for a solid that does not bend.
 fn fall(number: u32, origin: vec3f) -> f32 {
     if !is_bending(number) || query.solids[number].phases.x != 0.0 {
         return 0.0;
