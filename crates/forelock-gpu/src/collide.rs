@@ -134,6 +134,8 @@ const STRAND_CONSTANTS: &[Constant] = &[
     Constant::f32("SHALLOW", resolve_solids::SHALLOW as f32),
     Constant::u32("SLIDE_STEPS", resolve_solids::SLIDE_STEPS as u32),
     Constant::f32("STRETCHED", resolve_solids::STRETCHED as f32),
+    Constant::f32("COINCIDENT", resolve_solids::COINCIDENT as f32),
+    Constant::f32("PINCHED", resolve_solids::PINCHED as f32),
     Constant::u32("EXACT_ROUNDS", resolve_solids::EXACT_ROUNDS as u32),
 ];
 

@@ -1,19 +1,25 @@
 //! Collisions with a body that bends: skin that comes towards other skin may leave no room between
 //! them, and a clearance is valid until the step's end, or counts on the skin's motion.
 
+use super::edges::distance;
+use super::lay_along::{at_distance, depth};
 use super::particle::{
     MAX_PUSHES, Particle, Sample, Solid, allowed_clearance, apply_friction, lipschitz, surface_displacement,
 };
 use super::{SolidPose, Solids, dot};
 use crate::body::{BendingField, PACKET, Shape};
 use crate::lane::{Lane, Real, V3};
-use crate::strands::number;
+use crate::strands::{BlockView, number, vector};
 use glam::Vec3;
 
 /// The squared length of a gradient below which it does not say where it is outside.
 pub const NOWHERE: f64 = 0.2;
 /// The depth under the skin, over its thickness, of a particle that is held.
 pub const HELD: f64 = 1.001;
+/// The length of an edge, over that at rest, below which it has no direction.
+pub const COINCIDENT: f64 = 1e-3;
+/// Stretch of an edge that skin of a body that bends may leave.
+pub const PINCHED: f64 = 0.02;
 /// The product of the directions out of two surfaces between which there may be no room.
 pub const OPPOSITE: f64 = -0.8;
 
@@ -89,6 +95,52 @@ fn held<T: Real>(solids: &Solids<'_, T>, sigma: T, particle: &mut Particle<T>) -
 #[inline(always)]
 pub(super) fn may_hold<T>(solids: &Solids<'_, T>) -> bool {
     solids.solids.iter().any(|solid| matches!(solid.shape, Shape::Bending(_)))
+}
+
+/// Limits the stretch of the edges of the strand in `lane`, of which the particles before `from` are
+/// clamped, to [`PINCHED`] or to `limit`: lengths have precedence over skin that bends. Where skin
+/// folds, and where it moves fast, it may push neighbouring particles out to different sides. What
+/// is then inside is brought out in the next step. Returns the largest depth of a particle that was
+/// moved.
+#[inline(never)]
+pub(super) fn limit_stretch<T: Real>(
+    solids: &Solids<'_, T>,
+    limit: f64,
+    view: &mut BlockView<'_, T>,
+    [lane, from]: [usize; 2],
+) -> f64 {
+    let by = number::<T>(limit.max(PINCHED));
+    let mut deepest = 0.0f64;
+    for i in from..view.particles {
+        let [leader, mut x] = [i - 1, i].map(|i| vector(view.positions, i, lane));
+        let (rest, now) = (view.rest_lengths[3 * (i - 1)].0[lane], distance(leader, x));
+        let [least, most] = [T::one() - by, T::one() + by].map(|share| share * rest);
+        if now >= least && now <= most {
+            continue;
+        }
+        if now < number::<T>(COINCIDENT) * rest {
+            // It has no direction of its own: that of the edge before.
+            let before = vector(view.positions, i.max(2) - 2, lane);
+            x = [0, 1, 2].map(|c| leader[c] + (leader[c] - before[c]));
+        }
+        let x = at_distance(leader, x, if now < least { least } else { most });
+        for (row, x) in view.positions[3 * i..3 * i + 3].iter_mut().zip(x) {
+            row.0[lane] = x;
+        }
+        view.clearance[i].0[lane] = clearance_at(solids, x);
+        deepest = deepest.max(depth(solids, x));
+    }
+    deepest
+}
+
+/// The clearance at `x`; below zero a depth.
+fn clearance_at<T: Real>(solids: &Solids<'_, T>, x: [T; 3]) -> T {
+    let clearances = solids.solids.iter().zip(solids.poses).map(|(collider, pose)| {
+        let (distance, _) = collider.shape.sample_at(pose.local(1, x), pose.fractions[1]);
+        let sigma = distance - solids.thickness;
+        if sigma > T::zero() { sigma / lipschitz(collider.shape) } else { sigma }
+    });
+    clearances.fold(T::infinity(), T::min)
 }
 
 /// Displacement in the substep of the skin nearest to `x` relative to the body, in world axes.

@@ -25,6 +25,16 @@ fn may_hold() -> bool {
     return found;
 }
 
+// The clearance at `x` at the substep's end; below zero a depth.
+fn clearance_at(x: vec3f) -> f32 {
+    var clearance = FAR;
+    for (var number = 0u; number < query.count; number++) {
+        let sigma = sample_shape(number, local(query.solids[number].at_end, x), 1.0).w - query.thickness;
+        clearance = min(clearance, sigma / select(1.0, lipschitz(number), sigma > 0.0));
+    }
+    return clearance;
+}
+
 // Displacement in the substep of the skin nearest to `x` relative to the body, in the world's axes.
 fn displacement(number: u32, x: vec3f) -> Displacement {
     let map = query.solids[number].at_end;

@@ -17,7 +17,7 @@ use crate::strands::{BlockView, LaneGroup, number, vector};
 /// depth of a particle that was left in a solid.
 ///
 /// The limit is one of three. [`STRETCHED`]: a length pass precedes, and surfaces have precedence
-/// over lengths. [`EXACT`]: lengths have precedence. [`SPRING_STRETCH`], for strands whose lengths
+/// over lengths, except for skin that bends ([`PINCHED`](super::PINCHED)). [`EXACT`]: lengths have precedence. [`SPRING_STRETCH`], for strands whose lengths
 /// only springs keep: edges keep the lengths that they have, up to that stretch.
 ///
 /// # Theory
@@ -64,8 +64,10 @@ pub fn lay_along<L: Lane>(
     let is_pushed_out = least.lt(-L::splat(solids.thickness));
     // Hair that parts of a body that bends hold between them is marked as being pushed out, and it
     // has no other place.
-    let waits = bending::may_hold(solids) || follows_pass(limit);
-    let stretch = if waits { L::select(is_pushed_out, L::zero(), stretch) } else { stretch };
+    let may_hold = bending::may_hold(solids);
+    let asked = stretch;
+    let waits = may_hold || follows_pass(limit);
+    let mut stretch = if waits { L::select(is_pushed_out, L::zero(), stretch) } else { stretch };
     for lane in 0..L::WIDTH.min(live - first) {
         if stretch.get(lane) > most.get(lane) {
             let mut curve = Curve {
@@ -77,6 +79,13 @@ pub fn lay_along<L: Lane>(
             };
             deepest = deepest.max(lay_strand(solids, limit, view, [first + lane, from], &mut curve));
         }
+    }
+    if may_hold {
+        for lane in (0..L::WIDTH.min(live - first)).filter(|&lane| asked.get(lane) > most.get(lane)) {
+            let left = bending::limit_stretch(solids, limit, view, [first + lane, from]);
+            deepest = deepest.max(left);
+        }
+        stretch = asked;
     }
     for i in from..n {
         let edge = V3::<L>::load(view.positions, i, first) - V3::load(view.positions, i - 1, first);
@@ -208,7 +217,7 @@ fn lay_strand<L: Lane>(
 }
 
 /// Depth of `x` under the surfaces of the solids that it is in.
-fn depth<T: Real>(solids: &Solids<'_, T>, x: [T; 3]) -> f64 {
+pub(super) fn depth<T: Real>(solids: &Solids<'_, T>, x: [T; 3]) -> f64 {
     let depths = solids.solids.iter().zip(solids.poses).map(|(collider, pose)| {
         let (distance, _) = collider.shape.sample_at(pose.local(1, x), pose.fractions[1]);
         distance.to_f64().map_or(0.0, |distance| -distance)
@@ -406,7 +415,7 @@ fn leaves_sphere<T: Real>(centre: [T; 3], radius: T, ends: [[T; 3]; 2]) -> Optio
 }
 
 /// The point in the direction of `x` at distance `length` from `leader`.
-fn at_distance<T: Real>(leader: [T; 3], x: [T; 3], length: T) -> [T; 3] {
+pub(super) fn at_distance<T: Real>(leader: [T; 3], x: [T; 3], length: T) -> [T; 3] {
     let edge = [0, 1, 2].map(|c| x[c] - leader[c]);
     let scale = length / dot(edge, edge).sqrt().max(T::min_positive_value());
     [0, 1, 2].map(|c| leader[c] + scale * edge[c])

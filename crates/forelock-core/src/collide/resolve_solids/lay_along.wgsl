@@ -380,9 +380,51 @@ fn lay_along(strand: Strand) {
         at.is_outside = at.is_outside && !(clearance_of(strand, i) < -query.thickness);
     }
     // Hair that parts of a body that bends hold between them has no other place.
-    if !at.is_outside && (has_pass || may_hold()) {
+    let holds = may_hold();
+    if at.is_outside || !(has_pass || holds) {
+        lay_curve(strand, at, has_pass);
+    } else if !holds {
         return;
     }
+    if holds {
+        limit_stretch(strand);
+    }
+    for (var i = first; i < strand.particles; i++) {
+        let edge = unit(position_at(strand, i) - position_at(strand, i - 1u)).xyz;
+        let v = velocity_at(strand, i);
+        set_velocity(strand, i, v - dot(edge, v - velocity_at(strand, i - 1u)) * edge);
+    }
+}
+
+// Limits the stretch of the strand's edges: `bending::limit_stretch`.
+fn limit_stretch(strand: Strand) {
+    let first = max(frame.clamped, 1u);
+    let by = max(query.stretch_limit, PINCHED);
+    for (var i = first; i < strand.particles; i++) {
+        let leader = position_at(strand, i - 1u);
+        var x = position_at(strand, i);
+        let rest = rest_length(strand, i - 1u, 1u);
+        let now = distance(leader, x);
+        let length = clamp(now, (1.0 - by) * rest, (1.0 + by) * rest);
+        if length == now {
+            continue;
+        }
+        if now < COINCIDENT * rest {
+            // It has no direction of its own: that of the edge before.
+            x = 2.0 * leader - position_at(strand, max(i, 2u) - 2u);
+        }
+        x = at_distance(leader, x, length);
+        set_position(strand, i, x);
+        set_clearance(strand, i, clearance_at(x));
+        report_contact(false, depth_of(x));
+    }
+}
+
+// Lays the strand along the solids: `lay_along::lay_strand`.
+fn lay_curve(strand: Strand, place: CurvePlace, has_pass: bool) {
+    let first = max(frame.clamped, 1u);
+    let limit = query.stretch_limit;
+    var at = place;
     for (var i = 0u; i < strand.particles; i++) {
         set_scratch_vector(strand, i, OLD_CURVE, position_at(strand, i));
     }
@@ -433,10 +475,5 @@ fn lay_along(strand: Strand) {
         set_position(strand, i, x);
         before = leader;
         leader = x;
-    }
-    for (var i = first; i < strand.particles; i++) {
-        let edge = unit(position_at(strand, i) - position_at(strand, i - 1u)).xyz;
-        let v = velocity_at(strand, i);
-        set_velocity(strand, i, v - dot(edge, v - velocity_at(strand, i - 1u)) * edge);
     }
 }

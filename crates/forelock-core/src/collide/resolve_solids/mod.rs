@@ -40,7 +40,7 @@ mod sweep;
 use crate::body::{ColliderFrame, PACKET};
 use crate::lane::{Lane, Real, V3};
 use crate::strands::{BlockView, LaneGroup};
-pub use bending::{HELD, NOWHERE, OPPOSITE};
+pub use bending::{COINCIDENT, HELD, NOWHERE, OPPOSITE, PINCHED};
 pub use edges::{EDGE_ROUNDS, EDGE_SAMPLES, PASSES, REFINEMENTS, SKIN_SHARE, TAKE_BACK_ROUNDS};
 pub use lay_along::{
     EXACT, EXACT_ROUNDS, FOLDS, LAG, LEAST_TURN, NEARLY, SHALLOW, SHORTER_STEPS, SLIDE_STEPS, SLIP,
