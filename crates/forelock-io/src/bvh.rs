@@ -25,6 +25,9 @@ use crate::error::{FormatError, Problem};
 /// Joints inside joints; deeper files are refused.
 const DEEPEST: usize = 512;
 
+/// The largest number of a file, in its units and degrees.
+const LARGEST: f64 = 1e7;
+
 /// A skeleton and a clip for it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bvh {
@@ -104,7 +107,10 @@ impl<'a> Words<'a> {
         // Some programs write decimal commas.
         let parsed = word.parse().or_else(|_| word.replace(',', ".").parse());
         match parsed {
-            Ok(number) if f64::is_finite(number) => Ok(number),
+            Ok(number) if f64::abs(number) <= LARGEST => Ok(number),
+            Ok(number) if f64::is_finite(number) => {
+                Err(self.invalid(format_args!("{what}: {word} is beyond {LARGEST:e}")))
+            }
             _ => Err(self.invalid(format_args!("expected {what}, found {word:?}"))),
         }
     }
@@ -456,6 +462,11 @@ Frame Time: 0.5
                 "90 0 0 0 90",
                 "90 0 nan 0 90",
                 "line 18: expected a number of a frame, found \"nan\" (frame 1 of 2)",
+            ),
+            (
+                "90 0 0 0 90",
+                "90 0 1e30 0 90",
+                "line 18: a number of a frame: 1e30 is beyond 1e7 (frame 1 of 2)",
             ),
             (
                 "  }\n}\nMOTION",

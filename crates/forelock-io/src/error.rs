@@ -137,7 +137,11 @@ pub struct FormatError {
 
 impl fmt::Display for FormatError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} file, byte {}", self.format, self.offset)?;
+        write!(f, "{} file", self.format)?;
+        // Text files have lines.
+        if !matches!(&self.problem, Problem::Invalid(words) if words.starts_with("line ")) {
+            write!(f, ", byte {}", self.offset)?;
+        }
         if let Some(strand) = self.strand {
             write!(f, ", strand {strand}")?;
         }
@@ -202,6 +206,7 @@ fn explain(error: &io::Error) -> String {
         io::ErrorKind::PermissionDenied => {
             "permission denied; check the permissions of the file and its folder".into()
         }
+        io::ErrorKind::AlreadyExists => "something of this name is in the way; choose another".into(),
         io::ErrorKind::StorageFull => "the disk is full; free some space or write elsewhere".into(),
         io::ErrorKind::ReadOnlyFilesystem => "the file system is read-only; write elsewhere".into(),
         io::ErrorKind::OutOfMemory if error.get_ref().is_none() => {

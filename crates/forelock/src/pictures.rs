@@ -47,6 +47,16 @@ pub enum PictureError {
         /// Frames that it has.
         frames: usize,
     },
+    /// The cache does not have the time.
+    #[error("--at {time}: the cache has frames from {first} to {last} s")]
+    NoTime {
+        /// The time asked for, seconds.
+        time: f64,
+        /// That of the first frame, seconds.
+        first: f64,
+        /// That of the last one, seconds.
+        last: f64,
+    },
     /// The name of a picture has an unknown ending.
     #[error("{}: a picture is a .png or .jpg file", .0.display())]
     Format(PathBuf),
@@ -234,11 +244,17 @@ impl<'a> Studio<'a> {
     /// [`PictureError`] if a frame cannot be read or drawn, or there is no time.
     pub fn strip(&self, cache: &mut Cache, times: &[f64]) -> Result<Image, PictureError> {
         let stored: Vec<f64> = (0..cache.frames()).map(|frame| self.time_secs(cache, frame)).collect();
-        let nearest = |time: &f64| {
+        let [first, last] = [stored.first(), stored.last()].map(|secs| secs.copied().unwrap_or(0.0));
+        // Half a frame: times are often written with few digits.
+        let slack = stored.get(1).map_or(0.0, |second| 0.5 * (second - first)) + 1e-9;
+        let nearest = |&time: &f64| {
+            if !(time >= first - slack && time <= last + slack) {
+                return Err(PictureError::NoTime { time, first, last });
+            }
             let distance = |frame: &usize| (stored[*frame] - time).abs();
-            (0..stored.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0)
+            Ok((0..stored.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0))
         };
-        let frames: Vec<usize> = times.iter().map(nearest).collect();
+        let frames: Vec<usize> = times.iter().map(nearest).collect::<Result<_, _>>()?;
         let pictures = self.frames(cache, &frames, 1.0)?;
         let [width, height] = pictures.first().map_or([0; 2], |first| [first.width(), first.height()]);
         let count = pictures.len() as u32;

@@ -92,7 +92,19 @@ fn print(summary: &Summary) -> anyhow::Result<()> {
         summary.quarantined_strands,
         summary.state_hash,
     ))?;
-    terminal::line(format!(
+    if summary.penetration_measured_every == 0 {
+        terminal::line("inside solids: not measured, hair collides with nothing")?;
+    } else {
+        terminal::line(penetration(summary))?;
+    }
+    for path in &summary.outputs {
+        terminal::line(format!("  {}", path.display()))?;
+    }
+    Ok(())
+}
+
+fn penetration(summary: &Summary) -> String {
+    format!(
         "inside solids: particles up to {:.2} mm, {:.3} % by more than 1 mm; edges between them up to \
          {:.2} mm, {:.3} % (every {} frames)",
         summary.max_penetration_m * 1e3,
@@ -100,11 +112,7 @@ fn print(summary: &Summary) -> anyhow::Result<()> {
         summary.max_edge_penetration_m * 1e3,
         summary.max_edge_share_1mm_inside * 1e2,
         summary.penetration_measured_every,
-    ))?;
-    for path in &summary.outputs {
-        terminal::line(format!("  {}", path.display()))?;
-    }
-    Ok(())
+    )
 }
 
 #[cfg(test)]

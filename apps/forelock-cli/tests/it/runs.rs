@@ -187,12 +187,16 @@ fn a_strip_has_a_picture_for_every_time() {
     place.run(small_demo("out", &["--set", "output.film=false", "--set", "output.picture=false"]));
     let strip =
         |input: &str, times: &str, out: &str| place.run(["render", input, "--at", times, "--out", out]);
-    for (times, columns, rows) in [("0,0.05,9", 3, 1), ("0,0.05,0.1,9", 2, 2), ("0,0,0,0,0", 3, 2)] {
+    for (times, columns, rows) in [("0,0.02,0.05", 3, 1), ("0,0.01,0.02,0.05", 2, 2), ("0,0,0,0,0", 3, 2)] {
         assert!(strip("out/hair.npz", times, "strip.png").status.success());
         let png = fs::read(place.path("strip.png")).unwrap();
         // The header's width and height, big-endian.
         let side = |at: usize| u32::from_be_bytes(png[at..at + 4].try_into().unwrap());
         assert_eq!((side(16), side(20)), (columns * 64, rows * 64));
+    }
+    for time in ["9", "-1", "nan"] {
+        let refused = place.run(["render", "out/hair.npz", &format!("--at={time}"), "--out", "strip.png"]);
+        assert!(stderr(&refused).contains("the cache has frames from 0 to "), "{}", stderr(&refused));
     }
     let refused = strip("out/scene.toml", "0", "strip.png");
     assert!(stderr(&refused).contains("needs a cache"), "{}", stderr(&refused));

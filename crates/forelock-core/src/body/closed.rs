@@ -105,7 +105,9 @@ impl ClosedFaces {
             faces.corners.iter_mut().for_each(|corners| corners.swap(1, 2));
         }
         let winding = Bvh::from_triangles(triangles.clone());
-        faces.bounding = are_bounding(&triangles, &winding, diagonal * PROBE);
+        // Far from the origin places are rounded by more.
+        let rounding = f32::EPSILON * low.abs().max(high.abs()).max_element();
+        faces.bounding = are_bounding(&triangles, &winding, (diagonal * PROBE).max(4.0 * rounding));
         faces.report.hidden_triangles = faces.bounding.iter().filter(|bounding| !**bounding).count();
         let closed = faces.closed_with(triangles, winding);
         (faces, closed)

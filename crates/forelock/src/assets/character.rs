@@ -1,5 +1,6 @@
 //! A body that bends: the clip that it plays, and its distance field.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use forelock_core::body::character::{Character, Clip, Performance, PosingBuffers, Retarget};
@@ -47,6 +48,7 @@ pub(super) fn performance(
     section: &BodySection,
     character: &Arc<Character>,
     groom: &Groom,
+    notes: &mut Vec<String>,
 ) -> Result<Option<Performance>, AssetError> {
     let motion = &section.motion;
     if motion.builtin_name().is_some() || !motion.keyframes.is_empty() {
@@ -55,6 +57,7 @@ pub(super) fn performance(
     let clip = if motion.is_file() {
         let own = forelock_io::read_motion(motion.name.as_ref())?;
         let retarget = Retarget::new(&own.skeleton, character.skeleton(), &motion.clip.joints)?;
+        notes.extend(unmatched(&motion.name, &retarget, &motion.clip.joints));
         Clip { name: motion.name.clone(), ..retarget.apply(&own.clip, &own.times()) }
     } else {
         let clips = character.clips();
@@ -75,6 +78,27 @@ pub(super) fn performance(
         skeleton.find(&section.joint).ok_or_else(unknown)?
     };
     Ok(Some(Performance::new(character.clone(), clip, motion.clip.playback(), section.skinning, joint)?))
+}
+
+/// What to say of the joints that do not follow the motion of the file `path`, if there are any
+/// that `map` does not name.
+fn unmatched(path: &str, retarget: &Retarget<'_>, map: &BTreeMap<String, String>) -> Option<String> {
+    let [mut own, others] = retarget.unmatched();
+    own.retain(|name| !map.contains_key(*name));
+    if own.is_empty() || others.is_empty() {
+        return None;
+    }
+    let list = |names: &[&str]| {
+        let shown = names.iter().take(12).copied().collect::<Vec<_>>().join(", ");
+        if names.len() > 12 { format!("{shown}, …") } else { shown }
+    };
+    Some(format!(
+        "{path}: {} joints of the body have no counterpart and keep their rest pose ({}); unused joints of the \
+         motion are {}: see `body.motion.clip.joints`",
+        own.len(),
+        list(&own),
+        list(&others),
+    ))
 }
 
 /// The roots of `groom` on the body of `performance`.

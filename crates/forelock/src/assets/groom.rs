@@ -39,6 +39,9 @@ pub(super) fn load(
         (GroomSource::Grow, Some(body)) => grow_on(scene, body, meter)?,
         (GroomSource::Grow, None) => return Err(grow::GrowError::EmptyRegion.into()),
     };
+    if let (GroomSource::Files(_), Some(body)) = (&section.source, body) {
+        notes.extend(misfit(&groom, body));
+    }
     let count = section.vertices_per_strand as usize;
     if count > 0 {
         groom = resample(&groom, count)?;
@@ -65,6 +68,25 @@ pub(super) fn load(
         }
     }
     Ok(groom)
+}
+
+/// What to say of a groom that is much larger or smaller than the body, or far from it.
+fn misfit(groom: &Groom, body: &Body) -> Option<String> {
+    let bounds = |points: &[Vec3]| {
+        let none = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        points.iter().fold(none, |(low, high), p| (low.min(*p), high.max(*p)))
+    };
+    let ((low, high), (from, to)) = (bounds(groom.positions()), body.mesh.bounds());
+    let (hair, own) = (low.distance(high), from.distance(to));
+    let apart = (low - to).max(from - high).max(Vec3::ZERO).length();
+    let problem = if hair > 10.0 * own || 100.0 * hair < own {
+        format!("the groom is {hair:.3} m across, the body {own:.3} m")
+    } else if apart > own {
+        format!("the groom is {apart:.2} m away from the body")
+    } else {
+        return None;
+    };
+    Some(format!("{problem}: `groom.unit`, `groom.scale` and `groom.up` say how files are read"))
 }
 
 /// How far over the skin the solver of `scene` keeps hair, metres, and how many particles of a
@@ -100,6 +122,10 @@ fn grow_on(scene: &Scene, body: &Body, meter: &Meter) -> Result<Groom, AssetErro
             let [a, b] = corners.unwrap_or(Walker::SCALP);
             let (lo, hi) = (a.min(b), a.max(b));
             let inside = |p: &Vec3| p.cmpge(lo).all() && p.cmple(hi).all();
+            if !body.mesh.positions.iter().any(inside) {
+                let (low, high) = body.mesh.bounds();
+                return Err(AssetError::EmptyBox(low, high));
+            }
             body.mesh.positions.iter().map(|p| if inside(p) { 1.0 } else { 0.0 }).collect()
         }
     };

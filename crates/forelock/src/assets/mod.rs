@@ -44,6 +44,12 @@ pub enum AssetError {
     /// Growth failed.
     #[error("hair cannot be grown: {0}")]
     Grow(#[from] forelock_core::groom::grow::GrowError),
+    /// Nothing of the body is in the box that hair grows in.
+    #[error(
+        "`groom.region_box` holds no vertex of the body, which lies between {0:.2} and {1:.2} (metres): \
+         choose corners around the part that hair grows on"
+    )]
+    EmptyBox(glam::Vec3, glam::Vec3),
     /// Several files do not make one groom.
     #[error(transparent)]
     Groom(#[from] forelock_core::groom::GroomError),
@@ -109,7 +115,7 @@ pub enum AssetError {
         known: Names,
     },
     /// A motion cannot be carried over to the body's joints.
-    #[error("{0} in `body.motion.clip.joints`")]
+    #[error("the motion of the .bvh file: {0} (`body.motion.clip.joints`)")]
     Retarget(#[from] RetargetError),
     /// A character cannot play its clip.
     #[error(transparent)]
@@ -186,7 +192,7 @@ impl Assets {
         let mut notes = body.as_ref().map_or_else(Vec::new, |body| body.notes.clone());
         let groom = groom::load(scene, body.as_ref(), &mut notes, meter)?;
         let pivot = body.as_ref().map_or_else(|| groom::middle_of_roots(&groom), Body::pivot);
-        let (head, performance) = Self::head(scene, body.as_ref(), &groom, pivot)?;
+        let (head, performance) = Self::head(scene, body.as_ref(), &groom, pivot, &mut notes)?;
         let collides = body.as_ref().is_some_and(|body| body.sdf.is_some());
         let bends = performance.as_deref().filter(|own| !character::is_rigid(own));
         let bending = match bends {
@@ -236,9 +242,10 @@ impl Assets {
         let meter = Meter::default();
         let body = Body::load(&scene, &meter)?;
         let pivot = body.as_ref().map_or_else(|| groom::middle_of_roots(&groom), Body::pivot);
-        let (head, performance) = Self::head(&scene, body.as_ref(), &groom, pivot)?;
+        let mut notes = Vec::new();
+        let (head, performance) = Self::head(&scene, body.as_ref(), &groom, pivot, &mut notes)?;
         let solids = solids::load(&scene, None, &meter)?;
-        Ok(Self { groom, notes: Vec::new(), body, pivot, head, performance, bending: None, solids })
+        Ok(Self { groom, notes, body, pivot, head, performance, bending: None, solids })
     }
 
     /// The motion of what carries `groom`, and what the body plays if it bends.
@@ -247,9 +254,10 @@ impl Assets {
         body: Option<&Body>,
         groom: &Groom,
         pivot: DVec3,
+        notes: &mut Vec<String>,
     ) -> Result<(Arc<Motion>, Option<Arc<Performance>>), AssetError> {
         if let Some(character) = body.and_then(|body| body.character.as_ref())
-            && let Some(own) = character::performance(&scene.body, character, groom)?
+            && let Some(own) = character::performance(&scene.body, character, groom, notes)?
         {
             let own = Arc::new(own);
             return Ok((Arc::new(Motion::Joint(own.clone())), Some(own)));

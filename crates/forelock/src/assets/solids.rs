@@ -35,6 +35,31 @@ pub(super) struct Body {
     pub(super) notes: Vec<String>,
 }
 
+/// What to say of a body that is so large, so small or so far from the origin that its file is
+/// probably read in a wrong unit, or float32 does not resolve its places.
+fn unusual_place(mesh: &TriMesh) -> Option<String> {
+    let (low, high) = mesh.bounds();
+    let (size, away) = (low.distance(high), ((low + high) * 0.5).length());
+    if size > LARGEST_M || size < SMALLEST_M {
+        return Some(format!(
+            "the body is {size:.3} m across: `body.unit` and `body.scale` say how it is read"
+        ));
+    }
+    (away > FARTHEST * size).then(|| {
+        format!(
+            "the body lies {away:.0} m from the origin of its file, where places are resolved to {:.3} mm only: \
+             move it to the origin",
+            1e3 * away * f32::EPSILON,
+        )
+    })
+}
+
+/// Sizes of a body beyond which it is noted, metres.
+const LARGEST_M: f32 = 20.0;
+const SMALLEST_M: f32 = 0.02;
+/// The distance from the origin, over the size, from which a body is noted.
+const FARTHEST: f32 = 50.0;
+
 impl Body {
     /// The body of `scene`, if it has one.
     pub(super) fn load(scene: &Scene, meter: &Meter) -> Result<Option<Self>, AssetError> {
@@ -63,6 +88,7 @@ impl Body {
             }
             path => (Cow::Owned(forelock_io::read_mesh(path.as_ref(), &section.import())?), None),
         };
+        notes.extend(unusual_place(&mesh));
         let cells = CellSizes { along: section.sdf_cells, near: section.sdf_near_cell as f32 };
         let grid = || distance_grid(&mesh, &section.mesh, cells, "body.collide = false", meter);
         let sdf = section.collide.then(grid).transpose()?.map(Arc::new);

@@ -258,6 +258,11 @@ impl Player {
         self.live.setting.substeps(1.0 / self.live.fps)
     }
 
+    /// Whether hair collides with anything.
+    pub fn has_solids(&self) -> bool {
+        !self.measured_solids().is_empty()
+    }
+
     /// Measures how much of the hair lies inside solids at the present frame: `positions` are those
     /// of [`Player::positions`]. Exact for primitives and meshes.
     pub fn penetration(&self, positions: &[Vec3]) -> Penetration {

@@ -196,6 +196,10 @@ impl<'a> Run<'a> {
         }
         let offsets = player.assets().groom.strand_offsets();
         let cache = cache.map(|path| sinks::open_cache(&path, offsets, stored.as_ref())).transpose()?;
+        if so_far.frame > player.scene().time.frames {
+            let [done, asked] = [so_far.frame, player.scene().time.frames];
+            notes.push(format!("{done} frames are simulated already, more than the {asked} asked for"));
+        }
         let machine = Machine::of(&player).hash();
         if so_far.machine != machine && !so_far.rows.is_empty() {
             so_far.rows.clear();
@@ -397,7 +401,7 @@ impl<'a> Run<'a> {
             simulation_bytes: player.simulation_bytes(),
             max_edge_stretch: so_far.worst[0],
             max_edge_stretch_after_solids: so_far.worst[1],
-            penetration_measured_every: MEASURED_EVERY,
+            penetration_measured_every: if player.has_solids() { MEASURED_EVERY } else { 0 },
             max_penetration_m: penetration.deepest_m,
             max_share_1mm_inside: penetration.share_inside,
             max_edge_penetration_m: penetration.deepest_edge_m,

@@ -187,6 +187,19 @@ fn check_body_motion(scene: &Scene) -> Result<(), Wrong> {
         }
         return check_motion("body.motion", motion);
     }
+    let usual = MotionSection::named(&motion.name);
+    let set = [
+        ("amplitude", motion.amplitude != usual.amplitude),
+        ("frequency_hz", motion.frequency_hz.is_some()),
+        ("rest_after_secs", motion.rest_after_secs != usual.rest_after_secs),
+        ("pivot", motion.pivot.is_some()),
+        ("interpolation", motion.interpolation != usual.interpolation),
+    ];
+    if let Some((name, _)) = set.into_iter().find(|(_, is_set)| *is_set) {
+        let message = "is for builtin motions and keyframes, but the body plays a clip or a .bvh file: remove \
+                       it, or see `body.motion.clip`";
+        return Err((format!("body.motion.{name}"), message.to_owned()));
+    }
     if scene.groom.guides > 0 {
         let message = "should be 0: guides do not follow a body that bends yet".to_owned();
         return Err(("groom.guides".to_owned(), message));

@@ -108,7 +108,7 @@ impl<'a> Document<'a> {
         for text in std::iter::once(defaults).chain(above) {
             let table = DeTable::parse(text).map_err(|error| SceneError::Syntax {
                 place: document.place(error.span().unwrap_or(0..0)),
-                message: error.message().to_owned(),
+                message: syntax_words(error.message()),
             })?;
             merge_table(&mut document.table, table.into_inner());
         }
@@ -235,11 +235,25 @@ impl<'a> Document<'a> {
     }
 }
 
+/// The words of the TOML parser, with what to do where a name is extended to a table.
+fn syntax_words(message: &str) -> String {
+    let extends = message.contains("extend value of type string");
+    let remedy = "; write the text as a key of its own in the table, such as `name` of `[body.motion]`";
+    format!("{message}{}", if extends { remedy } else { "" })
+}
+
 /// Lays `upper` over `lower`, key by key.
 fn merge_table<'a>(lower: &mut DeTable<'a>, upper: DeTable<'a>) {
     for (key, value) in upper {
         // Removed and put back, so that the key's span is the override's too.
         let merged = match lower.remove(&key) {
+            // A motion may be its name alone.
+            Some(old) if key.get_ref() == "motion" && old.get_ref().is_str() => {
+                let span = old.span();
+                let mut named = DeTable::new();
+                named.insert(Spanned::new(span.clone(), "name".into()), old);
+                merge_value(Spanned::new(span, DeValue::Table(named)), value)
+            }
             Some(old) => merge_value(old, value),
             None => value,
         };

@@ -311,7 +311,7 @@ pub struct ColliderSection {
     /// Half the sides of a box, [x, y, z]. Unit m, default [0.1, 0.1, 0.1], range 1e-4 to 1e4 each.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub half_extents: Option<[f64; 3]>,
-    /// The .obj file of a mesh. No default: a mesh needs one.
+    /// The file of a mesh: .obj, .glb or .gltf, at rest. No default: a mesh needs one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mesh: Option<PathBuf>,
     /// The .obj files of a mesh that changes its shape, in order, instead of `mesh`. Parts must

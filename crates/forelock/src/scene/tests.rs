@@ -110,6 +110,14 @@ fn values_out_of_range_are_refused_where_they_are_set() {
         ("[groom.grow]\nnoise = -1", "line 2, column 9: `groom.grow.noise` should be from 0 to 10, not -1"),
         ("[groom.grow]\nseed = 2", "`groom.grow.seed` is not a key of a scene: set `seed` instead"),
         ("[body]\nmotion = \"builtin:trn\"", "did you mean \"builtin:turn\"?"),
+        (
+            "[body]\nmesh = \"builtin:walker\"\nmotion = { name = \"walk\", amplitude = 2 }",
+            "`body.motion.amplitude` is for builtin motions and keyframes, but the body plays a clip",
+        ),
+        (
+            "[body]\nmotion = \"walk\"\n[body.motion.clip]\nspeed = 2",
+            "write the text as a key of its own in the table, such as `name` of `[body.motion]`",
+        ),
         ("[hair]\ncolour = \"blond\"", "did you mean \"blonde\"?"),
         ("[groom]\nsource = []", "is an empty list"),
         ("[body]\nscale = 2", "line 2, column 9: `body.scale` is for files, but `body.mesh` is built in"),
@@ -210,6 +218,11 @@ fn overrides_are_read_like_the_file() {
     assert_eq!((scene.time.fps, scene.solver.kind), (30.0, SolverKind::MassSpring));
     assert_eq!(scene.colliders[0].radius, Some(0.5));
     assert_eq!(scene.body.motion.amplitude, 2.0);
+    // Keys of a motion that the file only names.
+    let sets = ["body.motion.clip.speed=2"];
+    let scene = parse("[body]\nmesh = \"builtin:walker\"\nmotion = \"walk\"", &sets).unwrap();
+    let motion = &scene.body.motion;
+    assert_eq!((motion.name.as_str(), motion.clip.speed), ("walk", 2.0));
     for (set, expected) in [
         ("time.fsp=30", "--set time.fsp=30: there is no key `time.fsp`; did you mean `time.fps`?"),
         ("time.fps=6O", "--set time.fps=6O: `time.fps` should be a number, not the text \"6O\""),

@@ -108,9 +108,15 @@ impl<'a> Retarget<'a> {
         Ok(Self { source, target, joints })
     }
 
-    /// Number of joints of the target that have a counterpart.
-    pub fn matched(&self) -> usize {
-        self.joints.iter().flatten().count()
+    /// Joints that have no counterpart: of the target, and of the source. Joints at the ends of
+    /// chains, which move no other, do not count in the source.
+    pub fn unmatched(&self) -> [Vec<&'a str>; 2] {
+        let own = self.target.joints().iter().zip(&self.joints);
+        let own = own.filter(|(_, other)| other.is_none()).map(|(joint, _)| joint.name.as_str());
+        let sources = self.source.joints();
+        let moves = |index| sources.iter().any(|joint| joint.parent == Some(index));
+        let others = (0..sources.len()).filter(|&index| moves(index) && !self.joints.contains(&Some(index)));
+        [own.collect(), others.map(|index| sources[index].name.as_str()).collect()]
     }
 
     /// `clip` of the source as one of the target, with keys at the `times` (seconds, ascending).
@@ -326,7 +332,7 @@ mod tests {
             ],
         };
         let retarget = Retarget::new(&source, &target, &BTreeMap::new()).unwrap();
-        assert_eq!(retarget.matched(), 5);
+        assert_eq!(retarget.unmatched(), [Vec::<&str>::new(), Vec::new()]);
         let clip = retarget.apply(&clip, &[0.0, 1.0]);
         let places = at(&target, &clip, 0.0);
         assert!(places[0].distance(DVec3::new(0.0, 2.0, 0.0)) < 1e-12, "{}", places[0]);

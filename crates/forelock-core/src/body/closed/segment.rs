@@ -12,8 +12,11 @@ use glam::Vec3;
 use super::{ClosedMesh, Nearest};
 
 /// The depth of a segment is at most this much too small, metres, and never too large. For segments
-/// longer than 0.4 m it is the length over 4096.
+/// longer than 0.4 m it is the length over 4096, and far from the origin what float32 resolves.
 pub const SEGMENT_TOLERANCE_M: f32 = 1e-4;
+
+/// Roundings of a coordinate that distances are not told apart by.
+const ROUNDINGS: f32 = 8.0;
 
 /// That tolerance for a segment of `length` metres.
 pub fn segment_tolerance(length: f64) -> f64 {
@@ -41,7 +44,8 @@ impl ClosedMesh {
         cuts.extend([0.0, 1.0]);
         cuts.sort_unstable_by(f32::total_cmp);
         let (length, parts) = (a.distance(b), cuts.len() - 1);
-        let tolerance = segment_tolerance(length.into()) as f32;
+        let resolved = ROUNDINGS * f32::EPSILON * a.abs().max(b.abs()).max_element();
+        let tolerance = resolved.max(segment_tolerance(length.into()) as f32);
         let mut search = Search { surface: self, tolerance, deepest: 0.0, hint: None };
         for part in cuts.windows(2) {
             // A part is no deeper than its length, since it begins or ends at the surface.
@@ -75,7 +79,7 @@ impl Search<'_> {
         self.deepest = self.deepest.max(nearest.distance_squared.sqrt());
         let bound = a.distance(nearest.point).max(b.distance(nearest.point));
         self.hint = Some(nearest);
-        if bound > self.deepest + self.tolerance {
+        if bound > self.deepest + self.tolerance && middle != a && middle != b {
             self.part(a, middle);
             self.part(middle, b);
         }
@@ -104,6 +108,21 @@ mod tests {
                 through += usize::from(found > 1e-3 && !closed.contains(a) && !closed.contains(b));
             }
             assert!(inside > 20 && through > 3, "{inside} {through}");
+        }
+    }
+
+    #[test]
+    fn far_from_the_origin_it_is_as_exact_as_float32() {
+        let [from, to] = [Vec3::new(-0.2, 0.013, 0.021), Vec3::new(0.2, 0.013, 0.021)];
+        let near = ClosedMesh::new(&uv_sphere(0.1, 24, 12)).segment_depth(from, to);
+        for far in [100.0, 5e3, 1e6] {
+            let mut mesh = uv_sphere(0.1, 24, 12);
+            mesh.positions.iter_mut().for_each(|p| *p += Vec3::X * far);
+            let found = ClosedMesh::new(&mesh).segment_depth(from + Vec3::X * far, to + Vec3::X * far);
+            assert!(
+                (found - near).abs() < 1e-3 + 16.0 * f32::EPSILON * far,
+                "{found}, {near} at 0, at {far} m"
+            );
         }
     }
 
