@@ -19,7 +19,7 @@ pub use clip::{Clip, Interpolation, Track, TrackError, Values};
 pub use performance::{Performance, Playback, Posed, PosingBuffers};
 pub use retarget::{Retarget, RetargetError};
 pub use skeleton::{Joint, Skeleton, SkeletonError, Transform};
-pub use skin::{Bone, MAX_INFLUENCES, Palette, Skin, SkinReport, Skinning};
+pub use skin::{Bone, MAX_INFLUENCES, Palette, SKIN_WGSL, Skin, SkinReport, Skinning};
 
 use super::{MeshError, TriMesh};
 

@@ -18,6 +18,8 @@ use rayon::prelude::*;
 
 use super::skeleton::nearest_rotation;
 
+/// The same as [`Skin::deform`] on a GPU.
+pub const SKIN_WGSL: &str = include_str!("skin.wgsl");
 /// The most bones that a vertex follows.
 pub const MAX_INFLUENCES: usize = 8;
 
@@ -33,6 +35,16 @@ pub enum Skinning {
     Linear,
     /// The mean of their dual quaternions: limbs that twist keep their girth.
     DualQuaternion,
+}
+
+impl Skinning {
+    /// Vectors of four numbers that the kernels read of a bone: see [`Palette::pack`].
+    pub const fn bone_vectors(self) -> usize {
+        match self {
+            Self::Linear => 3,
+            Self::DualQuaternion => 5,
+        }
+    }
 }
 
 /// A joint that vertices follow.
@@ -213,6 +225,26 @@ impl Skin {
 pub struct Palette {
     /// M_b, from the mesh's space to the body's.
     pub matrices: Vec<DAffine3>,
+}
+
+impl Palette {
+    /// Writes to `out` what the kernels read of the bones, [`Skinning::bone_vectors`] each: the
+    /// rows of M_b, or else the real and the dual part of D_b (x y z w) and the columns of A_b,
+    /// after which a 0 follows.
+    pub fn pack(&self, skinning: Skinning, out: &mut Vec<Vec4>) {
+        out.clear();
+        match skinning {
+            Skinning::Linear => out.extend(self.matrices.iter().flat_map(|own| {
+                let own = rows(own);
+                [0, 4, 8].map(|first| Vec4::from_slice(&own[first..first + 4]))
+            })),
+            Skinning::DualQuaternion => out.extend(self.matrices.iter().flat_map(|own| {
+                let Dual { real, dual, stretch } = Dual::new(own);
+                let [x, y, z] = [stretch.x_axis, stretch.y_axis, stretch.z_axis].map(|axis| axis.extend(0.0));
+                [real, dual, x, y, z]
+            })),
+        }
+    }
 }
 
 /// The rows of `affine`, the translation last in each.

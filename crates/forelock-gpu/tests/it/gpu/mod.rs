@@ -16,6 +16,7 @@ mod rod_constraints;
 mod rods;
 mod roots;
 mod simulator;
+mod skin;
 mod sleep;
 mod strays;
 mod thin;
