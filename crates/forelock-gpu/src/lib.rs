@@ -60,6 +60,7 @@ mod peaks;
 mod pipelines;
 mod positions;
 mod report;
+pub mod roots;
 mod simulation;
 mod simulator;
 pub mod skin;
@@ -88,6 +89,7 @@ pub fn shaders() -> impl Iterator<Item = &'static kernel::Shader> {
         sleep::SHADERS,
         guides::SHADERS,
         skin::SHADERS,
+        roots::SHADERS,
     ];
     let interactions = interaction::KINDS.iter().map(|kind| kind.shaders);
     modules.into_iter().chain(interactions).chain(solver::SHADERS).flatten().copied()

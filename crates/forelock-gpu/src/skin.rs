@@ -188,7 +188,7 @@ impl Skinner {
     }
 
     /// Uploads the motions of the bones.
-    fn write(&mut self, palette: &Palette, skinning: Skinning) -> Result<(), GpuError> {
+    pub(crate) fn write(&mut self, palette: &Palette, skinning: Skinning) -> Result<(), GpuError> {
         check_count("bones", palette.matrices.len(), self.bone_count)?;
         palette.pack(skinning, &mut self.packed);
         self.gpu.queue().write_buffer(&self.bones, 0, bytemuck::cast_slice(&self.packed));
@@ -196,7 +196,7 @@ impl Skinner {
     }
 
     /// The motion of the vertices by the bones that were uploaded last, in the same way.
-    fn dispatch(&self, skinning: Skinning) -> Dispatch<'_> {
+    pub(crate) fn dispatch(&self, skinning: Skinning) -> Dispatch<'_> {
         let kernel = match skinning {
             Skinning::Linear => &BLEND_MATRICES,
             Skinning::DualQuaternion => &BLEND_DUALS,

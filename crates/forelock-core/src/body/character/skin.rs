@@ -358,6 +358,31 @@ mod tests {
     }
 
     #[test]
+    fn bones_are_packed_as_the_kernels_read_them() {
+        let turn = DQuat::from_rotation_x(FRAC_PI_2);
+        let motion = DAffine3::from_scale_rotation_translation(
+            DVec3::new(1.0, 2.0, 3.0),
+            turn,
+            DVec3::new(4.0, 5.0, 6.0),
+        );
+        let palette = Palette { matrices: vec![DAffine3::IDENTITY, motion] };
+        let mut packed = Vec::new();
+        let v = Vec3::new(0.3, -0.2, 0.9);
+        palette.pack(Skinning::Linear, &mut packed);
+        assert_eq!(packed.len(), 2 * Skinning::Linear.bone_vectors());
+        let rows = packed[3..].iter().map(|row| row.dot(v.extend(1.0)));
+        let exact = motion.transform_point3(v.as_dvec3()).as_vec3();
+        assert!(rows.zip(exact.to_array()).all(|(a, b)| (a - b).abs() < 1e-6));
+        palette.pack(Skinning::DualQuaternion, &mut packed);
+        assert_eq!(packed.len(), 2 * Skinning::DualQuaternion.bone_vectors());
+        assert_eq!(packed[..2], [Vec4::W, Vec4::ZERO]);
+        assert!((packed[5] - Vec4::from(turn.as_quat())).length() < 1e-6);
+        let shift = Quat::from_vec4(packed[6]) * Quat::from_vec4(packed[5]).conjugate();
+        assert!((shift.xyz() * 2.0).distance(Vec3::new(4.0, 5.0, 6.0)) < 1e-5);
+        assert!((packed[8] - Vec4::Y * 2.0).length() < 1e-6);
+    }
+
+    #[test]
     fn weights_are_repaired_and_what_was_changed_is_said() {
         let vertices = vec![
             vec![(0, 0.25), (1, 0.25), (0, 0.5)],

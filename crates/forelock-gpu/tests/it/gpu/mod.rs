@@ -17,6 +17,7 @@ mod rods;
 mod roots;
 mod simulator;
 mod skin;
+mod skin_roots;
 mod sleep;
 mod strays;
 mod thin;
