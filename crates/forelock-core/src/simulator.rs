@@ -130,6 +130,12 @@ pub trait Simulator: Debug + Send {
     /// [`SimulatorError::Device`], also of a device that has no motion of single roots.
     fn rest_on(&mut self, head: &Pose, frames: &RootFrames) -> Result<(), SimulatorError>;
 
+    /// Whether it computes the motion of roots from poses of a skin faster than it takes their
+    /// motions: see [`Roots::OnSkin`](crate::frame::Roots::OnSkin).
+    fn poses_roots(&self) -> bool {
+        false
+    }
+
     /// Invalidates cached distances to colliders, because their set has changed or they have
     /// jumped.
     ///

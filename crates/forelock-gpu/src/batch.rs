@@ -240,22 +240,30 @@ impl Batch {
         }
     }
 
-    /// Uploads its part of the motions of strands relative to the head: all `frames`, packed, of a
-    /// `model`. Returns whether it has made a new buffer of the model, with room for them.
-    pub fn write_root_frames(&mut self, gpu: &Gpu, model: &Model<f32>, frames: &[Row<f32>]) -> bool {
-        let own = &frames[FRAME_ROWS * self.range.start..FRAME_ROWS * self.range.end];
+    /// Bytes of the model before the motions of strands relative to the head.
+    fn before_root_frames(&self, model: &Model<f32>) -> u64 {
         let row_count = if model.masses.is_empty() { MODEL_ROWS } else { MODEL_ROWS + 1 };
-        let at = u64::from(row_count) * self.places.len() as u64 * ROW;
-        let grows = self.model.size() == at;
+        u64::from(row_count) * self.places.len() as u64 * ROW
+    }
+
+    /// Makes room for the motions of strands relative to the head after its part of `model`.
+    /// Returns whether it has made a new buffer of it.
+    pub fn hold_root_frames(&mut self, gpu: &Gpu, model: &Model<f32>) -> bool {
+        let grows = self.model.size() == self.before_root_frames(model);
         if grows {
             let mut rows = all_model_rows(model, self.places.clone());
-            rows.extend(own);
-            let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
+            rows.resize(rows.len() + FRAME_ROWS * self.range.len(), Row([0.0; LANES]));
+            let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
             self.model = gpu.filled("model", bytemuck::cast_slice(&rows), usage);
-        } else {
-            gpu.queue().write_buffer(&self.model, at, bytemuck::cast_slice(own));
         }
         grows
+    }
+
+    /// Uploads its part of these motions: all `frames`, packed, of a `model`.
+    pub fn write_root_frames(&self, gpu: &Gpu, model: &Model<f32>, frames: &[Row<f32>]) {
+        let own = &frames[FRAME_ROWS * self.range.start..FRAME_ROWS * self.range.end];
+        let at = self.before_root_frames(model);
+        gpu.queue().write_buffer(&self.model, at, bytemuck::cast_slice(own));
     }
 
     /// Sets how many samples the grid takes of the edges of each block of `model`.

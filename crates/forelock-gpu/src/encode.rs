@@ -10,6 +10,7 @@ use crate::frame::{
 };
 use crate::interaction::{GpuInteraction, InteractionFrame};
 use crate::kernel::DispatchList;
+use crate::roots::RootStep;
 use crate::sleep::SleepStep;
 use crate::solver::SolveBatch;
 use crate::uniforms::{FrameUniform, SubstepUniform};
@@ -28,6 +29,8 @@ pub(crate) struct FrameKinds {
     pub starts_channels: bool,
     /// What it does about sleep.
     pub sleep: SleepStep,
+    /// What it computes of the motions of roots.
+    pub roots: RootStep,
 }
 
 /// Whether one of `steps` moves positions to the frame's origin.
@@ -83,6 +86,9 @@ impl GpuSimulation {
     /// other.
     fn dispatches(&self, steps: &[PlannedStep], kinds: FrameKinds) -> DispatchList<'_> {
         let mut list = DispatchList::default();
+        if let Some(roots) = &self.roots {
+            roots.bend(&mut list, kinds.roots);
+        }
         self.sleep.begin(&mut list, kinds.sleep);
         for steps in steps.chunk_by(|a, b| a.step.is_of_strands() && b.step.is_of_strands()) {
             let step = steps[0].step;
@@ -209,7 +215,7 @@ impl GpuSimulation {
         if !self.model.masses.is_empty() {
             uniform = uniform.with_masses(self.model.least_mass);
         }
-        if frame.roots.frames().is_some() {
+        if !frame.roots.are_rigid() {
             uniform = uniform.with_root_frames();
         }
         let wind = frame.air.field;
@@ -240,7 +246,7 @@ impl GpuSimulation {
             air.write_frame(&self.gpu, &self.model, &air_frame)
         });
         let solids = SolidKinds::of(frame.colliders);
-        FrameKinds { solids, air, starts_channels, sleep: SleepStep::Awake }
+        FrameKinds { solids, air, starts_channels, sleep: SleepStep::Awake, roots: RootStep::None }
     }
 
     /// Uploads the acceleration in addition to gravity of a frame, before positions move to its

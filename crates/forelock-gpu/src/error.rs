@@ -65,6 +65,16 @@ pub enum GpuError {
         "the guides that are simulated are not those that the strands follow: simulate `Skinning::guides`"
     )]
     Guides,
+    /// Vertices or motions of bones are those of another skin.
+    #[error("there are {found} {what}, but the skin has {expected}: take those of its own character")]
+    Skin {
+        /// What: "vertices" or "bones".
+        what: &'static str,
+        /// How many are given.
+        found: usize,
+        /// How many the skin has.
+        expected: usize,
+    },
     /// The groom cannot be packed.
     #[error(transparent)]
     Pack(#[from] PackError),

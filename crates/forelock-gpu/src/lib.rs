@@ -60,8 +60,10 @@ mod peaks;
 mod pipelines;
 mod positions;
 mod report;
+pub mod roots;
 mod simulation;
 mod simulator;
+pub mod skin;
 mod sleep;
 mod solver;
 pub mod uniforms;
@@ -74,6 +76,7 @@ pub use peaks::Peaks;
 pub use positions::{DeviceBlock, DevicePositions, PendingPositions};
 pub use report::{GpuReport, to_frame_report};
 pub use simulation::GpuSimulation;
+pub use skin::Skinner;
 
 /// The shaders of all modules, for tests and tools.
 pub fn shaders() -> impl Iterator<Item = &'static kernel::Shader> {
@@ -85,6 +88,8 @@ pub fn shaders() -> impl Iterator<Item = &'static kernel::Shader> {
         channels::SHADERS,
         sleep::SHADERS,
         guides::SHADERS,
+        skin::SHADERS,
+        roots::SHADERS,
     ];
     let interactions = interaction::KINDS.iter().map(|kind| kind.shaders);
     modules.into_iter().chain(interactions).chain(solver::SHADERS).flatten().copied()

@@ -9,13 +9,14 @@ use crate::collide::{Solids, queries};
 use crate::encode::FrameKinds;
 use crate::interaction::{self, GpuInteraction, Kind};
 use crate::positions::DevicePositions;
+use crate::roots::{DeviceRoots, RootStep};
 use crate::sleep::{DeviceSleep, SleepStep};
 use crate::solver::{self, GpuSolver};
 use crate::{Gpu, GpuError};
 use forelock_core::air::WindField;
 use forelock_core::body::ColliderFrame;
 use forelock_core::frame::{
-    Acceleration, Air, Exchange, FrameInput, FramePlan, FrameRules, PlannedStep, Solver, pack_frames,
+    Acceleration, Air, Exchange, FrameInput, FramePlan, FrameRules, PlannedStep, Roots, Solver, pack_frames,
 };
 use forelock_core::groom::Groom;
 use forelock_core::interaction::Interactions;
@@ -41,7 +42,8 @@ pub(crate) const USUAL_FRAME_SECS: f64 = 1.0 / 60.0;
 /// more; with contacts 12 more and what [`crate::interaction::contact`] states; with SPH what
 /// [`crate::interaction::sph`] states; 12 more after the first wind field, 12 after the first
 /// acceleration in addition to gravity, 4 with masses, 4 for each row of the solver's channels. On
-/// a body that bends 56 more per strand.
+/// a body that bends 56 more per strand; where the device computes the motions of the roots, 128
+/// more per strand and what a [`crate::Skinner`] takes.
 #[derive(Debug)]
 pub struct GpuSimulation {
     pub(crate) gpu: Gpu,
@@ -68,6 +70,8 @@ pub struct GpuSimulation {
     pub(crate) substeps: Vec<u8>,
     /// Motions of strands relative to the head in a frame, packed.
     pub(crate) root_frames: Vec<Row<f32>>,
+    /// Made at the first frame on a skin ([`Roots::OnSkin`]).
+    pub(crate) roots: Option<DeviceRoots>,
     pub(crate) half_factors: bool,
     /// In the order of [`interaction::KINDS`], each at most once.
     pub(crate) interactions: Vec<Box<dyn GpuInteraction>>,
@@ -175,6 +179,7 @@ impl GpuSimulation {
             channels: DeviceChannels::new(gpu, asked, &state),
             substeps: Vec::new(),
             root_frames: Vec::new(),
+            roots: None,
             half_factors: false,
             interactions: Vec::new(),
             air: None,
@@ -328,6 +333,7 @@ impl GpuSimulation {
             air,
             acceleration,
             sleep,
+            roots,
             ..
         } = self;
         let strands = DeviceStrands { model, shared, batches };
@@ -342,6 +348,9 @@ impl GpuSimulation {
         }
         if let Some(acceleration) = acceleration {
             acceleration.bind(gpu, strands);
+        }
+        if let Some(roots) = roots {
+            roots.bind(gpu, strands);
         }
     }
 
@@ -370,7 +379,8 @@ impl GpuSimulation {
         let air = self.air.as_ref().map_or(0, DeviceAir::bytes)
             + self.sleep.bytes()
             + self.channels.bytes()
-            + self.acceleration.as_ref().map_or(0, DeviceAcceleration::bytes);
+            + self.acceleration.as_ref().map_or(0, DeviceAcceleration::bytes)
+            + self.roots.as_ref().map_or(0, DeviceRoots::bytes);
         let interactions = self.interactions.iter().map(|own| own.bytes()).sum::<u64>();
         self.shared.bytes() + self.solids.bytes() + interactions + air + batches
     }
@@ -453,23 +463,43 @@ impl GpuSimulation {
             self.acceleration = Some(DeviceAcceleration::new(&self.gpu, self.strands()));
             self.rebind()?;
         }
+        let roots = match (&frame.roots, &mut self.roots) {
+            (Roots::OnSkin { poses, .. }, Some(own)) => own.prepare(&self.gpu, *poses)?,
+            _ => RootStep::None,
+        };
         let kinds =
             self.write_frame(&FrameInput { air: Air { velocity, field: wind.as_ref() }, ..*frame }, steps);
-        let kinds = FrameKinds { sleep, ..kinds };
+        let kinds = FrameKinds { sleep, roots, ..kinds };
         self.positions.origin = self.origin;
         self.record_steps(encoder, steps, kinds);
         Ok(())
     }
 
-    /// Uploads the motions of strands relative to the head, if they have any in `frame`.
+    /// Makes room for the motions of strands relative to the head, if they have any in `frame`, and
+    /// uploads those that are given.
     fn write_root_frames(&mut self, frame: &FrameInput<'_>) -> Result<(), GpuError> {
-        let Some(frames) = frame.roots.frames() else { return Ok(()) };
-        pack_frames(&self.model, frames, &mut self.root_frames);
-        let mut grown = false;
-        for batch in &mut self.batches {
-            grown |= batch.write_root_frames(&self.gpu, &self.model, &self.root_frames);
+        if frame.roots.are_rigid() {
+            return Ok(());
         }
-        if grown { self.rebind() } else { Ok(()) }
+        let mut rebinds = false;
+        if let Roots::OnSkin { roots, .. } = &frame.roots
+            && !self.roots.as_ref().is_some_and(|own| own.is_of(roots))
+        {
+            self.roots = Some(DeviceRoots::new(&self.gpu, roots, &self.model)?);
+            rebinds = true;
+        }
+        for batch in &mut self.batches {
+            rebinds |= batch.hold_root_frames(&self.gpu, &self.model);
+        }
+        if rebinds {
+            self.rebind()?;
+        }
+        if let Some(frames) = frame.roots.frames() {
+            pack_frames(&self.model, frames, &mut self.root_frames);
+            let write = |batch: &Batch| batch.write_root_frames(&self.gpu, &self.model, &self.root_frames);
+            self.batches.iter().for_each(write);
+        }
+        Ok(())
     }
 
     /// The positions where they are, on the device: no copy, no wait.

@@ -182,6 +182,10 @@ impl Simulator for GpuSimulation {
         Ok(Self::rest_on(self, head, frames)?)
     }
 
+    fn poses_roots(&self) -> bool {
+        true
+    }
+
     fn forget_solids(&mut self) -> Result<(), SimulatorError> {
         Ok(Self::forget_solids(self)?)
     }

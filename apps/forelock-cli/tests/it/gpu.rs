@@ -59,6 +59,16 @@ fn a_run_on_a_gpu_is_like_one_on_the_cpu_and_resumes_bit_for_bit() {
     is_like_the_cpu_and_resumes(&SCENES[4..]);
 }
 
+/// Fur on a figure that jumps, whose roots the device moves; a reset brings it to rest meanwhile.
+#[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn a_run_on_a_body_that_bends_is_like_one_on_the_cpu_and_resumes_bit_for_bit() {
+    let clip = "[groom]\npreset = \"short-fur\"\n[interaction]\nkind = \"none\"\ncontacts = false\n\
+        [body]\nmesh = \"builtin:walker\"\ncollide = false\n\
+        motion = { name = \"jump\", clip = { start_secs = 0.5, blend_secs = 0 } }\n[[teleport]]\nat_secs = 0.05\nmode = \"reset\"\n";
+    is_like_the_cpu_and_resumes(&[clip]);
+}
+
 #[test]
 #[ignore = "long: cargo xtask ci --nightly"]
 fn long_runs_on_a_gpu_are_like_those_on_the_cpu_and_resume_bit_for_bit() {

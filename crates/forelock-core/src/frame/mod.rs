@@ -42,6 +42,9 @@ pub const LOAD_WGSL: &str = include_str!("wgsl/load.wgsl");
 pub const SLEEP_WGSL: &str = include_str!("wgsl/sleep.wgsl");
 /// WGSL of where the rest shape of a strand is ([`Roots`]).
 pub const ROOTS_WGSL: &str = include_str!("wgsl/roots.wgsl");
+/// WGSL that packs the motions of strands that a device computes ([`pack_frames`]), after
+/// [`SURFACE_WGSL`](crate::groom::SURFACE_WGSL).
+pub const PACK_ROOTS_WGSL: &str = include_str!("wgsl/pack_roots.wgsl");
 /// WGSL of the initial values of channels ([`Channels::extra`]), after [`ROOTS_WGSL`].
 pub const CHANNELS_WGSL: &str = include_str!("wgsl/channels.wgsl");
 /// WGSL that starts the channels of a solver.

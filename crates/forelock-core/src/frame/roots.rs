@@ -13,12 +13,14 @@
 //! and Q the identity, and the result has the bits of a rigid head.
 
 use super::context::FrameContext;
-use crate::groom::RootFrames;
+use crate::body::character::SkinPose;
+use crate::groom::{RootFrames, SkinnedRoots};
 use crate::lane::{LANES, Lane, Mat3, Quat, Real, Row, V3};
 use crate::params::ParamsError;
 use crate::pose::Pose;
 use crate::strands::{BlockView, Model, State, number};
 use glam::{DQuat, DVec3};
+use std::sync::Arc;
 
 /// The motion of roots during a frame: poses at its start and end.
 #[derive(Clone, Copy, Debug)]
@@ -33,20 +35,36 @@ pub enum Roots<'a> {
         /// The motion of each strand before that pose, in the groom's order.
         frames: [&'a RootFrames; 2],
     },
+    /// The same where the motions are those of a skin in two poses. A device computes them from the
+    /// poses; the CPU makes [`Roots::PerStrand`] of it in each frame, which takes memory.
+    OnSkin {
+        /// The pose of what carries the hair.
+        head: [Pose; 2],
+        /// The roots. A device takes them as others than those of the frame before if the pointer
+        /// is another one.
+        roots: &'a Arc<SkinnedRoots>,
+        /// The poses of the skin before that of the head, at the frame's start and end.
+        poses: [&'a SkinPose; 2],
+    },
 }
 
 impl<'a> Roots<'a> {
     /// The head's pose at the frame's start and end.
     pub fn head(&self) -> &[Pose; 2] {
         match self {
-            Self::Rigid(head) | Self::PerStrand { head, .. } => head,
+            Self::Rigid(head) | Self::PerStrand { head, .. } | Self::OnSkin { head, .. } => head,
         }
     }
 
-    /// The strands' own motion at the frame's start and end, if they have any.
+    /// Whether all roots move with the head.
+    pub fn are_rigid(&self) -> bool {
+        matches!(self, Self::Rigid(_))
+    }
+
+    /// The strands' own motion at the frame's start and end, if it is given.
     pub fn frames(&self) -> Option<[&'a RootFrames; 2]> {
         match self {
-            Self::Rigid(_) => None,
+            Self::Rigid(_) | Self::OnSkin { .. } => None,
             Self::PerStrand { frames, .. } => Some(*frames),
         }
     }
@@ -58,8 +76,13 @@ impl<'a> Roots<'a> {
     pub fn check<T>(&self, model: &Model<T>) -> Result<(), ParamsError> {
         let expected = model.strand_count;
         let lengths = |own: &RootFrames| [own.rotations.len(), own.shifts.len()];
-        let mut found = self.frames().into_iter().flatten().flat_map(lengths);
-        match found.find(|&found| found != expected) {
+        let wrong = |&found: &usize| found != expected;
+        let found = match self {
+            Self::Rigid(_) => None,
+            Self::PerStrand { frames, .. } => frames.iter().flat_map(|own| lengths(own)).find(wrong),
+            Self::OnSkin { roots, .. } => Some(roots.surface().roots().len()).filter(wrong),
+        };
+        match found {
             None => Ok(()),
             Some(found) => Err(ParamsError::Count { name: "root frames", found, expected, of: "strands" }),
         }
@@ -67,7 +90,11 @@ impl<'a> Roots<'a> {
 
     /// Whether roots move relative to the head in the frame.
     pub fn bends(&self) -> bool {
-        self.frames().is_some_and(|[from, to]| !std::ptr::eq(from, to) && from != to)
+        match self {
+            Self::Rigid(_) => false,
+            Self::PerStrand { frames: [from, to], .. } => !std::ptr::eq(*from, *to) && from != to,
+            Self::OnSkin { poses: [from, to], .. } => !std::ptr::eq(*from, *to) && from != to,
+        }
     }
 }
 

@@ -10,6 +10,7 @@ mod nearest;
 mod repair;
 mod resample;
 mod root_frames;
+mod skinned_roots;
 mod units;
 
 use glam::Vec3;
@@ -19,7 +20,10 @@ pub use info::{Info, Spread, UnitGuess};
 pub use lift::{LiftParams, LiftReport, lift_out};
 pub use repair::{REPEATED_FRACTION, RepairReport, repair};
 pub use resample::{ResampleError, resample, resample_to};
-pub use root_frames::{FrameBuffers, RootFrames, SurfaceRoots};
+pub use root_frames::{
+    FLAT_TRIANGLE, FrameBuffers, ROOT_FRAMES_WGSL, RootFrames, SURFACE_WGSL, SurfaceRoot, SurfaceRoots,
+};
+pub use skinned_roots::SkinnedRoots;
 pub use units::{Import, Unit, UnknownWord, Up, ZUp};
 
 /// The attachment of a strand's root: a triangle of the body's mesh and a point in it.

@@ -19,8 +19,13 @@ use rayon::prelude::*;
 use super::RootBinding;
 use crate::body::TriMesh;
 
+/// WGSL of the motions of roots at two poses.
+pub const SURFACE_WGSL: &str = include_str!("surface.wgsl");
+/// The same as [`SurfaceRoots::frames`] on a GPU, after the quaternions of `frame::ROOTS_WGSL` and
+/// [`SURFACE_WGSL`].
+pub const ROOT_FRAMES_WGSL: &str = include_str!("root_frames.wgsl");
 /// Sine of a triangle's corner below which it has no frame.
-const FLAT: f64 = 1e-6;
+pub const FLAT_TRIANGLE: f64 = 1e-6;
 
 /// The rigid motion of each strand from rest: x ↦ x₀ + d + R (x − x₀), with its root x₀ at rest.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -69,20 +74,22 @@ pub struct SurfaceRoots {
     rest: Vec<Option<Corner>>,
     /// Neighbours of each corner that are corners themselves.
     neighbours: Vec<Vec<u32>>,
-    roots: Vec<Root>,
+    roots: Vec<SurfaceRoot>,
 }
 
-/// A root.
+/// A root on its triangle.
 #[derive(Clone, Copy, Debug)]
-struct Root {
-    corners: [u32; 3],
-    /// The same, by their numbers among the corners.
-    own: [u32; 3],
-    barycentric: [f32; 3],
+pub struct SurfaceRoot {
+    /// The triangle's corners, by their numbers in the mesh.
+    pub corners: [u32; 3],
+    /// The same, by their numbers among the corners of all roots' triangles.
+    pub own: [u32; 3],
+    /// The point that it is bound to.
+    pub barycentric: [f32; 3],
     /// The point on the triangle at rest.
     foot: DVec3,
-    /// The root at rest, from that point.
-    offset: DVec3,
+    /// The root at rest, from that point, metres.
+    pub offset: DVec3,
 }
 
 /// Buffers of [`SurfaceRoots::frames`].
@@ -135,7 +142,7 @@ impl SurfaceRoots {
         let root = |(&root, binding): (&Vec3, &RootBinding)| {
             let corners = mesh.triangles[binding.triangle as usize];
             let foot = point(&mesh.positions, corners, binding.barycentric);
-            Root {
+            SurfaceRoot {
                 corners,
                 own: corners.map(|v| number[v as usize]),
                 barycentric: binding.barycentric,
@@ -151,6 +158,27 @@ impl SurfaceRoots {
             triangles,
             neighbours,
         }
+    }
+
+    /// The roots, a strand each.
+    pub fn roots(&self) -> &[SurfaceRoot] {
+        &self.roots
+    }
+
+    /// The triangles around all corners of the roots' triangles: their corners in the mesh.
+    pub fn triangles(&self) -> &[[u32; 3]] {
+        &self.triangles
+    }
+
+    /// For each corner of the roots' triangles those around it, by their numbers in
+    /// [`SurfaceRoots::triangles`], in the order in which they are summed.
+    pub fn fans(&self) -> impl ExactSizeIterator<Item = &[u32]> {
+        self.fan_starts.windows(2).map(|own| &self.fans[own[0] as usize..own[1] as usize])
+    }
+
+    /// For each corner of the roots' triangles its neighbours among the corners.
+    pub fn neighbours(&self) -> impl ExactSizeIterator<Item = &[u32]> {
+        self.neighbours.iter().map(Vec::as_slice)
     }
 
     /// The roots' motion to the bent mesh with vertices at `positions`.
@@ -176,7 +204,7 @@ impl SurfaceRoots {
                 mean(around.filter_map(|&other| Some((of_vertices[other as usize]?, 1.0))))
             })
         };
-        let of_root = |root: &Root| {
+        let of_root = |root: &SurfaceRoot| {
             let own = root.own.iter().zip(root.barycentric);
             let turn = mean(own.filter_map(|(&vertex, share)| Some((known(vertex)?, share.into()))));
             let turn = turn.unwrap_or(DQuat::IDENTITY);
@@ -210,7 +238,7 @@ impl Corner {
     fn new([a, b, c]: [DVec3; 3]) -> Option<Self> {
         let (edge, other) = (b - a, c - a);
         let normal = edge.cross(other);
-        let is_flat = normal.length() <= FLAT * edge.length() * other.length();
+        let is_flat = normal.length() <= FLAT_TRIANGLE * edge.length() * other.length();
         if is_flat || !normal.is_finite() {
             return None;
         }

@@ -7,7 +7,7 @@ use crate::air::{Canopy, PlacedHair, Wake, WindField};
 use crate::collide::resolve_solids::SolidPose;
 use crate::frame::{
     BlockReport, Crew, ExchangeContext, FrameContext, FrameInput, FramePlan, FrameReport, Interaction,
-    PlannedStep, SolverReal, Span, Step, Stillness, fractions, pack_frames,
+    PlannedStep, Roots, SolverReal, Span, Step, Stillness, fractions, pack_frames,
 };
 use crate::lane::Row;
 use crate::params::ParamsError;
@@ -115,6 +115,11 @@ impl<T: SimulationReal> Simulation<T> {
         self.solver.check_step(&self.model, frame.dt_secs, beyond_float32)?;
         frame.acceleration.check(&self.model)?;
         frame.roots.check(&self.model)?;
+        if let Roots::OnSkin { head, roots, poses } = frame.roots {
+            let [from, to] = poses.map(|pose| roots.frames(pose));
+            let roots = Roots::PerStrand { head, frames: [&from, &to] };
+            return self.run(&FrameInput { roots, ..*frame }, steps);
+        }
         let rules = self.solver.rules();
         let substeps = rules.substeps(frame.dt_secs);
         FramePlan::check(steps, substeps)?;

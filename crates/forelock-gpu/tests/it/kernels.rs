@@ -11,6 +11,8 @@ use forelock_gpu::interaction::contact::{ContactUniform, TouchEntry};
 use forelock_gpu::interaction::grid::{BoundsEntry, GridSolidEntry, GridUniform};
 use forelock_gpu::interaction::sph::FluidUniform;
 use forelock_gpu::kernel::{Binding, BindingKind, Shader};
+use forelock_gpu::roots::{RootEntry, SurfaceUniform};
+use forelock_gpu::skin::{InfluenceEntry, SkinnedUniform};
 use forelock_gpu::uniforms::{BlockEntry, ChannelRowEntry, FrameUniform, ReportEntry, SubstepUniform};
 use naga::back::{hlsl, msl, spv};
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
@@ -136,6 +138,10 @@ fn layouts() -> Vec<Layout> {
         ]),
         layout!("Skin", SkinUniform, [head count pad_0 pad_1 pad_2]),
         layout!("Carried", CarriedEntry, [entries fractions weights rest pad_0]),
+        layout!("Skinned", SkinnedUniform, [vertices influences pad_0 pad_1]),
+        layout!("Influence", InfluenceEntry, [bone weight]),
+        layout!("Surface", SurfaceUniform, [triangles corners roots frames start end pad_0 pad_1]),
+        layout!("Root", RootEntry, [corners pad_0 own pad_1 barycentric pad_2 offset pad_3]),
         layout!("Contacts", ContactUniform, [
             from_start from_end edge distance slip friction spread dt close far spacing inverse_piece
             inverse_particles hold budget most_active few per_segment rounds clamped cells entries numbers bodies

@@ -5,7 +5,7 @@
 use std::path::Path;
 
 use base64::Engine as _;
-use forelock_core::body::character::{Interpolation, PosingBuffers, Skinning};
+use forelock_core::body::character::{Interpolation, SkinPose, Skinning};
 use forelock_core::groom::{Import, Unit, Up};
 use forelock_io::{bvh, gltf, read_character};
 use glam::{DVec3, Vec3};
@@ -164,9 +164,9 @@ fn a_character_is_read_from_either_form() {
         character.clips()[1].sample(1.0, &mut locals, &mut weights);
         assert_eq!(weights, [2.0]);
         character.skeleton().globals(&locals, &mut globals);
-        let mut out = Vec::new();
-        let buffers = &mut PosingBuffers::default();
-        character.deform(&globals, &weights, Skinning::Linear, buffers, &mut out);
+        let (mut pose, mut out) = (SkinPose::default(), Vec::new());
+        character.pose(&globals, &weights, Skinning::Linear, &mut pose);
+        character.deform(&pose, &mut out);
         let expected = [[0.5, 0.5, 1.0], [1.0, 1.0, 0.0], [-1.0, 2.0, 0.0], [-1.0, 1.0, 0.0]];
         for (found, expected) in out.iter().zip(expected.map(Vec3::from_array)) {
             assert!(found.distance(expected) < 1e-6, "{found} {expected}");
@@ -187,7 +187,9 @@ fn units_and_axes_are_converted() {
     // The mesh follows its joints as before.
     let (mut globals, mut out) = (own.skeleton().rest_globals(), Vec::new());
     globals[0].translation += DVec3::X;
-    own.deform(&globals, &[], Skinning::Linear, &mut PosingBuffers::default(), &mut out);
+    let mut pose = SkinPose::default();
+    own.pose(&globals, &[], Skinning::Linear, &mut pose);
+    own.deform(&pose, &mut out);
     assert!(out[0].distance(own.rest().positions[0] + Vec3::X * 0.5) < 1e-6);
 }
 

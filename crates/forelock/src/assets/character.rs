@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use forelock_core::body::character::{Character, Clip, Performance, PosingBuffers, Retarget};
 use forelock_core::body::{BendingBox, BendingField, ClosedMesh, ColliderFrame, Shape};
-use forelock_core::groom::{Groom, SurfaceRoots, bind_roots};
+use forelock_core::groom::{Groom, SkinnedRoots, SurfaceRoots, bind_roots};
 use forelock_core::pose::Pose;
 use glam::Vec3;
 
@@ -102,11 +102,11 @@ fn unmatched(path: &str, retarget: &Retarget<'_>, map: &BTreeMap<String, String>
 }
 
 /// The roots of `groom` on the body of `performance`.
-pub(super) fn bind(performance: &Performance, groom: &Groom) -> SurfaceRoots {
+pub(super) fn bind(performance: &Performance, groom: &Groom) -> SkinnedRoots {
     let mesh = performance.character().rest();
     let (bindings, _) = bind_roots(groom, mesh, &ClosedMesh::new(mesh));
     let roots: Vec<_> = groom.strands().map(|strand| strand.first().copied().unwrap_or_default()).collect();
-    SurfaceRoots::new(&roots, &bindings, mesh)
+    SkinnedRoots::new(SurfaceRoots::new(&roots, &bindings, mesh), performance.character().clone())
 }
 
 /// Whether the body of `performance` only moves as a whole, with the joint that carries the hair.

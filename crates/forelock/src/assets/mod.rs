@@ -16,7 +16,7 @@ use std::sync::Arc;
 use forelock_core::body::character::{CharacterError, Performance, PosingBuffers, RetargetError};
 use forelock_core::body::{ColliderFrame, Motion, Sdf, SdfError, TriMesh};
 use forelock_core::groom::edit::{Edit, EditError, EditReport};
-use forelock_core::groom::{Groom, SurfaceRoots};
+use forelock_core::groom::{Groom, SkinnedRoots};
 use forelock_core::meter::Meter;
 use forelock_core::pose::Pose;
 use glam::DVec3;
@@ -271,7 +271,7 @@ impl Assets {
     }
 
     /// The roots of `groom` on the body, if it bends.
-    pub(crate) fn bind(&self, groom: &Groom) -> Option<SurfaceRoots> {
+    pub(crate) fn bind(&self, groom: &Groom) -> Option<SkinnedRoots> {
         Some(character::bind(self.performance.as_deref()?, groom))
     }
 

@@ -2,9 +2,10 @@
 
 use std::sync::Arc;
 
-use forelock_core::body::character::{Performance, PosingBuffers};
+use forelock_core::body::character::{Performance, PosingBuffers, SkinPose};
 use forelock_core::body::{ClosedMesh, ColliderFrame, Shape};
-use forelock_core::groom::{FrameBuffers, Groom, RootFrames, SurfaceRoots};
+use forelock_core::frame::Roots;
+use forelock_core::groom::{FrameBuffers, Groom, RootFrames, SkinnedRoots};
 use forelock_core::pose::Pose;
 
 use crate::assets::{Assets, BendingSolid};
@@ -14,16 +15,40 @@ use crate::penetration::MeasuredSolid;
 #[derive(Debug)]
 pub(super) struct Bending {
     performance: Arc<Performance>,
-    roots: SurfaceRoots,
+    roots: Arc<SkinnedRoots>,
     /// The edited groom that the roots are those of; none for the groom of the assets.
     groom: Option<Arc<Groom>>,
     posing: PosingBuffers,
     buffers: FrameBuffers,
-    /// At the times of `secs`.
-    frames: [RootFrames; 2],
-    secs: [Option<f64>; 2],
+    frames: Ends<RootFrames>,
+    /// The poses of the skin, for simulators that compute the motions themselves.
+    poses: Ends<SkinPose>,
     /// The skin as a solid between two times, if hair collides with it.
     skin: Option<Skin>,
+}
+
+/// What a step needs at its start and its end, each a function of the time alone.
+#[derive(Debug, Default)]
+struct Ends<T> {
+    own: [T; 2],
+    secs: [Option<f64>; 2],
+}
+
+impl<T> Ends<T> {
+    /// It at two times, of which `make` makes those that are not there.
+    fn at(&mut self, secs: [f64; 2], mut make: impl FnMut(f64, &mut T)) -> [&T; 2] {
+        if self.secs[1] == Some(secs[0]) {
+            self.own.swap(0, 1);
+            self.secs.swap(0, 1);
+        }
+        for ((secs, known), own) in secs.into_iter().zip(&mut self.secs).zip(&mut self.own) {
+            if *known != Some(secs) {
+                make(secs, own);
+                *known = Some(secs);
+            }
+        }
+        self.own.each_ref()
+    }
 }
 
 /// The skin of a body as a solid.
@@ -33,11 +58,35 @@ struct Skin {
     secs: [f64; 2],
 }
 
+/// The roots in a step, at both ends.
+#[derive(Clone, Copy)]
+pub(super) enum BentRoots<'a> {
+    /// Their motions.
+    Motions([&'a RootFrames; 2]),
+    /// The poses of the skin, from which a simulator computes them.
+    Posed { roots: &'a Arc<SkinnedRoots>, poses: [&'a SkinPose; 2] },
+}
+
+impl<'a> BentRoots<'a> {
+    /// They on a `head`.
+    pub fn on(self, head: [Pose; 2]) -> Roots<'a> {
+        match self {
+            Self::Motions(frames) => Roots::PerStrand { head, frames },
+            Self::Posed { roots, poses } => Roots::OnSkin { head, roots, poses },
+        }
+    }
+
+    /// Their motions at the start, if they are known.
+    pub fn at_start(self) -> Option<&'a RootFrames> {
+        if let Self::Motions([from, _]) = self { Some(from) } else { None }
+    }
+}
+
 /// What a step needs of a body that bends.
 #[derive(Clone, Copy)]
 pub(super) struct BentBody<'a> {
-    /// The motions of the roots at both ends.
-    pub roots: [&'a RootFrames; 2],
+    /// The roots.
+    pub roots: BentRoots<'a>,
     skin: Option<(&'a BendingSolid, &'a Shape)>,
 }
 
@@ -78,13 +127,13 @@ impl Bending {
     pub fn new(assets: &Assets, groom: &Groom) -> Option<Self> {
         let performance = assets.performance()?.clone();
         Some(Self {
-            roots: assets.bind(groom)?,
+            roots: Arc::new(assets.bind(groom)?),
             performance,
             groom: None,
             posing: PosingBuffers::default(),
             buffers: FrameBuffers::default(),
-            frames: [RootFrames::default(), RootFrames::default()],
-            secs: [None; 2],
+            frames: Ends::default(),
+            poses: Ends::default(),
             skin: assets.bending_solid().map(|solid| Skin {
                 shape: Shape::Bending(Arc::new(solid.field.clone())),
                 secs: [f64::NAN; 2],
@@ -103,29 +152,31 @@ impl Bending {
             return;
         }
         if let Some(roots) = assets.bind(edited.map_or(&assets.groom, |groom| groom)) {
-            (self.roots, self.groom, self.secs) = (roots, edited.cloned(), [None; 2]);
+            (self.roots, self.groom) = (Arc::new(roots), edited.cloned());
+            self.frames = Ends::default();
         }
     }
 
-    /// The body between two times, seconds.
-    pub fn at<'a>(&'a mut self, assets: &'a Assets, secs: [f64; 2]) -> BentBody<'a> {
-        if self.secs[1] == Some(secs[0]) {
-            self.frames.swap(0, 1);
-            self.secs.swap(0, 1);
+    /// The body between two times, seconds: with the motions of its roots, or `posed` for a
+    /// simulator that computes them.
+    pub fn at<'a>(&'a mut self, assets: &'a Assets, secs: [f64; 2], posed: bool) -> BentBody<'a> {
+        let Self { performance, roots, posing, buffers, frames, poses, skin, .. } = self;
+        if let Some(skin) = skin {
+            skin.bend(performance, secs, posing);
         }
-        for ((secs, known), frames) in secs.into_iter().zip(&mut self.secs).zip(&mut self.frames) {
-            if *known != Some(secs) {
-                let posed = self.performance.posed(secs, &mut self.posing);
-                self.roots.frames(posed.positions, &mut self.buffers, frames);
-                *known = Some(secs);
-            }
-        }
-        if let Some(skin) = &mut self.skin {
-            skin.bend(&self.performance, secs, &mut self.posing);
-        }
-        let [from, to] = &self.frames;
-        let skin = assets.bending_solid().zip(self.skin.as_ref().map(|skin| &skin.shape));
-        BentBody { roots: [from, to], skin }
+        let roots = if posed {
+            let poses = poses.at(secs, |secs, pose| {
+                performance.pose(secs, posing, pose);
+            });
+            BentRoots::Posed { roots, poses }
+        } else {
+            BentRoots::Motions(frames.at(secs, |secs, frames| {
+                let posed = performance.posed(secs, posing);
+                roots.surface().frames(posed.positions, buffers, frames);
+            }))
+        };
+        let skin = assets.bending_solid().zip(skin.as_ref().map(|skin| &skin.shape));
+        BentBody { roots, skin }
     }
 }
 

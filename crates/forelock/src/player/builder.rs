@@ -131,8 +131,10 @@ impl PlayerBuilder {
         let backend = if bends_on_cpu { Backend::Cpu } else { backend };
         let (mut engine, note) = Engine::new(&scene, groom, &live.setting.parts(), backend, start)?;
         drop(solids);
-        if let Some(bending) = &mut bending {
-            engine.simulator().rest_on(&live.head_at, bending.at(&assets, [0.0; 2]).roots[0])?;
+        if let Some(bending) = &mut bending
+            && let Some(frames) = bending.at(&assets, [0.0; 2], false).roots.at_start()
+        {
+            engine.simulator().rest_on(&live.head_at, frames)?;
         }
         let middle = assets.middle_of_roots();
         let mut player = Player {

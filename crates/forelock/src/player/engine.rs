@@ -8,7 +8,7 @@ use std::sync::Arc;
 use forelock_core::air::WindField;
 use forelock_core::body::ColliderFrame;
 use forelock_core::frame::{Air, FrameInput, FrameReport, Roots};
-use forelock_core::groom::{Groom, RootFrames};
+use forelock_core::groom::Groom;
 use forelock_core::lane::Simd;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::{BuildError, Options};
@@ -17,6 +17,7 @@ use forelock_core::solver::Solver;
 use glam::DVec3;
 
 use super::PlayerError;
+use super::bending::BentRoots;
 use crate::backend::{Backend, Parts, Place, Placed};
 use crate::scene::{Scene, SolverSection};
 
@@ -60,8 +61,8 @@ pub(super) struct Start<'a> {
 /// What the solver needs to know of a step.
 pub(super) struct Step<'a> {
     pub head: [Pose; 2],
-    /// Motion of each root relative to the head, on a body that bends.
-    pub roots: Option<[&'a RootFrames; 2]>,
+    /// The roots on a body that bends.
+    pub roots: Option<BentRoots<'a>>,
     pub colliders: &'a [ColliderFrame<'a>],
     pub gravity: DVec3,
     pub air: &'a WindField,
@@ -135,10 +136,7 @@ impl Engine {
             Air { velocity: DVec3::ZERO, field: Some(step.air) }
         };
         let frame = FrameInput {
-            roots: match step.roots {
-                None => Roots::Rigid(step.head),
-                Some(frames) => Roots::PerStrand { head: step.head, frames },
-            },
+            roots: step.roots.map_or(Roots::Rigid(step.head), |own| own.on(step.head)),
             colliders: step.colliders,
             gravity: step.gravity,
             air,

@@ -5,6 +5,7 @@ use forelock_core::simulation::Teleport;
 use forelock_core::strands::Snapshot;
 use glam::Vec3;
 
+use super::bending::BentRoots;
 use super::between;
 use super::engine::Step;
 use super::live::OwnClock;
@@ -81,18 +82,21 @@ impl Player {
         let HeadStep { poses: head, jump } = self.head_step(times);
         self.live.teleport = None;
         let bent_until = self.live.bends_until(times[1]);
+        let poses_roots = self.engine.simulator().poses_roots();
         let bent = self.bending.as_mut().map(|bending| {
             bending.follow(&self.assets, self.live.grooming.groom.as_ref());
             // A reset takes the body to its pose at the end of the step; hair that is carried
             // follows what the body bends in the step, as without a jump.
             let is_reset = jump.as_ref().is_some_and(|jump| jump.mode == Teleport::Reset);
             let from = if is_reset { bent_until } else { self.live.bent_secs };
-            bending.at(&self.assets, [from, bent_until])
+            // Hair that is put to rest needs the motions.
+            bending.at(&self.assets, [from, bent_until], poses_roots && !is_reset)
         });
         let roots = bent.map(|body| body.roots);
         if let Some(jump) = &jump {
             self.engine.simulator().teleport(&self.live.head_at, &head[0], jump.mode)?;
-            if let Some([frames, _]) = roots.filter(|_| jump.mode == Teleport::Reset) {
+            let is_reset = jump.mode == Teleport::Reset;
+            if let Some(frames) = roots.and_then(BentRoots::at_start).filter(|_| is_reset) {
                 self.engine.simulator().rest_on(&head[0], frames)?;
             }
             report.teleports.push(*jump);

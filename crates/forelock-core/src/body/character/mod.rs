@@ -19,7 +19,7 @@ pub use clip::{Clip, Interpolation, Track, TrackError, Values};
 pub use performance::{Performance, Playback, Posed, PosingBuffers};
 pub use retarget::{Retarget, RetargetError};
 pub use skeleton::{Joint, Skeleton, SkeletonError, Transform};
-pub use skin::{Bone, MAX_INFLUENCES, Palette, Skin, SkinReport, Skinning};
+pub use skin::{Bone, MAX_INFLUENCES, Palette, SKIN_WGSL, Skin, SkinReport, Skinning};
 
 use super::{MeshError, TriMesh};
 
@@ -41,6 +41,17 @@ pub struct Group {
     pub name: String,
     /// Its triangles.
     pub triangles: Range<usize>,
+}
+
+/// What moves the vertices of a character at one instant.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SkinPose {
+    /// The motions of its bones.
+    pub palette: Palette,
+    /// How they are blended.
+    pub skinning: Skinning,
+    /// The bound vertices as blend shapes displace them, metres; empty where none does.
+    pub shaped: Vec<Vec3>,
 }
 
 /// What a character is made of.
@@ -116,10 +127,8 @@ impl Character {
 
     /// The mesh at rest.
     fn at_rest(&self) -> Result<TriMesh, MeshError> {
-        let weights: Vec<f64> = self.shapes().iter().map(|shape| shape.rest_weight).collect();
-        let (mut buffers, mut positions) = (PosingBuffers::default(), Vec::new());
-        let globals = self.skeleton().rest_globals();
-        self.deform(&globals, &weights, Skinning::Linear, &mut buffers, &mut positions);
+        let mut positions = Vec::new();
+        self.deform(&self.rest_pose(), &mut positions);
         TriMesh::new(positions, self.parts.bound.triangles.clone())
     }
 
@@ -189,32 +198,45 @@ impl Character {
         (most > 0.0).then(|| sums.iter().position(|&sum| sum == most))?
     }
 
-    /// Writes to `out` the vertices where joints of `globals` (to the body's space) and shapes of
-    /// `weights` take them.
+    /// The pose that takes the bound mesh to rest.
+    pub fn rest_pose(&self) -> SkinPose {
+        let weights: Vec<f64> = self.shapes().iter().map(|shape| shape.rest_weight).collect();
+        let mut pose = SkinPose::default();
+        self.pose(&self.skeleton().rest_globals(), &weights, Skinning::Linear, &mut pose);
+        pose
+    }
+
+    /// Computes the pose in which joints have the transforms `globals` to the body's space, and
+    /// shapes the `weights`.
     ///
     /// # Panics
     /// If there are fewer `globals` than joints.
-    pub fn deform(
-        &self,
-        globals: &[DAffine3],
-        weights: &[f64],
-        skinning: Skinning,
-        buffers: &mut PosingBuffers,
-        out: &mut Vec<Vec3>,
-    ) {
-        let PosingBuffers { palette, shaped, .. } = buffers;
-        let mut vertices = &self.parts.bound.positions;
+    pub fn pose(&self, globals: &[DAffine3], weights: &[f64], skinning: Skinning, pose: &mut SkinPose) {
+        let SkinPose { palette, shaped, .. } = pose;
+        shaped.clear();
         let active = || self.shapes().iter().zip(weights).filter(|(_, weight)| **weight != 0.0);
         if active().next().is_some() {
-            shaped.clone_from(vertices);
+            shaped.extend_from_slice(&self.parts.bound.positions);
             for (shape, &weight) in active() {
                 for &(vertex, delta) in &shape.deltas {
                     shaped[vertex as usize] += delta * weight as f32;
                 }
             }
-            vertices = shaped;
         }
         self.skin().palette(globals, palette);
-        self.skin().deform(vertices, palette, skinning, out);
+        pose.skinning = skinning;
+    }
+
+    /// The vertices that the bones of `pose` move, metres.
+    pub fn shaped<'a>(&'a self, pose: &'a SkinPose) -> &'a [Vec3] {
+        if pose.shaped.is_empty() { &self.parts.bound.positions } else { &pose.shaped }
+    }
+
+    /// Writes to `out` the places of the vertices in `pose`, metres.
+    ///
+    /// # Panics
+    /// If it is a pose of another character.
+    pub fn deform(&self, pose: &SkinPose, out: &mut Vec<Vec3>) {
+        self.skin().deform(self.shaped(pose), &pose.palette, pose.skinning, out);
     }
 }

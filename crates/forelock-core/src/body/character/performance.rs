@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
 use super::skeleton::nearest_rotation;
-use super::{Character, CharacterError, Clip, Palette, Skinning, Transform};
+use super::{Character, CharacterError, Clip, SkinPose, Skinning, Transform};
 use crate::pose::Pose;
 
 /// Joints that move by less than this share of the body's size, relative to the one that carries
@@ -72,8 +72,7 @@ pub struct PosingBuffers {
     other_weights: Vec<f64>,
     globals: Vec<DAffine3>,
     mirrored: Vec<DAffine3>,
-    pub(super) palette: Palette,
-    pub(super) shaped: Vec<Vec3>,
+    pose: SkinPose,
     positions: Vec<Vec3>,
 }
 
@@ -138,6 +137,16 @@ impl Performance {
 
     /// The character at `secs`.
     pub fn posed<'a>(&self, secs: f64, buffers: &'a mut PosingBuffers) -> Posed<'a> {
+        let mut pose = std::mem::take(&mut buffers.pose);
+        let carrier = self.pose(secs, buffers, &mut pose);
+        self.character.deform(&pose, &mut buffers.positions);
+        buffers.pose = pose;
+        Posed { carrier, positions: &buffers.positions }
+    }
+
+    /// Computes the pose of the skin at `secs`, before the motion of the joint that carries the
+    /// hair, and returns that motion.
+    pub fn pose(&self, secs: f64, buffers: &mut PosingBuffers, pose: &mut SkinPose) -> Pose {
         self.pose_joints(secs, buffers);
         let carrier = self.carrier_of(&buffers.globals[self.joint]);
         let back = carrier.inverse();
@@ -149,11 +158,8 @@ impl Performance {
                 *global = *rest;
             }
         }
-        let (globals, weights) = (std::mem::take(&mut buffers.globals), std::mem::take(&mut buffers.weights));
-        let mut positions = std::mem::take(&mut buffers.positions);
-        self.character.deform(&globals, &weights, self.skinning, buffers, &mut positions);
-        (buffers.globals, buffers.weights, buffers.positions) = (globals, weights, positions);
-        Posed { carrier, positions: &buffers.positions }
+        self.character.pose(&buffers.globals, &buffers.weights, self.skinning, pose);
+        carrier
     }
 
     /// The motion from rest of the joint that carries the hair, which is at `global`.

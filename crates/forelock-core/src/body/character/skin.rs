@@ -18,6 +18,8 @@ use rayon::prelude::*;
 
 use super::skeleton::nearest_rotation;
 
+/// The same as [`Skin::deform`] on a GPU.
+pub const SKIN_WGSL: &str = include_str!("skin.wgsl");
 /// The most bones that a vertex follows.
 pub const MAX_INFLUENCES: usize = 8;
 
@@ -33,6 +35,16 @@ pub enum Skinning {
     Linear,
     /// The mean of their dual quaternions: limbs that twist keep their girth.
     DualQuaternion,
+}
+
+impl Skinning {
+    /// Vectors of four numbers that the kernels read of a bone: see [`Palette::pack`].
+    pub const fn bone_vectors(self) -> usize {
+        match self {
+            Self::Linear => 3,
+            Self::DualQuaternion => 5,
+        }
+    }
 }
 
 /// A joint that vertices follow.
@@ -215,6 +227,26 @@ pub struct Palette {
     pub matrices: Vec<DAffine3>,
 }
 
+impl Palette {
+    /// Writes to `out` what the kernels read of the bones, [`Skinning::bone_vectors`] each: the
+    /// rows of M_b, or else the real and the dual part of D_b (x y z w) and the columns of A_b,
+    /// after which a 0 follows.
+    pub fn pack(&self, skinning: Skinning, out: &mut Vec<Vec4>) {
+        out.clear();
+        match skinning {
+            Skinning::Linear => out.extend(self.matrices.iter().flat_map(|own| {
+                let own = rows(own);
+                [0, 4, 8].map(|first| Vec4::from_slice(&own[first..first + 4]))
+            })),
+            Skinning::DualQuaternion => out.extend(self.matrices.iter().flat_map(|own| {
+                let Dual { real, dual, stretch } = Dual::new(own);
+                let [x, y, z] = [stretch.x_axis, stretch.y_axis, stretch.z_axis].map(|axis| axis.extend(0.0));
+                [real, dual, x, y, z]
+            })),
+        }
+    }
+}
+
 /// The rows of `affine`, the translation last in each.
 fn rows(affine: &DAffine3) -> [f32; 12] {
     let (m, t) = (affine.matrix3.as_mat3().transpose(), affine.translation.as_vec3());
@@ -323,6 +355,31 @@ mod tests {
             Vec3::X,
         );
         assert!(v.distance(Vec3::NEG_X) < 1e-6);
+    }
+
+    #[test]
+    fn bones_are_packed_as_the_kernels_read_them() {
+        let turn = DQuat::from_rotation_x(FRAC_PI_2);
+        let motion = DAffine3::from_scale_rotation_translation(
+            DVec3::new(1.0, 2.0, 3.0),
+            turn,
+            DVec3::new(4.0, 5.0, 6.0),
+        );
+        let palette = Palette { matrices: vec![DAffine3::IDENTITY, motion] };
+        let mut packed = Vec::new();
+        let v = Vec3::new(0.3, -0.2, 0.9);
+        palette.pack(Skinning::Linear, &mut packed);
+        assert_eq!(packed.len(), 2 * Skinning::Linear.bone_vectors());
+        let rows = packed[3..].iter().map(|row| row.dot(v.extend(1.0)));
+        let exact = motion.transform_point3(v.as_dvec3()).as_vec3();
+        assert!(rows.zip(exact.to_array()).all(|(a, b)| (a - b).abs() < 1e-6));
+        palette.pack(Skinning::DualQuaternion, &mut packed);
+        assert_eq!(packed.len(), 2 * Skinning::DualQuaternion.bone_vectors());
+        assert_eq!(packed[..2], [Vec4::W, Vec4::ZERO]);
+        assert!((packed[5] - Vec4::from(turn.as_quat())).length() < 1e-6);
+        let shift = Quat::from_vec4(packed[6]) * Quat::from_vec4(packed[5]).conjugate();
+        assert!((shift.xyz() * 2.0).distance(Vec3::new(4.0, 5.0, 6.0)) < 1e-5);
+        assert!((packed[8] - Vec4::Y * 2.0).length() < 1e-6);
     }
 
     #[test]

@@ -16,6 +16,8 @@ mod rod_constraints;
 mod rods;
 mod roots;
 mod simulator;
+mod skin;
+mod skin_roots;
 mod sleep;
 mod strays;
 mod thin;
