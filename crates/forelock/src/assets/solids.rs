@@ -40,7 +40,7 @@ pub(super) struct Body {
 fn unusual_place(mesh: &TriMesh) -> Option<String> {
     let (low, high) = mesh.bounds();
     let (size, away) = (low.distance(high), ((low + high) * 0.5).length());
-    if size > LARGEST_M || size < SMALLEST_M {
+    if !(SMALLEST_M..=LARGEST_M).contains(&size) {
         return Some(format!(
             "the body is {size:.3} m across: `body.unit` and `body.scale` say how it is read"
         ));

@@ -2,11 +2,11 @@
 //! them, and a clearance is valid until the step's end, or counts on the skin's motion.
 
 use super::edges::distance;
-use super::lay_along::{at_distance, depth};
+use super::lay_along::at_distance;
 use super::particle::{
     MAX_PUSHES, Particle, Sample, Solid, allowed_clearance, apply_friction, lipschitz, surface_displacement,
 };
-use super::{SolidPose, Solids, dot};
+use super::{SolidPose, Solids, depth, dot};
 use crate::body::{BendingField, PACKET, Shape};
 use crate::lane::{Lane, Real, V3};
 use crate::strands::{BlockView, number, vector};
@@ -97,11 +97,11 @@ pub(super) fn may_hold<T>(solids: &Solids<'_, T>) -> bool {
     solids.solids.iter().any(|solid| matches!(solid.shape, Shape::Bending(_)))
 }
 
-/// Limits the stretch of the edges of the strand in `lane`, of which the particles before `from` are
-/// clamped, to [`PINCHED`] or to `limit`: lengths have precedence over skin that bends. Where skin
-/// folds, and where it moves fast, it may push neighbouring particles out to different sides. What
-/// is then inside is brought out in the next step. Returns the largest depth of a particle that was
-/// moved.
+/// Limits the stretch of the edges of the strand in `lane`, of which the particles before `from`
+/// are clamped, to [`PINCHED`] or to `limit`: lengths have precedence over skin that bends. Where
+/// skin folds, and where it moves fast, it may push neighbouring particles out to different sides.
+/// What is then inside is brought out in the next step. Returns the largest depth of a particle
+/// that was moved.
 #[inline(never)]
 pub(super) fn limit_stretch<T: Real>(
     solids: &Solids<'_, T>,

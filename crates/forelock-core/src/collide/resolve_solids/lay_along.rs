@@ -4,7 +4,7 @@
 use super::edges::{Samples, distance, lerp, passes};
 use super::particle::{Solid, lipschitz};
 use super::sweep::sweep;
-use super::{Solids, bending, dot};
+use super::{Solids, bending, depth, dot};
 use crate::body::Shape;
 use crate::lane::{Lane, Real, V3};
 use crate::strands::{BlockView, LaneGroup, number, vector};
@@ -17,8 +17,9 @@ use crate::strands::{BlockView, LaneGroup, number, vector};
 /// depth of a particle that was left in a solid.
 ///
 /// The limit is one of three. [`STRETCHED`]: a length pass precedes, and surfaces have precedence
-/// over lengths, except for skin that bends ([`PINCHED`](super::PINCHED)). [`EXACT`]: lengths have precedence. [`SPRING_STRETCH`], for strands whose lengths
-/// only springs keep: edges keep the lengths that they have, up to that stretch.
+/// over lengths, except for skin that bends ([`PINCHED`](super::PINCHED)). [`EXACT`]: lengths have
+/// precedence. [`SPRING_STRETCH`], for strands whose lengths only springs keep: edges keep the
+/// lengths that they have, up to that stretch.
 ///
 /// # Theory
 /// The old curve is outside all solids. The part of the strand that has been placed, the way back
@@ -214,15 +215,6 @@ fn lay_strand<L: Lane>(
         (before, leader, leader_clearance) = (leader, x, clearance);
     }
     deepest
-}
-
-/// Depth of `x` under the surfaces of the solids that it is in.
-pub(super) fn depth<T: Real>(solids: &Solids<'_, T>, x: [T; 3]) -> f64 {
-    let depths = solids.solids.iter().zip(solids.poses).map(|(collider, pose)| {
-        let (distance, _) = collider.shape.sample_at(pose.local(1, x), pose.fractions[1]);
-        distance.to_f64().map_or(0.0, |distance| -distance)
-    });
-    depths.fold(0.0, f64::max)
 }
 
 /// Whether a solid lies between two points. One that is too thick to fit between them does not.

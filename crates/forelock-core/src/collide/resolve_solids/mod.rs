@@ -311,6 +311,15 @@ fn clearance_left<L: Lane>(solids: &Solids<'_, L::Scalar>, last: L, from: V3<L>,
     (moved, left)
 }
 
+/// Depth of `x` under the surfaces of the solids that it is in.
+fn depth<T: Real>(solids: &Solids<'_, T>, x: [T; 3]) -> f64 {
+    let depths = solids.solids.iter().zip(solids.poses).map(|(collider, pose)| {
+        let (distance, _) = collider.shape.sample_at(pose.local(1, x), pose.fractions[1]);
+        distance.to_f64().map_or(0.0, |distance| -distance)
+    });
+    depths.fold(0.0, f64::max)
+}
+
 #[inline(always)]
 fn dot<T: Real>(a: [T; 3], b: [T; 3]) -> T {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
