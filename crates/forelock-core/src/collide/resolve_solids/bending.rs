@@ -164,15 +164,23 @@ pub(super) fn fall<L: Lane>(shape: &Shape, pose: &SolidPose<L::Scalar>, from: V3
     fall
 }
 
-/// Lower bounds of the clearances of a packet from a body that bends, from now until the frame's
-/// end.
+/// Bounds clearances at `x` that are over 0 by that from a body that bends at the frame's end: they
+/// hold until then.
 #[inline(never)]
-pub(super) fn clearances_at_end<T: Real>(
+pub(super) fn bound_until_end<T: Real>(
     solids: &Solids<'_, T>,
-    shape: &Shape,
-    points: &[[T; PACKET]; 3],
-) -> [T; PACKET] {
-    shape.sample_packet(points, 1.0).0.map(|distance| distance - solids.thickness)
+    solid: Solid<'_, T>,
+    x: &[[T; PACKET]; 3],
+    clearances: &mut [T; PACKET],
+) {
+    let Solid { collider, pose } = solid;
+    let (distances, _) = collider.shape.sample_packet(&pose.local_packet(1, x), 1.0);
+    for (clearance, distance) in clearances.iter_mut().zip(distances) {
+        if *clearance > T::zero() {
+            let at_end = (distance - solids.thickness).max(T::zero()) / lipschitz(collider.shape);
+            *clearance = clearance.min(at_end);
+        }
+    }
 }
 
 /// The clearance at `x` from bodies that bend at the frame's end, 0 inside.

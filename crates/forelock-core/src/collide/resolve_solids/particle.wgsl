@@ -325,8 +325,7 @@ fn query_solids(x: vec3f, v: vec3f, origin: vec3f, moved: f32, last: f32) -> Res
         }
         if is_bending(number) && sigma > 0.0 && query.solids[number].phases.y < 1.0 {
             // The clearance holds until the frame's end.
-            let at_end = clearance_at_end_of(number, place) - lipschitz(number) * distance(own.x, place);
-            sigma = min(sigma, max(at_end, 0.0));
+            sigma = min(sigma, max(clearance_at_end_of(number, own.x), 0.0));
         }
         clearance = min(clearance, sigma / select(1.0, lipschitz(number), sigma > 0.0));
     }

@@ -109,14 +109,8 @@ impl<T: Real> Queue<T> {
             if (0..taken).all(is_far) {
                 continue;
             }
-            let points = pose.local_packet(1, &x);
-            let (distances, gradients) = collider.shape.sample_packet(&points, pose.fractions[1]);
-            let at_end = match collider.shape {
-                Shape::Bending(_) if pose.fractions[1] < 1.0 => {
-                    Some(bending::clearances_at_end(solids, collider.shape, &points))
-                }
-                _ => None,
-            };
+            let (distances, gradients) =
+                collider.shape.sample_packet(&pose.local_packet(1, &x), pose.fractions[1]);
             for k in 0..taken {
                 let place = [x[0][k], x[1][k], x[2][k]];
                 let sample = Sample {
@@ -172,16 +166,11 @@ impl<T: Real> Queue<T> {
                         v[c][k] = particle.v[c];
                     }
                 }
-                if let Some(at_end) = at_end
-                    && sigma > T::zero()
-                {
-                    // The clearance holds until the frame's end.
-                    let gone = [0, 1, 2].map(|c| particle.x[c] - place[c]);
-                    let left = at_end[k] - rise * dot(gone, gone).sqrt();
-                    sigma = sigma.min(left.max(T::zero()));
-                }
                 let rise = if sigma > T::zero() { lipschitz(collider.shape) } else { T::one() };
                 clearance[k] = clearance[k].min(sigma / rise);
+            }
+            if matches!(collider.shape, Shape::Bending(_)) && pose.fractions[1] < 1.0 {
+                bending::bound_until_end(solids, solid, &x, &mut clearance);
             }
         }
         for k in 0..taken {
