@@ -25,7 +25,7 @@ use crate::error::{FormatError, Problem};
 /// Joints inside joints; deeper files are refused.
 const DEEPEST: usize = 512;
 
-/// The largest number of a file, in its units and degrees.
+/// The largest length or angle of a file, in its units and degrees.
 const LARGEST: f64 = 1e7;
 
 /// A skeleton and a clip for it.
@@ -107,16 +107,23 @@ impl<'a> Words<'a> {
         // Some programs write decimal commas.
         let parsed = word.parse().or_else(|_| word.replace(',', ".").parse());
         match parsed {
-            Ok(number) if f64::abs(number) <= LARGEST => Ok(number),
-            Ok(number) if f64::is_finite(number) => {
-                Err(self.invalid(format_args!("{what}: {word} is beyond {LARGEST:e}")))
-            }
+            Ok(number) if f64::is_finite(number) => Ok(number),
             _ => Err(self.invalid(format_args!("expected {what}, found {word:?}"))),
         }
     }
 
+    /// A length or an angle.
+    fn measure(&mut self, what: &str) -> Result<f64, FormatError> {
+        let number = self.number(what)?;
+        if number.abs() <= LARGEST {
+            Ok(number)
+        } else {
+            Err(self.invalid(format_args!("{what}: {number:e} is beyond {LARGEST:e}")))
+        }
+    }
+
     fn vector(&mut self, what: &str) -> Result<DVec3, FormatError> {
-        Ok(DVec3::new(self.number(what)?, self.number(what)?, self.number(what)?))
+        Ok(DVec3::new(self.measure(what)?, self.measure(what)?, self.measure(what)?))
     }
 
     fn count(&mut self, what: &str) -> Result<usize, FormatError> {
@@ -269,7 +276,7 @@ fn motion(
             let (mut place, mut turn) = (joints[joint].rest.translation, DQuat::IDENTITY);
             let (mut moves, mut turned) = (false, false);
             for &(_, channel) in own {
-                let number = words.number("a number of a frame").map_err(|mut error| {
+                let number = words.measure("a number of a frame").map_err(|mut error| {
                     if let Problem::Invalid(text) = &mut error.problem {
                         let _ = write!(text, " (frame {} of {frames})", frame + 1);
                     }
