@@ -2,7 +2,7 @@
 //! them, and a clearance is valid until the step's end, or counts on the skin's motion.
 
 use super::edges::distance;
-use super::lay_along::at_distance;
+use super::lay_along::{EXACT_ROUNDS, at_distance, project};
 use super::particle::{
     MAX_PUSHES, Particle, Sample, Solid, allowed_clearance, apply_friction, lipschitz, surface_displacement,
 };
@@ -100,8 +100,8 @@ pub(super) fn may_hold<T>(solids: &Solids<'_, T>) -> bool {
 /// Limits the stretch of the edges of the strand in `lane`, of which the particles before `from`
 /// are clamped, to [`PINCHED`] or to `limit`: lengths have precedence over skin that bends. Where
 /// skin folds, and where it moves fast, it may push neighbouring particles out to different sides.
-/// What is then inside is brought out in the next step. Returns the largest depth of a particle
-/// that was moved.
+/// They are brought out again as far as their lengths allow, and the rest in the next step. Returns
+/// the largest depth of a particle that was moved.
 #[inline(never)]
 pub(super) fn limit_stretch<T: Real>(
     solids: &Solids<'_, T>,
@@ -123,7 +123,9 @@ pub(super) fn limit_stretch<T: Real>(
             let before = vector(view.positions, i.max(2) - 2, lane);
             x = [0, 1, 2].map(|c| leader[c] + (leader[c] - before[c]));
         }
-        let x = at_distance(leader, x, if now < least { least } else { most });
+        let length = if now < least { least } else { most };
+        let x = at_distance(leader, x, length);
+        let x = (0..EXACT_ROUNDS).fold(x, |x, _| at_distance(leader, project(solids, x), length));
         for (row, x) in view.positions[3 * i..3 * i + 3].iter_mut().zip(x) {
             row.0[lane] = x;
         }

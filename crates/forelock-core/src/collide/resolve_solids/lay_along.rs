@@ -414,7 +414,7 @@ pub(super) fn at_distance<T: Real>(leader: [T; 3], x: [T; 3], length: T) -> [T; 
 }
 
 /// `x` moved to the surfaces of the solids that it is in.
-fn project<T: Real>(solids: &Solids<'_, T>, mut x: [T; 3]) -> [T; 3] {
+pub(super) fn project<T: Real>(solids: &Solids<'_, T>, mut x: [T; 3]) -> [T; 3] {
     for (collider, pose) in solids.solids.iter().zip(solids.poses) {
         let (distance, gradient) = collider.shape.sample_at(pose.local(1, x), pose.fractions[1]);
         let sigma = distance - solids.thickness;

@@ -414,6 +414,9 @@ fn limit_stretch(strand: Strand) {
             x = 2.0 * leader - position_at(strand, max(i, 2u) - 2u);
         }
         x = at_distance(leader, x, length);
+        for (var round = 0u; round < EXACT_ROUNDS; round++) {
+            x = at_distance(leader, project(x), length);
+        }
         set_position(strand, i, x);
         set_clearance(strand, i, clearance_at(x));
         report_contact(false, depth_of(x));
