@@ -187,7 +187,9 @@ impl DeviceRoots {
         let of_strand = |&strand: &u32| RootEntry::new(&surface.roots()[strand as usize]);
         let entries: Vec<RootEntry> =
             model.blocks.iter().flat_map(|block| block.strands.iter().map(of_strand)).collect();
-        gpu.check_room("roots on a skin", size_of_val(&*entries) as u64, u64::MAX)?;
+        let turned = surface.triangles().len() + surface.fans().len();
+        let largest = size_of_val(&*entries).max(turned * size_of::<Vec4>());
+        gpu.check_room("roots on a skin", largest as u64, u64::MAX)?;
         let sizes = SurfaceUniform {
             triangles: surface.triangles().len() as u32,
             corners: surface.fans().len() as u32,

@@ -399,7 +399,8 @@ impl GpuSimulation {
     /// Records a frame into the caller's `encoder`, for an engine that submits its own work: the
     /// positions are in their buffers ([`GpuSimulation::positions`]) for what is recorded after it.
     /// The frame's coefficients are written to the queue at once, and take effect before the next
-    /// submission: one frame a submission.
+    /// submission: one frame a submission. A frame that is recorded and never submitted leaves what
+    /// later frames count on undone, such as the motions of roots.
     ///
     /// # Errors
     /// The same errors as [`GpuSimulation::step_frame`].

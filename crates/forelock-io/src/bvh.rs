@@ -169,7 +169,7 @@ pub fn read(bytes: &[u8]) -> Result<Bvh, FormatError> {
     let frames = words.count("the number of frames")?;
     words.expect("Frame")?;
     words.expect("Time:")?;
-    let frame_secs = words.number("the time of a frame in seconds")?;
+    let frame_secs = words.measure("the time of a frame in seconds")?;
     if frames == 0 || frame_secs <= 0.0 {
         return Err(words.invalid(format_args!("{frames} frames of {frame_secs} s are no motion")));
     }

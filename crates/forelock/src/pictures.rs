@@ -48,7 +48,7 @@ pub enum PictureError {
         frames: usize,
     },
     /// The cache does not have the time.
-    #[error("--at {time}: the cache has frames from {first} to {last} s")]
+    #[error("no frame at {time} s: the cache has frames from {first} to {last} s")]
     NoTime {
         /// The time asked for, seconds.
         time: f64,

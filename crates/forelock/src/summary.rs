@@ -55,7 +55,8 @@ pub struct Summary {
     /// The same at the end of the frame, after the final collision pass. No unit.
     pub max_edge_stretch_after_solids: f64,
     /// Penetration is measured in every so many frames
-    /// ([`MEASURED_EVERY`](crate::MEASURED_EVERY)), and in the last one.
+    /// ([`MEASURED_EVERY`](crate::MEASURED_EVERY)), and in the last one; 0 if
+    /// hair collides with nothing.
     pub penetration_measured_every: u32,
     /// Largest depth of any particle that is not clamped inside a solid at the end of a frame that
     /// is measured, metres; measured against the mesh itself where the solid has one, as

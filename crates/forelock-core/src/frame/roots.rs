@@ -80,7 +80,21 @@ impl<'a> Roots<'a> {
         let found = match self {
             Self::Rigid(_) => None,
             Self::PerStrand { frames, .. } => frames.iter().flat_map(|own| lengths(own)).find(wrong),
-            Self::OnSkin { roots, .. } => Some(roots.surface().roots().len()).filter(wrong),
+            Self::OnSkin { roots, poses, .. } => {
+                let character = roots.character();
+                for pose in poses {
+                    let [bones, vertices] = [character.skin().bones().len(), character.skin().vertices()];
+                    let shaped = if pose.shaped.is_empty() { vertices } else { pose.shaped.len() };
+                    let counts = [
+                        ("bones of a pose", pose.palette.matrices.len(), bones, "the skin's bones"),
+                        ("vertices of a pose", shaped, vertices, "the skin's vertices"),
+                    ];
+                    if let Some((name, found, expected, of)) = counts.into_iter().find(|own| own.1 != own.2) {
+                        return Err(ParamsError::Count { name, found, expected, of });
+                    }
+                }
+                Some(roots.surface().roots().len()).filter(wrong)
+            }
         };
         match found {
             None => Ok(()),
@@ -88,7 +102,7 @@ impl<'a> Roots<'a> {
         }
     }
 
-    /// Whether roots move relative to the head in the frame.
+    /// Whether roots move relative to the head in the frame, or, where poses are given, any bone.
     pub fn bends(&self) -> bool {
         match self {
             Self::Rigid(_) => false,

@@ -197,7 +197,7 @@ fn check_body_motion(scene: &Scene) -> Result<(), Wrong> {
     ];
     if let Some((name, _)) = set.into_iter().find(|(_, is_set)| *is_set) {
         let message = "is for builtin motions and keyframes, but the body plays a clip or a .bvh file: remove \
-                       it, or see `body.motion.clip`";
+                       it, or set it to its default; see `body.motion.clip`";
         return Err((format!("body.motion.{name}"), message.to_owned()));
     }
     if scene.groom.guides > 0 {

@@ -238,7 +238,7 @@ impl<'a> Document<'a> {
 /// The words of the TOML parser, with what to do where a name is extended to a table.
 fn syntax_words(message: &str) -> String {
     let extends = message.contains("extend value of type string");
-    let remedy = "; write the text as a key of its own in the table, such as `name` of `[body.motion]`";
+    let remedy = "; a key is text or a table, not both (a motion's name is the key `name` of its table)";
     format!("{message}{}", if extends { remedy } else { "" })
 }
 

@@ -116,7 +116,7 @@ fn values_out_of_range_are_refused_where_they_are_set() {
         ),
         (
             "[body]\nmotion = \"walk\"\n[body.motion.clip]\nspeed = 2",
-            "write the text as a key of its own in the table, such as `name` of `[body.motion]`",
+            "a motion's name is the key `name` of its table",
         ),
         ("[hair]\ncolour = \"blond\"", "did you mean \"blonde\"?"),
         ("[groom]\nsource = []", "is an empty list"),

@@ -97,11 +97,12 @@ pub(super) fn may_hold<T>(solids: &Solids<'_, T>) -> bool {
     solids.solids.iter().any(|solid| matches!(solid.shape, Shape::Bending(_)))
 }
 
-/// Limits the stretch of the edges of the strand in `lane`, of which the particles before `from`
-/// are clamped, to [`PINCHED`] or to `limit`: lengths have precedence over skin that bends. Where
-/// skin folds, and where it moves fast, it may push neighbouring particles out to different sides.
-/// They are brought out again as far as their lengths allow, and the rest in the next step. Returns
-/// the largest depth of a particle that was moved.
+/// Limits the stretch of the edges of the strand in `lane` that are beside skin that bends, and of
+/// those after them, to the larger of [`PINCHED`] and `limit`: lengths have precedence over such
+/// skin. Particles before `from` are clamped. Where skin folds, and where it moves fast, it may
+/// push neighbouring particles out to different sides. They are brought out again as far as their
+/// lengths allow, and the rest in the next step. Returns the largest depth of a particle that was
+/// moved.
 #[inline(never)]
 pub(super) fn limit_stretch<T: Real>(
     solids: &Solids<'_, T>,
@@ -110,16 +111,17 @@ pub(super) fn limit_stretch<T: Real>(
     [lane, from]: [usize; 2],
 ) -> f64 {
     let by = number::<T>(limit.max(PINCHED));
-    let mut deepest = 0.0f64;
+    let (mut deepest, mut has_moved) = (0.0f64, false);
     for i in from..view.particles {
         let [leader, mut x] = [i - 1, i].map(|i| vector(view.positions, i, lane));
         let (rest, now) = (view.rest_lengths[3 * (i - 1)].0[lane], distance(leader, x));
         let [least, most] = [T::one() - by, T::one() + by].map(|share| share * rest);
-        if now >= least && now <= most {
+        if (now >= least && now <= most) || !(has_moved || distance_from_skin(solids, x) < rest) {
             continue;
         }
+        has_moved = true;
         if now < number::<T>(COINCIDENT) * rest {
-            // It has no direction of its own: that of the edge before.
+            // It has no direction of its own: that of the edge before, if there is one.
             let before = vector(view.positions, i.max(2) - 2, lane);
             x = [0, 1, 2].map(|c| leader[c] + (leader[c] - before[c]));
         }
@@ -129,10 +131,21 @@ pub(super) fn limit_stretch<T: Real>(
         for (row, x) in view.positions[3 * i..3 * i + 3].iter_mut().zip(x) {
             row.0[lane] = x;
         }
-        view.clearance[i].0[lane] = clearance_at(solids, x);
+        let clearance = clearance_at(solids, x);
+        let until_end = if clearance > T::zero() { clearance_at_end(solids, x) } else { clearance };
+        view.clearance[i].0[lane] = clearance.min(until_end);
         deepest = deepest.max(depth(solids, x));
     }
     deepest
+}
+
+/// The distance from skin that bends at `x`, metres.
+fn distance_from_skin<T: Real>(solids: &Solids<'_, T>, x: [T; 3]) -> T {
+    let bending = solids.solids.iter().zip(solids.poses);
+    let bending = bending.filter(|(collider, _)| matches!(collider.shape, Shape::Bending(_)));
+    let distances =
+        bending.map(|(collider, pose)| collider.shape.sample_at(pose.local(1, x), pose.fractions[1]).0);
+    distances.fold(T::infinity(), T::min)
 }
 
 /// The clearance at `x`; below zero a depth.

@@ -35,6 +35,17 @@ fn clearance_at(x: vec3f) -> f32 {
     return clearance;
 }
 
+// The distance from skin that bends at `x`.
+fn distance_from_skin(x: vec3f) -> f32 {
+    var least = FAR;
+    for (var number = 0u; number < query.count; number++) {
+        if is_bending(number) {
+            least = min(least, sample_shape(number, local(query.solids[number].at_end, x), 1.0).w);
+        }
+    }
+    return least;
+}
+
 // Displacement in the substep of the skin nearest to `x` relative to the body, in the world's axes.
 fn displacement(number: u32, x: vec3f) -> Displacement {
     let map = query.solids[number].at_end;

@@ -400,17 +400,19 @@ fn lay_along(strand: Strand) {
 fn limit_stretch(strand: Strand) {
     let first = max(frame.clamped, 1u);
     let by = max(query.stretch_limit, PINCHED);
+    var has_moved = false;
     for (var i = first; i < strand.particles; i++) {
         let leader = position_at(strand, i - 1u);
         var x = position_at(strand, i);
         let rest = rest_length(strand, i - 1u, 1u);
         let now = distance(leader, x);
         let length = clamp(now, (1.0 - by) * rest, (1.0 + by) * rest);
-        if length == now {
+        if length == now || !(has_moved || distance_from_skin(x) < rest) {
             continue;
         }
+        has_moved = true;
         if now < COINCIDENT * rest {
-            // It has no direction of its own: that of the edge before.
+            // It has no direction of its own: that of the edge before, if there is one.
             x = 2.0 * leader - position_at(strand, max(i, 2u) - 2u);
         }
         x = at_distance(leader, x, length);
@@ -418,7 +420,11 @@ fn limit_stretch(strand: Strand) {
             x = at_distance(leader, project(x), length);
         }
         set_position(strand, i, x);
-        set_clearance(strand, i, clearance_at(x));
+        var clearance = clearance_at(x);
+        if clearance > 0.0 {
+            clearance = min(clearance, clearance_at_end(x));
+        }
+        set_clearance(strand, i, clearance);
         report_contact(false, depth_of(x));
     }
 }
