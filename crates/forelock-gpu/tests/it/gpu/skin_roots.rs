@@ -15,6 +15,7 @@ use forelock_core::body::{TriMesh, Walker};
 use forelock_core::frame::{FrameInput, Roots, Solver};
 use forelock_core::groom::edit::Source;
 use forelock_core::groom::{FrameBuffers, Groom, RootBinding, RootFrames, SkinnedRoots, SurfaceRoots};
+use forelock_core::params::ParamsError;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::{Options, Simulation};
 use forelock_core::solver::{AmsParams, DftlParams, XpbdParams};
@@ -327,13 +328,16 @@ fn an_edited_groom_is_bound_anew() {
     other.palette.matrices.pop();
     let before = simulation.snapshot().unwrap();
     let refused = simulation.step_frame(&on_skin(&fewer, [&poses[2], &other], 1));
-    assert!(matches!(refused, Err(GpuError::Skin { what: "bones", .. })), "{refused:?}");
+    let is_count = |error: &ParamsError| matches!(error, ParamsError::Count { name: "bones of a pose", .. });
+    assert!(matches!(&refused, Err(GpuError::Params(error)) if is_count(error)), "{refused:?}");
     assert_eq!(simulation.snapshot().unwrap(), before);
     let found = worst(&mut simulation, &fewer, [&poses[2], &poses[0]]);
     assert!(within(found, OWN_PLACES), "{found:?}");
 
     let new = || Simulation::new(&groom, &AmsParams::default(), &options()).unwrap();
     let [mut by_pose, mut by_motions] = [new(), new()];
+    let refused = by_pose.step_frame(&on_skin(&roots, [&poses[2], &other], 0));
+    assert!(refused.as_ref().is_err_and(is_count), "{refused:?}");
     for number in 0..2 {
         let ends = [&poses[number as usize], &poses[number as usize + 1]];
         by_pose.step_frame(&on_skin(&roots, ends, number)).unwrap();
