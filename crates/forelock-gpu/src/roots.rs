@@ -2,10 +2,11 @@
 //!
 //! # Practice
 //! What does not change with the pose is uploaded once. In a step from where the last one ended
-//! only the pose of the bones at its end is uploaded, and nothing while the skin holds still;
-//! otherwise the pose at the start goes first, in a submission of its own. Kernels skin the mesh,
-//! turn its triangles, average their rotations at the corners of the roots' triangles and at the
-//! roots, and pack the motions at both ends to where the other kernels read them.
+//! only the pose at its end is uploaded: the motions of the bones, and the vertices where blend
+//! shapes displace them. Nothing is uploaded while the skin holds still. Otherwise the pose at the
+//! start goes first, in a submission of its own. Kernels skin the mesh, turn its triangles, average
+//! their rotations at the corners of the roots' triangles and at the roots, and pack the motions at
+//! both ends to where the other kernels read them.
 //!
 //! The mesh at rest is skinned on the device too, so roots on skin that does not move from there
 //! have no motion, to the last bit of a place.

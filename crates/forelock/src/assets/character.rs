@@ -166,7 +166,8 @@ fn extent(performance: &Performance) -> [Vec3; 2] {
     boxes.fold([Vec3::INFINITY, Vec3::NEG_INFINITY], |[a, b], [low, high]| [a.min(low), b.max(high)])
 }
 
-fn box_of(points: impl Iterator<Item = Vec3>) -> [Vec3; 2] {
+/// The box around `points`, (low, high).
+pub(super) fn box_of(points: impl Iterator<Item = Vec3>) -> [Vec3; 2] {
     points.fold([Vec3::INFINITY, Vec3::NEG_INFINITY], |[low, high], p| [low.min(p), high.max(p)])
 }
 

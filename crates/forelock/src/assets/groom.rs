@@ -8,6 +8,7 @@ use forelock_core::memory;
 use forelock_core::meter::Meter;
 use glam::{DVec3, Vec3};
 
+use super::character::box_of;
 use super::solids::Body;
 use super::{AssetError, neck};
 use crate::scene::{GroomSource, Scene};
@@ -72,11 +73,8 @@ pub(super) fn load(
 
 /// What to say of a groom that is much larger or smaller than the body, or far from it.
 fn misfit(groom: &Groom, body: &Body) -> Option<String> {
-    let bounds = |points: &[Vec3]| {
-        let none = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-        points.iter().fold(none, |(low, high), p| (low.min(*p), high.max(*p)))
-    };
-    let ((low, high), (from, to)) = (bounds(groom.positions()), body.mesh.bounds());
+    let [low, high] = box_of(groom.positions().iter().copied());
+    let (from, to) = body.mesh.bounds();
     let (hair, own) = (low.distance(high), from.distance(to));
     let apart = (low - to).max(from - high).max(Vec3::ZERO).length();
     let problem = if hair > 10.0 * own || 100.0 * hair < own {
@@ -160,7 +158,7 @@ fn join(mut grooms: Vec<Groom>) -> Result<Groom, AssetError> {
 /// About where hair without a body turns.
 pub(super) fn middle_of_roots(groom: &Groom) -> DVec3 {
     let roots = groom.strands().filter_map(|strand| strand.first());
-    let (lo, hi) = roots.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), &p| (lo.min(p), hi.max(p)));
+    let [lo, hi] = box_of(roots.copied());
     neck(lo.as_dvec3(), hi.as_dvec3())
 }
 

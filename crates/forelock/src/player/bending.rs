@@ -35,7 +35,7 @@ struct Ends<T> {
 }
 
 impl<T> Ends<T> {
-    /// It at two times, of which `make` makes those that are not there.
+    /// The values at the times `secs`. `make` computes those that the step before has not left.
     fn at(&mut self, secs: [f64; 2], mut make: impl FnMut(f64, &mut T)) -> [&T; 2] {
         if self.secs[1] == Some(secs[0]) {
             self.own.swap(0, 1);
@@ -68,7 +68,7 @@ pub(super) enum BentRoots<'a> {
 }
 
 impl<'a> BentRoots<'a> {
-    /// They on a `head`.
+    /// The input of a frame in which the head moves between the poses `head`.
     pub fn on(self, head: [Pose; 2]) -> Roots<'a> {
         match self {
             Self::Motions(frames) => Roots::PerStrand { head, frames },
