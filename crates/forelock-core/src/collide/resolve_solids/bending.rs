@@ -6,8 +6,8 @@ use super::lay_along::{EXACT_ROUNDS, at_distance, project};
 use super::particle::{
     MAX_PUSHES, Particle, Sample, Solid, allowed_clearance, apply_friction, lipschitz, surface_displacement,
 };
-use super::{SolidPose, Solids, depth, dot};
-use crate::body::{BendingField, PACKET, Shape};
+use super::{SolidPose, Solids, dot};
+use crate::body::{BendingField, ColliderFrame, PACKET, Shape};
 use crate::lane::{Lane, Real, V3};
 use crate::strands::{BlockView, number, vector};
 use glam::Vec3;
@@ -93,8 +93,8 @@ fn held<T: Real>(solids: &Solids<'_, T>, sigma: T, particle: &mut Particle<T>) -
 
 /// Whether hair may be held between parts of a body.
 #[inline(always)]
-pub(super) fn may_hold<T>(solids: &Solids<'_, T>) -> bool {
-    solids.solids.iter().any(|solid| matches!(solid.shape, Shape::Bending(_)))
+pub(super) fn may_hold<T: Real>(solids: &Solids<'_, T>) -> bool {
+    bending(solids).next().is_some()
 }
 
 /// Limits the stretch of the edges of the strand in `lane` that are beside skin that bends, and of
@@ -116,7 +116,9 @@ pub(super) fn limit_stretch<T: Real>(
         let [leader, mut x] = [i - 1, i].map(|i| vector(view.positions, i, lane));
         let (rest, now) = (view.rest_lengths[3 * (i - 1)].0[lane], distance(leader, x));
         let [least, most] = [T::one() - by, T::one() + by].map(|share| share * rest);
-        if (now >= least && now <= most) || !(has_moved || distance_from_skin(solids, x) < rest) {
+        // What was brought out lies at the skin's thickness.
+        let reach = rest + solids.thickness;
+        if (now >= least && now <= most) || !(has_moved || distance_from_skin(solids, x) < reach) {
             continue;
         }
         has_moved = true;
@@ -134,17 +136,24 @@ pub(super) fn limit_stretch<T: Real>(
         let clearance = clearance_at(solids, x);
         let until_end = if clearance > T::zero() { clearance_at_end(solids, x) } else { clearance };
         view.clearance[i].0[lane] = clearance.min(until_end);
-        deepest = deepest.max(depth(solids, x));
+        deepest = deepest.max((-(clearance + solids.thickness)).to_f64().unwrap_or(0.0));
     }
     deepest
 }
 
+/// The bodies that bend.
+#[inline(always)]
+fn bending<'a, T: Real>(
+    solids: &'a Solids<'_, T>,
+) -> impl Iterator<Item = (&'a ColliderFrame<'a>, &'a SolidPose<T>)> {
+    let all = solids.solids.iter().zip(solids.poses);
+    all.filter(|(collider, _)| matches!(collider.shape, Shape::Bending(_)))
+}
+
 /// The distance from skin that bends at `x`, metres.
 fn distance_from_skin<T: Real>(solids: &Solids<'_, T>, x: [T; 3]) -> T {
-    let bending = solids.solids.iter().zip(solids.poses);
-    let bending = bending.filter(|(collider, _)| matches!(collider.shape, Shape::Bending(_)));
-    let distances =
-        bending.map(|(collider, pose)| collider.shape.sample_at(pose.local(1, x), pose.fractions[1]).0);
+    let distances = bending(solids)
+        .map(|(collider, pose)| collider.shape.sample_at(pose.local(1, x), pose.fractions[1]).0);
     distances.fold(T::infinity(), T::min)
 }
 
@@ -200,9 +209,7 @@ pub(super) fn bound_until_end<T: Real>(
 
 /// The clearance at `x` from bodies that bend at the frame's end, 0 inside.
 pub(super) fn clearance_at_end<T: Real>(solids: &Solids<'_, T>, x: [T; 3]) -> T {
-    let bending = solids.solids.iter().zip(solids.poses);
-    let bending = bending.filter(|(collider, _)| matches!(collider.shape, Shape::Bending(_)));
-    let clearances = bending.map(|(collider, pose)| {
+    let clearances = bending(solids).map(|(collider, pose)| {
         let distance = collider.shape.sample(pose.local(1, x)).0 - solids.thickness;
         distance.max(T::zero()) / lipschitz(collider.shape)
     });

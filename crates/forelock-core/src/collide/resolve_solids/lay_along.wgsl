@@ -407,7 +407,8 @@ fn limit_stretch(strand: Strand) {
         let rest = rest_length(strand, i - 1u, 1u);
         let now = distance(leader, x);
         let length = clamp(now, (1.0 - by) * rest, (1.0 + by) * rest);
-        if length == now || !(has_moved || distance_from_skin(x) < rest) {
+        // What was brought out lies at the skin's thickness.
+        if length == now || !(has_moved || distance_from_skin(x) < rest + query.thickness) {
             continue;
         }
         has_moved = true;
@@ -421,11 +422,11 @@ fn limit_stretch(strand: Strand) {
         }
         set_position(strand, i, x);
         var clearance = clearance_at(x);
+        report_contact(false, -(clearance + query.thickness));
         if clearance > 0.0 {
             clearance = min(clearance, clearance_at_end(x));
         }
         set_clearance(strand, i, clearance);
-        report_contact(false, depth_of(x));
     }
 }
 
