@@ -1,0 +1,1 @@
+//! The energies that the network is trained with.

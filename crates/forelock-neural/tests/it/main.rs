@@ -1,0 +1,3 @@
+//! The tests of this crate that use its public interface alone, as one program.
+
+mod golden;
