@@ -26,11 +26,15 @@ mod x86;
 
 pub use math::{Mat3, Quat, Sym3, V3};
 pub use simd::Simd;
+pub(crate) use simd::widest;
 #[cfg(target_arch = "x86_64")]
-pub(crate) use simd::with_features;
-pub(crate) use simd::{BASELINE_FMA, on, widest};
+#[doc(hidden)]
+pub use simd::with_features;
+#[doc(hidden)]
+pub use simd::{BASELINE_FMA, on};
 #[cfg(target_arch = "x86_64")]
-pub(crate) use x86::{Avx2, Avx512};
+#[doc(hidden)]
+pub use x86::{Avx2, Avx512};
 
 use num_traits::Float;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};

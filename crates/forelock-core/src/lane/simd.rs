@@ -80,10 +80,12 @@ pub(crate) fn widest<R>(f: impl FnOnce() -> R) -> R {
 }
 
 /// Whether the target has fused multiply–add without asking.
-pub(crate) const BASELINE_FMA: bool = cfg!(any(target_arch = "aarch64", target_feature = "fma"));
+pub const BASELINE_FMA: bool = cfg!(any(target_arch = "aarch64", target_feature = "fma"));
 
 /// `$text` for lanes `$lane`, with `$features`.
 #[cfg(target_arch = "x86_64")]
+#[doc(hidden)]
+#[macro_export]
 macro_rules! with_features {
     ($features:literal, $lane:ty, $text:ident($($name:ident: $type:ty),*) $(-> $found:ty)?) => {{
         #[target_feature(enable = $features)]
@@ -94,10 +96,13 @@ macro_rules! with_features {
     }};
 }
 #[cfg(target_arch = "x86_64")]
-pub(crate) use with_features;
+pub use with_features;
 
 /// `$text`, a function of float32 lanes, compiled for the instruction set and width `$simd` (a
-/// supported one, not `Auto`). Unsafe to call on a processor without that instruction set.
+/// supported one, not `Auto`). Unsafe to call on a processor without that instruction set. For crates
+/// of this workspace.
+#[doc(hidden)]
+#[macro_export]
 macro_rules! on {
     ($simd:ident, $text:ident $takes:tt $(-> $found:ty)?) => {
         match $simd {
@@ -120,4 +125,4 @@ macro_rules! on {
         }
     };
 }
-pub(crate) use on;
+pub use on;

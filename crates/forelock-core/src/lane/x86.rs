@@ -20,7 +20,7 @@ macro_rules! register {
         /// Only for code that runs under `#[target_feature]` for this instruction set.
         #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
         #[repr(transparent)]
-        pub(crate) struct $name($register);
+        pub struct $name($register);
 
         // SAFETY, here and below: values of this type exist only in functions instantiated for
         // `$name`, which `Simd::is_supported` guards; the instructions access registers or slices

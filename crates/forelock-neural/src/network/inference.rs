@@ -1,0 +1,227 @@
+//! Inference of the network on the CPU.
+//!
+//! # Theory
+//! See [the network](super). B/2 of the rotation head is folded into the last layer, whose outputs
+//! then are the rotations u.
+//!
+//! # Practice
+//! A packet is 64 strands. Its activations, 64 KiB, and the 328 KiB of weights stay in the second
+//! cache. Threads share packets; results do not depend on their number.
+
+use super::product::{Factors, PACKET, Start, TILE_ROWS, product};
+use super::rotation::{Basis, rotate};
+use super::{LengthError, Network, OUTPUTS, Shape};
+use crate::EDGES;
+use crate::losses::Strand;
+use bytemuck::Zeroable;
+use forelock_core::lane::{LANES, Lane, Row, Simd, V3, on};
+use rayon::prelude::*;
+
+/// What the network needs of its strands: computed once a groom.
+#[derive(Clone, Debug)]
+pub struct Strands {
+    count: usize,
+    /// The first layer's sums of strands, a packet after the other: `[width, 4]` rows.
+    sums: Vec<Row<f32>>,
+    /// Roots and edges at rest, cm, a row of strands after the other: `[25, 3]` rows.
+    rest: Vec<Row<f32>>,
+}
+
+impl Strands {
+    /// The number of strands.
+    pub fn count(&self) -> usize {
+        self.count
+    }
+}
+
+/// Inputs of strands that do not agree in number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{rest} strands at rest, but inputs of {inputs}")]
+pub struct CountError {
+    /// Strands at rest.
+    pub rest: usize,
+    /// Strands with inputs.
+    pub inputs: usize,
+}
+
+/// A network made ready for inference with the rotation head.
+#[derive(Clone, Debug)]
+pub struct Predictor {
+    simd: Simd,
+    network: Network<f32>,
+}
+
+/// Where predicted positions go: `[strand][25]`, cm, canonical space.
+pub type Positions = [[f32; 3]; crate::PARTICLES];
+
+impl Predictor {
+    /// A predictor of `network` with the basis of its head.
+    ///
+    /// # Errors
+    /// If the network has not three outputs an edge.
+    pub fn new(network: &Network<f32>, basis: &Basis, simd: Simd) -> Result<Self, LengthError> {
+        let shape = *network.shape();
+        if shape.outputs != OUTPUTS {
+            return Err(LengthError { expected: OUTPUTS, found: shape.outputs });
+        }
+        let mut network = network.clone();
+        // The last layer and its bias.
+        for range in &shape.ranges()[5..] {
+            for row in network.parameters_mut()[range.clone()].chunks_exact_mut(OUTPUTS) {
+                fold(row, basis);
+            }
+        }
+        Ok(Self { simd: simd.resolve(), network })
+    }
+
+    /// Prepares strands: `rest` are positions at rest, cm, canonical space; `statics` the inputs of
+    /// each strand, `[strands, statics]`.
+    ///
+    /// # Errors
+    /// If there are not as many inputs as strands.
+    pub fn prepare(&self, rest: &[Positions], statics: &[f32]) -> Result<Strands, CountError> {
+        let Shape { statics: inputs, width, .. } = *self.network.shape();
+        if statics.len() != inputs * rest.len() {
+            return Err(CountError { rest: rest.len(), inputs: statics.len() / inputs });
+        }
+        let packets = rest.len().div_ceil(PACKET);
+        let mut own = Strands {
+            count: rest.len(),
+            sums: vec![Row::zeroed(); packets * width * TILE_ROWS],
+            rest: vec![Row::zeroed(); packets * TILE_ROWS * 3 * crate::PARTICLES],
+        };
+        let [matrix, _, bias, ..] = self.network.parts();
+        own.sums.par_chunks_exact_mut(width * TILE_ROWS).enumerate().for_each(|(packet, sums)| {
+            let mut packed = vec![Row::zeroed(); inputs * TILE_ROWS];
+            for s in packet * PACKET..rest.len().min((packet + 1) * PACKET) {
+                let (row, lane) = (s % PACKET / LANES, s % LANES);
+                for (i, x) in statics[s * inputs..(s + 1) * inputs].iter().enumerate() {
+                    packed[i * TILE_ROWS + row].0[lane] = *x;
+                }
+            }
+            let factors = Factors { a: matrix, columns: width, b: &packed };
+            product(self.simd, factors, Start::Bias(bias), sums);
+        });
+        for (s, x) in rest.iter().enumerate() {
+            let rows = &mut own.rest[s / LANES * 3 * crate::PARTICLES..][..3 * crate::PARTICLES];
+            for i in 0..crate::PARTICLES {
+                for c in 0..3 {
+                    let before = if i > 0 { x[i - 1][c] } else { 0.0 };
+                    rows[3 * i + c].0[s % LANES] = x[i][c] - before;
+                }
+            }
+        }
+        Ok(own)
+    }
+
+    /// Positions of `strands` in a frame with the inputs `shared`, `[shared]`: cm, canonical space.
+    ///
+    /// # Panics
+    /// If `shared` or `out` has another length than the network's inputs or the strands.
+    pub fn predict(&self, strands: &Strands, shared: &[f32], out: &mut [Positions]) {
+        assert_eq!(shared.len(), self.network.shape().shared, "inputs of a frame");
+        assert_eq!(out.len(), strands.count, "strands");
+        let frame = super::shared_part(&self.network, shared);
+        let width = self.network.shape().width;
+        out.par_chunks_mut(PACKET)
+            .zip(strands.sums.par_chunks_exact(width * TILE_ROWS))
+            .enumerate()
+            .for_each_init(
+                || Activations::new(width),
+                |activations, (packet, (out, sums))| {
+                    self.layers(&frame, sums, activations);
+                    let first = packet * TILE_ROWS * 3 * crate::PARTICLES;
+                    let rest = strands.rest[first..].chunks_exact(3 * crate::PARTICLES);
+                    for (row, (out, rest)) in out.chunks_mut(LANES).zip(rest).enumerate() {
+                        head(self.simd, rest, &activations.outputs, row, out);
+                    }
+                },
+            );
+    }
+
+    /// The layers of a packet, from the first layer's sums of the frame and of its strands.
+    fn layers(&self, frame: &[f32], sums: &[Row<f32>], activations: &mut Activations) {
+        let [.., hidden, second_bias, output, third_bias] = self.network.parts();
+        let Activations { first, second, outputs } = activations;
+        for ((first, sums), frame) in
+            first.chunks_exact_mut(TILE_ROWS).zip(sums.chunks_exact(TILE_ROWS)).zip(frame)
+        {
+            for (first, sums) in first.iter_mut().zip(sums) {
+                for (x, sum) in first.0.iter_mut().zip(sums.0) {
+                    *x = (sum + frame).max(0.0);
+                }
+            }
+        }
+        let width = self.network.shape().width;
+        let factors = Factors { a: hidden, columns: width, b: first };
+        product(self.simd, factors, Start::BiasRelu(second_bias), second);
+        let factors = Factors { a: output, columns: OUTPUTS, b: second };
+        product(self.simd, factors, Start::Bias(third_bias), outputs);
+    }
+}
+
+/// Activations of a packet: rows of 64 strands.
+struct Activations {
+    first: Vec<Row<f32>>,
+    second: Vec<Row<f32>>,
+    outputs: Vec<Row<f32>>,
+}
+
+impl Activations {
+    fn new(width: usize) -> Self {
+        let rows = |units: usize| vec![Row::zeroed(); units * TILE_ROWS];
+        Self { first: rows(width), second: rows(width), outputs: rows(OUTPUTS) }
+    }
+}
+
+/// Replaces three outputs an edge, o, by ½ B o.
+fn fold(o: &mut [f32], basis: &Basis) {
+    let mut u = [[0.0; 3]; EDGES];
+    for (u, row) in u.iter_mut().zip(basis) {
+        for (weight, o) in row.iter().zip(o.chunks_exact(3)) {
+            for c in 0..3 {
+                u[c] += 0.5 * weight * f64::from(o[c]);
+            }
+        }
+    }
+    for (o, u) in o.iter_mut().zip(u.as_flattened()) {
+        *o = *u as f32;
+    }
+}
+
+/// Positions of up to 16 strands, row `row` of a packet, from its `outputs`.
+fn head(simd: Simd, rest: &[Row<f32>], outputs: &[Row<f32>], row: usize, out: &mut [Positions]) {
+    let run =
+        on!(simd, rotate_row(rest: &[Row<f32>], outputs: &[Row<f32>], row: usize, out: &mut [Positions]));
+    // SAFETY: a predictor's instruction set is supported.
+    #[allow(unused_unsafe, clippy::allow_attributes, reason = "only instantiations with features are unsafe")]
+    unsafe {
+        run(rest, outputs, row, out);
+    }
+}
+
+/// [`head`] in lanes.
+#[inline(always)]
+fn rotate_row<L: Lane<Scalar = f32>>(
+    rest: &[Row<f32>],
+    outputs: &[Row<f32>],
+    row: usize,
+    out: &mut [Positions],
+) {
+    for first in (0..LANES.min(out.len())).step_by(L::WIDTH) {
+        let mut edges = [V3::zero(); EDGES];
+        let mut u = [V3::zero(); EDGES];
+        for i in 0..EDGES {
+            edges[i] = V3::<L>::load(rest, i + 1, first);
+            for c in 0..3 {
+                u[i].0[c] = L::load(&outputs[(3 * i + c) * TILE_ROWS + row], first);
+            }
+        }
+        let x: Strand<L> = rotate(V3::load(rest, 0, first), &edges, &u);
+        for (lane, out) in out.iter_mut().skip(first).take(L::WIDTH).enumerate() {
+            for (out, x) in out.iter_mut().zip(&x) {
+                *out = x.get(lane);
+            }
+        }
+    }
+}
