@@ -8,6 +8,7 @@
 
 pub mod losses;
 pub mod network;
+pub mod reference;
 
 /// Particles of a strand of the network.
 pub const PARTICLES: usize = 25;

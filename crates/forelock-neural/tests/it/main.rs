@@ -3,3 +3,4 @@
 mod golden;
 mod losses;
 mod network;
+mod reference;

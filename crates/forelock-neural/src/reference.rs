@@ -1,0 +1,211 @@
+//! The implicit reference: the least of the training energies at every frame, which is what the
+//! network is measured against.
+//!
+//! # Theory
+//! A frame is a step of implicit Euler: the canonical positions x that minimise stretch, bend–twist,
+//! gravity, inertia, drag and collision with the body, given the two frames before. Self-collision,
+//! style and adhesion are left out. The motion starts from the static drape, the least energy
+//! without inertia and drag at the first pose.
+//!
+//! # Practice
+//! Newton's method with the Hessian of finite differences of the gradient, kept while it still
+//! reduces the gradient tenfold an iteration, and a backtracking line search. An indefinite Hessian
+//! is shifted until it has Cholesky factors.
+
+use crate::EDGES;
+use crate::losses::body::{Body, BodyTerms, body};
+use crate::losses::elastic::{ElasticTerms, RestStrand, elastic};
+use crate::losses::motion::{Inertial, MotionTerms, Place};
+use crate::losses::{Strand, zero};
+use forelock_core::lane::V3;
+
+/// Unknowns: the coordinates of all particles but the root.
+const UNKNOWNS: usize = 3 * EDGES;
+/// The gradient below which the least is found, g cm s⁻².
+const CONVERGED: f64 = 1e-8;
+/// Most iterations of a frame.
+const MOST_ITERATIONS: usize = 200;
+/// Step of the finite differences, cm.
+const STEP: f64 = 1e-6;
+
+/// Coefficients of the energies.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Terms {
+    /// Stretch and bend–twist.
+    pub elastic: ElasticTerms,
+    /// Gravity, inertia and drag.
+    pub motion: MotionTerms,
+    /// Collision with the body.
+    pub body: BodyTerms,
+}
+
+/// A frame of one strand.
+struct Frame<'a, B: ?Sized> {
+    terms: &'a Terms,
+    rest: &'a RestStrand<f64>,
+    inertial: Inertial<'a, f64>,
+    body: &'a B,
+}
+
+impl<B: Body<f64> + ?Sized> Frame<'_, B> {
+    /// The energy at `x`, and its gradient.
+    fn energy(&self, x: &Strand<f64>) -> (f64, [f64; UNKNOWNS]) {
+        let mut by_x = zero();
+        let energy = elastic(&self.terms.elastic, self.rest, x, &mut by_x)
+            + self.inertial.energy(&self.terms.motion, x, &mut by_x)
+            + body(&self.terms.body, self.body, x, &mut by_x);
+        (energy, std::array::from_fn(|k| by_x[1 + k / 3].0[k % 3]))
+    }
+
+    /// The least of the energy, found from `x`.
+    fn least(&self, mut x: Strand<f64>) -> Strand<f64> {
+        let (mut energy, mut gradient) = self.energy(&x);
+        let mut factors: Option<Vec<[f64; UNKNOWNS]>> = None;
+        for _ in 0..MOST_ITERATIONS {
+            let before = largest(&gradient);
+            if before < CONVERGED {
+                break;
+            }
+            let is_fresh = factors.is_none();
+            let lower = factors.get_or_insert_with(|| factor(self.hessian(&x, &gradient)));
+            let step = solve(lower, &gradient);
+            let slope: f64 = step.iter().zip(&gradient).map(|(a, b)| a * b).sum();
+            let mut share = 1.0;
+            let found = loop {
+                let moved = along(&x, &step, -share);
+                let (e, g) = self.energy(&moved);
+                // Near the least, energies differ by less than their rounding.
+                if e <= energy - 1e-4 * share * slope + 1e-13 * energy.abs() {
+                    break Some((moved, e, g));
+                }
+                share *= 0.5;
+                if share < 1e-8 {
+                    break None;
+                }
+            };
+            match found {
+                Some(found) => (x, energy, gradient) = found,
+                // No direction leads down any more.
+                None if is_fresh => break,
+                None => {}
+            }
+            if share < 1.0 || largest(&gradient) > 0.1 * before {
+                factors = None;
+            }
+        }
+        x
+    }
+
+    /// The Hessian at `x`, where the gradient is `at`.
+    fn hessian(&self, x: &Strand<f64>, at: &[f64; UNKNOWNS]) -> Vec<[f64; UNKNOWNS]> {
+        let mut hessian = vec![[0.0; UNKNOWNS]; UNKNOWNS];
+        for (k, row) in hessian.iter_mut().enumerate() {
+            let mut moved = *x;
+            moved[1 + k / 3].0[k % 3] += STEP;
+            let (_, gradient) = self.energy(&moved);
+            *row = std::array::from_fn(|l| (gradient[l] - at[l]) / STEP);
+        }
+        for k in 0..UNKNOWNS {
+            for l in 0..k {
+                let mean = 0.5 * (hessian[k][l] + hessian[l][k]);
+                (hessian[k][l], hessian[l][k]) = (mean, mean);
+            }
+        }
+        hessian
+    }
+}
+
+fn largest(of: &[f64; UNKNOWNS]) -> f64 {
+    of.iter().fold(0.0, |most, x| x.abs().max(most))
+}
+
+fn along(x: &Strand<f64>, step: &[f64; UNKNOWNS], share: f64) -> Strand<f64> {
+    let mut moved = *x;
+    for (k, step) in step.iter().enumerate() {
+        moved[1 + k / 3].0[k % 3] += share * step;
+    }
+    moved
+}
+
+/// The lower Cholesky factor of `hessian`, shifted by a multiple of the identity if it has none.
+fn factor(hessian: Vec<[f64; UNKNOWNS]>) -> Vec<[f64; UNKNOWNS]> {
+    let mut shift = 0.0;
+    loop {
+        if let Some(lower) = cholesky(hessian.clone(), shift) {
+            return lower;
+        }
+        shift = if shift == 0.0 { 1e-3 } else { 4.0 * shift };
+    }
+}
+
+fn cholesky(mut a: Vec<[f64; UNKNOWNS]>, shift: f64) -> Option<Vec<[f64; UNKNOWNS]>> {
+    for k in 0..UNKNOWNS {
+        for l in 0..=k {
+            let sum: f64 = (0..l).map(|j| a[k][j] * a[l][j]).sum();
+            let left = a[k][l] - sum + if k == l { shift } else { 0.0 };
+            if k > l {
+                a[k][l] = left / a[l][l];
+            } else if left > 1e-9 {
+                a[k][k] = left.sqrt();
+            } else if left.is_nan() || shift < 1e12 {
+                return None;
+            }
+        }
+    }
+    Some(a)
+}
+
+/// Solves L Lᵀ x = b.
+fn solve(lower: &[[f64; UNKNOWNS]], b: &[f64; UNKNOWNS]) -> [f64; UNKNOWNS] {
+    let mut x = *b;
+    for k in 0..UNKNOWNS {
+        let sum: f64 = (0..k).map(|j| lower[k][j] * x[j]).sum();
+        x[k] = (x[k] - sum) / lower[k][k];
+    }
+    for k in (0..UNKNOWNS).rev() {
+        let sum: f64 = (k + 1..UNKNOWNS).map(|j| lower[j][k] * x[j]).sum();
+        x[k] = (x[k] - sum) / lower[k][k];
+    }
+    x
+}
+
+/// The motion of a strand at `rest`, cm, in canonical space, while canonical space is at `places`
+/// and the body is `bodies`, one a frame: its canonical positions in every frame.
+///
+/// The first frame follows two with the static drape at its pose.
+///
+/// # Panics
+/// If there are not as many bodies as places.
+pub fn motion<B: Body<f64>>(
+    terms: &Terms,
+    rest: &Strand<f64>,
+    places: &[Place<f64>],
+    bodies: &[B],
+) -> Vec<Strand<f64>> {
+    assert_eq!(places.len(), bodies.len(), "one body a frame");
+    let at_rest = RestStrand::new(rest, &terms.elastic);
+    let mut found = Vec::with_capacity(places.len());
+    let still = Terms { motion: MotionTerms { is_dynamic: false, ..terms.motion }, ..*terms };
+    let mut before = [zero(); 2];
+    for (place, body) in places.iter().zip(bodies) {
+        if found.is_empty() {
+            let inertial = Inertial { place: *place, before: [&before[0], &before[1]] };
+            let drape = Frame { terms: &still, rest: &at_rest, inertial, body }.least(*rest);
+            before = [place.world(&drape); 2];
+        }
+        // On at the velocity of the frame before.
+        let mut start = canonical(place, &before);
+        start[0] = rest[0];
+        let inertial = Inertial { place: *place, before: [&before[0], &before[1]] };
+        let x = Frame { terms, rest: &at_rest, inertial, body }.least(start);
+        before = [place.world(&x), before[0]];
+        found.push(x);
+    }
+    found
+}
+
+/// Canonical positions of 2 w_{t−1} − w_{t−2}.
+fn canonical(place: &Place<f64>, [before, earlier]: &[Strand<f64>; 2]) -> Strand<f64> {
+    let next = |i: usize| before[i] + before[i] - earlier[i] - place.origin;
+    std::array::from_fn(|i| V3::zero().add_transposed(&place.rotation, next(i)))
+}
