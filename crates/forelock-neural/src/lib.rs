@@ -8,7 +8,9 @@
 
 pub mod losses;
 pub mod network;
+mod random;
 pub mod reference;
+pub mod train;
 
 /// Particles of a strand of the network.
 pub const PARTICLES: usize = 25;

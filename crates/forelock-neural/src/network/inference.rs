@@ -9,7 +9,7 @@
 //! cache. Threads share packets; results do not depend on their number.
 
 use super::product::{Factors, PACKET, Start, TILE_ROWS, product};
-use super::rotation::{Basis, rotate};
+use super::rotation::{Basis, fold, rotate};
 use super::{LengthError, Network, OUTPUTS, Shape};
 use crate::EDGES;
 use crate::losses::Strand;
@@ -171,21 +171,6 @@ impl Activations {
     fn new(width: usize) -> Self {
         let rows = |units: usize| vec![Row::zeroed(); units * TILE_ROWS];
         Self { first: rows(width), second: rows(width), outputs: rows(OUTPUTS) }
-    }
-}
-
-/// Replaces three outputs an edge, o, by ½ B o.
-fn fold(o: &mut [f32], basis: &Basis) {
-    let mut u = [[0.0; 3]; EDGES];
-    for (u, row) in u.iter_mut().zip(basis) {
-        for (weight, o) in row.iter().zip(o.chunks_exact(3)) {
-            for c in 0..3 {
-                u[c] += 0.5 * weight * f64::from(o[c]);
-            }
-        }
-    }
-    for (o, u) in o.iter_mut().zip(u.as_flattened()) {
-        *o = *u as f32;
     }
 }
 

@@ -109,6 +109,11 @@ impl<T: Real> Network<T> {
         if expected == found { Ok(Self { shape, parameters }) } else { Err(LengthError { expected, found }) }
     }
 
+    /// A network whose parameters are known to have the right number.
+    pub(crate) fn of(shape: Shape, parameters: Vec<T>) -> Self {
+        Self { shape, parameters }
+    }
+
     /// The sizes of its layers.
     pub fn shape(&self) -> &Shape {
         &self.shape

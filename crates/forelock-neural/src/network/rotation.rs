@@ -94,6 +94,21 @@ fn eigen(mut a: Basis) -> ([f64; EDGES], Basis) {
     (order.map(|k| a[k][k]), sorted)
 }
 
+/// Replaces three outputs an edge, o, by ½ B o.
+pub(crate) fn fold(o: &mut [f32], basis: &Basis) {
+    let mut u = [[0.0; 3]; EDGES];
+    for (u, row) in u.iter_mut().zip(basis) {
+        for (weight, o) in row.iter().zip(o.chunks_exact(3)) {
+            for c in 0..3 {
+                u[c] += 0.5 * weight * f64::from(o[c]);
+            }
+        }
+    }
+    for (o, u) in o.iter_mut().zip(u.as_flattened()) {
+        *o = *u as f32;
+    }
+}
+
 /// Particles from the rotations `u` of edges, which are half of B o.
 #[inline(always)]
 pub fn rotate<L: Lane>(root: V3<L>, edges: &[V3<L>; EDGES], u: &[V3<L>; EDGES]) -> Strand<L> {

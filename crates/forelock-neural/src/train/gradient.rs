@@ -1,0 +1,466 @@
+//! The mean energy of a batch and its gradient with respect to all parameters.
+//!
+//! # Theory
+//! Layers as in [the network](crate::network). With the gradients of the sums of a layer as rows
+//! D, `[strands, units]`, that of its weights is (activations)ᵀ D, and that of the activations below
+//! is W D. B/2 of the rotation head is folded into the last layer before a step; its gradient is
+//! unfolded afterwards.
+//!
+//! # Practice
+//! A packet is two frames of 32 strands. Packets run in parallel through the layers, the energies
+//! and back; then the weights' gradients are products over all 512 strands, in parallel over blocks
+//! of weights.
+
+use super::set::{Bust, Drawn};
+use super::{Energies, FRAMES, STRANDS, TrainingSet};
+use crate::losses::body::body;
+use crate::losses::elastic::{RestStrand, elastic};
+use crate::losses::motion::{Inertial, Place};
+use crate::losses::style::style;
+use crate::losses::{Strand, zero};
+use crate::network::product::{Factors, PACKET, Start, TILE_ROWS, product};
+use crate::network::rotation::{Basis, rotate, rotate_gradient};
+use crate::network::{Network, OUTPUTS, SHARED, STATICS, Shape};
+use crate::{EDGES, PARTICLES};
+use bytemuck::Zeroable;
+use forelock_core::lane::{LANES, Lane, Mat3, Row, Simd, V3, on};
+use rayon::prelude::*;
+
+/// Strands of a step.
+const BATCH: usize = FRAMES * STRANDS;
+/// Packets of a step.
+const PACKETS: usize = BATCH / PACKET;
+/// Frames of a packet.
+const FRAMES_OF_PACKET: usize = PACKET / STRANDS;
+/// A frame and the two before it.
+const MOMENTS: usize = 3;
+
+type Rows = Vec<Row<f32>>;
+
+/// Buffers of a step.
+#[derive(Debug)]
+pub(super) struct Workspace {
+    /// The gradient, in the order of the parameters.
+    found: Vec<f32>,
+    packets: Vec<PacketBuffers>,
+    /// The weights that a step multiplies with.
+    weights: Folded,
+}
+
+/// The last layer with B/2 folded in, and the transposes that the way back needs.
+#[derive(Debug)]
+struct Folded {
+    output: Vec<f32>,
+    bias: Vec<f32>,
+    output_transposed: Vec<f32>,
+    hidden_transposed: Vec<f32>,
+}
+
+/// Buffers of a packet: rows of 64 strands, and strand by strand for the weights' gradients.
+#[derive(Debug)]
+struct PacketBuffers {
+    statics: Vec<f32>,
+    static_rows: Rows,
+    sums: Rows,
+    first: Rows,
+    second: Rows,
+    outputs: Rows,
+    by_second: Rows,
+    by_first: Rows,
+    /// The same strand by strand: `[64][units]`.
+    by_strand: [Vec<f32>; 5],
+    energy: f64,
+}
+
+/// Indices of [`PacketBuffers::by_strand`].
+const FIRST: usize = 0;
+const SECOND: usize = 1;
+const BY_OUTPUT: usize = 2;
+const BY_SECOND: usize = 3;
+const BY_FIRST: usize = 4;
+
+impl PacketBuffers {
+    fn new(shape: Shape) -> Self {
+        let rows = |units: usize| vec![Row::zeroed(); units * TILE_ROWS];
+        let strands = |units: usize| vec![0.0; units * PACKET];
+        let width = shape.width;
+        Self {
+            statics: strands(shape.statics),
+            static_rows: rows(shape.statics),
+            sums: rows(width),
+            first: rows(width),
+            second: rows(width),
+            outputs: rows(shape.outputs),
+            by_second: rows(width),
+            by_first: rows(width),
+            by_strand: [
+                strands(width),
+                strands(width),
+                strands(shape.outputs),
+                strands(width),
+                strands(width),
+            ],
+            energy: 0.0,
+        }
+    }
+}
+
+/// What the packets of a step have in common.
+struct Step<'a> {
+    simd: Simd,
+    network: &'a Network<f32>,
+    weights: &'a Folded,
+    energies: &'a Energies,
+    set: &'a TrainingSet,
+    drawn: &'a [Drawn; FRAMES],
+    /// Fᵀ shared of each moment of each frame, `[width]` each.
+    frames: &'a [Vec<f32>],
+}
+
+impl Workspace {
+    pub(super) fn new(shape: Shape) -> Self {
+        let matrix = |rows: usize, columns: usize| vec![0.0; rows * columns];
+        Self {
+            found: vec![0.0; shape.parameters()],
+            packets: (0..PACKETS).map(|_| PacketBuffers::new(shape)).collect(),
+            weights: Folded {
+                output: matrix(shape.width, shape.outputs),
+                bias: matrix(1, shape.outputs),
+                output_transposed: matrix(shape.outputs, shape.width),
+                hidden_transposed: matrix(shape.width, shape.width),
+            },
+        }
+    }
+
+    /// The gradient found by the last step.
+    pub(super) fn found(&self) -> &[f32] {
+        &self.found
+    }
+
+    /// Its norm.
+    pub(super) fn norm(&self) -> f64 {
+        self.found.iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt()
+    }
+
+    /// The mean energy of the strands `drawn`; its gradient is in [`Self::found`].
+    pub(super) fn gradient(
+        &mut self,
+        simd: Simd,
+        network: &Network<f32>,
+        basis: &Basis,
+        energies: &Energies,
+        (set, drawn): (&TrainingSet, &[Drawn; FRAMES]),
+    ) -> f64 {
+        self.weights.fold(network, basis);
+        let frames = frame_sums(simd, network, set, drawn);
+        let step = Step { simd, network, weights: &self.weights, energies, set, drawn, frames: &frames };
+        self.packets.par_iter_mut().enumerate().for_each(|(number, packet)| step.packet(number, packet));
+        self.weight_gradients(simd, network.shape(), basis, set, drawn);
+        self.packets.iter().map(|packet| packet.energy).sum::<f64>() / BATCH as f64
+    }
+
+    /// The gradients of all weights from those of the layers' sums.
+    fn weight_gradients(
+        &mut self,
+        simd: Simd,
+        shape: &Shape,
+        basis: &Basis,
+        set: &TrainingSet,
+        drawn: &[Drawn; FRAMES],
+    ) {
+        let packets = &self.packets;
+        let all = |index: usize| packets.iter().map(move |packet| packet.by_strand[index].as_slice());
+        let [statics, shared, first_bias, hidden, second_bias, output, third_bias] = shape.ranges();
+        let width = shape.width;
+        let by_first: Vec<&[f32]> = all(BY_FIRST).collect();
+        let own: Vec<&[f32]> = packets.iter().map(|packet| packet.statics.as_slice()).collect();
+        weights(simd, [&own, &by_first], [shape.statics, width], &mut self.found[statics]);
+        let by_frame = frame_gradients(&by_first, width);
+        let inputs: Vec<f32> =
+            drawn.iter().flat_map(|d| set.clips[d.clip][d.frame].shared.iter().copied()).collect();
+        weights(simd, [&[&inputs], &[&by_frame]], [SHARED, width], &mut self.found[shared]);
+        let [first, second, by_output, by_second] =
+            [FIRST, SECOND, BY_OUTPUT, BY_SECOND].map(|index| all(index).collect::<Vec<_>>());
+        weights(simd, [&first, &by_second], [width, width], &mut self.found[hidden]);
+        weights(simd, [&second, &by_output], [width, shape.outputs], &mut self.found[output.clone()]);
+        for (range, rows) in
+            [(first_bias, &by_first), (second_bias, &by_second), (third_bias.clone(), &by_output)]
+        {
+            let sums = &mut self.found[range];
+            sums.fill(0.0);
+            let units = sums.len();
+            for row in rows.iter().flat_map(|rows| rows.chunks_exact(units)) {
+                sums.iter_mut().zip(row).for_each(|(sum, x)| *sum += x);
+            }
+        }
+        for row in self.found[output.start..third_bias.end].chunks_exact_mut(OUTPUTS) {
+            unfold(row, basis);
+        }
+    }
+}
+
+impl Folded {
+    fn fold(&mut self, network: &Network<f32>, basis: &Basis) {
+        let [.., hidden, _, output, bias] = network.parts();
+        self.output.copy_from_slice(output);
+        self.bias.copy_from_slice(bias);
+        let rows = self.output.chunks_exact_mut(OUTPUTS).chain(std::iter::once(self.bias.as_mut_slice()));
+        rows.for_each(|row| crate::network::rotation::fold(row, basis));
+        transpose(&self.output, OUTPUTS, &mut self.output_transposed);
+        let width = network.shape().width;
+        transpose(hidden, width, &mut self.hidden_transposed);
+    }
+}
+
+/// `[rows, columns]` to `[columns, rows]`.
+fn transpose(from: &[f32], columns: usize, to: &mut [f32]) {
+    let rows = from.len() / columns;
+    for (r, row) in from.chunks_exact(columns).enumerate() {
+        for (c, x) in row.iter().enumerate() {
+            to[c * rows + r] = *x;
+        }
+    }
+}
+
+/// The gradient with respect to o from that with respect to u = ½ B o.
+fn unfold(by: &mut [f32], basis: &Basis) {
+    let mut sums = [[0.0; 3]; EDGES];
+    for (row, by) in basis.iter().zip(by.chunks_exact(3)) {
+        for (sum, weight) in sums.iter_mut().zip(row) {
+            for c in 0..3 {
+                sum[c] += 0.5 * weight * f64::from(by[c]);
+            }
+        }
+    }
+    for (by, sum) in by.iter_mut().zip(sums.as_flattened()) {
+        *by = *sum as f32;
+    }
+}
+
+/// The frame `ago` frames before a drawn one; the first frame stands for those before it.
+fn moment(drawn: &Drawn, ago: usize) -> usize {
+    drawn.frame.saturating_sub(ago)
+}
+
+/// Fᵀ shared of each moment of each drawn frame: `[width]` each, frame by frame.
+fn frame_sums(
+    simd: Simd,
+    network: &Network<f32>,
+    set: &TrainingSet,
+    drawn: &[Drawn; FRAMES],
+) -> Vec<Vec<f32>> {
+    const { assert!(FRAMES * MOMENTS <= PACKET) };
+    let mut inputs = vec![Row::zeroed(); SHARED * TILE_ROWS];
+    for (column, (d, ago)) in drawn.iter().flat_map(|d| (0..MOMENTS).map(move |ago| (d, ago))).enumerate() {
+        for (k, x) in set.clips[d.clip][moment(d, ago)].shared.iter().enumerate() {
+            inputs[k * TILE_ROWS + column / LANES].0[column % LANES] = *x;
+        }
+    }
+    let width = network.shape().width;
+    let mut sums = vec![Row::zeroed(); width * TILE_ROWS];
+    product(simd, Factors { a: network.parts()[1], columns: width, b: &inputs }, Start::Zero, &mut sums);
+    let column = |c: usize| (0..width).map(|m| sums[m * TILE_ROWS + c / LANES].0[c % LANES]).collect();
+    (0..FRAMES * MOMENTS).map(column).collect()
+}
+
+/// Sums over the strands of each frame: `[frames, width]`.
+fn frame_gradients(by_first: &[&[f32]], width: usize) -> Vec<f32> {
+    let mut sums = vec![0.0; FRAMES * width];
+    let strands = by_first.iter().flat_map(|packet| packet.chunks_exact(width));
+    for (s, row) in strands.enumerate() {
+        let sums = &mut sums[s / STRANDS * width..][..width];
+        sums.iter_mut().zip(row).for_each(|(sum, x)| *sum += x);
+    }
+    sums
+}
+
+/// AᵀB of factors in parts, `[strands, m]` and `[strands, n]`: `[m, n]`.
+fn weights(simd: Simd, [a, b]: [&[&[f32]]; 2], [m, n]: [usize; 2], found: &mut [f32]) {
+    let a: Vec<f32> = a.concat();
+    let blocks: Vec<Rows> = (0..n.div_ceil(PACKET))
+        .into_par_iter()
+        .map(|block| {
+            let columns = block * PACKET..n.min((block + 1) * PACKET);
+            let mut rows = Vec::with_capacity(a.len() / m * TILE_ROWS);
+            for strand in b.iter().flat_map(|part| part.chunks_exact(n)) {
+                let mut packed = [Row::zeroed(); TILE_ROWS];
+                for (c, x) in strand[columns.clone()].iter().enumerate() {
+                    packed[c / LANES].0[c % LANES] = *x;
+                }
+                rows.extend(packed);
+            }
+            let mut c = vec![Row::zeroed(); m * TILE_ROWS];
+            product(simd, Factors { a: &a, columns: m, b: &rows }, Start::Zero, &mut c);
+            c
+        })
+        .collect();
+    for (row, found) in found.chunks_exact_mut(n).enumerate() {
+        for (c, found) in found.iter_mut().enumerate() {
+            *found = blocks[c / PACKET][row * TILE_ROWS + c % PACKET / LANES].0[c % LANES];
+        }
+    }
+}
+
+/// Rows of 64 strands to strand by strand.
+fn by_strand(rows: &[Row<f32>], to: &mut [f32]) {
+    let units = rows.len() / TILE_ROWS;
+    for (unit, rows) in rows.chunks_exact(TILE_ROWS).enumerate() {
+        for (s, x) in rows.iter().flat_map(|row| row.0).enumerate() {
+            to[s * units + unit] = x;
+        }
+    }
+}
+
+impl Step<'_> {
+    /// A packet: its energy, and the gradients of its layers' sums.
+    fn packet(&self, number: usize, buffers: &mut PacketBuffers) {
+        let drawn = &self.drawn[number * FRAMES_OF_PACKET..][..FRAMES_OF_PACKET];
+        self.static_sums(drawn, buffers);
+        let strands = drawn.iter().flat_map(|d| d.strands);
+        let rest: Vec<&[[f32; 3]; PARTICLES]> = strands.map(|s| &self.set.strands[s].rest).collect();
+        let mut outputs: [Rows; MOMENTS] = std::array::from_fn(|_| Vec::new());
+        // The frame itself comes last: its activations are what the way back needs.
+        for ago in (0..MOMENTS).rev() {
+            self.layers(number, ago, buffers);
+            outputs[ago].clone_from(&buffers.outputs);
+        }
+        buffers.energy = 0.0;
+        let simd = self.simd;
+        for (row, rest) in rest.chunks_exact(LANES).enumerate() {
+            let drawn = &drawn[row * LANES / STRANDS];
+            let of_row = OfRow { drawn, rest, outputs: &outputs, row };
+            let run = on!(simd, energies(step: &Step<'_>, of_row: &OfRow<'_>, by: &mut [Row<f32>]) -> f64);
+            // SAFETY: the instruction set is supported: `product` asserts it.
+            #[allow(
+                unused_unsafe,
+                clippy::allow_attributes,
+                reason = "only instantiations with features are unsafe"
+            )]
+            let energy = unsafe { run(self, &of_row, &mut buffers.outputs) };
+            buffers.energy += energy;
+        }
+        self.back(buffers);
+    }
+
+    /// The first layer's sums of a packet's strands.
+    fn static_sums(&self, drawn: &[Drawn], buffers: &mut PacketBuffers) {
+        for (s, strand) in drawn.iter().flat_map(|d| d.strands).enumerate() {
+            let inputs = &self.set.strands[strand].statics;
+            buffers.statics[s * STATICS..(s + 1) * STATICS].copy_from_slice(inputs);
+            for (k, x) in inputs.iter().enumerate() {
+                buffers.static_rows[k * TILE_ROWS + s / LANES].0[s % LANES] = *x;
+            }
+        }
+        let [statics, _, bias, ..] = self.network.parts();
+        let factors = Factors { a: statics, columns: bias.len(), b: &buffers.static_rows };
+        product(self.simd, factors, Start::Bias(bias), &mut buffers.sums);
+    }
+
+    /// The layers of packet `number`, `ago` frames before.
+    fn layers(&self, number: usize, ago: usize, buffers: &mut PacketBuffers) {
+        const ROWS_OF_FRAME: usize = STRANDS / LANES;
+        let width = self.network.shape().width;
+        for unit in 0..width {
+            for row in 0..TILE_ROWS {
+                let frame = number * FRAMES_OF_PACKET + row / ROWS_OF_FRAME;
+                let shared = self.frames[frame * MOMENTS + ago][unit];
+                let sums = &buffers.sums[unit * TILE_ROWS + row];
+                buffers.first[unit * TILE_ROWS + row].0 = sums.0.map(|sum| (sum + shared).max(0.0));
+            }
+        }
+        let [.., hidden, second_bias, _, _] = self.network.parts();
+        let factors = Factors { a: hidden, columns: width, b: &buffers.first };
+        product(self.simd, factors, Start::BiasRelu(second_bias), &mut buffers.second);
+        let factors = Factors { a: &self.weights.output, columns: OUTPUTS, b: &buffers.second };
+        product(self.simd, factors, Start::Bias(&self.weights.bias), &mut buffers.outputs);
+    }
+
+    /// From the gradient with respect to the outputs, which is in their place, to those of the sums
+    /// of all layers, strand by strand.
+    fn back(&self, buffers: &mut PacketBuffers) {
+        let width = self.network.shape().width;
+        let PacketBuffers { first, second, outputs, by_second, by_first, by_strand: to, .. } = buffers;
+        let factors = Factors { a: &self.weights.output_transposed, columns: width, b: outputs };
+        product(self.simd, factors, Start::Zero, by_second);
+        mask(second, by_second);
+        let factors = Factors { a: &self.weights.hidden_transposed, columns: width, b: by_second };
+        product(self.simd, factors, Start::Zero, by_first);
+        mask(first, by_first);
+        for (rows, to) in [&*first, second, outputs, by_second, by_first].into_iter().zip(to) {
+            by_strand(rows, to);
+        }
+    }
+}
+
+/// Zero where the activation is.
+fn mask(activations: &[Row<f32>], by: &mut [Row<f32>]) {
+    for (x, by) in activations.iter().zip(by) {
+        for (x, by) in x.0.iter().zip(&mut by.0) {
+            *by = if *x > 0.0 { *by } else { 0.0 };
+        }
+    }
+}
+
+/// Sixteen strands of a frame.
+struct OfRow<'a> {
+    drawn: &'a Drawn,
+    rest: &'a [&'a [[f32; 3]; PARTICLES]],
+    /// Outputs at each moment.
+    outputs: &'a [Rows; MOMENTS],
+    /// The row in a packet.
+    row: usize,
+}
+
+/// The sum of the energies of sixteen strands; `by` receives the gradient of their mean in the batch
+/// with respect to the outputs.
+#[inline(always)]
+fn energies<L: Lane<Scalar = f32>>(step: &Step<'_>, of_row: &OfRow<'_>, by: &mut [Row<f32>]) -> f64 {
+    let OfRow { drawn, rest, outputs, row } = of_row;
+    let clip = &step.set.clips[drawn.clip];
+    let place = |ago: usize| {
+        let frame = &clip[moment(drawn, ago)];
+        Place::<L> {
+            rotation: Mat3::splat(frame.rotation),
+            origin: V3::splat(frame.origin - clip[drawn.frame].origin),
+        }
+    };
+    let bust = Bust { field: &*step.set.field, parts: &clip[drawn.frame].parts };
+    let mean = L::from_f64(1.0 / BATCH as f64);
+    let mut sum = 0.0;
+    for first in (0..LANES).step_by(L::WIDTH) {
+        let mut at_rest: Strand<L> = zero();
+        for (i, x) in at_rest.iter_mut().enumerate() {
+            for lane in 0..L::WIDTH {
+                x.set(lane, rest[first + lane][i]);
+            }
+        }
+        let edges: [V3<L>; EDGES] = std::array::from_fn(|i| at_rest[i + 1] - at_rest[i]);
+        let load = |ago: usize| {
+            let output = |k: usize| L::load(&outputs[ago][k * TILE_ROWS + row], first);
+            std::array::from_fn(|i| V3([output(3 * i), output(3 * i + 1), output(3 * i + 2)]))
+        };
+        let u: [V3<L>; EDGES] = load(0);
+        let x = rotate(at_rest[0], &edges, &u);
+        let before = [1, 2].map(|ago| place(ago).world(&rotate(at_rest[0], &edges, &load(ago))));
+        let mut by_x = zero();
+        let terms = step.energies;
+        let shape = RestStrand::new(&at_rest, &terms.elastic);
+        let inertial = Inertial { place: place(0), before: [&before[0], &before[1]] };
+        let mut energy = elastic(&terms.elastic, &shape, &x, &mut by_x)
+            + inertial.energy(&terms.motion, &x, &mut by_x)
+            + body(&terms.body, &bust, &x, &mut by_x);
+        if let Some(terms) = &terms.style {
+            energy += style(terms, &bust, [&at_rest, &x], &mut by_x);
+        }
+        let by_u = rotate_gradient(&edges, &u, &by_x);
+        for (i, by_u) in by_u.iter().enumerate() {
+            for c in 0..3 {
+                (by_u.0[c] * mean).store(&mut by[(3 * i + c) * TILE_ROWS + row], first);
+            }
+        }
+        for lane in 0..L::WIDTH {
+            sum += f64::from(energy.get(lane));
+        }
+    }
+    sum
+}

@@ -1,0 +1,170 @@
+//! Training of the network with the energies alone (Neuralocks, Sec. 4.4): no simulated data.
+//!
+//! # Theory
+//! A step draws frames of motions and strands, predicts them at the frame and at the two frames
+//! before, and lowers the mean energy of the strands. Gradients go through the prediction at the
+//! frame only. For the first part of the training there are no inertia and no drag: the network
+//! learns the drape first.
+//!
+//! # Practice
+//! Everything is ours, so that the energies run in lanes as text that the reference results check,
+//! and the file depends on the seed alone, not on the number of threads: a step is eight packets of
+//! 64 strands, and each sum has its own order. A step of 512 strands takes some milliseconds.
+//!
+//! # Limitations
+//! Training runs on the CPU.
+
+mod adam;
+mod gradient;
+mod set;
+
+pub use set::{Clip, Field, Frame, SetError, TrainingSet, TrainingStrand};
+
+use crate::losses::body::BodyTerms;
+use crate::losses::elastic::ElasticTerms;
+use crate::losses::motion::MotionTerms;
+use crate::losses::style::StyleTerms;
+use crate::network::rotation::{Basis, basis};
+use crate::network::{Network, Shape};
+use crate::random::Random;
+use adam::Adam;
+use forelock_core::lane::Simd;
+use gradient::Workspace;
+
+/// Frames of a step.
+pub const FRAMES: usize = 16;
+/// Strands of a frame.
+pub const STRANDS: usize = 32;
+
+/// Coefficients of the energies that training lowers.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Energies {
+    /// Stretch and bend–twist. The rotation head does not stretch.
+    pub elastic: ElasticTerms,
+    /// Gravity, inertia, drag.
+    pub motion: MotionTerms,
+    /// Collision with the body.
+    pub body: BodyTerms,
+    /// Style; none by default.
+    pub style: Option<StyleTerms>,
+}
+
+/// How to train.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// Steps.
+    pub steps: u32,
+    /// Learning rate at the start.
+    pub rate: f64,
+    /// The learning rate in the end, over that at the start.
+    pub last_rate: f64,
+    /// Largest norm of a step's gradient.
+    pub largest_gradient: f64,
+    /// Share of the steps without inertia and drag.
+    pub warm_start: f64,
+    /// Coefficients of the energies.
+    pub energies: Energies,
+    /// The instruction set. The result depends on it.
+    pub simd: Simd,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            seed: 1,
+            steps: 12_000,
+            rate: 2e-3,
+            last_rate: 0.02,
+            largest_gradient: 1.0,
+            warm_start: 0.3,
+            energies: Energies::default(),
+            simd: Simd::Auto,
+        }
+    }
+}
+
+/// A training.
+#[derive(Debug)]
+pub struct Trainer {
+    options: Options,
+    basis: Basis,
+    network: Network<f32>,
+    adam: Adam,
+    done: u32,
+    workspace: Workspace,
+}
+
+/// What a step reports.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StepReport {
+    /// Mean energy of a strand, g cm² s⁻².
+    pub energy: f64,
+    /// Norm of the gradient, before it was limited.
+    pub gradient: f64,
+    /// The learning rate.
+    pub rate: f64,
+}
+
+impl Trainer {
+    /// A training from random weights: deviations √(2/inputs), those of the last layer 1e-3.
+    pub fn new(options: Options) -> Self {
+        let shape = Shape::default();
+        let mut random = Random::new(options.seed, 0);
+        let mut parameters = vec![0.0f32; shape.parameters()];
+        let [statics, shared, _, hidden, _, output, _] = shape.ranges();
+        let first = (2.0 / (shape.statics + shape.shared) as f64).sqrt();
+        let second = (2.0 / shape.width as f64).sqrt();
+        for (range, deviation) in [(statics, first), (shared, first), (hidden, second), (output, 1e-3)] {
+            for weight in &mut parameters[range] {
+                *weight = (deviation * random.normal()) as f32;
+            }
+        }
+        let motion = options.energies.motion;
+        Self {
+            basis: basis(options.energies.elastic.bend_twist, motion.mass, motion.dt_secs),
+            adam: Adam::new(parameters.len()),
+            network: Network::of(shape, parameters),
+            done: 0,
+            workspace: Workspace::new(shape),
+            options,
+        }
+    }
+
+    /// The network now.
+    pub fn network(&self) -> &Network<f32> {
+        &self.network
+    }
+
+    /// B of the rotation head.
+    pub fn basis(&self) -> &Basis {
+        &self.basis
+    }
+
+    /// Steps done.
+    pub fn done(&self) -> u32 {
+        self.done
+    }
+
+    /// A step.
+    pub fn step(&mut self, set: &TrainingSet) -> StepReport {
+        let options = &self.options;
+        let share = f64::from(self.done) / f64::from(options.steps.max(1));
+        let mut energies = options.energies;
+        energies.motion.is_dynamic &= share >= options.warm_start;
+        let batch = set.draw(&mut Random::new(options.seed, 1 + u64::from(self.done)));
+        let simd = options.simd.resolve();
+        let energy = self.workspace.gradient(simd, &self.network, &self.basis, &energies, (set, &batch));
+        let norm = self.workspace.norm();
+        let cosine = 0.5 + 0.5 * (std::f64::consts::PI * share.min(1.0)).cos();
+        let rate = options.rate * (options.last_rate + (1.0 - options.last_rate) * cosine);
+        let scale = (options.largest_gradient / norm.max(1e-30)).min(1.0);
+        self.adam.step(self.network.parameters_mut(), self.workspace.found(), [rate, scale]);
+        self.done += 1;
+        StepReport { energy, gradient: norm, rate }
+    }
+}
+
+#[cfg(test)]
+mod tests;

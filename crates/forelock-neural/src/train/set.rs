@@ -1,0 +1,167 @@
+//! What a training draws from: strands, and frames of motions.
+
+use super::{FRAMES, STRANDS};
+use crate::PARTICLES;
+use crate::losses::body::{Body, Capsule, Near};
+use crate::network::inference::Positions;
+use crate::network::{SHARED, STATICS};
+use crate::random::Random;
+use forelock_core::lane::{Lane, V3};
+use glam::{DMat3, DVec3};
+use std::fmt::Debug;
+
+/// The signed distance from a body that is rigid in canonical space.
+pub trait Field: Debug + Send + Sync {
+    /// The distance at `x`, cm, negative inside, and its gradient.
+    fn near(&self, x: [f32; 3]) -> (f32, [f32; 3]);
+}
+
+/// A strand of a training.
+#[derive(Clone, Debug)]
+pub struct TrainingStrand {
+    /// Positions at rest, cm, canonical space.
+    pub rest: Positions,
+    /// The inputs of the strand, [`STATICS`].
+    pub statics: Vec<f32>,
+}
+
+/// A frame of a motion.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// Rotation of canonical space.
+    pub rotation: DMat3,
+    /// Origin of canonical space, cm.
+    pub origin: DVec3,
+    /// The inputs of the frame, [`SHARED`].
+    pub shared: Vec<f32>,
+    /// Parts of the body that move in canonical space: capsules, cm.
+    pub parts: Vec<Capsule<f64>>,
+}
+
+/// A motion, 1/30 s a frame.
+pub type Clip = Vec<Frame>;
+
+/// Strands and motions that cannot be trained with.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SetError {
+    /// There are no strands.
+    #[error("there are no strands to train with")]
+    NoStrands,
+    /// There are no frames.
+    #[error("there are no frames of motions to train with")]
+    NoFrames,
+    /// A strand's inputs have another length.
+    #[error("strand {strand} has {found} inputs, not {STATICS}")]
+    Statics {
+        /// Its number.
+        strand: usize,
+        /// Its inputs.
+        found: usize,
+    },
+    /// A frame's inputs have another length.
+    #[error("frame {frame} of motion {clip} has {found} inputs, not {SHARED}")]
+    Shared {
+        /// The motion's number.
+        clip: usize,
+        /// Its number in the motion.
+        frame: usize,
+        /// Its inputs.
+        found: usize,
+    },
+    /// A strand is not finite, or two of its neighbouring particles are in one place.
+    #[error("strand {strand} is not finite, or has an edge of no length")]
+    Strand {
+        /// Its number.
+        strand: usize,
+    },
+}
+
+/// What a training draws from.
+#[derive(Debug)]
+pub struct TrainingSet {
+    pub(super) strands: Vec<TrainingStrand>,
+    pub(super) clips: Vec<Clip>,
+    pub(super) field: Box<dyn Field>,
+    /// The number of frames before each motion.
+    before: Vec<usize>,
+    frames: usize,
+}
+
+/// A frame of a step.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Drawn {
+    pub clip: usize,
+    pub frame: usize,
+    pub strands: [usize; STRANDS],
+}
+
+impl TrainingSet {
+    /// Strands and motions to draw from, and the rigid part of the body.
+    ///
+    /// # Errors
+    /// If there are none, or one has inputs of another length than the network, or a strand is not
+    /// finite or has an edge of no length.
+    pub fn new(
+        strands: Vec<TrainingStrand>,
+        clips: Vec<Clip>,
+        field: Box<dyn Field>,
+    ) -> Result<Self, SetError> {
+        if strands.is_empty() {
+            return Err(SetError::NoStrands);
+        }
+        for (strand, own) in strands.iter().enumerate() {
+            if own.statics.len() != STATICS {
+                return Err(SetError::Statics { strand, found: own.statics.len() });
+            }
+            let edge = |i: usize| (0..3).map(|c| (own.rest[i][c] - own.rest[i - 1][c]).powi(2)).sum::<f32>();
+            if !(1..PARTICLES).all(|i| edge(i).is_finite() && edge(i) > 0.0) {
+                return Err(SetError::Strand { strand });
+            }
+        }
+        let (mut before, mut frames) = (Vec::new(), 0);
+        for (clip, own) in clips.iter().enumerate() {
+            before.push(frames);
+            frames += own.len();
+            if let Some((frame, own)) = own.iter().enumerate().find(|(_, own)| own.shared.len() != SHARED) {
+                return Err(SetError::Shared { clip, frame, found: own.shared.len() });
+            }
+        }
+        if frames == 0 {
+            return Err(SetError::NoFrames);
+        }
+        Ok(Self { strands, clips, field, before, frames })
+    }
+
+    /// The frames and strands of a step.
+    pub(super) fn draw(&self, random: &mut Random) -> [Drawn; FRAMES] {
+        std::array::from_fn(|_| {
+            let at = random.index(self.frames);
+            let clip = self.before.partition_point(|before| *before <= at) - 1;
+            let strands = std::array::from_fn(|_| random.index(self.strands.len()));
+            Drawn { clip, frame: at - self.before[clip], strands }
+        })
+    }
+}
+
+/// The body of a frame.
+pub(super) struct Bust<'a> {
+    pub field: &'a dyn Field,
+    pub parts: &'a [Capsule<f64>],
+}
+
+impl<L: Lane<Scalar = f32>> Body<L> for Bust<'_> {
+    #[inline(always)]
+    fn near(&self, x: V3<L>) -> Near<L> {
+        let mut near = Near { distance: L::zero(), gradient: V3::zero() };
+        for lane in 0..L::WIDTH {
+            let (distance, gradient) = self.field.near(x.get(lane));
+            near.distance.set(lane, distance);
+            near.gradient.set(lane, gradient);
+        }
+        for part in self.parts {
+            let ends = part.ends.map(|end| V3(end.0.map(L::from_f64)));
+            near = Capsule { ends, radius: L::from_f64(part.radius) }.near(x).min(near);
+        }
+        near
+    }
+}

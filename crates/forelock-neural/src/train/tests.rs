@@ -1,0 +1,131 @@
+use super::*;
+use crate::PARTICLES;
+use crate::losses::body::Capsule;
+use crate::network::{SHARED, STATICS};
+use forelock_core::lane::V3;
+use glam::{DMat3, DVec3};
+
+/// A sphere about the origin.
+#[derive(Debug)]
+struct Ball(f32);
+
+impl Field for Ball {
+    fn near(&self, x: [f32; 3]) -> (f32, [f32; 3]) {
+        let length = x.iter().map(|c| c * c).sum::<f32>().sqrt().max(1e-6);
+        (length - self.0, x.map(|c| c / length))
+    }
+}
+
+/// Curved strands on a ball that turns, with random inputs.
+fn set() -> TrainingSet {
+    let mut random = Random::new(7, 0);
+    let mut strands = Vec::new();
+    for _ in 0..200 {
+        let mut out = DVec3::new(random.signed(), random.unit(), random.signed()).normalize();
+        let mut at = 9.0 * out;
+        let rest = std::array::from_fn(|_| {
+            let here = at.as_vec3().to_array();
+            out =
+                (out + 0.2 * DVec3::new(random.signed(), random.signed() - 0.5, random.signed())).normalize();
+            at += 0.8 * out;
+            here
+        });
+        let statics = (0..STATICS).map(|_| random.signed() as f32).collect();
+        strands.push(TrainingStrand { rest, statics });
+    }
+    let mut frame = |frame: i32| Frame {
+        rotation: DMat3::from_rotation_y(0.05 * f64::from(frame)),
+        origin: DVec3::new(0.2 * f64::from(frame), 160.0, 0.0),
+        shared: (0..SHARED).map(|_| 0.3 * random.signed() as f32).collect(),
+        parts: vec![Capsule { ends: [V3([0.0, -18.0, 0.0]), V3([0.0, -8.0, 0.0])], radius: 6.0 }],
+    };
+    let clips = vec![(0..20).map(&mut frame).collect(), (0..3).map(&mut frame).collect()];
+    TrainingSet::new(strands, clips, Box::new(Ball(8.8))).unwrap()
+}
+
+#[test]
+fn the_gradient_of_a_batch_agrees_with_finite_differences() {
+    let set = set();
+    let mut trainer = Trainer::new(Options { warm_start: 0.0, ..Options::default() });
+    // Outputs of order one.
+    let [.., output, _] = trainer.network.shape().ranges();
+    trainer.network.parameters_mut()[output].iter_mut().for_each(|weight| *weight *= 20.0);
+    // The gradient does not go through the frames before, on which inertia and drag depend, nor
+    // through the weight of style.
+    let motion = MotionTerms { is_dynamic: false, ..MotionTerms::default() };
+    let energies = Energies { motion, ..Energies::default() };
+    let batch = set.draw(&mut Random::new(3, 1));
+    let mut workspace = Workspace::new(Shape::default());
+    let simd = Simd::Auto.resolve();
+    let mut energy = |network: &Network<f32>| {
+        let basis = basis(100.0, 1e-4, 1.0 / 30.0);
+        let energy = workspace.gradient(simd, network, &basis, &energies, (&set, &batch));
+        (energy, workspace.found().to_vec())
+    };
+    let (_, gradient) = energy(&trainer.network);
+    // Along the gradient of each part of the parameters, and along random directions.
+    let mut random = Random::new(11, 0);
+    for (part, range) in trainer.network.shape().ranges().into_iter().enumerate() {
+        for is_random in [false, true] {
+            let mut direction = vec![0.0f64; gradient.len()];
+            for k in range.clone() {
+                // Half of it random, so that it is not small in that direction.
+                let noise = if is_random { random.signed() } else { 0.0 };
+                direction[k] = f64::from(gradient[k]) * (1.0 + noise);
+            }
+            let norm = direction.iter().map(|d| d * d).sum::<f64>().sqrt();
+            let slope: f64 =
+                direction.iter().zip(&gradient).map(|(d, g)| d * f64::from(*g)).sum::<f64>() / norm;
+            let ends = [1e-3, -1e-3].map(|h| {
+                let mut moved = trainer.network.clone();
+                for (p, d) in moved.parameters_mut().iter_mut().zip(&direction) {
+                    *p += (h * d / norm) as f32;
+                }
+                energy(&moved).0
+            });
+            let found = (ends[0] - ends[1]) / 2e-3;
+            assert!((found / slope - 1.0).abs() < 0.02, "part {part}: {found} beside {slope}");
+        }
+    }
+}
+
+#[test]
+fn one_seed_gives_one_network_whatever_the_threads() {
+    let set = set();
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let mut trainer = Trainer::new(Options { steps: 20, ..Options::default() });
+            let reports: Vec<StepReport> = (0..20).map(|_| trainer.step(&set)).collect();
+            assert!(reports.iter().all(|report| report.energy.is_finite()));
+            let half: f64 = reports[..10].iter().map(|report| report.energy).sum();
+            let rest: f64 = reports[10..].iter().map(|report| report.energy).sum();
+            eprintln!("{half} {rest}");
+            trainer.network().parameters().to_vec()
+        })
+    };
+    let [one, two, three] = [1, 2, 3].map(run);
+    assert!(
+        one.iter()
+            .zip(&two)
+            .zip(&three)
+            .all(|((a, b), c)| a.to_bits() == b.to_bits() && a.to_bits() == c.to_bits())
+    );
+}
+
+#[test]
+fn what_cannot_be_trained_with_is_refused() {
+    let set = set();
+    let field = || Box::new(Ball(1.0));
+    let refused = |strands: &[TrainingStrand], clips: &[Clip]| {
+        TrainingSet::new(strands.to_vec(), clips.to_vec(), field()).unwrap_err()
+    };
+    assert_eq!(refused(&[], &set.clips), SetError::NoStrands);
+    assert_eq!(refused(&set.strands, &[]), SetError::NoFrames);
+    let mut folded = set.strands.clone();
+    folded[3].rest = [[0.0; 3]; PARTICLES];
+    assert_eq!(refused(&folded, &set.clips), SetError::Strand { strand: 3 });
+    let mut short = set.clips.clone();
+    short[1][2].shared.pop();
+    assert_eq!(refused(&set.strands, &short), SetError::Shared { clip: 1, frame: 2, found: SHARED - 1 });
+}
