@@ -6,6 +6,7 @@
 //! *canonical space*: the axes of the head joint, with a fixed origin. The world position of a
 //! canonical one is `w = R x + p`.
 
+pub mod codes;
 pub mod losses;
 pub mod network;
 

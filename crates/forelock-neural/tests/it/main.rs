@@ -1,3 +1,4 @@
 //! The tests of this crate that use its public interface alone, as one program.
 
+mod codes;
 mod golden;
