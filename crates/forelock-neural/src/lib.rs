@@ -1,5 +1,5 @@
-//! Forelock's learned simulator (Neuralocks, 2025): a network of about a megabyte that moves strands
-//! from the pose history of a body, trained with physical energies alone.
+//! Forelock's learned simulator (Neuralocks, 2025): a network of about a megabyte that moves
+//! strands from the pose history of a body, trained with physical energies alone.
 //!
 //! Lengths are in centimetres, masses in grams and times in seconds throughout this crate: the
 //! weights of the energies suit each other only in these units. Positions of strands are in

@@ -7,8 +7,8 @@
 //! extent.
 //!
 //! # Practice
-//! The split is by rank (⌊n/2⌋ roots go left) after a stable sort, so equal coordinates and duplicate
-//! roots do no harm and the result depends on the order of the roots alone.
+//! The split is by rank (⌊n/2⌋ roots go left) after a stable sort, so equal coordinates and
+//! duplicate roots do no harm; they keep the order of the roots.
 //!
 //! # Limitations
 //! Locks know nothing of partings: two sides of one may share a lock.
@@ -74,7 +74,7 @@ impl Locks {
         Ok(locks)
     }
 
-    /// Labels the roots in `order`. The depth of the recursion is at most 32: each level halves them.
+    /// Labels the roots in `order`. The recursion is at most 32 deep: each level halves them.
     fn split<T: Real>(&mut self, uv: &[[T; 2]], order: &mut [u32], largest: usize) {
         if order.len() <= largest {
             for &root in &*order {

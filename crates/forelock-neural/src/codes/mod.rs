@@ -1,5 +1,5 @@
-//! Where a strand is and what it looks like at rest: the root's frame and coordinates, and the locks
-//! whose mean code each of their strands receives.
+//! Where a strand is and what it looks like at rest: the root's frame and coordinates, and the
+//! locks whose mean code each of their strands receives.
 
 mod locks;
 mod root_frame;

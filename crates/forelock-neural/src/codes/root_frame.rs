@@ -81,8 +81,8 @@ pub fn local_strand(points: &[DVec3], normal: DVec3) -> Result<Vec<DVec3>, RootF
     Ok(points.iter().map(|&x| frame * (x - root)).collect())
 }
 
-/// The inputs of the encoder: the local positions over [`LOCAL_SCALE_CM`], three numbers a particle,
-/// root first. Arguments as in [`local_strand`].
+/// The inputs of the encoder: the local positions over [`LOCAL_SCALE_CM`], three numbers a
+/// particle, root first. Arguments as in [`local_strand`].
 ///
 /// # Errors
 /// As in [`local_strand`], and if the strand does not have [`PARTICLES`] particles.

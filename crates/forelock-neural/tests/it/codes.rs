@@ -1,7 +1,5 @@
 //! Root frames, uv coordinates and locks.
 
-#![expect(clippy::unwrap_used, reason = "a test fails where a result is an error")]
-
 use crate::golden::{error, load, numbers, vectors};
 use forelock_neural::codes::{
     LOCK_SIZE, Locks, LocksError, RootFrameError, crown_uv, encoder_inputs, local_strand, root_frame,
