@@ -7,6 +7,7 @@
 //! canonical one is `w = R x + p`.
 
 pub mod codes;
+pub mod features;
 pub mod losses;
 pub mod network;
 

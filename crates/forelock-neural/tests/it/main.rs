@@ -1,4 +1,5 @@
 //! The tests of this crate that use its public interface alone, as one program.
 
 mod codes;
+mod features;
 mod golden;
