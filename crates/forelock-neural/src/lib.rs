@@ -9,6 +9,7 @@
 pub mod codes;
 pub mod features;
 pub mod losses;
+pub mod measures;
 pub mod network;
 
 /// Particles of a strand of the network.

@@ -1,9 +1,9 @@
-//! What the network sees of the body: the pose, its shape and the last 27 velocities of four joints.
+//! What the network sees of the body: pose, shape and the last 27 velocities of four joints.
 //!
 //! # Theory
-//! Strands live in the axes of the head, so all inputs are in those axes too (Neuralocks, section on
-//! the pose history): with R_j, P_j the orientation and position of joint j, R_h those of the head
-//! and o the origin of canonical space in the head's axes,
+//! Strands live in the axes of the head, so all inputs are in those axes too (Neuralocks, section
+//! on the pose history): with R_j, P_j the orientation and position of joint j, R_h those of the
+//! head and o the origin of canonical space in the head's axes,
 //!
 //! | numbers | what |
 //! | --- | --- |
@@ -111,8 +111,8 @@ impl BodyPose {
         [self.root, self.spine, self.neck, self.head]
     }
 
-    /// The pose at `fraction` of the way from `self` to `to`: positions linearly, orientations along
-    /// the shorter arc. Equal poses give the same pose exactly.
+    /// The pose at `fraction` of the way from `self` to `to`: positions linearly, orientations
+    /// along the shorter arc. Equal poses give the same pose exactly.
     pub fn interpolate(&self, to: &Self, fraction: f64) -> Self {
         if self == to {
             return *self;

@@ -3,3 +3,4 @@
 mod codes;
 mod features;
 mod golden;
+mod measures;
