@@ -1,6 +1,9 @@
 //! The tests of this crate that use its public interface alone, as one program.
 
+mod codes;
+mod features;
 mod golden;
 mod losses;
+mod measures;
 mod network;
 mod reference;
