@@ -11,6 +11,7 @@ pub mod features;
 pub mod losses;
 pub mod measures;
 pub mod network;
+pub mod rigged;
 
 /// Particles of a strand of the network.
 pub const PARTICLES: usize = 25;

@@ -4,3 +4,4 @@ mod codes;
 mod features;
 mod golden;
 mod measures;
+mod rigged;
