@@ -11,8 +11,9 @@ pub mod features;
 pub mod losses;
 pub mod measures;
 pub mod network;
-mod random;
+pub mod random;
 pub mod reference;
+pub mod rigged;
 pub mod train;
 
 /// Particles of a strand of the network.

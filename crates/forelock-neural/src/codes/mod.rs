@@ -1,6 +1,7 @@
 //! Where a strand is and what it looks like at rest: the root's frame and coordinates, and the
 //! locks whose mean code each of their strands receives.
 
+pub mod encoder;
 mod locks;
 mod root_frame;
 

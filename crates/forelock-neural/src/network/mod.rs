@@ -136,7 +136,7 @@ impl<T: Real> Network<T> {
 }
 
 /// Σ_i `inputs[i]` `matrix[i, ·]` added to `sums`: a layer of one strand.
-fn add_layer<T: Real>(matrix: &[T], inputs: &[T], sums: &mut [T]) {
+pub(crate) fn add_layer<T: Real>(matrix: &[T], inputs: &[T], sums: &mut [T]) {
     for (row, x) in matrix.chunks_exact(sums.len()).zip(inputs) {
         for (sum, weight) in sums.iter_mut().zip(row) {
             *sum = *sum + *weight * *x;

@@ -10,19 +10,19 @@ const CHUNK: usize = 1 << 14;
 
 /// The moments of the gradient.
 #[derive(Clone, Debug)]
-pub(super) struct Adam {
+pub(crate) struct Adam {
     steps: i32,
     first: Vec<f32>,
     second: Vec<f32>,
 }
 
 impl Adam {
-    pub(super) fn new(parameters: usize) -> Self {
+    pub(crate) fn new(parameters: usize) -> Self {
         Self { steps: 0, first: vec![0.0; parameters], second: vec![0.0; parameters] }
     }
 
     /// Moves `parameters` along `scale` times the gradient, at `rate`.
-    pub(super) fn step(&mut self, parameters: &mut [f32], gradient: &[f32], [rate, scale]: [f64; 2]) {
+    pub(crate) fn step(&mut self, parameters: &mut [f32], gradient: &[f32], [rate, scale]: [f64; 2]) {
         self.steps += 1;
         let corrections = [FIRST, SECOND].map(|decay| 1.0 - f64::from(decay).powi(self.steps));
         let rate = (rate / corrections[0]) as f32;

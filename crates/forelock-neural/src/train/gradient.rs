@@ -11,6 +11,7 @@
 //! and back; then the weights' gradients are products over all 512 strands, in parallel over blocks
 //! of weights.
 
+use super::layers::{Rows, bias_gradient, by_strand, mask, to_rows, transpose, weight_gradient, zero_rows};
 use super::set::{Bust, Drawn};
 use super::{Energies, FRAMES, STRANDS, TrainingSet};
 use crate::losses::body::body;
@@ -22,7 +23,6 @@ use crate::network::product::{Factors, PACKET, Start, TILE_ROWS, product};
 use crate::network::rotation::{Basis, rotate, rotate_gradient};
 use crate::network::{Network, OUTPUTS, SHARED, STATICS, Shape};
 use crate::{EDGES, PARTICLES};
-use bytemuck::Zeroable;
 use forelock_core::lane::{LANES, Lane, Mat3, Row, Simd, V3, on};
 use rayon::prelude::*;
 
@@ -34,8 +34,6 @@ const PACKETS: usize = BATCH / PACKET;
 const FRAMES_OF_PACKET: usize = PACKET / STRANDS;
 /// A frame and the two before it.
 const MOMENTS: usize = 3;
-
-type Rows = Vec<Row<f32>>;
 
 /// Buffers of a step.
 #[derive(Debug)]
@@ -81,7 +79,7 @@ const BY_FIRST: usize = 4;
 
 impl PacketBuffers {
     fn new(shape: Shape) -> Self {
-        let rows = |units: usize| vec![Row::zeroed(); units * TILE_ROWS];
+        let rows = zero_rows;
         let strands = |units: usize| vec![0.0; units * PACKET];
         let width = shape.width;
         Self {
@@ -174,24 +172,19 @@ impl Workspace {
         let width = shape.width;
         let by_first: Vec<&[f32]> = all(BY_FIRST).collect();
         let own: Vec<&[f32]> = packets.iter().map(|packet| packet.statics.as_slice()).collect();
-        weights(simd, [&own, &by_first], [shape.statics, width], &mut self.found[statics]);
+        weight_gradient(simd, [&own, &by_first], [shape.statics, width], &mut self.found[statics]);
         let by_frame = frame_gradients(&by_first, width);
         let inputs: Vec<f32> =
             drawn.iter().flat_map(|d| set.clips[d.clip][d.frame].shared.iter().copied()).collect();
-        weights(simd, [&[&inputs], &[&by_frame]], [SHARED, width], &mut self.found[shared]);
+        weight_gradient(simd, [&[&inputs], &[&by_frame]], [SHARED, width], &mut self.found[shared]);
         let [first, second, by_output, by_second] =
             [FIRST, SECOND, BY_OUTPUT, BY_SECOND].map(|index| all(index).collect::<Vec<_>>());
-        weights(simd, [&first, &by_second], [width, width], &mut self.found[hidden]);
-        weights(simd, [&second, &by_output], [width, shape.outputs], &mut self.found[output.clone()]);
+        weight_gradient(simd, [&first, &by_second], [width, width], &mut self.found[hidden]);
+        weight_gradient(simd, [&second, &by_output], [width, shape.outputs], &mut self.found[output.clone()]);
         for (range, rows) in
             [(first_bias, &by_first), (second_bias, &by_second), (third_bias.clone(), &by_output)]
         {
-            let sums = &mut self.found[range];
-            sums.fill(0.0);
-            let units = sums.len();
-            for row in rows.iter().flat_map(|rows| rows.chunks_exact(units)) {
-                sums.iter_mut().zip(row).for_each(|(sum, x)| *sum += x);
-            }
+            bias_gradient(rows, &mut self.found[range]);
         }
         for row in self.found[output.start..third_bias.end].chunks_exact_mut(OUTPUTS) {
             unfold(row, basis);
@@ -209,16 +202,6 @@ impl Folded {
         transpose(&self.output, OUTPUTS, &mut self.output_transposed);
         let width = network.shape().width;
         transpose(hidden, width, &mut self.hidden_transposed);
-    }
-}
-
-/// `[rows, columns]` to `[columns, rows]`.
-fn transpose(from: &[f32], columns: usize, to: &mut [f32]) {
-    let rows = from.len() / columns;
-    for (r, row) in from.chunks_exact(columns).enumerate() {
-        for (c, x) in row.iter().enumerate() {
-            to[c * rows + r] = *x;
-        }
     }
 }
 
@@ -250,14 +233,14 @@ fn frame_sums(
     drawn: &[Drawn; FRAMES],
 ) -> Vec<Vec<f32>> {
     const { assert!(FRAMES * MOMENTS <= PACKET) };
-    let mut inputs = vec![Row::zeroed(); SHARED * TILE_ROWS];
+    let mut inputs = zero_rows(SHARED);
     for (column, (d, ago)) in drawn.iter().flat_map(|d| (0..MOMENTS).map(move |ago| (d, ago))).enumerate() {
         for (k, x) in set.clips[d.clip][moment(d, ago)].shared.iter().enumerate() {
             inputs[k * TILE_ROWS + column / LANES].0[column % LANES] = *x;
         }
     }
     let width = network.shape().width;
-    let mut sums = vec![Row::zeroed(); width * TILE_ROWS];
+    let mut sums = zero_rows(width);
     product(simd, Factors { a: network.parts()[1], columns: width, b: &inputs }, Start::Zero, &mut sums);
     let column = |c: usize| (0..width).map(|m| sums[m * TILE_ROWS + c / LANES].0[c % LANES]).collect();
     (0..FRAMES * MOMENTS).map(column).collect()
@@ -272,43 +255,6 @@ fn frame_gradients(by_first: &[&[f32]], width: usize) -> Vec<f32> {
         sums.iter_mut().zip(row).for_each(|(sum, x)| *sum += x);
     }
     sums
-}
-
-/// AᵀB of factors in parts, `[strands, m]` and `[strands, n]`: `[m, n]`.
-fn weights(simd: Simd, [a, b]: [&[&[f32]]; 2], [m, n]: [usize; 2], found: &mut [f32]) {
-    let a: Vec<f32> = a.concat();
-    let blocks: Vec<Rows> = (0..n.div_ceil(PACKET))
-        .into_par_iter()
-        .map(|block| {
-            let columns = block * PACKET..n.min((block + 1) * PACKET);
-            let mut rows = Vec::with_capacity(a.len() / m * TILE_ROWS);
-            for strand in b.iter().flat_map(|part| part.chunks_exact(n)) {
-                let mut packed = [Row::zeroed(); TILE_ROWS];
-                for (c, x) in strand[columns.clone()].iter().enumerate() {
-                    packed[c / LANES].0[c % LANES] = *x;
-                }
-                rows.extend(packed);
-            }
-            let mut c = vec![Row::zeroed(); m * TILE_ROWS];
-            product(simd, Factors { a: &a, columns: m, b: &rows }, Start::Zero, &mut c);
-            c
-        })
-        .collect();
-    for (row, found) in found.chunks_exact_mut(n).enumerate() {
-        for (c, found) in found.iter_mut().enumerate() {
-            *found = blocks[c / PACKET][row * TILE_ROWS + c % PACKET / LANES].0[c % LANES];
-        }
-    }
-}
-
-/// Rows of 64 strands to strand by strand.
-fn by_strand(rows: &[Row<f32>], to: &mut [f32]) {
-    let units = rows.len() / TILE_ROWS;
-    for (unit, rows) in rows.chunks_exact(TILE_ROWS).enumerate() {
-        for (s, x) in rows.iter().flat_map(|row| row.0).enumerate() {
-            to[s * units + unit] = x;
-        }
-    }
 }
 
 impl Step<'_> {
@@ -344,13 +290,11 @@ impl Step<'_> {
 
     /// The first layer's sums of a packet's strands.
     fn static_sums(&self, drawn: &[Drawn], buffers: &mut PacketBuffers) {
-        for (s, strand) in drawn.iter().flat_map(|d| d.strands).enumerate() {
-            let inputs = &self.set.strands[strand].statics;
-            buffers.statics[s * STATICS..(s + 1) * STATICS].copy_from_slice(inputs);
-            for (k, x) in inputs.iter().enumerate() {
-                buffers.static_rows[k * TILE_ROWS + s / LANES].0[s % LANES] = *x;
-            }
+        let strands = drawn.iter().flat_map(|d| d.strands);
+        for (strand, to) in strands.zip(buffers.statics.chunks_exact_mut(STATICS)) {
+            to.copy_from_slice(&self.set.strands[strand].statics);
         }
+        to_rows(buffers.statics.chunks_exact(STATICS), &mut buffers.static_rows);
         let [statics, _, bias, ..] = self.network.parts();
         let factors = Factors { a: statics, columns: bias.len(), b: &buffers.static_rows };
         product(self.simd, factors, Start::Bias(bias), &mut buffers.sums);
@@ -388,15 +332,6 @@ impl Step<'_> {
         mask(first, by_first);
         for (rows, to) in [&*first, second, outputs, by_second, by_first].into_iter().zip(to) {
             by_strand(rows, to);
-        }
-    }
-}
-
-/// Zero where the activation is.
-fn mask(activations: &[Row<f32>], by: &mut [Row<f32>]) {
-    for (x, by) in activations.iter().zip(by) {
-        for (x, by) in x.0.iter().zip(&mut by.0) {
-            *by = if *x > 0.0 { *by } else { 0.0 };
         }
     }
 }

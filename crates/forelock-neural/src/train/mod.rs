@@ -14,8 +14,10 @@
 //! # Limitations
 //! Training runs on the CPU.
 
-mod adam;
+pub(crate) mod adam;
 mod gradient;
+pub(crate) mod layers;
+pub mod motions;
 mod set;
 
 pub use set::{Clip, Field, Frame, SetError, TrainingSet, TrainingStrand};
@@ -111,7 +113,7 @@ impl Trainer {
     /// A training from random weights: deviations √(2/inputs), those of the last layer 1e-3.
     pub fn new(options: Options) -> Self {
         let shape = Shape::default();
-        let mut random = Random::new(options.seed, 0);
+        let mut random = Random::stream(options.seed, 0);
         let mut parameters = vec![0.0f32; shape.parameters()];
         let [statics, shared, _, hidden, _, output, _] = shape.ranges();
         let first = (2.0 / (shape.statics + shape.shared) as f64).sqrt();
@@ -153,7 +155,7 @@ impl Trainer {
         let share = f64::from(self.done) / f64::from(options.steps.max(1));
         let mut energies = options.energies;
         energies.motion.is_dynamic &= share >= options.warm_start;
-        let batch = set.draw(&mut Random::new(options.seed, 1 + u64::from(self.done)));
+        let batch = set.draw(&mut Random::stream(options.seed, 1 + u64::from(self.done)));
         let simd = options.simd.resolve();
         let energy = self.workspace.gradient(simd, &self.network, &self.basis, &energies, (set, &batch));
         let norm = self.workspace.norm();

@@ -135,9 +135,9 @@ impl TrainingSet {
     /// The frames and strands of a step.
     pub(super) fn draw(&self, random: &mut Random) -> [Drawn; FRAMES] {
         std::array::from_fn(|_| {
-            let at = random.index(self.frames);
+            let at = random.below(self.frames);
             let clip = self.before.partition_point(|before| *before <= at) - 1;
-            let strands = std::array::from_fn(|_| random.index(self.strands.len()));
+            let strands = std::array::from_fn(|_| random.below(self.strands.len()));
             Drawn { clip, frame: at - self.before[clip], strands }
         })
     }

@@ -18,7 +18,7 @@ impl Field for Ball {
 
 /// Curved strands on a ball that turns, with random inputs.
 fn set() -> TrainingSet {
-    let mut random = Random::new(7, 0);
+    let mut random = Random::stream(7, 0);
     let mut strands = Vec::new();
     for _ in 0..200 {
         let mut out = DVec3::new(random.signed(), random.unit(), random.signed()).normalize();
@@ -54,7 +54,7 @@ fn the_gradient_of_a_batch_agrees_with_finite_differences() {
     // through the weight of style.
     let motion = MotionTerms { is_dynamic: false, ..MotionTerms::default() };
     let energies = Energies { motion, ..Energies::default() };
-    let batch = set.draw(&mut Random::new(3, 1));
+    let batch = set.draw(&mut Random::stream(3, 1));
     let mut workspace = Workspace::new(Shape::default());
     let simd = Simd::Auto.resolve();
     let mut energy = |network: &Network<f32>| {
@@ -64,7 +64,7 @@ fn the_gradient_of_a_batch_agrees_with_finite_differences() {
     };
     let (_, gradient) = energy(&trainer.network);
     // Along the gradient of each part of the parameters, and along random directions.
-    let mut random = Random::new(11, 0);
+    let mut random = Random::stream(11, 0);
     for (part, range) in trainer.network.shape().ranges().into_iter().enumerate() {
         for is_random in [false, true] {
             let mut direction = vec![0.0f64; gradient.len()];

@@ -7,3 +7,4 @@ mod losses;
 mod measures;
 mod network;
 mod reference;
+mod rigged;

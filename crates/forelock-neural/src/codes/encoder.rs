@@ -1,0 +1,191 @@
+//! Strand codes: 32 numbers that tell the rest shape of a strand (Neuralocks, Sec. 4.2).
+//!
+//! # Theory
+//! An encoder 75 → 256 → 256 → 32 and a decoder 32 → 256 → 256 → 75, ReLU between layers, are
+//! trained together to reproduce the inputs of [`encoder_inputs`](super::encoder_inputs) with the
+//! least mean squared error. The decoder is not kept.
+//!
+//! # Practice
+//! Adam at 1e-3 with a cosine schedule, batches of 256 strands. The result depends on the seed and
+//! the instruction set, not on the number of threads.
+
+use crate::PARTICLES;
+use crate::network::product::{Factors, PACKET, Start, TILE_ROWS, product};
+use crate::random::Random;
+use crate::train::adam::Adam;
+use crate::train::layers::{bias_gradient, by_strand, mask, to_rows, transpose, weight_gradient, zero_rows};
+use forelock_core::lane::Simd;
+use rayon::prelude::*;
+
+/// Numbers of a strand that are encoded.
+pub const INPUTS: usize = 3 * PARTICLES;
+/// Numbers of a code.
+pub const CODE: usize = 32;
+/// Units of the layers of encoder and decoder, from the inputs to the reconstruction.
+const SIZES: [usize; 7] = [INPUTS, 256, 256, CODE, 256, 256, INPUTS];
+/// Layers of the encoder.
+const ENCODER: usize = 3;
+/// Layers of both.
+const LAYERS: usize = SIZES.len() - 1;
+/// Strands of a step.
+const BATCH: usize = 256;
+
+/// How to train codes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CodeOptions {
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// Steps.
+    pub steps: u32,
+    /// Learning rate at the start.
+    pub rate: f64,
+    /// The instruction set.
+    pub simd: Simd,
+}
+
+impl Default for CodeOptions {
+    fn default() -> Self {
+        Self { seed: 1, steps: 4000, rate: 1e-3, simd: Simd::Auto }
+    }
+}
+
+/// Weights, `[inputs, outputs]`, and biases of a layer.
+#[derive(Clone, Debug, PartialEq)]
+struct Layer {
+    weights: Vec<f32>,
+    bias: Vec<f32>,
+}
+
+/// Encoder and decoder.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StrandCodes {
+    layers: Vec<Layer>,
+}
+
+/// Whether the outputs of a layer are clamped at zero: not those of a code or a reconstruction.
+fn has_relu(layer: usize) -> bool {
+    layer != ENCODER - 1 && layer != LAYERS - 1
+}
+
+impl StrandCodes {
+    /// Trains codes for `strands`, inputs of the encoder.
+    ///
+    /// # Panics
+    /// If there are no strands.
+    pub fn train(strands: &[[f32; INPUTS]], options: &CodeOptions) -> Self {
+        assert!(!strands.is_empty(), "codes need strands");
+        let mut random = Random::stream(options.seed, u64::MAX);
+        let layers = SIZES.windows(2).map(|size| {
+            let deviation = (2.0 / size[0] as f64).sqrt();
+            let weights = (0..size[0] * size[1]).map(|_| (deviation * random.normal()) as f32).collect();
+            Layer { weights, bias: vec![0.0; size[1]] }
+        });
+        let mut own = Self { layers: layers.collect() };
+        let moments = |layer: &Layer| [Adam::new(layer.weights.len()), Adam::new(layer.bias.len())];
+        let mut adams: Vec<[Adam; 2]> = own.layers.iter().map(moments).collect();
+        let simd = options.simd.resolve();
+        for step in 0..options.steps {
+            let batch: Vec<&[f32]> =
+                (0..BATCH).map(|_| strands[random.below(strands.len())].as_slice()).collect();
+            let share = f64::from(step) / f64::from(options.steps);
+            let rate = options.rate * (0.5 + 0.5 * (std::f64::consts::PI * share).cos());
+            let gradient = own.gradient(simd, &batch);
+            for ((layer, adams), by) in own.layers.iter_mut().zip(&mut adams).zip(&gradient) {
+                adams[0].step(&mut layer.weights, &by.weights, [rate, 1.0]);
+                adams[1].step(&mut layer.bias, &by.bias, [rate, 1.0]);
+            }
+        }
+        own
+    }
+
+    /// The gradient of the mean squared error of a batch.
+    fn gradient(&self, simd: Simd, batch: &[&[f32]]) -> Vec<Layer> {
+        let transposed: Vec<Vec<f32>> = self
+            .layers
+            .iter()
+            .map(|layer| {
+                let mut to = vec![0.0; layer.weights.len()];
+                transpose(&layer.weights, layer.bias.len(), &mut to);
+                to
+            })
+            .collect();
+        let packets: Vec<[Vec<Vec<f32>>; 2]> =
+            batch.par_chunks(PACKET).map(|strands| self.packet(simd, strands, &transposed)).collect();
+        let part = |of: usize, layer: usize| -> Vec<&[f32]> {
+            packets.iter().map(|packet| packet[of][layer].as_slice()).collect()
+        };
+        (0..LAYERS)
+            .map(|layer| {
+                let [m, n] = [SIZES[layer], SIZES[layer + 1]];
+                let (inputs, by_sums) = (part(0, layer), part(1, layer));
+                let mut by = Layer { weights: vec![0.0; m * n], bias: vec![0.0; n] };
+                weight_gradient(simd, [&inputs, &by_sums], [m, n], &mut by.weights);
+                bias_gradient(&by_sums, &mut by.bias);
+                by
+            })
+            .collect()
+    }
+
+    /// The inputs of each layer, and the gradient with respect to its sums: strand by strand.
+    fn packet(&self, simd: Simd, strands: &[&[f32]], transposed: &[Vec<f32>]) -> [Vec<Vec<f32>>; 2] {
+        let mut rows = vec![zero_rows(INPUTS)];
+        to_rows(strands.iter().copied(), &mut rows[0]);
+        for (number, layer) in self.layers.iter().enumerate() {
+            let mut c = zero_rows(layer.bias.len());
+            let factors = Factors { a: &layer.weights, columns: layer.bias.len(), b: &rows[number] };
+            let start =
+                if has_relu(number) { Start::BiasRelu(&layer.bias) } else { Start::Bias(&layer.bias) };
+            product(simd, factors, start, &mut c);
+            rows.push(c);
+        }
+        let scale = 2.0 / (BATCH * INPUTS) as f32;
+        let mut by = zero_rows(INPUTS);
+        for ((by, found), expected) in by.iter_mut().zip(&rows[LAYERS]).zip(&rows[0]) {
+            by.0 = std::array::from_fn(|lane| scale * (found.0[lane] - expected.0[lane]));
+        }
+        let strand_by_strand = |rows: &[_]| {
+            let mut to = vec![0.0; rows.len() / TILE_ROWS * PACKET];
+            by_strand(rows, &mut to);
+            to
+        };
+        let inputs = rows[..LAYERS].iter().map(|rows| strand_by_strand(rows)).collect();
+        let mut by_sums = vec![Vec::new(); LAYERS];
+        for number in (0..LAYERS).rev() {
+            if has_relu(number) {
+                mask(&rows[number + 1], &mut by);
+            }
+            by_sums[number] = strand_by_strand(&by);
+            let mut below = zero_rows(SIZES[number]);
+            let factors = Factors { a: &transposed[number], columns: SIZES[number], b: &by };
+            product(simd, factors, Start::Zero, &mut below);
+            by = below;
+        }
+        [inputs, by_sums]
+    }
+
+    /// The code of a strand.
+    pub fn encode(&self, strand: &[f32; INPUTS]) -> [f32; CODE] {
+        let code = self.run(0..ENCODER, strand);
+        std::array::from_fn(|k| code[k])
+    }
+
+    /// The strand of a code.
+    pub fn decode(&self, code: &[f32; CODE]) -> [f32; INPUTS] {
+        let strand = self.run(ENCODER..LAYERS, code);
+        std::array::from_fn(|k| strand[k])
+    }
+
+    fn run(&self, layers: std::ops::Range<usize>, inputs: &[f32]) -> Vec<f32> {
+        let mut x = inputs.to_vec();
+        for number in layers {
+            let layer = &self.layers[number];
+            let mut sums = layer.bias.clone();
+            crate::network::add_layer(&layer.weights, &x, &mut sums);
+            if has_relu(number) {
+                sums.iter_mut().for_each(|sum| *sum = sum.max(0.0));
+            }
+            x = sums;
+        }
+        x
+    }
+}

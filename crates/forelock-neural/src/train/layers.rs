@@ -1,0 +1,89 @@
+//! Products over a batch that the ways back through networks share.
+
+use crate::network::product::{Factors, PACKET, Start, TILE_ROWS, product};
+use bytemuck::Zeroable;
+use forelock_core::lane::{LANES, Row, Simd};
+use rayon::prelude::*;
+
+/// Rows of 64 strands.
+pub(crate) type Rows = Vec<Row<f32>>;
+
+/// `units` rows of 64 strands, all zero.
+pub(crate) fn zero_rows(units: usize) -> Rows {
+    vec![Row::zeroed(); units * TILE_ROWS]
+}
+
+/// Up to 64 strands, `[units]` each, as rows.
+pub(crate) fn to_rows<'a>(strands: impl Iterator<Item = &'a [f32]>, rows: &mut [Row<f32>]) {
+    for (s, strand) in strands.enumerate() {
+        for (k, x) in strand.iter().enumerate() {
+            rows[k * TILE_ROWS + s / LANES].0[s % LANES] = *x;
+        }
+    }
+}
+
+/// Rows of 64 strands to strand by strand, `[64][units]`.
+pub(crate) fn by_strand(rows: &[Row<f32>], to: &mut [f32]) {
+    let units = rows.len() / TILE_ROWS;
+    for (unit, rows) in rows.chunks_exact(TILE_ROWS).enumerate() {
+        for (s, x) in rows.iter().flat_map(|row| row.0).enumerate() {
+            to[s * units + unit] = x;
+        }
+    }
+}
+
+/// Zero where the activation is: the gradient of ReLU.
+pub(crate) fn mask(activations: &[Row<f32>], by: &mut [Row<f32>]) {
+    for (x, by) in activations.iter().zip(by) {
+        for (x, by) in x.0.iter().zip(&mut by.0) {
+            *by = if *x > 0.0 { *by } else { 0.0 };
+        }
+    }
+}
+
+/// `[rows, columns]` to `[columns, rows]`.
+pub(crate) fn transpose(from: &[f32], columns: usize, to: &mut [f32]) {
+    let rows = from.len() / columns;
+    for (r, row) in from.chunks_exact(columns).enumerate() {
+        for (c, x) in row.iter().enumerate() {
+            to[c * rows + r] = *x;
+        }
+    }
+}
+
+/// Sums over all strands of parts `[strands, units]`.
+pub(crate) fn bias_gradient(parts: &[&[f32]], sums: &mut [f32]) {
+    sums.fill(0.0);
+    let units = sums.len();
+    for row in parts.iter().flat_map(|part| part.chunks_exact(units)) {
+        sums.iter_mut().zip(row).for_each(|(sum, x)| *sum += x);
+    }
+}
+
+/// AᵀB of factors in parts, `[strands, m]` and `[strands, n]`: `[m, n]`, the gradient of a layer's
+/// weights from its inputs and from the gradient with respect to its sums.
+pub(crate) fn weight_gradient(simd: Simd, [a, b]: [&[&[f32]]; 2], [m, n]: [usize; 2], found: &mut [f32]) {
+    let a: Vec<f32> = a.concat();
+    let blocks: Vec<Rows> = (0..n.div_ceil(PACKET))
+        .into_par_iter()
+        .map(|block| {
+            let columns = block * PACKET..n.min((block + 1) * PACKET);
+            let mut rows = Vec::with_capacity(a.len() / m * TILE_ROWS);
+            for strand in b.iter().flat_map(|part| part.chunks_exact(n)) {
+                let mut packed = [Row::zeroed(); TILE_ROWS];
+                for (c, x) in strand[columns.clone()].iter().enumerate() {
+                    packed[c / LANES].0[c % LANES] = *x;
+                }
+                rows.extend(packed);
+            }
+            let mut c = zero_rows(m);
+            product(simd, Factors { a: &a, columns: m, b: &rows }, Start::Zero, &mut c);
+            c
+        })
+        .collect();
+    for (row, found) in found.chunks_exact_mut(n).enumerate() {
+        for (c, found) in found.iter_mut().enumerate() {
+            *found = blocks[c / PACKET][row * TILE_ROWS + c % PACKET / LANES].0[c % LANES];
+        }
+    }
+}
