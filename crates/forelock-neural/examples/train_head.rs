@@ -14,17 +14,16 @@ use forelock_neural::codes::encoder::{CODE, CodeOptions, INPUTS, StrandCodes};
 use forelock_neural::codes::{LOCAL_SCALE_CM, LOCK_SIZE, Locks, crown_uv, encoder_inputs};
 use forelock_neural::features::{BodyPose, Features, HeadMotion, SPACING_SECS};
 use forelock_neural::losses::Strand;
-use forelock_neural::losses::body::{Body, Near};
+use forelock_neural::losses::field::SmoothField;
 use forelock_neural::losses::motion::Place;
 use forelock_neural::measures::Motions;
 use forelock_neural::network::inference::{Positions, Predictor};
 use forelock_neural::reference::{Terms, motion};
 use forelock_neural::train::motions::{Kind, generate};
-use forelock_neural::train::{Clip, Field, Frame, Options, Trainer, TrainingSet, TrainingStrand};
+use forelock_neural::train::{Clip, Frame, Options, Trainer, TrainingSet, TrainingStrand};
 use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 use std::error::Error;
-use std::sync::Arc;
 use std::time::Instant;
 
 const STYLES: [&str; 4] = ["straight", "wavy", "curly", "bob"];
@@ -32,21 +31,13 @@ const STYLES: [&str; 4] = ["straight", "wavy", "curly", "bob"];
 const FRAMES: usize = 150;
 
 /// The built-in head, in cm.
-#[derive(Clone, Debug)]
-struct HeadField(Arc<Sdf>);
-
-impl Field for HeadField {
-    fn near(&self, x: [f32; 3]) -> (f32, [f32; 3]) {
-        let (distance, gradient) = self.0.sample(Vec3::from(x) * 0.01);
-        (100.0 * distance, gradient.to_array())
-    }
-}
-
-impl Body<f64> for HeadField {
-    fn near(&self, x: V3<f64>) -> Near<f64> {
-        let (distance, gradient) = Field::near(self, x.0.map(|c| c as f32));
-        Near { distance: distance.into(), gradient: V3(gradient.map(f64::from)) }
-    }
+fn head() -> Result<SmoothField, Box<dyn Error>> {
+    let mesh = &Head::builtin().mesh;
+    let sdf = Sdf::near(&ClosedMesh::new(mesh), 128, 0.2, 0.002)?;
+    let corners = mesh.positions.iter().fold([Vec3::MAX, Vec3::MIN], |[a, b], x| [a.min(*x), b.max(*x)]);
+    let [least, most] = corners.map(|x| 100.0 * x.as_dvec3());
+    let bounds = [least - 5.0, most + 5.0];
+    Ok(SmoothField::new(bounds, 0.4, |x| 100.0 * sdf.sample((0.01 * x).as_vec3()).0))
 }
 
 /// Strands of all styles, `count` each: positions, uv, inputs of the encoder.
@@ -56,16 +47,16 @@ struct Hair {
     local: Vec<[f32; INPUTS]>,
 }
 
-fn grow(count: u32, seed: u64, field: &HeadField) -> Result<Hair, Box<dyn Error>> {
+fn grow(count: u32, seed: u64, field: &SmoothField) -> Result<Hair, Box<dyn Error>> {
     let mut hair = Hair { rest: Vec::new(), uv: Vec::new(), local: Vec::new() };
     for style in STYLES {
         let params = GrowParams { strands: count, seed, ..GrowParams::preset(style)? };
         let groom = resample(&grow_on_head(&params)?, PARTICLES)?;
         for strand in groom.strands() {
             let x: Vec<DVec3> = strand.iter().map(|x| 100.0 * x.as_dvec3()).collect();
-            let (_, normal) = Field::near(field, x[0].as_vec3().to_array());
+            let (_, normal) = field.sample(x[0].to_array());
             hair.uv.push(crown_uv(x[0])?);
-            hair.local.push(encoder_inputs(&x, Vec3::from(normal).as_dvec3())?);
+            hair.local.push(encoder_inputs(&x, DVec3::from(normal))?);
             hair.rest.push(std::array::from_fn(|i| x[i].as_vec3().to_array()));
         }
     }
@@ -111,7 +102,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let seed = arguments.get(1).copied().unwrap_or(1);
     let began = Instant::now();
     let say = |what: &str| println!("{:7.1} s  {what}", began.elapsed().as_secs_f64());
-    let field = HeadField(Arc::new(Sdf::near(&ClosedMesh::new(&Head::builtin().mesh), 128, 0.2, 0.002)?));
+    let field = head()?;
     let [hair, held_out] = [(512, 1), (8, 77)].map(|(count, seed)| grow(count, seed, &field));
     let (hair, held_out) = (hair?, held_out?);
     let encoder = StrandCodes::train(&hair.local, &CodeOptions { seed, ..CodeOptions::default() });
@@ -136,7 +127,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         (0..count).map(one).collect()
     };
     let clips = motions(128, 1000).iter().map(|(_, poses)| clip(poses)).collect::<Result<_, _>>()?;
-    let set = TrainingSet::new(strands.collect(), clips, Box::new(field.clone()))?;
+    let set = TrainingSet::new(strands.collect(), clips, field.clone())?;
 
     let options = Options { seed, steps, ..Options::default() };
     let terms = Terms {
@@ -168,7 +159,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             sum += trainer.step(&set).energy;
         }
         say(&format!("step {}, energy {:.3}", trainer.done(), sum / 1000.0));
-        if trainer.done() % 4000 != 0 && trainer.done() < steps {
+        if !trainer.done().is_multiple_of(4000) && trainer.done() < steps {
             continue;
         }
         let predictor = Predictor::new(trainer.network(), trainer.basis(), Simd::Auto)?;
@@ -201,7 +192,7 @@ fn report(
     hair: &Hair,
     found: &[Vec<Positions>],
     reference: &[Vec<Strand<f64>>],
-    field: &HeadField,
+    field: &SmoothField,
 ) -> Result<(), Box<dyn Error>> {
     let size = hair.rest.len() / STYLES.len();
     for (style, name) in STYLES.iter().enumerate() {
@@ -214,7 +205,7 @@ fn report(
         let expected: Vec<[f64; 3]> = (0..found.len())
             .flat_map(|frame| own.clone().flat_map(move |s| reference[s][frame].map(|x| x.0)))
             .collect();
-        let inside = moved.iter().filter(|x| Field::near(field, x.map(|c| c as f32)).0 < -0.1).count();
+        let inside = moved.iter().filter(|x| field.sample(**x).0 < -0.1).count();
         let motions = Motions { particles: PARTICLES, rest: &rest, motion: &moved, reference: &expected };
         let m = motions.measure()?;
         println!(

@@ -1,8 +1,8 @@
 //! The mean energy of a batch and its gradient with respect to all parameters.
 //!
 //! # Theory
-//! Layers as in [the network](crate::network). With the gradients of the sums of a layer as rows
-//! D, `[strands, units]`, that of its weights is (activations)ᵀ D, and that of the activations below
+//! Layers as in [the network](crate::network). With the gradients of the sums of a layer as rows D,
+//! `[strands, units]`, that of its weights is (activations)ᵀ D, and that of the activations below
 //! is W D. B/2 of the rotation head is folded into the last layer before a step; its gradient is
 //! unfolded afterwards.
 //!
@@ -103,6 +103,13 @@ impl PacketBuffers {
     }
 }
 
+/// What a step lowers the energy of.
+#[derive(Clone, Copy)]
+pub(super) struct Batch<'a> {
+    pub set: &'a TrainingSet,
+    pub drawn: &'a [Drawn; FRAMES],
+}
+
 /// What the packets of a step have in common.
 struct Step<'a> {
     simd: Simd,
@@ -147,8 +154,9 @@ impl Workspace {
         network: &Network<f32>,
         basis: &Basis,
         energies: &Energies,
-        (set, drawn): (&TrainingSet, &[Drawn; FRAMES]),
+        batch: &Batch<'_>,
     ) -> f64 {
+        let Batch { set, drawn } = *batch;
         self.weights.fold(network, basis);
         let frames = frame_sums(simd, network, set, drawn);
         let step = Step { simd, network, weights: &self.weights, energies, set, drawn, frames: &frames };
@@ -346,8 +354,8 @@ struct OfRow<'a> {
     row: usize,
 }
 
-/// The sum of the energies of sixteen strands; `by` receives the gradient of their mean in the batch
-/// with respect to the outputs.
+/// The sum of the energies of sixteen strands; `by` receives the gradient of their mean in the
+/// batch with respect to the outputs.
 #[inline(always)]
 fn energies<L: Lane<Scalar = f32>>(step: &Step<'_>, of_row: &OfRow<'_>, by: &mut [Row<f32>]) -> f64 {
     let OfRow { drawn, rest, outputs, row } = of_row;
@@ -359,7 +367,7 @@ fn energies<L: Lane<Scalar = f32>>(step: &Step<'_>, of_row: &OfRow<'_>, by: &mut
             origin: V3::splat(frame.origin - clip[drawn.frame].origin),
         }
     };
-    let bust = Bust { field: &*step.set.field, parts: &clip[drawn.frame].parts };
+    let bust = Bust { field: &step.set.field, parts: &clip[drawn.frame].parts };
     let mean = L::from_f64(1.0 / BATCH as f64);
     let mut sum = 0.0;
     for first in (0..LANES).step_by(L::WIDTH) {

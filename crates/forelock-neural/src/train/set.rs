@@ -3,18 +3,12 @@
 use super::{FRAMES, STRANDS};
 use crate::PARTICLES;
 use crate::losses::body::{Body, Capsule, Near};
+use crate::losses::field::SmoothField;
 use crate::network::inference::Positions;
 use crate::network::{SHARED, STATICS};
 use crate::random::Random;
 use forelock_core::lane::{Lane, V3};
 use glam::{DMat3, DVec3};
-use std::fmt::Debug;
-
-/// The signed distance from a body that is rigid in canonical space.
-pub trait Field: Debug + Send + Sync {
-    /// The distance at `x`, cm, negative inside, and its gradient.
-    fn near(&self, x: [f32; 3]) -> (f32, [f32; 3]);
-}
 
 /// A strand of a training.
 #[derive(Clone, Debug)]
@@ -81,7 +75,7 @@ pub enum SetError {
 pub struct TrainingSet {
     pub(super) strands: Vec<TrainingStrand>,
     pub(super) clips: Vec<Clip>,
-    pub(super) field: Box<dyn Field>,
+    pub(super) field: SmoothField,
     /// The number of frames before each motion.
     before: Vec<usize>,
     frames: usize,
@@ -101,11 +95,7 @@ impl TrainingSet {
     /// # Errors
     /// If there are none, or one has inputs of another length than the network, or a strand is not
     /// finite or has an edge of no length.
-    pub fn new(
-        strands: Vec<TrainingStrand>,
-        clips: Vec<Clip>,
-        field: Box<dyn Field>,
-    ) -> Result<Self, SetError> {
+    pub fn new(strands: Vec<TrainingStrand>, clips: Vec<Clip>, field: SmoothField) -> Result<Self, SetError> {
         if strands.is_empty() {
             return Err(SetError::NoStrands);
         }
@@ -145,19 +135,14 @@ impl TrainingSet {
 
 /// The body of a frame.
 pub(super) struct Bust<'a> {
-    pub field: &'a dyn Field,
+    pub field: &'a SmoothField,
     pub parts: &'a [Capsule<f64>],
 }
 
 impl<L: Lane<Scalar = f32>> Body<L> for Bust<'_> {
     #[inline(always)]
     fn near(&self, x: V3<L>) -> Near<L> {
-        let mut near = Near { distance: L::zero(), gradient: V3::zero() };
-        for lane in 0..L::WIDTH {
-            let (distance, gradient) = self.field.near(x.get(lane));
-            near.distance.set(lane, distance);
-            near.gradient.set(lane, gradient);
-        }
+        let mut near = self.field.near(x);
         for part in self.parts {
             let ends = part.ends.map(|end| V3(end.0.map(L::from_f64)));
             near = Capsule { ends, radius: L::from_f64(part.radius) }.near(x).min(near);
