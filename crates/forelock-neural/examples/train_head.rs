@@ -1,7 +1,8 @@
 //! Trains the network for hair of the built-in head and measures it, on motions and strands that it
 //! was not trained on, against the implicit reference.
 //!
-//! `cargo run --release -p forelock-neural --example train_head -- [STEPS] [SEED]`
+//! `cargo run --release -p forelock-neural --example train_head -- STEPS SEED MOTIONS STRANDS`
+//! (strands of each style; every argument has a default)
 
 #![expect(clippy::print_stdout, reason = "its results")]
 
@@ -20,7 +21,7 @@ use forelock_neural::measures::Motions;
 use forelock_neural::network::inference::{Positions, Predictor};
 use forelock_neural::reference::{Terms, motion};
 use forelock_neural::train::motions::{Kind, generate};
-use forelock_neural::train::{Clip, Frame, Options, Trainer, TrainingSet, TrainingStrand};
+use forelock_neural::train::{Clip, Frame, Options, Trainer, TrainingSet, TrainingStrand, shared};
 use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 use std::error::Error;
@@ -45,6 +46,16 @@ struct Hair {
     rest: Vec<Positions>,
     uv: Vec<[f64; 2]>,
     local: Vec<[f32; INPUTS]>,
+}
+
+impl Hair {
+    fn only(&self, kept: &[usize]) -> Self {
+        Self {
+            rest: kept.iter().map(|s| self.rest[*s]).collect(),
+            uv: kept.iter().map(|s| self.uv[*s]).collect(),
+            local: kept.iter().map(|s| self.local[*s]).collect(),
+        }
+    }
 }
 
 fn grow(count: u32, seed: u64, field: &SmoothField) -> Result<Hair, Box<dyn Error>> {
@@ -83,17 +94,19 @@ fn statics(hair: &Hair, codes: &[[f32; CODE]], deviation: f32) -> Result<Vec<Vec
 
 fn clip(poses: &[BodyPose]) -> Result<Clip, Box<dyn Error>> {
     let features = Features::new(DVec3::ZERO, HeadMotion::Velocity)?.motion(poses)?;
-    let frame = |(number, pose): (usize, &BodyPose)| {
-        let shared = features.shared(number, &[0.0; 10]).map(|x| x.iter().map(|x| *x as f32).collect());
-        let rotation = DMat3::from_quat(pose.head.rotation);
+    let numbers = features.pose.iter().zip(&features.velocity);
+    let frame = |(body, (pose, velocity)): (&BodyPose, (&[f64; 24], &[f64; 24]))| {
+        let mut inputs = [0.0; 34];
+        inputs.iter_mut().zip(pose).for_each(|(to, x)| *to = *x as f32);
         Frame {
-            rotation,
-            origin: pose.head.translation,
-            shared: shared.unwrap_or_default(),
+            rotation: DMat3::from_quat(body.head.rotation),
+            origin: body.head.translation,
+            pose: inputs,
+            velocity: velocity.map(|x| x as f32),
             parts: Vec::new(),
         }
     };
-    Ok(poses.iter().enumerate().map(frame).collect())
+    Ok(poses.iter().zip(numbers).map(frame).collect())
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -103,8 +116,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     let began = Instant::now();
     let say = |what: &str| println!("{:7.1} s  {what}", began.elapsed().as_secs_f64());
     let field = head()?;
-    let [hair, held_out] = [(512, 1), (8, 77)].map(|(count, seed)| grow(count, seed, &field));
-    let (hair, held_out) = (hair?, held_out?);
+    let count = arguments.get(3).copied().unwrap_or(512) as usize;
+    let all = grow(count as u32, 1, &field)?;
+    // Eight strands of each style are held out; their locks are those of the whole groom.
+    let is_held_out = |s: usize| s.is_multiple_of(count.div_ceil(8));
+    let (held, own): (Vec<usize>, Vec<usize>) = (0..all.rest.len()).partition(|s| is_held_out(s % count));
+    let [hair, held_out] = [&own, &held].map(|kept| all.only(kept));
     let encoder = StrandCodes::train(&hair.local, &CodeOptions { seed, ..CodeOptions::default() });
     let rms = |hair: &Hair| {
         let square = |x: &[f32; INPUTS]| {
@@ -115,10 +132,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     say(&format!("codes: {:.3} cm RMS a coordinate, {:.3} held out", rms(&hair), rms(&held_out)));
     let codes = |hair: &Hair| hair.local.iter().map(|x| encoder.encode(x)).collect::<Vec<_>>();
-    let own = codes(&hair);
-    let deviation = mean_deviation(&own);
-    let inputs = statics(&hair, &own, deviation)?;
-    let strands = hair.rest.iter().zip(inputs).map(|(rest, statics)| TrainingStrand { rest: *rest, statics });
+    let deviation = mean_deviation(&codes(&hair));
+    let inputs = statics(&all, &codes(&all), deviation)?;
+    let strands = own.iter().map(|s| TrainingStrand { rest: all.rest[*s], statics: inputs[*s].clone() });
     let motions = |count: u64, seed: u64| -> Vec<(Kind, Vec<BodyPose>)> {
         let one = |k: u64| {
             let kind = Kind::ALL[k as usize % 4];
@@ -126,7 +142,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         };
         (0..count).map(one).collect()
     };
-    let clips = motions(128, 1000).iter().map(|(_, poses)| clip(poses)).collect::<Result<_, _>>()?;
+    let clips = motions(arguments.get(2).copied().unwrap_or(1024), 1000)
+        .iter()
+        .map(|(_, poses)| clip(poses))
+        .collect::<Result<_, _>>()?;
     let set = TrainingSet::new(strands.collect(), clips, field.clone())?;
 
     let options = Options { seed, steps, ..Options::default() };
@@ -136,7 +155,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         body: options.energies.body,
     };
     let validation = motions(4, 900_000);
-    let held_statics = statics(&held_out, &codes(&held_out), deviation)?.concat();
+    let held_statics: Vec<f32> = held.iter().flat_map(|s| inputs[*s].iter().copied()).collect();
     let to_f64 = |x: &Positions| -> Strand<f64> { std::array::from_fn(|i| V3(x[i].map(f64::from))) };
     let references: Vec<Vec<Vec<Strand<f64>>>> = validation
         .iter()
@@ -167,8 +186,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         for ((kind, poses), reference) in validation.iter().zip(&references) {
             let clip = clip(poses)?;
             let mut found = vec![vec![[[0.0; 3]; PARTICLES]; held_out.rest.len()]; poses.len()];
-            for (frame, found) in clip.iter().zip(&mut found) {
-                predictor.predict(&prepared, &frame.shared, found);
+            for (frame, found) in found.iter_mut().enumerate() {
+                predictor.predict(&prepared, &shared(&clip, frame).collect::<Vec<f32>>(), found);
             }
             report(*kind, &held_out, &found, reference, &field)?;
         }
@@ -205,18 +224,25 @@ fn report(
         let expected: Vec<[f64; 3]> = (0..found.len())
             .flat_map(|frame| own.clone().flat_map(move |s| reference[s][frame].map(|x| x.0)))
             .collect();
-        let inside = moved.iter().filter(|x| field.sample(**x).0 < -0.1).count();
+        let inside = |x: &[[f64; 3]]| {
+            100.0 * x.iter().filter(|x| field.sample(**x).0 < -0.1).count() as f64 / x.len() as f64
+        };
         let motions = Motions { particles: PARTICLES, rest: &rest, motion: &moved, reference: &expected };
         let m = motions.measure()?;
         println!(
-            "  {:18} {name:9} corr {:.2} vel {:.2} nrmse {:.2} dyn {:.2} ratio {:.2} inside {:.3} %",
+            "  {:16} {name:9} corr {:.2} vel {:.2} nrmse {:.2} dyn {:.2} ratio {:.2} of {:.2} and {:.2} cm, \
+             inside {:.2} %, at rest {:.2}, reference {:.2}",
             format!("{kind:?}"),
             m.corr,
             m.corr_vel,
             m.nrmse,
             m.nrmse_dyn,
             m.motion_ratio,
-            100.0 * inside as f64 / moved.len() as f64
+            m.ref_rms,
+            m.ref_dyn,
+            inside(&moved),
+            inside(&rest),
+            inside(&expected)
         );
     }
     Ok(())

@@ -12,7 +12,7 @@
 //! of weights.
 
 use super::layers::{Rows, bias_gradient, by_strand, mask, to_rows, transpose, weight_gradient, zero_rows};
-use super::set::{Bust, Drawn};
+use super::set::{Bust, Drawn, shared as shared_inputs};
 use super::{Energies, FRAMES, STRANDS, TrainingSet};
 use crate::losses::body::body;
 use crate::losses::elastic::{RestStrand, elastic};
@@ -183,7 +183,7 @@ impl Workspace {
         weight_gradient(simd, [&own, &by_first], [shape.statics, width], &mut self.found[statics]);
         let by_frame = frame_gradients(&by_first, width);
         let inputs: Vec<f32> =
-            drawn.iter().flat_map(|d| set.clips[d.clip][d.frame].shared.iter().copied()).collect();
+            drawn.iter().flat_map(|d| shared_inputs(&set.clips[d.clip], d.frame)).collect();
         weight_gradient(simd, [&[&inputs], &[&by_frame]], [SHARED, width], &mut self.found[shared]);
         let [first, second, by_output, by_second] =
             [FIRST, SECOND, BY_OUTPUT, BY_SECOND].map(|index| all(index).collect::<Vec<_>>());
@@ -243,8 +243,8 @@ fn frame_sums(
     const { assert!(FRAMES * MOMENTS <= PACKET) };
     let mut inputs = zero_rows(SHARED);
     for (column, (d, ago)) in drawn.iter().flat_map(|d| (0..MOMENTS).map(move |ago| (d, ago))).enumerate() {
-        for (k, x) in set.clips[d.clip][moment(d, ago)].shared.iter().enumerate() {
-            inputs[k * TILE_ROWS + column / LANES].0[column % LANES] = *x;
+        for (k, x) in shared_inputs(&set.clips[d.clip], moment(d, ago)).enumerate() {
+            inputs[k * TILE_ROWS + column / LANES].0[column % LANES] = x;
         }
     }
     let width = network.shape().width;

@@ -20,7 +20,7 @@ pub(crate) mod layers;
 pub mod motions;
 mod set;
 
-pub use set::{Clip, Frame, SetError, TrainingSet, TrainingStrand};
+pub use set::{Clip, Frame, SetError, TrainingSet, TrainingStrand, shared};
 
 use crate::losses::body::BodyTerms;
 use crate::losses::elastic::ElasticTerms;

@@ -2,7 +2,7 @@ use super::*;
 use crate::PARTICLES;
 use crate::losses::body::Capsule;
 use crate::losses::field::SmoothField;
-use crate::network::{SHARED, STATICS};
+use crate::network::STATICS;
 use forelock_core::lane::V3;
 use glam::{DMat3, DVec3};
 
@@ -31,7 +31,8 @@ fn set() -> TrainingSet {
     let mut frame = |frame: i32| Frame {
         rotation: DMat3::from_rotation_y(0.05 * f64::from(frame)),
         origin: DVec3::new(0.2 * f64::from(frame), 160.0, 0.0),
-        shared: (0..SHARED).map(|_| 0.3 * random.signed() as f32).collect(),
+        pose: std::array::from_fn(|_| 0.3 * random.signed() as f32),
+        velocity: std::array::from_fn(|_| 0.3 * random.signed() as f32),
         parts: vec![Capsule { ends: [V3([0.0, -18.0, 0.0]), V3([0.0, -8.0, 0.0])], radius: 6.0 }],
     };
     let clips = vec![(0..20).map(&mut frame).collect(), (0..3).map(&mut frame).collect()];
@@ -120,7 +121,7 @@ fn what_cannot_be_trained_with_is_refused() {
     let mut folded = set.strands.clone();
     folded[3].rest = [[0.0; 3]; PARTICLES];
     assert_eq!(refused(&folded, &set.clips), SetError::Strand { strand: 3 });
-    let mut short = set.clips.clone();
-    short[1][2].shared.pop();
-    assert_eq!(refused(&set.strands, &short), SetError::Shared { clip: 1, frame: 2, found: SHARED - 1 });
+    let mut broken = set.clips.clone();
+    broken[1][2].velocity[5] = f32::NAN;
+    assert_eq!(refused(&set.strands, &broken), SetError::Frame { clip: 1, frame: 2 });
 }
