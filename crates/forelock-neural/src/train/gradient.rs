@@ -41,8 +41,8 @@ pub(super) struct Workspace {
     /// The gradient, in the order of the parameters.
     found: Vec<f32>,
     packets: Vec<PacketBuffers>,
-    /// The weights that a step multiplies with.
-    weights: Folded,
+    /// The weights that a step multiplies with: those of the network and of the average.
+    weights: [Folded; 2],
 }
 
 /// The last layer with B/2 folded in, and the transposes that the way back needs.
@@ -59,7 +59,8 @@ struct Folded {
 struct PacketBuffers {
     statics: Vec<f32>,
     static_rows: Rows,
-    sums: Rows,
+    /// The first layer's sums of strands: of the network and of the average.
+    sums: [Rows; 2],
     first: Rows,
     second: Rows,
     outputs: Rows,
@@ -85,7 +86,7 @@ impl PacketBuffers {
         Self {
             statics: strands(shape.statics),
             static_rows: rows(shape.statics),
-            sums: rows(width),
+            sums: [rows(width), rows(width)],
             first: rows(width),
             second: rows(width),
             outputs: rows(shape.outputs),
@@ -113,13 +114,14 @@ pub(super) struct Batch<'a> {
 /// What the packets of a step have in common.
 struct Step<'a> {
     simd: Simd,
-    network: &'a Network<f32>,
-    weights: &'a Folded,
+    /// The network and the average, which predicts the two frames before.
+    networks: [&'a Network<f32>; 2],
+    weights: &'a [Folded; 2],
     energies: &'a Energies,
     set: &'a TrainingSet,
     drawn: &'a [Drawn; FRAMES],
-    /// Fᵀ shared of each moment of each frame, `[width]` each.
-    frames: &'a [Vec<f32>],
+    /// Fᵀ shared of each moment of each frame, `[width]` each, of both.
+    frames: &'a [Vec<Vec<f32>>; 2],
 }
 
 impl Workspace {
@@ -128,12 +130,12 @@ impl Workspace {
         Self {
             found: vec![0.0; shape.parameters()],
             packets: (0..PACKETS).map(|_| PacketBuffers::new(shape)).collect(),
-            weights: Folded {
+            weights: [0; 2].map(|_| Folded {
                 output: matrix(shape.width, shape.outputs),
                 bias: matrix(1, shape.outputs),
                 output_transposed: matrix(shape.outputs, shape.width),
                 hidden_transposed: matrix(shape.width, shape.width),
-            },
+            }),
         }
     }
 
@@ -151,17 +153,20 @@ impl Workspace {
     pub(super) fn gradient(
         &mut self,
         simd: Simd,
-        network: &Network<f32>,
+        networks: [&Network<f32>; 2],
         basis: &Basis,
         energies: &Energies,
         batch: &Batch<'_>,
     ) -> f64 {
         let Batch { set, drawn } = *batch;
-        self.weights.fold(network, basis);
-        let frames = frame_sums(simd, network, set, drawn);
-        let step = Step { simd, network, weights: &self.weights, energies, set, drawn, frames: &frames };
+        for (weights, network) in self.weights.iter_mut().zip(networks) {
+            weights.fold(network, basis);
+        }
+        let frames = networks.map(|network| frame_sums(simd, network, set, drawn));
+        let weights = &self.weights;
+        let step = Step { simd, networks, weights, energies, set, drawn, frames: &frames };
         self.packets.par_iter_mut().enumerate().for_each(|(number, packet)| step.packet(number, packet));
-        self.weight_gradients(simd, network.shape(), basis, set, drawn);
+        self.weight_gradients(simd, networks[0].shape(), basis, set, drawn);
         self.packets.iter().map(|packet| packet.energy).sum::<f64>() / BATCH as f64
     }
 
@@ -303,39 +308,43 @@ impl Step<'_> {
             to.copy_from_slice(&self.set.strands[strand].statics);
         }
         to_rows(buffers.statics.chunks_exact(STATICS), &mut buffers.static_rows);
-        let [statics, _, bias, ..] = self.network.parts();
-        let factors = Factors { a: statics, columns: bias.len(), b: &buffers.static_rows };
-        product(self.simd, factors, Start::Bias(bias), &mut buffers.sums);
+        for (network, sums) in self.networks.iter().zip(&mut buffers.sums) {
+            let [statics, _, bias, ..] = network.parts();
+            let factors = Factors { a: statics, columns: bias.len(), b: &buffers.static_rows };
+            product(self.simd, factors, Start::Bias(bias), sums);
+        }
     }
 
     /// The layers of packet `number`, `ago` frames before.
     fn layers(&self, number: usize, ago: usize, buffers: &mut PacketBuffers) {
         const ROWS_OF_FRAME: usize = STRANDS / LANES;
-        let width = self.network.shape().width;
+        let which = usize::from(ago > 0);
+        let (network, weights) = (self.networks[which], &self.weights[which]);
+        let width = network.shape().width;
         for unit in 0..width {
             for row in 0..TILE_ROWS {
                 let frame = number * FRAMES_OF_PACKET + row / ROWS_OF_FRAME;
-                let shared = self.frames[frame * MOMENTS + ago][unit];
-                let sums = &buffers.sums[unit * TILE_ROWS + row];
+                let shared = self.frames[which][frame * MOMENTS + ago][unit];
+                let sums = &buffers.sums[which][unit * TILE_ROWS + row];
                 buffers.first[unit * TILE_ROWS + row].0 = sums.0.map(|sum| (sum + shared).max(0.0));
             }
         }
-        let [.., hidden, second_bias, _, _] = self.network.parts();
+        let [.., hidden, second_bias, _, _] = network.parts();
         let factors = Factors { a: hidden, columns: width, b: &buffers.first };
         product(self.simd, factors, Start::BiasRelu(second_bias), &mut buffers.second);
-        let factors = Factors { a: &self.weights.output, columns: OUTPUTS, b: &buffers.second };
-        product(self.simd, factors, Start::Bias(&self.weights.bias), &mut buffers.outputs);
+        let factors = Factors { a: &weights.output, columns: OUTPUTS, b: &buffers.second };
+        product(self.simd, factors, Start::Bias(&weights.bias), &mut buffers.outputs);
     }
 
     /// From the gradient with respect to the outputs, which is in their place, to those of the sums
     /// of all layers, strand by strand.
     fn back(&self, buffers: &mut PacketBuffers) {
-        let width = self.network.shape().width;
+        let (width, weights) = (self.networks[0].shape().width, &self.weights[0]);
         let PacketBuffers { first, second, outputs, by_second, by_first, by_strand: to, .. } = buffers;
-        let factors = Factors { a: &self.weights.output_transposed, columns: width, b: outputs };
+        let factors = Factors { a: &weights.output_transposed, columns: width, b: outputs };
         product(self.simd, factors, Start::Zero, by_second);
         mask(second, by_second);
-        let factors = Factors { a: &self.weights.hidden_transposed, columns: width, b: by_second };
+        let factors = Factors { a: &weights.hidden_transposed, columns: width, b: by_second };
         product(self.simd, factors, Start::Zero, by_first);
         mask(first, by_first);
         for (rows, to) in [&*first, second, outputs, by_second, by_first].into_iter().zip(to) {

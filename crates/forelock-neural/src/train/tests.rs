@@ -56,7 +56,7 @@ fn the_gradient_of_a_batch_agrees_with_finite_differences() {
     let mut energy = |network: &Network<f32>| {
         let basis = basis(100.0, 1e-4, 1.0 / 30.0);
         let energy =
-            workspace.gradient(simd, network, &basis, &energies, &Batch { set: &set, drawn: &batch });
+            workspace.gradient(simd, [network; 2], &basis, &energies, &Batch { set: &set, drawn: &batch });
         (energy, workspace.found().to_vec())
     };
     let (_, gradient) = energy(&trainer.network);
