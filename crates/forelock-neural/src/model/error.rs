@@ -10,12 +10,14 @@ use std::path::PathBuf;
 #[non_exhaustive]
 pub enum ModelError {
     /// The operating system reports an error.
-    #[error("{path}: {source}", path = path.display())]
+    #[error("{path}: cannot {action}: {error}", path = path.display())]
     Io {
         /// The file.
         path: PathBuf,
+        /// `read` or `write`.
+        action: &'static str,
         /// The system's error.
-        source: io::Error,
+        error: io::Error,
     },
     /// A file holds no model that can be used.
     #[error("{path}: {error}", path = path.display())]

@@ -25,6 +25,8 @@ const INFO: &str = "forelock";
 const CHECKSUM: &str = "forelock.checksum";
 /// Bytes before the header: its length.
 const LENGTH_BYTES: usize = 8;
+/// The most bytes of a header: 4 MiB. Read, a header takes some times the memory of its text.
+const MOST_HEADER: u64 = 4 << 20;
 
 /// A tensor of a model.
 pub(super) struct Tensor<'a> {
@@ -91,7 +93,7 @@ impl Model {
     /// The bytes of the model's file. The same model gives the same bytes.
     ///
     /// # Errors
-    /// If the metadata has no JSON text, or the model has more than [`MOST_BYTES`] bytes.
+    /// If the model has more bytes, or more metadata, than a file that can be read.
     pub fn to_bytes(&self) -> Result<Vec<u8>, ModelError> {
         let text = serde_json::to_string(&self.info).map_err(bad_text)?;
         let tensors = self.tensors();
@@ -115,18 +117,28 @@ impl Model {
         header.resize(header.len().next_multiple_of(LENGTH_BYTES), b' ');
         let bytes = [&(header.len() as u64).to_le_bytes(), header.as_slice(), &data].concat();
         check_size(bytes.len() as u64)?;
+        if header.len() as u64 > MOST_HEADER {
+            let problem = format!("{} bytes of metadata are more than {MOST_HEADER}", header.len());
+            return Err(ModelError::Info { field: "training".into(), problem });
+        }
         Ok(bytes)
     }
 
     /// The model of a file's bytes.
     ///
     /// # Errors
-    /// [`ModelError`] tells what is wrong and where. No input makes this panic, and nothing is
+    /// [`ModelError`] tells what is wrong and where. No input makes this panic, and no tensor is
     /// allocated that the bytes do not hold.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, ModelError> {
         check_size(bytes.len() as u64)?;
-        let (header, metadata) = SafeTensors::read_metadata(bytes)
-            .map_err(|error| ModelError::Format { bytes: bytes.len(), reason: one_line(&error) })?;
+        let broken = |reason| ModelError::Format { bytes: bytes.len(), reason };
+        if let Some(length) = bytes.first_chunk()
+            && u64::from_le_bytes(*length) > MOST_HEADER
+        {
+            return Err(broken(format!("bytes 0 to 7 give its header more than {MOST_HEADER} bytes")));
+        }
+        let (header, metadata) =
+            SafeTensors::read_metadata(bytes).map_err(|error| broken(one_line(&error)))?;
         let reader = Reader { bytes, start: LENGTH_BYTES + header, metadata };
         let text = reader.text(INFO)?;
         let Version { version } = serde_json::from_str(text).map_err(bad_text)?;
@@ -162,7 +174,7 @@ impl Model {
             file.persist(path)?;
             Ok(())
         };
-        write().map_err(|source| ModelError::Io { path: path.into(), source })
+        write().map_err(|error| ModelError::Io { path: path.into(), action: "write", error })
     }
 
     /// Reads a model's file.
@@ -171,7 +183,7 @@ impl Model {
     /// If the operating system reports an error, or as in [`Self::from_bytes`], with the path.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, ModelError> {
         let path = path.as_ref();
-        let io = |source| ModelError::Io { path: path.into(), source };
+        let io = |error| ModelError::Io { path: path.into(), action: "read", error };
         let in_file = |error| ModelError::File { path: path.into(), error: Box::new(error) };
         let file = File::open(path).map_err(io)?;
         check_size(file.metadata().map_err(io)?.len()).map_err(in_file)?;

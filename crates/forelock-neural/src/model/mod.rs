@@ -8,22 +8,27 @@
 //!
 //! | tensor | shape by default | what |
 //! | --- | --- | --- |
-//! | `simulator.static`, `.bias` | `[66, 256]`, `[256]` | the first layer's inputs of a strand; its bias |
-//! | `simulator.shared` | `[682, 256]` | the first layer's inputs of a frame |
-//! | `simulator.hidden`, `.bias` | `[256, 256]`, `[256]` | the second layer |
-//! | `simulator.output`, `.bias` | `[256, 72]`, `[72]` | the last layer |
+//! | `simulator.static`, `….bias` | `[66, 256]`, `[256]` | the first layer: a strand's inputs, bias |
+//! | `simulator.shared` | `[682, 256]` | the first layer: a frame's inputs |
+//! | `simulator.hidden`, `….bias` | `[256, 256]`, `[256]` | the second layer |
+//! | `simulator.output`, `….bias` | `[256, 72]`, `[72]` | the last layer |
 //! | `simulator.basis` | `[24, 24]` | B of the rotation head |
-//! | `encoder.0.weight`, `encoder.0.bias` … | `[75, 256]`, `[256]` … | three layers: the code of a strand |
+//! | `encoder.0.weight`, `….0.bias` | `[75, 256]`, `[256]` | the encoder's first layer |
+//! | `encoder.1.weight`, `….1.bias` | `[256, 256]`, `[256]` | the second |
+//! | `encoder.2.weight`, `….2.bias` | `[256, 32]`, `[32]` | the last: a strand's code |
 //!
 //! The header's metadata has two texts. `forelock` is the JSON of [`ModelInfo`].
-//! `forelock.checksum` are 16 hexadecimal digits: the 64-bit FNV-1a hash of the JSON text and of each
-//! tensor in the order of the names: its name, its sizes as 64-bit numbers, its bytes, all
+//! `forelock.checksum` are 16 hexadecimal digits: the 64-bit FNV-1a hash of the JSON text and of
+//! each tensor in the order of the names: its name, its sizes as 64-bit numbers, its bytes, all
 //! little-endian. So the checksum holds where another tool writes the same contents again.
 //!
 //! # Practice
 //! The same model gives the same bytes. Reading takes nothing on trust: sizes are compared with the
-//! bytes at hand before anything is allocated, all shapes must suit each other, and all numbers are
-//! finite.
+//! bytes at hand before a tensor is allocated, all shapes must suit each other, and all numbers are
+//! finite. Unknown fields and tensors are passed over.
+//!
+//! # Limitations
+//! The checksum finds damage, not intent: a file of another's making is only as good as its maker.
 //!
 //! ```
 //! use forelock_neural::model::Model;
@@ -85,6 +90,10 @@ impl Model {
                 let expected = format!("[{inputs}, {width}]");
                 return Err(ModelError::Shape { tensor: tensor.into(), found: found.into(), expected });
             }
+        }
+        if width == 0 {
+            let (tensor, expected) = ("simulator.hidden".into(), "[any, any] of at least 1".into());
+            return Err(ModelError::Shape { tensor, found: vec![0, 0], expected });
         }
         if outputs != OUTPUTS {
             return Err(output_shape([width, outputs]));

@@ -1,5 +1,7 @@
 //! Files of models: whole ones, and ones that are broken in some way.
 
+#![expect(clippy::unwrap_used, clippy::expect_used, reason = "a test fails where a file is not as expected")]
+
 use forelock_core::lane::Simd;
 use forelock_neural::codes::encoder::{CODE, CodeOptions, INPUTS, StrandCodes};
 use forelock_neural::codes::{LocksError, crown_uv, encoder_inputs, static_inputs};
@@ -106,11 +108,10 @@ impl Parts {
     }
 
     fn file_as_it_is(&self) -> Vec<u8> {
-        let view = |(name, tensor): (&String, &Tensor)| {
-            let view = TensorView::new(tensor.dtype, tensor.shape.clone(), &tensor.data).unwrap();
-            (name.clone(), view)
-        };
-        let views: Vec<_> = self.tensors.iter().map(view).collect();
+        let views = self.tensors.iter().map(|(name, tensor)| {
+            let view = TensorView::new(tensor.dtype, tensor.shape.clone(), &tensor.data);
+            (name.clone(), view.unwrap())
+        });
         safetensors::serialize(views, Some(self.texts.clone())).unwrap()
     }
 
@@ -323,6 +324,7 @@ fn parts_that_do_not_suit_each_other_make_no_model() {
     named(Shape { statics: 65, ..shape }, "simulator.static");
     named(Shape { shared: 34, ..shape }, "simulator.shared");
     named(Shape { outputs: 75, ..shape }, "simulator.output");
+    named(Shape { width: 0, ..shape }, "simulator.hidden");
     // Without a history, a frame has 34 numbers.
     let mut still = Energies::default();
     still.motion.is_dynamic = false;
@@ -377,6 +379,14 @@ fn headers_that_promise_too_much_allocate_nothing() {
     ] {
         assert!(matches!(promise(shape, to), ModelError::Format { .. }));
     }
+    // A header within a file of its length, but longer than any model's.
+    let long = [b"{}".as_slice(), &[b' '; 5 << 20]].concat();
+    assert!(refused(&headed(long.len() as u64, &long)).to_string().contains("bytes 0 to 7"));
+    let mut wordy = info();
+    wordy.training.motions = vec!["a clip".repeat(1 << 20)];
+    let network = network(Shape { width: 8, ..Shape::default() });
+    let wordy = Model::new(network, &usual_basis(), codes().encoder(), wordy).unwrap();
+    assert!(matches!(wordy.to_bytes(), Err(ModelError::Info { .. })));
     let deep = "[".repeat(100_000);
     for rest in [deep.as_bytes(), b"\xFF\xFE{}", b"null", b"{\"a\":null}", b"\n\n\n\n"] {
         assert!(matches!(refused(&headed(rest.len() as u64, rest)), ModelError::Format { .. }));
@@ -434,6 +444,48 @@ fn fields_that_are_missing_or_wrong_are_named_and_unknown_ones_passed_over() {
     let network = network(Shape { width: 8, ..Shape::default() });
     let error = Model::new(network, &usual_basis(), codes().encoder(), wrong).unwrap_err();
     assert_eq!(error.to_string(), "metadata `forelock`, field `measures.corr`: NaN must be finite");
+}
+
+/// A change of one value in a JSON text, `next` values from its start. `false` past its end.
+fn replace(json: &mut Value, next: &mut usize, value: &Value) -> bool {
+    if *next == 0 {
+        *json = value.clone();
+        return true;
+    }
+    *next -= 1;
+    match json {
+        Value::Array(items) => items.iter_mut().any(|item| replace(item, next, value)),
+        Value::Object(fields) => fields.values_mut().any(|field| replace(field, next, value)),
+        _ => false,
+    }
+}
+
+#[test]
+fn any_value_in_place_of_another_is_refused_or_kept() {
+    let mut few = info();
+    few.measures.retain(|name, _| name == "measure 7");
+    let small = Shape { width: 1, ..Shape::default() };
+    let model = Model::new(network(small), &usual_basis(), codes().encoder(), few).unwrap();
+    let parts = Parts::of(&model.to_bytes().unwrap());
+    let [mut refusals, mut others] = [0; 2];
+    let values = [json!(null), json!(-1), json!(1e308), json!(u64::MAX), json!("\n"), json!([]), json!({})];
+    for value in values {
+        for place in 0.. {
+            let (mut next, mut is_inside) = (place, false);
+            let file = parts.with_json(|json| is_inside = replace(json, &mut next, &value));
+            if !is_inside {
+                break;
+            }
+            if let Ok(model) = Model::from_bytes(&file) {
+                assert_eq!(Model::from_bytes(&model.to_bytes().unwrap()).unwrap(), model);
+                others += 1;
+            } else {
+                refused(&file);
+                refusals += 1;
+            }
+        }
+    }
+    assert!(refusals > 200 && others > 40, "{refusals} {others}");
 }
 
 /// Strands in all directions from the head's centre.
