@@ -1,7 +1,8 @@
 //! Trains the network for hair of the built-in head and measures it, on motions and strands that it
 //! was not trained on, against the implicit reference.
 //!
-//! `cargo run --release -p forelock-neural --example train_head -- [STEPS] [SEED]`
+//! `cargo run --release -p forelock-neural --example train_head -- STEPS SEED MOTIONS STRANDS`
+//! (strands of each style; every argument has a default)
 
 #![expect(clippy::print_stdout, reason = "its results")]
 
@@ -14,18 +15,17 @@ use forelock_neural::codes::encoder::{CODE, CodeOptions, INPUTS, StrandCodes};
 use forelock_neural::codes::{LOCAL_SCALE_CM, crown_uv, encoder_inputs, static_inputs};
 use forelock_neural::features::{BodyPose, Features, HeadMotion, SPACING_SECS};
 use forelock_neural::losses::Strand;
-use forelock_neural::losses::body::{Body, Near};
+use forelock_neural::losses::field::SmoothField;
 use forelock_neural::losses::motion::Place;
 use forelock_neural::measures::Motions;
 use forelock_neural::network::STATICS;
 use forelock_neural::network::inference::{Positions, Predictor};
 use forelock_neural::reference::{Terms, motion};
 use forelock_neural::train::motions::{Kind, generate};
-use forelock_neural::train::{Clip, Field, Frame, Options, Trainer, TrainingSet, TrainingStrand};
+use forelock_neural::train::{Clip, Frame, Options, Trainer, TrainingSet, TrainingStrand, shared};
 use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 use std::error::Error;
-use std::sync::Arc;
 use std::time::Instant;
 
 const STYLES: [&str; 4] = ["straight", "wavy", "curly", "bob"];
@@ -33,21 +33,13 @@ const STYLES: [&str; 4] = ["straight", "wavy", "curly", "bob"];
 const FRAMES: usize = 150;
 
 /// The built-in head, in cm.
-#[derive(Clone, Debug)]
-struct HeadField(Arc<Sdf>);
-
-impl Field for HeadField {
-    fn near(&self, x: [f32; 3]) -> (f32, [f32; 3]) {
-        let (distance, gradient) = self.0.sample(Vec3::from(x) * 0.01);
-        (100.0 * distance, gradient.to_array())
-    }
-}
-
-impl Body<f64> for HeadField {
-    fn near(&self, x: V3<f64>) -> Near<f64> {
-        let (distance, gradient) = Field::near(self, x.0.map(|c| c as f32));
-        Near { distance: distance.into(), gradient: V3(gradient.map(f64::from)) }
-    }
+fn head() -> Result<SmoothField, Box<dyn Error>> {
+    let mesh = &Head::builtin().mesh;
+    let sdf = Sdf::near(&ClosedMesh::new(mesh), 128, 0.2, 0.002)?;
+    let corners = mesh.positions.iter().fold([Vec3::MAX, Vec3::MIN], |[a, b], x| [a.min(*x), b.max(*x)]);
+    let [least, most] = corners.map(|x| 100.0 * x.as_dvec3());
+    let bounds = [least - 5.0, most + 5.0];
+    Ok(SmoothField::new(bounds, 0.4, |x| 100.0 * sdf.sample((0.01 * x).as_vec3()).0))
 }
 
 /// Strands of all styles, `count` each: positions, uv, inputs of the encoder.
@@ -57,16 +49,26 @@ struct Hair {
     local: Vec<[f32; INPUTS]>,
 }
 
-fn grow(count: u32, seed: u64, field: &HeadField) -> Result<Hair, Box<dyn Error>> {
+impl Hair {
+    fn only(&self, kept: &[usize]) -> Self {
+        Self {
+            rest: kept.iter().map(|s| self.rest[*s]).collect(),
+            uv: kept.iter().map(|s| self.uv[*s]).collect(),
+            local: kept.iter().map(|s| self.local[*s]).collect(),
+        }
+    }
+}
+
+fn grow(count: u32, seed: u64, field: &SmoothField) -> Result<Hair, Box<dyn Error>> {
     let mut hair = Hair { rest: Vec::new(), uv: Vec::new(), local: Vec::new() };
     for style in STYLES {
         let params = GrowParams { strands: count, seed, ..GrowParams::preset(style)? };
         let groom = resample(&grow_on_head(&params)?, PARTICLES)?;
         for strand in groom.strands() {
             let x: Vec<DVec3> = strand.iter().map(|x| 100.0 * x.as_dvec3()).collect();
-            let (_, normal) = Field::near(field, x[0].as_vec3().to_array());
+            let (_, normal) = field.sample(x[0].to_array());
             hair.uv.push(crown_uv(x[0])?);
-            hair.local.push(encoder_inputs(&x, Vec3::from(normal).as_dvec3())?);
+            hair.local.push(encoder_inputs(&x, DVec3::from(normal))?);
             hair.rest.push(std::array::from_fn(|i| x[i].as_vec3().to_array()));
         }
     }
@@ -87,17 +89,19 @@ fn statics(hair: &Hair, codes: &[[f32; CODE]], deviation: f32) -> Result<Vec<Vec
 
 fn clip(poses: &[BodyPose]) -> Result<Clip, Box<dyn Error>> {
     let features = Features::new(DVec3::ZERO, HeadMotion::Velocity)?.motion(poses)?;
-    let frame = |(number, pose): (usize, &BodyPose)| {
-        let shared = features.shared(number, &[0.0; 10]).map(|x| x.iter().map(|x| *x as f32).collect());
-        let rotation = DMat3::from_quat(pose.head.rotation);
+    let numbers = features.pose.iter().zip(&features.velocity);
+    let frame = |(body, (pose, velocity)): (&BodyPose, (&[f64; 24], &[f64; 24]))| {
+        let mut inputs = [0.0; 34];
+        inputs.iter_mut().zip(pose).for_each(|(to, x)| *to = *x as f32);
         Frame {
-            rotation,
-            origin: pose.head.translation,
-            shared: shared.unwrap_or_default(),
+            rotation: DMat3::from_quat(body.head.rotation),
+            origin: body.head.translation,
+            pose: inputs,
+            velocity: velocity.map(|x| x as f32),
             parts: Vec::new(),
         }
     };
-    Ok(poses.iter().enumerate().map(frame).collect())
+    Ok(poses.iter().zip(numbers).map(frame).collect())
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -106,9 +110,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     let seed = arguments.get(1).copied().unwrap_or(1);
     let began = Instant::now();
     let say = |what: &str| println!("{:7.1} s  {what}", began.elapsed().as_secs_f64());
-    let field = HeadField(Arc::new(Sdf::near(&ClosedMesh::new(&Head::builtin().mesh), 128, 0.2, 0.002)?));
-    let [hair, held_out] = [(512, 1), (8, 77)].map(|(count, seed)| grow(count, seed, &field));
-    let (hair, held_out) = (hair?, held_out?);
+    let field = head()?;
+    let count = arguments.get(3).copied().unwrap_or(512) as usize;
+    let all = grow(count as u32, 1, &field)?;
+    // Eight strands of each style are held out; their locks are those of the whole groom.
+    let is_held_out = |s: usize| s.is_multiple_of(count.div_ceil(8));
+    let (held, own): (Vec<usize>, Vec<usize>) = (0..all.rest.len()).partition(|s| is_held_out(s % count));
+    let [hair, held_out] = [&own, &held].map(|kept| all.only(kept));
     let encoder = StrandCodes::train(&hair.local, &CodeOptions { seed, ..CodeOptions::default() });
     let rms = |hair: &Hair| {
         let square = |x: &[f32; INPUTS]| {
@@ -119,10 +127,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     say(&format!("codes: {:.3} cm RMS a coordinate, {:.3} held out", rms(&hair), rms(&held_out)));
     let codes = |hair: &Hair| hair.local.iter().map(|x| encoder.encode(x)).collect::<Vec<_>>();
-    let own = codes(&hair);
-    let deviation = mean_deviation(&own);
-    let inputs = statics(&hair, &own, deviation)?;
-    let strands = hair.rest.iter().zip(inputs).map(|(rest, statics)| TrainingStrand { rest: *rest, statics });
+    let deviation = mean_deviation(&codes(&hair));
+    let inputs = statics(&all, &codes(&all), deviation)?;
+    let strands = own.iter().map(|s| TrainingStrand { rest: all.rest[*s], statics: inputs[*s].clone() });
     let motions = |count: u64, seed: u64| -> Vec<(Kind, Vec<BodyPose>)> {
         let one = |k: u64| {
             let kind = Kind::ALL[k as usize % 4];
@@ -130,8 +137,11 @@ fn main() -> Result<(), Box<dyn Error>> {
         };
         (0..count).map(one).collect()
     };
-    let clips = motions(128, 1000).iter().map(|(_, poses)| clip(poses)).collect::<Result<_, _>>()?;
-    let set = TrainingSet::new(strands.collect(), clips, Box::new(field.clone()))?;
+    let clips = motions(arguments.get(2).copied().unwrap_or(1024), 1000)
+        .iter()
+        .map(|(_, poses)| clip(poses))
+        .collect::<Result<_, _>>()?;
+    let set = TrainingSet::new(strands.collect(), clips, field.clone())?;
 
     let options = Options { seed, steps, ..Options::default() };
     let terms = Terms {
@@ -140,7 +150,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         body: options.energies.body,
     };
     let validation = motions(4, 900_000);
-    let held_statics = statics(&held_out, &codes(&held_out), deviation)?.concat();
+    let held_statics: Vec<f32> = held.iter().flat_map(|s| inputs[*s].iter().copied()).collect();
     let to_f64 = |x: &Positions| -> Strand<f64> { std::array::from_fn(|i| V3(x[i].map(f64::from))) };
     let references: Vec<Vec<Vec<Strand<f64>>>> = validation
         .iter()
@@ -163,7 +173,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             sum += trainer.step(&set).energy;
         }
         say(&format!("step {}, energy {:.3}", trainer.done(), sum / 1000.0));
-        if trainer.done() % 4000 != 0 && trainer.done() < steps {
+        if !trainer.done().is_multiple_of(4000) && trainer.done() < steps {
             continue;
         }
         let predictor = Predictor::new(trainer.network(), trainer.basis(), Simd::Auto)?;
@@ -171,8 +181,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         for ((kind, poses), reference) in validation.iter().zip(&references) {
             let clip = clip(poses)?;
             let mut found = vec![vec![[[0.0; 3]; PARTICLES]; held_out.rest.len()]; poses.len()];
-            for (frame, found) in clip.iter().zip(&mut found) {
-                predictor.predict(&prepared, &frame.shared, found);
+            for (frame, found) in found.iter_mut().enumerate() {
+                predictor.predict(&prepared, &shared(&clip, frame).collect::<Vec<f32>>(), found);
             }
             report(*kind, &held_out, &found, reference, &field)?;
         }
@@ -196,7 +206,7 @@ fn report(
     hair: &Hair,
     found: &[Vec<Positions>],
     reference: &[Vec<Strand<f64>>],
-    field: &HeadField,
+    field: &SmoothField,
 ) -> Result<(), Box<dyn Error>> {
     let size = hair.rest.len() / STYLES.len();
     for (style, name) in STYLES.iter().enumerate() {
@@ -209,18 +219,25 @@ fn report(
         let expected: Vec<[f64; 3]> = (0..found.len())
             .flat_map(|frame| own.clone().flat_map(move |s| reference[s][frame].map(|x| x.0)))
             .collect();
-        let inside = moved.iter().filter(|x| Field::near(field, x.map(|c| c as f32)).0 < -0.1).count();
+        let inside = |x: &[[f64; 3]]| {
+            100.0 * x.iter().filter(|x| field.sample(**x).0 < -0.1).count() as f64 / x.len() as f64
+        };
         let motions = Motions { particles: PARTICLES, rest: &rest, motion: &moved, reference: &expected };
         let m = motions.measure()?;
         println!(
-            "  {:18} {name:9} corr {:.2} vel {:.2} nrmse {:.2} dyn {:.2} ratio {:.2} inside {:.3} %",
+            "  {:16} {name:9} corr {:.2} vel {:.2} nrmse {:.2} dyn {:.2} ratio {:.2} of {:.2} and {:.2} cm, \
+             inside {:.2} %, at rest {:.2}, reference {:.2}",
             format!("{kind:?}"),
             m.corr,
             m.corr_vel,
             m.nrmse,
             m.nrmse_dyn,
             m.motion_ratio,
-            100.0 * inside as f64 / moved.len() as f64
+            m.ref_rms,
+            m.ref_dyn,
+            inside(&moved),
+            inside(&rest),
+            inside(&expected)
         );
     }
     Ok(())

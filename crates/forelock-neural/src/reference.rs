@@ -2,10 +2,10 @@
 //! network is measured against.
 //!
 //! # Theory
-//! A frame is a step of implicit Euler: the canonical positions x that minimise stretch, bend–twist,
-//! gravity, inertia, drag and collision with the body, given the two frames before. Self-collision,
-//! style and adhesion are left out. The motion starts from the static drape, the least energy
-//! without inertia and drag at the first pose.
+//! A frame is a step of implicit Euler: the canonical positions x that minimise stretch,
+//! bend–twist, gravity, inertia, drag and collision with the body, given the two frames before.
+//! Self-collision, style and adhesion are left out. The motion starts from the static drape, the
+//! least energy without inertia and drag at the first pose.
 //!
 //! # Practice
 //! Newton's method with the Hessian of finite differences of the gradient, kept while it still
@@ -105,13 +105,8 @@ impl<B: Body<f64> + ?Sized> Frame<'_, B> {
             let (_, gradient) = self.energy(&moved);
             *row = std::array::from_fn(|l| (gradient[l] - at[l]) / STEP);
         }
-        for k in 0..UNKNOWNS {
-            for l in 0..k {
-                let mean = 0.5 * (hessian[k][l] + hessian[l][k]);
-                (hessian[k][l], hessian[l][k]) = (mean, mean);
-            }
-        }
-        hessian
+        let mean = |k: usize, l: usize| 0.5 * (hessian[k][l] + hessian[l][k]);
+        (0..UNKNOWNS).map(|k| std::array::from_fn(|l| mean(k, l))).collect()
     }
 }
 

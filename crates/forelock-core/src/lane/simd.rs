@@ -99,8 +99,8 @@ macro_rules! with_features {
 pub use with_features;
 
 /// `$text`, a function of float32 lanes, compiled for the instruction set and width `$simd` (a
-/// supported one, not `Auto`). Unsafe to call on a processor without that instruction set. For crates
-/// of this workspace.
+/// supported one, not `Auto`). Unsafe to call on a processor without that instruction set. For
+/// crates of this workspace.
 #[doc(hidden)]
 #[macro_export]
 macro_rules! on {

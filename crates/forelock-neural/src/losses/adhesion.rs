@@ -79,14 +79,14 @@ impl<T: Real> Adhesion<T> {
         self.bonds.iter().filter(move |bond| bond.i == i).map(|bond| (bond.j, bond.rest))
     }
 
-    /// The energy at `x`; its gradient is added to `gradient`. Both have one entry a particle of the
-    /// set.
+    /// The energy at `x`; its gradient is added to `gradient`. Both have one entry a particle of
+    /// the set.
     pub fn energy(&self, x: &[[T; 3]], gradient: &mut [[T; 3]]) -> T {
         let mut energy = T::zero();
         for &Bond { i, j, rest } in &self.bonds {
             let apart = distance(x[i], x[j]);
             let excess = apart - rest;
-            if !(excess > T::zero()) {
+            if excess <= T::zero() || excess.is_nan() {
                 continue;
             }
             energy = energy + self.stiffness * excess * excess;

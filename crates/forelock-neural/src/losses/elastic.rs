@@ -21,6 +21,8 @@
 //! The gradient is the adjoint of the products: for z = x y, x receives z̄ conj(y) and y receives
 //! conj(x) z̄.
 
+#![expect(clippy::needless_range_loop, reason = "loops with one index for several arrays vectorise")]
+
 use super::Strand;
 use crate::EDGES;
 use forelock_core::lane::{Lane, Quat, V3};

@@ -17,6 +17,7 @@
 pub mod adhesion;
 pub mod body;
 pub mod elastic;
+pub mod field;
 pub mod motion;
 pub mod repulsion;
 pub mod style;

@@ -62,8 +62,8 @@ impl<T: Real> Repulsion<T> {
         Self { terms, at_rest: densities(rest, terms.smoothing) }
     }
 
-    /// The energy at `x`; its gradient is added to `gradient`. Both have one entry a particle of the
-    /// set.
+    /// The energy at `x`; its gradient is added to `gradient`. Both have one entry a particle of
+    /// the set.
     pub fn energy(&self, x: &[[T; 3]], gradient: &mut [[T; 3]]) -> T {
         let h = self.terms.smoothing;
         let number = |x: f64| T::from(x).unwrap_or_else(T::zero);

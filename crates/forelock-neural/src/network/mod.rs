@@ -10,8 +10,8 @@
 //! h = relu(Sᵀ statics + b₁ + Fᵀ shared),   g = relu(Hᵀ h + b₂),   o = Oᵀ g + b₃
 //! ```
 //!
-//! So Sᵀ statics + b₁ is computed once a groom and Fᵀ shared once a frame. What is left for a strand
-//! and a frame are 168,192 floating-point operations instead of 550,912.
+//! So Sᵀ statics + b₁ is computed once a groom and Fᵀ shared once a frame. What is left for a
+//! strand and a frame are 168,192 floating-point operations instead of 550,912.
 //!
 //! # Practice
 //! [`evaluate`] is the specification. [`inference`] runs packets of 64 strands through one

@@ -7,8 +7,8 @@
 //!
 //! # Practice
 //! Lanes run along N. A tile of 6 × 64 numbers of C stays in 24 registers of AVX-512 (6 × 16 in 12
-//! of AVX2) while K runs; each step loads 64 numbers of B and broadcasts 6 of A. Each number of C is
-//! summed in the order of K, whatever the tile and the number of threads.
+//! of AVX2) while K runs; each step loads 64 numbers of B and broadcasts 6 of A. Each number of C
+//! is summed in the order of K, whatever the tile and the number of threads.
 
 #![expect(clippy::needless_range_loop, reason = "loops with one index for several arrays vectorise")]
 
@@ -79,9 +79,13 @@ fn tiles<L: Lane<Scalar = f32>>(factors: Factors<'_>, start: Start<'_>, c: &mut 
         rows::<L, TILE>(factors, start, m, c);
         m += TILE;
     }
-    while m < factors.columns {
-        rows::<L, 1>(factors, start, m, c);
-        m += 1;
+    match factors.columns - m {
+        1 => rows::<L, 1>(factors, start, m, c),
+        2 => rows::<L, 2>(factors, start, m, c),
+        3 => rows::<L, 3>(factors, start, m, c),
+        4 => rows::<L, 4>(factors, start, m, c),
+        5 => rows::<L, 5>(factors, start, m, c),
+        _ => {}
     }
 }
 

@@ -73,18 +73,13 @@ fn eigen(mut a: Basis) -> ([f64; EDGES], Basis) {
                 let t = theta.signum() / (theta.abs() + (theta * theta + 1.0).sqrt());
                 let c = 1.0 / (t * t + 1.0).sqrt();
                 let s = t * c;
-                for k in 0..EDGES {
-                    let [x, y] = [a[k][p], a[k][q]];
-                    [a[k][p], a[k][q]] = [c * x - s * y, s * x + c * y];
-                }
-                for k in 0..EDGES {
-                    let [x, y] = [a[p][k], a[q][k]];
-                    [a[p][k], a[q][k]] = [c * x - s * y, s * x + c * y];
-                }
-                for row in &mut vectors {
+                for row in a.iter_mut().chain(&mut vectors) {
                     let [x, y] = [row[p], row[q]];
                     [row[p], row[q]] = [c * x - s * y, s * x + c * y];
                 }
+                let [above, below] = [a[p], a[q]];
+                a[p] = std::array::from_fn(|k| c * above[k] - s * below[k]);
+                a[q] = std::array::from_fn(|k| s * above[k] + c * below[k]);
             }
         }
     }

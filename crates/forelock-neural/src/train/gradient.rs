@@ -1,8 +1,8 @@
 //! The mean energy of a batch and its gradient with respect to all parameters.
 //!
 //! # Theory
-//! Layers as in [the network](crate::network). With the gradients of the sums of a layer as rows
-//! D, `[strands, units]`, that of its weights is (activations)ᵀ D, and that of the activations below
+//! Layers as in [the network](crate::network). With the gradients of the sums of a layer as rows D,
+//! `[strands, units]`, that of its weights is (activations)ᵀ D, and that of the activations below
 //! is W D. B/2 of the rotation head is folded into the last layer before a step; its gradient is
 //! unfolded afterwards.
 //!
@@ -12,7 +12,7 @@
 //! of weights.
 
 use super::layers::{Rows, bias_gradient, by_strand, mask, to_rows, transpose, weight_gradient, zero_rows};
-use super::set::{Bust, Drawn};
+use super::set::{Bust, Drawn, shared as shared_inputs};
 use super::{Energies, FRAMES, STRANDS, TrainingSet};
 use crate::losses::body::body;
 use crate::losses::elastic::{RestStrand, elastic};
@@ -103,6 +103,13 @@ impl PacketBuffers {
     }
 }
 
+/// What a step lowers the energy of.
+#[derive(Clone, Copy)]
+pub(super) struct Batch<'a> {
+    pub set: &'a TrainingSet,
+    pub drawn: &'a [Drawn; FRAMES],
+}
+
 /// What the packets of a step have in common.
 struct Step<'a> {
     simd: Simd,
@@ -147,8 +154,9 @@ impl Workspace {
         network: &Network<f32>,
         basis: &Basis,
         energies: &Energies,
-        (set, drawn): (&TrainingSet, &[Drawn; FRAMES]),
+        batch: &Batch<'_>,
     ) -> f64 {
+        let Batch { set, drawn } = *batch;
         self.weights.fold(network, basis);
         let frames = frame_sums(simd, network, set, drawn);
         let step = Step { simd, network, weights: &self.weights, energies, set, drawn, frames: &frames };
@@ -175,7 +183,7 @@ impl Workspace {
         weight_gradient(simd, [&own, &by_first], [shape.statics, width], &mut self.found[statics]);
         let by_frame = frame_gradients(&by_first, width);
         let inputs: Vec<f32> =
-            drawn.iter().flat_map(|d| set.clips[d.clip][d.frame].shared.iter().copied()).collect();
+            drawn.iter().flat_map(|d| shared_inputs(&set.clips[d.clip], d.frame)).collect();
         weight_gradient(simd, [&[&inputs], &[&by_frame]], [SHARED, width], &mut self.found[shared]);
         let [first, second, by_output, by_second] =
             [FIRST, SECOND, BY_OUTPUT, BY_SECOND].map(|index| all(index).collect::<Vec<_>>());
@@ -235,8 +243,8 @@ fn frame_sums(
     const { assert!(FRAMES * MOMENTS <= PACKET) };
     let mut inputs = zero_rows(SHARED);
     for (column, (d, ago)) in drawn.iter().flat_map(|d| (0..MOMENTS).map(move |ago| (d, ago))).enumerate() {
-        for (k, x) in set.clips[d.clip][moment(d, ago)].shared.iter().enumerate() {
-            inputs[k * TILE_ROWS + column / LANES].0[column % LANES] = *x;
+        for (k, x) in shared_inputs(&set.clips[d.clip], moment(d, ago)).enumerate() {
+            inputs[k * TILE_ROWS + column / LANES].0[column % LANES] = x;
         }
     }
     let width = network.shape().width;
@@ -346,8 +354,8 @@ struct OfRow<'a> {
     row: usize,
 }
 
-/// The sum of the energies of sixteen strands; `by` receives the gradient of their mean in the batch
-/// with respect to the outputs.
+/// The sum of the energies of sixteen strands; `by` receives the gradient of their mean in the
+/// batch with respect to the outputs.
 #[inline(always)]
 fn energies<L: Lane<Scalar = f32>>(step: &Step<'_>, of_row: &OfRow<'_>, by: &mut [Row<f32>]) -> f64 {
     let OfRow { drawn, rest, outputs, row } = of_row;
@@ -359,7 +367,7 @@ fn energies<L: Lane<Scalar = f32>>(step: &Step<'_>, of_row: &OfRow<'_>, by: &mut
             origin: V3::splat(frame.origin - clip[drawn.frame].origin),
         }
     };
-    let bust = Bust { field: &*step.set.field, parts: &clip[drawn.frame].parts };
+    let bust = Bust { field: &step.set.field, parts: &clip[drawn.frame].parts };
     let mean = L::from_f64(1.0 / BATCH as f64);
     let mut sum = 0.0;
     for first in (0..LANES).step_by(L::WIDTH) {

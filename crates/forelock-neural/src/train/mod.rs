@@ -20,7 +20,7 @@ pub(crate) mod layers;
 pub mod motions;
 mod set;
 
-pub use set::{Clip, Field, Frame, SetError, TrainingSet, TrainingStrand};
+pub use set::{Clip, Frame, SetError, TrainingSet, TrainingStrand, shared};
 
 use crate::losses::body::BodyTerms;
 use crate::losses::elastic::ElasticTerms;
@@ -31,7 +31,7 @@ use crate::network::{Network, Shape};
 use crate::random::Random;
 use adam::Adam;
 use forelock_core::lane::Simd;
-use gradient::Workspace;
+use gradient::{Batch, Workspace};
 
 /// Frames of a step.
 pub const FRAMES: usize = 16;
@@ -155,9 +155,10 @@ impl Trainer {
         let share = f64::from(self.done) / f64::from(options.steps.max(1));
         let mut energies = options.energies;
         energies.motion.is_dynamic &= share >= options.warm_start;
-        let batch = set.draw(&mut Random::stream(options.seed, 1 + u64::from(self.done)));
+        let drawn = set.draw(&mut Random::stream(options.seed, 1 + u64::from(self.done)));
+        let batch = Batch { set, drawn: &drawn };
         let simd = options.simd.resolve();
-        let energy = self.workspace.gradient(simd, &self.network, &self.basis, &energies, (set, &batch));
+        let energy = self.workspace.gradient(simd, &self.network, &self.basis, &energies, &batch);
         let norm = self.workspace.norm();
         let cosine = 0.5 + 0.5 * (std::f64::consts::PI * share.min(1.0)).cos();
         let rate = options.rate * (options.last_rate + (1.0 - options.last_rate) * cosine);

@@ -2,19 +2,14 @@
 
 use super::{FRAMES, STRANDS};
 use crate::PARTICLES;
+use crate::features::{HISTORY, POSE_NUMBERS, SHAPE_NUMBERS, VELOCITY_NUMBERS};
 use crate::losses::body::{Body, Capsule, Near};
+use crate::losses::field::SmoothField;
+use crate::network::STATICS;
 use crate::network::inference::Positions;
-use crate::network::{SHARED, STATICS};
 use crate::random::Random;
 use forelock_core::lane::{Lane, V3};
 use glam::{DMat3, DVec3};
-use std::fmt::Debug;
-
-/// The signed distance from a body that is rigid in canonical space.
-pub trait Field: Debug + Send + Sync {
-    /// The distance at `x`, cm, negative inside, and its gradient.
-    fn near(&self, x: [f32; 3]) -> (f32, [f32; 3]);
-}
 
 /// A strand of a training.
 #[derive(Clone, Debug)]
@@ -32,14 +27,29 @@ pub struct Frame {
     pub rotation: DMat3,
     /// Origin of canonical space, cm.
     pub origin: DVec3,
-    /// The inputs of the frame, [`SHARED`].
-    pub shared: Vec<f32>,
+    /// Pose and shape of the body, as inputs.
+    pub pose: [f32; POSE_NUMBERS + SHAPE_NUMBERS],
+    /// The entry of the history.
+    pub velocity: [f32; VELOCITY_NUMBERS],
     /// Parts of the body that move in canonical space: capsules, cm.
     pub parts: Vec<Capsule<f64>>,
 }
 
+impl Frame {
+    fn is_finite(&self) -> bool {
+        let numbers = self.pose.iter().chain(&self.velocity);
+        self.rotation.is_finite() && self.origin.is_finite() && numbers.copied().all(f32::is_finite)
+    }
+}
+
 /// A motion, 1/30 s a frame.
 pub type Clip = Vec<Frame>;
+
+/// The inputs of frame `number` of a motion. Frames before the first repeat it.
+pub fn shared(clip: &Clip, number: usize) -> impl Iterator<Item = f32> {
+    let history = (0..HISTORY).flat_map(move |ago| clip[number.saturating_sub(ago)].velocity);
+    clip[number].pose.into_iter().chain(history)
+}
 
 /// Strands and motions that cannot be trained with.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -58,15 +68,13 @@ pub enum SetError {
         /// Its inputs.
         found: usize,
     },
-    /// A frame's inputs have another length.
-    #[error("frame {frame} of motion {clip} has {found} inputs, not {SHARED}")]
-    Shared {
+    /// A frame is not finite.
+    #[error("frame {frame} of motion {clip} is not finite")]
+    Frame {
         /// The motion's number.
         clip: usize,
         /// Its number in the motion.
         frame: usize,
-        /// Its inputs.
-        found: usize,
     },
     /// A strand is not finite, or two of its neighbouring particles are in one place.
     #[error("strand {strand} is not finite, or has an edge of no length")]
@@ -81,7 +89,7 @@ pub enum SetError {
 pub struct TrainingSet {
     pub(super) strands: Vec<TrainingStrand>,
     pub(super) clips: Vec<Clip>,
-    pub(super) field: Box<dyn Field>,
+    pub(super) field: SmoothField,
     /// The number of frames before each motion.
     before: Vec<usize>,
     frames: usize,
@@ -101,11 +109,7 @@ impl TrainingSet {
     /// # Errors
     /// If there are none, or one has inputs of another length than the network, or a strand is not
     /// finite or has an edge of no length.
-    pub fn new(
-        strands: Vec<TrainingStrand>,
-        clips: Vec<Clip>,
-        field: Box<dyn Field>,
-    ) -> Result<Self, SetError> {
+    pub fn new(strands: Vec<TrainingStrand>, clips: Vec<Clip>, field: SmoothField) -> Result<Self, SetError> {
         if strands.is_empty() {
             return Err(SetError::NoStrands);
         }
@@ -122,8 +126,8 @@ impl TrainingSet {
         for (clip, own) in clips.iter().enumerate() {
             before.push(frames);
             frames += own.len();
-            if let Some((frame, own)) = own.iter().enumerate().find(|(_, own)| own.shared.len() != SHARED) {
-                return Err(SetError::Shared { clip, frame, found: own.shared.len() });
+            if let Some(frame) = own.iter().position(|frame| !frame.is_finite()) {
+                return Err(SetError::Frame { clip, frame });
             }
         }
         if frames == 0 {
@@ -145,19 +149,14 @@ impl TrainingSet {
 
 /// The body of a frame.
 pub(super) struct Bust<'a> {
-    pub field: &'a dyn Field,
+    pub field: &'a SmoothField,
     pub parts: &'a [Capsule<f64>],
 }
 
 impl<L: Lane<Scalar = f32>> Body<L> for Bust<'_> {
     #[inline(always)]
     fn near(&self, x: V3<L>) -> Near<L> {
-        let mut near = Near { distance: L::zero(), gradient: V3::zero() };
-        for lane in 0..L::WIDTH {
-            let (distance, gradient) = self.field.near(x.get(lane));
-            near.distance.set(lane, distance);
-            near.gradient.set(lane, gradient);
-        }
+        let mut near = self.field.near(x);
         for part in self.parts {
             let ends = part.ends.map(|end| V3(end.0.map(L::from_f64)));
             near = Capsule { ends, radius: L::from_f64(part.radius) }.near(x).min(near);

@@ -1,19 +1,14 @@
 use super::*;
 use crate::PARTICLES;
 use crate::losses::body::Capsule;
-use crate::network::{SHARED, STATICS};
+use crate::losses::field::SmoothField;
+use crate::network::STATICS;
 use forelock_core::lane::V3;
 use glam::{DMat3, DVec3};
 
-/// A sphere about the origin.
-#[derive(Debug)]
-struct Ball(f32);
-
-impl Field for Ball {
-    fn near(&self, x: [f32; 3]) -> (f32, [f32; 3]) {
-        let length = x.iter().map(|c| c * c).sum::<f32>().sqrt().max(1e-6);
-        (length - self.0, x.map(|c| c / length))
-    }
+/// A ball about the origin.
+fn ball(radius: f64) -> SmoothField {
+    SmoothField::new([DVec3::splat(-15.0), DVec3::splat(15.0)], 0.5, |x| (x.length() - radius) as f32)
 }
 
 /// Curved strands on a ball that turns, with random inputs.
@@ -36,11 +31,12 @@ fn set() -> TrainingSet {
     let mut frame = |frame: i32| Frame {
         rotation: DMat3::from_rotation_y(0.05 * f64::from(frame)),
         origin: DVec3::new(0.2 * f64::from(frame), 160.0, 0.0),
-        shared: (0..SHARED).map(|_| 0.3 * random.signed() as f32).collect(),
+        pose: std::array::from_fn(|_| 0.3 * random.signed() as f32),
+        velocity: std::array::from_fn(|_| 0.3 * random.signed() as f32),
         parts: vec![Capsule { ends: [V3([0.0, -18.0, 0.0]), V3([0.0, -8.0, 0.0])], radius: 6.0 }],
     };
     let clips = vec![(0..20).map(&mut frame).collect(), (0..3).map(&mut frame).collect()];
-    TrainingSet::new(strands, clips, Box::new(Ball(8.8))).unwrap()
+    TrainingSet::new(strands, clips, ball(8.8)).unwrap()
 }
 
 #[test]
@@ -59,7 +55,8 @@ fn the_gradient_of_a_batch_agrees_with_finite_differences() {
     let simd = Simd::Auto.resolve();
     let mut energy = |network: &Network<f32>| {
         let basis = basis(100.0, 1e-4, 1.0 / 30.0);
-        let energy = workspace.gradient(simd, network, &basis, &energies, (&set, &batch));
+        let energy =
+            workspace.gradient(simd, network, &basis, &energies, &Batch { set: &set, drawn: &batch });
         (energy, workspace.found().to_vec())
     };
     let (_, gradient) = energy(&trainer.network);
@@ -116,16 +113,15 @@ fn one_seed_gives_one_network_whatever_the_threads() {
 #[test]
 fn what_cannot_be_trained_with_is_refused() {
     let set = set();
-    let field = || Box::new(Ball(1.0));
     let refused = |strands: &[TrainingStrand], clips: &[Clip]| {
-        TrainingSet::new(strands.to_vec(), clips.to_vec(), field()).unwrap_err()
+        TrainingSet::new(strands.to_vec(), clips.to_vec(), ball(1.0)).unwrap_err()
     };
     assert_eq!(refused(&[], &set.clips), SetError::NoStrands);
     assert_eq!(refused(&set.strands, &[]), SetError::NoFrames);
     let mut folded = set.strands.clone();
     folded[3].rest = [[0.0; 3]; PARTICLES];
     assert_eq!(refused(&folded, &set.clips), SetError::Strand { strand: 3 });
-    let mut short = set.clips.clone();
-    short[1][2].shared.pop();
-    assert_eq!(refused(&set.strands, &short), SetError::Shared { clip: 1, frame: 2, found: SHARED - 1 });
+    let mut broken = set.clips.clone();
+    broken[1][2].velocity[5] = f32::NAN;
+    assert_eq!(refused(&set.strands, &broken), SetError::Frame { clip: 1, frame: 2 });
 }

@@ -312,9 +312,10 @@ fn gradients_between_strands_agree_with_finite_differences() {
         rest.iter().zip(&x).map(|(a, b)| [0, 1, 2].map(|c| 0.9 * a[c] + 0.1 * b[c])).collect();
     let repulsion = Repulsion::new(RepulsionTerms::default(), &near);
     let adhesion = Adhesion::new(AdhesionTerms { range: 1.2, ..AdhesionTerms::default() }, &rest, PARTICLES);
-    let energies: [&dyn Fn(&[[f64; 3]], &mut [[f64; 3]]) -> f64; 2] =
-        [&|x, g| repulsion.energy(x, g), &|x, g| adhesion.energy(x, g)];
-    for energy in energies {
+    for is_repulsion in [true, false] {
+        let energy = |x: &[[f64; 3]], by: &mut [[f64; 3]]| {
+            if is_repulsion { repulsion.energy(x, by) } else { adhesion.energy(x, by) }
+        };
         let mut gradient = vec![[0.0; 3]; x.len()];
         let mut unused = gradient.clone();
         assert!(energy(&x, &mut gradient) > 0.0);

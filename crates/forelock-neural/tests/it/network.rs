@@ -140,10 +140,10 @@ fn the_rotation_head_agrees_with_reference_results() {
             x.extend(found.iter().flat_map(|x| x.0));
             let by_x: Strand<f64> = std::array::from_fn(|i| V3::splat(c[i]));
             let by_u = rotate_gradient(&edges, &u, &by_x);
-            for k in 0..EDGES {
-                let sum: DVec3 = (0..EDGES).map(|i| 0.5 * basis[i][k] * DVec3::from(by_u[i].0)).sum();
-                by_o.extend(sum.to_array());
-            }
+            by_o.extend((0..EDGES).flat_map(|k| {
+                let terms = basis.iter().zip(&by_u).map(|(row, by_u)| 0.5 * row[k] * DVec3::from(by_u.0));
+                terms.sum::<DVec3>().to_array()
+            }));
         }
         let expected = &file["out"][name];
         assert!(error(&x, &numbers(&expected["x"])) < 1e-9, "{name}");

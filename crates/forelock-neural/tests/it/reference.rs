@@ -1,7 +1,5 @@
 //! The implicit reference against reference results.
 
-#![expect(clippy::unwrap_used, reason = "a test fails where its file is not as expected")]
-
 use crate::golden::{load, numbers, vectors};
 use forelock_core::lane::{Mat3, V3};
 use forelock_neural::PARTICLES;
