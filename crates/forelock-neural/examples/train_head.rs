@@ -12,12 +12,13 @@ use forelock_core::groom::resample;
 use forelock_core::lane::{Mat3, Simd, V3};
 use forelock_neural::PARTICLES;
 use forelock_neural::codes::encoder::{CODE, CodeOptions, INPUTS, StrandCodes};
-use forelock_neural::codes::{LOCAL_SCALE_CM, LOCK_SIZE, Locks, crown_uv, encoder_inputs};
+use forelock_neural::codes::{LOCAL_SCALE_CM, crown_uv, encoder_inputs, static_inputs};
 use forelock_neural::features::{BodyPose, Features, HeadMotion, SPACING_SECS};
 use forelock_neural::losses::Strand;
 use forelock_neural::losses::field::SmoothField;
 use forelock_neural::losses::motion::Place;
 use forelock_neural::measures::Motions;
+use forelock_neural::network::STATICS;
 use forelock_neural::network::inference::{Positions, Predictor};
 use forelock_neural::reference::{Terms, motion};
 use forelock_neural::train::motions::{Kind, generate};
@@ -79,15 +80,9 @@ fn statics(hair: &Hair, codes: &[[f32; CODE]], deviation: f32) -> Result<Vec<Vec
     // Locks are those of a groom: strands of a style follow each other.
     let size = hair.uv.len() / STYLES.len();
     let mut all = Vec::new();
-    for first in (0..hair.uv.len()).step_by(size) {
-        let locks = Locks::new(&hair.uv[first..first + size], LOCK_SIZE)?;
-        let means = locks.mean_codes(codes[first..first + size].as_flattened(), CODE)?;
-        for s in 0..size {
-            let mut own: Vec<f32> = hair.uv[first + s].iter().map(|x| *x as f32).collect();
-            let mean = &means[locks.labels()[s] as usize * CODE..][..CODE];
-            own.extend(codes[first + s].iter().chain(mean).map(|x| x / deviation));
-            all.push(own);
-        }
+    for (uv, codes) in hair.uv.chunks(size).zip(codes.chunks(size)) {
+        let inputs = static_inputs(uv, codes.as_flattened(), deviation)?;
+        all.extend(inputs.chunks_exact(STATICS).map(<[f32]>::to_vec));
     }
     Ok(all)
 }

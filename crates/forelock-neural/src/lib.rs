@@ -10,6 +10,7 @@ pub mod codes;
 pub mod features;
 pub mod losses;
 pub mod measures;
+pub mod model;
 pub mod network;
 pub mod random;
 pub mod reference;

@@ -9,6 +9,7 @@
 //! Adam at 1e-3 with a cosine schedule, batches of 256 strands. The result depends on the seed and
 //! the instruction set, not on the number of threads.
 
+use super::Encoder;
 use crate::PARTICLES;
 use crate::network::product::{Factors, PACKET, Start, TILE_ROWS, product};
 use crate::random::Random;
@@ -24,7 +25,7 @@ pub const CODE: usize = 32;
 /// Units of the layers of encoder and decoder, from the inputs to the reconstruction.
 const SIZES: [usize; 7] = [INPUTS, 256, 256, CODE, 256, 256, INPUTS];
 /// Layers of the encoder.
-const ENCODER: usize = 3;
+pub(crate) const ENCODER: usize = 3;
 /// Layers of both.
 const LAYERS: usize = SIZES.len() - 1;
 /// Strands of a step.
@@ -51,9 +52,9 @@ impl Default for CodeOptions {
 
 /// Weights, `[inputs, outputs]`, and biases of a layer.
 #[derive(Clone, Debug, PartialEq)]
-struct Layer {
-    weights: Vec<f32>,
-    bias: Vec<f32>,
+pub(crate) struct Layer {
+    pub weights: Vec<f32>,
+    pub bias: Vec<f32>,
 }
 
 /// Encoder and decoder.
@@ -161,6 +162,11 @@ impl StrandCodes {
             by = below;
         }
         [inputs, by_sums]
+    }
+
+    /// The encoder alone: what a model keeps.
+    pub fn encoder(&self) -> Encoder {
+        Encoder::of(self.layers[..ENCODER].to_vec())
     }
 
     /// The code of a strand.

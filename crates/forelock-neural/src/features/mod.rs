@@ -44,13 +44,13 @@ pub const SHAPE_NUMBERS: usize = 10;
 pub const SHARED_NUMBERS: usize = POSE_NUMBERS + SHAPE_NUMBERS + HISTORY * VELOCITY_NUMBERS;
 
 /// The angular velocity in 1/s that becomes 1.
-const ANGULAR_SCALE: f64 = 3.0;
+pub(crate) const ANGULAR_SCALE: f64 = 3.0;
 /// The velocity in cm/s that becomes 1.
-const VELOCITY_SCALE: f64 = 100.0;
+pub(crate) const VELOCITY_SCALE: f64 = 100.0;
 /// The acceleration of gravity in cm/s², the specific force that becomes 1.
-const GRAVITY: f64 = 981.0;
+pub(crate) const GRAVITY: f64 = 981.0;
 /// Joints: root, spine, neck, head.
-const JOINTS: usize = 4;
+pub(crate) const JOINTS: usize = 4;
 /// The head's number among the joints.
 const HEAD: usize = 3;
 
@@ -81,7 +81,8 @@ pub enum FeatureError {
 }
 
 /// How the motion of the head's origin enters the history.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum HeadMotion {
     /// Its velocity: R_hᵀv/100, the paper's form.
     #[default]

@@ -33,7 +33,8 @@ pub const LEAST_ARC: f64 = 0.05;
 const LEAST_SQUARE: f64 = 1e-20;
 
 /// How frames are carried along a strand.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Transport {
     /// From each edge to the next.
     #[default]

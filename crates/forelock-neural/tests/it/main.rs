@@ -5,6 +5,7 @@ mod features;
 mod golden;
 mod losses;
 mod measures;
+mod model;
 mod network;
 mod reference;
 mod rigged;
