@@ -176,7 +176,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         if !trainer.done().is_multiple_of(4000) && trainer.done() < steps {
             continue;
         }
-        let predictor = Predictor::new(trainer.network(), trainer.basis(), Simd::Auto)?;
+        let predictor = Predictor::new(trainer.average(), trainer.basis(), Simd::Auto)?;
         let prepared = predictor.prepare(&held_out.rest, &held_statics)?;
         for ((kind, poses), reference) in validation.iter().zip(&references) {
             let clip = clip(poses)?;

@@ -144,7 +144,7 @@ impl Trainer {
     }
 
     /// The result: the running average of the network.
-    pub fn network(&self) -> &Network<f32> {
+    pub fn average(&self) -> &Network<f32> {
         &self.average
     }
 

@@ -98,7 +98,7 @@ fn one_seed_gives_one_network_whatever_the_threads() {
             let half: f64 = reports[..10].iter().map(|report| report.energy).sum();
             let rest: f64 = reports[10..].iter().map(|report| report.energy).sum();
             eprintln!("{half} {rest}");
-            trainer.network().parameters().to_vec()
+            trainer.average().parameters().to_vec()
         })
     };
     let [one, two, three] = [1, 2, 3].map(run);
