@@ -5,8 +5,9 @@
 //! k_bc Σ_{i≥2} f(max(D − d_i, 0)),   f(q) = q³,  beyond q_l its tangent q_l² (3 q − 2 q_l)
 //! ```
 //!
-//! d is the signed distance from the body. The straight tail bounds the gradient of hair that starts deep
-//! inside; the paper has q³ alone. Particles 0 and 1 are at the root, inside the margin D.
+//! d is the signed distance from the body. The straight tail bounds the gradient of hair that
+//! starts deep inside; the paper has q³ alone. Particles 0 and 1 are at the root, inside the margin
+//! D.
 
 use super::Strand;
 use forelock_core::lane::{Lane, V3};
