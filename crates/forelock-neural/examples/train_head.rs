@@ -170,7 +170,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     while trainer.done() < steps {
         let mut sum = 0.0;
         for _ in 0..1000 {
-            sum += trainer.step(&set).energy;
+            sum += trainer.step(&set)?.energy;
         }
         say(&format!("step {}, energy {:.3}", trainer.done(), sum / 1000.0));
         if !trainer.done().is_multiple_of(4000) && trainer.done() < steps {

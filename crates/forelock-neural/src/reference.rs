@@ -67,7 +67,11 @@ impl<B: Body<f64> + ?Sized> Frame<'_, B> {
                 break;
             }
             let is_fresh = factors.is_none();
-            let lower = factors.get_or_insert_with(|| factor(self.hessian(&x, &gradient)));
+            if factors.is_none() {
+                factors = factor(&self.hessian(&x, &gradient));
+            }
+            // A strand that is not finite has no least.
+            let Some(lower) = &factors else { break };
             let step = solve(lower, &gradient);
             let slope: f64 = step.iter().zip(&gradient).map(|(a, b)| a * b).sum();
             let mut share = 1.0;
@@ -110,8 +114,9 @@ impl<B: Body<f64> + ?Sized> Frame<'_, B> {
     }
 }
 
+/// The largest number; NaN if one is.
 fn largest(of: &[f64; UNKNOWNS]) -> f64 {
-    of.iter().fold(0.0, |most, x| x.abs().max(most))
+    of.iter().fold(0.0, |most: f64, x| if x.is_nan() || most.is_nan() { f64::NAN } else { x.abs().max(most) })
 }
 
 fn along(x: &Strand<f64>, step: &[f64; UNKNOWNS], share: f64) -> Strand<f64> {
@@ -122,15 +127,11 @@ fn along(x: &Strand<f64>, step: &[f64; UNKNOWNS], share: f64) -> Strand<f64> {
     moved
 }
 
-/// The lower Cholesky factor of `hessian`, shifted by a multiple of the identity if it has none.
-fn factor(hessian: Vec<[f64; UNKNOWNS]>) -> Vec<[f64; UNKNOWNS]> {
-    let mut shift = 0.0;
-    loop {
-        if let Some(lower) = cholesky(hessian.clone(), shift) {
-            return lower;
-        }
-        shift = if shift == 0.0 { 1e-3 } else { 4.0 * shift };
-    }
+/// The lower Cholesky factor of `hessian`, shifted by a multiple of the identity if it has none;
+/// nothing if no shift up to 1e12 helps.
+fn factor(hessian: &[[f64; UNKNOWNS]]) -> Option<Vec<[f64; UNKNOWNS]>> {
+    let shifts = std::iter::successors(Some(1e-3), |shift| Some(4.0 * shift)).take_while(|s| *s < 1e12);
+    std::iter::once(0.0).chain(shifts).find_map(|shift| cholesky(hessian.to_vec(), shift))
 }
 
 fn cholesky(mut a: Vec<[f64; UNKNOWNS]>, shift: f64) -> Option<Vec<[f64; UNKNOWNS]>> {
@@ -142,7 +143,7 @@ fn cholesky(mut a: Vec<[f64; UNKNOWNS]>, shift: f64) -> Option<Vec<[f64; UNKNOWN
                 a[k][l] = left / a[l][l];
             } else if left > 1e-9 {
                 a[k][k] = left.sqrt();
-            } else if left.is_nan() || shift < 1e12 {
+            } else {
                 return None;
             }
         }

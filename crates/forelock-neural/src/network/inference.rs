@@ -59,6 +59,9 @@ impl Predictor {
     ///
     /// # Errors
     /// If the network has not three outputs an edge.
+    ///
+    /// # Panics
+    /// If this processor does not support `simd`.
     pub fn new(network: &Network<f32>, basis: &Basis, simd: Simd) -> Result<Self, LengthError> {
         let shape = *network.shape();
         if shape.outputs != OUTPUTS {
@@ -71,7 +74,9 @@ impl Predictor {
                 fold(row, basis);
             }
         }
-        Ok(Self { simd: simd.resolve(), network })
+        let simd = simd.resolve();
+        assert!(simd.is_supported(), "{simd:?} is not supported by this processor");
+        Ok(Self { simd, network })
     }
 
     /// Prepares strands: `rest` are positions at rest, cm, canonical space; `statics` the inputs of
@@ -178,7 +183,7 @@ impl Activations {
 fn head(simd: Simd, rest: &[Row<f32>], outputs: &[Row<f32>], row: usize, out: &mut [Positions]) {
     let run =
         on!(simd, rotate_row(rest: &[Row<f32>], outputs: &[Row<f32>], row: usize, out: &mut [Positions]));
-    // SAFETY: a predictor's instruction set is supported.
+    // SAFETY: `Predictor::new` has checked that the instruction set is supported.
     #[allow(unused_unsafe, clippy::allow_attributes, reason = "only instantiations with features are unsafe")]
     unsafe {
         run(rest, outputs, row, out);

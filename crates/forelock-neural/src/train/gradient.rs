@@ -289,7 +289,7 @@ impl Step<'_> {
             let drawn = &drawn[row * LANES / STRANDS];
             let of_row = OfRow { drawn, rest, outputs: &outputs, row };
             let run = on!(simd, energies(step: &Step<'_>, of_row: &OfRow<'_>, by: &mut [Row<f32>]) -> f64);
-            // SAFETY: the instruction set is supported: `product` asserts it.
+            // SAFETY: `Trainer::new` has checked that the instruction set is supported.
             #[allow(
                 unused_unsafe,
                 clippy::allow_attributes,

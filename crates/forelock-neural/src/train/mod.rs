@@ -10,9 +10,10 @@
 //! With the network itself each frame chases its own motion, and errors grow.
 //!
 //! # Practice
-//! Everything is ours, so that the energies run in lanes as text that the reference results check,
-//! and the file depends on the seed alone, not on the number of threads: a step is eight packets of
-//! 64 strands, and each sum has its own order. A step of 512 strands takes some milliseconds.
+//! Everything is ours, so that the energies run in lanes as text that the reference results check.
+//! On one machine the result depends on the seed and the instruction set, not on the number of
+//! threads: a step is eight packets of 64 strands, and each sum has its own order. A step of 512
+//! strands takes some milliseconds.
 //!
 //! # Limitations
 //! Training runs on the CPU. Longer is not better: an error in the frames before is an error in
@@ -117,9 +118,22 @@ pub struct StepReport {
     pub rate: f64,
 }
 
+/// A step whose energy or gradient is not finite.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("step {step}: the energy or its gradient is not finite; lower the learning rate or the stiffnesses")]
+pub struct NotFinite {
+    /// Steps done before.
+    pub step: u32,
+}
+
 impl Trainer {
-    /// A training from random weights: deviations √(2/inputs), those of the last layer 1e-3.
-    pub fn new(options: Options) -> Self {
+    /// A training from random weights, with deviations √(2/inputs), those of the last layer 1e-3.
+    ///
+    /// # Panics
+    /// If this processor does not support `options.simd`.
+    pub fn new(mut options: Options) -> Self {
+        options.simd = options.simd.resolve();
+        assert!(options.simd.is_supported(), "{:?} is not supported by this processor", options.simd);
         let shape = Shape::default();
         let mut random = Random::stream(options.seed, 0);
         let mut parameters = vec![0.0f32; shape.parameters()];
@@ -159,19 +173,25 @@ impl Trainer {
     }
 
     /// A step.
-    pub fn step(&mut self, set: &TrainingSet) -> StepReport {
+    ///
+    /// # Errors
+    /// If the energy or its gradient is not finite: nothing is changed then.
+    pub fn step(&mut self, set: &TrainingSet) -> Result<StepReport, NotFinite> {
         let options = &self.options;
         let share = f64::from(self.done) / f64::from(options.steps.max(1));
         let mut energies = options.energies;
         energies.motion.is_dynamic &= share >= options.warm_start;
         let drawn = set.draw(&mut Random::stream(options.seed, 1 + u64::from(self.done)));
         let batch = Batch { set, drawn: &drawn };
-        let simd = options.simd.resolve();
+        let simd = options.simd;
         let energy = {
             let networks = [&self.network, &self.average];
             self.workspace.gradient(simd, networks, &self.basis, &energies, &batch)
         };
         let norm = self.workspace.norm();
+        if !(energy.is_finite() && norm.is_finite()) {
+            return Err(NotFinite { step: self.done });
+        }
         let cosine = 0.5 + 0.5 * (std::f64::consts::PI * share.min(1.0)).cos();
         let rate = options.rate * (options.last_rate + (1.0 - options.last_rate) * cosine);
         let scale = (options.largest_gradient / norm.max(1e-30)).min(1.0);
@@ -182,7 +202,7 @@ impl Trainer {
         for (mean, now) in self.average.parameters_mut().iter_mut().zip(self.network.parameters()) {
             *mean = keep * *mean + (1.0 - keep) * now;
         }
-        StepReport { energy, gradient: norm, rate }
+        Ok(StepReport { energy, gradient: norm, rate })
     }
 }
 

@@ -38,7 +38,12 @@ pub struct Frame {
 impl Frame {
     fn is_finite(&self) -> bool {
         let numbers = self.pose.iter().chain(&self.velocity);
-        self.rotation.is_finite() && self.origin.is_finite() && numbers.copied().all(f32::is_finite)
+        let parts = self.parts.iter().flat_map(|part| part.ends.map(|end| end.0));
+        let mut parts = parts.flatten().chain(self.parts.iter().map(|part| part.radius));
+        parts.all(f64::is_finite)
+            && self.rotation.is_finite()
+            && self.origin.is_finite()
+            && numbers.copied().all(f32::is_finite)
     }
 }
 
@@ -76,8 +81,8 @@ pub enum SetError {
         /// Its number in the motion.
         frame: usize,
     },
-    /// A strand is not finite, or two of its neighbouring particles are in one place.
-    #[error("strand {strand} is not finite, or has an edge of no length")]
+    /// A strand or its inputs are not finite, or two neighbouring particles are in one place.
+    #[error("strand {strand} or its inputs are not finite, or it has an edge of no length")]
     Strand {
         /// Its number.
         strand: usize,
@@ -118,7 +123,8 @@ impl TrainingSet {
                 return Err(SetError::Statics { strand, found: own.statics.len() });
             }
             let edge = |i: usize| (0..3).map(|c| (own.rest[i][c] - own.rest[i - 1][c]).powi(2)).sum::<f32>();
-            if !(1..PARTICLES).all(|i| edge(i).is_finite() && edge(i) > 0.0) {
+            let is_finite = own.statics.iter().all(|x| x.is_finite());
+            if !(is_finite && (1..PARTICLES).all(|i| edge(i).is_finite() && edge(i) > 0.0)) {
                 return Err(SetError::Strand { strand });
             }
         }
