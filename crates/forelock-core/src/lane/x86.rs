@@ -22,9 +22,9 @@ macro_rules! register {
         #[repr(transparent)]
         pub struct $name($register);
 
-        // SAFETY, here and below: values of this type exist only in functions instantiated for
-        // `$name`, which `Simd::is_supported` guards; the instructions access registers or slices
-        // of checked length only.
+        // SAFETY, here and below: values of this type exist only in functions that `on!`
+        // instantiates for `$name` and whose callers, in the crates of this workspace, check
+        // `Simd::is_supported`; the instructions access registers or slices of checked length only.
         register!(@operator $name Add add $add, Sub sub $sub, Mul mul $mul, Div div $div);
 
         impl Neg for $name {

@@ -1,8 +1,7 @@
 //! The encoder of strand codes without its decoder.
 
 use super::encoder::{INPUTS, Layer};
-use crate::network::product::{Factors, PACKET, Start, product};
-use crate::train::layers::{by_strand, to_rows, zero_rows};
+use crate::network::product::{Factors, PACKET, Start, by_strand, product, to_rows, zero_rows};
 use forelock_core::lane::Simd;
 use rayon::prelude::*;
 

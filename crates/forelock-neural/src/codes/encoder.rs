@@ -11,10 +11,10 @@
 
 use super::Encoder;
 use crate::PARTICLES;
-use crate::network::product::{Factors, PACKET, Start, TILE_ROWS, product};
+use crate::network::product::{Factors, PACKET, Start, TILE_ROWS, by_strand, product, to_rows, zero_rows};
 use crate::random::Random;
 use crate::train::adam::Adam;
-use crate::train::layers::{bias_gradient, by_strand, mask, to_rows, transpose, weight_gradient, zero_rows};
+use crate::train::layers::{bias_gradient, mask, transpose, weight_gradient};
 use forelock_core::lane::Simd;
 use rayon::prelude::*;
 
@@ -83,7 +83,7 @@ impl StrandCodes {
         });
         let mut own = Self { layers: layers.collect() };
         let moments = |layer: &Layer| [Adam::new(layer.weights.len()), Adam::new(layer.bias.len())];
-        let mut adams: Vec<[Adam; 2]> = own.layers.iter().map(moments).collect();
+        let mut adams: Vec<[Adam<f32>; 2]> = own.layers.iter().map(moments).collect();
         let simd = options.simd.resolve();
         for step in 0..options.steps {
             let batch: Vec<&[f32]> =
@@ -156,6 +156,9 @@ impl StrandCodes {
                 mask(&rows[number + 1], &mut by);
             }
             by_sums[number] = strand_by_strand(&by);
+            if number == 0 {
+                break;
+            }
             let mut below = zero_rows(SIZES[number]);
             let factors = Factors { a: &transposed[number], columns: SIZES[number], b: &by };
             product(simd, factors, Start::Zero, &mut below);
@@ -169,7 +172,7 @@ impl StrandCodes {
         Encoder::of(self.layers[..ENCODER].to_vec())
     }
 
-    /// The code of a strand.
+    /// The code of a strand, layer by layer: the specification of [`Encoder::encode`].
     pub fn encode(&self, strand: &[f32; INPUTS]) -> [f32; CODE] {
         let code = self.run(0..ENCODER, strand);
         std::array::from_fn(|k| code[k])

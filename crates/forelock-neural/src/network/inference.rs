@@ -8,7 +8,7 @@
 //! A packet is 64 strands. Its activations, 64 KiB, and the 328 KiB of weights stay in the second
 //! cache. Threads share packets; results do not depend on their number.
 
-use super::product::{Factors, PACKET, Start, TILE_ROWS, product};
+use super::product::{Factors, PACKET, Rows, Start, TILE_ROWS, product, to_rows, zero_rows};
 use super::rotation::{Basis, fold, rotate};
 use super::{LengthError, Network, OUTPUTS, Shape};
 use crate::EDGES;
@@ -22,9 +22,9 @@ use rayon::prelude::*;
 pub struct Strands {
     count: usize,
     /// The first layer's sums of strands, a packet after the other: `[width, 4]` rows.
-    sums: Vec<Row<f32>>,
+    sums: Rows,
     /// Roots and edges at rest, cm, a row of strands after the other: `[25, 3]` rows.
-    rest: Vec<Row<f32>>,
+    rest: Rows,
 }
 
 impl Strands {
@@ -97,13 +97,8 @@ impl Predictor {
         };
         let [matrix, _, bias, ..] = self.network.parts();
         own.sums.par_chunks_exact_mut(width * TILE_ROWS).enumerate().for_each(|(packet, sums)| {
-            let mut packed = vec![Row::zeroed(); inputs * TILE_ROWS];
-            for s in packet * PACKET..rest.len().min((packet + 1) * PACKET) {
-                let (row, lane) = (s % PACKET / LANES, s % LANES);
-                for (i, x) in statics[s * inputs..(s + 1) * inputs].iter().enumerate() {
-                    packed[i * TILE_ROWS + row].0[lane] = *x;
-                }
-            }
+            let mut packed = zero_rows(inputs);
+            to_rows(statics.chunks_exact(inputs).skip(packet * PACKET).take(PACKET), &mut packed);
             let factors = Factors { a: matrix, columns: width, b: &packed };
             product(self.simd, factors, Start::Bias(bias), sums);
         });
@@ -167,15 +162,14 @@ impl Predictor {
 
 /// Activations of a packet: rows of 64 strands.
 struct Activations {
-    first: Vec<Row<f32>>,
-    second: Vec<Row<f32>>,
-    outputs: Vec<Row<f32>>,
+    first: Rows,
+    second: Rows,
+    outputs: Rows,
 }
 
 impl Activations {
     fn new(width: usize) -> Self {
-        let rows = |units: usize| vec![Row::zeroed(); units * TILE_ROWS];
-        Self { first: rows(width), second: rows(width), outputs: rows(OUTPUTS) }
+        Self { first: zero_rows(width), second: zero_rows(width), outputs: zero_rows(OUTPUTS) }
     }
 }
 

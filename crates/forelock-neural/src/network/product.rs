@@ -12,6 +12,7 @@
 
 #![expect(clippy::needless_range_loop, reason = "loops with one index for several arrays vectorise")]
 
+use bytemuck::Zeroable;
 use forelock_core::lane::{LANES, Lane, Row, Simd, on};
 
 /// Rows of [`LANES`] numbers of a tile of C: 64 columns.
@@ -21,6 +22,33 @@ pub const PACKET: usize = TILE_ROWS * LANES;
 
 /// Rows of A's columns in a tile.
 const TILE: usize = 6;
+
+/// Rows of 64 strands.
+pub(crate) type Rows = Vec<Row<f32>>;
+
+/// `units` rows of 64 strands, all zero.
+pub(crate) fn zero_rows(units: usize) -> Rows {
+    vec![Row::zeroed(); units * TILE_ROWS]
+}
+
+/// Up to 64 strands, `[units]` each, as rows.
+pub(crate) fn to_rows<'a>(strands: impl Iterator<Item = &'a [f32]>, rows: &mut [Row<f32>]) {
+    for (s, strand) in strands.enumerate() {
+        for (k, x) in strand.iter().enumerate() {
+            rows[k * TILE_ROWS + s / LANES].0[s % LANES] = *x;
+        }
+    }
+}
+
+/// Rows of 64 strands to strand by strand, `[64][units]`.
+pub(crate) fn by_strand(rows: &[Row<f32>], to: &mut [f32]) {
+    let units = rows.len() / TILE_ROWS;
+    for (unit, rows) in rows.chunks_exact(TILE_ROWS).enumerate() {
+        for (s, x) in rows.iter().flat_map(|row| row.0).enumerate() {
+            to[s * units + unit] = x;
+        }
+    }
+}
 
 /// What a product starts from, and what becomes of its sums.
 #[derive(Clone, Copy, Debug)]

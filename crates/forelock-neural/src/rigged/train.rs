@@ -6,6 +6,7 @@ use super::pose::RigPose;
 use super::vec3::num;
 use super::{ANGLES, RigError};
 use crate::random::Random;
+use crate::train::adam::Adam;
 use forelock_core::lane::Real;
 use std::f64::consts::PI;
 
@@ -43,7 +44,7 @@ pub fn train<T: Real>(
     let bodies: Vec<_> = poses.iter().map(|pose| rig.body(pose)).collect();
     let mut random = Random::new(settings.seed);
     let mut network = PoseNetwork::random(&mut random);
-    let mut adam = Adam::new();
+    let mut adam = Adam::new(WEIGHTS);
     let mut gradient = vec![T::zero(); WEIGHTS];
     let share = num::<T>(1.0 / f64::from(settings.batch));
     for step in 0..settings.steps {
@@ -58,7 +59,7 @@ pub fn train<T: Real>(
         }
         let passed = f64::from(step) / f64::from(settings.steps);
         let rate = settings.rate * (0.02 + 0.49 * (1.0 + (PI * passed).cos()));
-        adam.step(network.weights_mut(), &gradient, rate);
+        adam.step(network.weights_mut(), &gradient, [rate, 1.0]);
         if !network.weights().iter().all(|w| w.is_finite()) {
             return Err(RigError::Diverged(step));
         }
@@ -81,35 +82,4 @@ fn check<T: Real>(poses: &[RigPose<T>], settings: &TrainSettings) -> Result<(), 
         return Err(RigError::Setting("rate"));
     }
     Ok(())
-}
-
-/// Adam (Kingma and Ba 2015), β 0.9 and 0.999.
-struct Adam<T> {
-    mean: Vec<T>,
-    square: Vec<T>,
-    /// β₁ and β₂ to the power of the steps taken.
-    decayed: [f64; 2],
-}
-
-const DECAY: [f64; 2] = [0.9, 0.999];
-
-impl<T: Real> Adam<T> {
-    fn new() -> Self {
-        Self { mean: vec![T::zero(); WEIGHTS], square: vec![T::zero(); WEIGHTS], decayed: [1.0; 2] }
-    }
-
-    fn step(&mut self, weights: &mut [T], gradient: &[T], rate: f64) {
-        for (power, decay) in self.decayed.iter_mut().zip(DECAY) {
-            *power *= decay;
-        }
-        let unbias = self.decayed.map(|power| num::<T>(1.0 / (1.0 - power)));
-        let (keep, take) = (DECAY.map(num::<T>), DECAY.map(|decay| num::<T>(1.0 - decay)));
-        let (rate, least) = (num::<T>(rate), num::<T>(1e-8));
-        let moments = self.mean.iter_mut().zip(&mut self.square);
-        for ((w, &g), (mean, square)) in weights.iter_mut().zip(gradient).zip(moments) {
-            *mean = keep[0] * *mean + take[0] * g;
-            *square = keep[1] * *square + take[1] * g * g;
-            *w = *w - rate * (*mean * unbias[0]) / ((*square * unbias[1]).sqrt() + least);
-        }
-    }
 }

@@ -1,41 +1,44 @@
 //! Adam (Kingma and Ba 2015).
 
+use forelock_core::lane::Real;
 use rayon::prelude::*;
 
-const FIRST: f32 = 0.9;
-const SECOND: f32 = 0.999;
-const LEAST: f32 = 1e-8;
+/// What a step keeps of the mean and of the mean square.
+const DECAY: [f64; 2] = [0.9, 0.999];
+/// Added to the root of the mean square.
+const LEAST: f64 = 1e-8;
 /// Parameters that a task updates.
 const CHUNK: usize = 1 << 14;
 
 /// The moments of the gradient.
 #[derive(Clone, Debug)]
-pub(crate) struct Adam {
+pub(crate) struct Adam<T> {
     steps: i32,
-    first: Vec<f32>,
-    second: Vec<f32>,
+    first: Vec<T>,
+    second: Vec<T>,
 }
 
-impl Adam {
+impl<T: Real> Adam<T> {
     pub(crate) fn new(parameters: usize) -> Self {
-        Self { steps: 0, first: vec![0.0; parameters], second: vec![0.0; parameters] }
+        Self { steps: 0, first: vec![T::zero(); parameters], second: vec![T::zero(); parameters] }
     }
 
     /// Moves `parameters` along `scale` times the gradient, at `rate`.
-    pub(crate) fn step(&mut self, parameters: &mut [f32], gradient: &[f32], [rate, scale]: [f64; 2]) {
+    pub(crate) fn step(&mut self, parameters: &mut [T], gradient: &[T], [rate, scale]: [f64; 2]) {
         self.steps += 1;
-        let corrections = [FIRST, SECOND].map(|decay| 1.0 - f64::from(decay).powi(self.steps));
-        let rate = (rate / corrections[0]) as f32;
-        let over_second = (1.0 / corrections[1]) as f32;
-        let scale = scale as f32;
+        let number = |x: f64| T::from(x).unwrap_or_else(T::zero);
+        let corrections = DECAY.map(|decay| 1.0 - decay.powi(self.steps));
+        let (keep, take) = (DECAY.map(number), DECAY.map(|decay| number(1.0 - decay)));
+        let [rate, over_second] = [rate / corrections[0], 1.0 / corrections[1]].map(number);
+        let [scale, least] = [scale, LEAST].map(number);
         let moments = self.first.par_chunks_mut(CHUNK).zip(self.second.par_chunks_mut(CHUNK));
         parameters.par_chunks_mut(CHUNK).zip(gradient.par_chunks(CHUNK)).zip(moments).for_each(
             |((parameters, gradient), (first, second))| {
                 for (((p, g), m), v) in parameters.iter_mut().zip(gradient).zip(first).zip(second) {
-                    let g = scale * g;
-                    *m = FIRST * *m + (1.0 - FIRST) * g;
-                    *v = SECOND * *v + (1.0 - SECOND) * g * g;
-                    *p -= rate * *m / ((*v * over_second).sqrt() + LEAST);
+                    let g = scale * *g;
+                    *m = keep[0] * *m + take[0] * g;
+                    *v = keep[1] * *v + take[1] * g * g;
+                    *p = *p - rate * *m / ((*v * over_second).sqrt() + least);
                 }
             },
         );

@@ -11,7 +11,7 @@
 //! and back; then the weights' gradients are products over all 512 strands, in parallel over blocks
 //! of weights.
 
-use super::layers::{Rows, bias_gradient, by_strand, mask, to_rows, transpose, weight_gradient, zero_rows};
+use super::layers::{bias_gradient, mask, transpose, weight_gradient};
 use super::set::{Bust, Drawn, shared as shared_inputs};
 use super::{Energies, FRAMES, STRANDS, TrainingSet};
 use crate::losses::body::body;
@@ -19,7 +19,9 @@ use crate::losses::elastic::{RestStrand, elastic};
 use crate::losses::motion::{Inertial, Place};
 use crate::losses::style::style;
 use crate::losses::{Strand, zero};
-use crate::network::product::{Factors, PACKET, Start, TILE_ROWS, product};
+use crate::network::product::{
+    Factors, PACKET, Rows, Start, TILE_ROWS, by_strand, product, to_rows, zero_rows,
+};
 use crate::network::rotation::{Basis, rotate, rotate_gradient};
 use crate::network::{Network, OUTPUTS, SHARED, STATICS, Shape};
 use crate::{EDGES, PARTICLES};

@@ -1,36 +1,9 @@
 //! Products over a batch that the ways back through networks share.
 
-use crate::network::product::{Factors, PACKET, Start, TILE_ROWS, product};
+use crate::network::product::{Factors, PACKET, Rows, Start, TILE_ROWS, product, zero_rows};
 use bytemuck::Zeroable;
 use forelock_core::lane::{LANES, Row, Simd};
 use rayon::prelude::*;
-
-/// Rows of 64 strands.
-pub(crate) type Rows = Vec<Row<f32>>;
-
-/// `units` rows of 64 strands, all zero.
-pub(crate) fn zero_rows(units: usize) -> Rows {
-    vec![Row::zeroed(); units * TILE_ROWS]
-}
-
-/// Up to 64 strands, `[units]` each, as rows.
-pub(crate) fn to_rows<'a>(strands: impl Iterator<Item = &'a [f32]>, rows: &mut [Row<f32>]) {
-    for (s, strand) in strands.enumerate() {
-        for (k, x) in strand.iter().enumerate() {
-            rows[k * TILE_ROWS + s / LANES].0[s % LANES] = *x;
-        }
-    }
-}
-
-/// Rows of 64 strands to strand by strand, `[64][units]`.
-pub(crate) fn by_strand(rows: &[Row<f32>], to: &mut [f32]) {
-    let units = rows.len() / TILE_ROWS;
-    for (unit, rows) in rows.chunks_exact(TILE_ROWS).enumerate() {
-        for (s, x) in rows.iter().flat_map(|row| row.0).enumerate() {
-            to[s * units + unit] = x;
-        }
-    }
-}
 
 /// Zero where the activation is: the gradient of ReLU.
 pub(crate) fn mask(activations: &[Row<f32>], by: &mut [Row<f32>]) {

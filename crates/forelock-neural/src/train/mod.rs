@@ -102,7 +102,7 @@ pub struct Trainer {
     basis: Basis,
     network: Network<f32>,
     average: Network<f32>,
-    adam: Adam,
+    adam: Adam<f32>,
     done: u32,
     workspace: Workspace,
 }
