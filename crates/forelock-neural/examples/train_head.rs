@@ -173,18 +173,26 @@ fn main() -> Result<(), Box<dyn Error>> {
             sum += trainer.step(&set)?.energy;
         }
         say(&format!("step {}, energy {:.3}", trainer.done(), sum / 1000.0));
-        if !trainer.done().is_multiple_of(4000) && trainer.done() < steps {
+        if !trainer.done().is_multiple_of(2000) && trainer.done() < steps {
             continue;
         }
         let predictor = Predictor::new(trainer.average(), trainer.basis(), Simd::Auto)?;
         let prepared = predictor.prepare(&held_out.rest, &held_statics)?;
+        let mut sums = [[0.0; 6]; 4];
         for ((kind, poses), reference) in validation.iter().zip(&references) {
             let clip = clip(poses)?;
             let mut found = vec![vec![[[0.0; 3]; PARTICLES]; held_out.rest.len()]; poses.len()];
             for (frame, found) in found.iter_mut().enumerate() {
                 predictor.predict(&prepared, &shared(&clip, frame).collect::<Vec<f32>>(), found);
             }
-            report(*kind, &held_out, &found, reference, &field)?;
+            report(*kind, &held_out, &found, reference, &field, &mut sums)?;
+        }
+        for (sum, style) in sums.iter().zip(STYLES) {
+            let mean = sum.map(|x| x / 4.0);
+            println!(
+                "    {style:9} corr {:.3} vel {:.3} nrmse {:.3} dyn {:.3} ratio {:.3} inside {:.2}",
+                mean[0], mean[1], mean[2], mean[3], mean[4], mean[5]
+            );
         }
     }
     Ok(())
@@ -207,6 +215,7 @@ fn report(
     found: &[Vec<Positions>],
     reference: &[Vec<Strand<f64>>],
     field: &SmoothField,
+    sums: &mut [[f64; 6]; 4],
 ) -> Result<(), Box<dyn Error>> {
     let size = hair.rest.len() / STYLES.len();
     for (style, name) in STYLES.iter().enumerate() {
@@ -224,6 +233,8 @@ fn report(
         };
         let motions = Motions { particles: PARTICLES, rest: &rest, motion: &moved, reference: &expected };
         let m = motions.measure()?;
+        let numbers = [m.corr, m.corr_vel, m.nrmse, m.nrmse_dyn, m.motion_ratio, inside(&moved)];
+        sums[style].iter_mut().zip(numbers).for_each(|(sum, x)| *sum += x);
         println!(
             "  {:16} {name:9} corr {:.2} vel {:.2} nrmse {:.2} dyn {:.2} ratio {:.2} of {:.2} and {:.2} cm, \
              inside {:.2} %, at rest {:.2}, reference {:.2}",

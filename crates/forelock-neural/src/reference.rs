@@ -12,11 +12,11 @@
 //! reduces the gradient tenfold an iteration, and a backtracking line search. An indefinite Hessian
 //! is shifted until it has Cholesky factors.
 
-use crate::EDGES;
 use crate::losses::body::{Body, BodyTerms, body};
 use crate::losses::elastic::{ElasticTerms, RestStrand, elastic};
 use crate::losses::motion::{Inertial, MotionTerms, Place};
 use crate::losses::{Strand, zero};
+use crate::{EDGES, PARTICLES};
 use forelock_core::lane::V3;
 
 /// Unknowns: the coordinates of all particles but the root.
@@ -53,7 +53,7 @@ impl<B: Body<f64> + ?Sized> Frame<'_, B> {
         let mut by_x = zero();
         let energy = elastic(&self.terms.elastic, self.rest, x, &mut by_x)
             + self.inertial.energy(&self.terms.motion, x, &mut by_x)
-            + body(&self.terms.body, self.body, x, &mut by_x);
+            + body(&self.terms.body, self.body, x, &mut by_x, &mut [0.0; PARTICLES]);
         (energy, std::array::from_fn(|k| by_x[1 + k / 3].0[k % 3]))
     }
 

@@ -10,6 +10,7 @@
 //! D.
 
 use super::Strand;
+use crate::PARTICLES;
 use forelock_core::lane::{Lane, V3};
 
 /// Coefficients of [`body`].
@@ -59,18 +60,20 @@ pub trait Body<L: Lane> {
     fn near(&self, x: V3<L>) -> Near<L>;
 }
 
-/// The energy of collision with `body`.
+/// The energy of collision with `body`. The second derivative with respect to the distance of each
+/// particle is added to `stiffness`.
 #[inline(always)]
 pub fn body<L: Lane, B: Body<L> + ?Sized>(
     terms: &BodyTerms,
     body: &B,
     x: &Strand<L>,
     gradient: &mut Strand<L>,
+    stiffness: &mut [L; PARTICLES],
 ) -> L {
     let [k, margin, tail] = [terms.stiffness, terms.margin, terms.tail.min(1e9)].map(L::from_f64);
     let [two, three] = [2.0, 3.0].map(L::from_f64);
     let mut energy = L::zero();
-    for (x, gradient) in x.iter().zip(gradient).skip(FIRST) {
+    for ((x, gradient), stiffness) in x.iter().zip(gradient).zip(stiffness).skip(FIRST) {
         let near = body.near(*x);
         let q = (margin - near.distance).max(L::zero());
         let cubic = q.min(tail);
@@ -78,6 +81,7 @@ pub fn body<L: Lane, B: Body<L> + ?Sized>(
         energy += k * cubic * cubic * (three * q - two * cubic);
         let slope = three * k * cubic * cubic;
         *gradient = gradient.add_scaled(-slope, near.gradient);
+        *stiffness += two * three * k * cubic;
     }
     energy
 }

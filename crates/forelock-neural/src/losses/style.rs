@@ -10,6 +10,7 @@
 
 use super::Strand;
 use super::body::Body;
+use crate::PARTICLES;
 use forelock_core::lane::Lane;
 
 /// Coefficients of [`style`].
@@ -27,22 +28,25 @@ impl Default for StyleTerms {
     }
 }
 
-/// The energy of style of a strand with rest positions `rest`.
+/// The energy of style of a strand with rest positions `rest`. The stiffness that holds each
+/// particle is added to `stiffness`.
 #[inline(always)]
 pub fn style<L: Lane, B: Body<L> + ?Sized>(
     terms: &StyleTerms,
     body: &B,
     [rest, x]: [&Strand<L>; 2],
     gradient: &mut Strand<L>,
+    stiffness: &mut [L; PARTICLES],
 ) -> L {
     let [k, over_range, two] = [terms.stiffness, 1.0 / terms.range, 2.0].map(L::from_f64);
     let mut energy = L::zero();
-    for ((rest, x), gradient) in rest.iter().zip(x).zip(gradient).skip(1) {
+    for (((rest, x), gradient), stiffness) in rest.iter().zip(x).zip(gradient).zip(stiffness).skip(1) {
         let share = (body.near(*x).distance * over_range).max(L::zero()).min(L::one());
         let weight = k * (L::one() - share);
         let u = *x - *rest;
         energy += weight * u.dot(u);
         *gradient = gradient.add_scaled(two * weight, u);
+        *stiffness += two * weight;
     }
     energy
 }

@@ -13,11 +13,10 @@
 
 use super::layers::{bias_gradient, mask, transpose, weight_gradient};
 use super::set::{Bust, Drawn, shared as shared_inputs};
-use super::{Energies, FRAMES, STRANDS, TrainingSet};
-use crate::losses::body::body;
-use crate::losses::elastic::{RestStrand, elastic};
-use crate::losses::motion::{Inertial, Place};
-use crate::losses::style::style;
+use super::window::{Window, samples};
+use super::{Energies, FRAMES, MOMENTS, STRANDS, TrainingSet};
+use crate::losses::elastic::RestStrand;
+use crate::losses::motion::Place;
 use crate::losses::{Strand, zero};
 use crate::network::product::{
     Factors, PACKET, Rows, Start, TILE_ROWS, by_strand, product, to_rows, zero_rows,
@@ -34,8 +33,6 @@ const BATCH: usize = FRAMES * STRANDS;
 const PACKETS: usize = BATCH / PACKET;
 /// Frames of a packet.
 const FRAMES_OF_PACKET: usize = PACKET / STRANDS;
-/// A frame and the two before it.
-const MOMENTS: usize = 3;
 
 /// Buffers of a step.
 #[derive(Debug)]
@@ -43,8 +40,8 @@ pub(super) struct Workspace {
     /// The gradient, in the order of the parameters.
     found: Vec<f32>,
     packets: Vec<PacketBuffers>,
-    /// The weights that a step multiplies with: those of the network and of the average.
-    weights: [Folded; 2],
+    /// The weights that a step multiplies with.
+    weights: Folded,
 }
 
 /// The last layer with B/2 folded in, and the transposes that the way back needs.
@@ -61,19 +58,28 @@ struct Folded {
 struct PacketBuffers {
     statics: Vec<f32>,
     static_rows: Rows,
-    /// The first layer's sums of strands: of the network and of the average.
-    sums: [Rows; 2],
-    first: Rows,
-    second: Rows,
-    outputs: Rows,
+    /// The first layer's sums of strands.
+    sums: Rows,
+    moments: [MomentBuffers; MOMENTS],
     by_second: Rows,
     by_first: Rows,
-    /// The same strand by strand: `[64][units]`.
-    by_strand: [Vec<f32>; 5],
+    /// The gradient of the first layer's sums, over all moments: `[64][width]`.
+    by_statics: Vec<f32>,
     energy: f64,
 }
 
-/// Indices of [`PacketBuffers::by_strand`].
+/// Buffers of a packet at one moment.
+#[derive(Debug)]
+struct MomentBuffers {
+    first: Rows,
+    second: Rows,
+    /// The outputs, then the gradient with respect to them.
+    outputs: Rows,
+    /// The same strand by strand: `[64][units]`.
+    by_strand: [Vec<f32>; 5],
+}
+
+/// Indices of [`MomentBuffers::by_strand`].
 const FIRST: usize = 0;
 const SECOND: usize = 1;
 const BY_OUTPUT: usize = 2;
@@ -88,19 +94,16 @@ impl PacketBuffers {
         Self {
             statics: strands(shape.statics),
             static_rows: rows(shape.statics),
-            sums: [rows(width), rows(width)],
-            first: rows(width),
-            second: rows(width),
-            outputs: rows(shape.outputs),
+            sums: rows(width),
+            moments: std::array::from_fn(|_| MomentBuffers {
+                first: rows(width),
+                second: rows(width),
+                outputs: rows(shape.outputs),
+                by_strand: [width, width, shape.outputs, width, width].map(strands),
+            }),
             by_second: rows(width),
             by_first: rows(width),
-            by_strand: [
-                strands(width),
-                strands(width),
-                strands(shape.outputs),
-                strands(width),
-                strands(width),
-            ],
+            by_statics: strands(width),
             energy: 0.0,
         }
     }
@@ -116,14 +119,13 @@ pub(super) struct Batch<'a> {
 /// What the packets of a step have in common.
 struct Step<'a> {
     simd: Simd,
-    /// The network and the average, which predicts the two frames before.
-    networks: [&'a Network<f32>; 2],
-    weights: &'a [Folded; 2],
+    network: &'a Network<f32>,
+    weights: &'a Folded,
     energies: &'a Energies,
     set: &'a TrainingSet,
     drawn: &'a [Drawn; FRAMES],
-    /// Fᵀ shared of each moment of each frame, `[width]` each, of both.
-    frames: &'a [Vec<Vec<f32>>; 2],
+    /// Fᵀ shared of each moment of each frame, `[width]` each.
+    frames: &'a [Vec<f32>],
 }
 
 impl Workspace {
@@ -132,12 +134,12 @@ impl Workspace {
         Self {
             found: vec![0.0; shape.parameters()],
             packets: (0..PACKETS).map(|_| PacketBuffers::new(shape)).collect(),
-            weights: [0; 2].map(|_| Folded {
+            weights: Folded {
                 output: matrix(shape.width, shape.outputs),
                 bias: matrix(1, shape.outputs),
                 output_transposed: matrix(shape.outputs, shape.width),
                 hidden_transposed: matrix(shape.width, shape.width),
-            }),
+            },
         }
     }
 
@@ -155,52 +157,50 @@ impl Workspace {
     pub(super) fn gradient(
         &mut self,
         simd: Simd,
-        networks: [&Network<f32>; 2],
+        network: &Network<f32>,
         basis: &Basis,
         energies: &Energies,
         batch: &Batch<'_>,
     ) -> f64 {
         let Batch { set, drawn } = *batch;
-        for (weights, network) in self.weights.iter_mut().zip(networks) {
-            weights.fold(network, basis);
-        }
-        let frames = networks.map(|network| frame_sums(simd, network, set, drawn));
+        self.weights.fold(network, basis);
+        let frames = frame_sums(simd, network, set, drawn);
         let weights = &self.weights;
-        let step = Step { simd, networks, weights, energies, set, drawn, frames: &frames };
+        let step = Step { simd, network, weights, energies, set, drawn, frames: &frames };
         self.packets.par_iter_mut().enumerate().for_each(|(number, packet)| step.packet(number, packet));
-        self.weight_gradients(simd, networks[0].shape(), basis, set, drawn);
-        self.packets.iter().map(|packet| packet.energy).sum::<f64>() / BATCH as f64
+        self.weight_gradients(simd, network.shape(), basis, batch);
+        self.packets.iter().map(|packet| packet.energy).sum::<f64>()
     }
 
     /// The gradients of all weights from those of the layers' sums.
-    fn weight_gradients(
-        &mut self,
-        simd: Simd,
-        shape: &Shape,
-        basis: &Basis,
-        set: &TrainingSet,
-        drawn: &[Drawn; FRAMES],
-    ) {
+    fn weight_gradients(&mut self, simd: Simd, shape: &Shape, basis: &Basis, batch: &Batch<'_>) {
+        let Batch { set, drawn } = *batch;
         let packets = &self.packets;
-        let all = |index: usize| packets.iter().map(move |packet| packet.by_strand[index].as_slice());
+        let all = |index: usize| {
+            let moments = packets.iter().flat_map(|packet| &packet.moments);
+            moments.map(move |moment| moment.by_strand[index].as_slice()).collect::<Vec<_>>()
+        };
         let [statics, shared, first_bias, hidden, second_bias, output, third_bias] = shape.ranges();
         let width = shape.width;
-        let by_first: Vec<&[f32]> = all(BY_FIRST).collect();
         let own: Vec<&[f32]> = packets.iter().map(|packet| packet.statics.as_slice()).collect();
-        weight_gradient(simd, [&own, &by_first], [shape.statics, width], &mut self.found[statics]);
-        let by_frame = frame_gradients(&by_first, width);
+        let by_statics: Vec<&[f32]> = packets.iter().map(|packet| packet.by_statics.as_slice()).collect();
+        weight_gradient(simd, [&own, &by_statics], [shape.statics, width], &mut self.found[statics]);
+        bias_gradient(&by_statics, &mut self.found[first_bias]);
+        let [first, second, by_output, by_second, by_first] =
+            [FIRST, SECOND, BY_OUTPUT, BY_SECOND, BY_FIRST].map(all);
+        // Two frames a packet and moment.
+        let by_frame: Vec<f32> =
+            by_first.iter().flat_map(|strands| frame_gradients(strands, width)).collect();
+        let moments = drawn
+            .chunks_exact(FRAMES_OF_PACKET)
+            .flat_map(|frames| (0..MOMENTS).flat_map(move |ago| frames.iter().map(move |d| (d, ago))));
         let inputs: Vec<f32> =
-            drawn.iter().flat_map(|d| shared_inputs(&set.clips[d.clip], d.frame)).collect();
+            moments.flat_map(|(d, ago)| shared_inputs(&set.clips[d.clip], d.frame - ago)).collect();
         weight_gradient(simd, [&[&inputs], &[&by_frame]], [SHARED, width], &mut self.found[shared]);
-        let [first, second, by_output, by_second] =
-            [FIRST, SECOND, BY_OUTPUT, BY_SECOND].map(|index| all(index).collect::<Vec<_>>());
         weight_gradient(simd, [&first, &by_second], [width, width], &mut self.found[hidden]);
         weight_gradient(simd, [&second, &by_output], [width, shape.outputs], &mut self.found[output.clone()]);
-        for (range, rows) in
-            [(first_bias, &by_first), (second_bias, &by_second), (third_bias.clone(), &by_output)]
-        {
-            bias_gradient(rows, &mut self.found[range]);
-        }
+        bias_gradient(&by_second, &mut self.found[second_bias]);
+        bias_gradient(&by_output, &mut self.found[third_bias.clone()]);
         for row in self.found[output.start..third_bias.end].chunks_exact_mut(OUTPUTS) {
             unfold(row, basis);
         }
@@ -235,11 +235,6 @@ fn unfold(by: &mut [f32], basis: &Basis) {
     }
 }
 
-/// The frame `ago` frames before a drawn one; the first frame stands for those before it.
-fn moment(drawn: &Drawn, ago: usize) -> usize {
-    drawn.frame.saturating_sub(ago)
-}
-
 /// Fᵀ shared of each moment of each drawn frame: `[width]` each, frame by frame.
 fn frame_sums(
     simd: Simd,
@@ -250,7 +245,7 @@ fn frame_sums(
     const { assert!(FRAMES * MOMENTS <= PACKET) };
     let mut inputs = zero_rows(SHARED);
     for (column, (d, ago)) in drawn.iter().flat_map(|d| (0..MOMENTS).map(move |ago| (d, ago))).enumerate() {
-        for (k, x) in shared_inputs(&set.clips[d.clip], moment(d, ago)).enumerate() {
+        for (k, x) in shared_inputs(&set.clips[d.clip], d.frame - ago).enumerate() {
             inputs[k * TILE_ROWS + column / LANES].0[column % LANES] = x;
         }
     }
@@ -261,11 +256,10 @@ fn frame_sums(
     (0..FRAMES * MOMENTS).map(column).collect()
 }
 
-/// Sums over the strands of each frame: `[frames, width]`.
-fn frame_gradients(by_first: &[&[f32]], width: usize) -> Vec<f32> {
-    let mut sums = vec![0.0; FRAMES * width];
-    let strands = by_first.iter().flat_map(|packet| packet.chunks_exact(width));
-    for (s, row) in strands.enumerate() {
+/// Sums over the strands of each frame of a packet: `[frames, width]`.
+fn frame_gradients(by_first: &[f32], width: usize) -> Vec<f32> {
+    let mut sums = vec![0.0; FRAMES_OF_PACKET * width];
+    for (s, row) in by_first.chunks_exact(width).enumerate() {
         let sums = &mut sums[s / STRANDS * width..][..width];
         sums.iter_mut().zip(row).for_each(|(sum, x)| *sum += x);
     }
@@ -279,25 +273,22 @@ impl Step<'_> {
         self.static_sums(drawn, buffers);
         let strands = drawn.iter().flat_map(|d| d.strands);
         let rest: Vec<&[[f32; 3]; PARTICLES]> = strands.map(|s| &self.set.strands[s].rest).collect();
-        let mut outputs: [Rows; MOMENTS] = std::array::from_fn(|_| Vec::new());
-        // The frame itself comes last: its activations are what the way back needs.
-        for ago in (0..MOMENTS).rev() {
+        for ago in 0..MOMENTS {
             self.layers(number, ago, buffers);
-            outputs[ago].clone_from(&buffers.outputs);
         }
         buffers.energy = 0.0;
         let simd = self.simd;
+        let mut outputs = buffers.moments.each_mut().map(|moment| moment.outputs.as_mut_slice());
         for (row, rest) in rest.chunks_exact(LANES).enumerate() {
-            let drawn = &drawn[row * LANES / STRANDS];
-            let of_row = OfRow { drawn, rest, outputs: &outputs, row };
-            let run = on!(simd, energies(step: &Step<'_>, of_row: &OfRow<'_>, by: &mut [Row<f32>]) -> f64);
+            let of_row = OfRow { drawn: &drawn[row * LANES / STRANDS], rest, row };
+            let run = on!(simd, energies(step: &Step<'_>, of_row: &OfRow<'_>, outputs: &mut [&mut [Row<f32>]; MOMENTS]) -> f64);
             // SAFETY: `Trainer::new` has checked that the instruction set is supported.
             #[allow(
                 unused_unsafe,
                 clippy::allow_attributes,
                 reason = "only instantiations with features are unsafe"
             )]
-            let energy = unsafe { run(self, &of_row, &mut buffers.outputs) };
+            let energy = unsafe { run(self, &of_row, &mut outputs) };
             buffers.energy += energy;
         }
         self.back(buffers);
@@ -310,47 +301,47 @@ impl Step<'_> {
             to.copy_from_slice(&self.set.strands[strand].statics);
         }
         to_rows(buffers.statics.chunks_exact(STATICS), &mut buffers.static_rows);
-        for (network, sums) in self.networks.iter().zip(&mut buffers.sums) {
-            let [statics, _, bias, ..] = network.parts();
-            let factors = Factors { a: statics, columns: bias.len(), b: &buffers.static_rows };
-            product(self.simd, factors, Start::Bias(bias), sums);
-        }
+        let [statics, _, bias, ..] = self.network.parts();
+        let factors = Factors { a: statics, columns: bias.len(), b: &buffers.static_rows };
+        product(self.simd, factors, Start::Bias(bias), &mut buffers.sums);
     }
 
     /// The layers of packet `number`, `ago` frames before.
     fn layers(&self, number: usize, ago: usize, buffers: &mut PacketBuffers) {
         const ROWS_OF_FRAME: usize = STRANDS / LANES;
-        let which = usize::from(ago > 0);
-        let (network, weights) = (self.networks[which], &self.weights[which]);
-        let width = network.shape().width;
+        let width = self.network.shape().width;
+        let moment = &mut buffers.moments[ago];
         for unit in 0..width {
             for row in 0..TILE_ROWS {
                 let frame = number * FRAMES_OF_PACKET + row / ROWS_OF_FRAME;
-                let shared = self.frames[which][frame * MOMENTS + ago][unit];
-                let sums = &buffers.sums[which][unit * TILE_ROWS + row];
-                buffers.first[unit * TILE_ROWS + row].0 = sums.0.map(|sum| (sum + shared).max(0.0));
+                let shared = self.frames[frame * MOMENTS + ago][unit];
+                let sums = &buffers.sums[unit * TILE_ROWS + row];
+                moment.first[unit * TILE_ROWS + row].0 = sums.0.map(|sum| (sum + shared).max(0.0));
             }
         }
-        let [.., hidden, second_bias, _, _] = network.parts();
-        let factors = Factors { a: hidden, columns: width, b: &buffers.first };
-        product(self.simd, factors, Start::BiasRelu(second_bias), &mut buffers.second);
-        let factors = Factors { a: &weights.output, columns: OUTPUTS, b: &buffers.second };
-        product(self.simd, factors, Start::Bias(&weights.bias), &mut buffers.outputs);
+        let [.., hidden, second_bias, _, _] = self.network.parts();
+        let factors = Factors { a: hidden, columns: width, b: &moment.first };
+        product(self.simd, factors, Start::BiasRelu(second_bias), &mut moment.second);
+        let factors = Factors { a: &self.weights.output, columns: OUTPUTS, b: &moment.second };
+        product(self.simd, factors, Start::Bias(&self.weights.bias), &mut moment.outputs);
     }
 
     /// From the gradient with respect to the outputs, which is in their place, to those of the sums
     /// of all layers, strand by strand.
     fn back(&self, buffers: &mut PacketBuffers) {
-        let (width, weights) = (self.networks[0].shape().width, &self.weights[0]);
-        let PacketBuffers { first, second, outputs, by_second, by_first, by_strand: to, .. } = buffers;
-        let factors = Factors { a: &weights.output_transposed, columns: width, b: outputs };
-        product(self.simd, factors, Start::Zero, by_second);
-        mask(second, by_second);
-        let factors = Factors { a: &weights.hidden_transposed, columns: width, b: by_second };
-        product(self.simd, factors, Start::Zero, by_first);
-        mask(first, by_first);
-        for (rows, to) in [&*first, second, outputs, by_second, by_first].into_iter().zip(to) {
-            by_strand(rows, to);
+        let (width, weights) = (self.network.shape().width, self.weights);
+        let PacketBuffers { moments, by_second, by_first, by_statics, .. } = buffers;
+        by_statics.fill(0.0);
+        for MomentBuffers { first, second, outputs, by_strand: to } in moments {
+            let factors = Factors { a: &weights.output_transposed, columns: width, b: outputs };
+            product(self.simd, factors, Start::Zero, by_second);
+            mask(second, by_second);
+            let factors = Factors { a: &weights.hidden_transposed, columns: width, b: by_second };
+            product(self.simd, factors, Start::Zero, by_first);
+            mask(first, by_first);
+            let rows = [&*first, second, outputs, by_second, by_first];
+            rows.into_iter().zip(&mut *to).for_each(|(rows, to)| by_strand(rows, to));
+            by_statics.iter_mut().zip(&to[BY_FIRST]).for_each(|(sum, x)| *sum += x);
         }
     }
 }
@@ -359,27 +350,30 @@ impl Step<'_> {
 struct OfRow<'a> {
     drawn: &'a Drawn,
     rest: &'a [&'a [[f32; 3]; PARTICLES]],
-    /// Outputs at each moment.
-    outputs: &'a [Rows; MOMENTS],
     /// The row in a packet.
     row: usize,
 }
 
-/// The sum of the energies of sixteen strands; `by` receives the gradient of their mean in the
-/// batch with respect to the outputs.
+/// The share of sixteen strands in the mean of a batch; the outputs at each moment are replaced by
+/// the gradient with respect to them.
 #[inline(always)]
-fn energies<L: Lane<Scalar = f32>>(step: &Step<'_>, of_row: &OfRow<'_>, by: &mut [Row<f32>]) -> f64 {
-    let OfRow { drawn, rest, outputs, row } = of_row;
+fn energies<L: Lane<Scalar = f32>>(
+    step: &Step<'_>,
+    of_row: &OfRow<'_>,
+    outputs: &mut [&mut [Row<f32>]; MOMENTS],
+) -> f64 {
+    let OfRow { drawn, rest, row } = of_row;
     let clip = &step.set.clips[drawn.clip];
-    let place = |ago: usize| {
-        let frame = &clip[moment(drawn, ago)];
-        Place::<L> {
-            rotation: Mat3::splat(frame.rotation),
-            origin: V3::splat(frame.origin - clip[drawn.frame].origin),
-        }
-    };
-    let bust = Bust { field: &step.set.field, parts: &clip[drawn.frame].parts };
-    let mean = L::from_f64(1.0 / BATCH as f64);
+    let newest = &clip[drawn.frame];
+    let mut places = [Place { rotation: Mat3::splat(newest.rotation), origin: V3::<L>::zero() }; MOMENTS];
+    let mut bodies = [Bust { field: &step.set.field, parts: &newest.parts }; MOMENTS];
+    for ago in 1..MOMENTS {
+        let frame = &clip[drawn.frame - ago];
+        places[ago].rotation = Mat3::splat(frame.rotation);
+        places[ago].origin = V3::splat(frame.origin - newest.origin);
+        bodies[ago].parts = &frame.parts;
+    }
+    let mean = 1.0 / (BATCH * samples(step.energies)) as f64;
     let mut sum = 0.0;
     for first in (0..LANES).step_by(L::WIDTH) {
         let mut at_rest: Strand<L> = zero();
@@ -388,32 +382,32 @@ fn energies<L: Lane<Scalar = f32>>(step: &Step<'_>, of_row: &OfRow<'_>, by: &mut
                 x.set(lane, rest[first + lane][i]);
             }
         }
-        let edges: [V3<L>; EDGES] = std::array::from_fn(|i| at_rest[i + 1] - at_rest[i]);
-        let load = |ago: usize| {
-            let output = |k: usize| L::load(&outputs[ago][k * TILE_ROWS + row], first);
-            std::array::from_fn(|i| V3([output(3 * i), output(3 * i + 1), output(3 * i + 2)]))
-        };
-        let u: [V3<L>; EDGES] = load(0);
-        let x = rotate(at_rest[0], &edges, &u);
-        let before = [1, 2].map(|ago| place(ago).world(&rotate(at_rest[0], &edges, &load(ago))));
-        let mut by_x = zero();
-        let terms = step.energies;
-        let shape = RestStrand::new(&at_rest, &terms.elastic);
-        let inertial = Inertial { place: place(0), before: [&before[0], &before[1]] };
-        let mut energy = elastic(&terms.elastic, &shape, &x, &mut by_x)
-            + inertial.energy(&terms.motion, &x, &mut by_x)
-            + body(&terms.body, &bust, &x, &mut by_x);
-        if let Some(terms) = &terms.style {
-            energy += style(terms, &bust, [&at_rest, &x], &mut by_x);
+        let shape = RestStrand::new(&at_rest, &step.energies.elastic);
+        let mut edges = [V3::zero(); EDGES];
+        for i in 0..EDGES {
+            edges[i] = at_rest[i + 1] - at_rest[i];
         }
-        let by_u = rotate_gradient(&edges, &u, &by_x);
-        for (i, by_u) in by_u.iter().enumerate() {
-            for c in 0..3 {
-                (by_u.0[c] * mean).store(&mut by[(3 * i + c) * TILE_ROWS + row], first);
+        let mut u = [[V3::<L>::zero(); EDGES]; MOMENTS];
+        let mut x = [zero::<L>(); MOMENTS];
+        for ago in 0..MOMENTS {
+            for k in 0..OUTPUTS {
+                u[ago][k / 3].0[k % 3] = L::load(&outputs[ago][k * TILE_ROWS + row], first);
             }
+            x[ago] = rotate(at_rest[0], &edges, &u[ago]);
         }
+        let mut by_x = [zero::<L>(); MOMENTS];
+        let (energies, at_rest, shape) = (step.energies, &at_rest, &shape);
+        let window = Window { energies, at_rest, shape, places: &places, bodies: &bodies };
+        let energy = window.energy(&x, &mut by_x);
         for lane in 0..L::WIDTH {
-            sum += f64::from(energy.get(lane));
+            sum += f64::from(energy.get(lane)) * mean;
+        }
+        for ago in 0..MOMENTS {
+            let by_u = rotate_gradient(&edges, &u[ago], &by_x[ago]);
+            for k in 0..OUTPUTS {
+                let by = by_u[k / 3].0[k % 3] * L::from_f64(mean);
+                by.store(&mut outputs[ago][k * TILE_ROWS + row], first);
+            }
         }
     }
     sum

@@ -1,30 +1,31 @@
 //! Training of the network with the energies alone (Neuralocks, Sec. 4.4): no simulated data.
 //!
 //! # Theory
-//! A step draws frames of motions and strands, predicts them at the frame and at the two frames
-//! before, and lowers the mean energy of the strands. Gradients go through the prediction at the
-//! frame only. For the first part of the training there are no inertia and no drag: the network
-//! learns the drape first.
+//! A step draws windows of consecutive frames and strands for each, and predicts every strand in
+//! every frame. In the first part of the training it lowers the strands' energy without inertia and
+//! drag: the network learns the drape. From then on it lowers the residual of the equation of
+//! motion (`train/window.rs`), with gradients through all frames of a window.
 //!
-//! The frames before are predicted by a running average of the network, which is also the result.
-//! With the network itself each frame chases its own motion, and errors grow.
+//! The result is a running average of the network over some hundred steps.
 //!
 //! # Practice
 //! Everything is ours, so that the energies run in lanes as text that the reference results check.
 //! On one machine the result depends on the seed and the instruction set, not on the number of
 //! threads: a step is eight packets of 64 strands, and each sum has its own order. A step of 512
-//! strands takes some milliseconds.
+//! strands in four frames takes some hundredths of a second.
 //!
 //! # Limitations
-//! Training runs on the CPU. Longer is not better: an error in the frames before is an error in
-//! what a frame is trained towards, and soft, long hair forgets it slowly. The average delays that;
-//! measures against the [reference](crate::reference) tell when to stop.
+//! Training runs on the CPU. The residual is what the network cannot express, weighted by the
+//! strands' compliance: it tells progress, not quality. Measures against the
+//! [reference](crate::reference) do.
 
 pub(crate) mod adam;
+mod compliance;
 mod gradient;
 pub(crate) mod layers;
 pub mod motions;
 mod set;
+mod window;
 
 pub use set::{Clip, Frame, SetError, TrainingSet, TrainingStrand, shared};
 
@@ -39,9 +40,11 @@ use adam::Adam;
 use forelock_core::lane::Simd;
 use gradient::{Batch, Workspace};
 
-/// Frames of a step.
+/// Windows of a step.
 pub const FRAMES: usize = 16;
-/// Strands of a frame.
+/// Consecutive frames of a window.
+pub const MOMENTS: usize = 4;
+/// Strands of a window.
 pub const STRANDS: usize = 32;
 /// What the running average keeps of itself in a step.
 const AVERAGE: f64 = 0.998;
@@ -85,10 +88,10 @@ impl Default for Options {
         Self {
             seed: 1,
             steps: 12_000,
-            rate: 2e-3,
+            rate: 1e-3,
             last_rate: 0.02,
             largest_gradient: 1.0,
-            warm_start: 0.3,
+            warm_start: 0.15,
             energies: Energies::default(),
             simd: Simd::Auto,
         }
@@ -110,7 +113,7 @@ pub struct Trainer {
 /// What a step reports.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StepReport {
-    /// Mean energy of a strand, g cm² s⁻².
+    /// Mean energy of a strand, g cm² s⁻²: of the drape, then the residual's.
     pub energy: f64,
     /// Norm of the gradient, before it was limited.
     pub gradient: f64,
@@ -184,10 +187,7 @@ impl Trainer {
         let drawn = set.draw(&mut Random::stream(options.seed, 1 + u64::from(self.done)));
         let batch = Batch { set, drawn: &drawn };
         let simd = options.simd;
-        let energy = {
-            let networks = [&self.network, &self.average];
-            self.workspace.gradient(simd, networks, &self.basis, &energies, &batch)
-        };
+        let energy = { self.workspace.gradient(simd, &self.network, &self.basis, &energies, &batch) };
         let norm = self.workspace.norm();
         if !(energy.is_finite() && norm.is_finite()) {
             return Err(NotFinite { step: self.done });

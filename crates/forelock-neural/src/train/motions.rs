@@ -101,7 +101,11 @@ pub fn generate(kind: Kind, frames: usize, dt_secs: f64, seed: u64) -> Vec<BodyP
     let mut random = Random::stream(seed, kind as u64);
     let secs = frames as f64 * dt_secs;
     let mut curves = |limits: [f64; 3]| limits.map(|limit| Curve::new(kind, limit, secs, &mut random));
-    let at = |curves: &[Curve; 3], time: f64| [0, 1, 2].map(|k| curves[k].at(time));
+    // From rest.
+    let at = |curves: &[Curve; 3], time: f64| {
+        let s = time.min(1.0);
+        [0, 1, 2].map(|k| s * s * (3.0 - 2.0 * s) * curves[k].at(time))
+    };
     let (reach, rigid, joints) = (curves(REACH), curves(RIGID), LIMITS.map(&mut curves));
     let rotation = |[yaw, pitch, roll]: [f64; 3]| DQuat::from_euler(EulerRot::YXZ, yaw, pitch, roll);
     let frame = |time: f64| {

@@ -1,6 +1,6 @@
 //! What a training draws from: strands, and frames of motions.
 
-use super::{FRAMES, STRANDS};
+use super::{FRAMES, MOMENTS, STRANDS};
 use crate::PARTICLES;
 use crate::features::{HISTORY, POSE_NUMBERS, SHAPE_NUMBERS, VELOCITY_NUMBERS};
 use crate::losses::body::{Body, Capsule, Near};
@@ -62,9 +62,17 @@ pub enum SetError {
     /// There are no strands.
     #[error("there are no strands to train with")]
     NoStrands,
-    /// There are no frames.
-    #[error("there are no frames of motions to train with")]
-    NoFrames,
+    /// There are no motions.
+    #[error("there are no motions to train with")]
+    NoMotions,
+    /// A motion is too short.
+    #[error("motion {clip} has {frames} frames; it needs {MOMENTS}")]
+    Short {
+        /// The motion's number.
+        clip: usize,
+        /// Its frames.
+        frames: usize,
+    },
     /// A strand's inputs have another length.
     #[error("strand {strand} has {found} inputs, not {STATICS}")]
     Statics {
@@ -95,12 +103,12 @@ pub struct TrainingSet {
     pub(super) strands: Vec<TrainingStrand>,
     pub(super) clips: Vec<Clip>,
     pub(super) field: SmoothField,
-    /// The number of frames before each motion.
+    /// The number of windows before each motion.
     before: Vec<usize>,
-    frames: usize,
+    windows: usize,
 }
 
-/// A frame of a step.
+/// A window of a step: the newest of its [`MOMENTS`] frames, and its strands.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Drawn {
     pub clip: usize,
@@ -112,8 +120,8 @@ impl TrainingSet {
     /// Strands and motions to draw from, and the rigid part of the body.
     ///
     /// # Errors
-    /// If there are none, or one has inputs of another length than the network, or a strand is not
-    /// finite or has an edge of no length.
+    /// If there are none, or a motion is shorter than [`MOMENTS`], or a strand has inputs of another
+    /// length than the network, is not finite or has an edge of no length.
     pub fn new(strands: Vec<TrainingStrand>, clips: Vec<Clip>, field: SmoothField) -> Result<Self, SetError> {
         if strands.is_empty() {
             return Err(SetError::NoStrands);
@@ -128,38 +136,42 @@ impl TrainingSet {
                 return Err(SetError::Strand { strand });
             }
         }
-        let (mut before, mut frames) = (Vec::new(), 0);
+        let (mut before, mut windows) = (Vec::new(), 0);
         for (clip, own) in clips.iter().enumerate() {
-            before.push(frames);
-            frames += own.len();
+            if own.len() < MOMENTS {
+                return Err(SetError::Short { clip, frames: own.len() });
+            }
+            before.push(windows);
+            windows += own.len() - (MOMENTS - 1);
             if let Some(frame) = own.iter().position(|frame| !frame.is_finite()) {
                 return Err(SetError::Frame { clip, frame });
             }
         }
-        if frames == 0 {
-            return Err(SetError::NoFrames);
+        if clips.is_empty() {
+            return Err(SetError::NoMotions);
         }
-        Ok(Self { strands, clips, field, before, frames })
+        Ok(Self { strands, clips, field, before, windows })
     }
 
     /// The frames and strands of a step.
     pub(super) fn draw(&self, random: &mut Random) -> [Drawn; FRAMES] {
         std::array::from_fn(|_| {
-            let at = random.below(self.frames);
+            let at = random.below(self.windows);
             let clip = self.before.partition_point(|before| *before <= at) - 1;
             let strands = std::array::from_fn(|_| random.below(self.strands.len()));
-            Drawn { clip, frame: at - self.before[clip], strands }
+            Drawn { clip, frame: at - self.before[clip] + (MOMENTS - 1), strands }
         })
     }
 }
 
 /// The body of a frame.
+#[derive(Clone, Copy)]
 pub(super) struct Bust<'a> {
     pub field: &'a SmoothField,
     pub parts: &'a [Capsule<f64>],
 }
 
-impl<L: Lane<Scalar = f32>> Body<L> for Bust<'_> {
+impl<L: Lane> Body<L> for Bust<'_> {
     #[inline(always)]
     fn near(&self, x: V3<L>) -> Near<L> {
         let mut near = self.field.near(x);

@@ -7,7 +7,7 @@ use forelock_core::lane::V3;
 use glam::{DMat3, DVec3};
 
 /// A ball about the origin.
-fn ball(radius: f64) -> SmoothField {
+pub(super) fn ball(radius: f64) -> SmoothField {
     SmoothField::new([DVec3::splat(-15.0), DVec3::splat(15.0)], 0.5, |x| (x.length() - radius) as f32)
 }
 
@@ -35,7 +35,7 @@ fn set() -> TrainingSet {
         velocity: std::array::from_fn(|_| 0.3 * random.signed() as f32),
         parts: vec![Capsule { ends: [V3([0.0, -18.0, 0.0]), V3([0.0, -8.0, 0.0])], radius: 6.0 }],
     };
-    let clips = vec![(0..20).map(&mut frame).collect(), (0..3).map(&mut frame).collect()];
+    let clips = vec![(0..20).map(&mut frame).collect(), (0..MOMENTS as i32).map(&mut frame).collect()];
     TrainingSet::new(strands, clips, ball(8.8)).unwrap()
 }
 
@@ -46,22 +46,17 @@ fn the_gradient_of_a_batch_agrees_with_finite_differences() {
     // Outputs of order one.
     let [.., output, _] = trainer.network.shape().ranges();
     trainer.network.parameters_mut()[output].iter_mut().for_each(|weight| *weight *= 20.0);
-    // The gradient does not go through the weight of style. Nor does it go through the frames
-    // before, which another network predicts here.
-    let energies = Energies::default();
-    let before = trainer.network.clone();
+    // The drape: of the motion the gradient is not that of the residual alone (`window`). It does
+    // not go through the weight of style either.
+    let mut energies = Energies::default();
+    energies.motion.is_dynamic = false;
     let batch = set.draw(&mut Random::stream(3, 1));
     let mut workspace = Workspace::new(Shape::default());
     let simd = Simd::Auto.resolve();
     let mut energy = |network: &Network<f32>| {
         let basis = basis(100.0, 1e-4, 1.0 / 30.0);
-        let energy = workspace.gradient(
-            simd,
-            [network, &before],
-            &basis,
-            &energies,
-            &Batch { set: &set, drawn: &batch },
-        );
+        let energy =
+            workspace.gradient(simd, network, &basis, &energies, &Batch { set: &set, drawn: &batch });
         (energy, workspace.found().to_vec())
     };
     let (_, gradient) = energy(&trainer.network);
@@ -119,7 +114,9 @@ fn what_cannot_be_trained_with_is_refused() {
         TrainingSet::new(strands.to_vec(), clips.to_vec(), ball(1.0)).unwrap_err()
     };
     assert_eq!(refused(&[], &set.clips), SetError::NoStrands);
-    assert_eq!(refused(&set.strands, &[]), SetError::NoFrames);
+    assert_eq!(refused(&set.strands, &[]), SetError::NoMotions);
+    let short = [set.clips[0].clone(), set.clips[1][1..].to_vec()];
+    assert_eq!(refused(&set.strands, &short), SetError::Short { clip: 1, frames: MOMENTS - 1 });
     let mut folded = set.strands.clone();
     folded[3].rest = [[0.0; 3]; PARTICLES];
     assert_eq!(refused(&folded, &set.clips), SetError::Strand { strand: 3 });

@@ -174,7 +174,8 @@ fn collisions<L: Tolerance>() {
     assert!(error(&found, &numbers(&file["out"]["prim_d"])) <= L::OF[0]);
     for (name, tail) in [("prim", f64::INFINITY), ("prim_tail", file["q_lin"].as_f64().unwrap())] {
         let terms = BodyTerms { tail, ..BodyTerms::default() };
-        let (value, gradients) = each(&x, |_, x, g| body(&terms, shapes.as_slice(), x, g));
+        let (value, gradients) =
+            each(&x, |_, x, g| body(&terms, shapes.as_slice(), x, g, &mut [L::zero(); PARTICLES]));
         compare(name, value, &gradients, &file["out"][name]);
     }
 }
@@ -190,7 +191,7 @@ fn body_collision_agrees_with_reference_results() {
     let mesh = Mesh { vertices, triangles };
     let x = strands::<f64>(&file["x_mesh"]);
     let terms = BodyTerms { tail: f64::INFINITY, ..BodyTerms::default() };
-    let (value, gradients) = each(&x, |_, x, g| body(&terms, &mesh, x, g));
+    let (value, gradients) = each(&x, |_, x, g| body(&terms, &mesh, x, g, &mut [0.0; PARTICLES]));
     compare("mesh", value, &gradients, &file["out"]["mesh"]);
 }
 
@@ -252,7 +253,8 @@ fn styles<L: Tolerance>(file: &Value) {
     };
     let terms = StyleTerms { stiffness: 3.0, range: file["s_max"].as_f64().unwrap() };
     let [x, rest] = ["x", "x_rest"].map(|key| strands::<L>(&file[key]));
-    let (value, gradients) = each(&x, |s, x, g| style(&terms, &sphere, [&rest[s], x], g));
+    let (value, gradients) =
+        each(&x, |s, x, g| style(&terms, &sphere, [&rest[s], x], g, &mut [L::zero(); PARTICLES]));
     compare("style", value, &gradients, &file["out"]["style_detached"]);
 }
 
@@ -299,9 +301,13 @@ fn gradients_agree_with_finite_differences() {
     finite_differences("motion", &x[0], |x, g| inertial.energy(&MotionTerms::default(), x, g));
     let ellipsoid = Ellipsoid { radii: V3::splat(DVec3::new(7.5, 10.5, 9.0)) };
     let deep = x[0].map(|x| x.scale(0.8));
-    finite_differences("ellipsoid", &deep, |x, g| body(&BodyTerms::default(), &ellipsoid, x, g));
+    finite_differences("ellipsoid", &deep, |x, g| {
+        body(&BodyTerms::default(), &ellipsoid, x, g, &mut [0.0; PARTICLES])
+    });
     let capsule = Capsule { ends: [V3::splat(DVec3::ZERO), V3::splat(DVec3::Y)], radius: 11.5 };
-    finite_differences("capsule", &x[0], |x, g| body(&BodyTerms::default(), &capsule, x, g));
+    finite_differences("capsule", &x[0], |x, g| {
+        body(&BodyTerms::default(), &capsule, x, g, &mut [0.0; PARTICLES])
+    });
 }
 
 #[test]
