@@ -120,8 +120,8 @@ impl TrainingSet {
     /// Strands and motions to draw from, and the rigid part of the body.
     ///
     /// # Errors
-    /// If there are none, or a motion is shorter than [`MOMENTS`], or a strand has inputs of another
-    /// length than the network, is not finite or has an edge of no length.
+    /// If there are none, or a motion is shorter than [`MOMENTS`], or a strand has inputs of
+    /// another length than the network, is not finite or has an edge of no length.
     pub fn new(strands: Vec<TrainingStrand>, clips: Vec<Clip>, field: SmoothField) -> Result<Self, SetError> {
         if strands.is_empty() {
             return Err(SetError::NoStrands);
