@@ -50,9 +50,13 @@ pub enum Command {
     /// Repair a groom and convert it to another format: drop strands that cannot be simulated, and
     /// merge repeated points.
     Convert(ConvertArgs),
+    /// Train the learned simulator: hair and motions in, a model of a megabyte out, with the
+    /// energies of hair alone and no simulated data.
+    Train(TrainArgs),
     /// Measure the scenes of the papers and the speed of this machine.
     Bench(BenchArgs),
-    /// Describe a command, or every key of scene files: `forelock help scene [KEY]`.
+    /// Describe a command, every key of scene files (`forelock help scene [KEY]`) or of trainings
+    /// (`forelock help training`).
     Help(HelpArgs),
     /// Print completions for a shell on standard output.
     Completions {
@@ -63,9 +67,10 @@ pub enum Command {
 
 #[derive(Debug, Args)]
 pub struct HelpArgs {
-    /// A command, or `scene` and a key such as `solver.ams.k_edge` or a table such as `solver.ams`.
+    /// A command, or `scene` and a key such as `solver.ams.k_edge` or a table such as `solver.ams`,
+    /// or `training` for all keys of `train`.
     pub topic: Vec<String>,
-    /// With `scene`: print the reference as a page in Markdown.
+    /// With `scene` or `training`: print the reference as a page in Markdown.
     #[arg(long)]
     pub markdown: bool,
 }
@@ -145,6 +150,26 @@ pub struct SimulateArgs {
     pub scene: PathBuf,
     #[command(flatten)]
     pub run: RunArgs,
+}
+
+#[derive(Debug, Args)]
+pub struct TrainArgs {
+    /// The configuration (TOML) [default: hair of the built-in head].
+    #[arg(value_name = "CONFIG")]
+    pub config: Option<PathBuf>,
+    /// Change one key of the configuration, as in `--set steps.simulator=2000`; may be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub sets: Vec<String>,
+    /// Folder for all output [default: forelock-out/NAME].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Continue an interrupted training in the same folder. The model is bit for bit that of one
+    /// run.
+    #[arg(long)]
+    pub resume: bool,
+    /// Print only the summary, as one JSON object, on standard output.
+    #[arg(long)]
+    pub json: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

@@ -16,6 +16,7 @@ pub mod random;
 pub mod reference;
 pub mod rigged;
 pub mod train;
+pub mod trial;
 
 /// Particles of a strand of the network.
 pub const PARTICLES: usize = 25;

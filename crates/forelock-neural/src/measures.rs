@@ -91,6 +91,8 @@ pub struct Measures {
     pub ref_rms: f64,
     /// rms|u* − ū*|, in cm.
     pub ref_dyn: f64,
+    /// mean|Δu*|, in cm.
+    pub ref_step: f64,
     /// rms|u − u*| / rms|u*|.
     pub nrmse: f64,
     /// rms|(u − ū) − (u* − ū*)| / rms|u* − ū*|.
@@ -141,6 +143,7 @@ impl<T: Real> Motions<'_, T> {
             rmse: rms(sums.error),
             ref_rms: rms(sums.reference),
             ref_dyn: rms(sums.reference_about_mean),
+            ref_step: sums.reference_path / (kept - frame as f64),
             nrmse: quotient(rms(sums.error), rms(sums.reference), 0.0),
             nrmse_dyn: quotient(rms(sums.error_about_mean), rms(sums.reference_about_mean), 0.0),
             motion_ratio: quotient(sums.path, sums.reference_path, 1.0),

@@ -37,6 +37,7 @@ mod sdf_cache;
 pub mod sinks;
 pub mod summary;
 mod tessellate;
+pub mod training;
 
 pub use assets::{AssetError, Assets};
 pub use backend::{Backend, GpuStage};

@@ -118,7 +118,7 @@ fn plots(rows: &[FrameRow]) -> String {
 }
 
 /// A line plot of `values` over their frames, from zero to their maximum.
-fn plot(name: &str, values: &[f64]) -> String {
+pub(crate) fn plot(name: &str, values: &[f64]) -> String {
     let top = values.iter().copied().fold(0.0, f64::max);
     let scale = if top > 0.0 { 100.0 / top } else { 0.0 };
     let step = 300.0 / (values.len().max(2) - 1) as f64;

@@ -8,6 +8,7 @@ mod help;
 mod info;
 mod render;
 mod simulate;
+mod train;
 
 use std::process::ExitCode;
 
@@ -32,6 +33,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Groom(arguments) => groom::groom(&arguments)?,
         Command::Info(arguments) => info::info(&arguments)?,
         Command::Convert(arguments) => convert::convert(&arguments)?,
+        Command::Train(arguments) => return train::run(&arguments),
         Command::Bench(arguments) => bench::bench(&arguments)?,
         Command::Help(arguments) => help::help(&arguments)?,
         Command::Completions { shell } => {

@@ -69,11 +69,11 @@ fn has_relu(layer: usize) -> bool {
 }
 
 impl StrandCodes {
-    /// Trains codes for `strands`, inputs of the encoder.
+    /// Trains codes for `strands`, inputs of the encoder. `done` is called after each step.
     ///
     /// # Panics
     /// If there are no strands.
-    pub fn train(strands: &[[f32; INPUTS]], options: &CodeOptions) -> Self {
+    pub fn train(strands: &[[f32; INPUTS]], options: &CodeOptions, done: &mut dyn FnMut()) -> Self {
         assert!(!strands.is_empty(), "codes need strands");
         let mut random = Random::stream(options.seed, u64::MAX);
         let layers = SIZES.windows(2).map(|size| {
@@ -95,6 +95,7 @@ impl StrandCodes {
                 adams[0].step(&mut layer.weights, &by.weights, [rate, 1.0]);
                 adams[1].step(&mut layer.bias, &by.bias, [rate, 1.0]);
             }
+            done();
         }
         own
     }

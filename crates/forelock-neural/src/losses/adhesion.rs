@@ -10,7 +10,6 @@
 //! lines: [`Adhesion::printed`].
 
 use forelock_core::lane::Real;
-use std::collections::HashMap;
 
 /// Coefficients of [`Adhesion`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,14 +73,25 @@ impl<T: Real> Adhesion<T> {
         self
     }
 
+    /// The bonds of neighbouring strands `first..first + count` of the set among each other, as a
+    /// set of their own.
+    pub fn of_strands(&self, first: usize, count: usize, particles: usize) -> Self {
+        let own = first * particles..(first + count) * particles;
+        let from = self.bonds.partition_point(|bond| bond.i < own.start);
+        let to = self.bonds.partition_point(|bond| bond.i < own.end);
+        let inner = self.bonds[from..to].iter().filter(|bond| own.contains(&bond.j));
+        let bonds = inner.map(|bond| Bond { i: bond.i - own.start, j: bond.j - own.start, ..*bond });
+        Self { stiffness: self.stiffness, bonds: bonds.collect() }
+    }
+
     /// Neighbours of particle `i`, nearest first, with their distances at rest, cm.
     pub fn neighbours(&self, i: usize) -> impl Iterator<Item = (usize, T)> {
         self.bonds.iter().filter(move |bond| bond.i == i).map(|bond| (bond.j, bond.rest))
     }
 
-    /// The energy at `x`; its gradient is added to `gradient`. Both have one entry a particle of
-    /// the set.
-    pub fn energy(&self, x: &[[T; 3]], gradient: &mut [[T; 3]]) -> T {
+    /// The energy at `x`; its gradient is added to `gradient`, and the stiffness that holds each
+    /// particle to `stiffness`. All have one entry a particle of the set.
+    pub fn energy(&self, x: &[[T; 3]], gradient: &mut [[T; 3]], stiffness: &mut [T]) -> T {
         let mut energy = T::zero();
         for &Bond { i, j, rest } in &self.bonds {
             let apart = distance(x[i], x[j]);
@@ -90,7 +100,11 @@ impl<T: Real> Adhesion<T> {
                 continue;
             }
             energy = energy + self.stiffness * excess * excess;
-            let by = (self.stiffness + self.stiffness) * excess / apart;
+            let twice = self.stiffness + self.stiffness;
+            for end in [i, j] {
+                stiffness[end] = stiffness[end] + twice;
+            }
+            let by = twice * excess / apart;
             for c in 0..3 {
                 let by = by * (x[i][c] - x[j][c]);
                 gradient[i][c] = gradient[i][c] + by;
@@ -107,37 +121,70 @@ pub(super) fn distance<T: Real>(a: [T; 3], b: [T; 3]) -> T {
     (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt()
 }
 
+/// Most cells of [`Cells`].
+const MOST_CELLS: f64 = 1e6;
+
 /// Particles in cubic cells.
 pub(super) struct Cells {
+    /// Cells along each axis.
+    counts: [usize; 3],
     /// The cell of each particle.
-    of: Vec<[i64; 3]>,
-    /// The particles of each cell, in order.
-    cells: HashMap<[i64; 3], Vec<usize>>,
+    of: Vec<usize>,
+    /// Where the particles of each cell begin in `sorted`, and where the last ones end.
+    first: Vec<usize>,
+    /// Particles cell by cell, in order.
+    sorted: Vec<usize>,
 }
 
 impl Cells {
-    /// Cells of `size`, cm, the largest distance of pairs.
-    pub(super) fn new<T: Real>(x: &[[T; 3]], size: f64) -> Self {
-        let over = 1.0 / size;
-        let of = x.iter().map(|x| x.map(|c| c.to_f64().map_or(0.0, |c| (c * over).floor()) as i64));
-        let of: Vec<[i64; 3]> = of.collect();
-        let mut cells: HashMap<[i64; 3], Vec<usize>> = HashMap::new();
-        for (i, cell) in of.iter().enumerate() {
-            cells.entry(*cell).or_default().push(i);
+    /// Cells of at least `size`, cm, the largest distance of pairs.
+    pub(super) fn new<T: Real>(x: &[[T; 3]], mut size: f64) -> Self {
+        let wide = |x: &[T; 3]| x.map(|c| c.to_f64().filter(|c| c.is_finite()).unwrap_or(0.0));
+        let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+        for x in x.iter().map(wide) {
+            bounds[0] = std::array::from_fn(|c| bounds[0][c].min(x[c]));
+            bounds[1] = std::array::from_fn(|c| bounds[1][c].max(x[c]));
         }
-        Self { of, cells }
+        let along =
+            |size: f64| [0, 1, 2].map(|c| ((bounds[1][c] - bounds[0][c]) / size).max(0.0).floor() + 1.0);
+        while along(size).iter().product::<f64>() > MOST_CELLS {
+            size *= 2.0;
+        }
+        let counts = along(size).map(|count| count as usize);
+        let of = x.iter().map(wide).map(|x| {
+            let [i, j, k] = [0, 1, 2].map(|c| (((x[c] - bounds[0][c]) / size) as usize).min(counts[c] - 1));
+            (k * counts[1] + j) * counts[0] + i
+        });
+        let of: Vec<usize> = of.collect();
+        let mut first = vec![0; counts.iter().product::<usize>() + 1];
+        of.iter().for_each(|cell| first[cell + 1] += 1);
+        for cell in 1..first.len() {
+            first[cell] += first[cell - 1];
+        }
+        let (mut next, mut sorted) = (first.clone(), vec![0; of.len()]);
+        for (i, cell) in of.iter().enumerate() {
+            sorted[next[*cell]] = i;
+            next[*cell] += 1;
+        }
+        Self { counts, of, first, sorted }
     }
 
     /// Calls `f` for each pair i < j in the same cell or in adjacent ones, in an order that depends
     /// on the positions alone.
     pub(super) fn for_pairs(&self, mut f: impl FnMut(usize, usize)) {
+        let [width, height, depth] = self.counts;
+        let near = |at: usize, count: usize| at.saturating_sub(1)..count.min(at + 2);
         for (i, cell) in self.of.iter().enumerate() {
-            for step in 0..27 {
-                let step = [step % 3 - 1, step / 3 % 3 - 1, step / 9 - 1];
-                let near = [0, 1, 2].map(|c| cell[c].saturating_add(step[c]));
-                for &j in self.cells.get(&near).into_iter().flatten() {
-                    if i < j {
-                        f(i, j);
+            let [x, y, z] = [cell % width, cell / width % height, cell / (width * height)];
+            for z in near(z, depth) {
+                for y in near(y, height) {
+                    let row = (z * height + y) * width;
+                    let columns = near(x, width);
+                    let particles = self.first[row + columns.start]..self.first[row + columns.end];
+                    for &j in &self.sorted[particles] {
+                        if i < j {
+                            f(i, j);
+                        }
                     }
                 }
             }

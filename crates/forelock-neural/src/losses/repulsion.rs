@@ -62,9 +62,10 @@ impl<T: Real> Repulsion<T> {
         Self { terms, at_rest: densities(rest, terms.smoothing) }
     }
 
-    /// The energy at `x`; its gradient is added to `gradient`. Both have one entry a particle of
-    /// the set.
-    pub fn energy(&self, x: &[[T; 3]], gradient: &mut [[T; 3]]) -> T {
+    /// The energy at `x`; its gradient is added to `gradient`, and to `stiffness` the trace of each
+    /// particle's part of its second derivative where densities are linear. All have one entry a
+    /// particle of the set.
+    pub fn energy(&self, x: &[[T; 3]], gradient: &mut [[T; 3]], stiffness: &mut [T]) -> T {
         let h = self.terms.smoothing;
         let number = |x: f64| T::from(x).unwrap_or_else(T::zero);
         let k = number(self.terms.stiffness);
@@ -72,18 +73,30 @@ impl<T: Real> Repulsion<T> {
             densities(x, h).iter().zip(&self.at_rest).map(|(a, b)| (*a - *b).max(T::zero())).collect();
         let energy = excess.iter().fold(T::zero(), |sum, e| sum + k * *e * *e * *e);
         let slopes: Vec<T> = excess.iter().map(|e| number(3.0) * k * *e * *e).collect();
+        let curvatures: Vec<T> = excess.iter().map(|e| number(6.0) * k * *e).collect();
+        // ∇ρ_i with respect to x_i.
+        let mut own = vec![[T::zero(); 3]; x.len()];
         Cells::new(x, 2.0 * h).for_pairs(|i, j| {
             let r = distance(x[i], x[j]);
             // Coincident particles have no direction.
             if r > T::zero() {
-                let by_r = (slopes[i] + slopes[j]) * kernel(r, h)[1] / r;
+                let slope = kernel(r, h)[1];
+                let by_r = (slopes[i] + slopes[j]) * slope / r;
+                stiffness[i] = stiffness[i] + curvatures[j] * slope * slope;
+                stiffness[j] = stiffness[j] + curvatures[i] * slope * slope;
                 for c in 0..3 {
+                    let away = (x[i][c] - x[j][c]) / r;
+                    own[i][c] = own[i][c] + slope * away;
+                    own[j][c] = own[j][c] - slope * away;
                     let by = by_r * (x[i][c] - x[j][c]);
                     gradient[i][c] = gradient[i][c] + by;
                     gradient[j][c] = gradient[j][c] - by;
                 }
             }
         });
+        for ((stiffness, curvature), own) in stiffness.iter_mut().zip(&curvatures).zip(&own) {
+            *stiffness = *stiffness + *curvature * own.iter().fold(T::zero(), |sum, g| sum + *g * *g);
+        }
         energy
     }
 }

@@ -7,10 +7,13 @@ use crate::features::{
     ANGULAR_SCALE, GRAVITY, HISTORY, HeadMotion, JOINTS, POSE_NUMBERS, SHAPE_NUMBERS, VELOCITY_NUMBERS,
     VELOCITY_SCALE,
 };
+use crate::losses::adhesion::AdhesionTerms;
 use crate::losses::body::BodyTerms;
 use crate::losses::elastic::{ElasticTerms, Transport};
 use crate::losses::motion::MotionTerms;
+use crate::losses::repulsion::RepulsionTerms;
 use crate::losses::style::StyleTerms;
+use crate::network::head::OutputHead;
 use crate::train::Energies;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -29,17 +32,6 @@ pub enum ModelKind {
     Dynamic,
     /// Hair hangs at rest in each pose: no history.
     QuasiStatic,
-}
-
-/// What the network's outputs are.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum OutputHead {
-    /// Rotations of edges ([`rotate`](crate::network::rotation::rotate)): strands cannot stretch.
-    #[default]
-    Rotation,
-    /// Displacements of particles ([`displace`](crate::network::rotation::displace)): the paper's.
-    Displacement,
 }
 
 /// The map from the roots of strands to uv coordinates.
@@ -102,6 +94,32 @@ pub struct EnergyInfo {
     pub body_tail: Option<f64>,
     /// Style; none without it.
     pub style: Option<StyleInfo>,
+    /// Repulsion of neighbouring strands; none without it.
+    #[serde(default)]
+    pub repulsion: Option<RepulsionInfo>,
+    /// Adhesion of neighbouring strands; none without it.
+    #[serde(default)]
+    pub adhesion: Option<AdhesionInfo>,
+}
+
+/// Coefficients of the energy of repulsion.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RepulsionInfo {
+    /// Stiffness, in units that make the energy g cm² s⁻².
+    pub stiffness: f64,
+    /// Half the kernel's support, cm.
+    pub smoothing: f64,
+}
+
+/// Coefficients of the energy of adhesion.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AdhesionInfo {
+    /// Stiffness, g s⁻².
+    pub stiffness: f64,
+    /// Largest distance of neighbours at rest, cm.
+    pub range: f64,
+    /// Whether it is the paper's, which pulls neighbours together.
+    pub printed: bool,
 }
 
 /// Coefficients of the energy of style.
@@ -228,6 +246,11 @@ impl ModelInfo {
                 tail: own.body_tail.unwrap_or(f64::INFINITY),
             },
             style: own.style.map(|style| StyleTerms { stiffness: style.stiffness, range: style.range }),
+            repulsion: own
+                .repulsion
+                .map(|own| RepulsionTerms { stiffness: own.stiffness, smoothing: own.smoothing }),
+            adhesion: own.adhesion.map(|own| AdhesionTerms { stiffness: own.stiffness, range: own.range }),
+            prints_adhesion: own.adhesion.is_some_and(|own| own.printed),
         }
     }
 
@@ -283,8 +306,12 @@ impl ModelInfo {
             body_margin,
             body_tail,
             style,
+            repulsion,
+            adhesion,
         } = self.energies;
         let style = style.map_or([0.0; 2], |style| [style.stiffness, style.range]);
+        let repulsion = repulsion.map_or([0.0; 2], |own| [own.stiffness, own.smoothing]);
+        let adhesion = adhesion.map_or([0.0; 2], |own| [own.stiffness, own.range]);
         let mut numbers: Vec<(String, f64)> = [
             ("dt_secs", self.dt_secs),
             ("code_deviation", self.code_deviation),
@@ -298,6 +325,10 @@ impl ModelInfo {
             ("energies.body_tail", body_tail.unwrap_or_default()),
             ("energies.style.stiffness", style[0]),
             ("energies.style.range", style[1]),
+            ("energies.repulsion.stiffness", repulsion[0]),
+            ("energies.repulsion.smoothing", repulsion[1]),
+            ("energies.adhesion.stiffness", adhesion[0]),
+            ("energies.adhesion.range", adhesion[1]),
         ]
         .map(|(name, value)| (name.into(), value))
         .into();
@@ -310,7 +341,7 @@ impl ModelInfo {
 
 impl EnergyInfo {
     fn of(energies: &Energies) -> Self {
-        let Energies { elastic, motion, body, style } = energies;
+        let Energies { elastic, motion, body, style, repulsion, adhesion, prints_adhesion } = energies;
         Self {
             stretch: elastic.stretch,
             bend_twist: elastic.bend_twist,
@@ -323,6 +354,13 @@ impl EnergyInfo {
             body_margin: body.margin,
             body_tail: (body.tail != f64::INFINITY).then_some(body.tail),
             style: style.map(|style| StyleInfo { stiffness: style.stiffness, range: style.range }),
+            repulsion: repulsion
+                .map(|own| RepulsionInfo { stiffness: own.stiffness, smoothing: own.smoothing }),
+            adhesion: adhesion.map(|own| AdhesionInfo {
+                stiffness: own.stiffness,
+                range: own.range,
+                printed: *prints_adhesion,
+            }),
         }
     }
 }

@@ -42,11 +42,12 @@ mod file;
 mod info;
 mod inputs;
 
+pub use crate::network::head::OutputHead;
 pub use error::ModelError;
 pub use file::MOST_BYTES;
 pub use info::{
-    EnergyInfo, FORMAT_VERSION, InputScales, ModelInfo, ModelKind, OutputHead, StyleInfo, TrainingInfo,
-    UNITS, UvMap,
+    AdhesionInfo, EnergyInfo, FORMAT_VERSION, InputScales, ModelInfo, ModelKind, RepulsionInfo, StyleInfo,
+    TrainingInfo, UNITS, UvMap,
 };
 pub use inputs::{InputsError, StrandAtRest};
 

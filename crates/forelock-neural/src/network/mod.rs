@@ -17,6 +17,7 @@
 //! [`evaluate`] is the specification. [`inference`] runs packets of 64 strands through one
 //! matrix product ([`product`]).
 
+pub mod head;
 pub mod inference;
 pub mod product;
 pub mod rotation;

@@ -23,6 +23,16 @@ impl<T: Real> Adam<T> {
         Self { steps: 0, first: vec![T::zero(); parameters], second: vec![T::zero(); parameters] }
     }
 
+    /// The moments, which [`Adam::resume`] takes.
+    pub(crate) fn moments(&self) -> [&[T]; 2] {
+        [&self.first, &self.second]
+    }
+
+    /// The moments after `steps` steps.
+    pub(crate) fn resume(steps: u32, [first, second]: [Vec<T>; 2]) -> Self {
+        Self { steps: i32::try_from(steps).unwrap_or(i32::MAX), first, second }
+    }
+
     /// Moves `parameters` along `scale` times the gradient, at `rate`.
     pub(crate) fn step(&mut self, parameters: &mut [T], gradient: &[T], [rate, scale]: [f64; 2]) {
         self.steps += 1;

@@ -11,20 +11,22 @@
 //! and back; then the weights' gradients are products over all 512 strands, in parallel over blocks
 //! of weights.
 
+use super::between::Between;
 use super::layers::{bias_gradient, mask, transpose, weight_gradient};
 use super::set::{Bust, Drawn, shared as shared_inputs};
-use super::window::{Window, samples};
-use super::{Energies, FRAMES, MOMENTS, STRANDS, TrainingSet};
+use super::window::{Goal, Neighbours, Window};
+use super::{FRAMES, MOMENTS, STRANDS, TrainingSet};
 use crate::losses::elastic::RestStrand;
 use crate::losses::motion::Place;
 use crate::losses::{Strand, zero};
+use crate::network::head::Head;
 use crate::network::product::{
     Factors, PACKET, Rows, Start, TILE_ROWS, by_strand, product, to_rows, zero_rows,
 };
-use crate::network::rotation::{Basis, rotate, rotate_gradient};
-use crate::network::{Network, OUTPUTS, SHARED, STATICS, Shape};
+use crate::network::rotation::Basis;
+use crate::network::{Network, OUTPUTS, STATICS, Shape};
 use crate::{EDGES, PARTICLES};
-use forelock_core::lane::{LANES, Lane, Mat3, Row, Simd, V3, on};
+use forelock_core::lane::{BASELINE_FMA, LANES, Lane, Mat3, Pack, Row, Simd, V3, on};
 use rayon::prelude::*;
 
 /// Strands of a step.
@@ -121,7 +123,7 @@ struct Step<'a> {
     simd: Simd,
     network: &'a Network<f32>,
     weights: &'a Folded,
-    energies: &'a Energies,
+    goal: &'a Goal,
     set: &'a TrainingSet,
     drawn: &'a [Drawn; FRAMES],
     /// Fᵀ shared of each moment of each frame, `[width]` each.
@@ -159,21 +161,21 @@ impl Workspace {
         simd: Simd,
         network: &Network<f32>,
         basis: &Basis,
-        energies: &Energies,
+        goal: &Goal,
         batch: &Batch<'_>,
     ) -> f64 {
         let Batch { set, drawn } = *batch;
-        self.weights.fold(network, basis);
+        self.weights.fold(network, goal.basis(basis));
         let frames = frame_sums(simd, network, set, drawn);
         let weights = &self.weights;
-        let step = Step { simd, network, weights, energies, set, drawn, frames: &frames };
+        let step = Step { simd, network, weights, goal, set, drawn, frames: &frames };
         self.packets.par_iter_mut().enumerate().for_each(|(number, packet)| step.packet(number, packet));
-        self.weight_gradients(simd, network.shape(), basis, batch);
+        self.weight_gradients(simd, network.shape(), goal.basis(basis), batch);
         self.packets.iter().map(|packet| packet.energy).sum::<f64>()
     }
 
     /// The gradients of all weights from those of the layers' sums.
-    fn weight_gradients(&mut self, simd: Simd, shape: &Shape, basis: &Basis, batch: &Batch<'_>) {
+    fn weight_gradients(&mut self, simd: Simd, shape: &Shape, basis: Option<&Basis>, batch: &Batch<'_>) {
         let Batch { set, drawn } = *batch;
         let packets = &self.packets;
         let all = |index: usize| {
@@ -194,26 +196,32 @@ impl Workspace {
         let moments = drawn
             .chunks_exact(FRAMES_OF_PACKET)
             .flat_map(|frames| (0..MOMENTS).flat_map(move |ago| frames.iter().map(move |d| (d, ago))));
-        let inputs: Vec<f32> =
-            moments.flat_map(|(d, ago)| shared_inputs(&set.clips[d.clip], d.frame - ago)).collect();
-        weight_gradient(simd, [&[&inputs], &[&by_frame]], [SHARED, width], &mut self.found[shared]);
+        let inputs: Vec<f32> = moments
+            .flat_map(|(d, ago)| shared_inputs(&set.clips[d.clip], d.frame - ago).take(shape.shared))
+            .collect();
+        let sizes = [shape.shared, width];
+        weight_gradient(simd, [&[&inputs], &[&by_frame]], sizes, &mut self.found[shared]);
         weight_gradient(simd, [&first, &by_second], [width, width], &mut self.found[hidden]);
         weight_gradient(simd, [&second, &by_output], [width, shape.outputs], &mut self.found[output.clone()]);
         bias_gradient(&by_second, &mut self.found[second_bias]);
         bias_gradient(&by_output, &mut self.found[third_bias.clone()]);
-        for row in self.found[output.start..third_bias.end].chunks_exact_mut(OUTPUTS) {
-            unfold(row, basis);
+        if let Some(basis) = basis {
+            for row in self.found[output.start..third_bias.end].chunks_exact_mut(OUTPUTS) {
+                unfold(row, basis);
+            }
         }
     }
 }
 
 impl Folded {
-    fn fold(&mut self, network: &Network<f32>, basis: &Basis) {
+    fn fold(&mut self, network: &Network<f32>, basis: Option<&Basis>) {
         let [.., hidden, _, output, bias] = network.parts();
         self.output.copy_from_slice(output);
         self.bias.copy_from_slice(bias);
-        let rows = self.output.chunks_exact_mut(OUTPUTS).chain(std::iter::once(self.bias.as_mut_slice()));
-        rows.for_each(|row| crate::network::rotation::fold(row, basis));
+        if let Some(basis) = basis {
+            let rows = self.output.chunks_exact_mut(OUTPUTS).chain(std::iter::once(self.bias.as_mut_slice()));
+            rows.for_each(|row| crate::network::rotation::fold(row, basis));
+        }
         transpose(&self.output, OUTPUTS, &mut self.output_transposed);
         let width = network.shape().width;
         transpose(hidden, width, &mut self.hidden_transposed);
@@ -243,9 +251,10 @@ fn frame_sums(
     drawn: &[Drawn; FRAMES],
 ) -> Vec<Vec<f32>> {
     const { assert!(FRAMES * MOMENTS <= PACKET) };
-    let mut inputs = zero_rows(SHARED);
+    let count = network.shape().shared;
+    let mut inputs = zero_rows(count);
     for (column, (d, ago)) in drawn.iter().flat_map(|d| (0..MOMENTS).map(move |ago| (d, ago))).enumerate() {
-        for (k, x) in shared_inputs(&set.clips[d.clip], d.frame - ago).enumerate() {
+        for (k, x) in shared_inputs(&set.clips[d.clip], d.frame - ago).take(count).enumerate() {
             inputs[k * TILE_ROWS + column / LANES].0[column % LANES] = x;
         }
     }
@@ -278,9 +287,11 @@ impl Step<'_> {
         }
         buffers.energy = 0.0;
         let simd = self.simd;
+        let between = self.between(drawn, &rest, buffers);
         let mut outputs = buffers.moments.each_mut().map(|moment| moment.outputs.as_mut_slice());
         for (row, rest) in rest.chunks_exact(LANES).enumerate() {
-            let of_row = OfRow { drawn: &drawn[row * LANES / STRANDS], rest, row };
+            let frame = row * LANES / STRANDS;
+            let of_row = OfRow { drawn: &drawn[frame], rest, row, between: &between[frame] };
             let run = on!(simd, energies(step: &Step<'_>, of_row: &OfRow<'_>, outputs: &mut [&mut [Row<f32>]; MOMENTS]) -> f64);
             // SAFETY: `Trainer::new` has checked that the instruction set is supported.
             #[allow(
@@ -292,6 +303,37 @@ impl Step<'_> {
             buffers.energy += energy;
         }
         self.back(buffers);
+    }
+
+    /// What the strands of each frame of a packet do to each other at the moments that count; empty
+    /// without repulsion and adhesion.
+    fn between(
+        &self,
+        drawn: &[Drawn],
+        rest: &[&[[f32; 3]; PARTICLES]],
+        buffers: &PacketBuffers,
+    ) -> [Vec<Between>; FRAMES_OF_PACKET] {
+        let energies = &self.goal.energies;
+        std::array::from_fn(|frame| {
+            let own = frame * STRANDS..(frame + 1) * STRANDS;
+            let moment = |ago: usize| {
+                let outputs = &buffers.moments[ago].outputs;
+                let strands = own.clone().zip(&rest[own.clone()]);
+                let x: Vec<[f32; 3]> = strands.flat_map(|(s, rest)| self.strand(outputs, s, rest)).collect();
+                Between::new(energies, self.set, &drawn[frame], &x)
+            };
+            let moments = if energies.have_neighbours() { self.goal.samples() } else { 0 };
+            (0..moments).map(moment).collect()
+        })
+    }
+
+    /// Strand `s` of a packet with these `outputs`.
+    fn strand(&self, outputs: &[Row<f32>], s: usize, rest: &[[f32; 3]; PARTICLES]) -> [[f32; 3]; PARTICLES] {
+        type One = Pack<1, BASELINE_FMA>;
+        let at_rest: Strand<One> = rest.map(|x| V3(x.map(One::splat)));
+        let output = |k: usize| One::splat(outputs[k * TILE_ROWS + s / LANES].0[s % LANES]);
+        let u = std::array::from_fn(|i| V3(std::array::from_fn(|c| output(3 * i + c))));
+        Head::new(self.goal.head, &at_rest).strand(&at_rest, &u).map(|x| x.get(0))
     }
 
     /// The first layer's sums of a packet's strands.
@@ -352,6 +394,8 @@ struct OfRow<'a> {
     rest: &'a [&'a [[f32; 3]; PARTICLES]],
     /// The row in a packet.
     row: usize,
+    /// What the strands of the frame do to each other, at each moment; may be empty.
+    between: &'a [Between],
 }
 
 /// The share of sixteen strands in the mean of a batch; the outputs at each moment are replaced by
@@ -362,7 +406,7 @@ fn energies<L: Lane<Scalar = f32>>(
     of_row: &OfRow<'_>,
     outputs: &mut [&mut [Row<f32>]; MOMENTS],
 ) -> f64 {
-    let OfRow { drawn, rest, row } = of_row;
+    let OfRow { drawn, rest, row, between } = of_row;
     let clip = &step.set.clips[drawn.clip];
     let newest = &clip[drawn.frame];
     let mut places = [Place { rotation: Mat3::splat(newest.rotation), origin: V3::<L>::zero() }; MOMENTS];
@@ -373,7 +417,8 @@ fn energies<L: Lane<Scalar = f32>>(
         places[ago].origin = V3::splat(frame.origin - newest.origin);
         bodies[ago].parts = &frame.parts;
     }
-    let mean = 1.0 / (BATCH * samples(step.energies)) as f64;
+    let goal = step.goal;
+    let mean = 1.0 / (BATCH * goal.samples()) as f64;
     let mut sum = 0.0;
     for first in (0..LANES).step_by(L::WIDTH) {
         let mut at_rest: Strand<L> = zero();
@@ -382,28 +427,26 @@ fn energies<L: Lane<Scalar = f32>>(
                 x.set(lane, rest[first + lane][i]);
             }
         }
-        let shape = RestStrand::new(&at_rest, &step.energies.elastic);
-        let mut edges = [V3::zero(); EDGES];
-        for i in 0..EDGES {
-            edges[i] = at_rest[i + 1] - at_rest[i];
-        }
+        let shape = RestStrand::new(&at_rest, &goal.energies.elastic);
+        let head = Head::new(goal.head, &at_rest);
         let mut u = [[V3::<L>::zero(); EDGES]; MOMENTS];
         let mut x = [zero::<L>(); MOMENTS];
         for ago in 0..MOMENTS {
             for k in 0..OUTPUTS {
                 u[ago][k / 3].0[k % 3] = L::load(&outputs[ago][k * TILE_ROWS + row], first);
             }
-            x[ago] = rotate(at_rest[0], &edges, &u[ago]);
+            x[ago] = head.strand(&at_rest, &u[ago]);
         }
         let mut by_x = [zero::<L>(); MOMENTS];
-        let (energies, at_rest, shape) = (step.energies, &at_rest, &shape);
-        let window = Window { energies, at_rest, shape, places: &places, bodies: &bodies };
+        let (at_rest, shape) = (&at_rest, &shape);
+        let neighbours = Neighbours { moments: between, first: row * LANES % STRANDS + first };
+        let window = Window { goal, at_rest, shape, places: &places, bodies: &bodies, neighbours };
         let energy = window.energy(&x, &mut by_x);
         for lane in 0..L::WIDTH {
             sum += f64::from(energy.get(lane)) * mean;
         }
         for ago in 0..MOMENTS {
-            let by_u = rotate_gradient(&edges, &u[ago], &by_x[ago]);
+            let by_u = head.gradient(&u[ago], &by_x[ago]);
             for k in 0..OUTPUTS {
                 let by = by_u[k / 3].0[k % 3] * L::from_f64(mean);
                 by.store(&mut outputs[ago][k * TILE_ROWS + row], first);

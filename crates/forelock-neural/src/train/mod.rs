@@ -6,6 +6,9 @@
 //! drag: the network learns the drape. From then on it lowers the residual of the equation of
 //! motion (`train/window.rs`), with gradients through all frames of a window.
 //!
+//! With repulsion or adhesion the strands of a window are neighbours on the head, and act on each
+//! other in each frame.
+//!
 //! The result is a running average of the network over some hundred steps.
 //!
 //! # Practice
@@ -20,6 +23,8 @@
 //! [reference](crate::reference) do.
 
 pub(crate) mod adam;
+mod between;
+mod checkpoint;
 mod compliance;
 mod gradient;
 pub(crate) mod layers;
@@ -27,18 +32,25 @@ pub mod motions;
 mod set;
 mod window;
 
-pub use set::{Clip, Frame, SetError, TrainingSet, TrainingStrand, shared};
+pub use checkpoint::{CheckpointError, Resumed};
+pub use set::{Bust, Clip, Frame, SetError, TrainingSet, TrainingStrand, clip, shared};
+pub use window::Objective;
 
+use crate::features::{POSE_NUMBERS, SHAPE_NUMBERS};
+use crate::losses::adhesion::AdhesionTerms;
 use crate::losses::body::BodyTerms;
 use crate::losses::elastic::ElasticTerms;
 use crate::losses::motion::MotionTerms;
+use crate::losses::repulsion::RepulsionTerms;
 use crate::losses::style::StyleTerms;
+use crate::network::head::OutputHead;
 use crate::network::rotation::{Basis, basis};
 use crate::network::{Network, Shape};
 use crate::random::Random;
 use adam::Adam;
 use forelock_core::lane::Simd;
 use gradient::{Batch, Workspace};
+use window::Goal;
 
 /// Windows of a step.
 pub const FRAMES: usize = 16;
@@ -60,6 +72,21 @@ pub struct Energies {
     pub body: BodyTerms,
     /// Style; none by default.
     pub style: Option<StyleTerms>,
+    /// Repulsion of neighbouring strands; none by default.
+    pub repulsion: Option<RepulsionTerms>,
+    /// Adhesion of neighbouring strands; none by default.
+    pub adhesion: Option<AdhesionTerms>,
+    /// Whether adhesion is the paper's, which pulls neighbours together ([`Adhesion::printed`]).
+    ///
+    /// [`Adhesion::printed`]: crate::losses::adhesion::Adhesion::printed
+    pub prints_adhesion: bool,
+}
+
+impl Energies {
+    /// Whether strands act on each other.
+    pub fn have_neighbours(&self) -> bool {
+        self.repulsion.is_some() || self.adhesion.is_some()
+    }
 }
 
 /// How to train.
@@ -77,8 +104,13 @@ pub struct Options {
     pub largest_gradient: f64,
     /// Share of the steps without inertia and drag.
     pub warm_start: f64,
-    /// Coefficients of the energies.
+    /// Coefficients of the energies. Without inertia and drag the network has no history
+    /// (quasi-static).
     pub energies: Energies,
+    /// What motions are trained towards.
+    pub objective: Objective,
+    /// What the network's outputs are.
+    pub head: OutputHead,
     /// The instruction set. The result depends on it.
     pub simd: Simd,
 }
@@ -93,7 +125,21 @@ impl Default for Options {
             largest_gradient: 1.0,
             warm_start: 0.15,
             energies: Energies::default(),
+            objective: Objective::default(),
+            head: OutputHead::default(),
             simd: Simd::Auto,
+        }
+    }
+}
+
+impl Options {
+    /// The sizes of the network: a quasi-static one sees no history.
+    pub fn shape(&self) -> Shape {
+        let shape = Shape::default();
+        if self.energies.motion.is_dynamic {
+            shape
+        } else {
+            Shape { shared: POSE_NUMBERS + SHAPE_NUMBERS, ..shape }
         }
     }
 }
@@ -137,7 +183,7 @@ impl Trainer {
     pub fn new(mut options: Options) -> Self {
         options.simd = options.simd.resolve();
         assert!(options.simd.is_supported(), "{:?} is not supported by this processor", options.simd);
-        let shape = Shape::default();
+        let shape = options.shape();
         let mut random = Random::stream(options.seed, 0);
         let mut parameters = vec![0.0f32; shape.parameters()];
         let [statics, shared, _, hidden, _, output, _] = shape.ranges();
@@ -175,7 +221,12 @@ impl Trainer {
         self.done
     }
 
-    /// A step.
+    /// Prepares `set` for this training: neighbouring strands are found once.
+    pub fn prepare(&self, set: &mut TrainingSet) {
+        set.prepare(&self.options.energies);
+    }
+
+    /// A step, on a set that was [prepared](Self::prepare).
     ///
     /// # Errors
     /// If the energy or its gradient is not finite: nothing is changed then.
@@ -184,10 +235,12 @@ impl Trainer {
         let share = f64::from(self.done) / f64::from(options.steps.max(1));
         let mut energies = options.energies;
         energies.motion.is_dynamic &= share >= options.warm_start;
-        let drawn = set.draw(&mut Random::stream(options.seed, 1 + u64::from(self.done)));
+        let mut random = Random::stream(options.seed, 1 + u64::from(self.done));
+        let drawn = set.draw(&mut random, energies.have_neighbours());
         let batch = Batch { set, drawn: &drawn };
         let simd = options.simd;
-        let energy = { self.workspace.gradient(simd, &self.network, &self.basis, &energies, &batch) };
+        let goal = Goal { energies, objective: options.objective, head: options.head };
+        let energy = self.workspace.gradient(simd, &self.network, &self.basis, &goal, &batch);
         let norm = self.workspace.norm();
         if !(energy.is_finite() && norm.is_finite()) {
             return Err(NotFinite { step: self.done });

@@ -1,8 +1,11 @@
 //! What a training draws from: strands, and frames of motions.
 
-use super::{FRAMES, MOMENTS, STRANDS};
+use super::{Energies, FRAMES, MOMENTS, STRANDS};
 use crate::PARTICLES;
-use crate::features::{HISTORY, POSE_NUMBERS, SHAPE_NUMBERS, VELOCITY_NUMBERS};
+use crate::features::{
+    BodyPose, FeatureError, Features, HISTORY, POSE_NUMBERS, SHAPE_NUMBERS, VELOCITY_NUMBERS,
+};
+use crate::losses::adhesion::{Adhesion, AdhesionTerms};
 use crate::losses::body::{Body, Capsule, Near};
 use crate::losses::field::SmoothField;
 use crate::network::STATICS;
@@ -36,6 +39,11 @@ pub struct Frame {
 }
 
 impl Frame {
+    /// The body in this frame: its rigid part is `field`.
+    pub fn body<'a>(&'a self, field: &'a SmoothField) -> Bust<'a> {
+        Bust { field, parts: &self.parts }
+    }
+
     fn is_finite(&self) -> bool {
         let numbers = self.pose.iter().chain(&self.velocity);
         let parts = self.parts.iter().flat_map(|part| part.ends.map(|end| end.0));
@@ -49,6 +57,28 @@ impl Frame {
 
 /// A motion, 1/30 s a frame.
 pub type Clip = Vec<Frame>;
+
+/// A motion of a body of mean shape whose moving parts do not collide, from its poses at every
+/// frame.
+///
+/// # Errors
+/// [`FeatureError`] if a pose is not finite, or there is none.
+pub fn clip(features: &Features, poses: &[BodyPose]) -> Result<Clip, FeatureError> {
+    let numbers = features.motion(poses)?;
+    let numbers = numbers.pose.iter().zip(&numbers.velocity);
+    let frame = |(body, (pose, velocity)): (&BodyPose, (&[f64; POSE_NUMBERS], &[f64; VELOCITY_NUMBERS]))| {
+        let mut inputs = [0.0; POSE_NUMBERS + SHAPE_NUMBERS];
+        inputs.iter_mut().zip(pose).for_each(|(to, x)| *to = *x as f32);
+        Frame {
+            rotation: DMat3::from_quat(body.head.rotation),
+            origin: body.head.translation,
+            pose: inputs,
+            velocity: velocity.map(|x| x as f32),
+            parts: Vec::new(),
+        }
+    };
+    Ok(poses.iter().zip(numbers).map(frame).collect())
+}
 
 /// The inputs of frame `number` of a motion. Frames before the first repeat it.
 pub fn shared(clip: &Clip, number: usize) -> impl Iterator<Item = f32> {
@@ -81,6 +111,14 @@ pub enum SetError {
         /// Its inputs.
         found: usize,
     },
+    /// A kind of hair has too few strands.
+    #[error("kind {kind} of hair has {strands} strands; it needs {STRANDS}")]
+    Few {
+        /// Its number.
+        kind: usize,
+        /// Its strands.
+        strands: usize,
+    },
     /// A frame is not finite.
     #[error("frame {frame} of motion {clip} is not finite")]
     Frame {
@@ -103,6 +141,10 @@ pub struct TrainingSet {
     pub(super) strands: Vec<TrainingStrand>,
     pub(super) clips: Vec<Clip>,
     pub(super) field: SmoothField,
+    /// The first strand of each kind of hair, and the number of all.
+    kinds: Vec<usize>,
+    /// Bonds of each kind; none without adhesion.
+    pub(super) adhesion: Vec<Adhesion<f32>>,
     /// The number of windows before each motion.
     before: Vec<usize>,
     windows: usize,
@@ -117,14 +159,33 @@ pub(super) struct Drawn {
 }
 
 impl TrainingSet {
-    /// Strands and motions to draw from, and the rigid part of the body.
+    /// Strands and motions to draw from, and the rigid part of the body. The strands are those of
+    /// several kinds of hair, `counts` of each; strands that are neighbours in the list should be
+    /// neighbours on the head, as in the order of their locks.
     ///
     /// # Errors
-    /// If there are none, or a motion is shorter than [`MOMENTS`], or a strand has inputs of
-    /// another length than the network, is not finite or has an edge of no length.
-    pub fn new(strands: Vec<TrainingStrand>, clips: Vec<Clip>, field: SmoothField) -> Result<Self, SetError> {
+    /// If there are none, or fewer than [`STRANDS`] of a kind, or a motion is shorter than
+    /// [`MOMENTS`], or a strand has inputs of another length than the network, is not finite or has
+    /// an edge of no length.
+    ///
+    /// # Panics
+    /// If `counts` are of another number of strands.
+    pub fn new(
+        strands: Vec<TrainingStrand>,
+        counts: &[usize],
+        clips: Vec<Clip>,
+        field: SmoothField,
+    ) -> Result<Self, SetError> {
+        assert_eq!(counts.iter().sum::<usize>(), strands.len(), "strands of all kinds");
         if strands.is_empty() {
             return Err(SetError::NoStrands);
+        }
+        let mut kinds = vec![0];
+        for (kind, count) in counts.iter().enumerate() {
+            if *count < STRANDS {
+                return Err(SetError::Few { kind, strands: *count });
+            }
+            kinds.push(kinds[kind] + count);
         }
         for (strand, own) in strands.iter().enumerate() {
             if own.statics.len() != STATICS {
@@ -150,25 +211,61 @@ impl TrainingSet {
         if clips.is_empty() {
             return Err(SetError::NoMotions);
         }
-        Ok(Self { strands, clips, field, before, windows })
+        Ok(Self { strands, clips, field, kinds, adhesion: Vec::new(), before, windows })
     }
 
-    /// The frames and strands of a step.
-    pub(super) fn draw(&self, random: &mut Random) -> [Drawn; FRAMES] {
+    /// Prepares the set for a training with `energies`.
+    pub(super) fn prepare(&mut self, energies: &Energies) {
+        let of_kind = |kind: &[usize], terms: AdhesionTerms| {
+            let strands = &self.strands[kind[0]..kind[1]];
+            let rest: Vec<[f32; 3]> = strands.iter().flat_map(|strand| strand.rest).collect();
+            Adhesion::new(terms, &rest, PARTICLES)
+        };
+        let kinds = self.kinds.windows(2);
+        self.adhesion = energies.adhesion.map_or(Vec::new(), |own| {
+            let bonds = kinds.map(|kind| of_kind(kind, own));
+            bonds.map(|bonds| if energies.prints_adhesion { bonds.printed() } else { bonds }).collect()
+        });
+    }
+
+    /// The frames and strands of a step: random strands, or those that are next to each other.
+    pub(super) fn draw(&self, random: &mut Random, are_neighbours: bool) -> [Drawn; FRAMES] {
         std::array::from_fn(|_| {
             let at = random.below(self.windows);
             let clip = self.before.partition_point(|before| *before <= at) - 1;
-            let strands = std::array::from_fn(|_| random.below(self.strands.len()));
+            let strands = if are_neighbours {
+                let strand = random.below(self.strands.len());
+                let kind = self.kinds.partition_point(|first| *first <= strand) - 1;
+                // The last strands of a kind begin no run: the run before them is drawn.
+                let first = strand.min(self.kinds[kind + 1] - STRANDS);
+                std::array::from_fn(|k| first + k)
+            } else {
+                std::array::from_fn(|_| random.below(self.strands.len()))
+            };
             Drawn { clip, frame: at - self.before[clip] + (MOMENTS - 1), strands }
         })
     }
+
+    /// The kind of neighbouring strands, and the number of the first among those of its kind.
+    pub(super) fn run_of(&self, drawn: &Drawn) -> Option<(usize, usize)> {
+        let [first, .., last] = drawn.strands;
+        let kind = self.kinds.partition_point(|own| *own <= first) - 1;
+        (last == first + STRANDS - 1 && last < self.kinds[kind + 1]).then(|| (kind, first - self.kinds[kind]))
+    }
 }
 
-/// The body of a frame.
-#[derive(Clone, Copy)]
-pub(super) struct Bust<'a> {
-    pub field: &'a SmoothField,
-    pub parts: &'a [Capsule<f64>],
+/// The body of a frame: a rigid part and capsules that move relative to it.
+#[derive(Clone, Copy, Debug)]
+pub struct Bust<'a> {
+    pub(super) field: &'a SmoothField,
+    pub(super) parts: &'a [Capsule<f64>],
+}
+
+impl Bust<'_> {
+    /// The signed distance at `x`, cm.
+    pub fn distance(&self, x: [f64; 3]) -> f64 {
+        Body::<f64>::near(self, V3(x)).distance
+    }
 }
 
 impl<L: Lane> Body<L> for Bust<'_> {

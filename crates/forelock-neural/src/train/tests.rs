@@ -36,27 +36,39 @@ fn set() -> TrainingSet {
         parts: vec![Capsule { ends: [V3([0.0, -18.0, 0.0]), V3([0.0, -8.0, 0.0])], radius: 6.0 }],
     };
     let clips = vec![(0..20).map(&mut frame).collect(), (0..MOMENTS as i32).map(&mut frame).collect()];
-    TrainingSet::new(strands, clips, ball(8.8)).unwrap()
+    TrainingSet::new(strands, &[120, 80], clips, ball(8.8)).unwrap()
 }
 
 #[test]
 fn the_gradient_of_a_batch_agrees_with_finite_differences() {
-    let set = set();
-    let mut trainer = Trainer::new(Options { warm_start: 0.0, ..Options::default() });
+    let alone = Energies::default();
+    let repulsion = Some(RepulsionTerms { stiffness: 0.5, smoothing: 1.5 });
+    let adhesion = Some(AdhesionTerms { stiffness: 1.0, range: 3.0 });
+    agrees(OutputHead::Rotation, true, alone);
+    agrees(OutputHead::Rotation, false, Energies { repulsion, ..alone });
+    agrees(OutputHead::Displacement, true, Energies { adhesion, ..alone });
+}
+
+/// Of a network with this head, with or without a history.
+fn agrees(head: OutputHead, has_history: bool, mut energies: Energies) {
+    let mut set = set();
+    set.prepare(&energies);
+    let mut options = Options { head, ..Options::default() };
+    options.energies.motion.is_dynamic = has_history;
+    let mut trainer = Trainer::new(options);
     // Outputs of order one.
     let [.., output, _] = trainer.network.shape().ranges();
     trainer.network.parameters_mut()[output].iter_mut().for_each(|weight| *weight *= 20.0);
     // The drape: of the motion the gradient is not that of the residual alone (`window`). It does
     // not go through the weight of style either.
-    let mut energies = Energies::default();
     energies.motion.is_dynamic = false;
-    let batch = set.draw(&mut Random::stream(3, 1));
-    let mut workspace = Workspace::new(Shape::default());
+    let batch = set.draw(&mut Random::stream(3, 1), energies.have_neighbours());
+    let mut workspace = Workspace::new(*trainer.network.shape());
     let simd = Simd::Auto.resolve();
     let mut energy = |network: &Network<f32>| {
         let basis = basis(100.0, 1e-4, 1.0 / 30.0);
-        let energy =
-            workspace.gradient(simd, network, &basis, &energies, &Batch { set: &set, drawn: &batch });
+        let goal = Goal { energies, objective: Objective::Residual, head };
+        let energy = workspace.gradient(simd, network, &basis, &goal, &Batch { set: &set, drawn: &batch });
         (energy, workspace.found().to_vec())
     };
     let (_, gradient) = energy(&trainer.network);
@@ -111,7 +123,7 @@ fn one_seed_gives_one_network_whatever_the_threads() {
 fn what_cannot_be_trained_with_is_refused() {
     let set = set();
     let refused = |strands: &[TrainingStrand], clips: &[Clip]| {
-        TrainingSet::new(strands.to_vec(), clips.to_vec(), ball(1.0)).unwrap_err()
+        TrainingSet::new(strands.to_vec(), &[strands.len()], clips.to_vec(), ball(1.0)).unwrap_err()
     };
     assert_eq!(refused(&[], &set.clips), SetError::NoStrands);
     assert_eq!(refused(&set.strands, &[]), SetError::NoMotions);

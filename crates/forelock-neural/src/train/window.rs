@@ -27,50 +27,114 @@
 //! A part of the inertia is added to the stiffness of P ([`HELD`]), so that fast motion does not
 //! outweigh slow motion: P then underestimates what soft modes weigh, and they swing freely.
 
+use super::between::Between;
 use super::compliance::compliance;
 use super::set::Bust;
-use super::{Energies, MOMENTS};
+use super::{Energies, MOMENTS, STRANDS};
 use crate::PARTICLES;
 use crate::losses::body::body;
 use crate::losses::elastic::{RestStrand, elastic};
 use crate::losses::motion::{Inertial, Place};
 use crate::losses::style::style;
 use crate::losses::{Strand, zero};
+use crate::network::head::OutputHead;
+use crate::network::rotation::Basis;
 use forelock_core::lane::{Lane, V3};
 
 /// The share of the inertia m/Δt² that holds each particle in P.
 const HELD: f64 = 1.0 / 3.0;
 
+/// What motions are trained towards.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Objective {
+    /// The least residual of the equation of motion.
+    #[default]
+    Residual,
+    /// The least energy of a step from the frames before, which are held: the paper's.
+    Step,
+}
+
+/// What a step of the training lowers.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Goal {
+    pub energies: Energies,
+    pub objective: Objective,
+    pub head: OutputHead,
+}
+
+impl Goal {
+    /// Frames that count: all of the drape, those with two before them of the motion.
+    pub(super) fn samples(&self) -> usize {
+        if self.energies.motion.is_dynamic { MOMENTS - 2 } else { MOMENTS }
+    }
+
+    /// The basis, if the head has one.
+    pub(super) fn basis<'a>(&self, basis: &'a Basis) -> Option<&'a Basis> {
+        (self.head == OutputHead::Rotation).then_some(basis)
+    }
+}
+
 /// A strand over consecutive frames, the newest first.
 pub(super) struct Window<'a, L> {
-    pub energies: &'a Energies,
+    pub goal: &'a Goal,
     pub at_rest: &'a Strand<L>,
     pub shape: &'a RestStrand<L>,
     pub places: &'a [Place<L>; MOMENTS],
     pub bodies: &'a [Bust<'a>; MOMENTS],
+    pub neighbours: Neighbours<'a>,
+}
+
+/// What neighbouring strands do to those in the lanes.
+#[derive(Clone, Copy)]
+pub(super) struct Neighbours<'a> {
+    /// At each moment that counts; empty without repulsion and adhesion.
+    pub moments: &'a [Between],
+    /// The number of the first lane's strand.
+    pub first: usize,
+}
+
+impl Neighbours<'_> {
+    /// Adds their gradient and what they hold particles with; the energy a strand.
+    #[inline(always)]
+    fn add<L: Lane>(&self, ago: usize, gradient: &mut Strand<L>, held: &mut [L; PARTICLES]) -> L {
+        let Some(between) = self.moments.get(ago) else { return L::zero() };
+        let scalar = |x: f32| <L::Scalar as num_traits::NumCast>::from(x).unwrap_or_default();
+        for i in 0..PARTICLES {
+            let (mut by, mut stiffness) = (V3::<L>::zero(), L::zero());
+            for lane in 0..L::WIDTH {
+                let particle = (self.first + lane) * PARTICLES + i;
+                by.set(lane, between.gradient[particle].map(scalar));
+                stiffness.set(lane, scalar(between.stiffness[particle]));
+            }
+            gradient[i] += by;
+            held[i] += stiffness;
+        }
+        L::from_f64(between.energy / STRANDS as f64)
+    }
 }
 
 /// Predictions, or the gradient with respect to them.
 pub(super) type Strands<L> = [Strand<L>; MOMENTS];
 
-/// Frames that count: all of the drape, those with two before them of the motion.
-pub(super) fn samples(energies: &Energies) -> usize {
-    if energies.motion.is_dynamic { MOMENTS - 2 } else { MOMENTS }
-}
-
 impl<L: Lane> Window<'_, L> {
     /// The sum over the frames that count; the gradient is added to `by`.
     #[inline(always)]
     pub(super) fn energy(&self, x: &Strands<L>, by: &mut Strands<L>) -> L {
+        let is_dynamic = self.goal.energies.motion.is_dynamic;
         let mut sum = L::zero();
-        for ago in 0..samples(self.energies) {
-            sum += if self.energies.motion.is_dynamic {
-                self.residual(x, ago, by)
-            } else {
-                let mut held = [L::zero(); PARTICLES];
-                let inertial = Inertial { place: self.places[ago], before: [&x[ago]; 2] };
-                self.frame(&x[ago], ago, &inertial, &mut by[ago], &mut held)
-            };
+        for ago in 0..self.goal.samples() {
+            if is_dynamic && self.goal.objective == Objective::Residual {
+                sum += self.residual(x, ago, by);
+                continue;
+            }
+            let mut before = [zero(); 2];
+            if is_dynamic {
+                before = [self.places[ago + 1].world(&x[ago + 1]), self.places[ago + 2].world(&x[ago + 2])];
+            }
+            let inertial = Inertial { place: self.places[ago], before: [&before[0], &before[1]] };
+            let mut held = [L::zero(); PARTICLES];
+            sum += self.frame(&x[ago], ago, &inertial, &mut by[ago], &mut held);
         }
         sum
     }
@@ -85,7 +149,7 @@ impl<L: Lane> Window<'_, L> {
         gradient: &mut Strand<L>,
         held: &mut [L; PARTICLES],
     ) -> L {
-        let terms = self.energies;
+        let terms = &self.goal.energies;
         let near = &self.bodies[ago];
         let mut energy = elastic(&terms.elastic, self.shape, x, gradient)
             + inertial.energy(&terms.motion, x, gradient)
@@ -93,20 +157,20 @@ impl<L: Lane> Window<'_, L> {
         if let Some(terms) = &terms.style {
             energy += style(terms, near, [self.at_rest, x], gradient, held);
         }
-        energy
+        energy + self.neighbours.add(ago, gradient, held)
     }
 
     /// ½ r·P r of the frame `ago` before the newest.
     #[inline(always)]
     fn residual(&self, x: &Strands<L>, ago: usize, by: &mut Strands<L>) -> L {
-        let terms = &self.energies.motion;
+        let terms = &self.goal.energies.motion;
         let over_dt = terms.mass / terms.dt_secs;
         let mut held = [L::from_f64(HELD * over_dt / terms.dt_secs); PARTICLES];
         let before = [1, 2].map(|k| self.places[ago + k].world(&x[ago + k]));
         let inertial = Inertial { place: self.places[ago], before: [&before[0], &before[1]] };
         let mut r = zero();
         self.frame(&x[ago], ago, &inertial, &mut r, &mut held);
-        let moved = compliance(self.energies.elastic.bend_twist, &x[ago], &r, &held);
+        let moved = compliance(self.goal.energies.elastic.bend_twist, &x[ago], &r, &held);
         let inertia = L::from_f64(over_dt / terms.dt_secs);
         let drag = L::from_f64(over_dt * terms.drag);
         let mut sum = L::zero();
@@ -153,12 +217,14 @@ mod tests {
         let shape = RestStrand::new(&at_rest, &energies.elastic);
         let field = ball(8.8);
         let bodies = [Bust { field: &field, parts: &[] }; MOMENTS];
+        let goal = Goal { energies, objective: Objective::Residual, head: OutputHead::Rotation };
         let window = Window {
-            energies: &energies,
+            goal: &goal,
             at_rest: &at_rest,
             shape: &shape,
             places: &places,
             bodies: &bodies,
+            neighbours: Neighbours { moments: &[], first: 0 },
         };
         let terms = &energies.motion;
         let residual = |x: &Strands<f64>| {

@@ -207,14 +207,18 @@ fn repulsion_agrees_with_reference_results() {
     assert!(error(&densities(&rest, 0.6), &numbers(&file["rho_rest"])) < 1e-9);
     let repulsion = Repulsion::new(RepulsionTerms::default(), &rest);
     let mut gradient = vec![[0.0; 3]; x.len()];
-    let value = repulsion.energy(&x, &mut gradient);
+    let value = repulsion.energy(&x, &mut gradient, &mut vec![Default::default(); x.len()]);
     let expected = &file["out"]["loss"];
     assert!(error(&[value], &numbers(&expected["value"])) < 1e-9);
     assert!(error(gradient.as_flattened(), &numbers(&expected["grad"])) < 1e-9);
     let to_f32 = |x: &[[f64; 3]]| -> Vec<[f32; 3]> { x.iter().map(|x| x.map(|c| c as f32)).collect() };
     let [x, rest] = [to_f32(&x), to_f32(&rest)];
     let mut gradient = vec![[0.0; 3]; x.len()];
-    let value = Repulsion::new(RepulsionTerms::default(), &rest).energy(&x, &mut gradient);
+    let value = Repulsion::new(RepulsionTerms::default(), &rest).energy(
+        &x,
+        &mut gradient,
+        &mut vec![Default::default(); x.len()],
+    );
     let gradient: Vec<f64> = gradient.as_flattened().iter().map(|g| f64::from(*g)).collect();
     assert!(error(&[value.into()], &numbers(&expected["value"])) < 2e-5);
     assert!(error(&gradient, &numbers(&expected["grad"])) < 1e-3);
@@ -236,7 +240,7 @@ fn adhesion_and_style_agree_with_reference_results() {
     assert!(error(&apart, &numbers(&file["d0"])) < 1e-9);
     for (name, adhesion) in [("adhesion_paper", adhesion.clone().printed()), ("adhesion_excess", adhesion)] {
         let mut gradient = vec![[0.0; 3]; x.len()];
-        let value = adhesion.energy(&x, &mut gradient);
+        let value = adhesion.energy(&x, &mut gradient, &mut vec![Default::default(); x.len()]);
         let expected = &file["out"][name];
         assert!(error(&[value], &numbers(&expected["value"])) < 1e-9, "{name}");
         assert!(error(gradient.as_flattened(), &numbers(&expected["grad"])) < 1e-9, "{name}");
@@ -320,7 +324,8 @@ fn gradients_between_strands_agree_with_finite_differences() {
     let adhesion = Adhesion::new(AdhesionTerms { range: 1.2, ..AdhesionTerms::default() }, &rest, PARTICLES);
     for is_repulsion in [true, false] {
         let energy = |x: &[[f64; 3]], by: &mut [[f64; 3]]| {
-            if is_repulsion { repulsion.energy(x, by) } else { adhesion.energy(x, by) }
+            let mut held = vec![0.0; x.len()];
+            if is_repulsion { repulsion.energy(x, by, &mut held) } else { adhesion.energy(x, by, &mut held) }
         };
         let mut gradient = vec![[0.0; 3]; x.len()];
         let mut unused = gradient.clone();

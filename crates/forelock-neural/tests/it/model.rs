@@ -34,7 +34,7 @@ fn network(shape: Shape) -> Network<f32> {
 
 /// Codes with random weights.
 fn codes() -> StrandCodes {
-    StrandCodes::train(&[[0.0; INPUTS]], &CodeOptions { steps: 0, ..CodeOptions::default() })
+    StrandCodes::train(&[[0.0; INPUTS]], &CodeOptions { steps: 0, ..CodeOptions::default() }, &mut || ())
 }
 
 fn usual_basis() -> Basis {

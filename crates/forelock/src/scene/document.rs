@@ -66,14 +66,14 @@ impl Override {
 }
 
 /// An override as TOML below everything that comes before it.
-pub(super) struct Layer {
+pub(crate) struct Layer {
     label: String,
     text: String,
 }
 
 impl Layer {
     /// The layers of `overrides` over a file of `above` bytes.
-    pub(super) fn stack(mut above: usize, overrides: &[Override]) -> Result<Vec<Self>, SceneError> {
+    pub(crate) fn stack(mut above: usize, overrides: &[Override]) -> Result<Vec<Self>, SceneError> {
         let mut layers = Vec::with_capacity(overrides.len());
         for over in overrides {
             let text = format!("{}{}", " ".repeat(above + 1), over.line()?);
@@ -85,7 +85,7 @@ impl Layer {
 }
 
 /// A parsed scene text with its overrides.
-pub(super) struct Document<'a> {
+pub(crate) struct Document<'a> {
     path: &'a Path,
     text: &'a str,
     layers: &'a [Layer],
@@ -96,7 +96,7 @@ pub(super) struct Document<'a> {
 
 impl<'a> Document<'a> {
     /// `text` with `layers` over it and `defaults` below it, which come from [`Document::below`].
-    pub(super) fn parse(
+    pub(crate) fn parse(
         text: &'a str,
         path: &'a Path,
         layers: &'a [Layer],
@@ -120,7 +120,7 @@ impl<'a> Document<'a> {
         format!("{}{defaults}", " ".repeat(self.end + 1))
     }
 
-    pub(super) fn deserialize<T: DeserializeOwned>(&self) -> Result<T, SceneError> {
+    pub(crate) fn deserialize<T: DeserializeOwned>(&self) -> Result<T, SceneError> {
         self.read(self.table.clone(), 0..self.text.len())
     }
 
@@ -142,7 +142,7 @@ impl<'a> Document<'a> {
     }
 
     /// The error that `key` has a wrong value, with the place where it was set.
-    pub(super) fn refuse(&self, key: &str, message: String) -> SceneError {
+    pub(crate) fn refuse(&self, key: &str, message: String) -> SceneError {
         let place =
             self.span_of(key).map_or_else(|| Place::Whole(self.path.to_path_buf()), |span| self.place(span));
         SceneError::Value { place, key: key.to_owned(), message }

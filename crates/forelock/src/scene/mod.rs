@@ -17,7 +17,7 @@
 //! [`FLOAT32_STIFFNESS_LIMIT`](forelock_core::params::FLOAT32_STIFFNESS_LIMIT) is refused.
 
 mod check;
-mod document;
+pub(crate) mod document;
 mod edits;
 mod error;
 mod motion;

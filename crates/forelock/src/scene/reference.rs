@@ -41,13 +41,13 @@ pub struct Entry {
 }
 
 /// The keys of one table of a scene file.
-pub(super) struct Section {
-    table: &'static str,
+pub(crate) struct Section {
+    pub(crate) table: &'static str,
     /// Heading of the page; it starts with `#`.
     title: &'static str,
     /// What is to be known about the table as a whole.
     note: &'static str,
-    entries: Vec<Entry>,
+    pub(crate) entries: Vec<Entry>,
 }
 
 const PAGE: &str = "# Scene reference\n\n\
@@ -126,7 +126,7 @@ static SECTIONS: LazyLock<Vec<Section>> = LazyLock::new(|| {
 });
 
 /// The section of the keys of `D`, with the defaults of `D`.
-pub(super) fn with<D: Documented + Default + Serialize>(
+pub(crate) fn with<D: Documented + Default + Serialize>(
     table: &'static str,
     title: &'static str,
     note: &'static str,
@@ -199,8 +199,13 @@ fn canonical(key: &str) -> String {
 
 /// The whole reference as a page in Markdown.
 pub fn markdown() -> String {
-    let mut page = PAGE.to_owned();
-    for Section { title, note, entries, .. } in SECTIONS.iter() {
+    tables(PAGE, &SECTIONS)
+}
+
+/// A page in Markdown that begins with `start`, and has a table of keys for each of `sections`.
+pub(crate) fn tables(start: &str, sections: &[Section]) -> String {
+    let mut page = start.to_owned();
+    for Section { title, note, entries, .. } in sections {
         let _ = write!(page, "\n{title}\n\n");
         if !note.is_empty() {
             let _ = write!(page, "{}\n\n", wrapped(note, "", 100));
@@ -234,16 +239,7 @@ pub fn help(key: &str) -> Result<String, String> {
     let wanted = canonical(key);
     let is_in =
         |name: &str| name.strip_prefix(&wanted).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'));
-    let mut text = String::new();
-    for section in SECTIONS.iter().filter(|section| wanted.is_empty() || is_in(section.table)) {
-        let Section { title, note, entries, .. } = section;
-        let title = title.trim_start_matches(['#', ' ']).replace('`', "");
-        let _ = writeln!(text, "{}{title}\n", if text.is_empty() { "" } else { "\n" });
-        if !note.is_empty() {
-            let _ = writeln!(text, "{}\n", wrapped(note, "", 100));
-        }
-        entries.iter().for_each(|entry| text.push_str(&described(entry)));
-    }
+    let text = listed(SECTIONS.iter().filter(|section| wanted.is_empty() || is_in(section.table)));
     if !text.is_empty() {
         return Ok(text);
     }
@@ -256,6 +252,20 @@ pub fn help(key: &str) -> Result<String, String> {
     let known = known.chain(SECTIONS.iter().map(|section| section.table));
     let near = nearest(&wanted, known).map_or_else(String::new, |near| format!("; did you mean `{near}`?"));
     Err(format!("there is no key `{key}`{near}"))
+}
+
+/// All keys of `sections` for a terminal.
+pub(crate) fn listed<'a>(sections: impl Iterator<Item = &'a Section>) -> String {
+    let mut text = String::new();
+    for Section { title, note, entries, .. } in sections {
+        let title = title.trim_start_matches(['#', ' ']).replace('`', "");
+        let _ = writeln!(text, "{}{title}\n", if text.is_empty() { "" } else { "\n" });
+        if !note.is_empty() {
+            let _ = writeln!(text, "{}\n", wrapped(note, "", 100));
+        }
+        entries.iter().for_each(|entry| text.push_str(&described(entry)));
+    }
+    text
 }
 
 /// One key for a terminal.

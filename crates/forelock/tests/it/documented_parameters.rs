@@ -35,6 +35,15 @@ fn the_page_is_what_the_program_prints() {
     );
 }
 
+#[test]
+fn the_page_of_trainings_is_what_the_program_prints() {
+    let page = include_str!("../../../../docs/training-reference.md");
+    assert!(
+        page == forelock::training::markdown(),
+        "run `forelock help training --markdown > docs/training-reference.md`"
+    );
+}
+
 /// Compares the documented defaults of `D` with those of its `Default`; returns how many there are.
 fn compare_defaults<D: Documented + Default + Serialize>() -> usize {
     let defaults = toml::Table::try_from(D::default()).unwrap();

@@ -14,3 +14,4 @@ mod readme;
 mod real_grooms;
 mod sleep;
 mod teleports;
+mod training;

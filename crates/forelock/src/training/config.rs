@@ -1,0 +1,379 @@
+//! The file of a training.
+
+use std::path::{Path, PathBuf};
+
+use forelock_core::lane::Simd;
+use forelock_core::params::Short;
+use forelock_neural::codes::encoder::CodeOptions;
+use forelock_neural::losses::adhesion::AdhesionTerms;
+use forelock_neural::losses::body::BodyTerms;
+use forelock_neural::losses::elastic::{ElasticTerms, Transport};
+use forelock_neural::losses::motion::MotionTerms;
+use forelock_neural::losses::repulsion::RepulsionTerms;
+use forelock_neural::losses::style::StyleTerms;
+use forelock_neural::model::{ModelKind, OutputHead};
+use forelock_neural::train::{Energies, MOMENTS, Objective, Options};
+use serde::{Deserialize, Serialize};
+
+use crate::hash::Fnv;
+use crate::scene::document::{Document, Layer};
+use crate::scene::reference::{self, Section, with};
+use crate::scene::{Override, SceneError};
+
+forelock_core::documented! {
+/// A training: what hair, what motions, which energies, how many steps. Every key has a default.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrainingConfig {
+    /// Seed of everything random. No unit, default 1, range 0 or more; 0 is a seed like any other.
+    pub seed: u64,
+    /// How the network predicts, and what it is trained towards.
+    pub method: TrainedMethod,
+    /// The hair that is trained.
+    pub hair: TrainedHair,
+    /// The motions of the body.
+    pub motions: TrainedMotions,
+    /// What the network lowers, in cm, g and s.
+    pub energies: TrainedEnergies,
+    /// Steps and rates.
+    pub steps: TrainingSteps,
+}
+}
+
+forelock_core::documented! {
+/// `[method]`: how the network predicts, and what it is trained towards.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrainedMethod {
+    /// "dynamic", which follows the history of poses, or "quasi-static", which hangs at rest in
+    /// each pose. Default "dynamic".
+    pub kind: ModelKind,
+    /// What the network's outputs are: "rotation" of edges, which cannot stretch, or
+    /// "displacement" of particles (the paper's). Default "rotation".
+    pub head: OutputHead,
+    /// What motions are trained towards: the least "residual" of the equation of motion, or the
+    /// least energy of a "step" from the network's own frames before (the paper's). Default
+    /// "residual".
+    pub objective: Objective,
+    /// How frames are carried along strands: "sequential", "direct" (the paper's) or "chord".
+    /// Default "sequential".
+    pub transport: Transport,
+}
+}
+
+forelock_core::documented! {
+/// `[hair]`: the strands.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrainedHair {
+    /// A scene file whose body and groom keys are used; its motion, wind and solver are not.
+    /// Default "", the built-in head.
+    pub scene: PathBuf,
+    /// Presets of growth and files of grooms, one kind of hair each. Default straight, wavy, curly
+    /// and bob.
+    pub grooms: Vec<String>,
+    /// Strands that are grown of each preset. Unit strands, default 4096, range 64 to 200000.
+    pub grown: u32,
+    /// Strands of each groom that choose the best step, and as many that the result is measured
+    /// with; neither are trained. Unit strands, default 8, range 1 to 1000.
+    pub held_out: u32,
+}
+}
+
+forelock_core::documented! {
+/// `[motions]`: generated motions of root, spine, neck and head.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrainedMotions {
+    /// Motions that are trained: sines, turns and holds, half of them with the body as one piece.
+    /// Unit motions, default 2048, range 1 to 100000.
+    pub count: u32,
+    /// Length of a motion. Unit s, default 5, range 1 to 600.
+    pub secs: f64,
+    /// Motions that choose the best step, and as many that the result is measured with; neither are
+    /// trained. Unit motions, default 8, range 1 to 1000.
+    pub held_out: u32,
+}
+}
+
+forelock_core::documented! {
+/// `[energies]`: what the network lowers, in cm, g and s.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrainedEnergies {
+    /// Stiffness of bending and twist. Unit g cm³/s², default 100, range 0.001 to 1e6.
+    pub bend_twist: f64,
+    /// Mass of a particle. Unit g, default 1e-4, range 1e-7 to 1.
+    pub mass: f64,
+    /// Rate at which velocities decay. Unit 1/s, default 4, range 0 to 100.
+    pub drag: f64,
+    /// Stiffness of the body. Unit g/(cm s²), default 100, range 0 to 1e6.
+    pub body: f64,
+    /// Distance at which the body begins to push. Unit cm, default 0.5, range 0 to 10.
+    pub margin: f64,
+    /// Depth at which its push stops growing. Unit cm, default 1.5, range 0.01 to 100.
+    pub tail: f64,
+    /// Stiffness that keeps hair near the body in its rest shape. Unit g/s², default 0, range 0 to
+    /// 1e6; 0 leaves it out.
+    pub style: f64,
+    /// Distance from the body at which style ends. Unit cm, default 4, range 0.1 to 1000.
+    pub style_range: f64,
+    /// Stiffness of hair that is denser than at rest, between neighbouring strands. Unit g cm¹¹/s²,
+    /// default 0, range 0 to 1e6; 0 leaves it out, the paper has 5.
+    pub repulsion: f64,
+    /// Half the distance at which particles count for the density. Unit cm, default 0.6, range 0.01
+    /// to 10.
+    pub smoothing: f64,
+    /// Stiffness that keeps neighbouring particles of other strands together. Unit g/s², default 0,
+    /// range 0 to 1e6; 0 leaves it out, the paper has 2.
+    pub adhesion: f64,
+    /// Distance at rest up to which particles are neighbours. Unit cm, default 0.25, range 0.001 to
+    /// 10.
+    pub adhesion_range: f64,
+    /// Whether adhesion pulls neighbours together as in the paper, instead of keeping them at their
+    /// distances at rest. Default false.
+    pub adhesion_printed: bool,
+}
+}
+
+forelock_core::documented! {
+/// `[steps]`: steps and rates.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrainingSteps {
+    /// Steps of the strand codes. Unit steps, default 4000, range 1 to 1000000.
+    pub codes: u32,
+    /// Steps of the simulator. Unit steps, default 12000, range 1 to 10000000.
+    pub simulator: u32,
+    /// Learning rate at the start. No unit, default 0.001, range 1e-7 to 1.
+    pub rate: f64,
+    /// Learning rate in the end, as a share of that. No unit, default 0.02, range 0 to 1.
+    pub last_rate: f64,
+    /// Share of the steps that train the drape, without inertia and drag. No unit, default 0.1,
+    /// range 0 to 1.
+    pub drape: f64,
+    /// Steps between two measurements on strands and motions that are not trained. Unit steps,
+    /// default 500, range 1 to 1000000.
+    pub measure_every: u32,
+}
+}
+
+impl Default for TrainingConfig {
+    fn default() -> Self {
+        Self {
+            seed: 1,
+            method: TrainedMethod::default(),
+            hair: TrainedHair::default(),
+            motions: TrainedMotions::default(),
+            energies: TrainedEnergies::default(),
+            steps: TrainingSteps::default(),
+        }
+    }
+}
+
+impl Default for TrainedHair {
+    fn default() -> Self {
+        let grooms = ["straight", "wavy", "curly", "bob"].map(String::from).into();
+        Self { scene: PathBuf::new(), grooms, grown: 4096, held_out: 8 }
+    }
+}
+
+impl Default for TrainedMotions {
+    fn default() -> Self {
+        Self { count: 2048, secs: 5.0, held_out: 8 }
+    }
+}
+
+impl Default for TrainedEnergies {
+    fn default() -> Self {
+        let (elastic, motion) = (ElasticTerms::default(), MotionTerms::default());
+        let (body, style) = (BodyTerms::default(), StyleTerms::default());
+        let (repulsion, adhesion) = (RepulsionTerms::default(), AdhesionTerms::default());
+        Self {
+            bend_twist: elastic.bend_twist,
+            mass: motion.mass,
+            drag: motion.drag,
+            body: body.stiffness,
+            margin: body.margin,
+            tail: body.tail,
+            style: 0.0,
+            style_range: style.range,
+            repulsion: 0.0,
+            smoothing: repulsion.smoothing,
+            adhesion: 0.0,
+            adhesion_range: adhesion.range,
+            adhesion_printed: false,
+        }
+    }
+}
+
+impl Default for TrainingSteps {
+    fn default() -> Self {
+        let Options { rate, last_rate, warm_start, .. } = Options::default();
+        Self { codes: 4000, simulator: 12_000, rate, last_rate, drape: warm_start, measure_every: 500 }
+    }
+}
+
+impl TrainingConfig {
+    /// Reads the file at `path` with `overrides` laid over it.
+    ///
+    /// # Errors
+    /// [`SceneError`] if the file cannot be read, is not TOML, holds an unknown key or a value that
+    /// is wrong.
+    pub fn load(path: &Path, overrides: &[Override]) -> Result<Self, SceneError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|error| SceneError::Read { path: path.to_path_buf(), error })?;
+        let mut config = Self::parse(&text, path, overrides)?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        if !config.hair.scene.as_os_str().is_empty() {
+            config.hair.scene = folder.join(&config.hair.scene);
+        }
+        for groom in &mut config.hair.grooms {
+            if !is_preset(groom) {
+                *groom = folder.join(&*groom).to_string_lossy().into_owned();
+            }
+        }
+        Ok(config)
+    }
+
+    /// The training of the built-in head's hair, with `overrides` laid over it.
+    ///
+    /// # Errors
+    /// [`SceneError`] if an override holds an unknown key or a value that is wrong.
+    pub fn builtin(overrides: &[Override]) -> Result<Self, SceneError> {
+        Self::parse("", Path::new("the built-in training"), overrides)
+    }
+
+    fn parse(text: &str, path: &Path, overrides: &[Override]) -> Result<Self, SceneError> {
+        let layers = Layer::stack(text.len(), overrides)?;
+        let document = Document::parse(text, path, &layers, "")?;
+        let config: Self = document.deserialize()?;
+        config.check().map_err(|(key, message)| document.refuse(&key, message))?;
+        Ok(config)
+    }
+
+    /// The key of the first wrong value, and what is wrong.
+    fn check(&self) -> Result<(), (String, String)> {
+        let all = toml::Table::try_from(self).unwrap_or_default();
+        for section in sections() {
+            let own = all.get(section.table).and_then(toml::Value::as_table);
+            let values = if section.table.is_empty() { Some(&all) } else { own };
+            values.map_or(Ok(()), |values| check_table(&section, values))?;
+        }
+        if self.hair.grooms.is_empty() {
+            return Err(("hair.grooms".to_owned(), "is empty: name at least one preset or file".to_owned()));
+        }
+        Ok(())
+    }
+
+    /// Frames of a motion.
+    pub(super) fn frames(&self) -> usize {
+        ((self.motions.secs * 30.0).round() as usize).max(MOMENTS)
+    }
+
+    /// How the codes are trained.
+    pub(super) fn code_options(&self) -> CodeOptions {
+        CodeOptions { seed: self.seed, steps: self.steps.codes, ..CodeOptions::default() }
+    }
+
+    /// How the simulator is trained.
+    pub(super) fn options(&self) -> Options {
+        let own = &self.energies;
+        let energies = Energies {
+            elastic: ElasticTerms {
+                bend_twist: own.bend_twist,
+                transport: self.method.transport,
+                ..ElasticTerms::default()
+            },
+            motion: MotionTerms {
+                mass: own.mass,
+                drag: own.drag,
+                is_dynamic: self.method.kind == ModelKind::Dynamic,
+                ..MotionTerms::default()
+            },
+            body: BodyTerms { stiffness: own.body, margin: own.margin, tail: own.tail },
+            style: (own.style > 0.0).then_some(StyleTerms { stiffness: own.style, range: own.style_range }),
+            repulsion: (own.repulsion > 0.0)
+                .then_some(RepulsionTerms { stiffness: own.repulsion, smoothing: own.smoothing }),
+            adhesion: (own.adhesion > 0.0)
+                .then_some(AdhesionTerms { stiffness: own.adhesion, range: own.adhesion_range }),
+            prints_adhesion: own.adhesion_printed,
+        };
+        Options {
+            seed: self.seed,
+            steps: self.steps.simulator,
+            rate: self.steps.rate,
+            last_rate: self.steps.last_rate,
+            warm_start: self.steps.drape,
+            energies,
+            objective: self.method.objective,
+            head: self.method.head,
+            simd: Simd::Auto,
+            ..Options::default()
+        }
+    }
+
+    /// The training as a TOML document with every key written out.
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).unwrap_or_else(|error| format!("# this cannot be written as TOML: {error}\n"))
+    }
+
+    /// A hash of all keys, 16 hexadecimal digits; where files lie is no part of it.
+    pub fn digest(&self) -> String {
+        let mut own = self.clone();
+        let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        own.hair.scene = name(&own.hair.scene).into();
+        own.hair.grooms.iter_mut().for_each(|groom| *groom = name(groom.as_ref()));
+        format!("{:016x}", Fnv::new().bytes(own.to_toml().as_bytes()).value())
+    }
+}
+
+const REFERENCE: &str = "# Training reference\n\n\
+    Every key of the file that `forelock train` takes, with its unit, default and range. Unknown keys\n\
+    and values out of range are refused with the line. [Training](training.md) explains how to use\n\
+    them. Every training writes its file with all keys spelt out, as `training.toml`.\n\n\
+    The program writes this page: `forelock help training --markdown`.\n";
+
+fn sections() -> [Section; 6] {
+    [
+        with::<TrainingConfig>("", "## Top level", ""),
+        with::<TrainedMethod>("method", "## `[method]`: how the network predicts", ""),
+        with::<TrainedHair>("hair", "## `[hair]`: the strands", ""),
+        with::<TrainedMotions>("motions", "## `[motions]`: generated motions of the body", ""),
+        with::<TrainedEnergies>("energies", "## `[energies]`: what the network lowers", ""),
+        with::<TrainingSteps>("steps", "## `[steps]`: steps and rates", ""),
+    ]
+}
+
+/// Every key of a training's file as a page in Markdown.
+pub fn markdown() -> String {
+    reference::tables(REFERENCE, &sections())
+}
+
+/// Every key of a training's file for a terminal.
+pub fn help() -> String {
+    reference::listed(sections().iter())
+}
+
+/// Whether `groom` is the name of a preset of growth.
+pub(super) fn is_preset(groom: &str) -> bool {
+    forelock_core::groom::grow::PRESETS.contains(&groom)
+}
+
+/// The first key of `section` whose number is out of its range, and what is wrong.
+fn check_table(section: &Section, values: &toml::Table) -> Result<(), (String, String)> {
+    for entry in &section.entries {
+        let name = entry.key.rsplit('.').next().unwrap_or_default();
+        let number = match values.get(name) {
+            Some(toml::Value::Float(number)) => *number,
+            Some(toml::Value::Integer(number)) => *number as f64,
+            _ => continue,
+        };
+        if let Some(range) = entry.range
+            && !range.contains(number)
+        {
+            return Err((entry.key.clone(), format!("should be {range}, not {}", Short(number))));
+        }
+    }
+    Ok(())
+}

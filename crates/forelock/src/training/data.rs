@@ -1,0 +1,238 @@
+//! The strands and motions of a training.
+
+use std::collections::HashSet;
+
+use forelock_core::body::{ClosedMesh, Sdf, TriMesh};
+use forelock_core::groom::Groom;
+use forelock_core::lane::Simd;
+use forelock_neural::PARTICLES;
+use forelock_neural::codes::encoder::{INPUTS, StrandCodes};
+use forelock_neural::codes::{
+    Encoder, LOCAL_SCALE_CM, LOCK_SIZE, Locks, crown_uv, encoder_inputs, static_inputs,
+};
+use forelock_neural::features::{Features, HeadMotion, SPACING_SECS};
+use forelock_neural::losses::field::SmoothField;
+use forelock_neural::network::STATICS;
+use forelock_neural::network::inference::Positions;
+use forelock_neural::train::motions::{Kind, generate};
+use forelock_neural::train::{Clip, STRANDS as SET_STRANDS, TrainingStrand, clip};
+use glam::{DVec3, Vec3};
+
+use super::TrainingError;
+use super::config::{TrainingConfig, is_preset};
+use crate::assets::Assets;
+use crate::progress::{Observer, Progress};
+use crate::scene::{Override, Scene};
+
+/// Centimetres of a metre.
+const CM: f64 = 100.0;
+/// Distance of the nodes of the body's distance field, cm.
+const SPACING_CM: f64 = 0.4;
+/// How far that field reaches beyond the body, cm.
+const BEYOND_CM: f64 = 5.0;
+/// Seeds of the motions that choose the best step and of those that the result is measured with, so
+/// far apart from each other that no two training seeds share them.
+const SEEDS: [u64; 3] = [1_000, 900_000_000, 1_800_000_000];
+
+/// Strands of one groom.
+struct Kindred {
+    rest: Vec<Positions>,
+    uv: Vec<[f64; 2]>,
+    local: Vec<[f32; INPUTS]>,
+}
+
+/// The hair of a training, before it has codes.
+pub(super) struct Hair {
+    pub field: SmoothField,
+    pub names: Vec<String>,
+    grooms: Vec<Kindred>,
+    /// Of each groom the numbers of the strands for each [`Use`].
+    lists: Vec<[Vec<usize>; 3]>,
+}
+
+/// What strands and motions are for.
+#[derive(Clone, Copy)]
+pub(super) enum Use {
+    Training,
+    /// They choose the best step.
+    Choice,
+    /// The result is measured with them.
+    Measures,
+}
+
+/// Codes of strands.
+pub(super) struct Codes {
+    pub encoder: Encoder,
+    /// σ_z.
+    pub deviation: f32,
+    /// RMS error a coordinate: of trained strands and of others, cm.
+    pub errors: [f64; 2],
+}
+
+/// The numbers of a groom's strands for each [`Use`]: those that are held out evenly over the groom,
+/// all others in the order of their locks.
+fn split(groom: &Kindred, config: &TrainingConfig) -> Result<[Vec<usize>; 3], TrainingError> {
+    let (count, held) = (groom.rest.len(), config.hair.held_out as usize);
+    let at = |k: usize| k * count / (2 * held);
+    let [choice, measured] = [0, 1].map(|first| (0..held).map(|k| at(2 * k + first)).collect::<Vec<_>>());
+    let is_held: HashSet<usize> = choice.iter().chain(&measured).copied().collect();
+    let locks = Locks::new(&groom.uv, LOCK_SIZE).map_err(TrainingError::Locks)?;
+    let mut trained: Vec<usize> = (0..count).filter(|strand| !is_held.contains(strand)).collect();
+    trained.sort_by_key(|strand| (locks.labels()[*strand], *strand));
+    Ok([trained, choice, measured])
+}
+
+impl Hair {
+    /// Grows or reads the hair of `config`.
+    pub fn load(config: &TrainingConfig, observer: &mut Observer<'_>) -> Result<Self, TrainingError> {
+        let mut grooms = Vec::new();
+        let mut field = None;
+        for name in &config.hair.grooms {
+            let assets = Assets::load(&scene(config, name)?, observer)?;
+            let mesh = assets.body_mesh().ok_or(TrainingError::NoBody)?;
+            let field = match &field {
+                Some(field) => field,
+                None => field.insert(distances(mesh)?),
+            };
+            grooms.push(kindred(name, &assets.groom, field, config)?);
+        }
+        Ok(Self {
+            field: field.ok_or(TrainingError::NoBody)?,
+            names: config.hair.grooms.iter().map(|name| short(name)).collect(),
+            lists: grooms.iter().map(|groom| split(groom, config)).collect::<Result<_, _>>()?,
+            grooms,
+        })
+    }
+
+    /// Trains codes of the trained strands.
+    pub fn codes(
+        &self,
+        config: &TrainingConfig,
+        observer: &mut Observer<'_>,
+    ) -> Result<Codes, TrainingError> {
+        let of = |which: Use| -> Vec<[f32; INPUTS]> {
+            let each = self.grooms.iter().zip(&self.lists);
+            each.flat_map(|(groom, lists)| lists[which as usize].iter().map(|s| groom.local[*s])).collect()
+        };
+        let (own, other) = (of(Use::Training), [of(Use::Choice), of(Use::Measures)].concat());
+        let total = u64::from(config.steps.codes);
+        observer(&Progress::Begin { what: "training codes", done: 0, total });
+        let codes = StrandCodes::train(&own, &config.code_options(), &mut || observer(&Progress::Step));
+        observer(&Progress::End);
+        let deviation = deviation(&codes, &own);
+        if deviation.is_nan() || deviation < 1e-12 {
+            return Err(TrainingError::AllAlike);
+        }
+        let errors = [&own, &other].map(|list| error(&codes, list));
+        Ok(Codes { encoder: codes.encoder(), deviation, errors })
+    }
+
+    /// The strands of each groom for a use, with their inputs, and how many each groom has.
+    pub fn strands(
+        &self,
+        purpose: Use,
+        encoder: &Encoder,
+        deviation: f32,
+    ) -> Result<(Vec<TrainingStrand>, Vec<usize>), TrainingError> {
+        let (mut strands, mut counts) = (Vec::new(), Vec::new());
+        for (groom, lists) in self.grooms.iter().zip(&self.lists) {
+            let all = encoder.encode(&groom.local, Simd::Auto.resolve());
+            let inputs = static_inputs(&groom.uv, &all, deviation).map_err(TrainingError::Locks)?;
+            let strand = |s: &usize| TrainingStrand {
+                rest: groom.rest[*s],
+                statics: inputs[s * STATICS..][..STATICS].to_vec(),
+            };
+            let own = &lists[purpose as usize];
+            strands.extend(own.iter().map(strand));
+            counts.push(own.len());
+        }
+        Ok((strands, counts))
+    }
+}
+
+/// The name of a preset, or of a file without its folder.
+fn short(name: &str) -> String {
+    std::path::Path::new(name).file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// The scene of groom `name`.
+fn scene(config: &TrainingConfig, name: &str) -> Result<Scene, TrainingError> {
+    let own = |key: &str, value: &str| Override::option("hair.grooms", key, value);
+    let mut overrides = vec![own("groom.vertices_per_strand", &PARTICLES.to_string())];
+    if is_preset(name) {
+        overrides.push(own("groom.source", "grow"));
+        overrides.push(own("groom.preset", name));
+        overrides.push(own("groom.strands", &config.hair.grown.to_string()));
+    } else {
+        overrides
+            .push(own("groom.source", &std::path::absolute(name).unwrap_or(name.into()).to_string_lossy()));
+    }
+    let path = &config.hair.scene;
+    Ok(if path.as_os_str().is_empty() { Scene::builtin(&overrides)? } else { Scene::load(path, &overrides)? })
+}
+
+/// The distance field of the body, cm.
+fn distances(mesh: &TriMesh) -> Result<SmoothField, TrainingError> {
+    let sdf = Sdf::near(&ClosedMesh::new(mesh), 128, 0.2, 0.002).map_err(TrainingError::Body)?;
+    let corners = mesh.positions.iter().fold([Vec3::MAX, Vec3::MIN], |[a, b], x| [a.min(*x), b.max(*x)]);
+    let [least, most] = corners.map(|x| CM * x.as_dvec3());
+    let bounds = [least - BEYOND_CM, most + BEYOND_CM];
+    Ok(SmoothField::new(bounds, SPACING_CM, |x| CM as f32 * sdf.sample((x / CM).as_vec3()).0))
+}
+
+/// The strands of `groom` as the network sees them.
+fn kindred(
+    name: &str,
+    groom: &Groom,
+    field: &SmoothField,
+    config: &TrainingConfig,
+) -> Result<Kindred, TrainingError> {
+    let mut own = Kindred { rest: Vec::new(), uv: Vec::new(), local: Vec::new() };
+    for (number, strand) in groom.strands().enumerate() {
+        let x: Vec<DVec3> = strand.iter().map(|x| CM * x.as_dvec3()).collect();
+        let refused = |error| TrainingError::Strand { groom: name.to_owned(), strand: number, error };
+        let (_, normal) = field.sample(x[0].to_array());
+        own.uv.push(crown_uv(x[0]).map_err(refused)?);
+        own.local.push(encoder_inputs(&x, DVec3::from(normal)).map_err(refused)?);
+        own.rest.push(std::array::from_fn(|i| x[i].as_vec3().to_array()));
+    }
+    let needed = config.hair.held_out as usize * 2 + SET_STRANDS;
+    if own.rest.len() < needed {
+        return Err(TrainingError::Few { groom: name.to_owned(), strands: own.rest.len(), needed });
+    }
+    Ok(own)
+}
+
+/// The RMS error of `codes`, cm a coordinate.
+fn error(codes: &StrandCodes, strands: &[[f32; INPUTS]]) -> f64 {
+    let square = |x: &[f32; INPUTS]| {
+        let found = codes.decode(&codes.encode(x));
+        x.iter().zip(found).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>() / INPUTS as f64
+    };
+    LOCAL_SCALE_CM * (strands.iter().map(square).sum::<f64>() / strands.len().max(1) as f64).sqrt()
+}
+
+/// The mean of the deviations of each number of the codes of `strands`.
+fn deviation(codes: &StrandCodes, strands: &[[f32; INPUTS]]) -> f32 {
+    let all: Vec<_> = strands.iter().map(|strand| codes.encode(strand)).collect();
+    let (count, numbers) = (all.len().max(1) as f64, all.first().map_or(0, |code| code.len()));
+    let deviation = |k: usize| {
+        let mean = all.iter().map(|code| f64::from(code[k])).sum::<f64>() / count;
+        (all.iter().map(|code| (f64::from(code[k]) - mean).powi(2)).sum::<f64>() / count).sqrt()
+    };
+    ((0..numbers).map(deviation).sum::<f64>() / numbers.max(1) as f64) as f32
+}
+
+/// The motions of `config` for a use.
+pub(super) fn motions(config: &TrainingConfig, purpose: Use) -> Result<Vec<Clip>, TrainingError> {
+    let own = &config.motions;
+    let count = if matches!(purpose, Use::Training) { own.count } else { own.held_out };
+    let features = Features::new(DVec3::ZERO, HeadMotion::default()).map_err(TrainingError::Motion)?;
+    let first = SEEDS[purpose as usize] + 1_000_000 * (config.seed % 800);
+    let one = |k: u32| {
+        let kind = Kind::ALL[k as usize % Kind::ALL.len()];
+        let poses = generate(kind, config.frames(), SPACING_SECS, first + u64::from(k));
+        clip(&features, &poses).map_err(TrainingError::Motion)
+    };
+    (0..count).map(one).collect()
+}

@@ -1,0 +1,105 @@
+//! Training of the learned simulator: one result whatever the threads and interruptions, and errors
+//! in words.
+
+use forelock::scene::Override;
+use forelock::training::{TRAINING, TrainingConfig, TrainingError, TrainingOptions, train};
+use forelock::{Observer, Progress};
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// A training of a few steps.
+const SMALL: [&str; 10] = [
+    "hair.grooms=[\"straight\", \"curly\"]",
+    "hair.grown=96",
+    "hair.held_out=2",
+    "motions.count=4",
+    "motions.secs=1",
+    "motions.held_out=1",
+    "steps.codes=20",
+    "steps.simulator=40",
+    "steps.measure_every=16",
+    "energies.body=2000",
+];
+
+fn config(more: &[&str]) -> Result<TrainingConfig, forelock::scene::SceneError> {
+    let sets = SMALL.iter().chain(more).map(|set| Override::set(set)).collect::<Result<Vec<_>, _>>()?;
+    TrainingConfig::builtin(&sets)
+}
+
+/// Trains into `out`, up to `stop_at` steps from where it began.
+fn run(out: &Path, resume: bool, stop_at: u32) -> Result<u32, TrainingError> {
+    let stop = AtomicBool::new(false);
+    let (mut trains, mut steps) = (false, 0);
+    let mut observer = |progress: &Progress<'_>| match progress {
+        Progress::Begin { what, .. } => trains = *what == TRAINING,
+        Progress::Step if trains => {
+            steps += 1;
+            stop.store(steps >= stop_at, Ordering::Relaxed);
+        }
+        _ => {}
+    };
+    let observer: &mut Observer<'_> = &mut observer;
+    let options = TrainingOptions { out: out.to_path_buf(), resume };
+    Ok(train(&config(&[]).unwrap(), &options, observer, &stop)?.steps)
+}
+
+#[test]
+fn an_interrupted_training_on_two_threads_gives_the_model_of_a_whole_one_on_one_thread() {
+    let folders = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    let [whole, parts] = folders.each_ref().map(|folder| folder.path());
+    let on = |threads: usize| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    assert_eq!(on(1).install(|| run(whole, false, u32::MAX)).unwrap(), 40);
+    assert_eq!(on(2).install(|| run(parts, false, 21)).unwrap(), 21);
+    assert!(!parts.join("model.safetensors").exists());
+    assert_eq!(on(2).install(|| run(parts, true, 10)).unwrap(), 31);
+    assert_eq!(on(2).install(|| run(parts, true, u32::MAX)).unwrap(), 40);
+    let [a, b] = [whole, parts].map(|folder| std::fs::read(folder.join("model.safetensors")).unwrap());
+    assert!(a == b);
+    let model = forelock_neural::model::Model::from_bytes(&a).unwrap();
+    assert_eq!(model.info().training.grooms, ["straight", "curly"]);
+    assert!(model.info().measures["curly.stretch"] < 1e-5);
+    for name in ["training.toml", "training.html", "checkpoint.safetensors"] {
+        assert!(parts.join(name).exists(), "{name}");
+    }
+    // What it wrote is the same training.
+    let again = TrainingConfig::load(&parts.join("training.toml"), &[]).unwrap();
+    assert_eq!(again.digest(), config(&[]).unwrap().digest());
+
+    let resume = TrainingOptions { out: parts.to_path_buf(), resume: true };
+    let none = AtomicBool::new(false);
+    let other = config(&["energies.drag=3"]).unwrap();
+    let error = train(&other, &resume, &mut |_| {}, &none).unwrap_err();
+    assert!(error.to_string().contains("of another training"), "{error}");
+    let path = parts.join("checkpoint.safetensors");
+    let mut bytes = std::fs::read(&path).unwrap();
+    bytes.truncate(bytes.len() / 2);
+    std::fs::write(&path, bytes).unwrap();
+    let error = train(&config(&[]).unwrap(), &resume, &mut |_| {}, &none).unwrap_err();
+    assert!(error.to_string().contains("no checkpoint of a training"), "{error}");
+}
+
+#[test]
+fn wrong_configurations_are_refused_with_their_key() {
+    for (set, words) in [
+        ("steps.simulatr=3", "did you mean `steps.simulator`?"),
+        ("energies.drag=-1", "should be from 0 to 100"),
+        ("method.transport=\"along\"", "sequential"),
+        ("hair.grooms=[]", "name at least one"),
+        ("hair.grown=20", "should be from 64"),
+        ("seed=\"one\"", "should be a whole number"),
+    ] {
+        let error = config(&[set]).unwrap_err().to_string();
+        assert!(error.contains(words), "{set}: {error}");
+    }
+    let refused = |set: &str| {
+        let folder = tempfile::tempdir().unwrap();
+        let options = TrainingOptions { out: folder.path().to_path_buf(), resume: false };
+        train(&config(&[set]).unwrap(), &options, &mut |_| {}, &AtomicBool::new(false))
+            .unwrap_err()
+            .to_string()
+    };
+    let missing = refused("hair.grooms=[\"no-such.hair\"]");
+    assert!(missing.contains("no-such.hair"), "{missing}");
+    let missing = refused("hair.scene=no-such.toml");
+    assert!(missing.contains("no-such.toml"), "{missing}");
+}
