@@ -2,8 +2,8 @@
 //!
 //! # Theory
 //! Each angle of each joint is a sum of five sines of 0.15 to 1.6 Hz, or turns and holds: smooth
-//! turns to random angles within the joint's limits, with rests between. A part of the motions is
-//! rigid: all joints move as one body.
+//! turns to random angles within the joint's limits, with rests between, no faster than people move
+//! ([`FASTEST`]). A part of the motions is rigid: all joints move as one body. All begin at rest.
 
 use crate::features::BodyPose;
 use crate::random::Random;
@@ -17,6 +17,9 @@ const LIMITS: [[f64; 3]; 4] = [[0.6, 0.15, 0.1], [0.3, 0.25, 0.15], [0.4, 0.25, 
 const RIGID: [f64; 3] = [1.2, 0.6, 0.4];
 /// Limits of the root's displacement, cm.
 const REACH: [f64; 3] = [30.0, 6.0, 30.0];
+/// The largest speed of a turn, rad/s, and acceleration of a displacement, cm/s², of one curve that
+/// turns and holds.
+pub const FASTEST: [f64; 2] = [6.0, 981.0];
 /// Where each joint is in the axes of the one before, cm.
 const BONES: [DVec3; 4] = [
     DVec3::new(0.0, 95.0, 0.0),
@@ -56,7 +59,8 @@ enum Curve {
 }
 
 impl Curve {
-    fn new(kind: Kind, limit: f64, secs: f64, random: &mut Random) -> Self {
+    /// A random curve within ±`limit`. `least_secs` is the least duration of a change.
+    fn new(kind: Kind, limit: f64, secs: f64, least_secs: fn(f64) -> f64, random: &mut Random) -> Self {
         if matches!(kind, Kind::Sines | Kind::RigidSines) {
             let liveliness = 0.2 + 0.8 * random.unit();
             let mut sines = [[0.0; 3]; 5].map(|_| {
@@ -71,8 +75,9 @@ impl Curve {
         while time < secs {
             time += 0.3 + 1.5 * random.unit();
             holds.push([time, value]);
-            time += 0.25 + 0.6 * random.unit();
-            value = limit * random.signed();
+            let (duration, next) = (0.25 + 0.6 * random.unit(), limit * random.signed());
+            time += duration.max(least_secs((next - value).abs()));
+            value = next;
             holds.push([time, value]);
         }
         Self::Holds(holds)
@@ -100,13 +105,19 @@ impl Curve {
 pub fn generate(kind: Kind, frames: usize, dt_secs: f64, seed: u64) -> Vec<BodyPose> {
     let mut random = Random::stream(seed, kind as u64);
     let secs = frames as f64 * dt_secs;
-    let mut curves = |limits: [f64; 3]| limits.map(|limit| Curve::new(kind, limit, secs, &mut random));
+    // Of s² (3 − 2 s) the largest slope is 3/2, the largest second derivative 6.
+    let turning = |change: f64| 1.5 * change / FASTEST[0];
+    let moving = |change: f64| (6.0 * change / FASTEST[1]).sqrt();
+    let mut curves = |limits: [f64; 3], least_secs: fn(f64) -> f64| {
+        limits.map(|limit| Curve::new(kind, limit, secs, least_secs, &mut random))
+    };
     // From rest.
     let at = |curves: &[Curve; 3], time: f64| {
         let s = time.min(1.0);
         [0, 1, 2].map(|k| s * s * (3.0 - 2.0 * s) * curves[k].at(time))
     };
-    let (reach, rigid, joints) = (curves(REACH), curves(RIGID), LIMITS.map(&mut curves));
+    let (reach, rigid) = (curves(REACH, moving), curves(RIGID, turning));
+    let joints = LIMITS.map(|limits| curves(limits, turning));
     let rotation = |[yaw, pitch, roll]: [f64; 3]| DQuat::from_euler(EulerRot::YXZ, yaw, pitch, roll);
     let frame = |time: f64| {
         let moved = DVec3::from(at(&reach, time));
