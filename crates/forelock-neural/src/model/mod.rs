@@ -41,6 +41,7 @@ mod error;
 mod file;
 mod info;
 mod inputs;
+mod rest;
 
 pub use error::ModelError;
 pub use file::MOST_BYTES;
@@ -49,6 +50,7 @@ pub use info::{
     UNITS, UvMap,
 };
 pub use inputs::{InputsError, StrandAtRest};
+pub use rest::strands_at_rest;
 
 use crate::codes::Encoder;
 use crate::network::inference::Predictor;
