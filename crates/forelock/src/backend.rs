@@ -7,7 +7,7 @@
 
 mod mixed;
 
-use std::sync::LazyLock;
+use std::sync::{Arc, LazyLock};
 
 use forelock_core::body::ColliderFrame;
 use forelock_core::frame::{CHECK, COLLIDE, LENGTHS, Phase};
@@ -18,6 +18,7 @@ use forelock_core::simulator::{HostPositions, Simulator};
 use forelock_core::solver::Solver;
 use forelock_gpu::{Choice, Gpu, GpuError, GpuSimulation};
 
+use crate::neural::{Learned, NeuralError, NeuralSimulator};
 use crate::player::PlayerError;
 use crate::scene::SolverSection;
 use mixed::Mixed;
@@ -93,6 +94,8 @@ impl GpuStage {
 pub(crate) struct Parts<'a> {
     pub(crate) solver: &'a Solver<f32>,
     pub(crate) interactions: Interactions,
+    /// The trained model that moves the strands, if one does.
+    pub(crate) learned: Option<&'a Arc<Learned>>,
 }
 
 /// The processor that a run has chosen.
@@ -130,6 +133,9 @@ impl Backend {
                 Err(PlayerError::Gpu(error)) if self == Self::Auto => {
                     note = Some(format!("on the CPU: {error}"));
                 }
+                Err(PlayerError::Neural(NeuralError::Gpu)) if self == Self::Auto => {
+                    note = Some("on the CPU: the learned solver has no GPU kernels".to_owned());
+                }
                 Err(error) => return Err(error),
             }
         }
@@ -144,6 +150,9 @@ impl Backend {
         options: &Options,
         solids: &[ColliderFrame<'_>],
     ) -> Result<Placed, PlayerError> {
+        if parts.learned.is_some() {
+            return Err(NeuralError::Gpu.into());
+        }
         let from = if let Self::GpuFrom(stage) = self { stage } else { GpuStage::all()[0] };
         let gpu = Gpu::open(&Choice::Fastest)?;
         // A processor that emulates a GPU is slower than the solver on the CPU.
@@ -170,7 +179,12 @@ impl Place {
         options: &Options,
         solids: &[ColliderFrame<'_>],
     ) -> Result<Box<dyn Simulator>, PlayerError> {
-        let Parts { solver, interactions } = parts;
+        let Parts { solver, interactions, learned } = parts;
+        if let Some(learned) = learned {
+            check_memory(groom.particle_count() as u64, &Interactions::default())
+                .map_err(BuildError::from)?;
+            return Ok(Box::new(NeuralSimulator::new(groom, solver, learned, options)?));
+        }
         check_memory(groom.particle_count() as u64, interactions).map_err(BuildError::from)?;
         let solver = *solver;
         let on_cpu = || -> Result<Simulation, PlayerError> {

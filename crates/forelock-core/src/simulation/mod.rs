@@ -372,6 +372,12 @@ impl<T: SimulationReal> Simulation<T> {
         &mut self.state
     }
 
+    /// The model, and the state to be changed; all strands wake.
+    pub fn parts_mut(&mut self) -> (&Model<T>, &mut State<T>) {
+        self.wake();
+        (&self.model, &mut self.state)
+    }
+
     /// The solver.
     pub fn solver(&self) -> &Solver<T> {
         &self.solver

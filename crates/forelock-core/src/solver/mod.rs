@@ -7,6 +7,7 @@
 pub mod ams;
 pub mod dftl;
 pub mod mass_spring;
+pub mod prescribed;
 pub mod xpbd;
 
 pub use crate::frame::{
@@ -18,4 +19,5 @@ pub use ams::AmsParams;
 pub(crate) use ams::LengthPass;
 pub use dftl::DftlParams;
 pub use mass_spring::MassSpringParams;
+pub use prescribed::PrescribedParams;
 pub use xpbd::XpbdParams;

@@ -41,6 +41,7 @@ mod error;
 mod file;
 mod info;
 mod inputs;
+mod rest;
 
 pub use crate::network::head::OutputHead;
 pub use error::ModelError;
@@ -50,6 +51,7 @@ pub use info::{
     TrainingInfo, UNITS, UvMap,
 };
 pub use inputs::{InputsError, StrandAtRest};
+pub use rest::strands_at_rest;
 
 use crate::codes::Encoder;
 use crate::network::inference::Predictor;

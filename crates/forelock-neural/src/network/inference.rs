@@ -47,8 +47,8 @@ pub struct CountError {
 /// A network made ready for inference with the rotation head.
 #[derive(Clone, Debug)]
 pub struct Predictor {
-    simd: Simd,
-    network: Network<f32>,
+    pub(super) simd: Simd,
+    pub(super) network: Network<f32>,
 }
 
 /// Where predicted positions go: `[strand][25]`, cm, canonical space.
@@ -140,7 +140,7 @@ impl Predictor {
     }
 
     /// The layers of a packet, from the first layer's sums of the frame and of its strands.
-    fn layers(&self, frame: &[f32], sums: &[Row<f32>], activations: &mut Activations) {
+    pub(super) fn layers(&self, frame: &[f32], sums: &[Row<f32>], activations: &mut Activations) {
         let [.., hidden, second_bias, output, third_bias] = self.network.parts();
         let Activations { first, second, outputs } = activations;
         for ((first, sums), frame) in
@@ -161,14 +161,15 @@ impl Predictor {
 }
 
 /// Activations of a packet: rows of 64 strands.
-struct Activations {
+#[derive(Debug)]
+pub(super) struct Activations {
     first: Rows,
     second: Rows,
-    outputs: Rows,
+    pub(super) outputs: Rows,
 }
 
 impl Activations {
-    fn new(width: usize) -> Self {
+    pub(super) fn new(width: usize) -> Self {
         Self { first: zero_rows(width), second: zero_rows(width), outputs: zero_rows(OUTPUTS) }
     }
 }

@@ -15,10 +15,12 @@
 //!
 //! # Practice
 //! [`evaluate`] is the specification. [`inference`] runs packets of 64 strands through one
-//! matrix product ([`product`]).
+//! matrix product ([`product`]); [`packed`] does so for the strands of a simulation, which have any
+//! number of particles.
 
 pub mod head;
 pub mod inference;
+pub mod packed;
 pub mod product;
 pub mod rotation;
 

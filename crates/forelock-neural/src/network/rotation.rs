@@ -116,7 +116,7 @@ pub fn rotate<L: Lane>(root: V3<L>, edges: &[V3<L>; EDGES], u: &[V3<L>; EDGES]) 
 
 /// 2/(1 + |u|²) (u × v + u × (u × v)).
 #[inline(always)]
-fn turn<L: Lane>(u: V3<L>, v: V3<L>) -> V3<L> {
+pub(super) fn turn<L: Lane>(u: V3<L>, v: V3<L>) -> V3<L> {
     let across = u.cross(v);
     (across + u.cross(across)).scale(L::from_f64(2.0) / (L::one() + u.dot(u)))
 }

@@ -7,5 +7,6 @@ mod losses;
 mod measures;
 mod model;
 mod network;
+mod packed;
 mod reference;
 mod rigged;

@@ -19,9 +19,11 @@ use forelock_core::groom::edit::{Edit, EditError, EditReport};
 use forelock_core::groom::{Groom, SkinnedRoots};
 use forelock_core::meter::Meter;
 use forelock_core::pose::Pose;
+use forelock_neural::model::Model;
 use glam::DVec3;
 
 use crate::hash::Fnv;
+use crate::neural;
 use crate::progress::{Observer, Progress, watch};
 use crate::scene::{
     CameraSection, ColliderSection, GroomSource, HairSection, MotionSection, OutputSection, Scene,
@@ -120,6 +122,9 @@ pub enum AssetError {
     /// A character cannot play its clip.
     #[error(transparent)]
     Character(#[from] CharacterError),
+    /// The trained model cannot be used.
+    #[error(transparent)]
+    Model(#[from] forelock_neural::model::ModelError),
     /// Keyframes do not make a motion.
     #[error("the keyframes do not make a motion: {0}")]
     Keyframes(#[from] forelock_core::body::KeyframesError),
@@ -157,6 +162,8 @@ pub struct Assets {
     /// The body as a solid, if it bends.
     bending: Option<BendingSolid>,
     solids: Vec<Arc<Solid>>,
+    /// The trained model that moves the strands, if one does, and its name.
+    model: Option<(String, Arc<Model>)>,
 }
 
 impl Assets {
@@ -188,6 +195,10 @@ impl Assets {
     }
 
     fn unedited_watched(scene: &Scene, meter: &Meter) -> Result<Self, AssetError> {
+        // Before minutes of growth.
+        let name = neural::model_name(&scene.solver.neural).filter(|_| scene.solver.is_learned());
+        let read = |name: String| Ok::<_, AssetError>((neural::read(&name)?.into(), name));
+        let model = name.map(read).transpose()?.map(|(model, name)| (name, model));
         let body = Body::load(scene, meter)?;
         let mut notes = body.as_ref().map_or_else(Vec::new, |body| body.notes.clone());
         let groom = groom::load(scene, body.as_ref(), &mut notes, meter)?;
@@ -201,7 +212,7 @@ impl Assets {
         };
         let rigid = body.as_ref().filter(|_| bends.is_none());
         let solids = solids::load(scene, rigid, meter)?;
-        Ok(Self { groom, notes, body, pivot, head, performance, bending, solids })
+        Ok(Self { groom, notes, body, pivot, head, performance, bending, solids, model })
     }
 
     /// Does edit `number`, from 0, of `scene` to the groom.
@@ -245,7 +256,8 @@ impl Assets {
         let mut notes = Vec::new();
         let (head, performance) = Self::head(&scene, body.as_ref(), &groom, pivot, &mut notes)?;
         let solids = solids::load(&scene, None, &meter)?;
-        Ok(Self { groom, notes, body, pivot, head, performance, bending: None, solids })
+        let (bending, model) = (None, None);
+        Ok(Self { groom, notes, body, pivot, head, performance, bending, solids, model })
     }
 
     /// The motion of what carries `groom`, and what the body plays if it bends.
@@ -263,6 +275,11 @@ impl Assets {
             return Ok((Arc::new(Motion::Joint(own.clone())), Some(own)));
         }
         Ok((Arc::new(motion::from_section(&scene.body.motion, pivot)?), None))
+    }
+
+    /// The trained model `name`, if it is among them.
+    pub(crate) fn model(&self, name: &str) -> Option<Arc<Model>> {
+        self.model.as_ref().filter(|(own, _)| own == name).map(|(_, model)| Arc::clone(model))
     }
 
     /// What the body plays, if it bends.
@@ -357,6 +374,9 @@ impl Assets {
         if physics.body.motion.is_file() {
             physics.body.motion.name = String::new();
         }
+        if !physics.solver.neural.is_builtin() {
+            physics.solver.neural.model = String::new();
+        }
         for collider in &mut physics.colliders {
             collider.mesh = None;
             collider.mesh_sequence.clear();
@@ -368,6 +388,9 @@ impl Assets {
         physics.camera = CameraSection::default();
         physics.hair = HairSection::default();
         let mut hash = Fnv::new().bytes(physics.to_toml().as_bytes());
+        if let Some(bytes) = self.model.as_ref().and_then(|(_, model)| model.to_bytes().ok()) {
+            hash = hash.bytes(&bytes);
+        }
         for offset in self.groom.strand_offsets() {
             hash = hash.bytes(&offset.to_le_bytes());
         }

@@ -137,6 +137,8 @@ impl PlayerBuilder {
             engine.simulator().rest_on(&live.head_at, frames)?;
         }
         let middle = assets.middle_of_roots();
+        let of_model = live.setting.learned.iter().flat_map(|learned| learned.notes.clone());
+        let notes = note.into_iter().chain(of_model).collect();
         let mut player = Player {
             engine,
             live,
@@ -148,7 +150,7 @@ impl PlayerBuilder {
             skinning,
             middle,
             simulated: Vec::new(),
-            notes: note.into_iter().collect(),
+            notes,
             scene,
             assets,
             solvers,

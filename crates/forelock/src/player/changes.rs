@@ -188,6 +188,11 @@ impl Player {
     }
 
     fn apply_solver(&mut self, solver: &Arc<SolverSection>) -> Result<(), PlayerError> {
+        if !solver.has_model_of(&self.live.setting.solver) {
+            return Err(PlayerError::Fixed(
+                "the trained model of the solver \"neural\", or whether there is one,",
+            ));
+        }
         let params = Arc::new(self.solvers.solver(solver)?);
         if params.refinement() != self.live.setting.params.refinement() {
             return Err(PlayerError::Fixed("the particles that the solver adds between those of the groom"));

@@ -6,6 +6,7 @@ use forelock_core::simulator::SimulatorError;
 use forelock_gpu::GpuError;
 
 use crate::assets::AssetError;
+use crate::neural::NeuralError;
 
 use super::ColliderId;
 
@@ -33,6 +34,9 @@ pub enum PlayerError {
     /// The GPU failed, or cannot do what the scene asks for.
     #[error(transparent)]
     Gpu(#[from] GpuError),
+    /// The learned solver cannot run the scene.
+    #[error(transparent)]
+    Neural(#[from] NeuralError),
     /// A device failed.
     #[error(transparent)]
     Device(Box<dyn std::error::Error + Send + Sync>),
@@ -83,7 +87,10 @@ impl From<SimulatorError> for PlayerError {
             SimulatorError::Regroom(error) => error.into(),
             SimulatorError::Device(error) => match error.downcast::<GpuError>() {
                 Ok(error) => Self::Gpu(*error),
-                Err(error) => Self::Device(error),
+                Err(error) => match error.downcast::<NeuralError>() {
+                    Ok(error) => Self::Neural(*error),
+                    Err(error) => Self::Device(error),
+                },
             },
         }
     }

@@ -19,6 +19,7 @@ use super::report::Counters;
 use super::track::Track;
 use crate::assets::{Assets, Solid};
 use crate::backend::Parts;
+use crate::neural::Learned;
 use crate::penetration::MeasuredSolid;
 use crate::scene::{InteractionSection, Scene, SolverSection};
 
@@ -34,22 +35,29 @@ pub(super) struct Setting {
     pub interaction: Arc<InteractionSection>,
     pub gravity: DVec3,
     pub wind: Arc<Wind>,
+    /// The trained model that moves the strands, if one does.
+    pub learned: Option<Arc<Learned>>,
 }
 
 impl Setting {
-    fn new(scene: &Scene, solvers: &Solvers) -> Result<Self, PlayerError> {
+    fn new(scene: &Scene, assets: &Assets, solvers: &Solvers) -> Result<Self, PlayerError> {
         Ok(Self {
             params: Arc::new(solvers.solver(&scene.solver)?),
             solver: Arc::new(scene.solver.clone()),
             interaction: Arc::new(scene.interaction.clone()),
             gravity: DVec3::from_array(scene.gravity),
             wind: Arc::new(wind(scene, &scene.wind)?),
+            learned: Learned::of(scene, assets)?.map(Arc::new),
         })
     }
 
     /// What a simulation is built from.
     pub fn parts(&self) -> Parts<'_> {
-        Parts { solver: &self.params, interactions: self.interaction.interactions() }
+        Parts {
+            solver: &self.params,
+            interactions: self.interaction.interactions(),
+            learned: self.learned.as_ref(),
+        }
     }
 
     /// The step of a solver with a fixed step, seconds.
@@ -184,7 +192,7 @@ impl Live {
         let mut live = Self {
             frame: 0,
             fps: scene.time.fps,
-            setting: Setting::new(scene, solvers)?,
+            setting: Setting::new(scene, assets, solvers)?,
             own_clock: None,
             head,
             head_at: at,

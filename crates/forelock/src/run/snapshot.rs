@@ -164,7 +164,10 @@ impl Snapshot {
         let channels: Vec<_> =
             state.extra.into_iter().map(|(name, v)| (format!("{CHANNEL}{name}"), v)).collect();
         for (name, values) in channels.iter() {
-            let shape = vec![particles, values.len() / particles.max(1)];
+            // Some arrays are not of particles.
+            let rows = values.len() / particles.max(1);
+            let is_of_particles = rows * particles == values.len();
+            let shape = if is_of_particles { vec![particles, rows] } else { vec![values.len()] };
             arrays.push((name, Array { shape, data: Data::F32(values.clone()) }));
         }
         let names = sum_of_names(arrays.iter().map(|&(name, _)| name));
@@ -246,6 +249,9 @@ impl Snapshot {
             let Some(channel) = name.strip_prefix(CHANNEL) else { continue };
             match (&array.data, array.shape.as_slice()) {
                 (Data::F32(values), [particles, _]) if *particles == positions.len() => {
+                    extra.insert(channel.to_owned(), values.clone());
+                }
+                (Data::F32(values), [_]) => {
                     extra.insert(channel.to_owned(), values.clone());
                 }
                 _ => return Err(name.clone().into()),

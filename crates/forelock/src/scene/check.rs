@@ -15,8 +15,8 @@ use forelock_render::HairColour;
 use super::document::Document;
 use super::error::{SceneError, one_of};
 use super::sections::{CLAY, ColliderSection, GroomSource, ShapeKind};
-use super::{ClipSection, Keyframe, MotionSection, Scene, SolverKind, SolverSection, TimeSection, reference};
-use crate::sinks;
+use super::{ClipSection, Keyframe, MotionSection, Scene, SolverSection, TimeSection, reference};
+use crate::{neural, sinks};
 
 /// The bodies that have names.
 const BODIES: [&str; 5] = ["builtin:head", "builtin:horse", "builtin:talker", "builtin:walker", "none"];
@@ -27,7 +27,7 @@ type Wrong = (String, String);
 /// Checks every value of `scene`. `document` tells which of the keys the scene file sets.
 pub(super) fn check(scene: &Scene, document: &Document<'_>) -> Result<(), Wrong> {
     check_ranges(scene)?;
-    check_available(scene)?;
+    check_model(scene)?;
     check_groom(scene)?;
     check_body_motion(scene)?;
     if scene.body.is_named() && !BODIES.contains(&scene.body.mesh.as_str()) {
@@ -125,18 +125,25 @@ fn check_range(key: &str, entry: &str, value: &toml::Value) -> Result<(), Wrong>
     }
 }
 
-/// Rejects solvers that are planned but do not exist in this version.
-fn check_available(scene: &Scene) -> Result<(), Wrong> {
-    let kind = &scene.solver.kind;
-    if kind.is_available() {
+/// Checks that a learned solver has a model.
+fn check_model(scene: &Scene) -> Result<(), Wrong> {
+    let section = &scene.solver.neural;
+    if !scene.solver.is_learned() {
         return Ok(());
     }
-    let message = format!(
-        "asks for the solver \"{}\", which this version does not have yet: use {}",
-        kind.name(),
-        SolverKind::AVAILABLE
-    );
-    Err(("solver.kind".to_owned(), message))
+    if neural::model_name(section).is_none() {
+        let message = format!(
+            "is \"{}\", which needs a trained model: set `solver.neural.model` to its file",
+            scene.solver.kind.name()
+        );
+        return Err(("solver.kind".to_owned(), message));
+    }
+    let names = neural::builtin_names();
+    if section.is_builtin() && !section.model.is_empty() && !names.contains(&section.model) {
+        let known: Vec<&str> = names.iter().map(String::as_str).chain(["a path"]).collect();
+        return Err(("solver.neural.model".to_owned(), one_of(&section.model, &known)));
+    }
+    Ok(())
 }
 
 /// Checks that the keys of the groom agree with each other.

@@ -35,7 +35,7 @@ pub use sections::{
     BodySection, CameraSection, ColliderSection, GroomSection, GroomSource, HairSection, InteractionKind,
     InteractionSection, OutputSection, ShapeKind, TimeSection,
 };
-pub use solver::{SimdChoice, SolverKind, SolverSection};
+pub use solver::{NeuralSection, SimdChoice, SolverKind, SolverSection};
 pub use teleport::TeleportSection;
 
 use std::path::{Path, PathBuf};
@@ -274,6 +274,10 @@ impl Scene {
         if self.body.motion.is_file() {
             let name = &mut self.body.motion.name;
             *name = of(name.as_ref()).to_string_lossy().into_owned();
+        }
+        let neural = &mut self.solver.neural;
+        if !neural.is_builtin() {
+            neural.model = of(neural.model.as_ref()).to_string_lossy().into_owned();
         }
         let meshes = self.colliders.iter_mut().flat_map(|c| c.mesh.iter_mut().chain(&mut c.mesh_sequence));
         meshes.for_each(|path| *path = of(path));

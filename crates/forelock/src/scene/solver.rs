@@ -1,7 +1,7 @@
 //! `[solver]`: which solver, and its parameters.
 
 use forelock_core::lane::Simd;
-use forelock_core::solver::{AmsParams, DftlParams, MassSpringParams, Solver, XpbdParams};
+use forelock_core::solver::{AmsParams, DftlParams, MassSpringParams, PrescribedParams, Solver, XpbdParams};
 use forelock_core::strands::Masses;
 use serde::{Deserialize, Serialize, Serializer};
 
@@ -22,7 +22,7 @@ pub enum SolverKind {
     Dftl,
     /// Cosserat rods under extended position-based dynamics.
     Xpbd,
-    /// The learned simulator. Not yet available.
+    /// A trained model.
     Neural,
     /// A solver that is registered with the player under this name: see
     /// [`Scene::load_with`](crate::Scene::load_with).
@@ -39,14 +39,6 @@ impl Serialize for SolverKind {
 impl SolverKind {
     /// The names that every scene file may use.
     pub const NAMES: [&'static str; 5] = ["ams", "mass-spring", "dftl", "xpbd", "neural"];
-
-    /// Those of them that this version has, in words.
-    pub(super) const AVAILABLE: &str = "\"ams\", \"mass-spring\", \"dftl\" or \"xpbd\"";
-
-    /// Whether this version has it.
-    pub(super) fn is_available(&self) -> bool {
-        *self != Self::Neural
-    }
 
     /// The name in scene files.
     pub fn name(&self) -> &str {
@@ -79,11 +71,34 @@ pub enum SimdChoice {
 }
 
 forelock_core::documented! {
+/// `[solver.neural]`: a trained model.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct NeuralSection {
+    /// File of the trained model. Default none.
+    pub model: String,
+    /// The point of the groom's space that the model takes for the head's centre, between the ears
+    /// of the built-in head: [x, y, z]. Unit m, default [0, 0, 0], range -1000 to 1000 each.
+    pub origin: [f64; 3],
+    /// Whether solids push hair out at the end of each frame. The model knows no solids but the
+    /// head that it was trained on. Default false.
+    pub push_out: bool,
+}
+}
+
+impl NeuralSection {
+    /// Whether the model is none of a file.
+    pub(crate) fn is_builtin(&self) -> bool {
+        self.model.is_empty() || self.model.starts_with("builtin:")
+    }
+}
+
+forelock_core::documented! {
 /// `[solver]`: which solver, and its parameters.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SolverSection {
-    /// "ams", "mass-spring", "dftl" or "xpbd". Default "ams".
+    /// "ams", "mass-spring", "dftl", "xpbd" or "neural". Default "ams".
     pub kind: SolverKind,
     /// Instructions to use: "auto", "portable", "avx2", "avx512" or "scalar". Default "auto".
     pub simd: SimdChoice,
@@ -105,6 +120,8 @@ pub struct SolverSection {
     pub dftl: DftlParams,
     /// Parameters of "xpbd".
     pub xpbd: XpbdParams,
+    /// The model of "neural".
+    pub neural: NeuralSection,
     /// Parameters of the registered solver that is chosen, the table `[solver.NAME]`. Default
     /// empty.
     #[serde(skip)]
@@ -124,6 +141,7 @@ impl Default for SolverSection {
             mass_spring: MassSpringParams::default(),
             dftl: DftlParams::default(),
             xpbd: XpbdParams::default(),
+            neural: NeuralSection::default(),
             custom: toml::Table::default(),
         }
     }
@@ -146,8 +164,11 @@ const AMS_NOTE: &str = "Stiffness is also bounded by float32: h²κ ≤ 1000 for
 const DFTL_NOTE: &str = "Shares are those of a step of 0.016 s; for other steps they are converted.";
 const XPBD_NOTE: &str = "`time.substep_secs` does not apply: rods need far shorter substeps than springs.";
 
+const NEURAL_NOTE: &str = "Wind, interaction between strands and bodies that bend are not for this solver; \
+    [Solvers](solvers.md#neural) has the rest.";
+
 /// The sections of the reference for the tables of solvers.
-pub(super) fn sections() -> [Section; 4] {
+pub(super) fn sections() -> [Section; 5] {
     [
         with::<AmsParams>("solver.ams", "## `[solver.ams]`: augmented mass-spring", AMS_NOTE),
         with::<MassSpringParams>(
@@ -157,6 +178,7 @@ pub(super) fn sections() -> [Section; 4] {
         ),
         with::<DftlParams>("solver.dftl", "## `[solver.dftl]`: dynamic follow the leader", DFTL_NOTE),
         with::<XpbdParams>("solver.xpbd", "## `[solver.xpbd]`: XPBD Cosserat rods", XPBD_NOTE),
+        with::<NeuralSection>("solver.neural", "## `[solver.neural]`: a trained model", NEURAL_NOTE),
     ]
 }
 
@@ -178,7 +200,7 @@ impl SolverSection {
         ["time.substeps", "solver.ams.substeps", "solver.mass_spring.substeps"];
 
     /// The built-in solvers, in the order of their stages. The registered ones are known to the
-    /// player only.
+    /// player only, and a trained model has no stages of its own.
     pub(crate) fn built_in(&self) -> [BuiltIn; 4] {
         let built_in = |kind, table, solver| BuiltIn { kind, table, solver };
         [
@@ -189,8 +211,24 @@ impl SolverSection {
         ]
     }
 
+    /// Whether a trained model moves the strands.
+    pub(crate) fn is_learned(&self) -> bool {
+        self.kind == SolverKind::Neural
+    }
+
+    /// Whether `other` has the same trained model, or neither has one.
+    pub(crate) fn has_model_of(&self, other: &Self) -> bool {
+        let of = |own: &Self| own.is_learned().then(|| (own.neural.model.clone(), own.neural.origin));
+        of(self) == of(other)
+    }
+
     /// The chosen solver, if it is built in.
     pub(crate) fn chosen(&self) -> Option<BuiltIn> {
+        if self.is_learned() {
+            let params = PrescribedParams { push_out: self.neural.push_out };
+            let solver = (&params).into();
+            return Some(BuiltIn { kind: SolverKind::Neural, table: "solver.neural", solver });
+        }
         self.built_in().into_iter().find(|own| own.kind == self.kind)
     }
 

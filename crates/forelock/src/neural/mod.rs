@@ -1,0 +1,175 @@
+//! `solver.kind = "neural"`: a trained model moves the strands of a rigid head.
+//!
+//! # Theory
+//! The network predicts each strand in canonical space from its code and the head's pose history
+//! (Neuralocks, 2025). It has no state but that history, so a frame is: note the head's pose, ask
+//! the network, take the strands to the world with the head. The strands are simulated by the
+//! solver that goes where it is told, which gives them velocities, snapshots, edits and, if asked
+//! for, collisions.
+//!
+//! # Practice
+//! Canonical space is the groom's, from `solver.neural.origin` and the origin in the model, in cm.
+//! The model's four joints all move with the head. Codes, locks and the rest shape are prepared
+//! once a groom, and again after an edit.
+//!
+//! # Limitations
+//! No bodies that bend, no GPU, no interaction between strands, no wind. Gravity is that of the
+//! training.
+
+mod error;
+mod past;
+mod scalp;
+mod simulator;
+
+pub use error::NeuralError;
+pub(crate) use simulator::NeuralSimulator;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use forelock_core::air::WindParams;
+use forelock_core::groom::Groom;
+use forelock_core::interaction::Interactions;
+use forelock_core::lane::Simd;
+use forelock_neural::features::{Features, HISTORY, SHARED_NUMBERS, SPACING_SECS};
+use forelock_neural::model::{Model, ModelError, OutputHead, strands_at_rest};
+use forelock_neural::network::inference::Predictor;
+use glam::DVec3;
+
+use crate::assets::Assets;
+use crate::scene::{InteractionSection, NeuralSection, Scene};
+use scalp::Scalp;
+
+/// The models that are built in: their names after `builtin:` and their bytes. The first one is the
+/// default.
+const BUILTIN: [(&str, &[u8]); 0] = [];
+
+/// The name of the model of `section`; none if none is named and there is no default.
+pub(crate) fn model_name(section: &NeuralSection) -> Option<String> {
+    let default = || BUILTIN.first().map(|(name, _)| format!("builtin:{name}"));
+    Some(section.model.clone()).filter(|name| !name.is_empty()).or_else(default)
+}
+
+/// The names of the built-in models.
+pub(crate) fn builtin_names() -> Vec<String> {
+    BUILTIN.iter().map(|(name, _)| format!("builtin:{name}")).collect()
+}
+
+/// The model `name`: a built-in one or that of a file.
+pub(crate) fn read(name: &str) -> Result<Model, ModelError> {
+    let own = BUILTIN.iter().find(|(own, _)| name.strip_prefix("builtin:") == Some(*own));
+    match own {
+        Some((_, bytes)) => Model::from_bytes(bytes),
+        None => Model::read(name),
+    }
+}
+
+/// Distance of the roots from the head's centre, on average, that no head has, metres.
+const FAR_M: f64 = 0.4;
+/// Largest difference from the gravity of the training, over that.
+const GRAVITY_TOLERANCE: f64 = 0.01;
+
+/// What a learned simulator is built from besides its strands.
+#[derive(Debug)]
+pub(crate) struct Learned {
+    model: Arc<Model>,
+    path: PathBuf,
+    /// Where the model's head joint is in the groom's space, metres.
+    joint: DVec3,
+    scalp: Scalp,
+    /// What the user should know, one sentence each.
+    pub(crate) notes: Vec<String>,
+}
+
+impl Learned {
+    /// What `scene` asks for, if it asks for a learned solver.
+    pub(crate) fn of(scene: &Scene, assets: &Assets) -> Result<Option<Self>, NeuralError> {
+        let section = &scene.solver.neural;
+        let Some(name) = model_name(section).filter(|_| scene.solver.is_learned()) else {
+            return Ok(None);
+        };
+        // Assets of another scene may be without it.
+        let model = assets.model(&name).map_or_else(|| read(&name).map(Arc::new), Ok)?;
+        let learned = Self {
+            model,
+            path: Path::new(&name).to_path_buf(),
+            joint: section.origin.into(),
+            scalp: Scalp::new(assets.body_mesh()),
+            notes: notes(scene),
+        };
+        learned.check()?;
+        Ok(Some(learned))
+    }
+
+    /// Checks that this version can run the model.
+    fn check(&self) -> Result<(), NeuralError> {
+        let info = self.model.info();
+        let problem = if info.head != OutputHead::Rotation {
+            ModelError::Head(info.head).to_string()
+        } else if info.history > HISTORY {
+            let found = info.history;
+            format!("the model has a history of {found} entries, and this version {HISTORY}: train it again")
+        } else if (info.dt_secs / SPACING_SECS - 1.0).abs() > 0.01 {
+            let found = info.dt_secs;
+            format!("the model steps by {found} s, and this version by 1/30 s: train it again")
+        } else {
+            return Ok(());
+        };
+        Err(NeuralError::Unsupported { path: self.path.clone(), problem })
+    }
+
+    /// Checks that hair under `gravity`, m/s², is what the model knows.
+    fn check_gravity(&self, gravity: DVec3) -> Result<(), NeuralError> {
+        let trained = 0.01 * DVec3::from_array(self.model.info().energies.gravity);
+        if gravity.distance(trained) <= GRAVITY_TOLERANCE * trained.length() {
+            return Ok(());
+        }
+        Err(NeuralError::Gravity { found: gravity, trained })
+    }
+
+    /// The network's inputs of a frame: at most as many as this version computes.
+    fn shared_inputs(&self) -> usize {
+        self.model.network().shape().shared.min(SHARED_NUMBERS)
+    }
+
+    /// The network, ready for inference.
+    fn predictor(&self, simd: Simd) -> Result<Predictor, NeuralError> {
+        let in_file = |error| ModelError::File { path: self.path.clone(), error: Box::new(error) };
+        Ok(self.model.predictor(simd).map_err(in_file)?)
+    }
+
+    /// The numbers of the network's inputs of a frame.
+    fn features(&self) -> Result<Features, NeuralError> {
+        let info = self.model.info();
+        Ok(Features::new(info.origin_in_head.into(), info.head_motion)?)
+    }
+
+    /// The static inputs of the strands of `groom`, `[strands, statics]`.
+    fn inputs(&self, groom: &Groom, simd: Simd) -> Result<Vec<f32>, NeuralError> {
+        let origin = self.joint + 0.01 * DVec3::from_array(self.model.info().origin_in_head);
+        self.check_place(groom, origin)?;
+        let strands = strands_at_rest(groom, origin, &self.scalp.normals(groom, origin))?;
+        Ok(self.model.strand_inputs(&strands, simd)?)
+    }
+
+    /// Checks that the roots of `groom` can be those of a head with its centre at `origin`.
+    fn check_place(&self, groom: &Groom, origin: DVec3) -> Result<(), NeuralError> {
+        let roots = || groom.strands().filter_map(|strand| strand.first()).map(|root| root.as_dvec3());
+        let count = roots().count().max(1) as f64;
+        let distance_m = roots().map(|root| root.distance(origin)).sum::<f64>() / count;
+        if distance_m <= FAR_M {
+            return Ok(());
+        }
+        let middle = (1e3 * roots().sum::<DVec3>() / count).round() / 1e3;
+        Err(NeuralError::Far { distance_m, middle })
+    }
+}
+
+/// What of `scene` has no effect.
+fn notes(scene: &Scene) -> Vec<String> {
+    let usual = InteractionSection::default();
+    let is_set = scene.interaction != usual && scene.interaction.interactions() != Interactions::default();
+    let passed_over = [("interaction", is_set), ("wind", scene.wind != WindParams::default())];
+    let note = |name| format!("`{name}` has no effect: the learned solver moves each strand by itself");
+    passed_over.into_iter().filter(|(_, is_set)| *is_set).map(|(name, _)| note(name)).collect()
+}
