@@ -38,7 +38,7 @@ use glam::DVec3;
 
 use crate::assets::Assets;
 use crate::scene::{InteractionSection, NeuralSection, Scene};
-use scalp::Scalp;
+pub(crate) use scalp::Scalp;
 
 /// The models that are built in: their names after `builtin:` and their bytes. The first one is the
 /// default.

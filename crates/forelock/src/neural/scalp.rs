@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 /// The surface that strands grow on; none for a groom without a body.
 #[derive(Debug)]
-pub(super) struct Scalp(Option<Surface>);
+pub(crate) struct Scalp(Option<Surface>);
 
 #[derive(Debug)]
 struct Surface {
@@ -17,7 +17,7 @@ struct Surface {
 }
 
 impl Scalp {
-    pub(super) fn new(mesh: Option<&TriMesh>) -> Self {
+    pub(crate) fn new(mesh: Option<&TriMesh>) -> Self {
         Self(mesh.map(|mesh| Surface {
             bvh: Bvh::new(mesh),
             triangles: mesh.triangles.clone(),
@@ -28,7 +28,7 @@ impl Scalp {
     /// The outward normals at the roots of `groom`, one a strand: those of the nearest points of
     /// the surface, or away from `centre` where there is none. A surface turned inside out, whose
     /// normals point to `centre` on average, is turned back.
-    pub(super) fn normals(&self, groom: &Groom, centre: DVec3) -> Vec<DVec3> {
+    pub(crate) fn normals(&self, groom: &Groom, centre: DVec3) -> Vec<DVec3> {
         let strands = 0..groom.strand_count();
         let root = |strand: usize| groom.strand(strand).first().copied().unwrap_or_default();
         let away = |strand: usize| (root(strand).as_dvec3() - centre).normalize_or(DVec3::Y);

@@ -12,6 +12,7 @@ use forelock_neural::codes::{
 };
 use forelock_neural::features::{Features, HeadMotion, SPACING_SECS};
 use forelock_neural::losses::field::SmoothField;
+use forelock_neural::model::{InputsError, strands_at_rest};
 use forelock_neural::network::STATICS;
 use forelock_neural::network::inference::Positions;
 use forelock_neural::train::motions::{Kind, generate};
@@ -21,6 +22,7 @@ use glam::{DVec3, Vec3};
 use super::TrainingError;
 use super::config::{TrainingConfig, is_preset};
 use crate::assets::Assets;
+use crate::neural::Scalp;
 use crate::progress::{Observer, Progress};
 use crate::scene::{Override, Scene};
 
@@ -90,11 +92,10 @@ impl Hair {
         for name in &config.hair.grooms {
             let assets = Assets::load(&scene(config, name)?, observer)?;
             let mesh = assets.body_mesh().ok_or(TrainingError::NoBody)?;
-            let field = match &field {
-                Some(field) => field,
-                None => field.insert(distances(mesh)?),
-            };
-            grooms.push(kindred(name, &assets.groom, field, config)?);
+            if field.is_none() {
+                field = Some(distances(mesh)?);
+            }
+            grooms.push(kindred(name, &assets.groom, &Scalp::new(Some(mesh)), config)?);
         }
         Ok(Self {
             field: field.ok_or(TrainingError::NoBody)?,
@@ -184,21 +185,25 @@ fn distances(mesh: &TriMesh) -> Result<SmoothField, TrainingError> {
 fn kindred(
     name: &str,
     groom: &Groom,
-    field: &SmoothField,
+    scalp: &Scalp,
     config: &TrainingConfig,
 ) -> Result<Kindred, TrainingError> {
-    let mut own = Kindred { rest: Vec::new(), uv: Vec::new(), local: Vec::new() };
-    for (number, strand) in groom.strands().enumerate() {
-        let x: Vec<DVec3> = strand.iter().map(|x| CM * x.as_dvec3()).collect();
-        let refused = |error| TrainingError::Strand { groom: name.to_owned(), strand: number, error };
-        let (_, normal) = field.sample(x[0].to_array());
-        own.uv.push(crown_uv(x[0]).map_err(refused)?);
-        own.local.push(encoder_inputs(&x, DVec3::from(normal)).map_err(refused)?);
-        own.rest.push(std::array::from_fn(|i| x[i].as_vec3().to_array()));
-    }
     let needed = config.hair.held_out as usize * 2 + SET_STRANDS;
-    if own.rest.len() < needed {
-        return Err(TrainingError::Few { groom: name.to_owned(), strands: own.rest.len(), needed });
+    if groom.strand_count() < needed {
+        return Err(TrainingError::Few { groom: name.to_owned(), strands: groom.strand_count(), needed });
+    }
+    let strands = strands_at_rest(groom, DVec3::ZERO, &scalp.normals(groom, DVec3::ZERO))
+        .map_err(crate::assets::AssetError::from)?;
+    let mut own = Kindred { rest: Vec::new(), uv: Vec::new(), local: Vec::new() };
+    for (strand, at_rest) in strands.iter().enumerate() {
+        let refused = |error| TrainingError::Strand {
+            groom: name.to_owned(),
+            error: InputsError::Strand { strand, error },
+        };
+        let x = at_rest.particles.map(|x| Vec3::from(x).as_dvec3());
+        own.uv.push(crown_uv(at_rest.direction).map_err(refused)?);
+        own.local.push(encoder_inputs(&x, at_rest.normal).map_err(refused)?);
+        own.rest.push(at_rest.particles);
     }
     Ok(own)
 }

@@ -46,14 +46,12 @@ pub enum TrainingError {
     #[error("the body cannot be made solid: {0}; close its mesh")]
     Body(forelock_core::body::SdfError),
     /// A strand has no code.
-    #[error("groom {groom}, strand {strand}: {error}")]
+    #[error("groom {groom}: {error}")]
     Strand {
         /// The groom.
         groom: String,
-        /// The strand's number, from 0.
-        strand: usize,
-        /// What is wrong with it.
-        error: forelock_neural::codes::RootFrameError,
+        /// What is wrong with the strand.
+        error: forelock_neural::model::InputsError,
     },
     /// A groom has too few strands.
     #[error(
