@@ -2,7 +2,7 @@
 //! in words.
 
 use forelock::scene::Override;
-use forelock::training::{TRAINING, TrainingConfig, TrainingError, TrainingOptions, train};
+use forelock::training::{TRAINING, TrainingConfig, TrainingError, TrainingOptions, measure, train};
 use forelock::{Observer, Progress};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -102,4 +102,24 @@ fn wrong_configurations_are_refused_with_their_key() {
     assert!(missing.contains("no-such.hair"), "{missing}");
     let missing = refused("hair.scene=no-such.toml");
     assert!(missing.contains("no-such.toml"), "{missing}");
+}
+
+/// The model that scenes use by default, on two motions and thirty-two strands that it was not
+/// trained on.
+#[test]
+fn the_built_in_model_moves_hair_as_the_reference() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("models");
+    let model = forelock_neural::model::Model::read(folder.join("head.safetensors")).unwrap();
+    let sets = [Override::set("motions.held_out=2").unwrap()];
+    let config = TrainingConfig::load(&folder.join("head.toml"), &sets).unwrap();
+    let whole = TrainingConfig::load(&folder.join("head.toml"), &[]).unwrap();
+    assert_eq!(model.info().training.config_digest, whole.digest(), "the model and its configuration");
+    let parameters = model.network().parameters().len();
+    assert!(4 * (parameters + forelock_neural::EDGES.pow(2)) <= 1_200_000);
+    for own in measure(&config, &model, &mut |_| {}).unwrap() {
+        let (groom, score) = (own.groom, own.score);
+        assert!(score.corr >= 0.75 && score.corr_vel >= 0.6, "{groom}: {score:?}");
+        assert!((0.6..=0.95).contains(&score.motion_ratio), "{groom}: {score:?}");
+        assert!(score.inside <= 1e-3 && score.stretch <= 1e-5, "{groom}: {score:?}");
+    }
 }
