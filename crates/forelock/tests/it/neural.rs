@@ -296,7 +296,7 @@ fn refused(keys: &[&str], backend: Backend) -> String {
         Err(message) => message,
         Ok(scene) => {
             let built = Player::builder(scene).backend(backend).build();
-            built.map(drop).expect_err("it cannot run").to_string()
+            built.map(drop).unwrap_err().to_string()
         }
     }
 }
