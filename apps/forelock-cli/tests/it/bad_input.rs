@@ -47,7 +47,11 @@ fn scenes_with_mistakes() {
         ("fps.toml", "[time]\nfps = -60\n", "`time.fps` should be from 1 to 10000"),
         ("frames.toml", "[time]\nframes = 1.5\n", "should be a whole number"),
         ("stiff.toml", "[solver.ams]\nk_edge = 1e9\n", "lower time.substep_secs to 9.98e-4, or lower it"),
-        ("solver.toml", "[solver]\nkind = \"neural\"\n", "does not have yet"),
+        (
+            "solver.toml",
+            "[solver]\nkind = \"neural\"\n",
+            "which needs a trained model: set `solver.neural.model`",
+        ),
         ("motion.toml", "[body]\nmotion = \"builtin:trun\"\n", "did you mean \"builtin:turn\"?"),
         ("mesh.toml", "[body]\nmesh = \"no.obj\"\n", "no.obj: no such file"),
         ("groom.toml", "[groom]\nsource = \"no.hair\"\n", "no.hair: no such file"),

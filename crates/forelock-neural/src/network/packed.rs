@@ -9,7 +9,7 @@
 //!
 //! # Practice
 //! A packet is four consecutive blocks of the core's
-//! [`Model`](forelock_core::strands::Model), whose strands have equal numbers of particles; results
+//! [`Model`], whose strands have equal numbers of particles; results
 //! are written in the rows of its order. The weights of the interpolation are stored a lane, so
 //! strands of a block may differ in the spacing of their particles. A strand of
 //! [`PARTICLES`](crate::PARTICLES) particles whose edges are about equally long
@@ -141,7 +141,7 @@ pub struct PackedFrame<'a> {
     /// The network's inputs of the frame, `[shared]`.
     pub shared: &'a [f32],
     /// The strands at rest, in the axes of canonical space: `[3 × places]` rows of
-    /// [`Model::rest`](forelock_core::strands::Model::rest). They may have any unit and origin.
+    /// [`Model::rest`]. They may have any unit and origin.
     pub rest: &'a [Row<f32>],
     /// From the space of `rest` to that of the results.
     pub pose: Pose,

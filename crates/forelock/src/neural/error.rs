@@ -8,8 +8,12 @@ use forelock_neural::model::{InputsError, ModelError};
 use forelock_neural::network::inference::CountError;
 use glam::DVec3;
 
+use crate::scene::SolverKind;
+
 /// What helps wherever the learned simulator cannot.
-const INSTEAD: &str = "set solver.kind = \"ams\"";
+fn instead() -> String {
+    format!("set solver.kind = \"{}\"", SolverKind::default().name())
+}
 
 /// Why the learned simulator cannot run a scene.
 #[derive(Debug, thiserror::Error)]
@@ -28,7 +32,8 @@ pub enum NeuralError {
     },
     /// The scene has another gravity than the model was trained with.
     #[error(
-        "gravity is {found} m/s², and the model was trained with {trained}: set gravity to that, or {INSTEAD}"
+        "gravity is {found} m/s², and the model was trained with {trained}: set gravity to that, or {}",
+        instead()
     )]
     Gravity {
         /// The scene's, m/s².
@@ -37,10 +42,10 @@ pub enum NeuralError {
         trained: DVec3,
     },
     /// The body bends.
-    #[error("the learned solver moves hair on a rigid head, and this body bends: {INSTEAD}")]
+    #[error("the learned solver moves hair on a rigid head, and this body bends: {}", instead())]
     Bends,
     /// It was to run on a GPU.
-    #[error("the learned solver has no GPU kernels: compute on the CPU, or {INSTEAD}")]
+    #[error("the learned solver has no GPU kernels: compute on the CPU, or {}", instead())]
     Gpu,
     /// The solver was to be another one, or this one in place of another, during a simulation.
     #[error("the learned solver cannot replace another one while hair moves, nor be replaced")]

@@ -64,6 +64,9 @@ pub(crate) fn read(name: &str) -> Result<Model, ModelError> {
     }
 }
 
+/// The stage of the network, as reports name it.
+pub(crate) const STAGE: &str = "predict_strands";
+
 /// Distance of the roots from the head's centre, on average, that no head has, metres.
 const FAR_M: f64 = 0.4;
 /// Largest difference from the gravity of the training, over that.
@@ -88,6 +91,9 @@ impl Learned {
         let Some(name) = model_name(section).filter(|_| scene.solver.is_learned()) else {
             return Ok(None);
         };
+        if assets.performance().is_some() {
+            return Err(NeuralError::Bends);
+        }
         // Assets of another scene may be without it.
         let model = assets.model(&name).map_or_else(|| read(&name).map(Arc::new), Ok)?;
         let learned = Self {

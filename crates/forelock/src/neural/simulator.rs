@@ -1,6 +1,7 @@
 //! The simulator of a trained model.
 
 use std::sync::Arc;
+use std::time::Instant;
 
 use forelock_core::frame::{Acceleration, Air, FrameInput, FramePlan, FrameReport, Roots, Solver};
 use forelock_core::groom::edit::Source;
@@ -19,7 +20,7 @@ use forelock_neural::network::packed::{PackedFrame, PackedStrands, Workspace};
 use glam::Vec3;
 
 use super::past::{self, rigid};
-use super::{Learned, NeuralError};
+use super::{Learned, NeuralError, STAGE};
 use crate::player::PlayerError;
 
 /// A simulation whose strands go where a network says.
@@ -115,10 +116,15 @@ impl Simulator for NeuralSimulator {
         self.learned.check_gravity(frame.gravity)?;
         let poses = head.each_ref().map(|head| self.joint(head));
         Self::note(poses, frame.dt_secs, &mut self.history)?;
+        let began = Instant::now();
         self.predict(&head[1]);
+        // Stages report the time of all threads.
+        let secs = began.elapsed().as_secs_f64() * rayon::current_num_threads() as f64;
         // Nothing that the network does not know acts on the strands.
         let frame = FrameInput { air: Air::default(), acceleration: Acceleration::None, ..*frame };
-        self.host.step(&frame)
+        let mut report = self.host.step(&frame)?;
+        report.stages.add(STAGE, secs);
+        Ok(report)
     }
 
     fn positions(&mut self) -> Result<Positions<'_>, SimulatorError> {

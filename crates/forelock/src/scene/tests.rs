@@ -137,7 +137,7 @@ fn values_out_of_range_are_refused_where_they_are_set() {
         ),
         (
             "[solver]\nkind = \"neural\"",
-            "asks for the solver \"neural\", which this version does not have yet",
+            "line 2, column 8: `solver.kind` is \"neural\", which needs a trained model",
         ),
         (
             "[interaction.grid]\nresolution = 4",

@@ -8,6 +8,7 @@ mod frame_rates;
 mod measure;
 mod measured_runs;
 mod mesh_sequence;
+mod neural;
 mod player;
 mod rates_agree;
 mod readme;
