@@ -24,7 +24,8 @@ const FRAMES: usize = 100;
 fn write_model(path: &Path) -> Result<(), Box<dyn Error>> {
     let (shape, mut random) = (Shape::default(), Random::new(1));
     let weights = (0..shape.parameters()).map(|_| 0.03 * random.signed() as f32).collect();
-    let codes = StrandCodes::train(&[[0.0; INPUTS]], &CodeOptions { steps: 0, ..CodeOptions::default() });
+    let codes =
+        StrandCodes::train(&[[0.0; INPUTS]], &CodeOptions { steps: 0, ..CodeOptions::default() }, &mut || ());
     let info = ModelInfo::new(&Energies::default(), 0.3);
     let basis = basis(100.0, 1e-4, 1.0 / 30.0);
     Ok(Model::new(Network::new(shape, weights)?, &basis, codes.encoder(), info)?.write(path)?)

@@ -49,8 +49,8 @@ fn scenes_with_mistakes() {
         ("stiff.toml", "[solver.ams]\nk_edge = 1e9\n", "lower time.substep_secs to 9.98e-4, or lower it"),
         (
             "solver.toml",
-            "[solver]\nkind = \"neural\"\n",
-            "which needs a trained model: set `solver.neural.model`",
+            "[solver]\nkind = \"neural\"\nneural.model = \"builtin:hed\"\n",
+            "did you mean \"builtin:head\"?",
         ),
         ("motion.toml", "[body]\nmotion = \"builtin:trun\"\n", "did you mean \"builtin:turn\"?"),
         ("mesh.toml", "[body]\nmesh = \"no.obj\"\n", "no.obj: no such file"),

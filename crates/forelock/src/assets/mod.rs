@@ -196,9 +196,9 @@ impl Assets {
 
     fn unedited_watched(scene: &Scene, meter: &Meter) -> Result<Self, AssetError> {
         // Before minutes of growth.
-        let name = neural::model_name(&scene.solver.neural).filter(|_| scene.solver.is_learned());
-        let read = |name: String| Ok::<_, AssetError>((neural::read(&name)?.into(), name));
-        let model = name.map(read).transpose()?.map(|(model, name)| (name, model));
+        let name = Some(&scene.solver.neural.model).filter(|_| scene.solver.is_learned());
+        let read = |name: &String| Ok::<_, AssetError>((name.clone(), neural::read(name)?.into()));
+        let model = name.map(read).transpose()?;
         let body = Body::load(scene, meter)?;
         let mut notes = body.as_ref().map_or_else(Vec::new, |body| body.notes.clone());
         let groom = groom::load(scene, body.as_ref(), &mut notes, meter)?;

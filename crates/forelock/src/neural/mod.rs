@@ -37,28 +37,22 @@ use forelock_neural::network::inference::Predictor;
 use glam::DVec3;
 
 use crate::assets::Assets;
-use crate::scene::{InteractionSection, NeuralSection, Scene};
+use crate::scene::{InteractionSection, Scene};
 pub(crate) use scalp::Scalp;
 
-/// The models that are built in: their names after `builtin:` and their bytes. The first one is the
-/// default.
-const BUILTIN: [(&str, &[u8]); 0] = [];
-
-/// The name of the model of `section`; none if none is named and there is no default.
-pub(crate) fn model_name(section: &NeuralSection) -> Option<String> {
-    let default = || BUILTIN.first().map(|(name, _)| format!("builtin:{name}"));
-    Some(section.model.clone()).filter(|name| !name.is_empty()).or_else(default)
-}
+/// The model that scenes use by default.
+pub(crate) const DEFAULT: &str = "builtin:head";
+/// The models that are built in: their names and their bytes.
+const BUILTIN: [(&str, &[u8]); 1] = [(DEFAULT, include_bytes!("../../models/head.safetensors"))];
 
 /// The names of the built-in models.
-pub(crate) fn builtin_names() -> Vec<String> {
-    BUILTIN.iter().map(|(name, _)| format!("builtin:{name}")).collect()
+pub(crate) fn builtin_names() -> impl Iterator<Item = &'static str> {
+    BUILTIN.iter().map(|(name, _)| *name)
 }
 
 /// The model `name`: a built-in one or that of a file.
 pub(crate) fn read(name: &str) -> Result<Model, ModelError> {
-    let own = BUILTIN.iter().find(|(own, _)| name.strip_prefix("builtin:") == Some(*own));
-    match own {
+    match BUILTIN.iter().find(|(own, _)| name == *own) {
         Some((_, bytes)) => Model::from_bytes(bytes),
         None => Model::read(name),
     }
@@ -88,17 +82,18 @@ impl Learned {
     /// What `scene` asks for, if it asks for a learned solver.
     pub(crate) fn of(scene: &Scene, assets: &Assets) -> Result<Option<Self>, NeuralError> {
         let section = &scene.solver.neural;
-        let Some(name) = model_name(section).filter(|_| scene.solver.is_learned()) else {
+        if !scene.solver.is_learned() {
             return Ok(None);
-        };
+        }
+        let name = &section.model;
         if assets.performance().is_some() {
             return Err(NeuralError::Bends);
         }
         // Assets of another scene may be without it.
-        let model = assets.model(&name).map_or_else(|| read(&name).map(Arc::new), Ok)?;
+        let model = assets.model(name).map_or_else(|| read(name).map(Arc::new), Ok)?;
         let learned = Self {
             model,
-            path: Path::new(&name).to_path_buf(),
+            path: Path::new(name).to_path_buf(),
             joint: section.origin.into(),
             scalp: Scalp::new(assets.body_mesh()),
             notes: notes(scene),

@@ -125,22 +125,15 @@ fn check_range(key: &str, entry: &str, value: &toml::Value) -> Result<(), Wrong>
     }
 }
 
-/// Checks that a learned solver has a model.
+/// Checks that the model of a learned solver may exist.
 fn check_model(scene: &Scene) -> Result<(), Wrong> {
     let section = &scene.solver.neural;
     if !scene.solver.is_learned() {
         return Ok(());
     }
-    if neural::model_name(section).is_none() {
-        let message = format!(
-            "is \"{}\", which needs a trained model: set `solver.neural.model` to its file",
-            scene.solver.kind.name()
-        );
-        return Err(("solver.kind".to_owned(), message));
-    }
-    let names = neural::builtin_names();
-    if section.is_builtin() && !section.model.is_empty() && !names.contains(&section.model) {
-        let known: Vec<&str> = names.iter().map(String::as_str).chain(["a path"]).collect();
+    let known: Vec<&str> = neural::builtin_names().chain(["a path"]).collect();
+    let is_known = neural::builtin_names().any(|name| name == section.model);
+    if section.model.is_empty() || (section.is_builtin() && !is_known) {
         return Err(("solver.neural.model".to_owned(), one_of(&section.model, &known)));
     }
     Ok(())

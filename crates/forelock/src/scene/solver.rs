@@ -72,10 +72,11 @@ pub enum SimdChoice {
 
 forelock_core::documented! {
 /// `[solver.neural]`: a trained model.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct NeuralSection {
-    /// File of the trained model. Default none.
+    /// File of the trained model, or "builtin:head", which knows hair of the built-in head. Default
+    /// "builtin:head".
     pub model: String,
     /// The point of the groom's space that the model takes for the head's centre, between the ears
     /// of the built-in head: [x, y, z]. Unit m, default [0, 0, 0], range -1000 to 1000 each.
@@ -86,10 +87,16 @@ pub struct NeuralSection {
 }
 }
 
+impl Default for NeuralSection {
+    fn default() -> Self {
+        Self { model: crate::neural::DEFAULT.to_owned(), origin: [0.0; 3], push_out: false }
+    }
+}
+
 impl NeuralSection {
     /// Whether the model is none of a file.
     pub(crate) fn is_builtin(&self) -> bool {
-        self.model.is_empty() || self.model.starts_with("builtin:")
+        self.model.starts_with("builtin:")
     }
 }
 

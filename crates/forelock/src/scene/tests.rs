@@ -136,8 +136,8 @@ fn values_out_of_range_are_refused_where_they_are_set() {
             "which means the same: remove one of the two",
         ),
         (
-            "[solver]\nkind = \"neural\"",
-            "line 2, column 8: `solver.kind` is \"neural\", which needs a trained model",
+            "[solver]\nkind = \"neural\"\n[solver.neural]\nmodel = \"builtin:hed\"",
+            "line 4, column 9: `solver.neural.model` cannot be \"builtin:hed\"",
         ),
         (
             "[interaction.grid]\nresolution = 4",

@@ -72,6 +72,9 @@ pub struct TrainedHair {
     /// Presets of growth and files of grooms, one kind of hair each. Default straight, wavy, curly
     /// and bob.
     pub grooms: Vec<String>,
+    /// Shares of their length to which the strands of each groom are cut, each one kind of hair. No
+    /// unit, default [1, 0.5], range 0.05 to 1 each.
+    pub lengths: Vec<f64>,
     /// Strands that are grown of each preset. Unit strands, default 4096, range 64 to 200000.
     pub grown: u32,
     /// Strands of each groom that choose the best step, and as many that the result is measured
@@ -91,7 +94,7 @@ pub struct TrainedMotions {
     /// Length of a motion. Unit s, default 5, range 1 to 600.
     pub secs: f64,
     /// Motions that choose the best step, and as many that the result is measured with; neither are
-    /// trained. Unit motions, default 8, range 1 to 1000.
+    /// trained. Unit motions, default 6, range 1 to 1000.
     pub held_out: u32,
 }
 }
@@ -174,13 +177,13 @@ impl Default for TrainingConfig {
 impl Default for TrainedHair {
     fn default() -> Self {
         let grooms = ["straight", "wavy", "curly", "bob"].map(String::from).into();
-        Self { scene: PathBuf::new(), grooms, grown: 4096, held_out: 8 }
+        Self { scene: PathBuf::new(), grooms, lengths: vec![1.0, 0.5], grown: 4096, held_out: 8 }
     }
 }
 
 impl Default for TrainedMotions {
     fn default() -> Self {
-        Self { count: 2048, secs: 5.0, held_out: 8 }
+        Self { count: 2048, secs: 5.0, held_out: 6 }
     }
 }
 
@@ -262,6 +265,10 @@ impl TrainingConfig {
         }
         if self.hair.grooms.is_empty() {
             return Err(("hair.grooms".to_owned(), "is empty: name at least one preset or file".to_owned()));
+        }
+        if self.hair.lengths.is_empty() || !self.hair.lengths.iter().all(|x| (0.05..=1.0).contains(x)) {
+            let message = "should be shares of the length from 0.05 to 1, one at least".to_owned();
+            return Err(("hair.lengths".to_owned(), message));
         }
         Ok(())
     }

@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 
 use forelock_core::body::{ClosedMesh, Sdf, TriMesh};
-use forelock_core::groom::Groom;
+use forelock_core::groom::{Groom, GroomError};
 use forelock_core::lane::Simd;
 use forelock_neural::PARTICLES;
 use forelock_neural::codes::encoder::{INPUTS, StrandCodes};
@@ -87,7 +87,7 @@ fn split(groom: &Kindred, config: &TrainingConfig) -> Result<[Vec<usize>; 3], Tr
 impl Hair {
     /// Grows or reads the hair of `config`.
     pub fn load(config: &TrainingConfig, observer: &mut Observer<'_>) -> Result<Self, TrainingError> {
-        let mut grooms = Vec::new();
+        let (mut grooms, mut names) = (Vec::new(), Vec::new());
         let mut field = None;
         for name in &config.hair.grooms {
             let assets = Assets::load(&scene(config, name)?, observer)?;
@@ -95,11 +95,16 @@ impl Hair {
             if field.is_none() {
                 field = Some(distances(mesh)?);
             }
-            grooms.push(kindred(name, &assets.groom, &Scalp::new(Some(mesh)), config)?);
+            let scalp = Scalp::new(Some(mesh));
+            for share in &config.hair.lengths {
+                let groom = cut(&assets.groom, *share).map_err(crate::assets::AssetError::from)?;
+                grooms.push(kindred(name, &groom, &scalp, config)?);
+                names.push(kind_name(name, *share));
+            }
         }
         Ok(Self {
             field: field.ok_or(TrainingError::NoBody)?,
-            names: config.hair.grooms.iter().map(|name| short(name)).collect(),
+            names,
             lists: grooms.iter().map(|groom| split(groom, config)).collect::<Result<_, _>>()?,
             grooms,
         })
@@ -151,9 +156,32 @@ impl Hair {
     }
 }
 
-/// The name of a preset, or of a file without its folder.
-fn short(name: &str) -> String {
-    std::path::Path::new(name).file_stem().unwrap_or_default().to_string_lossy().into_owned()
+/// The name of a preset, or of a file without its folder, with the share of its length.
+fn kind_name(groom: &str, share: f64) -> String {
+    let name = std::path::Path::new(groom).file_stem().unwrap_or_default().to_string_lossy();
+    if share < 1.0 { format!("{name} x {share}") } else { name.into_owned() }
+}
+
+/// `groom` with each strand cut to a share of its length.
+fn cut(groom: &Groom, share: f64) -> Result<Groom, GroomError> {
+    if share >= 1.0 {
+        return Ok(groom.clone());
+    }
+    let one = |strand: &[Vec3]| {
+        let edges = || strand.windows(2).map(|x| f64::from(x[0].distance(x[1])));
+        let mut left = share * edges().sum::<f64>();
+        let mut own = vec![strand[0]];
+        for (edge, ends) in edges().zip(strand.windows(2)) {
+            let part = (left / edge.max(1e-12)).min(1.0);
+            own.push(ends[0].lerp(ends[1], part as f32));
+            left -= edge;
+            if left <= 1e-9 {
+                break;
+            }
+        }
+        own
+    };
+    Groom::from_strands(groom.strands().map(one))
 }
 
 /// The scene of groom `name`.

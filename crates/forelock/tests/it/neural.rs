@@ -34,7 +34,7 @@ fn model(shape: Shape, weight: f64, change: impl FnOnce(&mut ModelInfo)) -> Mode
     let mut random = Random::new(5);
     let weights = (0..shape.parameters()).map(|_| (weight * random.signed()) as f32).collect();
     let options = CodeOptions { steps: 0, ..CodeOptions::default() };
-    let codes = StrandCodes::train(&[[0.0; INPUTS]], &options);
+    let codes = StrandCodes::train(&[[0.0; INPUTS]], &options, &mut || ());
     let mut energies = Energies::default();
     energies.motion.is_dynamic = shape.shared > 34;
     let mut info = ModelInfo::new(&energies, 0.3);
@@ -305,7 +305,7 @@ fn refused(keys: &[&str], backend: Backend) -> String {
 fn errors_say_what_to_do() {
     let missing = models().join("missing.safetensors");
     let cases: [(&[&str], &str); 9] = [
-        (&[], "`solver.kind` is \"neural\", which needs a trained model"),
+        (&["solver.neural.model=\"\""], "`solver.neural.model` cannot be \"\""),
         (&["solver.neural.model=builtin:none"], "`solver.neural.model` cannot be \"builtin:none\""),
         (&["solver.neural.model=missing.safetensors"], "cannot read"),
         (&["solver.neural.model=text.safetensors"], "no whole safetensors file"),

@@ -8,8 +8,9 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// A training of a few steps.
-const SMALL: [&str; 10] = [
+const SMALL: [&str; 11] = [
     "hair.grooms=[\"straight\", \"curly\"]",
+    "hair.lengths=[0.7]",
     "hair.grown=96",
     "hair.held_out=2",
     "motions.count=4",
@@ -56,8 +57,8 @@ fn an_interrupted_training_on_two_threads_gives_the_model_of_a_whole_one_on_one_
     let [a, b] = [whole, parts].map(|folder| std::fs::read(folder.join("model.safetensors")).unwrap());
     assert!(a == b);
     let model = forelock_neural::model::Model::from_bytes(&a).unwrap();
-    assert_eq!(model.info().training.grooms, ["straight", "curly"]);
-    assert!(model.info().measures["curly.stretch"] < 1e-5);
+    assert_eq!(model.info().training.grooms, ["straight x 0.7", "curly x 0.7"]);
+    assert!(model.info().measures["curly x 0.7.stretch"] < 1e-5);
     for name in ["training.toml", "training.html", "checkpoint.safetensors"] {
         assert!(parts.join(name).exists(), "{name}");
     }
