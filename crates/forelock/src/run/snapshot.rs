@@ -100,6 +100,9 @@ const STAGE: &str = "stage_";
 /// What the name of an array of a solver's channel begins with.
 const CHANNEL: &str = "channel.";
 
+/// What the name of an array begins with that a simulator keeps, but not for each particle.
+const ARRAY: &str = "array.";
+
 impl Snapshot {
     /// Before the first frame.
     pub(crate) fn begin(fingerprint: u64) -> Self {
@@ -161,15 +164,17 @@ impl Snapshot {
             ("clearance", Array::vector(state.clearance)),
             ("origin", Array::vector(state.origin.to_vec())),
         ]);
-        let channels: Vec<_> =
-            state.extra.into_iter().map(|(name, v)| (format!("{CHANNEL}{name}"), v)).collect();
-        for (name, values) in channels.iter() {
-            // Some arrays are not of particles.
+        let extra = state.extra.into_iter().map(|(name, values)| {
             let rows = values.len() / particles.max(1);
-            let is_of_particles = rows * particles == values.len();
-            let shape = if is_of_particles { vec![particles, rows] } else { vec![values.len()] };
-            arrays.push((name, Array { shape, data: Data::F32(values.clone()) }));
-        }
+            let (prefix, shape) = if rows * particles == values.len() {
+                (CHANNEL, vec![particles, rows])
+            } else {
+                (ARRAY, vec![values.len()])
+            };
+            (format!("{prefix}{name}"), Array { shape, data: Data::F32(values) })
+        });
+        let extra: Vec<_> = extra.collect();
+        arrays.extend(extra.iter().map(|(name, array)| (name.as_str(), array.clone())));
         let names = sum_of_names(arrays.iter().map(|&(name, _)| name));
         arrays.push((NAMES, Array::vector(vec![names])));
         write_npz(path, &arrays)
@@ -251,11 +256,13 @@ impl Snapshot {
                 (Data::F32(values), [particles, _]) if *particles == positions.len() => {
                     extra.insert(channel.to_owned(), values.clone());
                 }
-                (Data::F32(values), [_]) => {
-                    extra.insert(channel.to_owned(), values.clone());
-                }
                 _ => return Err(name.clone().into()),
             }
+        }
+        for (name, array) in arrays {
+            let Some(own) = name.strip_prefix(ARRAY) else { continue };
+            let Data::F32(values) = &array.data else { return Err(name.clone().into()) };
+            extra.insert(own.to_owned(), values.clone());
         }
         let sleep = if SLEEP.into_iter().any(|name| arrays.contains_key(name)) {
             let place = doubles(SLEEP[1])?.try_into().map_err(|_| SLEEP[1])?;
@@ -326,15 +333,19 @@ mod tests {
             ],
         };
         let state = State {
-            positions: vec![[-0.0, f32::MIN_POSITIVE, 3.0]],
-            velocities: vec![[1.0, 2.0, 3.0]],
-            integrity: vec![0.5],
-            clearance: vec![f32::NEG_INFINITY],
-            previous: vec![[0.5, -0.0, 3.0]],
+            positions: vec![[-0.0, f32::MIN_POSITIVE, 3.0]; 2],
+            velocities: vec![[1.0, 2.0, 3.0]; 2],
+            integrity: vec![0.5; 2],
+            clearance: vec![f32::NEG_INFINITY; 2],
+            previous: vec![[0.5, -0.0, 3.0]; 2],
             origin: [1.0, 2.0, 0.1],
-            extra: [("frame", vec![0.0, -0.0, f32::NEG_INFINITY, 1.0]), ("later", Vec::new())]
-                .map(|(name, values)| (name.to_owned(), values))
-                .into(),
+            extra: [
+                ("frame", vec![0.0, -0.0, f32::NEG_INFINITY, 1.0]),
+                ("later", Vec::new()),
+                ("history", vec![-0.0, 5.0, 7.0]),
+            ]
+            .map(|(name, values)| (name.to_owned(), values))
+            .into(),
             sleep: Some(SleepSnapshot { still_secs: vec![f32::INFINITY], place: [0.5; 10] }),
         };
         (snapshot, state)
@@ -350,9 +361,9 @@ mod tests {
         assert!(matches!(Snapshot::read(&path, 1), Err(SnapshotError::Other(_))));
         // A channel is [P, rows] of float32.
         for wrong in [
-            Array { shape: vec![2, 2], data: Data::F32(vec![0.0; 4]) },
+            Array { shape: vec![1, 4], data: Data::F32(vec![0.0; 4]) },
             Array::vector(vec![0.0f32; 4]),
-            Array { shape: vec![1, 4], data: Data::F64(vec![0.0; 4]) },
+            Array { shape: vec![2, 2], data: Data::F64(vec![0.0; 4]) },
         ] {
             let mut arrays = read_npz(&path).unwrap();
             arrays.insert("channel.frame".into(), wrong);
