@@ -71,8 +71,8 @@ pub(super) struct Codes {
     pub errors: [f64; 2],
 }
 
-/// The numbers of a groom's strands for each [`Use`]: those that are held out evenly over the groom,
-/// all others in the order of their locks.
+/// The numbers of a groom's strands for each [`Use`]: those that are held out, evenly over the
+/// groom, and all others in the order of their locks.
 fn split(groom: &Kindred, config: &TrainingConfig) -> Result<[Vec<usize>; 3], TrainingError> {
     let (count, held) = (groom.rest.len(), config.hair.held_out as usize);
     let at = |k: usize| k * count / (2 * held);
