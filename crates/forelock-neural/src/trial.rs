@@ -54,14 +54,19 @@ impl Score {
         let count = motions.len().max(1) as f64;
         let share = |part: f64, of: f64| if of > 0.0 { part / of } else { 0.0 };
         let squares = |error: &dyn Fn(&Measures) -> f64, size: &dyn Fn(&Measures) -> f64| {
-            share(sum(&|own| (error(own) * size(own)).powi(2)), sum(&|own| size(own).powi(2))).sqrt()
+            let square =
+                |own: &Measures| if size(own) > 0.0 { (error(own) * size(own)).powi(2) } else { 0.0 };
+            share(sum(&square), sum(&|own| size(own).powi(2))).sqrt()
         };
         Self {
             corr: sum(&|own| own.corr) / count,
             corr_vel: sum(&|own| own.corr_vel) / count,
             nrmse: squares(&|own| own.nrmse, &|own| own.ref_rms),
             nrmse_dyn: squares(&|own| own.nrmse_dyn, &|own| own.ref_dyn),
-            motion_ratio: share(sum(&|own| own.motion_ratio * own.ref_step), sum(&|own| own.ref_step)),
+            motion_ratio: share(
+                sum(&|own| if own.ref_step > 0.0 { own.motion_ratio * own.ref_step } else { 0.0 }),
+                sum(&|own| own.ref_step),
+            ),
             inside: motions.iter().map(|(_, inside, _)| inside).sum::<f64>() / count,
             stretch: motions.iter().fold(0.0, |most, (.., stretch)| stretch.max(most)),
         }
@@ -142,11 +147,15 @@ impl Trial {
     /// [`MeasureError`] if a prediction is not finite, or a motion too short.
     pub fn run(&self, predictor: &Predictor) -> Result<Vec<Score>, MeasureError> {
         let mut scores = vec![Vec::new(); self.counts.len()];
-        let Ok(prepared) = predictor.prepare(&self.rest, &self.statics) else { return Ok(Vec::new()) };
+        let (found, particles) = (self.rest.len() * PARTICLES, PARTICLES);
+        let prepared = predictor.prepare(&self.rest, &self.statics);
+        let prepared = prepared.map_err(|_| MeasureError::Rest { found, particles })?;
         for (clip, reference) in self.clips.iter().zip(&self.references) {
             let mut found = vec![vec![[[0.0; 3]; PARTICLES]; self.rest.len()]; clip.len()];
             for (frame, found) in found.iter_mut().enumerate() {
-                predictor.predict(&prepared, &shared(clip, frame).collect::<Vec<f32>>(), found);
+                // A quasi-static network has no history.
+                let inputs: Vec<f32> = shared(clip, frame).take(predictor.shared_inputs()).collect();
+                predictor.predict(&prepared, &inputs, found);
             }
             let mut first = 0;
             for (count, scores) in self.counts.iter().zip(&mut scores) {

@@ -53,16 +53,13 @@ impl<T: Real> Adhesion<T> {
             let is_root = i % particles == 0 || j % particles == 0;
             let apart = distance(rest[i], rest[j]);
             if !is_root && i / particles != j / particles && apart <= range {
-                near[i].push((apart, j));
-                near[j].push((apart, i));
+                insert(&mut near[i], (apart, j));
+                insert(&mut near[j], (apart, i));
             }
         });
         let mut bonds = Vec::new();
-        for (i, mut near) in near.into_iter().enumerate() {
-            near.sort_by(|a, b| {
-                a.0.partial_cmp(&b.0).map_or(a.1.cmp(&b.1), |order| order.then(a.1.cmp(&b.1)))
-            });
-            bonds.extend(near.into_iter().take(NEIGHBOURS).map(|(rest, j)| Bond { i, j, rest }));
+        for (i, near) in near.into_iter().enumerate() {
+            bonds.extend(near.into_iter().map(|(rest, j)| Bond { i, j, rest }));
         }
         Self { stiffness: T::from(terms.stiffness).unwrap_or_else(T::zero), bonds }
     }
@@ -112,6 +109,16 @@ impl<T: Real> Adhesion<T> {
             }
         }
         energy
+    }
+}
+
+/// Adds a neighbour at its distance to the nearest ones, of which [`NEIGHBOURS`] are kept; of equal
+/// distances the lower number comes first.
+fn insert<T: Real>(near: &mut Vec<(T, usize)>, new: (T, usize)) {
+    let place = near.partition_point(|own| own.0 < new.0 || (own.0 == new.0 && own.1 < new.1));
+    if place < NEIGHBOURS {
+        near.truncate(NEIGHBOURS - 1);
+        near.insert(place, new);
     }
 }
 

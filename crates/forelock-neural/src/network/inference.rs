@@ -79,6 +79,11 @@ impl Predictor {
         Ok(Self { simd, network })
     }
 
+    /// Inputs of a frame.
+    pub fn shared_inputs(&self) -> usize {
+        self.network.shape().shared
+    }
+
     /// Prepares strands: `rest` are positions at rest, cm, canonical space; `statics` the inputs of
     /// each strand, `[strands, statics]`.
     ///

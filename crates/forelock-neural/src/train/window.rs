@@ -21,7 +21,7 @@
 //! alone. That trains each frame towards a step from the network's own two frames before. Where
 //! inertia exceeds the stiffness, above a strand's lowest resonance, errors of those frames come
 //! back larger: training improves at first and then grows worse without bound. The residual has the
-//! same solution and is lowered by true descent.
+//! same solution, and its gradient reaches all three frames. The descent is approximate where P is.
 //!
 //! # Practice
 //! A part of the inertia is added to the stiffness of P ([`HELD`]), so that fast motion does not

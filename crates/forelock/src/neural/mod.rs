@@ -62,7 +62,7 @@ pub(crate) fn read(name: &str) -> Result<Model, ModelError> {
 pub(crate) const STAGE: &str = "predict_strands";
 
 /// Distance of the roots from the head's centre, on average, that no head has, metres.
-const FAR_M: f64 = 0.4;
+pub(crate) const FAR_M: f64 = 0.4;
 /// Largest difference from the gravity of the training, over that.
 const GRAVITY_TOLERANCE: f64 = 0.01;
 

@@ -1,5 +1,6 @@
 //! The file of a training.
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use forelock_core::lane::Simd;
@@ -152,7 +153,7 @@ pub struct TrainingSteps {
     pub rate: f64,
     /// Learning rate in the end, as a share of that. No unit, default 0.02, range 0 to 1.
     pub last_rate: f64,
-    /// Share of the steps that train the drape, without inertia and drag. No unit, default 0.1,
+    /// Share of the steps that train the drape, without inertia and drag. No unit, default 0.15,
     /// range 0 to 1.
     pub drape: f64,
     /// Steps between two measurements on strands and motions that are not trained. Unit steps,
@@ -226,17 +227,7 @@ impl TrainingConfig {
     pub fn load(path: &Path, overrides: &[Override]) -> Result<Self, SceneError> {
         let text = std::fs::read_to_string(path)
             .map_err(|error| SceneError::Read { path: path.to_path_buf(), error })?;
-        let mut config = Self::parse(&text, path, overrides)?;
-        let folder = path.parent().unwrap_or(Path::new(""));
-        if !config.hair.scene.as_os_str().is_empty() {
-            config.hair.scene = folder.join(&config.hair.scene);
-        }
-        for groom in &mut config.hair.grooms {
-            if !is_preset(groom) {
-                *groom = folder.join(&*groom).to_string_lossy().into_owned();
-            }
-        }
-        Ok(config)
+        Self::parse(&text, path, overrides)
     }
 
     /// The training of the built-in head's hair, with `overrides` laid over it.
@@ -247,10 +238,24 @@ impl TrainingConfig {
         Self::parse("", Path::new("the built-in training"), overrides)
     }
 
-    fn parse(text: &str, path: &Path, overrides: &[Override]) -> Result<Self, SceneError> {
+    /// Reads a configuration from `text`. `path` names the text in messages, and paths inside it
+    /// are taken relative to the folder that holds `path`.
+    ///
+    /// # Errors
+    /// The same errors as [`TrainingConfig::load`], except that nothing is read from disk.
+    pub fn parse(text: &str, path: &Path, overrides: &[Override]) -> Result<Self, SceneError> {
         let layers = Layer::stack(text.len(), overrides)?;
         let document = Document::parse(text, path, &layers, "")?;
-        let config: Self = document.deserialize()?;
+        let mut config: Self = document.deserialize()?;
+        // Absolute, so that the text that a training writes means the same wherever it is kept.
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let place = |own: &Path| std::path::absolute(folder.join(own)).unwrap_or_else(|_| folder.join(own));
+        if !config.hair.scene.as_os_str().is_empty() {
+            config.hair.scene = place(&config.hair.scene);
+        }
+        for groom in config.hair.grooms.iter_mut().filter(|groom| !is_preset(groom)) {
+            *groom = place(groom.as_ref()).to_string_lossy().into_owned();
+        }
         config.check().map_err(|(key, message)| document.refuse(&key, message))?;
         Ok(config)
     }
@@ -269,6 +274,28 @@ impl TrainingConfig {
         if self.hair.lengths.is_empty() || !self.hair.lengths.iter().all(|x| (0.05..=1.0).contains(x)) {
             let message = "should be shares of the length from 0.05 to 1, one at least".to_owned();
             return Err(("hair.lengths".to_owned(), message));
+        }
+        let names: HashSet<_> = self.hair.grooms.iter().map(|groom| Path::new(groom).file_stem()).collect();
+        let lengths: HashSet<_> = self.hair.lengths.iter().map(|share| share.to_bits()).collect();
+        if names.len() < self.hair.grooms.len() || lengths.len() < self.hair.lengths.len() {
+            let key = if names.len() < self.hair.grooms.len() { "hair.grooms" } else { "hair.lengths" };
+            return Err((
+                key.to_owned(),
+                "names something twice: each is a kind of hair of its own".to_owned(),
+            ));
+        }
+        if self.method.head == OutputHead::Displacement {
+            let message =
+                "cannot be \"displacement\" yet: what it trains cannot be measured or run".to_owned();
+            return Err(("method.head".to_owned(), message));
+        }
+        let secs = f64::from(self.motions.count) * self.motions.secs;
+        if secs > MOST_SECS {
+            let message = format!(
+                "is {}: with motions.secs that is more than {MOST_SECS} s in all",
+                self.motions.count
+            );
+            return Err(("motions.count".to_owned(), message));
         }
         Ok(())
     }
@@ -334,6 +361,9 @@ impl TrainingConfig {
         format!("{:016x}", Fnv::new().bytes(own.to_toml().as_bytes()).value())
     }
 }
+
+/// Most seconds of all motions together: their frames take a gigabyte then.
+const MOST_SECS: f64 = 1e5;
 
 const REFERENCE: &str = "# Training reference\n\n\
     Every key of the file that `forelock train` takes, with its unit, default and range. Unknown keys\n\

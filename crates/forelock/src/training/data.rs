@@ -22,6 +22,7 @@ use glam::{DVec3, Vec3};
 use super::TrainingError;
 use super::config::{TrainingConfig, is_preset};
 use crate::assets::Assets;
+use crate::hash::Fnv;
 use crate::neural::Scalp;
 use crate::progress::{Observer, Progress};
 use crate::scene::{Override, Scene};
@@ -32,8 +33,7 @@ const CM: f64 = 100.0;
 const SPACING_CM: f64 = 0.4;
 /// How far that field reaches beyond the body, cm.
 const BEYOND_CM: f64 = 5.0;
-/// Seeds of the motions that choose the best step and of those that the result is measured with, so
-/// far apart from each other that no two training seeds share them.
+/// First seeds of the motions for each [`Use`], far apart from each other.
 const SEEDS: [u64; 3] = [1_000, 900_000_000, 1_800_000_000];
 
 /// Strands of one groom.
@@ -108,6 +108,13 @@ impl Hair {
             lists: grooms.iter().map(|groom| split(groom, config)).collect::<Result<_, _>>()?,
             grooms,
         })
+    }
+
+    /// A hash of all strands at rest, 16 hexadecimal digits.
+    pub fn digest(&self) -> String {
+        let numbers = self.grooms.iter().flat_map(|groom| groom.rest.as_flattened().as_flattened());
+        let hash = numbers.fold(Fnv::new(), |hash, x| hash.bytes(&x.to_le_bytes()));
+        format!("{:016x}", hash.value())
     }
 
     /// Trains codes of the trained strands.
@@ -222,6 +229,11 @@ fn kindred(
     }
     let strands = strands_at_rest(groom, DVec3::ZERO, &scalp.normals(groom, DVec3::ZERO))
         .map_err(crate::assets::AssetError::from)?;
+    let distances_m = strands.iter().map(|strand| strand.direction.length() / CM);
+    let distance_m = distances_m.sum::<f64>() / strands.len() as f64;
+    if distance_m > crate::neural::FAR_M {
+        return Err(TrainingError::Far { groom: name.to_owned(), distance_m });
+    }
     let mut own = Kindred { rest: Vec::new(), uv: Vec::new(), local: Vec::new() };
     for (strand, at_rest) in strands.iter().enumerate() {
         let refused = |error| TrainingError::Strand {

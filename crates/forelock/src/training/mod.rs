@@ -53,6 +53,20 @@ pub enum TrainingError {
         /// What is wrong with the strand.
         error: forelock_neural::model::InputsError,
     },
+    /// The head is not at the origin.
+    #[error(
+        "groom {groom}: its roots are {distance_m:.2} m from the origin on average; move body and groom so \
+         that the middle of the head is there"
+    )]
+    Far {
+        /// The groom.
+        groom: String,
+        /// Mean distance of the roots, m.
+        distance_m: f64,
+    },
+    /// A file of the user would be replaced.
+    #[error("{} was not written by a training: choose another output folder with --out", .0.display())]
+    Overwrites(PathBuf),
     /// A groom has too few strands.
     #[error(
         "groom {groom} has {strands} strands, too few: {needed} are needed with those held out (`hair.held_out`)"

@@ -1,14 +1,15 @@
 //! The page with a training's curves.
 
 use super::config::TrainingConfig;
-use super::run::{Measured, Note};
+use super::run::{Measured, Note, SHOWN_STEPS};
 use crate::html::{escape, page};
 use crate::report::plot;
 
 /// The page for a training so far.
 pub(super) fn html(config: &TrainingConfig, note: &Note) -> String {
     let of = |part: fn(&Measured) -> f64| note.measured.iter().map(part).collect::<Vec<_>>();
-    let drape = (f64::from(config.steps.simulator) * config.steps.drape / 50.0).ceil() as usize;
+    let drape =
+        (f64::from(config.steps.simulator) * config.steps.drape / f64::from(SHOWN_STEPS)).ceil() as usize;
     let (drape, motion) = note.energies.split_at(drape.min(note.energies.len()));
     let least = drape.iter().copied().fold(f64::INFINITY, f64::min);
     let plots = [

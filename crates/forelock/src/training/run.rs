@@ -31,10 +31,12 @@ const CONFIG: &str = "training.toml";
 const PAGE: &str = "training.html";
 const CHECKPOINT: &str = "checkpoint.safetensors";
 const LOCK: &str = ".lock";
+/// First line of the configuration that a training writes.
+const HEADER: &str = "# Written by forelock: the configuration of a training with every key.\n";
 /// Time between two checkpoints.
 const CHECKPOINT_EVERY: Duration = Duration::from_secs(15);
 /// Steps of which the page shows the mean energy.
-const SHOWN_STEPS: u32 = 50;
+pub(super) const SHOWN_STEPS: u32 = 50;
 /// Most particles inside the body of a network that is kept, a share.
 const MOST_INSIDE: f64 = 1e-3;
 
@@ -92,6 +94,9 @@ pub(super) struct Measured {
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(super) struct Note {
     digest: String,
+    version: String,
+    /// Digest of the strands; empty until they are there.
+    hair: String,
     simd: String,
     best: Option<Measured>,
     pub measured: Vec<Measured>,
@@ -124,9 +129,21 @@ pub fn train(
     fs::create_dir_all(out).map_err(|error| TrainingError::Read { path: out.clone(), error })?;
     let _lock = Lock::take(&out.join(LOCK), out)?;
     forelock_io::remove_leftovers(out);
-    let resumed = resumed(config, options, observer)?;
-    write(&out.join(CONFIG), config.to_toml().as_bytes())?;
+    check_config_file(&out.join(CONFIG))?;
+    let mut resumed = resumed(config, options, observer)?;
     let hair = Hair::load(config, observer)?;
+    let digest = hair.digest();
+    if resumed.1.hair.is_empty() {
+        resumed.1.hair = digest;
+        // The model and the checkpoint of an earlier training are not those of this configuration.
+        for name in [MODEL, CHECKPOINT] {
+            remove(&out.join(name))?;
+        }
+    } else if resumed.1.hair != digest {
+        let what = "its hair was another; train without --resume";
+        return Err(TrainingError::Other { path: out.join(CHECKPOINT), what });
+    }
+    write(&out.join(CONFIG), format!("{HEADER}{}", config.to_toml()).as_bytes())?;
     let codes = hair.codes(config, observer)?;
     let [trained, of_strands] = codes.errors;
     observer(&Progress::Note(&format!(
@@ -176,7 +193,8 @@ fn resumed(
 ) -> Result<(Resumed, Note), TrainingError> {
     let own: Options = config.options();
     let simd = format!("{:?}", Simd::Auto.resolve()).to_lowercase();
-    let begun = Note { digest: config.digest(), simd, ..Note::default() };
+    let version = env!("CARGO_PKG_VERSION").to_owned();
+    let begun = Note { digest: config.digest(), version, simd, ..Note::default() };
     let path = options.out.join(CHECKPOINT);
     let start = |note: Note| {
         let trainer = Trainer::new(own);
@@ -201,6 +219,8 @@ fn resumed(
         .map_err(|_| TrainingError::Other { path: path.clone(), what: "train without --resume" })?;
     let differs = if note.digest != begun.digest {
         Some("give the same configuration and --set options, or train without --resume")
+    } else if note.version != begun.version {
+        Some("another version of Forelock wrote it; train without --resume")
     } else if note.simd != begun.simd {
         Some("its instruction set is another one; train without --resume")
     } else {
@@ -268,6 +288,24 @@ fn predictor(trainer: &Trainer, network: &Network<f32>) -> Result<Predictor, Tra
             expected: "three numbers an edge".to_owned(),
         })
     })
+}
+
+/// Checks that `path` is missing or was written by a training.
+fn check_config_file(path: &Path) -> Result<(), TrainingError> {
+    match fs::read(path) {
+        Ok(bytes) if !bytes.starts_with(HEADER.as_bytes()) => Err(TrainingError::Overwrites(path.into())),
+        _ => Ok(()),
+    }
+}
+
+/// Removes a file, if it is there.
+fn remove(path: &Path) -> Result<(), TrainingError> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => {
+            Err(TrainingError::Read { path: path.into(), error })
+        }
+        _ => Ok(()),
+    }
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<(), TrainingError> {

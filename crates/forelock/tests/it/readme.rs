@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use forelock::scene::Override;
+use forelock::training::TrainingConfig;
 use forelock::{Backend, RunOptions, Scene, simulate};
 
 const README: &str = include_str!("../../../../README.md");
@@ -41,8 +42,13 @@ fn every_scene_of_the_pages_is_read() -> Result<(), Box<dyn std::error::Error>> 
     let mut read = 0;
     for (path, page) in pages()? {
         for scene in blocks(&page, "toml") {
-            Scene::parse(scene, Path::new("scene.toml"), &[])
-                .map_err(|error| format!("{}: {error}", path.display()))?;
+            let (name, is_training) = (Path::new("file.toml"), path.ends_with("training.md"));
+            let read_as = if is_training {
+                TrainingConfig::parse(scene, name, &[]).map(drop)
+            } else {
+                Scene::parse(scene, name, &[]).map(drop)
+            };
+            read_as.map_err(|error| format!("{}: {error}", path.display()))?;
             read += 1;
         }
     }

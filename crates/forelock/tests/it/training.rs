@@ -82,6 +82,16 @@ fn an_interrupted_training_on_two_threads_gives_the_model_of_a_whole_one_on_one_
 }
 
 #[test]
+fn a_quasi_static_model_has_no_history() {
+    let folder = tempfile::tempdir().unwrap();
+    let options = TrainingOptions { out: folder.path().to_path_buf(), resume: false };
+    let own = config(&["method.kind=quasi-static", "steps.simulator=16"]).unwrap();
+    let summary = train(&own, &options, &mut |_| {}, &AtomicBool::new(false)).unwrap();
+    let model = forelock_neural::model::Model::read(&summary.outputs[0]).unwrap();
+    assert_eq!((model.info().history, model.network().shape().shared), (0, 34));
+}
+
+#[test]
 fn wrong_configurations_are_refused_with_their_key() {
     for (set, words) in [
         ("steps.simulatr=3", "did you mean `steps.simulator`?"),
@@ -94,6 +104,12 @@ fn wrong_configurations_are_refused_with_their_key() {
         let error = config(&[set]).unwrap_err().to_string();
         assert!(error.contains(words), "{set}: {error}");
     }
+    let error = config(&["method.head=\"displacement\""]).unwrap_err().to_string();
+    assert!(error.contains("cannot be measured or run"), "{error}");
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("training.toml"), "seed = 3\n").unwrap();
+    let error = run(folder.path(), false, 1).unwrap_err().to_string();
+    assert!(error.contains("was not written by a training"), "{error}");
     let refused = |set: &str| {
         let folder = tempfile::tempdir().unwrap();
         let options = TrainingOptions { out: folder.path().to_path_buf(), resume: false };
