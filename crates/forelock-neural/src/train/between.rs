@@ -3,10 +3,17 @@
 use super::set::{Drawn, TrainingSet};
 use super::{Energies, STRANDS};
 use crate::PARTICLES;
+use crate::losses::adhesion::Adhesion;
 use crate::losses::repulsion::Repulsion;
 
 /// Particles of a window's strands.
 const SET: usize = STRANDS * PARTICLES;
+
+/// What holds for the strands of a window at every moment.
+pub(super) struct Neighbourhood {
+    repulsion: Option<Repulsion<f32>>,
+    adhesion: Option<Adhesion<f32>>,
+}
 
 /// What neighbouring strands do to each other, particle by particle: `[32 × 25]`.
 #[derive(Clone, Debug)]
@@ -17,23 +24,27 @@ pub(super) struct Between {
     pub energy: f64,
 }
 
-impl Between {
-    /// Repulsion and adhesion of the strands that `drawn` names, at `x`, `[32 × 25]` in canonical
-    /// space.
-    pub fn new(energies: &Energies, set: &TrainingSet, drawn: &Drawn, x: &[[f32; 3]]) -> Self {
-        let mut own = Self { gradient: vec![[0.0; 3]; SET], stiffness: vec![0.0; SET], energy: 0.0 };
-        let Self { gradient, stiffness, .. } = &mut own;
+impl Neighbourhood {
+    /// That of the strands that `drawn` names.
+    pub fn new(energies: &Energies, set: &TrainingSet, drawn: &Drawn) -> Self {
+        let rest = || drawn.strands.iter().flat_map(|s| set.strands[*s].rest).collect::<Vec<_>>();
+        let bonds = set.run_of(drawn).and_then(|(kind, first)| Some((set.adhesion.get(kind)?, first)));
+        Self {
+            repulsion: energies.repulsion.map(|terms| Repulsion::new(terms, &rest())),
+            adhesion: bonds.map(|(all, first)| all.of_strands(first, STRANDS, PARTICLES)),
+        }
+    }
+
+    /// Repulsion and adhesion at `x`, `[32 × 25]` in canonical space.
+    pub fn at(&self, x: &[[f32; 3]]) -> Between {
+        let (mut gradient, mut stiffness) = (vec![[0.0; 3]; SET], vec![0.0; SET]);
         let mut energy = 0.0;
-        if let Some(terms) = energies.repulsion {
-            let rest: Vec<[f32; 3]> = drawn.strands.iter().flat_map(|s| set.strands[*s].rest).collect();
-            energy += Repulsion::new(terms, &rest).energy(x, gradient, stiffness);
+        if let Some(own) = &self.repulsion {
+            energy += own.energy(x, &mut gradient, &mut stiffness);
         }
-        if let Some((kind, first)) = set.run_of(drawn)
-            && let Some(adhesion) = set.adhesion.get(kind)
-        {
-            energy += adhesion.of_strands(first, STRANDS, PARTICLES).energy(x, gradient, stiffness);
+        if let Some(own) = &self.adhesion {
+            energy += own.energy(x, &mut gradient, &mut stiffness);
         }
-        own.energy = energy.into();
-        own
+        Between { gradient, stiffness, energy: energy.into() }
     }
 }

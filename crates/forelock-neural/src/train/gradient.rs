@@ -11,7 +11,7 @@
 //! and back; then the weights' gradients are products over all 512 strands, in parallel over blocks
 //! of weights.
 
-use super::between::Between;
+use super::between::{Between, Neighbourhood};
 use super::layers::{bias_gradient, mask, transpose, weight_gradient};
 use super::set::{Bust, Drawn, shared as shared_inputs};
 use super::window::{Goal, Neighbours, Window};
@@ -314,16 +314,19 @@ impl Step<'_> {
         buffers: &PacketBuffers,
     ) -> [Vec<Between>; FRAMES_OF_PACKET] {
         let energies = &self.goal.energies;
+        if !energies.have_neighbours() {
+            return [const { Vec::new() }; FRAMES_OF_PACKET];
+        }
         std::array::from_fn(|frame| {
+            let neighbourhood = Neighbourhood::new(energies, self.set, &drawn[frame]);
             let own = frame * STRANDS..(frame + 1) * STRANDS;
             let moment = |ago: usize| {
                 let outputs = &buffers.moments[ago].outputs;
                 let strands = own.clone().zip(&rest[own.clone()]);
                 let x: Vec<[f32; 3]> = strands.flat_map(|(s, rest)| self.strand(outputs, s, rest)).collect();
-                Between::new(energies, self.set, &drawn[frame], &x)
+                neighbourhood.at(&x)
             };
-            let moments = if energies.have_neighbours() { self.goal.samples() } else { 0 };
-            (0..moments).map(moment).collect()
+            (0..self.goal.samples()).map(moment).collect()
         })
     }
 
