@@ -146,9 +146,18 @@ impl Trial {
     /// # Errors
     /// [`MeasureError`] if a prediction is not finite, or a motion too short.
     pub fn run(&self, predictor: &Predictor) -> Result<Vec<Score>, MeasureError> {
+        self.run_with(predictor, &self.statics)
+    }
+
+    /// The same with other inputs of the strands, `[strands, statics]`.
+    ///
+    /// # Errors
+    /// [`MeasureError`] if a prediction is not finite, a motion too short, or there are not as many
+    /// inputs as strands.
+    pub fn run_with(&self, predictor: &Predictor, statics: &[f32]) -> Result<Vec<Score>, MeasureError> {
         let mut scores = vec![Vec::new(); self.counts.len()];
         let (found, particles) = (self.rest.len() * PARTICLES, PARTICLES);
-        let prepared = predictor.prepare(&self.rest, &self.statics);
+        let prepared = predictor.prepare(&self.rest, statics);
         let prepared = prepared.map_err(|_| MeasureError::Rest { found, particles })?;
         for (clip, reference) in self.clips.iter().zip(&self.references) {
             let mut found = vec![vec![[[0.0; 3]; PARTICLES]; self.rest.len()]; clip.len()];

@@ -1,6 +1,6 @@
 //! Why there is no model.
 
-use super::{FORMAT_VERSION, MOST_BYTES, OutputHead};
+use super::{FORMAT_VERSION, MOST_BYTES};
 use std::fmt::Display;
 use std::io;
 use std::path::PathBuf;
@@ -110,9 +110,6 @@ pub enum ModelError {
         /// The weight.
         value: f32,
     },
-    /// Inference does not know the head.
-    #[error("inference runs the head `rotation`, and the model has {0:?}: train it with head = \"rotation\"")]
-    Head(OutputHead),
 }
 
 /// The words for a place in a file.

@@ -132,13 +132,14 @@ impl Model {
     /// The network made ready for inference.
     ///
     /// # Errors
-    /// If the head is not `rotation`.
+    /// If the network has not three outputs an edge.
     pub fn predictor(&self, simd: Simd) -> Result<Predictor, ModelError> {
-        if self.info.head != OutputHead::Rotation {
-            return Err(ModelError::Head(self.info.head));
-        }
         let Shape { width, outputs, .. } = *self.network.shape();
-        Predictor::new(&self.network, &self.basis, simd).map_err(|_| output_shape([width, outputs]))
+        let predictor = match self.info.head {
+            OutputHead::Rotation => Predictor::new(&self.network, &self.basis, simd),
+            OutputHead::Displacement => Predictor::displacing(&self.network, simd),
+        };
+        predictor.map_err(|_| output_shape([width, outputs]))
     }
 }
 

@@ -2,17 +2,18 @@
 //!
 //! # Theory
 //! See [the network](super). B/2 of the rotation head is folded into the last layer, whose outputs
-//! then are the rotations u.
+//! then are the rotations u. Outputs of the displacement head are taken as they are.
 //!
 //! # Practice
 //! A packet is 64 strands. Its activations, 64 KiB, and the 328 KiB of weights stay in the second
 //! cache. Threads share packets; results do not depend on their number.
 
+use super::head::OutputHead;
 use super::product::{Factors, PACKET, Rows, Start, TILE_ROWS, product, to_rows, zero_rows};
-use super::rotation::{Basis, fold, rotate};
+use super::rotation::{Basis, displace, fold, rotate};
 use super::{LengthError, Network, OUTPUTS, Shape};
-use crate::EDGES;
 use crate::losses::Strand;
+use crate::{EDGES, PARTICLES};
 use bytemuck::Zeroable;
 use forelock_core::lane::{LANES, Lane, Row, Simd, V3, on};
 use rayon::prelude::*;
@@ -44,18 +45,19 @@ pub struct CountError {
     pub inputs: usize,
 }
 
-/// A network made ready for inference with the rotation head.
+/// A network made ready for inference.
 #[derive(Clone, Debug)]
 pub struct Predictor {
     pub(super) simd: Simd,
+    pub(super) head: OutputHead,
     pub(super) network: Network<f32>,
 }
 
 /// Where predicted positions go: `[strand][25]`, cm, canonical space.
-pub type Positions = [[f32; 3]; crate::PARTICLES];
+pub type Positions = [[f32; 3]; PARTICLES];
 
 impl Predictor {
-    /// A predictor of `network` with the basis of its head.
+    /// A predictor of `network` with the rotation head of `basis`.
     ///
     /// # Errors
     /// If the network has not three outputs an edge.
@@ -63,20 +65,37 @@ impl Predictor {
     /// # Panics
     /// If this processor does not support `simd`.
     pub fn new(network: &Network<f32>, basis: &Basis, simd: Simd) -> Result<Self, LengthError> {
-        let shape = *network.shape();
-        if shape.outputs != OUTPUTS {
-            return Err(LengthError { expected: OUTPUTS, found: shape.outputs });
-        }
-        let mut network = network.clone();
+        let mut own = Self::displacing(network, simd)?;
+        own.head = OutputHead::Rotation;
         // The last layer and its bias.
-        for range in &shape.ranges()[5..] {
-            for row in network.parameters_mut()[range.clone()].chunks_exact_mut(OUTPUTS) {
+        for range in &network.shape().ranges()[5..] {
+            for row in own.network.parameters_mut()[range.clone()].chunks_exact_mut(OUTPUTS) {
                 fold(row, basis);
             }
         }
+        Ok(own)
+    }
+
+    /// A predictor of `network` with the displacement head.
+    ///
+    /// # Errors
+    /// If the network has not three outputs an edge.
+    ///
+    /// # Panics
+    /// If this processor does not support `simd`.
+    pub fn displacing(network: &Network<f32>, simd: Simd) -> Result<Self, LengthError> {
+        let found = network.shape().outputs;
+        if found != OUTPUTS {
+            return Err(LengthError { expected: OUTPUTS, found });
+        }
         let simd = simd.resolve();
         assert!(simd.is_supported(), "{simd:?} is not supported by this processor");
-        Ok(Self { simd, network })
+        Ok(Self { simd, head: OutputHead::Displacement, network: network.clone() })
+    }
+
+    /// What the network's outputs are.
+    pub fn head(&self) -> OutputHead {
+        self.head
     }
 
     /// Inputs of a frame.
@@ -98,7 +117,7 @@ impl Predictor {
         let mut own = Strands {
             count: rest.len(),
             sums: vec![Row::zeroed(); packets * width * TILE_ROWS],
-            rest: vec![Row::zeroed(); packets * TILE_ROWS * 3 * crate::PARTICLES],
+            rest: vec![Row::zeroed(); packets * TILE_ROWS * 3 * PARTICLES],
         };
         let [matrix, _, bias, ..] = self.network.parts();
         own.sums.par_chunks_exact_mut(width * TILE_ROWS).enumerate().for_each(|(packet, sums)| {
@@ -108,8 +127,8 @@ impl Predictor {
             product(self.simd, factors, Start::Bias(bias), sums);
         });
         for (s, x) in rest.iter().enumerate() {
-            let rows = &mut own.rest[s / LANES * 3 * crate::PARTICLES..][..3 * crate::PARTICLES];
-            for i in 0..crate::PARTICLES {
+            let rows = &mut own.rest[s / LANES * 3 * PARTICLES..][..3 * PARTICLES];
+            for i in 0..PARTICLES {
                 for c in 0..3 {
                     let before = if i > 0 { x[i - 1][c] } else { 0.0 };
                     rows[3 * i + c].0[s % LANES] = x[i][c] - before;
@@ -135,10 +154,11 @@ impl Predictor {
                 || Activations::new(width),
                 |activations, (packet, (out, sums))| {
                     self.layers(&frame, sums, activations);
-                    let first = packet * TILE_ROWS * 3 * crate::PARTICLES;
-                    let rest = strands.rest[first..].chunks_exact(3 * crate::PARTICLES);
+                    let first = packet * TILE_ROWS * 3 * PARTICLES;
+                    let rest = strands.rest[first..].chunks_exact(3 * PARTICLES);
                     for (row, (out, rest)) in out.chunks_mut(LANES).zip(rest).enumerate() {
-                        head(self.simd, rest, &activations.outputs, row, out);
+                        let strands = HeadRow { head: self.head, rest, outputs: &activations.outputs, row };
+                        place(self.simd, &strands, out);
                     }
                 },
             );
@@ -179,35 +199,54 @@ impl Activations {
     }
 }
 
-/// Positions of up to 16 strands, row `row` of a packet, from its `outputs`.
-fn head(simd: Simd, rest: &[Row<f32>], outputs: &[Row<f32>], row: usize, out: &mut [Positions]) {
-    let run =
-        on!(simd, rotate_row(rest: &[Row<f32>], outputs: &[Row<f32>], row: usize, out: &mut [Positions]));
-    // SAFETY: `Predictor::new` has checked that the instruction set is supported.
+/// What the positions of up to 16 strands, a row of a packet, follow from.
+#[derive(Debug)]
+struct HeadRow<'a> {
+    head: OutputHead,
+    /// Roots and edges at rest.
+    rest: &'a [Row<f32>],
+    /// The network's outputs of the packet.
+    outputs: &'a [Row<f32>],
+    /// Which row of the packet they are.
+    row: usize,
+}
+
+/// The positions of `strands`.
+fn place(simd: Simd, strands: &HeadRow<'_>, out: &mut [Positions]) {
+    let run = on!(simd, place_lanes(strands: &HeadRow<'_>, out: &mut [Positions]));
+    // SAFETY: `Predictor::displacing` has checked that the instruction set is supported.
     #[allow(unused_unsafe, clippy::allow_attributes, reason = "only instantiations with features are unsafe")]
     unsafe {
-        run(rest, outputs, row, out);
+        run(strands, out);
     }
 }
 
-/// [`head`] in lanes.
+/// [`place`] in lanes.
 #[inline(always)]
-fn rotate_row<L: Lane<Scalar = f32>>(
-    rest: &[Row<f32>],
-    outputs: &[Row<f32>],
-    row: usize,
-    out: &mut [Positions],
-) {
+fn place_lanes<L: Lane<Scalar = f32>>(strands: &HeadRow<'_>, out: &mut [Positions]) {
+    let HeadRow { head, rest, outputs, row } = strands;
     for first in (0..LANES.min(out.len())).step_by(L::WIDTH) {
         let mut edges = [V3::zero(); EDGES];
-        let mut u = [V3::zero(); EDGES];
+        let mut o = [V3::zero(); EDGES];
         for i in 0..EDGES {
             edges[i] = V3::<L>::load(rest, i + 1, first);
             for c in 0..3 {
-                u[i].0[c] = L::load(&outputs[(3 * i + c) * TILE_ROWS + row], first);
+                o[i].0[c] = L::load(&outputs[(3 * i + c) * TILE_ROWS + row], first);
             }
         }
-        let x: Strand<L> = rotate(V3::load(rest, 0, first), &edges, &u);
+        let root = V3::load(rest, 0, first);
+        let x: Strand<L> = match head {
+            OutputHead::Rotation => rotate(root, &edges, &o),
+            OutputHead::Displacement => {
+                let mut at_rest = [root; PARTICLES];
+                let mut arc_lengths = [L::zero(); PARTICLES];
+                for i in 0..EDGES {
+                    at_rest[i + 1] = at_rest[i] + edges[i];
+                    arc_lengths[i + 1] = arc_lengths[i] + edges[i].dot(edges[i]).sqrt();
+                }
+                displace(&at_rest, &arc_lengths, &o)
+            }
+        };
         for (lane, out) in out.iter_mut().skip(first).take(L::WIDTH).enumerate() {
             for (out, x) in out.iter_mut().zip(&x) {
                 *out = x.get(lane);

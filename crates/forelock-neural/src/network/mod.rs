@@ -29,6 +29,8 @@ use std::ops::Range;
 
 /// Inputs of a strand: uv, its code, its lock's code.
 pub const STATICS: usize = 2 + 32 + 32;
+/// Those of them that are its lock's code.
+pub const LOCK_INPUTS: Range<usize> = 2 + 32..STATICS;
 /// Inputs of a frame: pose, body shape, history.
 pub const SHARED: usize = 24 + 10 + 27 * 24;
 /// Hidden units of both layers.

@@ -1,11 +1,14 @@
 //! Inference for the strands of a simulation: packed, with any numbers of particles.
 //!
 //! # Theory
-//! The network sees each strand with [`PARTICLES`](crate::PARTICLES) particles, and its head gives
-//! the rotations u of their 24 edges. The edge of a strand with other particles takes u at its
-//! middle: linear in the arc length between the middles of the network's edges, constant before the
-//! first and beyond the last one. It is rotated by the same formula
+//! The network sees each strand with [`PARTICLES`](crate::PARTICLES) particles, and its rotation
+//! head gives the rotations u of their 24 edges. The edge of a strand with other particles takes u
+//! at its middle: linear in the arc length between the middles of the network's edges, constant
+//! before the first and beyond the last one. It is rotated by the same formula
 //! ([`rotate`](super::rotation::rotate)), so a strand of any number of particles keeps its lengths.
+//!
+//! The displacement head gives o at the ends of the 24 edges. A particle takes o at its own arc
+//! length s, likewise linear between those ends, and goes to X + s o.
 //!
 //! # Practice
 //! A packet is four consecutive blocks of the core's
@@ -18,6 +21,7 @@
 //! Threads halve the list of packets; nothing is allocated, and no result depends on which thread
 //! ran which packet.
 
+use super::head::OutputHead;
 use super::inference::{Activations, CountError, Predictor};
 use super::product::{Factors, Start, TILE_ROWS, product, to_rows, zero_rows};
 use super::rotation::turn;
@@ -64,7 +68,7 @@ struct PackedBlock {
     blends: Range<usize>,
 }
 
-/// The network's edges among which the rotation of an edge of sixteen strands lies.
+/// The network's edges whose outputs an edge of sixteen strands takes.
 #[derive(Clone, Copy, Debug)]
 struct Blend {
     /// The first of them.
@@ -82,8 +86,8 @@ impl PackedStrands {
         rows + size_of_val(&*self.blocks) + size_of_val(&*self.blends)
     }
 
-    /// Adds the weights of the edges of `block`, whose strands have `places`: where the middles of
-    /// their edges lie among the network's, `[edge]` for each lane.
+    /// Adds the weights of the edges of `block`, whose strands have `places`: where their edges lie
+    /// among the network's, `[edge]` for each lane.
     fn add_block(&mut self, block: &Block, places: &[Vec<f64>; LANES]) {
         let start = (self.blends.len(), self.weights.len());
         let mut is_own = block.particles == crate::PARTICLES;
@@ -111,17 +115,22 @@ impl PackedStrands {
     }
 }
 
-/// Where the middles of edges of these `lengths` lie among those of the network's edges, 0 to 23.
-fn places(lengths: &[f64]) -> Vec<f64> {
+/// Where the edges of these `lengths` lie among the network's, 0 to 23: their middles for
+/// rotations, their ends for displacements.
+fn places(head: OutputHead, lengths: &[f64]) -> Vec<f64> {
     if is_even(lengths) {
         return (0..EDGES).map(|edge| edge as f64).collect();
     }
+    let share = match head {
+        OutputHead::Rotation => 0.5,
+        OutputHead::Displacement => 1.0,
+    };
     let whole = lengths.iter().sum::<f64>();
     let mut end = 0.0;
     let place = |length: &f64| {
-        let middle = end + 0.5 * length;
+        let place = end + share * length;
         end += length;
-        (middle / whole * EDGES as f64 - 0.5).clamp(0.0, (EDGES - 1) as f64)
+        (place / whole * EDGES as f64 - share).clamp(0.0, (EDGES - 1) as f64)
     };
     lengths.iter().map(place).collect()
 }
@@ -179,7 +188,7 @@ impl Predictor {
         for block in &model.blocks {
             let of_lane = |lane: usize| {
                 let length = |i: usize| f64::from(model.rest_lengths[3 * (block.first + i)].0[lane]);
-                places(&(0..block.particles - 1).map(length).collect::<Vec<_>>())
+                places(self.head, &(0..block.particles - 1).map(length).collect::<Vec<_>>())
             };
             own.add_block(block, &std::array::from_fn(of_lane));
         }
@@ -253,6 +262,7 @@ impl Run<'_> {
         for (row, block) in blocks.iter().take(TILE_ROWS).enumerate() {
             let (own, rest) = std::mem::take(&mut out).split_at_mut(3 * block.particles);
             let edges = Edges {
+                head: predictor.head,
                 rest: &frame.rest[3 * block.first..][..3 * block.particles],
                 blends: &strands.blends[block.blends.clone()],
                 weights: &strands.weights,
@@ -269,6 +279,7 @@ impl Run<'_> {
 /// What the positions of a block follow from.
 #[derive(Debug)]
 struct Edges<'a> {
+    head: OutputHead,
     rest: &'a [Row<f32>],
     blends: &'a [Blend],
     weights: &'a [Row<f32>],
@@ -280,36 +291,36 @@ struct Edges<'a> {
 }
 
 impl Edges<'_> {
-    /// The rotation of the network's edge `k`.
+    /// The network's output of its edge `k`.
     #[inline(always)]
-    fn output<L: Lane<Scalar = f32>>(&self, k: usize, first: usize) -> V3<L> {
-        let mut u = V3::zero();
+    fn own_output<L: Lane<Scalar = f32>>(&self, k: usize, first: usize) -> V3<L> {
+        let mut o = V3::zero();
         for c in 0..3 {
-            u.0[c] = L::load(&self.outputs[(3 * k + c) * TILE_ROWS + self.row], first);
+            o.0[c] = L::load(&self.outputs[(3 * k + c) * TILE_ROWS + self.row], first);
         }
-        u
+        o
     }
 
-    /// The rotation of edge `i`.
+    /// The output of edge `i`.
     #[inline(always)]
-    fn rotation<L: Lane<Scalar = f32>>(&self, i: usize, first: usize) -> V3<L> {
+    fn output<L: Lane<Scalar = f32>>(&self, i: usize, first: usize) -> V3<L> {
         if self.blends.is_empty() {
-            return self.output(i, first);
+            return self.own_output(i, first);
         }
         let blend = self.blends[i];
         let weights = &self.weights[blend.weights as usize..][..blend.count as usize];
-        let mut u = V3::zero();
+        let mut o = V3::zero();
         for (k, weight) in (blend.first as usize..).zip(weights) {
-            u = u.add_scaled(L::load(weight, first), self.output(k, first));
+            o = o.add_scaled(L::load(weight, first), self.own_output(k, first));
         }
-        u
+        o
     }
 }
 
 /// Positions of the strands of a block.
 fn place(simd: Simd, edges: &Edges<'_>, out: &mut [Row<f32>]) {
     let run = on!(simd, place_lanes(edges: &Edges<'_>, out: &mut [Row<f32>]));
-    // SAFETY: `Predictor::new` has checked that the instruction set is supported.
+    // SAFETY: `Predictor::displacing` has checked that the instruction set is supported.
     #[allow(unused_unsafe, clippy::allow_attributes, reason = "only instantiations with features are unsafe")]
     unsafe {
         run(edges, out);
@@ -326,11 +337,17 @@ fn place_lanes<L: Lane<Scalar = f32>>(edges: &Edges<'_>, out: &mut [Row<f32>]) {
         let mut before = V3::load(edges.rest, 0, first);
         let mut x = origin.add_mul(&rotation, before);
         x.store(out, 0, first);
+        let mut arc = L::zero();
         for i in 1..particles {
             let rest = V3::load(edges.rest, i, first);
-            let edge = rest - before;
-            let turned = edge + turn(edges.rotation(i - 1, first), edge);
-            x = x.add_mul(&rotation, turned);
+            let (edge, o) = (rest - before, edges.output(i - 1, first));
+            x = match edges.head {
+                OutputHead::Rotation => x.add_mul(&rotation, edge + turn(o, edge)),
+                OutputHead::Displacement => {
+                    arc = arc + edge.dot(edge).sqrt();
+                    origin.add_mul(&rotation, rest.add_scaled(arc, o))
+                }
+            };
             x.store(out, i, first);
             before = rest;
         }

@@ -45,7 +45,7 @@ use crate::losses::repulsion::RepulsionTerms;
 use crate::losses::style::StyleTerms;
 use crate::network::head::OutputHead;
 use crate::network::rotation::{Basis, basis};
-use crate::network::{Network, Shape};
+use crate::network::{LOCK_INPUTS, Network, Shape};
 use crate::random::Random;
 use adam::Adam;
 use forelock_core::lane::Simd;
@@ -111,6 +111,8 @@ pub struct Options {
     pub objective: Objective,
     /// What the network's outputs are.
     pub head: OutputHead,
+    /// Whether the network sees the mean code of a strand's lock. Without, its weights are 0.
+    pub lock_codes: bool,
     /// The instruction set. The result depends on it.
     pub simd: Simd,
 }
@@ -127,6 +129,7 @@ impl Default for Options {
             energies: Energies::default(),
             objective: Objective::default(),
             head: OutputHead::default(),
+            lock_codes: true,
             simd: Simd::Auto,
         }
     }
@@ -194,6 +197,10 @@ impl Trainer {
                 *weight = (deviation * random.normal()) as f32;
             }
         }
+        if !options.lock_codes {
+            // They stay 0, for the inputs of a prepared set are 0 too.
+            parameters[shape.ranges()[0].clone()][LOCK_INPUTS.start * shape.width..].fill(0.0);
+        }
         let motion = options.energies.motion;
         Self {
             basis: basis(options.energies.elastic.bend_twist, motion.mass, motion.dt_secs),
@@ -204,6 +211,11 @@ impl Trainer {
             workspace: Workspace::new(shape),
             options,
         }
+    }
+
+    /// How it trains.
+    pub fn options(&self) -> &Options {
+        &self.options
     }
 
     /// The result: the running average of the network.
@@ -221,9 +233,13 @@ impl Trainer {
         self.done
     }
 
-    /// Prepares `set` for this training: neighbouring strands are found once.
+    /// Prepares `set` for this training: neighbouring strands are found once, and inputs that the
+    /// network does not see are set to 0.
     pub fn prepare(&self, set: &mut TrainingSet) {
         set.prepare(&self.options.energies);
+        if !self.options.lock_codes {
+            set.hide_lock_codes();
+        }
     }
 
     /// A step, on a set that was [prepared](Self::prepare).

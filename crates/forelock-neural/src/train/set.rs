@@ -8,8 +8,8 @@ use crate::features::{
 use crate::losses::adhesion::{Adhesion, AdhesionTerms};
 use crate::losses::body::{Body, Capsule, Near};
 use crate::losses::field::SmoothField;
-use crate::network::STATICS;
 use crate::network::inference::Positions;
+use crate::network::{LOCK_INPUTS, STATICS};
 use crate::random::Random;
 use forelock_core::lane::{Lane, V3};
 use glam::{DMat3, DVec3};
@@ -212,6 +212,11 @@ impl TrainingSet {
             return Err(SetError::NoMotions);
         }
         Ok(Self { strands, clips, field, kinds, adhesion: Vec::new(), before, windows })
+    }
+
+    /// Sets the codes of locks to 0.
+    pub(super) fn hide_lock_codes(&mut self) {
+        self.strands.iter_mut().for_each(|strand| strand.statics[LOCK_INPUTS].fill(0.0));
     }
 
     /// Prepares the set for a training with `energies`.

@@ -120,6 +120,22 @@ fn one_seed_gives_one_network_whatever_the_threads() {
 }
 
 #[test]
+fn a_network_without_lock_codes_does_not_depend_on_them() {
+    let mut set = set();
+    let mut trainer = Trainer::new(Options { steps: 20, lock_codes: false, ..Options::default() });
+    assert!(set.strands.iter().any(|strand| strand.statics[LOCK_INPUTS].iter().any(|x| *x != 0.0)));
+    trainer.prepare(&mut set);
+    for _ in 0..5 {
+        trainer.step(&set).unwrap();
+    }
+    let (shape, weights) = (trainer.options().shape(), trainer.average().parameters());
+    let statics: Vec<_> = weights[shape.ranges()[0].clone()].chunks_exact(shape.width).collect();
+    for (input, weights) in statics.iter().enumerate() {
+        assert_eq!(weights.iter().all(|x| *x == 0.0), LOCK_INPUTS.contains(&input), "input {input}");
+    }
+}
+
+#[test]
 fn what_cannot_be_trained_with_is_refused() {
     let set = set();
     let refused = |strands: &[TrainingStrand], clips: &[Clip]| {

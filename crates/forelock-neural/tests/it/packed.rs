@@ -80,10 +80,14 @@ fn expected(rest: &[DVec3], o: &[f64], basis: &Basis) -> Vec<DVec3> {
     x
 }
 
-/// The predicted positions in the groom's order.
+/// The positions that the network with the rotation head predicts, in the groom's order.
 fn predict(hair: &Hair, simd: Simd, pose: &Pose) -> Vec<DVec3> {
+    predict_with(&Predictor::new(&network(), &basis(100.0, 1e-4, 1.0 / 30.0), simd).unwrap(), hair, pose)
+}
+
+/// The positions that `predictor` predicts, in the groom's order.
+fn predict_with(predictor: &Predictor, hair: &Hair, pose: &Pose) -> Vec<DVec3> {
     let model = Model::<f32>::new(&Strands::new(&hair.positions, &hair.offsets)).unwrap();
-    let predictor = Predictor::new(&network(), &basis(100.0, 1e-4, 1.0 / 30.0), simd).unwrap();
     let statics = numbers(STATICS * model.strand_count, 7);
     let strands = predictor.prepare_packed(&model, &statics).unwrap();
     let mut rows = vec![Row([f32::NAN; 16]); 3 * model.places()];
@@ -99,10 +103,26 @@ fn predict(hair: &Hair, simd: Simd, pose: &Pose) -> Vec<DVec3> {
     found
 }
 
+/// The positions of a strand with particles `rest` whose network gives the displacements `o`.
+fn displaced(rest: &[DVec3], o: &[f64]) -> Vec<DVec3> {
+    let o: Vec<DVec3> = o.chunks_exact(3).map(DVec3::from_slice).collect();
+    let lengths: Vec<f64> = rest.windows(2).map(|x| x[0].distance(x[1])).collect();
+    let whole: f64 = lengths.iter().sum();
+    let (mut x, mut arc) = (vec![rest[0]], 0.0);
+    for (i, length) in lengths.iter().enumerate() {
+        arc += length;
+        let own = if is_even(&lengths) { i as f64 } else { 24.0 * arc / whole - 1.0 };
+        let below = own.floor().clamp(0.0, 22.0);
+        let fraction = (own - below).clamp(0.0, 1.0);
+        x.push(rest[i + 1] + arc * o[below as usize].lerp(o[below as usize + 1], fraction));
+    }
+    x
+}
+
 const COUNTS: [usize; 6] = [25, 2, 40, 10, 3, 101];
 
 #[test]
-fn strands_of_any_number_of_particles_take_the_rotations_at_their_arc_lengths() {
+fn strands_of_any_number_of_particles_take_the_outputs_at_their_arc_lengths() {
     let counts: Vec<usize> = (0..300).map(|s| COUNTS[s % 6]).collect();
     let pose = Pose::new(DQuat::from_rotation_z(0.7), DVec3::new(3.0, -1.0, 2.0));
     let network = network();
@@ -120,39 +140,46 @@ fn strands_of_any_number_of_particles_take_the_rotations_at_their_arc_lengths() 
                 own.iter().map(|x| DVec3::from_array(x.map(f64::from))).collect()
             })
             .collect();
-        let expected: Vec<DVec3> = strands
-            .iter()
-            .zip(statics.chunks_exact(STATICS))
-            .flat_map(|(rest, statics)| {
+        let expected = [true, false].map(|rotates| -> Vec<DVec3> {
+            let inputs = strands.iter().zip(statics.chunks_exact(STATICS));
+            let placed = inputs.flat_map(|(rest, statics)| {
                 let o = evaluate(&double, &static_part(&double, statics), &frame);
-                expected(rest, &o, &basis)
-            })
-            .map(|x| pose.transform_point(x))
-            .collect();
+                if rotates { expected(rest, &o, &basis) } else { displaced(rest, &o) }
+            });
+            placed.map(|x| pose.transform_point(x)).collect()
+        });
         for simd in Simd::ALL.into_iter().filter(|simd| simd.is_supported()) {
-            let found = predict(&hair, simd, &pose);
-            let worst = found.iter().zip(&expected).map(|(a, b)| a.distance(*b));
-            let worst = worst.fold(0.0, |a: f64, b| if b > a || b.is_nan() { b } else { a });
-            assert!(worst < 1e-4, "{simd:?}, spread {spread}: {worst:e} cm");
+            let displacing = Predictor::displacing(&network, simd).unwrap();
+            let found = [predict(&hair, simd, &pose), predict_with(&displacing, &hair, &pose)];
+            for (found, expected) in found.iter().zip(&expected) {
+                let worst = found.iter().zip(expected).map(|(a, b)| a.distance(*b));
+                let worst = worst.fold(0.0, |a: f64, b| if b > a || b.is_nan() { b } else { a });
+                assert!(worst < 1e-4, "{simd:?}, spread {spread}: {worst:e} cm");
+            }
         }
         // The strands moved at all.
         let rest = hair.positions.iter().map(|x| pose.transform_point(DVec3::from_array(x.map(f64::from))));
-        assert!(expected.iter().zip(rest).any(|(a, b)| a.distance(b) > 1.0));
+        let rest: Vec<DVec3> = rest.collect();
+        for expected in &expected {
+            assert!(expected.iter().zip(&rest).any(|(a, b)| a.distance(*b) > 1.0));
+        }
     }
 }
 
 #[test]
 fn strands_of_the_network_have_the_results_of_its_own_inference() {
     let hair = hair(&[PARTICLES; 150], 0.0);
-    let found = predict(&hair, Simd::Auto, &Pose::IDENTITY);
-    let predictor = Predictor::new(&network(), &basis(100.0, 1e-4, 1.0 / 30.0), Simd::Auto).unwrap();
     let rest: Vec<Positions> = hair.positions.as_chunks().0.to_vec();
-    let strands = predictor.prepare(&rest, &numbers(STATICS * rest.len(), 7)).unwrap();
-    let mut out = vec![[[0.0; 3]; PARTICLES]; rest.len()];
-    predictor.predict(&strands, &numbers(SHARED, 9), &mut out);
-    for (a, b) in found.iter().zip(out.as_flattened()) {
-        let error = a.distance(DVec3::from_array(b.map(f64::from)));
-        assert!(error < 1e-5, "{error:e} cm");
+    let rotating = Predictor::new(&network(), &basis(100.0, 1e-4, 1.0 / 30.0), Simd::Auto).unwrap();
+    for predictor in [rotating, Predictor::displacing(&network(), Simd::Auto).unwrap()] {
+        let found = predict_with(&predictor, &hair, &Pose::IDENTITY);
+        let strands = predictor.prepare(&rest, &numbers(STATICS * rest.len(), 7)).unwrap();
+        let mut out = vec![[[0.0; 3]; PARTICLES]; rest.len()];
+        predictor.predict(&strands, &numbers(SHARED, 9), &mut out);
+        for (a, b) in found.iter().zip(out.as_flattened()) {
+            let error = a.distance(DVec3::from_array(b.map(f64::from)));
+            assert!(error < 1e-5, "{:?}: {error:e} cm", predictor.head());
+        }
     }
 }
 

@@ -32,7 +32,7 @@ use forelock_core::groom::Groom;
 use forelock_core::interaction::Interactions;
 use forelock_core::lane::Simd;
 use forelock_neural::features::{Features, HISTORY, SHARED_NUMBERS, SPACING_SECS};
-use forelock_neural::model::{Model, ModelError, OutputHead, strands_at_rest};
+use forelock_neural::model::{Model, ModelError, strands_at_rest};
 use forelock_neural::network::inference::Predictor;
 use glam::DVec3;
 
@@ -105,9 +105,7 @@ impl Learned {
     /// Checks that this version can run the model.
     fn check(&self) -> Result<(), NeuralError> {
         let info = self.model.info();
-        let problem = if info.head != OutputHead::Rotation {
-            ModelError::Head(info.head).to_string()
-        } else if info.history > HISTORY {
+        let problem = if info.history > HISTORY {
             let found = info.history;
             format!("the model has a history of {found} entries, and this version {HISTORY}: train it again")
         } else if (info.dt_secs / SPACING_SECS - 1.0).abs() > 0.01 {

@@ -43,7 +43,7 @@ pub struct TrainingConfig {
 
 forelock_core::documented! {
 /// `[method]`: how the network predicts, and what it is trained towards.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrainedMethod {
     /// "dynamic", which follows the history of poses, or "quasi-static", which hangs at rest in
@@ -59,6 +59,8 @@ pub struct TrainedMethod {
     /// How frames are carried along strands: "sequential", "direct" (the paper's) or "chord".
     /// Default "sequential".
     pub transport: Transport,
+    /// Whether the network knows the mean code of the lock that a strand is in. Default true.
+    pub lock_codes: bool,
 }
 }
 
@@ -159,6 +161,9 @@ pub struct TrainingSteps {
     /// Steps between two measurements on strands and motions that are not trained. Unit steps,
     /// default 500, range 1 to 1000000.
     pub measure_every: u32,
+    /// Whether the network of the best of those measurements is the result, rather than the last
+    /// one, for which nothing is measured until the end. Default true.
+    pub choose_best: bool,
 }
 }
 
@@ -171,6 +176,18 @@ impl Default for TrainingConfig {
             motions: TrainedMotions::default(),
             energies: TrainedEnergies::default(),
             steps: TrainingSteps::default(),
+        }
+    }
+}
+
+impl Default for TrainedMethod {
+    fn default() -> Self {
+        Self {
+            kind: ModelKind::default(),
+            head: OutputHead::default(),
+            objective: Objective::default(),
+            transport: Transport::default(),
+            lock_codes: true,
         }
     }
 }
@@ -214,7 +231,15 @@ impl Default for TrainedEnergies {
 impl Default for TrainingSteps {
     fn default() -> Self {
         let Options { rate, last_rate, warm_start, .. } = Options::default();
-        Self { codes: 4000, simulator: 12_000, rate, last_rate, drape: warm_start, measure_every: 500 }
+        Self {
+            codes: 4000,
+            simulator: 12_000,
+            rate,
+            last_rate,
+            drape: warm_start,
+            measure_every: 500,
+            choose_best: true,
+        }
     }
 }
 
@@ -284,11 +309,6 @@ impl TrainingConfig {
                 "names something twice: each is a kind of hair of its own".to_owned(),
             ));
         }
-        if self.method.head == OutputHead::Displacement {
-            let message =
-                "cannot be \"displacement\" yet: what it trains cannot be measured or run".to_owned();
-            return Err(("method.head".to_owned(), message));
-        }
         let secs = f64::from(self.motions.count) * self.motions.secs;
         if secs > MOST_SECS {
             let message = format!(
@@ -342,6 +362,7 @@ impl TrainingConfig {
             energies,
             objective: self.method.objective,
             head: self.method.head,
+            lock_codes: self.method.lock_codes,
             simd: Simd::Auto,
             ..Options::default()
         }

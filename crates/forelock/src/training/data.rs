@@ -17,10 +17,12 @@ use forelock_neural::network::STATICS;
 use forelock_neural::network::inference::Positions;
 use forelock_neural::train::motions::{Kind, generate};
 use forelock_neural::train::{Clip, STRANDS as SET_STRANDS, TrainingStrand, clip};
+use forelock_neural::trial::Score;
 use glam::{DVec3, Vec3};
 
 use super::TrainingError;
 use super::config::{TrainingConfig, is_preset};
+use super::examination::KindScore;
 use crate::assets::Assets;
 use crate::hash::Fnv;
 use crate::neural::Scalp;
@@ -138,6 +140,12 @@ impl Hair {
         }
         let errors = [&own, &other].map(|list| error(&codes, list));
         Ok(Codes { encoder: codes.encoder(), deviation, errors })
+    }
+
+    /// `scores`, one a groom, with the names of the grooms.
+    pub fn named(&self, scores: Vec<Score>) -> Vec<KindScore> {
+        let named = self.names.iter().cloned().zip(scores);
+        named.map(|(groom, score)| KindScore { groom, score }).collect()
     }
 
     /// The strands of each groom for a use, with their inputs, and how many each groom has.

@@ -19,6 +19,7 @@
 
 mod config;
 mod data;
+mod examination;
 mod page;
 mod run;
 
@@ -26,7 +27,8 @@ pub use config::{
     TrainedEnergies, TrainedHair, TrainedMethod, TrainedMotions, TrainingConfig, TrainingSteps, help,
     markdown,
 };
-pub use run::{KindScore, TRAINING, TrainingOptions, TrainingSummary, measure, train};
+pub use examination::{Examination, KindScore, measure};
+pub use run::{TRAINING, TrainingOptions, TrainingSummary, train};
 
 use std::path::PathBuf;
 

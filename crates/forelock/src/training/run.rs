@@ -8,17 +8,16 @@ use std::time::{Duration, Instant};
 
 use forelock_core::lane::Simd;
 use forelock_io::{Lock, atomic_write};
-use forelock_neural::codes::Encoder;
-use forelock_neural::model::{Model, ModelInfo};
+use forelock_neural::model::{Model, ModelInfo, OutputHead};
 use forelock_neural::network::Network;
 use forelock_neural::network::inference::Predictor;
-use forelock_neural::reference::Terms;
-use forelock_neural::train::{Energies, Options, Resumed, Trainer, TrainingSet};
+use forelock_neural::train::{Options, Resumed, Trainer, TrainingSet};
 use forelock_neural::trial::{Score, Trial};
 use serde::{Deserialize, Serialize};
 
 use super::config::TrainingConfig;
 use super::data::{Codes, Hair, Use, motions};
+use super::examination::{Coded, KindScore, trial};
 use super::{TrainingError, page};
 use crate::progress::{Observer, Progress};
 
@@ -47,16 +46,6 @@ pub struct TrainingOptions {
     pub out: PathBuf,
     /// Whether to go on from the checkpoint in it.
     pub resume: bool,
-}
-
-/// How good the result is for one kind of hair.
-#[derive(Clone, Debug, Serialize)]
-pub struct KindScore {
-    /// The groom.
-    pub groom: String,
-    /// The measures, beside the implicit reference.
-    #[serde(flatten)]
-    pub score: Score,
 }
 
 /// What a training did.
@@ -112,7 +101,8 @@ struct Run<'a> {
     trainer: Trainer,
     best: Option<Network<f32>>,
     note: Note,
-    choice: Trial,
+    /// Strands and motions that choose the best network, if one is chosen.
+    choice: Option<Trial>,
 }
 
 /// Trains what `config` says until it is done or `stop` is set.
@@ -157,14 +147,14 @@ pub fn train(
     let own = &config.options().energies;
     let coded = Coded { encoder: &codes.encoder, deviation: codes.deviation };
     let trial = |purpose, observer: &mut Observer<'_>| trial(config, own, &hair, coded, purpose, observer);
-    let choice = trial(Use::Choice, observer)?;
+    let choice = if config.steps.choose_best { Some(trial(Use::Choice, observer)?) } else { None };
     let Resumed { trainer, best, .. } = resumed.0;
     let mut run = Run { config, out, trainer, best, note: resumed.1, choice };
     run.steps(&set, observer, stop)?;
     let mut summary = TrainingSummary {
         steps: run.trainer.done(),
         steps_asked: config.steps.simulator,
-        best_step: run.note.best.map_or(0, |best| best.step),
+        best_step: run.note.best.map_or(run.trainer.done(), |best| best.step),
         strands: sizes[0],
         motions: sizes[1],
         code_errors_cm: codes.errors,
@@ -175,9 +165,10 @@ pub fn train(
     if summary.steps < summary.steps_asked {
         return Ok(summary);
     }
-    let best = run.best.as_ref().ok_or(TrainingError::NoneKept(100.0 * MOST_INSIDE))?;
+    let last = (!config.steps.choose_best).then(|| run.trainer.average());
+    let best = run.best.as_ref().or(last).ok_or(TrainingError::NoneKept(100.0 * MOST_INSIDE))?;
     let scores = trial(Use::Measures, observer)?.run(&predictor(&run.trainer, best)?)?;
-    summary.scores = named(&hair, scores);
+    summary.scores = hair.named(scores);
     let model = model(config, &codes, &run, best, &summary)?;
     summary.simulator_bytes = 4 * (best.parameters().len() + forelock_neural::EDGES.pow(2));
     write(&out.join(MODEL), &model.to_bytes()?)?;
@@ -232,56 +223,13 @@ fn resumed(
     }
 }
 
-/// Measures `model` as [`train`] does: with hair and motions of `config` that were not trained, if
-/// this is the configuration that it was trained with.
-///
-/// # Errors
-/// [`TrainingError`].
-pub fn measure(
-    config: &TrainingConfig,
-    model: &Model,
-    observer: &mut Observer<'_>,
-) -> Result<Vec<KindScore>, TrainingError> {
-    let hair = Hair::load(config, observer)?;
-    let coded = Coded { encoder: model.encoder(), deviation: model.info().code_deviation as f32 };
-    let trial = trial(config, &model.info().energies(), &hair, coded, Use::Measures, observer)?;
-    Ok(named(&hair, trial.run(&model.predictor(Simd::Auto)?)?))
-}
-
-/// `scores` with the names of their grooms.
-fn named(hair: &Hair, scores: Vec<Score>) -> Vec<KindScore> {
-    hair.names.iter().cloned().zip(scores).map(|(groom, score)| KindScore { groom, score }).collect()
-}
-
-/// An encoder, and the deviation of its codes.
-#[derive(Clone, Copy)]
-struct Coded<'a> {
-    encoder: &'a Encoder,
-    deviation: f32,
-}
-
-/// Strands and motions that are not trained, with their references.
-fn trial(
-    config: &TrainingConfig,
-    energies: &Energies,
-    hair: &Hair,
-    codes: Coded<'_>,
-    purpose: Use,
-    observer: &mut Observer<'_>,
-) -> Result<Trial, TrainingError> {
-    let clips = motions(config, purpose)?;
-    let terms = Terms { elastic: energies.elastic, motion: energies.motion, body: energies.body };
-    let (strands, counts) = hair.strands(purpose, codes.encoder, codes.deviation)?;
-    observer(&Progress::Begin { what: "references", done: 0, total: clips.len() as u64 });
-    let mut step = || observer(&Progress::Step);
-    let trial = Trial::new(&terms, hair.field.clone(), &strands, &counts, clips, &mut step);
-    observer(&Progress::End);
-    Ok(trial)
-}
-
 fn predictor(trainer: &Trainer, network: &Network<f32>) -> Result<Predictor, TrainingError> {
     let shape = *network.shape();
-    Predictor::new(network, trainer.basis(), Simd::Auto).map_err(|_| {
+    let predictor = match trainer.options().head {
+        OutputHead::Rotation => Predictor::new(network, trainer.basis(), Simd::Auto),
+        OutputHead::Displacement => Predictor::displacing(network, Simd::Auto),
+    };
+    predictor.map_err(|_| {
         TrainingError::Model(forelock_neural::model::ModelError::Shape {
             tensor: "simulator.output".to_owned(),
             found: vec![shape.width, shape.outputs],
@@ -347,8 +295,9 @@ impl Run<'_> {
 
     /// Compares the network with the reference and keeps it if it is the best.
     fn measure(&mut self, observer: &mut Observer<'_>) -> Result<(), TrainingError> {
+        let Some(choice) = &self.choice else { return self.show() };
         let predictor = predictor(&self.trainer, self.trainer.average())?;
-        let score = Score::mean(&self.choice.run(&predictor)?);
+        let score = Score::mean(&choice.run(&predictor)?);
         let step = self.trainer.done();
         let measured = Measured { step, score };
         self.note.measured.push(measured);
@@ -369,6 +318,11 @@ impl Run<'_> {
             100.0 * score.inside,
             if is_best { "" } else { "; not kept" },
         )));
+        self.show()
+    }
+
+    /// Writes the page.
+    fn show(&self) -> Result<(), TrainingError> {
         write(&self.out.join(PAGE), page::html(self.config, &self.note).as_bytes())
     }
 
@@ -393,6 +347,7 @@ fn model(
     summary: &TrainingSummary,
 ) -> Result<Model, TrainingError> {
     let mut info = ModelInfo::new(&config.options().energies, codes.deviation.into());
+    info.head = config.method.head;
     info.training.config_digest = config.digest();
     info.training.seed = config.seed;
     info.training.steps = config.steps.simulator;

@@ -1,0 +1,106 @@
+//! Measures of a model beside the implicit reference.
+
+use forelock_core::lane::Simd;
+use forelock_neural::codes::Encoder;
+use forelock_neural::model::Model;
+use forelock_neural::reference::Terms;
+use forelock_neural::train::Energies;
+use forelock_neural::trial::{Score, Trial};
+use serde::Serialize;
+
+use super::TrainingError;
+use super::config::TrainingConfig;
+use super::data::{Hair, Use, motions};
+use crate::progress::{Observer, Progress};
+
+/// How good a model is for one kind of hair.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct KindScore {
+    /// The groom.
+    pub groom: String,
+    /// The measures, beside the implicit reference.
+    #[serde(flatten)]
+    pub score: Score,
+}
+
+/// Measures `model` as [`train`](super::train) does: with hair and motions of `config` that were
+/// not trained, if this is the configuration that it was trained with.
+///
+/// # Errors
+/// [`TrainingError`].
+pub fn measure(
+    config: &TrainingConfig,
+    model: &Model,
+    observer: &mut Observer<'_>,
+) -> Result<Vec<KindScore>, TrainingError> {
+    Examination::new(config, &model.info().energies(), model, observer)?.measure(model)
+}
+
+/// Strands and motions with the implicit reference of each, to measure several models with.
+pub struct Examination {
+    hair: Hair,
+    trial: Trial,
+}
+
+impl Examination {
+    /// The strands and motions of `config` that a training with it reports its measures of. The
+    /// references lower `energies`; style, repulsion and adhesion have no part in them. The codes
+    /// of strands are those of `coder`.
+    ///
+    /// # Errors
+    /// [`TrainingError`] if the hair cannot be loaded or has no codes.
+    pub fn new(
+        config: &TrainingConfig,
+        energies: &Energies,
+        coder: &Model,
+        observer: &mut Observer<'_>,
+    ) -> Result<Self, TrainingError> {
+        let hair = Hair::load(config, observer)?;
+        let trial = trial(config, energies, &hair, Coded::by(coder), Use::Measures, observer)?;
+        Ok(Self { hair, trial })
+    }
+
+    /// The measures of `model`, one a kind of hair.
+    ///
+    /// # Errors
+    /// [`TrainingError`] if a strand has no code, or a prediction is not finite.
+    pub fn measure(&self, model: &Model) -> Result<Vec<KindScore>, TrainingError> {
+        let Coded { encoder, deviation } = Coded::by(model);
+        let (strands, _) = self.hair.strands(Use::Measures, encoder, deviation)?;
+        let inputs: Vec<f32> = strands.into_iter().flat_map(|strand| strand.statics).collect();
+        Ok(self.hair.named(self.trial.run_with(&model.predictor(Simd::Auto)?, &inputs)?))
+    }
+}
+
+/// An encoder, and the deviation of its codes.
+#[derive(Clone, Copy)]
+pub(super) struct Coded<'a> {
+    pub encoder: &'a Encoder,
+    pub deviation: f32,
+}
+
+impl<'a> Coded<'a> {
+    /// The codes of `model`.
+    fn by(model: &'a Model) -> Self {
+        Self { encoder: model.encoder(), deviation: model.info().code_deviation as f32 }
+    }
+}
+
+/// Strands and motions that are not trained, with their references.
+pub(super) fn trial(
+    config: &TrainingConfig,
+    energies: &Energies,
+    hair: &Hair,
+    codes: Coded<'_>,
+    purpose: Use,
+    observer: &mut Observer<'_>,
+) -> Result<Trial, TrainingError> {
+    let clips = motions(config, purpose)?;
+    let terms = Terms { elastic: energies.elastic, motion: energies.motion, body: energies.body };
+    let (strands, counts) = hair.strands(purpose, codes.encoder, codes.deviation)?;
+    observer(&Progress::Begin { what: "references", done: 0, total: clips.len() as u64 });
+    let mut step = || observer(&Progress::Step);
+    let trial = Trial::new(&terms, hair.field.clone(), &strands, &counts, clips, &mut step);
+    observer(&Progress::End);
+    Ok(trial)
+}
