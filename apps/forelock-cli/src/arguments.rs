@@ -1,5 +1,9 @@
 //! The arguments of the command line.
 
+mod bench;
+
+pub use bench::{BenchArgs, BenchBackend, BenchCommand, PaperFigure, WhichPaper};
+
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -335,143 +339,6 @@ pub struct ConvertArgs {
     /// Print the result as one JSON object.
     #[arg(long)]
     pub json: bool,
-}
-
-#[derive(Debug, Args)]
-pub struct BenchArgs {
-    /// The measurement to run.
-    #[command(subcommand)]
-    pub what: BenchCommand,
-}
-
-#[derive(Debug, Subcommand)]
-pub enum BenchCommand {
-    /// The tables of a paper with our times beside the printed ones, or the measurements of one
-    /// figure.
-    Paper {
-        /// The paper.
-        #[arg(long, value_enum, default_value_t = WhichPaper::Ams)]
-        paper: WhichPaper,
-        /// The figure [default: the tables].
-        #[arg(long, value_enum)]
-        figure: Option<PaperFigure>,
-        /// Share of the strands that is grown, above 0 and at most 1.
-        #[arg(long, default_value_t = 1.0, value_parser = share, allow_negative_numbers = true)]
-        share: f64,
-        /// Number of timed frames of each scene of Table 1.
-        #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=100_000), conflicts_with = "figure")]
-        frames: u32,
-        /// Number of frames of each scene before the timed ones.
-        #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u32).range(0..=100_000), conflicts_with = "figure")]
-        warm_up: u32,
-        /// The processor that runs the scenes of the tables. Scenes that it cannot run are skipped.
-        #[arg(long, value_enum, default_value_t = BenchBackend::Cpu, conflicts_with = "figure")]
-        backend: BenchBackend,
-        /// Folder for Markdown, JSON, an HTML page and plots [default: print only].
-        #[arg(long, value_name = "DIR")]
-        out: Option<PathBuf>,
-        /// Print one JSON object instead of the table.
-        #[arg(long)]
-        json: bool,
-    },
-    /// All solvers on the same five scenes: time, lengths, penetration, shape and energy, with film
-    /// strips.
-    Solvers {
-        /// Share of the strands that is grown, above 0 and at most 1.
-        #[arg(long, default_value_t = 1.0, value_parser = share, allow_negative_numbers = true)]
-        share: f64,
-        /// Folder for Markdown, JSON, an HTML page, plots and film strips [default: print only].
-        #[arg(long, value_name = "DIR")]
-        out: Option<PathBuf>,
-        /// Print one JSON object instead of the table.
-        #[arg(long)]
-        json: bool,
-    },
-    /// The time of a frame for 1,000 to many strands, and the strand solve compared with the peak
-    /// rates of the device.
-    Scaling {
-        /// The processor that runs the simulation.
-        #[arg(long, value_enum, default_value_t = BenchBackend::Cpu)]
-        backend: BenchBackend,
-        /// The largest number of strands to measure, out of 1,000, 10,000, 30,000, 120,000, 400,000
-        /// and 1,000,000.
-        #[arg(long, value_name = "N", default_value_t = 120_000, value_parser = clap::value_parser!(u32).range(1_000..=1_000_000))]
-        most: u32,
-        /// Number of timed frames for each number of strands.
-        #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=100_000))]
-        frames: u32,
-        /// Simulate without hair–hair interaction.
-        #[arg(long)]
-        apart: bool,
-        /// Simulate contacts between strands too.
-        #[arg(long, conflicts_with = "apart")]
-        contacts: bool,
-        /// Store the factors of the strand solve in 16 bits, on a GPU.
-        #[arg(long)]
-        half_factors: bool,
-        /// Folder for Markdown, JSON and an HTML page [default: print only].
-        #[arg(long, value_name = "DIR")]
-        out: Option<PathBuf>,
-        /// Print one JSON object instead of the table.
-        #[arg(long)]
-        json: bool,
-    },
-}
-
-/// The processor that runs a measurement.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum BenchBackend {
-    /// The CPU.
-    Cpu,
-    /// A GPU.
-    Gpu,
-}
-
-/// The papers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum WhichPaper {
-    /// Augmented mass-spring, AMS (2025).
-    Ams,
-    /// Dynamic follow the leader with shape constraints and SPH (2015).
-    Dftl,
-}
-
-/// The figures that can be measured.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum PaperFigure {
-    /// AMS: the sag of one strand, compared with mass-spring.
-    #[value(name = "4")]
-    Sag,
-    /// AMS: the effect of the angular spring on a wisp.
-    #[value(name = "5")]
-    Angular,
-    /// AMS: a hand moves through hair, simulated with guides and with all strands.
-    #[value(name = "7")]
-    Guides,
-    /// AMS: a beard, compared with mass-spring.
-    #[value(name = "9")]
-    Beard,
-    /// AMS: the roller-coaster: damage, healing, and how far the shape is kept.
-    #[value(name = "10")]
-    RollerCoaster,
-    /// AMS: a trim, geometric and simulated.
-    #[value(name = "11")]
-    Grooming,
-    /// AMS: the asymmetric style of Fig. 1, compared with mass-spring.
-    Asymmetric,
-    /// Follow the leader: the effect of hair–hair interaction and of shape constraints.
-    #[value(name = "2")]
-    Volume,
-}
-
-impl PaperFigure {
-    /// The paper of the figure.
-    pub fn paper(self) -> WhichPaper {
-        match self {
-            Self::Volume => WhichPaper::Dftl,
-            _ => WhichPaper::Ams,
-        }
-    }
 }
 
 fn parse<T: std::str::FromStr>(word: &str) -> Result<T, T::Err> {

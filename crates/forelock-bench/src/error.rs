@@ -23,6 +23,21 @@ pub enum BenchError {
     /// The GPU failed.
     #[error(transparent)]
     Gpu(#[from] forelock_gpu::GpuError),
+    /// A model cannot be trained or measured.
+    #[error(transparent)]
+    Training(#[from] forelock::training::TrainingError),
+    /// A model cannot be read.
+    #[error(transparent)]
+    Model(#[from] forelock_neural::model::ModelError),
+    /// A network cannot be made.
+    #[error("the network: {0}")]
+    Network(#[from] forelock_neural::network::LengthError),
+    /// A network cannot be made ready for strands.
+    #[error("the network: {0}")]
+    Strands(#[from] forelock_neural::network::inference::CountError),
+    /// A rig cannot be trained.
+    #[error(transparent)]
+    Rig(#[from] forelock_neural::rigged::RigError),
     /// A picture cannot be made.
     #[error(transparent)]
     Picture(#[from] forelock::PictureError),

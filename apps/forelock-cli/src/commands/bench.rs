@@ -3,10 +3,9 @@
 use std::path::Path;
 
 use anyhow::Context as _;
-use clap::ValueEnum;
-use clap::builder::PossibleValue;
 use forelock_bench::paper::{
-    Experiment, Figure, GUIDES, GuidesTable, Study, Table1Options, compare, dftl_tables, table1, volume,
+    Figure, GUIDES, GuidesTable, NeuralOptions, Study, Table1Options, compare, dftl_tables, neural_tables,
+    table1, volume,
 };
 use forelock_bench::scaling::{ScalingOptions, scaling};
 use serde::Serialize;
@@ -18,7 +17,9 @@ use crate::terminal;
 /// Runs what is asked for and prints its table.
 pub fn bench(arguments: &BenchArgs) -> anyhow::Result<()> {
     let (json, out, name) = match &arguments.what {
-        BenchCommand::Paper { paper, figure, out, json, .. } => (*json, out, name_of(*paper, *figure)?),
+        BenchCommand::Paper { paper, figure, out, json, .. } => {
+            (*json, out, name_of(*paper, figure.as_deref()))
+        }
         BenchCommand::Solvers { out, json, .. } => (*json, out, "solvers".to_owned()),
         BenchCommand::Scaling { backend, out, json, .. } => {
             let device = if *backend == BenchBackend::Gpu { "gpu" } else { "cpu" };
@@ -34,10 +35,20 @@ pub fn bench(arguments: &BenchArgs) -> anyhow::Result<()> {
             .with_context(|| format!("cannot make the folder {}", folder.display()))?;
     }
     match &arguments.what {
-        BenchCommand::Paper { paper, figure, share, frames, warm_up, backend, .. } => {
+        BenchCommand::Paper { paper, figure, share, frames, warm_up, steps, backend, .. } => {
+            let figure = figure.as_deref().map(|name| PaperFigure::of(*paper, name));
+            let figure = figure.transpose().map_err(anyhow::Error::msg)?;
+            let models = report.out.map_or_else(
+                || super::simulate::default_folder("neuralocks"),
+                |folder| folder.join("models"),
+            );
             let on_gpu = *backend == BenchBackend::Gpu;
-            let options = Table1Options { warm_up: *warm_up, frames: *frames, share: *share, on_gpu };
-            run_paper(&report, *paper, *figure, &options, &mut observer)
+            let (share, steps, frames) = (*share, *steps, *frames);
+            let options = NeuralOptions { share, steps, models, on_gpu, frames };
+            match figure {
+                None => run_tables(&report, *paper, &options, *warm_up, &mut observer),
+                Some(figure) => run_figure(&report, figure, &options, &mut observer),
+            }
         }
         BenchCommand::Solvers { share, .. } => {
             // A failure to write now is reported when the final result is written.
@@ -63,58 +74,60 @@ pub fn bench(arguments: &BenchArgs) -> anyhow::Result<()> {
 }
 
 /// What files of a result are called.
-fn name_of(paper: WhichPaper, figure: Option<PaperFigure>) -> anyhow::Result<String> {
-    let Some(figure) = figure else {
-        let tables = if paper == WhichPaper::Dftl { "dftl-tables" } else { "ams-table1" };
-        return Ok(tables.to_owned());
-    };
-    let name =
-        |value: Option<PossibleValue>| value.map_or_else(String::new, |value| value.get_name().to_owned());
-    let (own, figure, of) = (
-        name(paper.to_possible_value()),
-        name(figure.to_possible_value()),
-        name(figure.paper().to_possible_value()),
-    );
-    anyhow::ensure!(of == own, "--figure {figure} is of the other paper: add --paper {of}");
-    Ok(format!("{own}-figure-{figure}"))
+fn name_of(paper: WhichPaper, figure: Option<&str>) -> String {
+    match (figure, paper) {
+        (Some(figure), _) => format!("{}-figure-{figure}", paper.name()),
+        (None, WhichPaper::Dftl) => "dftl-tables".to_owned(),
+        (None, WhichPaper::Ams | WhichPaper::Neuralocks) => format!("{}-table1", paper.name()),
+    }
 }
 
-/// The tables of a paper with `options`, or one figure with their share of strands.
-fn run_paper(
+/// The tables of a paper with `options`.
+fn run_tables(
     report: &Report<'_>,
     paper: WhichPaper,
-    figure: Option<PaperFigure>,
-    options: &Table1Options,
+    options: &NeuralOptions,
+    warm_up: u32,
     observer: &mut forelock::Observer<'_>,
 ) -> anyhow::Result<()> {
-    let experiment = match figure {
-        None if paper == WhichPaper::Dftl => {
-            let tables = dftl_tables(options, observer)?;
-            return report.study(&tables.study(), &tables);
+    let NeuralOptions { frames, share, on_gpu, .. } = *options;
+    let scenes = Table1Options { warm_up, frames, share, on_gpu };
+    match paper {
+        WhichPaper::Dftl => {
+            let tables = dftl_tables(&scenes, observer)?;
+            report.study(&tables.study(), &tables)
         }
-        Some(PaperFigure::Volume) => {
-            let study = volume(options.share, observer)?;
-            return report.study(&study, &study);
+        WhichPaper::Ams => {
+            let table = table1(&scenes, observer)?;
+            report.study(&table.study(), &table)
         }
-        None => {
-            let table = table1(options, observer)?;
-            return report.study(&table.study(), &table);
+        WhichPaper::Neuralocks => {
+            let study = neural_tables(options, observer)?;
+            report.study(&study, &study)
         }
-        Some(PaperFigure::Sag) => return report.ablation(Figure::Sag),
-        Some(PaperFigure::Angular) => return report.ablation(Figure::Angular),
-        Some(PaperFigure::Guides) => {
+    }
+}
+
+/// A figure with the share of strands of `options`.
+fn run_figure(
+    report: &Report<'_>,
+    figure: PaperFigure,
+    options: &NeuralOptions,
+    observer: &mut forelock::Observer<'_>,
+) -> anyhow::Result<()> {
+    let study = match figure {
+        PaperFigure::Variants(figure) => return report.ablation(figure),
+        PaperFigure::Guides => {
             let table = GuidesTable::run(&GUIDES, options.share, &[], report.out.is_some(), observer)?;
             if let (Some(folder), Some(picture)) = (report.out, &table.picture) {
                 forelock::write_picture(&folder.join(format!("{}.png", report.name)), picture)?;
             }
             return report.tell(&table.to_markdown(), &table);
         }
-        Some(PaperFigure::Beard) => Experiment::Beard,
-        Some(PaperFigure::RollerCoaster) => Experiment::RollerCoaster,
-        Some(PaperFigure::Grooming) => Experiment::Grooming,
-        Some(PaperFigure::Asymmetric) => Experiment::Asymmetric,
+        PaperFigure::Study(experiment) => experiment.study(options.share, observer)?,
+        PaperFigure::Volume => volume(options.share, observer)?,
+        PaperFigure::Learned(figure) => figure.study(options, observer)?,
     };
-    let study = experiment.study(options.share, observer)?;
     report.study(&study, &study)
 }
 

@@ -49,6 +49,8 @@ pub(super) struct Followed {
     pub energy: Vec<f64>,
     /// Milliseconds a frame, median of all.
     pub ms: f64,
+    /// Memory of the simulation at the end, bytes.
+    pub bytes: u64,
     /// Largest |l/l₀ − 1| of an edge after the length pass, and at the end of a frame.
     pub stretch: [f64; 2],
     /// Largest share of particles more than 1 mm inside a solid, but for those clamped to the head.
@@ -75,6 +77,7 @@ impl Followed {
             volume: Vec::new(),
             energy: Vec::new(),
             ms: 0.0,
+            bytes: 0,
             stretch: [0.0; 2],
             inside: 0.0,
             pictures: Vec::new(),
@@ -114,6 +117,7 @@ impl Followed {
             }
         }
         observer(&Progress::End);
+        followed.bytes = player.simulation_bytes();
         times.sort_by(f64::total_cmp);
         followed.ms = times.get(times.len() / 2).copied().unwrap_or(0.0);
         Ok(followed)

@@ -5,7 +5,8 @@
 //! what the paper shows as film strips and leaves to the eye (Figs. 9, 10, 11 and the asymmetric
 //! style), measured: how far hair is from its rest shape, over time. [`table1()`] runs every scene
 //! of Table 1 and puts our times beside the paper's. [`dftl_tables`] and [`volume`] do the same for
-//! the follow-the-leader paper. [`compare`] runs all solvers on its scenes. The scenes are those of
+//! the follow-the-leader paper, [`neural_tables`] and [`NeuralFigure`] for the learned simulator's.
+//! [`compare`] runs all solvers on its scenes. The scenes are those of
 //! `scenes/ams` and `scenes/dftl`, built in; only what they read from files must be there.
 
 mod ablations;
@@ -14,6 +15,7 @@ mod dftl;
 mod followed;
 mod guides;
 mod keeping;
+mod neuralocks;
 mod scenes;
 mod solvers;
 mod strand;
@@ -25,6 +27,7 @@ mod watch;
 pub use ablations::{Figure, Measures, PaperRow, PaperTable};
 pub use dftl::{DftlTables, SceneRow, SizeRow, dftl_tables, volume};
 pub use guides::{GUIDES, GuidesRow, GuidesTable};
+pub use neuralocks::{NeuralFigure, NeuralOptions, neural_tables};
 pub use solvers::compare;
 pub use study::{Strip, Study, Table};
 pub use table1::{Table1, Table1Options, Table1Row, table1};

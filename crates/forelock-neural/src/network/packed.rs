@@ -344,7 +344,7 @@ fn place_lanes<L: Lane<Scalar = f32>>(edges: &Edges<'_>, out: &mut [Row<f32>]) {
             x = match edges.head {
                 OutputHead::Rotation => x.add_mul(&rotation, edge + turn(o, edge)),
                 OutputHead::Displacement => {
-                    arc = arc + edge.dot(edge).sqrt();
+                    arc += edge.dot(edge).sqrt();
                     origin.add_mul(&rotation, rest.add_scaled(arc, o))
                 }
             };

@@ -50,6 +50,14 @@ pub(crate) fn builtin_names() -> impl Iterator<Item = &'static str> {
     BUILTIN.iter().map(|(name, _)| *name)
 }
 
+/// The model that scenes use by default, `builtin:head`.
+///
+/// # Errors
+/// None in a build that passes its tests.
+pub fn builtin_model() -> Result<Model, ModelError> {
+    read(DEFAULT)
+}
+
 /// The model `name`: a built-in one or that of a file.
 pub(crate) fn read(name: &str) -> Result<Model, ModelError> {
     match BUILTIN.iter().find(|(own, _)| name == *own) {
