@@ -46,4 +46,5 @@ step scaling-half "${forelock[@]}" bench scaling --backend gpu --most "$most" --
 step scaling-contacts "${forelock[@]}" bench scaling --backend gpu --most "$most" --contacts --out "$out/scaling-contacts"
 step paper "${forelock[@]}" bench paper --backend gpu --share "$share" --out "$out/paper"
 step dftl "${forelock[@]}" bench paper --paper dftl --backend gpu --share "$share" --out "$out/dftl"
+step neuralocks "${forelock[@]}" bench paper --paper neuralocks --backend gpu --share "$share" --out "$out/neuralocks"
 exit $failed

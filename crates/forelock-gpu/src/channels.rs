@@ -134,6 +134,11 @@ impl DeviceChannels {
         any
     }
 
+    /// All channels have values from now on.
+    pub fn set_started(&mut self) {
+        self.started.fill(true);
+    }
+
     /// Appends the start of channels.
     pub fn start<'a>(&'a self, list: &mut DispatchList<'a>) {
         list.run(&self.groups, &START_CHANNELS, &[0]);

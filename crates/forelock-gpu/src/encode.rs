@@ -97,6 +97,9 @@ impl GpuSimulation {
                 continue;
             }
             if begins(steps) {
+                if let Some(network) = &self.network {
+                    network.predict(&mut list);
+                }
                 if kinds.starts_channels {
                     self.channels.start(&mut list);
                 }

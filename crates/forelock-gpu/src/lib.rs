@@ -56,6 +56,7 @@ pub mod frame;
 pub mod guides;
 pub mod interaction;
 pub mod kernel;
+pub mod network;
 mod peaks;
 mod pipelines;
 mod positions;
@@ -72,6 +73,7 @@ pub use clock::FrameSecs;
 pub use device::{Choice, Counts, Gpu};
 pub use error::GpuError;
 pub use guides::GpuSkinning;
+pub use network::StrandNetwork;
 pub use peaks::Peaks;
 pub use positions::{DeviceBlock, DevicePositions, PendingPositions};
 pub use report::{GpuReport, to_frame_report};
@@ -90,6 +92,7 @@ pub fn shaders() -> impl Iterator<Item = &'static kernel::Shader> {
         guides::SHADERS,
         skin::SHADERS,
         roots::SHADERS,
+        network::SHADERS,
     ];
     let interactions = interaction::KINDS.iter().map(|kind| kind.shaders);
     modules.into_iter().chain(interactions).chain(solver::SHADERS).flatten().copied()

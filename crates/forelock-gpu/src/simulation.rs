@@ -8,6 +8,7 @@ use crate::clock::Clock;
 use crate::collide::{Solids, queries};
 use crate::encode::FrameKinds;
 use crate::interaction::{self, GpuInteraction, Kind};
+use crate::network::DeviceNetwork;
 use crate::positions::DevicePositions;
 use crate::roots::{DeviceRoots, RootStep};
 use crate::sleep::{DeviceSleep, SleepStep};
@@ -80,6 +81,8 @@ pub struct GpuSimulation {
     /// Made at the first acceleration in addition to gravity.
     pub(crate) acceleration: Option<DeviceAcceleration>,
     pub(crate) sleep: DeviceSleep,
+    /// What moves the strands, where a network does.
+    pub(crate) network: Option<DeviceNetwork>,
     pub(crate) clock: Option<Clock>,
 }
 
@@ -185,6 +188,7 @@ impl GpuSimulation {
             air: None,
             acceleration: None,
             sleep: DeviceSleep::default(),
+            network: None,
             clock: None,
         };
         made.sleep.take(gpu, &made.model, &state);
@@ -334,6 +338,7 @@ impl GpuSimulation {
             acceleration,
             sleep,
             roots,
+            network,
             ..
         } = self;
         let strands = DeviceStrands { model, shared, batches };
@@ -352,6 +357,9 @@ impl GpuSimulation {
         if let Some(roots) = roots {
             roots.bind(gpu, strands);
         }
+        if let Some(network) = network {
+            network.bind(gpu, strands);
+        }
     }
 
     /// The model.
@@ -369,7 +377,7 @@ impl GpuSimulation {
         &self.batches
     }
 
-    fn strands(&self) -> DeviceStrands<'_> {
+    pub(crate) fn strands(&self) -> DeviceStrands<'_> {
         DeviceStrands { model: &self.model, shared: &self.shared, batches: &self.batches }
     }
 
@@ -380,7 +388,8 @@ impl GpuSimulation {
             + self.sleep.bytes()
             + self.channels.bytes()
             + self.acceleration.as_ref().map_or(0, DeviceAcceleration::bytes)
-            + self.roots.as_ref().map_or(0, DeviceRoots::bytes);
+            + self.roots.as_ref().map_or(0, DeviceRoots::bytes)
+            + self.network.as_ref().map_or(0, DeviceNetwork::bytes);
         let interactions = self.interactions.iter().map(|own| own.bytes()).sum::<u64>();
         self.shared.bytes() + self.solids.bytes() + interactions + air + batches
     }
@@ -473,6 +482,9 @@ impl GpuSimulation {
         let kinds = FrameKinds { sleep, roots, ..kinds };
         self.positions.origin = self.origin;
         self.record_steps(encoder, steps, kinds);
+        if let Some(network) = &mut self.network {
+            network.recorded();
+        }
         Ok(())
     }
 

@@ -18,7 +18,7 @@ use forelock_core::simulator::{HostPositions, Simulator};
 use forelock_core::solver::Solver;
 use forelock_gpu::{Choice, Gpu, GpuError, GpuSimulation};
 
-use crate::neural::{Learned, NeuralError, NeuralSimulator};
+use crate::neural::{Learned, NeuralError, NeuralSimulator, OnGpu};
 use crate::player::PlayerError;
 use crate::scene::SolverSection;
 use mixed::Mixed;
@@ -133,9 +133,6 @@ impl Backend {
                 Err(PlayerError::Gpu(error)) if self == Self::Auto => {
                     note = Some(format!("on the CPU: {error}"));
                 }
-                Err(PlayerError::Neural(NeuralError::Gpu)) if self == Self::Auto => {
-                    note = Some("on the CPU: the learned solver has no GPU kernels".to_owned());
-                }
                 Err(error) => return Err(error),
             }
         }
@@ -150,10 +147,10 @@ impl Backend {
         options: &Options,
         solids: &[ColliderFrame<'_>],
     ) -> Result<Placed, PlayerError> {
-        if parts.learned.is_some() {
-            return Err(NeuralError::Gpu.into());
-        }
         let from = if let Self::GpuFrom(stage) = self { stage } else { GpuStage::all()[0] };
+        if parts.learned.is_some() && !from.is_first() {
+            return Err(NeuralError::GpuFrom.into());
+        }
         let gpu = Gpu::open(&Choice::Fastest)?;
         // A processor that emulates a GPU is slower than the solver on the CPU.
         if gpu.is_software() && self == Self::Auto {
@@ -183,7 +180,11 @@ impl Place {
         if let Some(learned) = learned {
             check_memory(groom.particle_count() as u64, &Interactions::default())
                 .map_err(BuildError::from)?;
-            return Ok(Box::new(NeuralSimulator::new(groom, solver, learned, options)?));
+            let on = match self {
+                Self::Cpu => None,
+                Self::Gpu { gpu, .. } => Some(OnGpu { gpu, solids }),
+            };
+            return Ok(Box::new(NeuralSimulator::new(groom, solver, learned, options, on)?));
         }
         check_memory(groom.particle_count() as u64, interactions).map_err(BuildError::from)?;
         let solver = *solver;

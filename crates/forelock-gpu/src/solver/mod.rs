@@ -3,6 +3,7 @@
 
 mod ams;
 mod dftl;
+mod prescribed;
 mod xpbd;
 
 use crate::batch::{DeviceStrands, StrandGroups};
@@ -63,7 +64,8 @@ pub(crate) struct SolveBatch<'a> {
 }
 
 /// The shaders of each solver.
-pub(crate) static SHADERS: [&[&Shader]; 3] = [ams::SHADERS, dftl::SHADERS, xpbd::SHADERS];
+pub(crate) static SHADERS: [&[&Shader]; 4] =
+    [ams::SHADERS, dftl::SHADERS, xpbd::SHADERS, prescribed::SHADERS];
 
 /// Creates the GPU counterpart of `solver`.
 ///
@@ -73,5 +75,6 @@ pub(crate) fn of(solver: &Solver<f32>) -> Result<Box<dyn GpuSolver>, GpuError> {
     ams::of(solver)
         .or_else(|| dftl::of(solver))
         .or_else(|| xpbd::of(solver))
+        .or_else(|| prescribed::of(solver))
         .ok_or(GpuError::Unsupported { what: "a solver without GPU kernels" })
 }

@@ -11,6 +11,7 @@ use forelock_gpu::interaction::contact::{ContactUniform, TouchEntry};
 use forelock_gpu::interaction::grid::{BoundsEntry, GridSolidEntry, GridUniform};
 use forelock_gpu::interaction::sph::FluidUniform;
 use forelock_gpu::kernel::{Binding, BindingKind, Shader};
+use forelock_gpu::network::{BlendEntry, PlacingUniform};
 use forelock_gpu::roots::{RootEntry, SurfaceUniform};
 use forelock_gpu::skin::{InfluenceEntry, SkinnedUniform};
 use forelock_gpu::uniforms::{BlockEntry, ChannelRowEntry, FrameUniform, ReportEntry, SubstepUniform};
@@ -136,6 +137,8 @@ fn layouts() -> Vec<Layout> {
         layout!("Grid", GridUniform, [
             place motion axes cell pic slack expand least unit tolerance capacity solids relaxation volumes each
         ]),
+        layout!("Placing", PlacingUniform, [pose displaces], 0),
+        layout!("Blend", BlendEntry, [first count weights]),
         layout!("Skin", SkinUniform, [head count pad_0 pad_1 pad_2]),
         layout!("Carried", CarriedEntry, [entries fractions weights rest pad_0]),
         layout!("Skinned", SkinnedUniform, [vertices influences pad_0 pad_1]),

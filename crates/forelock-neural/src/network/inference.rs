@@ -98,6 +98,16 @@ impl Predictor {
         self.head
     }
 
+    /// The network, with B/2 of the rotation head in its last layer.
+    pub fn network(&self) -> &Network<f32> {
+        &self.network
+    }
+
+    /// The first layer's sums of a frame with the inputs `shared`, `[width]`.
+    pub fn shared_sums(&self, shared: &[f32]) -> Vec<f32> {
+        super::shared_part(&self.network, shared)
+    }
+
     /// Inputs of a frame.
     pub fn shared_inputs(&self) -> usize {
         self.network.shape().shared

@@ -70,13 +70,13 @@ struct PackedBlock {
 
 /// The network's edges whose outputs an edge of sixteen strands takes.
 #[derive(Clone, Copy, Debug)]
-struct Blend {
+pub struct Blend {
     /// The first of them.
-    first: u32,
+    pub first: u32,
     /// How many there are.
-    count: u32,
+    pub count: u32,
     /// The place of the first one's weights.
-    weights: u32,
+    pub weights: u32,
 }
 
 impl PackedStrands {
@@ -84,6 +84,28 @@ impl PackedStrands {
     pub fn bytes(&self) -> usize {
         let rows = size_of_val(&*self.sums) + size_of_val(&*self.weights);
         rows + size_of_val(&*self.blocks) + size_of_val(&*self.blends)
+    }
+
+    /// The first layer's sums of strands with its bias, a packet after the other: `[width, 4]`
+    /// rows.
+    pub fn sums(&self) -> &[Row<f32>] {
+        &self.sums
+    }
+
+    /// For each block where its blends begin, one an edge; none where its edges are the network's.
+    pub fn blend_starts(&self) -> impl Iterator<Item = Option<u32>> {
+        let start = |block: &PackedBlock| (!block.blends.is_empty()).then_some(block.blends.start as u32);
+        self.blocks.iter().map(start)
+    }
+
+    /// The blends of all blocks that have some.
+    pub fn blends(&self) -> impl Iterator<Item = Blend> {
+        self.blends.iter().copied()
+    }
+
+    /// Their weights: a row for each edge that a blend takes.
+    pub fn blend_weights(&self) -> &[Row<f32>] {
+        &self.weights
     }
 
     /// Adds the weights of the edges of `block`, whose strands have `places`: where their edges lie

@@ -44,9 +44,9 @@ pub enum NeuralError {
     /// The body bends.
     #[error("the learned solver moves hair on a rigid head, and this body bends: {}", instead())]
     Bends,
-    /// It was to run on a GPU.
-    #[error("the learned solver has no GPU kernels: compute on the CPU, or {}", instead())]
-    Gpu,
+    /// It was to run on two processors.
+    #[error("the learned solver runs on one processor: leave out --gpu-from, or {}", instead())]
+    GpuFrom,
     /// The solver was to be another one, or this one in place of another, during a simulation.
     #[error("the learned solver cannot replace another one while hair moves, nor be replaced")]
     Replaced,

@@ -10,18 +10,22 @@
 //! # Practice
 //! Canonical space is the groom's, from `solver.neural.origin` and the origin in the model, in cm.
 //! The model's four joints all move with the head. Codes, locks and the rest shape are prepared
-//! once a groom, and again after an edit.
+//! once a groom, and again after an edit. Before the first frame strands hang as the network
+//! predicts for a head that has always been there. On a GPU the network runs in the frame's own
+//! submission, after the first layer's sums of the frame, which the CPU computes.
 //!
 //! # Limitations
-//! No bodies that bend, no GPU, no interaction between strands, no wind. Gravity is that of the
+//! No bodies that bend, no interaction between strands, no wind. Gravity is that of the
 //! training.
 
 mod error;
+mod host;
 mod past;
 mod scalp;
 mod simulator;
 
 pub use error::NeuralError;
+pub(crate) use host::OnGpu;
 pub(crate) use simulator::NeuralSimulator;
 
 use std::path::{Path, PathBuf};
@@ -31,7 +35,10 @@ use forelock_core::air::WindParams;
 use forelock_core::groom::Groom;
 use forelock_core::interaction::Interactions;
 use forelock_core::lane::Simd;
-use forelock_neural::features::{Features, HISTORY, SHARED_NUMBERS, SPACING_SECS};
+use forelock_core::pose::Pose;
+use forelock_neural::features::{
+    Features, HISTORY, PoseHistory, SHAPE_NUMBERS, SHARED_NUMBERS, SPACING_SECS,
+};
 use forelock_neural::model::{Model, ModelError, strands_at_rest};
 use forelock_neural::network::inference::Predictor;
 use glam::DVec3;
@@ -82,6 +89,8 @@ pub(crate) struct Learned {
     /// Where the model's head joint is in the groom's space, metres.
     joint: DVec3,
     scalp: Scalp,
+    /// Whether a GPU stores the network in 16 bits.
+    halved: bool,
     /// What the user should know, one sentence each.
     pub(crate) notes: Vec<String>,
 }
@@ -104,6 +113,7 @@ impl Learned {
             path: Path::new(name).to_path_buf(),
             joint: section.origin.into(),
             scalp: Scalp::new(assets.body_mesh()),
+            halved: section.half,
             notes: notes(scene),
         };
         learned.check()?;
@@ -134,9 +144,17 @@ impl Learned {
         Err(NeuralError::Gravity { found: gravity, trained })
     }
 
-    /// The network's inputs of a frame: at most as many as this version computes.
-    fn shared_inputs(&self) -> usize {
-        self.model.network().shape().shared.min(SHARED_NUMBERS)
+    /// The pose of the model's head joint, cm, with the head at `head`.
+    fn joint(&self, head: &Pose) -> Pose {
+        let translation = 100.0 * head.transform_point(self.joint);
+        Pose { rotation: head.rotation.normalize(), translation }
+    }
+
+    /// The network's inputs of a frame after `history`: at most as many as this version computes.
+    fn shared(&self, history: &PoseHistory, features: &Features) -> Vec<f32> {
+        let mut inputs = history.inputs(features, &[0.0; SHAPE_NUMBERS]).to_vec();
+        inputs.truncate(self.model.network().shape().shared.min(SHARED_NUMBERS));
+        inputs
     }
 
     /// The network, ready for inference.

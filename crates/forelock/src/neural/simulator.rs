@@ -9,16 +9,16 @@ use forelock_core::groom::{Groom, RootFrames};
 use forelock_core::interaction::Interactions;
 use forelock_core::lane::Simd;
 use forelock_core::pose::Pose;
-use forelock_core::simulation::{Options, Simulation, Teleport};
-use forelock_core::simulator::{HostPositions, Positions, Simulator, SimulatorError};
+use forelock_core::simulation::{Options, Teleport};
+use forelock_core::simulator::{Positions, Simulator, SimulatorError};
 use forelock_core::solver::PrescribedParams;
 use forelock_core::solver::prescribed::TARGET;
 use forelock_core::strands::{Between, Model, Snapshot};
-use forelock_neural::features::{Features, PoseHistory, SHAPE_NUMBERS};
+use forelock_neural::features::{Features, PoseHistory};
 use forelock_neural::network::inference::Predictor;
-use forelock_neural::network::packed::{PackedFrame, PackedStrands, Workspace};
 use glam::Vec3;
 
+use super::host::{Host, Learnt, OnGpu};
 use super::past::{self, rigid};
 use super::{Learned, NeuralError, STAGE};
 use crate::player::PlayerError;
@@ -26,13 +26,11 @@ use crate::player::PlayerError;
 /// A simulation whose strands go where a network says.
 #[derive(Debug)]
 pub(crate) struct NeuralSimulator {
-    host: HostPositions,
+    host: Host,
     learned: Arc<Learned>,
     simd: Simd,
     predictor: Predictor,
     features: Features,
-    strands: PackedStrands,
-    workspace: Workspace,
     /// None until the next frame: then the head has always been where that begins.
     history: Option<PoseHistory>,
 }
@@ -44,36 +42,27 @@ impl From<NeuralError> for SimulatorError {
 }
 
 impl NeuralSimulator {
-    /// The simulator of `groom` at rest under `solver`, which goes where it is told.
+    /// The simulator of `groom` under `solver`, which goes where it is told, as it hangs on a head
+    /// at rest; on the CPU, or `on` a GPU.
     pub(crate) fn new(
         groom: &Groom,
         solver: &Solver<f32>,
         learned: &Arc<Learned>,
         options: &Options,
+        on: Option<OnGpu<'_>>,
     ) -> Result<Self, PlayerError> {
         learned.check_gravity(options.rest_gravity)?;
-        // The network answers for all strands in every frame.
-        let simulation = Simulation::new(groom, solver, &Options { sleep_speed: 0.0, ..*options })?;
         let simd = options.simd.resolve();
-        let predictor = learned.predictor(simd)?;
+        let (predictor, features) = (learned.predictor(simd)?, learned.features()?);
         let inputs = learned.inputs(groom, simd)?;
-        let strands = predictor.prepare_packed(simulation.model(), &inputs).map_err(NeuralError::from)?;
-        Ok(Self {
-            host: HostPositions::new(simulation),
-            learned: Arc::clone(learned),
-            simd,
-            workspace: predictor.workspace(),
-            features: learned.features()?,
-            predictor,
-            strands,
-            history: None,
-        })
-    }
-
-    /// The pose of the model's head joint, cm, with the head at `head`.
-    fn joint(&self, head: &Pose) -> Pose {
-        let translation = 100.0 * head.transform_point(self.learned.joint);
-        Pose { rotation: head.rotation.normalize(), translation }
+        let still =
+            PoseHistory::still(rigid(learned.joint(&options.rest_pose))).map_err(NeuralError::from)?;
+        let shared = learned.shared(&still, &features);
+        // The network answers for all strands in every frame.
+        let options = Options { sleep_speed: 0.0, ..*options };
+        let learnt = Learnt { predictor: &predictor, inputs: &inputs, halved: learned.halved };
+        let host = Host::new(groom, solver, &options, learnt, &shared, on)?;
+        Ok(Self { host, learned: Arc::clone(learned), simd, features, predictor, history: None })
     }
 
     /// Notes that the head moves through `poses` in a frame of `dt_secs`.
@@ -96,17 +85,8 @@ impl NeuralSimulator {
     /// Tells the strands where to go, with the head at `head` at the frame's end.
     fn predict(&mut self, head: &Pose) {
         let Some(history) = &self.history else { return };
-        let inputs = history.inputs(&self.features, &[0.0; SHAPE_NUMBERS]);
-        let (model, state) = self.host.simulation_mut().parts_mut();
-        let origin = head.transform_point(model.centre.into());
-        let frame = PackedFrame {
-            shared: &inputs[..self.learned.shared_inputs()],
-            rest: &model.rest,
-            pose: model.about_centre(head, origin),
-        };
-        let targets = state.extra.rows_mut();
-        self.predictor.predict_packed(&self.strands, &frame, &mut self.workspace, targets);
-        state.extra.set_started([true]);
+        let shared = self.learned.shared(history, &self.features);
+        self.host.predict(&self.predictor, &shared, head);
     }
 }
 
@@ -114,7 +94,7 @@ impl Simulator for NeuralSimulator {
     fn step(&mut self, frame: &FrameInput<'_>) -> Result<FrameReport, SimulatorError> {
         let Roots::Rigid(head) = frame.roots else { return Err(NeuralError::Bends.into()) };
         self.learned.check_gravity(frame.gravity)?;
-        let poses = head.each_ref().map(|head| self.joint(head));
+        let poses = head.each_ref().map(|head| self.learned.joint(head));
         Self::note(poses, frame.dt_secs, &mut self.history)?;
         let began = Instant::now();
         self.predict(&head[1]);
@@ -122,17 +102,20 @@ impl Simulator for NeuralSimulator {
         let secs = began.elapsed().as_secs_f64() * rayon::current_num_threads() as f64;
         // Nothing that the network does not know acts on the strands.
         let frame = FrameInput { air: Air::default(), acceleration: Acceleration::None, ..*frame };
-        let mut report = self.host.step(&frame)?;
-        report.stages.add(STAGE, secs);
+        let mut report = self.host.simulator().step(&frame)?;
+        // A device has the time of its own kernels.
+        if self.host.as_simulator().device().is_none() {
+            report.stages.add(STAGE, secs);
+        }
         Ok(report)
     }
 
     fn positions(&mut self) -> Result<Positions<'_>, SimulatorError> {
-        self.host.positions()
+        self.host.simulator().positions()
     }
 
     fn read_positions(&mut self, out: &mut Vec<Vec3>) -> Result<(), SimulatorError> {
-        self.host.read_positions(out)
+        self.host.simulator().read_positions(out)
     }
 
     fn read_positions_between(
@@ -140,12 +123,12 @@ impl Simulator for NeuralSimulator {
         moment: &Between,
         out: &mut Vec<Vec3>,
     ) -> Result<(), SimulatorError> {
-        self.host.read_positions_between(moment, out)
+        self.host.simulator().read_positions_between(moment, out)
     }
 
     /// The targets of the last frame are no part of it: the next frame has its own.
     fn snapshot(&mut self) -> Result<Snapshot<f32>, SimulatorError> {
-        let mut snapshot = self.host.snapshot()?;
+        let mut snapshot = self.host.simulator().snapshot()?;
         snapshot.extra.remove(TARGET.name);
         if let Some(history) = &self.history {
             snapshot.extra.insert(past::NAME.to_owned(), past::encode(history));
@@ -161,7 +144,7 @@ impl Simulator for NeuralSimulator {
         };
         let mut own = snapshot.clone();
         own.extra.insert(TARGET.name.to_owned(), Vec::new());
-        self.host.restore(&own)?;
+        self.host.simulator().restore(&own)?;
         self.history = history;
         Ok(())
     }
@@ -169,7 +152,7 @@ impl Simulator for NeuralSimulator {
     /// The history is that of a head that has always been at `to`, or in
     /// [`Teleport::CarryShapeAndVelocity`] that of one that has moved there as it did here.
     fn teleport(&mut self, from: &Pose, to: &Pose, mode: Teleport) -> Result<(), SimulatorError> {
-        self.host.teleport(from, to, mode)?;
+        self.host.simulator().teleport(from, to, mode)?;
         let history = self.history.take().filter(|_| mode == Teleport::CarryShapeAndVelocity);
         let jump = to.after(&from.inverse());
         let jump = Pose { translation: 100.0 * jump.translation, ..jump };
@@ -186,12 +169,12 @@ impl Simulator for NeuralSimulator {
     }
 
     fn forget_solids(&mut self) -> Result<(), SimulatorError> {
-        self.host.forget_solids()
+        self.host.simulator().forget_solids()
     }
 
     fn set_params(&mut self, solver: &Solver<f32>) -> Result<(), SimulatorError> {
         match solver.params::<PrescribedParams>() {
-            Some(_) => self.host.set_params(solver),
+            Some(_) => self.host.simulator().set_params(solver),
             None => Err(NeuralError::Replaced.into()),
         }
     }
@@ -206,21 +189,24 @@ impl Simulator for NeuralSimulator {
 
     fn regroom(&mut self, groom: &Groom, sources: &[Source], head: &Pose) -> Result<(), SimulatorError> {
         let inputs = self.learned.inputs(groom, self.simd)?;
-        self.host.regroom(groom, sources, head)?;
-        let strands = self.predictor.prepare_packed(self.host.model(), &inputs);
-        self.strands = strands.map_err(NeuralError::from)?;
-        Ok(())
+        self.host.simulator().regroom(groom, sources, head)?;
+        let learnt = Learnt { predictor: &self.predictor, inputs: &inputs, halved: self.learned.halved };
+        self.host.prepare(learnt)
     }
 
     fn plan(&self) -> &FramePlan {
-        self.host.plan()
+        self.host.as_simulator().plan()
     }
 
     fn model(&self) -> &Model<f32> {
-        self.host.model()
+        self.host.as_simulator().model()
+    }
+
+    fn device(&self) -> Option<&str> {
+        self.host.as_simulator().device()
     }
 
     fn bytes(&self) -> u64 {
-        self.host.bytes() + self.strands.bytes() as u64
+        self.host.bytes()
     }
 }

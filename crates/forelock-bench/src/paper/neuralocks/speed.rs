@@ -98,8 +98,11 @@ fn table1(options: &NeuralOptions, observer: &mut Observer<'_>) -> Result<Times,
         "–".to_owned(),
     ]);
     let mut first = None;
-    for (strands, paper) in SIZES {
-        let (scene, assets) = demo("straight", strands * options.share, &runs_builtin(), observer)?;
+    let halves: &[bool] = if options.on_gpu { &[false, true] } else { &[false] };
+    for ((strands, paper), half) in SIZES.iter().flat_map(|size| halves.iter().map(move |half| (size, half)))
+    {
+        let keys = [runs_builtin(), vec![format!("solver.neural.half={half}")]].concat();
+        let (scene, assets) = demo("straight", strands * options.share, &keys, observer)?;
         let strands = assets.groom.strand_count();
         let found = time(&scene, &assets, &timed(options, WARM_UP), "the network", observer)?;
         // Stages of the CPU count all threads.
@@ -108,7 +111,7 @@ fn table1(options: &NeuralOptions, observer: &mut Observer<'_>) -> Result<Times,
         let network = network / threads as f64;
         first.get_or_insert(network);
         table.rows.push(vec![
-            "the network".to_owned(),
+            if *half { "the network in 16 bits" } else { "the network" }.to_owned(),
             count(strands),
             format!("–, {paper}"),
             format!("{frame:.2}"),

@@ -16,7 +16,7 @@
 //!
 //! # Limitations
 //! A strand with a target that is not finite is put to rest and counted by the checks of the frame.
-//! So is one that has none yet. There are no GPU kernels.
+//! So is one that has none yet.
 
 use crate::collide::resolve_solids::{EXACT, SolidContacts};
 use crate::frame::{
@@ -26,6 +26,9 @@ use crate::lane::{Lane, V3};
 use crate::params::Inextensibility;
 use crate::strands::{BlockView, Scratch};
 use glam::DVec3;
+
+/// The kernel's WGSL.
+pub const WGSL: &str = include_str!("kernel.wgsl");
 
 /// The stage's name in reports.
 pub const STAGE: &str = "follow_targets";
