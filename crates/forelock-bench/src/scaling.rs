@@ -418,9 +418,7 @@ impl Scaling {
             .chain(self.stopped.clone())
             .collect(),
             tables,
-            plots: Vec::new(),
-            bars: None,
-            strips: Vec::new(),
+            ..Study::default()
         }
     }
 }

@@ -43,10 +43,10 @@ pub fn bench(arguments: &BenchArgs) -> anyhow::Result<()> {
                 |folder| folder.join("models"),
             );
             let on_gpu = *backend == BenchBackend::Gpu;
-            let (share, steps, frames) = (*share, *steps, *frames);
-            let options = NeuralOptions { share, steps, models, on_gpu, frames };
+            let scenes = Table1Options { warm_up: *warm_up, frames: *frames, share: *share, on_gpu };
+            let options = NeuralOptions { scenes, steps: *steps, models };
             match figure {
-                None => run_tables(&report, *paper, &options, *warm_up, &mut observer),
+                None => run_tables(&report, *paper, &options, &mut observer),
                 Some(figure) => run_figure(&report, figure, &options, &mut observer),
             }
         }
@@ -87,18 +87,15 @@ fn run_tables(
     report: &Report<'_>,
     paper: WhichPaper,
     options: &NeuralOptions,
-    warm_up: u32,
     observer: &mut forelock::Observer<'_>,
 ) -> anyhow::Result<()> {
-    let NeuralOptions { frames, share, on_gpu, .. } = *options;
-    let scenes = Table1Options { warm_up, frames, share, on_gpu };
     match paper {
         WhichPaper::Dftl => {
-            let tables = dftl_tables(&scenes, observer)?;
+            let tables = dftl_tables(&options.scenes, observer)?;
             report.study(&tables.study(), &tables)
         }
         WhichPaper::Ams => {
-            let table = table1(&scenes, observer)?;
+            let table = table1(&options.scenes, observer)?;
             report.study(&table.study(), &table)
         }
         WhichPaper::Neuralocks => {
@@ -118,14 +115,14 @@ fn run_figure(
     let study = match figure {
         PaperFigure::Variants(figure) => return report.ablation(figure),
         PaperFigure::Guides => {
-            let table = GuidesTable::run(&GUIDES, options.share, &[], report.out.is_some(), observer)?;
+            let table = GuidesTable::run(&GUIDES, options.scenes.share, &[], report.out.is_some(), observer)?;
             if let (Some(folder), Some(picture)) = (report.out, &table.picture) {
                 forelock::write_picture(&folder.join(format!("{}.png", report.name)), picture)?;
             }
             return report.tell(&table.to_markdown(), &table);
         }
-        PaperFigure::Study(experiment) => experiment.study(options.share, observer)?,
-        PaperFigure::Volume => volume(options.share, observer)?,
+        PaperFigure::Study(experiment) => experiment.study(options.scenes.share, observer)?,
+        PaperFigure::Volume => volume(options.scenes.share, observer)?,
         PaperFigure::Learned(figure) => figure.study(options, observer)?,
     };
     report.study(&study, &study)

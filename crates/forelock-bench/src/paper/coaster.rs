@@ -120,8 +120,7 @@ pub(super) fn study(share: f64, keys: &[String], observer: &mut Observer<'_>) ->
         notes,
         tables: vec![table(&tracks), strand::table()?],
         plots: plots(&tracks, scene.time.fps, ride_secs),
-        bars: None,
-        strips: Vec::new(),
+        ..Study::default()
     })
 }
 

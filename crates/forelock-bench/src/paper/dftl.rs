@@ -322,9 +322,7 @@ impl DftlTables {
                 "On a CPU strands are lanes of registers, whatever the schedule.".to_owned(),
             ],
             tables: vec![scenes, sizes],
-            plots: Vec::new(),
-            bars: None,
-            strips: Vec::new(),
+            ..Study::default()
         }
     }
 }

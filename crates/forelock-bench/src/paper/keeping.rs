@@ -105,8 +105,7 @@ pub(super) fn study(
         notes,
         tables: vec![table(&tracks, moving)],
         plots: plots(&tracks, scene.time.fps, still_secs),
-        bars: None,
-        strips: Vec::new(),
+        ..Study::default()
     })
 }
 

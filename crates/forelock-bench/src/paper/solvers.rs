@@ -55,9 +55,7 @@ pub fn compare(
         claim: String::new(),
         notes: vec!["AMS, mass-spring and XPBD with their defaults, follow the leader with the scenes' parameters, the learned simulator with its built-in model, which knows the body and not the scene's colliders; each alone, two also with what their own papers let hair meet in: the grid, whose cost hardly depends on the strands, and smoothed particles. \"Edges off by\" is the largest after the length pass, \"after solids\" at the end of a frame; roots do not count as inside. Energy is that of the motion relative to the rest shape on the head, and of the height over it.".to_owned()],
         tables: vec![table, choice()],
-        plots: Vec::new(),
-        bars: None,
-        strips: Vec::new(),
+        ..Study::default()
     };
     for (number, Entry { name, builtin, .. }) in SCENES.iter().enumerate() {
         let (base, assets) = match or_skipped(builtin.load(share, AS_IT_IS, &mut |_| {}))? {
@@ -124,8 +122,8 @@ fn choice() -> Table {
     for [solver, good, bad] in [
         [
             "AMS",
-            "styles that keep their shape, exact strands, the default",
-            "hair that has to be one rod, as twist",
+            "styles that keep their shape; strands are solved exactly; the default",
+            "strands that twist about their own axis",
         ],
         ["mass-spring", "a comparison with older work", "stiff styles: lengths and curls need care"],
         [
@@ -133,11 +131,15 @@ fn choice() -> Table {
             "many strands without stiffness, on a GPU particle by particle",
             "long styles, energy that lasts",
         ],
-        ["XPBD", "rods with twist, scenes that hold other XPBD solids", "stiff hair in few iterations"],
+        [
+            "XPBD",
+            "rods that bend and twist, a reference in many games",
+            "much hair in real time: it costs most",
+        ],
         [
             "neural",
-            "crowds and heads of fixed styles, motion within its training",
-            "wind, combs, contacts, new kinds of bodies",
+            "many heads with styles that were trained, motion like that of the training",
+            "wind, colliders, contacts between strands, bodies that bend",
         ],
     ] {
         table.rows.push([solver, good, bad].map(str::to_owned).into());

@@ -20,7 +20,7 @@ pub struct Table {
 }
 
 /// What an experiment found.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Study {
     /// What was run.
     pub title: String,
@@ -155,9 +155,7 @@ mod tests {
             claim: "it holds.".into(),
             notes: vec!["One note.".into()],
             tables: vec![table],
-            plots: Vec::new(),
-            bars: None,
-            strips: Vec::new(),
+            ..Study::default()
         }
     }
 

@@ -100,7 +100,6 @@ pub(super) fn study(observer: &mut Observer<'_>) -> Result<Study, BenchError> {
             shaded_secs: None,
             lines: vec![line("height of tips", 0, |m| m.rise), line("distance of particles", 1, |m| m.distance)],
         }],
-        bars: None,
-        strips: Vec::new(),
+        ..Study::default()
     })
 }

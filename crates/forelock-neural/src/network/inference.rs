@@ -8,9 +8,9 @@
 //! A packet is 64 strands. Its activations, 64 KiB, and the 328 KiB of weights stay in the second
 //! cache. Threads share packets; results do not depend on their number.
 
-use super::head::OutputHead;
+use super::head::{Head, OutputHead};
 use super::product::{Factors, PACKET, Rows, Start, TILE_ROWS, product, to_rows, zero_rows};
-use super::rotation::{Basis, displace, fold, rotate};
+use super::rotation::{Basis, fold, rotate};
 use super::{LengthError, Network, OUTPUTS, Shape};
 use crate::losses::Strand;
 use crate::{EDGES, PARTICLES};
@@ -249,12 +249,10 @@ fn place_lanes<L: Lane<Scalar = f32>>(strands: &HeadRow<'_>, out: &mut [Position
             OutputHead::Rotation => rotate(root, &edges, &o),
             OutputHead::Displacement => {
                 let mut at_rest = [root; PARTICLES];
-                let mut arc_lengths = [L::zero(); PARTICLES];
                 for i in 0..EDGES {
                     at_rest[i + 1] = at_rest[i] + edges[i];
-                    arc_lengths[i + 1] = arc_lengths[i] + edges[i].dot(edges[i]).sqrt();
                 }
-                displace(&at_rest, &arc_lengths, &o)
+                Head::new(OutputHead::Displacement, &at_rest).strand(&at_rest, &o)
             }
         };
         for (lane, out) in out.iter_mut().skip(first).take(L::WIDTH).enumerate() {

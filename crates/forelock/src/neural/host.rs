@@ -28,7 +28,7 @@ pub(crate) struct OnGpu<'a> {
 #[derive(Debug)]
 pub(super) enum Host {
     Cpu(Box<CpuHost>),
-    Gpu { simulation: Box<GpuSimulation>, halved: bool },
+    Gpu(Box<GpuSimulation>),
 }
 
 /// Those of the CPU.
@@ -80,14 +80,14 @@ impl Host {
         give_network(&mut simulation, &strands, learnt)?;
         simulation.hold(solids)?;
         simulation.time_stages(true);
-        Ok(Self::Gpu { simulation, halved: learnt.halved })
+        Ok(Self::Gpu(simulation))
     }
 
     /// The strands as a simulator.
     pub fn simulator(&mut self) -> &mut dyn Simulator {
         match self {
             Self::Cpu(own) => &mut own.simulation,
-            Self::Gpu { simulation, .. } => &mut **simulation,
+            Self::Gpu(simulation) => &mut **simulation,
         }
     }
 
@@ -95,7 +95,7 @@ impl Host {
     pub fn as_simulator(&self) -> &dyn Simulator {
         match self {
             Self::Cpu(own) => &own.simulation,
-            Self::Gpu { simulation, .. } => &**simulation,
+            Self::Gpu(simulation) => &**simulation,
         }
     }
 
@@ -114,7 +114,7 @@ impl Host {
                 predictor.predict_packed(strands, &frame, workspace, state.extra.rows_mut());
                 state.extra.set_started([true]);
             }
-            Self::Gpu { simulation, .. } => {
+            Self::Gpu(simulation) => {
                 let pose = pose(simulation.model());
                 simulation.predict(&predictor.shared_sums(shared), &pose);
             }
@@ -127,9 +127,7 @@ impl Host {
         let prepared = prepared.map_err(NeuralError::from)?;
         match self {
             Self::Cpu(own) => own.strands = prepared,
-            Self::Gpu { simulation, halved } => {
-                give_network(simulation, &prepared, Learnt { halved: *halved, ..learnt })?;
-            }
+            Self::Gpu(simulation) => give_network(simulation, &prepared, learnt)?,
         }
         Ok(())
     }

@@ -354,96 +354,98 @@ fn errors_say_what_to_do() {
     assert!(refused(&[USUAL], Backend::GpuFrom(later)).contains("leave out --gpu-from"));
 }
 
-/// A player on a GPU.
-fn on_gpu(keys: &[&str]) -> Player {
-    Player::builder(try_scene(keys).unwrap()).backend(Backend::Gpu).build().unwrap()
-}
+mod gpu {
+    use super::*;
 
-/// The largest distance between the particles of two players, metres.
-fn apart(a: &mut Player, b: &mut Player) -> f64 {
-    let [a, b] = [a, b].map(positions);
-    assert_eq!(a.len(), b.len());
-    a.iter().zip(&b).map(|(a, b)| f64::from(a.distance(*b))).fold(0.0, f64::max)
-}
+    /// A player on a GPU.
+    fn on_gpu(keys: &[&str]) -> Player {
+        Player::builder(try_scene(keys).unwrap()).backend(Backend::Gpu).build().unwrap()
+    }
 
-#[test]
-#[cfg_attr(not(gpu), ignore = "there is no GPU")]
-fn a_gpu_moves_strands_as_the_cpu_does() {
-    for (model, particles, strands) in
-        [("usual", 25, 203), ("usual", 10, 64), ("usual", 40, 70), ("paper", 25, 100), ("paper", 17, 33)]
-    {
-        let model = format!("solver.neural.model={model}.safetensors");
-        let sizes = [
-            format!("groom.vertices_per_strand={particles}"),
-            format!("groom.strands={strands}"),
-            "groom.grow.length_variation=0.4".to_owned(),
-        ];
-        let keys = [&model, &sizes[0], &sizes[1], &sizes[2]].map(String::as_str);
-        let halves = [&keys[..], &["solver.neural.half=true"]].concat();
-        let mut cpu = player(&keys);
-        let (mut gpu, mut halved) = (on_gpu(&keys), on_gpu(&halves));
-        assert_eq!(apart(&mut cpu, &mut gpu), 0.0, "before the first frame");
-        let (mut farthest, mut off) = (0.0f64, 0.0f64);
-        for _ in 0..12 {
-            let report = cpu.step().unwrap().solver;
-            let found = gpu.step().unwrap().solver;
-            assert_eq!(found.quarantined_strands, report.quarantined_strands);
-            assert!((found.max_edge_stretch - report.max_edge_stretch).abs() < 1e-5);
-            halved.step().unwrap();
-            farthest = farthest.max(apart(&mut cpu, &mut gpu));
-            off = off.max(apart(&mut cpu, &mut halved));
+    /// The largest distance between the particles of two players, metres.
+    fn apart(a: &mut Player, b: &mut Player) -> f64 {
+        let [a, b] = [a, b].map(positions);
+        assert_eq!(a.len(), b.len());
+        a.iter().zip(&b).map(|(a, b)| f64::from(a.distance(*b))).fold(0.0, f64::max)
+    }
+
+    #[test]
+    #[cfg_attr(not(gpu), ignore = "there is no GPU")]
+    fn a_gpu_moves_strands_as_the_cpu_does() {
+        for (model, particles, strands) in
+            [("usual", 25, 203), ("usual", 10, 64), ("usual", 40, 70), ("paper", 25, 100), ("paper", 17, 33)]
+        {
+            let model = format!("solver.neural.model={model}.safetensors");
+            let sizes = [
+                format!("groom.vertices_per_strand={particles}"),
+                format!("groom.strands={strands}"),
+                "groom.grow.length_variation=0.4".to_owned(),
+            ];
+            let keys = [&model, &sizes[0], &sizes[1], &sizes[2]].map(String::as_str);
+            let halves = [&keys[..], &["solver.neural.half=true"]].concat();
+            let mut cpu = player(&keys);
+            let (mut gpu, mut halved) = (on_gpu(&keys), on_gpu(&halves));
+            assert_eq!(apart(&mut cpu, &mut gpu), 0.0, "before the first frame");
+            let (mut farthest, mut off) = (0.0f64, 0.0f64);
+            for _ in 0..12 {
+                let report = cpu.step().unwrap().solver;
+                let found = gpu.step().unwrap().solver;
+                assert_eq!(found.quarantined_strands, report.quarantined_strands);
+                assert!((found.max_edge_stretch - report.max_edge_stretch).abs() < 1e-5);
+                halved.step().unwrap();
+                farthest = farthest.max(apart(&mut cpu, &mut gpu));
+                off = off.max(apart(&mut cpu, &mut halved));
+            }
+            println!("{model}, {particles} particles: {farthest:e} m, in 16 bits {off:e} m");
+            assert!(farthest < 1e-5, "{model}, {particles} particles: {farthest:e} m");
+            assert!(off > farthest && off < 2e-4, "{model}, {particles} particles in 16 bits: {off:e} m");
         }
-        println!("{model}, {particles} particles: {farthest:e} m, in 16 bits {off:e} m");
-        assert!(farthest < 1e-5, "{model}, {particles} particles: {farthest:e} m");
-        assert!(off > farthest && off < 2e-4, "{model}, {particles} particles in 16 bits: {off:e} m");
     }
-}
 
-/// The bar is that of trained networks: those of the other tests turn hair far more.
-#[test]
-#[cfg_attr(not(gpu), ignore = "there is no GPU")]
-fn the_built_in_model_in_16_bits_is_close_to_itself() {
-    let mut cpu = Player::new(try_scene(&[]).unwrap()).unwrap();
-    let mut halved = on_gpu(&["solver.neural.half=true"]);
-    let mut most = 0.0f64;
-    for _ in 0..40 {
-        cpu.step().unwrap();
-        halved.step().unwrap();
-        most = most.max(apart(&mut cpu, &mut halved));
+    /// The bar is that of trained networks: those of the other tests turn hair far more.
+    #[test]
+    #[cfg_attr(not(gpu), ignore = "there is no GPU")]
+    fn the_built_in_model_in_16_bits_is_close_to_itself() {
+        let mut cpu = Player::new(try_scene(&[]).unwrap()).unwrap();
+        let mut halved = on_gpu(&["solver.neural.half=true"]);
+        let mut most = 0.0f64;
+        for _ in 0..40 {
+            cpu.step().unwrap();
+            halved.step().unwrap();
+            most = most.max(apart(&mut cpu, &mut halved));
+        }
+        println!("{most:e} m");
+        assert!(most > 0.0 && most < 2e-4, "{most:e} m");
     }
-    println!("{most:e} m");
-    assert!(most > 0.0 && most < 2e-4, "{most:e} m");
-}
 
-#[test]
-#[cfg_attr(not(gpu), ignore = "there is no GPU")]
-fn edits_teleports_and_seeking_work_on_a_gpu() {
-    let (mut cpu, mut gpu) = (player(&[]), on_gpu(&[USUAL]));
-    let mut hashes = Vec::new();
-    for player in [&mut cpu, &mut gpu] {
-        run(player, 4);
-        player.edit(Operation::Trim(Trim { to: 0.1, ..Trim::default() })).unwrap();
-        run(player, 3);
-        player.teleport(Teleport::CarryShape).unwrap();
-        player.set_head_pose(Pose::new(DQuat::from_rotation_y(0.7), DVec3::X)).unwrap();
-        run(player, 3);
+    #[test]
+    #[cfg_attr(not(gpu), ignore = "there is no GPU")]
+    fn edits_teleports_and_seeking_work_on_a_gpu() {
+        let (mut cpu, mut gpu) = (player(&[]), on_gpu(&[USUAL]));
+        for player in [&mut cpu, &mut gpu] {
+            run(player, 4);
+            player.edit(Operation::Trim(Trim { to: 0.1, ..Trim::default() })).unwrap();
+            run(player, 3);
+            player.teleport(Teleport::CarryShape).unwrap();
+            player.set_head_pose(Pose::new(DQuat::from_rotation_y(0.7), DVec3::X)).unwrap();
+            run(player, 3);
+        }
+        assert!(apart(&mut cpu, &mut gpu) < 1e-5, "{:e} m", apart(&mut cpu, &mut gpu));
+        let before = gpu.state_hash().unwrap();
+        gpu.seek(5).unwrap();
+        gpu.seek(10).unwrap();
+        assert_eq!(gpu.state_hash().unwrap(), before);
+        assert!(gpu.gpu_name().is_some());
     }
-    assert!(apart(&mut cpu, &mut gpu) < 1e-5, "{:e} m", apart(&mut cpu, &mut gpu));
-    hashes.push(gpu.state_hash().unwrap());
-    gpu.seek(5).unwrap();
-    gpu.seek(10).unwrap();
-    hashes.push(gpu.state_hash().unwrap());
-    assert_eq!(hashes[0], hashes[1]);
-    assert!(gpu.gpu_name().is_some());
-}
 
-/// A weight that overflows puts strands to rest on a GPU too.
-#[test]
-#[cfg_attr(not(gpu), ignore = "there is no GPU")]
-fn a_prediction_that_is_not_finite_never_leaves_a_gpu() {
-    let mut gpu = on_gpu(&["solver.neural.model=huge.safetensors"]);
-    for _ in 0..3 {
-        assert!(gpu.step().unwrap().solver.quarantined_strands > 0);
-        assert!(positions(&mut gpu).iter().all(|x| x.is_finite()));
+    /// A weight that overflows puts strands to rest on a GPU too.
+    #[test]
+    #[cfg_attr(not(gpu), ignore = "there is no GPU")]
+    fn a_prediction_that_is_not_finite_never_leaves_a_gpu() {
+        let mut gpu = on_gpu(&["solver.neural.model=huge.safetensors"]);
+        for _ in 0..3 {
+            assert!(gpu.step().unwrap().solver.quarantined_strands > 0);
+            assert!(positions(&mut gpu).iter().all(|x| x.is_finite()));
+        }
     }
 }

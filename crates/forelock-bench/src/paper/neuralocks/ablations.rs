@@ -24,6 +24,9 @@ const SHOWN: f64 = 3000.0;
 const FRAMES: [u32; 2] = [40, 100];
 
 const FULL: Variant = Variant { name: "full", label: "full", keys: &[] };
+const NO_LOCKS: Variant =
+    Variant { name: "no-locks", label: "no lock codes", keys: &["method.lock_codes=false"] };
+const ADHESION: Variant = Variant { name: "adhesion", label: "+ adhesion", keys: &["energies.adhesion=2"] };
 
 /// Everything that can be left out or exchanged.
 const ALL: [Variant; 14] = [
@@ -33,7 +36,7 @@ const ALL: [Variant; 14] = [
     Variant { name: "no-drag", label: "no drag", keys: &["energies.drag=0"] },
     Variant { name: "no-drape", label: "no warm start", keys: &["steps.drape=0"] },
     Variant { name: "quasi-static", label: "no inertia, no history", keys: &["method.kind=quasi-static"] },
-    Variant { name: "no-locks", label: "no lock codes", keys: &["method.lock_codes=false"] },
+    NO_LOCKS,
     Variant { name: "direct", label: "direct transport", keys: &["method.transport=direct"] },
     Variant { name: "step", label: "energy of a step", keys: &["method.objective=step"] },
     Variant { name: "displacement", label: "displacement head", keys: &["method.head=displacement"] },
@@ -52,7 +55,7 @@ const ALL: [Variant; 14] = [
     },
     Variant { name: "style", label: "+ style", keys: &["energies.style=3"] },
     Variant { name: "repulsion", label: "+ repulsion", keys: &["energies.repulsion=5"] },
-    Variant { name: "adhesion", label: "+ adhesion", keys: &["energies.adhesion=2"] },
+    ADHESION,
 ];
 
 /// Trains `variants`.
@@ -93,7 +96,7 @@ fn show(
 ) -> Result<Strip, BenchError> {
     let mut pictures = Vec::new();
     for one in trained {
-        let (scene, assets) = demo(preset, SHOWN * options.share, &runs(&one.path), observer)?;
+        let (scene, assets) = demo(preset, SHOWN * options.scenes.share, &runs(&one.path), observer)?;
         let studio = Studio::new(&scene, &assets);
         let mut player = player(&scene, &assets)?;
         let (mut course, mut positions) = (Course::new(), Vec::new());
@@ -133,35 +136,23 @@ pub(super) fn all(options: &NeuralOptions, observer: &mut Observer<'_>) -> Resul
                 .to_owned(),
         ],
         tables: vec![scores(&trained, options, observer)?],
-        plots: Vec::new(),
-        bars: None,
         strips: vec![strip],
+        ..Study::default()
     })
 }
 
 /// Fig. 6: without and with codes of locks.
 pub(super) fn locks(options: &NeuralOptions, observer: &mut Observer<'_>) -> Result<Study, BenchError> {
-    let variants = [Variant { label: "with lock codes", ..FULL }, ALL[6]];
+    let variants = [Variant { label: "with lock codes", ..FULL }, NO_LOCKS];
     let trained = train(&variants, options, observer)?;
-    let mut table = Table::new("", &["variant", "neighbours apart, mm"]);
-    let strip = show(
-        &trained,
-        "straight",
-        options,
-        &mut |one, assets, course| {
-            let pairs = neighbours(&assets.groom);
-            table.rows.push(vec![one.label.to_owned(), millimetres(apart(&assets.groom, &pairs, course))]);
-        },
-        observer,
-    )?;
+    let (table, strip) = show_apart(&trained, "straight", options, observer)?;
     Ok(Study {
         title: "Neuralocks, Fig. 6: codes of locks".to_owned(),
         claim: "without the lock's code hair expands and collisions stay unresolved.".to_owned(),
         notes: vec![steps(options), SCORES.to_owned(), APART.to_owned()],
         tables: vec![scores(&trained, options, observer)?, table],
-        plots: Vec::new(),
-        bars: None,
         strips: vec![strip],
+        ..Study::default()
     })
 }
 
@@ -169,7 +160,7 @@ pub(super) fn locks(options: &NeuralOptions, observer: &mut Observer<'_>) -> Res
 pub(super) fn adhesion(options: &NeuralOptions, observer: &mut Observer<'_>) -> Result<Study, BenchError> {
     let variants = [
         Variant { label: "no adhesion", ..FULL },
-        Variant { label: "k 2", ..ALL[13] },
+        Variant { label: "k 2", ..ADHESION },
         Variant { name: "adhesion-20", label: "k 20", keys: &["energies.adhesion=20"] },
         Variant {
             name: "adhesion-printed",
@@ -178,17 +169,7 @@ pub(super) fn adhesion(options: &NeuralOptions, observer: &mut Observer<'_>) -> 
         },
     ];
     let trained = train(&variants, options, observer)?;
-    let mut table = Table::new("", &["adhesion", "neighbours apart, mm"]);
-    let strip = show(
-        &trained,
-        "wavy",
-        options,
-        &mut |one, assets, course| {
-            let pairs = neighbours(&assets.groom);
-            table.rows.push(vec![one.label.to_owned(), millimetres(apart(&assets.groom, &pairs, course))]);
-        },
-        observer,
-    )?;
+    let (table, strip) = show_apart(&trained, "wavy", options, observer)?;
     Ok(Study {
         title: "Neuralocks, Fig. 4: rising adhesion".to_owned(),
         claim: "the stiffer adhesion is, the more hair moves as clumps.".to_owned(),
@@ -198,9 +179,8 @@ pub(super) fn adhesion(options: &NeuralOptions, observer: &mut Observer<'_>) -> 
             "As printed, adhesion pulls neighbours together below their distance at rest.".to_owned(),
         ],
         tables: vec![table],
-        plots: Vec::new(),
-        bars: None,
         strips: vec![strip],
+        ..Study::default()
     })
 }
 
@@ -243,10 +223,25 @@ pub(super) fn style(options: &NeuralOptions, observer: &mut Observer<'_>) -> Res
             ),
         ],
         tables: vec![table],
-        plots: Vec::new(),
-        bars: None,
         strips: vec![strip],
+        ..Study::default()
     })
+}
+
+/// How far apart neighbours move under each of `trained` in `preset`, and pictures.
+fn show_apart(
+    trained: &[Trained],
+    preset: &str,
+    options: &NeuralOptions,
+    observer: &mut Observer<'_>,
+) -> Result<(Table, Strip), BenchError> {
+    let mut table = Table::new("", &["variant", "neighbours apart, mm"]);
+    let mut measure = |one: &Trained, assets: &Assets, course: &Course| {
+        let metres = apart(&assets.groom, &neighbours(&assets.groom), course);
+        table.rows.push(vec![one.label.to_owned(), millimetres(metres)]);
+    };
+    let strip = show(trained, preset, options, &mut measure, observer)?;
+    Ok((table, strip))
 }
 
 /// What [`apart`] is.

@@ -54,7 +54,7 @@ impl Hair {
         options: &NeuralOptions,
         observer: &mut Observer<'_>,
     ) -> Result<Self, BenchError> {
-        let (mut scene, assets) = demo(preset, STRANDS * options.share, &[], observer)?;
+        let (mut scene, assets) = demo(preset, STRANDS * options.scenes.share, &[], observer)?;
         let cm = |x: &Vec3| V3((100.0 * x.as_dvec3()).to_array());
         let one = |x: &[Vec3]| std::array::from_fn(|i| cm(&x[i]));
         let rest = assets.groom.strands().map(one).collect();
@@ -162,13 +162,12 @@ pub(super) fn transport(options: &NeuralOptions, observer: &mut Observer<'_>) ->
                 .to_owned(),
         ],
         tables: vec![table],
-        plots: Vec::new(),
-        bars: None,
         strips: vec![Strip {
             name: "drapes",
             title: "Hair at rest under each transport".to_owned(),
             image: labelled(&pictures, kinds.len() as u32)?,
         }],
+        ..Study::default()
     })
 }
 
@@ -215,13 +214,12 @@ pub(super) fn stiffness(options: &NeuralOptions, observer: &mut Observer<'_>) ->
                 .to_owned(),
         ],
         tables: vec![table],
-        plots: Vec::new(),
-        bars: None,
         strips: vec![Strip {
             name: "drapes",
             title: "Hair at rest, softer to stiffer".to_owned(),
             image: labelled(&pictures, 4)?,
         }],
+        ..Study::default()
     })
 }
 

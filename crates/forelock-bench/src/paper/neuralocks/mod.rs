@@ -24,22 +24,20 @@ pub use speed::neural_tables;
 use std::path::PathBuf;
 
 use super::study::Study;
+use super::table1::Table1Options;
 use crate::BenchError;
 use forelock::Observer;
 
 /// What to run, and where models are kept.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NeuralOptions {
-    /// Share of the strands that is grown.
-    pub share: f64,
+    /// Share of the strands that is grown; frames of the tables; whether the learned simulator runs
+    /// on a GPU in them.
+    pub scenes: Table1Options,
     /// Steps of each training.
     pub steps: u32,
     /// Folder of the trained models.
     pub models: PathBuf,
-    /// Whether the learned simulator runs on a GPU in the tables.
-    pub on_gpu: bool,
-    /// Timed frames of the tables.
-    pub frames: u32,
 }
 
 /// A figure of the paper.
@@ -97,7 +95,8 @@ mod tests {
     use models::{Variant, config};
 
     fn options(models: &std::path::Path) -> NeuralOptions {
-        NeuralOptions { share: 0.01, steps: 3, models: models.to_owned(), on_gpu: false, frames: 2 }
+        let scenes = Table1Options { warm_up: 0, frames: 2, share: 0.01, on_gpu: false };
+        NeuralOptions { scenes, steps: 3, models: models.to_owned() }
     }
 
     #[test]

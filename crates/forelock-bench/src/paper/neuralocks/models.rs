@@ -43,7 +43,7 @@ fn overrides(keys: &[String]) -> Result<Vec<Override>, BenchError> {
 
 /// The configuration that all variants share, with `keys` over it.
 pub(super) fn config(options: &NeuralOptions, keys: &[&str]) -> Result<TrainingConfig, BenchError> {
-    let grown = (GROWN * options.share).round().max(FEWEST);
+    let grown = (GROWN * options.scenes.share).round().max(FEWEST);
     let mut all = vec![
         "hair.grooms=[\"straight\", \"wavy\", \"curly\"]".to_owned(),
         "hair.lengths=[1.0]".to_owned(),
@@ -152,4 +152,9 @@ pub(super) fn runs(model: &Path) -> Vec<String> {
 /// Keys that run the built-in model.
 pub(super) fn runs_builtin() -> Vec<String> {
     vec!["solver.kind=neural".to_owned()]
+}
+
+/// Keys that run XPBD with collisions among strands.
+pub(super) fn xpbd_with_contacts() -> Vec<String> {
+    ["solver.kind=xpbd", "interaction.kind=grid", "interaction.contacts=true"].map(String::from).into()
 }

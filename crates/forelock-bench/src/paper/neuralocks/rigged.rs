@@ -115,8 +115,6 @@ pub(super) fn study(observer: &mut Observer<'_>) -> Result<Study, BenchError> {
             POSES[1]
         )],
         tables: vec![table],
-        plots: Vec::new(),
-        bars: None,
-        strips: Vec::new(),
+        ..Study::default()
     })
 }

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use forelock::html::thousands;
-use forelock::summary::{FrameRow, device_name};
+use forelock::summary::{FrameRow, Spread, device_name};
 use forelock::{Observer, Progress};
 use forelock_core::lane::Simd;
 use forelock_neural::features::{POSE_NUMBERS, SHAPE_NUMBERS};
@@ -14,7 +14,7 @@ use forelock_neural::random::Random;
 use forelock_neural::{EDGES, PARTICLES};
 
 use super::NeuralOptions;
-use super::models::{demo, runs_builtin};
+use super::models::{demo, runs_builtin, xpbd_with_contacts};
 use super::rigged::Rigged;
 use crate::BenchError;
 use crate::paper::study::{Study, Table};
@@ -25,16 +25,8 @@ const PAPER_DEVICE: &str = "NVIDIA GeForce RTX 4080 Laptop";
 /// Strands of Table 1 and the paper's milliseconds.
 const SIZES: [(f64, &str); 4] =
     [(3_000.0, "0.189"), (10_000.0, "–"), (50_000.0, "2.99"), (120_000.0, "6.872")];
-/// Frames before the timed ones.
-const WARM_UP: u32 = 10;
 /// Steps of a rig's training that is only timed.
 const RIG_STEPS: u32 = 200;
-
-/// The median of times, milliseconds.
-fn median(mut times: Vec<f64>) -> f64 {
-    times.sort_by(f64::total_cmp);
-    times.get(times.len() / 2).copied().unwrap_or_default()
-}
 
 /// Milliseconds of a frame, and of its stage `predict_strands` by the wall's clock.
 fn medians(frames: &[FrameRow]) -> [f64; 2] {
@@ -42,11 +34,13 @@ fn medians(frames: &[FrameRow]) -> [f64; 2] {
         let own = frame.stages.iter().find(|(name, _)| name == "predict_strands");
         own.map_or(0.0, |(_, ms)| *ms)
     };
-    [median(frames.iter().map(|frame| frame.ms).collect()), median(frames.iter().map(stage).collect())]
+    let median =
+        |of: &dyn Fn(&FrameRow) -> f64| Spread::of(&frames.iter().map(of).collect::<Vec<_>>()).median;
+    [median(&|frame| frame.ms), median(&stage)]
 }
 
 /// Milliseconds of the network alone for `count` strands, `shape` having random weights.
-fn network_ms(shape: Shape, count: usize, frames: u32) -> Result<f64, BenchError> {
+fn network_ms(shape: Shape, count: usize, timed: &Table1Options) -> Result<f64, BenchError> {
     let mut random = Random::new(1);
     let mut numbers =
         |count: usize| -> Vec<f32> { (0..count).map(|_| 0.1 * random.signed() as f32).collect() };
@@ -60,10 +54,10 @@ fn network_ms(shape: Shape, count: usize, frames: u32) -> Result<f64, BenchError
         predictor.predict(&prepared, &shared, &mut out);
         1e3 * began.elapsed().as_secs_f64()
     };
-    for _ in 0..WARM_UP {
+    for _ in 0..timed.warm_up {
         pass();
     }
-    Ok(median((0..frames).map(|_| pass()).collect()))
+    Ok(Spread::of(&(0..timed.frames).map(|_| pass()).collect::<Vec<_>>()).median)
 }
 
 /// Times in milliseconds.
@@ -78,41 +72,33 @@ struct Times {
 fn table1(options: &NeuralOptions, observer: &mut Observer<'_>) -> Result<Times, BenchError> {
     let columns = ["method", "strands", "paper, ms: CPU, GPU", "frame, ms", "of that the network, ms"];
     let mut table = Table::new("Table 1", &columns);
-    let timed = |options: &NeuralOptions, warm_up| Table1Options {
-        warm_up,
-        frames: options.frames,
-        share: options.share,
-        on_gpu: options.on_gpu,
-    };
-    let contacts = ["solver.kind=xpbd", "interaction.kind=grid", "interaction.contacts=true"];
-    let strands = SIZES[0].0 * options.share;
-    let (scene, assets) = demo("straight", strands, &contacts.map(String::from), observer)?;
-    let on_cpu = NeuralOptions { on_gpu: false, ..options.clone() };
-    let [xpbd, _] = medians(&time(&scene, &assets, &timed(&on_cpu, WARM_UP), "XPBD", observer)?);
-    let count = |strands: usize| thousands(strands);
+    let timed = &options.scenes;
+    let (scene, assets) = demo("straight", SIZES[0].0 * timed.share, &xpbd_with_contacts(), observer)?;
+    let on_cpu = Table1Options { on_gpu: false, ..*timed };
+    let [xpbd, _] = medians(&time(&scene, &assets, &on_cpu, "XPBD", observer)?);
     table.rows.push(vec![
         "XPBD, collisions, contacts".to_owned(),
-        count(assets.groom.strand_count()),
+        thousands(assets.groom.strand_count()),
         "7,200, 140".to_owned(),
         format!("{xpbd:.2}"),
         "–".to_owned(),
     ]);
     let mut first = None;
-    let halves: &[bool] = if options.on_gpu { &[false, true] } else { &[false] };
+    let halves: &[bool] = if timed.on_gpu { &[false, true] } else { &[false] };
     for ((strands, paper), half) in SIZES.iter().flat_map(|size| halves.iter().map(move |half| (size, half)))
     {
         let keys = [runs_builtin(), vec![format!("solver.neural.half={half}")]].concat();
-        let (scene, assets) = demo("straight", strands * options.share, &keys, observer)?;
+        let (scene, assets) = demo("straight", strands * timed.share, &keys, observer)?;
         let strands = assets.groom.strand_count();
-        let found = time(&scene, &assets, &timed(options, WARM_UP), "the network", observer)?;
+        let found = time(&scene, &assets, timed, "the network", observer)?;
         // Stages of the CPU count all threads.
-        let threads = if options.on_gpu { 1 } else { rayon::current_num_threads() };
+        let threads = if timed.on_gpu { 1 } else { rayon::current_num_threads() };
         let [frame, network] = medians(&found);
         let network = network / threads as f64;
         first.get_or_insert(network);
         table.rows.push(vec![
             if *half { "the network in 16 bits" } else { "the network" }.to_owned(),
-            count(strands),
+            thousands(strands),
             format!("–, {paper}"),
             format!("{frame:.2}"),
             format!("{network:.2}"),
@@ -127,13 +113,13 @@ fn section4(
     first: &Times,
     observer: &mut Observer<'_>,
 ) -> Result<Table, BenchError> {
-    let count = (SIZES[0].0 * options.share).round().max(1.0) as usize;
+    let count = (SIZES[0].0 * options.scenes.share).round().max(1.0) as usize;
     observer(&Progress::Begin { what: "networks alone", done: 0, total: 3 });
     let mut step = || observer(&Progress::Step);
-    let moving = network_ms(Shape::default(), count, options.frames)?;
+    let moving = network_ms(Shape::default(), count, &options.scenes)?;
     step();
     let still = Shape { shared: POSE_NUMBERS + SHAPE_NUMBERS, ..Shape::default() };
-    let still = network_ms(still, count, options.frames)?;
+    let still = network_ms(still, count, &options.scenes)?;
     step();
     let rig = Rigged::train(RIG_STEPS)?.micros;
     step();
@@ -166,10 +152,14 @@ pub fn neural_tables(options: &NeuralOptions, observer: &mut Observer<'_>) -> Re
         notes: vec![
             format!(
                 "Ours: medians of {} frames on {}, {} threads{}. The paper's: {PAPER_DEVICE}, as printed.",
-                options.frames,
+                options.scenes.frames,
                 device_name(),
                 rayon::current_num_threads(),
-                if options.on_gpu { "; the learned simulator on a GPU, by the device's clock" } else { "" },
+                if options.scenes.on_gpu {
+                    "; the learned simulator on a GPU, by the device's clock"
+                } else {
+                    ""
+                },
             ),
             "Straight hair of 25 particles on a head that turns. XPBD collides with the head and with \
              itself. \"Network\" is the prediction alone; a frame also moves roots, checks strands and \
@@ -177,8 +167,6 @@ pub fn neural_tables(options: &NeuralOptions, observer: &mut Observer<'_>) -> Re
                 .to_owned(),
         ],
         tables: vec![first.table, second],
-        plots: Vec::new(),
-        bars: None,
-        strips: Vec::new(),
+        ..Study::default()
     })
 }

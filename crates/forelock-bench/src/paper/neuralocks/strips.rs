@@ -5,7 +5,7 @@ use forelock::{Assets, Observer, Scene, labelled};
 use std::sync::Arc;
 
 use super::NeuralOptions;
-use super::models::{SCORES, config, demo, runs_builtin, score_row, score_table};
+use super::models::{SCORES, config, demo, runs_builtin, score_row, score_table, xpbd_with_contacts};
 use crate::BenchError;
 use crate::paper::followed::{Case, Followed, Shots, plot};
 use crate::paper::study::{Strip, Study, Table, percent};
@@ -28,14 +28,14 @@ fn follow(
 }
 
 /// The pictures of all that were followed, a row each.
-pub(super) fn film(followed: &[Followed]) -> Result<Vec<Strip>, BenchError> {
+fn film(followed: &[Followed]) -> Result<Vec<Strip>, BenchError> {
     let pictures: Vec<_> = followed.iter().flat_map(|one| one.pictures.clone()).collect();
     let image = labelled(&pictures, MOMENTS.len() as u32)?;
     Ok(vec![Strip { name: "film", title: "Over time".to_owned(), image }])
 }
 
 /// A table of what was followed.
-pub(super) fn followed_table(first: &str) -> Table {
+fn followed_table(first: &str) -> Table {
     let columns = [
         first,
         "strands",
@@ -48,7 +48,7 @@ pub(super) fn followed_table(first: &str) -> Table {
 }
 
 /// A row of it.
-pub(super) fn followed_row(one: &Followed, strands: usize) -> Vec<String> {
+fn followed_row(one: &Followed, strands: usize) -> Vec<String> {
     vec![
         one.label.clone(),
         forelock::html::thousands(strands),
@@ -64,7 +64,7 @@ pub(super) fn styles(options: &NeuralOptions, observer: &mut Observer<'_>) -> Re
     let mut table = followed_table("hair");
     let mut followed = Vec::new();
     for preset in ["straight", "wavy", "curly", "bob"] {
-        let (scene, assets) = demo(preset, SHOWN * options.share, &runs_builtin(), observer)?;
+        let (scene, assets) = demo(preset, SHOWN * options.scenes.share, &runs_builtin(), observer)?;
         let one = follow(&preset.to_uppercase(), scene, &assets, observer)?;
         table.rows.push(followed_row(&one, assets.groom.strand_count()));
         followed.push(one);
@@ -74,26 +74,24 @@ pub(super) fn styles(options: &NeuralOptions, observer: &mut Observer<'_>) -> Re
         claim: "a compact network moves many styles, strand by strand, in real time.".to_owned(),
         notes: vec!["The built-in model, trained on all four, on a head that turns.".to_owned()],
         tables: vec![table],
-        plots: Vec::new(),
-        bars: None,
         strips: film(&followed)?,
+        ..Study::default()
     })
 }
 
 /// Fig. 9: the network beside the solvers.
 pub(super) fn beside_xpbd(options: &NeuralOptions, observer: &mut Observer<'_>) -> Result<Study, BenchError> {
-    let contacts = ["interaction.kind=grid", "interaction.contacts=true"].map(String::from);
     let of = |kind: &str| vec![format!("solver.kind={kind}")];
     let cases = [
         ("NEURAL", runs_builtin()),
         ("XPBD", of("xpbd")),
-        ("XPBD, CONTACTS", [of("xpbd"), contacts.to_vec()].concat()),
+        ("XPBD, CONTACTS", xpbd_with_contacts()),
         ("AMS", of("ams")),
     ];
     let mut table = followed_table("solver");
     let (mut followed, mut fps) = (Vec::new(), 60.0);
     for (label, keys) in cases {
-        let (scene, assets) = demo("wavy", SHOWN * options.share, &keys, observer)?;
+        let (scene, assets) = demo("wavy", SHOWN * options.scenes.share, &keys, observer)?;
         fps = scene.time.fps;
         let one = follow(label, scene, &assets, observer)?;
         table.rows.push(followed_row(&one, assets.groom.strand_count()));
@@ -125,7 +123,7 @@ pub(super) fn generalisation(
     let mut table = followed_table("groom");
     let mut followed = Vec::new();
     for strands in [3_000.0, 120_000.0] {
-        let (scene, assets) = demo("straight", strands * options.share, &runs_builtin(), observer)?;
+        let (scene, assets) = demo("straight", strands * options.scenes.share, &runs_builtin(), observer)?;
         let count = assets.groom.strand_count();
         let label = format!("{} STRANDS", forelock::html::thousands(count));
         let one = follow(&label, scene, &assets, observer)?;
@@ -141,9 +139,8 @@ pub(super) fn generalisation(
                 .to_owned(),
         ],
         tables: vec![table],
-        plots: Vec::new(),
-        bars: None,
         strips: film(&followed)?,
+        ..Study::default()
     })
 }
 
@@ -159,7 +156,7 @@ pub(super) fn unseen(options: &NeuralOptions, observer: &mut Observer<'_>) -> Re
         for KindScore { groom, score } in examination.measure(&model)? {
             table.rows.push(score_row(&groom, &score));
         }
-        let (scene, assets) = demo(groom, SHOWN * options.share, &runs_builtin(), observer)?;
+        let (scene, assets) = demo(groom, SHOWN * options.scenes.share, &runs_builtin(), observer)?;
         followed.push(follow(&groom.to_uppercase(), scene, &assets, observer)?);
     }
     Ok(Study {
@@ -171,8 +168,7 @@ pub(super) fn unseen(options: &NeuralOptions, observer: &mut Observer<'_>) -> Re
                 .to_owned(),
         ],
         tables: vec![table],
-        plots: Vec::new(),
-        bars: None,
         strips: film(&followed)?,
+        ..Study::default()
     })
 }
