@@ -269,6 +269,8 @@ fn row(
         }
     };
     let wait = || gpu.map_or(Ok(()), Gpu::wait);
+    // An idle device lowers its clock.
+    gpu.map(Peaks::measure).transpose()?;
     let warm_up = options.frames.min(5);
     for number in 0..warm_up {
         scene.step(&mut on, number, &mut Tally::default())?;

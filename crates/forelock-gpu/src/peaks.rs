@@ -40,10 +40,11 @@ impl Peaks {
         let buffers = ["source", "target"].map(|label| gpu.buffer(label, bytes, storage));
         let rounds = ROUNDS[usize::from(gpu.is_software())];
         let text = format!("const ROUNDS: u32 = {rounds}u;\n{}", include_str!("peaks.wgsl"));
-        let module = gpu.device().create_shader_module(wgpu::ShaderModuleDescriptor {
+        let descriptor = wgpu::ShaderModuleDescriptor {
             label: Some("peaks"),
             source: wgpu::ShaderSource::Wgsl(text.into()),
-        });
+        };
+        let module = crate::pipelines::trusted_module(gpu.device(), descriptor);
         let rate = |entry: &str, groups: u32, work: f64| -> Result<f64, GpuError> {
             let pipeline = gpu.device().create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
                 label: Some(entry),

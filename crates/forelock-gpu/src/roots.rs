@@ -24,7 +24,7 @@ use bytemuck::{Pod, Zeroable};
 use forelock_core::body::character::{SkinPose, Skinning};
 use forelock_core::frame::{FRAME_ROWS, PACK_ROOTS_WGSL, ROOTS_WGSL};
 use forelock_core::groom::{
-    FLAT_TRIANGLE, ROOT_FRAMES_WGSL, RootFrames, SURFACE_WGSL, SkinnedRoots, SurfaceRoot,
+    COLLAPSED_TRIANGLE, FLAT_TRIANGLE, ROOT_FRAMES_WGSL, RootFrames, SURFACE_WGSL, SkinnedRoots, SurfaceRoot,
 };
 use forelock_core::lane::Row;
 use forelock_core::strands::Model;
@@ -57,11 +57,16 @@ bindings! {
     }
 }
 
+const TRIANGLE_CONSTANTS: [Constant; 2] = [
+    Constant::f32("FLAT_TRIANGLE", FLAT_TRIANGLE as f32),
+    Constant::f32("COLLAPSED_TRIANGLE", COLLAPSED_TRIANGLE as f32),
+];
+
 shader! {
     /// `bend_roots`.
     BEND: "bend_roots", BendBindings;
     texts: [ROOTS_WGSL, SURFACE_WGSL, ROOT_FRAMES_WGSL];
-    constants: [ROOT_CONSTANTS, &[Constant::f32("FLAT_TRIANGLE", FLAT_TRIANGLE as f32)]];
+    constants: [ROOT_CONSTANTS, &TRIANGLE_CONSTANTS];
     kernels: {
         /// The rotation of each triangle.
         TURN_TRIANGLES: "turn_triangles", Threads::LIST;

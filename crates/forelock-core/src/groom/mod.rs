@@ -21,7 +21,8 @@ pub use lift::{LiftParams, LiftReport, lift_out};
 pub use repair::{REPEATED_FRACTION, RepairReport, repair};
 pub use resample::{ResampleError, resample, resample_to};
 pub use root_frames::{
-    FLAT_TRIANGLE, FrameBuffers, ROOT_FRAMES_WGSL, RootFrames, SURFACE_WGSL, SurfaceRoot, SurfaceRoots,
+    COLLAPSED_TRIANGLE, FLAT_TRIANGLE, FrameBuffers, ROOT_FRAMES_WGSL, RootFrames, SURFACE_WGSL, SurfaceRoot,
+    SurfaceRoots,
 };
 pub use skinned_roots::SkinnedRoots;
 pub use units::{Import, Unit, UnknownWord, Up, ZUp};

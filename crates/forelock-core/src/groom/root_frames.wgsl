@@ -87,6 +87,21 @@ fn corner_of(a: vec3f, b: vec3f, c: vec3f) -> Corner {
     return Corner(quaternion(along, across, out), first, vec2f(dot(other, along), dot(other, across)));
 }
 
+// The square of the longer of the edges from the first corner.
+fn longest_squared(corner: Corner) -> f32 {
+    return max(corner.first * corner.first, dot(corner.second, corner.second));
+}
+
+// Whether the triangle has no rotation: it is next to degenerate, or collapses as it bends.
+fn has_collapsed(rest: Corner, now: Corner) -> bool {
+    if rest.first == 0.0 || now.first == 0.0 {
+        return true;
+    }
+    let grown = longest_squared(now) / longest_squared(rest);
+    return grown < COLLAPSED_TRIANGLE * COLLAPSED_TRIANGLE
+        || now.first * now.second.y < COLLAPSED_TRIANGLE * grown * rest.first * rest.second.y;
+}
+
 fn is_none(turn: vec4f) -> bool {
     return dot(turn, turn) == 0.0;
 }
@@ -121,7 +136,7 @@ fn turn_triangles(@builtin(global_invocation_id) id: vec3u) {
         let v = vec3u(triangles[3u * own], triangles[3u * own + 1u], triangles[3u * own + 2u]);
         let rest = corner_of(rest_vertex(v.x), rest_vertex(v.y), rest_vertex(v.z));
         let now = corner_of(bent_vertex(v.x), bent_vertex(v.y), bent_vertex(v.z));
-        if rest.first == 0.0 || now.first == 0.0 {
+        if has_collapsed(rest, now) {
             turns[own] = vec4f();
             continue;
         }

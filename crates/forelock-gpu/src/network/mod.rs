@@ -32,8 +32,6 @@ pub const WIDTH: usize = 256;
 pub const OUTPUTS: usize = 72;
 /// Blocks of a packet.
 const PACKET: usize = 4;
-/// Outputs that a thread computes, and how many numbers they take with padding.
-const GROUP: [usize; 2] = [6, 8];
 /// The start of the blends of a block whose edges are the network's.
 const OWN: u32 = u32::MAX;
 
@@ -182,12 +180,6 @@ fn stored(numbers: &[f32], halved: bool) -> Vec<u8> {
     numbers.iter().flat_map(|x| half::f16::from_f32(*x).to_le_bytes()).collect()
 }
 
-/// Sixes of `numbers`, each padded to eight.
-fn padded(numbers: &[f32]) -> impl Iterator<Item = f32> {
-    let [size, room] = GROUP;
-    numbers.chunks(size).flat_map(move |group| group.iter().copied().chain([0.0; 8]).take(room))
-}
-
 impl DeviceNetwork {
     fn new(
         gpu: &Gpu,
@@ -206,9 +198,8 @@ impl DeviceNetwork {
         }
         let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
         let rows = |rows: &[Row<f32>]| bytemuck::cast_slice::<_, f32>(rows).to_vec();
-        let weights: Vec<f32> = network.hidden.iter().copied().chain(padded(network.output)).collect();
-        let biases: Vec<f32> =
-            network.hidden_bias.iter().copied().chain(padded(network.output_bias)).collect();
+        let weights = [network.hidden, network.output].concat();
+        let biases = [network.hidden_bias, network.output_bias].concat();
         let mut parts = Vec::with_capacity(strands.batches.len());
         let mut most = 0;
         for batch in strands.batches {

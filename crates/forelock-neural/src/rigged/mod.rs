@@ -41,12 +41,14 @@
 mod chain;
 mod network;
 mod pose;
+mod predictor;
 mod train;
 mod vec3;
 
 pub use chain::{Angles, Body, Capsule, Chain, Ends, Rig, RigWeights, Torso};
 pub use network::{MULTIPLY_ADDS, PoseNetwork, WEIGHTS};
 pub use pose::{PoseRange, RigPose};
+pub use predictor::PosePredictor;
 pub use train::{TrainSettings, train};
 
 /// Chains of a rig.

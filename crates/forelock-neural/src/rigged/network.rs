@@ -8,7 +8,7 @@ use crate::random::Random;
 use forelock_core::lane::Real;
 
 /// Width of the two hidden layers.
-const HIDDEN: usize = 16;
+pub(super) const HIDDEN: usize = 16;
 /// Numbers of the first layer: weights, then biases.
 const FIRST: usize = (INPUTS + 1) * HIDDEN;
 /// Numbers of the second layer.
@@ -69,7 +69,7 @@ impl<T: Real> PoseNetwork<T> {
         &mut self.weights
     }
 
-    /// The angles of the rig in a pose.
+    /// The angles of the rig in a pose. [`super::PosePredictor`] is faster.
     pub fn angles(&self, pose: &RigPose<T>) -> Angles<T> {
         self.trace(pose).angles
     }

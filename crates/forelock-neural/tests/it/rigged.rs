@@ -3,11 +3,11 @@
 #![expect(clippy::unwrap_used, reason = "a test fails where a result is an error")]
 
 use crate::golden::{error, load, numbers, vectors};
-use forelock_core::lane::Real;
+use forelock_core::lane::{Real, Simd};
 use forelock_neural::random::Random;
 use forelock_neural::rigged::{
-    ANGLES, Angles, Body, Capsule, Chain, PoseNetwork, PoseRange, Rig, RigError, RigPose, RigWeights, Torso,
-    TrainSettings, WEIGHTS, train,
+    ANGLES, Angles, Body, Capsule, Chain, PoseNetwork, PosePredictor, PoseRange, Rig, RigError, RigPose,
+    RigWeights, Torso, TrainSettings, WEIGHTS, train,
 };
 use glam::DQuat;
 
@@ -210,12 +210,32 @@ fn training_takes_the_chains_out_of_the_body_and_near_the_least_energy() {
 }
 
 #[test]
+fn lanes_of_any_width_predict_the_angles_of_the_network() {
+    let mut random = Random::new(3);
+    let poses: Vec<RigPose<f32>> = (0..200).map(|_| PoseRange::default().draw(&mut random)).collect();
+    // Large weights bring tanh to its ends too.
+    for size in [0.3, 1.0, 4.0] {
+        let weights = (0..WEIGHTS).map(|_| (size * random.signed()) as f32).collect();
+        let network = PoseNetwork::new(weights).unwrap();
+        for simd in Simd::ALL.into_iter().filter(|simd| simd.is_supported()) {
+            let predictor = PosePredictor::new(&network, simd);
+            for pose in &poses {
+                let (found, expected) = (predictor.angles(pose), network.angles(pose));
+                let error = found.iter().zip(&expected).fold(0.0f32, |e, (a, b)| e.max((a - b).abs()));
+                assert!(error < 6e-6 * size as f32, "{simd:?}, {size}: {error}");
+            }
+        }
+    }
+}
+
+#[test]
 #[ignore = "measures time"]
 fn a_pose_takes_at_most_300_ns() {
     let mut random = Random::new(2);
     let poses: Vec<RigPose<f32>> = (0..1000).map(|_| PoseRange::default().draw(&mut random)).collect();
     let settings = TrainSettings { steps: 1, ..Default::default() };
     let network = train(&Rig::example(), &poses, &settings).unwrap();
+    let network = PosePredictor::new(&network, Simd::Auto);
     let best = (0..200).map(|_| {
         let clock = std::time::Instant::now();
         for pose in &poses {

@@ -3,9 +3,11 @@
 use std::time::Instant;
 
 use forelock::{Observer, Progress};
+use forelock_core::lane::Simd;
 use forelock_neural::random::Random;
 use forelock_neural::rigged::{
-    ANGLES, Angles, MULTIPLY_ADDS, PoseNetwork, PoseRange, Rig, RigPose, TrainSettings, WEIGHTS, train,
+    ANGLES, Angles, MULTIPLY_ADDS, PoseNetwork, PosePredictor, PoseRange, Rig, RigPose, TrainSettings,
+    WEIGHTS, train,
 };
 
 use crate::BenchError;
@@ -40,6 +42,7 @@ fn least(rig: &Rig<f64>, pose: &RigPose<f64>, mut angles: Angles<f64>) -> f64 {
 /// Microseconds a pose, one thread: the least of several passes.
 fn micros(network: &PoseNetwork<f32>, poses: &[RigPose<f32>]) -> f64 {
     let [count, passes] = TIMED;
+    let network = PosePredictor::new(network, Simd::Auto);
     let pass = || {
         let began = Instant::now();
         for pose in poses.iter().cycle().take(count) {

@@ -49,10 +49,16 @@ pub fn apart(a: [f32; 3], b: [f64; 3]) -> f64 {
 /// one step and of the median strand after more, since single strands may fall to either side of a
 /// threshold (a tie breaks or holds, a curl flips).
 pub fn error_of_strands(offsets: &[u32], of_particle: impl Fn(usize) -> f64, steps: u32) -> f64 {
+    let errors = errors_of_strands(offsets, of_particle);
+    if steps == 1 { errors[errors.len() - 1] } else { errors[errors.len() / 2] }
+}
+
+/// The error of each strand's worst particle, in rising order.
+pub fn errors_of_strands(offsets: &[u32], of_particle: impl Fn(usize) -> f64) -> Vec<f64> {
     let of_strand = |ends: &[u32]| (ends[0]..ends[1]).map(|p| of_particle(p as usize)).fold(0.0, f64::max);
     let mut errors: Vec<f64> = offsets.windows(2).map(of_strand).collect();
     errors.sort_by(f64::total_cmp);
-    if steps == 1 { errors[errors.len() - 1] } else { errors[errors.len() / 2] }
+    errors
 }
 
 /// Starts on the CPU that differ from another one by roundings: what differs among them says where

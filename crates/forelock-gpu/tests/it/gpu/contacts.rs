@@ -176,6 +176,13 @@ impl Compared {
             && self.apart[0] < share * self.given[0]
             && self.apart[1] < share * self.given[1] + ROUNDING
     }
+
+    /// The share of what all contacts gave that those which only one backend has may give: a
+    /// contact is there or not by a rounding, and root mean squares go with the root of a number.
+    fn share_of_odd(&self) -> f64 {
+        let [there, here] = self.did.map(|did| did.contacts as f64);
+        ((there - here).abs() / there.max(1.0)).sqrt()
+    }
 }
 
 /// The cases of a comparison.
@@ -194,18 +201,18 @@ fn touch_as_on_the_cpu(cases: &Cases<'_>) {
         let own = Start::new(&solver, None, after).compare(&gpu, [&usual; 2]);
         let [there, here] = own.did.map(|did| did.contacts);
         assert!(there > 1000 && there.abs_diff(here) < 4);
-        assert!(own.given[0] > 0.02 && own.is_within(1e-3));
+        assert!(own.given[0] > 0.02 && own.is_within(1e-3 + own.share_of_odd()));
     }
     let mut start = Start::new(&solver, None, 8);
     for params in cases.params {
         println!("{params:?}");
         let own = start.compare(&gpu, [params; 2]);
-        assert!(own.is_within(2e-3));
+        assert!(own.is_within(2e-3 + own.share_of_odd()));
         assert!(own.did[0].contacts.abs_diff(own.did[1].contacts) < 4);
     }
     for solver in cases.solvers {
-        // One contact may be there or not by a rounding.
-        assert!(Start::new(solver, None, 8).compare(&gpu, [&usual; 2]).is_within(5e-3));
+        let own = Start::new(solver, None, 8).compare(&gpu, [&usual; 2]);
+        assert!(own.is_within(2e-3 + own.share_of_odd()));
     }
     // On the grid two solvers find one pressure, each to its tolerance.
     let grid = GridParams::default();

@@ -83,17 +83,25 @@ fn residual_displacement(start: vec3f, end: vec3f) -> vec3f {
     return residual;
 }
 
-// Adds to a 64-bit sum, lower half first, with the carry to the upper half; the order of additions
-// does not matter.
-fn add_wide(at: u32, x: i32) {
-    if x == 0 {
+// Adds to four 64-bit sums, which begin at `at`: lower halves first, with the carries to the upper
+// halves. The order of additions does not matter, and the four do not wait for each other.
+fn add_wide(at: u32, x: vec4i) {
+    if all(x == vec4i()) {
         return;
     }
-    let low = bitcast<u32>(x);
-    let before = atomicAdd(&table[at], low);
-    let high = select(0u, NOTHING, x < 0) + select(0u, 1u, before + low < before);
-    if high != 0u {
-        atomicAdd(&table[at + 1u], high);
+    let low = bitcast<vec4u>(x);
+    let before = vec4u(
+        atomicAdd(&table[at], low.x),
+        atomicAdd(&table[at + 2u], low.y),
+        atomicAdd(&table[at + 4u], low.z),
+        atomicAdd(&table[at + 6u], low.w),
+    );
+    let carry = select(vec4u(), vec4u(1u), before + low < before);
+    let high = select(vec4u(), vec4u(NOTHING), x < vec4i()) + carry;
+    for (var c = 0u; c < 4u; c++) {
+        if high[c] != 0u {
+            atomicAdd(&table[at + 1u + 2u * c], high[c]);
+        }
     }
 }
 
@@ -106,10 +114,7 @@ struct NodeSums {
 
 fn flush_sums(sum: ptr<function, NodeSums>) {
     for (var corner = 0u; corner < 8u && (*sum).count > 0u; corner++) {
-        let node = 8u * node_of((*sum).first, corner);
-        for (var c = 0u; c < 4u; c++) {
-            add_wide(node + 2u * c, (*sum).nodes[corner][c]);
-        }
+        add_wide(8u * node_of((*sum).first, corner), (*sum).nodes[corner]);
     }
     *sum = NodeSums();
 }

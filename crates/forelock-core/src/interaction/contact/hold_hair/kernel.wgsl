@@ -24,11 +24,12 @@ struct Group {
 
 fn group_of(strand: Strand, i: u32) -> Group {
     var group = Group();
-    let lanes = min(blocks[strand.block].live - strand.lane, GROUP);
-    for (var k = 0u; k < lanes; k++) {
-        let number = number_of(strand, i) + k;
+    let first = number_of(strand, i);
+    let last = min(blocks[strand.block].live - strand.lane, GROUP) - 1u;
+    for (var k = 0u; k < GROUP; k++) {
+        let number = first + min(k, last);
         let change = change_of(number);
-        if any(change != vec3f()) {
+        if k <= last && any(change != vec3f()) {
             group.changes[k] = change;
             group.sum += vec4f(change, 1.0);
             group.middle += 0.5 * (start_of(number) + end_of(number));
@@ -55,10 +56,7 @@ fn sum_changes(@builtin(global_invocation_id) id: vec3u) {
         for (var corner = 0u; corner < 8u; corner++) {
             let w = corner_weight(own.f, corner);
             let share = vec4i(round(w * vec4f(group.sum.xyz * unit, group.sum.w * MEAN_MOTION_UNIT)));
-            let node = 8u * node_of(own.first, corner);
-            for (var c = 0u; c < 4u; c++) {
-                add_wide(node + 2u * c, share[c]);
-            }
+            add_wide(8u * node_of(own.first, corner), share);
         }
     }
 }

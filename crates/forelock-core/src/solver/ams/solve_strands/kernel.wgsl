@@ -118,18 +118,25 @@ fn drag_of(strand: Strand, i: u32, v: vec3f) -> vec4f {
 }
 
 // Mass, air and ghost ties of row i.
-fn tie_to_ghost(strand: Strand, i: u32, x: vec3f, ghost: Ghost, kappas: vec2f, window: ptr<function, Window>) {
-    let v = velocity_at(strand, i);
+fn tie_to_ghost(
+    strand: Strand,
+    i: u32,
+    x: vec3f,
+    inputs: Inputs,
+    ghost: Ghost,
+    kappas: vec2f,
+    window: ptr<function, Window>,
+) {
+    let v = inputs.velocity;
     let drag = drag_of(strand, i, v);
     let mass = mass_at(strand, i);
     (*window).d0.d += mass + drag.w;
     (*window).b0 += mass * (v + frame.h * frame.gravity) + drag.w * drag.xyz;
     if frame.k_integrity > 0.0 {
-        let at = entry(strand, i, 2u, 0u);
-        var intact = memory[at];
+        var intact = inputs.intact;
         if has(NON_HOOKEAN) {
             intact = damaged(intact, x - ghost.y, strand_length(strand));
-            memory[at] = intact;
+            memory[entry(strand, i, 2u, 0u)] = intact;
         }
         let pull = ghost.y - x;
         let kappa = kappas.x * intact;
@@ -366,6 +373,36 @@ fn advance_window(window: ptr<function, Window>) {
     (*window).b3 = vec3f();
 }
 
+// What row i of the system takes from memory, besides positions that rows before it took.
+struct Inputs {
+    // The position of particle i + 3 and the rest position of i + 1, or of the tip.
+    x: vec3f,
+    rest: vec3f,
+    // Rest lengths to the next three particles, and one over the first of them.
+    lengths: vec3f,
+    inverse_edge: f32,
+    velocity: vec3f,
+    // The intact share of the tie.
+    intact: f32,
+}
+
+// The inputs of row i, or of the last row.
+fn inputs_of(strand: Strand, i: u32) -> Inputs {
+    let tip = strand.particles - 1u;
+    let own = min(i, tip);
+    let at = entry(strand, own, MODEL_ROWS, 3u);
+    return Inputs(
+        moved_position(strand, min(i + 3u, tip)),
+        rest_at(strand, min(i + 1u, tip)),
+        vec3f(model[at], model[at + LANES], model[at + 2u * LANES]),
+        model[at + 3u * LANES],
+        velocity_at(strand, own),
+        memory[entry(strand, own, 2u, 0u)],
+    );
+}
+
+// The rows are read one ahead: a device hides the wait for memory behind the elimination, which it
+// may not do by itself, for what is written might be what is read next.
 @compute @workgroup_size(WORKGROUP)
 fn solve_strands(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
@@ -377,26 +414,35 @@ fn solve_strands(@builtin(global_invocation_id) id: vec3u) {
     let stiffness = strand_stiffness(strand);
     var window: Window;
     var ghost = ghost_of(strand, rest_at(strand, 0u));
+    var inputs = inputs_of(strand, 0u);
+    var x0 = moved_position(strand, 0u);
+    var x1 = moved_position(strand, min(1u, n - 1u));
+    var x2 = moved_position(strand, min(2u, n - 1u));
     for (var i = 0u; i < n; i++) {
+        let own = inputs;
+        inputs = inputs_of(strand, i + 1u);
         let fraction = f32(i) / f32(n - 1u);
         let scales = (1.0 + (frame.tip_scales - 1.0) * fraction) * stiffness;
-        let x = moved_position(strand, i);
         let is_free = i >= clamped;
         if is_free {
             let kappas = vec2f(frame.k_integrity * scales.y, frame.k_angular * scales.z);
-            tie_to_ghost(strand, i, x, ghost, kappas, &window);
+            tie_to_ghost(strand, i, x0, own, ghost, kappas, &window);
         }
-        let next = ghost_of(strand, rest_at(strand, min(i + 1u, n - 1u)));
-        for (var reach = 1u; reach <= 3u; reach++) {
-            let j = i + reach;
-            if j < n && j >= clamped {
-                let d = moved_position(strand, j) - x;
-                var added = spring(frame.k_springs[reach - 1u] * scales.x, d, rest_length(strand, i, reach));
-                if reach == 1u && has(ANGULAR_EDGE) {
-                    add_couple(&added, frame.k_angular * scales.z, d, inverse_rest_edge(strand, i), ghost, next);
-                }
-                add_spring(&window, reach, is_free, ghost.w, added);
+        let next = ghost_of(strand, own.rest);
+        let kappas = frame.k_springs * scales.x;
+        if i + 1u < n && i + 1u >= clamped {
+            let d = x1 - x0;
+            var edge = spring(kappas.x, d, own.lengths.x);
+            if has(ANGULAR_EDGE) {
+                add_couple(&edge, frame.k_angular * scales.z, d, own.inverse_edge, ghost, next);
             }
+            add_spring(&window, 1u, is_free, ghost.w, edge);
+        }
+        if i + 2u < n && i + 2u >= clamped {
+            add_spring(&window, 2u, is_free, ghost.w, spring(kappas.y, x2 - x0, own.lengths.y));
+        }
+        if i + 3u < n && i + 3u >= clamped {
+            add_spring(&window, 3u, is_free, ghost.w, spring(kappas.z, own.x - x0, own.lengths.z));
         }
         if frame.k_altitude > 0.0 && i + 3u < n {
             add_altitude(strand, i, frame.k_altitude * scales.x, &window);
@@ -408,6 +454,9 @@ fn solve_strands(@builtin(global_invocation_id) id: vec3u) {
         }
         advance_window(&window);
         ghost = next;
+        x0 = x1;
+        x1 = x2;
+        x2 = own.x;
     }
     var v1 = vec3f();
     var v2 = vec3f();
