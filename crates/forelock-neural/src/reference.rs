@@ -10,7 +10,9 @@
 //! # Practice
 //! Newton's method with the Hessian of finite differences of the gradient, kept while it still
 //! reduces the gradient tenfold an iteration, and a backtracking line search. An indefinite Hessian
-//! is shifted until it has Cholesky factors.
+//! is shifted until it has Cholesky factors. A search begins where the velocities of the frame
+//! before lead; that folds short strands, which are stiffer than they are heavy. If it does not
+//! converge it begins again from the shape of the frame before, and from that at rest.
 
 use crate::losses::body::{Body, BodyTerms, body};
 use crate::losses::elastic::{ElasticTerms, RestStrand, elastic};
@@ -23,7 +25,9 @@ use forelock_core::lane::V3;
 const UNKNOWNS: usize = 3 * EDGES;
 /// The gradient below which the least is found, g cm s⁻².
 const CONVERGED: f64 = 1e-8;
-/// Most iterations of a frame.
+/// The gradient below which a search that stops counts as having found it, g cm s⁻².
+const NEARLY: f64 = 1e-5;
+/// Most iterations of a search.
 const MOST_ITERATIONS: usize = 200;
 /// Step of the finite differences, cm.
 const STEP: f64 = 1e-6;
@@ -47,6 +51,14 @@ struct Frame<'a, B: ?Sized> {
     body: &'a B,
 }
 
+/// Where a search has ended.
+struct Found {
+    x: Strand<f64>,
+    energy: f64,
+    /// The largest component of the gradient there.
+    slope: f64,
+}
+
 impl<B: Body<f64> + ?Sized> Frame<'_, B> {
     /// The energy at `x`, and its gradient.
     fn energy(&self, x: &Strand<f64>) -> (f64, [f64; UNKNOWNS]) {
@@ -57,8 +69,8 @@ impl<B: Body<f64> + ?Sized> Frame<'_, B> {
         (energy, std::array::from_fn(|k| by_x[1 + k / 3].0[k % 3]))
     }
 
-    /// The least of the energy, found from `x`.
-    fn least(&self, mut x: Strand<f64>) -> Strand<f64> {
+    /// The least of the energy that Newton's method finds from `x`.
+    fn least(&self, mut x: Strand<f64>) -> Found {
         let (mut energy, mut gradient) = self.energy(&x);
         let mut factors: Option<Vec<[f64; UNKNOWNS]>> = None;
         for _ in 0..MOST_ITERATIONS {
@@ -97,7 +109,24 @@ impl<B: Body<f64> + ?Sized> Frame<'_, B> {
                 factors = None;
             }
         }
-        x
+        Found { x, energy, slope: largest(&gradient) }
+    }
+
+    /// The least of the energy, found from the first of `starts` from which the search converges;
+    /// otherwise the lowest that is found from any of them.
+    fn least_from<const N: usize>(&self, starts: [Strand<f64>; N]) -> Strand<f64> {
+        let mut best: Option<Found> = None;
+        for start in starts {
+            let found = self.least(start);
+            let is_found = found.slope < NEARLY;
+            if best.as_ref().is_none_or(|best| is_found || found.energy < best.energy) {
+                best = Some(found);
+            }
+            if is_found {
+                break;
+            }
+        }
+        best.map_or(zero(), |best| best.x)
     }
 
     /// The Hessian at `x`, where the gradient is `at`.
@@ -186,14 +215,14 @@ pub fn motion<B: Body<f64>>(
     for (place, body) in places.iter().zip(bodies) {
         if found.is_empty() {
             let inertial = Inertial { place: *place, before: [&before[0], &before[1]] };
-            let drape = Frame { terms: &still, rest: &at_rest, inertial, body }.least(*rest);
+            let drape = Frame { terms: &still, rest: &at_rest, inertial, body }.least_from([*rest]);
             before = [place.world(&drape); 2];
         }
-        // On at the velocity of the frame before.
-        let mut start = canonical(place, &before);
-        start[0] = rest[0];
+        let mut on = canonical(place, &before);
+        on[0] = rest[0];
         let inertial = Inertial { place: *place, before: [&before[0], &before[1]] };
-        let x = Frame { terms, rest: &at_rest, inertial, body }.least(start);
+        let along = found.last().copied().unwrap_or(*rest);
+        let x = Frame { terms, rest: &at_rest, inertial, body }.least_from([on, along, *rest]);
         before = [place.world(&x), before[0]];
         found.push(x);
     }
