@@ -136,7 +136,7 @@ struct Known {
 }
 
 /// The figures of all papers.
-const FIGURES: [Known; 19] = {
+const FIGURES: [Known; 20] = {
     use PaperFigure::{Guides, Learned, Study, Variants, Volume};
     use WhichPaper::{Ams, Dftl, Neuralocks};
     const fn of(paper: WhichPaper, name: &'static str, figure: PaperFigure, shows: &'static str) -> Known {
@@ -154,6 +154,7 @@ const FIGURES: [Known; 19] = {
         of(Neuralocks, "1", Learned(NeuralFigure::Styles), "one model moves several styles"),
         of(Neuralocks, "3", Learned(NeuralFigure::Style), "the energy of the style (trains)"),
         of(Neuralocks, "4", Learned(NeuralFigure::Adhesion), "rising adhesion (trains)"),
+        of(Neuralocks, "5", Learned(NeuralFigure::Supervised), "beside training on drapes (trains)"),
         of(Neuralocks, "6", Learned(NeuralFigure::Locks), "without and with codes of locks (trains)"),
         of(Neuralocks, "7", Learned(NeuralFigure::Transport), "frames carried along a strand"),
         of(Neuralocks, "8", Learned(NeuralFigure::Rigged), "a tiny network for hair on a rig"),

@@ -401,6 +401,18 @@ struct OfRow<'a> {
     between: &'a [Between],
 }
 
+/// Strands in lanes.
+#[inline(always)]
+fn load<L: Lane<Scalar = f32>>(strands: &[[[f32; 3]; PARTICLES]]) -> Strand<L> {
+    let mut x: Strand<L> = zero();
+    for (lane, strand) in strands.iter().enumerate() {
+        for (x, own) in x.iter_mut().zip(strand) {
+            x.set(lane, *own);
+        }
+    }
+    x
+}
+
 /// The share of sixteen strands in the mean of a batch; the outputs at each moment are replaced by
 /// the gradient with respect to them.
 #[inline(always)]
@@ -443,7 +455,12 @@ fn energies<L: Lane<Scalar = f32>>(
         let mut by_x = [zero::<L>(); MOMENTS];
         let (at_rest, shape) = (&at_rest, &shape);
         let neighbours = Neighbours { moments: between, first: row * LANES % STRANDS + first };
-        let window = Window { goal, at_rest, shape, places: &places, bodies: &bodies, neighbours };
+        let drapes = drawn.drape.zip(step.set.drapes.as_ref()).map(|(number, drapes)| {
+            let strand = row * LANES % STRANDS + first;
+            drapes.of(number).each_ref().map(|moment| load::<L>(&moment[strand..][..L::WIDTH]))
+        });
+        let drapes = drapes.as_ref();
+        let window = Window { goal, at_rest, shape, places: &places, bodies: &bodies, neighbours, drapes };
         let energy = window.energy(&x, &mut by_x);
         for lane in 0..L::WIDTH {
             sum += f64::from(energy.get(lane)) * mean;

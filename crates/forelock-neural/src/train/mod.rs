@@ -26,6 +26,7 @@ pub(crate) mod adam;
 mod between;
 mod checkpoint;
 mod compliance;
+mod drapes;
 mod gradient;
 pub(crate) mod layers;
 pub mod motions;
@@ -33,6 +34,7 @@ mod set;
 mod window;
 
 pub use checkpoint::{CheckpointError, Resumed};
+pub use drapes::WINDOWS as DRAPED;
 pub use set::{Bust, Clip, Frame, SetError, TrainingSet, TrainingStrand, clip, shared};
 pub use window::Objective;
 
@@ -234,11 +236,15 @@ impl Trainer {
     }
 
     /// Prepares `set` for this training: neighbouring strands are found once, and inputs that the
-    /// network does not see are set to 0.
+    /// network does not see are set to 0. For [`Objective::Drapes`] the drapes are computed: a minute
+    /// or so.
     pub fn prepare(&self, set: &mut TrainingSet) {
         set.prepare(&self.options.energies);
         if !self.options.lock_codes {
             set.hide_lock_codes();
+        }
+        if self.options.objective == Objective::Drapes {
+            set.drape(&self.options.energies, self.options.seed, DRAPED);
         }
     }
 

@@ -1,5 +1,6 @@
 //! What a training draws from: strands, and frames of motions.
 
+use super::drapes::Drapes;
 use super::{Energies, FRAMES, MOMENTS, STRANDS};
 use crate::PARTICLES;
 use crate::features::{
@@ -145,6 +146,8 @@ pub struct TrainingSet {
     kinds: Vec<usize>,
     /// Bonds of each kind; none without adhesion.
     pub(super) adhesion: Vec<Adhesion<f32>>,
+    /// The drapes of all windows that are drawn, in a training by squared error.
+    pub(super) drapes: Option<Drapes>,
     /// The number of windows before each motion.
     before: Vec<usize>,
     windows: usize,
@@ -156,6 +159,8 @@ pub(super) struct Drawn {
     pub clip: usize,
     pub frame: usize,
     pub strands: [usize; STRANDS],
+    /// The number of its drapes, if it has some.
+    pub drape: Option<usize>,
 }
 
 impl TrainingSet {
@@ -211,7 +216,7 @@ impl TrainingSet {
         if clips.is_empty() {
             return Err(SetError::NoMotions);
         }
-        Ok(Self { strands, clips, field, kinds, adhesion: Vec::new(), before, windows })
+        Ok(Self { strands, clips, field, kinds, adhesion: Vec::new(), drapes: None, before, windows })
     }
 
     /// Sets the codes of locks to 0.
@@ -233,8 +238,17 @@ impl TrainingSet {
         });
     }
 
-    /// The frames and strands of a step: random strands, or those that are next to each other.
+    /// Computes the drapes of `count` windows, which alone are drawn from then on.
+    pub(super) fn drape(&mut self, energies: &Energies, seed: u64, count: usize) {
+        self.drapes = None;
+        self.drapes = Some(Drapes::new(self, energies, seed, count));
+    }
+
+    /// The frames and strands of a step: draped ones, random strands, or those that are next to each other.
     pub(super) fn draw(&self, random: &mut Random, are_neighbours: bool) -> [Drawn; FRAMES] {
+        if let Some(drapes) = &self.drapes {
+            return std::array::from_fn(|_| drapes.draw(random));
+        }
         std::array::from_fn(|_| {
             let at = random.below(self.windows);
             let clip = self.before.partition_point(|before| *before <= at) - 1;
@@ -247,7 +261,7 @@ impl TrainingSet {
             } else {
                 std::array::from_fn(|_| random.below(self.strands.len()))
             };
-            Drawn { clip, frame: at - self.before[clip] + (MOMENTS - 1), strands }
+            Drawn { clip, frame: at - self.before[clip] + (MOMENTS - 1), strands, drape: None }
         })
     }
 

@@ -49,10 +49,21 @@ fn the_gradient_of_a_batch_agrees_with_finite_differences() {
     agrees(OutputHead::Displacement, true, Energies { adhesion, ..alone });
 }
 
+#[test]
+fn the_gradient_of_the_squared_error_agrees_with_finite_differences() {
+    let mut set = set();
+    set.drape(&Energies::default(), 1, 2);
+    agrees_on(&set, OutputHead::Rotation, false, Energies::default());
+}
+
 /// Of a network with this head, with or without a history.
-fn agrees(head: OutputHead, has_history: bool, mut energies: Energies) {
+fn agrees(head: OutputHead, has_history: bool, energies: Energies) {
     let mut set = set();
     set.prepare(&energies);
+    agrees_on(&set, head, has_history, energies);
+}
+
+fn agrees_on(set: &TrainingSet, head: OutputHead, has_history: bool, mut energies: Energies) {
     let mut options = Options { head, ..Options::default() };
     options.energies.motion.is_dynamic = has_history;
     let mut trainer = Trainer::new(options);
@@ -68,7 +79,7 @@ fn agrees(head: OutputHead, has_history: bool, mut energies: Energies) {
     let mut energy = |network: &Network<f32>| {
         let basis = basis(100.0, 1e-4, 1.0 / 30.0);
         let goal = Goal { energies, objective: Objective::Residual, head };
-        let energy = workspace.gradient(simd, network, &basis, &goal, &Batch { set: &set, drawn: &batch });
+        let energy = workspace.gradient(simd, network, &basis, &goal, &Batch { set, drawn: &batch });
         (energy, workspace.found().to_vec())
     };
     let (_, gradient) = energy(&trainer.network);
@@ -117,6 +128,48 @@ fn one_seed_gives_one_network_whatever_the_threads() {
             .zip(&three)
             .all(|((a, b), c)| a.to_bits() == b.to_bits() && a.to_bits() == c.to_bits())
     );
+}
+
+/// Half the mean square of the distances of a strand's particles from a drape.
+fn error(x: &[[f32; 3]; PARTICLES], drape: &[[f32; 3]; PARTICLES]) -> f64 {
+    let square = |(a, b): (&f32, &f32)| f64::from(a - b).powi(2);
+    let sum: f64 = x.as_flattened().iter().zip(drape.as_flattened()).map(square).sum();
+    0.5 * sum / PARTICLES as f64
+}
+
+#[test]
+fn squared_error_falls_from_that_of_the_shape_at_rest_whatever_the_threads() {
+    const STEPS: u32 = 60;
+    let mut options = Options { steps: STEPS, rate: 3e-3, objective: Objective::Drapes, ..Options::default() };
+    options.energies.motion.is_dynamic = false;
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let mut set = set();
+            set.drape(&options.energies, options.seed, 2);
+            let mut trainer = Trainer::new(options);
+            let errors: Vec<f64> = (0..STEPS).map(|_| trainer.step(&set).unwrap().energy).collect();
+            (set, errors, trainer.average().parameters().to_vec())
+        })
+    };
+    let (set, errors, one) = run(1);
+    // The network begins at the shape at rest.
+    let drapes = set.drapes.as_ref().unwrap();
+    let windows: Vec<f64> = (0..2)
+        .map(|window| {
+            let strands = drapes.strands(window);
+            let all = drapes.of(window).iter().flat_map(|moment| moment.iter().zip(strands));
+            let count = (MOMENTS * STRANDS) as f64;
+            all.map(|(drape, strand)| error(&set.strands[strand].rest, drape)).sum::<f64>() / count
+        })
+        .collect();
+    let [least, most] = [f64::min, f64::max].map(|of| windows.iter().copied().reduce(of).unwrap());
+    assert!(least > 0.01, "strands sag: {windows:?}");
+    assert!(errors[0] > 0.9 * least && errors[0] < 1.1 * most, "{} of {windows:?}", errors[0]);
+    let last = errors[errors.len() - 5..].iter().sum::<f64>() / 5.0;
+    assert!(last < 0.5 * least, "{last} of {windows:?}");
+    let (_, _, two) = run(2);
+    assert!(one.iter().zip(&two).all(|(a, b)| a.to_bits() == b.to_bits()));
 }
 
 #[test]

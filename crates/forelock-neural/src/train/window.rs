@@ -29,6 +29,7 @@
 
 use super::between::Between;
 use super::compliance::compliance;
+use super::drapes::squared_error;
 use super::set::Bust;
 use super::{Energies, MOMENTS, STRANDS};
 use crate::PARTICLES;
@@ -53,6 +54,9 @@ pub enum Objective {
     Residual,
     /// The least energy of a step from the frames before, which are held: the paper's.
     Step,
+    /// The least squared error beside static drapes, for comparison: GroomGen's. For networks
+    /// without a history.
+    Drapes,
 }
 
 /// What a step of the training lowers.
@@ -83,6 +87,8 @@ pub(super) struct Window<'a, L> {
     pub places: &'a [Place<L>; MOMENTS],
     pub bodies: &'a [Bust<'a>; MOMENTS],
     pub neighbours: Neighbours<'a>,
+    /// What strands should be, in a training by squared error.
+    pub drapes: Option<&'a Strands<L>>,
 }
 
 /// What neighbouring strands do to those in the lanes.
@@ -123,6 +129,12 @@ impl<L: Lane> Window<'_, L> {
     pub(super) fn energy(&self, x: &Strands<L>, by: &mut Strands<L>) -> L {
         let is_dynamic = self.goal.energies.motion.is_dynamic;
         let mut sum = L::zero();
+        if let Some(drapes) = self.drapes {
+            for ago in 0..self.goal.samples() {
+                sum += squared_error(&x[ago], &drapes[ago], &mut by[ago]);
+            }
+            return sum;
+        }
         for ago in 0..self.goal.samples() {
             if is_dynamic && self.goal.objective == Objective::Residual {
                 sum += self.residual(x, ago, by);
@@ -225,6 +237,7 @@ mod tests {
             places: &places,
             bodies: &bodies,
             neighbours: Neighbours { moments: &[], first: 0 },
+            drapes: None,
         };
         let terms = &energies.motion;
         let residual = |x: &Strands<f64>| {

@@ -11,7 +11,9 @@ use forelock_io::{Lock, atomic_write};
 use forelock_neural::model::{Model, ModelInfo, OutputHead};
 use forelock_neural::network::Network;
 use forelock_neural::network::inference::Predictor;
-use forelock_neural::train::{Options, Resumed, Trainer, TrainingSet};
+use forelock_neural::train::{
+    DRAPED, MOMENTS, Objective, Options, Resumed, STRANDS as SET_STRANDS, Trainer, TrainingSet,
+};
 use forelock_neural::trial::{Score, Trial};
 use serde::{Deserialize, Serialize};
 
@@ -143,6 +145,10 @@ pub fn train(
     let clips = motions(config, Use::Training)?;
     let sizes = [strands.len(), clips.len()];
     let mut set = TrainingSet::new(strands, &counts, clips, hair.field.clone())?;
+    if config.method.objective == Objective::Drapes {
+        let drapes = DRAPED * MOMENTS * SET_STRANDS;
+        observer(&Progress::Note(&format!("computing {drapes} drapes to train on")));
+    }
     resumed.0.trainer.prepare(&mut set);
     let own = &config.options().energies;
     let coded = Coded { encoder: &codes.encoder, deviation: codes.deviation };

@@ -24,6 +24,8 @@ const SHOWN: f64 = 3000.0;
 const FRAMES: [u32; 2] = [40, 100];
 
 const FULL: Variant = Variant { name: "full", label: "full", keys: &[] };
+pub(super) const QUASI_STATIC: Variant =
+    Variant { name: "quasi-static", label: "ours, quasi-static", keys: &["method.kind=quasi-static"] };
 const NO_LOCKS: Variant =
     Variant { name: "no-locks", label: "no lock codes", keys: &["method.lock_codes=false"] };
 const ADHESION: Variant = Variant { name: "adhesion", label: "+ adhesion", keys: &["energies.adhesion=2"] };
@@ -35,7 +37,7 @@ const ALL: [Variant; 14] = [
     Variant { name: "no-body", label: "no body", keys: &["energies.body=0"] },
     Variant { name: "no-drag", label: "no drag", keys: &["energies.drag=0"] },
     Variant { name: "no-drape", label: "no warm start", keys: &["steps.drape=0"] },
-    Variant { name: "quasi-static", label: "no inertia, no history", keys: &["method.kind=quasi-static"] },
+    Variant { label: "no inertia, no history", ..QUASI_STATIC },
     NO_LOCKS,
     Variant { name: "direct", label: "direct transport", keys: &["method.transport=direct"] },
     Variant { name: "step", label: "energy of a step", keys: &["method.objective=step"] },
@@ -59,7 +61,7 @@ const ALL: [Variant; 14] = [
 ];
 
 /// Trains `variants`.
-fn train(
+pub(super) fn train(
     variants: &[Variant],
     options: &NeuralOptions,
     observer: &mut Observer<'_>,
@@ -68,7 +70,7 @@ fn train(
 }
 
 /// The measures of all of `trained`, whose first has the full energies.
-fn scores(
+pub(super) fn scores(
     trained: &[Trained],
     options: &NeuralOptions,
     observer: &mut Observer<'_>,
@@ -84,10 +86,10 @@ fn scores(
 }
 
 /// Hair in a run, frame by frame: positions on the head in its axes, metres.
-type Course = Vec<Vec<Vec3>>;
+pub(super) type Course = Vec<Vec<Vec3>>;
 
 /// Runs `preset` with each of `trained` for pictures, and gives all frames to `each`.
-fn show(
+pub(super) fn show(
     trained: &[Trained],
     preset: &str,
     options: &NeuralOptions,
@@ -116,7 +118,7 @@ fn show(
     Ok(Strip { name: "variants", title, image: labelled(&pictures, 4)? })
 }
 
-fn steps(options: &NeuralOptions) -> String {
+pub(super) fn steps(options: &NeuralOptions) -> String {
     format!("Each variant was trained for {} steps from the same seed.", options.steps)
 }
 

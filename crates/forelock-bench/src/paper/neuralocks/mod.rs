@@ -13,6 +13,7 @@
 //! built-in head and generated motions. Times are ours on this machine, and the paper's as printed.
 
 mod ablations;
+mod comparators;
 mod drapes;
 mod models;
 mod rigged;
@@ -49,6 +50,8 @@ pub enum NeuralFigure {
     Style,
     /// Fig. 4: rising adhesion.
     Adhesion,
+    /// Fig. 5: beside a network that is trained on drapes, as GroomGen's is.
+    Supervised,
     /// Fig. 6: codes of locks.
     Locks,
     /// Fig. 7: transports of the frame along a strand.
@@ -77,6 +80,7 @@ impl NeuralFigure {
             Self::Styles => strips::styles(options, observer),
             Self::Style => ablations::style(options, observer),
             Self::Adhesion => ablations::adhesion(options, observer),
+            Self::Supervised => comparators::supervised(options, observer),
             Self::Locks => ablations::locks(options, observer),
             Self::Transport => drapes::transport(options, observer),
             Self::Rigged => rigged::study(observer),
