@@ -9,6 +9,7 @@
 pub mod codes;
 pub mod features;
 pub mod losses;
+pub mod map;
 pub mod measures;
 pub mod model;
 pub mod network;

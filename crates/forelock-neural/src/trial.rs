@@ -155,16 +155,29 @@ impl Trial {
     /// [`MeasureError`] if a prediction is not finite, a motion too short, or there are not as many
     /// inputs as strands.
     pub fn run_with(&self, predictor: &Predictor, statics: &[f32]) -> Result<Vec<Score>, MeasureError> {
-        let mut scores = vec![Vec::new(); self.counts.len()];
         let (found, particles) = (self.rest.len() * PARTICLES, PARTICLES);
         let prepared = predictor.prepare(&self.rest, statics);
         let prepared = prepared.map_err(|_| MeasureError::Rest { found, particles })?;
+        self.run_by(&mut |inputs, found| {
+            // A quasi-static network has no history.
+            predictor.predict(&prepared, &inputs[..predictor.shared_inputs()], found);
+        })
+    }
+
+    /// The score of each kind of strands that `predict` places, given all inputs of a frame,
+    /// `[682]`: cm, canonical space.
+    ///
+    /// # Errors
+    /// [`MeasureError`] if a position is not finite, or a motion too short.
+    pub fn run_by(
+        &self,
+        predict: &mut dyn FnMut(&[f32], &mut [Positions]),
+    ) -> Result<Vec<Score>, MeasureError> {
+        let mut scores = vec![Vec::new(); self.counts.len()];
         for (clip, reference) in self.clips.iter().zip(&self.references) {
             let mut found = vec![vec![[[0.0; 3]; PARTICLES]; self.rest.len()]; clip.len()];
             for (frame, found) in found.iter_mut().enumerate() {
-                // A quasi-static network has no history.
-                let inputs: Vec<f32> = shared(clip, frame).take(predictor.shared_inputs()).collect();
-                predictor.predict(&prepared, &inputs, found);
+                predict(&shared(clip, frame).collect::<Vec<f32>>(), found);
             }
             let mut first = 0;
             for (count, scores) in self.counts.iter().zip(&mut scores) {

@@ -136,7 +136,7 @@ struct Known {
 }
 
 /// The figures of all papers.
-const FIGURES: [Known; 20] = {
+const FIGURES: [Known; 21] = {
     use PaperFigure::{Guides, Learned, Study, Variants, Volume};
     use WhichPaper::{Ams, Dftl, Neuralocks};
     const fn of(paper: WhichPaper, name: &'static str, figure: PaperFigure, shows: &'static str) -> Known {
@@ -161,6 +161,7 @@ const FIGURES: [Known; 20] = {
         of(Neuralocks, "9", Learned(NeuralFigure::Xpbd), "the network beside XPBD and AMS"),
         of(Neuralocks, "10", Learned(NeuralFigure::Generalisation), "3,000 and 120,000 strands"),
         of(Neuralocks, "11", Learned(NeuralFigure::Stiffness), "stiffness, beside an older energy"),
+        of(Neuralocks, "12", Learned(NeuralFigure::Map), "beside a network for a whole groom (trains)"),
         of(Neuralocks, "13", Learned(NeuralFigure::Unseen), "grooms that were not trained"),
         of(Neuralocks, "ablations", Learned(NeuralFigure::Ablations), "what each part is worth (trains)"),
     ]

@@ -127,7 +127,7 @@ impl Predictor {
         let mut own = Strands {
             count: rest.len(),
             sums: vec![Row::zeroed(); packets * width * TILE_ROWS],
-            rest: vec![Row::zeroed(); packets * TILE_ROWS * 3 * PARTICLES],
+            rest: edges_at_rest(rest),
         };
         let [matrix, _, bias, ..] = self.network.parts();
         own.sums.par_chunks_exact_mut(width * TILE_ROWS).enumerate().for_each(|(packet, sums)| {
@@ -136,15 +136,6 @@ impl Predictor {
             let factors = Factors { a: matrix, columns: width, b: &packed };
             product(self.simd, factors, Start::Bias(bias), sums);
         });
-        for (s, x) in rest.iter().enumerate() {
-            let rows = &mut own.rest[s / LANES * 3 * PARTICLES..][..3 * PARTICLES];
-            for i in 0..PARTICLES {
-                for c in 0..3 {
-                    let before = if i > 0 { x[i - 1][c] } else { 0.0 };
-                    rows[3 * i + c].0[s % LANES] = x[i][c] - before;
-                }
-            }
-        }
         Ok(own)
     }
 
@@ -195,6 +186,23 @@ impl Predictor {
     }
 }
 
+/// Roots and edges of strands at rest, whole packets, a row of strands after the other: `[25, 3]`
+/// rows.
+pub(crate) fn edges_at_rest(rest: &[Positions]) -> Rows {
+    let packets = rest.len().div_ceil(PACKET);
+    let mut own = vec![Row::zeroed(); packets * TILE_ROWS * 3 * PARTICLES];
+    for (s, x) in rest.iter().enumerate() {
+        let rows = &mut own[s / LANES * 3 * PARTICLES..][..3 * PARTICLES];
+        for i in 0..PARTICLES {
+            for c in 0..3 {
+                let before = if i > 0 { x[i - 1][c] } else { 0.0 };
+                rows[3 * i + c].0[s % LANES] = x[i][c] - before;
+            }
+        }
+    }
+    own
+}
+
 /// Activations of a packet: rows of 64 strands.
 #[derive(Debug)]
 pub(super) struct Activations {
@@ -211,18 +219,18 @@ impl Activations {
 
 /// What the positions of up to 16 strands, a row of a packet, follow from.
 #[derive(Debug)]
-struct HeadRow<'a> {
-    head: OutputHead,
+pub(crate) struct HeadRow<'a> {
+    pub head: OutputHead,
     /// Roots and edges at rest.
-    rest: &'a [Row<f32>],
+    pub rest: &'a [Row<f32>],
     /// The network's outputs of the packet.
-    outputs: &'a [Row<f32>],
+    pub outputs: &'a [Row<f32>],
     /// Which row of the packet they are.
-    row: usize,
+    pub row: usize,
 }
 
 /// The positions of `strands`.
-fn place(simd: Simd, strands: &HeadRow<'_>, out: &mut [Positions]) {
+pub(crate) fn place(simd: Simd, strands: &HeadRow<'_>, out: &mut [Positions]) {
     let run = on!(simd, place_lanes(strands: &HeadRow<'_>, out: &mut [Positions]));
     // SAFETY: `Predictor::displacing` has checked that the instruction set is supported.
     #[allow(unused_unsafe, clippy::allow_attributes, reason = "only instantiations with features are unsafe")]

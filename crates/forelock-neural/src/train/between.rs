@@ -17,7 +17,7 @@ pub(super) struct Neighbourhood {
 
 /// What neighbouring strands do to each other, particle by particle: `[32 × 25]`.
 #[derive(Clone, Debug)]
-pub(super) struct Between {
+pub(crate) struct Between {
     pub gradient: Vec<[f32; 3]>,
     /// What holds each particle.
     pub stiffness: Vec<f32>,

@@ -229,7 +229,7 @@ impl Folded {
 }
 
 /// The gradient with respect to o from that with respect to u = ½ B o.
-fn unfold(by: &mut [f32], basis: &Basis) {
+pub(crate) fn unfold(by: &mut [f32], basis: &Basis) {
     let mut sums = [[0.0; 3]; EDGES];
     for (row, by) in basis.iter().zip(by.chunks_exact(3)) {
         for (sum, weight) in sums.iter_mut().zip(row) {
@@ -286,20 +286,13 @@ impl Step<'_> {
             self.layers(number, ago, buffers);
         }
         buffers.energy = 0.0;
-        let simd = self.simd;
+        let aims = Aims { simd: self.simd, goal: self.goal, set: self.set, strands: BATCH };
         let between = self.between(drawn, &rest, buffers);
         let mut outputs = buffers.moments.each_mut().map(|moment| moment.outputs.as_mut_slice());
         for (row, rest) in rest.chunks_exact(LANES).enumerate() {
             let frame = row * LANES / STRANDS;
             let of_row = OfRow { drawn: &drawn[frame], rest, row, between: &between[frame] };
-            let run = on!(simd, energies(step: &Step<'_>, of_row: &OfRow<'_>, outputs: &mut [&mut [Row<f32>]; MOMENTS]) -> f64);
-            // SAFETY: `Trainer::new` has checked that the instruction set is supported.
-            #[allow(
-                unused_unsafe,
-                clippy::allow_attributes,
-                reason = "only instantiations with features are unsafe"
-            )]
-            let energy = unsafe { run(self, &of_row, &mut outputs) };
+            let energy = aims.row(&of_row, &mut outputs);
             buffers.energy += energy;
         }
         self.back(buffers);
@@ -391,14 +384,45 @@ impl Step<'_> {
     }
 }
 
+/// What the strands of a step are to do.
+#[derive(Clone, Copy)]
+pub(crate) struct Aims<'a> {
+    /// An instruction set that this processor supports.
+    pub simd: Simd,
+    pub goal: &'a Goal,
+    pub set: &'a TrainingSet,
+    /// Strands of all windows of the step.
+    pub strands: usize,
+}
+
 /// Sixteen strands of a frame.
-struct OfRow<'a> {
-    drawn: &'a Drawn,
-    rest: &'a [&'a [[f32; 3]; PARTICLES]],
+pub(crate) struct OfRow<'a> {
+    /// The clip, the frame and the number of the drapes; not the strands.
+    pub drawn: &'a Drawn,
+    /// The strands at rest.
+    pub rest: &'a [&'a [[f32; 3]; PARTICLES]],
     /// The row in a packet.
-    row: usize,
+    pub row: usize,
     /// What the strands of the frame do to each other, at each moment; may be empty.
-    between: &'a [Between],
+    pub between: &'a [Between],
+}
+
+impl Aims<'_> {
+    /// The share of sixteen strands in the mean of a step; the outputs at each moment, rows of 64
+    /// strands, are replaced by the gradient with respect to them.
+    pub(crate) fn row(&self, of_row: &OfRow<'_>, outputs: &mut [&mut [Row<f32>]; MOMENTS]) -> f64 {
+        let simd = self.simd;
+        let run = on!(simd, energies(aims: &Aims<'_>, of_row: &OfRow<'_>, outputs: &mut [&mut [Row<f32>]; MOMENTS]) -> f64);
+        // SAFETY: trainers have checked that the instruction set is supported.
+        #[allow(
+            unused_unsafe,
+            clippy::allow_attributes,
+            reason = "only instantiations with features are unsafe"
+        )]
+        unsafe {
+            run(self, of_row, outputs)
+        }
+    }
 }
 
 /// Strands in lanes.
@@ -413,27 +437,26 @@ fn load<L: Lane<Scalar = f32>>(strands: &[[[f32; 3]; PARTICLES]]) -> Strand<L> {
     x
 }
 
-/// The share of sixteen strands in the mean of a batch; the outputs at each moment are replaced by
-/// the gradient with respect to them.
+/// [`Aims::row`] in lanes.
 #[inline(always)]
 fn energies<L: Lane<Scalar = f32>>(
-    step: &Step<'_>,
+    aims: &Aims<'_>,
     of_row: &OfRow<'_>,
     outputs: &mut [&mut [Row<f32>]; MOMENTS],
 ) -> f64 {
     let OfRow { drawn, rest, row, between } = of_row;
-    let clip = &step.set.clips[drawn.clip];
+    let clip = &aims.set.clips[drawn.clip];
     let newest = &clip[drawn.frame];
     let mut places = [Place { rotation: Mat3::splat(newest.rotation), origin: V3::<L>::zero() }; MOMENTS];
-    let mut bodies = [Bust { field: &step.set.field, parts: &newest.parts }; MOMENTS];
+    let mut bodies = [Bust { field: &aims.set.field, parts: &newest.parts }; MOMENTS];
     for ago in 1..MOMENTS {
         let frame = &clip[drawn.frame - ago];
         places[ago].rotation = Mat3::splat(frame.rotation);
         places[ago].origin = V3::splat(frame.origin - newest.origin);
         bodies[ago].parts = &frame.parts;
     }
-    let goal = step.goal;
-    let mean = 1.0 / (BATCH * goal.samples()) as f64;
+    let goal = aims.goal;
+    let mean = 1.0 / (aims.strands * goal.samples()) as f64;
     let mut sum = 0.0;
     for first in (0..LANES).step_by(L::WIDTH) {
         let mut at_rest: Strand<L> = zero();
@@ -455,7 +478,7 @@ fn energies<L: Lane<Scalar = f32>>(
         let mut by_x = [zero::<L>(); MOMENTS];
         let (at_rest, shape) = (&at_rest, &shape);
         let neighbours = Neighbours { moments: between, first: row * LANES % STRANDS + first };
-        let drapes = drawn.drape.zip(step.set.drapes.as_ref()).map(|(number, drapes)| {
+        let drapes = drawn.drape.zip(aims.set.drapes.as_ref()).map(|(number, drapes)| {
             let strand = row * LANES % STRANDS + first;
             drapes.of(number).each_ref().map(|moment| load::<L>(&moment[strand..][..L::WIDTH]))
         });

@@ -27,11 +27,11 @@ mod between;
 mod checkpoint;
 mod compliance;
 mod drapes;
-mod gradient;
+pub(crate) mod gradient;
 pub(crate) mod layers;
 pub mod motions;
-mod set;
-mod window;
+pub(crate) mod set;
+pub(crate) mod window;
 
 pub use checkpoint::{CheckpointError, Resumed};
 pub use drapes::WINDOWS as DRAPED;
@@ -147,6 +147,33 @@ impl Options {
             Shape { shared: POSE_NUMBERS + SHAPE_NUMBERS, ..shape }
         }
     }
+
+    /// The share of the steps that is done after `done`.
+    fn share(&self, done: u32) -> f64 {
+        f64::from(done) / f64::from(self.steps.max(1))
+    }
+
+    /// The energies of the step after `done`: without inertia and drag at first.
+    pub(crate) fn energies_at(&self, done: u32) -> Energies {
+        let mut energies = self.energies;
+        energies.motion.is_dynamic &= self.share(done) >= self.warm_start;
+        energies
+    }
+
+    /// The learning rate of the step after `done`.
+    pub(crate) fn rate_at(&self, done: u32) -> f64 {
+        let cosine = 0.5 + 0.5 * (std::f64::consts::PI * self.share(done).min(1.0)).cos();
+        self.rate * (self.last_rate + (1.0 - self.last_rate) * cosine)
+    }
+}
+
+/// Moves the running `average` towards `parameters`, after `done` steps.
+pub(crate) fn average(average: &mut [f32], parameters: &[f32], done: u32) {
+    // Short at first, so that the random start is forgotten.
+    let keep = AVERAGE.min(f64::from(done) / (f64::from(done) + 10.0)) as f32;
+    for (mean, now) in average.iter_mut().zip(parameters) {
+        *mean = keep * *mean + (1.0 - keep) * now;
+    }
 }
 
 /// A training.
@@ -236,8 +263,8 @@ impl Trainer {
     }
 
     /// Prepares `set` for this training: neighbouring strands are found once, and inputs that the
-    /// network does not see are set to 0. For [`Objective::Drapes`] the drapes are computed: a minute
-    /// or so.
+    /// network does not see are set to 0. For [`Objective::Drapes`] the drapes are computed: a
+    /// minute or so.
     pub fn prepare(&self, set: &mut TrainingSet) {
         set.prepare(&self.options.energies);
         if !self.options.lock_codes {
@@ -254,9 +281,7 @@ impl Trainer {
     /// If the energy or its gradient is not finite: nothing is changed then.
     pub fn step(&mut self, set: &TrainingSet) -> Result<StepReport, NotFinite> {
         let options = &self.options;
-        let share = f64::from(self.done) / f64::from(options.steps.max(1));
-        let mut energies = options.energies;
-        energies.motion.is_dynamic &= share >= options.warm_start;
+        let energies = options.energies_at(self.done);
         let mut random = Random::stream(options.seed, 1 + u64::from(self.done));
         let drawn = set.draw(&mut random, energies.have_neighbours());
         let batch = Batch { set, drawn: &drawn };
@@ -267,19 +292,14 @@ impl Trainer {
         if !(energy.is_finite() && norm.is_finite()) {
             return Err(NotFinite { step: self.done });
         }
-        let cosine = 0.5 + 0.5 * (std::f64::consts::PI * share.min(1.0)).cos();
-        let rate = options.rate * (options.last_rate + (1.0 - options.last_rate) * cosine);
+        let rate = options.rate_at(self.done);
         let scale = (options.largest_gradient / norm.max(1e-30)).min(1.0);
         self.adam.step(self.network.parameters_mut(), self.workspace.found(), [rate, scale]);
         self.done += 1;
-        // Short at first, so that the random start is forgotten.
-        let keep = AVERAGE.min(f64::from(self.done) / (f64::from(self.done) + 10.0)) as f32;
-        for (mean, now) in self.average.parameters_mut().iter_mut().zip(self.network.parameters()) {
-            *mean = keep * *mean + (1.0 - keep) * now;
-        }
+        average(self.average.parameters_mut(), self.network.parameters(), self.done);
         Ok(StepReport { energy, gradient: norm, rate })
     }
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

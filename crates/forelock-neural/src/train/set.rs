@@ -139,8 +139,8 @@ pub enum SetError {
 /// What a training draws from.
 #[derive(Debug)]
 pub struct TrainingSet {
-    pub(super) strands: Vec<TrainingStrand>,
-    pub(super) clips: Vec<Clip>,
+    pub(crate) strands: Vec<TrainingStrand>,
+    pub(crate) clips: Vec<Clip>,
     pub(super) field: SmoothField,
     /// The first strand of each kind of hair, and the number of all.
     kinds: Vec<usize>,
@@ -155,7 +155,7 @@ pub struct TrainingSet {
 
 /// A window of a step: the newest of its [`MOMENTS`] frames, and its strands.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Drawn {
+pub(crate) struct Drawn {
     pub clip: usize,
     pub frame: usize,
     pub strands: [usize; STRANDS],
@@ -244,8 +244,9 @@ impl TrainingSet {
         self.drapes = Some(Drapes::new(self, energies, seed, count));
     }
 
-    /// The frames and strands of a step: draped ones, random strands, or those that are next to each other.
-    pub(super) fn draw(&self, random: &mut Random, are_neighbours: bool) -> [Drawn; FRAMES] {
+    /// The frames and strands of a step: draped ones, random strands, or those that are next to
+    /// each other.
+    pub(crate) fn draw(&self, random: &mut Random, are_neighbours: bool) -> [Drawn; FRAMES] {
         if let Some(drapes) = &self.drapes {
             return std::array::from_fn(|_| drapes.draw(random));
         }

@@ -12,7 +12,7 @@ pub(super) fn ball(radius: f64) -> SmoothField {
 }
 
 /// Curved strands on a ball that turns, with random inputs.
-fn set() -> TrainingSet {
+pub(crate) fn set() -> TrainingSet {
     let mut random = Random::stream(7, 0);
     let mut strands = Vec::new();
     for _ in 0..200 {
@@ -140,7 +140,8 @@ fn error(x: &[[f32; 3]; PARTICLES], drape: &[[f32; 3]; PARTICLES]) -> f64 {
 #[test]
 fn squared_error_falls_from_that_of_the_shape_at_rest_whatever_the_threads() {
     const STEPS: u32 = 60;
-    let mut options = Options { steps: STEPS, rate: 3e-3, objective: Objective::Drapes, ..Options::default() };
+    let mut options =
+        Options { steps: STEPS, rate: 3e-3, objective: Objective::Drapes, ..Options::default() };
     options.energies.motion.is_dynamic = false;
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

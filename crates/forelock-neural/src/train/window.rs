@@ -61,7 +61,7 @@ pub enum Objective {
 
 /// What a step of the training lowers.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Goal {
+pub(crate) struct Goal {
     pub energies: Energies,
     pub objective: Objective,
     pub head: OutputHead,
@@ -74,7 +74,7 @@ impl Goal {
     }
 
     /// The basis, if the head has one.
-    pub(super) fn basis<'a>(&self, basis: &'a Basis) -> Option<&'a Basis> {
+    pub(crate) fn basis<'a>(&self, basis: &'a Basis) -> Option<&'a Basis> {
         (self.head == OutputHead::Rotation).then_some(basis)
     }
 }

@@ -54,8 +54,8 @@ pub struct TrainedMethod {
     pub head: OutputHead,
     /// What motions are trained towards: the least "residual" of the equation of motion, or the
     /// least energy of a "step" from the network's own frames before (the paper's). "drapes" is for
-    /// comparison, and for kind "quasi-static" alone: the least squared error beside 65,536 computed
-    /// drapes, as in GroomGen. Default "residual".
+    /// comparison, and for kind "quasi-static" alone: the least squared error beside 65,536
+    /// computed drapes, as in GroomGen. Default "residual".
     pub objective: Objective,
     /// How frames are carried along strands: "sequential", "direct" (the paper's) or "chord".
     /// Default "sequential".
@@ -336,7 +336,7 @@ impl TrainingConfig {
     }
 
     /// How the simulator is trained.
-    pub(super) fn options(&self) -> Options {
+    pub fn options(&self) -> Options {
         let own = &self.energies;
         let energies = Energies {
             elastic: ElasticTerms {

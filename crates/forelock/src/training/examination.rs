@@ -81,7 +81,7 @@ pub(super) struct Coded<'a> {
 
 impl<'a> Coded<'a> {
     /// The codes of `model`.
-    fn by(model: &'a Model) -> Self {
+    pub(super) fn by(model: &'a Model) -> Self {
         Self { encoder: model.encoder(), deviation: model.info().code_deviation as f32 }
     }
 }

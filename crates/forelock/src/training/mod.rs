@@ -20,6 +20,7 @@
 mod config;
 mod data;
 mod examination;
+mod material;
 mod page;
 mod run;
 
@@ -28,6 +29,7 @@ pub use config::{
     markdown,
 };
 pub use examination::{Examination, KindScore, measure};
+pub use material::Material;
 pub use run::{TRAINING, TrainingOptions, TrainingSummary, train};
 
 use std::path::PathBuf;

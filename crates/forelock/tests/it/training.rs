@@ -117,6 +117,7 @@ fn wrong_configurations_are_refused_with_their_key() {
         ("hair.grooms=[]", "name at least one"),
         ("hair.grown=20", "should be from 64"),
         ("seed=\"one\"", "should be a whole number"),
+        ("method.objective=drapes", "set method.kind = \"quasi-static\""),
     ] {
         let error = config(&[set]).unwrap_err().to_string();
         assert!(error.contains(words), "{set}: {error}");

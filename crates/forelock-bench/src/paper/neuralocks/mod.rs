@@ -15,6 +15,7 @@
 mod ablations;
 mod comparators;
 mod drapes;
+mod map;
 mod models;
 mod rigged;
 mod speed;
@@ -64,6 +65,8 @@ pub enum NeuralFigure {
     Generalisation,
     /// Fig. 11: stiffness, beside an older energy.
     Stiffness,
+    /// Fig. 12: beside a network for a whole groom, as Quaffure's is.
+    Map,
     /// Fig. 13: grooms that were not trained.
     Unseen,
     /// Each energy, head, transport, history and lock code left out.
@@ -87,6 +90,7 @@ impl NeuralFigure {
             Self::Xpbd => strips::beside_xpbd(options, observer),
             Self::Generalisation => strips::generalisation(options, observer),
             Self::Stiffness => drapes::stiffness(options, observer),
+            Self::Map => map::study(options, observer),
             Self::Unseen => strips::unseen(options, observer),
             Self::Ablations => ablations::all(options, observer),
         }
@@ -113,6 +117,8 @@ mod tests {
             assert!(row[3].parse::<f64>().unwrap() > 0.0, "{row:?}");
         }
         assert_eq!(second.rows[4][2], "1.106 MB");
+        assert_eq!(second.rows.len(), 8);
+        assert_eq!(second.rows[7], ["Quaffure-like: size", "692 MB", "3.391 MB"]);
     }
 
     /// A model is trained once, and again where its configuration has changed.
