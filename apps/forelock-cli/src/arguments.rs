@@ -171,6 +171,10 @@ pub struct TrainArgs {
     /// run.
     #[arg(long)]
     pub resume: bool,
+    /// Train nothing: measure this model with the hair and motions that the configuration holds
+    /// out. A file or builtin:head.
+    #[arg(long, value_name = "MODEL", conflicts_with_all = ["resume", "out"])]
+    pub measure: Option<String>,
     /// Print only the summary, as one JSON object, on standard output.
     #[arg(long)]
     pub json: bool,

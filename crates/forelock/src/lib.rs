@@ -43,7 +43,7 @@ pub mod training;
 pub use assets::{AssetError, Assets};
 pub use backend::{Backend, GpuStage};
 pub use grooming::{Counts, EditRow, Grooming, GroomingOptions, groom};
-pub use neural::{NeuralError, builtin_model};
+pub use neural::{NeuralError, builtin_model, read as read_model};
 pub use pictures::{PictureError, Studio, labelled, write_picture};
 pub use player::{Player, PlayerError};
 pub use progress::{Observer, Progress};

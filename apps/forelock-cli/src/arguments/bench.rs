@@ -136,7 +136,7 @@ struct Known {
 }
 
 /// The figures of all papers.
-const FIGURES: [Known; 21] = {
+const FIGURES: [Known; 22] = {
     use PaperFigure::{Guides, Learned, Study, Variants, Volume};
     use WhichPaper::{Ams, Dftl, Neuralocks};
     const fn of(paper: WhichPaper, name: &'static str, figure: PaperFigure, shows: &'static str) -> Known {
@@ -146,6 +146,7 @@ const FIGURES: [Known; 21] = {
         of(Ams, "4", Variants(Figure::Sag), "the sag of one strand, compared with mass-spring"),
         of(Ams, "5", Variants(Figure::Angular), "the effect of the angular spring on a wisp"),
         of(Ams, "7", Guides, "a hand moves through hair, simulated with guides and with all strands"),
+        of(Ams, "8", Study(Experiment::HollowSphere), "a sphere in hair carried by guides or simulated"),
         of(Ams, "9", Study(Experiment::Beard), "a beard, compared with mass-spring"),
         of(Ams, "10", Study(Experiment::RollerCoaster), "the roller-coaster: damage, healing, shape kept"),
         of(Ams, "11", Study(Experiment::Grooming), "a trim, geometric and simulated"),

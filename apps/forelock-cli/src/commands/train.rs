@@ -3,7 +3,9 @@
 use std::process::ExitCode;
 
 use forelock::Progress;
-use forelock::training::{KindScore, TRAINING, TrainingConfig, TrainingOptions, TrainingSummary, train};
+use forelock::training::{
+    KindScore, TRAINING, TrainingConfig, TrainingOptions, TrainingSummary, measure, train,
+};
 
 use crate::arguments::TrainArgs;
 use crate::progress::Reporter;
@@ -16,6 +18,17 @@ pub fn run(arguments: &TrainArgs) -> anyhow::Result<ExitCode> {
         Some(path) => TrainingConfig::load(path, &overrides)?,
         None => TrainingConfig::builtin(&overrides)?,
     };
+    if let Some(name) = &arguments.measure {
+        let model = forelock::read_model(name)?;
+        let mut reporter = Reporter::new(arguments.json);
+        let scores = measure(&config, &model, &mut |progress| reporter.report(progress))?;
+        if arguments.json {
+            terminal::json(&scores)?;
+        } else {
+            print_scores(&scores)?;
+        }
+        return Ok(ExitCode::SUCCESS);
+    }
     let name = arguments.config.as_deref().and_then(|path| path.file_stem());
     let name = name.map_or("training".into(), |name| name.to_string_lossy());
     let out = arguments.out.clone().unwrap_or_else(|| super::simulate::default_folder(&name));
@@ -55,12 +68,22 @@ fn print(summary: &TrainingSummary) -> anyhow::Result<()> {
             "step {} was best; strands and motions that were not trained, beside the implicit reference:",
             summary.best_step
         ))?;
-        let head = ["corr", "corr_vel", "nrmse", "nrmse_dyn", "motion", "inside %", "stretch"];
-        terminal::line(format!("{:14}{}", "", head.map(|name| format!("{name:>10}")).concat()))?;
+        print_scores(&summary.scores)?;
     }
-    for KindScore { groom, score } in &summary.scores {
+    for path in &summary.outputs {
+        terminal::line(format!("  {}", path.display()))?;
+    }
+    Ok(())
+}
+
+/// The measures of a model as a table.
+fn print_scores(scores: &[KindScore]) -> anyhow::Result<()> {
+    let width = scores.iter().map(|own| own.groom.chars().count()).max().unwrap_or_default().max(14);
+    let head = ["corr", "corr_vel", "nrmse", "nrmse_dyn", "motion", "inside %", "stretch"];
+    terminal::line(format!("{:width$}{}", "", head.map(|name| format!("{name:>10}")).concat()))?;
+    for KindScore { groom, score } in scores {
         terminal::line(format!(
-            "{groom:14}{:10.3}{:10.3}{:10.3}{:10.3}{:10.3}{:10.3}{:10.1e}",
+            "{groom:width$}{:10.3}{:10.3}{:10.3}{:10.3}{:10.3}{:10.3}{:10.1e}",
             score.corr,
             score.corr_vel,
             score.nrmse,
@@ -69,9 +92,6 @@ fn print(summary: &TrainingSummary) -> anyhow::Result<()> {
             100.0 * score.inside,
             score.stretch
         ))?;
-    }
-    for path in &summary.outputs {
-        terminal::line(format!("  {}", path.display()))?;
     }
     Ok(())
 }

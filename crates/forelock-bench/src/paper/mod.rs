@@ -2,7 +2,7 @@
 //!
 //! # Practice
 //! [`Figure`] reruns the ablations of Figs. 4 and 5 on one strand and a wisp. [`Experiment`] reruns
-//! what the paper shows as film strips and leaves to the eye (Figs. 9, 10, 11 and the asymmetric
+//! what the paper shows as film strips and leaves to the eye (Figs. 8 to 11 and the asymmetric
 //! style), measured: how far hair is from its rest shape, over time. [`table1()`] runs every scene
 //! of Table 1 and puts our times beside the paper's. [`dftl_tables`] and [`volume`] do the same for
 //! the follow-the-leader paper, [`neural_tables`] and [`NeuralFigure`] for the learned simulator's.
@@ -14,6 +14,7 @@ mod coaster;
 mod dftl;
 mod followed;
 mod guides;
+mod hollow;
 mod keeping;
 mod neuralocks;
 mod scenes;
@@ -38,6 +39,8 @@ use forelock::Observer;
 /// An experiment whose outcome the paper shows in pictures only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Experiment {
+    /// Fig. 8: a sphere with openings, in hair that guides carry and in hair that is simulated.
+    HollowSphere,
     /// Fig. 9: a beard under AMS and under plain mass-spring.
     Beard,
     /// Fig. 1, middle: a style that is long on one side and short on the other, under both.
@@ -56,6 +59,7 @@ impl Experiment {
     /// [`BenchError`] if its scene cannot be simulated, for one because a groom's file is missing.
     pub fn study(self, share: f64, observer: &mut Observer<'_>) -> Result<Study, BenchError> {
         match self {
+            Self::HollowSphere => hollow::study(share, observer),
             Self::Beard => keeping::study(&keeping::BEARD, share, &[], observer),
             Self::Asymmetric => keeping::study(&keeping::ASYMMETRIC, share, &[], observer),
             Self::RollerCoaster => coaster::study(share, &[], observer),

@@ -4,7 +4,7 @@
 // registers: a thread has eight strands and four units. Both factors pass through workgroup memory,
 // sixteen inputs at a time: 16 × 64 activations and 16 × 128 weights, loaded while the sixteen
 // before are in use. The last layer takes the units of a half, 16 at a time, from the threads that
-// have them: 144 threads have four strands and eight outputs each. Both halves at once would read
+// have them: 192 threads have four strands and six outputs each. Both halves at once would read
 // the activations once only, but with twice the sums a device keeps fewer threads in flight.
 //
 // A column of a matrix of sums is a unit of four strands. Nothing is indexed by a variable in
@@ -21,8 +21,11 @@
 
 const QUADS: u32 = WIDTH / 4u;
 const OUTPUTS: u32 = 72u;
+// Outputs of a thread, which are stored as two quads of three and a zero.
+const OWN: u32 = 6u;
+const GROUPS: u32 = OUTPUTS / OWN;
 // Weights of the last layer of a unit, in quads.
-const LAST: u32 = OUTPUTS / 4u;
+const LAST: u32 = 2u * GROUPS;
 // Units of a half, in quads.
 const HALF: u32 = QUADS / 2u;
 const INPUTS: u32 = 16u;
@@ -41,8 +44,17 @@ fn added(s: mat4x4f, x: vec4f, w: vec4f) -> mat4x4f {
     );
 }
 
+// The same of four strands × three outputs.
+fn added_three(s: mat3x4f, x: vec4f, w: vec4f) -> mat3x4f {
+    return mat3x4f(fma(x, vec4f(w.x), s[0]), fma(x, vec4f(w.y), s[1]), fma(x, vec4f(w.z), s[2]));
+}
+
 fn biased(bias: vec4f) -> mat4x4f {
     return mat4x4f(vec4f(bias.x), vec4f(bias.y), vec4f(bias.z), vec4f(bias.w));
+}
+
+fn biased_three(bias: vec4f) -> mat3x4f {
+    return mat3x4f(vec4f(bias.x), vec4f(bias.y), vec4f(bias.z));
 }
 
 // Four units of four strands after the ReLU.
@@ -53,11 +65,10 @@ fn write_units(at: u32, s: mat4x4f) {
     tile[at + 48u] = max(s[3], vec4f(0.0));
 }
 
-fn write_outputs(at: u32, s: mat4x4f) {
+fn write_outputs(at: u32, s: mat3x4f) {
     outputs[at] = s[0];
     outputs[at + 16u] = s[1];
     outputs[at + 32u] = s[2];
-    outputs[at + 48u] = s[3];
 }
 
 // Rows `first` to `first` + 16 of the activations, one number of four strands a thread.
@@ -77,11 +88,13 @@ fn predict_outputs(@builtin(local_invocation_index) id: u32, @builtin(workgroup_
     // The thread's quad of units in a half, and the quads s and s + 1 of strands.
     let u = id % HALF;
     let s = id / HALF * 2u;
-    // In the last layer, the quads g and g + 9 of outputs, and a quad of strands.
-    let g = id % 9u;
-    let column = id / 9u;
-    var c0 = biased(biases[QUADS + g]);
-    var c1 = biased(biases[QUADS + g + 9u]);
+    // In the last layer a group of outputs, of a quad of strands.
+    let g = id / 16u;
+    let column = id % 16u;
+    let places_outputs = g < GROUPS;
+    let own = 2u * min(g, GROUPS - 1u);
+    var c0 = biased_three(biases[QUADS + own]);
+    var c1 = biased_three(biases[QUADS + own + 1u]);
     for (var half = 0u; half < 2u; half++) {
         var a0 = biased(biases[half * HALF + u]);
         var a1 = a0;
@@ -114,19 +127,19 @@ fn predict_outputs(@builtin(local_invocation_index) id: u32, @builtin(workgroup_
                 tile[WEIGHTS + 256u + id] = unpacked(weights[row + 256u]);
             }
             workgroupBarrier();
-            if id < 144u {
+            if places_outputs {
                 for (var k = 0u; k < 16u; k++) {
                     let x = tile[16u * k + column];
-                    c0 = added(c0, x, tile[WEIGHTS + LAST * k + g]);
-                    c1 = added(c1, x, tile[WEIGHTS + LAST * k + g + 9u]);
+                    c0 = added_three(c0, x, tile[WEIGHTS + LAST * k + own]);
+                    c1 = added_three(c1, x, tile[WEIGHTS + LAST * k + own + 1u]);
                 }
             }
             workgroupBarrier();
         }
     }
-    if id < 144u {
-        let at = (group.x * OUTPUTS + 4u * g) * 16u + column;
+    if places_outputs {
+        let at = (group.x * OUTPUTS + OWN * g) * 16u + column;
         write_outputs(at, c0);
-        write_outputs(at + 36u * 16u, c1);
+        write_outputs(at + 48u, c1);
     }
 }

@@ -180,6 +180,11 @@ fn stored(numbers: &[f32], halved: bool) -> Vec<u8> {
     numbers.iter().flat_map(|x| half::f16::from_f32(*x).to_le_bytes()).collect()
 }
 
+/// Rows of [`OUTPUTS`] numbers, in threes of which each is followed by a zero.
+fn in_quads(rows: &[f32]) -> Vec<f32> {
+    rows.chunks_exact(3).flat_map(|three| [three[0], three[1], three[2], 0.0]).collect()
+}
+
 impl DeviceNetwork {
     fn new(
         gpu: &Gpu,
@@ -198,8 +203,8 @@ impl DeviceNetwork {
         }
         let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
         let rows = |rows: &[Row<f32>]| bytemuck::cast_slice::<_, f32>(rows).to_vec();
-        let weights = [network.hidden, network.output].concat();
-        let biases = [network.hidden_bias, network.output_bias].concat();
+        let weights = [network.hidden, &in_quads(network.output)].concat();
+        let biases = [network.hidden_bias, &in_quads(network.output_bias)].concat();
         let mut parts = Vec::with_capacity(strands.batches.len());
         let mut most = 0;
         for batch in strands.batches {

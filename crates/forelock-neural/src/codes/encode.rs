@@ -34,22 +34,32 @@ impl Encoder {
     /// # Panics
     /// If the processor does not support `simd`.
     pub fn encode(&self, strands: &[[f32; INPUTS]], simd: Simd) -> Vec<f32> {
-        let packet = |strands: &[[f32; INPUTS]]| {
-            let mut rows = zero_rows(INPUTS);
-            to_rows(strands.iter().map(|strand| strand.as_slice()), &mut rows);
-            for (number, layer) in self.layers.iter().enumerate() {
-                let is_last = number + 1 == self.layers.len();
-                let start = if is_last { Start::Bias(&layer.bias) } else { Start::BiasRelu(&layer.bias) };
-                let mut sums = zero_rows(layer.bias.len());
-                let factors = Factors { a: &layer.weights, columns: layer.bias.len(), b: &rows };
-                product(simd, factors, start, &mut sums);
-                rows = sums;
-            }
-            let mut codes = vec![0.0; PACKET * self.code_len()];
-            by_strand(&rows, &mut codes);
-            codes.truncate(strands.len() * self.code_len());
-            codes
-        };
-        strands.par_chunks(PACKET).flat_map_iter(packet).collect()
+        run_layers(&self.layers, strands.as_flattened(), simd)
     }
+}
+
+/// The outputs of layers with ReLU between them, `[items, outputs]`, from `items`,
+/// `[items, inputs]`.
+pub(super) fn run_layers(layers: &[Layer], items: &[f32], simd: Simd) -> Vec<f32> {
+    let [first, .., last] = layers else {
+        return items.to_vec();
+    };
+    let (inputs, outputs) = (first.weights.len() / first.bias.len(), last.bias.len());
+    let packet = |items: &[f32]| {
+        let mut rows = zero_rows(inputs);
+        to_rows(items.chunks_exact(inputs), &mut rows);
+        for (number, layer) in layers.iter().enumerate() {
+            let is_last = number + 1 == layers.len();
+            let start = if is_last { Start::Bias(&layer.bias) } else { Start::BiasRelu(&layer.bias) };
+            let mut sums = zero_rows(layer.bias.len());
+            let factors = Factors { a: &layer.weights, columns: layer.bias.len(), b: &rows };
+            product(simd, factors, start, &mut sums);
+            rows = sums;
+        }
+        let mut found = vec![0.0; PACKET * outputs];
+        by_strand(&rows, &mut found);
+        found.truncate(items.len() / inputs * outputs);
+        found
+    };
+    items.par_chunks(PACKET * inputs).flat_map_iter(packet).collect()
 }

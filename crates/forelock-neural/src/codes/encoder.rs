@@ -10,6 +10,7 @@
 //! the instruction set, not on the number of threads.
 
 use super::Encoder;
+use super::encode::run_layers;
 use crate::PARTICLES;
 use crate::network::product::{Factors, PACKET, Start, TILE_ROWS, by_strand, product, to_rows, zero_rows};
 use crate::random::Random;
@@ -177,6 +178,15 @@ impl StrandCodes {
     pub fn encode(&self, strand: &[f32; INPUTS]) -> [f32; CODE] {
         let code = self.run(0..ENCODER, strand);
         std::array::from_fn(|k| code[k])
+    }
+
+    /// The strands of codes `[strands, code]`, as inputs of the encoder: [`Self::decode`] in lanes.
+    ///
+    /// # Panics
+    /// If the processor does not support `simd`.
+    pub fn decode_all(&self, codes: &[f32], simd: Simd) -> Vec<[f32; INPUTS]> {
+        let found = run_layers(&self.layers[ENCODER..], codes, simd);
+        found.chunks_exact(INPUTS).map(|strand| std::array::from_fn(|k| strand[k])).collect()
     }
 
     /// The strand of a code.

@@ -123,11 +123,11 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             seed: 1,
-            steps: 12_000,
+            steps: 14_000,
             rate: 1e-3,
             last_rate: 0.02,
             largest_gradient: 1.0,
-            warm_start: 0.15,
+            warm_start: 0.1,
             energies: Energies::default(),
             objective: Objective::default(),
             head: OutputHead::default(),

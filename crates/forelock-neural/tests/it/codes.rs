@@ -1,6 +1,8 @@
 //! Root frames, uv coordinates and locks.
 
 use crate::golden::{error, load, numbers, vectors};
+use forelock_core::lane::Simd;
+use forelock_neural::codes::encoder::{CODE, CodeOptions, INPUTS, StrandCodes};
 use forelock_neural::codes::{
     LOCK_SIZE, Locks, LocksError, RootFrameError, crown_uv, encoder_inputs, local_strand, root_frame,
 };
@@ -118,4 +120,23 @@ fn bad_locks_are_errors() {
     assert_eq!(locks.mean_codes(&[0.0f64; 3], 0), Err(LocksError::Width));
     let error = locks.mean_codes(&[0.0f64; 5], 2).unwrap_err();
     assert_eq!(error.to_string(), "5 numbers of codes were given; 3 strands of 2 numbers need 6");
+}
+
+#[test]
+fn codes_decode_alike_one_by_one_and_in_lanes() {
+    let strands: Vec<[f32; INPUTS]> =
+        (0..150u8).map(|s| std::array::from_fn(|k| (0.1 * f32::from(s) + k as f32).sin())).collect();
+    let codes =
+        StrandCodes::train(&strands, &CodeOptions { steps: 20, ..CodeOptions::default() }, &mut || ());
+    let each: Vec<[f32; CODE]> = strands.iter().map(|strand| codes.encode(strand)).collect();
+    let decoded: Vec<[f32; INPUTS]> = each.iter().map(|code| codes.decode(code)).collect();
+    let largest = decoded.as_flattened().iter().fold(0.0f32, |most, x| most.max(x.abs()));
+    assert!(largest > 0.1, "an untrained decoder gives almost nothing: {largest}");
+    for simd in Simd::ALL.into_iter().filter(|simd| simd.is_supported()) {
+        let lanes = codes.decode_all(each.as_flattened(), simd);
+        assert_eq!(lanes.len(), strands.len());
+        let pairs = lanes.as_flattened().iter().zip(decoded.as_flattened());
+        let off = pairs.fold(0.0f32, |most, (a, b)| most.max((a - b).abs()));
+        assert!(off < 1e-4 * largest, "{simd:?}: {off}");
+    }
 }

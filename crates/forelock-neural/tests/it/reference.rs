@@ -80,7 +80,7 @@ fn short_strands_stay_near_their_shape() {
         body: BodyTerms::default(),
     };
     for seed in 0..4 {
-        let poses = generate(Kind::RigidTurnAndHold, 60, SPACING_SECS, seed);
+        let poses = generate(Kind::RigidTurnAndHold, false, 60, SPACING_SECS, seed);
         let place = |pose: &BodyPose| Place {
             rotation: Mat3::splat(DMat3::from_quat(pose.head.rotation)),
             origin: V3::splat(pose.head.translation),

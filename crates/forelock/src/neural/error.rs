@@ -41,9 +41,6 @@ pub enum NeuralError {
         /// The model's, m/s².
         trained: DVec3,
     },
-    /// The body bends.
-    #[error("the learned solver moves hair on a rigid head, and this body bends: {}", instead())]
-    Bends,
     /// It was to run on two processors.
     #[error("the learned solver runs on one processor: leave out --gpu-from, or {}", instead())]
     GpuFrom,

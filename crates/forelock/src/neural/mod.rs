@@ -1,4 +1,4 @@
-//! `solver.kind = "neural"`: a trained model moves the strands of a rigid head.
+//! `solver.kind = "neural"`: a trained model moves the strands of a head.
 //!
 //! # Theory
 //! The network predicts each strand in canonical space from its code and the head's pose history
@@ -10,13 +10,14 @@
 //! # Practice
 //! Canonical space is the groom's, from `solver.neural.origin` and the origin in the model, in cm.
 //! The model's four joints all move with the head. Codes, locks and the rest shape are prepared
-//! once a groom, and again after an edit. Before the first frame strands hang as the network
-//! predicts for a head that has always been there. On a GPU the network runs in the frame's own
-//! submission, after the first layer's sums of the frame, which the CPU computes.
+//! once a groom, and again after an edit. On a body that bends strands move with the joint that
+//! carries the hair, and their roots with the skin. Before the first frame strands hang as the
+//! network predicts for a head that has always been there. On a GPU the network runs in the frame's
+//! own submission, after the first layer's sums of the frame, which the CPU computes.
 //!
 //! # Limitations
-//! No bodies that bend, no interaction between strands, no wind. Gravity is that of the
-//! training.
+//! No interaction between strands, no wind. Gravity is that of the training. Skin that moves
+//! relative to the head's joint, as of a jaw, stretches the first edges of its hair.
 
 mod error;
 mod host;
@@ -65,8 +66,11 @@ pub fn builtin_model() -> Result<Model, ModelError> {
     read(DEFAULT)
 }
 
-/// The model `name`: a built-in one or that of a file.
-pub(crate) fn read(name: &str) -> Result<Model, ModelError> {
+/// The model `name`: a built-in one (`builtin:head`) or that of a file.
+///
+/// # Errors
+/// [`ModelError`] if the file cannot be read or is no model.
+pub fn read(name: &str) -> Result<Model, ModelError> {
     match BUILTIN.iter().find(|(own, _)| name == *own) {
         Some((_, bytes)) => Model::from_bytes(bytes),
         None => Model::read(name),
@@ -103,9 +107,6 @@ impl Learned {
             return Ok(None);
         }
         let name = &section.model;
-        if assets.performance().is_some() {
-            return Err(NeuralError::Bends);
-        }
         // Assets of another scene may be without it.
         let model = assets.model(name).map_or_else(|| read(name).map(Arc::new), Ok)?;
         let learned = Self {

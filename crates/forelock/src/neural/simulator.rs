@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use forelock_core::frame::{Acceleration, Air, FrameInput, FramePlan, FrameReport, Roots, Solver};
+use forelock_core::frame::{Acceleration, Air, FrameInput, FramePlan, FrameReport, Solver};
 use forelock_core::groom::edit::Source;
 use forelock_core::groom::{Groom, RootFrames};
 use forelock_core::interaction::Interactions;
@@ -92,7 +92,7 @@ impl NeuralSimulator {
 
 impl Simulator for NeuralSimulator {
     fn step(&mut self, frame: &FrameInput<'_>) -> Result<FrameReport, SimulatorError> {
-        let Roots::Rigid(head) = frame.roots else { return Err(NeuralError::Bends.into()) };
+        let head = *frame.roots.head();
         self.learned.check_gravity(frame.gravity)?;
         let poses = head.each_ref().map(|head| self.learned.joint(head));
         Self::note(poses, frame.dt_secs, &mut self.history)?;
@@ -164,8 +164,9 @@ impl Simulator for NeuralSimulator {
         Ok(())
     }
 
+    /// Strands hang as predicted before the first frame; their roots follow the skin in the next.
     fn rest_on(&mut self, _: &Pose, _: &RootFrames) -> Result<(), SimulatorError> {
-        Err(NeuralError::Bends.into())
+        Ok(())
     }
 
     fn forget_solids(&mut self) -> Result<(), SimulatorError> {

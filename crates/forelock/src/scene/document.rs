@@ -116,7 +116,7 @@ impl<'a> Document<'a> {
     }
 
     /// `defaults` as TOML that stands after all that the author wrote.
-    pub(super) fn below(&self, defaults: &str) -> String {
+    pub(crate) fn below(&self, defaults: &str) -> String {
         format!("{}{defaults}", " ".repeat(self.end + 1))
     }
 

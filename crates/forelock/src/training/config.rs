@@ -26,6 +26,11 @@ forelock_core::documented! {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrainingConfig {
+    /// What the defaults of the other keys are: "default", or "paper" for those of the paper where
+    /// they differ, which move little: displacements, direct transport, the energy of a step with
+    /// repulsion and printed adhesion but without drag and tail, and no steps for the drape.
+    /// Default "default".
+    pub preset: TrainingPreset,
     /// Seed of everything random. No unit, default 1, range 0 or more; 0 is a seed like any other.
     pub seed: u64,
     /// How the network predicts, and what it is trained towards.
@@ -39,6 +44,31 @@ pub struct TrainingConfig {
     /// Steps and rates.
     pub steps: TrainingSteps,
 }
+}
+
+/// Where the defaults of a training come from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TrainingPreset {
+    /// Ours.
+    #[default]
+    Default,
+    /// The paper's.
+    Paper,
+}
+
+impl TrainingPreset {
+    /// The defaults that differ from ours, as TOML.
+    fn keys(self) -> &'static str {
+        match self {
+            Self::Default => "",
+            Self::Paper => {
+                "method = { head = \"displacement\", objective = \"step\", transport = \"direct\" }\n\
+                 energies = { drag = 0, tail = 100, repulsion = 5, adhesion = 2, adhesion_printed = true }\n\
+                 steps = { rate = 5e-4, drape = 0 }\n"
+            }
+        }
+    }
 }
 
 forelock_core::documented! {
@@ -88,18 +118,33 @@ pub struct TrainedHair {
 }
 
 forelock_core::documented! {
-/// `[motions]`: generated motions of root, spine, neck and head.
+/// `[motions]`: motions of root, spine, neck and head, generated and recorded.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrainedMotions {
-    /// Motions that are trained: sines, turns and holds, half of them with the body as one piece.
-    /// Unit motions, default 2048, range 1 to 100000.
+    /// Motions that are trained. Generated ones are sines, turns and holds, half of them with the
+    /// body as one piece, half of a body that travels. Unit motions, default 2048, range 1 to
+    /// 100000.
     pub count: u32,
     /// Length of a motion. Unit s, default 5, range 1 to 600.
     pub secs: f64,
-    /// Motions that choose the best step, and as many that the result is measured with; neither are
-    /// trained. Unit motions, default 6, range 1 to 1000.
+    /// Generated motions that choose the best step, and as many that the result is measured with;
+    /// neither are trained. Unit motions, default 6, range 1 to 1000.
     pub held_out: u32,
+    /// Files of recorded motions, .bvh. Three quarters of each are trained, in pieces, mirrored or
+    /// not, 0.7 to 1.4 times as fast; the last quarter is measured beside the generated motions.
+    /// Default none.
+    pub files: Vec<PathBuf>,
+    /// Share of the trained motions that are pieces of the files, if there are any. No unit,
+    /// default 0.5, range 0 to 1.
+    pub recorded: f64,
+    /// The files' names of root, spine, neck and head; of several with | between them the first
+    /// that a file has. Default "Hips", "Spine1|Chest2|Chest", "Neck1|Neck" and "Head", as in files of
+    /// the CMU.
+    pub joints: [String; 4],
+    /// Length of a unit of the files. Unit m, default 0, range 0 to 1000; 0 finds it: the head is
+    /// 1.5 m above the lowest joint of the first frame.
+    pub unit: f64,
 }
 }
 
@@ -112,6 +157,9 @@ pub struct TrainedEnergies {
     pub bend_twist: f64,
     /// Mass of a particle. Unit g, default 1e-4, range 1e-7 to 1.
     pub mass: f64,
+    /// Gravity, [x, y, z]; scenes that the model moves have the same. Unit cm/s², default
+    /// [0, -981, 0], range -100000 to 100000 each.
+    pub gravity: [f64; 3],
     /// Rate at which velocities decay. Unit 1/s, default 4, range 0 to 100.
     pub drag: f64,
     /// Stiffness of the body. Unit g/(cm s²), default 100, range 0 to 1e6.
@@ -150,13 +198,13 @@ forelock_core::documented! {
 pub struct TrainingSteps {
     /// Steps of the strand codes. Unit steps, default 4000, range 1 to 1000000.
     pub codes: u32,
-    /// Steps of the simulator. Unit steps, default 12000, range 1 to 10000000.
+    /// Steps of the simulator. Unit steps, default 14000, range 1 to 10000000.
     pub simulator: u32,
     /// Learning rate at the start. No unit, default 0.001, range 1e-7 to 1.
     pub rate: f64,
     /// Learning rate in the end, as a share of that. No unit, default 0.02, range 0 to 1.
     pub last_rate: f64,
-    /// Share of the steps that train the drape, without inertia and drag. No unit, default 0.15,
+    /// Share of the steps that train the drape, without inertia and drag. No unit, default 0.1,
     /// range 0 to 1.
     pub drape: f64,
     /// Steps between two measurements on strands and motions that are not trained. Unit steps,
@@ -171,6 +219,7 @@ pub struct TrainingSteps {
 impl Default for TrainingConfig {
     fn default() -> Self {
         Self {
+            preset: TrainingPreset::default(),
             seed: 1,
             method: TrainedMethod::default(),
             hair: TrainedHair::default(),
@@ -202,7 +251,15 @@ impl Default for TrainedHair {
 
 impl Default for TrainedMotions {
     fn default() -> Self {
-        Self { count: 2048, secs: 5.0, held_out: 6 }
+        Self {
+            count: 2048,
+            secs: 5.0,
+            held_out: 6,
+            files: Vec::new(),
+            recorded: 0.5,
+            joints: ["Hips", "Spine1|Chest2|Chest", "Neck1|Neck", "Head"].map(str::to_owned),
+            unit: 0.0,
+        }
     }
 }
 
@@ -214,6 +271,7 @@ impl Default for TrainedEnergies {
         Self {
             bend_twist: elastic.bend_twist,
             mass: motion.mass,
+            gravity: motion.gravity.to_array(),
             drag: motion.drag,
             body: body.stiffness,
             margin: body.margin,
@@ -234,7 +292,7 @@ impl Default for TrainingSteps {
         let Options { rate, last_rate, warm_start, .. } = Options::default();
         Self {
             codes: 4000,
-            simulator: 12_000,
+            simulator: 14_000,
             rate,
             last_rate,
             drape: warm_start,
@@ -273,6 +331,10 @@ impl TrainingConfig {
         let layers = Layer::stack(text.len(), overrides)?;
         let document = Document::parse(text, path, &layers, "")?;
         let mut config: Self = document.deserialize()?;
+        let defaults = document.below(config.preset.keys());
+        if config.preset != TrainingPreset::default() {
+            config = Document::parse(text, path, &layers, &defaults)?.deserialize()?;
+        }
         // Absolute, so that the text that a training writes means the same wherever it is kept.
         let folder = path.parent().unwrap_or(Path::new(""));
         let place = |own: &Path| std::path::absolute(folder.join(own)).unwrap_or_else(|_| folder.join(own));
@@ -282,6 +344,7 @@ impl TrainingConfig {
         for groom in config.hair.grooms.iter_mut().filter(|groom| !is_preset(groom)) {
             *groom = place(groom.as_ref()).to_string_lossy().into_owned();
         }
+        config.motions.files.iter_mut().for_each(|file| *file = place(file));
         config.check().map_err(|(key, message)| document.refuse(&key, message))?;
         Ok(config)
     }
@@ -346,6 +409,7 @@ impl TrainingConfig {
             },
             motion: MotionTerms {
                 mass: own.mass,
+                gravity: own.gravity.into(),
                 drag: own.drag,
                 is_dynamic: self.method.kind == ModelKind::Dynamic,
                 ..MotionTerms::default()
@@ -384,6 +448,7 @@ impl TrainingConfig {
         let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         own.hair.scene = name(&own.hair.scene).into();
         own.hair.grooms.iter_mut().for_each(|groom| *groom = name(groom.as_ref()));
+        own.motions.files.iter_mut().for_each(|file| *file = name(file).into());
         format!("{:016x}", Fnv::new().bytes(own.to_toml().as_bytes()).value())
     }
 }
@@ -402,7 +467,7 @@ fn sections() -> [Section; 6] {
         with::<TrainingConfig>("", "## Top level", ""),
         with::<TrainedMethod>("method", "## `[method]`: how the network predicts", ""),
         with::<TrainedHair>("hair", "## `[hair]`: the strands", ""),
-        with::<TrainedMotions>("motions", "## `[motions]`: generated motions of the body", ""),
+        with::<TrainedMotions>("motions", "## `[motions]`: motions of the body", ""),
         with::<TrainedEnergies>("energies", "## `[energies]`: what the network lowers", ""),
         with::<TrainingSteps>("steps", "## `[steps]`: steps and rates", ""),
     ]
@@ -427,15 +492,12 @@ pub(super) fn is_preset(groom: &str) -> bool {
 fn check_table(section: &Section, values: &toml::Table) -> Result<(), (String, String)> {
     for entry in &section.entries {
         let name = entry.key.rsplit('.').next().unwrap_or_default();
-        let number = match values.get(name) {
-            Some(toml::Value::Float(number)) => *number,
-            Some(toml::Value::Integer(number)) => *number as f64,
-            _ => continue,
-        };
-        if let Some(range) = entry.range
-            && !range.contains(number)
-        {
-            return Err((entry.key.clone(), format!("should be {range}, not {}", Short(number))));
+        let Some((range, value)) = entry.range.zip(values.get(name)) else { continue };
+        let list = value.as_array().map_or(std::slice::from_ref(value), Vec::as_slice);
+        let number =
+            |value: &toml::Value| value.as_float().or(value.as_integer().map(|number| number as f64));
+        if let Some(wrong) = list.iter().filter_map(number).find(|number| !range.contains(*number)) {
+            return Err((entry.key.clone(), format!("should be {range}, not {}", Short(wrong))));
         }
     }
     Ok(())

@@ -15,6 +15,7 @@ use forelock_neural::losses::field::SmoothField;
 use forelock_neural::model::{InputsError, strands_at_rest};
 use forelock_neural::network::STATICS;
 use forelock_neural::network::inference::Positions;
+use forelock_neural::random::Random;
 use forelock_neural::train::motions::{Kind, generate};
 use forelock_neural::train::{Clip, STRANDS as SET_STRANDS, TrainingStrand, clip};
 use forelock_neural::trial::Score;
@@ -23,6 +24,7 @@ use glam::{DVec3, Vec3};
 use super::TrainingError;
 use super::config::{TrainingConfig, is_preset};
 use super::examination::KindScore;
+use super::recorded::Recorded;
 use crate::assets::Assets;
 use crate::hash::Fnv;
 use crate::neural::Scalp;
@@ -142,10 +144,10 @@ impl Hair {
         Ok(Codes { encoder: codes.encoder(), deviation, errors })
     }
 
-    /// `scores`, one a groom, with the names of the grooms.
-    pub fn named(&self, scores: Vec<Score>) -> Vec<KindScore> {
-        let named = self.names.iter().cloned().zip(scores);
-        named.map(|(groom, score)| KindScore { groom, score }).collect()
+    /// `scores`, one a groom, with the names of the grooms, to which `suffix` is added.
+    pub fn named(&self, scores: Vec<Score>, suffix: &str) -> Vec<KindScore> {
+        let named = self.names.iter().zip(scores);
+        named.map(|(groom, score)| KindScore { groom: format!("{groom}{suffix}"), score }).collect()
     }
 
     /// The strands of each groom for a use, with their inputs, and how many each groom has.
@@ -276,16 +278,42 @@ fn deviation(codes: &StrandCodes, strands: &[[f32; INPUTS]]) -> f32 {
     ((0..numbers).map(deviation).sum::<f64>() / numbers.max(1) as f64) as f32
 }
 
-/// The motions of `config` for a use.
+/// The features of a body whose head's origin is that of the head.
+fn features() -> Result<Features, TrainingError> {
+    Features::new(DVec3::ZERO, HeadMotion::default()).map_err(TrainingError::Motion)
+}
+
+/// The motions of `config` for a use: generated ones, and pieces of recorded ones if they are
+/// trained.
 pub(super) fn motions(config: &TrainingConfig, purpose: Use) -> Result<Vec<Clip>, TrainingError> {
     let own = &config.motions;
-    let count = if matches!(purpose, Use::Training) { own.count } else { own.held_out };
-    let features = Features::new(DVec3::ZERO, HeadMotion::default()).map_err(TrainingError::Motion)?;
+    let is_trained = matches!(purpose, Use::Training);
+    let count = if is_trained { own.count } else { own.held_out };
+    let features = features()?;
     let first = SEEDS[purpose as usize] + 1_000_000 * (config.seed % 800);
+    let recorded =
+        if is_trained { Some(Recorded::load(own)?).filter(|_| !own.files.is_empty()) } else { None };
+    let before = |k: u32| (f64::from(k) * own.recorded).floor();
     let one = |k: u32| {
-        let kind = Kind::ALL[k as usize % Kind::ALL.len()];
-        let poses = generate(kind, config.frames(), SPACING_SECS, first + u64::from(k));
+        let seed = first + u64::from(k);
+        let poses = match &recorded {
+            Some(recorded) if before(k + 1) > before(k) => {
+                recorded.piece(config.frames(), &mut Random::stream(seed, Kind::ALL.len() as u64))
+            }
+            _ => {
+                let kinds = Kind::ALL.len();
+                let (kind, round) = (k as usize % kinds, k as usize / kinds);
+                generate(Kind::ALL[kind], (kind + round) % 2 == 1, config.frames(), SPACING_SECS, seed)
+            }
+        };
         clip(&features, &poses).map_err(TrainingError::Motion)
     };
     (0..count).map(one).collect()
+}
+
+/// What the result is measured with of the recorded motions of `config`.
+pub(super) fn recorded_motions(config: &TrainingConfig) -> Result<Vec<Clip>, TrainingError> {
+    let features = features()?;
+    let pieces = Recorded::load(&config.motions)?.measured(config.frames());
+    pieces.iter().map(|poses| clip(&features, poses).map_err(TrainingError::Motion)).collect()
 }

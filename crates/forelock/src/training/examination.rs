@@ -2,21 +2,23 @@
 
 use forelock_core::lane::Simd;
 use forelock_neural::codes::Encoder;
+use forelock_neural::measures::MeasureError;
 use forelock_neural::model::Model;
+use forelock_neural::network::inference::Predictor;
 use forelock_neural::reference::Terms;
-use forelock_neural::train::Energies;
+use forelock_neural::train::{Clip, Energies};
 use forelock_neural::trial::{Score, Trial};
 use serde::Serialize;
 
 use super::TrainingError;
 use super::config::TrainingConfig;
-use super::data::{Hair, Use, motions};
+use super::data::{Hair, Use, motions, recorded_motions};
 use crate::progress::{Observer, Progress};
 
 /// How good a model is for one kind of hair.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct KindScore {
-    /// The groom.
+    /// The groom, with ", recorded" where the motions are those of files.
     pub groom: String,
     /// The measures, beside the implicit reference.
     #[serde(flatten)]
@@ -39,7 +41,7 @@ pub fn measure(
 /// Strands and motions with the implicit reference of each, to measure several models with.
 pub struct Examination {
     hair: Hair,
-    trial: Trial,
+    trials: Trials,
 }
 
 impl Examination {
@@ -56,11 +58,11 @@ impl Examination {
         observer: &mut Observer<'_>,
     ) -> Result<Self, TrainingError> {
         let hair = Hair::load(config, observer)?;
-        let trial = trial(config, energies, &hair, Coded::by(coder), Use::Measures, observer)?;
-        Ok(Self { hair, trial })
+        let trials = Trials::new(config, energies, &hair, Coded::by(coder), observer)?;
+        Ok(Self { hair, trials })
     }
 
-    /// The measures of `model`, one a kind of hair.
+    /// The measures of `model`, one a kind of hair, of generated motions and then of recorded ones.
     ///
     /// # Errors
     /// [`TrainingError`] if a strand has no code, or a prediction is not finite.
@@ -68,7 +70,50 @@ impl Examination {
         let Coded { encoder, deviation } = Coded::by(model);
         let (strands, _) = self.hair.strands(Use::Measures, encoder, deviation)?;
         let inputs: Vec<f32> = strands.into_iter().flat_map(|strand| strand.statics).collect();
-        Ok(self.hair.named(self.trial.run_with(&model.predictor(Simd::Auto)?, &inputs)?))
+        let predictor = model.predictor(Simd::Auto)?;
+        self.trials.scores(&self.hair, &|trial| trial.run_with(&predictor, &inputs))
+    }
+}
+
+/// What a result is measured with.
+pub(super) struct Trials {
+    generated: Trial,
+    /// None without files.
+    recorded: Option<Trial>,
+}
+
+impl Trials {
+    pub(super) fn new(
+        config: &TrainingConfig,
+        energies: &Energies,
+        hair: &Hair,
+        codes: Coded<'_>,
+        observer: &mut Observer<'_>,
+    ) -> Result<Self, TrainingError> {
+        let generated = motions(config, Use::Measures)?;
+        let recorded = recorded_motions(config)?;
+        let mut new = |clips| trial(clips, energies, hair, codes, Use::Measures, observer);
+        Ok(Self {
+            generated: new(generated)?,
+            recorded: if recorded.is_empty() { None } else { Some(new(recorded)?) },
+        })
+    }
+
+    /// The measures of `predictor` with the codes that the trials were made with.
+    pub(super) fn run(&self, hair: &Hair, predictor: &Predictor) -> Result<Vec<KindScore>, TrainingError> {
+        self.scores(hair, &|trial| trial.run(predictor))
+    }
+
+    fn scores(
+        &self,
+        hair: &Hair,
+        run: &dyn Fn(&Trial) -> Result<Vec<Score>, MeasureError>,
+    ) -> Result<Vec<KindScore>, TrainingError> {
+        let mut scores = hair.named(run(&self.generated)?, "");
+        if let Some(recorded) = &self.recorded {
+            scores.extend(hair.named(run(recorded)?, ", recorded"));
+        }
+        Ok(scores)
     }
 }
 
@@ -86,16 +131,15 @@ impl<'a> Coded<'a> {
     }
 }
 
-/// Strands and motions that are not trained, with their references.
+/// Strands for a use in `clips`, which are not trained, with their references.
 pub(super) fn trial(
-    config: &TrainingConfig,
+    clips: Vec<Clip>,
     energies: &Energies,
     hair: &Hair,
     codes: Coded<'_>,
     purpose: Use,
     observer: &mut Observer<'_>,
 ) -> Result<Trial, TrainingError> {
-    let clips = motions(config, purpose)?;
     let terms = Terms { elastic: energies.elastic, motion: energies.motion, body: energies.body };
     let (strands, counts) = hair.strands(purpose, codes.encoder, codes.deviation)?;
     observer(&Progress::Begin { what: "references", done: 0, total: clips.len() as u64 });

@@ -22,11 +22,12 @@ mod data;
 mod examination;
 mod material;
 mod page;
+mod recorded;
 mod run;
 
 pub use config::{
-    TrainedEnergies, TrainedHair, TrainedMethod, TrainedMotions, TrainingConfig, TrainingSteps, help,
-    markdown,
+    TrainedEnergies, TrainedHair, TrainedMethod, TrainedMotions, TrainingConfig, TrainingPreset,
+    TrainingSteps, help, markdown,
 };
 pub use examination::{Examination, KindScore, measure};
 pub use material::Material;
@@ -92,6 +93,14 @@ pub enum TrainingError {
     /// A motion is wrong.
     #[error(transparent)]
     Motion(forelock_neural::features::FeatureError),
+    /// A file of a recorded motion cannot be used.
+    #[error("{}: {problem}", .path.display())]
+    Recorded {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, and what to do.
+        problem: String,
+    },
     /// Strands or motions cannot be trained with.
     #[error(transparent)]
     Set(#[from] forelock_neural::train::SetError),

@@ -17,9 +17,9 @@ use forelock_neural::train::{
 use forelock_neural::trial::{Score, Trial};
 use serde::{Deserialize, Serialize};
 
-use super::config::TrainingConfig;
+use super::config::{TrainedMotions, TrainingConfig};
 use super::data::{Codes, Hair, Use, motions};
-use super::examination::{Coded, KindScore, trial};
+use super::examination::{Coded, KindScore, Trials, trial};
 use super::{TrainingError, page};
 use crate::progress::{Observer, Progress};
 
@@ -123,6 +123,7 @@ pub fn train(
     forelock_io::remove_leftovers(out);
     check_config_file(&out.join(CONFIG))?;
     let mut resumed = resumed(config, options, observer)?;
+    let clips = motions(config, Use::Training)?;
     let hair = Hair::load(config, observer)?;
     let digest = hair.digest();
     if resumed.1.hair.is_empty() {
@@ -142,7 +143,6 @@ pub fn train(
         "codes: error {trained:.3} cm a coordinate, {of_strands:.3} of strands that were not trained"
     )));
     let (strands, counts) = hair.strands(Use::Training, &codes.encoder, codes.deviation)?;
-    let clips = motions(config, Use::Training)?;
     let sizes = [strands.len(), clips.len()];
     let mut set = TrainingSet::new(strands, &counts, clips, hair.field.clone())?;
     if config.method.objective == Objective::Drapes {
@@ -152,8 +152,11 @@ pub fn train(
     resumed.0.trainer.prepare(&mut set);
     let own = &config.options().energies;
     let coded = Coded { encoder: &codes.encoder, deviation: codes.deviation };
-    let trial = |purpose, observer: &mut Observer<'_>| trial(config, own, &hair, coded, purpose, observer);
-    let choice = if config.steps.choose_best { Some(trial(Use::Choice, observer)?) } else { None };
+    let choice = if config.steps.choose_best {
+        Some(trial(motions(config, Use::Choice)?, own, &hair, coded, Use::Choice, observer)?)
+    } else {
+        None
+    };
     let Resumed { trainer, best, .. } = resumed.0;
     let mut run = Run { config, out, trainer, best, note: resumed.1, choice };
     run.steps(&set, observer, stop)?;
@@ -173,9 +176,9 @@ pub fn train(
     }
     let last = (!config.steps.choose_best).then(|| run.trainer.average());
     let best = run.best.as_ref().or(last).ok_or(TrainingError::NoneKept(100.0 * MOST_INSIDE))?;
-    let scores = trial(Use::Measures, observer)?.run(&predictor(&run.trainer, best)?)?;
-    summary.scores = hair.named(scores);
-    let model = model(config, &codes, &run, best, &summary)?;
+    let trials = Trials::new(config, own, &hair, coded, observer)?;
+    summary.scores = trials.run(&hair, &predictor(&run.trainer, best)?)?;
+    let model = model(config, &codes, &run, best, &summary, &hair.names)?;
     summary.simulator_bytes = 4 * (best.parameters().len() + forelock_neural::EDGES.pow(2));
     write(&out.join(MODEL), &model.to_bytes()?)?;
     summary.outputs.insert(0, out.join(MODEL));
@@ -344,6 +347,17 @@ impl Run<'_> {
     }
 }
 
+/// What motions `config` trains, for the model's file.
+fn motions_trained(config: &TrainingConfig) -> Vec<String> {
+    let TrainedMotions { count, files, recorded, .. } = &config.motions;
+    if files.is_empty() {
+        return vec![format!("{count} generated motions")];
+    }
+    let names = files.iter().map(|path| path.file_name().unwrap_or_default().to_string_lossy().into_owned());
+    let first = format!("{count} motions, {recorded} of them pieces of the following files");
+    std::iter::once(first).chain(names).collect()
+}
+
 /// The model of what was trained.
 fn model(
     config: &TrainingConfig,
@@ -351,14 +365,15 @@ fn model(
     run: &Run<'_>,
     best: &Network<f32>,
     summary: &TrainingSummary,
+    grooms: &[String],
 ) -> Result<Model, TrainingError> {
     let mut info = ModelInfo::new(&config.options().energies, codes.deviation.into());
     info.head = config.method.head;
     info.training.config_digest = config.digest();
     info.training.seed = config.seed;
     info.training.steps = config.steps.simulator;
-    info.training.grooms = summary.scores.iter().map(|own| own.groom.clone()).collect();
-    info.training.motions = vec![format!("{} generated motions", config.motions.count)];
+    info.training.grooms = grooms.to_vec();
+    info.training.motions = motions_trained(config);
     info.measures.insert("step".to_owned(), summary.best_step.into());
     for (name, error) in ["code_error_cm", "code_error_held_out_cm"].into_iter().zip(codes.errors) {
         info.measures.insert(name.to_owned(), error);

@@ -109,8 +109,63 @@ fn a_model_of_displacements_without_lock_codes_is_trained_and_measured() {
 }
 
 #[test]
+fn the_papers_preset_gives_way_to_keys() {
+    let own = config(&["preset=paper", "energies.drag=2"]).unwrap();
+    let options = own.options();
+    assert_eq!(options.head, forelock_neural::model::OutputHead::Displacement);
+    assert_eq!((options.rate, options.warm_start, options.energies.motion.drag), (5e-4, 0.0, 2.0));
+    assert!(options.energies.prints_adhesion && options.energies.repulsion.is_some());
+    assert_eq!(own.energies.body, 2000.0, "of the other keys");
+    let again = TrainingConfig::parse(&own.to_toml(), Path::new("again.toml"), &[]).unwrap();
+    assert_eq!(again, own);
+}
+
+/// Twelve seconds of a body that turns and sways.
+fn recording(path: &Path) {
+    let joint = |name: &str| format!("JOINT {name}\n{{\nOFFSET 0 0.4 0\nCHANNELS 0\n");
+    let joints = ["Spine1", "Neck1", "Head"].map(joint).concat();
+    let root = "HIERARCHY\nROOT Hips\n{\nOFFSET 0 1 0\nCHANNELS 2 Xposition Yrotation\n";
+    let frame = |k: i32| {
+        let secs = f64::from(k) / 30.0;
+        format!("{} {}\n", 0.1 * (2.0 * secs).sin(), 40.0 * (3.0 * secs).sin())
+    };
+    let frames: String = (0..=360).map(frame).collect();
+    let end = "End Site\n{\nOFFSET 0 0.2 0\n}\n}\n}\n}\n}\n";
+    let motion = "MOTION\nFrames: 361\nFrame Time: 0.0333333333\n";
+    std::fs::write(path, [root, &joints, end, motion, &frames].concat()).unwrap();
+}
+
+#[test]
+fn recorded_motions_are_trained_and_measured_under_another_gravity() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("sway.bvh");
+    recording(&file);
+    let files = format!("motions.files=[{:?}]", file.to_str().unwrap());
+    let sets = [&files, "steps.simulator=16", "motions.unit=1", "energies.gravity=[0, -500, 0]"];
+    let own = config(&sets).unwrap();
+    let options = TrainingOptions { out: folder.path().join("out"), resume: false };
+    let summary = train(&own, &options, &mut |_| {}, &AtomicBool::new(false)).unwrap();
+    let names: Vec<_> = summary.scores.iter().map(|own| own.groom.as_str()).collect();
+    let kinds = ["straight x 0.7", "curly x 0.7"];
+    assert_eq!(names[..2], kinds);
+    assert_eq!(names[2..], kinds.map(|name| format!("{name}, recorded")));
+    let [generated, recorded] = [0, 2].map(|k| summary.scores[k].score);
+    assert!(recorded.nrmse > 0.0 && recorded.nrmse != generated.nrmse);
+    let model = forelock_neural::model::Model::read(&summary.outputs[0]).unwrap();
+    assert_eq!(model.info().energies.gravity, [0.0, -500.0, 0.0]);
+    assert_eq!(model.info().training.motions[1..], ["sway.bvh"]);
+
+    std::fs::write(&file, "HIERARCHY").unwrap();
+    let error = train(&own, &options, &mut |_| {}, &AtomicBool::new(false)).unwrap_err().to_string();
+    assert!(error.contains("sway.bvh"), "{error}");
+}
+
+#[test]
 fn wrong_configurations_are_refused_with_their_key() {
     for (set, words) in [
+        ("preset=printed", "default"),
+        ("energies.gravity=[0, -2e5, 0]", "should be from -100000 to 100000"),
+        ("motions.recorded=2", "should be from 0 to 1"),
         ("steps.simulatr=3", "did you mean `steps.simulator`?"),
         ("energies.drag=-1", "should be from 0 to 100"),
         ("method.transport=\"along\"", "sequential"),
@@ -157,10 +212,9 @@ fn the_built_in_model_moves_hair_as_the_reference() {
         assert!(score.inside <= 1e-3 && score.stretch <= 1e-5, "{groom}: {score:?}");
         assert!(score.corr >= 0.75 && score.corr_vel >= 0.6, "{groom}: {score:?}");
         assert!(score.nrmse_dyn <= 0.65, "{groom}: {score:?}");
+        assert!((0.5..=0.95).contains(&score.motion_ratio), "{groom}: {score:?}");
         // Long straight and wavy hair that a turn throws over a shoulder stays there.
-        if !["straight", "wavy"].contains(&groom.as_str()) {
-            assert!(score.nrmse <= 0.5, "{groom}: {score:?}");
-            assert!((0.6..=0.95).contains(&score.motion_ratio), "{groom}: {score:?}");
-        }
+        let bar = if ["straight", "wavy"].contains(&groom.as_str()) { 0.6 } else { 0.5 };
+        assert!(score.nrmse <= bar, "{groom}: {score:?}");
     }
 }
