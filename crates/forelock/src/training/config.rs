@@ -139,8 +139,8 @@ pub struct TrainedMotions {
     /// default 0.5, range 0 to 1.
     pub recorded: f64,
     /// The files' names of root, spine, neck and head; of several with | between them the first
-    /// that a file has. Default "Hips", "Spine1|Chest2|Chest", "Neck1|Neck" and "Head", as in files of
-    /// the CMU.
+    /// that a file has. Default "Hips", "Spine1|Chest2|Chest", "Neck1|Neck" and "Head", as in
+    /// files of the CMU.
     pub joints: [String; 4],
     /// Length of a unit of the files. Unit m, default 0, range 0 to 1000; 0 finds it: the head is
     /// 1.5 m above the lowest joint of the first frame.
