@@ -24,13 +24,13 @@ use glam::Vec3;
 use crate::colour::luminance;
 
 /// Tilt of the cuticle's scales, radians.
-const SCALE_TILT: f32 = 0.045;
+pub(crate) const SCALE_TILT: f32 = 0.045;
 /// Longitudinal roughness β of the R and TT paths. TRT has twice this value.
-const ROUGHNESS: f32 = 0.16;
+pub(crate) const ROUGHNESS: f32 = 0.16;
 /// The exponent of the albedo that gives the tint of the diffuse term.
-const REMAINDER_POWER: f32 = 0.7;
+pub(crate) const REMAINDER_POWER: f32 = 0.7;
 /// Reflectance at normal incidence for an index of refraction of 1.55.
-const FRESNEL_0: f32 = 0.0465;
+pub(crate) const FRESNEL_0: f32 = 0.0465;
 
 /// A point on a hair, prepared for lighting.
 #[derive(Clone, Copy, Debug)]

@@ -48,10 +48,12 @@ const CURVES_PER_CHUNK: usize = 2048;
 const EDGE_BITS: u32 = 20;
 /// The largest number of particles of a strand.
 pub(crate) const MAX_PARTICLES: usize = 1_000_000;
+/// The largest difference of a strand's tilt of scales from the mean, radians.
+const TILT_RANGE: f32 = 0.03;
 /// The desired length of a piece, pixels.
-const PIECE_PX: f32 = 7.0;
+pub(crate) const PIECE_PX: f32 = 7.0;
 /// The largest number of pieces of an edge.
-const MAX_PIECES: f32 = 24.0;
+pub(crate) const MAX_PIECES: f32 = 24.0;
 /// Radius of the pixel filter.
 pub(crate) const FILTER_RADIUS: f32 = 1.0;
 
@@ -120,7 +122,7 @@ pub(crate) struct Group<'a> {
     pub width_scale: f32,
     /// The largest offset of a child, metres.
     radius: f32,
-    log_albedo: Vec3,
+    pub log_albedo: Vec3,
 }
 
 /// The strands of `strands` that can be drawn: (index, particle range).
@@ -141,6 +143,12 @@ pub(crate) fn strand_count(strands: &Strands<'_>) -> usize {
 }
 
 impl<'a> Group<'a> {
+    /// The groups of `scene`. The offsets must be valid.
+    pub fn all(scene: &Scene<'a>, settings: &Settings) -> Vec<Self> {
+        let total = scene.strands.iter().map(strand_count).sum();
+        scene.strands.iter().map(|&strands| Self::new(strands, total, settings)).collect()
+    }
+
     fn new(strands: Strands<'a>, total: usize, settings: &Settings) -> Self {
         let count = strand_count(&strands).max(1);
         let (mut lo, mut hi) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
@@ -178,13 +186,50 @@ impl<'a> Group<'a> {
         if child == 0 {
             return Vec3::ZERO;
         }
-        let draw = |stream| random::signed(seed, strand, child * 4 + stream);
-        let offset = Vec3::new(draw(0), draw(1), draw(2)).clamp_length_max(1.0);
+        let (offset, wave) = child_draws(seed, strand, child);
         // A separate wave for each child avoids parallel curves, which look like wires.
-        let wave = (draw(3) * 3.0 + s * 9.0).sin() * 0.35;
+        let wave = (wave * 3.0 + s * 9.0).sin() * 0.35;
         let profile = (0.6 + 2.0 * s).min(1.0) * (1.0 - 0.65 * s * s);
         (offset + offset.yzx() * wave * s) * (profile * self.radius)
     }
+
+    /// The random numbers of a curve.
+    #[cfg(feature = "gpu")]
+    pub fn draws(&self, seed: u32, strand: u32, child: u32) -> CurveDraws {
+        let (offset, wave) = if child == 0 { (Vec3::ZERO, 0.0) } else { child_draws(seed, strand, child) };
+        let draw = |stream| curve_draw(seed, strand, child, stream);
+        CurveDraws {
+            offset: offset * self.radius,
+            wave,
+            bright: draw(0),
+            grey: draw(1),
+            tilt: draw(2) * TILT_RANGE,
+        }
+    }
+}
+
+/// What differs between curves by chance.
+#[cfg(feature = "gpu")]
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct CurveDraws {
+    /// The offset of a child, metres.
+    pub offset: Vec3,
+    pub wave: f32,
+    pub bright: f32,
+    pub grey: f32,
+    /// The tilt of the scales, radians.
+    pub tilt: f32,
+}
+
+/// The offset of a child relative to the largest one, and its wave.
+fn child_draws(seed: u32, strand: u32, child: u32) -> (Vec3, f32) {
+    let draw = |stream| random::signed(seed, strand, child * 4 + stream);
+    (Vec3::new(draw(0), draw(1), draw(2)).clamp_length_max(1.0), draw(3))
+}
+
+/// A number in [−1, 1) for a curve.
+fn curve_draw(seed: u32, strand: u32, child: u32, stream: u32) -> f32 {
+    random::signed(seed, strand, 1000 + child * 8 + stream)
 }
 
 /// The relative width along a strand without given widths: 1 up to s = 0.6, then decreasing to 0.2
@@ -197,8 +242,7 @@ fn taper(s: f32) -> f32 {
 impl<'a> Hair<'a> {
     /// Projects the strands of `scene`. The offsets must be valid.
     pub fn new(scene: &Scene<'a>, settings: &Settings, view: &View, tiles: TileGrid) -> Self {
-        let total = scene.strands.iter().map(strand_count).sum();
-        let groups: Vec<_> = scene.strands.iter().map(|&s| Group::new(s, total, settings)).collect();
+        let groups = Group::all(scene, settings);
         let ranges: Vec<_> = groups
             .iter()
             .enumerate()
@@ -213,6 +257,12 @@ impl<'a> Hair<'a> {
             .map(|(index, range)| Chunk::new(&groups[index], index, range, settings.seed, view, tiles))
             .collect();
         Self { groups, chunks, seed: settings.seed }
+    }
+
+    /// `groups` without anything to draw.
+    #[cfg(feature = "gpu")]
+    pub fn undrawn(groups: Vec<Group<'a>>) -> Self {
+        Self { groups, chunks: Vec::new(), seed: 0 }
     }
 
     pub fn groups(&self) -> &[Group<'a>] {
@@ -281,12 +331,12 @@ impl<'a> Hair<'a> {
         };
         let p = [particle(-1), particle(0), particle(1), particle(2)];
         let tangent = blend(p, catmull_rom_slope(t)).normalize_or((p[2] - p[1]).normalize_or(Vec3::Y));
-        let draw = |stream| random::signed(self.seed, strand, 1000 + child * 8 + stream);
+        let draw = |stream| curve_draw(self.seed, strand, child, stream);
         StrandPoint {
             position: blend(p, catmull_rom(t)) + group.offset(self.seed, strand, child, s),
             tangent,
             albedo: group.albedo(first + edge, t, s, draw),
-            tilt: draw(2) * 0.03,
+            tilt: draw(2) * TILT_RANGE,
         }
     }
 }

@@ -45,6 +45,8 @@ pub mod colour;
 mod fibre;
 pub mod film;
 mod font;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 pub mod hair;
 pub mod image;
 pub mod light;
@@ -76,19 +78,13 @@ use rayon::prelude::*;
 /// [`RenderError`] for a size or setting out of range, an unusable camera, or arrays that do not
 /// match each other.
 pub fn render(scene: &Scene<'_>, settings: &Settings) -> Result<Image, RenderError> {
-    settings.check()?;
-    if !scene.camera.is_valid() {
-        return Err(RenderError::Camera(scene.camera));
-    }
-    for (group, strands) in scene.strands.iter().enumerate() {
-        strands.check(group)?;
-    }
+    scene.check(settings)?;
     let Settings { width, height, .. } = *settings;
     let view = camera::View::new(&scene.camera, width, height);
     let grid = tiles::TileGrid::new(width, height);
     let solids = solids::Solids::new(&scene.bodies, &view, grid)?;
     let hair = hair::Hair::new(scene, settings, &view, grid);
-    let lighting = lighting::Lighting::new(scene, &solids, &hair);
+    let lighting = lighting::Lighting::new(scene, &solids, hair.groups());
     let frame = raster::Frame { settings: *settings, view, backdrop: scene.backdrop, solids, hair, lighting };
 
     let tiles: Vec<_> = (0..grid.len())

@@ -4,7 +4,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::fibre::Fibre;
-use crate::hair::{Hair, StrandPoint, drawable, strand_count};
+use crate::hair::{Group, StrandPoint, drawable, strand_count};
 use crate::light::{Ambient, Light};
 use crate::scene::Scene;
 use crate::shadow_map::ShadowMap;
@@ -16,7 +16,7 @@ const SHADOW_CELLS: u32 = 96;
 /// Cells along the longest side of the grid for ambient occlusion.
 const OCCLUSION_CELLS: u32 = 40;
 /// The factor for the optical depth of strands. It is below 1 because hair scatters mostly forward.
-const EXTINCTION: f32 = 0.6;
+pub(crate) const EXTINCTION: f32 = 0.6;
 /// The optical depth of the surface of a body in the grid for ambient occlusion.
 const SURFACE_DEPTH: f32 = 1.6;
 /// How far light wraps around skin, for each channel. Red light penetrates deepest.
@@ -24,17 +24,17 @@ const WRAP: Vec3 = Vec3::new(0.30, 0.18, 0.14);
 
 /// The lights of a scene with their shadows.
 pub(crate) struct Lighting {
-    lights: Vec<(Light, Option<ShadowMap>, Option<Grid>)>,
+    pub lights: Vec<(Light, Option<ShadowMap>, Option<Grid>)>,
     ambient: Ambient,
     /// The share of ambient light that reaches a point.
-    openness: Option<Grid>,
+    pub openness: Option<Grid>,
     eye: Vec3,
 }
 
 impl Lighting {
-    pub fn new(scene: &Scene<'_>, solids: &Solids, hair: &Hair<'_>) -> Self {
+    pub fn new(scene: &Scene<'_>, solids: &Solids, groups: &[Group<'_>]) -> Self {
         let (body_lo, body_hi) = solids.bounds();
-        let (hair_lo, hair_hi) = hair_bounds(hair);
+        let (hair_lo, hair_hi) = hair_bounds(groups);
         let (lo, hi) = (body_lo.min(hair_lo), body_hi.max(hair_hi));
         let anything = lo.is_finite() && hi.is_finite() && lo.cmple(hi).all();
         let has_hair = hair_lo.cmple(hair_hi).all();
@@ -45,12 +45,12 @@ impl Lighting {
 
         let density = has_hair.then(|| {
             let deposits = Deposits::new(Layout::covering(grid_lo, grid_hi, SHADOW_CELLS));
-            deposit_hair(hair, &deposits);
+            deposit_hair(groups, &deposits);
             deposits.finish()
         });
         let openness = anything.then(|| {
             let deposits = Deposits::new(Layout::covering(grid_lo, grid_hi, OCCLUSION_CELLS));
-            deposit_hair(hair, &deposits);
+            deposit_hair(groups, &deposits);
             deposit_solids(solids, &deposits);
             openness(&deposits.finish())
         });
@@ -123,9 +123,9 @@ impl Lighting {
     }
 }
 
-fn hair_bounds(hair: &Hair<'_>) -> (Vec3, Vec3) {
+fn hair_bounds(groups: &[Group<'_>]) -> (Vec3, Vec3) {
     let mut bounds = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-    for group in hair.groups() {
+    for group in groups {
         for (_, particles) in drawable(&group.strands, 0..strand_count(&group.strands)) {
             for &p in &group.strands.positions[particles] {
                 bounds = (bounds.0.min(p), bounds.1.max(p));
@@ -136,9 +136,9 @@ fn hair_bounds(hair: &Hair<'_>) -> (Vec3, Vec3) {
 }
 
 /// Adds the area of all strands, children included, as seen from the side.
-fn deposit_hair(hair: &Hair<'_>, deposits: &Deposits) {
+fn deposit_hair(groups: &[Group<'_>], deposits: &Deposits) {
     let cell = deposits.layout.cell;
-    for group in hair.groups() {
+    for group in groups {
         let count = strand_count(&group.strands);
         (0..count.div_ceil(256)).into_par_iter().for_each(|block| {
             let range = block * 256..((block + 1) * 256).min(count);

@@ -38,6 +38,15 @@ impl<'a> Scene<'a> {
         let lights = Light::studio(&camera);
         Self { bodies, strands, camera, lights, ambient: Ambient::default(), backdrop: Backdrop::default() }
     }
+
+    /// Checks that a picture can be drawn, but for the triangles of bodies.
+    pub(crate) fn check(&self, settings: &Settings) -> Result<(), RenderError> {
+        settings.check()?;
+        if !self.camera.is_valid() {
+            return Err(RenderError::Camera(self.camera));
+        }
+        self.strands.iter().enumerate().try_for_each(|(group, strands)| strands.check(group))
+    }
 }
 
 /// A mesh in the picture.

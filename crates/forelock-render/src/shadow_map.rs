@@ -5,13 +5,13 @@ use glam::Vec3;
 /// Depths along the direction of a light, on a square grid of texels.
 #[derive(Clone, Debug)]
 pub(crate) struct ShadowMap {
-    axes: [Vec3; 3],
-    origin: Vec3,
+    pub axes: [Vec3; 3],
+    pub origin: Vec3,
     /// Side of a texel, metres.
     texel: f32,
     /// The height of the surface nearest to the light, measured towards the light, metres. −∞ where
     /// there is no surface.
-    heights: Vec<f32>,
+    pub heights: Vec<f32>,
     /// The lowest and the highest value of each block of texels. They suffice for most points.
     blocks: Vec<[f32; 2]>,
 }
@@ -20,7 +20,7 @@ pub(crate) struct ShadowMap {
 const BLOCK: usize = 8;
 
 /// Texels along each side of the map.
-const SIDE: usize = 768;
+pub(crate) const SIDE: usize = 768;
 
 impl ShadowMap {
     /// The map of `triangles` for light from the direction `to_light`. The triangles are in world

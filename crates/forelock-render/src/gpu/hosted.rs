@@ -1,0 +1,290 @@
+//! A scene as arrays for the device.
+
+use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::GpuRenderError;
+use crate::camera::View;
+use crate::hair::{Group, Hair, drawable, strand_count};
+use crate::lighting::Lighting;
+use crate::raster::{Frame, Tile};
+use crate::scene::{Scene, Settings};
+use crate::solids::Solids;
+use crate::tiles::{TILE as CPU_TILE, TileGrid};
+
+/// The side of a tile of the device, pixels.
+pub(super) const TILE: u32 = 16;
+/// The index that stands for none.
+pub(super) const NONE: u32 = u32::MAX;
+/// The height of a texel of a shadow map without a surface. WGSL has no infinities.
+const LOWEST: f32 = -3e38;
+
+/// The struct of the same name in `frame.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub(super) struct FrameData {
+    eye: [f32; 3],
+    focal: f32,
+    right: [f32; 3],
+    near: f32,
+    up: [f32; 3],
+    exposure: f32,
+    forward: [f32; 3],
+    pub points: u32,
+    sky: [f32; 3],
+    lights: u32,
+    ground: [f32; 3],
+    pub capacity: u32,
+    shadow_origin: [f32; 3],
+    shadow_cell: f32,
+    shadow_size: [u32; 3],
+    particle_stride: u32,
+    open_origin: [f32; 3],
+    open_cell: f32,
+    open_size: [u32; 3],
+    open_start: u32,
+    position_origin: [f32; 3],
+    component_stride: u32,
+    centre: [f32; 2],
+    pub size: [u32; 2],
+    pub tiles: [u32; 2],
+    unused: [u32; 2],
+}
+
+/// The struct of the same name in `frame.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub(super) struct CurveData {
+    base: u32,
+    first: u32,
+    count: u32,
+    start: u32,
+    offset: [f32; 3],
+    wave: f32,
+    log_albedo: [f32; 3],
+    tilt: f32,
+    bright: f32,
+    grey: f32,
+    has_colours: u32,
+    unused: u32,
+}
+
+/// `Light` in `shade.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub(super) struct LightData {
+    direction: [f32; 3],
+    texel: f32,
+    colour: [f32; 3],
+    heights: u32,
+    right: [f32; 3],
+    grid: u32,
+    up: [f32; 3],
+    unused: u32,
+    origin: [f32; 3],
+    unused_too: u32,
+}
+
+/// Everything that the device needs to draw a scene.
+pub(super) struct Hosted {
+    pub frame: FrameData,
+    pub hair: HairArrays,
+    pub light: LightArrays,
+    pub behind: BehindArrays,
+}
+
+/// Strands and their attributes.
+#[derive(Default)]
+pub(super) struct HairArrays {
+    /// `[3 P]`, particle by particle.
+    pub positions: Vec<f32>,
+    pub curves: Vec<CurveData>,
+    /// The curve of each drawn particle.
+    pub owners: Vec<u32>,
+    /// Diameters as drawn, `[P]`, metres.
+    pub widths: Vec<f32>,
+    /// `[P]`, or empty if no group has colours of its own.
+    pub albedos: Vec<[f32; 4]>,
+}
+
+/// Lights and their shadows.
+#[derive(Default)]
+pub(super) struct LightArrays {
+    pub lights: Vec<LightData>,
+    pub grids: Vec<f32>,
+    pub heights: Vec<f32>,
+}
+
+/// What is behind the hair.
+pub(super) struct BehindArrays {
+    /// Linear RGB of each pixel.
+    pub colours: Vec<[f32; 4]>,
+    /// Inverse depths of four samples of each pixel.
+    pub nearness: Vec<[f32; 4]>,
+    /// The smallest inverse depth in each tile of the device.
+    pub horizon: Vec<f32>,
+}
+
+impl Hosted {
+    pub fn new(scene: &Scene<'_>, settings: &Settings) -> Result<Self, GpuRenderError> {
+        scene.check(settings)?;
+        let Settings { width, height, .. } = *settings;
+        let view = View::new(&scene.camera, width, height);
+        let grid = TileGrid::new(width, height);
+        let solids = Solids::new(&scene.bodies, &view, grid)?;
+        let groups = Group::all(scene, settings);
+        let hair = HairArrays::new(&groups, settings.seed);
+        let lighting = Lighting::new(scene, &solids, &groups);
+        let mut frame = FrameData {
+            eye: view.eye.into(),
+            focal: view.focal,
+            right: view.right.into(),
+            near: view.near,
+            up: view.up.into(),
+            exposure: settings.exposure,
+            forward: view.forward.into(),
+            points: hair.owners.len() as u32,
+            sky: scene.ambient.sky.into(),
+            ground: scene.ambient.ground.into(),
+            particle_stride: 3,
+            component_stride: 1,
+            centre: view.centre,
+            size: [width, height],
+            tiles: [width.div_ceil(TILE), height.div_ceil(TILE)],
+            ..FrameData::default()
+        };
+        let light = LightArrays::new(&lighting, &mut frame);
+        let hair_groups = Hair::undrawn(groups);
+        let drawn = Frame {
+            settings: *settings,
+            view,
+            backdrop: scene.backdrop,
+            solids,
+            hair: hair_groups,
+            lighting,
+        };
+        let behind = BehindArrays::new(&drawn, grid, frame.tiles);
+        Ok(Self { frame, hair, light, behind })
+    }
+}
+
+impl HairArrays {
+    fn new(groups: &[Group<'_>], seed: u32) -> Self {
+        let mut arrays = Self::default();
+        let has_colours = groups.iter().any(|group| group.strands.colours.is_some());
+        for group in groups {
+            let before = arrays.widths.len() as u32;
+            arrays.append_particles(group, has_colours);
+            for (strand, particles) in drawable(&group.strands, 0..strand_count(&group.strands)) {
+                let (first, count) = (before + particles.start as u32, particles.len() as u32);
+                let places = arrays.widths[first as usize..][..count as usize].iter_mut();
+                for (i, width) in places.enumerate() {
+                    *width = group.width(particles.start, i as f32, i as f32 / (count - 1) as f32);
+                }
+                for child in 0..group.children {
+                    let start = arrays.owners.len();
+                    arrays.owners.resize(start + count as usize, arrays.curves.len() as u32);
+                    let draws = group.draws(seed, strand as u32, child);
+                    arrays.curves.push(CurveData {
+                        base: 3 * first,
+                        first,
+                        count,
+                        start: start as u32,
+                        offset: draws.offset.into(),
+                        wave: draws.wave,
+                        log_albedo: group.log_albedo.into(),
+                        tilt: draws.tilt,
+                        bright: draws.bright,
+                        grey: draws.grey,
+                        has_colours: group.strands.colours.is_some().into(),
+                        unused: 0,
+                    });
+                }
+            }
+        }
+        arrays
+    }
+
+    /// Appends the positions and albedos of all particles of `group`, and room for their widths.
+    fn append_particles(&mut self, group: &Group<'_>, has_colours: bool) {
+        self.positions.extend_from_slice(bytemuck::cast_slice(group.strands.positions));
+        let count = self.positions.len() / 3;
+        self.widths.resize(count, 0.0);
+        if has_colours {
+            let colours = group.strands.colours.unwrap_or_default();
+            self.albedos.extend(colours.iter().map(|&[r, g, b]| [r, g, b, 0.0]));
+            self.albedos.resize(count, [0.0; 4]);
+        }
+    }
+}
+
+impl LightArrays {
+    /// The arrays of `lighting`; their layout goes to `frame`.
+    fn new(lighting: &Lighting, frame: &mut FrameData) -> Self {
+        let mut arrays = Self::default();
+        for (light, map, grid) in &lighting.lights {
+            let mut data = LightData {
+                direction: light.direction.into(),
+                colour: light.colour.into(),
+                heights: NONE,
+                grid: NONE,
+                ..LightData::zeroed()
+            };
+            if let Some(map) = map {
+                let [right, up, _] = map.axes;
+                (data.right, data.up, data.origin) = (right.into(), up.into(), map.origin.into());
+                data.texel = map.texel();
+                data.heights = arrays.heights.len() as u32;
+                arrays.heights.extend(map.heights.iter().map(|height| height.max(LOWEST)));
+            }
+            if let Some(grid) = grid {
+                frame.shadow_origin = grid.layout.origin.into();
+                frame.shadow_cell = grid.layout.cell;
+                frame.shadow_size = grid.layout.size.into();
+                data.grid = arrays.grids.len() as u32;
+                arrays.grids.extend_from_slice(&grid.values);
+            }
+            arrays.lights.push(data);
+        }
+        frame.lights = arrays.lights.len() as u32;
+        if let Some(grid) = &lighting.openness {
+            frame.open_origin = grid.layout.origin.into();
+            frame.open_cell = grid.layout.cell;
+            frame.open_size = grid.layout.size.into();
+            frame.open_start = arrays.grids.len() as u32;
+            arrays.grids.extend_from_slice(&grid.values);
+        }
+        arrays
+    }
+}
+
+impl BehindArrays {
+    fn new(frame: &Frame<'_>, grid: TileGrid, tiles: [u32; 2]) -> Self {
+        let [width, height] = [frame.settings.width, frame.settings.height];
+        let place =
+            |tile: usize| [tile as u32 % grid.columns * CPU_TILE, tile as u32 / grid.columns * CPU_TILE];
+        let drawn: Vec<_> = (0..grid.len())
+            .into_par_iter()
+            .map_init(Tile::default, |tile, index| tile.behind(frame, index, place(index)))
+            .collect();
+        let pixels = width as usize * height as usize;
+        let (mut colours, mut nearness) = (vec![[0.0; 4]; pixels], vec![[0.0; 4]; pixels]);
+        let mut horizon = vec![f32::MAX; tiles[0] as usize * tiles[1] as usize];
+        for (index, tile) in drawn.into_iter().enumerate() {
+            let corner = place(index);
+            for (i, pixel) in tile.into_iter().enumerate() {
+                let (x, y) = (corner[0] + i as u32 % CPU_TILE, corner[1] + i as u32 / CPU_TILE);
+                if x < width && y < height {
+                    let at = y as usize * width as usize + x as usize;
+                    let Vec3 { x: red, y: green, z: blue } = pixel.colour;
+                    colours[at] = [red, green, blue, 1.0];
+                    nearness[at] = pixel.nearness;
+                    let own = &mut horizon[(y / TILE * tiles[0] + x / TILE) as usize];
+                    *own = own.min(pixel.nearness[0]);
+                }
+            }
+        }
+        Self { colours, nearness, horizon }
+    }
+}

@@ -1,0 +1,335 @@
+//! The kernels and the buffers that they read and write.
+
+use std::fmt::Write;
+
+use super::GpuRenderError;
+use super::hosted::{NONE, TILE};
+use crate::fibre::{FRESNEL_0, REMAINDER_POWER, ROUGHNESS, SCALE_TILT};
+use crate::hair::{FILTER_RADIUS, MAX_PIECES, PIECE_PX};
+use crate::lighting::EXTINCTION;
+use crate::raster::OPAQUE;
+use crate::shadow_map::SIDE as SHADOW_SIDE;
+
+/// Threads of a workgroup; in a tile, one a pixel.
+const THREADS: u32 = TILE * TILE;
+/// Numbers of pieces that an edge has room for.
+pub(super) const PIECES_EACH: u32 = 32;
+/// The largest number of workgroups of a dispatch along an axis that is used.
+const MAX_GROUPS: u32 = 32_768;
+
+const FRAME: &str = include_str!("wgsl/frame.wgsl");
+const STRAND: &str = include_str!("wgsl/strand.wgsl");
+const PIECES: &str = include_str!("wgsl/pieces.wgsl");
+
+/// The number of a binding, the same in all kernels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub(super) enum Slot {
+    Frame,
+    Positions,
+    Curves,
+    Owners,
+    Widths,
+    Albedos,
+    Lights,
+    Grids,
+    Heights,
+    Points,
+    Radiance,
+    Counts,
+    Offsets,
+    List,
+    Horizon,
+    Report,
+    Behind,
+    Nearness,
+    Picture,
+}
+
+/// The number of slots.
+const SLOTS: usize = Picture as usize + 1;
+
+/// A stage of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Stage {
+    pub name: &'static str,
+    slots: &'static [Slot],
+    threads: Threads,
+}
+
+/// What the threads of a stage are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Threads {
+    Points,
+    /// One workgroup.
+    Once,
+    /// A workgroup a tile.
+    Tiles,
+}
+
+use Slot::{
+    Albedos, Behind, Counts, Curves, Frame, Grids, Heights, Horizon, Lights, List, Nearness, Offsets, Owners,
+    Picture, Points, Positions, Radiance, Report, Widths,
+};
+
+/// All stages, in the order in which they run.
+pub(super) const STAGES: [Stage; 7] = [
+    Stage {
+        name: "project",
+        slots: &[Frame, Positions, Curves, Owners, Widths, Points],
+        threads: Threads::Points,
+    },
+    Stage {
+        name: "shade",
+        slots: &[Frame, Positions, Curves, Owners, Albedos, Lights, Grids, Heights, Radiance],
+        threads: Threads::Points,
+    },
+    Stage {
+        name: "count",
+        slots: &[Frame, Curves, Owners, Points, Counts, Horizon],
+        threads: Threads::Points,
+    },
+    Stage { name: "sum_up", slots: &[Frame, Counts, Offsets, Report], threads: Threads::Once },
+    Stage {
+        name: "fill",
+        slots: &[Frame, Curves, Owners, Points, Counts, Offsets, List, Horizon],
+        threads: Threads::Points,
+    },
+    Stage { name: "sort", slots: &[Frame, Offsets, List], threads: Threads::Tiles },
+    Stage {
+        name: "resolve",
+        slots: &[Frame, Curves, Owners, Points, Radiance, Offsets, List, Behind, Nearness, Picture],
+        threads: Threads::Tiles,
+    },
+];
+
+impl Stage {
+    /// The texts of its shader.
+    fn texts(&self) -> &'static [&'static str] {
+        match self.name {
+            "project" => &[FRAME, STRAND, include_str!("wgsl/project.wgsl")],
+            "shade" => &[FRAME, STRAND, include_str!("wgsl/fibre.wgsl"), include_str!("wgsl/shade.wgsl")],
+            "sort" => &[FRAME, include_str!("wgsl/sort.wgsl")],
+            "resolve" => &[FRAME, PIECES, include_str!("wgsl/resolve.wgsl")],
+            _ => &[FRAME, PIECES, include_str!("wgsl/bins.wgsl")],
+        }
+    }
+
+    /// The workgroups for a frame of `points` drawn particles and `tiles` tiles.
+    pub fn workgroups(&self, points: u32, tiles: [u32; 2]) -> [u32; 2] {
+        match self.threads {
+            Threads::Once => [1, 1],
+            Threads::Tiles => tiles,
+            Threads::Points => {
+                let groups = points.div_ceil(THREADS);
+                [groups.min(MAX_GROUPS), groups.div_ceil(MAX_GROUPS)]
+            }
+        }
+    }
+}
+
+/// The constants that the shaders take from the CPU renderer.
+fn constants() -> String {
+    let floats = [
+        ("SCALE_TILT", SCALE_TILT),
+        ("ROUGHNESS", ROUGHNESS),
+        ("REMAINDER_POWER", REMAINDER_POWER),
+        ("FRESNEL_0", FRESNEL_0),
+        ("EXTINCTION", EXTINCTION),
+        ("FILTER_RADIUS", FILTER_RADIUS),
+        ("PIECE_PX", PIECE_PX),
+        ("MAX_PIECES", MAX_PIECES),
+        ("OPAQUE", OPAQUE),
+    ];
+    let numbers = [
+        ("THREADS", THREADS),
+        ("TILE", TILE),
+        ("NONE", NONE),
+        ("PIECES_EACH", PIECES_EACH),
+        ("SHADOW_SIDE", SHADOW_SIDE as u32),
+    ];
+    let mut text = String::new();
+    // Writing to a string cannot fail.
+    for (name, value) in floats {
+        let _ = writeln!(text, "const {name}: f32 = {value:e}f;");
+    }
+    for (name, value) in numbers {
+        let _ = writeln!(text, "const {name}: u32 = {value}u;");
+    }
+    text
+}
+
+fn module(device: &wgpu::Device, label: &str, texts: &[&str]) -> wgpu::ShaderModule {
+    let source = [&constants(), texts.concat().as_str()].concat();
+    device.create_shader_module(wgpu::ShaderModuleDescriptor {
+        label: Some(label),
+        source: wgpu::ShaderSource::Wgsl(source.into()),
+    })
+}
+
+/// The pipeline of `stage`.
+pub(super) fn pipeline(device: &wgpu::Device, stage: &Stage) -> wgpu::ComputePipeline {
+    device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label: Some(stage.name),
+        layout: None,
+        module: &module(device, stage.name, stage.texts()),
+        entry_point: Some(stage.name),
+        compilation_options: Default::default(),
+        cache: None,
+    })
+}
+
+/// The pipeline that copies the picture to a target of `format`.
+pub(super) fn presenting(device: &wgpu::Device, format: wgpu::TextureFormat) -> wgpu::RenderPipeline {
+    let module = module(device, "present", &[FRAME, include_str!("wgsl/present.wgsl")]);
+    let fragment = if format.is_srgb() { "linear" } else { "encoded" };
+    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some("present"),
+        layout: None,
+        vertex: wgpu::VertexState {
+            module: &module,
+            entry_point: Some("corner"),
+            compilation_options: Default::default(),
+            buffers: &[],
+        },
+        primitive: Default::default(),
+        depth_stencil: None,
+        multisample: Default::default(),
+        fragment: Some(wgpu::FragmentState {
+            module: &module,
+            entry_point: Some(fragment),
+            compilation_options: Default::default(),
+            targets: &[Some(format.into())],
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
+}
+
+/// The buffers and textures of a renderer. Buffers grow and are kept from one frame to the next.
+#[derive(Debug, Default)]
+pub(super) struct Memory {
+    buffers: [Option<wgpu::Buffer>; SLOTS],
+    behind: Option<wgpu::Texture>,
+    nearness: Option<wgpu::Texture>,
+}
+
+impl Memory {
+    /// Makes room for `bytes` in `slot`. What a buffer holds is lost if it grows.
+    pub fn reserve(&mut self, device: &wgpu::Device, slot: Slot, bytes: u64) -> Result<(), GpuRenderError> {
+        let usage = match slot {
+            Frame => wgpu::BufferUsages::UNIFORM,
+            _ => wgpu::BufferUsages::STORAGE,
+        };
+        let own = &mut self.buffers[slot as usize];
+        let limit = most_bound(device);
+        // The length of an array is a multiple of its elements, all of which divide 16 but one.
+        let size = bytes.max(256).next_multiple_of(16);
+        if size > limit {
+            return Err(GpuRenderError::TooLarge { what: described(slot), bytes, limit });
+        }
+        if own.as_ref().is_none_or(|buffer| buffer.size() < size) {
+            *own = Some(device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(described(slot)),
+                size,
+                usage: usage | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC,
+                mapped_at_creation: false,
+            }));
+        }
+        Ok(())
+    }
+
+    /// The buffer of `slot`.
+    pub fn buffer(&self, slot: Slot) -> Result<&wgpu::Buffer, GpuRenderError> {
+        let own = self.buffers[slot as usize].as_ref();
+        own.ok_or_else(|| GpuRenderError::Failed(format!("there is no buffer for the {}", described(slot))))
+    }
+
+    /// Makes the textures of a picture of `size` pixels.
+    pub fn size_textures(&mut self, device: &wgpu::Device, [width, height]: [u32; 2]) {
+        let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
+        let make = |label| {
+            device.create_texture(&wgpu::TextureDescriptor {
+                label: Some(label),
+                size,
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format: wgpu::TextureFormat::Rgba32Float,
+                usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+                view_formats: &[],
+            })
+        };
+        let fits = |texture: &Option<wgpu::Texture>| texture.as_ref().is_some_and(|own| own.size() == size);
+        if !fits(&self.behind) {
+            (self.behind, self.nearness) = (Some(make("behind")), Some(make("nearness")));
+        }
+    }
+
+    /// The texture of `slot`.
+    pub fn texture(&self, slot: Slot) -> Result<&wgpu::Texture, GpuRenderError> {
+        let own = if slot == Behind { &self.behind } else { &self.nearness };
+        own.as_ref().ok_or_else(|| GpuRenderError::Failed("there is no texture for the bodies".to_owned()))
+    }
+
+    /// The bind group of `stage`.
+    pub fn bind(
+        &self,
+        device: &wgpu::Device,
+        layout: &wgpu::BindGroupLayout,
+        slots: &[Slot],
+    ) -> Result<wgpu::BindGroup, GpuRenderError> {
+        let views = [Behind, Nearness].map(|slot| {
+            self.texture(slot).map(|texture| texture.create_view(&wgpu::TextureViewDescriptor::default()))
+        });
+        let [behind, nearness] = views;
+        let (behind, nearness) = (behind?, nearness?);
+        let entry = |&slot: &Slot| {
+            let resource = match slot {
+                Behind => wgpu::BindingResource::TextureView(&behind),
+                Nearness => wgpu::BindingResource::TextureView(&nearness),
+                _ => self.buffer(slot)?.as_entire_binding(),
+            };
+            Ok(wgpu::BindGroupEntry { binding: slot as u32, resource })
+        };
+        let entries: Vec<_> = slots.iter().map(entry).collect::<Result<_, GpuRenderError>>()?;
+        Ok(device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout, entries: &entries }))
+    }
+
+    /// The bind group of `stage` for its pipeline.
+    pub fn bind_stage(
+        &self,
+        device: &wgpu::Device,
+        pipeline: &wgpu::ComputePipeline,
+        stage: &Stage,
+    ) -> Result<wgpu::BindGroup, GpuRenderError> {
+        self.bind(device, &pipeline.get_bind_group_layout(0), stage.slots)
+    }
+}
+
+/// The largest buffer that a kernel can read.
+pub(super) fn most_bound(device: &wgpu::Device) -> u64 {
+    let limits = device.limits();
+    limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)
+}
+
+/// What a slot holds, for messages.
+fn described(slot: Slot) -> &'static str {
+    match slot {
+        Frame => "settings",
+        Positions => "positions",
+        Curves => "strands",
+        Owners | Points => "drawn particles",
+        Widths => "widths",
+        Albedos => "colours",
+        Lights => "lights",
+        Grids => "grids of shadows",
+        Heights => "shadow maps",
+        Radiance => "lit particles",
+        Counts | Offsets | Horizon => "tiles",
+        List => "pieces of strands",
+        Report => "counts",
+        Behind | Nearness => "bodies",
+        Picture => "pixels",
+    }
+}

@@ -1,0 +1,67 @@
+// What all stages know of the picture, and the curves that it shows.
+
+struct Frame {
+    eye: vec3f,
+    // Pixels per unit of x / z.
+    focal: f32,
+    right: vec3f,
+    // Depth of the near plane, metres.
+    near: f32,
+    up: vec3f,
+    exposure: f32,
+    forward: vec3f,
+    // Drawn particles.
+    points: u32,
+    // Ambient light from above and from below.
+    sky: vec3f,
+    lights: u32,
+    ground: vec3f,
+    // Room in the list of pieces.
+    capacity: u32,
+    shadow_origin: vec3f,
+    shadow_cell: f32,
+    shadow_size: vec3u,
+    // From a particle's number to the next one's.
+    particle_stride: u32,
+    open_origin: vec3f,
+    // 0 without a grid.
+    open_cell: f32,
+    open_size: vec3u,
+    // The first value of the grid in `grids`.
+    open_start: u32,
+    // The point that positions are relative to.
+    position_origin: vec3f,
+    component_stride: u32,
+    // Of the picture, pixels.
+    centre: vec2f,
+    size: vec2u,
+    tiles: vec2u,
+    unused: vec2u,
+}
+
+// A strand or one of its children.
+struct Curve {
+    // The number of its first coordinate in `positions`.
+    base: u32,
+    // Its first particle in the arrays of attributes.
+    first: u32,
+    // Its particles.
+    count: u32,
+    // Its first point.
+    start: u32,
+    // The offset of a child, metres.
+    offset: vec3f,
+    wave: f32,
+    log_albedo: vec3f,
+    tilt: f32,
+    // How much brighter and greyer than the others it is.
+    bright: f32,
+    grey: f32,
+    has_colours: u32,
+    unused: u32,
+}
+
+// The number of an invocation of a dispatch in two dimensions.
+fn thread_of(group: vec3u, groups: vec3u, local: u32) -> u32 {
+    return (group.y * groups.x + group.x) * THREADS + local;
+}

@@ -1,0 +1,115 @@
+// The radiance of each particle towards the eye: the twin of `Lighting::of_hair`.
+
+struct Light {
+    direction: vec3f,
+    texel: f32,
+    colour: vec3f,
+    // The first value of its shadow map in `heights`, or NONE.
+    heights: u32,
+    right: vec3f,
+    // The first value of its grid in `grids`, or NONE.
+    grid: u32,
+    up: vec3f,
+    unused: u32,
+    origin: vec3f,
+    unused_too: u32,
+}
+
+@group(0) @binding(5) var<storage, read> albedos: array<vec4f>;
+@group(0) @binding(6) var<storage, read> lights: array<Light>;
+// The optical depths towards each light, and the share of ambient light.
+@group(0) @binding(7) var<storage, read> grids: array<f32>;
+// Shadow maps.
+@group(0) @binding(8) var<storage, read> heights: array<f32>;
+// Red and green, blue and nothing, in half precision.
+@group(0) @binding(10) var<storage, read_write> radiance: array<vec2u>;
+
+fn sample_grid(start: u32, size: vec3u, at: vec3f) -> f32 {
+    let scaled = clamp(at, vec3f(0.0), vec3f(size - 1u));
+    let base = min(vec3u(scaled), size - 2u);
+    let f = scaled - vec3f(base);
+    let rows = vec2u(size.x, size.x * size.y);
+    let first = start + base.x + base.y * rows.x + base.z * rows.y;
+    let row0 = mix(grids[first], grids[first + 1u], f.x);
+    let row1 = mix(grids[first + rows.x], grids[first + rows.x + 1u], f.x);
+    let next = first + rows.y;
+    let row2 = mix(grids[next], grids[next + 1u], f.x);
+    let row3 = mix(grids[next + rows.x], grids[next + rows.x + 1u], f.x);
+    return mix(mix(row0, row1, f.y), mix(row2, row3, f.y), f.z);
+}
+
+fn visibility(light: Light, point: vec3f) -> f32 {
+    let offset = point - light.origin;
+    let p = vec3f(dot(offset, light.right), dot(offset, light.up), 0.0) / light.texel;
+    let height = dot(offset, light.direction);
+    if min(p.x, p.y) < 1.0 || max(p.x, p.y) > f32(SHADOW_SIDE) - 2.0 {
+        return 1.0;
+    }
+    let corner = vec2u(p.xy - 0.5);
+    let f = p.xy - 0.5 - vec2f(corner);
+    let first = light.heights + corner.y * SHADOW_SIDE + corner.x;
+    let lower = vec2f(vec2<bool>(heights[first] <= height, heights[first + 1u] <= height));
+    let next = first + SHADOW_SIDE;
+    let upper = vec2f(vec2<bool>(heights[next] <= height, heights[next + 1u] <= height));
+    return mix(mix(lower.x, lower.y, f.x), mix(upper.x, upper.y, f.x), f.y);
+}
+
+// The twin of `Group::albedo`.
+fn albedo_of(curve: Curve, i: u32, s: f32) -> vec3f {
+    if curve.has_colours != 0u {
+        return clamp(albedos[curve.first + i].xyz, vec3f(0.002), vec3f(0.95));
+    }
+    let root = 1.0 + 0.22 * (1.0 - min(s / 0.25, 1.0));
+    let power = root * (1.0 + 0.13 * curve.bright) * (1.04 - 0.12 * s);
+    let varied = exp(curve.log_albedo * power);
+    let grey = vec3f(luminance(varied));
+    return clamp(mix(varied, grey, 0.06 + 0.06 * curve.grey), vec3f(0.002), vec3f(0.95));
+}
+
+@compute @workgroup_size(THREADS)
+fn shade(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let point = thread_of(group, groups, local);
+    if point >= frame.points {
+        return;
+    }
+    let curve = curves[owners[point]];
+    let i = point - curve.start;
+    let last = curve.count - 1u;
+    let s = f32(i) / f32(last);
+    let before = particle(curve, max(i, 1u) - 1u);
+    let after = particle(curve, min(i + 1u, last));
+    let position = particle(curve, i) + offset_at(curve, s);
+    let tangent = normalize_or(after - before, vec3f(0.0, 1.0, 0.0));
+    let to_eye = normalize_or(frame.eye - position, vec3f(0.0, 0.0, 1.0));
+    let fibre = fibre_of(tangent, to_eye, albedo_of(curve, i, s), curve.tilt);
+    var sum = vec3f(0.0);
+    for (var n = 0u; n < frame.lights; n += 1u) {
+        let light = lights[n];
+        var lit = 1.0;
+        if light.heights != NONE {
+            lit = visibility(light, position + light.direction * (4.0 * light.texel));
+        }
+        if lit > 0.0 {
+            var depth = 0.0;
+            if light.grid != NONE {
+                let at = (position - frame.shadow_origin) / frame.shadow_cell;
+                depth = sample_grid(light.grid, frame.shadow_size, at) * EXTINCTION;
+            }
+            sum += light.colour * scatter(fibre, light.direction, depth) * (lit * PI);
+        }
+    }
+    let up = vec3f(0.0, 1.0, 0.0);
+    let facing = normalize_or(to_eye - tangent * dot(tangent, to_eye) + up * 0.5, up);
+    var open = 1.0;
+    if frame.open_cell > 0.0 {
+        let at = (position - frame.open_origin) / frame.open_cell;
+        open = sample_grid(frame.open_start, frame.open_size, at);
+    }
+    sum += mix(frame.ground, frame.sky, 0.5 + 0.5 * facing.y) * (fibre.tint * 0.6 * open);
+    let kept = clamp(sum, vec3f(0.0), vec3f(60000.0));
+    radiance[point] = vec2u(pack2x16float(kept.xy), pack2x16float(vec2f(kept.z, 0.0)));
+}

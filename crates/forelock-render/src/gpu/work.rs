@@ -1,0 +1,322 @@
+//! The renderer: uploads a scene, runs the stages, reads the picture.
+
+use std::time::Duration;
+
+use super::GpuRenderError;
+use super::hosted::{FrameData, Hosted};
+use super::stages::{Memory, PIECES_EACH, STAGES, Slot, most_bound, pipeline, presenting};
+use crate::image::Image;
+use crate::scene::{Scene, Settings};
+
+/// How long to wait for a callback that another thread may be running.
+const PATIENCE: Duration = Duration::from_secs(10);
+/// Numbers in a report of the device.
+const REPORT: usize = 4;
+/// Bytes of an item of the list of pieces.
+const ITEM: u64 = 8;
+/// The smallest list of pieces.
+const FEWEST_ITEMS: u32 = 4096;
+
+/// What the device told about a frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FrameReport {
+    /// Drawn particles.
+    pub particles: u32,
+    /// Pieces of strands in all tiles; a piece counts once in each tile that it touches.
+    pub pieces: u32,
+    /// Pieces that had no room in the list and were left out.
+    pub dropped: u32,
+    /// Milliseconds of each stage; empty if the device has no timestamps.
+    pub stages_ms: Vec<(&'static str, f64)>,
+}
+
+/// Two timestamps a stage.
+#[derive(Debug)]
+struct Clock {
+    set: wgpu::QuerySet,
+    resolved: wgpu::Buffer,
+    ms_per_tick: f64,
+}
+
+impl Clock {
+    const BYTES: u64 = 16 * STAGES.len() as u64;
+
+    fn new(device: &wgpu::Device, queue: &wgpu::Queue) -> Option<Self> {
+        device.features().contains(wgpu::Features::TIMESTAMP_QUERY).then(|| Self {
+            set: device.create_query_set(&wgpu::QuerySetDescriptor {
+                label: Some("stages"),
+                ty: wgpu::QueryType::Timestamp,
+                count: 2 * STAGES.len() as u32,
+            }),
+            resolved: device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("timestamps"),
+                size: Self::BYTES,
+                usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
+                mapped_at_creation: false,
+            }),
+            ms_per_tick: f64::from(queue.get_timestamp_period()) * 1e-6,
+        })
+    }
+
+    fn writes(&self, stage: usize) -> wgpu::ComputePassTimestampWrites<'_> {
+        wgpu::ComputePassTimestampWrites {
+            query_set: &self.set,
+            beginning_of_pass_write_index: Some(2 * stage as u32),
+            end_of_pass_write_index: Some(2 * stage as u32 + 1),
+        }
+    }
+}
+
+/// Draws hair on a GPU.
+#[derive(Debug)]
+pub struct GpuRenderer {
+    device: wgpu::Device,
+    queue: wgpu::Queue,
+    pipelines: Vec<wgpu::ComputePipeline>,
+    /// The pipeline that copies the picture, and the format of its target.
+    presenting: Option<(wgpu::TextureFormat, wgpu::RenderPipeline)>,
+    memory: Memory,
+    clock: Option<Clock>,
+    /// Room in the list of pieces, if it was set.
+    limit: Option<u32>,
+    /// Room in the list of pieces.
+    capacity: u32,
+    report: FrameReport,
+}
+
+impl GpuRenderer {
+    /// A renderer on `device`. Compiles its kernels. An error of the device goes to the handler of
+    /// its owner.
+    pub fn new(device: &wgpu::Device, queue: &wgpu::Queue) -> Self {
+        Self {
+            device: device.clone(),
+            queue: queue.clone(),
+            pipelines: STAGES.iter().map(|stage| pipeline(device, stage)).collect(),
+            presenting: None,
+            memory: Memory::default(),
+            clock: Clock::new(device, queue),
+            limit: None,
+            capacity: 0,
+            report: FrameReport::default(),
+        }
+    }
+
+    /// Never makes room for more than `pieces` pieces of strands; `None` (default) sets no limit
+    /// but the device's. Those without room are not drawn; [`report`](Self::report) counts them.
+    pub fn limit_pieces(&mut self, pieces: Option<u32>) {
+        self.limit = pieces;
+        self.capacity = 0;
+    }
+
+    /// What the device told about the last frame whose report has been read.
+    pub fn report(&self) -> &FrameReport {
+        &self.report
+    }
+
+    /// Draws `scene` and waits for the picture.
+    ///
+    /// # Errors
+    /// [`GpuRenderError::Scene`] as [`render`](crate::render); [`GpuRenderError::TooLarge`] if the
+    /// device has no room; [`GpuRenderError::Failed`] if it failed.
+    pub fn render(&mut self, scene: &Scene<'_>, settings: &Settings) -> Result<Image, GpuRenderError> {
+        let mut frame = self.upload(&Hosted::new(scene, settings)?)?;
+        loop {
+            let mut encoder = self.device.create_command_encoder(&Default::default());
+            self.encode(&mut encoder, &frame)?;
+            let pixels = self.finish(encoder, &frame)?;
+            if self.report.dropped == 0 || !self.grow(&mut frame)? {
+                let rgba = pixels[..4 * frame.size[0] as usize * frame.size[1] as usize].to_vec();
+                return Ok(Image::from_rgba(frame.size[0], frame.size[1], rgba)?);
+            }
+        }
+    }
+
+    /// Draws `scene` into `target`, a view of `format` with the size in `settings`, and does not
+    /// wait. All of the target is overwritten.
+    ///
+    /// # Errors
+    /// The same errors as [`render`](Self::render).
+    pub fn render_to(
+        &mut self,
+        scene: &Scene<'_>,
+        settings: &Settings,
+        target: &wgpu::TextureView,
+        format: wgpu::TextureFormat,
+    ) -> Result<(), GpuRenderError> {
+        let frame = self.upload(&Hosted::new(scene, settings)?)?;
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        self.encode(&mut encoder, &frame)?;
+        if self.presenting.as_ref().is_none_or(|(own, _)| *own != format) {
+            self.presenting = Some((format, presenting(&self.device, format)));
+        }
+        if let Some((_, pipeline)) = &self.presenting {
+            let layout = pipeline.get_bind_group_layout(0);
+            let bound = self.memory.bind(&self.device, &layout, &[Slot::Frame, Slot::Picture])?;
+            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: Some("present"),
+                color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                    view: target,
+                    depth_slice: None,
+                    resolve_target: None,
+                    ops: wgpu::Operations {
+                        load: wgpu::LoadOp::Clear(wgpu::Color::BLACK),
+                        store: wgpu::StoreOp::Store,
+                    },
+                })],
+                ..Default::default()
+            });
+            pass.set_pipeline(pipeline);
+            pass.set_bind_group(0, &bound, &[]);
+            pass.draw(0..3, 0..1);
+        }
+        self.queue.submit([encoder.finish()]);
+        Ok(())
+    }
+
+    /// Makes room for the pieces that had none. Returns false if the limit is reached.
+    fn grow(&mut self, frame: &mut FrameData) -> Result<bool, GpuRenderError> {
+        let most = self.most_items();
+        if self.capacity >= most {
+            return Ok(false);
+        }
+        self.capacity = self.report.pieces.min(most);
+        frame.capacity = self.capacity;
+        self.memory.reserve(&self.device, Slot::List, u64::from(self.capacity) * ITEM)?;
+        self.queue.write_buffer(self.memory.buffer(Slot::Frame)?, 0, bytemuck::bytes_of(frame));
+        Ok(true)
+    }
+
+    /// The largest list of pieces.
+    fn most_items(&self) -> u32 {
+        let room = (most_bound(&self.device) / ITEM).min(u64::from(u32::MAX / 2)) as u32;
+        self.limit.map_or(room, |limit| limit.min(room))
+    }
+
+    fn upload(&mut self, hosted: &Hosted) -> Result<FrameData, GpuRenderError> {
+        let Hosted { frame, hair, light, behind } = hosted;
+        let mut frame = *frame;
+        if frame.points > u32::MAX / PIECES_EACH {
+            let limit = u64::from(u32::MAX / PIECES_EACH);
+            let bytes = u64::from(frame.points);
+            return Err(GpuRenderError::TooLarge { what: "drawn particles", bytes, limit });
+        }
+        let guess = frame.points.saturating_mul(2).max(FEWEST_ITEMS);
+        self.capacity = self.capacity.max(guess).min(self.most_items());
+        frame.capacity = self.capacity;
+        self.write(Slot::Frame, bytemuck::bytes_of(&frame))?;
+        self.write(Slot::Positions, bytemuck::cast_slice(&hair.positions))?;
+        self.write(Slot::Curves, bytemuck::cast_slice(&hair.curves))?;
+        self.write(Slot::Owners, bytemuck::cast_slice(&hair.owners))?;
+        self.write(Slot::Widths, bytemuck::cast_slice(&hair.widths))?;
+        self.write(Slot::Albedos, bytemuck::cast_slice(&hair.albedos))?;
+        self.write(Slot::Lights, bytemuck::cast_slice(&light.lights))?;
+        self.write(Slot::Grids, bytemuck::cast_slice(&light.grids))?;
+        self.write(Slot::Heights, bytemuck::cast_slice(&light.heights))?;
+        self.write(Slot::Horizon, bytemuck::cast_slice(&behind.horizon))?;
+        let tiles = u64::from(frame.tiles[0]) * u64::from(frame.tiles[1]);
+        let pixels = u64::from(frame.size[0]) * u64::from(frame.size[1]);
+        let points = u64::from(frame.points);
+        let room = [
+            (Slot::Points, 16 * points),
+            (Slot::Radiance, 8 * points),
+            (Slot::Counts, 4 * tiles),
+            (Slot::Offsets, 4 * (tiles + 1)),
+            (Slot::List, u64::from(self.capacity) * ITEM),
+            (Slot::Report, 4 * REPORT as u64),
+            (Slot::Picture, 4 * pixels),
+        ];
+        for (slot, bytes) in room {
+            self.memory.reserve(&self.device, slot, bytes)?;
+        }
+        self.memory.size_textures(&self.device, frame.size);
+        self.write_texture(Slot::Behind, &behind.colours, frame.size)?;
+        self.write_texture(Slot::Nearness, &behind.nearness, frame.size)?;
+        Ok(frame)
+    }
+
+    fn write(&mut self, slot: Slot, bytes: &[u8]) -> Result<(), GpuRenderError> {
+        self.memory.reserve(&self.device, slot, bytes.len() as u64)?;
+        self.queue.write_buffer(self.memory.buffer(slot)?, 0, bytes);
+        Ok(())
+    }
+
+    fn write_texture(&self, slot: Slot, texels: &[[f32; 4]], size: [u32; 2]) -> Result<(), GpuRenderError> {
+        let [width, height] = size;
+        let layout =
+            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(16 * width), rows_per_image: None };
+        let extent = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
+        let texture = self.memory.texture(slot)?.as_image_copy();
+        self.queue.write_texture(texture, bytemuck::cast_slice(texels), layout, extent);
+        Ok(())
+    }
+
+    fn encode(&self, encoder: &mut wgpu::CommandEncoder, frame: &FrameData) -> Result<(), GpuRenderError> {
+        encoder.clear_buffer(self.memory.buffer(Slot::Counts)?, 0, None);
+        for (index, (stage, pipeline)) in STAGES.iter().zip(&self.pipelines).enumerate() {
+            let bound = self.memory.bind_stage(&self.device, pipeline, stage)?;
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                label: Some(stage.name),
+                timestamp_writes: self.clock.as_ref().map(|clock| clock.writes(index)),
+            });
+            let [x, y] = stage.workgroups(frame.points, frame.tiles);
+            pass.set_pipeline(pipeline);
+            pass.set_bind_group(0, &bound, &[]);
+            if x > 0 && y > 0 {
+                pass.dispatch_workgroups(x, y, 1);
+            }
+        }
+        Ok(())
+    }
+
+    /// Submits the frame and reads its picture and its report.
+    fn finish(
+        &mut self,
+        mut encoder: wgpu::CommandEncoder,
+        frame: &FrameData,
+    ) -> Result<Vec<u8>, GpuRenderError> {
+        let picture = self.memory.buffer(Slot::Picture)?;
+        let pixels = 4 * u64::from(frame.size[0]) * u64::from(frame.size[1]);
+        let report = 4 * REPORT as u64;
+        let staging = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("picture read-back"),
+            size: (pixels + report).next_multiple_of(8) + Clock::BYTES,
+            usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        encoder.copy_buffer_to_buffer(self.memory.buffer(Slot::Report)?, 0, &staging, 0, report);
+        if let Some(clock) = &self.clock {
+            encoder.resolve_query_set(&clock.set, 0..2 * STAGES.len() as u32, &clock.resolved, 0);
+            encoder.copy_buffer_to_buffer(&clock.resolved, 0, &staging, report, Clock::BYTES);
+        }
+        encoder.copy_buffer_to_buffer(picture, 0, &staging, report + Clock::BYTES, pixels);
+        self.queue.submit([encoder.finish()]);
+        let (sender, receiver) = std::sync::mpsc::channel();
+        staging.map_async(wgpu::MapMode::Read, .., move |result| {
+            // After an error the receiver is gone.
+            let _ = sender.send(result);
+        });
+        let failed = |error: &dyn std::fmt::Display| GpuRenderError::Failed(error.to_string());
+        self.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|error| failed(&error))?;
+        let mapped = receiver.recv_timeout(PATIENCE).map_err(|error| failed(&error))?;
+        mapped.map_err(|error| failed(&error))?;
+        let bytes = staging.get_mapped_range(..).to_vec();
+        self.report = self.read_report(&bytes, frame);
+        Ok(bytes[(report + Clock::BYTES) as usize..].to_vec())
+    }
+
+    fn read_report(&self, bytes: &[u8], frame: &FrameData) -> FrameReport {
+        let (numbers, rest) = bytes.split_at(4 * REPORT);
+        let numbers: Vec<u32> = bytemuck::pod_collect_to_vec(numbers);
+        let ticks: Vec<[u64; 2]> = bytemuck::pod_collect_to_vec(&rest[..Clock::BYTES as usize]);
+        let times = self.clock.iter().flat_map(|clock| {
+            let ms = |[from, to]: [u64; 2]| to.saturating_sub(from) as f64 * clock.ms_per_tick;
+            STAGES.iter().zip(&ticks).map(move |(stage, &ticks)| (stage.name, ms(ticks)))
+        });
+        FrameReport {
+            particles: frame.points,
+            pieces: numbers[0],
+            dropped: numbers[1],
+            stages_ms: times.collect(),
+        }
+    }
+}

@@ -1,0 +1,86 @@
+//! The GPU's picture against the CPU's of the same scene.
+
+#![expect(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
+
+use super::renderer;
+use forelock_core::{body::TriMesh, pose::Pose};
+use forelock_render::{Body, Camera, HairColour, Image, Scene, Settings, Strands, render};
+use glam::Vec3;
+
+/// The mean difference of a channel, in 1/255.
+pub fn mean_difference(a: &Image, b: &Image) -> f64 {
+    let pairs = a.rgba().iter().zip(b.rgba());
+    let sum: u64 = pairs.map(|(&a, &b)| u64::from(a.abs_diff(b))).sum();
+    sum as f64 / (a.rgba().len() / 4 * 3) as f64
+}
+
+/// A ball of `rows` rows of triangles.
+fn ball(radius: f32, rows: u32) -> TriMesh {
+    let mut points = Vec::new();
+    for i in 0..=rows {
+        let polar = std::f32::consts::PI * i as f32 / rows as f32;
+        for j in 0..2 * rows {
+            let (sin, cos) = (std::f32::consts::PI * j as f32 / rows as f32).sin_cos();
+            points.push(Vec3::new(polar.sin() * cos, polar.cos(), polar.sin() * sin) * radius);
+        }
+    }
+    let at = |i: u32, j: u32| i * 2 * rows + j % (2 * rows);
+    let cells = (0..rows).flat_map(|i| (0..2 * rows).map(move |j| (i, j)));
+    let triangles = cells.flat_map(|(i, j)| {
+        [[at(i, j), at(i, j + 1), at(i + 1, j)], [at(i, j + 1), at(i + 1, j + 1), at(i + 1, j)]]
+    });
+    TriMesh::new(points, triangles.collect()).unwrap()
+}
+
+/// Strands of 25 particles on the upper half of a ball, that leave it upwards and hang down.
+fn mane(count: u32, radius: f32) -> (Vec<Vec3>, Vec<u32>) {
+    let mut points = Vec::new();
+    for n in 0..count {
+        let height = 1.0 - 0.95 * (n as f32 + 0.5) / count as f32;
+        let (sin, cos) = (n as f32 * 2.399_963).sin_cos();
+        let rim = (1.0 - height * height).sqrt();
+        let root = Vec3::new(rim * cos, height, rim * sin);
+        let mut at = root * radius;
+        let mut heading = root + Vec3::new(0.2 * sin, 0.3, 0.1);
+        for i in 0..25 {
+            points.push(at);
+            let curl = Vec3::new((i as f32 * 0.9 + n as f32).cos(), 0.0, (i as f32 * 0.9 + n as f32).sin());
+            heading = (heading + Vec3::NEG_Y * 0.12).normalize();
+            at += (heading + curl * 0.15) * (0.09 * radius);
+            if at.length() < 1.02 * radius {
+                at = at.normalize() * (1.02 * radius);
+            }
+        }
+    }
+    (points, (0..=count).map(|n| n * 25).collect())
+}
+
+#[test]
+#[cfg_attr(not(gpu), ignore = "needs a GPU")]
+fn a_head_of_hair_looks_the_same_as_by_the_cpu() {
+    let (body, (points, offsets)) = (ball(0.1, 24), mane(2500, 0.1));
+    let mut renderer = renderer();
+    for (name, distance, side) in [("far", 1.6, 160), ("near", 0.7, 256)] {
+        let strands = Strands::new(&points, &offsets, HairColour::CHESTNUT);
+        let camera = Camera {
+            eye: Vec3::new(0.3, 0.25, 1.0).normalize() * distance,
+            target: Vec3::ZERO,
+            up: Vec3::Y,
+            fov_y: 0.5,
+        };
+        let scene = Scene::new(vec![Body::new(&body, Pose::IDENTITY)], vec![strands], camera);
+        let settings = Settings { width: side, height: side - 21, ..Settings::default() };
+        let (cpu, gpu) = (render(&scene, &settings).unwrap(), renderer.render(&scene, &settings).unwrap());
+        assert_eq!(renderer.report().dropped, 0);
+        if let Some(folder) = std::env::var_os("FORELOCK_PICTURES") {
+            let mut both = Image::filled(2 * side, side, [0, 0, 0, 255]).unwrap();
+            both.paste(&cpu, 0, 0);
+            both.paste(&gpu, side, 0);
+            let path = std::path::Path::new(&folder).join(format!("{name}.png"));
+            std::fs::write(path, both.to_png().unwrap()).unwrap();
+        }
+        let difference = mean_difference(&cpu, &gpu);
+        println!("{name}: mean difference {difference:.3}/255, {:?}", renderer.report());
+        assert!(difference <= 2.0, "{name}: {difference}");
+    }
+}
