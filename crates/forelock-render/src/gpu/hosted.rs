@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::GpuRenderError;
 use crate::camera::View;
-use crate::hair::{Group, Hair, drawable, strand_count};
+use crate::hair::{Group, Hair, PIECE_PX, drawable, strand_count};
 use crate::lighting::Lighting;
 use crate::raster::{Frame, Tile};
 use crate::scene::{Scene, Settings};
@@ -17,6 +17,10 @@ use crate::tiles::{TILE as CPU_TILE, TileGrid};
 pub(super) const TILE: u32 = 16;
 /// The index that stands for none.
 pub(super) const NONE: u32 = u32::MAX;
+/// The largest number of points of an edge at which light is computed.
+const MAX_LIT: u32 = 12;
+/// Strands of a group whose edges are measured.
+const SAMPLED_STRANDS: usize = 500;
 /// The height of a texel of a shadow map without a surface. WGSL has no infinities.
 const LOWEST: f32 = -3e38;
 
@@ -49,7 +53,8 @@ pub(super) struct FrameData {
     centre: [f32; 2],
     pub size: [u32; 2],
     pub tiles: [u32; 2],
-    unused: [u32; 2],
+    pub lit_each: u32,
+    unused: u32,
 }
 
 /// The struct of the same name in `frame.wgsl`.
@@ -152,6 +157,7 @@ impl Hosted {
             centre: view.centre,
             size: [width, height],
             tiles: [width.div_ceil(TILE), height.div_ceil(TILE)],
+            lit_each: lit_each(&groups, &view, [width, height]),
             ..FrameData::default()
         };
         let light = LightArrays::new(&lighting, &mut frame);
@@ -167,6 +173,31 @@ impl Hosted {
         let behind = BehindArrays::new(&drawn, grid, frame.tiles);
         Ok(Self { frame, hair, light, behind })
     }
+}
+
+/// Points of an edge at which light is computed: as many as a long edge in the picture has pieces.
+fn lit_each(groups: &[Group<'_>], view: &View, size: [u32; 2]) -> u32 {
+    let mut lengths = Vec::new();
+    for group in groups {
+        let count = strand_count(&group.strands);
+        let step = count.div_ceil(SAMPLED_STRANDS).max(1);
+        for strand in (0..count).step_by(step) {
+            for (_, particles) in drawable(&group.strands, strand..strand + 1) {
+                let points = &group.strands.positions[particles];
+                lengths.extend(points.windows(2).filter_map(|edge| {
+                    let middle = view.to_camera(edge[0].midpoint(edge[1]));
+                    let pixel = view.to_pixels(middle);
+                    let seen = middle.z > view.near
+                        && (0.0..size[0] as f32).contains(&pixel.x)
+                        && (0.0..size[1] as f32).contains(&pixel.y);
+                    seen.then(|| edge[0].distance(edge[1]) * view.focal * pixel.z)
+                }));
+            }
+        }
+    }
+    lengths.sort_unstable_by(f32::total_cmp);
+    let long = lengths.get(lengths.len() * 9 / 10).copied().unwrap_or(0.0);
+    ((long / PIECE_PX).ceil() as u32).clamp(1, MAX_LIT)
 }
 
 impl HairArrays {

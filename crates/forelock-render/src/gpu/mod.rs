@@ -2,7 +2,8 @@
 //!
 //! # Theory
 //! The same picture as [`render`](crate::render), by the same equations. Each drawn particle is
-//! projected and lit once. The curve between two particles is divided into straight pieces. Each
+//! projected once. Light is computed at some points of each edge: one where edges are at most a
+//! few pixels long, more in a close-up. The curve between two particles is divided into straight pieces. Each
 //! tile of 16 × 16 pixels gets a list of its pieces by counting, a prefix sum and filling, and
 //! sorts it by depth. Then each pixel composites the pieces from front to back by their exact
 //! coverage, against the depths of the bodies, until it is opaque.
@@ -20,8 +21,8 @@
 //! bytes.
 //!
 //! # Limitations
-//! Light is interpolated between particles; the CPU computes it at the end of each piece. With 3
-//! or 4 samples along each side of a pixel, hair is compared with four of them.
+//! Light is interpolated between equal steps of an edge; the CPU computes it at the end of each
+//! piece. With 3 or 4 samples along each side of a pixel, hair is compared with four of them.
 
 mod error;
 mod hosted;

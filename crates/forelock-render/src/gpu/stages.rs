@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::GpuRenderError;
-use super::hosted::{NONE, TILE};
+use super::hosted::{FrameData, NONE, TILE};
 use crate::fibre::{FRESNEL_0, REMAINDER_POWER, ROUGHNESS, SCALE_TILT};
 use crate::hair::{FILTER_RADIUS, MAX_PIECES, PIECE_PX};
 use crate::lighting::EXTINCTION;
@@ -61,6 +61,8 @@ pub(super) struct Stage {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Threads {
     Points,
+    /// Points on edges at which light is computed.
+    Lit,
     /// One workgroup.
     Once,
     /// A workgroup a tile.
@@ -82,7 +84,7 @@ pub(super) const STAGES: [Stage; 7] = [
     Stage {
         name: "shade",
         slots: &[Frame, Positions, Curves, Owners, Albedos, Lights, Grids, Heights, Radiance],
-        threads: Threads::Points,
+        threads: Threads::Lit,
     },
     Stage {
         name: "count",
@@ -115,16 +117,16 @@ impl Stage {
         }
     }
 
-    /// The workgroups for a frame of `points` drawn particles and `tiles` tiles.
-    pub fn workgroups(&self, points: u32, tiles: [u32; 2]) -> [u32; 2] {
-        match self.threads {
-            Threads::Once => [1, 1],
-            Threads::Tiles => tiles,
-            Threads::Points => {
-                let groups = points.div_ceil(THREADS);
-                [groups.min(MAX_GROUPS), groups.div_ceil(MAX_GROUPS)]
-            }
-        }
+    /// The workgroups for a frame.
+    pub fn workgroups(&self, frame: &FrameData) -> [u32; 2] {
+        let threads = match self.threads {
+            Threads::Once => 1,
+            Threads::Tiles => return frame.tiles,
+            Threads::Points => frame.points,
+            Threads::Lit => frame.points * frame.lit_each,
+        };
+        let groups = threads.div_ceil(THREADS);
+        [groups.min(MAX_GROUPS), groups.div_ceil(MAX_GROUPS)]
     }
 }
 

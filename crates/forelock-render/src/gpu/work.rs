@@ -200,6 +200,9 @@ impl GpuRenderer {
             let bytes = u64::from(frame.points);
             return Err(GpuRenderError::TooLarge { what: "drawn particles", bytes, limit });
         }
+        // Less light where memory is short.
+        let lit_room = most_bound(&self.device) / (8 * u64::from(frame.points.max(1)));
+        frame.lit_each = frame.lit_each.min(lit_room.min(16) as u32).max(1);
         let guess = frame.points.saturating_mul(2).max(FEWEST_ITEMS);
         self.capacity = self.capacity.max(guess).min(self.most_items());
         frame.capacity = self.capacity;
@@ -218,7 +221,7 @@ impl GpuRenderer {
         let points = u64::from(frame.points);
         let room = [
             (Slot::Points, 16 * points),
-            (Slot::Radiance, 8 * points),
+            (Slot::Radiance, 8 * points * u64::from(frame.lit_each)),
             (Slot::Counts, 4 * tiles),
             (Slot::Offsets, 4 * (tiles + 1)),
             (Slot::List, u64::from(self.capacity) * ITEM),
@@ -258,7 +261,7 @@ impl GpuRenderer {
                 label: Some(stage.name),
                 timestamp_writes: self.clock.as_ref().map(|clock| clock.writes(index)),
             });
-            let [x, y] = stage.workgroups(frame.points, frame.tiles);
+            let [x, y] = stage.workgroups(frame);
             pass.set_pipeline(pipeline);
             pass.set_bind_group(0, &bound, &[]);
             if x > 0 && y > 0 {

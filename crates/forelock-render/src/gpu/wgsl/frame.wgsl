@@ -36,7 +36,9 @@ struct Frame {
     centre: vec2f,
     size: vec2u,
     tiles: vec2u,
-    unused: vec2u,
+    // Points of an edge at which light is computed.
+    lit_each: u32,
+    unused: u32,
 }
 
 // A strand or one of its children.

@@ -30,9 +30,17 @@ var<workgroup> range: vec2u;
 var<workgroup> open: atomic<u32>;
 var<workgroup> still_open: u32;
 
-fn radiance_at(point: u32) -> vec3f {
-    let packed = radiance[point];
+fn radiance_at(place: u32) -> vec3f {
+    let packed = radiance[place];
     return vec3f(unpack2x16float(packed.x), unpack2x16float(packed.y).x);
+}
+
+// The radiance on the edge from `point` on, at `t`.
+fn radiance_on(point: u32, t: f32) -> vec3f {
+    let scaled = t * f32(frame.lit_each);
+    let step = min(u32(scaled), frame.lit_each - 1u);
+    let first = point * frame.lit_each + step;
+    return mix(radiance_at(first), radiance_at(first + 1u), scaled - f32(step));
 }
 
 fn strip_of(item: u32, corner: vec2f) -> Strip {
@@ -50,10 +58,8 @@ fn strip_of(item: u32, corner: vec2f) -> Strip {
     strip.start = piece.start - corner - 0.5;
     strip.radius = max(FILTER_RADIUS * max(abs(strip.along.x), abs(strip.along.y)), 1e-6);
     strip.nearness = piece.nearness;
-    let first = radiance_at(point);
-    let second = radiance_at(point + 1u);
-    strip.light = mix(first, second, f32(i) / f32(edge.pieces));
-    strip.other_light = mix(first, second, f32(i + 1u) / f32(edge.pieces));
+    strip.light = radiance_on(point, f32(i) / f32(edge.pieces));
+    strip.other_light = radiance_on(point, f32(i + 1u) / f32(edge.pieces));
     let starts = edge.is_first && i == 0u;
     let finishes = edge.is_last && i + 1u == edge.pieces;
     strip.ends = u32(starts) | (u32(finishes) << 1u);

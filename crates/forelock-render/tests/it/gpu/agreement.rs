@@ -60,7 +60,7 @@ fn mane(count: u32, radius: f32) -> (Vec<Vec3>, Vec<u32>) {
 fn a_head_of_hair_looks_the_same_as_by_the_cpu() {
     let (body, (points, offsets)) = (ball(0.1, 24), mane(2500, 0.1));
     let mut renderer = renderer();
-    for (name, distance, side) in [("far", 1.6, 160), ("near", 0.7, 256)] {
+    for (name, distance, side) in [("far", 1.6, 160), ("near", 0.7, 256), ("close", 0.25, 256)] {
         let strands = Strands::new(&points, &offsets, HairColour::CHESTNUT);
         let camera = Camera {
             eye: Vec3::new(0.3, 0.25, 1.0).normalize() * distance,
