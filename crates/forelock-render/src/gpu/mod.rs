@@ -21,6 +21,8 @@
 //! bytes.
 //!
 //! # Limitations
+//! Neighbouring pieces divide pixels along the curve's normal, so that none is drawn twice or left
+//! out; the CPU takes the normal of each piece.
 //! Light is interpolated between equal steps of an edge; the CPU computes it at the end of each
 //! piece. With 3 or 4 samples along each side of a pixel, hair is compared with four of them.
 

@@ -8,9 +8,9 @@ use forelock_render::{
 };
 use glam::{DQuat, DVec3, Vec3};
 
-const SIDE: u32 = 128;
+pub const SIDE: u32 = 128;
 /// One pixel at the target's distance, metres.
-const PX: f32 = 0.001;
+pub const PX: f32 = 0.001;
 
 /// Looks along −z at the origin; a pixel is `PX` wide there.
 fn camera() -> Camera {
@@ -23,7 +23,7 @@ fn grey_backdrop() -> Backdrop {
 }
 
 /// Strands exactly as they are, with nothing but ambient light `ambient` from all around.
-fn plain<'a>(strands: Vec<Strands<'a>>, bodies: Vec<Body<'a>>, ambient: f32) -> (Scene<'a>, Settings) {
+pub fn plain<'a>(strands: Vec<Strands<'a>>, bodies: Vec<Body<'a>>, ambient: f32) -> (Scene<'a>, Settings) {
     let ambient = Ambient { sky: Vec3::splat(ambient), ground: Vec3::splat(ambient) };
     let scene =
         Scene { bodies, strands, camera: camera(), lights: Vec::new(), ambient, backdrop: grey_backdrop() };
@@ -38,7 +38,7 @@ fn plain<'a>(strands: Vec<Strands<'a>>, bodies: Vec<Body<'a>>, ambient: f32) -> 
 }
 
 /// Linear light of an 8-bit channel.
-fn linear(byte: u8) -> f32 {
+pub fn linear(byte: u8) -> f32 {
     let v = f32::from(byte) / 255.0;
     if v <= 0.040_45 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
 }
@@ -52,7 +52,7 @@ fn covered(image: &Image) -> f32 {
 }
 
 /// A line through (`x`, `y`) pixels from the centre at an angle, in `particles` equal steps.
-fn line(x: f32, y: f32, degrees: f32, length: f32, particles: usize) -> Vec<Vec3> {
+pub fn line(x: f32, y: f32, degrees: f32, length: f32, particles: usize) -> Vec<Vec3> {
     let (sin, cos) = degrees.to_radians().sin_cos();
     let at = |i: usize| (i as f32 / (particles - 1) as f32 - 0.5) * length;
     (0..particles).map(|i| Vec3::new(x + at(i) * cos, y + at(i) * sin, 0.0) * PX).collect()

@@ -62,6 +62,22 @@ fn on_edge(edge: Edge, t: f32) -> vec2f {
         + edge.p3.xy * (0.5 * (t3 - t2));
 }
 
+// The direction across which the pieces that meet at `t` divide the pixels: the slope of the curve.
+// At a particle both edges compute it from the same two points.
+fn slope_on_edge(edge: Edge, t: f32) -> vec2f {
+    if t <= 0.0 {
+        return edge.p2.xy - edge.p0.xy;
+    }
+    if t >= 1.0 {
+        return edge.p3.xy - edge.p1.xy;
+    }
+    let t2 = t * t;
+    return edge.p0.xy * (2.0 * t - 1.5 * t2 - 0.5)
+        + edge.p1.xy * (4.5 * t2 - 5.0 * t)
+        + edge.p2.xy * (4.0 * t - 4.5 * t2 + 0.5)
+        + edge.p3.xy * (1.5 * t2 - t);
+}
+
 fn piece_of(edge: Edge, i: u32) -> Piece {
     let count = f32(edge.pieces);
     let t = vec2f(f32(i), f32(i + 1u)) / count;

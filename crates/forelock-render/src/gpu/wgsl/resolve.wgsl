@@ -21,6 +21,10 @@ struct Strip {
     ends: u32,
     other_light: vec3f,
     unused: u32,
+    end: vec2f,
+    // Directions across which neighbouring pieces divide the pixels.
+    start_side: vec2f,
+    end_side: vec2f,
 }
 
 const BATCH: u32 = 128u;
@@ -43,6 +47,16 @@ fn radiance_on(point: u32, t: f32) -> vec3f {
     return mix(radiance_at(first), radiance_at(first + 1u), scaled - f32(step));
 }
 
+// The direction `slope`, or `along` where the curve turns back.
+fn side_of(slope: vec2f, along: vec2f) -> vec2f {
+    return select(along, slope, dot(slope, along) > 0.2 * length(slope));
+}
+
+// Whether a pixel belongs to the piece after a joint. Both pieces decide by the same numbers.
+fn is_after(side: vec2f, joint: vec2f, place: vec2f) -> bool {
+    return dot(side, place - joint) >= 0.0;
+}
+
 fn strip_of(item: u32, corner: vec2f) -> Strip {
     let point = item / PIECES_EACH;
     let i = item % PIECES_EACH;
@@ -56,6 +70,9 @@ fn strip_of(item: u32, corner: vec2f) -> Strip {
     strip.half_width = select(0.0, piece.half_width, length > 1e-6);
     strip.along = span / max(length, 1e-6);
     strip.start = piece.start - corner - 0.5;
+    strip.end = piece.end - corner - 0.5;
+    strip.start_side = side_of(slope_on_edge(edge, f32(i) / f32(edge.pieces)), strip.along);
+    strip.end_side = side_of(slope_on_edge(edge, f32(i + 1u) / f32(edge.pieces)), strip.along);
     strip.radius = max(FILTER_RADIUS * max(abs(strip.along.x), abs(strip.along.y)), 1e-6);
     strip.nearness = piece.nearness;
     strip.light = radiance_on(point, f32(i) / f32(edge.pieces));
@@ -140,13 +157,16 @@ fn resolve(
             let along = dot(strip_along, offset);
             let length = batch[i].length;
             let ends = batch[i].ends;
-            let start = select(select(0.0, 1.0, along >= 0.0), clamp(along + 0.5, 0.0, 1.0), (ends & 1u) != 0u);
-            let end = select(
-                select(0.0, 1.0, along < length),
-                clamp(length - along + 0.5, 0.0, 1.0),
-                (ends & 2u) != 0u,
-            );
-            let share = tent_integral((across + half_width) / radius) - tent_integral((across - half_width) / radius);
+            var start = clamp(along + 0.5, 0.0, 1.0);
+            if (ends & 1u) == 0u {
+                start = select(0.0, 1.0, is_after(batch[i].start_side, batch[i].start, place));
+            }
+            var end = clamp(length - along + 0.5, 0.0, 1.0);
+            if (ends & 2u) == 0u {
+                end = select(1.0, 0.0, is_after(batch[i].end_side, batch[i].end, place));
+            }
+            let share = tent_integral((across + half_width) / radius)
+                - tent_integral((across - half_width) / radius);
             var coverage = share * min(start, end);
             let depth = batch[i].nearness;
             if depth < nearest {

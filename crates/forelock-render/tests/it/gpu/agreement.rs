@@ -15,7 +15,7 @@ pub fn mean_difference(a: &Image, b: &Image) -> f64 {
 }
 
 /// A ball of `rows` rows of triangles.
-fn ball(radius: f32, rows: u32) -> TriMesh {
+pub fn ball(radius: f32, rows: u32) -> TriMesh {
     let mut points = Vec::new();
     for i in 0..=rows {
         let polar = std::f32::consts::PI * i as f32 / rows as f32;
@@ -33,7 +33,7 @@ fn ball(radius: f32, rows: u32) -> TriMesh {
 }
 
 /// Strands of 25 particles on the upper half of a ball, that leave it upwards and hang down.
-fn mane(count: u32, radius: f32) -> (Vec<Vec3>, Vec<u32>) {
+pub fn mane(count: u32, radius: f32) -> (Vec<Vec3>, Vec<u32>) {
     let mut points = Vec::new();
     for n in 0..count {
         let height = 1.0 - 0.95 * (n as f32 + 0.5) / count as f32;
@@ -70,6 +70,9 @@ fn a_head_of_hair_looks_the_same_as_by_the_cpu() {
         };
         let scene = Scene::new(vec![Body::new(&body, Pose::IDENTITY)], vec![strands], camera);
         let settings = Settings { width: side, height: side - 21, ..Settings::default() };
+        // The comparison must see a slightly different colour.
+        let mut other = scene.clone();
+        other.strands[0].colour = HairColour::RED;
         let (cpu, gpu) = (render(&scene, &settings).unwrap(), renderer.render(&scene, &settings).unwrap());
         assert_eq!(renderer.report().dropped, 0);
         if let Some(folder) = std::env::var_os("FORELOCK_PICTURES") {
@@ -81,6 +84,45 @@ fn a_head_of_hair_looks_the_same_as_by_the_cpu() {
         }
         let difference = mean_difference(&cpu, &gpu);
         println!("{name}: mean difference {difference:.3}/255, {:?}", renderer.report());
-        assert!(difference <= 2.0, "{name}: {difference}");
+        assert!(difference <= 1.0, "{name}: {difference}");
+        let control = mean_difference(&render(&other, &settings).unwrap(), &gpu);
+        assert!(control > 1.0, "{name}: {control} for another colour");
     }
+}
+
+#[test]
+#[cfg_attr(not(gpu), ignore = "needs a GPU")]
+fn colours_and_widths_of_the_groom_are_those_of_the_cpu() {
+    let (points, offsets) = mane(300, 0.1);
+    let colours: Vec<[f32; 3]> = (0..points.len())
+        .map(|i| [0.1 + 0.8 * (i % 25) as f32 / 25.0, 0.1 + (i / 25 % 5) as f32 * 0.15, 0.2])
+        .collect();
+    let widths: Vec<f32> = (0..points.len()).map(|i| 1e-4 * (1 + i % 25) as f32 / 5.0).collect();
+    let plain = Strands::new(&points, &offsets, HairColour::BLACK);
+    let rich = Strands { colours: Some(&colours), widths: Some(&widths), ..plain };
+    let camera = Camera::framing((Vec3::splat(-0.2), Vec3::splat(0.2)), 0.3, 0.2);
+    let scene = Scene::new(Vec::new(), vec![plain, rich], camera);
+    for samples in [1, 3] {
+        let settings =
+            Settings { width: 150, height: 90, samples, children: Some(3), seed: 9, ..Settings::default() };
+        let (cpu, gpu) = (render(&scene, &settings).unwrap(), renderer().render(&scene, &settings).unwrap());
+        let difference = mean_difference(&cpu, &gpu);
+        assert!(difference <= 1.0, "{difference}");
+    }
+}
+
+#[test]
+#[cfg_attr(not(gpu), ignore = "needs a GPU")]
+fn an_empty_scene_is_the_backdrop_and_bad_scenes_are_refused() {
+    let camera = Camera::framing((Vec3::splat(-0.2), Vec3::splat(0.2)), 0.0, 0.0);
+    let mut scene = Scene::new(Vec::new(), Vec::new(), camera);
+    let settings = Settings { width: 33, height: 17, ..Settings::default() };
+    let mut renderer = renderer();
+    let (cpu, gpu) = (render(&scene, &settings).unwrap(), renderer.render(&scene, &settings).unwrap());
+    assert!(mean_difference(&cpu, &gpu) < 0.05);
+    let stray = [Vec3::ZERO, Vec3::NAN, Vec3::X, Vec3::Y];
+    scene.strands.push(Strands::new(&stray, &[0, 2, 3, 4], HairColour::RED));
+    assert_eq!(renderer.render(&scene, &settings).unwrap(), gpu, "strands that cannot be drawn");
+    scene.camera.eye = scene.camera.target;
+    assert!(renderer.render(&scene, &settings).is_err());
 }

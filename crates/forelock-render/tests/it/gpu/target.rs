@@ -1,0 +1,60 @@
+//! Drawing into a texture of the caller.
+
+#![expect(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
+
+use super::agreement::mane;
+use super::{gpu, renderer};
+use forelock_render::{Camera, HairColour, Scene, Settings, Strands};
+use glam::Vec3;
+
+const SIDE: u32 = 64;
+
+/// The bytes of a texture of `SIDE` × `SIDE` pixels.
+fn read(texture: &wgpu::Texture) -> Vec<u8> {
+    let gpu = gpu();
+    let staging = gpu.device().create_buffer(&wgpu::BufferDescriptor {
+        label: None,
+        size: u64::from(4 * SIDE * SIDE),
+        usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    });
+    let layout =
+        wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * SIDE), rows_per_image: None };
+    let mut encoder = gpu.device().create_command_encoder(&Default::default());
+    let target = wgpu::TexelCopyBufferInfo { buffer: &staging, layout };
+    encoder.copy_texture_to_buffer(texture.as_image_copy(), target, texture.size());
+    gpu.queue().submit([encoder.finish()]);
+    staging.map_async(wgpu::MapMode::Read, .., |result| result.unwrap());
+    gpu.wait().unwrap();
+    staging.get_mapped_range(..).to_vec()
+}
+
+#[test]
+#[cfg_attr(not(gpu), ignore = "needs a GPU")]
+fn a_given_target_shows_the_same_picture() {
+    let (points, offsets) = mane(500, 0.1);
+    let strands = Strands::new(&points, &offsets, HairColour::CHESTNUT);
+    let camera = Camera::framing((Vec3::splat(-0.15), Vec3::splat(0.15)), 0.3, 0.2);
+    let scene = Scene::new(Vec::new(), vec![strands], camera);
+    let settings = Settings { width: SIDE, height: SIDE, ..Settings::default() };
+    let mut renderer = renderer();
+    let image = renderer.render(&scene, &settings).unwrap();
+    for format in [wgpu::TextureFormat::Rgba8Unorm, wgpu::TextureFormat::Rgba8UnormSrgb] {
+        let texture = gpu().device().create_texture(&wgpu::TextureDescriptor {
+            label: None,
+            size: wgpu::Extent3d { width: SIDE, height: SIDE, depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
+            view_formats: &[],
+        });
+        let view = texture.create_view(&Default::default());
+        renderer.render_to(&scene, &settings, &view, format).unwrap();
+        let worst = read(&texture).iter().zip(image.rgba()).map(|(a, b)| a.abs_diff(*b)).max();
+        // Encoding sRGB twice may round differently.
+        let allowed = if format.is_srgb() { 1 } else { 0 };
+        assert!(worst <= Some(allowed), "{worst:?} in {format:?}");
+    }
+}
