@@ -13,6 +13,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::assets::Assets;
+use crate::painter::GpuPainter;
 use crate::progress::{Observer, Progress};
 use crate::scene::Scene;
 
@@ -28,6 +29,12 @@ pub enum PictureError {
     /// The scene cannot be drawn.
     #[error("the picture cannot be drawn: {0}")]
     Render(#[from] RenderError),
+    /// There is no GPU, or it failed.
+    #[error(transparent)]
+    NoGpu(#[from] forelock_gpu::GpuError),
+    /// The GPU cannot draw the scene.
+    #[error("the GPU cannot draw the picture: {0}")]
+    Gpu(#[from] forelock_render::gpu::GpuRenderError),
     /// The image cannot be made.
     #[error("the picture cannot be made: {0}")]
     Image(#[from] ImageError),
@@ -68,6 +75,7 @@ pub struct Studio<'a> {
     assets: &'a Assets,
     colour: HairColour,
     camera: Camera,
+    painter: Option<&'a GpuPainter>,
 }
 
 impl<'a> Studio<'a> {
@@ -87,7 +95,13 @@ impl<'a> Studio<'a> {
             (camera.eye, camera.target) = (camera.eye + shift, camera.target + shift);
         }
         let colour = HairColour::by_name(&scene.hair.colour).unwrap_or(HairColour::DARK_BROWN);
-        Self { scene, assets, colour, camera }
+        Self { scene, assets, colour, camera, painter: None }
+    }
+
+    /// The same with pictures drawn by `painter`.
+    #[must_use]
+    pub fn on_gpu(self, painter: &'a GpuPainter) -> Self {
+        Self { painter: Some(painter), ..self }
     }
 
     /// Where the camera is.
@@ -150,10 +164,11 @@ impl<'a> Studio<'a> {
             width_scale: (width > 0.0).then_some(1.0),
             ..Settings::default()
         };
-        Ok(forelock_render::render(
-            &forelock_render::Scene::new(bodies, vec![strands], self.camera_at(time_secs)),
-            &settings,
-        )?)
+        let shown = forelock_render::Scene::new(bodies, vec![strands], self.camera_at(time_secs));
+        match self.painter {
+            Some(painter) => painter.render(&shown, &settings),
+            None => Ok(forelock_render::render(&shown, &settings)?),
+        }
     }
 
     /// Frame `frame` of `cache`, read from `path`, at `scale` times the size that the scene asks
@@ -184,7 +199,12 @@ impl<'a> Studio<'a> {
             cache.read_frame(frame, &mut positions)?;
             moments.push((positions, self.time_secs(cache, frame)));
         }
-        moments.par_iter().map(|(positions, time)| self.picture(positions, *time, scale)).collect()
+        let picture = |(positions, time): &(Vec<Vec3>, f64)| self.picture(positions, *time, scale);
+        if self.painter.is_some() {
+            // A GPU draws one picture at a time.
+            return moments.iter().map(picture).collect();
+        }
+        moments.par_iter().map(picture).collect()
     }
 
     fn time_secs(&self, cache: &Cache, frame: usize) -> f64 {

@@ -61,6 +61,28 @@ pub enum BenchCommand {
         #[arg(long)]
         json: bool,
     },
+    /// The time of a picture by a GPU, stage by stage, for three numbers of strands from three
+    /// distances, and of the same picture by the CPU.
+    Render {
+        /// The largest number of strands to draw, out of 10,000, 50,000 and 120,000.
+        #[arg(long, value_name = "N", default_value_t = 120_000, value_parser = clap::value_parser!(u32).range(10_000..=120_000))]
+        most: u32,
+        /// Number of timed pictures for each number of strands and distance.
+        #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+        frames: u32,
+        /// Width of the picture, pixels.
+        #[arg(long, value_name = "PIXELS", default_value_t = 1920, value_parser = clap::value_parser!(u32).range(16..=4096))]
+        width: u32,
+        /// Height of the picture, pixels.
+        #[arg(long, value_name = "PIXELS", default_value_t = 1080, value_parser = clap::value_parser!(u32).range(16..=4096))]
+        height: u32,
+        /// Folder for Markdown, JSON, an HTML page and the pictures [default: print only].
+        #[arg(long, value_name = "DIR")]
+        out: Option<PathBuf>,
+        /// Print one JSON object instead of the table.
+        #[arg(long)]
+        json: bool,
+    },
     /// The time of a frame for 1,000 to many strands, and the strand solve compared with the peak
     /// rates of the device.
     Scaling {

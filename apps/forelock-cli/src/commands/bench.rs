@@ -7,6 +7,7 @@ use forelock_bench::paper::{
     Figure, GUIDES, GuidesTable, NeuralOptions, Study, Table1Options, compare, dftl_tables, neural_tables,
     table1, volume,
 };
+use forelock_bench::rendering::{RenderingOptions, rendering};
 use forelock_bench::scaling::{ScalingOptions, scaling};
 use serde::Serialize;
 
@@ -21,6 +22,7 @@ pub fn bench(arguments: &BenchArgs) -> anyhow::Result<()> {
             (*json, out, name_of(*paper, figure.as_deref()))
         }
         BenchCommand::Solvers { out, json, .. } => (*json, out, "solvers".to_owned()),
+        BenchCommand::Render { out, json, .. } => (*json, out, "render".to_owned()),
         BenchCommand::Scaling { backend, out, json, .. } => {
             let device = if *backend == BenchBackend::Gpu { "gpu" } else { "cpu" };
             (*json, out, format!("scaling-{device}"))
@@ -55,6 +57,11 @@ pub fn bench(arguments: &BenchArgs) -> anyhow::Result<()> {
             let keep = &mut |so_far: &Study| drop(report.keep(so_far, so_far));
             let study = compare(*share, &mut observer, keep)?;
             report.study(&study, &study)
+        }
+        BenchCommand::Render { most, frames, width, height, .. } => {
+            let options = RenderingOptions { most: *most, frames: *frames, width: *width, height: *height };
+            let found = rendering(&options, &mut observer)?;
+            report.study(&found.study(), &found)
         }
         BenchCommand::Scaling { backend, most, frames, apart, contacts, half_factors, .. } => {
             let on_gpu = *backend == BenchBackend::Gpu;

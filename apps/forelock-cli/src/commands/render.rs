@@ -3,11 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::bail;
-use forelock::{Assets, Scene, Studio, write_picture};
+use forelock::{Assets, GpuPainter, Scene, Studio, write_picture};
 use forelock_core::groom::Groom;
 use forelock_io::Cache;
 
-use crate::arguments::RenderArgs;
+use crate::arguments::{BenchBackend, RenderArgs};
 use crate::progress::Reporter;
 use crate::terminal;
 
@@ -35,7 +35,12 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
         let assets = Assets::around(&scene, groom)?;
         (scene, assets)
     };
+    let painter = match arguments.backend {
+        BenchBackend::Cpu => None,
+        BenchBackend::Gpu => Some(GpuPainter::open()?),
+    };
     let studio = Studio::new(&scene, &assets);
+    let studio = painter.iter().fold(studio, |studio, painter| studio.on_gpu(painter));
     let out = arguments.out.clone().unwrap_or_else(|| default_name(arguments));
     match &mut cache {
         Some(_)

@@ -241,6 +241,13 @@ impl Memory {
         Ok(())
     }
 
+    /// Bytes of all buffers and textures.
+    pub fn bytes(&self) -> u64 {
+        let texels = |texture: &wgpu::Texture| u64::from(texture.width()) * u64::from(texture.height()) * 16;
+        let textures: u64 = [&self.behind, &self.nearness].into_iter().flatten().map(texels).sum();
+        textures + self.buffers.iter().flatten().map(wgpu::Buffer::size).sum::<u64>()
+    }
+
     /// The buffer of `slot`.
     pub fn buffer(&self, slot: Slot) -> Result<&wgpu::Buffer, GpuRenderError> {
         let own = self.buffers[slot as usize].as_ref();

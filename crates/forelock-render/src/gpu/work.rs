@@ -26,6 +26,12 @@ pub struct FrameReport {
     pub pieces: u32,
     /// Pieces that had no room in the list and were left out.
     pub dropped: u32,
+    /// Milliseconds that the CPU took for bodies, shadows and the upload.
+    pub prepare_ms: f64,
+    /// Bytes that were uploaded.
+    pub uploaded_bytes: u64,
+    /// Bytes of the renderer's buffers and textures on the device.
+    pub device_bytes: u64,
     /// Milliseconds of each stage; empty if the device has no timestamps.
     pub stages_ms: Vec<(&'static str, f64)>,
 }
@@ -81,6 +87,10 @@ pub struct GpuRenderer {
     limit: Option<u32>,
     /// Room in the list of pieces.
     capacity: u32,
+    /// What was uploaded last.
+    frame: Option<FrameData>,
+    prepare_ms: f64,
+    uploaded_bytes: u64,
     report: FrameReport,
 }
 
@@ -97,6 +107,9 @@ impl GpuRenderer {
             clock: Clock::new(device, queue),
             limit: None,
             capacity: 0,
+            frame: None,
+            prepare_ms: 0.0,
+            uploaded_bytes: 0,
             report: FrameReport::default(),
         }
     }
@@ -119,7 +132,19 @@ impl GpuRenderer {
     /// [`GpuRenderError::Scene`] as [`render`](crate::render); [`GpuRenderError::TooLarge`] if the
     /// device has no room; [`GpuRenderError::Failed`] if it failed.
     pub fn render(&mut self, scene: &Scene<'_>, settings: &Settings) -> Result<Image, GpuRenderError> {
-        let mut frame = self.upload(&Hosted::new(scene, settings)?)?;
+        self.prepare(scene, settings)?;
+        self.redraw()
+    }
+
+    /// Draws what was drawn last once more, without preparing and uploading it again.
+    ///
+    /// # Errors
+    /// [`GpuRenderError::Failed`] if nothing was drawn before or the device failed;
+    /// [`GpuRenderError::TooLarge`] if it has no room.
+    pub fn redraw(&mut self) -> Result<Image, GpuRenderError> {
+        let nothing = || GpuRenderError::Failed("nothing was drawn before".to_owned());
+        let mut frame = self.frame.ok_or_else(nothing)?;
+        frame.capacity = self.capacity;
         loop {
             let mut encoder = self.device.create_command_encoder(&Default::default());
             self.encode(&mut encoder, &frame)?;
@@ -143,7 +168,7 @@ impl GpuRenderer {
         target: &wgpu::TextureView,
         format: wgpu::TextureFormat,
     ) -> Result<(), GpuRenderError> {
-        let frame = self.upload(&Hosted::new(scene, settings)?)?;
+        let frame = self.prepare(scene, settings)?;
         let mut encoder = self.device.create_command_encoder(&Default::default());
         self.encode(&mut encoder, &frame)?;
         if self.presenting.as_ref().is_none_or(|(own, _)| *own != format) {
@@ -192,6 +217,16 @@ impl GpuRenderer {
         self.limit.map_or(room, |limit| limit.min(room))
     }
 
+    /// Computes on the CPU what the device needs, and uploads it.
+    fn prepare(&mut self, scene: &Scene<'_>, settings: &Settings) -> Result<FrameData, GpuRenderError> {
+        let started = std::time::Instant::now();
+        (self.frame, self.uploaded_bytes) = (None, 0);
+        let frame = self.upload(&Hosted::new(scene, settings)?)?;
+        self.frame = Some(frame);
+        self.prepare_ms = started.elapsed().as_secs_f64() * 1e3;
+        Ok(frame)
+    }
+
     fn upload(&mut self, hosted: &Hosted) -> Result<FrameData, GpuRenderError> {
         let Hosted { frame, hair, light, behind } = hosted;
         let mut frame = *frame;
@@ -234,12 +269,14 @@ impl GpuRenderer {
         self.memory.size_textures(&self.device, frame.size);
         self.write_texture(Slot::Behind, &behind.colours, frame.size)?;
         self.write_texture(Slot::Nearness, &behind.nearness, frame.size)?;
+        self.uploaded_bytes += 32 * pixels;
         Ok(frame)
     }
 
     fn write(&mut self, slot: Slot, bytes: &[u8]) -> Result<(), GpuRenderError> {
         self.memory.reserve(&self.device, slot, bytes.len() as u64)?;
         self.queue.write_buffer(self.memory.buffer(slot)?, 0, bytes);
+        self.uploaded_bytes += bytes.len() as u64;
         Ok(())
     }
 
@@ -319,6 +356,9 @@ impl GpuRenderer {
             particles: frame.points,
             pieces: numbers[0],
             dropped: numbers[1],
+            prepare_ms: self.prepare_ms,
+            uploaded_bytes: self.uploaded_bytes,
+            device_bytes: self.memory.bytes(),
             stages_ms: times.collect(),
         }
     }

@@ -1,0 +1,44 @@
+//! Pictures by a GPU.
+
+use std::sync::{Mutex, PoisonError};
+
+use forelock_gpu::{Choice, Gpu};
+use forelock_render::gpu::GpuRenderer;
+use forelock_render::{Image, Scene, Settings};
+
+use crate::pictures::PictureError;
+
+/// A GPU that draws pictures for [`Studio::on_gpu`](crate::Studio::on_gpu).
+#[derive(Debug)]
+pub struct GpuPainter {
+    gpu: Gpu,
+    renderer: Mutex<GpuRenderer>,
+}
+
+impl GpuPainter {
+    /// Opens the fastest GPU.
+    ///
+    /// # Errors
+    /// [`PictureError::NoGpu`] if there is none.
+    pub fn open() -> Result<Self, PictureError> {
+        let gpu = Gpu::open(&Choice::Fastest)?;
+        let renderer = Mutex::new(GpuRenderer::new(gpu.device(), gpu.queue()));
+        gpu.check()?;
+        Ok(Self { gpu, renderer })
+    }
+
+    /// Draws `scene`.
+    ///
+    /// # Errors
+    /// [`PictureError`] if the scene cannot be drawn or the GPU failed.
+    pub(crate) fn render(&self, scene: &Scene<'_>, settings: &Settings) -> Result<Image, PictureError> {
+        let mut renderer = self.renderer.lock().unwrap_or_else(PoisonError::into_inner);
+        let drawn = renderer.render(scene, settings);
+        self.gpu.check()?;
+        let dropped = renderer.report().dropped;
+        if drawn.is_ok() && dropped > 0 {
+            tracing::warn!("the GPU has no room for {dropped} pieces of strands: the picture lacks them");
+        }
+        Ok(drawn?)
+    }
+}
