@@ -1,5 +1,5 @@
-//! Pictures of hair, drawn on the CPU without a GPU or system libraries: stills, contact sheets and
-//! short films.
+//! Pictures of hair, drawn on the CPU without a GPU or system libraries, or on a GPU: stills,
+//! contact sheets and short films.
 //!
 //! ```
 //! use forelock_core::{body::TriMesh, groom::Groom, pose::Pose};
@@ -34,6 +34,8 @@
 //! are computed first, for the whole scene. Then each tile samples its bodies, sorts its pieces of
 //! strands, composites them from front to back, and lights only the visible ones. Memory grows with
 //! the number of particles (16 bytes for each drawn particle), not with the number of fragments.
+//!
+//! The feature `gpu` adds the module `gpu`, which draws the same picture on a wgpu device.
 //!
 //! # Limitations
 //! Only single scattering is computed; a soft diffuse term approximates the rest. Bodies do not

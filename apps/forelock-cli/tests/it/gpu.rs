@@ -212,6 +212,38 @@ fn a_gpu_is_measured_by_its_own_clock() {
 }
 
 #[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn a_gpu_draws_the_pictures_of_the_cpu() {
+    let place = Workplace::new();
+    assert!(place.run(["grow", "curly.hair", "--strands", "200"]).status.success());
+    let bytes = ["cpu", "gpu"].map(|backend| {
+        let file = format!("{backend}.png");
+        let output = place.run(["render", "curly.hair", "--sheet", "--backend", backend, "--out", &file]);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        std::fs::read(place.path(&file)).unwrap()
+    });
+    // The same picture but for rounding, so that the files have nearly the same length.
+    let [cpu, gpu] = bytes.map(|bytes| bytes.len() as f64);
+    assert!(cpu > 10_000.0 && (cpu / gpu - 1.0).abs() < 0.05, "{cpu} {gpu}");
+}
+
+#[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn drawing_is_timed_stage_by_stage() {
+    let place = Workplace::new();
+    let small = ["--most", "10000", "--frames", "1", "--width", "96", "--height", "54"];
+    let table = json(&place.run(["bench", "render", "--json"].iter().chain(&small).copied()));
+    let rows = table["rows"].as_array().map(Vec::as_slice).unwrap_or_default();
+    assert_eq!(rows.len(), 3, "{table}");
+    for row in rows {
+        assert!(row["ms_per_stage"]["resolve"].as_f64().is_some_and(|ms| ms > 0.0), "{row}");
+        assert!(row["cpu_ms"].as_f64().is_some_and(|ms| ms > 0.0), "{row}");
+        assert_eq!(row["dropped"].as_u64(), Some(0), "{row}");
+        assert!(row["difference"].as_f64().is_some_and(|difference| difference < 2.0), "{row}");
+    }
+}
+
+#[test]
 #[ignore = "long: cargo xtask ci --nightly"]
 fn long_a_paper_s_table_is_measured_by_the_clock_of_a_gpu() {
     let place = Workplace::new();

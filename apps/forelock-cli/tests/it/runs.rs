@@ -224,6 +224,13 @@ fn without_a_gpu_one_clear_error_or_the_cpu() {
     let text = stderr(&refused);
     assert_eq!(refused.status.code(), Some(1), "{text}");
     assert!(text.contains("there is no GPU to run on") && text.contains("run on the CPU"), "{text}");
+    assert!(place.run(["grow", "few.hair", "--strands", "5"]).status.success());
+    let mut command = place.command();
+    command.env("VK_DRIVER_FILES", "/nowhere.json").env("VK_ICD_FILENAMES", "/nowhere.json");
+    let drawn = command.args(["render", "few.hair", "--backend", "gpu"]).output().unwrap();
+    let text = stderr(&drawn);
+    assert_eq!(drawn.status.code(), Some(1), "{text}");
+    assert!(text.contains("there is no GPU to run on") && text.contains("run on the CPU"), "{text}");
     let auto = json(&run("auto"));
     assert_eq!(auto["backend"], "cpu");
     let notes = auto["notes"].to_string();
