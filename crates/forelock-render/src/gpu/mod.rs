@@ -3,10 +3,10 @@
 //! # Theory
 //! The same picture as [`render`](crate::render), by the same equations. Each drawn particle is
 //! projected once. Light is computed at some points of each edge: one where edges are at most a
-//! few pixels long, more in a close-up. The curve between two particles is divided into straight pieces. Each
-//! tile of 16 × 16 pixels gets a list of its pieces by counting, a prefix sum and filling, and
-//! sorts it by depth. Then each pixel composites the pieces from front to back by their exact
-//! coverage, against the depths of the bodies, until it is opaque.
+//! few pixels long, more in a close-up. The curve between two particles is divided into straight
+//! pieces. Each tile of 16 × 16 pixels gets a list of its pieces by counting, a prefix sum and
+//! filling, and sorts it by depth. Then each pixel composites the pieces from front to back by
+//! their exact coverage, against the depths of the bodies, until it is opaque.
 //!
 //! # Practice
 //! The device and its queue come from outside: WebGPU's default limits suffice, and no feature is
@@ -15,16 +15,16 @@
 //! uploaded.
 //!
 //! The list of pieces has no fixed size. [`GpuRenderer::render`] draws again with more room where
-//! pieces had none. [`GpuRenderer::render_to`] does not wait, so it cannot; the next frame has the
+//! pieces had none. [`GpuRenderer::render_to`] does not wait, so it cannot; a later frame has the
 //! room that this one lacked, and [`GpuRenderer::report`] tells how many pieces were left out.
 //! Equal depths are ordered by the number of the piece, so that a picture drawn twice has the same
 //! bytes.
 //!
 //! # Limitations
 //! Neighbouring pieces divide pixels along the curve's normal, so that none is drawn twice or left
-//! out; the CPU takes the normal of each piece.
-//! Light is interpolated between equal steps of an edge; the CPU computes it at the end of each
-//! piece. With 3 or 4 samples along each side of a pixel, hair is compared with four of them.
+//! out; the CPU takes the normal of each piece. Light is interpolated between equal steps of an
+//! edge; the CPU computes it at the end of each piece. With 3 or 4 samples along each side of a
+//! pixel, hair is compared with four of them.
 
 mod error;
 mod hosted;

@@ -1,5 +1,6 @@
 //! The renderer: uploads a scene, runs the stages, reads the picture.
 
+use std::sync::mpsc::{Receiver, TryRecvError};
 use std::time::Duration;
 
 use super::GpuRenderError;
@@ -12,6 +13,7 @@ use crate::scene::{Scene, Settings};
 const PATIENCE: Duration = Duration::from_secs(10);
 /// Numbers in a report of the device.
 const REPORT: usize = 4;
+const REPORT_BYTES: u64 = 4 * REPORT as u64;
 /// Bytes of an item of the list of pieces.
 const ITEM: u64 = 8;
 /// The smallest list of pieces.
@@ -73,6 +75,29 @@ impl Clock {
     }
 }
 
+/// Results on their way to the CPU.
+#[derive(Debug)]
+struct Reading {
+    staging: wgpu::Buffer,
+    receiver: Receiver<Result<(), wgpu::BufferAsyncError>>,
+    frame: FrameData,
+}
+
+impl Reading {
+    fn begin(staging: wgpu::Buffer, frame: FrameData) -> Self {
+        let (sender, receiver) = std::sync::mpsc::channel();
+        staging.map_async(wgpu::MapMode::Read, .., move |result| {
+            // After an error the receiver is gone.
+            let _ = sender.send(result);
+        });
+        Self { staging, receiver, frame }
+    }
+}
+
+fn failed(error: impl std::fmt::Display) -> GpuRenderError {
+    GpuRenderError::Failed(error.to_string())
+}
+
 /// Draws hair on a GPU.
 #[derive(Debug)]
 pub struct GpuRenderer {
@@ -91,6 +116,8 @@ pub struct GpuRenderer {
     frame: Option<FrameData>,
     prepare_ms: f64,
     uploaded_bytes: u64,
+    /// The report of a frame that was not waited for.
+    pending: Option<Reading>,
     report: FrameReport,
 }
 
@@ -110,6 +137,7 @@ impl GpuRenderer {
             frame: None,
             prepare_ms: 0.0,
             uploaded_bytes: 0,
+            pending: None,
             report: FrameReport::default(),
         }
     }
@@ -132,6 +160,7 @@ impl GpuRenderer {
     /// [`GpuRenderError::Scene`] as [`render`](crate::render); [`GpuRenderError::TooLarge`] if the
     /// device has no room; [`GpuRenderError::Failed`] if it failed.
     pub fn render(&mut self, scene: &Scene<'_>, settings: &Settings) -> Result<Image, GpuRenderError> {
+        self.pending = None;
         self.prepare(scene, settings)?;
         self.redraw()
     }
@@ -142,8 +171,7 @@ impl GpuRenderer {
     /// [`GpuRenderError::Failed`] if nothing was drawn before or the device failed;
     /// [`GpuRenderError::TooLarge`] if it has no room.
     pub fn redraw(&mut self) -> Result<Image, GpuRenderError> {
-        let nothing = || GpuRenderError::Failed("nothing was drawn before".to_owned());
-        let mut frame = self.frame.ok_or_else(nothing)?;
+        let mut frame = self.frame.ok_or_else(|| failed("nothing was drawn before"))?;
         frame.capacity = self.capacity;
         loop {
             let mut encoder = self.device.create_command_encoder(&Default::default());
@@ -157,7 +185,7 @@ impl GpuRenderer {
     }
 
     /// Draws `scene` into `target`, a view of `format` with the size in `settings`, and does not
-    /// wait. All of the target is overwritten.
+    /// wait. All of the target is overwritten. The next call reads the report of this frame.
     ///
     /// # Errors
     /// The same errors as [`render`](Self::render).
@@ -168,6 +196,7 @@ impl GpuRenderer {
         target: &wgpu::TextureView,
         format: wgpu::TextureFormat,
     ) -> Result<(), GpuRenderError> {
+        self.collect()?;
         let frame = self.prepare(scene, settings)?;
         let mut encoder = self.device.create_command_encoder(&Default::default());
         self.encode(&mut encoder, &frame)?;
@@ -194,7 +223,15 @@ impl GpuRenderer {
             pass.set_bind_group(0, &bound, &[]);
             pass.draw(0..3, 0..1);
         }
+        // One report at a time: a frame that comes before it is read has none.
+        let staging = match &self.pending {
+            None => Some(self.copy_results(&mut encoder, 0)?),
+            Some(_) => None,
+        };
         self.queue.submit([encoder.finish()]);
+        if let Some(staging) = staging {
+            self.pending = Some(Reading::begin(staging, frame));
+        }
         Ok(())
     }
 
@@ -260,7 +297,7 @@ impl GpuRenderer {
             (Slot::Counts, 4 * tiles),
             (Slot::Offsets, 4 * (tiles + 1)),
             (Slot::List, u64::from(self.capacity) * ITEM),
-            (Slot::Report, 4 * REPORT as u64),
+            (Slot::Report, REPORT_BYTES),
             (Slot::Picture, 4 * pixels),
         ];
         for (slot, bytes) in room {
@@ -314,34 +351,70 @@ impl GpuRenderer {
         mut encoder: wgpu::CommandEncoder,
         frame: &FrameData,
     ) -> Result<Vec<u8>, GpuRenderError> {
-        let picture = self.memory.buffer(Slot::Picture)?;
         let pixels = 4 * u64::from(frame.size[0]) * u64::from(frame.size[1]);
-        let report = 4 * REPORT as u64;
+        let staging = self.copy_results(&mut encoder, pixels)?;
+        self.queue.submit([encoder.finish()]);
+        let reading = Reading::begin(staging, *frame);
+        self.poll(wgpu::PollType::wait_indefinitely())?;
+        // The wait of another thread may be running the callback.
+        let mapped = reading.receiver.recv_timeout(PATIENCE).map_err(failed)?;
+        mapped.map_err(failed)?;
+        let bytes = reading.staging.get_mapped_range(..).to_vec();
+        self.report = self.read_report(&bytes, frame);
+        Ok(bytes[(REPORT_BYTES + Clock::BYTES) as usize..].to_vec())
+    }
+
+    /// Copies the report and `pixels` bytes of the picture to a buffer that the CPU can read.
+    fn copy_results(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        pixels: u64,
+    ) -> Result<wgpu::Buffer, GpuRenderError> {
         let staging = self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("picture read-back"),
-            size: (pixels + report).next_multiple_of(8) + Clock::BYTES,
+            size: (REPORT_BYTES + Clock::BYTES + pixels).next_multiple_of(8),
             usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
             mapped_at_creation: false,
         });
-        encoder.copy_buffer_to_buffer(self.memory.buffer(Slot::Report)?, 0, &staging, 0, report);
+        encoder.copy_buffer_to_buffer(self.memory.buffer(Slot::Report)?, 0, &staging, 0, REPORT_BYTES);
         if let Some(clock) = &self.clock {
             encoder.resolve_query_set(&clock.set, 0..2 * STAGES.len() as u32, &clock.resolved, 0);
-            encoder.copy_buffer_to_buffer(&clock.resolved, 0, &staging, report, Clock::BYTES);
+            encoder.copy_buffer_to_buffer(&clock.resolved, 0, &staging, REPORT_BYTES, Clock::BYTES);
         }
-        encoder.copy_buffer_to_buffer(picture, 0, &staging, report + Clock::BYTES, pixels);
-        self.queue.submit([encoder.finish()]);
-        let (sender, receiver) = std::sync::mpsc::channel();
-        staging.map_async(wgpu::MapMode::Read, .., move |result| {
-            // After an error the receiver is gone.
-            let _ = sender.send(result);
-        });
-        let failed = |error: &dyn std::fmt::Display| GpuRenderError::Failed(error.to_string());
-        self.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|error| failed(&error))?;
-        let mapped = receiver.recv_timeout(PATIENCE).map_err(|error| failed(&error))?;
-        mapped.map_err(|error| failed(&error))?;
-        let bytes = staging.get_mapped_range(..).to_vec();
-        self.report = self.read_report(&bytes, frame);
-        Ok(bytes[(report + Clock::BYTES) as usize..].to_vec())
+        if pixels > 0 {
+            let picture = self.memory.buffer(Slot::Picture)?;
+            encoder.copy_buffer_to_buffer(picture, 0, &staging, REPORT_BYTES + Clock::BYTES, pixels);
+        }
+        Ok(staging)
+    }
+
+    /// Reads the report of the last frame of [`render_to`](Self::render_to) if the device is done
+    /// with it, and makes room for the pieces that had none.
+    fn collect(&mut self) -> Result<(), GpuRenderError> {
+        let Some(reading) = self.pending.take() else { return Ok(()) };
+        self.poll(wgpu::PollType::Poll)?;
+        match reading.receiver.try_recv() {
+            Ok(mapped) => mapped.map_err(failed)?,
+            Err(TryRecvError::Empty) => {
+                self.pending = Some(reading);
+                return Ok(());
+            }
+            Err(error @ TryRecvError::Disconnected) => return Err(failed(error)),
+        }
+        let bytes = reading.staging.get_mapped_range(..).to_vec();
+        self.report = self.read_report(&bytes, &reading.frame);
+        if self.report.dropped > 0 {
+            self.capacity = self.capacity.max(self.report.pieces.min(self.most_items()));
+        }
+        Ok(())
+    }
+
+    /// wgpu panics if the device is lost during a wait.
+    fn poll(&self, how: wgpu::PollType) -> Result<(), GpuRenderError> {
+        let poll = || self.device.poll(how);
+        let polled = std::panic::catch_unwind(std::panic::AssertUnwindSafe(poll));
+        polled.map_err(|_| failed("it was lost"))?.map_err(failed)?;
+        Ok(())
     }
 
     fn read_report(&self, bytes: &[u8], frame: &FrameData) -> FrameReport {

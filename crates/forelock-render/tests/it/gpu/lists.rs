@@ -1,7 +1,5 @@
 //! The lists of pieces: no piece is left out unnoticed, and their order is fixed.
 
-#![expect(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
-
 use super::agreement::{ball, mane, mean_difference};
 use super::renderer;
 use forelock_core::pose::Pose;

@@ -29,6 +29,20 @@ fn read(texture: &wgpu::Texture) -> Vec<u8> {
     staging.get_mapped_range(..).to_vec()
 }
 
+/// A target of `SIDE` × `SIDE` pixels.
+fn texture(format: wgpu::TextureFormat) -> wgpu::Texture {
+    gpu().device().create_texture(&wgpu::TextureDescriptor {
+        label: None,
+        size: wgpu::Extent3d { width: SIDE, height: SIDE, depth_or_array_layers: 1 },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
+        view_formats: &[],
+    })
+}
+
 #[test]
 #[cfg_attr(not(gpu), ignore = "needs a GPU")]
 fn a_given_target_shows_the_same_picture() {
@@ -40,16 +54,7 @@ fn a_given_target_shows_the_same_picture() {
     let mut renderer = renderer();
     let image = renderer.render(&scene, &settings).unwrap();
     for format in [wgpu::TextureFormat::Rgba8Unorm, wgpu::TextureFormat::Rgba8UnormSrgb] {
-        let texture = gpu().device().create_texture(&wgpu::TextureDescriptor {
-            label: None,
-            size: wgpu::Extent3d { width: SIDE, height: SIDE, depth_or_array_layers: 1 },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
-            view_formats: &[],
-        });
+        let texture = texture(format);
         let view = texture.create_view(&Default::default());
         renderer.render_to(&scene, &settings, &view, format).unwrap();
         let worst = read(&texture).iter().zip(image.rgba()).map(|(a, b)| a.abs_diff(*b)).max();
@@ -57,4 +62,29 @@ fn a_given_target_shows_the_same_picture() {
         let allowed = if format.is_srgb() { 1 } else { 0 };
         assert!(worst <= Some(allowed), "{worst:?} in {format:?}");
     }
+}
+
+#[test]
+#[cfg_attr(not(gpu), ignore = "needs a GPU")]
+fn a_frame_that_is_not_waited_for_leaves_its_report_and_its_room_to_later_ones() {
+    let (points, offsets) = mane(60, 0.1);
+    let strands = Strands::new(&points, &offsets, HairColour::CHESTNUT);
+    let camera = Camera::framing((Vec3::splat(-0.15), Vec3::splat(0.15)), 0.3, 0.2);
+    let scene = Scene::new(Vec::new(), vec![strands], camera);
+    // So wide that each piece touches many tiles.
+    let (width_scale, children) = (Some(1000.0), Some(1));
+    let settings = Settings { width: SIDE, height: SIDE, width_scale, children, ..Settings::default() };
+    let format = wgpu::TextureFormat::Rgba8Unorm;
+    let texture = texture(format);
+    let view = texture.create_view(&Default::default());
+    let mut renderer = renderer();
+    let mut dropped = Vec::new();
+    for _ in 0..4 {
+        renderer.render_to(&scene, &settings, &view, format).unwrap();
+        dropped.push(renderer.report().dropped);
+        gpu().wait().unwrap();
+    }
+    assert!(dropped[0] == 0 && dropped[1] > 0, "{dropped:?} {:?}", renderer.report());
+    assert_eq!(dropped[2..], [0, 0], "{:?}", renderer.report());
+    assert!(renderer.render(&scene, &settings).unwrap().rgba() == read(&texture));
 }
