@@ -117,7 +117,7 @@ pub fn rendering(options: &RenderingOptions, observer: &mut Observer<'_>) -> Res
         let params = GrowParams { strands, vertices_per_strand: PARTICLES, ..preset };
         let groom = grow_on_head(&params).map_err(AssetError::Grow)?;
         for distance in DISTANCES {
-            let scene = scene_from(&head, &groom, distance.1);
+            let scene = scene_from(head, &groom, distance.1);
             let (row, picture) = row(&mut renderer, &scene, options)?;
             gpu.check()?;
             stages = renderer.report().stages_ms.iter().map(|&(name, _)| name).collect();

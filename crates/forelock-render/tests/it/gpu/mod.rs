@@ -9,8 +9,8 @@ use forelock_gpu::{Choice, Gpu};
 use forelock_render::gpu::GpuRenderer;
 use std::sync::LazyLock;
 
-/// A renderer on the one device of all tests. The build script compiles tests as ignored where there
-/// is none.
+/// A renderer on the one device of all tests. The build script compiles tests as ignored where
+/// there is none.
 fn renderer() -> GpuRenderer {
     let gpu = gpu();
     GpuRenderer::new(gpu.device(), gpu.queue())
