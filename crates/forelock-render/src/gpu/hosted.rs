@@ -319,3 +319,71 @@ impl BehindArrays {
         Self { colours, nearness, horizon }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::stages::STAGES;
+    use super::*;
+    use std::mem::{offset_of, size_of};
+
+    /// What the modules of all stages say.
+    fn modules() -> Vec<(&'static str, naga::Module)> {
+        let parse = |text: String| naga::front::wgsl::parse_str(&text).unwrap();
+        STAGES.iter().map(|stage| (stage.name, parse(stage.source()))).collect()
+    }
+
+    /// Checks that `name` has the fields of a struct of `size` bytes wherever a module has it.
+    fn has_layout(name: &str, size: usize, fields: &[(&str, usize)]) {
+        let mut found = 0;
+        for (stage, module) in modules() {
+            for (_, own) in module.types.iter().filter(|(_, own)| own.name.as_deref() == Some(name)) {
+                let naga::TypeInner::Struct { members, span } = &own.inner else { continue };
+                let offsets: Vec<_> =
+                    members.iter().map(|m| (m.name.as_deref().unwrap_or(""), m.offset as usize)).collect();
+                assert_eq!(offsets, fields, "{name} in {stage}");
+                assert_eq!(*span as usize, size, "{name} in {stage}");
+                found += 1;
+            }
+        }
+        assert!(found > 0, "{name}");
+    }
+
+    macro_rules! offsets {
+        ($own:ty: $($field:ident)*) => { [$((stringify!($field), offset_of!($own, $field))),*] };
+    }
+
+    #[test]
+    fn structs_are_those_of_the_kernels() {
+        let frame = offsets!(FrameData: eye focal right near up exposure forward points sky lights ground
+            capacity shadow_origin shadow_cell shadow_size particle_stride open_origin open_cell open_size
+            open_start position_origin component_stride centre size tiles lit_each unused);
+        has_layout("Frame", size_of::<FrameData>(), &frame);
+        let curve = offsets!(CurveData: base first count start offset wave log_albedo tilt bright grey
+            has_colours unused);
+        has_layout("Curve", size_of::<CurveData>(), &curve);
+        let light = offsets!(LightData: direction texel colour heights right grid up unused origin
+            unused_too);
+        has_layout("Light", size_of::<LightData>(), &light);
+    }
+
+    #[test]
+    fn kernels_keep_to_the_limits_of_webgpu() {
+        for (name, module) in modules() {
+            let flags = naga::valid::ValidationFlags::all();
+            // `pack2x16float` is part of WebGPU.
+            let core = naga::valid::Capabilities::SHADER_FLOAT16_IN_FLOAT32;
+            let mut validator = naga::valid::Validator::new(flags, core);
+            validator.validate(&module).unwrap_or_else(|error| panic!("{name}: {error:?}"));
+            let layouts = {
+                let mut layouter = naga::proc::Layouter::default();
+                layouter.update(module.to_ctx()).unwrap();
+                layouter
+            };
+            let shared =
+                module.global_variables.iter().filter(|(_, own)| own.space == naga::AddressSpace::WorkGroup);
+            let bytes: u32 = shared.map(|(_, own)| layouts[own.ty].size).sum();
+            assert!(bytes <= 16_384, "{name}: {bytes} bytes");
+        }
+        assert!(STAGES.iter().all(|stage| stage.storage_buffers() <= 8));
+    }
+}

@@ -106,6 +106,18 @@ pub(super) const STAGES: [Stage; 7] = [
 ];
 
 impl Stage {
+    /// The whole text of its shader.
+    #[cfg(test)]
+    pub fn source(&self) -> String {
+        source(self.texts())
+    }
+
+    /// Storage buffers that it binds.
+    #[cfg(test)]
+    pub fn storage_buffers(&self) -> usize {
+        self.slots.iter().filter(|slot| !matches!(slot, Frame | Behind | Nearness)).count()
+    }
+
     /// The texts of its shader.
     fn texts(&self) -> &'static [&'static str] {
         match self.name {
@@ -161,8 +173,13 @@ fn constants() -> String {
     text
 }
 
+/// The whole text of the shader of `texts`.
+fn source(texts: &[&str]) -> String {
+    [&constants(), texts.concat().as_str()].concat()
+}
+
 fn module(device: &wgpu::Device, label: &str, texts: &[&str]) -> wgpu::ShaderModule {
-    let source = [&constants(), texts.concat().as_str()].concat();
+    let source = source(texts);
     device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some(label),
         source: wgpu::ShaderSource::Wgsl(source.into()),
