@@ -8,7 +8,8 @@
 #
 #   FORELOCK  the built `forelock` command, for machines without cargo
 #   TESTS     the built tests, separated by spaces, for machines without cargo;
-#             `cargo test --release -p forelock-gpu --no-run` lists them
+#             `cargo test --release -p forelock-gpu --no-run` lists them, and so does
+#             `cargo test --release -p forelock-render --features gpu --test it --no-run`
 #   MOST      the largest number of strands (default 1,000,000)
 #   SHARE     the share of the strands of the paper's scenes (default 1)
 set -uo pipefail
@@ -39,11 +40,13 @@ if [ -n "${FORELOCK:-}" ]; then
 else
   forelock=(cargo run --release --quiet --bin forelock --)
   step tests cargo test --release -p forelock-gpu -- --nocapture
+  step tests-render cargo test --release -p forelock-render --features gpu --test it -- gpu:: --nocapture
 fi
 step scaling "${forelock[@]}" bench scaling --backend gpu --most "$most" --out "$out/scaling"
 step scaling-apart "${forelock[@]}" bench scaling --backend gpu --most "$most" --apart --out "$out/scaling-apart"
 step scaling-half "${forelock[@]}" bench scaling --backend gpu --most "$most" --half-factors --out "$out/scaling-half"
 step scaling-contacts "${forelock[@]}" bench scaling --backend gpu --most "$most" --contacts --out "$out/scaling-contacts"
+step render "${forelock[@]}" bench render --out "$out/render"
 step paper "${forelock[@]}" bench paper --backend gpu --share "$share" --out "$out/paper"
 step dftl "${forelock[@]}" bench paper --paper dftl --backend gpu --share "$share" --out "$out/dftl"
 step neuralocks "${forelock[@]}" bench paper --paper neuralocks --backend gpu --share "$share" --out "$out/neuralocks"
