@@ -20,13 +20,18 @@ fn tiles_of(piece: Piece) -> TileRect {
     let hi = max(piece.start, piece.end) + pad;
     let size = vec2f(frame.size);
     // Also false where a number is not finite.
-    let seen = all(hi >= vec2f(0.0)) && all(lo < size) && all(hi - lo < vec2f(1e6));
+    let seen = all(hi >= vec2f(0.0)) && all(lo < size) && all(hi - lo < vec2f(1e30));
     if !seen {
         return TileRect(vec2u(0u), vec2u(0u));
     }
     let first = vec2u(max(lo, vec2f(0.0))) / TILE;
     let last = vec2u(min(hi, size - 1.0)) / TILE;
     return TileRect(first, min(last + 1u, frame.tiles));
+}
+
+fn add_saturating(a: u32, b: u32) -> u32 {
+    let sum = a + b;
+    return select(sum, NONE, sum < a);
 }
 
 @compute @workgroup_size(THREADS)
@@ -72,7 +77,7 @@ fn fill(
             for (var x = rect.lo.x; x < rect.hi.x; x += 1u) {
                 let tile = y * frame.tiles.x + x;
                 if piece.nearness >= horizon[tile] {
-                    let slot = offsets[tile] + atomicAdd(&counts[tile], 1u);
+                    let slot = add_saturating(offsets[tile], atomicAdd(&counts[tile], 1u));
                     if slot < frame.capacity {
                         // Inverse depths are positive, so their bits have the same order.
                         list[slot] = vec2u(~bitcast<u32>(piece.nearness), point * PIECES_EACH + i);
@@ -94,7 +99,7 @@ fn sum_up(@builtin(local_invocation_index) local: u32) {
     let past = min(first + share, tiles);
     var own = 0u;
     for (var tile = first; tile < past; tile += 1u) {
-        own += atomicLoad(&counts[tile]);
+        own = add_saturating(own, atomicLoad(&counts[tile]));
     }
     sums[local] = own;
     workgroupBarrier();
@@ -104,13 +109,16 @@ fn sum_up(@builtin(local_invocation_index) local: u32) {
             before = sums[local - step];
         }
         workgroupBarrier();
-        sums[local] += before;
+        sums[local] = add_saturating(sums[local], before);
         workgroupBarrier();
     }
-    var next = sums[local] - own;
+    var next = 0u;
+    if local > 0u {
+        next = sums[local - 1u];
+    }
     for (var tile = first; tile < past; tile += 1u) {
         offsets[tile] = next;
-        next += atomicLoad(&counts[tile]);
+        next = add_saturating(next, atomicLoad(&counts[tile]));
         atomicStore(&counts[tile], 0u);
     }
     if local == THREADS - 1u {

@@ -126,3 +126,24 @@ fn an_empty_scene_is_the_backdrop_and_bad_scenes_are_refused() {
     scene.camera.eye = scene.camera.target;
     assert!(renderer.render(&scene, &settings).is_err());
 }
+
+#[test]
+#[cfg_attr(not(gpu), ignore = "needs a GPU")]
+fn an_eye_within_the_hair_sees_what_it_sees_by_the_cpu() {
+    let (points, offsets) = mane(40, 0.1);
+    let strands = Strands::new(&points, &offsets, HairColour::RED);
+    let eye = points[12] + Vec3::new(0.0, 0.001, 0.002);
+    let camera = Camera { eye, target: points[312], up: Vec3::Y, fov_y: 1.2 };
+    let scene = Scene::new(Vec::new(), vec![strands], camera);
+    for width_scale in [1.0, 40.0, 1e5] {
+        let settings =
+            Settings { width: 90, height: 70, width_scale: Some(width_scale), ..Settings::default() };
+        let mut renderer = renderer();
+        let (cpu, gpu) = (render(&scene, &settings).unwrap(), renderer.render(&scene, &settings).unwrap());
+        assert_eq!(renderer.report().dropped, 0);
+        let difference = mean_difference(&cpu, &gpu);
+        println!("{width_scale}: {difference}");
+        // Strands that are wider than long have no picture that is right.
+        assert!(difference <= 2.0 || width_scale > 1e3, "{difference} at {width_scale}");
+    }
+}
