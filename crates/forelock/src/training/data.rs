@@ -314,6 +314,6 @@ pub(super) fn motions(config: &TrainingConfig, purpose: Use) -> Result<Vec<Clip>
 /// What the result is measured with of the recorded motions of `config`.
 pub(super) fn recorded_motions(config: &TrainingConfig) -> Result<Vec<Clip>, TrainingError> {
     let features = features()?;
-    let pieces = Recorded::load(&config.motions)?.measured(config.frames());
+    let pieces = Recorded::load(&config.motions)?.measured(config.frames(), config.motions.held_out as usize);
     pieces.iter().map(|poses| clip(&features, poses).map_err(TrainingError::Motion)).collect()
 }

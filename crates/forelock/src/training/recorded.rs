@@ -144,14 +144,16 @@ impl Recorded {
     }
 
     /// What measures the result: the last quarter of each file, in equal pieces of at most `frames`
-    /// frames.
-    pub fn measured(&self, frames: usize) -> Vec<Vec<BodyPose>> {
+    /// frames, or `most` such pieces of it.
+    pub fn measured(&self, frames: usize, most: usize) -> Vec<Vec<BodyPose>> {
         let of_file = |own: &Recording| {
             let secs = (1.0 - TRAINED) * own.secs();
             let all = (secs / SPACING_SECS) as usize + 1;
-            let pieces = all.div_ceil(frames.max(1));
+            let pieces = all.div_ceil(frames.max(1)).min(most);
             let start = |piece: usize| TRAINED * own.secs() + secs * piece as f64 / pieces as f64;
-            (0..pieces).map(|piece| own.piece(start(piece), all / pieces, 1.0)).collect::<Vec<_>>()
+            (0..pieces)
+                .map(|piece| own.piece(start(piece), frames.min(all / pieces), 1.0))
+                .collect::<Vec<_>>()
         };
         self.0.iter().flat_map(of_file).collect()
     }
@@ -189,7 +191,8 @@ mod tests {
         let recorded = Recorded::load(&motions(&file)).unwrap();
         // 150 cm are three units.
         let height = |pose: &BodyPose| pose.head.translation.y / 50.0 - 4.0;
-        let measured = recorded.measured(60);
+        assert_eq!(recorded.measured(60, 1).iter().map(Vec::len).collect::<Vec<_>>(), [60]);
+        let measured = recorded.measured(60, 6);
         assert_eq!(measured.iter().map(Vec::len).collect::<Vec<_>>(), [45, 45]);
         assert!((height(&measured[0][0]) - 9.0).abs() < 1e-6);
         assert!((height(&measured[1][44]) - 10.5 - 44.0 / 30.0).abs() < 1e-6);
