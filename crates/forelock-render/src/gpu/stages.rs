@@ -14,6 +14,8 @@ use crate::shadow_map::SIDE as SHADOW_SIDE;
 const THREADS: u32 = TILE * TILE;
 /// Numbers of pieces that an edge has room for.
 pub(super) const PIECES_EACH: u32 = 32;
+/// What the sizes of buffers are multiples of, bytes.
+const UNIT: u64 = 16;
 /// The largest number of workgroups of a dispatch along an axis that is used.
 const MAX_GROUPS: u32 = 32_768;
 
@@ -243,7 +245,7 @@ impl Memory {
         let own = &mut self.buffers[slot as usize];
         let limit = most_bound(device);
         // The length of an array is a multiple of its elements, all of which divide 16 but one.
-        let size = bytes.max(256).next_multiple_of(16);
+        let size = bytes.max(256).next_multiple_of(UNIT);
         if size > limit {
             return Err(GpuRenderError::TooLarge { what: described(slot), bytes, limit });
         }
@@ -333,10 +335,10 @@ impl Memory {
     }
 }
 
-/// The largest buffer that a kernel can read.
+/// The largest buffer that a kernel can read, a multiple of [`UNIT`].
 pub(super) fn most_bound(device: &wgpu::Device) -> u64 {
     let limits = device.limits();
-    limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)
+    limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) / UNIT * UNIT
 }
 
 /// What a slot holds, for messages.

@@ -178,8 +178,7 @@ impl GpuRenderer {
             self.encode(&mut encoder, &frame)?;
             let pixels = self.finish(encoder, &frame)?;
             if self.report.dropped == 0 || !self.grow(&mut frame)? {
-                let rgba = pixels[..4 * frame.size[0] as usize * frame.size[1] as usize].to_vec();
-                return Ok(Image::from_rgba(frame.size[0], frame.size[1], rgba)?);
+                return Ok(Image::from_rgba(frame.size[0], frame.size[1], pixels)?);
             }
         }
     }
@@ -359,9 +358,9 @@ impl GpuRenderer {
         // The wait of another thread may be running the callback.
         let mapped = reading.receiver.recv_timeout(PATIENCE).map_err(failed)?;
         mapped.map_err(failed)?;
-        let bytes = reading.staging.get_mapped_range(..).to_vec();
+        let bytes = reading.staging.get_mapped_range(..);
         self.report = self.read_report(&bytes, frame);
-        Ok(bytes[(REPORT_BYTES + Clock::BYTES) as usize..].to_vec())
+        Ok(bytes[(REPORT_BYTES + Clock::BYTES) as usize..][..pixels as usize].to_vec())
     }
 
     /// Copies the report and `pixels` bytes of the picture to a buffer that the CPU can read.
