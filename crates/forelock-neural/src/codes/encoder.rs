@@ -15,7 +15,7 @@ use crate::PARTICLES;
 use crate::network::product::{Factors, PACKET, Start, TILE_ROWS, by_strand, product, to_rows, zero_rows};
 use crate::random::Random;
 use crate::train::adam::Adam;
-use crate::train::layers::{bias_gradient, mask, transpose, weight_gradient};
+use crate::train::layers::{bias_gradient, mask_rows, transpose, weight_gradient};
 use forelock_core::lane::Simd;
 use rayon::prelude::*;
 
@@ -155,7 +155,7 @@ impl StrandCodes {
         let mut by_sums = vec![Vec::new(); LAYERS];
         for number in (0..LAYERS).rev() {
             if has_relu(number) {
-                mask(&rows[number + 1], &mut by);
+                mask_rows(&rows[number + 1], &mut by);
             }
             by_sums[number] = strand_by_strand(&by);
             if number == 0 {

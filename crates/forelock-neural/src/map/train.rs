@@ -19,7 +19,7 @@ use crate::network::{OUTPUTS, SHARED};
 use crate::random::Random;
 use crate::train::adam::Adam;
 use crate::train::gradient::{Aims, OfRow, unfold};
-use crate::train::layers::{bias_gradient, transpose, weight_gradient};
+use crate::train::layers::{bias_gradient, mask, transpose, weight_gradient};
 use crate::train::set::Drawn;
 use crate::train::window::Goal;
 use crate::train::{MOMENTS, NotFinite, Options, StepReport, TrainingSet, average, shared};
@@ -219,13 +219,6 @@ fn back(simd: Simd, weights: &Weights, levels: &[Level], mut by: Vec<f32>) -> Ve
         }
     }
     found
-}
-
-/// Zero where the activation is: the gradient of ReLU.
-fn mask(activations: &[f32], by: &mut [f32]) {
-    for (x, by) in activations.iter().zip(by) {
-        *by = if *x > 0.0 { *by } else { 0.0 };
-    }
 }
 
 #[cfg(test)]

@@ -51,9 +51,8 @@ impl Drapes {
             let more = set.draw(&mut random, false);
             drawn.extend(more.into_iter().take(count - drawn.len()));
         }
-        let mut motion = energies.motion;
-        motion.is_dynamic = false;
-        let terms = Terms { elastic: energies.elastic, motion, body: energies.body };
+        let mut terms = energies.terms();
+        terms.motion.is_dynamic = false;
         let one = |(number, drawn): (usize, Drawn)| {
             let own = Drawn { drape: Some(number), ..drawn };
             (own, Box::new(window(set, &terms, &drawn)))

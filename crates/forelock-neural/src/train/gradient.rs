@@ -12,7 +12,7 @@
 //! of weights.
 
 use super::between::{Between, Neighbourhood};
-use super::layers::{bias_gradient, mask, transpose, weight_gradient};
+use super::layers::{bias_gradient, mask_rows, transpose, weight_gradient};
 use super::set::{Bust, Drawn, shared as shared_inputs};
 use super::window::{Goal, Neighbours, Window};
 use super::{FRAMES, MOMENTS, STRANDS, TrainingSet};
@@ -373,10 +373,10 @@ impl Step<'_> {
         for MomentBuffers { first, second, outputs, by_strand: to } in moments {
             let factors = Factors { a: &weights.output_transposed, columns: width, b: outputs };
             product(self.simd, factors, Start::Zero, by_second);
-            mask(second, by_second);
+            mask_rows(second, by_second);
             let factors = Factors { a: &weights.hidden_transposed, columns: width, b: by_second };
             product(self.simd, factors, Start::Zero, by_first);
-            mask(first, by_first);
+            mask_rows(first, by_first);
             let rows = [&*first, second, outputs, by_second, by_first];
             rows.into_iter().zip(&mut *to).for_each(|(rows, to)| by_strand(rows, to));
             by_statics.iter_mut().zip(&to[BY_FIRST]).for_each(|(sum, x)| *sum += x);

@@ -6,12 +6,15 @@ use forelock_core::lane::{LANES, Row, Simd};
 use rayon::prelude::*;
 
 /// Zero where the activation is: the gradient of ReLU.
-pub(crate) fn mask(activations: &[Row<f32>], by: &mut [Row<f32>]) {
+pub(crate) fn mask(activations: &[f32], by: &mut [f32]) {
     for (x, by) in activations.iter().zip(by) {
-        for (x, by) in x.0.iter().zip(&mut by.0) {
-            *by = if *x > 0.0 { *by } else { 0.0 };
-        }
+        *by = if *x > 0.0 { *by } else { 0.0 };
     }
+}
+
+/// The same for rows of strands.
+pub(crate) fn mask_rows(activations: &[Row<f32>], by: &mut [Row<f32>]) {
+    mask(bytemuck::cast_slice(activations), bytemuck::cast_slice_mut(by));
 }
 
 /// `[rows, columns]` to `[columns, rows]`.

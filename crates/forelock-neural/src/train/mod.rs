@@ -49,6 +49,7 @@ use crate::network::head::OutputHead;
 use crate::network::rotation::{Basis, basis};
 use crate::network::{LOCK_INPUTS, Network, Shape};
 use crate::random::Random;
+use crate::reference::Terms;
 use adam::Adam;
 use forelock_core::lane::Simd;
 use gradient::{Batch, Workspace};
@@ -85,6 +86,12 @@ pub struct Energies {
 }
 
 impl Energies {
+    /// Those of the [reference](crate::reference): style, repulsion and adhesion have no part in
+    /// it.
+    pub fn terms(&self) -> Terms {
+        Terms { elastic: self.elastic, motion: self.motion, body: self.body }
+    }
+
     /// Whether strands act on each other.
     pub fn have_neighbours(&self) -> bool {
         self.repulsion.is_some() || self.adhesion.is_some()

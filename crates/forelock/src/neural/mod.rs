@@ -77,6 +77,22 @@ pub fn read(name: &str) -> Result<Model, ModelError> {
     }
 }
 
+/// Why this version cannot run `model`, and what to do; none if it can.
+pub(crate) fn unsupported(model: &Model) -> Option<String> {
+    let info = model.info();
+    if info.history > HISTORY {
+        let found = info.history;
+        Some(format!(
+            "the model has a history of {found} entries, and this version {HISTORY}: train it again"
+        ))
+    } else if (info.dt_secs / SPACING_SECS - 1.0).abs() > 0.01 {
+        let found = info.dt_secs;
+        Some(format!("the model steps by {found} s, and this version by 1/30 s: train it again"))
+    } else {
+        None
+    }
+}
+
 /// The stage of the network, as reports name it.
 pub(crate) const STAGE: &str = "predict_strands";
 
@@ -123,17 +139,10 @@ impl Learned {
 
     /// Checks that this version can run the model.
     fn check(&self) -> Result<(), NeuralError> {
-        let info = self.model.info();
-        let problem = if info.history > HISTORY {
-            let found = info.history;
-            format!("the model has a history of {found} entries, and this version {HISTORY}: train it again")
-        } else if (info.dt_secs / SPACING_SECS - 1.0).abs() > 0.01 {
-            let found = info.dt_secs;
-            format!("the model steps by {found} s, and this version by 1/30 s: train it again")
-        } else {
-            return Ok(());
-        };
-        Err(NeuralError::Unsupported { path: self.path.clone(), problem })
+        match unsupported(&self.model) {
+            Some(problem) => Err(NeuralError::Unsupported { path: self.path.clone(), problem }),
+            None => Ok(()),
+        }
     }
 
     /// Checks that hair under `gravity`, m/s², is what the model knows.

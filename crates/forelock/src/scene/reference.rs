@@ -218,6 +218,8 @@ pub(crate) fn tables(start: &str, sections: &[Section]) -> String {
                 || default.starts_with(['[', '"'])
                 || matches!(default.as_str(), "true" | "false");
             let default = if is_code { format!("`{default}`") } else { default.clone() };
+            // A bar would end the cell, in code too.
+            let [default, meaning] = [&default, meaning].map(|text| text.replace('|', "\\|"));
             let (unit, range) = (entry.unit.as_deref().unwrap_or("–"), range_words(entry));
             let range = if range.is_empty() { "–" } else { &range };
             let _ = writeln!(page, "| `{name}` | {unit} | {default} | {range} | {meaning} |");

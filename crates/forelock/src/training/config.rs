@@ -28,7 +28,8 @@ forelock_core::documented! {
 pub struct TrainingConfig {
     /// What the defaults of the other keys are: "default", or "paper" for those of the paper where
     /// they differ, which move little: displacements, direct transport, the energy of a step with
-    /// repulsion and printed adhesion but without drag and tail, and no steps for the drape.
+    /// repulsion and printed adhesion but without drag and tail, no steps for the drape, and half
+    /// the learning rate.
     /// Default "default".
     pub preset: TrainingPreset,
     /// Seed of everything random. No unit, default 1, range 0 or more; 0 is a seed like any other.
@@ -132,7 +133,7 @@ pub struct TrainedMotions {
     /// neither are trained. Unit motions, default 6, range 1 to 1000.
     pub held_out: u32,
     /// Files of recorded motions, .bvh. Three quarters of each are trained, in pieces, mirrored or
-    /// not, 0.7 to 1.4 times as fast; the last quarter is measured beside the generated motions.
+    /// not, 0.7 to 1.4 times as fast; of the last quarter at most `held_out` pieces are measured.
     /// Default none.
     pub files: Vec<PathBuf>,
     /// Share of the trained motions that are pieces of the files, if there are any. No unit,

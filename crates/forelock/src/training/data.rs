@@ -283,27 +283,46 @@ fn features() -> Result<Features, TrainingError> {
     Features::new(DVec3::ZERO, HeadMotion::default()).map_err(TrainingError::Motion)
 }
 
-/// The motions of `config` for a use: generated ones, and pieces of recorded ones if they are
+/// What a trained motion is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Source {
+    Recorded,
+    Generated { kind: Kind, travels: bool },
+}
+
+/// What motion `number` is, if a share `recorded` of the motions is recorded. All kinds take turns
+/// among the generated ones, and half of each kind travels.
+fn source(number: u32, recorded: f64) -> Source {
+    let before = |k: u32| (f64::from(k) * recorded).floor() as u32;
+    if before(number + 1) > before(number) {
+        return Source::Recorded;
+    }
+    let (kinds, own) = (Kind::ALL.len(), (number - before(number)) as usize);
+    let (kind, round) = (own % kinds, own / kinds);
+    Source::Generated { kind: Kind::ALL[kind], travels: (kind + round) % 2 == 1 }
+}
+
+/// The motions of `config` for a use: generated ones, and pieces of the `recorded` ones if they are
 /// trained.
-pub(super) fn motions(config: &TrainingConfig, purpose: Use) -> Result<Vec<Clip>, TrainingError> {
+pub(super) fn motions(
+    config: &TrainingConfig,
+    recorded: &Recorded,
+    purpose: Use,
+) -> Result<Vec<Clip>, TrainingError> {
     let own = &config.motions;
     let is_trained = matches!(purpose, Use::Training);
     let count = if is_trained { own.count } else { own.held_out };
+    let share = if is_trained && !recorded.is_empty() { own.recorded } else { 0.0 };
     let features = features()?;
     let first = SEEDS[purpose as usize] + 1_000_000 * (config.seed % 800);
-    let recorded =
-        if is_trained { Some(Recorded::load(own)?).filter(|_| !own.files.is_empty()) } else { None };
-    let before = |k: u32| (f64::from(k) * own.recorded).floor();
     let one = |k: u32| {
         let seed = first + u64::from(k);
-        let poses = match &recorded {
-            Some(recorded) if before(k + 1) > before(k) => {
+        let poses = match source(k, share) {
+            Source::Recorded => {
                 recorded.piece(config.frames(), &mut Random::stream(seed, Kind::ALL.len() as u64))
             }
-            _ => {
-                let kinds = Kind::ALL.len();
-                let (kind, round) = (k as usize % kinds, k as usize / kinds);
-                generate(Kind::ALL[kind], (kind + round) % 2 == 1, config.frames(), SPACING_SECS, seed)
+            Source::Generated { kind, travels } => {
+                generate(kind, travels, config.frames(), SPACING_SECS, seed)
             }
         };
         clip(&features, &poses).map_err(TrainingError::Motion)
@@ -311,9 +330,35 @@ pub(super) fn motions(config: &TrainingConfig, purpose: Use) -> Result<Vec<Clip>
     (0..count).map(one).collect()
 }
 
-/// What the result is measured with of the recorded motions of `config`.
-pub(super) fn recorded_motions(config: &TrainingConfig) -> Result<Vec<Clip>, TrainingError> {
+/// What the result is measured with of the `recorded` motions.
+pub(super) fn recorded_motions(
+    config: &TrainingConfig,
+    recorded: &Recorded,
+) -> Result<Vec<Clip>, TrainingError> {
     let features = features()?;
-    let pieces = Recorded::load(&config.motions)?.measured(config.frames(), config.motions.held_out as usize);
+    let pieces = recorded.measured(config.frames(), config.motions.held_out as usize);
     pieces.iter().map(|poses| clip(&features, poses).map_err(TrainingError::Motion)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_kinds_take_turns_whatever_the_share_of_recorded_motions() {
+        for share in [0.0, 0.25, 0.3, 0.5, 0.75] {
+            let all: Vec<Source> = (0..4096).map(|k| source(k, share)).collect();
+            let count = |wanted: Source| all.iter().filter(|own| **own == wanted).count() as f64 / 4096.0;
+            assert!((count(Source::Recorded) - share).abs() < 1e-3, "{share}");
+            for kind in Kind::ALL {
+                for travels in [false, true] {
+                    let found = count(Source::Generated { kind, travels });
+                    assert!(
+                        (found - (1.0 - share) / 8.0).abs() < 1e-3,
+                        "{share}: {kind:?}, {travels}: {found}"
+                    );
+                }
+            }
+        }
+    }
 }

@@ -4,8 +4,8 @@ use forelock_core::lane::Simd;
 use forelock_neural::codes::Encoder;
 use forelock_neural::measures::MeasureError;
 use forelock_neural::model::Model;
+use forelock_neural::network::STATICS;
 use forelock_neural::network::inference::Predictor;
-use forelock_neural::reference::Terms;
 use forelock_neural::train::{Clip, Energies};
 use forelock_neural::trial::{Score, Trial};
 use serde::Serialize;
@@ -13,6 +13,8 @@ use serde::Serialize;
 use super::TrainingError;
 use super::config::TrainingConfig;
 use super::data::{Hair, Use, motions, recorded_motions};
+use super::recorded::Recorded;
+use crate::neural::unsupported;
 use crate::progress::{Observer, Progress};
 
 /// How good a model is for one kind of hair.
@@ -57,8 +59,10 @@ impl Examination {
         coder: &Model,
         observer: &mut Observer<'_>,
     ) -> Result<Self, TrainingError> {
+        check(coder)?;
         let hair = Hair::load(config, observer)?;
-        let trials = Trials::new(config, energies, &hair, Coded::by(coder), observer)?;
+        let recorded = Recorded::load(&config.motions)?;
+        let trials = Trials::new(config, &recorded, energies, &hair, Coded::by(coder), observer)?;
         Ok(Self { hair, trials })
     }
 
@@ -67,12 +71,22 @@ impl Examination {
     /// # Errors
     /// [`TrainingError`] if a strand has no code, or a prediction is not finite.
     pub fn measure(&self, model: &Model) -> Result<Vec<KindScore>, TrainingError> {
+        check(model)?;
         let Coded { encoder, deviation } = Coded::by(model);
         let (strands, _) = self.hair.strands(Use::Measures, encoder, deviation)?;
         let inputs: Vec<f32> = strands.into_iter().flat_map(|strand| strand.statics).collect();
         let predictor = model.predictor(Simd::Auto)?;
         self.trials.scores(&self.hair, &|trial| trial.run_with(&predictor, &inputs))
     }
+}
+
+/// Checks that `model` can be measured.
+fn check(model: &Model) -> Result<(), TrainingError> {
+    let found = model.network().shape().statics;
+    let inputs = (found != STATICS).then(|| {
+        format!("the model takes {found} inputs a strand, and this version makes {STATICS}: train it again")
+    });
+    unsupported(model).or(inputs).map_or(Ok(()), |problem| Err(TrainingError::Unsupported(problem)))
 }
 
 /// What a result is measured with.
@@ -85,13 +99,14 @@ pub(super) struct Trials {
 impl Trials {
     pub(super) fn new(
         config: &TrainingConfig,
+        recorded: &Recorded,
         energies: &Energies,
         hair: &Hair,
         codes: Coded<'_>,
         observer: &mut Observer<'_>,
     ) -> Result<Self, TrainingError> {
-        let generated = motions(config, Use::Measures)?;
-        let recorded = recorded_motions(config)?;
+        let generated = motions(config, recorded, Use::Measures)?;
+        let recorded = recorded_motions(config, recorded)?;
         let mut new = |clips| trial(clips, energies, hair, codes, Use::Measures, observer);
         Ok(Self {
             generated: new(generated)?,
@@ -140,11 +155,10 @@ pub(super) fn trial(
     purpose: Use,
     observer: &mut Observer<'_>,
 ) -> Result<Trial, TrainingError> {
-    let terms = Terms { elastic: energies.elastic, motion: energies.motion, body: energies.body };
     let (strands, counts) = hair.strands(purpose, codes.encoder, codes.deviation)?;
     observer(&Progress::Begin { what: "references", done: 0, total: clips.len() as u64 });
     let mut step = || observer(&Progress::Step);
-    let trial = Trial::new(&terms, hair.field.clone(), &strands, &counts, clips, &mut step);
+    let trial = Trial::new(&energies.terms(), hair.field.clone(), &strands, &counts, clips, &mut step);
     observer(&Progress::End);
     Ok(trial)
 }

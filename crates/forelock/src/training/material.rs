@@ -8,6 +8,7 @@ use super::TrainingError;
 use super::config::TrainingConfig;
 use super::data::{Hair, Use, motions};
 use super::examination::Coded;
+use super::recorded::Recorded;
 use crate::progress::Observer;
 
 /// The strands and motions of a training.
@@ -38,7 +39,9 @@ impl Material {
         let hair = Hair::load(config, observer)?;
         let Coded { encoder, deviation } = Coded::by(coder);
         let (strands, counts) = hair.strands(Use::Training, encoder, deviation)?;
-        let [motions, unseen] = [motions(config, Use::Training)?, motions(config, Use::Measures)?];
-        Ok(Self { strands, counts, field: hair.field, motions, unseen })
+        let recorded = Recorded::load(&config.motions)?;
+        let [motions, unseen] =
+            [Use::Training, Use::Measures].map(|purpose| motions(config, &recorded, purpose));
+        Ok(Self { strands, counts, field: hair.field, motions: motions?, unseen: unseen? })
     }
 }

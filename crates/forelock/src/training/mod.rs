@@ -110,6 +110,9 @@ pub enum TrainingError {
     /// What was trained cannot be measured.
     #[error("what was trained cannot be measured: {0}")]
     Measure(#[from] forelock_neural::measures::MeasureError),
+    /// The model cannot be measured.
+    #[error("{0}")]
+    Unsupported(String),
     /// The model cannot be made of its parts.
     #[error(transparent)]
     Model(#[from] forelock_neural::model::ModelError),

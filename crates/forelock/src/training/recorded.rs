@@ -15,13 +15,15 @@ use glam::{DAffine3, DQuat, DVec3};
 
 use super::TrainingError;
 use super::config::TrainedMotions;
+use crate::hash::Fnv;
 
 /// Share of a file that is trained.
 const TRAINED: f64 = 0.75;
 /// Speeds of pieces, over that of the recording: the least, and the largest over the least.
 const SPEEDS: [f64; 2] = [0.7, 2.0];
-/// The shortest file, seconds.
+/// The shortest file and the longest, seconds.
 const SHORTEST_SECS: f64 = 4.0;
+const LONGEST_SECS: f64 = 1e5;
 /// Height of the head above the lowest joint where a file's unit is not given, cm.
 const HEAD_CM: f64 = 150.0;
 
@@ -57,6 +59,9 @@ impl Recording {
         let secs = bvh.secs(bvh.frames.saturating_sub(1));
         if secs < SHORTEST_SECS {
             return Err(refused(format!("it lasts {secs:.1} s: at least {SHORTEST_SECS} s are needed")));
+        }
+        if secs > LONGEST_SECS {
+            return Err(refused(format!("it lasts {secs:.1e} s: {LONGEST_SECS} s are allowed; cut it")));
         }
         let poses = poses(&bvh, joints, own.unit);
         let poses = poses.ok_or_else(|| {
@@ -116,6 +121,21 @@ impl Recorded {
     /// Reads the files of `own`.
     pub fn load(own: &TrainedMotions) -> Result<Self, TrainingError> {
         Ok(Self(own.files.iter().map(|path| Recording::read(path, own)).collect::<Result<_, _>>()?))
+    }
+
+    /// Whether there are no files.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// A hash of all poses.
+    pub fn hash(&self) -> u64 {
+        let poses = self.0.iter().flat_map(|own| &own.poses);
+        let numbers = poses.flat_map(BodyPose::joints).flat_map(|pose| {
+            let (rotation, translation) = (pose.rotation.to_array(), pose.translation.to_array());
+            rotation.into_iter().chain(translation)
+        });
+        numbers.fold(Fnv::new(), |hash, x| hash.bytes(&x.to_le_bytes())).value()
     }
 
     /// A random piece of what is trained, of at most `frames` frames.
@@ -241,5 +261,7 @@ mod tests {
         let text = std::fs::read_to_string(file.path()).unwrap();
         std::fs::write(file.path(), text.replace("Frame Time: 0.0333333333", "Frame Time: 0.005")).unwrap();
         assert!(said(&motions(&file)).contains("it lasts 1.8 s: at least 4 s"));
+        std::fs::write(file.path(), text.replace("Frame Time: 0.0333333333", "Frame Time: 1e6")).unwrap();
+        assert!(said(&motions(&file)).contains("it lasts 3.6e8 s: 100000 s are allowed"));
     }
 }

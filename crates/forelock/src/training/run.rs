@@ -20,6 +20,7 @@ use serde::{Deserialize, Serialize};
 use super::config::{TrainedMotions, TrainingConfig};
 use super::data::{Codes, Hair, Use, motions};
 use super::examination::{Coded, KindScore, Trials, trial};
+use super::recorded::Recorded;
 use super::{TrainingError, page};
 use crate::progress::{Observer, Progress};
 
@@ -86,7 +87,7 @@ pub(super) struct Measured {
 pub(super) struct Note {
     digest: String,
     version: String,
-    /// Digest of the strands; empty until they are there.
+    /// Digest of the strands and of recorded motions; empty until they are there.
     hair: String,
     simd: String,
     best: Option<Measured>,
@@ -123,9 +124,10 @@ pub fn train(
     forelock_io::remove_leftovers(out);
     check_config_file(&out.join(CONFIG))?;
     let mut resumed = resumed(config, options, observer)?;
-    let clips = motions(config, Use::Training)?;
+    let recorded = Recorded::load(&config.motions)?;
+    let clips = motions(config, &recorded, Use::Training)?;
     let hair = Hair::load(config, observer)?;
-    let digest = hair.digest();
+    let digest = format!("{}{:016x}", hair.digest(), recorded.hash());
     if resumed.1.hair.is_empty() {
         resumed.1.hair = digest;
         // The model and the checkpoint of an earlier training are not those of this configuration.
@@ -133,7 +135,7 @@ pub fn train(
             remove(&out.join(name))?;
         }
     } else if resumed.1.hair != digest {
-        let what = "its hair was another; train without --resume";
+        let what = "its hair or its recorded motions were others; train without --resume";
         return Err(TrainingError::Other { path: out.join(CHECKPOINT), what });
     }
     write(&out.join(CONFIG), format!("{HEADER}{}", config.to_toml()).as_bytes())?;
@@ -153,7 +155,7 @@ pub fn train(
     let own = &config.options().energies;
     let coded = Coded { encoder: &codes.encoder, deviation: codes.deviation };
     let choice = if config.steps.choose_best {
-        Some(trial(motions(config, Use::Choice)?, own, &hair, coded, Use::Choice, observer)?)
+        Some(trial(motions(config, &recorded, Use::Choice)?, own, &hair, coded, Use::Choice, observer)?)
     } else {
         None
     };
@@ -176,7 +178,7 @@ pub fn train(
     }
     let last = (!config.steps.choose_best).then(|| run.trainer.average());
     let best = run.best.as_ref().or(last).ok_or(TrainingError::NoneKept(100.0 * MOST_INSIDE))?;
-    let trials = Trials::new(config, own, &hair, coded, observer)?;
+    let trials = Trials::new(config, &recorded, own, &hair, coded, observer)?;
     summary.scores = trials.run(&hair, &predictor(&run.trainer, best)?)?;
     let model = model(config, &codes, &run, best, &summary, &hair.names)?;
     summary.simulator_bytes = 4 * (best.parameters().len() + forelock_neural::EDGES.pow(2));

@@ -194,6 +194,17 @@ fn wrong_configurations_are_refused_with_their_key() {
     assert!(missing.contains("no-such.toml"), "{missing}");
 }
 
+#[test]
+fn a_model_of_other_frames_cannot_be_measured() {
+    let own = forelock::builtin_model().unwrap();
+    let mut info = own.info().clone();
+    info.dt_secs = 0.1;
+    let (network, encoder) = (own.network().clone(), own.encoder().clone());
+    let other = forelock_neural::model::Model::new(network, own.basis(), encoder, info).unwrap();
+    let error = measure(&config(&[]).unwrap(), &other, &mut |_| {}).unwrap_err().to_string();
+    assert!(error.contains("steps by 0.1 s, and this version by 1/30 s: train it again"), "{error}");
+}
+
 /// The model that scenes use by default, on two motions and thirty-two strands that it was not
 /// trained on.
 #[test]

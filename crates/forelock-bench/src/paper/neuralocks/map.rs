@@ -13,7 +13,6 @@ use forelock_neural::network::inference::{Positions, Predictor};
 use forelock_neural::network::rotation::basis;
 use forelock_neural::network::{STATICS, Shape};
 use forelock_neural::random::Random;
-use forelock_neural::reference::Terms;
 use forelock_neural::train::{Clip, Options, TrainingSet, TrainingStrand, shared};
 use forelock_neural::trial::{Score, Trial};
 use forelock_neural::{EDGES, PARTICLES};
@@ -142,8 +141,7 @@ impl Both {
             .zip(statics.chunks_exact(STATICS))
             .map(|(rest, statics)| TrainingStrand { rest: *rest, statics: statics.to_vec() })
             .collect();
-        let energies = own.options().energies;
-        let terms = Terms { elastic: energies.elastic, motion: energies.motion, body: energies.body };
+        let terms = own.options().energies.terms();
         let clips = material.unseen.clone();
         observer(&Progress::Begin { what: "references", done: 0, total: clips.len() as u64 });
         let mut step = || observer(&Progress::Step);
