@@ -8,11 +8,14 @@
 //! least energy without inertia and drag at the first pose.
 //!
 //! # Practice
-//! Newton's method with the Hessian of finite differences of the gradient, kept while it still
-//! reduces the gradient tenfold an iteration, and a backtracking line search. An indefinite Hessian
-//! is shifted until it has Cholesky factors. A search begins where the velocities of the frame
-//! before lead; that folds short strands, which are stiffer than they are heavy. If it does not
-//! converge it begins again from the shape of the frame before, and from that at rest.
+//! Newton's method with the Hessian of finite differences of the gradient, and a backtracking line
+//! search. A Hessian costs as much as some dozens of iterations, so it is kept, also from frame to
+//! frame, corrected by how the gradient has changed since (L-BFGS), until [`PATIENCE`] iterations
+//! have not halved the gradient. An indefinite one is shifted until it has Cholesky factors.
+//!
+//! A search begins where the velocities of the frame before lead; that folds short strands, which
+//! are stiffer than they are heavy. If it does not converge it begins again from the shape of the
+//! frame before, and from that at rest.
 
 use crate::losses::body::{Body, BodyTerms, body};
 use crate::losses::elastic::{ElasticTerms, RestStrand, elastic};
@@ -29,6 +32,10 @@ const CONVERGED: f64 = 1e-8;
 const NEARLY: f64 = 1e-5;
 /// Most iterations of a search.
 const MOST_ITERATIONS: usize = 200;
+/// Iterations that do not halve the gradient before the Hessian is computed anew.
+const PATIENCE: usize = 8;
+/// Moves that correct a Hessian.
+const MOVES: usize = 16;
 /// Step of the finite differences, cm.
 const STEP: f64 = 1e-6;
 
@@ -51,6 +58,51 @@ struct Frame<'a, B: ?Sized> {
     body: &'a B,
 }
 
+/// The lower Cholesky factor of a Hessian.
+type Factors = Vec<[f64; UNKNOWNS]>;
+
+/// The curvature of the energy: a Hessian, and moves since with the changes of the gradient.
+struct Curvature {
+    lower: Factors,
+    moves: Vec<[[f64; UNKNOWNS]; 2]>,
+    /// Iterations that did not halve the gradient.
+    slow: usize,
+}
+
+impl Curvature {
+    /// That of a Hessian; none if no shift makes it positive.
+    fn new(hessian: &[[f64; UNKNOWNS]]) -> Option<Self> {
+        Some(Self { lower: factor(hessian)?, moves: Vec::with_capacity(MOVES), slow: 0 })
+    }
+
+    /// The inverse times `gradient` (Nocedal and Wright 2006, Algorithm 7.4).
+    fn step(&self, gradient: &[f64; UNKNOWNS]) -> [f64; UNKNOWNS] {
+        let mut left = *gradient;
+        let mut shares = [0.0; MOVES];
+        for ([by, change], share) in self.moves.iter().zip(&mut shares).rev() {
+            *share = dot(by, &left) / dot(by, change);
+            left.iter_mut().zip(change).for_each(|(x, change)| *x -= *share * change);
+        }
+        let mut step = solve(&self.lower, &left);
+        for ([by, change], share) in self.moves.iter().zip(shares) {
+            let more = share - dot(change, &step) / dot(by, change);
+            step.iter_mut().zip(by).for_each(|(x, by)| *x += more * by);
+        }
+        step
+    }
+
+    /// Takes a move and the change of the gradient with it, if the energy is convex along it.
+    fn learn(&mut self, by: [f64; UNKNOWNS], change: [f64; UNKNOWNS]) {
+        let least = 1e-8 * (dot(&by, &by) * dot(&change, &change)).sqrt();
+        if dot(&by, &change) > least {
+            if self.moves.len() == MOVES {
+                self.moves.remove(0);
+            }
+            self.moves.push([by, change]);
+        }
+    }
+}
+
 /// Where a search has ended.
 struct Found {
     x: Strand<f64>,
@@ -63,29 +115,38 @@ impl<B: Body<f64> + ?Sized> Frame<'_, B> {
     /// The energy at `x`, and its gradient.
     fn energy(&self, x: &Strand<f64>) -> (f64, [f64; UNKNOWNS]) {
         let mut by_x = zero();
-        let energy = elastic(&self.terms.elastic, self.rest, x, &mut by_x)
-            + self.inertial.energy(&self.terms.motion, x, &mut by_x)
-            + body(&self.terms.body, self.body, x, &mut by_x, &mut [0.0; PARTICLES]);
-        (energy, std::array::from_fn(|k| by_x[1 + k / 3].0[k % 3]))
+        let energy = self.elastic(x, &mut by_x) + self.own(x, &mut by_x);
+        (energy, unknowns(&by_x))
     }
 
-    /// The least of the energy that Newton's method finds from `x`.
-    fn least(&self, mut x: Strand<f64>) -> Found {
+    /// The part in which particles depend on each other.
+    fn elastic(&self, x: &Strand<f64>, by_x: &mut Strand<f64>) -> f64 {
+        elastic(&self.terms.elastic, self.rest, x, by_x)
+    }
+
+    /// The part in which each particle depends on its own place alone.
+    fn own(&self, x: &Strand<f64>, by_x: &mut Strand<f64>) -> f64 {
+        self.inertial.energy(&self.terms.motion, x, by_x)
+            + body(&self.terms.body, self.body, x, by_x, &mut [0.0; PARTICLES])
+    }
+
+    /// The least of the energy that Newton's method finds from `x`, with the `curvature` of a
+    /// search before, if there is one.
+    fn least(&self, mut x: Strand<f64>, curvature: &mut Option<Curvature>) -> Found {
         let (mut energy, mut gradient) = self.energy(&x);
-        let mut factors: Option<Vec<[f64; UNKNOWNS]>> = None;
         for _ in 0..MOST_ITERATIONS {
             let before = largest(&gradient);
             if before < CONVERGED {
                 break;
             }
-            let is_fresh = factors.is_none();
-            if factors.is_none() {
-                factors = factor(&self.hessian(&x, &gradient));
+            let is_fresh = curvature.is_none();
+            if is_fresh {
+                *curvature = Curvature::new(&self.hessian(&x));
             }
             // A strand that is not finite has no least.
-            let Some(lower) = &factors else { break };
-            let step = solve(lower, &gradient);
-            let slope: f64 = step.iter().zip(&gradient).map(|(a, b)| a * b).sum();
+            let Some(own) = curvature else { break };
+            let step = own.step(&gradient);
+            let slope = dot(&step, &gradient);
             let mut share = 1.0;
             let found = loop {
                 let moved = along(&x, &step, -share);
@@ -99,14 +160,19 @@ impl<B: Body<f64> + ?Sized> Frame<'_, B> {
                     break None;
                 }
             };
-            match found {
-                Some(found) => (x, energy, gradient) = found,
+            let Some((moved, e, g)) = found else {
                 // No direction leads down any more.
-                None if is_fresh => break,
-                None => {}
-            }
-            if share < 1.0 || largest(&gradient) > 0.1 * before {
-                factors = None;
+                if is_fresh {
+                    break;
+                }
+                *curvature = None;
+                continue;
+            };
+            own.learn(step.map(|x| -share * x), std::array::from_fn(|k| g[k] - gradient[k]));
+            (x, energy, gradient) = (moved, e, g);
+            own.slow += usize::from(largest(&gradient) > 0.5 * before);
+            if own.slow > PATIENCE {
+                *curvature = None;
             }
         }
         Found { x, energy, slope: largest(&gradient) }
@@ -114,10 +180,14 @@ impl<B: Body<f64> + ?Sized> Frame<'_, B> {
 
     /// The least of the energy, found from the first of `starts` from which the search converges;
     /// otherwise the lowest that is found from any of them.
-    fn least_from<const N: usize>(&self, starts: [Strand<f64>; N]) -> Strand<f64> {
+    fn least_from<const N: usize>(
+        &self,
+        starts: [Strand<f64>; N],
+        curvature: &mut Option<Curvature>,
+    ) -> Strand<f64> {
         let mut best: Option<Found> = None;
         for start in starts {
-            let found = self.least(start);
+            let found = self.least(start, curvature);
             let is_found = found.slope < NEARLY;
             if best.as_ref().is_none_or(|best| is_found || found.energy < best.energy) {
                 best = Some(found);
@@ -129,18 +199,48 @@ impl<B: Body<f64> + ?Sized> Frame<'_, B> {
         best.map_or(zero(), |best| best.x)
     }
 
-    /// The Hessian at `x`, where the gradient is `at`.
-    fn hessian(&self, x: &Strand<f64>, at: &[f64; UNKNOWNS]) -> Vec<[f64; UNKNOWNS]> {
+    /// The Hessian at `x`.
+    fn hessian(&self, x: &Strand<f64>) -> Vec<[f64; UNKNOWNS]> {
+        let elastic = |x: &Strand<f64>| {
+            let mut by_x = zero();
+            self.elastic(x, &mut by_x);
+            unknowns(&by_x)
+        };
+        let own = |x: &Strand<f64>| {
+            let mut by_x = zero();
+            self.own(x, &mut by_x);
+            unknowns(&by_x)
+        };
         let mut hessian = vec![[0.0; UNKNOWNS]; UNKNOWNS];
+        let at = elastic(x);
         for (k, row) in hessian.iter_mut().enumerate() {
             let mut moved = *x;
             moved[1 + k / 3].0[k % 3] += STEP;
-            let (_, gradient) = self.energy(&moved);
+            let gradient = elastic(&moved);
             *row = std::array::from_fn(|l| (gradient[l] - at[l]) / STEP);
+        }
+        // All particles at once, along one axis after the other.
+        let at = own(x);
+        for axis in 0..3 {
+            let mut moved = *x;
+            moved[1..].iter_mut().for_each(|x| x.0[axis] += STEP);
+            let gradient = own(&moved);
+            for (l, (gradient, at)) in gradient.iter().zip(at).enumerate() {
+                hessian[l - l % 3 + axis][l] += (gradient - at) / STEP;
+            }
         }
         let mean = |k: usize, l: usize| 0.5 * (hessian[k][l] + hessian[l][k]);
         (0..UNKNOWNS).map(|k| std::array::from_fn(|l| mean(k, l))).collect()
     }
+}
+
+/// The coordinates of all particles but the root.
+fn unknowns(x: &Strand<f64>) -> [f64; UNKNOWNS] {
+    std::array::from_fn(|k| x[1 + k / 3].0[k % 3])
+}
+
+fn dot(a: &[f64; UNKNOWNS], b: &[f64; UNKNOWNS]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 /// The largest number; NaN if one is.
@@ -158,12 +258,12 @@ fn along(x: &Strand<f64>, step: &[f64; UNKNOWNS], share: f64) -> Strand<f64> {
 
 /// The lower Cholesky factor of `hessian`, shifted by a multiple of the identity if it has none;
 /// nothing if no shift up to 1e12 helps.
-fn factor(hessian: &[[f64; UNKNOWNS]]) -> Option<Vec<[f64; UNKNOWNS]>> {
+fn factor(hessian: &[[f64; UNKNOWNS]]) -> Option<Factors> {
     let shifts = std::iter::successors(Some(1e-3), |shift| Some(4.0 * shift)).take_while(|s| *s < 1e12);
     std::iter::once(0.0).chain(shifts).find_map(|shift| cholesky(hessian.to_vec(), shift))
 }
 
-fn cholesky(mut a: Vec<[f64; UNKNOWNS]>, shift: f64) -> Option<Vec<[f64; UNKNOWNS]>> {
+fn cholesky(mut a: Factors, shift: f64) -> Option<Factors> {
     for k in 0..UNKNOWNS {
         for l in 0..=k {
             let sum: f64 = (0..l).map(|j| a[k][j] * a[l][j]).sum();
@@ -211,18 +311,20 @@ pub fn motion<B: Body<f64>>(
     let at_rest = RestStrand::new(rest, &terms.elastic);
     let mut found = Vec::with_capacity(places.len());
     let still = Terms { motion: MotionTerms { is_dynamic: false, ..terms.motion }, ..*terms };
-    let mut before = [zero(); 2];
+    let (mut before, mut curvature) = ([zero(); 2], None);
     for (place, body) in places.iter().zip(bodies) {
         if found.is_empty() {
             let inertial = Inertial { place: *place, before: [&before[0], &before[1]] };
-            let drape = Frame { terms: &still, rest: &at_rest, inertial, body }.least_from([*rest]);
+            let drape =
+                Frame { terms: &still, rest: &at_rest, inertial, body }.least_from([*rest], &mut None);
             before = [place.world(&drape); 2];
         }
         let mut on = canonical(place, &before);
         on[0] = rest[0];
         let inertial = Inertial { place: *place, before: [&before[0], &before[1]] };
         let along = found.last().copied().unwrap_or(*rest);
-        let x = Frame { terms, rest: &at_rest, inertial, body }.least_from([on, along, *rest]);
+        let frame = Frame { terms, rest: &at_rest, inertial, body };
+        let x = frame.least_from([on, along, *rest], &mut curvature);
         before = [place.world(&x), before[0]];
         found.push(x);
     }

@@ -1,6 +1,6 @@
 //! The state of a training as bytes, from which it goes on bit for bit.
 
-use super::adam::Adam;
+use super::soap::Soap;
 use super::{Options, Trainer};
 use crate::network::{LengthError, Network};
 use safetensors::tensor::TensorView;
@@ -11,8 +11,8 @@ use std::collections::HashMap;
 const NOTE: &str = "note";
 /// That of the number of steps done.
 const DONE: &str = "done";
-/// The tensors: the network, its average, the moments of the gradient and the best network.
-const TENSORS: [&str; 5] = ["network", "average", "first", "second", "best"];
+/// The tensors: the network, its average, the state of the descent and the best network.
+const TENSORS: [&str; 6] = ["network", "average", "first", "second", "sides", "best"];
 
 /// Why bytes are no checkpoint of a training.
 #[derive(Debug, thiserror::Error)]
@@ -42,10 +42,10 @@ impl Trainer {
     /// # Errors
     /// [`CheckpointError::Format`] if it is too large to be written.
     pub fn checkpoint(&self, best: Option<&Network<f32>>, note: &str) -> Result<Vec<u8>, CheckpointError> {
-        let [first, second] = self.adam.moments();
+        let [first, second, sides] = self.descent.state();
         let none: &[f32] = &[];
         let best = best.map_or(none, Network::parameters);
-        let lists = [self.network.parameters(), self.average.parameters(), first, second, best];
+        let lists = [self.network.parameters(), self.average.parameters(), &first, &second, &sides, best];
         let bytes: Vec<Vec<u8>> =
             lists.iter().map(|list| list.iter().flat_map(|x| x.to_le_bytes()).collect()).collect();
         let broken = |error: safetensors::SafeTensorError| CheckpointError::Format(error.to_string());
@@ -87,11 +87,8 @@ impl Trainer {
         let network = |name: &str| Ok::<_, CheckpointError>(Network::new(shape, list(name)?)?);
         trainer.network = network("network")?;
         trainer.average = network("average")?;
-        let [first, second] = [list("first")?, list("second")?];
-        if [&first, &second].iter().any(|list| list.len() != trainer.network.parameters().len()) {
-            return Err(missing());
-        }
-        trainer.adam = Adam::resume(done, [first, second]);
+        let state = [list("first")?, list("second")?, list("sides")?];
+        trainer.descent = Soap::resume(&shape, done, state).ok_or_else(missing)?;
         trainer.done = done;
         let best = list("best")?;
         let best = if best.is_empty() { None } else { Some(Network::new(shape, best)?) };

@@ -31,6 +31,7 @@ pub(crate) mod gradient;
 pub(crate) mod layers;
 pub mod motions;
 pub(crate) mod set;
+mod soap;
 pub(crate) mod window;
 
 pub use checkpoint::{CheckpointError, Resumed};
@@ -50,9 +51,9 @@ use crate::network::rotation::{Basis, basis};
 use crate::network::{LOCK_INPUTS, Network, Shape};
 use crate::random::Random;
 use crate::reference::Terms;
-use adam::Adam;
 use forelock_core::lane::Simd;
 use gradient::{Batch, Workspace};
+use soap::Soap;
 use window::Goal;
 
 /// Windows of a step.
@@ -130,8 +131,8 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             seed: 1,
-            steps: 14_000,
-            rate: 1e-3,
+            steps: 5_000,
+            rate: 3e-3,
             last_rate: 0.02,
             largest_gradient: 1.0,
             warm_start: 0.1,
@@ -190,7 +191,7 @@ pub struct Trainer {
     basis: Basis,
     network: Network<f32>,
     average: Network<f32>,
-    adam: Adam<f32>,
+    descent: Soap,
     done: u32,
     workspace: Workspace,
 }
@@ -240,7 +241,7 @@ impl Trainer {
         let motion = options.energies.motion;
         Self {
             basis: basis(options.energies.elastic.bend_twist, motion.mass, motion.dt_secs),
-            adam: Adam::new(parameters.len()),
+            descent: Soap::new(&shape),
             average: Network::of(shape, parameters.clone()),
             network: Network::of(shape, parameters),
             done: 0,
@@ -301,7 +302,7 @@ impl Trainer {
         }
         let rate = options.rate_at(self.done);
         let scale = (options.largest_gradient / norm.max(1e-30)).min(1.0);
-        self.adam.step(self.network.parameters_mut(), self.workspace.found(), [rate, scale]);
+        self.descent.step(simd, self.network.parameters_mut(), self.workspace.found(), [rate, scale]);
         self.done += 1;
         average(self.average.parameters_mut(), self.network.parameters(), self.done);
         Ok(StepReport { energy, gradient: norm, rate })

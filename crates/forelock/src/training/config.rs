@@ -28,8 +28,8 @@ forelock_core::documented! {
 pub struct TrainingConfig {
     /// What the defaults of the other keys are: "default", or "paper" for those of the paper where
     /// they differ, which move little: displacements, direct transport, the energy of a step with
-    /// repulsion and printed adhesion but without drag and tail, no steps for the drape, and half
-    /// the learning rate.
+    /// repulsion and printed adhesion but without drag and tail, no steps for the drape, and a
+    /// lower learning rate.
     /// Default "default".
     pub preset: TrainingPreset,
     /// Seed of everything random. No unit, default 1, range 0 or more; 0 is a seed like any other.
@@ -199,9 +199,9 @@ forelock_core::documented! {
 pub struct TrainingSteps {
     /// Steps of the strand codes. Unit steps, default 4000, range 1 to 1000000.
     pub codes: u32,
-    /// Steps of the simulator. Unit steps, default 14000, range 1 to 10000000.
+    /// Steps of the simulator. Unit steps, default 5000, range 1 to 10000000.
     pub simulator: u32,
-    /// Learning rate at the start. No unit, default 0.001, range 1e-7 to 1.
+    /// Learning rate at the start. No unit, default 0.003, range 1e-7 to 1.
     pub rate: f64,
     /// Learning rate in the end, as a share of that. No unit, default 0.02, range 0 to 1.
     pub last_rate: f64,
@@ -293,7 +293,7 @@ impl Default for TrainingSteps {
         let Options { rate, last_rate, warm_start, .. } = Options::default();
         Self {
             codes: 4000,
-            simulator: 14_000,
+            simulator: 5_000,
             rate,
             last_rate,
             drape: warm_start,

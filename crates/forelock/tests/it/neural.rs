@@ -475,6 +475,21 @@ mod gpu {
         assert!(gpu.gpu_name().is_some());
     }
 
+    #[test]
+    #[cfg_attr(not(gpu), ignore = "there is no GPU")]
+    fn on_a_body_that_bends_a_gpu_moves_hair_as_the_cpu_does() {
+        let (mut cpu, mut gpu) = (player(&WALKER), on_gpu(&[&[USUAL], &WALKER[..]].concat()));
+        let start = positions(&mut cpu);
+        for frame in 0..20 {
+            run(&mut cpu, 1);
+            run(&mut gpu, 1);
+            let off = apart(&mut cpu, &mut gpu);
+            assert!(off < 1e-5, "frame {frame}: {off:e} m");
+        }
+        let moved = positions(&mut cpu).iter().zip(&start).map(|(a, b)| a.distance(*b)).fold(0.0, f32::max);
+        assert!(moved > 0.01, "{moved} m");
+    }
+
     /// A weight that overflows puts strands to rest on a GPU too.
     #[test]
     #[cfg_attr(not(gpu), ignore = "there is no GPU")]

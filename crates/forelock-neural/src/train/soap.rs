@@ -1,0 +1,375 @@
+//! SOAP (Vyas et al. 2025): Adam along the principal axes of the gradient.
+//!
+//! # Theory
+//! A matrix of weights has the gradient G. With the eigenvectors U of the running mean of GGᵀ and V
+//! of that of GᵀG, Adam runs on UᵀGV, and its step is rotated back. The inputs of the network are
+//! strongly correlated, for they are neighbouring frames, and hair is stiff in some directions and
+//! soft in others: along these axes both are differences of scale, which Adam levels.
+//!
+//! # Practice
+//! A step of power iteration now and then keeps the axes up to date. Adam's moments are rotated
+//! with them: left along the old axes, the mean square made frequent changes worse than rare ones.
+//! Biases have no axes of their own.
+
+use super::adam::Adam;
+use super::layers::{transpose, weight_gradient};
+use crate::network::Shape;
+use forelock_core::lane::Simd;
+use std::ops::Range;
+
+/// What a step keeps of Adam's mean and of its mean square.
+const DECAY: [f64; 2] = [0.95, 0.99];
+/// What a step keeps of the means of GGᵀ and GᵀG.
+const KEPT: f32 = 0.99;
+/// Steps between two changes of the axes.
+const CHANGE_EVERY: u32 = 10;
+/// A side with more weights is long.
+const LONG: usize = 300;
+/// How many times less often a long side is looked at and changes.
+const LESS_OFTEN: u32 = 4;
+/// The share of the mean eigenvalue that all axes have at least, so that none is lost.
+const LEAST: f32 = 1e-6;
+/// Axes that are made orthonormal together.
+const BLOCK: usize = 32;
+
+/// The axes of a side of a matrix.
+#[derive(Clone, Debug)]
+struct Side {
+    size: usize,
+    /// The running mean of GGᵀ or GᵀG.
+    covariance: Vec<f32>,
+    /// The axes as columns, and as rows.
+    columns: Vec<f32>,
+    rows: Vec<f32>,
+}
+
+/// A matrix of weights, `[rows, columns]`, and its axes.
+#[derive(Clone, Debug)]
+struct Matrix {
+    range: Range<usize>,
+    sides: [Side; 2],
+}
+
+/// The state of the descent.
+#[derive(Clone, Debug)]
+pub(super) struct Soap {
+    matrices: Vec<Matrix>,
+    /// Along the axes.
+    adam: Adam<f32>,
+}
+
+/// What [`Soap::resume`] takes: Adam's moments, then covariance and axes of all sides.
+pub(super) type State = [Vec<f32>; 3];
+
+/// AᵀB of A `[k, m]` and B `[k, n]`: `[m, n]`.
+fn product(simd: Simd, a: &[f32], b: &[f32], k: usize) -> Vec<f32> {
+    let sizes = [a.len() / k, b.len() / k];
+    let mut c = vec![0.0; sizes[0] * sizes[1]];
+    weight_gradient(simd, [&[a], &[b]], sizes, &mut c);
+    c
+}
+
+/// `[rows, columns]` to `[columns, rows]`.
+fn transposed(from: &[f32], columns: usize) -> Vec<f32> {
+    let mut to = vec![0.0; from.len()];
+    transpose(from, columns, &mut to);
+    to
+}
+
+impl Side {
+    fn new(size: usize) -> Self {
+        let mut identity = vec![0.0; size * size];
+        identity.iter_mut().step_by(size + 1).for_each(|x| *x = 1.0);
+        Self { size, covariance: vec![0.0; size * size], rows: identity.clone(), columns: identity }
+    }
+
+    /// How many times less often than others it is looked at.
+    fn less_often(&self) -> u32 {
+        if self.size > LONG { LESS_OFTEN } else { 1 }
+    }
+
+    /// Takes the gradient of `step`, `[k, size]`, into the mean, and changes the axes now and then.
+    /// Returns the new axes along the old ones, as columns.
+    fn follow(&mut self, simd: Simd, step: u32, gradient: &[f32]) -> Option<Vec<f32>> {
+        let less_often = self.less_often();
+        if !step.is_multiple_of(less_often) {
+            return None;
+        }
+        let kept = (0..less_often).fold(1.0, |product, _| product * KEPT);
+        let new = product(simd, gradient, gradient, gradient.len() / self.size);
+        self.covariance.iter_mut().zip(&new).for_each(|(mean, x)| *mean = kept * *mean + (1.0 - kept) * x);
+        if !step.is_multiple_of(less_often * CHANGE_EVERY) {
+            return None;
+        }
+        let before = self.columns.clone();
+        self.iterate(simd);
+        Some(product(simd, &before, &self.columns, self.size))
+    }
+
+    /// A power iteration.
+    fn iterate(&mut self, simd: Simd) {
+        let trace: f32 = self.covariance.iter().step_by(self.size + 1).sum();
+        if trace <= 0.0 {
+            return;
+        }
+        let least = LEAST * trace / self.size as f32;
+        let mut rows = product(simd, &self.columns, &self.covariance, self.size);
+        rows.iter_mut().zip(&self.rows).for_each(|(x, axis)| *x = (*x + least * axis) / trace);
+        // Twice is enough.
+        (0..2).for_each(|_| orthonormalize(simd, &mut rows, self.size));
+        self.columns = transposed(&rows, self.size);
+        self.rows = rows;
+    }
+}
+
+/// Makes rows of `size` numbers orthonormal, each with respect to those before it.
+fn orthonormalize(simd: Simd, mut rows: &mut [f32], size: usize) {
+    while !rows.is_empty() {
+        let (block, rest) = rows.split_at_mut(rows.len().min(BLOCK * size));
+        (0..2).for_each(|_| orthonormalize_block(block, size));
+        if !rest.is_empty() {
+            let [columns, of_rest] = [&*block, &*rest].map(|rows| transposed(rows, size));
+            let along = product(simd, &columns, &of_rest, size);
+            let taken = product(simd, &along, block, block.len() / size);
+            rest.iter_mut().zip(&taken).for_each(|(x, taken)| *x -= taken);
+        }
+        rows = rest;
+    }
+}
+
+/// The same for few rows.
+fn orthonormalize_block(rows: &mut [f32], size: usize) {
+    for i in 0..rows.len() / size {
+        let (row, later) = rows[i * size..].split_at_mut(size);
+        let over_norm = 1.0 / dot(row, row).sqrt().max(f32::MIN_POSITIVE);
+        row.iter_mut().for_each(|x| *x *= over_norm);
+        for other in later.chunks_exact_mut(size) {
+            let along = dot(row, other);
+            other.iter_mut().zip(&*row).for_each(|(x, axis)| *x -= along * axis);
+        }
+    }
+}
+
+/// The sum of products, in sixteen parts.
+fn dot(a: &[f32], b: &[f32]) -> f32 {
+    const PARTS: usize = 16;
+    let mut sums = [0.0; PARTS];
+    let ((a, a_last), (b, b_last)) = (a.as_chunks::<PARTS>(), b.as_chunks::<PARTS>());
+    for (a, b) in a.iter().zip(b) {
+        sums.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a * b);
+    }
+    let last: f32 = a_last.iter().zip(b_last).map(|(a, b)| a * b).sum();
+    sums.iter().sum::<f32>() + last
+}
+
+impl Matrix {
+    /// UᵀXV: along the axes.
+    fn along_axes(&self, simd: Simd, x: &[f32]) -> Vec<f32> {
+        let [left, right] = &self.sides;
+        let half = product(simd, x, &left.columns, left.size);
+        product(simd, &half, &right.columns, right.size)
+    }
+
+    /// UXVᵀ: back.
+    fn back(&self, simd: Simd, x: &[f32]) -> Vec<f32> {
+        let [left, right] = &self.sides;
+        let half = product(simd, x, &left.rows, left.size);
+        product(simd, &half, &right.rows, right.size)
+    }
+
+    /// Takes the gradient of `step` into the means, and changes the axes now and then, and with
+    /// them Adam's moments: the mean, and the mean square as that of uncorrelated numbers.
+    fn follow(&mut self, simd: Simd, step: u32, gradient: &[f32], [first, second]: [&mut [f32]; 2]) {
+        let [left, right] = &mut self.sides;
+        let mut changes =
+            [left.follow(simd, step, &transposed(gradient, right.size)), right.follow(simd, step, gradient)];
+        if changes.iter().any(Option::is_some) {
+            let sizes = [left.size, right.size];
+            turn(simd, first, sizes, &changes);
+            changes.iter_mut().flatten().flatten().for_each(|x| *x *= *x);
+            turn(simd, second, sizes, &changes);
+        }
+    }
+}
+
+/// LᵀXR of the changes L and R.
+fn turn(simd: Simd, x: &mut [f32], [rows, columns]: [usize; 2], [left, right]: &[Option<Vec<f32>>; 2]) {
+    let half = match left {
+        Some(left) => product(simd, x, left, rows),
+        None => transposed(x, columns),
+    };
+    let whole = match right {
+        Some(right) => product(simd, &half, right, columns),
+        None => transposed(&half, rows),
+    };
+    x.copy_from_slice(&whole);
+}
+
+impl Soap {
+    /// Of a network of this `shape`.
+    pub(super) fn new(shape: &Shape) -> Self {
+        let [statics, shared, _, hidden, _, output, _] = shape.ranges();
+        let width = shape.width;
+        let sizes = [[shape.statics, width], [shape.shared, width], [width, width], [width, shape.outputs]];
+        let matrices = [statics, shared, hidden, output].into_iter().zip(sizes);
+        let matrices = matrices.map(|(range, sizes)| Matrix { range, sides: sizes.map(Side::new) });
+        Self { matrices: matrices.collect(), adam: Adam::with_decay(DECAY, shape.parameters()) }
+    }
+
+    /// Moves `parameters` along `scale` times the gradient, at `rate`.
+    pub(super) fn step(
+        &mut self,
+        simd: Simd,
+        parameters: &mut [f32],
+        gradient: &[f32],
+        [rate, scale]: [f64; 2],
+    ) {
+        let step = self.adam.steps();
+        let gradient: Vec<f32> = gradient.iter().map(|g| scale as f32 * g).collect();
+        let mut turned = gradient.clone();
+        for matrix in &mut self.matrices {
+            let range = matrix.range.clone();
+            let gradient = &gradient[range.clone()];
+            let moments = self.adam.moments_mut().map(|moment| &mut moment[range.clone()]);
+            matrix.follow(simd, step, gradient, moments);
+            turned[range].copy_from_slice(&matrix.along_axes(simd, gradient));
+        }
+        let mut moved = vec![0.0; parameters.len()];
+        self.adam.step(&mut moved, &turned, [rate, 1.0]);
+        for matrix in &self.matrices {
+            let range = matrix.range.clone();
+            let from_axes = matrix.back(simd, &moved[range.clone()]);
+            moved[range].copy_from_slice(&from_axes);
+        }
+        parameters.iter_mut().zip(&moved).for_each(|(p, moved)| *p += moved);
+    }
+
+    /// What [`Self::resume`] takes.
+    pub(super) fn state(&self) -> State {
+        let sides = self.matrices.iter().flat_map(|matrix| &matrix.sides);
+        let [first, second] = self.adam.moments().map(<[f32]>::to_vec);
+        [first, second, sides.flat_map(|side| side.covariance.iter().chain(&side.rows)).copied().collect()]
+    }
+
+    /// The state after `steps` steps; none if it is of another network.
+    pub(super) fn resume(shape: &Shape, steps: u32, [first, second, sides]: State) -> Option<Self> {
+        let mut own = Self::new(shape);
+        let parameters = shape.parameters();
+        let mut left = sides.as_slice();
+        for side in own.matrices.iter_mut().flat_map(|matrix| &mut matrix.sides) {
+            let (covariance, rest) = left.split_at_checked(side.covariance.len())?;
+            let (rows, rest) = rest.split_at_checked(side.rows.len())?;
+            side.covariance.copy_from_slice(covariance);
+            side.rows.copy_from_slice(rows);
+            side.columns = transposed(rows, side.size);
+            left = rest;
+        }
+        let lengths = [first.len(), second.len(), left.len()];
+        own.adam.resume(steps, [first, second]);
+        (lengths == [parameters, parameters, 0]).then_some(own)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Random;
+
+    fn rotation(random: &mut Random, size: usize) -> Vec<f32> {
+        let mut rows: Vec<f32> = (0..size * size).map(|_| random.normal() as f32).collect();
+        orthonormalize(Simd::Auto, &mut rows, size);
+        rows
+    }
+
+    fn off_identity(rows: &[f32], size: usize) -> f32 {
+        let columns = transposed(rows, size);
+        let gram = product(Simd::Auto, &columns, &columns, size);
+        let entry = |(k, x): (usize, &f32)| (x - f32::from(u8::from(k % (size + 1) == 0))).abs();
+        gram.iter().enumerate().map(entry).fold(0.0, f32::max)
+    }
+
+    #[test]
+    fn rows_of_very_different_lengths_become_orthonormal() {
+        let mut random = Random::new(2);
+        for size in [3, 32, 100] {
+            let mut rows: Vec<f32> = (0..size * size).map(|_| random.normal() as f32).collect();
+            for (i, row) in rows.chunks_exact_mut(size).enumerate() {
+                row.iter_mut().for_each(|x| *x *= 10f32.powi(-(i as i32 % 7)));
+            }
+            // A row that is nearly the first.
+            let first = rows[..size].to_vec();
+            rows[2 * size..3 * size].iter_mut().zip(&first).for_each(|(x, first)| *x = first + 1e-4 * *x);
+            (0..2).for_each(|_| orthonormalize(Simd::Auto, &mut rows, size));
+            assert!(off_identity(&rows, size) < 2e-6, "{size}: {}", off_identity(&rows, size));
+        }
+    }
+
+    /// Axes of a covariance with known eigenvectors are found, and stay orthonormal; what no
+    /// gradient reaches keeps its axes exactly.
+    #[test]
+    fn axes_become_eigenvectors() {
+        const SIZE: usize = 40;
+        let mut random = Random::new(3);
+        let vectors = rotation(&mut random, SIZE);
+        let mut side = Side::new(SIZE + 1);
+        for step in 0..4_000 {
+            let mut gradient = vec![0.0; SIZE + 1];
+            for (i, vector) in vectors.chunks_exact(SIZE).enumerate() {
+                let size = 0.8f32.powi(i as i32) * random.normal() as f32;
+                gradient.iter_mut().zip(vector).for_each(|(g, x)| *g += size * x);
+            }
+            side.follow(Simd::Auto, step, &gradient);
+        }
+        assert!(off_identity(&side.rows, SIZE + 1) < 2e-6);
+        // The mean has about a hundred gradients in it, so the axes are those of a sample.
+        for (axis, vector) in side.rows.chunks_exact(SIZE + 1).zip(vectors.chunks_exact(SIZE)).take(2) {
+            let along = dot(&axis[..SIZE], vector).abs();
+            assert!(along > 0.6, "{along}");
+        }
+        let last = &side.rows[SIZE * (SIZE + 1)..];
+        assert!(last[..SIZE].iter().all(|x| *x == 0.0) && last[SIZE] == 1.0);
+    }
+
+    /// Of a quadratic whose axes are none of the parameters', with stiffnesses of 1 to 10⁴.
+    #[test]
+    fn it_descends_where_adam_is_slow() {
+        let shape = Shape { statics: 4, shared: 24, width: 16, outputs: 4 };
+        let [_, range, ..] = shape.ranges();
+        let mut random = Random::new(4);
+        let [left, right] = [shape.shared, shape.width].map(|size| rotation(&mut random, size));
+        let stiffness = |i: usize, size: usize| 100f32.powf(i as f32 / (size - 1) as f32);
+        let turn = |x: &[f32], [left, right]: [&[f32]; 2]| {
+            let half = product(Simd::Auto, x, left, shape.shared);
+            product(Simd::Auto, &half, right, shape.width)
+        };
+        let rows = [left.as_slice(), right.as_slice()];
+        let [columns, other] = [transposed(&left, shape.shared), transposed(&right, shape.width)];
+        let gradient = |parameters: &[f32]| -> (f32, Vec<f32>) {
+            let mut along = turn(&parameters[range.clone()], [&columns, &other]);
+            let mut energy = 0.0;
+            for (k, x) in along.iter_mut().enumerate() {
+                let (i, j) = (k / shape.width, k % shape.width);
+                let stiff = stiffness(i, shape.shared) * stiffness(j, shape.width);
+                energy += 0.5 * stiff * *x * *x;
+                *x *= stiff;
+            }
+            let mut found = vec![0.0; parameters.len()];
+            found[range.clone()].copy_from_slice(&turn(&along, rows));
+            (energy, found)
+        };
+        let start: Vec<f32> = (0..shape.parameters()).map(|_| random.normal() as f32).collect();
+        let steps = 800;
+        let rate = |step: u32| 0.03 * (1.0 - f64::from(step) / f64::from(steps));
+        let [mut by_soap, mut by_adam] = [start.clone(), start.clone()];
+        let (mut soap, mut adam) = (Soap::new(&shape), Adam::with_decay(DECAY, shape.parameters()));
+        for step in 0..steps {
+            let (_, found) = gradient(&by_soap);
+            soap.step(Simd::Auto, &mut by_soap, &found, [rate(step), 1.0]);
+            let (_, found) = gradient(&by_adam);
+            adam.step(&mut by_adam, &found, [rate(step), 1.0]);
+        }
+        let [start, soap, adam] = [&start, &by_soap, &by_adam].map(|parameters| gradient(parameters).0);
+        println!("{start} at first, {soap} by SOAP, {adam} by Adam");
+        assert!(soap < 0.1 * adam && adam < 0.1 * start);
+    }
+}
