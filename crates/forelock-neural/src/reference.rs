@@ -10,8 +10,8 @@
 //! # Practice
 //! Newton's method with the Hessian of finite differences of the gradient, and a backtracking line
 //! search. A Hessian costs as much as some dozens of iterations, so it is kept, also from frame to
-//! frame, corrected by how the gradient has changed since (L-BFGS), until [`PATIENCE`] iterations
-//! have not halved the gradient. An indefinite one is shifted until it has Cholesky factors.
+//! frame, corrected by how the gradient has changed since (L-BFGS), until some iterations have not
+//! halved the gradient. An indefinite one is shifted until it has Cholesky factors.
 //!
 //! A search begins where the velocities of the frame before lead; that folds short strands, which
 //! are stiffer than they are heavy. If it does not converge it begins again from the shape of the
