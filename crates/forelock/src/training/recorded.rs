@@ -128,14 +128,18 @@ impl Recorded {
         self.0.is_empty()
     }
 
-    /// A hash of all poses.
+    /// A hash of all poses and their times.
     pub fn hash(&self) -> u64 {
-        let poses = self.0.iter().flat_map(|own| &own.poses);
-        let numbers = poses.flat_map(BodyPose::joints).flat_map(|pose| {
-            let (rotation, translation) = (pose.rotation.to_array(), pose.translation.to_array());
-            rotation.into_iter().chain(translation)
-        });
-        numbers.fold(Fnv::new(), |hash, x| hash.bytes(&x.to_le_bytes())).value()
+        let mut hash = Fnv::new();
+        for own in &self.0 {
+            hash = hash.bytes(&own.poses.len().to_le_bytes()).bytes(&own.frame_secs.to_le_bytes());
+            for pose in own.poses.iter().flat_map(BodyPose::joints) {
+                let (rotation, translation) = (pose.rotation.to_array(), pose.translation.to_array());
+                let numbers = rotation.into_iter().chain(translation);
+                hash = numbers.fold(hash, |hash, x| hash.bytes(&x.to_le_bytes()));
+            }
+        }
+        hash.value()
     }
 
     /// A random piece of what is trained, of at most `frames` frames.

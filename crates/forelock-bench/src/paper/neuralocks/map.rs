@@ -91,6 +91,9 @@ struct Both {
     ours: Predictor,
 }
 
+/// The learning rate of the map's network, which is trained by Adam.
+const RATE: f64 = 1e-3;
+
 /// Trains the map's network on what ours was trained with.
 fn train(
     own: &TrainingConfig,
@@ -100,7 +103,7 @@ fn train(
     let Material { strands, counts, field, motions, .. } = material;
     let set = TrainingSet::new(strands.clone(), counts, motions.clone(), field.clone());
     let set = set.map_err(TrainingError::from)?;
-    let options = own.options();
+    let options = Options { rate: RATE, ..own.options() };
     let map = MapStrands::new(strands).ok_or(forelock_neural::train::SetError::NoStrands);
     let mut trainer = MapTrainer::new(options, map.map_err(TrainingError::from)?);
     observer(&Progress::Begin { what: "training the map", done: 0, total: options.steps.into() });
