@@ -10,8 +10,9 @@
 //! # Practice
 //! Newton's method with the Hessian of finite differences of the gradient, and a backtracking line
 //! search. A Hessian costs as much as some dozens of iterations, so it is kept, also from frame to
-//! frame, corrected by how the gradient has changed since (L-BFGS), until some iterations have not
-//! halved the gradient. An indefinite one is shifted until it has Cholesky factors.
+//! frame, and corrected by the steps taken since (L-BFGS). It is computed anew after some
+//! iterations that do not halve the gradient. An indefinite one is shifted until it has Cholesky
+//! factors.
 //!
 //! A search begins where the velocities of the frame before lead; that folds short strands, which
 //! are stiffer than they are heavy. If it does not converge it begins again from the shape of the
@@ -31,10 +32,10 @@ const CONVERGED: f64 = 1e-8;
 /// The gradient below which a search that stops counts as having found it, g cm s⁻².
 const NEARLY: f64 = 1e-5;
 /// Most iterations of a search.
-const MOST_ITERATIONS: usize = 200;
+const MOST_ITERATIONS: usize = 1000;
 /// Iterations that do not halve the gradient before the Hessian is computed anew.
 const PATIENCE: usize = 8;
-/// Moves that correct a Hessian.
+/// Most steps that correct a Hessian.
 const MOVES: usize = 16;
 /// Step of the finite differences, cm.
 const STEP: f64 = 1e-6;
@@ -61,21 +62,25 @@ struct Frame<'a, B: ?Sized> {
 /// The lower Cholesky factor of a Hessian.
 type Factors = Vec<[f64; UNKNOWNS]>;
 
-/// The curvature of the energy: a Hessian, and moves since with the changes of the gradient.
+/// What is known of the energy's curvature: a Hessian, and the steps taken since it was computed,
+/// each with the change of the gradient.
 struct Curvature {
     lower: Factors,
     moves: Vec<[[f64; UNKNOWNS]; 2]>,
     /// Iterations that did not halve the gradient.
     slow: usize,
+    /// Whether the Hessian was shifted, and the steps are shorter than Newton's.
+    is_shifted: bool,
 }
 
 impl Curvature {
-    /// That of a Hessian; none if no shift makes it positive.
+    /// From a Hessian; none if no shift makes it positive definite.
     fn new(hessian: &[[f64; UNKNOWNS]]) -> Option<Self> {
-        Some(Self { lower: factor(hessian)?, moves: Vec::with_capacity(MOVES), slow: 0 })
+        let (lower, shift) = factor(hessian)?;
+        Some(Self { lower, moves: Vec::with_capacity(MOVES), slow: 0, is_shifted: shift > 0.0 })
     }
 
-    /// The inverse times `gradient` (Nocedal and Wright 2006, Algorithm 7.4).
+    /// The inverse of the Hessian times `gradient` (Nocedal and Wright 2006, Algorithm 7.4).
     fn step(&self, gradient: &[f64; UNKNOWNS]) -> [f64; UNKNOWNS] {
         let mut left = *gradient;
         let mut shares = [0.0; MOVES];
@@ -91,7 +96,7 @@ impl Curvature {
         step
     }
 
-    /// Takes a move and the change of the gradient with it, if the energy is convex along it.
+    /// Adds a step `by` and the `change` of the gradient over it, if the energy is convex along it.
     fn learn(&mut self, by: [f64; UNKNOWNS], change: [f64; UNKNOWNS]) {
         let least = 1e-8 * (dot(&by, &by) * dot(&change, &change)).sqrt();
         if dot(&by, &change) > least {
@@ -171,7 +176,7 @@ impl<B: Body<f64> + ?Sized> Frame<'_, B> {
             own.learn(step.map(|x| -share * x), std::array::from_fn(|k| g[k] - gradient[k]));
             (x, energy, gradient) = (moved, e, g);
             own.slow += usize::from(largest(&gradient) > 0.5 * before);
-            if own.slow > PATIENCE {
+            if own.slow > PATIENCE || own.is_shifted {
                 *curvature = None;
             }
         }
@@ -189,44 +194,41 @@ impl<B: Body<f64> + ?Sized> Frame<'_, B> {
         for start in starts {
             let found = self.least(start, curvature);
             let is_found = found.slope < NEARLY;
-            if best.as_ref().is_none_or(|best| is_found || found.energy < best.energy) {
+            if best.as_ref().is_none_or(|best| is_found || found.energy < best.energy || best.energy.is_nan())
+            {
                 best = Some(found);
             }
             if is_found {
                 break;
             }
+            *curvature = None;
         }
         best.map_or(zero(), |best| best.x)
     }
 
     /// The Hessian at `x`.
     fn hessian(&self, x: &Strand<f64>) -> Vec<[f64; UNKNOWNS]> {
-        let elastic = |x: &Strand<f64>| {
+        let gradient = |part: fn(&Self, &Strand<f64>, &mut Strand<f64>) -> f64, x: &Strand<f64>| {
             let mut by_x = zero();
-            self.elastic(x, &mut by_x);
-            unknowns(&by_x)
-        };
-        let own = |x: &Strand<f64>| {
-            let mut by_x = zero();
-            self.own(x, &mut by_x);
+            part(self, x, &mut by_x);
             unknowns(&by_x)
         };
         let mut hessian = vec![[0.0; UNKNOWNS]; UNKNOWNS];
-        let at = elastic(x);
+        let at = gradient(Self::elastic, x);
         for (k, row) in hessian.iter_mut().enumerate() {
             let mut moved = *x;
             moved[1 + k / 3].0[k % 3] += STEP;
-            let gradient = elastic(&moved);
-            *row = std::array::from_fn(|l| (gradient[l] - at[l]) / STEP);
+            let there = gradient(Self::elastic, &moved);
+            *row = std::array::from_fn(|l| (there[l] - at[l]) / STEP);
         }
         // All particles at once, along one axis after the other.
-        let at = own(x);
+        let at = gradient(Self::own, x);
         for axis in 0..3 {
             let mut moved = *x;
             moved[1..].iter_mut().for_each(|x| x.0[axis] += STEP);
-            let gradient = own(&moved);
-            for (l, (gradient, at)) in gradient.iter().zip(at).enumerate() {
-                hessian[l - l % 3 + axis][l] += (gradient - at) / STEP;
+            let there = gradient(Self::own, &moved);
+            for (l, (there, at)) in there.iter().zip(at).enumerate() {
+                hessian[l - l % 3 + axis][l] += (there - at) / STEP;
             }
         }
         let mean = |k: usize, l: usize| 0.5 * (hessian[k][l] + hessian[l][k]);
@@ -256,11 +258,12 @@ fn along(x: &Strand<f64>, step: &[f64; UNKNOWNS], share: f64) -> Strand<f64> {
     moved
 }
 
-/// The lower Cholesky factor of `hessian`, shifted by a multiple of the identity if it has none;
-/// nothing if no shift up to 1e12 helps.
-fn factor(hessian: &[[f64; UNKNOWNS]]) -> Option<Factors> {
+/// The lower Cholesky factor of `hessian`, shifted by a multiple of the identity if it has none,
+/// and the shift; nothing if no shift up to 1e12 helps.
+fn factor(hessian: &[[f64; UNKNOWNS]]) -> Option<(Factors, f64)> {
     let shifts = std::iter::successors(Some(1e-3), |shift| Some(4.0 * shift)).take_while(|s| *s < 1e12);
-    std::iter::once(0.0).chain(shifts).find_map(|shift| cholesky(hessian.to_vec(), shift))
+    let with = |shift: f64| Some((cholesky(hessian.to_vec(), shift)?, shift));
+    std::iter::once(0.0).chain(shifts).find_map(with)
 }
 
 fn cholesky(mut a: Factors, shift: f64) -> Option<Factors> {
