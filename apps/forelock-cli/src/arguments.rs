@@ -45,6 +45,8 @@ pub enum Command {
     Simulate(SimulateArgs),
     /// Draw pictures of a scene at rest, a cache or a groom.
     Render(RenderArgs),
+    /// Open the window: watch hair move, push it, change its parameters, groom it.
+    View(ViewArgs),
     /// Grow a groom and write it to a file.
     Grow(GrowArgs),
     /// Edit a groom with a script of operations such as cut, comb and curl.
@@ -244,6 +246,25 @@ pub struct RenderArgs {
     /// `--at 0,0.5,2`.
     #[arg(long, value_name = "SECS", value_delimiter = ',', conflicts_with_all = ["film", "frame", "sheet"])]
     pub at: Vec<f64>,
+}
+
+#[derive(Debug, Args)]
+pub struct ViewArgs {
+    /// A scene file (.toml) or a groom [default: the scene of `demo`].
+    #[arg(value_name = "SCENE|GROOM")]
+    pub input: Option<PathBuf>,
+    /// Change one key of the scene, as in `--set solver.kind=dftl`; may be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub sets: Vec<String>,
+    /// The processor that runs the simulation.
+    #[arg(long, value_enum, default_value_t = Backend::Cpu)]
+    pub backend: Backend,
+    /// Play, write a picture of the window to this file after `--after` seconds, and close it.
+    #[arg(long, value_name = "FILE")]
+    pub screenshot: Option<PathBuf>,
+    /// When the picture is taken.
+    #[arg(long, value_name = "SECS", default_value_t = 5.0, requires = "screenshot")]
+    pub after: f64,
 }
 
 #[derive(Debug, Args)]

@@ -1,6 +1,6 @@
 //! A pinhole camera and its projection from world space to pixels.
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 /// The distance of the near plane as a fraction of the distance from the eye to the target.
 /// Triangles are clipped at the near plane; strands are dropped there.
@@ -47,6 +47,23 @@ impl Camera {
             .fold(0.0, f32::max);
         camera.eye = target + from_target * distance;
         camera
+    }
+
+    /// Where `point` (metres, world space) is in a picture of `width` × `height` pixels: the pixel,
+    /// x to the right and y down from the upper left corner, and the depth along the view, metres.
+    /// `None` for points before the near plane.
+    pub fn project(&self, point: Vec3, width: u32, height: u32) -> Option<Vec3> {
+        let view = View::new(self, width, height);
+        let own = view.to_camera(point);
+        (own.z > view.near).then(|| view.to_pixels(own).truncate().extend(own.z))
+    }
+
+    /// The point at `depth` metres along the view that is seen at `pixel`: the inverse of
+    /// [`project`](Self::project).
+    pub fn unproject(&self, pixel: Vec2, depth: f32, width: u32, height: u32) -> Vec3 {
+        let view = View::new(self, width, height);
+        let slope = (pixel - Vec2::from_array(view.centre)) / view.focal;
+        view.eye + depth * (view.forward + slope.x * view.right - slope.y * view.up)
     }
 
     /// The unit vectors right, up and forward.

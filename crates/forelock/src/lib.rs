@@ -36,6 +36,7 @@ pub mod report;
 mod run;
 pub mod scene;
 mod sdf_cache;
+pub mod session;
 pub mod sinks;
 pub mod summary;
 mod tessellate;

@@ -3,6 +3,7 @@
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
+use forelock_core::groom::Groom;
 use forelock_core::pose::Pose;
 use forelock_io::Cache;
 use forelock_render::{
@@ -15,7 +16,7 @@ use rayon::prelude::*;
 use crate::assets::Assets;
 use crate::painter::GpuPainter;
 use crate::progress::{Observer, Progress};
-use crate::scene::Scene;
+use crate::scene::{HairSection, Scene};
 
 /// Pictures on a contact sheet of a cache, and in a row of it.
 const SHEET: (usize, u32) = (12, 4);
@@ -73,7 +74,6 @@ pub enum PictureError {
 pub struct Studio<'a> {
     scene: &'a Scene,
     assets: &'a Assets,
-    colour: HairColour,
     camera: Camera,
     painter: Option<&'a GpuPainter>,
 }
@@ -94,8 +94,7 @@ impl<'a> Studio<'a> {
             let shift = DVec3::from_array(point).as_vec3() - camera.target;
             (camera.eye, camera.target) = (camera.eye + shift, camera.target + shift);
         }
-        let colour = HairColour::by_name(&scene.hair.colour).unwrap_or(HairColour::DARK_BROWN);
-        Self { scene, assets, colour, camera, painter: None }
+        Self { scene, assets, camera, painter: None }
     }
 
     /// The same with pictures drawn by `painter`.
@@ -141,16 +140,9 @@ impl<'a> Studio<'a> {
     /// [`PictureError`] if there is no such picture.
     pub fn picture(&self, positions: &[Vec3], time_secs: f64, scale: f64) -> Result<Image, PictureError> {
         let section = &self.scene.hair;
-        let width = section.width as f32;
-        let groom = &self.assets.groom;
-        let strands = Strands {
-            widths: groom.widths.as_deref().filter(|_| width == 0.0),
-            colours: groom.colours.as_deref(),
-            width: if width > 0.0 { width } else { HAIR_WIDTH },
-            ..Strands::new(positions, groom.strand_offsets(), self.colour)
-        };
+        let strands = strands(section, &self.assets.groom, positions);
         let head = self.assets.head_pose(time_secs);
-        let colour = HairColour::by_name(&section.body_colour).map_or(Body::CLAY, |hair| hair.albedo());
+        let colour = body_colour(section);
         let body = self.assets.body_mesh_at(time_secs);
         let body = body.as_deref().map(|mesh| Body { colour, ..Body::new(mesh, head) });
         let solids = self.assets.solid_meshes(time_secs);
@@ -161,7 +153,7 @@ impl<'a> Studio<'a> {
         let settings = Settings {
             width: side(output.width),
             height: side(output.height),
-            width_scale: (width > 0.0).then_some(1.0),
+            width_scale: (section.width > 0.0).then_some(1.0),
             ..Settings::default()
         };
         let shown = forelock_render::Scene::new(bodies, vec![strands], self.camera_at(time_secs));
@@ -301,6 +293,23 @@ impl<'a> Studio<'a> {
         }
         labelled(&pictures, 4)
     }
+}
+
+/// `positions` of the strands of `groom` (metres, world space) as `section` shows them.
+pub(crate) fn strands<'a>(section: &HairSection, groom: &'a Groom, positions: &'a [Vec3]) -> Strands<'a> {
+    let width = section.width as f32;
+    let colour = HairColour::by_name(&section.colour).unwrap_or(HairColour::DARK_BROWN);
+    Strands {
+        widths: groom.widths.as_deref().filter(|_| width == 0.0),
+        colours: groom.colours.as_deref(),
+        width: if width > 0.0 { width } else { HAIR_WIDTH },
+        ..Strands::new(positions, groom.strand_offsets(), colour)
+    }
+}
+
+/// The body's colour, linear RGB.
+pub(crate) fn body_colour(section: &HairSection) -> Vec3 {
+    HairColour::by_name(&section.body_colour).map_or(Body::CLAY, |hair| hair.albedo())
 }
 
 /// The box `bounds`, grown so that it holds itself wherever its middle is in the scene's time.

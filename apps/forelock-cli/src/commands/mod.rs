@@ -9,6 +9,7 @@ mod info;
 mod render;
 mod simulate;
 mod train;
+mod view;
 
 use std::process::ExitCode;
 
@@ -29,6 +30,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Demo(run) => return simulate::demo(&run),
         Command::Simulate(arguments) => return simulate::simulate(&arguments),
         Command::Render(arguments) => render::render(&arguments)?,
+        Command::View(arguments) => view::view(&arguments)?,
         Command::Grow(arguments) => grow::grow(&arguments)?,
         Command::Groom(arguments) => groom::groom(&arguments)?,
         Command::Info(arguments) => info::info(&arguments)?,

@@ -124,6 +124,15 @@ impl Player {
         self.make(Change::Edit(Arc::new(edit)))
     }
 
+    /// Does `task`; what it changes is undone in one go, with the other changes of `group`: those
+    /// that the drag of a slider makes.
+    pub fn grouped<R>(&mut self, group: u64, task: impl FnOnce(&mut Self) -> R) -> R {
+        self.timeline.group = Some(group);
+        let done = task(self);
+        self.timeline.group = None;
+        done
+    }
+
     /// Applies `change`; nothing has changed after an error.
     pub(super) fn apply(&mut self, change: &Change) -> Result<(), PlayerError> {
         match change {

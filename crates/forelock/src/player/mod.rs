@@ -49,6 +49,7 @@ mod engine;
 mod error;
 mod history;
 mod live;
+mod moment;
 mod past;
 mod regrooming;
 mod report;
@@ -69,6 +70,7 @@ pub use builder::PlayerBuilder;
 pub use engine::SolverFactory;
 pub use error::PlayerError;
 pub use history::HistoryOptions;
+pub use moment::{Moment, Parameters};
 pub use past::PlayerSnapshot;
 pub use report::{Counters, Jump, StepReport};
 

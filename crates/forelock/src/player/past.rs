@@ -150,6 +150,11 @@ impl Player {
         done.map(|()| Some(moved.name))
     }
 
+    /// Names of the changes that [`Player::undo`] would take back and [`Player::redo`] make again.
+    pub fn undoable(&self) -> [Option<&'static str>; 2] {
+        self.timeline.next()
+    }
+
     /// The timeline has changed at `moved`: simulates from there to the present frame again.
     fn run_again_from(&mut self, moved: Moved) -> Result<(), PlayerError> {
         let now = self.live.frame;

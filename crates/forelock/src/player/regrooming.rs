@@ -118,7 +118,12 @@ impl Grooming {
 
     /// The groom whose layout positions are shown in.
     pub fn shown<'a>(&'a self, start: &'a Groom) -> &'a Groom {
-        self.groom.as_deref().filter(|_| self.own_layout).unwrap_or(start)
+        self.shown_groom().map_or(start, |groom| groom)
+    }
+
+    /// The edited groom whose layout positions are shown in; none for that of the start.
+    pub fn shown_groom(&self) -> Option<&Arc<Groom>> {
+        self.groom.as_ref().filter(|_| self.own_layout)
     }
 
     /// Positions in the layout that is shown, of those that `simulated` writes; `buffer` is

@@ -53,7 +53,15 @@ pub(super) struct Recorded {
     pub frame: u32,
     /// Which change it was, in the order in which they were made.
     pub serial: u64,
+    /// Changes of one group are undone together.
+    pub group: Option<u64>,
     pub change: Change,
+}
+
+impl Recorded {
+    fn is_with(&self, other: &Self) -> bool {
+        self.group.is_some() && self.group == other.group
+    }
 }
 
 /// All changes in the order of their frames.
@@ -63,6 +71,8 @@ pub(super) struct Timeline {
     /// Changes that were undone, the last one last.
     undone: Vec<Recorded>,
     serial: u64,
+    /// The group of new changes.
+    pub group: Option<u64>,
 }
 
 impl Timeline {
@@ -71,13 +81,24 @@ impl Timeline {
         self.changes.get(index).filter(|recorded| recorded.frame <= frame).map(|recorded| &recorded.change)
     }
 
+    /// The first `count` changes.
+    pub fn applied(&self, count: usize) -> impl Iterator<Item = &Change> {
+        self.changes.iter().take(count).map(|recorded| &recorded.change)
+    }
+
+    /// What [`Timeline::undo`] and [`Timeline::redo`] would move: the names.
+    pub fn next(&self) -> [Option<&'static str>; 2] {
+        let last = self.last_undoable().and_then(|index| self.changes.get(index));
+        [last, self.undone.last()].map(|recorded| recorded?.change.undo_name())
+    }
+
     /// Records a new change after all of its frame; its index.
     pub fn record(&mut self, frame: u32, change: Change) -> usize {
         if change.undo_name().is_some() {
             self.undone.clear();
         }
         self.serial += 1;
-        self.insert(Recorded { frame, serial: self.serial, change })
+        self.insert(Recorded { frame, serial: self.serial, group: self.group, change })
     }
 
     fn insert(&mut self, recorded: Recorded) -> usize {
@@ -86,21 +107,38 @@ impl Timeline {
         index
     }
 
-    /// Takes the change out that was made last and can be undone: where it was.
+    /// Takes the change out that was made last and can be undone, with the others of its group:
+    /// where the first of them was.
     pub fn undo(&mut self) -> Option<Moved> {
-        let undoable = self.changes.iter().enumerate().filter(|(_, r)| r.change.undo_name().is_some());
-        let (index, _) = undoable.max_by_key(|(_, recorded)| recorded.serial)?;
-        let recorded = self.changes.remove(index);
-        let moved = Moved::of(index, &recorded);
-        self.undone.push(recorded);
-        Some(moved)
+        let mut moved: Option<Moved> = None;
+        while let Some(index) = self.last_undoable() {
+            if moved.is_some() && !self.undone.last().is_some_and(|own| own.is_with(&self.changes[index])) {
+                break;
+            }
+            let recorded = self.changes.remove(index);
+            moved = Some(Moved::of(index, &recorded).and(moved));
+            self.undone.push(recorded);
+        }
+        moved
     }
 
-    /// Puts the change back that was undone last: where it is now.
+    /// Puts the change back that was undone last, with the others of its group: where the first of
+    /// them is now.
     pub fn redo(&mut self) -> Option<Moved> {
-        let recorded = self.undone.pop()?;
-        let index = self.insert(recorded);
-        self.changes.get(index).map(|recorded| Moved::of(index, recorded))
+        let first = self.undone.pop()?;
+        let more = self.undone.iter().rev().take_while(|other| other.is_with(&first)).count();
+        let rest = self.undone.split_off(self.undone.len() - more);
+        let mut moved = None;
+        for recorded in std::iter::once(first).chain(rest.into_iter().rev()) {
+            let index = self.insert(recorded);
+            moved = self.changes.get(index).map(|recorded| Moved::of(index, recorded).and(moved));
+        }
+        moved
+    }
+
+    fn last_undoable(&self) -> Option<usize> {
+        let undoable = self.changes.iter().enumerate().filter(|(_, r)| r.change.undo_name().is_some());
+        undoable.max_by_key(|(_, recorded)| recorded.serial).map(|(index, _)| index)
     }
 
     /// Whether the first `count` changes of both are the same.
@@ -124,5 +162,11 @@ pub(super) struct Moved {
 impl Moved {
     fn of(index: usize, recorded: &Recorded) -> Self {
         Self { index, frame: recorded.frame, name: recorded.change.undo_name().unwrap_or_default() }
+    }
+
+    /// The first of both.
+    fn and(self, other: Option<Self>) -> Self {
+        let Some(other) = other else { return self };
+        Self { index: self.index.min(other.index), frame: self.frame.min(other.frame), name: self.name }
     }
 }

@@ -271,7 +271,7 @@ impl SolverSection {
     }
 
     /// The longest substep of the solver that is chosen, seconds; none if it has one a frame.
-    pub(super) fn substep_secs(&self) -> Option<f64> {
+    pub(crate) fn substep_secs(&self) -> Option<f64> {
         match self.kind {
             SolverKind::Ams => Some(self.ams.substep_secs),
             SolverKind::MassSpring => Some(self.mass_spring.substep_secs),

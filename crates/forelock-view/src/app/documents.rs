@@ -1,0 +1,255 @@
+//! Opening, saving, baking and pictures of the window: what the window does with files.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
+
+use eframe::egui;
+use forelock::Scene;
+use forelock::session::{Phase, Session, Status};
+
+use super::{App, start};
+use crate::panel::change::ChangePanel;
+use crate::panel::files::{self, Answer, Bake, Purpose};
+use crate::panel::play::PlayBar;
+use crate::panel::see::Times;
+
+/// What a scene that the session's thread wrote out is for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum SceneFor {
+    File(PathBuf),
+    Bake(PathBuf),
+}
+
+/// A picture of the window that is to be taken.
+pub(super) struct Screenshot {
+    path: PathBuf,
+    at_secs: f64,
+    started: Instant,
+    asked: bool,
+    failure: Arc<Mutex<Option<String>>>,
+}
+
+/// A scene that is being loaded while another one is shown.
+pub(super) struct Next {
+    session: Session,
+    scene: Scene,
+    file: Option<PathBuf>,
+}
+
+impl App {
+    /// Writes a picture of the window to a file after some seconds, and closes it. A message that
+    /// it cannot be written goes to `failure`.
+    pub(crate) fn take_screenshot(
+        &mut self,
+        wanted: Option<(PathBuf, f64)>,
+        failure: Arc<Mutex<Option<String>>>,
+    ) {
+        self.screenshot = wanted.map(|(path, at_secs)| Screenshot {
+            path,
+            at_secs,
+            started: Instant::now(),
+            asked: false,
+            failure,
+        });
+        if self.screenshot.is_some() {
+            self.session.play(true);
+        }
+    }
+
+    /// Opens the scene or groom at `path` in place of the one that is open.
+    pub fn open(&mut self, ctx: &egui::Context, path: &Path) {
+        match files::read(path, &[]) {
+            Ok(scene) => {
+                let is_scene = path.extension().is_some_and(|own| own.eq_ignore_ascii_case("toml"));
+                self.load(ctx, scene, is_scene.then(|| path.to_owned()));
+            }
+            Err(message) => self.message = Some((message, true)),
+        }
+    }
+
+    /// Loads `scene`, of `file`, while the one that is open stays there.
+    pub(super) fn load(&mut self, ctx: &egui::Context, scene: Scene, file: Option<PathBuf>) {
+        let session = start(ctx, &scene, self.backend);
+        self.message = None;
+        drop_elsewhere(self.next.replace(Next { session, scene, file }));
+    }
+
+    /// Takes a scene over that has been loaded, or tells why it cannot be.
+    pub(super) fn take_next(&mut self) {
+        let Some(next) = self.next.take() else { return };
+        let status = next.session.status();
+        match status.phase {
+            Phase::Loading => self.next = Some(next),
+            Phase::Failed => {
+                self.message = status.error.map(|error| (error, true));
+                drop_elsewhere(next);
+            }
+            Phase::Ready => {
+                let Next { session, scene, file } = next;
+                drop_elsewhere(std::mem::replace(&mut self.session, session));
+                self.viewport.forget();
+                self.hair = scene.hair.clone();
+                self.play = PlayBar::new(scene.time.frames);
+                self.change = ChangePanel::default();
+                self.times = Times::default();
+                (self.framed, self.changes, self.saved) = (false, 0, 0);
+                (self.scene, self.file) = (scene, file);
+            }
+        }
+    }
+
+    /// Asks the session's thread for the scene as it is now.
+    pub(super) fn ask_for_scene(&mut self, purpose: SceneFor) {
+        let (scenes, hair) = (self.scenes.clone(), self.hair.clone());
+        self.session.change("saving", move |player| {
+            let scene = Scene { hair, ..player.changed_scene() };
+            scenes.lock().unwrap_or_else(PoisonError::into_inner).push((purpose, scene));
+            Ok(())
+        });
+    }
+
+    /// Saves or runs the scenes that the session's thread has written out.
+    pub(super) fn take_scenes(&mut self, ctx: &egui::Context) {
+        let scenes = std::mem::take(&mut *self.scenes.lock().unwrap_or_else(PoisonError::into_inner));
+        for (purpose, scene) in scenes {
+            match purpose {
+                SceneFor::File(path) => match files::write(&path, scene) {
+                    Ok(()) => {
+                        self.message = Some((format!("saved {}", path.display()), false));
+                        (self.file, self.saved) = (Some(path), self.changes);
+                    }
+                    Err(message) => self.message = Some((message, true)),
+                },
+                SceneFor::Bake(out) => {
+                    let waker = ctx.clone();
+                    self.session.play(false);
+                    self.bake = Some(Bake::start(scene, out, self.backend, move || waker.request_repaint()));
+                }
+            }
+        }
+    }
+
+    pub(super) fn take_news(&mut self) {
+        if let Some(ended) = self.bake.as_ref().and_then(Bake::ended) {
+            let is_error = ended.is_err();
+            self.message = Some((ended.map_or_else(|error| error, |done| format!("baked {done}")), is_error));
+            self.bake = None;
+        }
+    }
+
+    pub(super) fn dialogs(&mut self, ctx: &egui::Context) {
+        if let Some(mut dialog) = self.dialog.take() {
+            match (dialog.show(ctx), dialog.purpose) {
+                (Answer::Open, _) => self.dialog = Some(dialog),
+                (Answer::Cancelled, _) => {}
+                (Answer::Path(path), Purpose::Open) => self.open_asking(ctx, path),
+                (Answer::Path(path), Purpose::Save) => self.ask_for_scene(SceneFor::File(path)),
+                (Answer::Path(path), Purpose::Bake) => self.ask_for_scene(SceneFor::Bake(path)),
+                (Answer::Path(path), Purpose::Screenshot) => {
+                    let failure = Arc::default();
+                    self.screenshot = Some(Screenshot {
+                        path,
+                        at_secs: 0.0,
+                        started: Instant::now(),
+                        asked: false,
+                        failure,
+                    });
+                }
+            }
+        }
+        let closing = ctx.input(|input| input.viewport().close_requested());
+        if closing && self.is_changed() && !self.asks && self.screenshot.is_none() {
+            ctx.send_viewport_cmd(egui::ViewportCommand::CancelClose);
+            (self.asks, self.pending) = (true, None);
+        }
+        if self.asks {
+            self.ask_to_lose(ctx);
+        }
+    }
+
+    /// Whether there are changes that are not saved.
+    fn is_changed(&self) -> bool {
+        self.changes != self.saved
+    }
+
+    fn open_asking(&mut self, ctx: &egui::Context, path: PathBuf) {
+        if self.is_changed() {
+            (self.asks, self.pending) = (true, Some(path));
+        } else {
+            self.open(ctx, &path);
+        }
+    }
+
+    fn ask_to_lose(&mut self, ctx: &egui::Context) {
+        egui::Modal::new(egui::Id::new("lose")).show(ctx, |ui| {
+            ui.heading("There are changes that are not saved");
+            ui.horizontal(|ui| {
+                if ui.button("Lose them").clicked() {
+                    (self.asks, self.saved) = (false, self.changes);
+                    match self.pending.take() {
+                        Some(path) => self.open(ctx, &path),
+                        None => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
+                    }
+                }
+                if ui.button("Go back").clicked() {
+                    (self.asks, self.pending) = (false, None);
+                }
+            });
+        });
+    }
+
+    /// Opens a file that was dropped on the window.
+    pub(super) fn drops(&mut self, ctx: &egui::Context) {
+        let dropped = ctx.input(|input| input.raw.dropped_files.first().and_then(|file| file.path.clone()));
+        if let Some(path) = dropped {
+            self.open_asking(ctx, path);
+        }
+    }
+
+    pub(super) fn screenshots(&mut self, ctx: &egui::Context, status: &Status) {
+        let Some(wanted) = &mut self.screenshot else { return };
+        let closes = wanted.at_secs > 0.0;
+        let taken = ctx.input(|input| {
+            input.events.iter().find_map(|event| match event {
+                egui::Event::Screenshot { image, .. } => Some(image.clone()),
+                _ => None,
+            })
+        });
+        if let Some(image) = taken {
+            let result = write_screenshot(&wanted.path, &image);
+            let path = wanted.path.display().to_string();
+            if let Err(message) = &result {
+                *wanted.failure.lock().unwrap_or_else(PoisonError::into_inner) = Some(message.clone());
+            }
+            self.screenshot = None;
+            self.message = Some(match result {
+                Ok(()) => (format!("saved {path}"), false),
+                Err(message) => (message, true),
+            });
+            if closes {
+                ctx.send_viewport_cmd(egui::ViewportCommand::Close);
+            }
+            return;
+        }
+        let is_due = wanted.started.elapsed().as_secs_f64() >= wanted.at_secs;
+        if is_due && !wanted.asked && status.phase != Phase::Loading {
+            wanted.asked = true;
+            ctx.send_viewport_cmd(egui::ViewportCommand::Screenshot(egui::UserData::default()));
+        }
+        ctx.request_repaint_after_secs(0.1);
+    }
+}
+
+/// Ends what has a session, which waits for its last step, on another thread.
+fn drop_elsewhere<T: Send + 'static>(own: T) {
+    std::thread::spawn(move || drop(own));
+}
+
+fn write_screenshot(path: &Path, image: &egui::ColorImage) -> Result<(), String> {
+    let pixels = image.pixels.iter().flat_map(egui::Color32::to_array).collect();
+    let [width, height] = image.size.map(|side| side as u32);
+    let image =
+        forelock_render::Image::from_rgba(width, height, pixels).map_err(|error| error.to_string())?;
+    forelock::write_picture(path, &image).map_err(|error| error.to_string())
+}

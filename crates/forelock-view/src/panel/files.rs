@@ -1,0 +1,187 @@
+//! Opening, saving and baking.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use eframe::egui;
+use forelock::scene::Override;
+use forelock::{Backend, Progress, RunOptions, Scene};
+
+/// The scene of a groom without a scene file: hair alone.
+const HAIR_ALONE: &str = "body.mesh = \"none\"\nbody.motion = \"builtin:still\"\n";
+
+/// The scene of the file at `path`, a scene file or a groom, with `overrides` laid over it.
+///
+/// # Errors
+/// A message with the path.
+pub fn read(path: &Path, overrides: &[Override]) -> Result<Scene, String> {
+    if path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("toml")) {
+        return Scene::load(path, overrides).map_err(|error| error.to_string());
+    }
+    if !path.is_file() {
+        return Err(format!("{}: there is no such file", path.display()));
+    }
+    // Paths of a scene are relative to its folder; this text is in none.
+    let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+    let source = toml::Value::String(absolute.to_string_lossy().into_owned());
+    let name = toml::Value::String(path.file_stem().unwrap_or_default().to_string_lossy().into_owned());
+    let text = format!("name = {name}\n{HAIR_ALONE}groom.source = {source}\n");
+    Scene::parse(&text, path, overrides).map_err(|error| error.to_string())
+}
+
+/// Writes `scene` to `path`, whole or not at all.
+///
+/// # Errors
+/// A message with the path.
+pub fn write(path: &Path, scene: Scene) -> Result<(), String> {
+    let text = scene.with_absolute_paths().to_toml();
+    forelock_io::atomic_write(path, |file| file.write_all(text.as_bytes())).map_err(|error| error.to_string())
+}
+
+/// A question for a path.
+#[derive(Clone, Debug)]
+pub struct PathDialog {
+    /// What the path is for.
+    pub purpose: Purpose,
+    path: String,
+    is_fresh: bool,
+}
+
+/// What a path is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Purpose {
+    /// A scene or groom to open.
+    Open,
+    /// A scene file to write.
+    Save,
+    /// A picture to write.
+    Screenshot,
+    /// The folder of a run.
+    Bake,
+}
+
+impl Purpose {
+    /// The title of the dialog.
+    pub fn title(self) -> &'static str {
+        match self {
+            Self::Open => "Open a scene or groom",
+            Self::Save => "Save the scene",
+            Self::Screenshot => "Save a picture of the window",
+            Self::Bake => "Simulate the scene into a folder",
+        }
+    }
+}
+
+/// The answer to a [`PathDialog`].
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Answer {
+    /// None yet.
+    Open,
+    /// The dialog was closed.
+    Cancelled,
+    /// The path.
+    Path(PathBuf),
+}
+
+impl PathDialog {
+    /// A dialog that proposes `path`.
+    pub fn new(purpose: Purpose, path: &Path) -> Self {
+        Self { purpose, path: path.display().to_string(), is_fresh: true }
+    }
+
+    /// Draws the dialog.
+    pub fn show(&mut self, ctx: &egui::Context) -> Answer {
+        let mut answer = Answer::Open;
+        let modal = egui::Modal::new(egui::Id::new("path")).show(ctx, |ui| {
+            ui.heading(self.purpose.title());
+            let field = ui.add(egui::TextEdit::singleline(&mut self.path).desired_width(420.0));
+            if std::mem::take(&mut self.is_fresh) {
+                field.request_focus();
+            }
+            let is_entered = field.lost_focus() && ui.input(|input| input.key_pressed(egui::Key::Enter));
+            ui.horizontal(|ui| {
+                let ok = ui.add_enabled(!self.path.trim().is_empty(), egui::Button::new("OK"));
+                if ok.clicked() || (is_entered && !self.path.trim().is_empty()) {
+                    answer = Answer::Path(PathBuf::from(self.path.trim()));
+                }
+                if ui.button("Cancel").clicked() {
+                    answer = Answer::Cancelled;
+                }
+            });
+        });
+        if modal.should_close() && answer == Answer::Open {
+            answer = Answer::Cancelled;
+        }
+        answer
+    }
+}
+
+/// A run of a scene into a folder, on a thread of its own.
+#[derive(Debug)]
+pub struct Bake {
+    /// The folder.
+    pub out: PathBuf,
+    cancel: Arc<AtomicBool>,
+    done: Arc<[AtomicU64; 2]>,
+    ended: Arc<Mutex<Option<Result<String, String>>>>,
+}
+
+impl Bake {
+    /// Starts a run of `scene` into the folder `out`. `wake` is called when there is news.
+    pub fn start(scene: Scene, out: PathBuf, backend: Backend, wake: impl Fn() + Send + 'static) -> Self {
+        let bake =
+            Self { out: out.clone(), cancel: Arc::default(), done: Arc::default(), ended: Arc::default() };
+        let (cancel, done, ended) = (bake.cancel.clone(), bake.done.clone(), bake.ended.clone());
+        let run = move || {
+            let options = RunOptions { out, resume: false, backend };
+            let mut observe = |progress: &Progress<'_>| {
+                match progress {
+                    Progress::Begin { done: now, total, .. } => {
+                        done[0].store(*now, Ordering::Relaxed);
+                        done[1].store(*total, Ordering::Relaxed);
+                    }
+                    Progress::Step => drop(done[0].fetch_add(1, Ordering::Relaxed)),
+                    _ => {}
+                }
+                wake();
+            };
+            let result = forelock::simulate(&scene, &options, &mut observe, &cancel);
+            let result =
+                result.map(|summary| format!("{} frames in {}", summary.frames, options.out.display()));
+            *ended.lock().unwrap_or_else(PoisonError::into_inner) = Some(result.map_err(|e| e.to_string()));
+            wake();
+        };
+        if let Err(error) = std::thread::Builder::new().name("bake".to_owned()).spawn(run) {
+            let message = format!("the run's thread cannot start: {error}");
+            *bake.ended.lock().unwrap_or_else(PoisonError::into_inner) = Some(Err(message));
+        }
+        bake
+    }
+
+    /// How it ended, once it has.
+    pub fn ended(&self) -> Option<Result<String, String>> {
+        self.ended.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Ends it; the cache so far is complete.
+    pub fn cancel(&self) {
+        self.cancel.store(true, Ordering::Relaxed);
+    }
+
+    /// Draws its progress and a button that ends it.
+    pub fn show(&self, ui: &mut egui::Ui) {
+        let [done, total] = [0, 1].map(|index| self.done[index].load(Ordering::Relaxed));
+        let share = if total > 0 { done as f32 / total as f32 } else { 0.0 };
+        ui.add(egui::ProgressBar::new(share).desired_width(160.0).text(format!("baking {done} of {total}")));
+        if ui.button("Stop baking").clicked() {
+            self.cancel();
+        }
+    }
+}
+
+impl Drop for Bake {
+    fn drop(&mut self) {
+        self.cancel();
+    }
+}

@@ -1,0 +1,120 @@
+//! The panel of what is seen: colours, and numbers of the simulation.
+
+use std::collections::VecDeque;
+
+use eframe::egui;
+use forelock::player::Moment;
+use forelock::scene::HairSection;
+use forelock::session::Status;
+use forelock_render::HairColour;
+
+/// Frames in the plot of times.
+const PLOTTED: usize = 120;
+
+/// Colours of the hair and of the body beneath. Returns whether one is new.
+pub fn colours(ui: &mut egui::Ui, hair: &mut HairSection) -> bool {
+    let before = hair.clone();
+    let list = |ui: &mut egui::Ui, label: &str, now: &mut String, first: Option<&str>| {
+        egui::ComboBox::from_label(label).selected_text(now.as_str()).show_ui(ui, |ui| {
+            for name in first.into_iter().chain(HairColour::NAMES) {
+                ui.selectable_value(now, name.to_owned(), name);
+            }
+        });
+    };
+    list(ui, "Hair", &mut hair.colour, None);
+    list(ui, "Body", &mut hair.body_colour, Some("clay"));
+    let mut width = hair.width * 1e3;
+    ui.horizontal(|ui| {
+        let value = egui::DragValue::new(&mut width).range(0.0..=10.0).speed(0.005).suffix(" mm");
+        if ui.add(value).on_hover_text("Width of a drawn strand; 0 chooses one").changed() {
+            hair.width = width * 1e-3;
+        }
+        ui.label("Width");
+    });
+    before != *hair
+}
+
+/// Times of the last frames.
+#[derive(Clone, Debug, Default)]
+pub struct Times {
+    /// For each frame its number and the milliseconds of each stage.
+    frames: VecDeque<(u32, Vec<(&'static str, f32)>)>,
+}
+
+impl Times {
+    /// Adds those of frame `frame`, unless they are in it.
+    pub fn add(&mut self, frame: u32, status: &Status) {
+        if self.frames.back().is_some_and(|(last, _)| *last == frame) {
+            return;
+        }
+        let stages = status.report.stages.iter().map(|(name, secs)| (name, 1e3 * secs as f32));
+        self.frames.push_back((frame, stages.filter(|(_, ms)| *ms > 0.0).collect()));
+        if self.frames.len() > PLOTTED {
+            self.frames.pop_front();
+        }
+    }
+
+    /// The stages of the newest frame, as a stacked plot over the frames and a list.
+    pub fn show(&self, ui: &mut egui::Ui) {
+        let total = |stages: &[(&str, f32)]| stages.iter().map(|(_, ms)| ms).sum::<f32>();
+        let most = self.frames.iter().map(|(_, stages)| total(stages)).fold(1.0, f32::max);
+        let (place, painter) =
+            ui.allocate_painter(egui::vec2(ui.available_width(), 70.0), egui::Sense::hover());
+        let rect = place.rect;
+        painter.rect_filled(rect, 2.0, ui.visuals().extreme_bg_color);
+        let wide = rect.width() / PLOTTED as f32;
+        for (column, (_, stages)) in self.frames.iter().enumerate() {
+            let mut bottom = rect.bottom();
+            for (name, ms) in stages {
+                let top = bottom - ms / most * rect.height();
+                let left = rect.left() + column as f32 * wide;
+                let bar = egui::Rect::from_x_y_ranges(left..=left + wide, top..=bottom);
+                painter.rect_filled(bar, 0.0, colour_of(name));
+                bottom = top;
+            }
+        }
+        ui.weak(format!("work of all threads, highest {most:.1} ms"));
+        for (name, ms) in self.frames.back().map(|(_, stages)| &stages[..]).unwrap_or_default() {
+            ui.horizontal(|ui| {
+                let (rect, _) = ui.allocate_exact_size(egui::vec2(10.0, 10.0), egui::Sense::hover());
+                ui.painter().rect_filled(rect, 2.0, colour_of(name));
+                ui.monospace(format!("{ms:7.2} ms"));
+                ui.label(*name);
+            });
+        }
+    }
+}
+
+/// A colour for each name.
+fn colour_of(name: &str) -> egui::Color32 {
+    let sum = name.bytes().fold(7_u32, |sum, byte| sum.wrapping_mul(31).wrapping_add(byte.into()));
+    egui::ecolor::Hsva::new((sum % 97) as f32 / 97.0, 0.55, 0.8, 1.0).into()
+}
+
+/// Counts and measures of the newest frame.
+pub fn numbers(ui: &mut egui::Ui, moment: &Moment, status: &Status, drawn_ms: f32, drawn_by: &str) {
+    let row = |ui: &mut egui::Ui, name: &str, value: String| {
+        ui.label(name);
+        ui.monospace(value);
+        ui.end_row();
+    };
+    let report = &status.report;
+    let megabytes = |bytes: u64| format!("{:.0} MB", bytes as f64 / 1e6);
+    egui::Grid::new("numbers").num_columns(2).show(ui, |ui| {
+        row(ui, "Strands", moment.groom().strand_count().to_string());
+        row(ui, "Particles", moment.positions.len().to_string());
+        row(ui, "Simulated by", status.device.clone());
+        row(ui, "Frame", format!("{:.1} ms", status.step_ms));
+        row(ui, "Real time", format!("{:.2}×", status.real_time));
+        row(ui, "Drawn by", drawn_by.to_owned());
+        row(ui, "Picture", format!("{drawn_ms:.0} ms"));
+        row(ui, "Asleep", report.sleeping_strands.to_string());
+        row(ui, "Touching", report.touching.to_string());
+        row(ui, "Contacts", report.strand_contacts.contacts.to_string());
+        row(ui, "Stretch", format!("{:.2e}", report.max_edge_stretch_final));
+        row(ui, "Inside solids", format!("{:.2} mm", 1e3 * report.max_penetration_m));
+        row(ui, "Reset strands", report.quarantined_strands.to_string());
+        row(ui, "Memory", megabytes(status.bytes[0]));
+        row(ui, "For going back", megabytes(status.bytes[1]));
+    });
+}

@@ -1,0 +1,307 @@
+//! The window driven by events, without a display: what is clicked, dragged and typed changes the
+//! state that it should.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot build its scene fails")]
+
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use eframe::egui;
+use egui::{Event, Key, Modifiers, PointerButton, Pos2, Vec2};
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+use forelock::core::groom::Groom;
+use forelock::player::{Player, PlayerError};
+use forelock::scene::{Override, SolverKind};
+use forelock::session::{Phase, Status};
+use forelock::{Assets, Backend, Scene};
+use forelock_view::App;
+
+/// The longest that anything may take.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+fn scene(more: &[&str]) -> Scene {
+    let keys = ["groom.strands=80", "body.sdf_cells=32", "time.frames=6", "output.film=false"];
+    let small = ["output.width=64", "output.height=64", "body.motion=builtin:still"];
+    let sets = keys.iter().chain(&small).chain(more);
+    let sets: Vec<Override> = sets.map(|key| Override::set(key).unwrap()).collect();
+    Scene::builtin(&sets).unwrap()
+}
+
+/// A window without a display.
+struct Window {
+    harness: Harness<'static, App>,
+}
+
+impl Window {
+    /// A window in which `scene` is loaded.
+    fn open(scene: Scene) -> Self {
+        let app = App::on_cpu(&egui::Context::default(), scene, Backend::Cpu);
+        let show = |ui: &mut egui::Ui, app: &mut App| app.show(ui);
+        let harness = Harness::builder().with_size(Vec2::new(1100.0, 760.0)).build_ui_state(show, app);
+        let mut window = Self { harness };
+        window.until("the scene is loaded", |app| app.session().status().phase == Phase::Ready);
+        window
+    }
+
+    fn until(&mut self, what: &str, is_so: impl Fn(&App) -> bool) {
+        let started = Instant::now();
+        while !is_so(self.harness.state()) {
+            self.harness.step();
+            std::thread::sleep(Duration::from_millis(2));
+            let message = self.harness.state().message().unwrap_or_default().to_owned();
+            assert!(started.elapsed() < PATIENCE, "waited in vain until {what}; message: {message}");
+        }
+        self.harness.run_steps(2);
+    }
+
+    fn click(&mut self, label: &str) {
+        self.harness.get_by_label(label).click();
+        self.harness.run_steps(3);
+    }
+
+    /// Clicks on a line of a menu.
+    fn choose(&mut self, menu: &str, line: &str) {
+        self.click(menu);
+        self.click(line);
+    }
+
+    /// Types `text` in place of what is in the dialog, and confirms.
+    fn answer(&mut self, text: &str) {
+        self.harness.run_steps(2);
+        self.harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
+        self.harness.event(Event::Text(text.to_owned()));
+        self.harness.run_steps(2);
+        self.click("OK");
+    }
+
+    /// Drags with the main button from one place of the picture to another, both as shares of it.
+    fn drag(&mut self, from: Vec2, to: Vec2) {
+        let rect = self.harness.get_by_label("picture").rect();
+        let at = |share: Vec2| rect.min + share * rect.size();
+        self.harness.hover_at(at(from));
+        self.harness.step();
+        self.harness.drag_at(at(from));
+        self.harness.step();
+        for step in 1..=8 {
+            self.harness.hover_at(at(from + (to - from) * (step as f32 / 8.0)));
+            self.harness.step();
+        }
+        self.release(at(to));
+        self.harness.run_steps(2);
+    }
+
+    fn release(&mut self, pos: Pos2) {
+        let (button, modifiers) = (PointerButton::Primary, Modifiers::NONE);
+        self.harness.event(Event::PointerButton { pos, button, pressed: false, modifiers });
+    }
+
+    fn status(&self) -> Status {
+        self.harness.state().session().status()
+    }
+
+    /// What `ask` finds in the player.
+    fn player<T: Send + Default + 'static>(
+        &self,
+        ask: impl FnOnce(&mut Player) -> Result<T, PlayerError> + Send + 'static,
+    ) -> T {
+        let session = self.harness.state().session();
+        let found = Arc::new(Mutex::new(T::default()));
+        let own = found.clone();
+        session.change("asking", move |player| {
+            *own.lock().unwrap() = ask(player)?;
+            Ok(())
+        });
+        session.wait();
+        std::mem::take(&mut *found.lock().unwrap())
+    }
+
+    fn hash(&self) -> u64 {
+        self.player(Player::state_hash)
+    }
+
+    fn groom(&self) -> Option<Groom> {
+        self.player(|player| Ok(Some(player.edited_groom().clone())))
+    }
+
+    fn drop_file(&mut self, path: &Path) {
+        let file = egui::DroppedFile { path: Some(path.to_owned()), ..Default::default() };
+        self.harness.input_mut().dropped_files.push(file);
+        self.harness.step();
+        self.harness.input_mut().dropped_files.clear();
+        self.harness.run_steps(2);
+    }
+}
+
+const MIDDLE: Vec2 = Vec2::new(0.5, 0.5);
+
+#[test]
+fn a_picture_of_hair_appears_and_follows_the_camera() {
+    let mut window = Window::open(scene(&[]));
+    window.until("there is a picture", App::has_picture);
+    let before = window.harness.state().camera();
+    window.click("Look");
+    window.drag(MIDDLE, Vec2::new(0.6, 0.5));
+    assert_ne!(window.harness.state().camera(), before);
+    window.harness.key_press(Key::Num1);
+    window.harness.run_steps(2);
+    let camera = window.harness.state().camera();
+    assert!((camera.eye - camera.target).normalize().z > 0.999, "{camera:?}");
+}
+
+#[test]
+fn hair_plays_stops_steps_and_goes_back() {
+    let mut window = Window::open(scene(&["body.motion=builtin:turn"]));
+    let start = window.hash();
+    window.click("Play");
+    window.until("frames pass", |app| app.frame() >= 3);
+    window.click("Pause");
+    window.harness.state().session().wait();
+    let frame = window.player(|player| Ok(player.frame()));
+    window.click("Step");
+    assert_eq!(window.player(|player| Ok(player.frame())), frame + 1);
+    window.harness.key_press(Key::Home);
+    window.harness.run_steps(2);
+    assert_eq!((window.player(|player| Ok(player.frame())), window.hash()), (0, start));
+}
+
+#[test]
+fn the_head_follows_the_mouse_and_a_solid_pushes() {
+    let mut window = Window::open(scene(&[]));
+    window.click("Head");
+    window.drag(MIDDLE, Vec2::new(0.62, 0.5));
+    window.until("the head has moved", |app| app.frame() >= 2);
+    let moved = window.player(|player| Ok(player.head_pose().translation));
+    // The camera sees the head from its front and left: to the right is +x and −z.
+    assert!(moved.x > 0.02 && moved.z < 0.0 && moved.y.abs() < 0.01, "{moved}");
+    window.click("Ball");
+    let solids = |player: &mut Player| Ok(player.colliders().count());
+    let before = window.player(solids);
+    window.drag(Vec2::new(0.3, 0.4), MIDDLE);
+    assert_eq!(window.player(solids), before + 1);
+    window.click("Remove solid");
+    assert_eq!(window.player(solids), before);
+}
+
+#[test]
+fn a_cut_is_undone_redone_saved_and_read_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = Window::open(scene(&[]));
+    window.click("Step");
+    let whole = window.hash();
+    window.click("Cut");
+    window.drag(Vec2::new(0.3, 0.55), Vec2::new(0.7, 0.55));
+    assert_eq!(window.player(|player| Ok(player.undoable())), [Some("cut"), None]);
+    let cut = window.hash();
+    assert_ne!(cut, whole);
+    window.harness.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+    window.harness.run_steps(2);
+    assert_eq!(window.hash(), whole);
+    window.harness.key_press_modifiers(Modifiers::COMMAND | Modifiers::SHIFT, Key::Z);
+    window.harness.run_steps(2);
+    assert_eq!(window.hash(), cut);
+
+    let path = folder.path().join("fringe.toml");
+    window.choose("File", "Save scene…");
+    window.answer(&path.display().to_string());
+    window.until("the scene is saved", |app| app.message().is_some_and(|text| text.starts_with("saved")));
+    // The file is a script for `forelock groom` that leads to the same hair.
+    let saved = Scene::load(&path, &[]).unwrap();
+    let replayed = Assets::load(&saved, &mut |_| {}).unwrap();
+    assert_eq!(Some(&replayed.groom), window.groom().as_ref());
+    window.drop_file(&path);
+    window.until("the scene is read", |app| app.session().status().phase == Phase::Ready && app.frame() == 0);
+    assert_eq!(Some(replayed.groom), window.groom());
+}
+
+#[test]
+fn the_solver_changes_while_hair_moves() {
+    let mut window = Window::open(scene(&[]));
+    window.click("Play");
+    window.until("frames pass", |app| app.frame() >= 2);
+    window.click("method");
+    window.click("dftl");
+    window.until("the solver is another one", |app| {
+        app.session().status().parameters.is_some_and(|now| now.solver.kind == SolverKind::Dftl)
+    });
+    let frame = window.harness.state().frame();
+    window.until("hair moves on", |app| app.frame() >= frame + 3);
+    window.harness.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+    window.until("the solver is the first one", |app| {
+        app.session().status().parameters.is_some_and(|now| now.solver.kind == SolverKind::Ams)
+    });
+    assert_eq!(window.status().error, None);
+}
+
+#[test]
+fn a_scene_is_baked_into_a_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = Window::open(scene(&[]));
+    window.choose("File", "Bake…");
+    window.answer(&folder.path().join("out").display().to_string());
+    window.until("it is baked", |app| {
+        !app.is_baking() && app.message().is_some_and(|text| text.starts_with("baked"))
+    });
+    assert!(folder.path().join("out/hair.npz").is_file() && folder.path().join("out/summary.json").is_file());
+}
+
+#[test]
+fn a_file_that_cannot_be_read_is_a_message_and_nothing_is_lost() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = Window::open(scene(&[]));
+    let hash = window.hash();
+    for (name, text) in [("broken.toml", "[groom\n"), ("broken.hair", "no hair")] {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        window.drop_file(&path);
+        window.until("there is a message", |app| app.message().is_some());
+        assert!(window.harness.state().message().unwrap().contains(name));
+        window.click("Dismiss");
+        assert_eq!(window.harness.state().message(), None);
+    }
+    window.drop_file(&folder.path().join("nowhere.hair"));
+    window.until("there is a message", |app| app.message().is_some());
+    assert_eq!(window.hash(), hash, "the scene that was open is still there");
+}
+
+#[test]
+fn unsaved_work_is_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = Window::open(scene(&[]));
+    let path = folder.path().join("other.toml");
+    std::fs::write(&path, scene(&["groom.strands=20"]).to_toml()).unwrap();
+    window.click("Cut");
+    window.drag(Vec2::new(0.3, 0.55), Vec2::new(0.7, 0.55));
+    let cut = window.hash();
+    window.drop_file(&path);
+    window.click("Go back");
+    assert_eq!(window.hash(), cut);
+    window.drop_file(&path);
+    window.click("Lose them");
+    window.until("the other scene is open", |app| {
+        app.session().moment().is_some_and(|moment| moment.groom().strand_count() == 20)
+    });
+}
+
+#[test]
+fn a_slider_changes_its_parameter_and_its_drag_is_undone_in_one_go() {
+    let mut window = Window::open(scene(&[]));
+    let friction = |app: &App| app.session().status().parameters.map(|now| now.solver.ams.drag);
+    let before = friction(window.harness.state()).unwrap();
+    let rect = window.harness.get_by_role_and_label(egui::accesskit::Role::Slider, "drag").rect();
+    let at = |share: f32| egui::pos2(rect.left() + 8.0 + share * 40.0, rect.center().y);
+    window.harness.hover_at(at(0.0));
+    window.harness.step();
+    window.harness.drag_at(at(0.0));
+    for step in 0..5 {
+        window.harness.hover_at(at(step as f32 / 4.0));
+        window.harness.run_steps(2);
+    }
+    window.release(at(1.0));
+    window.until("the parameter is another one", |app| friction(app) != Some(before));
+    window.harness.state().session().wait();
+    window.harness.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+    window.until("it is back", |app| friction(app) == Some(before));
+    assert_eq!(window.player(|player| Ok(player.undoable()))[0], None, "one drag is one change");
+}

@@ -1,0 +1,136 @@
+//! The present frame, detached from the player: what a picture of it needs.
+
+use std::borrow::Cow;
+use std::sync::Arc;
+
+use forelock_core::air::WindParams;
+use forelock_core::body::TriMesh;
+use forelock_core::groom::Groom;
+use forelock_core::pose::Pose;
+use forelock_render::{Body, Camera};
+use glam::Vec3;
+
+use super::timeline::Change;
+use super::{Player, PlayerError};
+use crate::assets::{Assets, Solid};
+use crate::pictures;
+use crate::scene::{EditSection, HairSection, InteractionSection, Scene, SolverSection};
+
+/// Strands, body and solids at one frame. It stays as it is while the player goes on.
+#[derive(Clone, Debug)]
+pub struct Moment {
+    /// Frames done.
+    pub frame: u32,
+    /// Its time, seconds.
+    pub time_secs: f64,
+    /// World from head.
+    pub head: Pose,
+    /// All strands, those that guides carry included, metres, in the order of [`Moment::groom`].
+    pub positions: Vec<Vec3>,
+    assets: Arc<Assets>,
+    /// The edited groom that `positions` are of; none for that of the assets.
+    edited: Option<Arc<Groom>>,
+    /// The body, if it bends.
+    bent: Option<TriMesh>,
+    solids: Vec<(Arc<Solid>, Pose)>,
+}
+
+/// What can be changed while a player runs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parameters {
+    /// The solver and its parameters.
+    pub solver: SolverSection,
+    /// How strands interact.
+    pub interaction: InteractionSection,
+    /// The wind.
+    pub wind: WindParams,
+    /// Gravity, m/s².
+    pub gravity: [f64; 3],
+}
+
+impl Moment {
+    /// The groom that the positions are of, at rest.
+    pub fn groom(&self) -> &Groom {
+        self.edited.as_deref().unwrap_or(&self.assets.groom)
+    }
+
+    /// The body, in the space of the head.
+    pub fn body(&self) -> Option<&TriMesh> {
+        self.bent.as_ref().or(self.assets.body_mesh())
+    }
+
+    /// The visible solids and their poses, world from local.
+    pub fn solids(&self) -> impl Iterator<Item = (&TriMesh, Pose)> {
+        self.solids.iter().filter_map(|(solid, pose)| Some((solid.mesh_at(self.time_secs)?, *pose)))
+    }
+
+    /// The box around hair and body, smallest and largest corner, metres.
+    pub fn bounds(&self) -> (Vec3, Vec3) {
+        let body = self.body().into_iter().flat_map(|mesh| &mesh.positions);
+        let body = body.map(|x| self.head.transform_point(x.as_dvec3()).as_vec3());
+        let all = self.positions.iter().copied().chain(body).filter(|x| x.is_finite());
+        all.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), x| (lo.min(x), hi.max(x)))
+    }
+
+    /// The scene for a picture from `camera`, in the colours of `hair`.
+    pub fn picture(&self, hair: &HairSection, camera: Camera) -> forelock_render::Scene<'_> {
+        let colour = pictures::body_colour(hair);
+        let body = self.body().map(|mesh| Body { colour, ..Body::new(mesh, self.head) });
+        let solids = self.solids().map(|(mesh, pose)| Body::new(mesh, pose));
+        let strands = pictures::strands(hair, self.groom(), &self.positions);
+        forelock_render::Scene::new(body.into_iter().chain(solids).collect(), vec![strands], camera)
+    }
+}
+
+impl Player {
+    /// The present frame.
+    ///
+    /// # Errors
+    /// [`PlayerError`] if the device has failed.
+    pub fn moment(&mut self) -> Result<Moment, PlayerError> {
+        let mut positions = Vec::new();
+        self.positions(&mut positions)?;
+        let time_secs = self.time_secs();
+        let bent = match self.assets.body_mesh_at(time_secs) {
+            Some(Cow::Owned(mesh)) => Some(mesh),
+            _ => None,
+        };
+        let solids = self.live.solids.iter();
+        Ok(Moment {
+            frame: self.frame(),
+            time_secs,
+            head: self.head_pose(),
+            positions,
+            assets: self.assets.clone(),
+            edited: self.live.grooming.shown_groom().cloned(),
+            bent,
+            solids: solids.map(|own| (own.solid.clone(), own.shown[1].after(own.solid.base()))).collect(),
+        })
+    }
+
+    /// What can be changed, as it is now.
+    pub fn parameters(&self) -> Parameters {
+        let setting = &self.live.setting;
+        Parameters {
+            solver: (*setting.solver).clone(),
+            interaction: (*setting.interaction).clone(),
+            wind: setting.wind.params().clone(),
+            gravity: setting.gravity.to_array(),
+        }
+    }
+
+    /// The scene with the changes that were made while it ran and are in effect: solver,
+    /// interaction, wind and gravity as they are now, and the edits from outside as edits before
+    /// the first frame. Motions and poses from outside, and added colliders, are not part of it.
+    pub fn changed_scene(&self) -> Scene {
+        let Parameters { solver, interaction, wind, gravity } = self.parameters();
+        let mut scene = Scene { solver, interaction, wind, gravity, ..(*self.scene).clone() };
+        scene.time.substep_secs = scene.solver.substep_secs();
+        let edits = self.timeline.applied(self.live.applied).filter_map(|change| match change {
+            Change::Edit(edit) => Some(EditSection { edit: (**edit).clone(), at_secs: None }),
+            _ => None,
+        });
+        scene.edits.0.extend(edits);
+        scene
+    }
+}
