@@ -69,8 +69,13 @@ pub fn run(options: Options) -> Result<(), ViewError> {
         app.take_screenshot(options.screenshot, told);
         Ok(Box::new(app) as Box<dyn eframe::App>)
     };
-    eframe::run_native("forelock", native, Box::new(create))
-        .map_err(|error| ViewError::Window(error.to_string()))?;
+    eframe::run_native("forelock", native, Box::new(create)).map_err(|error| {
+        ViewError::Window(match error {
+            // Its own text begins with a place in the sources.
+            eframe::Error::WinitEventLoop(_) => "no display can be reached".to_owned(),
+            other => other.to_string(),
+        })
+    })?;
     let message = failure.lock().unwrap_or_else(std::sync::PoisonError::into_inner).take();
     message.map_or(Ok(()), |message| Err(ViewError::Screenshot(message)))
 }
