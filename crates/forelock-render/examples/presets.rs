@@ -17,7 +17,7 @@ use forelock_core::groom::Groom;
 use forelock_core::groom::grow::{GrowParams, PRESETS, grow_on_head};
 use forelock_core::pose::Pose;
 use forelock_render::{
-    Body, Camera, HairColour, Image, Labelled, Scene, Settings, Strands, contact_sheet, render,
+    Body, Camera, Face, HairColour, Image, Labelled, Scene, Settings, Strands, contact_sheet, render,
 };
 use glam::{Vec3, vec3};
 
@@ -115,7 +115,10 @@ fn picture(groom: &Groom, view: &View) -> Result<Image, Box<dyn std::error::Erro
 }
 
 fn draw(groom: &Groom, camera: Camera) -> Result<Image, Box<dyn std::error::Error>> {
-    let body = Body::new(&Head::builtin().mesh, Pose::IDENTITY);
+    let head = &Head::builtin().mesh;
+    let brows = HairColour::CHESTNUT.albedo();
+    let face = Some(Face { rest: &head.positions, brows });
+    let body = Body { face, ..Body::new(head, Pose::IDENTITY) };
     let scene = Scene::new(vec![body], vec![Strands::from_groom(groom, HairColour::CHESTNUT)], camera);
     let size = number("SIZE")?.unwrap_or(480);
     Ok(render(&scene, &Settings { width: size, height: size, ..Settings::default() })?)

@@ -44,6 +44,7 @@
 
 pub mod camera;
 pub mod colour;
+mod face;
 mod fibre;
 pub mod film;
 mod font;
@@ -67,7 +68,7 @@ pub use colour::HairColour;
 pub use film::Film;
 pub use image::{Image, ImageError, MAX_SIDE};
 pub use light::{Ambient, Light};
-pub use scene::{Backdrop, Body, HAIR_WIDTH, RenderError, Scene, Settings, Strands};
+pub use scene::{Backdrop, Body, Face, HAIR_WIDTH, RenderError, Scalp, Scene, Settings, Strands};
 pub use sheet::{Labelled, contact_sheet};
 
 use rayon::prelude::*;

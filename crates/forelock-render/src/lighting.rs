@@ -95,7 +95,7 @@ impl Lighting {
 
     /// The radiance of a point on a body towards the eye.
     pub fn of_body(&self, point: &SurfacePoint) -> Vec3 {
-        let SurfacePoint { position, normal, albedo } = *point;
+        let SurfacePoint { position, normal, albedo, polish } = *point;
         let to_eye = (self.eye - position).normalize_or(Vec3::Z);
         let (mut diffuse, mut gloss) = (Vec3::ZERO, Vec3::ZERO);
         for (light, map, depths) in &self.lights {
@@ -111,7 +111,8 @@ impl Lighting {
             let half = (light.direction + to_eye).normalize_or(normal);
             let m = 1.0 - to_eye.dot(half).clamp(0.0, 1.0);
             let fresnel = 0.028 + 0.972 * (m * m) * (m * m) * m;
-            let lobe = normal.dot(half).max(0.0).powi(22) * 3.0;
+            // Normalised (Akenine-Möller et al., Real-Time Rendering, 4th ed., Sec. 9.8).
+            let lobe = normal.dot(half).max(0.0).powf(polish) * (0.125 * (polish + 2.0));
             gloss += arriving * (lobe * fresnel * cos.max(0.0));
         }
         let open = self.openness.as_ref().map_or(1.0, |g| {

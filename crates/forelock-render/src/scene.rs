@@ -58,6 +58,29 @@ pub struct Body<'a> {
     pub pose: Pose,
     /// The albedo, linear RGB in 0–1.
     pub colour: Vec3,
+    /// The face that is drawn on it.
+    pub face: Option<Face<'a>>,
+    /// The skin under the hair.
+    pub scalp: Option<Scalp<'a>>,
+}
+
+/// Eyes, brows and lips of the built-in head.
+#[derive(Clone, Copy, Debug)]
+pub struct Face<'a> {
+    /// The vertices of the mesh in the shape of [`Head::builtin`](forelock_core::body::Head),
+    /// `[V]`, metres.
+    pub rest: &'a [Vec3],
+    /// The albedo of the brows, linear RGB in 0–1.
+    pub brows: Vec3,
+}
+
+/// Skin that hair grows on: it shows the hair's colour between the roots.
+#[derive(Clone, Copy, Debug)]
+pub struct Scalp<'a> {
+    /// The share of the hair's colour at each vertex, 0–1, `[V]`.
+    pub shares: &'a [f32],
+    /// The albedo of the hair, linear RGB in 0–1.
+    pub colour: Vec3,
 }
 
 impl<'a> Body<'a> {
@@ -66,7 +89,7 @@ impl<'a> Body<'a> {
 
     /// `mesh` at `pose` in [`CLAY`](Self::CLAY).
     pub fn new(mesh: &'a TriMesh, pose: Pose) -> Self {
-        Self { mesh, pose, colour: Self::CLAY }
+        Self { mesh, pose, colour: Self::CLAY, face: None, scalp: None }
     }
 }
 
@@ -217,6 +240,18 @@ pub enum RenderError {
         body: usize,
         /// The index of the triangle.
         triangle: usize,
+    },
+    /// An attribute of a body's vertices has the wrong length.
+    #[error("body {body}: `{name}` has {found} entries, but there are {expected} vertices")]
+    VertexAttribute {
+        /// The index in [`Scene::bodies`].
+        body: usize,
+        /// The field's name.
+        name: &'static str,
+        /// Entries it should have.
+        expected: usize,
+        /// Entries it has.
+        found: usize,
     },
     /// The offsets of strands do not match the positions.
     #[error("strand group {group}: the offsets do not rise to the number of particles")]

@@ -3,6 +3,7 @@
 use glam::{DVec3, Vec3};
 
 use crate::camera::View;
+use crate::face;
 use crate::scene::{Body, RenderError};
 use crate::tiles::{Bins, TileGrid};
 
@@ -20,8 +21,12 @@ pub(crate) struct Solids {
     pub positions: Vec<Vec3>,
     pub normals: Vec<Vec3>,
     pub triangles: Vec<[u32; 3]>,
-    /// For each body, the end of its range of triangles, and its albedo.
-    colours: Vec<(u32, Vec3)>,
+    /// For each body, the end of its range of triangles, and how it looks.
+    looks: Vec<(u32, Looks)>,
+    /// Points on the built-in head, of the vertices of bodies that have its face; any others.
+    rest: Vec<Vec3>,
+    /// How far each vertex has the colour of the hair, 0–1.
+    scalp: Vec<f32>,
     pub screen: Vec<ScreenTriangle>,
     pub bins: Bins,
 }
@@ -33,6 +38,18 @@ pub(crate) struct SurfacePoint {
     /// Unit normal, on the front side of the triangle.
     pub normal: Vec3,
     pub albedo: Vec3,
+    /// The exponent of its highlight.
+    pub polish: f32,
+}
+
+/// How a body looks.
+#[derive(Clone, Copy, Debug)]
+struct Looks {
+    colour: Vec3,
+    /// The albedo of the brows, if there is a face.
+    brows: Option<Vec3>,
+    /// The albedo of the hair on it.
+    hair: Vec3,
 }
 
 impl Solids {
@@ -43,6 +60,20 @@ impl Solids {
             let bad = |corners: &[u32; 3]| corners.iter().any(|&v| v as usize >= vertices);
             if let Some(triangle) = body.mesh.triangles.iter().position(bad) {
                 return Err(RenderError::Triangle { body: index, triangle });
+            }
+            let lengths = [
+                ("face.rest", body.face.map(|face| face.rest.len())),
+                ("scalp.shares", body.scalp.map(|scalp| scalp.shares.len())),
+            ];
+            for (name, found) in lengths {
+                if let Some(found) = found.filter(|found| *found != vertices) {
+                    return Err(RenderError::VertexAttribute {
+                        body: index,
+                        name,
+                        expected: vertices,
+                        found,
+                    });
+                }
             }
             solids.append(body);
         }
@@ -71,7 +102,17 @@ impl Solids {
         self.positions.extend(body.mesh.positions.iter().map(place));
         self.normals.extend(body.mesh.vertex_normals().into_iter().map(turn));
         self.triangles.extend(body.mesh.triangles.iter().map(|t| t.map(|v| v + base)));
-        self.colours.push((self.triangles.len() as u32, body.colour));
+        self.rest.extend(body.face.map_or(&*body.mesh.positions, |face| face.rest));
+        match body.scalp {
+            Some(scalp) => self.scalp.extend(scalp.shares),
+            None => self.scalp.resize(self.positions.len(), 0.0),
+        }
+        let looks = Looks {
+            colour: body.colour,
+            brows: body.face.map(|face| face.brows),
+            hair: body.scalp.map_or(Vec3::ZERO, |scalp| scalp.colour),
+        };
+        self.looks.push((self.triangles.len() as u32, looks));
     }
 
     pub fn corners(&self, triangle: usize) -> [Vec3; 3] {
@@ -94,8 +135,18 @@ impl Solids {
         let v = unit((a - c).cross(point - c).dot(flat) / twice_area).min(1.0 - u);
         let [na, nb, nc] = triangle.map(|v| self.normals[v as usize]);
         let normal = (na * u + nb * v + nc * (1.0 - u - v)).normalize_or(flat.normalize_or(Vec3::Y));
-        let body = self.colours.partition_point(|&(end, _)| end <= source);
-        SurfacePoint { position: a * u + b * v + c * (1.0 - u - v), normal, albedo: self.colours[body].1 }
+        let body = self.looks.partition_point(|&(end, _)| end <= source);
+        let looks = &self.looks[body].1;
+        let [sa, sb, sc] = triangle.map(|v| self.scalp[v as usize]);
+        let skin = looks.colour.lerp(looks.hair, unit(sa * u + sb * v + sc * (1.0 - u - v)));
+        let (albedo, polish) = match looks.brows {
+            Some(brows) => {
+                let [ra, rb, rc] = triangle.map(|v| self.rest[v as usize]);
+                face::paint(ra * u + rb * v + rc * (1.0 - u - v), skin, brows)
+            }
+            None => (skin, face::SKIN),
+        };
+        SurfacePoint { position: a * u + b * v + c * (1.0 - u - v), normal, albedo, polish }
     }
 }
 

@@ -14,6 +14,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
+use crate::measure::Measure;
 use eframe::egui;
 use forelock::player::Moment;
 use forelock::scene::HairSection;
@@ -38,6 +39,10 @@ pub struct Wanted {
     pub size: [u32; 2],
     /// The colours.
     pub hair: HairSection,
+    /// What the colours of strands show, and a frame before this one, for speeds.
+    pub measure: Measure,
+    /// See `measure`.
+    pub previous: Option<Arc<Moment>>,
     /// Whether the next frame comes soon: then not all pixels are drawn, if that takes long.
     pub moves: bool,
 }
@@ -47,7 +52,7 @@ impl Wanted {
     fn shows_the_same(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.moment, &other.moment)
             && (self.camera, self.size, &self.hair) == (other.camera, other.size, &other.hair)
-            && self.moves == other.moves
+            && (self.measure, self.moves) == (other.measure, other.moves)
     }
 }
 
@@ -201,7 +206,11 @@ impl Hand {
             width_scale: width.then_some(1.0),
             ..Settings::default()
         };
-        let scene = wanted.moment.picture(&wanted.hair, wanted.camera);
+        let colours = wanted.measure.colours(&wanted.moment, wanted.previous.as_deref());
+        let mut scene = wanted.moment.picture(&wanted.hair, wanted.camera);
+        if let Some(colours) = &colours {
+            scene.strands.iter_mut().for_each(|strands| strands.colours = Some(colours));
+        }
         let easel = &mut self.easel;
         let mut paint = || match easel {
             Some(easel) => easel.draw(&scene, &settings).map_err(|error| error.to_string()),

@@ -7,11 +7,12 @@
 //! the parameters.
 //!
 //! # Limitations
-//! Files are opened by path or by drop; there is no file dialog of the system. A cache cannot be
-//! opened. Motions by the mouse and solids that push are not saved with the scene.
+//! Files are opened by path, from a list of the folder, or by drop; there is no file dialog of the
+//! system. Motions by the mouse and solids that push are not saved with the scene.
 
 mod app;
 mod artist;
+mod measure;
 mod orbit;
 pub mod panel;
 mod tools;
@@ -20,17 +21,17 @@ mod viewport;
 use std::path::PathBuf;
 
 use eframe::egui;
-use forelock::{Backend, Scene};
+use forelock::Backend;
 
 pub use app::App;
-pub use panel::files::read;
+pub use panel::files::{Opened, read};
 pub use tools::{Brush, Tool};
 
 /// What to open, and how.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// The scene.
-    pub scene: Scene,
+    /// The scene, or the cache of one.
+    pub opened: Opened,
     /// Where it simulates.
     pub backend: Backend,
     /// Write a picture of the window to this file after some seconds, and close it.
@@ -65,7 +66,7 @@ pub fn run(options: Options) -> Result<(), ViewError> {
     let failure = std::sync::Arc::new(std::sync::Mutex::new(None));
     let told = failure.clone();
     let create = move |cc: &eframe::CreationContext<'_>| {
-        let mut app = App::new(cc, options.scene, options.backend);
+        let mut app = App::new(cc, options.opened, options.backend);
         app.take_screenshot(options.screenshot, told);
         Ok(Box::new(app) as Box<dyn eframe::App>)
     };

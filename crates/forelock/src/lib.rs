@@ -34,6 +34,7 @@ pub mod player;
 mod progress;
 pub mod report;
 mod run;
+mod scalp;
 pub mod scene;
 mod sdf_cache;
 pub mod session;

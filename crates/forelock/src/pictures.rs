@@ -7,8 +7,8 @@ use forelock_core::groom::Groom;
 use forelock_core::pose::Pose;
 use forelock_io::Cache;
 use forelock_render::{
-    Body, Camera, Film, HAIR_WIDTH, HairColour, Image, ImageError, Labelled, RenderError, Settings, Strands,
-    contact_sheet,
+    Body, Camera, Face, Film, HAIR_WIDTH, HairColour, Image, ImageError, Labelled, RenderError, Scalp,
+    Settings, Strands, contact_sheet,
 };
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -20,6 +20,9 @@ use crate::scene::{HairSection, Scene};
 
 /// Pictures on a contact sheet of a cache, and in a row of it.
 const SHEET: (usize, u32) = (12, 4);
+
+/// The share of the hair's colour in that of skin on which hair grows.
+const SCALP: f32 = 0.6;
 
 /// Moments at which the camera looks where the body is.
 const MOMENTS: u32 = 256;
@@ -142,9 +145,8 @@ impl<'a> Studio<'a> {
         let section = &self.scene.hair;
         let strands = strands(section, &self.assets.groom, positions);
         let head = self.assets.head_pose(time_secs);
-        let colour = body_colour(section);
         let body = self.assets.body_mesh_at(time_secs);
-        let body = body.as_deref().map(|mesh| Body { colour, ..Body::new(mesh, head) });
+        let body = body.as_deref().map(|mesh| dressed(section, self.assets, Body::new(mesh, head)));
         let solids = self.assets.solid_meshes(time_secs);
         let solids = solids.iter().map(|&(mesh, pose): &(_, Pose)| Body::new(mesh, pose));
         let bodies = body.into_iter().chain(solids).collect();
@@ -200,8 +202,7 @@ impl<'a> Studio<'a> {
     }
 
     fn time_secs(&self, cache: &Cache, frame: usize) -> f64 {
-        let time = cache.times_secs().and_then(|times| times.get(frame).copied());
-        time.unwrap_or(frame as f64 * f64::from(self.scene.output.cache_every) / self.scene.time.fps)
+        frame_time_secs(self.scene, cache, frame)
     }
 
     /// Frames of `cache`, `output.film_every` frames of the run apart or as near to that as it has
@@ -295,21 +296,45 @@ impl<'a> Studio<'a> {
     }
 }
 
+/// The time of frame `frame` of `cache`, that of a run of `scene`.
+pub(crate) fn frame_time_secs(scene: &Scene, cache: &Cache, frame: usize) -> f64 {
+    let time = cache.times_secs().and_then(|times| times.get(frame).copied());
+    time.unwrap_or(frame as f64 * f64::from(scene.output.cache_every) / scene.time.fps)
+}
+
 /// `positions` of the strands of `groom` (metres, world space) as `section` shows them.
 pub(crate) fn strands<'a>(section: &HairSection, groom: &'a Groom, positions: &'a [Vec3]) -> Strands<'a> {
     let width = section.width as f32;
-    let colour = HairColour::by_name(&section.colour).unwrap_or(HairColour::DARK_BROWN);
     Strands {
         widths: groom.widths.as_deref().filter(|_| width == 0.0),
         colours: groom.colours.as_deref(),
         width: if width > 0.0 { width } else { HAIR_WIDTH },
-        ..Strands::new(positions, groom.strand_offsets(), colour)
+        ..Strands::new(positions, groom.strand_offsets(), colour(section))
     }
 }
 
-/// The body's colour, linear RGB.
-pub(crate) fn body_colour(section: &HairSection) -> Vec3 {
-    HairColour::by_name(&section.body_colour).map_or(Body::CLAY, |hair| hair.albedo())
+/// `body`, that of `assets`, in the colours of `section`.
+pub(crate) fn dressed<'a>(section: &HairSection, assets: &'a Assets, body: Body<'a>) -> Body<'a> {
+    let hide = HairColour::by_name(&section.body_colour).map(|hair| hair.albedo());
+    let hair = assets.groom.colours.as_deref().and_then(mean).unwrap_or_else(|| colour(section).albedo());
+    let shade = SCALP * hair + (1.0 - SCALP) * Body::CLAY;
+    Body {
+        colour: hide.unwrap_or(Body::CLAY),
+        face: assets.face().map(|rest| Face { rest, brows: hair }),
+        // A hide has the colour of hair everywhere.
+        scalp: hide.is_none().then(|| Scalp { shares: assets.scalp(), colour: shade }),
+        ..body
+    }
+}
+
+/// The mean of colours, linear RGB; none if there are none.
+fn mean(colours: &[[f32; 3]]) -> Option<Vec3> {
+    let sum: Vec3 = colours.iter().map(|&colour| Vec3::from(colour)).sum();
+    (!colours.is_empty()).then(|| sum / colours.len() as f32)
+}
+
+fn colour(section: &HairSection) -> HairColour {
+    HairColour::by_name(&section.colour).unwrap_or(HairColour::DARK_BROWN)
 }
 
 /// The box `bounds`, grown so that it holds itself wherever its middle is in the scene's time.

@@ -1,6 +1,6 @@
 //! `render`: draws pictures, contact sheets and films of scenes, caches and grooms.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::bail;
 use forelock::{Assets, GpuPainter, Scene, Studio, write_picture};
@@ -10,11 +10,6 @@ use forelock_io::Cache;
 use crate::arguments::{BenchBackend, RenderArgs};
 use crate::progress::Reporter;
 use crate::terminal;
-
-/// The scene for a cache or groom without a scene file. Its groom's source is not read, because the
-/// strands come from the input.
-const HAIR_ALONE: &str = "groom.source = \"hair\"\nbody.mesh = \"none\"\nbody.motion = \"builtin:still\"\n\
-                          camera.yaw_degrees = 0\n";
 
 /// Draws the input.
 pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
@@ -27,7 +22,7 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
         let assets = Assets::load(&scene, &mut |progress| reporter.report(progress))?;
         (scene, assets)
     } else {
-        let scene = scene_beside(input, &arguments.sets)?;
+        let scene = Scene::beside(input, &super::overrides(&arguments.sets)?)?;
         let groom = match Cache::open(input) {
             Ok(opened) => first_frame(cache.insert(opened))?,
             Err(_) => forelock_io::read_groom(input, &scene.groom.import())?.groom,
@@ -69,17 +64,6 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
         None => write_picture(&out, &studio.picture(assets.groom.positions(), 0.0, 1.0)?)?,
     }
     terminal::line(out.display().to_string())
-}
-
-/// The scene of `scene.toml`, which a run writes beside its cache. Without this file, a scene of
-/// hair alone.
-fn scene_beside(input: &Path, sets: &[String]) -> anyhow::Result<Scene> {
-    let beside = input.with_file_name("scene.toml");
-    let overrides = super::overrides(sets)?;
-    if beside.is_file() {
-        return Ok(Scene::load(&beside, &overrides)?);
-    }
-    Ok(Scene::parse(HAIR_ALONE, input, &overrides)?)
 }
 
 fn first_frame(cache: &mut Cache) -> anyhow::Result<Groom> {

@@ -6,12 +6,12 @@ use crate::arguments::ViewArgs;
 #[cfg(feature = "view")]
 pub fn view(arguments: &ViewArgs) -> anyhow::Result<()> {
     let overrides = super::overrides(&arguments.sets)?;
-    let scene = match &arguments.input {
-        None => forelock::Scene::builtin(&overrides)?,
+    let opened = match &arguments.input {
+        None => forelock::Scene::builtin(&overrides)?.into(),
         Some(path) => forelock_view::read(path, &overrides).map_err(anyhow::Error::msg)?,
     };
     let screenshot = arguments.screenshot.clone().map(|path| (path, arguments.after));
-    Ok(forelock_view::run(forelock_view::Options { scene, backend: arguments.backend.into(), screenshot })?)
+    Ok(forelock_view::run(forelock_view::Options { opened, backend: arguments.backend.into(), screenshot })?)
 }
 
 /// Says how to get a window.

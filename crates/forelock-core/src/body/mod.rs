@@ -29,7 +29,7 @@ pub use bvh::{Bvh, Nearest};
 pub use closed::{ClosedFaces, ClosedMesh, ClosingReport, SEGMENT_TOLERANCE_M, segment_tolerance};
 pub use collider::{Attachment, Collider, ColliderFrame, FLAT_GRADIENT, PACKET, Shape};
 pub use depths::Depths;
-pub use head::{Head, Region};
+pub use head::{Features, Head, Region};
 pub use horse::{Horse, Part};
 pub use mesh::{MeshError, TriMesh};
 pub use morph::Morph;

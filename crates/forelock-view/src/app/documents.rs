@@ -10,7 +10,7 @@ use forelock::session::{Phase, Session, Status};
 
 use super::{App, start};
 use crate::panel::change::ChangePanel;
-use crate::panel::files::{self, Answer, Bake, Purpose};
+use crate::panel::files::{self, Answer, Bake, Opened, Purpose};
 use crate::panel::play::PlayBar;
 use crate::panel::see::Times;
 
@@ -33,7 +33,7 @@ pub(super) struct Screenshot {
 /// A scene that is being loaded while another one is shown.
 pub(super) struct Next {
     session: Session,
-    scene: Scene,
+    opened: Opened,
     file: Option<PathBuf>,
 }
 
@@ -60,19 +60,19 @@ impl App {
     /// Opens the scene or groom at `path` in place of the one that is open.
     pub fn open(&mut self, ctx: &egui::Context, path: &Path) {
         match files::read(path, &[]) {
-            Ok(scene) => {
+            Ok(opened) => {
                 let is_scene = path.extension().is_some_and(|own| own.eq_ignore_ascii_case("toml"));
-                self.load(ctx, scene, is_scene.then(|| path.to_owned()));
+                self.load(ctx, opened, is_scene.then(|| path.to_owned()));
             }
             Err(message) => self.message = Some((message, true)),
         }
     }
 
-    /// Loads `scene`, of `file`, while the one that is open stays there.
-    pub(super) fn load(&mut self, ctx: &egui::Context, scene: Scene, file: Option<PathBuf>) {
-        let session = start(ctx, &scene, self.backend);
+    /// Loads what was `opened`, from `file`, while what is open stays there.
+    pub(super) fn load(&mut self, ctx: &egui::Context, opened: Opened, file: Option<PathBuf>) {
+        let session = start(ctx, &opened, self.backend);
         self.message = None;
-        drop_elsewhere(self.next.replace(Next { session, scene, file }));
+        drop_elsewhere(self.next.replace(Next { session, opened, file }));
     }
 
     /// Takes a scene over that has been loaded, or tells why it cannot be.
@@ -86,7 +86,7 @@ impl App {
                 drop_elsewhere(next);
             }
             Phase::Ready => {
-                let Next { session, scene, file } = next;
+                let Next { session, opened: Opened { scene, cache }, file } = next;
                 drop_elsewhere(std::mem::replace(&mut self.session, session));
                 self.viewport.forget();
                 self.hair = scene.hair.clone();
@@ -94,7 +94,8 @@ impl App {
                 self.change = ChangePanel::default();
                 self.times = Times::default();
                 (self.framed, self.changes, self.saved) = (false, 0, 0);
-                (self.scene, self.file) = (scene, file);
+                (self.scene, self.cache, self.file) = (scene, cache, file);
+                self.recent = [None, None];
             }
         }
     }

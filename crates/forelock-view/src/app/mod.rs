@@ -15,9 +15,10 @@ mod documents;
 use documents::{Next, SceneFor, Screenshot};
 
 use crate::artist::{Artist, Picture, Wanted};
+use crate::measure::Measure;
 use crate::orbit::Orbit;
 use crate::panel::change::ChangePanel;
-use crate::panel::files::{Bake, PathDialog, Purpose};
+use crate::panel::files::{Bake, Opened, PathDialog, Purpose};
 use crate::panel::play::PlayBar;
 use crate::panel::see::{self, Times};
 use crate::tools::Tool;
@@ -51,11 +52,17 @@ pub struct App {
     /// The scene as it was opened, and the file that it is saved to.
     scene: Scene,
     file: Option<PathBuf>,
+    /// The cache that is played back.
+    cache: Option<PathBuf>,
     hair: HairSection,
+    measure: Measure,
+    /// The frames shown last, the newest at the end.
+    recent: [Option<Arc<Moment>>; 2],
     artist: Artist,
     /// None while pictures are drawn by the CPU.
     gpu: Option<RenderState>,
     shown: Option<Shown>,
+    pictures: u64,
     viewport: Viewport,
     play: PlayBar,
     change: ChangePanel,
@@ -81,26 +88,31 @@ pub struct App {
 
 impl App {
     /// The window of `scene`, in the context of its creation.
-    pub fn new(cc: &eframe::CreationContext<'_>, scene: Scene, backend: Backend) -> Self {
+    pub fn new(cc: &eframe::CreationContext<'_>, opened: Opened, backend: Backend) -> Self {
         // A driver that runs on the CPU draws more slowly than the CPU itself.
         let gpu = cc.wgpu_render_state.clone();
         let gpu = gpu.filter(|own| own.adapter.get_info().device_type != wgpu::DeviceType::Cpu);
-        Self::with_gpu(&cc.egui_ctx, gpu, scene, backend)
+        Self::with_gpu(&cc.egui_ctx, gpu, opened, backend)
     }
 
     /// The window without a graphics card, for tests.
     pub fn on_cpu(ctx: &egui::Context, scene: Scene, backend: Backend) -> Self {
-        Self::with_gpu(ctx, None, scene, backend)
+        Self::with_gpu(ctx, None, scene.into(), backend)
     }
 
-    fn with_gpu(ctx: &egui::Context, gpu: Option<RenderState>, scene: Scene, backend: Backend) -> Self {
+    fn with_gpu(ctx: &egui::Context, gpu: Option<RenderState>, opened: Opened, backend: Backend) -> Self {
         let of_gpu =
             gpu.as_ref().map(|own| (own.device.clone(), own.queue.clone(), own.adapter.get_info().name));
         let waker = ctx.clone();
         let artist = Artist::start(of_gpu, move || waker.request_repaint());
         let bounds = (glam::Vec3::splat(-0.2), glam::Vec3::splat(0.2));
+        let session = start(ctx, &opened, backend);
+        let Opened { scene, cache } = opened;
         Self {
-            session: start(ctx, &scene, backend),
+            session,
+            cache,
+            measure: Measure::default(),
+            recent: [None, None],
             next: None,
             backend,
             file: None,
@@ -108,6 +120,7 @@ impl App {
             artist,
             gpu,
             shown: None,
+            pictures: 0,
             viewport: Viewport::new(Orbit::framing(bounds, 0.5, 0.1)),
             play: PlayBar::new(scene.time.frames),
             change: ChangePanel::default(),
@@ -147,6 +160,11 @@ impl App {
         self.shown.is_some()
     }
 
+    /// How many pictures have been shown.
+    pub fn pictures(&self) -> u64 {
+        self.pictures
+    }
+
     /// Where the picture is taken from.
     pub fn camera(&self) -> forelock_render::Camera {
         self.viewport.orbit.camera()
@@ -181,6 +199,9 @@ impl App {
         self.take_news();
         if let Some(moment) = &moment {
             self.times.add(moment.frame, &status);
+            if !self.recent[1].as_ref().is_some_and(|last| Arc::ptr_eq(last, moment)) {
+                self.recent = [self.recent[1].take(), Some(moment.clone())];
+            }
             if !self.framed {
                 self.frame_scene(moment);
             }
@@ -239,7 +260,7 @@ impl App {
                 }
                 if ui.button("Demo").clicked() {
                     match Scene::builtin(&[]) {
-                        Ok(scene) => self.load(ui.ctx(), scene, None),
+                        Ok(scene) => self.load(ui.ctx(), scene.into(), None),
                         Err(error) => self.message = Some((error.to_string(), true)),
                     }
                     ui.close();
@@ -330,6 +351,10 @@ impl App {
 
     fn tools(&mut self, ui: &mut egui::Ui) {
         ui.add_space(4.0);
+        if self.cache.is_some() {
+            self.viewport.tool = Tool::Look;
+            ui.disable();
+        }
         for (tool, name, hint) in Tool::ALL {
             let chosen = ui.selectable_label(self.viewport.tool == tool, name);
             if chosen.on_hover_text(hint).clicked() {
@@ -359,7 +384,13 @@ impl App {
                 self.changes += 1;
             }
         }
-        egui::CollapsingHeader::new("Colours").show(ui, |ui| see::colours(ui, &mut self.hair));
+        if let Some(cache) = &self.cache {
+            ui.label(format!("{} is played back. Open its scene to change it.", cache.display()));
+        }
+        egui::CollapsingHeader::new("Colours").show(ui, |ui| {
+            see::measures(ui, &mut self.measure);
+            see::colours(ui, &mut self.hair);
+        });
         egui::CollapsingHeader::new("Times").show(ui, |ui| self.times.show(ui));
         egui::CollapsingHeader::new("Numbers").show(ui, |ui| {
             if let Some(moment) = moment {
@@ -383,6 +414,8 @@ impl App {
             camera: self.viewport.orbit.camera(),
             size,
             hair: self.hair.clone(),
+            measure: self.measure,
+            previous: self.recent[0].clone(),
             moves: status.playing,
         });
         self.take_picture(ui.ctx());
@@ -430,6 +463,7 @@ impl App {
             (Picture::Texture(_), None) => return,
         };
         self.shown = Some(shown);
+        self.pictures += 1;
     }
 
     fn keys(&mut self, ctx: &egui::Context, status: &Status, moment: Option<&Moment>) {
@@ -487,9 +521,13 @@ impl eframe::App for App {
     }
 }
 
-fn start(ctx: &egui::Context, scene: &Scene, backend: Backend) -> Session {
+fn start(ctx: &egui::Context, opened: &Opened, backend: Backend) -> Session {
     let waker = ctx.clone();
-    Session::start(scene.clone(), backend, move || waker.request_repaint())
+    let wake = move || waker.request_repaint();
+    match opened.cache.clone() {
+        Some(cache) => Session::play_back(cache, opened.scene.clone(), wake),
+        None => Session::start(opened.scene.clone(), backend, wake),
+    }
 }
 
 fn hints(ui: &mut egui::Ui, rect: egui::Rect, shown: &mut bool, status: &Status) {

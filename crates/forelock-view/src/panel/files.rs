@@ -11,23 +11,42 @@ use forelock::{Backend, Progress, RunOptions, Scene};
 /// The scene of a groom without a scene file: hair alone.
 const HAIR_ALONE: &str = "body.mesh = \"none\"\nbody.motion = \"builtin:still\"\n";
 
-/// The scene of the file at `path`, a scene file or a groom, with `overrides` laid over it.
+/// What was opened.
+#[derive(Clone, Debug)]
+pub struct Opened {
+    /// The scene.
+    pub scene: Scene,
+    /// The cache of a run of it, which is played back.
+    pub cache: Option<PathBuf>,
+}
+
+impl From<Scene> for Opened {
+    fn from(scene: Scene) -> Self {
+        Self { scene, cache: None }
+    }
+}
+
+/// What the file at `path` holds: a scene, a cache or a groom. `overrides` are laid over its scene.
 ///
 /// # Errors
 /// A message with the path.
-pub fn read(path: &Path, overrides: &[Override]) -> Result<Scene, String> {
+pub fn read(path: &Path, overrides: &[Override]) -> Result<Opened, String> {
     if path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("toml")) {
-        return Scene::load(path, overrides).map_err(|error| error.to_string());
+        return Scene::load(path, overrides).map(Opened::from).map_err(|error| error.to_string());
     }
     if !path.is_file() {
         return Err(format!("{}: there is no such file", path.display()));
+    }
+    if forelock_io::Cache::open(path).is_ok_and(|cache| cache.frames() > 1) {
+        let scene = Scene::beside(path, overrides).map_err(|error| error.to_string())?;
+        return Ok(Opened { scene, cache: Some(path.to_owned()) });
     }
     // Paths of a scene are relative to its folder; this text is in none.
     let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     let source = toml::Value::String(absolute.to_string_lossy().into_owned());
     let name = toml::Value::String(path.file_stem().unwrap_or_default().to_string_lossy().into_owned());
     let text = format!("name = {name}\n{HAIR_ALONE}groom.source = {source}\n");
-    Scene::parse(&text, path, overrides).map_err(|error| error.to_string())
+    Scene::parse(&text, path, overrides).map(Opened::from).map_err(|error| error.to_string())
 }
 
 /// Writes `scene` to `path`, whole or not at all.
@@ -46,6 +65,7 @@ pub struct PathDialog {
     pub purpose: Purpose,
     path: String,
     is_fresh: bool,
+    list: List,
 }
 
 /// What a path is for.
@@ -87,7 +107,7 @@ pub enum Answer {
 impl PathDialog {
     /// A dialog that proposes `path`.
     pub fn new(purpose: Purpose, path: &Path) -> Self {
-        Self { purpose, path: path.display().to_string(), is_fresh: true }
+        Self { purpose, path: path.display().to_string(), is_fresh: true, list: List::default() }
     }
 
     /// Draws the dialog.
@@ -100,6 +120,7 @@ impl PathDialog {
                 field.request_focus();
             }
             let is_entered = field.lost_focus() && ui.input(|input| input.key_pressed(egui::Key::Enter));
+            self.list.show(ui, &mut self.path);
             ui.horizontal(|ui| {
                 let ok = ui.add_enabled(!self.path.trim().is_empty(), egui::Button::new("OK"));
                 if ok.clicked() || (is_entered && !self.path.trim().is_empty()) {
@@ -115,6 +136,59 @@ impl PathDialog {
         }
         answer
     }
+}
+
+/// What is in the folder of the path of a dialog.
+#[derive(Clone, Debug, Default)]
+struct List {
+    folder: Option<PathBuf>,
+    /// Names, those of folders with a slash at their end and first.
+    names: Vec<String>,
+}
+
+impl List {
+    /// Draws the names that go on with what is written in `path`; a click writes one there.
+    fn show(&mut self, ui: &mut egui::Ui, path: &mut String) {
+        let (folder, begun) = match path.rsplit_once(std::path::is_separator) {
+            Some((folder, begun)) => (PathBuf::from(format!("{folder}/")), begun.to_lowercase()),
+            None => (PathBuf::from("."), path.to_lowercase()),
+        };
+        if self.folder.as_ref() != Some(&folder) {
+            self.names = names(&folder);
+            self.folder = Some(folder.clone());
+        }
+        // A whole name is no beginning: its neighbours may be wanted.
+        let is_whole = self.names.iter().any(|name| name.to_lowercase() == begun);
+        let goes_on = |name: &&String| is_whole || name.to_lowercase().starts_with(&begun);
+        let mut chosen = None;
+        egui::ScrollArea::vertical().max_height(180.0).auto_shrink([false, true]).show(ui, |ui| {
+            if folder.parent().is_some() && ui.selectable_label(false, "../").clicked() {
+                chosen = folder.parent().map(|parent| parent.join(""));
+            }
+            for name in self.names.iter().filter(goes_on) {
+                if ui.selectable_label(name.to_lowercase() == begun, name).clicked() {
+                    chosen = Some(if folder == Path::new(".") { name.into() } else { folder.join(name) });
+                }
+            }
+        });
+        if let Some(chosen) = chosen {
+            *path = chosen.display().to_string();
+        }
+    }
+}
+
+/// Names in `folder` that are not hidden; none if it cannot be read.
+fn names(folder: &Path) -> Vec<String> {
+    const MOST: usize = 500;
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let named = entries.filter_map(|entry| {
+        let name = entry.file_name().into_string().ok().filter(|name| !name.starts_with('.'))?;
+        let is_file = !entry.path().is_dir();
+        Some((is_file, if is_file { name } else { format!("{name}/") }))
+    });
+    let mut named: Vec<_> = named.take(MOST).collect();
+    named.sort();
+    named.into_iter().map(|(_, name)| name).collect()
 }
 
 /// A run of a scene into a folder, on a thread of its own.

@@ -8,8 +8,33 @@ use forelock::scene::HairSection;
 use forelock::session::Status;
 use forelock_render::HairColour;
 
+use crate::measure::Measure;
+
 /// Frames in the plot of times.
 const PLOTTED: usize = 120;
+
+/// What the colours of strands show, with its scale.
+pub fn measures(ui: &mut egui::Ui, measure: &mut Measure) {
+    egui::ComboBox::from_label("Strands show").selected_text(measure.words().0).show_ui(ui, |ui| {
+        for own in Measure::ALL {
+            ui.selectable_value(measure, own, own.words().0);
+        }
+    });
+    if *measure != Measure::Hair {
+        ui.horizontal(|ui| {
+            ui.weak("0");
+            let (rect, _) = ui.allocate_exact_size(egui::vec2(120.0, 10.0), egui::Sense::hover());
+            for step in 0_u8..24 {
+                let [low, high] =
+                    [step, step + 1].map(|own| rect.left() + f32::from(own) / 24.0 * rect.width());
+                let [r, g, b] = crate::measure::colour((f32::from(step) + 0.5) / 24.0);
+                let part = egui::Rect::from_x_y_ranges(low..=high, rect.y_range());
+                ui.painter().rect_filled(part, 0.0, egui::Rgba::from_rgb(r, g, b));
+            }
+            ui.weak(measure.words().1);
+        });
+    }
+}
 
 /// Colours of the hair and of the body beneath. Returns whether one is new.
 pub fn colours(ui: &mut egui::Ui, hair: &mut HairSection) -> bool {

@@ -3,6 +3,8 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot build its scene fails")]
 
+mod display;
+
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -244,6 +246,63 @@ fn a_scene_is_baked_into_a_folder() {
         !app.is_baking() && app.message().is_some_and(|text| text.starts_with("baked"))
     });
     assert!(folder.path().join("out/hair.npz").is_file() && folder.path().join("out/summary.json").is_file());
+}
+
+#[test]
+fn a_baked_cache_is_played_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = Window::open(scene(&[]));
+    window.choose("File", "Bake…");
+    window.answer(&folder.path().join("out").display().to_string());
+    window.until("it is baked", |app| !app.is_baking() && app.message().is_some());
+    let path = folder.path().join("out/hair.npz");
+    window.drop_file(&path);
+    window.until("the cache is open", |app| app.session().status().parameters.is_none());
+    let mut cache = forelock_io::Cache::open(&path).unwrap();
+    assert_eq!(window.status().reached as usize, cache.frames() - 1);
+    window.click("Play");
+    window.until("its last frame is shown", |app| app.frame() == app.session().status().reached);
+    window.until("it stops", |app| !app.session().status().playing);
+    let mut last = Vec::new();
+    cache.read_frame(cache.frames() - 1, &mut last).unwrap();
+    assert_eq!(window.harness.state().session().moment().unwrap().positions, last);
+    // Steps beyond its end do nothing, and changes are refused in a sentence.
+    window.click("Step");
+    window.harness.state().session().undo();
+    window.until("there is a message", |app| app.message().is_some_and(|text| text.contains("played back")));
+    assert_eq!(window.harness.state().session().moment().unwrap().positions, last);
+}
+
+#[test]
+fn colours_of_strands_show_what_they_do() {
+    let mut window = Window::open(scene(&[]));
+    let picture = |app: &App| app.pictures();
+    window.until("there is a picture", move |app| picture(app) > 0);
+    window.click("Colours");
+    window.harness.get_by_role_and_label(egui::accesskit::Role::ComboBox, "Strands show").click();
+    window.harness.run_steps(3);
+    let before = picture(window.harness.state());
+    window.click("Displacement");
+    window.until("it is drawn anew", move |app| picture(app) > before);
+    window.harness.get_by_label("10 cm from the rest shape");
+}
+
+#[test]
+fn a_dialog_lists_the_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("listed.toml");
+    std::fs::write(&path, scene(&["groom.strands=20"]).to_toml()).unwrap();
+    let mut window = Window::open(scene(&[]));
+    window.choose("File", "Open…");
+    window.harness.run_steps(2);
+    window.harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.harness.event(Event::Text(format!("{}/", folder.path().display())));
+    window.harness.run_steps(2);
+    window.click("listed.toml");
+    window.click("OK");
+    window.until("it is open", |app| {
+        app.session().moment().is_some_and(|moment| moment.groom().strand_count() == 20)
+    });
 }
 
 #[test]

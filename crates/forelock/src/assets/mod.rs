@@ -11,10 +11,10 @@ mod motion;
 mod solids;
 
 use std::borrow::Cow;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use forelock_core::body::character::{CharacterError, Performance, PosingBuffers, RetargetError};
-use forelock_core::body::{ColliderFrame, Motion, Sdf, SdfError, TriMesh};
+use forelock_core::body::{ColliderFrame, Head, Motion, Sdf, SdfError, TriMesh};
 use forelock_core::groom::edit::{Edit, EditError, EditReport};
 use forelock_core::groom::{Groom, SkinnedRoots};
 use forelock_core::meter::Meter;
@@ -25,6 +25,7 @@ use glam::DVec3;
 use crate::hash::Fnv;
 use crate::neural;
 use crate::progress::{Observer, Progress, watch};
+use crate::scalp;
 use crate::scene::{
     CameraSection, ColliderSection, GroomSource, HairSection, MotionSection, OutputSection, Scene,
 };
@@ -164,6 +165,8 @@ pub struct Assets {
     solids: Vec<Arc<Solid>>,
     /// The trained model that moves the strands, if one does, and its name.
     model: Option<(String, Arc<Model>)>,
+    /// The share to which hair covers each vertex of the body, once a picture needs it.
+    scalp: OnceLock<Vec<f32>>,
 }
 
 impl Assets {
@@ -212,7 +215,18 @@ impl Assets {
         };
         let rigid = body.as_ref().filter(|_| bends.is_none());
         let solids = solids::load(scene, rigid, meter)?;
-        Ok(Self { groom, notes, body, pivot, head, performance, bending, solids, model })
+        Ok(Self {
+            groom,
+            notes,
+            body,
+            pivot,
+            head,
+            performance,
+            bending,
+            solids,
+            model,
+            scalp: OnceLock::new(),
+        })
     }
 
     /// Does edit `number`, from 0, of `scene` to the groom.
@@ -257,7 +271,18 @@ impl Assets {
         let (head, performance) = Self::head(&scene, body.as_ref(), &groom, pivot, &mut notes)?;
         let solids = solids::load(&scene, None, &meter)?;
         let (bending, model) = (None, None);
-        Ok(Self { groom, notes, body, pivot, head, performance, bending, solids, model })
+        Ok(Self {
+            groom,
+            notes,
+            body,
+            pivot,
+            head,
+            performance,
+            bending,
+            solids,
+            model,
+            scalp: OnceLock::new(),
+        })
     }
 
     /// The motion of what carries `groom`, and what the body plays if it bends.
@@ -305,6 +330,20 @@ impl Assets {
     /// The body's mesh in local space, if there is a body.
     pub fn body_mesh(&self) -> Option<&TriMesh> {
         self.body.as_ref().map(|body| body.mesh.as_ref())
+    }
+
+    /// The vertices of the built-in head for each of the body's, if its face is that head's.
+    pub(crate) fn face(&self) -> Option<&'static [glam::Vec3]> {
+        let head = &Head::builtin().mesh.positions;
+        let has_it =
+            self.body.as_ref().is_some_and(|body| body.has_face && body.mesh.positions.len() == head.len());
+        has_it.then_some(head)
+    }
+
+    /// The share to which hair covers each vertex of the body, computed at the first call.
+    pub(crate) fn scalp(&self) -> &[f32] {
+        let mesh = self.body_mesh().map_or(&[][..], |mesh| &mesh.positions);
+        self.scalp.get_or_init(|| scalp::cover(mesh, &self.groom))
     }
 
     /// The body's pose at `time` seconds.

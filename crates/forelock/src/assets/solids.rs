@@ -29,6 +29,8 @@ pub(super) struct Body {
     /// Its distance grid, if strands collide with it.
     pub(super) sdf: Option<Arc<Sdf>>,
     pivot: Option<DVec3>,
+    /// Whether it has the vertices of the built-in head.
+    pub(super) has_face: bool,
     /// It with its joints, if it has any.
     pub(super) character: Option<Arc<Character>>,
     /// What was changed when it was read.
@@ -92,7 +94,8 @@ impl Body {
         let cells = CellSizes { along: section.sdf_cells, near: section.sdf_near_cell as f32 };
         let grid = || distance_grid(&mesh, &section.mesh, cells, "body.collide = false", meter);
         let sdf = section.collide.then(grid).transpose()?.map(Arc::new);
-        Ok(Some(Self { mesh, sdf, pivot, character, notes }))
+        let has_face = ["builtin:head", "builtin:talker"].contains(&section.mesh.as_str());
+        Ok(Some(Self { mesh, sdf, pivot, has_face, character, notes }))
     }
 
     /// The point about which it turns.
@@ -128,7 +131,7 @@ pub(crate) struct Solid {
 
 impl Solid {
     /// World from local at `time` seconds, when the body is at `head`.
-    pub(super) fn pose(&self, time: f64, head: &Pose) -> Pose {
+    pub(crate) fn pose(&self, time: f64, head: &Pose) -> Pose {
         self.carrier(head, &self.motion.pose(time)).after(&self.base)
     }
 

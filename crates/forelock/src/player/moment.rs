@@ -49,7 +49,19 @@ pub struct Parameters {
 }
 
 impl Moment {
-    /// The groom that the positions are of, at rest.
+    /// Frame `frame` of a run of `assets`, at `time_secs`, with the strands at `positions`.
+    pub(crate) fn recorded(assets: Arc<Assets>, frame: u32, time_secs: f64, positions: Vec<Vec3>) -> Self {
+        let head = assets.head_pose(time_secs);
+        let bent = match assets.body_mesh_at(time_secs) {
+            Some(Cow::Owned(mesh)) => Some(mesh),
+            _ => None,
+        };
+        let solids = assets.solids().iter().map(|solid| (solid.clone(), solid.pose(time_secs, &head)));
+        let solids = solids.collect();
+        Self { frame, time_secs, head, positions, edited: None, bent, solids, assets }
+    }
+
+    /// The groom that the positions are of, at rest; for a cache its first frame.
     pub fn groom(&self) -> &Groom {
         self.edited.as_deref().unwrap_or(&self.assets.groom)
     }
@@ -74,8 +86,7 @@ impl Moment {
 
     /// The scene for a picture from `camera`, in the colours of `hair`.
     pub fn picture(&self, hair: &HairSection, camera: Camera) -> forelock_render::Scene<'_> {
-        let colour = pictures::body_colour(hair);
-        let body = self.body().map(|mesh| Body { colour, ..Body::new(mesh, self.head) });
+        let body = self.body().map(|mesh| pictures::dressed(hair, &self.assets, Body::new(mesh, self.head)));
         let solids = self.solids().map(|(mesh, pose)| Body::new(mesh, pose));
         let strands = pictures::strands(hair, self.groom(), &self.positions);
         forelock_render::Scene::new(body.into_iter().chain(solids).collect(), vec![strands], camera)

@@ -45,6 +45,11 @@ use forelock_core::air::WindParams;
 use serde::{Deserialize, Serialize};
 use solver::Registered;
 
+/// The scene for a cache or groom without a scene file. Its groom's source is not read, because the
+/// strands come from the input.
+const HAIR_ALONE: &str = "groom.source = \"hair\"\nbody.mesh = \"none\"\nbody.motion = \"builtin:still\"\n\
+                          camera.yaw_degrees = 0\n";
+
 /// The scene that `forelock demo` runs: `default.toml` beside this module.
 pub const DEFAULT_SCENE: &str = include_str!("default.toml");
 /// The scene that `forelock demo --scene character` runs.
@@ -151,6 +156,20 @@ impl Scene {
     /// [`SceneError`] if an override holds an unknown key or a value that is wrong.
     pub fn builtin(overrides: &[Override]) -> Result<Self, SceneError> {
         Self::parse(DEFAULT_SCENE, Path::new("the built-in scene"), overrides)
+    }
+
+    /// The scene of a cache or groom at `path`: that of `scene.toml`, which a run writes beside its
+    /// cache; without this file, a scene of hair alone.
+    ///
+    /// # Errors
+    /// The same errors as [`Scene::load`].
+    pub fn beside(path: &Path, overrides: &[Override]) -> Result<Self, SceneError> {
+        let beside = path.with_file_name("scene.toml");
+        if beside.is_file() {
+            Self::load(&beside, overrides)
+        } else {
+            Self::parse(HAIR_ALONE, path, overrides)
+        }
     }
 
     /// Reads a scene from `text`. `path` names the text in messages, and paths inside it are taken

@@ -7,6 +7,8 @@
 //! one after the other, before the next frame. An order that fails changes nothing; its message is
 //! in [`Status::error`] until [`Session::clear_error`].
 //!
+//! [`Session::play_back`] plays a cache in the same way; it refuses changes.
+//!
 //! If a frame takes longer than it lasts, time passes more slowly in the scene: no frame is left
 //! out, and [`Status::real_time`] tells by how much.
 //!
@@ -31,8 +33,10 @@
 //! # Limitations
 //! A running step is not interrupted: an order waits for it, and so does the end of a session.
 
+mod recording;
 mod worker;
 
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -42,8 +46,10 @@ use forelock_core::frame::FrameReport;
 
 use crate::backend::Backend;
 use crate::player::{Moment, Parameters, Player, PlayerError};
+use crate::progress::Progress;
 use crate::scene::Scene;
-use worker::{Order, Worker};
+use recording::Recording;
+use worker::{Order, Source, Worker};
 
 /// Where a session is in its life.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -88,7 +94,7 @@ pub struct Status {
     pub bytes: [u64; 2],
     /// The processor that simulates.
     pub device: String,
-    /// What can be changed, as it is now.
+    /// What can be changed, as it is now; none while a cache is played back.
     pub parameters: Option<Arc<Parameters>>,
 }
 
@@ -127,6 +133,30 @@ impl Session {
     /// Loads `scene` on a new thread, to be simulated on `backend`. It waits before the first frame
     /// then. `wake` is called on that thread whenever there is something new to see.
     pub fn start(scene: Scene, backend: Backend, wake: impl Fn() + Send + Sync + 'static) -> Self {
+        Self::on_thread(wake, move |shared| {
+            let built =
+                Player::builder(scene).backend(backend).build_observed(&mut |progress| match progress {
+                    Progress::Begin { what, .. } => {
+                        shared.status().busy = Some((*what).to_owned());
+                        (shared.wake)();
+                    }
+                    Progress::End => shared.status().busy = None,
+                    _ => {}
+                });
+            built.map_err(|error| error.to_string())
+        })
+    }
+
+    /// Opens the cache at `path`, of a run of `scene`, on a new thread, and plays it back; see
+    /// [`Session::start`]. It has the frames of the cache only. Changes are refused with a message.
+    pub fn play_back(path: PathBuf, scene: Scene, wake: impl Fn() + Send + Sync + 'static) -> Self {
+        Self::on_thread(wake, move |_| Recording::open(path, scene))
+    }
+
+    fn on_thread<S: Source>(
+        wake: impl Fn() + Send + Sync + 'static,
+        load: impl FnOnce(&Shared) -> Result<S, String> + Send + 'static,
+    ) -> Self {
         let status = Status { speed: 1.0, ..Status::default() };
         let shared = Arc::new(Shared {
             moment: Mutex::default(),
@@ -136,7 +166,7 @@ impl Session {
         });
         let (orders, received) = channel();
         let of_worker = shared.clone();
-        let run = move || Worker::run(scene, backend, &received, &of_worker);
+        let run = move || Worker::run(|| load(&of_worker), &received, &of_worker);
         let thread = std::thread::Builder::new().name("session".to_owned()).spawn(run);
         if let Err(error) = &thread {
             let mut status = shared.status();

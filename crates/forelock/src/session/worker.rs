@@ -7,18 +7,17 @@ use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
 use std::time::{Duration, Instant};
 
-use super::{Phase, Shared};
-use crate::backend::Backend;
-use crate::player::{Player, PlayerError};
-use crate::progress::Progress;
-use crate::scene::Scene;
+use forelock_core::frame::FrameReport;
+
+use super::{Phase, Shared, Status};
+use crate::player::{Moment, Player, PlayerError};
 
 /// How far a frame may be late before the clock starts anew from it.
 const LATE: Duration = Duration::from_millis(100);
 /// Time over which the speed is measured.
 const MEASURED: Duration = Duration::from_secs(1);
 
-type Task = Box<dyn FnOnce(&mut Player) -> Result<(), PlayerError> + Send>;
+pub(super) type Task = Box<dyn FnOnce(&mut Player) -> Result<(), PlayerError> + Send>;
 
 /// What the owner of a session asks for.
 pub(super) enum Order {
@@ -32,9 +31,76 @@ pub(super) enum Order {
     End,
 }
 
+/// What a session plays.
+pub(super) trait Source {
+    /// The number of the present frame.
+    fn frame(&self) -> u32;
+    /// Its time, seconds.
+    fn time_secs(&self) -> f64;
+    /// The last frame that can be gone to.
+    fn reached(&self) -> u32;
+    /// Whether no frame follows.
+    fn is_at_end(&self) -> bool;
+    /// Goes to the next frame.
+    fn step(&mut self) -> Result<FrameReport, String>;
+    /// Goes to another frame.
+    fn seek(&mut self, frame: u32) -> Result<(), String>;
+    /// Lets `task` change it.
+    fn change(&mut self, task: Task) -> Result<(), String>;
+    /// The present frame.
+    fn moment(&mut self) -> Result<Moment, String>;
+    /// Tells what is known.
+    fn tell(&self, status: &mut Status);
+}
+
+impl Source for Player {
+    fn frame(&self) -> u32 {
+        self.frame()
+    }
+
+    fn time_secs(&self) -> f64 {
+        self.time_secs()
+    }
+
+    fn reached(&self) -> u32 {
+        self.reached()
+    }
+
+    fn is_at_end(&self) -> bool {
+        false
+    }
+
+    fn step(&mut self) -> Result<FrameReport, String> {
+        self.step().map(|report| report.solver).map_err(|error| error.to_string())
+    }
+
+    fn seek(&mut self, frame: u32) -> Result<(), String> {
+        self.seek(frame).map(drop).map_err(|error| error.to_string())
+    }
+
+    fn change(&mut self, task: Task) -> Result<(), String> {
+        task(self).map_err(|error| error.to_string())
+    }
+
+    fn moment(&mut self) -> Result<Moment, String> {
+        self.moment().map_err(|error| error.to_string())
+    }
+
+    fn tell(&self, status: &mut Status) {
+        let parameters = self.parameters();
+        if status.parameters.as_deref() != Some(&parameters) {
+            status.parameters = Some(Arc::new(parameters));
+        }
+        [status.undo, status.redo] = self.undoable();
+        status.notes = self.notes();
+        status.bytes = [self.simulation_bytes(), self.history_bytes() as u64];
+        status.device = self.gpu_name().map_or_else(|| self.simd_name(), str::to_owned);
+    }
+}
+
 /// The state of the thread.
-pub(super) struct Worker<'a> {
-    player: Player,
+pub(super) struct Worker<'a, S> {
+    source: S,
     shared: &'a Shared,
     playing: bool,
     speed: f64,
@@ -45,24 +111,13 @@ pub(super) struct Worker<'a> {
     ends: VecDeque<(Instant, f64)>,
 }
 
-impl<'a> Worker<'a> {
-    /// Loads `scene` and obeys until the end.
-    pub fn run(scene: Scene, backend: Backend, orders: &Receiver<Order>, shared: &'a Shared) {
-        let load = || {
-            Player::builder(scene).backend(backend).build_observed(&mut |progress| match progress {
-                Progress::Begin { what, .. } => {
-                    shared.status().busy = Some((*what).to_owned());
-                    (shared.wake)();
-                }
-                Progress::End => shared.status().busy = None,
-                _ => {}
-            })
-        };
-        let player = guarded(load).and_then(|built| built.map_err(|error| error.to_string()));
-        match player {
-            Ok(player) => {
+impl<'a, S: Source> Worker<'a, S> {
+    /// Obeys with what `load` returns until the end.
+    pub fn run(load: impl FnOnce() -> Result<S, String>, orders: &Receiver<Order>, shared: &'a Shared) {
+        match guarded(load).flatten() {
+            Ok(source) => {
                 let mut worker = Worker {
-                    player,
+                    source,
                     shared,
                     playing: false,
                     speed: 1.0,
@@ -118,25 +173,23 @@ impl<'a> Worker<'a> {
             Order::Speed(speed) => (self.speed, self.due) = (speed, Instant::now()),
             Order::Loop(frames) => self.frames = frames,
             Order::Seek(frame) => {
-                let frame = frame.min(self.player.reached());
-                self.change("going to another frame", Box::new(move |player| player.seek(frame)));
+                let frame = frame.min(self.source.reached());
+                self.attempt("going to another frame", |source| source.seek(frame));
             }
-            Order::Change(what, task) => self.change(what, task),
+            Order::Change(what, task) => self.attempt(what, |source| source.change(task)),
             // Its owner may not wait any more.
             Order::Tell(done) => drop(done.send(())),
             Order::End => {}
         }
     }
 
-    fn change(&mut self, what: &'static str, task: Task) {
+    fn attempt(&mut self, what: &'static str, task: impl FnOnce(&mut S) -> Result<(), String>) {
         self.shared.status().busy = Some(what.to_owned());
-        let player = &mut self.player;
-        let done = guarded(AssertUnwindSafe(|| task(player)));
+        let source = &mut self.source;
+        let done = guarded(AssertUnwindSafe(|| task(source))).flatten();
         self.shared.status().busy = None;
-        match done {
-            Ok(Ok(())) => {}
-            Ok(Err(error)) => self.fail(&error.to_string()),
-            Err(panic) => self.fail(&panic),
+        if let Err(message) = done {
+            self.fail(&message);
         }
         // What plays has another frame soon.
         if self.playing { self.tell() } else { self.publish() }
@@ -144,14 +197,19 @@ impl<'a> Worker<'a> {
 
     /// The next frame of what plays.
     fn play_on(&mut self) {
-        let before = self.player.time_secs();
-        if self.frames.is_some_and(|frames| self.player.frame() >= frames) {
-            self.change("starting again", Box::new(|player| player.seek(0)));
+        let before = self.source.time_secs();
+        let is_at_end = self.source.is_at_end();
+        if self.frames.is_some_and(|frames| is_at_end || self.source.frame() >= frames) {
+            self.attempt("starting again", |source| source.seek(0));
             self.ends.clear();
+        } else if is_at_end {
+            self.playing = false;
+            self.shared.status().playing = false;
+            return self.tell();
         } else {
             self.step();
         }
-        let lasts = (self.player.time_secs() - before).max(1e-3) / self.speed;
+        let lasts = (self.source.time_secs() - before).max(1e-3) / self.speed;
         self.due += Duration::from_secs_f64(lasts.min(10.0));
         let now = Instant::now();
         if now > self.due + LATE {
@@ -161,15 +219,17 @@ impl<'a> Worker<'a> {
 
     fn step(&mut self) {
         let started = Instant::now();
-        let player = &mut self.player;
-        match guarded(AssertUnwindSafe(|| player.step())) {
-            Ok(Ok(report)) => self.shared.status().report = report.solver,
-            Ok(Err(error)) => return self.fail(&error.to_string()),
-            Err(panic) => return self.fail(&panic),
+        if self.source.is_at_end() {
+            return self.tell();
+        }
+        let source = &mut self.source;
+        match guarded(AssertUnwindSafe(|| source.step())).flatten() {
+            Ok(report) => self.shared.status().report = report,
+            Err(message) => return self.fail(&message),
         }
         self.publish();
         let now = Instant::now();
-        self.ends.push_back((now, self.player.time_secs()));
+        self.ends.push_back((now, self.source.time_secs()));
         while self.ends.len() > 2 && self.ends.front().is_some_and(|(end, _)| now - *end > MEASURED) {
             self.ends.pop_front();
         }
@@ -187,30 +247,21 @@ impl<'a> Worker<'a> {
 
     /// Makes the present frame the newest.
     fn publish(&mut self) {
-        match self.player.moment() {
+        match self.source.moment() {
             Ok(moment) => *self.shared.moment() = Some(Arc::new(moment)),
-            Err(error) => self.fail(&error.to_string()),
+            Err(message) => self.fail(&message),
         }
         self.tell();
     }
 
     fn tell(&mut self) {
-        let player = &self.player;
-        let parameters = player.parameters();
         let mut status = self.shared.status();
-        if status.parameters.as_deref() != Some(&parameters) {
-            status.parameters = Some(Arc::new(parameters));
-        }
-        let [undo, redo] = player.undoable();
-        (status.undo, status.redo) = (undo, redo);
-        status.reached = player.reached();
+        self.source.tell(&mut status);
+        status.reached = self.source.reached();
         status.real_time = match (self.ends.front(), self.ends.back()) {
             (Some((a, from)), Some((b, to))) if b > a => (to - from) / (*b - *a).as_secs_f64(),
             _ => 0.0,
         };
-        status.notes = player.notes();
-        status.bytes = [player.simulation_bytes(), player.history_bytes() as u64];
-        status.device = player.gpu_name().map_or_else(|| player.simd_name(), str::to_owned);
         drop(status);
         (self.shared.wake)();
     }

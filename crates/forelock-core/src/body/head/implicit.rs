@@ -11,6 +11,12 @@ use glam::{Vec3, vec3};
 
 use crate::body::implicit::{carve, cone, ellipsoid, intersect, join};
 
+/// Middle of an eyeball, and its radius.
+pub const EYE: Vec3 = vec3(3.15, -0.1, 6.75);
+pub const EYEBALL: f32 = 1.28;
+/// Height of the line between the lips.
+pub const MOUTH: f32 = -7.12;
+
 /// Signed distance in metres, negative inside.
 pub fn distance(point: Vec3) -> f32 {
     distance_cm(point * 100.0) * 0.01
@@ -74,14 +80,21 @@ fn features(m: Vec3, mut d: f32) -> f32 {
 
 /// An eyeball between two lids; the lids are a thicker shell with an almond-shaped opening.
 fn eye(m: Vec3, d: f32) -> f32 {
-    let q = m - vec3(3.15, -0.1, 6.75);
+    let q = m - EYE;
+    let [upper, lower] = lid_edges(q);
+    let slit = upper.max(lower);
+    let lids = join(d, q.length() - 1.5, 0.9);
+    let parted = carve(lids, slit.max(q.length() - 2.2).max(0.4 - q.z), 0.25);
+    join(parted, q.length() - EYEBALL, 0.15)
+}
+
+/// How far a point relative to the middle of an eyeball is above the edge of the upper lid, and
+/// below that of the lower one.
+pub fn lid_edges(q: Vec3) -> [f32; 2] {
     let t = (q.x - 0.05) / 1.5;
     let open = 1.0 - t * t;
     let tilted = q.y - 0.1 * q.x;
-    let slit = (tilted - 0.55 * open).max(-tilted - 0.45 * open) + 0.1;
-    let lids = join(d, q.length() - 1.5, 0.9);
-    let parted = carve(lids, slit.max(q.length() - 2.2).max(0.4 - q.z), 0.25);
-    join(parted, q.length() - 1.28, 0.15)
+    [tilted - 0.55 * open + 0.1, -tilted - 0.45 * open + 0.1]
 }
 
 fn nose(m: Vec3, mut d: f32) -> f32 {
@@ -100,7 +113,7 @@ fn mouth(m: Vec3, mut d: f32) -> f32 {
     d = carve(d, cone(m, vec3(0.0, -5.2, 9.1), vec3(0.0, -6.0, 9.25), 0.25, 0.3), 0.6);
     d = join(d, cone(bent, vec3(0.45, -6.55, 8.55), vec3(2.2, -7.0, 8.25), 0.5, 0.2), 0.5);
     d = join(d, cone(bent, vec3(0.0, -7.7, 8.4), vec3(2.0, -7.3, 8.2), 0.6, 0.2), 0.5);
-    carve(d, cone(bent, vec3(0.0, -7.12, 9.42), vec3(2.2, -7.12, 8.92), 0.25, 0.12), 0.6)
+    carve(d, cone(bent, vec3(0.0, MOUTH, 9.42), vec3(2.2, MOUTH, 8.92), 0.25, 0.12), 0.6)
 }
 
 /// Width of the blend between the ear and the skull.

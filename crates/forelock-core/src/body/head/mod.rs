@@ -19,6 +19,7 @@
 //! is a distance to first order near the surface only: within 2 cm of the surface, the length of
 //! its gradient is 0.5 to 1.5 at 97 % or more of the points.
 
+mod features;
 mod implicit;
 mod region;
 #[cfg(test)]
@@ -31,6 +32,7 @@ use rayon::prelude::*;
 
 use super::surface_nets::Bounds;
 use super::{TriMesh, surface_nets};
+pub use features::Features;
 pub use region::Region;
 
 /// Side of the finest cells of the mesh, in metres.
@@ -81,6 +83,11 @@ impl Head {
     /// the surface.
     pub fn distance(point: Vec3) -> f32 {
         implicit::distance(point)
+    }
+
+    /// What the surface shows at `point`, metres: eyes, brows, lips.
+    pub fn features(point: Vec3) -> Features {
+        features::features(point)
     }
 
     /// The solid that hair grown on `region` must avoid: the head and, for the scalp, also the

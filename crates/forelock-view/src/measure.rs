@@ -1,0 +1,136 @@
+//! Colours that show what strands do instead of how they look.
+
+use forelock::player::Moment;
+use forelock_core::pose::Pose;
+use glam::Vec3;
+
+/// What the colours of strands show.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Measure {
+    /// Hair.
+    #[default]
+    Hair,
+    /// How much longer or shorter an edge is than at rest.
+    Stretch,
+    /// Speed relative to the head.
+    Speed,
+    /// Distance from the rest shape, in the frame of the head.
+    Displacement,
+}
+
+impl Measure {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Hair, Self::Stretch, Self::Speed, Self::Displacement];
+
+    /// Its name in the window, and what the end of the scale stands for.
+    pub fn words(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Hair => ("Hair", ""),
+            Self::Stretch => ("Stretch", "1 % longer or shorter"),
+            Self::Speed => ("Speed", "2 m/s relative to the head"),
+            Self::Displacement => ("Displacement", "10 cm from the rest shape"),
+        }
+    }
+
+    /// The value at the end of the scale: a ratio, m/s, metres.
+    fn end(self) -> f32 {
+        match self {
+            Self::Hair => 1.0,
+            Self::Stretch => 0.01,
+            Self::Speed => 2.0,
+            Self::Displacement => 0.1,
+        }
+    }
+
+    /// The colour of each particle of `moment`, linear RGB; none for hair. `previous` is a frame
+    /// before it, for speeds.
+    pub fn colours(self, moment: &Moment, previous: Option<&Moment>) -> Option<Vec<[f32; 3]>> {
+        let values = match self {
+            Self::Hair => return None,
+            Self::Stretch => stretches(moment),
+            Self::Speed => speeds(moment, previous),
+            Self::Displacement => displacements(moment),
+        };
+        Some(values.into_iter().map(|value| colour((value / self.end()).abs())).collect())
+    }
+}
+
+/// The colour of a share of the scale, linear RGB: from blue over grey to orange.
+pub fn colour(share: f32) -> [f32; 3] {
+    const STOPS: [Vec3; 3] =
+        [Vec3::new(0.03, 0.09, 0.3), Vec3::new(0.45, 0.42, 0.4), Vec3::new(0.75, 0.13, 0.01)];
+    let at = if share > 0.0 { 2.0 * share.min(1.0) } else { 0.0 };
+    let mixed = if at < 1.0 { STOPS[0].lerp(STOPS[1], at) } else { STOPS[1].lerp(STOPS[2], at - 1.0) };
+    mixed.to_array()
+}
+
+/// Relative changes of length of the longer-changed edge at each particle.
+fn stretches(moment: &Moment) -> Vec<f32> {
+    let rest = moment.groom().positions();
+    let mut values = vec![0.0_f32; moment.positions.len()];
+    for range in moment.groom().strand_offsets().windows(2) {
+        for i in range[0] as usize + 1..range[1] as usize {
+            let now = moment.positions[i].distance(moment.positions[i - 1]);
+            let own = (now / rest[i].distance(rest[i - 1]).max(1e-9) - 1.0).abs();
+            values[i] = own;
+            values[i - 1] = values[i - 1].max(own);
+        }
+    }
+    values
+}
+
+fn speeds(moment: &Moment, previous: Option<&Moment>) -> Vec<f32> {
+    let count = moment.positions.len();
+    let Some(previous) = previous.filter(|own| own.positions.len() == count) else { return vec![0.0; count] };
+    let secs = moment.time_secs - previous.time_secs;
+    if secs <= 0.0 {
+        return vec![0.0; count];
+    }
+    let moved = in_head(moment).zip(in_head(previous)).map(|(now, before)| now.distance(before));
+    moved.map(|distance| distance / secs as f32).collect()
+}
+
+fn displacements(moment: &Moment) -> Vec<f32> {
+    in_head(moment).zip(moment.groom().positions()).map(|(now, rest)| now.distance(*rest)).collect()
+}
+
+/// The particles in the frame of the head.
+fn in_head(moment: &Moment) -> impl Iterator<Item = Vec3> + '_ {
+    let back: Pose = moment.head.inverse();
+    moment.positions.iter().map(move |x| back.transform_point(x.as_dvec3()).as_vec3())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use forelock::scene::Override;
+    use forelock::{Backend, Player, Scene};
+
+    #[test]
+    fn hair_at_rest_is_blue_and_hair_in_motion_is_not() -> Result<(), Box<dyn std::error::Error>> {
+        let sets = ["groom.strands=20", "body.sdf_cells=32"].map(Override::set);
+        let sets = sets.into_iter().collect::<Result<Vec<_>, _>>()?;
+        let mut player = Player::builder(Scene::builtin(&sets)?).backend(Backend::Cpu).build()?;
+        let rest = player.moment()?;
+        for measure in [Measure::Stretch, Measure::Speed, Measure::Displacement] {
+            let colours = measure.colours(&rest, None).ok_or("colours")?;
+            assert_eq!(colours.len(), rest.positions.len());
+            let is_blue = |own: &[f32; 3]| own[2] > 3.0 * own[0];
+            assert!(colours.iter().all(is_blue), "{measure:?}");
+        }
+        assert!(Measure::Hair.colours(&rest, None).is_none());
+        (0..30).try_for_each(|_| player.step().map(drop))?;
+        let before = player.moment()?;
+        player.step()?;
+        let now = player.moment()?;
+        let mean = |values: Vec<f32>| values.iter().sum::<f32>() / values.len() as f32;
+        assert!(mean(displacements(&now)) > 0.003);
+        assert!(mean(stretches(&now)) < 1e-4);
+        let speed = mean(speeds(&now, Some(&before)));
+        assert!((0.01..3.0).contains(&speed), "{speed}");
+        // Roots do not move in the head.
+        let first = now.groom().strand_offsets()[3] as usize;
+        assert!(speeds(&now, Some(&before))[first] < 1e-3);
+        Ok(())
+    }
+}

@@ -1,0 +1,86 @@
+//! Playing a cache back.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use forelock_core::frame::FrameReport;
+use forelock_core::groom::Groom;
+use forelock_io::Cache;
+use glam::Vec3;
+
+use super::Status;
+use super::worker::{Source, Task};
+use crate::assets::Assets;
+use crate::pictures;
+use crate::player::Moment;
+use crate::scene::Scene;
+
+/// A cache, open at one of its frames, with body and solids where the scene has them.
+pub(super) struct Recording {
+    path: PathBuf,
+    cache: Cache,
+    scene: Scene,
+    assets: Arc<Assets>,
+    frame: u32,
+}
+
+impl Recording {
+    /// Opens the cache at `path` that a run of `scene` wrote.
+    pub fn open(path: PathBuf, scene: Scene) -> Result<Self, String> {
+        let mut cache = Cache::open(&path).map_err(|error| error.to_string())?;
+        let mut positions = Vec::new();
+        cache.read_frame(0, &mut positions).map_err(|error| error.to_string())?;
+        let groom =
+            Groom::new(positions, cache.strand_offsets().to_vec()).map_err(|error| error.to_string())?;
+        let assets = Assets::around(&scene, groom).map_err(|error| error.to_string())?;
+        Ok(Self { path, cache, scene, assets: Arc::new(assets), frame: 0 })
+    }
+
+    fn name(&self) -> String {
+        let name = self.path.file_name().unwrap_or_default();
+        Path::new(name).display().to_string()
+    }
+}
+
+impl Source for Recording {
+    fn frame(&self) -> u32 {
+        self.frame
+    }
+
+    fn time_secs(&self) -> f64 {
+        pictures::frame_time_secs(&self.scene, &self.cache, self.frame as usize)
+    }
+
+    fn reached(&self) -> u32 {
+        self.cache.frames().saturating_sub(1) as u32
+    }
+
+    fn is_at_end(&self) -> bool {
+        self.frame >= self.reached()
+    }
+
+    fn step(&mut self) -> Result<FrameReport, String> {
+        self.frame = (self.frame + 1).min(self.reached());
+        Ok(FrameReport::default())
+    }
+
+    fn seek(&mut self, frame: u32) -> Result<(), String> {
+        self.frame = frame.min(self.reached());
+        Ok(())
+    }
+
+    fn change(&mut self, _: Task) -> Result<(), String> {
+        Err(format!("{} is played back: open its scene to change it", self.name()))
+    }
+
+    fn moment(&mut self) -> Result<Moment, String> {
+        let mut positions: Vec<Vec3> = Vec::new();
+        self.cache.read_frame(self.frame as usize, &mut positions).map_err(|error| error.to_string())?;
+        Ok(Moment::recorded(self.assets.clone(), self.frame, self.time_secs(), positions))
+    }
+
+    fn tell(&self, status: &mut Status) {
+        status.device = format!("{}, a cache", self.name());
+        status.notes.clone_from(&self.assets.notes);
+    }
+}
