@@ -15,6 +15,11 @@
 //! default number of children gives 50 drawn strands per pixel of the picture's shorter side
 //! (40,000 at 800 pixels), with at most 4 drawn for each simulated strand.
 //!
+//! Level of detail: where the strands nearest to the camera are thinner than
+//! [`Settings::thinnest`], only a share of all curves is drawn, wider in proportion, so that they
+//! cover the same area. A fixed random rank of each curve says which. As the share falls, the
+//! curves of the highest ranks get thinner and vanish, so none pops.
+//!
 //! # Practice
 //! Strands are prepared in chunks of a fixed size, each with separate lists of tiles, so the result
 //! does not depend on the number of threads. A piece is created, sorted and lit only in the tiles
@@ -116,6 +121,7 @@ pub(crate) struct Hair<'a> {
 }
 
 /// A group of strands with derived quantities.
+#[derive(Clone, Copy)]
 pub(crate) struct Group<'a> {
     pub strands: Strands<'a>,
     pub children: u32,
@@ -123,7 +129,17 @@ pub(crate) struct Group<'a> {
     /// The largest offset of a child, metres.
     radius: f32,
     pub log_albedo: Vec3,
+    /// The share of the curves that are drawn.
+    share: f32,
+    seed: u32,
 }
+
+/// Curves that are drawn however thin they are.
+const FEWEST: f32 = 2000.0;
+/// Of how many strands the nearest one is looked for, at least.
+const NEAREST_OF: usize = 512;
+/// Of the curves that are drawn, the share that is thinner than the others.
+const FADING: f32 = 0.1;
 
 /// The strands of `strands` that can be drawn: (index, particle range).
 pub(crate) fn drawable<'a>(
@@ -144,9 +160,39 @@ pub(crate) fn strand_count(strands: &Strands<'_>) -> usize {
 
 impl<'a> Group<'a> {
     /// The groups of `scene`. The offsets must be valid.
-    pub fn all(scene: &Scene<'a>, settings: &Settings) -> Vec<Self> {
+    pub fn all(scene: &Scene<'a>, settings: &Settings, view: &View) -> Vec<Self> {
         let total = scene.strands.iter().map(strand_count).sum();
-        scene.strands.iter().map(|&strands| Self::new(strands, total, settings)).collect()
+        let groups = scene.strands.iter().map(|&strands| Self::new(strands, total, settings));
+        groups.map(|group| group.seen_from(view, settings.thinnest)).collect()
+    }
+
+    /// The group with as many curves as a picture of `view` shows.
+    fn seen_from(self, view: &View, thinnest: f32) -> Self {
+        let count = strand_count(&self.strands);
+        let every = (count / NEAREST_OF).max(1);
+        let (mut nearest, mut width) = (f32::INFINITY, 0.0_f32);
+        for strand in (0..count).step_by(every) {
+            for (_, particles) in drawable(&self.strands, strand..strand + 1) {
+                width = width.max(self.width(particles.start, 0.0, 0.0));
+                let depths = self.strands.positions[particles].iter().map(|&p| view.to_camera(p).z);
+                nearest = depths.filter(|depth| *depth > view.near).fold(nearest, f32::min);
+            }
+        }
+        let pixels = width * view.focal / nearest;
+        let share = if pixels > 0.0 && pixels < thinnest { pixels / thinnest } else { 1.0 };
+        let share = share.max(FEWEST / (count as f32 * self.children as f32)).min(1.0);
+        Self { share, ..self }
+    }
+
+    /// The factor on the width of a curve; 0 for those that are not drawn.
+    pub fn detail(&self, strand: u32, child: u32) -> f32 {
+        if self.share >= 1.0 {
+            return 1.0;
+        }
+        let fading = (FADING * self.share).min(1.0 - self.share);
+        let rank = random::unit(self.seed, strand, RANK + child);
+        let whole = 1.0 / (self.share - 0.5 * fading);
+        whole * ((self.share - rank) / fading).clamp(0.0, 1.0)
     }
 
     fn new(strands: Strands<'a>, total: usize, settings: &Settings) -> Self {
@@ -164,7 +210,8 @@ impl<'a> Group<'a> {
         let hairs_each = HAIRS_PER_M2 * area / (count as f32 * children as f32);
         let width_scale = settings.width_scale.unwrap_or(hairs_each.powf(0.7).clamp(1.0, MAX_WIDTH_SCALE));
         let radius = 0.5 * (area / count as f32).sqrt();
-        Self { strands, children, width_scale, radius, log_albedo: strands.colour.albedo().map(f32::ln) }
+        let log_albedo = strands.colour.albedo().map(f32::ln);
+        Self { strands, children, width_scale, radius, log_albedo, share: 1.0, seed: settings.seed }
     }
 
     /// Diameter drawn at particle coordinate `at` (particle index plus fraction), `s` from root 0
@@ -227,6 +274,9 @@ fn child_draws(seed: u32, strand: u32, child: u32) -> (Vec3, f32) {
     (Vec3::new(draw(0), draw(1), draw(2)).clamp_length_max(1.0), draw(3))
 }
 
+/// The stream of random numbers of the ranks of curves.
+const RANK: u32 = 1_000_000;
+
 /// A number in [−1, 1) for a curve.
 fn curve_draw(seed: u32, strand: u32, child: u32, stream: u32) -> f32 {
     random::signed(seed, strand, 1000 + child * 8 + stream)
@@ -242,7 +292,7 @@ fn taper(s: f32) -> f32 {
 impl<'a> Hair<'a> {
     /// Projects the strands of `scene`. The offsets must be valid.
     pub fn new(scene: &Scene<'a>, settings: &Settings, view: &View, tiles: TileGrid) -> Self {
-        let groups = Group::all(scene, settings);
+        let groups = Group::all(scene, settings, view);
         let ranges: Vec<_> = groups
             .iter()
             .enumerate()
@@ -374,6 +424,10 @@ impl Chunk {
             let strand_points = &group.strands.positions[particles.clone()];
             let last = strand_points.len() - 1;
             for child in 0..group.children {
+                let detail = group.detail(strand as u32, child);
+                if detail == 0.0 {
+                    continue;
+                }
                 let start = points.len();
                 curves.push(Curve { strand: strand as u32, child, start: start as u32 });
                 points.push(Vec4::NAN);
@@ -381,7 +435,8 @@ impl Chunk {
                     let s = i as f32 / last as f32;
                     let p = view.to_camera(p + group.offset(seed, strand as u32, child, s));
                     let pixel = if p.z > view.near { view.to_pixels(p) } else { Vec3::NAN };
-                    let half_width = 0.5 * group.width(particles.start, i as f32, s) * view.focal * pixel.z;
+                    let width = detail * group.width(particles.start, i as f32, s);
+                    let half_width = 0.5 * width * view.focal * pixel.z;
                     reach = reach.max(half_width);
                     points.push(pixel.extend(half_width));
                 }
@@ -458,6 +513,29 @@ mod tests {
         assert_eq!(blend(first, catmull_rom_slope(1.0)), blend(second, catmull_rom_slope(0.0)));
         let step = (blend(first, catmull_rom(0.501)) - blend(first, catmull_rom(0.499))) / 0.002;
         assert!(step.distance(blend(first, catmull_rom_slope(0.5))) < 1e-3);
+    }
+
+    #[test]
+    fn the_curves_that_are_left_cover_the_same_area() {
+        let (points, offsets) = ([Vec3::ZERO, Vec3::Y], [0, 2]);
+        let strands = Strands::new(&points, &offsets, crate::HairColour::RED);
+        let group = Group::new(strands, 1, &Settings::default());
+        let mut before = vec![1.0_f32; 40_000];
+        for share in [1.0, 0.999, 0.97, 0.95, 0.6, 0.3, 0.1, 0.02] {
+            let group = Group { share, ..group };
+            let now: Vec<f32> = (0..40_000).map(|strand| group.detail(strand, 1)).collect();
+            let mean = now.iter().sum::<f32>() / now.len() as f32;
+            assert!((mean - 1.0).abs() < 0.05 / share.sqrt(), "{share}: {mean}");
+            let drawn = now.iter().filter(|detail| **detail > 0.0).count() as f32 / now.len() as f32;
+            assert!((drawn - share).abs() < 0.01, "{share}: {drawn}");
+            // What has vanished does not come back.
+            assert!(now.iter().zip(&before).all(|(now, before)| *before > 0.0 || *now == 0.0));
+            before = now;
+        }
+        // A slightly smaller share changes no width by much.
+        let [a, b] = [0.5, 0.499].map(|share| Group { share, ..group });
+        let change = |strand| (a.detail(strand, 0) - b.detail(strand, 0)).abs();
+        assert!((0..40_000).map(change).fold(0.0, f32::max) < 0.05 * a.detail(0, 0).max(2.0));
     }
 
     #[test]

@@ -87,7 +87,7 @@ pub fn render(scene: &Scene<'_>, settings: &Settings) -> Result<Image, RenderErr
     let grid = tiles::TileGrid::new(width, height);
     let solids = solids::Solids::new(&scene.bodies, &view, grid)?;
     let hair = hair::Hair::new(scene, settings, &view, grid);
-    let lighting = lighting::Lighting::new(scene, &solids, hair.groups());
+    let lighting = lighting::Lighting::new(scene, &solids, hair.groups(), [width, height]);
     let frame = raster::Frame { settings: *settings, view, backdrop: scene.backdrop, solids, hair, lighting };
 
     let tiles: Vec<_> = (0..grid.len())

@@ -11,10 +11,17 @@ use crate::shadow_map::ShadowMap;
 use crate::solids::{Solids, SurfacePoint};
 use crate::volume::{Deposits, Grid, Layout, openness};
 
-/// Cells along the longest side of the grid for shadows.
-const SHADOW_CELLS: u32 = 96;
+/// Fewest and most cells along the longest side of the grid for shadows: a quarter of the picture's
+/// shorter side.
+const SHADOW_CELLS: [u32; 2] = [48, 96];
+/// Fewest and most texels along the side of a shadow map: the picture's shorter side.
+const MAP_SIDES: [u32; 2] = [256, 768];
 /// Cells along the longest side of the grid for ambient occlusion.
 const OCCLUSION_CELLS: u32 = 40;
+/// Strands that the grid for ambient occlusion is made of, and fewest and most of that for shadows:
+/// as many as a sixteenth of the picture's pixels.
+const OCCLUSION_STRANDS: usize = 4096;
+const SHADOW_STRANDS: [usize; 2] = [OCCLUSION_STRANDS, 16_384];
 /// The factor for the optical depth of strands. It is below 1 because hair scatters mostly forward.
 pub(crate) const EXTINCTION: f32 = 0.6;
 /// The optical depth of the surface of a body in the grid for ambient occlusion.
@@ -32,7 +39,13 @@ pub(crate) struct Lighting {
 }
 
 impl Lighting {
-    pub fn new(scene: &Scene<'_>, solids: &Solids, groups: &[Group<'_>]) -> Self {
+    /// The lights of `scene`, for a picture of `size` pixels.
+    pub fn new(scene: &Scene<'_>, solids: &Solids, groups: &[Group<'_>], size: [u32; 2]) -> Self {
+        let short = size[0].min(size[1]);
+        let cells = (short / 4).clamp(SHADOW_CELLS[0], SHADOW_CELLS[1]);
+        let map_side = short.clamp(MAP_SIDES[0], MAP_SIDES[1]).next_multiple_of(8) as usize;
+        let pixels = size[0] as usize * size[1] as usize;
+        let shadow_strands = (pixels / 16).clamp(SHADOW_STRANDS[0], SHADOW_STRANDS[1]);
         let (body_lo, body_hi) = solids.bounds();
         let (hair_lo, hair_hi) = hair_bounds(groups);
         let (lo, hi) = (body_lo.min(hair_lo), body_hi.max(hair_hi));
@@ -44,13 +57,13 @@ impl Lighting {
             if has_hair { ((hair_lo - margin).max(lo), (hair_hi + margin).min(hi)) } else { (lo, hi) };
 
         let density = has_hair.then(|| {
-            let deposits = Deposits::new(Layout::covering(grid_lo, grid_hi, SHADOW_CELLS));
-            deposit_hair(groups, &deposits);
+            let deposits = Deposits::new(Layout::covering(grid_lo, grid_hi, cells));
+            deposit_hair(groups, &deposits, shadow_strands);
             deposits.finish()
         });
         let openness = anything.then(|| {
             let deposits = Deposits::new(Layout::covering(grid_lo, grid_hi, OCCLUSION_CELLS));
-            deposit_hair(groups, &deposits);
+            deposit_hair(groups, &deposits, OCCLUSION_STRANDS);
             deposit_solids(solids, &deposits);
             openness(&deposits.finish())
         });
@@ -63,7 +76,7 @@ impl Lighting {
                 let map = (light.shadows && !solids.triangles.is_empty()).then(|| {
                     let (centre, radius) = ((body_lo + body_hi) * 0.5, 0.5 * (body_hi - body_lo).length());
                     let triangles = (0..solids.triangles.len()).map(|t| solids.corners(t));
-                    ShadowMap::new(triangles, direction, centre, radius)
+                    ShadowMap::new(triangles, direction, centre, radius, map_side)
                 });
                 let depths = density.as_ref().filter(|_| light.shadows).map(|g| g.sweep(-direction));
                 (light, map, depths)
@@ -136,20 +149,25 @@ fn hair_bounds(groups: &[Group<'_>]) -> (Vec3, Vec3) {
     bounds
 }
 
-/// Adds the area of all strands, children included, as seen from the side.
-fn deposit_hair(groups: &[Group<'_>], deposits: &Deposits) {
+/// Adds the area of all strands, children included, as seen from the side: of about `most` evenly
+/// chosen ones, each as often as there are others like it.
+fn deposit_hair(groups: &[Group<'_>], deposits: &Deposits, most: usize) {
     let cell = deposits.layout.cell;
     for group in groups {
         let count = strand_count(&group.strands);
-        (0..count.div_ceil(256)).into_par_iter().for_each(|block| {
-            let range = block * 256..((block + 1) * 256).min(count);
-            for (_, particles) in drawable(&group.strands, range) {
+        let every = (count / most).max(1);
+        let chosen = count.div_ceil(every);
+        let weight = count as f32 / chosen.max(1) as f32;
+        (0..chosen.div_ceil(256)).into_par_iter().for_each(|block| {
+            let range = block * 256..((block + 1) * 256).min(chosen);
+            let strands = range.flat_map(|k| drawable(&group.strands, k * every..k * every + 1));
+            for (_, particles) in strands {
                 let points = &group.strands.positions[particles.clone()];
                 let last = (points.len() - 1) as f32;
                 for (i, edge) in points.windows(2).enumerate() {
                     let at = i as f32 + 0.5;
                     let length = edge[0].distance(edge[1]);
-                    let width = group.width(particles.start, at, at / last) * group.children as f32;
+                    let width = weight * group.width(particles.start, at, at / last) * group.children as f32;
                     let steps = (length / (1.5 * cell)).ceil().clamp(1.0, 64.0);
                     for step in 0..steps as u32 {
                         let point = edge[0].lerp(edge[1], (step as f32 + 0.5) / steps);

@@ -193,6 +193,9 @@ pub struct Settings {
     /// Strands drawn for each simulated strand, 1–64. With `None` (default) the number is chosen
     /// from 1–4 ([`crate::hair`]).
     pub children: Option<u32>,
+    /// The width below which fewer strands are drawn, wider in proportion, pixels, 0–4, default
+    /// 1/8 ([`crate::hair`]).
+    pub thinnest: f32,
     /// Factor for all light, above 0, default 1.
     pub exposure: f32,
     /// Seed of the variation between strands, default 1.
@@ -207,6 +210,7 @@ impl Default for Settings {
             samples: 2,
             width_scale: None,
             children: None,
+            thinnest: 0.125,
             exposure: 1.0,
             seed: 1,
         }
@@ -295,6 +299,9 @@ impl Settings {
         }
         if let Some(children) = self.children.filter(|n| !(1..=64).contains(n)) {
             return fail("children", children.to_string(), "1 to 64");
+        }
+        if !(0.0..=4.0).contains(&self.thinnest) {
+            return fail("thinnest", self.thinnest.to_string(), "0 to 4");
         }
         if !(self.exposure > 0.0 && self.exposure.is_finite()) {
             return fail("exposure", self.exposure.to_string(), "the finite numbers above 0");

@@ -7,6 +7,8 @@ use glam::Vec3;
 pub(crate) struct ShadowMap {
     pub axes: [Vec3; 3],
     pub origin: Vec3,
+    /// Texels along each side.
+    pub side: usize,
     /// Side of a texel, metres.
     texel: f32,
     /// The height of the surface nearest to the light, measured towards the light, metres. −∞ where
@@ -19,30 +21,29 @@ pub(crate) struct ShadowMap {
 /// Texels along each side of a block.
 const BLOCK: usize = 8;
 
-/// Texels along each side of the map.
-pub(crate) const SIDE: usize = 768;
-
 impl ShadowMap {
-    /// The map of `triangles` for light from the direction `to_light`. The triangles are in world
-    /// space and inside the sphere `centre`, `radius`.
+    /// The map of `triangles` for light from the direction `to_light`, with `side` texels along each
+    /// side, a multiple of eight. The triangles are in world space and inside the sphere `centre`,
+    /// `radius`.
     pub fn new(
         triangles: impl Iterator<Item = [Vec3; 3]>,
         to_light: Vec3,
         centre: Vec3,
         radius: f32,
+        side: usize,
     ) -> Self {
         let right = to_light.any_orthonormal_vector();
         let up = to_light.cross(right);
-        let texel = (2.0 * radius / SIDE as f32).max(1e-12);
+        let texel = (2.0 * radius / side as f32).max(1e-12);
         let origin = centre - (right + up) * radius;
-        let heights = vec![f32::NEG_INFINITY; SIDE * SIDE];
-        let mut map = Self { axes: [right, up, to_light], origin, texel, heights, blocks: Vec::new() };
+        let heights = vec![f32::NEG_INFINITY; side * side];
+        let mut map = Self { axes: [right, up, to_light], origin, side, texel, heights, blocks: Vec::new() };
         for triangle in triangles {
             map.draw(triangle.map(|p| map.locate(p)));
         }
-        map.blocks = vec![[f32::INFINITY, f32::NEG_INFINITY]; (SIDE / BLOCK) * (SIDE / BLOCK)];
+        map.blocks = vec![[f32::INFINITY, f32::NEG_INFINITY]; (side / BLOCK) * (side / BLOCK)];
         for (i, &height) in map.heights.iter().enumerate() {
-            let [lo, hi] = &mut map.blocks[i / SIDE / BLOCK * (SIDE / BLOCK) + i % SIDE / BLOCK];
+            let [lo, hi] = &mut map.blocks[i / side / BLOCK * (side / BLOCK) + i % side / BLOCK];
             (*lo, *hi) = (lo.min(height), hi.max(height));
         }
         map
@@ -62,7 +63,7 @@ impl ShadowMap {
         }
         let (lo, hi) = (a.min(b).min(c), a.max(b).max(c));
         let range = |lo: f32, hi: f32| {
-            (lo - 0.5).ceil().max(0.0) as usize..((hi + 0.5).floor().max(0.0) as usize).min(SIDE)
+            (lo - 0.5).ceil().max(0.0) as usize..((hi + 0.5).floor().max(0.0) as usize).min(self.side)
         };
         for y in range(lo.y, hi.y) {
             let py = y as f32 + 0.5;
@@ -73,7 +74,7 @@ impl ShadowMap {
                 let w = 1.0 - u - v;
                 if u >= 0.0 && v >= 0.0 && w >= 0.0 {
                     let height = u * a.z + v * b.z + w * c.z;
-                    let texel = &mut self.heights[y * SIDE + x];
+                    let texel = &mut self.heights[y * self.side + x];
                     *texel = texel.max(height);
                 }
             }
@@ -91,7 +92,7 @@ impl ShadowMap {
     pub fn visibility(&self, point: Vec3, softness: u8) -> f32 {
         let p = self.locate(point);
         let margin = f32::from(softness) + 1.0;
-        let inside = p.x.min(p.y) >= margin && p.x.max(p.y) <= SIDE as f32 - margin - 1.0;
+        let inside = p.x.min(p.y) >= margin && p.x.max(p.y) <= self.side as f32 - margin - 1.0;
         if !inside {
             return 1.0;
         }
@@ -117,7 +118,7 @@ impl ShadowMap {
             for i in -reach..=reach + 1 {
                 let weight = wy * edge(i, fx);
                 total += weight;
-                let texel = (y as i32 + j) * SIDE as i32 + x as i32 + i;
+                let texel = (y as i32 + j) * self.side as i32 + x as i32 + i;
                 if self.heights[texel as usize] <= p.z {
                     lit += weight;
                 }
@@ -132,7 +133,7 @@ impl ShadowMap {
         let (columns, rows) = (blocks(x), blocks(y));
         let mut range = [f32::INFINITY, f32::NEG_INFINITY];
         for (column, row) in rows.iter().flat_map(|&r| columns.map(|c| (c, r))) {
-            let [lo, hi] = self.blocks[row * (SIDE / BLOCK) + column];
+            let [lo, hi] = self.blocks[row * (self.side / BLOCK) + column];
             range = [range[0].min(lo), range[1].max(hi)];
         }
         range
@@ -150,7 +151,7 @@ mod tests {
             [corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0)],
             [corner(-1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)],
         ];
-        let map = ShadowMap::new(plate.into_iter(), Vec3::Y, Vec3::ZERO, 2.0);
+        let map = ShadowMap::new(plate.into_iter(), Vec3::Y, Vec3::ZERO, 2.0, 768);
         assert_eq!(map.visibility(Vec3::new(0.3, 0.0, 0.2), 2), 0.0);
         assert_eq!(map.visibility(Vec3::new(0.3, 1.5, 0.2), 2), 1.0);
         assert_eq!(map.visibility(Vec3::new(1.5, 0.0, 0.2), 2), 1.0);

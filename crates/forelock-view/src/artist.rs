@@ -9,6 +9,7 @@
 //! draw, and the simulation has the others.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -25,6 +26,8 @@ use forelock_render::{Camera, Settings};
 const AIM_MS: f32 = 60.0;
 /// The smallest scale of a picture.
 const COARSEST: f32 = 0.25;
+/// Pixels that a strand of a picture in motion is wide at least.
+const COARSE_STRANDS: f32 = 0.3;
 /// The format of textures that the window shows.
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 
@@ -85,18 +88,28 @@ pub struct Artist {
     thread: Option<JoinHandle<()>>,
     /// What was asked for last.
     last: Option<Wanted>,
+    busy: Arc<AtomicBool>,
     /// What draws: "CPU", or the name of a GPU.
     pub device: String,
 }
 
 impl Artist {
     /// Starts the thread: on `gpu`, a device with its name, or on the CPU. `wake` is called when a
-    /// picture is ready.
-    pub fn start(gpu: Option<(wgpu::Device, wgpu::Queue, String)>, wake: impl Fn() + Send + 'static) -> Self {
+    /// picture is ready. `busy` is set while it draws.
+    pub fn start(
+        gpu: Option<(wgpu::Device, wgpu::Queue, String)>,
+        busy: Arc<AtomicBool>,
+        wake: impl Fn() + Send + 'static,
+    ) -> Self {
         let (requests, received) = channel();
         let drawn = Arc::default();
         let device = gpu.as_ref().map_or_else(|| "CPU".to_owned(), |(_, _, name)| name.clone());
         let shared = Arc::clone(&drawn);
+        let of_thread = busy.clone();
+        let wake = move || {
+            of_thread.store(false, Ordering::Release);
+            wake();
+        };
         let draw = move || {
             let easel = gpu.map(|(device, queue, _)| Easel::new(device, queue));
             Hand { easel, threads: threads(), scale: 0.5 }.draw_all(&received, &shared, &wake);
@@ -110,7 +123,7 @@ impl Artist {
                 None
             }
         };
-        Self { requests: Some(requests), drawn, thread, last: None, device }
+        Self { requests: Some(requests), drawn, thread, last: None, busy, device }
     }
 
     /// Asks for a picture, unless it is the one that was asked for last.
@@ -120,8 +133,12 @@ impl Artist {
         }
         self.last = Some(wanted.clone());
         if let Some(requests) = &self.requests {
-            // The thread has ended only if it could not start.
-            let _ = requests.send(wanted);
+            // Before the thread can clear it.
+            self.busy.store(true, Ordering::Release);
+            if requests.send(wanted).is_err() {
+                // The thread has ended, which it does only if it could not start.
+                self.busy.store(false, Ordering::Release);
+            }
         }
     }
 
@@ -204,6 +221,8 @@ impl Hand {
             height: size[1],
             samples: if scale < 1.0 { 1 } else { 2 },
             width_scale: width.then_some(1.0),
+            // What has few pixels gets few strands.
+            thinnest: if scale < 1.0 { COARSE_STRANDS } else { Settings::default().thinnest },
             ..Settings::default()
         };
         let colours = wanted.measure.colours(&wanted.moment, wanted.previous.as_deref());

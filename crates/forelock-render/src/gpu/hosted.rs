@@ -72,7 +72,8 @@ pub(super) struct CurveData {
     bright: f32,
     grey: f32,
     has_colours: u32,
-    unused: u32,
+    /// The factor on its width.
+    detail: f32,
 }
 
 /// `Light` in `shade.wgsl`.
@@ -86,9 +87,9 @@ pub(super) struct LightData {
     right: [f32; 3],
     grid: u32,
     up: [f32; 3],
-    unused: u32,
+    side: u32,
     origin: [f32; 3],
-    unused_too: u32,
+    unused: u32,
 }
 
 /// Everything that the device needs to draw a scene.
@@ -138,9 +139,9 @@ impl Hosted {
         let view = View::new(&scene.camera, width, height);
         let grid = TileGrid::new(width, height);
         let solids = Solids::new(&scene.bodies, &view, grid)?;
-        let groups = Group::all(scene, settings);
+        let groups = Group::all(scene, settings, &view);
         let hair = HairArrays::new(&groups, settings.seed);
-        let lighting = Lighting::new(scene, &solids, &groups);
+        let lighting = Lighting::new(scene, &solids, &groups, [width, height]);
         let mut frame = FrameData {
             eye: view.eye.into(),
             focal: view.focal,
@@ -214,6 +215,10 @@ impl HairArrays {
                     *width = group.width(particles.start, i as f32, i as f32 / (count - 1) as f32);
                 }
                 for child in 0..group.children {
+                    let detail = group.detail(strand as u32, child);
+                    if detail == 0.0 {
+                        continue;
+                    }
                     let start = arrays.owners.len();
                     arrays.owners.resize(start + count as usize, arrays.curves.len() as u32);
                     let draws = group.draws(seed, strand as u32, child);
@@ -229,7 +234,7 @@ impl HairArrays {
                         bright: draws.bright,
                         grey: draws.grey,
                         has_colours: group.strands.colours.is_some().into(),
-                        unused: 0,
+                        detail,
                     });
                 }
             }
@@ -266,6 +271,7 @@ impl LightArrays {
                 let [right, up, _] = map.axes;
                 (data.right, data.up, data.origin) = (right.into(), up.into(), map.origin.into());
                 data.texel = map.texel();
+                data.side = map.side as u32;
                 data.heights = arrays.heights.len() as u32;
                 arrays.heights.extend(map.heights.iter().map(|height| height.max(LOWEST)));
             }
@@ -359,10 +365,10 @@ mod tests {
             open_start position_origin component_stride centre size tiles lit_each unused);
         has_layout("Frame", size_of::<FrameData>(), &frame);
         let curve = offsets!(CurveData: base first count start offset wave log_albedo tilt bright grey
-            has_colours unused);
+            has_colours detail);
         has_layout("Curve", size_of::<CurveData>(), &curve);
-        let light = offsets!(LightData: direction texel colour heights right grid up unused origin
-            unused_too);
+        let light = offsets!(LightData: direction texel colour heights right grid up side origin
+            unused);
         has_layout("Light", size_of::<LightData>(), &light);
     }
 

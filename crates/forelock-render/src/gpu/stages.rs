@@ -8,7 +8,6 @@ use crate::fibre::{FRESNEL_0, REMAINDER_POWER, ROUGHNESS, SCALE_TILT};
 use crate::hair::{FILTER_RADIUS, MAX_PIECES, PIECE_PX};
 use crate::lighting::EXTINCTION;
 use crate::raster::OPAQUE;
-use crate::shadow_map::SIDE as SHADOW_SIDE;
 
 /// Threads of a workgroup; in a tile, one a pixel.
 const THREADS: u32 = TILE * TILE;
@@ -157,13 +156,7 @@ fn constants() -> String {
         ("MAX_PIECES", MAX_PIECES),
         ("OPAQUE", OPAQUE),
     ];
-    let numbers = [
-        ("THREADS", THREADS),
-        ("TILE", TILE),
-        ("NONE", NONE),
-        ("PIECES_EACH", PIECES_EACH),
-        ("SHADOW_SIDE", SHADOW_SIDE as u32),
-    ];
+    let numbers = [("THREADS", THREADS), ("TILE", TILE), ("NONE", NONE), ("PIECES_EACH", PIECES_EACH)];
     let mut text = String::new();
     // Writing to a string cannot fail.
     for (name, value) in floats {

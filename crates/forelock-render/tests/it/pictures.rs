@@ -32,6 +32,7 @@ pub fn plain<'a>(strands: Vec<Strands<'a>>, bodies: Vec<Body<'a>>, ambient: f32)
         height: SIDE,
         width_scale: Some(1.0),
         children: Some(1),
+        thinnest: 0.0,
         ..Settings::default()
     };
     (scene, settings)
@@ -263,6 +264,39 @@ fn every_size_in_the_limits_is_drawn() {
     }
 }
 
+/// Many thin strands cover as much when fewer of them are drawn, and change little as they become
+/// fewer.
+#[test]
+fn fewer_strands_cover_as_much() {
+    let mut points = Vec::new();
+    for i in 0..20_000_u32 {
+        let place = |k: u32| (i.wrapping_mul(k) >> 8) as f32 / 16_777_216.0 - 0.5;
+        let at = Vec3::new(place(2_654_435_769), place(1_640_531_527), place(805_459_861)) * 0.1;
+        points.extend([at, at + Vec3::new(0.003, 0.01, 0.0)]);
+    }
+    let offsets: Vec<u32> = (0..=20_000).map(|i| 2 * i).collect();
+    let strands = Strands { width: 1e-5, ..Strands::new(&points, &offsets, HairColour::BLACK) };
+    let (scene, settings) = plain(vec![strands], Vec::new(), 0.0);
+    // A strand is a hundredth of a pixel wide.
+    let drawn = |thinnest: f32| render(&scene, &Settings { thinnest, ..settings }).unwrap();
+    let (all, some, few) = (drawn(0.0), drawn(0.03), drawn(0.08));
+    let area = covered(&all);
+    assert!(area > 500.0, "{area}");
+    assert_ne!(all, few);
+    for fewer in [&some, &few] {
+        assert!((covered(fewer) / area - 1.0).abs() < 0.03, "{} of {area}", covered(fewer));
+    }
+    let nearly = drawn(0.0805);
+    let pairs = few.rgba().iter().zip(nearly.rgba());
+    assert!(pairs.map(|(a, b)| a.abs_diff(*b)).max().unwrap() < 40);
+    // Close up nothing is left out.
+    let camera = Camera { eye: Vec3::Z * 0.07, ..scene.camera };
+    let close = Scene { camera, ..scene.clone() };
+    let [with, without] =
+        [1e-4, 0.0].map(|thinnest| render(&close, &Settings { thinnest, ..settings }).unwrap());
+    assert_eq!(with, without);
+}
+
 #[test]
 fn bad_input_is_named() {
     let (scene, settings) = plain(Vec::new(), Vec::new(), 1.0);
@@ -275,6 +309,7 @@ fn bad_input_is_named() {
     assert!(named(Settings { children: Some(0), ..settings }, "children"));
     assert!(named(Settings { width_scale: Some(f32::NAN), ..settings }, "width_scale"));
     assert!(named(Settings { exposure: 0.0, ..settings }, "exposure"));
+    assert!(named(Settings { thinnest: f32::NAN, ..settings }, "thinnest"));
 
     let blind = Scene { camera: Camera { eye: Vec3::ZERO, ..camera() }, ..scene.clone() };
     assert!(matches!(render(&blind, &settings), Err(RenderError::Camera(_))));

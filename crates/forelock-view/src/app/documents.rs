@@ -70,7 +70,7 @@ impl App {
 
     /// Loads what was `opened`, from `file`, while what is open stays there.
     pub(super) fn load(&mut self, ctx: &egui::Context, opened: Opened, file: Option<PathBuf>) {
-        let session = start(ctx, &opened, self.backend);
+        let session = start(ctx, &opened, self.backend, &self.drawing);
         self.message = None;
         drop_elsewhere(self.next.replace(Next { session, opened, file }));
     }

@@ -1,7 +1,10 @@
 //! The window's state, and what is where in it.
 
+use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
 
 use eframe::egui;
 use eframe::egui::{Key, Modifiers};
@@ -23,6 +26,9 @@ use crate::panel::play::PlayBar;
 use crate::panel::see::{self, Times};
 use crate::tools::Tool;
 use crate::viewport::{Done, Viewport};
+
+/// Time over which pictures are counted.
+const RATED: Duration = Duration::from_secs(3);
 
 /// What is said at the first start.
 const HINTS: [&str; 5] = [
@@ -59,10 +65,14 @@ pub struct App {
     /// The frames shown last, the newest at the end.
     recent: [Option<Arc<Moment>>; 2],
     artist: Artist,
+    /// Whether a picture is being drawn, after which the window is painted anew.
+    drawing: Arc<AtomicBool>,
     /// None while pictures are drawn by the CPU.
     gpu: Option<RenderState>,
     shown: Option<Shown>,
     pictures: u64,
+    /// When the pictures of the last seconds were shown.
+    shown_at: VecDeque<Instant>,
     viewport: Viewport,
     play: PlayBar,
     change: ChangePanel,
@@ -104,9 +114,10 @@ impl App {
         let of_gpu =
             gpu.as_ref().map(|own| (own.device.clone(), own.queue.clone(), own.adapter.get_info().name));
         let waker = ctx.clone();
-        let artist = Artist::start(of_gpu, move || waker.request_repaint());
+        let drawing = Arc::new(AtomicBool::new(false));
+        let artist = Artist::start(of_gpu, drawing.clone(), move || waker.request_repaint());
         let bounds = (glam::Vec3::splat(-0.2), glam::Vec3::splat(0.2));
-        let session = start(ctx, &opened, backend);
+        let session = start(ctx, &opened, backend, &drawing);
         let Opened { scene, cache } = opened;
         Self {
             session,
@@ -118,9 +129,11 @@ impl App {
             file: None,
             hair: scene.hair.clone(),
             artist,
+            drawing,
             gpu,
             shown: None,
             pictures: 0,
+            shown_at: VecDeque::new(),
             viewport: Viewport::new(Orbit::framing(bounds, 0.5, 0.1)),
             play: PlayBar::new(scene.time.frames),
             change: ChangePanel::default(),
@@ -344,9 +357,22 @@ impl App {
                     (None, false) => "paused".to_owned(),
                 };
                 ui.weak(text);
-                ui.weak(format!("· simulated by {} · drawn by {}", status.device, self.artist.device));
+                ui.weak(format!("· simulated by {} · {}", status.device, self.drawn_by()));
             }
         });
+    }
+
+    /// What draws, and how often in the last seconds.
+    fn drawn_by(&mut self) -> String {
+        let is_old = |at: &Instant| at.elapsed() > RATED;
+        while self.shown_at.front().is_some_and(is_old) {
+            self.shown_at.pop_front();
+        }
+        let device = &self.artist.device;
+        let why = if self.gpu.is_none() { ", for there is no graphics card" } else { "" };
+        let rate = self.shown_at.len() as f32 / RATED.as_secs_f32();
+        let rate = if rate >= 1.0 { format!(": {rate:.0} pictures a second") } else { String::new() };
+        format!("drawn by {device}{why}{rate}")
     }
 
     fn tools(&mut self, ui: &mut egui::Ui) {
@@ -374,6 +400,13 @@ impl App {
     }
 
     fn parameters(&mut self, ui: &mut egui::Ui, status: &Status, moment: Option<&Moment>) {
+        if let Some(cache) = &self.cache {
+            ui.label(format!("{} is played back. Open its scene to change it.", cache.display()));
+        }
+        egui::CollapsingHeader::new("Colours").show(ui, |ui| {
+            see::measures(ui, &mut self.measure);
+            see::colours(ui, &mut self.hair);
+        });
         if let Some(parameters) = &status.parameters {
             let before = status.undo;
             if let Some(message) = self.change.show(ui, &self.session, parameters) {
@@ -384,13 +417,6 @@ impl App {
                 self.changes += 1;
             }
         }
-        if let Some(cache) = &self.cache {
-            ui.label(format!("{} is played back. Open its scene to change it.", cache.display()));
-        }
-        egui::CollapsingHeader::new("Colours").show(ui, |ui| {
-            see::measures(ui, &mut self.measure);
-            see::colours(ui, &mut self.hair);
-        });
         egui::CollapsingHeader::new("Times").show(ui, |ui| self.times.show(ui));
         egui::CollapsingHeader::new("Numbers").show(ui, |ui| {
             if let Some(moment) = moment {
@@ -464,6 +490,7 @@ impl App {
         };
         self.shown = Some(shown);
         self.pictures += 1;
+        self.shown_at.push_back(Instant::now());
     }
 
     fn keys(&mut self, ctx: &egui::Context, status: &Status, moment: Option<&Moment>) {
@@ -521,9 +548,14 @@ impl eframe::App for App {
     }
 }
 
-fn start(ctx: &egui::Context, opened: &Opened, backend: Backend) -> Session {
-    let waker = ctx.clone();
-    let wake = move || waker.request_repaint();
+/// Starts a session. Its news repaint the window, but not while `drawing`: the next picture does.
+fn start(ctx: &egui::Context, opened: &Opened, backend: Backend, drawing: &Arc<AtomicBool>) -> Session {
+    let (waker, drawing) = (ctx.clone(), drawing.clone());
+    let wake = move || {
+        if !drawing.load(Ordering::Acquire) {
+            waker.request_repaint();
+        }
+    };
     match opened.cache.clone() {
         Some(cache) => Session::play_back(cache, opened.scene.clone(), wake),
         None => Session::start(opened.scene.clone(), backend, wake),

@@ -60,7 +60,8 @@ struct Curve {
     bright: f32,
     grey: f32,
     has_colours: u32,
-    unused: u32,
+    // The factor on its width.
+    detail: f32,
 }
 
 // The number of an invocation of a dispatch in two dimensions.

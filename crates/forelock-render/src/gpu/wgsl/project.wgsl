@@ -29,5 +29,5 @@ fn project(
     let scale = frame.focal * nearness;
     let x = frame.centre.x + dot(offset, frame.right) * scale;
     let y = frame.centre.y - dot(offset, frame.up) * scale;
-    points[point] = vec4f(x, y, nearness, 0.5 * widths[curve.first + i] * scale);
+    points[point] = vec4f(x, y, nearness, 0.5 * curve.detail * widths[curve.first + i] * scale);
 }

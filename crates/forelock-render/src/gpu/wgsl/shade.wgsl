@@ -10,9 +10,10 @@ struct Light {
     // The first value of its grid in `grids`, or NONE.
     grid: u32,
     up: vec3f,
-    unused: u32,
+    // Texels along a side of its shadow map.
+    side: u32,
     origin: vec3f,
-    unused_too: u32,
+    unused: u32,
 }
 
 @group(0) @binding(5) var<storage, read> albedos: array<vec4f>;
@@ -42,14 +43,14 @@ fn visibility(light: Light, point: vec3f) -> f32 {
     let offset = point - light.origin;
     let p = vec3f(dot(offset, light.right), dot(offset, light.up), 0.0) / light.texel;
     let height = dot(offset, light.direction);
-    if min(p.x, p.y) < 1.0 || max(p.x, p.y) > f32(SHADOW_SIDE) - 2.0 {
+    if min(p.x, p.y) < 1.0 || max(p.x, p.y) > f32(light.side) - 2.0 {
         return 1.0;
     }
     let corner = vec2u(p.xy - 0.5);
     let f = p.xy - 0.5 - vec2f(corner);
-    let first = light.heights + corner.y * SHADOW_SIDE + corner.x;
+    let first = light.heights + corner.y * light.side + corner.x;
     let lower = vec2f(vec2<bool>(heights[first] <= height, heights[first + 1u] <= height));
-    let next = first + SHADOW_SIDE;
+    let next = first + light.side;
     let upper = vec2f(vec2<bool>(heights[next] <= height, heights[next + 1u] <= height));
     return mix(mix(lower.x, lower.y, f.x), mix(upper.x, upper.y, f.x), f.y);
 }
