@@ -4,7 +4,8 @@
 //! cargo run --release -p forelock-render --example presets -- FOLDER [PRESET …]
 //! ```
 //!
-//! writes one sheet for each preset, `FOLDER/PRESET.png`, or for the presets named.
+//! writes one sheet for each preset, `FOLDER/PRESET.png`, or for the presets named. Without names
+//! it writes one picture of all as well, `FOLDER/presets.jpg`.
 //! `STRANDS`, `SEED` and `SIZE` in the environment change the number of strands, the seed and the
 //! side of a picture in pixels.
 
@@ -97,7 +98,7 @@ fn gallery(folder: &str) -> Result<(), Box<dyn std::error::Error>> {
         pictures.push((draw(&groom, camera)?, name));
     }
     let pictures: Vec<_> = pictures.iter().map(|(image, label)| Labelled { image, label }).collect();
-    Ok(std::fs::write(Path::new(folder).join("presets.png"), contact_sheet(&pictures, 3)?.to_png()?)?)
+    Ok(std::fs::write(Path::new(folder).join("presets.jpg"), contact_sheet(&pictures, 3)?.to_jpeg()?)?)
 }
 
 fn number(variable: &str) -> Result<Option<u32>, std::num::ParseIntError> {

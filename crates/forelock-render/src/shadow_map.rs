@@ -22,9 +22,9 @@ pub(crate) struct ShadowMap {
 const BLOCK: usize = 8;
 
 impl ShadowMap {
-    /// The map of `triangles` for light from the direction `to_light`, with `side` texels along each
-    /// side, a multiple of eight. The triangles are in world space and inside the sphere `centre`,
-    /// `radius`.
+    /// The map of `triangles` for light from the direction `to_light`, with `side` texels along
+    /// each side, a multiple of eight. The triangles are in world space and inside the sphere
+    /// `centre`, `radius`.
     pub fn new(
         triangles: impl Iterator<Item = [Vec3; 3]>,
         to_light: Vec3,

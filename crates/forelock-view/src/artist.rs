@@ -66,8 +66,8 @@ pub struct Drawn {
     pub picture: Picture,
     /// Milliseconds that it took.
     pub ms: f32,
-    /// Pixels in x and y.
-    pub size: [u32; 2],
+    /// Whether it has as many pixels as were wanted.
+    pub is_whole: bool,
     /// What is to be known: strands that are missing in the picture.
     pub note: Option<String>,
 }
@@ -203,7 +203,7 @@ impl Hand {
             let done = catch_unwind(AssertUnwindSafe(|| self.draw(&wanted, in_full)));
             let done = done
                 .unwrap_or_else(|_| Err("an error of the program in a picture; please report it".to_owned()));
-            if done.as_ref().is_ok_and(|drawn| drawn.size != wanted.size) && !wanted.moves {
+            if done.as_ref().is_ok_and(|drawn| !drawn.is_whole) && !wanted.moves {
                 coarse = Some(wanted);
             }
             *lock(drawn) = Some(done);
@@ -250,7 +250,7 @@ impl Hand {
             let change = (AIM_MS / ms.max(1.0)).sqrt().clamp(0.7, 1.3);
             self.scale = (self.scale * change).clamp(COARSEST, 1.0);
         }
-        Ok(Drawn { picture, ms, size, note })
+        Ok(Drawn { picture, ms, is_whole: size == wanted.size, note })
     }
 }
 

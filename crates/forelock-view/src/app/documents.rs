@@ -233,12 +233,18 @@ impl App {
             }
             return;
         }
-        let is_due = wanted.started.elapsed().as_secs_f64() >= wanted.at_secs;
-        if is_due && !wanted.asked && status.phase != Phase::Loading {
+        let left = wanted.at_secs - wanted.started.elapsed().as_secs_f64();
+        // A picture of what stands still has all its pixels.
+        if left <= 0.0 && status.playing {
+            self.session.play(false);
+        }
+        let is_whole = !status.playing && self.shown.as_ref().is_some_and(|shown| shown.is_whole);
+        let can_be_taken = is_whole || status.phase == Phase::Failed;
+        if left <= 0.0 && can_be_taken && !wanted.asked && status.phase != Phase::Loading {
             wanted.asked = true;
             ctx.send_viewport_cmd(egui::ViewportCommand::Screenshot(egui::UserData::default()));
         }
-        ctx.request_repaint_after_secs(0.1);
+        ctx.request_repaint_after_secs(left.max(0.1) as f32);
     }
 }
 

@@ -45,6 +45,8 @@ struct Shown {
     /// Keeps the texture of a picture by the CPU.
     handle: Option<egui::TextureHandle>,
     ms: f32,
+    /// Whether it has as many pixels as its place.
+    is_whole: bool,
 }
 
 /// The device of the window.
@@ -469,10 +471,11 @@ impl App {
         if let Some(note) = drawn.note {
             self.message = Some((note, false));
         }
+        let is_whole = drawn.is_whole;
         let shown = match (drawn.picture, &self.gpu) {
             (Picture::Image(image), _) => {
                 let handle = ctx.load_texture("picture", image, egui::TextureOptions::LINEAR);
-                Shown { id: handle.id(), handle: Some(handle), ms: drawn.ms }
+                Shown { id: handle.id(), handle: Some(handle), ms: drawn.ms, is_whole }
             }
             (Picture::Texture(view), Some(gpu)) => {
                 let mut renderer = gpu.renderer.write();
@@ -484,7 +487,7 @@ impl App {
                     }
                     _ => renderer.register_native_texture(&gpu.device, &view, filter),
                 };
-                Shown { id, handle: None, ms: drawn.ms }
+                Shown { id, handle: None, ms: drawn.ms, is_whole }
             }
             (Picture::Texture(_), None) => return,
         };
