@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use anyhow::bail;
 use forelock::{Assets, GpuPainter, Scene, Studio, write_picture};
-use forelock_core::groom::Groom;
 use forelock_io::Cache;
 
 use crate::arguments::{BenchBackend, RenderArgs};
@@ -23,11 +22,10 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
         (scene, assets)
     } else {
         let scene = Scene::beside(input, &super::overrides(&arguments.sets)?)?;
-        let groom = match Cache::open(input) {
-            Ok(opened) => first_frame(cache.insert(opened))?,
-            Err(_) => forelock_io::read_groom(input, &scene.groom.import())?.groom,
+        let assets = match Cache::open(input) {
+            Ok(opened) => Assets::of_cache(&scene, cache.insert(opened))?,
+            Err(_) => Assets::around(&scene, forelock_io::read_groom(input, &scene.groom.import())?.groom)?,
         };
-        let assets = Assets::around(&scene, groom)?;
         (scene, assets)
     };
     let painter = match arguments.backend {
@@ -64,12 +62,6 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
         None => write_picture(&out, &studio.picture(assets.groom.positions(), 0.0, 1.0)?)?,
     }
     terminal::line(out.display().to_string())
-}
-
-fn first_frame(cache: &mut Cache) -> anyhow::Result<Groom> {
-    let mut positions = Vec::new();
-    cache.read_frame(0, &mut positions)?;
-    Ok(Groom::new(positions, cache.strand_offsets().to_vec())?)
 }
 
 fn default_name(arguments: &RenderArgs) -> PathBuf {

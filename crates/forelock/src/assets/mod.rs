@@ -19,11 +19,13 @@ use forelock_core::groom::edit::{Edit, EditError, EditReport};
 use forelock_core::groom::{Groom, SkinnedRoots};
 use forelock_core::meter::Meter;
 use forelock_core::pose::Pose;
+use forelock_io::Cache;
 use forelock_neural::model::Model;
 use glam::DVec3;
 
 use crate::hash::Fnv;
 use crate::neural;
+use crate::pictures::frame_time_secs;
 use crate::progress::{Observer, Progress, watch};
 use crate::scalp;
 use crate::scene::{
@@ -283,6 +285,23 @@ impl Assets {
             model,
             scalp: OnceLock::new(),
         })
+    }
+
+    /// What `scene` names around the strands of `cache`, that of a run of it: they are at rest in
+    /// its first frame. Nothing collides. For pictures.
+    ///
+    /// # Errors
+    /// [`AssetError`] if a file cannot be used.
+    pub fn of_cache(scene: &Scene, cache: &mut Cache) -> Result<Self, AssetError> {
+        let mut positions = Vec::new();
+        cache.read_frame(0, &mut positions)?;
+        let offsets = cache.strand_offsets().to_vec();
+        let mut assets = Self::around(scene, Groom::new(positions.clone(), offsets.clone())?)?;
+        // A cache is in world space, a groom in the body's.
+        let back = assets.head_pose(frame_time_secs(scene, cache, 0)).inverse();
+        positions.iter_mut().for_each(|x| *x = back.transform_point(x.as_dvec3()).as_vec3());
+        assets.groom = Groom::new(positions, offsets)?;
+        Ok(assets)
     }
 
     /// The motion of what carries `groom`, and what the body plays if it bends.

@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use forelock_core::frame::FrameReport;
-use forelock_core::groom::Groom;
 use forelock_io::Cache;
 use glam::Vec3;
 
@@ -28,11 +27,7 @@ impl Recording {
     /// Opens the cache at `path` that a run of `scene` wrote.
     pub fn open(path: PathBuf, scene: Scene) -> Result<Self, String> {
         let mut cache = Cache::open(&path).map_err(|error| error.to_string())?;
-        let mut positions = Vec::new();
-        cache.read_frame(0, &mut positions).map_err(|error| error.to_string())?;
-        let groom =
-            Groom::new(positions, cache.strand_offsets().to_vec()).map_err(|error| error.to_string())?;
-        let assets = Assets::around(&scene, groom).map_err(|error| error.to_string())?;
+        let assets = Assets::of_cache(&scene, &mut cache).map_err(|error| error.to_string())?;
         Ok(Self { path, cache, scene, assets: Arc::new(assets), frame: 0 })
     }
 
