@@ -120,7 +120,8 @@ impl PathDialog {
                 field.request_focus();
             }
             let is_entered = field.lost_focus() && ui.input(|input| input.key_pressed(egui::Key::Enter));
-            self.list.show(ui, &mut self.path);
+            // What is typed next goes on from there.
+            self.is_fresh |= self.list.show(ui, &mut self.path);
             ui.horizontal(|ui| {
                 let ok = ui.add_enabled(!self.path.trim().is_empty(), egui::Button::new("OK"));
                 if ok.clicked() || (is_entered && !self.path.trim().is_empty()) {
@@ -147,8 +148,9 @@ struct List {
 }
 
 impl List {
-    /// Draws the names that go on with what is written in `path`; a click writes one there.
-    fn show(&mut self, ui: &mut egui::Ui, path: &mut String) {
+    /// Draws the names that go on with what is written in `path`; a click writes one there. Returns
+    /// whether it did.
+    fn show(&mut self, ui: &mut egui::Ui, path: &mut String) -> bool {
         let (folder, begun) = match path.rsplit_once(std::path::is_separator) {
             Some((folder, begun)) => (PathBuf::from(format!("{folder}/")), begun.to_lowercase()),
             None => (PathBuf::from("."), path.to_lowercase()),
@@ -162,8 +164,10 @@ impl List {
         let goes_on = |name: &&String| is_whole || name.to_lowercase().starts_with(&begun);
         let mut chosen = None;
         egui::ScrollArea::vertical().max_height(180.0).auto_shrink([false, true]).show(ui, |ui| {
-            if folder.parent().is_some() && ui.selectable_label(false, "../").clicked() {
-                chosen = folder.parent().map(|parent| parent.join(""));
+            let above = std::path::absolute(&folder).ok();
+            let above = above.as_deref().and_then(Path::parent).map(|parent| parent.join(""));
+            if above.is_some() && ui.selectable_label(false, "../").clicked() {
+                chosen = above;
             }
             for name in self.names.iter().filter(goes_on) {
                 if ui.selectable_label(name.to_lowercase() == begun, name).clicked() {
@@ -171,9 +175,11 @@ impl List {
                 }
             }
         });
+        let is_chosen = chosen.is_some();
         if let Some(chosen) = chosen {
             *path = chosen.display().to_string();
         }
+        is_chosen
     }
 }
 

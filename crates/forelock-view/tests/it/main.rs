@@ -298,6 +298,13 @@ fn a_dialog_lists_the_folder() {
     window.harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
     window.harness.event(Event::Text(format!("{}/", folder.path().display())));
     window.harness.run_steps(2);
+    // Up, and back.
+    window.harness.get_by_label("listed.toml");
+    window.click("../");
+    assert!(window.harness.query_by_label("listed.toml").is_none());
+    window.harness.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.harness.event(Event::Text(format!("{}/", folder.path().display())));
+    window.harness.run_steps(2);
     window.click("listed.toml");
     window.click("OK");
     window.until("it is open", |app| {
