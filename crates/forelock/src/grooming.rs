@@ -150,7 +150,7 @@ struct Darkroom<'a> {
 
 impl Darkroom<'_> {
     fn picture(&mut self, groom: Groom, yaw_degrees: f64, scale: f64) -> Result<Image, RunError> {
-        self.assets.groom = groom;
+        self.assets.replace_groom(groom);
         let studio = Studio::new(self.scene, &self.assets).at(self.camera);
         Ok(studio.from_side(yaw_degrees).picture(self.assets.groom.positions(), 0.0, scale)?)
     }

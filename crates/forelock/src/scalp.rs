@@ -9,7 +9,6 @@ use std::collections::HashMap;
 
 use forelock_core::groom::Groom;
 use glam::{IVec3, Vec3};
-use rayon::prelude::*;
 
 /// The weight of roots that the neighbourhood of a root must hold.
 const ENOUGH: f32 = 5.0;
@@ -75,7 +74,8 @@ pub(crate) fn cover(vertices: &[Vec3], groom: &Groom) -> Vec<f32> {
         let t = ((found.density(at) / usual - EDGE[0]) / (EDGE[1] - EDGE[0])).clamp(0.0, 1.0);
         t * t * (3.0 - 2.0 * t)
     };
-    vertices.par_iter().map(share).collect()
+    // Not in parallel: this runs within parallel loops over pictures, which wait for the first one.
+    vertices.iter().map(share).collect()
 }
 
 #[cfg(test)]

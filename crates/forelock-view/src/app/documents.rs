@@ -90,7 +90,7 @@ impl App {
                 drop_elsewhere(std::mem::replace(&mut self.session, session));
                 self.viewport.forget();
                 self.hair = scene.hair.clone();
-                self.play = PlayBar::new(scene.time.frames);
+                self.play = PlayBar::new(if cache.is_some() { u32::MAX } else { scene.time.frames });
                 self.change = ChangePanel::default();
                 self.times = Times::default();
                 (self.framed, self.changes, self.saved) = (false, 0, 0);
@@ -235,11 +235,13 @@ impl App {
         }
         let left = wanted.at_secs - wanted.started.elapsed().as_secs_f64();
         // A picture of what stands still has all its pixels.
-        if left <= 0.0 && status.playing {
+        if left <= 0.0 && closes && status.playing {
             self.session.play(false);
         }
         let is_whole = !status.playing && self.shown.as_ref().is_some_and(|shown| shown.is_whole);
-        let can_be_taken = is_whole || status.phase == Phase::Failed;
+        // The user's own is taken as it is, and an error is to be seen too.
+        let has_failed = self.message.as_ref().is_some_and(|(_, is_error)| *is_error);
+        let can_be_taken = is_whole || !closes || has_failed || status.phase == Phase::Failed;
         if left <= 0.0 && can_be_taken && !wanted.asked && status.phase != Phase::Loading {
             wanted.asked = true;
             ctx.send_viewport_cmd(egui::ViewportCommand::Screenshot(egui::UserData::default()));

@@ -121,6 +121,7 @@ impl App {
         let bounds = (glam::Vec3::splat(-0.2), glam::Vec3::splat(0.2));
         let session = start(ctx, &opened, backend, &drawing);
         let Opened { scene, cache } = opened;
+        let frames = if cache.is_some() { u32::MAX } else { scene.time.frames };
         Self {
             session,
             cache,
@@ -137,7 +138,7 @@ impl App {
             pictures: 0,
             shown_at: VecDeque::new(),
             viewport: Viewport::new(Orbit::framing(bounds, 0.5, 0.1)),
-            play: PlayBar::new(scene.time.frames),
+            play: PlayBar::new(frames),
             change: ChangePanel::default(),
             times: Times::default(),
             hints: true,
@@ -366,10 +367,7 @@ impl App {
 
     /// What draws, and how often in the last seconds.
     fn drawn_by(&mut self) -> String {
-        let is_old = |at: &Instant| at.elapsed() > RATED;
-        while self.shown_at.front().is_some_and(is_old) {
-            self.shown_at.pop_front();
-        }
+        self.shown_at.retain(|at| at.elapsed() <= RATED);
         let device = &self.artist.device;
         let why = if self.gpu.is_none() { ", for there is no graphics card" } else { "" };
         let rate = self.shown_at.len() as f32 / RATED.as_secs_f32();
@@ -493,6 +491,7 @@ impl App {
         };
         self.shown = Some(shown);
         self.pictures += 1;
+        self.shown_at.retain(|at| at.elapsed() <= RATED);
         self.shown_at.push_back(Instant::now());
     }
 

@@ -353,10 +353,14 @@ impl Assets {
 
     /// The vertices of the built-in head for each of the body's, if its face is that head's.
     pub(crate) fn face(&self) -> Option<&'static [glam::Vec3]> {
+        let body = self.body.as_ref().filter(|body| body.has_face)?;
         let head = &Head::builtin().mesh.positions;
-        let has_it =
-            self.body.as_ref().is_some_and(|body| body.has_face && body.mesh.positions.len() == head.len());
-        has_it.then_some(head)
+        (body.mesh.positions.len() == head.len()).then_some(head)
+    }
+
+    /// Takes `groom` in place of the strands that there are, for pictures.
+    pub(crate) fn replace_groom(&mut self, groom: Groom) {
+        (self.groom, self.scalp) = (groom, OnceLock::new());
     }
 
     /// The share to which hair covers each vertex of the body, computed at the first call.

@@ -161,6 +161,9 @@ impl<'a, S: Source> Worker<'a, S> {
     fn carry_out(&mut self, order: Order) {
         match order {
             Order::Play(on) => {
+                if on && self.source.is_at_end() {
+                    self.attempt("starting again", |source| source.seek(0));
+                }
                 (self.playing, self.due) = (on, Instant::now());
                 self.ends.clear();
                 self.tell();
