@@ -40,7 +40,7 @@ pub(crate) struct Lighting {
 
 impl Lighting {
     /// The lights of `scene`, for a picture of `size` pixels.
-    pub fn new(scene: &Scene<'_>, solids: &Solids, groups: &[Group<'_>], size: [u32; 2]) -> Self {
+    pub fn new(scene: &Scene<'_>, solids: &Solids<'_>, groups: &[Group<'_>], size: [u32; 2]) -> Self {
         let short = size[0].min(size[1]);
         let cells = (short / 4).clamp(SHADOW_CELLS[0], SHADOW_CELLS[1]);
         let map_side = short.clamp(MAP_SIDES[0], MAP_SIDES[1]).next_multiple_of(8) as usize;
@@ -180,7 +180,7 @@ fn deposit_hair(groups: &[Group<'_>], deposits: &Deposits, most: usize) {
 }
 
 /// Adds the surfaces of bodies, opaque from both sides.
-fn deposit_solids(solids: &Solids, deposits: &Deposits) {
+fn deposit_solids(solids: &Solids<'_>, deposits: &Deposits) {
     let cell = deposits.layout.cell;
     (0..solids.triangles.len()).into_par_iter().for_each(|triangle| {
         let [a, b, c] = solids.corners(triangle);

@@ -42,7 +42,7 @@ pub(crate) struct Frame<'a> {
     pub settings: Settings,
     pub view: View,
     pub backdrop: Backdrop,
-    pub solids: Solids,
+    pub solids: Solids<'a>,
     pub hair: Hair<'a>,
     pub lighting: Lighting,
 }

@@ -17,16 +17,11 @@ pub(crate) struct ScreenTriangle {
 
 /// All bodies of a scene in world space.
 #[derive(Debug, Default)]
-pub(crate) struct Solids {
+pub(crate) struct Solids<'a> {
     pub positions: Vec<Vec3>,
     pub normals: Vec<Vec3>,
     pub triangles: Vec<[u32; 3]>,
-    /// For each body, the end of its range of triangles, and how it looks.
-    looks: Vec<(u32, Looks)>,
-    /// Points on the built-in head, of the vertices of bodies that have its face; any others.
-    rest: Vec<Vec3>,
-    /// How far each vertex has the colour of the hair, 0–1.
-    scalp: Vec<f32>,
+    bodies: Vec<Range<'a>>,
     pub screen: Vec<ScreenTriangle>,
     pub bins: Bins,
 }
@@ -42,18 +37,18 @@ pub(crate) struct SurfacePoint {
     pub polish: f32,
 }
 
-/// How a body looks.
-#[derive(Clone, Copy, Debug)]
-struct Looks {
-    colour: Vec3,
-    /// The albedo of the brows, if there is a face.
-    brows: Option<Vec3>,
-    /// The albedo of the hair on it.
-    hair: Vec3,
+/// What is a body's.
+#[derive(Debug)]
+struct Range<'a> {
+    body: Body<'a>,
+    /// The end of its triangles.
+    end: u32,
+    /// Its first vertex.
+    first: u32,
 }
 
-impl Solids {
-    pub fn new(bodies: &[Body<'_>], view: &View, tiles: TileGrid) -> Result<Self, RenderError> {
+impl<'a> Solids<'a> {
+    pub fn new(bodies: &[Body<'a>], view: &View, tiles: TileGrid) -> Result<Self, RenderError> {
         let mut solids = Self::default();
         for (index, body) in bodies.iter().enumerate() {
             let vertices = body.mesh.positions.len();
@@ -95,24 +90,14 @@ impl Solids {
         Ok(solids)
     }
 
-    fn append(&mut self, body: &Body<'_>) {
-        let base = self.positions.len() as u32;
+    fn append(&mut self, body: &Body<'a>) {
+        let first = self.positions.len() as u32;
         let place = |p: &Vec3| body.pose.transform_point(p.as_dvec3()).as_vec3();
         let turn = |n: Vec3| body.pose.transform_vector(DVec3::from(n)).as_vec3();
         self.positions.extend(body.mesh.positions.iter().map(place));
         self.normals.extend(body.mesh.vertex_normals().into_iter().map(turn));
-        self.triangles.extend(body.mesh.triangles.iter().map(|t| t.map(|v| v + base)));
-        self.rest.extend(body.face.map_or(&*body.mesh.positions, |face| face.rest));
-        match body.scalp {
-            Some(scalp) => self.scalp.extend(scalp.shares),
-            None => self.scalp.resize(self.positions.len(), 0.0),
-        }
-        let looks = Looks {
-            colour: body.colour,
-            brows: body.face.map(|face| face.brows),
-            hair: body.scalp.map_or(Vec3::ZERO, |scalp| scalp.colour),
-        };
-        self.looks.push((self.triangles.len() as u32, looks));
+        self.triangles.extend(body.mesh.triangles.iter().map(|t| t.map(|v| v + first)));
+        self.bodies.push(Range { body: *body, end: self.triangles.len() as u32, first });
     }
 
     pub fn corners(&self, triangle: usize) -> [Vec3; 3] {
@@ -135,14 +120,18 @@ impl Solids {
         let v = unit((a - c).cross(point - c).dot(flat) / twice_area).min(1.0 - u);
         let [na, nb, nc] = triangle.map(|v| self.normals[v as usize]);
         let normal = (na * u + nb * v + nc * (1.0 - u - v)).normalize_or(flat.normalize_or(Vec3::Y));
-        let body = self.looks.partition_point(|&(end, _)| end <= source);
-        let looks = &self.looks[body].1;
-        let [sa, sb, sc] = triangle.map(|v| self.scalp[v as usize]);
-        let skin = looks.colour.lerp(looks.hair, unit(sa * u + sb * v + sc * (1.0 - u - v)));
-        let (albedo, polish) = match looks.brows {
-            Some(brows) => {
-                let [ra, rb, rc] = triangle.map(|v| self.rest[v as usize]);
-                face::paint(ra * u + rb * v + rc * (1.0 - u - v), skin, brows)
+        let body = self.bodies.partition_point(|body| body.end <= source);
+        let Range { body, first, .. } = &self.bodies[body];
+        let own = triangle.map(|v| (v - first) as usize);
+        let mut skin = body.colour;
+        if let Some(scalp) = body.scalp {
+            let [a, b, c] = own.map(|v| scalp.shares[v]);
+            skin = skin.lerp(scalp.colour, unit(a * u + b * v + c * (1.0 - u - v)));
+        }
+        let (albedo, polish) = match body.face {
+            Some(face) => {
+                let [a, b, c] = own.map(|v| face.rest[v]);
+                face::paint(a * u + b * v + c * (1.0 - u - v), skin, face.brows)
             }
             None => (skin, face::SKIN),
         };

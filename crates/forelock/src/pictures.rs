@@ -316,21 +316,16 @@ pub(crate) fn strands<'a>(section: &HairSection, groom: &'a Groom, positions: &'
 /// `body`, that of `assets`, in the colours of `section`.
 pub(crate) fn dressed<'a>(section: &HairSection, assets: &'a Assets, body: Body<'a>) -> Body<'a> {
     let hide = HairColour::by_name(&section.body_colour).map(|hair| hair.albedo());
-    let hair = assets.groom.colours.as_deref().and_then(mean).unwrap_or_else(|| colour(section).albedo());
+    let cover = assets.cover();
+    let hair = cover.and_then(|cover| cover.colour).unwrap_or_else(|| colour(section).albedo());
     let shade = SCALP * hair + (1.0 - SCALP) * Body::CLAY;
     Body {
         colour: hide.unwrap_or(Body::CLAY),
         face: assets.face().map(|rest| Face { rest, brows: hair }),
         // A hide has the colour of hair everywhere.
-        scalp: hide.is_none().then(|| Scalp { shares: assets.scalp(), colour: shade }),
+        scalp: cover.filter(|_| hide.is_none()).map(|cover| Scalp { shares: &cover.shares, colour: shade }),
         ..body
     }
-}
-
-/// The mean of colours, linear RGB; none if there are none.
-fn mean(colours: &[[f32; 3]]) -> Option<Vec3> {
-    let sum: Vec3 = colours.iter().map(|&colour| Vec3::from(colour)).sum();
-    (!colours.is_empty()).then(|| sum / colours.len() as f32)
 }
 
 fn colour(section: &HairSection) -> HairColour {

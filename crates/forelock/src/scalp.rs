@@ -8,7 +8,7 @@
 use std::collections::HashMap;
 
 use forelock_core::groom::Groom;
-use glam::{IVec3, Vec3};
+use glam::{DVec3, IVec3, Vec3};
 
 /// The weight of roots that the neighbourhood of a root must hold.
 const ENOUGH: f32 = 5.0;
@@ -38,6 +38,14 @@ impl Roots {
         (at / self.radius).floor().as_ivec3()
     }
 
+    /// The median of the densities at some of `roots`; 0 if there are none.
+    fn median_density(&self, roots: &[Vec3]) -> f32 {
+        let every = roots.len().div_ceil(SAMPLES).max(1);
+        let mut densities: Vec<f32> = roots.iter().step_by(every).map(|&root| self.density(root)).collect();
+        densities.sort_unstable_by(f32::total_cmp);
+        densities.get(densities.len() / 2).copied().unwrap_or(0.0)
+    }
+
     /// The sum of (1 − d²/r²)² over all roots at distances d below the radius r.
     fn density(&self, at: Vec3) -> f32 {
         let middle = self.cell(at);
@@ -48,23 +56,36 @@ impl Roots {
     }
 }
 
-/// The share, 0 to 1, to which hair covers each of `vertices`, metres in the space of `groom`.
-pub(crate) fn cover(vertices: &[Vec3], groom: &Groom) -> Vec<f32> {
+/// How hair covers a body.
+#[derive(Debug)]
+pub(crate) struct Cover {
+    /// The share of each vertex that is covered, 0 to 1.
+    pub shares: Vec<f32>,
+    /// The mean colour of the hair, linear RGB, if the groom has colours.
+    pub colour: Option<Vec3>,
+}
+
+impl Cover {
+    /// That of `vertices` by `groom`, metres in the same space.
+    pub fn new(vertices: &[Vec3], groom: &Groom) -> Self {
+        let colours = groom.colours.as_deref().filter(|colours| !colours.is_empty());
+        let mean = |colours: &[[f32; 3]]| {
+            let sum: DVec3 = colours.iter().map(|&colour| Vec3::from(colour).as_dvec3()).sum();
+            (sum / colours.len() as f64).as_vec3()
+        };
+        Self { shares: shares(vertices, groom), colour: colours.map(mean) }
+    }
+}
+
+fn shares(vertices: &[Vec3], groom: &Groom) -> Vec<f32> {
     let roots = groom.strands().filter_map(|strand| strand.first().copied());
     let roots: Vec<Vec3> = roots.filter(|root| root.is_finite()).collect();
-    let (mut radius, mut found);
-    let mut usual = 0.0;
-    radius = RADII[0];
-    loop {
-        found = Roots::new(&roots, radius);
-        let every = roots.len().div_ceil(SAMPLES).max(1);
-        let mut densities: Vec<f32> = roots.iter().step_by(every).map(|&root| found.density(root)).collect();
-        densities.sort_unstable_by(f32::total_cmp);
-        usual = densities.get(densities.len() / 2).copied().unwrap_or(usual);
-        if usual >= ENOUGH || radius >= RADII[1] {
-            break;
-        }
+    let mut radius = RADII[0];
+    let (mut found, mut usual) = (Roots::new(&roots, radius), 0.0);
+    while radius < RADII[1] && usual < ENOUGH {
         radius *= 1.3;
+        found = Roots::new(&roots, radius);
+        usual = found.median_density(&roots);
     }
     // A root is its own neighbour; single strands do not make a scalp.
     if usual < 2.0 {
@@ -89,7 +110,7 @@ mod tests {
         let head = Head::builtin();
         for strands in [300, 6000] {
             let groom = grow_on_head(&GrowParams { strands, ..GrowParams::preset("wavy")? })?;
-            let cover = cover(&head.mesh.positions, &groom);
+            let cover = Cover::new(&head.mesh.positions, &groom).shares;
             let mean = |inside: bool| {
                 let own = cover.iter().zip(head.weights(Region::Scalp));
                 let own = own.filter(|(_, w)| if inside { **w > 0.95 } else { **w == 0.0 });
@@ -107,7 +128,7 @@ mod tests {
     fn single_strands_and_none_cover_nothing() -> Result<(), Box<dyn std::error::Error>> {
         let strand = vec![vec![Vec3::ZERO, Vec3::Y]];
         let lonely = Groom::from_strands(&strand)?;
-        assert_eq!(cover(&[Vec3::ZERO], &lonely), [0.0]);
+        assert_eq!(Cover::new(&[Vec3::ZERO], &lonely).shares, [0.0]);
         Ok(())
     }
 }

@@ -86,11 +86,12 @@ impl App {
                 drop_elsewhere(next);
             }
             Phase::Ready => {
-                let Next { session, opened: Opened { scene, cache }, file } = next;
+                let Next { session, opened, file } = next;
+                self.play = PlayBar::new(opened.frames());
+                let Opened { scene, cache } = opened;
                 drop_elsewhere(std::mem::replace(&mut self.session, session));
                 self.viewport.forget();
                 self.hair = scene.hair.clone();
-                self.play = PlayBar::new(if cache.is_some() { u32::MAX } else { scene.time.frames });
                 self.change = ChangePanel::default();
                 self.times = Times::default();
                 (self.framed, self.changes, self.saved) = (false, 0, 0);

@@ -1,6 +1,5 @@
 //! The window's state, and what is where in it.
 
-use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -74,7 +73,7 @@ pub struct App {
     shown: Option<Shown>,
     pictures: u64,
     /// When the pictures of the last seconds were shown.
-    shown_at: VecDeque<Instant>,
+    shown_at: Vec<Instant>,
     viewport: Viewport,
     play: PlayBar,
     change: ChangePanel,
@@ -120,8 +119,8 @@ impl App {
         let artist = Artist::start(of_gpu, drawing.clone(), move || waker.request_repaint());
         let bounds = (glam::Vec3::splat(-0.2), glam::Vec3::splat(0.2));
         let session = start(ctx, &opened, backend, &drawing);
+        let play = PlayBar::new(opened.frames());
         let Opened { scene, cache } = opened;
-        let frames = if cache.is_some() { u32::MAX } else { scene.time.frames };
         Self {
             session,
             cache,
@@ -136,9 +135,9 @@ impl App {
             gpu,
             shown: None,
             pictures: 0,
-            shown_at: VecDeque::new(),
+            shown_at: Vec::new(),
             viewport: Viewport::new(Orbit::framing(bounds, 0.5, 0.1)),
-            play: PlayBar::new(frames),
+            play,
             change: ChangePanel::default(),
             times: Times::default(),
             hints: true,
@@ -366,11 +365,11 @@ impl App {
     }
 
     /// What draws, and how often in the last seconds.
-    fn drawn_by(&mut self) -> String {
-        self.shown_at.retain(|at| at.elapsed() <= RATED);
+    fn drawn_by(&self) -> String {
+        let recent = self.shown_at.iter().filter(|at| at.elapsed() <= RATED).count();
         let device = &self.artist.device;
         let why = if self.gpu.is_none() { ", for there is no graphics card" } else { "" };
-        let rate = self.shown_at.len() as f32 / RATED.as_secs_f32();
+        let rate = recent as f32 / RATED.as_secs_f32();
         let rate = if rate >= 1.0 { format!(": {rate:.0} pictures a second") } else { String::new() };
         format!("drawn by {device}{why}{rate}")
     }
@@ -492,7 +491,7 @@ impl App {
         self.shown = Some(shown);
         self.pictures += 1;
         self.shown_at.retain(|at| at.elapsed() <= RATED);
-        self.shown_at.push_back(Instant::now());
+        self.shown_at.push(Instant::now());
     }
 
     fn keys(&mut self, ctx: &egui::Context, status: &Status, moment: Option<&Moment>) {

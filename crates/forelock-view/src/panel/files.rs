@@ -8,9 +8,6 @@ use eframe::egui;
 use forelock::scene::Override;
 use forelock::{Backend, Progress, RunOptions, Scene};
 
-/// The scene of a groom without a scene file: hair alone.
-const HAIR_ALONE: &str = "body.mesh = \"none\"\nbody.motion = \"builtin:still\"\n";
-
 /// What was opened.
 #[derive(Clone, Debug)]
 pub struct Opened {
@@ -18,6 +15,13 @@ pub struct Opened {
     pub scene: Scene,
     /// The cache of a run of it, which is played back.
     pub cache: Option<PathBuf>,
+}
+
+impl Opened {
+    /// The frames that a loop plays: of a cache all.
+    pub fn frames(&self) -> u32 {
+        if self.cache.is_some() { u32::MAX } else { self.scene.time.frames }
+    }
 }
 
 impl From<Scene> for Opened {
@@ -41,12 +45,7 @@ pub fn read(path: &Path, overrides: &[Override]) -> Result<Opened, String> {
         let scene = Scene::beside(path, overrides).map_err(|error| error.to_string())?;
         return Ok(Opened { scene, cache: Some(path.to_owned()) });
     }
-    // Paths of a scene are relative to its folder; this text is in none.
-    let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-    let source = toml::Value::String(absolute.to_string_lossy().into_owned());
-    let name = toml::Value::String(path.file_stem().unwrap_or_default().to_string_lossy().into_owned());
-    let text = format!("name = {name}\n{HAIR_ALONE}groom.source = {source}\n");
-    Scene::parse(&text, path, overrides).map(Opened::from).map_err(|error| error.to_string())
+    Scene::of_groom(path, overrides).map(Opened::from).map_err(|error| error.to_string())
 }
 
 /// Writes `scene` to `path`, whole or not at all.

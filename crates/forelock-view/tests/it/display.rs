@@ -34,10 +34,12 @@ impl Drop for Display {
     }
 }
 
-/// The example `window`, which cargo builds with the tests.
+/// The example `window`, which cargo builds with all tests of the workspace.
 fn program() -> PathBuf {
     let own = std::env::current_exe().unwrap();
-    own.parent().and_then(Path::parent).unwrap().join("examples/window")
+    let program = own.parent().and_then(Path::parent).unwrap().join("examples/window");
+    assert!(program.is_file(), "{}: build all tests, or `--example window`", program.display());
+    program
 }
 
 /// Size and pixels of a picture: RGB, whatever follows.
@@ -50,12 +52,12 @@ fn read(path: &Path) -> ([usize; 2], Vec<u8>) {
     ([info.width as usize, info.height as usize], pixels)
 }
 
-/// The share of a picture's middle that is darker and redder than backdrop and skin: hair.
+/// The share of a picture's middle that is redder than backdrop, skin and scalp: red hair.
 fn hair_in([width, height]: [usize; 2], pixels: &[u8]) -> f64 {
     let channels = pixels.len() / (width * height);
     let rows = pixels.chunks_exact(channels * width).skip(height / 6).take(height / 2);
     let pixels = rows.flat_map(|row| row.chunks_exact(channels).skip(width / 5).take(width / 2));
-    let hair = pixels.filter(|p| p[0] < 110 && p[0] > 20 && u32::from(p[0]) > u32::from(p[2]) + 6).count();
+    let hair = pixels.filter(|p| p[0] > 25 && f32::from(p[0]) > 1.8 * f32::from(p[2])).count();
     hair as f64 / (width / 2 * (height / 2)) as f64
 }
 
@@ -70,6 +72,7 @@ fn the_window_opens_and_shows_hair() {
     while started.elapsed() < Duration::from_secs(20) {
         let command = Command::new(program())
             .arg(&picture)
+            .args(["4", "hair.colour=red"])
             .env("DISPLAY", &display.name)
             .env("XDG_RUNTIME_DIR", folder.path())
             .env_remove("WAYLAND_DISPLAY")

@@ -3,6 +3,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot build its scene fails")]
 
+#[cfg(target_os = "linux")]
 mod display;
 
 use std::path::Path;
@@ -47,7 +48,7 @@ impl Window {
         window
     }
 
-    fn until(&mut self, what: &str, is_so: impl Fn(&App) -> bool) {
+    fn until(&mut self, what: &str, mut is_so: impl FnMut(&App) -> bool) {
         let started = Instant::now();
         while !is_so(self.harness.state()) {
             self.harness.step();
@@ -76,6 +77,15 @@ impl Window {
         self.harness.event(Event::Text(text.to_owned()));
         self.harness.run_steps(2);
         self.click("OK");
+    }
+
+    /// Runs the scene into `folder`.
+    fn bake(&mut self, folder: &Path) {
+        self.choose("File", "Bake…");
+        self.answer(&folder.display().to_string());
+        self.until("it is baked", |app| {
+            !app.is_baking() && app.message().is_some_and(|text| text.starts_with("baked"))
+        });
     }
 
     /// Drags with the main button from one place of the picture to another, both as shares of it.
@@ -240,11 +250,7 @@ fn the_solver_changes_while_hair_moves() {
 fn a_scene_is_baked_into_a_folder() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = Window::open(scene(&[]));
-    window.choose("File", "Bake…");
-    window.answer(&folder.path().join("out").display().to_string());
-    window.until("it is baked", |app| {
-        !app.is_baking() && app.message().is_some_and(|text| text.starts_with("baked"))
-    });
+    window.bake(&folder.path().join("out"));
     assert!(folder.path().join("out/hair.npz").is_file() && folder.path().join("out/summary.json").is_file());
 }
 
@@ -252,9 +258,7 @@ fn a_scene_is_baked_into_a_folder() {
 fn a_baked_cache_is_played_back() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = Window::open(scene(&[]));
-    window.choose("File", "Bake…");
-    window.answer(&folder.path().join("out").display().to_string());
-    window.until("it is baked", |app| !app.is_baking() && app.message().is_some());
+    window.bake(&folder.path().join("out"));
     let path = folder.path().join("out/hair.npz");
     window.drop_file(&path);
     window.until("the cache is open", |app| app.session().status().parameters.is_none());
@@ -280,7 +284,14 @@ fn colours_of_strands_show_what_they_do() {
     window.until("there is a picture", move |app| picture(app) > 0);
     window.click("Colours");
     window.harness.get_by_role_and_label(egui::accesskit::Role::ComboBox, "Strands show").click();
-    window.harness.run_steps(3);
+    // The first picture is followed by one of all pixels.
+    let mut last = (Instant::now(), 0);
+    window.until("the picture stays", |app| {
+        if app.pictures() != last.1 {
+            last = (Instant::now(), app.pictures());
+        }
+        last.0.elapsed() > Duration::from_secs(1)
+    });
     let before = picture(window.harness.state());
     window.click("Displacement");
     window.until("it is drawn anew", move |app| picture(app) > before);

@@ -27,7 +27,7 @@ use crate::hash::Fnv;
 use crate::neural;
 use crate::pictures::frame_time_secs;
 use crate::progress::{Observer, Progress, watch};
-use crate::scalp;
+use crate::scalp::Cover;
 use crate::scene::{
     CameraSection, ColliderSection, GroomSource, HairSection, MotionSection, OutputSection, Scene,
 };
@@ -167,8 +167,6 @@ pub struct Assets {
     solids: Vec<Arc<Solid>>,
     /// The trained model that moves the strands, if one does, and its name.
     model: Option<(String, Arc<Model>)>,
-    /// The share to which hair covers each vertex of the body, once a picture needs it.
-    scalp: OnceLock<Vec<f32>>,
 }
 
 impl Assets {
@@ -217,18 +215,7 @@ impl Assets {
         };
         let rigid = body.as_ref().filter(|_| bends.is_none());
         let solids = solids::load(scene, rigid, meter)?;
-        Ok(Self {
-            groom,
-            notes,
-            body,
-            pivot,
-            head,
-            performance,
-            bending,
-            solids,
-            model,
-            scalp: OnceLock::new(),
-        })
+        Ok(Self { groom, notes, body, pivot, head, performance, bending, solids, model })
     }
 
     /// Does edit `number`, from 0, of `scene` to the groom.
@@ -273,18 +260,7 @@ impl Assets {
         let (head, performance) = Self::head(&scene, body.as_ref(), &groom, pivot, &mut notes)?;
         let solids = solids::load(&scene, None, &meter)?;
         let (bending, model) = (None, None);
-        Ok(Self {
-            groom,
-            notes,
-            body,
-            pivot,
-            head,
-            performance,
-            bending,
-            solids,
-            model,
-            scalp: OnceLock::new(),
-        })
+        Ok(Self { groom, notes, body, pivot, head, performance, bending, solids, model })
     }
 
     /// What `scene` names around the strands of `cache`, that of a run of it: they are at rest in
@@ -300,7 +276,7 @@ impl Assets {
         // A cache is in world space, a groom in the body's.
         let back = assets.head_pose(frame_time_secs(scene, cache, 0)).inverse();
         positions.iter_mut().for_each(|x| *x = back.transform_point(x.as_dvec3()).as_vec3());
-        assets.groom = Groom::new(positions, offsets)?;
+        assets.replace_groom(Groom::new(positions, offsets)?);
         Ok(assets)
     }
 
@@ -360,13 +336,16 @@ impl Assets {
 
     /// Takes `groom` in place of the strands that there are, for pictures.
     pub(crate) fn replace_groom(&mut self, groom: Groom) {
-        (self.groom, self.scalp) = (groom, OnceLock::new());
+        self.groom = groom;
+        if let Some(body) = &mut self.body {
+            body.cover = OnceLock::new();
+        }
     }
 
-    /// The share to which hair covers each vertex of the body, computed at the first call.
-    pub(crate) fn scalp(&self) -> &[f32] {
-        let mesh = self.body_mesh().map_or(&[][..], |mesh| &mesh.positions);
-        self.scalp.get_or_init(|| scalp::cover(mesh, &self.groom))
+    /// How hair covers the body, if there is one, computed at the first call.
+    pub(crate) fn cover(&self) -> Option<&Cover> {
+        let body = self.body.as_ref()?;
+        Some(body.cover.get_or_init(|| Cover::new(&body.mesh.positions, &self.groom)))
     }
 
     /// The body's pose at `time` seconds.

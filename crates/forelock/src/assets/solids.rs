@@ -12,6 +12,7 @@ use forelock_core::pose::Pose;
 use glam::DVec3;
 
 use super::{AssetError, distance_grid, motion, neck};
+use crate::scalp::Cover;
 use crate::scene::{ColliderSection, NEAR_CELL, Scene, ShapeKind};
 use crate::sdf_cache::CellSizes;
 use crate::tessellate;
@@ -31,6 +32,8 @@ pub(super) struct Body {
     pivot: Option<DVec3>,
     /// Whether it has the vertices of the built-in head.
     pub(super) has_face: bool,
+    /// How hair covers it, once a picture needs it.
+    pub(super) cover: OnceLock<Cover>,
     /// It with its joints, if it has any.
     pub(super) character: Option<Arc<Character>>,
     /// What was changed when it was read.
@@ -95,7 +98,7 @@ impl Body {
         let grid = || distance_grid(&mesh, &section.mesh, cells, "body.collide = false", meter);
         let sdf = section.collide.then(grid).transpose()?.map(Arc::new);
         let has_face = ["builtin:head", "builtin:talker"].contains(&section.mesh.as_str());
-        Ok(Some(Self { mesh, sdf, pivot, has_face, character, notes }))
+        Ok(Some(Self { mesh, sdf, pivot, has_face, cover: OnceLock::new(), character, notes }))
     }
 
     /// The point about which it turns.

@@ -52,10 +52,7 @@ impl Moment {
     /// Frame `frame` of a run of `assets`, at `time_secs`, with the strands at `positions`.
     pub(crate) fn recorded(assets: Arc<Assets>, frame: u32, time_secs: f64, positions: Vec<Vec3>) -> Self {
         let head = assets.head_pose(time_secs);
-        let bent = match assets.body_mesh_at(time_secs) {
-            Some(Cow::Owned(mesh)) => Some(mesh),
-            _ => None,
-        };
+        let bent = bent(&assets, time_secs);
         let solids = assets.solids().iter().map(|solid| (solid.clone(), solid.pose(time_secs, &head)));
         let solids = solids.collect();
         Self { frame, time_secs, head, positions, edited: None, bent, solids, assets }
@@ -93,6 +90,14 @@ impl Moment {
     }
 }
 
+/// The body at `time_secs`, if it bends.
+fn bent(assets: &Assets, time_secs: f64) -> Option<TriMesh> {
+    match assets.body_mesh_at(time_secs) {
+        Some(Cow::Owned(mesh)) => Some(mesh),
+        _ => None,
+    }
+}
+
 impl Player {
     /// The present frame.
     ///
@@ -102,10 +107,6 @@ impl Player {
         let mut positions = Vec::new();
         self.positions(&mut positions)?;
         let time_secs = self.time_secs();
-        let bent = match self.assets.body_mesh_at(time_secs) {
-            Some(Cow::Owned(mesh)) => Some(mesh),
-            _ => None,
-        };
         let solids = self.live.solids.iter();
         Ok(Moment {
             frame: self.frame(),
@@ -114,7 +115,7 @@ impl Player {
             positions,
             assets: self.assets.clone(),
             edited: self.live.grooming.shown_groom().cloned(),
-            bent,
+            bent: bent(&self.assets, time_secs),
             solids: solids.map(|own| (own.solid.clone(), own.shown[1].after(own.solid.base()))).collect(),
         })
     }

@@ -45,10 +45,8 @@ use forelock_core::air::WindParams;
 use serde::{Deserialize, Serialize};
 use solver::Registered;
 
-/// The scene for a cache or groom without a scene file. Its groom's source is not read, because the
-/// strands come from the input.
-const HAIR_ALONE: &str = "groom.source = \"hair\"\nbody.mesh = \"none\"\nbody.motion = \"builtin:still\"\n\
-                          camera.yaw_degrees = 0\n";
+/// What a scene of hair alone says besides its source.
+const HAIR_ALONE: &str = "body.mesh = \"none\"\nbody.motion = \"builtin:still\"\n";
 
 /// The scene that `forelock demo` runs: `default.toml` beside this module.
 pub const DEFAULT_SCENE: &str = include_str!("default.toml");
@@ -168,8 +166,22 @@ impl Scene {
         if beside.is_file() {
             Self::load(&beside, overrides)
         } else {
-            Self::parse(HAIR_ALONE, path, overrides)
+            // The source is not read, because the strands come from the input.
+            let text = format!("groom.source = \"hair\"\ncamera.yaw_degrees = 0\n{HAIR_ALONE}");
+            Self::parse(&text, path, overrides)
         }
+    }
+
+    /// The scene of the groom at `path`, hair alone.
+    ///
+    /// # Errors
+    /// The same errors as [`Scene::parse`].
+    pub fn of_groom(path: &Path, overrides: &[Override]) -> Result<Self, SceneError> {
+        // Paths of a scene are relative to its folder; this text is in none.
+        let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        let source = toml::Value::String(absolute.to_string_lossy().into_owned());
+        let name = toml::Value::String(path.file_stem().unwrap_or_default().to_string_lossy().into_owned());
+        Self::parse(&format!("name = {name}\n{HAIR_ALONE}groom.source = {source}\n"), path, overrides)
     }
 
     /// Reads a scene from `text`. `path` names the text in messages, and paths inside it are taken

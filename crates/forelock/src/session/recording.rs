@@ -1,6 +1,6 @@
 //! Playing a cache back.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use forelock_core::frame::FrameReport;
@@ -32,8 +32,7 @@ impl Recording {
     }
 
     fn name(&self) -> String {
-        let name = self.path.file_name().unwrap_or_default();
-        Path::new(name).display().to_string()
+        self.path.file_name().unwrap_or_default().to_string_lossy().into_owned()
     }
 }
 
@@ -55,12 +54,12 @@ impl Source for Recording {
     }
 
     fn step(&mut self) -> Result<FrameReport, String> {
-        self.frame = (self.frame + 1).min(self.reached());
+        self.frame += 1;
         Ok(FrameReport::default())
     }
 
     fn seek(&mut self, frame: u32) -> Result<(), String> {
-        self.frame = frame.min(self.reached());
+        self.frame = frame;
         Ok(())
     }
 

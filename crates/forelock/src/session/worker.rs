@@ -41,9 +41,9 @@ pub(super) trait Source {
     fn reached(&self) -> u32;
     /// Whether no frame follows.
     fn is_at_end(&self) -> bool;
-    /// Goes to the next frame.
+    /// Goes to the next frame; not called at the end.
     fn step(&mut self) -> Result<FrameReport, String>;
-    /// Goes to another frame.
+    /// Goes to a frame up to [`reached`](Self::reached).
     fn seek(&mut self, frame: u32) -> Result<(), String>;
     /// Lets `task` change it.
     fn change(&mut self, task: Task) -> Result<(), String>;

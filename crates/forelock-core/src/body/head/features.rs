@@ -4,6 +4,7 @@
 use glam::{Vec2, Vec3, vec3};
 
 use super::implicit::{EYE, EYEBALL, MOUTH, lid_edges};
+use super::region;
 
 /// Radius of the iris, and half the width of its dark rim.
 const IRIS: f32 = 0.6;
@@ -72,10 +73,10 @@ fn brow(m: Vec3) -> f32 {
         return 0.0;
     }
     let middle = 1.3 + 0.95 * along * (1.42 - along);
-    let half = 0.36 * (1.0 - along.max(0.0).powf(2.0)) + 0.05;
-    let across = (m.y - middle) / half;
-    let ends = rise(along, -0.03, 0.12) * fall(along, 0.85, 1.02);
+    let half = 0.36 * (1.0 - along.max(0.0).powi(2)) + 0.05;
     let up = m.y - middle;
+    let across = up / half;
+    let ends = rise(along, -0.03, 0.12) * fall(along, 0.85, 1.02);
     let turns = std::f32::consts::TAU / BROW_HAIRS * (m.x - 0.8 * up + 0.9 * up * up);
     let uneven = (0.37 * turns).sin() + (0.61 * turns + 9.0 * up).sin();
     let gaps = 0.8 + 0.2 * (turns + 1.3 * uneven).sin();
@@ -102,8 +103,7 @@ fn flush(m: Vec3) -> f32 {
 
 /// A smooth step: 0 below `low`, 1 above `high`.
 fn rise(x: f32, low: f32, high: f32) -> f32 {
-    let t = ((x - low) / (high - low)).clamp(0.0, 1.0);
-    t * t * (3.0 - 2.0 * t)
+    region::rise(x - low, high - low)
 }
 
 /// A smooth step: 1 below `low`, 0 above `high`.

@@ -69,7 +69,7 @@ fn line(points: &[(f32, f32)], at: f32) -> f32 {
 }
 
 /// A smooth step: 0 below 0, 1 above `width`.
-fn rise(x: f32, width: f32) -> f32 {
+pub(super) fn rise(x: f32, width: f32) -> f32 {
     let t = (x / width).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }

@@ -60,7 +60,15 @@ pub fn mane(count: u32, radius: f32) -> (Vec<Vec3>, Vec<u32>) {
 fn a_head_of_hair_looks_the_same_as_by_the_cpu() {
     let (body, (points, offsets)) = (ball(0.1, 24), mane(2500, 0.1));
     let mut renderer = renderer();
-    for (name, distance, side) in [("far", 1.6, 160), ("near", 0.7, 256), ("close", 0.25, 256)] {
+    let thinnest = Settings::default().thinnest;
+    // In the last one less than half of the curves is drawn.
+    let views = [
+        ("far", 1.6, 160, thinnest),
+        ("near", 0.7, 256, thinnest),
+        ("close", 0.25, 256, thinnest),
+        ("fewer", 1.6, 160, 0.5),
+    ];
+    for (name, distance, side, thinnest) in views {
         let strands = Strands::new(&points, &offsets, HairColour::CHESTNUT);
         let camera = Camera {
             eye: Vec3::new(0.3, 0.25, 1.0).normalize() * distance,
@@ -69,7 +77,7 @@ fn a_head_of_hair_looks_the_same_as_by_the_cpu() {
             fov_y: 0.5,
         };
         let scene = Scene::new(vec![Body::new(&body, Pose::IDENTITY)], vec![strands], camera);
-        let settings = Settings { width: side, height: side - 21, ..Settings::default() };
+        let settings = Settings { width: side, height: side - 21, thinnest, ..Settings::default() };
         // The comparison must see a slightly different colour.
         let mut other = scene.clone();
         other.strands[0].colour = HairColour::RED;
