@@ -5,7 +5,8 @@
 //! those in which it sleeps, and their ratio. With `shake` the head is shaken at 4 g for two
 //! seconds and held; each line has the strands that sleep and those that are still.
 //!
-//! `cargo run --release -p forelock-core --example sleep -- [threads] [shake SECONDS [MOTION]]`
+//! `cargo run --release -p forelock-core --example sleep -- [threads] [shake SECONDS
+//! [MOTION [alone|grid|contacts]]]`
 
 #![expect(clippy::print_stdout, reason = "an example that measures says what")]
 
@@ -19,7 +20,7 @@ use forelock_core::interaction::grid::GridParams;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::{Options, Simulation};
 use forelock_core::solver::AmsParams;
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -29,6 +30,8 @@ const STRANDS: u32 = 10_298;
 const PARTICLES: u32 = 30;
 const GRAVITY: DVec3 = DVec3::new(0.0, -9.81, 0.0);
 const DT_SECS: f64 = 1.0 / 60.0;
+/// Motion in a frame below which a strand counts as still in the table, mm.
+const STILL_MM: f32 = 0.01;
 /// The sleep speed of scenes, m/s.
 const SPEED: f64 = 2e-3;
 
@@ -38,6 +41,7 @@ fn main() -> Result<(), AnyError> {
     let shaken = arguments.next().is_some_and(|a| a == "shake");
     let secs: u32 = arguments.next().map_or(Ok(20), |a| a.parse())?;
     let motion = Motion::by_name(arguments.next().as_deref().unwrap_or("shake"))?;
+    let only = arguments.next();
     let field = Sdf::near(&ClosedMesh::new(&Head::builtin().mesh), 128, 0.02, 0.002)?;
     let head = Shape::Sdf(Arc::new(field));
     let preset = GrowParams::preset("straight")?;
@@ -45,6 +49,9 @@ fn main() -> Result<(), AnyError> {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build()?.install(|| {
         println!("{STRANDS} x {PARTICLES}, {threads} thread(s)");
         for (name, interactions) in kinds() {
+            if only.as_ref().is_some_and(|only| only != name) {
+                continue;
+            }
             if shaken {
                 shake(name, &groom, &interactions, &head, &motion, secs)?;
             } else {
@@ -62,7 +69,7 @@ fn kinds() -> [(&'static str, Interactions); 3] {
         ("alone", Interactions::default()),
         ("grid", Interactions { grid: grid.clone(), ..Interactions::default() }),
         (
-            "grid and contacts",
+            "contacts",
             Interactions { grid, contacts: Some(ContactParams::default()), ..Interactions::default() },
         ),
     ]
@@ -125,7 +132,10 @@ fn shake(
 ) -> Result<(), AnyError> {
     let mut simulation = simulation(groom, interactions, SPEED)?;
     let pose = |frame: u32| motion.pose(f64::from(frame.min(120)) * DT_SECS);
+    let [mut second, mut before, mut now] = [Vec::new(), Vec::new(), Vec::new()];
+    simulation.positions(&mut second);
     for frame in 0..120 + 60 * secs {
+        simulation.positions(&mut before);
         let (report, ms) = step(&mut simulation, head, [frame, frame + 1].map(pose))?;
         if frame % 60 == 59 {
             let sleep = simulation.snapshot().sleep;
@@ -136,7 +146,34 @@ fn shake(
                 report.sleeping_strands,
                 report.strand_contacts.contacts
             );
+            simulation.positions(&mut now);
+            print_motion(&now, &before, &second);
+            second.clone_from(&now);
         }
     }
     Ok(())
+}
+
+/// Prints how many strands moved in a frame, and for those that moved farthest, how far in the
+/// frame and in a second.
+fn print_motion(now: &[Vec3], before: &[Vec3], second: &[Vec3]) {
+    let mm = |from: &[Vec3], p: usize| 1e3 * now[p].distance(from[p]);
+    let strands = now.len() / PARTICLES as usize;
+    let mut moving: Vec<(f32, usize)> = (0..strands)
+        .filter_map(|s| {
+            let particles = s * PARTICLES as usize..(s + 1) * PARTICLES as usize;
+            let (farthest, p) = particles.map(|p| (mm(before, p), p)).max_by(|a, b| a.0.total_cmp(&b.0))?;
+            (farthest > STILL_MM).then_some((farthest, p))
+        })
+        .collect();
+    moving.sort_by(|a, b| b.0.total_cmp(&a.0));
+    println!("  {} strands moved by more than {STILL_MM} mm in the last frame", moving.len());
+    for (farthest, p) in moving.iter().take(5) {
+        let (strand, particle) = (p / PARTICLES as usize, p % PARTICLES as usize);
+        let at = now[*p];
+        println!(
+            "    strand {strand}, particle {particle} at {at:.3}: {farthest:.4} mm, in a second {:.3} mm",
+            mm(second, *p)
+        );
+    }
 }

@@ -91,7 +91,7 @@ impl GpuSimulation {
         self.read_state()?;
         let (mut model, mut state) = (self.model.clone(), self.take_memory());
         solver.channels().prepare(&mut model, &mut state);
-        state.sleep.set_all(0.0, None);
+        state.sleep.set_all(0.0, None, 0.0);
         self.replace(Packed { model, state }, &solver)
     }
 

@@ -1,32 +1,35 @@
 //! Sleep on the device: all strands sleep together.
 //!
 //! # Practice
-//! While the surroundings are still, each frame records the positions at its start and measures the
-//! largest speed of a particle over the frame. A report, which reads back anyway, brings that to
-//! the host, which counts the time for which no strand has moved. Once that is
-//! [`SLEEP_SECS`], frames record nothing until something wakes the hair: the causes are those of
-//! the CPU, with one box around all hair. A simulation whose reports are never asked for
-//! ([`GpuSimulation::report`](crate::GpuSimulation::report)) does not sleep.
+//! While the surroundings are still, each frame records the positions at its start, slows strands
+//! down by friction, and measures the largest speed of a strand over the frame. A report, which
+//! reads back anyway, brings that to the host, which counts the time for which no strand has moved.
+//! Once that is [`SLEEP_SECS`], frames record nothing until something wakes the hair: the causes
+//! are those of the CPU, with one box around all hair. A simulation whose reports are never asked
+//! for ([`GpuSimulation::report`](crate::GpuSimulation::report)) does not sleep.
 //!
 //! # Limitations
 //! One strand that moves keeps all awake. Frames that are run in parts do not sleep.
 
 use crate::Gpu;
 use crate::batch::DeviceStrands;
-use crate::kernel::{Bound, DispatchList, Shader, Threads, bindings, shader};
+use crate::kernel::{Bound, Constant, DispatchList, Shader, Threads, bindings, shader};
 use crate::uniforms::{FrameUniform, SubstepUniform};
-use forelock_core::frame::{FrameInput, LastSolids, Reach, SLEEP_WGSL};
+use forelock_core::frame::{
+    FASTEST_SHARE, FrameInput, LEAST_FRICTION, LastSolids, Reach, SLEEP_WGSL, held_distance,
+};
 use forelock_core::lane::Row;
 use forelock_core::strands::{Model, SLEEP_SECS, SleepPlace, State};
 use wgpu::BufferUsages;
 
 bindings! {
-    /// Positions, their places at the frame's start, and the largest speed.
+    /// Strands, their places at the frame's start, and the largest speed.
     pub(crate) struct SleepBindings {
         0 frame: uniform(FrameUniform),
         1 substep: dynamic(SubstepUniform),
         2 blocks: read,
         5 positions: read_write,
+        6 velocities: read_write,
         7 memory: read_write,
         17 start: read_write,
         18 motion: read_write,
@@ -37,11 +40,14 @@ shader! {
     /// `measure_motion`.
     SLEEP: "measure_motion", SleepBindings;
     texts: [SLEEP_WGSL];
-    constants: [];
+    constants: [&[
+        Constant::f32("FASTEST_SHARE", FASTEST_SHARE as f32),
+        Constant::f32("LEAST_FRICTION", LEAST_FRICTION as f32),
+    ]];
     kernels: {
         /// Records where hair is at the frame's start.
         RECORD_PLACE: "record_place", Threads::Strands;
-        /// Measures the largest speed.
+        /// Slows strands down and measures the largest speed.
         MEASURE_MOTION: "measure_motion", Threads::Strands;
         /// Forgets distances to solids after a sleep.
         FORGET_DISTANCES: "forget_distances", Threads::Strands;
@@ -69,6 +75,8 @@ pub(crate) struct DeviceSleep {
     /// Seconds for which no strand has moved, as far as is reported; infinite: all sleep.
     still_secs: f32,
     place: Option<SleepPlace>,
+    /// Seconds for which the surroundings have been still, before the last frame and after it.
+    calm_secs: [f64; 2],
     /// Seconds of the frames that were measured since the last report.
     pending_secs: f64,
     /// Whether clearances are older than the last motion of solids.
@@ -103,11 +111,19 @@ impl DeviceSleep {
     pub fn wake(&mut self) {
         self.has_slept |= self.is_asleep();
         (self.still_secs, self.place, self.pending_secs) = (0.0, None, 0.0);
+        self.calm_secs = [0.0; 2];
+    }
+
+    /// The distance up to which friction holds strands in the frame that was prepared, metres.
+    pub fn held_distance(&self, speed: f64, dt_secs: f64) -> f64 {
+        held_distance(speed, self.calm_secs[0], dt_secs)
     }
 
     /// Takes the sleep of `state`, which replaces that on the device.
     pub fn take(&mut self, gpu: &Gpu, model: &Model<f32>, state: &State<f32>) {
-        (self.still_secs, self.place) = (state.sleep.least_secs(model), state.sleep.place());
+        let (place, calm_secs) = state.sleep.place();
+        (self.still_secs, self.place) = (state.sleep.least_secs(model), place);
+        self.calm_secs = [calm_secs; 2];
         if self.place.is_none() {
             self.still_secs = 0.0;
         }
@@ -121,7 +137,7 @@ impl DeviceSleep {
     /// Gives `state`, which was read back, its sleep. Distances to solids of hair that sleeps are
     /// not known, since solids may move meanwhile.
     pub fn give(&self, state: &mut State<f32>) {
-        state.sleep.set_all(self.still_secs, self.place);
+        state.sleep.set_all(self.still_secs, self.place, self.calm_secs[1]);
         if self.is_asleep() {
             state.clearance.iter_mut().for_each(|row| row.0.fill(f32::NEG_INFINITY));
         }
@@ -146,8 +162,8 @@ impl DeviceSleep {
             self.wake();
         }
         let Some(here) = here else { return SleepStep::Awake };
+        Reach::moving(frame, skin_thickness, &mut self.moving);
         if self.is_asleep() {
-            Reach::moving(frame, skin_thickness, &mut self.moving);
             let hair = Reach::ball(here.head.transform_point(model.centre.into()), model.bound);
             if self.moving.iter().any(|reach| reach.meets(&hair)) {
                 self.wake();
@@ -157,6 +173,8 @@ impl DeviceSleep {
         if self.is_asleep() {
             return SleepStep::Asleep;
         }
+        let calm_secs = if self.moving.is_empty() { self.calm_secs[1] } else { 0.0 };
+        self.calm_secs = [calm_secs, calm_secs + frame.dt_secs];
         self.pending_secs += frame.dt_secs;
         let has_slept = std::mem::take(&mut self.has_slept);
         if has_slept { SleepStep::Wake } else { SleepStep::Measure }
@@ -186,6 +204,7 @@ impl DeviceSleep {
                 substep: &strands.shared.substeps,
                 blocks: &batch.blocks,
                 positions: &batch.positions,
+                velocities: &batch.velocities,
                 memory: &batch.memory,
                 start,
                 motion: &own.motion,
@@ -228,9 +247,5 @@ impl DeviceSleep {
             true if secs >= SLEEP_SECS as f32 => f32::INFINITY,
             true => secs,
         };
-        if !is_still {
-            // As in a state that is restored.
-            self.place = None;
-        }
     }
 }

@@ -81,8 +81,8 @@ pub struct FrameUniform {
     pub iterations: u32,
     /// Rows per particle of the solver's channels.
     pub channel_rows: u32,
-    /// Padding.
-    pub pad_0: f32,
+    /// Distance up to which friction holds strands in still surroundings, metres.
+    pub held: f32,
 }
 
 /// Bits of [`FrameUniform::flags`].

@@ -173,7 +173,11 @@ impl<'a> Group<'a> {
         let (mut nearest, mut width) = (f32::INFINITY, 0.0_f32);
         for strand in (0..count).step_by(every) {
             for (_, particles) in drawable(&self.strands, strand..strand + 1) {
-                width = width.max(self.width(particles.start, 0.0, 0.0));
+                let own = match self.strands.widths {
+                    Some(widths) => widths[particles.clone()].iter().copied().fold(0.0, f32::max),
+                    None => self.strands.width,
+                };
+                width = width.max(own * self.width_scale);
                 let depths = self.strands.positions[particles].iter().map(|&p| view.to_camera(p).z);
                 nearest = depths.filter(|depth| *depth > view.near).fold(nearest, f32::min);
             }

@@ -4,6 +4,9 @@ use forelock::player::Moment;
 use forelock_core::pose::Pose;
 use glam::Vec3;
 
+/// The longest time between two frames from which a speed is taken, seconds.
+const LONGEST_SECS: f64 = 0.1;
+
 /// What the colours of strands show.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Measure {
@@ -79,11 +82,12 @@ fn stretches(moment: &Moment) -> Vec<f32> {
     values
 }
 
+/// Zero where `previous` is no frame shortly before.
 fn speeds(moment: &Moment, previous: Option<&Moment>) -> Vec<f32> {
     let count = moment.positions.len();
     let Some(previous) = previous.filter(|own| own.positions.len() == count) else { return vec![0.0; count] };
     let secs = moment.time_secs - previous.time_secs;
-    if secs <= 0.0 {
+    if !(0.0..=LONGEST_SECS).contains(&secs) || secs == 0.0 {
         return vec![0.0; count];
     }
     let moved = in_head(moment).zip(in_head(previous)).map(|(now, before)| now.distance(before));
@@ -131,6 +135,9 @@ mod tests {
         // Roots do not move in the head.
         let first = now.groom().strand_offsets()[3] as usize;
         assert!(speeds(&now, Some(&before))[first] < 1e-3);
+        // A frame long before, and one after it, tell no speed.
+        assert_eq!(mean(speeds(&now, Some(&rest))), 0.0);
+        assert_eq!(mean(speeds(&before, Some(&now))), 0.0);
         Ok(())
     }
 }

@@ -54,8 +54,10 @@ struct Pusher {
 pub struct Viewport {
     /// The camera.
     pub orbit: Orbit,
-    /// What a drag does.
+    /// What a drag does, unless it only looks.
     pub tool: Tool,
+    /// Whether drags move the camera alone, because there is nothing to change.
+    pub only_looks: bool,
     /// Size and strength of brushes.
     pub brush: BrushSize,
     drag: Option<Drag>,
@@ -72,7 +74,13 @@ pub struct Done {
 impl Viewport {
     /// A picture from `orbit`.
     pub fn new(orbit: Orbit) -> Self {
-        Self { orbit, tool: Tool::Head, brush: BrushSize::default(), drag: None, pusher: None }
+        let (tool, brush) = (Tool::Head, BrushSize::default());
+        Self { orbit, tool, only_looks: false, brush, drag: None, pusher: None }
+    }
+
+    /// What a drag does.
+    pub fn tool(&self) -> Tool {
+        if self.only_looks { Tool::Look } else { self.tool }
     }
 
     /// Forgets all that belongs to another session.
@@ -152,7 +160,7 @@ impl Viewport {
         let camera = self.orbit.camera();
         let picked = pick(moment, &camera, size, pixel, REACH);
         let depth = picked.map_or(self.orbit.distance, |picked| picked.depth);
-        match self.tool {
+        match self.tool() {
             Tool::Look => Drag::Look,
             Tool::Head => {
                 session.play(true);
@@ -246,7 +254,7 @@ impl Viewport {
         if let Some(Drag::Stroke { points, .. }) = &self.drag {
             painter.add(egui::Shape::line(points.clone(), stroke));
         }
-        if let (Tool::Brush(_), Some(pos)) = (self.tool, response.hover_pos()) {
+        if let (Tool::Brush(_), Some(pos)) = (self.tool(), response.hover_pos()) {
             let point_metres = 2.0 * self.orbit.distance * (0.5 * self.orbit.camera().fov_y).tan()
                 / response.rect.width().min(response.rect.height()).max(1.0);
             painter.circle_stroke(pos, self.brush.radius / point_metres, stroke);

@@ -5,7 +5,7 @@ use super::finish::Finish;
 use super::plan::Step;
 use super::report::BlockReport;
 use super::roots::FRAME_ROWS;
-use super::sleep::Stillness;
+use super::sleep::{RestRows, Stillness};
 use super::solver::{Solver, SolverReal};
 use crate::lane::{Real, Row};
 use crate::strands::{AIR_ROWS, Block, BlockChannels, BlockView, Model, Scratch, State, number, sleeps};
@@ -138,7 +138,9 @@ impl<T: SolverReal> Crew<'_, T> {
             report = report.finished(after, work.finish.lengths || work.finish.collides);
         }
         if let Some(stillness) = self.stillness.filter(|_| work.finish.checks) {
-            stillness.advance(still_secs, arrays.start, view.positions);
+            let BlockView { positions, velocities, previous, clearance, .. } = &mut view;
+            let mut rows = RestRows { positions, velocities, previous, clearance };
+            stillness.advance(still_secs, arrays.start, &mut rows);
         }
         scratch.put_air(air);
         report

@@ -29,7 +29,10 @@ pub use plan::{CHECK, COLLIDE, Exchange, FramePlan, LENGTHS, Moves, Phase, Plann
 pub use report::{BlockNanos, BlockReport, ContactReport, FrameReport, GridReport, SphReport, StageTimes};
 pub use roots::{FRAME_ROWS, RestMotion, Roots, pack_frames};
 pub use rules::{Channels, FrameRules, Refinement, SPANS, StepCheck, StepRate};
-pub use sleep::{LastSolids, PLACE_M, ROUNDING_M, Reach};
+pub use sleep::{
+    CALM_SECS, FASTEST_SHARE, FRICTION_GROWTH, LEAST_FRICTION, LastSolids, PLACE_M, ROUNDING_M, Reach,
+    held_distance,
+};
 pub(crate) use sleep::{Stillness, farthest_squared};
 pub use solver::{LaneSolver, Solver, SolverReal, StrandSolver};
 
@@ -38,7 +41,7 @@ pub const PRELUDE_WGSL: &str = include_str!("wgsl/prelude.wgsl");
 /// WGSL that stores and restores the load that velocities hold in addition to the motion
 /// ([`Channels::previous`]).
 pub const LOAD_WGSL: &str = include_str!("wgsl/load.wgsl");
-/// WGSL that measures how fast hair moves, for its sleep.
+/// WGSL that measures how fast hair moves and slows it down, for its sleep.
 pub const SLEEP_WGSL: &str = include_str!("wgsl/sleep.wgsl");
 /// WGSL of where the rest shape of a strand is ([`Roots`]).
 pub const ROOTS_WGSL: &str = include_str!("wgsl/roots.wgsl");

@@ -6,6 +6,7 @@
 pub mod contact;
 pub mod grid;
 pub mod sph;
+mod transpose;
 
 use crate::params::ParamsError;
 use contact::ContactParams;

@@ -3,7 +3,7 @@
 //! # Theory
 //! A strand that is still for a second ([`crate::strands::Sleep`]) sleeps: its particles keep their
 //! places, without velocity, until something wakes it. Over that second the mean acceleration of
-//! each particle is at most 2 v/T (v the sleep speed, T one second), so the forces on it other than
+//! the strand is at most 2 v/T (v the sleep speed, T one second), so the forces on it other than
 //! drag are out of balance by at most (2/T + c) v, c the drag rate. A strand whose softest mode has
 //! the frequency ω is therefore at most (2/T + c) v/ω² from where it would come to rest: 0.08 mm
 //! under AMS by default (v = 2 mm/s, c = 2 s⁻¹, ω = 10 s⁻¹).
@@ -131,6 +131,9 @@ impl<T: SimulationReal> Simulation<T> {
         }
         sleep.place = sleep.place.or(here);
         self.wake_by_solids(frame);
+        if !self.workspace.sleeper.moving.is_empty() {
+            self.state.sleep.calm_secs = 0.0;
+        }
         let rows = self.state.positions.len();
         self.workspace.sleeper.start.resize(rows, Row([T::zero(); LANES]));
         true
@@ -157,21 +160,16 @@ impl<T: SimulationReal> Simulation<T> {
         }
     }
 
-    /// After a frame with substeps of `h` seconds in which stillness was measured: lets strands
-    /// fall asleep that have been still for long enough.
-    pub(super) fn fall_asleep(&mut self, h: f64) {
+    /// After a frame of `dt_secs` with substeps of `h` seconds in which stillness was measured:
+    /// lets strands fall asleep that have been still for long enough.
+    pub(super) fn fall_asleep(&mut self, dt_secs: f64, h: f64) {
         let longest = number::<T>(SLEEP_SECS);
         let Self { model, state, workspace, interactions, .. } = self;
-        let all = |state: &State<T>, number: usize, block: &Block, is: &dyn Fn(T) -> bool| {
-            state.sleep.still_secs[number].0[..block.live].iter().all(|secs| is(*secs))
-        };
+        state.sleep.calm_secs += dt_secs;
         let each = || model.blocks.iter().enumerate();
-        if each().all(|(number, block)| all(state, number, block, &|secs| secs == T::zero())) {
-            // As in a state that is restored.
-            state.sleep.place = None;
-            return;
-        }
-        let rests = |state: &State<T>, number, block| all(state, number, block, &|secs| secs >= longest);
+        let rests = |state: &State<T>, number: usize, block: &Block| {
+            state.sleep.still_secs[number].0[..block.live].iter().all(|secs| *secs >= longest)
+        };
         if !interactions.is_empty() && !each().all(|(number, block)| rests(state, number, block)) {
             return;
         }

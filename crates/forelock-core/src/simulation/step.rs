@@ -190,7 +190,8 @@ impl<T: SimulationReal> Simulation<T> {
             }
         };
         let (speed, dt_secs, h) = (self.options.sleep_speed, frame.dt_secs, cx.h);
-        let stillness = measures_stillness.then(|| Stillness::new(speed, dt_secs));
+        let stillness =
+            measures_stillness.then(|| Stillness::new([speed, self.state.sleep.calm_secs], dt_secs, h));
         let mut crew = Crew {
             solver: &self.solver,
             cx,
@@ -246,7 +247,7 @@ impl<T: SimulationReal> Simulation<T> {
             report.add_blocks(&sum, rules.stage);
         }
         if measures_stillness {
-            self.fall_asleep(h);
+            self.fall_asleep(dt_secs, h);
         }
         Ok(report)
     }

@@ -1,10 +1,11 @@
 //! Sleep: for how long each strand has been still, and which strands sleep.
 //!
 //! # Theory
-//! A strand is still in a frame if none of its particles moves, relative to the head, by more than
-//! the sleep speed times the frame's length. This is measured only while the head and gravity are
-//! those of [`SleepPlace`]. A strand that is still for [`SLEEP_SECS`] sleeps: it is not simulated
-//! until something wakes it.
+//! A strand is still in a frame if the mean of its particles moves, relative to the head, by at
+//! most the sleep speed times the frame's length, and none of them by eight times that. This is
+//! measured only while the head and gravity are those of [`SleepPlace`]. A strand that is still for
+//! [`SLEEP_SECS`] sleeps: it is not simulated until something wakes it. Once the surroundings have
+//! been still for some seconds, friction brings the others to rest: see `Stillness`.
 //!
 //! # Practice
 //! The sixteen strands of a block sleep together, because they are simulated together: a block
@@ -27,32 +28,36 @@ pub struct SleepPlace {
     pub gravity: DVec3,
 }
 
-/// The sleep of all strands. Without a place no strand has been still.
+/// The sleep of all strands. Without a place the surroundings are not still, nor is any strand.
 #[derive(Clone, Debug)]
 pub struct Sleep<T> {
     /// Seconds for which each strand has been still, at most [`SLEEP_SECS`]; infinite in all lanes
     /// of a block that sleeps. A row a block.
     pub(crate) still_secs: Vec<Row<T>>,
     pub(crate) place: Option<SleepPlace>,
+    /// Seconds for which head, gravity, air and colliders have been still.
+    pub(crate) calm_secs: f64,
 }
 
-/// The sleep of all strands in the groom's order, if one of them has been still.
+/// The sleep of all strands in the groom's order, if their surroundings are still.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SleepSnapshot<T> {
     /// Seconds for which each strand has been still, `[S]`; infinite for those that sleep.
     pub still_secs: Vec<T>,
-    /// Rotation x, y, z, w and translation of the head, and gravity.
-    pub place: [f64; 10],
+    /// Rotation x, y, z, w and translation of the head, gravity, and the seconds for which the
+    /// surroundings have been still.
+    pub place: [f64; 11],
 }
 
 impl<T: Real> Sleep<T> {
     /// All strands of `model` are awake.
     pub(super) fn awake(model: &Model<T>) -> Self {
-        Self { still_secs: vec![Row([T::zero(); LANES]); model.blocks.len()], place: None }
+        Self { still_secs: vec![Row([T::zero(); LANES]); model.blocks.len()], place: None, calm_secs: 0.0 }
     }
 
     /// Wakes all strands.
     pub(crate) fn wake(&mut self) {
+        self.calm_secs = 0.0;
         if self.place.take().is_some() {
             self.still_secs.fill(Row([T::zero(); LANES]));
         }
@@ -81,14 +86,15 @@ impl<T: Real> Sleep<T> {
         all.fold(T::infinity(), |least, secs| least.min(*secs))
     }
 
-    /// Where strands have been still.
-    pub fn place(&self) -> Option<SleepPlace> {
-        self.place
+    /// Where strands can be still, and the seconds for which the surroundings have been.
+    pub fn place(&self) -> (Option<SleepPlace>, f64) {
+        (self.place, self.calm_secs)
     }
 
-    /// All strands have been still at `place` for `secs`; infinite: they sleep.
-    pub fn set_all(&mut self, secs: T, place: Option<SleepPlace>) {
-        self.place = place.filter(|_| secs > T::zero());
+    /// All strands have been still at `place` for `secs`, infinite: they sleep; the surroundings
+    /// for `calm_secs`.
+    pub fn set_all(&mut self, secs: T, place: Option<SleepPlace>, calm_secs: f64) {
+        (self.place, self.calm_secs) = (place, calm_secs);
         let secs = if self.place.is_some() { secs } else { T::zero() };
         self.still_secs.fill(Row([secs; LANES]));
     }
@@ -96,10 +102,10 @@ impl<T: Real> Sleep<T> {
     /// Copies `other` without a new allocation.
     pub(super) fn take(&mut self, other: &Self) {
         self.still_secs.clone_from(&other.still_secs);
-        self.place = other.place;
+        (self.place, self.calm_secs) = (other.place, other.calm_secs);
     }
 
-    /// The sleep in the groom's order; none if no strand has been still.
+    /// The sleep in the groom's order; none if the surroundings are not still.
     pub(super) fn snapshot(&self, model: &Model<T>) -> Option<SleepSnapshot<T>> {
         let SleepPlace { head, gravity } = self.place?;
         let mut still_secs = vec![T::zero(); model.strand_count];
@@ -108,10 +114,11 @@ impl<T: Real> Sleep<T> {
                 still_secs[strand as usize] = own;
             }
         }
-        let mut place = [0.0; 10];
+        let mut place = [0.0; 11];
         place[..4].copy_from_slice(&head.rotation.to_array());
         place[4..7].copy_from_slice(&head.translation.to_array());
-        place[7..].copy_from_slice(&gravity.to_array());
+        place[7..10].copy_from_slice(&gravity.to_array());
+        place[10] = self.calm_secs;
         Some(SleepSnapshot { still_secs, place })
     }
 
@@ -119,9 +126,10 @@ impl<T: Real> Sleep<T> {
     pub(super) fn restore(&mut self, model: &Model<T>, snapshot: Option<&SleepSnapshot<T>>) {
         self.wake();
         let Some(SleepSnapshot { still_secs, place }) = snapshot else { return };
-        let [x, y, z, w, tx, ty, tz, gx, gy, gz] = *place;
+        let [x, y, z, w, tx, ty, tz, gx, gy, gz, calm_secs] = *place;
         let head = Pose { rotation: DQuat::from_xyzw(x, y, z, w), translation: DVec3::new(tx, ty, tz) };
         self.place = Some(SleepPlace { head, gravity: DVec3::new(gx, gy, gz) });
+        self.calm_secs = calm_secs;
         let longest = number::<T>(SLEEP_SECS);
         for (block, row) in model.blocks.iter().zip(&mut self.still_secs) {
             let own = block.strands.map(|strand| still_secs[strand as usize]);

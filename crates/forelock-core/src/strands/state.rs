@@ -61,7 +61,8 @@ pub struct Snapshot<T> {
     /// Values of the channels that the solver asks for, by name, `[P × rows]`; empty for a channel
     /// that has not started ([`ChannelStore`]).
     pub extra: BTreeMap<String, Vec<T>>,
-    /// Which strands sleep, and for how long the others have been still; none if no strand has.
+    /// Which strands sleep, and for how long the others have been still; none if their
+    /// surroundings are not.
     pub sleep: Option<SleepSnapshot<T>>,
 }
 

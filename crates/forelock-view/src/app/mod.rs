@@ -187,7 +187,7 @@ impl App {
 
     /// What the mouse does in the picture.
     pub fn tool(&self) -> Tool {
-        self.viewport.tool
+        self.viewport.tool()
     }
 
     /// The message that is shown, if there is one.
@@ -268,7 +268,9 @@ impl App {
                     ("Screenshot…", Purpose::Screenshot, folder.join("window.png")),
                 ];
                 for (text, purpose, path) in proposals {
-                    if ui.button(text).clicked() {
+                    // A cache has no scene to save or to run.
+                    let is_open = self.cache.is_none() || !matches!(purpose, Purpose::Save | Purpose::Bake);
+                    if ui.add_enabled(is_open, egui::Button::new(text)).clicked() {
                         self.dialog = Some(PathDialog::new(purpose, &path));
                         ui.close();
                     }
@@ -376,12 +378,12 @@ impl App {
 
     fn tools(&mut self, ui: &mut egui::Ui) {
         ui.add_space(4.0);
-        if self.cache.is_some() {
-            self.viewport.tool = Tool::Look;
+        self.viewport.only_looks = self.cache.is_some();
+        if self.viewport.only_looks {
             ui.disable();
         }
         for (tool, name, hint) in Tool::ALL {
-            let chosen = ui.selectable_label(self.viewport.tool == tool, name);
+            let chosen = ui.selectable_label(self.viewport.tool() == tool, name);
             if chosen.on_hover_text(hint).clicked() {
                 self.viewport.tool = tool;
             }
@@ -507,7 +509,7 @@ impl App {
         if pressed(Modifiers::COMMAND, Key::Z) {
             self.move_in_history(true, status);
         }
-        if pressed(Modifiers::COMMAND, Key::S) {
+        if pressed(Modifiers::COMMAND, Key::S) && self.cache.is_none() {
             match self.file.clone() {
                 Some(file) => self.ask_for_scene(SceneFor::File(file)),
                 None => self.dialog = Some(PathDialog::new(Purpose::Save, Path::new("scene.toml"))),

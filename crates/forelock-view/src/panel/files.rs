@@ -163,7 +163,7 @@ impl List {
         let goes_on = |name: &&String| is_whole || name.to_lowercase().starts_with(&begun);
         let mut chosen = None;
         egui::ScrollArea::vertical().max_height(180.0).auto_shrink([false, true]).show(ui, |ui| {
-            let above = std::path::absolute(&folder).ok();
+            let above = folder.canonicalize().ok();
             let above = above.as_deref().and_then(Path::parent).map(|parent| parent.join(""));
             if above.is_some() && ui.selectable_label(false, "../").clicked() {
                 chosen = above;
@@ -191,9 +191,9 @@ fn names(folder: &Path) -> Vec<String> {
         let is_file = !entry.path().is_dir();
         Some((is_file, if is_file { name } else { format!("{name}/") }))
     });
-    let mut named: Vec<_> = named.take(MOST).collect();
+    let mut named: Vec<_> = named.collect();
     named.sort();
-    named.into_iter().map(|(_, name)| name).collect()
+    named.into_iter().take(MOST).map(|(_, name)| name).collect()
 }
 
 /// A run of a scene into a folder, on a thread of its own.

@@ -346,7 +346,7 @@ mod tests {
             ]
             .map(|(name, values)| (name.to_owned(), values))
             .into(),
-            sleep: Some(SleepSnapshot { still_secs: vec![f32::INFINITY], place: [0.5; 10] }),
+            sleep: Some(SleepSnapshot { still_secs: vec![f32::INFINITY], place: [0.5; 11] }),
         };
         (snapshot, state)
     }

@@ -52,6 +52,8 @@ struct Frame {
     iterations: u32,
     // Rows per particle of the solver's channels.
     channel_rows: u32,
+    // Distance up to which friction holds strands in still surroundings, metres.
+    held: f32,
 }
 
 // The head's pose at a substep's start and end, as maps from rest positions to positions.

@@ -23,22 +23,67 @@ fn record_place(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// Measures the speed over the frame. What is not finite counts as fast: its bits are greater.
+// Slows a strand down by friction (`Stillness`) and measures its speed over the frame. What is not
+// finite counts as fast: its bits are greater.
 @compute @workgroup_size(WORKGROUP)
 fn measure_motion(@builtin(global_invocation_id) id: vec3u) {
     let strand = strand_of(id.x);
     if !strand.here {
         return;
     }
-    var fastest = 0u;
+    var farthest = 0u;
+    var sum = vec3f();
     for (var i = 0u; i < strand.particles; i++) {
-        let at = entry(strand, i, 3u, 0u);
-        let x = vec3f(start[at], start[at + LANES], start[at + 2u * LANES]);
-        let u = (position_at(strand, i) - x) * frame.inverse_dt;
-        fastest = max(fastest, bitcast<u32>(dot(u, u)) & 0x7fffffffu);
+        let d = position_at(strand, i) - start_at(strand, i);
+        farthest = max(farthest, bitcast<u32>(dot(d, d)) & 0x7fffffffu);
+        sum += d;
+    }
+    let mean = sum / f32(strand.particles);
+    let least = FASTEST_SHARE * FASTEST_SHARE * bitcast<f32>(farthest);
+    let moved = max(bitcast<u32>(least) & 0x7fffffffu, bitcast<u32>(dot(mean, mean)) & 0x7fffffffu);
+    let far = sqrt(bitcast<f32>(moved));
+    let speed_squared = bitcast<f32>(moved) * frame.inverse_dt * frame.inverse_dt;
+    var fastest = bitcast<u32>(speed_squared) & 0x7fffffffu;
+    if is_finite(far) && far > 0.0 && frame.held > LEAST_FRICTION * far {
+        let kept = max(1.0 - frame.held / far, 0.0);
+        slow_down(strand, kept);
+        // What friction holds is still.
+        fastest = select(fastest, 0u, kept == 0.0);
     }
     if is_greatest(fastest) {
         atomicMax(&motion, fastest);
+    }
+}
+
+fn start_at(strand: Strand, i: u32) -> vec3f {
+    let at = entry(strand, i, 3u, 0u);
+    return vec3f(start[at], start[at + LANES], start[at + 2u * LANES]);
+}
+
+// Leaves the share `kept` of the strand's motion; if that is zero, its positions return to those at
+// the frame's start.
+fn slow_down(strand: Strand, kept: f32) {
+    let has_load = arrayLength(&velocities) > arrayLength(&positions);
+    for (var i = 0u; i < strand.particles; i++) {
+        let x = position_at(strand, i);
+        let v = velocity_at(strand, i);
+        var u = v;
+        if has_load {
+            u = (x - previous_at(strand, i)) * frame.inverse_h;
+        }
+        set_velocity(strand, i, v - (1.0 - kept) * u);
+        if kept == 0.0 {
+            let before = start_at(strand, i);
+            set_position(strand, i, before);
+            if has_load {
+                set_previous(strand, i, before);
+            }
+            let at = entry(strand, i, 2u, 1u);
+            let left = memory[at];
+            if left > 0.0 {
+                memory[at] = max(left - distance(x, before), 0.0);
+            }
+        }
     }
 }
 

@@ -5,6 +5,7 @@
 pub use super::displacements::FAR;
 use super::displacements::{Displacements, Place};
 use super::histogram::{Cutoff, Histogram};
+use crate::interaction::transpose::{Node, rows_of_nodes};
 use crate::lane::{LANES, Real, widest};
 use crate::scratch::fill;
 use crate::strands::Model;
@@ -283,53 +284,39 @@ impl MeanMotion {
                 first[lane] += steps[c] * (below.to_bits() & 0xffff) as i32;
             }
         }
+        let [x, y, z] = &fractions;
+        let mut weights = [[0.0f32; LANES]; 4];
+        for lane in 0..LANES {
+            let (y, z) = (y[lane], z[lane]);
+            weights[0][lane] = (1.0 - y) * (1.0 - z);
+            weights[1][lane] = y * (1.0 - z);
+            weights[2][lane] = (1.0 - y) * z;
+            weights[3][lane] = y * z;
+        }
+        // Two nodes that are neighbours along the first axis are one register.
+        let pairs = [0, strides[1], strides[2], strides[1] + strides[2]].map(|first| 4 * first);
+        let numbers: &[f32] = bytemuck::cast_slice(&self.nodes);
+        let mut means = [Node::default(); LANES];
+        for lane in 0..LANES {
+            let first = 4 * first[lane] as usize;
+            let near = &numbers[first..first + pairs[3] + 8];
+            let mut sum = [0.0f32; 8];
+            for k in 0..4 {
+                let pair = &near[pairs[k]..pairs[k] + 8];
+                for c in 0..8 {
+                    sum[c] += weights[k][lane] * pair[c];
+                }
+            }
+            means[lane] = Node(sum);
+        }
+        let mut rows = [[0.0f32; LANES]; 8];
+        rows_of_nodes(&means, &mut rows);
         let mut residual = [[0.0f32; LANES]; 3];
-        let one = first[0];
-        let mut differ = 0;
-        for lane in 0..LANES {
-            differ |= first[lane] ^ one;
-        }
-        if differ == 0 {
-            // Neighbouring strands mostly have the same nodes.
-            let mut corners = [Vec4::ZERO; 8];
-            for k in 0..8 {
-                let layers = (k >> 1 & 1) * strides[1] + (k >> 2) * strides[2];
-                corners[k] = self.nodes[one as usize + (k & 1) + layers];
-            }
-            let [x, y, z] = &fractions;
-            for c in 0..3 {
-                let mut at = [0.0; 8];
-                for k in 0..8 {
-                    at[k] = corners[k][c];
-                }
-                for lane in 0..LANES {
-                    let (x, y, z) = (x[lane], y[lane], z[lane]);
-                    let rows = [
-                        at[0] + x * (at[1] - at[0]),
-                        at[2] + x * (at[3] - at[2]),
-                        at[4] + x * (at[5] - at[4]),
-                        at[6] + x * (at[7] - at[6]),
-                    ];
-                    let layers = [rows[0] + y * (rows[1] - rows[0]), rows[2] + y * (rows[3] - rows[2])];
-                    let mean = layers[0] + z * (layers[1] - layers[0]);
-                    residual[c][lane] = end[c][lane] - start[c][lane] - mean;
-                }
-            }
-            return residual;
-        }
-        for lane in 0..LANES {
-            let (x, y, z) = (fractions[0][lane], fractions[1][lane], fractions[2][lane]);
-            let first = first[lane] as usize;
-            let mut layers = [Vec4::ZERO; 2];
-            for k in 0..2 {
-                let low = &self.nodes[first + k * strides[2]..][..2];
-                let high = &self.nodes[first + k * strides[2] + strides[1]..][..2];
-                let (low, high) = (low[0] + x * (low[1] - low[0]), high[0] + x * (high[1] - high[0]));
-                layers[k] = low + y * (high - low);
-            }
-            let mean = layers[0] + z * (layers[1] - layers[0]);
-            for c in 0..3 {
-                residual[c][lane] = end[c][lane] - start[c][lane] - mean[c];
+        for c in 0..3 {
+            let (low, high) = (&rows[c], &rows[4 + c]);
+            for lane in 0..LANES {
+                let mean = low[lane] + x[lane] * (high[lane] - low[lane]);
+                residual[c][lane] = end[c][lane] - start[c][lane] - mean;
             }
         }
         residual

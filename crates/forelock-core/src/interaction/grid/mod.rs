@@ -47,7 +47,6 @@ mod rest;
 mod segments;
 pub mod solve_pressure;
 pub mod splat_segments;
-mod transpose;
 
 pub use crate::frame::GridReport;
 pub(crate) use bounds::{Bounds, Lattice, STRIP, Stencils};
@@ -59,11 +58,12 @@ pub use params::GridParams;
 pub(crate) use patch::{NOWHERE, Patch, join};
 pub(crate) use segments::{Lanes, ParticleRows, Segments, View, between, to_f32};
 
+pub(crate) use crate::interaction::transpose::Node;
+
 use crate::body::ColliderFrame;
 use crate::lane::{LANES, Real, Row};
 use crate::strands::Model;
 use glam::DVec3;
-use std::ops::{Add, Mul};
 
 /// WGSL shared by the kernels of the grid.
 pub const WGSL: &str = include_str!("grid.wgsl");
@@ -86,7 +86,9 @@ pub struct Grid {
     /// Rest volume V of the hair of each edge, in cells, and V φ₀: `[places]` rows.
     pub(crate) volumes: Vec<[Row<f32>; 2]>,
     pub(crate) bounds: Bounds,
-    /// The middles of the cells, of which only those of marked strips are used.
+    /// The middles of the cells, of which only those of marked strips are used: momentum, mass,
+    /// Σ w V and Σ w V φ₀ after the splat; the velocity Δu + p (u − Δu) to interpolate
+    /// ([`gather_velocities`]), the mass and the displacement after the solve.
     pub(crate) nodes: Vec<Node>,
     /// 1 for each strip of cells that holds hair.
     pub(crate) marks: Vec<u8>,
@@ -95,13 +97,6 @@ pub struct Grid {
 
 /// Index of the mass in a node.
 pub(crate) const MASS: usize = 3;
-
-/// What is known at the middle of a cell: momentum, mass, Σ w V and Σ w V φ₀ after the splat; the
-/// velocity Δu + p (u − Δu) to interpolate ([`gather_velocities`]), the mass and the displacement
-/// after the solve.
-#[derive(Clone, Copy, Debug, Default)]
-#[repr(C, align(32))]
-pub(crate) struct Node(pub [f32; 8]);
 
 impl Node {
     #[inline(always)]
@@ -113,28 +108,6 @@ impl Node {
     #[inline(always)]
     pub fn volumes(&self) -> [f32; 2] {
         [self.0[4], self.0[5]]
-    }
-}
-
-impl Add for Node {
-    type Output = Self;
-    #[inline(always)]
-    fn add(mut self, other: Self) -> Self {
-        for k in 0..8 {
-            self.0[k] += other.0[k];
-        }
-        self
-    }
-}
-
-impl Mul<f32> for Node {
-    type Output = Self;
-    #[inline(always)]
-    fn mul(mut self, factor: f32) -> Self {
-        for k in 0..8 {
-            self.0[k] *= factor;
-        }
-        self
     }
 }
 

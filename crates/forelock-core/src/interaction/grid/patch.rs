@@ -2,8 +2,8 @@
 //! each other.
 
 use super::bounds::{STRIP, strips_of};
-use super::transpose::nodes_of_rows;
 use super::{Bounds, GridFrame, Lattice, Node, Segments, Stencils, View};
+use crate::interaction::transpose::nodes_of_rows;
 use crate::lane::{LANES, Real, Row, widest};
 use crate::scratch::{fill, resize};
 use crate::strands::{Block, Model};

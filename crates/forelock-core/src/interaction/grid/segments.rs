@@ -4,8 +4,8 @@
 
 use super::bounds::{mask, masked};
 use super::frame::RowMap;
-use super::transpose::Rows;
 use super::{Bounds, GridFrame, MASS, Patch};
+use crate::interaction::transpose::Rows;
 use crate::lane::{LANES, Real, Row};
 use crate::strands::{Block, Model};
 

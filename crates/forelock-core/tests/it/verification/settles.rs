@@ -1,10 +1,12 @@
-//! Hair with contacts comes to rest after a shake.
+//! Hair comes to rest after a shake, and falls asleep.
 
 use crate::rig::{DT, GRAVITY, shake};
 use forelock_core::body::{ClosedMesh, ColliderFrame, Head, Sdf, Shape};
-use forelock_core::frame::FrameInput;
+use forelock_core::frame::{FrameInput, FrameReport};
 use forelock_core::groom::grow::{GrowParams, grow_on_head};
+use forelock_core::interaction::Interactions;
 use forelock_core::interaction::contact::ContactParams;
+use forelock_core::interaction::grid::GridParams;
 use forelock_core::pose::Pose;
 use forelock_core::simulation::{Options, Simulation};
 use forelock_core::solver::AmsParams;
@@ -28,40 +30,58 @@ struct Second {
     contacts: usize,
 }
 
-/// Shakes the built-in head at 4 g for two seconds and then holds it still: second after second.
+/// Hair on the built-in head, which is shaken at 4 g for two seconds and then held.
+struct Shaken {
+    simulation: Simulation,
+    shape: Shape,
+    frame: u32,
+}
+
+impl Shaken {
+    fn new(strands: u32, interactions: &Interactions, sleep_speed: f64) -> Self {
+        let preset = GrowParams::preset("straight").unwrap();
+        let groom = grow_on_head(&GrowParams { strands, vertices_per_strand: 30, ..preset }).unwrap();
+        let options = Options { rest_gravity: GRAVITY, sleep_speed, ..Options::default() };
+        let mut simulation = Simulation::<f32>::new(&groom, &AmsParams::default(), &options).unwrap();
+        simulation.set_interactions(interactions).unwrap();
+        let field = Sdf::near(&ClosedMesh::new(&Head::builtin().mesh), 128, 0.02, 0.002).unwrap();
+        Self { simulation, shape: Shape::Sdf(Arc::new(field)), frame: 0 }
+    }
+
+    fn step(&mut self) -> FrameReport {
+        let secs = [self.frame, self.frame + 1].map(|f| (f64::from(f) * DT).min(SHAKE_SECS));
+        let head = secs.map(|t| shake(4.0, 2.0, t));
+        let collider = ColliderFrame {
+            shape: &self.shape,
+            local: Pose::IDENTITY,
+            from: head[0],
+            to: head[1],
+            friction: 0.3,
+        };
+        self.frame += 1;
+        self.simulation
+            .step_frame(&FrameInput {
+                roots: head.into(),
+                colliders: &[collider],
+                gravity: GRAVITY,
+                dt_secs: DT,
+                ..FrameInput::default()
+            })
+            .unwrap()
+    }
+}
+
+/// The shake and what follows, without sleep: second after second.
 fn settle(strands: u32, secs: u32, params: &ContactParams) -> Vec<Second> {
-    let preset = GrowParams::preset("straight").unwrap();
-    let groom = grow_on_head(&GrowParams { strands, vertices_per_strand: 30, ..preset }).unwrap();
-    let options = Options { rest_gravity: GRAVITY, ..Options::default() };
-    let mut simulation = Simulation::<f32>::new(&groom, &AmsParams::default(), &options).unwrap();
-    simulation.set_contacts(Some(params)).unwrap();
-    let field = Sdf::near(&ClosedMesh::new(&Head::builtin().mesh), 128, 0.02, 0.002).unwrap();
-    let shape = Shape::Sdf(Arc::new(field));
+    let contacts = Interactions { contacts: Some(params.clone()), ..Interactions::default() };
+    let mut shaken = Shaken::new(strands, &contacts, 0.0);
     let mut before: Vec<DVec3> = Vec::new();
     let mut course = Vec::new();
-    for second in 0..secs {
+    for _ in 0..secs {
         let mut found = Second::default();
-        for frame in 60 * second..60 * (second + 1) {
-            let [from, to] = [frame, frame + 1].map(|f| (f64::from(f) * DT).min(SHAKE_SECS));
-            let head = [from, to].map(|t| shake(4.0, 2.0, t));
-            let collider = ColliderFrame {
-                shape: &shape,
-                local: Pose::IDENTITY,
-                from: head[0],
-                to: head[1],
-                friction: 0.3,
-            };
-            let report = simulation
-                .step_frame(&FrameInput {
-                    roots: head.into(),
-                    colliders: &[collider],
-                    gravity: GRAVITY,
-                    dt_secs: DT,
-                    ..FrameInput::default()
-                })
-                .unwrap();
-            found.contacts += report.strand_contacts.contacts;
-            let now = places(&simulation);
+        for _ in 0..60 {
+            found.contacts += shaken.step().strand_contacts.contacts;
+            let now = places(&shaken.simulation);
             let moves = now.iter().zip(&before).map(|(x, y)| x.distance(*y));
             found.moving = found.moving.max(moves.clone().filter(|&d| d > MOVING).count());
             found.farthest = moves.fold(found.farthest, f64::max);
@@ -94,4 +114,24 @@ fn hair_with_contacts_comes_to_rest() {
     let course = settle(150, 20, &ContactParams { hold: 0.0, slip: 0.01, ..ContactParams::default() });
     let last = &course[19];
     assert!(last.farthest > 20.0 * MOVING, "{last:?}");
+}
+
+/// All hair sleeps within 20 s of the shake, whichever interactions it has, so that nothing moves
+/// and a frame costs next to nothing; and not during the shake.
+#[test]
+fn all_hair_falls_asleep_after_a_shake() {
+    let (grid, contacts) = (Some(GridParams::default()), Some(ContactParams::default()));
+    for interactions in [
+        Interactions::default(),
+        Interactions { grid: grid.clone(), ..Interactions::default() },
+        Interactions { grid, contacts, ..Interactions::default() },
+    ] {
+        let mut shaken = Shaken::new(600, &interactions, 2e-3);
+        let asleep = (0..22 * 60).find(|_| shaken.step().sleeping_strands == 600);
+        println!("all asleep after frame {asleep:?}");
+        assert!(asleep.is_some_and(|frame| frame > 180), "{asleep:?}");
+        let before = places(&shaken.simulation);
+        shaken.step();
+        assert_eq!(places(&shaken.simulation), before);
+    }
 }

@@ -14,6 +14,7 @@ use forelock_core::pose::Pose;
 use forelock_core::simulation::{Options, Simulation, Teleport};
 use forelock_core::simulator::{HostPositions, Simulator};
 use forelock_core::solver::{AmsParams, DftlParams, Solver, XpbdParams};
+use forelock_core::strands::Snapshot as State;
 use forelock_gpu::GpuSimulation;
 use glam::{DVec3, Vec3};
 
@@ -171,4 +172,49 @@ fn snapshots_hold_sleep() {
     cpu.restore(&asleep).unwrap();
     assert_eq!(step(&mut cpu, &still()).sleeping_strands, STRANDS);
     assert_eq!(cpu.snapshot().unwrap(), asleep);
+}
+
+/// Friction in still surroundings does on the device what it does on the CPU: it holds some strands
+/// and slows the others down.
+#[test]
+#[cfg_attr(not(gpu), ignore = "there is no GPU")]
+fn friction_is_that_of_the_cpu() {
+    for solver in [Solver::from(&AmsParams::default()), Solver::from(&DftlParams::default())] {
+        let mut device = moved(&solver, SPEED);
+        (0..60).for_each(|_| {
+            step(&mut device, &still());
+        });
+        let from = device.snapshot().unwrap();
+        let after = |calm_secs: f64| {
+            let mut from = from.clone();
+            from.sleep.as_mut().unwrap().place[10] = calm_secs;
+            let mut host = HostPositions::new(Simulation::new(&groom(), &solver, &options(SPEED)).unwrap());
+            let mut device = simulation(&solver, SPEED);
+            let simulators: [&mut dyn Simulator; 2] = [&mut host, &mut device];
+            simulators.map(|own| {
+                own.restore(&from).unwrap();
+                step(own, &still());
+                own.snapshot().unwrap()
+            })
+        };
+        let free = after(0.0);
+        let [host, device] = after(60.0);
+        let far = |a: &[[f32; 3]], b: &[[f32; 3]]| {
+            let pairs = a.iter().zip(b).map(|(a, b)| Vec3::from(*a).distance((*b).into()));
+            pairs.fold(0.0, f32::max)
+        };
+        let [x, v] = [far(&host.positions, &device.positions), far(&host.velocities, &device.velocities)];
+        let slowed = far(&host.velocities, &free[0].velocities);
+        let per_strand = from.positions.len() / STRANDS as usize;
+        let held = |own: &State<f32>| {
+            let strands = own.positions.chunks(per_strand).zip(from.positions.chunks(per_strand));
+            strands.filter(|(now, before)| far(now, before) == 0.0).count()
+        };
+        let counts = [&host, &device, &free[0], &free[1]].map(held);
+        println!("{}: {x:.1e} m, {v:.1e} m/s apart, slowed by {slowed:.1e}, held {counts:?}", solver.name());
+        assert!(x < 1e-6 && v < 1e-4, "{x} {v}");
+        assert!(slowed > 100.0 * v, "{slowed}");
+        assert_eq!([counts[0], counts[2], counts[3]], [counts[1], 0, 0]);
+        assert!((1..STRANDS as usize).contains(&counts[0]), "{counts:?}");
+    }
 }

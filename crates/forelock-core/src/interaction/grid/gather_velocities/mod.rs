@@ -23,10 +23,10 @@
 #![expect(clippy::needless_range_loop, reason = "the index selects one lane of several arrays")]
 
 use crate::interaction::grid::bounds::masked;
-use crate::interaction::grid::transpose::{Rows, rows_of_nodes};
 use crate::interaction::grid::{
     Grid, GridMoment, Lanes, Lattice, Node, ParticleRows, Stencils, View, between, to_f32,
 };
+use crate::interaction::transpose::{Rows, rows_of_nodes};
 use crate::lane::{LANES, Real, Row, widest};
 use crate::strands::{Block, Model};
 

@@ -5,8 +5,8 @@
 use super::relax::System;
 use super::walls::{KnownCells, LayerWalls};
 use crate::body::ColliderFrame;
-use crate::interaction::grid::transpose::{nodes_of_rows, rows_of_nodes};
 use crate::interaction::grid::{Bounds, GridPlacement, GridSolid, MASS, Node, STRIP, density};
+use crate::interaction::transpose::{nodes_of_rows, rows_of_nodes};
 use crate::lane::widest;
 use crate::scratch::resize;
 use rayon::prelude::*;

@@ -1,14 +1,41 @@
-//! Rows of sixteen samples to nodes of eight numbers, and back.
+//! Nodes of eight numbers, one register; rows of sixteen samples to nodes, and back.
 
-use super::Node;
 use crate::lane::LANES;
+use std::ops::{Add, Mul};
+
+/// Eight numbers of a node.
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(C, align(32))]
+pub(crate) struct Node(pub [f32; 8]);
+
+impl Add for Node {
+    type Output = Self;
+    #[inline(always)]
+    fn add(mut self, other: Self) -> Self {
+        for k in 0..8 {
+            self.0[k] += other.0[k];
+        }
+        self
+    }
+}
+
+impl Mul<f32> for Node {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(mut self, factor: f32) -> Self {
+        for k in 0..8 {
+            self.0[k] *= factor;
+        }
+        self
+    }
+}
 
 /// One number of each sample in a row.
-pub(super) type Rows = [[f32; LANES]; 8];
+pub(crate) type Rows = [[f32; LANES]; 8];
 
 /// Number k of node n becomes number n of row k.
 #[inline(always)]
-pub(super) fn rows_of_nodes(nodes: &[Node; LANES], rows: &mut Rows) {
+pub(crate) fn rows_of_nodes(nodes: &[Node; LANES], rows: &mut Rows) {
     #[cfg(target_arch = "x86_64")]
     if is_x86_feature_detected!("avx2") {
         for half in [0, 8] {
@@ -30,7 +57,7 @@ pub(super) fn rows_of_nodes(nodes: &[Node; LANES], rows: &mut Rows) {
 
 /// Number n of row k becomes number k of node n.
 #[inline(always)]
-pub(super) fn nodes_of_rows(rows: &Rows, nodes: &mut [Node; LANES]) {
+pub(crate) fn nodes_of_rows(rows: &Rows, nodes: &mut [Node; LANES]) {
     #[cfg(target_arch = "x86_64")]
     if is_x86_feature_detected!("avx2") {
         for half in [0, 8] {
