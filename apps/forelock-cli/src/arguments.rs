@@ -229,9 +229,9 @@ pub struct RenderArgs {
     /// beside the input].
     #[arg(short, long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// The processor that draws.
-    #[arg(long, value_enum, default_value_t = BenchBackend::Cpu)]
-    pub backend: BenchBackend,
+    /// The processor that draws [default: the scene's `output.renderer`].
+    #[arg(long, value_enum)]
+    pub backend: Option<BenchBackend>,
     /// Frame of the cache [default: the last].
     #[arg(long, value_name = "N")]
     pub frame: Option<usize>,

@@ -221,7 +221,7 @@ impl GpuSimulation {
         if !frame.roots.are_rigid() {
             uniform = uniform.with_root_frames();
         }
-        uniform.held = self.sleep.held_distance(self.options.sleep_speed, frame.dt_secs) as f32;
+        uniform.held = self.sleep.held() as f32;
         let wind = frame.air.field;
         if wind.is_some() {
             uniform = uniform.in_wind();

@@ -61,7 +61,7 @@ pub(crate) static SHADERS: &[&Shader] = &[&SLEEP];
 pub(crate) enum SleepStep {
     /// Nothing: the surroundings are not still.
     Awake,
-    /// Measures how fast hair moves.
+    /// Slows hair down and measures how fast it moves.
     Measure,
     /// The same, after a sleep.
     Wake,
@@ -75,8 +75,10 @@ pub(crate) struct DeviceSleep {
     /// Seconds for which no strand has moved, as far as is reported; infinite: all sleep.
     still_secs: f32,
     place: Option<SleepPlace>,
-    /// Seconds for which the surroundings have been still, before the last frame and after it.
-    calm_secs: [f64; 2],
+    /// Seconds for which the surroundings have been still.
+    calm_secs: f64,
+    /// Distance up to which friction holds strands in the frame that was prepared, metres.
+    held: f64,
     /// Seconds of the frames that were measured since the last report.
     pending_secs: f64,
     /// Whether clearances are older than the last motion of solids.
@@ -111,19 +113,19 @@ impl DeviceSleep {
     pub fn wake(&mut self) {
         self.has_slept |= self.is_asleep();
         (self.still_secs, self.place, self.pending_secs) = (0.0, None, 0.0);
-        self.calm_secs = [0.0; 2];
+        (self.calm_secs, self.held) = (0.0, 0.0);
     }
 
     /// The distance up to which friction holds strands in the frame that was prepared, metres.
-    pub fn held_distance(&self, speed: f64, dt_secs: f64) -> f64 {
-        held_distance(speed, self.calm_secs[0], dt_secs)
+    pub fn held(&self) -> f64 {
+        self.held
     }
 
     /// Takes the sleep of `state`, which replaces that on the device.
     pub fn take(&mut self, gpu: &Gpu, model: &Model<f32>, state: &State<f32>) {
         let (place, calm_secs) = state.sleep.place();
         (self.still_secs, self.place) = (state.sleep.least_secs(model), place);
-        self.calm_secs = [calm_secs; 2];
+        self.calm_secs = calm_secs;
         if self.place.is_none() {
             self.still_secs = 0.0;
         }
@@ -137,7 +139,7 @@ impl DeviceSleep {
     /// Gives `state`, which was read back, its sleep. Distances to solids of hair that sleeps are
     /// not known, since solids may move meanwhile.
     pub fn give(&self, state: &mut State<f32>) {
-        state.sleep.set_all(self.still_secs, self.place, self.calm_secs[1]);
+        state.sleep.set_all(self.still_secs, self.place, self.calm_secs);
         if self.is_asleep() {
             state.clearance.iter_mut().for_each(|row| row.0.fill(f32::NEG_INFINITY));
         }
@@ -163,9 +165,9 @@ impl DeviceSleep {
         }
         let Some(here) = here else { return SleepStep::Awake };
         Reach::moving(frame, skin_thickness, &mut self.moving);
-        if self.is_asleep() {
-            let hair = Reach::ball(here.head.transform_point(model.centre.into()), model.bound);
-            if self.moving.iter().any(|reach| reach.meets(&hair)) {
+        if here.is_disturbed(model, &self.moving) {
+            self.calm_secs = 0.0;
+            if self.is_asleep() {
                 self.wake();
             }
         }
@@ -173,8 +175,8 @@ impl DeviceSleep {
         if self.is_asleep() {
             return SleepStep::Asleep;
         }
-        let calm_secs = if self.moving.is_empty() { self.calm_secs[1] } else { 0.0 };
-        self.calm_secs = [calm_secs, calm_secs + frame.dt_secs];
+        self.held = held_distance(speed, self.calm_secs, frame.dt_secs);
+        self.calm_secs += frame.dt_secs;
         self.pending_secs += frame.dt_secs;
         let has_slept = std::mem::take(&mut self.has_slept);
         if has_slept { SleepStep::Wake } else { SleepStep::Measure }

@@ -5,7 +5,7 @@ use forelock_core::pose::Pose;
 use glam::Vec3;
 
 /// The longest time between two frames from which a speed is taken, seconds.
-const LONGEST_SECS: f64 = 0.1;
+const LONGEST_SECS: f64 = 0.25;
 
 /// What the colours of strands show.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -87,7 +87,7 @@ fn speeds(moment: &Moment, previous: Option<&Moment>) -> Vec<f32> {
     let count = moment.positions.len();
     let Some(previous) = previous.filter(|own| own.positions.len() == count) else { return vec![0.0; count] };
     let secs = moment.time_secs - previous.time_secs;
-    if !(0.0..=LONGEST_SECS).contains(&secs) || secs == 0.0 {
+    if secs <= 0.0 || secs > LONGEST_SECS {
         return vec![0.0; count];
     }
     let moved = in_head(moment).zip(in_head(previous)).map(|(now, before)| now.distance(before));

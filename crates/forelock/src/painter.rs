@@ -7,6 +7,7 @@ use forelock_render::gpu::GpuRenderer;
 use forelock_render::{Image, Scene, Settings};
 
 use crate::pictures::PictureError;
+use crate::scene::Renderer;
 
 /// A GPU that draws pictures for [`Studio::on_gpu`](crate::Studio::on_gpu).
 #[derive(Debug)]
@@ -25,6 +26,14 @@ impl GpuPainter {
         let renderer = Mutex::new(GpuRenderer::new(gpu.device(), gpu.queue()));
         gpu.check()?;
         Ok(Self { gpu, renderer })
+    }
+
+    /// The painter that `scene` asks for; none: the CPU draws.
+    ///
+    /// # Errors
+    /// [`PictureError::NoGpu`] if there is no GPU.
+    pub fn of(scene: &crate::Scene) -> Result<Option<Self>, PictureError> {
+        (scene.output.renderer == Renderer::Gpu).then(Self::open).transpose()
     }
 
     /// Draws `scene`.

@@ -29,8 +29,9 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
         (scene, assets)
     };
     let painter = match arguments.backend {
-        BenchBackend::Cpu => None,
-        BenchBackend::Gpu => Some(GpuPainter::open()?),
+        None => GpuPainter::of(&scene)?,
+        Some(BenchBackend::Cpu) => None,
+        Some(BenchBackend::Gpu) => Some(GpuPainter::open()?),
     };
     let studio = Studio::new(&scene, &assets);
     let studio = painter.iter().fold(studio, |studio, painter| studio.on_gpu(painter));

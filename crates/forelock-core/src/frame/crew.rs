@@ -30,7 +30,7 @@ pub(crate) struct Crew<'a, T> {
     pub acceleration: &'a [Row<T>],
     /// Motion of each strand relative to the head, [`FRAME_ROWS`] a block; empty: none.
     pub root_frames: &'a [Row<T>],
-    /// How far strands that are still may move, if that is measured.
+    /// When strands are still, and the friction on them, if that is measured.
     pub stillness: Option<Stillness<T>>,
 }
 

@@ -1,13 +1,15 @@
-//! What lets strands sleep and what wakes them: stillness of the head, the air and the strands, and
-//! the reach of colliders that move.
+//! What lets strands sleep and what wakes them: stillness of the head, the air and the strands,
+//! friction that brings strands to rest, and the reach of colliders that move.
 //!
 //! # Limitations
 //! An acceleration in addition to gravity keeps strands awake, even a constant one: see
-//! [`Acceleration`].
+//! [`Acceleration`]. Friction holds positions, not rotations: under rods those go on. A cycle whose
+//! amplitude in a frame does not shrink with the frame is held later in shorter frames.
 
 use super::acceleration::Acceleration;
 use super::input::FrameInput;
 use crate::body::{ColliderFrame, Shape};
+use crate::collide::resolve_solids::reduce_clearance;
 use crate::lane::{LANES, Real, Row};
 use crate::pose::Pose;
 use crate::strands::{Model, SLEEP_SECS, SleepPlace, number};
@@ -49,6 +51,12 @@ impl SleepPlace {
     pub fn continues<T>(&self, other: &Self, model: &Model<T>) -> bool {
         self.gravity == other.gravity
             && distance(&self.head, &other.head, model.centre.into(), model.bound) <= PLACE_M
+    }
+
+    /// Whether something that moves in `moving` comes into the ball around the hair of `model`.
+    pub fn is_disturbed<T>(&self, model: &Model<T>, moving: &[Reach]) -> bool {
+        let hair = Reach::ball(self.head.transform_point(model.centre.into()), model.bound);
+        moving.iter().any(|reach| reach.meets(&hair))
     }
 }
 
@@ -166,8 +174,8 @@ impl LastSolids {
     }
 }
 
-/// A strand moves as fast as the mean of its particles, and at least with this share of the speed
-/// of its fastest particle.
+/// The speed of a strand is that of the mean of its particles, or this share of the speed of its
+/// fastest particle, whichever is greater.
 pub const FASTEST_SHARE: f64 = 0.125;
 /// Seconds after which friction sets in where the surroundings are still.
 pub const CALM_SECS: f64 = 6.0;
@@ -195,10 +203,14 @@ pub const LEAST_FRICTION: f64 = 0.01;
 ///
 /// Since u is a mean, a cycle of single particles counts little. A strand that moves until t comes
 /// to rest up to a/ω² from where it would without friction, with ω the frequency of its softest
-/// mode: 1.2 mm after six seconds under AMS by default.
+/// mode: under AMS by default 0.2 mm for each second of t.
+///
+/// A strand is still if none of its particles is faster than the sleep speed, or if friction holds
+/// it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Stillness<T> {
-    /// The square of the distance of a strand in a frame up to which it is still, m².
+    /// The square of the distance up to which particles of a strand that is still move in a frame,
+    /// m².
     still_squared: T,
     /// The distance a dt² up to which strands are held, metres; 0: there is no friction.
     held: T,
@@ -240,14 +252,18 @@ impl<T: Real> Stillness<T> {
     /// Slows down the strands of a block, whose particles moved from `start` in a frame, by
     /// friction, and advances the times for which they have been still.
     pub fn advance(&self, still_secs: &mut Row<T>, start: &[Row<T>], rows: &mut RestRows<'_, T>) {
-        let moved = strands_moved_squared(start, rows.positions);
+        let farthest = farthest_squared(start, rows.positions);
         let mut kept = [T::one(); LANES];
-        for (secs, (moved, kept)) in still_secs.0.iter_mut().zip(moved.into_iter().zip(&mut kept)) {
-            let share = self.held / moved.sqrt();
-            if moved > T::zero() && share > number(LEAST_FRICTION) {
-                *kept = (T::one() - share).max(T::zero());
+        if self.held > T::zero() {
+            for (kept, moved) in kept.iter_mut().zip(moved_squared(start, rows.positions, &farthest)) {
+                let share = self.held / moved.sqrt();
+                if moved > T::zero() && share > number(LEAST_FRICTION) {
+                    *kept = (T::one() - share).max(T::zero());
+                }
             }
-            let is_still = moved <= self.still_squared || *kept == T::zero();
+        }
+        for (secs, (farthest, kept)) in still_secs.0.iter_mut().zip(farthest.into_iter().zip(kept)) {
+            let is_still = farthest <= self.still_squared || kept == T::zero();
             *secs = if is_still { (*secs + self.dt_secs).min(self.longest_secs) } else { T::zero() };
         }
         if kept.iter().any(|kept| *kept < T::one()) {
@@ -265,28 +281,28 @@ impl<T: Real> Stillness<T> {
                 let mut back = T::zero();
                 for row in 3 * i..3 * i + 3 {
                     let (x, v) = (positions[row].0[k], velocities[row].0[k]);
-                    let motion = if has_load { (x - previous[row].0[k]) * self.inverse_h } else { v };
+                    let step = if has_load { x - previous[row].0[k] } else { T::zero() };
+                    let motion = if has_load { step * self.inverse_h } else { v };
                     velocities[row].0[k] = v - (T::one() - kept) * motion;
                     if kept == T::zero() {
                         let from = start[row].0[k];
                         back = back + (x - from) * (x - from);
                         positions[row].0[k] = from;
-                        if has_load {
-                            previous[row].0[k] = from;
-                        }
+                    }
+                    if has_load {
+                        previous[row].0[k] = positions[row].0[k] - kept * step;
                     }
                 }
-                let left = clearance.0[k];
-                clearance.0[k] = if left > T::zero() { (left - back.sqrt()).max(T::zero()) } else { left };
+                reduce_clearance(&mut clearance.0[k], back.sqrt());
             }
         }
     }
 }
 
 /// The square of the distance that each strand moved from the vectors of `a` to those of `b`, three
-/// rows each: see [`Stillness`].
-fn strands_moved_squared<T: Real>(a: &[Row<T>], b: &[Row<T>]) -> [T; LANES] {
-    let mut moved = farthest_squared(a, b).map(|squared| number::<T>(FASTEST_SHARE.powi(2)) * squared);
+/// rows each: see [`Stillness`]. `farthest` is [`farthest_squared`] of them.
+fn moved_squared<T: Real>(a: &[Row<T>], b: &[Row<T>], farthest: &[T; LANES]) -> [T; LANES] {
+    let mut moved = farthest.map(|squared| number::<T>(FASTEST_SHARE.powi(2)) * squared);
     let mut sums = [[T::zero(); LANES]; 3];
     for (a, b) in a.as_chunks::<3>().0.iter().zip(b.as_chunks::<3>().0) {
         for (c, sum) in sums.iter_mut().enumerate() {
@@ -360,8 +376,10 @@ mod tests {
                 };
                 let mut still_secs = Row([0.0; LANES]);
                 Stillness::new([SPEED, calm_secs], DT, DT).advance(&mut still_secs, &start, &mut rows);
-                assert_eq!(still_secs.0[..3], [DT, DT, 0.0], "{calm_secs}");
-                if calm_secs < CALM_SECS {
+                let is_calm = calm_secs >= CALM_SECS;
+                let held = if is_calm { DT } else { 0.0 };
+                assert_eq!(still_secs.0[..3], [DT, held, 0.0], "{calm_secs}");
+                if !is_calm {
                     assert_eq!([positions, velocities, clearance], before, "{calm_secs}");
                     continue;
                 }
@@ -372,13 +390,16 @@ mod tests {
                     let kept = 1.0 - 10.0 * calm_secs * SPEED * DT * DT / 1e-3;
                     let expected = load + kept * (before[1][row].0[2] - load);
                     assert!((velocities[row].0[2] - expected).abs() < 1e-12);
+                    if has_load {
+                        let motion = (positions[row].0[2] - previous[row].0[2]) / DT;
+                        assert_eq!(previous[row].0[..2], [0.5; 2]);
+                        assert!((velocities[row].0[2] - load - motion).abs() < 1e-9);
+                    }
                 }
                 for (particle, own) in clearance.iter().enumerate() {
                     let left = if particle == 2 { [2e-5, 0.0, 3e-5] } else { [2e-5, 3e-5, 3e-5] };
                     assert!(own.0.iter().zip(left).all(|(own, left)| (own - left).abs() < 1e-12), "{own:?}");
                 }
-                let rest = if has_load { 0.5 } else { f64::NAN };
-                assert!(previous.iter().all(|row| row.0[..2] == [rest; 2]));
             }
         }
     }

@@ -131,7 +131,7 @@ impl<T: SimulationReal> Simulation<T> {
         }
         sleep.place = sleep.place.or(here);
         self.wake_by_solids(frame);
-        if !self.workspace.sleeper.moving.is_empty() {
+        if here.is_some_and(|here| here.is_disturbed(&self.model, &self.workspace.sleeper.moving)) {
             self.state.sleep.calm_secs = 0.0;
         }
         let rows = self.state.positions.len();

@@ -1,11 +1,11 @@
 //! Sleep: for how long each strand has been still, and which strands sleep.
 //!
 //! # Theory
-//! A strand is still in a frame if the mean of its particles moves, relative to the head, by at
-//! most the sleep speed times the frame's length, and none of them by eight times that. This is
-//! measured only while the head and gravity are those of [`SleepPlace`]. A strand that is still for
-//! [`SLEEP_SECS`] sleeps: it is not simulated until something wakes it. Once the surroundings have
-//! been still for some seconds, friction brings the others to rest: see `Stillness`.
+//! A strand is still in a frame if none of its particles moves, relative to the head, by more than
+//! the sleep speed times the frame's length. This is measured only while the head and gravity are
+//! those of [`SleepPlace`]. A strand that is still for [`SLEEP_SECS`] sleeps: it is not simulated
+//! until something wakes it. Once the surroundings have been still for some seconds, friction
+//! brings the others to rest: see `Stillness`.
 //!
 //! # Practice
 //! The sixteen strands of a block sleep together, because they are simulated together: a block
@@ -44,9 +44,10 @@ pub struct Sleep<T> {
 pub struct SleepSnapshot<T> {
     /// Seconds for which each strand has been still, `[S]`; infinite for those that sleep.
     pub still_secs: Vec<T>,
-    /// Rotation x, y, z, w and translation of the head, gravity, and the seconds for which the
-    /// surroundings have been still.
-    pub place: [f64; 11],
+    /// Rotation x, y, z, w and translation of the head, and gravity.
+    pub place: [f64; 10],
+    /// Seconds for which the surroundings have been still.
+    pub calm_secs: f64,
 }
 
 impl<T: Real> Sleep<T> {
@@ -86,7 +87,7 @@ impl<T: Real> Sleep<T> {
         all.fold(T::infinity(), |least, secs| least.min(*secs))
     }
 
-    /// Where strands can be still, and the seconds for which the surroundings have been.
+    /// The place where strands can be still, and the seconds for which it has been calm there.
     pub fn place(&self) -> (Option<SleepPlace>, f64) {
         (self.place, self.calm_secs)
     }
@@ -114,22 +115,21 @@ impl<T: Real> Sleep<T> {
                 still_secs[strand as usize] = own;
             }
         }
-        let mut place = [0.0; 11];
+        let mut place = [0.0; 10];
         place[..4].copy_from_slice(&head.rotation.to_array());
         place[4..7].copy_from_slice(&head.translation.to_array());
-        place[7..10].copy_from_slice(&gravity.to_array());
-        place[10] = self.calm_secs;
-        Some(SleepSnapshot { still_secs, place })
+        place[7..].copy_from_slice(&gravity.to_array());
+        Some(SleepSnapshot { still_secs, place, calm_secs: self.calm_secs })
     }
 
     /// Takes the sleep of a snapshot of as many strands as `model` has; none: all are awake.
     pub(super) fn restore(&mut self, model: &Model<T>, snapshot: Option<&SleepSnapshot<T>>) {
         self.wake();
-        let Some(SleepSnapshot { still_secs, place }) = snapshot else { return };
-        let [x, y, z, w, tx, ty, tz, gx, gy, gz, calm_secs] = *place;
+        let Some(SleepSnapshot { still_secs, place, calm_secs }) = snapshot else { return };
+        let [x, y, z, w, tx, ty, tz, gx, gy, gz] = *place;
         let head = Pose { rotation: DQuat::from_xyzw(x, y, z, w), translation: DVec3::new(tx, ty, tz) };
         self.place = Some(SleepPlace { head, gravity: DVec3::new(gx, gy, gz) });
-        self.calm_secs = calm_secs;
+        self.calm_secs = *calm_secs;
         let longest = number::<T>(SLEEP_SECS);
         for (block, row) in model.blocks.iter().zip(&mut self.still_secs) {
             let own = block.strands.map(|strand| still_secs[strand as usize]);

@@ -330,9 +330,10 @@ impl<T: Real> Snapshot<T> {
             take(name.as_bytes());
             take(bytemuck::cast_slice(values));
         }
-        if let Some(SleepSnapshot { still_secs, place }) = &self.sleep {
+        if let Some(SleepSnapshot { still_secs, place, calm_secs }) = &self.sleep {
             take(bytemuck::cast_slice(still_secs));
             take(bytemuck::cast_slice(place));
+            take(bytemuck::bytes_of(calm_secs));
         }
         hash ^ (hash >> 32)
     }

@@ -142,6 +142,8 @@ impl PathDialog {
 #[derive(Clone, Debug, Default)]
 struct List {
     folder: Option<PathBuf>,
+    /// The folder above it.
+    above: Option<PathBuf>,
     /// Names, those of folders with a slash at their end and first.
     names: Vec<String>,
 }
@@ -156,6 +158,8 @@ impl List {
         };
         if self.folder.as_ref() != Some(&folder) {
             self.names = names(&folder);
+            let whole = folder.canonicalize().or_else(|_| std::path::absolute(&folder)).ok();
+            self.above = whole.as_deref().and_then(Path::parent).map(|above| above.join(""));
             self.folder = Some(folder.clone());
         }
         // A whole name is no beginning: its neighbours may be wanted.
@@ -163,10 +167,8 @@ impl List {
         let goes_on = |name: &&String| is_whole || name.to_lowercase().starts_with(&begun);
         let mut chosen = None;
         egui::ScrollArea::vertical().max_height(180.0).auto_shrink([false, true]).show(ui, |ui| {
-            let above = folder.canonicalize().ok();
-            let above = above.as_deref().and_then(Path::parent).map(|parent| parent.join(""));
-            if above.is_some() && ui.selectable_label(false, "../").clicked() {
-                chosen = above;
+            if self.above.is_some() && ui.selectable_label(false, "../").clicked() {
+                chosen = self.above.clone();
             }
             for name in self.names.iter().filter(goes_on) {
                 if ui.selectable_label(name.to_lowercase() == begun, name).clicked() {

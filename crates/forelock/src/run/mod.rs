@@ -36,6 +36,7 @@ use forelock_io::{Lock, Stored};
 use glam::Vec3;
 
 use crate::backend::Backend;
+use crate::painter::GpuPainter;
 use crate::penetration::Penetration;
 use crate::pictures::{self, LastFrame, PictureError, RunPictures, Studio};
 use crate::player::{Player, PlayerError, StepReport};
@@ -165,12 +166,18 @@ struct Run<'a> {
     positions: Vec<Vec3>,
     /// What the user should know of the run itself.
     notes: Vec<String>,
+    /// Draws the pictures; none: the CPU does.
+    painter: Option<GpuPainter>,
     _lock: Lock,
 }
 
 impl<'a> Run<'a> {
     fn start(mut player: Player, options: &'a RunOptions) -> Result<Self, RunError> {
         let out = options.out.as_path();
+        let output = &player.scene().output;
+        let draws = output.picture || output.contact_sheet || output.film;
+        // Before the first frame, so that a machine without a GPU is refused at once.
+        let painter = if draws { GpuPainter::of(player.scene())? } else { None };
         std::fs::create_dir_all(out).map_err(|error| RunError::Folder { path: out.to_path_buf(), error })?;
         let snapshot = out.join(SNAPSHOT);
         let cache = cache_path(player.scene(), out);
@@ -210,7 +217,8 @@ impl<'a> Run<'a> {
         let saved = stored.as_ref().map(|_| so_far.frame);
         let checkpoints = Checkpoints::begin();
         let positions = Vec::new();
-        let mut run = Self { player, out, cache, so_far, checkpoints, saved, positions, notes, _lock: lock };
+        let mut run =
+            Self { player, out, cache, so_far, checkpoints, saved, positions, notes, painter, _lock: lock };
         run.player.positions(&mut run.positions)?;
         if stored.is_none() {
             run.append()?;
@@ -352,7 +360,9 @@ impl<'a> Run<'a> {
                 time_secs: self.player.secs_of(self.so_far.frame),
                 cache: cache.as_deref(),
             };
-            pictures = pictures::of_run(&Studio::new(scene, assets), &last, self.out, observer)?;
+            let studio = Studio::new(scene, assets);
+            let studio = self.painter.iter().fold(studio, |studio, painter| studio.on_gpu(painter));
+            pictures = pictures::of_run(&studio, &last, self.out, observer)?;
         }
         outputs.extend(pictures.files);
 

@@ -90,9 +90,9 @@ const CACHE: &str = "cache_checksum";
 /// their names, and some arrays may be missing.
 const NAMES: &str = "names";
 
-/// Names of the arrays of the seconds for which strands have been still, and of where; both are
-/// missing if none has been.
-const SLEEP: [&str; 2] = ["still_secs", "sleep_place"];
+/// Names of the arrays of the seconds for which strands have been still, of where, and of the
+/// seconds for which their surroundings have been; all are missing if these are not still.
+const SLEEP: [&str; 3] = ["still_secs", "sleep_place", "calm_secs"];
 
 /// What the name of an array of a stage's times begins with.
 const STAGE: &str = "stage_";
@@ -156,6 +156,7 @@ impl Snapshot {
         if let Some(sleep) = state.sleep {
             arrays.push((SLEEP[0], Array::vector(sleep.still_secs)));
             arrays.push((SLEEP[1], Array::vector(sleep.place.to_vec())));
+            arrays.push((SLEEP[2], Array::vector(vec![sleep.calm_secs])));
         }
         arrays.extend([
             ("positions", flat(state.positions)),
@@ -266,7 +267,8 @@ impl Snapshot {
         }
         let sleep = if SLEEP.into_iter().any(|name| arrays.contains_key(name)) {
             let place = doubles(SLEEP[1])?.try_into().map_err(|_| SLEEP[1])?;
-            Some(SleepSnapshot { still_secs: floats(SLEEP[0])?, place })
+            let [calm_secs] = doubles(SLEEP[2])?.try_into().map_err(|_| SLEEP[2])?;
+            Some(SleepSnapshot { still_secs: floats(SLEEP[0])?, place, calm_secs })
         } else {
             None
         };
@@ -346,7 +348,7 @@ mod tests {
             ]
             .map(|(name, values)| (name.to_owned(), values))
             .into(),
-            sleep: Some(SleepSnapshot { still_secs: vec![f32::INFINITY], place: [0.5; 11] }),
+            sleep: Some(SleepSnapshot { still_secs: vec![f32::INFINITY], place: [0.5; 10], calm_secs: 7.5 }),
         };
         (snapshot, state)
     }

@@ -33,7 +33,7 @@ pub use motion::{ClipSection, Keyframe, MotionSection};
 pub(crate) use sections::NEAR_CELL;
 pub use sections::{
     BodySection, CameraSection, ColliderSection, GroomSection, GroomSource, HairSection, InteractionKind,
-    InteractionSection, OutputSection, ShapeKind, TimeSection,
+    InteractionSection, OutputSection, Renderer, ShapeKind, TimeSection,
 };
 pub use solver::{NeuralSection, SimdChoice, SolverKind, SolverSection};
 pub use teleport::TeleportSection;

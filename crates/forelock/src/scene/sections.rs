@@ -463,6 +463,17 @@ impl Default for TimeSection {
     }
 }
 
+/// What draws pictures.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Renderer {
+    /// All threads of the processor.
+    #[default]
+    Cpu,
+    /// The fastest GPU.
+    Gpu,
+}
+
 forelock_core::documented! {
 /// `[output]`: what is written into the output folder.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -485,6 +496,9 @@ pub struct OutputSection {
     /// Frames from one in the cache to the next; films and sheets show frames of the cache. Unit
     /// frames, default 1, range 1 to 1000.
     pub cache_every: u32,
+    /// What draws pictures and films: "cpu" or "gpu", which is refused where there is no GPU.
+    /// Default "cpu".
+    pub renderer: Renderer,
     /// Whether to write the page `report.html`. Default true.
     pub report: bool,
     /// Name of the groom that `forelock groom` writes; its ending picks the format. Default
@@ -504,6 +518,7 @@ impl Default for OutputSection {
             height: 900,
             cache: PathBuf::from("hair.npz"),
             cache_every: 1,
+            renderer: Renderer::Cpu,
             report: true,
             groom: PathBuf::from("groom.npz"),
         }

@@ -13,6 +13,7 @@ mod player;
 mod rates_agree;
 mod readme;
 mod real_grooms;
+mod renderer;
 mod sleep;
 mod teleports;
 mod training;

@@ -4,7 +4,8 @@
 // Positions at the frame's start, three rows per particle.
 @group(0) @binding(17) var<storage, read_write> start: array<f32>;
 
-// Bits of the square of the largest speed of a particle over a frame, m²/s².
+// Bits of the square of the largest speed of a particle over a frame, m²/s², of strands that
+// friction does not hold.
 @group(0) @binding(18) var<storage, read_write> motion: atomic<u32>;
 
 // Records where hair is at the frame's start, relative to the frame's origin.
@@ -42,7 +43,7 @@ fn measure_motion(@builtin(global_invocation_id) id: vec3u) {
     let least = FASTEST_SHARE * FASTEST_SHARE * bitcast<f32>(farthest);
     let moved = max(bitcast<u32>(least) & 0x7fffffffu, bitcast<u32>(dot(mean, mean)) & 0x7fffffffu);
     let far = sqrt(bitcast<f32>(moved));
-    let speed_squared = bitcast<f32>(moved) * frame.inverse_dt * frame.inverse_dt;
+    let speed_squared = bitcast<f32>(farthest) * frame.inverse_dt * frame.inverse_dt;
     var fastest = bitcast<u32>(speed_squared) & 0x7fffffffu;
     if is_finite(far) && far > 0.0 && frame.held > LEAST_FRICTION * far {
         let kept = max(1.0 - frame.held / far, 0.0);
@@ -67,17 +68,17 @@ fn slow_down(strand: Strand, kept: f32) {
     for (var i = 0u; i < strand.particles; i++) {
         let x = position_at(strand, i);
         let v = velocity_at(strand, i);
+        let before = start_at(strand, i);
+        let now = select(x, before, kept == 0.0);
         var u = v;
         if has_load {
-            u = (x - previous_at(strand, i)) * frame.inverse_h;
+            let step = x - previous_at(strand, i);
+            u = step * frame.inverse_h;
+            set_previous(strand, i, now - kept * step);
         }
         set_velocity(strand, i, v - (1.0 - kept) * u);
         if kept == 0.0 {
-            let before = start_at(strand, i);
-            set_position(strand, i, before);
-            if has_load {
-                set_previous(strand, i, before);
-            }
+            set_position(strand, i, now);
             let at = entry(strand, i, 2u, 1u);
             let left = memory[at];
             if left > 0.0 {

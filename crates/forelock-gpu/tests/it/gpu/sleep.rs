@@ -187,7 +187,7 @@ fn friction_is_that_of_the_cpu() {
         let from = device.snapshot().unwrap();
         let after = |calm_secs: f64| {
             let mut from = from.clone();
-            from.sleep.as_mut().unwrap().place[10] = calm_secs;
+            from.sleep.as_mut().unwrap().calm_secs = calm_secs;
             let mut host = HostPositions::new(Simulation::new(&groom(), &solver, &options(SPEED)).unwrap());
             let mut device = simulation(&solver, SPEED);
             let simulators: [&mut dyn Simulator; 2] = [&mut host, &mut device];
