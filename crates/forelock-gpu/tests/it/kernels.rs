@@ -121,7 +121,7 @@ fn layouts() -> Vec<Layout> {
             k_springs k_integrity tip_scales k_angular gravity k_altitude air drag h inverse_h inverse_dt length_damping
             elastic_limit breaking_point breaking_width healing healing_limit clamped flags unknown drag_along
             drag_quadratic shape_global shape_local tip_global tip_local recheck least_mass length_limit
-            stretch_compliance bend_compliance rotation_weight keep iterations channel_rows
+            stretch_compliance bend_compliance rotation_weight keep iterations channel_rows held
         ]),
         layout!("Substep", SubstepUniform, [
             start end carried_weight level shift share_at_start rotation spin share_at_end
