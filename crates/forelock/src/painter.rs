@@ -9,7 +9,7 @@ use forelock_render::{Image, Scene, Settings};
 use crate::pictures::PictureError;
 use crate::scene::Renderer;
 
-/// A GPU that draws pictures for [`Studio::on_gpu`](crate::Studio::on_gpu).
+/// A GPU that draws pictures for [`Studio::drawn_by`](crate::Studio::drawn_by).
 #[derive(Debug)]
 pub struct GpuPainter {
     gpu: Gpu,

@@ -100,10 +100,10 @@ impl<'a> Studio<'a> {
         Self { scene, assets, camera, painter: None }
     }
 
-    /// The same with pictures drawn by `painter`.
+    /// The same with pictures drawn by `painter`; none: the CPU draws.
     #[must_use]
-    pub fn on_gpu(self, painter: &'a GpuPainter) -> Self {
-        Self { painter: Some(painter), ..self }
+    pub fn drawn_by(self, painter: Option<&'a GpuPainter>) -> Self {
+        Self { painter, ..self }
     }
 
     /// Where the camera is.

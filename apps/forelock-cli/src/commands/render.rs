@@ -33,8 +33,7 @@ pub fn render(arguments: &RenderArgs) -> anyhow::Result<()> {
         Some(BenchBackend::Cpu) => None,
         Some(BenchBackend::Gpu) => Some(GpuPainter::open()?),
     };
-    let studio = Studio::new(&scene, &assets);
-    let studio = painter.iter().fold(studio, |studio, painter| studio.on_gpu(painter));
+    let studio = Studio::new(&scene, &assets).drawn_by(painter.as_ref());
     let out = arguments.out.clone().unwrap_or_else(|| default_name(arguments));
     match &mut cache {
         Some(_)

@@ -29,10 +29,7 @@ pub use plan::{CHECK, COLLIDE, Exchange, FramePlan, LENGTHS, Moves, Phase, Plann
 pub use report::{BlockNanos, BlockReport, ContactReport, FrameReport, GridReport, SphReport, StageTimes};
 pub use roots::{FRAME_ROWS, RestMotion, Roots, pack_frames};
 pub use rules::{Channels, FrameRules, Refinement, SPANS, StepCheck, StepRate};
-pub use sleep::{
-    CALM_SECS, FASTEST_SHARE, FRICTION_GROWTH, LEAST_FRICTION, LastSolids, PLACE_M, ROUNDING_M, Reach,
-    held_distance,
-};
+pub use sleep::{FASTEST_SHARE, LEAST_FRICTION, LastSolids, PLACE_M, ROUNDING_M, Reach, held_distance};
 pub(crate) use sleep::{Stillness, farthest_squared};
 pub use solver::{LaneSolver, Solver, SolverReal, StrandSolver};
 

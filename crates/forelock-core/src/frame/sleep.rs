@@ -3,8 +3,8 @@
 //!
 //! # Limitations
 //! An acceleration in addition to gravity keeps strands awake, even a constant one: see
-//! [`Acceleration`]. Friction holds positions, not rotations: under rods those go on. A cycle whose
-//! amplitude in a frame does not shrink with the frame is held later in shorter frames.
+//! [`Acceleration`]. Friction does not act on the rotations of rods. It holds a strand that jumps
+//! by the same distance in every frame later if frames are shorter, since a dt² is smaller then.
 
 use super::acceleration::Acceleration;
 use super::input::FrameInput;
@@ -201,9 +201,9 @@ pub const LEAST_FRICTION: f64 = 0.01;
 /// v ← 0, x ← x at the frame's start       u ≤ a dt
 /// ```
 ///
-/// Since u is a mean, a cycle of single particles counts little. A strand that moves until t comes
-/// to rest up to a/ω² from where it would without friction, with ω the frequency of its softest
-/// mode: under AMS by default 0.2 mm for each second of t.
+/// Since u is a mean, a cycle of single particles counts little. A strand that friction stops at
+/// the time t is at most a/ω² from where it would have come to rest, with ω the frequency of its
+/// softest mode: under AMS by default 0.2 mm for each second of t.
 ///
 /// A strand is still if none of its particles is faster than the sleep speed, or if friction holds
 /// it.
@@ -342,55 +342,66 @@ mod tests {
     const DT: f64 = 1.0 / 60.0;
     const SPEED: f64 = 2e-3;
 
-    /// Four particles a strand. In lane 0 all moved by 10 µm, in lane 1 one by 0.1 mm, in lane 2
-    /// all by 1 mm; the velocities of motion are those of the last substep, in addition to a load.
-    fn moved(has_load: bool) -> [Vec<Row<f64>>; 5] {
-        let rows = |value: f64| vec![Row([value; LANES]); 12];
-        let [start, mut positions, mut velocities] = [rows(0.5), rows(0.5), rows(0.0)];
-        for particle in 0..4 {
-            let by = [1e-5, if particle == 2 { 1e-4 } else { 0.0 }, 1e-3];
-            for (lane, by) in by.into_iter().enumerate() {
-                positions[3 * particle].0[lane] += by;
-                velocities[3 * particle].0[lane] = by / DT;
+    /// The rows of a block, and its positions at the frame's start.
+    #[derive(Clone, PartialEq)]
+    struct Moved {
+        start: Vec<Row<f64>>,
+        positions: Vec<Row<f64>>,
+        velocities: Vec<Row<f64>>,
+        previous: Vec<Row<f64>>,
+        clearance: Vec<Row<f64>>,
+    }
+
+    impl Moved {
+        /// Four particles a strand. In lane 0 all moved by 10 µm, in lane 1 one by 0.1 mm, in lane
+        /// 2 all by 1 mm, in a frame of one substep; velocities are those of the motion and `load`.
+        fn new(load: f64) -> Self {
+            let rows = |value: f64| vec![Row([value; LANES]); 12];
+            let [start, mut positions, mut velocities] = [rows(0.5), rows(0.5), rows(load)];
+            for particle in 0..4 {
+                let by = [1e-5, if particle == 2 { 1e-4 } else { 0.0 }, 1e-3];
+                for (lane, by) in by.into_iter().enumerate() {
+                    positions[3 * particle].0[lane] += by;
+                    velocities[3 * particle].0[lane] += by / DT;
+                }
             }
+            let previous = if load == 0.0 { Vec::new() } else { start.clone() };
+            Self { start, positions, velocities, previous, clearance: vec![Row([3e-5; LANES]); 4] }
         }
-        let previous = if has_load { start.clone() } else { Vec::new() };
-        if has_load {
-            velocities.iter_mut().for_each(|row| row.0.iter_mut().for_each(|v| *v += 7.0));
+
+        /// The frame's end after `calm_secs`: for how long the strands have been still.
+        fn advance(&mut self, calm_secs: f64) -> Row<f64> {
+            let Self { start, positions, velocities, previous, clearance } = self;
+            let mut still_secs = Row([0.0; LANES]);
+            let mut rows = RestRows { positions, velocities, previous, clearance };
+            Stillness::new([SPEED, calm_secs], DT, DT).advance(&mut still_secs, start, &mut rows);
+            still_secs
         }
-        [start, positions, velocities, previous, vec![Row([3e-5; LANES]); 4]]
     }
 
     #[test]
     fn friction_holds_what_hardly_moves_and_slows_down_the_rest() {
-        for has_load in [false, true] {
-            let load = if has_load { 7.0 } else { 0.0 };
+        for load in [0.0, 7.0] {
             for calm_secs in [0.0, 5.9, 6.0, 12.0] {
-                let [start, mut positions, mut velocities, mut previous, mut clearance] = moved(has_load);
-                let before = [positions.clone(), velocities.clone(), clearance.clone()];
-                let mut rows = RestRows {
-                    positions: &mut positions,
-                    velocities: &mut velocities,
-                    previous: &mut previous,
-                    clearance: &mut clearance,
-                };
-                let mut still_secs = Row([0.0; LANES]);
-                Stillness::new([SPEED, calm_secs], DT, DT).advance(&mut still_secs, &start, &mut rows);
+                let before = Moved::new(load);
+                let mut own = before.clone();
+                let still_secs = own.advance(calm_secs);
                 let is_calm = calm_secs >= CALM_SECS;
                 let held = if is_calm { DT } else { 0.0 };
                 assert_eq!(still_secs.0[..3], [DT, held, 0.0], "{calm_secs}");
                 if !is_calm {
-                    assert_eq!([positions, velocities, clearance], before, "{calm_secs}");
+                    assert!(own == before, "{calm_secs}");
                     continue;
                 }
+                let Moved { positions, velocities, previous, clearance, .. } = own;
                 for row in 0..12 {
                     assert_eq!(positions[row].0[..2], [0.5; 2]);
                     assert!(velocities[row].0[..2].iter().all(|v| (v - load).abs() < 1e-12));
-                    assert_eq!(positions[row].0[2], before[0][row].0[2]);
+                    assert_eq!(positions[row].0[2], before.positions[row].0[2]);
                     let kept = 1.0 - 10.0 * calm_secs * SPEED * DT * DT / 1e-3;
-                    let expected = load + kept * (before[1][row].0[2] - load);
+                    let expected = load + kept * (before.velocities[row].0[2] - load);
                     assert!((velocities[row].0[2] - expected).abs() < 1e-12);
-                    if has_load {
+                    if load != 0.0 {
                         let motion = (positions[row].0[2] - previous[row].0[2]) / DT;
                         assert_eq!(previous[row].0[..2], [0.5; 2]);
                         assert!((velocities[row].0[2] - load - motion).abs() < 1e-9);
@@ -408,19 +419,12 @@ mod tests {
     #[test]
     fn friction_leaves_what_is_not_finite_alone() {
         for wrong in [f64::NAN, f64::INFINITY] {
-            let [start, mut positions, mut velocities, mut previous, mut clearance] = moved(false);
-            positions[4].0[0] = wrong;
-            let before = velocities.clone();
-            let mut rows = RestRows {
-                positions: &mut positions,
-                velocities: &mut velocities,
-                previous: &mut previous,
-                clearance: &mut clearance,
-            };
-            let mut still_secs = Row([0.5; LANES]);
-            Stillness::new([SPEED, 60.0], DT, DT).advance(&mut still_secs, &start, &mut rows);
+            let mut own = Moved::new(0.0);
+            own.positions[4].0[0] = wrong;
+            let before = own.velocities.clone();
+            let still_secs = own.advance(60.0);
             assert_eq!(still_secs.0[0], 0.0);
-            assert!(velocities.iter().zip(&before).all(|(now, before)| now.0[0] == before.0[0]));
+            assert!(own.velocities.iter().zip(&before).all(|(now, before)| now.0[0] == before.0[0]));
         }
     }
 }

@@ -3,7 +3,7 @@
 //! # Theory
 //! A strand that is still for a second ([`crate::strands::Sleep`]) sleeps: its particles keep their
 //! places, without velocity, until something wakes it. Over that second the mean acceleration of
-//! the strand is at most 2 v/T (v the sleep speed, T one second), so the forces on it other than
+//! each particle is at most 2 v/T (v the sleep speed, T one second), so the forces on it other than
 //! drag are out of balance by at most (2/T + c) v, c the drag rate. A strand whose softest mode has
 //! the frequency ω is therefore at most (2/T + c) v/ω² from where it would come to rest: 0.08 mm
 //! under AMS by default (v = 2 mm/s, c = 2 s⁻¹, ω = 10 s⁻¹).

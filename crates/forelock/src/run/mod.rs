@@ -360,8 +360,7 @@ impl<'a> Run<'a> {
                 time_secs: self.player.secs_of(self.so_far.frame),
                 cache: cache.as_deref(),
             };
-            let studio = Studio::new(scene, assets);
-            let studio = self.painter.iter().fold(studio, |studio, painter| studio.on_gpu(painter));
+            let studio = Studio::new(scene, assets).drawn_by(self.painter.as_ref());
             pictures = pictures::of_run(&studio, &last, self.out, observer)?;
         }
         outputs.extend(pictures.files);

@@ -5,7 +5,7 @@
 pub use super::displacements::FAR;
 use super::displacements::{Displacements, Place};
 use super::histogram::{Cutoff, Histogram};
-use crate::interaction::transpose::{Node, rows_of_nodes};
+use crate::interaction::transpose::{Node, Rows, rows_of_nodes};
 use crate::lane::{LANES, Real, widest};
 use crate::scratch::fill;
 use crate::strands::Model;
@@ -309,7 +309,7 @@ impl MeanMotion {
             }
             means[lane] = Node(sum);
         }
-        let mut rows = [[0.0f32; LANES]; 8];
+        let mut rows: Rows = [[0.0; LANES]; 8];
         rows_of_nodes(&means, &mut rows);
         let mut residual = [[0.0f32; LANES]; 3];
         for c in 0..3 {
