@@ -192,7 +192,7 @@ fn lay_strand<L: Lane>(
                 curve.edge += 1;
                 found
             } else {
-                curve.search(solids, &turn, before, has_pass).unwrap_or_else(|x| {
+                curve.search(solids, &turn, before, limit).unwrap_or_else(|x| {
                     // Where no direction is free the length has precedence, unless a pass restores
                     // it.
                     if has_pass {
@@ -274,7 +274,7 @@ impl<L: Lane> Curve<'_, L> {
         solids: &Solids<'_, L::Scalar>,
         turn: &Turn<L::Scalar>,
         before: [L::Scalar; 3],
-        has_pass: bool,
+        limit: f64,
     ) -> Place<L::Scalar> {
         let from = (self.edge, self.share);
         let (place, corner) = self.follow([before, turn.leader], turn.length);
@@ -287,7 +287,7 @@ impl<L: Lane> Curve<'_, L> {
             // The corner may lie beside the edge on the solid's side.
             found = free(turn, place).or(found);
         }
-        if let (Err(x), true) = (found, has_pass) {
+        if let (Err(x), true) = (found, follows_pass(limit)) {
             // Nearly at its length on the surface.
             let x = project(solids, x);
             let nearly = Turn { corner: None, length: distance(turn.leader, x), ..*turn };
@@ -299,7 +299,7 @@ impl<L: Lane> Curve<'_, L> {
             }
         }
         let Err(x) = found else { return found };
-        let is_cut = has_pass || turn.meets_thin(solids, x);
+        let is_cut = limit > EXACT || turn.meets_thin(solids, x);
         if !is_cut || !self.is_outside || !self.is_free(solids, from.0) {
             return found;
         }

@@ -270,9 +270,9 @@ fn follow_curve(strand: Strand, at: ptr<function, CurvePlace>, leader: vec3f, ah
 }
 
 // Whether the edge of `turn` with the particle at x may be made shorter: the old curve is outside
-// all solids from edge `begin` to edge `end`, and unless a pass follows (`has_pass`) one that is
-// thin beside the edge would cut it.
-fn may_shorten(strand: Strand, begin: u32, end: u32, turn: Turn, x: vec3f, has_pass: bool) -> bool {
+// all solids from edge `begin` to edge `end`, and where lengths have precedence (no `stretch_limit`)
+// a solid that is thin beside the edge would cut it.
+fn may_shorten(strand: Strand, begin: u32, end: u32, turn: Turn, x: vec3f) -> bool {
     let last = min(end, strand.particles - 2u);
     for (var edge = min(begin, last + 1u); edge <= last + 1u; edge++) {
         let is_new = edge > last;
@@ -291,7 +291,7 @@ fn may_shorten(strand: Strand, begin: u32, end: u32, turn: Turn, x: vec3f, has_p
             }
         }
         if meets || is_new {
-            return is_new && (meets || has_pass);
+            return is_new && (meets || query.stretch_limit > 0.0);
         }
     }
     return false;
@@ -323,7 +323,7 @@ fn place_next(
         if (attempt == PAST_CORNER && !way.has_corner) || (attempt == ON_SURFACE && !has_pass) {
             continue;
         }
-        if attempt == SHORTER && !(began.is_outside && may_shorten(strand, began.edge, end.edge, turn, found.x, has_pass)) {
+        if attempt == SHORTER && !(began.is_outside && may_shorten(strand, began.edge, end.edge, turn, found.x)) {
             break;
         }
         own.length = select(turn.length, 0.5 * (least + most), attempt >= SHORTER);
