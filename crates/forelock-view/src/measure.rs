@@ -1,11 +1,17 @@
 //! Colours that show what strands do instead of how they look.
 
+use std::collections::HashMap;
+
 use forelock::player::Moment;
+use forelock_core::groom::Groom;
 use forelock_core::pose::Pose;
 use glam::Vec3;
 
 /// The longest time between two frames from which a speed is taken, seconds.
 const LONGEST_SECS: f64 = 0.25;
+
+/// Side of the cells in which hair is counted, metres.
+const CELL: f32 = 0.01;
 
 /// What the colours of strands show.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -19,11 +25,13 @@ pub enum Measure {
     Speed,
     /// Distance from the rest shape, in the frame of the head.
     Displacement,
+    /// How much denser hair is around a particle than around it at rest.
+    Density,
 }
 
 impl Measure {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::Hair, Self::Stretch, Self::Speed, Self::Displacement];
+    pub const ALL: [Self; 5] = [Self::Hair, Self::Stretch, Self::Speed, Self::Displacement, Self::Density];
 
     /// Its name in the window, and what the end of the scale stands for.
     pub fn words(self) -> (&'static str, &'static str) {
@@ -32,13 +40,14 @@ impl Measure {
             Self::Stretch => ("Stretch", "1 % longer or shorter"),
             Self::Speed => ("Speed", "2 m/s relative to the head"),
             Self::Displacement => ("Displacement", "10 cm from the rest shape"),
+            Self::Density => ("Density", "twice as dense as at rest"),
         }
     }
 
     /// The value at the end of the scale: a ratio, m/s, metres.
     fn end(self) -> f32 {
         match self {
-            Self::Hair => 1.0,
+            Self::Hair | Self::Density => 1.0,
             Self::Stretch => 0.01,
             Self::Speed => 2.0,
             Self::Displacement => 0.1,
@@ -53,6 +62,10 @@ impl Measure {
             Self::Stretch => stretches(moment),
             Self::Speed => speeds(moment, previous),
             Self::Displacement => displacements(moment),
+            Self::Density => {
+                let now: Vec<Vec3> = in_head(moment).collect();
+                compressions(moment.groom(), &now)
+            }
         };
         Some(values.into_iter().map(|value| colour((value / self.end()).abs())).collect())
     }
@@ -98,6 +111,38 @@ fn displacements(moment: &Moment) -> Vec<f32> {
     in_head(moment).zip(moment.groom().positions()).map(|(now, rest)| now.distance(*rest)).collect()
 }
 
+/// By how much of its density at rest hair is denser around each particle, which is at `now` in the
+/// frame of the head; 0 where it is looser.
+fn compressions(groom: &Groom, now: &[Vec3]) -> Vec<f32> {
+    let lengths = lengths(groom);
+    let [at_rest, now] = [groom.positions(), now].map(|places| densities(places, &lengths));
+    now.into_iter().zip(at_rest).map(|(now, rest)| (now / rest.max(1e-9) - 1.0).max(0.0)).collect()
+}
+
+/// The length of strand that each particle stands for: half of both edges at rest, metres.
+fn lengths(groom: &Groom) -> Vec<f32> {
+    let rest = groom.positions();
+    let mut lengths = vec![0.0; rest.len()];
+    for range in groom.strand_offsets().windows(2) {
+        for i in range[0] as usize + 1..range[1] as usize {
+            let half = 0.5 * rest[i].distance(rest[i - 1]);
+            lengths[i] += half;
+            lengths[i - 1] += half;
+        }
+    }
+    lengths
+}
+
+/// The length of strand in the cell around each place, metres.
+fn densities(places: &[Vec3], lengths: &[f32]) -> Vec<f32> {
+    let cell = |place: &Vec3| (*place / CELL).floor().as_i64vec3();
+    let mut cells: HashMap<_, f32> = HashMap::new();
+    for (place, length) in places.iter().zip(lengths) {
+        *cells.entry(cell(place)).or_default() += length;
+    }
+    places.iter().map(|place| cells.get(&cell(place)).copied().unwrap_or_default()).collect()
+}
+
 /// The particles in the frame of the head.
 fn in_head(moment: &Moment) -> impl Iterator<Item = Vec3> + '_ {
     let back: Pose = moment.head.inverse();
@@ -116,7 +161,7 @@ mod tests {
         let sets = sets.into_iter().collect::<Result<Vec<_>, _>>()?;
         let mut player = Player::builder(Scene::builtin(&sets)?).backend(Backend::Cpu).build()?;
         let rest = player.moment()?;
-        for measure in [Measure::Stretch, Measure::Speed, Measure::Displacement] {
+        for measure in [Measure::Stretch, Measure::Speed, Measure::Displacement, Measure::Density] {
             let colours = measure.colours(&rest, None).ok_or("colours")?;
             assert_eq!(colours.len(), rest.positions.len());
             let is_blue = |own: &[f32; 3]| own[2] > 3.0 * own[0];
@@ -135,9 +180,27 @@ mod tests {
         // Roots do not move in the head.
         let first = now.groom().strand_offsets()[3] as usize;
         assert!(speeds(&now, Some(&before))[first] < 1e-3);
+        assert!(mean(compressions(now.groom(), &in_head(&now).collect::<Vec<_>>())) > 0.01);
         // A frame long before, and one after it, tell no speed.
         assert_eq!(mean(speeds(&now, Some(&rest))), 0.0);
         assert_eq!(mean(speeds(&before, Some(&now))), 0.0);
+        Ok(())
+    }
+
+    #[test]
+    fn hair_that_is_pressed_together_is_denser() -> Result<(), Box<dyn std::error::Error>> {
+        let strand = |s: u8| {
+            let at = move |p: u8| Vec3::new(f32::from(s % 20), f32::from(s / 20), f32::from(p));
+            (0..40).map(move |p| 0.002 * at(p) + 0.001).collect::<Vec<_>>()
+        };
+        let groom = Groom::from_strands((0..200).map(strand))?;
+        let by = |factor: f32| groom.positions().iter().map(|x| *x * factor).collect::<Vec<_>>();
+        assert!(compressions(&groom, &by(1.0)).iter().all(|own| *own == 0.0));
+        assert!(compressions(&groom, &by(2.0)).iter().all(|own| *own == 0.0));
+        // An eighth of the volume; at the rim cells are not full.
+        let pressed = compressions(&groom, &by(0.5));
+        let mean = pressed.iter().sum::<f32>() / pressed.len() as f32;
+        assert!((5.5..8.0).contains(&mean), "{mean}");
         Ok(())
     }
 }

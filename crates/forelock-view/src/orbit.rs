@@ -27,8 +27,17 @@ impl Orbit {
     /// The orbit on which all of `bounds` (smallest and largest corner, metres) is visible from
     /// `yaw` and `pitch`, radians.
     pub fn framing(bounds: (Vec3, Vec3), yaw: f32, pitch: f32) -> Self {
-        let Camera { eye, target, fov_y, .. } = Camera::framing(bounds, yaw, pitch);
-        Self { target, distance: eye.distance(target).max(1e-3), yaw, pitch, fov_y }
+        // Straight from above, the camera's place does not tell the yaw.
+        Self { yaw, pitch, ..Self::of(&Camera::framing(bounds, yaw, pitch)) }
+    }
+
+    /// The orbit of `camera` around its target.
+    pub fn of(camera: &Camera) -> Self {
+        let Camera { eye, target, fov_y, .. } = *camera;
+        let back = eye - target;
+        let (yaw, pitch) = (back.x.atan2(back.z), back.y.atan2(back.x.hypot(back.z)));
+        let pitch = pitch.clamp(-STEEPEST, STEEPEST);
+        Self { target, distance: back.length().max(1e-3), yaw, pitch, fov_y }
     }
 
     /// The camera.
@@ -91,6 +100,14 @@ mod tests {
         after.pan(Vec2::new(30.0, -12.0), 640, 480);
         let seen = after.camera().project(before.target, 640, 480).unwrap();
         assert!((seen.truncate() - Vec2::new(350.0, 228.0)).length() < 1e-2, "{seen}");
+    }
+
+    #[test]
+    fn the_orbit_of_a_camera_has_it() {
+        let orbit = orbit();
+        let found = Orbit::of(&orbit.camera());
+        assert!((found.yaw - orbit.yaw).abs() < 1e-5 && (found.pitch - orbit.pitch).abs() < 1e-5);
+        assert!((found.distance - orbit.distance).abs() < 1e-5 && found.target == orbit.target);
     }
 
     #[test]

@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use crate::assets::Assets;
 use crate::painter::GpuPainter;
 use crate::progress::{Observer, Progress};
-use crate::scene::{HairSection, Scene};
+use crate::scene::{CameraSection, HairSection, Scene};
 
 /// Pictures on a contact sheet of a cache, and in a row of it.
 const SHEET: (usize, u32) = (12, 4);
@@ -85,10 +85,14 @@ impl<'a> Studio<'a> {
     /// The camera that `scene` asks for, before `assets` and all that the body's motion does to
     /// their place.
     pub fn new(scene: &'a Scene, assets: &'a Assets) -> Self {
+        let camera = Self::camera_of(&scene.camera, scene, assets);
+        Self { scene, assets, camera, painter: None }
+    }
+
+    fn camera_of(section: &CameraSection, scene: &Scene, assets: &Assets) -> Camera {
         let points =
             assets.groom.positions().iter().chain(assets.body_mesh().into_iter().flat_map(|m| &m.positions));
         let bounds = points.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), &p| (lo.min(p), hi.max(p)));
-        let section = &scene.camera;
         let bounds = if section.follow { bounds } else { wherever_it_moves(bounds, scene, assets) };
         let angles = [section.yaw_degrees, section.pitch_degrees].map(|degrees| degrees.to_radians() as f32);
         let mut camera = Camera::framing(bounds, angles[0], angles[1]);
@@ -97,7 +101,7 @@ impl<'a> Studio<'a> {
             let shift = DVec3::from_array(point).as_vec3() - camera.target;
             (camera.eye, camera.target) = (camera.eye + shift, camera.target + shift);
         }
-        Self { scene, assets, camera, painter: None }
+        camera
     }
 
     /// The same with pictures drawn by `painter`; none: the CPU draws.
@@ -109,6 +113,19 @@ impl<'a> Studio<'a> {
     /// Where the camera is.
     pub(crate) fn camera(&self) -> Camera {
         self.camera
+    }
+
+    /// The keys of a scene whose camera is where `camera` is while the body is at rest.
+    pub(crate) fn keys_of(&self, camera: &Camera) -> CameraSection {
+        let back = (camera.eye - camera.target).as_dvec3();
+        let yaw_degrees = back.x.atan2(back.z).to_degrees();
+        let pitch_degrees = back.y.atan2(back.x.hypot(back.z)).to_degrees().clamp(-89.0, 89.0);
+        let follow = self.scene.camera.follow;
+        let filling = CameraSection { yaw_degrees, pitch_degrees, follow, ..CameraSection::default() };
+        let filling = Self::camera_of(&filling, self.scene, self.assets);
+        let distance = back.length() / f64::from(filling.eye.distance(filling.target)).max(1e-9);
+        let look_at = Some(camera.target.as_dvec3().to_array());
+        CameraSection { yaw_degrees, pitch_degrees, distance: distance.clamp(0.01, 100.0), look_at, follow }
     }
 
     /// The same with the camera at another place.
@@ -443,6 +460,23 @@ mod tests {
         let [a, b] = pictures.each_ref().map(|picture| picture.rgba().chunks_exact(4));
         let far = |(a, b): &(&[u8], &[u8])| a.iter().zip(*b).any(|(a, b)| a.abs_diff(*b) > 16);
         a.zip(b).filter(far).count() as f64 / (64.0 * 64.0)
+    }
+
+    #[test]
+    fn the_keys_of_a_camera_put_it_where_it_is() {
+        let scene = Scene::builtin(&[]).unwrap();
+        let strand = [Vec3::Y * 0.12, Vec3::Y * 0.2];
+        let assets = Assets::around(&scene, Groom::from_strands([strand]).unwrap()).unwrap();
+        let studio = Studio::new(&scene, &assets);
+        for eye in [Vec3::new(0.1, 0.4, -0.9), Vec3::new(-0.3, -0.2, 0.02)] {
+            let camera = Camera { eye, target: Vec3::new(0.02, 0.1, 0.05), ..studio.camera() };
+            let moved = Scene { camera: studio.keys_of(&camera), ..scene.clone() };
+            let found = Studio::new(&moved, &assets).camera();
+            assert!(
+                found.eye.distance(eye) < 1e-5 && found.target.distance(camera.target) < 1e-6,
+                "{found:?}"
+            );
+        }
     }
 
     #[test]

@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use eframe::egui;
 use forelock::Scene;
+use forelock::scene::{CameraSection, OutputSection};
 use forelock::session::{Phase, Session, Status};
 
 use super::{App, start};
@@ -18,7 +19,8 @@ use crate::panel::see::Times;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum SceneFor {
     File(PathBuf),
-    Bake(PathBuf),
+    /// A run into a folder, with a film or without.
+    Bake(PathBuf, bool),
 }
 
 /// A picture of the window that is to be taken.
@@ -34,7 +36,6 @@ pub(super) struct Screenshot {
 pub(super) struct Next {
     session: Session,
     opened: Opened,
-    file: Option<PathBuf>,
 }
 
 impl App {
@@ -60,19 +61,16 @@ impl App {
     /// Opens the scene or groom at `path` in place of the one that is open.
     pub fn open(&mut self, ctx: &egui::Context, path: &Path) {
         match files::read(path, &[]) {
-            Ok(opened) => {
-                let is_scene = path.extension().is_some_and(|own| own.eq_ignore_ascii_case("toml"));
-                self.load(ctx, opened, is_scene.then(|| path.to_owned()));
-            }
+            Ok(opened) => self.load(ctx, opened),
             Err(message) => self.message = Some((message, true)),
         }
     }
 
-    /// Loads what was `opened`, from `file`, while what is open stays there.
-    pub(super) fn load(&mut self, ctx: &egui::Context, opened: Opened, file: Option<PathBuf>) {
+    /// Loads what was `opened`, while what is open stays there.
+    pub(super) fn load(&mut self, ctx: &egui::Context, opened: Opened) {
         let session = start(ctx, &opened, self.backend, &self.drawing);
         self.message = None;
-        drop_elsewhere(self.next.replace(Next { session, opened, file }));
+        drop_elsewhere(self.next.replace(Next { session, opened }));
     }
 
     /// Takes a scene over that has been loaded, or tells why it cannot be.
@@ -86,15 +84,17 @@ impl App {
                 drop_elsewhere(next);
             }
             Phase::Ready => {
-                let Next { session, opened, file } = next;
+                let Next { session, opened } = next;
                 self.play = PlayBar::new(opened.frames());
-                let Opened { scene, cache } = opened;
+                let file = opened.scene_file();
+                let Opened { scene, cache, path } = opened;
+                path.iter().for_each(|path| self.recent_files.add(path));
                 drop_elsewhere(std::mem::replace(&mut self.session, session));
                 self.viewport.forget();
                 self.hair = scene.hair.clone();
                 self.change = ChangePanel::default();
                 self.times = Times::default();
-                (self.framed, self.changes, self.saved) = (false, 0, 0);
+                (self.framed, self.changes, self.saved) = (None, 0, 0);
                 (self.scene, self.cache, self.file) = (scene, cache, file);
                 self.recent = [None, None];
             }
@@ -104,11 +104,20 @@ impl App {
     /// Asks the session's thread for the scene as it is now.
     pub(super) fn ask_for_scene(&mut self, purpose: SceneFor) {
         let (scenes, hair) = (self.scenes.clone(), self.hair.clone());
+        let camera = self.camera_keys();
         self.session.change("saving", move |player| {
-            let scene = Scene { hair, ..player.changed_scene() };
+            let mut scene = Scene { hair, ..player.changed_scene() };
+            scene.camera = camera.unwrap_or(scene.camera);
             scenes.lock().unwrap_or_else(PoisonError::into_inner).push((purpose, scene));
             Ok(())
         });
+    }
+
+    /// The keys of the camera, if it has been moved.
+    fn camera_keys(&self) -> Option<CameraSection> {
+        let is_moved = self.framed.is_some_and(|placed| placed != self.viewport.orbit);
+        let moment = self.session.moment().filter(|_| is_moved)?;
+        Some(moment.camera_keys(&self.scene, &self.viewport.orbit.camera()))
     }
 
     /// Saves or runs the scenes that the session's thread has written out.
@@ -119,23 +128,36 @@ impl App {
                 SceneFor::File(path) => match files::write(&path, scene) {
                     Ok(()) => {
                         self.message = Some((format!("saved {}", path.display()), false));
+                        self.recent_files.add(&path);
                         (self.file, self.saved) = (Some(path), self.changes);
                     }
                     Err(message) => self.message = Some((message, true)),
                 },
-                SceneFor::Bake(out) => {
+                SceneFor::Bake(out, film) => {
                     let waker = ctx.clone();
                     self.session.play(false);
-                    self.bake = Some(Bake::start(scene, out, self.backend, move || waker.request_repaint()));
+                    let output = OutputSection { film, ..scene.output.clone() };
+                    let scene = Scene { output, ..scene };
+                    let wake = move || waker.request_repaint();
+                    self.bake = Some(Bake::start(scene, out, self.backend, wake));
                 }
             }
         }
     }
 
+    /// Draws a film of the cache that is played back, with the camera and the colours of the window.
+    fn film(&mut self, ctx: &egui::Context, path: PathBuf) {
+        let Some(cache) = self.cache.clone() else { return };
+        let camera = self.camera_keys().unwrap_or_else(|| self.scene.camera.clone());
+        let scene = Scene { camera, hair: self.hair.clone(), ..self.scene.clone() };
+        let waker = ctx.clone();
+        self.bake = Some(Bake::film(scene, cache, path, move || waker.request_repaint()));
+    }
+
     pub(super) fn take_news(&mut self) {
         if let Some(ended) = self.bake.as_ref().and_then(Bake::ended) {
             let is_error = ended.is_err();
-            self.message = Some((ended.map_or_else(|error| error, |done| format!("baked {done}")), is_error));
+            self.message = Some((ended.unwrap_or_else(|error| error), is_error));
             self.bake = None;
         }
     }
@@ -147,7 +169,10 @@ impl App {
                 (Answer::Cancelled, _) => {}
                 (Answer::Path(path), Purpose::Open) => self.open_asking(ctx, path),
                 (Answer::Path(path), Purpose::Save) => self.ask_for_scene(SceneFor::File(path)),
-                (Answer::Path(path), Purpose::Bake) => self.ask_for_scene(SceneFor::Bake(path)),
+                (Answer::Path(path), Purpose::Bake) => {
+                    self.ask_for_scene(SceneFor::Bake(path, dialog.has_film));
+                }
+                (Answer::Path(path), Purpose::Film) => self.film(ctx, path),
                 (Answer::Path(path), Purpose::Screenshot) => {
                     let failure = Arc::default();
                     self.screenshot = Some(Screenshot {
@@ -175,7 +200,7 @@ impl App {
         self.changes != self.saved
     }
 
-    fn open_asking(&mut self, ctx: &egui::Context, path: PathBuf) {
+    pub(super) fn open_asking(&mut self, ctx: &egui::Context, path: PathBuf) {
         if self.is_changed() {
             (self.asks, self.pending) = (true, Some(path));
         } else {

@@ -22,6 +22,7 @@ use crate::orbit::Orbit;
 use crate::panel::change::ChangePanel;
 use crate::panel::files::{Bake, Opened, PathDialog, Purpose};
 use crate::panel::play::PlayBar;
+use crate::panel::recent::Recent;
 use crate::panel::see::{self, Times};
 use crate::tools::Tool;
 use crate::viewport::{Done, Viewport};
@@ -59,6 +60,7 @@ pub struct App {
     /// The scene as it was opened, and the file that it is saved to.
     scene: Scene,
     file: Option<PathBuf>,
+    recent_files: Recent,
     /// The cache that is played back.
     cache: Option<PathBuf>,
     hair: HairSection,
@@ -79,8 +81,8 @@ pub struct App {
     change: ChangePanel,
     times: Times,
     hints: bool,
-    /// Whether the camera has been placed.
-    framed: bool,
+    /// Where the camera was placed when hair was first seen.
+    framed: Option<Orbit>,
     dialog: Option<PathDialog>,
     /// A message to the user, and whether it is of an error.
     message: Option<(String, bool)>,
@@ -103,7 +105,10 @@ impl App {
         // A driver that runs on the CPU draws more slowly than the CPU itself.
         let gpu = cc.wgpu_render_state.clone();
         let gpu = gpu.filter(|own| own.adapter.get_info().device_type != wgpu::DeviceType::Cpu);
-        Self::with_gpu(&cc.egui_ctx, gpu, opened, backend)
+        let mut app = Self::with_gpu(&cc.egui_ctx, gpu, opened, backend);
+        let begun = std::mem::replace(&mut app.recent_files, Recent::of_user());
+        begun.paths().iter().for_each(|path| app.recent_files.add(path));
+        app
     }
 
     /// The window without a graphics card, for tests.
@@ -120,7 +125,10 @@ impl App {
         let bounds = (glam::Vec3::splat(-0.2), glam::Vec3::splat(0.2));
         let session = start(ctx, &opened, backend, &drawing);
         let play = PlayBar::new(opened.frames());
-        let Opened { scene, cache } = opened;
+        let file = opened.scene_file();
+        let Opened { scene, cache, path } = opened;
+        let mut recent_files = Recent::default();
+        path.iter().for_each(|path| recent_files.add(path));
         Self {
             session,
             cache,
@@ -128,7 +136,8 @@ impl App {
             recent: [None, None],
             next: None,
             backend,
-            file: None,
+            file,
+            recent_files,
             hair: scene.hair.clone(),
             artist,
             drawing,
@@ -141,7 +150,7 @@ impl App {
             change: ChangePanel::default(),
             times: Times::default(),
             hints: true,
-            framed: false,
+            framed: None,
             dialog: None,
             message: None,
             bake: None,
@@ -217,7 +226,7 @@ impl App {
             if !self.recent[1].as_ref().is_some_and(|last| Arc::ptr_eq(last, moment)) {
                 self.recent = [self.recent[1].take(), Some(moment.clone())];
             }
-            if !self.framed {
+            if self.framed.is_none() {
                 self.frame_scene(moment);
             }
         }
@@ -242,14 +251,8 @@ impl App {
 
     /// Places the camera as the scene says.
     fn frame_scene(&mut self, moment: &Moment) {
-        let camera = &self.scene.camera;
-        let [yaw, pitch] = [camera.yaw_degrees, camera.pitch_degrees].map(|own| own.to_radians() as f32);
-        let mut orbit = Orbit::framing(moment.bounds(), yaw, pitch);
-        orbit.distance *= camera.distance as f32;
-        if let Some(point) = camera.look_at {
-            orbit.target = glam::DVec3::from_array(point).as_vec3();
-        }
-        (self.viewport.orbit, self.framed) = (orbit, true);
+        let orbit = Orbit::of(&moment.camera(&self.scene));
+        (self.viewport.orbit, self.framed) = (orbit, Some(orbit));
     }
 
     fn menu(&mut self, ui: &mut egui::Ui, status: &Status) {
@@ -265,19 +268,34 @@ impl App {
                         self.file.clone().unwrap_or(folder.join(format!("{name}.toml"))),
                     ),
                     ("Bake…", Purpose::Bake, folder.join("forelock-out").join(name)),
+                    (
+                        "Film…",
+                        Purpose::Film,
+                        self.cache.as_deref().unwrap_or(&folder).with_file_name("film.png"),
+                    ),
                     ("Screenshot…", Purpose::Screenshot, folder.join("window.png")),
                 ];
                 for (text, purpose, path) in proposals {
-                    // A cache has no scene to save or to run.
-                    let is_open = self.cache.is_none() || !matches!(purpose, Purpose::Save | Purpose::Bake);
-                    if ui.add_enabled(is_open, egui::Button::new(text)).clicked() {
-                        self.dialog = Some(PathDialog::new(purpose, &path));
+                    // A cache has no scene to save or to run; the film of a scene is one of its run.
+                    let can_be_done = match purpose {
+                        Purpose::Save | Purpose::Bake => self.cache.is_none(),
+                        Purpose::Film => self.cache.is_some(),
+                        Purpose::Open | Purpose::Screenshot => true,
+                    };
+                    let is_busy = self.bake.is_some() && matches!(purpose, Purpose::Bake | Purpose::Film);
+                    if ui.add_enabled(can_be_done && !is_busy, egui::Button::new(text)).clicked() {
+                        let mut dialog = PathDialog::new(purpose, &path);
+                        dialog.has_film = self.scene.output.film;
+                        self.dialog = Some(dialog);
                         ui.close();
                     }
                 }
+                if let Some(path) = self.recent_files.show(ui) {
+                    self.open_asking(ui.ctx(), path);
+                }
                 if ui.button("Demo").clicked() {
                     match Scene::builtin(&[]) {
-                        Ok(scene) => self.load(ui.ctx(), scene.into(), None),
+                        Ok(scene) => self.load(ui.ctx(), scene.into()),
                         Err(error) => self.message = Some((error.to_string(), true)),
                     }
                     ui.close();

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use eframe::egui;
 use forelock::scene::Override;
-use forelock::{Backend, Progress, RunOptions, Scene};
+use forelock::{Assets, Backend, Progress, RunOptions, Scene, Studio};
 
 /// What was opened.
 #[derive(Clone, Debug)]
@@ -15,6 +15,8 @@ pub struct Opened {
     pub scene: Scene,
     /// The cache of a run of it, which is played back.
     pub cache: Option<PathBuf>,
+    /// The file that was read.
+    pub path: Option<PathBuf>,
 }
 
 impl Opened {
@@ -22,11 +24,16 @@ impl Opened {
     pub fn frames(&self) -> u32 {
         if self.cache.is_some() { u32::MAX } else { self.scene.time.frames }
     }
+
+    /// The scene file that was read.
+    pub fn scene_file(&self) -> Option<PathBuf> {
+        self.path.clone().filter(|path| is_scene(path))
+    }
 }
 
 impl From<Scene> for Opened {
     fn from(scene: Scene) -> Self {
-        Self { scene, cache: None }
+        Self { scene, cache: None, path: None }
     }
 }
 
@@ -35,17 +42,22 @@ impl From<Scene> for Opened {
 /// # Errors
 /// A message with the path.
 pub fn read(path: &Path, overrides: &[Override]) -> Result<Opened, String> {
-    if path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("toml")) {
-        return Scene::load(path, overrides).map(Opened::from).map_err(|error| error.to_string());
+    let of = |scene: Scene| Opened { path: Some(path.to_owned()), ..scene.into() };
+    if is_scene(path) {
+        return Scene::load(path, overrides).map(of).map_err(|error| error.to_string());
     }
     if !path.is_file() {
         return Err(format!("{}: there is no such file", path.display()));
     }
     if forelock_io::Cache::open(path).is_ok_and(|cache| cache.frames() > 1) {
         let scene = Scene::beside(path, overrides).map_err(|error| error.to_string())?;
-        return Ok(Opened { scene, cache: Some(path.to_owned()) });
+        return Ok(Opened { cache: Some(path.to_owned()), ..of(scene) });
     }
-    Scene::of_groom(path, overrides).map(Opened::from).map_err(|error| error.to_string())
+    Scene::of_groom(path, overrides).map(of).map_err(|error| error.to_string())
+}
+
+fn is_scene(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("toml"))
 }
 
 /// Writes `scene` to `path`, whole or not at all.
@@ -62,6 +74,8 @@ pub fn write(path: &Path, scene: Scene) -> Result<(), String> {
 pub struct PathDialog {
     /// What the path is for.
     pub purpose: Purpose,
+    /// Whether a run makes a film too.
+    pub has_film: bool,
     path: String,
     is_fresh: bool,
     list: List,
@@ -78,6 +92,8 @@ pub enum Purpose {
     Screenshot,
     /// The folder of a run.
     Bake,
+    /// A film of a cache to write.
+    Film,
 }
 
 impl Purpose {
@@ -88,6 +104,7 @@ impl Purpose {
             Self::Save => "Save the scene",
             Self::Screenshot => "Save a picture of the window",
             Self::Bake => "Simulate the scene into a folder",
+            Self::Film => "Save a film of the cache: a .png file",
         }
     }
 }
@@ -106,7 +123,8 @@ pub enum Answer {
 impl PathDialog {
     /// A dialog that proposes `path`.
     pub fn new(purpose: Purpose, path: &Path) -> Self {
-        Self { purpose, path: path.display().to_string(), is_fresh: true, list: List::default() }
+        let path = path.display().to_string();
+        Self { purpose, has_film: false, path, is_fresh: true, list: List::default() }
     }
 
     /// Draws the dialog.
@@ -121,6 +139,10 @@ impl PathDialog {
             let is_entered = field.lost_focus() && ui.input(|input| input.key_pressed(egui::Key::Enter));
             // What is typed next goes on from there.
             self.is_fresh |= self.list.show(ui, &mut self.path);
+            if self.purpose == Purpose::Bake {
+                let film = ui.checkbox(&mut self.has_film, "With a film, from where the camera is");
+                self.is_fresh |= film.clicked();
+            }
             ui.horizontal(|ui| {
                 let ok = ui.add_enabled(!self.path.trim().is_empty(), egui::Button::new("OK"));
                 if ok.clicked() || (is_entered && !self.path.trim().is_empty()) {
@@ -198,64 +220,101 @@ fn names(folder: &Path) -> Vec<String> {
     named.into_iter().take(MOST).map(|(_, name)| name).collect()
 }
 
-/// A run of a scene into a folder, on a thread of its own.
+/// A run of a scene into a folder, or a film of a cache, on a thread of its own.
 #[derive(Debug)]
 pub struct Bake {
-    /// The folder.
-    pub out: PathBuf,
-    cancel: Arc<AtomicBool>,
-    done: Arc<[AtomicU64; 2]>,
-    ended: Arc<Mutex<Option<Result<String, String>>>>,
+    state: Arc<BakeState>,
+}
+
+/// What the thread and the window share.
+#[derive(Debug, Default)]
+struct BakeState {
+    cancel: AtomicBool,
+    done: AtomicU64,
+    total: AtomicU64,
+    /// What is being done.
+    what: Mutex<&'static str>,
+    ended: Mutex<Option<Result<String, String>>>,
+}
+
+impl BakeState {
+    fn observe(&self, progress: &Progress<'_>) {
+        match progress {
+            Progress::Begin { what, done, total } => {
+                *self.what.lock().unwrap_or_else(PoisonError::into_inner) = what;
+                self.done.store(*done, Ordering::Relaxed);
+                self.total.store(*total, Ordering::Relaxed);
+            }
+            Progress::Step => drop(self.done.fetch_add(1, Ordering::Relaxed)),
+            _ => {}
+        }
+    }
+
+    fn end(&self, result: Result<String, String>) {
+        *self.ended.lock().unwrap_or_else(PoisonError::into_inner) = Some(result);
+    }
 }
 
 impl Bake {
     /// Starts a run of `scene` into the folder `out`. `wake` is called when there is news.
     pub fn start(scene: Scene, out: PathBuf, backend: Backend, wake: impl Fn() + Send + 'static) -> Self {
-        let bake =
-            Self { out: out.clone(), cancel: Arc::default(), done: Arc::default(), ended: Arc::default() };
-        let (cancel, done, ended) = (bake.cancel.clone(), bake.done.clone(), bake.ended.clone());
-        let run = move || {
+        Self::on_thread(wake, move |state, observe| {
             let options = RunOptions { out, resume: false, backend };
-            let mut observe = |progress: &Progress<'_>| {
-                match progress {
-                    Progress::Begin { done: now, total, .. } => {
-                        done[0].store(*now, Ordering::Relaxed);
-                        done[1].store(*total, Ordering::Relaxed);
-                    }
-                    Progress::Step => drop(done[0].fetch_add(1, Ordering::Relaxed)),
-                    _ => {}
-                }
+            let summary =
+                forelock::simulate(&scene, &options, observe, &state.cancel).map_err(|e| e.to_string())?;
+            Ok(format!("baked {} frames in {}", summary.frames, options.out.display()))
+        })
+    }
+
+    /// Starts to draw a film of `cache`, a run of `scene`, into the file `path`.
+    pub fn film(scene: Scene, cache: PathBuf, path: PathBuf, wake: impl Fn() + Send + 'static) -> Self {
+        Self::on_thread(wake, move |state, observe| {
+            let film = film(&scene, &cache, &path, observe)?;
+            if state.cancel.load(Ordering::Relaxed) {
+                return Ok("stopped: there is no film".to_owned());
+            }
+            forelock_io::atomic_write(&path, |file| file.write_all(&film)).map_err(|e| e.to_string())?;
+            Ok(format!("saved {}", path.display()))
+        })
+    }
+
+    fn on_thread(
+        wake: impl Fn() + Send + 'static,
+        task: impl FnOnce(&BakeState, &mut dyn FnMut(&Progress<'_>)) -> Result<String, String> + Send + 'static,
+    ) -> Self {
+        let state = Arc::<BakeState>::default();
+        let own = state.clone();
+        let run = move || {
+            let result = task(&own, &mut |progress| {
+                own.observe(progress);
                 wake();
-            };
-            let result = forelock::simulate(&scene, &options, &mut observe, &cancel);
-            let result =
-                result.map(|summary| format!("{} frames in {}", summary.frames, options.out.display()));
-            *ended.lock().unwrap_or_else(PoisonError::into_inner) = Some(result.map_err(|e| e.to_string()));
+            });
+            own.end(result);
             wake();
         };
         if let Err(error) = std::thread::Builder::new().name("bake".to_owned()).spawn(run) {
-            let message = format!("the run's thread cannot start: {error}");
-            *bake.ended.lock().unwrap_or_else(PoisonError::into_inner) = Some(Err(message));
+            state.end(Err(format!("the run's thread cannot start: {error}")));
         }
-        bake
+        Self { state }
     }
 
-    /// How it ended, once it has.
+    /// How it ended, once it has: a message.
     pub fn ended(&self) -> Option<Result<String, String>> {
-        self.ended.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.state.ended.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Ends it; the cache so far is complete.
+    /// Ends it; the cache so far is complete, a film is not written.
     pub fn cancel(&self) {
-        self.cancel.store(true, Ordering::Relaxed);
+        self.state.cancel.store(true, Ordering::Relaxed);
     }
 
     /// Draws its progress and a button that ends it.
     pub fn show(&self, ui: &mut egui::Ui) {
-        let [done, total] = [0, 1].map(|index| self.done[index].load(Ordering::Relaxed));
+        let [done, total] = [&self.state.done, &self.state.total].map(|own| own.load(Ordering::Relaxed));
+        let what = *self.state.what.lock().unwrap_or_else(PoisonError::into_inner);
         let share = if total > 0 { done as f32 / total as f32 } else { 0.0 };
-        ui.add(egui::ProgressBar::new(share).desired_width(160.0).text(format!("baking {done} of {total}")));
-        if ui.button("Stop baking").clicked() {
+        ui.add(egui::ProgressBar::new(share).desired_width(160.0).text(format!("{what} {done} of {total}")));
+        if ui.button("Stop").clicked() {
             self.cancel();
         }
     }
@@ -265,4 +324,19 @@ impl Drop for Bake {
     fn drop(&mut self) {
         self.cancel();
     }
+}
+
+/// The film of `cache` to be written to `path`, an animated PNG.
+fn film(
+    scene: &Scene,
+    cache: &Path,
+    path: &Path,
+    observe: &mut dyn FnMut(&Progress<'_>),
+) -> Result<Vec<u8>, String> {
+    if !path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("png")) {
+        return Err(format!("{}: a film is an animated PNG, a .png file", path.display()));
+    }
+    let mut cache = forelock_io::Cache::open(cache).map_err(|error| error.to_string())?;
+    let assets = Assets::of_cache(scene, &mut cache).map_err(|error| error.to_string())?;
+    Studio::new(scene, &assets).film(&mut cache, observe).map_err(|error| error.to_string())
 }

@@ -4,4 +4,5 @@ pub mod change;
 pub mod files;
 pub mod keys;
 pub mod play;
+pub mod recent;
 pub mod see;

@@ -80,8 +80,11 @@ impl Window {
     }
 
     /// Runs the scene into `folder`.
-    fn bake(&mut self, folder: &Path) {
+    fn bake(&mut self, folder: &Path, with_film: bool) {
         self.choose("File", "Bake…");
+        if with_film {
+            self.click("With a film, from where the camera is");
+        }
         self.answer(&folder.display().to_string());
         self.until("it is baked", |app| {
             !app.is_baking() && app.message().is_some_and(|text| text.starts_with("baked"))
@@ -250,7 +253,7 @@ fn the_solver_changes_while_hair_moves() {
 fn a_scene_is_baked_into_a_folder() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = Window::open(scene(&[]));
-    window.bake(&folder.path().join("out"));
+    window.bake(&folder.path().join("out"), false);
     assert!(folder.path().join("out/hair.npz").is_file() && folder.path().join("out/summary.json").is_file());
 }
 
@@ -258,7 +261,7 @@ fn a_scene_is_baked_into_a_folder() {
 fn a_baked_cache_is_played_back() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = Window::open(scene(&[]));
-    window.bake(&folder.path().join("out"));
+    window.bake(&folder.path().join("out"), false);
     let path = folder.path().join("out/hair.npz");
     window.drop_file(&path);
     window.until("the cache is open", |app| app.session().status().parameters.is_none());
@@ -275,6 +278,39 @@ fn a_baked_cache_is_played_back() {
     window.harness.state().session().undo();
     window.until("there is a message", |app| app.message().is_some_and(|text| text.contains("played back")));
     assert_eq!(window.harness.state().session().moment().unwrap().positions, last);
+}
+
+#[test]
+fn films_are_made_from_where_the_camera_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = Window::open(scene(&["time.frames=3", "output.film_every=1"]));
+    window.until("there is a picture", App::has_picture);
+    let placed = window.harness.state().camera();
+    window.click("Look");
+    window.drag(MIDDLE, Vec2::new(0.7, 0.45));
+    let camera = window.harness.state().camera();
+    assert!(camera.eye.distance(placed.eye) > 0.05);
+    window.bake(&folder.path().join("out"), true);
+    let film = std::fs::read(folder.path().join("out/film.png")).unwrap();
+    // The run's scene has the camera, so a film of its cache is the same.
+    window.drop_file(&folder.path().join("out/hair.npz"));
+    window.until("the cache is open", |app| app.session().status().parameters.is_none());
+    window.until("the camera is placed", |app| app.camera() != camera && app.has_picture());
+    let found = window.harness.state().camera();
+    assert!(found.eye.distance(camera.eye) < 1e-4, "{found:?} is not {camera:?}");
+    let path = folder.path().join("again.png");
+    window.choose("File", "Film…");
+    window.answer(&path.display().to_string());
+    window.until("it is made", |app| app.message().is_some_and(|text| text.starts_with("saved")));
+    assert!(std::fs::read(&path).unwrap() == film, "the films differ");
+    // Another place gives another film, and no file is written under another name.
+    window.drag(MIDDLE, Vec2::new(0.2, 0.5));
+    window.choose("File", "Film…");
+    window.answer(&path.display().to_string());
+    window.until("it is made", |app| !app.is_baking() && std::fs::read(&path).unwrap() != film);
+    window.choose("File", "Film…");
+    window.answer(&folder.path().join("film.mp4").display().to_string());
+    window.until("there is a message", |app| app.message().is_some_and(|text| text.contains("animated PNG")));
 }
 
 #[test]

@@ -13,8 +13,8 @@ use glam::Vec3;
 use super::timeline::Change;
 use super::{Player, PlayerError};
 use crate::assets::{Assets, Solid};
-use crate::pictures;
-use crate::scene::{EditSection, HairSection, InteractionSection, Scene, SolverSection};
+use crate::pictures::{self, Studio};
+use crate::scene::{CameraSection, EditSection, HairSection, InteractionSection, Scene, SolverSection};
 
 /// Strands, body and solids at one frame. It stays as it is while the player goes on.
 #[derive(Clone, Debug)]
@@ -79,6 +79,16 @@ impl Moment {
         let body = body.map(|x| self.head.transform_point(x.as_dvec3()).as_vec3());
         let all = self.positions.iter().copied().chain(body).filter(|x| x.is_finite());
         all.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), x| (lo.min(x), hi.max(x)))
+    }
+
+    /// The camera of `scene`, of which this is a frame.
+    pub fn camera(&self, scene: &Scene) -> Camera {
+        Studio::new(scene, &self.assets).camera()
+    }
+
+    /// The keys of `scene` that put its camera where `camera` is.
+    pub fn camera_keys(&self, scene: &Scene, camera: &Camera) -> CameraSection {
+        Studio::new(scene, &self.assets).keys_of(camera)
     }
 
     /// The scene for a picture from `camera`, in the colours of `hair`.
