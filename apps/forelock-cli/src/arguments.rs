@@ -43,6 +43,8 @@ pub enum Command {
     Demo(DemoArgs),
     /// Simulate a scene.
     Simulate(SimulateArgs),
+    /// Simulate many shots: a list of scenes with overrides and alternatives, some at a time.
+    Shots(ShotsArgs),
     /// Draw pictures of a scene at rest, a cache or a groom.
     Render(RenderArgs),
     /// Open the window: watch hair move, push it, change its parameters, groom it.
@@ -156,6 +158,38 @@ pub struct SimulateArgs {
     pub scene: PathBuf,
     #[command(flatten)]
     pub run: RunArgs,
+}
+
+#[derive(Debug, Args)]
+pub struct ShotsArgs {
+    /// The list (TOML): `out`, `[set]`, and `[[shot]]` tables with `name`, `scene`, `[set]` and
+    /// `[vary]`.
+    #[arg(value_name = "LIST")]
+    pub list: PathBuf,
+    /// Shots at a time [default: one per processor, at most 8].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub jobs: Option<u16>,
+    /// Run this shot only; may be repeated.
+    #[arg(long, value_name = "NAME")]
+    pub only: Vec<String>,
+    /// Run no frames after this one; a later run without it goes on.
+    #[arg(long, value_name = "FRAME")]
+    pub until: Option<u32>,
+    /// Run what is done again.
+    #[arg(long)]
+    pub again: bool,
+    /// Run nothing: list the shots and what is there of them.
+    #[arg(long)]
+    pub list_only: bool,
+    /// Run nothing: write the list as an Open Job Description template, for a render farm.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["jobs", "until", "again", "list_only"])]
+    pub openjd: Option<PathBuf>,
+    /// With `--openjd`: frames of a step; steps of a shot depend on each other [default: all].
+    #[arg(long, value_name = "FRAMES", requires = "openjd", default_value_t = 0)]
+    pub chunk: u32,
+    /// Print only the results, as one JSON object, on standard output.
+    #[arg(long)]
+    pub json: bool,
 }
 
 #[derive(Debug, Args)]

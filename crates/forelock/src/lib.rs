@@ -38,6 +38,7 @@ mod scalp;
 pub mod scene;
 mod sdf_cache;
 pub mod session;
+pub mod shots;
 pub mod sinks;
 pub mod summary;
 mod tessellate;
@@ -51,7 +52,9 @@ pub use painter::GpuPainter;
 pub use pictures::{PictureError, Studio, labelled, write_picture};
 pub use player::{Player, PlayerError};
 pub use progress::{Observer, Progress};
-pub use run::{MEASURED_EVERY, RunError, RunOptions, SIMULATING, SnapshotError, record, simulate};
+pub use run::{
+    MEASURED_EVERY, RunError, RunOptions, SIMULATING, SnapshotError, is_running_in, record, simulate,
+};
 pub use scene::Scene;
 pub use summary::Summary;
 pub use {forelock_core as core, forelock_io as io, forelock_render as render};

@@ -7,6 +7,7 @@ mod grow;
 mod help;
 mod info;
 mod render;
+mod shots;
 mod simulate;
 mod train;
 mod view;
@@ -29,6 +30,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
     match cli.command {
         Command::Demo(run) => return simulate::demo(&run),
         Command::Simulate(arguments) => return simulate::simulate(&arguments),
+        Command::Shots(arguments) => return shots::shots(&arguments),
         Command::Render(arguments) => render::render(&arguments)?,
         Command::View(arguments) => view::view(&arguments)?,
         Command::Grow(arguments) => grow::grow(&arguments)?,

@@ -9,3 +9,4 @@ mod help;
 #[cfg(unix)]
 mod kills;
 mod runs;
+mod shots;

@@ -32,7 +32,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use forelock_io::{Lock, Stored};
+use forelock_io::{Lock, Stored, WriteError};
 use glam::Vec3;
 
 use crate::backend::Backend;
@@ -437,6 +437,12 @@ const SCENE: &str = "scene.toml";
 
 /// Name of the lock in the output folder.
 const LOCK: &str = ".forelock.lock";
+
+/// Whether a run, of this process or of another one, writes into the folder `out`.
+pub fn is_running_in(out: &Path) -> bool {
+    let lock = out.join(LOCK);
+    lock.is_file() && matches!(Lock::take(&lock, out), Err(WriteError::Locked { .. }))
+}
 
 /// Where the cache goes, if there is to be one.
 fn cache_path(scene: &Scene, out: &Path) -> Option<PathBuf> {
