@@ -208,8 +208,8 @@ impl<R: Read + Seek> Archive<R> {
         self.ogawa.begin_samples();
     }
 
-    /// Reads the sample of `property` that is nearest to `time_secs`. It is `None` where there is no
-    /// sample, or the property is a compound.
+    /// Reads the sample of `property` that is nearest to `time_secs`. It is `None` where there is
+    /// no sample, or the property is a compound.
     pub fn sample(&mut self, property: &Property, time_secs: f64) -> Result<Option<Sample>, AlembicError> {
         let Some(samples) = property.samples.filter(|samples| samples.count > 0) else { return Ok(None) };
         let index = self.samplings[samples.sampling].nearest(time_secs, samples.count);

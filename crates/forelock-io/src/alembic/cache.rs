@@ -6,9 +6,9 @@
 //!
 //! # Practice
 //! Memory grows by 16 bytes for each frame, 24 with velocities: the offsets of its samples. The
-//! file is `hair.abc.part` until [`finish`](CurvesWriter::finish) renames it to `hair.abc`; an older
-//! `hair.abc` stays until then. A writer that is dropped before leaves nothing. A [`Lock`] keeps a
-//! second writer from the same file.
+//! file is `hair.abc.part` until [`finish`](CurvesWriter::finish) renames it to `hair.abc`; an
+//! older `hair.abc` stays until then. A writer that is dropped before leaves nothing. A [`Lock`]
+//! keeps a second writer from the same file.
 //!
 //! # Limitations
 //! If the process is killed, `hair.abc.part` is left, with the samples but without their list. Its

@@ -8,9 +8,9 @@
 //!
 //! # Practice
 //! An attribute has one value, or one for each strand, or one for each point; the number of values
-//! decides. It may be a compound of `.vals` and `.indices`. One that fits none of these is left out.
-//! A groom has an attribute if all its groups have it. Where only some groups say which strands are
-//! guides, the others have none; groups without group IDs have ID 0.
+//! decides. It may be a compound of `.vals` and `.indices`. One that fits none of these is left
+//! out. A groom has an attribute if all its groups have it. Where only some groups say which
+//! strands are guides, the others have none; groups without group IDs have ID 0.
 //!
 //! # Limitations
 //! The points of cubic curves are used as particles, without evaluating the basis, except that the

@@ -15,8 +15,8 @@
 //! | `.velocities` | yes | by [`CurvesWriter`] | [`Contents::velocities`] |
 //!
 //! # Practice
-//! All strand groups of a file become one groom, in the order of the file, with the transforms above
-//! them applied. A groom is the first frame.
+//! All strand groups of a file become one groom, in the order of the file, with the transforms
+//! above them applied. A groom is the first frame.
 //!
 //! Alembic knows no units. Forelock writes metres and notes that in the metadata of the archive. A
 //! file with `groom_version_major` and without this note is Unreal's, in centimetres, unless the

@@ -8,8 +8,8 @@
 //!   p' = O₀ O₁ … Oₙ₋₁ p.   (1)
 //!
 //! Matrices are stored for row vectors, row by row, which are the columns of a matrix for column
-//! vectors. The transform to the world is that of the parent times the own one, or the own one where
-//! `.inherits` is false.
+//! vectors. The transform to the world is that of the parent times the own one, or the own one
+//! where `.inherits` is false.
 //!
 //! # Practice
 //! Missing numbers leave an operation out.
