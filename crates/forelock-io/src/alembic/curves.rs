@@ -65,12 +65,15 @@ pub(super) struct Joined {
 #[derive(Default)]
 struct Column<T> {
     values: Vec<T>,
+    /// Whether a group has values, and whether one has none and there is no fallback.
+    is_there: bool,
     is_partial: bool,
 }
 
 impl<T: Clone> Column<T> {
     /// Appends the values of a group, or `count` times `fallback` where it has none.
     fn push(&mut self, values: Option<Vec<T>>, fallback: Option<T>, count: usize) {
+        self.is_there |= values.is_some();
         match (values, fallback) {
             (Some(values), _) => self.values.extend(values),
             (None, Some(fallback)) => self.values.extend(std::iter::repeat_n(fallback, count)),
@@ -79,7 +82,7 @@ impl<T: Clone> Column<T> {
     }
 
     fn finish(self) -> Option<Vec<T>> {
-        (!self.is_partial && !self.values.is_empty()).then_some(self.values)
+        (self.is_there && !self.is_partial).then_some(self.values)
     }
 }
 
