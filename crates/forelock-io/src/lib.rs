@@ -8,6 +8,7 @@
 //! | `.tfx` | [TressFX](tfx) 3.0 and 4.0 | yes | 4.0 |
 //! | `.npz` | [NumPy](npz): grooms, DiffLocks, caches | yes | yes |
 //! | `.obj` | [Wavefront](obj): meshes, polylines | yes | yes |
+//! | `.abc` | [Alembic](alembic), the Ogawa kind: grooms, caches | yes | yes |
 //! | `.bin` | [CT2Hair](ct2hair) | yes | no |
 //! | `.glb`, `.gltf` | [glTF 2.0](gltf): characters, meshes | yes | no |
 //! | `.bvh` | [Biovision](bvh): motions | yes | yes |
@@ -37,6 +38,7 @@ mod bytes;
 mod error;
 mod lock;
 
+pub mod alembic;
 pub mod bvh;
 pub mod ct2hair;
 pub mod gltf;
@@ -55,7 +57,7 @@ use std::{
 
 use forelock_core::{
     body::{TriMesh, character::Character},
-    groom::{Groom, Import, RepairReport, ZUp, repair},
+    groom::{Groom, Import, RepairReport, Unit, ZUp, repair},
 };
 
 use glam::{DAffine3, DVec3, Vec3};
@@ -78,13 +80,16 @@ pub enum Format {
     Npz,
     /// Wavefront `.obj`.
     Obj,
+    /// Alembic `.abc`.
+    Alembic,
     /// CT2Hair's `.bin`.
     Ct2Hair,
 }
 
 impl Format {
     /// Every format.
-    pub const ALL: [Self; 6] = [Self::Hair, Self::Usc, Self::Tfx, Self::Npz, Self::Obj, Self::Ct2Hair];
+    pub const ALL: [Self; 7] =
+        [Self::Hair, Self::Usc, Self::Tfx, Self::Npz, Self::Obj, Self::Alembic, Self::Ct2Hair];
 
     /// The ending of file names, without the dot.
     pub fn ending(self) -> &'static str {
@@ -94,6 +99,7 @@ impl Format {
             Self::Tfx => "tfx",
             Self::Npz => "npz",
             Self::Obj => "obj",
+            Self::Alembic => "abc",
             Self::Ct2Hair => "bin",
         }
     }
@@ -118,6 +124,7 @@ impl fmt::Display for Format {
             Self::Tfx => "TressFX",
             Self::Npz => "NumPy npz",
             Self::Obj => "Wavefront OBJ polylines",
+            Self::Alembic => "Alembic",
             Self::Ct2Hair => "CT2Hair",
         })
     }
@@ -146,6 +153,7 @@ pub fn read_groom(path: &Path, import: &Import) -> Result<Imported, ReadError> {
     let decode = |read: fn(&[u8]) -> Result<Groom, FormatError>| {
         read(&read_bytes(path)?).map_err(ReadError::format(path))
     };
+    let mut import = *import;
     let mut groom = match format {
         Format::Hair => decode(hair::read)?,
         Format::Usc => decode(usc::read)?,
@@ -153,6 +161,7 @@ pub fn read_groom(path: &Path, import: &Import) -> Result<Imported, ReadError> {
         Format::Obj => decode(obj::read_groom)?,
         Format::Ct2Hair => decode(ct2hair::read)?,
         // Read from the file, not from memory: only the first frame of a long cache is needed.
+        Format::Alembic => read_alembic(path, &mut import)?,
         Format::Npz => npz::read_groom(BufReader::new(open(path)?)).map_err(|e| e.at(path))?,
     };
     import.apply(&mut groom, if format == Format::Hair { ZUp::Yuksel } else { ZUp::Common });
@@ -163,6 +172,17 @@ pub fn read_groom(path: &Path, import: &Import) -> Result<Imported, ReadError> {
         return Err(ReadError::NoStrands { path: path.into(), found });
     }
     Ok(Imported { groom, repairs, format })
+}
+
+/// Reads the groom in the Alembic file at `path`. Where `import` has the default unit, it gets that
+/// of the file.
+fn read_alembic(path: &Path, import: &mut Import) -> Result<Groom, ReadError> {
+    let at = |error: alembic::AlembicError| error.at(path);
+    let mut reader = alembic::Reader::open(BufReader::new(open(path)?)).map_err(at)?;
+    if import.unit == Unit::default() {
+        import.unit = reader.unit();
+    }
+    Ok(reader.read(0).map_err(at)?.groom)
 }
 
 /// Writes `groom` to `path` in metres, y up, with the attributes that the format supports. The
@@ -180,6 +200,7 @@ pub fn write_groom(path: &Path, groom: &Groom) -> Result<(), WriteError> {
         Some(Format::Tfx) => tfx::write(groom).map_err(unfit)?,
         Some(Format::Npz) => npz::write_groom(groom),
         Some(Format::Obj) => obj::write_groom(groom),
+        Some(Format::Alembic) => alembic::write(groom, &alembic::Labels::default()).map_err(unfit)?,
         Some(Format::Ct2Hair) | None => {
             return Err(WriteError::UnknownEnding { path: path.into(), known: known(Format::is_written) });
         }

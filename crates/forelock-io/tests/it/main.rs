@@ -1,5 +1,6 @@
 //! The tests of this crate that use its public interface alone, as one program.
 
+mod alembic;
 mod cache;
 mod characters;
 mod common;

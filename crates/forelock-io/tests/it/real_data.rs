@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use forelock_core::groom::{Groom, Import, Info, Unit, Up, resample};
 use forelock_io::{read_groom, read_mesh};
+use glam::Vec3;
 
 fn data(name: &str) -> PathBuf {
     Path::new(option_env!("REAL_DATA").unwrap_or_default()).join(name)
@@ -69,6 +70,29 @@ fn resampling_keeps_the_curls_of_a_real_groom() {
         eprintln!("{n} particles keep {ratio:.4} of the length");
         assert!(ratio > kept && ratio < 1.01, "{n} particles keep {ratio} of the length");
     }
+}
+
+/// Blender turned the groom to its own axes when it read it, and back when it wrote Alembic.
+#[test]
+#[cfg_attr(not(real_data), ignore = "no real data: set FORELOCK_DATA to its folder")]
+fn what_blender_wrote_is_the_groom_that_it_read() {
+    let original = read("sintel/SintelHairOriginal-sintel_hair.16points.tfx", &Import::default());
+    let written = read("written-by-blender/sintel_hair_blender.abc", &Import::default());
+    assert_eq!(written.strand_offsets(), original.strand_offsets());
+    let size = Info::of(&original).max.distance(Info::of(&original).min);
+    let pairs = || written.positions().iter().zip(original.positions());
+    let worst = pairs().map(|(a, b)| a.distance(*b)).fold(0.0, f32::max);
+    eprintln!("the largest difference is {worst} m, {} of the size of {size} m", worst / size);
+    assert!(worst < 1e-6 * size);
+    let widths = written.widths.as_ref().unwrap();
+    // They taper from 0.1 mm at the roots to 0.02 mm at the tips.
+    for strand in 0..written.strand_count() {
+        let own = &widths[written.range(strand)];
+        assert!((own[0] - 1e-4).abs() < 1e-9 && (own[15] - 2e-5).abs() < 1e-9);
+    }
+    // The comparison fails where one axis is turned the wrong way.
+    let turned = pairs().map(|(a, b)| (*a * Vec3::new(1.0, 1.0, -1.0)).distance(*b)).fold(0.0, f32::max);
+    assert!(turned > 0.1 * size);
 }
 
 #[test]

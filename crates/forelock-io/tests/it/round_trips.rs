@@ -6,7 +6,7 @@ use std::io::Cursor;
 
 use crate::common::grooms;
 use forelock_core::{body::TriMesh, groom::Groom};
-use forelock_io::{Array, Data, ct2hair, hair, npz, obj, tfx, usc};
+use forelock_io::{Array, Data, alembic, ct2hair, hair, npz, obj, tfx, usc};
 use glam::Vec3;
 use proptest::prelude::*;
 
@@ -31,6 +31,20 @@ proptest! {
     #[test]
     fn npz(groom in grooms()) {
         prop_assert_eq!(npz::read_groom(Cursor::new(npz::write_groom(&groom))).unwrap(), groom);
+    }
+
+    #[test]
+    fn abc(mut groom in grooms(), ids in prop::option::of(any::<u64>())) {
+        let strands = groom.strand_count() as u64;
+        let labels = alembic::Labels {
+            group_ids: ids.map(|id| (0..strands).map(|s| (id >> s) as i32).collect()),
+            guides: ids.map(|id| (0..strands).map(|s| id >> s & 1 == 1).collect()),
+            ids: ids.map(|id| (0..strands).map(|s| (id ^ s) as i32).collect()),
+        };
+        let bytes = alembic::write(&groom, &labels).unwrap();
+        let back = alembic::Reader::open(Cursor::new(bytes)).unwrap().read(0).unwrap();
+        (groom.transparencies, groom.pinned, groom.bindings) = (None, None, None);
+        prop_assert_eq!(back, alembic::Contents { groom, velocities: None, labels });
     }
 
     #[test]

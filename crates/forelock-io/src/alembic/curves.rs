@@ -1,0 +1,326 @@
+//! Strand groups: objects of the schema `AbcGeom_Curve_v2`, which become one groom.
+//!
+//! # Theory
+//! The compound `.geom` of such an object has the points `P`, the number of points of each strand
+//! `nVertices`, and `curveBasisAndType`: type (0 cubic, 1 linear, 2 of variable order), whether the
+//! strands are closed, and basis (1 Bézier, 2 B-spline, 3 Catmull-Rom). `width`, `uv` and
+//! `.velocities` are optional. Attributes that the schema does not know lie in `.arbGeomParams`.
+//!
+//! # Practice
+//! An attribute has one value, or one for each strand, or one for each point; the number of values
+//! decides. It may be a compound of `.vals` and `.indices`. One that fits none of these is left
+//! out. A groom has an attribute if all its groups have it. Where only some groups say which
+//! strands are guides, the others have none; groups without group IDs have ID 0.
+//!
+//! # Limitations
+//! The points of cubic curves are used as particles, without evaluating the basis, except that the
+//! handles of Bézier curves are left out.
+
+use std::{
+    io::{Read, Seek},
+    sync::Arc,
+};
+
+use forelock_core::groom::Groom;
+use glam::{DAffine3, Vec3};
+
+use super::{
+    AlembicError, Contents, Labels,
+    archive::{Archive, Property, Sample},
+    ogawa::{error, invalid},
+    transforms::Transform,
+};
+
+/// A strand group of an archive.
+pub(super) struct Curves {
+    pub name: String,
+    pub parent: Option<Arc<Transform>>,
+    /// The properties of `.geom`.
+    pub geom: Vec<Property>,
+    /// The properties of `.arbGeomParams`.
+    pub others: Vec<Property>,
+}
+
+impl Curves {
+    fn attribute(&self, name: &str) -> Option<&Property> {
+        Property::find(&self.others, name).or(Property::find(&self.geom, name))
+    }
+}
+
+/// The strands of several groups, joined.
+#[derive(Default)]
+pub(super) struct Joined {
+    positions: Vec<Vec3>,
+    offsets: Vec<u32>,
+    velocities: Column<Vec3>,
+    widths: Column<f32>,
+    colours: Column<[f32; 3]>,
+    root_uvs: Column<[f32; 2]>,
+    group_ids: Column<i32>,
+    guides: Column<bool>,
+    ids: Column<i32>,
+}
+
+/// An attribute of several strand groups.
+#[derive(Default)]
+struct Column<T> {
+    values: Vec<T>,
+    /// Whether a group has values, and whether one has none and there is no fallback.
+    is_there: bool,
+    is_partial: bool,
+}
+
+impl<T: Clone> Column<T> {
+    /// Appends the values of a group, or `count` times `fallback` where it has none.
+    fn push(&mut self, values: Option<Vec<T>>, fallback: Option<T>, count: usize) {
+        self.is_there |= values.is_some();
+        match (values, fallback) {
+            (Some(values), _) => self.values.extend(values),
+            (None, Some(fallback)) => self.values.extend(std::iter::repeat_n(fallback, count)),
+            (None, None) => self.is_partial = true,
+        }
+    }
+
+    fn finish(self) -> Option<Vec<T>> {
+        (self.is_there && !self.is_partial).then_some(self.values)
+    }
+}
+
+impl Joined {
+    /// Reads the strands of `curves` at `time_secs` and appends them.
+    pub fn add<R: Read + Seek>(
+        &mut self,
+        archive: &mut Archive<R>,
+        curves: &Curves,
+        time_secs: f64,
+    ) -> Result<(), AlembicError> {
+        let mut group = Group { archive, curves, time_secs, counts: Vec::new(), kept: None };
+        let points = group.read_points()?;
+        if points.is_empty() && group.counts.is_empty() {
+            return Ok(());
+        }
+        let world = match &curves.parent {
+            Some(parent) => parent.world(group.archive, time_secs)?,
+            None => DAffine3::IDENTITY,
+        };
+        let moved = |p: [f32; 3]| world.transform_point3(Vec3::from_array(p).as_dvec3()).as_vec3();
+        let turned = |v: [f32; 3]| world.transform_vector3(Vec3::from_array(v).as_dvec3()).as_vec3();
+        let points = group.keep(points.into_iter().map(moved).collect());
+        let velocities = group.tuples(&[".velocities"])?;
+        let velocities = velocities.filter(|v| v.len() == group.point_count());
+        let scale = scale(&world);
+        let widths = group.tuples::<1>(&["groom_width", "width"])?;
+        let widths = widths.and_then(|values| group.for_points(&values));
+        let colours = group.tuples(&["groom_color"])?.and_then(|values| group.for_points(&values));
+        let uvs = group.tuples(&["groom_root_uv", "uv"])?.and_then(|values| group.for_strands(&values));
+        let mut label = |name| -> Result<Option<Vec<i32>>, AlembicError> {
+            Ok(group.integers(name)?.and_then(|values| group.for_strands(&values)))
+        };
+        let [guides, group_ids, ids] = ["groom_guide", "groom_group_id", "groom_id"].map(&mut label);
+        let (particles, strands) = (points.len(), group.counts.len());
+        self.velocities.push(
+            velocities.map(|v| group.keep(v.into_iter().map(turned).collect())),
+            None,
+            particles,
+        );
+        self.widths.push(widths.map(|w| w.into_iter().map(|[w]| w * scale).collect()), None, particles);
+        self.colours.push(colours, None, particles);
+        self.root_uvs.push(uvs, None, strands);
+        self.guides.push(guides?.map(|g| g.into_iter().map(|g| g != 0).collect()), Some(false), strands);
+        self.group_ids.push(group_ids?, Some(0), strands);
+        self.ids.push(ids?, None, strands);
+        let start = self.positions.len();
+        self.positions.extend(points);
+        group.extend_offsets(&mut self.offsets, start)
+    }
+
+    /// The groom of all groups.
+    pub fn finish(mut self) -> Result<Contents, AlembicError> {
+        if self.offsets.is_empty() {
+            self.offsets.push(0);
+        }
+        let mut groom = Groom::new(self.positions, self.offsets).map_err(|e| error(0, e.into()))?;
+        groom.widths = self.widths.finish();
+        groom.colours = self.colours.finish();
+        groom.root_uvs = self.root_uvs.finish();
+        groom.check_attributes().map_err(|e| error(0, e.into()))?;
+        let labels = Labels {
+            group_ids: self.group_ids.finish(),
+            guides: self.guides.finish(),
+            ids: self.ids.finish(),
+        };
+        Ok(Contents { groom, velocities: self.velocities.finish(), labels })
+    }
+}
+
+/// The factor of `map` on lengths, the same in all directions.
+fn scale(map: &DAffine3) -> f32 {
+    map.matrix3.determinant().abs().cbrt() as f32
+}
+
+/// A strand group while it is read.
+struct Group<'a, R> {
+    archive: &'a mut Archive<R>,
+    curves: &'a Curves,
+    time_secs: f64,
+    /// The number of points of each strand in the file.
+    counts: Vec<usize>,
+    /// The points that become particles, if not all do.
+    kept: Option<Vec<bool>>,
+}
+
+impl<R: Read + Seek> Group<'_, R> {
+    /// Reads the points and the number of points of each strand.
+    fn read_points(&mut self) -> Result<Vec<[f32; 3]>, AlembicError> {
+        let name = &self.curves.name;
+        let place = |sample: &Option<Sample>| sample.as_ref().map_or(0, |sample| sample.offset);
+        let sample = self.sample("P")?;
+        let at = place(&sample);
+        let floats = sample.map(|sample| sample.floats());
+        let floats = floats.ok_or_else(|| invalid(at, format!("`{name}` has no points")))?;
+        let points = floats.ok_or_else(|| invalid(at, format!("the points of `{name}` are no numbers")))?;
+        let points = points.as_chunks::<3>().0.to_vec();
+        let sample = self.sample("nVertices")?;
+        let at = place(&sample);
+        let counts = sample.and_then(|sample| sample.integers());
+        let counts = counts.ok_or_else(|| invalid(at, format!("`{name}` has no `nVertices`")))?;
+        self.counts = Vec::with_capacity(counts.len());
+        let mut sum = 0;
+        for (strand, &count) in counts.iter().enumerate() {
+            let count = usize::try_from(count).map_err(|_| {
+                invalid(at, format!("strand {strand} of `{name}` has {count} points, below 0"))
+            })?;
+            sum += count;
+            self.counts.push(count);
+        }
+        if sum != points.len() {
+            let words = format!("the strands of `{name}` have {sum} points, but {} are there", points.len());
+            return Err(invalid(at, words));
+        }
+        let kind = self.sample("curveBasisAndType")?.and_then(|sample| sample.integers());
+        if let Some([0, _, 1, ..]) = kind.as_deref() {
+            let is_kept = |n: usize| (0..n).map(move |i| n % 3 != 1 || i % 3 == 0);
+            self.kept = Some(self.counts.iter().flat_map(|&n| is_kept(n)).collect());
+        }
+        Ok(points)
+    }
+
+    /// Appends the end of each strand to `offsets`, the first particle being `start`.
+    fn extend_offsets(&self, offsets: &mut Vec<u32>, start: usize) -> Result<(), AlembicError> {
+        let mut end = start;
+        if offsets.is_empty() {
+            offsets.push(0);
+        }
+        for &count in &self.counts {
+            end += if self.kept.is_some() && count % 3 == 1 { count.div_ceil(3) } else { count };
+            let end = u32::try_from(end).map_err(|_| invalid(0, "the strands have over 2³² points"))?;
+            offsets.push(end);
+        }
+        Ok(())
+    }
+
+    /// The `values` of the points that become particles.
+    fn keep<T>(&self, values: Vec<T>) -> Vec<T> {
+        match &self.kept {
+            None => values,
+            Some(kept) => values.into_iter().zip(kept).filter(|v| *v.1).map(|v| v.0).collect(),
+        }
+    }
+
+    fn point_count(&self) -> usize {
+        self.counts.iter().sum()
+    }
+
+    /// One value for each particle, if the number of `values` allows it.
+    fn for_points<T: Copy>(&self, values: &[T]) -> Option<Vec<T>> {
+        let points = self.point_count();
+        let all = if values.len() == points {
+            values.to_vec()
+        } else if values.len() == self.counts.len() {
+            let repeated = values.iter().zip(&self.counts);
+            repeated.flat_map(|(&value, &count)| std::iter::repeat_n(value, count)).collect()
+        } else if let &[value] = values {
+            vec![value; points]
+        } else {
+            return None;
+        };
+        Some(self.keep(all))
+    }
+
+    /// One value for each strand, if the number of `values` allows it: of one for each point, that
+    /// of the root.
+    fn for_strands<T: Copy>(&self, values: &[T]) -> Option<Vec<T>> {
+        if values.len() == self.counts.len() {
+            return Some(values.to_vec());
+        }
+        if let &[value] = values {
+            return Some(vec![value; self.counts.len()]);
+        }
+        let mut start = 0;
+        let roots = self.counts.iter().map(|count| {
+            let root = values.get(start).copied();
+            start += count;
+            root
+        });
+        let roots: Option<Vec<T>> = roots.collect();
+        roots.filter(|_| start == values.len())
+    }
+
+    /// The sample of the property `name` of `.geom`.
+    fn sample(&mut self, name: &str) -> Result<Option<Sample>, AlembicError> {
+        match Property::find(&self.curves.geom, name) {
+            Some(property) => self.archive.sample(property, self.time_secs),
+            None => Ok(None),
+        }
+    }
+
+    /// The values of the first of the attributes `names` that exists, in groups of N.
+    fn tuples<const N: usize>(&mut self, names: &[&str]) -> Result<Option<Vec<[f32; N]>>, AlembicError> {
+        for name in names {
+            let Some(attribute) = self.attribute(name)? else { continue };
+            let Some(values) = attribute.values.floats() else { continue };
+            let values = values.as_chunks::<N>().0;
+            match attribute.indices {
+                None => return Ok(Some(values.to_vec())),
+                Some(indices) => return Ok(pick(values, &indices)),
+            }
+        }
+        Ok(None)
+    }
+
+    /// The values of the attribute `name`, if it has integers.
+    fn integers(&mut self, name: &str) -> Result<Option<Vec<i32>>, AlembicError> {
+        let Some(attribute) = self.attribute(name)? else { return Ok(None) };
+        let Some(values) = attribute.values.integers() else { return Ok(None) };
+        Ok(match attribute.indices {
+            None => Some(values),
+            Some(indices) => pick(&values, &indices),
+        })
+    }
+
+    fn attribute(&mut self, name: &str) -> Result<Option<Attribute>, AlembicError> {
+        let Some(property) = self.curves.attribute(name) else { return Ok(None) };
+        if property.samples.is_some() {
+            let values = self.archive.sample(property, self.time_secs)?;
+            return Ok(values.map(|values| Attribute { values, indices: None }));
+        }
+        let [values, indices] =
+            [".vals", ".indices"].map(|part| self.curves.attribute(&format!("{name}{part}")));
+        let Some(values) = values else { return Ok(None) };
+        let values = self.archive.sample(values, self.time_secs)?;
+        let indices = indices.map(|indices| self.archive.sample(indices, self.time_secs)).transpose()?;
+        let indices = indices.flatten().and_then(|indices| indices.integers());
+        Ok(values.map(|values| Attribute { values, indices }))
+    }
+}
+
+/// The sample of an attribute.
+struct Attribute {
+    values: Sample,
+    indices: Option<Vec<i32>>,
+}
+
+/// `values` at `indices`, if all exist.
+fn pick<T: Copy>(values: &[T], indices: &[i32]) -> Option<Vec<T>> {
+    indices.iter().map(|&index| values.get(usize::try_from(index).ok()?).copied()).collect()
+}

@@ -1,0 +1,183 @@
+//! Archives as other programs write them: transforms, several strand groups, indexed attributes.
+
+use std::io::Cursor;
+
+use glam::Vec3;
+
+use super::{
+    Child, Reader,
+    hash::checksum,
+    output::{Compound, Indexed, Kind, Output, Track, Type},
+    times::TimeSampling,
+};
+
+type File = Output<Cursor<Vec<u8>>>;
+
+/// A property with one sample.
+fn track(out: &mut File, name: &'static str, type_: Type, extent: u8, bytes: &[u8]) -> Track {
+    let is_array = !name.starts_with(".ops") && name != "curveBasisAndType" && name != ".inherits";
+    let mut track = Track::new(Kind { name, metadata: "", is_array, type_, extent });
+    track.push(out, bytes).unwrap();
+    track
+}
+
+/// The group of an object whose only property is the compound `name`.
+fn object(
+    out: &mut File,
+    indexed: &mut Indexed,
+    name: &'static str,
+    tracks: &[Track],
+    compounds: &[(&'static str, Vec<Track>)],
+    children: &[(&str, &'static str, Child)],
+) -> Child {
+    let mut properties = Compound::new(out, indexed);
+    let fill = |inner: &mut Compound<'_, _>| {
+        tracks.iter().try_for_each(|track| inner.add(track, 0))?;
+        compounds.iter().try_for_each(|(name, parts)| {
+            inner.add_compound(name, "", |c| parts.iter().try_for_each(|part| c.add(part, 0)))
+        })
+    };
+    properties.add_compound(name, "", fill).unwrap();
+    let (properties, _) = properties.finish().unwrap();
+    let mut headers = Vec::new();
+    let mut parts = vec![properties];
+    for &(name, metadata, group) in children {
+        headers.extend((name.len() as u32).to_le_bytes());
+        headers.extend(name.bytes());
+        headers.push(indexed.index(metadata));
+        parts.push(group);
+    }
+    headers.extend([0; 32]);
+    parts.push(out.data(&[&headers]).unwrap());
+    out.group(&parts).unwrap()
+}
+
+/// The bytes of the archive with the top object `top`.
+fn finish(mut out: File, indexed: &Indexed, top: Child) -> Vec<u8> {
+    let mut samplings = Vec::new();
+    TimeSampling { period_secs: 1.0, times_secs: vec![0.0] }.write(1, &mut samplings);
+    let [version, library] = [0i32, 10_000].map(|n| out.data(&[&n.to_le_bytes()]).unwrap());
+    let metadata = out.data(&[b"_ai_Application=a test"]).unwrap();
+    let samplings = out.data(&[&samplings]).unwrap();
+    let indexed = out.data(&[&indexed.bytes()]).unwrap();
+    let root = out.group(&[version, library, top, metadata, samplings, indexed]).unwrap();
+    out.finish(root).unwrap().into_inner()
+}
+
+const CURVES: &str = "schema=AbcGeom_Curve_v2";
+const XFORM: &str = "schema=AbcGeom_Xform_v3";
+
+/// A strand group of one strand for each of `counts`, with points (i, 0, 0), and `more`.
+fn strands(
+    out: &mut File,
+    indexed: &mut Indexed,
+    counts: &[i32],
+    basis: [u8; 4],
+    more: Vec<(&'static str, Vec<Track>)>,
+) -> Child {
+    let points: Vec<f32> = (0..counts.iter().sum()).flat_map(|i| [i as f32, 0.0, 0.0]).collect();
+    let tracks = [
+        track(out, "P", Type::F32, 3, bytemuck::cast_slice(&points)),
+        track(out, "nVertices", Type::I32, 1, bytemuck::cast_slice(counts)),
+        track(out, "curveBasisAndType", Type::U8, 4, &basis),
+        track(out, "width", Type::F32, 1, &0.5f32.to_le_bytes()),
+    ];
+    object(out, indexed, ".geom", &tracks, &more, &[])
+}
+
+/// An object with `ops` and `vals` above the strand group `child`.
+fn above(
+    out: &mut File,
+    indexed: &mut Indexed,
+    ops: &[u8],
+    vals: &[f64],
+    child: (&'static str, Child),
+) -> Child {
+    let tracks = [
+        track(out, ".ops", Type::U8, ops.len() as u8, ops),
+        track(out, ".vals", Type::F64, 1, bytemuck::cast_slice(vals)),
+    ];
+    object(out, indexed, ".xform", &tracks, &[], &[("child", child.0, child.1)])
+}
+
+#[test]
+fn groups_are_joined_with_transforms_and_indexed_attributes() {
+    let (mut out, mut indexed) = (Output::new(Cursor::new(Vec::new())).unwrap(), Indexed::default());
+    let values = |out: &mut File, name, type_, numbers: &[i32]| {
+        track(out, name, type_, 1, bytemuck::cast_slice(numbers))
+    };
+    let uvs = [0.0f32, 0.25, 0.5, 0.75];
+    let uv = vec![
+        track(&mut out, ".vals", Type::F32, 2, bytemuck::cast_slice(&uvs)),
+        values(&mut out, ".indices", Type::I32, &[1, 0]),
+    ];
+    let labels = vec![
+        values(&mut out, "groom_group_id", Type::I32, &[7]),
+        values(&mut out, "groom_id", Type::I32, &[5, 4]),
+        track(&mut out, "groom_guide", Type::I16, 1, &[1, 0, 0, 0]),
+        values(&mut out, "groom_version_major", Type::I32, &[1]),
+    ];
+    let linear = [1, 0, 0, 0];
+    let more = vec![("uv", uv), (".arbGeomParams", labels)];
+    let first = strands(&mut out, &mut indexed, &[2, 3], linear, more);
+    let scaled = above(&mut out, &mut indexed, &[0x00], &[2.0, 2.0, 2.0], (CURVES, first));
+    let moved = above(&mut out, &mut indexed, &[0x10], &[0.0, 1.0, 0.0], (XFORM, scaled));
+    // A Bézier strand of two segments: four handles, which are left out.
+    let second = strands(&mut out, &mut indexed, &[7], [0, 0, 1, 1], Vec::new());
+    let children = [("moved", XFORM, moved), ("second", CURVES, second)];
+    let top = object(&mut out, &mut indexed, "none", &[], &[], &children);
+    let bytes = finish(out, &indexed, top);
+
+    let mut reader = Reader::open(Cursor::new(bytes)).unwrap();
+    assert_eq!(reader.unit(), forelock_core::groom::Unit::Centimetre);
+    assert_eq!(reader.names().collect::<Vec<_>>(), ["/moved/child/child", "/second"]);
+    let contents = reader.read(0).unwrap();
+    let groom = contents.groom;
+    assert_eq!(groom.strand_offsets(), [0, 2, 5, 8]);
+    assert_eq!(groom.strand(1), [2.0, 3.0, 4.0].map(|x| Vec3::new(2.0 * x, 1.0, 0.0)));
+    assert_eq!(groom.strand(2), [0.0, 3.0, 6.0].map(|x| Vec3::new(x, 0.0, 0.0)));
+    assert_eq!(groom.widths.unwrap(), [1.0, 1.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5]);
+    // The second group has none.
+    assert_eq!((groom.root_uvs, contents.labels.ids), (None, None));
+    assert_eq!(contents.labels.group_ids, Some(vec![7, 7, 0]));
+    assert_eq!(contents.labels.guides, Some(vec![true, false, false]));
+}
+
+#[test]
+fn indexed_attributes_are_read() {
+    let (mut out, mut indexed) = (Output::new(Cursor::new(Vec::new())).unwrap(), Indexed::default());
+    let uvs = [0.0f32, 0.25, 0.5, 0.75];
+    let uv = vec![
+        track(&mut out, ".vals", Type::F32, 2, bytemuck::cast_slice(&uvs)),
+        track(&mut out, ".indices", Type::I32, 1, bytemuck::cast_slice(&[1, 0])),
+    ];
+    let group = strands(&mut out, &mut indexed, &[2, 3], [1, 0, 0, 0], vec![("uv", uv)]);
+    let top = object(&mut out, &mut indexed, "none", &[], &[], &[("a", CURVES, group)]);
+    let contents = Reader::open(Cursor::new(finish(out, &indexed, top))).unwrap().read(0).unwrap();
+    assert_eq!(contents.groom.root_uvs, Some(vec![[0.5, 0.75], [0.0, 0.25]]));
+}
+
+/// An object that is its own child, and one that is the child of many.
+#[test]
+fn cycles_and_shared_groups_are_refused() {
+    let (mut out, mut indexed) = (Output::new(Cursor::new(Vec::new())).unwrap(), Indexed::default());
+    let group = strands(&mut out, &mut indexed, &[2], [1, 0, 0, 0], Vec::new());
+    let children = [("a", CURVES, group); 200];
+    let top = object(&mut out, &mut indexed, "none", &[], &[], &children);
+    let words = |bytes| Reader::open(Cursor::new(bytes)).err().unwrap().to_string();
+    let bytes = finish(out, &indexed, top);
+    assert!(words(bytes.clone()).contains("groups contain each other or overlap"));
+    // Each child of the top object becomes the top object.
+    let at = top.offset() as usize + 16;
+    let mut cycle = bytes;
+    cycle[at..at + 8].copy_from_slice(&top.0.to_le_bytes());
+    let words = words(cycle);
+    assert!(words.contains("overlap") || words.contains("deep"), "{words}");
+}
+
+#[test]
+fn equal_contents_have_equal_checksums_and_others_have_not() {
+    assert_eq!(checksum(b"hair"), checksum(b"hair"));
+    assert_ne!(checksum(b"hair"), checksum(b"hail"));
+    assert_ne!(checksum(&[0; 16]), checksum(&[0; 17]));
+}
