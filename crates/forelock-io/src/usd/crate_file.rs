@@ -1,0 +1,317 @@
+//! The tables of a crate file, the binary form of a layer.
+//!
+//! # Theory
+//! The file begins with 88 bytes: `PXR-USDC`, the version (`u8[8]`, the first three count), the
+//! offset of the table of contents (`i64`) and 64 unused bytes. The table of contents is a `u64`
+//! count of sections, each with a name (`u8[16]`), an offset and a size (`i64`).
+//!
+//! | section | contents |
+//! | --- | --- |
+//! | `TOKENS` | `u64` count, `u64` bytes, then the words, each with a NUL, compressed |
+//! | `STRINGS` | `u64` count, `u32` tokens |
+//! | `FIELDS` | `u64` count, tokens of the names, then 8 bytes of value each |
+//! | `FIELDSETS` | `u64` count, runs of fields, each ended by −1 |
+//! | `PATHS` | `u64` paths, `u64` entries: paths, tokens of the last parts (negative: a property), jumps |
+//! | `SPECS` | `u64` count: paths, first entries in `FIELDSETS`, kinds |
+//!
+//! The entries of `PATHS` are a tree, depth first. A jump of −2 is a leaf, −1 has only children, 0
+//! only a sibling; others have children, and the sibling so many entries further.
+//!
+//! # Practice
+//! [`open`] reads the tables; values are read when they are asked for, see
+//! [`unpack`](Crate::unpack).
+//!
+//! # Limitations
+//! Versions 0.4 to 0.12. Relationships, connections and variants are skipped.
+
+use std::{
+    collections::BTreeMap,
+    io::{Read, Seek},
+    rc::Rc,
+};
+
+use super::{
+    UsdError,
+    source::{Cursor, Source},
+    stage::{Attribute, Held, Prim, Stage},
+};
+
+/// What the file begins with.
+pub(super) const MAGIC: &[u8; 8] = b"PXR-USDC";
+/// The bytes before the first value.
+pub(super) const BOOT_BYTES: u64 = 88;
+
+/// The kinds of specs that are read or written.
+pub(super) const ATTRIBUTE: u32 = 1;
+pub(super) const PRIM: u32 = 6;
+pub(super) const LAYER: u32 = 7;
+
+/// A spec has fewer fields.
+const MOST_FIELDS: usize = 1024;
+/// The prims between the root and a property.
+pub(super) const DEEPEST: u32 = 256;
+
+/// An open crate file.
+pub(super) struct Crate<R> {
+    pub source: Source<R>,
+    /// The second number of the version.
+    pub minor: u8,
+    pub tokens: Vec<Rc<str>>,
+    pub strings: Vec<u32>,
+}
+
+/// An entry of the tree of paths.
+#[derive(Clone, Copy)]
+struct Path {
+    parent: Option<u32>,
+    /// The number of parents.
+    depth: u32,
+    token: u32,
+    is_property: bool,
+}
+
+/// The tables that describe specs.
+struct Tables {
+    /// Names of the fields and their values.
+    fields: Vec<(u32, u64)>,
+    sets: Vec<u32>,
+    paths: Vec<Option<Path>>,
+    specs: Vec<Spec>,
+}
+
+/// The fields of a path.
+struct Spec {
+    path: u32,
+    set: u32,
+    kind: u32,
+}
+
+/// Opens the crate file in `reader`.
+pub(super) fn open<R: Read + Seek>(reader: R) -> Result<Stage<R>, UsdError> {
+    let source = Source::new(reader)?;
+    let mut boot = source.at(0);
+    let magic: [u8; 8] = boot.value("the first bytes")?;
+    if magic != *MAGIC {
+        return Err(source.at(0).invalid("it does not begin with PXR-USDC"));
+    }
+    let version: [u8; 8] = boot.value("the version")?;
+    if version[0] != 0 || !(4..=12).contains(&version[1]) {
+        let words = format!(
+            "version {}.{} of the format is not known (0.4 to 0.12 are); write the file again with another \
+             version, or as .usda",
+            version[0], version[1]
+        );
+        return Err(source.at(8).invalid(words));
+    }
+    let contents: u64 = boot.value("the offset of the table of contents")?;
+    if contents < BOOT_BYTES {
+        return Err(source
+            .at(16)
+            .invalid("there is no table of contents: the file was not completed; write it again"));
+    }
+    let sections = sections(&mut source.at(contents))?;
+    let section = |name: &str| match sections.iter().find(|section| section.0 == name) {
+        Some(section) => Ok(source.at(section.1)),
+        None => Err(source.at(contents).invalid(format!("the section {name} is missing"))),
+    };
+    let tokens = tokens(&mut section("TOKENS")?)?;
+    let mut cursor = section("STRINGS")?;
+    let count: u64 = cursor.value("the strings")?;
+    let strings = cursor.array(count, "the strings")?;
+    let fields = fields(&mut section("FIELDS")?)?;
+    let mut cursor = section("FIELDSETS")?;
+    let count = cursor.count(8, "the sets of fields")?;
+    let sets = cursor.indices(count, "the sets of fields")?;
+    let paths = paths(&mut section("PATHS")?)?;
+    let specs = specs(&mut section("SPECS")?)?;
+    let tables = Tables { fields, sets, paths, specs };
+    let (metadata, prims) = tables.prims(&tokens, &source.at(contents))?;
+    Ok(Stage { metadata, prims, file: Some(Crate { source, minor: version[1], tokens, strings }) })
+}
+
+/// A section's name and offset.
+struct Section(String, u64);
+
+fn sections<R: Read + Seek>(cursor: &mut Cursor<'_, R>) -> Result<Vec<Section>, UsdError> {
+    let count: u64 = cursor.value("the table of contents")?;
+    let bytes = cursor.take(count, 32, "the table of contents")?;
+    let section = |entry: &[u8; 32]| {
+        let (name, place) = entry.split_at(16);
+        let end = name.iter().position(|&b| b == 0).unwrap_or(16);
+        let start = bytemuck::pod_read_unaligned(&place[..8]);
+        Section(String::from_utf8_lossy(&name[..end]).into_owned(), start)
+    };
+    Ok(bytes.as_chunks().0.iter().map(section).collect())
+}
+
+fn tokens<R: Read + Seek>(cursor: &mut Cursor<'_, R>) -> Result<Vec<Rc<str>>, UsdError> {
+    let count = cursor.count(1, "the tokens")?;
+    let bytes = cursor.count(1, "the bytes of the tokens")?;
+    let all = cursor.decompressed(bytes, "the tokens")?;
+    let mut tokens: Vec<Rc<str>> =
+        all.split(|&b| b == 0).map(|t| String::from_utf8_lossy(t).into()).collect();
+    // After the last NUL nothing follows.
+    tokens.pop();
+    if tokens.len() != count {
+        return Err(cursor.invalid(format!("there should be {count} tokens, but there are {}", tokens.len())));
+    }
+    Ok(tokens)
+}
+
+fn fields<R: Read + Seek>(cursor: &mut Cursor<'_, R>) -> Result<Vec<(u32, u64)>, UsdError> {
+    let count = cursor.count(16, "the fields")?;
+    let names = cursor.indices(count, "the names of the fields")?;
+    let values = cursor.decompressed(count * 8, "the values of the fields")?;
+    let values = values.as_chunks::<8>().0.iter().map(|&bytes| u64::from_le_bytes(bytes));
+    Ok(names.into_iter().zip(values).collect())
+}
+
+fn specs<R: Read + Seek>(cursor: &mut Cursor<'_, R>) -> Result<Vec<Spec>, UsdError> {
+    let count = cursor.count(24, "the specs")?;
+    let paths = cursor.indices(count, "the paths of the specs")?;
+    let sets = cursor.indices(count, "the fields of the specs")?;
+    let kinds = cursor.indices(count, "the kinds of the specs")?;
+    let specs = paths.into_iter().zip(sets).zip(kinds);
+    Ok(specs.map(|((path, set), kind)| Spec { path, set, kind }).collect())
+}
+
+fn paths<R: Read + Seek>(cursor: &mut Cursor<'_, R>) -> Result<Vec<Option<Path>>, UsdError> {
+    let all = cursor.count(16, "the paths")?;
+    let count = cursor.count(24, "the entries of the paths")?;
+    let numbers = cursor.indices(count, "the numbers of the paths")?;
+    let tokens = cursor.integers(count, 4, "the names of the paths")?;
+    let jumps = cursor.integers(count, 4, "the jumps of the paths")?;
+    let mut paths = vec![None; all];
+    let mut subtrees = if count == 0 { vec![] } else { vec![(0usize, None, 0)] };
+    while let Some((mut entry, mut parent, mut depth)) = subtrees.pop() {
+        loop {
+            let number = numbers.get(entry).copied();
+            let slot = number.and_then(|n| paths.get_mut(n as usize));
+            // A path that occurs twice would make a loop.
+            let Some(slot) = slot.filter(|slot| slot.is_none()) else {
+                return Err(
+                    cursor.invalid(format!("entry {entry} of the paths does not belong to their tree"))
+                );
+            };
+            let is_property = tokens[entry] < 0;
+            #[expect(clippy::cast_possible_truncation, reason = "the numbers have 4 bytes")]
+            let token = tokens[entry].unsigned_abs() as u32;
+            *slot = Some(Path { parent, depth, token, is_property });
+            let jump = jumps[entry];
+            if jump < -1 {
+                break;
+            }
+            if jump > 0 {
+                let sibling = usize::try_from(jump).map_or(usize::MAX, |jump| entry.saturating_add(jump));
+                subtrees.push((sibling, parent, depth));
+            }
+            if jump != 0 {
+                (parent, depth) = (number, depth + 1);
+            }
+            if depth > DEEPEST {
+                return Err(cursor.invalid(format!("prims are nested deeper than {DEEPEST}")));
+            }
+            entry += 1;
+        }
+    }
+    Ok(paths)
+}
+
+impl Tables {
+    /// The metadata of the layer, and its prims with their attributes.
+    fn prims<R: Read + Seek>(
+        &self,
+        tokens: &[Rc<str>],
+        cursor: &Cursor<'_, R>,
+    ) -> Result<(BTreeMap<Rc<str>, Held>, Vec<Prim>), UsdError> {
+        let mut metadata = BTreeMap::new();
+        // Parents must come before their children.
+        let mut order: Vec<(Path, &Spec)> = Vec::new();
+        for spec in &self.specs {
+            match spec.kind {
+                LAYER => metadata = self.fields(spec, tokens, cursor)?,
+                PRIM => order.push((self.path(spec.path, cursor)?, spec)),
+                _ => {}
+            }
+        }
+        order.sort_by_key(|(path, _)| path.depth);
+        let mut indices = vec![None; self.paths.len()];
+        let mut prims: Vec<Prim> = Vec::new();
+        for (path, spec) in order {
+            let name = tokens.get(path.token as usize);
+            let name = name.ok_or_else(|| cursor.invalid(format!("a path has no token {}", path.token)))?;
+            let parent = path.parent.and_then(|parent| indices[parent as usize]);
+            let fields = self.fields(spec, tokens, cursor)?;
+            // Children of the root have the depth 1; the others need a parent.
+            if !is_read(&fields) || (parent.is_none() && path.depth != 1) {
+                continue;
+            }
+            indices[spec.path as usize] = Some(prims.len());
+            let kind = fields.get("typeName").and_then(|held| token(held, tokens));
+            let kind = kind.unwrap_or_else(|| "".into());
+            prims.push(Prim { name: Rc::clone(name), kind, parent, attributes: BTreeMap::new() });
+        }
+        for spec in self.specs.iter().filter(|spec| spec.kind == ATTRIBUTE) {
+            let path = self.path(spec.path, cursor)?;
+            let prim = path.parent.and_then(|parent| indices[parent as usize]);
+            let (Some(prim), Some(name), true) = (prim, tokens.get(path.token as usize), path.is_property)
+            else {
+                continue;
+            };
+            let mut fields = self.fields(spec, tokens, cursor)?;
+            let attribute =
+                Attribute { default: fields.remove("default"), samples: fields.remove("timeSamples") };
+            prims[prim].attributes.insert(Rc::clone(name), attribute);
+        }
+        Ok((metadata, prims))
+    }
+
+    fn path<R: Read + Seek>(&self, index: u32, cursor: &Cursor<'_, R>) -> Result<Path, UsdError> {
+        let path = self.paths.get(index as usize).copied().flatten();
+        path.ok_or_else(|| cursor.invalid(format!("a spec names path {index}, which is not there")))
+    }
+
+    /// The fields of `spec` by name.
+    fn fields<R: Read + Seek>(
+        &self,
+        spec: &Spec,
+        tokens: &[Rc<str>],
+        cursor: &Cursor<'_, R>,
+    ) -> Result<BTreeMap<Rc<str>, Held>, UsdError> {
+        let set = self.sets.get(spec.set as usize..).unwrap_or_default();
+        let set = set.iter().take_while(|&&field| field != u32::MAX);
+        let mut fields = BTreeMap::new();
+        for &field in set {
+            let field = self.fields.get(field as usize);
+            let name = field.and_then(|&(name, _)| tokens.get(name as usize));
+            let (Some(&(_, value)), Some(name)) = (field, name) else {
+                return Err(
+                    cursor.invalid(format!("the spec of path {} has a field that is not there", spec.path))
+                );
+            };
+            fields.insert(Rc::clone(name), Held::Packed(value));
+            if fields.len() > MOST_FIELDS {
+                return Err(cursor.invalid(format!("a spec has more than {MOST_FIELDS} fields")));
+            }
+        }
+        Ok(fields)
+    }
+}
+
+/// Whether a prim with these fields is defined and active.
+fn is_read(fields: &BTreeMap<Rc<str>, Held>) -> bool {
+    let small = |name: &str| match fields.get(name) {
+        Some(Held::Packed(value)) => Some(value & 0xffff_ffff),
+        _ => None,
+    };
+    // The specifiers are 0 `def`, 1 `over`, 2 `class`.
+    small("specifier") == Some(0) && small("active") != Some(0)
+}
+
+/// The token that a value stands for.
+fn token(held: &Held, tokens: &[Rc<str>]) -> Option<Rc<str>> {
+    match held {
+        Held::Packed(value) => tokens.get((value & 0xffff_ffff) as usize).cloned(),
+        Held::Value(_) => None,
+    }
+}
