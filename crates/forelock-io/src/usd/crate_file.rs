@@ -25,7 +25,6 @@
 //! Versions 0.4 to 0.12. Relationships, connections and variants are skipped.
 
 use std::{
-    collections::BTreeMap,
     io::{Read, Seek},
     rc::Rc,
 };
@@ -33,7 +32,7 @@ use std::{
 use super::{
     UsdError,
     source::{Cursor, Source},
-    stage::{Attribute, Held, Prim, Stage},
+    stage::Stage,
 };
 
 /// What the file begins with.
@@ -46,8 +45,6 @@ pub(super) const ATTRIBUTE: u32 = 1;
 pub(super) const PRIM: u32 = 6;
 pub(super) const LAYER: u32 = 7;
 
-/// A spec has fewer fields.
-const MOST_FIELDS: usize = 1024;
 /// The prims between the root and a property.
 pub(super) const DEEPEST: u32 = 256;
 
@@ -62,28 +59,30 @@ pub(super) struct Crate<R> {
 
 /// An entry of the tree of paths.
 #[derive(Clone, Copy)]
-struct Path {
-    parent: Option<u32>,
+pub(super) struct Path {
+    pub parent: Option<u32>,
     /// The number of parents.
-    depth: u32,
-    token: u32,
-    is_property: bool,
+    pub depth: u32,
+    pub token: u32,
+    pub is_property: bool,
 }
 
 /// The tables that describe specs.
-struct Tables {
+pub(super) struct Tables {
     /// Names of the fields and their values.
-    fields: Vec<(u32, u64)>,
-    sets: Vec<u32>,
-    paths: Vec<Option<Path>>,
-    specs: Vec<Spec>,
+    pub fields: Vec<(u32, u64)>,
+    pub sets: Vec<u32>,
+    pub paths: Vec<Option<Path>>,
+    pub specs: Vec<Spec>,
+    /// The offset of the table of contents, for errors.
+    pub contents: u64,
 }
 
 /// The fields of a path.
-struct Spec {
-    path: u32,
-    set: u32,
-    kind: u32,
+pub(super) struct Spec {
+    pub path: u32,
+    pub set: u32,
+    pub kind: u32,
 }
 
 /// Opens the crate file in `reader`.
@@ -124,9 +123,11 @@ pub(super) fn open<R: Read + Seek>(reader: R) -> Result<Stage<R>, UsdError> {
     let sets = cursor.indices(count, "the sets of fields")?;
     let paths = paths(&mut section("PATHS")?)?;
     let specs = specs(&mut section("SPECS")?)?;
-    let tables = Tables { fields, sets, paths, specs };
-    let (metadata, prims) = tables.prims(&tokens, &source.at(contents))?;
-    Ok(Stage { metadata, prims, file: Some(Crate { source, minor: version[1], tokens, strings }) })
+    let tables = Tables { fields, sets, paths, specs, contents };
+    let file = Crate { source, minor: version[1], tokens, strings };
+    let metadata = tables.metadata(&file)?;
+    let prims = tables.prims(&file)?;
+    Ok(Stage { metadata, prims, file: Some(file) })
 }
 
 /// A section's name and offset.
@@ -215,103 +216,4 @@ fn paths<R: Read + Seek>(cursor: &mut Cursor<'_, R>) -> Result<Vec<Option<Path>>
         }
     }
     Ok(paths)
-}
-
-impl Tables {
-    /// The metadata of the layer, and its prims with their attributes.
-    fn prims<R: Read + Seek>(
-        &self,
-        tokens: &[Rc<str>],
-        cursor: &Cursor<'_, R>,
-    ) -> Result<(BTreeMap<Rc<str>, Held>, Vec<Prim>), UsdError> {
-        let mut metadata = BTreeMap::new();
-        // Parents must come before their children.
-        let mut order: Vec<(Path, &Spec)> = Vec::new();
-        for spec in &self.specs {
-            match spec.kind {
-                LAYER => metadata = self.fields(spec, tokens, cursor)?,
-                PRIM => order.push((self.path(spec.path, cursor)?, spec)),
-                _ => {}
-            }
-        }
-        order.sort_by_key(|(path, _)| path.depth);
-        let mut indices = vec![None; self.paths.len()];
-        let mut prims: Vec<Prim> = Vec::new();
-        for (path, spec) in order {
-            let name = tokens.get(path.token as usize);
-            let name = name.ok_or_else(|| cursor.invalid(format!("a path has no token {}", path.token)))?;
-            let parent = path.parent.and_then(|parent| indices[parent as usize]);
-            let fields = self.fields(spec, tokens, cursor)?;
-            // Children of the root have the depth 1; the others need a parent.
-            if !is_read(&fields) || (parent.is_none() && path.depth != 1) {
-                continue;
-            }
-            indices[spec.path as usize] = Some(prims.len());
-            let kind = fields.get("typeName").and_then(|held| token(held, tokens));
-            let kind = kind.unwrap_or_else(|| "".into());
-            prims.push(Prim { name: Rc::clone(name), kind, parent, attributes: BTreeMap::new() });
-        }
-        for spec in self.specs.iter().filter(|spec| spec.kind == ATTRIBUTE) {
-            let path = self.path(spec.path, cursor)?;
-            let prim = path.parent.and_then(|parent| indices[parent as usize]);
-            let (Some(prim), Some(name), true) = (prim, tokens.get(path.token as usize), path.is_property)
-            else {
-                continue;
-            };
-            let mut fields = self.fields(spec, tokens, cursor)?;
-            let attribute =
-                Attribute { default: fields.remove("default"), samples: fields.remove("timeSamples") };
-            prims[prim].attributes.insert(Rc::clone(name), attribute);
-        }
-        Ok((metadata, prims))
-    }
-
-    fn path<R: Read + Seek>(&self, index: u32, cursor: &Cursor<'_, R>) -> Result<Path, UsdError> {
-        let path = self.paths.get(index as usize).copied().flatten();
-        path.ok_or_else(|| cursor.invalid(format!("a spec names path {index}, which is not there")))
-    }
-
-    /// The fields of `spec` by name.
-    fn fields<R: Read + Seek>(
-        &self,
-        spec: &Spec,
-        tokens: &[Rc<str>],
-        cursor: &Cursor<'_, R>,
-    ) -> Result<BTreeMap<Rc<str>, Held>, UsdError> {
-        let set = self.sets.get(spec.set as usize..).unwrap_or_default();
-        let set = set.iter().take_while(|&&field| field != u32::MAX);
-        let mut fields = BTreeMap::new();
-        for &field in set {
-            let field = self.fields.get(field as usize);
-            let name = field.and_then(|&(name, _)| tokens.get(name as usize));
-            let (Some(&(_, value)), Some(name)) = (field, name) else {
-                return Err(
-                    cursor.invalid(format!("the spec of path {} has a field that is not there", spec.path))
-                );
-            };
-            fields.insert(Rc::clone(name), Held::Packed(value));
-            if fields.len() > MOST_FIELDS {
-                return Err(cursor.invalid(format!("a spec has more than {MOST_FIELDS} fields")));
-            }
-        }
-        Ok(fields)
-    }
-}
-
-/// Whether a prim with these fields is defined and active.
-fn is_read(fields: &BTreeMap<Rc<str>, Held>) -> bool {
-    let small = |name: &str| match fields.get(name) {
-        Some(Held::Packed(value)) => Some(value & 0xffff_ffff),
-        _ => None,
-    };
-    // The specifiers are 0 `def`, 1 `over`, 2 `class`.
-    small("specifier") == Some(0) && small("active") != Some(0)
-}
-
-/// The token that a value stands for.
-fn token(held: &Held, tokens: &[Rc<str>]) -> Option<Rc<str>> {
-    match held {
-        Held::Packed(value) => tokens.get((value & 0xffff_ffff) as usize).cloned(),
-        Held::Value(_) => None,
-    }
 }

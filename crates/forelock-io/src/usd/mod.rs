@@ -40,6 +40,7 @@ mod crate_file;
 mod crate_tables;
 mod curves;
 mod names;
+mod prims;
 mod source;
 mod stage;
 mod text;
