@@ -10,6 +10,7 @@
 //! | `.obj` | [Wavefront](obj): meshes, polylines | yes | yes |
 //! | `.abc` | [Alembic](alembic), the Ogawa kind: grooms, caches | yes | yes |
 //! | `.bin` | [CT2Hair](ct2hair) | yes | no |
+//! | `.usda`, `.usdc`, `.usd` | [USD](usd): curves, caches | yes | yes |
 //! | `.glb`, `.gltf` | [glTF 2.0](gltf): characters, meshes | yes | no |
 //! | `.bvh` | [Biovision](bvh): motions | yes | yes |
 //!
@@ -47,6 +48,7 @@ pub mod npz;
 pub mod obj;
 pub mod tfx;
 pub mod usc;
+pub mod usd;
 
 use std::{
     fmt,
@@ -66,6 +68,7 @@ pub use atomic::{atomic_write, remove_leftovers, remove_temporaries};
 pub use error::{FormatError, Problem, ReadError, WriteError};
 pub use lock::Lock;
 pub use npz::{Array, Cache, CacheWriter, Data, Stored, read_npz, write_npz};
+pub use usd::{Usd, UsdCacheWriter};
 
 /// A file format for grooms.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -84,23 +87,26 @@ pub enum Format {
     Alembic,
     /// CT2Hair's `.bin`.
     Ct2Hair,
+    /// Universal Scene Description, `.usda`, `.usdc` or `.usd`.
+    Usd,
 }
 
 impl Format {
     /// Every format.
-    pub const ALL: [Self; 7] =
-        [Self::Hair, Self::Usc, Self::Tfx, Self::Npz, Self::Obj, Self::Alembic, Self::Ct2Hair];
+    pub const ALL: [Self; 8] =
+        [Self::Hair, Self::Usc, Self::Tfx, Self::Npz, Self::Obj, Self::Alembic, Self::Ct2Hair, Self::Usd];
 
-    /// The ending of file names, without the dot.
-    pub fn ending(self) -> &'static str {
+    /// The endings of file names, without the dot.
+    pub fn endings(self) -> &'static [&'static str] {
         match self {
-            Self::Hair => "hair",
-            Self::Usc => "data",
-            Self::Tfx => "tfx",
-            Self::Npz => "npz",
-            Self::Obj => "obj",
-            Self::Alembic => "abc",
-            Self::Ct2Hair => "bin",
+            Self::Hair => &["hair"],
+            Self::Usc => &["data"],
+            Self::Tfx => &["tfx"],
+            Self::Npz => &["npz"],
+            Self::Obj => &["obj"],
+            Self::Alembic => &["abc"],
+            Self::Ct2Hair => &["bin"],
+            Self::Usd => &["usda", "usdc", "usd"],
         }
     }
 
@@ -112,7 +118,8 @@ impl Format {
     /// The format for the ending of `path`, in upper or lower case.
     pub fn of(path: &Path) -> Option<Self> {
         let ending = path.extension()?;
-        Self::ALL.into_iter().find(|format| ending.eq_ignore_ascii_case(format.ending()))
+        let is_own = |format: &Self| format.endings().iter().any(|own| ending.eq_ignore_ascii_case(own));
+        Self::ALL.into_iter().find(is_own)
     }
 }
 
@@ -126,6 +133,7 @@ impl fmt::Display for Format {
             Self::Obj => "Wavefront OBJ polylines",
             Self::Alembic => "Alembic",
             Self::Ct2Hair => "CT2Hair",
+            Self::Usd => "Universal Scene Description",
         })
     }
 }
@@ -163,6 +171,11 @@ pub fn read_groom(path: &Path, import: &Import) -> Result<Imported, ReadError> {
         // Read from the file, not from memory: only the first frame of a long cache is needed.
         Format::Alembic => read_alembic(path, &mut import)?,
         Format::Npz => npz::read_groom(BufReader::new(open(path)?)).map_err(|e| e.at(path))?,
+        Format::Usd => {
+            let layer = Usd::open(open(path)?).map_err(|e| e.at(path))?;
+            import = layer.import(&import);
+            layer.frame(0).map_err(|e| e.at(path))?
+        }
     };
     import.apply(&mut groom, if format == Format::Hair { ZUp::Yuksel } else { ZUp::Common });
     let (groom, repairs) = repair(groom);
@@ -201,11 +214,18 @@ pub fn write_groom(path: &Path, groom: &Groom) -> Result<(), WriteError> {
         Some(Format::Npz) => npz::write_groom(groom),
         Some(Format::Obj) => obj::write_groom(groom),
         Some(Format::Alembic) => alembic::write(groom, &alembic::Labels::default()).map_err(unfit)?,
+        Some(Format::Usd) if is_text(path) => usd::write_text(groom),
+        Some(Format::Usd) => usd::write_binary(groom),
         Some(Format::Ct2Hair) | None => {
             return Err(WriteError::UnknownEnding { path: path.into(), known: known(Format::is_written) });
         }
     };
     atomic_write(path, |file| file.write_all(&bytes))
+}
+
+/// Whether `path` ends as the name of a text layer does: `.usda`.
+fn is_text(path: &Path) -> bool {
+    path.extension().is_some_and(|own| own.eq_ignore_ascii_case("usda"))
 }
 
 /// A character read from a file.
@@ -290,8 +310,8 @@ pub fn write_mesh(path: &Path, mesh: &TriMesh) -> Result<(), WriteError> {
 
 /// The endings of the formats that `which` accepts, as a list for messages.
 fn known(which: impl Fn(Format) -> bool) -> String {
-    let endings: Vec<String> =
-        Format::ALL.into_iter().filter(|&format| which(format)).map(|f| format!(".{}", f.ending())).collect();
+    let formats = Format::ALL.into_iter().filter(|&format| which(format));
+    let endings: Vec<String> = formats.flat_map(|format| format.endings()).map(|e| format!(".{e}")).collect();
     endings.join(" ")
 }
 

@@ -45,6 +45,7 @@ use zip::{Archive, Entry};
 pub use cache::Cache;
 pub use npy::{Array, Data};
 pub use writer::{CacheWriter, Stored};
+pub(crate) use writer::{part, with_suffix};
 
 use crate::{
     atomic::atomic_write,

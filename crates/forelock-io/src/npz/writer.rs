@@ -407,12 +407,12 @@ fn hash_exactly(file: &mut File, count: u64, crc: &mut Hasher) -> io::Result<()>
     Ok(())
 }
 
-fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
+pub(crate) fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(suffix);
     name.into()
 }
 
-fn part(path: &Path) -> PathBuf {
+pub(crate) fn part(path: &Path) -> PathBuf {
     with_suffix(path, ".part")
 }

@@ -9,3 +9,4 @@ mod khronos;
 mod malformed;
 mod real_data;
 mod round_trips;
+mod usd;

@@ -115,3 +115,21 @@ fn heads_are_read() {
     let bunny = read_mesh(&data("collision/bunny_10k.obj"), &Import::default()).unwrap();
     assert_eq!(bunny.triangles.len(), 10_000);
 }
+
+/// Blender's groom is the same hair in Blender's axes, below a prim that turns it.
+#[test]
+#[cfg_attr(not(real_data), ignore = "no real data: set FORELOCK_DATA to its folder")]
+fn the_layer_of_blender_is_the_groom_that_it_was_made_from() {
+    let wanted = read("sintel/SintelHairOriginal-sintel_hair.16points.tfx", &Import::default());
+    let found = read("written-by-blender/sintel_hair_blender.usdc", &Import::default());
+    assert_eq!(found.strand_offsets(), wanted.strand_offsets());
+    let pairs = || found.positions().iter().zip(wanted.positions());
+    let error = pairs().map(|(a, b)| a.distance(*b)).fold(0.0, f32::max);
+    let info = Info::of(&wanted);
+    let size = info.max.distance(info.min);
+    eprintln!("the largest distance is {error:e} m in a groom of {size} m");
+    assert!(error <= 1e-6 * size);
+    // The comparison sees a quarter turn.
+    assert!(pairs().any(|(a, b)| glam::Vec3::new(a.x, -a.z, a.y).distance(*b) > 0.1 * size));
+    assert!(found.widths.unwrap().iter().all(|&w| w > 0.0 && w <= 1.01e-4));
+}

@@ -308,8 +308,9 @@ fn check_growth(document: &Document<'_>) -> Result<(), Wrong> {
 fn check_output(scene: &Scene) -> Result<(), Wrong> {
     let output = &scene.output;
     if !Format::of(&output.groom).is_some_and(Format::is_written) {
+        let written = Format::ALL.into_iter().filter(|format| format.is_written());
         let written: Vec<String> =
-            Format::ALL.into_iter().filter(|f| f.is_written()).map(|f| format!(".{}", f.ending())).collect();
+            written.flat_map(Format::endings).map(|ending| format!(".{ending}")).collect();
         let message = format!("should end in one of {}", written.join(", "));
         return Err(("output.groom".to_owned(), message));
     }

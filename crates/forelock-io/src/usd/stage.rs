@@ -1,0 +1,192 @@
+//! A stage: prims, their attributes, and the values of these.
+
+use std::{
+    collections::BTreeMap,
+    io::{Read, Seek},
+    rc::Rc,
+};
+
+use super::{UsdError, crate_file::Crate};
+
+/// The layer of one file.
+pub(super) struct Stage<R> {
+    /// The metadata of the layer, such as `upAxis`.
+    pub metadata: BTreeMap<Rc<str>, Held>,
+    /// The prims that are defined and active, parents before their children.
+    pub prims: Vec<Prim>,
+    /// The file from which values are read, if it is binary.
+    pub file: Option<Crate<R>>,
+}
+
+/// A prim.
+pub(super) struct Prim {
+    /// The last part of the path.
+    pub name: Rc<str>,
+    /// The schema, such as `BasisCurves`.
+    pub kind: Rc<str>,
+    /// The index of the parent.
+    pub parent: Option<usize>,
+    /// The attributes by name.
+    pub attributes: BTreeMap<Rc<str>, Attribute>,
+}
+
+/// An attribute.
+#[derive(Clone, Default)]
+pub(super) struct Attribute {
+    /// The value without a time.
+    pub default: Option<Held>,
+    /// The samples, [`Value::Samples`].
+    pub samples: Option<Held>,
+}
+
+/// A value, or where it is in the file.
+#[derive(Clone, Debug)]
+pub(super) enum Held {
+    Value(Rc<Value>),
+    /// The value representation of a crate file.
+    Packed(u64),
+}
+
+impl From<Value> for Held {
+    fn from(value: Value) -> Self {
+        Self::Value(Rc::new(value))
+    }
+}
+
+/// A value. A single number or word is a list of one.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Value {
+    /// Booleans and integers; vectors of them are joined.
+    Integers(Vec<i64>),
+    /// Numbers of half or single precision; vectors of them are joined. Quaternions are x, y, z, w.
+    Floats(Vec<f32>),
+    /// Numbers of double precision, joined likewise. Matrices are row by row.
+    Doubles(Vec<f64>),
+    /// Strings, tokens and paths of assets.
+    Words(Vec<Rc<str>>),
+    /// Values at times, which rise strictly.
+    Samples(Samples),
+    /// No value, or one of a type that grooms do not need.
+    Nothing,
+}
+
+/// The values of an attribute at times.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Samples {
+    pub times: Rc<[f64]>,
+    pub values: Vec<Held>,
+}
+
+impl PartialEq for Held {
+    fn eq(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Value(a), Self::Value(b)) => a == b,
+            (Self::Packed(a), Self::Packed(b)) => a == b,
+            _ => false,
+        }
+    }
+}
+
+impl Value {
+    /// The numbers in single precision.
+    pub fn floats(&self) -> Option<Vec<f32>> {
+        #[expect(clippy::cast_possible_truncation, reason = "grooms have single precision")]
+        match self {
+            Self::Floats(numbers) => Some(numbers.clone()),
+            Self::Doubles(numbers) => Some(numbers.iter().map(|&x| x as f32).collect()),
+            Self::Integers(numbers) => Some(numbers.iter().map(|&x| x as f32).collect()),
+            _ => None,
+        }
+    }
+
+    /// The numbers in double precision.
+    pub fn doubles(&self) -> Option<Vec<f64>> {
+        match self {
+            Self::Floats(numbers) => Some(numbers.iter().map(|&x| f64::from(x)).collect()),
+            Self::Doubles(numbers) => Some(numbers.clone()),
+            Self::Integers(numbers) => Some(numbers.iter().map(|&x| x as f64).collect()),
+            _ => None,
+        }
+    }
+
+    pub fn word(&self) -> Option<&str> {
+        match self {
+            Self::Words(words) => words.first().map(|word| &**word),
+            _ => None,
+        }
+    }
+
+    /// The value between this one and `next`, at `share` of the way. Only lists of numbers that are
+    /// equally long have one.
+    fn towards(&self, next: &Self, share: f64) -> Option<Self> {
+        #[expect(clippy::cast_possible_truncation, reason = "a share in single precision")]
+        let single = share as f32;
+        match (self, next) {
+            (Self::Floats(a), Self::Floats(b)) if a.len() == b.len() => {
+                Some(Self::Floats(a.iter().zip(b).map(|(a, b)| a + (b - a) * single).collect()))
+            }
+            (Self::Doubles(a), Self::Doubles(b)) if a.len() == b.len() => {
+                Some(Self::Doubles(a.iter().zip(b).map(|(a, b)| a + (b - a) * share).collect()))
+            }
+            _ => None,
+        }
+    }
+}
+
+impl<R: Read + Seek> Stage<R> {
+    /// The value of `held`.
+    pub fn value(&self, held: &Held) -> Result<Rc<Value>, UsdError> {
+        match (held, &self.file) {
+            (Held::Value(value), _) => Ok(Rc::clone(value)),
+            (Held::Packed(representation), Some(file)) => Ok(Rc::new(file.unpack(*representation)?)),
+            (Held::Packed(_), None) => Ok(Rc::new(Value::Nothing)),
+        }
+    }
+
+    /// The samples of `attribute`; none if it does not change.
+    pub fn samples(&self, attribute: &Attribute) -> Result<Samples, UsdError> {
+        let Some(held) = &attribute.samples else { return Ok(Samples::default()) };
+        match &*self.value(held)? {
+            Value::Samples(samples) => Ok(samples.clone()),
+            _ => Ok(Samples::default()),
+        }
+    }
+
+    /// The value of `attribute` at `time`, in time codes. Between two samples it is interpolated,
+    /// outside of them held.
+    pub fn at(&self, attribute: &Attribute, time: f64) -> Result<Option<Rc<Value>>, UsdError> {
+        let samples = self.samples(attribute)?;
+        let held = match samples.times.partition_point(|&t| t <= time).checked_sub(1) {
+            None => samples.values.first().or(attribute.default.as_ref()),
+            Some(before) => {
+                if let Some(next) = samples.values.get(before + 1).filter(|_| samples.times[before] < time) {
+                    let share =
+                        (time - samples.times[before]) / (samples.times[before + 1] - samples.times[before]);
+                    let [a, b] = [&samples.values[before], next].map(|held| self.value(held));
+                    let a = a?;
+                    return Ok(Some(a.towards(&*b?, share).map_or(a, Rc::new)));
+                }
+                samples.values.get(before)
+            }
+        };
+        let value = held.map(|held| self.value(held)).transpose()?;
+        Ok(value.filter(|value| **value != Value::Nothing))
+    }
+
+    /// The value of the attribute `name` of `prim` at `time`.
+    pub fn find(&self, prim: &Prim, name: &str, time: f64) -> Result<Option<Rc<Value>>, UsdError> {
+        prim.attributes.get(name).map_or(Ok(None), |attribute| self.at(attribute, time))
+    }
+
+    /// The path of `prim`, for messages.
+    pub fn path(&self, prim: &Prim) -> String {
+        let above = prim.parent.map_or_else(String::new, |parent| self.path(&self.prims[parent]));
+        format!("{above}/{}", prim.name)
+    }
+
+    /// A number of the layer's metadata.
+    pub fn number(&self, name: &str) -> Result<Option<f64>, UsdError> {
+        let value = self.metadata.get(name).map(|held| self.value(held)).transpose()?;
+        Ok(value.and_then(|value| value.doubles()?.first().copied()))
+    }
+}
