@@ -398,6 +398,13 @@ pub struct ConvertArgs {
     /// Resample all strands to this number of particles [default: not resampled].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=1000))]
     pub resample: Option<u32>,
+    /// Convert all frames of a cache or an animated file, to .npz, .abc, .usdc or .usd; without it
+    /// the first one.
+    #[arg(long, conflicts_with = "resample")]
+    pub animated: bool,
+    /// Write velocities too, for motion blur.
+    #[arg(long, requires = "animated")]
+    pub velocities: bool,
     /// Print the result as one JSON object.
     #[arg(long)]
     pub json: bool,

@@ -84,7 +84,7 @@ impl PyScene {
     }
 
     fn __repr__(&self) -> String {
-        format!("Scene({:?}, solver {})", self.scene.name, self.scene.solver.name())
+        format!("Scene({:?}, solver {})", self.scene.name, self.scene.solver.kind.name())
     }
 }
 

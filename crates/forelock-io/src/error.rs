@@ -56,6 +56,14 @@ pub enum ReadError {
         /// What is wrong, and where.
         problem: String,
     },
+    /// The frames of moving strands do not fit together.
+    #[error("{}: {problem}", path.display())]
+    Animation {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
     /// The file has no strand that can be simulated.
     #[error("{}: no usable strand in the file ({found})", path.display())]
     NoStrands {

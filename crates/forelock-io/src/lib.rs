@@ -9,6 +9,7 @@
 //! | `.npz` | [NumPy](npz): grooms, DiffLocks, caches | yes | yes |
 //! | `.obj` | [Wavefront](obj): meshes, polylines | yes | yes |
 //! | `.abc` | [Alembic](alembic), the Ogawa kind: grooms, caches | yes | yes |
+//! | `.ply` | [Point clouds](ply) of strands | yes | yes |
 //! | `.bin` | [CT2Hair](ct2hair) | yes | no |
 //! | `.usda`, `.usdc`, `.usd` | [USD](usd): curves, caches | yes | yes |
 //! | `.glb`, `.gltf` | [glTF 2.0](gltf): characters, meshes | yes | no |
@@ -40,12 +41,14 @@ mod error;
 mod lock;
 
 pub mod alembic;
+pub mod animation;
 pub mod bvh;
 pub mod ct2hair;
 pub mod gltf;
 pub mod hair;
 pub mod npz;
 pub mod obj;
+pub mod ply;
 pub mod tfx;
 pub mod usc;
 pub mod usd;
@@ -85,6 +88,8 @@ pub enum Format {
     Obj,
     /// Alembic `.abc`.
     Alembic,
+    /// Strands as a `.ply` point cloud.
+    Ply,
     /// CT2Hair's `.bin`.
     Ct2Hair,
     /// Universal Scene Description, `.usda`, `.usdc` or `.usd`.
@@ -93,8 +98,17 @@ pub enum Format {
 
 impl Format {
     /// Every format.
-    pub const ALL: [Self; 8] =
-        [Self::Hair, Self::Usc, Self::Tfx, Self::Npz, Self::Obj, Self::Alembic, Self::Ct2Hair, Self::Usd];
+    pub const ALL: [Self; 9] = [
+        Self::Hair,
+        Self::Usc,
+        Self::Tfx,
+        Self::Npz,
+        Self::Obj,
+        Self::Alembic,
+        Self::Ply,
+        Self::Ct2Hair,
+        Self::Usd,
+    ];
 
     /// The endings of file names, without the dot.
     pub fn endings(self) -> &'static [&'static str] {
@@ -105,6 +119,7 @@ impl Format {
             Self::Npz => &["npz"],
             Self::Obj => &["obj"],
             Self::Alembic => &["abc"],
+            Self::Ply => &["ply"],
             Self::Ct2Hair => &["bin"],
             Self::Usd => &["usda", "usdc", "usd"],
         }
@@ -132,6 +147,7 @@ impl fmt::Display for Format {
             Self::Npz => "NumPy npz",
             Self::Obj => "Wavefront OBJ polylines",
             Self::Alembic => "Alembic",
+            Self::Ply => "PLY point cloud",
             Self::Ct2Hair => "CT2Hair",
             Self::Usd => "Universal Scene Description",
         })
@@ -167,6 +183,7 @@ pub fn read_groom(path: &Path, import: &Import) -> Result<Imported, ReadError> {
         Format::Usc => decode(usc::read)?,
         Format::Tfx => decode(tfx::read)?,
         Format::Obj => decode(obj::read_groom)?,
+        Format::Ply => decode(ply::read)?,
         Format::Ct2Hair => decode(ct2hair::read)?,
         // Read from the file, not from memory: only the first frame of a long cache is needed.
         Format::Alembic => read_alembic(path, &mut import)?,
@@ -213,6 +230,7 @@ pub fn write_groom(path: &Path, groom: &Groom) -> Result<(), WriteError> {
         Some(Format::Tfx) => tfx::write(groom).map_err(unfit)?,
         Some(Format::Npz) => npz::write_groom(groom),
         Some(Format::Obj) => obj::write_groom(groom),
+        Some(Format::Ply) => ply::write(groom).map_err(unfit)?,
         Some(Format::Alembic) => alembic::write(groom, &alembic::Labels::default()).map_err(unfit)?,
         Some(Format::Usd) if is_text(path) => usd::write_text(groom),
         Some(Format::Usd) => usd::write_binary(groom),

@@ -15,14 +15,14 @@ fn groom() -> Groom {
 #[test]
 fn every_written_format_reads_back() {
     let folder = tempfile::tempdir().unwrap();
-    for ending in ["hair", "data", "tfx", "npz", "obj", "abc", "usda", "usdc", "usd", "HAIR"] {
+    for ending in ["hair", "data", "tfx", "npz", "obj", "abc", "ply", "usda", "usdc", "usd", "HAIR"] {
         let path = folder.path().join(format!("a.{ending}"));
         write_groom(&path, &groom()).unwrap();
         let back = read_groom(&path, &Import::default()).unwrap();
         assert_eq!(back.groom.positions(), groom().positions(), "{ending}");
         assert!(back.repairs.is_clean());
     }
-    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 10, "a temporary file was left");
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 11, "a temporary file was left");
 }
 
 #[test]
@@ -51,7 +51,7 @@ fn each_bad_name_gets_one_clear_message() {
         ("empty.tfx", "the file is empty"),
         (
             "groom.xyz",
-            "files ending in .xyz are not known; these can be read: .hair .data .tfx .npz .obj .abc .bin .usda .usdc \
+            "files ending in .xyz are not known; these can be read: .hair .data .tfx .npz .obj .abc .ply .bin .usda .usdc \
              .usd",
         ),
         ("groom", "no ending"),
@@ -66,7 +66,7 @@ fn each_bad_name_gets_one_clear_message() {
     for (name, words) in [
         ("folder.hair", "this is a folder"),
         ("no/such/folder.hair", "no such file or folder"),
-        ("a.bin", "these can be written: .hair .data .tfx .npz .obj .abc .usda .usdc .usd"),
+        ("a.bin", "these can be written: .hair .data .tfx .npz .obj .abc .ply .usda .usdc .usd"),
     ] {
         let message = write_groom(&at(name), &groom()).unwrap_err().to_string();
         assert!(message.contains(words) && message.contains(name), "{message}");

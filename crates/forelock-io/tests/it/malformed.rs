@@ -4,19 +4,20 @@ use std::io::Cursor;
 
 use crate::common::grooms;
 use forelock_core::groom::Groom;
-use forelock_io::{alembic, ct2hair, hair, npz, obj, tfx, usc};
+use forelock_io::{alembic, ct2hair, hair, npz, obj, ply, tfx, usc};
 use glam::Vec3;
 use proptest::prelude::*;
 
 type Reader = fn(&[u8]) -> Result<Groom, String>;
 
-const READERS: [(&str, Reader); 7] = [
+const READERS: [(&str, Reader); 8] = [
     ("hair", |b| hair::read(b).map_err(|e| e.to_string())),
     ("data", |b| usc::read(b).map_err(|e| e.to_string())),
     ("bin", |b| ct2hair::read(b).map_err(|e| e.to_string())),
     ("tfx", |b| tfx::read(b).map_err(|e| e.to_string())),
     ("npz", |b| npz::read_groom(Cursor::new(b)).map_err(|e| e.to_string())),
     ("abc", |b| alembic::read(Cursor::new(b)).map_err(|e| e.to_string())),
+    ("ply", |b| ply::read(b).map_err(|e| e.to_string())),
     ("obj", |b| obj::read_groom(b).map_err(|e| e.to_string())),
 ];
 
@@ -29,6 +30,7 @@ fn files(groom: &Groom) -> Vec<(&'static str, Reader, Vec<u8>)> {
         tfx::write(groom),
         Ok(npz::write_groom(groom)),
         alembic::write(groom, &alembic::Labels::default()),
+        ply::write(groom),
     ];
     let files = READERS.into_iter().zip(written);
     files
@@ -44,10 +46,11 @@ fn spots() -> impl Strategy<Value = Vec<(prop::sample::Index, u8)>> {
 
 proptest! {
     #[test]
-    fn random_bytes_never_panic(mut bytes in prop::collection::vec(any::<u8>(), 0..400), dress in 0usize..7) {
+    fn random_bytes_never_panic(mut bytes in prop::collection::vec(any::<u8>(), 0..400), dress in 0usize..8) {
         let abc = b"Ogawa\xff\0\x01\x10\0\0\0\0\0\0\0\x06\0\0\0\0\0\0\0";
-        let beginnings: [&[u8]; 7] =
-            [b"", b"HAIR", &[0, 0, 128, 64], &[0, 0, 64, 64], b"PK\x03\x04", abc, b"v 1 2 3\nl "];
+        let ply = b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n";
+        let beginnings: [&[u8]; 8] =
+            [b"", b"HAIR", &[0, 0, 128, 64], &[0, 0, 64, 64], b"PK\x03\x04", abc, b"v 1 2 3\nl ", ply];
         bytes.splice(..0, beginnings[dress].iter().copied());
         for (_, reader) in READERS {
             let _ = reader(&bytes);
@@ -85,7 +88,7 @@ fn every_truncation_is_an_error_that_says_where() {
     groom.widths = Some(vec![0.1; 12]);
     groom.colours = Some(vec![[0.5; 3]; 12]);
     let files = files(&groom);
-    assert_eq!(files.len(), 5);
+    assert_eq!(files.len(), 6);
     for (name, reader, bytes) in files {
         assert!(reader(&bytes).is_ok());
         for length in 0..bytes.len() {

@@ -23,6 +23,7 @@
 //! and the looks is compared, and a difference is an error.
 
 mod checkpoints;
+mod exports;
 mod machine;
 mod measure;
 mod overwrite;
@@ -81,7 +82,10 @@ pub enum RunError {
     Snapshot(#[from] SnapshotError),
     /// A file cannot be written.
     #[error(transparent)]
-    Write(#[from] forelock_io::WriteError),
+    Write(#[from] WriteError),
+    /// A file for other programs cannot be made.
+    #[error("output.exports: {0}; `forelock convert --animated` makes it from the cache")]
+    Export(#[from] forelock_io::animation::AnimationError),
     /// The output folder cannot be made.
     #[error("{}: the output folder cannot be made: {}; name another with --out", .path.display(), .error.kind())]
     Folder {
@@ -181,8 +185,9 @@ impl<'a> Run<'a> {
         std::fs::create_dir_all(out).map_err(|error| RunError::Folder { path: out.to_path_buf(), error })?;
         let snapshot = out.join(SNAPSHOT);
         let cache = cache_path(player.scene(), out);
-        let outputs = [Some(&snapshot), cache.as_ref()];
-        let outputs: Vec<&Path> = outputs.into_iter().flatten().map(PathBuf::as_path).collect();
+        let exports = exports::paths(player.scene(), out);
+        let outputs = [Some(&snapshot), cache.as_ref()].into_iter().flatten().chain(&exports);
+        let outputs: Vec<&Path> = outputs.map(PathBuf::as_path).collect();
         check_outputs(player.scene(), &outputs)?;
         overwrite::check_scene_file(&out.join(SCENE))?;
         let lock = Lock::take(&out.join(LOCK), out)?;
@@ -362,6 +367,9 @@ impl<'a> Run<'a> {
             };
             let studio = Studio::new(scene, assets).drawn_by(self.painter.as_ref());
             pictures = pictures::of_run(&studio, &last, self.out, observer)?;
+            if let Some(cache) = &cache {
+                outputs.extend(exports::write(scene, &assets.groom, cache, self.out, observer)?);
+            }
         }
         outputs.extend(pictures.files);
 

@@ -3,6 +3,8 @@
 //! An error names the dotted key and states which values are allowed. Ranges come from the
 //! documentation of the fields.
 
+use std::path::PathBuf;
+
 use forelock_core::body::{KeyframeInterpolation, Motion};
 use forelock_core::groom::Import;
 use forelock_core::params::FLOAT32_STIFFNESS_LIMIT;
@@ -10,6 +12,7 @@ use forelock_core::params::{ParamsError, Short};
 use forelock_core::solver::StepCheck;
 
 use forelock_io::Format;
+use forelock_io::animation::ENDINGS;
 use forelock_render::HairColour;
 
 use super::document::Document;
@@ -313,6 +316,19 @@ fn check_output(scene: &Scene) -> Result<(), Wrong> {
             written.flat_map(Format::endings).map(|ending| format!(".{ending}")).collect();
         let message = format!("should end in one of {}", written.join(", "));
         return Err(("output.groom".to_owned(), message));
+    }
+    let other = |name: &PathBuf| {
+        let ending = name.extension().and_then(|own| own.to_str()).unwrap_or_default().to_lowercase();
+        ending == "npz" || !ENDINGS.contains(&&*ending)
+    };
+    if let Some(name) = output.exports.iter().find(|name| other(name)) {
+        let message =
+            format!("holds \"{}\", but takes names that end in .abc, .usdc or .usd", name.display());
+        return Err(("output.exports".to_owned(), message));
+    }
+    if !output.exports.is_empty() && output.cache.as_os_str().is_empty() {
+        let message = "needs `output.cache`, which is empty: exports are made from the cache";
+        return Err(("output.exports".to_owned(), message.to_owned()));
     }
     let key = || "output.cache".to_owned();
     if output.cache.as_os_str().is_empty() {

@@ -73,8 +73,8 @@ forelock_core::documented! {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct GroomSection {
-    /// "grow", a file (.hair, .data, .tfx, .npz, .obj, .abc, .bin) or a list of files. Default
-    /// "grow".
+    /// "grow", a file (.hair, .data, .tfx, .npz, .obj, .abc, .usda, .usdc, .usd, .ply, .bin) or a
+    /// list of files. Default "grow".
     pub source: GroomSource,
     /// Preset that `grow` starts from: straight, wavy, curly, afro, bob, asymmetric, beard,
     /// short-fur or ponytail; the keys of `[groom.grow]` change single parameters of it. Default
@@ -497,6 +497,9 @@ pub struct OutputSection {
     /// Frames from one in the cache to the next; films and sheets show frames of the cache. Unit
     /// frames, default 1, range 1 to 1000.
     pub cache_every: u32,
+    /// Files for other programs with the frames of the cache, made when the run is done: names that
+    /// end in .abc, .usdc or .usd. Default [].
+    pub exports: Vec<PathBuf>,
     /// What draws pictures and films: "cpu" or "gpu", which is refused where there is no GPU.
     /// Default "cpu".
     pub renderer: Renderer,
@@ -519,6 +522,7 @@ impl Default for OutputSection {
             height: 900,
             cache: PathBuf::from("hair.npz"),
             cache_every: 1,
+            exports: Vec::new(),
             renderer: Renderer::Cpu,
             report: true,
             groom: PathBuf::from("groom.npz"),

@@ -210,7 +210,7 @@ mod tests {
         assert!(
             list.shots.iter().all(|shot| shot.scene.time.frames == 9 && shot.folder.starts_with(&list.out))
         );
-        assert_eq!((list.name.as_str(), list.shots[0].scene.solver.name()), ("list", "dftl"));
+        assert_eq!((list.name.as_str(), list.shots[0].scene.solver.kind.name()), ("list", "dftl"));
         let some = list.clone().only(&["still".to_owned()]).unwrap();
         assert_eq!(some.shots.len(), 1);
         assert!(matches!(list.only(&["none".to_owned()]), Err(ShotsError::Unknown { .. })));

@@ -14,7 +14,7 @@
 //!
 //! [[shot]]
 //! name = "turn"                   # turn-seed1-kindams, turn-seed1-kinddftl, turn-seed2-kindams …
-//! vary."groom.grow.seed" = [1, 2, 3]
+//! vary."seed" = [1, 2, 3]
 //! vary."solver.kind" = ["ams", "dftl"]
 //! ```
 //!
@@ -222,7 +222,7 @@ pub fn results_page(name: &str, rows: &[Row<'_>]) -> String {
     );
     for Row { shot, outcome } in rows {
         let name = escape(&shot.name);
-        let solver = escape(shot.scene.solver.name());
+        let solver = escape(shot.scene.solver.kind.name());
         let cells = match outcome {
             Ok(own) => format!(
                 "<td>{}</td><td>{}</td><td>{:.1}</td><td>{:.1e}</td><td>{:.2}</td><td>{}</td>\
