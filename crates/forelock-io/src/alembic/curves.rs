@@ -185,16 +185,16 @@ impl<R: Read + Seek> Group<'_, R> {
         let counts = sample.and_then(|sample| sample.integers());
         let counts = counts.ok_or_else(|| invalid(at, format!("`{name}` has no `nVertices`")))?;
         self.counts = Vec::with_capacity(counts.len());
-        let mut sum = 0;
+        let mut sum = 0usize;
         for (strand, &count) in counts.iter().enumerate() {
             let count = usize::try_from(count).map_err(|_| {
                 invalid(at, format!("strand {strand} of `{name}` has {count} points, below 0"))
             })?;
-            sum += count;
+            sum = sum.saturating_add(count);
             self.counts.push(count);
         }
         if sum != points.len() {
-            let words = format!("the strands of `{name}` have {sum} points, but {} are there", points.len());
+            let words = format!("the strands of `{name}` have {sum} points, but there are {}", points.len());
             return Err(invalid(at, words));
         }
         let kind = self.sample("curveBasisAndType")?.and_then(|sample| sample.integers());

@@ -27,8 +27,9 @@
 //! and back when it reads: what it wrote needs no `--up z` here.
 //!
 //! # Limitations
-//! The HDF5 kind of Alembic, layers, instances, and float16 are not read. Hidden objects are read
-//! like others. Guides are strands among the others: [`Labels::guides`] tells them apart.
+//! The HDF5 kind of Alembic, layers, instances, float16 and the links of strands to guides
+//! (`groom_closest_guides`) are not read. Hidden objects are read like others. Guides are strands
+//! among the others: [`Labels::guides`] tells them apart.
 
 mod archive;
 mod cache;
@@ -168,7 +169,7 @@ impl<R: Read + Seek> Reader<R> {
         self.curves.iter().map(|curves| curves.name.as_str())
     }
 
-    /// Reads all strands at the time of frame `frame`.
+    /// Reads all strands at the time of frame `frame`. Behind the last frame strands stay.
     ///
     /// # Errors
     /// [`AlembicError`] if the bytes do not follow the format, or strands and points do not match.
