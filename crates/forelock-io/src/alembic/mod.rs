@@ -122,7 +122,7 @@ pub struct Contents {
 pub struct Reader<R> {
     archive: Archive<R>,
     curves: Vec<Curves>,
-    /// The samples of the points that change most often.
+    /// The samples of the points or transforms that have the most.
     clock: Option<Samples>,
     unit: Unit,
 }
@@ -142,7 +142,8 @@ impl<R: Read + Seek> Reader<R> {
             return Err(invalid(top.offset(), "there are no strands: no object has the schema of curves"));
         }
         let points = curves.iter().filter_map(|c| Property::find(&c.geom, "P")?.samples);
-        let clock = points.max_by_key(|samples| samples.count);
+        let transforms = curves.iter().filter_map(|c| c.parent.as_ref()?.samples());
+        let clock = points.chain(transforms).max_by_key(|samples| samples.count);
         let noted = value(&archive.metadata, UNIT_KEY).and_then(|unit| unit.parse().ok());
         let is_unreal = curves.iter().any(|c| Property::find(&c.others, "groom_version_major").is_some());
         let unit = noted.unwrap_or(if is_unreal { Unit::Centimetre } else { Unit::Metre });

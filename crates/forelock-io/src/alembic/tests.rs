@@ -122,8 +122,8 @@ fn groups_are_joined_with_transforms_and_indexed_attributes() {
     let first = strands(&mut out, &mut indexed, &[2, 3], linear, more);
     let scaled = above(&mut out, &mut indexed, &[0x00], &[2.0, 2.0, 2.0], (CURVES, first));
     let moved = above(&mut out, &mut indexed, &[0x10], &[0.0, 1.0, 0.0], (XFORM, scaled));
-    // A Bézier strand of two segments: four handles, which are left out.
-    let second = strands(&mut out, &mut indexed, &[7], [0, 0, 1, 1], Vec::new());
+    // Of a cubic curve all points are kept.
+    let second = strands(&mut out, &mut indexed, &[4], [0, 0, 1, 1], Vec::new());
     let children = [("moved", XFORM, moved), ("second", CURVES, second)];
     let top = object(&mut out, &mut indexed, "none", &[], &[], &children);
     let bytes = finish(out, &indexed, top);
@@ -133,10 +133,10 @@ fn groups_are_joined_with_transforms_and_indexed_attributes() {
     assert_eq!(reader.names().collect::<Vec<_>>(), ["/moved/child/child", "/second"]);
     let contents = reader.read(0).unwrap();
     let groom = contents.groom;
-    assert_eq!(groom.strand_offsets(), [0, 2, 5, 8]);
+    assert_eq!(groom.strand_offsets(), [0, 2, 5, 9]);
     assert_eq!(groom.strand(1), [2.0, 3.0, 4.0].map(|x| Vec3::new(2.0 * x, 1.0, 0.0)));
-    assert_eq!(groom.strand(2), [0.0, 3.0, 6.0].map(|x| Vec3::new(x, 0.0, 0.0)));
-    assert_eq!(groom.widths.unwrap(), [1.0, 1.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5]);
+    assert_eq!(groom.strand(2), [0.0, 1.0, 2.0, 3.0].map(|x| Vec3::new(x, 0.0, 0.0)));
+    assert_eq!(groom.widths.unwrap(), [1.0, 1.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5, 0.5]);
     // The second group has none.
     assert_eq!((groom.root_uvs, contents.labels.ids), (None, None));
     assert_eq!(contents.labels.group_ids, Some(vec![7, 7, 0]));
