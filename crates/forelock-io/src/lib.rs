@@ -208,7 +208,8 @@ pub fn read_groom(path: &Path, import: &Import) -> Result<Imported, ReadError> {
 /// of the file.
 fn read_alembic(path: &Path, import: &mut Import) -> Result<Groom, ReadError> {
     let at = |error: alembic::AlembicError| error.at(path);
-    let mut reader = alembic::Reader::open(BufReader::new(open(path)?)).map_err(at)?;
+    // Without a buffer: most reads are of 8 bytes, each elsewhere.
+    let mut reader = alembic::Reader::open(open(path)?).map_err(at)?;
     if import.unit == Unit::default() {
         import.unit = reader.unit();
     }

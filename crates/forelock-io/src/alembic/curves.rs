@@ -13,8 +13,8 @@
 //! strands are guides, the others have none; groups without group IDs have ID 0.
 //!
 //! # Limitations
-//! The points of cubic curves are used as particles, without evaluating the basis, except that the
-//! handles of Bézier curves are left out.
+//! All points of cubic curves become particles: bases are not evaluated, and handles of Bézier
+//! curves are particles too (Blender writes Bézier curves without handles).
 
 use std::{
     io::{Read, Seek},
@@ -94,7 +94,7 @@ impl Joined {
         curves: &Curves,
         time_secs: f64,
     ) -> Result<(), AlembicError> {
-        let mut group = Group { archive, curves, time_secs, counts: Vec::new(), kept: None };
+        let mut group = Group { archive, curves, time_secs, counts: Vec::new() };
         let points = group.read_points()?;
         if points.is_empty() && group.counts.is_empty() {
             return Ok(());
@@ -105,9 +105,8 @@ impl Joined {
         };
         let moved = |p: [f32; 3]| world.transform_point3(Vec3::from_array(p).as_dvec3()).as_vec3();
         let turned = |v: [f32; 3]| world.transform_vector3(Vec3::from_array(v).as_dvec3()).as_vec3();
-        let points = group.keep(points.into_iter().map(moved).collect());
         let velocities = group.tuples(&[".velocities"])?;
-        let velocities = velocities.filter(|v| v.len() == group.point_count());
+        let velocities = velocities.filter(|velocities| velocities.len() == points.len());
         let scale = scale(&world);
         let widths = group.tuples::<1>(&["groom_width", "width"])?;
         let widths = widths.and_then(|values| group.for_points(&values));
@@ -118,11 +117,7 @@ impl Joined {
         };
         let [guides, group_ids, ids] = ["groom_guide", "groom_group_id", "groom_id"].map(&mut label);
         let (particles, strands) = (points.len(), group.counts.len());
-        self.velocities.push(
-            velocities.map(|v| group.keep(v.into_iter().map(turned).collect())),
-            None,
-            particles,
-        );
+        self.velocities.push(velocities.map(|v| v.into_iter().map(turned).collect()), None, particles);
         self.widths.push(widths.map(|w| w.into_iter().map(|[w]| w * scale).collect()), None, particles);
         self.colours.push(colours, None, particles);
         self.root_uvs.push(uvs, None, strands);
@@ -130,7 +125,7 @@ impl Joined {
         self.group_ids.push(group_ids?, Some(0), strands);
         self.ids.push(ids?, None, strands);
         let start = self.positions.len();
-        self.positions.extend(points);
+        self.positions.extend(points.into_iter().map(moved));
         group.extend_offsets(&mut self.offsets, start)
     }
 
@@ -165,8 +160,6 @@ struct Group<'a, R> {
     time_secs: f64,
     /// The number of points of each strand in the file.
     counts: Vec<usize>,
-    /// The points that become particles, if not all do.
-    kept: Option<Vec<bool>>,
 }
 
 impl<R: Read + Seek> Group<'_, R> {
@@ -185,22 +178,17 @@ impl<R: Read + Seek> Group<'_, R> {
         let counts = sample.and_then(|sample| sample.integers());
         let counts = counts.ok_or_else(|| invalid(at, format!("`{name}` has no `nVertices`")))?;
         self.counts = Vec::with_capacity(counts.len());
-        let mut sum = 0;
+        let mut sum = 0usize;
         for (strand, &count) in counts.iter().enumerate() {
             let count = usize::try_from(count).map_err(|_| {
                 invalid(at, format!("strand {strand} of `{name}` has {count} points, below 0"))
             })?;
-            sum += count;
+            sum = sum.saturating_add(count);
             self.counts.push(count);
         }
         if sum != points.len() {
-            let words = format!("the strands of `{name}` have {sum} points, but {} are there", points.len());
+            let words = format!("the strands of `{name}` have {sum} points, but there are {}", points.len());
             return Err(invalid(at, words));
-        }
-        let kind = self.sample("curveBasisAndType")?.and_then(|sample| sample.integers());
-        if let Some([0, _, 1, ..]) = kind.as_deref() {
-            let is_kept = |n: usize| (0..n).map(move |i| n % 3 != 1 || i % 3 == 0);
-            self.kept = Some(self.counts.iter().flat_map(|&n| is_kept(n)).collect());
         }
         Ok(points)
     }
@@ -212,39 +200,26 @@ impl<R: Read + Seek> Group<'_, R> {
             offsets.push(0);
         }
         for &count in &self.counts {
-            end += if self.kept.is_some() && count % 3 == 1 { count.div_ceil(3) } else { count };
+            end += count;
             let end = u32::try_from(end).map_err(|_| invalid(0, "the strands have over 2³² points"))?;
             offsets.push(end);
         }
         Ok(())
     }
 
-    /// The `values` of the points that become particles.
-    fn keep<T>(&self, values: Vec<T>) -> Vec<T> {
-        match &self.kept {
-            None => values,
-            Some(kept) => values.into_iter().zip(kept).filter(|v| *v.1).map(|v| v.0).collect(),
-        }
-    }
-
-    fn point_count(&self) -> usize {
-        self.counts.iter().sum()
-    }
-
     /// One value for each particle, if the number of `values` allows it.
     fn for_points<T: Copy>(&self, values: &[T]) -> Option<Vec<T>> {
-        let points = self.point_count();
-        let all = if values.len() == points {
-            values.to_vec()
+        let points = self.counts.iter().sum();
+        if values.len() == points {
+            Some(values.to_vec())
         } else if values.len() == self.counts.len() {
             let repeated = values.iter().zip(&self.counts);
-            repeated.flat_map(|(&value, &count)| std::iter::repeat_n(value, count)).collect()
+            Some(repeated.flat_map(|(&value, &count)| std::iter::repeat_n(value, count)).collect())
         } else if let &[value] = values {
-            vec![value; points]
+            Some(vec![value; points])
         } else {
-            return None;
-        };
-        Some(self.keep(all))
+            None
+        }
     }
 
     /// One value for each strand, if the number of `values` allows it: of one for each point, that

@@ -37,9 +37,10 @@ pub(super) fn checksum(bytes: &[u8]) -> [u8; 16] {
     let (mut h1, mut h2) = (0u64, 0u64);
     let (blocks, tail) = bytes.as_chunks::<16>();
     for block in blocks {
-        h1 ^= scramble_1(word(&block[..8]));
+        let [k1, k2]: [u64; 2] = bytemuck::cast(*block);
+        h1 ^= scramble_1(k1);
         h1 = h1.rotate_left(27).wrapping_add(h2).wrapping_mul(5).wrapping_add(0x52dc_e729);
-        h2 ^= scramble_2(word(&block[8..]));
+        h2 ^= scramble_2(k2);
         h2 = h2.rotate_left(31).wrapping_add(h1).wrapping_mul(5).wrapping_add(0x3849_5ab5);
     }
     let (low, high) = tail.split_at(tail.len().min(8));

@@ -27,8 +27,9 @@
 //! and back when it reads: what it wrote needs no `--up z` here.
 //!
 //! # Limitations
-//! The HDF5 kind of Alembic, layers, instances, and float16 are not read. Hidden objects are read
-//! like others. Guides are strands among the others: [`Labels::guides`] tells them apart.
+//! The HDF5 kind of Alembic, layers, instances, float16 and the links of strands to guides
+//! (`groom_closest_guides`) are not read. Hidden objects are read like others. Guides are strands
+//! among the others: [`Labels::guides`] tells them apart.
 
 mod archive;
 mod cache;
@@ -121,7 +122,7 @@ pub struct Contents {
 pub struct Reader<R> {
     archive: Archive<R>,
     curves: Vec<Curves>,
-    /// The samples of the points that change most often.
+    /// The samples of the points or transforms that have the most.
     clock: Option<Samples>,
     unit: Unit,
 }
@@ -141,7 +142,8 @@ impl<R: Read + Seek> Reader<R> {
             return Err(invalid(top.offset(), "there are no strands: no object has the schema of curves"));
         }
         let points = curves.iter().filter_map(|c| Property::find(&c.geom, "P")?.samples);
-        let clock = points.max_by_key(|samples| samples.count);
+        let transforms = curves.iter().filter_map(|c| c.parent.as_ref()?.samples());
+        let clock = points.chain(transforms).max_by_key(|samples| samples.count);
         let noted = value(&archive.metadata, UNIT_KEY).and_then(|unit| unit.parse().ok());
         let is_unreal = curves.iter().any(|c| Property::find(&c.others, "groom_version_major").is_some());
         let unit = noted.unwrap_or(if is_unreal { Unit::Centimetre } else { Unit::Metre });
@@ -168,7 +170,7 @@ impl<R: Read + Seek> Reader<R> {
         self.curves.iter().map(|curves| curves.name.as_str())
     }
 
-    /// Reads all strands at the time of frame `frame`.
+    /// Reads all strands at the time of frame `frame`. Behind the last frame strands stay.
     ///
     /// # Errors
     /// [`AlembicError`] if the bytes do not follow the format, or strands and points do not match.

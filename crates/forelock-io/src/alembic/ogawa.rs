@@ -121,6 +121,7 @@ impl<R: Read + Seek> Ogawa<R> {
     /// The bytes of a sample, which begin with a checksum of 16 bytes.
     pub fn sample(&mut self, data: Child) -> Result<Vec<u8>, AlembicError> {
         let size = self.data_size(data)?;
+        self.check(data.offset() + 8, size, "a sample")?;
         self.samples_left = self.samples_left.checked_sub(size).ok_or_else(|| {
             let words = format!("the samples take over {SHARING} times the bytes of the file");
             invalid(data.offset(), words)

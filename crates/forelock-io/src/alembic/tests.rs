@@ -122,8 +122,8 @@ fn groups_are_joined_with_transforms_and_indexed_attributes() {
     let first = strands(&mut out, &mut indexed, &[2, 3], linear, more);
     let scaled = above(&mut out, &mut indexed, &[0x00], &[2.0, 2.0, 2.0], (CURVES, first));
     let moved = above(&mut out, &mut indexed, &[0x10], &[0.0, 1.0, 0.0], (XFORM, scaled));
-    // A Bézier strand of two segments: four handles, which are left out.
-    let second = strands(&mut out, &mut indexed, &[7], [0, 0, 1, 1], Vec::new());
+    // Of a cubic curve all points are kept.
+    let second = strands(&mut out, &mut indexed, &[4], [0, 0, 1, 1], Vec::new());
     let children = [("moved", XFORM, moved), ("second", CURVES, second)];
     let top = object(&mut out, &mut indexed, "none", &[], &[], &children);
     let bytes = finish(out, &indexed, top);
@@ -133,10 +133,10 @@ fn groups_are_joined_with_transforms_and_indexed_attributes() {
     assert_eq!(reader.names().collect::<Vec<_>>(), ["/moved/child/child", "/second"]);
     let contents = reader.read(0).unwrap();
     let groom = contents.groom;
-    assert_eq!(groom.strand_offsets(), [0, 2, 5, 8]);
+    assert_eq!(groom.strand_offsets(), [0, 2, 5, 9]);
     assert_eq!(groom.strand(1), [2.0, 3.0, 4.0].map(|x| Vec3::new(2.0 * x, 1.0, 0.0)));
-    assert_eq!(groom.strand(2), [0.0, 3.0, 6.0].map(|x| Vec3::new(x, 0.0, 0.0)));
-    assert_eq!(groom.widths.unwrap(), [1.0, 1.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5]);
+    assert_eq!(groom.strand(2), [0.0, 1.0, 2.0, 3.0].map(|x| Vec3::new(x, 0.0, 0.0)));
+    assert_eq!(groom.widths.unwrap(), [1.0, 1.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5, 0.5]);
     // The second group has none.
     assert_eq!((groom.root_uvs, contents.labels.ids), (None, None));
     assert_eq!(contents.labels.group_ids, Some(vec![7, 7, 0]));
@@ -173,6 +173,56 @@ fn cycles_and_shared_groups_are_refused() {
     cycle[at..at + 8].copy_from_slice(&top.0.to_le_bytes());
     let words = words(cycle);
     assert!(words.contains("overlap") || words.contains("deep"), "{words}");
+}
+
+/// Objects that nest without end, though each once.
+#[test]
+fn objects_that_lie_too_deep_are_refused() {
+    let (mut out, mut indexed) = (Output::new(Cursor::new(Vec::new())).unwrap(), Indexed::default());
+    let mut group = strands(&mut out, &mut indexed, &[2], [1, 0, 0, 0], Vec::new());
+    let mut metadata = CURVES;
+    for _ in 0..200 {
+        group = above(&mut out, &mut indexed, &[], &[], (metadata, group));
+        metadata = XFORM;
+    }
+    let error = Reader::open(Cursor::new(finish(out, &indexed, group))).err().unwrap();
+    assert!(error.to_string().contains("objects lie more than 128 deep"), "{error}");
+}
+
+/// Many small objects with one large sample would take much more memory than the file.
+#[test]
+fn a_sample_that_many_groups_share_is_read_some_times_only() {
+    let read = |groups: usize| {
+        let (mut out, mut indexed) = (Output::new(Cursor::new(Vec::new())).unwrap(), Indexed::default());
+        let points = [0.0f32; 3 * 10_000];
+        let tracks = [
+            track(&mut out, "P", Type::F32, 3, bytemuck::cast_slice(&points)),
+            track(&mut out, "nVertices", Type::I32, 1, &10_000i32.to_le_bytes()),
+        ];
+        let mut group = || object(&mut out, &mut indexed, ".geom", &tracks, &[], &[]);
+        let children: Vec<_> = (0..groups).map(|_| ("a", CURVES, group())).collect();
+        let top = object(&mut out, &mut indexed, "none", &[], &[], &children);
+        Reader::open(Cursor::new(finish(out, &indexed, top))).unwrap().read(0)
+    };
+    assert_eq!(read(5).unwrap().groom.strand_count(), 5);
+    let error = read(50).unwrap_err().to_string();
+    assert!(error.contains("the samples take over 8 times the bytes of the file"), "{error}");
+}
+
+#[test]
+fn strands_and_points_that_do_not_match_are_refused() {
+    for (counts, words) in [([2, 2], "have 4 points, but there are 3"), ([4, -1], "-1 points, below 0")] {
+        let (mut out, mut indexed) = (Output::new(Cursor::new(Vec::new())).unwrap(), Indexed::default());
+        let tracks = [
+            track(&mut out, "P", Type::F32, 3, &[0; 36]),
+            track(&mut out, "nVertices", Type::I32, 1, bytemuck::cast_slice(&counts)),
+        ];
+        let group = object(&mut out, &mut indexed, ".geom", &tracks, &[], &[]);
+        let top = object(&mut out, &mut indexed, "none", &[], &[], &[("a", CURVES, group)]);
+        let mut reader = Reader::open(Cursor::new(finish(out, &indexed, top))).unwrap();
+        let error = reader.read(0).unwrap_err().to_string();
+        assert!(error.contains(words) && error.contains("`/a`"), "{error}");
+    }
 }
 
 #[test]

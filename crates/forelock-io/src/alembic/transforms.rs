@@ -26,7 +26,7 @@ use glam::{DAffine3, DMat4, DQuat, DVec3, DVec4};
 
 use super::{
     AlembicError,
-    archive::{Archive, Property},
+    archive::{Archive, Property, Samples},
     ogawa::Child,
 };
 
@@ -48,6 +48,13 @@ impl Transform {
         let properties = archive.properties(xform)?;
         let find = |name| Property::find(&properties, name).cloned();
         Ok(Self { parent, ops: find(".ops"), vals: find(".vals"), inherits: find(".inherits") })
+    }
+
+    /// The samples of this transform or one above it, of that with the most.
+    pub fn samples(&self) -> Option<Samples> {
+        let chain = std::iter::successors(Some(self), |transform| transform.parent.as_deref());
+        let samples = chain.filter_map(|transform| transform.vals.as_ref()?.samples);
+        samples.max_by_key(|samples| samples.count)
     }
 
     /// The transform to the world at `time_secs`.
