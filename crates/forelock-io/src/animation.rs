@@ -66,7 +66,7 @@ pub enum AnimationError {
 
 enum Source {
     Npz(Cache),
-    Alembic(alembic::Reader<BufReader<File>>),
+    Alembic(alembic::Reader<File>),
     Usd(Usd<BufReader<File>>),
 }
 
@@ -96,7 +96,7 @@ impl AnimationReader {
                 (Source::Npz(cache), groom, times)
             }
             Some(Format::Alembic) => {
-                let mut reader = alembic::Reader::open(file()?).map_err(|e| e.at(path))?;
+                let mut reader = alembic::Reader::open(open(path)?).map_err(|e| e.at(path))?;
                 if import.unit == Unit::default() {
                     import.unit = reader.unit();
                 }
@@ -384,7 +384,7 @@ mod tests {
         let mut writer = AnimationWriter::create(&path, &groom(), &times(), true).unwrap();
         (0..FRAMES).for_each(|frame| writer.write(&at(frame)).unwrap());
         writer.finish().unwrap();
-        let mut reader = alembic::Reader::open(BufReader::new(File::open(&path).unwrap())).unwrap();
+        let mut reader = alembic::Reader::open(File::open(&path).unwrap()).unwrap();
         for frame in 0..FRAMES {
             let contents = reader.read(frame as u32).unwrap();
             assert_eq!(contents.groom.positions(), at(frame));

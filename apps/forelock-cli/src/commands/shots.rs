@@ -111,7 +111,11 @@ impl<'a> Runner<'a> {
                 // What they have done up to their last checkpoint is kept.
                 self.running.iter_mut().for_each(|job| drop(job.child.kill()));
             }
-            while !is_stopped && self.running.len() < self.jobs {
+            // Those that cannot start yet wait again, until the next look.
+            for _ in 0..self.waiting.len() {
+                if is_stopped || self.running.len() >= self.jobs {
+                    break;
+                }
                 let Some(index) = self.waiting.pop_front() else { break };
                 self.start(index)?;
             }

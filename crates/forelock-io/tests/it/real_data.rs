@@ -130,6 +130,6 @@ fn the_layer_of_blender_is_the_groom_that_it_was_made_from() {
     eprintln!("the largest distance is {error:e} m in a groom of {size} m");
     assert!(error <= 1e-6 * size);
     // The comparison sees a quarter turn.
-    assert!(pairs().any(|(a, b)| glam::Vec3::new(a.x, -a.z, a.y).distance(*b) > 0.1 * size));
+    assert!(pairs().any(|(a, b)| Vec3::new(a.x, -a.z, a.y).distance(*b) > 0.1 * size));
     assert!(found.widths.unwrap().iter().all(|&w| w > 0.0 && w <= 1.01e-4));
 }
