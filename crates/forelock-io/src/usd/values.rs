@@ -279,7 +279,7 @@ fn inlined(numbers: Type, payload: u64) -> Value {
     let small = |i: usize| i64::from(i8::from_le_bytes([bytes[i]]));
     if is_matrix {
         let side = each.isqrt();
-        let at = |i: usize| if i % (side + 1) == 0 { small(i / (side + 1)) } else { 0 };
+        let at = |i: usize| if i.is_multiple_of(side + 1) { small(i / (side + 1)) } else { 0 };
         return number.convert((0..each).map(at).collect());
     }
     if each > 1 {

@@ -73,7 +73,8 @@ forelock_core::documented! {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct GroomSection {
-    /// "grow", a file (.hair, .data, .tfx, .npz, .obj, .bin) or a list of files. Default "grow".
+    /// "grow", a file (.hair, .data, .tfx, .npz, .obj, .bin, .usda, .usdc, .usd) or a list of
+    /// files. Default "grow".
     pub source: GroomSource,
     /// Preset that `grow` starts from: straight, wavy, curly, afro, bob, asymmetric, beard,
     /// short-fur or ponytail; the keys of `[groom.grow]` change single parameters of it. Default
