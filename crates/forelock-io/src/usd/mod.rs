@@ -41,6 +41,7 @@ mod crate_tables;
 mod curves;
 mod names;
 mod prims;
+mod resume;
 mod source;
 mod stage;
 mod text;

@@ -4,6 +4,7 @@
 //! A layer is `#usda 1.0`, metadata in parentheses, and prims. A prim is a specifier (`def`,
 //! `over`, `class`), a schema, a name, metadata in parentheses, and in braces its attributes and
 //! children: `type name = value (metadata)`. Samples are `name.timeSamples = { time: value, … }`.
+//!
 //! # Practice
 //! Values are read by the declared type of their attribute. Lists and tuples are joined.
 //!
