@@ -29,7 +29,8 @@
 //!
 //! # Limitations
 //! One layer: sublayers, references, payloads, variants and instances are not followed;
-//! `usdcat --flatten` makes one layer of them. No archives (`.usdz`). Cubic curves become strands
+//! `usdcat --flatten` makes one layer of them. No archives (`.usdz`). Text is read into memory with
+//! all samples. Cubic curves become strands
 //! with a particle for each control point. Attributes whose number of values does not fit are left
 //! out, and so are visibility and purpose.
 

@@ -190,3 +190,30 @@ impl<R: Read + Seek> Stage<R> {
         Ok(value.and_then(|value| value.doubles()?.first().copied()))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Cursor;
+
+    #[test]
+    fn samples_are_interpolated_and_held() {
+        let floats = |x: f32| Held::from(Value::Floats(vec![x, -x]));
+        let samples = Samples { times: [1.0, 2.0, 4.0].into(), values: [0.0, 1.0, 5.0].map(floats).into() };
+        let attribute =
+            Attribute { default: Some(floats(9.0)), samples: Some(Value::Samples(samples).into()) };
+        let stage: Stage<Cursor<&[u8]>> = Stage { metadata: BTreeMap::new(), prims: Vec::new(), file: None };
+        for (time, x) in
+            [(f64::NEG_INFINITY, 0.0), (1.0, 0.0), (1.5, 0.5), (2.0, 1.0), (3.0, 3.0), (9.0, 5.0)]
+        {
+            let found = stage.at(&attribute, time).unwrap().unwrap();
+            assert_eq!(*found, Value::Floats(vec![x, -x]), "{time}");
+        }
+        let fixed = Attribute { samples: None, ..attribute };
+        assert_eq!(*stage.at(&fixed, 3.0).unwrap().unwrap(), Value::Floats(vec![9.0, -9.0]));
+        let changing = [Value::Floats(vec![1.0]), Value::Floats(vec![2.0, 3.0])].map(Held::from);
+        let samples = Samples { times: [0.0, 1.0].into(), values: changing.into() };
+        let attribute = Attribute { default: None, samples: Some(Value::Samples(samples).into()) };
+        assert_eq!(*stage.at(&attribute, 0.9).unwrap().unwrap(), Value::Floats(vec![1.0]));
+    }
+}

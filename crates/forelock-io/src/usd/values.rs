@@ -295,3 +295,35 @@ fn inlined(numbers: Type, payload: u64) -> Value {
         _ => number.decode(&bytes[..number.bytes()]),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_of_half_precision() {
+        for (bits, number) in [
+            (0x3c00, 1.0),
+            (0xc000, -2.0),
+            (0x7bff, 65504.0),
+            (0x0001, 5.960_464_5e-8),
+            (0x0400, 6.103_515_6e-5),
+            (0x3555, 0.333_251_95),
+            (0xfc00, f32::NEG_INFINITY),
+        ] {
+            assert_eq!(half(bits), number);
+        }
+        assert!(half(0x7e00).is_nan());
+    }
+
+    #[test]
+    fn inlined_values() {
+        let unpack = |code, payload| inlined(number_type(code).unwrap(), payload);
+        assert_eq!(unpack(3, 0xffff_fffe), Value::Integers(vec![-2]));
+        assert_eq!(unpack(9, 1.5f32.to_bits().into()), Value::Doubles(vec![1.5]));
+        assert_eq!(unpack(24, 0x0003_fe01), Value::Floats(vec![1.0, -2.0, 3.0]));
+        assert_eq!(unpack(13, 0x0201), Value::Doubles(vec![1.0, 0.0, 0.0, 2.0]));
+        assert_eq!(unpack(21, 0xc000_3c00), Value::Floats(vec![1.0, -2.0]));
+        assert_eq!(unpack(1, 1), Value::Integers(vec![1]));
+    }
+}
