@@ -9,7 +9,7 @@ use std::{
 use super::{
     UsdError,
     crate_file::{ATTRIBUTE, Crate, LAYER, PRIM, Path, Spec, Tables},
-    stage::{Attribute, Held, Prim, Value},
+    layer::{Attribute, Held, Prim, Value},
     values::{PAYLOAD, TOKEN_VECTOR},
 };
 

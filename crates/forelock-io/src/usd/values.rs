@@ -30,8 +30,8 @@ use std::{
 use super::{
     UsdError,
     crate_file::Crate,
+    layer::{Held, Samples, Value},
     source::Cursor,
-    stage::{Held, Samples, Value},
 };
 
 pub(super) const ARRAY: u64 = 1 << 63;

@@ -15,20 +15,20 @@ use glam::{DMat4, DQuat, DVec3, EulerRot};
 
 use super::{
     UsdError, invalid,
-    stage::{Prim, Stage, Value},
+    layer::{Layer, Prim, Value},
 };
 
-/// The transform from `prim` to the stage, at `time`.
+/// The transform from `prim` to the layer, at `time`.
 pub(super) fn world_from<R: Read + Seek>(
-    stage: &Stage<R>,
+    layer: &Layer<R>,
     prim: &Prim,
     time: f64,
 ) -> Result<DMat4, UsdError> {
     let mut world = DMat4::IDENTITY;
     let mut next = Some(prim);
     while let Some(prim) = next {
-        next = prim.parent.map(|parent| &stage.prims[parent]);
-        let Some(order) = stage.find(prim, "xformOpOrder", time)? else { continue };
+        next = prim.parent.map(|parent| &layer.prims[parent]);
+        let Some(order) = layer.find(prim, "xformOpOrder", time)? else { continue };
         let Value::Words(order) = &*order else { continue };
         let mut local = DMat4::IDENTITY;
         for name in order {
@@ -40,13 +40,13 @@ pub(super) fn world_from<R: Read + Seek>(
                 Some(name) => (name, true),
                 None => (&**name, false),
             };
-            let Some(value) = stage.find(prim, name, time)? else { continue };
+            let Some(value) = layer.find(prim, name, time)? else { continue };
             let numbers = value.doubles().unwrap_or_default();
             let operation = operation(name, &numbers);
             let operation = operation.ok_or_else(|| {
                 invalid(format!(
                     "the operation `{name}` of {} is not known or has {} numbers; apply it before exporting",
-                    stage.path(prim),
+                    layer.path(prim),
                     numbers.len()
                 ))
             })?;

@@ -23,7 +23,7 @@ use self::lexer::{Lexer, Token};
 use super::{
     UsdError,
     crate_file::DEEPEST,
-    stage::{Held, Prim, Samples, Stage, Value},
+    layer::{Held, Layer, Prim, Samples, Value},
 };
 
 /// What the file begins with.
@@ -69,14 +69,14 @@ impl Kind {
 }
 
 /// Reads the layer in `text`.
-pub(super) fn read<R: Read + Seek>(text: &str) -> Result<Stage<R>, UsdError> {
+pub(super) fn read<R: Read + Seek>(text: &str) -> Result<Layer<R>, UsdError> {
     let mut parser = Parser { lexer: Lexer::new(text), prims: Vec::new() };
     if !text.starts_with(MAGIC) {
         return Err(parser.lexer.error("the file does not begin with `#usda 1.0`"));
     }
     let metadata = parser.metadata()?;
     parser.prims()?;
-    Ok(Stage { metadata, prims: parser.prims, file: None })
+    Ok(Layer { metadata, prims: parser.prims, file: None })
 }
 
 struct Parser<'a> {
