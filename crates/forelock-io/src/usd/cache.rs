@@ -17,9 +17,13 @@
 //! writer that is dropped before leaves nothing, and one that is killed leaves that file. A
 //! [`Lock`] keeps a second writer from the same file.
 //!
+//! [`resume`](UsdCacheWriter::resume) goes on after frames that are stored. It appends: frames and
+//! tails that are no longer listed stay in the file, so its bytes are not those of a cache written
+//! in one run. `usdcat` writes a file without them.
+//!
 //! # Limitations
-//! Frames cannot be added to a cache that was finished or left behind. Nothing is compressed, and
-//! nothing waits for the disk, so that after a power failure the file may be damaged.
+//! Nothing is compressed, and nothing waits for the disk: after a power failure the file may be
+//! damaged.
 
 use std::{
     fs::{self, File, OpenOptions},
@@ -27,18 +31,20 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use crc32fast::Hasher;
 use forelock_core::groom::Groom;
 use glam::Vec3;
 
 use super::{
     attributes,
     crate_tables::{self, Attribute, CONTENTS_AT, Tail, Times},
+    resume::Kept,
 };
 use crate::{
     atomic::{Temporary, check_target},
     error::WriteError,
     lock::Lock,
-    npz::{part, with_suffix},
+    npz::{Stored, part, with_suffix},
 };
 
 /// Frames from one tail to the next.
@@ -77,6 +83,8 @@ pub struct UsdCacheWriter {
     codes_per_second: f64,
     /// The times of the frames, in time codes.
     codes: Vec<f64>,
+    /// The checksum of the positions so far.
+    crc: Hasher,
     /// The attributes of the groom.
     constants: Vec<Attribute>,
     points: Attribute,
@@ -97,6 +105,43 @@ impl UsdCacheWriter {
     /// [`WriteError`] if the file cannot be written, another writer has it, the groom has no
     /// particle or attributes of wrong lengths, or the rate is not above 0.
     pub fn create(path: &Path, groom: &Groom, frames_per_second: f64) -> Result<Self, WriteError> {
+        let mut writer = Self::open(path, groom, frames_per_second, true)?;
+        writer.begin(groom).map_err(WriteError::io(path))?;
+        Ok(writer)
+    }
+
+    /// Resumes the cache at `path`, which was begun with the same strands and rate, after the
+    /// frames of `stored`. The other attributes of `groom` replace those of the cache.
+    ///
+    /// # Errors
+    /// [`WriteError`] if there is no such cache, another writer has it, or it does not begin with
+    /// these frames, bit for bit. The file is unchanged then.
+    pub fn resume(
+        path: &Path,
+        groom: &Groom,
+        frames_per_second: f64,
+        stored: &Stored,
+    ) -> Result<Self, WriteError> {
+        let mut writer = Self::open(path, groom, frames_per_second, false)?;
+        let codes: Vec<f64> = stored.times_secs.iter().map(|&time| writer.code(time)).collect();
+        let kept = Kept::read(path, groom, frames_per_second, &codes, stored.checksum);
+        let kept = kept.map_err(|problem| {
+            let problem = format!("{problem}; start again without resuming");
+            WriteError::Resume { path: path.into(), problem }
+        })?;
+        writer.codes = codes;
+        writer.crc = kept.crc;
+        writer.points.samples = kept.points;
+        writer.velocities.samples = kept.velocities;
+        writer.extent.samples = kept.extent;
+        writer.begin(groom).and_then(|()| writer.publish()).map_err(WriteError::io(path))?;
+        // What a run left that was killed before its first checkpoint.
+        let _ = fs::remove_file(part(path));
+        Ok(writer)
+    }
+
+    /// The writer of a new file or of the one at `path`.
+    fn open(path: &Path, groom: &Groom, frames_per_second: f64, is_new: bool) -> Result<Self, WriteError> {
         let unfit = |problem: String| WriteError::Unfit { path: path.into(), problem };
         check_target(path)?;
         groom.check_attributes().map_err(|error| unfit(error.to_string()))?;
@@ -107,31 +152,45 @@ impl UsdCacheWriter {
             return Err(unfit(format!("{frames_per_second} frames per second; the rate must be above 0")));
         }
         let lock = Lock::take(&with_suffix(path, ".lock"), path)?;
-        let part_path = part(path);
         let mut options = OpenOptions::new();
-        let file = options.write(true).create(true).truncate(true).open(&part_path);
-        let file = file.map_err(WriteError::io(path))?;
-        let mut start = crate_tables::start();
-        let constants = attributes::of(groom);
-        let constants = constants.iter().map(|written| Attribute::append(written, &mut start, 0)).collect();
-        let mut writer = Self {
+        options.write(true);
+        let file =
+            if is_new { options.create(true).truncate(true).open(part(path)) } else { options.open(path) };
+        let file = file.map_err(|error| match error.kind() {
+            io::ErrorKind::NotFound if !is_new => WriteError::Resume {
+                path: path.into(),
+                problem: "there is none under this name; start again without resuming".into(),
+            },
+            _ => WriteError::io(path)(error),
+        })?;
+        let end = file.metadata().map_err(WriteError::io(path))?.len();
+        Ok(Self {
             path: path.into(),
-            part: Some(Temporary::new(part_path)),
+            part: is_new.then(|| Temporary::new(part(path))),
             file,
-            end: 0,
+            end,
             particles: groom.particle_count(),
             radius: attributes::radius(groom),
             codes_per_second: frames_per_second,
             codes: Vec::new(),
-            constants,
+            crc: Hasher::new(),
+            constants: Vec::new(),
             points: Attribute::new("points", "point3f", None),
             velocities: Attribute::new("velocities", "vector3f", None),
             extent: Attribute::new("extent", "float3", None),
             published: 0,
             _lock: lock,
-        };
-        writer.write(&start).map_err(WriteError::io(path))?;
-        Ok(writer)
+        })
+    }
+
+    /// Writes the attributes of `groom`, in a new file after its first bytes.
+    fn begin(&mut self, groom: &Groom) -> io::Result<()> {
+        let start = self.end;
+        let mut bytes = if start == 0 { crate_tables::start() } else { Vec::new() };
+        let constants = attributes::of(groom);
+        let append = |written| Attribute::append(written, &mut bytes, start);
+        self.constants = constants.iter().map(append).collect();
+        self.write(&bytes)
     }
 
     /// The number of frames so far, F.
@@ -170,6 +229,7 @@ impl UsdCacheWriter {
         self.velocities.samples.extend(velocities);
         self.extent.samples.push(extent);
         self.codes.push(code);
+        self.crc.update(bytemuck::cast_slice(positions));
         if self.frames() - self.published >= TAIL_FRAMES.max(self.published / 8) {
             self.publish().map_err(WriteError::io(&self.path))?;
         }
@@ -207,10 +267,11 @@ impl UsdCacheWriter {
     }
 
     /// Makes the file a complete layer of the frames so far under its final name, and goes on.
+    /// Returns the CRC-32 of their positions, for [`Stored`].
     ///
     /// # Errors
     /// [`WriteError`] if the file cannot be written.
-    pub fn checkpoint(&mut self) -> Result<(), WriteError> {
+    pub fn checkpoint(&mut self) -> Result<u32, WriteError> {
         if self.published < self.frames() || self.published == 0 {
             self.publish().map_err(WriteError::io(&self.path))?;
         }
@@ -219,14 +280,15 @@ impl UsdCacheWriter {
             fs::rename(part.path(), &self.path).map_err(WriteError::io(&self.path))?;
             self.part = None;
         }
-        Ok(())
+        Ok(self.crc.clone().finalize())
     }
 
-    /// Completes the cache under its final name.
+    /// Completes the cache under its final name. Returns the CRC-32 of the positions, for
+    /// [`Stored`].
     ///
     /// # Errors
     /// [`WriteError`] if the file cannot be written.
-    pub fn finish(mut self) -> Result<(), WriteError> {
+    pub fn finish(mut self) -> Result<u32, WriteError> {
         self.checkpoint()
     }
 

@@ -31,8 +31,8 @@ use std::{
 
 use super::{
     UsdError,
+    layer::Layer,
     source::{Cursor, Source},
-    stage::Stage,
 };
 
 /// What the file begins with.
@@ -86,7 +86,7 @@ pub(super) struct Spec {
 }
 
 /// Opens the crate file in `reader`.
-pub(super) fn open<R: Read + Seek>(reader: R) -> Result<Stage<R>, UsdError> {
+pub(super) fn open<R: Read + Seek>(reader: R) -> Result<Layer<R>, UsdError> {
     let source = Source::new(reader)?;
     let mut boot = source.at(0);
     let magic: [u8; 8] = boot.value("the first bytes")?;
@@ -127,7 +127,7 @@ pub(super) fn open<R: Read + Seek>(reader: R) -> Result<Stage<R>, UsdError> {
     let file = Crate { source, minor: version[1], tokens, strings };
     let metadata = tables.metadata(&file)?;
     let prims = tables.prims(&file)?;
-    Ok(Stage { metadata, prims, file: Some(file) })
+    Ok(Layer { metadata, prims, file: Some(file) })
 }
 
 /// A section's name and offset.

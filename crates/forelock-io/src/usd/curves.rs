@@ -11,7 +11,7 @@
 //! So a strand has as many particles as its curve has control points.
 //!
 //! # Practice
-//! All curves of a stage are joined, in the order of its prims. Widths and other values are one for
+//! All curves of a layer are joined, in the order of its prims. Widths and other values are one for
 //! all, one for a curve, one for a control point or one for an end of a segment (`varying`): their
 //! number says which. An attribute is kept if all prims have it. Widths are scaled by the cube root
 //! of the transform's determinant.
@@ -26,8 +26,8 @@ use glam::{DMat4, Vec3};
 
 use super::{
     UsdError, from_groom, invalid,
+    layer::{Layer, Prim, Value},
     names::{BINDING, COLOUR, OPACITY, PINNED, ROOT_UVS, STIFFNESS},
-    stage::{Prim, Stage, Value},
     xform,
 };
 
@@ -49,15 +49,15 @@ struct Curves {
     is_pinned: bool,
 }
 
-/// The groom of the prims `indices`, at `time`, in the units and axes of the stage.
+/// The groom of the prims `indices`, at `time`, in the units and axes of the layer.
 pub(super) fn groom<R: Read + Seek>(
-    stage: &Stage<R>,
+    layer: &Layer<R>,
     indices: &[usize],
     time: f64,
 ) -> Result<Groom, UsdError> {
     let mut joined: Option<Groom> = None;
     for &index in indices {
-        let part = part(stage, &stage.prims[index], time)?;
+        let part = part(layer, &layer.prims[index], time)?;
         joined = Some(match joined {
             None => part,
             Some(before) => join(&before, &part)?,
@@ -67,9 +67,9 @@ pub(super) fn groom<R: Read + Seek>(
 }
 
 /// The groom of one prim.
-fn part<R: Read + Seek>(stage: &Stage<R>, prim: &Prim, time: f64) -> Result<Groom, UsdError> {
-    let curves = Curves::read(stage, prim, time)?;
-    let world = xform::world_from(stage, prim, time)?;
+fn part<R: Read + Seek>(layer: &Layer<R>, prim: &Prim, time: f64) -> Result<Groom, UsdError> {
+    let curves = Curves::read(layer, prim, time)?;
+    let world = xform::world_from(layer, prim, time)?;
     let mut positions = curves.points.clone();
     let mut start = 0;
     for &count in &curves.counts {
@@ -90,7 +90,7 @@ fn part<R: Read + Seek>(stage: &Stage<R>, prim: &Prim, time: f64) -> Result<Groo
     let mut groom = Groom::new(positions, offsets).map_err(from_groom)?;
     let find = |names: &[&str], each: usize| -> Result<Option<Vec<f32>>, UsdError> {
         for name in names {
-            if let Some(values) = primvar(stage, prim, name, each, time)? {
+            if let Some(values) = primvar(layer, prim, name, each, time)? {
                 return Ok(Some(values));
             }
         }
@@ -110,15 +110,15 @@ fn part<R: Read + Seek>(stage: &Stage<R>, prim: &Prim, time: f64) -> Result<Groo
     groom.pinned = pins.map(|pins| pins.iter().map(pinned).collect());
     let stiffness = find(&[STIFFNESS], 1)?.and_then(|v| curves.roots::<1>(&v));
     groom.stiffness = stiffness.map(|values| values.iter().map(|[k]| *k).collect());
-    groom.bindings = bindings(stage, prim, &curves, time)?;
+    groom.bindings = bindings(layer, prim, &curves, time)?;
     Ok(groom)
 }
 
 impl Curves {
-    fn read<R: Read + Seek>(stage: &Stage<R>, prim: &Prim, time: f64) -> Result<Self, UsdError> {
-        let fail = |words: String| invalid(format!("{}: {words}", stage.path(prim)));
-        let counts = stage.find(prim, "curveVertexCounts", time)?;
-        let points = stage.find(prim, "points", time)?.and_then(|value| value.floats()).unwrap_or_default();
+    fn read<R: Read + Seek>(layer: &Layer<R>, prim: &Prim, time: f64) -> Result<Self, UsdError> {
+        let fail = |words: String| invalid(format!("{}: {words}", layer.path(prim)));
+        let counts = layer.find(prim, "curveVertexCounts", time)?;
+        let points = layer.find(prim, "points", time)?.and_then(|value| value.floats()).unwrap_or_default();
         let (points, rest) = points.as_chunks::<3>();
         if !rest.is_empty() {
             return Err(fail("`points` must have three numbers each".into()));
@@ -138,7 +138,7 @@ impl Curves {
             )));
         }
         let word = |name: &str, default: &str| {
-            let value = stage.find(prim, name, time)?;
+            let value = layer.find(prim, name, time)?;
             Ok::<_, UsdError>(value.as_ref().and_then(|v| v.word()).unwrap_or(default).to_owned())
         };
         let is_cubic = word("type", "cubic")? != "linear";
@@ -220,14 +220,14 @@ impl Curves {
 
 /// The numbers of the attribute `name`, `each` an element, through its indices if it has any.
 fn primvar<R: Read + Seek>(
-    stage: &Stage<R>,
+    layer: &Layer<R>,
     prim: &Prim,
     name: &str,
     each: usize,
     time: f64,
 ) -> Result<Option<Vec<f32>>, UsdError> {
-    let values = stage.find(prim, name, time)?.and_then(|value| value.floats());
-    let indices = stage.find(prim, &format!("{name}:indices"), time)?;
+    let values = layer.find(prim, name, time)?.and_then(|value| value.floats());
+    let indices = layer.find(prim, &format!("{name}:indices"), time)?;
     let (Some(elements), Some(Value::Integers(indices))) = (&values, indices.as_deref()) else {
         return Ok(values);
     };
@@ -241,12 +241,12 @@ fn primvar<R: Read + Seek>(
 
 /// Root bindings as the writer stores them.
 fn bindings<R: Read + Seek>(
-    stage: &Stage<R>,
+    layer: &Layer<R>,
     prim: &Prim,
     curves: &Curves,
     time: f64,
 ) -> Result<Option<Vec<RootBinding>>, UsdError> {
-    let [triangles, points, distances] = BINDING.map(|name| stage.find(prim, name, time));
+    let [triangles, points, distances] = BINDING.map(|name| layer.find(prim, name, time));
     let (Some(triangles), Some(points), Some(distances)) = (triangles?, points?, distances?) else {
         return Ok(None);
     };

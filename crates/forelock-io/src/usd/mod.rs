@@ -9,7 +9,7 @@
 //!
 //! # Practice
 //! [`read_groom`](crate::read_groom) reads all `BasisCurves` of a file at its first sample, and
-//! [`Usd`] each frame. Positions are those of the stage, after all transforms, and are converted
+//! [`Usd`] each frame. Positions are those of the layer, after all transforms, and are converted
 //! by the unit and the up axis of the layer. A unit other than metres that the user gives replaces
 //! the layer's, `--up z` replaces `upAxis = "Y"`, and the scale multiplies. Blender writes its own
 //! axes, z up, below a prim that turns by −90° about x, and `upAxis = "Y"`: (x, y, z) is read as
@@ -29,7 +29,8 @@
 //!
 //! # Limitations
 //! One layer: sublayers, references, payloads, variants and instances are not followed;
-//! `usdcat --flatten` makes one layer of them. No archives (`.usdz`). Cubic curves become strands
+//! `usdcat --flatten` makes one layer of them. No archives (`.usdz`). Text is read into memory with
+//! all samples. Cubic curves become strands
 //! with a particle for each control point. Attributes whose number of values does not fit are left
 //! out, and so are visibility and purpose.
 
@@ -39,10 +40,11 @@ mod coding;
 mod crate_file;
 mod crate_tables;
 mod curves;
+mod layer;
 mod names;
 mod prims;
+mod resume;
 mod source;
-mod stage;
 mod text;
 mod values;
 mod write;
@@ -58,7 +60,7 @@ use forelock_core::groom::{Groom, GroomError, Import, Unit, Up};
 pub use cache::UsdCacheWriter;
 pub use write::{write_binary, write_text};
 
-use self::stage::Stage;
+use self::layer::Layer;
 use crate::error::{FormatError, Problem, ReadError, check_room};
 
 /// Metres of a unit where the layer does not say.
@@ -115,7 +117,7 @@ fn from_groom(error: GroomError) -> UsdError {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub struct Usd<R> {
-    stage: Stage<R>,
+    layer: Layer<R>,
     /// The prims that hold curves.
     curves: Vec<usize>,
     /// The times of the frames, in time codes.
@@ -135,7 +137,7 @@ impl<R: Read + Seek> Usd<R> {
         reader.by_ref().take(8).read_to_end(&mut magic)?;
         let size = reader.seek(SeekFrom::End(0))?;
         reader.seek(SeekFrom::Start(0))?;
-        let stage = if magic == crate_file::MAGIC {
+        let layer = if magic == crate_file::MAGIC {
             crate_file::open(reader)?
         } else if magic.starts_with(b"PK") {
             return Err(invalid("this is an archive (.usdz); unpack it and read the layer in it"));
@@ -147,7 +149,7 @@ impl<R: Read + Seek> Usd<R> {
         } else {
             return Err(invalid("this is no layer: it begins neither with `#usda` nor with `PXR-USDC`"));
         };
-        let prims = stage.prims.iter().enumerate();
+        let prims = layer.prims.iter().enumerate();
         let curves: Vec<usize> =
             prims.filter(|(_, prim)| &*prim.kind == curves::SCHEMA).map(|(index, _)| index).collect();
         if curves.is_empty() {
@@ -157,23 +159,23 @@ impl<R: Read + Seek> Usd<R> {
         }
         let mut times: Vec<f64> = Vec::new();
         for &index in &curves {
-            let points = stage.prims[index].attributes.get("points");
-            let own = points.map(|points| stage.samples(points)).transpose()?.unwrap_or_default().times;
+            let points = layer.prims[index].attributes.get("points");
+            let own = points.map(|points| layer.samples(points)).transpose()?.unwrap_or_default().times;
             if own.len() > times.len() {
                 times = own.to_vec();
             }
         }
         let positive = |name: &str, default: f64| {
-            let value = stage.number(name)?.unwrap_or(default);
+            let value = layer.number(name)?.unwrap_or(default);
             let message = || invalid(format!("`{name}` is {value}, but must be above 0"));
             (value.is_finite() && value > 0.0).then_some(value).ok_or_else(message)
         };
         let metres_per_unit = positive("metersPerUnit", METRES_PER_UNIT)?;
         let codes_per_second = positive("timeCodesPerSecond", CODES_PER_SECOND)?;
-        let up = stage.metadata.get("upAxis").map(|held| stage.value(held)).transpose()?;
+        let up = layer.metadata.get("upAxis").map(|held| layer.value(held)).transpose()?;
         let is_z_up = up.as_ref().and_then(|up| up.word()) == Some("Z");
         let times_secs = times.iter().map(|code| code / codes_per_second).collect();
-        Ok(Self { stage, curves, times, times_secs, metres_per_unit, is_z_up })
+        Ok(Self { layer, curves, times, times_secs, metres_per_unit, is_z_up })
     }
 
     /// The times of the frames in seconds, `[F]`: the samples of the points. Empty if these do not
@@ -193,7 +195,7 @@ impl<R: Read + Seek> Usd<R> {
             None if frame == 0 => f64::NEG_INFINITY,
             None => return Err(invalid(format!("there is no frame {frame}: it has {}", self.times.len()))),
         };
-        curves::groom(&self.stage, &self.curves, time)
+        curves::groom(&self.layer, &self.curves, time)
     }
 
     /// The conversion of [`frame`](Self::frame) to metres and y up: what the user `asked` for, and

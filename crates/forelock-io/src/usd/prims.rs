@@ -9,7 +9,7 @@ use std::{
 use super::{
     UsdError,
     crate_file::{ATTRIBUTE, Crate, LAYER, PRIM, Path, Spec, Tables},
-    stage::{Attribute, Held, Prim, Value},
+    layer::{Attribute, Held, Prim, Value},
     values::{PAYLOAD, TOKEN_VECTOR},
 };
 
@@ -43,7 +43,7 @@ impl Tables {
             let Found { path, parent, name, fields } = &found[index];
             indices.insert(*path, prims.len());
             let parent = parent.and_then(|parent| indices.get(&parent).copied());
-            let kind = fields.get("typeName").and_then(|held| small(held));
+            let kind = fields.get("typeName").and_then(small);
             let kind = kind.and_then(|token| file.tokens.get(token as usize)).cloned();
             let kind = kind.unwrap_or_else(|| "".into());
             prims.push(Prim { name: Rc::clone(name), kind, parent, attributes: BTreeMap::new() });

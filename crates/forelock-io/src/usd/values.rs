@@ -30,8 +30,8 @@ use std::{
 use super::{
     UsdError,
     crate_file::Crate,
+    layer::{Held, Samples, Value},
     source::Cursor,
-    stage::{Held, Samples, Value},
 };
 
 pub(super) const ARRAY: u64 = 1 << 63;
@@ -279,7 +279,7 @@ fn inlined(numbers: Type, payload: u64) -> Value {
     let small = |i: usize| i64::from(i8::from_le_bytes([bytes[i]]));
     if is_matrix {
         let side = each.isqrt();
-        let at = |i: usize| if i % (side + 1) == 0 { small(i / (side + 1)) } else { 0 };
+        let at = |i: usize| if i.is_multiple_of(side + 1) { small(i / (side + 1)) } else { 0 };
         return number.convert((0..each).map(at).collect());
     }
     if each > 1 {
@@ -293,5 +293,37 @@ fn inlined(numbers: Type, payload: u64) -> Value {
         Number::F64 => Value::Doubles(list(&bytes[..4], |b| f64::from(f32::from_le_bytes(b)))),
         Number::I64 => Number::I32.decode(&bytes[..4]),
         _ => number.decode(&bytes[..number.bytes()]),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_of_half_precision() {
+        for (bits, number) in [
+            (0x3c00, 1.0),
+            (0xc000, -2.0),
+            (0x7bff, 65504.0),
+            (0x0001, 5.960_464_5e-8),
+            (0x0400, 6.103_515_6e-5),
+            (0x3555, 0.333_251_95),
+            (0xfc00, f32::NEG_INFINITY),
+        ] {
+            assert_eq!(half(bits), number);
+        }
+        assert!(half(0x7e00).is_nan());
+    }
+
+    #[test]
+    fn inlined_values() {
+        let unpack = |code, payload| inlined(number_type(code).unwrap(), payload);
+        assert_eq!(unpack(3, 0xffff_fffe), Value::Integers(vec![-2]));
+        assert_eq!(unpack(9, 1.5f32.to_bits().into()), Value::Doubles(vec![1.5]));
+        assert_eq!(unpack(24, 0x0003_fe01), Value::Floats(vec![1.0, -2.0, 3.0]));
+        assert_eq!(unpack(13, 0x0201), Value::Doubles(vec![1.0, 0.0, 0.0, 2.0]));
+        assert_eq!(unpack(21, 0xc000_3c00), Value::Floats(vec![1.0, -2.0]));
+        assert_eq!(unpack(1, 1), Value::Integers(vec![1]));
     }
 }

@@ -15,20 +15,20 @@ use glam::{DMat4, DQuat, DVec3, EulerRot};
 
 use super::{
     UsdError, invalid,
-    stage::{Prim, Stage, Value},
+    layer::{Layer, Prim, Value},
 };
 
-/// The transform from `prim` to the stage, at `time`.
+/// The transform from `prim` to the layer, at `time`.
 pub(super) fn world_from<R: Read + Seek>(
-    stage: &Stage<R>,
+    layer: &Layer<R>,
     prim: &Prim,
     time: f64,
 ) -> Result<DMat4, UsdError> {
     let mut world = DMat4::IDENTITY;
     let mut next = Some(prim);
     while let Some(prim) = next {
-        next = prim.parent.map(|parent| &stage.prims[parent]);
-        let Some(order) = stage.find(prim, "xformOpOrder", time)? else { continue };
+        next = prim.parent.map(|parent| &layer.prims[parent]);
+        let Some(order) = layer.find(prim, "xformOpOrder", time)? else { continue };
         let Value::Words(order) = &*order else { continue };
         let mut local = DMat4::IDENTITY;
         for name in order {
@@ -40,13 +40,13 @@ pub(super) fn world_from<R: Read + Seek>(
                 Some(name) => (name, true),
                 None => (&**name, false),
             };
-            let Some(value) = stage.find(prim, name, time)? else { continue };
+            let Some(value) = layer.find(prim, name, time)? else { continue };
             let numbers = value.doubles().unwrap_or_default();
             let operation = operation(name, &numbers);
             let operation = operation.ok_or_else(|| {
                 invalid(format!(
                     "the operation `{name}` of {} is not known or has {} numbers; apply it before exporting",
-                    stage.path(prim),
+                    layer.path(prim),
                     numbers.len()
                 ))
             })?;
@@ -99,4 +99,43 @@ fn operation(name: &str, numbers: &[f64]) -> Option<DMat4> {
         _ => return None,
     };
     Some(DMat4::from_euler(order, a, b, c))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn turn(axis: char, degrees: f64) -> DMat4 {
+        operation(&format!("xformOp:rotate{axis}"), &[degrees]).unwrap()
+    }
+
+    #[test]
+    fn rotations_act_in_the_order_of_their_letters() {
+        let angles = [10.0, -20.0, 150.0];
+        for order in ["XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX"] {
+            let found = operation(&format!("xformOp:rotate{order}:suffix"), &angles).unwrap();
+            let wanted = order
+                .chars()
+                .fold(DMat4::IDENTITY, |before, axis| turn(axis, angles["XYZ".find(axis).unwrap()]) * before);
+            assert!(found.abs_diff_eq(wanted, 1e-12), "{order}");
+        }
+        let quarter = turn('X', -90.0).transform_point3(DVec3::new(1.0, 2.0, 3.0));
+        assert!(quarter.abs_diff_eq(DVec3::new(1.0, 3.0, -2.0), 1e-12), "{quarter}");
+    }
+
+    #[test]
+    fn single_axes_and_matrices() {
+        let at = |name: &str, numbers: &[f64]| Some(operation(name, numbers)?.transform_point3(DVec3::ONE));
+        assert_eq!(at("xformOp:translateZ", &[2.0]), Some(DVec3::new(1.0, 1.0, 3.0)));
+        assert_eq!(at("xformOp:scaleY:a", &[4.0]), Some(DVec3::new(1.0, 4.0, 1.0)));
+        let mut matrix = [0.0; 16];
+        [matrix[0], matrix[5], matrix[10], matrix[15]] = [1.0; 4];
+        matrix[12] = 7.0;
+        assert_eq!(at("xformOp:transform", &matrix), Some(DVec3::new(8.0, 1.0, 1.0)));
+        for (name, numbers) in
+            [("xformOp:translate", 2), ("xformOp:shear", 3), ("scale", 3), ("xformOp:rotateXYZ", 1)]
+        {
+            assert_eq!(at(name, &[1.0; 3][..numbers]), None, "{name}");
+        }
+    }
 }

@@ -10,7 +10,7 @@ use std::{
 
 use crate::common::grooms;
 use forelock_core::groom::{Groom, Import, Unit, Up, ZUp};
-use forelock_io::{Data, Usd, UsdCacheWriter, WriteError, npz, read_groom, usd, write_groom};
+use forelock_io::{Data, Stored, Usd, UsdCacheWriter, WriteError, npz, read_groom, usd, write_groom};
 use glam::Vec3;
 use proptest::prelude::*;
 
@@ -391,4 +391,55 @@ fn a_cache_that_is_dropped_leaves_the_old_one() {
     assert_eq!(fs::read(&path).unwrap(), b"old");
     assert!(UsdCacheWriter::create(&path, &Groom::default(), 24.0).is_err());
     assert!(UsdCacheWriter::create(&path, &groom, 0.0).is_err());
+}
+
+#[test]
+fn a_cache_goes_on_after_the_frames_that_are_stored() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("hair.usdc");
+    let groom = Groom::from_strands([[Vec3::ZERO, Vec3::Y], [Vec3::X, Vec3::Z]]).unwrap();
+    let frame = |f: usize| (0..4).map(|p| Vec3::new(f as f32, p as f32, 0.5)).collect::<Vec<_>>();
+    let fill = |writer: &mut UsdCacheWriter, frames: std::ops::Range<usize>| {
+        for f in frames {
+            writer.append(f as f64 / 24.0, &frame(f), Some(&frame(2 * f))).unwrap();
+        }
+    };
+    let resume = |groom: &Groom, rate, stored: &Stored| UsdCacheWriter::resume(&path, groom, rate, stored);
+    assert!(matches!(resume(&groom, 24.0, &Stored::default()), Err(WriteError::Resume { .. })));
+    let mut writer = UsdCacheWriter::create(&path, &groom, 24.0).unwrap();
+    fill(&mut writer, 0..5);
+    let checksum = writer.checkpoint().unwrap();
+    let stored = Stored { times_secs: (0..5).map(|f| f as f64 / 24.0).collect(), checksum };
+    // Frames after the checkpoint are not kept.
+    fill(&mut writer, 5..30);
+    drop(writer);
+
+    let before = fs::read(&path).unwrap();
+    let other = Groom::from_strands([[Vec3::ZERO; 4]]).unwrap();
+    let wrong = Stored { checksum: checksum ^ 1, ..stored.clone() };
+    let late = Stored { times_secs: stored.times_secs.iter().map(|t| t + 1.0).collect(), checksum };
+    for (groom, rate, stored, words) in [
+        (&other, 24.0, &stored, "other strands"),
+        (&groom, 25.0, &stored, "24 frames per second in place of 25"),
+        (&groom, 24.0, &wrong, "does not hold the frames"),
+        (&groom, 24.0, &late, "times of `points`"),
+    ] {
+        let error = resume(groom, rate, stored).err().unwrap().to_string();
+        assert!(error.contains(words), "{error}");
+    }
+    assert_eq!(fs::read(&path).unwrap(), before);
+
+    for frames in [7, 20] {
+        let mut writer = resume(&groom, 24.0, &stored).unwrap();
+        assert_eq!(Usd::open(File::open(&path).unwrap()).unwrap().times_secs().len(), 5);
+        fill(&mut writer, 5..frames);
+        let checksum = writer.finish().unwrap();
+        let bytes: Vec<u8> = (0..frames).flat_map(|f| bytemuck::cast_slice(&frame(f)).to_vec()).collect();
+        assert_eq!(checksum, crc32fast::hash(&bytes));
+        let layer = Usd::open(File::open(&path).unwrap()).unwrap();
+        assert_eq!(layer.times_secs().len(), frames);
+        for f in 0..frames {
+            assert_eq!(layer.frame(f).unwrap().positions(), frame(f));
+        }
+    }
 }

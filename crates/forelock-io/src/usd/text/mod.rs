@@ -1,9 +1,9 @@
 //! Text layers, `.usda`.
 //!
 //! # Theory
-//! A layer is `#usda 1.0`, metadata in parentheses, and prims. A prim is a specifier (`def`, `over`,
-//! `class`), a schema, a name, metadata in parentheses, and in braces its attributes and children:
-//! `type name = value (metadata)`. Samples are `name.timeSamples = { time: value, … }`.
+//! A layer is `#usda 1.0`, metadata in parentheses, and prims. A prim is a specifier (`def`,
+//! `over`, `class`), a schema, a name, metadata in parentheses, and in braces its attributes and
+//! children: `type name = value (metadata)`. Samples are `name.timeSamples = { time: value, … }`.
 //!
 //! # Practice
 //! Values are read by the declared type of their attribute. Lists and tuples are joined.
@@ -23,7 +23,7 @@ use self::lexer::{Lexer, Token};
 use super::{
     UsdError,
     crate_file::DEEPEST,
-    stage::{Attribute, Held, Prim, Samples, Stage, Value},
+    layer::{Held, Layer, Prim, Samples, Value},
 };
 
 /// What the file begins with.
@@ -69,14 +69,14 @@ impl Kind {
 }
 
 /// Reads the layer in `text`.
-pub(super) fn read<R: Read + Seek>(text: &str) -> Result<Stage<R>, UsdError> {
+pub(super) fn read<R: Read + Seek>(text: &str) -> Result<Layer<R>, UsdError> {
     let mut parser = Parser { lexer: Lexer::new(text), prims: Vec::new() };
     if !text.starts_with(MAGIC) {
         return Err(parser.lexer.error("the file does not begin with `#usda 1.0`"));
     }
     let metadata = parser.metadata()?;
     parser.prims()?;
-    Ok(Stage { metadata, prims: parser.prims, file: None })
+    Ok(Layer { metadata, prims: parser.prims, file: None })
 }
 
 struct Parser<'a> {
@@ -213,7 +213,7 @@ impl<'a> Parser<'a> {
         if !is_read {
             return Ok(());
         }
-        let attribute = self.prims[prim].attributes.entry(base.into()).or_insert_with(Attribute::default);
+        let attribute = self.prims[prim].attributes.entry(base.into()).or_default();
         match suffix {
             "timeSamples" => attribute.samples = value.map(Held::from),
             "" | "default" => attribute.default = value.map(Held::from).or(attribute.default.take()),
@@ -315,22 +315,22 @@ impl List {
         {
             self.value = Value::Doubles(Vec::new());
         }
-        let pushed = match &mut self.value {
+        let is_pushed = match &mut self.value {
             Value::Integers(list) => match word {
-                "true" => Ok(list.push(1)),
-                "false" => Ok(list.push(0)),
-                _ => word.parse().map(|number| list.push(number)).map_err(drop),
+                "true" => add(list, Some(1)),
+                "false" => add(list, Some(0)),
+                _ => add(list, word.parse().ok()),
             },
-            Value::Floats(list) => word.parse().map(|number| list.push(number)).map_err(drop),
-            Value::Doubles(list) => word.parse().map(|number| list.push(number)).map_err(drop),
-            Value::Words(list) => Ok(list.push(word.into())),
-            Value::Samples(_) | Value::Nothing => Ok(()),
+            Value::Floats(list) => add(list, word.parse().ok()),
+            Value::Doubles(list) => add(list, word.parse().ok()),
+            Value::Words(list) => add(list, Some(word.into())),
+            Value::Samples(_) | Value::Nothing => true,
         };
-        if pushed.is_err() && self.kind == Kind::Any {
+        if !is_pushed && self.kind == Kind::Any {
             self.value = Value::Nothing;
             return true;
         }
-        pushed.is_ok()
+        is_pushed
     }
 
     fn finish(mut self) -> Value {
@@ -343,4 +343,11 @@ impl List {
         }
         self.value
     }
+}
+
+/// Appends `value` if there is one, and returns whether there was.
+fn add<T>(list: &mut Vec<T>, value: Option<T>) -> bool {
+    let is_some = value.is_some();
+    list.extend(value);
+    is_some
 }

@@ -1,4 +1,4 @@
-//! A stage: prims, their attributes, and the values of these.
+//! A layer: prims, their attributes, and the values of these.
 
 use std::{
     collections::BTreeMap,
@@ -9,7 +9,7 @@ use std::{
 use super::{UsdError, crate_file::Crate};
 
 /// The layer of one file.
-pub(super) struct Stage<R> {
+pub(super) struct Layer<R> {
     /// The metadata of the layer, such as `upAxis`.
     pub metadata: BTreeMap<Rc<str>, Held>,
     /// The prims that are defined and active, parents before their children.
@@ -133,7 +133,7 @@ impl Value {
     }
 }
 
-impl<R: Read + Seek> Stage<R> {
+impl<R: Read + Seek> Layer<R> {
     /// The value of `held`.
     pub fn value(&self, held: &Held) -> Result<Rc<Value>, UsdError> {
         match (held, &self.file) {
@@ -188,5 +188,32 @@ impl<R: Read + Seek> Stage<R> {
     pub fn number(&self, name: &str) -> Result<Option<f64>, UsdError> {
         let value = self.metadata.get(name).map(|held| self.value(held)).transpose()?;
         Ok(value.and_then(|value| value.doubles()?.first().copied()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Cursor;
+
+    #[test]
+    fn samples_are_interpolated_and_held() {
+        let floats = |x: f32| Held::from(Value::Floats(vec![x, -x]));
+        let samples = Samples { times: [1.0, 2.0, 4.0].into(), values: [0.0, 1.0, 5.0].map(floats).into() };
+        let attribute =
+            Attribute { default: Some(floats(9.0)), samples: Some(Value::Samples(samples).into()) };
+        let layer: Layer<Cursor<&[u8]>> = Layer { metadata: BTreeMap::new(), prims: Vec::new(), file: None };
+        for (time, x) in
+            [(f64::NEG_INFINITY, 0.0), (1.0, 0.0), (1.5, 0.5), (2.0, 1.0), (3.0, 3.0), (9.0, 5.0)]
+        {
+            let found = layer.at(&attribute, time).unwrap().unwrap();
+            assert_eq!(*found, Value::Floats(vec![x, -x]), "{time}");
+        }
+        let fixed = Attribute { samples: None, ..attribute };
+        assert_eq!(*layer.at(&fixed, 3.0).unwrap().unwrap(), Value::Floats(vec![9.0, -9.0]));
+        let changing = [Value::Floats(vec![1.0]), Value::Floats(vec![2.0, 3.0])].map(Held::from);
+        let samples = Samples { times: [0.0, 1.0].into(), values: changing.into() };
+        let attribute = Attribute { default: None, samples: Some(Value::Samples(samples).into()) };
+        assert_eq!(*layer.at(&attribute, 0.9).unwrap().unwrap(), Value::Floats(vec![1.0]));
     }
 }
