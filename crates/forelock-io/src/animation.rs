@@ -276,7 +276,7 @@ impl AnimationWriter {
         match self.sink {
             Sink::Npz(writer) => writer.finish().map(drop),
             Sink::Alembic(writer) => writer.finish(),
-            Sink::Usd(writer) => writer.finish(),
+            Sink::Usd(writer) => writer.finish().map(drop),
         }
     }
 }
@@ -337,10 +337,9 @@ mod tests {
 
     fn groom() -> Groom {
         let strand = |x: f32| (0..4).map(|i| Vec3::new(x, -0.01 * i as f32, 0.0)).collect::<Vec<_>>();
-        Groom {
-            widths: Some(vec![1e-4; 12]),
-            ..Groom::from_strands((0..3).map(|s| strand(s as f32))).unwrap()
-        }
+        let mut groom = Groom::from_strands((0..3).map(|s| strand(s as f32))).unwrap();
+        groom.widths = Some(vec![1e-4; 12]);
+        groom
     }
 
     fn at(frame: usize) -> Vec<Vec3> {
