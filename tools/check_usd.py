@@ -51,6 +51,8 @@ def compare(usd_path, npz_path):
         check("points", points.Get(), frames)
     else:
         times = points.GetTimeSamples()
+        if not times:
+            return failures + ["the points have no samples"]
         check("times", np.array(times) / stage.GetTimeCodesPerSecond(), wanted["times"], 1e-9)
         ends = [stage.GetStartTimeCode(), stage.GetEndTimeCode()]
         check("first and last time code", ends, [times[0], times[-1]])

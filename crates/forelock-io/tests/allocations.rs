@@ -71,7 +71,7 @@ fn damaged_layers_take_little_memory() {
         assert!(is_read);
         assert!(whole < 24 * bytes.len(), "{whole} bytes for a file of {}", bytes.len());
         let mut most = 0;
-        for _ in 0..3000 {
+        for _ in 0..1500 {
             let mut damaged = bytes.to_vec();
             for _ in 0..=next(3) {
                 // Half of the changes are in the tables, at the end.
