@@ -23,7 +23,7 @@ def strands(count=100, particles=25, length=0.25):
 
 
 def main():
-    factors = np.geomspace(0.1, 100.0, 13)
+    factors = np.geomspace(1.0, 1000.0, 13)
     drops, swings = [], []
     groom = strands()
     tips = groom.strand_offsets[1:] - 1

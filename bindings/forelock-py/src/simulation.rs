@@ -4,9 +4,11 @@ use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use forelock::player::{ColliderId, Player};
+use forelock::scene::GroomSource;
 use forelock::{Backend, PlayerError, Scene};
 use glam::Vec3;
 use numpy::{PyArray1, PyArray2};
+use pyo3::ffi;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -61,7 +63,9 @@ impl PySimulation {
 
     /// Reads the positions of the present frame.
     fn show<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, Frame>> {
-        let spare = self.state().spare.take().filter(|own| own.get_refcnt(py) == 1);
+        // SAFETY: the object lives, and the GIL is held.
+        let is_alone = |own: &Py<Frame>| unsafe { ffi::Py_REFCNT(own.as_ptr()) } == 1;
+        let spare = self.state().spare.take().filter(is_alone);
         let mut positions =
             spare.map_or_else(Vec::new, |own| std::mem::take(&mut own.borrow_mut(py).positions));
         let read = py.detach(|| {
@@ -104,7 +108,7 @@ impl PySimulation {
             if let Some(groom) = groom {
                 let path = folder.path().join("groom.npz");
                 forelock::io::write_groom(&path, &groom).map_err(|error| error.to_string())?;
-                scene.groom.source = Some(path);
+                scene.groom.source = GroomSource::Files(vec![path]);
             }
             let builder = Player::builder(scene).backend(backend);
             let builder = if history { builder } else { builder.without_history() };

@@ -47,7 +47,7 @@ def test_grooms_of_arrays():
         (np.zeros((4, 2)), None, "shape"),
         (np.zeros((4, 3)), None, "strand_offsets"),
         (strands(), [0, 240], "no strand_offsets"),
-        (np.zeros((4, 3)), [0, 9], ""),
+        (np.zeros((4, 3)), [0, 9], "last offset is 9"),
         (np.zeros((4, 3)), [0, -4], "-4"),
         (np.full((1, 4, 3), np.nan), None, "no strand"),
     ],
@@ -170,8 +170,8 @@ def test_the_gil_is_released():
 
 def test_runs_into_a_folder(tmp_path):
     seen = []
-    keys = SMALL | {"time.frames": 4, "output.film": False, "output.picture": False}
-    scene = forelock.Scene(set=keys)
+    keys = {"time.frames": 4, "output.film": False, "output.picture": False, "output.cache_every": 1}
+    scene = forelock.Scene(set=SMALL | keys)
     summary = forelock.simulate(scene, tmp_path, progress=lambda *own: seen.append(own))
     assert summary["frames"] == 4 and seen
     cache = forelock.Cache(tmp_path / "hair.npz")

@@ -283,7 +283,7 @@ fn a_baked_cache_is_played_back() {
 #[test]
 fn films_are_made_from_where_the_camera_is() {
     let folder = tempfile::tempdir().unwrap();
-    let mut window = Window::open(scene(&["time.frames=3", "output.film_every=1"]));
+    let mut window = Window::open(scene(&["time.frames=3", "output.film_every=1", "output.cache_every=1"]));
     window.until("there is a picture", App::has_picture);
     let placed = window.harness.state().camera();
     window.click("Look");
