@@ -1,5 +1,7 @@
 //! Lists of shots: results equal those of runs done singly, whatever ends in between.
 
+#![expect(clippy::unwrap_used, reason = "a helper of tests fails by panicking")]
+
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 

@@ -11,7 +11,7 @@ use forelock::session::{Phase, Session, Status};
 
 use super::{App, start};
 use crate::panel::change::ChangePanel;
-use crate::panel::files::{self, Answer, Bake, Opened, Purpose};
+use crate::panel::files::{self, Answer, Bake, Opened, PathDialog, Purpose};
 use crate::panel::play::PlayBar;
 use crate::panel::see::Times;
 
@@ -55,6 +55,46 @@ impl App {
         });
         if self.screenshot.is_some() {
             self.session.play(true);
+        }
+    }
+
+    pub(super) fn file_menu(&mut self, ui: &mut egui::Ui) {
+        let folder = self.file.as_deref().and_then(Path::parent).unwrap_or(Path::new("")).to_owned();
+        let name = if self.scene.name.is_empty() { "scene" } else { &self.scene.name };
+        let proposals = [
+            ("Open…", Purpose::Open, folder.clone()),
+            ("Save scene…", Purpose::Save, self.file.clone().unwrap_or(folder.join(format!("{name}.toml")))),
+            ("Bake…", Purpose::Bake, folder.join("forelock-out").join(name)),
+            ("Film…", Purpose::Film, self.cache.as_deref().unwrap_or(&folder).with_file_name("film.png")),
+            ("Screenshot…", Purpose::Screenshot, folder.join("window.png")),
+        ];
+        for (text, purpose, path) in proposals {
+            // A cache has no scene to save or to run; a film of a scene comes with its run.
+            let can_be_done = match purpose {
+                Purpose::Save | Purpose::Bake => self.cache.is_none(),
+                Purpose::Film => self.cache.is_some(),
+                Purpose::Open | Purpose::Screenshot => true,
+            };
+            let is_busy = self.bake.is_some() && matches!(purpose, Purpose::Bake | Purpose::Film);
+            if ui.add_enabled(can_be_done && !is_busy, egui::Button::new(text)).clicked() {
+                let mut dialog = PathDialog::new(purpose, &path);
+                dialog.has_film = self.scene.output.film;
+                self.dialog = Some(dialog);
+                ui.close();
+            }
+        }
+        if let Some(path) = self.recent_files.show(ui) {
+            self.open_asking(ui.ctx(), path);
+        }
+        if ui.button("Demo").clicked() {
+            match Scene::builtin(&[]) {
+                Ok(scene) => self.load(ui.ctx(), scene.into()),
+                Err(error) => self.message = Some((error.to_string(), true)),
+            }
+            ui.close();
+        }
+        if ui.button("Quit").clicked() {
+            ui.ctx().send_viewport_cmd(egui::ViewportCommand::Close);
         }
     }
 
@@ -145,7 +185,7 @@ impl App {
         }
     }
 
-    /// Draws a film of the cache that is played back, with the camera and the colours of the window.
+    /// Draws a film of the cache that is played back, with camera and colours of the window.
     fn film(&mut self, ctx: &egui::Context, path: PathBuf) {
         let Some(cache) = self.cache.clone() else { return };
         let camera = self.camera_keys().unwrap_or_else(|| self.scene.camera.clone());

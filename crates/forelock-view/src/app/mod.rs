@@ -257,53 +257,7 @@ impl App {
 
     fn menu(&mut self, ui: &mut egui::Ui, status: &Status) {
         egui::MenuBar::new().ui(ui, |ui| {
-            ui.menu_button("File", |ui| {
-                let folder = self.file.as_deref().and_then(Path::parent).unwrap_or(Path::new("")).to_owned();
-                let name = if self.scene.name.is_empty() { "scene" } else { &self.scene.name };
-                let proposals = [
-                    ("Open…", Purpose::Open, folder.clone()),
-                    (
-                        "Save scene…",
-                        Purpose::Save,
-                        self.file.clone().unwrap_or(folder.join(format!("{name}.toml"))),
-                    ),
-                    ("Bake…", Purpose::Bake, folder.join("forelock-out").join(name)),
-                    (
-                        "Film…",
-                        Purpose::Film,
-                        self.cache.as_deref().unwrap_or(&folder).with_file_name("film.png"),
-                    ),
-                    ("Screenshot…", Purpose::Screenshot, folder.join("window.png")),
-                ];
-                for (text, purpose, path) in proposals {
-                    // A cache has no scene to save or to run; the film of a scene is one of its run.
-                    let can_be_done = match purpose {
-                        Purpose::Save | Purpose::Bake => self.cache.is_none(),
-                        Purpose::Film => self.cache.is_some(),
-                        Purpose::Open | Purpose::Screenshot => true,
-                    };
-                    let is_busy = self.bake.is_some() && matches!(purpose, Purpose::Bake | Purpose::Film);
-                    if ui.add_enabled(can_be_done && !is_busy, egui::Button::new(text)).clicked() {
-                        let mut dialog = PathDialog::new(purpose, &path);
-                        dialog.has_film = self.scene.output.film;
-                        self.dialog = Some(dialog);
-                        ui.close();
-                    }
-                }
-                if let Some(path) = self.recent_files.show(ui) {
-                    self.open_asking(ui.ctx(), path);
-                }
-                if ui.button("Demo").clicked() {
-                    match Scene::builtin(&[]) {
-                        Ok(scene) => self.load(ui.ctx(), scene.into()),
-                        Err(error) => self.message = Some((error.to_string(), true)),
-                    }
-                    ui.close();
-                }
-                if ui.button("Quit").clicked() {
-                    ui.ctx().send_viewport_cmd(egui::ViewportCommand::Close);
-                }
-            });
+            ui.menu_button("File", |ui| self.file_menu(ui));
             ui.menu_button("Edit", |ui| {
                 for (verb, next, is_undo) in [("Undo", status.undo, true), ("Redo", status.redo, false)] {
                     let text = next.map_or_else(|| verb.to_owned(), |name| format!("{verb} {name}"));

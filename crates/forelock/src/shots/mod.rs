@@ -18,8 +18,9 @@
 //! vary."solver.kind" = ["ams", "dftl"]
 //! ```
 //!
-//! Each shot has a folder of its name, with its scene in `shot.toml`. Where that file holds the same
-//! scene, what is there counts: a finished shot is done, one that was cut short can be resumed.
+//! Each shot has a folder of its name, with its scene in `shot.toml`. Where that file holds the
+//! same scene, what is there counts: a finished shot is done, one that was cut short can be
+//! resumed.
 
 mod list;
 mod openjd;

@@ -22,8 +22,8 @@ pub struct Chunks {
     pub frames: u32,
 }
 
-/// The template of a job that runs `list`, which is in the file `path`, with the program `forelock`:
-/// JSON, which is YAML too.
+/// The template of a job that runs `list`, which is in the file `path`, with the program
+/// `forelock`: JSON, which is YAML too.
 pub fn openjd(list: &ShotList, path: &Path, chunks: Chunks) -> String {
     let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     let path = path.to_string_lossy();

@@ -270,7 +270,7 @@ fn follow_curve(strand: Strand, at: ptr<function, CurvePlace>, leader: vec3f, ah
 }
 
 // Whether the edge of `turn` with the particle at x may be made shorter: the old curve is outside
-// all solids from edge `begin` to edge `end`, and where lengths have precedence (no `stretch_limit`)
+// all solids from edge `begin` to edge `end`, and where lengths have precedence, `stretch_limit` 0,
 // a solid that is thin beside the edge would cut it.
 fn may_shorten(strand: Strand, begin: u32, end: u32, turn: Turn, x: vec3f) -> bool {
     let last = min(end, strand.particles - 2u);
