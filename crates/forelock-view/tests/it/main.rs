@@ -280,6 +280,21 @@ fn a_baked_cache_is_played_back() {
     assert_eq!(window.harness.state().session().moment().unwrap().positions, last);
 }
 
+/// The bytes of the first picture of a film.
+fn first_picture(path: &Path) -> Vec<u8> {
+    let file = std::io::BufReader::new(std::fs::File::open(path).unwrap());
+    let mut reader = png::Decoder::new(file).read_info().unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    reader.next_frame(&mut pixels).unwrap();
+    pixels
+}
+
+/// The mean difference of two pictures, of 255.
+fn difference(a: &[u8], b: &[u8]) -> f64 {
+    assert_eq!(a.len(), b.len());
+    a.iter().zip(b).map(|(a, b)| f64::from(a.abs_diff(*b))).sum::<f64>() / a.len() as f64
+}
+
 #[test]
 fn films_are_made_from_where_the_camera_is() {
     let folder = tempfile::tempdir().unwrap();
@@ -291,8 +306,9 @@ fn films_are_made_from_where_the_camera_is() {
     let camera = window.harness.state().camera();
     assert!(camera.eye.distance(placed.eye) > 0.05);
     window.bake(&folder.path().join("out"), true);
-    let film = std::fs::read(folder.path().join("out/film.png")).unwrap();
-    // The run's scene has the camera, so a film of its cache is the same.
+    let film = first_picture(&folder.path().join("out/film.png"));
+    // The run's scene has the camera, so a film of its cache is the same, but for widths and colours
+    // of strands, which a cache does not hold.
     window.drop_file(&folder.path().join("out/hair.npz"));
     window.until("the cache is open", |app| app.session().status().parameters.is_none());
     window.until("the camera is placed", |app| app.camera() != camera && app.has_picture());
@@ -302,12 +318,15 @@ fn films_are_made_from_where_the_camera_is() {
     window.choose("File", "Film…");
     window.answer(&path.display().to_string());
     window.until("it is made", |app| app.message().is_some_and(|text| text.starts_with("saved")));
-    assert!(std::fs::read(&path).unwrap() == film, "the films differ");
+    let apart = difference(&first_picture(&path), &film);
+    assert!(apart < 1.5, "the films differ by {apart}");
     // Another place gives another film, and no file is written under another name.
     window.drag(MIDDLE, Vec2::new(0.2, 0.5));
     window.choose("File", "Film…");
     window.answer(&path.display().to_string());
-    window.until("it is made", |app| !app.is_baking() && std::fs::read(&path).unwrap() != film);
+    window.until("it is made", |app| {
+        !app.is_baking() && difference(&first_picture(&path), &film) > 4.0 + apart
+    });
     window.choose("File", "Film…");
     window.answer(&folder.path().join("film.mp4").display().to_string());
     window.until("there is a message", |app| app.message().is_some_and(|text| text.contains("animated PNG")));

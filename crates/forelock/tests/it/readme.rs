@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use forelock::scene::Override;
+use forelock::shots::ShotList;
 use forelock::training::TrainingConfig;
 use forelock::{Backend, RunOptions, Scene, simulate};
 
@@ -42,11 +43,17 @@ fn every_scene_of_the_pages_is_read() -> Result<(), Box<dyn std::error::Error>> 
     let mut read = 0;
     for (path, page) in pages()? {
         for scene in blocks(&page, "toml") {
-            let (name, is_training) = (Path::new("file.toml"), path.ends_with("training.md"));
-            let read_as = if is_training {
-                TrainingConfig::parse(scene, name, &[]).map(drop)
+            let name = Path::new("file.toml");
+            let read_as = if path.ends_with("training.md") {
+                TrainingConfig::parse(scene, name, &[]).map(drop).map_err(|error| error.to_string())
+            } else if path.ends_with("shots.md") {
+                let folder = tempfile::tempdir()?;
+                std::fs::write(folder.path().join("walk.toml"), "")?;
+                std::fs::write(folder.path().join("shots.toml"), scene)?;
+                let list = ShotList::load(&folder.path().join("shots.toml"));
+                list.map(|list| assert_eq!(list.shots.len(), 7)).map_err(|error| error.to_string())
             } else {
-                Scene::parse(scene, name, &[]).map(drop)
+                Scene::parse(scene, name, &[]).map(drop).map_err(|error| error.to_string())
             };
             read_as.map_err(|error| format!("{}: {error}", path.display()))?;
             read += 1;
