@@ -307,8 +307,8 @@ fn films_are_made_from_where_the_camera_is() {
     assert!(camera.eye.distance(placed.eye) > 0.05);
     window.bake(&folder.path().join("out"), true);
     let film = first_picture(&folder.path().join("out/film.png"));
-    // The run's scene has the camera, so a film of its cache is the same, but for widths and colours
-    // of strands, which a cache does not hold.
+    // The run's scene has the camera, so a film of its cache is the same, but for widths and
+    // colours of strands, which a cache does not hold.
     window.drop_file(&folder.path().join("out/hair.npz"));
     window.until("the cache is open", |app| app.session().status().parameters.is_none());
     window.until("the camera is placed", |app| app.camera() != camera && app.has_picture());
