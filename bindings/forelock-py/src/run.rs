@@ -10,7 +10,8 @@ use crate::error;
 use crate::scene::PyScene;
 
 /// Runs a scene into the folder ``out``, as ``forelock simulate`` does: cache, pictures, report.
-/// Returns the summary as JSON. Ctrl-C ends it; ``resume`` goes on with what is there.
+/// Returns the summary as JSON. Ctrl-C ends it, after its pictures once all frames are done;
+/// ``resume`` goes on with what is there.
 /// ``progress`` is called with what is done, steps done and steps in all.
 #[pyfunction]
 #[pyo3(signature = (scene, out, *, resume=false, progress=None))]

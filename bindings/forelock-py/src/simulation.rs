@@ -3,8 +3,9 @@
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use forelock::core::groom::Import;
 use forelock::player::{ColliderId, Player};
-use forelock::scene::GroomSource;
+use forelock::scene::{GroomSource, TimeSection};
 use forelock::{Backend, PlayerError, Scene};
 use glam::Vec3;
 use numpy::{PyArray1, PyArray2};
@@ -109,6 +110,10 @@ impl PySimulation {
                 let path = folder.path().join("groom.npz");
                 forelock::io::write_groom(&path, &groom).map_err(|error| error.to_string())?;
                 scene.groom.source = GroomSource::Files(vec![path]);
+                // It is in metres, y up.
+                let import = Import::default();
+                (scene.groom.unit, scene.groom.up, scene.groom.scale) =
+                    (import.unit, import.up, import.scale);
             }
             let builder = Player::builder(scene).backend(backend);
             let builder = if history { builder } else { builder.without_history() };
@@ -214,7 +219,7 @@ impl PySimulation {
             interaction: before.interaction.clone(),
             wind: before.wind.clone(),
             gravity: before.gravity,
-            time: before.time.clone(),
+            time: TimeSection { substep_secs: before.time.substep_secs, ..after.time.clone() },
             ..after.clone()
         };
         if same_but.with_absolute_paths() != before.clone().with_absolute_paths() {

@@ -30,7 +30,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
     match cli.command {
         Command::Demo(run) => return simulate::demo(&run),
         Command::Simulate(arguments) => return simulate::simulate(&arguments),
-        Command::Shots(arguments) => return shots::shots(&arguments),
+        Command::Shots(arguments) => return shots::shots(&arguments, cli.threads),
         Command::Render(arguments) => render::render(&arguments)?,
         Command::View(arguments) => view::view(&arguments)?,
         Command::Grow(arguments) => grow::grow(&arguments)?,

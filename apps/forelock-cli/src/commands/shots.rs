@@ -11,6 +11,7 @@ use std::path::Path;
 use std::process::{Child, Command, ExitCode, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
@@ -31,10 +32,13 @@ const MOST_JOBS: usize = 8;
 /// Lines of a process that are kept for the message of a failure.
 const KEPT: usize = 5;
 
-/// Runs the list.
-pub fn shots(arguments: &ShotsArgs) -> anyhow::Result<ExitCode> {
+/// Runs the list. Each shot has `threads` threads, by default its share of the processors.
+pub fn shots(arguments: &ShotsArgs, threads: Option<u16>) -> anyhow::Result<ExitCode> {
     let list = ShotList::load(&arguments.list)?.only(&arguments.only)?;
     if let Some(path) = &arguments.openjd {
+        if std::path::absolute(path)? == std::path::absolute(&arguments.list)? {
+            anyhow::bail!("{}: this is the list itself; name another file", path.display());
+        }
         let text = openjd(&list, &arguments.list, Chunks { frames: arguments.chunk });
         forelock_io::atomic_write(path, |file| file.write_all(text.as_bytes()))?;
         terminal::line(format!("{}: {} shots", path.display(), list.shots.len()))?;
@@ -52,7 +56,7 @@ pub fn shots(arguments: &ShotsArgs) -> anyhow::Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     interrupt::set_watched(true);
-    let outcomes = Runner::new(&list, arguments).run()?;
+    let outcomes = Runner::new(&list, arguments, threads).run()?;
     interrupt::set_watched(false);
     report(&list, arguments, outcomes)
 }
@@ -66,8 +70,9 @@ struct Job {
     child: Child,
     /// Frames done, as it told last.
     frame: Arc<AtomicU32>,
-    /// The last lines that it printed.
+    /// The last lines that it printed, and the thread that reads them.
     lines: Arc<Mutex<VecDeque<String>>>,
+    reader: Option<JoinHandle<()>>,
 }
 
 struct Runner<'a> {
@@ -81,7 +86,7 @@ struct Runner<'a> {
 }
 
 impl<'a> Runner<'a> {
-    fn new(list: &'a ShotList, arguments: &'a ShotsArgs) -> Self {
+    fn new(list: &'a ShotList, arguments: &'a ShotsArgs, threads: Option<u16>) -> Self {
         let processors = std::thread::available_parallelism().map_or(1, usize::from);
         let jobs = arguments.jobs.map_or(processors.min(MOST_JOBS), usize::from).min(list.shots.len());
         let mut outcomes = vec![None; list.shots.len()];
@@ -93,7 +98,7 @@ impl<'a> Runner<'a> {
             }
         }
         let waiting = (0..outcomes.len()).filter(|&index| outcomes[index].is_none()).collect();
-        let threads = (processors / jobs.max(1)).max(1);
+        let threads = threads.map_or((processors / jobs.max(1)).max(1), usize::from);
         Self { shots: &list.shots, arguments, waiting, running: Vec::new(), outcomes, jobs, threads }
     }
 
@@ -117,7 +122,9 @@ impl<'a> Runner<'a> {
                     break;
                 }
                 let Some(index) = self.waiting.pop_front() else { break };
-                self.start(index)?;
+                if let Err(error) = self.start(index) {
+                    self.end(index, Some(Err(format!("{error:#}"))));
+                }
             }
             self.collect()?;
             if self.running.is_empty() && (is_stopped || self.waiting.is_empty()) {
@@ -138,8 +145,14 @@ impl<'a> Runner<'a> {
             self.waiting.push_back(index);
             return Ok(());
         }
-        let goes_on = !self.arguments.again && shot.standing() == Standing::Begun;
-        shot.prepare()?;
+        let standing = if self.arguments.again { Standing::New } else { shot.standing() };
+        if let Standing::Done(result) = standing {
+            // Another process has run it meanwhile.
+            self.end(index, Some(Ok(result)));
+            return Ok(());
+        }
+        let goes_on = standing == Standing::Begun;
+        shot.prepare(goes_on)?;
         let program = std::env::current_exe().context("the program does not find itself")?;
         let mut command = Command::new(program);
         command.arg("simulate").arg(shot.scene_file()).arg("--out").arg(&shot.folder);
@@ -153,7 +166,7 @@ impl<'a> Runner<'a> {
         let child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn();
         let mut child = child.with_context(|| format!("the process of {} cannot start", shot.name))?;
         let (frame, lines) = (Arc::<AtomicU32>::default(), Arc::<Mutex<VecDeque<String>>>::default());
-        if let Some(errors) = child.stderr.take() {
+        let reader = child.stderr.take().map(|errors| {
             let (frame, lines) = (frame.clone(), lines.clone());
             std::thread::spawn(move || {
                 for line in BufReader::new(errors).lines().map_while(Result::ok) {
@@ -167,9 +180,9 @@ impl<'a> Runner<'a> {
                         lines.pop_front();
                     }
                 }
-            });
-        }
-        self.running.push(Job { index, child, frame, lines });
+            })
+        });
+        self.running.push(Job { index, child, frame, lines, reader });
         Ok(())
     }
 
@@ -181,7 +194,9 @@ impl<'a> Runner<'a> {
                 at += 1;
                 continue;
             };
-            let Job { index, lines, .. } = self.running.swap_remove(at);
+            let Job { index, lines, reader, .. } = self.running.swap_remove(at);
+            // A panic of the thread has been printed.
+            let _ = reader.map(JoinHandle::join);
             let shot = &self.shots[index];
             let lines = lines.lock().unwrap_or_else(PoisonError::into_inner);
             let outcome = match shot.result() {
@@ -192,16 +207,26 @@ impl<'a> Runner<'a> {
                     Some(Err(error.map_or_else(|| format!("the process ended with {status}"), str::to_owned)))
                 }
             };
-            if let (Some(outcome), false) = (&outcome, self.arguments.json) {
-                let told = match outcome {
-                    Ok(result) => format!("{} frames, {:.1} ms each", result.frames, result.ms_per_frame()),
-                    Err(error) => format!("failed: {error}"),
-                };
-                terminal::note(format!("{}: {told}", shot.name));
+            if matches!(outcome, Some(Err(_))) && forelock::is_running_in(&shot.folder) {
+                // Another process was quicker.
+                self.waiting.push_back(index);
+            } else {
+                self.end(index, outcome);
             }
-            self.outcomes[index] = outcome;
         }
         Ok(())
+    }
+
+    /// Notes what became of a shot.
+    fn end(&mut self, index: usize, outcome: Option<Outcome>) {
+        if let (Some(outcome), false) = (&outcome, self.arguments.json) {
+            let told = match outcome {
+                Ok(result) => format!("{} frames, {:.1} ms each", result.frames, result.ms_per_frame()),
+                Err(error) => format!("failed: {error}"),
+            };
+            terminal::note(format!("{}: {told}", self.shots[index].name));
+        }
+        self.outcomes[index] = outcome;
     }
 
     /// One line of what runs.

@@ -28,12 +28,15 @@ def shots(path, *, program="forelock", num_cpus=1):
         raise RuntimeError(listed.stderr.strip())
     names = [line.rsplit(": ", 1)[0] for line in listed.stdout.splitlines()]
     task = ray.remote(num_cpus=num_cpus)(_shot)
-    return dict(zip(names, ray.get([task.remote(program, path, name) for name in names])))
+    threads = str(max(1, int(num_cpus)))
+    return dict(zip(names, ray.get([task.remote(program, path, name, threads) for name in names])))
 
 
-def _shot(program, path, name):
+def _shot(program, path, name, threads):
     run = subprocess.run(
-        [program, "shots", path, "--only", name, "--json"], capture_output=True, text=True
+        [program, "shots", path, "--only", name, "--json", "--threads", threads],
+        capture_output=True,
+        text=True,
     )
     try:
         return json.loads(run.stdout)["shots"][0]

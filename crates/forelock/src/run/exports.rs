@@ -27,6 +27,8 @@ pub(super) fn write(
 ) -> Result<Vec<PathBuf>, RunError> {
     let paths = paths(scene, out);
     for path in &paths {
+        // A folder that cannot be made is told by the writer.
+        let _ = path.parent().map(std::fs::create_dir_all);
         let reader = AnimationReader::open(cache, &Import::default()).map_err(AnimationError::from)?;
         let mut reader = reader.with_attributes_of(groom);
         let total = reader.times_secs().len() as u64;

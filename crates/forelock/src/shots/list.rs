@@ -60,10 +60,8 @@ impl ShotList {
         let parse = |message: String| ShotsError::Parse { path: path.to_owned(), message };
         let raw: RawList = toml::from_str(&text).map_err(|error| parse(error.to_string()))?;
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let out = match &raw.out {
-            Some(out) => beside(path, out),
-            None => Path::new("forelock-out").join(&name),
-        };
+        let out = raw.out.clone().unwrap_or_else(|| Path::new("forelock-out").join(&name));
+        let out = beside(path, &out);
         let common = flat(&raw.set);
         let mut shots = Vec::new();
         for (number, own) in (1..).zip(&raw.shot) {
@@ -239,7 +237,7 @@ mod tests {
         fs::write(&path, "out = \"o\"\n[[shot]]\nset.\"time.frames\" = 2\n").unwrap();
         let shot = ShotList::load(&path).unwrap().shots.remove(0);
         assert_eq!(shot.standing(), super::super::Standing::New);
-        shot.prepare().unwrap();
+        shot.prepare(false).unwrap();
         assert_eq!(shot.standing(), super::super::Standing::Begun);
         let summary = |frames: u32| {
             let text = format!(
@@ -248,6 +246,11 @@ mod tests {
             );
             fs::write(shot.folder.join("summary.json"), text).unwrap();
         };
+        fs::write(shot.folder.join("snapshot.npz"), "").unwrap();
+        shot.prepare(true).unwrap();
+        assert!(shot.folder.join("snapshot.npz").is_file());
+        shot.prepare(false).unwrap();
+        assert!(!shot.folder.join("snapshot.npz").is_file());
         summary(1);
         assert_eq!(shot.standing(), super::super::Standing::Begun);
         summary(2);

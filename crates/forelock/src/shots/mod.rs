@@ -4,7 +4,7 @@
 //! [`ShotList::load`] reads a TOML file and multiplies its entries out:
 //!
 //! ```toml
-//! out = "renders"                 # folder of all shots; default forelock-out/NAME OF THE FILE
+//! out = "renders"                 # folder of all shots; forelock-out/NAME beside the list
 //! set."time.frames" = 120         # laid over every scene
 //!
 //! [[shot]]
@@ -41,6 +41,8 @@ pub use openjd::{Chunks, openjd};
 const SHOT: &str = "shot.toml";
 /// What the run writes when it is done.
 const SUMMARY: &str = "summary.json";
+/// What a run goes on from.
+const SNAPSHOT: &str = "snapshot.npz";
 
 /// Why a list of shots cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -185,16 +187,19 @@ impl Shot {
     }
 
     /// Makes its folder and writes its scene there. The summary of an earlier run is removed, so
-    /// that none is there until the new one ends.
+    /// that none is there until the new one ends, and unless it `goes_on` its snapshot too.
     ///
     /// # Errors
     /// [`ShotsError`] if that cannot be written.
-    pub fn prepare(&self) -> Result<(), ShotsError> {
+    pub fn prepare(&self, goes_on: bool) -> Result<(), ShotsError> {
         let folder = |error| ShotsError::Folder { path: self.folder.clone(), error };
         fs::create_dir_all(&self.folder).map_err(folder)?;
-        match fs::remove_file(self.folder.join(SUMMARY)) {
-            Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(folder(error)),
-            _ => {}
+        let old: &[&str] = if goes_on { &[SUMMARY] } else { &[SUMMARY, SNAPSHOT] };
+        for name in old {
+            match fs::remove_file(self.folder.join(name)) {
+                Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(folder(error)),
+                _ => {}
+            }
         }
         let text = self.scene.to_toml();
         forelock_io::atomic_write(&self.scene_file(), |file| file.write_all(text.as_bytes()))?;
