@@ -63,10 +63,7 @@ fn simulate_scene(scene: &Scene, run: &RunArgs) -> anyhow::Result<ExitCode> {
 
 /// `forelock-out/NAME`. Characters of the name that do not suit a folder are replaced.
 pub(super) fn default_folder(name: &str) -> PathBuf {
-    let plain = |c: char| if c.is_alphanumeric() || "-_. ".contains(c) { c } else { '-' };
-    let name: String = name.chars().map(plain).collect();
-    let name = name.trim_matches(['.', ' ']);
-    Path::new("forelock-out").join(if name.is_empty() { "scene" } else { name })
+    Path::new("forelock-out").join(forelock::folder_name(name, "scene"))
 }
 
 fn print(summary: &Summary) -> anyhow::Result<()> {

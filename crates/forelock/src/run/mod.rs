@@ -374,13 +374,13 @@ impl<'a> Run<'a> {
         outputs.extend(pictures.files);
 
         let mut summary = self.summary(outputs, state_hash, sleeping);
-        summary.outputs.push(self.out.join("summary.json"));
+        summary.outputs.push(self.out.join(SUMMARY));
         if scene.output.report {
             summary.outputs.push(self.out.join("report.html"));
             text("report.html", &report::html(scene, &summary, &self.so_far.rows, &pictures.shown))?;
         }
         let json = serde_json::to_string_pretty(&summary).unwrap_or_default();
-        text("summary.json", &json)?;
+        text(SUMMARY, &json)?;
         Ok(summary)
     }
 
@@ -438,7 +438,10 @@ impl<'a> Run<'a> {
 pub const SIMULATING: &str = "simulating";
 
 /// Name of the snapshot in the output folder.
-const SNAPSHOT: &str = "snapshot.npz";
+pub(crate) const SNAPSHOT: &str = "snapshot.npz";
+
+/// Name of the summary in the output folder, which is written last.
+pub(crate) const SUMMARY: &str = "summary.json";
 
 /// Name of the scene with every key in the output folder.
 const SCENE: &str = "scene.toml";
@@ -450,6 +453,15 @@ const LOCK: &str = ".forelock.lock";
 pub fn is_running_in(out: &Path) -> bool {
     let lock = out.join(LOCK);
     lock.is_file() && matches!(Lock::take(&lock, out), Err(WriteError::Locked { .. }))
+}
+
+/// `name` as the name of a folder: characters that do not suit one are replaced. `otherwise` if
+/// nothing is left.
+pub fn folder_name(name: &str, otherwise: &str) -> String {
+    let plain = |c: char| if c.is_alphanumeric() || "-_. ".contains(c) { c } else { '-' };
+    let name: String = name.chars().map(plain).collect();
+    let name = name.trim_matches(['.', ' ']);
+    if name.is_empty() { otherwise.to_owned() } else { name.to_owned() }
 }
 
 /// Where the cache goes, if there is to be one.

@@ -9,6 +9,7 @@ use toml::{Table, Value};
 
 use super::{Shot, ShotsError, beside};
 use crate::Scene;
+use crate::run::folder_name;
 use crate::scene::Override;
 
 /// The longest list.
@@ -176,10 +177,7 @@ fn name_of(begun: &str, chosen: &[(&String, &Value)]) -> String {
         let key = key.rsplit('.').next().unwrap_or(key);
         name += &format!("-{key}{}", value.to_string().replace('"', ""));
     }
-    let plain = |c: char| if c.is_alphanumeric() || "-_. ".contains(c) { c } else { '-' };
-    let name: String = name.chars().map(plain).collect();
-    let name = name.trim_matches(['.', ' ']);
-    if name.is_empty() { "shot".to_owned() } else { name.to_owned() }
+    folder_name(&name, "shot")
 }
 
 #[cfg(test)]

@@ -32,6 +32,7 @@ use serde::Deserialize;
 
 use crate::Scene;
 use crate::html::{escape, page};
+use crate::run::{SNAPSHOT, SUMMARY};
 use crate::scene::SceneError;
 
 pub use list::ShotList;
@@ -39,10 +40,6 @@ pub use openjd::{Chunks, openjd};
 
 /// File of a shot's scene, in its folder.
 const SHOT: &str = "shot.toml";
-/// What the run writes when it is done.
-const SUMMARY: &str = "summary.json";
-/// What a run goes on from.
-const SNAPSHOT: &str = "snapshot.npz";
 
 /// Why a list of shots cannot be used.
 #[derive(Debug, thiserror::Error)]
