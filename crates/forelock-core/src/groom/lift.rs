@@ -3,13 +3,20 @@
 //! # Theory
 //! The ghosts of the solver are at the rest shape and attract the hair permanently: a particle
 //! whose rest position is inside the head would be pulled into the head against the contact that
-//! pushes it out. Therefore the rest shape is moved out of the body, with as little change as
-//! possible. A root that is at most `max_depth` deep moves to the surface, together with its
-//! strand. Then, from the root outwards, each particle beyond the clamped ones keeps its direction
-//! from the previous particle (follow the leader), rotated just as far that it is `margin` outside,
-//! at the length of its edge. The point that is both on the sphere about the previous particle and
-//! on the surface is found by alternating projections; an edge that points straight into the body
-//! is placed along the skin instead.
+//! pushes it out, and so would an edge that passes through an ear. Therefore the rest shape is
+//! moved out of the body, with as little change as possible. A root that is at most `max_depth`
+//! deep moves to the surface, together with its strand.
+//!
+//! Then, from the root outwards, each edge beyond the clamped particles keeps its length, and its
+//! direction where it is free: the particle `margin` outside, and no point of the edge inside. An
+//! edge that is not free turns towards the normal of the surface through which it enters the body.
+//! Where that folds the strand, it takes the free direction nearest to its own that does not. The
+//! edges after it turn by up to 30° to bring the strand back to where it was.
+//!
+//! # Practice
+//! Edges that are at most [`EDGE_DEPTH`] deep stay, as those of strands that lie on the skin are:
+//! between two particles on a head a chord of 1 cm is 0.2 mm deeper than they are. Solids push them
+//! out by as much.
 //!
 //! # Limitations
 //! A root deeper than `max_depth` is not moved: a strand with its root in the middle of the head
@@ -22,6 +29,24 @@ use rayon::prelude::*;
 
 use super::Groom;
 use crate::body::Sdf;
+
+/// Depth of an edge between its particles from which it counts as passing through the body, metres.
+pub const EDGE_DEPTH: f32 = 3e-4;
+
+/// Most points at which an edge is tested.
+const EDGE_POINTS: usize = 64;
+
+/// Part of a leader's displacement that the next edge takes back, and the most of its length.
+const RETURN: f32 = 0.5;
+
+/// Least cosine of the angle between two edges; below it the strand is folded.
+const LEAST_COSINE: f32 = 0.2;
+
+/// Directions that are tried where a turn towards the surface's normal does not help.
+const DIRECTIONS: u32 = 256;
+
+/// Most turns of an edge in the search for a free direction.
+const TURNS: usize = 32;
 
 /// Parameters of [`lift_out`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,6 +84,10 @@ pub struct LiftReport {
     pub inside_after: usize,
     /// Depth in metres of the deepest such particle before.
     pub deepest: f32,
+    /// Edges beyond the clamped particles that passed through the body before.
+    pub edges_before: usize,
+    /// Such edges that still do.
+    pub edges_after: usize,
     /// Strands of which a particle beyond the clamped ones was moved.
     pub strands_bent: usize,
     /// Largest relative change of an edge's length.
@@ -75,6 +104,8 @@ impl LiftReport {
             inside_before: self.inside_before + other.inside_before,
             inside_after: self.inside_after + other.inside_after,
             deepest: self.deepest.max(other.deepest),
+            edges_before: self.edges_before + other.edges_before,
+            edges_after: self.edges_after + other.edges_after,
             strands_bent: self.strands_bent + other.strands_bent,
             max_stretch: self.max_stretch.max(other.max_stretch),
         }
@@ -87,11 +118,13 @@ impl std::fmt::Display for LiftReport {
             return write!(f, "no strand is inside the body");
         }
         let Self { roots_lifted, roots_too_deep, inside_before, inside_after, strands_bent, .. } = self;
+        let Self { edges_before, edges_after, .. } = self;
         write!(
             f,
-            "{inside_before} particles were inside the body (deepest {:.2} mm): {roots_lifted} strands \
-             were moved with their roots to the surface, {strands_bent} were bent out of the body, edge \
-             lengths changed by {:.1} % at most; {inside_after} particles are still inside",
+            "{inside_before} particles were inside the body (deepest {:.2} mm), and {edges_before} edges \
+             passed through it: {roots_lifted} strands were moved with their roots to the surface, \
+             {strands_bent} were bent out of the body, edge lengths changed by {:.1} % at most; \
+             {inside_after} particles are still inside, {edges_after} edges pass through",
             self.deepest * 1e3,
             self.max_stretch * 1e2
         )?;
@@ -136,12 +169,16 @@ fn lift_strand(strand: &mut [Vec3], body: &Sdf, params: &LiftParams, clamped: us
         let free = strand.iter().skip(clamped).map(|&p| body.sample(p).0).filter(|d| *d < 0.0);
         free.fold((0, 0.0f32), |(count, deepest), d| (count + 1, deepest.max(-d)))
     };
+    let passing = |strand: &[Vec3]| {
+        (clamped..strand.len()).filter(|&i| Edge::of(strand, i, clamped).is_deeper(body, EDGE_DEPTH)).count()
+    };
     (report.inside_before, report.deepest) = deepest(strand);
+    report.edges_before = passing(strand);
     let lengths: Vec<f32> = strand.windows(2).map(|w| w[0].distance(w[1])).collect();
     let depth = -body.sample(root).0;
     if params.move_roots && depth > params.max_depth {
         report.roots_too_deep = 1;
-        report.inside_after = report.inside_before;
+        (report.inside_after, report.edges_after) = (report.inside_before, report.edges_before);
         return report;
     }
     if params.move_roots && depth > 0.0 {
@@ -149,11 +186,11 @@ fn lift_strand(strand: &mut [Vec3], body: &Sdf, params: &LiftParams, clamped: us
         let shift = pushed_out(root, body, 0.0) - root;
         strand.iter_mut().for_each(|p| *p += shift);
     }
-    if deepest(strand).0 > 0 {
+    if deepest(strand).0 + passing(strand) > 0 {
         report.strands_bent = 1;
         bend_out(strand, &lengths, body, params.margin, clamped);
     }
-    report.inside_after = deepest(strand).0;
+    (report.inside_after, report.edges_after) = (deepest(strand).0, passing(strand));
     report.max_stretch = strand
         .windows(2)
         .zip(&lengths)
@@ -164,41 +201,135 @@ fn lift_strand(strand: &mut [Vec3], body: &Sdf, params: &LiftParams, clamped: us
 }
 
 /// Places every particle outside the body, at its edge's length from the previous one, from the
-/// root to the tip.
+/// root to the tip. Edges keep their directions, turned by up to 30° towards where their particles
+/// were.
 fn bend_out(strand: &mut [Vec3], lengths: &[f32], body: &Sdf, margin: f32, clamped: usize) {
+    let old = strand.to_vec();
     for i in clamped..strand.len() {
         let (leader, length) = (strand[i - 1], lengths[i - 1]);
-        let distance = strand[i].distance(leader);
-        let moved = (distance - length).abs() > 1e-5 * length;
-        if moved || body.sample(strand[i]).0 < margin {
-            strand[i] = placed(leader, strand[i] - leader, length, body, margin);
+        let offset = (old[i - 1] - leader).clamp_length_max(length);
+        strand[i] = leader + (old[i] - old[i - 1]) + RETURN * offset;
+        let edge = Edge::of(strand, i, clamped);
+        let moved = offset != Vec3::ZERO;
+        if moved || body.sample(edge.end).0 < margin || edge.is_deeper(body, EDGE_DEPTH) {
+            strand[i] = edge.placed(length, body, margin);
+        } else {
+            strand[i] = old[i];
         }
     }
 }
 
-/// The point at distance `length` from `leader` whose direction is nearest to `edge` and that is
-/// `margin` outside the body, up to a tenth of the margin.
-fn placed(leader: Vec3, edge: Vec3, length: f32, body: &Sdf, margin: f32) -> Vec3 {
-    let clear = |p: Vec3| body.sample(p).0 >= 0.9 * margin;
-    let mut p = leader + edge.normalize_or_zero() * length;
-    for _ in 0..16 {
-        if clear(p) {
-            return p;
-        }
-        let out = pushed_out(p, body, margin) - leader;
-        if out.length() < 0.2 * length {
-            break;
-        }
-        p = leader + out.normalize() * length;
+/// An edge from a particle to the next one.
+#[derive(Clone, Copy)]
+struct Edge {
+    leader: Vec3,
+    end: Vec3,
+    /// Direction of the edge before, or of the first edge itself.
+    before: Vec3,
+    /// Whether the leader is clamped: it and the half of the edge next to it may be inside.
+    is_root: bool,
+}
+
+/// The part of an edge that is inside the body.
+struct Inside {
+    /// Where on the edge the deepest point is, 0 to 1.
+    at: f32,
+    depth: f32,
+    /// Gradient of the distance where the edge enters the body.
+    normal: Vec3,
+}
+
+impl Edge {
+    /// The edge to particle `i` of a strand.
+    fn of(strand: &[Vec3], i: usize, clamped: usize) -> Self {
+        let [leader, end] = [strand[i - 1], strand[i]];
+        let before = if i < 2 { end - leader } else { leader - strand[i - 2] }.normalize_or_zero();
+        Self { leader, end, before, is_root: i == clamped }
     }
-    let normal = body.sample(leader).1.normalize();
-    let along =
-        edge.reject_from_normalized(normal).try_normalize().unwrap_or(normal.any_orthonormal_vector());
-    let turned = |up: f32| leader + (along * (1.0 - up) + normal * up).normalize() * length;
-    let found = [0.0, 0.15, 0.3, 0.5, 0.7, 0.85, 1.0].into_iter().map(turned).find(|&p| clear(p));
-    // No position fits in a fold narrower than the edge: a short edge is better than a particle
-    // inside.
-    found.unwrap_or_else(|| pushed_out(p, body, margin))
+
+    /// Where the edge between its particles is inside the body.
+    fn inside(&self, body: &Sdf) -> Option<Inside> {
+        let length = self.leader.distance(self.end);
+        let ends = if self.is_root { 0.0 } else { body.sample(self.leader).0 } + body.sample(self.end).0;
+        // Distances change by no more than the way along the edge.
+        if ends >= length {
+            return None;
+        }
+        let parts = (4.0 * length / body.near_cell()).ceil().clamp(2.0, EDGE_POINTS as f32);
+        let mut inside: Option<Inside> = None;
+        for k in 1..parts as usize {
+            let at = k as f32 / parts;
+            let (distance, gradient) = body.sample(self.leader.lerp(self.end, at));
+            if distance >= 0.0 || (self.is_root && at < 0.5) {
+                continue;
+            }
+            let inside = inside.get_or_insert(Inside { at, depth: 0.0, normal: gradient });
+            if -distance > inside.depth {
+                (inside.at, inside.depth) = (at, -distance);
+            }
+        }
+        inside
+    }
+
+    fn is_deeper(&self, body: &Sdf, depth: f32) -> bool {
+        self.inside(body).is_some_and(|inside| inside.depth > depth)
+    }
+
+    /// The part of the edge that is inside the body, with its end if that is less than `margin`
+    /// outside, up to a tenth of the margin.
+    fn blocked(&self, body: &Sdf, margin: f32) -> Option<Inside> {
+        self.inside(body).or_else(|| {
+            let (distance, normal) = body.sample(self.end);
+            (distance < 0.9 * margin).then_some(Inside { at: 1.0, depth: margin - distance, normal })
+        })
+    }
+
+    /// A place of the end at distance `length` from the leader where the edge is not
+    /// [`blocked`](Self::blocked), in a direction near to that of the edge and without a fold at
+    /// the leader.
+    fn placed(&self, length: f32, body: &Sdf, margin: f32) -> Vec3 {
+        let goal = (self.end - self.leader).normalize_or_zero();
+        let at = |direction: Vec3| self.leader + direction * length;
+        let unfolded = |direction: &Vec3| direction.dot(self.before) >= LEAST_COSINE;
+        let turned = self.turned(goal, length, body, margin);
+        if let Some(direction) = turned.filter(unfolded) {
+            return at(direction);
+        }
+        let free = |direction: &Vec3| Self { end: at(*direction), ..*self }.blocked(body, margin).is_none();
+        let mut directions: Vec<Vec3> = sphere().collect();
+        directions.sort_by(|a, b| b.dot(goal).total_cmp(&a.dot(goal)));
+        let found = directions.iter().copied().filter(unfolded).find(free).or(turned);
+        // No position fits in a fold narrower than the edge: a short edge is better than a particle
+        // inside.
+        let found = found.or_else(|| directions.into_iter().find(free));
+        found.map_or_else(|| pushed_out(at(goal), body, margin), at)
+    }
+
+    /// The direction in which the edge is free after turns from the direction `goal` towards the
+    /// normal of the surface through which it enters the body.
+    fn turned(&self, goal: Vec3, length: f32, body: &Sdf, margin: f32) -> Option<Vec3> {
+        let mut direction = goal;
+        for _ in 0..TURNS {
+            let end = self.leader + direction * length;
+            let Some(inside) = (Self { end, ..*self }).blocked(body, margin) else { return Some(direction) };
+            let step = ((inside.depth + 0.1 * margin) / (inside.at * length)).max(0.05);
+            let way = direction + inside.normal.normalize_or_zero() * step;
+            if way.length() < 0.2 {
+                break;
+            }
+            direction = way.normalize();
+        }
+        None
+    }
+}
+
+/// Directions spread over the sphere (Fibonacci lattice).
+fn sphere() -> impl Iterator<Item = Vec3> {
+    (0..DIRECTIONS).map(|k| {
+        let z = 1.0 - (2.0 * k as f32 + 1.0) / DIRECTIONS as f32;
+        let (sine, cosine) = (k as f32 * std::f32::consts::PI * (3.0 - 5.0f32.sqrt())).sin_cos();
+        Vec3::new(cosine, sine, 0.0) * (1.0 - z * z).sqrt() + Vec3::Z * z
+    })
 }
 
 /// Moves `p` along the gradient until it is `margin` outside, as far as a few Newton steps allow.
@@ -265,6 +396,32 @@ mod tests {
         assert!(report.max_stretch < 1e-4, "{report}");
         for strand in groom.strands() {
             assert!(strand.iter().skip(1).all(|p| p.length() > RADIUS - 5e-4));
+        }
+    }
+
+    /// An ear of 3 mm by 4 cm lies between two particles of a strand.
+    #[test]
+    fn a_strand_through_an_ear_is_led_around_it() {
+        let mut mesh = uv_sphere(0.02, 48, 24);
+        for vertex in &mut mesh.positions {
+            vertex.z *= 0.075;
+        }
+        let ear = Sdf::from_mesh(&mesh, 96, 0.02).unwrap();
+        for offset in [0.0, 0.006, 0.012] {
+            let strand: Vec<Vec3> =
+                (0..16).map(|i| Vec3::new(offset, 0.001, 0.004 + 0.008 * (i as f32 - 4.0))).collect();
+            let mut groom = Groom::from_strands([strand]).unwrap();
+            let report =
+                lift_out(&mut groom, &ear, &LiftParams { move_roots: false, ..LiftParams::default() });
+            assert_eq!((report.inside_before, report.edges_before), (0, 1), "{report}");
+            assert_eq!((report.inside_after, report.edges_after, report.strands_bent), (0, 0, 1), "{report}");
+            assert!(report.max_stretch < 1e-4, "{report}");
+            let turns = groom.positions().windows(3).map(|w| (w[1] - w[0]).angle_between(w[2] - w[1]));
+            let sharpest = turns.fold(0.0, f32::max);
+            assert!(sharpest < 2.0, "a fold of {sharpest}");
+            // It goes on behind the ear.
+            let tip = groom.positions()[15];
+            assert!(tip.z > 0.02, "the tip is at {tip}");
         }
     }
 

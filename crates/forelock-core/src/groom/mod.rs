@@ -17,7 +17,7 @@ use glam::Vec3;
 
 pub use binding::{BindingReport, bind_roots};
 pub use info::{Info, Spread, UnitGuess};
-pub use lift::{LiftParams, LiftReport, lift_out};
+pub use lift::{EDGE_DEPTH, LiftParams, LiftReport, lift_out};
 pub use repair::{REPEATED_FRACTION, RepairReport, repair};
 pub use resample::{ResampleError, resample, resample_to};
 pub use root_frames::{

@@ -57,7 +57,7 @@ impl std::fmt::Display for EditReport {
         if self.bindings_dropped {
             write!(f, "; root bindings dropped")?;
         }
-        if self.lift.inside_before > 0 {
+        if self.lift.inside_before + self.lift.edges_before > 0 {
             write!(f, "; {}", self.lift)?;
         }
         Ok(())
