@@ -30,16 +30,17 @@ use rayon::prelude::*;
 use super::Groom;
 use crate::body::Sdf;
 
-/// Depth of an edge between its particles from which it counts as passing through the body, metres.
+/// Depth in the body of a point of an edge between its particles, metres, beyond which the edge is
+/// moved out.
 pub const EDGE_DEPTH: f32 = 3e-4;
 
 /// Most points at which an edge is tested.
 const EDGE_POINTS: usize = 64;
 
-/// Part of a leader's displacement that the next edge takes back, and the most of its length.
+/// Share of its leader's displacement that an edge takes back; at most this share of its length.
 const RETURN: f32 = 0.5;
 
-/// Least cosine of the angle between two edges; below it the strand is folded.
+/// Cosine of the angle between two consecutive edges below which the strand is folded.
 const LEAST_COSINE: f32 = 0.2;
 
 /// Directions that are tried where a turn towards the surface's normal does not help.
@@ -84,9 +85,9 @@ pub struct LiftReport {
     pub inside_after: usize,
     /// Depth in metres of the deepest such particle before.
     pub deepest: f32,
-    /// Edges beyond the clamped particles that passed through the body before.
+    /// Edges beyond the clamped particles that were deeper than [`EDGE_DEPTH`] in the body before.
     pub edges_before: usize,
-    /// Such edges that still do.
+    /// Such edges that still are.
     pub edges_after: usize,
     /// Strands of which a particle beyond the clamped ones was moved.
     pub strands_bent: usize,
@@ -117,14 +118,14 @@ impl std::fmt::Display for LiftReport {
         if *self == Self::default() {
             return write!(f, "no strand is inside the body");
         }
-        let Self { roots_lifted, roots_too_deep, inside_before, inside_after, strands_bent, .. } = self;
-        let Self { edges_before, edges_after, .. } = self;
+        let Self { roots_lifted, roots_too_deep, inside_before, inside_after, .. } = self;
+        let Self { edges_before, edges_after, strands_bent, .. } = self;
         write!(
             f,
-            "{inside_before} particles were inside the body (deepest {:.2} mm), and {edges_before} edges \
-             passed through it: {roots_lifted} strands were moved with their roots to the surface, \
-             {strands_bent} were bent out of the body, edge lengths changed by {:.1} % at most; \
-             {inside_after} particles are still inside, {edges_after} edges pass through",
+            "{inside_before} particles (deepest {:.2} mm) and {edges_before} edges were inside the body: \
+             {roots_lifted} strands were moved with their roots to the surface, {strands_bent} were bent \
+             out of the body, edge lengths changed by {:.1} % at most; {inside_after} particles and \
+             {edges_after} edges are still inside",
             self.deepest * 1e3,
             self.max_stretch * 1e2
         )?;
@@ -165,32 +166,25 @@ pub fn lift_out(groom: &mut Groom, body: &Sdf, params: &LiftParams) -> LiftRepor
 fn lift_strand(strand: &mut [Vec3], body: &Sdf, params: &LiftParams, clamped: usize) -> LiftReport {
     let mut report = LiftReport::default();
     let Some(&root) = strand.first().filter(|_| strand.iter().all(|p| p.is_finite())) else { return report };
-    let deepest = |strand: &[Vec3]| {
-        let free = strand.iter().skip(clamped).map(|&p| body.sample(p).0).filter(|d| *d < 0.0);
-        free.fold((0, 0.0f32), |(count, deepest), d| (count + 1, deepest.max(-d)))
-    };
-    let passing = |strand: &[Vec3]| {
-        (clamped..strand.len()).filter(|&i| Edge::of(strand, i, clamped).is_deeper(body, EDGE_DEPTH)).count()
-    };
-    (report.inside_before, report.deepest) = deepest(strand);
-    report.edges_before = passing(strand);
+    let mut left = Depths::of(strand, body, clamped);
+    (report.inside_before, report.deepest, report.edges_before) = (left.particles, left.deepest, left.edges);
     let lengths: Vec<f32> = strand.windows(2).map(|w| w[0].distance(w[1])).collect();
     let depth = -body.sample(root).0;
-    if params.move_roots && depth > params.max_depth {
-        report.roots_too_deep = 1;
-        (report.inside_after, report.edges_after) = (report.inside_before, report.edges_before);
-        return report;
+    report.roots_too_deep = usize::from(params.move_roots && depth > params.max_depth);
+    if report.roots_too_deep == 0 {
+        if params.move_roots && depth > 0.0 {
+            report.roots_lifted = 1;
+            let shift = pushed_out(root, body, 0.0) - root;
+            strand.iter_mut().for_each(|p| *p += shift);
+            left = Depths::of(strand, body, clamped);
+        }
+        if left.particles + left.edges > 0 {
+            report.strands_bent = 1;
+            bend_out(strand, &lengths, body, params.margin, clamped);
+            left = Depths::of(strand, body, clamped);
+        }
     }
-    if params.move_roots && depth > 0.0 {
-        report.roots_lifted = 1;
-        let shift = pushed_out(root, body, 0.0) - root;
-        strand.iter_mut().for_each(|p| *p += shift);
-    }
-    if deepest(strand).0 + passing(strand) > 0 {
-        report.strands_bent = 1;
-        bend_out(strand, &lengths, body, params.margin, clamped);
-    }
-    (report.inside_after, report.edges_after) = (deepest(strand).0, passing(strand));
+    (report.inside_after, report.edges_after) = (left.particles, left.edges);
     report.max_stretch = strand
         .windows(2)
         .zip(&lengths)
@@ -198,6 +192,28 @@ fn lift_strand(strand: &mut [Vec3], body: &Sdf, params: &LiftParams, clamped: us
         .map(|(w, length)| (w[0].distance(w[1]) / length - 1.0).abs())
         .fold(0.0, f32::max);
     report
+}
+
+/// What of a strand beyond its clamped particles is inside the body.
+struct Depths {
+    particles: usize,
+    /// Of the deepest particle, metres.
+    deepest: f32,
+    /// Edges deeper than [`EDGE_DEPTH`].
+    edges: usize,
+}
+
+impl Depths {
+    fn of(strand: &[Vec3], body: &Sdf, clamped: usize) -> Self {
+        let mut depths = Self { particles: 0, deepest: 0.0, edges: 0 };
+        for (i, &p) in strand.iter().enumerate().skip(clamped) {
+            let distance = body.sample(p).0;
+            depths.particles += usize::from(distance < 0.0);
+            depths.deepest = depths.deepest.max(-distance);
+            depths.edges += usize::from(Edge::of(strand, i, clamped).is_deep(body));
+        }
+        depths
+    }
 }
 
 /// Places every particle outside the body, at its edge's length from the previous one, from the
@@ -208,13 +224,13 @@ fn bend_out(strand: &mut [Vec3], lengths: &[f32], body: &Sdf, margin: f32, clamp
     for i in clamped..strand.len() {
         let (leader, length) = (strand[i - 1], lengths[i - 1]);
         let offset = (old[i - 1] - leader).clamp_length_max(length);
-        strand[i] = leader + (old[i] - old[i - 1]) + RETURN * offset;
+        let moves = offset != Vec3::ZERO;
+        if moves {
+            strand[i] = leader + (old[i] - old[i - 1]) + RETURN * offset;
+        }
         let edge = Edge::of(strand, i, clamped);
-        let moved = offset != Vec3::ZERO;
-        if moved || body.sample(edge.end).0 < margin || edge.is_deeper(body, EDGE_DEPTH) {
+        if moves || body.sample(edge.end).0 < margin || edge.is_deep(body) {
             strand[i] = edge.placed(length, body, margin);
-        } else {
-            strand[i] = old[i];
         }
     }
 }
@@ -271,8 +287,9 @@ impl Edge {
         inside
     }
 
-    fn is_deeper(&self, body: &Sdf, depth: f32) -> bool {
-        self.inside(body).is_some_and(|inside| inside.depth > depth)
+    /// Whether it is deeper than [`EDGE_DEPTH`] in the body.
+    fn is_deep(&self, body: &Sdf) -> bool {
+        self.inside(body).is_some_and(|inside| inside.depth > EDGE_DEPTH)
     }
 
     /// The part of the edge that is inside the body, with its end if that is less than `margin`
