@@ -92,7 +92,13 @@ impl Info {
             ("transparencies", groom.transparencies.is_some()),
             ("root UVs", groom.root_uvs.is_some()),
             ("pinned counts", groom.pinned.is_some()),
+            ("stiffness", groom.stiffness.is_some()),
             ("root bindings", groom.bindings.is_some()),
+            ("IDs", groom.labels.ids.is_some()),
+            ("groups", groom.labels.group_ids.is_some()),
+            ("guides", groom.labels.guides.is_some()),
+            ("closest guides", groom.labels.closest_guides.is_some()),
+            ("weights of guides", groom.labels.guide_weights.is_some()),
         ];
         let unit_guess = guess_unit(root_extent);
         let mut odd = repair(groom.clone()).1.sentences();

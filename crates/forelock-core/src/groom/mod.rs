@@ -5,6 +5,7 @@ pub mod edit;
 pub mod grow;
 pub mod guides;
 mod info;
+mod labels;
 mod lift;
 mod nearest;
 mod repair;
@@ -17,6 +18,7 @@ use glam::Vec3;
 
 pub use binding::{BindingReport, bind_roots};
 pub use info::{Info, Spread, UnitGuess};
+pub use labels::{Labels, NO_GUIDE};
 pub use lift::{EDGE_DEPTH, LiftParams, LiftReport, lift_out};
 pub use repair::{REPEATED_FRACTION, RepairReport, repair};
 pub use resample::{ResampleError, resample, resample_to};
@@ -63,6 +65,8 @@ pub struct Groom {
     pub stiffness: Option<Vec<f32>>,
     /// Root bindings, one entry for each strand.
     pub bindings: Option<Vec<RootBinding>>,
+    /// Labels that other programs give strands: identity, group, guides.
+    pub labels: Labels,
 }
 
 /// Length of `strand` along its edges, in the points' unit.
@@ -172,7 +176,8 @@ impl Groom {
             ("stiffness", self.stiffness.as_ref().map(Vec::len), strands),
             ("bindings", self.bindings.as_ref().map(Vec::len), strands),
         ];
-        for (name, found, expected) in lengths {
+        let labels = self.labels.lengths().map(|(name, found)| (name, found, strands));
+        for (name, found, expected) in lengths.into_iter().chain(labels) {
             if let Some(found) = found.filter(|&found| found != expected) {
                 return Err(GroomError::AttributeLength { name, expected, found });
             }
@@ -271,7 +276,36 @@ impl Groom {
             pinned: self.pinned.as_ref().map(|a| gather(a, kept, |s| s..s + 1)),
             stiffness: self.stiffness.as_ref().map(|a| gather(a, kept, |s| s..s + 1)),
             bindings: self.bindings.as_ref().map(|a| gather(a, kept, |s| s..s + 1)),
+            labels: self.labels.only(kept),
         }
+    }
+
+    /// The strands of all `parts`, one after the other. Labels are joined by [`Labels::join`];
+    /// another attribute is kept if all parts have it.
+    ///
+    /// # Errors
+    /// [`GroomError`] if there are more particles than 32-bit offsets can index, or an attribute of
+    /// a part has the wrong number of entries.
+    pub fn join(parts: &[Self]) -> Result<Self, GroomError> {
+        fn all<T: Copy>(parts: &[Groom], get: impl Fn(&Groom) -> Option<&Vec<T>>) -> Option<Vec<T>> {
+            let parts: Option<Vec<&Vec<T>>> = parts.iter().map(get).collect();
+            parts.map(|parts| parts.into_iter().flatten().copied().collect())
+        }
+        if parts.is_empty() {
+            return Ok(Self::default());
+        }
+        parts.iter().try_for_each(Self::check_attributes)?;
+        let mut joined = Self::from_strands(parts.iter().flat_map(Self::strands))?;
+        joined.widths = all(parts, |g| g.widths.as_ref());
+        joined.colours = all(parts, |g| g.colours.as_ref());
+        joined.transparencies = all(parts, |g| g.transparencies.as_ref());
+        joined.root_uvs = all(parts, |g| g.root_uvs.as_ref());
+        joined.pinned = all(parts, |g| g.pinned.as_ref());
+        joined.stiffness = all(parts, |g| g.stiffness.as_ref());
+        joined.bindings = all(parts, |g| g.bindings.as_ref());
+        let labels: Vec<(&Labels, usize)> = parts.iter().map(|g| (&g.labels, g.strand_count())).collect();
+        joined.labels = Labels::join(&labels);
+        Ok(joined)
     }
 }
 
@@ -298,10 +332,29 @@ mod tests {
         let mut groom = Groom::from_strands([strand(0.0), strand(10.0), strand(20.0)]).unwrap();
         groom.widths = Some(vec![0.0, 1.0, 2.0, 3.0, 4.0, 5.0]);
         groom.pinned = Some(vec![1, 2, 3]);
+        groom.labels.ids = Some(vec![7, 8, 9]);
         let kept = groom.select(|s| s != 1);
         assert_eq!(kept.strand(1), groom.strand(2));
         assert_eq!(kept.widths, Some(vec![0.0, 1.0, 4.0, 5.0]));
-        assert_eq!(kept.pinned, Some(vec![1, 3]));
+        assert_eq!((&kept.pinned, &kept.labels.ids), (&Some(vec![1, 3]), &Some(vec![7, 9])));
         kept.check_attributes().unwrap();
+        groom.labels.guides = Some(vec![true]);
+        let error = groom.check_attributes().unwrap_err();
+        assert_eq!(error, GroomError::AttributeLength { name: "guides", expected: 3, found: 1 });
+    }
+
+    #[test]
+    fn joined_grooms_keep_the_attributes_that_all_have() {
+        let strand = |x: f32| [Vec3::X * x, Vec3::X * (x + 1.0)];
+        let mut a = Groom::from_strands([strand(0.0)]).unwrap();
+        let mut b = Groom::from_strands([strand(1.0), strand(2.0)]).unwrap();
+        a.pinned = Some(vec![1]);
+        b.pinned = Some(vec![2, 3]);
+        b.widths = Some(vec![0.1; 4]);
+        b.labels.group_ids = Some(vec![5, 6]);
+        let joined = Groom::join(&[a, b]).unwrap();
+        assert_eq!(joined.strand_offsets(), [0, 2, 4, 6]);
+        assert_eq!((&joined.pinned, &joined.widths), (&Some(vec![1, 2, 3]), &None));
+        assert_eq!(joined.labels.group_ids, Some(vec![0, 5, 6]));
     }
 }

@@ -218,6 +218,7 @@ fn thin(groom: &Groom, whole: Groom, kept: &[usize]) -> Groom {
         pinned,
         stiffness: whole.stiffness,
         bindings: whole.bindings,
+        labels: whole.labels,
     }
 }
 
@@ -246,6 +247,11 @@ fn drop_bad_attributes(groom: &mut Groom, report: &mut RepairReport) {
         check("bindings", &mut groom.bindings, strands, |b| {
             all_finite(&b.barycentric) && b.distance.is_finite()
         }),
+        check("ids", &mut groom.labels.ids, strands, |_| true),
+        check("group_ids", &mut groom.labels.group_ids, strands, |_| true),
+        check("guides", &mut groom.labels.guides, strands, |_| true),
+        check("closest_guides", &mut groom.labels.closest_guides, strands, |_| true),
+        check("guide_weights", &mut groom.labels.guide_weights, strands, |w| all_finite(w)),
     ];
     report.dropped_attributes.extend(dropped.into_iter().flatten());
 }
@@ -255,6 +261,7 @@ mod tests {
     use glam::Vec3;
 
     use super::*;
+    use crate::groom::Labels;
 
     fn line(n: usize) -> Vec<Vec3> {
         (0..n).map(|i| Vec3::Y * i as f32 * 0.01).collect()
@@ -285,6 +292,8 @@ mod tests {
         groom.pinned = Some(vec![1, 1, 2, 0, 1, 1, 1, 1]);
         groom.root_uvs = Some((0..8).map(|i| [i as f32, 0.0]).collect());
         groom.transparencies = Some(vec![f32::NAN; particles]);
+        groom.labels.ids = Some((0..8).collect());
+        groom.labels.guides = Some(vec![true; 3]);
 
         let (repaired, report) = repair(groom);
         repaired.check_attributes().unwrap();
@@ -294,6 +303,7 @@ mod tests {
                 widths: Some(vec![0.0, 1.0, 2.0, 5.0, 7.0, 8.0, 9.0, 17.0, 18.0]),
                 pinned: Some(vec![1, 1, 1]),
                 root_uvs: Some(vec![[0.0, 0.0], [2.0, 0.0], [7.0, 0.0]]),
+                labels: Labels { ids: Some(vec![0, 2, 7]), ..Labels::default() },
                 ..Groom::from_strands([line(3), line(4), line(2)]).unwrap()
             }
         );
@@ -305,10 +315,10 @@ mod tests {
             overlong_strands: 1,
             one_point_strands: 2,
             zero_length_strands: 1,
-            dropped_attributes: vec!["transparencies"],
+            dropped_attributes: vec!["transparencies", "guides"],
         };
         assert_eq!(report, expected);
-        assert_eq!(report.sentences().len(), 6);
+        assert_eq!(report.sentences().len(), 7);
         assert!(report.to_string().contains("2 points removed"), "{report}");
     }
 

@@ -176,6 +176,7 @@ fn resample_each(groom: &Groom, counts: &[usize]) -> Result<Groom, ResampleError
     out.root_uvs.clone_from(&groom.root_uvs);
     out.stiffness.clone_from(&groom.stiffness);
     out.bindings.clone_from(&groom.bindings);
+    out.labels.clone_from(&groom.labels);
     out.pinned = groom
         .pinned
         .as_ref()
@@ -293,10 +294,11 @@ mod tests {
     #[test]
     fn particles_are_distributed_by_length() {
         let line = |length: f32| (0..9u16).map(|i| Vec3::X * length * f32::from(i) / 8.0).collect::<Vec<_>>();
-        let groom = Groom::from_strands([0.31, 0.001, 0.1, 0.22, 0.001].map(line)).unwrap();
+        let mut groom = Groom::from_strands([0.31, 0.001, 0.1, 0.22, 0.001].map(line)).unwrap();
+        groom.labels.ids = Some((0..5).collect());
         for total in [10, 11, 57, 1000] {
             let out = resample_to(&groom, total).unwrap();
-            assert_eq!(out.particle_count(), total);
+            assert_eq!((out.particle_count(), &out.labels), (total, &groom.labels));
             let counts: Vec<usize> = (0..5).map(|s| out.strand(s).len()).collect();
             assert!(counts.iter().all(|count| *count >= 2), "{counts:?}");
             assert!(counts[0] >= counts[3] && counts[3] >= counts[2] && counts[2] >= counts[1], "{counts:?}");

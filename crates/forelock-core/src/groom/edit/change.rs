@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::chain::Chain;
 use super::{Body, EditReport, Source, Touched};
 use crate::body::Bvh;
+use crate::groom::labels::Origin;
 use crate::groom::{Groom, GroomError, RootBinding};
 
 /// The change that an operation would make.
@@ -188,6 +189,12 @@ fn built(groom: &Groom, strands: &[NewStrand]) -> Result<Groom, GroomError> {
         let most = |index: usize| u16::try_from(out.range(index).len()).unwrap_or(u16::MAX);
         strands.iter().enumerate().map(|(index, s)| pinned[s.source].min(most(index))).collect()
     });
+    let origin = |strand: &NewStrand| Origin {
+        source: strand.source,
+        is_new: strand.parents.is_some(),
+        is_copy: strand.parents.as_ref().is_some_and(|parents| parents.len() == 1),
+    };
+    out.labels = groom.labels.edited(&strands.iter().map(origin).collect::<Vec<_>>());
     Ok(out)
 }
 

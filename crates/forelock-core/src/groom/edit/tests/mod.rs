@@ -1,11 +1,13 @@
 //! Properties that every edit must have, and tests of each operation's purpose.
 
+use std::collections::HashSet;
+
 use glam::{UVec3, Vec3};
 use proptest::prelude::*;
 
 use super::*;
-use crate::groom::RootBinding;
 use crate::groom::grow::random::Random;
+use crate::groom::{Labels, RootBinding};
 
 /// A strand of `count` particles that curls downwards from `root`.
 fn strand(root: Vec3, count: usize, seed: u64) -> Vec<Vec3> {
@@ -37,6 +39,14 @@ fn groom(counts: &[usize], seed: u64) -> Groom {
     groom.pinned = Some((0..counts.len()).map(|s| (s % 3) as u16).collect());
     let binding = |s| RootBinding { triangle: s as u32, barycentric: [1.0, 0.0, 0.0], distance: 0.0 };
     groom.bindings = Some((0..counts.len()).map(binding).collect());
+    let strands = 0..counts.len() as i32;
+    groom.labels = Labels {
+        ids: Some(strands.clone().map(|s| 100 - s).collect()),
+        group_ids: Some(strands.clone().map(|s| s % 3).collect()),
+        guides: Some(strands.clone().map(|s| s % 4 == 0).collect()),
+        closest_guides: Some(strands.clone().map(|s| [100, 96, 92 - s % 2 * 4]).collect()),
+        guide_weights: Some(strands.map(|s| [1.0 / (1 + s) as f32, 0.25, 0.0]).collect()),
+    };
     groom
 }
 
@@ -96,11 +106,30 @@ fn edges(groom: &Groom) -> Vec<(f64, f64)> {
     groom.strands().flat_map(|s| s.windows(2).map(edge).collect::<Vec<_>>()).collect()
 }
 
+/// Strands keep their labels; new ones have those of their source, and IDs of their own.
+fn check_labels(start: &Groom, after: &Groom, report: &EditReport) {
+    let sources = report.sources.iter().map(|source| source.strand as usize);
+    let wanted = start.only(&sources.collect::<Vec<_>>()).labels;
+    assert_eq!(after.labels.group_ids, wanted.group_ids);
+    assert_eq!(after.labels.guides, wanted.guides);
+    assert_eq!(after.labels.guide_weights, wanted.guide_weights);
+    let ids = |labels: &Labels| labels.ids.clone().unwrap();
+    let guides = |labels: &Labels| labels.closest_guides.clone().unwrap();
+    for (s, source) in report.sources.iter().enumerate() {
+        let is_kept = ids(&after.labels)[s] == ids(&wanted)[s];
+        assert_eq!(is_kept, !source.fresh);
+        assert!(source.fresh || guides(&after.labels)[s] == guides(&wanted)[s]);
+    }
+    let unique: HashSet<i32> = ids(&after.labels).into_iter().collect();
+    assert_eq!(unique.len(), after.strand_count());
+}
+
 fn check(operation: &Operation, keeps_lengths: bool, start: &Groom) {
     let mut history = EditHistory::new(start.clone());
     let report = history.apply(&Edit::all(operation.clone()), None).unwrap();
     let after = history.groom().clone();
     after.check_attributes().unwrap();
+    check_labels(start, &after, &report);
     assert!(after.positions().iter().all(|p| p.is_finite()), "{operation:?}");
     assert!(after.strands().all(|s| s.len() >= 2));
     assert_eq!(after.strand_count(), start.strand_count() + report.added - report.removed);
