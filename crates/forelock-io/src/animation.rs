@@ -40,10 +40,7 @@ use forelock_core::groom::{Groom, Import, Unit, ZUp};
 use glam::Vec3;
 
 use crate::usd::{Usd, UsdCacheWriter};
-use crate::{Cache, CacheWriter, Format, ReadError, WriteError, alembic, npz, open};
-
-/// The formats of moving strands, by the endings of their files.
-pub const ENDINGS: [&str; 4] = ["npz", "abc", "usdc", "usd"];
+use crate::{Cache, CacheWriter, Format, ReadError, WriteError, alembic, is_text, npz, open};
 
 /// Frames a second of a cache that holds no times.
 const UNTIMED_RATE: f64 = 60.0;
@@ -198,21 +195,25 @@ impl AnimationWriter {
         has_velocities: bool,
     ) -> Result<Self, WriteError> {
         let unfit = |problem: String| WriteError::Unfit { path: path.into(), problem };
-        let ending = path.extension().and_then(|own| own.to_str()).unwrap_or_default().to_lowercase();
         let mut drawn = groom.clone();
         drawn.widths.get_or_insert_with(|| vec![WIDTH; groom.particle_count()]);
-        let sink = match &*ending {
-            "npz" => Sink::Npz(CacheWriter::create(path, groom.strand_offsets(), &[])?),
-            "abc" => {
-                let labels = alembic::Labels::default();
-                let rate = rate(times_secs).map_err(unfit)?;
-                Sink::Alembic(alembic::CurvesWriter::create(path, &drawn, &labels, rate)?)
+        let sink = match Format::of(path) {
+            Some(Format::Npz) => {
+                groom.check_attributes().map_err(|error| unfit(error.to_string()))?;
+                Sink::Npz(CacheWriter::create(path, groom.strand_offsets(), &npz::attributes(groom))?)
             }
-            "usdc" | "usd" => {
+            Some(Format::Alembic) => {
+                let rate = rate(times_secs).map_err(unfit)?;
+                let start = times_secs.first().copied().unwrap_or_default();
+                Sink::Alembic(alembic::CurvesWriter::create(path, &drawn, start, rate)?)
+            }
+            Some(Format::Usd) if is_text(path) => {
+                return Err(unfit("text is too large for moving strands: name it .usdc".into()));
+            }
+            Some(Format::Usd) => {
                 let rate = rate(times_secs).map_err(unfit)?;
                 Sink::Usd(UsdCacheWriter::create(path, &drawn, rate)?)
             }
-            "usda" => return Err(unfit("text is too large for moving strands: name it .usdc".into())),
             _ => return Err(WriteError::UnknownEnding { path: path.into(), known: known() }),
         };
         let has_velocities = has_velocities && !matches!(sink, Sink::Npz(_));
@@ -324,9 +325,15 @@ pub fn convert(
     Ok(times.len())
 }
 
-/// The endings, as a list for messages.
+/// Whether moving strands can be written to a file of the name `path`.
+pub fn is_written(path: &Path) -> bool {
+    matches!(Format::of(path), Some(Format::Npz | Format::Alembic | Format::Usd)) && !is_text(path)
+}
+
+/// The endings of the formats of moving strands, as a list for messages.
 fn known() -> String {
-    ENDINGS.map(|ending| format!(".{ending}")).join(" ")
+    let endings = Format::ALL.into_iter().flat_map(Format::endings).map(|ending| format!(".{ending}"));
+    endings.filter(|ending| is_written(Path::new(&format!("a{ending}")))).collect::<Vec<_>>().join(" ")
 }
 
 #[cfg(test)]
@@ -405,7 +412,10 @@ mod tests {
         let message = |own: Result<(), WriteError>| own.unwrap_err().to_string();
         assert!(message(create("a.abc", &[0.0, 1.0, 1.5])).contains("constant rate"));
         assert!(message(create("a.usda", &[0.0])).contains(".usdc"));
-        assert!(message(create("a.obj", &[0.0])).contains(".npz .abc"));
+        assert!(message(create("a.obj", &[0.0])).contains(".npz .abc .usdc .usd"));
+        let names = ["a.npz", "a.ABC", "a.usdc", "a.USD", "a.usda", "a.UsdA", "a.obj", "abc", "a."];
+        let written = names.map(|name| is_written(Path::new(name)));
+        assert_eq!(written, [true, true, true, true, false, false, false, false, false]);
         let open = AnimationReader::open(&folder.path().join("a.obj"), &Import::default());
         assert!(open.err().unwrap().to_string().contains(".npz .abc"));
         assert_eq!(rate(&[0.0, 0.016_667, 0.033_333]).map(f64::round), Ok(60.0));

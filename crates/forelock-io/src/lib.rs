@@ -232,7 +232,7 @@ pub fn write_groom(path: &Path, groom: &Groom) -> Result<(), WriteError> {
         Some(Format::Npz) => npz::write_groom(groom),
         Some(Format::Obj) => obj::write_groom(groom),
         Some(Format::Ply) => ply::write(groom).map_err(unfit)?,
-        Some(Format::Alembic) => alembic::write(groom, &alembic::Labels::default()).map_err(unfit)?,
+        Some(Format::Alembic) => alembic::write(groom).map_err(unfit)?,
         Some(Format::Usd) if is_text(path) => usd::write_text(groom),
         Some(Format::Usd) => usd::write_binary(groom),
         Some(Format::Ct2Hair) | None => {

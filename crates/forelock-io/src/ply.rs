@@ -242,8 +242,8 @@ fn header(bytes: &[u8]) -> Result<Header, String> {
                 };
             }
             (_, ["comment", "points_per_strand", each]) => {
-                let each = each.parse().ok().filter(|each| *each >= 2);
-                header.points_per_strand = each.ok_or("`points_per_strand` takes a number of at least 2")?;
+                let each = each.parse().ok().filter(|each| *each >= 1);
+                header.points_per_strand = each.ok_or("`points_per_strand` takes a number of at least 1")?;
             }
             (_, ["comment" | "obj_info", ..]) => {}
             (_, ["element", name, count]) => {
@@ -274,8 +274,8 @@ fn property(words: &[&str]) -> Result<Property, String> {
     }
 }
 
-/// The bytes of a `.ply` file, binary, with the strands of `groom` and their edges. The format has
-/// no attributes of strands.
+/// The bytes of a `.ply` file, binary, with the strands of `groom` and their edges. Attributes and
+/// strands without points are not written.
 ///
 /// # Errors
 /// A message if there are more than 2³¹ − 1 points.
@@ -285,8 +285,10 @@ pub fn write(groom: &Groom) -> Result<Vec<u8>, String> {
         return Err("over 2,147,483,647 points, the limit of .ply".into());
     }
     let edges = groom.strands().map(|strand| strand.len().saturating_sub(1)).sum::<usize>();
+    // Without edges the header has to say where strands end.
+    let each = if edges == 0 { "comment points_per_strand 1\n" } else { "" };
     let header = format!(
-        "ply\nformat binary_little_endian 1.0\ncomment strands by forelock: root first, in metres, y up\n\
+        "ply\nformat binary_little_endian 1.0\ncomment strands by forelock: root first, in metres, y up\n{each}\
          element vertex {points}\nproperty float x\nproperty float y\nproperty float z\n\
          element edge {edges}\nproperty int vertex1\nproperty int vertex2\nend_header\n"
     );
@@ -329,9 +331,10 @@ mod tests {
     #[test]
     fn strands_of_different_lengths_come_back() {
         let line = |n: u16| (0..n).map(|i| Vec3::new(f32::from(n), f32::from(i), 0.1)).collect::<Vec<_>>();
-        let groom = Groom::from_strands([line(2), line(7), line(3)]).unwrap();
-        let back = read(&write(&groom).unwrap()).unwrap();
-        assert_eq!((back.strand_offsets(), back.positions()), (groom.strand_offsets(), groom.positions()));
+        for counts in [vec![2, 7, 3], vec![1, 3, 1], vec![1], vec![1; 5], vec![]] {
+            let groom = Groom::from_strands(counts.into_iter().map(line)).unwrap();
+            assert_eq!(read(&write(&groom).unwrap()).unwrap(), groom);
+        }
     }
 
     #[test]

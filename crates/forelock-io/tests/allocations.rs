@@ -6,8 +6,8 @@ use std::io::Cursor;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use forelock_core::groom::Groom;
-use forelock_io::alembic::{self, Labels};
+use forelock_core::groom::{Groom, Labels};
+use forelock_io::alembic;
 use forelock_io::{Usd, usd};
 use glam::Vec3;
 
@@ -102,8 +102,13 @@ fn damaged_archives_neither_panic_nor_take_much_memory() {
     groom.widths = Some(vec![1e-4; 60]);
     groom.colours = Some(vec![[0.5; 3]; 60]);
     groom.root_uvs = Some(vec![[0.5; 2]; 20]);
-    let labels = Labels { group_ids: Some((0..20).collect()), guides: Some(vec![true; 20]), ids: None };
-    let whole = alembic::write(&groom, &labels).unwrap();
+    groom.labels = Labels {
+        group_ids: Some((0..20).collect()),
+        guides: Some(vec![true; 20]),
+        closest_guides: Some(vec![[1, 2, 3]; 20]),
+        ..Labels::default()
+    };
+    let whole = alembic::write(&groom).unwrap();
     let limit = 8 * whole.len() + (1 << 14);
     assert!(counted(|| read_archive(&whole)).0 < limit);
     // Seeded, so that a failure can be repeated.

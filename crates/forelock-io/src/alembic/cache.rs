@@ -25,10 +25,7 @@ use std::{
 use forelock_core::groom::Groom;
 use glam::Vec3;
 
-use super::{
-    Labels,
-    writer::{Strands, check},
-};
+use super::writer::{Clock, Strands, check};
 use crate::{
     atomic::{Temporary, check_target},
     error::WriteError,
@@ -39,20 +36,20 @@ use crate::{
 ///
 /// ```
 /// use forelock_core::groom::Groom;
-/// use forelock_io::alembic::{CurvesWriter, Labels, Reader};
+/// use forelock_io::alembic::{CurvesWriter, Reader};
 /// use glam::Vec3;
 ///
 /// let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("hair.abc");
 /// let groom = Groom::from_strands([[Vec3::ZERO, Vec3::Y]])?;
-/// let mut writer = CurvesWriter::create(&path, &groom, &Labels::default(), 60.0)?;
+/// let mut writer = CurvesWriter::create(&path, &groom, 0.5, 60.0)?;
 /// for frame in 0..3 {
 ///     writer.write_frame(&[Vec3::ZERO, Vec3::Y * frame as f32], None)?;
 /// }
 /// writer.finish()?;
 ///
 /// let mut reader = Reader::open(std::fs::File::open(&path)?)?;
-/// assert_eq!(reader.frames(), 3);
+/// assert_eq!((reader.frames(), reader.time_secs(0)), (3, 0.5));
 /// assert_eq!(reader.read(2)?.groom.positions()[1].y, 2.0);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -62,7 +59,7 @@ pub struct CurvesWriter {
     part: Temporary,
     /// `None` after a write failed.
     strands: Option<Strands<BufWriter<File>>>,
-    fps: f64,
+    clock: Clock,
     particles: usize,
     /// Whether the frames have velocities.
     has_velocities: Option<bool>,
@@ -71,18 +68,21 @@ pub struct CurvesWriter {
 }
 
 impl CurvesWriter {
-    /// Starts the cache at `path` for the strands of `groom` with its attributes and `labels`, at
-    /// `fps` frames per second; the first is at time 0. The positions of `groom` are not written.
+    /// Starts the cache at `path` for the strands of `groom` with its attributes, at `fps` frames
+    /// per second, the first at `start_secs`. The positions of `groom` are not written.
     ///
     /// # Errors
     /// [`WriteError`] if the file cannot be written, another writer has it, the groom has no
-    /// points, an attribute does not match it, or `fps` is not above 0.
-    pub fn create(path: &Path, groom: &Groom, labels: &Labels, fps: f64) -> Result<Self, WriteError> {
+    /// points, an attribute does not match it, the start is not finite, or `fps` is not above 0.
+    pub fn create(path: &Path, groom: &Groom, start_secs: f64, fps: f64) -> Result<Self, WriteError> {
         let unfit = |problem: String| WriteError::Unfit { path: path.into(), problem };
         check_target(path)?;
-        check(groom, labels).map_err(unfit)?;
+        check(groom).map_err(unfit)?;
         if !(fps > 0.0 && fps.is_finite()) {
             return Err(unfit(format!("{fps} frames per second; the rate must be above 0")));
+        }
+        if !start_secs.is_finite() {
+            return Err(unfit(format!("a start at {start_secs} s; it must be finite")));
         }
         let with = |suffix: &str| {
             let mut name = path.as_os_str().to_owned();
@@ -94,13 +94,13 @@ impl CurvesWriter {
         let file = File::create(&part).map_err(WriteError::io(path))?;
         let part = Temporary::new(part);
         let file = BufWriter::with_capacity(1 << 16, file);
-        let strands = Strands::new(file, groom, labels).map_err(WriteError::io(path));
+        let strands = Strands::new(file, groom).map_err(WriteError::io(path));
         let strands = strands.inspect_err(|_| part.remove())?;
         Ok(Self {
             path: path.into(),
             part,
             strands: Some(strands),
-            fps,
+            clock: Clock { start_secs, fps },
             particles: groom.particle_count(),
             has_velocities: None,
             frames: 0,
@@ -152,7 +152,7 @@ impl CurvesWriter {
         if self.frames == 0 {
             return Err(self.unfit("a cache needs at least one frame".into()));
         }
-        let file = self.take()?.finish(Some(self.fps)).map_err(WriteError::io(&self.path))?;
+        let file = self.take()?.finish(Some(self.clock)).map_err(WriteError::io(&self.path))?;
         file.into_inner().map_err(io::IntoInnerError::into_error).map_err(WriteError::io(&self.path))?;
         check_target(&self.path)?;
         fs::rename(self.part.path(), &self.path).map_err(WriteError::io(&self.path))

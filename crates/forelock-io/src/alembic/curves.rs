@@ -9,8 +9,8 @@
 //! # Practice
 //! An attribute has one value, or one for each strand, or one for each point; the number of values
 //! decides. It may be a compound of `.vals` and `.indices`. One that fits none of these is left
-//! out. A groom has an attribute if all its groups have it. Where only some groups say which
-//! strands are guides, the others have none; groups without group IDs have ID 0.
+//! out. A groom has an attribute if all its groups have it; [`Labels::join`] says what strands get
+//! whose group has no labels.
 //!
 //! # Limitations
 //! All points of cubic curves become particles: bases are not evaluated, and handles of Bézier
@@ -21,11 +21,11 @@ use std::{
     sync::Arc,
 };
 
-use forelock_core::groom::Groom;
+use forelock_core::groom::{Groom, Labels};
 use glam::{DAffine3, Vec3};
 
 use super::{
-    AlembicError, Contents, Labels,
+    AlembicError, Contents,
     archive::{Archive, Property, Sample},
     ogawa::{error, invalid},
     transforms::Transform,
@@ -56,33 +56,29 @@ pub(super) struct Joined {
     widths: Column<f32>,
     colours: Column<[f32; 3]>,
     root_uvs: Column<[f32; 2]>,
-    group_ids: Column<i32>,
-    guides: Column<bool>,
-    ids: Column<i32>,
+    /// The labels of each group, and its number of strands.
+    labels: Vec<(Labels, usize)>,
 }
 
 /// An attribute of several strand groups.
 #[derive(Default)]
 struct Column<T> {
     values: Vec<T>,
-    /// Whether a group has values, and whether one has none and there is no fallback.
-    is_there: bool,
+    /// Whether a group has none.
     is_partial: bool,
 }
 
-impl<T: Clone> Column<T> {
-    /// Appends the values of a group, or `count` times `fallback` where it has none.
-    fn push(&mut self, values: Option<Vec<T>>, fallback: Option<T>, count: usize) {
-        self.is_there |= values.is_some();
-        match (values, fallback) {
-            (Some(values), _) => self.values.extend(values),
-            (None, Some(fallback)) => self.values.extend(std::iter::repeat_n(fallback, count)),
-            (None, None) => self.is_partial = true,
+impl<T> Column<T> {
+    /// Appends the values of a group.
+    fn push(&mut self, values: Option<Vec<T>>) {
+        match values {
+            Some(values) => self.values.extend(values),
+            None => self.is_partial = true,
         }
     }
 
     fn finish(self) -> Option<Vec<T>> {
-        (self.is_there && !self.is_partial).then_some(self.values)
+        (!self.is_partial).then_some(self.values)
     }
 }
 
@@ -112,39 +108,30 @@ impl Joined {
         let widths = widths.and_then(|values| group.for_points(&values));
         let colours = group.tuples(&["groom_color"])?.and_then(|values| group.for_points(&values));
         let uvs = group.tuples(&["groom_root_uv", "uv"])?.and_then(|values| group.for_strands(&values));
-        let mut label = |name| -> Result<Option<Vec<i32>>, AlembicError> {
-            Ok(group.integers(name)?.and_then(|values| group.for_strands(&values)))
-        };
-        let [guides, group_ids, ids] = ["groom_guide", "groom_group_id", "groom_id"].map(&mut label);
-        let (particles, strands) = (points.len(), group.counts.len());
-        self.velocities.push(velocities.map(|v| v.into_iter().map(turned).collect()), None, particles);
-        self.widths.push(widths.map(|w| w.into_iter().map(|[w]| w * scale).collect()), None, particles);
-        self.colours.push(colours, None, particles);
-        self.root_uvs.push(uvs, None, strands);
-        self.guides.push(guides?.map(|g| g.into_iter().map(|g| g != 0).collect()), Some(false), strands);
-        self.group_ids.push(group_ids?, Some(0), strands);
-        self.ids.push(ids?, None, strands);
+        let labels = group.labels()?;
+        self.velocities.push(velocities.map(|v| v.into_iter().map(turned).collect()));
+        self.widths.push(widths.map(|w| w.into_iter().map(|[w]| w * scale).collect()));
+        self.colours.push(colours);
+        self.root_uvs.push(uvs);
+        self.labels.push((labels, group.counts.len()));
         let start = self.positions.len();
         self.positions.extend(points.into_iter().map(moved));
         group.extend_offsets(&mut self.offsets, start)
     }
 
     /// The groom of all groups.
-    pub fn finish(mut self) -> Result<Contents, AlembicError> {
+    pub fn finish(self) -> Result<Contents, AlembicError> {
         if self.offsets.is_empty() {
-            self.offsets.push(0);
+            return Ok(Contents { groom: Groom::default(), velocities: None });
         }
         let mut groom = Groom::new(self.positions, self.offsets).map_err(|e| error(0, e.into()))?;
         groom.widths = self.widths.finish();
         groom.colours = self.colours.finish();
         groom.root_uvs = self.root_uvs.finish();
+        let labels: Vec<(&Labels, usize)> = self.labels.iter().map(|(own, count)| (own, *count)).collect();
+        groom.labels = Labels::join(&labels);
         groom.check_attributes().map_err(|e| error(0, e.into()))?;
-        let labels = Labels {
-            group_ids: self.group_ids.finish(),
-            guides: self.guides.finish(),
-            ids: self.ids.finish(),
-        };
-        Ok(Contents { groom, velocities: self.velocities.finish(), labels })
+        Ok(Contents { groom, velocities: self.velocities.finish() })
     }
 }
 
@@ -263,13 +250,27 @@ impl<R: Read + Seek> Group<'_, R> {
         Ok(None)
     }
 
-    /// The values of the attribute `name`, if it has integers.
-    fn integers(&mut self, name: &str) -> Result<Option<Vec<i32>>, AlembicError> {
+    /// The labels of the strands.
+    fn labels(&mut self) -> Result<Labels, AlembicError> {
+        let guides = self.integers("groom_guide")?.map(|all| all.iter().map(|[guide]| *guide != 0).collect());
+        let weights = self.tuples(&["groom_guide_weights"])?;
+        Ok(Labels {
+            ids: self.integers("groom_id")?.map(|all: Vec<[i32; 1]>| all.as_flattened().to_vec()),
+            group_ids: self.integers("groom_group_id")?.map(|all: Vec<[i32; 1]>| all.as_flattened().to_vec()),
+            guides,
+            closest_guides: self.integers("groom_closest_guides")?,
+            guide_weights: weights.and_then(|values| self.for_strands(&values)),
+        })
+    }
+
+    /// The values of the attribute `name` for each strand, N each, if it has integers.
+    fn integers<const N: usize>(&mut self, name: &str) -> Result<Option<Vec<[i32; N]>>, AlembicError> {
         let Some(attribute) = self.attribute(name)? else { return Ok(None) };
         let Some(values) = attribute.values.integers() else { return Ok(None) };
+        let values = values.as_chunks::<N>().0;
         Ok(match attribute.indices {
-            None => Some(values),
-            Some(indices) => pick(&values, &indices),
+            None => self.for_strands(values),
+            Some(indices) => pick(values, &indices).and_then(|values| self.for_strands(&values)),
         })
     }
 

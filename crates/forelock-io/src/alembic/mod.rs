@@ -11,7 +11,7 @@
 //! | `width`, `groom_width` | yes | `width` | [`Groom::widths`] |
 //! | `groom_color` | yes | yes | [`Groom::colours`] |
 //! | `groom_root_uv`, `uv` | yes | `groom_root_uv` | [`Groom::root_uvs`] |
-//! | `groom_group_id`, `groom_guide`, `groom_id` | yes | yes | [`Labels`] |
+//! | `groom_id`, `groom_group_id`, `groom_guide`, `groom_closest_guides`, `groom_guide_weights` | yes | yes | [`Groom::labels`] |
 //! | `.velocities` | yes | by [`CurvesWriter`] | [`Contents::velocities`] |
 //!
 //! # Practice
@@ -27,9 +27,8 @@
 //! and back when it reads: what it wrote needs no `--up z` here.
 //!
 //! # Limitations
-//! The HDF5 kind of Alembic, layers, instances, float16 and the links of strands to guides
-//! (`groom_closest_guides`) are not read. Hidden objects are read like others. Guides are strands
-//! among the others: [`Labels::guides`] tells them apart.
+//! The HDF5 kind of Alembic, layers, instances and float16 are not read. Hidden objects are read
+//! like others. Guides are strands among the others: their labels tell them apart.
 
 mod archive;
 mod cache;
@@ -96,17 +95,6 @@ impl AlembicError {
     }
 }
 
-/// What Unreal's schema says of strands and a [`Groom`] does not hold, one entry for each strand.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Labels {
-    /// The group of the strand, which selects its material and physics; `groom_group_id`.
-    pub group_ids: Option<Vec<i32>>,
-    /// Whether the strand is a guide; `groom_guide`.
-    pub guides: Option<Vec<bool>>,
-    /// The identity of the strand; `groom_id`.
-    pub ids: Option<Vec<i32>>,
-}
-
 /// A frame of a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Contents {
@@ -114,8 +102,6 @@ pub struct Contents {
     pub groom: Groom,
     /// Velocities in units of the file per second, one entry for each particle.
     pub velocities: Option<Vec<Vec3>>,
-    /// The labels of the strands.
-    pub labels: Labels,
 }
 
 /// An Alembic file whose frames are read on demand.

@@ -115,6 +115,9 @@ fn groups_are_joined_with_transforms_and_indexed_attributes() {
         values(&mut out, "groom_group_id", Type::I32, &[7]),
         values(&mut out, "groom_id", Type::I32, &[5, 4]),
         track(&mut out, "groom_guide", Type::I16, 1, &[1, 0, 0, 0]),
+        // As triples, and as a list of numbers.
+        track(&mut out, "groom_guide_weights", Type::F32, 3, bytemuck::cast_slice(&[1.0f32, 0.0, 0.0])),
+        values(&mut out, "groom_closest_guides", Type::I32, &[5, -1, -1, 5, 4, -1]),
         values(&mut out, "groom_version_major", Type::I32, &[1]),
     ];
     let linear = [1, 0, 0, 0];
@@ -138,9 +141,12 @@ fn groups_are_joined_with_transforms_and_indexed_attributes() {
     assert_eq!(groom.strand(2), [0.0, 1.0, 2.0, 3.0].map(|x| Vec3::new(x, 0.0, 0.0)));
     assert_eq!(groom.widths.unwrap(), [1.0, 1.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5, 0.5]);
     // The second group has none.
-    assert_eq!((groom.root_uvs, contents.labels.ids), (None, None));
-    assert_eq!(contents.labels.group_ids, Some(vec![7, 7, 0]));
-    assert_eq!(contents.labels.guides, Some(vec![true, false, false]));
+    assert_eq!(groom.root_uvs, None);
+    assert_eq!(groom.labels.ids, Some(vec![5, 4, 6]));
+    assert_eq!(groom.labels.group_ids, Some(vec![7, 7, 0]));
+    assert_eq!(groom.labels.guides, Some(vec![true, false, false]));
+    assert_eq!(groom.labels.closest_guides, Some(vec![[5, -1, -1], [5, 4, -1], [-1; 3]]));
+    assert_eq!(groom.labels.guide_weights, Some(vec![[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0; 3]]));
 }
 
 #[test]

@@ -3,11 +3,11 @@
 //! # Theory
 //! The archive has one object `hair` of the schema `AbcGeom_Curve_v2` with linear strands. Points,
 //! bounds and velocities have one sample for each frame. Everything else has one stored sample that
-//! all frames share. The time of frame i is i / fps.
+//! all frames share. The time of frame i is t₀ + i / fps.
 //!
 //! # Practice
 //! The attributes of Unreal's grooms, version 1.5, lie in `.arbGeomParams`: `groom_color`,
-//! `groom_root_uv`, `groom_group_id`, `groom_guide`, `groom_id`. Widths are the schema's `width`.
+//! `groom_root_uv` and the labels. Widths are the schema's `width`.
 //! Lengths are in metres, y up, and the metadata of the archive say so.
 //!
 //! # Limitations
@@ -19,7 +19,7 @@ use forelock_core::groom::Groom;
 use glam::{DVec3, Vec3};
 
 use super::{
-    Labels, SCHEMA, UNIT_KEY, VERSION,
+    SCHEMA, UNIT_KEY, VERSION,
     hash::checksum,
     ogawa::Child,
     output::{Compound, Indexed, Kind, Output, Track, Type},
@@ -44,11 +44,17 @@ const COLOURS: Kind = array(
 );
 const I32_STRANDS: &str = "arrayExtent=1;geoScope=uni;isGeomParam=true;podExtent=1;podName=int32_t";
 const I16_STRANDS: &str = "arrayExtent=1;geoScope=uni;isGeomParam=true;podExtent=1;podName=int16_t";
+const I32_GUIDES: &str =
+    "arrayExtent=1;geoScope=uni;interpretation=vector;isGeomParam=true;podExtent=3;podName=int32_t";
+const F32_GUIDES: &str =
+    "arrayExtent=1;geoScope=uni;interpretation=vector;isGeomParam=true;podExtent=3;podName=float32_t";
 const I16_CONSTANT: &str = "arrayExtent=1;geoScope=con;isGeomParam=true;podExtent=1;podName=int16_t";
-const KINDS_OF_LABELS: [Kind; 3] = [
+const KINDS_OF_LABELS: [Kind; 5] = [
     array("groom_group_id", I32_STRANDS, Type::I32, 1),
     array("groom_guide", I16_STRANDS, Type::I16, 1),
     array("groom_id", I32_STRANDS, Type::I32, 1),
+    array("groom_closest_guides", I32_GUIDES, Type::I32, 3),
+    array("groom_guide_weights", F32_GUIDES, Type::F32, 3),
 ];
 const VERSIONS: [Kind; 2] = [
     array("groom_version_major", I16_CONSTANT, Type::I16, 1),
@@ -71,22 +77,22 @@ const fn scalar(name: &'static str, metadata: &'static str, type_: Type, extent:
     Kind { name, metadata, is_array: false, type_, extent }
 }
 
-/// The bytes of an archive with `groom` and its `labels` at rest.
+/// The bytes of an archive with `groom` at rest.
 ///
 /// # Errors
 /// A message if the groom has no points, or an attribute does not match it.
-pub fn write(groom: &Groom, labels: &Labels) -> Result<Vec<u8>, String> {
-    check(groom, labels)?;
+pub fn write(groom: &Groom) -> Result<Vec<u8>, String> {
+    check(groom)?;
     let write = || {
-        let mut strands = Strands::new(Cursor::new(Vec::new()), groom, labels)?;
+        let mut strands = Strands::new(Cursor::new(Vec::new()), groom)?;
         strands.push(groom.positions(), None)?;
         strands.finish(None)
     };
     write().map(Cursor::into_inner).map_err(|error: io::Error| error.to_string())
 }
 
-/// Checks that `groom` and `labels` can be written.
-pub(super) fn check(groom: &Groom, labels: &Labels) -> Result<(), String> {
+/// Checks that `groom` can be written.
+pub(super) fn check(groom: &Groom) -> Result<(), String> {
     groom.check_attributes().map_err(|e| e.to_string())?;
     if groom.particle_count() == 0 {
         return Err("there are no points to write".into());
@@ -94,18 +100,14 @@ pub(super) fn check(groom: &Groom, labels: &Labels) -> Result<(), String> {
     if i32::try_from(groom.particle_count()).is_err() {
         return Err("over 2,147,483,647 points, the limit of Alembic".into());
     }
-    let lengths = [
-        ("group_ids", labels.group_ids.as_ref().map(Vec::len)),
-        ("guides", labels.guides.as_ref().map(Vec::len)),
-        ("ids", labels.ids.as_ref().map(Vec::len)),
-    ];
-    let strands = groom.strand_count();
-    for (name, found) in lengths {
-        if let Some(found) = found.filter(|&found| found != strands) {
-            return Err(format!("`{name}` has {found} entries, but {strands} were expected"));
-        }
-    }
     Ok(())
+}
+
+/// The times of the frames.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Clock {
+    pub start_secs: f64,
+    pub fps: f64,
 }
 
 /// An archive of strands that is being written.
@@ -121,10 +123,11 @@ pub(super) struct Strands<W> {
 }
 
 impl<W: Write + Seek> Strands<W> {
-    pub fn new(file: W, groom: &Groom, labels: &Labels) -> io::Result<Self> {
+    pub fn new(file: W, groom: &Groom) -> io::Result<Self> {
         let mut out = Output::new(file)?;
         // The particles are fewer than 2³¹.
         let counts: Vec<i32> = (0..groom.strand_count()).map(|s| groom.range(s).len() as i32).collect();
+        let labels = &groom.labels;
         let guides = labels.guides.as_ref().map(|g| g.iter().map(|&g| i16::from(g)).collect::<Vec<_>>());
         let mut tracks = |all: &[(Kind, Option<&[u8]>)]| -> io::Result<Vec<Track>> {
             let present = all.iter().filter_map(|&(kind, bytes)| Some((kind, bytes?)));
@@ -139,7 +142,7 @@ impl<W: Write + Seek> Strands<W> {
             (BASIS, Some(&LINEAR)),
             (WIDTHS, groom.widths.as_deref().map(bytemuck::cast_slice)),
         ])?;
-        let [group_ids, guide, ids] = KINDS_OF_LABELS;
+        let [group_ids, guide, ids, closest, weights] = KINDS_OF_LABELS;
         let [major, minor] = VERSIONS;
         let mut others = tracks(&[
             (COLOURS, groom.colours.as_deref().map(bytemuck::cast_slice)),
@@ -147,6 +150,8 @@ impl<W: Write + Seek> Strands<W> {
             (group_ids, labels.group_ids.as_deref().map(bytemuck::cast_slice)),
             (guide, guides.as_deref().map(bytemuck::cast_slice)),
             (ids, labels.ids.as_deref().map(bytemuck::cast_slice)),
+            (closest, labels.closest_guides.as_deref().map(bytemuck::cast_slice)),
+            (weights, labels.guide_weights.as_deref().map(bytemuck::cast_slice)),
         ])?;
         if !others.is_empty() {
             let [one, five] = VERSION.map(i16::to_le_bytes);
@@ -171,24 +176,26 @@ impl<W: Write + Seek> Strands<W> {
         }
     }
 
-    /// Completes the archive. Without `fps` it has one sample at time 0.
-    pub fn finish(mut self, fps: Option<f64>) -> io::Result<W> {
+    /// Completes the archive, whose frames are at the times of `clock`. Without it there is one
+    /// sample at time 0.
+    pub fn finish(mut self, clock: Option<Clock>) -> io::Result<W> {
         let frames = self.points.count();
-        let sampling = u8::from(fps.is_some());
+        let sampling = u8::from(clock.is_some());
         self.constant.iter_mut().chain(&mut self.others).for_each(|track| track.repeat_to(frames));
         let mut indexed = Indexed::default();
         let version = self.out.data(&[&0i32.to_le_bytes()])?;
         // The version of the library whose layout this is.
         let library = self.out.data(&[&10_803i32.to_le_bytes()])?;
         let top = self.objects(&mut indexed, sampling)?;
-        let per_second = fps.map_or(String::new(), |fps| format!("FramesPerTimeUnit={fps};"));
+        let per_second = clock.map_or(String::new(), |clock| format!("FramesPerTimeUnit={};", clock.fps));
         let metadata = format!("{per_second}_ai_Application=Forelock;{UNIT_KEY}=m");
         let metadata = self.out.data(&[metadata.as_bytes()])?;
         let mut samplings = Vec::new();
         let still = TimeSampling { period_secs: 1.0, times_secs: vec![0.0] };
-        still.write(if fps.is_some() { 0 } else { frames }, &mut samplings);
-        if let Some(fps) = fps {
-            TimeSampling { period_secs: 1.0 / fps, ..still }.write(frames, &mut samplings);
+        still.write(if clock.is_some() { 0 } else { frames }, &mut samplings);
+        if let Some(Clock { start_secs, fps }) = clock {
+            let moving = TimeSampling { period_secs: 1.0 / fps, times_secs: vec![start_secs] };
+            moving.write(frames, &mut samplings);
         }
         let samplings = self.out.data(&[&samplings])?;
         let indexed = self.out.data(&[&indexed.bytes()])?;

@@ -11,10 +11,15 @@
 //! | | `colours` | float32 `[P, 3]` |
 //! | | `root_uv` | float32 `[S, 2]` |
 //! | | `pinned` | uint32 `[S]` |
+//! | | `stiffness` | float32 `[S]` |
 //! | | `binding_triangles`, `binding_barycentric`, `binding_distances` | uint32 `[S]`, float32 `[S, 3]`, float32 `[S]` |
+//! | | `groom_id`, `groom_group_id` | int32 `[S]` |
+//! | | `groom_guide` | uint8 `[S]` |
+//! | | `groom_closest_guides`, `groom_guide_weights` | int32 `[S, 3]`, float32 `[S, 3]` |
 //! | cache | `positions` | float32 `[F, P, 3]` |
 //! | | `strand_offsets` | uint32 `[S + 1]` |
 //! | | `times` | float64 `[F]`, seconds |
+//! | | any of a groom's other arrays | |
 //!
 //! The root of strand s in frame f is `positions[f, strand_offsets[s]]`.
 //!
@@ -33,12 +38,13 @@ mod writer;
 mod zip;
 
 use std::{
+    borrow::Cow,
     collections::BTreeMap,
     io::{self, BufReader, Read, Seek, Write},
     path::Path,
 };
 
-use forelock_core::groom::{Groom, GroomError, RootBinding};
+use forelock_core::groom::{Groom, GroomError, Labels, RootBinding};
 use glam::Vec3;
 use zip::{Archive, Entry};
 
@@ -153,38 +159,60 @@ pub fn read_groom(file: impl Read + Seek) -> Result<Groom, NpzError> {
         Ok(words) => invalid(words),
         Err(error) => from_groom(error),
     })?;
-    let wrong = |name: &str| invalid(format!("the array `{name}` has the wrong type"));
-    let mut floats = |name: &str| -> Result<Option<Vec<f32>>, NpzError> {
-        archive
-            .array(name)?
-            .map(|a| a.floats().map(|v| v.into_owned()).ok_or_else(|| wrong(name)))
-            .transpose()
-    };
-    groom.widths = floats("widths")?;
-    groom.transparencies = floats("transparencies")?;
-    groom.colours = floats("colours")?.map(groups);
-    groom.root_uvs = floats("root_uv")?.map(groups);
-    let (barycentric, distances) = (floats("binding_barycentric")?, floats("binding_distances")?);
-    let mut counts = |name: &str| -> Result<Option<Vec<u32>>, NpzError> {
-        archive
-            .array(name)?
-            .map(|a| a.counts().map(|v| v.into_owned()).ok_or_else(|| wrong(name)))
-            .transpose()
-    };
-    groom.pinned = counts("pinned")?
+    groom.widths = archive.floats("widths")?;
+    groom.transparencies = archive.floats("transparencies")?;
+    groom.colours = archive.floats("colours")?.map(groups);
+    groom.root_uvs = archive.floats("root_uv")?.map(groups);
+    groom.pinned = archive
+        .counts("pinned")?
         .map(|pins| pins.into_iter().map(|count| u16::try_from(count).unwrap_or(u16::MAX)).collect());
+    groom.stiffness = archive.floats("stiffness")?;
+    let (triangles, barycentric) =
+        (archive.counts("binding_triangles")?, archive.floats("binding_barycentric")?);
     if let (Some(triangles), Some(barycentric), Some(distances)) =
-        (counts("binding_triangles")?, barycentric, distances)
+        (triangles, barycentric, archive.floats("binding_distances")?)
     {
-        let bound = triangles.into_iter().zip(groups::<3>(barycentric)).zip(distances);
+        let bound = triangles.into_iter().zip(groups::<3, _>(barycentric)).zip(distances);
         groom.bindings = Some(
             bound
                 .map(|((triangle, barycentric), distance)| RootBinding { triangle, barycentric, distance })
                 .collect(),
         );
     }
+    groom.labels = Labels {
+        ids: archive.integers("groom_id")?,
+        group_ids: archive.integers("groom_group_id")?,
+        guides: archive.integers("groom_guide")?.map(|all| all.into_iter().map(|guide| guide != 0).collect()),
+        closest_guides: archive.integers("groom_closest_guides")?.map(groups),
+        guide_weights: archive.floats("groom_guide_weights")?.map(groups),
+    };
     groom.check_attributes().map_err(from_groom)?;
     Ok(groom)
+}
+
+impl<R: Read + Seek> Archive<R> {
+    /// The array `name` as `convert` makes it, if it is there.
+    fn converted<T: Clone>(
+        &mut self,
+        name: &str,
+        convert: impl Fn(&Array) -> Option<Cow<'_, [T]>>,
+    ) -> Result<Option<Vec<T>>, NpzError> {
+        let Some(array) = self.array(name)? else { return Ok(None) };
+        let wrong = || invalid(format!("the array `{name}` has the wrong type"));
+        convert(&array).map(|values| Some(values.into_owned())).ok_or_else(wrong)
+    }
+
+    fn floats(&mut self, name: &str) -> Result<Option<Vec<f32>>, NpzError> {
+        self.converted(name, Array::floats)
+    }
+
+    fn counts(&mut self, name: &str) -> Result<Option<Vec<u32>>, NpzError> {
+        self.converted(name, Array::counts)
+    }
+
+    fn integers(&mut self, name: &str) -> Result<Option<Vec<i32>>, NpzError> {
+        self.converted(name, Array::integers)
+    }
 }
 
 /// Reads the array `positions`. If it has a frame axis, only the first frame is read. `offsets`
@@ -218,7 +246,7 @@ fn assemble(positions: &Array, offsets: Option<&Array>) -> Result<Groom, Result<
     let shape = &positions.shape;
     let all =
         positions.floats().ok_or_else(|| Ok("the array `positions` must be float32 or float64".into()))?;
-    let mut points: Vec<Vec3> = groups::<3>(all.into_owned()).into_iter().map(Vec3::from_array).collect();
+    let mut points: Vec<Vec3> = groups::<3, _>(all.into_owned()).into_iter().map(Vec3::from_array).collect();
     let offsets = match (shape.as_slice(), offsets) {
         ([.., 3], Some(offsets)) => {
             let offsets = offsets.counts().ok_or_else(|| {
@@ -248,20 +276,30 @@ fn assemble(positions: &Array, offsets: Option<&Array>) -> Result<Groom, Result<
 }
 
 /// The values in groups of `N`. An incomplete last group is dropped.
-fn groups<const N: usize>(values: Vec<f32>) -> Vec<[f32; N]> {
+fn groups<const N: usize, T: Clone>(values: Vec<T>) -> Vec<[T; N]> {
     values.as_chunks::<N>().0.to_vec()
+}
+
+fn shaped(n: usize, each: usize, values: impl Into<Data>) -> Array {
+    Array { shape: vec![n, each], data: values.into() }
 }
 
 /// The bytes of an archive with `groom` and all its attributes.
 pub fn write_groom(groom: &Groom) -> Vec<u8> {
-    let shaped =
-        |n: usize, each: usize, values: Vec<f32>| Array { shape: vec![n, each], data: values.into() };
-    let (particles, strands) = (groom.particle_count(), groom.strand_count());
     let offsets = if groom.strand_offsets().is_empty() { vec![0] } else { groom.strand_offsets().to_vec() };
+    let positions: Vec<f32> = bytemuck::cast_slice(groom.positions()).to_vec();
     let mut arrays = vec![
-        ("positions", shaped(particles, 3, bytemuck::cast_slice(groom.positions()).to_vec())),
+        ("positions", shaped(groom.particle_count(), 3, positions)),
         ("strand_offsets", Array::vector(offsets)),
     ];
+    arrays.extend(attributes(groom));
+    write(&arrays)
+}
+
+/// The arrays of all attributes of `groom`, for archives of grooms and caches alike.
+pub(crate) fn attributes(groom: &Groom) -> Vec<(&'static str, Array)> {
+    let (particles, strands) = (groom.particle_count(), groom.strand_count());
+    let mut arrays = Vec::new();
     let mut add = |name, array: Option<Array>| arrays.extend(array.map(|array| (name, array)));
     add("widths", groom.widths.clone().map(Array::vector));
     add("transparencies", groom.transparencies.clone().map(Array::vector));
@@ -269,15 +307,23 @@ pub fn write_groom(groom: &Groom) -> Vec<u8> {
     add("root_uv", groom.root_uvs.as_ref().map(|uv| shaped(strands, 2, uv.as_flattened().to_vec())));
     let pins = |pins: &Vec<u16>| pins.iter().map(|&count| u32::from(count)).collect::<Vec<_>>();
     add("pinned", groom.pinned.as_ref().map(|p| Array::vector(pins(p))));
+    add("stiffness", groom.stiffness.clone().map(Array::vector));
     if let Some(bindings) = &groom.bindings {
         let triangles: Vec<u32> = bindings.iter().map(|b| b.triangle).collect();
         let distances: Vec<f32> = bindings.iter().map(|b| b.distance).collect();
         add("binding_triangles", Some(Array::vector(triangles)));
-        add(
-            "binding_barycentric",
-            Some(shaped(strands, 3, bindings.iter().flat_map(|b| b.barycentric).collect())),
-        );
+        let barycentric: Vec<f32> = bindings.iter().flat_map(|b| b.barycentric).collect();
+        add("binding_barycentric", Some(shaped(strands, 3, barycentric)));
         add("binding_distances", Some(Array::vector(distances)));
     }
-    write(&arrays)
+    let labels = &groom.labels;
+    add("groom_id", labels.ids.clone().map(Array::vector));
+    add("groom_group_id", labels.group_ids.clone().map(Array::vector));
+    let guides = labels.guides.as_ref().map(|all| all.iter().map(|&guide| u8::from(guide)).collect());
+    add("groom_guide", guides.map(|guides: Vec<u8>| Array::vector(guides)));
+    let closest = labels.closest_guides.as_ref();
+    add("groom_closest_guides", closest.map(|ids| shaped(strands, 3, ids.as_flattened().to_vec())));
+    let weights = labels.guide_weights.as_ref();
+    add("groom_guide_weights", weights.map(|w| shaped(strands, 3, w.as_flattened().to_vec())));
+    arrays
 }

@@ -123,6 +123,18 @@ impl Array {
         }
     }
 
+    /// The elements as int32, if they are integers in its range.
+    pub fn integers(&self) -> Option<Cow<'_, [i32]>> {
+        match &self.data {
+            Data::I32(v) => Some(v.into()),
+            Data::U8(v) => Some(v.iter().map(|&x| x.into()).collect()),
+            Data::U32(v) => v.iter().map(|&x| x.try_into().ok()).collect(),
+            Data::U64(v) => v.iter().map(|&x| x.try_into().ok()).collect(),
+            Data::I64(v) => v.iter().map(|&x| x.try_into().ok()).collect(),
+            Data::F32(_) | Data::F64(_) => None,
+        }
+    }
+
     /// The bytes of a `.npy` file with this array.
     pub(super) fn to_npy(&self) -> Vec<u8> {
         [self.npy_header().as_slice(), self.data.bytes()].concat()

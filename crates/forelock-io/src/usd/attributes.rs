@@ -3,7 +3,7 @@
 use forelock_core::groom::Groom;
 use glam::Vec3;
 
-use super::names::{BINDING, COLOUR, OPACITY, PINNED, ROOT_UVS, STIFFNESS};
+use super::names::{BINDING, COLOUR, LABELS, OPACITY, PINNED, ROOT_UVS, STIFFNESS};
 
 /// The names of the prims.
 pub(super) const PARENT: &str = "groom";
@@ -11,7 +11,8 @@ pub(super) const PRIM: &str = "hair";
 
 /// A list of numbers, or a word.
 pub(super) enum Numbers {
-    Integers(Vec<u32>),
+    /// Joined vectors of so many numbers, of 32 bits.
+    Integers(usize, Vec<i64>),
     /// Joined vectors of so many numbers.
     Floats(usize, Vec<f32>),
     Word(&'static str),
@@ -28,13 +29,13 @@ pub(super) struct Written {
 
 /// The attributes of `groom`, without its points.
 pub(super) fn of(groom: &Groom) -> Vec<Written> {
-    let counts = groom.strand_offsets().windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let counts = groom.strand_offsets().windows(2).map(|pair| i64::from(pair[1] - pair[0])).collect();
     let mut all = vec![
         Written {
             name: "curveVertexCounts",
             kind: "int",
             interpolation: None,
-            numbers: Numbers::Integers(counts),
+            numbers: Numbers::Integers(1, counts),
         },
         Written { name: "type", kind: "token", interpolation: None, numbers: Numbers::Word("linear") },
     ];
@@ -51,18 +52,30 @@ pub(super) fn of(groom: &Groom) -> Vec<Written> {
     add(OPACITY, "float", "vertex", opacities);
     let uvs = groom.root_uvs.as_ref().map(|uvs| Numbers::Floats(2, uvs.as_flattened().to_vec()));
     add(ROOT_UVS[0], "texCoord2f", "uniform", uvs);
-    let pinned = groom.pinned.as_ref().map(|p| Numbers::Integers(p.iter().map(|&n| n.into()).collect()));
+    let pinned = groom.pinned.as_ref().map(|p| integers(1, p));
     add(PINNED, "int", "uniform", pinned);
     add(STIFFNESS, "float", "uniform", groom.stiffness.clone().map(|k| Numbers::Floats(1, k)));
     if let Some(bindings) = &groom.bindings {
-        let triangles = bindings.iter().map(|b| b.triangle).collect();
+        let triangles: Vec<u32> = bindings.iter().map(|b| b.triangle).collect();
         let points = bindings.iter().flat_map(|b| b.barycentric).collect();
         let distances = bindings.iter().map(|b| b.distance).collect();
-        add(BINDING[0], "uint", "uniform", Some(Numbers::Integers(triangles)));
+        add(BINDING[0], "uint", "uniform", Some(integers(1, &triangles)));
         add(BINDING[1], "float3", "uniform", Some(Numbers::Floats(3, points)));
         add(BINDING[2], "float", "uniform", Some(Numbers::Floats(1, distances)));
     }
+    let labels = &groom.labels;
+    add(LABELS[0], "int", "uniform", labels.ids.as_ref().map(|ids| integers(1, ids)));
+    add(LABELS[1], "int", "uniform", labels.group_ids.as_ref().map(|ids| integers(1, ids)));
+    add(LABELS[2], "int", "uniform", labels.guides.as_ref().map(|guides| integers(1, guides)));
+    let closest = labels.closest_guides.as_ref().map(|ids| integers(3, ids.as_flattened()));
+    add(LABELS[3], "int3", "uniform", closest);
+    let weights = labels.guide_weights.as_ref().map(|w| Numbers::Floats(3, w.as_flattened().to_vec()));
+    add(LABELS[4], "float3", "uniform", weights);
     all
+}
+
+fn integers<T: Copy + Into<i64>>(each: usize, values: &[T]) -> Numbers {
+    Numbers::Integers(each, values.iter().map(|&value| value.into()).collect())
 }
 
 /// The corners of the box around `points`, made larger by `radius`.

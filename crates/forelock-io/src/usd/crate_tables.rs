@@ -29,6 +29,7 @@ const FLOAT: u64 = 8;
 const DOUBLE: u64 = 9;
 const VEC2F: u64 = 20;
 const VEC3F: u64 = 24;
+const VEC3I: u64 = 26;
 const SPECIFIER: u64 = 42;
 const VARIABILITY: u64 = 44;
 
@@ -59,9 +60,15 @@ impl Attribute {
                 let kind = written.kind.to_owned();
                 return Self { kind, word: Some(word), ..Self::new(written.name, "", None) };
             }
-            Numbers::Integers(list) => {
-                let code = if written.kind == "uint" { UINT } else { INT };
-                append_array(code, list.len(), bytemuck::cast_slice(list), out, start)
+            Numbers::Integers(each, list) => {
+                let code = match (*each, written.kind) {
+                    (1, "uint") => UINT,
+                    (1, _) => INT,
+                    _ => VEC3I,
+                };
+                #[expect(clippy::cast_possible_truncation, reason = "numbers of 32 bits")]
+                let bytes: Vec<u8> = list.iter().flat_map(|&n| (n as i32).to_le_bytes()).collect();
+                append_array(code, list.len() / each, &bytes, out, start)
             }
             Numbers::Floats(each, list) => {
                 let code = match each {

@@ -13,21 +13,21 @@
 //! # Practice
 //! All curves of a layer are joined, in the order of its prims. Widths and other values are one for
 //! all, one for a curve, one for a control point or one for an end of a segment (`varying`): their
-//! number says which. An attribute is kept if all prims have it. Widths are scaled by the cube root
-//! of the transform's determinant.
+//! number says which. An attribute is kept if all prims have it; [`Labels::join`] says what strands
+//! get whose prim has no labels. Widths are scaled by the cube root of the transform's determinant.
 //!
 //! # Limitations
 //! `wrap` does not close strands, and does not shorten curves that are `nonperiodic`.
 
 use std::io::{Read, Seek};
 
-use forelock_core::groom::{Groom, GroomError, RootBinding};
+use forelock_core::groom::{Groom, GroomError, Labels, RootBinding};
 use glam::{DMat4, Vec3};
 
 use super::{
     UsdError, from_groom, invalid,
     layer::{Layer, Prim, Value},
-    names::{BINDING, COLOUR, OPACITY, PINNED, ROOT_UVS, STIFFNESS},
+    names::{BINDING, COLOUR, LABELS, OPACITY, PINNED, ROOT_UVS, STIFFNESS},
     xform,
 };
 
@@ -55,15 +55,13 @@ pub(super) fn groom<R: Read + Seek>(
     indices: &[usize],
     time: f64,
 ) -> Result<Groom, UsdError> {
-    let mut joined: Option<Groom> = None;
-    for &index in indices {
-        let part = part(layer, &layer.prims[index], time)?;
-        joined = Some(match joined {
-            None => part,
-            Some(before) => join(&before, &part)?,
-        });
+    let parts: Result<Vec<Groom>, UsdError> =
+        indices.iter().map(|&index| part(layer, &layer.prims[index], time)).collect();
+    let mut parts = parts?;
+    if parts.len() == 1 {
+        return Ok(parts.swap_remove(0));
     }
-    Ok(joined.unwrap_or_default())
+    Groom::join(&parts).map_err(from_groom)
 }
 
 /// The groom of one prim.
@@ -111,6 +109,7 @@ fn part<R: Read + Seek>(layer: &Layer<R>, prim: &Prim, time: f64) -> Result<Groo
     let stiffness = find(&[STIFFNESS], 1)?.and_then(|v| curves.roots::<1>(&v));
     groom.stiffness = stiffness.map(|values| values.iter().map(|[k]| *k).collect());
     groom.bindings = bindings(layer, prim, &curves, time)?;
+    groom.labels = labels(layer, prim, &curves, time)?;
     Ok(groom)
 }
 
@@ -201,6 +200,24 @@ impl Curves {
         rest.is_empty().then_some(spread)
     }
 
+    /// `values` as one for each strand: one for all, one a strand, or one a point, of which that of
+    /// the root counts; nothing if their number does not fit.
+    fn labels<const N: usize, T: Copy>(&self, values: &[T]) -> Option<Vec<[T; N]>> {
+        let (values, []) = values.as_chunks::<N>() else { return None };
+        match values {
+            [value] => Some(vec![*value; self.counts.len()]),
+            _ if values.len() == self.counts.len() => Some(values.to_vec()),
+            _ if values.len() == self.points.len() => {
+                let roots = self.counts.iter().scan(0, |sum, &count| {
+                    *sum += count as usize;
+                    Some(*sum - count as usize)
+                });
+                roots.map(|root| values.get(root).copied()).collect()
+            }
+            _ => None,
+        }
+    }
+
     /// `values` as one for each strand, that of its root; nothing if their number does not fit.
     fn roots<const N: usize>(&self, values: &[f32]) -> Option<Vec<[f32; N]>> {
         let (elements, []) = values.as_chunks::<N>() else { return None };
@@ -227,16 +244,57 @@ fn primvar<R: Read + Seek>(
     time: f64,
 ) -> Result<Option<Vec<f32>>, UsdError> {
     let values = layer.find(prim, name, time)?.and_then(|value| value.floats());
+    match values {
+        Some(values) => picked(layer, prim, name, values, each, time),
+        None => Ok(None),
+    }
+}
+
+/// `values` of the attribute `name`, `each` an element, through its indices if it has any.
+fn picked<T: Copy, R: Read + Seek>(
+    layer: &Layer<R>,
+    prim: &Prim,
+    name: &str,
+    values: Vec<T>,
+    each: usize,
+    time: f64,
+) -> Result<Option<Vec<T>>, UsdError> {
     let indices = layer.find(prim, &format!("{name}:indices"), time)?;
-    let (Some(elements), Some(Value::Integers(indices))) = (&values, indices.as_deref()) else {
-        return Ok(values);
-    };
+    let Some(Value::Integers(indices)) = indices.as_deref() else { return Ok(Some(values)) };
     let element = |&index: &i64| {
         let start = usize::try_from(index).ok()?.checked_mul(each)?;
-        elements.get(start..start.checked_add(each)?)
+        values.get(start..start.checked_add(each)?)
     };
-    let picked: Option<Vec<&[f32]>> = indices.iter().map(element).collect();
+    let picked: Option<Vec<&[T]>> = indices.iter().map(element).collect();
     Ok(picked.map(|picked| picked.concat()))
+}
+
+/// The labels of the strands.
+fn labels<R: Read + Seek>(
+    layer: &Layer<R>,
+    prim: &Prim,
+    curves: &Curves,
+    time: f64,
+) -> Result<Labels, UsdError> {
+    let integers = |name: &str, each: usize| -> Result<Option<Vec<i32>>, UsdError> {
+        let value = layer.find(prim, name, time)?;
+        let Some(Value::Integers(values)) = value.as_deref() else { return Ok(None) };
+        #[expect(clippy::cast_possible_truncation, reason = "IDs without a sign keep their 32 bits")]
+        let values = values.iter().map(|&value| value as i32).collect();
+        picked(layer, prim, name, values, each, time)
+    };
+    let [id, group, guide, closest, weights] = LABELS;
+    let one = |name: &str| -> Result<Option<Vec<i32>>, UsdError> {
+        let values = integers(name, 1)?.and_then(|values| curves.labels::<1, _>(&values));
+        Ok(values.map(|values| values.as_flattened().to_vec()))
+    };
+    Ok(Labels {
+        ids: one(id)?,
+        group_ids: one(group)?,
+        guides: one(guide)?.map(|guides| guides.iter().map(|&guide| guide != 0).collect()),
+        closest_guides: integers(closest, 3)?.and_then(|values| curves.labels(&values)),
+        guide_weights: primvar(layer, prim, weights, 3, time)?.and_then(|values| curves.labels(&values)),
+    })
 }
 
 /// Root bindings as the writer stores them.
@@ -282,25 +340,4 @@ fn on_curve(control: &[Vec3], basis: Basis, out: &mut [Vec3]) {
             }
         }
     }
-}
-
-/// The strands of `a`, then those of `b`, with the attributes that both have.
-fn join(a: &Groom, b: &Groom) -> Result<Groom, UsdError> {
-    let positions = [a.positions(), b.positions()].concat();
-    let first = u32::try_from(a.particle_count()).unwrap_or(u32::MAX);
-    let mut offsets = a.strand_offsets().to_vec();
-    offsets.extend(b.strand_offsets().iter().skip(1).map(|&offset| first.saturating_add(offset)));
-    let mut groom = Groom::new(positions, offsets).map_err(from_groom)?;
-    groom.widths = both(&a.widths, &b.widths);
-    groom.colours = both(&a.colours, &b.colours);
-    groom.transparencies = both(&a.transparencies, &b.transparencies);
-    groom.root_uvs = both(&a.root_uvs, &b.root_uvs);
-    groom.pinned = both(&a.pinned, &b.pinned);
-    groom.stiffness = both(&a.stiffness, &b.stiffness);
-    groom.bindings = both(&a.bindings, &b.bindings);
-    Ok(groom)
-}
-
-fn both<T: Clone>(a: &Option<Vec<T>>, b: &Option<Vec<T>>) -> Option<Vec<T>> {
-    Some([a.as_deref()?, b.as_deref()?].concat())
 }

@@ -21,6 +21,7 @@
 //! | `primvars:displayColor` | colours |
 //! | `primvars:displayOpacity` | 1 − transparencies |
 //! | `primvars:st`, `groom_root_uv`, `root_uv`, `uv`, `surface_uv_coordinate` or `UVMap` | root UVs |
+//! | `primvars:groom_id`, `groom_group_id`, `groom_guide`, `groom_closest_guides`, `groom_guide_weights` | labels |
 //! | `primvars:forelock_pinned`, `_stiffness`, `_root_…` | what only this program knows |
 //!
 //! [`write_groom`](crate::write_groom) writes linear curves in metres, y up: text for `.usda`,

@@ -25,24 +25,14 @@ pub fn write_text(groom: &Groom) -> Vec<u8> {
         // Writing to a text does not fail.
         let _ = match numbers {
             Numbers::Word(word) => write!(out, "uniform {kind} {name} = \"{word}\""),
-            Numbers::Integers(list) => {
+            Numbers::Integers(each, list) => {
                 let _ = write!(out, "{kind}[] {name} = ");
-                write_list(&mut out, list, |out, n| write!(out, "{n}"));
-                Ok(())
-            }
-            Numbers::Floats(1, list) => {
-                let _ = write!(out, "{kind}[] {name} = ");
-                write_list(&mut out, list, |out, x| write_float(out, *x));
+                write_list(&mut out, *each, list, |out, n| write!(out, "{n}"));
                 Ok(())
             }
             Numbers::Floats(each, list) => {
                 let _ = write!(out, "{kind}[] {name} = ");
-                let elements: Vec<&[f32]> = list.chunks_exact(*each).collect();
-                write_list(&mut out, &elements, |out, element| {
-                    out.push('(');
-                    separated(out, element, |out, x| write_float(out, *x))?;
-                    out.write_char(')')
-                });
+                write_list(&mut out, *each, list, |out, x| write_float(out, *x));
                 Ok(())
             }
         };
@@ -55,9 +45,24 @@ pub fn write_text(groom: &Groom) -> Vec<u8> {
     out.into_bytes()
 }
 
-fn write_list<T>(out: &mut String, list: &[T], write: impl Fn(&mut String, &T) -> std::fmt::Result) {
+/// Writes `list`, whose elements are `each` numbers.
+fn write_list<T>(
+    out: &mut String,
+    each: usize,
+    list: &[T],
+    write: impl Fn(&mut String, &T) -> std::fmt::Result,
+) {
     out.push('[');
-    let _ = separated(out, list, write);
+    let _ = if each == 1 {
+        separated(out, list, write)
+    } else {
+        let elements: Vec<&[T]> = list.chunks_exact(each).collect();
+        separated(out, &elements, |out, element| {
+            out.push('(');
+            separated(out, element, &write)?;
+            out.write_char(')')
+        })
+    };
     out.push(']');
 }
 

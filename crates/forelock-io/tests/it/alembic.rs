@@ -4,15 +4,16 @@
 
 use std::{fs, io::Cursor, path::Path};
 
-use forelock_core::groom::{Groom, Import, Unit};
+use forelock_core::groom::{Groom, Import, Labels, Unit};
 use forelock_io::{
     WriteError,
-    alembic::{self, CurvesWriter, Labels, Reader},
+    alembic::{self, CurvesWriter, Reader},
     read_groom,
 };
 use glam::Vec3;
 
 const FPS: f64 = 24.0;
+const START: f64 = 1.25;
 
 fn groom() -> Groom {
     let strand = |x: f32| (0..5).map(|i| Vec3::new(x, -0.1 * i as f32, 0.0)).collect::<Vec<_>>();
@@ -30,7 +31,7 @@ fn frame_of(groom: &Groom, frame: usize, still: usize) -> Vec<Vec3> {
 
 fn write(path: &Path, frames: usize, still: usize) {
     let groom = groom();
-    let mut writer = CurvesWriter::create(path, &groom, &Labels::default(), FPS).unwrap();
+    let mut writer = CurvesWriter::create(path, &groom, START, FPS).unwrap();
     for frame in 0..frames {
         writer.write_frame(&frame_of(&groom, frame, still), Some(&vec![Vec3::X; 50])).unwrap();
     }
@@ -49,7 +50,7 @@ fn every_frame_of_a_cache_reads_back() {
         assert_eq!(reader.frames() as usize, frames);
         assert_eq!(reader.names().collect::<Vec<_>>(), ["/hair"]);
         for frame in 0..frames {
-            assert!((reader.time_secs(frame as u32) - frame as f64 / FPS).abs() < 1e-12);
+            assert!((reader.time_secs(frame as u32) - START - frame as f64 / FPS).abs() < 1e-12);
             let contents = reader.read(frame as u32).unwrap();
             assert_eq!(contents.groom.positions(), frame_of(&groom(), frame, still), "{frame}");
             assert_eq!(contents.groom.strand_offsets(), groom().strand_offsets());
@@ -66,7 +67,7 @@ fn samples_that_come_back_are_found() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.abc");
     let groom = groom();
-    let mut writer = CurvesWriter::create(&path, &groom, &Labels::default(), FPS).unwrap();
+    let mut writer = CurvesWriter::create(&path, &groom, START, FPS).unwrap();
     let pattern = [0, 0, 0, 1, 1, 2, 2, 2, 0, 3, 3];
     for frame in pattern {
         writer.write_frame(&frame_of(&groom, frame, 9), None).unwrap();
@@ -99,8 +100,8 @@ fn a_writer_that_is_dropped_leaves_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.abc");
     fs::write(&path, "old").unwrap();
-    let mut writer = CurvesWriter::create(&path, &groom(), &Labels::default(), FPS).unwrap();
-    let second = CurvesWriter::create(&path, &groom(), &Labels::default(), FPS);
+    let mut writer = CurvesWriter::create(&path, &groom(), START, FPS).unwrap();
+    let second = CurvesWriter::create(&path, &groom(), START, FPS);
     assert!(matches!(second, Err(WriteError::Locked { .. })));
     writer.write_frame(groom().positions(), None).unwrap();
     drop(writer);
@@ -124,16 +125,18 @@ fn a_file_that_was_not_completed_is_refused() {
 fn what_cannot_be_written_is_said() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.abc");
-    let create = |groom: &Groom, labels: &Labels, fps: f64| CurvesWriter::create(&path, groom, labels, fps);
+    let create = |groom: &Groom, start: f64, fps: f64| CurvesWriter::create(&path, groom, start, fps);
     let refused = |result: Result<CurvesWriter, WriteError>| result.err().unwrap().to_string();
-    let plain = Labels::default();
     for fps in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        assert!(refused(create(&groom(), &plain, fps)).contains("must be above 0"));
+        assert!(refused(create(&groom(), START, fps)).contains("must be above 0"));
     }
-    assert!(refused(create(&Groom::default(), &plain, FPS)).contains("no points"));
+    assert!(refused(create(&Groom::default(), START, FPS)).contains("no points"));
+    assert!(refused(create(&groom(), f64::NAN, FPS)).contains("must be finite"));
     let short = Labels { ids: Some(vec![1]), ..Labels::default() };
-    assert!(refused(create(&groom(), &short, FPS)).contains("`ids` has 1 entries, but 10 were expected"));
-    let mut writer = create(&groom(), &plain, FPS).unwrap();
+    let mut labelled = groom();
+    labelled.labels = short;
+    assert!(refused(create(&labelled, START, FPS)).contains("`ids` has 1 entries, but 10 were expected"));
+    let mut writer = create(&groom(), START, FPS).unwrap();
     let words = writer.write_frame(&[Vec3::ZERO], None).unwrap_err().to_string();
     assert!(words.contains("the frame has 1 positions, but the cache has 50"), "{words}");
     let words = writer.write_frame(groom().positions(), Some(&[Vec3::ZERO; 50])).unwrap_err().to_string();
@@ -147,8 +150,7 @@ fn what_cannot_be_written_is_said() {
 fn the_unit_of_the_file_holds_where_the_user_names_none() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.abc");
-    let labels = Labels { group_ids: Some(vec![0; 10]), ..Labels::default() };
-    let bytes = alembic::write(&groom(), &labels).unwrap();
+    let bytes = alembic::write(&groom()).unwrap();
     let check = |bytes: &[u8], import: &Import, metres: f32| {
         fs::write(&path, bytes).unwrap();
         let tip = read_groom(&path, import).unwrap().groom.positions()[4].y;

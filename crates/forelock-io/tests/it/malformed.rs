@@ -29,7 +29,7 @@ fn files(groom: &Groom) -> Vec<(&'static str, Reader, Vec<u8>)> {
         Ok(Vec::new()),
         tfx::write(groom),
         Ok(npz::write_groom(groom)),
-        alembic::write(groom, &alembic::Labels::default()),
+        alembic::write(groom),
         ply::write(groom),
     ];
     let files = READERS.into_iter().zip(written);

@@ -35,7 +35,7 @@ pub(super) fn load(
                 notes.extend(repairs.into_iter().map(|repair| format!("{}: {repair}", path.display())));
                 grooms.push(imported.groom);
             }
-            join(grooms)?
+            if grooms.len() == 1 { grooms.swap_remove(0) } else { Groom::join(&grooms)? }
         }
         (GroomSource::Grow, Some(body)) => grow_on(scene, body, meter)?,
         (GroomSource::Grow, None) => return Err(grow::GrowError::EmptyRegion.into()),
@@ -136,46 +136,9 @@ fn grow_on(scene: &Scene, body: &Body, meter: &Meter) -> Result<Groom, AssetErro
     Ok(grow::grow_watched(&body.mesh, &weights, params, avoid, meter)?)
 }
 
-/// All strands of `grooms` in order. An attribute is kept where every groom has it.
-fn join(mut grooms: Vec<Groom>) -> Result<Groom, AssetError> {
-    if grooms.len() == 1 {
-        return Ok(grooms.swap_remove(0));
-    }
-    fn all<T: Copy>(grooms: &[Groom], get: impl Fn(&Groom) -> Option<&Vec<T>>) -> Option<Vec<T>> {
-        let parts: Option<Vec<&Vec<T>>> = grooms.iter().map(get).collect();
-        parts.map(|parts| parts.into_iter().flatten().copied().collect())
-    }
-    let mut joined = Groom::from_strands(grooms.iter().flat_map(Groom::strands))?;
-    joined.widths = all(&grooms, |g| g.widths.as_ref());
-    joined.colours = all(&grooms, |g| g.colours.as_ref());
-    joined.transparencies = all(&grooms, |g| g.transparencies.as_ref());
-    joined.root_uvs = all(&grooms, |g| g.root_uvs.as_ref());
-    joined.pinned = all(&grooms, |g| g.pinned.as_ref());
-    joined.stiffness = all(&grooms, |g| g.stiffness.as_ref());
-    Ok(joined)
-}
-
 /// About where hair without a body turns.
 pub(super) fn middle_of_roots(groom: &Groom) -> DVec3 {
     let roots = groom.strands().filter_map(|strand| strand.first());
     let [lo, hi] = box_of(roots.copied());
     neck(lo.as_dvec3(), hi.as_dvec3())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn joined_grooms_keep_the_attributes_that_all_have() {
-        let strand = |x: f32| [Vec3::X * x, Vec3::X * (x + 1.0)];
-        let mut a = Groom::from_strands([strand(0.0)]).unwrap();
-        let mut b = Groom::from_strands([strand(1.0), strand(2.0)]).unwrap();
-        a.pinned = Some(vec![1]);
-        b.pinned = Some(vec![2, 3]);
-        b.widths = Some(vec![0.1; 4]);
-        let joined = join(vec![a, b]).unwrap();
-        assert_eq!(joined.strand_offsets(), [0, 2, 4, 6]);
-        assert_eq!((joined.pinned, joined.widths), (Some(vec![1, 2, 3]), None));
-    }
 }

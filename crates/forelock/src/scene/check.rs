@@ -3,7 +3,7 @@
 //! An error names the dotted key and states which values are allowed. Ranges come from the
 //! documentation of the fields.
 
-use std::path::PathBuf;
+use std::path::Path;
 
 use forelock_core::body::{KeyframeInterpolation, Motion};
 use forelock_core::groom::Import;
@@ -11,8 +11,7 @@ use forelock_core::params::FLOAT32_STIFFNESS_LIMIT;
 use forelock_core::params::{ParamsError, Short};
 use forelock_core::solver::StepCheck;
 
-use forelock_io::Format;
-use forelock_io::animation::ENDINGS;
+use forelock_io::{Format, animation};
 use forelock_render::HairColour;
 
 use super::document::Document;
@@ -317,11 +316,8 @@ fn check_output(scene: &Scene) -> Result<(), Wrong> {
         let message = format!("should end in one of {}", written.join(", "));
         return Err(("output.groom".to_owned(), message));
     }
-    let other = |name: &PathBuf| {
-        let ending = name.extension().and_then(|own| own.to_str()).unwrap_or_default().to_lowercase();
-        ending == "npz" || !ENDINGS.contains(&&*ending)
-    };
-    if let Some(name) = output.exports.iter().find(|name| other(name)) {
+    let is_export = |name: &Path| animation::is_written(name) && Format::of(name) != Some(Format::Npz);
+    if let Some(name) = output.exports.iter().find(|name| !is_export(name)) {
         let message =
             format!("holds \"{}\", but takes names that end in .abc, .usdc or .usd", name.display());
         return Err(("output.exports".to_owned(), message));
