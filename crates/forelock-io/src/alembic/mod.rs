@@ -27,8 +27,9 @@
 //! and back when it reads: what it wrote needs no `--up z` here.
 //!
 //! # Limitations
-//! The HDF5 kind of Alembic, layers, instances and float16 are not read. Hidden objects are read
-//! like others. Guides are strands among the others: their labels tell them apart.
+//! The HDF5 kind of Alembic, layers, instances, float16 and the names of groups
+//! (`groom_group_name`) are not read. Hidden objects are read like others. Guides are strands among
+//! the others: their labels tell them apart.
 
 mod archive;
 mod cache;

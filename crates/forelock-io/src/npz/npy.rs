@@ -20,11 +20,11 @@ pub enum Data {
     F64(Vec<f64>),
     /// uint8. The reader also converts bool to it.
     U8(Vec<u8>),
-    /// uint32.
+    /// uint32. The reader also converts uint16 to it.
     U32(Vec<u32>),
     /// uint64.
     U64(Vec<u64>),
-    /// int32.
+    /// int32. The reader also converts int8 and int16 to it.
     I32(Vec<i32>),
     /// int64.
     I64(Vec<i64>),
@@ -243,6 +243,9 @@ impl Header {
             b"f4" => (b'f', 4),
             b"f8" => (b'f', 8),
             b"u1" | b"b1" => (b'u', 1),
+            b"u2" => (b'u', 2),
+            b"i1" => (b'i', 1),
+            b"i2" => (b'i', 2),
             b"u4" => (b'u', 4),
             b"u8" => (b'u', 8),
             b"i4" => (b'i', 4),
@@ -291,6 +294,13 @@ impl Header {
         match (self.kind, self.item_bytes) {
             (b'f', 4) => Data::F32(bytemuck::pod_collect_to_vec(bytes)),
             (b'f', _) => Data::F64(bytemuck::pod_collect_to_vec(bytes)),
+            (b'u', 2) => {
+                Data::U32(bytes.as_chunks().0.iter().map(|&b| u16::from_le_bytes(b).into()).collect())
+            }
+            (b'i', 1) => Data::I32(bytes.iter().map(|&b| i8::from_le_bytes([b]).into()).collect()),
+            (b'i', 2) => {
+                Data::I32(bytes.as_chunks().0.iter().map(|&b| i16::from_le_bytes(b).into()).collect())
+            }
             (b'u', 4) => Data::U32(bytemuck::pod_collect_to_vec(bytes)),
             (b'u', 8) => Data::U64(bytemuck::pod_collect_to_vec(bytes)),
             (b'i', 4) => Data::I32(bytemuck::pod_collect_to_vec(bytes)),
@@ -316,4 +326,22 @@ fn to_c_order(bytes: &[u8], item: usize, shape: &[usize]) -> Vec<u8> {
         }
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn small_integers_are_widened() {
+        for (descr, bytes, wanted) in [
+            ("|i1", vec![1, 0xff, 7], Data::I32(vec![1, -1, 7])),
+            ("<i2", vec![1, 0, 0xfe, 0xff, 0, 1], Data::I32(vec![1, -2, 256])),
+            (">i2", vec![0, 1, 0xff, 0xfe, 1, 0], Data::I32(vec![1, -2, 256])),
+            ("<u2", vec![1, 0, 0xfe, 0xff, 0, 1], Data::U32(vec![1, 65_534, 256])),
+        ] {
+            let npy = [header(descr, &[3]), bytes].concat();
+            assert_eq!(Array::from_npy(&npy).unwrap().data, wanted, "{descr}");
+        }
+    }
 }

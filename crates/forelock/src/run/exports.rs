@@ -38,3 +38,43 @@ pub(super) fn write(
     }
     Ok(paths)
 }
+
+#[cfg(test)]
+mod tests {
+    use forelock_core::groom::Labels;
+    use forelock_io::CacheWriter;
+    use glam::Vec3;
+
+    use super::*;
+
+    #[test]
+    fn exports_have_the_attributes_of_the_groom_and_the_times_of_the_cache() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut groom = Groom::from_strands([[Vec3::ZERO, Vec3::Y], [Vec3::X, Vec3::Z]]).unwrap();
+        groom.colours = Some(vec![[0.25, 0.5, 0.75]; 4]);
+        groom.labels = Labels {
+            ids: Some(vec![3, 8]),
+            group_ids: Some(vec![1, 2]),
+            guides: Some(vec![true, false]),
+            closest_guides: Some(vec![[3; 3]; 2]),
+            guide_weights: Some(vec![[0.5, 0.25, 0.25]; 2]),
+        };
+        let cache = folder.path().join("hair.npz");
+        let mut writer = CacheWriter::create(&cache, groom.strand_offsets(), &[]).unwrap();
+        for frame in 4..7 {
+            writer.append(f64::from(frame) / 24.0, groom.positions()).unwrap();
+        }
+        writer.finish().unwrap();
+
+        let mut scene = Scene::default();
+        scene.output.exports = vec!["hair.abc".into(), "for/hair.usdc".into()];
+        for path in write(&scene, &groom, &cache, folder.path(), &mut |_| {}).unwrap() {
+            let reader = AnimationReader::open(&path, &Import::default()).unwrap();
+            assert_eq!(reader.groom().labels, groom.labels);
+            assert_eq!(reader.groom().colours, groom.colours);
+            for (frame, time) in (4..7).zip(reader.times_secs()) {
+                assert!((time - f64::from(frame) / 24.0).abs() < 1e-9, "{}: {time}", path.display());
+            }
+        }
+    }
+}
