@@ -4,12 +4,11 @@
     blender_round_trip.py [--forelock PROGRAM] [--out FOLDER] [--frame 30]
 
 Builds a head that turns and hair on it, as an artist would have them, and
-1. exports the hair as Alembic and the head as OBJ, and its motion as keyframes of a scene;
+1. exports both as Alembic, the head with its motion, and writes a scene;
 2. runs `forelock simulate`, which exports the moving hair as Alembic;
 3. imports that file, compares the roots with the head at each frame, and renders a frame.
 
-Blender is z up and Forelock y up: (x, y, z) becomes (x, z, -y). Blender's frame f is the time f /
-fps. Needs Python 3.11 and the packages `bpy` and `numpy`; the same lines run inside Blender.
+Blender's frame f is the time f / fps. Needs Python 3.11 and the packages `bpy` and `numpy`; the same lines run inside Blender.
 """
 
 import argparse
@@ -26,8 +25,6 @@ STRANDS = 1500
 POINTS = 20
 RADIUS = 0.09
 MIDDLE = np.array([0.0, 0.0, 0.1])
-# Forelock's axes from Blender's.
-TO_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
 def build():
@@ -72,39 +69,20 @@ def only(wanted):
     bpy.context.view_layer.objects.active = wanted
 
 
-def keyframes(head):
-    """The motion of the head as tables of a scene: yaw, pitch and roll, Ry Rx Rz."""
-    text = ""
-    for frame in range(FRAMES + 1):
-        bpy.context.scene.frame_set(frame)
-        matrix = np.array(head.matrix_world)
-        turn = TO_Y_UP @ matrix[:3, :3] @ TO_Y_UP.T
-        shift = TO_Y_UP @ matrix[:3, 3]
-        yaw, pitch = math.atan2(turn[0, 2], turn[2, 2]), math.asin(-turn[1, 2])
-        roll = math.atan2(turn[1, 0], turn[1, 1])
-        degrees = [round(math.degrees(own), 6) for own in (yaw, pitch, roll)]
-        text += f"[[body.motion.keyframe]]\ntime_secs = {frame / FPS}\n"
-        text += f"translation = {[round(float(own), 7) for own in shift]}\nrotation_degrees = {degrees}\n"
-    return text
-
-
 def export(head, hair, folder):
-    """Writes the groom, the mesh and the scene. Returns the scene's file."""
+    """Writes the groom, the moving head and the scene. Returns the scene's file."""
     bpy.context.scene.frame_set(0)
     only(hair)
     bpy.ops.wm.alembic_export(filepath=str(folder / "groom.abc"), selected=True, start=0, end=0)
     only(head)
-    bpy.ops.wm.obj_export(
-        filepath=str(folder / "head.obj"), export_selected_objects=True, export_materials=False,
-        forward_axis="NEGATIVE_Z", up_axis="Y",
-    )
+    bpy.ops.wm.alembic_export(filepath=str(folder / "head.abc"), selected=True, start=0, end=FRAMES)
     scene = folder / "scene.toml"
     scene.write_text(
         'groom.source = "groom.abc"\n'
         f"[time]\nfps = {FPS}\nframes = {FRAMES}\n"
         '[output]\nexports = ["hair.abc"]\n'
-        '[body]\nmesh = "head.obj"\n'
-        f'[body.motion]\npivot = [0.0, 0.0, 0.0]\ninterpolation = "linear"\n{keyframes(head)}'
+        '[body]\nmesh = "head.abc"\n'
+        '[body.motion]\nname = "animation"\nclip = { blend_secs = 0, repeat = false }\n'
     )
     return scene
 

@@ -39,6 +39,7 @@ mod atomic;
 mod bytes;
 mod error;
 mod lock;
+mod moving_mesh;
 
 pub mod alembic;
 pub mod animation;
@@ -256,28 +257,51 @@ pub struct ImportedCharacter {
     pub notes: Vec<String>,
 }
 
-/// Whether `path` ends as the name of a character's file does: `.glb` or `.gltf`.
+/// Whether `path` ends as the name of a file does from which characters are read: `.glb`, `.gltf`,
+/// and `.abc`, `.usd`, `.usda`, `.usdc`, which may hold strands as well.
 pub fn is_character(path: &Path) -> bool {
+    is_gltf(path) || matches!(Format::of(path), Some(Format::Alembic | Format::Usd))
+}
+
+fn is_gltf(path: &Path) -> bool {
     path.extension().is_some_and(|own| own.eq_ignore_ascii_case("glb") || own.eq_ignore_ascii_case("gltf"))
 }
+
+/// The endings of the files from which characters are read, for messages.
+const CHARACTERS: &str = ".glb .gltf .abc .usd .usda .usdc";
 
 /// Whether `path` ends as the name of a motion's file does: `.bvh`.
 pub fn is_motion(path: &Path) -> bool {
     path.extension().is_some_and(|own| own.eq_ignore_ascii_case("bvh"))
 }
 
-/// Reads the character at `path` (`.glb` or `.gltf`) and converts it to metres and y up according
-/// to `import`.
+/// Reads the character at `path` (`.glb` or `.gltf`; or the meshes of an `.abc`, `.usd`, `.usda` or
+/// `.usdc` file, whose motion becomes the clip "animation") and converts it to metres and y up
+/// according to `import` and to what the file says.
 ///
 /// # Errors
-/// [`ReadError`] if the file cannot be read, is not a glTF file, or has no triangles.
+/// [`ReadError`] if the file cannot be read, is not of its format, or has no triangles.
 pub fn read_character(path: &Path, import: &Import) -> Result<ImportedCharacter, ReadError> {
-    if !is_character(path) {
-        return Err(ReadError::UnknownEnding { path: path.into(), known: ".glb .gltf".into() });
-    }
-    let folder = path.parent().unwrap_or(Path::new(""));
     let problem = |problem: String| ReadError::Character { path: path.into(), problem };
-    let (mut character, notes) = gltf::read(&read_bytes(path)?, folder).map_err(problem)?;
+    let (mut character, notes, import) = match Format::of(path) {
+        Some(Format::Alembic) => {
+            let read = alembic::read_character(open(path)?);
+            let (character, unit, notes) = read.map_err(|error| error.at(path))?;
+            let unit = if import.unit == Unit::Metre { unit.unwrap_or_default() } else { import.unit };
+            (character, notes, Import { unit, ..*import })
+        }
+        Some(Format::Usd) => {
+            let read = usd::read_character(open(path)?, import);
+            let (character, own, notes) = read.map_err(|error| error.at(path))?;
+            (character, notes, own)
+        }
+        _ if is_gltf(path) => {
+            let folder = path.parent().unwrap_or(Path::new(""));
+            let (character, notes) = gltf::read(&read_bytes(path)?, folder).map_err(problem)?;
+            (character, notes, *import)
+        }
+        _ => return Err(ReadError::UnknownEnding { path: path.into(), known: CHARACTERS.into() }),
+    };
     let axes = Vec3::AXES.map(|axis| import.point(axis, ZUp::Common).as_dvec3());
     let map = DAffine3::from_cols(axes[0], axes[1], axes[2], DVec3::ZERO);
     if map != DAffine3::IDENTITY {
@@ -297,8 +321,8 @@ pub fn read_motion(path: &Path) -> Result<bvh::Bvh, ReadError> {
     bvh::read(&read_bytes(path)?).map_err(ReadError::format(path))
 }
 
-/// Reads the mesh at `path` (`.obj`, `.glb` or `.gltf`; of a character, its mesh at rest) and
-/// converts it to metres and y up according to `import`.
+/// Reads the mesh at `path` (`.obj` or a file of a character, whose mesh at rest it is) and converts
+/// it to metres and y up according to `import`.
 ///
 /// # Errors
 /// [`ReadError`] if the file cannot be read, is not of its format, or has no valid mesh.
@@ -307,7 +331,7 @@ pub fn read_mesh(path: &Path, import: &Import) -> Result<TriMesh, ReadError> {
         return Ok(read_character(path, import)?.character.rest().clone());
     }
     if Format::of(path) != Some(Format::Obj) {
-        return Err(ReadError::UnknownEnding { path: path.into(), known: ".obj .glb .gltf".into() });
+        return Err(ReadError::UnknownEnding { path: path.into(), known: format!(".obj {CHARACTERS}") });
     }
     let mut mesh = obj::read_mesh(&read_bytes(path)?).map_err(ReadError::format(path))?;
     for p in &mut mesh.positions {

@@ -24,19 +24,24 @@ struct Report {
 
 /// Prints a description of the file.
 pub fn info(arguments: &InfoArgs) -> anyhow::Result<()> {
-    if forelock_io::is_character(&arguments.file) {
-        return character::describe_character(arguments);
+    if Format::of(&arguments.file).is_none() && forelock_io::is_character(&arguments.file) {
+        let character = forelock_io::read_character(&arguments.file, &arguments.import.import())?;
+        return character::describe_character(arguments, character);
     }
     if forelock_io::is_motion(&arguments.file) {
         return character::describe_motion(arguments);
     }
-    let imported =
-        forelock_io::read_groom(&arguments.file, &arguments.import.import()).map_err(|mut error| {
-            if let ReadError::UnknownEnding { known, .. } = &mut error {
-                known.push_str(" .glb .gltf .bvh");
-            }
-            error
-        })?;
+    let imported = match forelock_io::read_groom(&arguments.file, &arguments.import.import()) {
+        Ok(imported) => imported,
+        Err(ReadError::UnknownEnding { path, known }) => {
+            return Err(ReadError::UnknownEnding { path, known: known + " .glb .gltf .bvh" }.into());
+        }
+        // Alembic and USD files hold strands, or a body.
+        Err(error) => match forelock_io::read_character(&arguments.file, &arguments.import.import()) {
+            Ok(character) => return character::describe_character(arguments, character),
+            Err(_) => return Err(error.into()),
+        },
+    };
     let report = Report {
         file: arguments.file.display().to_string(),
         format: imported.format.to_string(),

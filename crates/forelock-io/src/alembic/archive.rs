@@ -94,6 +94,13 @@ pub(super) struct Samples {
     sampling: usize,
 }
 
+impl Samples {
+    /// The number of samples up to the last one that differs from the one before, 1 or more.
+    pub fn distinct(&self) -> u32 {
+        self.count.min(self.changed[1].saturating_add(1)).max(1)
+    }
+}
+
 /// One sample.
 pub(super) struct Sample {
     type_code: u8,

@@ -31,8 +31,8 @@ use super::{
     transforms::Transform,
 };
 
-/// A strand group of an archive.
-pub(super) struct Curves {
+/// An object of an archive with points: a strand group, or a mesh.
+pub(super) struct Geometry {
     pub name: String,
     pub parent: Option<Arc<Transform>>,
     /// The properties of `.geom`.
@@ -41,7 +41,7 @@ pub(super) struct Curves {
     pub others: Vec<Property>,
 }
 
-impl Curves {
+impl Geometry {
     fn attribute(&self, name: &str) -> Option<&Property> {
         Property::find(&self.others, name).or(Property::find(&self.geom, name))
     }
@@ -87,7 +87,7 @@ impl Joined {
     pub fn add<R: Read + Seek>(
         &mut self,
         archive: &mut Archive<R>,
-        curves: &Curves,
+        curves: &Geometry,
         time_secs: f64,
     ) -> Result<(), AlembicError> {
         let mut group = Group { archive, curves, time_secs, counts: Vec::new() };
@@ -143,7 +143,7 @@ fn scale(map: &DAffine3) -> f32 {
 /// A strand group while it is read.
 struct Group<'a, R> {
     archive: &'a mut Archive<R>,
-    curves: &'a Curves,
+    curves: &'a Geometry,
     time_secs: f64,
     /// The number of points of each strand in the file.
     counts: Vec<usize>,

@@ -1,8 +1,9 @@
 //! Alembic `.abc`: grooms and motion caches, in the container Ogawa.
 //!
 //! # Theory
-//! An archive is a tree of objects. Objects of the schema `AbcGeom_Curve_v2` hold strands, and
-//! those of `AbcGeom_Xform_v3` move what is below them. A property has samples, each at a time.
+//! An archive is a tree of objects. Objects of the schema `AbcGeom_Curve_v2` hold strands, those of
+//! `AbcGeom_PolyMesh_v1` and `AbcGeom_SubD_v1` meshes (`meshes`), and those of `AbcGeom_Xform_v3`
+//! move what is below them. A property has samples, each at a time.
 //! Unreal's schema for grooms adds attributes:
 //!
 //! | attribute | read | written | into |
@@ -35,6 +36,7 @@ mod archive;
 mod cache;
 mod curves;
 mod hash;
+mod meshes;
 mod ogawa;
 mod output;
 #[cfg(test)]
@@ -53,11 +55,12 @@ use forelock_core::groom::{Groom, Unit};
 use glam::Vec3;
 
 pub use cache::CurvesWriter;
+pub(crate) use meshes::read_character;
 pub use writer::write;
 
 use crate::error::{FormatError, ReadError};
 use archive::{Archive, ObjectHeader, Property, Samples};
-use curves::{Curves, Joined};
+use curves::{Geometry, Joined};
 use ogawa::{Child, invalid};
 use transforms::Transform;
 
@@ -108,7 +111,7 @@ pub struct Contents {
 /// An Alembic file whose frames are read on demand.
 pub struct Reader<R> {
     archive: Archive<R>,
-    curves: Vec<Curves>,
+    curves: Vec<Geometry>,
     /// The samples of the points or transforms that have the most.
     clock: Option<Samples>,
     unit: Unit,
@@ -121,17 +124,13 @@ impl<R: Read + Seek> Reader<R> {
     /// [`AlembicError`] if `file` is not a complete Ogawa archive, or has no strands.
     pub fn open(file: R) -> Result<Self, AlembicError> {
         let mut archive = Archive::open(file)?;
-        let top = archive.top;
-        let mut curves = Vec::new();
-        let node = Node { path: String::new(), metadata: Arc::from(""), group: top, parent: None, depth: 0 };
-        visit(&mut archive, &mut curves, node)?;
+        let curves = all(&mut archive, &["AbcGeom_Curve_v"])?;
         if curves.is_empty() {
-            return Err(invalid(top.offset(), "there are no strands: no object has the schema of curves"));
+            let words = "there are no strands: no object has the schema of curves";
+            return Err(invalid(archive.top.offset(), words));
         }
-        let points = curves.iter().filter_map(|c| Property::find(&c.geom, "P")?.samples);
-        let transforms = curves.iter().filter_map(|c| c.parent.as_ref()?.samples());
-        let clock = points.chain(transforms).max_by_key(|samples| samples.count);
-        let noted = value(&archive.metadata, UNIT_KEY).and_then(|unit| unit.parse().ok());
+        let clock = clock(&curves);
+        let noted = noted_unit(&archive);
         let is_unreal = curves.iter().any(|c| Property::find(&c.others, "groom_version_major").is_some());
         let unit = noted.unwrap_or(if is_unreal { Unit::Centimetre } else { Unit::Metre });
         Ok(Self { archive, curves, clock, unit })
@@ -180,6 +179,27 @@ pub fn read(file: impl Read + Seek) -> Result<Groom, AlembicError> {
     Ok(Reader::open(file)?.read(0)?.groom)
 }
 
+/// The samples of the points or transforms of `objects` that have the most.
+fn clock(objects: &[Geometry]) -> Option<Samples> {
+    let points = objects.iter().filter_map(|own| Property::find(&own.geom, "P")?.samples);
+    let transforms = objects.iter().filter_map(|own| own.parent.as_ref()?.samples());
+    points.chain(transforms).max_by_key(|samples| samples.count)
+}
+
+/// The unit of length that this program noted in an archive.
+fn noted_unit<R>(archive: &Archive<R>) -> Option<Unit> {
+    value(&archive.metadata, UNIT_KEY).and_then(|unit| unit.parse().ok())
+}
+
+/// All objects of an archive whose schema begins with one of `schemas`, in the order of the file.
+fn all<R: Read + Seek>(archive: &mut Archive<R>, schemas: &[&str]) -> Result<Vec<Geometry>, AlembicError> {
+    let mut found = Vec::new();
+    let group = archive.top;
+    let node = Node { path: String::new(), metadata: Arc::from(""), group, parent: None, depth: 0 };
+    visit(archive, schemas, &mut found, node)?;
+    Ok(found)
+}
+
 /// An object on the way through the tree.
 struct Node {
     /// The names of the object and those above it.
@@ -191,10 +211,11 @@ struct Node {
     depth: usize,
 }
 
-/// Collects the strand groups at and below the object `node`.
+/// Collects the objects of `schemas` at and below the object `node`.
 fn visit<R: Read + Seek>(
     archive: &mut Archive<R>,
-    found: &mut Vec<Curves>,
+    schemas: &[&str],
+    found: &mut Vec<Geometry>,
     node: Node,
 ) -> Result<(), AlembicError> {
     let Node { path, metadata, group, mut parent, depth } = node;
@@ -203,8 +224,8 @@ fn visit<R: Read + Seek>(
     }
     let object = archive.object(group)?;
     let schema = value(&metadata, "schema").unwrap_or_default();
-    if schema.starts_with("AbcGeom_Curve_v") {
-        found.push(read_curves(archive, object.properties, &path, parent.clone())?);
+    if schemas.iter().any(|own| schema.starts_with(own)) {
+        found.push(read_geometry(archive, object.properties, &path, parent.clone())?);
     } else if schema.starts_with("AbcGeom_Xform_v") {
         let properties = archive.properties(object.properties)?;
         if let Some(xform) = Property::find(&properties, ".xform") {
@@ -213,28 +234,33 @@ fn visit<R: Read + Seek>(
     }
     for ObjectHeader { name, metadata, group } in object.children {
         let path = format!("{path}/{name}");
-        visit(archive, found, Node { path, metadata, group, parent: parent.clone(), depth: depth + 1 })?;
+        visit(
+            archive,
+            schemas,
+            found,
+            Node { path, metadata, group, parent: parent.clone(), depth: depth + 1 },
+        )?;
     }
     Ok(())
 }
 
-/// The strand group with the properties in the group `properties`.
-fn read_curves<R: Read + Seek>(
+/// The object with the properties in the group `properties`.
+fn read_geometry<R: Read + Seek>(
     archive: &mut Archive<R>,
     properties: Child,
     path: &str,
     parent: Option<Arc<Transform>>,
-) -> Result<Curves, AlembicError> {
+) -> Result<Geometry, AlembicError> {
     let properties = archive.properties(properties)?;
     let geom = Property::find(&properties, ".geom")
-        .ok_or_else(|| invalid(0, format!("`{path}` has the schema of curves, but no `.geom`")))?;
+        .ok_or_else(|| invalid(0, format!("`{path}` has a schema of geometry, but no `.geom`")))?;
     let geom = archive.properties(geom.group)?;
     let others = match Property::find(&geom, ".arbGeomParams") {
         Some(others) => archive.properties(others.group)?,
         None => Vec::new(),
     };
     let (geom, others) = (with_parts(archive, geom)?, with_parts(archive, others)?);
-    Ok(Curves { name: path.to_owned(), parent, geom, others })
+    Ok(Geometry { name: path.to_owned(), parent, geom, others })
 }
 
 /// The properties `all`, and behind them the parts of compounds: `uv.vals` and `uv.indices` of the

@@ -237,3 +237,48 @@ fn equal_contents_have_equal_checksums_and_others_have_not() {
     assert_ne!(checksum(b"hair"), checksum(b"hail"));
     assert_ne!(checksum(&[0; 16]), checksum(&[0; 17]));
 }
+
+/// A pyramid below a transform: its polygons are clockwise, and in the second sample its top is
+/// elsewhere.
+#[test]
+fn meshes_become_a_character() {
+    const MESH: &str = "schema=AbcGeom_PolyMesh_v1;schemaBaseType=AbcGeom_GeomBase_v1";
+    let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [0.5, 0.5, 1.0f32]];
+    let mut bent = corners;
+    bent[4] = [0.5, 0.75, 1.0];
+    let archive = |counts: &[i32], indices: &[i32]| {
+        let (mut out, mut indexed) = (Output::new(Cursor::new(Vec::new())).unwrap(), Indexed::default());
+        let mut points = track(&mut out, "P", Type::F32, 3, bytemuck::cast_slice(&corners));
+        points.push(&mut out, bytemuck::cast_slice(&bent)).unwrap();
+        let tracks = [
+            points,
+            track(&mut out, ".faceCounts", Type::I32, 1, bytemuck::cast_slice(counts)),
+            track(&mut out, ".faceIndices", Type::I32, 1, bytemuck::cast_slice(indices)),
+        ];
+        let mesh = object(&mut out, &mut indexed, ".geom", &tracks, &[], &[]);
+        let moved = above(&mut out, &mut indexed, &[0x10], &[0.0, 2.0, 0.0], (MESH, mesh));
+        let top = object(&mut out, &mut indexed, "none", &[], &[], &[("body", XFORM, moved)]);
+        super::read_character(Cursor::new(finish(out, &indexed, top)))
+    };
+    let (own, unit, notes) = archive(&[4, 3], &[0, 1, 2, 3, 1, 0, 4]).unwrap();
+    assert_eq!((unit, notes.len()), (None, 0));
+    assert_eq!(own.bound().triangles, [[0, 2, 1], [0, 3, 2], [1, 4, 0]]);
+    let expected = corners.map(|[x, y, z]| Vec3::new(x, y + 2.0, z));
+    assert_eq!(own.rest().positions, expected);
+    assert_eq!(own.groups()[0].name, "/body/child");
+    assert_eq!((own.shapes().len(), own.clips()[0].duration_secs()), (1, 1.0));
+    for (counts, indices, words) in [
+        (&[4, 3][..], &[0, 1, 2, 3, 1, 0][..], "more corners than it has"),
+        (&[-3], &[0, 1, 2], "more corners than it has"),
+        (&[3], &[0, -1, 2], "a corner below 0"),
+        (&[3], &[0, 1, 7], "vertex 7"),
+        (&[], &[], "no triangles"),
+    ] {
+        let error = archive(counts, indices).map(|_| ()).unwrap_err().to_string();
+        assert!(error.contains(words), "{error}");
+    }
+    let (mut out, mut indexed) = (Output::new(Cursor::new(Vec::new())).unwrap(), Indexed::default());
+    let top = object(&mut out, &mut indexed, "none", &[], &[], &[]);
+    let error = super::read_character(Cursor::new(finish(out, &indexed, top))).map(|_| ()).unwrap_err();
+    assert!(error.to_string().contains("there is no body"), "{error}");
+}

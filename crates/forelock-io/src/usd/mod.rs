@@ -28,6 +28,8 @@
 //! binary for `.usdc` and `.usd`. [`UsdCacheWriter`] writes a binary file with samples, frame by
 //! frame.
 //!
+//! [`read_character`](crate::read_character) reads all `Mesh` prims as one body.
+//!
 //! # Limitations
 //! One layer: sublayers, references, payloads, variants and instances are not followed;
 //! `usdcat --flatten` makes one layer of them. No archives (`.usdz`). Text is read into memory with
@@ -42,6 +44,7 @@ mod crate_file;
 mod crate_tables;
 mod curves;
 mod layer;
+mod meshes;
 mod names;
 mod prims;
 mod resume;
@@ -59,6 +62,7 @@ use std::{
 use forelock_core::groom::{Groom, GroomError, Import, Unit, Up};
 
 pub use cache::UsdCacheWriter;
+pub(crate) use meshes::read_character;
 pub use write::{write_binary, write_text};
 
 use self::layer::Layer;
@@ -133,23 +137,8 @@ impl<R: Read + Seek> Usd<R> {
     ///
     /// # Errors
     /// [`UsdError`] if it is no layer, or has no curves.
-    pub fn open(mut reader: R) -> Result<Self, UsdError> {
-        let mut magic = Vec::new();
-        reader.by_ref().take(8).read_to_end(&mut magic)?;
-        let size = reader.seek(SeekFrom::End(0))?;
-        reader.seek(SeekFrom::Start(0))?;
-        let layer = if magic == crate_file::MAGIC {
-            crate_file::open(reader)?
-        } else if magic.starts_with(b"PK") {
-            return Err(invalid("this is an archive (.usdz); unpack it and read the layer in it"));
-        } else if magic.starts_with(text::MAGIC.as_bytes()) {
-            check_room(size)?;
-            let mut bytes = Vec::new();
-            reader.read_to_end(&mut bytes)?;
-            text::read(&String::from_utf8_lossy(&bytes))?
-        } else {
-            return Err(invalid("this is no layer: it begins neither with `#usda` nor with `PXR-USDC`"));
-        };
+    pub fn open(reader: R) -> Result<Self, UsdError> {
+        let layer = open_layer(reader)?;
         let prims = layer.prims.iter().enumerate();
         let curves: Vec<usize> =
             prims.filter(|(_, prim)| &*prim.kind == curves::SCHEMA).map(|(index, _)| index).collect();
@@ -158,29 +147,14 @@ impl<R: Read + Seek> Usd<R> {
                 "it has no BasisCurves; if other files hold them, make one of all with `usdcat --flatten`",
             ));
         }
-        let mut times: Vec<f64> = Vec::new();
-        for &index in &curves {
-            let points = layer.prims[index].attributes.get("points");
-            let own = points.map(|points| layer.samples(points)).transpose()?.unwrap_or_default().times;
-            if own.len() > times.len() {
-                times = own.to_vec();
-            }
-        }
-        let positive = |name: &str, default: f64| {
-            let value = layer.number(name)?.unwrap_or(default);
-            let message = || invalid(format!("`{name}` is {value}, but must be above 0"));
-            (value.is_finite() && value > 0.0).then_some(value).ok_or_else(message)
-        };
-        let metres_per_unit = positive("metersPerUnit", METRES_PER_UNIT)?;
-        let codes_per_second = positive("timeCodesPerSecond", CODES_PER_SECOND)?;
-        let up = layer.metadata.get("upAxis").map(|held| layer.value(held)).transpose()?;
-        let is_z_up = up.as_ref().and_then(|up| up.word()) == Some("Z");
+        let times = times(&layer, &curves)?;
+        let Stage { metres_per_unit, is_z_up, codes_per_second } = Stage::of(&layer)?;
         let times_secs = times.iter().map(|code| code / codes_per_second).collect();
         Ok(Self { layer, curves, times, times_secs, metres_per_unit, is_z_up })
     }
 
-    /// The times of the frames in seconds, `[F]`: the samples of the points. Empty if these do not
-    /// change.
+    /// The times of the frames in seconds, `[F]`: the samples of the points and of the transforms
+    /// above them. Empty if these do not change.
     pub fn times_secs(&self) -> &[f64] {
         &self.times_secs
     }
@@ -202,11 +176,84 @@ impl<R: Read + Seek> Usd<R> {
     /// The conversion of [`frame`](Self::frame) to metres and y up: what the user `asked` for, and
     /// otherwise what the layer says.
     pub fn import(&self, asked: &Import) -> Import {
-        let is_asked = asked.unit != Unit::Metre;
-        Import {
-            unit: asked.unit,
-            up: if self.is_z_up { Up::Z } else { asked.up },
-            scale: if is_asked { asked.scale } else { asked.scale * self.metres_per_unit },
+        import(asked, self.metres_per_unit, self.is_z_up)
+    }
+}
+
+/// The layer in `reader`, text or binary.
+fn open_layer<R: Read + Seek>(mut reader: R) -> Result<Layer<R>, UsdError> {
+    let mut magic = Vec::new();
+    reader.by_ref().take(8).read_to_end(&mut magic)?;
+    let size = reader.seek(SeekFrom::End(0))?;
+    reader.seek(SeekFrom::Start(0))?;
+    let layer = if magic == crate_file::MAGIC {
+        crate_file::open(reader)?
+    } else if magic.starts_with(b"PK") {
+        return Err(invalid("this is an archive (.usdz); unpack it and read the layer in it"));
+    } else if magic.starts_with(text::MAGIC.as_bytes()) {
+        check_room(size)?;
+        let mut bytes = Vec::new();
+        reader.read_to_end(&mut bytes)?;
+        text::read(&String::from_utf8_lossy(&bytes))?
+    } else {
+        return Err(invalid("this is no layer: it begins neither with `#usda` nor with `PXR-USDC`"));
+    };
+    Ok(layer)
+}
+
+/// What the metadata of a layer say of its numbers.
+struct Stage {
+    metres_per_unit: f64,
+    is_z_up: bool,
+    codes_per_second: f64,
+}
+
+impl Stage {
+    fn of<R: Read + Seek>(layer: &Layer<R>) -> Result<Self, UsdError> {
+        let positive = |name: &str, default: f64| {
+            let value = layer.number(name)?.unwrap_or(default);
+            let message = || invalid(format!("`{name}` is {value}, but must be above 0"));
+            (value.is_finite() && value > 0.0).then_some(value).ok_or_else(message)
+        };
+        let up = layer.metadata.get("upAxis").map(|held| layer.value(held)).transpose()?;
+        Ok(Self {
+            metres_per_unit: positive("metersPerUnit", METRES_PER_UNIT)?,
+            is_z_up: up.as_ref().and_then(|up| up.word()) == Some("Z"),
+            codes_per_second: positive("timeCodesPerSecond", CODES_PER_SECOND)?,
+        })
+    }
+}
+
+/// The times of all samples of the points of the prims `indices` and of the transforms above them,
+/// in time codes, ascending.
+fn times<R: Read + Seek>(layer: &Layer<R>, indices: &[usize]) -> Result<Vec<f64>, UsdError> {
+    let mut times: Vec<f64> = Vec::new();
+    let mut seen = vec![false; layer.prims.len()];
+    for &index in indices {
+        let mut next = Some(index);
+        while let Some(index) = next.filter(|&index| !std::mem::replace(&mut seen[index], true)) {
+            let prim = &layer.prims[index];
+            for (name, attribute) in &prim.attributes {
+                if &**name == "points" || name.starts_with("xformOp") {
+                    let samples = layer.samples(attribute)?;
+                    times.extend(samples.times.iter().filter(|time| time.is_finite()));
+                }
+            }
+            next = prim.parent;
         }
+        // So that prims that share their times take no more memory than one.
+        times.sort_by(f64::total_cmp);
+        times.dedup();
+    }
+    Ok(times)
+}
+
+/// The conversion to metres and y up: what the user `asked` for, and otherwise what the layer says.
+fn import(asked: &Import, metres_per_unit: f64, is_z_up: bool) -> Import {
+    let is_asked = asked.unit != Unit::Metre;
+    Import {
+        unit: asked.unit,
+        up: if is_z_up { Up::Z } else { asked.up },
+        scale: if is_asked { asked.scale } else { asked.scale * metres_per_unit },
     }
 }

@@ -15,8 +15,8 @@ forelock_core::documented! {
 pub struct MotionSection {
     /// "builtin:still", "builtin:turn", "builtin:nod", "builtin:shake", "builtin:spin",
     /// "builtin:jump", "builtin:shake-and-jump" or "builtin:roller-coaster"; of a body from a
-    /// .glb or .gltf file also the name of one of its clips, or a .bvh file. Default
-    /// "builtin:still".
+    /// .glb or .gltf file also the name of one of its clips, or a .bvh file; of one from an .abc
+    /// or USD file "animation". Default "builtin:still".
     pub name: String,
     /// How a clip or a .bvh file is played, `[body.motion.clip]`.
     #[serde(skip_serializing_if = "ClipSection::is_default")]

@@ -139,7 +139,8 @@ forelock_core::documented! {
 pub struct BodySection {
     /// "builtin:head", "builtin:horse", "builtin:talker" (the head with a jaw, and the clips "talk"
     /// and "chew"), "builtin:walker" (a figure with the clips "walk", "jump" and "look"), "none" or
-    /// a file: .obj, or a character that bends, .glb or .gltf. Default "builtin:head".
+    /// a file: .obj, or one that may bend, .glb, .gltf, .abc, .usd, .usda or .usdc. Default
+    /// "builtin:head".
     pub mesh: String,
     /// Unit of length of the file: "m", "cm", "mm" or "in". Default "m".
     pub unit: Unit,
@@ -312,7 +313,8 @@ pub struct ColliderSection {
     /// Half the sides of a box, [x, y, z]. Unit m, default [0.1, 0.1, 0.1], range 1e-4 to 1e4 each.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub half_extents: Option<[f64; 3]>,
-    /// The file of a mesh: .obj, .glb or .gltf, at rest. No default: a mesh needs one.
+    /// The file of a mesh: .obj, or at rest .glb, .gltf, .abc, .usd, .usda or .usdc. No default: a
+    /// mesh needs one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mesh: Option<PathBuf>,
     /// The .obj files of a mesh that changes its shape, in order, instead of `mesh`. Parts must

@@ -1,5 +1,6 @@
 //! Characters and motions.
 
+use forelock_io::{Format, ImportedCharacter};
 use serde::Serialize;
 
 use crate::arguments::InfoArgs;
@@ -11,7 +12,7 @@ const PRINTED: usize = 40;
 #[derive(Serialize)]
 struct CharacterReport {
     file: String,
-    format: &'static str,
+    format: String,
     vertices: usize,
     triangles: usize,
     /// Bones that a vertex follows, at most.
@@ -58,14 +59,14 @@ fn listed(names: &[String]) -> String {
     format!("{}{more}", names[..names.len().min(PRINTED)].join(", "))
 }
 
-/// Prints a description of a `.glb` or `.gltf` file.
-pub fn describe_character(arguments: &InfoArgs) -> anyhow::Result<()> {
-    let imported = forelock_io::read_character(&arguments.file, &arguments.import.import())?;
+/// Prints a description of the character that the file holds.
+pub fn describe_character(arguments: &InfoArgs, imported: ImportedCharacter) -> anyhow::Result<()> {
+    let format = Format::of(&arguments.file).map_or("glTF 2.0".to_owned(), |format| format.to_string());
     let own = imported.character;
     let (min, max) = own.rest().bounds();
     let report = CharacterReport {
         file: arguments.file.display().to_string(),
-        format: "glTF 2.0",
+        format,
         vertices: own.rest().positions.len(),
         triangles: own.rest().triangles.len(),
         influences: own.skin().influences(),

@@ -1,0 +1,345 @@
+//! Meshes whose vertices are given at each time, as characters.
+//!
+//! # Theory
+//! At time t the vertices xᵢ(t) of a mesh are those of its first sample, xᵢ(0), moved by the rigid
+//! motion that fits best, and what remains, in the space of the first sample:
+//!
+//! ```text
+//! xᵢ(t) = R(t) (xᵢ(0) + dᵢ(t)) + p(t) ,   R, p = argmin Σᵢ |xᵢ(t) − R xᵢ(0) − p|²
+//! ```
+//!
+//! The motion becomes that of a joint, the remainder a blend shape of each sample, whose weight is
+//! 1 at its time and 0 at the samples before and after it. So a head that only turns has no blend
+//! shapes, and between two samples a turn follows the arc and not the chord.
+//!
+//! R is the rotation that maximises tr(Rᵀ A) for A = Σᵢ (xᵢ(t) − x̄(t)) (xᵢ(0) − x̄(0))ᵀ. It is found
+//! from the one before by small turns (Müller et al. 2016, "A robust method to extract the
+//! rotational part of deformations").
+//!
+//! # Practice
+//! Meshes that move as one share a joint.
+
+use forelock_core::body::TriMesh;
+use forelock_core::body::character::{
+    BlendShape, Bone, Character, CharacterParts, Clip, Group, Interpolation, Joint, Skeleton, Skin, Track,
+    Transform, Values,
+};
+use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
+use std::sync::Arc;
+
+/// The name of the clip.
+pub(crate) const CLIP: &str = "animation";
+/// A remainder below this share of the largest coordinate is a rounding error.
+const ROUNDING: f32 = 4e-6;
+/// Maximum number of turns that lead from one rotation to the next.
+const TURNS: u32 = 64;
+
+/// A mesh of a file.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct MovingMesh {
+    pub name: String,
+    pub triangles: Vec<[u32; 3]>,
+    /// The vertices at each of the file's times, and their transform to the file's space.
+    pub samples: Vec<(Arc<[Vec3]>, DAffine3)>,
+}
+
+impl MovingMesh {
+    /// Adds a sample; vertices that are those of the sample before are held once.
+    pub fn push(&mut self, vertices: Vec<Vec3>, world: DAffine3) {
+        let before = self.samples.last().map(|own| &own.0).filter(|own| ***own == *vertices);
+        self.samples.push((before.map_or_else(|| vertices.into(), Arc::clone), world));
+    }
+
+    /// The vertices of a sample in the file's space.
+    fn places(&self, sample: usize) -> Vec<Vec3> {
+        let (vertices, world) = &self.samples[sample];
+        if *world == DAffine3::IDENTITY {
+            return vertices.to_vec();
+        }
+        vertices.iter().map(|p| world.transform_point3(p.as_dvec3()).as_vec3()).collect()
+    }
+
+    /// The vertices of all samples, one after the other.
+    fn each(&self) -> impl Iterator<Item = Vec<Vec3>> + '_ {
+        (0..self.samples.len()).map(|sample| self.places(sample))
+    }
+}
+
+/// Adds the triangles of a polygon to `triangles`, as a fan; `is_reversed` turns them over.
+/// Triangles with a repeated corner are left out; returns their number.
+pub(crate) fn fan(corners: &[u32], is_reversed: bool, triangles: &mut Vec<[u32; 3]>) -> usize {
+    let mut left_out = 0;
+    for k in 2..corners.len() {
+        let [a, b, c] = [corners[0], corners[k - 1], corners[k]];
+        if a == b || b == c || c == a {
+            left_out += 1;
+        } else {
+            triangles.push(if is_reversed { [a, c, b] } else { [a, b, c] });
+        }
+    }
+    left_out
+}
+
+/// The character that `meshes` are, whose samples are at `times_secs`, which ascend.
+///
+/// # Errors
+/// What is wrong, in one sentence.
+pub(crate) fn character(meshes: Vec<MovingMesh>, times_secs: &[f64]) -> Result<Character, String> {
+    let mut parts = Parts::default();
+    for mesh in meshes {
+        parts.add(mesh)?;
+    }
+    parts.finish(times_secs)
+}
+
+/// A rigid motion at each time.
+type Motion = Vec<(DQuat, DVec3)>;
+
+/// The parts of a character.
+#[derive(Default)]
+struct Parts {
+    joints: Vec<(String, Motion)>,
+    positions: Vec<Vec3>,
+    triangles: Vec<[u32; 3]>,
+    /// The joint of each vertex.
+    joint_of: Vec<usize>,
+    /// The remainders at each time.
+    deltas: Vec<Vec<(u32, Vec3)>>,
+    groups: Vec<Group>,
+}
+
+impl Parts {
+    fn add(&mut self, mesh: MovingMesh) -> Result<(), String> {
+        let name = &mesh.name;
+        let Some(first) = mesh.each().next().filter(|first| !first.is_empty()) else { return Ok(()) };
+        for (sample, own) in mesh.each().enumerate() {
+            if own.len() != first.len() {
+                let (before, now) = (first.len(), own.len());
+                return Err(format!(
+                    "the mesh `{name}` has {before} vertices at first and {now} in frame {sample}; bodies \
+                     whose vertices change in number cannot be read"
+                ));
+            }
+            if let Some(vertex) = own.iter().position(|p| !p.is_finite()) {
+                return Err(format!("vertex {vertex} of the mesh `{name}` is not finite in frame {sample}"));
+            }
+        }
+        let base = self.positions.len();
+        if base + first.len() > u32::MAX as usize {
+            return Err("the meshes have over 2³² vertices".to_owned());
+        }
+        let most = first.iter().fold(0.0f32, |most, p| most.max(p.abs().max_element()));
+        let rounding = ROUNDING * most;
+        let shared = self.joints.iter().position(|(_, motion)| {
+            let mut pairs = mesh.each().zip(motion);
+            pairs.all(|(own, motion)| remainders(&first, &own, motion).all(|d| d.length() <= rounding))
+        });
+        let joint = shared.unwrap_or_else(|| {
+            self.joints.push((name.clone(), fit(&first, mesh.each())));
+            self.joints.len() - 1
+        });
+        self.deltas.resize_with(mesh.samples.len().max(self.deltas.len()), Vec::new);
+        if shared.is_none() {
+            let motion = &self.joints[joint].1;
+            for ((own, motion), deltas) in mesh.each().zip(motion).zip(&mut self.deltas) {
+                let all = remainders(&first, &own, motion).zip(base as u32..);
+                deltas.extend(all.filter(|(d, _)| d.length() > rounding).map(|(d, vertex)| (vertex, d)));
+            }
+        }
+        let from = self.triangles.len();
+        self.positions.extend(first);
+        self.joint_of.resize(self.positions.len(), joint);
+        let triangles = mesh.triangles.iter();
+        self.triangles.extend(triangles.map(|corners| corners.map(|v| v.saturating_add(base as u32))));
+        self.groups.push(Group { name: mesh.name, triangles: from..self.triangles.len() });
+        Ok(())
+    }
+
+    fn finish(self, times_secs: &[f64]) -> Result<Character, String> {
+        let Self { joints, positions, triangles, joint_of, deltas, groups } = self;
+        // The clip begins with the first sample.
+        let start = times_secs.first().copied().unwrap_or(0.0);
+        let times: Vec<f64> = times_secs.iter().map(|time| time - start).collect();
+        let mut tracks = Vec::new();
+        for (joint, (_, motion)) in joints.iter().enumerate().filter(|_| times.len() > 1) {
+            let moves = motion.iter().any(|own| *own != (DQuat::IDENTITY, DVec3::ZERO));
+            let (turns, shifts) = motion.iter().copied().unzip();
+            for values in [Values::Rotation(turns), Values::Translation(shifts)] {
+                let times = times.clone();
+                if moves {
+                    tracks.push(Track { joint, times, interpolation: Interpolation::Linear, values });
+                }
+            }
+        }
+        let mut shapes = Vec::new();
+        for (sample, deltas) in deltas.into_iter().enumerate().filter(|(_, deltas)| !deltas.is_empty()) {
+            let around = sample.saturating_sub(1)..(sample + 2).min(times.len());
+            let weights = around.clone().map(|k| f64::from(u8::from(k == sample))).collect();
+            tracks.push(Track {
+                joint: 0,
+                times: times[around].to_vec(),
+                interpolation: Interpolation::Linear,
+                values: Values::Shapes { first: shapes.len(), count: 1, weights },
+            });
+            shapes.push(BlendShape { name: format!("frame {sample}"), deltas, rest_weight: 0.0 });
+        }
+        for track in &mut tracks {
+            track.check().map_err(|error| format!("the animation cannot be played: {error}"))?;
+        }
+        let bones = (0..joints.len()).map(|joint| Bone { joint, inverse_bind: DAffine3::IDENTITY }).collect();
+        let (skin, _) = Skin::new(bones, joint_of.into_iter().map(|joint| vec![(joint, 1.0)]).collect());
+        let joints =
+            joints.into_iter().map(|(name, _)| Joint { name, parent: None, rest: Transform::IDENTITY });
+        let skeleton = Skeleton::new(joints.collect()).map_err(|error| error.to_string())?;
+        let bound = TriMesh::new(positions, triangles).map_err(|error| error.to_string())?;
+        let clips = if tracks.is_empty() { Vec::new() } else { vec![Clip { name: CLIP.to_owned(), tracks }] };
+        Character::new(CharacterParts { skeleton, bound, skin, shapes, groups, clips })
+            .map_err(|error| error.to_string())
+    }
+}
+
+/// What the rigid motion `by` of `from` lacks to `to`, in the space of `from`.
+fn remainders<'a>(from: &'a [Vec3], to: &'a [Vec3], by: &(DQuat, DVec3)) -> impl Iterator<Item = Vec3> + 'a {
+    let (back, shift) = (DMat3::from_quat(by.0.inverse()), by.1);
+    from.iter().zip(to).map(move |(from, to)| (back * (to.as_dvec3() - shift) - from.as_dvec3()).as_vec3())
+}
+
+/// The rigid motions that take `first` nearest to each of `samples`.
+fn fit(first: &[Vec3], samples: impl Iterator<Item = Vec<Vec3>>) -> Motion {
+    let middle = |own: &[Vec3]| own.iter().map(|p| p.as_dvec3()).sum::<DVec3>() / own.len() as f64;
+    let from = middle(first);
+    let mut turn = DQuat::IDENTITY;
+    let motion = samples.map(|own| {
+        if own == first {
+            turn = DQuat::IDENTITY;
+            return (turn, DVec3::ZERO);
+        }
+        let to = middle(&own);
+        let mut product = DMat3::ZERO;
+        for (a, b) in own.iter().zip(first) {
+            let (a, b) = (a.as_dvec3() - to, b.as_dvec3() - from);
+            product += DMat3::from_cols(a * b.x, a * b.y, a * b.z);
+        }
+        turn = rotation_of(&product, turn);
+        (turn, to - turn * from)
+    });
+    motion.collect()
+}
+
+/// The rotation nearest to `product`, found from `turn`.
+fn rotation_of(product: &DMat3, mut turn: DQuat) -> DQuat {
+    for _ in 0..TURNS {
+        let own = DMat3::from_quat(turn);
+        let axes = [(own.x_axis, product.x_axis), (own.y_axis, product.y_axis), (own.z_axis, product.z_axis)];
+        let along: f64 = axes.iter().map(|(a, b)| a.dot(*b)).sum();
+        let by = axes.iter().map(|(a, b)| a.cross(*b)).sum::<DVec3>() / (along.abs() + f64::MIN_POSITIVE);
+        let angle = by.length();
+        if !(angle > 1e-14) {
+            break;
+        }
+        turn = (DQuat::from_axis_angle(by / angle, angle) * turn).normalize();
+    }
+    turn
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ball() -> Vec<Vec3> {
+        let point = |i: u16| {
+            let i = f32::from(i);
+            Vec3::new(i.sin() * 0.1, 1.6 + (1.7 * i).cos() * 0.12, (0.6 * i).sin() * 0.09)
+        };
+        (0..60).map(point).collect()
+    }
+
+    fn mesh(name: &str, samples: Vec<Vec<Vec3>>) -> MovingMesh {
+        let triangles = (0..58).map(|k| [k, k + 1, k + 2]).collect();
+        let mut mesh = MovingMesh { name: name.to_owned(), triangles, samples: Vec::new() };
+        samples.into_iter().for_each(|own| mesh.push(own, DAffine3::IDENTITY));
+        mesh
+    }
+
+    fn posed(character: &Character, secs: f64) -> Vec<Vec3> {
+        let mut locals = character.skeleton().rest();
+        let mut weights: Vec<f64> = character.shapes().iter().map(|shape| shape.rest_weight).collect();
+        if let Some(clip) = character.clips().first() {
+            clip.sample(secs, &mut locals, &mut weights);
+        }
+        let (mut globals, mut pose, mut out) = (Vec::new(), Default::default(), Vec::new());
+        character.skeleton().globals(&locals, &mut globals);
+        character.pose(&globals, &weights, Default::default(), &mut pose);
+        character.deform(&pose, &mut out);
+        out
+    }
+
+    fn farthest(a: &[Vec3], b: &[Vec3]) -> f32 {
+        assert_eq!(a.len(), b.len());
+        a.iter().zip(b).map(|(a, b)| a.distance(*b)).fold(0.0, f32::max)
+    }
+
+    /// Two meshes that turn together, by up to 170 degrees: one joint, no shapes, and the arc
+    /// between two samples.
+    #[test]
+    fn what_only_turns_has_one_joint_and_no_shapes() {
+        let turned = |by: f64| -> Vec<Vec3> {
+            let turn = DQuat::from_rotation_y(by) * DQuat::from_rotation_x(0.3 * by);
+            let move_ = |p: Vec3| (turn * p.as_dvec3() + DVec3::new(by, 0.0, 0.2)).as_vec3();
+            ball().into_iter().map(move_).collect()
+        };
+        let samples: Vec<_> = [0.0, 1.0, 2.0, 2.9].map(turned).into();
+        let times = [5.0, 5.5, 6.0, 6.5];
+        let own =
+            character(vec![mesh("head", samples.clone()), mesh("eyes", samples.clone())], &times).unwrap();
+        assert_eq!((own.skeleton().joints().len(), own.shapes().len()), (1, 0));
+        assert_eq!(own.groups().iter().map(|g| g.name.as_str()).collect::<Vec<_>>(), ["head", "eyes"]);
+        for (secs, expected) in [(0.0, &samples[0]), (0.5, &samples[1]), (1.5, &samples[3])] {
+            assert!(farthest(&posed(&own, secs)[..60], expected) < 2e-6, "{secs}");
+        }
+        let middle = posed(&own, 1.25);
+        let lengths = |own: &[Vec3]| own.windows(2).map(|pair| pair[0].distance(pair[1])).collect::<Vec<_>>();
+        for (a, b) in lengths(&middle[..60]).iter().zip(lengths(&samples[0])) {
+            assert!((a - b).abs() < 2e-6, "{a} {b}");
+        }
+    }
+
+    /// A mesh that bends while it turns is where the file says, at each sample.
+    #[test]
+    fn what_bends_is_exact_at_each_sample() {
+        let bent = |k: u8| -> Vec<Vec3> {
+            let turn = DQuat::from_rotation_z(0.4 * f64::from(k));
+            let bend = |p: Vec3| p + 0.02 * f32::from(k) * Vec3::new(0.0, (9.0 * p.x).sin(), p.z);
+            ball().into_iter().map(|p| (turn * bend(p).as_dvec3()).as_vec3()).collect()
+        };
+        let samples: Vec<_> = (0..5).map(bent).collect();
+        let times: Vec<f64> = (0..5u8).map(|k| f64::from(k) / 24.0).collect();
+        let still = vec![ball(); 5];
+        let own = character(vec![mesh("a", samples.clone()), mesh("still", still)], &times).unwrap();
+        assert_eq!((own.skeleton().joints().len(), own.shapes().len()), (2, 4));
+        for (sample, time) in samples.iter().zip(times) {
+            let found = posed(&own, time);
+            assert!(farthest(&found[..60], sample) < 1e-6, "{time}");
+            assert!(farthest(&found[60..], &ball()) < 1e-6, "{time}");
+        }
+    }
+
+    #[test]
+    fn broken_meshes_are_refused() {
+        let words = |samples: Vec<Vec<Vec3>>| character(vec![mesh("m", samples)], &[0.0, 1.0]).unwrap_err();
+        assert!(words(vec![ball(), vec![Vec3::ZERO; 3]]).contains("60 vertices at first and 3 in frame 1"));
+        let mut broken = ball();
+        broken[7].y = f32::NAN;
+        assert!(words(vec![ball(), broken]).contains("vertex 7 of the mesh `m` is not finite in frame 1"));
+        assert!(character(Vec::new(), &[]).is_err());
+    }
+
+    #[test]
+    fn polygons_become_fans() {
+        let mut triangles = Vec::new();
+        assert_eq!(fan(&[0, 1, 2, 3], false, &mut triangles), 0);
+        assert_eq!(fan(&[4, 5, 5, 6], true, &mut triangles), 1);
+        assert_eq!(fan(&[1, 2], true, &mut triangles), 0);
+        assert_eq!(triangles, [[0, 1, 2], [0, 2, 3], [4, 6, 5]]);
+    }
+}

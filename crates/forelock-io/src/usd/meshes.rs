@@ -1,0 +1,183 @@
+//! Meshes: `Mesh` prims, as a character.
+//!
+//! # Practice
+//! All meshes of a layer become one body, with the transforms above them applied. What moves them
+//! is found from their points at each sample (see `moving_mesh`). Polygons are those of the first
+//! sample; `orientation = "leftHanded"` turns them over.
+//!
+//! # Limitations
+//! Skeletons (`UsdSkel`) do not move what is read here: points must have samples. Subdivision
+//! surfaces are read as their control polygons. Visibility and purpose are ignored.
+
+use std::io::{Read, Seek};
+
+use forelock_core::body::character::Character;
+use forelock_core::groom::Import;
+use glam::{DAffine3, Vec3};
+
+use super::{
+    Stage, UsdError, import, invalid,
+    layer::{Layer, Prim, Value},
+    open_layer, times, xform,
+};
+use crate::error::check_room;
+use crate::moving_mesh::{MovingMesh, character, fan};
+
+const SCHEMA: &str = "Mesh";
+/// Bytes that a sample of a mesh takes at least.
+const SAMPLE_BYTES: usize = 128;
+
+/// Reads the meshes of a layer as a character, in the units and axes of the layer. Returns it, its
+/// conversion to metres and y up if the user `asked` for the given one, and what was left out, one
+/// sentence each.
+///
+/// # Errors
+/// [`UsdError`] if it is no layer, or has no meshes.
+pub(crate) fn read_character(
+    reader: impl Read + Seek,
+    asked: &Import,
+) -> Result<(Character, Import, Vec<String>), UsdError> {
+    let layer = open_layer(reader)?;
+    let prims = layer.prims.iter().enumerate();
+    let indices: Vec<usize> =
+        prims.filter(|(_, prim)| &*prim.kind == SCHEMA).map(|(index, _)| index).collect();
+    if indices.is_empty() {
+        return Err(invalid(
+            "it has no meshes; if other files hold them, make one of all with `usdcat --flatten`",
+        ));
+    }
+    let Stage { metres_per_unit, is_z_up, codes_per_second } = Stage::of(&layer)?;
+    let mut codes = times(&layer, &indices)?;
+    if codes.is_empty() {
+        codes.push(0.0);
+    }
+    check_room((codes.len() * indices.len() * SAMPLE_BYTES) as u64)?;
+    let (mut meshes, mut left_out) = (Vec::new(), 0);
+    for &index in &indices {
+        let prim = &layer.prims[index];
+        let mut mesh = MovingMesh { name: layer.path(prim), ..MovingMesh::default() };
+        for &code in &codes {
+            let world = DAffine3::from_mat4(xform::world_from(&layer, prim, code)?);
+            if mesh.samples.is_empty() {
+                left_out += polygons(&layer, prim, code, world.matrix3.determinant() < 0.0, &mut mesh)?;
+            }
+            let points = layer.find(prim, "points", code)?.and_then(|value| value.floats());
+            let points = points.unwrap_or_default();
+            mesh.push(points.as_chunks::<3>().0.iter().map(|&p| Vec3::from_array(p)).collect(), world);
+        }
+        meshes.push(mesh);
+    }
+    let mut notes = Vec::new();
+    if left_out > 0 {
+        notes.push(format!("{left_out} triangles with a repeated corner are left out"));
+    }
+    if layer.prims.iter().any(|prim| &*prim.kind == "Skeleton") {
+        notes.push("its skeletons are not read: bake their motion into the points of the meshes".to_owned());
+    }
+    let secs: Vec<f64> = codes.iter().map(|code| code / codes_per_second).collect();
+    let character = character(meshes, &secs).map_err(invalid)?;
+    Ok((character, import(asked, metres_per_unit, is_z_up), notes))
+}
+
+/// Appends the triangles of `prim` to those of `mesh`, turned over if it is mirrored; returns how
+/// many were left out.
+fn polygons<R: Read + Seek>(
+    layer: &Layer<R>,
+    prim: &Prim,
+    code: f64,
+    is_mirrored: bool,
+    mesh: &mut MovingMesh,
+) -> Result<usize, UsdError> {
+    let fail = |words: &str| invalid(format!("{} {words}", layer.path(prim)));
+    let find = |name: &str| match layer.find(prim, name, code)?.as_deref() {
+        Some(Value::Integers(numbers)) => Ok(numbers.clone()),
+        _ => Err(fail(&format!("has no `{name}`"))),
+    };
+    let (counts, indices) = (find("faceVertexCounts")?, find("faceVertexIndices")?);
+    let orientation = layer.find(prim, "orientation", code)?;
+    let is_left_handed = orientation.as_ref().and_then(|own| own.word()) == Some("leftHanded");
+    let mut left_out = 0;
+    let mut rest = &indices[..];
+    for count in counts {
+        let split = usize::try_from(count).ok().and_then(|count| rest.split_at_checked(count));
+        let (own, others) = split.ok_or_else(|| fail("has polygons with more corners than it has"))?;
+        let corners: Result<Vec<u32>, _> = own.iter().map(|&corner| u32::try_from(corner)).collect();
+        let corners = corners.map_err(|_| fail("has a corner that is no vertex"))?;
+        left_out += fan(&corners, is_left_handed != is_mirrored, &mut mesh.triangles);
+        rest = others;
+    }
+    Ok(left_out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Cursor;
+
+    const TEXT: &str = r#"#usda 1.0
+(
+    metersPerUnit = 0.01
+    timeCodesPerSecond = 24
+    upAxis = "Z"
+)
+def Xform "root"
+{
+    double3 xformOp:translate.timeSamples = { 1: (0, 0, 5), 13: (0, 0, 7) }
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+    def Mesh "body"
+    {
+        int[] faceVertexCounts = [4, 3]
+        int[] faceVertexIndices = [0, 1, 2, 3, 0, 1, 4]
+        uniform token orientation = "rightHanded"
+        point3f[] points = [(0, 0, 0), (9, 0, 0), (9, 9, 0), (0, 9, 0), (5, 5, 9)]
+    }
+}
+"#;
+
+    fn read(text: &str) -> Result<(Character, Import, Vec<String>), UsdError> {
+        read_character(Cursor::new(text.to_owned()), &Import::default())
+    }
+
+    /// Transforms alone move a mesh, as a joint; hair below them has frames as well.
+    #[test]
+    fn a_mesh_that_transforms_move_has_a_joint() {
+        let (own, import, notes) = read(TEXT).unwrap();
+        assert!((import.scale - 0.01).abs() < 1e-9 && notes.is_empty());
+        assert_eq!(own.bound().triangles, [[0, 1, 2], [0, 2, 3], [0, 1, 4]]);
+        assert_eq!(own.rest().positions[4], Vec3::new(5.0, 5.0, 14.0));
+        assert_eq!((own.shapes().len(), own.clips()[0].duration_secs()), (0, 0.5));
+        let mut locals = own.skeleton().rest();
+        own.clips()[0].sample(0.25, &mut locals, &mut []);
+        assert!((locals[0].translation.z - 1.0).abs() < 1e-6, "{locals:?}");
+        let hair = TEXT.replace("Mesh \"body\"", "BasisCurves \"hair\"").replace(
+            "int[] faceVertexCounts = [4, 3]",
+            "int[] curveVertexCounts = [5]\n        uniform token type = \"linear\"",
+        );
+        let layer = super::super::Usd::open(Cursor::new(hair)).unwrap();
+        assert_eq!(layer.times_secs(), [1.0 / 24.0, 13.0 / 24.0]);
+        assert_eq!(layer.frame(1).unwrap().strand(0)[0], Vec3::new(0.0, 0.0, 7.0));
+    }
+
+    #[test]
+    fn left_handed_and_mirrored_meshes_are_turned_over() {
+        let left = TEXT.replace("rightHanded", "leftHanded");
+        assert_eq!(read(&left).unwrap().0.bound().triangles[2], [0, 4, 1]);
+        let mirrored = left.replace("xformOp:translate", "xformOp:scale").replace("(0, 0, 5)", "(1, 1, -1)");
+        let mirrored = mirrored.replace("(0, 0, 7)", "(1, 1, -1)");
+        assert_eq!(read(&mirrored).unwrap().0.bound().triangles[2], [0, 1, 4]);
+    }
+
+    #[test]
+    fn broken_meshes_are_refused() {
+        for (from, to, words) in [
+            ("Mesh", "Scope", "it has no meshes"),
+            ("[4, 3]", "[4, 4]", "/root/body has polygons with more corners"),
+            ("0, 1, 4]", "0, 1, -4]", "a corner that is no vertex"),
+            ("0, 1, 4]", "0, 1, 5]", "vertex 5"),
+            ("int[] faceVertexIndices", "int[] other", "has no `faceVertexIndices`"),
+        ] {
+            let error = read(&TEXT.replace(from, to)).map(|_| ()).unwrap_err().to_string();
+            assert!(error.contains(words), "{error}");
+        }
+    }
+}
