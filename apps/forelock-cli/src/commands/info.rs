@@ -1,6 +1,7 @@
-//! `info`: describes a groom, a cache, a character or a motion.
+//! `info`: describes a groom, a cache, a character, a motion or a skinning file.
 
 mod character;
+mod skinning;
 
 use std::path::Path;
 
@@ -30,10 +31,13 @@ pub fn info(arguments: &InfoArgs) -> anyhow::Result<()> {
     if forelock_io::is_motion(&arguments.file) {
         return character::describe_motion(arguments);
     }
+    if forelock_io::is_skinning(&arguments.file) {
+        return skinning::describe(arguments);
+    }
     let imported =
         forelock_io::read_groom(&arguments.file, &arguments.import.import()).map_err(|mut error| {
             if let ReadError::UnknownEnding { known, .. } = &mut error {
-                known.push_str(" .glb .gltf .bvh");
+                known.push_str(" .glb .gltf .bvh .tfxskin .tfxbone");
             }
             error
         })?;

@@ -5,6 +5,7 @@ mod cache;
 mod characters;
 mod common;
 mod files;
+mod gltf_hair;
 mod khronos;
 mod malformed;
 mod real_data;

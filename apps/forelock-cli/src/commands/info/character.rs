@@ -52,7 +52,7 @@ struct MotionReport {
 }
 
 /// The first names of a list.
-fn listed(names: &[String]) -> String {
+pub(super) fn listed(names: &[String]) -> String {
     let more = names.len().saturating_sub(PRINTED);
     let more = if more > 0 { format!(" and {more} more") } else { String::new() };
     format!("{}{more}", names[..names.len().min(PRINTED)].join(", "))
