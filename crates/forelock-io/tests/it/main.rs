@@ -6,6 +6,7 @@ mod characters;
 mod common;
 mod files;
 mod gltf_hair;
+mod interrupted;
 mod khronos;
 mod malformed;
 mod real_data;
