@@ -13,8 +13,8 @@
 //! [`LinesWriter`](super::LinesWriter) writes frames one by one.
 //!
 //! # Limitations
-//! Transparencies, pins, stiffness, root bindings and labels are not written. Lines are a pixel wide
-//! in most programs, whatever `_WIDTH` says. The weights of F frames take 4 F² bytes.
+//! Transparencies, pins, stiffness, root bindings and labels are not written. Lines are a pixel
+//! wide in most programs, whatever `_WIDTH` says. The weights of F frames take 4 F² bytes.
 
 use std::io::{self, Write};
 
