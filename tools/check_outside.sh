@@ -17,12 +17,13 @@ install() { "$python" -m pip install --quiet "$@" || { echo "skipped: $* cannot 
 
 cd "$folder"
 "$forelock" demo --out demo --frames 12 --set groom.strands=300 --set output.film=false \
-    --set output.cache_every=1 --set 'output.exports=["hair.abc", "hair.usdc"]'
+    --set output.cache_every=1 --set 'output.exports=["hair.abc", "hair.usdc", "hair.glb"]'
 if install usd-core numpy; then
     "$python" "$here/tools/check_usd.py" demo/hair.usdc demo/hair.npz
 fi
 if install "bpy==5.0.1" numpy; then
     "$python" "$here/tools/check_alembic.py" demo/hair.abc demo/hair.npz --fps 60
+    "$python" "$here/tools/check_gltf.py" demo/hair.glb demo/hair.npz --fps 60
     "$python" "$here/tools/blender_round_trip.py" --forelock "$forelock" --out blender
 fi
 printf '[set]\n"time.frames" = 6\n"groom.strands" = 50\n"output.film" = false\n[[shot]]\nname = "turn"\nvary.seed = [1, 2]\n' \

@@ -303,7 +303,7 @@ pub struct ViewArgs {
 
 #[derive(Debug, Args)]
 pub struct GrowArgs {
-    /// The groom to write (.hair, .data, .tfx, .npz, .obj, .usda, .usdc, .usd).
+    /// The groom to write (.hair, .data, .tfx, .npz, .obj, .usda, .usdc, .usd, .glb, .gltf).
     #[arg(value_name = "FILE", required_unless_present_any = ["sheets", "picture"])]
     pub out: Option<PathBuf>,
     /// The preset to grow. An unknown name lists all presets.
@@ -375,7 +375,7 @@ impl ImportArgs {
 
 #[derive(Debug, Args)]
 pub struct InfoArgs {
-    /// The groom or cache to describe.
+    /// The groom, cache, character, motion or TressFX skinning file to describe.
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
     #[command(flatten)]
@@ -398,8 +398,8 @@ pub struct ConvertArgs {
     /// Resample all strands to this number of particles [default: not resampled].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=1000))]
     pub resample: Option<u32>,
-    /// Convert all frames of a cache or an animated file, to .npz, .abc, .usdc or .usd; without it
-    /// the first one.
+    /// Convert all frames of a cache or an animated file, to .npz, .abc, .usdc, .usd or .glb;
+    /// without it the first one.
     #[arg(long, conflicts_with = "resample")]
     pub animated: bool,
     /// Write velocities too, for motion blur.

@@ -1,4 +1,5 @@
-//! Moving strands in any format that holds them: `.npz`, `.abc`, `.usdc` and `.usd`.
+//! Moving strands in any format that holds them: `.npz`, `.abc`, `.usdc` and `.usd`, and `.glb`,
+//! which is only written.
 //!
 //! # Practice
 //! [`AnimationReader`] reads a frame at a time, [`AnimationWriter`] writes one, and [`convert`]
@@ -40,7 +41,7 @@ use forelock_core::groom::{Groom, Import, Unit, ZUp};
 use glam::Vec3;
 
 use crate::usd::{Usd, UsdCacheWriter};
-use crate::{Cache, CacheWriter, Format, ReadError, WriteError, alembic, is_text, npz, open};
+use crate::{Cache, CacheWriter, Format, ReadError, WriteError, alembic, gltf, is_text, npz, open};
 
 /// Frames a second of a cache that holds no times.
 const UNTIMED_RATE: f64 = 60.0;
@@ -109,7 +110,7 @@ impl AnimationReader {
                 let times = times.to_vec();
                 (Source::Usd(layer), groom, times)
             }
-            _ => return Err(ReadError::UnknownEnding { path: path.into(), known: known() }),
+            _ => return Err(ReadError::UnknownEnding { path: path.into(), known: known(is_read) }),
         };
         import.apply(&mut groom, ZUp::Common);
         Ok(Self { path: path.into(), source, import, groom, times_secs })
@@ -168,6 +169,7 @@ enum Sink {
     Npz(CacheWriter),
     Alembic(alembic::CurvesWriter),
     Usd(UsdCacheWriter),
+    Gltf(gltf::LinesWriter),
 }
 
 /// Writes moving strands frame by frame.
@@ -183,7 +185,7 @@ pub struct AnimationWriter {
 impl AnimationWriter {
     /// Starts the file at `path` for the strands and attributes of `groom`, with frames at
     /// `times_secs`. `has_velocities`: it gets velocities too, as motion blur needs them; `.npz`
-    /// has none. In Alembic and USD strands without widths get 0.1 mm.
+    /// and `.glb` have none. In Alembic and USD strands without widths get 0.1 mm.
     ///
     /// # Errors
     /// [`WriteError`] if the format is unknown, cannot hold frames at these times, or the file
@@ -214,9 +216,13 @@ impl AnimationWriter {
                 let rate = rate(times_secs).map_err(unfit)?;
                 Sink::Usd(UsdCacheWriter::create(path, &drawn, rate)?)
             }
-            _ => return Err(WriteError::UnknownEnding { path: path.into(), known: known() }),
+            Some(Format::Gltf) if is_text(path) => {
+                return Err(unfit("text is too large for moving strands: name it .glb".into()));
+            }
+            Some(Format::Gltf) => Sink::Gltf(gltf::LinesWriter::create(path, groom, times_secs)?),
+            _ => return Err(WriteError::UnknownEnding { path: path.into(), known: known(is_written) }),
         };
-        let has_velocities = has_velocities && !matches!(sink, Sink::Npz(_));
+        let has_velocities = has_velocities && !matches!(sink, Sink::Npz(_) | Sink::Gltf(_));
         Ok(Self {
             sink,
             times_secs: times_secs.to_vec(),
@@ -259,6 +265,7 @@ impl AnimationWriter {
             Sink::Npz(writer) => writer.append(time_secs, positions),
             Sink::Alembic(writer) => writer.write_frame(positions, velocities),
             Sink::Usd(writer) => writer.append(time_secs, positions, velocities),
+            Sink::Gltf(writer) => writer.write_frame(positions),
         }
     }
 
@@ -278,6 +285,7 @@ impl AnimationWriter {
             Sink::Npz(writer) => writer.finish().map(drop),
             Sink::Alembic(writer) => writer.finish(),
             Sink::Usd(writer) => writer.finish().map(drop),
+            Sink::Gltf(writer) => writer.finish(),
         }
     }
 }
@@ -327,13 +335,19 @@ pub fn convert(
 
 /// Whether moving strands can be written to a file of the name `path`.
 pub fn is_written(path: &Path) -> bool {
-    matches!(Format::of(path), Some(Format::Npz | Format::Alembic | Format::Usd)) && !is_text(path)
+    let formats = [Format::Npz, Format::Alembic, Format::Usd, Format::Gltf];
+    Format::of(path).is_some_and(|own| formats.contains(&own)) && !is_text(path)
 }
 
-/// The endings of the formats of moving strands, as a list for messages.
-fn known() -> String {
+/// Whether moving strands can be read from a file of the name `path`, and written.
+fn is_read(path: &Path) -> bool {
+    is_written(path) && Format::of(path).is_some_and(Format::is_read)
+}
+
+/// The endings of the formats of moving strands that `which` accepts, as a list for messages.
+fn known(which: fn(&Path) -> bool) -> String {
     let endings = Format::ALL.into_iter().flat_map(Format::endings).map(|ending| format!(".{ending}"));
-    endings.filter(|ending| is_written(Path::new(&format!("a{ending}")))).collect::<Vec<_>>().join(" ")
+    endings.filter(|ending| which(Path::new(&format!("a{ending}")))).collect::<Vec<_>>().join(" ")
 }
 
 #[cfg(test)]
@@ -412,12 +426,16 @@ mod tests {
         let message = |own: Result<(), WriteError>| own.unwrap_err().to_string();
         assert!(message(create("a.abc", &[0.0, 1.0, 1.5])).contains("constant rate"));
         assert!(message(create("a.usda", &[0.0])).contains(".usdc"));
-        assert!(message(create("a.obj", &[0.0])).contains(".npz .abc .usdc .usd"));
-        let names = ["a.npz", "a.ABC", "a.usdc", "a.USD", "a.usda", "a.UsdA", "a.obj", "abc", "a."];
+        assert!(message(create("a.gltf", &[0.0])).contains(".glb"));
+        assert!(message(create("a.glb", &[0.0, 1.0, 1.0])).contains("frame 2 is not later"));
+        assert!(message(create("a.obj", &[0.0])).contains(".npz .abc .usdc .usd .glb"));
+        let names = [
+            "a.npz", "a.ABC", "a.usdc", "a.USD", "a.Glb", "a.usda", "a.UsdA", "a.gltf", "a.obj", "abc", "a.",
+        ];
         let written = names.map(|name| is_written(Path::new(name)));
-        assert_eq!(written, [true, true, true, true, false, false, false, false, false]);
+        assert_eq!(written, std::array::from_fn(|i| i < 5));
         let open = AnimationReader::open(&folder.path().join("a.obj"), &Import::default());
-        assert!(open.err().unwrap().to_string().contains(".npz .abc"));
+        assert!(open.err().unwrap().to_string().ends_with(".npz .abc .usdc .usd"));
         assert_eq!(rate(&[0.0, 0.016_667, 0.033_333]).map(f64::round), Ok(60.0));
     }
 }

@@ -33,6 +33,11 @@ impl<'a> Bytes<'a> {
         self.strand = Some(strand);
     }
 
+    /// The offset of the next byte.
+    pub fn offset(&self) -> u64 {
+        self.at as u64
+    }
+
     pub fn left(&self) -> usize {
         self.all.len() - self.at
     }

@@ -12,7 +12,8 @@
 //! | `.ply` | [Point clouds](ply) of strands | yes | yes |
 //! | `.bin` | [CT2Hair](ct2hair) | yes | no |
 //! | `.usda`, `.usdc`, `.usd` | [USD](usd): curves, caches | yes | yes |
-//! | `.glb`, `.gltf` | [glTF 2.0](gltf): characters, meshes | yes | no |
+//! | `.glb`, `.gltf` | [glTF 2.0](gltf): characters and meshes; hair as lines | yes; no | no; yes |
+//! | `.tfxskin`, `.tfxbone` | [TressFX skinning](tfx_skin) | yes | no |
 //! | `.bvh` | [Biovision](bvh): motions | yes | yes |
 //!
 //! Readers check every count against the size of the file before they allocate memory, and never
@@ -51,6 +52,7 @@ pub mod npz;
 pub mod obj;
 pub mod ply;
 pub mod tfx;
+pub mod tfx_skin;
 pub mod usc;
 pub mod usd;
 
@@ -95,11 +97,13 @@ pub enum Format {
     Ct2Hair,
     /// Universal Scene Description, `.usda`, `.usdc` or `.usd`.
     Usd,
+    /// Lines in glTF 2.0, `.glb` or `.gltf`.
+    Gltf,
 }
 
 impl Format {
     /// Every format.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Hair,
         Self::Usc,
         Self::Tfx,
@@ -109,6 +113,7 @@ impl Format {
         Self::Ply,
         Self::Ct2Hair,
         Self::Usd,
+        Self::Gltf,
     ];
 
     /// The endings of file names, without the dot.
@@ -123,10 +128,16 @@ impl Format {
             Self::Ply => &["ply"],
             Self::Ct2Hair => &["bin"],
             Self::Usd => &["usda", "usdc", "usd"],
+            Self::Gltf => &["glb", "gltf"],
         }
     }
 
-    /// Whether the format can also be written.
+    /// Whether grooms in the format can be read.
+    pub fn is_read(self) -> bool {
+        self != Self::Gltf
+    }
+
+    /// Whether grooms can be written in the format.
     pub fn is_written(self) -> bool {
         self != Self::Ct2Hair
     }
@@ -151,6 +162,7 @@ impl fmt::Display for Format {
             Self::Ply => "PLY point cloud",
             Self::Ct2Hair => "CT2Hair",
             Self::Usd => "Universal Scene Description",
+            Self::Gltf => "glTF 2.0 lines",
         })
     }
 }
@@ -172,9 +184,8 @@ pub struct Imported {
 /// # Errors
 /// [`ReadError`] if the file cannot be read, is not of that format, or has no usable strand.
 pub fn read_groom(path: &Path, import: &Import) -> Result<Imported, ReadError> {
-    let Some(format) = Format::of(path) else {
-        return Err(ReadError::UnknownEnding { path: path.into(), known: known(|_| true) });
-    };
+    let unknown = || ReadError::UnknownEnding { path: path.into(), known: known(Format::is_read) };
+    let format = Format::of(path).ok_or_else(unknown)?;
     let decode = |read: fn(&[u8]) -> Result<Groom, FormatError>| {
         read(&read_bytes(path)?).map_err(ReadError::format(path))
     };
@@ -194,6 +205,7 @@ pub fn read_groom(path: &Path, import: &Import) -> Result<Imported, ReadError> {
             import = layer.import(&import);
             layer.frame(0).map_err(|e| e.at(path))?
         }
+        Format::Gltf => return Err(unknown()),
     };
     import.apply(&mut groom, if format == Format::Hair { ZUp::Yuksel } else { ZUp::Common });
     let (groom, repairs) = repair(groom);
@@ -236,6 +248,8 @@ pub fn write_groom(path: &Path, groom: &Groom) -> Result<(), WriteError> {
         Some(Format::Alembic) => alembic::write(groom).map_err(unfit)?,
         Some(Format::Usd) if is_text(path) => usd::write_text(groom),
         Some(Format::Usd) => usd::write_binary(groom),
+        Some(Format::Gltf) if is_text(path) => gltf::write_text(groom).map_err(unfit)?,
+        Some(Format::Gltf) => gltf::write_binary(groom).map_err(unfit)?,
         Some(Format::Ct2Hair) | None => {
             return Err(WriteError::UnknownEnding { path: path.into(), known: known(Format::is_written) });
         }
@@ -243,9 +257,10 @@ pub fn write_groom(path: &Path, groom: &Groom) -> Result<(), WriteError> {
     atomic_write(path, |file| file.write_all(&bytes))
 }
 
-/// Whether `path` ends as the name of a text layer does: `.usda`.
+/// Whether `path` ends as the name of a text file does, in a format that has both: `.usda`,
+/// `.gltf`.
 fn is_text(path: &Path) -> bool {
-    path.extension().is_some_and(|own| own.eq_ignore_ascii_case("usda"))
+    path.extension().is_some_and(|own| own.eq_ignore_ascii_case("usda") || own.eq_ignore_ascii_case("gltf"))
 }
 
 /// A character read from a file.
@@ -260,11 +275,7 @@ pub struct ImportedCharacter {
 /// Whether `path` ends as the name of a file does from which characters are read: `.glb`, `.gltf`,
 /// and `.abc`, `.usd`, `.usda`, `.usdc`, which may hold strands as well.
 pub fn is_character(path: &Path) -> bool {
-    is_gltf(path) || matches!(Format::of(path), Some(Format::Alembic | Format::Usd))
-}
-
-fn is_gltf(path: &Path) -> bool {
-    path.extension().is_some_and(|own| own.eq_ignore_ascii_case("glb") || own.eq_ignore_ascii_case("gltf"))
+    matches!(Format::of(path), Some(Format::Gltf | Format::Alembic | Format::Usd))
 }
 
 /// The endings of the files from which characters are read, for messages.
@@ -295,7 +306,7 @@ pub fn read_character(path: &Path, import: &Import) -> Result<ImportedCharacter,
             let (character, own, notes) = read.map_err(|error| error.at(path))?;
             (character, notes, own)
         }
-        _ if is_gltf(path) => {
+        Some(Format::Gltf) => {
             let folder = path.parent().unwrap_or(Path::new(""));
             let (character, notes) = gltf::read(&read_bytes(path)?, folder).map_err(problem)?;
             (character, notes, *import)
@@ -308,6 +319,29 @@ pub fn read_character(path: &Path, import: &Import) -> Result<ImportedCharacter,
         character.transform(&map).map_err(|error| problem(error.to_string()))?;
     }
     Ok(ImportedCharacter { character, notes })
+}
+
+/// Whether `path` ends as the name of a skinning file of TressFX does: `.tfxskin` or `.tfxbone`.
+pub fn is_skinning(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|own| own.eq_ignore_ascii_case("tfxskin") || own.eq_ignore_ascii_case("tfxbone"))
+}
+
+/// Reads the skinning file at `path` (`.tfxskin` or `.tfxbone`).
+///
+/// # Errors
+/// [`ReadError`] if the file cannot be read or is not of its format.
+pub fn read_skinning(path: &Path) -> Result<tfx_skin::Skinning, ReadError> {
+    if !is_skinning(path) {
+        return Err(ReadError::UnknownEnding { path: path.into(), known: ".tfxskin .tfxbone".into() });
+    }
+    let bytes = read_bytes(path)?;
+    let skinning = if path.extension().is_some_and(|own| own.eq_ignore_ascii_case("tfxskin")) {
+        tfx_skin::read_triangles(&bytes).map(tfx_skin::Skinning::Triangles)
+    } else {
+        tfx_skin::read_bones(&bytes).map(tfx_skin::Skinning::Bones)
+    };
+    skinning.map_err(ReadError::format(path))
 }
 
 /// Reads the motion at `path` (`.bvh`).

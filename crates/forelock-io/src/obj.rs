@@ -29,8 +29,9 @@ use crate::error::{FormatError, Problem};
 struct Elements {
     positions: Vec<Vec3>,
     triangles: Vec<[u32; 3]>,
-    /// Strands of vertex indices.
-    polylines: Vec<Vec<u32>>,
+    /// The vertex indices of all strands, and where each strand ends in them.
+    strand_points: Vec<u32>,
+    strand_ends: Vec<usize>,
     /// The largest index, and its place in the file.
     largest: Option<(u32, Place)>,
 }
@@ -64,14 +65,15 @@ pub fn read_mesh(bytes: &[u8]) -> Result<TriMesh, FormatError> {
 /// [`FormatError`] if a line is malformed, an index is out of range, or there is no polyline.
 pub fn read_groom(bytes: &[u8]) -> Result<Groom, FormatError> {
     let elements = parse(bytes)?;
-    if elements.polylines.is_empty() {
+    if elements.strand_ends.is_empty() {
         let words = "it has no polyline (`l`), so no strand; is it a mesh? Export the hair as curves or \
                      polylines";
         return Err(whole(Problem::Invalid(words.into())));
     }
-    let strand =
-        |line: &Vec<u32>| -> Vec<Vec3> { line.iter().map(|&i| elements.positions[i as usize]).collect() };
-    Groom::from_strands(elements.polylines.iter().map(strand)).map_err(|e: GroomError| whole(e.into()))
+    let points = elements.strand_points.iter().map(|&i| elements.positions[i as usize]).collect();
+    // `Groom::new` refuses more points than 32 bits can count.
+    let offsets = std::iter::once(0).chain(elements.strand_ends.iter().map(|&end| end as u32)).collect();
+    Groom::new(points, offsets).map_err(|e: GroomError| whole(e.into()))
 }
 
 /// An error that concerns the whole file.
@@ -97,10 +99,15 @@ fn parse(bytes: &[u8]) -> Result<Elements, FormatError> {
             }
             Some(b"l") => {
                 let line = elements.indices(words, place)?;
-                match elements.polylines.last_mut() {
-                    Some(last) if line.len() > 1 && last.last() == line.first() => last.extend(&line[1..]),
-                    _ => elements.polylines.push(line),
+                let start = elements.strand_ends.len().checked_sub(2).map_or(0, |s| elements.strand_ends[s]);
+                let last = elements.strand_points.get(start..).and_then(<[u32]>::last);
+                if line.len() > 1 && last == line.first() {
+                    elements.strand_points.extend(&line[1..]);
+                    elements.strand_ends.pop();
+                } else {
+                    elements.strand_points.extend(&line);
                 }
+                elements.strand_ends.push(elements.strand_points.len());
             }
             _ => {}
         }

@@ -8,7 +8,7 @@ use std::sync::{Mutex, PoisonError};
 
 use forelock_core::groom::{Groom, Labels};
 use forelock_io::alembic;
-use forelock_io::{Usd, usd};
+use forelock_io::{Usd, obj, usd};
 use glam::Vec3;
 
 struct Counting;
@@ -142,4 +142,13 @@ fn damaged_archives_neither_panic_nor_take_much_memory() {
         assert!(worst < limit, "turn {turn}: {worst} bytes for a file of {}", bytes.len());
     }
     eprintln!("at most {worst} bytes of memory for a file of {}", whole.len());
+}
+
+#[test]
+fn many_empty_strands_take_little_memory() {
+    let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
+    let text = format!("v 0 0 0\nv 0 1 0\n{}l 1 2\n", "l\n".repeat(10_000));
+    let (most, read) = counted(|| obj::read_groom(text.as_bytes()).unwrap());
+    assert_eq!((read.strand_count(), read.particle_count()), (10_001, 2));
+    assert!(most < 20 * text.len(), "{most} bytes for a file of {}", text.len());
 }

@@ -1,6 +1,7 @@
-//! `info`: describes a groom, a cache, a character or a motion.
+//! `info`: describes a groom, a cache, a character, a motion or a skinning file.
 
 mod character;
+mod skinning;
 
 use std::path::Path;
 
@@ -24,17 +25,21 @@ struct Report {
 
 /// Prints a description of the file.
 pub fn info(arguments: &InfoArgs) -> anyhow::Result<()> {
-    if Format::of(&arguments.file).is_none() && forelock_io::is_character(&arguments.file) {
+    if Format::of(&arguments.file) == Some(Format::Gltf) {
         let character = forelock_io::read_character(&arguments.file, &arguments.import.import())?;
         return character::describe_character(arguments, character);
     }
     if forelock_io::is_motion(&arguments.file) {
         return character::describe_motion(arguments);
     }
+    if forelock_io::is_skinning(&arguments.file) {
+        return skinning::describe(arguments);
+    }
     let imported = match forelock_io::read_groom(&arguments.file, &arguments.import.import()) {
         Ok(imported) => imported,
         Err(ReadError::UnknownEnding { path, known }) => {
-            return Err(ReadError::UnknownEnding { path, known: known + " .glb .gltf .bvh" }.into());
+            let known = known + " .glb .gltf .bvh .tfxskin .tfxbone";
+            return Err(ReadError::UnknownEnding { path, known }.into());
         }
         // Alembic and USD files hold strands, or a body.
         Err(error) => match forelock_io::read_character(&arguments.file, &arguments.import.import()) {

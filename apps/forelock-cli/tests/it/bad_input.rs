@@ -150,6 +150,9 @@ fn grooms_with_mistakes() {
     place.write("nan.hair", nan);
     place.write("huge.data", u32::MAX.to_le_bytes());
     place.write("cut.npz", b"PK\x03\x04");
+    place.write("cut.tfxbone", 3u32.to_le_bytes());
+    place.write("old.tfxskin", [7, 0, 0, 0, 1, 0, 0, 0]);
+    place.write("cut.glb", b"glTF");
     fs::create_dir(place.path("folder.hair")).unwrap();
     let mut cases: Vec<Case<'_>> = vec![
         (
@@ -166,6 +169,9 @@ fn grooms_with_mistakes() {
         ("only points that are no numbers", vec!["info", "nan.hair"], 1, "no usable strand"),
         ("counts of 4 billion in .data", vec!["info", "huge.data"], 1, "huge.data"),
         ("a cut archive", vec!["info", "cut.npz"], 1, "cut.npz"),
+        ("bones without names", vec!["info", "cut.tfxbone"], 1, "byte 4: the bones take 4 bytes, but 0 are"),
+        ("roots of another version", vec!["info", "old.tfxskin"], 1, "version 7 is not supported"),
+        ("bytes that are no glTF", vec!["info", "cut.glb"], 1, "cut.glb: not a glTF 2.0 file"),
         ("a folder", vec!["info", "folder.hair"], 1, "this is a folder"),
         ("a missing file", vec!["info", "missing.hair"], 1, "no such file"),
         ("no ending", vec!["info", "missing"], 1, "no ending"),
@@ -180,6 +186,7 @@ fn grooms_with_mistakes() {
         ),
         ("into a folder", vec!["convert", "good.hair", "folder.hair"], 1, "this is a folder"),
         ("into an unknown format", vec!["convert", "good.hair", "out.xyz"], 1, "files ending in .xyz"),
+        ("hair of glTF", vec!["convert", "cut.glb", "out.npz"], 1, "these can be read: .hair"),
         ("a film of a groom", vec!["render", "good.hair", "--film"], 1, "needs a cache"),
     ]);
     check(&place, &cases);

@@ -39,7 +39,7 @@ const SAMPLE_BYTES: usize = 128;
 ///
 /// # Errors
 /// [`AlembicError`] if `file` is not a complete Ogawa archive, or has no meshes.
-pub(crate) fn read_character(
+pub fn read_character(
     file: impl Read + Seek,
 ) -> Result<(Character, Option<Unit>, Vec<String>), AlembicError> {
     let mut archive = Archive::open(file)?;

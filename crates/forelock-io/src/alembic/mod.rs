@@ -55,7 +55,7 @@ use forelock_core::groom::{Groom, Unit};
 use glam::Vec3;
 
 pub use cache::CurvesWriter;
-pub(crate) use meshes::read_character;
+pub use meshes::read_character;
 pub use writer::write;
 
 use crate::error::{FormatError, ReadError};

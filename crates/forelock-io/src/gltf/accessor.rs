@@ -7,9 +7,6 @@ use ::gltf::buffer::{Source, View};
 use ::gltf::{Accessor, Document};
 use base64::Engine as _;
 
-/// The most entries of an accessor whose values are not in the file, but zero.
-const MOST_ZEROS: usize = 1 << 20;
-
 /// The buffers of a file.
 pub struct Buffers(Vec<Vec<u8>>);
 
@@ -28,9 +25,9 @@ impl Buffers {
                 }
                 Source::Uri(uri) => {
                     let path = folder.join(percent_decoded(uri));
-                    std::fs::read(&path).map_err(|error| {
-                        format!("{name}: {}: {error}; keep the files of a .gltf together", path.display())
-                    })?
+                    // Not from a device or pipe, which may have no end.
+                    crate::read_bytes(&path)
+                        .map_err(|error| format!("{name}: {error}; keep the files of a .gltf together"))?
                 }
             };
             if bytes.len() < buffer.length() {
@@ -59,7 +56,10 @@ impl Buffers {
         let (data_type, is_normalised) = (accessor.data_type(), accessor.normalized());
         let mut numbers = match accessor.view() {
             Some(view) => self.read(accessor, &view, width, Packed::read)?,
-            None if accessor.count() <= MOST_ZEROS => vec![0.0; accessor.count() * width],
+            // Zeros: what they belong to, vertices or times, has 4 bytes an entry in the buffers.
+            None if accessor.count() <= self.0.iter().map(Vec::len).sum::<usize>() / 4 => {
+                vec![0.0; accessor.count() * width]
+            }
             None => return Err(format!("{name} has {} entries, but no buffer view", accessor.count())),
         };
         if let Some(sparse) = accessor.sparse() {

@@ -1,4 +1,5 @@
-//! glTF 2.0, `.gltf` and `.glb`: characters with skeletons, skins, blend shapes and clips.
+//! glTF 2.0, `.gltf` and `.glb`: characters with skeletons, skins, blend shapes and clips are read,
+//! hair is written.
 //!
 //! # Practice
 //! All nodes of the file become joints of one skeleton. All triangle meshes of the file's scene
@@ -8,10 +9,13 @@
 //!
 //! # Limitations
 //! Materials, textures, cameras and lights are discarded; so are points and lines, with a note.
+//! Hair is not read back.
 //! Files whose meshes are compressed by an extension are refused.
 
 mod accessor;
+mod cache;
 mod clips;
+mod write;
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -27,6 +31,9 @@ use forelock_core::body::character::{
 use glam::{DAffine3, DMat4, DQuat, DVec3, Vec3};
 
 use accessor::Buffers;
+
+pub use cache::LinesWriter;
+pub use write::{write_binary, write_text};
 
 /// The bone weights of a vertex, `(bone, weight)`.
 type Weights = Vec<(usize, f32)>;
@@ -69,6 +76,9 @@ pub fn read(bytes: &[u8], folder: &Path) -> Result<(Character, Vec<String>), Str
         notes.push(format!(
             "{count} vertices have no valid weight: they follow the first joint of their skin"
         ));
+    }
+    if meshes.triangles.is_empty() && meshes.skipped > 0 {
+        return Err("it has points or lines only, no triangles; hair in glTF is written, not read".into());
     }
     let clips = clips::read(document, &nodes, &buffers, &mut notes)?;
     let bound = TriMesh::new(meshes.positions, meshes.triangles).map_err(|error| error.to_string())?;
@@ -174,7 +184,8 @@ fn transform(node: &Node<'_>) -> Transform {
     }
 }
 
-/// The nodes of the file's scene: the default one, or the first, or all.
+/// The nodes of the file's scene: the default one, or the first, or all. Each comes once, however
+/// often the scene names it.
 fn scene_nodes(document: &Document) -> Vec<Node<'_>> {
     let Some(scene) = document.default_scene().or_else(|| document.scenes().next()) else {
         return document.nodes().collect();
@@ -182,8 +193,12 @@ fn scene_nodes(document: &Document) -> Vec<Node<'_>> {
     let mut found = Vec::new();
     let mut stack: Vec<Node<'_>> = scene.nodes().collect();
     stack.reverse();
+    let mut is_found = vec![false; document.nodes().len()];
     // The nodes are a tree: see `nodes`.
     while let Some(node) = stack.pop() {
+        if std::mem::replace(&mut is_found[node.index()], true) {
+            continue;
+        }
         let children: Vec<Node<'_>> = node.children().collect();
         stack.extend(children.into_iter().rev());
         found.push(node);

@@ -33,7 +33,7 @@ const SAMPLE_BYTES: usize = 128;
 ///
 /// # Errors
 /// [`UsdError`] if it is no layer, or has no meshes.
-pub(crate) fn read_character(
+pub fn read_character(
     reader: impl Read + Seek,
     asked: &Import,
 ) -> Result<(Character, Import, Vec<String>), UsdError> {
@@ -145,7 +145,7 @@ def Xform "root"
         assert!((import.scale - 0.01).abs() < 1e-9 && notes.is_empty());
         assert_eq!(own.bound().triangles, [[0, 1, 2], [0, 2, 3], [0, 1, 4]]);
         assert_eq!(own.rest().positions[4], Vec3::new(5.0, 5.0, 14.0));
-        assert_eq!((own.shapes().len(), own.clips()[0].duration_secs()), (0, 0.5));
+        assert!(own.shapes().is_empty() && (own.clips()[0].duration_secs() - 0.5).abs() < 1e-12);
         let mut locals = own.skeleton().rest();
         own.clips()[0].sample(0.25, &mut locals, &mut []);
         assert!((locals[0].translation.z - 1.0).abs() < 1e-6, "{locals:?}");

@@ -62,7 +62,7 @@ use std::{
 use forelock_core::groom::{Groom, GroomError, Import, Unit, Up};
 
 pub use cache::UsdCacheWriter;
-pub(crate) use meshes::read_character;
+pub use meshes::read_character;
 pub use write::{write_binary, write_text};
 
 use self::layer::Layer;

@@ -253,6 +253,13 @@ fn faults() -> Vec<(&'static str, Value, &'static str)> {
         ("/accessors/1/bufferView", Value::Null, "accessors[1].bufferView"),
         ("/accessors/2/count", json!(3), "4 vertices, 4 joints and 3 weights"),
         ("/accessors/6/count", json!(1), "1 keys and 2 values"),
+        // No memory for zeros that nothing in the file needs.
+        (
+            "/accessors/5",
+            json!({ "componentType": 5126, "type": "VEC3", "count": 1 << 20, "sparse": { "count": 1,
+            "indices": { "bufferView": 3, "componentType": 5123 }, "values": { "bufferView": 0 } } }),
+            "1048576 entries, but no buffer view",
+        ),
         (
             "/accessors/0/sparse",
             json!({ "count": 1, "indices": { "bufferView": 0, "componentType": 5125 },
@@ -279,6 +286,7 @@ fn faults() -> Vec<(&'static str, Value, &'static str)> {
         ("/bufferViews/0/byteStride", json!(250), "more than its buffer view"),
         ("/buffers", json!([{ "byteLength": 1_000_000 }]), "1000000 bytes by its header"),
         ("/buffers", json!([{ "byteLength": 8, "uri": "nowhere.bin" }]), "nowhere.bin"),
+        ("/buffers", json!([{ "byteLength": 8, "uri": "." }]), "this is a folder"),
         ("/buffers", json!([{ "byteLength": 8, "uri": "data:text,abc" }]), "not in base 64"),
         ("/buffers", json!([{ "byteLength": 8, "uri": "data:x;base64,?!" }]), "not in base 64"),
         ("/extensionsRequired", json!(["KHR_draco_mesh_compression"]), "extensionsRequired"),
@@ -336,6 +344,14 @@ fn a_hundred_broken_files_give_one_clear_error_each() {
         count += 1;
     }
     assert!(count >= 130, "{count}");
+}
+
+#[test]
+fn a_node_that_a_scene_names_twice_comes_once() {
+    let mut example = Example::new();
+    set(&mut example.json, "/scenes/0/nodes", json!([0, 2, 2, 1, 2]));
+    let (character, _) = gltf::read(&example.glb(), Path::new("")).unwrap();
+    assert_eq!((character.rest().triangles.len(), character.groups().len()), (2, 1));
 }
 
 #[test]

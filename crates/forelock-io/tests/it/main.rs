@@ -5,6 +5,8 @@ mod cache;
 mod characters;
 mod common;
 mod files;
+mod gltf_hair;
+mod interrupted;
 mod khronos;
 mod malformed;
 mod real_data;

@@ -67,9 +67,12 @@ mod tests {
         writer.finish().unwrap();
 
         let mut scene = Scene::default();
-        scene.output.exports = vec!["hair.abc".into(), "for/hair.usdc".into()];
-        for path in write(&scene, &groom, &cache, folder.path(), &mut |_| {}).unwrap() {
-            let reader = AnimationReader::open(&path, &Import::default()).unwrap();
+        scene.output.exports = vec!["hair.abc".into(), "for/hair.usdc".into(), "hair.glb".into()];
+        let paths = write(&scene, &groom, &cache, folder.path(), &mut |_| {}).unwrap();
+        // Tests of the writer look into a `.glb`.
+        assert!(std::fs::read(&paths[2]).unwrap().starts_with(b"glTF"));
+        for path in &paths[..2] {
+            let reader = AnimationReader::open(path, &Import::default()).unwrap();
             assert_eq!(reader.groom().labels, groom.labels);
             assert_eq!(reader.groom().colours, groom.colours);
             for (frame, time) in (4..7).zip(reader.times_secs()) {

@@ -319,7 +319,7 @@ fn check_output(scene: &Scene) -> Result<(), Wrong> {
     let is_export = |name: &Path| animation::is_written(name) && Format::of(name) != Some(Format::Npz);
     if let Some(name) = output.exports.iter().find(|name| !is_export(name)) {
         let message =
-            format!("holds \"{}\", but takes names that end in .abc, .usdc or .usd", name.display());
+            format!("holds \"{}\", but takes names that end in .abc, .usdc, .usd or .glb", name.display());
         return Err(("output.exports".to_owned(), message));
     }
     if !output.exports.is_empty() && output.cache.as_os_str().is_empty() {

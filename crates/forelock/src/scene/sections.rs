@@ -500,7 +500,7 @@ pub struct OutputSection {
     /// frames, default 1, range 1 to 1000.
     pub cache_every: u32,
     /// Files for other programs with the frames of the cache, made when the run is done: names that
-    /// end in .abc, .usdc or .usd. Default [].
+    /// end in .abc, .usdc, .usd or .glb. Default [].
     pub exports: Vec<PathBuf>,
     /// What draws pictures and films: "cpu" or "gpu", which is refused where there is no GPU.
     /// Default "cpu".

@@ -53,7 +53,7 @@ struct MotionReport {
 }
 
 /// The first names of a list.
-fn listed(names: &[String]) -> String {
+pub(super) fn listed(names: &[String]) -> String {
     let more = names.len().saturating_sub(PRINTED);
     let more = if more > 0 { format!(" and {more} more") } else { String::new() };
     format!("{}{more}", names[..names.len().min(PRINTED)].join(", "))
@@ -61,7 +61,10 @@ fn listed(names: &[String]) -> String {
 
 /// Prints a description of the character that the file holds.
 pub fn describe_character(arguments: &InfoArgs, imported: ImportedCharacter) -> anyhow::Result<()> {
-    let format = Format::of(&arguments.file).map_or("glTF 2.0".to_owned(), |format| format.to_string());
+    let format = match Format::of(&arguments.file) {
+        Some(format) if format != Format::Gltf => format.to_string(),
+        _ => "glTF 2.0".to_owned(),
+    };
     let own = imported.character;
     let (min, max) = own.rest().bounds();
     let report = CharacterReport {
