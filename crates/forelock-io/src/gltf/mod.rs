@@ -53,6 +53,12 @@ struct Nodes {
 /// # Errors
 /// What is wrong, and where in the file.
 pub fn read(bytes: &[u8], folder: &Path) -> Result<(Character, Vec<String>), String> {
+    // The parser subtracts the size of the header without a look.
+    if let [b'g', b'l', b'T', b'F', _, _, _, _, a, b, c, d, ..] = *bytes
+        && u32::from_le_bytes([a, b, c, d]) < 12
+    {
+        return Err("byte 8: its size is less than its header; copy or export it again".into());
+    }
     let Gltf { document, blob } =
         Gltf::from_slice_without_validation(bytes).map_err(|error| explain(&error))?;
     let json = document.into_json();

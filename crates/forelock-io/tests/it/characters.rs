@@ -325,6 +325,9 @@ fn a_hundred_broken_files_give_one_clear_error_each() {
         check(&example.glb(), &what, expected);
         count += 1;
     }
+    let mut short = Example::new().glb();
+    short[8..12].copy_from_slice(&11u32.to_le_bytes());
+    check(&short, "a size of 11", "byte 8: its size is less than its header");
     // Numbers that are none in the buffers.
     for (accessor, what) in [
         (0, "vertex 0 is not finite"),
