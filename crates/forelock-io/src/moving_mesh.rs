@@ -5,7 +5,7 @@
 //! motion that fits best, and what remains, in the space of the first sample:
 //!
 //! ```text
-//! xᵢ(t) = R(t) (xᵢ(0) + dᵢ(t)) + p(t) ,   R, p = argmin Σᵢ |xᵢ(t) − R xᵢ(0) − p|²
+//! xᵢ(t) = R(t) (xᵢ(0) + dᵢ(t)) + p(t) ,   R, p minimise Σᵢ |xᵢ(t) − R xᵢ(0) − p|²
 //! ```
 //!
 //! The motion becomes that of a joint, the remainder a blend shape of each sample, whose weight is
@@ -234,7 +234,7 @@ fn rotation_of(product: &DMat3, mut turn: DQuat) -> DQuat {
         let along: f64 = axes.iter().map(|(a, b)| a.dot(*b)).sum();
         let by = axes.iter().map(|(a, b)| a.cross(*b)).sum::<DVec3>() / (along.abs() + f64::MIN_POSITIVE);
         let angle = by.length();
-        if !(angle > 1e-14) {
+        if angle <= 1e-14 || angle.is_nan() {
             break;
         }
         turn = (DQuat::from_axis_angle(by / angle, angle) * turn).normalize();

@@ -2,16 +2,15 @@
 
 use std::fs;
 use std::io::Cursor;
-use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
+use std::path::Path;
 
 use forelock_core::groom::{Groom, Import, Info, repair};
 use forelock_io::tfx_skin::{read_bones, read_triangles};
-use forelock_io::{Cache, Usd, alembic, bvh, ct2hair, gltf, hair, npz, obj, ply, tfx, usc, usd};
+use forelock_io::{Cache, Usd, alembic, bvh, ct2hair, gltf, hair, npz, obj, ply, read_character, tfx, usc};
 
 /// A reader of bytes.
 pub struct Reader {
-    /// Its name: the ending of its files, or `cache`, `mesh`.
+    /// Its name: the ending of its files, or what is read: `arrays`, `cache`, `mesh`, `body`.
     pub name: &'static str,
     /// Bytes that it may take for each byte of the file.
     pub times: usize,
@@ -31,7 +30,7 @@ const fn reader(name: &'static str, times: usize, constant: usize, read: fn(&[u8
 /// All readers. Text takes more memory than its bytes: a digit becomes a number. Compressed tables
 /// of USD and members of `.npz` may say that they are larger than they are, within a limit. A node
 /// of glTF takes 3 bytes of text, `{},`, and some hundred of memory.
-pub const READERS: [Reader; 18] = [
+pub const READERS: [Reader; 19] = [
     reader("hair", 8, 16 * KIB, |b| groom(hair::read(b))),
     reader("data", 8, 16 * KIB, |b| groom(usc::read(b))),
     reader("bin", 8, 16 * KIB, |b| groom(ct2hair::read(b))),
@@ -47,6 +46,7 @@ pub const READERS: [Reader; 18] = [
     reader("usdc", 64, 2 * MIB, layer),
     reader("glb", 256, 64 * KIB, |b| gltf::read(b, Path::new("")).is_ok()),
     reader("gltf", 256, 64 * KIB, |b| gltf::read(b, Path::new("")).is_ok()),
+    reader("body", 64, 128 * KIB, body),
     reader("bvh", 64, 16 * KIB, |b| bvh::read(b).is_ok()),
     reader("tfxskin", 8, 16 * KIB, |b| read_triangles(b).is_ok()),
     reader("tfxbone", 8, 16 * KIB, |b| read_bones(b).is_ok()),
@@ -62,11 +62,8 @@ fn groom<E>(read: Result<Groom, E>) -> bool {
     true
 }
 
-/// Reads the body, or the first and the last frame of the strands.
+/// Reads the first and the last frame.
 fn archive(bytes: &[u8]) -> bool {
-    if alembic::read_character(Cursor::new(bytes)).is_ok() {
-        return true;
-    }
     let Ok(mut reader) = alembic::Reader::open(Cursor::new(bytes)) else { return false };
     let last = reader.frames().wrapping_sub(1);
     let _ = reader.time_secs(last);
@@ -74,28 +71,33 @@ fn archive(bytes: &[u8]) -> bool {
     reader.read(last).is_ok() && first
 }
 
-/// Reads the body, or the first and the last frame of the strands.
+/// Reads the first and the last frame.
 fn layer(bytes: &[u8]) -> bool {
-    if usd::read_character(Cursor::new(bytes), &Import::default()).is_ok() {
-        return true;
-    }
     let Ok(layer) = Usd::open(Cursor::new(bytes)) else { return false };
     let last = layer.times_secs().len().saturating_sub(1);
     groom(layer.frame(0)) && layer.frame(last).is_ok()
 }
 
-/// Reads the first and the last frame of a cache, which is opened by its name.
+/// Reads the first and the last frame of a cache.
 fn cache(bytes: &[u8]) -> bool {
-    static PATH: OnceLock<PathBuf> = OnceLock::new();
-    let path =
-        PATH.get_or_init(|| std::env::temp_dir().join(format!("mutated-cache-{}.npz", std::process::id())));
-    let read = || {
-        let mut cache = Cache::open(path).ok()?;
+    at_path(bytes, "npz", |path| {
+        let Ok(mut cache) = Cache::open(path) else { return false };
         let mut positions = Vec::new();
-        cache.read_frame(0, &mut positions).ok()?;
-        cache.read_frame(cache.frames() - 1, &mut positions).ok()
-    };
-    let is_read = fs::write(path, bytes).is_ok() && read().is_some();
-    let _ = fs::remove_file(path);
+        let first = cache.read_frame(0, &mut positions).is_ok();
+        first && cache.read_frame(cache.frames() - 1, &mut positions).is_ok()
+    })
+}
+
+/// Reads the meshes of a layer as a body.
+fn body(bytes: &[u8]) -> bool {
+    at_path(bytes, "usda", |path| read_character(path, &Import::default()).is_ok())
+}
+
+/// Reads what is opened by its name.
+fn at_path(bytes: &[u8], ending: &str, read: impl FnOnce(&Path) -> bool) -> bool {
+    let name = format!("mutated-{}.{ending}", std::process::id());
+    let path = std::env::temp_dir().join(name);
+    let is_read = fs::write(&path, bytes).is_ok() && read(&path);
+    let _ = fs::remove_file(&path);
     is_read
 }

@@ -83,6 +83,7 @@ fn made(reader: &str) -> Made {
         "usdc" => vec![usd::write_binary(&even), usd::write_binary(&uneven), moving("usdc")?],
         "glb" => vec![gltf::write_binary(&even)?, moving("glb")?, binary(CHARACTER)],
         "gltf" => vec![gltf::write_text(&uneven)?, CHARACTER.into()],
+        "body" => vec![BODY.into()],
         "bvh" => vec![MOTION.into(), written_motion()?],
         "tfxskin" => vec![triangle_skin()],
         "tfxbone" => vec![bone_skin()],
@@ -239,6 +240,33 @@ fn binary(text: &str) -> Vec<u8> {
     bytes.resize(20 + padded, b' ');
     bytes
 }
+
+/// Two faces whose points and frame move.
+const BODY: &str = r#"#usda 1.0
+(
+    metersPerUnit = 0.01
+    upAxis = "Z"
+    timeCodesPerSecond = 24
+)
+def Xform "root"
+{
+    matrix4d xformOp:transform.timeSamples = {
+        0: ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1)),
+        12: ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (5, 0, 0, 1)),
+    }
+    uniform token[] xformOpOrder = ["xformOp:transform"]
+    def Mesh "body"
+    {
+        int[] faceVertexCounts = [4, 3]
+        int[] faceVertexIndices = [0, 1, 2, 3, 0, 1, 4]
+        uniform token orientation = "rightHanded"
+        point3f[] points.timeSamples = {
+            0: [(0, 0, 0), (9, 0, 0), (9, 9, 0), (0, 9, 0), (5, 5, 9)],
+            12: [(0, 0, 1), (9, 0, 0), (9, 9, 0), (0, 9, 2), (5, 5, 9)],
+        }
+    }
+}
+"#;
 
 const MOTION: &str = "HIERARCHY\nROOT Hips\n{\n  OFFSET 0 90 0\n  CHANNELS 6 Xposition Yposition Zposition \
     Zrotation Xrotation Yrotation\n  JOINT Spine\n  {\n    OFFSET 0 20 0\n    CHANNELS 3 Zrotation Xrotation \

@@ -16,7 +16,7 @@ use forelock_core::groom::Import;
 use glam::{DAffine3, Vec3};
 
 use super::{
-    Stage, UsdError, import, invalid,
+    Stage, UsdError, import, invalid, is_of_transform,
     layer::{Layer, Prim, Value},
     open_layer, times, xform,
 };
@@ -47,7 +47,7 @@ pub fn read_character(
         ));
     }
     let Stage { metres_per_unit, is_z_up, codes_per_second } = Stage::of(&layer)?;
-    let mut codes = times(&layer, &indices)?;
+    let mut codes = times(&layer, &indices, &|name| name == "points" || is_of_transform(name))?;
     if codes.is_empty() {
         codes.push(0.0);
     }

@@ -147,14 +147,17 @@ impl<R: Read + Seek> Usd<R> {
                 "it has no BasisCurves; if other files hold them, make one of all with `usdcat --flatten`",
             ));
         }
-        let times = times(&layer, &curves)?;
+        let mut codes = times(&layer, &curves, &|name| name == "points")?;
+        if codes.is_empty() {
+            codes = times(&layer, &curves, &is_of_transform)?;
+        }
         let Stage { metres_per_unit, is_z_up, codes_per_second } = Stage::of(&layer)?;
-        let times_secs = times.iter().map(|code| code / codes_per_second).collect();
-        Ok(Self { layer, curves, times, times_secs, metres_per_unit, is_z_up })
+        let times_secs = codes.iter().map(|code| code / codes_per_second).collect();
+        Ok(Self { layer, curves, times: codes, times_secs, metres_per_unit, is_z_up })
     }
 
-    /// The times of the frames in seconds, `[F]`: the samples of the points and of the transforms
-    /// above them. Empty if these do not change.
+    /// The times of the frames in seconds, `[F]`: the samples of the points, or if these do not
+    /// change, of the transforms above them. Empty if nothing changes.
     pub fn times_secs(&self) -> &[f64] {
         &self.times_secs
     }
@@ -224,20 +227,27 @@ impl Stage {
     }
 }
 
-/// The times of all samples of the points of the prims `indices` and of the transforms above them,
-/// in time codes, ascending.
-fn times<R: Read + Seek>(layer: &Layer<R>, indices: &[usize]) -> Result<Vec<f64>, UsdError> {
+/// Whether the attribute `name` is an operation of a transform.
+fn is_of_transform(name: &str) -> bool {
+    name.starts_with("xformOp")
+}
+
+/// The times of all samples of the attributes for whose name `is_one` is true, of the prims
+/// `indices` and those above them, in time codes, ascending.
+fn times<R: Read + Seek>(
+    layer: &Layer<R>,
+    indices: &[usize],
+    is_one: &dyn Fn(&str) -> bool,
+) -> Result<Vec<f64>, UsdError> {
     let mut times: Vec<f64> = Vec::new();
     let mut seen = vec![false; layer.prims.len()];
     for &index in indices {
         let mut next = Some(index);
         while let Some(index) = next.filter(|&index| !std::mem::replace(&mut seen[index], true)) {
             let prim = &layer.prims[index];
-            for (name, attribute) in &prim.attributes {
-                if &**name == "points" || name.starts_with("xformOp") {
-                    let samples = layer.samples(attribute)?;
-                    times.extend(samples.times.iter().filter(|time| time.is_finite()));
-                }
+            for (_, attribute) in prim.attributes.iter().filter(|(name, _)| is_one(name)) {
+                let samples = layer.samples(attribute)?;
+                times.extend(samples.times.iter().filter(|time| time.is_finite()));
             }
             next = prim.parent;
         }
