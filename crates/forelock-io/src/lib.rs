@@ -355,8 +355,8 @@ pub fn read_motion(path: &Path) -> Result<bvh::Bvh, ReadError> {
     bvh::read(&read_bytes(path)?).map_err(ReadError::format(path))
 }
 
-/// Reads the mesh at `path` (`.obj`, or that of a character at rest) and converts it to metres and y
-/// up according to `import`.
+/// Reads the mesh at `path` (`.obj`, or that of a character at rest) and converts it to metres and
+/// y up according to `import`.
 ///
 /// # Errors
 /// [`ReadError`] if the file cannot be read, is not of its format, or has no valid mesh.

@@ -12,7 +12,7 @@
 //! 1 at its time and 0 at the samples before and after it. So a head that only turns has no blend
 //! shapes, and between two samples a turn follows the arc and not the chord.
 //!
-//! R is the rotation that maximises tr(Rᵀ A) for A = Σᵢ (xᵢ(t) − x̄(t)) (xᵢ(0) − x̄(0))ᵀ. It is found
+//! R is the rotation that maximises tr(Rᵀ A), A = Σᵢ (xᵢ(t) − x̄(t)) (xᵢ(0) − x̄(0))ᵀ. It is found
 //! from the one before by small turns (Müller et al. 2016, "A robust method to extract the
 //! rotational part of deformations").
 //!
