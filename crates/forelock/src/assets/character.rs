@@ -21,8 +21,6 @@ const MARGIN_M: f32 = 0.08;
 /// little where solids press on them.
 const STRETCH: f32 = 1.1;
 const ROOM_M: f32 = 0.02;
-/// The motion of bodies of which a scene says none.
-const STILL: &str = "builtin:still";
 /// Cells of the field near the skin, over `sdf_near_cell`: they are computed anew in each step.
 const COARSER: f32 = 2.0;
 /// The longest motion of a particle in a substep that is not swept, in cells near the skin.
@@ -54,10 +52,11 @@ pub(super) fn performance(
 ) -> Result<Option<Performance>, AssetError> {
     let motion = &section.motion;
     if motion.builtin_name().is_some() || !motion.keyframes.is_empty() {
+        let is_usual = *motion == BodySection::default().motion;
         let clips: Vec<&str> = character.clips().iter().map(|clip| &*clip.name).collect();
-        if motion.name == STILL && motion.keyframes.is_empty() && !clips.is_empty() && !section.is_named() {
+        if is_usual && !clips.is_empty() && !section.is_named() {
             let clips = clips.join("`, `");
-            notes.push(format!("{}: it stands still; `body.motion` may be `{clips}`", section.mesh));
+            notes.push(format!("{}: no clip is played; `body.motion` may be `{clips}`", section.mesh));
         }
         return Ok(None);
     }

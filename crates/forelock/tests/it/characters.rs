@@ -6,9 +6,10 @@
 use std::path::{Path, PathBuf};
 
 use base64::Engine as _;
+use forelock::core::body::character::{SkinPose, Skinning};
 use forelock::core::body::{ClosedMesh, Motion, TriMesh};
-use forelock::core::groom::bind_roots;
 use forelock::core::groom::edit::{Operation, Trim};
+use forelock::core::groom::{Import, bind_roots};
 use forelock::core::pose::Pose;
 use forelock::core::simulation::Teleport;
 use forelock::player::HistoryOptions;
@@ -229,6 +230,72 @@ fn roots_follow_the_skin_wherever_it_bends() {
         }
         assert!(largest > 0.04, "{largest}");
     }
+}
+
+/// The mesh of the ball in a second of its clip "nod", `rate` times a second, as a program that bakes
+/// writes it.
+fn baked(files: &Files, rate: u32) -> String {
+    let path = files.0.path().join("ball.gltf");
+    let own = forelock::io::read_character(&path, &Import::default()).unwrap().character;
+    let clip = own.clips().iter().find(|clip| clip.name == "nod").unwrap();
+    let list = |of: &mut dyn Iterator<Item = String>| of.collect::<Vec<_>>().join(", ");
+    let sample = |k: u32| {
+        let (mut locals, mut globals, mut pose, mut points) =
+            (own.skeleton().rest(), Vec::new(), SkinPose::default(), Vec::new());
+        clip.sample(f64::from(k) / f64::from(rate), &mut locals, &mut []);
+        own.skeleton().globals(&locals, &mut globals);
+        own.pose(&globals, &[], Skinning::Linear, &mut pose);
+        own.deform(&pose, &mut points);
+        format!("{k}: [{}]", list(&mut points.iter().map(|p| format!("({}, {}, {})", p.x, p.y, p.z))))
+    };
+    let triangles = &own.rest().triangles;
+    format!(
+        "#usda 1.0\n(\n    metersPerUnit = 1\n    timeCodesPerSecond = {rate}\n)\ndef Mesh \"ball\"\n{{\n\
+         int[] faceVertexCounts = [{}]\nint[] faceVertexIndices = [{}]\n\
+         point3f[] points.timeSamples = {{ {} }}\n}}\n",
+        list(&mut triangles.iter().map(|_| "3".to_owned())),
+        list(&mut triangles.iter().flatten().map(u32::to_string)),
+        list(&mut (0..=rate).map(sample)),
+    )
+}
+
+/// Hair on a mesh whose points a file gives at each time moves as on the character that they were
+/// made from.
+#[test]
+fn a_baked_mesh_carries_hair_as_its_character_does() {
+    let files = Files::new();
+    // Collisions and interactions depend on the joint that carries the hair: "top" of the character,
+    // and the motion of the whole of the mesh.
+    let alone = "interaction.kind = \"none\"\ninteraction.contacts = false\n";
+    let nod = format!("collide = false\n{NOD}");
+    let text = Files::text(&nod.replace("nod", "animation"), alone).replace("ball.gltf", "ball.usda");
+    let means = [30, 120].map(|rate| {
+        std::fs::write(files.0.path().join("ball.usda"), baked(&files, rate)).unwrap();
+        let mut played = Player::new(Scene::parse(&text, &files.path(), &[]).unwrap()).unwrap();
+        let mut skinned = files.player(&nod, alone);
+        assert_eq!(positions(&mut played), positions(&mut skinned));
+        let mut mean = 0.0f32;
+        for frame in 1..=60u32 {
+            played.step().unwrap();
+            skinned.step().unwrap();
+            let [a, b] = [&mut played, &mut skinned].map(positions);
+            let roots = (0..120).map(|strand| skinned.groom().range(strand).start);
+            let apart = roots.map(|root| a[root].distance(b[root])).fold(0.0, f32::max);
+            // Between two samples the skin is interpolated.
+            let most = if frame * rate % 60 == 0 { 1e-5 } else { 2e-4 };
+            assert!(apart < most, "{rate} a second, frame {frame}: {apart}");
+            let sum: f32 = a.iter().zip(&b).map(|(a, b)| a.distance(*b)).sum();
+            mean = mean.max(sum / a.len() as f32);
+        }
+        mean
+    });
+    println!("particles are {means:?} m apart in the mean");
+    assert!(means[0] < 5e-5 && means[1] < 0.25 * means[0], "{means:?}");
+    // Without a motion it turns as other bodies do, and says what it could play.
+    let usual = text.replace("motion = {", "# motion = {");
+    let usual = Player::new(Scene::parse(&usual, &files.path(), &[]).unwrap()).unwrap();
+    let notes = usual.notes().join("; ");
+    assert!(notes.contains("no clip is played; `body.motion` may be `animation`"), "{notes}");
 }
 
 #[test]
