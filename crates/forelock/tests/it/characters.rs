@@ -232,8 +232,8 @@ fn roots_follow_the_skin_wherever_it_bends() {
     }
 }
 
-/// The mesh of the ball in a second of its clip "nod", `rate` times a second, as a program that bakes
-/// writes it.
+/// The mesh of the ball in a second of its clip "nod", `rate` times a second, as a program that
+/// bakes writes it.
 fn baked(files: &Files, rate: u32) -> String {
     let path = files.0.path().join("ball.gltf");
     let own = forelock::io::read_character(&path, &Import::default()).unwrap().character;
@@ -264,8 +264,8 @@ fn baked(files: &Files, rate: u32) -> String {
 #[test]
 fn a_baked_mesh_carries_hair_as_its_character_does() {
     let files = Files::new();
-    // Collisions and interactions depend on the joint that carries the hair: "top" of the character,
-    // and the motion of the whole of the mesh.
+    // Collisions and interactions depend on the joint that carries the hair: "top" of the
+    // character, and the motion of the whole of the mesh.
     let alone = "interaction.kind = \"none\"\ninteraction.contacts = false\n";
     let nod = format!("collide = false\n{NOD}");
     let text = Files::text(&nod.replace("nod", "animation"), alone).replace("ball.gltf", "ball.usda");
