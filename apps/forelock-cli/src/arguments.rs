@@ -303,7 +303,8 @@ pub struct ViewArgs {
 
 #[derive(Debug, Args)]
 pub struct GrowArgs {
-    /// The groom to write (.hair, .data, .tfx, .npz, .obj, .usda, .usdc, .usd, .glb, .gltf).
+    /// The groom to write (.hair, .data, .tfx, .npz, .obj, .abc, .ply, .usda, .usdc, .usd, .glb,
+    /// .gltf).
     #[arg(value_name = "FILE", required_unless_present_any = ["sheets", "picture"])]
     pub out: Option<PathBuf>,
     /// The preset to grow. An unknown name lists all presets.

@@ -8,10 +8,10 @@
 //! | `.tfx` | [TressFX](tfx) 3.0 and 4.0 | yes | 4.0 |
 //! | `.npz` | [NumPy](npz): grooms, DiffLocks, caches | yes | yes |
 //! | `.obj` | [Wavefront](obj): meshes, polylines | yes | yes |
-//! | `.abc` | [Alembic](alembic), the Ogawa kind: grooms, caches | yes | yes |
+//! | `.abc` | [Alembic](alembic), the Ogawa kind: grooms, caches; bodies are read | yes | yes |
 //! | `.ply` | [Point clouds](ply) of strands | yes | yes |
 //! | `.bin` | [CT2Hair](ct2hair) | yes | no |
-//! | `.usda`, `.usdc`, `.usd` | [USD](usd): curves, caches | yes | yes |
+//! | `.usda`, `.usdc`, `.usd` | [USD](usd): curves, caches; bodies are read | yes | yes |
 //! | `.glb`, `.gltf` | [glTF 2.0](gltf): characters and meshes; hair as lines | yes; no | no; yes |
 //! | `.tfxskin`, `.tfxbone` | [TressFX skinning](tfx_skin) | yes | no |
 //! | `.bvh` | [Biovision](bvh): motions | yes | yes |
@@ -298,7 +298,7 @@ pub fn read_character(path: &Path, import: &Import) -> Result<ImportedCharacter,
         Some(Format::Alembic) => {
             let read = alembic::read_character(open(path)?);
             let (character, unit, notes) = read.map_err(|error| error.at(path))?;
-            let unit = if import.unit == Unit::Metre { unit.unwrap_or_default() } else { import.unit };
+            let unit = if import.unit == Unit::Metre { unit } else { import.unit };
             (character, notes, Import { unit, ..*import })
         }
         Some(Format::Usd) => {

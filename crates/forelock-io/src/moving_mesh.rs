@@ -2,19 +2,20 @@
 //!
 //! # Theory
 //! At time t the vertices xᵢ(t) of a mesh are those of its first sample, xᵢ(0), moved by the rigid
-//! motion that fits best, and what remains, in the space of the first sample:
+//! motion that fits best, and what remains, in the space of the first sample. With the centroids
+//! c(t):
 //!
 //! ```text
-//! xᵢ(t) = R(t) (xᵢ(0) + dᵢ(t)) + p(t) ,   R, p minimise Σᵢ |xᵢ(t) − R xᵢ(0) − p|²
+//! xᵢ(t) = R(t) (xᵢ(0) − c(0) + dᵢ(t)) + c(t) ,   R minimises Σᵢ |dᵢ(t)|²
 //! ```
 //!
-//! The motion becomes that of a joint, the remainder a blend shape of each sample, whose weight is
-//! 1 at its time and 0 at the samples before and after it. So a head that only turns has no blend
-//! shapes, and between two samples a turn follows the arc and not the chord.
+//! The motion becomes that of a joint in the centroid, the remainder a blend shape of each sample,
+//! whose weight is 1 at its time and 0 at the samples before and after it. So a head that only turns
+//! has no blend shapes, and between two samples it turns about its centroid.
 //!
-//! R is the rotation that maximises tr(Rᵀ A), A = Σᵢ (xᵢ(t) − x̄(t)) (xᵢ(0) − x̄(0))ᵀ. It is found
-//! from the one before by small turns (Müller et al. 2016, "A robust method to extract the
-//! rotational part of deformations").
+//! R is the rotation that maximises tr(Rᵀ A), A = Σᵢ (xᵢ(t) − c(t)) (xᵢ(0) − c(0))ᵀ. It is iterated
+//! from that of the sample before (Müller et al. 2016, "A robust method to extract the rotational
+//! part of deformations").
 //!
 //! # Practice
 //! Meshes that move as one share a joint.
@@ -27,10 +28,18 @@ use forelock_core::body::character::{
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
 use std::sync::Arc;
 
+use crate::error::check_room;
+
 /// The name of the clip.
 pub(crate) const CLIP: &str = "animation";
+/// Bytes that a sample of a mesh takes, without its vertices.
+const SAMPLE_BYTES: usize = 128;
+/// Bytes that a vertex of a sample takes, with its part of a blend shape.
+const VERTEX_BYTES: usize = 28;
+/// Bytes after which the free memory is looked at again.
+const STEP: u64 = 64 << 20;
 /// A remainder below this share of the largest coordinate is a rounding error.
-const ROUNDING: f32 = 4e-6;
+const ROUNDING: f32 = 1e-6;
 /// Maximum number of turns that lead from one rotation to the next.
 const TURNS: u32 = 64;
 
@@ -44,10 +53,13 @@ pub(crate) struct MovingMesh {
 }
 
 impl MovingMesh {
-    /// Adds a sample; vertices that are those of the sample before are held once.
-    pub fn push(&mut self, vertices: Vec<Vec3>, world: DAffine3) {
+    /// Adds a sample; vertices that are those of the sample before are held once. Returns the bytes
+    /// that it takes.
+    pub fn push(&mut self, vertices: Vec<Vec3>, world: DAffine3) -> usize {
         let before = self.samples.last().map(|own| &own.0).filter(|own| ***own == *vertices);
+        let bytes = if before.is_some() { 0 } else { VERTEX_BYTES * vertices.len() };
         self.samples.push((before.map_or_else(|| vertices.into(), Arc::clone), world));
+        bytes + SAMPLE_BYTES
     }
 
     /// The vertices of a sample in the file's space.
@@ -65,19 +77,62 @@ impl MovingMesh {
     }
 }
 
-/// Adds the triangles of a polygon to `triangles`, as a fan; `is_reversed` turns them over.
-/// Triangles with a repeated corner are left out; returns their number.
-pub(crate) fn fan(corners: &[u32], is_reversed: bool, triangles: &mut Vec<[u32; 3]>) -> usize {
-    let mut left_out = 0;
-    for k in 2..corners.len() {
-        let [a, b, c] = [corners[0], corners[k - 1], corners[k]];
-        if a == b || b == c || c == a {
-            left_out += 1;
-        } else {
-            triangles.push(if is_reversed { [a, c, b] } else { [a, b, c] });
+impl MovingMesh {
+    /// Adds polygons of so many corners each, `counts`, whose vertices are `corners`, as fans;
+    /// `is_reversed` reverses their winding. Returns the number of triangles that are left out because a
+    /// corner is repeated.
+    ///
+    /// # Errors
+    /// What is wrong, to be put behind the name of the mesh.
+    pub fn add_polygons<T>(&mut self, counts: &[T], corners: &[T], is_reversed: bool) -> Result<usize, String>
+    where
+        T: Copy + TryInto<u32> + TryInto<usize>,
+    {
+        let (mut left_out, mut rest) = (0, corners);
+        for &count in counts {
+            let split = TryInto::<usize>::try_into(count).ok().and_then(|n| rest.split_at_checked(n));
+            let (own, others) = split.ok_or("has polygons with more corners than it has")?;
+            let own: Result<Vec<u32>, _> = own.iter().map(|&corner| corner.try_into()).collect();
+            let own = own.map_err(|_| "has a corner that is no vertex")?;
+            for k in 2..own.len() {
+                let [a, b, c] = [own[0], own[k - 1], own[k]];
+                if a == b || b == c || c == a {
+                    left_out += 1;
+                } else {
+                    self.triangles.push(if is_reversed { [a, c, b] } else { [a, b, c] });
+                }
+            }
+            rest = others;
         }
+        Ok(left_out)
     }
-    left_out
+}
+
+/// The memory that samples take.
+#[derive(Debug, Default)]
+pub(crate) struct Room {
+    taken: u64,
+    checked: u64,
+}
+
+impl Room {
+    /// Counts `bytes` more.
+    ///
+    /// # Errors
+    /// When there is not enough free memory to go on.
+    pub fn take(&mut self, bytes: usize) -> std::io::Result<()> {
+        self.taken += bytes as u64;
+        while self.taken > self.checked {
+            check_room(STEP)?;
+            self.checked += STEP;
+        }
+        Ok(())
+    }
+}
+
+/// What to say of triangles that are left out, if there are any.
+pub(crate) fn left_out(triangles: usize) -> Option<String> {
+    (triangles > 0).then(|| format!("{triangles} triangles with a repeated corner are left out"))
 }
 
 /// The character that `meshes` are, whose samples are at `times_secs`, which ascend.
@@ -92,13 +147,19 @@ pub(crate) fn character(meshes: Vec<MovingMesh>, times_secs: &[f64]) -> Result<C
     parts.finish(times_secs)
 }
 
-/// A rigid motion at each time.
+/// The rotation and the centroid of a mesh at each time, of the first sample no rotation.
 type Motion = Vec<(DQuat, DVec3)>;
+
+/// A joint.
+struct Fitted {
+    name: String,
+    motion: Motion,
+}
 
 /// The parts of a character.
 #[derive(Default)]
 struct Parts {
-    joints: Vec<(String, Motion)>,
+    joints: Vec<Fitted>,
     positions: Vec<Vec3>,
     triangles: Vec<[u32; 3]>,
     /// The joint of each vertex.
@@ -124,25 +185,32 @@ impl Parts {
                 return Err(format!("vertex {vertex} of the mesh `{name}` is not finite in frame {sample}"));
             }
         }
+        let vertices = first.len();
+        if let Some(corner) = mesh.triangles.iter().flatten().find(|&&corner| corner as usize >= vertices) {
+            return Err(format!(
+                "the mesh `{name}` has {vertices} vertices, but a corner at vertex {corner}"
+            ));
+        }
         let base = self.positions.len();
         if base + first.len() > u32::MAX as usize {
             return Err("the meshes have over 2³² vertices".to_owned());
         }
-        let most = first.iter().fold(0.0f32, |most, p| most.max(p.abs().max_element()));
-        let rounding = ROUNDING * most;
-        let shared = self.joints.iter().position(|(_, motion)| {
+        let largest = |own: &[Vec3]| own.iter().fold(0.0f32, |most, p| most.max(p.abs().max_element()));
+        let rounding = ROUNDING * mesh.each().map(|own| largest(&own)).fold(0.0, f32::max);
+        let shared = self.joints.iter().position(|Fitted { motion, .. }| {
             let mut pairs = mesh.each().zip(motion);
-            pairs.all(|(own, motion)| remainders(&first, &own, motion).all(|d| d.length() <= rounding))
+            let from = motion[0].1;
+            pairs.all(|(own, now)| remainders(&first, &own, from, now).all(|d| d.length() <= rounding))
         });
         let joint = shared.unwrap_or_else(|| {
-            self.joints.push((name.clone(), fit(&first, mesh.each())));
+            self.joints.push(Fitted { name: name.clone(), motion: fit(&first, mesh.each()) });
             self.joints.len() - 1
         });
         self.deltas.resize_with(mesh.samples.len().max(self.deltas.len()), Vec::new);
         if shared.is_none() {
-            let motion = &self.joints[joint].1;
-            for ((own, motion), deltas) in mesh.each().zip(motion).zip(&mut self.deltas) {
-                let all = remainders(&first, &own, motion).zip(base as u32..);
+            let motion = &self.joints[joint].motion;
+            for ((own, now), deltas) in mesh.each().zip(motion).zip(&mut self.deltas) {
+                let all = remainders(&first, &own, motion[0].1, now).zip(base as u32..);
                 deltas.extend(all.filter(|(d, _)| d.length() > rounding).map(|(d, vertex)| (vertex, d)));
             }
         }
@@ -161,8 +229,8 @@ impl Parts {
         let start = times_secs.first().copied().unwrap_or(0.0);
         let times: Vec<f64> = times_secs.iter().map(|time| time - start).collect();
         let mut tracks = Vec::new();
-        for (joint, (_, motion)) in joints.iter().enumerate().filter(|_| times.len() > 1) {
-            let moves = motion.iter().any(|own| *own != (DQuat::IDENTITY, DVec3::ZERO));
+        for (joint, Fitted { motion, .. }) in joints.iter().enumerate().filter(|_| times.len() > 1) {
+            let moves = motion.iter().any(|own| *own != motion[0]);
             let (turns, shifts) = motion.iter().copied().unzip();
             for values in [Values::Rotation(turns), Values::Translation(shifts)] {
                 let times = times.clone();
@@ -186,10 +254,14 @@ impl Parts {
         for track in &mut tracks {
             track.check().map_err(|error| format!("the animation cannot be played: {error}"))?;
         }
-        let bones = (0..joints.len()).map(|joint| Bone { joint, inverse_bind: DAffine3::IDENTITY }).collect();
+        let middle = |joint: &Fitted| joint.motion[0].1;
+        let bone = |(joint, own)| Bone { joint, inverse_bind: DAffine3::from_translation(-middle(own)) };
+        let bones = joints.iter().enumerate().map(bone).collect();
         let (skin, _) = Skin::new(bones, joint_of.into_iter().map(|joint| vec![(joint, 1.0)]).collect());
-        let joints =
-            joints.into_iter().map(|(name, _)| Joint { name, parent: None, rest: Transform::IDENTITY });
+        let joints = joints.into_iter().map(|own| {
+            let rest = Transform { translation: middle(&own), ..Transform::IDENTITY };
+            Joint { name: own.name, parent: None, rest }
+        });
         let skeleton = Skeleton::new(joints.collect()).map_err(|error| error.to_string())?;
         let bound = TriMesh::new(positions, triangles).map_err(|error| error.to_string())?;
         let clips = if tracks.is_empty() { Vec::new() } else { vec![Clip { name: CLIP.to_owned(), tracks }] };
@@ -198,10 +270,17 @@ impl Parts {
     }
 }
 
-/// What the rigid motion `by` of `from` lacks to `to`, in the space of `from`.
-fn remainders<'a>(from: &'a [Vec3], to: &'a [Vec3], by: &(DQuat, DVec3)) -> impl Iterator<Item = Vec3> + 'a {
-    let (back, shift) = (DMat3::from_quat(by.0.inverse()), by.1);
-    from.iter().zip(to).map(move |(from, to)| (back * (to.as_dvec3() - shift) - from.as_dvec3()).as_vec3())
+/// What the rigid motion `now` of the vertices `from`, whose joint is at `middle` at first, lacks to
+/// `to`, in the space of `from`.
+fn remainders<'a>(
+    from: &'a [Vec3],
+    to: &'a [Vec3],
+    middle: DVec3,
+    now: &(DQuat, DVec3),
+) -> impl Iterator<Item = Vec3> + 'a {
+    let (back, shift) = (DMat3::from_quat(now.0.inverse()), now.1);
+    let lacks = move |from: &Vec3, to: &Vec3| back * (to.as_dvec3() - shift) - (from.as_dvec3() - middle);
+    from.iter().zip(to).map(move |(from, to)| lacks(from, to).as_vec3())
 }
 
 /// The rigid motions that take `first` nearest to each of `samples`.
@@ -212,7 +291,7 @@ fn fit(first: &[Vec3], samples: impl Iterator<Item = Vec<Vec3>>) -> Motion {
     let motion = samples.map(|own| {
         if own == first {
             turn = DQuat::IDENTITY;
-            return (turn, DVec3::ZERO);
+            return (turn, from);
         }
         let to = middle(&own);
         let mut product = DMat3::ZERO;
@@ -221,7 +300,7 @@ fn fit(first: &[Vec3], samples: impl Iterator<Item = Vec<Vec3>>) -> Motion {
             product += DMat3::from_cols(a * b.x, a * b.y, a * b.z);
         }
         turn = rotation_of(&product, turn);
-        (turn, to - turn * from)
+        (turn, to)
     });
     motion.collect()
 }
@@ -257,7 +336,9 @@ mod tests {
     fn mesh(name: &str, samples: Vec<Vec<Vec3>>) -> MovingMesh {
         let triangles = (0..58).map(|k| [k, k + 1, k + 2]).collect();
         let mut mesh = MovingMesh { name: name.to_owned(), triangles, samples: Vec::new() };
-        samples.into_iter().for_each(|own| mesh.push(own, DAffine3::IDENTITY));
+        for own in samples {
+            mesh.push(own, DAffine3::IDENTITY);
+        }
         mesh
     }
 
@@ -279,8 +360,8 @@ mod tests {
         a.iter().zip(b).map(|(a, b)| a.distance(*b)).fold(0.0, f32::max)
     }
 
-    /// Two meshes that turn together, by up to 170 degrees: one joint, no shapes, and the arc
-    /// between two samples.
+    /// Two meshes that turn together, by up to 170 degrees: one joint, no shapes, and a turn about
+    /// the centroid between two samples.
     #[test]
     fn what_only_turns_has_one_joint_and_no_shapes() {
         let turned = |by: f64| -> Vec<Vec3> {
@@ -298,6 +379,9 @@ mod tests {
             assert!(farthest(&posed(&own, secs)[..60], expected) < 2e-6, "{secs}");
         }
         let middle = posed(&own, 1.25);
+        let centroid = |own: &[Vec3]| own.iter().sum::<Vec3>() / own.len() as f32;
+        let expected = 0.5 * (centroid(&samples[2]) + centroid(&samples[3]));
+        assert!(centroid(&middle[..60]).distance(expected) < 2e-6);
         let lengths = |own: &[Vec3]| own.windows(2).map(|pair| pair[0].distance(pair[1])).collect::<Vec<_>>();
         for (a, b) in lengths(&middle[..60]).iter().zip(lengths(&samples[0])) {
             assert!((a - b).abs() < 2e-6, "{a} {b}");
@@ -331,15 +415,23 @@ mod tests {
         let mut broken = ball();
         broken[7].y = f32::NAN;
         assert!(words(vec![ball(), broken]).contains("vertex 7 of the mesh `m` is not finite in frame 1"));
+        // A corner must not reach the vertices of the next mesh.
+        let mut wrong = mesh("m", vec![ball()]);
+        wrong.triangles[3][1] = 60;
+        let next = mesh("n", vec![ball()]);
+        let error = character(vec![wrong, next], &[0.0]).unwrap_err();
+        assert!(error.contains("`m` has 60 vertices, but a corner at vertex 60"), "{error}");
         assert!(character(Vec::new(), &[]).is_err());
     }
 
     #[test]
     fn polygons_become_fans() {
-        let mut triangles = Vec::new();
-        assert_eq!(fan(&[0, 1, 2, 3], false, &mut triangles), 0);
-        assert_eq!(fan(&[4, 5, 5, 6], true, &mut triangles), 1);
-        assert_eq!(fan(&[1, 2], true, &mut triangles), 0);
-        assert_eq!(triangles, [[0, 1, 2], [0, 2, 3], [4, 6, 5]]);
+        let mut mesh = MovingMesh::default();
+        assert_eq!(mesh.add_polygons(&[4], &[0, 1, 2, 3], false), Ok(0));
+        assert_eq!(mesh.add_polygons(&[4, 2], &[4i64, 5, 5, 6, 1, 2], true), Ok(1));
+        assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3], [4, 6, 5]]);
+        assert!(mesh.add_polygons(&[3], &[0, 1], false).is_err());
+        assert!(mesh.add_polygons(&[-1], &[0, 1], false).is_err());
+        assert!(mesh.add_polygons(&[3], &[0, 1, -1], false).is_err());
     }
 }

@@ -61,8 +61,8 @@ fn convert_frames(arguments: &ConvertArgs) -> anyhow::Result<()> {
     let beside = |input: &Path| input.with_file_name("scene.toml").is_file();
     if input.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npz")) && beside(input) {
         terminal::note(
-            "the cache of a run holds positions alone; `output.exports` of its scene writes widths, colours, \
-             root UVs and labels too",
+            "the cache of a run holds positions and times; `output.exports` of its scene writes widths, \
+             colours, root UVs and labels too",
         );
     }
     let mut reporter = Reporter::new(arguments.json);

@@ -44,7 +44,9 @@ pub fn info(arguments: &InfoArgs) -> anyhow::Result<()> {
         // Alembic and USD files hold strands, or a body.
         Err(error) => match forelock_io::read_character(&arguments.file, &arguments.import.import()) {
             Ok(character) => return character::describe_character(arguments, character),
-            Err(_) => return Err(error.into()),
+            Err(other) if other.to_string() == error.to_string() => return Err(error.into()),
+            Err(ReadError::UnknownEnding { .. }) => return Err(error.into()),
+            Err(other) => anyhow::bail!("{error}; as a body: {other}"),
         },
     };
     let report = Report {

@@ -32,6 +32,10 @@ const MOST_JOBS: usize = 8;
 /// Lines of a process that are kept for the message of a failure.
 const KEPT: usize = 5;
 
+/// What a part of a shot does without: its last part makes these files, of all frames.
+const OF_THE_WHOLE: [&str; 4] =
+    ["output.picture=false", "output.contact_sheet=false", "output.film=false", "output.exports=[]"];
+
 /// Runs the list. Each shot has `threads` threads, by default its share of the processors.
 pub fn shots(arguments: &ShotsArgs, threads: Option<u16>) -> anyhow::Result<ExitCode> {
     let list = ShotList::load(&arguments.list)?.only(&arguments.only)?;
@@ -162,6 +166,9 @@ impl<'a> Runner<'a> {
         }
         if let Some(until) = self.arguments.until {
             command.args(["--frames", &until.min(shot.scene.time.frames).to_string()]);
+            if until < shot.scene.time.frames {
+                command.args(OF_THE_WHOLE.iter().flat_map(|own| ["--set", own]));
+            }
         }
         let child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn();
         let mut child = child.with_context(|| format!("the process of {} cannot start", shot.name))?;

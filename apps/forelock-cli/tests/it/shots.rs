@@ -113,6 +113,8 @@ fn chunks_of_frames_end_like_whole_shots() {
     for until in ["2", "4", "6"] {
         let report = json(&place.run(only.iter().copied().chain(["--until", until])));
         assert_eq!(report["shots"][0]["frames"].to_string(), until);
+        // Pictures are taken of the whole, once.
+        assert_eq!(place.path("all/turn-strands11/picture.png").is_file(), until == "6", "{until}");
     }
     let chunks = states(&json(&place.run(only)));
     let whole = states(&json(&place.run(only.iter().copied().chain(["--again"]))));

@@ -91,7 +91,7 @@ impl Labels {
         let sources: Vec<usize> = origins.iter().map(|origin| origin.source).collect();
         let mut out = self.only(&sources);
         let (Some(before), Some(ids)) = (&self.ids, &mut out.ids) else { return out };
-        let mut free = free_ids(before);
+        let mut free = free_ids(before.iter().chain(guides_of(self)));
         let mut copies = HashMap::new();
         for (id, origin) in ids.iter_mut().zip(origins).filter(|(_, origin)| origin.is_new) {
             let source = *id;
@@ -129,9 +129,8 @@ impl Labels {
                 joined
             })
         }
-        let used: Vec<i32> =
-            parts.iter().flat_map(|(labels, _)| labels.ids.iter().flatten().copied()).collect();
-        let mut free = free_ids(&used);
+        let used = parts.iter().flat_map(|(own, _)| own.ids.iter().flatten().chain(guides_of(own)));
+        let mut free = free_ids(used);
         Self {
             ids: all(parts, |labels| labels.ids.as_ref(), || free.next().unwrap_or_default()),
             group_ids: all(parts, |labels| labels.group_ids.as_ref(), || 0),
@@ -142,9 +141,14 @@ impl Labels {
     }
 }
 
+/// The IDs of the guides that strands follow, whether these guides are still there or not.
+fn guides_of(labels: &Labels) -> impl Iterator<Item = &i32> {
+    labels.closest_guides.iter().flatten().flatten()
+}
+
 /// The IDs that are not among `used`, first those above the largest.
-fn free_ids(used: &[i32]) -> impl Iterator<Item = i32> {
-    let used: HashSet<i32> = used.iter().copied().collect();
+fn free_ids<'a>(used: impl Iterator<Item = &'a i32>) -> impl Iterator<Item = i32> {
+    let used: HashSet<i32> = used.copied().collect();
     let above = used.iter().max().map_or(0, |last| last.saturating_add(1)).max(0);
     (above..=i32::MAX).chain(0..above).chain(i32::MIN..0).filter(move |id| !used.contains(id))
 }
@@ -161,6 +165,20 @@ mod tests {
             closest_guides: Some(vec![[NO_GUIDE; 3], [4, NO_GUIDE, NO_GUIDE], [4, 4, 4]]),
             guide_weights: Some(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.5, 0.25, 0.25]]),
         }
+    }
+
+    /// What followed a guide that is gone follows none of the strands that are added later.
+    #[test]
+    fn ids_of_guides_that_are_gone_are_not_given_again() {
+        let gone = Labels {
+            ids: Some(vec![4, 6]),
+            closest_guides: Some(vec![[NO_GUIDE; 3], [9, 4, NO_GUIDE]]),
+            ..Labels::default()
+        };
+        let kept = |source| Origin { source, is_new: false, is_copy: false };
+        let added = Origin { source: 0, is_new: true, is_copy: false };
+        assert_eq!(gone.edited(&[kept(0), kept(1), added]).ids, Some(vec![4, 6, 10]));
+        assert_eq!(Labels::join(&[(&gone, 2), (&Labels::default(), 1)]).ids, Some(vec![4, 6, 10]));
     }
 
     #[test]

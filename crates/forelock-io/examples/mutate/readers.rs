@@ -62,8 +62,11 @@ fn groom<E>(read: Result<Groom, E>) -> bool {
     true
 }
 
-/// Reads the first and the last frame.
+/// Reads the body, or the first and the last frame of the strands.
 fn archive(bytes: &[u8]) -> bool {
+    if alembic::read_character(Cursor::new(bytes)).is_ok() {
+        return true;
+    }
     let Ok(mut reader) = alembic::Reader::open(Cursor::new(bytes)) else { return false };
     let last = reader.frames().wrapping_sub(1);
     let _ = reader.time_secs(last);

@@ -96,7 +96,7 @@ pub(super) struct Samples {
 
 impl Samples {
     /// The number of samples up to the last one that differs from the one before, 1 or more.
-    pub fn distinct(&self) -> u32 {
+    pub fn until_last_change(&self) -> u32 {
         self.count.min(self.changed[1].saturating_add(1)).max(1)
     }
 }

@@ -34,6 +34,7 @@ use super::{
 /// An object of an archive with points: a strand group, or a mesh.
 pub(super) struct Geometry {
     pub name: String,
+    pub schema: String,
     pub parent: Option<Arc<Transform>>,
     /// The properties of `.geom`.
     pub geom: Vec<Property>,

@@ -20,70 +20,74 @@ use forelock_core::groom::Unit;
 use glam::{DAffine3, Vec3};
 
 use super::{
-    AlembicError, all,
-    archive::{Archive, Property, Samples},
+    AlembicError, CURVES, all,
+    archive::{Archive, Property},
     curves::Geometry,
-    noted_unit,
+    moving,
     ogawa::invalid,
+    unit,
 };
 use crate::error::check_room;
-use crate::moving_mesh::{MovingMesh, character, fan};
+use crate::moving_mesh::{self, MovingMesh, Room, character};
 
 /// The schemas of meshes.
 const SCHEMAS: [&str; 2] = ["AbcGeom_PolyMesh_v", "AbcGeom_SubD_v"];
-/// Bytes that a sample of a mesh takes at least.
-const SAMPLE_BYTES: usize = 128;
+/// Times nearer than this are one.
+const SAME_SECS: f64 = 1e-6;
 
 /// Reads the meshes of an archive as a character, in the unit and axes of the file. Returns it, the
-/// unit that the file notes, and what was left out, one sentence each.
+/// unit of the file, and what was left out, one sentence each.
 ///
 /// # Errors
 /// [`AlembicError`] if `file` is not a complete Ogawa archive, or has no meshes.
-pub fn read_character(
-    file: impl Read + Seek,
-) -> Result<(Character, Option<Unit>, Vec<String>), AlembicError> {
+pub fn read_character(file: impl Read + Seek) -> Result<(Character, Unit, Vec<String>), AlembicError> {
     let mut archive = Archive::open(file)?;
-    let objects = all(&mut archive, &SCHEMAS)?;
+    let [polygons, surfaces] = SCHEMAS;
+    let mut objects = all(&mut archive, &[polygons, surfaces, CURVES])?;
+    let unit = unit(&archive, &objects);
+    objects.retain(|own| !own.schema.starts_with(CURVES));
     let at = archive.top.offset();
     if objects.is_empty() {
         return Err(invalid(at, "there is no body: no object has the schema of meshes"));
     }
-    let clock = moving(&objects).max_by_key(|samples| samples.distinct());
-    let frames = clock.map_or(1, |samples| samples.distinct());
-    check_room(u64::from(frames) * (objects.len() * SAMPLE_BYTES) as u64)?;
+    let times = times(&archive, &objects)?;
     let mesh = |object: &Geometry| MovingMesh { name: object.name.clone(), ..MovingMesh::default() };
     let mut meshes: Vec<MovingMesh> = objects.iter().map(mesh).collect();
-    let (mut times, mut left_out) = (Vec::new(), 0);
-    for frame in 0..frames {
-        let time_secs = clock.map_or(0.0, |samples| archive.time_secs(samples, frame));
+    let (mut room, mut left_out) = (Room::default(), 0);
+    for (frame, &time_secs) in times.iter().enumerate() {
         archive.begin_samples();
         for (object, mesh) in objects.iter().zip(&mut meshes) {
             let world = match &object.parent {
                 Some(parent) => parent.world(&mut archive, time_secs)?,
                 None => DAffine3::IDENTITY,
             };
-            if frame == 0 {
-                left_out += polygons(&mut archive, object, time_secs, is_mirror(&world), mesh)?;
+            let points = points(&mut archive, object, time_secs)?;
+            if frame == 0 && !points.is_empty() {
+                left_out += add_polygons(&mut archive, object, time_secs, is_mirror(&world), mesh)?;
             }
-            mesh.push(points(&mut archive, object, time_secs)?, world);
+            room.take(mesh.push(points, world))?;
         }
-        times.push(time_secs);
     }
-    let notes = if left_out == 0 {
-        Vec::new()
-    } else {
-        vec![format!("{left_out} triangles with a repeated corner are left out")]
-    };
+    let notes = moving_mesh::left_out(left_out).into_iter().collect();
     let character = character(meshes, &times).map_err(|words| invalid(at, words))?;
-    Ok((character, noted_unit(&archive), notes))
+    Ok((character, unit, notes))
 }
 
-/// The samples of all points, and of the transforms above them.
-fn moving(objects: &[Geometry]) -> impl Iterator<Item = Samples> + '_ {
-    objects.iter().flat_map(|own| {
-        let points = Property::find(&own.geom, "P").and_then(|points| points.samples);
-        points.into_iter().chain(own.parent.as_ref().and_then(|parent| parent.samples()))
-    })
+/// The times at which a point or a transform of `objects` changes, ascending, one at least.
+fn times<R: Read + Seek>(archive: &Archive<R>, objects: &[Geometry]) -> Result<Vec<f64>, AlembicError> {
+    let mut times: Vec<f64> = Vec::new();
+    for samples in moving(objects) {
+        let count = samples.until_last_change();
+        check_room(8 * u64::from(count))?;
+        times.extend((0..count).map(|sample| archive.time_secs(samples, sample)).filter(|t| t.is_finite()));
+        // So that those who share their times take no more memory than one.
+        times.sort_by(f64::total_cmp);
+        times.dedup_by(|a, b| (*a - *b).abs() < SAME_SECS);
+    }
+    if times.is_empty() {
+        times.push(0.0);
+    }
+    Ok(times)
 }
 
 /// Whether `map` turns surfaces inside out.
@@ -104,9 +108,10 @@ fn points<R: Read + Seek>(
     Ok(floats.as_chunks::<3>().0.iter().map(|&p| Vec3::from_array(p)).collect())
 }
 
-/// Appends the triangles of `object` to those of `mesh`, turned over if it is mirrored; returns how
+/// Appends the triangles of `object` to those of `mesh`, with the winding reversed if it is
+/// mirrored; returns how
 /// many were left out.
-fn polygons<R: Read + Seek>(
+fn add_polygons<R: Read + Seek>(
     archive: &mut Archive<R>,
     object: &Geometry,
     time_secs: f64,
@@ -120,17 +125,7 @@ fn polygons<R: Read + Seek>(
         let values = sample.and_then(|sample| sample.integers());
         values.ok_or_else(|| fail(&format!("has no `{name}`")))
     };
-    let (counts, indices) = (integers(".faceCounts")?, integers(".faceIndices")?);
-    let mut left_out = 0;
-    let mut rest = &indices[..];
-    for count in counts {
-        let split = usize::try_from(count).ok().and_then(|count| rest.split_at_checked(count));
-        let (own, others) = split.ok_or_else(|| fail("has polygons with more corners than it has"))?;
-        let corners: Result<Vec<u32>, _> = own.iter().map(|&corner| u32::try_from(corner)).collect();
-        let corners = corners.map_err(|_| fail("has a corner below 0"))?;
-        // Clockwise: the other way round than here.
-        left_out += fan(&corners, !is_mirrored, &mut mesh.triangles);
-        rest = others;
-    }
-    Ok(left_out)
+    let (counts, corners) = (integers(".faceCounts")?, integers(".faceIndices")?);
+    // Clockwise: the other way round than here.
+    mesh.add_polygons(&counts, &corners, !is_mirrored).map_err(|words| fail(&words))
 }

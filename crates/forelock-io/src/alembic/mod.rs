@@ -68,6 +68,8 @@ use transforms::Transform;
 const DEPTH: usize = 128;
 /// The key of the archive's metadata that names the unit of length.
 const UNIT_KEY: &str = "forelock_unit";
+/// How the names of the schemas of strands begin.
+const CURVES: &str = "AbcGeom_Curve_v";
 /// The metadata of strands.
 const SCHEMA: &str = "schema=AbcGeom_Curve_v2;schemaBaseType=AbcGeom_GeomBase_v1";
 /// The version of Unreal's schema for grooms, major and minor.
@@ -124,15 +126,13 @@ impl<R: Read + Seek> Reader<R> {
     /// [`AlembicError`] if `file` is not a complete Ogawa archive, or has no strands.
     pub fn open(file: R) -> Result<Self, AlembicError> {
         let mut archive = Archive::open(file)?;
-        let curves = all(&mut archive, &["AbcGeom_Curve_v"])?;
+        let curves = all(&mut archive, &[CURVES])?;
         if curves.is_empty() {
             let words = "there are no strands: no object has the schema of curves";
             return Err(invalid(archive.top.offset(), words));
         }
-        let clock = clock(&curves);
-        let noted = noted_unit(&archive);
-        let is_unreal = curves.iter().any(|c| Property::find(&c.others, "groom_version_major").is_some());
-        let unit = noted.unwrap_or(if is_unreal { Unit::Centimetre } else { Unit::Metre });
+        let clock = moving(&curves).max_by_key(|samples| samples.count);
+        let unit = unit(&archive, &curves);
         Ok(Self { archive, curves, clock, unit })
     }
 
@@ -179,16 +179,19 @@ pub fn read(file: impl Read + Seek) -> Result<Groom, AlembicError> {
     Ok(Reader::open(file)?.read(0)?.groom)
 }
 
-/// The samples of the points or transforms of `objects` that have the most.
-fn clock(objects: &[Geometry]) -> Option<Samples> {
-    let points = objects.iter().filter_map(|own| Property::find(&own.geom, "P")?.samples);
-    let transforms = objects.iter().filter_map(|own| own.parent.as_ref()?.samples());
-    points.chain(transforms).max_by_key(|samples| samples.count)
+/// The samples of the points of `objects`, and of the transforms above them.
+fn moving(objects: &[Geometry]) -> impl Iterator<Item = Samples> + '_ {
+    objects.iter().flat_map(|own| {
+        let points = Property::find(&own.geom, "P").and_then(|points| points.samples);
+        points.into_iter().chain(own.parent.iter().flat_map(|parent| parent.samples()))
+    })
 }
 
-/// The unit of length that this program noted in an archive.
-fn noted_unit<R>(archive: &Archive<R>) -> Option<Unit> {
-    value(&archive.metadata, UNIT_KEY).and_then(|unit| unit.parse().ok())
+/// The unit of length of an archive with `objects`, unless the user names another one.
+fn unit<R>(archive: &Archive<R>, objects: &[Geometry]) -> Unit {
+    let noted = value(&archive.metadata, UNIT_KEY).and_then(|unit| unit.parse().ok());
+    let is_unreal = objects.iter().any(|own| Property::find(&own.others, "groom_version_major").is_some());
+    noted.unwrap_or(if is_unreal { Unit::Centimetre } else { Unit::Metre })
 }
 
 /// All objects of an archive whose schema begins with one of `schemas`, in the order of the file.
@@ -225,7 +228,7 @@ fn visit<R: Read + Seek>(
     let object = archive.object(group)?;
     let schema = value(&metadata, "schema").unwrap_or_default();
     if schemas.iter().any(|own| schema.starts_with(own)) {
-        found.push(read_geometry(archive, object.properties, &path, parent.clone())?);
+        found.push(read_geometry(archive, object.properties, [&path, schema], parent.clone())?);
     } else if schema.starts_with("AbcGeom_Xform_v") {
         let properties = archive.properties(object.properties)?;
         if let Some(xform) = Property::find(&properties, ".xform") {
@@ -248,7 +251,7 @@ fn visit<R: Read + Seek>(
 fn read_geometry<R: Read + Seek>(
     archive: &mut Archive<R>,
     properties: Child,
-    path: &str,
+    [path, schema]: [&str; 2],
     parent: Option<Arc<Transform>>,
 ) -> Result<Geometry, AlembicError> {
     let properties = archive.properties(properties)?;
@@ -260,7 +263,7 @@ fn read_geometry<R: Read + Seek>(
         None => Vec::new(),
     };
     let (geom, others) = (with_parts(archive, geom)?, with_parts(archive, others)?);
-    Ok(Geometry { name: path.to_owned(), parent, geom, others })
+    Ok(Geometry { name: path.to_owned(), schema: schema.to_owned(), parent, geom, others })
 }
 
 /// The properties `all`, and behind them the parts of compounds: `uv.vals` and `uv.indices` of the

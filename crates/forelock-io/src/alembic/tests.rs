@@ -261,7 +261,7 @@ fn meshes_become_a_character() {
         super::read_character(Cursor::new(finish(out, &indexed, top)))
     };
     let (own, unit, notes) = archive(&[4, 3], &[0, 1, 2, 3, 1, 0, 4]).unwrap();
-    assert_eq!((unit, notes.len()), (None, 0));
+    assert_eq!((unit, notes.len()), (forelock_core::groom::Unit::Metre, 0));
     assert_eq!(own.bound().triangles, [[0, 2, 1], [0, 3, 2], [1, 4, 0]]);
     let expected = corners.map(|[x, y, z]| Vec3::new(x, y + 2.0, z));
     assert_eq!(own.rest().positions, expected);
@@ -270,8 +270,8 @@ fn meshes_become_a_character() {
     for (counts, indices, words) in [
         (&[4, 3][..], &[0, 1, 2, 3, 1, 0][..], "more corners than it has"),
         (&[-3], &[0, 1, 2], "more corners than it has"),
-        (&[3], &[0, -1, 2], "a corner below 0"),
-        (&[3], &[0, 1, 7], "vertex 7"),
+        (&[3], &[0, -1, 2], "a corner that is no vertex"),
+        (&[3], &[0, 1, 7], "a corner at vertex 7"),
         (&[], &[], "no triangles"),
     ] {
         let error = archive(counts, indices).map(|_| ()).unwrap_err().to_string();

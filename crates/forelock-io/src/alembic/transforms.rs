@@ -50,11 +50,10 @@ impl Transform {
         Ok(Self { parent, ops: find(".ops"), vals: find(".vals"), inherits: find(".inherits") })
     }
 
-    /// The samples of this transform or one above it, of that with the most.
-    pub fn samples(&self) -> Option<Samples> {
+    /// The samples of this transform and those above it.
+    pub fn samples(&self) -> impl Iterator<Item = Samples> + '_ {
         let chain = std::iter::successors(Some(self), |transform| transform.parent.as_deref());
-        let samples = chain.filter_map(|transform| transform.vals.as_ref()?.samples);
-        samples.max_by_key(|samples| samples.count)
+        chain.filter_map(|transform| transform.vals.as_ref()?.samples)
     }
 
     /// The transform to the world at `time_secs`.

@@ -238,7 +238,9 @@ fn attributes(groom: &Groom) -> Vec<(&'static str, &'static str, Vec<f32>)> {
         found.push(("COLOR_0", "VEC3", colours.as_flattened().to_vec()));
     }
     if let Some(uvs) = &groom.root_uvs {
-        let each = |strand: usize| std::iter::repeat_n(uvs[strand], groom.range(strand).len());
+        // v runs downwards in glTF, upwards in Alembic and USD.
+        let uv = |strand: usize| [uvs[strand][0], 1.0 - uvs[strand][1]];
+        let each = |strand: usize| std::iter::repeat_n(uv(strand), groom.range(strand).len());
         let all: Vec<[f32; 2]> = (0..groom.strand_count()).flat_map(each).collect();
         found.push(("TEXCOORD_0", "VEC2", all.into_flattened()));
     }

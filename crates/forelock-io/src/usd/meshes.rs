@@ -3,7 +3,7 @@
 //! # Practice
 //! All meshes of a layer become one body, with the transforms above them applied. What moves them
 //! is found from their points at each sample (see `moving_mesh`). Polygons are those of the first
-//! sample; `orientation = "leftHanded"` turns them over.
+//! sample; `orientation = "leftHanded"` reverses their winding.
 //!
 //! # Limitations
 //! Skeletons (`UsdSkel`) do not move what is read here: points must have samples. Subdivision
@@ -20,12 +20,9 @@ use super::{
     layer::{Layer, Prim, Value},
     open_layer, times, xform,
 };
-use crate::error::check_room;
-use crate::moving_mesh::{MovingMesh, character, fan};
+use crate::moving_mesh::{self, MovingMesh, Room, character};
 
 const SCHEMA: &str = "Mesh";
-/// Bytes that a sample of a mesh takes at least.
-const SAMPLE_BYTES: usize = 128;
 
 /// Reads the meshes of a layer as a character, in the units and axes of the layer. Returns it, its
 /// conversion to metres and y up if the user `asked` for the given one, and what was left out, one
@@ -51,26 +48,23 @@ pub fn read_character(
     if codes.is_empty() {
         codes.push(0.0);
     }
-    check_room((codes.len() * indices.len() * SAMPLE_BYTES) as u64)?;
-    let (mut meshes, mut left_out) = (Vec::new(), 0);
+    let (mut meshes, mut room, mut left_out) = (Vec::new(), Room::default(), 0);
     for &index in &indices {
         let prim = &layer.prims[index];
         let mut mesh = MovingMesh { name: layer.path(prim), ..MovingMesh::default() };
         for &code in &codes {
             let world = DAffine3::from_mat4(xform::world_from(&layer, prim, code)?);
-            if mesh.samples.is_empty() {
-                left_out += polygons(&layer, prim, code, world.matrix3.determinant() < 0.0, &mut mesh)?;
-            }
             let points = layer.find(prim, "points", code)?.and_then(|value| value.floats());
-            let points = points.unwrap_or_default();
-            mesh.push(points.as_chunks::<3>().0.iter().map(|&p| Vec3::from_array(p)).collect(), world);
+            let points: Vec<Vec3> =
+                points.unwrap_or_default().as_chunks::<3>().0.iter().map(|&p| p.into()).collect();
+            if mesh.samples.is_empty() && !points.is_empty() {
+                left_out += add_polygons(&layer, prim, code, world.matrix3.determinant() < 0.0, &mut mesh)?;
+            }
+            room.take(mesh.push(points, world))?;
         }
         meshes.push(mesh);
     }
-    let mut notes = Vec::new();
-    if left_out > 0 {
-        notes.push(format!("{left_out} triangles with a repeated corner are left out"));
-    }
+    let mut notes: Vec<String> = moving_mesh::left_out(left_out).into_iter().collect();
     if layer.prims.iter().any(|prim| &*prim.kind == "Skeleton") {
         notes.push("its skeletons are not read: bake their motion into the points of the meshes".to_owned());
     }
@@ -79,9 +73,10 @@ pub fn read_character(
     Ok((character, import(asked, metres_per_unit, is_z_up), notes))
 }
 
-/// Appends the triangles of `prim` to those of `mesh`, turned over if it is mirrored; returns how
+/// Appends the triangles of `prim` to those of `mesh`, with the winding reversed if it is
+/// mirrored; returns how
 /// many were left out.
-fn polygons<R: Read + Seek>(
+fn add_polygons<R: Read + Seek>(
     layer: &Layer<R>,
     prim: &Prim,
     code: f64,
@@ -93,20 +88,11 @@ fn polygons<R: Read + Seek>(
         Some(Value::Integers(numbers)) => Ok(numbers.clone()),
         _ => Err(fail(&format!("has no `{name}`"))),
     };
-    let (counts, indices) = (find("faceVertexCounts")?, find("faceVertexIndices")?);
+    let (counts, corners) = (find("faceVertexCounts")?, find("faceVertexIndices")?);
     let orientation = layer.find(prim, "orientation", code)?;
     let is_left_handed = orientation.as_ref().and_then(|own| own.word()) == Some("leftHanded");
-    let mut left_out = 0;
-    let mut rest = &indices[..];
-    for count in counts {
-        let split = usize::try_from(count).ok().and_then(|count| rest.split_at_checked(count));
-        let (own, others) = split.ok_or_else(|| fail("has polygons with more corners than it has"))?;
-        let corners: Result<Vec<u32>, _> = own.iter().map(|&corner| u32::try_from(corner)).collect();
-        let corners = corners.map_err(|_| fail("has a corner that is no vertex"))?;
-        left_out += fan(&corners, is_left_handed != is_mirrored, &mut mesh.triangles);
-        rest = others;
-    }
-    Ok(left_out)
+    let is_reversed = is_left_handed != is_mirrored;
+    mesh.add_polygons(&counts, &corners, is_reversed).map_err(|words| fail(&words))
 }
 
 #[cfg(test)]
@@ -173,7 +159,7 @@ def Xform "root"
             ("Mesh", "Scope", "it has no meshes"),
             ("[4, 3]", "[4, 4]", "/root/body has polygons with more corners"),
             ("0, 1, 4]", "0, 1, -4]", "a corner that is no vertex"),
-            ("0, 1, 4]", "0, 1, 5]", "vertex 5"),
+            ("0, 1, 4]", "0, 1, 5]", "a corner at vertex 5"),
             ("int[] faceVertexIndices", "int[] other", "has no `faceVertexIndices`"),
         ] {
             let error = read(&TEXT.replace(from, to)).map(|_| ()).unwrap_err().to_string();

@@ -148,8 +148,8 @@ impl<R: Read + Seek> Usd<R> {
             ));
         }
         let mut codes = times(&layer, &curves, &|name| name == "points")?;
-        if codes.is_empty() {
-            codes = times(&layer, &curves, &is_of_transform)?;
+        if codes.len() < 2 {
+            codes = times(&layer, &curves, &|name| name == "points" || is_of_transform(name))?;
         }
         let Stage { metres_per_unit, is_z_up, codes_per_second } = Stage::of(&layer)?;
         let times_secs = codes.iter().map(|code| code / codes_per_second).collect();

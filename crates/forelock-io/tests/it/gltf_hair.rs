@@ -94,8 +94,8 @@ fn a_groom_is_lines_with_its_attributes() {
     assert_eq!(attribute(Semantic::Colors(0)), groom().colours.unwrap().as_flattened());
     assert_eq!(attribute(Semantic::Extras("WIDTH".into())), groom().widths.unwrap());
     let uvs = attribute(Semantic::TexCoords(0));
-    assert_eq!(uvs[..8], [0.1, 0.2].repeat(4));
-    assert_eq!(uvs[8..10], [0.3, 0.4]);
+    assert_eq!(uvs[..8], [0.1, 1.0 - 0.2f32].repeat(4));
+    assert_eq!(uvs[8..10], [0.3, 1.0 - 0.4f32]);
     assert_eq!(file.animations().count(), 0);
 
     // The text holds the same numbers.
