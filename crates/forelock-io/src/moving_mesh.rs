@@ -10,8 +10,8 @@
 //! ```
 //!
 //! The motion becomes that of a joint in the centroid, the remainder a blend shape of each sample,
-//! whose weight is 1 at its time and 0 at the samples before and after it. So a head that only turns
-//! has no blend shapes, and between two samples it turns about its centroid.
+//! whose weight is 1 at its time and 0 at the samples before and after it. So a head that only
+//! turns has no blend shapes, and between two samples it turns about its centroid.
 //!
 //! R is the rotation that maximises tr(Rᵀ A), A = Σᵢ (xᵢ(t) − c(t)) (xᵢ(0) − c(0))ᵀ. It is iterated
 //! from that of the sample before (Müller et al. 2016, "A robust method to extract the rotational
@@ -79,8 +79,8 @@ impl MovingMesh {
 
 impl MovingMesh {
     /// Adds polygons of so many corners each, `counts`, whose vertices are `corners`, as fans;
-    /// `is_reversed` reverses their winding. Returns the number of triangles that are left out because a
-    /// corner is repeated.
+    /// `is_reversed` reverses their winding. Returns the number of triangles that are left out
+    /// because a corner is repeated.
     ///
     /// # Errors
     /// What is wrong, to be put behind the name of the mesh.
@@ -270,8 +270,8 @@ impl Parts {
     }
 }
 
-/// What the rigid motion `now` of the vertices `from`, whose joint is at `middle` at first, lacks to
-/// `to`, in the space of `from`.
+/// What the rigid motion `now` of the vertices `from`, whose joint is at `middle` at first, lacks
+/// to `to`, in the space of `from`.
 fn remainders<'a>(
     from: &'a [Vec3],
     to: &'a [Vec3],
