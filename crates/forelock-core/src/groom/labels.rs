@@ -196,9 +196,9 @@ mod tests {
 
     #[test]
     fn ids_never_run_out_above_the_largest() {
-        let free: Vec<i32> = free_ids(&[i32::MAX, 0, 2]).take(3).collect();
+        let free: Vec<i32> = free_ids([i32::MAX, 0, 2].iter()).take(3).collect();
         assert_eq!(free, [1, 3, 4]);
-        assert_eq!(free_ids(&[-5]).next(), Some(0));
+        assert_eq!(free_ids([-5].iter()).next(), Some(0));
     }
 
     #[test]
