@@ -132,9 +132,11 @@ def Xform "root"
         assert_eq!(own.bound().triangles, [[0, 1, 2], [0, 2, 3], [0, 1, 4]]);
         assert_eq!(own.rest().positions[4], Vec3::new(5.0, 5.0, 14.0));
         assert!(own.shapes().is_empty() && (own.clips()[0].duration_secs() - 0.5).abs() < 1e-12);
-        let mut locals = own.skeleton().rest();
+        let rest = own.skeleton().rest();
+        let mut locals = rest.clone();
         own.clips()[0].sample(0.25, &mut locals, &mut []);
-        assert!((locals[0].translation.z - 1.0).abs() < 1e-6, "{locals:?}");
+        let moved = locals[0].translation - rest[0].translation;
+        assert!((moved.z - 1.0).abs() < 1e-6 && moved.truncate().length() < 1e-6, "{moved}");
         let hair = TEXT.replace("Mesh \"body\"", "BasisCurves \"hair\"").replace(
             "int[] faceVertexCounts = [4, 3]",
             "int[] curveVertexCounts = [5]\n        uniform token type = \"linear\"",
