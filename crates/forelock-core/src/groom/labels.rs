@@ -1,4 +1,4 @@
-//! Labels of strands: who they are, to which group they belong, and which guides they follow.
+//! Labels of strands: their identity, their group and the guides that they follow.
 //!
 //! # Theory
 //! Production grooms carry them from program to program. The names are those of the attributes of
@@ -51,7 +51,7 @@ pub(super) struct Origin {
     pub source: usize,
     /// Whether the strand is new.
     pub is_new: bool,
-    /// Whether it is new and made of its source alone.
+    /// Whether it is new and made of one strand: its source, copied, mirrored or shifted.
     pub is_copy: bool,
 }
 
