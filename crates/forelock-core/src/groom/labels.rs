@@ -111,7 +111,7 @@ impl Labels {
     /// strands. What one part has, all get: strands without an ID get a free one, and those without
     /// other labels are in group 0, no guides, and follow none.
     ///
-    /// IDs that several parts use stay as they are.
+    /// IDs that several parts use stay as they are: [`tell_apart`](Self::tell_apart) changes them.
     pub fn join(parts: &[(&Self, usize)]) -> Self {
         fn all<T: Copy>(
             parts: &[(&Labels, usize)],
@@ -138,6 +138,35 @@ impl Labels {
             closest_guides: all(parts, |labels| labels.closest_guides.as_ref(), || [NO_GUIDE; 3]),
             guide_weights: all(parts, |labels| labels.guide_weights.as_ref(), || [0.0; 3]),
         }
+    }
+}
+
+impl Labels {
+    /// Gives the strands of each of `parts` new IDs if an earlier part uses some of its IDs for
+    /// other strands, as files do that each number theirs from 0. Links to guides follow; those to
+    /// guides that the part does not have lead to none of the others. Returns the parts that were
+    /// changed.
+    ///
+    /// Parts whose IDs differ share one numbering: they may follow guides of each other.
+    pub fn tell_apart(parts: &mut [&mut Self]) -> Vec<usize> {
+        let used = parts.iter().flat_map(|own| own.ids.iter().flatten().chain(guides_of(own)));
+        let used: HashSet<i32> = used.copied().collect();
+        let mut free = free_ids(used.iter());
+        let mut earlier = HashSet::new();
+        let mut changed = Vec::new();
+        for (index, own) in parts.iter_mut().enumerate() {
+            if own.ids.iter().flatten().any(|id| earlier.contains(id)) {
+                let mut renamed = HashMap::new();
+                let guides = own.closest_guides.iter_mut().flat_map(|all| all.as_flattened_mut());
+                let guides = guides.filter(|guide| **guide != NO_GUIDE);
+                for id in own.ids.iter_mut().flatten().chain(guides) {
+                    *id = *renamed.entry(*id).or_insert_with(|| free.next().unwrap_or_default());
+                }
+                changed.push(index);
+            }
+            earlier.extend(own.ids.iter().flatten().copied());
+        }
+        changed
     }
 }
 
@@ -199,6 +228,24 @@ mod tests {
         let free: Vec<i32> = free_ids([i32::MAX, 0, 2].iter()).take(3).collect();
         assert_eq!(free, [1, 3, 4]);
         assert_eq!(free_ids([-5].iter()).next(), Some(0));
+    }
+
+    /// Two files that number their strands alike: no strand follows a guide of the other file.
+    #[test]
+    fn parts_with_the_same_ids_are_told_apart() {
+        let [mut a, mut b, mut c] = [three(), three(), three()];
+        c.ids = Some(vec![100, 101, 102]);
+        c.closest_guides = Some(vec![[4, 100, NO_GUIDE]; 3]);
+        // A guide that is gone, and has the ID of a strand of the first part.
+        b.ids = Some(vec![4, 8, 7]);
+        b.closest_guides = Some(vec![[NO_GUIDE; 3], [4, NO_GUIDE, NO_GUIDE], [9, 4, 4]]);
+        let before = [a.clone(), c.clone()];
+        assert_eq!(Labels::tell_apart(&mut [&mut a, &mut b, &mut c]), [1]);
+        assert_eq!([a, c], before);
+        assert_eq!(b.ids, Some(vec![103, 104, 105]));
+        let links = [[NO_GUIDE; 3], [103, NO_GUIDE, NO_GUIDE], [106, 103, 103]];
+        assert_eq!(b.closest_guides, Some(links.into()));
+        assert!(Labels::tell_apart(&mut [&mut three(), &mut Labels::default()]).is_empty());
     }
 
     #[test]

@@ -1,9 +1,11 @@
 //! The strands of a scene: read or grown, repaired, resampled, brought out of the body.
 
+use std::path::PathBuf;
+
 use forelock_core::body::Walker;
 use forelock_core::groom::edit::{self, Edit, EditError, EditReport};
 use forelock_core::groom::grow;
-use forelock_core::groom::{Groom, LiftParams, LiftReport, lift_out, resample, resample_to};
+use forelock_core::groom::{Groom, Labels, LiftParams, LiftReport, lift_out, resample, resample_to};
 use forelock_core::memory;
 use forelock_core::meter::Meter;
 use glam::{DVec3, Vec3};
@@ -35,7 +37,7 @@ pub(super) fn load(
                 notes.extend(repairs.into_iter().map(|repair| format!("{}: {repair}", path.display())));
                 grooms.push(imported.groom);
             }
-            if grooms.len() == 1 { grooms.swap_remove(0) } else { Groom::join(&grooms)? }
+            if grooms.len() == 1 { grooms.swap_remove(0) } else { join(files, grooms, notes)? }
         }
         (GroomSource::Grow, Some(body)) => grow_on(scene, body, meter)?,
         (GroomSource::Grow, None) => return Err(grow::GrowError::EmptyRegion.into()),
@@ -69,6 +71,16 @@ pub(super) fn load(
         }
     }
     Ok(groom)
+}
+
+/// The strands of `grooms`, which are those of `files`.
+fn join(files: &[PathBuf], mut grooms: Vec<Groom>, notes: &mut Vec<String>) -> Result<Groom, AssetError> {
+    let mut labels: Vec<&mut Labels> = grooms.iter_mut().map(|groom| &mut groom.labels).collect();
+    for changed in Labels::tell_apart(&mut labels) {
+        let path = files[changed].display();
+        notes.push(format!("{path}: its strands have new IDs, for a file before it has some of theirs"));
+    }
+    Ok(Groom::join(&grooms)?)
 }
 
 /// What to say of a groom that is much larger or smaller than the body, or far from it.
@@ -141,4 +153,25 @@ pub(super) fn middle_of_roots(groom: &Groom) -> DVec3 {
     let roots = groom.strands().filter_map(|strand| strand.first());
     let [lo, hi] = box_of(roots.copied());
     neck(lo.as_dvec3(), hi.as_dvec3())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two files that number their strands from 0: each strand follows a guide of its own file.
+    #[test]
+    fn strands_of_joined_files_follow_their_own_guides() {
+        let strand = |x: f32| [Vec3::X * x, Vec3::X * (x + 1.0)];
+        let mut groom = Groom::from_strands([strand(0.0), strand(1.0)]).unwrap();
+        groom.labels.ids = Some(vec![0, 1]);
+        groom.labels.closest_guides = Some(vec![[0, -1, -1]; 2]);
+        let files = ["scalp.abc", "brows.abc"].map(PathBuf::from);
+        let mut notes = Vec::new();
+        let joined = join(&files, vec![groom.clone(), groom], &mut notes).unwrap();
+        assert_eq!(joined.labels.ids, Some(vec![0, 1, 2, 3]));
+        let guides = joined.labels.closest_guides.unwrap();
+        assert_eq!(guides.iter().map(|own| own[0]).collect::<Vec<_>>(), [0, 0, 2, 2]);
+        assert!(notes.len() == 1 && notes[0].starts_with("brows.abc: "), "{notes:?}");
+    }
 }
