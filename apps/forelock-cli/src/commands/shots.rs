@@ -15,6 +15,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
+use forelock::check_written;
 use forelock::shots::{Chunks, Row, Shot, ShotList, ShotResult, Standing, openjd, results_page};
 use serde::Serialize;
 
@@ -156,6 +157,7 @@ impl<'a> Runner<'a> {
             return Ok(());
         }
         let goes_on = standing == Standing::Begun;
+        check_written(&shot.scene, &shot.folder)?;
         shot.prepare(goes_on)?;
         let program = std::env::current_exe().context("the program does not find itself")?;
         let mut command = Command::new(program);

@@ -125,6 +125,20 @@ fn chunks_of_frames_end_like_whole_shots() {
     assert_eq!(job.matches("dependsOn").count(), 20 * 2);
 }
 
+/// A part of a shot makes no exports, but what would keep them from being made is told at once.
+#[test]
+fn the_first_part_of_a_shot_tells_that_exports_cannot_be_made() {
+    let place = Workplace::new();
+    let text = "[set]\n\"time.frames\" = 4\n\"groom.strands\" = 20\n\"body.sdf_cells\" = 24\n\
+                \"output.film\" = false\n\"output.exports\" = [\"a.abc\", \"./a.abc\"]\n\
+                [[shot]]\nname = \"one\"\n";
+    place.write("list.toml", text);
+    let output = place.run(["shots", "list.toml", "--until", "2"]);
+    assert_eq!(output.status.code(), Some(1));
+    let told = stdout(&output);
+    assert!(told.contains("one: ") && told.contains("which is another output of the run"), "{told}");
+}
+
 #[test]
 #[cfg(unix)]
 fn an_interrupted_list_ends_soon_and_goes_on() {

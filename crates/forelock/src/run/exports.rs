@@ -5,13 +5,27 @@ use std::path::{Path, PathBuf};
 use forelock_core::groom::{Groom, Import};
 use forelock_io::animation::{AnimationError, AnimationReader, convert};
 
-use super::RunError;
+use super::overwrite::check_outputs;
+use super::{RunError, SNAPSHOT, cache_path};
 use crate::progress::{Observer, Progress};
 use crate::scene::Scene;
 
 /// Where they go.
 pub(super) fn paths(scene: &Scene, out: &Path) -> Vec<PathBuf> {
     scene.output.exports.iter().map(|name| out.join(name)).collect()
+}
+
+/// Checks that a run of `scene` into the folder `out` would write no file that it reads, and none
+/// twice. It does so itself when it begins, but one of a part of the frames makes no exports, and
+/// would leave these to the last part.
+///
+/// # Errors
+/// [`RunError::Overwrites`].
+pub fn check_written(scene: &Scene, out: &Path) -> Result<(), RunError> {
+    let others = [Some(out.join(SNAPSHOT)), cache_path(scene, out)];
+    let outputs: Vec<PathBuf> = others.into_iter().flatten().chain(paths(scene, out)).collect();
+    let outputs: Vec<&Path> = outputs.iter().map(PathBuf::as_path).collect();
+    check_outputs(scene, &outputs)
 }
 
 /// Writes them from the cache at `cache`, with the attributes of `groom`.

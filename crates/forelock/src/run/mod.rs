@@ -49,6 +49,7 @@ use crate::summary::{
     FrameRow, MEASURE_DEPTH, SKIN_STRANDS, Spread, Summary, WRITE_CACHE, median_stages, peak_memory_bytes,
 };
 use checkpoints::Checkpoints;
+pub use exports::check_written;
 use forelock_core::strands::{SleepSnapshot, Snapshot as State};
 use machine::Machine;
 use measure::FrameClock;
@@ -185,10 +186,7 @@ impl<'a> Run<'a> {
         std::fs::create_dir_all(out).map_err(|error| RunError::Folder { path: out.to_path_buf(), error })?;
         let snapshot = out.join(SNAPSHOT);
         let cache = cache_path(player.scene(), out);
-        let exports = exports::paths(player.scene(), out);
-        let outputs = [Some(&snapshot), cache.as_ref()].into_iter().flatten().chain(&exports);
-        let outputs: Vec<&Path> = outputs.map(PathBuf::as_path).collect();
-        check_outputs(player.scene(), &outputs)?;
+        check_written(player.scene(), out)?;
         overwrite::check_scene_file(&out.join(SCENE))?;
         let lock = Lock::take(&out.join(LOCK), out)?;
         forelock_io::remove_leftovers(out);
