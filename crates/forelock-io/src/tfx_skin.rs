@@ -2,18 +2,20 @@
 //! `.tfxbone` of version 4 to bones. Read only.
 //!
 //! # Theory
-//! A `.tfxskin` file has a header of 268 bytes: `u32` version (1), strands and triangles, and at
-//! bytes 136 and 140 the offsets of two arrays. The first has 24 bytes a strand: `u32` mesh, `u32`
-//! triangle, `f32[3]` barycentric coordinates of the root, 4 unused bytes. The second, absent if
-//! its offset is 0, has `f32[3]` a strand: texture coordinates of the root.
+//! A `.tfxskin` file has a header of 268 bytes: `u32` version (1), strands and triangles that have
+//! roots (0: not counted, as AMD's exporter for Maya writes it), and at bytes 136 and 140 the
+//! offsets of two arrays. The first has 24 bytes a strand: `u32` mesh, `u32` triangle, `f32[3]`
+//! barycentric coordinates of the root, 4 unused bytes. The second, absent if its offset is 0, has
+//! `f32[3]` a strand: texture coordinates of the root.
 //!
 //! A `.tfxbone` file is `i32 bones`, then for each `i32 index`, `i32 length` and a name of that
 //! length with a NUL at its end; `i32 strands`, then for each `i32 index` and four pairs of `i32
 //! bone` and `f32 weight`. Bones are named by their index.
 //!
 //! # Practice
-//! Counts, references to bones and finiteness are checked. Neither file holds the mesh or the
-//! skeleton, so triangles cannot be checked.
+//! Counts, references to bones and finiteness are checked. There may be fewer triangles with roots
+//! than the header says, for some programs count all of the mesh. Neither file holds the mesh or
+//! the skeleton, so triangles cannot be checked further.
 //!
 //! # Limitations
 //! The index of a strand in a `.tfxbone` file is discarded: strands are in order. Names that are
@@ -107,11 +109,11 @@ fn is_one(sum: f32) -> bool {
 /// Reads a `.tfxskin` file.
 ///
 /// # Errors
-/// [`FormatError`] if the version is not 1, an array extends beyond the bytes or is missing, or a
-/// number is not finite.
+/// [`FormatError`] if the version is not 1, an array extends beyond the bytes or is missing, the
+/// roots are on more triangles than the header says, or a number is not finite.
 pub fn read_triangles(bytes: &[u8]) -> Result<TriangleSkin, FormatError> {
     let start = Bytes::new(bytes, ".tfxskin");
-    let [version, strands] = start.at(0).value::<[u32; 2]>("the fields of the header")?;
+    let [version, strands, triangles] = start.at(0).value::<[u32; 3]>("the fields of the header")?;
     if version != 1 {
         return Err(start
             .invalid(format!("version {version} is not supported (1 is), or this is not a .tfxskin file")));
@@ -126,6 +128,12 @@ pub fn read_triangles(bytes: &[u8]) -> Result<TriangleSkin, FormatError> {
         let mut place = own.at(own.offset() + 24 * strand as u64 + 8);
         place.enter_strand(strand);
         return Err(place.invalid("its barycentric coordinates are not finite"));
+    }
+    let rooted: HashSet<[u32; 2]> = roots.iter().map(|root| [root.mesh, root.triangle]).collect();
+    if triangles > 0 && rooted.len() > triangles as usize {
+        let rooted = rooted.len();
+        let words = format!("there should be roots on {triangles} triangles, but they are on {rooted}");
+        return Err(start.at(8).invalid(words));
     }
     let place = start.at(root_uvs.into());
     let root_uvs: Option<Vec<[f32; 3]>> =
@@ -224,6 +232,9 @@ mod tests {
         let triangles: Vec<u32> = own.roots.iter().map(|root| root.triangle).collect();
         assert_eq!((&triangles[..], own.outside()), (&[7, 9][..], 0));
         assert_eq!(own.root_uvs.unwrap()[1], [3.0, 4.0, 5.0]);
+        let mut uncounted = skin();
+        uncounted[8] = 0;
+        assert!(read_triangles(&uncounted).is_ok());
         let mut without = skin();
         without[140..144].fill(0);
         without[268 + 8..][..4].copy_from_slice(&0.9f32.to_le_bytes());
@@ -262,6 +273,7 @@ mod tests {
         assert!(spoilt.contains("byte 300, strand 1: its barycentric coordinates"), "{spoilt}");
         assert!(triangles(316 + 12, nan).contains("byte 328, strand 1: its texture coordinates"));
         assert!(triangles(0, [9, 0, 0, 0]).contains("version 9"));
+        assert!(triangles(8, [1, 0, 0, 0]).contains("byte 8: there should be roots on 1 triangles"));
         assert!(triangles(4, [0xff; 4]).contains("the roots take 103079215080 bytes"));
         assert!(triangles(136, [0; 4]).contains("so the file has none"));
         assert!(triangles(136, [0xff; 4]).contains("are left"));
