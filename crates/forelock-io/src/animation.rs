@@ -339,9 +339,10 @@ pub fn is_written(path: &Path) -> bool {
     Format::of(path).is_some_and(|own| formats.contains(&own)) && !is_text(path)
 }
 
-/// Whether moving strands can be read from a file of the name `path`, and written.
+/// Whether moving strands can be read from a file of the name `path`.
 fn is_read(path: &Path) -> bool {
-    is_written(path) && Format::of(path).is_some_and(Format::is_read)
+    let formats = [Format::Npz, Format::Alembic, Format::Usd];
+    Format::of(path).is_some_and(|own| formats.contains(&own))
 }
 
 /// The endings of the formats of moving strands that `which` accepts, as a list for messages.
@@ -435,7 +436,7 @@ mod tests {
         let written = names.map(|name| is_written(Path::new(name)));
         assert_eq!(written, std::array::from_fn(|i| i < 5));
         let open = AnimationReader::open(&folder.path().join("a.obj"), &Import::default());
-        assert!(open.err().unwrap().to_string().ends_with(".npz .abc .usdc .usd"));
+        assert!(open.err().unwrap().to_string().ends_with(".npz .abc .usda .usdc .usd"));
         assert_eq!(rate(&[0.0, 0.016_667, 0.033_333]).map(f64::round), Ok(60.0));
     }
 }
