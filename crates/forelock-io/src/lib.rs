@@ -39,6 +39,7 @@
 mod atomic;
 mod bytes;
 mod error;
+mod labels;
 mod lock;
 mod moving_mesh;
 

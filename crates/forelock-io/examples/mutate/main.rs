@@ -15,6 +15,7 @@
 
 mod memory;
 mod mutation;
+mod ogawa;
 mod readers;
 mod seeds;
 

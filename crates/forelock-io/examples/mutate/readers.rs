@@ -6,7 +6,7 @@ use std::path::Path;
 
 use forelock_core::groom::{Groom, Import, Info, repair};
 use forelock_io::tfx_skin::{read_bones, read_triangles};
-use forelock_io::{Cache, Usd, alembic, bvh, ct2hair, gltf, hair, npz, obj, ply, read_character, tfx, usc};
+use forelock_io::{Cache, Usd, alembic, bvh, ct2hair, gltf, hair, npz, obj, ply, tfx, usc, usd};
 
 /// A reader of bytes.
 pub struct Reader {
@@ -43,7 +43,7 @@ pub const READERS: [Reader; 19] = [
     reader("ply", 32, 16 * KIB, |b| groom(ply::read(b))),
     reader("abc", 16, 64 * KIB, archive),
     reader("usda", 64, 64 * KIB, layer),
-    reader("usdc", 64, 2 * MIB, layer),
+    reader("usdc", 64, 2 * MIB, |b| body(b) || layer(b)),
     reader("glb", 256, 64 * KIB, |b| gltf::read(b, Path::new("")).is_ok()),
     reader("gltf", 256, 64 * KIB, |b| gltf::read(b, Path::new("")).is_ok()),
     reader("body", 64, 128 * KIB, body),
@@ -93,13 +93,15 @@ fn cache(bytes: &[u8]) -> bool {
 
 /// Reads the meshes of a layer as a body.
 fn body(bytes: &[u8]) -> bool {
-    at_path(bytes, "usda", |path| read_character(path, &Import::default()).is_ok())
+    usd::read_character(Cursor::new(bytes), &Import::default()).is_ok()
 }
 
 /// Reads what is opened by its name.
 fn at_path(bytes: &[u8], ending: &str, read: impl FnOnce(&Path) -> bool) -> bool {
     let name = format!("mutated-{}.{ending}", std::process::id());
-    let path = std::env::temp_dir().join(name);
+    let memory = Path::new("/dev/shm");
+    let folder = if memory.is_dir() { memory.to_owned() } else { std::env::temp_dir() };
+    let path = folder.join(name);
     let is_read = fs::write(&path, bytes).is_ok() && read(&path);
     let _ = fs::remove_file(&path);
     is_read

@@ -11,6 +11,8 @@ use forelock_io::animation::{AnimationReader, AnimationWriter, convert};
 use forelock_io::{CacheWriter, alembic, bvh, gltf, hair, npz, obj, ply, tfx, usc, usd};
 use glam::Vec3;
 
+use super::ogawa;
+
 /// Larger files take too long to read again and again, bytes.
 const LARGEST: u64 = 300 << 10;
 
@@ -47,7 +49,7 @@ fn endings(reader: &str) -> &[&str] {
         "tfx" => &["tfx"],
         "ply" => &["ply"],
         "abc" => &["abc"],
-        "usda" => &["usda"],
+        "usda" | "body" => &["usda"],
         "glb" => &["glb"],
         "gltf" => &["gltf"],
         "bvh" => &["bvh"],
@@ -78,7 +80,7 @@ fn made(reader: &str) -> Made {
         "obj" => vec![obj::write_groom(&uneven)],
         "mesh" => vec![mesh()?],
         "ply" => vec![ply::write(&even)?, ply_text(&even)],
-        "abc" => vec![alembic::write(&bare)?, alembic::write(&even)?, moving("abc")?],
+        "abc" => vec![alembic::write(&bare)?, alembic::write(&even)?, moving("abc")?, ogawa::body()],
         "usda" => vec![usd::write_text(&even), usd::write_text(&uneven)],
         "usdc" => vec![usd::write_binary(&even), usd::write_binary(&uneven), moving("usdc")?],
         "glb" => vec![gltf::write_binary(&even)?, moving("glb")?, binary(CHARACTER)],

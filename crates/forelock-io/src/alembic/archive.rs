@@ -37,6 +37,8 @@ use std::{
     sync::Arc,
 };
 
+use glam::{DVec3, Vec3};
+
 use super::{
     AlembicError,
     ogawa::{Child, Ogawa, invalid},
@@ -95,9 +97,11 @@ pub(super) struct Samples {
 }
 
 impl Samples {
-    /// The number of samples up to the last one that differs from the one before, 1 or more.
-    pub fn until_last_change(&self) -> u32 {
-        self.count.min(self.changed[1].saturating_add(1)).max(1)
+    /// The index among the stored samples, and that of the child, of sample `index`.
+    fn child(&self, index: u32) -> u64 {
+        let [first, last] = self.changed;
+        let stored = if index < first || last == 0 { 0 } else { u64::from(index.min(last) - first) + 1 };
+        stored * if self.is_array { 2 } else { 1 }
     }
 }
 
@@ -215,17 +219,46 @@ impl<R: Read + Seek> Archive<R> {
         self.ogawa.begin_samples();
     }
 
-    /// Reads the sample of `property` that is nearest to `time_secs`. It is `None` where there is
+    /// Counts the path of the object in `group`.
+    pub fn spend_path(&mut self, path: &str, group: Child) -> Result<(), AlembicError> {
+        self.ogawa.spend_path(path.len() as u64, group)
+    }
+
+    /// The bytes of the file.
+    pub fn size(&self) -> u64 {
+        self.ogawa.size()
+    }
+
+    /// The times at which `property` changes, and that before the first change; none if it does not
+    /// change.
+    pub fn changes(&mut self, property: &Property) -> Result<Vec<f64>, AlembicError> {
+        let Some(samples) = property.samples.filter(|own| own.count > 1 && own.changed[1] > 0) else {
+            return Ok(Vec::new());
+        };
+        let [first, last] = samples.changed.map(|index| index.min(samples.count - 1));
+        // The file is longer than the list of its samples, so these are not too many.
+        self.ogawa.child(property.group, samples.child(last))?;
+        Ok((first.saturating_sub(1)..=last).map(|sample| self.time_secs(samples, sample)).collect())
+    }
+
+    /// Where the sample of `property` is that is nearest to `time_secs`. It is `None` where there is
     /// no sample, or the property is a compound.
-    pub fn sample(&mut self, property: &Property, time_secs: f64) -> Result<Option<Sample>, AlembicError> {
+    pub fn place(&mut self, property: &Property, time_secs: f64) -> Result<Option<Child>, AlembicError> {
         let Some(samples) = property.samples.filter(|samples| samples.count > 0) else { return Ok(None) };
         let index = self.samplings[samples.sampling].nearest(time_secs, samples.count);
-        let [first, last] = samples.changed;
-        let stored = if index < first || last == 0 { 0 } else { u64::from(index.min(last) - first) + 1 };
-        let each = if samples.is_array { 2 } else { 1 };
-        let data = self.ogawa.child(property.group, stored * each)?;
-        let bytes = self.ogawa.sample(data)?;
-        Ok(Some(Sample { type_code: samples.type_code, bytes, offset: data.offset() }))
+        Ok(Some(self.ogawa.child(property.group, samples.child(index))?))
+    }
+
+    /// Reads the sample of `property` at `place`.
+    pub fn sample_at(&mut self, property: &Property, place: Child) -> Result<Sample, AlembicError> {
+        let type_code = property.samples.map_or(u8::MAX, |samples| samples.type_code);
+        Ok(Sample { type_code, bytes: self.ogawa.sample(place)?, offset: place.offset() })
+    }
+
+    /// Reads the sample of `property` that is nearest to `time_secs`, as [`place`](Self::place).
+    pub fn sample(&mut self, property: &Property, time_secs: f64) -> Result<Option<Sample>, AlembicError> {
+        let place = self.place(property, time_secs)?;
+        place.map(|place| self.sample_at(property, place)).transpose()
     }
 }
 
@@ -288,6 +321,16 @@ impl Sample {
         self.bytes.get(CHECKSUM..).unwrap_or_default()
     }
 
+    /// The values as points, if they are floating-point numbers.
+    pub fn points(&self) -> Option<Vec<Vec3>> {
+        let values = self.values();
+        match self.type_code {
+            10 => Some(each(values, |p: [u8; 12]| Vec3::from_slice(&bytemuck::cast::<_, [f32; 3]>(p)))),
+            11 => Some(each(values, |p: [u8; 24]| DVec3::from_array(bytemuck::cast(p)).as_vec3())),
+            _ => None,
+        }
+    }
+
     /// The values as float32, if they are numbers.
     pub fn floats(&self) -> Option<Vec<f32>> {
         let doubles = |v: [u8; 8]| f64::from_le_bytes(v) as f32;
@@ -303,6 +346,16 @@ impl Sample {
         match self.type_code {
             11 => Some(each(self.values(), f64::from_le_bytes)),
             _ => Some(self.floats()?.into_iter().map(f64::from).collect()),
+        }
+    }
+
+    /// The values as int64, if they are integers. Larger ones become the largest.
+    pub fn wide_integers(&self) -> Option<Vec<i64>> {
+        match self.type_code {
+            5 => Some(each(self.values(), |v| u32::from_le_bytes(v).into())),
+            7 => Some(each(self.values(), |v| i64::try_from(u64::from_le_bytes(v)).unwrap_or(i64::MAX))),
+            8 => Some(each(self.values(), i64::from_le_bytes)),
+            _ => Some(self.integers()?.into_iter().map(i64::from).collect()),
         }
     }
 

@@ -30,6 +30,7 @@ use super::{
     ogawa::{error, invalid},
     transforms::Transform,
 };
+use crate::labels;
 
 /// An object of an archive with points: a strand group, or a mesh.
 pub(super) struct Geometry {
@@ -48,9 +49,16 @@ impl Geometry {
     }
 }
 
+/// The bytes that strands may take in memory for each byte of the file, and besides.
+const ROOM: [u64; 2] = [6, 16 << 10];
+/// Bytes that the labels of a strand take.
+const LABEL_BYTES: usize = 33;
+
 /// The strands of several groups, joined.
 #[derive(Default)]
 pub(super) struct Joined {
+    /// The bytes that may still be taken.
+    left: u64,
     positions: Vec<Vec3>,
     offsets: Vec<u32>,
     velocities: Column<Vec3>,
@@ -84,6 +92,12 @@ impl<T> Column<T> {
 }
 
 impl Joined {
+    /// No strands yet, of a file of `size` bytes.
+    pub fn new(size: u64) -> Self {
+        let [times, besides] = ROOM;
+        Self { left: size.saturating_mul(times).saturating_add(besides), ..Self::default() }
+    }
+
     /// Reads the strands of `curves` at `time_secs` and appends them.
     pub fn add<R: Read + Seek>(
         &mut self,
@@ -96,6 +110,19 @@ impl Joined {
         if points.is_empty() && group.counts.is_empty() {
             return Ok(());
         }
+        let has = |names: [&str; 2]| names.iter().any(|name| curves.attribute(name).is_some());
+        let wide = [
+            (".velocities", ".velocities", 12),
+            ("groom_width", "width", 4),
+            ("groom_color", "groom_color", 12),
+        ];
+        let each = 12 + wide.iter().filter(|own| has([own.0, own.1])).map(|own| own.2).sum::<usize>();
+        let labels = LABEL_BYTES + size_of::<(u32, usize, [f32; 2])>();
+        let bytes = points.len() * each + group.counts.len() * labels;
+        self.left = self.left.checked_sub(bytes as u64).ok_or_else(|| {
+            let words = format!("the strands take over {} times the bytes of the file in memory", ROOM[0]);
+            invalid(0, format!("{words}: many groups share samples, or strands have no points"))
+        })?;
         let world = match &curves.parent {
             Some(parent) => parent.world(group.archive, time_secs)?,
             None => DAffine3::IDENTITY,
@@ -109,7 +136,7 @@ impl Joined {
         let widths = widths.and_then(|values| group.for_points(&values));
         let colours = group.tuples(&["groom_color"])?.and_then(|values| group.for_points(&values));
         let uvs = group.tuples(&["groom_root_uv", "uv"])?.and_then(|values| group.for_strands(&values));
-        let labels = group.labels()?;
+        let labels = labels::read(&mut group, labels::NAMES)?;
         self.velocities.push(velocities.map(|v| v.into_iter().map(turned).collect()));
         self.widths.push(widths.map(|w| w.into_iter().map(|[w]| w * scale).collect()));
         self.colours.push(colours);
@@ -251,30 +278,6 @@ impl<R: Read + Seek> Group<'_, R> {
         Ok(None)
     }
 
-    /// The labels of the strands.
-    fn labels(&mut self) -> Result<Labels, AlembicError> {
-        let guides = self.integers("groom_guide")?.map(|all| all.iter().map(|[guide]| *guide != 0).collect());
-        let weights = self.tuples(&["groom_guide_weights"])?;
-        Ok(Labels {
-            ids: self.integers("groom_id")?.map(|all: Vec<[i32; 1]>| all.as_flattened().to_vec()),
-            group_ids: self.integers("groom_group_id")?.map(|all: Vec<[i32; 1]>| all.as_flattened().to_vec()),
-            guides,
-            closest_guides: self.integers("groom_closest_guides")?,
-            guide_weights: weights.and_then(|values| self.for_strands(&values)),
-        })
-    }
-
-    /// The values of the attribute `name` for each strand, N each, if it has integers.
-    fn integers<const N: usize>(&mut self, name: &str) -> Result<Option<Vec<[i32; N]>>, AlembicError> {
-        let Some(attribute) = self.attribute(name)? else { return Ok(None) };
-        let Some(values) = attribute.values.integers() else { return Ok(None) };
-        let values = values.as_chunks::<N>().0;
-        Ok(match attribute.indices {
-            None => self.for_strands(values),
-            Some(indices) => pick(values, &indices).and_then(|values| self.for_strands(&values)),
-        })
-    }
-
     fn attribute(&mut self, name: &str) -> Result<Option<Attribute>, AlembicError> {
         let Some(property) = self.curves.attribute(name) else { return Ok(None) };
         if property.samples.is_some() {
@@ -288,6 +291,28 @@ impl<R: Read + Seek> Group<'_, R> {
         let indices = indices.map(|indices| self.archive.sample(indices, self.time_secs)).transpose()?;
         let indices = indices.flatten().and_then(|indices| indices.integers());
         Ok(values.map(|values| Attribute { values, indices }))
+    }
+}
+
+impl<R: Read + Seek> labels::Attributes for Group<'_, R> {
+    type Error = AlembicError;
+
+    fn integers<const N: usize>(&mut self, name: &str) -> Result<Option<Vec<[i64; N]>>, AlembicError> {
+        let Some(attribute) = self.attribute(name)? else { return Ok(None) };
+        let Some(values) = attribute.values.wide_integers() else { return Ok(None) };
+        let values = values.as_chunks::<N>().0;
+        Ok(match attribute.indices {
+            None => self.for_strands(values),
+            Some(indices) => pick(values, &indices).and_then(|values| self.for_strands(&values)),
+        })
+    }
+
+    fn floats<const N: usize>(&mut self, name: &str) -> Result<Option<Vec<[f32; N]>>, AlembicError> {
+        Ok(self.tuples(&[name])?.and_then(|values| self.for_strands(&values)))
+    }
+
+    fn invalid(&self, words: String) -> AlembicError {
+        invalid(0, format!("`{}`: {words}", self.curves.name))
     }
 }
 

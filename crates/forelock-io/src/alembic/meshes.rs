@@ -27,13 +27,14 @@ use super::{
     ogawa::invalid,
     unit,
 };
-use crate::error::check_room;
-use crate::moving_mesh::{self, MovingMesh, Room, character};
+use crate::moving_mesh::{self, Meshes, MovingMesh, Room};
 
 /// The schemas of meshes.
 const SCHEMAS: [&str; 2] = ["AbcGeom_PolyMesh_v", "AbcGeom_SubD_v"];
 /// Times nearer than this are one.
 const SAME_SECS: f64 = 1e-6;
+/// The bytes that meshes may take in memory for each byte of the file.
+const ROOM: u64 = 8;
 
 /// Reads the meshes of an archive as a character, in the unit and axes of the file. Returns it, the
 /// unit of the file, and what was left out, one sentence each.
@@ -50,38 +51,39 @@ pub fn read_character(file: impl Read + Seek) -> Result<(Character, Unit, Vec<St
     if objects.is_empty() {
         return Err(invalid(at, "there is no body: no object has the schema of meshes"));
     }
-    let times = times(&archive, &objects)?;
-    let mesh = |object: &Geometry| MovingMesh { name: object.name.clone(), ..MovingMesh::default() };
-    let mut meshes: Vec<MovingMesh> = objects.iter().map(mesh).collect();
-    let (mut room, mut left_out) = (Room::default(), 0);
-    for (frame, &time_secs) in times.iter().enumerate() {
-        archive.begin_samples();
-        for (object, mesh) in objects.iter().zip(&mut meshes) {
+    let fail = |words: String| invalid(at, words);
+    let (mut meshes, mut left_out) = (Meshes::new(Room::new(archive.size(), ROOM)), 0);
+    for object in &objects {
+        let times = times(&mut archive, object)?;
+        meshes.take(size_of_val(&*times)).map_err(fail)?;
+        let mut mesh = meshes.begin(object.name.clone(), &times);
+        let mut before: Option<(u64, Vec<Vec3>)> = None;
+        for (frame, &time_secs) in times.iter().enumerate() {
+            archive.begin_samples();
             let world = match &object.parent {
                 Some(parent) => parent.world(&mut archive, time_secs)?,
                 None => DAffine3::IDENTITY,
             };
-            let points = points(&mut archive, object, time_secs)?;
-            if frame == 0 && !points.is_empty() {
-                left_out += add_polygons(&mut archive, object, time_secs, is_mirror(&world), mesh)?;
+            let points = points(&mut archive, object, time_secs, before.take())?;
+            if frame == 0 && !points.1.is_empty() {
+                left_out += add_polygons(&mut archive, object, time_secs, is_mirror(&world), &mut mesh)?;
             }
-            room.take(mesh.push(points, world))?;
+            mesh.push(&points.1, &world).map_err(fail)?;
+            before = Some(points);
         }
+        mesh.finish().map_err(fail)?;
     }
     let notes = moving_mesh::left_out(left_out).into_iter().collect();
-    let character = character(meshes, &times).map_err(|words| invalid(at, words))?;
-    Ok((character, unit, notes))
+    Ok((meshes.finish().map_err(fail)?, unit, notes))
 }
 
-/// The times at which a point or a transform of `objects` changes, ascending, one at least.
-fn times<R: Read + Seek>(archive: &Archive<R>, objects: &[Geometry]) -> Result<Vec<f64>, AlembicError> {
+/// The times at which a point or a transform of `object` changes, ascending, one at least.
+fn times<R: Read + Seek>(archive: &mut Archive<R>, object: &Geometry) -> Result<Vec<f64>, AlembicError> {
     let mut times: Vec<f64> = Vec::new();
-    for samples in moving(objects) {
-        let count = samples.until_last_change();
-        check_room(8 * u64::from(count))?;
-        times.extend((0..count).map(|sample| archive.time_secs(samples, sample)).filter(|t| t.is_finite()));
+    for property in moving(object) {
+        times.extend(archive.changes(property)?.into_iter().filter(|time| time.is_finite()));
         // So that those who share their times take no more memory than one.
-        times.sort_by(f64::total_cmp);
+        times.sort_unstable_by(f64::total_cmp);
         times.dedup_by(|a, b| (*a - *b).abs() < SAME_SECS);
     }
     if times.is_empty() {
@@ -95,28 +97,32 @@ fn is_mirror(map: &DAffine3) -> bool {
     map.matrix3.determinant() < 0.0
 }
 
-/// The points of `object`.
+/// The points of `object`, and where they are in the file: those `before`, if they are the same.
 fn points<R: Read + Seek>(
     archive: &mut Archive<R>,
     object: &Geometry,
     time_secs: f64,
-) -> Result<Vec<Vec3>, AlembicError> {
-    let property = Property::find(&object.geom, "P");
-    let sample = property.map(|own| archive.sample(own, time_secs)).transpose()?.flatten();
-    let floats = sample.and_then(|sample| sample.floats());
-    let floats = floats.ok_or_else(|| invalid(0, format!("the mesh `{}` has no points", object.name)))?;
-    Ok(floats.as_chunks::<3>().0.iter().map(|&p| Vec3::from_array(p)).collect())
+    before: Option<(u64, Vec<Vec3>)>,
+) -> Result<(u64, Vec<Vec3>), AlembicError> {
+    let missing = || invalid(0, format!("the mesh `{}` has no points", object.name));
+    let property = Property::find(&object.geom, "P").ok_or_else(missing)?;
+    let place = archive.place(property, time_secs)?.ok_or_else(missing)?;
+    if let Some(before) = before.filter(|before| before.0 == place.offset()) {
+        return Ok(before);
+    }
+    let sample = archive.sample_at(property, place)?;
+    let points = sample.points().ok_or_else(missing)?;
+    Ok((place.offset(), points))
 }
 
 /// Appends the triangles of `object` to those of `mesh`, with the winding reversed if it is
-/// mirrored; returns how
-/// many were left out.
+/// mirrored; returns how many were left out.
 fn add_polygons<R: Read + Seek>(
     archive: &mut Archive<R>,
     object: &Geometry,
     time_secs: f64,
     is_mirrored: bool,
-    mesh: &mut MovingMesh,
+    mesh: &mut MovingMesh<'_>,
 ) -> Result<usize, AlembicError> {
     let fail = |words: &str| invalid(0, format!("the mesh `{}` {words}", object.name));
     let mut integers = |name: &str| {
@@ -127,5 +133,5 @@ fn add_polygons<R: Read + Seek>(
     };
     let (counts, corners) = (integers(".faceCounts")?, integers(".faceIndices")?);
     // Clockwise: the other way round than here.
-    mesh.add_polygons(&counts, &corners, !is_mirrored).map_err(|words| fail(&words))
+    mesh.add_polygons(&counts, &corners, !is_mirrored).map_err(|words| invalid(0, words))
 }

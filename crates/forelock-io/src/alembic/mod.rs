@@ -66,6 +66,8 @@ use transforms::Transform;
 
 /// Objects within objects that are followed.
 const DEPTH: usize = 128;
+/// The most frames of a file that has less bytes: equal ones take none.
+const STILL_FRAMES: u64 = 1 << 20;
 /// The key of the archive's metadata that names the unit of length.
 const UNIT_KEY: &str = "forelock_unit";
 /// How the names of the schemas of strands begin.
@@ -131,7 +133,13 @@ impl<R: Read + Seek> Reader<R> {
             let words = "there are no strands: no object has the schema of curves";
             return Err(invalid(archive.top.offset(), words));
         }
-        let clock = moving(&curves).max_by_key(|samples| samples.count);
+        let samples = curves.iter().flat_map(moving).filter_map(|property| property.samples);
+        let clock = samples.max_by_key(|samples| samples.count);
+        let (frames, size) = (clock.map_or(0, |samples| samples.count), archive.size());
+        if u64::from(frames) > size.max(STILL_FRAMES) {
+            let words = format!("{frames} frames are too many for a file of {size} bytes; it is damaged");
+            return Err(invalid(archive.top.offset(), words));
+        }
         let unit = unit(&archive, &curves);
         Ok(Self { archive, curves, clock, unit })
     }
@@ -163,7 +171,7 @@ impl<R: Read + Seek> Reader<R> {
     pub fn read(&mut self, frame: u32) -> Result<Contents, AlembicError> {
         let time_secs = self.time_secs(frame);
         self.archive.begin_samples();
-        let mut joined = Joined::default();
+        let mut joined = Joined::new(self.archive.size());
         for curves in &self.curves {
             joined.add(&mut self.archive, curves, time_secs)?;
         }
@@ -179,12 +187,10 @@ pub fn read(file: impl Read + Seek) -> Result<Groom, AlembicError> {
     Ok(Reader::open(file)?.read(0)?.groom)
 }
 
-/// The samples of the points of `objects`, and of the transforms above them.
-fn moving(objects: &[Geometry]) -> impl Iterator<Item = Samples> + '_ {
-    objects.iter().flat_map(|own| {
-        let points = Property::find(&own.geom, "P").and_then(|points| points.samples);
-        points.into_iter().chain(own.parent.iter().flat_map(|parent| parent.samples()))
-    })
+/// The points of `object`, and the transforms above it.
+fn moving(object: &Geometry) -> impl Iterator<Item = &Property> {
+    let points = Property::find(&object.geom, "P");
+    points.into_iter().chain(object.parent.iter().flat_map(|parent| parent.moving()))
 }
 
 /// The unit of length of an archive with `objects`, unless the user names another one.
@@ -226,6 +232,7 @@ fn visit<R: Read + Seek>(
         return Err(invalid(group.offset(), format!("objects lie more than {DEPTH} deep")));
     }
     let object = archive.object(group)?;
+    archive.spend_path(&path, group)?;
     let schema = value(&metadata, "schema").unwrap_or_default();
     if schemas.iter().any(|own| schema.starts_with(own)) {
         found.push(read_geometry(archive, object.properties, [&path, schema], parent.clone())?);

@@ -54,13 +54,15 @@ pub(super) struct Ogawa<R> {
     structure_left: u64,
     /// The bytes of samples that may still be read for one groom.
     samples_left: u64,
+    /// The bytes that paths of objects may still take.
+    paths_left: u64,
 }
 
 impl<R: Read + Seek> Ogawa<R> {
     /// Opens `file` and returns it with its root group.
     pub fn open(mut file: R) -> Result<(Self, Child), AlembicError> {
         let size = file.seek(SeekFrom::End(0))?;
-        let mut ogawa = Self { file, size, structure_left: size, samples_left: 0 };
+        let mut ogawa = Self { file, size, structure_left: size, samples_left: 0, paths_left: size };
         let header = ogawa.bytes(0, HEADER_BYTES, "the fields of the header")?;
         if header.starts_with(b"\x89HDF") {
             return Err(invalid(0, "this is the HDF5 kind of Alembic; convert it to Ogawa"));
@@ -76,6 +78,11 @@ impl<R: Read + Seek> Ogawa<R> {
         }
         let root = Child(ogawa.number(8)?);
         Ok((ogawa, root))
+    }
+
+    /// The bytes of the file.
+    pub fn size(&self) -> u64 {
+        self.size
     }
 
     /// The children of `group`.
@@ -151,6 +158,15 @@ impl<R: Read + Seek> Ogawa<R> {
             .structure_left
             .checked_sub(bytes)
             .ok_or_else(|| invalid(at.offset(), "groups contain each other or overlap"))?;
+        Ok(())
+    }
+
+    /// Counts `bytes` of a path. An object takes more bytes than its path, unless names are long and
+    /// many objects lie below them.
+    pub fn spend_path(&mut self, bytes: u64, at: Child) -> Result<(), AlembicError> {
+        let left = self.paths_left.checked_sub(bytes);
+        let words = "the paths of the objects take more bytes than the file; shorten their names";
+        self.paths_left = left.ok_or_else(|| invalid(at.offset(), words))?;
         Ok(())
     }
 

@@ -212,7 +212,7 @@ fn a_sample_that_many_groups_share_is_read_some_times_only() {
     };
     assert_eq!(read(5).unwrap().groom.strand_count(), 5);
     let error = read(50).unwrap_err().to_string();
-    assert!(error.contains("the samples take over 8 times the bytes of the file"), "{error}");
+    assert!(error.contains("the strands take over 6 times the bytes of the file"), "{error}");
 }
 
 #[test]
@@ -242,7 +242,6 @@ fn equal_contents_have_equal_checksums_and_others_have_not() {
 /// elsewhere.
 #[test]
 fn meshes_become_a_character() {
-    const MESH: &str = "schema=AbcGeom_PolyMesh_v1;schemaBaseType=AbcGeom_GeomBase_v1";
     let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [0.5, 0.5, 1.0f32]];
     let mut bent = corners;
     bent[4] = [0.5, 0.75, 1.0];
@@ -281,4 +280,94 @@ fn meshes_become_a_character() {
     let top = object(&mut out, &mut indexed, "none", &[], &[], &[]);
     let error = super::read_character(Cursor::new(finish(out, &indexed, top))).map(|_| ()).unwrap_err();
     assert!(error.to_string().contains("there is no body"), "{error}");
+}
+
+const MESH: &str = "schema=AbcGeom_PolyMesh_v1;schemaBaseType=AbcGeom_GeomBase_v1";
+
+/// A triangle strip with the points `points` of each sample, below a transform `ops` with `vals`.
+fn body(points: &[Vec<f32>], ops: u8, vals: &[[f64; 3]], repeats: u32) -> Vec<u8> {
+    let (mut out, mut indexed) = (Output::new(Cursor::new(Vec::new())).unwrap(), Indexed::default());
+    let mut p = track(&mut out, "P", Type::F32, 3, bytemuck::cast_slice(&points[0]));
+    p.repeat_to(repeats);
+    points[1..].iter().for_each(|own| p.push(&mut out, bytemuck::cast_slice(own)).unwrap());
+    let corners: Vec<i32> = (0..points[0].len() as i32 / 3 - 2).flat_map(|k| [k, k + 1, k + 2]).collect();
+    let counts = vec![3; corners.len() / 3];
+    let tracks = [
+        p,
+        track(&mut out, ".faceCounts", Type::I32, 1, bytemuck::cast_slice(&counts)),
+        track(&mut out, ".faceIndices", Type::I32, 1, bytemuck::cast_slice(&corners)),
+    ];
+    let mesh = object(&mut out, &mut indexed, ".geom", &tracks, &[], &[]);
+    let mut moves = track(&mut out, ".vals", Type::F64, 1, bytemuck::cast_slice(&vals[0]));
+    vals[1..].iter().for_each(|own| moves.push(&mut out, bytemuck::cast_slice(own)).unwrap());
+    let moves = [track(&mut out, ".ops", Type::U8, 1, &[ops]), moves];
+    let moved = object(&mut out, &mut indexed, ".xform", &moves, &[], &[("child", MESH, mesh)]);
+    let top = object(&mut out, &mut indexed, "none", &[], &[], &[("body", XFORM, moved)]);
+    finish(out, &indexed, top)
+}
+
+fn ball(vertices: u16) -> Vec<f32> {
+    (0..3 * vertices).map(|i| (1.3 * f32::from(i)).sin()).collect()
+}
+
+/// A mesh that is stored once, and has a blend shape for each of many stretching transforms, would
+/// take much more memory than the file.
+#[test]
+fn the_memory_of_a_body_is_bounded_by_its_file() {
+    let vals: Vec<[f64; 3]> = (0..2000u16).map(|k| [1.0 + 0.01 * f64::from(k), 1.0, 1.0]).collect();
+    let read = |frames, ops| super::read_character(Cursor::new(body(&[ball(100)], ops, &vals[..frames], 1)));
+    let error = read(2000, 0x00).map(|_| ()).unwrap_err().to_string();
+    assert!(error.contains("the meshes take over 8 times the bytes of the file in memory"), "{error}");
+    // Few of them do not, and shifts take none at all.
+    assert_eq!(read(5, 0x00).unwrap().0.shapes().len(), 4);
+    assert_eq!(read(2000, 0x10).unwrap().0.shapes().len(), 0);
+}
+
+/// A header may say that samples begin to differ late: those before take no bytes in the file.
+#[test]
+fn samples_that_are_not_stored_take_no_memory() {
+    let late = body(&[ball(9), ball(9).iter().map(|x| x + 1.0).collect()], 0x10, &[[0.0; 3]], 3_000_000_000);
+    let (own, ..) = super::read_character(Cursor::new(late)).unwrap();
+    assert_eq!(own.clips()[0].duration_secs(), 1.0);
+}
+
+/// Frames that the file does not have would take 8 bytes each in a list of their times.
+#[test]
+fn too_many_frames_are_refused() {
+    let open = |frames| {
+        let (mut out, mut indexed) = (Output::new(Cursor::new(Vec::new())).unwrap(), Indexed::default());
+        let mut points = track(&mut out, "P", Type::F32, 3, &[0; 24]);
+        points.repeat_to(frames);
+        let tracks = [points, track(&mut out, "nVertices", Type::I32, 1, &2i32.to_le_bytes())];
+        let group = object(&mut out, &mut indexed, ".geom", &tracks, &[], &[]);
+        let top = object(&mut out, &mut indexed, "none", &[], &[], &[("a", CURVES, group)]);
+        Reader::open(Cursor::new(finish(out, &indexed, top)))
+    };
+    assert_eq!(open(1_000_000).unwrap().frames(), 1_000_000);
+    let error = open(2_000_000_000).err().unwrap().to_string();
+    assert!(error.contains("2000000000 frames are too many"), "{error}");
+}
+
+/// Identities of 64 bits, and one of 32 bits without a sign that does not fit.
+#[test]
+fn labels_beyond_32_bits_are_refused() {
+    let read = |type_: Type, bytes: &[u8], code: u8| {
+        let (mut out, mut indexed) = (Output::new(Cursor::new(Vec::new())).unwrap(), Indexed::default());
+        let ids = vec![track(&mut out, "groom_id", type_, 1, bytes)];
+        let more = vec![(".arbGeomParams", ids)];
+        let group = strands(&mut out, &mut indexed, &[2, 2], [1, 0, 0, 0], more);
+        let top = object(&mut out, &mut indexed, "none", &[], &[], &[("a", CURVES, group)]);
+        let mut bytes = finish(out, &indexed, top);
+        // The writer has no integers of 64 bits, nor any without a sign.
+        let name = bytes.windows(8).position(|own| own == b"groom_id").unwrap();
+        bytes[name - 12] = bytes[name - 12] & 0x0f | code << 4;
+        Reader::open(Cursor::new(bytes)).unwrap().read(0)
+    };
+    let wide: Vec<u8> = [7i64, -8].iter().flat_map(|id| id.to_le_bytes()).collect();
+    assert_eq!(read(Type::F64, &wide, 8).unwrap().groom.labels.ids, Some(vec![7, -8]));
+    let wide: Vec<u8> = [7i64, 5_000_000_000].iter().flat_map(|id| id.to_le_bytes()).collect();
+    let error = read(Type::F64, &wide, 8).unwrap_err().to_string();
+    assert!(error.contains("`/a`: `groom_id` of strand 1 is 5000000000, but must be"), "{error}");
+    let error = read(Type::I32, &[9, 0, 0, 0, 0, 0, 0, 0x80], 5).unwrap_err().to_string();
+    assert!(error.contains("of strand 1 is 2147483648"), "{error}");
 }

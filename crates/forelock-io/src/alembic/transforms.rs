@@ -26,7 +26,7 @@ use glam::{DAffine3, DMat4, DQuat, DVec3, DVec4};
 
 use super::{
     AlembicError,
-    archive::{Archive, Property, Samples},
+    archive::{Archive, Property},
     ogawa::Child,
 };
 
@@ -50,10 +50,10 @@ impl Transform {
         Ok(Self { parent, ops: find(".ops"), vals: find(".vals"), inherits: find(".inherits") })
     }
 
-    /// The samples of this transform and those above it.
-    pub fn samples(&self) -> impl Iterator<Item = Samples> + '_ {
+    /// The numbers of this transform and those above it.
+    pub fn moving(&self) -> impl Iterator<Item = &Property> {
         let chain = std::iter::successors(Some(self), |transform| transform.parent.as_deref());
-        chain.filter_map(|transform| transform.vals.as_ref()?.samples)
+        chain.filter_map(|transform| transform.vals.as_ref())
     }
 
     /// The transform to the world at `time_secs`.

@@ -25,6 +25,8 @@ use super::{
     output::{Compound, Indexed, Kind, Output, Track, Type},
     times::TimeSampling,
 };
+use crate::labels::NAMES;
+
 const POINTS: Kind = array("P", "geoScope=vtx;interpretation=point", Type::F32, 3);
 const COUNTS: Kind = array("nVertices", "", Type::I32, 1);
 const VELOCITIES: Kind = array(".velocities", "interpretation=vector", Type::F32, 3);
@@ -50,11 +52,11 @@ const F32_GUIDES: &str =
     "arrayExtent=1;geoScope=uni;interpretation=vector;isGeomParam=true;podExtent=3;podName=float32_t";
 const I16_CONSTANT: &str = "arrayExtent=1;geoScope=con;isGeomParam=true;podExtent=1;podName=int16_t";
 const KINDS_OF_LABELS: [Kind; 5] = [
-    array("groom_group_id", I32_STRANDS, Type::I32, 1),
-    array("groom_guide", I16_STRANDS, Type::I16, 1),
-    array("groom_id", I32_STRANDS, Type::I32, 1),
-    array("groom_closest_guides", I32_GUIDES, Type::I32, 3),
-    array("groom_guide_weights", F32_GUIDES, Type::F32, 3),
+    array(NAMES[1], I32_STRANDS, Type::I32, 1),
+    array(NAMES[2], I16_STRANDS, Type::I16, 1),
+    array(NAMES[0], I32_STRANDS, Type::I32, 1),
+    array(NAMES[3], I32_GUIDES, Type::I32, 3),
+    array(NAMES[4], F32_GUIDES, Type::F32, 3),
 ];
 const VERSIONS: [Kind; 2] = [
     array("groom_version_major", I16_CONSTANT, Type::I16, 1),

@@ -18,82 +18,212 @@
 //! part of deformations").
 //!
 //! # Practice
-//! Meshes that move as one share a joint.
+//! Samples are taken one after the other and not kept: what stays is the motion, and the remainder
+//! where it is more than rounding. Each mesh has its own times. Meshes that move as one, at the same
+//! times, share a joint. [`Room`] bounds the memory by the size of the file.
+//!
+//! # Limitations
+//! A mesh that its transform stretches takes a blend shape a sample, as one that bends does.
+
+mod rigid;
+mod room;
+
+use std::rc::Rc;
 
 use forelock_core::body::TriMesh;
 use forelock_core::body::character::{
     BlendShape, Bone, Character, CharacterParts, Clip, Group, Interpolation, Joint, Skeleton, Skin, Track,
     Transform, Values,
 };
-use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
-use std::sync::Arc;
+use glam::{DAffine3, DQuat, Vec3};
 
-use crate::error::check_room;
+use rigid::{Placement, fit, middle, remainders};
+pub(crate) use room::Room;
 
 /// The name of the clip.
 pub(crate) const CLIP: &str = "animation";
-/// Bytes that a sample of a mesh takes, without its vertices.
-const SAMPLE_BYTES: usize = 128;
-/// Bytes that a vertex of a sample takes, with its part of a blend shape.
-const VERTEX_BYTES: usize = 28;
-/// Bytes after which the free memory is looked at again.
-const STEP: u64 = 64 << 20;
+/// Bytes that a sample of a mesh takes: its placement, and its keys in the clip.
+const SAMPLE_BYTES: usize = size_of::<Placement>() + 72;
+/// Bytes that a vertex takes: at rest, bound and with its joint.
+const VERTEX_BYTES: usize = 80;
+/// Bytes that a blend shape takes, without its vertices, and its track.
+const SHAPE_BYTES: usize = 256;
 /// A remainder below this share of the largest coordinate is a rounding error.
 const ROUNDING: f32 = 1e-6;
-/// Maximum number of turns that lead from one rotation to the next.
-const TURNS: u32 = 64;
 
-/// A mesh of a file.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct MovingMesh {
-    pub name: String,
-    pub triangles: Vec<[u32; 3]>,
-    /// The vertices at each of the file's times, and their transform to the file's space.
-    pub samples: Vec<(Arc<[Vec3]>, DAffine3)>,
+/// What to say of triangles that are left out, if there are any.
+pub(crate) fn left_out(triangles: usize) -> Option<String> {
+    (triangles > 0).then(|| format!("{triangles} triangles with a repeated corner are left out"))
 }
 
-impl MovingMesh {
-    /// Adds a sample; vertices that are those of the sample before are held once. Returns the bytes
-    /// that it takes.
-    pub fn push(&mut self, vertices: Vec<Vec3>, world: DAffine3) -> usize {
-        let before = self.samples.last().map(|own| &own.0).filter(|own| ***own == *vertices);
-        let bytes = if before.is_some() { 0 } else { VERTEX_BYTES * vertices.len() };
-        self.samples.push((before.map_or_else(|| vertices.into(), Arc::clone), world));
-        bytes + SAMPLE_BYTES
-    }
+/// A joint, and when it is where.
+struct Moved {
+    name: String,
+    times: Rc<[f64]>,
+    motion: Vec<Placement>,
+}
 
-    /// The vertices of a sample in the file's space.
-    fn places(&self, sample: usize) -> Vec<Vec3> {
-        let (vertices, world) = &self.samples[sample];
-        if *world == DAffine3::IDENTITY {
-            return vertices.to_vec();
+/// The remainders of all meshes that have the same times, at each of them.
+struct Bent {
+    times: Rc<[f64]>,
+    deltas: Vec<Vec<(u32, Vec3)>>,
+}
+
+/// The meshes of a file, which become a character.
+pub(crate) struct Meshes {
+    room: Room,
+    joints: Vec<Moved>,
+    bent: Vec<Bent>,
+    positions: Vec<Vec3>,
+    triangles: Vec<[u32; 3]>,
+    /// The joint of each vertex.
+    joint_of: Vec<usize>,
+    groups: Vec<Group>,
+}
+
+/// A mesh while its samples are taken.
+pub(crate) struct MovingMesh<'a> {
+    all: &'a mut Meshes,
+    name: String,
+    times: Rc<[f64]>,
+    triangles: Vec<[u32; 3]>,
+    /// The vertices of the first sample and of this one, in the space of the file.
+    first: Vec<Vec3>,
+    now: Vec<Vec3>,
+    motion: Vec<Placement>,
+    /// The joints that this mesh has followed so far.
+    followed: Vec<usize>,
+    /// The remainders of each sample.
+    deltas: Vec<Vec<(u32, Vec3)>>,
+}
+
+impl Meshes {
+    /// None yet.
+    pub fn new(room: Room) -> Self {
+        Self {
+            room,
+            joints: Vec::new(),
+            bent: Vec::new(),
+            positions: Vec::new(),
+            triangles: Vec::new(),
+            joint_of: Vec::new(),
+            groups: Vec::new(),
         }
-        vertices.iter().map(|p| world.transform_point3(p.as_dvec3()).as_vec3()).collect()
     }
 
-    /// The vertices of all samples, one after the other.
-    fn each(&self) -> impl Iterator<Item = Vec<Vec3>> + '_ {
-        (0..self.samples.len()).map(|sample| self.places(sample))
+    /// Counts `bytes` that the meshes take.
+    ///
+    /// # Errors
+    /// As [`Room::take`].
+    pub fn take(&mut self, bytes: usize) -> Result<(), String> {
+        self.room.take(bytes)
+    }
+
+    /// The next mesh, with samples at `times_secs`, which ascend: one at least.
+    pub fn begin(&mut self, name: String, times_secs: &[f64]) -> MovingMesh<'_> {
+        // Meshes of the same times share them.
+        let same = self.joints.iter().map(|joint| &joint.times).find(|times| ***times == *times_secs);
+        let times = same.map_or_else(|| times_secs.into(), Rc::clone);
+        let followed = (0..self.joints.len()).filter(|&own| Rc::ptr_eq(&self.joints[own].times, &times));
+        let followed = followed.collect();
+        MovingMesh {
+            all: self,
+            name,
+            times,
+            triangles: Vec::new(),
+            first: Vec::new(),
+            now: Vec::new(),
+            motion: Vec::new(),
+            followed,
+            deltas: Vec::new(),
+        }
     }
 }
 
-impl MovingMesh {
+impl MovingMesh<'_> {
+    /// Takes the next sample: `vertices`, and their transform to the space of the file.
+    ///
+    /// # Errors
+    /// What is wrong, in one sentence.
+    pub fn push(&mut self, vertices: &[Vec3], world: &DAffine3) -> Result<(), String> {
+        let (name, sample) = (&self.name, self.motion.len());
+        if sample > 0 && self.first.is_empty() {
+            return Ok(());
+        }
+        self.all.room.take(SAMPLE_BYTES)?;
+        self.now.clear();
+        if *world == DAffine3::IDENTITY {
+            self.now.extend_from_slice(vertices);
+        } else {
+            let placed = vertices.iter().map(|p| world.transform_point3(p.as_dvec3()).as_vec3());
+            self.now.extend(placed);
+        }
+        if let Some(vertex) = self.now.iter().position(|p| !p.is_finite()) {
+            return Err(format!("vertex {vertex} of the mesh `{name}` is not finite in frame {sample}"));
+        }
+        if sample == 0 {
+            self.all.room.take(VERTEX_BYTES.saturating_mul(vertices.len()))?;
+            self.first = std::mem::take(&mut self.now);
+            self.motion = Vec::with_capacity(self.times.len());
+            self.motion.push((DQuat::IDENTITY, middle(&self.first)));
+            self.deltas.push(Vec::new());
+            return Ok(());
+        }
+        if self.now.len() != self.first.len() {
+            let (before, now) = (self.first.len(), self.now.len());
+            return Err(format!(
+                "the mesh `{name}` has {before} vertices at first and {now} in frame {sample}; bodies \
+                 whose vertices change in number cannot be read"
+            ));
+        }
+        let (first, now) = (&self.first, &self.now);
+        let most = |own: &[Vec3]| own.iter().fold(0.0f32, |most, p| most.max(p.abs().max_element()));
+        let rounding = ROUNDING * most(first).max(most(now));
+        let joints = &self.all.joints;
+        self.followed.retain(|&joint| {
+            let motion = &joints[joint].motion;
+            let mut rest = remainders(first, now, motion[0].1, &motion[sample]);
+            rest.all(|d| d.length() <= rounding)
+        });
+        let (turn, from) = (self.motion[sample - 1].0, self.motion[0].1);
+        let own = fit(first, from, now, turn);
+        let is_bent = |(d, _): &(Vec3, u32)| d.length() > rounding;
+        let bent = || remainders(first, now, from, &own).zip(0..).filter(is_bent);
+        let count = if self.followed.is_empty() { bent().count() } else { 0 };
+        self.all.room.take(count * size_of::<(u32, Vec3)>())?;
+        let mut deltas = Vec::with_capacity(count);
+        if count > 0 {
+            deltas.extend(bent().map(|(d, vertex)| (vertex, d)));
+        }
+        self.motion.push(own);
+        self.deltas.push(deltas);
+        Ok(())
+    }
+
     /// Adds polygons of so many corners each, `counts`, whose vertices are `corners`, as fans;
     /// `is_reversed` reverses their winding. Returns the number of triangles that are left out
     /// because a corner is repeated.
     ///
     /// # Errors
-    /// What is wrong, to be put behind the name of the mesh.
+    /// What is wrong, in one sentence.
     pub fn add_polygons<T>(&mut self, counts: &[T], corners: &[T], is_reversed: bool) -> Result<usize, String>
     where
         T: Copy + TryInto<u32> + TryInto<usize>,
     {
+        let wide = counts.iter().filter_map(|&count| TryInto::<usize>::try_into(count).ok());
+        let fans = wide.fold(0usize, |sum, count| sum.saturating_add(count.saturating_sub(2)));
+        let fans = fans.min(corners.len());
+        // At rest and bound, beside those here.
+        self.all.room.take(fans.saturating_mul(3 * size_of::<[u32; 3]>()))?;
+        self.triangles.reserve_exact(fans);
+        let name = &self.name;
+        let fail = |words: &str| format!("the mesh `{name}` {words}");
         let (mut left_out, mut rest) = (0, corners);
         for &count in counts {
             let split = TryInto::<usize>::try_into(count).ok().and_then(|n| rest.split_at_checked(n));
-            let (own, others) = split.ok_or("has polygons with more corners than it has")?;
+            let (own, others) = split.ok_or_else(|| fail("has polygons with more corners than it has"))?;
             let own: Result<Vec<u32>, _> = own.iter().map(|&corner| corner.try_into()).collect();
-            let own = own.map_err(|_| "has a corner that is no vertex")?;
+            let own = own.map_err(|_| fail("has a corner that is no vertex"))?;
             for k in 2..own.len() {
                 let [a, b, c] = [own[0], own[k - 1], own[k]];
                 if a == b || b == c || c == a {
@@ -106,155 +236,108 @@ impl MovingMesh {
         }
         Ok(left_out)
     }
-}
 
-/// The memory that samples take.
-#[derive(Debug, Default)]
-pub(crate) struct Room {
-    taken: u64,
-    checked: u64,
-}
-
-impl Room {
-    /// Counts `bytes` more.
+    /// Appends the mesh to the others.
     ///
     /// # Errors
-    /// When there is not enough free memory to go on.
-    pub fn take(&mut self, bytes: usize) -> std::io::Result<()> {
-        self.taken += bytes as u64;
-        while self.taken > self.checked {
-            check_room(STEP)?;
-            self.checked += STEP;
-        }
-        Ok(())
-    }
-}
-
-/// What to say of triangles that are left out, if there are any.
-pub(crate) fn left_out(triangles: usize) -> Option<String> {
-    (triangles > 0).then(|| format!("{triangles} triangles with a repeated corner are left out"))
-}
-
-/// The character that `meshes` are, whose samples are at `times_secs`, which ascend.
-///
-/// # Errors
-/// What is wrong, in one sentence.
-pub(crate) fn character(meshes: Vec<MovingMesh>, times_secs: &[f64]) -> Result<Character, String> {
-    let mut parts = Parts::default();
-    for mesh in meshes {
-        parts.add(mesh)?;
-    }
-    parts.finish(times_secs)
-}
-
-/// The rotation and the centroid of a mesh at each time, of the first sample no rotation.
-type Motion = Vec<(DQuat, DVec3)>;
-
-/// A joint.
-struct Fitted {
-    name: String,
-    motion: Motion,
-}
-
-/// The parts of a character.
-#[derive(Default)]
-struct Parts {
-    joints: Vec<Fitted>,
-    positions: Vec<Vec3>,
-    triangles: Vec<[u32; 3]>,
-    /// The joint of each vertex.
-    joint_of: Vec<usize>,
-    /// The remainders at each time.
-    deltas: Vec<Vec<(u32, Vec3)>>,
-    groups: Vec<Group>,
-}
-
-impl Parts {
-    fn add(&mut self, mesh: MovingMesh) -> Result<(), String> {
-        let name = &mesh.name;
-        let Some(first) = mesh.each().next().filter(|first| !first.is_empty()) else { return Ok(()) };
-        for (sample, own) in mesh.each().enumerate() {
-            if own.len() != first.len() {
-                let (before, now) = (first.len(), own.len());
-                return Err(format!(
-                    "the mesh `{name}` has {before} vertices at first and {now} in frame {sample}; bodies \
-                     whose vertices change in number cannot be read"
-                ));
-            }
-            if let Some(vertex) = own.iter().position(|p| !p.is_finite()) {
-                return Err(format!("vertex {vertex} of the mesh `{name}` is not finite in frame {sample}"));
-            }
-        }
+    /// What is wrong, in one sentence.
+    pub fn finish(self) -> Result<(), String> {
+        let Self { all, name, times, triangles, first, motion, followed, deltas, .. } = self;
         let vertices = first.len();
-        if let Some(corner) = mesh.triangles.iter().flatten().find(|&&corner| corner as usize >= vertices) {
+        if vertices == 0 {
+            return Ok(());
+        }
+        if let Some(corner) = triangles.iter().flatten().find(|&&corner| corner as usize >= vertices) {
             return Err(format!(
                 "the mesh `{name}` has {vertices} vertices, but a corner at vertex {corner}"
             ));
         }
-        let base = self.positions.len();
-        if base + first.len() > u32::MAX as usize {
+        let base = all.positions.len();
+        if base + vertices > u32::MAX as usize {
             return Err("the meshes have over 2³² vertices".to_owned());
         }
-        let largest = |own: &[Vec3]| own.iter().fold(0.0f32, |most, p| most.max(p.abs().max_element()));
-        let rounding = ROUNDING * mesh.each().map(|own| largest(&own)).fold(0.0, f32::max);
-        let shared = self.joints.iter().position(|Fitted { motion, .. }| {
-            let mut pairs = mesh.each().zip(motion);
-            let from = motion[0].1;
-            pairs.all(|(own, now)| remainders(&first, &own, from, now).all(|d| d.length() <= rounding))
-        });
-        let joint = shared.unwrap_or_else(|| {
-            self.joints.push(Fitted { name: name.clone(), motion: fit(&first, mesh.each()) });
-            self.joints.len() - 1
-        });
-        self.deltas.resize_with(mesh.samples.len().max(self.deltas.len()), Vec::new);
-        if shared.is_none() {
-            let motion = &self.joints[joint].motion;
-            for ((own, now), deltas) in mesh.each().zip(motion).zip(&mut self.deltas) {
-                let all = remainders(&first, &own, motion[0].1, now).zip(base as u32..);
-                deltas.extend(all.filter(|(d, _)| d.length() > rounding).map(|(d, vertex)| (vertex, d)));
-            }
+        let joint = followed.first().copied().unwrap_or(all.joints.len());
+        if followed.is_empty() {
+            all.joints.push(Moved { name: name.clone(), times: Rc::clone(&times), motion });
+            all.add_deltas(times, deltas, base as u32)?;
         }
-        let from = self.triangles.len();
-        self.positions.extend(first);
-        self.joint_of.resize(self.positions.len(), joint);
-        let triangles = mesh.triangles.iter();
-        self.triangles.extend(triangles.map(|corners| corners.map(|v| v.saturating_add(base as u32))));
-        self.groups.push(Group { name: mesh.name, triangles: from..self.triangles.len() });
+        let from = all.triangles.len();
+        all.positions.extend(first);
+        all.joint_of.resize(all.positions.len(), joint);
+        // Corners are below the number of vertices, which is below 2³² in all.
+        all.triangles.extend(triangles.iter().map(|corners| corners.map(|v| v.saturating_add(base as u32))));
+        all.groups.push(Group { name, triangles: from..all.triangles.len() });
+        Ok(())
+    }
+}
+
+impl Meshes {
+    /// Appends the remainders at each of `times` of a mesh whose first vertex is `base`.
+    fn add_deltas(
+        &mut self,
+        times: Rc<[f64]>,
+        deltas: Vec<Vec<(u32, Vec3)>>,
+        base: u32,
+    ) -> Result<(), String> {
+        if deltas.iter().all(Vec::is_empty) {
+            return Ok(());
+        }
+        let known = self.bent.iter().position(|bent| Rc::ptr_eq(&bent.times, &times));
+        let known = known.unwrap_or_else(|| {
+            self.bent.push(Bent { deltas: vec![Vec::new(); times.len()], times });
+            self.bent.len() - 1
+        });
+        for (all, own) in self.bent[known].deltas.iter_mut().zip(deltas) {
+            if all.is_empty() && !own.is_empty() {
+                self.room.take(SHAPE_BYTES)?;
+            }
+            let moved = own.into_iter().map(|(vertex, d)| (vertex.saturating_add(base), d));
+            if all.is_empty() { *all = moved.collect() } else { all.extend(moved) }
+        }
         Ok(())
     }
 
-    fn finish(self, times_secs: &[f64]) -> Result<Character, String> {
-        let Self { joints, positions, triangles, joint_of, deltas, groups } = self;
-        // The clip begins with the first sample.
-        let start = times_secs.first().copied().unwrap_or(0.0);
-        let times: Vec<f64> = times_secs.iter().map(|time| time - start).collect();
+    /// The character that the meshes are, whose clip begins with the first sample of what moves.
+    /// and the time of that sample.
+    ///
+    /// # Errors
+    /// What is wrong, in one sentence.
+    pub fn finish(self) -> Result<Character, String> {
+        let Self { joints, bent, positions, triangles, joint_of, groups, .. } = self;
+        let starts = joints.iter().filter(|joint| joint.times.len() > 1).map(|joint| joint.times[0]);
+        let start = starts.min_by(f64::total_cmp).unwrap_or(0.0);
+        let since = |times: &[f64]| times.iter().map(|time| time - start).collect::<Vec<f64>>();
         let mut tracks = Vec::new();
-        for (joint, Fitted { motion, .. }) in joints.iter().enumerate().filter(|_| times.len() > 1) {
-            let moves = motion.iter().any(|own| *own != motion[0]);
+        for (joint, Moved { motion, times, .. }) in joints.iter().enumerate() {
+            if motion.iter().all(|own| *own == motion[0]) {
+                continue;
+            }
             let (turns, shifts) = motion.iter().copied().unzip();
             for values in [Values::Rotation(turns), Values::Translation(shifts)] {
-                let times = times.clone();
-                if moves {
-                    tracks.push(Track { joint, times, interpolation: Interpolation::Linear, values });
-                }
+                let times = since(times);
+                tracks.push(Track { joint, times, interpolation: Interpolation::Linear, values });
             }
         }
         let mut shapes = Vec::new();
-        for (sample, deltas) in deltas.into_iter().enumerate().filter(|(_, deltas)| !deltas.is_empty()) {
-            let around = sample.saturating_sub(1)..(sample + 2).min(times.len());
-            let weights = around.clone().map(|k| f64::from(u8::from(k == sample))).collect();
-            tracks.push(Track {
-                joint: 0,
-                times: times[around].to_vec(),
-                interpolation: Interpolation::Linear,
-                values: Values::Shapes { first: shapes.len(), count: 1, weights },
-            });
-            shapes.push(BlendShape { name: format!("frame {sample}"), deltas, rest_weight: 0.0 });
+        for Bent { times, deltas } in bent {
+            let times = since(&times);
+            let bent = deltas.into_iter().enumerate().filter(|(_, deltas)| !deltas.is_empty());
+            for (sample, deltas) in bent {
+                let around = sample.saturating_sub(1)..(sample + 2).min(times.len());
+                let weights = around.clone().map(|k| f64::from(u8::from(k == sample))).collect();
+                tracks.push(Track {
+                    joint: 0,
+                    times: times[around].to_vec(),
+                    interpolation: Interpolation::Linear,
+                    values: Values::Shapes { first: shapes.len(), count: 1, weights },
+                });
+                shapes.push(BlendShape { name: format!("frame {sample}"), deltas, rest_weight: 0.0 });
+            }
         }
         for track in &mut tracks {
             track.check().map_err(|error| format!("the animation cannot be played: {error}"))?;
         }
-        let middle = |joint: &Fitted| joint.motion[0].1;
+        let middle = |joint: &Moved| joint.motion[0].1;
         let bone = |(joint, own)| Bone { joint, inverse_bind: DAffine3::from_translation(-middle(own)) };
         let bones = joints.iter().enumerate().map(bone).collect();
         let (skin, _) = Skin::new(bones, joint_of.into_iter().map(|joint| vec![(joint, 1.0)]).collect());
@@ -270,60 +353,10 @@ impl Parts {
     }
 }
 
-/// What the rigid motion `now` of the vertices `from`, whose joint is at `middle` at first, lacks
-/// to `to`, in the space of `from`.
-fn remainders<'a>(
-    from: &'a [Vec3],
-    to: &'a [Vec3],
-    middle: DVec3,
-    now: &(DQuat, DVec3),
-) -> impl Iterator<Item = Vec3> + 'a {
-    let (back, shift) = (DMat3::from_quat(now.0.inverse()), now.1);
-    let lacks = move |from: &Vec3, to: &Vec3| back * (to.as_dvec3() - shift) - (from.as_dvec3() - middle);
-    from.iter().zip(to).map(move |(from, to)| lacks(from, to).as_vec3())
-}
-
-/// The rigid motions that take `first` nearest to each of `samples`.
-fn fit(first: &[Vec3], samples: impl Iterator<Item = Vec<Vec3>>) -> Motion {
-    let middle = |own: &[Vec3]| own.iter().map(|p| p.as_dvec3()).sum::<DVec3>() / own.len() as f64;
-    let from = middle(first);
-    let mut turn = DQuat::IDENTITY;
-    let motion = samples.map(|own| {
-        if own == first {
-            turn = DQuat::IDENTITY;
-            return (turn, from);
-        }
-        let to = middle(&own);
-        let mut product = DMat3::ZERO;
-        for (a, b) in own.iter().zip(first) {
-            let (a, b) = (a.as_dvec3() - to, b.as_dvec3() - from);
-            product += DMat3::from_cols(a * b.x, a * b.y, a * b.z);
-        }
-        turn = rotation_of(&product, turn);
-        (turn, to)
-    });
-    motion.collect()
-}
-
-/// The rotation nearest to `product`, found from `turn`.
-fn rotation_of(product: &DMat3, mut turn: DQuat) -> DQuat {
-    for _ in 0..TURNS {
-        let own = DMat3::from_quat(turn);
-        let axes = [(own.x_axis, product.x_axis), (own.y_axis, product.y_axis), (own.z_axis, product.z_axis)];
-        let along: f64 = axes.iter().map(|(a, b)| a.dot(*b)).sum();
-        let by = axes.iter().map(|(a, b)| a.cross(*b)).sum::<DVec3>() / (along.abs() + f64::MIN_POSITIVE);
-        let angle = by.length();
-        if angle <= 1e-14 || angle.is_nan() {
-            break;
-        }
-        turn = (DQuat::from_axis_angle(by / angle, angle) * turn).normalize();
-    }
-    turn
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::DVec3;
 
     fn ball() -> Vec<Vec3> {
         let point = |i: u16| {
@@ -333,13 +366,24 @@ mod tests {
         (0..60).map(point).collect()
     }
 
-    fn mesh(name: &str, samples: Vec<Vec<Vec3>>) -> MovingMesh {
-        let triangles = (0..58).map(|k| [k, k + 1, k + 2]).collect();
-        let mut mesh = MovingMesh { name: name.to_owned(), triangles, samples: Vec::new() };
+    const ROOM: u64 = 1 << 20;
+
+    /// Adds a mesh whose samples are at `times`.
+    fn add(all: &mut Meshes, name: &str, samples: &[Vec<Vec3>], times: &[f64]) -> Result<(), String> {
+        let mut mesh = all.begin(name.to_owned(), times);
+        mesh.triangles = (0..58).map(|k| [k, k + 1, k + 2]).collect();
         for own in samples {
-            mesh.push(own, DAffine3::IDENTITY);
+            mesh.push(own, &DAffine3::IDENTITY)?;
         }
-        mesh
+        mesh.finish()
+    }
+
+    fn character(meshes: &[(&str, &[Vec<Vec3>])], times: &[f64]) -> Result<Character, String> {
+        let mut all = Meshes::new(Room::new(ROOM, 1));
+        for (name, samples) in meshes {
+            add(&mut all, name, samples, times)?;
+        }
+        all.finish()
     }
 
     fn posed(character: &Character, secs: f64) -> Vec<Vec3> {
@@ -371,8 +415,7 @@ mod tests {
         };
         let samples: Vec<_> = [0.0, 1.0, 2.0, 2.9].map(turned).into();
         let times = [5.0, 5.5, 6.0, 6.5];
-        let own =
-            character(vec![mesh("head", samples.clone()), mesh("eyes", samples.clone())], &times).unwrap();
+        let own = character(&[("head", &samples), ("eyes", &samples)], &times).unwrap();
         assert_eq!((own.skeleton().joints().len(), own.shapes().len()), (1, 0));
         assert_eq!(own.groups().iter().map(|g| g.name.as_str()).collect::<Vec<_>>(), ["head", "eyes"]);
         for (secs, expected) in [(0.0, &samples[0]), (0.5, &samples[1]), (1.5, &samples[3])] {
@@ -399,7 +442,7 @@ mod tests {
         let samples: Vec<_> = (0..5).map(bent).collect();
         let times: Vec<f64> = (0..5u8).map(|k| f64::from(k) / 24.0).collect();
         let still = vec![ball(); 5];
-        let own = character(vec![mesh("a", samples.clone()), mesh("still", still)], &times).unwrap();
+        let own = character(&[("a", &samples), ("still", &still)], &times).unwrap();
         assert_eq!((own.skeleton().joints().len(), own.shapes().len()), (2, 4));
         for (sample, time) in samples.iter().zip(times) {
             let found = posed(&own, time);
@@ -408,25 +451,63 @@ mod tests {
         }
     }
 
+    /// Meshes keep their own times; the clip begins with the first sample of what moves.
+    #[test]
+    fn meshes_have_their_own_times() {
+        let at = |x: f32| -> Vec<Vec3> { ball().into_iter().map(|p| p + Vec3::X * x).collect() };
+        let mut all = Meshes::new(Room::new(ROOM, 1));
+        add(&mut all, "still", &[ball()], &[0.0]).unwrap();
+        add(&mut all, "a", &[at(0.0), at(1.0)], &[5.0, 7.0]).unwrap();
+        add(&mut all, "b", &[at(0.0), at(1.0), at(0.0)], &[6.0, 6.5, 8.0]).unwrap();
+        let own = all.finish().unwrap();
+        assert_eq!((own.skeleton().joints().len(), own.shapes().len()), (3, 0));
+        for (secs, a, b) in [(0.0, 0.0, 0.0), (1.0, 0.5, 0.0), (1.5, 0.75, 1.0), (3.0, 1.0, 0.0)] {
+            let found = posed(&own, secs);
+            assert!(farthest(&found[..60], &ball()) < 2e-6, "{secs}");
+            assert!(farthest(&found[60..120], &at(a)) < 2e-6, "{secs}");
+            assert!(farthest(&found[120..], &at(b)) < 2e-6, "{secs}");
+        }
+    }
+
+    /// Samples that take too much for the file, though it stores their points once.
+    #[test]
+    fn the_memory_of_samples_is_bounded() {
+        let mut all = Meshes::new(Room::new(ROOM, 1));
+        let times: Vec<f64> = (0..4000u16).map(f64::from).collect();
+        let mut mesh = all.begin("m".to_owned(), &times);
+        let stretched = |k: usize| DAffine3::from_scale(DVec3::new(1.0 + k as f64, 1.0, 1.0));
+        let done = (0..times.len()).try_for_each(|k| mesh.push(&ball(), &stretched(k)));
+        assert!(done.unwrap_err().contains("over 1 times the bytes of the file"));
+        // A transform alone takes no memory for points.
+        let mut mesh = all.begin("m".to_owned(), &times[..9]);
+        assert!(mesh.push(&ball(), &DAffine3::IDENTITY).is_err());
+        let mut all = Meshes::new(Room::new(ROOM, 1));
+        let mut mesh = all.begin("m".to_owned(), &times);
+        let shift = |k: usize| DAffine3::from_translation(DVec3::X * k as f64);
+        (0..times.len()).for_each(|k| mesh.push(&ball(), &shift(k)).unwrap());
+    }
+
     #[test]
     fn broken_meshes_are_refused() {
-        let words = |samples: Vec<Vec<Vec3>>| character(vec![mesh("m", samples)], &[0.0, 1.0]).unwrap_err();
-        assert!(words(vec![ball(), vec![Vec3::ZERO; 3]]).contains("60 vertices at first and 3 in frame 1"));
+        let words = |samples: &[Vec<Vec3>]| character(&[("m", samples)], &[0.0, 1.0]).unwrap_err();
+        assert!(words(&[ball(), vec![Vec3::ZERO; 3]]).contains("60 vertices at first and 3 in frame 1"));
         let mut broken = ball();
         broken[7].y = f32::NAN;
-        assert!(words(vec![ball(), broken]).contains("vertex 7 of the mesh `m` is not finite in frame 1"));
+        assert!(words(&[ball(), broken]).contains("vertex 7 of the mesh `m` is not finite in frame 1"));
         // A corner must not reach the vertices of the next mesh.
-        let mut wrong = mesh("m", vec![ball()]);
-        wrong.triangles[3][1] = 60;
-        let next = mesh("n", vec![ball()]);
-        let error = character(vec![wrong, next], &[0.0]).unwrap_err();
+        let mut all = Meshes::new(Room::new(ROOM, 1));
+        let mut wrong = all.begin("m".to_owned(), &[0.0]);
+        wrong.triangles = vec![[0, 60, 1]];
+        wrong.push(&ball(), &DAffine3::IDENTITY).unwrap();
+        let error = wrong.finish().unwrap_err();
         assert!(error.contains("`m` has 60 vertices, but a corner at vertex 60"), "{error}");
-        assert!(character(Vec::new(), &[]).is_err());
+        assert!(character(&[], &[]).is_err());
     }
 
     #[test]
     fn polygons_become_fans() {
-        let mut mesh = MovingMesh::default();
+        let mut all = Meshes::new(Room::new(ROOM, 1));
+        let mut mesh = all.begin("m".to_owned(), &[0.0]);
         assert_eq!(mesh.add_polygons(&[4], &[0, 1, 2, 3], false), Ok(0));
         assert_eq!(mesh.add_polygons(&[4, 2], &[4i64, 5, 5, 6, 1, 2], true), Ok(1));
         assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3], [4, 6, 5]]);

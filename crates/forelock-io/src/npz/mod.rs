@@ -44,7 +44,7 @@ use std::{
     path::Path,
 };
 
-use forelock_core::groom::{Groom, GroomError, Labels, RootBinding};
+use forelock_core::groom::{Groom, GroomError, RootBinding};
 use glam::Vec3;
 use zip::{Archive, Entry};
 
@@ -56,6 +56,7 @@ pub(crate) use writer::{part, with_suffix};
 use crate::{
     atomic::atomic_write,
     error::{FormatError, Problem, ReadError, WriteError, check_room},
+    labels,
 };
 
 /// Why an `.npz` cannot be read.
@@ -179,13 +180,7 @@ pub fn read_groom(file: impl Read + Seek) -> Result<Groom, NpzError> {
                 .collect(),
         );
     }
-    groom.labels = Labels {
-        ids: archive.integers("groom_id")?,
-        group_ids: archive.integers("groom_group_id")?,
-        guides: archive.integers("groom_guide")?.map(|all| all.into_iter().map(|guide| guide != 0).collect()),
-        closest_guides: archive.integers("groom_closest_guides")?.map(groups),
-        guide_weights: archive.floats("groom_guide_weights")?.map(groups),
-    };
+    groom.labels = labels::read(&mut archive, labels::NAMES)?;
     groom.check_attributes().map_err(from_groom)?;
     Ok(groom)
 }
@@ -209,9 +204,21 @@ impl<R: Read + Seek> Archive<R> {
     fn counts(&mut self, name: &str) -> Result<Option<Vec<u32>>, NpzError> {
         self.converted(name, Array::counts)
     }
+}
 
-    fn integers(&mut self, name: &str) -> Result<Option<Vec<i32>>, NpzError> {
-        self.converted(name, Array::integers)
+impl<R: Read + Seek> labels::Attributes for Archive<R> {
+    type Error = NpzError;
+
+    fn integers<const N: usize>(&mut self, name: &str) -> Result<Option<Vec<[i64; N]>>, NpzError> {
+        Ok(self.converted(name, Array::integers)?.map(groups))
+    }
+
+    fn floats<const N: usize>(&mut self, name: &str) -> Result<Option<Vec<[f32; N]>>, NpzError> {
+        Ok(self.converted(name, Array::floats)?.map(groups))
+    }
+
+    fn invalid(&self, words: String) -> NpzError {
+        invalid(words)
     }
 }
 
@@ -317,13 +324,14 @@ pub(crate) fn attributes(groom: &Groom) -> Vec<(&'static str, Array)> {
         add("binding_distances", Some(Array::vector(distances)));
     }
     let labels = &groom.labels;
-    add("groom_id", labels.ids.clone().map(Array::vector));
-    add("groom_group_id", labels.group_ids.clone().map(Array::vector));
+    let [id, group, guide, closest, weights] = labels::NAMES;
+    add(id, labels.ids.clone().map(Array::vector));
+    add(group, labels.group_ids.clone().map(Array::vector));
     let guides = labels.guides.as_ref().map(|all| all.iter().map(|&guide| u8::from(guide)).collect());
-    add("groom_guide", guides.map(|guides: Vec<u8>| Array::vector(guides)));
-    let closest = labels.closest_guides.as_ref();
-    add("groom_closest_guides", closest.map(|ids| shaped(strands, 3, ids.as_flattened().to_vec())));
-    let weights = labels.guide_weights.as_ref();
-    add("groom_guide_weights", weights.map(|w| shaped(strands, 3, w.as_flattened().to_vec())));
+    add(guide, guides.map(|guides: Vec<u8>| Array::vector(guides)));
+    let ids = labels.closest_guides.as_ref();
+    add(closest, ids.map(|ids| shaped(strands, 3, ids.as_flattened().to_vec())));
+    let own = labels.guide_weights.as_ref();
+    add(weights, own.map(|w| shaped(strands, 3, w.as_flattened().to_vec())));
     arrays
 }

@@ -123,14 +123,14 @@ impl Array {
         }
     }
 
-    /// The elements as int32, if they are integers in its range.
-    pub fn integers(&self) -> Option<Cow<'_, [i32]>> {
+    /// The elements as int64, if they are integers in its range.
+    pub fn integers(&self) -> Option<Cow<'_, [i64]>> {
         match &self.data {
-            Data::I32(v) => Some(v.into()),
+            Data::I64(v) => Some(v.into()),
             Data::U8(v) => Some(v.iter().map(|&x| x.into()).collect()),
-            Data::U32(v) => v.iter().map(|&x| x.try_into().ok()).collect(),
+            Data::I32(v) => Some(v.iter().map(|&x| x.into()).collect()),
+            Data::U32(v) => Some(v.iter().map(|&x| x.into()).collect()),
             Data::U64(v) => v.iter().map(|&x| x.try_into().ok()).collect(),
-            Data::I64(v) => v.iter().map(|&x| x.try_into().ok()).collect(),
             Data::F32(_) | Data::F64(_) => None,
         }
     }

@@ -3,7 +3,8 @@
 use forelock_core::groom::Groom;
 use glam::Vec3;
 
-use super::names::{BINDING, COLOUR, LABELS, OPACITY, PINNED, ROOT_UVS, STIFFNESS};
+use super::names::{BINDING, COLOUR, OPACITY, PINNED, ROOT_UVS, STIFFNESS};
+use crate::labels::PRIMVARS;
 
 /// The names of the prims.
 pub(super) const PARENT: &str = "groom";
@@ -64,13 +65,14 @@ pub(super) fn of(groom: &Groom) -> Vec<Written> {
         add(BINDING[2], "float", "uniform", Some(Numbers::Floats(1, distances)));
     }
     let labels = &groom.labels;
-    add(LABELS[0], "int", "uniform", labels.ids.as_ref().map(|ids| integers(1, ids)));
-    add(LABELS[1], "int", "uniform", labels.group_ids.as_ref().map(|ids| integers(1, ids)));
-    add(LABELS[2], "int", "uniform", labels.guides.as_ref().map(|guides| integers(1, guides)));
+    let [id, group, guide, nearest, shares] = PRIMVARS;
+    add(id, "int", "uniform", labels.ids.as_ref().map(|ids| integers(1, ids)));
+    add(group, "int", "uniform", labels.group_ids.as_ref().map(|ids| integers(1, ids)));
+    add(guide, "int", "uniform", labels.guides.as_ref().map(|guides| integers(1, guides)));
     let closest = labels.closest_guides.as_ref().map(|ids| integers(3, ids.as_flattened()));
-    add(LABELS[3], "int3", "uniform", closest);
+    add(nearest, "int3", "uniform", closest);
     let weights = labels.guide_weights.as_ref().map(|w| Numbers::Floats(3, w.as_flattened().to_vec()));
-    add(LABELS[4], "float3", "uniform", weights);
+    add(shares, "float3", "uniform", weights);
     all
 }
 

@@ -127,7 +127,8 @@ pub(super) fn open<R: Read + Seek>(reader: R) -> Result<Layer<R>, UsdError> {
     let file = Crate { source, minor: version[1], tokens, strings };
     let metadata = tables.metadata(&file)?;
     let prims = tables.prims(&file)?;
-    Ok(Layer { metadata, prims, file: Some(file) })
+    let size = file.source.size();
+    Ok(Layer::new(metadata, prims, Some(file), size))
 }
 
 /// A section's name and offset.

@@ -13,7 +13,7 @@
 //! # Practice
 //! All curves of a layer are joined, in the order of its prims. Widths and other values are one for
 //! all, one for a curve, one for a control point or one for an end of a segment (`varying`): their
-//! number says which. An attribute is kept if all prims have it; [`Labels::join`] says what strands
+//! number says which. An attribute is kept if all prims have it; [`Labels::join`](forelock_core::groom::Labels::join) says what strands
 //! get whose prim has no labels. Widths are scaled by the cube root of the transform's determinant.
 //!
 //! # Limitations
@@ -21,15 +21,16 @@
 
 use std::io::{Read, Seek};
 
-use forelock_core::groom::{Groom, GroomError, Labels, RootBinding};
+use forelock_core::groom::{Groom, GroomError, RootBinding};
 use glam::{DMat4, Vec3};
 
 use super::{
     UsdError, from_groom, invalid,
     layer::{Layer, Prim, Value},
-    names::{BINDING, COLOUR, LABELS, OPACITY, PINNED, ROOT_UVS, STIFFNESS},
+    names::{BINDING, COLOUR, OPACITY, PINNED, ROOT_UVS, STIFFNESS},
     xform,
 };
+use crate::labels;
 
 pub(super) const SCHEMA: &str = "BasisCurves";
 
@@ -109,7 +110,7 @@ fn part<R: Read + Seek>(layer: &Layer<R>, prim: &Prim, time: f64) -> Result<Groo
     let stiffness = find(&[STIFFNESS], 1)?.and_then(|v| curves.roots::<1>(&v));
     groom.stiffness = stiffness.map(|values| values.iter().map(|[k]| *k).collect());
     groom.bindings = bindings(layer, prim, &curves, time)?;
-    groom.labels = labels(layer, prim, &curves, time)?;
+    groom.labels = labels::read(&mut Strands { layer, prim, curves: &curves, time }, labels::PRIMVARS)?;
     Ok(groom)
 }
 
@@ -269,32 +270,32 @@ fn picked<T: Copy, R: Read + Seek>(
     Ok(picked.map(|picked| picked.concat()))
 }
 
-/// The labels of the strands.
-fn labels<R: Read + Seek>(
-    layer: &Layer<R>,
-    prim: &Prim,
-    curves: &Curves,
+/// The attributes of a prim with curves.
+struct Strands<'a, R> {
+    layer: &'a Layer<R>,
+    prim: &'a Prim,
+    curves: &'a Curves,
     time: f64,
-) -> Result<Labels, UsdError> {
-    let integers = |name: &str, each: usize| -> Result<Option<Vec<i32>>, UsdError> {
-        let value = layer.find(prim, name, time)?;
+}
+
+impl<R: Read + Seek> labels::Attributes for Strands<'_, R> {
+    type Error = UsdError;
+
+    fn integers<const N: usize>(&mut self, name: &str) -> Result<Option<Vec<[i64; N]>>, UsdError> {
+        let value = self.layer.find(self.prim, name, self.time)?;
         let Some(Value::Integers(values)) = value.as_deref() else { return Ok(None) };
-        #[expect(clippy::cast_possible_truncation, reason = "IDs without a sign keep their 32 bits")]
-        let values = values.iter().map(|&value| value as i32).collect();
-        picked(layer, prim, name, values, each, time)
-    };
-    let [id, group, guide, closest, weights] = LABELS;
-    let one = |name: &str| -> Result<Option<Vec<i32>>, UsdError> {
-        let values = integers(name, 1)?.and_then(|values| curves.labels::<1, _>(&values));
-        Ok(values.map(|values| values.as_flattened().to_vec()))
-    };
-    Ok(Labels {
-        ids: one(id)?,
-        group_ids: one(group)?,
-        guides: one(guide)?.map(|guides| guides.iter().map(|&guide| guide != 0).collect()),
-        closest_guides: integers(closest, 3)?.and_then(|values| curves.labels(&values)),
-        guide_weights: primvar(layer, prim, weights, 3, time)?.and_then(|values| curves.labels(&values)),
-    })
+        let values = picked(self.layer, self.prim, name, values.clone(), N, self.time)?;
+        Ok(values.and_then(|values| self.curves.labels(&values)))
+    }
+
+    fn floats<const N: usize>(&mut self, name: &str) -> Result<Option<Vec<[f32; N]>>, UsdError> {
+        let values = primvar(self.layer, self.prim, name, N, self.time)?;
+        Ok(values.and_then(|values| self.curves.labels(&values)))
+    }
+
+    fn invalid(&self, words: String) -> UsdError {
+        invalid(format!("{}: {words}", self.layer.path(self.prim)))
+    }
 }
 
 /// Root bindings as the writer stores them.

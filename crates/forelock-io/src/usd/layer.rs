@@ -1,7 +1,8 @@
 //! A layer: prims, their attributes, and the values of these.
 
 use std::{
-    collections::BTreeMap,
+    cell::RefCell,
+    collections::{BTreeMap, HashMap},
     io::{Read, Seek},
     rc::Rc,
 };
@@ -15,7 +16,11 @@ pub(super) struct Layer<R> {
     /// The prims that are defined and active, parents before their children.
     pub prims: Vec<Prim>,
     /// The file from which values are read, if it is binary.
-    pub file: Option<Crate<R>>,
+    file: Option<Crate<R>>,
+    /// The bytes of the file.
+    pub size: u64,
+    /// Samples of the file that were read, by their representation, and their number.
+    known: RefCell<(HashMap<u64, Samples>, u64)>,
 }
 
 /// A prim.
@@ -74,13 +79,32 @@ pub(super) enum Value {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Samples {
     pub times: Rc<[f64]>,
-    pub values: Vec<Held>,
+    pub values: Rc<[Held]>,
+}
+
+/// What gives the value of an attribute at a time.
+pub(super) enum Place {
+    /// A value.
+    At(Held),
+    /// Two samples, and the share of the way from one to the other.
+    Between(Held, Held, f64),
 }
 
 impl PartialEq for Held {
     fn eq(&self, other: &Self) -> bool {
         match (self, other) {
             (Self::Value(a), Self::Value(b)) => a == b,
+            (Self::Packed(a), Self::Packed(b)) => a == b,
+            _ => false,
+        }
+    }
+}
+
+impl Held {
+    /// Whether both are the same value in the file.
+    pub fn is_same(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Value(a), Self::Value(b)) => Rc::ptr_eq(a, b),
             (Self::Packed(a), Self::Packed(b)) => a == b,
             _ => false,
         }
@@ -133,6 +157,18 @@ impl Value {
     }
 }
 
+impl<R> Layer<R> {
+    /// A layer in a file of `size` bytes.
+    pub fn new(
+        metadata: BTreeMap<Rc<str>, Held>,
+        prims: Vec<Prim>,
+        file: Option<Crate<R>>,
+        size: u64,
+    ) -> Self {
+        Self { metadata, prims, file, size, known: RefCell::default() }
+    }
+}
+
 impl<R: Read + Seek> Layer<R> {
     /// The value of `held`.
     pub fn value(&self, held: &Held) -> Result<Rc<Value>, UsdError> {
@@ -143,34 +179,59 @@ impl<R: Read + Seek> Layer<R> {
         }
     }
 
-    /// The samples of `attribute`; none if it does not change.
+    /// The samples of `attribute`; none if it does not change. Those of a binary file are read once.
     pub fn samples(&self, attribute: &Attribute) -> Result<Samples, UsdError> {
         let Some(held) = &attribute.samples else { return Ok(Samples::default()) };
-        match &*self.value(held)? {
-            Value::Samples(samples) => Ok(samples.clone()),
-            _ => Ok(Samples::default()),
+        let place = if let Held::Packed(place) = held { Some(*place) } else { None };
+        if let Some(known) = place.and_then(|place| self.known.borrow().0.get(&place).cloned()) {
+            return Ok(known);
         }
+        let Value::Samples(samples) = &*self.value(held)? else { return Ok(Samples::default()) };
+        if let Some(place) = place {
+            let (all, count) = &mut *self.known.borrow_mut();
+            *count += samples.values.len() as u64;
+            // A sample has 8 bytes, so there are more only if lists share them.
+            if *count > self.size / 8 {
+                all.clear();
+                *count = samples.values.len() as u64;
+            }
+            all.insert(place, samples.clone());
+        }
+        Ok(samples.clone())
     }
 
-    /// The value of `attribute` at `time`, in time codes. Between two samples it is interpolated,
-    /// outside of them held.
+    /// What gives the value of `attribute` at `time`, in time codes: between two samples both of
+    /// them, outside of them the first or the last.
+    pub fn place(&self, attribute: &Attribute, time: f64) -> Result<Option<Place>, UsdError> {
+        let Samples { times, values } = self.samples(attribute)?;
+        let Some(before) = times.partition_point(|&t| t <= time).checked_sub(1) else {
+            return Ok(values.first().or(attribute.default.as_ref()).cloned().map(Place::At));
+        };
+        Ok(match (values.get(before), values.get(before + 1)) {
+            (Some(a), Some(b)) if times[before] < time => {
+                let share = (time - times[before]) / (times[before + 1] - times[before]);
+                Some(Place::Between(a.clone(), b.clone(), share))
+            }
+            (own, _) => own.cloned().map(Place::At),
+        })
+    }
+
+    /// The value of `attribute` at `time`, in time codes. Between two samples it is interpolated.
     pub fn at(&self, attribute: &Attribute, time: f64) -> Result<Option<Rc<Value>>, UsdError> {
-        let samples = self.samples(attribute)?;
-        let held = match samples.times.partition_point(|&t| t <= time).checked_sub(1) {
-            None => samples.values.first().or(attribute.default.as_ref()),
-            Some(before) => {
-                if let Some(next) = samples.values.get(before + 1).filter(|_| samples.times[before] < time) {
-                    let share =
-                        (time - samples.times[before]) / (samples.times[before + 1] - samples.times[before]);
-                    let [a, b] = [&samples.values[before], next].map(|held| self.value(held));
-                    let a = a?;
-                    return Ok(Some(a.towards(&*b?, share).map_or(a, Rc::new)));
-                }
-                samples.values.get(before)
+        self.place(attribute, time)?.map_or(Ok(None), |place| self.value_at(&place))
+    }
+
+    /// The value at `place`.
+    pub fn value_at(&self, place: &Place) -> Result<Option<Rc<Value>>, UsdError> {
+        let value = match place {
+            Place::At(held) => self.value(held)?,
+            Place::Between(a, b, share) => {
+                let [a, b] = [a, b].map(|held| self.value(held));
+                let a = a?;
+                a.towards(&*b?, *share).map_or(a, Rc::new)
             }
         };
-        let value = held.map(|held| self.value(held)).transpose()?;
-        Ok(value.filter(|value| **value != Value::Nothing))
+        Ok(Some(value).filter(|value| **value != Value::Nothing))
     }
 
     /// The value of the attribute `name` of `prim` at `time`.
@@ -202,7 +263,7 @@ mod tests {
         let samples = Samples { times: [1.0, 2.0, 4.0].into(), values: [0.0, 1.0, 5.0].map(floats).into() };
         let attribute =
             Attribute { default: Some(floats(9.0)), samples: Some(Value::Samples(samples).into()) };
-        let layer: Layer<Cursor<&[u8]>> = Layer { metadata: BTreeMap::new(), prims: Vec::new(), file: None };
+        let layer: Layer<Cursor<&[u8]>> = Layer::new(BTreeMap::new(), Vec::new(), None, 0);
         for (time, x) in
             [(f64::NEG_INFINITY, 0.0), (1.0, 0.0), (1.5, 0.5), (2.0, 1.0), (3.0, 3.0), (9.0, 5.0)]
         {

@@ -17,12 +17,14 @@ use glam::{DAffine3, Vec3};
 
 use super::{
     Stage, UsdError, import, invalid, is_of_transform,
-    layer::{Layer, Prim, Value},
+    layer::{Layer, Place, Prim, Value},
     open_layer, times, xform,
 };
-use crate::moving_mesh::{self, MovingMesh, Room, character};
+use crate::moving_mesh::{self, Meshes, MovingMesh, Room};
 
 const SCHEMA: &str = "Mesh";
+/// The bytes that meshes may take in memory for each byte of the file.
+const ROOM: u64 = 16;
 
 /// Reads the meshes of a layer as a character, in the units and axes of the layer. Returns it, its
 /// conversion to metres and y up if the user `asked` for the given one, and what was left out, one
@@ -44,44 +46,65 @@ pub fn read_character(
         ));
     }
     let Stage { metres_per_unit, is_z_up, codes_per_second } = Stage::of(&layer)?;
-    let mut codes = times(&layer, &indices, &|name| name == "points" || is_of_transform(name))?;
-    if codes.is_empty() {
-        codes.push(0.0);
-    }
-    let (mut meshes, mut room, mut left_out) = (Vec::new(), Room::default(), 0);
+    let (mut meshes, mut left_out) = (Meshes::new(Room::new(layer.size, ROOM)), 0);
     for &index in &indices {
         let prim = &layer.prims[index];
-        let mut mesh = MovingMesh { name: layer.path(prim), ..MovingMesh::default() };
-        for &code in &codes {
+        let mut codes = times(&layer, &[index], &|name| name == "points" || is_of_transform(name))?;
+        if codes.len() < 2 {
+            codes = vec![codes.first().copied().unwrap_or(0.0)];
+        }
+        let secs: Vec<f64> = codes.iter().map(|code| code / codes_per_second).collect();
+        meshes.take(2 * size_of_val(&*codes)).map_err(invalid)?;
+        let mut mesh = meshes.begin(layer.path(prim), &secs);
+        let mut before = (None, Vec::new());
+        for (sample, &code) in codes.iter().enumerate() {
             let world = DAffine3::from_mat4(xform::world_from(&layer, prim, code)?);
-            let points = layer.find(prim, "points", code)?.and_then(|value| value.floats());
-            let points: Vec<Vec3> =
-                points.unwrap_or_default().as_chunks::<3>().0.iter().map(|&p| p.into()).collect();
-            if mesh.samples.is_empty() && !points.is_empty() {
+            before = points(&layer, prim, code, before)?;
+            if sample == 0 && !before.1.is_empty() {
                 left_out += add_polygons(&layer, prim, code, world.matrix3.determinant() < 0.0, &mut mesh)?;
             }
-            room.take(mesh.push(points, world))?;
+            mesh.push(&before.1, &world).map_err(invalid)?;
         }
-        meshes.push(mesh);
+        mesh.finish().map_err(invalid)?;
     }
     let mut notes: Vec<String> = moving_mesh::left_out(left_out).into_iter().collect();
     if layer.prims.iter().any(|prim| &*prim.kind == "Skeleton") {
         notes.push("its skeletons are not read: bake their motion into the points of the meshes".to_owned());
     }
-    let secs: Vec<f64> = codes.iter().map(|code| code / codes_per_second).collect();
-    let character = character(meshes, &secs).map_err(invalid)?;
+    let character = meshes.finish().map_err(invalid)?;
     Ok((character, import(asked, metres_per_unit, is_z_up), notes))
 }
 
+/// Where points are in the layer, and the points.
+type Points = (Option<Place>, Vec<Vec3>);
+
+/// The points of `prim`: those `before`, if they are the same.
+fn points<R: Read + Seek>(
+    layer: &Layer<R>,
+    prim: &Prim,
+    code: f64,
+    before: Points,
+) -> Result<Points, UsdError> {
+    let Some(attribute) = prim.attributes.get("points") else { return Ok((None, Vec::new())) };
+    let Some(place) = layer.place(attribute, code)? else { return Ok((None, Vec::new())) };
+    if let (Place::At(own), Some(Place::At(last))) = (&place, &before.0)
+        && own.is_same(last)
+    {
+        return Ok(before);
+    }
+    drop(before);
+    let floats = layer.value_at(&place)?.and_then(|value| value.floats()).unwrap_or_default();
+    Ok((Some(place), floats.as_chunks::<3>().0.iter().map(|&p| p.into()).collect()))
+}
+
 /// Appends the triangles of `prim` to those of `mesh`, with the winding reversed if it is
-/// mirrored; returns how
-/// many were left out.
+/// mirrored; returns how many were left out.
 fn add_polygons<R: Read + Seek>(
     layer: &Layer<R>,
     prim: &Prim,
     code: f64,
     is_mirrored: bool,
-    mesh: &mut MovingMesh,
+    mesh: &mut MovingMesh<'_>,
 ) -> Result<usize, UsdError> {
     let fail = |words: &str| invalid(format!("{} {words}", layer.path(prim)));
     let find = |name: &str| match layer.find(prim, name, code)?.as_deref() {
@@ -92,7 +115,7 @@ fn add_polygons<R: Read + Seek>(
     let orientation = layer.find(prim, "orientation", code)?;
     let is_left_handed = orientation.as_ref().and_then(|own| own.word()) == Some("leftHanded");
     let is_reversed = is_left_handed != is_mirrored;
-    mesh.add_polygons(&counts, &corners, is_reversed).map_err(|words| fail(&words))
+    mesh.add_polygons(&counts, &corners, is_reversed).map_err(invalid)
 }
 
 #[cfg(test)]
@@ -159,7 +182,7 @@ def Xform "root"
     fn broken_meshes_are_refused() {
         for (from, to, words) in [
             ("Mesh", "Scope", "it has no meshes"),
-            ("[4, 3]", "[4, 4]", "/root/body has polygons with more corners"),
+            ("[4, 3]", "[4, 4]", "the mesh `/root/body` has polygons with more corners"),
             ("0, 1, 4]", "0, 1, -4]", "a corner that is no vertex"),
             ("0, 1, 4]", "0, 1, 5]", "a corner at vertex 5"),
             ("int[] faceVertexIndices", "int[] other", "has no `faceVertexIndices`"),

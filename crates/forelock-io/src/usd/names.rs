@@ -23,11 +23,3 @@ pub(super) const BINDING: [&str; 3] = [
     "primvars:forelock_root_barycentric",
     "primvars:forelock_root_distance",
 ];
-/// The labels: identity, group, guide, closest guides and their weights.
-pub(super) const LABELS: [&str; 5] = [
-    "primvars:groom_id",
-    "primvars:groom_group_id",
-    "primvars:groom_guide",
-    "primvars:groom_closest_guides",
-    "primvars:groom_guide_weights",
-];

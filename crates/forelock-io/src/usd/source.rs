@@ -26,6 +26,11 @@ impl<R: Read + Seek> Source<R> {
         Ok(Self { reader: RefCell::new(reader), size })
     }
 
+    /// The bytes of the file.
+    pub fn size(&self) -> u64 {
+        self.size
+    }
+
     pub fn at(&self, offset: u64) -> Cursor<'_, R> {
         Cursor { source: self, at: offset }
     }

@@ -284,3 +284,16 @@ fn numpy_files_compressed_fortran_ordered_and_big_endian() {
     let arrays = npz::read(Cursor::new(BY_NUMPY)).unwrap();
     assert!(matches!(arrays["positions"].data, Data::F64(_)));
 }
+
+#[test]
+fn labels_of_an_archive_beyond_32_bits_are_refused() {
+    let read = |ids: Vec<i64>| {
+        let points = vec![0.0f32, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0];
+        let positions = Array { shape: vec![2, 2, 3], data: points.into() };
+        let bytes = npz::write(&[("positions", positions), ("groom_id", Array::vector(ids))]);
+        npz::read_groom(Cursor::new(bytes)).map(|groom| groom.labels.ids).map_err(|error| error.to_string())
+    };
+    assert_eq!(read(vec![7, -8]), Ok(Some(vec![7, -8])));
+    let error = read(vec![7, 5_000_000_000]).unwrap_err();
+    assert!(error.contains("`groom_id` of strand 1 is 5000000000, but must be from"), "{error}");
+}

@@ -3,8 +3,9 @@
 #![expect(clippy::unwrap_used, reason = "a helper of tests fails by panicking")]
 
 use std::{
+    cell::Cell,
     fs::{self, File},
-    io::Cursor,
+    io::{self, Cursor, Read, Seek, SeekFrom},
     path::Path,
 };
 
@@ -440,6 +441,70 @@ fn a_cache_goes_on_after_the_frames_that_are_stored() {
         assert_eq!(layer.times_secs().len(), frames);
         for f in 0..frames {
             assert_eq!(layer.frame(f).unwrap().positions(), frame(f));
+        }
+    }
+}
+
+/// The bytes that are read from a file.
+struct Counted<'a> {
+    file: Cursor<&'a [u8]>,
+    read: &'a Cell<u64>,
+}
+
+impl Read for Counted<'_> {
+    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
+        let read = self.file.read(out)?;
+        self.read.set(self.read.get() + read as u64);
+        Ok(read)
+    }
+}
+
+impl Seek for Counted<'_> {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.file.seek(to)
+    }
+}
+
+/// The list of samples is not read anew for each frame: that would take time by the square of their
+/// number.
+#[test]
+fn all_frames_take_little_more_than_the_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.usdc");
+    let groom = Groom::from_strands([[Vec3::ZERO, Vec3::Y]]).unwrap();
+    let mut writer = UsdCacheWriter::create(&path, &groom, 24.0).unwrap();
+    for frame in 0..1000u16 {
+        let points = [Vec3::ZERO, Vec3::Y * f32::from(frame)];
+        writer.append(f64::from(frame) / 24.0, &points, None).unwrap();
+    }
+    writer.finish().unwrap();
+    let bytes = fs::read(&path).unwrap();
+    let read = Cell::new(0);
+    let layer = Usd::open(Counted { file: Cursor::new(&bytes), read: &read }).unwrap();
+    for frame in 0..layer.times_secs().len() {
+        layer.frame(frame).unwrap();
+    }
+    assert_eq!(layer.times_secs().len(), 1000);
+    assert!(read.get() < 4 * bytes.len() as u64, "{} of {}", read.get(), bytes.len());
+}
+
+#[test]
+fn labels_beyond_32_bits_are_refused() {
+    for (kind, ids, found) in [
+        ("int64", "7, -8", Ok(vec![7, -8])),
+        ("int64", "7, 5000000000", Err("strand 1 is 5000000000")),
+        ("uint", "3000000000, 1", Err("strand 0 is 3000000000")),
+    ] {
+        let text = format!(
+            "#usda 1.0\ndef BasisCurves \"a\" {{\n int[] curveVertexCounts = [2, 2]\n point3f[] points = \
+             [(0, 0, 0), (0, 1, 0), (1, 0, 0), (1, 1, 0)]\n {kind}[] primvars:groom_id = [{ids}]\n}}"
+        );
+        match (read(text.as_bytes()), found) {
+            (Ok(groom), Ok(ids)) => assert_eq!(groom.labels.ids, Some(ids)),
+            (Err(error), Err(words)) => {
+                assert!(error.contains(&format!("`primvars:groom_id` of {words}")), "{error}");
+            }
+            (own, _) => panic!("{own:?}"),
         }
     }
 }

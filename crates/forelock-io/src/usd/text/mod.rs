@@ -76,7 +76,7 @@ pub(super) fn read<R: Read + Seek>(text: &str) -> Result<Layer<R>, UsdError> {
     }
     let metadata = parser.metadata()?;
     parser.prims()?;
-    Ok(Layer { metadata, prims: parser.prims, file: None })
+    Ok(Layer::new(metadata, parser.prims, None, text.len() as u64))
 }
 
 struct Parser<'a> {
@@ -252,8 +252,8 @@ impl<'a> Parser<'a> {
         if samples.windows(2).any(|pair| pair[0].0 >= pair[1].0) {
             return Err(self.lexer.error("two samples have the same time"));
         }
-        let (times, values): (Vec<f64>, _) = samples.into_iter().unzip();
-        Ok(Value::Samples(Samples { times: times.into(), values }))
+        let (times, values): (Vec<f64>, Vec<Held>) = samples.into_iter().unzip();
+        Ok(Value::Samples(Samples { times: times.into(), values: values.into() }))
     }
 
     /// A value: one number or word, or any nesting of lists and tuples of them.

@@ -1,0 +1,50 @@
+//! The memory that meshes may take.
+
+use crate::error::check_room;
+
+/// Bytes after which the free memory is looked at again.
+const STEP: u64 = 64 << 20;
+/// Bytes that the meshes of the smallest file may take.
+const FREE: u64 = 16 << 10;
+
+/// The memory that the meshes of a file take, and may take.
+///
+/// Samples of a file may share their bytes, and one transform may stretch a mesh differently in
+/// each frame, so meshes can take much more memory than their file has bytes.
+#[derive(Debug)]
+pub(crate) struct Room {
+    taken: u64,
+    checked: u64,
+    /// The multiple of the file that may be taken, beside [`FREE`] bytes.
+    times: u64,
+    most: u64,
+}
+
+impl Room {
+    /// For a file of so many bytes, whose meshes may take `times` as many.
+    pub fn new(file_bytes: u64, times: u64) -> Self {
+        let most = file_bytes.saturating_mul(times).saturating_add(FREE);
+        Self { taken: 0, checked: 0, times, most }
+    }
+
+    /// Counts `bytes` more.
+    ///
+    /// # Errors
+    /// When the meshes take too much for their file, or there is not enough free memory to go on.
+    pub fn take(&mut self, bytes: usize) -> Result<(), String> {
+        self.taken = self.taken.saturating_add(bytes as u64);
+        if self.taken > self.most {
+            return Err(format!(
+                "the meshes take over {} times the bytes of the file in memory: many frames share \
+                 samples, or stretch a mesh by its transforms; export it with fewer frames, or with \
+                 the transforms applied to the points",
+                self.times
+            ));
+        }
+        while self.taken > self.checked {
+            check_room(STEP).map_err(|error| error.to_string())?;
+            self.checked += STEP;
+        }
+        Ok(())
+    }
+}
