@@ -30,7 +30,9 @@ pub fn of(reader: &str, folder: Option<&Path>) -> Vec<Vec<u8>> {
             let ending = path.extension().map(|own| own.to_string_lossy().to_lowercase()).unwrap_or_default();
             let is_small = path.metadata().is_ok_and(|own| own.is_file() && own.len() <= LARGEST);
             if is_small && endings(reader).contains(&&*ending) {
-                seeds.extend(fs::read(path));
+                let is_read =
+                    |bytes: &Vec<u8>| reader != "body" || bytes.windows(8).any(|own| own == b"def Mesh");
+                seeds.extend(fs::read(path).ok().filter(is_read));
             }
         }
     }
