@@ -1,7 +1,8 @@
 //! The labels of strands in formats that have attributes with names: Alembic, USD, `.npz`.
 //!
 //! # Limitations
-//! Numbers that do not fit into 32 bits are refused: a label that changed would name another strand.
+//! Numbers that do not fit into 32 bits are refused: a label that changed would name another
+//! strand.
 
 use forelock_core::groom::Labels;
 

@@ -157,6 +157,9 @@ impl<'a> Runner<'a> {
             return Ok(());
         }
         let goes_on = standing == Standing::Begun;
+        // Names that lead out of the folder are followed only if it is there. Errors are told by
+        // `prepare`.
+        let _ = std::fs::create_dir_all(&shot.folder);
         check_written(&shot.scene, &shot.folder)?;
         shot.prepare(goes_on)?;
         let program = std::env::current_exe().context("the program does not find itself")?;

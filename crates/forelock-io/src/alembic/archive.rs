@@ -241,8 +241,8 @@ impl<R: Read + Seek> Archive<R> {
         Ok((first.saturating_sub(1)..=last).map(|sample| self.time_secs(samples, sample)).collect())
     }
 
-    /// Where the sample of `property` is that is nearest to `time_secs`. It is `None` where there is
-    /// no sample, or the property is a compound.
+    /// Where the sample of `property` is that is nearest to `time_secs`. It is `None` where there
+    /// is no sample, or the property is a compound.
     pub fn place(&mut self, property: &Property, time_secs: f64) -> Result<Option<Child>, AlembicError> {
         let Some(samples) = property.samples.filter(|samples| samples.count > 0) else { return Ok(None) };
         let index = self.samplings[samples.sampling].nearest(time_secs, samples.count);

@@ -161,8 +161,8 @@ impl<R: Read + Seek> Ogawa<R> {
         Ok(())
     }
 
-    /// Counts `bytes` of a path. An object takes more bytes than its path, unless names are long and
-    /// many objects lie below them.
+    /// Counts `bytes` of a path. An object takes more bytes than its path, unless names are long
+    /// and many objects lie below them.
     pub fn spend_path(&mut self, bytes: u64, at: Child) -> Result<(), AlembicError> {
         let left = self.paths_left.checked_sub(bytes);
         let words = "the paths of the objects take more bytes than the file; shorten their names";

@@ -19,8 +19,8 @@
 //!
 //! # Practice
 //! Samples are taken one after the other and not kept: what stays is the motion, and the remainder
-//! where it is more than rounding. Each mesh has its own times. Meshes that move as one, at the same
-//! times, share a joint. [`Room`] bounds the memory by the size of the file.
+//! where it is more than rounding. Each mesh has its own times. Meshes that move as one, at the
+//! same times, share a joint. [`Room`] bounds the memory by the size of the file.
 //!
 //! # Limitations
 //! A mesh that its transform stretches takes a blend shape a sample, as one that bends does.

@@ -13,7 +13,7 @@
 //! # Practice
 //! All curves of a layer are joined, in the order of its prims. Widths and other values are one for
 //! all, one for a curve, one for a control point or one for an end of a segment (`varying`): their
-//! number says which. An attribute is kept if all prims have it; [`Labels::join`](forelock_core::groom::Labels::join) says what strands
+//! number says which. An attribute is kept if all prims have it; `Labels::join` says what strands
 //! get whose prim has no labels. Widths are scaled by the cube root of the transform's determinant.
 //!
 //! # Limitations

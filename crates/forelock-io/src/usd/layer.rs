@@ -179,7 +179,8 @@ impl<R: Read + Seek> Layer<R> {
         }
     }
 
-    /// The samples of `attribute`; none if it does not change. Those of a binary file are read once.
+    /// The samples of `attribute`; none if it does not change. Those of a binary file are read
+    /// once.
     pub fn samples(&self, attribute: &Attribute) -> Result<Samples, UsdError> {
         let Some(held) = &attribute.samples else { return Ok(Samples::default()) };
         let place = if let Held::Packed(place) = held { Some(*place) } else { None };
