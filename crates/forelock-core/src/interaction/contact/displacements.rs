@@ -1,9 +1,9 @@
 //! Displacement of every particle in a frame, in the frame of the head.
 
-use crate::lane::{LANES, Real, Row, widest};
+use crate::lane::{LANES, Lane, Real, Row, Simd, on};
 use crate::pose::Pose;
 use crate::strands::Model;
-use glam::{Mat3, Vec3};
+use glam::Vec3;
 use rayon::prelude::*;
 
 /// Places of a task.
@@ -16,7 +16,9 @@ pub const FAR: f32 = 4.0;
 const EMPTY: [Vec3; 2] = [Vec3::INFINITY, Vec3::NEG_INFINITY];
 
 /// Coordinates of the particles of a place, axis by axis.
-pub(crate) type Place = [[f32; LANES]; 3];
+pub(crate) type Place = [Row<f32>; 3];
+/// Zeros.
+pub(super) const ORIGIN: Place = [Row([0.0; LANES]); 3];
 
 /// Positions of the particles at the start and at the end of the frame, metres in the frame of the
 /// head, and their residual motion. The number of a particle is place × [`LANES`] + lane.
@@ -42,8 +44,8 @@ impl Displacements {
         let lengths = model.rest_lengths.iter().step_by(3).flat_map(|row| row.0);
         let longest = lengths.filter_map(|l| l.to_f32()).fold(0.0, f32::max);
         Self {
-            start: vec![[[0.0; LANES]; 3]; model.places()],
-            end: vec![[[0.0; LANES]; 3]; model.places()],
+            start: vec![ORIGIN; model.places()],
+            end: vec![ORIGIN; model.places()],
             residual_motion: vec![0.0; particles],
             boxes: [EMPTY; 2],
             block,
@@ -111,7 +113,7 @@ impl Displacements {
 #[inline]
 fn particle(places: &[Place], p: usize) -> Vec3 {
     let [x, y, z] = &places[p / LANES];
-    Vec3::new(x[p % LANES], y[p % LANES], z[p % LANES])
+    Vec3::new(x.0[p % LANES], y.0[p % LANES], z.0[p % LANES])
 }
 
 /// The box around two boxes.
@@ -129,48 +131,110 @@ fn to_head_frame<T: Real>(
     head: &Pose,
     out: &mut [Place],
 ) -> [Vec3; 2] {
-    let back = head.inverse();
-    let (turn, shift): (Mat3, Vec3) = (back.matrix().as_mat3(), back.translation.as_vec3());
-    let (turn, shift) = (turn.transpose().to_cols_array_2d(), shift.to_array());
-    let far = (FAR * model.reach as f32).powi(2);
     debug_assert_eq!(out.len(), model.places());
-    let number = |x: T| x.to_f32().unwrap_or(f32::NAN);
+    let back = head.inverse();
+    let turn = back.matrix().as_mat3().transpose().to_cols_array_2d();
+    let far = (FAR * model.reach as f32).powi(2);
+    let frame = HeadFrame { turn, shift: back.translation.as_vec3().to_array(), far };
+    let transform = transform_for(Simd::Auto.resolve());
     let tasks =
         out.par_chunks_mut(PLACES).zip(positions.par_chunks(3 * PLACES)).zip(block.par_chunks(PLACES));
     let boxes = tasks.map(|((out, positions), block)| {
-        let (mut low, mut high) = ([[f32::INFINITY; LANES]; 3], [[f32::NEG_INFINITY; LANES]; 3]);
-        widest(
-            #[inline(always)]
-            || {
-                for ((out, x), &block) in out.iter_mut().zip(positions.chunks_exact(3)).zip(block) {
-                    let mut squares = [0.0; LANES];
-                    for c in 0..3 {
-                        for lane in 0..LANES {
-                            let (x, y, z) =
-                                (number(x[0].0[lane]), number(x[1].0[lane]), number(x[2].0[lane]));
-                            let own = turn[c][0] * x + turn[c][1] * y + turn[c][2] * z + shift[c];
-                            out[c][lane] = own;
-                            squares[lane] += own * own;
-                        }
-                    }
-                    // Lanes without a strand of their own do not count.
-                    squares[model.blocks[block as usize].live..].fill(f32::INFINITY);
-                    for c in 0..3 {
-                        for lane in 0..LANES {
-                            let own = out[c][lane];
-                            let counts = squares[lane] < far;
-                            low[c][lane] = if counts & (own < low[c][lane]) { own } else { low[c][lane] };
-                            high[c][lane] = if counts & (own > high[c][lane]) { own } else { high[c][lane] };
-                        }
-                    }
-                }
-            },
-        );
-        let least = |row: [f32; LANES]| row.into_iter().fold(f32::INFINITY, f32::min);
-        let most = |row: [f32; LANES]| row.into_iter().fold(f32::NEG_INFINITY, f32::max);
+        let mut live = [0; PLACES];
+        live.iter_mut().zip(block).for_each(|(live, &block)| *live = model.blocks[block as usize].live);
+        let is_f32 = size_of::<T>() == size_of::<f32>();
+        let rounded = if is_f32 { Vec::new() } else { positions.iter().map(round).collect() };
+        let rows = if is_f32 { bytemuck::cast_slice(positions) } else { &*rounded };
+        // SAFETY: `transform_for` returns only functions that the processor supports.
+        let [low, high] = unsafe { transform(&frame, rows, &live, out) };
+        let least = |row: Row<f32>| row.0.into_iter().fold(f32::INFINITY, f32::min);
+        let most = |row: Row<f32>| row.0.into_iter().fold(f32::NEG_INFINITY, f32::max);
         [Vec3::from_array(low.map(least)), Vec3::from_array(high.map(most))]
     });
     boxes.reduce(|| EMPTY, join)
+}
+
+/// The numbers of a row in float32.
+fn round<T: Real>(row: &Row<T>) -> Row<f32> {
+    Row(row.0.map(|x| x.to_f32().unwrap_or(f32::NAN)))
+}
+
+/// How positions get into the frame of the head.
+#[derive(Clone, Copy, Debug)]
+struct HeadFrame {
+    /// Rows of the rotation.
+    turn: [[f32; 3]; 3],
+    shift: [f32; 3],
+    /// Square of the distance from which on positions do not count in the bounding box.
+    far: f32,
+}
+
+/// Writes positions of places, three rows each, in the frame of the head, given how many lanes of
+/// each place hold a strand. Returns the bounding box of the first lanes, of the second, and so on.
+///
+/// # Safety
+/// The processor must support the instruction set of the function.
+type Transform = unsafe fn(&HeadFrame, &[Row<f32>], &[usize], &mut [Place]) -> [[Row<f32>; 3]; 2];
+
+/// The function for `simd`, which is supported.
+#[inline(never)]
+fn transform_for(simd: Simd) -> Transform {
+    on!(simd, transform(frame: &HeadFrame, positions: &[Row<f32>], live: &[usize], out: &mut [Place])
+        -> [[Row<f32>; 3]; 2])
+}
+
+/// For each number of live lanes what is added to squares of distances: nothing, or infinity.
+const OUTSIDE: [Row<f32>; LANES + 1] = {
+    let mut rows = [Row([0.0; LANES]); LANES + 1];
+    let mut live = 0;
+    while live < LANES {
+        let mut lane = live;
+        while lane < LANES {
+            rows[live].0[lane] = f32::INFINITY;
+            lane += 1;
+        }
+        live += 1;
+    }
+    rows
+};
+
+#[inline(always)]
+fn transform<L: Lane<Scalar = f32>>(
+    frame: &HeadFrame,
+    positions: &[Row<f32>],
+    live: &[usize],
+    out: &mut [Place],
+) -> [[Row<f32>; 3]; 2] {
+    let none = [Row([f32::INFINITY; LANES]), Row([f32::NEG_INFINITY; LANES])];
+    let mut bounds = none.map(|row| [row; 3]);
+    let far = L::splat(frame.far);
+    for first in (0..LANES).step_by(L::WIDTH) {
+        let mut low = [L::splat(f32::INFINITY); 3];
+        let mut high = [L::splat(f32::NEG_INFINITY); 3];
+        for ((out, rows), &live) in out.iter_mut().zip(positions.chunks_exact(3)).zip(live) {
+            let [x, y, z] = [L::load(&rows[0], first), L::load(&rows[1], first), L::load(&rows[2], first)];
+            let mut own = [L::zero(); 3];
+            let mut square = L::load(&OUTSIDE[live], first);
+            for c in 0..3 {
+                let [tx, ty, tz] = frame.turn[c];
+                own[c] = L::splat(tx) * x + L::splat(ty) * y + L::splat(tz) * z + L::splat(frame.shift[c]);
+                square += own[c] * own[c];
+                own[c].store(&mut out[c], first);
+            }
+            let counts = square.lt(far);
+            for c in 0..3 {
+                // Of a number and what is not one, the least and the largest are the number.
+                let own = L::select(counts, own[c], L::splat(f32::NAN));
+                low[c] = own.min(low[c]);
+                high[c] = own.max(high[c]);
+            }
+        }
+        for c in 0..3 {
+            low[c].store(&mut bounds[0][c], first);
+            high[c].store(&mut bounds[1][c], first);
+        }
+    }
+    bounds
 }
 
 /// The nearest points of two segments: the fraction along each, and the vector from the second

@@ -3,7 +3,7 @@
 #![expect(clippy::needless_range_loop, reason = "one index for several arrays is what vectorises")]
 
 pub use super::displacements::FAR;
-use super::displacements::{Displacements, Place};
+use super::displacements::{Displacements, ORIGIN, Place};
 use super::histogram::{Cutoff, Histogram};
 use crate::interaction::transpose::{Node, Rows, rows_of_nodes};
 use crate::lane::{LANES, Real, widest};
@@ -21,6 +21,8 @@ pub const SPACING_PER_EDGE: f32 = 4.0;
 pub const NODES: usize = 48;
 /// Number of partial sums; it is fixed so that sums do not depend on the number of threads.
 pub(super) const PARTS: usize = 16;
+/// Nodes of a task.
+const TASK: usize = 512;
 /// Stride of the lanes that are summed.
 pub const EVERY: usize = 8;
 
@@ -33,7 +35,8 @@ pub(crate) struct MeanMotion {
     /// Minimum distance between nodes, metres.
     least_spacing: f32,
     low: Vec3,
-    spacing: f32,
+    /// Inverse of the distance between nodes.
+    inverse: f32,
     dims: [usize; 3],
     /// Σ w Δx, Σ w; then the mean over each node and its neighbours.
     nodes: Vec<Vec4>,
@@ -97,6 +100,16 @@ impl LargestResiduals {
     }
 }
 
+/// Writes the sum of the `parts` at each node to `nodes`, in the order of the parts.
+pub(super) fn sum_parts(parts: &[Vec<Vec4>], nodes: &mut Vec<Vec4>) {
+    fill(nodes, parts.first().map_or(0, Vec::len), Vec4::ZERO);
+    nodes.par_chunks_mut(TASK).enumerate().for_each(|(k, sums)| {
+        for part in parts {
+            sums.iter_mut().zip(&part[TASK * k..]).for_each(|(sum, own)| *sum += *own);
+        }
+    });
+}
+
 impl MeanMotion {
     /// A field whose nodes are at least `least_spacing` apart, metres.
     pub fn new(least_spacing: f32) -> Self {
@@ -134,24 +147,17 @@ impl MeanMotion {
         let mut parts = std::mem::take(&mut self.parts);
         parts.par_iter_mut().enumerate().for_each(|(k, nodes)| {
             fill(nodes, count, Vec4::ZERO);
-            for place in k * per_part..((k + 1) * per_part).min(model.places()) {
-                for lane in (0..model.blocks[displacements.block[place] as usize].live).step_by(EVERY) {
-                    let p = LANES * place + lane;
-                    let displacement = displacements.of(p);
-                    // Particles outside the box would count at its boundary.
-                    let is_near = self.holds(displacements.start(p)) && self.holds(displacements.end(p));
-                    if is_near && displacement.is_finite() {
-                        self.add(nodes, displacements.at(p, 0.5), displacement);
+            widest(
+                #[inline(always)]
+                || {
+                    for place in k * per_part..((k + 1) * per_part).min(model.places()) {
+                        let live = model.blocks[displacements.block[place] as usize].live;
+                        self.add_place(nodes, displacements.place(place), live);
                     }
-                }
-            }
+                },
+            );
         });
-        fill(&mut self.nodes, count, Vec4::ZERO);
-        for part in &parts {
-            for (sum, x) in self.nodes.iter_mut().zip(part) {
-                *sum += *x;
-            }
-        }
+        sum_parts(&parts, &mut self.nodes);
         self.smooth(&mut parts[0]);
         self.parts = parts;
     }
@@ -174,72 +180,100 @@ impl MeanMotion {
     fn fit(&mut self, displacements: &Displacements) {
         self.extent = displacements.extent();
         let side = (self.extent[1] - self.extent[0]).max_element();
-        self.spacing = self.least_spacing.max(side / (NODES - 2) as f32);
+        self.inverse = 1.0 / self.least_spacing.max(side / (NODES - 2) as f32);
         self.low = self.extent[0];
-        let nodes = (self.extent[1] - self.low) / self.spacing;
+        let nodes = (self.extent[1] - self.low) * self.inverse;
         self.dims = nodes.to_array().map(|nodes| (nodes as usize + 2).min(NODES + 1));
     }
 
-    #[inline]
+    #[inline(always)]
     fn holds(&self, at: Vec3) -> bool {
         at.cmpge(self.extent[0]).all() && at.cmple(self.extent[1]).all()
     }
 
-    #[inline]
+    #[inline(always)]
     fn index(&self, node: [usize; 3]) -> usize {
         node[0] + self.dims[0] * (node[1] + self.dims[1] * node[2])
     }
 
-    #[inline]
+    #[inline(always)]
     fn corner(&self, at: Vec3) -> Corner {
-        let u = ((at - self.low) / self.spacing).max(Vec3::ZERO);
+        let u = ((at - self.low) * self.inverse).max(Vec3::ZERO);
         let node = |u: f32, nodes: usize| (u as usize).min(nodes - 2);
         let [x, y, z] = [node(u.x, self.dims[0]), node(u.y, self.dims[1]), node(u.z, self.dims[2])];
         let below = Vec3::new(x as f32, y as f32, z as f32);
         Corner { node: [x, y, z], fraction: (u - below).min(Vec3::ONE) }
     }
 
-    /// The eight nodes around a point, and their weights.
-    #[inline]
-    pub fn about(&self, at: Vec3) -> [(usize, f32); 8] {
-        let Corner { node, fraction: f } = self.corner(at);
-        let (first, g) = (self.index(node), 1.0 - f);
-        let (y, z) = (self.dims[0], self.dims[0] * self.dims[1]);
-        let [low, high] = [[g.y * g.z, f.y * g.z], [g.y * f.z, f.y * f.z]];
-        [
-            (first, g.x * low[0]),
-            (first + 1, f.x * low[0]),
-            (first + y, g.x * low[1]),
-            (first + y + 1, f.x * low[1]),
-            (first + z, g.x * high[0]),
-            (first + z + 1, f.x * high[0]),
-            (first + z + y, g.x * high[1]),
-            (first + z + y + 1, f.x * high[1]),
-        ]
+    /// Adds the displacements of every [`EVERY`]th of the first `live` particles of a place to
+    /// `nodes`. Particles outside the box would count at its boundary, so they are left out.
+    #[inline(always)]
+    fn add_place(&self, nodes: &mut [Vec4], [start, end]: [&Place; 2], live: usize) {
+        for lane in (0..live).step_by(EVERY) {
+            let [start, end] =
+                [start, end].map(|row| Vec3::new(row[0].0[lane], row[1].0[lane], row[2].0[lane]));
+            if self.holds(start) && self.holds(end) {
+                let displacement = end - start;
+                self.add(nodes, start + 0.5 * displacement, displacement.extend(1.0));
+            }
+        }
     }
 
-    fn add(&self, nodes: &mut [Vec4], at: Vec3, displacement: Vec3) {
-        for (node, w) in self.about(at) {
-            nodes[node] += w * displacement.extend(1.0);
+    /// The first number of the node below a point, the fraction along the first axis, and for each
+    /// pair of nodes along it where it begins after the first and its weight.
+    #[inline(always)]
+    fn pairs(&self, at: Vec3) -> (usize, f32, [(usize, f32); 4]) {
+        let Corner { node, fraction: f } = self.corner(at);
+        let (y, z) = (4 * self.dims[0], 4 * self.dims[0] * self.dims[1]);
+        let g = 1.0 - f;
+        let pairs = [(0, g.y * g.z), (y, f.y * g.z), (z, g.y * f.z), (y + z, f.y * f.z)];
+        (4 * self.index(node), f.x, pairs)
+    }
+
+    /// Distributes `value` to the `nodes` around a point.
+    #[inline(always)]
+    pub fn add(&self, nodes: &mut [Vec4], at: Vec3, value: Vec4) {
+        let (first, x, pairs) = self.pairs(at);
+        let numbers: &mut [f32] = bytemuck::cast_slice_mut(nodes);
+        let (low, high) = ((1.0 - x) * value, x * value);
+        let both = [low.x, low.y, low.z, low.w, high.x, high.y, high.z, high.w];
+        for (pair, weight) in pairs {
+            let pair = &mut numbers[first + pair..][..8];
+            for c in 0..8 {
+                pair[c] += weight * both[c];
+            }
         }
+    }
+
+    /// The value of `nodes` at a point.
+    #[inline(always)]
+    pub fn interpolate(&self, nodes: &[Vec4], at: Vec3) -> Vec4 {
+        let (first, x, pairs) = self.pairs(at);
+        let numbers: &[f32] = bytemuck::cast_slice(nodes);
+        let mut sum = [0.0f32; 8];
+        for (pair, weight) in pairs {
+            let pair = &numbers[first + pair..][..8];
+            for c in 0..8 {
+                sum[c] += weight * pair[c];
+            }
+        }
+        let [low, high] = [Vec4::from_slice(&sum[..4]), Vec4::from_slice(&sum[4..])];
+        low + x * (high - low)
     }
 
     /// Replaces the sums at each node by the mean over the node and its neighbours; `work` is a
     /// buffer.
     fn smooth(&mut self, work: &mut Vec<Vec4>) {
-        for axis in 0..3 {
-            let stride = [1, self.dims[0], self.dims[0] * self.dims[1]][axis];
+        let mut stride = 1;
+        for length in self.dims {
             work.clone_from(&self.nodes);
-            for (k, sum) in self.nodes.iter_mut().enumerate() {
-                let along = k / stride % self.dims[axis];
-                for (beside, there) in
-                    [(k.wrapping_sub(stride), along > 0), (k + stride, along + 1 < self.dims[axis])]
-                {
-                    if there {
-                        *sum += work[beside];
-                    }
-                }
+            let lines = self.nodes.chunks_exact_mut(length * stride);
+            for (sums, from) in lines.zip(work.chunks_exact(length * stride)) {
+                // Nodes beside each other along the axis are `stride` apart.
+                sums[stride..].iter_mut().zip(from).for_each(|(sum, beside)| *sum += *beside);
+                sums.iter_mut().zip(&from[stride..]).for_each(|(sum, beside)| *sum += *beside);
             }
+            stride *= length;
         }
         for sum in &mut self.nodes {
             *sum /= sum.w.max(f32::MIN_POSITIVE);
@@ -254,7 +288,7 @@ impl MeanMotion {
         let mut squares = [0.0f32; LANES];
         for row in &residual {
             for lane in 0..LANES {
-                squares[lane] += row[lane] * row[lane];
+                squares[lane] += row.0[lane] * row.0[lane];
             }
         }
         for lane in 0..LANES {
@@ -267,7 +301,6 @@ impl MeanMotion {
     #[inline(always)]
     pub fn residual(&self, displacements: &Displacements, place: usize) -> Place {
         let [start, end] = displacements.place(place);
-        let inverse = 1.0 / self.spacing;
         let strides = [1, self.dims[0], self.dims[0] * self.dims[1]];
         let steps = [1, strides[1] as i32, strides[2] as i32];
         // The node below the middle of each displacement, and the fraction along each axis.
@@ -275,8 +308,8 @@ impl MeanMotion {
         for c in 0..3 {
             let last = (self.dims[c] - 2) as f32;
             for lane in 0..LANES {
-                let middle = 0.5 * (start[c][lane] + end[c][lane]);
-                let u = (middle - self.low[c]) * inverse;
+                let middle = 0.5 * (start[c].0[lane] + end[c].0[lane]);
+                let u = (middle - self.low[c]) * self.inverse;
                 // A number added to 2²³ is rounded to a whole one, which its last bits hold. If the
                 // two nodes beside it are as near, either will do.
                 let below = clamp(u - 0.5, 0.0, last) + ROUNDER;
@@ -311,12 +344,12 @@ impl MeanMotion {
         }
         let mut rows: Rows = [[0.0; LANES]; 8];
         rows_of_nodes(&means, &mut rows);
-        let mut residual = [[0.0f32; LANES]; 3];
+        let mut residual = ORIGIN;
         for c in 0..3 {
             let (low, high) = (&rows[c], &rows[4 + c]);
             for lane in 0..LANES {
                 let mean = low[lane] + x[lane] * (high[lane] - low[lane]);
-                residual[c][lane] = end[c][lane] - start[c][lane] - mean;
+                residual[c].0[lane] = end[c].0[lane] - start[c].0[lane] - mean;
             }
         }
         residual
@@ -345,21 +378,27 @@ impl MeanMotion {
                 let (mut squares, mut most) = ([0.0f64; LANES], [0.0f32; LANES]);
                 for (own, residual_motion) in residual_motion.chunks_exact_mut(LANES).enumerate() {
                     let place = k * per_part + own;
-                    let row = widest(
-                        #[inline(always)]
-                        || field.residual_motion(now, place),
-                    );
                     let live = model.blocks[now.block[place] as usize].live;
-                    let mut fastest = 0.0f32;
-                    for lane in 0..LANES {
-                        let residual = if lane < live { row[lane] } else { 0.0 };
-                        residual_motion[lane] = residual;
-                        squares[lane] += f64::from(residual) * f64::from(residual);
-                        most[lane] = if residual > most[lane] { residual } else { most[lane] };
-                        fastest = if residual > fastest { residual } else { fastest };
-                    }
+                    let fastest = widest(
+                        #[inline(always)]
+                        || {
+                            let row = field.residual_motion(now, place);
+                            let mut fastest = 0.0f32;
+                            for lane in 0..LANES {
+                                let residual = if lane < live { row[lane] } else { 0.0 };
+                                residual_motion[lane] = residual;
+                                squares[lane] += f64::from(residual) * f64::from(residual);
+                                most[lane] = if residual > most[lane] { residual } else { most[lane] };
+                                fastest = if residual > fastest { residual } else { fastest };
+                            }
+                            fastest
+                        },
+                    );
                     if fastest > least {
-                        row[..live].iter().filter(|own| **own > least).for_each(|own| histograms.add(*own));
+                        residual_motion
+                            .iter()
+                            .filter(|own| **own > least)
+                            .for_each(|own| histograms.add(*own));
                     }
                 }
                 *sums = (squares.iter().sum(), most.into_iter().fold(0.0, f32::max));

@@ -36,7 +36,7 @@ impl Cells {
     }
 
     #[inline]
-    fn index(&self, axis: usize, x: f32) -> usize {
+    pub fn index(&self, axis: usize, x: f32) -> usize {
         (((x - self.low[axis]) * self.inverse).max(0.0) as usize).min(self.dims[axis] - 1)
     }
 

@@ -1,11 +1,12 @@
 //! The segments of a time slice, chunk by chunk.
 
 use super::cells::Cells;
+use super::follow::{Follower, Paths};
 use super::marks::Marks;
 use super::pairs::{ACTIVE, Entry, Test};
 use super::tree::Tree;
 use super::{Slice, keep_fastest};
-use crate::interaction::contact::displacements::Place;
+use crate::interaction::contact::displacements::{ORIGIN, Place};
 use crate::interaction::contact::{Contact, Displacements, Histogram};
 use crate::lane::{LANES, Real, widest};
 use crate::strands::Model;
@@ -14,6 +15,8 @@ use std::ops::Range;
 
 /// Number of chunks of blocks. It is fixed, so that results do not depend on the number of threads.
 pub(super) const CHUNKS: usize = 64;
+/// Number of pairs that are collected before they are followed.
+const PAIRS: usize = 256;
 /// Maximum length of an entry, relative to [`search_edge`](super::search_edge). Longer segments are
 /// split into pieces of equal length, with one entry each.
 pub const PIECE: f32 = 1.25;
@@ -50,6 +53,8 @@ pub(crate) struct Chunk {
     pub has_pieces: bool,
     /// Candidates of one segment.
     near: Vec<u32>,
+    /// Pairs of segments that are not followed yet.
+    pairs: Vec<[u32; 2]>,
     /// Contacts of the active segments.
     pub found: Vec<Contact>,
     approaches: Histogram,
@@ -63,6 +68,7 @@ pub(super) fn chunks<T: Real>(model: &Model<T>) -> Vec<Chunk> {
         others: Vec::new(),
         has_pieces: false,
         near: Vec::new(),
+        pairs: Vec::new(),
         found: Vec::new(),
         approaches: Histogram::default(),
     };
@@ -75,6 +81,7 @@ impl Chunk {
             + self.found.capacity() * size_of::<Contact>()
             + self.approaches.bytes()
             + 4 * self.near.capacity()
+            + 8 * self.pairs.capacity()
     }
 
     /// Inserts the active segments.
@@ -151,19 +158,21 @@ impl Chunk {
     }
 
     /// Finds the contacts of the active segments with each other and with the others, which are in
-    /// `tree`. For each pair that passes `test` with `limits`, `follow` returns the contact, if
-    /// there is one. If segments are in pieces, `has_pieces`, a pair can pass more than once. Where
-    /// more than `2 * most` contacts are found, only the `most` with the largest approach are kept.
-    pub fn search(
+    /// `tree`. Pairs that pass `test` with `limits` are followed. If segments are in pieces,
+    /// `has_pieces`, a pair can pass more than once. Where more than `2 * most` contacts are found,
+    /// only the `most` with the largest approach are kept.
+    pub fn search<T: Real>(
         &mut self,
         tree: &Tree,
         has_pieces: bool,
         test: Test,
         limits: [f32; 2],
         most: usize,
-        follow: impl Fn([u32; 2]) -> Option<Contact>,
+        follower: &Follower<'_, T>,
     ) {
         self.found.clear();
+        self.pairs.clear();
+        let mut paths = Paths::default();
         for pieces in self.active.chunk_by(|a, b| a.segment == b.segment) {
             self.near.clear();
             for entry in pieces {
@@ -175,11 +184,17 @@ impl Chunk {
                 self.near.dedup();
             }
             let own = pieces[0].segment & !ACTIVE;
-            self.found.extend(self.near.iter().filter_map(|&other| follow([own, other])));
+            let others = self.near.iter().filter(|&&other| !follower.displacements.same_strand(own, other));
+            self.pairs.extend(others.map(|&other| [own, other]));
+            if self.pairs.len() >= PAIRS {
+                follower.follow(&self.pairs, &mut paths, &mut self.found);
+                self.pairs.clear();
+            }
             if self.found.len() > 2 * most {
                 keep_fastest(&mut self.found, most, &mut self.approaches);
             }
         }
+        follower.follow(&self.pairs, &mut paths, &mut self.found);
     }
 }
 
@@ -236,9 +251,9 @@ impl EntryRows {
         let ([from, to], [from_next, to_next]) = (displacements.place(place), displacements.place(place + 1));
         let (when, dt) = (slice.middle(), slice.length());
         let mut out = Self {
-            middle: [[0.0; LANES]; 3],
-            half: [[0.0; LANES]; 3],
-            displacement: [[0.0; LANES]; 3],
+            middle: ORIGIN,
+            half: ORIGIN,
+            displacement: ORIGIN,
             length: [0.0; LANES],
             inverse: [0.0; LANES],
             reach: [0.0; LANES],
@@ -247,16 +262,16 @@ impl EntryRows {
         let (mut squares, mut spreads) = ([0.0; LANES], [0.0; LANES]);
         for c in 0..3 {
             for lane in 0..LANES {
-                let lower_moved = to[c][lane] - from[c][lane];
-                let upper_moved = to_next[c][lane] - from_next[c][lane];
-                let lower = from[c][lane] + when * lower_moved;
-                let upper = from_next[c][lane] + when * upper_moved;
-                out.middle[c][lane] = 0.5 * (lower + upper);
-                out.half[c][lane] = 0.5 * (upper - lower);
-                out.displacement[c][lane] = 0.5 * dt * (lower_moved + upper_moved);
+                let lower_moved = to[c].0[lane] - from[c].0[lane];
+                let upper_moved = to_next[c].0[lane] - from_next[c].0[lane];
+                let lower = from[c].0[lane] + when * lower_moved;
+                let upper = from_next[c].0[lane] + when * upper_moved;
+                out.middle[c].0[lane] = 0.5 * (lower + upper);
+                out.half[c].0[lane] = 0.5 * (upper - lower);
+                out.displacement[c].0[lane] = 0.5 * dt * (lower_moved + upper_moved);
                 let apart = 0.5 * dt * (upper_moved - lower_moved);
                 spreads[lane] += apart * apart;
-                squares[lane] += out.half[c][lane] * out.half[c][lane];
+                squares[lane] += out.half[c].0[lane] * out.half[c].0[lane];
             }
         }
         let residual = &displacements.residual_motion[LANES * place..LANES * (place + 2)];
@@ -270,18 +285,18 @@ impl EntryRows {
     }
 
     fn middle(&self, lane: usize) -> Vec3 {
-        Vec3::from_array(self.middle.map(|row| row[lane]))
+        Vec3::from_array(self.middle.map(|row| row.0[lane]))
     }
 
     fn entry(&self, place: usize, lane: usize) -> Entry {
         Entry {
             segment: (LANES * place + lane) as u32,
             middle: self.middle(lane),
-            half: Vec3::from_array(self.half.map(|row| row[lane])),
+            half: Vec3::from_array(self.half.map(|row| row.0[lane])),
             inverse: self.inverse[lane],
             reach: self.reach[lane],
             radius: 0.5 * self.length[lane] + self.reach[lane],
-            displacement: Vec3::from_array(self.displacement.map(|row| row[lane])),
+            displacement: Vec3::from_array(self.displacement.map(|row| row.0[lane])),
             spread: self.spread[lane],
         }
     }

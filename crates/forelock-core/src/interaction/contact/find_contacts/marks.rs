@@ -78,7 +78,7 @@ impl Marks {
             let last = (dims[c] - 1) as f32;
             for lane in 0..LANES {
                 // A cast of a positive number is the floor.
-                cells[c][lane] = ((at[c][lane] - low[c]) * inverse).max(0.0).min(last) as i32;
+                cells[c][lane] = ((at[c].0[lane] - low[c]) * inverse).max(0.0).min(last) as i32;
             }
         }
         let [nx, ny] = [self.words as i32, dims[1] as i32];
@@ -94,7 +94,10 @@ impl Marks {
         marked
     }
 
+    /// Whether a point is in a marked cell.
     pub fn has(&self, at: Vec3) -> bool {
-        self.marked(&at.to_array().map(|x| [x; LANES])) & 1 != 0
+        let [x, y, z] = [0, 1, 2].map(|c| self.cells.index(c, at[c]));
+        let word = self.words * (y + self.cells.dims[1] * z) + x / 32;
+        self.bits[word].load(Relaxed) >> (x % 32) & 1 != 0
     }
 }

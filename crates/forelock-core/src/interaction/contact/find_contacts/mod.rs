@@ -38,6 +38,7 @@ use crate::lane::Simd;
 use crate::strands::Model;
 use cells::Cells;
 use chunk::{CHUNKS, Chunk, Motion};
+use follow::Follower;
 use marks::Marks;
 use pairs::Entry;
 use rayon::prelude::*;
@@ -54,7 +55,7 @@ pub const PAIRS_WGSL: &str = include_str!("pairs.wgsl");
 pub const BUDGET_WGSL: &str = include_str!("budget.wgsl");
 
 /// Side of the cells that are marked near active segments, relative to [`search_edge`].
-const CELL: f32 = 0.5;
+const CELL: f32 = 1.0;
 /// Minimum length scale of the search, relative to the contact distance.
 const EDGE_PER_DISTANCE: f64 = 8.0;
 /// Maximum number of slices of a frame.
@@ -72,6 +73,7 @@ pub(crate) const SLOP: f32 = 2e-3;
 pub(crate) struct Finder {
     /// See [`search_edge`].
     edge: f32,
+    simd: Simd,
     test: pairs::Test,
     chunks: Vec<Chunk>,
     /// The active segments and those near them.
@@ -117,6 +119,7 @@ impl Finder {
     pub fn new<T: Real>(model: &Model<T>, params: &ContactParams, simd: Simd) -> Self {
         Self {
             edge: search_edge(model, params),
+            simd,
             test: pairs::test_for(simd),
             chunks: chunk::chunks(model),
             tree: Tree::default(),
@@ -173,10 +176,9 @@ impl Finder {
             let (tree, test) = (&self.tree, self.test);
             // Less, for rounding.
             let limits = [slice.distance, 0.999 * slice.length() * slice.slip];
+            let follower = Follower::new(model, displacements, &slice, self.simd);
             chunks.par_iter_mut().for_each(|chunk| {
-                chunk.search(tree, has_pieces, test, limits, budget, |pair| {
-                    follow::follow(model, displacements, &slice, pair)
-                });
+                chunk.search(tree, has_pieces, test, limits, budget, &follower);
             });
             for chunk in chunks {
                 self.found.extend_from_slice(&chunk.found);

@@ -92,8 +92,9 @@ fn all_pairs(
         let slice = Slice { span: [k, k + 1].map(|k| k as f32 / slices as f32), ..first };
         for (i, &a) in segments.iter().enumerate() {
             for &b in &segments[..i] {
-                if is_active(a) || is_active(b) {
-                    let contact = follow::follow(model, displacements, &slice, [a as u32, b as u32]);
+                let [p, q] = [a as u32, b as u32];
+                if (is_active(a) || is_active(b)) && !displacements.same_strand(p, q) {
+                    let contact = follow::follow(model, displacements, &slice, [p, q]);
                     found.extend(contact.map(|contact| contact.segments));
                 }
             }

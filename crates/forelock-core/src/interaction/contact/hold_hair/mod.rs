@@ -28,8 +28,8 @@
 
 #![expect(clippy::needless_range_loop, reason = "one index for several arrays is what vectorises")]
 
-use super::displacements::Place;
-use super::mean_motion::{PARTS, SPACING};
+use super::displacements::{ORIGIN, Place};
+use super::mean_motion::{PARTS, SPACING, sum_parts};
 use super::{ContactMoment, Displacements, MeanMotion, ParticleRows};
 use crate::lane::{LANES, Real, Row, widest};
 use crate::scratch::fill;
@@ -63,7 +63,7 @@ impl Friction {
     pub fn new<T: Real>(model: &Model<T>) -> Self {
         Self {
             mean_motion: MeanMotion::new(SPACING),
-            changes: vec![([[0.0; LANES]; 3], [Group::default(); GROUPS]); model.places()],
+            changes: vec![(ORIGIN, [Group::default(); GROUPS]); model.places()],
             parts: Vec::new(),
             nodes: Vec::new(),
         }
@@ -103,41 +103,35 @@ impl Friction {
             for ((change, groups), place) in changes.iter_mut().zip(per_part * part..) {
                 widest(
                     #[inline(always)]
-                    || hold.shorten(place, change, groups),
+                    || {
+                        hold.shorten(place, change, groups);
+                        for group in groups.iter().filter(|group| group.sum.w > 0.0) {
+                            mean_motion.add(nodes, group.middle, group.sum);
+                        }
+                    },
                 );
-                for group in groups.iter().filter(|group| group.sum.w > 0.0) {
-                    for (node, w) in mean_motion.about(group.middle) {
-                        nodes[node] += w * group.sum;
-                    }
-                }
             }
         });
-        fill(nodes, count, Vec4::ZERO);
-        for part in parts.iter().take(model.places().div_ceil(per_part)) {
-            nodes.iter_mut().zip(part).for_each(|(sum, own)| *sum += *own);
-        }
+        sum_parts(&parts[..model.places().div_ceil(per_part)], nodes);
         nodes.iter_mut().for_each(|sum| *sum /= sum.w.max(f32::MIN_POSITIVE));
         let (nodes, per_dt) = (&*nodes, 1.0 / moment.dt_secs);
         let turn = moment.head.matrix().as_mat3();
         let axes = turn.transpose().to_cols_array_2d();
         let ParticleRows { positions, velocities, clearance } = rows;
         let rows = positions.par_chunks_mut(3 * per_part).zip(velocities.par_chunks_mut(3 * per_part));
-        let rows = rows.zip(clearance.par_chunks_mut(per_part)).zip(changes.par_chunks_mut(per_part));
+        let rows = rows.zip(clearance.par_chunks_mut(per_part)).zip(changes.par_chunks(per_part));
         rows.for_each(|(((positions, velocities), clearance), changes)| {
-            for (own, (change, groups)) in changes.iter_mut().enumerate() {
+            for (own, (change, groups)) in changes.iter().enumerate() {
                 if groups.iter().all(|group| group.sum.w == 0.0) {
                     continue;
-                }
-                let mut means = [Vec3::ZERO; GROUPS];
-                for (mean, group) in means.iter_mut().zip(&*groups) {
-                    for (node, w) in mean_motion.about(group.middle) {
-                        *mean += w * nodes[node].truncate();
-                    }
                 }
                 let rows = [&mut positions[3 * own..][..3], &mut velocities[3 * own..][..3]];
                 widest(
                     #[inline(always)]
-                    || apply(change, &means, &axes, number(per_dt), rows, &mut clearance[own]),
+                    || {
+                        let means = groups.map(|group| mean_motion.interpolate(nodes, group.middle));
+                        apply(change, &means, &axes, number(per_dt), rows, &mut clearance[own]);
+                    },
                 );
             }
         });
@@ -178,11 +172,11 @@ impl<T: Real> Hold<'_, T> {
         let [low, high] = [self.field.extent[0].to_array(), self.field.extent[1].to_array()];
         let mut share = [0.0f32; LANES];
         for lane in 0..LANES {
-            let (x, y, z) = (residual[0][lane], residual[1][lane], residual[2][lane]);
+            let (x, y, z) = (residual[0].0[lane], residual[1].0[lane], residual[2].0[lane]);
             let length = (x * x + y * y + z * z).sqrt();
             let mut counts = (length > 0.0) & (length < f32::INFINITY) & (lane < live);
             for c in 0..3 {
-                let [a, b] = [start[c][lane], end[c][lane]];
+                let [a, b] = [start[c].0[lane], end[c].0[lane]];
                 counts &= (a >= low[c]) & (b >= low[c]) & (a <= high[c]) & (b <= high[c]);
             }
             let own = self.most / length;
@@ -191,7 +185,7 @@ impl<T: Real> Hold<'_, T> {
         }
         for c in 0..3 {
             for lane in 0..LANES {
-                change[c][lane] = if share[lane] > 0.0 { -share[lane] * residual[c][lane] } else { 0.0 };
+                change[c].0[lane] = if share[lane] > 0.0 { -share[lane] * residual[c].0[lane] } else { 0.0 };
             }
         }
         let mut held = [0.0f32; LANES];
@@ -201,14 +195,14 @@ impl<T: Real> Hold<'_, T> {
         }
         for c in 0..3 {
             for lane in 0..LANES {
-                let own = 0.5 * (start[c][lane] + end[c][lane]);
+                let own = 0.5 * (start[c].0[lane] + end[c].0[lane]);
                 middle[c][lane] = if share[lane] > 0.0 { own } else { 0.0 };
             }
         }
         let counts = sums(&held);
         let mut of_axes = [[[0.0; GROUPS]; 2]; 3];
         for c in 0..3 {
-            of_axes[c] = [sums(&middle[c]), sums(&change[c])];
+            of_axes[c] = [sums(&middle[c]), sums(&change[c].0)];
         }
         for k in 0..GROUPS {
             let count = counts[k];
@@ -251,38 +245,41 @@ struct Group {
 /// positions and its `per_dt` to velocities, and subtracts its length from the clearances.
 #[inline(always)]
 fn apply<T: Real>(
-    change: &mut Place,
-    means: &[Vec3; GROUPS],
+    change: &Place,
+    means: &[Vec4; GROUPS],
     axes: &[[f32; 3]; 3],
     per_dt: T,
     [positions, velocities]: [&mut [Row<T>]; 2],
     clearance: &mut Row<T>,
 ) {
-    let mut held = [false; LANES];
-    for lane in 0..LANES {
-        held[lane] = (change[0][lane] != 0.0) | (change[1][lane] != 0.0) | (change[2][lane] != 0.0);
-    }
+    // Loops read and write copies: the compiler vectorises only what cannot overlap.
+    let (old, mut change) = (*change, ORIGIN);
     for c in 0..3 {
+        let mut mean = [0.0f32; LANES];
+        mean.chunks_exact_mut(GROUP).zip(means).for_each(|(lanes, mean)| lanes.fill(mean[c]));
         for lane in 0..LANES {
-            let balanced = change[c][lane] - means[lane / GROUP][c];
-            change[c][lane] = if held[lane] { balanced } else { 0.0 };
+            let held = (old[0].0[lane] != 0.0) | (old[1].0[lane] != 0.0) | (old[2].0[lane] != 0.0);
+            change[c].0[lane] = if held { old[c].0[lane] - mean[lane] } else { 0.0 };
         }
     }
-    for c in 0..3 {
+    for (c, (position, velocity)) in positions.iter_mut().zip(velocities).enumerate() {
+        let ([ax, ay, az], mut x, mut v) = (axes[c], position.0, velocity.0);
         for lane in 0..LANES {
-            let (x, y, z) =
-                (axes[c][0] * change[0][lane], axes[c][1] * change[1][lane], axes[c][2] * change[2][lane]);
-            let by = T::from(x + y + z).unwrap_or_else(T::zero);
-            positions[c].0[lane] = positions[c].0[lane] + by;
-            velocities[c].0[lane] = velocities[c].0[lane] + by * per_dt;
+            let by = ax * change[0].0[lane] + ay * change[1].0[lane] + az * change[2].0[lane];
+            let by = T::from(by).unwrap_or_else(T::zero);
+            x[lane] = x[lane] + by;
+            v[lane] = v[lane] + by * per_dt;
         }
+        (position.0, velocity.0) = (x, v);
     }
+    let mut left = clearance.0;
     for lane in 0..LANES {
-        let (x, y, z) = (change[0][lane], change[1][lane], change[2][lane]);
+        let (x, y, z) = (change[0].0[lane], change[1].0[lane], change[2].0[lane]);
         let moved = T::from((x * x + y * y + z * z).sqrt()).unwrap_or_else(T::zero);
-        let old = clearance.0[lane];
-        let left = if old > moved { old - moved } else { T::zero() };
+        let old = left[lane];
+        let new = if old > moved { old - moved } else { T::zero() };
         // Below zero it is a depth, not a distance.
-        clearance.0[lane] = if old >= T::zero() { left } else { old };
+        left[lane] = if old >= T::zero() { new } else { old };
     }
+    clearance.0 = left;
 }
