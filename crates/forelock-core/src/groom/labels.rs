@@ -152,10 +152,14 @@ impl Labels {
         let used = parts.iter().flat_map(|own| own.ids.iter().flatten().chain(guides_of(own)));
         let used: HashSet<i32> = used.copied().collect();
         let mut free = free_ids(used.iter());
+        let ids: HashSet<i32> = parts.iter().flat_map(|own| own.ids.iter().flatten()).copied().collect();
         let mut earlier = HashSet::new();
         let mut changed = Vec::new();
         for (index, own) in parts.iter_mut().enumerate() {
-            if own.ids.iter().flatten().any(|id| earlier.contains(id)) {
+            let is_used = own.ids.iter().flatten().any(|id| earlier.contains(id));
+            // Links of strands without IDs lead to none of their part.
+            let leads_away = own.ids.is_none() && guides_of(own).any(|guide| ids.contains(guide));
+            if is_used || leads_away {
                 let mut renamed = HashMap::new();
                 let guides = own.closest_guides.iter_mut().flat_map(|all| all.as_flattened_mut());
                 let guides = guides.filter(|guide| **guide != NO_GUIDE);
@@ -194,6 +198,20 @@ mod tests {
             closest_guides: Some(vec![[NO_GUIDE; 3], [4, NO_GUIDE, NO_GUIDE], [4, 4, 4]]),
             guide_weights: Some(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.5, 0.25, 0.25]]),
         }
+    }
+
+    /// Strands without IDs follow none of the guides of another part.
+    #[test]
+    fn links_without_ids_lead_to_no_other_part() {
+        let (mut first, mut second) = (three(), Labels { ids: None, ..three() });
+        assert_eq!(Labels::tell_apart(&mut [&mut first, &mut second]), [1]);
+        assert_eq!(first, three());
+        let ids = first.ids.iter().flatten();
+        assert!(ids.clone().count() == 3 && ids.clone().all(|id| guides_of(&second).all(|own| own != id)));
+        assert_eq!(second.closest_guides.unwrap()[0], [NO_GUIDE; 3]);
+        // Links that lead to none of the others stay as they are.
+        let mut alone = Labels { ids: None, ..three() };
+        assert!(Labels::tell_apart(&mut [&mut alone, &mut Labels::default()]).is_empty());
     }
 
     /// What followed a guide that is gone follows none of the strands that are added later.

@@ -229,16 +229,17 @@ impl<R: Read + Seek> Archive<R> {
         self.ogawa.size()
     }
 
-    /// The times at which `property` changes, and that before the first change; none if it does not
-    /// change.
+    /// The times of the first sample of `property`, of the one before its first change, and of all
+    /// from there to its last change; none if it does not change. Fails if the last one is not in
+    /// the file, so there are at most as many times as samples in the file, and one.
     pub fn changes(&mut self, property: &Property) -> Result<Vec<f64>, AlembicError> {
         let Some(samples) = property.samples.filter(|own| own.count > 1 && own.changed[1] > 0) else {
             return Ok(Vec::new());
         };
         let [first, last] = samples.changed.map(|index| index.min(samples.count - 1));
-        // The file is longer than the list of its samples, so these are not too many.
         self.ogawa.child(property.group, samples.child(last))?;
-        Ok((first.saturating_sub(1)..=last).map(|sample| self.time_secs(samples, sample)).collect())
+        let indices = std::iter::once(0).chain(first.saturating_sub(1)..=last);
+        Ok(indices.map(|sample| self.time_secs(samples, sample)).collect())
     }
 
     /// Where the sample of `property` is that is nearest to `time_secs`. It is `None` where there

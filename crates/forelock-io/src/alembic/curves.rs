@@ -49,7 +49,7 @@ impl Geometry {
     }
 }
 
-/// The bytes that strands may take in memory for each byte of the file, and besides.
+/// The bytes that strands may take in memory for each byte of the file, and a number of bytes more.
 const ROOM: [u64; 2] = [6, 16 << 10];
 /// Bytes that the labels of a strand take.
 const LABEL_BYTES: usize = 33;

@@ -34,7 +34,7 @@ const SCHEMAS: [&str; 2] = ["AbcGeom_PolyMesh_v", "AbcGeom_SubD_v"];
 /// Times nearer than this are one.
 const SAME_SECS: f64 = 1e-6;
 /// The bytes that meshes may take in memory for each byte of the file.
-const ROOM: u64 = 8;
+const ROOM: u64 = 16;
 
 /// Reads the meshes of an archive as a character, in the unit and axes of the file. Returns it, the
 /// unit of the file, and what was left out, one sentence each.
@@ -77,7 +77,8 @@ pub fn read_character(file: impl Read + Seek) -> Result<(Character, Unit, Vec<St
     Ok((meshes.finish().map_err(fail)?, unit, notes))
 }
 
-/// The times at which a point or a transform of `object` changes, ascending, one at least.
+/// The times of the first samples of points and transforms of `object`, and of all around changes,
+/// ascending, one at least.
 fn times<R: Read + Seek>(archive: &mut Archive<R>, object: &Geometry) -> Result<Vec<f64>, AlembicError> {
     let mut times: Vec<f64> = Vec::new();
     for property in moving(object) {

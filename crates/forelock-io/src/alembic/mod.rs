@@ -66,7 +66,8 @@ use transforms::Transform;
 
 /// Objects within objects that are followed.
 const DEPTH: usize = 128;
-/// The most frames of a file that has less bytes: equal ones take none.
+/// A file may have so many frames, or one a byte if that is more: frames that are equal to the one
+/// before take no bytes.
 const STILL_FRAMES: u64 = 1 << 20;
 /// The key of the archive's metadata that names the unit of length.
 const UNIT_KEY: &str = "forelock_unit";

@@ -4,13 +4,13 @@ use crate::error::check_room;
 
 /// Bytes after which the free memory is looked at again.
 const STEP: u64 = 64 << 20;
-/// Bytes that the meshes of the smallest file may take.
-const FREE: u64 = 16 << 10;
+/// Bytes that the meshes of any file may take.
+pub(crate) const FREE: u64 = 16 << 20;
 
 /// The memory that the meshes of a file take, and may take.
 ///
-/// Samples of a file may share their bytes, and one transform may stretch a mesh differently in
-/// each frame, so meshes can take much more memory than their file has bytes.
+/// Samples of a file may share their bytes, meshes their points, and one transform may stretch a
+/// mesh differently in each frame, so meshes can take much more memory than their file has bytes.
 #[derive(Debug)]
 pub(crate) struct Room {
     taken: u64,
@@ -35,10 +35,11 @@ impl Room {
         self.taken = self.taken.saturating_add(bytes as u64);
         if self.taken > self.most {
             return Err(format!(
-                "the meshes take over {} times the bytes of the file in memory: many frames share \
-                 samples, or stretch a mesh by its transforms; export it with fewer frames, or with \
-                 the transforms applied to the points",
-                self.times
+                "the meshes take over {} times the bytes of the file, and {} MB, in memory: many \
+                 frames share samples, many meshes share points, or transforms stretch meshes; export \
+                 fewer frames or meshes, or apply the transforms to the points",
+                self.times,
+                FREE >> 20
             ));
         }
         while self.taken > self.checked {
@@ -46,5 +47,10 @@ impl Room {
             self.checked += STEP;
         }
         Ok(())
+    }
+
+    /// Counts `bytes` less, which are not held any more.
+    pub fn give_back(&mut self, bytes: usize) {
+        self.taken = self.taken.saturating_sub(bytes as u64);
     }
 }

@@ -24,7 +24,7 @@ use crate::moving_mesh::{self, Meshes, MovingMesh, Room};
 
 const SCHEMA: &str = "Mesh";
 /// The bytes that meshes may take in memory for each byte of the file.
-const ROOM: u64 = 16;
+const ROOM: u64 = 32;
 
 /// Reads the meshes of a layer as a character, in the units and axes of the layer. Returns it, its
 /// conversion to metres and y up if the user `asked` for the given one, and what was left out, one

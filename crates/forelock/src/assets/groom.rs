@@ -78,7 +78,9 @@ fn join(files: &[PathBuf], mut grooms: Vec<Groom>, notes: &mut Vec<String>) -> R
     let mut labels: Vec<&mut Labels> = grooms.iter_mut().map(|groom| &mut groom.labels).collect();
     for changed in Labels::tell_apart(&mut labels) {
         let path = files[changed].display();
-        notes.push(format!("{path}: its strands have new IDs, for a file before it has some of theirs"));
+        notes.push(format!(
+            "{path}: its strands were given new IDs, because another file uses some of the same"
+        ));
     }
     Ok(Groom::join(&grooms)?)
 }

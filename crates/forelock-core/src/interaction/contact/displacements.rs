@@ -143,8 +143,14 @@ fn to_head_frame<T: Real>(
         let mut live = [0; PLACES];
         live.iter_mut().zip(block).for_each(|(live, &block)| *live = model.blocks[block as usize].live);
         let is_f32 = size_of::<T>() == size_of::<f32>();
-        let rounded = if is_f32 { Vec::new() } else { positions.iter().map(round).collect() };
-        let rows = if is_f32 { bytemuck::cast_slice(positions) } else { &*rounded };
+        let mut buffer;
+        let rows = if is_f32 {
+            bytemuck::cast_slice(positions)
+        } else {
+            buffer = [Row([0.0; LANES]); 3 * PLACES];
+            buffer.iter_mut().zip(positions).for_each(|(row, own)| *row = round(own));
+            &buffer[..positions.len()]
+        };
         // SAFETY: `transform_for` returns only functions that the processor supports.
         let [low, high] = unsafe { transform(&frame, rows, &live, out) };
         let least = |row: Row<f32>| row.0.into_iter().fold(f32::INFINITY, f32::min);
@@ -170,7 +176,7 @@ struct HeadFrame {
 }
 
 /// Writes positions of places, three rows each, in the frame of the head, given how many lanes of
-/// each place hold a strand. Returns the bounding box of the first lanes, of the second, and so on.
+/// each place hold a strand. Returns one bounding box a lane: lower corners, then upper corners.
 ///
 /// # Safety
 /// The processor must support the instruction set of the function.
@@ -183,7 +189,8 @@ fn transform_for(simd: Simd) -> Transform {
         -> [[Row<f32>; 3]; 2])
 }
 
-/// For each number of live lanes what is added to squares of distances: nothing, or infinity.
+/// For each number of lanes with a strand what is added to the squared distances of a row: 0 in
+/// these lanes, infinity in the others.
 const OUTSIDE: [Row<f32>; LANES + 1] = {
     let mut rows = [Row([0.0; LANES]); LANES + 1];
     let mut live = 0;
@@ -223,7 +230,7 @@ fn transform<L: Lane<Scalar = f32>>(
             }
             let counts = square.lt(far);
             for c in 0..3 {
-                // Of a number and what is not one, the least and the largest are the number.
+                // The minimum and the maximum of NaN and a number are the number.
                 let own = L::select(counts, own[c], L::splat(f32::NAN));
                 low[c] = own.min(low[c]);
                 high[c] = own.max(high[c]);

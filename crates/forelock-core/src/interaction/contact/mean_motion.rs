@@ -219,8 +219,9 @@ impl MeanMotion {
         }
     }
 
-    /// The first number of the node below a point, the fraction along the first axis, and for each
-    /// pair of nodes along it where it begins after the first and its weight.
+    /// Where the nodes around a point are among the numbers of all nodes, four each: the index of
+    /// the first number of the node below it; the fraction along the first axis; and, for each
+    /// pair of nodes along that axis, its offset from there and its weight.
     #[inline(always)]
     fn pairs(&self, at: Vec3) -> (usize, f32, [(usize, f32); 4]) {
         let Corner { node, fraction: f } = self.corner(at);

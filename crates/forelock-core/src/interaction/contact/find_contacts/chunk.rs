@@ -184,8 +184,8 @@ impl Chunk {
                 self.near.dedup();
             }
             let own = pieces[0].segment & !ACTIVE;
-            let others = self.near.iter().filter(|&&other| !follower.displacements.same_strand(own, other));
-            self.pairs.extend(others.map(|&other| [own, other]));
+            let others = self.near.iter().filter(|&&other| !follower.is_one_strand(own, other));
+            self.pairs.extend(others.map(|&other| [own.min(other), own.max(other)]));
             if self.pairs.len() >= PAIRS {
                 follower.follow(&self.pairs, &mut paths, &mut self.found);
                 self.pairs.clear();

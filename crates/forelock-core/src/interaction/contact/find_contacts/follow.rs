@@ -21,8 +21,9 @@ pub const REST_SHARE: f32 = 0.95;
 
 /// Steps after which pairs that were advanced together are left to [`follow`].
 const SHARED_STEPS: usize = 6;
-/// Margin of the contact distance for rounding, relative to it.
+/// Margins of what is advanced together, for rounding: relative, and in metres.
 const MARGIN: f32 = 1e-3;
+const ROUNDING: f32 = 5e-7;
 
 /// Paths of sixteen pairs of segments, a pair in each lane: for each segment and each of its ends
 /// the position at the start of the frame and the displacement in the frame, axis by axis.
@@ -37,7 +38,7 @@ impl Default for Paths {
 
 impl Paths {
     #[inline]
-    fn set(&mut self, lane: usize, displacements: &Displacements, pair: [u32; 2]) {
+    pub fn set(&mut self, lane: usize, displacements: &Displacements, pair: [u32; 2]) {
         for (rows, p) in self.0.iter_mut().zip(pair) {
             for (rows, p) in rows.iter_mut().zip([p as usize, p as usize + LANES]) {
                 for (rows, x) in rows.iter_mut().zip([displacements.start(p), displacements.of(p)]) {
@@ -48,19 +49,19 @@ impl Paths {
     }
 }
 
-/// Bits of the lanes whose pairs may come as near as the second argument, metres, within a span of
-/// the frame.
+/// Bits of the lanes whose pairs may come within the contact distance, the second argument, in a
+/// span of the frame: all pairs for which [`follow`] finds a contact, and some others.
 ///
 /// # Safety
 /// The processor must support the instruction set of the function.
-type ComeNear = unsafe fn(&Paths, f32, [f32; 2]) -> u32;
+pub(super) type ComeNear = unsafe fn(&Paths, f32, [f32; 2]) -> u32;
 
 /// Finds the contacts of pairs of segments in a slice.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Follower<'a, T> {
-    pub model: &'a Model<T>,
-    pub displacements: &'a Displacements,
-    pub slice: &'a Slice,
+    model: &'a Model<T>,
+    displacements: &'a Displacements,
+    slice: &'a Slice,
     come_near: ComeNear,
 }
 
@@ -70,7 +71,14 @@ impl<'a, T: Real> Follower<'a, T> {
         Self { model, displacements, slice, come_near: come_near_for(simd) }
     }
 
-    /// Adds the contacts of `pairs`, segments of different strands, to `found`.
+    /// Whether two segments belong to the same strand.
+    #[inline]
+    pub fn is_one_strand(&self, a: u32, b: u32) -> bool {
+        self.displacements.same_strand(a, b)
+    }
+
+    /// Adds the contacts of `pairs`, segments of different strands with the lower number first, to
+    /// `found`.
     pub fn follow(&self, pairs: &[[u32; 2]], paths: &mut Paths, found: &mut Vec<Contact>) {
         for pairs in pairs.chunks(LANES) {
             pairs.iter().enumerate().for_each(|(lane, &pair)| paths.set(lane, self.displacements, pair));
@@ -86,7 +94,8 @@ impl<'a, T: Real> Follower<'a, T> {
 
 /// The function for `simd`, or the portable one if `simd` is not supported.
 #[inline(never)]
-fn come_near_for(simd: Simd) -> ComeNear {
+pub(super) fn come_near_for(simd: Simd) -> ComeNear {
+    let simd = simd.resolve();
     let simd = if simd.is_supported() { simd } else { Simd::Portable };
     on!(simd, come_near(paths: &Paths, distance: f32, span: [f32; 2]) -> u32)
 }
@@ -105,7 +114,10 @@ fn load<L: Lane<Scalar = f32>>(rows: &[Row<f32>; 3], first: usize) -> V3<L> {
     V3([L::load(&rows[0], first), L::load(&rows[1], first), L::load(&rows[2], first)])
 }
 
-/// Advances the pairs in the lanes from `first` as [`follow`] does one, with a margin.
+/// Advances the pairs in the lanes from `first` as [`follow`] does one.
+///
+/// Advancement stops short of a distance that [`follow`] never exceeds where it finds a contact, so
+/// wherever it looks, pairs that are ruled out here are farther apart.
 #[inline(always)]
 fn may_come_near<L: Lane<Scalar = f32>>(
     paths: &Paths,
@@ -118,8 +130,8 @@ fn may_come_near<L: Lane<Scalar = f32>>(
     let [a0, b0] = [load::<L>(a0, first), load(b0, first)];
     let [ea, eb] = [load::<L>(a1, first) - a0, load(b1, first) - b0];
     let (r, dr, dea, deb) = (a0 - b0, da0 - db0, da1 - da0, db1 - db0);
-    let reach = L::splat(distance * (1.0 + MARGIN));
-    let close = L::splat(distance * (1.0 + MARGIN) * (1.0 + CLOSE));
+    let reach = distance * (1.0 + CLOSE) * (1.0 + MARGIN) + ROUNDING;
+    let (reach, close) = (L::splat(reach), L::splat(reach * (1.0 + CLOSE)));
     let (mut when, to) = (L::splat(from), L::splat(to * (1.0 + MARGIN)));
     let (mut near, mut left) = (0, u32::MAX >> (32 - L::WIDTH));
     for _ in 0..SHARED_STEPS {
@@ -132,10 +144,10 @@ fn may_come_near<L: Lane<Scalar = f32>>(
         let t = fraction((ab * s + br) / bb);
         let s = fraction((ab * t - ar) / aa);
         let apart = r + ea.scale(s) - eb.scale(t);
-        let distance = apart.dot(apart).sqrt();
+        let apart_by = apart.dot(apart).sqrt();
         let closing = (-apart.dot(da0)).max(-apart.dot(da1)) + apart.dot(db0).max(apart.dot(db1));
-        when += distance * (distance - reach) / closing;
-        let is_near = L::bits(distance.lt(close));
+        when += apart_by * (apart_by - reach) / closing;
+        let is_near = L::bits(apart_by.lt(close));
         near |= left & is_near;
         left &= L::bits(L::zero().lt(closing)) & L::bits(when.lt(to)) & !is_near;
         if left == 0 {
@@ -151,7 +163,8 @@ fn fraction<L: Lane>(x: L) -> L {
     x.max(L::zero()).min(L::one())
 }
 
-/// The contact of two segments of different strands in a slice, if they touch and approach.
+/// The contact of two segments of different strands, the lower number first, in a slice, if they
+/// touch and approach.
 ///
 /// Conservative advancement: the vector between the nearest points of two segments separates them,
 /// so at distance D they cannot touch before the time (D − d)/V, where V is the largest approach of
@@ -160,10 +173,9 @@ pub(super) fn follow<T: Real>(
     model: &Model<T>,
     displacements: &Displacements,
     slice: &Slice,
-    [a, b]: [u32; 2],
+    segments: [u32; 2],
 ) -> Option<Contact> {
-    let ([a, b], numbers) = if a < b { ([a, b], [a, b]) } else { ([b, a], [b, a]) };
-    let (a, b) = (a as usize, b as usize);
+    let [a, b] = segments.map(|segment| segment as usize);
     // Each step needs them, so they are read once.
     let [start_a, start_b] = [a, b].map(|p| [displacements.start(p), displacements.start(p + LANES)]);
     let [displacement_a, displacement_b] = [a, b].map(|p| [displacements.of(p), displacements.of(p + LANES)]);
@@ -190,7 +202,6 @@ pub(super) fn follow<T: Real>(
             let normal = direction(r, distance, own, other, relative)?;
             let approach = -normal.dot(relative);
             let gap = distance.min(reach);
-            let segments = numbers;
             return (approach > slice.slip).then_some(Contact {
                 segments,
                 along,

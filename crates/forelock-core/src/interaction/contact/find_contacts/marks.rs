@@ -74,11 +74,11 @@ impl Marks {
     pub fn marked(&self, at: &Place) -> u32 {
         let Cells { low, inverse, dims, .. } = self.cells;
         let mut cells = [[0i32; LANES]; 3];
-        for c in 0..3 {
-            let last = (dims[c] - 1) as f32;
-            for lane in 0..LANES {
+        for ((cells, at), c) in cells.iter_mut().zip(at).zip(0..) {
+            let (low, last) = (low[c], (dims[c] - 1) as f32);
+            for (cell, x) in cells.iter_mut().zip(at.0) {
                 // A cast of a positive number is the floor.
-                cells[c][lane] = ((at[c].0[lane] - low[c]) * inverse).max(0.0).min(last) as i32;
+                *cell = ((x - low) * inverse).max(0.0).min(last) as i32;
             }
         }
         let [nx, ny] = [self.words as i32, dims[1] as i32];

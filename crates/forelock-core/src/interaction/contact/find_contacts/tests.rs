@@ -92,7 +92,7 @@ fn all_pairs(
         let slice = Slice { span: [k, k + 1].map(|k| k as f32 / slices as f32), ..first };
         for (i, &a) in segments.iter().enumerate() {
             for &b in &segments[..i] {
-                let [p, q] = [a as u32, b as u32];
+                let [p, q] = [b as u32, a as u32];
                 if (is_active(a) || is_active(b)) && !displacements.same_strand(p, q) {
                     let contact = follow::follow(model, displacements, &slice, [p, q]);
                     found.extend(contact.map(|contact| contact.segments));
@@ -126,6 +126,66 @@ fn the_search_finds_what_all_pairs_find() {
                 pairs.len()
             );
             assert!(found.len() <= pairs.len() * slices as usize, "a pair comes once a slice at most");
+        }
+    }
+}
+
+/// Strands side by side, every second one upside down, with long edges.
+fn combed(random: &mut Random) -> Model<f32> {
+    let (mut positions, mut offsets) = (Vec::new(), vec![0u32]);
+    for strand in 0..40u16 {
+        let (side, up) = (4e-4 * f32::from(strand), if strand % 2 == 0 { 1.0 } else { -1.0 });
+        for i in 0..5u16 {
+            let tilt = 1e-5 * random.next();
+            positions.push([side + tilt, up * 0.032 * (f32::from(i) - 2.0), tilt]);
+        }
+        offsets.push(positions.len() as u32);
+    }
+    Model::new(&Strands::new(&positions, &offsets)).unwrap()
+}
+
+/// Of sixteen pairs that are advanced together none is ruled out that has a contact, however small
+/// the contact distance is and if segments are parallel. At half the distance some are.
+#[test]
+fn no_pair_with_a_contact_is_ruled_out() {
+    let mut random = Random(23);
+    let scenes = [(tangle(&mut random), 0.012), (combed(&mut random), 0.002)];
+    for (model, speed) in scenes {
+        let (displacements, mean_motion) = frame(&model, &mut random, speed);
+        let some = segments(&model).step_by(3).take(700);
+        let some: Vec<u32> = some.collect();
+        let pairs = some.iter().enumerate().flat_map(|(k, &b)| some[..k].iter().map(move |&a| [a, b]));
+        let pairs: Vec<_> = pairs.filter(|&[a, b]| !displacements.same_strand(a, b)).collect();
+        for (distance, simd) in [1e-6, 1e-4, 2e-3]
+            .into_iter()
+            .flat_map(|distance| Simd::ALL.map(|simd| (distance, simd)))
+            .filter(|(_, simd)| simd.is_supported())
+        {
+            let params = ContactParams { distance: f64::from(distance), slip: 0.0, ..Default::default() };
+            let finder = Finder::new(&model, &params, simd);
+            let (slice, _) = finder.first_slice(&model, &params, 1.0 / 60.0, &mean_motion).unwrap();
+            let slice = Slice { span: [0.25, 0.75], ..slice };
+            let (come_near, mut paths) = (follow::come_near_for(simd), follow::Paths::default());
+            let (mut contacts, mut left, mut missed) = (0, 0, [0, 0]);
+            for pairs in pairs.chunks(LANES) {
+                pairs.iter().enumerate().for_each(|(lane, &pair)| paths.set(lane, &displacements, pair));
+                // SAFETY: the processor supports `simd`.
+                let near = [1.0, 0.5].map(|part| unsafe { come_near(&paths, part * distance, slice.span) });
+                for (lane, &pair) in pairs.iter().enumerate() {
+                    let is_near = near.map(|near| near >> lane & 1 != 0);
+                    left += usize::from(is_near[0]);
+                    if follow::follow(&model, &displacements, &slice, pair).is_some() {
+                        contacts += 1;
+                        missed.iter_mut().zip(is_near).for_each(|(sum, is)| *sum += usize::from(!is));
+                    }
+                }
+            }
+            let found =
+                format!("{simd:?}, {distance} m: {contacts} contacts, {left} left, {missed:?} missed");
+            println!("{found}");
+            assert_eq!(missed[0], 0, "{found}");
+            assert!(4 * left < pairs.len(), "{found}");
+            assert!(distance < 1e-3 || contacts > 20 && missed[1] > 0, "{found}");
         }
     }
 }
