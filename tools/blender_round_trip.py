@@ -81,8 +81,7 @@ def export(head, hair, folder):
         'groom.source = "groom.abc"\n'
         f"[time]\nfps = {FPS}\nframes = {FRAMES}\n"
         '[output]\nexports = ["hair.abc"]\n'
-        '[body]\nmesh = "head.abc"\n'
-        '[body.motion]\nname = "animation"\nclip = { blend_secs = 0, repeat = false }\n'
+        '[body]\nmesh = "head.abc"\nmotion = "animation"\n'
     )
     return scene
 

@@ -47,6 +47,25 @@ pub fn counts(values: &Bound<'_, PyAny>) -> PyResult<Vec<u32>> {
     counts.map(count).collect()
 }
 
+/// The values of an array of shape `[S]`, or `[S, 3]` for three `each`, converted to `dtype`.
+pub fn rows<T: numpy::Element + Copy>(
+    values: &Bound<'_, PyAny>,
+    dtype: &str,
+    each: usize,
+) -> PyResult<Vec<T>> {
+    let array: PyReadonlyArrayDyn<'_, T> = contiguous(values, dtype)?.extract()?;
+    let is_right = match *array.shape() {
+        [_] => each == 1,
+        [_, own] => each > 1 && own == each,
+        _ => false,
+    };
+    if !is_right {
+        let shape = if each == 1 { "[S]".to_owned() } else { format!("[S, {each}]") };
+        return Err(error(format!("an array has the shape {:?}, but must have {shape}", array.shape())));
+    }
+    Ok(array.as_slice().map_err(error)?.to_vec())
+}
+
 /// A pose from a 4 × 4 matrix without scale, world from local.
 pub fn pose(values: &Bound<'_, PyAny>) -> PyResult<Pose> {
     let array: PyReadonlyArrayDyn<'_, f64> = contiguous(values, "float64")?.extract()?;
@@ -89,6 +108,14 @@ pub unsafe fn view<'py>(owner: Bound<'py, PyAny>, points: &[Vec3]) -> Bound<'py,
     let array = unsafe { PyArray2::borrow_from_array(&rows, owner) };
     array.readwrite().make_nonwriteable();
     array
+}
+
+/// A copy of `rows`, `[S, 3]`.
+pub fn threes<'py, T: numpy::Element + Copy>(
+    py: Python<'py>,
+    rows: &[[T; 3]],
+) -> PyResult<Bound<'py, PyArray2<T>>> {
+    PyArray1::from_slice(py, rows.as_flattened()).reshape([rows.len(), 3])
 }
 
 /// A copy of `numbers`, `[N]`.

@@ -3,10 +3,11 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use forelock::core::groom::{Groom, Import, repair, resample};
+use forelock::core::groom::{Groom, Import, Labels, repair, resample};
 use forelock::io;
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
 use crate::{arrays, error};
 
@@ -29,6 +30,11 @@ impl PyGroom {
     pub fn of(groom: Groom) -> Self {
         Self { groom: groom.into(), repairs: Vec::new() }
     }
+}
+
+/// Values in threes.
+fn threes<T: Copy>(values: Vec<T>) -> Vec<[T; 3]> {
+    values.as_chunks().0.to_vec()
 }
 
 #[pymethods]
@@ -69,6 +75,53 @@ impl PyGroom {
     fn resample(&self, py: Python<'_>, particles: usize) -> PyResult<Self> {
         let groom = py.detach(|| resample(&self.groom, particles)).map_err(error)?;
         Ok(Self::of(groom))
+    }
+
+    /// The labels of the strands that the groom has, as copies: ``ids`` and ``group_ids``, int32 [S];
+    /// ``guides``, bool [S]; ``closest_guides``, int32 [S, 3], -1 for none; ``guide_weights``,
+    /// float32 [S, 3].
+    #[getter]
+    fn labels<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let Labels { ids, group_ids, guides, closest_guides, guide_weights } = &self.groom.labels;
+        let dict = PyDict::new(py);
+        for (name, numbers) in [("ids", ids), ("group_ids", group_ids)] {
+            if let Some(numbers) = numbers {
+                dict.set_item(name, arrays::numbers(py, numbers))?;
+            }
+        }
+        if let Some(guides) = guides {
+            dict.set_item("guides", arrays::numbers(py, guides))?;
+        }
+        if let Some(closest) = closest_guides {
+            dict.set_item("closest_guides", arrays::threes(py, closest)?)?;
+        }
+        if let Some(weights) = guide_weights {
+            dict.set_item("guide_weights", arrays::threes(py, weights)?)?;
+        }
+        Ok(dict)
+    }
+
+    /// The groom with these labels, named and shaped as in ``labels``, in place of those it has.
+    fn with_labels(&self, labels: &Bound<'_, PyDict>) -> PyResult<Self> {
+        let mut groom = (*self.groom).clone();
+        groom.labels = Labels::default();
+        for (name, values) in labels {
+            let own = &mut groom.labels;
+            match name.extract::<String>()?.as_str() {
+                "ids" => own.ids = Some(arrays::rows(&values, "int32", 1)?),
+                "group_ids" => own.group_ids = Some(arrays::rows(&values, "int32", 1)?),
+                "guides" => own.guides = Some(arrays::rows(&values, "bool", 1)?),
+                "closest_guides" => own.closest_guides = Some(threes(arrays::rows(&values, "int32", 3)?)),
+                "guide_weights" => own.guide_weights = Some(threes(arrays::rows(&values, "float32", 3)?)),
+                other => {
+                    return Err(error(format!(
+                        "there is no label {other:?}: ids, group_ids, guides, closest_guides, guide_weights"
+                    )));
+                }
+            }
+        }
+        groom.check_attributes().map_err(error)?;
+        Ok(Self { groom: groom.into(), repairs: self.repairs.clone() })
     }
 
     /// Positions of all particles, float32 [P, 3], metres: a read-only view.

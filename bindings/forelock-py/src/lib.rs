@@ -39,5 +39,6 @@ fn _forelock(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<scene::PyScene>()?;
     m.add_class::<simulation::PySimulation>()?;
     m.add_class::<cache::PyCache>()?;
-    m.add_function(wrap_pyfunction!(run::simulate, m)?)
+    m.add_function(wrap_pyfunction!(run::simulate, m)?)?;
+    m.add_function(wrap_pyfunction!(run::train, m)?)
 }

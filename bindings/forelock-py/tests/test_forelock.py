@@ -168,6 +168,48 @@ def test_the_gil_is_released():
     assert count > 10
 
 
+def test_labels(tmp_path):
+    labels = {
+        "ids": np.array([7, 8, 9], np.int32),
+        "group_ids": np.array([0, 1, 1], np.int32),
+        "guides": np.array([True, False, False]),
+        "closest_guides": np.array([[-1, -1, -1], [7, -1, -1], [7, 7, -1]], np.int32),
+        "guide_weights": np.array([[0, 0, 0], [1, 0, 0], [0.5, 0.5, 0]], np.float32),
+    }
+    plain = forelock.Groom(strands(3))
+    assert plain.labels == {}
+    groom = plain.with_labels(labels)
+    path = tmp_path / "hair.abc"
+    groom.save(path)
+    for own in [groom, groom.resample(5), forelock.Groom.load(path)]:
+        assert own.labels.keys() == labels.keys()
+        for name, values in labels.items():
+            assert own.labels[name].dtype == values.dtype
+            assert np.array_equal(own.labels[name], values), name
+    assert groom.with_labels({"ids": [1, 2, 3]}).labels.keys() == {"ids"}
+    for wrong, words in [
+        ({"ids": [1, 2]}, "ids"),
+        ({"guide_weights": [0, 1, 0]}, "must have .S, 3."),
+        ({"names": [1, 2, 3]}, "no label"),
+    ]:
+        with pytest.raises(forelock.ForelockError, match=words):
+            plain.with_labels(wrong)
+
+
+def test_training(tmp_path):
+    seen = []
+    keys = {"hair.grown": 64, "steps.codes": 20, "steps.simulator": 4, "steps.measure_every": 4}
+    summary = forelock.train(None, tmp_path, set=keys, progress=lambda *own: seen.append(own))
+    assert summary["steps"] == 4 and seen
+    model = [path for path in summary["outputs"] if path.endswith(".safetensors")][0]
+    scene = SMALL | {"solver.kind": "neural", "solver.neural.model": model}
+    sim = forelock.Simulation(forelock.Scene(set=scene))
+    sim.step(3)
+    assert np.isfinite(sim.positions).all()
+    with pytest.raises(forelock.ForelockError, match="steps.codes"):
+        forelock.train({"steps": {"codes": 0}}, tmp_path / "other")
+
+
 def test_runs_into_a_folder(tmp_path):
     seen = []
     keys = {"time.frames": 4, "output.film": False, "output.picture": False, "output.cache_every": 1}

@@ -279,6 +279,12 @@ pub fn is_character(path: &Path) -> bool {
     matches!(Format::of(path), Some(Format::Gltf | Format::Alembic | Format::Usd))
 }
 
+/// Whether the characters of a file that ends as `path` store all their vertices at each time:
+/// `.abc`, `.usd`, `.usda`, `.usdc`.
+pub fn is_baked(path: &Path) -> bool {
+    matches!(Format::of(path), Some(Format::Alembic | Format::Usd))
+}
+
 /// The endings of the files from which characters are read, for messages.
 const CHARACTERS: &str = ".glb .gltf .abc .usd .usda .usdc";
 

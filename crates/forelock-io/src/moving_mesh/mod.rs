@@ -200,8 +200,8 @@ impl MovingMesh<'_> {
         Ok(())
     }
 
-    /// Adds polygons of so many corners each, `counts`, whose vertices are `corners`, as fans;
-    /// `is_reversed` reverses their winding. Returns the number of triangles that are left out
+    /// Adds polygons of so many corners each, `counts`, whose vertices are `corners`, as fans around
+    /// their first corner; if `is_reversed`, their corners are reversed before. Returns the number of triangles that are left out
     /// because a corner is repeated.
     ///
     /// # Errors
@@ -223,13 +223,16 @@ impl MovingMesh<'_> {
             let split = TryInto::<usize>::try_into(count).ok().and_then(|n| rest.split_at_checked(n));
             let (own, others) = split.ok_or_else(|| fail("has polygons with more corners than it has"))?;
             let own: Result<Vec<u32>, _> = own.iter().map(|&corner| corner.try_into()).collect();
-            let own = own.map_err(|_| fail("has a corner that is no vertex"))?;
+            let mut own = own.map_err(|_| fail("has a corner that is no vertex"))?;
+            if is_reversed {
+                own.reverse();
+            }
             for k in 2..own.len() {
                 let [a, b, c] = [own[0], own[k - 1], own[k]];
                 if a == b || b == c || c == a {
                     left_out += 1;
                 } else {
-                    self.triangles.push(if is_reversed { [a, c, b] } else { [a, b, c] });
+                    self.triangles.push([a, b, c]);
                 }
             }
             rest = others;
@@ -516,7 +519,7 @@ mod tests {
         let mut mesh = all.begin("m".to_owned(), &[0.0]);
         assert_eq!(mesh.add_polygons(&[4], &[0, 1, 2, 3], false), Ok(0));
         assert_eq!(mesh.add_polygons(&[4, 2], &[4i64, 5, 5, 6, 1, 2], true), Ok(1));
-        assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3], [4, 6, 5]]);
+        assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3], [6, 5, 4]]);
         assert!(mesh.add_polygons(&[3], &[0, 1], false).is_err());
         assert!(mesh.add_polygons(&[-1], &[0, 1], false).is_err());
         assert!(mesh.add_polygons(&[3], &[0, 1, -1], false).is_err());

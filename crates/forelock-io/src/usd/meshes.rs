@@ -68,11 +68,21 @@ pub fn read_character(
         mesh.finish().map_err(invalid)?;
     }
     let mut notes: Vec<String> = moving_mesh::left_out(left_out).into_iter().collect();
-    if layer.prims.iter().any(|prim| &*prim.kind == "Skeleton") {
-        notes.push("its skeletons are not read: bake their motion into the points of the meshes".to_owned());
+    if layer.prims.iter().any(is_of_skeleton) {
+        notes.push(
+            "its skeletons and blend shapes are not read: export the points of its meshes at each frame \
+             (in Blender, without armatures and shape keys)"
+                .to_owned(),
+        );
     }
     let character = meshes.finish().map_err(invalid)?;
     Ok((character, import(asked, metres_per_unit, is_z_up), notes))
+}
+
+/// Whether a prim belongs to what moves by `UsdSkel`.
+fn is_of_skeleton(prim: &Prim) -> bool {
+    let is_bound = |name: &str| name.starts_with("primvars:skel:") || name.starts_with("skel:");
+    matches!(&*prim.kind, "Skeleton" | "BlendShape") || prim.attributes.keys().any(|name| is_bound(name))
 }
 
 /// Where points are in the layer, and the points.

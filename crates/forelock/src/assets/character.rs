@@ -83,7 +83,9 @@ pub(super) fn performance(
         let unknown = || AssetError::Joint { name: section.joint.clone(), known: Names(known()) };
         skeleton.find(&section.joint).ok_or_else(unknown)?
     };
-    Ok(Some(Performance::new(character.clone(), clip, motion.clip.playback(), section.skinning, joint)?))
+    let is_baked = !motion.is_file() && forelock_io::is_baked(section.mesh.as_ref());
+    let playback = motion.clip.playback(is_baked);
+    Ok(Some(Performance::new(character.clone(), clip, playback, section.skinning, joint)?))
 }
 
 /// What to say of the joints that do not follow the motion of the file `path`, if there are any

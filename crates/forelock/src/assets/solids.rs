@@ -47,7 +47,8 @@ fn unusual_place(mesh: &TriMesh) -> Option<String> {
     let (size, away) = (low.distance(high), ((low + high) * 0.5).length());
     if !(SMALLEST_M..=LARGEST_M).contains(&size) {
         return Some(format!(
-            "the body is {size:.3} m across: `body.unit` and `body.scale` say how it is read"
+            "the body is {size:.3} m across: if its file is not in metres, set `body.unit`, or \
+             `body.scale` (and `groom.unit` for hair in the same unit)"
         ));
     }
     (away > FARTHEST * size).then(|| {

@@ -56,7 +56,7 @@ pub enum SceneError {
         message: String,
     },
     /// A key that no scene has.
-    #[error("{place}: there is no key `{key}`{}", hint(.nearest.as_deref(), .known))]
+    #[error("{place}: there is no key `{key}`{}", hint(.nearest.as_deref(), .known, .key))]
     UnknownKey {
         /// Where.
         place: Place,
@@ -88,8 +88,18 @@ fn read_words(error: &std::io::Error) -> String {
     }
 }
 
-fn hint(nearest: Option<&str>, known: &[String]) -> String {
+/// Whether the last name of `key`, which stands in a table, is that of a section of scenes.
+fn is_section(key: &str) -> bool {
+    let section = key.rsplit_once('.').map(|(_, name)| name);
+    section.is_some_and(|name| ["groom", "body", "time", "solver", "output", "camera"].contains(&name))
+}
+
+fn hint(nearest: Option<&str>, known: &[String], key: &str) -> String {
     match nearest {
+        _ if is_section(key) => {
+            let (_, name) = key.rsplit_once('.').unwrap_or_default();
+            format!("; keys of `{name}` stand before the first table, or below a line `[{name}]`")
+        }
         Some(nearest) => format!("; did you mean `{nearest}`?"),
         None => format!("; known here: {}", known.join(", ")),
     }

@@ -51,14 +51,17 @@ pub struct ClipSection {
     pub start_secs: f64,
     /// Seconds of the clip a second. No unit, default 1, range 0 to 100; 0 holds its start.
     pub speed: f64,
-    /// Whether the clip is repeated; otherwise the body stays at its end. Default true.
-    pub repeat: bool,
+    /// Whether the clip is repeated; otherwise the body stays at its end. Default true, for the
+    /// motion in an .abc or USD file false.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub repeat: Option<bool>,
     /// Time over which the end of a repeated clip fades into its start, at most half of the clip.
     /// Unit s, default 0, range 0 to 1000; 0 is for clips that end as they start.
     pub seam_secs: f64,
-    /// Time over which the body goes from rest to the clip. Unit s, default 0.5, range 0 to 1000; 0
-    /// starts in the clip.
-    pub blend_secs: f64,
+    /// Time over which the body goes from rest to the clip. Unit s, default 0.5 and for the motion
+    /// in an .abc or USD file 0, range 0 to 1000; 0 starts in the clip.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub blend_secs: Option<f64>,
     /// Whether left and right are exchanged. Default false.
     pub mirrored: bool,
     /// Joints of the body with the joints of the .bvh file that they follow, where their names
@@ -69,9 +72,9 @@ pub struct ClipSection {
 
 impl Default for ClipSection {
     fn default() -> Self {
-        let Playback { start_secs, speed, repeats, seam_secs, blend_secs, mirrored } = Playback::default();
+        let Playback { start_secs, speed, seam_secs, mirrored, .. } = Playback::default();
         let joints = BTreeMap::new();
-        Self { start_secs, speed, repeat: repeats, seam_secs, blend_secs, mirrored, joints }
+        Self { start_secs, speed, repeat: None, seam_secs, blend_secs: None, mirrored, joints }
     }
 }
 
@@ -80,14 +83,16 @@ impl ClipSection {
         *self == Self::default()
     }
 
-    /// The same as what a performance takes.
-    pub fn playback(&self) -> Playback {
+    /// The same as what a performance takes. The motion of a file that stores all vertices at each
+    /// time, `is_baked`, is played as it is there, unless keys say otherwise.
+    pub fn playback(&self, is_baked: bool) -> Playback {
+        let usual = Playback::default();
         Playback {
             start_secs: self.start_secs,
             speed: self.speed,
-            repeats: self.repeat,
+            repeats: self.repeat.unwrap_or(usual.repeats && !is_baked),
             seam_secs: self.seam_secs,
-            blend_secs: self.blend_secs,
+            blend_secs: self.blend_secs.unwrap_or(if is_baked { 0.0 } else { usual.blend_secs }),
             mirrored: self.mirrored,
         }
     }

@@ -67,6 +67,11 @@ fn unknown_keys_are_refused_by_name_with_line_and_nearest_key() {
             .ends_with("no key `interaction.zzz`; known here: kind, grid, sph, contacts, contact")
     );
     assert!(message("[body.motion]\nnam = \"x\"", &[]).contains("`body.motion.name`?"));
+    for section in ["output.exports = [\"a.abc\"]", "time.fps = 24"] {
+        let said = message(&format!("[body.motion]\nname = \"x\"\n{section}"), &[]);
+        let (name, _) = section.split_once('.').unwrap();
+        assert!(said.contains(&format!("`body.motion.{name}`; keys of `{name}` stand before")), "{said}");
+    }
 }
 
 #[test]
