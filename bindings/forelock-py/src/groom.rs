@@ -77,8 +77,8 @@ impl PyGroom {
         Ok(Self::of(groom))
     }
 
-    /// The labels of the strands that the groom has, as copies: ``ids`` and ``group_ids``, int32 [S];
-    /// ``guides``, bool [S]; ``closest_guides``, int32 [S, 3], -1 for none; ``guide_weights``,
+    /// The labels of the strands that the groom has, as copies: ``ids`` and ``group_ids``, int32
+    /// [S]; ``guides``, bool [S]; ``closest_guides``, int32 [S, 3], -1 for none; ``guide_weights``,
     /// float32 [S, 3].
     #[getter]
     fn labels<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
