@@ -200,9 +200,9 @@ impl MovingMesh<'_> {
         Ok(())
     }
 
-    /// Adds polygons of so many corners each, `counts`, whose vertices are `corners`, as fans around
-    /// their first corner; if `is_reversed`, their corners are reversed before. Returns the number
-    /// of triangles that are left out because a corner is repeated.
+    /// Adds polygons of so many corners each, `counts`, whose vertices are `corners`, as fans
+    /// around their first corner; if `is_reversed`, their corners are reversed before. Returns the
+    /// number of triangles that are left out because a corner is repeated.
     ///
     /// # Errors
     /// What is wrong, in one sentence.
