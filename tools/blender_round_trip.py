@@ -8,7 +8,7 @@ Builds a head that turns and hair on it, as an artist would have them, and
 2. runs `forelock simulate`, which exports the moving hair as Alembic;
 3. imports that file, compares the roots with the head at each frame, and renders a frame.
 
-Blender's frame f is the time f / fps. Needs Python 3.11 and the packages `bpy` and `numpy`; the same lines run inside Blender.
+Needs Python 3.11 and the packages `bpy` and `numpy`; the same lines run inside Blender.
 """
 
 import argparse
@@ -20,6 +20,7 @@ import bpy
 import numpy as np
 
 FPS = 24
+FIRST = 1
 FRAMES = 48
 STRANDS = 1500
 POINTS = 20
@@ -28,17 +29,17 @@ MIDDLE = np.array([0.0, 0.0, 0.1])
 
 
 def build():
-    """The head, which turns, and the hair at rest. Frame 0 is the rest pose."""
+    """The head, which turns, and the hair at rest. The first frame is the rest pose."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
-    scene.render.fps, scene.frame_start, scene.frame_end = FPS, 0, FRAMES
+    scene.render.fps, scene.frame_start, scene.frame_end = FPS, FIRST, FIRST + FRAMES
     bpy.ops.mesh.primitive_uv_sphere_add(radius=RADIUS, location=MIDDLE, segments=48, ring_count=32)
     head = bpy.context.active_object
     # The head turns about the world's origin, its neck.
     bpy.ops.object.transform_apply(location=True)
     for frame, degrees in [(0, 0), (12, 50), (24, -50), (36, 0)]:
         head.rotation_euler = (0.0, 0.0, math.radians(degrees))
-        head.keyframe_insert("rotation_euler", frame=frame)
+        head.keyframe_insert("rotation_euler", frame=FIRST + frame)
 
     random = np.random.default_rng(1)
     height = random.uniform(0.1, 1.0, STRANDS)
@@ -71,16 +72,16 @@ def only(wanted):
 
 def export(head, hair, folder):
     """Writes the groom, the moving head and the scene. Returns the scene's file."""
-    bpy.context.scene.frame_set(0)
+    bpy.context.scene.frame_set(FIRST)
     only(hair)
-    bpy.ops.wm.alembic_export(filepath=str(folder / "groom.abc"), selected=True, start=0, end=0)
+    bpy.ops.wm.alembic_export(filepath=str(folder / "groom.abc"), selected=True, start=FIRST, end=FIRST)
     only(head)
-    bpy.ops.wm.alembic_export(filepath=str(folder / "head.abc"), selected=True, start=0, end=FRAMES)
+    bpy.ops.wm.alembic_export(filepath=str(folder / "head.abc"), selected=True, start=FIRST, end=FIRST + FRAMES)
     scene = folder / "scene.toml"
     scene.write_text(
         'groom.source = "groom.abc"\n'
         f"[time]\nfps = {FPS}\nframes = {FRAMES}\n"
-        '[output]\nexports = ["hair.abc"]\n'
+        f'[output]\nexports = ["hair.abc"]\nfirst_frame = {FIRST}\n'
         '[body]\nmesh = "head.abc"\nmotion = "animation"\n'
     )
     return scene
@@ -112,7 +113,7 @@ def main():
     bpy.ops.wm.alembic_import(filepath=str(folder / "run" / "hair.abc"), set_frame_range=False)
     found = next(o for o in bpy.data.objects if o.type == "CURVES")
     worst, moved = 0.0, 0.0
-    for frame in range(FRAMES + 1):
+    for frame in range(FIRST, FIRST + FRAMES + 1):
         bpy.context.scene.frame_set(frame)
         points = points_of(found).reshape(STRANDS, POINTS, 3)
         matrix = np.array(head.matrix_world)

@@ -128,6 +128,13 @@ impl AnimationReader {
         &self.groom
     }
 
+    /// The same frames at times `secs` later.
+    #[must_use]
+    pub fn later(mut self, secs: f64) -> Self {
+        self.times_secs.iter_mut().for_each(|time| *time += secs);
+        self
+    }
+
     /// The times of the frames in seconds, `[F]`.
     pub fn times_secs(&self) -> &[f64] {
         &self.times_secs

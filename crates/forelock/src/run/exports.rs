@@ -44,7 +44,8 @@ pub(super) fn write(
         // A folder that cannot be made is told by the writer.
         let _ = path.parent().map(std::fs::create_dir_all);
         let reader = AnimationReader::open(cache, &Import::default()).map_err(AnimationError::from)?;
-        let mut reader = reader.with_attributes_of(groom);
+        let start_secs = f64::from(scene.output.first_frame) / scene.time.fps;
+        let mut reader = reader.with_attributes_of(groom).later(start_secs);
         let total = reader.times_secs().len() as u64;
         observer(&Progress::Begin { what: "exporting", done: 0, total });
         convert(&mut reader, path, true, &mut |_| observer(&Progress::Step))?;
@@ -82,6 +83,7 @@ mod tests {
 
         let mut scene = Scene::default();
         scene.output.exports = vec!["hair.abc".into(), "for/hair.usdc".into(), "hair.glb".into()];
+        (scene.output.first_frame, scene.time.fps) = (3, 24.0);
         let paths = write(&scene, &groom, &cache, folder.path(), &mut |_| {}).unwrap();
         // Tests of the writer look into a `.glb`.
         assert!(std::fs::read(&paths[2]).unwrap().starts_with(b"glTF"));
@@ -89,7 +91,7 @@ mod tests {
             let reader = AnimationReader::open(path, &Import::default()).unwrap();
             assert_eq!(reader.groom().labels, groom.labels);
             assert_eq!(reader.groom().colours, groom.colours);
-            for (frame, time) in (4..7).zip(reader.times_secs()) {
+            for (frame, time) in (7..10).zip(reader.times_secs()) {
                 assert!((time - f64::from(frame) / 24.0).abs() < 1e-9, "{}: {time}", path.display());
             }
         }

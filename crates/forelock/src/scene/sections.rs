@@ -502,6 +502,10 @@ pub struct OutputSection {
     /// Files for other programs with the frames of the cache, made when the run is done: names that
     /// end in .abc, .usdc, .usd or .glb. Default [].
     pub exports: Vec<PathBuf>,
+    /// Number of the first frame in these files, whose time is that many frames after 0: the first
+    /// frame of the body's motion in the program that they are for. Unit frames, default 0, range 0
+    /// to 1000000.
+    pub first_frame: u32,
     /// What draws pictures and films: "cpu" or "gpu", which is refused where there is no GPU.
     /// Default "cpu".
     pub renderer: Renderer,
@@ -525,6 +529,7 @@ impl Default for OutputSection {
             cache: PathBuf::from("hair.npz"),
             cache_every: 1,
             exports: Vec::new(),
+            first_frame: 0,
             renderer: Renderer::Cpu,
             report: true,
             groom: PathBuf::from("groom.npz"),
