@@ -27,7 +27,7 @@ use super::{
     ogawa::invalid,
     unit,
 };
-use crate::moving_mesh::{self, Meshes, MovingMesh, Room};
+use crate::moving_mesh::{self, Meshes, MovingMesh, Order, Room};
 
 /// The schemas of meshes.
 const SCHEMAS: [&str; 2] = ["AbcGeom_PolyMesh_v", "AbcGeom_SubD_v"];
@@ -133,6 +133,7 @@ fn add_polygons<R: Read + Seek>(
         values.ok_or_else(|| fail(&format!("has no `{name}`")))
     };
     let (counts, corners) = (integers(".faceCounts")?, integers(".faceIndices")?);
-    // Clockwise: the other way round than here.
-    mesh.add_polygons(&counts, &corners, !is_mirrored).map_err(|words| invalid(0, words))
+    // Programs reverse their polygons, which are clockwise in the file.
+    let order = Order { is_clockwise: !is_mirrored, is_backwards: true };
+    mesh.add_polygons(&counts, &corners, order).map_err(|words| invalid(0, words))
 }

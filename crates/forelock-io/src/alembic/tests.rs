@@ -261,7 +261,7 @@ fn meshes_become_a_character() {
     };
     let (own, unit, notes) = archive(&[4, 3], &[0, 1, 2, 3, 1, 0, 4]).unwrap();
     assert_eq!((unit, notes.len()), (forelock_core::groom::Unit::Metre, 0));
-    assert_eq!(own.bound().triangles, [[3, 2, 1], [3, 1, 0], [4, 0, 1]]);
+    assert_eq!(own.bound().triangles, [[3, 1, 0], [3, 2, 1], [4, 0, 1]]);
     let expected = corners.map(|[x, y, z]| Vec3::new(x, y + 2.0, z));
     assert_eq!(own.rest().positions, expected);
     assert_eq!(own.groups()[0].name, "/body/child");

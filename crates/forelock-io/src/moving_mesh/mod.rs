@@ -56,6 +56,16 @@ pub(crate) fn left_out(triangles: usize) -> Option<String> {
     (triangles > 0).then(|| format!("{triangles} triangles with a repeated corner are left out"))
 }
 
+/// The order of the corners of polygons.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Order {
+    /// Whether they are clockwise as seen from outside.
+    pub is_clockwise: bool,
+    /// Whether the first corner, around which programs cut a polygon into triangles, is the last
+    /// one in the file.
+    pub is_backwards: bool,
+}
+
 /// A joint, and when it is where.
 struct Moved {
     name: String,
@@ -200,13 +210,13 @@ impl MovingMesh<'_> {
         Ok(())
     }
 
-    /// Adds polygons of so many corners each, `counts`, whose vertices are `corners`, as fans
-    /// around their first corner; if `is_reversed`, their corners are reversed before. Returns the
-    /// number of triangles that are left out because a corner is repeated.
+    /// Adds polygons of so many corners each, `counts`, whose vertices are `corners` in this
+    /// `order`, as fans. Returns the number of triangles that are left out because a corner is
+    /// repeated.
     ///
     /// # Errors
     /// What is wrong, in one sentence.
-    pub fn add_polygons<T>(&mut self, counts: &[T], corners: &[T], is_reversed: bool) -> Result<usize, String>
+    pub fn add_polygons<T>(&mut self, counts: &[T], corners: &[T], order: Order) -> Result<usize, String>
     where
         T: Copy + TryInto<u32> + TryInto<usize>,
     {
@@ -224,15 +234,15 @@ impl MovingMesh<'_> {
             let (own, others) = split.ok_or_else(|| fail("has polygons with more corners than it has"))?;
             let own: Result<Vec<u32>, _> = own.iter().map(|&corner| corner.try_into()).collect();
             let mut own = own.map_err(|_| fail("has a corner that is no vertex"))?;
-            if is_reversed {
-                own.reverse();
+            if order.is_backwards && !own.is_empty() {
+                own.rotate_right(1);
             }
             for k in 2..own.len() {
                 let [a, b, c] = [own[0], own[k - 1], own[k]];
                 if a == b || b == c || c == a {
                     left_out += 1;
                 } else {
-                    self.triangles.push([a, b, c]);
+                    self.triangles.push(if order.is_clockwise { [a, c, b] } else { [a, b, c] });
                 }
             }
             rest = others;
@@ -517,11 +527,18 @@ mod tests {
     fn polygons_become_fans() {
         let mut all = Meshes::new(Room::new(ROOM, 1));
         let mut mesh = all.begin("m".to_owned(), &[0.0]);
-        assert_eq!(mesh.add_polygons(&[4], &[0, 1, 2, 3], false), Ok(0));
-        assert_eq!(mesh.add_polygons(&[4, 2], &[4i64, 5, 5, 6, 1, 2], true), Ok(1));
-        assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3], [6, 5, 4]]);
-        assert!(mesh.add_polygons(&[3], &[0, 1], false).is_err());
-        assert!(mesh.add_polygons(&[-1], &[0, 1], false).is_err());
-        assert!(mesh.add_polygons(&[3], &[0, 1, -1], false).is_err());
+        let plain = Order::default();
+        let clockwise = Order { is_clockwise: true, ..plain };
+        assert_eq!(mesh.add_polygons(&[4], &[0, 1, 2, 3], plain), Ok(0));
+        assert_eq!(mesh.add_polygons(&[4, 2], &[4i64, 5, 5, 6, 1, 2], clockwise), Ok(1));
+        assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3], [4, 6, 5]]);
+        mesh.triangles.clear();
+        // The same polygon, from its last corner to the first.
+        let order = Order { is_clockwise: true, is_backwards: true };
+        assert_eq!(mesh.add_polygons(&[4, 0], &[3, 2, 1, 0], order), Ok(0));
+        assert_eq!(mesh.triangles, [[0, 2, 3], [0, 1, 2]]);
+        assert!(mesh.add_polygons(&[3], &[0, 1], plain).is_err());
+        assert!(mesh.add_polygons(&[-1], &[0, 1], plain).is_err());
+        assert!(mesh.add_polygons(&[3], &[0, 1, -1], plain).is_err());
     }
 }

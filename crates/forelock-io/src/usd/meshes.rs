@@ -20,7 +20,7 @@ use super::{
     layer::{Layer, Place, Prim, Value},
     open_layer, times, xform,
 };
-use crate::moving_mesh::{self, Meshes, MovingMesh, Room};
+use crate::moving_mesh::{self, Meshes, MovingMesh, Order, Room};
 
 const SCHEMA: &str = "Mesh";
 /// The bytes that meshes may take in memory for each byte of the file.
@@ -124,8 +124,8 @@ fn add_polygons<R: Read + Seek>(
     let (counts, corners) = (find("faceVertexCounts")?, find("faceVertexIndices")?);
     let orientation = layer.find(prim, "orientation", code)?;
     let is_left_handed = orientation.as_ref().and_then(|own| own.word()) == Some("leftHanded");
-    let is_reversed = is_left_handed != is_mirrored;
-    mesh.add_polygons(&counts, &corners, is_reversed).map_err(invalid)
+    let order = Order { is_clockwise: is_left_handed != is_mirrored, is_backwards: false };
+    mesh.add_polygons(&counts, &corners, order).map_err(invalid)
 }
 
 #[cfg(test)]
