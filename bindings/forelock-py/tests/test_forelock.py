@@ -198,9 +198,13 @@ def test_labels(tmp_path):
 
 def test_training(tmp_path):
     seen = []
-    keys = {"hair.grown": 64, "steps.codes": 20, "steps.simulator": 4, "steps.measure_every": 4}
-    summary = forelock.train(None, tmp_path, set=keys, progress=lambda *own: seen.append(own))
-    assert summary["steps"] == 4 and seen
+    config = {
+        "hair": {"grooms": ["straight"], "lengths": [0.7], "grown": 96, "held_out": 2},
+        "motions": {"count": 4, "secs": 1, "held_out": 1},
+    }
+    keys = {"steps.codes": 20, "steps.simulator": 8, "steps.measure_every": 4}
+    summary = forelock.train(config, tmp_path, set=keys, progress=lambda *own: seen.append(own))
+    assert summary["steps"] == 8 and seen
     model = [path for path in summary["outputs"] if path.endswith(".safetensors")][0]
     scene = SMALL | {"solver.kind": "neural", "solver.neural.model": model}
     sim = forelock.Simulation(forelock.Scene(set=scene))
