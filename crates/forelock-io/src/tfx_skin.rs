@@ -113,11 +113,12 @@ fn is_one(sum: f32) -> bool {
 /// roots are on more triangles than the header says, or a number is not finite.
 pub fn read_triangles(bytes: &[u8]) -> Result<TriangleSkin, FormatError> {
     let start = Bytes::new(bytes, ".tfxskin");
-    let [version, strands, triangles] = start.at(0).value::<[u32; 3]>("the fields of the header")?;
+    let [version, strands] = start.at(0).value::<[u32; 2]>("the fields of the header")?;
     if version != 1 {
         return Err(start
             .invalid(format!("version {version} is not supported (1 is), or this is not a .tfxskin file")));
     }
+    let triangles = start.at(8).value::<u32>("the fields of the header")?;
     let [roots, root_uvs] = start.at(136).value::<[u32; 2]>("the fields of the header")?;
     if roots == 0 {
         return Err(start.at(136).invalid("the offset of the roots is 0, so the file has none"));
