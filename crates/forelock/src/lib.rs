@@ -53,8 +53,8 @@ pub use pictures::{PictureError, Studio, labelled, write_picture};
 pub use player::{Player, PlayerError};
 pub use progress::{Observer, Progress};
 pub use run::{
-    MEASURED_EVERY, RunError, RunOptions, SIMULATING, SnapshotError, check_written, folder_name,
-    is_running_in, record, simulate,
+    MEASURED_EVERY, RunError, RunOptions, SIMULATING, SnapshotError, folder_name, is_running_in, record,
+    simulate,
 };
 pub use scene::Scene;
 pub use summary::Summary;

@@ -15,7 +15,6 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
-use forelock::check_written;
 use forelock::shots::{Chunks, Row, Shot, ShotList, ShotResult, Standing, openjd, results_page};
 use serde::Serialize;
 
@@ -157,10 +156,6 @@ impl<'a> Runner<'a> {
             return Ok(());
         }
         let goes_on = standing == Standing::Begun;
-        // Names that lead out of the folder are followed only if it is there. Errors are told by
-        // `prepare`.
-        let _ = std::fs::create_dir_all(&shot.folder);
-        check_written(&shot.scene, &shot.folder)?;
         shot.prepare(goes_on)?;
         let program = std::env::current_exe().context("the program does not find itself")?;
         let mut command = Command::new(program);

@@ -21,7 +21,7 @@ pub(super) fn paths(scene: &Scene, out: &Path) -> Vec<PathBuf> {
 ///
 /// # Errors
 /// [`RunError::Overwrites`].
-pub fn check_written(scene: &Scene, out: &Path) -> Result<(), RunError> {
+pub(crate) fn check_written(scene: &Scene, out: &Path) -> Result<(), RunError> {
     let others = [Some(out.join(SNAPSHOT)), cache_path(scene, out)];
     let outputs: Vec<PathBuf> = others.into_iter().flatten().chain(paths(scene, out)).collect();
     let outputs: Vec<&Path> = outputs.iter().map(PathBuf::as_path).collect();

@@ -49,7 +49,7 @@ use crate::summary::{
     FrameRow, MEASURE_DEPTH, SKIN_STRANDS, Spread, Summary, WRITE_CACHE, median_stages, peak_memory_bytes,
 };
 use checkpoints::Checkpoints;
-pub use exports::check_written;
+pub(crate) use exports::check_written;
 use forelock_core::strands::{SleepSnapshot, Snapshot as State};
 use machine::Machine;
 use measure::FrameClock;

@@ -88,20 +88,19 @@ fn read_words(error: &std::io::Error) -> String {
     }
 }
 
-/// Whether the last name of `key`, which stands in a table, is that of a section of scenes.
-fn is_section(key: &str) -> bool {
-    let section = key.rsplit_once('.').map(|(_, name)| name);
-    section.is_some_and(|name| ["groom", "body", "time", "solver", "output", "camera"].contains(&name))
+/// The last name of `key`, which stands in a table, if it is that of a section of scenes.
+fn section(key: &str) -> Option<&str> {
+    let (_, name) = key.rsplit_once('.')?;
+    ["groom", "body", "time", "solver", "output", "camera"].contains(&name).then_some(name)
 }
 
 fn hint(nearest: Option<&str>, known: &[String], key: &str) -> String {
-    match nearest {
-        _ if is_section(key) => {
-            let (_, name) = key.rsplit_once('.').unwrap_or_default();
+    match (section(key), nearest) {
+        (Some(name), _) => {
             format!("; keys of `{name}` stand before the first table, or below a line `[{name}]`")
         }
-        Some(nearest) => format!("; did you mean `{nearest}`?"),
-        None => format!("; known here: {}", known.join(", ")),
+        (None, Some(nearest)) => format!("; did you mean `{nearest}`?"),
+        (None, None) => format!("; known here: {}", known.join(", ")),
     }
 }
 

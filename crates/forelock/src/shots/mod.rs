@@ -32,7 +32,7 @@ use serde::Deserialize;
 
 use crate::Scene;
 use crate::html::{escape, page};
-use crate::run::{SNAPSHOT, SUMMARY};
+use crate::run::{RunError, SNAPSHOT, SUMMARY, check_written};
 use crate::scene::SceneError;
 
 pub use list::ShotList;
@@ -97,6 +97,9 @@ pub enum ShotsError {
     /// A file of a shot cannot be written.
     #[error(transparent)]
     Write(#[from] forelock_io::WriteError),
+    /// A run would write what it reads, or a file twice.
+    #[error(transparent)]
+    Outputs(#[from] Box<RunError>),
     /// A folder cannot be made.
     #[error("{}: {error}", path.display())]
     Folder {
@@ -183,14 +186,16 @@ impl Shot {
         self.folder.join(SHOT)
     }
 
-    /// Makes its folder and writes its scene there. The summary of an earlier run is removed, so
-    /// that none is there until the new one ends, and unless it `goes_on` its snapshot too.
+    /// Makes its folder, checks its outputs and writes its scene there. The summary of an earlier
+    /// run is removed, so that none is there until the new one ends, and unless it `goes_on` its
+    /// snapshot too.
     ///
     /// # Errors
-    /// [`ShotsError`] if that cannot be written.
+    /// [`ShotsError`] if its run would write what it reads, or that cannot be written.
     pub fn prepare(&self, goes_on: bool) -> Result<(), ShotsError> {
         let folder = |error| ShotsError::Folder { path: self.folder.clone(), error };
         fs::create_dir_all(&self.folder).map_err(folder)?;
+        check_written(&self.scene, &self.folder).map_err(Box::new)?;
         let old: &[&str] = if goes_on { &[SUMMARY] } else { &[SUMMARY, SNAPSHOT] };
         for name in old {
             match fs::remove_file(self.folder.join(name)) {
