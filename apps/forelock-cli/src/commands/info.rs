@@ -3,10 +3,9 @@
 mod character;
 mod skinning;
 
-use std::path::Path;
-
 use forelock_core::groom::Info;
-use forelock_io::{Cache, Format, ReadError};
+use forelock_io::animation::AnimationReader;
+use forelock_io::{Format, ReadError};
 use serde::Serialize;
 
 use crate::arguments::InfoArgs;
@@ -16,11 +15,19 @@ use crate::terminal;
 struct Report {
     file: String,
     format: String,
-    /// The number of frames, if the file is a cache.
-    frames: Option<usize>,
+    #[serde(flatten)]
+    motion: Option<Motion>,
     #[serde(flatten)]
     info: Info,
     repairs: Vec<String>,
+}
+
+/// The frames of a file of moving hair.
+#[derive(Clone, Copy, Serialize)]
+struct Motion {
+    frames: usize,
+    first_secs: f64,
+    last_secs: f64,
 }
 
 /// Prints a description of the file.
@@ -52,7 +59,7 @@ pub fn info(arguments: &InfoArgs) -> anyhow::Result<()> {
     let report = Report {
         file: arguments.file.display().to_string(),
         format: imported.format.to_string(),
-        frames: frames(&arguments.file, imported.format),
+        motion: motion(arguments, imported.format),
         info: Info::of(&imported.groom),
         repairs: imported.repairs.sentences(),
     };
@@ -60,8 +67,10 @@ pub fn info(arguments: &InfoArgs) -> anyhow::Result<()> {
         return terminal::json(&report);
     }
     terminal::line(format!("{}: {}", report.file, report.format))?;
-    if let Some(frames) = report.frames {
-        terminal::line(format!("a cache of {frames} frames; the first frame:"))?;
+    if let Some(Motion { frames, first_secs, last_secs }) = report.motion {
+        terminal::line(format!(
+            "moving hair: {frames} frames from {first_secs:.3} to {last_secs:.3} s; the first frame:"
+        ))?;
     }
     terminal::line(report.info.to_string())?;
     for repair in &report.repairs {
@@ -70,7 +79,14 @@ pub fn info(arguments: &InfoArgs) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The number of frames of an `.npz` file, if it is a cache.
-fn frames(path: &Path, format: Format) -> Option<usize> {
-    (format == Format::Npz).then(|| Cache::open(path).ok()).flatten().map(|cache| cache.frames())
+/// The frames of a file of moving hair: of a cache, or of an archive with several frames.
+fn motion(arguments: &InfoArgs, format: Format) -> Option<Motion> {
+    if !matches!(format, Format::Npz | Format::Alembic | Format::Usd) {
+        return None;
+    }
+    let reader = AnimationReader::open(&arguments.file, &arguments.import.import()).ok()?;
+    let times = reader.times_secs();
+    let (&first_secs, &last_secs) = (times.first()?, times.last()?);
+    let moves = format == Format::Npz || times.len() > 1;
+    moves.then_some(Motion { frames: times.len(), first_secs, last_secs })
 }

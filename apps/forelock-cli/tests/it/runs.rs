@@ -292,7 +292,19 @@ fn grooms_grow_convert_and_tell_what_they_are() {
     assert_eq!(converted["particles"], 150);
     let info = json(&place.run(["info", "b.npz", "--json"]));
     assert_eq!((&info["strands"], &info["particles"]), (&30.into(), &150.into()));
+    assert!(info["frames"].is_null(), "a groom does not move: {info}");
     assert!(stdout(&place.run(["info", "b.npz"])).contains("30"));
+    // Moving hair tells its frames and times, in every format that is read.
+    place.run(small_demo("moving", &["--frames", "4"]));
+    for name in ["moving/hair.npz", "moving.abc", "moving.usdc"] {
+        if !name.ends_with("npz") {
+            place.run(["convert", "moving/hair.npz", name, "--animated"]);
+        }
+        let info = json(&place.run(["info", name, "--json"]));
+        let secs = ["first_secs", "last_secs"].map(|key| info[key].as_f64().unwrap());
+        assert_eq!((info["frames"].as_u64(), secs[0]), (Some(5), 0.0), "{name}: {info}");
+        assert!((secs[1] - 4.0 / 60.0).abs() < 1e-6, "{name}: {info}");
+    }
 }
 
 #[test]

@@ -12,7 +12,7 @@
 //! of weights.
 
 use super::between::{Between, Neighbourhood};
-use super::layers::{bias_gradient, mask_rows, transpose, weight_gradient};
+use super::layers::{bias_gradient, mask_rows, parts, transpose, weight_gradient};
 use super::set::{Bust, Drawn, shared as shared_inputs};
 use super::window::{Goal, Neighbours, Window};
 use super::{FRAMES, MOMENTS, STRANDS, TrainingSet};
@@ -186,27 +186,39 @@ impl Workspace {
         let width = shape.width;
         let own: Vec<&[f32]> = packets.iter().map(|packet| packet.statics.as_slice()).collect();
         let by_statics: Vec<&[f32]> = packets.iter().map(|packet| packet.by_statics.as_slice()).collect();
-        weight_gradient(simd, [&own, &by_statics], [shape.statics, width], &mut self.found[statics]);
-        bias_gradient(&by_statics, &mut self.found[first_bias]);
         let [first, second, by_output, by_second, by_first] =
             [FIRST, SECOND, BY_OUTPUT, BY_SECOND, BY_FIRST].map(all);
-        // Two frames a packet and moment.
-        let by_frame: Vec<f32> =
-            by_first.iter().flat_map(|strands| frame_gradients(strands, width)).collect();
         let moments = drawn
             .chunks_exact(FRAMES_OF_PACKET)
             .flat_map(|frames| (0..MOMENTS).flat_map(move |ago| frames.iter().map(move |d| (d, ago))));
-        let inputs: Vec<f32> = moments
-            .flat_map(|(d, ago)| shared_inputs(&set.clips[d.clip], d.frame - ago).take(shape.shared))
-            .collect();
-        let sizes = [shape.shared, width];
-        weight_gradient(simd, [&[&inputs], &[&by_frame]], sizes, &mut self.found[shared]);
-        weight_gradient(simd, [&first, &by_second], [width, width], &mut self.found[hidden]);
-        weight_gradient(simd, [&second, &by_output], [width, shape.outputs], &mut self.found[output.clone()]);
-        bias_gradient(&by_second, &mut self.found[second_bias]);
-        bias_gradient(&by_output, &mut self.found[third_bias.clone()]);
+        let folded = output.start..third_bias.end;
+        let ranges = [statics, shared, first_bias, hidden, second_bias, output, third_bias];
+        let [statics, shared, first_bias, hidden, second_bias, output, third_bias] =
+            parts(&mut self.found, ranges);
+        let of_strands = || {
+            weight_gradient(simd, [&own, &by_statics], [shape.statics, width], statics);
+            bias_gradient(&by_statics, first_bias);
+        };
+        let of_frames = || {
+            // Two frames a packet and moment.
+            let by_frame: Vec<f32> =
+                by_first.iter().flat_map(|strands| frame_gradients(strands, width)).collect();
+            let inputs: Vec<f32> = moments
+                .flat_map(|(d, ago)| shared_inputs(&set.clips[d.clip], d.frame - ago).take(shape.shared))
+                .collect();
+            weight_gradient(simd, [&[&inputs], &[&by_frame]], [shape.shared, width], shared);
+        };
+        let of_hidden = || {
+            weight_gradient(simd, [&first, &by_second], [width, width], hidden);
+            bias_gradient(&by_second, second_bias);
+        };
+        let of_output = || {
+            weight_gradient(simd, [&second, &by_output], [width, shape.outputs], output);
+            bias_gradient(&by_output, third_bias);
+        };
+        rayon::join(|| rayon::join(of_hidden, of_strands), || rayon::join(of_output, of_frames));
         if let Some(basis) = basis {
-            for row in self.found[output.start..third_bias.end].chunks_exact_mut(OUTPUTS) {
+            for row in self.found[folded].chunks_exact_mut(OUTPUTS) {
                 unfold(row, basis);
             }
         }

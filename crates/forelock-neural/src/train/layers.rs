@@ -4,6 +4,10 @@ use crate::network::product::{Factors, PACKET, Rows, Start, TILE_ROWS, product, 
 use bytemuck::Zeroable;
 use forelock_core::lane::{LANES, Row, Simd};
 use rayon::prelude::*;
+use std::ops::Range;
+
+/// Rows of a product that a task copies at least.
+const ROWS: usize = 64;
 
 /// Zero where the activation is: the gradient of ReLU.
 pub(crate) fn mask(activations: &[f32], by: &mut [f32]) {
@@ -19,12 +23,28 @@ pub(crate) fn mask_rows(activations: &[Row<f32>], by: &mut [Row<f32>]) {
 
 /// `[rows, columns]` to `[columns, rows]`.
 pub(crate) fn transpose(from: &[f32], columns: usize, to: &mut [f32]) {
+    // Of so many rows at a time the lines of the cache are filled while they are in it.
+    const TOGETHER: usize = 16;
     let rows = from.len() / columns;
-    for (r, row) in from.chunks_exact(columns).enumerate() {
-        for (c, x) in row.iter().enumerate() {
-            to[c * rows + r] = *x;
+    for first in (0..rows).step_by(TOGETHER) {
+        let last = rows.min(first + TOGETHER);
+        for (c, to) in to.chunks_exact_mut(rows).enumerate() {
+            for (r, to) in (first..last).zip(&mut to[first..last]) {
+                *to = from[r * columns + c];
+            }
         }
     }
+}
+
+/// The parts of `whole` at `ranges`, which ascend and do not overlap.
+pub(crate) fn parts<const N: usize>(mut whole: &mut [f32], ranges: [Range<usize>; N]) -> [&mut [f32]; N] {
+    let mut at = 0;
+    ranges.map(|range| {
+        let (_, rest) = std::mem::take(&mut whole).split_at_mut(range.start - at);
+        let (part, rest) = rest.split_at_mut(range.len());
+        (whole, at) = (rest, range.end);
+        part
+    })
 }
 
 /// Sums over all strands of parts `[strands, units]`.
@@ -57,9 +77,10 @@ pub(crate) fn weight_gradient(simd: Simd, [a, b]: [&[&[f32]]; 2], [m, n]: [usize
             c
         })
         .collect();
-    for (row, found) in found.chunks_exact_mut(n).enumerate() {
-        for (c, found) in found.iter_mut().enumerate() {
-            *found = blocks[c / PACKET][row * TILE_ROWS + c % PACKET / LANES].0[c % LANES];
+    found.par_chunks_exact_mut(n).with_min_len(ROWS).enumerate().for_each(|(row, found)| {
+        for (block, found) in blocks.iter().zip(found.chunks_mut(PACKET)) {
+            let from: &[f32] = bytemuck::cast_slice(&block[row * TILE_ROWS..(row + 1) * TILE_ROWS]);
+            found.copy_from_slice(&from[..found.len()]);
         }
-    }
+    });
 }

@@ -131,7 +131,7 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             seed: 1,
-            steps: 5_000,
+            steps: 10_000,
             rate: 3e-3,
             last_rate: 0.02,
             largest_gradient: 1.0,

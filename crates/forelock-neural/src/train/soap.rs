@@ -12,9 +12,10 @@
 //! Biases have no axes of their own.
 
 use super::adam::Adam;
-use super::layers::{transpose, weight_gradient};
+use super::layers::{parts, transpose, weight_gradient};
 use crate::network::Shape;
 use forelock_core::lane::Simd;
+use rayon::prelude::*;
 use std::ops::Range;
 
 /// Decay of Adam's mean and mean square of the gradient, in a step.
@@ -54,7 +55,7 @@ struct Matrix {
 /// The state of the descent.
 #[derive(Clone, Debug)]
 pub(super) struct Soap {
-    matrices: Vec<Matrix>,
+    matrices: [Matrix; 4],
     /// Along the axes.
     adam: Adam<f32>,
 }
@@ -89,13 +90,15 @@ impl Side {
         if self.size > LONG { LESS_OFTEN } else { 1 }
     }
 
+    /// Whether the gradient of `step` counts in the covariance.
+    fn is_due(&self, step: u32) -> bool {
+        step.is_multiple_of(self.interval())
+    }
+
     /// Updates the covariance with the gradient of `step`, `[k, size]`, and every so many steps the
     /// axes. Returns the new axes in coordinates of the old ones, as columns, if they have changed.
     fn follow(&mut self, simd: Simd, step: u32, gradient: &[f32]) -> Option<Vec<f32>> {
         let interval = self.interval();
-        if !step.is_multiple_of(interval) {
-            return None;
-        }
         let kept = (0..interval).fold(1.0, |product, _| product * KEPT);
         let new = product(simd, gradient, gradient, gradient.len() / self.size);
         self.covariance.iter_mut().zip(&new).for_each(|(mean, x)| *mean = kept * *mean + (1.0 - kept) * x);
@@ -194,8 +197,12 @@ impl Matrix {
     /// moments to the new ones; the mean square as if its components were uncorrelated.
     fn follow(&mut self, simd: Simd, step: u32, gradient: &[f32], [first, second]: [&mut [f32]; 2]) {
         let [left, right] = &mut self.sides;
-        let mut changes =
-            [left.follow(simd, step, &transposed(gradient, right.size)), right.follow(simd, step, gradient)];
+        let columns = right.size;
+        let (of_left, of_right) = rayon::join(
+            || left.is_due(step).then(|| left.follow(simd, step, &transposed(gradient, columns))),
+            || right.is_due(step).then(|| right.follow(simd, step, gradient)),
+        );
+        let mut changes = [of_left.flatten(), of_right.flatten()];
         if changes.iter().any(Option::is_some) {
             let sizes = [left.size, right.size];
             turn(simd, first, sizes, &changes);
@@ -224,9 +231,9 @@ impl Soap {
         let [statics, shared, _, hidden, _, output, _] = shape.ranges();
         let width = shape.width;
         let sizes = [[shape.statics, width], [shape.shared, width], [width, width], [width, shape.outputs]];
-        let matrices = [statics, shared, hidden, output].into_iter().zip(sizes);
-        let matrices = matrices.map(|(range, sizes)| Matrix { range, sides: sizes.map(Side::new) });
-        Self { matrices: matrices.collect(), adam: Adam::with_decay(DECAY, shape.parameters()) }
+        let ranges = [statics, shared, hidden, output];
+        let matrix = |k: usize| Matrix { range: ranges[k].clone(), sides: sizes[k].map(Side::new) };
+        Self { matrices: std::array::from_fn(matrix), adam: Adam::with_decay(DECAY, shape.parameters()) }
     }
 
     /// Moves `parameters` along `scale` times the gradient, at `rate`.
@@ -239,21 +246,22 @@ impl Soap {
     ) {
         let step = self.adam.steps();
         let gradient: Vec<f32> = gradient.iter().map(|g| scale as f32 * g).collect();
+        let ranges = self.matrices.each_ref().map(|matrix| matrix.range.clone());
         let mut turned = gradient.clone();
-        for matrix in &mut self.matrices {
-            let range = matrix.range.clone();
-            let gradient = &gradient[range.clone()];
-            let moments = self.adam.moments_mut().map(|moment| &mut moment[range.clone()]);
-            matrix.follow(simd, step, gradient, moments);
-            turned[range].copy_from_slice(&matrix.along_axes(simd, gradient));
-        }
+        let [first, second] = self.adam.moments_mut().map(|moment| parts(moment, ranges.clone()));
+        let own = self.matrices.par_iter_mut().zip(parts(&mut turned, ranges.clone()));
+        own.zip(first).zip(second).for_each(|(((matrix, turned), first), second)| {
+            let gradient = &gradient[matrix.range.clone()];
+            matrix.follow(simd, step, gradient, [first, second]);
+            turned.copy_from_slice(&matrix.along_axes(simd, gradient));
+        });
         let mut moved = vec![0.0; parameters.len()];
         self.adam.step(&mut moved, &turned, [rate, 1.0]);
-        for matrix in &self.matrices {
-            let range = matrix.range.clone();
-            let from_axes = matrix.back(simd, &moved[range.clone()]);
-            moved[range].copy_from_slice(&from_axes);
-        }
+        let own = self.matrices.par_iter().zip(parts(&mut moved, ranges));
+        own.for_each(|(matrix, moved)| {
+            let from_axes = matrix.back(simd, moved);
+            moved.copy_from_slice(&from_axes);
+        });
         parameters.iter_mut().zip(&moved).for_each(|(p, moved)| *p += moved);
     }
 

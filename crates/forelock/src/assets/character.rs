@@ -10,7 +10,7 @@ use forelock_core::pose::Pose;
 use glam::Vec3;
 
 use super::AssetError;
-use crate::scene::BodySection;
+use crate::scene::{BodySection, TimeSection};
 
 /// Times a second at which a clip is sampled to find where the body is, and the most of all.
 const SAMPLES_PER_SECOND: f64 = 30.0;
@@ -86,6 +86,22 @@ pub(super) fn performance(
     let is_baked = !motion.is_file() && forelock_io::is_baked(section.mesh.as_ref());
     let playback = motion.clip.playback(is_baked);
     Ok(Some(Performance::new(character.clone(), clip, playback, section.skinning, joint)?))
+}
+
+/// What to say of a run that goes on for more than a frame after the end of `performance`.
+pub(super) fn still_end(performance: &Performance, time: &TimeSection) -> Option<String> {
+    let playback = performance.playback();
+    let left = performance.clip().duration_secs() - playback.start_secs;
+    let plays = left.max(0.0) / playback.speed.abs().max(1e-3);
+    let runs = f64::from(time.frames) / time.fps;
+    let frames = (plays * time.fps).round().max(1.0);
+    (!playback.repeats && runs * time.fps > frames + 1.0).then(|| {
+        format!(
+            "the body's motion `{}` ends at {plays:.2} s, the run at {runs:.2} s: the body then \
+             stands still (`time.frames = {frames}` ends with it)",
+            performance.clip().name
+        )
+    })
 }
 
 /// What to say of the joints that do not follow the motion of the file `path`, if there are any

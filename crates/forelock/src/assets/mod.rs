@@ -291,6 +291,7 @@ impl Assets {
         if let Some(character) = body.and_then(|body| body.character.as_ref())
             && let Some(own) = character::performance(&scene.body, character, groom, notes)?
         {
+            notes.extend(character::still_end(&own, &scene.time));
             let own = Arc::new(own);
             return Ok((Arc::new(Motion::Joint(own.clone())), Some(own)));
         }

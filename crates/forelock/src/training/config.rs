@@ -199,7 +199,7 @@ forelock_core::documented! {
 pub struct TrainingSteps {
     /// Steps of the strand codes. Unit steps, default 4000, range 1 to 1000000.
     pub codes: u32,
-    /// Steps of the simulator. Unit steps, default 5000, range 1 to 10000000.
+    /// Steps of the simulator. Unit steps, default 10000, range 1 to 10000000.
     pub simulator: u32,
     /// Learning rate at the start. No unit, default 0.003, range 1e-7 to 1.
     pub rate: f64,
@@ -293,7 +293,7 @@ impl Default for TrainingSteps {
         let Options { rate, last_rate, warm_start, .. } = Options::default();
         Self {
             codes: 4000,
-            simulator: 5_000,
+            simulator: 10_000,
             rate,
             last_rate,
             drape: warm_start,

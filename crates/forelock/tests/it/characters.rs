@@ -293,6 +293,14 @@ fn a_baked_mesh_carries_hair_as_its_character_does() {
     });
     println!("particles are {means:?} m apart in the mean");
     assert!(means[0] < 5e-5 && means[1] < 0.25 * means[0], "{means:?}");
+    // A run that goes on after the end says so, one that ends with it does not.
+    for (frames, expected) in [(60, 0), (240, 1)] {
+        let path = files.path();
+        let scene = Scene::parse(&format!("time.frames = {frames}\n{text}"), &path, &[]).unwrap();
+        let player = Player::new(scene).unwrap();
+        let ends = |note: &&String| note.contains("ends at 1.00 s") && note.contains("`time.frames = 60`");
+        assert_eq!(player.notes().iter().filter(ends).count(), expected, "{:?}", player.notes());
+    }
     // Without a motion it turns as other bodies do, and says what it could play.
     let usual = text.replace("motion = \"animation\"", "");
     let usual = Player::new(Scene::parse(&usual, &files.path(), &[]).unwrap()).unwrap();
