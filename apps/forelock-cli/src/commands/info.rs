@@ -79,7 +79,7 @@ pub fn info(arguments: &InfoArgs) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The frames of a file of moving hair: of a cache, or of an archive with several frames.
+/// Frames and times of a cache, or of an Alembic or USD file with several frames.
 fn motion(arguments: &InfoArgs, format: Format) -> Option<Motion> {
     if !matches!(format, Format::Npz | Format::Alembic | Format::Usd) {
         return None;

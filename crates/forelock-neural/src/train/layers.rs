@@ -6,7 +6,7 @@ use forelock_core::lane::{LANES, Row, Simd};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Rows of a product that a task copies at least.
+/// Minimum number of rows of a product that a task copies.
 const ROWS: usize = 64;
 
 /// Zero where the activation is: the gradient of ReLU.
@@ -23,7 +23,7 @@ pub(crate) fn mask_rows(activations: &[Row<f32>], by: &mut [Row<f32>]) {
 
 /// `[rows, columns]` to `[columns, rows]`.
 pub(crate) fn transpose(from: &[f32], columns: usize, to: &mut [f32]) {
-    // Of so many rows at a time the lines of the cache are filled while they are in it.
+    // So many rows at a time: their numbers fill whole cache lines of `to`.
     const TOGETHER: usize = 16;
     let rows = from.len() / columns;
     for first in (0..rows).step_by(TOGETHER) {
@@ -36,15 +36,12 @@ pub(crate) fn transpose(from: &[f32], columns: usize, to: &mut [f32]) {
     }
 }
 
-/// The parts of `whole` at `ranges`, which ascend and do not overlap.
-pub(crate) fn parts<const N: usize>(mut whole: &mut [f32], ranges: [Range<usize>; N]) -> [&mut [f32]; N] {
-    let mut at = 0;
-    ranges.map(|range| {
-        let (_, rest) = std::mem::take(&mut whole).split_at_mut(range.start - at);
-        let (part, rest) = rest.split_at_mut(range.len());
-        (whole, at) = (rest, range.end);
-        part
-    })
+/// The parts of `whole` at `ranges`, which are inside and do not overlap.
+pub(crate) fn parts<const N: usize>(whole: &mut [f32], ranges: [Range<usize>; N]) -> [&mut [f32]; N] {
+    match whole.get_disjoint_mut(ranges) {
+        Ok(parts) => parts,
+        Err(error) => unreachable!("ranges of a network: {error}"),
+    }
 }
 
 /// Sums over all strands of parts `[strands, units]`.

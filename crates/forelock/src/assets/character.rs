@@ -92,14 +92,14 @@ pub(super) fn performance(
 pub(super) fn still_end(performance: &Performance, time: &TimeSection) -> Option<String> {
     let playback = performance.playback();
     let left = performance.clip().duration_secs() - playback.start_secs;
-    let plays = left.max(0.0) / playback.speed.abs().max(1e-3);
-    let runs = f64::from(time.frames) / time.fps;
-    let frames = (plays * time.fps).round().max(1.0);
-    (!playback.repeats && runs * time.fps > frames + 1.0).then(|| {
+    let ends = left.max(0.0) / playback.speed.max(1e-3);
+    let frames = (ends * time.fps).round().max(1.0);
+    (!playback.repeats && f64::from(time.frames) > frames + 1.0).then(|| {
         format!(
-            "the body's motion `{}` ends at {plays:.2} s, the run at {runs:.2} s: the body then \
-             stands still (`time.frames = {frames}` ends with it)",
-            performance.clip().name
+            "the body's motion `{}` ends at {ends:.2} s, the run at {:.2} s: the body then stands \
+             still; with `time.frames = {frames}` the run ends with the motion",
+            performance.clip().name,
+            f64::from(time.frames) / time.fps,
         )
     })
 }
