@@ -186,6 +186,13 @@ impl PySimulation {
         PyScene { scene: self.state().player.changed_scene().into() }
     }
 
+    /// The same with what was done from outside: the head and colliders move by keyframes as they
+    /// were moved, and colliders that were added or removed are there from and until then.
+    #[getter]
+    fn performed_scene(&self) -> PyScene {
+        PyScene { scene: self.state().player.performed_scene().into() }
+    }
+
     /// What the user should know of import and edits, one sentence each.
     #[getter]
     fn notes(&self) -> Vec<String> {

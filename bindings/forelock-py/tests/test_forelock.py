@@ -145,6 +145,9 @@ def test_head_colliders_and_edits():
     distance = np.linalg.norm(sim.positions - [0.0, -0.06, 0.0], axis=1)
     assert distance.min() > 0.019
     sim.remove_collider(ball)
+    again = forelock.Simulation(sim.performed_scene, groom=forelock.Groom(strands()))
+    again.step(sim.frame)
+    assert np.allclose(again.positions, sim.positions, atol=1e-4)
     before = sim.state_hash()
     sim.edit({"op": "trim", "to": 0.05})
     assert sim.groom.positions[:, 1].min() > -0.06

@@ -16,6 +16,7 @@ use rayon::prelude::*;
 use crate::assets::Assets;
 use crate::painter::GpuPainter;
 use crate::progress::{Observer, Progress};
+use crate::scalp::Cover;
 use crate::scene::{CameraSection, HairSection, Scene};
 
 /// Pictures on a contact sheet of a cache, and in a row of it.
@@ -163,7 +164,8 @@ impl<'a> Studio<'a> {
         let strands = strands(section, &self.assets.groom, positions);
         let head = self.assets.head_pose(time_secs);
         let body = self.assets.body_mesh_at(time_secs);
-        let body = body.as_deref().map(|mesh| dressed(section, self.assets, Body::new(mesh, head)));
+        let dress = |mesh| dressed(section, self.assets, self.assets.cover(), Body::new(mesh, head));
+        let body = body.as_deref().map(dress);
         let solids = self.assets.solid_meshes(time_secs);
         let solids = solids.iter().map(|&(mesh, pose): &(_, Pose)| Body::new(mesh, pose));
         let bodies = body.into_iter().chain(solids).collect();
@@ -330,10 +332,14 @@ pub(crate) fn strands<'a>(section: &HairSection, groom: &'a Groom, positions: &'
     }
 }
 
-/// `body`, that of `assets`, in the colours of `section`.
-pub(crate) fn dressed<'a>(section: &HairSection, assets: &'a Assets, body: Body<'a>) -> Body<'a> {
+/// `body`, that of `assets`, in the colours of `section`, where hair covers it as `cover` says.
+pub(crate) fn dressed<'a>(
+    section: &HairSection,
+    assets: &Assets,
+    cover: Option<&'a Cover>,
+    body: Body<'a>,
+) -> Body<'a> {
     let hide = HairColour::by_name(&section.body_colour).map(|hair| hair.albedo());
-    let cover = assets.cover();
     let hair = cover.and_then(|cover| cover.colour).unwrap_or_else(|| colour(section).albedo());
     let shade = SCALP * hair + (1.0 - SCALP) * Body::CLAY;
     Body {

@@ -79,6 +79,7 @@ impl App {
             if ui.add_enabled(can_be_done && !is_busy, egui::Button::new(text)).clicked() {
                 let mut dialog = PathDialog::new(purpose, &path);
                 dialog.has_film = self.scene.output.film;
+                dialog.has_motion = self.keeps_motion;
                 self.dialog = Some(dialog);
                 ui.close();
             }
@@ -137,6 +138,7 @@ impl App {
                 (self.framed, self.changes, self.saved) = (None, 0, 0);
                 (self.scene, self.cache, self.file) = (scene, cache, file);
                 self.recent = [None, None];
+                self.keeps_motion = false;
             }
         }
     }
@@ -144,9 +146,10 @@ impl App {
     /// Asks the session's thread for the scene as it is now.
     pub(super) fn ask_for_scene(&mut self, purpose: SceneFor) {
         let (scenes, hair) = (self.scenes.clone(), self.hair.clone());
-        let camera = self.camera_keys();
+        let (camera, has_motion) = (self.camera_keys(), self.keeps_motion);
         self.session.change("saving", move |player| {
-            let mut scene = Scene { hair, ..player.changed_scene() };
+            let now = if has_motion { player.performed_scene() } else { player.changed_scene() };
+            let mut scene = Scene { hair, ..now };
             scene.camera = camera.unwrap_or(scene.camera);
             scenes.lock().unwrap_or_else(PoisonError::into_inner).push((purpose, scene));
             Ok(())
@@ -204,7 +207,11 @@ impl App {
 
     pub(super) fn dialogs(&mut self, ctx: &egui::Context) {
         if let Some(mut dialog) = self.dialog.take() {
-            match (dialog.show(ctx), dialog.purpose) {
+            let answer = dialog.show(ctx);
+            if matches!(answer, Answer::Path(_)) && matches!(dialog.purpose, Purpose::Save | Purpose::Bake) {
+                self.keeps_motion = dialog.has_motion;
+            }
+            match (answer, dialog.purpose) {
                 (Answer::Open, _) => self.dialog = Some(dialog),
                 (Answer::Cancelled, _) => {}
                 (Answer::Path(path), Purpose::Open) => self.open_asking(ctx, path),

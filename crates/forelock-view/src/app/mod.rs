@@ -87,6 +87,8 @@ pub struct App {
     /// A message to the user, and whether it is of an error.
     message: Option<(String, bool)>,
     bake: Option<Bake>,
+    /// Whether scenes that are saved or run move as the mouse moved head and solids.
+    keeps_motion: bool,
     /// Scenes that the session's thread has written out.
     scenes: Arc<Mutex<Vec<(SceneFor, Scene)>>>,
     /// Changes by the user, and how many of them are saved.
@@ -154,6 +156,7 @@ impl App {
             dialog: None,
             message: None,
             bake: None,
+            keeps_motion: false,
             scenes: Arc::default(),
             changes: 0,
             saved: 0,

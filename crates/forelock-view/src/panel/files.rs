@@ -76,6 +76,8 @@ pub struct PathDialog {
     pub purpose: Purpose,
     /// Whether a run makes a film too.
     pub has_film: bool,
+    /// Whether a scene moves its head and solids as the mouse did.
+    pub has_motion: bool,
     path: String,
     is_fresh: bool,
     list: List,
@@ -124,7 +126,7 @@ impl PathDialog {
     /// A dialog that proposes `path`.
     pub fn new(purpose: Purpose, path: &Path) -> Self {
         let path = path.display().to_string();
-        Self { purpose, has_film: false, path, is_fresh: true, list: List::default() }
+        Self { purpose, has_film: false, has_motion: false, path, is_fresh: true, list: List::default() }
     }
 
     /// Draws the dialog.
@@ -142,6 +144,11 @@ impl PathDialog {
             if self.purpose == Purpose::Bake {
                 let film = ui.checkbox(&mut self.has_film, "With a film, from where the camera is");
                 self.is_fresh |= film.clicked();
+            }
+            if matches!(self.purpose, Purpose::Save | Purpose::Bake) {
+                let motion =
+                    ui.checkbox(&mut self.has_motion, "With the motion of head and solids by the mouse");
+                self.is_fresh |= motion.clicked();
             }
             ui.horizontal(|ui| {
                 let ok = ui.add_enabled(!self.path.trim().is_empty(), egui::Button::new("OK"));

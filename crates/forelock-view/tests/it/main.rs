@@ -231,6 +231,36 @@ fn a_cut_is_undone_redone_saved_and_read_back() {
 }
 
 #[test]
+fn what_the_mouse_moved_is_saved_on_request() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = Window::open(scene(&[]));
+    window.click("Head");
+    window.drag(MIDDLE, Vec2::new(0.62, 0.5));
+    window.until("the head has moved", |app| app.frame() >= 2);
+    window.click("Ball");
+    window.drag(Vec2::new(0.3, 0.4), MIDDLE);
+    window.click("Pause");
+    let (head, frame) = window.player(|player| Ok((player.head_pose().translation, player.frame())));
+    let mut saved = |name: &str, with_motion: bool| {
+        let path = folder.path().join(name);
+        window.choose("File", "Save scene…");
+        if with_motion {
+            window.click("With the motion of head and solids by the mouse");
+        }
+        window.answer(&path.display().to_string());
+        window.until("the scene is saved", |app| app.message().is_some_and(|text| text.ends_with(name)));
+        Scene::load(&path, &[]).unwrap()
+    };
+    let without = saved("without.toml", false);
+    assert!(without.colliders.is_empty() && without.body.motion.keyframes.is_empty());
+    let with = saved("with.toml", true);
+    assert_eq!((with.colliders.len(), with.time.frames.max(frame)), (1, with.time.frames));
+    let mut again = Player::builder(with).backend(Backend::Cpu).build().unwrap();
+    (0..frame).for_each(|_| drop(again.step().unwrap()));
+    assert!(again.head_pose().translation.distance(head) < 1e-9);
+}
+
+#[test]
 fn the_solver_changes_while_hair_moves() {
     let mut window = Window::open(scene(&[]));
     window.click("Play");

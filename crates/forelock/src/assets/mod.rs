@@ -349,6 +349,11 @@ impl Assets {
         Some(body.cover.get_or_init(|| Cover::new(&body.mesh.positions, &self.groom)))
     }
 
+    /// How `groom` covers the body, if there is one.
+    pub(crate) fn cover_by(&self, groom: &Groom) -> Option<Cover> {
+        Some(Cover::new(&self.body.as_ref()?.mesh.positions, groom))
+    }
+
     /// The body's pose at `time` seconds.
     pub fn head_pose(&self, time: f64) -> Pose {
         self.head.pose(time)
@@ -394,7 +399,8 @@ impl Assets {
     /// All solids but a body that bends, in the frame between two `times` (seconds) at which the
     /// body is at `head`.
     pub fn collider_frames(&self, times: [f64; 2], head: [Pose; 2]) -> Vec<ColliderFrame<'_>> {
-        self.solids.iter().map(|solid| solid.frame(times, head)).collect()
+        let solids = self.solids.iter().filter(|solid| solid.is_there(times));
+        solids.map(|solid| solid.frame(times, head)).collect()
     }
 
     /// Meshes of all solids that are visible but the body, with their poses at `time` seconds, for

@@ -23,6 +23,9 @@ const COLLIDER_CELLS: u32 = 96;
 /// Meshes a second of a sequence that does not say.
 const SEQUENCE_FPS: f64 = 24.0;
 
+/// Times that are closer are the same, seconds.
+const ROUNDING_SECS: f64 = 1e-9;
+
 /// What hair grows on.
 #[derive(Debug)]
 pub(super) struct Body {
@@ -123,6 +126,8 @@ pub(crate) struct Solid {
     /// Its pose before its motion.
     pub(super) base: Pose,
     pub(super) motion: Arc<Motion>,
+    /// When it appears and disappears, seconds.
+    pub(super) present: [f64; 2],
     pub(super) visible: bool,
     /// Meshes for pictures, one after the other; the body is drawn as itself.
     pub(super) meshes: Vec<TriMesh>,
@@ -152,10 +157,20 @@ impl Solid {
         ColliderFrame { shape, local: self.base, from, to, friction: self.friction }
     }
 
-    /// The mesh for a picture at `time` seconds, if the solid is visible: the nearest of its
-    /// sequence.
+    /// Whether it is there in a step between two `times`, or at one time, seconds.
+    pub(crate) fn is_there(&self, times: [f64; 2]) -> bool {
+        let [from, until] = self.present;
+        if times[0] == times[1] {
+            return from <= times[0] + ROUNDING_SECS && times[0] <= until + ROUNDING_SECS;
+        }
+        // What appears at the end of a step, or disappears at its start, has no part in it.
+        times[1] - from > ROUNDING_SECS && until - times[0] > ROUNDING_SECS
+    }
+
+    /// The mesh for a picture at `time` seconds, if the solid is there and visible: the nearest of
+    /// its sequence.
     pub(crate) fn mesh_at(&self, time: f64) -> Option<&TriMesh> {
-        let shown = if self.visible { &self.meshes[..] } else { &[] };
+        let shown = if self.visible && self.is_there([time; 2]) { &self.meshes[..] } else { &[] };
         shown.get(nearest(time * self.sequence_fps, shown.len()))
     }
 
@@ -196,6 +211,7 @@ pub(super) fn load(scene: &Scene, body: Option<&Body>, meter: &Meter) -> Result<
             on_body: true,
             base: Pose::IDENTITY,
             motion: Arc::default(),
+            present: [0.0, f64::INFINITY],
             visible: true,
             meshes: Vec::new(),
             sequence_fps: 1.0,
@@ -252,6 +268,7 @@ pub(super) fn solid(section: &ColliderSection, fps: f64, meter: &Meter) -> Resul
         on_body: section.on_body,
         base: Pose::new(motion::rotation(section.rotation_degrees), position),
         motion: Arc::new(motion::from_section(&section.motion, position)?),
+        present: [section.from_secs, section.until_secs.unwrap_or(f64::INFINITY)],
         visible: section.visible,
         meshes,
         sequence_fps,

@@ -141,6 +141,7 @@ impl PlayerBuilder {
         let notes = note.into_iter().chain(of_model).collect();
         let mut player = Player {
             engine,
+            start: live.clone(),
             live,
             timeline: Timeline::default(),
             history: history.map(History::new),

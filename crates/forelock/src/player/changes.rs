@@ -9,7 +9,7 @@ use forelock_core::pose::Pose;
 use forelock_core::simulation::Teleport;
 use glam::DVec3;
 
-use super::live::{self, LiveSolid};
+use super::live::{self, Live, LiveSolid};
 use super::regrooming::EditContext;
 use super::timeline::Change;
 use super::track::{Drag, Track};
@@ -95,7 +95,7 @@ impl Player {
     pub fn add_collider(&mut self, collider: &ColliderSection) -> Result<ColliderId, PlayerError> {
         let solid = Arc::new(assets::solid(collider, self.live.fps)?);
         let id = ColliderId(self.live.next_collider);
-        self.make(Change::AddCollider(id, solid))?;
+        self.make(Change::AddCollider(id, solid, Arc::new(collider.clone())))?;
         Ok(id)
     }
 
@@ -154,43 +154,12 @@ impl Player {
                 self.live.setting.wind = Arc::new(live::wind(&self.scene, wind)?);
                 Ok(())
             }
-            Change::Motion(motion) => {
-                self.live.head = Track::Motion(motion.clone());
-                Ok(())
+            Change::AddCollider(..) | Change::RemoveCollider(_) => {
+                self.live.pose(change)?;
+                Ok(self.engine.simulator().forget_solids()?)
             }
-            Change::HeadPose(pose) => {
-                self.live.head = self.drag(self.live.head_at, *pose)?;
-                Ok(())
-            }
-            Change::Teleport(mode) => {
-                self.live.teleport = Some(*mode);
-                Ok(())
-            }
-            Change::ColliderPose(id, pose) => {
-                let live = self.live.solids.iter().find(|live| live.id == *id);
-                let live = live.ok_or(PlayerError::NoCollider(*id))?;
-                let drag = self.drag(live.at, pose.after(&live.solid.base().inverse()))?;
-                for live in self.live.solids.iter_mut().filter(|live| live.id == *id) {
-                    live.track = drag.clone();
-                }
-                Ok(())
-            }
-            Change::AddCollider(id, solid) => {
-                self.engine.simulator().forget_solids()?;
-                let track = Track::Motion(solid.motion().clone());
-                let at = track.pose(self.live.simulated_secs());
-                let now = solid.carrier(&self.live.head_shown, &track.pose(self.live.shown_secs()));
-                let solid = solid.clone();
-                self.live.solids.push(LiveSolid { id: *id, solid, track, at, shown: [now; 2] });
-                self.live.next_collider = id.0 + 1;
-                Ok(())
-            }
-            Change::RemoveCollider(id) => {
-                let index = self.live.solids.iter().position(|live| live.id == *id);
-                let index = index.ok_or(PlayerError::NoCollider(*id))?;
-                self.engine.simulator().forget_solids()?;
-                self.live.solids.remove(index);
-                Ok(())
+            Change::Motion(_) | Change::HeadPose(_) | Change::Teleport(_) | Change::ColliderPose(..) => {
+                self.live.pose(change)
             }
             Change::Edit(edit) => self.apply_edit(edit).map(drop),
         }
@@ -226,6 +195,45 @@ impl Player {
         let mut context = EditContext { scene, assets, engine, head: live.head_at };
         live.grooming.edit(edit, number, &mut context)
     }
+}
+
+impl Live {
+    /// Applies `change` to the head and to the solids; those of anything else do nothing. Nothing
+    /// has changed after an error.
+    pub(super) fn pose(&mut self, change: &Change) -> Result<(), PlayerError> {
+        match change {
+            Change::Motion(motion) => self.head = Track::Motion(motion.clone()),
+            Change::HeadPose(pose) => self.head = self.drag(self.head_at, *pose)?,
+            Change::Teleport(mode) => self.teleport = Some(*mode),
+            Change::ColliderPose(id, pose) => {
+                let live = self.solids.iter().find(|live| live.id == *id);
+                let live = live.ok_or(PlayerError::NoCollider(*id))?;
+                let drag = self.drag(live.at, pose.after(&live.solid.base().inverse()))?;
+                for live in self.solids.iter_mut().filter(|live| live.id == *id) {
+                    live.track = drag.clone();
+                }
+            }
+            Change::AddCollider(id, solid, _) => {
+                let track = Track::Motion(solid.motion().clone());
+                let at = track.pose(self.simulated_secs());
+                let now = solid.carrier(&self.head_shown, &track.pose(self.shown_secs()));
+                let was_there = solid.is_there([self.shown_secs(); 2]);
+                let solid = solid.clone();
+                self.solids.push(LiveSolid { id: *id, solid, track, at, shown: [now; 2], was_there });
+                self.next_collider = id.0 + 1;
+            }
+            Change::RemoveCollider(id) => {
+                let index = self.solids.iter().position(|live| live.id == *id);
+                self.solids.remove(index.ok_or(PlayerError::NoCollider(*id))?);
+            }
+            Change::Solver(_)
+            | Change::Interaction(_)
+            | Change::Gravity(_)
+            | Change::Wind(_)
+            | Change::Edit(_) => {}
+        }
+        Ok(())
+    }
 
     /// From pose `from` at the time that the simulation has reached to pose `to` at the next frame.
     fn drag(&self, from: Pose, to: Pose) -> Result<Track, PlayerError> {
@@ -233,9 +241,9 @@ impl Player {
             return Err(PlayerError::Pose);
         }
         let to = Pose::new(to.rotation.normalize(), to.translation);
-        let start_secs = self.live.simulated_secs();
-        let next = self.live.frame_secs(self.live.frame + 1);
-        let end_secs = next.max(start_secs + self.live.step_secs());
+        let start_secs = self.simulated_secs();
+        let next = self.frame_secs(self.frame + 1);
+        let end_secs = next.max(start_secs + self.step_secs());
         Ok(Track::Drag(Drag { from, to, start_secs, end_secs }))
     }
 }

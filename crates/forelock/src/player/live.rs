@@ -138,6 +138,8 @@ pub(super) struct LiveSolid {
     pub at: Pose,
     /// What carries it at the frame before the one shown, and at that.
     pub shown: [Pose; 2],
+    /// Whether it was there in the last step.
+    pub was_there: bool,
 }
 
 impl LiveSolid {
@@ -145,7 +147,8 @@ impl LiveSolid {
         let track = Track::Motion(solid.motion().clone());
         let at = track.pose(0.0);
         let shown = [solid.carrier(head, &at); 2];
-        Self { id: ColliderId(id), solid: solid.clone(), track, at, shown }
+        let was_there = solid.is_there([0.0; 2]);
+        Self { id: ColliderId(id), solid: solid.clone(), track, at, shown, was_there }
     }
 }
 
@@ -271,11 +274,35 @@ impl Live {
         let head = [self.head_shown; 2];
         let skin = skin.as_ref().zip(assets.bending_solid()).map(|(skin, solid)| skin.measured(solid, head));
         let secs = self.frame_secs(self.frame.saturating_sub(1));
-        let others = self.solids.iter().map(|live| MeasuredSolid {
+        let now = [self.shown_secs(); 2];
+        let others = self.solids.iter().filter(|live| live.solid.is_there(now)).map(|live| MeasuredSolid {
             frame: live.solid.frame_between(secs, live.shown),
             surface: live.solid.surface(),
         });
         skin.into_iter().chain(others).collect()
+    }
+
+    /// Moves the head and the solids on by a frame, without hair; `stepped` gets the time of each
+    /// step's end.
+    pub fn pass_frame(&mut self, mut stepped: impl FnMut(f64, &Self)) {
+        let end_secs = self.frame_secs(self.frame + 1);
+        let ends: Vec<f64> = match self.own_clock {
+            None => vec![end_secs],
+            Some(clock) => {
+                (clock.done..clock.steps_until(end_secs)).map(|step| clock.secs(step + 1)).collect()
+            }
+        };
+        for secs in ends {
+            self.head_at = self.head.pose(secs);
+            for live in &mut self.solids {
+                live.at = live.track.pose(secs);
+            }
+            if let Some(clock) = &mut self.own_clock {
+                clock.done += 1;
+            }
+            stepped(secs, self);
+        }
+        self.show_next_frame();
     }
 
     /// One frame more is done: poses at its time.

@@ -51,6 +51,7 @@ mod history;
 mod live;
 mod moment;
 mod past;
+mod performance;
 mod regrooming;
 mod report;
 mod stepping;
@@ -115,6 +116,8 @@ pub struct Player {
     timeline: Timeline,
     /// None for a player that does not go back.
     history: Option<History>,
+    /// All that changes, at the start.
+    start: Live,
     /// The last frame that is simulated with the timeline as it is.
     reached: u32,
     /// Identifies the snapshots of this player.
@@ -238,7 +241,8 @@ impl Player {
     /// All solids at the present frame.
     pub fn colliders(&self) -> impl Iterator<Item = ColliderView<'_>> {
         let secs = self.time_secs();
-        self.live.solids.iter().map(move |live| ColliderView {
+        let solids = self.live.solids.iter().filter(move |live| live.solid.is_there([secs; 2]));
+        solids.map(move |live| ColliderView {
             id: live.id,
             pose: live.shown[1].after(live.solid.base()),
             mesh: live.solid.mesh_at(secs),

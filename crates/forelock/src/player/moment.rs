@@ -10,6 +10,7 @@ use forelock_core::pose::Pose;
 use forelock_render::{Body, Camera};
 use glam::Vec3;
 
+use super::regrooming::Covering;
 use super::timeline::Change;
 use super::{Player, PlayerError};
 use crate::assets::{Assets, Solid};
@@ -30,6 +31,8 @@ pub struct Moment {
     assets: Arc<Assets>,
     /// The edited groom that `positions` are of; none for that of the assets.
     edited: Option<Arc<Groom>>,
+    /// How the groom with all edits covers the body; none for that of the assets.
+    covering: Option<Covering>,
     /// The body, if it bends.
     bent: Option<TriMesh>,
     solids: Vec<(Arc<Solid>, Pose)>,
@@ -55,7 +58,7 @@ impl Moment {
         let bent = bent(&assets, time_secs);
         let solids = assets.solids().iter().map(|solid| (solid.clone(), solid.pose(time_secs, &head)));
         let solids = solids.collect();
-        Self { frame, time_secs, head, positions, edited: None, bent, solids, assets }
+        Self { frame, time_secs, head, positions, edited: None, covering: None, bent, solids, assets }
     }
 
     /// The groom that the positions are of, at rest; for a cache its first frame.
@@ -93,7 +96,10 @@ impl Moment {
 
     /// The scene for a picture from `camera`, in the colours of `hair`.
     pub fn picture(&self, hair: &HairSection, camera: Camera) -> forelock_render::Scene<'_> {
-        let body = self.body().map(|mesh| pictures::dressed(hair, &self.assets, Body::new(mesh, self.head)));
+        let edited = self.covering.as_ref();
+        let cover = edited.map_or_else(|| self.assets.cover(), |own| own.cover(&self.assets));
+        let dress = |mesh| pictures::dressed(hair, &self.assets, cover, Body::new(mesh, self.head));
+        let body = self.body().map(dress);
         let solids = self.solids().map(|(mesh, pose)| Body::new(mesh, pose));
         let strands = pictures::strands(hair, self.groom(), &self.positions);
         forelock_render::Scene::new(body.into_iter().chain(solids).collect(), vec![strands], camera)
@@ -125,6 +131,7 @@ impl Player {
             positions,
             assets: self.assets.clone(),
             edited: self.live.grooming.shown_groom().cloned(),
+            covering: self.live.grooming.covering.clone(),
             bent: bent(&self.assets, time_secs),
             solids: solids.map(|own| (own.solid.clone(), own.shown[1].after(own.solid.base()))).collect(),
         })
@@ -133,17 +140,21 @@ impl Player {
     /// What can be changed, as it is now.
     pub fn parameters(&self) -> Parameters {
         let setting = &self.live.setting;
+        let wind = setting.wind.params();
+        // The wind that blows has both seeds.
+        let seed = wind.seed.wrapping_sub(self.scene.seed);
         Parameters {
             solver: (*setting.solver).clone(),
             interaction: (*setting.interaction).clone(),
-            wind: setting.wind.params().clone(),
+            wind: WindParams { seed, ..wind.clone() },
             gravity: setting.gravity.to_array(),
         }
     }
 
     /// The scene with the changes that were made while it ran and are in effect: solver,
     /// interaction, wind and gravity as they are now, and the edits from outside as edits before
-    /// the first frame. Motions and poses from outside, and added colliders, are not part of it.
+    /// the first frame. Motions and poses from outside, and added colliders, are no part of it: see
+    /// [`Player::performed_scene`].
     pub fn changed_scene(&self) -> Scene {
         let Parameters { solver, interaction, wind, gravity } = self.parameters();
         let mut scene = Scene { solver, interaction, wind, gravity, ..(*self.scene).clone() };

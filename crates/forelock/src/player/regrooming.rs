@@ -8,7 +8,7 @@
 //! outside that adds particles or strands changes the layout of what is shown. A resumed run
 //! repeats the edits that were done before its snapshot.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use forelock_core::groom::edit::{Edit, EditReport};
 use forelock_core::groom::{Groom, arc_lengths};
@@ -18,6 +18,7 @@ use glam::Vec3;
 use super::engine::Engine;
 use super::error::PlayerError;
 use crate::assets::{AssetError, Assets};
+use crate::scalp::Cover;
 use crate::scene::Scene;
 
 /// The groom as edited so far, and the scene's edits that are not done yet.
@@ -28,12 +29,28 @@ pub(super) struct Grooming {
     done: usize,
     /// The edited groom; none before the first edit.
     pub groom: Option<Arc<Groom>>,
+    /// How that covers the body.
+    pub covering: Option<Covering>,
     /// Place of each particle of the start's groom on the edited one.
     places: Arc<[Place]>,
     /// Whether positions are shown in the layout of the edited groom.
     own_layout: bool,
     /// What was done, one sentence each.
     pub notes: Vec<String>,
+}
+
+/// How an edited groom covers the body, computed once a picture needs it.
+#[derive(Clone, Debug)]
+pub(super) struct Covering {
+    groom: Arc<Groom>,
+    cover: Arc<OnceLock<Option<Cover>>>,
+}
+
+impl Covering {
+    /// How it covers the body of `assets`.
+    pub fn cover(&self, assets: &Assets) -> Option<&Cover> {
+        self.cover.get_or_init(|| assets.cover_by(&self.groom)).as_ref()
+    }
 }
 
 /// One timed edit of the scene.
@@ -69,6 +86,7 @@ impl Grooming {
             timed: timed.map(|(number, at_secs)| TimedEdit { number, at_secs }).collect(),
             done: 0,
             groom: None,
+            covering: None,
             places: Arc::default(),
             own_layout: false,
             notes: Vec::new(),
@@ -112,7 +130,9 @@ impl Grooming {
         context.engine.simulator().regroom(&groom, &report.sources, &context.head)?;
         self.own_layout |= matches!(edit.operation.name(), "lengthen" | "resample" | "density" | "mirror");
         self.places = if self.own_layout { Arc::default() } else { places(start, &groom).into() };
-        self.groom = Some(Arc::new(groom));
+        let groom = Arc::new(groom);
+        self.covering = Some(Covering { groom: groom.clone(), cover: Arc::default() });
+        self.groom = Some(groom);
         Ok(report)
     }
 

@@ -111,9 +111,13 @@ impl Player {
             jumped |= across.is_some();
             let from = across.map_or(live.at, |across| across.after(&live.at));
             let to = live.track.pose(times[1]);
-            let carriers = [live.solid.carrier(&head[0], &from), live.solid.carrier(&head[1], &to)];
-            ends.push(to);
-            frames.push(live.solid.frame_between(times[0], carriers));
+            let is_there = live.solid.is_there(times);
+            jumped |= is_there != live.was_there;
+            ends.push((to, is_there));
+            if is_there {
+                let carriers = [live.solid.carrier(&head[0], &from), live.solid.carrier(&head[1], &to)];
+                frames.push(live.solid.frame_between(times[0], carriers));
+            }
         }
         if jumped && jump.is_none() {
             self.engine.simulator().forget_solids()?;
@@ -140,8 +144,8 @@ impl Player {
         let stepped = self.engine.step(&step)?;
         drop(frames);
         report.solver = report.solver.then(&stepped);
-        for (live, end) in self.live.solids.iter_mut().zip(ends) {
-            live.at = end;
+        for (live, (at, is_there)) in self.live.solids.iter_mut().zip(ends) {
+            (live.at, live.was_there) = (at, is_there);
         }
         (self.live.before, self.live.step_heads, self.live.head_at) = (before, head, head[1]);
         self.live.bent_secs = bent_until;
@@ -231,7 +235,7 @@ impl Player {
         let HeadStep { poses, jump } = self.head_step(times);
         jump.iter().for_each(|jump| self.live.counters.add_jump(jump));
         for live in &mut self.live.solids {
-            live.at = live.track.pose(times[1]);
+            (live.at, live.was_there) = (live.track.pose(times[1]), live.solid.is_there(times));
         }
         self.live.step_heads = poses;
         self.live.head_at = poses[1];

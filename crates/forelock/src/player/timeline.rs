@@ -11,7 +11,7 @@ use glam::DVec3;
 
 use super::ColliderId;
 use crate::assets::Solid;
-use crate::scene::{InteractionSection, SolverSection};
+use crate::scene::{ColliderSection, InteractionSection, SolverSection};
 
 /// A change of a running simulation.
 #[derive(Clone, Debug)]
@@ -24,7 +24,7 @@ pub(super) enum Change {
     HeadPose(Pose),
     Teleport(Teleport),
     ColliderPose(ColliderId, Pose),
-    AddCollider(ColliderId, Arc<Solid>),
+    AddCollider(ColliderId, Arc<Solid>, Arc<ColliderSection>),
     RemoveCollider(ColliderId),
     Edit(Arc<Edit>),
 }

@@ -344,6 +344,11 @@ pub struct ColliderSection {
     pub on_body: bool,
     /// How it moves: a name such as "builtin:nod", or a table. Default "builtin:still".
     pub motion: MotionSection,
+    /// When it appears. Unit s, default 0, range 0 to 1e6.
+    pub from_secs: f64,
+    /// When it disappears. Unit s, default never, range 0 to 1e6.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub until_secs: Option<f64>,
     /// Coulomb friction of its surface. No unit, default 0.3, range 0 to 100; 0 is ice.
     pub friction: f64,
     /// Whether pictures show it; what stands in for a part of the body need not be seen. Default
@@ -381,6 +386,8 @@ impl Default for ColliderSection {
             sdf_near_cell: None,
             on_body: false,
             motion: MotionSection::default(),
+            from_secs: 0.0,
+            until_secs: None,
             friction: 0.3,
             visible: true,
         }

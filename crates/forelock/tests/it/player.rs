@@ -6,14 +6,14 @@ use std::path::Path;
 use std::sync::Arc;
 
 use forelock::core::body::Motion;
-use forelock::core::groom::edit::{Density, Operation, Trim};
+use forelock::core::groom::edit::{Ball, Density, Edit, Operation, Selection, Trim};
 use forelock::core::pose::Pose;
 use forelock::core::simulation::Teleport;
 use forelock::core::solver::DftlParams;
 use forelock::player::{ColliderId, HistoryOptions, Player, PlayerError};
 use forelock::scene::{ColliderSection, InteractionKind, Override, SolverKind};
 use forelock::{Assets, Scene};
-use glam::{DQuat, DVec3, Vec3};
+use glam::{DQuat, DVec3, EulerRot, Vec3};
 
 const TEXT: &str = "[groom]\nstrands = 40\nvertices_per_strand = 12\n[body]\nmotion = \"builtin:shake\"\n\
                     sdf_cells = 32\n[wind]\nvelocity = [1.0, 0.0, 0.5]\nturbulence = 0.3\n";
@@ -380,4 +380,122 @@ fn follow_the_leader_looks_alike_at_every_rate() {
     // One step a frame is another motion.
     let own = ["solver.dftl.step_secs=0"];
     assert!(far(&after_a_second(30, &own), &after_a_second(120, &own)) > 1e-3);
+}
+
+/// The largest distance between two lists of positions, metres.
+fn farthest(a: &[Vec3], b: &[Vec3]) -> f32 {
+    assert_eq!(a.len(), b.len());
+    a.iter().zip(b).map(|(a, b)| a.distance(*b)).fold(0.0, f32::max)
+}
+
+fn positions(player: &mut Player) -> Vec<Vec3> {
+    let mut positions = Vec::new();
+    player.positions(&mut positions).unwrap();
+    positions
+}
+
+#[test]
+fn a_saved_scene_does_what_was_done_from_outside() {
+    for keys in [["time.fps=60", "time.frames=5"], ["time.fps=24", "time.frames=30"]] {
+        let mut first = player(&keys);
+        let mut frames = vec![(first.head_pose(), positions(&mut first))];
+        let mut step = |player: &mut Player| {
+            run(player, 1);
+            frames.push((player.head_pose(), positions(player)));
+        };
+        (0..3).for_each(|_| step(&mut first));
+        for k in 1..8 {
+            let turn = DQuat::from_euler(EulerRot::YXZ, 0.05 * f64::from(k), -0.03 * f64::from(k), 0.02);
+            first.set_head_pose(Pose::new(turn, DVec3::new(0.004 * f64::from(k), 0.0, 0.0))).unwrap();
+            step(&mut first);
+        }
+        let section =
+            ColliderSection { radius: Some(0.04), position: [0.1, 0.0, 0.02], ..ColliderSection::default() };
+        let ball = first.add_collider(&section).unwrap();
+        for k in 0..4 {
+            let at = DVec3::new(0.1 - 0.01 * f64::from(k), 0.0, 0.02);
+            first.set_collider_pose(ball, Pose::new(DQuat::IDENTITY, at)).unwrap();
+            step(&mut first);
+        }
+        first.remove_collider(ball).unwrap();
+        (0..4).for_each(|_| step(&mut first));
+        assert!(farthest(&frames[12].1, &frames[14].1) > 1e-3, "the ball pushes");
+        let saved = first.performed_scene();
+        assert_eq!(first.parameters().wind, first.scene().wind);
+        assert_eq!(saved.time.frames, first.scene().time.frames.max(18));
+        let text = saved.to_toml();
+        let read = Scene::parse(&text, Path::new("scene.toml"), &[]).unwrap();
+        assert_eq!(read.colliders.len(), 1);
+        assert_eq!(read.to_toml(), text);
+        let mut again = Player::new(read).unwrap();
+        for (frame, (head, before)) in frames.iter().enumerate() {
+            if frame > 0 {
+                run(&mut again, 1);
+            }
+            let now = again.head_pose();
+            assert!(now.translation.distance(head.translation) < 1e-9, "frame {frame}");
+            assert!(now.rotation.angle_between(head.rotation) < 1e-7, "frame {frame}");
+            let off = farthest(&positions(&mut again), before);
+            assert!(off < 2e-4, "frame {frame} of {keys:?}: {off} m");
+            assert_eq!(again.colliders().count(), 1 + usize::from((10..=14).contains(&frame)), "{frame}");
+        }
+    }
+}
+
+#[test]
+fn a_collider_is_there_from_and_until_its_times() {
+    let ball = "[[collider]]\nradius = 0.05\nposition = [0.08, 0.0, 0.02]\n";
+    let still = [Override::set("body.motion=builtin:still").unwrap()];
+    let load = |keys: &str| {
+        let text = format!("{TEXT}{keys}");
+        Player::new(Scene::parse(&text, Path::new("scene.toml"), &still).unwrap()).unwrap()
+    };
+    let mut bald = load("");
+    let mut timed = load(&format!("{ball}from_secs = 0.1\nuntil_secs = 0.2\n"));
+    for frame in 0..=20 {
+        if frame > 0 {
+            run(&mut bald, 1);
+            run(&mut timed, 1);
+        }
+        let off = farthest(&positions(&mut bald), &positions(&mut timed));
+        assert_eq!(off > 1e-3, frame > 6, "frame {frame}: {off} m");
+        assert_eq!(timed.moment().unwrap().solids().count(), usize::from((6..=12).contains(&frame)));
+    }
+    // Hair goes back to where it would be, but for what now lies on the other side of an ear.
+    run(&mut bald, 120);
+    run(&mut timed, 120);
+    let off = positions(&mut bald);
+    let off =
+        off.iter().zip(positions(&mut timed)).map(|(a, b)| a.distance(b)).sum::<f32>() / off.len() as f32;
+    assert!(off < 1e-3, "{off}");
+    let wrong = format!("{TEXT}{ball}from_secs = 1\nuntil_secs = 1\n");
+    let error = Scene::parse(&wrong, Path::new("scene.toml"), &[]).unwrap_err().to_string();
+    assert!(error.contains("until_secs") && error.contains("from_secs"), "{error}");
+}
+
+#[test]
+fn the_scalp_shows_where_hair_was_removed() {
+    let mut player = player(&["groom.strands=600"]);
+    let covered = |player: &mut Player| {
+        let moment = player.moment().unwrap();
+        let camera = moment.camera(player.scene());
+        let picture = moment.picture(&player.scene().hair, camera);
+        let shares = picture.bodies[0].scalp.map(|scalp| scalp.shares.to_vec()).unwrap();
+        let (mut left, mut right) = (0.0, 0.0);
+        for (at, share) in picture.bodies[0].mesh.positions.iter().zip(shares) {
+            *if at.x > 0.0 { &mut left } else { &mut right } += share;
+        }
+        [left, right]
+    };
+    let before = covered(&mut player);
+    run(&mut player, 2);
+    assert_eq!(covered(&mut player), before);
+    let centre = Vec3::new(0.2, 0.1, 0.0);
+    let only = Selection { sphere: Some(Ball { centre, radius: 0.2 }), ..Selection::default() };
+    let operation = Operation::Density(Density { factor: 0.0, ..Density::default() });
+    player.edit_selected(Edit { operation, only }).unwrap();
+    let after = covered(&mut player);
+    assert!(after[0] < 0.4 * before[0] && after[1] > 0.9 * before[1], "{before:?} {after:?}");
+    player.undo().unwrap();
+    assert_eq!(covered(&mut player), before);
 }
