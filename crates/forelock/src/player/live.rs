@@ -292,6 +292,10 @@ impl Live {
                 (clock.done..clock.steps_until(end_secs)).map(|step| clock.secs(step + 1)).collect()
             }
         };
+        // A teleport takes the head to its place at once.
+        if let (Some(_), Track::Drag(drag)) = (self.teleport.take(), &mut self.head) {
+            drag.from = drag.to;
+        }
         for secs in ends {
             self.head_at = self.head.pose(secs);
             for live in &mut self.solids {

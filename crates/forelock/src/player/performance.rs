@@ -2,8 +2,8 @@
 //!
 //! # Practice
 //! The recorded changes are followed once more from frame to frame, without hair. The head and the
-//! solids that were moved from outside get a linear keyframe at each step and frame. A solid that was added or
-//! removed is there from and until that time.
+//! solids that were moved from outside get a linear keyframe at each step and frame. A solid that
+//! was added or removed is there from and until that time.
 //!
 //! # Limitations
 //! The motion of a body that bends stays that of the scene. Within a step keyframes interpolate
@@ -13,7 +13,7 @@ use forelock_core::body::{KeyframeInterpolation, Motion};
 use forelock_core::pose::Pose;
 use glam::{DQuat, DVec3, EulerRot};
 
-use super::live::Live;
+use super::live::{Live, LiveSolid};
 use super::timeline::Change;
 use super::track::Track;
 use super::{ColliderId, Player};
@@ -39,12 +39,19 @@ struct Performer {
     course: Course,
 }
 
+/// All that moves but hair.
+#[derive(Debug)]
+struct Cast {
+    head: Course,
+    solids: Vec<Performer>,
+}
+
 impl Player {
-    /// The [`changed scene`](Player::changed_scene) with what was done from outside: motions and
-    /// poses of the head and of colliders become keyframes, one a step and frame, until the last frame that
-    /// was simulated, and colliders that were added or removed are there from and until then. Its
-    /// run has at least that many frames if anything was moved. The motion of a body that bends
-    /// stays that of the scene.
+    /// The [changed scene](Player::changed_scene) with what was done from outside: motions and poses
+    /// of the head and of colliders become keyframes, one a step and frame, until the last frame
+    /// that was simulated, and colliders that were added or removed are there from and until then.
+    /// If anything was moved, a run of the scene has at least that many frames. The motion of a body
+    /// that bends stays that of the scene.
     ///
     /// ```
     /// use forelock::core::pose::Pose;
@@ -68,56 +75,24 @@ impl Player {
     /// ```
     pub fn performed_scene(&self) -> Scene {
         let mut scene = self.changed_scene();
-        self.perform(&mut scene);
-        scene
-    }
-
-    fn perform(&self, scene: &mut Scene) {
         let mut live = self.start.clone();
-        let mut head = Course::default();
-        // The body, if it is a solid, comes before those of the scene.
-        let first = live.solids.len().saturating_sub(scene.colliders.len());
-        let sections = std::mem::take(&mut scene.colliders);
-        let own = live.solids[first..].iter().zip(sections);
-        let mut performers: Vec<Performer> = own
-            .map(|(solid, section)| Performer { id: solid.id, section, course: Course::default() })
-            .collect();
-        record(0.0, &live, &mut head, &mut performers);
+        let mut cast = Cast::new(&live, std::mem::take(&mut scene.colliders));
         let mut applied = 0;
         loop {
             let secs = live.simulated_secs();
             while let Some(change) = self.timeline.due(applied, live.frame) {
                 applied += 1;
                 match change {
-                    Change::Motion(_) | Change::HeadPose(_) => head.is_moved = true,
-                    Change::Teleport(mode) => {
-                        let at_secs = live.frame_secs(live.frame + 1);
-                        scene.teleports.push(TeleportSection { at_secs, mode: *mode });
-                    }
-                    Change::ColliderPose(id, _) => {
-                        let moved = performers.iter_mut().filter(|own| own.id == *id);
-                        moved.for_each(|own| own.course.is_moved = true);
-                    }
-                    Change::AddCollider(id, solid, section) => {
-                        let from_secs = section.from_secs.max(secs);
-                        let section = ColliderSection { from_secs, ..(**section).clone() };
-                        let poses = vec![(secs, solid.motion().pose(secs))];
-                        performers.push(Performer {
-                            id: *id,
-                            section,
-                            course: Course { poses, ..Course::default() },
-                        });
-                    }
-                    Change::RemoveCollider(id) => {
-                        let removed = performers.iter_mut().filter(|own| own.id == *id);
-                        removed.for_each(|own| own.section.until_secs = Some(secs));
-                    }
                     Change::Solver(solver) => {
                         if let Ok(params) = self.solvers.solver(solver) {
                             live.set_solver(solver.clone(), params.into());
                         }
                     }
-                    Change::Interaction(_) | Change::Gravity(_) | Change::Wind(_) | Change::Edit(_) => {}
+                    Change::Teleport(mode) => {
+                        let at_secs = secs + live.step_secs();
+                        scene.teleports.push(TeleportSection { at_secs, mode: *mode });
+                    }
+                    _ => cast.follow(change, secs),
                 }
                 // What was recorded could be applied.
                 let _ = live.pose(change);
@@ -125,61 +100,115 @@ impl Player {
             if live.frame >= self.reached {
                 break;
             }
-            live.pass_frame(|secs, live| record(secs, live, &mut head, &mut performers));
-            record_shown(&live, &mut head, &mut performers);
+            live.pass_frame(|secs, live| cast.record(secs, live));
+            cast.record_shown(&live);
         }
         let bends = matches!(&self.start.head, Track::Motion(own) if matches!(**own, Motion::Joint(_)));
-        let mut is_moved = false;
-        if head.is_moved && !bends {
-            scene.body.motion = head.motion();
-            is_moved = true;
-        }
-        for Performer { section, course, .. } in performers {
-            // One that was there for no frame is left out.
-            if section.until_secs.is_some_and(|until| until <= section.from_secs) {
-                continue;
-            }
-            let motion = if course.is_moved { course.motion() } else { section.motion.clone() };
-            is_moved |= course.is_moved;
-            scene.colliders.push(ColliderSection { motion, ..section });
-        }
-        if is_moved {
+        cast.head.is_moved &= !bends;
+        if cast.head.is_moved || cast.solids.iter().any(|own| own.course.is_moved) {
             scene.time.frames = scene.time.frames.max(self.reached);
         }
+        if cast.head.is_moved {
+            scene.body.motion = cast.head.motion();
+        }
+        scene.colliders = cast.solids.into_iter().filter_map(Performer::section).collect();
+        scene
     }
 }
 
-/// Adds the poses at `secs`, the end of a step.
-fn record(secs: f64, live: &Live, head: &mut Course, performers: &mut [Performer]) {
-    head.poses.push((secs, live.head_at));
-    for own in performers {
-        if let Some(solid) = live.solids.iter().find(|solid| solid.id == own.id) {
-            own.course.poses.push((secs, solid.at));
-        }
+impl Performer {
+    /// As a scene says it; none if it was there for no step.
+    fn section(self) -> Option<ColliderSection> {
+        let Self { section, course, .. } = self;
+        let is_there = section.until_secs.is_none_or(|until| until > section.from_secs);
+        let motion = if course.is_moved { course.motion() } else { section.motion.clone() };
+        is_there.then_some(ColliderSection { motion, ..section })
     }
 }
 
-/// Adds the poses at the frame that is shown, if it lies within the last step.
-fn record_shown(live: &Live, head: &mut Course, performers: &mut [Performer]) {
-    let secs = live.shown_secs();
-    if live.simulated_secs() - secs < ROUNDING_SECS {
-        return;
+impl Cast {
+    /// The head and the solids of a scene at the start, `sections`.
+    fn new(live: &Live, sections: Vec<ColliderSection>) -> Self {
+        // The body, if it is a solid, comes before those of the scene.
+        let first = live.solids.len().saturating_sub(sections.len());
+        let own = live.solids[first..].iter().zip(sections);
+        let performer = |(live, section): (&LiveSolid, ColliderSection)| Performer {
+            id: live.id,
+            section,
+            course: Course::default(),
+        };
+        let mut cast = Self { head: Course::default(), solids: own.map(performer).collect() };
+        cast.record(0.0, live);
+        cast
     }
-    let insert = |course: &mut Course, pose: Pose| {
-        let before = course.poses.partition_point(|(own, _)| *own < secs - ROUNDING_SECS);
-        if course.poses.get(before).is_none_or(|(own, _)| *own > secs + ROUNDING_SECS) {
-            course.poses.insert(before, (secs, pose));
+
+    fn solid(&mut self, id: ColliderId) -> Option<&mut Performer> {
+        self.solids.iter_mut().find(|own| own.id == id)
+    }
+
+    /// Notes what a change at `secs` moves, adds or removes.
+    fn follow(&mut self, change: &Change, secs: f64) {
+        match change {
+            Change::Motion(_) | Change::HeadPose(_) => self.head.is_moved = true,
+            Change::ColliderPose(id, _) => {
+                if let Some(own) = self.solid(*id) {
+                    own.course.is_moved = true;
+                }
+            }
+            Change::AddCollider(id, solid, section) => {
+                let from_secs = section.from_secs.max(secs);
+                let section = ColliderSection { from_secs, ..(**section).clone() };
+                let course = Course { poses: vec![(secs, solid.motion().pose(secs))], is_moved: false };
+                self.solids.push(Performer { id: *id, section, course });
+            }
+            Change::RemoveCollider(id) => {
+                if let Some(Performer { section, .. }) = self.solid(*id) {
+                    section.until_secs = Some(section.until_secs.map_or(secs, |until| until.min(secs)));
+                }
+            }
+            Change::Solver(_)
+            | Change::Interaction(_)
+            | Change::Gravity(_)
+            | Change::Wind(_)
+            | Change::Teleport(_)
+            | Change::Edit(_) => {}
         }
-    };
-    insert(head, live.head_shown);
-    for own in performers {
-        if let Some(solid) = live.solids.iter().find(|solid| solid.id == own.id) {
-            insert(&mut own.course, solid.track.pose(secs));
+    }
+
+    /// Adds the poses at `secs`, the end of a step.
+    fn record(&mut self, secs: f64, live: &Live) {
+        self.head.poses.push((secs, live.head_at));
+        for own in &mut self.solids {
+            if let Some(solid) = live.solids.iter().find(|solid| solid.id == own.id) {
+                own.course.poses.push((secs, solid.at));
+            }
+        }
+    }
+
+    /// Adds the poses at the frame that is shown, if it lies within the last step.
+    fn record_shown(&mut self, live: &Live) {
+        let secs = live.shown_secs();
+        if live.simulated_secs() - secs < ROUNDING_SECS {
+            return;
+        }
+        self.head.insert(secs, live.head_shown);
+        for own in &mut self.solids {
+            if let Some(solid) = live.solids.iter().find(|solid| solid.id == own.id) {
+                own.course.insert(secs, solid.track.pose(secs));
+            }
         }
     }
 }
 
 impl Course {
+    /// Adds a pose at `secs` where none is.
+    fn insert(&mut self, secs: f64, pose: Pose) {
+        let before = self.poses.partition_point(|(own, _)| *own < secs - ROUNDING_SECS);
+        if self.poses.get(before).is_none_or(|(own, _)| *own > secs + ROUNDING_SECS) {
+            self.poses.insert(before, (secs, pose));
+        }
+    }
+
     /// The motion through the poses.
     fn motion(&self) -> MotionSection {
         let mut keyframes: Vec<Keyframe> = Vec::with_capacity(self.poses.len() + 1);
