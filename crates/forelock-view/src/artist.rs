@@ -15,6 +15,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
+use crate::ghost::Ghost;
 use crate::measure::Measure;
 use eframe::egui;
 use forelock::player::Moment;
@@ -46,6 +47,8 @@ pub struct Wanted {
     pub measure: Measure,
     /// See `measure`.
     pub previous: Option<Arc<Moment>>,
+    /// Whether the rest shape is drawn too.
+    pub has_ghost: bool,
     /// Whether the next frame comes soon: then not all pixels are drawn, if that takes long.
     pub moves: bool,
 }
@@ -55,7 +58,7 @@ impl Wanted {
     fn shows_the_same(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.moment, &other.moment)
             && (self.camera, self.size, &self.hair) == (other.camera, other.size, &other.hair)
-            && (self.measure, self.moves) == (other.measure, other.moves)
+            && (self.measure, self.has_ghost, self.moves) == (other.measure, other.has_ghost, other.moves)
     }
 }
 
@@ -230,6 +233,8 @@ impl Hand {
         if let Some(colours) = &colours {
             scene.strands.iter_mut().for_each(|strands| strands.colours = Some(colours));
         }
+        let ghost = wanted.has_ghost.then(|| Ghost::new(&wanted.moment));
+        scene.strands.extend(ghost.as_ref().map(Ghost::strands));
         let easel = &mut self.easel;
         let mut paint = || match easel {
             Some(easel) => easel.draw(&scene, &settings).map_err(|error| error.to_string()),

@@ -8,10 +8,11 @@
 //!
 //! # Limitations
 //! Files are opened by path, from a list of the folder, or by drop; there is no file dialog of the
-//! system. Motions by the mouse and solids that push are not saved with the scene.
+//! system. It shows neither contacts nor the grid.
 
 mod app;
 mod artist;
+mod ghost;
 mod measure;
 mod orbit;
 pub mod panel;

@@ -65,6 +65,8 @@ pub struct App {
     cache: Option<PathBuf>,
     hair: HairSection,
     measure: Measure,
+    /// Whether the rest shape is drawn.
+    has_ghost: bool,
     /// The frames shown last, the newest at the end.
     recent: [Option<Arc<Moment>>; 2],
     artist: Artist,
@@ -135,6 +137,7 @@ impl App {
             session,
             cache,
             measure: Measure::default(),
+            has_ghost: false,
             recent: [None, None],
             next: None,
             backend,
@@ -381,6 +384,7 @@ impl App {
         }
         egui::CollapsingHeader::new("Colours").show(ui, |ui| {
             see::measures(ui, &mut self.measure);
+            ui.checkbox(&mut self.has_ghost, "Rest shape").on_hover_text("Draws the rest shape in blue");
             see::colours(ui, &mut self.hair);
         });
         if let Some(parameters) = &status.parameters {
@@ -418,6 +422,7 @@ impl App {
             hair: self.hair.clone(),
             measure: self.measure,
             previous: self.recent[0].clone(),
+            has_ghost: self.has_ghost,
             moves: status.playing,
         });
         self.take_picture(ui.ctx());

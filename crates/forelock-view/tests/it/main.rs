@@ -381,6 +381,15 @@ fn colours_of_strands_show_what_they_do() {
     window.click("Displacement");
     window.until("it is drawn anew", move |app| picture(app) > before);
     window.harness.get_by_label("10 cm from the rest shape");
+    window.until("the picture stays", |app| {
+        if app.pictures() != last.1 {
+            last = (Instant::now(), app.pictures());
+        }
+        last.0.elapsed() > Duration::from_secs(1)
+    });
+    let before = picture(window.harness.state());
+    window.click("Rest shape");
+    window.until("the rest shape is drawn", move |app| picture(app) > before);
 }
 
 #[test]

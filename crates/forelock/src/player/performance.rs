@@ -47,11 +47,11 @@ struct Cast {
 }
 
 impl Player {
-    /// The [changed scene](Player::changed_scene) with what was done from outside: motions and poses
-    /// of the head and of colliders become keyframes, one a step and frame, until the last frame
-    /// that was simulated, and colliders that were added or removed are there from and until then.
-    /// If anything was moved, a run of the scene has at least that many frames. The motion of a body
-    /// that bends stays that of the scene.
+    /// The [changed scene](Player::changed_scene) with what was done from outside: motions and
+    /// poses of the head and of colliders become keyframes, one a step and frame, until the last
+    /// frame that was simulated, and colliders that were added or removed are there from and until
+    /// then. If anything was moved, a run of the scene has at least that many frames. The motion of
+    /// a body that bends stays that of the scene.
     ///
     /// ```
     /// use forelock::core::pose::Pose;
